@@ -1,0 +1,46 @@
+//! The error of this crate.
+
+/// What can be wrong with a shared type when it is built from outside data.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CoreError {
+    /// A triangle names a vertex that does not exist.
+    #[error("triangle {triangle}: expected vertex indices below {vertices}, found {found}")]
+    VertexIndex {
+        /// Index of the offending triangle.
+        triangle: usize,
+        /// Number of vertices in the mesh.
+        vertices: usize,
+        /// The index that was found.
+        found: u32,
+    },
+    /// A number that must be finite is not.
+    #[error("{what} {index}: expected finite numbers, found {found}")]
+    NotFinite {
+        /// Kind of item, such as `vertex` or `sample`.
+        what: &'static str,
+        /// Index of the item.
+        index: usize,
+        /// The offending value as text.
+        found: String,
+    },
+    /// Two lengths that must agree do not.
+    #[error("{what}: expected length {expected}, found {found}")]
+    Length {
+        /// The array that is off.
+        what: &'static str,
+        /// Length that was expected.
+        expected: usize,
+        /// Length that was found.
+        found: usize,
+    },
+    /// Time stamps must increase strictly.
+    #[error("time stamps: expected strictly increasing seconds, found {found} after {previous} at sample {index}")]
+    TimeOrder {
+        /// Index of the offending sample.
+        index: usize,
+        /// Stamp before it, seconds.
+        previous: f64,
+        /// Offending stamp, seconds.
+        found: f64,
+    },
+}
