@@ -132,6 +132,7 @@ struct Limits {
 }
 
 /// Limits of one joint: `kind` is 0 hip, 1 thigh, 2 calf.
+#[allow(clippy::approx_constant)] // the published, rounded figures
 fn limits(front: bool, kind: usize) -> Limits {
     match (kind, front) {
         (0, _) => Limits { range: [-1.0472, 1.0472], effort: 23.7, velocity: 30.1 },
