@@ -43,6 +43,8 @@ fn options(golden: &Value) -> SimOptions {
         timestep: number(&golden["options"]["timestep"]),
         gravity: [gravity[0], gravity[1], gravity[2]],
         impratio: number(&golden["options"]["impratio"]),
+        // MuJoCo's height fields feel them.
+        inner_edges: true,
         ..Default::default()
     }
 }
@@ -56,7 +58,10 @@ fn simulation(golden: &Value, terrain: &Terrain) -> Batch<f64> {
 }
 
 fn ground(golden: &Value) -> Terrain {
-    Terrain::plane().with_friction(golden["friction"].as_f64().unwrap_or(0.8)).expect("friction of the golden")
+    match golden["friction"].as_f64() {
+        Some(friction) => Terrain::plane().with_friction(friction).expect("friction of the golden"),
+        None => Terrain::none(),
+    }
 }
 
 /// Runs the golden's motion and gives the state at each of its samples. Without gains nothing is commanded.
@@ -253,7 +258,7 @@ fn robot_on_an_incline_holds_then_slides() {
 #[test]
 fn free_flight_keeps_energy_and_momentum() {
     let golden = golden("free_flight");
-    let mut sim = simulation(&golden, &Terrain::plane());
+    let mut sim = simulation(&golden, &ground(&golden));
     let samples = run(&golden, &mut sim, still);
     let robot = sim.model().clone();
     let start = robot.mechanics(&samples[0].q, &samples[0].v);
@@ -277,7 +282,7 @@ fn free_flight_keeps_energy_and_momentum() {
 fn pendulums_with_friction() {
     for name in ["pendulum", "double_pendulum"] {
         let golden = golden(name);
-        let mut sim = simulation(&golden, &Terrain::plane());
+        let mut sim = simulation(&golden, &ground(&golden));
         let samples = run(&golden, &mut sim, still);
         let error = rms_of_all(&samples, &rows(&golden["q"]));
         println!("{name}: {:.6} mrad rms", error * 1e3);
