@@ -60,15 +60,13 @@ struct Evaluated<L: Real> {
     inverse: L,
     /// Scaled tangential residual.
     u: [L; 5],
-    /// `D_0 / (mu² (1 + mu²))`.
-    scale: L,
 }
 
 impl<L: Real> Evaluated<L> {
     fn new() -> Self {
         let (zero, never) = (L::zero(), L::Mask::splat(false));
         let (force, u) = ([zero; 6], [zero; 5]);
-        Self { force, bottom: never, middle: never, normal: zero, inverse: zero, u, scale: zero }
+        Self { force, bottom: never, middle: never, normal: zero, inverse: zero, u }
     }
 }
 
@@ -88,17 +86,21 @@ fn evaluate<L: Real>(rows: &ContactRows<L>, dimension: usize, residual: &[L; 6])
     let inside = (mu * normal + tangent).le(zero);
     let bottom = inside & !top & rows.active;
     let middle = !top & !inside & rows.active;
-    let square = mu * mu;
-    let scale = rows.weight[0] / (square * (L::one() + square));
-    let inverse = L::one() / L::select(middle, tangent, L::one());
-    let slide = scale * (normal - mu * tangent);
     let mut force = [zero; 6];
-    force[0] = L::select(middle, -(slide * mu), L::select(bottom, -(rows.weight[0] * residual[0]), zero));
-    for k in 1..dimension {
-        let sliding = slide * mu * u[k - 1] * inverse * rows.friction[k - 1];
-        force[k] = L::select(middle, sliding, L::select(bottom, -(rows.weight[k] * residual[k]), zero));
+    for k in 0..dimension {
+        force[k] = L::select(bottom, -(rows.weight[k] * residual[k]), zero);
     }
-    Evaluated { force, bottom, middle, normal, inverse, u, scale }
+    let mut inverse = L::one();
+    if middle.any() {
+        inverse = L::one() / L::select(middle, tangent, L::one());
+        let slide = rows.scale * mu * (normal - mu * tangent);
+        force[0] = L::select(middle, -slide, force[0]);
+        for k in 1..dimension {
+            let sliding = slide * u[k - 1] * inverse * rows.friction[k - 1];
+            force[k] = L::select(middle, sliding, force[k]);
+        }
+    }
+    Evaluated { force, bottom, middle, normal, inverse, u }
 }
 
 /// The cost's Hessian for one contact, `[row][column]`, symmetric.
@@ -128,7 +130,7 @@ fn contact_hessian<L: Real>(rows: &ContactRows<L>, dimension: usize, z: &Evaluat
                 let own = if i == j { diagonal } else { zero };
                 curvature * z.u[i - 1] * z.u[j - 1] + own
             };
-            let cone = z.scale * scale_i * scale_j * raw;
+            let cone = rows.scale * scale_i * scale_j * raw;
             out[i][j] = L::select(z.middle, cone, out[i][j]);
             out[j][i] = out[i][j];
         }
@@ -318,7 +320,8 @@ fn hessian<L: Real>(settings: &NewtonSettings, block: &Block<L>, work: &mut Work
     for &slot in &work.live {
         let rows = &contacts[slot];
         let local = contact_hessian(rows, *dimension, &work.newton.contact[slot]);
-        add_contact(topology, &settings.slots[slot], rows, *dimension, &local, &mut work.hessian);
+        let sliding = work.newton.contact[slot].middle.any();
+        add_contact(topology, &settings.slots[slot], rows, *dimension, sliding, &local, &mut work.hessian);
     }
 }
 
@@ -328,6 +331,7 @@ fn add_contact<L: Real>(
     slot: &Slot,
     rows: &ContactRows<L>,
     dimension: usize,
+    sliding: bool,
     local: &[[L; 6]; 6],
     hessian: &mut [L],
 ) {
@@ -337,8 +341,9 @@ fn add_contact<L: Real>(
         // local * J for column i.
         let mut weighted = [L::zero(); 6];
         for k in 0..dimension {
-            let mut sum = L::zero();
-            for m in 0..dimension {
+            let mut sum = local[k][k] * rows.jacobian[k * count + i];
+            // Off the cone the matrix is diagonal; the zeros beside it would add nothing.
+            for m in (0..dimension).filter(|&m| sliding && m != k) {
                 sum += local[k][m] * rows.jacobian[m * count + i];
             }
             weighted[k] = sum;
