@@ -67,8 +67,7 @@ impl Colliders {
             for a in 0..geoms.len() {
                 for b in a + 1..geoms.len() {
                     let (la, lb) = (model.geoms[a].link, model.geoms[b].link);
-                    let adjacent =
-                        la == lb || model.links[la].parent == Some(lb) || model.links[lb].parent == Some(la);
+                    let adjacent = la == lb || model.links[la].parent == Some(lb) || model.links[lb].parent == Some(la);
                     if !adjacent {
                         let weight = body_weight[la][0] + body_weight[lb][0];
                         pairs.push((a, b, slots.len()));
@@ -398,7 +397,8 @@ fn parry_shape(shape: &Shape) -> SharedShape {
         Shape::Capsule { radius, half_length } => SharedShape::new(Capsule::new_z(*half_length, *radius)),
         Shape::Cylinder { radius, half_length } => {
             // Parry's cylinder stands along y.
-            let turn = parry3d_f64::math::Pose::from_parts(DVec3::ZERO, DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2));
+            let turn =
+                parry3d_f64::math::Pose::from_parts(DVec3::ZERO, DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2));
             SharedShape::compound(vec![(turn, SharedShape::new(Cylinder::new(*half_length, *radius)))])
         }
         Shape::Hull(points) => match ConvexPolyhedron::from_convex_hull(points) {

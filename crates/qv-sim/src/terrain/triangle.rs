@@ -162,11 +162,7 @@ mod tests {
 
     #[test]
     fn inner_edges_are_not_felt() {
-        let left = Triangle {
-            index: 1,
-            corners: [DVec3::ZERO, DVec3::Y, DVec3::new(-1.0, 0.5, 0.0)],
-            material: None,
-        };
+        let left = Triangle { index: 1, corners: [DVec3::ZERO, DVec3::Y, DVec3::new(-1.0, 0.5, 0.0)], material: None };
         let centre = DVec3::new(0.002, 0.4, 0.018);
         let mut contacts: Vec<_> = [flat(0.0), left].iter().filter_map(|t| t.sphere_contact(centre, 0.02)).collect();
         assert_eq!(contacts.len(), 2, "both are touched");
