@@ -8,6 +8,7 @@ use super::topology::Topology;
 use super::vector::*;
 use crate::lanes::{Mask, Real, Scalar};
 use crate::model::{Geom, Model, Shape};
+use crate::options::SimOptions;
 use crate::terrain::{SurfaceContact, Terrain};
 use glam::{DMat3, DQuat, DVec3};
 use parry3d_f64::query;
@@ -19,6 +20,8 @@ pub(crate) struct Colliders {
     pub terrain: Terrain,
     pub slots: Vec<Slot>,
     geoms: Vec<Collider>,
+    /// Whether inner edges of the ground are felt.
+    inner_edges: bool,
     /// Pairs of shapes of the robot that may touch, with their slot.
     pairs: Vec<(usize, usize, usize)>,
 }
@@ -38,11 +41,12 @@ struct Collider {
 }
 
 impl Colliders {
-    pub fn new(model: &Model, terrain: &Terrain, body_weight: &[[f64; 2]], self_collision: bool) -> Self {
+    pub fn new(model: &Model, terrain: &Terrain, body_weight: &[[f64; 2]], options: &SimOptions) -> Self {
         let mut slots = Vec::new();
         let mut geoms = Vec::new();
         for (index, geom) in model.geoms.iter().enumerate() {
-            let count = contact_points(&geom.shape, terrain.is_plane());
+            let most = contact_points(&geom.shape, terrain.is_plane(), options.inner_edges);
+            let count = if terrain.is_none() { 0 } else { most };
             let first_slot = slots.len();
             let weight = body_weight[geom.link][0];
             slots.extend((0..count).map(|_| Slot { geom: index, body: geom.link, other: None, weight }));
@@ -59,7 +63,7 @@ impl Colliders {
             });
         }
         let mut pairs = Vec::new();
-        if self_collision {
+        if options.self_collision {
             for a in 0..geoms.len() {
                 for b in a + 1..geoms.len() {
                     let (la, lb) = (model.geoms[a].link, model.geoms[b].link);
@@ -73,7 +77,7 @@ impl Colliders {
                 }
             }
         }
-        Self { terrain: terrain.clone(), slots, geoms, pairs }
+        Self { terrain: terrain.clone(), slots, geoms, inner_edges: options.inner_edges, pairs }
     }
 }
 
@@ -91,7 +95,7 @@ pub(crate) fn collide<L: Real>(
         for collider in &colliders.geoms {
             touch_plane(collider, origin, block, work);
         }
-    } else {
+    } else if !colliders.terrain.is_none() {
         touch_triangles(colliders, origin, used, block, work);
     }
     if !colliders.pairs.is_empty() {
@@ -252,7 +256,7 @@ fn touch_triangles<L: Real>(colliders: &Colliders, origin: V3<L>, used: usize, b
             let to_terrain = |p: DVec3| tilt.transpose() * (p + base - raised);
             let pose = (tilt.transpose() * lane9(&rotation, lane), to_terrain(lane3(&centre, lane)));
             let skin = block.geoms[index].radius_offset.lane(lane).to_f64();
-            find_contacts(&colliders.terrain, collider, pose, skin, work);
+            find_contacts(colliders, collider, pose, skin, work);
             for k in 0..work.found.len().min(collider.slots) {
                 let found = work.found[k];
                 let middle = found.on_terrain + found.normal * (0.5 * found.distance);
@@ -298,7 +302,7 @@ fn write<L: Real>(
 
 /// Contacts of one shape with the terrain's triangles, into `work.found`; pose in terrain coordinates.
 fn find_contacts<L: Real>(
-    terrain: &Terrain,
+    colliders: &Colliders,
     collider: &Collider,
     (rotation, centre): (DMat3, DVec3),
     skin: f64,
@@ -309,13 +313,14 @@ fn find_contacts<L: Real>(
         return;
     }
     let reach = DVec3::splat(collider.reach + skin.max(0.0));
-    terrain.triangles_in(centre - reach, centre + reach, &mut work.triangles);
+    let inner_edges = colliders.inner_edges;
+    colliders.terrain.triangles_in(centre - reach, centre + reach, &mut work.triangles);
     match &collider.geom.shape {
         Shape::Sphere(radius) => {
             for triangle in &work.triangles {
                 work.found.extend(triangle.sphere_contact(centre, radius + skin));
             }
-            SurfaceContact::sort_out(&mut work.found, collider.slots);
+            SurfaceContact::sort_out(&mut work.found, inner_edges, collider.slots);
         }
         Shape::Capsule { radius, half_length } => {
             // Both ends as spheres; a ridge between them is not felt.
@@ -324,7 +329,7 @@ fn find_contacts<L: Real>(
                 for triangle in &work.triangles {
                     found.extend(triangle.sphere_contact(centre + rotation.z_axis * end, radius + skin));
                 }
-                SurfaceContact::sort_out(&mut found, collider.slots / 2);
+                SurfaceContact::sort_out(&mut found, inner_edges, collider.slots / 2);
                 work.found.append(&mut found);
             }
         }
