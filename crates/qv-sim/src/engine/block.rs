@@ -193,7 +193,7 @@ impl<L: Real> Work<L> {
             contacts: vec![none; slots.len()],
             live: Vec::with_capacity(slots.len()),
             rows: super::constraint::Rows::new(topology, slots, dimension),
-            newton: super::newton::Scratch::new(topology),
+            newton: super::newton::Scratch::new(topology, slots.len()),
             triangles: Vec::new(),
             found: Vec::new(),
         }

@@ -158,7 +158,9 @@ fn contact_rows<L: Real>(settings: &RowSettings, index: usize, block: &Block<L>,
     let directions = [contact.normal, t1, t2];
     let mut velocity = [L::zero(); 6];
     rows.jacobian.fill(L::zero());
-    let mut fill = |body: usize, sign: L| {
+    let bodies = [(Some(slot.body), L::one()), (slot.other, -L::one())];
+    for (body, sign) in bodies {
+        let Some(body) = body else { continue };
         let path = &settings.topology.bodies[body].path;
         for (position, &dof) in path.iter().enumerate() {
             let column = if settings.topology.dense { dof } else { position };
@@ -167,15 +169,11 @@ fn contact_rows<L: Real>(settings: &RowSettings, index: usize, block: &Block<L>,
             let moving = add(linear(s), cross(turning, contact.point));
             for k in 0..dimension {
                 // Rows: normal, two tangents; torsion about the normal; rolling about the tangents.
-                let entry = if k < 3 { dot(directions[k], moving) } else { dot(directions[k - 3], turning) };
-                rows.jacobian[k * columns.len() + column] += sign * entry;
-                velocity[k] += sign * entry * block.v[dof];
+                let entry = sign * if k < 3 { dot(directions[k], moving) } else { dot(directions[k - 3], turning) };
+                rows.jacobian[k * columns.len() + column] += entry;
+                velocity[k] += entry * block.v[dof];
             }
         }
-    };
-    fill(slot.body, L::one());
-    if let Some(other) = slot.other {
-        fill(other, -L::one());
     }
     let ground = &block.ground;
     let imp = impedance(-contact.distance);

@@ -11,7 +11,7 @@ use crate::lanes::Real;
 pub(crate) fn bias_forces<L: Real>(topology: &Topology, gravity: [f64; 3], block: &Block<L>, work: &mut Work<L>) {
     let count = topology.bodies.len();
     for (index, body) in topology.bodies.iter().enumerate() {
-        let upward = join([L::zero(); 3], splat3(gravity.map(|g| -g)));
+        let upward = join([L::zero(); 3], splat3([-gravity[0], -gravity[1], -gravity[2]]));
         let acceleration = match (body.joint, body.parent) {
             (None, _) => {
                 // The base's own term: v x w of its linear velocity, because its angular axes turn with it.
