@@ -339,7 +339,8 @@ fn geom_parameters(infos: &mut Vec<ParameterInfo>, model: &Model, index: usize) 
     use GeomField::*;
     let radius = match model.geoms[index].shape {
         Shape::Sphere(r) | Shape::Capsule { radius: r, .. } => r,
-        _ => 0.0,
+        // A skin around shapes without a radius.
+        _ => 0.025,
     };
     let rows: [Row<GeomField>; GeomField::COUNT] = [
         (

@@ -38,6 +38,22 @@ fn readings(sim: &mut Batch<f64>) -> Vec<SensorReading> {
         .collect()
 }
 
+/// Motors so weak that their speed limits are felt.
+const TIGHT: [(&str, f64); 12] = [
+    ("actuator.left_hip.torque_limit", 1.0),
+    ("actuator.left_hip.speed_knee", 0.1),
+    ("actuator.left_hip.speed_zero", 20.0),
+    ("actuator.left_knee.torque_limit", 1.0),
+    ("actuator.left_knee.speed_knee", 0.1),
+    ("actuator.left_knee.speed_zero", 20.0),
+    ("actuator.right_hip.torque_limit", 1.0),
+    ("actuator.right_hip.speed_knee", 0.1),
+    ("actuator.right_hip.speed_zero", 20.0),
+    ("actuator.right_knee.torque_limit", 1.0),
+    ("actuator.right_knee.speed_knee", 0.1),
+    ("actuator.right_knee.speed_zero", 20.0),
+];
+
 /// What must be set beside a parameter for it to act.
 fn companions(name: &str) -> &'static [(&'static str, f64)] {
     match name {
@@ -55,16 +71,7 @@ fn companions(name: &str) -> &'static [(&'static str, f64)] {
             ("terrain.patch.y_max", 4.0),
         ],
         "external.start" | "external.duration" => &[("external.force_x", 10.0)],
-        name if name.ends_with("speed_knee") || name.ends_with("speed_zero") => &[
-            ("actuator.left_hip.speed_knee", 0.1),
-            ("actuator.left_knee.speed_knee", 0.1),
-            ("actuator.right_hip.speed_knee", 0.1),
-            ("actuator.right_knee.speed_knee", 0.1),
-            ("actuator.left_hip.speed_zero", 20.0),
-            ("actuator.left_knee.speed_zero", 20.0),
-            ("actuator.right_hip.speed_zero", 20.0),
-            ("actuator.right_knee.speed_zero", 20.0),
-        ],
+        name if name.ends_with("speed_knee") || name.ends_with("speed_zero") => &TIGHT,
         name if name.ends_with("payload_x") || name.ends_with("payload_y") || name.ends_with("payload_z") => {
             if name.contains("trunk") {
                 &[("link.trunk.payload_mass", 1.0)]
@@ -94,8 +101,10 @@ fn far(info: &ParameterInfo) -> f64 {
         0.05
     } else if info.name == "external.start" {
         0.15
-    } else if info.name.starts_with("terrain.patch.") && !info.name.ends_with("friction") {
-        0.0
+    } else if info.name.starts_with("terrain.patch.") && info.name.ends_with("_min") {
+        3.9
+    } else if info.name.starts_with("terrain.patch.") && info.name.ends_with("_max") {
+        -3.9
     } else if (info.range.0 - info.neutral).abs() > (info.range.1 - info.neutral).abs() {
         info.range.0
     } else {
@@ -107,14 +116,14 @@ fn far(info: &ParameterInfo) -> f64 {
 fn each_parameter_acts_and_neutral_is_nothing() {
     let catalogue: Vec<ParameterInfo> = simulation(&lawn()).catalogue().to_vec();
     let plain = readings(&mut simulation(&lawn()));
-    for (id, info) in catalogue.iter().enumerate() {
+    for info in &catalogue {
         assert!(info.range.0 < info.range.1 && !info.unit.is_empty() && !info.description.is_empty(), "{info:?}");
         // Ground without a material only exists on the plane, and the trunk's shape must be dropped to touch it.
         let terrain = if info.name == "contact.friction" { Terrain::plane() } else { lawn() };
         let reference =
             if info.name == "contact.friction" { readings(&mut simulation(&terrain)) } else { plain.clone() };
         let mut neutral = simulation(&terrain);
-        neutral.set_parameter_at(0, id, info.neutral).unwrap();
+        neutral.set_parameter(0, &info.name, info.neutral).unwrap();
         assert_eq!(readings(&mut neutral), reference, "{} at its neutral value", info.name);
         if info.name.starts_with("geom.trunk") {
             continue;
@@ -125,7 +134,7 @@ fn each_parameter_acts_and_neutral_is_nothing() {
             before.set_parameter(0, name, *value).unwrap();
             after.set_parameter(0, name, *value).unwrap();
         }
-        after.set_parameter_at(0, id, far(info)).unwrap();
+        after.set_parameter(0, &info.name, far(info)).unwrap();
         assert_eq!(after.parameter(0, &info.name).unwrap(), far(info));
         assert_ne!(readings(&mut after), readings(&mut before), "{} at {}", info.name, far(info));
         after.reset_parameters(0).unwrap();

@@ -58,7 +58,7 @@ pub fn drive<T: Precision>(sim: &mut Batch<T>, steps: usize, parallel: bool) {
     let (kp, kd, tau) = ([30.0; 4], [1.0; 4], [0.1; 4]);
     for k in 0..steps {
         let swing = 0.2 * (0.01 * k as f64).sin();
-        let q = [0.1 + swing, -0.3, 0.05 - swing, -0.2];
+        let q = [0.1 + swing, -0.3 + 0.5 * swing, 0.05 - swing, -0.2 + 0.3 * swing];
         for env in 0..sim.len() {
             sim.set_command(env, &JointCommand { q: &q, dq: &[0.05; 4], kp: &kp, kd: &kd, tau: &tau }).unwrap();
         }
