@@ -29,9 +29,9 @@ fn simulation(terrain: &Terrain) -> Batch<f64> {
 
 /// Readings in the air, on landing, and after.
 fn readings(sim: &mut Batch<f64>) -> Vec<SensorReading> {
-    (0..4)
+    (0..12)
         .map(|_| {
-            drive(sim, 100, false);
+            drive(sim, 40, false);
             assert!(!sim.is_faulty(0).unwrap());
             sim.sensors(0).unwrap()
         })
