@@ -156,15 +156,23 @@ pub(crate) fn factor<L: Real>(topology: &Topology, matrix: &mut [L]) {
             }
         }
     }
-    for i in (0..topology.base_dofs).rev() {
-        let (above, below) = matrix.split_at_mut(topology.row[i]);
-        let row = &mut below[..=i];
-        let inverse = L::one() / row[i];
-        row[i] = inverse;
+    if topology.base_dofs == HEAD {
+        factor_base(matrix.first_chunk_mut().expect("rows of the base"));
+    }
+}
+
+#[inline(always)]
+fn factor_base<L: Real>(rows: &mut [L; HEAD * HEAD]) {
+    for i in (0..HEAD).rev() {
+        let inverse = L::one() / rows[HEAD * i + i];
+        rows[HEAD * i + i] = inverse;
         for k in (0..i).rev() {
-            let factor = row[k] * inverse;
-            subtract(&mut above[topology.row[k]..][..=k], factor, row);
-            row[k] = factor;
+            let factor = rows[HEAD * i + k] * inverse;
+            for j in 0..=k {
+                let change = factor * rows[HEAD * i + j];
+                rows[HEAD * k + j] -= change;
+            }
+            rows[HEAD * i + k] = factor;
         }
     }
 }
@@ -173,68 +181,100 @@ pub(crate) fn factor<L: Real>(topology: &Topology, matrix: &mut [L]) {
 #[inline(always)]
 pub(crate) fn solve<L: Real>(topology: &Topology, factored: &[L], x: &mut [L]) {
     let base = topology.base_dofs;
-    for i in (0..topology.nv).rev() {
-        let columns = &topology.columns[i];
-        let last = columns.len() - 1;
-        let row = &factored[topology.row[i]..][..=last];
+    for i in (base..topology.nv).rev() {
+        let (row, ancestors) = below_base(topology, factored, i);
         let value = x[i];
-        let start = if base == HEAD && last >= HEAD {
-            *head_mut(x) = minus(*head(x), value, *head(row));
-            HEAD
-        } else {
-            0
-        };
-        for k in start..last {
-            x[columns[k]] -= row[k] * value;
+        for (&entry, &column) in row[base..].iter().zip(ancestors) {
+            x[column] -= entry * value;
         }
-        x[i] = value * row[last];
+        if base == HEAD {
+            *head_mut(x) = minus(*head(x), value, *head(row));
+        }
+        x[i] = value * row[row.len() - 1];
     }
-    for i in 0..topology.nv {
-        let columns = &topology.columns[i];
-        let last = columns.len() - 1;
-        let row = &factored[topology.row[i]..][..=last];
+    if base == HEAD {
+        let rows = factored.first_chunk().expect("rows of the base");
+        *head_mut(x) = solve_base(rows, *head(x));
+    }
+    for i in base..topology.nv {
+        let (row, ancestors) = below_base(topology, factored, i);
         let mut sum = x[i];
-        let start = if base == HEAD && last >= HEAD {
+        if base == HEAD {
             let (x, row) = (head(x), head(row));
             for k in 0..HEAD {
                 sum -= row[k] * x[k];
             }
-            HEAD
-        } else {
-            0
-        };
-        for k in start..last {
-            sum -= row[k] * x[columns[k]];
+        }
+        for (&entry, &column) in row[base..].iter().zip(ancestors) {
+            sum -= entry * x[column];
         }
         x[i] = sum;
     }
+}
+
+#[inline(always)]
+fn solve_base<L: Real>(rows: &[L; HEAD * HEAD], mut x: [L; HEAD]) -> [L; HEAD] {
+    for i in (0..HEAD).rev() {
+        for k in 0..i {
+            let change = rows[HEAD * i + k] * x[i];
+            x[k] -= change;
+        }
+        x[i] = x[i] * rows[HEAD * i + i];
+    }
+    for i in 0..HEAD {
+        for k in 0..i {
+            let change = rows[HEAD * i + k] * x[k];
+            x[i] -= change;
+        }
+    }
+    x
+}
+
+/// A row that is not the base's: its entries, and the columns between base and diagonal.
+#[inline(always)]
+fn below_base<'a, L>(topology: &'a Topology, matrix: &'a [L], i: usize) -> (&'a [L], &'a [usize]) {
+    let columns = &topology.columns[i];
+    let last = columns.len() - 1;
+    (&matrix[topology.row[i]..][..=last], &columns[topology.base_dofs..last])
 }
 
 /// `out = matrix * x` for a packed symmetric matrix.
 #[inline(always)]
 pub(crate) fn multiply_packed<L: Real>(topology: &Topology, matrix: &[L], x: &[L], out: &mut [L]) {
     let base = topology.base_dofs;
-    for i in 0..topology.nv {
-        let columns = &topology.columns[i];
-        let last = columns.len() - 1;
-        let row = &matrix[topology.row[i]..][..=last];
+    if base == HEAD {
+        let rows = matrix.first_chunk().expect("rows of the base");
+        *head_mut(out) = multiply_base(rows, *head(x));
+    }
+    for i in base..topology.nv {
+        let (row, ancestors) = below_base(topology, matrix, i);
         let own = x[i];
-        let mut sum = row[last] * own;
-        let start = if base == HEAD && last >= HEAD {
+        let mut sum = row[row.len() - 1] * own;
+        if base == HEAD {
             let (x, row) = (head(x), head(row));
             for k in 0..HEAD {
                 sum += row[k] * x[k];
             }
             *head_mut(out) = plus(*head(out), own, *row);
-            HEAD
-        } else {
-            0
-        };
-        for k in start..last {
-            sum += row[k] * x[columns[k]];
-            out[columns[k]] += row[k] * own;
+        }
+        for (&entry, &column) in row[base..].iter().zip(ancestors) {
+            sum += entry * x[column];
+            out[column] += entry * own;
         }
         // Rows below add to `out[i]` later; everything above is complete.
         out[i] = sum;
     }
+}
+
+#[inline(always)]
+fn multiply_base<L: Real>(rows: &[L; HEAD * HEAD], x: [L; HEAD]) -> [L; HEAD] {
+    let mut out = [L::zero(); HEAD];
+    for i in 0..HEAD {
+        out[i] = rows[HEAD * i + i] * x[i];
+        for k in 0..i {
+            out[i] += rows[HEAD * i + k] * x[k];
+            out[k] += rows[HEAD * i + k] * x[i];
+        }
+    }
+    out
 }

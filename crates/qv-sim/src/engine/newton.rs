@@ -165,7 +165,6 @@ pub(crate) struct NewtonSettings<'a> {
 #[inline(always)]
 pub(crate) fn newton<L: Real, const D: usize>(settings: &NewtonSettings, block: &Block<L>, work: &mut Work<L>) {
     let topology = settings.topology;
-    let nv = topology.nv;
     work.newton.a.copy_from_slice(&block.warm);
     multiply_packed(topology, &work.mass_matrix, &work.newton.a, &mut work.newton.ma);
     start_residuals::<L, D>(settings, work);
@@ -175,8 +174,8 @@ pub(crate) fn newton<L: Real, const D: usize>(settings: &NewtonSettings, block: 
     for _ in 0..settings.iterations {
         gradient::<L, D>(settings, block, work);
         let mut squared = L::zero();
-        for i in 0..nv {
-            squared += work.newton.gradient[i] * work.newton.gradient[i];
+        for &entry in &work.newton.gradient {
+            squared += entry * entry;
         }
         // Written so that NaN ends a lane rather than keeping the others waiting.
         done = done | !threshold.lt(squared);
@@ -185,18 +184,17 @@ pub(crate) fn newton<L: Real, const D: usize>(settings: &NewtonSettings, block: 
         }
         hessian::<L, D>(settings, block, work);
         factor(topology, &mut work.hessian);
-        for i in 0..nv {
-            work.newton.search[i] = -work.newton.gradient[i];
+        let scratch = &mut work.newton;
+        for (search, &gradient) in scratch.search.iter_mut().zip(&scratch.gradient) {
+            *search = -gradient;
         }
         solve(topology, &work.hessian, &mut work.newton.search);
         multiply_packed(topology, &work.mass_matrix, &work.newton.search, &mut work.newton.m_search);
         search_residuals::<L, D>(settings, work);
         let (step, evaluated) = line_search::<L, D>(settings, done, block, work);
         let scratch = &mut work.newton;
-        for i in 0..nv {
-            scratch.a[i] += step * scratch.search[i];
-            scratch.ma[i] += step * scratch.m_search[i];
-        }
+        add_scaled(&mut scratch.a, step, &scratch.search);
+        add_scaled(&mut scratch.ma, step, &scratch.m_search);
         for &slot in &work.live {
             for k in 0..D {
                 let change = step * scratch.along[slot][k];
@@ -212,6 +210,13 @@ pub(crate) fn newton<L: Real, const D: usize>(settings: &NewtonSettings, block: 
 }
 
 #[inline(always)]
+fn add_scaled<L: Real>(target: &mut [L], factor: L, own: &[L]) {
+    for (entry, &own) in target.iter_mut().zip(own) {
+        *entry += factor * own;
+    }
+}
+
+#[inline(always)]
 fn evaluate_contacts<L: Real, const D: usize>(work: &mut Work<L>) {
     for &slot in &work.live {
         let rows = &work.rows.contacts[slot];
@@ -223,8 +228,8 @@ fn evaluate_contacts<L: Real, const D: usize>(work: &mut Work<L>) {
 #[inline(always)]
 fn threshold<L: Real>(settings: &NewtonSettings, work: &Work<L>) -> L {
     let mut squared = L::splat(1e-6);
-    for i in 0..settings.topology.nv {
-        squared += work.smooth[i] * work.smooth[i];
+    for &force in &work.smooth {
+        squared += force * force;
     }
     squared * L::splat(settings.tolerance * settings.tolerance)
 }
@@ -270,8 +275,7 @@ fn start_residuals<L: Real, const D: usize>(settings: &NewtonSettings, work: &mu
 fn search_residuals<L: Real, const D: usize>(settings: &NewtonSettings, work: &mut Work<L>) {
     for &slot in &work.live {
         let rows = &work.rows.contacts[slot];
-        work.newton.along[slot] =
-            project::<L, D>(settings.topology, &settings.slots[slot], rows, &work.newton.search);
+        work.newton.along[slot] = project::<L, D>(settings.topology, &settings.slots[slot], rows, &work.newton.search);
     }
 }
 
@@ -281,8 +285,8 @@ fn gradient<L: Real, const D: usize>(settings: &NewtonSettings, block: &Block<L>
     let topology = settings.topology;
     let Rows { contacts, friction_reference, friction_weight, limits, .. } = &work.rows;
     let scratch = &mut work.newton;
-    for i in 0..topology.nv {
-        scratch.gradient[i] = scratch.ma[i] - work.smooth[i];
+    for ((gradient, &ma), &smooth) in scratch.gradient.iter_mut().zip(&scratch.ma).zip(&work.smooth) {
+        *gradient = ma - smooth;
     }
     if block.any_coulomb {
         for i in topology.base_dofs..topology.nv {
@@ -393,14 +397,20 @@ fn add_contact<L: Real, const D: usize>(
 /// Step length along the search direction: 1 where that is near the minimum, else the root of the derivative by
 /// bracketed Newton. Lanes that are done get 0. Also whether `trial` holds the contacts at that step in all lanes.
 #[inline(always)]
-fn line_search<L: Real, const D: usize>(settings: &NewtonSettings, done: L::Mask, block: &Block<L>, work: &mut Work<L>) -> (L, bool) {
+fn line_search<L: Real, const D: usize>(
+    settings: &NewtonSettings,
+    done: L::Mask,
+    block: &Block<L>,
+    work: &mut Work<L>,
+) -> (L, bool) {
     const STEPS: usize = 12;
     let (mut slope, mut curvature, mut start) = (L::zero(), L::zero(), L::zero());
     let scratch = &work.newton;
-    for i in 0..settings.topology.nv {
-        slope += scratch.search[i] * (scratch.ma[i] - work.smooth[i]);
-        curvature += scratch.search[i] * scratch.m_search[i];
-        start += scratch.search[i] * scratch.gradient[i];
+    let forces = scratch.ma.iter().zip(&work.smooth).zip(&scratch.m_search).zip(&scratch.gradient);
+    for (&search, (((&ma, &smooth), &m_search), &gradient)) in scratch.search.iter().zip(forces) {
+        slope += search * (ma - smooth);
+        curvature += search * m_search;
+        start += search * gradient;
     }
     // A derivative this much smaller than at the start is close enough.
     let enough = L::splat(1e-2) * start.abs();
@@ -441,7 +451,12 @@ fn evaluate_trial<L: Real, const D: usize>(step: L, work: &mut Work<L>) {
 
 /// Derivative of the constraints' cost along the search direction, at the trial step.
 #[inline(always)]
-fn constraint_slope<L: Real, const D: usize>(settings: &NewtonSettings, step: L, block: &Block<L>, work: &Work<L>) -> L {
+fn constraint_slope<L: Real, const D: usize>(
+    settings: &NewtonSettings,
+    step: L,
+    block: &Block<L>,
+    work: &Work<L>,
+) -> L {
     let Rows { friction_reference, friction_weight, limits, .. } = &work.rows;
     let scratch = &work.newton;
     let mut sum = L::zero();
@@ -465,7 +480,12 @@ fn constraint_slope<L: Real, const D: usize>(settings: &NewtonSettings, step: L,
 
 /// Second derivative of the constraints' cost along the search direction, at the trial step.
 #[inline(always)]
-fn constraint_curvature<L: Real, const D: usize>(settings: &NewtonSettings, step: L, block: &Block<L>, work: &Work<L>) -> L {
+fn constraint_curvature<L: Real, const D: usize>(
+    settings: &NewtonSettings,
+    step: L,
+    block: &Block<L>,
+    work: &Work<L>,
+) -> L {
     let Rows { contacts, friction_reference, friction_weight, limits, .. } = &work.rows;
     let scratch = &work.newton;
     let mut sum = L::zero();
