@@ -1,0 +1,3 @@
+//! The Unitree Go2, the one crate that knows it: model, wire mapping, gaits.
+
+pub mod wire;
