@@ -19,14 +19,33 @@ pub struct Wanted {
 #[derive(Debug, Clone)]
 enum Op {
     /// Primitives passed over.
-    Skip { size: usize, count: usize },
+    Skip {
+        size: usize,
+        count: usize,
+    },
     /// Primitives read into the slot.
-    Read { primitive: Primitive, count: Count, slot: usize },
-    SkipSequence { size: usize, bound: Option<usize>, field: String },
-    SkipString { field: String },
-    WString { field: String },
+    Read {
+        primitive: Primitive,
+        count: Count,
+        slot: usize,
+    },
+    SkipSequence {
+        size: usize,
+        bound: Option<usize>,
+        field: String,
+    },
+    SkipString {
+        field: String,
+    },
+    WString {
+        field: String,
+    },
     /// Messages in an array; reads inside pick the element by the loop's index.
-    Loop { count: Count, field: String, body: Vec<Op> },
+    Loop {
+        count: Count,
+        field: String,
+        body: Vec<Op>,
+    },
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -111,7 +130,9 @@ impl Plan {
                 Op::Skip { size, count } => {
                     cursor.take(*size, *count, &self.type_name)?;
                 }
-                Op::Read { primitive, count, slot } => self.read_numbers(cursor, *primitive, *count, *slot, index, out)?,
+                Op::Read { primitive, count, slot } => {
+                    self.read_numbers(cursor, *primitive, *count, *slot, index, out)?
+                }
                 Op::SkipSequence { size, bound, field } => {
                     let count = cursor.sequence(*bound, *size, field)?;
                     cursor.take(*size, count, field)?;

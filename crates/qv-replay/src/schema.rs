@@ -225,7 +225,8 @@ fn resolve(name: &str, mut sections: Vec<(String, Vec<RawField>)>) -> Result<Sch
     for known in ["Time", "Duration"] {
         let full = format!("builtin_interfaces/{known}");
         if !sections.iter().any(|(n, _)| *n == full) {
-            let field = |type_text: &str, name: &str| RawField { line: 0, type_text: type_text.into(), name: name.into() };
+            let field =
+                |type_text: &str, name: &str| RawField { line: 0, type_text: type_text.into(), name: name.into() };
             sections.push((full, vec![field("int32", "sec"), field("uint32", "nanosec")]));
         }
     }
