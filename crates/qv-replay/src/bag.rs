@@ -290,15 +290,13 @@ fn choose_streams(
 }
 
 fn list_topics(topics: &[Topic], lost: &[crate::run::Loss]) -> String {
-    if topics.is_empty() {
-        return lost.first().map_or("no topic at all".into(), |l| format!("no topic at all ({}: {})", l.file, l.what));
+    let name = |t: &Topic| format!("{} {} ({})", t.info.topic, t.info.schema_name, t.logged.len());
+    let names: Vec<String> = topics.iter().take(12).map(name).collect();
+    let found = if names.is_empty() { "no topic at all".to_string() } else { format!("topics {}", names.join(", ")) };
+    match lost.first() {
+        Some(loss) => format!("{found}; lost: {}: {}", loss.file, loss.what),
+        None => found,
     }
-    let names: Vec<String> = topics
-        .iter()
-        .take(12)
-        .map(|t| format!("{} {} ({})", t.info.topic, t.info.schema_name, t.logged.len()))
-        .collect();
-    format!("topics {}", names.join(", "))
 }
 
 fn state_stream(mapping: &Mapping) -> Result<usize, ReplayError> {

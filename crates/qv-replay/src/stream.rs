@@ -37,6 +37,8 @@ pub struct ChannelInfo {
 
 /// No chunk, nor record outside of one, may claim more than this; rosbag2 writes chunks of about 1 MB.
 const MAX_RECORD: u64 = 1 << 28;
+/// As many bytes of messages are kept until their channel is announced.
+const MAX_WAITING: usize = 1 << 26;
 const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 const RECORD_HEAD: usize = 9;
 /// A chunk record starts with times, sizes and checksum before the compression's name.
@@ -44,9 +46,19 @@ const CHUNK_HEAD: usize = 40;
 
 /// Reads all messages of `source` into `sink` and returns what was lost.
 pub fn read_messages(file: &str, source: impl Read, sink: &mut dyn MessageSink) -> Vec<Loss> {
-    let mut state =
-        State { file, sink, schemas: BTreeMap::new(), channels: BTreeMap::new(), lost: Vec::new(), last_time: 0 };
+    let mut state = State {
+        file,
+        sink,
+        schemas: BTreeMap::new(),
+        channels: BTreeMap::new(),
+        lost: Vec::new(),
+        last_time: 0,
+        waiting: Vec::new(),
+        waiting_bytes: 0,
+        full: false,
+    };
     state.run(&mut Input { source, buffer: Vec::new(), start: 0, passed: 0, error: None });
+    state.give_up_waiting();
     state.lost
 }
 
@@ -87,6 +99,11 @@ struct State<'a> {
     channels: BTreeMap<u16, ChannelInfo>,
     lost: Vec<Loss>,
     last_time: u64,
+    /// Messages whose channel is not announced yet: its record may have been in a damaged chunk, and comes again at the
+    /// end of the file.
+    waiting: Vec<(MessageHeader, Vec<u8>)>,
+    waiting_bytes: usize,
+    full: bool,
 }
 
 impl State<'_> {
@@ -276,7 +293,13 @@ impl State<'_> {
                     schema_text: text,
                 };
                 self.sink.channel(&info);
-                self.channels.insert(info.id, info);
+                let id = info.id;
+                self.channels.insert(id, info);
+                let (now, later) = std::mem::take(&mut self.waiting).into_iter().partition(|(h, _)| h.channel_id == id);
+                self.waiting = later;
+                for (header, data) in now {
+                    self.sink.message(id, header.log_time, &data);
+                }
             }
             Ok(_) => {}
             Err(error) => self.lose(format!("record {opcode:#04x}: {error}"), None),
@@ -287,11 +310,25 @@ impl State<'_> {
         self.last_time = self.last_time.max(header.log_time);
         if self.channels.contains_key(&header.channel_id) {
             self.sink.message(header.channel_id, header.log_time, data);
-        } else {
-            let text = format!("message of channel {}, which was not announced", header.channel_id);
-            if self.lost.last().is_none_or(|l| l.what != text) {
-                self.lose(text, Some([header.log_time, header.log_time]));
-            }
+        } else if self.waiting_bytes + data.len() <= MAX_WAITING {
+            self.waiting_bytes += data.len();
+            self.waiting.push((header.clone(), data.to_vec()));
+        } else if !self.full {
+            self.full = true;
+            let text = format!("more than {MAX_WAITING} bytes of messages whose channel is not announced");
+            self.lose(text, Some([header.log_time, u64::MAX]));
+        }
+    }
+
+    /// At the end of the file: what still waits is lost, channel by channel.
+    fn give_up_waiting(&mut self) {
+        let mut channels: BTreeMap<u16, (usize, u64, u64)> = BTreeMap::new();
+        for (header, _) in std::mem::take(&mut self.waiting) {
+            let entry = channels.entry(header.channel_id).or_insert((0, u64::MAX, 0));
+            *entry = (entry.0 + 1, entry.1.min(header.log_time), entry.2.max(header.log_time));
+        }
+        for (channel, (count, from, to)) in channels {
+            self.lose(format!("{count} messages of channel {channel}, which was never announced"), Some([from, to]));
         }
     }
 }
