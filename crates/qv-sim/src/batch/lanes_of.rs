@@ -1,0 +1,262 @@
+//! Picks the register width and hides it behind an object.
+
+use super::JointCommand;
+use crate::SimError;
+use crate::engine::block::{Block, CommandLanes, Work};
+use crate::engine::derive::Deriver;
+use crate::engine::step::{Shared, StepBlocks};
+use crate::lanes::{Real, Scalar};
+use crate::model::Model;
+use crate::parameters::Slot;
+use rayon::prelude::*;
+use std::any::Any;
+
+/// A batch whose lane width is not known to its owner.
+pub(crate) trait Engine: Send + Sync {
+    fn lanes(&self) -> usize;
+    /// Environments, padding included.
+    fn padded(&self) -> usize;
+    fn bytes(&self) -> usize;
+    fn step(&mut self, shared: &Shared, steps: usize, parallel: bool);
+    fn write_state(&mut self, shared: &Shared, env: usize, q: &[f64], v: &[f64]);
+    fn read_state(&self, env: usize, q: &mut [f64], v: &mut [f64]);
+    /// State of `age` steps ago (not whole: interpolated), as far back as is kept.
+    fn read_past_state(&self, env: usize, age: f64, q: &mut [f64], v: &mut [f64]);
+    fn write_command(&mut self, shared: &Shared, env: usize, age: Option<usize>, command: &JointCommand);
+    fn derive(&mut self, deriver: &Deriver, slot: Slot, values: &[f64], env: usize) -> Result<(), SimError>;
+    fn derive_all(&mut self, deriver: &Deriver, values: &[f64], env: usize) -> Result<(), SimError>;
+    fn torque(&self, env: usize) -> Vec<f64>;
+    fn acceleration(&self, env: usize) -> Vec<f64>;
+    fn geom_force(&self, env: usize) -> Vec<f64>;
+    fn faulty(&self, env: usize) -> bool;
+    fn copy_blocks(&self) -> Box<dyn Any + Send + Sync>;
+    fn restore_blocks(&mut self, blocks: &(dyn Any + Send + Sync)) -> bool;
+}
+
+/// Chooses an engine for a precision.
+pub trait Dispatch: Scalar {
+    #[doc(hidden)]
+    #[allow(private_interfaces)]
+    fn engine(model: &Model, shared: &Shared, materials: usize, count: usize) -> Box<dyn Engine>;
+}
+
+macro_rules! dispatch {
+    ($scalar:ty, $wide:ident, $narrow:ident) => {
+        impl Dispatch for $scalar {
+            #[allow(private_interfaces)]
+            fn engine(model: &Model, shared: &Shared, materials: usize, count: usize) -> Box<dyn Engine> {
+                #[cfg(target_arch = "x86_64")]
+                {
+                    use crate::lanes::{$narrow, $wide};
+                    let wanted = shared.options.lanes.unwrap_or(if count == 1 { 1 } else { $wide::LANES });
+                    let wide = is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq");
+                    if wanted >= $wide::LANES && wide {
+                        return Box::new(Lanes::<$wide>::new(model, shared, materials, count));
+                    }
+                    if wanted >= $narrow::LANES && is_x86_feature_detected!("avx2") {
+                        return Box::new(Lanes::<$narrow>::new(model, shared, materials, count));
+                    }
+                }
+                Box::new(Lanes::<$scalar>::new(model, shared, materials, count))
+            }
+        }
+    };
+}
+
+dispatch!(f64, F64x8, F64x4);
+dispatch!(f32, F32x16, F32x8);
+
+struct Lanes<L: Real> {
+    blocks: Vec<Block<L>>,
+    /// One per share of the blocks that a thread takes at a time.
+    works: Vec<Work<L>>,
+    count: usize,
+}
+
+impl<L: Real> Lanes<L> {
+    fn new(model: &Model, shared: &Shared, materials: usize, count: usize) -> Self {
+        let options = &shared.options;
+        let seen = if options.max_sensor_latency > 0.0 { options.ring(options.max_sensor_latency) } else { 0 };
+        let commands = options.ring(options.max_command_latency);
+        let block = Block::new(model, &shared.topology, materials, commands, seen);
+        let blocks = vec![block; count.div_ceil(L::LANES)];
+        let work = Work::new(&shared.topology, &shared.colliders.slots, options.contact_dimension);
+        Self { blocks, works: vec![work], count }
+    }
+
+    fn at(&self, env: usize) -> (&Block<L>, usize) {
+        (&self.blocks[env / L::LANES], env % L::LANES)
+    }
+
+    fn at_mut(&mut self, env: usize) -> (&mut Block<L>, usize) {
+        (&mut self.blocks[env / L::LANES], env % L::LANES)
+    }
+}
+
+fn lane_values<L: Real>(values: &[L], lane: usize) -> Vec<f64> {
+    values.iter().map(|x| x.lane(lane).to_f64()).collect()
+}
+
+fn set<L: Real>(target: &mut L, lane: usize, value: f64) {
+    target.set_lane(lane, L::Scalar::from_f64(value));
+}
+
+fn set_mask<L: Real>(mask: &mut L::Mask, lane: usize, value: bool) {
+    // Masks of a register type have no lane access: make one by a comparison.
+    let mut numbers = L::select(*mask, L::one(), L::zero());
+    set(&mut numbers, lane, f64::from(value));
+    *mask = L::zero().lt(numbers);
+}
+
+impl<L: Real> Engine for Lanes<L> {
+    fn lanes(&self) -> usize {
+        L::LANES
+    }
+
+    fn padded(&self) -> usize {
+        self.blocks.len() * L::LANES
+    }
+
+    fn bytes(&self) -> usize {
+        self.blocks.iter().map(Block::bytes).sum()
+    }
+
+    fn step(&mut self, shared: &Shared, steps: usize, parallel: bool) {
+        let threads = if parallel { rayon::current_num_threads() } else { 1 };
+        // A few shares per thread, so that a thread that finishes early takes another.
+        let shares = if threads == 1 { 1 } else { (4 * threads).min(self.blocks.len()) };
+        let size = self.blocks.len().div_ceil(shares);
+        if self.works.len() < shares {
+            let work = self.works[0].clone();
+            self.works.resize(shares, work);
+        }
+        let count = self.count;
+        let run = |(share, (blocks, work)): (usize, (&mut [Block<L>], &mut Work<L>))| {
+            let body = StepBlocks { shared, blocks, first: share * size, count, steps, work };
+            // Values of a register type exist only where its features were detected (`Dispatch::engine`).
+            unsafe { L::with_features(body) }
+        };
+        if shares == 1 {
+            run((0, (&mut self.blocks, &mut self.works[0])));
+        } else {
+            self.blocks.par_chunks_mut(size).zip(&mut self.works).enumerate().for_each(run);
+        }
+    }
+
+    fn write_state(&mut self, shared: &Shared, env: usize, q: &[f64], v: &[f64]) {
+        let topology = &shared.topology;
+        let (block, lane) = self.at_mut(env);
+        q.iter().zip(&mut block.q).for_each(|(&x, target)| set(target, lane, x));
+        v.iter().zip(&mut block.v).for_each(|(&x, target)| set(target, lane, x));
+        block.warm.iter_mut().chain(&mut block.acceleration).for_each(|x| set(x, lane, 0.0));
+        block.torque.iter_mut().chain(&mut block.lagged).for_each(|x| set(x, lane, 0.0));
+        block.geom_force.iter_mut().for_each(|x| set(x, lane, 0.0));
+        for j in 0..topology.joints {
+            set(&mut block.motor[j], lane, q[topology.base_positions + j]);
+        }
+        set(&mut block.time, lane, 0.0);
+        set_mask::<L>(&mut block.fresh, lane, true);
+        set_mask::<L>(&mut block.faulty, lane, false);
+        let width = topology.nq + topology.nv;
+        for slot in block.seen.chunks_mut(width) {
+            q.iter().chain(v).zip(slot).for_each(|(&x, target)| set(target, lane, x));
+        }
+    }
+
+    fn read_state(&self, env: usize, q: &mut [f64], v: &mut [f64]) {
+        let (block, lane) = self.at(env);
+        q.copy_from_slice(&lane_values(&block.q, lane));
+        v.copy_from_slice(&lane_values(&block.v, lane));
+    }
+
+    fn read_past_state(&self, env: usize, age: f64, q: &mut [f64], v: &mut [f64]) {
+        let (block, lane) = self.at(env);
+        let width = q.len() + v.len();
+        let kept = block.seen.len() / width;
+        if kept == 0 || age <= 0.0 {
+            return self.read_state(env, q, v);
+        }
+        let whole = (age.floor() as usize).min(kept - 1);
+        let share = (age - whole as f64).clamp(0.0, 1.0);
+        let row = |age: usize| &block.seen[((block.seen_head + kept - age.min(kept - 1)) % kept) * width..][..width];
+        let (young, old) = (lane_values(row(whole), lane), lane_values(row(whole + 1), lane));
+        for (i, target) in q.iter_mut().chain(v).enumerate() {
+            *target = young[i] + share * (old[i] - young[i]);
+        }
+    }
+
+    fn write_command(&mut self, shared: &Shared, env: usize, age: Option<usize>, command: &JointCommand) {
+        let joints = shared.topology.joints;
+        let (block, lane) = self.at_mut(env);
+        let slots = block.commands.len() / joints.max(1);
+        let ages = match age {
+            Some(age) => age..age + 1,
+            None if L::mask_lane(block.fresh, lane) => 0..slots,
+            None => 0..1,
+        };
+        for age in ages {
+            let slot = (block.head + slots - age) % slots;
+            for j in 0..joints {
+                let target: &mut CommandLanes<L> = &mut block.commands[slot * joints + j];
+                set(&mut target.q, lane, command.q[j]);
+                set(&mut target.dq, lane, command.dq[j]);
+                set(&mut target.kp, lane, command.kp[j]);
+                set(&mut target.kd, lane, command.kd[j]);
+                set(&mut target.tau, lane, command.tau[j]);
+            }
+        }
+    }
+
+    fn derive(&mut self, deriver: &Deriver, slot: Slot, values: &[f64], env: usize) -> Result<(), SimError> {
+        let (block, lane) = self.at_mut(env);
+        deriver.apply(slot, values, lane, block)
+    }
+
+    fn derive_all(&mut self, deriver: &Deriver, values: &[f64], env: usize) -> Result<(), SimError> {
+        let (block, lane) = self.at_mut(env);
+        deriver.apply_all(values, lane, block)
+    }
+
+    fn torque(&self, env: usize) -> Vec<f64> {
+        let (block, lane) = self.at(env);
+        lane_values(&block.torque, lane)
+    }
+
+    fn acceleration(&self, env: usize) -> Vec<f64> {
+        let (block, lane) = self.at(env);
+        lane_values(&block.acceleration, lane)
+    }
+
+    fn geom_force(&self, env: usize) -> Vec<f64> {
+        let (block, lane) = self.at(env);
+        lane_values(&block.geom_force, lane)
+    }
+
+    fn faulty(&self, env: usize) -> bool {
+        let (block, lane) = self.at(env);
+        L::mask_lane(block.faulty, lane)
+    }
+
+    fn copy_blocks(&self) -> Box<dyn Any + Send + Sync> {
+        Box::new(self.blocks.clone())
+    }
+
+    fn restore_blocks(&mut self, blocks: &(dyn Any + Send + Sync)) -> bool {
+        match blocks.downcast_ref::<Vec<Block<L>>>() {
+            Some(blocks) if blocks.len() == self.blocks.len() && same_shape(&blocks[0], &self.blocks[0]) => {
+                self.blocks.clone_from(blocks);
+                true
+            }
+            _ => false,
+        }
+    }
+}
+
+fn same_shape<L: Real>(a: &Block<L>, b: &Block<L>) -> bool {
+    a.q.len() == b.q.len()
+        && a.v.len() == b.v.len()
+        && a.commands.len() == b.commands.len()
+        && a.seen.len() == b.seen.len()
+        && a.geoms.len() == b.geoms.len()
+        && a.materials.len() == b.materials.len()
+}

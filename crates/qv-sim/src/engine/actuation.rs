@@ -1,0 +1,114 @@
+//! Motors: from commands to joint torques, as the robot's motor drivers compute them.
+//!
+//! `tau = kp (q_des - q) + kd (dq_des - dq) + tau_ff` with delayed commands, the encoder's bias and the backlash in
+//! `q`, scaled, limited and lagged by the parameters of each joint.
+
+use super::block::{Block, CommandLanes, JointLanes, Work};
+use super::topology::Topology;
+use crate::lanes::{Real, Scalar};
+
+/// Fills `block.torque`, `work.smooth` (all forces but those of constraints) and `work.implicit` (their damping).
+/// `outside` is the share of the step during which outside torques act.
+#[inline(always)]
+pub(crate) fn actuate<L: Real>(
+    topology: &Topology,
+    outside: L,
+    implicit: bool,
+    block: &mut Block<L>,
+    work: &mut Work<L>,
+) {
+    for j in 0..topology.joints {
+        let dof = topology.joint_dof(j);
+        let parameters = block.joints[j];
+        let command = command(topology, block, j);
+        let q = block.q[topology.base_positions + j];
+        let dq = block.v[dof];
+        let motor = block.motor[j].max(q - parameters.half_backlash).min(q + parameters.half_backlash);
+        block.motor[j] = motor;
+        let gain = parameters.kd_scale * command.kd * parameters.strength;
+        let demand = demand(&parameters, &command, motor + parameters.encoder_bias, dq);
+        // A lag that was not watched before is taken to have settled.
+        let approach = block.lagged[j] + parameters.lag_gain * (demand - block.lagged[j]);
+        let lagged = L::select(block.fresh, demand, approach);
+        block.lagged[j] = lagged;
+        let limit = torque_limit(&parameters, dq);
+        let torque = lagged.max(-limit).min(limit);
+        block.torque[j] = torque;
+        let viscous = block.viscous[dof];
+        work.smooth[dof] = torque - viscous * dq + outside * parameters.external_torque - work.bias[dof];
+        let mut damping = viscous;
+        if implicit {
+            // Only a torque that follows the speed at once and is not at its limit damps.
+            let follows = L::one().le(parameters.lag_gain) & lagged.abs().lt(limit);
+            damping += L::select(follows, gain, L::zero());
+        }
+        work.implicit[dof] = damping;
+    }
+    for dof in 0..topology.base_dofs {
+        work.smooth[dof] = -work.bias[dof];
+        work.implicit[dof] = L::zero();
+    }
+}
+
+/// Share of the coming step during which the outside force acts.
+#[inline(always)]
+pub(crate) fn external_share<L: Real>(block: &Block<L>, timestep: f64) -> L {
+    let ground = &block.ground;
+    let step = L::splat(timestep);
+    let from = ground.force_start.max(block.time);
+    let to = ground.force_end.min(block.time + step);
+    ((to - from) / step).max(L::zero()).min(L::one())
+}
+
+/// Torque that the controller asks for.
+#[inline(always)]
+fn demand<L: Real>(p: &JointLanes<L>, command: &CommandLanes<L>, q: L, dq: L) -> L {
+    let position = p.kp_scale * command.kp * (command.q - q) + command.tau;
+    let clipped = position.max(-p.position_torque_limit).min(p.position_torque_limit);
+    p.strength * (clipped + p.kd_scale * command.kd * (command.dq - dq))
+}
+
+/// The motor's limit at this speed: flat up to the knee, then falling to zero.
+#[inline(always)]
+fn torque_limit<L: Real>(p: &JointLanes<L>, dq: L) -> L {
+    let fall = (dq.abs() - p.speed_knee) * p.speed_slope;
+    p.torque_limit * (L::one() - fall).max(L::zero()).min(L::one())
+}
+
+/// The command that is in force, delayed by a time that need not be a whole number of steps.
+#[inline(always)]
+fn command<L: Real>(topology: &Topology, block: &Block<L>, joint: usize) -> CommandLanes<L> {
+    let newest = block.commands[block.head * topology.joints + joint];
+    if !block.any_latency {
+        return newest;
+    }
+    delayed(topology, block, joint, newest)
+}
+
+fn delayed<L: Real>(
+    topology: &Topology,
+    block: &Block<L>,
+    joint: usize,
+    newest: CommandLanes<L>,
+) -> CommandLanes<L> {
+    let slots = block.commands.len() / topology.joints;
+    let mut out = newest;
+    for lane in 0..L::LANES {
+        let steps = block.joints[joint].latency.lane(lane).to_f64();
+        if steps <= 0.0 {
+            continue;
+        }
+        let whole = steps.floor();
+        let share = L::Scalar::from_f64(steps - whole);
+        let at = |age: usize| &block.commands[((block.head + slots - age) % slots) * topology.joints + joint];
+        let age = (whole as usize).min(slots - 1);
+        let (young, old) = (at(age), at((age + 1).min(slots - 1)));
+        let mix = |a: L, b: L| a.lane(lane) + share * (b.lane(lane) - a.lane(lane));
+        out.q.set_lane(lane, mix(young.q, old.q));
+        out.dq.set_lane(lane, mix(young.dq, old.dq));
+        out.kp.set_lane(lane, mix(young.kp, old.kp));
+        out.kd.set_lane(lane, mix(young.kd, old.kd));
+        out.tau.set_lane(lane, mix(young.tau, old.tau));
+    }
+    out
+}

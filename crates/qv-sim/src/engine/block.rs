@@ -1,0 +1,297 @@
+//! Data of one block of environments, one per lane.
+
+use super::topology::Topology;
+use super::vector::{Inertia, M3, V3, V6};
+use crate::lanes::{Mask, Real};
+use crate::model::{Model, Shape};
+
+/// Parameters of one joint in each environment, ready for use.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct JointLanes<L> {
+    pub strength: L,
+    pub kp_scale: L,
+    pub kd_scale: L,
+    pub torque_limit: L,
+    pub position_torque_limit: L,
+    pub speed_knee: L,
+    /// 1 / (speed_zero - speed_knee).
+    pub speed_slope: L,
+    /// Share of the way to the demanded torque in one step: 1 without lag.
+    pub lag_gain: L,
+    /// Command latency in steps.
+    pub latency: L,
+    pub half_backlash: L,
+    pub encoder_bias: L,
+    pub external_torque: L,
+}
+
+/// Ground of each environment.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct GroundLanes<L> {
+    pub friction: L,
+    /// Stiffness over impedance and damping of the reference acceleration.
+    pub stiffness: L,
+    pub damping: L,
+    pub torsional: L,
+    pub rolling: L,
+    pub height: L,
+    /// World from terrain rotation.
+    pub tilt: M3<L>,
+    /// x min, x max, y min, y max in terrain coordinates.
+    pub patch: [L; 4],
+    pub patch_friction: L,
+    pub force: V3<L>,
+    pub force_start: L,
+    pub force_end: L,
+}
+
+/// Feet and other shapes of each environment.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct GeomLanes<L> {
+    pub friction_scale: L,
+    pub radius_offset: L,
+}
+
+/// One low-level command of one joint.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct CommandLanes<L> {
+    pub q: L,
+    pub dq: L,
+    pub kp: L,
+    pub kd: L,
+    pub tau: L,
+}
+
+impl<L: Real> CommandLanes<L> {
+    pub fn zero() -> Self {
+        let z = L::zero();
+        Self { q: z, dq: z, kp: z, kd: z, tau: z }
+    }
+}
+
+/// State and parameters of `L::LANES` environments.
+#[derive(Debug, Clone)]
+pub(crate) struct Block<L: Real> {
+    // State.
+    pub q: Vec<L>,
+    pub v: Vec<L>,
+    /// Acceleration before implicit damping, where the next solve starts.
+    pub warm: Vec<L>,
+    /// Acceleration of the last step.
+    pub acceleration: Vec<L>,
+    /// Torque of each joint after lag and limits.
+    pub torque: Vec<L>,
+    pub lagged: Vec<L>,
+    /// Motor-side position behind the backlash.
+    pub motor: Vec<L>,
+    pub time: L,
+    /// Commands of the last steps, `[age slot][joint]`, newest at `head`.
+    pub commands: Vec<CommandLanes<L>>,
+    pub head: usize,
+    /// Positions and velocities of the last steps, `[age slot][nq + nv]`, newest at `seen_head`.
+    pub seen: Vec<L>,
+    pub seen_head: usize,
+    /// Normal force of each shape on the ground \[N\].
+    pub geom_force: Vec<L>,
+    /// Lanes that have not stepped since their state was set.
+    pub fresh: L::Mask,
+    /// Lanes whose numbers ran away.
+    pub faulty: L::Mask,
+    // Parameters.
+    pub mass: Vec<L>,
+    pub com: Vec<V3<L>>,
+    /// xx, yy, zz, xy, xz, yz about the centre of mass, link axes.
+    pub inertia: Vec<[L; 6]>,
+    /// Per degree of freedom.
+    pub armature: Vec<L>,
+    pub viscous: Vec<L>,
+    pub coulomb: Vec<L>,
+    pub joints: Vec<JointLanes<L>>,
+    pub geoms: Vec<GeomLanes<L>>,
+    pub materials: Vec<L>,
+    pub ground: GroundLanes<L>,
+    // Which of the costlier features any lane uses. They change the work, never the result.
+    pub any_coulomb: bool,
+    pub any_viscous: bool,
+    pub any_latency: bool,
+}
+
+/// One point at which a shape can touch something.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Contact<L: Real> {
+    pub active: L::Mask,
+    /// From terrain (or the second body) to the robot.
+    pub normal: V3<L>,
+    /// Relative to the base origin.
+    pub point: V3<L>,
+    pub distance: L,
+    pub friction: L,
+}
+
+/// What a contact slot belongs to: the same in all environments.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Slot {
+    pub geom: usize,
+    pub body: usize,
+    /// Second body when the robot touches itself.
+    pub other: Option<usize>,
+    /// Sum of the bodies' inverse weights.
+    pub weight: f64,
+}
+
+/// Scratch space of one thread.
+#[derive(Debug, Clone)]
+pub(crate) struct Work<L: Real> {
+    pub rotation: Vec<M3<L>>,
+    pub position: Vec<V3<L>>,
+    /// Joint axes as spatial vectors, per degree of freedom.
+    pub subspace: Vec<V6<L>>,
+    pub velocity: Vec<V6<L>>,
+    pub acceleration: Vec<V6<L>>,
+    pub force: Vec<V6<L>>,
+    pub inertia: Vec<Inertia<L>>,
+    pub bias: Vec<L>,
+    pub mass_matrix: Vec<L>,
+    pub hessian: Vec<L>,
+    /// Damping that the integrator treats implicitly, per degree of freedom.
+    pub implicit: Vec<L>,
+    /// All forces but those of constraints.
+    pub smooth: Vec<L>,
+    pub contacts: Vec<Contact<L>>,
+    /// Slots with a contact in any lane.
+    pub live: Vec<usize>,
+    pub rows: super::constraint::Rows<L>,
+    pub newton: super::newton::Scratch<L>,
+    pub triangles: Vec<crate::terrain::Triangle>,
+    pub found: Vec<crate::terrain::SurfaceContact>,
+}
+
+impl<L: Real> Work<L> {
+    pub fn new(topology: &Topology, slots: &[Slot], dimension: usize) -> Self {
+        let zero = L::zero();
+        let (bodies, nv) = (topology.bodies.len(), topology.nv);
+        let none = Contact {
+            active: L::Mask::splat(false),
+            normal: [zero; 3],
+            point: [zero; 3],
+            distance: zero,
+            friction: zero,
+        };
+        Self {
+            rotation: vec![[zero; 9]; bodies],
+            position: vec![[zero; 3]; bodies],
+            subspace: vec![[zero; 6]; nv],
+            velocity: vec![[zero; 6]; bodies],
+            acceleration: vec![[zero; 6]; bodies],
+            force: vec![[zero; 6]; bodies],
+            inertia: vec![[zero; 10]; bodies],
+            bias: vec![zero; nv],
+            mass_matrix: vec![zero; topology.packed],
+            hessian: vec![zero; topology.packed],
+            implicit: vec![zero; nv],
+            smooth: vec![zero; nv],
+            contacts: vec![none; slots.len()],
+            live: Vec::with_capacity(slots.len()),
+            rows: super::constraint::Rows::new(topology, slots, dimension),
+            newton: super::newton::Scratch::new(topology),
+            triangles: Vec::new(),
+            found: Vec::new(),
+        }
+    }
+}
+
+impl<L: Real> Block<L> {
+    /// All lanes at rest in the model's zero position, with parameters still to be derived.
+    pub fn new(model: &Model, topology: &Topology, materials: usize, commands: usize, seen: usize) -> Self {
+        let zero = L::zero();
+        let mut q = vec![zero; topology.nq];
+        if topology.free_base {
+            q[3] = L::one();
+        }
+        let joint = JointLanes {
+            strength: zero,
+            kp_scale: zero,
+            kd_scale: zero,
+            torque_limit: zero,
+            position_torque_limit: zero,
+            speed_knee: zero,
+            speed_slope: zero,
+            lag_gain: zero,
+            latency: zero,
+            half_backlash: zero,
+            encoder_bias: zero,
+            external_torque: zero,
+        };
+        let ground = GroundLanes {
+            friction: zero,
+            stiffness: zero,
+            damping: zero,
+            torsional: zero,
+            rolling: zero,
+            height: zero,
+            tilt: [zero; 9],
+            patch: [zero; 4],
+            patch_friction: zero,
+            force: [zero; 3],
+            force_start: zero,
+            force_end: zero,
+        };
+        let (nv, joints, links) = (topology.nv, topology.joints, model.links.len());
+        Self {
+            q,
+            v: vec![zero; nv],
+            warm: vec![zero; nv],
+            acceleration: vec![zero; nv],
+            torque: vec![zero; joints],
+            lagged: vec![zero; joints],
+            motor: vec![zero; joints],
+            time: zero,
+            commands: vec![CommandLanes::zero(); commands * joints],
+            head: 0,
+            seen: vec![zero; seen * (topology.nq + nv)],
+            seen_head: 0,
+            geom_force: vec![zero; model.geoms.len()],
+            fresh: L::Mask::splat(true),
+            faulty: L::Mask::splat(false),
+            mass: vec![zero; links],
+            com: vec![[zero; 3]; links],
+            inertia: vec![[zero; 6]; links],
+            armature: vec![zero; nv],
+            viscous: vec![zero; nv],
+            coulomb: vec![zero; nv],
+            joints: vec![joint; joints],
+            geoms: vec![GeomLanes { friction_scale: zero, radius_offset: zero }; model.geoms.len()],
+            materials: vec![zero; materials],
+            ground,
+            any_coulomb: false,
+            any_viscous: false,
+            any_latency: false,
+        }
+    }
+
+    /// Bytes that this block holds on the heap.
+    pub fn bytes(&self) -> usize {
+        let lanes = self.q.len()
+            + 4 * self.v.len()
+            + 3 * self.torque.len()
+            + 5 * self.commands.len()
+            + self.seen.len()
+            + self.geom_force.len()
+            + 10 * self.mass.len()
+            + 3 * self.armature.len()
+            + 12 * self.joints.len()
+            + 2 * self.geoms.len()
+            + self.materials.len();
+        lanes * size_of::<L>() + size_of::<Self>()
+    }
+}
+
+/// How many points of a shape can touch a plane, or a surface of triangles, at once.
+pub(crate) fn contact_points(shape: &Shape, plane: bool) -> usize {
+    match shape {
+        Shape::Sphere(_) if plane => 1,
+        Shape::Capsule { .. } if plane => 2,
+        Shape::Sphere(_) | Shape::Capsule { .. } => 4,
+        _ => 8,
+    }
+}

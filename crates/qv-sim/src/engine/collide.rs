@@ -1,0 +1,404 @@
+//! Where the robot touches the ground, and itself.
+//!
+//! On a plane everything is done in lanes. On triangles, and between shapes of the robot, each environment asks for
+//! itself: those queries branch too much for lanes.
+
+use super::block::{Block, Contact, GroundLanes, Slot, Work, contact_points};
+use super::topology::Topology;
+use super::vector::*;
+use crate::lanes::{Mask, Real, Scalar};
+use crate::model::{Geom, Model, Shape};
+use crate::terrain::{SurfaceContact, Terrain};
+use glam::{DMat3, DQuat, DVec3};
+use parry3d_f64::query;
+use parry3d_f64::shape::{Ball, Capsule, ConvexPolyhedron, Cuboid, Cylinder, SharedShape, Triangle as ParryTriangle};
+
+/// Shapes of one batch and the contact slots that they may fill.
+#[derive(Clone)]
+pub(crate) struct Colliders {
+    pub terrain: Terrain,
+    pub slots: Vec<Slot>,
+    geoms: Vec<Collider>,
+    /// Pairs of shapes of the robot that may touch, with their slot.
+    pairs: Vec<(usize, usize, usize)>,
+}
+
+#[derive(Clone)]
+struct Collider {
+    index: usize,
+    geom: Geom,
+    body: usize,
+    rotation: [f64; 9],
+    position: [f64; 3],
+    first_slot: usize,
+    slots: usize,
+    /// Shape for general queries; spheres on triangles need none.
+    shape: SharedShape,
+    reach: f64,
+}
+
+impl Colliders {
+    pub fn new(model: &Model, terrain: &Terrain, body_weight: &[[f64; 2]], self_collision: bool) -> Self {
+        let mut slots = Vec::new();
+        let mut geoms = Vec::new();
+        for (index, geom) in model.geoms.iter().enumerate() {
+            let count = contact_points(&geom.shape, terrain.is_plane());
+            let first_slot = slots.len();
+            let weight = body_weight[geom.link][0];
+            slots.extend((0..count).map(|_| Slot { geom: index, body: geom.link, other: None, weight }));
+            geoms.push(Collider {
+                index,
+                geom: geom.clone(),
+                body: geom.link,
+                rotation: geom.link_from_geom.matrix().transpose().to_cols_array(),
+                position: geom.link_from_geom.position.to_array(),
+                first_slot,
+                slots: count,
+                shape: parry_shape(&geom.shape),
+                reach: reach(&geom.shape),
+            });
+        }
+        let mut pairs = Vec::new();
+        if self_collision {
+            for a in 0..geoms.len() {
+                for b in a + 1..geoms.len() {
+                    let (la, lb) = (model.geoms[a].link, model.geoms[b].link);
+                    let adjacent =
+                        la == lb || model.links[la].parent == Some(lb) || model.links[lb].parent == Some(la);
+                    if !adjacent {
+                        let weight = body_weight[la][0] + body_weight[lb][0];
+                        pairs.push((a, b, slots.len()));
+                        slots.push(Slot { geom: a, body: la, other: Some(lb), weight });
+                    }
+                }
+            }
+        }
+        Self { terrain: terrain.clone(), slots, geoms, pairs }
+    }
+}
+
+/// Fills `work.contacts` and `work.live`. Lanes from `used` on are padding and touch nothing.
+#[inline(always)]
+pub(crate) fn collide<L: Real>(
+    topology: &Topology,
+    colliders: &Colliders,
+    used: usize,
+    block: &Block<L>,
+    work: &mut Work<L>,
+) {
+    let origin = origin(topology, block);
+    if colliders.terrain.is_plane() {
+        for collider in &colliders.geoms {
+            touch_plane(collider, origin, block, work);
+        }
+    } else {
+        touch_triangles(colliders, origin, used, block, work);
+    }
+    if !colliders.pairs.is_empty() {
+        touch_self(colliders, used, block, work);
+    }
+    work.live.clear();
+    for (index, contact) in work.contacts.iter().enumerate() {
+        if contact.active.any() {
+            work.live.push(index);
+        }
+    }
+}
+
+/// World position of the point that the work space's coordinates are relative to.
+#[inline(always)]
+pub(crate) fn origin<L: Real>(topology: &Topology, block: &Block<L>) -> V3<L> {
+    if topology.free_base { [block.q[0], block.q[1], block.q[2]] } else { [L::zero(); 3] }
+}
+
+#[inline(always)]
+fn geom_pose<L: Real>(collider: &Collider, work: &Work<L>) -> (M3<L>, V3<L>) {
+    let rotation = &work.rotation[collider.body];
+    let position = add(work.position[collider.body], rotate(rotation, splat3(collider.position)));
+    (multiply(rotation, &collider.rotation.map(L::splat)), position)
+}
+
+#[inline(always)]
+fn touch_plane<L: Real>(collider: &Collider, origin: V3<L>, block: &Block<L>, work: &mut Work<L>) {
+    let tilt = &block.ground.tilt;
+    let normal = [tilt[2], tilt[5], tilt[8]];
+    let skin = block.geoms[collider.index].radius_offset;
+    let mut slot = collider.first_slot;
+    let mut point = |centre: V3<L>, radius: L, work: &mut Work<L>| {
+        let world = add(origin, centre);
+        let height = dot(normal, [world[0], world[1], world[2] - block.ground.height]);
+        let distance = height - radius;
+        let middle = radius + distance * L::splat(0.5);
+        work.contacts[slot] = Contact {
+            active: distance.lt(L::zero()),
+            normal,
+            point: sub(centre, scale(normal, middle)),
+            distance,
+            friction: plane_friction(&block.ground, world) * block.geoms[collider.index].friction_scale,
+        };
+        slot += 1;
+    };
+    match &collider.geom.shape {
+        Shape::Sphere(radius) => {
+            let rotation = &work.rotation[collider.body];
+            let centre = add(work.position[collider.body], rotate(rotation, splat3(collider.position)));
+            point(centre, L::splat(*radius) + skin, work);
+        }
+        Shape::Capsule { radius, half_length } => {
+            let (rotation, centre) = geom_pose(collider, work);
+            let along = scale([rotation[2], rotation[5], rotation[8]], L::splat(*half_length));
+            point(add(centre, along), L::splat(*radius) + skin, work);
+            point(sub(centre, along), L::splat(*radius) + skin, work);
+        }
+        Shape::Box(half) => {
+            let (rotation, centre) = geom_pose(collider, work);
+            for corner in 0..8 {
+                let sign = |bit: usize| if corner >> bit & 1 == 1 { 1.0 } else { -1.0 };
+                let local = [sign(0) * half.x, sign(1) * half.y, sign(2) * half.z];
+                point(add(centre, rotate(&rotation, splat3(local))), skin, work);
+            }
+        }
+        Shape::Cylinder { radius, half_length } => {
+            let (rotation, centre) = geom_pose(collider, work);
+            let axis = [rotation[2], rotation[5], rotation[8]];
+            let (down, side) = rim_directions(axis, normal, [rotation[0], rotation[3], rotation[6]]);
+            for end in [-half_length, *half_length] {
+                let cap = add(centre, scale(axis, L::splat(end)));
+                for direction in [down, side] {
+                    let offset = scale(direction, L::splat(*radius));
+                    point(add(cap, offset), skin, work);
+                    point(sub(cap, offset), skin, work);
+                }
+            }
+        }
+        Shape::Hull(points) => {
+            let (rotation, centre) = geom_pose(collider, work);
+            deepest_points(points, &rotation, centre, normal, collider.slots, |p| point(p, skin, work));
+        }
+    }
+}
+
+/// Directions in a cylinder's caps: steepest downhill (or `any` when it stands upright), and across.
+#[inline(always)]
+fn rim_directions<L: Real>(axis: V3<L>, normal: V3<L>, any: V3<L>) -> (V3<L>, V3<L>) {
+    let along = dot(axis, normal);
+    let down = sub(scale(axis, along), normal);
+    let squared = dot(down, down);
+    let upright = squared.lt(L::splat(1e-8));
+    let inverse = L::one() / squared.max(L::splat(1e-8)).sqrt();
+    let unit: V3<L> = std::array::from_fn(|k| L::select(upright, any[k], down[k] * inverse));
+    (unit, cross(axis, unit))
+}
+
+/// The `most` vertices that lie deepest, each environment by itself.
+fn deepest_points<L: Real>(
+    points: &[DVec3],
+    rotation: &M3<L>,
+    centre: V3<L>,
+    normal: V3<L>,
+    most: usize,
+    mut point: impl FnMut(V3<L>),
+) {
+    let mut chosen = vec![[L::zero(); 3]; most];
+    let local_normal = rotate_back(rotation, normal);
+    for lane in 0..L::LANES {
+        let n = DVec3::from_array(local_normal.map(|x| x.lane(lane).to_f64()));
+        let mut order: Vec<usize> = (0..points.len()).collect();
+        order.sort_by(|&a, &b| points[a].dot(n).total_cmp(&points[b].dot(n)).then(a.cmp(&b)));
+        for (k, target) in chosen.iter_mut().enumerate() {
+            // Fewer vertices than slots: the last stays above the ground by being the highest.
+            let vertex = points[order[k.min(order.len() - 1)]];
+            let coordinates = vertex.to_array();
+            (0..3).for_each(|i| target[i].set_lane(lane, L::Scalar::from_f64(coordinates[i])));
+        }
+    }
+    for local in chosen {
+        point(add(centre, rotate(rotation, local)));
+    }
+}
+
+#[inline(always)]
+fn plane_friction<L: Real>(ground: &GroundLanes<L>, world: V3<L>) -> L {
+    let p = rotate_back(&ground.tilt, [world[0], world[1], world[2] - ground.height]);
+    patched(ground, p[0], p[1], ground.friction)
+}
+
+#[inline(always)]
+fn patched<L: Real>(ground: &GroundLanes<L>, x: L, y: L, otherwise: L) -> L {
+    let [x0, x1, y0, y1] = ground.patch;
+    let inside = x0.le(x) & x.lt(x1) & y0.le(y) & y.lt(y1);
+    L::select(inside, ground.patch_friction, otherwise)
+}
+
+fn lane3<L: Real>(v: &V3<L>, lane: usize) -> DVec3 {
+    DVec3::new(v[0].lane(lane).to_f64(), v[1].lane(lane).to_f64(), v[2].lane(lane).to_f64())
+}
+
+/// Row-major lanes to a matrix.
+fn lane9<L: Real>(m: &M3<L>, lane: usize) -> DMat3 {
+    DMat3::from_cols_array(&m.map(|x| x.lane(lane).to_f64())).transpose()
+}
+
+fn touch_triangles<L: Real>(colliders: &Colliders, origin: V3<L>, used: usize, block: &Block<L>, work: &mut Work<L>) {
+    for (index, collider) in colliders.geoms.iter().enumerate() {
+        let (rotation, centre) = geom_pose(collider, work);
+        for slot in collider.first_slot..collider.first_slot + collider.slots {
+            work.contacts[slot].active = L::Mask::splat(false);
+        }
+        for lane in 0..used {
+            let tilt = lane9(&block.ground.tilt, lane);
+            let raised = DVec3::new(0.0, 0.0, block.ground.height.lane(lane).to_f64());
+            let base = lane3(&origin, lane);
+            let to_terrain = |p: DVec3| tilt.transpose() * (p + base - raised);
+            let pose = (tilt.transpose() * lane9(&rotation, lane), to_terrain(lane3(&centre, lane)));
+            let skin = block.geoms[index].radius_offset.lane(lane).to_f64();
+            find_contacts(&colliders.terrain, collider, pose, skin, work);
+            for k in 0..work.found.len().min(collider.slots) {
+                let found = work.found[k];
+                let middle = found.on_terrain + found.normal * (0.5 * found.distance);
+                let friction = match found.material {
+                    Some(m) => block.materials[m as usize].lane(lane),
+                    None => block.ground.friction.lane(lane),
+                };
+                let patch = block.ground.patch.map(|x| x.lane(lane).to_f64());
+                let inside = patch[0] <= middle.x && middle.x < patch[1] && patch[2] <= middle.y && middle.y < patch[3];
+                let friction = if inside { block.ground.patch_friction.lane(lane) } else { friction };
+                let scale = block.geoms[index].friction_scale.lane(lane);
+                let point = tilt * middle + raised - base;
+                let contact = &mut work.contacts[collider.first_slot + k];
+                write(contact, lane, tilt * found.normal, point, found.distance, friction * scale);
+            }
+        }
+    }
+}
+
+fn write<L: Real>(
+    contact: &mut Contact<L>,
+    lane: usize,
+    normal: DVec3,
+    point: DVec3,
+    distance: f64,
+    friction: L::Scalar,
+) {
+    // A lane that touches nothing keeps a unit normal, so that no arithmetic on it goes wrong.
+    if !contact.active.any() {
+        contact.normal = [L::zero(), L::zero(), L::one()];
+        contact.point = [L::zero(); 3];
+        contact.distance = L::zero();
+        contact.friction = L::one();
+    }
+    for k in 0..3 {
+        contact.normal[k].set_lane(lane, L::Scalar::from_f64(normal[k]));
+        contact.point[k].set_lane(lane, L::Scalar::from_f64(point[k]));
+    }
+    contact.distance.set_lane(lane, L::Scalar::from_f64(distance));
+    contact.friction.set_lane(lane, friction);
+    contact.active = contact.distance.lt(L::zero());
+}
+
+/// Contacts of one shape with the terrain's triangles, into `work.found`; pose in terrain coordinates.
+fn find_contacts<L: Real>(
+    terrain: &Terrain,
+    collider: &Collider,
+    (rotation, centre): (DMat3, DVec3),
+    skin: f64,
+    work: &mut Work<L>,
+) {
+    work.found.clear();
+    if !centre.is_finite() {
+        return;
+    }
+    let reach = DVec3::splat(collider.reach + skin.max(0.0));
+    terrain.triangles_in(centre - reach, centre + reach, &mut work.triangles);
+    match &collider.geom.shape {
+        Shape::Sphere(radius) => {
+            for triangle in &work.triangles {
+                work.found.extend(triangle.sphere_contact(centre, radius + skin));
+            }
+            SurfaceContact::sort_out(&mut work.found, collider.slots);
+        }
+        Shape::Capsule { radius, half_length } => {
+            // Both ends as spheres; a ridge between them is not felt.
+            for end in [-half_length, *half_length] {
+                let mut found = Vec::new();
+                for triangle in &work.triangles {
+                    found.extend(triangle.sphere_contact(centre + rotation.z_axis * end, radius + skin));
+                }
+                SurfaceContact::sort_out(&mut found, collider.slots / 2);
+                work.found.append(&mut found);
+            }
+        }
+        _ => {
+            let pose = parry_pose(rotation, centre);
+            for triangle in &work.triangles {
+                let [a, b, c] = triangle.corners;
+                let shape = ParryTriangle::new(a, b, c);
+                let still = parry3d_f64::math::Pose::IDENTITY;
+                // An unsupported pair cannot occur: all shapes here are convex.
+                if let Ok(Some(contact)) = query::contact(&still, &shape, &pose, &*collider.shape, skin.max(0.0))
+                    && contact.dist < skin
+                {
+                    let up = (b - a).cross(c - a).normalize();
+                    let normal = if contact.normal1.dot(up) < 0.0 { up } else { contact.normal1 };
+                    work.found.push(SurfaceContact::new(contact.dist - skin, normal, contact.point1, triangle));
+                }
+            }
+            work.found.sort_by(|a, b| a.distance.total_cmp(&b.distance));
+        }
+    }
+}
+
+fn touch_self<L: Real>(colliders: &Colliders, used: usize, block: &Block<L>, work: &mut Work<L>) {
+    for &(a, b, slot) in &colliders.pairs {
+        work.contacts[slot].active = L::Mask::splat(false);
+        let (first, second) = (&colliders.geoms[a], &colliders.geoms[b]);
+        let (pose_a, pose_b) = (geom_pose(first, work), geom_pose(second, work));
+        for lane in 0..used {
+            let (centre_a, centre_b) = (lane3(&pose_a.1, lane), lane3(&pose_b.1, lane));
+            if !(centre_a - centre_b).is_finite() || (centre_a - centre_b).length() > first.reach + second.reach {
+                continue;
+            }
+            let place = |pose: &(M3<L>, V3<L>)| parry_pose(lane9(&pose.0, lane), lane3(&pose.1, lane));
+            let found = query::contact(&place(&pose_b), &*second.shape, &place(&pose_a), &*first.shape, 0.0);
+            if let Ok(Some(contact)) = found
+                && contact.dist < 0.0
+            {
+                let point = (contact.point1 + contact.point2) * 0.5;
+                let friction = block.ground.friction.lane(lane);
+                write(&mut work.contacts[slot], lane, contact.normal1, point, contact.dist, friction);
+            }
+        }
+    }
+}
+
+fn parry_pose(rotation: DMat3, position: DVec3) -> parry3d_f64::math::Pose {
+    parry3d_f64::math::Pose::from_parts(position, DQuat::from_mat3(&rotation))
+}
+
+fn parry_shape(shape: &Shape) -> SharedShape {
+    match shape {
+        Shape::Sphere(radius) => SharedShape::new(Ball::new(*radius)),
+        Shape::Box(half) => SharedShape::new(Cuboid::new(*half)),
+        Shape::Capsule { radius, half_length } => SharedShape::new(Capsule::new_z(*half_length, *radius)),
+        Shape::Cylinder { radius, half_length } => {
+            // Parry's cylinder stands along y.
+            let turn = parry3d_f64::math::Pose::from_parts(DVec3::ZERO, DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2));
+            SharedShape::compound(vec![(turn, SharedShape::new(Cylinder::new(*half_length, *radius)))])
+        }
+        Shape::Hull(points) => match ConvexPolyhedron::from_convex_hull(points) {
+            Some(hull) => SharedShape::new(hull),
+            None => SharedShape::new(Ball::new(0.0)),
+        },
+    }
+}
+
+/// Radius about the shape's origin that holds all of it.
+fn reach(shape: &Shape) -> f64 {
+    match shape {
+        Shape::Sphere(radius) => *radius,
+        Shape::Box(half) => half.length(),
+        Shape::Capsule { radius, half_length } => radius + half_length,
+        Shape::Cylinder { radius, half_length } => radius.hypot(*half_length),
+        Shape::Hull(points) => points.iter().map(|p| p.length()).fold(0.0, f64::max),
+    }
+}

@@ -1,0 +1,199 @@
+//! Constraint rows: soft contacts, joint friction and joint limits.
+//!
+//! The equations are MuJoCo's (documentation, Computation, "Constraint model"): each row has a reference acceleration
+//! `-b v - k r` and a regularisation from its impedance `d(r)`.
+
+use super::block::{Block, Slot, Work};
+use super::topology::Topology;
+use super::vector::*;
+use crate::lanes::{Mask, Real};
+
+/// Impedance at zero and at full depth, and the depth \[m\] (MuJoCo's default solimp).
+const IMPEDANCE_MIN: f64 = 0.9;
+pub(crate) const IMPEDANCE_MAX: f64 = 0.95;
+const IMPEDANCE_WIDTH: f64 = 0.001;
+/// Time constant of joint friction and joint limits \[s\] (MuJoCo's default solref).
+const JOINT_TIME_CONSTANT: f64 = 0.02;
+/// Friction below this is treated as this (MuJoCo's mjMINMU).
+const LEAST_FRICTION: f64 = 1e-5;
+
+/// Rows of one live contact.
+#[derive(Debug, Clone)]
+pub(crate) struct ContactRows<L: Real> {
+    /// `[dimension][columns]` of the Jacobian; columns as in `Topology::force_columns`.
+    pub jacobian: Vec<L>,
+    pub reference: [L; 6],
+    /// Inverse regularisation.
+    pub weight: [L; 6],
+    /// Regularised coefficient of the cone, `mu / sqrt(impratio)`.
+    pub cone: L,
+    /// Friction coefficient of rows 1.. (two tangents, torsion, two of rolling).
+    pub friction: [L; 5],
+    pub active: L::Mask,
+}
+
+/// All rows of a step.
+#[derive(Debug, Clone)]
+pub(crate) struct Rows<L: Real> {
+    pub dimension: usize,
+    /// One entry per slot; only live ones are current.
+    pub contacts: Vec<ContactRows<L>>,
+    pub friction_reference: Vec<L>,
+    /// Inverse regularisation of joint friction, per degree of freedom.
+    pub friction_weight: Vec<f64>,
+    pub limits: Vec<LimitRow<L>>,
+}
+
+/// A joint at its limit.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct LimitRow<L: Real> {
+    pub dof: usize,
+    /// +1 pushes up from the lower limit, -1 down from the upper.
+    pub sign: L,
+    pub reference: L,
+    pub weight: L,
+    pub active: L::Mask,
+}
+
+impl<L: Real> Rows<L> {
+    pub fn new(topology: &Topology, slots: &[Slot], dimension: usize) -> Self {
+        let zero = L::zero();
+        let contact = |slot: &Slot| ContactRows {
+            jacobian: vec![zero; dimension * topology.force_columns(slot.body).len()],
+            reference: [zero; 6],
+            weight: [zero; 6],
+            cone: zero,
+            friction: [zero; 5],
+            active: L::Mask::splat(false),
+        };
+        Self {
+            dimension,
+            contacts: slots.iter().map(contact).collect(),
+            friction_reference: vec![zero; topology.nv],
+            friction_weight: vec![0.0; topology.nv],
+            limits: Vec::with_capacity(topology.joints),
+        }
+    }
+}
+
+/// What the rows need beside block and work space.
+pub(crate) struct RowSettings<'a> {
+    pub topology: &'a Topology,
+    pub slots: &'a [Slot],
+    /// Inverse weights per degree of freedom.
+    pub dof_weight: &'a [f64],
+    /// Position limits per joint.
+    pub limits: &'a [(f64, f64)],
+    pub impratio: f64,
+    pub timestep: f64,
+}
+
+/// Builds all rows of the live contacts, of joint friction and of violated limits.
+#[inline(always)]
+pub(crate) fn build_rows<L: Real>(settings: &RowSettings, block: &Block<L>, work: &mut Work<L>) {
+    for index in 0..work.live.len() {
+        contact_rows(settings, work.live[index], block, work);
+    }
+    let time_constant = JOINT_TIME_CONSTANT.max(2.0 * settings.timestep);
+    let damping = 2.0 / (IMPEDANCE_MAX * time_constant);
+    if block.any_coulomb {
+        for dof in settings.topology.base_dofs..settings.topology.nv {
+            work.rows.friction_reference[dof] = -(L::splat(damping) * block.v[dof]);
+            work.rows.friction_weight[dof] = IMPEDANCE_MIN / ((1.0 - IMPEDANCE_MIN) * settings.dof_weight[dof]);
+        }
+    }
+    work.rows.limits.clear();
+    for (joint, &(lower, upper)) in settings.limits.iter().enumerate() {
+        let q = block.q[settings.topology.base_positions + joint];
+        if lower > f64::NEG_INFINITY {
+            limit_row(settings, joint, L::one(), q - L::splat(lower), time_constant, block, work);
+        }
+        if upper < f64::INFINITY {
+            limit_row(settings, joint, -L::one(), L::splat(upper) - q, time_constant, block, work);
+        }
+    }
+}
+
+/// Impedance at penetration `depth >= 0` (power 2, midpoint 0.5).
+#[inline(always)]
+fn impedance<L: Real>(depth: L) -> L {
+    let x = (depth * L::splat(1.0 / IMPEDANCE_WIDTH)).min(L::one());
+    let rest = L::one() - x;
+    let two = L::splat(2.0);
+    let y = L::select(x.le(L::splat(0.5)), two * x * x, L::one() - two * rest * rest);
+    L::splat(IMPEDANCE_MIN) + y * L::splat(IMPEDANCE_MAX - IMPEDANCE_MIN)
+}
+
+#[inline(always)]
+fn limit_row<L: Real>(
+    settings: &RowSettings,
+    joint: usize,
+    sign: L,
+    distance: L,
+    time_constant: f64,
+    block: &Block<L>,
+    work: &mut Work<L>,
+) {
+    let active = distance.lt(L::zero());
+    if !active.any() {
+        return;
+    }
+    let dof = settings.topology.joint_dof(joint);
+    let imp = impedance(-distance);
+    let stiffness = L::splat(1.0 / (IMPEDANCE_MAX * time_constant * IMPEDANCE_MAX * time_constant));
+    let damping = L::splat(2.0 / (IMPEDANCE_MAX * time_constant));
+    let reference = -(damping * (sign * block.v[dof])) - stiffness * imp * distance;
+    let weight = imp / ((L::one() - imp) * L::splat(settings.dof_weight[dof]));
+    work.rows.limits.push(LimitRow { dof, sign, reference, weight, active });
+}
+
+#[inline(always)]
+fn contact_rows<L: Real>(settings: &RowSettings, index: usize, block: &Block<L>, work: &mut Work<L>) {
+    let slot = &settings.slots[index];
+    let contact = work.contacts[index];
+    let rows = &mut work.rows.contacts[index];
+    let dimension = work.rows.dimension;
+    let columns = settings.topology.force_columns(slot.body);
+    let (t1, t2) = tangents(contact.normal);
+    let directions = [contact.normal, t1, t2];
+    let mut velocity = [L::zero(); 6];
+    rows.jacobian.fill(L::zero());
+    let mut fill = |body: usize, sign: L| {
+        let path = &settings.topology.bodies[body].path;
+        for (position, &dof) in path.iter().enumerate() {
+            let column = if settings.topology.dense { dof } else { position };
+            let s = &work.subspace[dof];
+            let turning = angular(s);
+            let moving = add(linear(s), cross(turning, contact.point));
+            for k in 0..dimension {
+                // Rows: normal, two tangents; torsion about the normal; rolling about the tangents.
+                let entry = if k < 3 { dot(directions[k], moving) } else { dot(directions[k - 3], turning) };
+                rows.jacobian[k * columns.len() + column] += sign * entry;
+                velocity[k] += sign * entry * block.v[dof];
+            }
+        }
+    };
+    fill(slot.body, L::one());
+    if let Some(other) = slot.other {
+        fill(other, -L::one());
+    }
+    let ground = &block.ground;
+    let imp = impedance(-contact.distance);
+    let mu = contact.friction.max(L::splat(LEAST_FRICTION));
+    let normal_weight = imp / ((L::one() - imp) * L::splat(slot.weight));
+    let tangent_weight = normal_weight * L::splat(settings.impratio);
+    for k in 0..dimension {
+        rows.reference[k] = -(ground.damping * velocity[k]);
+    }
+    rows.reference[0] -= ground.stiffness * imp * contact.distance;
+    let torsional = ground.torsional.max(L::splat(LEAST_FRICTION));
+    let rolling = ground.rolling.max(L::splat(LEAST_FRICTION));
+    rows.friction = [mu, mu, torsional, rolling, rolling];
+    rows.weight[0] = normal_weight;
+    for k in 1..dimension {
+        let ratio = rows.friction[k - 1] / mu;
+        rows.weight[k] = if k < 3 { tangent_weight } else { tangent_weight * ratio * ratio };
+    }
+    rows.cone = mu * L::splat((1.0 / settings.impratio).sqrt());
+    rows.active = contact.active;
+}

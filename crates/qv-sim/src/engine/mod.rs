@@ -1,0 +1,17 @@
+//! The simulator proper, written once over [`crate::lanes::Real`]: one block of lanes holds one environment per lane.
+//!
+//! A step runs the files here in this order: `actuation`, `kinematics`, `dynamics`, `collide`, `constraint`, `newton`,
+//! `step` (which also integrates). `derive` turns parameters into what these read.
+
+pub(crate) mod actuation;
+pub(crate) mod block;
+pub(crate) mod collide;
+pub(crate) mod constraint;
+pub(crate) mod derive;
+pub(crate) mod dynamics;
+pub(crate) mod kinematics;
+pub(crate) mod newton;
+pub(crate) mod step;
+pub(crate) mod topology;
+pub(crate) mod vector;
+pub(crate) mod weights;

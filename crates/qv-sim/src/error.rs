@@ -1,0 +1,76 @@
+//! The error of this crate.
+
+/// What can be wrong with a model, a terrain or a request.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SimError {
+    /// The text is not a URDF.
+    #[error("URDF: expected a <robot> element with links and joints, found: {0}")]
+    UrdfSyntax(String),
+    /// One link of the URDF cannot be simulated.
+    #[error("URDF link `{link}`: expected {expected}, found {found}")]
+    Link {
+        /// Name of the link.
+        link: String,
+        /// What the simulator needs.
+        expected: String,
+        /// What the file says.
+        found: String,
+    },
+    /// One joint of the URDF cannot be simulated.
+    #[error("URDF joint `{joint}`: expected {expected}, found {found}")]
+    Joint {
+        /// Name of the joint.
+        joint: String,
+        /// What the simulator needs.
+        expected: String,
+        /// What the file says.
+        found: String,
+    },
+    /// A terrain that cannot be stood on.
+    #[error("terrain: expected {expected}, found {found}")]
+    Terrain {
+        /// What the simulator needs.
+        expected: String,
+        /// What was given.
+        found: String,
+    },
+    /// An array of the wrong length.
+    #[error("{what}: expected length {expected}, found {found}")]
+    Length {
+        /// The array that is off.
+        what: &'static str,
+        /// Length that was expected.
+        expected: usize,
+        /// Length that was found.
+        found: usize,
+    },
+    /// A number that is out of range or not finite.
+    #[error("{what}: expected {expected}, found {found}")]
+    Value {
+        /// The quantity.
+        what: String,
+        /// The values that are allowed.
+        expected: String,
+        /// The value that was given.
+        found: f64,
+    },
+    /// A parameter name that the model does not have.
+    #[error("parameter `{name}`: not in the catalogue of this model; the nearest name is `{nearest}`")]
+    UnknownParameter {
+        /// The name that was asked for.
+        name: String,
+        /// The closest existing name.
+        nearest: String,
+    },
+    /// An environment index beyond the batch.
+    #[error("environment {index}: expected an index below {count}")]
+    Environment {
+        /// The index that was asked for.
+        index: usize,
+        /// Number of environments in the batch.
+        count: usize,
+    },
+    /// A snapshot of another batch.
+    #[error("snapshot: expected one of this batch (same model, count, precision), found another")]
+    Snapshot,
+}

@@ -1,0 +1,298 @@
+//! The catalogue: every way in which a simulated robot may differ from its model, by name.
+//!
+//! A parameter has a unit, a neutral value (the one that changes nothing) and a range worth searching. Effects in a
+//! diagnosis are priors over these; no caller of the simulator needs a branch of its own.
+
+use crate::SimError;
+use crate::model::{Model, Shape};
+use crate::terrain::Terrain;
+use std::collections::HashMap;
+
+/// One parameter of a model on a terrain.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ParameterInfo {
+    /// Name, such as `joint.FL_calf_joint.armature`.
+    pub name: String,
+    /// SI unit; `1` for ratios.
+    pub unit: &'static str,
+    /// Value that leaves the model as it is.
+    pub neutral: f64,
+    /// Range worth searching; values outside are accepted as long as they mean something.
+    pub range: (f64, f64),
+    /// What it does.
+    pub description: &'static str,
+    /// Smallest value that means something.
+    pub(crate) least: f64,
+    pub(crate) slot: Slot,
+}
+
+/// What a parameter acts on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Slot {
+    Joint(usize, JointField),
+    Link(usize, LinkField),
+    Geom(usize, GeomField),
+    Material(usize),
+    World(WorldField),
+}
+
+macro_rules! fields {
+    ($(#[$doc:meta])* $name:ident { $($variant:ident),* $(,)? }) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub(crate) enum $name { $($variant),* }
+        impl $name {
+            pub const COUNT: usize = [$(Self::$variant),*].len();
+        }
+    };
+}
+
+fields!(JointField {
+    Armature,
+    Viscous,
+    Coulomb,
+    Strength,
+    KpScale,
+    KdScale,
+    TorqueLimit,
+    PositionTorqueLimit,
+    SpeedKnee,
+    SpeedZero,
+    Lag,
+    CommandLatency,
+    Backlash,
+    EncoderBias,
+    EncoderLatency,
+    TorqueScale,
+    ExternalTorque,
+});
+fields!(LinkField { MassScale, ComX, ComY, ComZ, InertiaScale, PayloadMass, PayloadX, PayloadY, PayloadZ });
+fields!(GeomField { FrictionScale, RadiusOffset });
+fields!(WorldField {
+    Friction,
+    TimeConstant,
+    DampingRatio,
+    Restitution,
+    Torsional,
+    Rolling,
+    Height,
+    SlopeX,
+    SlopeY,
+    PatchXMin,
+    PatchXMax,
+    PatchYMin,
+    PatchYMax,
+    PatchFriction,
+    ForceX,
+    ForceY,
+    ForceZ,
+    ForceStart,
+    ForceDuration,
+    TiltRoll,
+    TiltPitch,
+    GyroBiasX,
+    GyroBiasY,
+    GyroBiasZ,
+    AccBiasX,
+    AccBiasY,
+    AccBiasZ,
+    PoseDelay,
+    FootForceScale,
+});
+
+/// Stand-in for "no limit" that stays finite in arithmetic of either precision.
+pub(crate) const UNLIMITED: f64 = 1e9;
+const ANY: f64 = f64::NEG_INFINITY;
+
+/// All parameters of one model on one terrain, in a fixed order: joints, links, shapes, materials, world.
+#[derive(Debug, Clone)]
+pub(crate) struct Catalogue {
+    pub infos: Vec<ParameterInfo>,
+    index: HashMap<String, usize>,
+    pub links_at: usize,
+    pub geoms_at: usize,
+    pub materials_at: usize,
+    pub world_at: usize,
+}
+
+impl Catalogue {
+    pub fn new(model: &Model, terrain: &Terrain) -> Self {
+        let mut infos = Vec::new();
+        for j in 0..model.joints.len() {
+            joint_parameters(&mut infos, model, j);
+        }
+        let links_at = infos.len();
+        for l in 0..model.links.len() {
+            link_parameters(&mut infos, model, l);
+        }
+        let geoms_at = infos.len();
+        for g in 0..model.geoms.len() {
+            geom_parameters(&mut infos, model, g);
+        }
+        let materials_at = infos.len();
+        for (m, (name, friction)) in terrain.materials().iter().enumerate() {
+            infos.push(ParameterInfo {
+                name: format!("material.{name}.friction"),
+                unit: "1",
+                neutral: *friction,
+                range: (0.05, 1.5),
+                description: "Coulomb friction of the terrain's triangles of this material",
+                least: 0.0,
+                slot: Slot::Material(m),
+            });
+        }
+        let world_at = infos.len();
+        world_parameters(&mut infos, terrain);
+        let index = infos.iter().enumerate().map(|(i, p)| (p.name.clone(), i)).collect();
+        Self { infos, index, links_at, geoms_at, materials_at, world_at }
+    }
+
+    pub fn find(&self, name: &str) -> Result<usize, SimError> {
+        self.index.get(name).copied().ok_or_else(|| {
+            let nearest = self.infos.iter().min_by_key(|p| edit_distance(&p.name, name));
+            SimError::UnknownParameter {
+                name: name.to_owned(),
+                nearest: nearest.map(|p| p.name.clone()).unwrap_or_default(),
+            }
+        })
+    }
+
+    pub fn check(&self, id: usize, value: f64) -> Result<(), SimError> {
+        let info = &self.infos[id];
+        if value.is_finite() && value >= info.least {
+            return Ok(());
+        }
+        let expected = if info.least == ANY { "a finite number".into() } else { format!("at least {}", info.least) };
+        Err(SimError::Value { what: info.name.clone(), expected: format!("{expected} [{}]", info.unit), found: value })
+    }
+
+    /// Number of materials.
+    pub fn materials(&self) -> usize {
+        self.world_at - self.materials_at
+    }
+
+    pub fn neutral(&self) -> Vec<f64> {
+        self.infos.iter().map(|p| p.neutral).collect()
+    }
+}
+
+/// Name, unit, neutral, range, least, meaning.
+type Row<F> = (F, &'static str, &'static str, f64, (f64, f64), f64, &'static str);
+
+fn push<F: Copy>(infos: &mut Vec<ParameterInfo>, prefix: &str, rows: &[Row<F>], slot: impl Fn(F) -> Slot) {
+    for &(field, name, unit, neutral, range, least, description) in rows {
+        let name = if prefix.is_empty() { name.to_owned() } else { name.replace('*', prefix) };
+        infos.push(ParameterInfo { name, unit, neutral, range, description, least, slot: slot(field) });
+    }
+}
+
+fn joint_parameters(infos: &mut Vec<ParameterInfo>, model: &Model, index: usize) {
+    use JointField::*;
+    let joint = &model.joints[index];
+    let effort = joint.effort.min(UNLIMITED);
+    let stated = |value: f64, fallback: f64| if value < UNLIMITED { value } else { fallback };
+    let e = stated(effort, 50.0);
+    let rows: [Row<JointField>; JointField::COUNT] = [
+        (Armature, "joint.*.armature", "kg m²", joint.armature, (0.005, 0.05), 0.0, "rotor inertia at the joint"),
+        (Viscous, "joint.*.viscous_friction", "N m s/rad", joint.viscous_friction, (0.0, 0.6), 0.0, "torque per speed against motion"),
+        (Coulomb, "joint.*.coulomb_friction", "N m", joint.coulomb_friction, (0.0, 1.0), 0.0, "constant torque against motion, holds at rest"),
+        (Strength, "actuator.*.strength", "1", 1.0, (0.6, 1.25), 0.0, "delivered over demanded torque"),
+        (KpScale, "actuator.*.kp_scale", "1", 1.0, (0.6, 1.25), 0.0, "true over commanded position gain"),
+        (KdScale, "actuator.*.kd_scale", "1", 1.0, (0.6, 1.25), 0.0, "true over commanded velocity gain"),
+        (TorqueLimit, "actuator.*.torque_limit", "N m", effort, (0.3 * e, e), 0.0, "largest torque that the motor delivers"),
+        (PositionTorqueLimit, "actuator.*.position_torque_limit", "N m", UNLIMITED, (0.3 * e, e), 0.0, "clips position and feed-forward part before damping"),
+        (SpeedKnee, "actuator.*.speed_knee", "rad/s", UNLIMITED, (3.0, 30.0), 0.0, "speed from which the torque limit falls"),
+        (SpeedZero, "actuator.*.speed_zero", "rad/s", 2.0 * UNLIMITED, (6.0, 40.0), 0.0, "speed at which the torque limit reaches zero"),
+        (Lag, "actuator.*.lag", "s", 0.0, (0.0, 0.025), 0.0, "time constant of a first-order lag of the torque"),
+        (CommandLatency, "actuator.*.command_latency", "s", 0.0, (0.0, 0.025), 0.0, "delay of commands"),
+        (Backlash, "actuator.*.backlash", "rad", 0.0, (0.0, 0.02), 0.0, "full width of the play between motor and joint"),
+        (EncoderBias, "sensor.*.encoder_bias", "rad", 0.0, (-0.1, 0.1), ANY, "measured minus true position; the controller sees it"),
+        (EncoderLatency, "sensor.*.encoder_latency", "s", 0.0, (0.0, 0.025), 0.0, "age of reported position and speed"),
+        (TorqueScale, "sensor.*.torque_scale", "1", 1.0, (0.6, 1.25), 0.0, "reported over delivered torque"),
+        (ExternalTorque, "joint.*.external_torque", "N m", 0.0, (-10.0, 10.0), ANY, "outside torque during external.start .. + duration"),
+    ];
+    push(infos, &joint.name, &rows, |f| Slot::Joint(index, f));
+}
+
+fn link_parameters(infos: &mut Vec<ParameterInfo>, model: &Model, index: usize) {
+    use LinkField::*;
+    let offset = (-0.1, 0.1);
+    let rows: [Row<LinkField>; LinkField::COUNT] = [
+        (MassScale, "link.*.mass_scale", "1", 1.0, (0.7, 1.3), 1e-3, "true over modelled mass (inertia scales along)"),
+        (ComX, "link.*.com_x", "m", 0.0, offset, ANY, "shift of the centre of mass, link frame"),
+        (ComY, "link.*.com_y", "m", 0.0, offset, ANY, "shift of the centre of mass, link frame"),
+        (ComZ, "link.*.com_z", "m", 0.0, offset, ANY, "shift of the centre of mass, link frame"),
+        (InertiaScale, "link.*.inertia_scale", "1", 1.0, (0.7, 1.3), 1e-3, "true over modelled rotational inertia"),
+        (PayloadMass, "link.*.payload_mass", "kg", 0.0, (-1.0, 4.0), ANY, "point mass added at the modelled centre of mass plus payload_x, y, z"),
+        (PayloadX, "link.*.payload_x", "m", 0.0, offset, ANY, "position of the payload from the modelled centre of mass"),
+        (PayloadY, "link.*.payload_y", "m", 0.0, offset, ANY, "position of the payload from the modelled centre of mass"),
+        (PayloadZ, "link.*.payload_z", "m", 0.0, offset, ANY, "position of the payload from the modelled centre of mass"),
+    ];
+    push(infos, &model.links[index].name, &rows, |f| Slot::Link(index, f));
+}
+
+fn geom_parameters(infos: &mut Vec<ParameterInfo>, model: &Model, index: usize) {
+    use GeomField::*;
+    let radius = match model.geoms[index].shape {
+        Shape::Sphere(r) | Shape::Capsule { radius: r, .. } => r,
+        _ => 0.0,
+    };
+    let rows: [Row<GeomField>; GeomField::COUNT] = [
+        (FrictionScale, "geom.*.friction_scale", "1", 1.0, (0.2, 1.5), 0.0, "multiplies the friction of the ground under this shape"),
+        (RadiusOffset, "geom.*.radius_offset", "m", 0.0, (-0.2 * radius, 0.2 * radius), -radius, "true minus modelled radius (spheres, capsules; skin of others)"),
+    ];
+    push(infos, &model.geoms[index].name, &rows, |f| Slot::Geom(index, f));
+}
+
+fn world_parameters(infos: &mut Vec<ParameterInfo>, terrain: &Terrain) {
+    use WorldField::*;
+    let slope = (-0.07, 0.07);
+    let tilt = (-0.0524, 0.0524);
+    let rows: [Row<WorldField>; WorldField::COUNT] = [
+        (Friction, "contact.friction", "1", terrain.friction(), (0.1, 1.2), 0.0, "Coulomb friction of ground without a material"),
+        (TimeConstant, "contact.time_constant", "s", 0.008, (0.002, 0.05), 1e-6, "time constant of the soft contact (MuJoCo solref[0])"),
+        (DampingRatio, "contact.damping_ratio", "1", 1.0, (0.1, 2.0), 1e-3, "damping ratio of the soft contact (MuJoCo solref[1])"),
+        (Restitution, "contact.restitution", "1", 0.0, (0.0, 0.8), 0.0, "rebound over impact speed; above zero it sets the damping ratio"),
+        (Torsional, "contact.torsional_friction", "m", 0.005, (0.0, 0.02), 0.0, "torsional friction length (contact dimension 4 and 6)"),
+        (Rolling, "contact.rolling_friction", "m", 0.0001, (0.0, 0.005), 0.0, "rolling friction length (contact dimension 6)"),
+        (Height, "terrain.height", "m", 0.0, (-0.1, 0.1), ANY, "raises the terrain"),
+        (SlopeX, "terrain.slope_x", "rad", 0.0, slope, ANY, "tilts the terrain about the origin so that it rises along x"),
+        (SlopeY, "terrain.slope_y", "rad", 0.0, slope, ANY, "tilts the terrain about the origin so that it rises along y"),
+        (PatchXMin, "terrain.patch.x_min", "m", 0.0, (-5.0, 5.0), ANY, "rectangle of other friction"),
+        (PatchXMax, "terrain.patch.x_max", "m", 0.0, (-5.0, 5.0), ANY, "rectangle of other friction (empty while max <= min)"),
+        (PatchYMin, "terrain.patch.y_min", "m", 0.0, (-5.0, 5.0), ANY, "rectangle of other friction"),
+        (PatchYMax, "terrain.patch.y_max", "m", 0.0, (-5.0, 5.0), ANY, "rectangle of other friction (empty while max <= min)"),
+        (PatchFriction, "terrain.patch.friction", "1", terrain.friction(), (0.05, 1.5), 0.0, "Coulomb friction inside the rectangle"),
+        (ForceX, "external.force_x", "N", 0.0, (-30.0, 30.0), ANY, "outside force at the base's centre of mass, world frame"),
+        (ForceY, "external.force_y", "N", 0.0, (-30.0, 30.0), ANY, "outside force at the base's centre of mass, world frame"),
+        (ForceZ, "external.force_z", "N", 0.0, (-30.0, 30.0), ANY, "outside force at the base's centre of mass, world frame"),
+        (ForceStart, "external.start", "s", 0.0, (0.0, 60.0), ANY, "time at which outside force and torques begin"),
+        (ForceDuration, "external.duration", "s", UNLIMITED, (0.0, 60.0), 0.0, "how long outside force and torques last"),
+        (TiltRoll, "sensor.imu.tilt_roll", "rad", 0.0, tilt, ANY, "mounting error of the IMU about x"),
+        (TiltPitch, "sensor.imu.tilt_pitch", "rad", 0.0, tilt, ANY, "mounting error of the IMU about y"),
+        (GyroBiasX, "sensor.imu.gyro_bias_x", "rad/s", 0.0, (-0.1, 0.1), ANY, "constant error of the gyroscope"),
+        (GyroBiasY, "sensor.imu.gyro_bias_y", "rad/s", 0.0, (-0.1, 0.1), ANY, "constant error of the gyroscope"),
+        (GyroBiasZ, "sensor.imu.gyro_bias_z", "rad/s", 0.0, (-0.1, 0.1), ANY, "constant error of the gyroscope"),
+        (AccBiasX, "sensor.imu.acc_bias_x", "m/s²", 0.0, (-0.5, 0.5), ANY, "constant error of the accelerometer"),
+        (AccBiasY, "sensor.imu.acc_bias_y", "m/s²", 0.0, (-0.5, 0.5), ANY, "constant error of the accelerometer"),
+        (AccBiasZ, "sensor.imu.acc_bias_z", "m/s²", 0.0, (-0.5, 0.5), ANY, "constant error of the accelerometer"),
+        (PoseDelay, "sensor.pose.delay", "s", 0.0, (0.0, 0.1), 0.0, "age of the reported base pose"),
+        (FootForceScale, "sensor.foot_force.scale", "1", 1.0, (0.5, 1.5), 0.0, "reported over true foot force"),
+    ];
+    push(infos, "", &rows, Slot::World);
+}
+
+fn edit_distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for j in 0..b.len() {
+            let substituted = diagonal + usize::from(x != b[j]);
+            diagonal = row[j + 1];
+            row[j + 1] = substituted.min(row[j] + 1).min(diagonal + 1);
+        }
+    }
+    row[b.len()]
+}

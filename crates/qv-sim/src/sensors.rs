@@ -1,0 +1,114 @@
+//! What the robot's sensors report: the state as its encoders, IMU, force sensors and localisation see it.
+
+use crate::batch::lanes_of::Engine;
+use crate::engine::step::Shared;
+use crate::model::Model;
+use crate::parameters::{Catalogue, JointField, WorldField};
+use crate::{BaseKind, SimError};
+use glam::{DQuat, DVec3};
+use qv_core::Pose;
+
+/// One reading of all sensors, with bias, tilt, scale and delay of the environment's parameters. No noise: callers add
+/// it with their own seed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SensorReading {
+    /// Encoder positions \[rad\], shape `[joints]`.
+    pub q: Vec<f64>,
+    /// Encoder speeds \[rad/s\], shape `[joints]`.
+    pub dq: Vec<f64>,
+    /// Torque estimates \[N m\] of the last step, shape `[joints]`.
+    pub tau: Vec<f64>,
+    /// Gyroscope in IMU axes \[rad/s\]. The IMU is the frame `imu` or `imu_link`, else the base; zero with a fixed base.
+    pub gyro: [f64; 3],
+    /// Accelerometer (specific force) in IMU axes at the IMU \[m/s²\], from the acceleration of the last step.
+    pub acc: [f64; 3],
+    /// World from IMU, w, x, y, z.
+    pub imu_orientation: [f64; 4],
+    /// Normal force of each collision shape on the ground \[N\] in the last step, shape `[geoms]`.
+    pub foot_force: Vec<f64>,
+    /// Reported base position in the world \[m\].
+    pub base_position: [f64; 3],
+    /// Reported base orientation, w, x, y, z.
+    pub base_orientation: [f64; 4],
+}
+
+pub(crate) fn read(
+    model: &Model,
+    shared: &Shared,
+    catalogue: &Catalogue,
+    engine: &dyn Engine,
+    imu: Option<usize>,
+    env: usize,
+    value: impl Fn(usize) -> f64,
+) -> Result<SensorReading, SimError> {
+    let world = |field: WorldField| value(catalogue.world_at + field as usize);
+    let joint = |j: usize, field: JointField| value(j * JointField::COUNT + field as usize);
+    let timestep = shared.options.timestep;
+    let most = shared.options.max_sensor_latency;
+    let past = |latency: f64, id: usize| -> Result<(Vec<f64>, Vec<f64>), SimError> {
+        if latency > most {
+            let (what, expected) = (catalogue.infos[id].name.clone(), format!("at most max_sensor_latency, {most} s"));
+            return Err(SimError::Value { what, expected, found: latency });
+        }
+        let (mut q, mut v) = (vec![0.0; model.nq()], vec![0.0; model.nv()]);
+        engine.read_past_state(env, latency / timestep, &mut q, &mut v);
+        Ok((q, v))
+    };
+    let (q, v) = past(0.0, 0)?;
+    let (positions, dofs) = (shared.topology.base_positions, shared.topology.base_dofs);
+    let mut reading = SensorReading {
+        q: q[positions..].to_vec(),
+        dq: v[dofs..].to_vec(),
+        tau: engine.torque(env),
+        gyro: [0.0; 3],
+        acc: [0.0; 3],
+        imu_orientation: [1.0, 0.0, 0.0, 0.0],
+        foot_force: engine.geom_force(env),
+        base_position: [0.0; 3],
+        base_orientation: [1.0, 0.0, 0.0, 0.0],
+    };
+    for j in 0..model.joints.len() {
+        let latency = joint(j, JointField::EncoderLatency);
+        if latency > 0.0 {
+            let (q, v) = past(latency, j * JointField::COUNT + JointField::EncoderLatency as usize)?;
+            (reading.q[j], reading.dq[j]) = (q[positions + j], v[dofs + j]);
+        }
+        reading.q[j] += joint(j, JointField::EncoderBias);
+        reading.tau[j] *= joint(j, JointField::TorqueScale);
+    }
+    reading.foot_force.iter_mut().for_each(|f| *f *= world(WorldField::FootForceScale));
+    if model.base == BaseKind::Fixed {
+        return Ok(reading);
+    }
+    let (late, _) = past(world(WorldField::PoseDelay), catalogue.world_at + WorldField::PoseDelay as usize)?;
+    let reported = base_pose(&late);
+    reading.base_position = reported.position.to_array();
+    reading.base_orientation = reported.wxyz();
+    let base_from_imu = imu
+        .map(|f| &model.frames[f])
+        .filter(|f| f.link == Some(0))
+        .map_or(Pose::IDENTITY, |f| f.link_from_frame);
+    let tilt = DQuat::from_rotation_y(world(WorldField::TiltPitch)) * DQuat::from_rotation_x(world(WorldField::TiltRoll));
+    let imu_rotation = base_from_imu.rotation * tilt;
+    let world_from_base = base_pose(&q);
+    let acceleration = engine.acceleration(env);
+    let turning = DVec3::new(v[3], v[4], v[5]);
+    let turning_rate = DVec3::new(acceleration[3], acceleration[4], acceleration[5]);
+    let arm = base_from_imu.position;
+    let moving = DVec3::new(acceleration[0], acceleration[1], acceleration[2]) - DVec3::from_array(shared.options.gravity);
+    let specific_force_in_base = world_from_base.rotation.conjugate() * moving
+        + turning_rate.cross(arm)
+        + turning.cross(turning.cross(arm));
+    let bias = |x, y, z| DVec3::new(world(x), world(y), world(z));
+    let gyro = imu_rotation.conjugate() * turning + bias(WorldField::GyroBiasX, WorldField::GyroBiasY, WorldField::GyroBiasZ);
+    let acc = imu_rotation.conjugate() * specific_force_in_base + bias(WorldField::AccBiasX, WorldField::AccBiasY, WorldField::AccBiasZ);
+    reading.gyro = gyro.to_array();
+    reading.acc = acc.to_array();
+    let orientation = world_from_base.rotation * imu_rotation;
+    reading.imu_orientation = [orientation.w, orientation.x, orientation.y, orientation.z];
+    Ok(reading)
+}
+
+fn base_pose(q: &[f64]) -> Pose {
+    Pose::from_position_wxyz([q[0], q[1], q[2]], [q[3], q[4], q[5], q[6]]).unwrap_or(Pose::IDENTITY)
+}

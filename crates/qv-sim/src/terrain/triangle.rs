@@ -1,0 +1,181 @@
+//! A sphere against triangles, with contacts at inner edges of a surface sorted out.
+
+use glam::DVec3;
+
+/// One triangle of a terrain.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Triangle {
+    /// Index in the terrain.
+    pub index: u32,
+    /// Corners \[m\], counter-clockwise seen from above.
+    pub corners: [DVec3; 3],
+    /// Index of its material.
+    pub material: Option<u16>,
+}
+
+/// Where a shape touches a surface.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SurfaceContact {
+    /// Negative = penetration \[m\].
+    pub distance: f64,
+    /// From terrain to robot.
+    pub normal: DVec3,
+    /// Point on the terrain \[m\].
+    pub on_terrain: DVec3,
+    /// Material of the triangle.
+    pub material: Option<u16>,
+    /// Whether the point lies inside the face, not on its rim.
+    in_face: bool,
+    triangle: [DVec3; 3],
+}
+
+impl Triangle {
+    /// Height of the triangle's plane above (x, y) when that lies within the triangle.
+    pub fn height_at(&self, x: f64, y: f64) -> Option<f64> {
+        let [a, b, c] = self.corners;
+        let (u, v) = (b - a, c - a);
+        let determinant = u.x * v.y - u.y * v.x;
+        if determinant.abs() < 1e-18 {
+            return None;
+        }
+        let (dx, dy) = (x - a.x, y - a.y);
+        let (s, t) = ((dx * v.y - dy * v.x) / determinant, (u.x * dy - u.y * dx) / determinant);
+        let slack = 1e-9;
+        (s >= -slack && t >= -slack && s + t <= 1.0 + slack).then(|| a.z + s * u.z + t * v.z)
+    }
+
+    /// Contact of a sphere when it penetrates. Ground is solid below its faces: a centre just under a face is pushed
+    /// out along the face's normal.
+    pub fn sphere_contact(&self, centre: DVec3, radius: f64) -> Option<SurfaceContact> {
+        let [a, b, c] = self.corners;
+        let face_normal = (b - a).cross(c - a).normalize();
+        let height = (centre - a).dot(face_normal);
+        if height.abs() >= radius {
+            return None;
+        }
+        let (point, in_face) = closest_point(centre, a, b, c);
+        let offset = centre - point;
+        let length = offset.length();
+        if length >= radius {
+            return None;
+        }
+        let (distance, normal) = if in_face {
+            (height - radius, face_normal)
+        } else if height > 0.0 && length > 1e-12 {
+            (length - radius, offset / length)
+        } else {
+            // Beside and below the rim: the neighbouring face has it.
+            return None;
+        };
+        let (material, triangle) = (self.material, self.corners);
+        Some(SurfaceContact { distance, normal, on_terrain: point, material, in_face, triangle })
+    }
+}
+
+impl SurfaceContact {
+    /// A contact found by another method.
+    pub fn new(distance: f64, normal: DVec3, on_terrain: DVec3, triangle: &Triangle) -> Self {
+        let (material, triangle) = (triangle.material, triangle.corners);
+        Self { distance, normal, on_terrain, material, in_face: true, triangle }
+    }
+
+    /// Drops contacts at inner edges: a rim contact is real only when no neighbour that shares the touched point is
+    /// nearer to the sphere. Of several contacts at one point (a ridge) the first stays. Then keeps the `most` deepest.
+    pub fn sort_out(contacts: &mut Vec<Self>, most: usize) {
+        let all = contacts.clone();
+        let mut index = 0;
+        contacts.retain(|contact| {
+            let own = index;
+            index += 1;
+            contact.in_face || !all.iter().enumerate().any(|(i, other)| i != own && other.covers(contact, i < own))
+        });
+        if contacts.len() > most {
+            contacts.sort_by(|a, b| a.distance.total_cmp(&b.distance));
+            contacts.truncate(most);
+        }
+    }
+
+    fn covers(&self, rim: &Self, earlier: bool) -> bool {
+        const SAME: f64 = 1e-9;
+        let nearer = self.distance < rim.distance - SAME;
+        let same = (self.on_terrain - rim.on_terrain).length_squared() < SAME * SAME;
+        if same {
+            return earlier || self.in_face;
+        }
+        let [a, b, c] = self.triangle;
+        nearer && (closest_point(rim.on_terrain, a, b, c).0 - rim.on_terrain).length_squared() < SAME * SAME
+    }
+}
+
+/// Closest point of a triangle, and whether it lies inside the face (Ericson, Real-Time Collision Detection, 5.1.5).
+fn closest_point(p: DVec3, a: DVec3, b: DVec3, c: DVec3) -> (DVec3, bool) {
+    let (ab, ac, ap) = (b - a, c - a, p - a);
+    let (d1, d2) = (ab.dot(ap), ac.dot(ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return (a, false);
+    }
+    let bp = p - b;
+    let (d3, d4) = (ab.dot(bp), ac.dot(bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return (b, false);
+    }
+    let vc = d1 * d4 - d3 * d2;
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        return (a + ab * (d1 / (d1 - d3)), false);
+    }
+    let cp = p - c;
+    let (d5, d6) = (ab.dot(cp), ac.dot(cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return (c, false);
+    }
+    let vb = d5 * d2 - d1 * d6;
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        return (a + ac * (d2 / (d2 - d6)), false);
+    }
+    let va = d3 * d6 - d5 * d4;
+    if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 {
+        return (b + (c - b) * ((d4 - d3) / ((d4 - d3) + (d5 - d6))), false);
+    }
+    let inverse = 1.0 / (va + vb + vc);
+    (a + ab * (vb * inverse) + ac * (vc * inverse), true)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn flat(offset: f64) -> Triangle {
+        let corners = [DVec3::new(offset, 0.0, 0.0), DVec3::new(offset + 1.0, 0.0, 0.0), DVec3::new(offset, 1.0, 0.0)];
+        Triangle { index: 0, corners, material: None }
+    }
+
+    #[test]
+    fn face_contact_points_up_from_either_side() {
+        for z in [0.015, 0.0, -0.005] {
+            let contact = flat(0.0).sphere_contact(DVec3::new(0.3, 0.3, z), 0.02).unwrap();
+            assert!((contact.normal - DVec3::Z).length() < 1e-12);
+            assert!((contact.distance - (z - 0.02)).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn inner_edges_are_not_felt() {
+        let left = Triangle {
+            index: 1,
+            corners: [DVec3::ZERO, DVec3::Y, DVec3::new(-1.0, 0.5, 0.0)],
+            material: None,
+        };
+        let centre = DVec3::new(0.002, 0.4, 0.018);
+        let mut contacts: Vec<_> = [flat(0.0), left].iter().filter_map(|t| t.sphere_contact(centre, 0.02)).collect();
+        assert_eq!(contacts.len(), 2, "both are touched");
+        SurfaceContact::sort_out(&mut contacts, 4);
+        assert_eq!(contacts.len(), 1);
+        assert!((contacts[0].normal - DVec3::Z).length() < 1e-12);
+    }
+
+    #[test]
+    fn an_outer_edge_is_felt() {
+        let contact = flat(0.0).sphere_contact(DVec3::new(0.5, -0.01, 0.01), 0.02).unwrap();
+        assert!((contact.normal - DVec3::new(0.0, -1.0, 1.0).normalize()).length() < 1e-12);
+    }
+}

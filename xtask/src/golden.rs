@@ -1,0 +1,155 @@
+//! `cargo xtask golden`: reference results under `fixtures/`, listed in `fixtures/manifest.toml`.
+
+use crate::{process, python, workspace::Workspace};
+use anyhow::{Context, Result, bail};
+use clap::Subcommand;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+/// What to do with goldens.
+#[derive(Subcommand)]
+pub enum Golden {
+    /// Run the tests that compare with goldens (test programs named golden*)
+    Check {
+        /// Also run the generators and compare their output with the files, byte by byte
+        #[arg(long)]
+        regenerate: bool,
+    },
+    /// Write goldens anew with their pinned generators
+    Bless {
+        /// Names in the manifest; all when none is given
+        names: Vec<String>,
+    },
+}
+
+/// `fixtures/manifest.toml`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// Programs that write goldens, by name.
+    pub generators: BTreeMap<String, Generator>,
+    /// The goldens.
+    #[serde(default)]
+    pub golden: Vec<Entry>,
+}
+
+/// A Python program that writes goldens: takes `--out FOLDER` and names.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Generator {
+    /// The program, relative to `fixtures/`.
+    pub command: String,
+    /// Folder under `fixtures/` whose requirements.txt pins what it needs.
+    pub environment: String,
+}
+
+/// One golden.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Entry {
+    /// File relative to `fixtures/`.
+    pub file: String,
+    /// Key in `generators`.
+    pub generator: String,
+    /// What the generator and the tests call it.
+    pub name: String,
+}
+
+impl Manifest {
+    /// Reads the manifest of a workspace.
+    ///
+    /// # Errors
+    /// The file is missing or malformed, or an entry names a generator that is not there.
+    pub fn read(root: &Path) -> Result<Self> {
+        let path = root.join("fixtures/manifest.toml");
+        let text = fs::read_to_string(&path).with_context(|| format!("reading {}", path.display()))?;
+        let manifest: Self = toml::from_str(&text).with_context(|| format!("in {}", path.display()))?;
+        for entry in &manifest.golden {
+            if !manifest.generators.contains_key(&entry.generator) {
+                bail!(
+                    "{}: {}: expected a generator of the manifest, found {:?}",
+                    path.display(),
+                    entry.name,
+                    entry.generator
+                );
+            }
+        }
+        Ok(manifest)
+    }
+}
+
+/// Checks or blesses; true when all agrees.
+///
+/// # Errors
+/// The manifest cannot be read, or a program cannot be run.
+pub fn run(workspace: &Workspace, what: Golden) -> Result<bool> {
+    let manifest = Manifest::read(&workspace.workspace_root)?;
+    match what {
+        Golden::Bless { names } => bless(workspace, &manifest, &names).map(|()| true),
+        Golden::Check { regenerate } => {
+            let tests = check_tests(workspace)?;
+            Ok(if regenerate { compare_regenerated(workspace, &manifest)? && tests } else { tests })
+        }
+    }
+}
+
+fn check_tests(workspace: &Workspace) -> Result<bool> {
+    let mut cargo = process::cargo();
+    cargo.current_dir(&workspace.workspace_root).args(["test", "--workspace", "--test", "golden*"]);
+    process::watch(&mut cargo, |_| {})
+}
+
+fn bless(workspace: &Workspace, manifest: &Manifest, names: &[String]) -> Result<()> {
+    if let Some(unknown) = names.iter().find(|name| manifest.golden.iter().all(|entry| entry.name != **name)) {
+        let known: Vec<&str> = manifest.golden.iter().map(|entry| entry.name.as_str()).collect();
+        bail!("expected a name among {}, found {unknown:?}", known.join(", "));
+    }
+    for (key, generator) in &manifest.generators {
+        let chosen: Vec<&Entry> = manifest
+            .golden
+            .iter()
+            .filter(|entry| entry.generator == *key && (names.is_empty() || names.contains(&entry.name)))
+            .collect();
+        if let Some(first) = chosen.first() {
+            let fixtures = workspace.workspace_root.join("fixtures");
+            let file = fixtures.join(&first.file);
+            let out = file.parent().with_context(|| format!("{} has no folder", file.display()))?;
+            generate(workspace, generator, out, &chosen)?;
+        }
+    }
+    Ok(())
+}
+
+fn generate(workspace: &Workspace, generator: &Generator, out: &Path, entries: &[&Entry]) -> Result<()> {
+    let python = python::environment(workspace, &generator.environment)?;
+    let program = workspace.workspace_root.join("fixtures").join(&generator.command);
+    let mut command = Command::new(python);
+    // No byte code beside the sources.
+    command.env("PYTHONDONTWRITEBYTECODE", "1").arg(program).arg("--out").arg(out);
+    process::run(command.args(entries.iter().map(|entry| &entry.name)))
+}
+
+/// Whether the generators write today what is stored. MuJoCo promises the same bits on the same machine only, so this
+/// is asked for, not part of every check.
+fn compare_regenerated(workspace: &Workspace, manifest: &Manifest) -> Result<bool> {
+    let mut same = true;
+    for (key, generator) in &manifest.generators {
+        let out = workspace.target_directory.join("regenerated").join(key);
+        let entries: Vec<&Entry> = manifest.golden.iter().filter(|entry| entry.generator == *key).collect();
+        generate(workspace, generator, &out, &entries)?;
+        for entry in entries {
+            let stored = workspace.workspace_root.join("fixtures").join(&entry.file);
+            let fresh = out.join(stored.file_name().with_context(|| format!("{} has no file name", entry.file))?);
+            let read = |path: &Path| fs::read(path).with_context(|| format!("reading {}", path.display()));
+            if read(&stored)? != read(&fresh)? {
+                println!("{} differs from {}", fresh.display(), stored.display());
+                same = false;
+            }
+        }
+    }
+    println!("generators {}", if same { "write what is stored" } else { "do not write what is stored" });
+    Ok(same)
+}

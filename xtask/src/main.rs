@@ -1,0 +1,69 @@
+//! Chores of the workspace. `cargo xtask --help` lists them.
+
+mod bench;
+mod fuzz;
+mod golden;
+mod process;
+mod python;
+mod test;
+mod tidy;
+mod workspace;
+
+use anyhow::Result;
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+use workspace::Workspace;
+
+/// Chores of the QuadVerse workspace.
+#[derive(Parser)]
+#[command(name = "cargo xtask")]
+struct Arguments {
+    #[command(subcommand)]
+    chore: Chore,
+}
+
+#[derive(Subcommand)]
+enum Chore {
+    /// Run every test of the workspace and say how many passed
+    Test {
+        /// Build with optimisation
+        #[arg(long)]
+        release: bool,
+    },
+    /// Check the invariants of docs/ARCHITECTURE.md
+    Tidy,
+    /// Reference results: check against them, or write them anew
+    #[command(subcommand)]
+    Golden(golden::Golden),
+    /// Measure speed
+    #[command(subcommand)]
+    Bench(bench::Bench),
+    /// Run every fuzz target for a while (needs cargo-fuzz and a nightly toolchain)
+    Fuzz {
+        /// Seconds per target
+        #[arg(long, default_value_t = 60)]
+        seconds: u64,
+    },
+}
+
+fn run(chore: Chore) -> Result<bool> {
+    let workspace = Workspace::load()?;
+    match chore {
+        Chore::Test { release } => test::run(&workspace, release),
+        Chore::Tidy => tidy::run(&workspace),
+        Chore::Golden(golden) => golden::run(&workspace, golden),
+        Chore::Bench(bench) => bench::run(&workspace, bench),
+        Chore::Fuzz { seconds } => fuzz::run(&workspace, seconds),
+    }
+}
+
+fn main() -> ExitCode {
+    match run(Arguments::parse().chore) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

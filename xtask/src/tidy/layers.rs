@@ -1,0 +1,151 @@
+//! Which crate may use which, and what each crate must have.
+
+use super::Source;
+use crate::workspace::{Package, Workspace};
+use std::path::Path;
+
+/// Layer of each crate; the table of docs/ARCHITECTURE.md. `qv` and `xtask` are above all and used by none.
+const LAYERS: [(&str, u8); 12] = [
+    ("qv-core", 0),
+    ("qv-sim", 1),
+    ("qv-raster", 1),
+    ("qv-mesh", 1),
+    ("qv-splat", 2),
+    ("qv-replay", 2),
+    ("qv-go2", 3),
+    ("qv-contact", 3),
+    ("qv-residual", 3),
+    ("qv-gap", 3),
+    ("qv", 4),
+    ("xtask", 4),
+];
+
+/// Layer of a crate of the workspace.
+pub fn layer(name: &str) -> Option<u8> {
+    LAYERS.iter().find(|(known, _)| *known == name).map(|(_, layer)| *layer)
+}
+
+/// All findings about packages.
+pub fn check(workspace: &Workspace, sources: &[Source]) -> Vec<String> {
+    let mut found = Vec::new();
+    for package in workspace.members() {
+        found.extend(directions(package));
+        found.extend(gpu_gate(package));
+        found.extend(completeness(package, &workspace.workspace_root, sources));
+    }
+    found
+}
+
+/// Dependencies must point to a lower layer. Those of tests and examples are free: the Go2 may walk in the tests of
+/// the simulator, which ships without it.
+fn directions(package: &Package) -> Vec<String> {
+    let Some(own) = layer(&package.name) else {
+        return vec![format!("{}: expected a crate of the layer table, found none of that name", package.name)];
+    };
+    let shipped = package.dependencies.iter().filter(|dependency| dependency.kind.as_deref() != Some("dev"));
+    shipped
+        .filter_map(|dependency| Some((dependency, layer(&dependency.name)?)))
+        .filter(|(_, theirs)| *theirs >= own)
+        .map(|(dependency, theirs)| {
+            format!(
+                "{} (layer {own}): expected dependencies below, found {} (layer {theirs})",
+                package.name, dependency.name
+            )
+        })
+        .collect()
+}
+
+/// wgpu must be optional and turned on by the feature `gpu` only.
+fn gpu_gate(package: &Package) -> Vec<String> {
+    let mut found = Vec::new();
+    let gpu_crates = package.dependencies.iter().filter(|d| d.name.starts_with("wgpu") && d.kind.is_none());
+    for dependency in gpu_crates {
+        if !dependency.optional {
+            found.push(format!(
+                "{}: expected {} behind the feature gpu, found it always on",
+                package.name, dependency.name
+            ));
+        }
+        let (explicit, implicit) = (format!("dep:{}", dependency.name), dependency.name.clone());
+        for (feature, parts) in &package.features {
+            let turns_on = parts.iter().any(|part| *part == explicit || *part == implicit);
+            if turns_on && feature != "gpu" {
+                found
+                    .push(format!("{}: expected {} in the feature gpu, found it in {feature}", package.name, implicit));
+            }
+        }
+    }
+    found
+}
+
+/// Every library has an example, every crate a line in README.md and the licence of the workspace.
+fn completeness(package: &Package, root: &Path, sources: &[Source]) -> Vec<String> {
+    let mut found = Vec::new();
+    if package.has_target("lib") && !package.has_target("example") {
+        found.push(format!("{}: expected a runnable example, found none", package.name));
+    }
+    if package.license.as_deref() != Some("MIT OR Apache-2.0") {
+        found.push(format!("{}: expected the licence MIT OR Apache-2.0, found {:?}", package.name, package.license));
+    }
+    let mentioned = format!("`{}`", package.name);
+    for page in ["README.md", "docs/ARCHITECTURE.md"] {
+        let text = sources.iter().find(|source| source.path == Path::new(page)).map(|source| source.text.as_str());
+        if !text.is_some_and(|text| text.contains(&mentioned)) {
+            found.push(format!("{page}: expected it to name the crate {mentioned}, found nothing"));
+        }
+    }
+    if package.name.starts_with("qv") && package.folder() != root.join("crates").join(&package.name) {
+        found.push(format!("{}: expected it in crates/{}", package.name, package.name));
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::workspace::{Dependency, Target};
+
+    fn package(name: &str, dependencies: &[(&str, Option<&str>)]) -> Package {
+        Package {
+            name: name.into(),
+            version: "0.1.0".into(),
+            id: name.into(),
+            license: Some("MIT OR Apache-2.0".into()),
+            manifest_path: format!("/top/crates/{name}/Cargo.toml").into(),
+            dependencies: dependencies
+                .iter()
+                .map(|(name, kind)| Dependency { name: (*name).into(), kind: kind.map(Into::into), optional: false })
+                .collect(),
+            targets: vec![Target { name: name.into(), kind: vec!["lib".into()] }],
+            features: Default::default(),
+        }
+    }
+
+    #[test]
+    fn up_and_sideways_are_found_and_down_is_not() {
+        assert!(directions(&package("qv-replay", &[("qv-core", None), ("qv-sim", None), ("serde", None)])).is_empty());
+        assert_eq!(directions(&package("qv-sim", &[("qv-go2", None)])).len(), 1);
+        assert_eq!(directions(&package("qv-sim", &[("qv-raster", None)])).len(), 1);
+        assert_eq!(directions(&package("qv-core", &[("xtask", Some("build"))])).len(), 1);
+        assert!(directions(&package("qv-sim", &[("qv-go2", Some("dev"))])).is_empty());
+        assert_eq!(directions(&package("qv-new", &[])).len(), 1);
+    }
+
+    #[test]
+    fn wgpu_must_be_gated() {
+        let mut raster = package("qv-raster", &[("wgpu", None)]);
+        assert_eq!(gpu_gate(&raster).len(), 1);
+        raster.dependencies[0].optional = true;
+        raster.features.insert("gpu".into(), vec!["dep:wgpu".into()]);
+        assert!(gpu_gate(&raster).is_empty());
+        raster.features.insert("fast".into(), vec!["dep:wgpu".into()]);
+        assert_eq!(gpu_gate(&raster).len(), 1);
+    }
+
+    #[test]
+    fn a_bare_crate_is_incomplete() {
+        let readme = Source { path: "README.md".into(), text: "- `qv-sim`: ...".into() };
+        let found = completeness(&package("qv-sim", &[]), Path::new("/top"), &[readme]);
+        assert_eq!(found.len(), 2, "no example, not in ARCHITECTURE.md: {found:?}");
+    }
+}

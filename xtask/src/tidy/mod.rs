@@ -1,0 +1,65 @@
+//! `cargo xtask tidy`: the invariants of docs/ARCHITECTURE.md, read from `cargo metadata` and the files. Also a test.
+
+mod goldens;
+mod layers;
+mod licences;
+mod rust_text;
+mod sources;
+
+use crate::workspace::Workspace;
+use anyhow::{Context, Result};
+use std::fs;
+use std::path::PathBuf;
+
+/// A text file of the repository.
+struct Source {
+    /// Relative to the root.
+    path: PathBuf,
+    text: String,
+}
+
+/// Everything that breaks an invariant, one line each.
+///
+/// # Errors
+/// Something that must be read cannot be read.
+fn findings(workspace: &Workspace) -> Result<Vec<String>> {
+    let root = &workspace.workspace_root;
+    let mut texts = Vec::new();
+    for path in workspace.files()? {
+        let bytes = fs::read(root.join(&path)).with_context(|| format!("reading {}", path.display()))?;
+        // What is not UTF-8 is not text, and no rule here speaks of it.
+        if let Ok(text) = String::from_utf8(bytes) {
+            texts.push(Source { path, text });
+        }
+    }
+    let mut found = layers::check(workspace, &texts);
+    found.extend(licences::check(workspace)?);
+    found.extend(sources::check(workspace, &texts));
+    found.extend(goldens::check(root, &texts)?);
+    found.sort();
+    Ok(found)
+}
+
+/// Prints what breaks an invariant; true when nothing does.
+///
+/// # Errors
+/// Something that must be read cannot be read.
+pub fn run(workspace: &Workspace) -> Result<bool> {
+    let found = findings(workspace)?;
+    for line in &found {
+        println!("{line}");
+    }
+    println!("tidy: {} found", found.len());
+    Ok(found.is_empty())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_workspace_is_tidy() {
+        let found = findings(&Workspace::load().unwrap()).unwrap();
+        assert!(found.is_empty(), "{}", found.join("\n"));
+    }
+}

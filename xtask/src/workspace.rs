@@ -1,0 +1,111 @@
+//! What `cargo metadata` says of the workspace, and which files it has.
+
+use crate::process;
+use anyhow::{Context, Result};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// The part of `cargo metadata` that is used here.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Workspace {
+    /// Every package of the dependency graph.
+    pub packages: Vec<Package>,
+    /// Ids of the packages of this workspace.
+    pub workspace_members: Vec<String>,
+    /// Folder of the workspace's Cargo.toml.
+    pub workspace_root: PathBuf,
+    /// Folder that cargo builds into.
+    pub target_directory: PathBuf,
+}
+
+/// One package.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Package {
+    /// Name as in Cargo.toml.
+    pub name: String,
+    /// Version as in Cargo.toml.
+    pub version: String,
+    /// Unique id.
+    pub id: String,
+    /// SPDX expression.
+    pub license: Option<String>,
+    /// Cargo.toml of the package.
+    pub manifest_path: PathBuf,
+    /// What it depends on.
+    pub dependencies: Vec<Dependency>,
+    /// What it builds.
+    pub targets: Vec<Target>,
+    /// Features and what each turns on.
+    pub features: BTreeMap<String, Vec<String>>,
+}
+
+/// One line of a dependency table.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Dependency {
+    /// Package that is depended on.
+    pub name: String,
+    /// `None` for normal ones, else `dev` or `build`.
+    pub kind: Option<String>,
+    /// Whether a feature has to turn it on.
+    pub optional: bool,
+}
+
+/// One thing that a package builds.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Target {
+    /// Name of the program or library.
+    pub name: String,
+    /// `lib`, `bin`, `example`, `test`, ...
+    pub kind: Vec<String>,
+}
+
+impl Package {
+    /// Folder of the package.
+    pub fn folder(&self) -> &Path {
+        self.manifest_path.parent().unwrap_or(&self.manifest_path)
+    }
+
+    /// Whether it builds a target of this kind.
+    pub fn has_target(&self, kind: &str) -> bool {
+        self.targets.iter().any(|target| target.kind.iter().any(|k| k == kind))
+    }
+
+    /// Whether it has an example of this name.
+    pub fn has_example(&self, name: &str) -> bool {
+        self.targets.iter().any(|target| target.name == name && target.kind.iter().any(|k| k == "example"))
+    }
+}
+
+impl Workspace {
+    /// Asks cargo about the workspace of the current folder.
+    ///
+    /// # Errors
+    /// Cargo fails or answers with something else than expected.
+    pub fn load() -> Result<Self> {
+        let json = process::output(process::cargo().args(["metadata", "--format-version", "1", "--locked"]))?;
+        serde_json::from_str(&json).context("cargo metadata: unexpected shape")
+    }
+
+    /// Packages of the workspace itself.
+    pub fn members(&self) -> impl Iterator<Item = &Package> {
+        self.packages.iter().filter(|package| self.workspace_members.contains(&package.id))
+    }
+
+    /// Files that git tracks or would track, relative to the root and sorted.
+    ///
+    /// # Errors
+    /// git is missing or the folder is no repository.
+    pub fn files(&self) -> Result<Vec<PathBuf>> {
+        let mut git = Command::new("git");
+        git.current_dir(&self.workspace_root).args(["ls-files", "-z", "--cached", "--others", "--exclude-standard"]);
+        let listed = process::output(&mut git).context("listing the files of the repository")?;
+        let mut files: Vec<PathBuf> = listed.split('\0').filter(|name| !name.is_empty()).map(PathBuf::from).collect();
+        // A file deleted but not yet committed is still listed.
+        files.retain(|file| self.workspace_root.join(file).is_file());
+        files.sort();
+        files.dedup();
+        Ok(files)
+    }
+}
