@@ -11,6 +11,7 @@ mod error;
 mod faults;
 pub mod mapping;
 pub mod plan;
+pub mod replay;
 pub mod run;
 pub mod schema;
 pub mod smooth;

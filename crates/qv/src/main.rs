@@ -2,6 +2,7 @@
 
 mod inspect;
 mod open;
+mod replay;
 
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
@@ -20,6 +21,9 @@ enum Command {
     /// What is in a recording: streams, rates, what was measured and what derived, gaps and faults
     #[command(after_help = inspect::EXAMPLE)]
     Inspect(inspect::Inspect),
+    /// Replays a recording in the simulator and tells how far the two are apart, joint by joint
+    #[command(after_help = replay::EXAMPLE)]
+    Replay(replay::Replay),
 }
 
 /// What recording to read, the same for every command.
@@ -42,6 +46,7 @@ enum Outcome {
 fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Inspect(command) => command.execute(),
+        Command::Replay(command) => command.execute(),
     };
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

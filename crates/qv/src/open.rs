@@ -3,8 +3,9 @@
 use crate::RunArguments;
 use indicatif::{ProgressBar, ProgressStyle};
 use qv_replay::mapping::Mapping;
-use qv_replay::run::Loss;
+use qv_replay::run::{Base, Loss, Robot};
 use qv_replay::{BagFile, ReplayError, Run};
+use qv_sim::{BaseKind, Model, ModelOptions};
 use std::fs::{self, File};
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -95,6 +96,32 @@ fn trailing_number(path: &Path) -> u64 {
 /// The mapping of a robot known by name.
 pub fn mapping_of(robot: &str) -> Option<Mapping> {
     (robot == "go2").then(|| qv_go2::wire::mapping(None))
+}
+
+/// The model to replay `run` with: that of `robot` when it is given, else the recording's own.
+///
+/// # Errors
+/// When the name is unknown, the file cannot be read, or it holds no good URDF.
+pub fn model_of(run: &Run, robot: Option<&str>) -> Result<Model, ReplayError> {
+    let known = |name: &str| (name == "go2").then(qv_go2::model::urdf);
+    let (name, urdf) = match (robot, &run.robot) {
+        (Some(name), _) => {
+            let read = || fs::read_to_string(name).map_err(|e| file_error(Path::new(name), "go2, or a URDF file", &e.to_string()));
+            (name.to_string(), known(name).map_or_else(read, Ok)?)
+        }
+        (None, Robot::Urdf(text)) => ("robot.urdf".to_string(), text.clone()),
+        (None, Robot::Named(name)) => {
+            let expected = "a robot known by name (go2)".to_string();
+            let unknown = || ReplayError::Run { what: "robot".into(), expected, found: name.clone() };
+            (name.clone(), known(name).ok_or_else(unknown)?)
+        }
+    };
+    let base = match run.base {
+        Base::Free => BaseKind::Floating,
+        Base::Fixed => BaseKind::Fixed,
+    };
+    let options = ModelOptions { base, ..Default::default() };
+    Model::from_urdf(&urdf, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))
 }
 
 fn open_table(csv: &Path) -> Result<Run, ReplayError> {
