@@ -29,7 +29,8 @@ pub fn open_run(arguments: &RunArguments) -> Result<Run, ReplayError> {
     }
 }
 
-fn file_error(path: &Path, expected: &str, found: &str) -> ReplayError {
+/// An error about a file.
+pub fn file_error(path: &Path, expected: &str, found: &str) -> ReplayError {
     ReplayError::File { file: path.display().to_string(), expected: expected.into(), found: found.into() }
 }
 
@@ -50,6 +51,13 @@ fn open_bag(paths: &[PathBuf], arguments: &RunArguments) -> Result<Run, ReplayEr
 pub fn progress(total: u64, what: &'static str) -> ProgressBar {
     let style = ProgressStyle::with_template("{msg} {wide_bar} {percent} %").expect("the template is well formed");
     ProgressBar::new(total).with_style(style).with_message(what)
+}
+
+/// A sign of life for work without a known end.
+pub fn spinner(what: &'static str) -> ProgressBar {
+    let bar = ProgressBar::new_spinner().with_message(what);
+    bar.enable_steady_tick(std::time::Duration::from_millis(100));
+    bar
 }
 
 /// The files that `metadata.yaml` lists, else all .mcap files, in the order of their numbers.
@@ -106,7 +114,9 @@ pub fn model_of(run: &Run, robot: Option<&str>) -> Result<Model, ReplayError> {
     let known = |name: &str| (name == "go2").then(qv_go2::model::urdf);
     let (name, urdf) = match (robot, &run.robot) {
         (Some(name), _) => {
-            let read = || fs::read_to_string(name).map_err(|e| file_error(Path::new(name), "go2, or a URDF file", &e.to_string()));
+            let read = || {
+                fs::read_to_string(name).map_err(|e| file_error(Path::new(name), "go2, or a URDF file", &e.to_string()))
+            };
             (name.to_string(), known(name).map_or_else(read, Ok)?)
         }
         (None, Robot::Urdf(text)) => ("robot.urdf".to_string(), text.clone()),
@@ -120,7 +130,9 @@ pub fn model_of(run: &Run, robot: Option<&str>) -> Result<Model, ReplayError> {
         Base::Free => BaseKind::Floating,
         Base::Fixed => BaseKind::Fixed,
     };
-    let options = ModelOptions { base, ..Default::default() };
+    // URDF has no tag for rotor inertia: a named robot's is known, any other's comes with the recording.
+    let armature = if name == "go2" { qv_go2::model::ARMATURE } else { 0.0 };
+    let options = ModelOptions { base, armature, ..Default::default() };
     Model::from_urdf(&urdf, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))
 }
 

@@ -122,7 +122,12 @@ fn flatten(table: &toml::Table, prefix: &str, found: &mut Vec<(String, f64)>) ->
 ///
 /// # Errors
 /// See [`crate::replay::replay`].
-pub fn simulate(run: &Run, model: &Model, terrain: &Terrain, options: &ReplayOptions) -> Result<Simulated, ReplayError> {
+pub fn simulate(
+    run: &Run,
+    model: &Model,
+    terrain: &Terrain,
+    options: &ReplayOptions,
+) -> Result<Simulated, ReplayError> {
     let (columns, free) = check(run, model, options)?;
     let feet = feet(run, model);
     let commands = HeldCommands::new(run, &columns)?;
@@ -345,8 +350,7 @@ impl Drive<'_> {
     /// Simulates stretches of the recorded times, each from its own state, side by side.
     fn run(&self, times: &[f64], stretches: &[(usize, usize, State)], free: bool) -> Result<Vec<Trace>, ReplayError> {
         let options = self.options();
-        let mut batch =
-            Batch::<f64>::new(self.model, self.terrain, &options, stretches.len()).map_err(simulator)?;
+        let mut batch = Batch::<f64>::new(self.model, self.terrain, &options, stretches.len()).map_err(simulator)?;
         let mut command = Command::default();
         for (env, (first, _, state)) in stretches.iter().enumerate() {
             for (name, value) in self.parameters {

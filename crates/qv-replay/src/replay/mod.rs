@@ -1,14 +1,20 @@
 //! A run replayed in the simulator: the same commands, from the measured state; whole, and in short windows.
 
+mod bag_out;
 mod commands;
 mod engine;
 mod errors;
+mod html;
+mod json;
 mod lag;
 mod start;
 
+pub use bag_out::write_mcap;
 pub use commands::HeldCommands;
 pub use engine::{ReplayOptions, Trace, Window, Windows, parameters_from_toml, simulate};
 pub use errors::{BaseErrors, Errors, JointErrors, Phase, PhaseErrors, TimeErrors};
+pub use html::to_html;
+pub use json::to_json;
 pub use lag::{Lag, best_lags};
 pub use start::{SensorErrors, Starts, is_whole};
 

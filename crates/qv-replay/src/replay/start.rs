@@ -268,7 +268,8 @@ impl ImuPath {
         }
         let matrix = glam::DMat3::from_cols_array_2d(&normal);
         let inverse = (matrix.determinant().abs() > 1e-30).then(|| matrix.inverse())?;
-        let solve = |k: usize| right[0] * inverse.col(0)[k] + right[1] * inverse.col(1)[k] + right[2] * inverse.col(2)[k];
+        let solve =
+            |k: usize| right[0] * inverse.col(0)[k] + right[1] * inverse.col(1)[k] + right[2] * inverse.col(2)[k];
         Some((solve(0), solve(1)))
     }
 
