@@ -4,7 +4,7 @@ use crate::glb::read_glb;
 use crate::open::{file_error, model_of, open_run, spinner};
 use crate::{Outcome, RunArguments};
 use qv_replay::derive::joint_velocity;
-use qv_replay::replay::{ReplayOptions, parameters_from_toml, to_html, to_json, write_mcap};
+use qv_replay::replay::{Lag, ReplayOptions, parameters_from_toml, to_html, to_json, write_mcap};
 use qv_replay::{ReplayError, Run};
 use qv_sim::Terrain;
 use serde_json::Value;
@@ -117,18 +117,20 @@ fn notes(run: &Run, replay: &qv_replay::replay::Replay) -> Vec<String> {
 fn summary(run: &Run, replay: &qv_replay::replay::Replay, factor: f64) -> String {
     let (whole, windows) = (&replay.errors, &replay.window_errors);
     let mut text = format!(
-        "{:<20} {:>14} {:>14} {:>12} {:>10} {:>9}\n",
-        "joint", "windows mrad", "whole mrad", "vel rad/s", "tau N m", "lag ms"
+        "{:<20} {:>14} {:>14} {:>12} {:>10} {:>13} {:>13}\n",
+        "joint", "windows mrad", "whole mrad", "vel rad/s", "tau N m", "lag: command", "simulation ms"
     );
     for (j, name) in replay.joint_names.iter().enumerate() {
         let (w, e) = (&windows.joints[j], &whole.joints[j]);
-        let lag = replay.lags.iter().find(|l| l.joint == *name).map_or(f64::NAN, |l| 1e3 * l.lag);
+        let lag = |lags: &[Lag]| lags.iter().find(|l| l.joint == *name).map_or(f64::NAN, |l| 1e3 * l.lag);
         text += &format!(
-            "{name:<20} {:>14.2} {:>14.2} {:>12.3} {:>10.3} {lag:>9.1}\n",
+            "{name:<20} {:>14.2} {:>14.2} {:>12.3} {:>10.3} {:>13.1} {:>13.1}\n",
             1e3 * w.position,
             1e3 * e.position,
             w.velocity,
-            w.torque
+            w.torque,
+            lag(&replay.command_lags),
+            lag(&replay.model_lags)
         );
     }
     let (mean, count) = (1e3 * windows.position_mean(), replay.windows.windows.len());

@@ -7,6 +7,9 @@ use crate::run::{Base, Run};
 use qv_core::JointSeries;
 use qv_sim::{BaseKind, Batch, Model, Shape, SimError, SimOptions, State, Terrain};
 
+/// Height of the plane below a robot whose base is held \[m\].
+const CLEAR: f64 = -1e3;
+
 /// How to replay.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReplayOptions {
@@ -359,6 +362,10 @@ impl Drive<'_> {
             if free && self.options.anchor_ground {
                 let height = batch.parameter(env, "terrain.height").map_err(simulator)? + self.ground(&state.q);
                 batch.set_parameter(env, "terrain.height", height).map_err(simulator)?;
+            }
+            if !free && self.terrain.is_plane() {
+                // A robot that is held hangs clear of the floor, wherever its root is put.
+                batch.set_parameter(env, "terrain.height", CLEAR).map_err(simulator)?;
             }
             batch.set_state(env, state).map_err(simulator)?;
             let steps = (options.max_command_latency / options.timestep).ceil() as usize;

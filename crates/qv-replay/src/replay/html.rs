@@ -1,7 +1,7 @@
 //! `replay.html`: one file with its plots inside, no network, light or dark as the reader's screen is.
 
-use crate::replay::Replay;
 use crate::replay::errors::Errors;
+use crate::replay::{Lag, Replay};
 use std::fmt::Write;
 
 /// Points of a line: more cannot be seen.
@@ -86,22 +86,23 @@ fn joint_table(replay: &Replay) -> String {
         replay.window_errors.joints.iter().map(|j| j.position).filter(|x| x.is_finite()).fold(1e-12, f64::max);
     let mut text = format!(
         "<h2>By joint</h2><table><tr><th>joint<th>position, {} s windows [mrad]<th>velocity [rad/s]<th>torque [N m]\
-         <th>position, whole run [mrad]<th>best constant lag [ms]</tr>",
+         <th>position, whole run [mrad]<th>lag behind command [ms]<th>behind simulation [ms]</tr>",
         replay.windows.length
     );
     for (j, name) in replay.joint_names.iter().enumerate() {
         let (w, e) = (&replay.window_errors.joints[j], &replay.errors.joints[j]);
-        let lag = replay.lags.iter().find(|l| l.joint == *name).map_or(f64::NAN, |l| 1e3 * l.lag);
+        let lag = |lags: &[Lag]| lags.iter().find(|l| l.joint == *name).map_or(f64::NAN, |l| 1e3 * l.lag);
         let width = if w.position.is_finite() { 100.0 * w.position / largest } else { 0.0 };
         let _ = write!(
             text,
-            "<tr><td>{}<td class=\"bar\" style=\"--w:{width:.0}%\">{}<td>{}<td>{}<td>{}<td>{}</tr>",
+            "<tr><td>{}<td class=\"bar\" style=\"--w:{width:.0}%\">{}<td>{}<td>{}<td>{}<td>{}<td>{}</tr>",
             escape(name),
             number(1e3 * w.position, 2),
             number(w.velocity, 3),
             number(w.torque, 2),
             number(1e3 * e.position, 1),
-            number(lag, 1)
+            number(lag(&replay.command_lags), 1),
+            number(lag(&replay.model_lags), 1)
         );
     }
     text + "</table>"

@@ -29,8 +29,7 @@ pub fn to_json(replay: &Replay, real_time_factor: f64) -> Value {
         "legs": legs(&replay.errors),
         "phases": phases(&replay.errors),
         "times": times(&replay.errors),
-        "lags": replay.lags.iter().map(|l| json!({
-            "name": l.joint, "lag": l.lag, "rms_without": l.before, "rms_with": l.after})).collect::<Vec<_>>(),
+        "lags": {"behind_command": lags(&replay.command_lags), "behind_simulation": lags(&replay.model_lags)},
         "real_time_factor": real_time_factor,
     })
 }
@@ -46,4 +45,10 @@ fn phases(errors: &Errors) -> Value {
 
 fn times(errors: &Errors) -> Value {
     errors.times.iter().map(|t| json!({"start": t.start, "end": t.end, "pos_rms": t.position})).collect()
+}
+
+fn lags(lags: &[crate::replay::Lag]) -> Value {
+    let one =
+        |l: &crate::replay::Lag| json!({"name": l.joint, "lag": l.lag, "rms_without": l.before, "rms_with": l.after});
+    lags.iter().map(one).collect()
 }

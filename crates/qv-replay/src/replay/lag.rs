@@ -1,10 +1,11 @@
-//! The constant lag of position behind command, joint by joint.
+//! The constant lag of the measured position behind its command, and behind the simulator, joint by joint.
 
 use crate::clean::median_interval;
 use crate::run::Run;
 use qv_core::JointSeries;
 
 /// Lags that are tried \[s\].
+const SHORTEST: f64 = -0.05;
 const LONGEST: f64 = 0.25;
 
 /// Best constant lag of one joint.
@@ -12,7 +13,7 @@ const LONGEST: f64 = 0.25;
 pub struct Lag {
     /// Joint.
     pub joint: String,
-    /// Lag at which command and position differ least \[s\].
+    /// Lag at which the two differ least \[s\]; negative when the second leads.
     pub lag: f64,
     /// Root mean square difference without lag \[rad\], a constant offset left out.
     pub before: f64,
@@ -20,53 +21,71 @@ pub struct Lag {
     pub after: f64,
 }
 
-/// For each joint (column `columns[j]` of the run) the lag of position behind commanded position that explains most:
-/// both are compared on a common grid, a constant offset between them is free, and the least of the parabola through the
-/// three best lags is taken. Empty when positions were not commanded; a joint that hardly moved is left out.
-pub fn best_lags(run: &Run, columns: &[usize]) -> Vec<Lag> {
-    let (Some(command), Some(position)) = (&run.commands.position, &run.measured.position) else { return Vec::new() };
-    let step = median_interval(&position.time);
-    if !step.is_finite() || position.len() < 50 {
-        return Vec::new();
+/// For each joint (column `columns[j]` of the run) the lag of position behind commanded position: see [`lags_behind`].
+/// Empty when positions were not commanded.
+pub fn lags_behind_command(run: &Run, columns: &[usize]) -> Vec<Lag> {
+    match (&run.commands.position, &run.measured.position) {
+        (Some(command), Some(position)) => lags_behind(command, columns, position, columns, &run.joint_names),
+        _ => Vec::new(),
     }
-    columns.iter().filter_map(|&c| best_lag(command, position, c, step, &run.joint_names[c])).collect()
 }
 
-fn best_lag(command: &JointSeries, position: &JointSeries, column: usize, step: f64, joint: &str) -> Option<Lag> {
-    let held: Vec<f64> = command.column(column).filter(|x| x.is_finite()).collect();
-    let (low, high) = held.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &x| (l.min(x), h.max(x)));
+/// For each pair of columns the constant lag of `later` behind `earlier` that explains most. `earlier` is interpolated; a
+/// constant offset between the two is free; the least of the parabola through the three best lags on the grid of
+/// `later` is taken. `names` are those of the columns of `later`. A joint that hardly moves, and one whose best lag is at
+/// the edge of -50 to 250 ms, is left out.
+pub fn lags_behind(
+    earlier: &JointSeries,
+    earlier_columns: &[usize],
+    later: &JointSeries,
+    later_columns: &[usize],
+    names: &[String],
+) -> Vec<Lag> {
+    let step = median_interval(&later.time);
+    if !step.is_finite() || later.len() < 50 {
+        return Vec::new();
+    }
+    let pairs = earlier_columns.iter().zip(later_columns);
+    pairs.filter_map(|(&a, &b)| best_lag((earlier, a), (later, b), step, &names[b])).collect()
+}
+
+fn best_lag(earlier: (&JointSeries, usize), later: (&JointSeries, usize), step: f64, joint: &str) -> Option<Lag> {
+    let values = earlier.0.column(earlier.1).filter(|x| x.is_finite());
+    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
     if !(high - low > 1e-3) {
         return None;
     }
-    let steps = (LONGEST / step) as usize;
-    let spread: Vec<f64> = (0..=steps).map(|k| spread(command, position, column, k as f64 * step)).collect();
-    let best = (0..=steps).min_by(|&a, &b| spread[a].total_cmp(&spread[b]))?;
-    let mut lag = best as f64;
-    let mut after = spread[best];
-    if best > 0 && best < steps {
-        let (a, b, c) = (spread[best - 1].powi(2), spread[best].powi(2), spread[best + 1].powi(2));
-        let curve = a - 2.0 * b + c;
-        if curve > 0.0 {
-            let shift = 0.5 * (a - c) / curve;
-            lag += shift;
-            after = (b - 0.25 * (a - c) * shift).max(0.0).sqrt();
-        }
+    let first = (SHORTEST / step).round() as i64;
+    let last = (LONGEST / step).round() as i64;
+    let spread: Vec<f64> = (first..=last).map(|k| spread(earlier, later, k as f64 * step)).collect();
+    let best = (0..spread.len()).min_by(|&a, &b| spread[a].total_cmp(&spread[b]))?;
+    if best == 0 || best + 1 == spread.len() || !spread[best + 1].is_finite() || !spread[best - 1].is_finite() {
+        return None;
     }
-    Some(Lag { joint: joint.to_string(), lag: lag * step, before: spread[0], after })
+    let (a, b, c) = (spread[best - 1].powi(2), spread[best].powi(2), spread[best + 1].powi(2));
+    let curve = a - 2.0 * b + c;
+    let shift = if curve > 0.0 { 0.5 * (a - c) / curve } else { 0.0 };
+    let after = (b - 0.25 * (a - c) * shift).max(0.0).sqrt();
+    let before = spread[usize::try_from(-first).ok()?];
+    Some(Lag { joint: joint.to_string(), lag: (first as f64 + best as f64 + shift) * step, before, after })
 }
 
-/// Standard deviation of position(t) - command(t - lag), over the times when both exist for every lag.
-fn spread(command: &JointSeries, position: &JointSeries, column: usize, lag: f64) -> f64 {
+/// Standard deviation of later(t) - earlier(t - lag), over the times when both exist for every lag.
+fn spread(earlier: (&JointSeries, usize), later: (&JointSeries, usize), lag: f64) -> f64 {
+    let ((earlier, a), (later, b)) = (earlier, later);
     let (mut sum, mut square, mut count) = (0.0, 0.0, 0usize);
     let mut i = 0;
-    for (k, &t) in position.time.iter().enumerate() {
-        if t < position.time[0] + LONGEST {
-            continue;
-        }
-        while i + 1 < command.len() && command.time[i + 1] <= t - lag + 1e-9 {
+    let (from, to) = (later.time[0] + LONGEST, later.time[later.len() - 1] + SHORTEST);
+    for (k, &t) in later.time.iter().enumerate().filter(|(_, t)| **t >= from && **t <= to) {
+        let at = t - lag;
+        while i + 2 < earlier.len() && earlier.time[i + 1] <= at {
             i += 1;
         }
-        let d = position.row(k)[column] - command.row(i)[column];
+        if i + 1 >= earlier.len() {
+            break;
+        }
+        let f = ((at - earlier.time[i]) / (earlier.time[i + 1] - earlier.time[i])).clamp(0.0, 1.0);
+        let d = later.row(k)[b] - (1.0 - f) * earlier.row(i)[a] - f * earlier.row(i + 1)[a];
         if d.is_finite() {
             sum += d;
             square += d * d;
@@ -88,10 +107,12 @@ mod tests {
         let series = |lag: f64, offset: f64| {
             JointSeries::new(time.clone(), time.iter().map(|t| wave(t - lag) + offset).collect(), 1).unwrap()
         };
-        let lag = best_lag(&series(0.0, 0.0), &series(0.0235, 0.1), 0, 0.005, "j").unwrap();
+        let lag = best_lag((&series(0.0, 0.0), 0), (&series(0.0235, 0.1), 0), 0.005, "j").unwrap();
         assert!((lag.lag - 0.0235).abs() < 3e-4, "{lag:?}");
         assert!(lag.after < 0.1 * lag.before, "{lag:?}");
+        let lead = best_lag((&series(0.02, 0.0), 0), (&series(0.0, 0.0), 0), 0.005, "j").unwrap();
+        assert!((lead.lag + 0.02).abs() < 3e-4, "{lead:?}");
         let still = JointSeries::new(time.clone(), vec![0.0; time.len()], 1).unwrap();
-        assert!(best_lag(&still, &series(0.0, 0.0), 0, 0.005, "j").is_none());
+        assert!(best_lag((&still, 0), (&series(0.0, 0.0), 0), 0.005, "j").is_none());
     }
 }

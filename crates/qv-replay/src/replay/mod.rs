@@ -15,11 +15,13 @@ pub use engine::{ReplayOptions, Trace, Window, Windows, parameters_from_toml, si
 pub use errors::{BaseErrors, Errors, JointErrors, Phase, PhaseErrors, TimeErrors};
 pub use html::to_html;
 pub use json::to_json;
-pub use lag::{Lag, best_lags};
+pub use lag::{Lag, lags_behind, lags_behind_command};
 pub use start::{SensorErrors, Starts, is_whole};
 
 use crate::ReplayError;
 use crate::run::Run;
+use engine::Simulated;
+use qv_core::JointSeries;
 use qv_sim::{Model, Terrain};
 
 /// Everything that a replay found, as plain data.
@@ -37,8 +39,11 @@ pub struct Replay {
     pub errors: Errors,
     /// Error of the windows.
     pub window_errors: Errors,
-    /// Best constant lag of position behind command, joint by joint.
-    pub lags: Vec<Lag>,
+    /// Best constant lag of the measured position behind its command, joint by joint.
+    pub command_lags: Vec<Lag>,
+    /// Best constant lag of the measured position behind the simulated one over the whole run: what the model does not
+    /// explain of it.
+    pub model_lags: Vec<Lag>,
     /// Simulated time of all environments together \[s\].
     pub simulated: f64,
 }
@@ -54,7 +59,8 @@ pub fn replay(run: &Run, model: &Model, terrain: &Terrain, options: &ReplayOptio
     let window_errors = errors::of_windows(&simulated.recorded, &simulated.windows, &simulated.feet);
     Ok(Replay {
         joint_names: model.joint_names().to_vec(),
-        lags: best_lags(run, &simulated.columns),
+        command_lags: lags_behind_command(run, &simulated.columns),
+        model_lags: model_lags(&simulated, model.joint_names()),
         recorded: simulated.recorded,
         whole: simulated.whole,
         windows: simulated.windows,
@@ -62,4 +68,11 @@ pub fn replay(run: &Run, model: &Model, terrain: &Terrain, options: &ReplayOptio
         window_errors,
         simulated: simulated.seconds,
     })
+}
+
+fn model_lags(simulated: &Simulated, names: &[String]) -> Vec<Lag> {
+    let series =
+        |trace: &Trace| JointSeries { time: trace.time.clone(), values: trace.position.clone(), joints: trace.joints };
+    let columns: Vec<usize> = (0..names.len()).collect();
+    lags_behind(&series(&simulated.whole), &columns, &series(&simulated.recorded), &columns, names)
 }
