@@ -78,7 +78,7 @@ impl<T: Precision> Batch<T> {
         let topology = Topology::new(model, options.self_collision);
         let catalogue = Catalogue::new(model, terrain);
         let weights = neutral_weights(model, &topology, &catalogue, options)?;
-        let colliders = Colliders::new(model, terrain, &weights.body, options.self_collision);
+        let colliders = Colliders::new(model, terrain, &weights.body, options);
         let limits = model.joints.iter().map(|j| (j.lower, j.upper)).collect();
         let tolerance = options.tolerance.unwrap_or(T::TOLERANCE);
         let shared = Shared { topology, colliders, weights, limits, options: options.clone(), tolerance };

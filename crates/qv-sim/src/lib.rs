@@ -30,7 +30,7 @@ mod terrain;
 
 pub use batch::{Batch, JointCommand, Snapshot, State};
 pub use error::SimError;
-pub use model::{BaseKind, Frame, Geom, Joint, JointKind, Link, MeshVertices, Model, ModelOptions, Shape};
+pub use model::{BaseKind, Frame, Geom, Joint, JointKind, Link, Mechanics, MeshVertices, Model, ModelOptions, Shape};
 pub use options::SimOptions;
 pub use parameters::ParameterInfo;
 pub use sensors::SensorReading;

@@ -13,6 +13,9 @@ pub struct SimOptions {
     pub impratio: f64,
     /// Rows of a contact: 3 slides, 4 also resists torsion, 6 also rolling.
     pub contact_dimension: usize,
+    /// Whether a foot that crosses an edge inside the ground's surface feels it, as in MuJoCo's height fields. Real
+    /// ground has no such edges: off, only true ridges are felt.
+    pub inner_edges: bool,
     /// Whether shapes of the robot collide with each other (not those of one link or of parent and child).
     pub self_collision: bool,
     /// Whether the controller's velocity gain is integrated implicitly, as MuJoCo's implicitfast does with an affine
@@ -37,6 +40,7 @@ impl Default for SimOptions {
             gravity: [0.0, 0.0, -qv_core::GRAVITY],
             impratio: 10.0,
             contact_dimension: 3,
+            inner_edges: false,
             self_collision: false,
             implicit_actuator_damping: true,
             iterations: 30,

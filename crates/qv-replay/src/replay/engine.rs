@@ -7,9 +7,6 @@ use crate::run::{Base, Run};
 use qv_core::JointSeries;
 use qv_sim::{BaseKind, Batch, Model, Shape, SimError, SimOptions, State, Terrain};
 
-/// Height of the plane below a robot whose base is held \[m\].
-const CLEAR: f64 = -1e3;
-
 /// How to replay.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReplayOptions {
@@ -137,6 +134,9 @@ pub fn simulate(
     let parameters = all_parameters(run, model, terrain, options)?;
     let starts = Starts::new(run, &columns, free, sensor_errors(model, &parameters))?;
     let recorded = recorded(run, &columns, &feet, starts.velocities());
+    // A robot that is held hangs clear of the floor, wherever its root is put; a mesh that is given is meant.
+    let air = Terrain::none();
+    let terrain = if !free && terrain.is_plane() { &air } else { terrain };
     let drive = Drive { model, terrain, options, feet: &feet, commands: &commands, parameters: &parameters };
     let times = &recorded.time;
     let whole_start = (0..times.len()).find_map(|i| starts.at(times[i]).map(|s| (i, s)));
@@ -362,10 +362,6 @@ impl Drive<'_> {
             if free && self.options.anchor_ground {
                 let height = batch.parameter(env, "terrain.height").map_err(simulator)? + self.ground(&state.q);
                 batch.set_parameter(env, "terrain.height", height).map_err(simulator)?;
-            }
-            if !free && self.terrain.is_plane() {
-                // A robot that is held hangs clear of the floor, wherever its root is put.
-                batch.set_parameter(env, "terrain.height", CLEAR).map_err(simulator)?;
             }
             batch.set_state(env, state).map_err(simulator)?;
             let steps = (options.max_command_latency / options.timestep).ceil() as usize;

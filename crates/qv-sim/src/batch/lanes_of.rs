@@ -188,7 +188,7 @@ impl<L: Real> Engine for Lanes<L> {
     fn write_command(&mut self, shared: &Shared, env: usize, age: Option<usize>, command: &JointCommand) {
         let joints = shared.topology.joints;
         let (block, lane) = self.at_mut(env);
-        let slots = block.commands.len() / joints.max(1);
+        let slots = (block.commands.len() / joints.max(1)).max(1);
         let ages = match age {
             Some(age) => age..age + 1,
             None if L::mask_lane(block.fresh, lane) => 0..slots,

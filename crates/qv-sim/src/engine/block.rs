@@ -193,7 +193,7 @@ impl<L: Real> Work<L> {
             contacts: vec![none; slots.len()],
             live: Vec::with_capacity(slots.len()),
             rows: super::constraint::Rows::new(topology, slots, dimension),
-            newton: super::newton::Scratch::new(topology),
+            newton: super::newton::Scratch::new(topology, slots.len()),
             triangles: Vec::new(),
             found: Vec::new(),
         }
@@ -286,12 +286,13 @@ impl<L: Real> Block<L> {
     }
 }
 
-/// How many points of a shape can touch a plane, or a surface of triangles, at once.
-pub(crate) fn contact_points(shape: &Shape, plane: bool) -> usize {
+/// How many points of a shape can touch a plane, or a surface of triangles, at once. Where inner edges are felt, a
+/// sphere near a corner of the grid touches all six triangles around it.
+pub(crate) fn contact_points(shape: &Shape, plane: bool, inner_edges: bool) -> usize {
     match shape {
         Shape::Sphere(_) if plane => 1,
         Shape::Capsule { .. } if plane => 2,
-        Shape::Sphere(_) | Shape::Capsule { .. } => 4,
+        Shape::Sphere(_) | Shape::Capsule { .. } if !inner_edges => 4,
         _ => 8,
     }
 }

@@ -8,6 +8,7 @@ use super::topology::Topology;
 use super::vector::*;
 use crate::lanes::{Mask, Real, Scalar};
 use crate::model::{Geom, Model, Shape};
+use crate::options::SimOptions;
 use crate::terrain::{SurfaceContact, Terrain};
 use glam::{DMat3, DQuat, DVec3};
 use parry3d_f64::query;
@@ -19,6 +20,8 @@ pub(crate) struct Colliders {
     pub terrain: Terrain,
     pub slots: Vec<Slot>,
     geoms: Vec<Collider>,
+    /// Whether inner edges of the ground are felt.
+    inner_edges: bool,
     /// Pairs of shapes of the robot that may touch, with their slot.
     pairs: Vec<(usize, usize, usize)>,
 }
@@ -38,11 +41,12 @@ struct Collider {
 }
 
 impl Colliders {
-    pub fn new(model: &Model, terrain: &Terrain, body_weight: &[[f64; 2]], self_collision: bool) -> Self {
+    pub fn new(model: &Model, terrain: &Terrain, body_weight: &[[f64; 2]], options: &SimOptions) -> Self {
         let mut slots = Vec::new();
         let mut geoms = Vec::new();
         for (index, geom) in model.geoms.iter().enumerate() {
-            let count = contact_points(&geom.shape, terrain.is_plane());
+            let most = contact_points(&geom.shape, terrain.is_plane(), options.inner_edges);
+            let count = if terrain.is_none() { 0 } else { most };
             let first_slot = slots.len();
             let weight = body_weight[geom.link][0];
             slots.extend((0..count).map(|_| Slot { geom: index, body: geom.link, other: None, weight }));
@@ -59,7 +63,7 @@ impl Colliders {
             });
         }
         let mut pairs = Vec::new();
-        if self_collision {
+        if options.self_collision {
             for a in 0..geoms.len() {
                 for b in a + 1..geoms.len() {
                     let (la, lb) = (model.geoms[a].link, model.geoms[b].link);
@@ -73,7 +77,7 @@ impl Colliders {
                 }
             }
         }
-        Self { terrain: terrain.clone(), slots, geoms, pairs }
+        Self { terrain: terrain.clone(), slots, geoms, inner_edges: options.inner_edges, pairs }
     }
 }
 
@@ -91,7 +95,7 @@ pub(crate) fn collide<L: Real>(
         for collider in &colliders.geoms {
             touch_plane(collider, origin, block, work);
         }
-    } else {
+    } else if !colliders.terrain.is_none() {
         touch_triangles(colliders, origin, used, block, work);
     }
     if !colliders.pairs.is_empty() {
@@ -115,67 +119,86 @@ pub(crate) fn origin<L: Real>(topology: &Topology, block: &Block<L>) -> V3<L> {
 fn geom_pose<L: Real>(collider: &Collider, work: &Work<L>) -> (M3<L>, V3<L>) {
     let rotation = &work.rotation[collider.body];
     let position = add(work.position[collider.body], rotate(rotation, splat3(collider.position)));
-    (multiply(rotation, &collider.rotation.map(L::splat)), position)
+    (multiply(rotation, &splat9(&collider.rotation)), position)
 }
 
 #[inline(always)]
 fn touch_plane<L: Real>(collider: &Collider, origin: V3<L>, block: &Block<L>, work: &mut Work<L>) {
-    let tilt = &block.ground.tilt;
-    let normal = [tilt[2], tilt[5], tilt[8]];
     let skin = block.geoms[collider.index].radius_offset;
-    let mut slot = collider.first_slot;
-    let mut point = |centre: V3<L>, radius: L, work: &mut Work<L>| {
-        let world = add(origin, centre);
-        let height = dot(normal, [world[0], world[1], world[2] - block.ground.height]);
-        let distance = height - radius;
-        let middle = radius + distance * L::splat(0.5);
-        work.contacts[slot] = Contact {
-            active: distance.lt(L::zero()),
-            normal,
-            point: sub(centre, scale(normal, middle)),
-            distance,
-            friction: plane_friction(&block.ground, world) * block.geoms[collider.index].friction_scale,
-        };
-        slot += 1;
-    };
+    let slot = collider.first_slot;
     match &collider.geom.shape {
         Shape::Sphere(radius) => {
             let rotation = &work.rotation[collider.body];
             let centre = add(work.position[collider.body], rotate(rotation, splat3(collider.position)));
-            point(centre, L::splat(*radius) + skin, work);
+            point(collider, slot, centre, L::splat(*radius) + skin, origin, block, work);
         }
         Shape::Capsule { radius, half_length } => {
             let (rotation, centre) = geom_pose(collider, work);
             let along = scale([rotation[2], rotation[5], rotation[8]], L::splat(*half_length));
-            point(add(centre, along), L::splat(*radius) + skin, work);
-            point(sub(centre, along), L::splat(*radius) + skin, work);
+            for (k, end) in [add(centre, along), sub(centre, along)].into_iter().enumerate() {
+                point(collider, slot + k, end, L::splat(*radius) + skin, origin, block, work);
+            }
         }
         Shape::Box(half) => {
             let (rotation, centre) = geom_pose(collider, work);
             for corner in 0..8 {
                 let sign = |bit: usize| if corner >> bit & 1 == 1 { 1.0 } else { -1.0 };
                 let local = [sign(0) * half.x, sign(1) * half.y, sign(2) * half.z];
-                point(add(centre, rotate(&rotation, splat3(local))), skin, work);
+                let vertex = add(centre, rotate(&rotation, splat3(local)));
+                point(collider, slot + corner, vertex, skin, origin, block, work);
             }
         }
         Shape::Cylinder { radius, half_length } => {
             let (rotation, centre) = geom_pose(collider, work);
             let axis = [rotation[2], rotation[5], rotation[8]];
-            let (down, side) = rim_directions(axis, normal, [rotation[0], rotation[3], rotation[6]]);
-            for end in [-half_length, *half_length] {
-                let cap = add(centre, scale(axis, L::splat(end)));
-                for direction in [down, side] {
-                    let offset = scale(direction, L::splat(*radius));
-                    point(add(cap, offset), skin, work);
-                    point(sub(cap, offset), skin, work);
-                }
+            let (down, side) = rim_directions(axis, ground_normal(block), [rotation[0], rotation[3], rotation[6]]);
+            for corner in 0..8 {
+                let end = if corner & 4 == 0 { -half_length } else { *half_length };
+                let direction = if corner & 2 == 0 { down } else { side };
+                let reach = L::splat(if corner & 1 == 0 { *radius } else { -radius });
+                let rim = add(add(centre, scale(axis, L::splat(end))), scale(direction, reach));
+                point(collider, slot + corner, rim, skin, origin, block, work);
             }
         }
         Shape::Hull(points) => {
             let (rotation, centre) = geom_pose(collider, work);
-            deepest_points(points, &rotation, centre, normal, collider.slots, |p| point(p, skin, work));
+            let vertices = deepest_points(points, &rotation, ground_normal(block), collider.slots);
+            for (k, &vertex) in vertices.iter().enumerate() {
+                point(collider, slot + k, add(centre, rotate(&rotation, vertex)), skin, origin, block, work);
+            }
         }
     }
+}
+
+#[inline(always)]
+fn ground_normal<L: Real>(block: &Block<L>) -> V3<L> {
+    let tilt = &block.ground.tilt;
+    [tilt[2], tilt[5], tilt[8]]
+}
+
+/// Contact of a point with a radius and the plane.
+#[inline(always)]
+fn point<L: Real>(
+    collider: &Collider,
+    slot: usize,
+    centre: V3<L>,
+    radius: L,
+    origin: V3<L>,
+    block: &Block<L>,
+    work: &mut Work<L>,
+) {
+    let normal = ground_normal(block);
+    let world = add(origin, centre);
+    let height = dot(normal, [world[0], world[1], world[2] - block.ground.height]);
+    let distance = height - radius;
+    let active = distance.lt(L::zero());
+    work.contacts[slot].active = active;
+    if !active.any() {
+        return;
+    }
+    let middle = radius + distance * L::splat(0.5);
+    let friction = plane_friction(&block.ground, world) * block.geoms[collider.index].friction_scale;
+    work.contacts[slot] = Contact { active, normal, point: sub(centre, scale(normal, middle)), distance, friction };
 }
 
 /// Directions in a cylinder's caps: steepest downhill (or `any` when it stands upright), and across.
@@ -186,35 +209,27 @@ fn rim_directions<L: Real>(axis: V3<L>, normal: V3<L>, any: V3<L>) -> (V3<L>, V3
     let squared = dot(down, down);
     let upright = squared.lt(L::splat(1e-8));
     let inverse = L::one() / squared.max(L::splat(1e-8)).sqrt();
-    let unit: V3<L> = std::array::from_fn(|k| L::select(upright, any[k], down[k] * inverse));
+    let mut unit = any;
+    for k in 0..3 {
+        unit[k] = L::select(upright, any[k], down[k] * inverse);
+    }
     (unit, cross(axis, unit))
 }
 
-/// The `most` vertices that lie deepest, each environment by itself.
-fn deepest_points<L: Real>(
-    points: &[DVec3],
-    rotation: &M3<L>,
-    centre: V3<L>,
-    normal: V3<L>,
-    most: usize,
-    mut point: impl FnMut(V3<L>),
-) {
+/// The `most` vertices that lie deepest, in the shape's frame, each environment by itself.
+fn deepest_points<L: Real>(points: &[DVec3], rotation: &M3<L>, normal: V3<L>, most: usize) -> Vec<V3<L>> {
     let mut chosen = vec![[L::zero(); 3]; most];
-    let local_normal = rotate_back(rotation, normal);
     for lane in 0..L::LANES {
-        let n = DVec3::from_array(local_normal.map(|x| x.lane(lane).to_f64()));
+        let n = lane9(rotation, lane).transpose() * lane3(&normal, lane);
         let mut order: Vec<usize> = (0..points.len()).collect();
         order.sort_by(|&a, &b| points[a].dot(n).total_cmp(&points[b].dot(n)).then(a.cmp(&b)));
         for (k, target) in chosen.iter_mut().enumerate() {
-            // Fewer vertices than slots: the last stays above the ground by being the highest.
-            let vertex = points[order[k.min(order.len() - 1)]];
-            let coordinates = vertex.to_array();
-            (0..3).for_each(|i| target[i].set_lane(lane, L::Scalar::from_f64(coordinates[i])));
+            // A hull has at least four vertices; where it has fewer than slots, the highest stands in for the rest.
+            let vertex = points[order[k.min(order.len() - 1)]].to_array();
+            (0..3).for_each(|i| target[i].set_lane(lane, L::Scalar::from_f64(vertex[i])));
         }
     }
-    for local in chosen {
-        point(add(centre, rotate(rotation, local)));
-    }
+    chosen
 }
 
 #[inline(always)]
@@ -252,7 +267,7 @@ fn touch_triangles<L: Real>(colliders: &Colliders, origin: V3<L>, used: usize, b
             let to_terrain = |p: DVec3| tilt.transpose() * (p + base - raised);
             let pose = (tilt.transpose() * lane9(&rotation, lane), to_terrain(lane3(&centre, lane)));
             let skin = block.geoms[index].radius_offset.lane(lane).to_f64();
-            find_contacts(&colliders.terrain, collider, pose, skin, work);
+            find_contacts(colliders, collider, pose, skin, work);
             for k in 0..work.found.len().min(collider.slots) {
                 let found = work.found[k];
                 let middle = found.on_terrain + found.normal * (0.5 * found.distance);
@@ -298,7 +313,7 @@ fn write<L: Real>(
 
 /// Contacts of one shape with the terrain's triangles, into `work.found`; pose in terrain coordinates.
 fn find_contacts<L: Real>(
-    terrain: &Terrain,
+    colliders: &Colliders,
     collider: &Collider,
     (rotation, centre): (DMat3, DVec3),
     skin: f64,
@@ -309,13 +324,14 @@ fn find_contacts<L: Real>(
         return;
     }
     let reach = DVec3::splat(collider.reach + skin.max(0.0));
-    terrain.triangles_in(centre - reach, centre + reach, &mut work.triangles);
+    let inner_edges = colliders.inner_edges;
+    colliders.terrain.triangles_in(centre - reach, centre + reach, &mut work.triangles);
     match &collider.geom.shape {
         Shape::Sphere(radius) => {
             for triangle in &work.triangles {
                 work.found.extend(triangle.sphere_contact(centre, radius + skin));
             }
-            SurfaceContact::sort_out(&mut work.found, collider.slots);
+            SurfaceContact::sort_out(&mut work.found, inner_edges, collider.slots);
         }
         Shape::Capsule { radius, half_length } => {
             // Both ends as spheres; a ridge between them is not felt.
@@ -324,7 +340,7 @@ fn find_contacts<L: Real>(
                 for triangle in &work.triangles {
                     found.extend(triangle.sphere_contact(centre + rotation.z_axis * end, radius + skin));
                 }
-                SurfaceContact::sort_out(&mut found, collider.slots / 2);
+                SurfaceContact::sort_out(&mut found, inner_edges, collider.slots / 2);
                 work.found.append(&mut found);
             }
         }

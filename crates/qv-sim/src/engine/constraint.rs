@@ -27,6 +27,8 @@ pub(crate) struct ContactRows<L: Real> {
     pub weight: [L; 6],
     /// Regularised coefficient of the cone, `mu / sqrt(impratio)`.
     pub cone: L,
+    /// Weight of the cost on the cone, `weight[0] / (cone² (1 + cone²))`.
+    pub scale: L,
     /// Friction coefficient of rows 1.. (two tangents, torsion, two of rolling).
     pub friction: [L; 5],
     pub active: L::Mask,
@@ -63,6 +65,7 @@ impl<L: Real> Rows<L> {
             reference: [zero; 6],
             weight: [zero; 6],
             cone: zero,
+            scale: zero,
             friction: [zero; 5],
             active: L::Mask::splat(false),
         };
@@ -156,26 +159,46 @@ fn contact_rows<L: Real>(settings: &RowSettings, index: usize, block: &Block<L>,
     let columns = settings.topology.force_columns(slot.body);
     let (t1, t2) = tangents(contact.normal);
     let directions = [contact.normal, t1, t2];
+    // A direction at the point, as a spatial force about the origin.
+    let mut moments = [[L::zero(); 3]; 3];
+    for k in 0..3 {
+        moments[k] = cross(contact.point, directions[k]);
+    }
     let mut velocity = [L::zero(); 6];
-    rows.jacobian.fill(L::zero());
-    let mut fill = |body: usize, sign: L| {
+    if settings.topology.dense {
+        rows.jacobian.fill(L::zero());
+    }
+    let bodies = [(Some(slot.body), L::one()), (slot.other, -L::one())];
+    for (body, sign) in bodies {
+        let Some(body) = body else { continue };
         let path = &settings.topology.bodies[body].path;
         for (position, &dof) in path.iter().enumerate() {
             let column = if settings.topology.dense { dof } else { position };
             let s = &work.subspace[dof];
-            let turning = angular(s);
-            let moving = add(linear(s), cross(turning, contact.point));
             for k in 0..dimension {
                 // Rows: normal, two tangents; torsion about the normal; rolling about the tangents.
-                let entry = if k < 3 { dot(directions[k], moving) } else { dot(directions[k - 3], turning) };
-                rows.jacobian[k * columns.len() + column] += sign * entry;
-                velocity[k] += sign * entry * block.v[dof];
+                let entry = if k >= 3 {
+                    dot(directions[k - 3], angular(s))
+                } else if dof >= settings.topology.base_dofs {
+                    dot(directions[k], linear(s)) + dot(moments[k], angular(s))
+                } else if dof < 3 {
+                    directions[k][dof]
+                } else {
+                    dot(moments[k], angular(s))
+                };
+                let target = &mut rows.jacobian[k * columns.len() + column];
+                *target = if slot.other.is_some() { *target + sign * entry } else { entry };
             }
         }
-    };
-    fill(slot.body, L::one());
-    if let Some(other) = slot.other {
-        fill(other, -L::one());
+        let motion = &work.velocity[body];
+        for k in 0..dimension {
+            let along = if k >= 3 {
+                dot(directions[k - 3], angular(motion))
+            } else {
+                dot(directions[k], linear(motion)) + dot(moments[k], angular(motion))
+            };
+            velocity[k] += sign * along;
+        }
     }
     let ground = &block.ground;
     let imp = impedance(-contact.distance);
@@ -195,5 +218,7 @@ fn contact_rows<L: Real>(settings: &RowSettings, index: usize, block: &Block<L>,
         rows.weight[k] = if k < 3 { tangent_weight } else { tangent_weight * ratio * ratio };
     }
     rows.cone = mu * L::splat((1.0 / settings.impratio).sqrt());
+    let square = rows.cone * rows.cone;
+    rows.scale = normal_weight / (square * (L::one() + square));
     rows.active = contact.active;
 }

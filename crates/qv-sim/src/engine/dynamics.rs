@@ -11,7 +11,7 @@ use crate::lanes::Real;
 pub(crate) fn bias_forces<L: Real>(topology: &Topology, gravity: [f64; 3], block: &Block<L>, work: &mut Work<L>) {
     let count = topology.bodies.len();
     for (index, body) in topology.bodies.iter().enumerate() {
-        let upward = join([L::zero(); 3], splat3(gravity.map(|g| -g)));
+        let upward = join([L::zero(); 3], splat3([-gravity[0], -gravity[1], -gravity[2]]));
         let acceleration = match (body.joint, body.parent) {
             (None, _) => {
                 // The base's own term: v x w of its linear velocity, because its angular axes turn with it.
@@ -55,13 +55,19 @@ pub(crate) fn mass_matrix<L: Real>(topology: &Topology, block: &Block<L>, work: 
         let force = inertia_times(&work.inertia[body], &work.subspace[i]);
         let columns = &topology.columns[i];
         let row = &mut work.mass_matrix[topology.row[i]..][..columns.len()];
+        // The base's axes are known to be half empty: its columns are parts of the force.
+        let base = topology.base_dofs.min(columns.len());
+        for k in 0..base {
+            row[k] = if k < 3 { force[3 + k] } else { dot(angular(&work.subspace[k]), angular(&force)) };
+        }
         if topology.dense {
-            row.fill(L::zero());
-            for &k in topology.bodies[body].path.iter().take_while(|&&k| k <= i) {
+            row[base..].fill(L::zero());
+            let path = &topology.bodies[body].path;
+            for &k in path.iter().filter(|&&k| k >= base && k <= i) {
                 row[k] = dot6(&work.subspace[k], &force);
             }
         } else {
-            for (entry, &k) in row.iter_mut().zip(columns) {
+            for (entry, &k) in row[base..].iter_mut().zip(&columns[base..]) {
                 *entry = dot6(&work.subspace[k], &force);
             }
         }

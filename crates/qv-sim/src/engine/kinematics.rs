@@ -51,14 +51,14 @@ fn base<L: Real>(block: &Block<L>, work: &mut Work<L>) {
 fn place<L: Real>(index: usize, body: &Body, q: L, work: &mut Work<L>) {
     let rest_position = splat3(body.rest_position);
     let (frame, mut position) = match body.parent {
-        None => (body.rest_rotation.map(L::splat), rest_position),
+        None => (splat9(&body.rest_rotation), rest_position),
         Some(parent) => {
             let rotation = work.rotation[parent];
             let position = add(work.position[parent], rotate(&rotation, rest_position));
             if body.rest_is_identity {
                 (rotation, position)
             } else {
-                (multiply(&rotation, &body.rest_rotation.map(L::splat)), position)
+                (multiply(&rotation, &splat9(&body.rest_rotation)), position)
             }
         }
     };
@@ -119,21 +119,27 @@ fn world_inertia<L: Real>(r: &M3<L>, position: V3<L>, mass: L, com: V3<L>, local
     let d = add(position, rotate(r, com));
     let h = scale(d, mass);
     // r * local, row by row, then its product with r transposed.
-    let half: [V3<L>; 3] = std::array::from_fn(|i| {
+    let mut half = [[L::zero(); 3]; 3];
+    for i in 0..3 {
         let [a, b, c] = [r[3 * i], r[3 * i + 1], r[3 * i + 2]];
-        [a * xx + b * xy + c * xz, a * xy + b * yy + c * yz, a * xz + b * yz + c * zz]
-    });
-    let entry = |i: usize, j: usize| dot(half[i], [r[3 * j], r[3 * j + 1], r[3 * j + 2]]);
+        half[i] = [a * xx + b * xy + c * xz, a * xy + b * yy + c * yz, a * xz + b * yz + c * zz];
+    }
     [
         mass,
         h[0],
         h[1],
         h[2],
-        entry(0, 0) + (h[1] * d[1] + h[2] * d[2]),
-        entry(1, 1) + (h[0] * d[0] + h[2] * d[2]),
-        entry(2, 2) + (h[0] * d[0] + h[1] * d[1]),
-        entry(0, 1) - h[0] * d[1],
-        entry(0, 2) - h[0] * d[2],
-        entry(1, 2) - h[1] * d[2],
+        entry(&half, r, 0, 0) + (h[1] * d[1] + h[2] * d[2]),
+        entry(&half, r, 1, 1) + (h[0] * d[0] + h[2] * d[2]),
+        entry(&half, r, 2, 2) + (h[0] * d[0] + h[1] * d[1]),
+        entry(&half, r, 0, 1) - h[0] * d[1],
+        entry(&half, r, 0, 2) - h[0] * d[2],
+        entry(&half, r, 1, 2) - h[1] * d[2],
     ]
+}
+
+/// Entry (i, j) of `half * rᵀ`.
+#[inline(always)]
+fn entry<L: Real>(half: &[V3<L>; 3], r: &M3<L>, i: usize, j: usize) -> L {
+    dot(half[i], [r[3 * j], r[3 * j + 1], r[3 * j + 2]])
 }

@@ -23,10 +23,13 @@ pub(crate) struct Scratch<L: Real> {
     /// `J a - a_ref` and `J search`, `[slot][6]`.
     residual: Vec<[L; 6]>,
     along: Vec<[L; 6]>,
+    /// Contact forces at the residuals and where those lie, and the same at a trial step.
+    contact: Vec<Evaluated<L>>,
+    trial: Vec<Evaluated<L>>,
 }
 
 impl<L: Real> Scratch<L> {
-    pub fn new(topology: &Topology) -> Self {
+    pub fn new(topology: &Topology, slots: usize) -> Self {
         let zero = vec![L::zero(); topology.nv];
         Self {
             a: zero.clone(),
@@ -34,74 +37,87 @@ impl<L: Real> Scratch<L> {
             gradient: zero.clone(),
             search: zero.clone(),
             m_search: zero,
-            residual: Vec::new(),
-            along: Vec::new(),
+            residual: vec![[L::zero(); 6]; slots],
+            along: vec![[L::zero(); 6]; slots],
+            contact: vec![Evaluated::new(); slots],
+            trial: vec![Evaluated::new(); slots],
         }
     }
 }
 
-/// Where a contact's residual lies in its cone's cost (MuJoCo's zones).
-struct Zones<L: Real> {
+/// A contact at one residual: its force, and where the residual lies in the cone's cost (MuJoCo's zones).
+#[derive(Debug, Clone, Copy)]
+struct Evaluated<L: Real> {
+    /// Minus the gradient of the cost.
+    force: [L; 6],
     /// Inside the polar cone: plain quadratic.
     bottom: L::Mask,
     /// On the cone.
     middle: L::Mask,
     /// N = residual[0] * cone.
     normal: L,
-    /// Length of the scaled tangential residual.
-    tangent: L,
+    /// One over the length of the scaled tangential residual where `middle`, else 1.
+    inverse: L,
     /// Scaled tangential residual.
     u: [L; 5],
-    /// `D_0 / (mu² (1 + mu²))`.
-    scale: L,
+}
+
+impl<L: Real> Evaluated<L> {
+    fn new() -> Self {
+        let (zero, never) = (L::zero(), L::Mask::splat(false));
+        let (force, u) = ([zero; 6], [zero; 5]);
+        Self { force, bottom: never, middle: never, normal: zero, inverse: zero, u }
+    }
 }
 
 #[inline(always)]
-fn zones<L: Real>(rows: &ContactRows<L>, dimension: usize, residual: &[L; 6]) -> Zones<L> {
+fn evaluate<L: Real>(rows: &ContactRows<L>, dimension: usize, residual: &[L; 6]) -> Evaluated<L> {
+    let zero = L::zero();
     let mu = rows.cone;
     let normal = residual[0] * mu;
-    let mut u = [L::zero(); 5];
-    let mut squared = L::zero();
+    let mut u = [zero; 5];
+    let mut squared = zero;
     for k in 1..dimension {
         u[k - 1] = residual[k] * rows.friction[k - 1];
         squared += u[k - 1] * u[k - 1];
     }
     let tangent = squared.sqrt();
     let top = (mu * tangent).le(normal);
-    let bottom = (mu * normal + tangent).le(L::zero()) & !top;
-    let middle = !top & !bottom & rows.active;
-    let square = mu * mu;
-    let scale = rows.weight[0] / (square * (L::one() + square));
-    Zones { bottom: bottom & rows.active, middle, normal, tangent, u, scale }
-}
-
-/// Force of a contact, minus the gradient of its cost.
-#[inline(always)]
-fn contact_force<L: Real>(rows: &ContactRows<L>, dimension: usize, residual: &[L; 6]) -> [L; 6] {
-    let z = zones(rows, dimension, residual);
-    let zero = L::zero();
-    let mu = rows.cone;
-    let slide = z.scale * (z.normal - mu * z.tangent);
+    let inside = (mu * normal + tangent).le(zero);
+    let bottom = inside & !top & rows.active;
+    let middle = !top & !inside & rows.active;
     let mut force = [zero; 6];
-    force[0] = L::select(z.middle, -(slide * mu), L::select(z.bottom, -(rows.weight[0] * residual[0]), zero));
-    let inverse = L::one() / L::select(z.middle, z.tangent, L::one());
-    for k in 1..dimension {
-        let sliding = slide * mu * z.u[k - 1] * inverse * rows.friction[k - 1];
-        force[k] = L::select(z.middle, sliding, L::select(z.bottom, -(rows.weight[k] * residual[k]), zero));
+    for k in 0..dimension {
+        force[k] = L::select(bottom, -(rows.weight[k] * residual[k]), zero);
     }
-    force
+    let mut inverse = L::one();
+    if middle.any() {
+        inverse = L::one() / L::select(middle, tangent, L::one());
+        let slide = rows.scale * mu * (normal - mu * tangent);
+        force[0] = L::select(middle, -slide, force[0]);
+        for k in 1..dimension {
+            let sliding = slide * u[k - 1] * inverse * rows.friction[k - 1];
+            force[k] = L::select(middle, sliding, force[k]);
+        }
+    }
+    Evaluated { force, bottom, middle, normal, inverse, u }
 }
 
-/// Lower triangle of the cost's Hessian for one contact, `[row][column]`.
+/// The cost's Hessian for one contact, `[row][column]`, symmetric.
 #[inline(always)]
-fn contact_hessian<L: Real>(rows: &ContactRows<L>, dimension: usize, residual: &[L; 6]) -> [[L; 6]; 6] {
-    let z = zones(rows, dimension, residual);
+fn contact_hessian<L: Real>(rows: &ContactRows<L>, dimension: usize, z: &Evaluated<L>) -> [[L; 6]; 6] {
     let zero = L::zero();
-    let mu = rows.cone;
-    let inverse = L::one() / L::select(z.middle, z.tangent, L::one());
-    let curvature = mu * z.normal * inverse * inverse * inverse;
-    let diagonal = mu * mu - mu * z.normal * inverse;
     let mut out = [[zero; 6]; 6];
+    for i in 0..dimension {
+        out[i][i] = L::select(z.bottom, rows.weight[i], zero);
+    }
+    // Mostly nothing slides, and the rest is zero.
+    if !z.middle.any() {
+        return out;
+    }
+    let mu = rows.cone;
+    let curvature = mu * z.normal * z.inverse * z.inverse * z.inverse;
+    let diagonal = mu * mu - mu * z.normal * z.inverse;
     for i in 0..dimension {
         let scale_i = if i == 0 { mu } else { rows.friction[i - 1] };
         for j in 0..=i {
@@ -109,14 +125,14 @@ fn contact_hessian<L: Real>(rows: &ContactRows<L>, dimension: usize, residual: &
             let raw = if i == 0 {
                 L::one()
             } else if j == 0 {
-                -(mu * z.u[i - 1] * inverse)
+                -(mu * z.u[i - 1] * z.inverse)
             } else {
                 let own = if i == j { diagonal } else { zero };
                 curvature * z.u[i - 1] * z.u[j - 1] + own
             };
-            let cone = z.scale * scale_i * scale_j * raw;
-            let plain = if i == j { rows.weight[i] } else { zero };
-            out[i][j] = L::select(z.middle, cone, L::select(z.bottom, plain, zero));
+            let cone = rows.scale * scale_i * scale_j * raw;
+            out[i][j] = L::select(z.middle, cone, out[i][j]);
+            out[j][i] = out[i][j];
         }
     }
     out
@@ -145,7 +161,7 @@ pub(crate) struct NewtonSettings<'a> {
     pub tolerance: f64,
 }
 
-/// Solves for `work.newton.a`, starting from `block.warm`. On return `ma` holds the sum of all forces.
+/// Solves for `work.newton.a`, starting from `block.warm`. On return `ma` is the mass matrix times it.
 #[inline(always)]
 pub(crate) fn newton<L: Real>(settings: &NewtonSettings, block: &Block<L>, work: &mut Work<L>) {
     let topology = settings.topology;
@@ -153,6 +169,7 @@ pub(crate) fn newton<L: Real>(settings: &NewtonSettings, block: &Block<L>, work:
     work.newton.a.copy_from_slice(&block.warm);
     multiply_packed(topology, &work.mass_matrix, &work.newton.a, &mut work.newton.ma);
     start_residuals(settings, work);
+    evaluate_contacts(work);
     let threshold = threshold(settings, work);
     let mut done = block.faulty;
     for _ in 0..settings.iterations {
@@ -174,7 +191,7 @@ pub(crate) fn newton<L: Real>(settings: &NewtonSettings, block: &Block<L>, work:
         solve(topology, &work.hessian, &mut work.newton.search);
         multiply_packed(topology, &work.mass_matrix, &work.newton.search, &mut work.newton.m_search);
         search_residuals(settings, work);
-        let step = line_search(settings, done, block, work);
+        let (step, evaluated) = line_search(settings, done, block, work);
         let scratch = &mut work.newton;
         for i in 0..nv {
             scratch.a[i] += step * scratch.search[i];
@@ -186,6 +203,19 @@ pub(crate) fn newton<L: Real>(settings: &NewtonSettings, block: &Block<L>, work:
                 scratch.residual[slot][k] += change;
             }
         }
+        if evaluated {
+            std::mem::swap(&mut scratch.contact, &mut scratch.trial);
+        } else {
+            evaluate_contacts(work);
+        }
+    }
+}
+
+#[inline(always)]
+fn evaluate_contacts<L: Real>(work: &mut Work<L>) {
+    for &slot in &work.live {
+        let rows = &work.rows.contacts[slot];
+        work.newton.contact[slot] = evaluate(rows, work.rows.dimension, &work.newton.residual[slot]);
     }
 }
 
@@ -216,8 +246,6 @@ fn project<L: Real>(topology: &Topology, slot: &Slot, rows: &ContactRows<L>, dim
 
 #[inline(always)]
 fn start_residuals<L: Real>(settings: &NewtonSettings, work: &mut Work<L>) {
-    work.newton.residual.resize(settings.slots.len(), [L::zero(); 6]);
-    work.newton.along.resize(settings.slots.len(), [L::zero(); 6]);
     let dimension = work.rows.dimension;
     for &slot in &work.live {
         let rows = &work.rows.contacts[slot];
@@ -259,7 +287,7 @@ fn gradient<L: Real>(settings: &NewtonSettings, block: &Block<L>, work: &mut Wor
     }
     for &slot in &work.live {
         let rows = &contacts[slot];
-        let force = contact_force(rows, *dimension, &scratch.residual[slot]);
+        let force = scratch.contact[slot].force;
         let columns = topology.force_columns(settings.slots[slot].body);
         for (position, &column) in columns.iter().enumerate() {
             let mut sum = L::zero();
@@ -291,8 +319,9 @@ fn hessian<L: Real>(settings: &NewtonSettings, block: &Block<L>, work: &mut Work
     }
     for &slot in &work.live {
         let rows = &contacts[slot];
-        let local = contact_hessian(rows, *dimension, &work.newton.residual[slot]);
-        add_contact(topology, &settings.slots[slot], rows, *dimension, &local, &mut work.hessian);
+        let local = contact_hessian(rows, *dimension, &work.newton.contact[slot]);
+        let sliding = work.newton.contact[slot].middle.any();
+        add_contact(topology, &settings.slots[slot], rows, *dimension, sliding, &local, &mut work.hessian);
     }
 }
 
@@ -302,19 +331,20 @@ fn add_contact<L: Real>(
     slot: &Slot,
     rows: &ContactRows<L>,
     dimension: usize,
+    sliding: bool,
     local: &[[L; 6]; 6],
     hessian: &mut [L],
 ) {
     let columns = topology.force_columns(slot.body);
     let count = columns.len();
     for (i, &row) in columns.iter().enumerate() {
-        // local * J for column i; local is symmetric with its lower triangle filled.
+        // local * J for column i.
         let mut weighted = [L::zero(); 6];
         for k in 0..dimension {
-            let mut sum = L::zero();
-            for m in 0..dimension {
-                let entry = if m <= k { local[k][m] } else { local[m][k] };
-                sum += entry * rows.jacobian[m * count + i];
+            let mut sum = local[k][k] * rows.jacobian[k * count + i];
+            // Off the cone the matrix is diagonal; the zeros beside it would add nothing.
+            for m in (0..dimension).filter(|&m| sliding && m != k) {
+                sum += local[k][m] * rows.jacobian[m * count + i];
             }
             weighted[k] = sum;
         }
@@ -330,31 +360,30 @@ fn add_contact<L: Real>(
 }
 
 /// Step length along the search direction: 1 where that is near the minimum, else the root of the derivative by
-/// bracketed Newton. Lanes that are done get 0.
+/// bracketed Newton. Lanes that are done get 0. Also whether `trial` holds the contacts at that step in all lanes.
 #[inline(always)]
-fn line_search<L: Real>(settings: &NewtonSettings, done: L::Mask, block: &Block<L>, work: &Work<L>) -> L {
+fn line_search<L: Real>(settings: &NewtonSettings, done: L::Mask, block: &Block<L>, work: &mut Work<L>) -> (L, bool) {
     const STEPS: usize = 12;
-    let (mut slope, mut curvature) = (L::zero(), L::zero());
+    let (mut slope, mut curvature, mut start) = (L::zero(), L::zero(), L::zero());
     let scratch = &work.newton;
     for i in 0..settings.topology.nv {
         slope += scratch.search[i] * (scratch.ma[i] - work.smooth[i]);
         curvature += scratch.search[i] * scratch.m_search[i];
-    }
-    let mut start = L::zero();
-    for i in 0..settings.topology.nv {
         start += scratch.search[i] * scratch.gradient[i];
     }
     // A derivative this much smaller than at the start is close enough.
     let enough = L::splat(1e-2) * start.abs();
-    let mut step = L::one();
+    let mut step = L::select(done, L::zero(), L::one());
     let (mut low, mut high) = (L::zero(), L::splat(<L::Scalar as Scalar>::ROUNDER));
     let mut settled = done;
     for _ in 0..STEPS {
-        let (first, second) = derivatives(settings, step, slope, curvature, block, work);
+        evaluate_trial(step, work);
+        let first = slope + step * curvature + constraint_slope(settings, step, block, work);
         settled = settled | !enough.lt(first.abs());
         if settled.all() {
-            break;
+            return (step, true);
         }
+        let second = curvature + constraint_curvature(settings, step, block, work);
         let short = first.lt(L::zero());
         low = L::select(short & !settled, step, low);
         high = L::select(!short & !settled, step, high);
@@ -363,62 +392,79 @@ fn line_search<L: Real>(settings: &NewtonSettings, done: L::Mask, block: &Block<
         let middle = (low + high.min(L::splat(4.0) * low + L::one())) * L::splat(0.5);
         step = L::select(settled, step, L::select(inside, newton, middle));
     }
-    L::select(done, L::zero(), step)
+    (step, false)
 }
 
-/// First and second derivative of the cost along the search direction.
 #[inline(always)]
-fn derivatives<L: Real>(
-    settings: &NewtonSettings,
-    step: L,
-    slope: L,
-    curvature: L,
-    block: &Block<L>,
-    work: &Work<L>,
-) -> (L, L) {
-    let topology = settings.topology;
-    let Rows { dimension, contacts, friction_reference, friction_weight, limits } = &work.rows;
+fn evaluate_trial<L: Real>(step: L, work: &mut Work<L>) {
+    for &slot in &work.live {
+        let rows = &work.rows.contacts[slot];
+        let mut residual = work.newton.residual[slot];
+        for k in 0..work.rows.dimension {
+            let change = step * work.newton.along[slot][k];
+            residual[k] += change;
+        }
+        work.newton.trial[slot] = evaluate(rows, work.rows.dimension, &residual);
+    }
+}
+
+/// Derivative of the constraints' cost along the search direction, at the trial step.
+#[inline(always)]
+fn constraint_slope<L: Real>(settings: &NewtonSettings, step: L, block: &Block<L>, work: &Work<L>) -> L {
+    let Rows { dimension, friction_reference, friction_weight, limits, .. } = &work.rows;
     let scratch = &work.newton;
-    let (mut first, mut second) = (slope + step * curvature, curvature);
+    let mut sum = L::zero();
     if block.any_coulomb {
-        for i in topology.base_dofs..topology.nv {
-            let direction = scratch.search[i];
-            let residual = scratch.a[i] + step * direction - friction_reference[i];
-            let (force, holds) = friction_force(friction_weight[i], block.coulomb[i], residual);
-            first -= force * direction;
-            second += L::select(holds, L::splat(friction_weight[i]) * direction * direction, L::zero());
+        for i in settings.topology.base_dofs..settings.topology.nv {
+            let residual = scratch.a[i] + step * scratch.search[i] - friction_reference[i];
+            sum -= friction_force(friction_weight[i], block.coulomb[i], residual).0 * scratch.search[i];
         }
     }
     for row in limits {
-        let direction = row.sign * scratch.search[row.dof];
-        let (force, pushes) = limit_force(row, scratch.a[row.dof] + step * scratch.search[row.dof]);
-        first -= force * direction;
-        second += L::select(pushes, row.weight * direction * direction, L::zero());
+        let (force, _) = limit_force(row, scratch.a[row.dof] + step * scratch.search[row.dof]);
+        sum -= force * row.sign * scratch.search[row.dof];
     }
     for &slot in &work.live {
-        let rows = &contacts[slot];
-        let along = &scratch.along[slot];
-        let mut residual = scratch.residual[slot];
         for k in 0..*dimension {
-            residual[k] += step * along[k];
-        }
-        let force = contact_force(rows, *dimension, &residual);
-        let hessian = contact_hessian(rows, *dimension, &residual);
-        for i in 0..*dimension {
-            first -= force[i] * along[i];
-            let mut sum = hessian[i][i] * along[i];
-            for j in 0..i {
-                sum += (hessian[i][j] + hessian[i][j]) * along[j];
-            }
-            second += along[i] * sum;
+            sum -= scratch.trial[slot].force[k] * scratch.along[slot][k];
         }
     }
-    (first, second)
+    sum
+}
+
+/// Second derivative of the constraints' cost along the search direction, at the trial step.
+#[inline(always)]
+fn constraint_curvature<L: Real>(settings: &NewtonSettings, step: L, block: &Block<L>, work: &Work<L>) -> L {
+    let Rows { dimension, contacts, friction_reference, friction_weight, limits } = &work.rows;
+    let scratch = &work.newton;
+    let mut sum = L::zero();
+    if block.any_coulomb {
+        for i in settings.topology.base_dofs..settings.topology.nv {
+            let direction = scratch.search[i];
+            let residual = scratch.a[i] + step * direction - friction_reference[i];
+            let (_, holds) = friction_force(friction_weight[i], block.coulomb[i], residual);
+            sum += L::select(holds, L::splat(friction_weight[i]) * direction * direction, L::zero());
+        }
+    }
+    for row in limits {
+        let direction = scratch.search[row.dof];
+        let (_, pushes) = limit_force(row, scratch.a[row.dof] + step * direction);
+        sum += L::select(pushes, row.weight * direction * direction, L::zero());
+    }
+    for &slot in &work.live {
+        let along = &scratch.along[slot];
+        let hessian = contact_hessian(&contacts[slot], *dimension, &scratch.trial[slot]);
+        for i in 0..*dimension {
+            for j in 0..*dimension {
+                sum += along[i] * hessian[i][j] * along[j];
+            }
+        }
+    }
+    sum
 }
 
 /// Normal force of a live contact at the solution \[N\].
 #[inline(always)]
 pub(crate) fn normal_force<L: Real>(slot: usize, work: &Work<L>) -> L {
-    let rows = &work.rows.contacts[slot];
-    contact_force(rows, work.rows.dimension, &work.newton.residual[slot])[0]
+    work.newton.contact[slot].force[0]
 }

@@ -151,7 +151,7 @@ fn integrate<L: Real>(shared: &Shared, block: &mut Block<L>) {
             let moved = step * block.v[k];
             block.q[k] += moved;
         }
-        let turn = [block.v[3], block.v[4], block.v[5]].map(|w| w * step);
+        let turn = scale([block.v[3], block.v[4], block.v[5]], step);
         let q = [block.q[3], block.q[4], block.q[5], block.q[6]];
         let turned = turn_quaternion(q, turn);
         block.q[3..7].copy_from_slice(&turned);
@@ -177,7 +177,7 @@ fn turn_quaternion<L: Real>(q: [L; 4], turn: V3<L>) -> [L; 4] {
     ];
     let squared = (out[0] * out[0] + out[1] * out[1]) + (out[2] * out[2] + out[3] * out[3]);
     let inverse = L::one() / squared.sqrt();
-    out.map(|v| v * inverse)
+    [out[0] * inverse, out[1] * inverse, out[2] * inverse, out[3] * inverse]
 }
 
 /// Shifts the rings of commands and of what sensors saw.

@@ -2,6 +2,9 @@
 //!
 //! Spatial vectors (Featherstone, Rigid Body Dynamics Algorithms, ch. 2) are `[angular; linear]`, in world axes, about
 //! the origin of the base, so that single precision does not lose a robot that is far from the world's origin.
+//!
+//! No `array::map` or `from_fn` here or elsewhere in the hot path: their closures are compiled without the features of
+//! the register, and every operation in them becomes a call.
 
 use crate::lanes::Real;
 
@@ -15,7 +18,16 @@ pub(crate) type Inertia<L> = [L; 10];
 
 #[inline(always)]
 pub(crate) fn splat3<L: Real>(v: [f64; 3]) -> V3<L> {
-    v.map(L::splat)
+    [L::splat(v[0]), L::splat(v[1]), L::splat(v[2])]
+}
+
+#[inline(always)]
+pub(crate) fn splat9<L: Real>(m: &[f64; 9]) -> M3<L> {
+    let mut out = [L::zero(); 9];
+    for i in 0..9 {
+        out[i] = L::splat(m[i]);
+    }
+    out
 }
 
 #[inline(always)]
@@ -126,7 +138,7 @@ pub(crate) fn add6<L: Real>(a: V6<L>, b: V6<L>) -> V6<L> {
 
 #[inline(always)]
 pub(crate) fn scale6<L: Real>(a: &V6<L>, k: L) -> V6<L> {
-    a.map(|x| x * k)
+    [a[0] * k, a[1] * k, a[2] * k, a[3] * k, a[4] * k, a[5] * k]
 }
 
 #[inline(always)]

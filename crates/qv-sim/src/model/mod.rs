@@ -1,8 +1,10 @@
 //! The robot: a tree of rigid links moved by joints, with its collision shapes.
 
 pub(crate) mod inertia;
+mod mechanics;
 mod urdf;
 
+pub use mechanics::Mechanics;
 pub use urdf::{MeshVertices, ModelOptions};
 
 use glam::{DMat3, DVec3};

@@ -25,6 +25,7 @@ pub struct Terrain {
 
 #[derive(Debug)]
 enum Surface {
+    None,
     Plane,
     HeightField(HeightField),
     Mesh { mesh: TriangleMesh, bvh: Bvh, materials: Vec<(String, f64)> },
@@ -34,6 +35,11 @@ impl Terrain {
     /// The plane z = 0 with friction [`DEFAULT_FRICTION`].
     pub fn plane() -> Self {
         Self { surface: Arc::new(Surface::Plane), friction: DEFAULT_FRICTION }
+    }
+
+    /// No ground at all, for arms and for robots held in the air.
+    pub fn none() -> Self {
+        Self { surface: Arc::new(Surface::None), friction: DEFAULT_FRICTION }
     }
 
     /// A grid of heights \[m\], row-major with x fastest: point (i, j) lies at `origin + (i dx, j dy)`. Each cell is two
@@ -108,10 +114,15 @@ impl Terrain {
         matches!(*self.surface, Surface::Plane)
     }
 
+    /// Whether there is no ground.
+    pub fn is_none(&self) -> bool {
+        matches!(*self.surface, Surface::None)
+    }
+
     /// Number of triangles; 0 for a plane.
     pub fn triangle_count(&self) -> usize {
         match &*self.surface {
-            Surface::Plane => 0,
+            Surface::None | Surface::Plane => 0,
             Surface::HeightField(field) => field.triangle_count(),
             Surface::Mesh { mesh, .. } => mesh.triangles.len(),
         }
@@ -121,7 +132,7 @@ impl Terrain {
     pub(crate) fn triangles_in(&self, low: DVec3, high: DVec3, out: &mut Vec<Triangle>) {
         out.clear();
         match &*self.surface {
-            Surface::Plane => {}
+            Surface::None | Surface::Plane => {}
             Surface::HeightField(field) => field.triangles_in(low, high, out),
             Surface::Mesh { mesh, bvh, .. } => {
                 let region = Aabb::new(low, high);

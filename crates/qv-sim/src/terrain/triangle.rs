@@ -79,16 +79,18 @@ impl SurfaceContact {
         Self { distance, normal, on_terrain, material, in_face: true, triangle }
     }
 
-    /// Drops contacts at inner edges: a rim contact is real only when no neighbour that shares the touched point is
+    /// Unless `inner_edges` are to be felt, drops contacts there: a rim contact is real only when no neighbour that shares the touched point is
     /// nearer to the sphere. Of several contacts at one point (a ridge) the first stays. Then keeps the `most` deepest.
-    pub fn sort_out(contacts: &mut Vec<Self>, most: usize) {
-        let all = contacts.clone();
-        let mut index = 0;
-        contacts.retain(|contact| {
-            let own = index;
-            index += 1;
-            contact.in_face || !all.iter().enumerate().any(|(i, other)| i != own && other.covers(contact, i < own))
-        });
+    pub fn sort_out(contacts: &mut Vec<Self>, inner_edges: bool, most: usize) {
+        if !inner_edges && contacts.len() > 1 {
+            let all = contacts.clone();
+            let mut index = 0;
+            contacts.retain(|contact| {
+                let own = index;
+                index += 1;
+                contact.in_face || !all.iter().enumerate().any(|(i, other)| i != own && other.covers(contact, i < own))
+            });
+        }
         if contacts.len() > most {
             contacts.sort_by(|a, b| a.distance.total_cmp(&b.distance));
             contacts.truncate(most);
@@ -168,7 +170,7 @@ mod tests {
         let centre = DVec3::new(0.002, 0.4, 0.018);
         let mut contacts: Vec<_> = [flat(0.0), left].iter().filter_map(|t| t.sphere_contact(centre, 0.02)).collect();
         assert_eq!(contacts.len(), 2, "both are touched");
-        SurfaceContact::sort_out(&mut contacts, 4);
+        SurfaceContact::sort_out(&mut contacts, false, 4);
         assert_eq!(contacts.len(), 1);
         assert!((contacts[0].normal - DVec3::Z).length() < 1e-12);
     }
