@@ -3,43 +3,24 @@
 //! Source: the published message definitions of unitree_ros2. Motors and feet are numbered FR, FL, RR, RL there; the
 //! channels come out FL, FR, RL, RR. Quaternions are w, x, y, z in `LowState` and x, y, z, w in poses.
 
+use crate::model;
 use qv_replay::mapping::{Channel, ChannelFields, Mapping, StreamMapping};
 use qv_replay::plan::Wanted;
 
-/// Legs in our order.
-pub const LEGS: [&str; 4] = ["FL", "FR", "RL", "RR"];
-
-/// Index on the wire of each leg of [`LEGS`].
+/// Index on the wire of each leg of [`model::LEGS`].
 pub const LEG_ON_WIRE: [usize; 4] = [1, 0, 3, 2];
-
-/// Joints of a leg.
-pub const LEG_JOINTS: [&str; 3] = ["hip", "thigh", "calf"];
-
-/// IMU in the trunk frame \[m\].
-pub const IMU_POSITION: [f64; 3] = [-0.02557, 0.0, 0.04232];
 
 /// Topic of FAST-LIO's pose.
 pub const POSE_TOPIC: &str = "/Odometry";
 
 /// Joint names in our order, such as `FL_hip_joint`.
 pub fn joint_names() -> Vec<String> {
-    LEGS.iter().flat_map(|leg| LEG_JOINTS.iter().map(move |joint| format!("{leg}_{joint}_joint"))).collect()
+    model::JOINT_NAMES.map(String::from).to_vec()
 }
 
 /// Index on the wire of each of our joints, shape `[12]`.
 pub fn motor_on_wire() -> Vec<usize> {
     LEG_ON_WIRE.iter().flat_map(|leg| (0..3).map(move |joint| 3 * leg + joint)).collect()
-}
-
-/// Position limits \[rad\] in our order: hip, then thigh (front and rear differ), then calf.
-pub fn position_limits() -> Vec<(f64, f64)> {
-    let thigh = |leg: usize| if leg < 2 { (-1.5708, 3.4907) } else { (-0.5236, 4.5379) };
-    (0..4).flat_map(|leg| [(-1.0472, 1.0472), thigh(leg), (-2.7227, -0.83776)]).collect()
-}
-
-/// Effort limits \[N m\] in our order (the larger published figure for the calf).
-pub fn effort_limits() -> Vec<f64> {
-    [23.7, 23.7, 45.43].repeat(4)
 }
 
 /// The mapping. The pose is read from `pose_topic` alone when it is given, else from [`POSE_TOPIC`] or, without that,
@@ -48,10 +29,10 @@ pub fn mapping(pose_topic: Option<&str>) -> Mapping {
     Mapping {
         robot: "go2".into(),
         joint_names: joint_names(),
-        position_limits: position_limits(),
-        effort_limits: effort_limits(),
-        foot_names: LEGS.map(String::from).to_vec(),
-        imu_position: IMU_POSITION,
+        position_limits: model::position_limits().to_vec(),
+        effort_limits: model::effort_limits().to_vec(),
+        foot_names: model::LEGS.map(String::from).to_vec(),
+        imu_position: model::IMU_IN_BASE,
         streams: vec![commands(), states(), poses(pose_topic)],
     }
 }
@@ -129,6 +110,6 @@ mod tests {
     fn motors_are_permuted_by_leg() {
         assert_eq!(motor_on_wire(), [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]);
         assert_eq!(joint_names()[8], "RL_calf_joint");
-        assert_eq!(position_limits()[7], (-0.5236, 4.5379));
+        assert_eq!(mapping(None).position_limits[7].1, 4.5379);
     }
 }

@@ -247,7 +247,7 @@ fn first_jump(logged: &[i64]) -> Option<usize> {
     (1..logged.len()).find(|&i| {
         let is_jump = |later: i64| {
             let step = later.saturating_sub(logged[i - 1]);
-            step < -BACKWARD_JUMP || step > FORWARD_JUMP
+            !(-BACKWARD_JUMP..=FORWARD_JUMP).contains(&step)
         };
         is_jump(logged[i]) && logged[i..].iter().take(5).all(|&later| is_jump(later)) && logged.len() > i + 1
     })

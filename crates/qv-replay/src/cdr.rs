@@ -255,7 +255,7 @@ impl Writer {
     }
 
     fn aligned(&mut self, bytes: &[u8]) -> &mut Self {
-        while (self.bytes.len() - ENCAPSULATION) % bytes.len() != 0 {
+        while !(self.bytes.len() - ENCAPSULATION).is_multiple_of(bytes.len()) {
             self.bytes.push(0);
         }
         self.bytes.extend_from_slice(bytes);

@@ -192,9 +192,8 @@ impl Plan {
 
     fn check_loop(&self, body: &[Op], count: usize) -> Result<(), ReplayError> {
         for op in body {
-            match op {
-                Op::Read { count: Count::One, slot, .. } => self.check_length(&self.slots[*slot], count)?,
-                _ => {}
+            if let Op::Read { count: Count::One, slot, .. } = op {
+                self.check_length(&self.slots[*slot], count)?;
             }
         }
         Ok(())
@@ -354,13 +353,12 @@ impl Compiler<'_> {
 
 /// Adds an operation; neighbouring skips of one size become one.
 fn push(ops: &mut Vec<Op>, op: Op) {
-    if let (Some(Op::Skip { size, count }), Op::Skip { size: s, count: n }) = (ops.last_mut(), &op) {
-        if size == s {
-            *count = count.saturating_add(*n);
-            return;
+    match (ops.last_mut(), &op) {
+        (Some(Op::Skip { size, count }), Op::Skip { size: same, count: more }) if size == same => {
+            *count = count.saturating_add(*more);
         }
+        _ => ops.push(op),
     }
-    ops.push(op);
 }
 
 #[cfg(test)]
@@ -380,7 +378,7 @@ mod tests {
         w.f32(0.1).f32(0.2).f32(0.3).u32(3).u8(1).u8(2).u8(3);
         let mut bytes = w.finish();
         // int64 at an 8-byte boundary of the body.
-        while (bytes.len() - 4) % 8 != 0 {
+        while !(bytes.len() - 4).is_multiple_of(8) {
             bytes.push(0);
         }
         bytes.extend_from_slice(&(-5i64).to_le_bytes());

@@ -130,9 +130,8 @@ impl Schema {
                 sections.push((short_name(heading.trim()), Vec::new()));
                 expect_heading = false;
             } else if !line.is_empty() {
-                if let Some(field) = parse_line(line, index).map_err(|e| Self::error(name, index, &e, line))? {
-                    sections.last_mut().expect("one section exists").1.push(field);
-                }
+                let field = parse_line(line, index).map_err(|e| Self::error(name, index, &e, line))?;
+                sections.last_mut().expect("one section exists").1.extend(field);
             }
         }
         resolve(name, sections)

@@ -312,7 +312,7 @@ impl State<'_> {
             self.sink.message(header.channel_id, header.log_time, data);
         } else if self.waiting_bytes + data.len() <= MAX_WAITING {
             self.waiting_bytes += data.len();
-            self.waiting.push((header.clone(), data.to_vec()));
+            self.waiting.push((*header, data.to_vec()));
         } else if !self.full {
             self.full = true;
             let text = format!("more than {MAX_WAITING} bytes of messages whose channel is not announced");

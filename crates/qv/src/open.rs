@@ -24,7 +24,7 @@ pub fn open_run(arguments: &RunArguments) -> Result<Run, ReplayError> {
         }
         (true, _) => open_split_bag(path, arguments),
         (false, "csv") => open_table(path),
-        (false, "mcap") => open_bag(&[path.clone()], arguments),
+        (false, "mcap") => open_bag(std::slice::from_ref(path), arguments),
         (false, _) => Err(file_error(path, "a .mcap or .csv file, or a directory", &format!("`.{extension}`"))),
     }
 }

@@ -52,7 +52,7 @@ pub fn lags_behind(
 fn best_lag(earlier: (&JointSeries, usize), later: (&JointSeries, usize), step: f64, joint: &str) -> Option<Lag> {
     let values = earlier.0.column(earlier.1).filter(|x| x.is_finite());
     let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
-    if !(high - low > 1e-3) {
+    if high - low < 1e-3 || !(high - low).is_finite() {
         return None;
     }
     let first = (SHORTEST / step).round() as i64;
