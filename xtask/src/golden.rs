@@ -12,7 +12,7 @@ use std::process::Command;
 /// What to do with goldens.
 #[derive(Subcommand)]
 pub enum Golden {
-    /// Run the tests that compare with goldens (test programs named golden*)
+    /// Run the test programs that the manifest names
     Check {
         /// Also run the generators and compare their output with the files, byte by byte
         #[arg(long)]
@@ -44,6 +44,8 @@ pub struct Generator {
     pub command: String,
     /// Folder under `fixtures/` whose requirements.txt pins what it needs.
     pub environment: String,
+    /// Test programs (of any crate) that compare with its goldens.
+    pub tests: Vec<String>,
 }
 
 /// One golden.
@@ -90,15 +92,18 @@ pub fn run(workspace: &Workspace, what: Golden) -> Result<bool> {
     match what {
         Golden::Bless { names } => bless(workspace, &manifest, &names).map(|()| true),
         Golden::Check { regenerate } => {
-            let tests = check_tests(workspace)?;
+            let tests = check_tests(workspace, &manifest)?;
             Ok(if regenerate { compare_regenerated(workspace, &manifest)? && tests } else { tests })
         }
     }
 }
 
-fn check_tests(workspace: &Workspace) -> Result<bool> {
+fn check_tests(workspace: &Workspace, manifest: &Manifest) -> Result<bool> {
     let mut cargo = process::cargo();
-    cargo.current_dir(&workspace.workspace_root).args(["test", "--workspace", "--test", "golden*"]);
+    cargo.current_dir(&workspace.workspace_root).args(["test", "--workspace"]);
+    for test in manifest.generators.values().flat_map(|generator| &generator.tests) {
+        cargo.args(["--test", test]);
+    }
     process::watch(&mut cargo, |_| {})
 }
 

@@ -43,11 +43,7 @@ impl TriangleMesh {
             return Ok(());
         }
         if self.labels.len() != self.triangles.len() {
-            return Err(CoreError::Length {
-                what: "labels",
-                expected: self.triangles.len(),
-                found: self.labels.len(),
-            });
+            return Err(CoreError::Length { what: "labels", expected: self.triangles.len(), found: self.labels.len() });
         }
         match self.labels.iter().find(|&&l| l as usize >= self.materials.len()) {
             Some(&label) => {

@@ -97,7 +97,8 @@ mod tests {
 
     #[test]
     fn quaternion_order_is_w_first() {
-        let quarter_turn_about_z = Pose::from_position_wxyz([0.0; 3], [0.5f64.sqrt(), 0.0, 0.0, 0.5f64.sqrt()]).unwrap();
+        let quarter_turn_about_z =
+            Pose::from_position_wxyz([0.0; 3], [0.5f64.sqrt(), 0.0, 0.0, 0.5f64.sqrt()]).unwrap();
         assert!((quarter_turn_about_z.transform_vector(DVec3::X) - DVec3::Y).length() < 1e-14);
         assert!((quarter_turn_about_z.yaw() - std::f64::consts::FRAC_PI_2).abs() < 1e-14);
     }

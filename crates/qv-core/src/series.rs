@@ -20,11 +20,7 @@ impl JointSeries {
     /// When lengths disagree, or stamps are not finite and strictly increasing.
     pub fn new(time: Vec<f64>, values: Vec<f64>, joints: usize) -> Result<Self, CoreError> {
         if values.len() != time.len() * joints {
-            return Err(CoreError::Length {
-                what: "joint series",
-                expected: time.len() * joints,
-                found: values.len(),
-            });
+            return Err(CoreError::Length { what: "joint series", expected: time.len() * joints, found: values.len() });
         }
         if let Some(index) = time.iter().position(|t| !t.is_finite()) {
             return Err(CoreError::NotFinite { what: "time stamp", index, found: time[index].to_string() });

@@ -199,9 +199,10 @@ fn bumps(golden: &Value) -> [Terrain; 2] {
     let (x0, y0) = (number(&t["x0"]), number(&t["y0"]));
     let heights: Vec<f64> = rows(&golden["heights"]).concat();
     let count = size("rows");
-    let vertices = heights.iter().enumerate().map(|(i, &z)| {
-        glam::DVec3::new(x0 + (i % columns) as f64 * cell, y0 + (i / columns) as f64 * cell, z)
-    });
+    let vertices = heights
+        .iter()
+        .enumerate()
+        .map(|(i, &z)| glam::DVec3::new(x0 + (i % columns) as f64 * cell, y0 + (i / columns) as f64 * cell, z));
     let mut mesh = qv_core::TriangleMesh { vertices: vertices.collect(), ..Default::default() };
     for j in 0..count - 1 {
         for i in 0..columns - 1 {
@@ -268,11 +269,11 @@ fn free_flight_keeps_energy_and_momentum() {
         energy = energy.max((now.kinetic_energy - start.kinetic_energy).abs());
         momentum = momentum.max((now.angular_momentum - start.angular_momentum).length());
     }
-    let (their_energy, their_momentum) = (
-        number(&golden["tolerance"]["energy_drift_J"]),
-        number(&golden["tolerance"]["angular_momentum_drift"]),
+    let (their_energy, their_momentum) =
+        (number(&golden["tolerance"]["energy_drift_J"]), number(&golden["tolerance"]["angular_momentum_drift"]));
+    println!(
+        "free flight: energy drifts {energy:.6} J (MuJoCo {their_energy:.6}), momentum {momentum:.7} ({their_momentum:.7})"
     );
-    println!("free flight: energy drifts {energy:.6} J (MuJoCo {their_energy:.6}), momentum {momentum:.7} ({their_momentum:.7})");
     assert!((start.kinetic_energy - rows(&golden["rows"])[0][2]).abs() < 1e-9, "not the same motion");
     // The tolerances are MuJoCo's own drifts; the last digits of equal arithmetic in another order are allowed for.
     assert!(energy <= their_energy * 1.001 && momentum <= their_momentum * 1.001);

@@ -1,11 +1,11 @@
 //! Streaming MCAP files over any reader: whole messages come out, damaged chunks are skipped and named.
 //!
-//! Records are framed here, so that a damaged chunk costs only itself; what is in a record, and what is compressed in
-//! a chunk, is read by the crate `mcap`. Memory stays at two chunks, whatever the size of the file.
+//! Records are framed here, so that a damaged chunk costs only itself and no length is believed before its bytes are
+//! there; compressed chunks are read by the crate `mcap`. Memory stays at two chunks, whatever the size of the file.
 
 use crate::run::Loss;
 use mcap::McapError;
-use mcap::records::{ChunkHeader, MessageHeader, Record, op};
+use mcap::records::{ChunkHeader, MessageHeader, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -278,32 +278,37 @@ impl State<'_> {
         if !matches!(opcode, op::SCHEMA | op::CHANNEL) {
             return;
         }
-        match mcap::parse_record(opcode, body) {
-            Ok(Record::Schema { header, data }) => {
-                self.schemas.entry(header.id).or_insert((header.name, header.encoding, data.into_owned()));
-            }
-            Ok(Record::Channel(channel)) if !self.channels.contains_key(&channel.id) => {
-                let (name, encoding, text) = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
-                let info = ChannelInfo {
-                    id: channel.id,
-                    topic: channel.topic,
-                    message_encoding: channel.message_encoding,
-                    schema_name: name,
-                    schema_encoding: encoding,
-                    schema_text: text,
-                };
-                self.sink.channel(&info);
-                let id = info.id;
-                self.channels.insert(id, info);
-                let (now, later) = std::mem::take(&mut self.waiting).into_iter().partition(|(h, _)| h.channel_id == id);
-                self.waiting = later;
-                for (header, data) in now {
-                    self.sink.message(id, header.log_time, &data);
-                }
-            }
-            Ok(_) => {}
-            Err(error) => self.lose(format!("record {opcode:#04x}: {error}"), None),
+        let mut fields = Fields { bytes: body };
+        let known = if opcode == op::SCHEMA { self.schema(&mut fields) } else { self.announce(&mut fields) };
+        if known.is_none() {
+            self.lose(format!("record {opcode:#04x} of {} bytes: its lengths do not fit", body.len()), None);
         }
+    }
+
+    fn schema(&mut self, fields: &mut Fields) -> Option<()> {
+        let id = fields.u16()?;
+        let (name, encoding) = (fields.string()?, fields.string()?);
+        let text = fields.block()?.to_vec();
+        self.schemas.entry(id).or_insert((name, encoding, text));
+        Some(())
+    }
+
+    fn announce(&mut self, fields: &mut Fields) -> Option<()> {
+        let (id, schema_id) = (fields.u16()?, fields.u16()?);
+        let (topic, message_encoding) = (fields.string()?, fields.string()?);
+        if self.channels.contains_key(&id) {
+            return Some(());
+        }
+        let (schema_name, schema_encoding, schema_text) = self.schemas.get(&schema_id).cloned().unwrap_or_default();
+        let info = ChannelInfo { id, topic, message_encoding, schema_name, schema_encoding, schema_text };
+        self.sink.channel(&info);
+        self.channels.insert(id, info);
+        let (now, later) = std::mem::take(&mut self.waiting).into_iter().partition(|(h, _)| h.channel_id == id);
+        self.waiting = later;
+        for (header, data) in now {
+            self.sink.message(id, header.log_time, &data);
+        }
+        Some(())
     }
 
     fn message(&mut self, header: &MessageHeader, data: &[u8]) {
@@ -330,6 +335,32 @@ impl State<'_> {
         for (channel, (count, from, to)) in channels {
             self.lose(format!("{count} messages of channel {channel}, which was never announced"), Some([from, to]));
         }
+    }
+}
+
+/// The fields of a record, each length checked against the bytes before anything is taken.
+struct Fields<'a> {
+    bytes: &'a [u8],
+}
+
+impl<'a> Fields<'a> {
+    fn take(&mut self, n: usize) -> Option<&'a [u8]> {
+        let (head, rest) = self.bytes.split_at_checked(n)?;
+        self.bytes = rest;
+        Some(head)
+    }
+
+    fn u16(&mut self) -> Option<u16> {
+        Some(u16::from_le_bytes(self.take(2)?.try_into().ok()?))
+    }
+
+    fn block(&mut self) -> Option<&'a [u8]> {
+        let length = u32::from_le_bytes(self.take(4)?.try_into().ok()?);
+        self.take(length as usize)
+    }
+
+    fn string(&mut self) -> Option<String> {
+        Some(String::from_utf8_lossy(self.block()?).into_owned())
     }
 }
 

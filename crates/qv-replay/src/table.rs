@@ -236,6 +236,13 @@ impl Layout {
         if !names.iter().any(|n| n.starts_with("pos.")) {
             return Err(ReplayError::file("run.csv", "columns `pos.<joint>`", format!("columns {}", found())));
         }
+        if seen.is_empty() {
+            return Err(ReplayError::file(
+                "run.csv",
+                "joint names in columns `pos.<joint>`",
+                format!("columns {}", found()),
+            ));
+        }
         let joints = mapping.map_or(seen.clone(), |m| m.joint_names.clone());
         let strange: Vec<String> = seen.iter().filter(|s| !joints.contains(s)).cloned().collect();
         let absent: Vec<String> = joints.iter().filter(|j| !seen.contains(j)).cloned().collect();

@@ -74,6 +74,18 @@ fn another_robot_than_the_go2_is_read() {
     assert_eq!((run.epoch, run.lost.len()), (1_000_000_000, 0));
 }
 
+/// Found by fuzzing: a schema record that claims a name of 3 GB, and a position column without a joint.
+#[test]
+fn claims_and_empty_names() {
+    let mut file = b"\x89MCAP0\r\n".to_vec();
+    file.extend([3, 40, 0, 0, 0, 0, 0, 0, 0]);
+    file.extend([0xc8; 40]);
+    let error = read(&file).unwrap_err().to_string();
+    assert!(error.contains("its lengths do not fit"), "{error}");
+    let error = read_table(&b"time,pos.\n0,1\n"[..], "robot = \"x\"", None, None).unwrap_err().to_string();
+    assert!(error.contains("joint names"), "{error}");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 400, ..Default::default() })]
 

@@ -57,11 +57,7 @@ impl SimOptions {
     /// Names the first setting that means nothing.
     pub(crate) fn check(&self) -> Result<(), SimError> {
         let value = |what: &str, expected: &str, found: f64, good: bool| {
-            if good {
-                Ok(())
-            } else {
-                Err(SimError::Value { what: what.into(), expected: expected.into(), found })
-            }
+            if good { Ok(()) } else { Err(SimError::Value { what: what.into(), expected: expected.into(), found }) }
         };
         let within = |x: f64, low: f64, high: f64| x >= low && x <= high;
         value("timestep", "1e-6 to 0.1 s", self.timestep, within(self.timestep, 1e-6, 0.1))?;

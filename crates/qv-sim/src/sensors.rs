@@ -84,24 +84,25 @@ pub(crate) fn read(
     let reported = base_pose(&late);
     reading.base_position = reported.position.to_array();
     reading.base_orientation = reported.wxyz();
-    let base_from_imu = imu
-        .map(|f| &model.frames[f])
-        .filter(|f| f.link == Some(0))
-        .map_or(Pose::IDENTITY, |f| f.link_from_frame);
-    let tilt = DQuat::from_rotation_y(world(WorldField::TiltPitch)) * DQuat::from_rotation_x(world(WorldField::TiltRoll));
+    let base_from_imu =
+        imu.map(|f| &model.frames[f]).filter(|f| f.link == Some(0)).map_or(Pose::IDENTITY, |f| f.link_from_frame);
+    let tilt =
+        DQuat::from_rotation_y(world(WorldField::TiltPitch)) * DQuat::from_rotation_x(world(WorldField::TiltRoll));
     let imu_rotation = base_from_imu.rotation * tilt;
     let world_from_base = base_pose(&q);
     let acceleration = engine.acceleration(env);
     let turning = DVec3::new(v[3], v[4], v[5]);
     let turning_rate = DVec3::new(acceleration[3], acceleration[4], acceleration[5]);
     let arm = base_from_imu.position;
-    let moving = DVec3::new(acceleration[0], acceleration[1], acceleration[2]) - DVec3::from_array(shared.options.gravity);
-    let specific_force_in_base = world_from_base.rotation.conjugate() * moving
-        + turning_rate.cross(arm)
-        + turning.cross(turning.cross(arm));
+    let moving =
+        DVec3::new(acceleration[0], acceleration[1], acceleration[2]) - DVec3::from_array(shared.options.gravity);
+    let specific_force_in_base =
+        world_from_base.rotation.conjugate() * moving + turning_rate.cross(arm) + turning.cross(turning.cross(arm));
     let bias = |x, y, z| DVec3::new(world(x), world(y), world(z));
-    let gyro = imu_rotation.conjugate() * turning + bias(WorldField::GyroBiasX, WorldField::GyroBiasY, WorldField::GyroBiasZ);
-    let acc = imu_rotation.conjugate() * specific_force_in_base + bias(WorldField::AccBiasX, WorldField::AccBiasY, WorldField::AccBiasZ);
+    let gyro =
+        imu_rotation.conjugate() * turning + bias(WorldField::GyroBiasX, WorldField::GyroBiasY, WorldField::GyroBiasZ);
+    let acc = imu_rotation.conjugate() * specific_force_in_base
+        + bias(WorldField::AccBiasX, WorldField::AccBiasY, WorldField::AccBiasZ);
     reading.gyro = gyro.to_array();
     reading.acc = acc.to_array();
     let orientation = world_from_base.rotation * imu_rotation;

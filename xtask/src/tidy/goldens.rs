@@ -61,7 +61,7 @@ mod tests {
 
     fn manifest() -> Manifest {
         toml::from_str(
-            "[generators.g]\ncommand = \"g.py\"\nenvironment = \"g\"\n\
+            "[generators.g]\ncommand = \"g.py\"\nenvironment = \"g\"\ntests = [\"golden\"]\n\
              [[golden]]\nfile = \"g/golden/a.json\"\ngenerator = \"g\"\nname = \"a\"\n",
         )
         .unwrap()

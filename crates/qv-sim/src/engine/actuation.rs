@@ -85,12 +85,7 @@ fn command<L: Real>(topology: &Topology, block: &Block<L>, joint: usize) -> Comm
     delayed(topology, block, joint, newest)
 }
 
-fn delayed<L: Real>(
-    topology: &Topology,
-    block: &Block<L>,
-    joint: usize,
-    newest: CommandLanes<L>,
-) -> CommandLanes<L> {
+fn delayed<L: Real>(topology: &Topology, block: &Block<L>, joint: usize, newest: CommandLanes<L>) -> CommandLanes<L> {
     let slots = block.commands.len() / topology.joints;
     let mut out = newest;
     for lane in 0..L::LANES {

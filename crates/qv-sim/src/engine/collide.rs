@@ -9,7 +9,7 @@ use super::vector::*;
 use crate::lanes::{Mask, Real, Scalar};
 use crate::model::{Geom, Model, Shape};
 use crate::options::SimOptions;
-use crate::terrain::{SurfaceContact, Terrain};
+use crate::terrain::{SurfaceContact, Terrain, Triangle};
 use glam::{DMat3, DQuat, DVec3};
 use parry3d_f64::query;
 use parry3d_f64::shape::{Ball, Capsule, ConvexPolyhedron, Cuboid, Cylinder, SharedShape, Triangle as ParryTriangle};
@@ -38,6 +38,8 @@ struct Collider {
     /// Shape for general queries; spheres on triangles need none.
     shape: SharedShape,
     reach: f64,
+    /// Corners in the shape's frame; those of a cylinder are points of its rims.
+    corners: Vec<DVec3>,
 }
 
 impl Colliders {
@@ -60,6 +62,7 @@ impl Colliders {
                 slots: count,
                 shape: parry_shape(&geom.shape),
                 reach: reach(&geom.shape),
+                corners: corners(&geom.shape),
             });
         }
         let mut pairs = Vec::new();
@@ -67,8 +70,7 @@ impl Colliders {
             for a in 0..geoms.len() {
                 for b in a + 1..geoms.len() {
                     let (la, lb) = (model.geoms[a].link, model.geoms[b].link);
-                    let adjacent =
-                        la == lb || model.links[la].parent == Some(lb) || model.links[lb].parent == Some(la);
+                    let adjacent = la == lb || model.links[la].parent == Some(lb) || model.links[lb].parent == Some(la);
                     if !adjacent {
                         let weight = body_weight[la][0] + body_weight[lb][0];
                         pairs.push((a, b, slots.len()));
@@ -344,23 +346,47 @@ fn find_contacts<L: Real>(
                 work.found.append(&mut found);
             }
         }
-        _ => {
-            let pose = parry_pose(rotation, centre);
-            for triangle in &work.triangles {
-                let [a, b, c] = triangle.corners;
-                let shape = ParryTriangle::new(a, b, c);
-                let still = parry3d_f64::math::Pose::IDENTITY;
-                // An unsupported pair cannot occur: all shapes here are convex.
-                if let Ok(Some(contact)) = query::contact(&still, &shape, &pose, &*collider.shape, skin.max(0.0))
-                    && contact.dist < skin
-                {
-                    let up = (b - a).cross(c - a).normalize();
-                    let normal = if contact.normal1.dot(up) < 0.0 { up } else { contact.normal1 };
-                    work.found.push(SurfaceContact::new(contact.dist - skin, normal, contact.point1, triangle));
-                }
-            }
-            work.found.sort_by(|a, b| a.distance.total_cmp(&b.distance));
+        _ => touch_solid(collider, rotation, centre, skin, &work.triangles, &mut work.found),
+    }
+}
+
+/// A shape with a flat side. Its corners against the faces come first, so that it rests on all of them; triangles
+/// that no corner touches (a ridge under a face) are asked for their deepest point.
+fn touch_solid(
+    collider: &Collider,
+    rotation: DMat3,
+    centre: DVec3,
+    skin: f64,
+    triangles: &[Triangle],
+    found: &mut Vec<SurfaceContact>,
+) {
+    let mut touched = vec![false; triangles.len()];
+    for corner in &collider.corners {
+        let point = centre + rotation * *corner;
+        let under = triangles.iter().zip(&mut touched).filter_map(|(triangle, touched)| {
+            let contact = triangle.point_contact(point, skin, collider.reach)?;
+            *touched = true;
+            Some(contact)
+        });
+        found.extend(under.min_by(|a, b| a.distance.total_cmp(&b.distance)));
+    }
+    let corners = found.len();
+    let pose = parry_pose(rotation, centre);
+    for (triangle, _) in triangles.iter().zip(&touched).filter(|(_, touched)| !**touched) {
+        let [a, b, c] = triangle.corners;
+        let shape = ParryTriangle::new(a, b, c);
+        let still = parry3d_f64::math::Pose::IDENTITY;
+        // An unsupported pair cannot occur: all shapes here are convex.
+        if let Ok(Some(contact)) = query::contact(&still, &shape, &pose, &*collider.shape, skin.max(0.0))
+            && contact.dist < skin
+        {
+            let up = (b - a).cross(c - a).normalize();
+            let normal = if contact.normal1.dot(up) < 0.0 { up } else { contact.normal1 };
+            found.push(SurfaceContact::new(contact.dist - skin, normal, contact.point1, triangle));
         }
+    }
+    for part in [0..corners, corners..found.len()] {
+        found[part].sort_by(|a, b| a.distance.total_cmp(&b.distance));
     }
 }
 
@@ -398,7 +424,8 @@ fn parry_shape(shape: &Shape) -> SharedShape {
         Shape::Capsule { radius, half_length } => SharedShape::new(Capsule::new_z(*half_length, *radius)),
         Shape::Cylinder { radius, half_length } => {
             // Parry's cylinder stands along y.
-            let turn = parry3d_f64::math::Pose::from_parts(DVec3::ZERO, DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2));
+            let turn =
+                parry3d_f64::math::Pose::from_parts(DVec3::ZERO, DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2));
             SharedShape::compound(vec![(turn, SharedShape::new(Cylinder::new(*half_length, *radius)))])
         }
         Shape::Hull(points) => match ConvexPolyhedron::from_convex_hull(points) {
@@ -416,5 +443,22 @@ fn reach(shape: &Shape) -> f64 {
         Shape::Capsule { radius, half_length } => radius + half_length,
         Shape::Cylinder { radius, half_length } => radius.hypot(*half_length),
         Shape::Hull(points) => points.iter().map(|p| p.length()).fold(0.0, f64::max),
+    }
+}
+
+fn corners(shape: &Shape) -> Vec<DVec3> {
+    match shape {
+        Shape::Sphere(_) | Shape::Capsule { .. } => Vec::new(),
+        Shape::Box(half) => {
+            let sign = |corner: i32, bit: i32| if corner >> bit & 1 == 1 { 1.0 } else { -1.0 };
+            (0..8).map(|c| *half * DVec3::new(sign(c, 0), sign(c, 1), sign(c, 2))).collect()
+        }
+        Shape::Cylinder { radius, half_length } => (0..16)
+            .map(|k| {
+                let (sin, cos) = (f64::from(k / 2) * std::f64::consts::FRAC_PI_4).sin_cos();
+                DVec3::new(radius * cos, radius * sin, if k % 2 == 0 { *half_length } else { -half_length })
+            })
+            .collect(),
+        Shape::Hull(points) => points.clone(),
     }
 }

@@ -24,7 +24,13 @@ impl Deriver<'_> {
     ///
     /// # Errors
     /// When a link would lose all its mass, or a latency exceeds what the batch remembers.
-    pub fn apply<L: Real>(&self, slot: Slot, values: &[f64], lane: usize, block: &mut Block<L>) -> Result<(), SimError> {
+    pub fn apply<L: Real>(
+        &self,
+        slot: Slot,
+        values: &[f64],
+        lane: usize,
+        block: &mut Block<L>,
+    ) -> Result<(), SimError> {
         match slot {
             Slot::Joint(j, _) => self.joint(j, values, lane, block),
             Slot::Link(l, _) => self.link(l, values, lane, block),
@@ -73,7 +79,7 @@ impl Deriver<'_> {
         if latency > self.max_latency {
             return Err(SimError::Value {
                 what: self.catalogue.infos[at + JointField::CommandLatency as usize].name.clone(),
-                expected: format!("at most max_latency of the options, {} s", self.max_latency),
+                expected: format!("at most max_command_latency of the options, {} s", self.max_latency),
                 found: latency,
             });
         }

@@ -27,8 +27,7 @@ pub(crate) fn bias_forces<L: Real>(topology: &Topology, gravity: [f64; 3], block
         work.acceleration[index] = acceleration;
         let inertia = &work.inertia[index];
         let momentum = inertia_times(inertia, &work.velocity[index]);
-        work.force[index] =
-            add6(inertia_times(inertia, &acceleration), cross_force(&work.velocity[index], &momentum));
+        work.force[index] = add6(inertia_times(inertia, &acceleration), cross_force(&work.velocity[index], &momentum));
     }
     for index in (0..count).rev() {
         let body = &topology.bodies[index];

@@ -19,8 +19,11 @@ impl Weights {
     /// `block` holds the neutral parameters in the zero position.
     pub fn new(topology: &Topology, block: &Block<f64>, work: &mut Work<f64>) -> Self {
         super::kinematics::kinematics(topology, block, work);
-        let at: Vec<[f64; 3]> =
-            work.inertia.iter().map(|i| if i[0] > 0.0 { [i[1] / i[0], i[2] / i[0], i[3] / i[0]] } else { [0.0; 3] }).collect();
+        let at: Vec<[f64; 3]> = work
+            .inertia
+            .iter()
+            .map(|i| if i[0] > 0.0 { [i[1] / i[0], i[2] / i[0], i[3] / i[0]] } else { [0.0; 3] })
+            .collect();
         super::dynamics::bias_forces(topology, [0.0; 3], block, work);
         super::dynamics::mass_matrix(topology, block, work);
         let mut factored = work.mass_matrix.clone();

@@ -115,7 +115,7 @@ pub trait Real:
     /// Whether each lane is neither NaN nor infinite.
     #[inline(always)]
     fn is_finite(self) -> Self::Mask {
-        (self - self).le(Self::zero())
+        (self * Self::zero()).le(Self::zero())
     }
 }
 

@@ -8,7 +8,7 @@ use super::Real;
 pub(crate) fn sin_cos<L: Real>(x: L) -> (L, L) {
     let quarter = (x * L::splat(std::f64::consts::FRAC_2_PI)).round();
     // Each part has few enough bits that its product with `quarter` is exact in both precisions' working ranges.
-    let r = ((x - quarter * L::splat(1.5703125)) - quarter * L::splat(4.837512969970703125e-4))
+    let r = ((x - quarter * L::splat(1.5703125)) - quarter * L::splat(4.837512969970703e-4))
         - quarter * L::splat(7.549_789_954_891_882e-8);
     let z = r * r;
     let sin = r + r * z * polynomial(z, &SIN);

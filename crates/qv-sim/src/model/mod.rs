@@ -189,8 +189,9 @@ impl Model {
         let mut poses: Vec<Pose> = Vec::with_capacity(self.links.len());
         for link in &self.links {
             let pose = match (link.joint, link.parent) {
-                (None, _) => Pose::from_position_wxyz([q[0], q[1], q[2]], [q[3], q[4], q[5], q[6]])
-                    .unwrap_or(Pose::IDENTITY),
+                (None, _) => {
+                    Pose::from_position_wxyz([q[0], q[1], q[2]], [q[3], q[4], q[5], q[6]]).unwrap_or(Pose::IDENTITY)
+                }
                 (Some(j), parent) => {
                     let world_from_parent = parent.map_or(Pose::IDENTITY, |p| poses[p]);
                     world_from_parent * link.parent_from_link * self.joints[j].motion(q[offset + j])
@@ -206,9 +207,7 @@ impl Joint {
     /// Pose of the moved link in the frame where it rests at zero, for joint position `q`.
     pub fn motion(&self, q: f64) -> Pose {
         match self.kind {
-            JointKind::Revolute => {
-                Pose { position: DVec3::ZERO, rotation: glam::DQuat::from_axis_angle(self.axis, q) }
-            }
+            JointKind::Revolute => Pose { position: DVec3::ZERO, rotation: glam::DQuat::from_axis_angle(self.axis, q) },
             JointKind::Prismatic => Pose { position: self.axis * q, rotation: glam::DQuat::IDENTITY },
         }
     }

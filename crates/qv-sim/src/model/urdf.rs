@@ -86,9 +86,10 @@ impl Tree {
         let mut names = HashMap::new();
         for (j, joint) in robot.joints.iter().enumerate() {
             let find = |name: &str, role: &str| {
-                index.get(name).copied().ok_or_else(|| {
-                    joint_error(&joint.name, &format!("a {role} link that exists"), format!("`{name}`"))
-                })
+                index
+                    .get(name)
+                    .copied()
+                    .ok_or_else(|| joint_error(&joint.name, &format!("a {role} link that exists"), format!("`{name}`")))
             };
             let (parent, child) = (find(&joint.parent.link, "parent")?, find(&joint.child.link, "child")?);
             if names.insert(joint.name.as_str(), j).is_some() {
@@ -108,7 +109,11 @@ impl Tree {
         })?;
         if let Some(other) = roots.next() {
             let name = &robot.links[other].name;
-            return Err(link_error(name, "one root link", format!("a second root beside `{}`", robot.links[root].name)));
+            return Err(link_error(
+                name,
+                "one root link",
+                format!("a second root beside `{}`", robot.links[root].name),
+            ));
         }
         let tree = Self { children, child_link, root };
         tree.check_reached(robot)?;
@@ -265,15 +270,7 @@ impl Builder<'_> {
 }
 
 fn new_link(name: &str, parent: Option<usize>, joint: Option<usize>, parent_from_link: Pose) -> Link {
-    Link {
-        name: name.to_owned(),
-        parent,
-        joint,
-        parent_from_link,
-        mass: 0.0,
-        com: DVec3::ZERO,
-        inertia: DMat3::ZERO,
-    }
+    Link { name: name.to_owned(), parent, joint, parent_from_link, mass: 0.0, com: DVec3::ZERO, inertia: DMat3::ZERO }
 }
 
 fn origin_pose(link: &str, origin: &urdf_rs::Pose) -> Result<Pose, SimError> {
@@ -372,7 +369,11 @@ fn check_masses(model: &Model) -> Result<(), SimError> {
     for (link, &mass) in model.links.iter().zip(&carried) {
         let rotor = link.joint.is_some_and(|j| model.joints[j].armature > 0.0);
         if mass <= 0.0 && !rotor {
-            return Err(link_error(&link.name, "an inertial with a positive mass, on it or on a link it carries", "none"));
+            return Err(link_error(
+                &link.name,
+                "an inertial with a positive mass, on it or on a link it carries",
+                "none",
+            ));
         }
         if link.joint.is_none() && !positive_definite(&link.inertia) {
             return Err(link_error(&link.name, "a positive definite inertia (it is the free base)", link.inertia));

@@ -41,7 +41,7 @@ impl Triangle {
         let (dx, dy) = (x - a.x, y - a.y);
         let (s, t) = ((dx * v.y - dy * v.x) / determinant, (u.x * dy - u.y * dx) / determinant);
         let slack = 1e-9;
-        (s >= -slack && t >= -slack && s + t <= 1.0 + slack).then(|| a.z + s * u.z + t * v.z)
+        (s >= -slack && t >= -slack && s + t <= 1.0 + slack).then_some(a.z + s * u.z + t * v.z)
     }
 
     /// Contact of a sphere when it penetrates. Ground is solid below its faces: a centre just under a face is pushed
@@ -69,6 +69,20 @@ impl Triangle {
         };
         let (material, triangle) = (self.material, self.corners);
         Some(SurfaceContact { distance, normal, on_terrain: point, material, in_face, triangle })
+    }
+
+    /// Contact of a point that lies under the face (or within `skin` above it), no deeper than `most`.
+    pub fn point_contact(&self, point: DVec3, skin: f64, most: f64) -> Option<SurfaceContact> {
+        let [a, b, c] = self.corners;
+        let normal = (b - a).cross(c - a).normalize();
+        let height = (point - a).dot(normal);
+        if height >= skin || height < -most {
+            return None;
+        }
+        let foot = point - normal * height;
+        let slack = -1e-9;
+        let inside = [(a, b), (b, c), (c, a)].iter().all(|&(p, q)| (q - p).cross(foot - p).dot(normal) >= slack);
+        inside.then(|| SurfaceContact::new(height - skin, normal, foot, self))
     }
 }
 
@@ -162,11 +176,7 @@ mod tests {
 
     #[test]
     fn inner_edges_are_not_felt() {
-        let left = Triangle {
-            index: 1,
-            corners: [DVec3::ZERO, DVec3::Y, DVec3::new(-1.0, 0.5, 0.0)],
-            material: None,
-        };
+        let left = Triangle { index: 1, corners: [DVec3::ZERO, DVec3::Y, DVec3::new(-1.0, 0.5, 0.0)], material: None };
         let centre = DVec3::new(0.002, 0.4, 0.018);
         let mut contacts: Vec<_> = [flat(0.0), left].iter().filter_map(|t| t.sphere_contact(centre, 0.02)).collect();
         assert_eq!(contacts.len(), 2, "both are touched");

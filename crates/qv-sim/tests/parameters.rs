@@ -1,0 +1,177 @@
+//! Every parameter of the catalogue does something, and nothing when neutral.
+
+mod robots;
+
+use qv_core::{Material, TriangleMesh};
+use qv_sim::{BaseKind, Batch, ParameterInfo, SensorReading, SimOptions, Terrain};
+use robots::{biped_state, biped_urdf, drive, model};
+
+/// Two large triangles with a material.
+fn lawn() -> Terrain {
+    let corner = |x: f64, y: f64| glam::DVec3::new(x, y, 0.0);
+    Terrain::from_mesh(&TriangleMesh {
+        vertices: vec![corner(-9.0, -9.0), corner(9.0, -9.0), corner(9.0, 9.0), corner(-9.0, 9.0)],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        labels: vec![0, 0],
+        materials: vec![Material { name: "grass".into(), friction: Some(0.5) }],
+    })
+    .unwrap()
+}
+
+fn simulation(terrain: &Terrain) -> Batch<f64> {
+    let robot = model(&biped_urdf(), BaseKind::Floating);
+    let options =
+        SimOptions { max_command_latency: 0.03, max_sensor_latency: 0.2, contact_dimension: 6, ..Default::default() };
+    let mut sim = Batch::new(&robot, terrain, &options, 1).unwrap();
+    sim.set_state(0, &biped_state()).unwrap();
+    sim
+}
+
+/// Readings in the air, on landing, and after.
+fn readings(sim: &mut Batch<f64>) -> Vec<SensorReading> {
+    (0..12)
+        .map(|_| {
+            drive(sim, 40, false);
+            assert!(!sim.is_faulty(0).unwrap());
+            sim.sensors(0).unwrap()
+        })
+        .collect()
+}
+
+/// Motors so weak that their speed limits are felt.
+const TIGHT: [(&str, f64); 12] = [
+    ("actuator.left_hip.torque_limit", 1.0),
+    ("actuator.left_hip.speed_knee", 0.1),
+    ("actuator.left_hip.speed_zero", 20.0),
+    ("actuator.left_knee.torque_limit", 1.0),
+    ("actuator.left_knee.speed_knee", 0.1),
+    ("actuator.left_knee.speed_zero", 20.0),
+    ("actuator.right_hip.torque_limit", 1.0),
+    ("actuator.right_hip.speed_knee", 0.1),
+    ("actuator.right_hip.speed_zero", 20.0),
+    ("actuator.right_knee.torque_limit", 1.0),
+    ("actuator.right_knee.speed_knee", 0.1),
+    ("actuator.right_knee.speed_zero", 20.0),
+];
+
+/// What must be set beside a parameter for it to act.
+fn companions(name: &str) -> &'static [(&'static str, f64)] {
+    match name {
+        "terrain.patch.x_min" | "terrain.patch.x_max" | "terrain.patch.y_min" | "terrain.patch.y_max" => &[
+            ("terrain.patch.friction", 0.05),
+            ("terrain.patch.x_min", -4.0),
+            ("terrain.patch.x_max", 4.0),
+            ("terrain.patch.y_min", -4.0),
+            ("terrain.patch.y_max", 4.0),
+        ],
+        "terrain.patch.friction" => &[
+            ("terrain.patch.x_min", -4.0),
+            ("terrain.patch.x_max", 4.0),
+            ("terrain.patch.y_min", -4.0),
+            ("terrain.patch.y_max", 4.0),
+        ],
+        "external.start" | "external.duration" => &[("external.force_x", 10.0)],
+        name if name.ends_with("speed_knee") || name.ends_with("speed_zero") => &TIGHT,
+        name if name.ends_with("payload_x") || name.ends_with("payload_y") || name.ends_with("payload_z") => {
+            if name.contains("trunk") {
+                &[("link.trunk.payload_mass", 1.0)]
+            } else if name.contains("left_thigh") {
+                &[("link.left_thigh.payload_mass", 1.0)]
+            } else if name.contains("left_shank") {
+                &[("link.left_shank.payload_mass", 1.0)]
+            } else if name.contains("right_thigh") {
+                &[("link.right_thigh.payload_mass", 1.0)]
+            } else {
+                &[("link.right_shank.payload_mass", 1.0)]
+            }
+        }
+        _ => &[],
+    }
+}
+
+/// A value that is far from neutral, and tight where the parameter is a limit.
+fn far(info: &ParameterInfo) -> f64 {
+    if info.name.ends_with("torque_limit") || info.name.ends_with("position_torque_limit") {
+        0.5
+    } else if info.name.ends_with("speed_knee") {
+        0.01
+    } else if info.name.ends_with("speed_zero") {
+        0.5
+    } else if info.name == "external.duration" {
+        0.05
+    } else if info.name == "external.start" {
+        0.15
+    } else if info.name.starts_with("terrain.patch.") && info.name.ends_with("_min") {
+        3.9
+    } else if info.name.starts_with("terrain.patch.") && info.name.ends_with("_max") {
+        -3.9
+    } else if (info.range.0 - info.neutral).abs() > (info.range.1 - info.neutral).abs() {
+        info.range.0
+    } else {
+        info.range.1
+    }
+}
+
+#[test]
+fn each_parameter_acts_and_neutral_is_nothing() {
+    let catalogue: Vec<ParameterInfo> = simulation(&lawn()).catalogue().to_vec();
+    let plain = readings(&mut simulation(&lawn()));
+    for info in &catalogue {
+        assert!(info.range.0 < info.range.1 && !info.unit.is_empty() && !info.description.is_empty(), "{info:?}");
+        // Ground without a material only exists on the plane, and the trunk's shape must be dropped to touch it.
+        let terrain = if info.name == "contact.friction" { Terrain::plane() } else { lawn() };
+        let reference =
+            if info.name == "contact.friction" { readings(&mut simulation(&terrain)) } else { plain.clone() };
+        let mut neutral = simulation(&terrain);
+        neutral.set_parameter(0, &info.name, info.neutral).unwrap();
+        assert_eq!(readings(&mut neutral), reference, "{} at its neutral value", info.name);
+        if info.name.starts_with("geom.trunk") {
+            continue;
+        }
+        let mut before = simulation(&terrain);
+        let mut after = simulation(&terrain);
+        for (name, value) in companions(&info.name) {
+            before.set_parameter(0, name, *value).unwrap();
+            after.set_parameter(0, name, *value).unwrap();
+        }
+        after.set_parameter(0, &info.name, far(info)).unwrap();
+        assert_eq!(after.parameter(0, &info.name).unwrap(), far(info));
+        assert_ne!(readings(&mut after), readings(&mut before), "{} at {}", info.name, far(info));
+        after.reset_parameters(0).unwrap();
+        after.set_state(0, &biped_state()).unwrap();
+        assert_eq!(readings(&mut after), reference, "{} after a reset", info.name);
+    }
+}
+
+#[test]
+fn latency_below_a_step_is_felt_in_proportion() {
+    let moved = |latency: f64| {
+        let mut sim = simulation(&Terrain::none());
+        for joint in ["left_hip", "left_knee", "right_hip", "right_knee"] {
+            sim.set_parameter(0, &format!("actuator.{joint}.command_latency"), latency).unwrap();
+        }
+        drive(&mut sim, 100, false);
+        sim.state(0).unwrap().q[7]
+    };
+    let (none, quarter, half) = (moved(0.0), moved(0.00025), moved(0.0005));
+    assert!((half - none).abs() > 1e-7);
+    assert!(((half - none) / (quarter - none) - 2.0).abs() < 0.05, "{none} {quarter} {half}");
+}
+
+#[test]
+fn sensors_report_delay_bias_and_gravity() {
+    let mut sim = simulation(&lawn());
+    drive(&mut sim, 1500, false);
+    let reading = sim.sensors(0).unwrap();
+    let gravity = reading.acc.iter().map(|a| a * a).sum::<f64>().sqrt();
+    assert!(gravity > 5.0 && gravity < 20.0, "{:?}", reading.acc);
+    sim.set_parameter(0, "sensor.left_hip.encoder_bias", 0.05).unwrap();
+    assert!((sim.sensors(0).unwrap().q[0] - reading.q[0] - 0.05).abs() < 1e-12);
+    sim.set_parameter(0, "sensor.pose.delay", 0.1).unwrap();
+    let now = sim.state(0).unwrap();
+    drive(&mut sim, 100, false);
+    let late = sim.sensors(0).unwrap();
+    for k in 0..3 {
+        assert!((late.base_position[k] - now.q[k]).abs() < 1e-9, "{:?} against {:?}", late.base_position, &now.q[..3]);
+    }
+}
