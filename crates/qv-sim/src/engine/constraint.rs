@@ -20,7 +20,7 @@ const LEAST_FRICTION: f64 = 1e-5;
 /// Rows of one live contact.
 #[derive(Debug, Clone)]
 pub(crate) struct ContactRows<L: Real> {
-    /// `[dimension][columns]` of the Jacobian; columns as in `Topology::force_columns`.
+    /// `[stored rows][columns]` of the Jacobian; columns as in `Topology::force_columns`.
     pub jacobian: Vec<L>,
     pub reference: [L; 6],
     /// Inverse regularisation.
@@ -37,6 +37,7 @@ pub(crate) struct ContactRows<L: Real> {
 /// All rows of a step.
 #[derive(Debug, Clone)]
 pub(crate) struct Rows<L: Real> {
+    /// 3, 4 or 6.
     pub dimension: usize,
     /// One entry per slot; only live ones are current.
     pub contacts: Vec<ContactRows<L>>,
@@ -61,7 +62,7 @@ impl<L: Real> Rows<L> {
     pub fn new(topology: &Topology, slots: &[Slot], dimension: usize) -> Self {
         let zero = L::zero();
         let contact = |slot: &Slot| ContactRows {
-            jacobian: vec![zero; dimension * topology.force_columns(slot.body).len()],
+            jacobian: vec![zero; stored_rows(dimension) * topology.force_columns(slot.body).len()],
             reference: [zero; 6],
             weight: [zero; 6],
             cone: zero,
@@ -79,6 +80,11 @@ impl<L: Real> Rows<L> {
     }
 }
 
+/// Rows that the engine is compiled for: contacts of dimension 4 carry two rows of rolling that weigh nothing.
+pub(crate) fn stored_rows(dimension: usize) -> usize {
+    if dimension == 3 { 3 } else { 6 }
+}
+
 /// What the rows need beside block and work space.
 pub(crate) struct RowSettings<'a> {
     pub topology: &'a Topology,
@@ -93,9 +99,9 @@ pub(crate) struct RowSettings<'a> {
 
 /// Builds all rows of the live contacts, of joint friction and of violated limits.
 #[inline(always)]
-pub(crate) fn build_rows<L: Real>(settings: &RowSettings, block: &Block<L>, work: &mut Work<L>) {
+pub(crate) fn build_rows<L: Real, const D: usize>(settings: &RowSettings, block: &Block<L>, work: &mut Work<L>) {
     for index in 0..work.live.len() {
-        contact_rows(settings, work.live[index], block, work);
+        contact_rows::<L, D>(settings, work.live[index], block, work);
     }
     let time_constant = JOINT_TIME_CONSTANT.max(2.0 * settings.timestep);
     let damping = 2.0 / (IMPEDANCE_MAX * time_constant);
@@ -151,11 +157,10 @@ fn limit_row<L: Real>(
 }
 
 #[inline(always)]
-fn contact_rows<L: Real>(settings: &RowSettings, index: usize, block: &Block<L>, work: &mut Work<L>) {
+fn contact_rows<L: Real, const D: usize>(settings: &RowSettings, index: usize, block: &Block<L>, work: &mut Work<L>) {
     let slot = &settings.slots[index];
     let contact = work.contacts[index];
     let rows = &mut work.rows.contacts[index];
-    let dimension = work.rows.dimension;
     let columns = settings.topology.force_columns(slot.body);
     let (t1, t2) = tangents(contact.normal);
     let directions = [contact.normal, t1, t2];
@@ -175,7 +180,7 @@ fn contact_rows<L: Real>(settings: &RowSettings, index: usize, block: &Block<L>,
         for (position, &dof) in path.iter().enumerate() {
             let column = if settings.topology.dense { dof } else { position };
             let s = &work.subspace[dof];
-            for k in 0..dimension {
+            for k in 0..D {
                 // Rows: normal, two tangents; torsion about the normal; rolling about the tangents.
                 let entry = if k >= 3 {
                     dot(directions[k - 3], angular(s))
@@ -191,7 +196,7 @@ fn contact_rows<L: Real>(settings: &RowSettings, index: usize, block: &Block<L>,
             }
         }
         let motion = &work.velocity[body];
-        for k in 0..dimension {
+        for k in 0..D {
             let along = if k >= 3 {
                 dot(directions[k - 3], angular(motion))
             } else {
@@ -205,15 +210,16 @@ fn contact_rows<L: Real>(settings: &RowSettings, index: usize, block: &Block<L>,
     let mu = contact.friction.max(L::splat(LEAST_FRICTION));
     let normal_weight = imp / ((L::one() - imp) * L::splat(slot.weight));
     let tangent_weight = normal_weight * L::splat(settings.impratio);
-    for k in 0..dimension {
+    for k in 0..D {
         rows.reference[k] = -(ground.damping * velocity[k]);
     }
     rows.reference[0] -= ground.stiffness * imp * contact.distance;
     let torsional = ground.torsional.max(L::splat(LEAST_FRICTION));
     let rolling = ground.rolling.max(L::splat(LEAST_FRICTION));
+    let rolling = if work.rows.dimension == 4 { L::zero() } else { rolling };
     rows.friction = [mu, mu, torsional, rolling, rolling];
     rows.weight[0] = normal_weight;
-    for k in 1..dimension {
+    for k in 1..D {
         let ratio = rows.friction[k - 1] / mu;
         rows.weight[k] = if k < 3 { tangent_weight } else { tangent_weight * ratio * ratio };
     }

@@ -74,10 +74,60 @@ pub(crate) fn mass_matrix<L: Real>(topology: &Topology, block: &Block<L>, work: 
     }
 }
 
+/// Degrees of freedom of a free base: the head of every row, long enough to be worth unrolling.
+pub(crate) const HEAD: usize = 6;
+
+#[inline(always)]
+pub(crate) fn head<L>(row: &[L]) -> &[L; HEAD] {
+    row.first_chunk().expect("a row with the six columns of the base")
+}
+
+#[inline(always)]
+pub(crate) fn head_mut<L>(row: &mut [L]) -> &mut [L; HEAD] {
+    row.first_chunk_mut().expect("a row with the six columns of the base")
+}
+
+/// `target + factor * own`. By value, so that the compiler sees that the two do not overlap.
+#[inline(always)]
+pub(crate) fn plus<L: Real>(mut target: [L; HEAD], factor: L, own: [L; HEAD]) -> [L; HEAD] {
+    for j in 0..HEAD {
+        target[j] += factor * own[j];
+    }
+    target
+}
+
+/// `target - factor * own`.
+#[inline(always)]
+fn minus<L: Real>(mut target: [L; HEAD], factor: L, own: [L; HEAD]) -> [L; HEAD] {
+    for j in 0..HEAD {
+        target[j] -= factor * own[j];
+    }
+    target
+}
+
+/// `target -= factor * row` over as many entries as `target` has. The lengths below a leg are spelled out: a loop
+/// costs more than they do.
+#[inline(always)]
+fn subtract<L: Real>(target: &mut [L], factor: L, row: &[L]) {
+    match (target, row) {
+        ([], _) => {}
+        ([a], [x, ..]) => *a -= factor * *x,
+        ([a, b], [x, y, ..]) => {
+            *a -= factor * *x;
+            *b -= factor * *y;
+        }
+        (target, row) => {
+            for (entry, &own) in target.iter_mut().zip(row) {
+                *entry -= factor * own;
+            }
+        }
+    }
+}
+
 /// Factors a packed matrix in place as Lᵀ D L (Featherstone table 6.3); diagonals become the inverses of D.
 #[inline(always)]
 pub(crate) fn factor<L: Real>(topology: &Topology, matrix: &mut [L]) {
-    for i in (0..topology.nv).rev() {
+    for i in (topology.base_dofs..topology.nv).rev() {
         let columns = &topology.columns[i];
         let last = columns.len() - 1;
         // Rows of ancestors come before this one, so that the slice can be split here.
@@ -85,12 +135,35 @@ pub(crate) fn factor<L: Real>(topology: &Topology, matrix: &mut [L]) {
         let row = &mut below[..=last];
         let inverse = L::one() / row[last];
         row[last] = inverse;
-        for k in (0..last).rev() {
+        let base = topology.base_dofs;
+        for k in (base..last).rev() {
             let factor = row[k] * inverse;
             let target = &mut above[topology.row[columns[k]]..][..=k];
-            for (entry, &own) in target.iter_mut().zip(row.iter()) {
-                *entry -= factor * own;
+            if base == HEAD {
+                *head_mut(target) = minus(*head(target), factor, *head(row));
             }
+            subtract(&mut target[base..], factor, &row[base..]);
+            row[k] = factor;
+        }
+        if base == HEAD {
+            let own = *head(row);
+            for k in 0..HEAD {
+                // All six columns, though those above the diagonal mean nothing: whole registers are cheaper.
+                let target = head_mut(&mut above[HEAD * k..]);
+                let factor = own[k] * inverse;
+                *target = minus(*target, factor, own);
+                row[k] = factor;
+            }
+        }
+    }
+    for i in (0..topology.base_dofs).rev() {
+        let (above, below) = matrix.split_at_mut(topology.row[i]);
+        let row = &mut below[..=i];
+        let inverse = L::one() / row[i];
+        row[i] = inverse;
+        for k in (0..i).rev() {
+            let factor = row[k] * inverse;
+            subtract(&mut above[topology.row[k]..][..=k], factor, row);
             row[k] = factor;
         }
     }
@@ -99,12 +172,19 @@ pub(crate) fn factor<L: Real>(topology: &Topology, matrix: &mut [L]) {
 /// Solves with a factored matrix, in place.
 #[inline(always)]
 pub(crate) fn solve<L: Real>(topology: &Topology, factored: &[L], x: &mut [L]) {
+    let base = topology.base_dofs;
     for i in (0..topology.nv).rev() {
         let columns = &topology.columns[i];
         let last = columns.len() - 1;
         let row = &factored[topology.row[i]..][..=last];
         let value = x[i];
-        for k in 0..last {
+        let start = if base == HEAD && last >= HEAD {
+            *head_mut(x) = minus(*head(x), value, *head(row));
+            HEAD
+        } else {
+            0
+        };
+        for k in start..last {
             x[columns[k]] -= row[k] * value;
         }
         x[i] = value * row[last];
@@ -114,7 +194,16 @@ pub(crate) fn solve<L: Real>(topology: &Topology, factored: &[L], x: &mut [L]) {
         let last = columns.len() - 1;
         let row = &factored[topology.row[i]..][..=last];
         let mut sum = x[i];
-        for k in 0..last {
+        let start = if base == HEAD && last >= HEAD {
+            let (x, row) = (head(x), head(row));
+            for k in 0..HEAD {
+                sum -= row[k] * x[k];
+            }
+            HEAD
+        } else {
+            0
+        };
+        for k in start..last {
             sum -= row[k] * x[columns[k]];
         }
         x[i] = sum;
@@ -124,13 +213,24 @@ pub(crate) fn solve<L: Real>(topology: &Topology, factored: &[L], x: &mut [L]) {
 /// `out = matrix * x` for a packed symmetric matrix.
 #[inline(always)]
 pub(crate) fn multiply_packed<L: Real>(topology: &Topology, matrix: &[L], x: &[L], out: &mut [L]) {
+    let base = topology.base_dofs;
     for i in 0..topology.nv {
         let columns = &topology.columns[i];
         let last = columns.len() - 1;
         let row = &matrix[topology.row[i]..][..=last];
         let own = x[i];
         let mut sum = row[last] * own;
-        for k in 0..last {
+        let start = if base == HEAD && last >= HEAD {
+            let (x, row) = (head(x), head(row));
+            for k in 0..HEAD {
+                sum += row[k] * x[k];
+            }
+            *head_mut(out) = plus(*head(out), own, *row);
+            HEAD
+        } else {
+            0
+        };
+        for k in start..last {
             sum += row[k] * x[columns[k]];
             out[columns[k]] += row[k] * own;
         }

@@ -6,7 +6,7 @@
 
 use super::block::{Block, Slot, Work};
 use super::constraint::{ContactRows, LimitRow, Rows};
-use super::dynamics::{factor, multiply_packed, solve};
+use super::dynamics::{HEAD, factor, head, head_mut, multiply_packed, plus, solve};
 use super::topology::Topology;
 use crate::lanes::{Mask, Real, Scalar};
 
@@ -71,13 +71,13 @@ impl<L: Real> Evaluated<L> {
 }
 
 #[inline(always)]
-fn evaluate<L: Real>(rows: &ContactRows<L>, dimension: usize, residual: &[L; 6]) -> Evaluated<L> {
+fn evaluate<L: Real, const D: usize>(rows: &ContactRows<L>, residual: &[L; 6]) -> Evaluated<L> {
     let zero = L::zero();
     let mu = rows.cone;
     let normal = residual[0] * mu;
     let mut u = [zero; 5];
     let mut squared = zero;
-    for k in 1..dimension {
+    for k in 1..D {
         u[k - 1] = residual[k] * rows.friction[k - 1];
         squared += u[k - 1] * u[k - 1];
     }
@@ -87,7 +87,7 @@ fn evaluate<L: Real>(rows: &ContactRows<L>, dimension: usize, residual: &[L; 6])
     let bottom = inside & !top & rows.active;
     let middle = !top & !inside & rows.active;
     let mut force = [zero; 6];
-    for k in 0..dimension {
+    for k in 0..D {
         force[k] = L::select(bottom, -(rows.weight[k] * residual[k]), zero);
     }
     let mut inverse = L::one();
@@ -95,7 +95,7 @@ fn evaluate<L: Real>(rows: &ContactRows<L>, dimension: usize, residual: &[L; 6])
         inverse = L::one() / L::select(middle, tangent, L::one());
         let slide = rows.scale * mu * (normal - mu * tangent);
         force[0] = L::select(middle, -slide, force[0]);
-        for k in 1..dimension {
+        for k in 1..D {
             let sliding = slide * u[k - 1] * inverse * rows.friction[k - 1];
             force[k] = L::select(middle, sliding, force[k]);
         }
@@ -105,10 +105,10 @@ fn evaluate<L: Real>(rows: &ContactRows<L>, dimension: usize, residual: &[L; 6])
 
 /// The cost's Hessian for one contact, `[row][column]`, symmetric.
 #[inline(always)]
-fn contact_hessian<L: Real>(rows: &ContactRows<L>, dimension: usize, z: &Evaluated<L>) -> [[L; 6]; 6] {
+fn contact_hessian<L: Real, const D: usize>(rows: &ContactRows<L>, z: &Evaluated<L>) -> [[L; 6]; 6] {
     let zero = L::zero();
     let mut out = [[zero; 6]; 6];
-    for i in 0..dimension {
+    for i in 0..D {
         out[i][i] = L::select(z.bottom, rows.weight[i], zero);
     }
     // Mostly nothing slides, and the rest is zero.
@@ -118,7 +118,7 @@ fn contact_hessian<L: Real>(rows: &ContactRows<L>, dimension: usize, z: &Evaluat
     let mu = rows.cone;
     let curvature = mu * z.normal * z.inverse * z.inverse * z.inverse;
     let diagonal = mu * mu - mu * z.normal * z.inverse;
-    for i in 0..dimension {
+    for i in 0..D {
         let scale_i = if i == 0 { mu } else { rows.friction[i - 1] };
         for j in 0..=i {
             let scale_j = if j == 0 { mu } else { rows.friction[j - 1] };
@@ -163,17 +163,17 @@ pub(crate) struct NewtonSettings<'a> {
 
 /// Solves for `work.newton.a`, starting from `block.warm`. On return `ma` is the mass matrix times it.
 #[inline(always)]
-pub(crate) fn newton<L: Real>(settings: &NewtonSettings, block: &Block<L>, work: &mut Work<L>) {
+pub(crate) fn newton<L: Real, const D: usize>(settings: &NewtonSettings, block: &Block<L>, work: &mut Work<L>) {
     let topology = settings.topology;
     let nv = topology.nv;
     work.newton.a.copy_from_slice(&block.warm);
     multiply_packed(topology, &work.mass_matrix, &work.newton.a, &mut work.newton.ma);
-    start_residuals(settings, work);
-    evaluate_contacts(work);
+    start_residuals::<L, D>(settings, work);
+    evaluate_contacts::<L, D>(work);
     let threshold = threshold(settings, work);
     let mut done = block.faulty;
     for _ in 0..settings.iterations {
-        gradient(settings, block, work);
+        gradient::<L, D>(settings, block, work);
         let mut squared = L::zero();
         for i in 0..nv {
             squared += work.newton.gradient[i] * work.newton.gradient[i];
@@ -183,22 +183,22 @@ pub(crate) fn newton<L: Real>(settings: &NewtonSettings, block: &Block<L>, work:
         if done.all() {
             break;
         }
-        hessian(settings, block, work);
+        hessian::<L, D>(settings, block, work);
         factor(topology, &mut work.hessian);
         for i in 0..nv {
             work.newton.search[i] = -work.newton.gradient[i];
         }
         solve(topology, &work.hessian, &mut work.newton.search);
         multiply_packed(topology, &work.mass_matrix, &work.newton.search, &mut work.newton.m_search);
-        search_residuals(settings, work);
-        let (step, evaluated) = line_search(settings, done, block, work);
+        search_residuals::<L, D>(settings, work);
+        let (step, evaluated) = line_search::<L, D>(settings, done, block, work);
         let scratch = &mut work.newton;
         for i in 0..nv {
             scratch.a[i] += step * scratch.search[i];
             scratch.ma[i] += step * scratch.m_search[i];
         }
         for &slot in &work.live {
-            for k in 0..work.rows.dimension {
+            for k in 0..D {
                 let change = step * scratch.along[slot][k];
                 scratch.residual[slot][k] += change;
             }
@@ -206,16 +206,16 @@ pub(crate) fn newton<L: Real>(settings: &NewtonSettings, block: &Block<L>, work:
         if evaluated {
             std::mem::swap(&mut scratch.contact, &mut scratch.trial);
         } else {
-            evaluate_contacts(work);
+            evaluate_contacts::<L, D>(work);
         }
     }
 }
 
 #[inline(always)]
-fn evaluate_contacts<L: Real>(work: &mut Work<L>) {
+fn evaluate_contacts<L: Real, const D: usize>(work: &mut Work<L>) {
     for &slot in &work.live {
         let rows = &work.rows.contacts[slot];
-        work.newton.contact[slot] = evaluate(rows, work.rows.dimension, &work.newton.residual[slot]);
+        work.newton.contact[slot] = evaluate::<L, D>(rows, &work.newton.residual[slot]);
     }
 }
 
@@ -230,27 +230,36 @@ fn threshold<L: Real>(settings: &NewtonSettings, work: &Work<L>) -> L {
 }
 
 #[inline(always)]
-fn project<L: Real>(topology: &Topology, slot: &Slot, rows: &ContactRows<L>, dimension: usize, x: &[L]) -> [L; 6] {
+fn project<L: Real, const D: usize>(topology: &Topology, slot: &Slot, rows: &ContactRows<L>, x: &[L]) -> [L; 6] {
     let columns = topology.force_columns(slot.body);
+    let count = columns.len();
     let mut out = [L::zero(); 6];
-    for k in 0..dimension {
-        let row = &rows.jacobian[k * columns.len()..][..columns.len()];
-        let mut sum = L::zero();
-        for (&entry, &column) in row.iter().zip(columns) {
-            sum += entry * x[column];
+    let start = if topology.base_dofs == HEAD {
+        let x = head(x);
+        for k in 0..D {
+            let row = head(&rows.jacobian[k * count..]);
+            for j in 0..HEAD {
+                out[k] += row[j] * x[j];
+            }
         }
-        out[k] = sum;
+        HEAD
+    } else {
+        0
+    };
+    for (position, &column) in columns.iter().enumerate().skip(start) {
+        for k in 0..D {
+            out[k] += rows.jacobian[k * count + position] * x[column];
+        }
     }
     out
 }
 
 #[inline(always)]
-fn start_residuals<L: Real>(settings: &NewtonSettings, work: &mut Work<L>) {
-    let dimension = work.rows.dimension;
+fn start_residuals<L: Real, const D: usize>(settings: &NewtonSettings, work: &mut Work<L>) {
     for &slot in &work.live {
         let rows = &work.rows.contacts[slot];
-        let mut value = project(settings.topology, &settings.slots[slot], rows, dimension, &work.newton.a);
-        for k in 0..dimension {
+        let mut value = project::<L, D>(settings.topology, &settings.slots[slot], rows, &work.newton.a);
+        for k in 0..D {
             value[k] -= rows.reference[k];
         }
         work.newton.residual[slot] = value;
@@ -258,20 +267,19 @@ fn start_residuals<L: Real>(settings: &NewtonSettings, work: &mut Work<L>) {
 }
 
 #[inline(always)]
-fn search_residuals<L: Real>(settings: &NewtonSettings, work: &mut Work<L>) {
-    let dimension = work.rows.dimension;
+fn search_residuals<L: Real, const D: usize>(settings: &NewtonSettings, work: &mut Work<L>) {
     for &slot in &work.live {
         let rows = &work.rows.contacts[slot];
         work.newton.along[slot] =
-            project(settings.topology, &settings.slots[slot], rows, dimension, &work.newton.search);
+            project::<L, D>(settings.topology, &settings.slots[slot], rows, &work.newton.search);
     }
 }
 
 /// `M a - smooth - Jᵀ force`.
 #[inline(always)]
-fn gradient<L: Real>(settings: &NewtonSettings, block: &Block<L>, work: &mut Work<L>) {
+fn gradient<L: Real, const D: usize>(settings: &NewtonSettings, block: &Block<L>, work: &mut Work<L>) {
     let topology = settings.topology;
-    let Rows { dimension, contacts, friction_reference, friction_weight, limits } = &work.rows;
+    let Rows { contacts, friction_reference, friction_weight, limits, .. } = &work.rows;
     let scratch = &mut work.newton;
     for i in 0..topology.nv {
         scratch.gradient[i] = scratch.ma[i] - work.smooth[i];
@@ -289,23 +297,34 @@ fn gradient<L: Real>(settings: &NewtonSettings, block: &Block<L>, work: &mut Wor
         let rows = &contacts[slot];
         let force = scratch.contact[slot].force;
         let columns = topology.force_columns(settings.slots[slot].body);
-        for (position, &column) in columns.iter().enumerate() {
-            let mut sum = L::zero();
-            for k in 0..*dimension {
-                sum += rows.jacobian[k * columns.len() + position] * force[k];
+        let count = columns.len();
+        let start = if topology.base_dofs == HEAD {
+            let mut sum = *head(&scratch.gradient);
+            for k in 0..D {
+                sum = plus(sum, -force[k], *head(&rows.jacobian[k * count..]));
             }
-            scratch.gradient[column] -= sum;
+            *head_mut(&mut scratch.gradient) = sum;
+            HEAD
+        } else {
+            0
+        };
+        for (position, &column) in columns.iter().enumerate().skip(start) {
+            let mut sum = scratch.gradient[column];
+            for k in 0..D {
+                sum -= rows.jacobian[k * count + position] * force[k];
+            }
+            scratch.gradient[column] = sum;
         }
     }
 }
 
 /// `M + Jᵀ H J`, packed.
 #[inline(always)]
-fn hessian<L: Real>(settings: &NewtonSettings, block: &Block<L>, work: &mut Work<L>) {
+fn hessian<L: Real, const D: usize>(settings: &NewtonSettings, block: &Block<L>, work: &mut Work<L>) {
     let topology = settings.topology;
     work.hessian.copy_from_slice(&work.mass_matrix);
     let diagonal = |i: usize| topology.row[i] + topology.columns[i].len() - 1;
-    let Rows { dimension, contacts, friction_reference, friction_weight, limits } = &work.rows;
+    let Rows { contacts, friction_reference, friction_weight, limits, .. } = &work.rows;
     if block.any_coulomb {
         for i in topology.base_dofs..topology.nv {
             let residual = work.newton.a[i] - friction_reference[i];
@@ -319,42 +338,54 @@ fn hessian<L: Real>(settings: &NewtonSettings, block: &Block<L>, work: &mut Work
     }
     for &slot in &work.live {
         let rows = &contacts[slot];
-        let local = contact_hessian(rows, *dimension, &work.newton.contact[slot]);
+        let local = contact_hessian::<L, D>(rows, &work.newton.contact[slot]);
         let sliding = work.newton.contact[slot].middle.any();
-        add_contact(topology, &settings.slots[slot], rows, *dimension, sliding, &local, &mut work.hessian);
+        add_contact::<L, D>(topology, &settings.slots[slot], rows, sliding, &local, &mut work.hessian);
     }
 }
 
 #[inline(always)]
-fn add_contact<L: Real>(
+fn add_contact<L: Real, const D: usize>(
     topology: &Topology,
     slot: &Slot,
     rows: &ContactRows<L>,
-    dimension: usize,
     sliding: bool,
     local: &[[L; 6]; 6],
     hessian: &mut [L],
 ) {
     let columns = topology.force_columns(slot.body);
     let count = columns.len();
+    let base = topology.base_dofs;
     for (i, &row) in columns.iter().enumerate() {
         // local * J for column i.
-        let mut weighted = [L::zero(); 6];
-        for k in 0..dimension {
-            let mut sum = local[k][k] * rows.jacobian[k * count + i];
-            // Off the cone the matrix is diagonal; the zeros beside it would add nothing.
-            for m in (0..dimension).filter(|&m| sliding && m != k) {
-                sum += local[k][m] * rows.jacobian[m * count + i];
-            }
-            weighted[k] = sum;
+        let mut weighted = [L::zero(); D];
+        for k in 0..D {
+            weighted[k] = local[k][k] * rows.jacobian[k * count + i];
         }
-        let target = &mut hessian[topology.row[row]..][..=i];
-        for (j, entry) in target.iter_mut().enumerate() {
-            let mut sum = L::zero();
-            for k in 0..dimension {
+        // Off the cone the matrix is diagonal; the zeros beside it would add nothing.
+        if sliding {
+            for k in 0..D {
+                for m in 0..D {
+                    if m != k {
+                        weighted[k] += local[k][m] * rows.jacobian[m * count + i];
+                    }
+                }
+            }
+        }
+        let target = &mut hessian[topology.row[row]..];
+        if base == HEAD {
+            let mut sum = *head(target);
+            for k in 0..D {
+                sum = plus(sum, weighted[k], *head(&rows.jacobian[k * count..]));
+            }
+            *head_mut(target) = sum;
+        }
+        for j in base..i + 1 {
+            let mut sum = target[j];
+            for k in 0..D {
                 sum += weighted[k] * rows.jacobian[k * count + j];
             }
-            *entry += sum;
+            target[j] = sum;
         }
     }
 }
@@ -362,7 +393,7 @@ fn add_contact<L: Real>(
 /// Step length along the search direction: 1 where that is near the minimum, else the root of the derivative by
 /// bracketed Newton. Lanes that are done get 0. Also whether `trial` holds the contacts at that step in all lanes.
 #[inline(always)]
-fn line_search<L: Real>(settings: &NewtonSettings, done: L::Mask, block: &Block<L>, work: &mut Work<L>) -> (L, bool) {
+fn line_search<L: Real, const D: usize>(settings: &NewtonSettings, done: L::Mask, block: &Block<L>, work: &mut Work<L>) -> (L, bool) {
     const STEPS: usize = 12;
     let (mut slope, mut curvature, mut start) = (L::zero(), L::zero(), L::zero());
     let scratch = &work.newton;
@@ -377,13 +408,13 @@ fn line_search<L: Real>(settings: &NewtonSettings, done: L::Mask, block: &Block<
     let (mut low, mut high) = (L::zero(), L::splat(<L::Scalar as Scalar>::ROUNDER));
     let mut settled = done;
     for _ in 0..STEPS {
-        evaluate_trial(step, work);
-        let first = slope + step * curvature + constraint_slope(settings, step, block, work);
+        evaluate_trial::<L, D>(step, work);
+        let first = slope + step * curvature + constraint_slope::<L, D>(settings, step, block, work);
         settled = settled | !enough.lt(first.abs());
         if settled.all() {
             return (step, true);
         }
-        let second = curvature + constraint_curvature(settings, step, block, work);
+        let second = curvature + constraint_curvature::<L, D>(settings, step, block, work);
         let short = first.lt(L::zero());
         low = L::select(short & !settled, step, low);
         high = L::select(!short & !settled, step, high);
@@ -396,22 +427,22 @@ fn line_search<L: Real>(settings: &NewtonSettings, done: L::Mask, block: &Block<
 }
 
 #[inline(always)]
-fn evaluate_trial<L: Real>(step: L, work: &mut Work<L>) {
+fn evaluate_trial<L: Real, const D: usize>(step: L, work: &mut Work<L>) {
     for &slot in &work.live {
         let rows = &work.rows.contacts[slot];
         let mut residual = work.newton.residual[slot];
-        for k in 0..work.rows.dimension {
+        for k in 0..D {
             let change = step * work.newton.along[slot][k];
             residual[k] += change;
         }
-        work.newton.trial[slot] = evaluate(rows, work.rows.dimension, &residual);
+        work.newton.trial[slot] = evaluate::<L, D>(rows, &residual);
     }
 }
 
 /// Derivative of the constraints' cost along the search direction, at the trial step.
 #[inline(always)]
-fn constraint_slope<L: Real>(settings: &NewtonSettings, step: L, block: &Block<L>, work: &Work<L>) -> L {
-    let Rows { dimension, friction_reference, friction_weight, limits, .. } = &work.rows;
+fn constraint_slope<L: Real, const D: usize>(settings: &NewtonSettings, step: L, block: &Block<L>, work: &Work<L>) -> L {
+    let Rows { friction_reference, friction_weight, limits, .. } = &work.rows;
     let scratch = &work.newton;
     let mut sum = L::zero();
     if block.any_coulomb {
@@ -425,7 +456,7 @@ fn constraint_slope<L: Real>(settings: &NewtonSettings, step: L, block: &Block<L
         sum -= force * row.sign * scratch.search[row.dof];
     }
     for &slot in &work.live {
-        for k in 0..*dimension {
+        for k in 0..D {
             sum -= scratch.trial[slot].force[k] * scratch.along[slot][k];
         }
     }
@@ -434,8 +465,8 @@ fn constraint_slope<L: Real>(settings: &NewtonSettings, step: L, block: &Block<L
 
 /// Second derivative of the constraints' cost along the search direction, at the trial step.
 #[inline(always)]
-fn constraint_curvature<L: Real>(settings: &NewtonSettings, step: L, block: &Block<L>, work: &Work<L>) -> L {
-    let Rows { dimension, contacts, friction_reference, friction_weight, limits } = &work.rows;
+fn constraint_curvature<L: Real, const D: usize>(settings: &NewtonSettings, step: L, block: &Block<L>, work: &Work<L>) -> L {
+    let Rows { contacts, friction_reference, friction_weight, limits, .. } = &work.rows;
     let scratch = &work.newton;
     let mut sum = L::zero();
     if block.any_coulomb {
@@ -453,9 +484,9 @@ fn constraint_curvature<L: Real>(settings: &NewtonSettings, step: L, block: &Blo
     }
     for &slot in &work.live {
         let along = &scratch.along[slot];
-        let hessian = contact_hessian(&contacts[slot], *dimension, &scratch.trial[slot]);
-        for i in 0..*dimension {
-            for j in 0..*dimension {
+        let hessian = contact_hessian::<L, D>(&contacts[slot], &scratch.trial[slot]);
+        for i in 0..D {
+            for j in 0..D {
                 sum += along[i] * hessian[i][j] * along[j];
             }
         }

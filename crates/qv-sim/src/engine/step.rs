@@ -63,14 +63,19 @@ pub(crate) fn step<L: Real>(shared: &Shared, used: usize, block: &mut Block<L>, 
         impratio: options.impratio,
         timestep: options.timestep,
     };
-    build_rows(&rows, block, work);
     let solver = NewtonSettings {
         topology,
         slots: &colliders.slots,
         iterations: options.iterations,
         tolerance: shared.tolerance,
     };
-    newton(&solver, block, work);
+    if options.contact_dimension == 3 {
+        build_rows::<L, 3>(&rows, block, work);
+        newton::<L, 3>(&solver, block, work);
+    } else {
+        build_rows::<L, 6>(&rows, block, work);
+        newton::<L, 6>(&solver, block, work);
+    }
     contact_forces(shared, block, work);
     accelerate(shared, block, work);
     integrate(shared, block);

@@ -30,7 +30,8 @@ pub(crate) struct Body {
     pub path: Vec<usize>,
 }
 
-/// Rows of symmetric matrices are packed: row `i` holds the columns `path[i]` (its ancestors, then itself). With
+/// Rows of symmetric matrices are packed: row `i` holds the columns `path[i]` (its ancestors, then itself); the first six
+/// rows of a free base have room for six. With
 /// robot-to-robot contact on, all columns `0..=i` are kept, because such a contact couples two branches.
 #[derive(Debug, Clone)]
 pub(crate) struct Topology {
@@ -91,9 +92,10 @@ impl Topology {
             .collect();
         let mut row = Vec::with_capacity(nv);
         let mut packed = 0;
-        for columns in &columns {
+        for (i, columns) in columns.iter().enumerate() {
             row.push(packed);
-            packed += columns.len();
+            // Rows of a free base take whole registers, see `dynamics::factor`.
+            packed += if i < base_dofs { base_dofs } else { columns.len() };
         }
         Self {
             free_base,
