@@ -23,6 +23,9 @@ const LARGEST_ANGLE: f64 = 20.0;
 /// Adds to `run.faults` what can be seen in the channels, and sorts all by time. The mapping's limits sharpen it.
 pub fn examine(run: &mut Run, mapping: Option<&Mapping>) {
     let mut faults = std::mem::take(&mut run.faults);
+    if let Some(position) = &mut run.measured.position {
+        spikes(position, &run.joint_names, &mut faults);
+    }
     let m = &run.measured;
     for (name, series) in
         [("commands", &run.commands.position), ("joint states", &m.position), ("base pose", &m.base_pose)]
@@ -85,6 +88,30 @@ fn repeats(name: &str, series: &JointSeries, other: Option<&JointSeries>, faults
     }
     let detail = format!("{} samples repeat the one before in every joint", repeated.len());
     faults.push(fault(FaultKind::Repeat, name, series.time[repeated[0]], repeated.len(), detail));
+}
+
+/// Turns single positions that no joint can reach and leave within a sample into gaps: an encoder's slip, which would
+/// spoil every fit around it.
+fn spikes(position: &mut JointSeries, names: &[String], faults: &mut Vec<Fault>) {
+    for joint in 0..position.joints {
+        let at = |i: usize| position.row(i)[joint];
+        let far = |a: usize, b: usize| {
+            let step = (at(b) - at(a)).abs();
+            step > 0.2 && step > FASTEST_JOINT * (position.time[b] - position.time[a])
+        };
+        let found: Vec<usize> = (1..position.len().saturating_sub(1))
+            .filter(|&i| far(i - 1, i) && far(i, i + 1) && !far(i - 1, i + 1))
+            .collect();
+        if let Some(&first) = found.first() {
+            let (value, before) = (at(first), at(first - 1));
+            let detail = format!("single values such as {value:.3} rad between {before:.3} and its like: kept as gaps");
+            let name = format!("position {}", names[joint]);
+            faults.push(fault(FaultKind::Jump, &name, position.time[first], found.len(), detail));
+        }
+        for i in found {
+            position.values[i * position.joints + joint] = f64::NAN;
+        }
+    }
 }
 
 fn jumps(

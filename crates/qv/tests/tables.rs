@@ -86,6 +86,17 @@ fn degrees_without_limits_are_suspected_by_range() {
 }
 
 #[test]
+fn a_single_wild_value_becomes_a_gap() {
+    let csv = rows(100, |k| if k == 40 { "-3.14".into() } else { wave(k) });
+    let (code, report, err) = inspect(&table("table_spike", &csv, TOML));
+    assert_eq!(code, 0, "{err}");
+    let found = fault(&report, "jump");
+    assert_eq!((found["count"].as_u64(), found["time"].as_f64()), (Some(1), Some(0.4)));
+    assert!(found["detail"].as_str().unwrap().contains("-3.140 rad"), "{found}");
+    assert_eq!(report["faults"].as_array().unwrap().len(), 1, "the gap is not reported again: {report:#}");
+}
+
+#[test]
 fn eleven_joints_and_foreign_joints() {
     let names = qv_go2::wire::joint_names();
     let header =
