@@ -147,6 +147,11 @@ pub fn effort_limits() -> [f64; 12] {
     std::array::from_fn(|joint| limits(joint < 6, joint % 3).effort)
 }
 
+/// Position limits of each joint in joint order \[rad\].
+pub fn position_limits() -> [(f64, f64); 12] {
+    std::array::from_fn(|joint| limits(joint < 6, joint % 3).range.into())
+}
+
 /// The whole robot as URDF: links `base`, `imu` (fixed), and `<leg>_hip`, `<leg>_thigh`, `<leg>_calf` per leg.
 ///
 /// Numbers are written with every digit, so that reading them back gives the same bits.

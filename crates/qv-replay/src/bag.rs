@@ -1,0 +1,399 @@
+//! ROS 2 bags become runs: streams chosen, clocks joined, channels filled.
+
+use crate::ReplayError;
+use crate::clean::{Samples, columns, median, median_interval, put_in_order};
+use crate::faults;
+use crate::mapping::{Channel, ChannelFields, Mapping};
+use crate::plan::{Plan, Wanted};
+use crate::run::{Actuator, ActuatorKind, Base, Clock, Commands, Fault, FaultKind, Measurements, Robot, Run, Source};
+use crate::schema::Schema;
+use crate::stream::{ChannelInfo, MessageSink, read_messages};
+use std::collections::BTreeMap;
+use std::io::Read;
+
+/// One file of a bag, in the order of time.
+pub struct BagFile<R> {
+    /// Name for messages.
+    pub name: String,
+    /// Its bytes.
+    pub source: R,
+}
+
+/// Nanoseconds in a second.
+const SECOND: i64 = 1_000_000_000;
+
+/// A clock that goes back, or an hour ahead, was set.
+const BACKWARD_JUMP: i64 = SECOND;
+const FORWARD_JUMP: i64 = 3600 * SECOND;
+
+/// What was read of one topic.
+struct Topic {
+    info: ChannelInfo,
+    /// Logged at \[ns\], one per message.
+    logged: Vec<i64>,
+    /// Place of each message in the bag; kept for streams in use only.
+    order: Vec<u32>,
+    /// Which stream of the mapping it could be, and which of the stream's types it has.
+    stream: Option<(usize, usize)>,
+    plan: Option<Plan>,
+    refused: Option<String>,
+    has_header: bool,
+    stamps: Vec<i64>,
+    rows: Vec<f64>,
+    row: Vec<f64>,
+    errors: usize,
+    first_error: Option<(i64, String)>,
+}
+
+struct Collector<'a> {
+    mapping: &'a Mapping,
+    topics: Vec<Topic>,
+    by_name: BTreeMap<(String, String), usize>,
+    by_id: BTreeMap<u16, usize>,
+    messages: u32,
+}
+
+/// Reads a bag of one or more files, as `mapping` says.
+///
+/// Each stream is put on one clock: the stamp in the message's header where there is one that agrees with the log
+/// within a second, else the time of logging ([`Source::clock`] says which). Time 0 is the first joint state.
+///
+/// # Errors
+/// When nothing usable is there: no joint states, or a robot of another shape. Anything less is named in
+/// [`Run::lost`] and [`Run::faults`].
+pub fn read_bag<R: Read>(files: impl IntoIterator<Item = BagFile<R>>, mapping: &Mapping) -> Result<Run, ReplayError> {
+    let mut collector =
+        Collector { mapping, topics: Vec::new(), by_name: BTreeMap::new(), by_id: BTreeMap::new(), messages: 0 };
+    let mut lost = Vec::new();
+    for file in files {
+        collector.by_id.clear();
+        lost.extend(read_messages(&file.name, file.source, &mut collector));
+    }
+    let mut faults = Vec::new();
+    let jumps = join_clocks(&mut collector.topics);
+    let chosen = choose_streams(&collector, &lost, &mut faults)?;
+    let clocks: Vec<Clock> = collector.topics.iter_mut().map(choose_clock).collect();
+    let states = chosen[state_stream(mapping)?].expect("joint states were chosen or it is an error");
+    let epoch = first_stamp(stamps_of(&collector.topics[states], clocks[states]));
+    for (place, jump, topic) in jumps {
+        let time = (place - epoch) as f64 / SECOND as f64;
+        let detail = format!("the clock jumped by {:+.3} s: the stretches were joined", jump as f64 / SECOND as f64);
+        faults.push(Fault { kind: FaultKind::ClockJump, channel: topic, time, count: 1, detail });
+    }
+    let sources = sources(&collector.topics, &clocks, &chosen, epoch);
+    let mut run = empty_run(mapping, epoch as u64, sources);
+    run.lost = lost;
+    for (stream, topic) in chosen.iter().enumerate() {
+        if let Some(topic) = *topic {
+            let name = collector.topics[topic].info.topic.clone();
+            report_errors(&collector.topics[topic], epoch, &mut faults);
+            let fields = &mapping.streams[stream].types[collector.topics[topic].stream.expect("chosen by stream").1].1;
+            let samples = samples(&mut collector.topics[topic], clocks[topic], epoch);
+            let samples = put_in_order(samples, &name, false, &mut faults);
+            fill(&mut run, fields, &samples);
+        }
+    }
+    run.base =
+        if run.measured.base_pose.is_some() || run.measured.acceleration.is_some() { Base::Free } else { Base::Fixed };
+    if run.measured.position.is_none() {
+        return Err(ReplayError::run("joint positions", "finite values", "none"));
+    }
+    run.faults = faults;
+    faults::examine(&mut run, Some(mapping));
+    Ok(run)
+}
+
+fn empty_run(mapping: &Mapping, epoch: u64, sources: Vec<Source>) -> Run {
+    Run {
+        robot: Robot::Named(mapping.robot.clone()),
+        base: Base::Free,
+        joint_names: mapping.joint_names.clone(),
+        foot_names: mapping.foot_names.clone(),
+        imu_position: mapping.imu_position,
+        actuator: Actuator { kind: ActuatorKind::Pd, kp: None, kd: None, tau_max: None },
+        joint_parameters: vec![Default::default(); mapping.joint_names.len()],
+        commands: Commands::default(),
+        measured: Measurements::default(),
+        epoch,
+        sources,
+        faults: Vec::new(),
+        lost: Vec::new(),
+    }
+}
+
+impl MessageSink for Collector<'_> {
+    fn channel(&mut self, channel: &ChannelInfo) {
+        let key = (channel.topic.clone(), channel.schema_name.clone());
+        let index = match self.by_name.get(&key) {
+            Some(&index) => index,
+            None => {
+                self.topics.push(Topic::new(channel, self.mapping));
+                self.by_name.insert(key, self.topics.len() - 1);
+                self.topics.len() - 1
+            }
+        };
+        self.by_id.insert(channel.id, index);
+    }
+
+    fn message(&mut self, channel: u16, log_time: u64, data: &[u8]) {
+        let Some(&index) = self.by_id.get(&channel) else { return };
+        let place = self.messages;
+        self.messages = self.messages.saturating_add(1);
+        self.topics[index].message(place, i64::try_from(log_time).unwrap_or(i64::MAX), data);
+    }
+}
+
+impl Topic {
+    fn new(info: &ChannelInfo, mapping: &Mapping) -> Self {
+        let mut topic = Self {
+            info: info.clone(),
+            logged: Vec::new(),
+            order: Vec::new(),
+            stream: None,
+            plan: None,
+            refused: None,
+            has_header: false,
+            stamps: Vec::new(),
+            rows: Vec::new(),
+            row: Vec::new(),
+            errors: 0,
+            first_error: None,
+        };
+        for (s, stream) in mapping.streams.iter().enumerate() {
+            if stream.exact_topic && stream.preferred_topic != info.topic {
+                continue;
+            }
+            if let Some(t) = stream.types.iter().position(|(name, _)| *name == info.schema_name) {
+                topic.stream = Some((s, t));
+                if let Err(error) = topic.compile(&stream.types[t].1) {
+                    topic.refused = Some(error.to_string());
+                }
+            }
+        }
+        // Only the plan needs the definition from here on.
+        topic.info.schema_text = Vec::new();
+        topic
+    }
+
+    fn compile(&mut self, fields: &[ChannelFields]) -> Result<(), ReplayError> {
+        let found = |expected: &str, found: &str| ReplayError::Field {
+            type_name: self.info.schema_name.clone(),
+            expected: expected.to_string(),
+            found: format!("`{found}`"),
+        };
+        if self.info.message_encoding != "cdr" {
+            return Err(found("message encoding `cdr`", &self.info.message_encoding));
+        }
+        if self.info.schema_encoding != "ros2msg" {
+            return Err(found("schema encoding `ros2msg`", &self.info.schema_encoding));
+        }
+        let schema = Schema::parse(&self.info.schema_name, &String::from_utf8_lossy(&self.info.schema_text))?;
+        self.has_header = schema.root().fields.first().is_some_and(|f| f.name == "header");
+        let mut wanted: Vec<Wanted> = fields.iter().flat_map(|f| f.fields.iter().cloned()).collect();
+        if self.has_header {
+            wanted.extend(["sec", "nanosec"].map(|f| Wanted { path: format!("header.stamp.{f}"), elements: vec![0] }));
+        }
+        let plan = Plan::compile(&schema, &wanted)?;
+        self.row = vec![0.0; plan.width()];
+        self.plan = Some(plan);
+        Ok(())
+    }
+
+    fn message(&mut self, place: u32, logged: i64, data: &[u8]) {
+        let Some(plan) = &self.plan else {
+            self.logged.push(logged);
+            self.order.push(place);
+            return;
+        };
+        if let Err(error) = plan.read(data, &mut self.row) {
+            self.errors += 1;
+            self.first_error.get_or_insert((logged, error.to_string()));
+            return;
+        }
+        self.logged.push(logged);
+        self.order.push(place);
+        let width = self.row.len() - if self.has_header { 2 } else { 0 };
+        if let [sec, nanosec] = self.row[width..] {
+            self.stamps.push(sec as i64 * SECOND + nanosec as i64);
+        }
+        self.rows.extend_from_slice(&self.row[..width]);
+    }
+}
+
+/// Finds places where the recorder's clock was set and takes the jump out of everything later, in all topics.
+/// Returns the stamp before each jump, its size \[ns\] and the topic that showed it.
+fn join_clocks(topics: &mut [Topic]) -> Vec<(i64, i64, String)> {
+    let mut jumps = Vec::new();
+    // More jumps than this are no clock but noise; sorting deals with the rest.
+    while jumps.len() < 16 {
+        let found = topics.iter().filter_map(|t| first_jump(&t.logged).map(|i| (t.order[i], t, i)));
+        let Some((place, topic, index)) = found.min_by_key(|(place, _, _)| *place) else { break };
+        let mut steps: Vec<f64> = topic.logged.windows(2).map(|w| (w[1] - w[0]) as f64).collect();
+        let period = median(&mut steps).max(0.0) as i64;
+        let before = topic.logged[index - 1];
+        let jump = topic.logged[index].saturating_sub(before).saturating_sub(period);
+        jumps.push((before, jump, topic.info.topic.clone()));
+        for topic in topics.iter_mut() {
+            for (logged, _) in topic.logged.iter_mut().zip(&topic.order).filter(|(_, p)| **p >= place) {
+                *logged = logged.saturating_sub(jump);
+            }
+        }
+    }
+    jumps
+}
+
+/// Index of the first message after a jump that lasts: a lone late message is out of order, no jump.
+fn first_jump(logged: &[i64]) -> Option<usize> {
+    (1..logged.len()).find(|&i| {
+        let is_jump = |later: i64| {
+            let step = later.saturating_sub(logged[i - 1]);
+            !(-BACKWARD_JUMP..=FORWARD_JUMP).contains(&step)
+        };
+        is_jump(logged[i]) && logged[i..].iter().take(5).all(|&later| is_jump(later)) && logged.len() > i + 1
+    })
+}
+
+/// The topic of each stream of the mapping.
+fn choose_streams(
+    collector: &Collector,
+    lost: &[crate::run::Loss],
+    faults: &mut Vec<Fault>,
+) -> Result<Vec<Option<usize>>, ReplayError> {
+    let mapping = collector.mapping;
+    let states = state_stream(mapping)?;
+    let mut chosen = Vec::new();
+    for (s, stream) in mapping.streams.iter().enumerate() {
+        let fits = |t: &&Topic| t.stream.is_some_and(|(of, _)| of == s);
+        let usable = |t: &&Topic| fits(t) && t.plan.is_some() && !t.logged.is_empty();
+        let best = collector
+            .topics
+            .iter()
+            .enumerate()
+            .filter(|(_, t)| usable(t))
+            .max_by_key(|(_, t)| (t.info.topic == stream.preferred_topic, t.logged.len()));
+        if best.is_none() {
+            let topic = collector.topics.iter().find(fits);
+            let reason = topic.and_then(|t| t.refused.clone().or(t.first_error.as_ref().map(|e| e.1.clone())));
+            let types: Vec<&str> = stream.types.iter().map(|t| t.0.as_str()).collect();
+            let expected = format!("messages of type {} (as on {})", types.join(" or "), stream.preferred_topic);
+            let found = reason.clone().unwrap_or_else(|| list_topics(&collector.topics, lost));
+            if s == states {
+                return Err(ReplayError::run(stream.role, expected, found));
+            }
+            let kind = if reason.is_some() { FaultKind::WrongRobot } else { FaultKind::Missing };
+            let detail = format!("expected {expected}, found {found}");
+            faults.push(Fault { kind, channel: stream.role.into(), time: 0.0, count: 1, detail });
+        }
+        chosen.push(best.map(|(index, _)| index));
+    }
+    Ok(chosen)
+}
+
+fn list_topics(topics: &[Topic], lost: &[crate::run::Loss]) -> String {
+    let name = |t: &Topic| format!("{} {} ({})", t.info.topic, t.info.schema_name, t.logged.len());
+    let names: Vec<String> = topics.iter().take(12).map(name).collect();
+    let found = if names.is_empty() { "no topic at all".to_string() } else { format!("topics {}", names.join(", ")) };
+    match lost.first() {
+        Some(loss) => format!("{found}; lost: {}: {}", loss.file, loss.what),
+        None => found,
+    }
+}
+
+fn state_stream(mapping: &Mapping) -> Result<usize, ReplayError> {
+    let has = |c: &ChannelFields| c.channel == Channel::Position;
+    let found = mapping.streams.iter().position(|s| s.types.iter().any(|t| t.1.iter().any(has)));
+    found.ok_or_else(|| ReplayError::run("mapping", "a stream with joint positions", "none"))
+}
+
+/// Header stamps when they stay within a second of the (joined) log, else the log.
+fn choose_clock(topic: &mut Topic) -> Clock {
+    let agrees = topic.stamps.len() == topic.logged.len()
+        && !topic.stamps.is_empty()
+        && topic.stamps.iter().zip(&topic.logged).all(|(s, l)| s.saturating_sub(*l).abs() < SECOND);
+    if agrees { Clock::Header } else { Clock::Log }
+}
+
+fn stamps_of(topic: &Topic, clock: Clock) -> &[i64] {
+    if clock == Clock::Header { &topic.stamps } else { &topic.logged }
+}
+
+/// The earliest stamp, those half a day off the median left out.
+fn first_stamp(stamps: &[i64]) -> i64 {
+    let mut sorted = stamps.to_vec();
+    sorted.sort_unstable();
+    let middle = sorted.get(sorted.len() / 2).copied().unwrap_or(0);
+    sorted.into_iter().find(|s| middle.saturating_sub(*s) < 12 * FORWARD_JUMP).unwrap_or(middle)
+}
+
+fn samples(topic: &mut Topic, clock: Clock, epoch: i64) -> Samples {
+    let seconds = |ns: &i64| ns.saturating_sub(epoch) as f64 / SECOND as f64;
+    let time = stamps_of(topic, clock).iter().map(seconds).collect();
+    let width = topic.row.len() - if topic.has_header { 2 } else { 0 };
+    Samples { time, rows: std::mem::take(&mut topic.rows), width }
+}
+
+fn sources(topics: &[Topic], clocks: &[Clock], chosen: &[Option<usize>], epoch: i64) -> Vec<Source> {
+    let seconds = |ns: i64| ns.saturating_sub(epoch) as f64 / SECOND as f64;
+    let one = |(index, topic): (usize, &Topic)| {
+        let time: Vec<f64> = stamps_of(topic, clocks[index]).iter().map(|&ns| seconds(ns)).collect();
+        source(&topic.info.topic, &topic.info.schema_name, &time, clocks[index], chosen.contains(&Some(index)))
+    };
+    topics.iter().enumerate().map(one).collect()
+}
+
+/// The figures of a stream with stamps `time` \[s\] in the order of arrival.
+pub(crate) fn source(name: &str, type_name: &str, time: &[f64], clock: Clock, used: bool) -> Source {
+    let period = median_interval(time);
+    let near = time.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 0.0 && *d < 1.5 * period);
+    let (sum, count) = near.fold((0.0, 0usize), |(sum, n), d| (sum + (d - period).powi(2), n + 1));
+    let first = time.iter().copied().fold(f64::INFINITY, f64::min);
+    let last = time.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    Source {
+        name: name.into(),
+        type_name: type_name.into(),
+        count: time.len(),
+        rate: 1.0 / period,
+        jitter: if count == 0 { f64::NAN } else { (sum / count as f64).sqrt() },
+        span: if time.is_empty() { [0.0, 0.0] } else { [first, last] },
+        clock,
+        used,
+    }
+}
+
+fn report_errors(topic: &Topic, epoch: i64, faults: &mut Vec<Fault>) {
+    if let Some((logged, reason)) = &topic.first_error {
+        let time = logged.saturating_sub(epoch) as f64 / SECOND as f64;
+        let detail = format!("{} messages could not be decoded, the first: {reason}", topic.errors);
+        let kind = FaultKind::Missing;
+        faults.push(Fault { kind, channel: topic.info.topic.clone(), time, count: topic.errors, detail });
+    }
+}
+
+fn fill(run: &mut Run, fields: &[ChannelFields], samples: &Samples) {
+    let mut first = 0;
+    for channel in fields {
+        let width = channel.fields.iter().map(|f| f.elements.len()).sum();
+        *slot(run, channel.channel) = columns(samples, first, width);
+        first += width;
+    }
+}
+
+/// The place of a channel in a run.
+pub(crate) fn slot(run: &mut Run, channel: Channel) -> &mut Option<qv_core::JointSeries> {
+    let (c, m) = (&mut run.commands, &mut run.measured);
+    match channel {
+        Channel::CommandPosition => &mut c.position,
+        Channel::CommandVelocity => &mut c.velocity,
+        Channel::CommandTorque => &mut c.torque,
+        Channel::CommandKp => &mut c.kp,
+        Channel::CommandKd => &mut c.kd,
+        Channel::Position => &mut m.position,
+        Channel::Velocity => &mut m.velocity,
+        Channel::Torque => &mut m.torque,
+        Channel::Gyro => &mut m.gyro,
+        Channel::Acceleration => &mut m.acceleration,
+        Channel::Orientation => &mut m.orientation,
+        Channel::FootForce => &mut m.foot_force,
+        Channel::BasePose => &mut m.base_pose,
+    }
+}

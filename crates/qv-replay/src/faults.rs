@@ -1,0 +1,231 @@
+//! Finding what is wrong with a recording: missing, repeated and impossible samples.
+
+use crate::clean::{median, median_interval};
+use crate::mapping::Mapping;
+use crate::run::{Fault, FaultKind, Run};
+use qv_core::JointSeries;
+
+/// A gap is longer than this many periods; a drop than one and a half.
+const GAP_PERIODS: f64 = 5.0;
+
+/// No robot's joint turns faster \[rad/s\]: a larger step between samples is a jump.
+const FASTEST_JOINT: f64 = 100.0;
+
+/// No walking robot's trunk moves faster \[m/s\].
+const FASTEST_BASE: f64 = 10.0;
+
+/// A joint that stands still for so long while others move is suspected to be frozen \[s\].
+const FROZEN: f64 = 0.5;
+
+/// Joint angles beyond this are hardly radians, unless the joint turns without end.
+const LARGEST_ANGLE: f64 = 20.0;
+
+/// Adds to `run.faults` what can be seen in the channels, and sorts all by time. The mapping's limits sharpen it.
+pub fn examine(run: &mut Run, mapping: Option<&Mapping>) {
+    let mut faults = std::mem::take(&mut run.faults);
+    if let Some(position) = &mut run.measured.position {
+        spikes(position, &run.joint_names, &mut faults);
+    }
+    let m = &run.measured;
+    for (name, series) in
+        [("commands", &run.commands.position), ("joint states", &m.position), ("base pose", &m.base_pose)]
+    {
+        if let Some(series) = series {
+            gaps(name, &series.time, &mut faults);
+        }
+    }
+    if let Some(position) = &m.position {
+        repeats("position", position, m.velocity.as_ref(), &mut faults);
+        for joint in 0..position.joints {
+            let name = format!("position {}", run.joint_names[joint]);
+            jumps(&name, position, joint..joint + 1, FASTEST_JOINT, 0.2, &mut faults);
+            frozen(&name, position, joint, &mut faults);
+        }
+        degrees(run, position, mapping, &mut faults);
+    }
+    if let Some(pose) = &m.base_pose {
+        jumps("base pose", pose, 0..3, FASTEST_BASE, 0.2, &mut faults);
+    }
+    if let (Some(torque), Some(mapping)) = (&m.torque, mapping) {
+        efforts(run, torque, mapping, &mut faults);
+    }
+    faults.sort_by(|a, b| a.time.total_cmp(&b.time));
+    run.faults = faults;
+}
+
+fn fault(kind: FaultKind, channel: &str, time: f64, count: usize, detail: String) -> Fault {
+    Fault { kind, channel: channel.into(), time, count, detail }
+}
+
+fn gaps(name: &str, time: &[f64], faults: &mut Vec<Fault>) {
+    let period = median_interval(time);
+    let mut dropped = 0;
+    let mut first = None;
+    for pair in time.windows(2) {
+        let step = pair[1] - pair[0];
+        if step > GAP_PERIODS * period {
+            let missing = (step / period).round() as usize - 1;
+            let detail = format!("nothing for {step:.4} s (period {period:.4} s)");
+            faults.push(fault(FaultKind::Gap, name, pair[0], missing, detail));
+        } else if step > 1.5 * period {
+            dropped += (step / period).round() as usize - 1;
+            first.get_or_insert(pair[0]);
+        }
+    }
+    if let Some(time) = first {
+        faults.push(fault(FaultKind::Drop, name, time, dropped.max(1), format!("{dropped} single samples missing")));
+    }
+}
+
+/// Rows equal to the one before in all columns, where that is not the rule (a robot without noise standing still).
+fn repeats(name: &str, series: &JointSeries, other: Option<&JointSeries>, faults: &mut Vec<Fault>) {
+    let other = other.filter(|o| o.time == series.time);
+    let same = |s: &JointSeries, i: usize| s.row(i).iter().zip(s.row(i - 1)).all(|(a, b)| a.to_bits() == b.to_bits());
+    let repeated: Vec<usize> =
+        (1..series.len()).filter(|&i| same(series, i) && other.is_none_or(|o| same(o, i))).collect();
+    if repeated.is_empty() || 2 * repeated.len() > series.len() {
+        return;
+    }
+    let detail = format!("{} samples repeat the one before in every joint", repeated.len());
+    faults.push(fault(FaultKind::Repeat, name, series.time[repeated[0]], repeated.len(), detail));
+}
+
+/// Turns single positions that no joint can reach and leave within a sample into gaps: an encoder's slip, which would
+/// spoil every fit around it.
+fn spikes(position: &mut JointSeries, names: &[String], faults: &mut Vec<Fault>) {
+    for joint in 0..position.joints {
+        let at = |i: usize| position.row(i)[joint];
+        let far = |a: usize, b: usize| {
+            let step = (at(b) - at(a)).abs();
+            step > 0.2 && step > FASTEST_JOINT * (position.time[b] - position.time[a])
+        };
+        let found: Vec<usize> = (1..position.len().saturating_sub(1))
+            .filter(|&i| far(i - 1, i) && far(i, i + 1) && !far(i - 1, i + 1))
+            .collect();
+        if let Some(&first) = found.first() {
+            let (value, before) = (at(first), at(first - 1));
+            let detail = format!("single values such as {value:.3} rad between {before:.3} and its like: kept as gaps");
+            let name = format!("position {}", names[joint]);
+            faults.push(fault(FaultKind::Jump, &name, position.time[first], found.len(), detail));
+        }
+        for i in found {
+            position.values[i * position.joints + joint] = f64::NAN;
+        }
+    }
+}
+
+fn jumps(
+    name: &str,
+    series: &JointSeries,
+    columns: std::ops::Range<usize>,
+    fastest: f64,
+    least: f64,
+    faults: &mut Vec<Fault>,
+) {
+    let step = |i: usize| {
+        let square = |c: usize| (series.row(i)[c] - series.row(i - 1)[c]).powi(2);
+        columns.clone().map(square).sum::<f64>().sqrt()
+    };
+    let is_jump = |i: &usize| step(*i) > least && step(*i) > fastest * (series.time[*i] - series.time[*i - 1]);
+    let found: Vec<usize> = (1..series.len()).filter(is_jump).collect();
+    if let Some(&first) = found.first() {
+        let detail = format!("{:.3} within {:.4} s", step(first), series.time[first] - series.time[first - 1]);
+        faults.push(fault(FaultKind::Jump, name, series.time[first], found.len(), detail));
+    }
+}
+
+/// A column that keeps one value for [`FROZEN`] seconds while the others of its row move by 0.05 rad or more.
+fn frozen(name: &str, series: &JointSeries, joint: usize, faults: &mut Vec<Fault>) {
+    let mut start = 0;
+    let mut total = 0;
+    let mut first: Option<(f64, f64)> = None;
+    for i in 1..=series.len() {
+        let same = i < series.len() && series.row(i)[joint].to_bits() == series.row(start)[joint].to_bits();
+        if same {
+            continue;
+        }
+        let long = series.time[i - 1] - series.time[start] > FROZEN;
+        if long && !series.row(start)[joint].is_nan() && others_move(series, joint, start, i) {
+            total += i - start;
+            first.get_or_insert((series.time[start], series.time[i - 1]));
+        }
+        start = i;
+    }
+    if let Some((from, to)) = first {
+        let detail = format!("stood still from {from:.3} to {to:.3} s while other joints moved");
+        faults.push(fault(FaultKind::Frozen, name, from, total, detail));
+    }
+}
+
+fn others_move(series: &JointSeries, joint: usize, start: usize, end: usize) -> bool {
+    (0..series.joints).filter(|&j| j != joint).any(|j| {
+        let values = (start..end).map(|i| series.row(i)[j]).filter(|x| !x.is_nan());
+        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
+        high - low > 0.05
+    })
+}
+
+/// Positions that are far outside the limits, but inside when read as degrees; without limits, positions beyond
+/// [`LARGEST_ANGLE`].
+fn degrees(run: &Run, position: &JointSeries, mapping: Option<&Mapping>, faults: &mut Vec<Fault>) {
+    let largest = |j: usize| position.column(j).filter(|x| !x.is_nan()).fold(0.0f64, |a, x| a.max(x.abs()));
+    let limits = mapping.filter(|m| m.position_limits.len() == position.joints);
+    let Some(mapping) = limits else {
+        let joint = (0..position.joints).max_by(|&a, &b| largest(a).total_cmp(&largest(b)));
+        if let Some(joint) = joint.filter(|&j| largest(j) > LARGEST_ANGLE) {
+            let detail = format!("expected radians, found values up to {:.1}", largest(joint));
+            let name = format!("position {}", run.joint_names[joint]);
+            faults.push(fault(FaultKind::DegreesSuspected, &name, position.time[0], position.len(), detail));
+        }
+        return;
+    };
+    let share = |j: usize, scale: f64, slack: f64| {
+        let (low, high) = mapping.position_limits[j];
+        let outside = |x: &f64| *x * scale < low - slack || *x * scale > high + slack;
+        let values: Vec<f64> = position.column(j).filter(|x| !x.is_nan()).collect();
+        values.iter().filter(|x| outside(x)).count() as f64 / values.len().max(1) as f64
+    };
+    let outside: Vec<usize> = (0..position.joints).filter(|&j| share(j, 1.0, 1.0) > 0.5).collect();
+    let radians = std::f64::consts::PI / 180.0;
+    if !outside.is_empty() && outside.iter().all(|&j| largest(j) > 6.0 && share(j, radians, 0.1) < 0.1) {
+        let joint = outside[0];
+        let (low, high) = mapping.position_limits[joint];
+        let detail = format!(
+            "expected radians within {low:.2} to {high:.2}, found up to {:.1}; as degrees {} joints fit",
+            largest(joint),
+            outside.len()
+        );
+        let name = format!("position {}", run.joint_names[joint]);
+        faults.push(fault(FaultKind::DegreesSuspected, &name, position.time[0], position.len(), detail));
+        return;
+    }
+    for joint in (0..position.joints).filter(|&j| share(j, 1.0, 0.1) > 0.0) {
+        let (low, high) = mapping.position_limits[joint];
+        let beyond = share(joint, 1.0, 0.1);
+        let kind = if beyond > 0.5 { FaultKind::WrongRobot } else { FaultKind::BeyondLimits };
+        let detail = format!("{:.1} % of samples outside {low:.2} to {high:.2} rad", 100.0 * beyond);
+        let count = (beyond * position.len() as f64).round() as usize;
+        let first = (0..position.len()).find(|&i| {
+            let x = position.row(i)[joint];
+            x < low - 0.1 || x > high + 0.1
+        });
+        let time = first.map_or(position.time[0], |i| position.time[i]);
+        faults.push(fault(kind, &format!("position {}", run.joint_names[joint]), time, count, detail));
+    }
+}
+
+fn efforts(run: &Run, torque: &JointSeries, mapping: &Mapping, faults: &mut Vec<Fault>) {
+    if mapping.effort_limits.len() != torque.joints {
+        return;
+    }
+    for joint in 0..torque.joints {
+        let limit = mapping.effort_limits[joint];
+        let beyond: Vec<usize> = (0..torque.len()).filter(|&i| torque.row(i)[joint].abs() > 1.1 * limit).collect();
+        if let Some(&first) = beyond.first() {
+            let mut over: Vec<f64> = beyond.iter().map(|&i| torque.row(i)[joint].abs()).collect();
+            let detail = format!("median of those {:.1} N m, limit {limit:.1}", median(&mut over));
+            let name = format!("torque {}", run.joint_names[joint]);
+            faults.push(fault(FaultKind::BeyondEffort, &name, torque.time[first], beyond.len(), detail));
+        }
+    }
+}

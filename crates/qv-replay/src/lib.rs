@@ -1,0 +1,25 @@
+//! Robot recordings become [`Run`]s; a run is replayed in the simulator; errors by joint, leg, phase and time.
+//!
+//! A recording is a ROS 2 bag ([`read_bag`]) or a tidy table ([`read_table`]). This crate opens no file: callers pass
+//! readers and text.
+
+mod bag;
+pub mod cdr;
+mod clean;
+pub mod derive;
+mod error;
+mod faults;
+pub mod mapping;
+pub mod plan;
+pub mod replay;
+pub mod run;
+pub mod schema;
+pub mod smooth;
+pub mod stream;
+mod table;
+
+pub use bag::{BagFile, read_bag};
+pub use clean::median_interval;
+pub use error::ReplayError;
+pub use run::Run;
+pub use table::{read_table, robot_of};

@@ -1,0 +1,116 @@
+//! The recorded commands as the simulator's actuators take them.
+
+use crate::ReplayError;
+use crate::run::{ActuatorKind, Run};
+use qv_core::JointSeries;
+use qv_sim::JointCommand;
+
+/// Commands of a run in the model's joint order, held between their stamps. Blank cells hold the value before them.
+#[derive(Debug, Clone)]
+pub struct HeldCommands {
+    position: Option<JointSeries>,
+    velocity: Option<JointSeries>,
+    torque: Option<JointSeries>,
+    kp: Option<JointSeries>,
+    kd: Option<JointSeries>,
+    fixed_kp: f64,
+    fixed_kd: f64,
+    joints: usize,
+}
+
+/// One command of all joints, shape `[n]` each.
+#[derive(Debug, Clone, Default)]
+pub struct Command {
+    q: Vec<f64>,
+    dq: Vec<f64>,
+    kp: Vec<f64>,
+    kd: Vec<f64>,
+    tau: Vec<f64>,
+}
+
+impl Command {
+    /// As the simulator takes it.
+    pub fn view(&self) -> JointCommand<'_> {
+        JointCommand { q: &self.q, dq: &self.dq, kp: &self.kp, kd: &self.kd, tau: &self.tau }
+    }
+}
+
+impl HeldCommands {
+    /// Commands of `run`, where joint `j` of the model is column `columns[j]`.
+    ///
+    /// # Errors
+    /// When there are no commands that the actuator can follow: no positions or gains with `pd`, no torques with `torque`.
+    pub fn new(run: &Run, columns: &[usize]) -> Result<Self, ReplayError> {
+        let c = &run.commands;
+        let prepared = |series: &Option<JointSeries>| series.as_ref().map(|s| filled(s, columns));
+        let mut held = Self {
+            position: prepared(&c.position),
+            velocity: prepared(&c.velocity),
+            torque: prepared(&c.torque),
+            kp: prepared(&c.kp),
+            kd: prepared(&c.kd),
+            fixed_kp: run.actuator.kp.unwrap_or(0.0),
+            fixed_kd: run.actuator.kd.unwrap_or(0.0),
+            joints: columns.len(),
+        };
+        let missing = |expected: &str| Err(ReplayError::run("replay", expected, "none"));
+        match run.actuator.kind {
+            ActuatorKind::Torque => {
+                if held.torque.is_none() {
+                    return missing("commanded torques (cmd_tau)");
+                }
+                (held.kp, held.kd, held.fixed_kp, held.fixed_kd) = (None, None, 0.0, 0.0);
+            }
+            ActuatorKind::Pd => {
+                if held.position.is_none() && held.torque.is_none() {
+                    return missing("commands");
+                }
+                if held.position.is_some() && held.kp.is_none() && run.actuator.kp.is_none() {
+                    return missing("a position gain kp, in the commands or in run.toml");
+                }
+            }
+        }
+        Ok(held)
+    }
+
+    /// The command in force for the step that begins at `time` \[s\] and lasts `step`: one that is stamped before the
+    /// middle of the step counts for all of it.
+    pub fn at(&self, time: f64, step: f64, out: &mut Command) {
+        let time = time + 0.5 * step;
+        let fill = |series: &Option<JointSeries>, constant: f64, out: &mut Vec<f64>| {
+            out.clear();
+            match series {
+                Some(series) => out.extend_from_slice(series.hold(time)),
+                None => out.resize(self.joints, constant),
+            }
+        };
+        fill(&self.position, 0.0, &mut out.q);
+        fill(&self.velocity, 0.0, &mut out.dq);
+        fill(&self.kp, self.fixed_kp, &mut out.kp);
+        fill(&self.kd, self.fixed_kd, &mut out.kd);
+        fill(&self.torque, 0.0, &mut out.tau);
+    }
+
+    /// The series that sets the pace, for gaps.
+    pub fn pace(&self) -> Option<&JointSeries> {
+        self.position.as_ref().or(self.torque.as_ref())
+    }
+}
+
+/// Columns picked, and blanks filled with the value before (the first value before the first).
+fn filled(series: &JointSeries, columns: &[usize]) -> JointSeries {
+    let joints = columns.len();
+    let mut values = Vec::with_capacity(series.len() * joints);
+    for i in 0..series.len() {
+        values.extend(columns.iter().map(|&c| series.row(i)[c]));
+    }
+    for j in 0..joints {
+        let first = (0..series.len()).map(|i| values[i * joints + j]).find(|x| x.is_finite());
+        let mut before = first.unwrap_or(0.0);
+        for i in 0..series.len() {
+            let x = &mut values[i * joints + j];
+            if x.is_finite() { before = *x } else { *x = before }
+        }
+    }
+    JointSeries { time: series.time.clone(), values, joints }
+}

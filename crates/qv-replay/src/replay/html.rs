@@ -1,0 +1,260 @@
+//! `replay.html`: one file with its plots inside, no network, light or dark as the reader's screen is.
+
+use crate::replay::errors::Errors;
+use crate::replay::{Lag, Replay};
+use std::fmt::Write;
+
+/// Points of a line: more cannot be seen.
+const POINTS: usize = 1500;
+
+const STYLE: &str = "\
+:root{color-scheme:light dark;--ink:#1c2430;--soft:#5d6875;--paper:#fbfbf9;--card:#fff;--line:#dfe3e8;\
+--rec:#1f6fb5;--sim:#d9601a;--bar:#cfe0ee}\
+@media(prefers-color-scheme:dark){:root{--ink:#e6e9ee;--soft:#9aa5b1;--paper:#14181d;--card:#1b2027;--line:#313a44;\
+--rec:#6db3f2;--sim:#ff9d5c;--bar:#27405a}}\
+*{box-sizing:border-box}body{margin:0 auto;max-width:1000px;padding:28px 20px 60px;background:var(--paper);\
+color:var(--ink);font:15px/1.5 system-ui,sans-serif}\
+h1{font-size:22px;margin:0 0 4px}h2{font-size:16px;margin:34px 0 8px}p{margin:4px 0}.soft{color:var(--soft)}\
+.verdict{background:var(--card);border:1px solid var(--line);border-left:4px solid var(--sim);border-radius:6px;\
+padding:14px 18px;margin:14px 0;font-size:17px}\
+table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums;background:var(--card);\
+border:1px solid var(--line);border-radius:6px}th,td{padding:4px 12px;text-align:right;border-top:1px solid var(--line)}\
+th{font-weight:600;color:var(--soft);border-top:0}th:first-child,td:first-child{text-align:left}\
+td.bar{background:linear-gradient(90deg,var(--bar) var(--w),transparent var(--w))}\
+svg{width:100%;height:auto;background:var(--card);border:1px solid var(--line);border-radius:6px}\
+svg text{font:12px system-ui,sans-serif;fill:var(--soft)}.grid{stroke:var(--line)}\
+.rec,.sim{fill:none;stroke-width:1.5}.rec{stroke:var(--rec)}.sim{stroke:var(--sim)}\
+.key{display:inline-block;width:18px;height:3px;vertical-align:middle;margin:0 6px 0 14px}";
+
+/// The page. `title` names the recording; `notes` are said under the verdict, one paragraph each, such as what was lost.
+pub fn to_html(replay: &Replay, title: &str, notes: &[String]) -> String {
+    let mut page = format!(
+        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
+         <title>Replay of {0}</title><style>{STYLE}</style><h1>Replay of {0}</h1>",
+        escape(title)
+    );
+    let _ = write!(page, "<div class=\"verdict\">{}</div>", verdict(replay));
+    for note in notes {
+        let _ = write!(page, "<p class=\"soft\">{}</p>", escape(note));
+    }
+    page += &joint_table(replay);
+    page += &groups(&replay.window_errors);
+    page += &error_over_time(replay);
+    page += &worst_joint(replay);
+    page += &base_path(replay);
+    page += "</html>\n";
+    page
+}
+
+fn verdict(replay: &Replay) -> String {
+    let worst = replay.window_errors.worst();
+    let name = replay.joint_names.get(worst).map_or("", |n| n);
+    let error = replay.window_errors.joints.get(worst).map_or(f64::NAN, |j| j.position);
+    let windows = replay.windows.windows.len();
+    if windows == 0 {
+        return format!("No window could be compared ({} left out).", replay.windows.skipped);
+    }
+    let mut text = format!(
+        "Started from the measured state, the simulator is <b>{}</b> from the robot after up to {} s \
+         (rms over {windows} windows, mean of joints); worst is {} with {}. Open loop over the whole run: {}",
+        milli(replay.window_errors.position_mean(), "mrad"),
+        replay.windows.length,
+        escape(name),
+        milli(error, "mrad"),
+        milli(replay.errors.position_mean(), "mrad"),
+    );
+    match replay.errors.base {
+        Some(b) => {
+            let _ = write!(text, ", base {:.2} m off at the end.", b.position_final);
+        }
+        None => text.push('.'),
+    }
+    text
+}
+
+fn milli(x: f64, unit: &str) -> String {
+    if x.is_finite() { format!("{:.2} {unit}", 1e3 * x) } else { "unknown".into() }
+}
+
+fn number(x: f64, digits: usize) -> String {
+    if x.is_finite() { format!("{x:.digits$}") } else { "–".into() }
+}
+
+fn joint_table(replay: &Replay) -> String {
+    let largest =
+        replay.window_errors.joints.iter().map(|j| j.position).filter(|x| x.is_finite()).fold(1e-12, f64::max);
+    let mut text = format!(
+        "<h2>By joint</h2><table><tr><th>joint<th>position, {} s windows [mrad]<th>velocity [rad/s]<th>torque [N m]\
+         <th>position, whole run [mrad]<th>lag behind command [ms]<th>behind simulation [ms]</tr>",
+        replay.windows.length
+    );
+    for (j, name) in replay.joint_names.iter().enumerate() {
+        let (w, e) = (&replay.window_errors.joints[j], &replay.errors.joints[j]);
+        let lag = |lags: &[Lag]| lags.iter().find(|l| l.joint == *name).map_or(f64::NAN, |l| 1e3 * l.lag);
+        let width = if w.position.is_finite() { 100.0 * w.position / largest } else { 0.0 };
+        let _ = write!(
+            text,
+            "<tr><td>{}<td class=\"bar\" style=\"--w:{width:.0}%\">{}<td>{}<td>{}<td>{}<td>{}<td>{}</tr>",
+            escape(name),
+            number(1e3 * w.position, 2),
+            number(w.velocity, 3),
+            number(w.torque, 2),
+            number(1e3 * e.position, 1),
+            number(lag(&replay.command_lags), 1),
+            number(lag(&replay.model_lags), 1)
+        );
+    }
+    text + "</table>"
+}
+
+fn groups(errors: &Errors) -> String {
+    if errors.legs.is_empty() && errors.phases.is_empty() {
+        return String::new();
+    }
+    let mut text =
+        String::from("<h2>By leg and phase, in windows</h2><table><tr><th><th>position [mrad]<th>share</tr>");
+    for (name, rms) in &errors.legs {
+        let _ = write!(text, "<tr><td>{}<td>{}<td></tr>", escape(name), number(1e3 * rms, 2));
+    }
+    for p in &errors.phases {
+        let (name, rms) = (p.phase.name(), number(1e3 * p.position, 2));
+        let _ = write!(text, "<tr><td>{name}<td>{rms}<td>{:.0} %</tr>", 100.0 * p.share);
+    }
+    text + "</table>"
+}
+
+fn error_over_time(replay: &Replay) -> String {
+    let line = |errors: &Errors| -> Vec<[f64; 2]> {
+        errors.times.iter().map(|t| [0.5 * (t.start + t.end), 1e3 * t.position]).collect()
+    };
+    let lines = [("rec", line(&replay.window_errors)), ("sim", line(&replay.errors))];
+    let key = "<span class=\"key\" style=\"background:var(--rec)\"></span>windows\
+        <span class=\"key\" style=\"background:var(--sim)\"></span>whole run, open loop";
+    format!(
+        "<h2>Position error over time</h2><p class=\"soft\">{key}</p>{}",
+        plot(&lines, "time [s]", "rms [mrad]", false)
+    )
+}
+
+const BOTH: &str = "<span class=\"key\" style=\"background:var(--rec)\"></span>recorded\
+    <span class=\"key\" style=\"background:var(--sim)\"></span>simulated";
+
+fn worst_joint(replay: &Replay) -> String {
+    let (joint, n) = (replay.window_errors.worst(), replay.recorded.joints);
+    let time = &replay.recorded.time;
+    let recorded = time.iter().enumerate().map(|(i, &t)| [t, replay.recorded.position[i * n + joint]]).collect();
+    let mut simulated = Vec::new();
+    for window in &replay.windows.windows {
+        let trace = &window.trace;
+        simulated.extend(trace.time.iter().enumerate().map(|(k, &t)| [t, trace.position[k * n + joint]]));
+        // A break, so that no line joins one window to the next.
+        simulated.push([f64::NAN; 2]);
+    }
+    let name = replay.joint_names.get(joint).map_or("", |n| n);
+    let lines = [("rec", recorded), ("sim", simulated)];
+    format!(
+        "<h2>Worst joint: {}</h2><p class=\"soft\">{BOTH}, restarted every {} s</p>{}",
+        escape(name),
+        replay.windows.length,
+        plot(&lines, "time [s]", "position [rad]", false)
+    )
+}
+
+fn base_path(replay: &Replay) -> String {
+    if replay.recorded.base.is_empty() || replay.whole.base.is_empty() {
+        return String::new();
+    }
+    let line = |base: &[[f64; 7]]| base.iter().map(|b| [b[0], b[1]]).collect::<Vec<_>>();
+    let lines = [("rec", line(&replay.recorded.base)), ("sim", line(&replay.whole.base))];
+    format!(
+        "<h2>Path of the base from above</h2><p class=\"soft\">{BOTH}, open loop</p>{}",
+        plot(&lines, "x [m]", "y [m]", true)
+    )
+}
+
+/// One plot; `equal` gives both axes one scale.
+fn plot(lines: &[(&str, Vec<[f64; 2]>)], x_label: &str, y_label: &str, equal: bool) -> String {
+    const SIZE: [f64; 2] = [960.0, 300.0];
+    const EDGE: [f64; 4] = [62.0, 12.0, 40.0, 14.0];
+    let finite = || lines.iter().flat_map(|l| &l.1).filter(|p| p[0].is_finite() && p[1].is_finite());
+    if finite().next().is_none() {
+        return "<p class=\"soft\">nothing to draw</p>".into();
+    }
+    let height = if equal { 520.0 } else { SIZE[1] };
+    let range = |k: usize| {
+        let (low, high) = finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| (l.min(p[k]), h.max(p[k])));
+        let pad = 0.04 * (high - low).max(1e-9);
+        [low - pad, high + pad]
+    };
+    let (mut xs, mut ys) = (range(0), range(1));
+    let inner = [SIZE[0] - EDGE[0] - EDGE[1], height - EDGE[2] - EDGE[3]];
+    if equal {
+        let scale = ((xs[1] - xs[0]) / inner[0]).max((ys[1] - ys[0]) / inner[1]);
+        let widen = |r: [f64; 2], pixels: f64| {
+            let extra = 0.5 * (scale * pixels - (r[1] - r[0]));
+            [r[0] - extra, r[1] + extra]
+        };
+        (xs, ys) = (widen(xs, inner[0]), widen(ys, inner[1]));
+    }
+    let px = |x: f64| EDGE[0] + (x - xs[0]) / (xs[1] - xs[0]) * inner[0];
+    let py = |y: f64| EDGE[3] + (ys[1] - y) / (ys[1] - ys[0]) * inner[1];
+    let mut svg = format!("<svg viewBox=\"0 0 {} {height}\" role=\"img\">", SIZE[0]);
+    for x in ticks(xs) {
+        let at = px(x);
+        let (top, bottom) = (EDGE[3], height - EDGE[2]);
+        let _ = write!(svg, "<path class=\"grid\" d=\"M{at:.1} {top}V{bottom}\"/>");
+        let _ = write!(svg, "<text x=\"{at:.1}\" y=\"{}\" text-anchor=\"middle\">{}</text>", bottom + 16.0, tick(x));
+    }
+    for y in ticks(ys) {
+        let at = py(y);
+        let _ = write!(svg, "<path class=\"grid\" d=\"M{} {at:.1}H{}\"/>", EDGE[0], SIZE[0] - EDGE[1]);
+        let _ =
+            write!(svg, "<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>", EDGE[0] - 6.0, at + 4.0, tick(y));
+    }
+    let (middle, bottom) = (0.5 * SIZE[0], height - 6.0);
+    let _ = write!(svg, "<text x=\"{middle}\" y=\"{bottom}\" text-anchor=\"middle\">{x_label}</text>");
+    let _ = write!(
+        svg,
+        "<text transform=\"translate(14 {}) rotate(-90)\" text-anchor=\"middle\">{y_label}</text>",
+        0.5 * height
+    );
+    for (class, points) in lines {
+        let _ = write!(svg, "<path class=\"{class}\" d=\"{}\"/>", path(points, px, py));
+    }
+    svg + "</svg>"
+}
+
+/// Line commands for the points; breaks where they are not finite.
+fn path(points: &[[f64; 2]], px: impl Fn(f64) -> f64, py: impl Fn(f64) -> f64) -> String {
+    let stride = points.len().div_ceil(POINTS).max(1);
+    let mut text = String::new();
+    let mut pen_up = true;
+    for (i, p) in points.iter().enumerate() {
+        if !(p[0].is_finite() && p[1].is_finite()) {
+            pen_up = true;
+        } else if i % stride == 0 || pen_up {
+            let _ = write!(text, "{}{:.1} {:.1}", if pen_up { 'M' } else { 'L' }, px(p[0]), py(p[1]));
+            pen_up = false;
+        }
+    }
+    text
+}
+
+/// Round numbers within a range, at most eight.
+fn ticks(range: [f64; 2]) -> Vec<f64> {
+    let raw = (range[1] - range[0]) / 6.0;
+    let power = 10f64.powf(raw.log10().floor());
+    let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * power).find(|s| *s >= raw).unwrap_or(10.0 * power);
+    let first = (range[0] / step).ceil();
+    (0..8).map(|k| (first + f64::from(k)) * step).filter(|x| *x <= range[1]).collect()
+}
+
+fn tick(x: f64) -> String {
+    let text = format!("{:.4}", if x.abs() < 1e-12 { 0.0 } else { x });
+    text.trim_end_matches('0').trim_end_matches('.').to_string()
+}
+
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}

@@ -1,0 +1,78 @@
+//! A run replayed in the simulator: the same commands, from the measured state; whole, and in short windows.
+
+mod bag_out;
+mod commands;
+mod engine;
+mod errors;
+mod html;
+mod json;
+mod lag;
+mod start;
+
+pub use bag_out::write_mcap;
+pub use commands::HeldCommands;
+pub use engine::{ReplayOptions, Trace, Window, Windows, parameters_from_toml, simulate};
+pub use errors::{BaseErrors, Errors, JointErrors, Phase, PhaseErrors, TimeErrors};
+pub use html::to_html;
+pub use json::to_json;
+pub use lag::{Lag, lags_behind, lags_behind_command};
+pub use start::{SensorErrors, Starts, is_whole};
+
+use crate::ReplayError;
+use crate::run::Run;
+use engine::Simulated;
+use qv_core::JointSeries;
+use qv_sim::{Model, Terrain};
+
+/// Everything that a replay found, as plain data.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Replay {
+    /// Joints in the model's order.
+    pub joint_names: Vec<String>,
+    /// What was measured, at the instants of `whole`: times, joints in the model's order.
+    pub recorded: Trace,
+    /// The whole run, open loop from the first smoothed state.
+    pub whole: Trace,
+    /// Windows, each from the measured state at its start.
+    pub windows: Windows,
+    /// Error of the whole run.
+    pub errors: Errors,
+    /// Error of the windows.
+    pub window_errors: Errors,
+    /// Best constant lag of the measured position behind its command, joint by joint.
+    pub command_lags: Vec<Lag>,
+    /// Best constant lag of the measured position behind the simulated one over the whole run: what the model does not
+    /// explain of it.
+    pub model_lags: Vec<Lag>,
+    /// Simulated time of all environments together \[s\].
+    pub simulated: f64,
+}
+
+/// Replays `run` with `model` on `terrain`.
+///
+/// # Errors
+/// When the run lacks what a replay needs (positions, commands, poses for a free base), its joints are not the model's, or a
+/// parameter means nothing.
+pub fn replay(run: &Run, model: &Model, terrain: &Terrain, options: &ReplayOptions) -> Result<Replay, ReplayError> {
+    let simulated = simulate(run, model, terrain, options)?;
+    let errors = errors::of_trace(&simulated.recorded, &simulated.whole, &simulated.feet);
+    let window_errors = errors::of_windows(&simulated.recorded, &simulated.windows, &simulated.feet);
+    Ok(Replay {
+        joint_names: model.joint_names().to_vec(),
+        command_lags: lags_behind_command(run, &simulated.columns),
+        model_lags: model_lags(&simulated, model.joint_names()),
+        recorded: simulated.recorded,
+        whole: simulated.whole,
+        windows: simulated.windows,
+        errors,
+        window_errors,
+        simulated: simulated.seconds,
+    })
+}
+
+fn model_lags(simulated: &Simulated, names: &[String]) -> Vec<Lag> {
+    let series =
+        |trace: &Trace| JointSeries { time: trace.time.clone(), values: trace.position.clone(), joints: trace.joints };
+    let columns: Vec<usize> = (0..names.len()).collect();
+    lags_behind(&series(&simulated.whole), &columns, &series(&simulated.recorded), &columns, names)
+}

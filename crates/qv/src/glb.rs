@@ -1,0 +1,139 @@
+//! Labelled terrain meshes in GLB: a material per label, its friction in `extras.friction`.
+
+use glam::{DMat4, DVec3};
+use gltf::Gltf;
+use gltf::mesh::Mode;
+use qv_core::{Material, TriangleMesh};
+
+/// Reads all triangles of the default scene, in world coordinates as the file has them (z up, metres).
+///
+/// # Errors
+/// In words: what is not GLB, what is not triangles, which index or number is off.
+pub fn read_glb(bytes: &[u8]) -> Result<TriangleMesh, String> {
+    let gltf = Gltf::from_slice(bytes).map_err(|e| e.to_string())?;
+    let blob = gltf.blob.as_deref();
+    let mut mesh = TriangleMesh::default();
+    for material in gltf.materials() {
+        let name = material.name().map_or_else(|| format!("material {}", material.index().unwrap_or(0)), String::from);
+        mesh.materials.push(Material { name, friction: friction(&material)? });
+    }
+    // Triangles without a material get a label of their own.
+    mesh.materials.push(Material { name: "unlabelled".into(), friction: None });
+    let scene = gltf.default_scene().or_else(|| gltf.scenes().next()).ok_or("a file without a scene")?;
+    for node in scene.nodes() {
+        add_node(&node, DMat4::IDENTITY, blob, &mut mesh, 0)?;
+    }
+    mesh.validate().map_err(|e| e.to_string())?;
+    Ok(mesh)
+}
+
+fn friction(material: &gltf::Material) -> Result<Option<f64>, String> {
+    let Some(extras) = material.extras() else { return Ok(None) };
+    let extras: serde_json::Value = serde_json::from_str(extras.get()).map_err(|e| e.to_string())?;
+    match extras.get("friction") {
+        None => Ok(None),
+        Some(value) => match value.as_f64().filter(|f| *f >= 0.0) {
+            Some(friction) => Ok(Some(friction)),
+            None => Err(format!("extras.friction of material {:?}: {value}", material.name())),
+        },
+    }
+}
+
+fn add_node(
+    node: &gltf::Node,
+    parent: DMat4,
+    blob: Option<&[u8]>,
+    mesh: &mut TriangleMesh,
+    depth: usize,
+) -> Result<(), String> {
+    if depth > 64 {
+        return Err("nodes nested deeper than 64".into());
+    }
+    let local = DMat4::from_cols_array_2d(&node.transform().matrix().map(|c| c.map(f64::from)));
+    let world_from_node = parent * local;
+    for primitive in node.mesh().iter().flat_map(|m| m.primitives()) {
+        add_primitive(&primitive, world_from_node, blob, mesh)?;
+    }
+    node.children().try_for_each(|child| add_node(&child, world_from_node, blob, mesh, depth + 1))
+}
+
+fn add_primitive(
+    primitive: &gltf::Primitive,
+    world_from_node: DMat4,
+    blob: Option<&[u8]>,
+    mesh: &mut TriangleMesh,
+) -> Result<(), String> {
+    if primitive.mode() != Mode::Triangles {
+        return Err(format!("a primitive of {:?}", primitive.mode()));
+    }
+    let reader = primitive.reader(|buffer| blob.filter(|_| matches!(buffer.source(), gltf::buffer::Source::Bin)));
+    let positions = reader.read_positions().ok_or("a primitive without positions in the file's own buffer")?;
+    let first = mesh.vertices.len() as u32;
+    mesh.vertices.extend(positions.map(|p| world_from_node.transform_point3(DVec3::from_array(p.map(f64::from)))));
+    let added = mesh.vertices.len() as u32 - first;
+    let indices: Vec<u32> = match reader.read_indices() {
+        Some(indices) => indices.into_u32().collect(),
+        None => (0..added).collect(),
+    };
+    let label = primitive.material().index().unwrap_or(mesh.materials.len() - 1) as u16;
+    for corner in indices.chunks_exact(3) {
+        if let Some(&bad) = corner.iter().find(|&&i| i >= added) {
+            return Err(format!("vertex index {bad} of {added}"));
+        }
+        mesh.triangles.push([first + corner[0], first + corner[1], first + corner[2]]);
+        mesh.labels.push(label);
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two triangles with two materials, one of which states its friction.
+    fn example(index: u8) -> Vec<u8> {
+        let json = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],
+            "nodes":[{"mesh":0,"translation":[1,2,3]}],
+            "materials":[{"name":"ice","extras":{"friction":0.1}},{"name":"grass"}],
+            "meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1,"material":0},
+              {"attributes":{"POSITION":0},"material":1}]}],
+            "buffers":[{"byteLength":40}],
+            "bufferViews":[{"buffer":0,"byteLength":36},{"buffer":0,"byteOffset":36,"byteLength":3}],
+            "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]},
+              {"bufferView":1,"componentType":5121,"count":3,"type":"SCALAR"}]}"#;
+        let mut json = json.as_bytes().to_vec();
+        json.resize(json.len().next_multiple_of(4), b' ');
+        let mut data = Vec::new();
+        for x in [0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0] {
+            data.extend_from_slice(&x.to_le_bytes());
+        }
+        data.extend_from_slice(&[0, 1, index, 0]);
+        let mut glb = b"glTF\x02\0\0\0".to_vec();
+        glb.extend_from_slice(&((12 + 8 + json.len() + 8 + data.len()) as u32).to_le_bytes());
+        for (kind, chunk) in [(b"JSON", &json), (b"BIN\0", &data)] {
+            glb.extend_from_slice(&(chunk.len() as u32).to_le_bytes());
+            glb.extend_from_slice(kind);
+            glb.extend_from_slice(chunk);
+        }
+        glb
+    }
+
+    #[test]
+    fn labels_friction_and_placement() {
+        let mesh = read_glb(&example(2)).unwrap();
+        assert_eq!((mesh.triangles.len(), mesh.labels.as_slice()), (2, &[0, 1][..]));
+        assert_eq!(mesh.materials[0], Material { name: "ice".into(), friction: Some(0.1) });
+        assert_eq!(mesh.materials[1].friction, None);
+        assert_eq!(mesh.corners(0)[1], DVec3::new(2.0, 2.0, 3.0));
+    }
+
+    #[test]
+    fn bad_files_are_named() {
+        assert!(read_glb(&example(7)).unwrap_err().contains("vertex index 7 of 3"));
+        assert!(read_glb(b"no glb").is_err());
+        let full = example(2);
+        for length in 0..full.len() {
+            assert!(read_glb(&full[..length]).is_err(), "{length} bytes");
+        }
+    }
+}

@@ -1,0 +1,214 @@
+//! `qv inspect`: one screen about a recording.
+
+use crate::open::open_run;
+use crate::{Outcome, RunArguments};
+use qv_core::JointSeries;
+use qv_replay::run::{ActuatorKind, Base, Clock, Fault, Loss, Robot, Run, Source};
+use qv_replay::{ReplayError, derive, median_interval};
+use serde_json::{Value, json};
+
+pub const EXAMPLE: &str = "Example:\n  qv inspect walk.mcap\n  qv inspect recordings/walk_split --pose-topic /lio/odom --json\n\n\
+    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
+
+#[derive(clap::Args)]
+pub struct Inspect {
+    #[command(flatten)]
+    run: RunArguments,
+    /// One line of JSON instead of the screen
+    #[arg(long)]
+    json: bool,
+}
+
+/// A channel as the screen shows it.
+struct Row {
+    name: &'static str,
+    count: usize,
+    rate: f64,
+    how: String,
+}
+
+impl Inspect {
+    pub fn execute(&self) -> Result<Outcome, ReplayError> {
+        let run = open_run(&self.run)?;
+        if self.json {
+            println!("{}", to_json(&run));
+        } else {
+            print!("{}", screen(&run));
+        }
+        Ok(if run.is_partial() { Outcome::Partial } else { Outcome::Done })
+    }
+}
+
+fn channels(run: &Run) -> Vec<Row> {
+    let (c, m) = (&run.commands, &run.measured);
+    let all: [(&'static str, &Option<JointSeries>); 13] = [
+        ("command position", &c.position),
+        ("command velocity", &c.velocity),
+        ("command torque", &c.torque),
+        ("command kp", &c.kp),
+        ("command kd", &c.kd),
+        ("position", &m.position),
+        ("velocity", &m.velocity),
+        ("torque", &m.torque),
+        ("gyro", &m.gyro),
+        ("acceleration", &m.acceleration),
+        ("orientation", &m.orientation),
+        ("foot force", &m.foot_force),
+        ("base pose", &m.base_pose),
+    ];
+    let row = |(name, series): (&'static str, &Option<JointSeries>)| {
+        series.as_ref().map(|s| Row {
+            name,
+            count: s.len(),
+            rate: 1.0 / median_interval(&s.time),
+            how: "recorded".into(),
+        })
+    };
+    let mut rows: Vec<Row> = all.into_iter().filter_map(row).collect();
+    let mut derived = |name: &'static str, wanted: bool, d: Option<derive::Derived>| {
+        if let Some(d) = d.filter(|_| wanted) {
+            let rate = 1.0 / median_interval(&d.series.time);
+            rows.push(Row {
+                name,
+                count: d.series.len(),
+                rate,
+                how: format!("derived: {}, -3 dB at {:.1} Hz", d.method, d.bandwidth),
+            });
+        }
+    };
+    derived("velocity", m.velocity.is_none(), derive::joint_velocity(run));
+    derived("base velocity", m.base_pose.is_some(), derive::base_velocity(run));
+    derived("base angular velocity", m.gyro.is_none(), derive::base_angular_velocity(run));
+    rows
+}
+
+fn robot_name(run: &Run) -> &str {
+    match &run.robot {
+        Robot::Named(name) => name,
+        Robot::Urdf(_) => "URDF",
+    }
+}
+
+fn base_name(run: &Run) -> &'static str {
+    match run.base {
+        Base::Fixed => "fixed",
+        Base::Free => "free",
+    }
+}
+
+fn screen(run: &Run) -> String {
+    let [start, end] = run.span();
+    let mut text = format!(
+        "{} base {}, {} joints, {:.3} s of joint states, {:.1} MB decoded\n",
+        robot_name(run),
+        base_name(run),
+        run.joints(),
+        end - start,
+        run.bytes() as f64 / 1e6
+    );
+    text += &format!("  {}\n", wrap(&run.joint_names, 110));
+    text += &actuator(run);
+    text += "\nstreams                          messages   rate Hz  jitter ms      from        to  clock\n";
+    for s in &run.sources {
+        text += &stream_line(s);
+    }
+    text += "\nchannels                          samples   rate Hz\n";
+    for row in channels(run) {
+        text += &format!("  {:<28} {:>10} {:>9.1}  {}\n", row.name, row.count, row.rate, row.how);
+    }
+    text += &findings(&run.faults, &run.lost);
+    text
+}
+
+fn actuator(run: &Run) -> String {
+    let a = &run.actuator;
+    let kind = match a.kind {
+        ActuatorKind::Pd => "position and velocity gains",
+        ActuatorKind::Torque => "torque",
+    };
+    let number = |name: &str, x: Option<f64>| x.map_or(String::new(), |x| format!(", {name} {x}"));
+    let gains = if run.commands.kp.is_some() { ", gains in each command" } else { "" };
+    format!("  actuators: {kind}{gains}{}{}{}\n", number("kp", a.kp), number("kd", a.kd), number("tau_max", a.tau_max))
+}
+
+fn stream_line(s: &Source) -> String {
+    let clock = match s.clock {
+        Clock::Header => "header stamp",
+        Clock::Log => "log time",
+        Clock::Column => "time column",
+    };
+    let unused = if s.used { "" } else { " (not used)" };
+    let name = format!("{} {}", s.name, s.type_name);
+    let [from, to] = s.span;
+    format!(
+        "  {name:<32} {:>6} {:>9.1} {:>10.3} {from:>9.3} {to:>9.3}  {clock}{unused}\n",
+        s.count,
+        s.rate,
+        1e3 * s.jitter
+    )
+}
+
+fn findings(faults: &[Fault], lost: &[Loss]) -> String {
+    if faults.is_empty() && lost.is_empty() {
+        return "\nno gaps, no faults, nothing lost\n".into();
+    }
+    let mut text = String::from("\nfindings\n");
+    for l in lost {
+        text += &format!("  LOST {}: {}{}\n", l.file, l.what, span(l.span));
+    }
+    const SHOWN: usize = 20;
+    for f in faults.iter().take(SHOWN) {
+        let mark = if f.kind.is_partial() { "!" } else { " " };
+        text += &format!("  {mark} {:>9.3} s  {} in {} ({}): {}\n", f.time, f.kind, f.channel, f.count, f.detail);
+    }
+    if faults.len() > SHOWN {
+        text += &format!("  and {} more: see --json\n", faults.len() - SHOWN);
+    }
+    text
+}
+
+/// A span of log times, seconds since the epoch.
+fn span(span: Option<[u64; 2]>) -> String {
+    match span {
+        None => String::new(),
+        Some([from, u64::MAX]) => format!(" (from {:.3} s since the epoch on)", from as f64 * 1e-9),
+        Some([from, to]) => format!(" ({:.3} to {:.3} s since the epoch)", from as f64 * 1e-9, to as f64 * 1e-9),
+    }
+}
+
+fn wrap(names: &[String], width: usize) -> String {
+    let mut text = String::new();
+    let mut column = 0;
+    for name in names {
+        if column + name.len() > width {
+            text += "\n  ";
+            column = 0;
+        }
+        text += name;
+        text += " ";
+        column += name.len() + 1;
+    }
+    text
+}
+
+fn to_json(run: &Run) -> Value {
+    let [start, end] = run.span();
+    let channels: Vec<Value> = channels(run)
+        .into_iter()
+        .map(|r| json!({"name": r.name, "samples": r.count, "rate": r.rate, "how": r.how}))
+        .collect();
+    json!({
+        "format": "qv-inspect/1",
+        "robot": robot_name(run),
+        "base": base_name(run),
+        "joints": run.joint_names,
+        "duration": end - start,
+        "epoch_ns": run.epoch,
+        "decoded_bytes": run.bytes(),
+        "streams": run.sources,
+        "channels": channels,
+        "faults": run.faults,
+        "lost": run.lost,
+        "partial": run.is_partial(),
+    })
+}

@@ -1,0 +1,60 @@
+//! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost.
+
+mod glb;
+mod inspect;
+mod open;
+mod replay;
+
+use clap::{Args, Parser, Subcommand};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Makes a legged robot's simulator agree with the robot.
+#[derive(Parser)]
+#[command(name = "qv", version, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// What is in a recording: streams, rates, what was measured and what derived, gaps and faults
+    #[command(after_help = inspect::EXAMPLE)]
+    Inspect(inspect::Inspect),
+    /// Replays a recording in the simulator and tells how far the two are apart, joint by joint
+    #[command(after_help = replay::EXAMPLE)]
+    Replay(replay::Replay),
+}
+
+/// What recording to read, the same for every command.
+#[derive(Args)]
+struct RunArguments {
+    /// A bag (.mcap file, or the directory of a split bag), or a table (run.csv, or its directory)
+    run: PathBuf,
+    /// Topic of the base pose; default /Odometry, else whichever topic carries poses
+    #[arg(long, value_name = "TOPIC")]
+    pose_topic: Option<String>,
+}
+
+/// How a command ended when it did not fail.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Outcome {
+    Done,
+    Partial,
+}
+
+fn main() -> ExitCode {
+    let result = match Cli::parse().command {
+        Command::Inspect(command) => command.execute(),
+        Command::Replay(command) => command.execute(),
+    };
+    match result {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Partial) => ExitCode::from(3),
+        Err(error) => {
+            eprintln!("qv: {error}");
+            ExitCode::from(1)
+        }
+    }
+}

@@ -1,0 +1,173 @@
+//! Recordings on disk become runs.
+
+use crate::RunArguments;
+use indicatif::{ProgressBar, ProgressStyle};
+use qv_replay::mapping::Mapping;
+use qv_replay::run::{Base, Loss, Robot};
+use qv_replay::{BagFile, ReplayError, Run};
+use qv_sim::{BaseKind, Model, ModelOptions};
+use std::fs::{self, File};
+use std::io::{BufReader, Read};
+use std::path::{Path, PathBuf};
+
+/// Opens whatever `arguments.run` names.
+///
+/// # Errors
+/// When there is no such file, or nothing usable in it.
+pub fn open_run(arguments: &RunArguments) -> Result<Run, ReplayError> {
+    let path = &arguments.run;
+    let metadata = fs::metadata(path).map_err(|e| file_error(path, "a recording", &e.to_string()))?;
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
+    match (metadata.is_dir(), extension) {
+        (true, _) if path.join("run.csv").exists() || path.join("run.toml").exists() => {
+            open_table(&path.join("run.csv"))
+        }
+        (true, _) => open_split_bag(path, arguments),
+        (false, "csv") => open_table(path),
+        (false, "mcap") => open_bag(std::slice::from_ref(path), arguments),
+        (false, _) => Err(file_error(path, "a .mcap or .csv file, or a directory", &format!("`.{extension}`"))),
+    }
+}
+
+/// An error about a file.
+pub fn file_error(path: &Path, expected: &str, found: &str) -> ReplayError {
+    ReplayError::File { file: path.display().to_string(), expected: expected.into(), found: found.into() }
+}
+
+fn open_bag(paths: &[PathBuf], arguments: &RunArguments) -> Result<Run, ReplayError> {
+    let total = paths.iter().filter_map(|p| fs::metadata(p).ok()).map(|m| m.len()).sum();
+    let bar = progress(total, "reading");
+    let mut files: Vec<BagFile<Box<dyn Read>>> = Vec::new();
+    for path in paths {
+        let file = File::open(path).map_err(|e| file_error(path, "a readable file", &e.to_string()))?;
+        files.push(BagFile { name: path.display().to_string(), source: Box::new(bar.wrap_read(file)) });
+    }
+    let run = qv_replay::read_bag(files, &qv_go2::wire::mapping(arguments.pose_topic.as_deref()));
+    bar.finish_and_clear();
+    run
+}
+
+/// A bar on standard error; indicatif hides it where that is no terminal.
+pub fn progress(total: u64, what: &'static str) -> ProgressBar {
+    let style = ProgressStyle::with_template("{msg} {wide_bar} {percent} %").expect("the template is well formed");
+    ProgressBar::new(total).with_style(style).with_message(what)
+}
+
+/// A sign of life for work without a known end.
+pub fn spinner(what: &'static str) -> ProgressBar {
+    let bar = ProgressBar::new_spinner().with_message(what);
+    bar.enable_steady_tick(std::time::Duration::from_millis(100));
+    bar
+}
+
+/// The files that `metadata.yaml` lists, else all .mcap files, in the order of their numbers.
+fn open_split_bag(directory: &Path, arguments: &RunArguments) -> Result<Run, ReplayError> {
+    let listed = fs::read_to_string(directory.join("metadata.yaml")).map(|t| listed_files(&t)).unwrap_or_default();
+    let (mut present, mut absent) = (Vec::new(), Vec::new());
+    for name in &listed {
+        let path = directory.join(name);
+        if path.exists() { present.push(path) } else { absent.push(name.clone()) }
+    }
+    if present.is_empty() {
+        let entries =
+            fs::read_dir(directory).map_err(|e| file_error(directory, "a readable directory", &e.to_string()))?;
+        present = entries.flatten().map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "mcap")).collect();
+        present.sort_by_key(|p| (trailing_number(p), p.clone()));
+    }
+    if present.is_empty() {
+        let found =
+            if absent.is_empty() { "none of them".into() } else { format!("only the names {}", absent.join(", ")) };
+        return Err(file_error(directory, "run.csv, or .mcap files", &found));
+    }
+    let mut run = open_bag(&present, arguments)?;
+    for name in absent {
+        let what = "listed in metadata.yaml, but not there".to_string();
+        run.lost.push(Loss { file: directory.join(name).display().to_string(), what, span: None });
+    }
+    Ok(run)
+}
+
+/// `relative_file_paths` of a bag's metadata.
+fn listed_files(yaml: &str) -> Vec<String> {
+    let after = yaml.lines().map(str::trim).skip_while(|l| !l.starts_with("relative_file_paths:")).skip(1);
+    let items = after.take_while(|l| l.starts_with('-'));
+    items.map(|l| l[1..].trim().trim_matches(['"', '\'']).to_string()).filter(|n| n.ends_with(".mcap")).collect()
+}
+
+/// The number at the end of a file's stem, so that `bag_10` comes after `bag_9`.
+fn trailing_number(path: &Path) -> u64 {
+    let stem = path.file_stem().and_then(|s| s.to_str()).unwrap_or_default();
+    let digits = stem.len() - stem.trim_end_matches(|c: char| c.is_ascii_digit()).len();
+    stem[stem.len() - digits..].parse().unwrap_or(0)
+}
+
+/// The mapping of a robot known by name.
+pub fn mapping_of(robot: &str) -> Option<Mapping> {
+    (robot == "go2").then(|| qv_go2::wire::mapping(None))
+}
+
+/// The model to replay `run` with: that of `robot` when it is given, else the recording's own.
+///
+/// # Errors
+/// When the name is unknown, the file cannot be read, or it holds no good URDF.
+pub fn model_of(run: &Run, robot: Option<&str>) -> Result<Model, ReplayError> {
+    let known = |name: &str| (name == "go2").then(qv_go2::model::urdf);
+    let (name, urdf) = match (robot, &run.robot) {
+        (Some(name), _) => {
+            let read = || {
+                fs::read_to_string(name).map_err(|e| file_error(Path::new(name), "go2, or a URDF file", &e.to_string()))
+            };
+            (name.to_string(), known(name).map_or_else(read, Ok)?)
+        }
+        (None, Robot::Urdf(text)) => ("robot.urdf".to_string(), text.clone()),
+        (None, Robot::Named(name)) => {
+            let expected = "a robot known by name (go2)".to_string();
+            let unknown = || ReplayError::Run { what: "robot".into(), expected, found: name.clone() };
+            (name.clone(), known(name).ok_or_else(unknown)?)
+        }
+    };
+    let base = match run.base {
+        Base::Free => BaseKind::Floating,
+        Base::Fixed => BaseKind::Fixed,
+    };
+    // URDF has no tag for rotor inertia: a named robot's is known, any other's comes with the recording.
+    let armature = if name == "go2" { qv_go2::model::ARMATURE } else { 0.0 };
+    let options = ModelOptions { base, armature, ..Default::default() };
+    Model::from_urdf(&urdf, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))
+}
+
+fn open_table(csv: &Path) -> Result<Run, ReplayError> {
+    let directory = csv.parent().unwrap_or(Path::new("."));
+    let toml_path = csv.with_extension("toml");
+    let toml_path = if toml_path.exists() { toml_path } else { directory.join("run.toml") };
+    let toml_text =
+        fs::read_to_string(&toml_path).map_err(|e| file_error(&toml_path, "a run description", &e.to_string()))?;
+    let robot = qv_replay::robot_of(&toml_text)?;
+    let mapping = mapping_of(&robot);
+    let urdf = match &mapping {
+        Some(_) => None,
+        None => {
+            let path = directory.join(&robot);
+            let expected = "a robot known by name (go2), or a URDF file";
+            Some(fs::read_to_string(&path).map_err(|e| file_error(&path, expected, &e.to_string()))?)
+        }
+    };
+    let file = File::open(csv).map_err(|e| file_error(csv, "a readable file", &e.to_string()))?;
+    let bar = progress(file.metadata().map_or(0, |m| m.len()), "reading");
+    let source = bar.wrap_read(BufReader::new(file));
+    let run = qv_replay::read_table(source, &toml_text, urdf.as_deref(), mapping.as_ref());
+    bar.finish_and_clear();
+    run
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn metadata_lists_files_and_numbers_sort() {
+        let yaml = "rosbag2_bagfile_information:\n  version: 5\n  relative_file_paths:\n    - run_0.mcap\n    - \"run_1.mcap\"\n  files:\n    - path: x\n";
+        assert_eq!(listed_files(yaml), ["run_0.mcap", "run_1.mcap"]);
+        assert!(trailing_number(Path::new("a/run_10.mcap")) > trailing_number(Path::new("a/run_9.mcap")));
+    }
+}

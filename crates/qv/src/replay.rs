@@ -1,0 +1,153 @@
+//! `qv replay`: how far the simulator is from the robot.
+
+use crate::glb::read_glb;
+use crate::open::{file_error, model_of, open_run, spinner};
+use crate::{Outcome, RunArguments};
+use qv_replay::derive::joint_velocity;
+use qv_replay::replay::{Lag, ReplayOptions, parameters_from_toml, to_html, to_json, write_mcap};
+use qv_replay::{ReplayError, Run};
+use qv_sim::Terrain;
+use serde_json::Value;
+use std::fs;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+pub const EXAMPLE: &str = "Example:\n  qv replay walk.mcap --out out/walk\n  qv replay walk.mcap --robot go2 --terrain yard.glb \
+    --params out/diagnosis/calibrated.toml --out out/walk\n\n\
+    Writes replay.json, replay.mcap and replay.html. A parameter file holds numbers under parameter names, such as\n\
+    \"joint.*.coulomb_friction\" = 0.2.\n\n\
+    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
+
+#[derive(clap::Args)]
+pub struct Replay {
+    #[command(flatten)]
+    run: RunArguments,
+    /// go2, or a URDF file; default: what the recording says
+    #[arg(long, value_name = "go2|URDF")]
+    robot: Option<String>,
+    /// plane, or a mesh with a material per label
+    #[arg(long, default_value = "plane", value_name = "plane|FILE.glb")]
+    terrain: String,
+    /// Parameters of the simulator, as `qv diagnose` writes them
+    #[arg(long, value_name = "FILE.toml")]
+    params: Option<PathBuf>,
+    /// Directory for the results; made if need be
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Length of the windows that restart at the measured state [s]
+    #[arg(long, default_value_t = 0.3, value_name = "SECONDS")]
+    window: f64,
+    /// One line of JSON at the end instead of the summary
+    #[arg(long)]
+    json: bool,
+}
+
+impl Replay {
+    pub fn execute(&self) -> Result<Outcome, ReplayError> {
+        let run = open_run(&self.run)?;
+        let model = model_of(&run, self.robot.as_deref())?;
+        let terrain = self.terrain()?;
+        let options = ReplayOptions { window: self.window, parameters: self.parameters()?, ..Default::default() };
+        let bar = spinner("simulating");
+        let clock = Instant::now();
+        let replay = qv_replay::replay::replay(&run, &model, &terrain, &options)?;
+        let factor = replay.simulated / clock.elapsed().as_secs_f64();
+        bar.finish_and_clear();
+        let report = to_json(&replay, factor);
+        self.write(&run, &replay, &report)?;
+        if self.json {
+            println!("{report}");
+        } else {
+            print!("{}", summary(&run, &replay, factor));
+            println!("written to {}", self.out.display());
+        }
+        for l in &run.lost {
+            eprintln!("qv: lost from {}: {}", l.file, l.what);
+        }
+        Ok(if run.is_partial() { Outcome::Partial } else { Outcome::Done })
+    }
+
+    fn parameters(&self) -> Result<Vec<(String, f64)>, ReplayError> {
+        let Some(path) = &self.params else { return Ok(Vec::new()) };
+        let text = fs::read_to_string(path).map_err(|e| file_error(path, "a parameter file", &e.to_string()))?;
+        parameters_from_toml(&text)
+    }
+
+    fn terrain(&self) -> Result<Terrain, ReplayError> {
+        if self.terrain == "plane" {
+            return Ok(Terrain::plane());
+        }
+        let path = Path::new(&self.terrain);
+        let bytes = fs::read(path).map_err(|e| file_error(path, "plane, or a .glb file", &e.to_string()))?;
+        let mesh = read_glb(&bytes).map_err(|e| file_error(path, "a mesh in GLB", &e))?;
+        Terrain::from_mesh(&mesh).map_err(|e| file_error(path, "a mesh that can be walked on", &e.to_string()))
+    }
+
+    fn write(&self, run: &Run, replay: &qv_replay::replay::Replay, report: &Value) -> Result<(), ReplayError> {
+        let failed = |name: &str, e: std::io::Error| ReplayError::Write {
+            what: self.out.join(name).display().to_string(),
+            reason: e.to_string(),
+        };
+        fs::create_dir_all(&self.out).map_err(|e| failed("", e))?;
+        fs::write(self.out.join("replay.json"), format!("{report:#}\n")).map_err(|e| failed("replay.json", e))?;
+        let title = self.run.run.display().to_string();
+        let html = to_html(replay, &title, &notes(run, replay));
+        fs::write(self.out.join("replay.html"), html).map_err(|e| failed("replay.html", e))?;
+        let file = fs::File::create(self.out.join("replay.mcap")).map_err(|e| failed("replay.mcap", e))?;
+        write_mcap(replay, run.epoch, BufWriter::new(file))
+    }
+}
+
+/// What a reader of the numbers should know: what was lost, derived, left out.
+fn notes(run: &Run, replay: &qv_replay::replay::Replay) -> Vec<String> {
+    let mut notes: Vec<String> = run.lost.iter().map(|l| format!("Lost from {}: {}.", l.file, l.what)).collect();
+    notes.extend(
+        run.faults.iter().take(8).map(|f| format!("{:.3} s: {} in {}: {}.", f.time, f.kind, f.channel, f.detail)),
+    );
+    if let (None, Some(d)) = (&run.measured.velocity, joint_velocity(run)) {
+        notes.push(format!("Joint velocities were not measured: {}, -3 dB at {:.1} Hz.", d.method, d.bandwidth));
+    }
+    if replay.windows.skipped > 0 {
+        notes.push(format!("{} windows were left out: something is missing in them.", replay.windows.skipped));
+    }
+    notes
+}
+
+fn summary(run: &Run, replay: &qv_replay::replay::Replay, factor: f64) -> String {
+    let (whole, windows) = (&replay.errors, &replay.window_errors);
+    let mut text = format!(
+        "{:<20} {:>14} {:>14} {:>12} {:>10} {:>13} {:>13}\n",
+        "joint", "windows mrad", "whole mrad", "vel rad/s", "tau N m", "lag: command", "simulation ms"
+    );
+    for (j, name) in replay.joint_names.iter().enumerate() {
+        let (w, e) = (&windows.joints[j], &whole.joints[j]);
+        let lag = |lags: &[Lag]| lags.iter().find(|l| l.joint == *name).map_or(f64::NAN, |l| 1e3 * l.lag);
+        text += &format!(
+            "{name:<20} {:>14.2} {:>14.2} {:>12.3} {:>10.3} {:>13.1} {:>13.1}\n",
+            1e3 * w.position,
+            1e3 * e.position,
+            w.velocity,
+            w.torque,
+            lag(&replay.command_lags),
+            lag(&replay.model_lags)
+        );
+    }
+    let (mean, count) = (1e3 * windows.position_mean(), replay.windows.windows.len());
+    text += &format!("{:<20} {mean:>14.2} {:>14.2}\n", "mean", 1e3 * whole.position_mean());
+    for p in &windows.phases {
+        text += &format!("{:<20} {:>14.2} {:>13.0} %\n", p.phase.name(), 1e3 * p.position, 100.0 * p.share);
+    }
+    if let Some(b) = whole.base {
+        text += &format!(
+            "base, open loop: {:.3} m mean, {:.3} m and {:.3} rad of yaw at the end\n",
+            b.position_mean, b.position_final, b.yaw_final
+        );
+    }
+    let skipped = replay.windows.skipped;
+    text += &format!("{count} windows of {} s ({skipped} left out), {factor:.0} x real time\n", replay.windows.length);
+    for note in notes(run, replay) {
+        text += &format!("{note}\n");
+    }
+    text
+}

@@ -1,0 +1,264 @@
+//! `qv replay`: a robot that is the simulator itself, real recordings, and the files that come out.
+
+mod bags;
+
+use bags::*;
+use qv_go2::messages::*;
+use qv_go2::model;
+use qv_sim::{BaseKind, Batch, JointCommand, Model, ModelOptions, SimOptions, State, Terrain};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// A Go2 of the simulator that stands and swings its joints a little, recorded as a robot would be. `latency` \[s\] is
+/// that of its motors, `turn` a yaw that the IMU does not share with the poses.
+fn simulated_bag(seconds: f64, latency: f64, turn: f64) -> Vec<Message> {
+    let options = ModelOptions { base: BaseKind::Floating, armature: model::ARMATURE, ..Default::default() };
+    let robot = Model::from_urdf(&model::urdf(), &options).unwrap();
+    let options = SimOptions { max_command_latency: 0.02, ..Default::default() };
+    let mut sim = Batch::<f64>::new(&robot, &Terrain::plane(), &options, 1).unwrap();
+    for name in robot.joint_names() {
+        sim.set_parameter(0, &format!("actuator.{name}.command_latency"), latency).unwrap();
+    }
+    let half = 0.5 * turn;
+    let mut q = vec![0.3, -0.2, model::touching_height(&STAND) - 0.001, half.cos(), 0.0, 0.0, half.sin()];
+    q.extend(STAND);
+    sim.set_state(0, &State { q, v: vec![0.0; 18] }).unwrap();
+    let mut messages = Vec::new();
+    for k in 0..(500.0 * seconds) as u64 {
+        let (t, time) = (k as f64 * 0.002, START + 2_000_000 * k);
+        let seen = sim.sensors(0).unwrap();
+        let spin = |wxyz: [f64; 4]| {
+            let yaw = glam::DQuat::from_rotation_z(-turn);
+            let r = yaw * glam::DQuat::from_xyzw(wxyz[1], wxyz[2], wxyz[3], wxyz[0]);
+            [r.w, r.x, r.y, r.z]
+        };
+        let low_state = LowState {
+            q: seen.q.clone().try_into().unwrap(),
+            dq: seen.dq.clone().try_into().unwrap(),
+            tau: seen.tau.clone().try_into().unwrap(),
+            quaternion: spin(seen.imu_orientation),
+            gyroscope: seen.gyro,
+            // Before the first step nothing has been accelerated yet.
+            accelerometer: if k == 0 { [0.0, 0.0, 9.81] } else { seen.acc },
+            foot_force: [35.0; 4],
+            tick: 2 * k as u32,
+        };
+        messages.push(Message { topic: "/lowstate", time, data: encode_low_state(&low_state) });
+        let target =
+            std::array::from_fn(|j| STAND[j] + 0.12 * (7.0 * t + 0.4 * (j % 3) as f64).sin() * (t / 0.5).min(1.0));
+        let command = LowCmd { q: target, kp: [40.0; 12], kd: [1.0; 12], ..Default::default() };
+        messages.push(Message { topic: "/lowcmd", time: time + 50_000, data: encode_low_cmd(&command) });
+        if k % 10 == 0 {
+            let data = encode_odometry(time, seen.base_position, seen.base_orientation);
+            messages.push(Message { topic: "/Odometry", time, data });
+        }
+        let JointTargets { q, dq, kp, kd, tau } = JointTargets::of(&command);
+        sim.set_command(0, &JointCommand { q: &q, dq: &dq, kp: &kp, kd: &kd, tau: &tau }).unwrap();
+        sim.step_many(2);
+    }
+    messages
+}
+
+/// A command after the trip through 32-bit numbers.
+struct JointTargets {
+    q: Vec<f64>,
+    dq: Vec<f64>,
+    kp: Vec<f64>,
+    kd: Vec<f64>,
+    tau: Vec<f64>,
+}
+
+impl JointTargets {
+    fn of(command: &LowCmd) -> Self {
+        let narrow = |x: &[f64; 12]| x.iter().map(|&x| f64::from(x as f32)).collect();
+        Self {
+            q: narrow(&command.q),
+            dq: narrow(&command.dq),
+            kp: narrow(&command.kp),
+            kd: narrow(&command.kd),
+            tau: narrow(&command.tau),
+        }
+    }
+}
+
+fn replay(run: &Path, out: &Path, more: &[&str]) -> (i32, Value, String) {
+    let mut arguments = vec!["replay", run.to_str().unwrap(), "--out", out.to_str().unwrap(), "--json"];
+    arguments.extend(more);
+    let (code, text, err) = qv(&arguments);
+    (code, serde_json::from_str(&text).unwrap_or(Value::Null), err)
+}
+
+fn number(value: &Value, pointer: &str) -> f64 {
+    value.pointer(pointer).and_then(Value::as_f64).unwrap_or_else(|| panic!("no number at {pointer} in {value:#}"))
+}
+
+#[test]
+fn the_simulator_replays_itself() {
+    let path = bag("replay_self", &write(&simulated_bag(3.0, 0.0, 0.7), small_chunks(None), &[]));
+    let out = path.with_file_name("out");
+    let (code, report, err) = replay(&path, &out, &[]);
+    assert_eq!(code, 0, "{err}");
+    assert_eq!(report["format"], "qv-replay/1");
+    assert_eq!(report["windows"]["count"], 9);
+    // What is left comes from smoothing the start where a foot slips or lands, and from 32-bit recording.
+    assert!(number(&report, "/windows/pos_rms_mean") < 1.8e-3, "{report:#}");
+    assert!(number(&report, "/base/pos_mean") < 0.02, "{report:#}");
+    let written: Value = serde_json::from_str(&std::fs::read_to_string(out.join("replay.json")).unwrap()).unwrap();
+    assert_eq!(written, report, "--json says what the file says");
+    let html = std::fs::read_to_string(out.join("replay.html")).unwrap();
+    assert!(html.contains("FL_calf_joint") && html.contains("<svg") && !html.contains("NaN"));
+    assert!(!html.contains("http") && !html.contains("src="), "the page uses no network");
+}
+
+#[test]
+fn a_latency_is_seen_and_its_parameter_takes_it_away() {
+    let path = bag("replay_latency", &write(&simulated_bag(3.0, 0.012, 0.0), small_chunks(None), &[]));
+    let out = path.with_file_name("out");
+    let (_, without, err) = replay(&path, &out, &[]);
+    assert!(number(&without, "/windows/pos_rms_mean") > 2e-3, "{err} {without:#}");
+    for lag in without.pointer("/lags/behind_simulation").and_then(Value::as_array).unwrap() {
+        let lag = lag["lag"].as_f64().unwrap();
+        assert!((lag - 0.012).abs() < 0.003, "{lag} of 0.012 s");
+    }
+    let parameters = path.with_file_name("calibrated.toml");
+    std::fs::write(&parameters, "[parameters]\n\"actuator.*.command_latency\" = 0.012\n").unwrap();
+    let (code, with, err) = replay(&path, &out, &["--params", parameters.to_str().unwrap()]);
+    assert_eq!(code, 0, "{err}");
+    let (before, after) = (number(&without, "/windows/pos_rms_mean"), number(&with, "/windows/pos_rms_mean"));
+    assert!(after < 0.3 * before, "{after} of {before}");
+    std::fs::write(&parameters, "\"actuator.*.latency\" = 0.012\n").unwrap();
+    let (code, _, err) = replay(&path, &out, &["--params", parameters.to_str().unwrap()]);
+    assert!(code == 1 && err.contains("actuator.*.latency"), "{err}");
+}
+
+#[test]
+fn replay_twice_gives_the_same_bytes() {
+    let path = bag("replay_twice", &write(&simulated_bag(1.0, 0.0, 0.0), small_chunks(None), &[]));
+    let read = |name: &str| {
+        let out = path.with_file_name(name);
+        assert_eq!(replay(&path, &out, &[]).0, 0);
+        (std::fs::read(out.join("replay.mcap")).unwrap(), std::fs::read(out.join("replay.html")).unwrap())
+    };
+    assert!(read("first") == read("second"));
+}
+
+#[test]
+fn what_cannot_be_replayed_is_an_error() {
+    let out = directory("replay_errors").join("out");
+    let without = |topic: &str| -> Vec<Message> { walk(1.0).into_iter().filter(|m| m.topic != topic).collect() };
+    let path = bag("replay_no_commands", &write(&without("/lowcmd"), small_chunks(None), &[]));
+    let (code, _, err) = replay(&path, &out, &[]);
+    assert!(code == 1 && err.contains("commands"), "{err}");
+    let path = bag("replay_no_pose", &write(&without("/Odometry"), small_chunks(None), &[]));
+    let (code, _, err) = replay(&path, &out, &[]);
+    assert!(code == 1 && err.contains("base poses"), "{err}");
+    let path = bag("replay_window", &write(&walk(0.5), small_chunks(None), &[]));
+    for (more, word) in [
+        (["--window", "0"], "window"),
+        (["--window", "nan"], "window"),
+        (["--terrain", "nowhere.glb"], "nowhere.glb"),
+        (["--robot", "nowhere.urdf"], "nowhere.urdf"),
+        (["--params", "nowhere.toml"], "nowhere.toml"),
+    ] {
+        let (code, _, err) = replay(&path, &out, &more);
+        assert!(code == 1 && err.contains(word), "{more:?}: {err}");
+    }
+}
+
+#[test]
+fn part_of_a_recording_is_replayed_and_named() {
+    let bytes = write(&simulated_bag(2.0, 0.0, 0.0), small_chunks(None), &[]);
+    let path = bag("replay_part", &bytes[..bytes.len() * 6 / 10]);
+    let (code, report, err) = replay(&path, &path.with_file_name("out"), &[]);
+    assert_eq!(code, 3, "{err}");
+    assert!(err.contains("cut off"), "{err}");
+    assert!(
+        number(&report, "/windows/count") >= 2.0 && number(&report, "/windows/pos_rms_mean") < 1.5e-3,
+        "{report:#}"
+    );
+}
+
+/// The Python of an environment with the mcap packages, when the test runner made one.
+fn python() -> Option<PathBuf> {
+    let candidate = std::env::var_os("QV_PYTHON").map_or_else(|| PathBuf::from("python3"), PathBuf::from);
+    let works = Command::new(&candidate).args(["-c", "import mcap, mcap_ros2.decoder"]).output();
+    works.ok().filter(|o| o.status.success()).map(|_| candidate)
+}
+
+#[test]
+fn python_reads_replay_mcap() {
+    let Some(python) = python() else {
+        println!("skipped: no Python with mcap and mcap-ros2-support (cargo xtask test makes one)");
+        return;
+    };
+    let path = bag("replay_python", &write(&simulated_bag(1.0, 0.0, 0.3), small_chunks(None), &[]));
+    let out = path.with_file_name("out");
+    assert_eq!(replay(&path, &out, &[]).0, 0);
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/mcap/read_replay.py");
+    let output = Command::new(python).arg(script).arg(out.join("replay.mcap")).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(found["profile"], "ros2");
+    for side in ["recorded", "simulated"] {
+        let joints = &found["topics"][format!("/{side}/joint_states")];
+        assert_eq!(
+            (&joints["type"], &joints["count"]),
+            (&"sensor_msgs/msg/JointState".into(), &500.into()),
+            "{found:#}"
+        );
+        assert_eq!(joints["name"][2], "FL_calf_joint");
+        assert_eq!((joints["stamp"].as_u64(), joints["log_time"].as_u64()), (Some(START), Some(START)));
+        assert!((joints["position"][2].as_f64().unwrap() - STAND[2]).abs() < 0.05, "{joints}");
+        let pose = &found["topics"][format!("/{side}/base_pose")];
+        assert_eq!(pose["type"], "geometry_msgs/msg/PoseStamped");
+        assert!((pose["pose"][0].as_f64().unwrap() - 0.3).abs() < 0.01, "{pose}");
+        assert!((pose["pose"][6].as_f64().unwrap() - 0.15f64.sin()).abs() < 0.01, "{pose}");
+    }
+    assert_eq!(found["topics"]["/tf"]["count"], 1000);
+}
+
+fn shared() -> Option<PathBuf> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
+    if path.exists() {
+        return Some(path);
+    }
+    println!("skipped: no ../shared beside the workspace");
+    None
+}
+
+#[test]
+fn practice_recordings() {
+    let Some(shared) = shared() else { return };
+    let out = directory("replay_practice");
+    let error = |case: &str| {
+        let (code, report, err) = replay(&shared.join("practice").join(case).join("run.mcap"), &out.join(case), &[]);
+        assert_eq!(code, 0, "{case}: {err}");
+        assert_eq!(report["windows"]["skipped"], 0);
+        number(&report, "/windows/pos_rms_mean")
+    };
+    let nominal = error("case01");
+    assert!(nominal < 4e-3, "case01: {nominal}");
+    for case in ["case00", "case02", "case03", "case04"] {
+        let found = error(case);
+        println!("{case}: {:.2} mrad, nominal {:.2}", 1e3 * found, 1e3 * nominal);
+        assert!(found > 1.8 * nominal, "{case}: {found}");
+    }
+}
+
+#[test]
+fn real_recordings() {
+    let Some(shared) = shared() else { return };
+    let out = directory("replay_real");
+    let (code, report, err) = replay(&shared.join("real/go2_air"), &out.join("air"), &[]);
+    assert_eq!(code, 0, "{err}");
+    assert!(report["base"].is_null());
+    assert!(report["joints"][0]["tau_rms"].is_null(), "torque was not measured");
+    assert!(number(&report, "/windows/pos_rms_mean") < 0.04, "the legs swing free: {report:#}");
+    assert_eq!(report.pointer("/lags/behind_command").and_then(Value::as_array).map(Vec::len), Some(12));
+    for run in ["pendulum_sts3215/m535_kp32_sin_sin_1", "double_pendulum_acrobot/calm_01"] {
+        let (code, report, err) = replay(&shared.join("real").join(run), &out.join("other"), &[]);
+        assert_eq!(code, 0, "{run}: {err}");
+        assert!(number(&report, "/windows/pos_rms_mean").is_finite());
+    }
+}
