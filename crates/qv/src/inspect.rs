@@ -1,7 +1,7 @@
 //! `qv inspect`: one screen about a recording.
 
 use crate::open::open_run;
-use crate::{Outcome, RunArguments};
+use crate::{Outcome, RunArguments, say};
 use qv_core::JointSeries;
 use qv_replay::run::{ActuatorKind, Base, Clock, Fault, Loss, Robot, Run, Source};
 use qv_replay::{ReplayError, derive, median_interval};
@@ -30,11 +30,7 @@ struct Row {
 impl Inspect {
     pub fn execute(&self) -> Result<Outcome, ReplayError> {
         let run = open_run(&self.run)?;
-        if self.json {
-            println!("{}", to_json(&run));
-        } else {
-            print!("{}", screen(&run));
-        }
+        say(&if self.json { format!("{}\n", to_json(&run)) } else { screen(&run) })?;
         Ok(if run.is_partial() { Outcome::Partial } else { Outcome::Done })
     }
 }

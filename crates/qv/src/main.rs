@@ -6,6 +6,8 @@ mod open;
 mod replay;
 
 use clap::{Args, Parser, Subcommand};
+use qv_replay::ReplayError;
+use std::io::{ErrorKind, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -42,6 +44,16 @@ struct RunArguments {
 enum Outcome {
     Done,
     Partial,
+}
+
+/// Prints to standard output. A reader that left early, such as `head`, is no failure.
+fn say(text: &str) -> Result<(), ReplayError> {
+    match std::io::stdout().write_all(text.as_bytes()) {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => {
+            Err(ReplayError::Write { what: "standard output".into(), reason: e.to_string() })
+        }
+        _ => Ok(()),
+    }
 }
 
 fn main() -> ExitCode {

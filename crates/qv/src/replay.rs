@@ -2,7 +2,7 @@
 
 use crate::glb::read_glb;
 use crate::open::{file_error, model_of, open_run, spinner};
-use crate::{Outcome, RunArguments};
+use crate::{Outcome, RunArguments, say};
 use qv_replay::derive::joint_velocity;
 use qv_replay::replay::{Lag, ReplayOptions, parameters_from_toml, to_html, to_json, write_mcap};
 use qv_replay::{ReplayError, Run};
@@ -57,10 +57,9 @@ impl Replay {
         let report = to_json(&replay, factor);
         self.write(&run, &replay, &report)?;
         if self.json {
-            println!("{report}");
+            say(&format!("{report}\n"))?;
         } else {
-            print!("{}", summary(&run, &replay, factor));
-            println!("written to {}", self.out.display());
+            say(&format!("{}written to {}\n", summary(&run, &replay, factor), self.out.display()))?;
         }
         for l in &run.lost {
             eprintln!("qv: lost from {}: {}", l.file, l.what);
