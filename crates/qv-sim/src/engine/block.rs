@@ -1,5 +1,6 @@
 //! Data of one block of environments, one per lane.
 
+use super::array::Array;
 use super::topology::Topology;
 use super::vector::{Inertia, M3, V3, V6};
 use crate::lanes::{Mask, Real};
@@ -73,42 +74,42 @@ impl<L: Real> CommandLanes<L> {
 #[derive(Debug, Clone)]
 pub(crate) struct Block<L: Real> {
     // State.
-    pub q: Vec<L>,
-    pub v: Vec<L>,
+    pub q: Array<L>,
+    pub v: Array<L>,
     /// Acceleration before implicit damping, where the next solve starts.
-    pub warm: Vec<L>,
+    pub warm: Array<L>,
     /// Acceleration of the last step.
-    pub acceleration: Vec<L>,
+    pub acceleration: Array<L>,
     /// Torque of each joint after lag and limits.
-    pub torque: Vec<L>,
-    pub lagged: Vec<L>,
+    pub torque: Array<L>,
+    pub lagged: Array<L>,
     /// Motor-side position behind the backlash.
-    pub motor: Vec<L>,
+    pub motor: Array<L>,
     pub time: L,
     /// Commands of the last steps, `[age slot][joint]`, newest at `head`.
-    pub commands: Vec<CommandLanes<L>>,
+    pub commands: Array<CommandLanes<L>>,
     pub head: usize,
     /// Positions and velocities of the last steps, `[age slot][nq + nv]`, newest at `seen_head`.
     pub seen: Vec<L>,
     pub seen_head: usize,
     /// Normal force of each shape on the ground \[N\].
-    pub geom_force: Vec<L>,
+    pub geom_force: Array<L>,
     /// Lanes that have not stepped since their state was set.
     pub fresh: L::Mask,
     /// Lanes whose numbers ran away.
     pub faulty: L::Mask,
     // Parameters.
-    pub mass: Vec<L>,
-    pub com: Vec<V3<L>>,
+    pub mass: Array<L>,
+    pub com: Array<V3<L>>,
     /// xx, yy, zz, xy, xz, yz about the centre of mass, link axes.
-    pub inertia: Vec<[L; 6]>,
+    pub inertia: Array<[L; 6]>,
     /// Per degree of freedom.
-    pub armature: Vec<L>,
-    pub viscous: Vec<L>,
-    pub coulomb: Vec<L>,
-    pub joints: Vec<JointLanes<L>>,
-    pub geoms: Vec<GeomLanes<L>>,
-    pub materials: Vec<L>,
+    pub armature: Array<L>,
+    pub viscous: Array<L>,
+    pub coulomb: Array<L>,
+    pub joints: Array<JointLanes<L>>,
+    pub geoms: Array<GeomLanes<L>>,
+    pub materials: Array<L>,
     pub ground: GroundLanes<L>,
     // Which of the costlier features any lane uses. They change the work, never the result.
     pub any_coulomb: bool,
@@ -142,22 +143,22 @@ pub(crate) struct Slot {
 /// Scratch space of one thread.
 #[derive(Debug, Clone)]
 pub(crate) struct Work<L: Real> {
-    pub rotation: Vec<M3<L>>,
-    pub position: Vec<V3<L>>,
+    pub rotation: Array<M3<L>>,
+    pub position: Array<V3<L>>,
     /// Joint axes as spatial vectors, per degree of freedom.
-    pub subspace: Vec<V6<L>>,
-    pub velocity: Vec<V6<L>>,
-    pub acceleration: Vec<V6<L>>,
-    pub force: Vec<V6<L>>,
-    pub inertia: Vec<Inertia<L>>,
-    pub bias: Vec<L>,
-    pub mass_matrix: Vec<L>,
-    pub hessian: Vec<L>,
+    pub subspace: Array<V6<L>>,
+    pub velocity: Array<V6<L>>,
+    pub acceleration: Array<V6<L>>,
+    pub force: Array<V6<L>>,
+    pub inertia: Array<Inertia<L>>,
+    pub bias: Array<L>,
+    pub mass_matrix: Array<L>,
+    pub hessian: Array<L>,
     /// Damping that the integrator treats implicitly, per degree of freedom.
-    pub implicit: Vec<L>,
+    pub implicit: Array<L>,
     /// All forces but those of constraints.
-    pub smooth: Vec<L>,
-    pub contacts: Vec<Contact<L>>,
+    pub smooth: Array<L>,
+    pub contacts: Array<Contact<L>>,
     /// Slots with a contact in any lane.
     pub live: Vec<usize>,
     pub rows: super::constraint::Rows<L>,
@@ -178,19 +179,19 @@ impl<L: Real> Work<L> {
             friction: zero,
         };
         Self {
-            rotation: vec![[zero; 9]; bodies],
-            position: vec![[zero; 3]; bodies],
-            subspace: vec![[zero; 6]; nv],
-            velocity: vec![[zero; 6]; bodies],
-            acceleration: vec![[zero; 6]; bodies],
-            force: vec![[zero; 6]; bodies],
-            inertia: vec![[zero; 10]; bodies],
-            bias: vec![zero; nv],
-            mass_matrix: vec![zero; topology.packed],
-            hessian: vec![zero; topology.packed],
-            implicit: vec![zero; nv],
-            smooth: vec![zero; nv],
-            contacts: vec![none; slots.len()],
+            rotation: vec![[zero; 9]; bodies].into(),
+            position: vec![[zero; 3]; bodies].into(),
+            subspace: vec![[zero; 6]; nv].into(),
+            velocity: vec![[zero; 6]; bodies].into(),
+            acceleration: vec![[zero; 6]; bodies].into(),
+            force: vec![[zero; 6]; bodies].into(),
+            inertia: vec![[zero; 10]; bodies].into(),
+            bias: vec![zero; nv].into(),
+            mass_matrix: vec![zero; topology.packed].into(),
+            hessian: vec![zero; topology.packed].into(),
+            implicit: vec![zero; nv].into(),
+            smooth: vec![zero; nv].into(),
+            contacts: vec![none; slots.len()].into(),
             live: Vec::with_capacity(slots.len()),
             rows: super::constraint::Rows::new(topology, slots, dimension),
             newton: super::newton::Scratch::new(topology, slots.len()),
@@ -238,30 +239,30 @@ impl<L: Real> Block<L> {
         };
         let (nv, joints, links) = (topology.nv, topology.joints, model.links.len());
         Self {
-            q,
-            v: vec![zero; nv],
-            warm: vec![zero; nv],
-            acceleration: vec![zero; nv],
-            torque: vec![zero; joints],
-            lagged: vec![zero; joints],
-            motor: vec![zero; joints],
+            q: q.into(),
+            v: vec![zero; nv].into(),
+            warm: vec![zero; nv].into(),
+            acceleration: vec![zero; nv].into(),
+            torque: vec![zero; joints].into(),
+            lagged: vec![zero; joints].into(),
+            motor: vec![zero; joints].into(),
             time: zero,
-            commands: vec![CommandLanes::zero(); commands * joints],
+            commands: vec![CommandLanes::zero(); commands * joints].into(),
             head: 0,
             seen: vec![zero; seen * (topology.nq + nv)],
             seen_head: 0,
-            geom_force: vec![zero; model.geoms.len()],
+            geom_force: vec![zero; model.geoms.len()].into(),
             fresh: L::Mask::splat(true),
             faulty: L::Mask::splat(false),
-            mass: vec![zero; links],
-            com: vec![[zero; 3]; links],
-            inertia: vec![[zero; 6]; links],
-            armature: vec![zero; nv],
-            viscous: vec![zero; nv],
-            coulomb: vec![zero; nv],
-            joints: vec![joint; joints],
-            geoms: vec![GeomLanes { friction_scale: zero, radius_offset: zero }; model.geoms.len()],
-            materials: vec![zero; materials],
+            mass: vec![zero; links].into(),
+            com: vec![[zero; 3]; links].into(),
+            inertia: vec![[zero; 6]; links].into(),
+            armature: vec![zero; nv].into(),
+            viscous: vec![zero; nv].into(),
+            coulomb: vec![zero; nv].into(),
+            joints: vec![joint; joints].into(),
+            geoms: vec![GeomLanes { friction_scale: zero, radius_offset: zero }; model.geoms.len()].into(),
+            materials: vec![zero; materials].into(),
             ground,
             any_coulomb: false,
             any_viscous: false,

@@ -3,6 +3,7 @@
 //! The equations are MuJoCo's (documentation, Computation, "Constraint model"): each row has a reference acceleration
 //! `-b v - k r` and a regularisation from its impedance `d(r)`.
 
+use super::array::Array;
 use super::block::{Block, Slot, Work};
 use super::topology::Topology;
 use super::vector::*;
@@ -21,7 +22,7 @@ const LEAST_FRICTION: f64 = 1e-5;
 #[derive(Debug, Clone)]
 pub(crate) struct ContactRows<L: Real> {
     /// `[stored rows][columns]` of the Jacobian; columns as in `Topology::force_columns`.
-    pub jacobian: Vec<L>,
+    pub jacobian: Array<L>,
     pub reference: [L; 6],
     /// Inverse regularisation.
     pub weight: [L; 6],
@@ -40,10 +41,10 @@ pub(crate) struct Rows<L: Real> {
     /// 3, 4 or 6.
     pub dimension: usize,
     /// One entry per slot; only live ones are current.
-    pub contacts: Vec<ContactRows<L>>,
-    pub friction_reference: Vec<L>,
+    pub contacts: Array<ContactRows<L>>,
+    pub friction_reference: Array<L>,
     /// Inverse regularisation of joint friction, per degree of freedom.
-    pub friction_weight: Vec<f64>,
+    pub friction_weight: Array<f64>,
     pub limits: Vec<LimitRow<L>>,
 }
 
@@ -62,7 +63,7 @@ impl<L: Real> Rows<L> {
     pub fn new(topology: &Topology, slots: &[Slot], dimension: usize) -> Self {
         let zero = L::zero();
         let contact = |slot: &Slot| ContactRows {
-            jacobian: vec![zero; stored_rows(dimension) * topology.force_columns(slot.body).len()],
+            jacobian: vec![zero; stored_rows(dimension) * topology.force_columns(slot.body).len()].into(),
             reference: [zero; 6],
             weight: [zero; 6],
             cone: zero,
@@ -72,9 +73,9 @@ impl<L: Real> Rows<L> {
         };
         Self {
             dimension,
-            contacts: slots.iter().map(contact).collect(),
-            friction_reference: vec![zero; topology.nv],
-            friction_weight: vec![0.0; topology.nv],
+            contacts: slots.iter().map(contact).collect::<Vec<_>>().into(),
+            friction_reference: vec![zero; topology.nv].into(),
+            friction_weight: vec![0.0; topology.nv].into(),
             limits: Vec::with_capacity(topology.joints),
         }
     }

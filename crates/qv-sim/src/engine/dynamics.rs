@@ -1,5 +1,6 @@
 //! Mass matrix, bias forces, and the factorisation that both linear solves use.
 
+use super::array::Array;
 use super::block::{Block, Work};
 use super::topology::Topology;
 use super::vector::*;
@@ -53,39 +54,30 @@ pub(crate) fn mass_matrix<L: Real>(topology: &Topology, block: &Block<L>, work: 
         let body = topology.dof_body[i];
         let force = inertia_times(&work.inertia[body], &work.subspace[i]);
         let columns = &topology.columns[i];
-        let row = &mut work.mass_matrix[topology.row[i]..][..columns.len()];
+        let row = topology.row[i];
         // The base's axes are known to be half empty: its columns are parts of the force.
         let base = topology.base_dofs.min(columns.len());
         for k in 0..base {
-            row[k] = if k < 3 { force[3 + k] } else { dot(angular(&work.subspace[k]), angular(&force)) };
+            work.mass_matrix[row + k] =
+                if k < 3 { force[3 + k] } else { dot(angular(&work.subspace[k]), angular(&force)) };
         }
         if topology.dense {
-            row[base..].fill(L::zero());
+            work.mass_matrix.part_mut(row + base..row + columns.len()).fill(L::zero());
             let path = &topology.bodies[body].path;
             for &k in path.iter().filter(|&&k| k >= base && k <= i) {
-                row[k] = dot6(&work.subspace[k], &force);
+                work.mass_matrix[row + k] = dot6(&work.subspace[k], &force);
             }
         } else {
-            for (entry, &k) in row[base..].iter_mut().zip(&columns[base..]) {
-                *entry = dot6(&work.subspace[k], &force);
+            for position in base..columns.len() {
+                work.mass_matrix[row + position] = dot6(&work.subspace[columns[position]], &force);
             }
         }
-        row[columns.len() - 1] += block.armature[i];
+        work.mass_matrix[row + columns.len() - 1] += block.armature[i];
     }
 }
 
 /// Degrees of freedom of a free base: the head of every row, long enough to be worth unrolling.
 pub(crate) const HEAD: usize = 6;
-
-#[inline(always)]
-pub(crate) fn head<L>(row: &[L]) -> &[L; HEAD] {
-    row.first_chunk().expect("a row with the six columns of the base")
-}
-
-#[inline(always)]
-pub(crate) fn head_mut<L>(row: &mut [L]) -> &mut [L; HEAD] {
-    row.first_chunk_mut().expect("a row with the six columns of the base")
-}
 
 /// `target + factor * own`. By value, so that the compiler sees that the two do not overlap.
 #[inline(always)]
@@ -105,59 +97,40 @@ fn minus<L: Real>(mut target: [L; HEAD], factor: L, own: [L; HEAD]) -> [L; HEAD]
     target
 }
 
-/// `target -= factor * row` over as many entries as `target` has. The lengths below a leg are spelled out: a loop
-/// costs more than they do.
-#[inline(always)]
-fn subtract<L: Real>(target: &mut [L], factor: L, row: &[L]) {
-    match (target, row) {
-        ([], _) => {}
-        ([a], [x, ..]) => *a -= factor * *x,
-        ([a, b], [x, y, ..]) => {
-            *a -= factor * *x;
-            *b -= factor * *y;
-        }
-        (target, row) => {
-            for (entry, &own) in target.iter_mut().zip(row) {
-                *entry -= factor * own;
-            }
-        }
-    }
-}
-
 /// Factors a packed matrix in place as Lᵀ D L (Featherstone table 6.3); diagonals become the inverses of D.
 #[inline(always)]
-pub(crate) fn factor<L: Real>(topology: &Topology, matrix: &mut [L]) {
-    for i in (topology.base_dofs..topology.nv).rev() {
+pub(crate) fn factor<L: Real>(topology: &Topology, matrix: &mut Array<L>) {
+    let base = topology.base_dofs;
+    for i in (base..topology.nv).rev() {
         let columns = &topology.columns[i];
-        let last = columns.len() - 1;
-        // Rows of ancestors come before this one, so that the slice can be split here.
-        let (above, below) = matrix.split_at_mut(topology.row[i]);
-        let row = &mut below[..=last];
-        let inverse = L::one() / row[last];
-        row[last] = inverse;
-        let base = topology.base_dofs;
+        let (row, last) = (topology.row[i], columns.len() - 1);
+        let inverse = L::one() / matrix[row + last];
+        matrix[row + last] = inverse;
         for k in (base..last).rev() {
-            let factor = row[k] * inverse;
-            let target = &mut above[topology.row[columns[k]]..][..=k];
+            let factor = matrix[row + k] * inverse;
+            let target = topology.row[columns[k]];
             if base == HEAD {
-                *head_mut(target) = minus(*head(target), factor, *head(row));
+                *matrix.chunk_mut(target) = minus(*matrix.chunk(target), factor, *matrix.chunk(row));
             }
-            subtract(&mut target[base..], factor, &row[base..]);
-            row[k] = factor;
+            for j in base..=k {
+                let change = factor * matrix[row + j];
+                matrix[target + j] -= change;
+            }
+            matrix[row + k] = factor;
         }
         if base == HEAD {
-            let own = *head(row);
+            let own: [L; HEAD] = *matrix.chunk(row);
+            let mut scaled = own;
             for k in 0..HEAD {
                 // All six columns, though those above the diagonal mean nothing: whole registers are cheaper.
-                let target = head_mut(&mut above[HEAD * k..]);
-                let factor = own[k] * inverse;
-                *target = minus(*target, factor, own);
-                row[k] = factor;
+                scaled[k] = own[k] * inverse;
+                *matrix.chunk_mut(HEAD * k) = minus(*matrix.chunk(HEAD * k), scaled[k], own);
             }
+            *matrix.chunk_mut(row) = scaled;
         }
     }
-    if topology.base_dofs == HEAD {
-        factor_base(matrix.first_chunk_mut().expect("rows of the base"));
+    if base == HEAD {
+        factor_base(matrix.chunk_mut(0));
     }
 }
 
@@ -179,34 +152,32 @@ fn factor_base<L: Real>(rows: &mut [L; HEAD * HEAD]) {
 
 /// Solves with a factored matrix, in place.
 #[inline(always)]
-pub(crate) fn solve<L: Real>(topology: &Topology, factored: &[L], x: &mut [L]) {
+pub(crate) fn solve<L: Real>(topology: &Topology, factored: &Array<L>, x: &mut Array<L>) {
     let base = topology.base_dofs;
     for i in (base..topology.nv).rev() {
-        let (row, ancestors) = below_base(topology, factored, i);
+        let columns = &topology.columns[i];
+        let (row, last) = (topology.row[i], columns.len() - 1);
         let value = x[i];
-        for (&entry, &column) in row[base..].iter().zip(ancestors) {
-            x[column] -= entry * value;
+        for k in base..last {
+            x[columns[k]] -= factored[row + k] * value;
         }
         if base == HEAD {
-            *head_mut(x) = minus(*head(x), value, *head(row));
+            *x.chunk_mut(0) = minus(*x.chunk(0), value, *factored.chunk(row));
         }
-        x[i] = value * row[row.len() - 1];
+        x[i] = value * factored[row + last];
     }
     if base == HEAD {
-        let rows = factored.first_chunk().expect("rows of the base");
-        *head_mut(x) = solve_base(rows, *head(x));
+        *x.chunk_mut(0) = solve_base(factored.chunk(0), *x.chunk(0));
     }
     for i in base..topology.nv {
-        let (row, ancestors) = below_base(topology, factored, i);
+        let columns = &topology.columns[i];
+        let (row, last) = (topology.row[i], columns.len() - 1);
         let mut sum = x[i];
-        if base == HEAD {
-            let (x, row) = (head(x), head(row));
-            for k in 0..HEAD {
-                sum -= row[k] * x[k];
-            }
+        for k in 0..base {
+            sum -= factored[row + k] * x[k];
         }
-        for (&entry, &column) in row[base..].iter().zip(ancestors) {
-            sum -= entry * x[column];
+        for k in base..last {
+            sum -= factored[row + k] * x[columns[k]];
         }
         x[i] = sum;
     }
@@ -230,36 +201,29 @@ fn solve_base<L: Real>(rows: &[L; HEAD * HEAD], mut x: [L; HEAD]) -> [L; HEAD] {
     x
 }
 
-/// A row that is not the base's: its entries, and the columns between base and diagonal.
-#[inline(always)]
-fn below_base<'a, L>(topology: &'a Topology, matrix: &'a [L], i: usize) -> (&'a [L], &'a [usize]) {
-    let columns = &topology.columns[i];
-    let last = columns.len() - 1;
-    (&matrix[topology.row[i]..][..=last], &columns[topology.base_dofs..last])
-}
-
 /// `out = matrix * x` for a packed symmetric matrix.
 #[inline(always)]
-pub(crate) fn multiply_packed<L: Real>(topology: &Topology, matrix: &[L], x: &[L], out: &mut [L]) {
+pub(crate) fn multiply_packed<L: Real>(topology: &Topology, matrix: &Array<L>, x: &Array<L>, out: &mut Array<L>) {
     let base = topology.base_dofs;
     if base == HEAD {
-        let rows = matrix.first_chunk().expect("rows of the base");
-        *head_mut(out) = multiply_base(rows, *head(x));
+        *out.chunk_mut(0) = multiply_base(matrix.chunk(0), *x.chunk(0));
     }
     for i in base..topology.nv {
-        let (row, ancestors) = below_base(topology, matrix, i);
+        let columns = &topology.columns[i];
+        let (row, last) = (topology.row[i], columns.len() - 1);
         let own = x[i];
-        let mut sum = row[row.len() - 1] * own;
+        let mut sum = matrix[row + last] * own;
         if base == HEAD {
-            let (x, row) = (head(x), head(row));
+            let entries: [L; HEAD] = *matrix.chunk(row);
             for k in 0..HEAD {
-                sum += row[k] * x[k];
+                sum += entries[k] * x[k];
             }
-            *head_mut(out) = plus(*head(out), own, *row);
+            *out.chunk_mut(0) = plus(*out.chunk(0), own, entries);
         }
-        for (&entry, &column) in row[base..].iter().zip(ancestors) {
-            sum += entry * x[column];
-            out[column] += entry * own;
+        for k in base..last {
+            let entry = matrix[row + k];
+            sum += entry * x[columns[k]];
+            out[columns[k]] += entry * own;
         }
         // Rows below add to `out[i]` later; everything above is complete.
         out[i] = sum;

@@ -4,6 +4,7 @@
 //! `step` (which also integrates). `derive` turns parameters into what these read.
 
 pub(crate) mod actuation;
+pub(crate) mod array;
 pub(crate) mod block;
 pub(crate) mod collide;
 pub(crate) mod constraint;

@@ -4,9 +4,10 @@
 //! The cost is `1/2 (a - a_s)ᵀ M (a - a_s) + s(J a - a_ref)`. All constraints here act on one branch of the tree, so the
 //! Hessian has the packed pattern of the mass matrix, and joint friction only touches its diagonal.
 
+use super::array::Array;
 use super::block::{Block, Slot, Work};
 use super::constraint::{ContactRows, LimitRow, Rows};
-use super::dynamics::{HEAD, factor, head, head_mut, multiply_packed, plus, solve};
+use super::dynamics::{HEAD, factor, multiply_packed, plus, solve};
 use super::topology::Topology;
 use crate::lanes::{Mask, Real, Scalar};
 
@@ -14,33 +15,33 @@ use crate::lanes::{Mask, Real, Scalar};
 #[derive(Debug, Clone)]
 pub(crate) struct Scratch<L: Real> {
     /// Acceleration, the unknown.
-    pub a: Vec<L>,
+    pub a: Array<L>,
     /// Mass matrix times `a`.
-    pub ma: Vec<L>,
-    gradient: Vec<L>,
-    search: Vec<L>,
-    m_search: Vec<L>,
+    pub ma: Array<L>,
+    gradient: Array<L>,
+    search: Array<L>,
+    m_search: Array<L>,
     /// `J a - a_ref` and `J search`, `[slot][6]`.
-    residual: Vec<[L; 6]>,
-    along: Vec<[L; 6]>,
+    residual: Array<[L; 6]>,
+    along: Array<[L; 6]>,
     /// Contact forces at the residuals and where those lie, and the same at a trial step.
-    contact: Vec<Evaluated<L>>,
-    trial: Vec<Evaluated<L>>,
+    contact: Array<Evaluated<L>>,
+    trial: Array<Evaluated<L>>,
 }
 
 impl<L: Real> Scratch<L> {
     pub fn new(topology: &Topology, slots: usize) -> Self {
-        let zero = vec![L::zero(); topology.nv];
+        let zero: Array<L> = vec![L::zero(); topology.nv].into();
         Self {
             a: zero.clone(),
             ma: zero.clone(),
             gradient: zero.clone(),
             search: zero.clone(),
             m_search: zero,
-            residual: vec![[L::zero(); 6]; slots],
-            along: vec![[L::zero(); 6]; slots],
-            contact: vec![Evaluated::new(); slots],
-            trial: vec![Evaluated::new(); slots],
+            residual: vec![[L::zero(); 6]; slots].into(),
+            along: vec![[L::zero(); 6]; slots].into(),
+            contact: vec![Evaluated::new(); slots].into(),
+            trial: vec![Evaluated::new(); slots].into(),
         }
     }
 }
@@ -185,7 +186,7 @@ pub(crate) fn newton<L: Real, const D: usize>(settings: &NewtonSettings, block: 
         hessian::<L, D>(settings, block, work);
         factor(topology, &mut work.hessian);
         let scratch = &mut work.newton;
-        for (search, &gradient) in scratch.search.iter_mut().zip(&scratch.gradient) {
+        for (search, &gradient) in scratch.search.iter_mut().zip(scratch.gradient.iter()) {
             *search = -gradient;
         }
         solve(topology, &work.hessian, &mut work.newton.search);
@@ -210,8 +211,8 @@ pub(crate) fn newton<L: Real, const D: usize>(settings: &NewtonSettings, block: 
 }
 
 #[inline(always)]
-fn add_scaled<L: Real>(target: &mut [L], factor: L, own: &[L]) {
-    for (entry, &own) in target.iter_mut().zip(own) {
+fn add_scaled<L: Real>(target: &mut Array<L>, factor: L, own: &Array<L>) {
+    for (entry, &own) in target.iter_mut().zip(own.iter()) {
         *entry += factor * own;
     }
 }
@@ -235,14 +236,14 @@ fn threshold<L: Real>(settings: &NewtonSettings, work: &Work<L>) -> L {
 }
 
 #[inline(always)]
-fn project<L: Real, const D: usize>(topology: &Topology, slot: &Slot, rows: &ContactRows<L>, x: &[L]) -> [L; 6] {
+fn project<L: Real, const D: usize>(topology: &Topology, slot: &Slot, rows: &ContactRows<L>, x: &Array<L>) -> [L; 6] {
     let columns = topology.force_columns(slot.body);
     let count = columns.len();
     let mut out = [L::zero(); 6];
     let start = if topology.base_dofs == HEAD {
-        let x = head(x);
+        let x: &[L; HEAD] = x.chunk(0);
         for k in 0..D {
-            let row = head(&rows.jacobian[k * count..]);
+            let row: &[L; HEAD] = rows.jacobian.chunk(k * count);
             for j in 0..HEAD {
                 out[k] += row[j] * x[j];
             }
@@ -285,7 +286,7 @@ fn gradient<L: Real, const D: usize>(settings: &NewtonSettings, block: &Block<L>
     let topology = settings.topology;
     let Rows { contacts, friction_reference, friction_weight, limits, .. } = &work.rows;
     let scratch = &mut work.newton;
-    for ((gradient, &ma), &smooth) in scratch.gradient.iter_mut().zip(&scratch.ma).zip(&work.smooth) {
+    for ((gradient, &ma), &smooth) in scratch.gradient.iter_mut().zip(scratch.ma.iter()).zip(work.smooth.iter()) {
         *gradient = ma - smooth;
     }
     if block.any_coulomb {
@@ -303,11 +304,11 @@ fn gradient<L: Real, const D: usize>(settings: &NewtonSettings, block: &Block<L>
         let columns = topology.force_columns(settings.slots[slot].body);
         let count = columns.len();
         let start = if topology.base_dofs == HEAD {
-            let mut sum = *head(&scratch.gradient);
+            let mut sum = *scratch.gradient.chunk(0);
             for k in 0..D {
-                sum = plus(sum, -force[k], *head(&rows.jacobian[k * count..]));
+                sum = plus(sum, -force[k], *rows.jacobian.chunk(k * count));
             }
-            *head_mut(&mut scratch.gradient) = sum;
+            *scratch.gradient.chunk_mut(0) = sum;
             HEAD
         } else {
             0
@@ -355,7 +356,7 @@ fn add_contact<L: Real, const D: usize>(
     rows: &ContactRows<L>,
     sliding: bool,
     local: &[[L; 6]; 6],
-    hessian: &mut [L],
+    hessian: &mut Array<L>,
 ) {
     let columns = topology.force_columns(slot.body);
     let count = columns.len();
@@ -376,20 +377,20 @@ fn add_contact<L: Real, const D: usize>(
                 }
             }
         }
-        let target = &mut hessian[topology.row[row]..];
+        let start = topology.row[row];
         if base == HEAD {
-            let mut sum = *head(target);
+            let mut sum = *hessian.chunk(start);
             for k in 0..D {
-                sum = plus(sum, weighted[k], *head(&rows.jacobian[k * count..]));
+                sum = plus(sum, weighted[k], *rows.jacobian.chunk(k * count));
             }
-            *head_mut(target) = sum;
+            *hessian.chunk_mut(start) = sum;
         }
         for j in base..i + 1 {
-            let mut sum = target[j];
+            let mut sum = hessian[start + j];
             for k in 0..D {
                 sum += weighted[k] * rows.jacobian[k * count + j];
             }
-            target[j] = sum;
+            hessian[start + j] = sum;
         }
     }
 }
@@ -406,7 +407,7 @@ fn line_search<L: Real, const D: usize>(
     const STEPS: usize = 12;
     let (mut slope, mut curvature, mut start) = (L::zero(), L::zero(), L::zero());
     let scratch = &work.newton;
-    let forces = scratch.ma.iter().zip(&work.smooth).zip(&scratch.m_search).zip(&scratch.gradient);
+    let forces = scratch.ma.iter().zip(work.smooth.iter()).zip(scratch.m_search.iter()).zip(scratch.gradient.iter());
     for (&search, (((&ma, &smooth), &m_search), &gradient)) in scratch.search.iter().zip(forces) {
         slope += search * (ma - smooth);
         curvature += search * m_search;

@@ -159,7 +159,7 @@ fn integrate<L: Real>(shared: &Shared, block: &mut Block<L>) {
         let turn = scale([block.v[3], block.v[4], block.v[5]], step);
         let q = [block.q[3], block.q[4], block.q[5], block.q[6]];
         let turned = turn_quaternion(q, turn);
-        block.q[3..7].copy_from_slice(&turned);
+        *block.q.chunk_mut(3) = turned;
     }
     block.time += step;
     block.fresh = L::Mask::splat(false);

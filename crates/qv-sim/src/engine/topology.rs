@@ -1,5 +1,6 @@
 //! What all environments of a batch share: the shape of the tree, and the pattern of its mass matrix.
 
+use super::array::Array;
 use crate::model::{BaseKind, JointKind, Model};
 use glam::DVec3;
 
@@ -27,7 +28,7 @@ pub(crate) struct Body {
     /// First degree of freedom.
     pub dof: usize,
     /// Degrees of freedom from the root to this body, its own included, in increasing order.
-    pub path: Vec<usize>,
+    pub path: Array<usize>,
 }
 
 /// Rows of symmetric matrices are packed: row `i` holds the columns `path[i]` (its ancestors, then itself); the first six
@@ -36,7 +37,7 @@ pub(crate) struct Body {
 #[derive(Debug, Clone)]
 pub(crate) struct Topology {
     pub free_base: bool,
-    pub bodies: Vec<Body>,
+    pub bodies: Array<Body>,
     pub nv: usize,
     pub nq: usize,
     pub joints: usize,
@@ -45,11 +46,11 @@ pub(crate) struct Topology {
     /// 7 with a free base.
     pub base_positions: usize,
     /// Body that each degree of freedom moves.
-    pub dof_body: Vec<usize>,
+    pub dof_body: Array<usize>,
     /// Columns of each packed row.
-    pub columns: Vec<Vec<usize>>,
+    pub columns: Array<Array<usize>>,
     /// Where each packed row begins.
-    pub row: Vec<usize>,
+    pub row: Array<usize>,
     pub packed: usize,
     pub dense: bool,
 }
@@ -64,7 +65,7 @@ impl Topology {
             let dof = dof_body.len();
             let own = if link.joint.is_some() { 1 } else { 6 };
             dof_body.extend(std::iter::repeat_n(index, own));
-            let mut path = link.parent.map_or(Vec::new(), |p| bodies[p].path.clone());
+            let mut path = link.parent.map_or(Vec::new(), |p| bodies[p].path.to_vec());
             path.extend(dof..dof + own);
             let joint = link.joint.map(|j| &model.joints[j]);
             let axis = joint.map_or(DVec3::Z, |j| j.axis);
@@ -80,14 +81,16 @@ impl Topology {
                 rest_is_identity,
                 rest_position: link.parent_from_link.position.to_array(),
                 dof,
-                path,
+                path: path.into(),
             });
         }
         let nv = dof_body.len();
-        let columns: Vec<Vec<usize>> = (0..nv)
+        let columns: Vec<Array<usize>> = (0..nv)
             .map(|i| {
                 let path = &bodies[dof_body[i]].path;
-                if dense { (0..=i).collect() } else { path.iter().copied().filter(|&k| k <= i).collect() }
+                let columns: Vec<usize> =
+                    if dense { (0..=i).collect() } else { path.iter().copied().filter(|&k| k <= i).collect() };
+                columns.into()
             })
             .collect();
         let mut row = Vec::with_capacity(nv);
@@ -99,15 +102,15 @@ impl Topology {
         }
         Self {
             free_base,
-            bodies,
+            bodies: bodies.into(),
             nv,
             nq: model.nq(),
             joints: model.joints.len(),
             base_dofs,
             base_positions: if free_base { 7 } else { 0 },
-            dof_body,
-            columns,
-            row,
+            dof_body: dof_body.into(),
+            columns: columns.into(),
+            row: row.into(),
             packed,
             dense,
         }

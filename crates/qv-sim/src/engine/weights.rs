@@ -3,6 +3,7 @@
 //! They scale the regularisation of constraints (MuJoCo documentation, Computation, eq. 10; `body_invweight0`,
 //! `dof_invweight0`), once per model.
 
+use super::array::Array;
 use super::block::{Block, Work};
 use super::dynamics::{factor, solve};
 use super::topology::Topology;
@@ -29,7 +30,7 @@ impl Weights {
         let mut factored = work.mass_matrix.clone();
         factor(topology, &mut factored);
         let inverse_weight = |jacobian: &dyn Fn(usize) -> f64, dofs: &[usize]| {
-            let mut x = vec![0.0; topology.nv];
+            let mut x = Array::from(vec![0.0; topology.nv]);
             dofs.iter().for_each(|&i| x[i] = jacobian(i));
             let force = x.clone();
             solve(topology, &factored, &mut x);
