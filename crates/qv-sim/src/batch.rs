@@ -401,11 +401,11 @@ fn neutral_weights(
     Ok(Weights::new(topology, &block, &mut work))
 }
 
-fn length(what: &'static str, expected: usize, found: usize) -> Result<(), SimError> {
+pub(crate) fn length(what: &'static str, expected: usize, found: usize) -> Result<(), SimError> {
     if expected == found { Ok(()) } else { Err(SimError::Length { what, expected, found }) }
 }
 
-fn finite(what: &str, values: &[f64]) -> Result<(), SimError> {
+pub(crate) fn finite(what: &str, values: &[f64]) -> Result<(), SimError> {
     match values.iter().position(|v| !v.is_finite()) {
         Some(i) => {
             Err(SimError::Value { what: format!("{what} {i}"), expected: "a finite number".into(), found: values[i] })
