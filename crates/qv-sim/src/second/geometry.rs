@@ -45,7 +45,7 @@ pub(super) fn shape(model: &Model, geom: &Geom, radius_offset: f64) -> Result<Sk
         Shape::Cylinder { radius, half_length } => {
             // Rapier's cylinder stands along y.
             let upright = DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2);
-            link_from_shape = link_from_shape * RapierPose::from_parts(DVec3::ZERO, upright);
+            link_from_shape *= RapierPose::from_parts(DVec3::ZERO, upright);
             SharedShape::cylinder(*half_length, *radius)
         }
         Shape::Hull(points) => SharedShape::convex_hull(points).ok_or_else(|| SimError::Link {

@@ -270,14 +270,13 @@ impl World {
         self.physics.step_with_events(&self.rules, &());
     }
 
-    /// Normal force of each shape on the ground \[N\], mean over the last substep.
+    /// Normal force of each shape on the ground \[N\], mean over the last step.
     pub fn ground_forces(&self, count: usize) -> Vec<f64> {
-        let parameters = &self.physics.integration_parameters;
-        let substep = parameters.dt / parameters.num_solver_iterations as f64;
+        let step = self.physics.integration_parameters.dt;
         (0..count)
             .map(|g| {
                 let pair = self.physics.narrow_phase.contact_pair(self.rules.ground, self.geoms[g]);
-                pair.map_or(0.0, |pair| pair.total_impulse_magnitude() / substep)
+                pair.map_or(0.0, |pair| pair.total_impulse_magnitude() / step)
             })
             .collect()
     }
@@ -308,14 +307,20 @@ fn joint_data(model: &Model, index: usize, parent_com: DVec3) -> GenericJoint {
     builder.build()
 }
 
-/// Solver settings: contacts answer as a spring and damper of the time constant and damping ratio in force.
+/// Share of the constraint that a contact of the catalogue's terms fulfils at once (MuJoCo's largest impedance).
+const IMPEDANCE: f64 = 0.95;
+
+/// Solver settings. A contact of the catalogue, of time constant T and damping ratio z, pushes back with stiffness
+/// k / (T z)² and damping 2 k / T per unit of mass, k = d / (1 - d) of its impedance d; rapier is given the spring and
+/// damper of the same two numbers, frequency √k / (T z) and damping ratio √k z.
 fn integration(values: &Values, options: &SecondOptions) -> IntegrationParameters {
     let (time_constant, ratio) = (values.world(WorldField::TimeConstant), values.world(WorldField::DampingRatio));
-    let frequency = 1.0 / (std::f64::consts::TAU * time_constant * ratio);
+    let firmness = (IMPEDANCE / (1.0 - IMPEDANCE)).sqrt();
+    let frequency = firmness / (std::f64::consts::TAU * time_constant * ratio);
     IntegrationParameters {
         dt: options.timestep,
         num_solver_iterations: options.substeps,
-        static_contact_softness: SpringCoefficients::new(frequency, ratio),
+        static_contact_softness: SpringCoefficients::new(frequency, firmness * ratio),
         // Defaults are for bodies of a metre: half a centimetre of overlap is a lot for a foot.
         normalized_allowed_linear_error: 1e-5,
         normalized_prediction_distance: 0.005,
