@@ -14,11 +14,13 @@ fn main() -> Result<(), SimError> {
     let start = State { q, v: vec![0.0; go2.nv()] };
     let trot = Trot::default();
     let target = |t: f64| trot.target(t).to_vec();
-    for friction in [0.8, 0.2] {
+    for (friction, time_constant) in [(0.8, 0.008), (0.2, 0.008), (0.8, 0.004), (0.8, 0.002)] {
         let ground = Terrain::plane().with_friction(friction)?;
-        let motion = Motion { start: &start, duration: 4.0, kp: DEFAULT_KP, kd: DEFAULT_KD, target: &target };
+        let parameters = [("contact.time_constant", time_constant)];
+        let (kp, kd) = (DEFAULT_KP, DEFAULT_KD);
+        let motion = Motion { start: &start, duration: 4.0, kp, kd, target: &target, parameters: &parameters };
         let found = compare_engines(&go2, &ground, &SimOptions::default(), &motion)?;
-        println!("friction {friction}: {found}");
+        println!("friction {friction}, time constant of contacts {time_constant} s: {found}");
         for (engine, end) in [("qv-sim", &found.first), ("second", &found.second)] {
             println!("  {engine} ends at x {:.4} y {:.4} z {:.4} m", end.q[0], end.q[1], end.q[2]);
         }

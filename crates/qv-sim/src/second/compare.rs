@@ -16,6 +16,8 @@ pub struct Motion<'a> {
     pub kd: f64,
     /// Target angles in joint order.
     pub target: &'a dyn Fn(f64) -> Vec<f64>,
+    /// Parameters that differ from neutral, by name, in both engines.
+    pub parameters: &'a [(&'a str, f64)],
 }
 
 /// How far the engines are from each other on one motion.
@@ -42,10 +44,10 @@ impl fmt::Display for EngineDifference {
     }
 }
 
-/// Runs one motion in qv-sim and in the second engine, all parameters neutral, and measures the difference.
+/// Runs one motion in qv-sim and in the second engine and measures the difference.
 ///
 /// # Errors
-/// When an option, the state or a target means nothing, or an engine's numbers run away.
+/// When an option, the state, a parameter or a target means nothing, the second engine lacks a parameter, or an engine's numbers run away.
 pub fn compare_engines(
     model: &Model,
     terrain: &Terrain,
@@ -57,6 +59,10 @@ pub fn compare_engines(
     let settings = SecondOptions { timestep: options.timestep, gravity: options.gravity, ..Default::default() };
     let mut second = SecondEngine::new(model, terrain, &settings)?;
     second.set_state(motion.start)?;
+    for (name, value) in motion.parameters {
+        first.set_parameter(0, name, *value)?;
+        second.set_parameter(name, *value)?;
+    }
     let joints = model.joints.len();
     let (kp, kd, zero) = (vec![motion.kp; joints], vec![motion.kd; joints], vec![0.0; joints]);
     let steps = (motion.duration / options.timestep).round().max(0.0) as usize;
