@@ -30,13 +30,13 @@ impl Counts {
     }
 }
 
-/// Runs all tests, unit, integration and documentation; true when all passed. The last line is `N passed, N failed`.
+/// Runs all tests of all features, unit, integration and documentation; true when all passed. The last line is `N passed, N failed`.
 ///
 /// # Errors
 /// Cargo cannot be started.
 pub fn run(workspace: &Workspace, release: bool) -> Result<bool> {
     let mut cargo = process::cargo();
-    cargo.current_dir(&workspace.workspace_root).args(["test", "--workspace", "--no-fail-fast"]);
+    cargo.current_dir(&workspace.workspace_root).args(["test", "--workspace", "--all-features", "--no-fail-fast"]);
     if release {
         cargo.arg("--release");
     }

@@ -401,11 +401,11 @@ fn neutral_weights(
     Ok(Weights::new(topology, &block, &mut work))
 }
 
-fn length(what: &'static str, expected: usize, found: usize) -> Result<(), SimError> {
+pub(crate) fn length(what: &'static str, expected: usize, found: usize) -> Result<(), SimError> {
     if expected == found { Ok(()) } else { Err(SimError::Length { what, expected, found }) }
 }
 
-fn finite(what: &str, values: &[f64]) -> Result<(), SimError> {
+pub(crate) fn finite(what: &str, values: &[f64]) -> Result<(), SimError> {
     // Any number times zero is zero, but for NaN and infinities; a sum is checked faster than each.
     if values.iter().fold(0.0, |sum, v| sum + v * 0.0) == 0.0 {
         return Ok(());

@@ -62,6 +62,14 @@ pub enum SimError {
         /// The closest existing name.
         nearest: String,
     },
+    /// A parameter that this engine has no counterpart of.
+    #[error("parameter `{name}`: expected one that the second engine has, found one of qv-sim alone: {reason}")]
+    NotInSecondEngine {
+        /// The name that was asked for.
+        name: String,
+        /// What the second engine lacks.
+        reason: &'static str,
+    },
     /// An environment index beyond the batch.
     #[error("environment {index}: expected an index below {count}")]
     Environment {

@@ -25,6 +25,8 @@ mod lanes;
 mod model;
 mod options;
 mod parameters;
+#[cfg(feature = "rapier")]
+pub mod second;
 mod sensors;
 mod terrain;
 

@@ -1,0 +1,111 @@
+//! Motors of the second engine: from commands to torques, one joint after the other.
+
+use super::LONGEST_DELAY;
+use super::values::Values;
+use crate::JointCommand;
+use crate::parameters::JointField::*;
+use std::collections::VecDeque;
+
+/// Command of one joint: position, speed, gains, feed-forward.
+#[derive(Debug, Clone, Copy, Default)]
+struct Order {
+    q: f64,
+    dq: f64,
+    kp: f64,
+    kd: f64,
+    tau: f64,
+}
+
+impl Order {
+    /// Between this order and an older one.
+    fn mixed(&self, older: &Self, share: f64) -> Self {
+        let mix = |young: f64, old: f64| young + share * (old - young);
+        Self {
+            q: mix(self.q, older.q),
+            dq: mix(self.dq, older.dq),
+            kp: mix(self.kp, older.kp),
+            kd: mix(self.kd, older.kd),
+            tau: mix(self.tau, older.tau),
+        }
+    }
+}
+
+/// What motors remember.
+#[derive(Debug, Clone)]
+pub(super) struct Motors {
+    present: Vec<Order>,
+    /// Orders in force at past steps, the newest first.
+    past: VecDeque<Vec<Order>>,
+    /// Position of each rotor behind its gear \[rad\].
+    rotor: Vec<f64>,
+    /// Torque behind the lag \[N m\]; empty before the first step.
+    lagged: Vec<f64>,
+}
+
+impl Motors {
+    /// Motors at rest at joint positions `q`, commanded nothing.
+    pub fn new(q: &[f64]) -> Self {
+        Self { present: vec![Order::default(); q.len()], past: VecDeque::new(), rotor: q.to_vec(), lagged: Vec::new() }
+    }
+
+    /// Holds a command from now on; lengths are the caller's to check.
+    pub fn hold(&mut self, command: &JointCommand) {
+        for (j, order) in self.present.iter_mut().enumerate() {
+            let [q, dq, kp, kd, tau] = [command.q, command.dq, command.kp, command.kd, command.tau].map(|x| x[j]);
+            *order = Order { q, dq, kp, kd, tau };
+        }
+    }
+
+    /// Torques \[N m\] of the coming step, at joint positions `q` and speeds `dq`.
+    pub fn torques(&mut self, values: &Values, timestep: f64, q: &[f64], dq: &[f64]) -> Vec<f64> {
+        self.past.push_front(self.present.clone());
+        self.past.truncate((LONGEST_DELAY / timestep).ceil() as usize + 2);
+        let fresh = self.lagged.is_empty();
+        self.lagged.resize(q.len(), 0.0);
+        (0..q.len())
+            .map(|j| {
+                let play = 0.5 * values.joint(j, Backlash);
+                self.rotor[j] = self.rotor[j].clamp(q[j] - play, q[j] + play);
+                let order = self.order(j, values.joint(j, CommandLatency) / timestep);
+                let wanted = wanted(values, j, &order, self.rotor[j] + values.joint(j, EncoderBias), dq[j]);
+                let lag = values.joint(j, Lag);
+                if fresh || lag <= 0.0 {
+                    self.lagged[j] = wanted;
+                } else {
+                    self.lagged[j] = wanted + (self.lagged[j] - wanted) * (-timestep / lag).exp();
+                }
+                let most = limit(values, j, dq[j]);
+                self.lagged[j].clamp(-most, most)
+            })
+            .collect()
+    }
+
+    /// The order given `age` steps ago, between steps by interpolation; the first one also counts as all before it.
+    fn order(&self, joint: usize, age: f64) -> Order {
+        let at = |steps: usize| &self.past[steps.min(self.past.len() - 1)][joint];
+        let whole = age.floor();
+        at(whole as usize).mixed(at(whole as usize + 1), age - whole)
+    }
+}
+
+/// Torque that the controller asks of the motor \[N m\].
+fn wanted(values: &Values, joint: usize, order: &Order, q: f64, dq: f64) -> f64 {
+    let get = |field| values.joint(joint, field);
+    let most = get(PositionTorqueLimit);
+    let spring = (get(KpScale) * order.kp * (order.q - q) + order.tau).clamp(-most, most);
+    get(Strength) * (spring + get(KdScale) * order.kd * (order.dq - dq))
+}
+
+/// Largest torque at a speed \[N m\]: constant up to the knee, falling to nothing at the zero.
+fn limit(values: &Values, joint: usize, dq: f64) -> f64 {
+    let (knee, zero) = (values.joint(joint, SpeedKnee), values.joint(joint, SpeedZero));
+    let most = values.joint(joint, TorqueLimit);
+    let speed = dq.abs();
+    if speed <= knee {
+        most
+    } else if speed >= zero {
+        0.0
+    } else {
+        most * (zero - speed) / (zero - knee)
+    }
+}
