@@ -1,6 +1,7 @@
 //! `replay.html`: one file with its plots inside, no network, light or dark as the reader's screen is.
 
 use crate::replay::errors::Errors;
+use crate::replay::verdict::verdict;
 use crate::replay::{Lag, Replay};
 use std::fmt::Write;
 
@@ -34,7 +35,7 @@ pub fn to_html(replay: &Replay, title: &str, notes: &[String]) -> String {
          <title>Replay of {0}</title><style>{STYLE}</style><h1>Replay of {0}</h1>",
         escape(title)
     );
-    let _ = write!(page, "<div class=\"verdict\">{}</div>", verdict(replay));
+    let _ = write!(page, "<div class=\"verdict\">{}</div>", escape(&verdict(replay)));
     for note in notes {
         let _ = write!(page, "<p class=\"soft\">{}</p>", escape(note));
     }
@@ -45,36 +46,6 @@ pub fn to_html(replay: &Replay, title: &str, notes: &[String]) -> String {
     page += &base_path(replay);
     page += "</html>\n";
     page
-}
-
-fn verdict(replay: &Replay) -> String {
-    let worst = replay.window_errors.worst();
-    let name = replay.joint_names.get(worst).map_or("", |n| n);
-    let error = replay.window_errors.joints.get(worst).map_or(f64::NAN, |j| j.position);
-    let windows = replay.windows.windows.len();
-    if windows == 0 {
-        return format!("No window could be compared ({} left out).", replay.windows.skipped);
-    }
-    let mut text = format!(
-        "Started from the measured state, the simulator is <b>{}</b> from the robot after up to {} s \
-         (rms over {windows} windows, mean of joints); worst is {} with {}. Open loop over the whole run: {}",
-        milli(replay.window_errors.position_mean(), "mrad"),
-        replay.windows.length,
-        escape(name),
-        milli(error, "mrad"),
-        milli(replay.errors.position_mean(), "mrad"),
-    );
-    match replay.errors.base {
-        Some(b) => {
-            let _ = write!(text, ", base {:.2} m off at the end.", b.position_final);
-        }
-        None => text.push('.'),
-    }
-    text
-}
-
-fn milli(x: f64, unit: &str) -> String {
-    if x.is_finite() { format!("{:.2} {unit}", 1e3 * x) } else { "unknown".into() }
 }
 
 fn number(x: f64, digits: usize) -> String {
