@@ -1,6 +1,6 @@
 //! `cargo xtask golden`: reference results under `fixtures/`, listed in `fixtures/manifest.toml`.
 
-use crate::{process, python, workspace::Workspace};
+use crate::{pipeline, process, python, workspace::Workspace};
 use anyhow::{Context, Result, bail};
 use clap::Subcommand;
 use serde::Deserialize;
@@ -36,14 +36,15 @@ pub struct Manifest {
     pub golden: Vec<Entry>,
 }
 
-/// A Python program that writes goldens: takes `--out FOLDER` and names.
+/// Who writes goldens.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Generator {
-    /// The program, relative to `fixtures/`.
+    /// A Python program relative to `fixtures/`, which takes `--out FOLDER` and names; or, without an environment,
+    /// `pipeline` for `cargo xtask pipeline`.
     pub command: String,
-    /// Folder under `fixtures/` whose requirements.txt pins what it needs.
-    pub environment: String,
+    /// Folder under `fixtures/` whose requirements.txt pins what a Python program needs.
+    pub environment: Option<String>,
     /// Test programs (of any crate) that compare with its goldens.
     pub tests: Vec<String>,
 }
@@ -129,7 +130,13 @@ fn bless(workspace: &Workspace, manifest: &Manifest, names: &[String]) -> Result
 }
 
 fn generate(workspace: &Workspace, generator: &Generator, out: &Path, entries: &[&Entry]) -> Result<()> {
-    let python = python::environment(workspace, &generator.environment)?;
+    let Some(environment) = &generator.environment else {
+        if generator.command != "pipeline" {
+            bail!("a generator without an environment: expected `pipeline`, found {:?}", generator.command);
+        }
+        return pipeline::write_golden(workspace, out);
+    };
+    let python = python::environment(workspace, environment)?;
     let program = workspace.workspace_root.join("fixtures").join(&generator.command);
     let mut command = Command::new(python);
     // No byte code beside the sources.

@@ -3,6 +3,7 @@
 mod bench;
 mod fuzz;
 mod golden;
+mod pipeline;
 mod process;
 mod python;
 mod test;
@@ -30,6 +31,8 @@ enum Chore {
         #[arg(long)]
         release: bool,
     },
+    /// The main job on a made-up recording: recording, inspect, replay
+    Pipeline(pipeline::Pipeline),
     /// Check the invariants of docs/ARCHITECTURE.md
     Tidy,
     /// Reference results: check against them, or write them anew
@@ -50,6 +53,7 @@ fn run(chore: Chore) -> Result<bool> {
     let workspace = Workspace::load()?;
     match chore {
         Chore::Test { release } => test::run(&workspace, release),
+        Chore::Pipeline(pipeline) => pipeline::run(&workspace, &pipeline),
         Chore::Tidy => tidy::run(&workspace),
         Chore::Golden(golden) => golden::run(&workspace, golden),
         Chore::Bench(bench) => bench::run(&workspace, bench),

@@ -4,6 +4,7 @@ use glam::{DMat4, DVec3};
 use gltf::Gltf;
 use gltf::mesh::Mode;
 use qv_core::{Material, TriangleMesh};
+use serde_json::json;
 
 /// Reads all triangles of the default scene, in world coordinates as the file has them (z up, metres).
 ///
@@ -86,9 +87,72 @@ fn add_primitive(
     Ok(())
 }
 
+/// A GLB of the mesh: one primitive per material that has triangles, its friction in `extras.friction`. Positions become
+/// 32-bit numbers, as the format has them.
+pub fn write_glb(mesh: &TriangleMesh) -> Vec<u8> {
+    let mut data: Vec<u8> = Vec::new();
+    let (mut views, mut accessors, mut primitives) = (Vec::new(), Vec::new(), Vec::new());
+    let float = |v: &DVec3| v.to_array().map(|x| x as f32);
+    let corners = |end: fn(f32, f32) -> f32, start: f32| {
+        mesh.vertices.iter().map(float).fold([start; 3], |a, v| std::array::from_fn(|k| end(a[k], v[k])))
+    };
+    let (low, high) = (corners(f32::min, f32::INFINITY), corners(f32::max, f32::NEG_INFINITY));
+    data.extend(mesh.vertices.iter().flat_map(|v| float(v).into_iter().flat_map(f32::to_le_bytes)));
+    views.push(json!({"buffer": 0, "byteOffset": 0, "byteLength": data.len(), "target": 34962}));
+    accessors.push(json!({"bufferView": 0, "componentType": 5126, "count": mesh.vertices.len(), "type": "VEC3",
+        "min": low, "max": high}));
+    for label in 0..mesh.materials.len() {
+        let of_label = mesh.triangles.iter().zip(&mesh.labels).filter(|(_, l)| usize::from(**l) == label);
+        let indices: Vec<u32> = of_label.flat_map(|(triangle, _)| *triangle).collect();
+        if indices.is_empty() {
+            continue;
+        }
+        primitives.push(json!({"attributes": {"POSITION": 0}, "indices": accessors.len(), "material": label}));
+        let view = json!({"buffer": 0, "byteOffset": data.len(), "byteLength": 4 * indices.len(), "target": 34963});
+        accessors
+            .push(json!({"bufferView": views.len(), "componentType": 5125, "count": indices.len(), "type": "SCALAR"}));
+        views.push(view);
+        data.extend(indices.into_iter().flat_map(u32::to_le_bytes));
+    }
+    let material = |m: &Material| match m.friction {
+        Some(friction) => json!({"name": m.name, "extras": {"friction": friction}}),
+        None => json!({"name": m.name}),
+    };
+    let document = json!({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": primitives}], "materials": mesh.materials.iter().map(material).collect::<Vec<_>>(),
+        "buffers": [{"byteLength": data.len()}], "bufferViews": views, "accessors": accessors,
+    });
+    container(document.to_string().into_bytes(), data)
+}
+
+/// The two chunks of a GLB, each padded to four bytes as the format demands.
+fn container(mut document: Vec<u8>, mut data: Vec<u8>) -> Vec<u8> {
+    document.resize(document.len().next_multiple_of(4), b' ');
+    data.resize(data.len().next_multiple_of(4), 0);
+    let mut glb = b"glTF\x02\0\0\0".to_vec();
+    glb.extend(((12 + 8 + document.len() + 8 + data.len()) as u32).to_le_bytes());
+    for (kind, chunk) in [(b"JSON", &document), (b"BIN\0", &data)] {
+        glb.extend((chunk.len() as u32).to_le_bytes());
+        glb.extend(kind);
+        glb.extend(chunk);
+    }
+    glb
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_written_is_read() {
+        let mut mesh = read_glb(&example(2)).unwrap();
+        let again = read_glb(&write_glb(&mesh)).unwrap();
+        // The reader adds a label for triangles without one each time.
+        mesh.materials.push(Material { name: "unlabelled".into(), friction: None });
+        assert_eq!(again.vertices, mesh.vertices);
+        assert_eq!((again.triangles, again.labels, again.materials), (mesh.triangles, mesh.labels, mesh.materials));
+    }
 
     /// Two triangles with two materials, one of which states its friction.
     fn example(index: u8) -> Vec<u8> {
@@ -101,21 +165,13 @@ mod tests {
             "bufferViews":[{"buffer":0,"byteLength":36},{"buffer":0,"byteOffset":36,"byteLength":3}],
             "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]},
               {"bufferView":1,"componentType":5121,"count":3,"type":"SCALAR"}]}"#;
-        let mut json = json.as_bytes().to_vec();
-        json.resize(json.len().next_multiple_of(4), b' ');
+        let json = json.as_bytes().to_vec();
         let mut data = Vec::new();
         for x in [0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0] {
             data.extend_from_slice(&x.to_le_bytes());
         }
         data.extend_from_slice(&[0, 1, index, 0]);
-        let mut glb = b"glTF\x02\0\0\0".to_vec();
-        glb.extend_from_slice(&((12 + 8 + json.len() + 8 + data.len()) as u32).to_le_bytes());
-        for (kind, chunk) in [(b"JSON", &json), (b"BIN\0", &data)] {
-            glb.extend_from_slice(&(chunk.len() as u32).to_le_bytes());
-            glb.extend_from_slice(kind);
-            glb.extend_from_slice(chunk);
-        }
-        glb
+        container(json, data)
     }
 
     #[test]

@@ -19,12 +19,17 @@ pub struct Inspect {
     json: bool,
 }
 
+/// Columns and lines of a screen.
+const SCREEN: usize = 100;
+const LINES: usize = 40;
+
 /// A channel as the screen shows it.
 struct Row {
     name: &'static str,
     count: usize,
     rate: f64,
-    how: String,
+    /// How, where it was not recorded.
+    derived: Option<String>,
 }
 
 impl Inspect {
@@ -53,12 +58,7 @@ fn channels(run: &Run) -> Vec<Row> {
         ("base pose", &m.base_pose),
     ];
     let row = |(name, series): (&'static str, &Option<JointSeries>)| {
-        series.as_ref().map(|s| Row {
-            name,
-            count: s.len(),
-            rate: 1.0 / median_interval(&s.time),
-            how: "recorded".into(),
-        })
+        series.as_ref().map(|s| Row { name, count: s.len(), rate: 1.0 / median_interval(&s.time), derived: None })
     };
     let mut rows: Vec<Row> = all.into_iter().filter_map(row).collect();
     let mut derived = |name: &'static str, wanted: bool, d: Option<derive::Derived>| {
@@ -68,7 +68,7 @@ fn channels(run: &Run) -> Vec<Row> {
                 name,
                 count: d.series.len(),
                 rate,
-                how: format!("derived: {}, -3 dB at {:.1} Hz", d.method, d.bandwidth),
+                derived: Some(format!("{}, -3 dB at {:.1} Hz", d.method, d.bandwidth)),
             });
         }
     };
@@ -102,17 +102,46 @@ fn screen(run: &Run) -> String {
         end - start,
         run.bytes() as f64 / 1e6
     );
-    text += &format!("  {}\n", wrap(&run.joint_names, 110));
+    text += &format!("  {}\n", wrap(&run.joint_names, SCREEN - 2));
     text += &actuator(run);
-    text += "\nstreams                          messages   rate Hz  jitter ms      from        to  clock\n";
+    let width = run.sources.iter().map(|s| s.name.len() + s.type_name.len() + 1).max().unwrap_or(0).clamp(20, 44);
+    text += &format!(
+        "\n{:<w$} {:>8} {:>7} {:>9} {:>8} {:>8}  clock\n",
+        "streams",
+        "messages",
+        "rate Hz",
+        "jitter ms",
+        "from s",
+        "to s",
+        w = width + 2
+    );
     for s in &run.sources {
-        text += &stream_line(s);
+        text += &stream_line(s, width);
     }
-    text += "\nchannels                          samples   rate Hz\n";
-    for row in channels(run) {
-        text += &format!("  {:<28} {:>10} {:>9.1}  {}\n", row.name, row.count, row.rate, row.how);
+    text += &channel_lines(&channels(run));
+    text += &findings(&run.faults, &run.lost, LINES.saturating_sub(text.lines().count() + 2).max(5));
+    text
+}
+
+/// Recorded channels of one count and rate share a line, since most do; what is derived says how.
+fn channel_lines(rows: &[Row]) -> String {
+    let mut text = String::from("\nchannels\n");
+    let mut lines: Vec<(String, Vec<&str>)> = Vec::new();
+    for row in rows.iter().filter(|r| r.derived.is_none()) {
+        let key = format!("{:>8} samples at {:>6.1} Hz", row.count, row.rate);
+        match lines.iter_mut().find(|(k, _)| *k == key) {
+            Some((_, names)) => names.push(row.name),
+            None => lines.push((key, vec![row.name])),
+        }
     }
-    text += &findings(&run.faults, &run.lost);
+    for (key, names) in lines {
+        text += &fold(&format!("  {key}  "), &names.join(", "));
+    }
+    for row in rows {
+        if let Some(how) = &row.derived {
+            text += &fold("  ", &format!("{}, derived: {how}", row.name));
+        }
+    }
     text
 }
 
@@ -127,38 +156,45 @@ fn actuator(run: &Run) -> String {
     format!("  actuators: {kind}{gains}{}{}{}\n", number("kp", a.kp), number("kd", a.kd), number("tau_max", a.tau_max))
 }
 
-fn stream_line(s: &Source) -> String {
+/// A stream; a name too long for its column keeps its end, where types differ.
+fn stream_line(s: &Source, width: usize) -> String {
     let clock = match s.clock {
         Clock::Header => "header stamp",
         Clock::Log => "log time",
         Clock::Column => "time column",
     };
-    let unused = if s.used { "" } else { " (not used)" };
-    let name = format!("{} {}", s.name, s.type_name);
+    let unused = if s.used { "" } else { ", unused" };
+    let mut name = format!("{} {}", s.name, s.type_name);
+    if name.chars().count() > width {
+        let tail: Vec<char> = name.chars().rev().take(width - 3).collect();
+        name = format!("...{}", tail.into_iter().rev().collect::<String>());
+    }
     let [from, to] = s.span;
     format!(
-        "  {name:<32} {:>6} {:>9.1} {:>10.3} {from:>9.3} {to:>9.3}  {clock}{unused}\n",
+        "  {name:<width$} {:>8} {:>7.1} {:>9.3} {from:>8.2} {to:>8.2}  {clock}{unused}\n",
         s.count,
         s.rate,
         1e3 * s.jitter
     )
 }
 
-fn findings(faults: &[Fault], lost: &[Loss]) -> String {
+/// What is wrong, in at most about `most` lines; losses are all told.
+fn findings(faults: &[Fault], lost: &[Loss], most: usize) -> String {
     if faults.is_empty() && lost.is_empty() {
         return "\nno gaps, no faults, nothing lost\n".into();
     }
     let mut text = String::from("\nfindings\n");
     for l in lost {
-        text += &format!("  LOST {}: {}{}\n", l.file, l.what, span(l.span));
+        text += &fold("  ", &format!("LOST {}: {}{}", l.file, l.what, span(l.span)));
     }
-    const SHOWN: usize = 20;
-    for f in faults.iter().take(SHOWN) {
+    let shown = most.saturating_sub(lost.len()).max(3);
+    for f in faults.iter().take(shown) {
         let mark = if f.kind.is_partial() { "!" } else { " " };
-        text += &format!("  {mark} {:>9.3} s  {} in {} ({}): {}\n", f.time, f.kind, f.channel, f.count, f.detail);
+        let what = format!("{} in {} ({}): {}", f.kind, f.channel, f.count, f.detail);
+        text += &fold(&format!("  {mark} {:>9.3} s  ", f.time), &what);
     }
-    if faults.len() > SHOWN {
-        text += &format!("  and {} more: see --json\n", faults.len() - SHOWN);
+    if faults.len() > shown {
+        text += &format!("  and {} more: see --json\n", faults.len() - shown);
     }
     text
 }
@@ -172,26 +208,40 @@ fn span(span: Option<[u64; 2]>) -> String {
     }
 }
 
+/// A line that goes on under its own start where the screen ends.
+fn fold(head: &str, text: &str) -> String {
+    let words: Vec<String> = text.split_whitespace().map(String::from).collect();
+    let indent = head.chars().count();
+    format!("{head}{}\n", wrap(&words, SCREEN - indent).replace("\n  ", &format!("\n{:indent$}", "")))
+}
+
+/// Words in lines of at most `width`, all but the first of which start with two blanks more.
 fn wrap(names: &[String], width: usize) -> String {
     let mut text = String::new();
     let mut column = 0;
     for name in names {
-        if column + name.len() > width {
+        if column > 0 && column + name.len() > width {
             text += "\n  ";
             column = 0;
         }
+        if column > 0 {
+            text += " ";
+        }
         text += name;
-        text += " ";
         column += name.len() + 1;
     }
     text
+}
+
+fn how(row: &Row) -> String {
+    row.derived.as_ref().map_or_else(|| "recorded".into(), |how| format!("derived: {how}"))
 }
 
 fn to_json(run: &Run) -> Value {
     let [start, end] = run.span();
     let channels: Vec<Value> = channels(run)
         .into_iter()
-        .map(|r| json!({"name": r.name, "samples": r.count, "rate": r.rate, "how": r.how}))
+        .map(|r| json!({"name": r.name, "samples": r.count, "rate": r.rate, "how": how(&r)}))
         .collect();
     json!({
         "format": "qv-inspect/1",

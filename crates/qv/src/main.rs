@@ -1,5 +1,6 @@
 //! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost.
 
+mod fixture;
 mod glb;
 mod inspect;
 mod open;
@@ -27,6 +28,9 @@ enum Command {
     /// Replays a recording in the simulator and tells how far the two are apart, joint by joint
     #[command(after_help = replay::EXAMPLE)]
     Replay(replay::Replay),
+    /// Makes up a recording of the Go2 with a known cause, and the ground that it walked on
+    #[command(hide = true, after_help = fixture::EXAMPLE)]
+    Fixture(fixture::Fixture),
 }
 
 /// What recording to read, the same for every command.
@@ -60,6 +64,7 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Inspect(command) => command.execute(),
         Command::Replay(command) => command.execute(),
+        Command::Fixture(command) => command.execute(),
     };
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

@@ -4,7 +4,7 @@ use crate::glb::read_glb;
 use crate::open::{file_error, model_of, open_run, spinner};
 use crate::{Outcome, RunArguments, say};
 use qv_replay::derive::joint_velocity;
-use qv_replay::replay::{Lag, ReplayOptions, parameters_from_toml, to_html, to_json, write_mcap};
+use qv_replay::replay::{Lag, ReplayOptions, parameters_from_toml, to_html, to_json, verdict, write_mcap};
 use qv_replay::{ReplayError, Run};
 use qv_sim::Terrain;
 use serde_json::Value;
@@ -115,27 +115,29 @@ fn notes(run: &Run, replay: &qv_replay::replay::Replay) -> Vec<String> {
 
 fn summary(run: &Run, replay: &qv_replay::replay::Replay, factor: f64) -> String {
     let (whole, windows) = (&replay.errors, &replay.window_errors);
-    let mut text = format!(
-        "{:<20} {:>14} {:>14} {:>12} {:>10} {:>13} {:>13}\n",
-        "joint", "windows mrad", "whole mrad", "vel rad/s", "tau N m", "lag: command", "simulation ms"
+    let mut text = String::from(
+        "                         position rms        velocity    torque     lag behind     lag behind\n\
+         joint                windows  whole run      windows   windows        command     simulation\n\
+         \x20                       mrad       mrad        rad/s       N m             ms             ms\n",
     );
     for (j, name) in replay.joint_names.iter().enumerate() {
         let (w, e) = (&windows.joints[j], &whole.joints[j]);
         let lag = |lags: &[Lag]| lags.iter().find(|l| l.joint == *name).map_or(f64::NAN, |l| 1e3 * l.lag);
         text += &format!(
-            "{name:<20} {:>14.2} {:>14.2} {:>12.3} {:>10.3} {:>13.1} {:>13.1}\n",
-            1e3 * w.position,
-            1e3 * e.position,
-            w.velocity,
-            w.torque,
-            lag(&replay.command_lags),
-            lag(&replay.model_lags)
+            "{name:<20} {:>10} {:>10} {:>10} {:>9} {:>14} {:>14}\n",
+            number(1e3 * w.position, 2),
+            number(1e3 * e.position, 2),
+            number(w.velocity, 3),
+            number(w.torque, 3),
+            number(lag(&replay.command_lags), 1),
+            number(lag(&replay.model_lags), 1)
         );
     }
     let (mean, count) = (1e3 * windows.position_mean(), replay.windows.windows.len());
-    text += &format!("{:<20} {mean:>14.2} {:>14.2}\n", "mean", 1e3 * whole.position_mean());
+    text += &format!("{:<20} {:>10} {:>10}\n", "mean", number(mean, 2), number(1e3 * whole.position_mean(), 2));
     for p in &windows.phases {
-        text += &format!("{:<20} {:>14.2} {:>13.0} %\n", p.phase.name(), 1e3 * p.position, 100.0 * p.share);
+        let (rms, share) = (number(1e3 * p.position, 2), 100.0 * p.share);
+        text += &format!("{:<20} {rms:>10}   {share:.0} % of the time\n", p.phase.name());
     }
     if let Some(b) = whole.base {
         text += &format!(
@@ -148,5 +150,11 @@ fn summary(run: &Run, replay: &qv_replay::replay::Replay, factor: f64) -> String
     for note in notes(run, replay) {
         text += &format!("{note}\n");
     }
-    text
+    // One sentence a line.
+    text + &verdict(replay).replace(". ", ".\n") + "\n"
+}
+
+/// What is not known is a dash, not NaN.
+fn number(x: f64, digits: usize) -> String {
+    if x.is_finite() { format!("{x:.digits$}") } else { "-".into() }
 }

@@ -1,6 +1,7 @@
 //! `replay.html`: one file with its plots inside, no network, light or dark as the reader's screen is.
 
 use crate::replay::errors::Errors;
+use crate::replay::verdict::verdict;
 use crate::replay::{Lag, Replay};
 use std::fmt::Write;
 
@@ -9,19 +10,22 @@ const POINTS: usize = 1500;
 
 const STYLE: &str = "\
 :root{color-scheme:light dark;--ink:#1c2430;--soft:#5d6875;--paper:#fbfbf9;--card:#fff;--line:#dfe3e8;\
---rec:#1f6fb5;--sim:#d9601a;--bar:#cfe0ee}\
+--rec:#1f6fb5;--sim:#d9601a;--bar:#8fb8d8}\
 @media(prefers-color-scheme:dark){:root{--ink:#e6e9ee;--soft:#9aa5b1;--paper:#14181d;--card:#1b2027;--line:#313a44;\
---rec:#6db3f2;--sim:#ff9d5c;--bar:#27405a}}\
+--rec:#6db3f2;--sim:#ff9d5c;--bar:#3d6a96}}\
 *{box-sizing:border-box}body{margin:0 auto;max-width:1000px;padding:28px 20px 60px;background:var(--paper);\
 color:var(--ink);font:15px/1.5 system-ui,sans-serif}\
-h1{font-size:22px;margin:0 0 4px}h2{font-size:16px;margin:34px 0 8px}p{margin:4px 0}.soft{color:var(--soft)}\
+h1{font-size:22px;margin:0 0 4px;overflow-wrap:anywhere}h2{font-size:16px;margin:34px 0 8px}p{margin:4px 0}.soft{color:var(--soft)}\
 .verdict{background:var(--card);border:1px solid var(--line);border-left:4px solid var(--sim);border-radius:6px;\
 padding:14px 18px;margin:14px 0;font-size:17px}\
 table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums;background:var(--card);\
 border:1px solid var(--line);border-radius:6px}th,td{padding:4px 12px;text-align:right;border-top:1px solid var(--line)}\
 th{font-weight:600;color:var(--soft);border-top:0}th:first-child,td:first-child{text-align:left}\
-td.bar{background:linear-gradient(90deg,var(--bar) var(--w),transparent var(--w))}\
-svg{width:100%;height:auto;background:var(--card);border:1px solid var(--line);border-radius:6px}\
+tr.units th{border-top:0;padding-top:0;font-weight:400}th[colspan]{text-align:center}\
+td.bar{background:linear-gradient(var(--bar),var(--bar)) left bottom/var(--w) 4px no-repeat}\
+.scroll{overflow-x:auto}.side{display:flex;flex-wrap:wrap;gap:20px}.side table{width:auto;flex:1 1 260px}\
+svg{display:block;width:100%;min-width:640px;height:auto;background:var(--card);border:1px solid var(--line);\
+border-radius:6px}\
 svg text{font:12px system-ui,sans-serif;fill:var(--soft)}.grid{stroke:var(--line)}\
 .rec,.sim{fill:none;stroke-width:1.5}.rec{stroke:var(--rec)}.sim{stroke:var(--sim)}\
 .key{display:inline-block;width:18px;height:3px;vertical-align:middle;margin:0 6px 0 14px}";
@@ -34,7 +38,7 @@ pub fn to_html(replay: &Replay, title: &str, notes: &[String]) -> String {
          <title>Replay of {0}</title><style>{STYLE}</style><h1>Replay of {0}</h1>",
         escape(title)
     );
-    let _ = write!(page, "<div class=\"verdict\">{}</div>", verdict(replay));
+    let _ = write!(page, "<div class=\"verdict\">{}</div>", escape(&verdict(replay)));
     for note in notes {
         let _ = write!(page, "<p class=\"soft\">{}</p>", escape(note));
     }
@@ -47,36 +51,6 @@ pub fn to_html(replay: &Replay, title: &str, notes: &[String]) -> String {
     page
 }
 
-fn verdict(replay: &Replay) -> String {
-    let worst = replay.window_errors.worst();
-    let name = replay.joint_names.get(worst).map_or("", |n| n);
-    let error = replay.window_errors.joints.get(worst).map_or(f64::NAN, |j| j.position);
-    let windows = replay.windows.windows.len();
-    if windows == 0 {
-        return format!("No window could be compared ({} left out).", replay.windows.skipped);
-    }
-    let mut text = format!(
-        "Started from the measured state, the simulator is <b>{}</b> from the robot after up to {} s \
-         (rms over {windows} windows, mean of joints); worst is {} with {}. Open loop over the whole run: {}",
-        milli(replay.window_errors.position_mean(), "mrad"),
-        replay.windows.length,
-        escape(name),
-        milli(error, "mrad"),
-        milli(replay.errors.position_mean(), "mrad"),
-    );
-    match replay.errors.base {
-        Some(b) => {
-            let _ = write!(text, ", base {:.2} m off at the end.", b.position_final);
-        }
-        None => text.push('.'),
-    }
-    text
-}
-
-fn milli(x: f64, unit: &str) -> String {
-    if x.is_finite() { format!("{:.2} {unit}", 1e3 * x) } else { "unknown".into() }
-}
-
 fn number(x: f64, digits: usize) -> String {
     if x.is_finite() { format!("{x:.digits$}") } else { "–".into() }
 }
@@ -85,8 +59,10 @@ fn joint_table(replay: &Replay) -> String {
     let largest =
         replay.window_errors.joints.iter().map(|j| j.position).filter(|x| x.is_finite()).fold(1e-12, f64::max);
     let mut text = format!(
-        "<h2>By joint</h2><table><tr><th>joint<th>position, {} s windows [mrad]<th>velocity [rad/s]<th>torque [N m]\
-         <th>position, whole run [mrad]<th>lag behind command [ms]<th>behind simulation [ms]</tr>",
+        "<h2>By joint, root mean square</h2><div class=\"scroll\"><table>\
+         <tr><th><th colspan=\"3\">restarted every {} s<th>whole run<th colspan=\"2\">robot's lag behind</tr>\
+         <tr class=\"units\"><th>joint<th>position [mrad]<th>velocity [rad/s]<th>torque [N m]<th>position [mrad]\
+         <th>command [ms]<th>simulation [ms]</tr>",
         replay.windows.length
     );
     for (j, name) in replay.joint_names.iter().enumerate() {
@@ -105,23 +81,30 @@ fn joint_table(replay: &Replay) -> String {
             number(lag(&replay.model_lags), 1)
         );
     }
-    text + "</table>"
+    text + "</table></div>"
 }
 
 fn groups(errors: &Errors) -> String {
     if errors.legs.is_empty() && errors.phases.is_empty() {
         return String::new();
     }
-    let mut text =
-        String::from("<h2>By leg and phase, in windows</h2><table><tr><th><th>position [mrad]<th>share</tr>");
-    for (name, rms) in &errors.legs {
-        let _ = write!(text, "<tr><td>{}<td>{}<td></tr>", escape(name), number(1e3 * rms, 2));
+    let mut text = String::from("<h2>By leg and by phase, restarted</h2><div class=\"side\">");
+    if !errors.legs.is_empty() {
+        text += "<table><tr><th>leg<th>position [mrad]</tr>";
+        for (name, rms) in &errors.legs {
+            let _ = write!(text, "<tr><td>{}<td>{}</tr>", escape(name), number(1e3 * rms, 2));
+        }
+        text += "</table>";
     }
-    for p in &errors.phases {
-        let (name, rms) = (p.phase.name(), number(1e3 * p.position, 2));
-        let _ = write!(text, "<tr><td>{name}<td>{rms}<td>{:.0} %</tr>", 100.0 * p.share);
+    if !errors.phases.is_empty() {
+        text += "<table><tr><th>phase<th>position [mrad]<th>share of time</tr>";
+        for p in &errors.phases {
+            let (name, rms) = (p.phase.name(), number(1e3 * p.position, 2));
+            let _ = write!(text, "<tr><td>{name}<td>{rms}<td>{:.0} %</tr>", 100.0 * p.share);
+        }
+        text += "</table>";
     }
-    text + "</table>"
+    text + "</div>"
 }
 
 fn error_over_time(replay: &Replay) -> String {
@@ -129,11 +112,11 @@ fn error_over_time(replay: &Replay) -> String {
         errors.times.iter().map(|t| [0.5 * (t.start + t.end), 1e3 * t.position]).collect()
     };
     let lines = [("rec", line(&replay.window_errors)), ("sim", line(&replay.errors))];
-    let key = "<span class=\"key\" style=\"background:var(--rec)\"></span>windows\
+    let key = "<span class=\"key\" style=\"background:var(--rec)\"></span>restarted\
         <span class=\"key\" style=\"background:var(--sim)\"></span>whole run, open loop";
     format!(
         "<h2>Position error over time</h2><p class=\"soft\">{key}</p>{}",
-        plot(&lines, "time [s]", "rms [mrad]", false)
+        plot(&lines, "time [s]", "rms over joints [mrad]", Axes::FromZero)
     )
 }
 
@@ -143,7 +126,8 @@ const BOTH: &str = "<span class=\"key\" style=\"background:var(--rec)\"></span>r
 fn worst_joint(replay: &Replay) -> String {
     let (joint, n) = (replay.window_errors.worst(), replay.recorded.joints);
     let time = &replay.recorded.time;
-    let recorded = time.iter().enumerate().map(|(i, &t)| [t, replay.recorded.position[i * n + joint]]).collect();
+    let recorded: Vec<[f64; 2]> =
+        time.iter().enumerate().map(|(i, &t)| [t, replay.recorded.position[i * n + joint]]).collect();
     let mut simulated = Vec::new();
     for window in &replay.windows.windows {
         let trace = &window.trace;
@@ -152,13 +136,27 @@ fn worst_joint(replay: &Replay) -> String {
         simulated.push([f64::NAN; 2]);
     }
     let name = replay.joint_names.get(joint).map_or("", |n| n);
+    let (from, to) = worst_stretch(&replay.window_errors);
+    let near =
+        |line: &[[f64; 2]]| -> Vec<[f64; 2]> { line.iter().copied().filter(|p| !(p[0] < from || p[0] > to)).collect() };
+    let closer = [("rec", near(&recorded)), ("sim", near(&simulated))];
     let lines = [("rec", recorded), ("sim", simulated)];
     format!(
-        "<h2>Worst joint: {}</h2><p class=\"soft\">{BOTH}, restarted every {} s</p>{}",
+        "<h2>Worst joint: {}</h2><p class=\"soft\">{BOTH}, restarted every {} s</p>{}\
+         <h2>The same around the largest error</h2><p class=\"soft\">{BOTH}, restarted every {} s</p>{}",
         escape(name),
         replay.windows.length,
-        plot(&lines, "time [s]", "position [rad]", false)
+        plot(&lines, "time [s]", "position [rad]", Axes::Free),
+        replay.windows.length,
+        plot(&closer, "time [s]", "position [rad]", Axes::Free)
     )
+}
+
+/// Two seconds around the time of the largest error.
+fn worst_stretch(errors: &Errors) -> (f64, f64) {
+    let worst = errors.times.iter().filter(|t| t.position.is_finite());
+    let middle = worst.max_by(|a, b| a.position.total_cmp(&b.position)).map_or(0.0, |t| 0.5 * (t.start + t.end));
+    (middle - 1.0, middle + 1.0)
 }
 
 fn base_path(replay: &Replay) -> String {
@@ -169,27 +167,44 @@ fn base_path(replay: &Replay) -> String {
     let lines = [("rec", line(&replay.recorded.base)), ("sim", line(&replay.whole.base))];
     format!(
         "<h2>Path of the base from above</h2><p class=\"soft\">{BOTH}, open loop</p>{}",
-        plot(&lines, "x [m]", "y [m]", true)
+        plot(&lines, "x [m]", "y [m]", Axes::Equal)
     )
 }
 
-/// One plot; `equal` gives both axes one scale.
-fn plot(lines: &[(&str, Vec<[f64; 2]>)], x_label: &str, y_label: &str, equal: bool) -> String {
+/// How the ranges of a plot are chosen.
+#[derive(Clone, Copy, PartialEq)]
+enum Axes {
+    /// Each by its data.
+    Free,
+    /// The vertical one starts at zero: a length there is an amount.
+    FromZero,
+    /// One scale for both.
+    Equal,
+}
+
+/// One plot.
+fn plot(lines: &[(&str, Vec<[f64; 2]>)], x_label: &str, y_label: &str, axes: Axes) -> String {
     const SIZE: [f64; 2] = [960.0, 300.0];
     const EDGE: [f64; 4] = [62.0, 12.0, 40.0, 14.0];
     let finite = || lines.iter().flat_map(|l| &l.1).filter(|p| p[0].is_finite() && p[1].is_finite());
     if finite().next().is_none() {
         return "<p class=\"soft\">nothing to draw</p>".into();
     }
-    let height = if equal { 520.0 } else { SIZE[1] };
     let range = |k: usize| {
         let (low, high) = finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| (l.min(p[k]), h.max(p[k])));
         let pad = 0.04 * (high - low).max(1e-9);
         [low - pad, high + pad]
     };
     let (mut xs, mut ys) = (range(0), range(1));
-    let inner = [SIZE[0] - EDGE[0] - EDGE[1], height - EDGE[2] - EDGE[3]];
-    if equal {
+    if axes == Axes::FromZero {
+        ys[0] = 0.0;
+    }
+    let width = SIZE[0] - EDGE[0] - EDGE[1];
+    // A straight walk needs no square.
+    let wanted = width * (ys[1] - ys[0]) / (xs[1] - xs[0]) + EDGE[2] + EDGE[3];
+    let height = if axes == Axes::Equal { wanted.clamp(220.0, 520.0).round() } else { SIZE[1] };
+    let inner = [width, height - EDGE[2] - EDGE[3]];
+    if axes == Axes::Equal {
         let scale = ((xs[1] - xs[0]) / inner[0]).max((ys[1] - ys[0]) / inner[1]);
         let widen = |r: [f64; 2], pixels: f64| {
             let extra = 0.5 * (scale * pixels - (r[1] - r[0]));
@@ -199,7 +214,10 @@ fn plot(lines: &[(&str, Vec<[f64; 2]>)], x_label: &str, y_label: &str, equal: bo
     }
     let px = |x: f64| EDGE[0] + (x - xs[0]) / (xs[1] - xs[0]) * inner[0];
     let py = |y: f64| EDGE[3] + (ys[1] - y) / (ys[1] - ys[0]) * inner[1];
-    let mut svg = format!("<svg viewBox=\"0 0 {} {height}\" role=\"img\">", SIZE[0]);
+    let mut svg = format!(
+        "<div class=\"scroll\"><svg viewBox=\"0 0 {} {height}\" role=\"img\" aria-label=\"{y_label} over {x_label}\">",
+        SIZE[0]
+    );
     for x in ticks(xs) {
         let at = px(x);
         let (top, bottom) = (EDGE[3], height - EDGE[2]);
@@ -222,7 +240,7 @@ fn plot(lines: &[(&str, Vec<[f64; 2]>)], x_label: &str, y_label: &str, equal: bo
     for (class, points) in lines {
         let _ = write!(svg, "<path class=\"{class}\" d=\"{}\"/>", path(points, px, py));
     }
-    svg + "</svg>"
+    svg + "</svg></div>"
 }
 
 /// Line commands for the points; breaks where they are not finite.

@@ -1,6 +1,6 @@
 //! `replay.json`, as the project's format page fixes it, and what more a reader may want.
 
-use crate::replay::{Errors, Replay};
+use crate::replay::{Errors, Replay, verdict};
 use serde_json::{Value, json};
 
 /// The report. `real_time_factor` is simulated over elapsed time, which the caller measures. Numbers that are not known
@@ -11,6 +11,7 @@ pub fn to_json(replay: &Replay, real_time_factor: f64) -> Value {
     let time = &replay.recorded.time;
     json!({
         "format": "qv-replay/1",
+        "verdict": verdict(replay),
         "duration": time[time.len() - 1] - time[0],
         "joints": joints(&replay.errors),
         "pos_rms_mean": replay.errors.position_mean(),

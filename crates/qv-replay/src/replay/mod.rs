@@ -8,6 +8,7 @@ mod html;
 mod json;
 mod lag;
 mod start;
+mod verdict;
 
 pub use bag_out::write_mcap;
 pub use commands::HeldCommands;
@@ -17,6 +18,7 @@ pub use html::to_html;
 pub use json::to_json;
 pub use lag::{Lag, lags_behind, lags_behind_command};
 pub use start::{SensorErrors, Starts, is_whole};
+pub use verdict::verdict;
 
 use crate::ReplayError;
 use crate::run::Run;

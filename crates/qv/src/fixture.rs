@@ -1,0 +1,91 @@
+//! `qv fixture`: the made-up recording on which `cargo xtask pipeline` runs, so that it needs no robot and no download.
+
+use crate::glb::{read_glb, write_glb};
+use crate::open::file_error;
+use crate::{Outcome, say};
+use glam::DVec3;
+use qv_core::{Material, TriangleMesh};
+use qv_go2::synthetic::{self, Robot};
+use qv_replay::ReplayError;
+use qv_sim::Terrain;
+use std::fs::{self, File};
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+pub const EXAMPLE: &str = "Example:\n  qv fixture --out out/fixture && qv replay out/fixture/run.mcap --terrain out/fixture/terrain.glb --out out/replay\n\n\
+    Writes run.mcap (stand, squat, trot), terrain.glb (two materials, a small ramp) and truth.json (what the robot is).";
+
+#[derive(clap::Args)]
+pub struct Fixture {
+    /// Directory for run.mcap, terrain.glb and truth.json; made if need be
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Seed of the noise and of the small unnamed differences
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    seed: u64,
+    /// The named effect: latency of all commands [s]
+    #[arg(long, default_value_t = 0.008, value_name = "SECONDS")]
+    latency: f64,
+}
+
+impl Fixture {
+    pub fn execute(&self) -> Result<Outcome, ReplayError> {
+        let in_out = |name: &str| self.out.join(name);
+        fs::create_dir_all(&self.out).map_err(|e| failed(&self.out, &e))?;
+        let glb = write_glb(&ground());
+        write(&in_out("terrain.glb"), &glb)?;
+        // Read back, so that the robot walks on what the file says in its 32-bit numbers.
+        let mesh = read_glb(&glb).map_err(|e| file_error(&in_out("terrain.glb"), "a mesh in GLB", &e))?;
+        let terrain = Terrain::from_mesh(&mesh)
+            .map_err(|e| file_error(&in_out("terrain.glb"), "a mesh that can be walked on", &e.to_string()))?;
+        let mut parameters = synthetic::small_differences(self.seed);
+        parameters.extend(synthetic::command_latency(self.latency));
+        let robot = Robot { parameters, seed: self.seed };
+        let messages = synthetic::record(&terrain, &robot)?;
+        let file = File::create(in_out("run.mcap")).map_err(|e| failed(&in_out("run.mcap"), &e))?;
+        synthetic::write_bag(&messages, BufWriter::new(file))?;
+        write(&in_out("truth.json"), format!("{:#}\n", self.truth(&robot)).as_bytes())?;
+        say(&format!("{} messages, {} s, written to {}\n", messages.len(), synthetic::DURATION, self.out.display()))?;
+        Ok(Outcome::Done)
+    }
+
+    fn truth(&self, robot: &Robot) -> serde_json::Value {
+        let parameters: serde_json::Map<_, _> =
+            robot.parameters.iter().map(|(name, value)| (name.clone(), (*value).into())).collect();
+        serde_json::json!({
+            "effect": "command_latency", "value": self.latency, "unit": "s",
+            "seed": self.seed, "parameters": parameters,
+        })
+    }
+}
+
+fn failed(path: &Path, error: &std::io::Error) -> ReplayError {
+    ReplayError::Write { what: path.display().to_string(), reason: error.to_string() }
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<(), ReplayError> {
+    fs::write(path, bytes).map_err(|e| failed(path, &e))
+}
+
+/// The ground: concrete, from x = 0.6 m on tiles, which rise from x = 0.9 to 1.4 m by 3 cm and stay there.
+fn ground() -> TriangleMesh {
+    const WIDTH: f64 = 2.5;
+    let mut mesh = TriangleMesh {
+        materials: vec![
+            Material { name: "concrete".into(), friction: Some(0.8) },
+            Material { name: "tile".into(), friction: Some(0.6) },
+        ],
+        ..Default::default()
+    };
+    let strips =
+        [(-2.0, 0.6, 0.0, 0.0, 0), (0.6, 0.9, 0.0, 0.0, 1), (0.9, 1.4, 0.0, 0.03, 1), (1.4, 5.0, 0.03, 0.03, 1)];
+    for (x0, x1, z0, z1, label) in strips {
+        let first = mesh.vertices.len() as u32;
+        for (x, y, z) in [(x0, -WIDTH, z0), (x1, -WIDTH, z1), (x1, WIDTH, z1), (x0, WIDTH, z0)] {
+            mesh.vertices.push(DVec3::new(x, y, z));
+        }
+        mesh.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+        mesh.labels.extend([label; 2]);
+    }
+    mesh
+}
