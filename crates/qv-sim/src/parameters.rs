@@ -404,7 +404,7 @@ fn world_parameters(infos: &mut Vec<ParameterInfo>, terrain: &Terrain) {
             0.0,
             (0.0, 0.8),
             0.0,
-            "rebound over impact speed; above zero it sets the damping ratio",
+            "rebound over impact speed: sets the damping ratio; a critically damped contact already returns 0.135",
         ),
         (
             Torsional,
