@@ -46,6 +46,24 @@ pub struct JointCommand<'a> {
     pub tau: &'a [f64],
 }
 
+impl JointCommand<'_> {
+    /// # Errors
+    /// When an array has another length than `joints`, or a number is not finite.
+    pub(crate) fn check(&self, joints: usize) -> Result<(), SimError> {
+        for (what, values) in [
+            ("commanded positions", self.q),
+            ("commanded speeds", self.dq),
+            ("position gains", self.kp),
+            ("velocity gains", self.kd),
+            ("feed-forward torques", self.tau),
+        ] {
+            length(what, joints, values.len())?;
+            finite(what, values)?;
+        }
+        Ok(())
+    }
+}
+
 /// A copy of all states and parameters of a batch.
 pub struct Snapshot<T: Precision> {
     blocks: Box<dyn std::any::Any + Send + Sync>,
@@ -216,18 +234,7 @@ impl<T: Precision> Batch<T> {
 
     fn check_command(&self, env: usize, command: &JointCommand) -> Result<(), SimError> {
         self.check_index(env)?;
-        let joints = self.model.joints.len();
-        for (what, values) in [
-            ("commanded positions", command.q),
-            ("commanded speeds", command.dq),
-            ("position gains", command.kp),
-            ("velocity gains", command.kd),
-            ("feed-forward torques", command.tau),
-        ] {
-            length(what, joints, values.len())?;
-            finite(what, values)?;
-        }
-        Ok(())
+        command.check(self.model.joints.len())
     }
 
     /// One time step of all environments on this thread.
@@ -366,8 +373,7 @@ impl<T: Precision> Batch<T> {
         Ok(())
     }
 
-    /// For tests of the engine against references: the packed mass matrix as a full one, row-major `[nv, nv]`, and the
-    /// accelerations of the last step.
+    /// Accelerations of the last step, in the order of [`State::v`].
     ///
     /// # Errors
     /// When there is no such environment.

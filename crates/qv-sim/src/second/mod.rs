@@ -167,17 +167,7 @@ impl SecondEngine {
     /// # Errors
     /// When a length is off or a number is not finite.
     pub fn set_command(&mut self, command: &JointCommand) -> Result<(), SimError> {
-        let joints = self.model.joints.len();
-        for (what, values) in [
-            ("commanded positions", command.q),
-            ("commanded speeds", command.dq),
-            ("position gains", command.kp),
-            ("velocity gains", command.kd),
-            ("feed-forward torques", command.tau),
-        ] {
-            length(what, joints, values.len())?;
-            finite(what, values)?;
-        }
+        command.check(self.model.joints.len())?;
         self.motors.hold(command);
         Ok(())
     }
