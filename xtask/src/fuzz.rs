@@ -1,7 +1,8 @@
 //! `cargo xtask fuzz`: each target of `fuzz/` for a given time.
 
 use crate::{process, workspace::Workspace};
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
+use std::fs;
 use std::process::Command;
 
 /// Runs every target; true when none found anything.
@@ -30,7 +31,16 @@ pub fn run(workspace: &Workspace, seconds: u64) -> Result<bool> {
     for target in targets.split_whitespace() {
         println!("{target}: {seconds} s");
         let limit = format!("-max_total_time={seconds}");
-        if process::run(nightly().args(["fuzz", "run", target, "--", &limit])).is_err() {
+        // The first folder takes what the fuzzer finds; the seeds of the repository stay few.
+        let found = workspace.target_directory.join("fuzz-corpus").join(target);
+        fs::create_dir_all(&found).with_context(|| format!("making {}", found.display()))?;
+        let seeds = folder.join("corpus").join(target);
+        let mut fuzz = nightly();
+        fuzz.args(["fuzz", "run", target]).arg(&found);
+        if seeds.is_dir() {
+            fuzz.arg(&seeds);
+        }
+        if process::run(fuzz.args(["--", &limit])).is_err() {
             failed.push(target);
         }
     }

@@ -23,7 +23,7 @@ pub struct Fixture {
     /// Seed of the noise and of the small unnamed differences
     #[arg(long, default_value_t = 1, value_name = "N")]
     seed: u64,
-    /// The named effect: latency of all commands [s]
+    /// The named effect: latency of all commands, in seconds
     #[arg(long, default_value_t = 0.008, value_name = "SECONDS")]
     latency: f64,
 }

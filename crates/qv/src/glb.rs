@@ -148,10 +148,12 @@ mod tests {
     fn what_is_written_is_read() {
         let mut mesh = read_glb(&example(2)).unwrap();
         let again = read_glb(&write_glb(&mesh)).unwrap();
+        // Vertices that two materials share are read once for each; triangles stay what they are.
+        let corners = |mesh: &TriangleMesh| (0..mesh.triangles.len()).map(|t| mesh.corners(t)).collect::<Vec<_>>();
+        assert_eq!(corners(&again), corners(&mesh));
         // The reader adds a label for triangles without one each time.
         mesh.materials.push(Material { name: "unlabelled".into(), friction: None });
-        assert_eq!(again.vertices, mesh.vertices);
-        assert_eq!((again.triangles, again.labels, again.materials), (mesh.triangles, mesh.labels, mesh.materials));
+        assert_eq!((again.labels, again.materials), (mesh.labels, mesh.materials));
     }
 
     /// Two triangles with two materials, one of which states its friction.

@@ -35,7 +35,7 @@ pub struct Replay {
     /// Directory for the results; made if need be
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Length of the windows that restart at the measured state [s]
+    /// Length of the windows that restart at the measured state, in seconds
     #[arg(long, default_value_t = 0.3, value_name = "SECONDS")]
     window: f64,
     /// One line of JSON at the end instead of the summary

@@ -23,7 +23,7 @@ border:1px solid var(--line);border-radius:6px}th,td{padding:4px 12px;text-align
 th{font-weight:600;color:var(--soft);border-top:0}th:first-child,td:first-child{text-align:left}\
 tr.units th{border-top:0;padding-top:0;font-weight:400}th[colspan]{text-align:center}\
 td.bar{background:linear-gradient(var(--bar),var(--bar)) left bottom/var(--w) 4px no-repeat}\
-.scroll{overflow-x:auto}.side{display:flex;flex-wrap:wrap;gap:20px}.side table{width:auto;flex:1 1 260px}\
+.scroll{overflow-x:auto}.side{display:flex;flex-wrap:wrap;align-items:flex-start;gap:20px}.side table{width:auto;flex:1 1 260px}\
 svg{display:block;width:100%;min-width:640px;height:auto;background:var(--card);border:1px solid var(--line);\
 border-radius:6px}\
 svg text{font:12px system-ui,sans-serif;fill:var(--soft)}.grid{stroke:var(--line)}\
@@ -38,7 +38,9 @@ pub fn to_html(replay: &Replay, title: &str, notes: &[String]) -> String {
          <title>Replay of {0}</title><style>{STYLE}</style><h1>Replay of {0}</h1>",
         escape(title)
     );
-    let _ = write!(page, "<div class=\"verdict\">{}</div>", escape(&verdict(replay)));
+    let said = verdict(replay);
+    let (first, rest) = said.split_once(". ").unwrap_or((said.trim_end_matches('.'), ""));
+    let _ = write!(page, "<div class=\"verdict\"><b>{}.</b> {}</div>", escape(first), escape(rest));
     for note in notes {
         let _ = write!(page, "<p class=\"soft\">{}</p>", escape(note));
     }
