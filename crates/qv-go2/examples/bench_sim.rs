@@ -112,9 +112,7 @@ fn trot<T: Precision>(
     let (kp, kd, zero) = ([model::DEFAULT_KP; 12], [model::DEFAULT_KD; 12], [0.0; 12]);
     for q in targets {
         let command = JointCommand { q, dq: &zero, kp: &kp, kd: &kd, tau: &zero };
-        for env in 0..sim.len() {
-            sim.set_command(env, &command)?;
-        }
+        sim.set_command_for_all(&command)?;
         if threads == 1 { sim.step() } else { sim.step_parallel() }
     }
     Ok(())

@@ -217,6 +217,16 @@ impl<T: Precision> Batch<T> {
         Ok(())
     }
 
+    /// [`Batch::set_command`] with one command for all environments, in less time.
+    ///
+    /// # Errors
+    /// When a length is off or a number is not finite.
+    pub fn set_command_for_all(&mut self, command: &JointCommand) -> Result<(), SimError> {
+        command.check(self.model.joints.len())?;
+        self.engine.write_command_to_all(&self.shared, command);
+        Ok(())
+    }
+
     /// Sets the command that was in force `age` steps before the next one (0 is the present), for joints with latency.
     ///
     /// # Errors

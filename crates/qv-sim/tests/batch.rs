@@ -70,6 +70,28 @@ fn same_bits_in_single_precision() {
 }
 
 #[test]
+fn one_command_for_all_is_each_one_commanded() {
+    let everyone: Vec<usize> = (0..11).collect();
+    let mut each = batch::<f64>(&Terrain::plane(), None, &everyone);
+    let mut all = batch::<f64>(&Terrain::plane(), None, &everyone);
+    for step in 0..60 {
+        if step == 30 {
+            each.set_state(4, &start(9)).unwrap();
+            all.set_state(4, &start(9)).unwrap();
+        }
+        let q = [0.1, -0.3, 0.004 * f64::from(step), -0.2];
+        let command = JointCommand { q: &q, dq: &[0.0; 4], kp: &[30.0; 4], kd: &[1.0; 4], tau: &[0.1; 4] };
+        (0..11).for_each(|env| each.set_command(env, &command).unwrap());
+        all.set_command_for_all(&command).unwrap();
+        each.step();
+        all.step();
+    }
+    for env in 0..11 {
+        assert_eq!(bits(&each.state(env).unwrap()), bits(&all.state(env).unwrap()), "environment {env}");
+    }
+}
+
+#[test]
 fn single_precision_follows_double() {
     let mut double = batch::<f64>(&Terrain::plane(), None, &[2]);
     let mut single = batch::<f32>(&Terrain::plane(), None, &[2]);

@@ -5,7 +5,7 @@ use crate::SimError;
 use crate::engine::block::{Block, CommandLanes, Work};
 use crate::engine::derive::Deriver;
 use crate::engine::step::{Shared, StepBlocks};
-use crate::lanes::{Real, Scalar};
+use crate::lanes::{Mask, Real, Scalar};
 use crate::model::Model;
 use crate::parameters::Slot;
 use rayon::prelude::*;
@@ -23,6 +23,7 @@ pub(crate) trait Engine: Send + Sync {
     /// State of `age` steps ago (not whole: interpolated), as far back as is kept.
     fn read_past_state(&self, env: usize, age: f64, q: &mut [f64], v: &mut [f64]);
     fn write_command(&mut self, shared: &Shared, env: usize, age: Option<usize>, command: &JointCommand);
+    fn write_command_to_all(&mut self, shared: &Shared, command: &JointCommand);
     fn derive(&mut self, deriver: &Deriver, slot: Slot, values: &[f64], env: usize) -> Result<(), SimError>;
     fn derive_all(&mut self, deriver: &Deriver, values: &[f64], env: usize) -> Result<(), SimError>;
     fn torque(&self, env: usize) -> Vec<f64>;
@@ -203,6 +204,27 @@ impl<L: Real> Engine for Lanes<L> {
                 set(&mut target.kp, lane, command.kp[j]);
                 set(&mut target.kd, lane, command.kd[j]);
                 set(&mut target.tau, lane, command.tau[j]);
+            }
+        }
+    }
+
+    fn write_command_to_all(&mut self, shared: &Shared, command: &JointCommand) {
+        let joints = shared.topology.joints;
+        for block in &mut self.blocks {
+            let slots = (block.commands.len() / joints.max(1)).max(1);
+            // A lane that has not stepped yet takes the command as all its earlier ones, too.
+            let ages = if block.fresh.any() { slots } else { 1 };
+            for age in 0..ages {
+                let every = L::Mask::splat(age == 0) | block.fresh;
+                let slot = (block.head + slots - age) % slots;
+                for j in 0..joints {
+                    let target: &mut CommandLanes<L> = &mut block.commands[slot * joints + j];
+                    target.q = L::select(every, L::splat(command.q[j]), target.q);
+                    target.dq = L::select(every, L::splat(command.dq[j]), target.dq);
+                    target.kp = L::select(every, L::splat(command.kp[j]), target.kp);
+                    target.kd = L::select(every, L::splat(command.kd[j]), target.kd);
+                    target.tau = L::select(every, L::splat(command.tau[j]), target.tau);
+                }
             }
         }
     }
