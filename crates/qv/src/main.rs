@@ -3,6 +3,7 @@
 mod fixture;
 mod glb;
 mod inspect;
+mod mesh_file;
 mod open;
 mod replay;
 

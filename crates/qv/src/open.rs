@@ -1,6 +1,7 @@
 //! Recordings on disk become runs.
 
 use crate::RunArguments;
+use crate::mesh_file::vertices;
 use indicatif::{ProgressBar, ProgressStyle};
 use qv_replay::mapping::Mapping;
 use qv_replay::run::{Base, Loss, Robot};
@@ -106,11 +107,12 @@ pub fn mapping_of(robot: &str) -> Option<Mapping> {
     (robot == "go2").then(|| qv_go2::wire::mapping(None))
 }
 
-/// The model to replay `run` with: that of `robot` when it is given, else the recording's own.
+/// The model to replay `run` (read from `path`) with: that of `robot` when it is given, else the recording's own. Meshes
+/// are looked for beside the URDF; shapes that are left out are named on standard error.
 ///
 /// # Errors
 /// When the name is unknown, the file cannot be read, or it holds no good URDF.
-pub fn model_of(run: &Run, robot: Option<&str>) -> Result<Model, ReplayError> {
+pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, ReplayError> {
     let known = |name: &str| (name == "go2").then(qv_go2::model::urdf);
     let (name, urdf) = match (robot, &run.robot) {
         (Some(name), _) => {
@@ -132,8 +134,20 @@ pub fn model_of(run: &Run, robot: Option<&str>) -> Result<Model, ReplayError> {
     };
     // URDF has no tag for rotor inertia: a named robot's is known, any other's comes with the recording.
     let armature = if name == "go2" { qv_go2::model::ARMATURE } else { 0.0 };
-    let options = ModelOptions { base, armature, ..Default::default() };
-    Model::from_urdf(&urdf, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))
+    let beside = match robot {
+        Some(file) => Path::new(file).parent().unwrap_or(Path::new("")),
+        None if path.is_dir() => path,
+        None => path.parent().unwrap_or(Path::new("")),
+    };
+    let beside = beside.canonicalize().unwrap_or_else(|_| beside.to_path_buf());
+    let meshes = |mesh: &str| vertices(&beside, mesh);
+    let options = ModelOptions { base, armature, mesh_vertices: Some(&meshes) };
+    let model =
+        Model::from_urdf(&urdf, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))?;
+    for part in &model.left_out {
+        eprintln!("qv: left out of {name}: {part}");
+    }
+    Ok(model)
 }
 
 fn open_table(csv: &Path) -> Result<Run, ReplayError> {

@@ -46,7 +46,7 @@ pub struct Replay {
 impl Replay {
     pub fn execute(&self) -> Result<Outcome, ReplayError> {
         let run = open_run(&self.run)?;
-        let model = model_of(&run, self.robot.as_deref())?;
+        let model = model_of(&run, &self.run.run, self.robot.as_deref())?;
         let terrain = self.terrain()?;
         let options = ReplayOptions { window: self.window, parameters: self.parameters()?, ..Default::default() };
         let bar = spinner("simulating");
