@@ -167,7 +167,8 @@ fn conclude(folder: &Path) -> Result<()> {
     if file.is_file() {
         let verdict = read_json(&file)?;
         let verdict = verdict["verdict"].as_str().with_context(|| format!("{}: expected a verdict", file.display()))?;
-        println!("{verdict}\n{}", folder.join("replay/replay.html").display());
+        // One sentence a line.
+        println!("{}\n{}", verdict.replace(". ", ".\n"), folder.join("replay/replay.html").display());
     }
     Ok(())
 }
