@@ -52,12 +52,14 @@ fn arguments() -> Result<Arguments, String> {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments = arguments()?;
-    rayon::ThreadPoolBuilder::new().num_threads(arguments.threads).build_global()?;
-    match arguments.scalar.as_str() {
-        "f32" => bench::<f32>(&arguments),
-        "f64" => bench::<f64>(&arguments),
-        other => Err(format!("expected --scalar f32 or f64, found {other}").into()),
-    }
+    // Inside the pool: a call from outside would wake sleeping threads at every step.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(arguments.threads).build()?;
+    let rate = pool.install(|| match arguments.scalar.as_str() {
+        "f32" => bench::<f32>(&arguments).map_err(|e| e.to_string()),
+        "f64" => bench::<f64>(&arguments).map_err(|e| e.to_string()),
+        other => Err(format!("expected --scalar f32 or f64, found {other}")),
+    });
+    Ok(rate?)
 }
 
 fn bench<T: Precision>(arguments: &Arguments) -> Result<(), Box<dyn std::error::Error>> {

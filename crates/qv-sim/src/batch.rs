@@ -68,6 +68,8 @@ impl JointCommand<'_> {
 pub struct Snapshot<T: Precision> {
     blocks: Box<dyn std::any::Any + Send + Sync>,
     overrides: Vec<BTreeMap<usize, f64>>,
+    /// Of the model and options that it was made with.
+    identity: u64,
     precision: std::marker::PhantomData<T>,
 }
 
@@ -80,6 +82,8 @@ pub struct Batch<T: Precision> {
     /// Parameters that are not neutral, per environment.
     overrides: Vec<BTreeMap<usize, f64>>,
     imu: Option<usize>,
+    /// Tells snapshots of another model or other options.
+    identity: u64,
     precision: std::marker::PhantomData<T>,
 }
 
@@ -115,6 +119,7 @@ impl<T: Precision> Batch<T> {
             engine,
             overrides,
             imu,
+            identity: identity(model, options),
             precision: std::marker::PhantomData,
         };
         let rest = batch.rest_state();
@@ -267,7 +272,7 @@ impl<T: Precision> Batch<T> {
         self.engine.step(&self.shared, steps, true);
     }
 
-    /// Whether the numbers of an environment ran away; it then stays where it last was finite until
+    /// Whether the numbers of an environment ran away (not finite, or a speed above 1e6 m/s or rad/s); it then stays where it last was finite until
     /// [`Batch::set_state`].
     ///
     /// # Errors
@@ -309,6 +314,7 @@ impl<T: Precision> Batch<T> {
             return Err(SimError::Length { what: "catalogue", expected: self.catalogue.infos.len(), found: id });
         }
         self.catalogue.check(id, value)?;
+        self.check_sensor_latency(id, value)?;
         let before = self.overrides[env].insert(id, value);
         let values = self.values(env);
         let slot = self.catalogue.infos[id].slot;
@@ -321,6 +327,17 @@ impl<T: Precision> Batch<T> {
             };
         }
         result
+    }
+
+    /// A latency of sensors must be within what the batch remembers.
+    fn check_sensor_latency(&self, id: usize, value: f64) -> Result<(), SimError> {
+        let info = &self.catalogue.infos[id];
+        let most = self.shared.options.max_sensor_latency;
+        if !info.slot.is_sensor_latency() || value <= most {
+            return Ok(());
+        }
+        let expected = format!("at most max_sensor_latency of the options, {most} s");
+        Err(SimError::Value { what: info.name.clone(), expected, found: value })
     }
 
     /// Makes all parameters of one environment neutral.
@@ -368,15 +385,21 @@ impl<T: Precision> Batch<T> {
     /// A copy of all states and parameters.
     pub fn snapshot(&self) -> Snapshot<T> {
         let precision = std::marker::PhantomData;
-        Snapshot { blocks: self.engine.copy_blocks(), overrides: self.overrides.clone(), precision }
+        Snapshot {
+            blocks: self.engine.copy_blocks(),
+            overrides: self.overrides.clone(),
+            identity: self.identity,
+            precision,
+        }
     }
 
     /// Back to a copy.
     ///
     /// # Errors
-    /// When the snapshot is of another batch.
+    /// When the snapshot is of another model, count, precision or other options.
     pub fn restore(&mut self, snapshot: &Snapshot<T>) -> Result<(), SimError> {
-        if snapshot.overrides.len() != self.len() || !self.engine.restore_blocks(&*snapshot.blocks) {
+        let same = snapshot.identity == self.identity && snapshot.overrides.len() == self.len();
+        if !same || !self.engine.restore_blocks(&*snapshot.blocks) {
             return Err(SimError::Snapshot);
         }
         self.overrides.clone_from(&snapshot.overrides);
@@ -391,6 +414,13 @@ impl<T: Precision> Batch<T> {
         self.check_index(env)?;
         Ok(self.engine.acceleration(env))
     }
+}
+
+/// A hash of all that a block's numbers depend on beside parameters and state.
+fn identity(model: &Model, options: &SimOptions) -> u64 {
+    let mut hasher = std::hash::DefaultHasher::new();
+    std::hash::Hash::hash(&format!("{model:?} {options:?}"), &mut hasher);
+    std::hash::Hasher::finish(&hasher)
 }
 
 fn deriver<'a>(model: &'a Model, shared: &'a Shared, catalogue: &'a Catalogue) -> Deriver<'a> {

@@ -4,7 +4,7 @@
 //! diagnosis are priors over these; no caller of the simulator needs a branch of its own.
 
 use crate::SimError;
-use crate::model::{Model, Shape};
+use crate::model::{JointKind, Model, Shape};
 use crate::terrain::Terrain;
 use std::collections::HashMap;
 
@@ -45,6 +45,13 @@ macro_rules! fields {
             pub const COUNT: usize = [$(Self::$variant),*].len();
         }
     };
+}
+
+impl Slot {
+    /// Whether it delays what a sensor reports.
+    pub fn is_sensor_latency(self) -> bool {
+        matches!(self, Self::Joint(_, JointField::EncoderLatency) | Self::World(WorldField::PoseDelay))
+    }
 }
 
 fields!(JointField {
@@ -237,19 +244,19 @@ fn joint_parameters(infos: &mut Vec<ParameterInfo>, model: &Model, index: usize)
             SpeedKnee,
             "actuator.*.speed_knee",
             "rad/s",
-            UNLIMITED,
+            joint.velocity.min(UNLIMITED),
             (3.0, 30.0),
             0.0,
-            "speed from which the torque limit falls",
+            "speed from which torque along the motion falls; neutral: the model's speed limit",
         ),
         (
             SpeedZero,
             "actuator.*.speed_zero",
             "rad/s",
-            2.0 * UNLIMITED,
+            (1.1 * joint.velocity).min(2.0 * UNLIMITED),
             (6.0, 40.0),
             0.0,
-            "speed at which the torque limit reaches zero",
+            "speed at which torque along the motion reaches zero; neutral: a tenth above the limit",
         ),
         (Lag, "actuator.*.lag", "s", 0.0, (0.0, 0.025), 0.0, "time constant of a first-order lag of the torque"),
         (CommandLatency, "actuator.*.command_latency", "s", 0.0, (0.0, 0.025), 0.0, "delay of commands"),
@@ -283,7 +290,25 @@ fn joint_parameters(infos: &mut Vec<ParameterInfo>, model: &Model, index: usize)
             "outside torque during external.start .. + duration",
         ),
     ];
+    let first = infos.len();
     push(infos, &joint.name, &rows, |f| Slot::Joint(index, f));
+    if joint.kind == JointKind::Prismatic {
+        for info in &mut infos[first..] {
+            info.unit = sliding_unit(info.unit);
+        }
+    }
+}
+
+/// Unit of a sliding joint's quantity, from that of a turning one's.
+fn sliding_unit(unit: &'static str) -> &'static str {
+    match unit {
+        "kg m²" => "kg",
+        "N m s/rad" => "N s/m",
+        "N m" => "N",
+        "rad/s" => "m/s",
+        "rad" => "m",
+        other => other,
+    }
 }
 
 fn link_parameters(infos: &mut Vec<ParameterInfo>, model: &Model, index: usize) {
@@ -300,7 +325,8 @@ fn link_parameters(infos: &mut Vec<ParameterInfo>, model: &Model, index: usize) 
             "link.*.payload_mass",
             "kg",
             0.0,
-            (-1.0, 4.0),
+            // No more is taken away than half of the link, so that the whole range means something.
+            ((-0.5 * model.links[index].mass).max(-1.0), 4.0),
             ANY,
             "point mass added at the modelled centre of mass plus payload_x, y, z",
         ),

@@ -40,18 +40,18 @@ fn readings(sim: &mut Batch<f64>) -> Vec<SensorReading> {
 
 /// Motors so weak that their speed limits are felt.
 const TIGHT: [(&str, f64); 12] = [
-    ("actuator.left_hip.torque_limit", 1.0),
+    ("actuator.left_hip.torque_limit", 0.2),
     ("actuator.left_hip.speed_knee", 0.1),
-    ("actuator.left_hip.speed_zero", 20.0),
-    ("actuator.left_knee.torque_limit", 1.0),
+    ("actuator.left_hip.speed_zero", 6.0),
+    ("actuator.left_knee.torque_limit", 0.2),
     ("actuator.left_knee.speed_knee", 0.1),
-    ("actuator.left_knee.speed_zero", 20.0),
-    ("actuator.right_hip.torque_limit", 1.0),
+    ("actuator.left_knee.speed_zero", 6.0),
+    ("actuator.right_hip.torque_limit", 0.2),
     ("actuator.right_hip.speed_knee", 0.1),
-    ("actuator.right_hip.speed_zero", 20.0),
-    ("actuator.right_knee.torque_limit", 1.0),
+    ("actuator.right_hip.speed_zero", 6.0),
+    ("actuator.right_knee.torque_limit", 0.2),
     ("actuator.right_knee.speed_knee", 0.1),
-    ("actuator.right_knee.speed_zero", 20.0),
+    ("actuator.right_knee.speed_zero", 6.0),
 ];
 
 /// What must be set beside a parameter for it to act.

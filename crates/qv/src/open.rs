@@ -108,7 +108,7 @@ pub fn mapping_of(robot: &str) -> Option<Mapping> {
 }
 
 /// The model to replay `run` (read from `path`) with: that of `robot` when it is given, else the recording's own. Meshes
-/// are looked for beside the URDF; shapes that are left out are named on standard error.
+/// are looked for beside the URDF; what cannot be read is in `Model::left_out`.
 ///
 /// # Errors
 /// When the name is unknown, the file cannot be read, or it holds no good URDF.
@@ -142,12 +142,7 @@ pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, Re
     let beside = beside.canonicalize().unwrap_or_else(|_| beside.to_path_buf());
     let meshes = |mesh: &str| vertices(&beside, mesh);
     let options = ModelOptions { base, armature, mesh_vertices: Some(&meshes) };
-    let model =
-        Model::from_urdf(&urdf, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))?;
-    for part in &model.left_out {
-        eprintln!("qv: left out of {name}: {part}");
-    }
-    Ok(model)
+    Model::from_urdf(&urdf, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))
 }
 
 fn open_table(csv: &Path) -> Result<Run, ReplayError> {

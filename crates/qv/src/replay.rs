@@ -6,7 +6,7 @@ use crate::{Outcome, RunArguments, say};
 use qv_replay::derive::joint_velocity;
 use qv_replay::replay::{Lag, ReplayOptions, parameters_from_toml, to_html, to_json, verdict, write_mcap};
 use qv_replay::{ReplayError, Run};
-use qv_sim::Terrain;
+use qv_sim::{Model, Terrain};
 use serde_json::Value;
 use std::fs;
 use std::io::BufWriter;
@@ -36,7 +36,7 @@ pub struct Replay {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Length of the windows that restart at the measured state, in seconds
-    #[arg(long, default_value_t = 0.3, value_name = "SECONDS")]
+    #[arg(long, default_value_t = 0.3, value_name = "SECONDS", value_parser = window_length, allow_negative_numbers = true)]
     window: f64,
     /// One line of JSON at the end instead of the summary
     #[arg(long)]
@@ -54,17 +54,17 @@ impl Replay {
         let replay = qv_replay::replay::replay(&run, &model, &terrain, &options)?;
         let factor = replay.simulated / clock.elapsed().as_secs_f64();
         bar.finish_and_clear();
-        let report = to_json(&replay, factor);
+        let mut report = to_json(&replay, factor);
+        let lost = lost(&run, &model, &replay);
+        report["lost"] = lost.as_slice().into();
         self.write(&run, &replay, &report)?;
         if self.json {
             say(&format!("{report}\n"))?;
         } else {
             say(&format!("{}written to {}\n", summary(&run, &replay, factor), self.out.display()))?;
         }
-        for l in &run.lost {
-            eprintln!("qv: lost from {}: {}", l.file, l.what);
-        }
-        Ok(if run.is_partial() { Outcome::Partial } else { Outcome::Done })
+        lost.iter().for_each(|what| eprintln!("qv: {what}"));
+        Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
 
     fn parameters(&self) -> Result<Vec<(String, f64)>, ReplayError> {
@@ -98,6 +98,24 @@ impl Replay {
     }
 }
 
+/// Every part of the input that the replay did without.
+fn lost(run: &Run, model: &Model, replay: &qv_replay::replay::Replay) -> Vec<String> {
+    let mut lost: Vec<String> = run.lost.iter().map(|l| format!("lost from {}: {}", l.file, l.what)).collect();
+    let faults = run.faults.iter().filter(|f| f.kind.is_partial());
+    lost.extend(faults.map(|f| format!("{:.3} s: {} in {}: {}", f.time, f.kind, f.channel, f.detail)));
+    let unknown = run.joint_names.iter().filter(|name| !model.joint_names().contains(name));
+    lost.extend(unknown.map(|name| format!("joint {name} of the recording: the model has none of that name")));
+    lost.extend(model.left_out.iter().map(|part| format!("left out of the model: {part}")));
+    lost.extend(replay.ran_away.map(|time| format!("the simulation of the whole run ran away at {time:.3} s")));
+    if replay.windows.ran_away > 0 {
+        lost.push(format!("the simulation ran away in {} windows", replay.windows.ran_away));
+    }
+    if replay.windows.windows.is_empty() {
+        lost.push("no window could be compared".into());
+    }
+    lost
+}
+
 /// What a reader of the numbers should know: what was lost, derived, left out.
 fn notes(run: &Run, replay: &qv_replay::replay::Replay) -> Vec<String> {
     let mut notes: Vec<String> = run.lost.iter().map(|l| format!("Lost from {}: {}.", l.file, l.what)).collect();
@@ -109,6 +127,9 @@ fn notes(run: &Run, replay: &qv_replay::replay::Replay) -> Vec<String> {
     }
     if replay.windows.skipped > 0 {
         notes.push(format!("{} windows were left out: something is missing in them.", replay.windows.skipped));
+    }
+    if replay.windows.ran_away > 0 {
+        notes.push(format!("{} windows were left out: the simulation ran away.", replay.windows.ran_away));
     }
     notes
 }
@@ -152,6 +173,11 @@ fn summary(run: &Run, replay: &qv_replay::replay::Replay, factor: f64) -> String
     }
     // One sentence a line.
     text + &verdict(replay).replace(". ", ".\n") + "\n"
+}
+
+fn window_length(text: &str) -> Result<f64, String> {
+    let length: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    if length >= 0.01 && length <= 1000.0 { Ok(length) } else { Err("expected 0.01 to 1000 s".into()) }
 }
 
 /// What is not known is a dash, not NaN.

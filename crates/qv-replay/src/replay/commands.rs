@@ -65,7 +65,8 @@ impl HeldCommands {
                 if held.position.is_none() && held.torque.is_none() {
                     return missing("commands");
                 }
-                if held.position.is_some() && held.kp.is_none() && run.actuator.kp.is_none() {
+                // Gains of zero are a decision to be written down, not what a forgotten line means.
+                if held.kp.is_none() && run.actuator.kp.is_none() {
                     return missing("a position gain kp, in the commands or in run.toml");
                 }
             }

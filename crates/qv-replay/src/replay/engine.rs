@@ -61,8 +61,10 @@ pub struct Windows {
     pub length: f64,
     /// Windows that were simulated.
     pub windows: Vec<Window>,
-    /// Windows left out, since something is missing in them, or the simulation gave no finite state.
+    /// Windows left out, since something is missing in them.
     pub skipped: usize,
+    /// Windows left out, since the simulation ran away in them.
+    pub ran_away: usize,
 }
 
 /// Feet of a robot: shapes that touch the ground.
@@ -88,6 +90,8 @@ pub struct Simulated {
     pub whole: Trace,
     /// Windows.
     pub windows: Windows,
+    /// Time at which the simulation of the whole run ran away \[s\]; there is no whole run to compare then.
+    pub ran_away: Option<f64>,
     /// Simulated time of all environments \[s\].
     pub seconds: f64,
 }
@@ -144,27 +148,33 @@ pub fn simulate(
         return Err(ReplayError::run("replay", "a stretch with all joints (and poses) measured", "none"));
     };
     let whole = drive.run(times, &[(first, times.len(), state)], free)?.remove(0);
-    let (plan, mut skipped) = plan_windows(run, times, &starts, &commands, options);
+    // A trace ends where its state is no longer finite.
+    let ran_away = (whole.time.len() < times.len() - first).then(|| times[first + whole.time.len()]);
+    let whole = if ran_away.is_some() { Trace { joints: columns.len(), ..Default::default() } } else { whole };
+    let (plan, skipped) = plan_windows(run, times, &starts, &commands, options);
     let traces = if plan.is_empty() { Vec::new() } else { drive.run(times, &plan, free)? };
-    let mut windows = Vec::new();
-    for ((first, _, _), trace) in plan.iter().zip(traces) {
-        // A trace ends where its state is no longer finite.
-        if trace.position.iter().all(|x| x.is_finite()) && trace.time.len() > 1 {
+    let (mut windows, mut lost) = (Vec::new(), 0);
+    for ((first, end, _), trace) in plan.iter().zip(traces) {
+        if trace.time.len() == end - first {
             windows.push(Window { first: *first, trace });
         } else {
-            skipped += 1;
+            lost += 1;
         }
     }
     let length = |t: &Trace| t.time.last().unwrap_or(&0.0) - t.time.first().unwrap_or(&0.0);
     let seconds = length(&whole) + windows.iter().map(|w| length(&w.trace)).sum::<f64>();
     let whole = padded(whole, first, times, columns.len(), feet.names.len());
-    let windows = Windows { length: options.window, windows, skipped };
-    Ok(Simulated { columns, feet, recorded, whole, windows, seconds })
+    let windows = Windows { length: options.window, windows, skipped, ran_away: lost };
+    Ok(Simulated { columns, feet, recorded, whole, windows, ran_away, seconds })
 }
 
 fn check(run: &Run, model: &Model, options: &ReplayOptions) -> Result<(Vec<usize>, bool), ReplayError> {
     if !(options.window > 2.0 * options.timestep && options.window < 1e4) {
-        return Err(ReplayError::run("window", "a length above two time steps", format!("{} s", options.window)));
+        return Err(ReplayError::run(
+            "window",
+            "a length above two time steps and below 10000 s",
+            format!("{} s", options.window),
+        ));
     }
     if run.faults.iter().any(|f| f.kind == crate::run::FaultKind::DegreesSuspected) {
         return Err(ReplayError::run("positions", "radians", "values that fit degrees"));

@@ -21,6 +21,7 @@ pub fn to_json(replay: &Replay, real_time_factor: f64) -> Value {
             "length": replay.windows.length,
             "count": replay.windows.windows.len(),
             "skipped": replay.windows.skipped,
+            "ran_away": replay.windows.ran_away,
             "pos_rms_mean": replay.window_errors.position_mean(),
             "joints": joints(&replay.window_errors),
             "legs": legs(&replay.window_errors),
@@ -31,6 +32,7 @@ pub fn to_json(replay: &Replay, real_time_factor: f64) -> Value {
         "phases": phases(&replay.errors),
         "times": times(&replay.errors),
         "lags": {"behind_command": lags(&replay.command_lags), "behind_simulation": lags(&replay.model_lags)},
+        "ran_away": replay.ran_away,
         "real_time_factor": real_time_factor,
     })
 }

@@ -46,6 +46,8 @@ pub struct Replay {
     /// Best constant lag of the measured position behind the simulated one over the whole run: what the model does not
     /// explain of it.
     pub model_lags: Vec<Lag>,
+    /// Time at which the simulation of the whole run ran away \[s\]: its errors are unknown then.
+    pub ran_away: Option<f64>,
     /// Simulated time of all environments together \[s\].
     pub simulated: f64,
 }
@@ -68,6 +70,7 @@ pub fn replay(run: &Run, model: &Model, terrain: &Terrain, options: &ReplayOptio
         windows: simulated.windows,
         errors,
         window_errors,
+        ran_away: simulated.ran_away,
         simulated: simulated.seconds,
     })
 }

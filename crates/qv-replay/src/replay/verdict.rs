@@ -7,7 +7,11 @@ use crate::replay::{Lag, Replay};
 pub fn verdict(replay: &Replay) -> String {
     let windows = replay.windows.windows.len();
     if windows == 0 {
-        return format!("No window could be compared ({} left out).", replay.windows.skipped);
+        let (skipped, lost) = (replay.windows.skipped, replay.windows.ran_away);
+        return format!(
+            "No window could be compared: in {skipped} something is missing (samples further apart than a window, or no \
+             seconds?), in {lost} the simulation ran away."
+        );
     }
     let worst = replay.window_errors.worst();
     let name = replay.joint_names.get(worst).map_or("", |n| n);
@@ -23,6 +27,9 @@ pub fn verdict(replay: &Replay) -> String {
     if let Some(lag) = median(&replay.model_lags).filter(|lag| lag.abs() >= 0.001) {
         let side = if lag < 0.0 { "ahead of" } else { "behind" };
         text += &format!(" The robot's joints are {:.1} ms {side} the simulated ones.", 1e3 * lag.abs());
+    }
+    if let Some(time) = replay.ran_away {
+        return text + &format!(" Open loop, the simulation ran away at {time:.3} s.");
     }
     text += &format!(" Open loop over the whole run: {}", milliradians(replay.errors.position_mean()));
     match replay.errors.base {

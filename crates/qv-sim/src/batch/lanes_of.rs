@@ -156,6 +156,11 @@ impl<L: Real> Engine for Lanes<L> {
             set(&mut block.motor[j], lane, q[topology.base_positions + j]);
         }
         set(&mut block.time, lane, 0.0);
+        for command in &mut block.commands {
+            for value in [&mut command.q, &mut command.dq, &mut command.kp, &mut command.kd, &mut command.tau] {
+                set(value, lane, 0.0);
+            }
+        }
         set_mask::<L>(&mut block.fresh, lane, true);
         set_mask::<L>(&mut block.faulty, lane, false);
         let width = topology.nq + topology.nv;

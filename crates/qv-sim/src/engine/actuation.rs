@@ -31,15 +31,15 @@ pub(crate) fn actuate<L: Real>(
         let approach = block.lagged[j] + parameters.lag_gain * (demand - block.lagged[j]);
         let lagged = L::select(block.fresh, demand, approach);
         block.lagged[j] = lagged;
-        let limit = torque_limit(&parameters, dq);
-        let torque = lagged.max(-limit).min(limit);
+        let (least, most) = torque_limits(&parameters, dq);
+        let torque = lagged.max(least).min(most);
         block.torque[j] = torque;
         let viscous = block.viscous[dof];
         work.smooth[dof] = torque - viscous * dq + outside * parameters.external_torque - work.bias[dof];
         let mut damping = viscous;
         if implicit {
             // Only a torque that follows the speed at once and is not at its limit damps.
-            let follows = L::one().le(parameters.lag_gain) & lagged.abs().lt(limit);
+            let follows = L::one().le(parameters.lag_gain) & least.lt(lagged) & lagged.lt(most);
             damping += L::select(follows, gain, L::zero());
         }
         work.implicit[dof] = damping;
@@ -68,11 +68,14 @@ fn demand<L: Real>(p: &JointLanes<L>, command: &CommandLanes<L>, q: L, dq: L) ->
     p.strength * (clipped + p.kd_scale * command.kd * (command.dq - dq))
 }
 
-/// The motor's limit at this speed: flat up to the knee, then falling to zero.
+/// Least and greatest torque at this speed. Along the motion the limit is flat up to the knee and falls to zero; a motor
+/// that brakes keeps all of its torque.
 #[inline(always)]
-fn torque_limit<L: Real>(p: &JointLanes<L>, dq: L) -> L {
+fn torque_limits<L: Real>(p: &JointLanes<L>, dq: L) -> (L, L) {
     let fall = (dq.abs() - p.speed_knee) * p.speed_slope;
-    p.torque_limit * (L::one() - fall).max(L::zero()).min(L::one())
+    let along = p.torque_limit * (L::one() - fall).max(L::zero()).min(L::one());
+    let forward = L::zero().lt(dq);
+    (L::select(forward, -p.torque_limit, -along), L::select(forward, along, p.torque_limit))
 }
 
 /// The command that is in force, delayed by a time that need not be a whole number of steps.

@@ -129,6 +129,9 @@ fn accelerate<L: Real>(shared: &Shared, block: &mut Block<L>, work: &mut Work<L>
     solve(topology, &work.hessian, &mut block.acceleration);
 }
 
+/// Speed \[m/s, rad/s\] above which a lane has run away.
+const RUNAWAY: f64 = 1e6;
+
 /// Velocities first, then positions with the new velocities. A lane whose numbers ran away stays where it was.
 #[inline(always)]
 fn integrate<L: Real>(shared: &Shared, block: &mut Block<L>) {
@@ -136,7 +139,9 @@ fn integrate<L: Real>(shared: &Shared, block: &mut Block<L>) {
     let step = L::splat(shared.options.timestep);
     let mut fine = !block.faulty;
     for i in 0..topology.nv {
-        fine = fine & block.acceleration[i].is_finite();
+        // Comparisons are false on NaN.
+        let velocity = block.v[i] + step * block.acceleration[i];
+        fine = fine & velocity.abs().lt(L::splat(RUNAWAY));
     }
     block.faulty = !fine;
     let zero = L::zero();

@@ -112,11 +112,6 @@ pub trait Real:
         let rounder = Self::splat(<Self::Scalar as Scalar>::ROUNDER);
         (self + rounder) - rounder
     }
-    /// Whether each lane is neither NaN nor infinite.
-    #[inline(always)]
-    fn is_finite(self) -> Self::Mask {
-        (self * Self::zero()).le(Self::zero())
-    }
 }
 
 /// Work to be compiled for a register type, see [`Real::with_features`].

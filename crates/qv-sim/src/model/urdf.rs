@@ -191,6 +191,9 @@ impl Builder<'_> {
         if urdf.joint_type == urdf_rs::JointType::Fixed {
             return Ok(Visit { urdf_link, carrier, carrier_from_link: carrier_from_joint });
         }
+        if urdf.mimic.is_some() {
+            self.model.left_out.push(format!("mimic of joint `{}`: it moves by itself", urdf.name));
+        }
         let link = self.model.links.len();
         let index = self.model.joints.len();
         self.model.joints.push(read_joint(urdf, link, self.options.armature)?);
@@ -302,6 +305,13 @@ fn mass_properties(link: &urdf_rs::Link) -> Result<MassProperties, SimError> {
     if !none && !positive_definite(&inertia) {
         return Err(link_error(&link.name, "a positive definite inertia", format!("{tensor:?}")));
     }
+    if !none && !positive_definite(&(DMat3::IDENTITY * (0.51 * (i.ixx + i.iyy + i.izz)) - inertia)) {
+        // A principal moment above the sum of the others, with 2 % for rounding: no body has that.
+        return Err(link_error(&link.name, "an inertia that a body can have", format!("{tensor:?}")));
+    }
+    if mass == 0.0 && !none {
+        return Err(link_error(&link.name, "a mass that goes with its inertia", mass));
+    }
     if mass == 0.0 {
         return Ok(MassProperties::ZERO);
     }
@@ -335,8 +345,9 @@ fn read_joint(urdf: &urdf_rs::Joint, link: usize, armature: f64) -> Result<Joint
     if lower > upper {
         return Err(joint_error(&urdf.name, "a lower limit below the upper", format!("{lower} > {upper}")));
     }
-    // A revolute joint whose limits are both zero is how exporters write "no limit given".
-    let (lower, upper) = if lower == upper { (f64::NEG_INFINITY, f64::INFINITY) } else { (lower, upper) };
+    // A joint whose limits are both zero is how exporters write "no limit given".
+    let unlimited = lower == 0.0 && upper == 0.0;
+    let (lower, upper) = if unlimited { (f64::NEG_INFINITY, f64::INFINITY) } else { (lower, upper) };
     let dynamics = urdf.dynamics.as_ref();
     let (viscous, coulomb) = (dynamics.map_or(0.0, |d| d.damping), dynamics.map_or(0.0, |d| d.friction));
     if !(viscous >= 0.0 && coulomb >= 0.0 && viscous.is_finite() && coulomb.is_finite()) {
@@ -358,20 +369,13 @@ fn read_joint(urdf: &urdf_rs::Joint, link: usize, armature: f64) -> Result<Joint
     })
 }
 
-/// Every joint must move something: mass beyond it, or rotor inertia.
+/// Every moving link needs a mass of its own, or of links fixed to it.
 fn check_masses(model: &Model) -> Result<(), SimError> {
-    let mut carried: Vec<f64> = model.links.iter().map(|l| l.mass).collect();
-    for i in (0..model.links.len()).rev() {
-        if let Some(parent) = model.links[i].parent {
-            carried[parent] += carried[i];
-        }
-    }
-    for (link, &mass) in model.links.iter().zip(&carried) {
-        let rotor = link.joint.is_some_and(|j| model.joints[j].armature > 0.0);
-        if mass <= 0.0 && !rotor {
+    for link in &model.links {
+        if link.mass <= 0.0 {
             return Err(link_error(
                 &link.name,
-                "an inertial with a positive mass, on it or on a link it carries",
+                "an inertial with a positive mass, on it or on a link fixed to it",
                 "none",
             ));
         }

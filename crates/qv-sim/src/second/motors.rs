@@ -74,8 +74,9 @@ impl Motors {
                 } else {
                     self.lagged[j] = wanted + (self.lagged[j] - wanted) * (-timestep / lag).exp();
                 }
-                let most = limit(values, j, dq[j]);
-                self.lagged[j].clamp(-most, most)
+                // The speed takes torque along the motion, not from a motor that brakes.
+                let (full, along) = (values.joint(j, TorqueLimit), limit(values, j, dq[j]));
+                if dq[j] > 0.0 { self.lagged[j].clamp(-full, along) } else { self.lagged[j].clamp(-along, full) }
             })
             .collect()
     }
@@ -96,7 +97,7 @@ fn wanted(values: &Values, joint: usize, order: &Order, q: f64, dq: f64) -> f64 
     get(Strength) * (spring + get(KdScale) * order.kd * (order.dq - dq))
 }
 
-/// Largest torque at a speed \[N m\]: constant up to the knee, falling to nothing at the zero.
+/// Largest torque along the motion at a speed \[N m\]: constant up to the knee, falling to nothing at the zero.
 fn limit(values: &Values, joint: usize, dq: f64) -> f64 {
     let (knee, zero) = (values.joint(joint, SpeedKnee), values.joint(joint, SpeedZero));
     let most = values.joint(joint, TorqueLimit);
