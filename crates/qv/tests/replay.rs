@@ -7,6 +7,7 @@ use qv_go2::messages::*;
 use qv_go2::model;
 use qv_sim::{BaseKind, Batch, JointCommand, Model, ModelOptions, SimOptions, State, Terrain};
 use serde_json::Value;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -104,9 +105,9 @@ fn the_simulator_replays_itself() {
     // What is left comes from smoothing the start where a foot slips or lands, and from 32-bit recording.
     assert!(number(&report, "/windows/pos_rms_mean") < 1.8e-3, "{report:#}");
     assert!(number(&report, "/base/pos_mean") < 0.02, "{report:#}");
-    let written: Value = serde_json::from_str(&std::fs::read_to_string(out.join("replay.json")).unwrap()).unwrap();
+    let written: Value = serde_json::from_str(&fs::read_to_string(out.join("replay.json")).unwrap()).unwrap();
     assert_eq!(written, report, "--json says what the file says");
-    let html = std::fs::read_to_string(out.join("replay.html")).unwrap();
+    let html = fs::read_to_string(out.join("replay.html")).unwrap();
     assert!(html.contains("FL_calf_joint") && html.contains("<svg") && !html.contains("NaN"));
     assert!(!html.contains("http") && !html.contains("src="), "the page uses no network");
 }
@@ -122,12 +123,12 @@ fn a_latency_is_seen_and_its_parameter_takes_it_away() {
         assert!((lag - 0.012).abs() < 0.003, "{lag} of 0.012 s");
     }
     let parameters = path.with_file_name("calibrated.toml");
-    std::fs::write(&parameters, "[parameters]\n\"actuator.*.command_latency\" = 0.012\n").unwrap();
+    fs::write(&parameters, "[parameters]\n\"actuator.*.command_latency\" = 0.012\n").unwrap();
     let (code, with, err) = replay(&path, &out, &["--params", parameters.to_str().unwrap()]);
     assert_eq!(code, 0, "{err}");
     let (before, after) = (number(&without, "/windows/pos_rms_mean"), number(&with, "/windows/pos_rms_mean"));
     assert!(after < 0.3 * before, "{after} of {before}");
-    std::fs::write(&parameters, "\"actuator.*.latency\" = 0.012\n").unwrap();
+    fs::write(&parameters, "\"actuator.*.latency\" = 0.012\n").unwrap();
     let (code, _, err) = replay(&path, &out, &["--params", parameters.to_str().unwrap()]);
     assert!(code == 1 && err.contains("actuator.*.latency"), "{err}");
 }
@@ -138,7 +139,7 @@ fn replay_twice_gives_the_same_bytes() {
     let read = |name: &str| {
         let out = path.with_file_name(name);
         assert_eq!(replay(&path, &out, &[]).0, 0);
-        (std::fs::read(out.join("replay.mcap")).unwrap(), std::fs::read(out.join("replay.html")).unwrap())
+        (fs::read(out.join("replay.mcap")).unwrap(), fs::read(out.join("replay.html")).unwrap())
     };
     assert!(read("first") == read("second"));
 }
@@ -154,16 +155,32 @@ fn what_cannot_be_replayed_is_an_error() {
     let (code, _, err) = replay(&path, &out, &[]);
     assert!(code == 1 && err.contains("base poses"), "{err}");
     let path = bag("replay_window", &write(&walk(0.5), small_chunks(None), &[]));
-    for (more, word) in [
-        (["--window", "0"], "window"),
-        (["--window", "nan"], "window"),
-        (["--terrain", "nowhere.glb"], "nowhere.glb"),
-        (["--robot", "nowhere.urdf"], "nowhere.urdf"),
-        (["--params", "nowhere.toml"], "nowhere.toml"),
+    for (more, expected, word) in [
+        (["--window", "0"], 2, "window"),
+        (["--window", "-1"], 2, "window"),
+        (["--window", "nan"], 2, "window"),
+        (["--window", "1e9"], 2, "window"),
+        (["--terrain", "nowhere.glb"], 1, "nowhere.glb"),
+        (["--robot", "nowhere.urdf"], 1, "nowhere.urdf"),
+        (["--params", "nowhere.toml"], 1, "nowhere.toml"),
     ] {
         let (code, _, err) = replay(&path, &out, &more);
-        assert!(code == 1 && err.contains(word), "{more:?}: {err}");
+        assert!(code == expected && err.contains(word), "{more:?}: {err}");
     }
+}
+
+#[test]
+fn a_simulation_that_runs_away_is_not_a_match() {
+    let path = bag("replay_runaway", &write(&simulated_bag(2.0, 0.0, 0.0), small_chunks(None), &[]));
+    let directory = directory("replay_runaway_out");
+    let params = directory.join("wild.toml");
+    fs::write(&params, "\"actuator.*.kp_scale\" = 1e7\n\"actuator.*.torque_limit\" = 1e9\n").unwrap();
+    let out = directory.join("out");
+    let (code, _, err) = replay(&path, &out, &["--params", params.to_str().unwrap()]);
+    assert!(code == 3 && err.contains("ran away"), "{code}: {err}");
+    let report: Value = serde_json::from_str(&fs::read_to_string(out.join("replay.json")).unwrap()).unwrap();
+    assert!(report["pos_rms_mean"].is_null() && report["joints"][0]["pos_rms"].is_null(), "{report}");
+    assert!(report["ran_away"].is_number() && !report["lost"].as_array().unwrap().is_empty(), "{report}");
 }
 
 #[test]
