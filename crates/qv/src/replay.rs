@@ -177,7 +177,7 @@ fn summary(run: &Run, replay: &qv_replay::replay::Replay, factor: f64) -> String
 
 fn window_length(text: &str) -> Result<f64, String> {
     let length: f64 = text.parse().map_err(|e| format!("{e}"))?;
-    if length >= 0.01 && length <= 1000.0 { Ok(length) } else { Err("expected 0.01 to 1000 s".into()) }
+    if (0.01..=1000.0).contains(&length) { Ok(length) } else { Err("expected 0.01 to 1000 s".into()) }
 }
 
 /// What is not known is a dash, not NaN.
