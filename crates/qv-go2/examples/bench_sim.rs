@@ -112,11 +112,10 @@ fn trot<T: Precision>(
         sim.set_state(env, start)?;
     }
     let (kp, kd, zero) = ([model::DEFAULT_KP; 12], [model::DEFAULT_KD; 12], [0.0; 12]);
-    for q in targets {
-        let command = JointCommand { q, dq: &zero, kp: &kp, kd: &kd, tau: &zero };
-        sim.set_command_for_all(&command)?;
-        if threads == 1 { sim.step() } else { sim.step_parallel() }
-    }
+    let commands: Vec<JointCommand> =
+        targets.iter().map(|q| JointCommand { q, dq: &zero, kp: &kp, kd: &kd, tau: &zero }).collect();
+    // As many steps at once as in the reference, which is given its controls beforehand, too.
+    sim.follow(&commands, threads > 1)?;
     Ok(())
 }
 

@@ -259,7 +259,7 @@ impl<T: Precision> Batch<T> {
 
     /// Several time steps with held commands, on this thread.
     pub fn step_many(&mut self, steps: usize) {
-        self.engine.step(&self.shared, steps, false);
+        self.engine.step(&self.shared, steps, &[], false);
     }
 
     /// One time step on all threads of the current rayon pool. Same bits as [`Batch::step`].
@@ -269,7 +269,18 @@ impl<T: Precision> Batch<T> {
 
     /// Several time steps with held commands on all threads. Same bits as [`Batch::step_many`].
     pub fn step_many_parallel(&mut self, steps: usize) {
-        self.engine.step(&self.shared, steps, true);
+        self.engine.step(&self.shared, steps, &[], true);
+    }
+
+    /// One step for each command, given to all environments. With `parallel`, threads take environments through the whole
+    /// sequence without waiting for each other. Same bits as [`Batch::set_command_for_all`] and [`Batch::step`] in turn.
+    ///
+    /// # Errors
+    /// When a length is off or a number is not finite; nothing has moved then.
+    pub fn follow(&mut self, commands: &[JointCommand], parallel: bool) -> Result<(), SimError> {
+        commands.iter().try_for_each(|command| command.check(self.model.joints.len()))?;
+        self.engine.step(&self.shared, commands.len(), commands, parallel);
+        Ok(())
     }
 
     /// Whether the numbers of an environment ran away (not finite, or a speed above 1e6 m/s or rad/s); it then stays where it last was finite until

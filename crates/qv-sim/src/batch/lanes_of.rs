@@ -5,7 +5,7 @@ use crate::SimError;
 use crate::engine::block::{Block, CommandLanes, Work};
 use crate::engine::derive::Deriver;
 use crate::engine::step::{Shared, StepBlocks};
-use crate::lanes::{Mask, Real, Scalar};
+use crate::lanes::{Real, Scalar};
 use crate::model::Model;
 use crate::parameters::Slot;
 use rayon::prelude::*;
@@ -17,7 +17,8 @@ pub(crate) trait Engine: Send + Sync {
     /// Environments, padding included.
     fn padded(&self) -> usize;
     fn bytes(&self) -> usize;
-    fn step(&mut self, shared: &Shared, steps: usize, parallel: bool);
+    /// Steps with held commands, or with one of `commands` (as many as steps) for all in each step.
+    fn step(&mut self, shared: &Shared, steps: usize, commands: &[JointCommand], parallel: bool);
     fn write_state(&mut self, shared: &Shared, env: usize, q: &[f64], v: &[f64]);
     fn read_state(&self, env: usize, q: &mut [f64], v: &mut [f64]);
     /// State of `age` steps ago (not whole: interpolated), as far back as is kept.
@@ -122,7 +123,7 @@ impl<L: Real> Engine for Lanes<L> {
         self.blocks.iter().map(Block::bytes).sum()
     }
 
-    fn step(&mut self, shared: &Shared, steps: usize, parallel: bool) {
+    fn step(&mut self, shared: &Shared, steps: usize, commands: &[JointCommand], parallel: bool) {
         let threads = if parallel { rayon::current_num_threads() } else { 1 };
         // A few shares per thread, so that a thread that finishes early takes another.
         let shares = if threads == 1 { 1 } else { (4 * threads).min(self.blocks.len()) };
@@ -133,7 +134,7 @@ impl<L: Real> Engine for Lanes<L> {
         }
         let count = self.count;
         let run = |(share, (blocks, work)): (usize, (&mut [Block<L>], &mut Work<L>))| {
-            let body = StepBlocks { shared, blocks, first: share * size, count, steps, work };
+            let body = StepBlocks { shared, blocks, first: share * size, count, steps, commands, work };
             // Values of a register type exist only where its features were detected (`Dispatch::engine`).
             unsafe { L::with_features(body) }
         };
@@ -216,21 +217,7 @@ impl<L: Real> Engine for Lanes<L> {
     fn write_command_to_all(&mut self, shared: &Shared, command: &JointCommand) {
         let joints = shared.topology.joints;
         for block in &mut self.blocks {
-            let slots = (block.commands.len() / joints.max(1)).max(1);
-            // A lane that has not stepped yet takes the command as all its earlier ones, too.
-            let ages = if block.fresh.any() { slots } else { 1 };
-            for age in 0..ages {
-                let every = L::Mask::splat(age == 0) | block.fresh;
-                let slot = (block.head + slots - age) % slots;
-                for j in 0..joints {
-                    let target: &mut CommandLanes<L> = &mut block.commands[slot * joints + j];
-                    target.q = L::select(every, L::splat(command.q[j]), target.q);
-                    target.dq = L::select(every, L::splat(command.dq[j]), target.dq);
-                    target.kp = L::select(every, L::splat(command.kp[j]), target.kp);
-                    target.kd = L::select(every, L::splat(command.kd[j]), target.kd);
-                    target.tau = L::select(every, L::splat(command.tau[j]), target.tau);
-                }
-            }
+            block.command_all(joints, command);
         }
     }
 

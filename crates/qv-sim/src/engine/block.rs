@@ -3,6 +3,7 @@
 use super::array::Array;
 use super::topology::Topology;
 use super::vector::{Inertia, M3, V3, V6};
+use crate::batch::JointCommand;
 use crate::lanes::{Mask, Real};
 use crate::model::{Model, Shape};
 
@@ -267,6 +268,25 @@ impl<L: Real> Block<L> {
             any_coulomb: false,
             any_viscous: false,
             any_latency: false,
+        }
+    }
+
+    /// Gives all lanes one command.
+    pub fn command_all(&mut self, joints: usize, command: &JointCommand) {
+        let slots = (self.commands.len() / joints.max(1)).max(1);
+        // A lane that has not stepped yet takes the command as all its earlier ones, too.
+        let ages = if self.fresh.any() { slots } else { 1 };
+        for age in 0..ages {
+            let every = L::Mask::splat(age == 0) | self.fresh;
+            let slot = (self.head + slots - age) % slots;
+            for j in 0..joints {
+                let target = &mut self.commands[slot * joints + j];
+                target.q = L::select(every, L::splat(command.q[j]), target.q);
+                target.dq = L::select(every, L::splat(command.dq[j]), target.dq);
+                target.kp = L::select(every, L::splat(command.kp[j]), target.kp);
+                target.kd = L::select(every, L::splat(command.kd[j]), target.kd);
+                target.tau = L::select(every, L::splat(command.tau[j]), target.tau);
+            }
         }
     }
 

@@ -10,6 +10,7 @@ use super::newton::{NewtonSettings, newton, normal_force};
 use super::topology::Topology;
 use super::vector::*;
 use super::weights::Weights;
+use crate::batch::JointCommand;
 use crate::lanes::{Kernel, Mask, Real, sin_cos};
 use crate::options::SimOptions;
 
@@ -33,6 +34,8 @@ pub(crate) struct StepBlocks<'a, L: Real> {
     /// Number of environments in the batch.
     pub count: usize,
     pub steps: usize,
+    /// One for each step, or none to hold those that are set.
+    pub commands: &'a [JointCommand<'a>],
     pub work: &'a mut Work<L>,
 }
 
@@ -41,7 +44,10 @@ impl<L: Real> Kernel<L> for StepBlocks<'_, L> {
     fn run(self) {
         for (index, block) in self.blocks.iter_mut().enumerate() {
             let used = (self.count - (self.first + index) * L::LANES).min(L::LANES);
-            for _ in 0..self.steps {
+            for k in 0..self.steps {
+                if let Some(command) = self.commands.get(k) {
+                    block.command_all(self.shared.topology.joints, command);
+                }
                 step(self.shared, used, block, self.work);
             }
         }
