@@ -26,6 +26,13 @@ pub struct ParameterInfo {
     pub(crate) slot: Slot,
 }
 
+impl ParameterInfo {
+    /// The nearest value that means something.
+    pub fn clamped(&self, value: f64) -> f64 {
+        value.max(self.least)
+    }
+}
+
 /// What a parameter acts on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Slot {

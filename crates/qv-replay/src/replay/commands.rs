@@ -19,7 +19,7 @@ pub struct HeldCommands {
 }
 
 /// One command of all joints, shape `[n]` each.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Command {
     q: Vec<f64>,
     dq: Vec<f64>,

@@ -133,7 +133,7 @@ pub fn simulate(
     options: &ReplayOptions,
 ) -> Result<Simulated, ReplayError> {
     let (columns, free) = check(run, model, options)?;
-    let feet = feet(run, model);
+    let feet = feet_of(run, model);
     let commands = HeldCommands::new(run, &columns)?;
     let parameters = all_parameters(run, model, terrain, options)?;
     let starts = Starts::new(run, &columns, free, sensor_errors(model, &parameters))?;
@@ -168,6 +168,14 @@ pub fn simulate(
     Ok(Simulated { columns, feet, recorded, whole, windows, ran_away, seconds })
 }
 
+/// Column of `run` for each joint of `model`, shape `[n]`, and whether the base is free.
+///
+/// # Errors
+/// When the positions look like degrees, a joint of the model is not in the run, or only one of them has a free base.
+pub fn joint_columns(run: &Run, model: &Model) -> Result<(Vec<usize>, bool), ReplayError> {
+    check(run, model, &ReplayOptions::default())
+}
+
 fn check(run: &Run, model: &Model, options: &ReplayOptions) -> Result<(Vec<usize>, bool), ReplayError> {
     if !(options.window > 2.0 * options.timestep && options.window < 1e4) {
         return Err(ReplayError::run(
@@ -198,7 +206,7 @@ fn check(run: &Run, model: &Model, options: &ReplayOptions) -> Result<(Vec<usize
 }
 
 /// Feet by the run's names (the shape on a link of that prefix that reaches lowest); joints by the same prefix.
-fn feet(run: &Run, model: &Model) -> Feet {
+pub fn feet_of(run: &Run, model: &Model) -> Feet {
     let rest = vec![0.0; model.nq()];
     let poses = model.world_from_links(&rest);
     let mut feet = Feet { of_joint: vec![None; model.joints.len()], ..Default::default() };
@@ -227,9 +235,16 @@ fn all_parameters(
     terrain: &Terrain,
     options: &ReplayOptions,
 ) -> Result<Vec<(String, f64)>, ReplayError> {
+    let mut all = stated_parameters(run, model);
+    all.extend(expand(model, terrain, &options.parameters)?);
+    Ok(all)
+}
+
+/// What the run states about its joints, as parameters of the simulator.
+pub fn stated_parameters(run: &Run, model: &Model) -> Vec<(String, f64)> {
     let mut all = Vec::new();
     for name in model.joint_names() {
-        let column = run.joint_names.iter().position(|n| n == name).expect("checked before");
+        let Some(column) = run.joint_names.iter().position(|n| n == name) else { continue };
         let stated = &run.joint_parameters[column];
         let mut push = |name: String, value: Option<f64>| all.extend(value.map(|v| (name, v)));
         push(format!("joint.{name}.armature"), stated.armature);
@@ -238,9 +253,18 @@ fn all_parameters(
         push(format!("sensor.{name}.encoder_bias"), stated.position_offset);
         push(format!("actuator.{name}.position_torque_limit"), run.actuator.tau_max);
     }
-    if options.parameters.iter().any(|(name, _)| name.contains('*')) {
+    all
+}
+
+/// Parameters with each `*` in a name spelt out.
+///
+/// # Errors
+/// When no parameter fits a name with `*`.
+pub fn expand(model: &Model, terrain: &Terrain, given: &[(String, f64)]) -> Result<Vec<(String, f64)>, ReplayError> {
+    let mut all = Vec::new();
+    if given.iter().any(|(name, _)| name.contains('*')) {
         let probe = Batch::<f64>::new(model, terrain, &SimOptions::default(), 1).map_err(simulator)?;
-        for (name, value) in &options.parameters {
+        for (name, value) in given {
             let fits: Vec<String> =
                 probe.catalogue().iter().map(|p| p.name.clone()).filter(|n| matches(name, n)).collect();
             if fits.is_empty() {
@@ -249,7 +273,7 @@ fn all_parameters(
             all.extend(fits.into_iter().map(|n| (n, *value)));
         }
     } else {
-        all.extend(options.parameters.iter().cloned());
+        all.extend(given.iter().cloned());
     }
     Ok(all)
 }
@@ -273,6 +297,7 @@ fn sensor_errors(model: &Model, parameters: &[(String, f64)]) -> SensorErrors {
         imu_tilt: ["roll", "pitch"].map(|a| value(&format!("sensor.imu.tilt_{a}"))),
         gyro_bias: ["x", "y", "z"].map(|a| value(&format!("sensor.imu.gyro_bias_{a}"))),
         pose_delay: value("sensor.pose.delay"),
+        encoder_latency: model.joint_names().iter().map(|n| value(&format!("sensor.{n}.encoder_latency"))).collect(),
     }
 }
 

@@ -31,6 +31,8 @@ pub struct SensorErrors {
     pub gyro_bias: [f64; 3],
     /// Age of a pose at its stamp \[s\].
     pub pose_delay: f64,
+    /// Age of joint positions and velocities at their stamp \[s\], in model order; empty = none.
+    pub encoder_latency: Vec<f64>,
 }
 
 /// Gives smoothed states of one run.
@@ -106,6 +108,19 @@ impl<'a> Starts<'a> {
     }
 
     fn joints(&self, time: f64) -> Option<(Vec<f64>, Vec<f64>)> {
+        let latency = |j: usize| self.errors.encoder_latency.get(j).copied().unwrap_or(0.0);
+        let first = latency(0);
+        let (mut q, mut v) = self.joints_as_reported(time + first)?;
+        // Joints rarely differ in latency: another look at the recording for each that does.
+        for j in (1..q.len()).filter(|&j| latency(j) != first) {
+            let (other_q, other_v) = self.joints_as_reported(time + latency(j))?;
+            (q[j], v[j]) = (other_q[j], other_v[j]);
+        }
+        Some((q, v))
+    }
+
+    /// Smoothed positions, freed of their bias, and velocities at the stamp `time`.
+    fn joints_as_reported(&self, time: f64) -> Option<(Vec<f64>, Vec<f64>)> {
         let position = self.run.measured.position.as_ref()?;
         let at = joint_filter(position).at(position, time);
         let speeds: Vec<f64> = match self.run.measured.velocity.as_ref() {
@@ -166,14 +181,14 @@ impl<'a> Starts<'a> {
         }
     }
 
-    /// Base from IMU.
-    fn tilt(&self) -> DQuat {
+    /// Base from IMU, by the tilt that is assumed.
+    pub fn tilt(&self) -> DQuat {
         let [roll, pitch] = self.errors.imu_tilt;
         Pose::from_xyz_rpy([0.0; 3], [roll, pitch, 0.0]).rotation
     }
 
     /// World from base: the IMU's, turned about z by the mean yaw between it and the poses nearby.
-    fn orientation(&self, time: f64) -> Option<DQuat> {
+    pub fn orientation(&self, time: f64) -> Option<DQuat> {
         let poses = self.run.measured.base_pose.as_ref()?;
         let late = time + self.errors.pose_delay;
         let Some(imu) = &self.run.measured.orientation else { return rotation_near(poses, 3, late) };

@@ -1,0 +1,41 @@
+//! The error of this crate.
+
+use qv_replay::ReplayError;
+use qv_sim::SimError;
+
+/// Why a run could not be diagnosed.
+#[derive(Debug, thiserror::Error)]
+pub enum GapError {
+    /// A library of effects cannot be used.
+    #[error("{file}: expected {expected}, found {found}")]
+    Library {
+        /// Name of the file.
+        file: String,
+        /// What was expected.
+        expected: String,
+        /// What was found.
+        found: String,
+    },
+    /// The run cannot be diagnosed.
+    #[error("{what}: expected {expected}, found {found}")]
+    Run {
+        /// What is missing or off.
+        what: String,
+        /// What was expected.
+        expected: String,
+        /// What was found.
+        found: String,
+    },
+    /// The recording.
+    #[error(transparent)]
+    Replay(#[from] ReplayError),
+    /// The simulator.
+    #[error("simulator: {0}")]
+    Sim(#[from] SimError),
+}
+
+impl GapError {
+    pub(crate) fn run(what: impl Into<String>, expected: impl Into<String>, found: impl Into<String>) -> Self {
+        Self::Run { what: what.into(), expected: expected.into(), found: found.into() }
+    }
+}

@@ -1,0 +1,109 @@
+//! Joint fits: every tolerated deviation has a narrow prior, the suspected effect a wide one, and models are compared by
+//! their evidence (Laplace; linear-Gaussian in the deviations).
+//!
+//! With residuals `r` in units of the null, sensitivities `J` of the deviations and their prior `P`, the loss is
+//! `r' (I + J P J')^-1 r = r'r - b' (P^-1 + H)^-1 b` with `b = J'r`, `H = J'J` (Woodbury); Rasmussen and Williams, Gaussian
+//! Processes for Machine Learning (2006), eq. 2.11 and A.9.
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
+/// A window's part of the normal equations.
+#[derive(Debug, Clone)]
+pub struct Normal {
+    /// `J' r`, shape `[columns]`.
+    pub b: DVector<f64>,
+    /// `r' r`.
+    pub e: f64,
+    /// Numbers in `r`.
+    pub count: usize,
+}
+
+/// Weighted sums over windows.
+#[derive(Debug, Clone)]
+pub struct Sums {
+    /// Shape `[columns]`.
+    pub b: DVector<f64>,
+    /// Loss at no deviation.
+    pub e: f64,
+    /// Weighted count of numbers.
+    pub count: f64,
+}
+
+/// Sums over the windows with their weights.
+pub fn sum<'a>(parts: impl Iterator<Item = (&'a Normal, f64)>, columns: usize) -> Sums {
+    let mut sums = Sums { b: DVector::zeros(columns), e: 0.0, count: 0.0 };
+    for (part, weight) in parts {
+        sums.b.axpy(weight, &part.b, 1.0);
+        sums.e += weight * part.e;
+        sums.count += weight * part.count as f64;
+    }
+    sums
+}
+
+/// The tolerated deviations integrated out.
+pub struct Marginal {
+    /// `J'J` over all columns.
+    h: DMatrix<f64>,
+    /// Of `P^-1 + H` over the tolerated columns.
+    factor: Cholesky<f64, Dyn>,
+    tolerated: usize,
+    /// `H - H_t (P^-1 + H_tt)^-1 H_t'`: curvature along all columns with the deviations free.
+    pub curvature: DMatrix<f64>,
+}
+
+impl Marginal {
+    /// `h` over all columns, the first of which have the tolerances `tolerance`. `None` when the numbers are no good.
+    pub fn new(h: DMatrix<f64>, tolerance: &[f64]) -> Option<Self> {
+        let tolerated = tolerance.len();
+        let mut a = h.view((0, 0), (tolerated, tolerated)).into_owned();
+        tolerance.iter().enumerate().for_each(|(i, t)| a[(i, i)] += 1.0 / (t * t));
+        let factor = a.cholesky()?;
+        let across = h.rows(0, tolerated).into_owned();
+        let curvature = &h - across.transpose() * factor.solve(&across);
+        Some(Self { h, factor, tolerated, curvature })
+    }
+
+    /// Loss with the deviations at their best against their prior.
+    pub fn loss(&self, sums: &Sums) -> f64 {
+        let b = sums.b.rows(0, self.tolerated).into_owned();
+        sums.e - b.dot(&self.factor.solve(&b))
+    }
+
+    /// Most probable deviations, in columns.
+    pub fn deviations(&self, sums: &Sums) -> DVector<f64> {
+        self.factor.solve(&sums.b.rows(0, self.tolerated).into_owned())
+    }
+
+    /// Half the gradient of the loss, downwards, along all columns with the deviations free.
+    pub fn force(&self, sums: &Sums) -> DVector<f64> {
+        let best = self.deviations(sums);
+        &sums.b - self.h.columns(0, self.tolerated) * best
+    }
+
+    /// Inner product of two vectors of whitened features with the deviations integrated out, given their own product
+    /// and their products with the columns.
+    pub fn inner(&self, product: f64, a: &DVector<f64>, b: &DVector<f64>) -> f64 {
+        let (a, b) = (a.rows(0, self.tolerated).into_owned(), b.rows(0, self.tolerated).into_owned());
+        product - a.dot(&self.factor.solve(&b))
+    }
+}
+
+/// Log evidence ratio of giving the directions `d` (shape `[columns, k]`) a prior of deviations `wide`, against not; and
+/// the values along them. Losses are divided by `temper`.
+pub fn widen(
+    curvature: &DMatrix<f64>,
+    force: &DVector<f64>,
+    d: &DMatrix<f64>,
+    wide: &[f64],
+    temper: f64,
+) -> Option<(f64, DVector<f64>)> {
+    let h = d.transpose() * curvature * d / temper;
+    let g = d.transpose() * force / temper;
+    let k = wide.len();
+    let mut a = h.clone();
+    (0..k).for_each(|i| a[(i, i)] += 1.0 / (wide[i] * wide[i]));
+    let factor = a.cholesky()?;
+    let best = factor.solve(&g);
+    let volume: f64 = factor.l().diagonal().iter().map(|x| x.ln()).sum::<f64>() + wide.iter().map(|w| w.ln()).sum::<f64>();
+    Some((0.5 * g.dot(&best) - volume, best))
+}

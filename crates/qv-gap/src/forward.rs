@@ -1,0 +1,279 @@
+//! The simulated side of a comparison: windows under settings of the parameters, many side by side.
+
+use crate::GapError;
+use crate::observe::{self, Channel, middle, middles, turn};
+use crate::problem::{Numerics, Problem, Role, Setting, Window};
+use glam::{DQuat, DVec3};
+use qv_replay::replay::{Command, SensorErrors, Starts};
+use qv_sim::{Batch, Shape, State};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Environments that one thread steps together: a few registers' worth of each window.
+const TOGETHER: usize = 32;
+
+/// Measured minus simulated features of windows under settings.
+pub struct Residuals {
+    /// For each setting and window, shape `[settings][windows][features]`; empty where the simulation ran away or the
+    /// recording has a hole.
+    pub values: Vec<Vec<Vec<f64>>>,
+    /// Simulated steps.
+    pub steps: usize,
+}
+
+/// What depends on the errors of the sensors alone.
+struct Prepared {
+    /// Measured features.
+    measured: Vec<f64>,
+    /// State at the start.
+    state: State,
+}
+
+/// One simulation.
+struct Case {
+    setting: usize,
+    window: usize,
+    prepared: usize,
+}
+
+/// Compares `windows` with simulations under each of `settings`.
+///
+/// # Errors
+/// When a parameter has a value that means nothing.
+pub fn compare(
+    problem: &Problem,
+    numerics: &Numerics,
+    windows: &[&Window],
+    settings: &[Setting],
+) -> Result<Residuals, GapError> {
+    let (prepared, cases) = prepare(problem, windows, settings);
+    let chunks: Vec<&[Case]> = cases.chunks(TOGETHER).collect();
+    let done: Vec<Vec<Vec<f64>>> = chunks
+        .par_iter()
+        .map(|chunk| simulate(problem, numerics, windows, settings, &prepared, chunk))
+        .collect::<Result<_, GapError>>()?;
+    let mut values = vec![vec![Vec::new(); windows.len()]; settings.len()];
+    for (case, residual) in cases.iter().zip(done.into_iter().flatten()) {
+        if residual.iter().all(|x| x.is_finite()) {
+            values[case.setting][case.window] = residual;
+        }
+    }
+    let ticks = (problem.cut.window / numerics.timestep).round() as usize;
+    Ok(Residuals { values, steps: ticks * cases.len() })
+}
+
+/// Starts and measured features, once for each window and each distinct set of sensor errors; cases by window.
+fn prepare(problem: &Problem, windows: &[&Window], settings: &[Setting]) -> (Vec<Option<Prepared>>, Vec<Case>) {
+    let mut distinct: Vec<SensorErrors> = Vec::new();
+    let of_setting: Vec<usize> = settings
+        .iter()
+        .map(|setting| {
+            let errors = problem.sensor_errors(setting);
+            distinct.iter().position(|e| *e == errors).unwrap_or_else(|| {
+                distinct.push(errors);
+                distinct.len() - 1
+            })
+        })
+        .collect();
+    let tasks: Vec<(usize, usize)> = (0..windows.len()).flat_map(|w| (0..distinct.len()).map(move |d| (w, d))).collect();
+    let prepared = tasks.par_iter().map(|&(w, d)| prepare_one(problem, windows[w], &distinct[d])).collect();
+    let mut cases = Vec::new();
+    for window in 0..windows.len() {
+        for (setting, errors) in of_setting.iter().enumerate() {
+            cases.push(Case { setting, window, prepared: window * distinct.len() + errors });
+        }
+    }
+    (prepared, cases)
+}
+
+fn prepare_one(problem: &Problem, window: &Window, errors: &SensorErrors) -> Option<Prepared> {
+    let starts = Starts::new(&window.view, &problem.columns, problem.free, errors.clone()).ok()?;
+    let state = starts.at(window.start)?;
+    let measured = observe::features(problem, window, errors);
+    measured.iter().all(|x| x.is_finite()).then_some(Prepared { measured, state })
+}
+
+fn simulate(
+    problem: &Problem,
+    numerics: &Numerics,
+    windows: &[&Window],
+    settings: &[Setting],
+    prepared: &[Option<Prepared>],
+    cases: &[Case],
+) -> Result<Vec<Vec<f64>>, GapError> {
+    let live: Vec<&Case> = cases.iter().filter(|c| prepared[c.prepared].is_some()).collect();
+    if live.is_empty() {
+        return Ok(vec![Vec::new(); cases.len()]);
+    }
+    let latency = live.iter().map(|c| longest_latency(problem, &settings[c.setting])).fold(0.0, f64::max);
+    let past = (latency / numerics.timestep).ceil() as usize;
+    let mut batch = Batch::<f64>::new(problem.model, &problem.terrain, &numerics.options(latency), live.len())?;
+    let mut commands: BTreeMap<usize, Vec<Command>> = BTreeMap::new();
+    for case in &live {
+        if let std::collections::btree_map::Entry::Vacant(entry) = commands.entry(case.window) {
+            entry.insert(problem.commands(windows[case.window], numerics, past)?);
+        }
+    }
+    let mut tracks = Vec::with_capacity(live.len());
+    for (env, case) in live.iter().enumerate() {
+        let start = prepared[case.prepared].as_ref().expect("live");
+        let (setting, window) = (&settings[case.setting], windows[case.window]);
+        let height = set(problem, &mut batch, env, setting, window, &start.state)?;
+        for age in (1..=past).rev() {
+            batch.set_past_command(env, age, &commands[&case.window][past - age].view())?;
+        }
+        tracks.push(Track::new(problem, setting, window, height));
+    }
+    let ticks = (problem.cut.window / numerics.timestep).round() as usize;
+    let every = (problem.cut.sample / numerics.timestep).round() as usize;
+    for tick in 0..ticks {
+        for (env, case) in live.iter().enumerate() {
+            let of_window = &commands[&case.window];
+            let (now, before) = (&of_window[past + tick], &of_window[(past + tick).saturating_sub(1)]);
+            if tick == 0 || now != before {
+                batch.set_command(env, &now.view())?;
+            }
+        }
+        batch.step();
+        if (tick + 1) % every == 0 {
+            tracks.iter_mut().enumerate().try_for_each(|(env, track)| track.sample(&batch, env))?;
+        }
+    }
+    let mut out = vec![Vec::new(); cases.len()];
+    let mut tracks = tracks.into_iter();
+    for (k, case) in cases.iter().enumerate() {
+        if let (Some(start), true) = (&prepared[case.prepared], prepared[case.prepared].is_some()) {
+            out[k] = tracks.next().expect("one for each live case").residual(problem, start);
+        }
+    }
+    Ok(out)
+}
+
+/// Longest latency of commands under a setting \[s\].
+pub fn longest_latency(problem: &Problem, setting: &Setting) -> f64 {
+    let is_latency = |id: usize| problem.catalogue[id].name.ends_with(".command_latency");
+    problem.stated.iter().chain(setting).filter(|(id, _)| is_latency(*id)).map(|s| s.1).fold(0.0, f64::max)
+}
+
+/// Puts an environment at the start of a window; returns the height at which the ground touches the feet there.
+fn set(
+    problem: &Problem,
+    batch: &mut Batch<f64>,
+    env: usize,
+    setting: &Setting,
+    window: &Window,
+    state: &State,
+) -> Result<f64, GapError> {
+    for &(id, value) in problem.stated.iter().chain(setting) {
+        match problem.roles[id] {
+            // Freed of on the measured side.
+            Role::Tilt(_) | Role::GyroBias(_) | Role::PoseDelay | Role::EncoderLatency(_) | Role::Height => {}
+            Role::ForceStart => batch.set_parameter_at(env, id, value - window.start)?,
+            _ => batch.set_parameter_at(env, id, value)?,
+        }
+    }
+    let touching = if problem.free { ground_at(problem, setting, &state.q) } else { 0.0 };
+    if let (true, Some(id)) = (touching != 0.0, problem.parameter("terrain.height")) {
+        batch.set_parameter_at(env, id, touching)?;
+    }
+    batch.set_state(env, state)?;
+    Ok(touching)
+}
+
+/// How far the ground must rise \[m\] to touch the lowest feet at positions `q`: their mean height above it, those within
+/// 5 mm of the lowest. A robot in the air is left there.
+pub fn ground_at(problem: &Problem, setting: &Setting, q: &[f64]) -> f64 {
+    let poses = problem.model.world_from_links(q);
+    let slope = |axis: &str| {
+        let id = problem.parameter(&format!("terrain.slope_{axis}"));
+        id.map_or(0.0, |id| problem.value(setting, id)).tan()
+    };
+    let (slope_x, slope_y) = (slope("x"), slope("y"));
+    let gap = |g: &usize| {
+        let geom = &problem.model.geoms[*g];
+        let centre = poses[geom.link].transform_point(geom.link_from_geom.position);
+        let Shape::Sphere(radius) = geom.shape else { return None };
+        let name = format!("geom.{}.radius_offset", geom.name);
+        let offset = problem.parameter(&name).map_or(0.0, |id| problem.value(setting, id));
+        let ground = problem.terrain.height_below(centre.x, centre.y, centre.z + 1.0)?;
+        Some(centre.z - radius - offset - ground - slope_x * centre.x - slope_y * centre.y)
+    };
+    let gaps: Vec<f64> = problem.feet.geoms.iter().filter_map(gap).collect();
+    let lowest = gaps.iter().copied().fold(f64::INFINITY, f64::min);
+    let near: Vec<f64> = gaps.into_iter().filter(|g| *g < lowest + 0.005).collect();
+    if near.is_empty() { 0.0 } else { near.iter().sum::<f64>() / near.len() as f64 }
+}
+
+/// What is kept of one simulation.
+struct Track<'a> {
+    problem: &'a Problem<'a>,
+    reference: &'a [DQuat],
+    bias: Vec<f64>,
+    /// Measured minus expected height of the ground.
+    ground: f64,
+    q: Vec<f64>,
+    v: Vec<f64>,
+    rates: Vec<DVec3>,
+    places: Vec<DVec3>,
+    turns: Vec<DVec3>,
+    broken: bool,
+}
+
+impl<'a> Track<'a> {
+    fn new(problem: &'a Problem, setting: &Setting, window: &'a Window, touching: f64) -> Self {
+        let errors = problem.sensor_errors(setting);
+        let expected = problem.parameter("terrain.height").map_or(0.0, |id| problem.value(setting, id));
+        Self {
+            problem,
+            reference: &window.attitude,
+            bias: errors.encoder_bias,
+            ground: touching - expected,
+            q: Vec::new(),
+            v: Vec::new(),
+            rates: Vec::new(),
+            places: Vec::new(),
+            turns: Vec::new(),
+            broken: false,
+        }
+    }
+
+    fn sample(&mut self, batch: &Batch<f64>, env: usize) -> Result<(), GapError> {
+        self.broken |= batch.is_faulty(env)?;
+        let State { q, v } = batch.state(env)?;
+        if self.problem.free {
+            self.places.push(DVec3::new(q[0], q[1], q[2]));
+            self.rates.push(DVec3::new(v[3], v[4], v[5]));
+            let rotation = DQuat::from_xyzw(q[4], q[5], q[6], q[3]);
+            self.turns.push(turn(rotation, self.reference[self.turns.len()]));
+        }
+        let joints = self.problem.columns.len();
+        self.q.extend(q[q.len() - joints..].iter().zip(&self.bias).map(|(q, b)| q + b));
+        self.v.extend(&v[v.len() - joints..]);
+        Ok(())
+    }
+
+    /// Measured minus simulated features; empty when the simulation ran away.
+    fn residual(self, problem: &Problem, start: &Prepared) -> Vec<f64> {
+        if self.broken {
+            return Vec::new();
+        }
+        let (bins, per_bin, joints) = (problem.cut.bins(), problem.cut.samples_per_bin(), problem.columns.len());
+        let of_joint = |values: &[f64], j: usize| -> Vec<f64> {
+            let at = |b: usize| middle((0..per_bin).map(|k| values[(b * per_bin + k) * joints + j]), per_bin);
+            (0..bins).map(at).collect()
+        };
+        let mut simulated = Vec::with_capacity(start.measured.len());
+        for &channel in &problem.channels {
+            match channel {
+                Channel::Position(j) => simulated.extend(of_joint(&self.q, j)),
+                Channel::Velocity(j) => simulated.extend(of_joint(&self.v, j)),
+                Channel::Gyro(axis) => simulated.extend(middles(&self.rates, axis, bins)),
+                Channel::Attitude(axis) => simulated.extend(middles(&self.turns, axis, bins)),
+                Channel::Base(axis) => simulated.extend(middles(&self.places, axis, bins)),
+                Channel::PoseAgainstImu(_) => simulated.extend(std::iter::repeat_n(0.0, bins)),
+                Channel::Ground => simulated.push(-self.ground),
+            }
+        }
+        start.measured.iter().zip(simulated).map(|(m, s)| m - s).collect()
+    }
+}

@@ -1,0 +1,201 @@
+//! The effects that a diagnosis knows: data, read from TOML. No effect has code of its own.
+
+use crate::GapError;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+
+const BUILT_IN: &str = include_str!("effects.toml");
+
+/// A part of the simulator that a gap can lie in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Interface {
+    /// Motors and transmissions.
+    Actuator,
+    /// Feet, ground and whatever else touches the robot.
+    Contact,
+    /// Masses and inertias.
+    Inertial,
+    /// What sensors report.
+    Sensing,
+}
+
+impl Interface {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Actuator, Self::Contact, Self::Inertial, Self::Sensing];
+
+    /// Name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Actuator => "actuator",
+            Self::Contact => "contact",
+            Self::Inertial => "inertial",
+            Self::Sensing => "sensing",
+        }
+    }
+}
+
+/// What an effect acts on: it has one member for each of these.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Scope {
+    /// Every joint.
+    Joints,
+    /// Every moving link.
+    Links,
+    /// The floating base; every moving link of a robot that is held.
+    Base,
+    /// Every foot.
+    Feet,
+    /// Every material of the ground, or the ground as a whole when it has none.
+    Ground,
+    /// One for all.
+    World,
+}
+
+/// The measured quantity that levels are shares of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LevelsOf {
+    /// Largest torque of the joint \[N m\].
+    Torque,
+    /// Largest speed of the joint \[rad/s\].
+    Speed,
+}
+
+/// A direction of an effect.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Axis {
+    /// Name in reports.
+    pub name: String,
+    /// Parameters that it moves, with the factor from the axis' value to each.
+    pub moves: BTreeMap<String, f64>,
+}
+
+/// An effect: a name, a prior, and the parameters that it moves.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Effect {
+    /// Name in reports.
+    pub name: String,
+    /// Where it belongs.
+    pub interface: Interface,
+    /// What it acts on.
+    pub scope: Scope,
+    /// Unit of its values.
+    pub unit: String,
+    /// Whether values are those of the parameters; else deviations from nominal.
+    #[serde(default)]
+    pub absolute: bool,
+    /// Values worth searching.
+    pub range: [f64; 2],
+    /// Spread of the deviations that any robot has.
+    pub tolerance: f64,
+    /// Values at which the simulator is asked.
+    pub levels: Vec<f64>,
+    /// What levels are shares of.
+    pub levels_of: Option<LevelsOf>,
+    /// Whether it may act for a part of the time only.
+    #[serde(default)]
+    pub local: bool,
+    /// What would tell it from its likes.
+    #[serde(default)]
+    pub experiment: String,
+    /// Directions that belong together.
+    #[serde(rename = "axis")]
+    pub axes: Vec<Axis>,
+}
+
+impl Effect {
+    /// Length of the range.
+    pub fn span(&self) -> f64 {
+        self.range[1] - self.range[0]
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    effect: Vec<Effect>,
+}
+
+/// The effects that come with the program.
+///
+/// # Panics
+/// Never: a test reads them.
+pub fn built_in() -> Vec<Effect> {
+    parse(BUILT_IN, "effects.toml").expect("tested")
+}
+
+/// Reads effects from the text of a TOML file; `name` is told in errors.
+///
+/// # Errors
+/// When the text is not of this form, or an effect cannot be used.
+pub fn parse(text: &str, name: &str) -> Result<Vec<Effect>, GapError> {
+    let wrong = |found: String| GapError::Library { file: name.into(), expected: "[[effect]] tables".into(), found };
+    let file: File = toml::from_str(text).map_err(|e| wrong(e.to_string()))?;
+    for effect in &file.effect {
+        check(effect, name)?;
+    }
+    Ok(file.effect)
+}
+
+fn check(effect: &Effect, file: &str) -> Result<(), GapError> {
+    let wrong = |expected: &str, found: String| {
+        let expected = format!("{expected} in effect `{}`", effect.name);
+        Err(GapError::Library { file: file.into(), expected, found })
+    };
+    if effect.name.is_empty() || effect.name == "unknown" {
+        return wrong("a name other than `unknown`", format!("`{}`", effect.name));
+    }
+    if !(effect.range[0] < effect.range[1] && effect.range.iter().all(|x| x.is_finite())) {
+        return wrong("a rising, finite range", format!("{:?}", effect.range));
+    }
+    if !(effect.tolerance.is_finite() && effect.tolerance >= 0.0) {
+        return wrong("a tolerance of at least 0", effect.tolerance.to_string());
+    }
+    if effect.levels.is_empty() || effect.levels.iter().any(|x| !x.is_finite() || (*x == 0.0 && !effect.absolute)) {
+        return wrong("levels that are finite and not 0", format!("{:?}", effect.levels));
+    }
+    let moves = || effect.axes.iter().flat_map(|a| a.moves.values());
+    if effect.axes.is_empty() || moves().count() == 0 || moves().any(|x| !x.is_finite() || *x == 0.0) {
+        return wrong("at least one axis that moves a parameter by a finite factor", format!("{:?}", effect.axes));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_library_has_every_name_of_the_report() {
+        let names: Vec<String> = built_in().into_iter().map(|e| e.name).collect();
+        for name in "command_latency observation_latency actuator_lag joint_coulomb_friction joint_viscous_friction \
+            joint_armature motor_strength motor_gain_kp motor_gain_kd torque_limit torque_speed_limit backlash \
+            encoder_bias payload_mass com_offset link_inertia ground_friction contact_compliance contact_restitution \
+            terrain_slope terrain_height foot_radius external_force imu_tilt gyro_bias pose_delay"
+            .split_whitespace()
+        {
+            assert_eq!(names.iter().filter(|n| *n == name).count(), 1, "{name}");
+        }
+    }
+
+    #[test]
+    fn faults_in_a_library_are_named() {
+        let good = "[[effect]]\nname = 'wind'\ninterface = 'contact'\nscope = 'world'\nunit = 'N'\nrange = [0, 9]\n\
+            tolerance = 0.1\nlevels = [1]\n[[effect.axis]]\nname = 'x'\nmoves = { 'external.force_x' = 1.0 }\n";
+        assert_eq!(parse(good, "mine.toml").unwrap()[0].name, "wind");
+        for (from, to, told) in [
+            ("[0, 9]", "[9, 0]", "rising"),
+            ("levels = [1]", "levels = [0]", "not 0"),
+            ("= 1.0 }", "= 0.0 }", "factor"),
+            ("'wind'", "'unknown'", "other than"),
+            ("unit = 'N'\n", "", "unit"),
+        ] {
+            let error = parse(&good.replace(from, to), "mine.toml").unwrap_err().to_string();
+            assert!(error.contains(told) && error.contains("mine.toml"), "{error}");
+        }
+    }
+}

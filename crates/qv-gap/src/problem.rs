@@ -1,0 +1,347 @@
+//! What is being diagnosed: a robot, the ground, and the windows of a recording, with all that is looked up once.
+
+use crate::GapError;
+use crate::observe::{self, Channel};
+use qv_replay::Run;
+use qv_replay::replay::{Command, Feet, HeldCommands, SensorErrors, Starts, expand, feet_of, is_whole, joint_columns, stated_parameters};
+use qv_replay::run::{ActuatorKind, FaultKind};
+use qv_sim::{Batch, JointCommand, Model, ParameterInfo, SimOptions, Terrain};
+use std::collections::HashMap;
+
+/// Values of parameters that are not nominal: index in the catalogue, value; sorted by index.
+pub type Setting = Vec<(usize, f64)>;
+
+/// How windows are cut and compared.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cut {
+    /// Length of a window \[s\].
+    pub window: f64,
+    /// Length of a bin, within which a channel becomes one number \[s\].
+    pub bin: f64,
+    /// Interval at which the simulation is looked at \[s\].
+    pub sample: f64,
+    /// What a window needs on either side of it to find its start \[s\].
+    pub margin: f64,
+    /// Most windows that are simulated; of a longer recording evenly spread ones are.
+    pub most: usize,
+}
+
+impl Default for Cut {
+    fn default() -> Self {
+        Self { window: 0.3, bin: 0.05, sample: 0.005, margin: 0.5, most: 72 }
+    }
+}
+
+impl Cut {
+    /// Bins in a window.
+    pub fn bins(&self) -> usize {
+        (self.window / self.bin).round() as usize
+    }
+
+    /// Samples in a bin.
+    pub fn samples_per_bin(&self) -> usize {
+        (self.bin / self.sample).round() as usize
+    }
+}
+
+/// Numbers of the simulator that no recording states.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Numerics {
+    /// Time step \[s\]; the sample interval is a multiple of it.
+    pub timestep: f64,
+    /// See [`SimOptions::impratio`].
+    pub impratio: f64,
+    /// See [`SimOptions::implicit_actuator_damping`].
+    pub implicit: bool,
+}
+
+impl Default for Numerics {
+    fn default() -> Self {
+        Self { timestep: 0.001, impratio: 10.0, implicit: true }
+    }
+}
+
+impl Numerics {
+    /// Options of a simulation that must remember commands of `latency` \[s\].
+    pub fn options(&self, latency: f64) -> SimOptions {
+        SimOptions {
+            timestep: self.timestep,
+            impratio: self.impratio,
+            implicit_actuator_damping: self.implicit,
+            max_command_latency: latency,
+            ..Default::default()
+        }
+    }
+}
+
+/// What a parameter means to the measured side of a comparison.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Only the simulator knows it.
+    Dynamic,
+    /// Bias of the encoder of a joint.
+    EncoderBias(usize),
+    /// Age of the state of a joint.
+    EncoderLatency(usize),
+    /// Tilt of the IMU, roll or pitch.
+    Tilt(usize),
+    /// Bias of the gyroscope about an axis.
+    GyroBias(usize),
+    /// Age of the pose.
+    PoseDelay,
+    /// Raises the ground.
+    Height,
+    /// Tilts the ground along x or y.
+    Slope(usize),
+    /// Radius of a shape.
+    Radius(usize),
+    /// Start of outside forces, on the clock of the run.
+    ForceStart,
+}
+
+/// A stretch of the recording that is simulated from its measured start.
+pub struct Window {
+    /// Start on the clock of the run \[s\].
+    pub start: f64,
+    /// What was recorded in and around it.
+    pub view: Run,
+    /// Attitude of the base at each sample, `world_from_base`, that small turns are counted from; empty with a fixed base.
+    pub attitude: Vec<glam::DQuat>,
+    /// Whether the robot moves much in it, against the rest of the recording.
+    pub moving: bool,
+    /// Whether it is kept away from every fit.
+    pub held_out: bool,
+}
+
+/// A robot, the ground and the channels that can be compared.
+pub struct Problem<'a> {
+    /// The robot.
+    pub model: &'a Model,
+    /// The ground; none for a robot that is held above a plane.
+    pub terrain: Terrain,
+    /// Column of the run for each joint, shape `[n]`.
+    pub columns: Vec<usize>,
+    /// Whether the base is free.
+    pub free: bool,
+    /// Its feet.
+    pub feet: Feet,
+    /// All parameters.
+    pub catalogue: Vec<ParameterInfo>,
+    /// Value of each parameter before the diagnosis.
+    pub nominal: Vec<f64>,
+    /// Parameters whose nominal value is not the catalogue's.
+    pub stated: Setting,
+    /// Meaning of each parameter.
+    pub roles: Vec<Role>,
+    /// Channels, in the order of the features.
+    pub channels: Vec<Channel>,
+    /// Joints whose torque can be compared with the law of the actuator.
+    pub law_joints: Vec<usize>,
+    /// Half the time between reported states, by which torques may be out of step with positions \[s\].
+    pub cut: Cut,
+    /// Numbers of the simulator.
+    pub numerics: Numerics,
+    index: HashMap<String, usize>,
+}
+
+impl<'a> Problem<'a> {
+    /// Looks at what `run` has; `given` are parameters that are known already.
+    ///
+    /// # Errors
+    /// When the run is not one of this model, or a parameter is unknown.
+    pub fn new(
+        run: &Run,
+        model: &'a Model,
+        terrain: &Terrain,
+        given: &[(String, f64)],
+        cut: Cut,
+    ) -> Result<Self, GapError> {
+        let (columns, free) = joint_columns(run, model)?;
+        let terrain = if !free && terrain.is_plane() { Terrain::none() } else { terrain.clone() };
+        let probe = Batch::<f64>::new(model, &terrain, &SimOptions::default(), 1)?;
+        let catalogue = probe.catalogue().to_vec();
+        let index: HashMap<String, usize> = catalogue.iter().enumerate().map(|(i, p)| (p.name.clone(), i)).collect();
+        let mut nominal: Vec<f64> = catalogue.iter().map(|p| p.neutral).collect();
+        let mut known = stated_parameters(run, model);
+        known.extend(expand(model, &terrain, given)?);
+        for (name, value) in known {
+            let found = || GapError::run("parameters", "a parameter of the simulator", format!("`{name}`"));
+            nominal[*index.get(&name).ok_or_else(found)?] = value;
+        }
+        let stated = (0..nominal.len()).filter(|&i| nominal[i] != catalogue[i].neutral).map(|i| (i, nominal[i])).collect();
+        let roles = catalogue.iter().map(|p| role(&p.name, model)).collect();
+        let feet = feet_of(run, model);
+        let channels = observe::channels(run, &columns, free);
+        if channels.is_empty() {
+            return Err(GapError::run("channels", "at least one that is measured and alive", "none"));
+        }
+        let law_joints = law_joints(run, &columns);
+        let numerics = Numerics::default();
+        Ok(Self { model, terrain, columns, free, feet, catalogue, nominal, stated, roles, channels, law_joints, cut, numerics, index })
+    }
+
+    /// Index of a parameter.
+    pub fn parameter(&self, name: &str) -> Option<usize> {
+        self.index.get(name).copied()
+    }
+
+    /// Value of a parameter under a setting.
+    pub fn value(&self, setting: &Setting, id: usize) -> f64 {
+        setting.binary_search_by_key(&id, |s| s.0).map_or(self.nominal[id], |i| setting[i].1)
+    }
+
+    /// Value under a setting of the parameter of a joint, such as `actuator.*.lag`.
+    pub fn joint_value(&self, setting: &Setting, pattern: &str, joint: usize) -> f64 {
+        let name = pattern.replace('*', &self.model.joint_names()[joint]);
+        self.parameter(&name).map_or(0.0, |id| self.value(setting, id))
+    }
+
+    /// The errors of the sensors under a setting.
+    pub fn sensor_errors(&self, setting: &Setting) -> SensorErrors {
+        let joints = self.columns.len();
+        let mut errors =
+            SensorErrors { encoder_bias: vec![0.0; joints], encoder_latency: vec![0.0; joints], ..Default::default() };
+        for &(id, value) in self.stated.iter().chain(setting) {
+            match self.roles[id] {
+                Role::EncoderBias(j) => errors.encoder_bias[j] = value,
+                Role::EncoderLatency(j) => errors.encoder_latency[j] = value,
+                Role::Tilt(axis) => errors.imu_tilt[axis] = value,
+                Role::GyroBias(axis) => errors.gyro_bias[axis] = value,
+                Role::PoseDelay => errors.pose_delay = value,
+                _ => {}
+            }
+        }
+        errors
+    }
+
+    /// Windows of the run: whole ones, one after the other; of a long recording evenly spread ones. Every fourth is held
+    /// out.
+    ///
+    /// # Errors
+    /// When there are fewer than eight whole ones.
+    pub fn windows(&self, run: &Run) -> Result<Vec<Window>, GapError> {
+        let [first, last] = run.span();
+        let (cut, mut starts) = (self.cut, Vec::new());
+        // The margin may reach beyond the ends: the start is found from what there is.
+        let mut from = first + 0.1_f64.min(cut.margin);
+        while from + cut.window + 0.05 <= last {
+            if self.is_usable(run, from) {
+                starts.push(from);
+            }
+            from += cut.window;
+        }
+        let all = starts.len();
+        if all > cut.most {
+            starts = (0..cut.most).map(|k| starts[k * all / cut.most]).collect();
+        }
+        let mut windows: Vec<Window> =
+            starts.into_iter().enumerate().filter_map(|(k, start)| self.window(run, start, k % 4 == 3)).collect();
+        if windows.len() < 8 {
+            let expected = format!("at least 8 windows of {} s with all channels", cut.window);
+            return Err(GapError::run("recording", expected, format!("{}", windows.len())));
+        }
+        mark_moving(&mut windows, &self.columns);
+        Ok(windows)
+    }
+
+    fn is_usable(&self, run: &Run, from: f64) -> bool {
+        let (from, to) = (from - 0.05, from + self.cut.window + 0.05);
+        let (m, c) = (&run.measured, &run.commands);
+        let needed = [&m.position, &m.velocity, &m.torque, &m.gyro, &m.orientation, &m.base_pose, &c.position, &c.torque];
+        needed.into_iter().flatten().filter(|s| !s.is_empty()).all(|s| is_whole(s, from, to))
+    }
+
+    /// One window; `None` when its start cannot be found.
+    pub fn window(&self, run: &Run, start: f64, held_out: bool) -> Option<Window> {
+        let view = observe::snippet(run, start - self.cut.margin, start + self.cut.window + self.cut.margin);
+        let starts = Starts::new(&view, &self.columns, self.free, self.sensor_errors(&Vec::new())).ok()?;
+        starts.at(start)?;
+        let attitude = if self.free { observe::attitudes(self, &view, &starts, start)? } else { Vec::new() };
+        Some(Window { start, view, attitude, moving: true, held_out })
+    }
+
+    /// The command for each tick of a window, of ticks before it, and how many those are.
+    ///
+    /// # Errors
+    /// When the run has no commands.
+    pub fn commands(&self, window: &Window, numerics: &Numerics, past: usize) -> Result<Vec<Command>, GapError> {
+        let held = HeldCommands::new(&window.view, &self.columns)?;
+        let ticks = (self.cut.window / numerics.timestep).round() as usize;
+        let at = |k: usize| {
+            let mut command = Command::default();
+            let time = window.start + (k as f64 - past as f64) * numerics.timestep;
+            held.at(time, numerics.timestep, &mut command);
+            command
+        };
+        Ok((0..ticks + past).map(at).collect())
+    }
+}
+
+fn role(name: &str, model: &Model) -> Role {
+    let joint = |name: &str| model.joint_names().iter().position(|j| j == name);
+    let parts: Vec<&str> = name.split('.').collect();
+    match parts[..] {
+        ["sensor", name, "encoder_bias"] => joint(name).map_or(Role::Dynamic, Role::EncoderBias),
+        ["sensor", name, "encoder_latency"] => joint(name).map_or(Role::Dynamic, Role::EncoderLatency),
+        ["sensor", "imu", "tilt_roll"] => Role::Tilt(0),
+        ["sensor", "imu", "tilt_pitch"] => Role::Tilt(1),
+        ["sensor", "imu", "gyro_bias_x"] => Role::GyroBias(0),
+        ["sensor", "imu", "gyro_bias_y"] => Role::GyroBias(1),
+        ["sensor", "imu", "gyro_bias_z"] => Role::GyroBias(2),
+        ["sensor", "pose", "delay"] => Role::PoseDelay,
+        ["terrain", "height"] => Role::Height,
+        ["terrain", "slope_x"] => Role::Slope(0),
+        ["terrain", "slope_y"] => Role::Slope(1),
+        ["external", "start"] => Role::ForceStart,
+        ["geom", geom, "radius_offset"] => {
+            model.geoms.iter().position(|g| g.name == geom).map_or(Role::Dynamic, Role::Radius)
+        }
+        _ => Role::Dynamic,
+    }
+}
+
+/// Joints with measured torque, speed and a controller's law to compare them with.
+fn law_joints(run: &Run, columns: &[usize]) -> Vec<usize> {
+    let m = &run.measured;
+    let (Some(torque), Some(_), Some(_)) = (&m.torque, &m.velocity, &m.position) else { return Vec::new() };
+    if run.actuator.kind != ActuatorKind::Pd || run.commands.position.is_none() {
+        return Vec::new();
+    }
+    (0..columns.len()).filter(|&j| torque.column(columns[j]).any(|x| x != 0.0) && is_alive(run, "torque", j, columns)).collect()
+}
+
+/// Whether no fault says that a channel of a joint stood still.
+pub fn is_alive(run: &Run, channel: &str, joint: usize, columns: &[usize]) -> bool {
+    let name = format!("{channel} {}", run.joint_names[columns[joint]]);
+    !run.faults.iter().any(|f| f.kind == FaultKind::Frozen && f.channel == name)
+}
+
+/// Windows with more than half of the recording's typical joint speed count as moving.
+fn mark_moving(windows: &mut [Window], columns: &[usize]) {
+    let speed = |w: &Window| {
+        let position = w.view.measured.position.as_ref();
+        let rows = position.map_or(0, |p| p.len());
+        let mut sum = 0.0;
+        for i in 1..rows {
+            let (a, b) = (position.map(|p| p.row(i - 1)), position.map(|p| p.row(i)));
+            let (Some(a), Some(b)) = (a, b) else { continue };
+            sum += columns.iter().map(|&c| (b[c] - a[c]).abs()).filter(|x| x.is_finite()).sum::<f64>();
+        }
+        sum / rows.max(1) as f64
+    };
+    let speeds: Vec<f64> = windows.iter().map(speed).collect();
+    let mut sorted = speeds.clone();
+    sorted.sort_by(f64::total_cmp);
+    let middle = 0.5 * sorted[(sorted.len() * 9) / 10];
+    windows.iter_mut().zip(speeds).for_each(|(w, s)| w.moving = s > middle);
+    // A mode with hardly a window has no statistics of its own.
+    let moving = windows.iter().filter(|w| w.moving).count();
+    if moving < 6 || windows.len() - moving < 6 {
+        windows.iter_mut().for_each(|w| w.moving = true);
+    }
+}
+
+/// Views of commands as the simulator takes them.
+pub fn view(command: &Command) -> JointCommand<'_> {
+    command.view()
+}

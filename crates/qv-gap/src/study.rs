@@ -1,0 +1,370 @@
+//! All that a diagnosis knows before it suspects anything: residuals, sensitivities, and what no effect looks like.
+
+use crate::GapError;
+use crate::columns::Columns;
+use crate::evidence::{Marginal, Normal, Sums, sum};
+use crate::forward::{compare, longest_latency};
+use crate::law;
+use crate::null::{Ghost, Noise, record};
+use crate::problem::{Numerics, Problem, Setting, Window};
+use crate::random::Random;
+use crate::whiten::{Raw, Whitener};
+use nalgebra::{DMatrix, DVector};
+use qv_replay::Run;
+use rayon::prelude::*;
+
+/// Columns that belong to no unit: torques may be out of step with the positions that they are reported with.
+pub const EXTRA: usize = 1;
+/// Change of that step whose effect is a column \[s\], and its tolerance in columns.
+const SHIFT: f64 = 0.0005;
+const SHIFT_TOLERANCE: f64 = 1.0;
+
+/// Settings simulated at a time: their features are in memory together.
+const AT_A_TIME: usize = 96;
+
+/// How much is done.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Effort {
+    /// Simulated recordings without an effect.
+    pub ghosts: usize,
+    /// Seed of all that is random.
+    pub seed: u64,
+}
+
+impl Default for Effort {
+    fn default() -> Self {
+        Self { ghosts: 12, seed: 1 }
+    }
+}
+
+/// A window with its sensitivities in units of the null.
+pub struct Seen {
+    /// The window.
+    pub window: Window,
+    /// Sensitivities, shape `[features, columns]`.
+    pub j: DMatrix<f64>,
+    /// `J'J`.
+    pub h: DMatrix<f64>,
+    /// Raw residual of the nominal robot.
+    pub raw: Raw,
+    /// Whitened residual of the nominal robot.
+    pub residual: DVector<f64>,
+    /// Weight in sums: below 1 where nothing explains the window.
+    pub weight: f64,
+}
+
+/// See the module.
+pub struct Study<'a> {
+    /// The robot and the ground.
+    pub problem: Problem<'a>,
+    /// What may be suspected.
+    pub columns: Columns,
+    /// The windows.
+    pub seen: Vec<Seen>,
+    /// The null.
+    pub whitener: Whitener,
+    /// Noise of the sensors.
+    pub noise: Noise,
+    /// Normal equations of each simulated recording without an effect, by window.
+    pub ghosts: Vec<Vec<Option<Normal>>>,
+    /// Tolerance of the first columns.
+    pub tolerance: Vec<f64>,
+    /// How stamps of torques lie.
+    pub alignment: law::Alignment,
+    /// Steps simulated so far.
+    pub steps: usize,
+}
+
+impl<'a> Study<'a> {
+    /// Simulates what is needed to judge `run`.
+    ///
+    /// # Errors
+    /// When the run has too little, or the simulator refuses.
+    pub fn new(problem: Problem<'a>, columns: Columns, run: &Run, effort: &Effort) -> Result<Self, GapError> {
+        let windows = problem.windows(run)?;
+        let noise = Noise::of(run, &problem.columns);
+        let mut steps = 0;
+        let alignment = law::align(&problem, &windows.iter().collect::<Vec<_>>());
+        let (raw, sensitivities) = sensitivities(&problem, alignment, &columns, &windows, &mut steps)?;
+        let good: Vec<bool> = raw.iter().zip(&sensitivities).map(|(r, s)| !r.is_empty() && !s.is_empty()).collect();
+        if good.iter().filter(|g| **g).count() < 8 {
+            return Err(GapError::run("simulation", "at least 8 windows that can be simulated", "fewer"));
+        }
+        let (ghost_raw, deviations) = ghosts(&problem, &columns, &windows, &noise, effort, &mut steps)?;
+        let samples = samples(&windows, &sensitivities, &ghost_raw, &deviations);
+        let few = || GapError::run("simulation without an effect", "windows that do not run away", "too few");
+        let whitener = Whitener::new(&problem, &samples).ok_or_else(few)?;
+        let tolerated = columns.columns.iter().take(columns.tolerated).map(|c| c.tolerance);
+        let tolerance: Vec<f64> = std::iter::once(SHIFT_TOLERANCE).chain(tolerated).collect();
+        let seen: Vec<Option<Seen>> = windows
+            .into_par_iter()
+            .zip(raw)
+            .zip(sensitivities)
+            .map(|((window, raw), sensitivity)| {
+                (!raw.is_empty() && !sensitivity.is_empty()).then(|| see(&whitener, window, raw, &sensitivity))
+            })
+            .collect();
+        let ghosts = ghost_raw
+            .par_iter()
+            .map(|run| {
+                let normal = |(raw, seen): (&Raw, &Option<Seen>)| {
+                    seen.as_ref().filter(|_| !raw.is_empty()).map(|s| s.normal(&whitener, raw))
+                };
+                run.iter().zip(&seen).map(normal).collect::<Vec<Option<Normal>>>()
+            })
+            .collect::<Vec<_>>()
+            .into_iter()
+            .map(|run: Vec<Option<Normal>>| run.into_iter().zip(&good).filter(|(_, g)| **g).map(|(n, _)| n).collect())
+            .collect();
+        let seen = seen.into_iter().flatten().collect();
+        Ok(Self { problem, columns, seen, whitener, noise, ghosts, tolerance, alignment, steps })
+    }
+
+    /// Number of columns, the extra ones included.
+    pub fn width(&self) -> usize {
+        EXTRA + self.columns.columns.len()
+    }
+
+    /// Deviations integrated out over the windows with `weight` above 0.
+    pub fn marginal(&self, weight: impl Fn(&Seen) -> f64) -> Option<Marginal> {
+        let mut h = DMatrix::zeros(self.width(), self.width());
+        for seen in &self.seen {
+            let w = weight(seen);
+            if w > 0.0 {
+                h += &seen.h * w;
+            }
+        }
+        Marginal::new(h, &self.tolerance)
+    }
+
+    /// Normal equations of each window under each setting; `None` where the simulation ran away.
+    ///
+    /// # Errors
+    /// When a setting has a value that means nothing.
+    pub fn evaluate(&mut self, settings: &[Setting], windows: &[usize]) -> Result<Vec<Vec<Option<Normal>>>, GapError> {
+        let mut all = Vec::new();
+        for some in settings.chunks(AT_A_TIME) {
+            let raw = self.raw(some, windows)?;
+            let normals: Vec<Vec<Option<Normal>>> = raw
+                .par_iter()
+                .map(|of_setting| {
+                    let normal = |(raw, &w): (&Raw, &usize)| {
+                        (!raw.is_empty()).then(|| self.seen[w].normal(&self.whitener, raw))
+                    };
+                    of_setting.iter().zip(windows).map(normal).collect()
+                })
+                .collect();
+            all.extend(normals);
+        }
+        Ok(all)
+    }
+
+    /// Raw residuals of windows under settings, shape `[settings][windows]`.
+    ///
+    /// # Errors
+    /// When a setting has a value that means nothing.
+    pub fn raw(&mut self, settings: &[Setting], windows: &[usize]) -> Result<Vec<Vec<Raw>>, GapError> {
+        let chosen: Vec<&Window> = windows.iter().map(|&w| &self.seen[w].window).collect();
+        let numerics = self.problem.numerics;
+        let residuals = compare(&self.problem, &numerics, &chosen, settings)?;
+        self.steps += residuals.steps;
+        Ok(with_law(&self.problem, self.alignment, &chosen, settings, residuals.values))
+    }
+
+    /// Sums over windows of one setting.
+    pub fn sums(&self, normals: &[Option<Normal>], windows: &[usize], weight: impl Fn(&Seen) -> f64) -> Sums {
+        let parts = normals.iter().zip(windows).filter_map(|(n, &w)| n.as_ref().map(|n| (n, weight(&self.seen[w]))));
+        sum(parts, self.width())
+    }
+
+    /// Sums of the nominal robot.
+    pub fn nominal(&self, weight: impl Fn(&Seen) -> f64) -> Sums {
+        let normals: Vec<Normal> = self.seen.iter().map(Seen::nominal).collect();
+        let parts = normals.iter().zip(&self.seen).map(|(n, s)| (n, weight(s)));
+        sum(parts, self.width())
+    }
+}
+
+impl Seen {
+    /// Normal equations of a raw residual.
+    pub fn normal(&self, whitener: &Whitener, raw: &Raw) -> Normal {
+        let r = whitener.residual(self.window.moving, raw);
+        Normal { b: self.j.tr_mul(&r), e: r.norm_squared(), count: r.len() }
+    }
+
+    /// Normal equations of the nominal robot.
+    pub fn nominal(&self) -> Normal {
+        let r = &self.residual;
+        Normal { b: self.j.tr_mul(r), e: r.norm_squared(), count: r.len() }
+    }
+}
+
+fn see(whitener: &Whitener, window: Window, raw: Raw, sensitivity: &[Raw]) -> Seen {
+    let columns: Vec<DVector<f64>> = sensitivity.iter().map(|c| whitener.difference(window.moving, c)).collect();
+    let j = DMatrix::from_columns(&columns);
+    let residual = whitener.residual(window.moving, &raw);
+    Seen { h: j.tr_mul(&j), j, residual, raw, window, weight: 1.0 }
+}
+
+/// Raw residuals of the nominal robot and raw sensitivities, by window; empty where something ran away.
+fn sensitivities(
+    problem: &Problem,
+    alignment: law::Alignment,
+    columns: &Columns,
+    windows: &[Window],
+    steps: &mut usize,
+) -> Result<(Vec<Raw>, Vec<Vec<Raw>>), GapError> {
+    let chosen: Vec<&Window> = windows.iter().collect();
+    let base = compare(problem, &problem.numerics, &chosen, &[Setting::new()])?;
+    *steps += base.steps;
+    let raw = with_law(problem, alignment, &chosen, &[Setting::new()], base.values).remove(0);
+    let mut sensitivities: Vec<Vec<Raw>> = raw.iter().zip(windows).map(|(r, w)| vec![shift_column(problem, alignment, w, r)]).collect();
+    let mut settings: Vec<Setting> =
+        columns.columns.iter().map(|c| columns.setting(problem, &[(c.unit, c.value)])).collect();
+    // Latencies cost memory: those that have one are simulated together.
+    let mut order: Vec<usize> = (0..settings.len()).collect();
+    order.sort_by_key(|&k| longest_latency(problem, &settings[k]) > 0.0);
+    let mut found: Vec<Vec<Option<Raw>>> = vec![vec![None; settings.len()]; windows.len()];
+    for some in order.chunks(AT_A_TIME) {
+        let of_some: Vec<Setting> = some.iter().map(|&k| std::mem::take(&mut settings[k])).collect();
+        let residuals = compare(problem, &problem.numerics, &chosen, &of_some)?;
+        *steps += residuals.steps;
+        for (&k, of_setting) in some.iter().zip(with_law(problem, alignment, &chosen, &of_some, residuals.values)) {
+            for (w, changed) in of_setting.into_iter().enumerate() {
+                if !changed.is_empty() && !raw[w].is_empty() {
+                    found[w][k] = Some(raw[w].minus(&changed));
+                }
+            }
+        }
+    }
+    for (all, of_window) in sensitivities.iter_mut().zip(found) {
+        match of_window.into_iter().collect::<Option<Vec<Raw>>>() {
+            Some(rest) => all.extend(rest),
+            None => all.clear(),
+        }
+    }
+    Ok((raw, sensitivities))
+}
+
+/// What torques that are older than the positions beside them change.
+fn shift_column(problem: &Problem, alignment: law::Alignment, window: &Window, raw: &Raw) -> Raw {
+    let shifted = law::Alignment { state: alignment.state + SHIFT, ..alignment };
+    let shifted = law::residual(problem, window, &Setting::new(), shifted);
+    let law = raw.law.iter().zip(shifted).map(|(a, b)| a - b).collect();
+    Raw { motion: vec![0.0; raw.motion.len()], law }
+}
+
+/// The law's residuals beside those of the motion.
+fn with_law(
+    problem: &Problem,
+    alignment: law::Alignment,
+    windows: &[&Window],
+    settings: &[Setting],
+    motion: Vec<Vec<Vec<f64>>>,
+) -> Vec<Vec<Raw>> {
+    let base: Vec<Vec<f64>> =
+        windows.par_iter().map(|w| law::residual(problem, w, &Setting::new(), alignment)).collect();
+    let bins = law::bins(problem);
+    settings
+        .par_iter()
+        .zip(motion)
+        .map(|(setting, motion)| {
+            let one = |(w, motion): (usize, Vec<f64>)| {
+                let mut law = base[w].clone();
+                for (k, &j) in problem.law_joints.iter().enumerate() {
+                    if law::concerns(problem, setting, j) {
+                        law[k * bins..(k + 1) * bins].copy_from_slice(&law::of_joint(problem, windows[w], setting, j, alignment));
+                    }
+                }
+                let whole = law.iter().all(|x| x.is_finite());
+                if motion.is_empty() || !whole { Raw::default() } else { Raw { motion, law } }
+            };
+            motion.into_iter().enumerate().map(one).collect()
+        })
+        .collect()
+}
+
+/// Numbers that the simulators of ghosts have: what engines differ in.
+fn numerics(k: usize) -> Numerics {
+    let base = Numerics::default();
+    match k % 4 {
+        0 => base,
+        1 => Numerics { timestep: 0.0005, impratio: 1.0, ..base },
+        2 => Numerics { timestep: 0.00125, impratio: 100.0, implicit: false },
+        _ => Numerics { timestep: 0.0005, impratio: 3.0, implicit: false },
+    }
+}
+
+/// Raw residuals of windows recorded of ghosts, shape `[ghosts][windows]`, and their deviations in columns.
+#[allow(clippy::type_complexity)]
+fn ghosts(
+    problem: &Problem,
+    columns: &Columns,
+    windows: &[Window],
+    noise: &Noise,
+    effort: &Effort,
+    steps: &mut usize,
+) -> Result<(Vec<Vec<Raw>>, Vec<Vec<f64>>), GapError> {
+    let (mut all, mut deviations) = (Vec::new(), Vec::new());
+    for k in 0..effort.ghosts {
+        let (setting, of_columns) = draw(problem, columns, effort.seed, k as u64);
+        let ghost = Ghost { setting, numerics: numerics(k), seed: effort.seed.wrapping_add(977 * k as u64) };
+        let recorded = record(problem, windows, noise, std::slice::from_ref(&ghost))?.remove(0);
+        *steps += windows.len() * ((problem.cut.window + 2.0 * problem.cut.margin) / ghost.numerics.timestep) as usize;
+        let (at, whole): (Vec<usize>, Vec<&Window>) =
+            recorded.iter().enumerate().filter_map(|(w, r)| r.as_ref().map(|r| (w, r))).unzip();
+        let mut raw = vec![Raw::default(); windows.len()];
+        if !whole.is_empty() {
+            let residuals = compare(problem, &problem.numerics, &whole, &[Setting::new()])?;
+            *steps += residuals.steps;
+            let alignment = law::align(problem, &whole);
+            let found = with_law(problem, alignment, &whole, &[Setting::new()], residuals.values).remove(0);
+            at.into_iter().zip(found).for_each(|(w, r)| raw[w] = r);
+        }
+        all.push(raw);
+        deviations.push(of_columns);
+    }
+    Ok((all, deviations))
+}
+
+/// Deviations that any robot has: a setting, and the same in columns.
+fn draw(problem: &Problem, columns: &Columns, seed: u64, stream: u64) -> (Setting, Vec<f64>) {
+    let mut random = Random::new(seed, 1 + stream);
+    let (mut values, mut of_columns) = (Vec::new(), Vec::new());
+    for column in &columns.columns[..columns.tolerated] {
+        let unit = &columns.units[column.unit];
+        let step = column.value - unit.absent;
+        let deviation = random.normal(column.tolerance) * step;
+        let effect = &columns.effects[unit.effect];
+        // A friction below none means nothing.
+        let one_sided = effect.range[0] >= unit.absent;
+        let deviation = if one_sided { deviation.abs() } else { deviation };
+        values.push((column.unit, unit.absent + deviation));
+        of_columns.push(deviation / step);
+    }
+    (columns.setting(problem, &values), of_columns)
+}
+
+/// Features of ghosts with what their deviations do taken away: noise and numerics alone.
+fn samples(
+    windows: &[Window],
+    sensitivities: &[Vec<Raw>],
+    ghosts: &[Vec<Raw>],
+    deviations: &[Vec<f64>],
+) -> Vec<(bool, Raw)> {
+    let mut samples = Vec::new();
+    for (run, deviation) in ghosts.iter().zip(deviations) {
+        for ((raw, window), columns) in run.iter().zip(windows).zip(sensitivities) {
+            if raw.is_empty() || columns.is_empty() {
+                continue;
+            }
+            let mut left = raw.clone();
+            for (amount, column) in deviation.iter().zip(&columns[EXTRA..]) {
+                left.motion.iter_mut().zip(&column.motion).for_each(|(x, c)| *x -= amount * c);
+                left.law.iter_mut().zip(&column.law).for_each(|(x, c)| *x -= amount * c);
+            }
+            samples.push((window.moving, left));
+        }
+    }
+    samples
+}
