@@ -159,6 +159,23 @@ impl<'a> Study<'a> {
         Ok(all)
     }
 
+    /// Whitened residuals of windows under settings, shape `[settings][windows]`.
+    ///
+    /// # Errors
+    /// When a setting has a value that means nothing.
+    #[allow(clippy::type_complexity)]
+    pub fn raw_vectors(
+        &mut self,
+        settings: &[Setting],
+        windows: &[usize],
+    ) -> Result<Vec<Vec<Option<DVector<f64>>>>, GapError> {
+        let raw = self.raw(settings, windows)?;
+        let white = |(raw, &w): (&Raw, &usize)| {
+            (!raw.is_empty()).then(|| self.whitener.residual(self.seen[w].window.moving, raw))
+        };
+        Ok(raw.par_iter().map(|of_setting| of_setting.iter().zip(windows).map(white).collect()).collect())
+    }
+
     /// Raw residuals of windows under settings, shape `[settings][windows]`.
     ///
     /// # Errors

@@ -1,0 +1,418 @@
+//! Which effect: suspects are ranked by a joint linear fit, then each is followed to its best value in the simulator.
+
+use crate::GapError;
+use crate::columns::{Columns, Suspect};
+use crate::evidence::{Marginal, Normal, Sums, widen};
+use crate::problem::Setting;
+use crate::study::{EXTRA, Seen, Study};
+use nalgebra::{DMatrix, DVector};
+
+/// Groups of one effect that are followed.
+const GROUPS_PER_EFFECT: usize = 3;
+/// Starts along the range of an effect of one axis, as shares of it.
+const STARTS: [f64; 6] = [0.06, 0.15, 0.3, 0.5, 0.75, 1.0];
+/// Rounds of Gauss-Newton.
+const ROUNDS: usize = 3;
+/// Steps tried in each round, as shares of the Gauss-Newton step.
+const STEPS: [f64; 4] = [1.0, 0.5, 0.25, 1.6];
+/// Windows looked at while starts are chosen.
+const COARSE_WINDOWS: usize = 24;
+
+/// A suspect at its best values.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fit {
+    /// The group and its values.
+    pub suspect: Suspect,
+    /// Standard deviation of each value.
+    pub deviations: Vec<f64>,
+    /// Loss in the windows of the fit, tolerated deviations at their best.
+    pub loss: f64,
+    /// Log evidence over that of no effect, tempered.
+    pub evidence: f64,
+}
+
+/// What a search holds on to: effects accused so far, and the losses with them.
+pub struct Base {
+    /// Accused already.
+    pub suspects: Vec<Suspect>,
+    /// Normal equations by window.
+    pub normals: Vec<Option<Normal>>,
+    /// Their sums over the windows of the fit.
+    pub sums: Sums,
+    /// Loss in these windows.
+    pub loss: f64,
+}
+
+/// The windows of the fit and their weights.
+pub fn fitted(seen: &Seen) -> f64 {
+    if seen.window.held_out { 0.0 } else { seen.weight }
+}
+
+/// The windows that no fit sees and their weights.
+pub fn held_out(seen: &Seen) -> f64 {
+    if seen.window.held_out { seen.weight } else { 0.0 }
+}
+
+/// A search over the suspects of a study.
+pub struct Search<'s, 'a> {
+    study: &'s mut Study<'a>,
+    /// Deviations integrated out over the windows of the fit.
+    pub marginal: Marginal,
+    windows: Vec<usize>,
+    /// What losses are divided by.
+    pub temper: f64,
+}
+
+impl<'s, 'a> Search<'s, 'a> {
+    /// A search in the windows that are not held out.
+    ///
+    /// # Errors
+    /// When the normal equations are no good.
+    pub fn new(study: &'s mut Study<'a>, temper: f64) -> Result<Self, GapError> {
+        let bad = || GapError::run("sensitivities", "finite numbers", "others");
+        let marginal = study.marginal(fitted).ok_or_else(bad)?;
+        let windows = (0..study.seen.len()).filter(|&w| fitted(&study.seen[w]) > 0.0).collect();
+        Ok(Self { study, marginal, windows, temper })
+    }
+
+    fn columns(&self) -> &Columns {
+        &self.study.columns
+    }
+
+    /// The robot with `suspects` and nothing else.
+    ///
+    /// # Errors
+    /// When a value means nothing.
+    pub fn base(&mut self, suspects: &[Suspect]) -> Result<Base, GapError> {
+        let windows = self.windows.clone();
+        let normals = if suspects.is_empty() {
+            windows.iter().map(|&w| Some(self.study.seen[w].nominal())).collect()
+        } else {
+            let values = self.columns().values(suspects);
+            let setting = self.columns().setting(&self.study.problem, &values);
+            self.study.evaluate(&[setting], &windows)?.remove(0)
+        };
+        let sums = self.study.sums(&normals, &windows, fitted);
+        let loss = self.marginal.loss(&sums);
+        Ok(Base { suspects: suspects.to_vec(), normals, sums, loss })
+    }
+
+    /// All suspects but those of the effects named in `without`, followed to their best values, best first.
+    ///
+    /// # Errors
+    /// When a value means nothing.
+    pub fn suspects(&mut self, base: &Base, without: &[usize]) -> Result<Vec<Fit>, GapError> {
+        let candidates = self.candidates(base, without);
+        let mut fits = self.start(base, candidates)?;
+        for _ in 0..ROUNDS {
+            self.improve(base, &mut fits)?;
+        }
+        self.judge(base, &mut fits)?;
+        fits.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        Ok(fits)
+    }
+
+    /// Log evidence ratio of each group at each level by one linear step, with the values that it asks for.
+    pub fn linear(&self, sums: &Sums) -> Vec<(f64, Suspect)> {
+        let force = self.marginal.force(sums);
+        let columns = self.columns();
+        let mut found = Vec::new();
+        for (index, group) in columns.groups.iter().enumerate() {
+            let effect = &columns.effects[group.effect];
+            for level in 0..effect.levels.len() {
+                let Some(direction) = direction(columns, index, level) else { continue };
+                let wide: Vec<f64> = direction.steps.iter().map(|s| (0.4 * effect.span() / s).abs()).collect();
+                let step = widen(&self.marginal.curvature, &force, &direction.d, &wide, self.temper);
+                let Some((evidence, amounts)) = step else { continue };
+                let at = |(a, (step, absent)): (usize, (&f64, &f64))| {
+                    if absent.is_finite() { absent + amounts[a] * step } else { direction.levels[a] }
+                };
+                let values = direction.steps.iter().zip(&direction.absent).enumerate().map(at).collect();
+                found.push((evidence, Suspect { group: index, values }));
+            }
+        }
+        found
+    }
+
+    /// The most telling groups of each effect.
+    fn candidates(&self, base: &Base, without: &[usize]) -> Vec<Suspect> {
+        let mut linear = self.linear(&base.sums);
+        linear.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let taken: Vec<usize> = base.suspects.iter().map(|s| s.group).collect();
+        let columns = self.columns();
+        let mut chosen: Vec<Suspect> = Vec::new();
+        for (effect, _) in columns.effects.iter().enumerate().filter(|(e, _)| !without.contains(e)) {
+            let mut groups: Vec<usize> = Vec::new();
+            for (_, suspect) in linear.iter().filter(|(_, s)| columns.groups[s.group].effect == effect) {
+                let group = suspect.group;
+                if groups.len() < GROUPS_PER_EFFECT && !groups.contains(&group) && !taken.contains(&group) {
+                    groups.push(group);
+                    chosen.push(suspect.clone());
+                }
+            }
+        }
+        chosen
+    }
+
+    /// The best of several starts for each candidate, by a look at some of the windows.
+    fn start(&mut self, base: &Base, candidates: Vec<Suspect>) -> Result<Vec<Fit>, GapError> {
+        let every = (self.windows.len() / COARSE_WINDOWS).max(1);
+        let some: Vec<usize> = self.windows.iter().copied().step_by(every).collect();
+        let marginal = self.study.marginal(|s| fitted(s) * f64::from(u8::from(some.iter().any(|&w| std::ptr::eq(&self.study.seen[w], s)))));
+        let Some(marginal) = marginal else { return Ok(Vec::new()) };
+        let starts: Vec<Vec<Vec<f64>>> = candidates.iter().map(|c| starts(self.columns(), c)).collect();
+        let tried: Vec<Suspect> = candidates
+            .iter()
+            .zip(&starts)
+            .flat_map(|(c, starts)| starts.iter().map(|v| Suspect { group: c.group, values: v.clone() }))
+            .collect();
+        let losses = self.losses(&marginal, base, &tried, &some)?;
+        let mut fits = Vec::new();
+        let mut next = 0;
+        for of_candidate in &starts {
+            let range = next..next + of_candidate.len();
+            next = range.end;
+            let best = range.min_by(|&a, &b| losses[a].total_cmp(&losses[b])).filter(|&k| losses[k].is_finite());
+            fits.extend(best.map(|k| Fit {
+                suspect: tried[k].clone(),
+                deviations: Vec::new(),
+                loss: f64::INFINITY,
+                evidence: 0.0,
+            }));
+        }
+        Ok(fits)
+    }
+
+    fn settings(&self, base: &Base, suspects: &[Suspect]) -> Vec<Setting> {
+        let values = |s: &Suspect| {
+            let mut all = self.columns().values(&base.suspects);
+            all.extend(self.columns().values(std::slice::from_ref(s)));
+            all
+        };
+        suspects.iter().map(|s| self.columns().setting(&self.study.problem, &values(s))).collect()
+    }
+
+    /// Loss of each suspect beside the base, in some windows.
+    fn losses(
+        &mut self,
+        marginal: &Marginal,
+        base: &Base,
+        suspects: &[Suspect],
+        windows: &[usize],
+    ) -> Result<Vec<f64>, GapError> {
+        let settings = self.settings(base, suspects);
+        let normals = self.study.evaluate(&settings, windows)?;
+        Ok(normals.iter().map(|n| self.loss_of(marginal, n, windows)).collect())
+    }
+
+    /// Infinite where a simulation ran away: losses over other windows cannot be compared.
+    fn loss_of(&self, marginal: &Marginal, normals: &[Option<Normal>], windows: &[usize]) -> f64 {
+        if normals.iter().any(Option::is_none) {
+            return f64::INFINITY;
+        }
+        marginal.loss(&self.study.sums(normals, windows, fitted))
+    }
+
+    /// One round of Gauss-Newton for every fit, all of them simulated together.
+    fn improve(&mut self, base: &Base, fits: &mut [Fit]) -> Result<(), GapError> {
+        let windows = self.windows.clone();
+        let tangents = self.tangents(base, fits)?;
+        let mut tried = Vec::new();
+        for (fit, tangent) in fits.iter_mut().zip(&tangents) {
+            fit.loss = tangent.loss;
+            fit.deviations = tangent.deviations(self.temper);
+            for share in STEPS {
+                let mut suspect = fit.suspect.clone();
+                let effect = &self.columns().effects[self.columns().groups[suspect.group].effect];
+                for (value, step) in suspect.values.iter_mut().zip(&tangent.step) {
+                    *value = (*value + share * step).clamp(effect.range[0], effect.range[1]);
+                }
+                tried.push(suspect);
+            }
+        }
+        // Taken by reference in turn: the marginal stays whole while the study simulates.
+        let settings = self.settings(base, &tried);
+        let normals = self.study.evaluate(&settings, &windows)?;
+        for (k, fit) in fits.iter_mut().enumerate() {
+            for (trial, n) in tried.iter().zip(&normals).skip(k * STEPS.len()).take(STEPS.len()) {
+                let loss = self.loss_of(&self.marginal, n, &windows);
+                if loss < fit.loss {
+                    fit.loss = loss;
+                    fit.suspect = trial.clone();
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Losses and slopes at the present values.
+    fn tangents(&mut self, base: &Base, fits: &[Fit]) -> Result<Vec<Tangent>, GapError> {
+        let windows = self.windows.clone();
+        let mut points = Vec::new();
+        for fit in fits {
+            points.push(fit.suspect.clone());
+            let effect = &self.columns().effects[self.columns().groups[fit.suspect.group].effect];
+            let step = 0.04 * effect.span();
+            for axis in 0..fit.suspect.values.len() {
+                let mut moved = fit.suspect.clone();
+                let inwards = moved.values[axis] + step > effect.range[1];
+                moved.values[axis] += if inwards { -step } else { step };
+                points.push(moved);
+            }
+        }
+        let settings = self.settings(base, &points);
+        let raw = self.study.raw_vectors(&settings, &windows)?;
+        let mut tangents = Vec::new();
+        let mut next = 0;
+        for fit in fits {
+            let axes = fit.suspect.values.len();
+            let steps: Vec<f64> =
+                (0..axes).map(|a| points[next + 1 + a].values[a] - fit.suspect.values[a]).collect();
+            tangents.push(self.tangent(&raw[next..next + 1 + axes], &windows, &steps));
+            next += 1 + axes;
+        }
+        Ok(tangents)
+    }
+
+    fn tangent(&self, vectors: &[Vec<Option<DVector<f64>>>], windows: &[usize], steps: &[f64]) -> Tangent {
+        let axes = steps.len();
+        let width = self.study.width();
+        let mut gradient = DVector::zeros(axes);
+        let mut curvature = DMatrix::zeros(axes, axes);
+        let (mut b, mut along) = (DVector::zeros(width), vec![DVector::zeros(width); axes]);
+        let mut e = 0.0;
+        for (i, &w) in windows.iter().enumerate() {
+            let seen = &self.study.seen[w];
+            let weight = fitted(seen);
+            let of_window: Option<Vec<&DVector<f64>>> = vectors.iter().map(|v| v[i].as_ref()).collect();
+            let Some(of_window) = of_window else { return Tangent::none(axes) };
+            let slopes: Vec<DVector<f64>> = (0..axes).map(|a| (of_window[0] - of_window[1 + a]) / steps[a]).collect();
+            e += weight * of_window[0].norm_squared();
+            b.axpy(weight, &seen.j.tr_mul(of_window[0]), 1.0);
+            for a in 0..axes {
+                along[a].axpy(weight, &seen.j.tr_mul(&slopes[a]), 1.0);
+                gradient[a] += weight * slopes[a].dot(of_window[0]);
+                for c in 0..axes {
+                    curvature[(a, c)] += weight * slopes[a].dot(&slopes[c]);
+                }
+            }
+        }
+        for a in 0..axes {
+            gradient[a] = self.marginal.inner(gradient[a], &along[a], &b);
+            for c in 0..axes {
+                curvature[(a, c)] = self.marginal.inner(curvature[(a, c)], &along[a], &along[c]);
+            }
+        }
+        let loss = self.marginal.loss(&Sums { b, e, count: 0.0 });
+        let step = curvature.clone().cholesky().map_or(DVector::zeros(axes), |c| c.solve(&gradient));
+        Tangent { loss, step: step.as_slice().to_vec(), curvature }
+    }
+
+    /// Evidence of each fit: what its loss gains, less what its freedom costs.
+    fn judge(&mut self, base: &Base, fits: &mut [Fit]) -> Result<(), GapError> {
+        let tangents = self.tangents(base, fits)?;
+        for (fit, tangent) in fits.iter_mut().zip(tangents) {
+            fit.deviations = tangent.deviations(self.temper);
+            let group = &self.columns().groups[fit.suspect.group];
+            let effect = &self.columns().effects[group.effect];
+            let groups = self.columns().groups.iter().filter(|g| g.effect == group.effect).count();
+            let range = effect.span();
+            let volume: f64 =
+                fit.deviations.iter().map(|d| (d.max(1e-9 * range) * std::f64::consts::TAU.sqrt() / range).ln().min(0.0)).sum();
+            let gain = 0.5 * (base.loss - fit.loss) / self.temper;
+            fit.evidence = gain + volume - (groups as f64).ln();
+        }
+        Ok(())
+    }
+}
+
+/// Slopes of the loss along the axes of a suspect.
+struct Tangent {
+    loss: f64,
+    step: Vec<f64>,
+    curvature: DMatrix<f64>,
+}
+
+impl Tangent {
+    fn none(axes: usize) -> Self {
+        Self { loss: f64::INFINITY, step: vec![0.0; axes], curvature: DMatrix::zeros(axes, axes) }
+    }
+
+    fn deviations(&self, temper: f64) -> Vec<f64> {
+        let axes = self.step.len();
+        match self.curvature.clone().cholesky() {
+            Some(c) => c.inverse().diagonal().iter().map(|v| (temper * v).sqrt()).collect(),
+            None => vec![f64::INFINITY; axes],
+        }
+    }
+}
+
+/// A group at a level in terms of columns.
+pub struct Direction {
+    /// Shape `[columns, axes]`.
+    pub d: DMatrix<f64>,
+    /// From absent to the level, by axis; 1 for limits.
+    pub steps: Vec<f64>,
+    /// Value when absent, by axis.
+    pub absent: Vec<f64>,
+    /// The level, by axis.
+    pub levels: Vec<f64>,
+}
+
+/// `None` when a level of the group was not simulated.
+pub fn direction(columns: &Columns, group: usize, level: usize) -> Option<Direction> {
+    let group = &columns.groups[group];
+    let axes = columns.effects[group.effect].axes.len();
+    let width = EXTRA + columns.columns.len();
+    let mut direction =
+        Direction { d: DMatrix::zeros(width, axes), steps: Vec::new(), absent: Vec::new(), levels: Vec::new() };
+    for axis in 0..axes {
+        let mut levels = Vec::new();
+        let mut absent = 0.0;
+        for unit in columns.units_of(group, axis) {
+            let Some(column) = columns.column(unit, level) else { continue };
+            direction.d[(EXTRA + column, axis)] = 1.0;
+            levels.push(columns.columns[column].value);
+            absent = columns.units[unit].absent;
+        }
+        if levels.is_empty() {
+            return None;
+        }
+        let mean = levels.iter().sum::<f64>() / levels.len() as f64;
+        direction.steps.push(if absent.is_finite() { mean - absent } else { 1.0 });
+        direction.absent.push(absent);
+        direction.levels.push(mean);
+    }
+    Some(direction)
+}
+
+/// Values to start a candidate from: what the linear step says, and for a single axis points along the range.
+fn starts(columns: &Columns, candidate: &Suspect) -> Vec<Vec<f64>> {
+    let group = &columns.groups[candidate.group];
+    let effect = &columns.effects[group.effect];
+    let [low, high] = effect.range;
+    let clamped: Vec<f64> = candidate.values.iter().map(|v| v.clamp(low, high)).collect();
+    let mut starts = vec![clamped.clone()];
+    if candidate.values.len() > 1 {
+        starts.push(clamped.iter().map(|v| 0.5 * v).collect());
+        starts.push(clamped.iter().map(|v| (2.0 * v).clamp(low, high)).collect());
+        return starts;
+    }
+    let absent = columns.units_of(group, 0).next().map_or(0.0, |u| columns.units[u].absent);
+    if !absent.is_finite() {
+        let levels = columns.units_of(group, 0).flat_map(|u| columns.columns.iter().filter(move |c| c.unit == u));
+        let largest = levels.map(|c| c.value / effect.levels[c.level]).fold(0.0, f64::max);
+        starts.extend([0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.25, 0.12].map(|s| vec![(s * largest).clamp(low, high)]));
+        return starts;
+    }
+    for share in STARTS {
+        for end in [low, high] {
+            // Towards both ends of the range, as far as they are from absent.
+            let value = absent + share * (end - absent);
+            if (end - absent).abs() > 1e-9 * effect.span() {
+                starts.push(vec![value]);
+            }
+        }
+    }
+    starts
+}
