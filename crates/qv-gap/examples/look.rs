@@ -21,7 +21,8 @@ fn main() {
         let null: Vec<f64> = { let m = study.marginal(|_| 1.0).unwrap(); let idx: Vec<usize> = (0..study.seen.len()).collect(); study.ghosts.iter().map(|g| { let gs = study.sums(g, &idx, |_| 1.0); m.loss(&gs) / gs.count }).collect() };
         let s = study.nominal(|_| 1.0);
         let m = study.marginal(|_| 1.0).unwrap();
-        println!("raw {:.3} marginal {:.3} null {:.3?}", s.e / s.count, m.loss(&s) / s.count, null);
+        let nm = null.iter().sum::<f64>() / null.len() as f64; let cnt = s.count;
+        println!("raw {:.3} marginal {:.3} null {:.3}", s.e / s.count / nm, m.loss(&s) / s.count / nm, nm);
         let ghosts = study.ghosts.clone();
         let windows = study.seen.len();
         let mut search = qv_gap::search::Search::new(&mut study, 1.0).unwrap();
@@ -29,9 +30,9 @@ fn main() {
         let fits = search.suspects(&base, &[]).unwrap();
         println!("base loss {:.1}", base.loss);
         let _ = (&ghosts, windows);
-        for f in fits.iter().take(14) {
+        for f in fits.iter().take(5) {
             let g = &study.columns.groups[f.suspect.group];
-            println!("   {:9.1} loss {:9.1} {:24} {:.60} {:.4?} +- {:.4?}", f.evidence, f.loss, study.columns.effects[g.effect].name, format!("{:?}", g.names), f.suspect.values, f.deviations);
+            println!("   {:9.1} rho {:9.3} {:24} {:.60} {:.4?} +- {:.4?}", f.evidence, f.loss / (cnt * 0.7576) / nm, study.columns.effects[g.effect].name, format!("{:?}", g.names), f.suspect.values, f.deviations);
         }
         println!("total {:.2} M steps {:.2} s", study.steps as f64 / 1e6, t.elapsed().as_secs_f64());
     }

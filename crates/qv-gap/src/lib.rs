@@ -10,6 +10,7 @@ pub mod null;
 pub mod observe;
 pub mod problem;
 mod random;
+pub mod report;
 pub mod search;
 pub mod study;
 pub mod whiten;

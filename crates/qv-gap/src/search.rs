@@ -16,7 +16,12 @@ const ROUNDS: usize = 3;
 /// Steps tried in each round, as shares of the Gauss-Newton step.
 const STEPS: [f64; 4] = [1.0, 0.5, 0.25, 1.6];
 /// Windows looked at while starts are chosen.
-const COARSE_WINDOWS: usize = 24;
+const COARSE_WINDOWS: usize = 18;
+/// Fits that are followed after the first look: this many at least, and those that gain this share of the best.
+const FOLLOWED: usize = 8;
+const SHARE_OF_BEST: f64 = 0.3;
+/// Most fits that are followed.
+const MOST_FOLLOWED: usize = 16;
 
 /// A suspect at its best values.
 #[derive(Debug, Clone, PartialEq)]
@@ -167,6 +172,7 @@ impl<'s, 'a> Search<'s, 'a> {
             .flat_map(|(c, starts)| starts.iter().map(|v| Suspect { group: c.group, values: v.clone() }))
             .collect();
         let losses = self.losses(&marginal, base, &tried, &some)?;
+        let of_base = self.loss_in(&marginal, base, &some);
         let mut fits = Vec::new();
         let mut next = 0;
         for of_candidate in &starts {
@@ -176,11 +182,24 @@ impl<'s, 'a> Search<'s, 'a> {
             fits.extend(best.map(|k| Fit {
                 suspect: tried[k].clone(),
                 deviations: Vec::new(),
-                loss: f64::INFINITY,
-                evidence: 0.0,
+                loss: losses[k],
+                evidence: of_base - losses[k],
             }));
         }
+        fits.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        let most = fits.first().map_or(0.0, |f| f.evidence);
+        let mut kept = 0;
+        fits.retain(|f| {
+            kept += 1;
+            kept <= FOLLOWED || (kept <= MOST_FOLLOWED && f.evidence > SHARE_OF_BEST * most)
+        });
         Ok(fits)
+    }
+
+    /// Loss of the base in some of the windows of the fit.
+    fn loss_in(&self, marginal: &Marginal, base: &Base, some: &[usize]) -> f64 {
+        let of = |w: &usize| base.normals[self.windows.iter().position(|x| x == w).expect("one of them")].clone();
+        self.loss_of(marginal, &some.iter().map(of).collect::<Vec<_>>(), some)
     }
 
     fn settings(&self, base: &Base, suspects: &[Suspect]) -> Vec<Setting> {

@@ -1,0 +1,267 @@
+//! What a diagnosis found, as plain data: `report.json` is this, field by field.
+
+use serde::Serialize;
+
+/// The format's name in `report.json`.
+pub const FORMAT: &str = "qv-diagnosis/1";
+/// Name of an effect that the library does not have.
+pub const UNKNOWN: &str = "unknown";
+
+/// The outcome in one word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Simulator and robot agree as well as noise and tolerances let them.
+    NoGap,
+    /// The causes close the gap.
+    Explained,
+    /// The causes close part of the gap; something else is there, too.
+    PartlyExplained,
+    /// There is a gap, and no effect of the library explains it.
+    Unexplained,
+}
+
+/// How large the gap is and how far it closes. Mean squares of whitened residuals (1 = what a robot without an effect
+/// shows).
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Gap {
+    /// Of the nominal simulator.
+    pub before: f64,
+    /// With the causes.
+    pub after: f64,
+    /// What noise, numerics and tolerated deviations give.
+    pub floor: f64,
+    /// `(before - after) / (before - floor)`, 0 to 1.
+    pub closed: f64,
+    /// Its interval by bootstrap over windows.
+    pub closed_ci95: [f64; 2],
+    /// Unit of before, after, floor.
+    pub unit: String,
+    /// Whether these are windows that no fit has seen.
+    pub heldout: bool,
+    /// Root mean square error of joint positions before and after in the same windows \[rad\].
+    pub joint_rms: [f64; 2],
+}
+
+/// A named share.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Share {
+    /// Of what.
+    pub name: String,
+    /// 0 to 1.
+    pub share: f64,
+}
+
+/// A joint's share.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct JointShare {
+    /// Joint.
+    pub name: String,
+    /// 0 to 1.
+    pub share: f64,
+    /// Root mean square error of its position in the windows \[rad\].
+    pub pos_rms: f64,
+}
+
+/// A stretch of time's share.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TimeShare {
+    /// \[s\]
+    pub start: f64,
+    /// \[s\]
+    pub end: f64,
+    /// 0 to 1.
+    pub share: f64,
+}
+
+/// A part of the floor's share.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RegionShare {
+    /// Name.
+    pub name: String,
+    /// \[m\]
+    pub x: [f64; 2],
+    /// \[m\]
+    pub y: [f64; 2],
+    /// 0 to 1.
+    pub share: f64,
+}
+
+/// Where the gap lies.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Where {
+    /// actuator, contact, inertial, sensing.
+    pub interfaces: Vec<Share>,
+    /// By joint.
+    pub joints: Vec<JointShare>,
+    /// By leg.
+    pub legs: Vec<Share>,
+    /// stance, swing, impact.
+    pub phases: Vec<Share>,
+    /// By window.
+    pub times: Vec<TimeShare>,
+    /// By place.
+    pub regions: Vec<RegionShare>,
+}
+
+/// A value that was found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ParameterEstimate {
+    /// Last word of the simulator's parameter, such as `command_latency`.
+    pub name: String,
+    /// Value; a deviation from nominal unless the effect is stated as a value of its own.
+    pub value: f64,
+    /// Interval.
+    pub ci95: [f64; 2],
+    /// Unit.
+    pub unit: String,
+}
+
+/// An effect that is accused.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Cause {
+    /// Name.
+    pub effect: String,
+    /// Posterior probability among the effects of the library and `unknown`.
+    pub probability: f64,
+    /// `all`, or joints, legs, feet, a region.
+    pub scope: Vec<String>,
+    /// Its size.
+    pub parameters: Vec<ParameterEstimate>,
+    /// Share of the gap that it closes alone, in windows that no fit has seen.
+    pub closed_alone: f64,
+    /// Effects that would look alike in this recording.
+    pub confusable_with: Vec<String>,
+    /// What would tell them apart.
+    pub separating_experiment: String,
+}
+
+/// A place in the ranking.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Ranked {
+    /// Name.
+    pub effect: String,
+    /// Probability.
+    pub probability: f64,
+}
+
+/// What the remaining error goes along with.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Factor {
+    /// What.
+    pub factor: String,
+    /// Share of the remaining torque's variance that it foretells in windows that it was not fitted to.
+    pub r2_heldout: f64,
+}
+
+/// What is left.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Unexplained {
+    /// Share of the gap.
+    pub share: f64,
+    /// On what it depends.
+    pub depends_on: Vec<Factor>,
+}
+
+/// Joints by time: error of positions \[rad\] in each window.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct HeatMap {
+    /// Joints.
+    pub joints: Vec<String>,
+    /// Start of each window \[s\].
+    pub times: Vec<f64>,
+    /// Root mean square error before, shape `[joints][times]` \[rad\].
+    pub before: Vec<Vec<f64>>,
+    /// After.
+    pub after: Vec<Vec<f64>>,
+}
+
+/// The robot's place in a window, and the gap there in units of the null.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FloorPoint {
+    /// \[m\]
+    pub x: f64,
+    /// \[m\]
+    pub y: f64,
+    /// Before.
+    pub before: f64,
+    /// After.
+    pub after: f64,
+}
+
+/// A joint in a window that no fit has seen: measured, and simulated before and after.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Curve {
+    /// Joint.
+    pub joint: String,
+    /// \[s\]
+    pub time: Vec<f64>,
+    /// \[rad\]
+    pub measured: Vec<f64>,
+    /// \[rad\]
+    pub before: Vec<f64>,
+    /// \[rad\]
+    pub after: Vec<f64>,
+}
+
+/// A stage and what it took.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Stage {
+    /// Name.
+    pub name: String,
+    /// Wall clock \[s\]; 0 when the caller gave no clock.
+    pub seconds: f64,
+    /// Simulated steps.
+    pub steps: usize,
+}
+
+/// A parameter of the simulator as it should be.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Correction {
+    /// Full name, such as `actuator.FL_hip_joint.lag`.
+    pub parameter: String,
+    /// Value.
+    pub value: f64,
+    /// Value before.
+    pub nominal: f64,
+    /// Unit.
+    pub unit: String,
+}
+
+/// A diagnosis.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// [`FORMAT`].
+    pub format: String,
+    /// The outcome.
+    pub verdict: Verdict,
+    /// The outcome in a sentence.
+    pub sentence: String,
+    /// How large.
+    pub gap: Gap,
+    /// Where.
+    #[serde(rename = "where")]
+    pub place: Where,
+    /// What is accused, best first.
+    pub causes: Vec<Cause>,
+    /// All that was considered, best first, `unknown` among them.
+    pub ranking: Vec<Ranked>,
+    /// What is left.
+    pub unexplained: Unexplained,
+    /// What cannot be told from this recording, and why.
+    pub cannot_tell: Vec<String>,
+    /// What to do next.
+    pub next: Vec<String>,
+    /// The parameters with the causes.
+    pub corrections: Vec<Correction>,
+    /// Error by joint and time.
+    pub heat_map: HeatMap,
+    /// Gap by place.
+    pub floor_plan: Vec<FloorPoint>,
+    /// Examples.
+    pub curves: Vec<Curve>,
+    /// Where the time went.
+    pub stages: Vec<Stage>,
+    /// Seconds in all.
+    pub runtime_s: f64,
+}
