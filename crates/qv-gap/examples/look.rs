@@ -27,12 +27,15 @@ fn main() {
         let windows = study.seen.len();
         let mut search = qv_gap::search::Search::new(&mut study, 1.0).unwrap();
         let base = search.base(&[]).unwrap();
-        let fits = search.suspects(&base, &[]).unwrap();
+        let mut fits = search.suspects(&base, &[]).unwrap();
+        search.temper = (base.loss / (cnt * 0.75) / nm).max(1.0);
+        let locals = search.local_suspects(&base, &[]).unwrap();
+        fits.truncate(5); fits.extend(locals);
         println!("base loss {:.1}", base.loss);
         let _ = (&ghosts, windows);
-        for f in fits.iter().take(5) {
+        for f in fits.iter() {
             let g = &study.columns.groups[f.suspect.group];
-            println!("   {:9.1} rho {:9.3} {:24} {:.60} {:.4?} +- {:.4?}", f.evidence, f.loss / (cnt * 0.7576) / nm, study.columns.effects[g.effect].name, format!("{:?}", g.names), f.suspect.values, f.deviations);
+            println!("   {:9.1} rho {:9.3} {:24} {:.60} {:.4?} +- {:.4?} {:.3?}", f.evidence, f.loss / (cnt * 0.7576) / nm, study.columns.effects[g.effect].name, format!("{:?}", g.names), f.suspect.values, f.deviations, f.suspect.extent);
         }
         println!("total {:.2} M steps {:.2} s", study.steps as f64 / 1e6, t.elapsed().as_secs_f64());
     }

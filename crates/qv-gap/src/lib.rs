@@ -6,6 +6,7 @@ pub mod evidence;
 pub mod forward;
 pub mod law;
 pub mod library;
+pub mod local;
 pub mod null;
 pub mod observe;
 pub mod problem;

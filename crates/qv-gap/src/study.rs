@@ -324,7 +324,8 @@ fn ghosts(
 ) -> Result<(Vec<Vec<Raw>>, Vec<Vec<f64>>), GapError> {
     let (mut all, mut deviations) = (Vec::new(), Vec::new());
     for k in 0..effort.ghosts {
-        let (setting, of_columns) = draw(problem, columns, effort.seed, k as u64);
+        let (mut setting, of_columns) = draw(problem, columns, effort.seed, k as u64);
+        other_contact(problem, &mut setting, effort.seed, k as u64);
         let ghost = Ghost { setting, numerics: numerics(k), seed: effort.seed.wrapping_add(977 * k as u64) };
         let recorded = record(problem, windows, noise, std::slice::from_ref(&ghost))?.remove(0);
         *steps += windows.len() * ((problem.cut.window + 2.0 * problem.cut.margin) / ghost.numerics.timestep) as usize;
@@ -342,6 +343,18 @@ fn ghosts(
         deviations.push(of_columns);
     }
     Ok((all, deviations))
+}
+
+/// Contact as other engines have it: what they call stiff differs by factors.
+fn other_contact(problem: &Problem, setting: &mut Setting, seed: u64, stream: u64) {
+    let mut random = Random::new(seed, 5000 + stream);
+    for (name, spread, range) in [("contact.time_constant", 0.5, (0.003, 0.016)), ("contact.damping_ratio", 0.3, (0.4, 2.0))] {
+        let factor = random.normal(spread).exp();
+        let Some(id) = problem.parameter(name).filter(|_| !problem.terrain.is_none()) else { continue };
+        setting.retain(|s| s.0 != id);
+        setting.push((id, (problem.nominal[id] * factor).clamp(range.0, range.1)));
+    }
+    setting.sort_by_key(|s| s.0);
 }
 
 /// Deviations that any robot has: a setting, and the same in columns.
