@@ -13,7 +13,7 @@ fn main() {
         let model = qv_sim::Model::from_urdf(&qv_go2::model::urdf(), &qv_sim::ModelOptions { base: qv_sim::BaseKind::Floating, armature: qv_go2::model::ARMATURE, mesh_vertices: None }).unwrap();
         let terrain = qv_sim::Terrain::plane();
         let t = Instant::now();
-        let problem = Problem::new(&run, &model, &terrain, &[], Cut::default()).unwrap();
+        let problem = Problem::new(&run, &model, &terrain, &[], Cut { window: std::env::var("W").map_or(0.3, |w| w.parse().unwrap()), most: std::env::var("M").map_or(72, |w| w.parse().unwrap()), ..Cut::default() }).unwrap();
         let columns = Columns::new(&problem, &run, &library::built_in()).unwrap();
         let study = Study::new(problem, columns, &run, &Effort::default()).unwrap();
         println!("{path}: {} windows, {} columns ({} tolerated), {:.2} M steps, {:.2} s", study.seen.len(), study.width(), study.columns.tolerated, study.steps as f64 / 1e6, t.elapsed().as_secs_f64());

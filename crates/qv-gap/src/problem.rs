@@ -111,6 +111,8 @@ pub struct Window {
     pub moving: bool,
     /// Whether it is kept away from every fit.
     pub held_out: bool,
+    /// Which run it is of.
+    pub run: usize,
 }
 
 /// A robot, the ground and the channels that can be compared.
@@ -257,7 +259,7 @@ impl<'a> Problem<'a> {
         let starts = Starts::new(&view, &self.columns, self.free, self.sensor_errors(&Vec::new())).ok()?;
         starts.at(start)?;
         let attitude = if self.free { observe::attitudes(self, &view, &starts, start)? } else { Vec::new() };
-        Some(Window { start, view, attitude, moving: true, held_out })
+        Some(Window { start, view, attitude, moving: true, held_out, run: 0 })
     }
 
     /// The command for each tick of a window, of ticks before it, and how many those are.
