@@ -5,8 +5,9 @@ use crate::GapError;
 use crate::closure::closure;
 use crate::columns::{Extent, Suspect};
 use crate::evidence::Sums;
+use crate::local::place;
 use crate::search::{Fit, Search, fitted};
-use crate::study::Study;
+use crate::study::{Seen, Study};
 
 /// Least log evidence of a cause, whatever the null says.
 const LEAST_EVIDENCE: f64 = 40.0;
@@ -18,6 +19,8 @@ const OVER_NULL: f64 = 1.3;
 const LEAST_SIZE: f64 = 3.5;
 /// Least share of the excess over the null that a cause takes away.
 const LEAST_SHARE: f64 = 0.1;
+/// The same for a region: most of the excess of feet that slip is left by the right friction, too.
+const LEAST_REGIONAL_SHARE: f64 = 0.04;
 /// Loss over that of the null up to which a robot has no gap that anyone should look for.
 pub const NO_GAP: f64 = 1.45;
 /// Loss over that of the null from which on the causes do not explain the recording.
@@ -56,6 +59,24 @@ pub struct Round {
 /// # Errors
 /// When the normal equations are no good.
 pub fn level(study: &Study) -> Result<Level, GapError> {
+    level_outside(study, &[])
+}
+
+/// The level in the windows outside some regions. Where feet slip, the residuals of a right model are not small: whether
+/// a foot lets go is decided by what no recording shows.
+///
+/// # Errors
+/// When the normal equations are no good.
+pub fn level_outside(study: &Study, regions: &[[f64; 4]]) -> Result<Level, GapError> {
+    let inside = |seen: &Seen| {
+        let [x, y] = place(&seen.window);
+        // Feet reach farther than the trunk.
+        const REACH: f64 = 0.35;
+        regions.iter().any(|r| {
+            (r[0] - REACH..r[1] + REACH).contains(&x) && (r[2] - REACH..r[3] + REACH).contains(&y)
+        })
+    };
+    let fitted = |seen: &Seen| if inside(seen) { 0.0 } else { fitted(seen) };
     let bad = || GapError::run("sensitivities", "finite numbers", "others");
     let marginal = study.marginal(fitted).ok_or_else(bad)?;
     let of = |sums: &Sums| marginal.loss(sums) / sums.count.max(1.0);
@@ -174,7 +195,8 @@ fn objection(study: &Study, fit: &Fit, by_chance: f64, gain: f64, excess: f64) -
     if is_trifle(study, fit) {
         return Some(format!("a size of {:.1} tolerances", size(study, &fit.suspect)));
     }
-    if gain < LEAST_SHARE * excess {
+    let least = if matches!(fit.suspect.extent, Some(Extent::Region(_))) { LEAST_REGIONAL_SHARE } else { LEAST_SHARE };
+    if gain < least * excess {
         return Some(format!("it explains {:.0} % of the excess", 100.0 * gain / excess));
     }
     let at_edge = |v: &f64| effect.range.iter().any(|edge| (v - edge).abs() < 0.01 * effect.span());

@@ -192,7 +192,7 @@ impl<'a> Session<'a> {
             merge(&mut findings.corrections, &one.corrections);
             findings.accused.push(one);
             let mut next = self.study(&findings.corrections)?;
-            findings.level_after = decide::level(&next)?;
+            findings.level_after = decide::level_outside(&next, &findings.regions())?;
             if findings.accused.len() < MOST_CAUSES && findings.level_after.ratio >= NO_GAP * 0.9 {
                 self.begin("search");
                 let taken = findings.accused.iter().map(|a| a.cause.effect.clone());
@@ -300,6 +300,15 @@ struct Findings<'a> {
 }
 
 impl Findings<'_> {
+    /// Regions that are accused.
+    fn regions(&self) -> Vec<[f64; 4]> {
+        let region = |a: &Accused| match a.fit.suspect.extent {
+            Some(Extent::Region(r)) => Some(r),
+            _ => None,
+        };
+        self.accused.iter().filter_map(region).collect()
+    }
+
     fn report(mut self, session: &mut Session, nominal: &mut Study, begun: f64) -> Result<Report, GapError> {
         let verdict = self.verdict();
         if verdict == Verdict::Unexplained || verdict == Verdict::NoGap {

@@ -139,10 +139,12 @@ pub struct Problem<'a> {
     pub channels: Vec<Channel>,
     /// Joints whose torque can be compared with the law of the actuator.
     pub law_joints: Vec<usize>,
-    /// Half the time between reported states, by which torques may be out of step with positions \[s\].
+    /// How windows are cut.
     pub cut: Cut,
     /// Numbers of the simulator.
     pub numerics: Numerics,
+    /// Depth to which the feet sink in when the robot stands on all of them \[m\].
+    pub depth: f64,
     index: HashMap<String, usize>,
 }
 
@@ -179,7 +181,7 @@ impl<'a> Problem<'a> {
         }
         let law_joints = law_joints(run, &columns);
         let numerics = Numerics::default();
-        Ok(Self { model, terrain, columns, free, feet, catalogue, nominal, stated, roles, channels, law_joints, cut, numerics, index })
+        Ok(Self { model, terrain, columns, free, feet, catalogue, nominal, stated, roles, channels, law_joints, cut, numerics, depth: 0.0, index })
     }
 
     /// Index of a parameter.

@@ -3,7 +3,7 @@
 use crate::GapError;
 use crate::columns::Columns;
 use crate::evidence::{Marginal, Normal, Sums, sum};
-use crate::forward::{compare, longest_latency};
+use crate::forward::{compare, longest_latency, standing_depth};
 use crate::law;
 use crate::null::{Ghost, Noise, record};
 use crate::problem::{Numerics, Problem, Setting, Window};
@@ -112,8 +112,13 @@ impl<'a> Study<'a> {
 
     /// Adds the windows of one run, with its own noise and null.
     fn add(&mut self, run: &Run, index: usize, effort: &Effort) -> Result<(), GapError> {
+        let mut windows = self.problem.windows(run)?;
+        if index == 0 {
+            // The stillest window is the first to look like standing.
+            let still = windows.iter().find(|w| !w.moving).unwrap_or(&windows[0]);
+            self.problem.depth = standing_depth(&self.problem, still)?;
+        }
         let (problem, columns) = (&self.problem, &self.columns);
-        let mut windows = problem.windows(run)?;
         windows.iter_mut().for_each(|w| w.run = index);
         let noise = Noise::of(run, &problem.columns);
         let mut steps = 0;
