@@ -1,0 +1,128 @@
+//! Recordings whose cause is known to whoever holds the answers, which go to standard output as one JSON document:
+//! `cargo run --release -p qv-go2 --features rapier --example sealed_recordings -- --out DIR --seed 7 --effects
+//! motor_strength,payload_mass --per-effect 2 --none 2 --withheld 3 > answers.json`.
+
+mod answers;
+mod order;
+
+use clap::{Parser, ValueEnum};
+use order::Order;
+use qv_go2::sealed::{self, EngineChoice, Made, Request};
+use qv_go2::synthetic::{sub_seed, write_bag};
+use rayon::prelude::*;
+use serde_json::{Map, Value, json};
+use std::error::Error;
+use std::fs::{self, File};
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+#[derive(Parser)]
+struct Arguments {
+    /// Folder for the recordings: one folder of an opaque name for each, with run.mcap in it
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Seed of everything
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Effects of the library to record one at a time, or `all`
+    #[arg(long, value_delimiter = ',', value_name = "NAMES")]
+    effects: Vec<String>,
+    /// Recordings of each of them
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    per_effect: usize,
+    /// Recordings with two effects at once, out of --effects or all
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pairs: usize,
+    /// Recordings with an effect that no library has
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    withheld: usize,
+    /// Recordings of a robot with nothing but small unnamed differences
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    none: usize,
+    /// Engine to record with; `both` takes turns
+    #[arg(long, value_enum, default_value_t = Engines::Second)]
+    engine: Engines,
+    /// Beside each recording, the same one without its effect, as a recording of its own
+    #[arg(long)]
+    twins: bool,
+    /// Answers to this file instead of standard output: for development
+    #[arg(long, value_name = "FILE")]
+    answers: Option<PathBuf>,
+    /// Recordings made at a time
+    #[arg(long, default_value_t = 2, value_name = "N")]
+    jobs: usize,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Engines {
+    Ours,
+    Second,
+    Both,
+}
+
+impl Engines {
+    fn of(self, index: usize) -> EngineChoice {
+        match self {
+            Self::Ours => EngineChoice::Ours,
+            Self::Second => EngineChoice::Second,
+            Self::Both if index.is_multiple_of(2) => EngineChoice::Second,
+            Self::Both => EngineChoice::Ours,
+        }
+    }
+}
+
+/// A name that says nothing.
+fn opaque(seed: u64, index: usize, twin: bool) -> String {
+    let of = |part: u64| sub_seed(sub_seed(seed, index as u64), 2 * part + u64::from(twin));
+    format!("{:016x}", of(0x6e61_6d65))
+}
+
+fn write(folder: &Path, messages: &[qv_go2::synthetic::Message]) -> Result<(), Box<dyn Error + Send + Sync>> {
+    fs::create_dir_all(folder)?;
+    // Under its name only when it is whole.
+    let (half, whole) = (folder.join("run.mcap.part"), folder.join("run.mcap"));
+    write_bag(messages, BufWriter::new(File::create(&half)?))?;
+    Ok(fs::rename(half, whole)?)
+}
+
+/// Makes one recording, and its twin; their names and answers.
+fn carry_out(
+    arguments: &Arguments,
+    index: usize,
+    order: &Order,
+) -> Result<Vec<(String, Value)>, Box<dyn Error + Send + Sync>> {
+    let request = Request { engine: arguments.engine.of(index), wanted: order.wanted.clone() };
+    let made: Made = sealed::make(&request, sub_seed(arguments.seed, index as u64))?;
+    let name = opaque(arguments.seed, index, false);
+    write(&arguments.out.join(&name), &made.messages)?;
+    let mut answer = answers::of(order.case, &made);
+    if !arguments.twins {
+        return Ok(vec![(name, answer)]);
+    }
+    let twin = opaque(arguments.seed, index, true);
+    let recipe = made.recipe.without_effects();
+    let (_, messages) = sealed::record(&recipe)?;
+    write(&arguments.out.join(&twin), &messages)?;
+    answer["twin"] = json!(twin);
+    let mut other = answers::of("none", &Made { recipe, messages, ..made });
+    other["twin"] = json!(name);
+    Ok(vec![(name, answer), (twin, other)])
+}
+
+fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
+    let arguments = Arguments::parse();
+    let orders = order::list(&arguments)?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(arguments.jobs.max(1)).build()?;
+    let made: Vec<_> = pool.install(|| {
+        let numbered = orders.par_iter().enumerate().with_max_len(1);
+        numbered.map(|(index, order)| carry_out(&arguments, index, order)).collect::<Result<_, _>>()
+    })?;
+    let recordings: Map<String, Value> = made.into_iter().flatten().collect();
+    let answers = json!({"format": "qv-sealed/1", "seed": arguments.seed, "recordings": recordings});
+    let text = format!("{answers:#}\n");
+    match &arguments.answers {
+        Some(file) => fs::write(file, text)?,
+        None => print!("{text}"),
+    }
+    Ok(())
+}
