@@ -61,12 +61,12 @@ enum Engines {
 }
 
 impl Engines {
-    fn of(self, index: usize) -> EngineChoice {
+    /// Engine of the `turn`-th recording of a kind.
+    fn of(self, turn: usize) -> EngineChoice {
         match self {
-            Self::Ours => EngineChoice::Ours,
+            Self::Both if turn.is_multiple_of(2) => EngineChoice::Second,
             Self::Second => EngineChoice::Second,
-            Self::Both if index.is_multiple_of(2) => EngineChoice::Second,
-            Self::Both => EngineChoice::Ours,
+            Self::Ours | Self::Both => EngineChoice::Ours,
         }
     }
 }
@@ -91,7 +91,7 @@ fn carry_out(
     index: usize,
     order: &Order,
 ) -> Result<Vec<(String, Value)>, Box<dyn Error + Send + Sync>> {
-    let request = Request { engine: arguments.engine.of(index), wanted: order.wanted.clone() };
+    let request = Request { engine: arguments.engine.of(order.turn), wanted: order.wanted.clone() };
     let made: Made = sealed::make(&request, sub_seed(arguments.seed, index as u64))?;
     let name = opaque(arguments.seed, index, false);
     write(&arguments.out.join(&name), &made.messages)?;

@@ -9,6 +9,8 @@ pub struct Order {
     /// `none`, `single`, `pair` or `withheld`.
     pub case: &'static str,
     pub wanted: Wanted,
+    /// Which one of its kind, for taking turns.
+    pub turn: usize,
 }
 
 /// All that the arguments ask for.
@@ -17,24 +19,26 @@ pub struct Order {
 /// When an effect is unknown, or nothing is asked for.
 pub fn list(arguments: &Arguments) -> Result<Vec<Order>, String> {
     let all = arguments.effects.iter().any(|name| name == "all");
-    let effects: Vec<String> =
-        if all { EFFECTS.map(String::from).to_vec() } else { arguments.effects.clone() };
+    let effects: Vec<String> = if all { EFFECTS.map(String::from).to_vec() } else { arguments.effects.clone() };
     if let Some(unknown) = effects.iter().find(|name| !EFFECTS.contains(&name.as_str())) {
         return Err(format!("--effects: expected `all` or names out of {}, found {unknown}", EFFECTS.join(", ")));
     }
     let mut orders: Vec<Order> = Vec::new();
-    for _ in 0..arguments.per_effect {
-        let single = |name: &String| Order { case: "single", wanted: Wanted::Effects(vec![name.clone()]) };
-        orders.extend(effects.iter().map(single));
+    let of = |case, wanted, turn| Order { case, wanted, turn };
+    for round in 0..arguments.per_effect {
+        // Neighbours differ, so that one recording of each effect already uses both engines.
+        let single = |(i, name): (usize, &String)| of("single", Wanted::Effects(vec![name.clone()]), i + round);
+        orders.extend(effects.iter().enumerate().map(single));
     }
-    orders.extend((0..arguments.none).map(|_| Order { case: "none", wanted: Wanted::Nothing }));
+    orders.extend((0..arguments.none).map(|i| of("none", Wanted::Nothing, i)));
     let withheld = |i: usize| Wanted::Withheld(WITHHELD[i % WITHHELD.len()].into());
-    orders.extend((0..arguments.withheld).map(|i| Order { case: "withheld", wanted: withheld(i) }));
+    // After all of them once, each comes with the other engine.
+    orders.extend((0..arguments.withheld).map(|i| of("withheld", withheld(i), i)));
     let pool = if effects.is_empty() { EFFECTS.map(String::from).to_vec() } else { effects };
     let mut draws = Draws(sub_seed(arguments.seed, u64::MAX));
-    for _ in 0..arguments.pairs {
+    for turn in 0..arguments.pairs {
         let names = pair(&pool, &mut draws).ok_or("--pairs: expected two effects of different confusable groups")?;
-        orders.push(Order { case: "pair", wanted: Wanted::Effects(names) });
+        orders.push(of("pair", Wanted::Effects(names), turn));
     }
     if orders.is_empty() {
         return Err("expected --effects, --none, --withheld or --pairs, found nothing to record".into());

@@ -39,13 +39,24 @@ pub const EFFECTS: [&str; 26] = [
 /// for a name that is not in [`EFFECTS`].
 pub fn interface(effect: &str) -> Option<&'static str> {
     Some(match effect {
-        "command_latency" | "actuator_lag" | "joint_coulomb_friction" | "joint_viscous_friction" | "joint_armature"
-        | "motor_strength" | "motor_gain_kp" | "motor_gain_kd" | "torque_limit" | "torque_speed_limit" | "backlash" => {
-            "actuator"
-        }
+        "command_latency"
+        | "actuator_lag"
+        | "joint_coulomb_friction"
+        | "joint_viscous_friction"
+        | "joint_armature"
+        | "motor_strength"
+        | "motor_gain_kp"
+        | "motor_gain_kd"
+        | "torque_limit"
+        | "torque_speed_limit"
+        | "backlash" => "actuator",
         "observation_latency" | "encoder_bias" | "imu_tilt" | "gyro_bias" | "pose_delay" => "sensing",
         "payload_mass" | "com_offset" | "link_inertia" | "external_force" => "inertial",
-        "ground_friction" | "contact_compliance" | "contact_restitution" | "terrain_slope" | "terrain_height"
+        "ground_friction"
+        | "contact_compliance"
+        | "contact_restitution"
+        | "terrain_slope"
+        | "terrain_height"
         | "foot_radius" => "contact",
         _ => return None,
     })
@@ -80,7 +91,7 @@ pub struct Figure {
     pub value: f64,
     /// Unit.
     pub unit: &'static str,
-    /// Range that it was drawn from, neutral neighbourhood included.
+    /// Range of its size, neutral neighbourhood included; of limits: what the motion uses.
     pub range: (f64, f64),
     /// Whether a diagnosis is asked for it; else it only goes along.
     pub asked: bool,
@@ -215,25 +226,25 @@ fn off_one(draws: &mut Draws, few: bool, away: f64) -> f64 {
 fn torque_limit(draws: &mut Draws, scout: &Scout) -> Option<Cause> {
     let Joints { which, scope, .. } = some_joints(draws, 0.3);
     let limit = scout.quantile(&scout.torque, &which, 1.0 - draws.between(0.04, 0.15));
-    // Clipped by less than a newton metre nobody would see it.
-    if scout.quantile(&scout.torque, &which, 0.998) < limit + 2.0 {
+    let most = scout.quantile(&scout.torque, &which, 0.998);
+    // Clipped by less than that nobody would see it.
+    if most < limit + 2.0 {
         return None;
     }
-    let most = which.iter().map(|&j| model::effort_limits()[j]).fold(0.0, f64::max);
     let settings = which.iter().map(|&j| (format!("actuator.{}.torque_limit", JOINT_NAMES[j]), limit)).collect();
     let figures = vec![asked("torque_limit", limit, "N m", (0.0, most))];
     Some(Cause { effect: "torque_limit", scope, region: None, figures, settings })
 }
 
-/// A fall of torque with speed that 2 to 15 % of what the joints in scope do in this motion run into.
+/// A fall of torque with speed that 1.5 to 8 % of what the joints in scope do in this motion run into.
 fn torque_speed_limit(draws: &mut Draws, scout: &Scout) -> Option<Cause> {
     let Joints { which, scope, .. } = some_joints(draws, 0.4);
-    let fast = scout.quantile(&scout.speed, &which, 0.99);
+    let fast = scout.quantile(&scout.speed, &which, 0.998);
     let effort = model::effort_limits();
     let bites = (0..40).find_map(|_| {
-        let knee = draws.between(0.05, 0.5) * fast;
+        let knee = draws.between(0.1, 0.6) * fast;
         let zero = knee + draws.between(0.15, 0.6) * fast;
-        (0.02..0.15).contains(&scout.over_speed_limit(&which, &effort, knee, zero)).then_some((knee, zero))
+        (0.015..0.08).contains(&scout.over_speed_limit(&which, &effort, knee, zero)).then_some((knee, zero))
     });
     let (knee, zero) = bites?;
     let both = |j: usize| {
@@ -241,8 +252,8 @@ fn torque_speed_limit(draws: &mut Draws, scout: &Scout) -> Option<Cause> {
         [(name("speed_knee"), knee), (name("speed_zero"), zero)]
     };
     let settings = which.iter().flat_map(|&j| both(j)).collect();
-    let figures =
-        vec![asked("speed_knee", knee, "rad/s", (0.0, 30.0)), asked("speed_zero", zero, "rad/s", (0.0, 40.0))];
+    let range = (0.0, 1.2 * fast);
+    let figures = vec![asked("speed_knee", knee, "rad/s", range), asked("speed_zero", zero, "rad/s", range)];
     Some(Cause { effect: "torque_speed_limit", scope, region: None, figures, settings })
 }
 
@@ -371,7 +382,7 @@ fn contact_effect(effect: &'static str, draws: &mut Draws) -> Option<Cause> {
             let offset = draws.sign() * draws.between(0.0015, 0.004);
             let (one, leg) = (draws.chance(0.4), draws.index(4));
             let feet = (0..4).filter(|&l| !one || l == leg);
-            let settings = feet.map(|l| (format!("geom.{}_foot.radius_offset", LEGS[l]), offset)).collect();
+            let settings = feet.map(|l| (format!("geom.{}.radius_offset", model::FOOT_LINKS[l]), offset)).collect();
             let scope = if one { LEGS[leg] } else { "all" };
             let figures = vec![asked("radius_offset", offset, "m", (-0.004, 0.004))];
             Some(Cause { effect, scope: vec![scope.into()], region: None, figures, settings })

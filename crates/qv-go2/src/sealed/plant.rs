@@ -5,9 +5,9 @@ use crate::messages::LowCmd;
 use crate::synthetic::simulator;
 use crate::{model, synthetic};
 use qv_replay::ReplayError;
-use qv_sim::{BaseKind, Batch, Model, ModelOptions, SensorReading, SimError, SimOptions, State, Terrain};
 #[cfg(feature = "rapier")]
 use qv_sim::second::{SecondEngine, SecondOptions};
+use qv_sim::{BaseKind, Batch, Model, ModelOptions, SensorReading, SimError, SimOptions, State, Terrain};
 
 /// A simulated Go2 on the nominal floor.
 pub(super) enum Plant {

@@ -101,7 +101,15 @@ impl Withheld {
 /// All joints, those of one kind, or those of one leg.
 fn some_joints(draws: &mut Draws) -> Vec<usize> {
     let (which, kind, leg) = (draws.uniform(), 1 + draws.index(2), draws.index(4));
-    let within = |j: &usize| if which < 0.6 { true } else if which < 0.8 { j % 3 == kind } else { j / 3 == leg };
+    let within = |j: &usize| {
+        if which < 0.6 {
+            true
+        } else if which < 0.8 {
+            j % 3 == kind
+        } else {
+            j / 3 == leg
+        }
+    };
     (0..12).filter(within).collect()
 }
 
@@ -138,7 +146,10 @@ impl<'a> Disturbance<'a> {
             phases,
             torques: of_joints("joint", "external_torque")?,
             strengths: of_joints("actuator", "strength")?,
-            force: ["external.force_x", "external.force_y"].map(|n| plant.index(n)).into_iter().collect::<Result<_, _>>()?,
+            force: ["external.force_x", "external.force_y"]
+                .map(|n| plant.index(n))
+                .into_iter()
+                .collect::<Result<_, _>>()?,
             anchor: None,
             held_until: f64::NEG_INFINITY,
             held: None,
