@@ -240,6 +240,10 @@ fn torque_limit(draws: &mut Draws, scout: &Scout) -> Option<Cause> {
 fn torque_speed_limit(draws: &mut Draws, scout: &Scout) -> Option<Cause> {
     let Joints { which, scope, .. } = some_joints(draws, 0.4);
     let fast = scout.quantile(&scout.speed, &which, 0.998);
+    // Joints that hardly move have no speed to be limited by.
+    if fast < 3.0 {
+        return None;
+    }
     let effort = model::effort_limits();
     let bites = (0..40).find_map(|_| {
         let knee = draws.between(0.1, 0.6) * fast;

@@ -67,6 +67,7 @@ pub(super) fn follow(
     mut see: impl FnMut(u64, &SensorReading, &State),
 ) -> Result<Outcome, ReplayError> {
     let timestep = recipe.engine.timestep();
+    let parameters = recipe.parameters();
     let steps = (BETWEEN_STATES / timestep).round().max(1.0) as usize;
     let mut disturbance = match &recipe.withheld {
         Some(effect) => Some(Disturbance::new(effect, plant, timestep).map_err(simulator)?),
@@ -82,7 +83,7 @@ pub(super) fn follow(
     for k in 0..(recipe.plan.duration() / BETWEEN_STATES).round() as u64 {
         let time = k as f64 * BETWEEN_STATES;
         let (seen, state) = (plant.sensors().map_err(simulator)?, plant.state().map_err(simulator)?);
-        if has_fallen(&state) {
+        if has_fallen(&state, floor_height(&parameters, state.q[0], state.q[1])) {
             return Ok(Outcome::Fell { at: time });
         }
         see(k, &seen, &state);
@@ -103,11 +104,21 @@ pub(super) fn follow(
     Ok(Outcome::Stood { end, in_region })
 }
 
-/// Whether the trunk leans by more than 0.6 rad or lies lower than any squat brings it, over a floor that may be 0.1 m high.
-fn has_fallen(state: &State) -> bool {
+/// Lower than this over the floor the trunk lies on its legs: the deepest squat has it at 0.23 m \[m\].
+const LEAST_HEIGHT: f64 = 0.17;
+
+/// Whether the trunk leans by more than 0.6 rad, or lies lower than any squat brings it.
+fn has_fallen(state: &State, floor: f64) -> bool {
     let (x, y) = (state.q[4], state.q[5]);
     let upright = 1.0 - 2.0 * (x * x + y * y);
-    upright < 0.6_f64.cos() || state.q[2] < 0.06 || !upright.is_finite()
+    // Also true of what is not a number.
+    !(upright > 0.6_f64.cos() && state.q[2] - floor > LEAST_HEIGHT)
+}
+
+/// Height \[m\] of the floor under a place, as the parameters raise and tilt it.
+fn floor_height(parameters: &[(String, f64)], x: f64, y: f64) -> f64 {
+    let of = |name: &str| parameters.iter().find(|(n, _)| n == name).map_or(0.0, |(_, value)| *value);
+    of("terrain.height") + x * of("terrain.slope_x").tan() + y * of("terrain.slope_y").tan()
 }
 
 /// Loaded feet inside the region that an effect is confined to.
@@ -133,13 +144,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_robot_on_its_side_has_fallen() {
-        let mut state = super::super::plant::standing(&[]);
-        assert!(!has_fallen(&state));
-        (state.q[3], state.q[4]) = (0.7071, 0.7071);
-        assert!(has_fallen(&state));
-        let mut low = super::super::plant::standing(&[]);
-        low.q[2] = 0.02;
-        assert!(has_fallen(&low));
+    fn a_robot_on_its_side_or_its_belly_has_fallen() {
+        let upright = super::super::plant::standing(&[]);
+        assert!(!has_fallen(&upright, 0.0) && has_fallen(&upright, 0.2));
+        let mut lying = upright.clone();
+        (lying.q[3], lying.q[4]) = (0.7071, 0.7071);
+        assert!(has_fallen(&lying, 0.0));
+        let mut lost = upright;
+        lost.q[2] = f64::NAN;
+        assert!(has_fallen(&lost, 0.0));
+    }
+
+    #[test]
+    fn the_floor_rises_along_x() {
+        let parameters = [("terrain.height".to_string(), 0.05), ("terrain.slope_x".to_string(), 0.1)];
+        assert!((floor_height(&parameters, 2.0, 9.0) - 0.05 - 2.0 * 0.1_f64.tan()).abs() < 1e-12);
     }
 }

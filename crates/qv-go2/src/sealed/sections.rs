@@ -217,9 +217,10 @@ mod tests {
 
     #[test]
     fn a_turn_lengthens_the_right_swing() {
+        // How far back the foot pushes: there the knee is straight and does not blur the thigh's swing.
         let reach = |turn: f64, joint: usize| {
             let section = Section::Trot { gait: Trot::default(), turn };
-            (0..500).map(|k| section.target(1.0 + 0.001 * f64::from(k))[joint]).fold(f64::NEG_INFINITY, f64::max)
+            (0..500).map(|k| -section.target(1.0 + 0.001 * f64::from(k))[joint]).fold(f64::NEG_INFINITY, f64::max)
         };
         assert!(reach(0.3, 4) > reach(0.0, 4) && reach(0.3, 1) < reach(0.0, 1));
     }
