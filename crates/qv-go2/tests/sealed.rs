@@ -68,8 +68,11 @@ fn the_same_seed_gives_the_same_recording() {
     let draw = |seed| made(EngineChoice::Ours, single("motor_strength"), seed);
     let (first, again, other) = (draw(5), draw(5), draw(6));
     assert_eq!(first, again);
-    assert_ne!(first.recipe, other.recipe);
+    assert_ne!(first.drawn.recipe, other.drawn.recipe);
     assert_ne!(first.messages, other.messages);
+    let request = Request { engine: EngineChoice::Ours, wanted: single("motor_strength") };
+    let redraws = first.rejected.len() as u64;
+    assert_eq!(sealed::redraw(&request, 5, redraws).unwrap(), first.drawn);
     let span = run(&first.messages).span();
     assert!((span[1] - span[0] - 20.0).abs() < 0.01, "{span:?}");
 }
@@ -85,8 +88,8 @@ fn nudges_do_not_show(recipe: &Recipe) {
 }
 
 fn shows(made: &Made, name: &str) {
-    let without = recorded(&made.recipe.without_effects());
-    let found = difference(&made.messages, &without, &made.recipe.deviations);
+    let without = recorded(&made.drawn.recipe.without_effects());
+    let found = difference(&made.messages, &without, &made.drawn.recipe.deviations);
     println!("{name}: {found:.2} deviations, after {} redraws", made.rejected.len());
     assert!(found > 0.5, "{name}: {found} deviations");
 }
@@ -94,7 +97,7 @@ fn shows(made: &Made, name: &str) {
 #[test]
 fn a_milligram_does_not_show() {
     for seed in 0..4 {
-        nudges_do_not_show(&made(EngineChoice::Ours, Wanted::Nothing, seed).recipe);
+        nudges_do_not_show(&made(EngineChoice::Ours, Wanted::Nothing, seed).drawn.recipe);
     }
 }
 
@@ -102,13 +105,16 @@ fn a_milligram_does_not_show() {
 fn each_effect_of_the_library_shows() {
     for (index, effect) in EFFECTS.into_iter().enumerate() {
         let made = made(EngineChoice::Ours, single(effect), 40 + index as u64);
-        assert_eq!(made.recipe.causes[0].effect, effect);
-        assert!(made.recipe.withheld.is_none() && made.rejected.len() < ATTEMPTS as usize);
-        for figure in &made.recipe.causes[0].figures {
+        assert_eq!(made.drawn.recipe.causes[0].effect, effect);
+        assert!(made.drawn.recipe.withheld.is_none() && made.rejected.len() < ATTEMPTS as usize);
+        for figure in &made.drawn.recipe.causes[0].figures {
             let (least, most) = figure.range;
             assert!((least..=most).contains(&figure.value), "{effect}: {figure:?}");
         }
-        assert!(made.recipe.causes[0].figures.iter().any(|figure| figure.asked), "{effect} has nothing to ask for");
+        assert!(
+            made.drawn.recipe.causes[0].figures.iter().any(|figure| figure.asked),
+            "{effect} has nothing to ask for"
+        );
         shows(&made, effect);
     }
 }
@@ -117,14 +123,14 @@ fn each_effect_of_the_library_shows() {
 fn each_withheld_effect_shows_and_is_logged_as_the_robot_would() {
     for (index, name) in WITHHELD.into_iter().enumerate() {
         let made = made(EngineChoice::Ours, Wanted::Withheld(name.into()), 80 + index as u64);
-        let effect = made.recipe.withheld.as_ref().unwrap();
-        assert!(made.recipe.causes.is_empty() && effect.name == name);
+        let effect = made.drawn.recipe.withheld.as_ref().unwrap();
+        assert!(made.drawn.recipe.causes.is_empty() && effect.name == name);
         assert!(effect.relatives().iter().all(|relative| EFFECTS.contains(relative)), "{effect:?}");
         shows(&made, name);
         let commands = |messages: &[Message]| {
             messages.iter().filter(|m| m.topic == "/lowcmd").map(|m| m.data.clone()).collect::<Vec<_>>()
         };
-        assert_eq!(commands(&made.messages), commands(&recorded(&made.recipe.without_effects())), "{name}");
+        assert_eq!(commands(&made.messages), commands(&recorded(&made.drawn.recipe.without_effects())), "{name}");
     }
 }
 
@@ -139,7 +145,7 @@ fn what_is_asked_for_is_checked() {
 #[test]
 fn two_effects_act_at_once() {
     let wanted = Wanted::Effects(vec!["payload_mass".into(), "imu_tilt".into()]);
-    let both = made(EngineChoice::Ours, wanted, 3).recipe;
+    let both = made(EngineChoice::Ours, wanted, 3).drawn.recipe;
     assert_eq!(both.causes.len(), 2);
     let names: Vec<String> = both.parameters().into_iter().map(|(name, _)| name).collect();
     for name in ["link.base.payload_mass", "sensor.imu.tilt_roll"] {
@@ -164,14 +170,14 @@ mod in_the_second_engine {
     #[test]
     fn effects_show_and_repeat() {
         let made = made(EngineChoice::Second, single("joint_coulomb_friction"), 1);
-        assert!(matches!(made.recipe.engine, Engine::Second { .. }) && made.other_engine.is_none());
+        assert!(matches!(made.drawn.recipe.engine, Engine::Second { .. }) && made.drawn.other_engine.is_none());
         shows(&made, "joint_coulomb_friction");
-        nudges_do_not_show(&made.recipe);
+        nudges_do_not_show(&made.drawn.recipe);
     }
 
     #[test]
     fn disturbances_act_step_by_step_and_repeat() {
-        let mut recipe = made(EngineChoice::Second, Wanted::Withheld("stribeck_friction".into()), 4).recipe;
+        let mut recipe = made(EngineChoice::Second, Wanted::Withheld("stribeck_friction".into()), 4).drawn.recipe;
         recipe.plan.sections.truncate(2);
         let with = recorded(&recipe);
         assert_eq!(with, recorded(&recipe));
@@ -182,8 +188,8 @@ mod in_the_second_engine {
     #[test]
     fn what_it_hardly_shows_is_recorded_in_ours() {
         let made = made(EngineChoice::Second, single("contact_compliance"), 1);
-        assert!(matches!(made.recipe.engine, Engine::Ours { .. }));
-        assert!(made.other_engine.unwrap().contains("contact_compliance"));
+        assert!(matches!(made.drawn.recipe.engine, Engine::Ours { .. }));
+        assert!(made.drawn.other_engine.unwrap().contains("contact_compliance"));
     }
 }
 
@@ -192,6 +198,6 @@ mod in_the_second_engine {
 fn an_engine_that_is_not_built_in_is_named() {
     let request = Request { engine: EngineChoice::Second, wanted: Wanted::Nothing };
     assert!(sealed::make(&request, 1).unwrap_err().to_string().contains("rapier"));
-    let ours = made(EngineChoice::Ours, Wanted::Nothing, 1).recipe;
+    let ours = made(EngineChoice::Ours, Wanted::Nothing, 1).drawn.recipe;
     assert!(matches!(ours.engine, Engine::Ours { .. }));
 }

@@ -1,11 +1,11 @@
 //! The answer to one recording, as JSON.
 
-use qv_go2::sealed::{self, Cause, Engine, Made, Rejection, Section, Withheld};
+use qv_go2::sealed::{self, Cause, Drawn, Engine, Section, Withheld};
 use serde_json::{Map, Value, json};
 
 /// Everything about one recording.
-pub fn of(case: &str, made: &Made) -> Value {
-    let recipe = &made.recipe;
+pub fn of(case: &str, drawn: &Drawn, redraws: u64) -> Value {
+    let recipe = &drawn.recipe;
     let mut effects: Vec<Value> = recipe.causes.iter().map(cause).collect();
     effects.extend(recipe.withheld.iter().map(withheld));
     let sections: Vec<Value> = recipe.plan.sections.iter().map(|(s, length)| section(s, *length)).collect();
@@ -15,14 +15,13 @@ pub fn of(case: &str, made: &Made) -> Value {
         "in_library": recipe.withheld.is_none(),
         "seed": recipe.seed,
         "engine": engine(&recipe.engine),
-        "other_engine": made.other_engine,
+        "other_engine": drawn.other_engine,
         "gains": {"kp": recipe.kp, "kd": recipe.kd},
         "motion": sections,
         "duration": recipe.plan.duration(),
-        "end": made.end,
+        // A robot that fell was drawn again.
         "fell": false,
-        "redraws": made.rejected.len(),
-        "rejected": made.rejected.iter().map(rejection).collect::<Vec<_>>(),
+        "redraws": redraws,
         "parameters": recipe.parameters().into_iter().map(|(name, value)| (name, json!(value))).collect::<Map<_, _>>(),
         "twin": null,
     })
@@ -37,7 +36,7 @@ fn cause(cause: &Cause) -> Value {
         "interface": sealed::interface(cause.effect),
         "group": sealed::confusable_group(cause.effect),
         "scope": cause.scope,
-        "region": cause.region.map(|r| json!({"x": r.x, "y": r.y})),
+        "region": cause.region.map(|r| json!({"x": r.x, "y": r.y, "met": r.met})),
         "parameters": figures.collect::<Vec<_>>(),
     })
 }
@@ -80,12 +79,4 @@ fn section(section: &Section, length: f64) -> Value {
         Section::Stand => {}
     }
     out
-}
-
-fn rejection(rejection: &Rejection) -> Value {
-    match rejection {
-        Rejection::FallsAnyway => json!("falls without the effect"),
-        Rejection::DoesNotAct => json!("the motion does not bring the effect out"),
-        Rejection::Fell(at) => json!(format!("fell at {at:.2} s")),
-    }
 }

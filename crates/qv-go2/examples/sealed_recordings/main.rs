@@ -7,10 +7,11 @@ mod order;
 
 use clap::{Parser, ValueEnum};
 use order::Order;
-use qv_go2::sealed::{self, EngineChoice, Made, Request};
-use qv_go2::synthetic::{sub_seed, write_bag};
+use qv_go2::sealed::{self, Drawn, EngineChoice, Request};
+use qv_go2::synthetic::{Message, sub_seed, write_bag};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
 use std::error::Error;
 use std::fs::{self, File};
 use std::io::BufWriter;
@@ -45,6 +46,9 @@ struct Arguments {
     /// Beside each recording, the same one without its effect, as a recording of its own
     #[arg(long)]
     twins: bool,
+    /// How often each recording was redrawn, as JSON by name: those that are there are not made again
+    #[arg(long, value_name = "FILE")]
+    redraws: Option<PathBuf>,
     /// Answers to this file instead of standard output: for development
     #[arg(long, value_name = "FILE")]
     answers: Option<PathBuf>,
@@ -77,7 +81,7 @@ fn opaque(seed: u64, index: usize, twin: bool) -> String {
     format!("{:016x}", of(0x6e61_6d65))
 }
 
-fn write(folder: &Path, messages: &[qv_go2::synthetic::Message]) -> Result<(), Box<dyn Error + Send + Sync>> {
+fn write(folder: &Path, messages: &[Message]) -> Result<(), Failure> {
     fs::create_dir_all(folder)?;
     // Under its name only when it is whole.
     let (half, whole) = (folder.join("run.mcap.part"), folder.join("run.mcap"));
@@ -85,37 +89,56 @@ fn write(folder: &Path, messages: &[qv_go2::synthetic::Message]) -> Result<(), B
     Ok(fs::rename(half, whole)?)
 }
 
+type Failure = Box<dyn Error + Send + Sync>;
+
 /// Makes one recording, and its twin; their names and answers.
 fn carry_out(
     arguments: &Arguments,
+    known: &BTreeMap<String, u64>,
     index: usize,
     order: &Order,
-) -> Result<Vec<(String, Value)>, Box<dyn Error + Send + Sync>> {
+) -> Result<Vec<(String, Value)>, Failure> {
     let request = Request { engine: arguments.engine.of(order.turn), wanted: order.wanted.clone() };
-    let made: Made = sealed::make(&request, sub_seed(arguments.seed, index as u64))?;
-    let name = opaque(arguments.seed, index, false);
-    write(&arguments.out.join(&name), &made.messages)?;
-    let mut answer = answers::of(order.case, &made);
+    let seed = sub_seed(arguments.seed, index as u64);
+    let [name, twin] = [false, true].map(|twin| opaque(arguments.seed, index, twin));
+    let at = |name: &str| arguments.out.join(name);
+    let is_there = |name: &str| at(name).join("run.mcap").is_file();
+    let (drawn, redraws) = match known.get(&name) {
+        Some(&redraws) if is_there(&name) => (sealed::redraw(&request, seed, redraws)?, redraws),
+        _ => {
+            let made = sealed::make(&request, seed)?;
+            write(&at(&name), &made.messages)?;
+            (made.drawn, made.rejected.len() as u64)
+        }
+    };
+    let mut answer = answers::of(order.case, &drawn, redraws);
     if !arguments.twins {
         return Ok(vec![(name, answer)]);
     }
-    let twin = opaque(arguments.seed, index, true);
-    let recipe = made.recipe.without_effects();
-    let (_, messages) = sealed::record(&recipe)?;
-    write(&arguments.out.join(&twin), &messages)?;
+    let plain = Drawn { recipe: drawn.recipe.without_effects(), ..drawn };
+    if !(known.contains_key(&twin) && is_there(&twin)) {
+        write(&at(&twin), &sealed::record(&plain.recipe)?.1)?;
+    }
     answer["twin"] = json!(twin);
-    let mut other = answers::of("none", &Made { recipe, messages, ..made });
+    let mut other = answers::of("none", &plain, redraws);
     other["twin"] = json!(name);
     Ok(vec![(name, answer), (twin, other)])
 }
 
-fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
+fn known_redraws(arguments: &Arguments) -> Result<BTreeMap<String, u64>, Failure> {
+    let Some(file) = &arguments.redraws else { return Ok(BTreeMap::new()) };
+    let text = fs::read_to_string(file).map_err(|e| format!("{}: {e}", file.display()))?;
+    Ok(serde_json::from_str(&text).map_err(|e| format!("{}: expected counts by name: {e}", file.display()))?)
+}
+
+fn main() -> Result<(), Failure> {
     let arguments = Arguments::parse();
     let orders = order::list(&arguments)?;
+    let known = known_redraws(&arguments)?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(arguments.jobs.max(1)).build()?;
     let made: Vec<_> = pool.install(|| {
         let numbered = orders.par_iter().enumerate().with_max_len(1);
-        numbered.map(|(index, order)| carry_out(&arguments, index, order)).collect::<Result<_, _>>()
+        numbered.map(|(index, order)| carry_out(&arguments, &known, index, order)).collect::<Result<_, _>>()
     })?;
     let recordings: Map<String, Value> = made.into_iter().flatten().collect();
     let answers = json!({"format": "qv-sealed/1", "seed": arguments.seed, "recordings": recordings});

@@ -59,13 +59,18 @@ pub enum Rejection {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Made {
     /// What it is.
-    pub recipe: Recipe,
+    pub drawn: Drawn,
     /// Why the draws before it were not taken.
     pub rejected: Vec<Rejection>,
-    /// Where the base ended \[m\].
-    pub end: [f64; 3],
     /// The messages, in the order of their times.
     pub messages: Vec<Message>,
+}
+
+/// A recipe as it was drawn.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Drawn {
+    /// What it is.
+    pub recipe: Recipe,
     /// Why another engine was taken than asked for.
     pub other_engine: Option<String>,
 }
@@ -78,28 +83,39 @@ pub fn make(request: &Request, seed: u64) -> Result<Made, ReplayError> {
     check(&request.wanted)?;
     let mut rejected = Vec::new();
     for attempt in 0..ATTEMPTS {
-        let (recipe, other_engine) = match draw(request, sub_seed(seed, attempt))? {
+        let drawn = match draw(request, sub_seed(seed, attempt))? {
             Ok(drawn) => drawn,
             Err(reason) => {
                 rejected.push(reason);
                 continue;
             }
         };
-        let confined = recipe.causes.iter().any(|cause| cause.region.is_some());
-        match record(&recipe)? {
+        let confined = drawn.recipe.causes.iter().any(|cause| cause.region.is_some());
+        match record(&drawn.recipe)? {
             (Outcome::Fell { at }, _) => rejected.push(Rejection::Fell(at)),
             (Outcome::Stood { in_region, .. }, _) if confined && in_region < LEAST_IN_REGION => {
                 rejected.push(Rejection::DoesNotAct);
             }
-            (Outcome::Stood { end, .. }, messages) => {
-                return Ok(Made { recipe, rejected, end, messages, other_engine });
-            }
+            (Outcome::Stood { .. }, messages) => return Ok(Made { drawn, rejected, messages }),
         }
     }
     Err(ReplayError::Run {
         what: format!("recording of {:?} from seed {seed}", request.wanted),
         expected: format!("a valid draw among {ATTEMPTS}"),
         found: format!("none: {rejected:?}"),
+    })
+}
+
+/// The recipe that [`make`] took after `redraws` rejections, without recording it again.
+///
+/// # Errors
+/// When a name is unknown, or this draw cannot have been the one taken.
+pub fn redraw(request: &Request, seed: u64, redraws: u64) -> Result<Drawn, ReplayError> {
+    check(&request.wanted)?;
+    draw(request, sub_seed(seed, redraws))?.map_err(|reason| ReplayError::Run {
+        what: format!("draw {redraws} of {:?} from seed {seed}", request.wanted),
+        expected: "the one that was recorded".into(),
+        found: format!("one that was rejected: {reason:?}"),
     })
 }
 
@@ -118,8 +134,6 @@ fn check(wanted: &Wanted) -> Result<(), ReplayError> {
         Wanted::Withheld(_) => Ok(()),
     }
 }
-
-type Drawn = (Recipe, Option<String>);
 
 /// One recipe, or why there is none from this seed.
 fn draw(request: &Request, seed: u64) -> Result<Result<Drawn, Rejection>, ReplayError> {
@@ -152,7 +166,7 @@ fn draw(request: &Request, seed: u64) -> Result<Result<Drawn, Rejection>, Replay
             None => return Ok(Err(Rejection::DoesNotAct)),
         },
     }
-    Ok(Ok((recipe, other_engine)))
+    Ok(Ok(Drawn { recipe, other_engine }))
 }
 
 fn engine(request: &Request, draws: &mut Draws) -> (Engine, Option<String>) {

@@ -104,6 +104,8 @@ pub struct Region {
     pub x: [f64; 2],
     /// Least and greatest y.
     pub y: [f64; 2],
+    /// Whether the motion comes to the edges of x, and of y: nobody can tell where the others are.
+    pub met: [[bool; 2]; 2],
 }
 
 impl Region {
@@ -135,24 +137,21 @@ struct Joints {
     few: bool,
 }
 
-fn all_joints() -> Joints {
-    Joints { which: (0..12).collect(), scope: vec!["all".into()], few: false }
-}
-
 /// All joints, a kind, a leg, or one joint.
 fn some_joints(draws: &mut Draws, whole: f64) -> Joints {
     let (which, kind, leg, joint) = (draws.uniform(), draws.index(3), draws.index(4), draws.index(12));
+    if which <= whole {
+        return Joints { which: (0..12).collect(), scope: vec!["all".into()], few: false };
+    }
     let rest = (which - whole) / (1.0 - whole);
-    let (scope, inside): (String, Box<dyn Fn(&usize) -> bool>) = if which <= whole {
-        return all_joints();
-    } else if rest < 0.35 {
-        (["hip", "thigh", "calf"][kind].into(), Box::new(move |j| j % 3 == kind))
+    let (scope, which) = if rest < 0.35 {
+        (["hip", "thigh", "calf"][kind], (0..12).filter(|j| j % 3 == kind).collect())
     } else if rest < 0.7 {
-        (LEGS[leg].into(), Box::new(move |j| j / 3 == leg))
+        (LEGS[leg], (3 * leg..3 * leg + 3).collect())
     } else {
-        (JOINT_NAMES[joint].into(), Box::new(move |j| *j == joint))
+        (JOINT_NAMES[joint], vec![joint])
     };
-    Joints { which: (0..12).filter(|j| inside(j)).collect(), scope: vec![scope], few: true }
+    Joints { which, scope: vec![scope.into()], few: true }
 }
 
 /// A size between `least` and `most`; from the upper half where few joints have to show it.
@@ -277,13 +276,20 @@ fn ground_friction(draws: &mut Draws, scout: &Scout) -> Option<Cause> {
     }
     let near = from[along] + way.signum() * (0.25 + draws.between(0.0, 0.3) * way.abs());
     let far = near + way.signum() * draws.between(0.3, 0.7);
-    let mut sides = [[near.min(far), near.max(far)], [-3.0, 3.0]];
+    let mut sides = [[-3.0, 3.0]; 2];
+    sides[along] = [near.min(far), near.max(far)];
     if draws.chance(0.5) {
         // Half of the path's width: the feet of one side may stay off it.
         let edge = from[across] + 0.5 * (to[across] - from[across]) + draws.between(-0.1, 0.1);
-        sides[1] = if draws.chance(0.5) { [edge, edge + 0.8] } else { [edge - 0.8, edge] };
+        sides[across] = if draws.chance(0.5) { [edge, edge + 0.8] } else { [edge - 0.8, edge] };
     }
-    let region = Region { x: sides[along], y: sides[across] };
+    // Feet stand up to 0.2 m beside the base.
+    let met = |axis: usize, edge: f64| {
+        let near = |sign: f64| scout.path.iter().any(|place| sign * (place[axis] - edge) > -0.2);
+        near(1.0) && near(-1.0)
+    };
+    let met = [0, 1].map(|axis| sides[axis].map(|edge| met(axis, edge)));
+    let region = Region { x: sides[0], y: sides[1], met };
     let friction = draws.between(0.1, 0.35);
     let side = |name, value| beside(name, value, "m", (-3.0, 3.0));
     let figures = vec![

@@ -15,7 +15,7 @@ mod scout;
 mod sections;
 mod withheld;
 
-pub use draw::{ATTEMPTS, EngineChoice, Made, Rejection, Request, Wanted, make};
+pub use draw::{ATTEMPTS, Drawn, EngineChoice, Made, Rejection, Request, Wanted, make, redraw};
 pub use effects::{Cause, EFFECTS, Figure, Region, confusable_group, interface, needs_our_engine};
 pub use recipe::{Engine, Recipe};
 pub use record::{Outcome, SETTLING, record};

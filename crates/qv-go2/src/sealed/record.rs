@@ -148,7 +148,7 @@ mod tests {
         let upright = super::super::plant::standing(&[]);
         assert!(!has_fallen(&upright, 0.0) && has_fallen(&upright, 0.2));
         let mut lying = upright.clone();
-        (lying.q[3], lying.q[4]) = (0.7071, 0.7071);
+        (lying.q[3], lying.q[4]) = (0.8, 0.6);
         assert!(has_fallen(&lying, 0.0));
         let mut lost = upright;
         lost.q[2] = f64::NAN;
