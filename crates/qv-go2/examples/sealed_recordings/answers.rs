@@ -1,5 +1,6 @@
 //! The answer to one recording, as JSON.
 
+use qv_go2::model::JOINT_NAMES;
 use qv_go2::sealed::{self, Cause, Drawn, Engine, Section, Withheld};
 use serde_json::{Map, Value, json};
 
@@ -31,8 +32,10 @@ fn cause(cause: &Cause) -> Value {
     let figures = cause.figures.iter().map(|f| {
         json!({"name": f.name, "value": f.value, "unit": f.unit, "range": [f.range.0, f.range.1], "asked": f.asked})
     });
+    let of_joint = |joint: &&str| cause.settings.iter().any(|(name, _)| name.contains(*joint));
     json!({
         "effect": cause.effect,
+        "joints": JOINT_NAMES.iter().copied().filter(|joint| of_joint(joint)).collect::<Vec<_>>(),
         "interface": sealed::interface(cause.effect),
         "group": sealed::confusable_group(cause.effect),
         "scope": cause.scope,
@@ -42,12 +45,13 @@ fn cause(cause: &Cause) -> Value {
 }
 
 fn withheld(effect: &Withheld) -> Value {
-    let joints = effect.joints.iter().map(|&j| qv_go2::model::JOINT_NAMES[j]).collect::<Vec<_>>();
+    let joints = effect.joints.iter().map(|&j| JOINT_NAMES[j]).collect::<Vec<_>>();
     let sizes = effect.sizes.iter().map(|(name, value, unit)| json!({"name": name, "value": value, "unit": unit}));
     json!({
         "effect": effect.name,
         "relatives": effect.relatives(),
-        "scope": joints,
+        "joints": joints,
+        "scope": [],
         "parameters": sizes.collect::<Vec<_>>(),
     })
 }

@@ -7,6 +7,7 @@ mod order;
 
 use clap::{Parser, ValueEnum};
 use order::Order;
+use qv_go2::model::JOINT_NAMES;
 use qv_go2::sealed::{self, Drawn, EngineChoice, Request};
 use qv_go2::synthetic::{Message, sub_seed, write_bag};
 use rayon::prelude::*;
@@ -43,6 +44,9 @@ struct Arguments {
     /// Engine to record with; `both` takes turns
     #[arg(long, value_enum, default_value_t = Engines::Second)]
     engine: Engines,
+    /// Where taking turns begins
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    first_turn: usize,
     /// Beside each recording, the same one without its effect, as a recording of its own
     #[arg(long)]
     twins: bool,
@@ -98,7 +102,8 @@ fn carry_out(
     index: usize,
     order: &Order,
 ) -> Result<Vec<(String, Value)>, Failure> {
-    let request = Request { engine: arguments.engine.of(order.turn), wanted: order.wanted.clone() };
+    let request =
+        Request { engine: arguments.engine.of(arguments.first_turn + order.turn), wanted: order.wanted.clone() };
     let seed = sub_seed(arguments.seed, index as u64);
     let [name, twin] = [false, true].map(|twin| opaque(arguments.seed, index, twin));
     let at = |name: &str| arguments.out.join(name);
@@ -141,7 +146,9 @@ fn main() -> Result<(), Failure> {
         numbered.map(|(index, order)| carry_out(&arguments, &known, index, order)).collect::<Result<_, _>>()
     })?;
     let recordings: Map<String, Value> = made.into_iter().flatten().collect();
-    let answers = json!({"format": "qv-sealed/1", "seed": arguments.seed, "recordings": recordings});
+    let answers = json!({
+        "format": "qv-sealed/1", "seed": arguments.seed, "joints": JOINT_NAMES, "recordings": recordings,
+    });
     let text = format!("{answers:#}\n");
     match &arguments.answers {
         Some(file) => fs::write(file, text)?,

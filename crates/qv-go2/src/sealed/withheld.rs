@@ -311,7 +311,11 @@ mod tests {
         acting.act(&mut plant, 1.0).unwrap();
         let hot = effect("thermal_derating", &[("loss", 0.4), ("time_constant", 1.0)]);
         Disturbance::new(&hot, &plant, 0.001).unwrap().act(&mut plant, 10.0).unwrap();
-        let Plant::Ours(sim) = &plant else { panic!("made with our engine") };
+        let sim = match &plant {
+            Plant::Ours(sim) => sim,
+            #[cfg(feature = "rapier")]
+            Plant::Second(_) => panic!("made with our engine"),
+        };
         assert!((sim.parameter(0, "external.force_x").unwrap() + 10.0).abs() < 1e-9);
         assert!((sim.parameter(0, "actuator.FL_hip_joint.strength").unwrap() - 0.6).abs() < 1e-3);
     }
