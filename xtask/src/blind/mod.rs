@@ -78,7 +78,6 @@ pub fn run(workspace: &Workspace, blind: &Blind) -> Result<bool> {
         _ => diagnose_all(workspace, blind, &folder)?,
     };
     let tables = table::markdown(&figures);
-    print!("{tables}");
     fs::create_dir_all(&folder).with_context(|| format!("making {}", folder.display()))?;
     for (name, text) in
         [("figures.json", serde_json::to_string_pretty(&figures)? + "\n"), ("figures.md", tables.clone())]
@@ -87,6 +86,7 @@ pub fn run(workspace: &Workspace, blind: &Blind) -> Result<bool> {
         fs::write(&file, text).with_context(|| format!("writing {}", file.display()))?;
         println!("written to {}", file.display());
     }
+    print!("{tables}");
     if blind.docs {
         table::refresh(&workspace.workspace_root.join("docs/diagnosis.md"), &tables)?;
     }

@@ -29,11 +29,14 @@ fn answers() -> Answers {
     Answers::read(&document.to_string()).unwrap()
 }
 
-/// A report that accuses effects with some parameters and scope.
-fn report(verdict: &str, causes: &[(&str, &[(&str, f64)], &str)], unknown: f64) -> Value {
+/// An accused effect: its name, its parameters, its scope.
+type Accused<'a> = (&'a str, &'a [(&'a str, f64)], &'a str);
+
+/// A report that accuses effects.
+fn report(verdict: &str, causes: &[Accused], unknown: f64) -> Value {
     let parameter =
         |(name, value): &(&str, f64)| json!({"name": name, "value": value, "ci95": [value - 0.05, value + 0.05]});
-    let cause = |(effect, parameters, scope): &(&str, &[(&str, f64)], &str)| {
+    let cause = |(effect, parameters, scope): &Accused| {
         let parameters: Vec<Value> = parameters.iter().map(parameter).collect();
         json!({"effect": effect, "probability": 0.8, "scope": [scope], "parameters": parameters})
     };
@@ -81,8 +84,8 @@ fn value(figures: &Figures, name: &str) -> Option<f64> {
     figure.unwrap_or_else(|| panic!("{name} is not among the figures")).value
 }
 
-const WEAK: (&str, &[(&str, f64)], &str) = ("motor_strength", &[("strength", 0.73)], "FL");
-const SLICK: (&str, &[(&str, f64)], &str) = ("ground_friction", &[("friction", 0.24)], "patch");
+const WEAK: Accused = ("motor_strength", &[("strength", 0.73)], "FL");
+const SLICK: Accused = ("ground_friction", &[("friction", 0.24)], "patch");
 
 fn perfect(folder: &Folder) {
     folder.put("none", "report.json", &report("no_gap", &[], 0.0));
@@ -135,8 +138,8 @@ fn a_perfect_diagnosis_meets_the_goals() {
 #[test]
 fn a_wrong_diagnosis_is_told_as_such() {
     let folder = Folder::new("wrong");
-    let relative: (&str, &[(&str, f64)], &str) = ("external_force", &[], "base");
-    let kp: (&str, &[(&str, f64)], &str) = ("motor_gain_kp", &[("kp_scale", 0.7)], "all");
+    let relative: Accused = ("external_force", &[], "base");
+    let kp: Accused = ("motor_gain_kp", &[("kp_scale", 0.7)], "all");
     for name in ["none", "pair", "slick", "weak", "tether"] {
         folder.put(name, "report.json", &report("explained", &[if name == "tether" { relative } else { kp }], 0.0));
     }
@@ -201,9 +204,9 @@ fn missing_and_malformed_reports_are_failures() {
 fn sizes_that_are_missing_or_far_count_in_full() {
     let folder = Folder::new("sizes");
     perfect(&folder);
-    let other: (&str, &[(&str, f64)], &str) = ("motor_strength", &[("kd", 1.0), ("kp", 1.0)], "all");
+    let other: Accused = ("motor_strength", &[("kd", 1.0), ("kp", 1.0)], "all");
     folder.put("weak", "report.json", &report("explained", &[other], 0.1));
-    let far: (&str, &[(&str, f64)], &str) = ("ground_friction", &[("contact.friction", 0.7)], "nowhere");
+    let far: Accused = ("ground_friction", &[("contact.friction", 0.7)], "nowhere");
     let mut off = report("explained", &[far], 0.1);
     off["where"]["regions"] = json!([]);
     folder.put("slick", "report.json", &off);
