@@ -1,7 +1,7 @@
 //! One report against its answer.
 
 use super::answers::{Answer, Answers, Case, Effect, Parameter};
-use super::report::{self, Baseline, Cause, Report, Said};
+use super::report::{self, Baseline, Cause, Estimate, Report, Said};
 use anyhow::Result;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -149,18 +149,15 @@ fn compare(answers: &Answers, effect: &Effect, cause: &Cause, report: &Report, s
         let Some([least, most]) = parameter.range else { continue };
         let named = |name: &str| name == parameter.name || name.ends_with(&format!(".{}", parameter.name));
         let alone = asked.len() == 1 && cause.parameters.len() == 1;
-        let Some(found) = cause.parameters.iter().find(|estimate| alone || named(&estimate.name)) else {
+        // One estimate for all joints, or one for each.
+        let found: Vec<_> = cause.parameters.iter().filter(|estimate| alone || named(&estimate.name)).collect();
+        if found.is_empty() {
             scored.errors.push(1.0);
             continue;
-        };
-        scored.errors.push((found.value - parameter.value).abs() / (most - least));
-        if let Some([low, high]) = found.ci95 {
-            let holds = |share: f64| {
-                let (below, above) = (share * (found.value - low), share * (high - found.value));
-                (found.value - below..=found.value + above).contains(&parameter.value)
-            };
-            scored.inside.push([holds(NINETY_OF_95), holds(1.0)]);
         }
+        let off: f64 = found.iter().map(|estimate| (estimate.value - parameter.value).abs()).sum();
+        scored.errors.push(off / found.len() as f64 / (most - least));
+        scored.inside.extend(found.iter().filter_map(|estimate| inside(estimate, parameter.value)));
     }
     if !effect.joints.is_empty() {
         let meant = answers.joints_meant(&cause.scope);
@@ -170,6 +167,16 @@ fn compare(answers: &Answers, effect: &Effect, cause: &Cause, report: &Report, s
     if effect.region.is_some() {
         scored.outline = Some(outline(effect, cause, report));
     }
+}
+
+/// Whether the 90 % and the 95 % interval of an estimate hold the truth; nothing without an interval.
+fn inside(estimate: &Estimate, truth: f64) -> Option<[bool; 2]> {
+    let [low, high] = estimate.ci95?;
+    let holds = |share: f64| {
+        let (below, above) = (share * (estimate.value - low), share * (high - estimate.value));
+        (estimate.value - below..=estimate.value + above).contains(&truth)
+    };
+    Some([holds(NINETY_OF_95), holds(1.0)])
 }
 
 /// Largest error of the edges that the robot came to \[m\]. The region is the one that the cause's scope names, or the

@@ -219,6 +219,18 @@ fn sizes_that_are_missing_or_far_count_in_full() {
 }
 
 #[test]
+fn estimates_of_each_joint_count_together() {
+    let folder = Folder::new("joints");
+    perfect(&folder);
+    let each: Accused = ("motor_strength", &[("actuator.a.strength", 0.7), ("actuator.b.strength", 1.0)], "FL");
+    folder.put("weak", "report.json", &report("explained", &[each], 0.1));
+    let figures = figures(&folder.0);
+    let weak = figures.recordings.iter().find(|s| s.name == "weak").unwrap();
+    assert!((weak.errors[0] - 0.25).abs() < 1e-9, "half of 0.3 of a range of 0.6: {:?}", weak.errors);
+    assert_eq!(weak.inside, [[true, true], [false, false]]);
+}
+
+#[test]
 fn baselines_stand_beside() {
     let folder = Folder::new("baselines");
     perfect(&folder);

@@ -87,7 +87,8 @@ pub fn needs_our_engine(effect: &str) -> bool {
 pub struct Figure {
     /// Name: the last word of the simulator's parameter.
     pub name: &'static str,
-    /// Value in SI units; of scales: the factor.
+    /// Value in SI units: the deviation from the nominal robot, but for limits, friction and time constants, which are
+    /// the values themselves.
     pub value: f64,
     /// Unit.
     pub unit: &'static str,
@@ -190,35 +191,41 @@ impl Cause {
     }
 }
 
-/// One parameter of each joint in scope.
+/// One parameter of each joint in scope. What is drawn is the deviation from the nominal robot.
 fn joint_effect(effect: &'static str, draws: &mut Draws) -> Option<Cause> {
     let few_scopes = some_joints(draws, if effect == "encoder_bias" { 0.0 } else { 0.45 });
     let few = few_scopes.few;
-    let ratio = (0.6, 1.25);
+    const RATIO: (f64, f64) = (-0.4, 0.25);
     let (prefix, name, value, unit, range) = match effect {
         "command_latency" => ("actuator", "command_latency", size(draws, few, 0.006, 0.025), "s", (0.0, 0.025)),
         "observation_latency" => ("sensor", "encoder_latency", size(draws, few, 0.006, 0.025), "s", (0.0, 0.025)),
         "actuator_lag" => ("actuator", "lag", size(draws, few, 0.006, 0.025), "s", (0.0, 0.025)),
         "joint_coulomb_friction" => ("joint", "coulomb_friction", size(draws, few, 0.25, 1.0), "N m", (0.0, 1.0)),
         "joint_viscous_friction" => ("joint", "viscous_friction", size(draws, few, 0.15, 0.6), "N m s/rad", (0.0, 0.6)),
-        "joint_armature" => ("joint", "armature", size(draws, few, 0.0215, 0.05), "kg m²", (0.005, 0.05)),
-        "motor_strength" => ("actuator", "strength", off_one(draws, few, 0.1), "1", ratio),
-        "motor_gain_kp" => ("actuator", "kp_scale", off_one(draws, few, 0.1), "1", ratio),
+        "joint_armature" => ("joint", "armature", size(draws, few, 0.0115, 0.04), "kg m²", (-0.005, 0.04)),
+        "motor_strength" => ("actuator", "strength", ratio(draws, few, 0.1), "1", RATIO),
+        "motor_gain_kp" => ("actuator", "kp_scale", ratio(draws, few, 0.1), "1", RATIO),
         // The velocity gain's part of the torque is small.
-        "motor_gain_kd" => ("actuator", "kd_scale", off_one(draws, few, 0.16), "1", ratio),
+        "motor_gain_kd" => ("actuator", "kd_scale", ratio(draws, few, 0.16), "1", RATIO),
         "backlash" => ("actuator", "backlash", size(draws, few, 0.006, 0.02), "rad", (0.0, 0.02)),
         "encoder_bias" => ("sensor", "encoder_bias", draws.sign() * draws.between(0.025, 0.1), "rad", (-0.1, 0.1)),
         _ => return None,
     };
     let Joints { which, scope, .. } = few_scopes;
-    let settings = which.iter().map(|&j| (format!("{prefix}.{}.{name}", JOINT_NAMES[j]), value)).collect();
-    Some(Cause { effect, scope, region: None, figures: vec![asked(name, value, unit, range)], settings })
+    let nominal = match name {
+        "strength" | "kp_scale" | "kd_scale" => 1.0,
+        "armature" => model::ARMATURE,
+        _ => 0.0,
+    };
+    let setting = |&j: &usize| (format!("{prefix}.{}.{name}", JOINT_NAMES[j]), nominal + value);
+    let (settings, figures) = (which.iter().map(setting).collect(), vec![asked(name, value, unit, range)]);
+    Some(Cause { effect, scope, region: None, figures, settings })
 }
 
-/// A ratio of 0.6 to 1.25 at least `away` from 1.
-fn off_one(draws: &mut Draws, few: bool, away: f64) -> f64 {
+/// How far a ratio of 0.6 to 1.25 is from 1, at least `away`.
+fn ratio(draws: &mut Draws, few: bool, away: f64) -> f64 {
     let away = if few { 0.2 } else { away };
-    draws.among(&[(0.6, 1.0 - away), (1.0 + away, 1.25)])
+    draws.among(&[(-0.4, -away), (away, 0.25)])
 }
 
 /// A limit that clips 4 to 15 % of what the joints in scope give in this motion.
@@ -235,7 +242,7 @@ fn torque_limit(draws: &mut Draws, scout: &Scout) -> Option<Cause> {
     Some(Cause { effect: "torque_limit", scope, region: None, figures, settings })
 }
 
-/// A fall of torque with speed that 1.5 to 8 % of what the joints in scope do in this motion run into.
+/// A fall of torque with speed, as steep as the Go2's own (13.5 to 30.1 rad/s), that 1.5 to 8 % of what the joints in scope do in this motion run into.
 fn torque_speed_limit(draws: &mut Draws, scout: &Scout) -> Option<Cause> {
     let Joints { which, scope, .. } = some_joints(draws, 0.4);
     let fast = scout.quantile(&scout.speed, &which, 0.998);
@@ -245,8 +252,8 @@ fn torque_speed_limit(draws: &mut Draws, scout: &Scout) -> Option<Cause> {
     }
     let effort = model::effort_limits();
     let bites = (0..40).find_map(|_| {
-        let knee = draws.between(0.1, 0.6) * fast;
-        let zero = knee + draws.between(0.15, 0.6) * fast;
+        let knee = draws.between(0.15, 0.9) * fast;
+        let zero = knee * draws.between(1.9, 2.5);
         (0.015..0.08).contains(&scout.over_speed_limit(&which, &effort, knee, zero)).then_some((knee, zero))
     });
     let (knee, zero) = bites?;
@@ -256,7 +263,8 @@ fn torque_speed_limit(draws: &mut Draws, scout: &Scout) -> Option<Cause> {
     };
     let settings = which.iter().flat_map(|&j| both(j)).collect();
     let range = (0.0, 1.2 * fast);
-    let figures = vec![asked("speed_knee", knee, "rad/s", range), asked("speed_zero", zero, "rad/s", range)];
+    let figures =
+        vec![asked("speed_knee", knee, "rad/s", range), beside("speed_zero", zero, "rad/s", (0.0, 2.5 * range.1))];
     Some(Cause { effect: "torque_speed_limit", scope, region: None, figures, settings })
 }
 
@@ -350,14 +358,15 @@ fn body_effect(effect: &'static str, draws: &mut Draws) -> Option<Cause> {
             Some(Cause::whole(effect, "base", "link.base.", figures))
         }
         "link_inertia" => {
-            let factor = draws.among(&[(0.7, 0.85), (1.15, 1.3)]);
-            let figures = vec![asked("inertia_scale", factor, "1", (0.7, 1.3))];
+            let more = draws.among(&[(-0.3, -0.15), (0.15, 0.3)]);
+            let figures = vec![asked("inertia_scale", more, "1", (-0.3, 0.3))];
             if draws.chance(0.5) {
-                return Some(Cause::whole(effect, "base", "link.base.", figures));
+                let settings = vec![("link.base.inertia_scale".into(), 1.0 + more)];
+                return Some(Cause { effect, scope: vec!["base".into()], region: None, figures, settings });
             }
             let legs = LEGS.iter().flat_map(|leg| ["hip", "thigh", "calf"].map(|part| format!("{leg}_{part}")));
             let links = legs.chain(["base".to_string()]);
-            let settings = links.map(|link| (format!("link.{link}.inertia_scale"), factor)).collect();
+            let settings = links.map(|link| (format!("link.{link}.inertia_scale"), 1.0 + more)).collect();
             Some(Cause { effect, scope: vec!["all".into()], region: None, figures, settings })
         }
         _ => None,

@@ -34,12 +34,13 @@ pub struct Withheld {
     pub seed: u64,
 }
 
-/// Effects of the library that are close relatives: naming one of them describes the withheld effect in part.
+/// Effects of a library that are close relatives: naming one of them describes the withheld effect in part.
 fn relatives(name: &str) -> &'static [&'static str] {
     match name {
         "tether" | "periodic_side_force" => &["external_force"],
-        "stribeck_friction" | "load_friction" => &["joint_coulomb_friction"],
-        "squared_drag" => &["joint_viscous_friction"],
+        "stribeck_friction" | "load_friction" => &["joint_coulomb_friction", "external_torque"],
+        "squared_drag" => &["joint_viscous_friction", "external_torque"],
+        "torque_ripple" | "parallel_spring" => &["external_torque"],
         "thermal_derating" => &["motor_strength"],
         "dropped_commands" => &["command_latency"],
         _ => &[],
