@@ -8,7 +8,7 @@ mod order;
 use clap::{Parser, ValueEnum};
 use order::Order;
 use qv_go2::model::JOINT_NAMES;
-use qv_go2::sealed::{self, Drawn, EngineChoice, Request};
+use qv_go2::sealed::{self, Drawn, EngineChoice, Outcome, Request};
 use qv_go2::synthetic::{Message, sub_seed, write_bag};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
@@ -47,7 +47,7 @@ struct Arguments {
     /// Where taking turns begins
     #[arg(long, default_value_t = 0, value_name = "N")]
     first_turn: usize,
-    /// Beside each recording, the same one without its effect, as a recording of its own
+    /// Beside each recording the same one without its effect, unless the robot falls then
     #[arg(long)]
     twins: bool,
     /// How often each recording was redrawn, as JSON by name: those that are there are not made again
@@ -121,9 +121,12 @@ fn carry_out(
         return Ok(vec![(name, answer)]);
     }
     let plain = Drawn { recipe: drawn.recipe.without_effects(), ..drawn };
-    if !(known.contains_key(&twin) && is_there(&twin)) {
-        write(&at(&twin), &sealed::record(&plain.recipe)?.1)?;
+    let (outcome, messages) = sealed::record(&plain.recipe)?;
+    if matches!(outcome, Outcome::Fell { .. }) {
+        // Friction may keep a robot up that falls without it: then there is no twin.
+        return Ok(vec![(name, answer)]);
     }
+    write(&at(&twin), &messages)?;
     answer["twin"] = json!(twin);
     let mut other = answers::of("none", &plain, redraws);
     other["twin"] = json!(name);
