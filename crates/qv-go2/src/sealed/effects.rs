@@ -358,9 +358,12 @@ fn body_effect(effect: &'static str, draws: &mut Draws) -> Option<Cause> {
             Some(Cause::whole(effect, "base", "link.base.", figures))
         }
         "link_inertia" => {
-            let more = draws.among(&[(-0.3, -0.15), (0.15, 0.3)]);
+            // Of the trunk alone little shows.
+            let alone = draws.chance(0.5);
+            let least = if alone { 0.22 } else { 0.15 };
+            let more = draws.among(&[(-0.3, -least), (least, 0.3)]);
             let figures = vec![asked("inertia_scale", more, "1", (-0.3, 0.3))];
-            if draws.chance(0.5) {
+            if alone {
                 let settings = vec![("link.base.inertia_scale".into(), 1.0 + more)];
                 return Some(Cause { effect, scope: vec!["base".into()], region: None, figures, settings });
             }
