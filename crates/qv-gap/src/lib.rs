@@ -8,6 +8,7 @@ pub mod law;
 pub mod library;
 pub mod null;
 pub mod observe;
+pub mod output;
 pub mod problem;
 mod random;
 pub mod report;
