@@ -57,9 +57,10 @@ impl Closure {
         share(mean(&self.before), mean(&self.after), self.floor)
     }
 
-    /// How much lower the loss is, and the standard error of that over windows.
-    pub fn fall(&self) -> (f64, f64) {
-        let falls: Vec<f64> = self.before.iter().zip(&self.after).map(|(b, a)| b - a).collect();
+    /// How much lower the loss is, and the standard error of that over windows; of its logarithm if `robust`.
+    pub fn fall(&self, robust: bool) -> (f64, f64) {
+        let of = |(b, a): (&f64, &f64)| if robust { (b / a).ln() } else { b - a };
+        let falls: Vec<f64> = self.before.iter().zip(&self.after).map(of).collect();
         let n = falls.len().max(1) as f64;
         let m = mean(&falls);
         let variance = falls.iter().map(|f| (f - m).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);

@@ -19,8 +19,6 @@ const OVER_NULL: f64 = 1.3;
 const LEAST_SIZE: f64 = 3.5;
 /// Least share of the excess over the null that a cause takes away.
 const LEAST_SHARE: f64 = 0.1;
-/// The same for a region: most of the excess of feet that slip is left by the right friction, too.
-const LEAST_REGIONAL_SHARE: f64 = 0.04;
 /// Loss over that of the null up to which a robot has no gap that anyone should look for.
 pub const NO_GAP: f64 = 1.45;
 /// Loss over that of the null from which on the causes do not explain the recording.
@@ -195,8 +193,9 @@ fn objection(study: &Study, fit: &Fit, by_chance: f64, gain: f64, excess: f64) -
     if is_trifle(study, fit) {
         return Some(format!("a size of {:.1} tolerances", size(study, &fit.suspect)));
     }
-    let least = if matches!(fit.suspect.extent, Some(Extent::Region(_))) { LEAST_REGIONAL_SHARE } else { LEAST_SHARE };
-    if gain < least * excess {
+    // Most of the excess of feet that slip is left by the right friction, too.
+    let regional = matches!(fit.suspect.extent, Some(Extent::Region(_)));
+    if !regional && gain < LEAST_SHARE * excess {
         return Some(format!("it explains {:.0} % of the excess", 100.0 * gain / excess));
     }
     let at_edge = |v: &f64| effect.range.iter().any(|edge| (v - edge).abs() < 0.01 * effect.span());
@@ -208,7 +207,7 @@ fn objection(study: &Study, fit: &Fit, by_chance: f64, gain: f64, excess: f64) -
 fn held_out_objection(study: &mut Study, fit: &Fit) -> Result<Option<String>, GapError> {
     let setting = study.columns.setting_of(&study.problem, std::slice::from_ref(&fit.suspect));
     let closure = closure(study, &setting)?;
-    let (fall, error) = closure.fall();
+    let (fall, error) = closure.fall(matches!(fit.suspect.extent, Some(Extent::Region(_))));
     // An event may lie between the windows that are held out: nothing is said then.
     let untouched = closure.before.iter().zip(&closure.after).all(|(b, a)| (b - a).abs() < 1e-6 * b);
     let confined = matches!(fit.suspect.extent, Some(Extent::Time(_)));

@@ -16,6 +16,7 @@ pub mod library;
 pub mod local;
 pub mod null;
 pub mod observe;
+pub mod output;
 mod pictures;
 pub mod problem;
 mod random;

@@ -1,0 +1,127 @@
+//! Bars: how far the gap closes, shares, the ranking.
+
+use super::words::{escape, fixed, percent, significant, width, words};
+use crate::report::{Cause, Gap, JointShare, Ranked, Share, Verdict};
+use std::fmt::Write;
+
+/// Places of the ranking that are shown.
+const RANKS: usize = 8;
+
+/// A bar on a track; `share` of its width, 0 to 1.
+pub(super) fn track(share: f64, color: &str) -> String {
+    format!("<div class=\"track\" style=\"--fill:var(--{color})\"><i style=\"width:{:.1}%\"></i></div>", width(share))
+}
+
+/// The same with an interval.
+fn track_with_interval(share: f64, interval: [f64; 2], color: &str) -> String {
+    let [low, high] = interval.map(width);
+    let known = interval.iter().all(|x| x.is_finite()) && high >= low;
+    let whisker =
+        if known { format!("<u style=\"left:{low:.1}%;width:{:.1}%\"></u>", high - low) } else { String::new() };
+    let fill = format!("<i style=\"width:{:.1}%\"></i>", width(share));
+    format!("<div class=\"track\" style=\"--fill:var(--{color})\">{fill}{whisker}</div>")
+}
+
+/// Before, after and floor as bars; what share of the difference is closed.
+pub(super) fn gap(gap: &Gap, verdict: Verdict, has_causes: bool) -> String {
+    let seen = if gap.heldout { "in windows that no fit has seen" } else { "in windows that the fits have seen" };
+    let largest = [gap.before, gap.after, gap.floor].into_iter().filter(|x| x.is_finite()).fold(1e-300, f64::max);
+    let mut bars = String::from("<div class=\"bars\">");
+    for (name, value, color) in
+        [("before", gap.before, "before"), ("after", gap.after, "after"), ("floor", gap.floor, "floor")]
+    {
+        let (bar, value) = (track(value / largest, color), significant(value, 3));
+        let _ = write!(bars, "<span class=\"name\">{name}</span>{bar}<span class=\"value\">{value}</span>");
+    }
+    bars += "</div>";
+    let unit = if gap.unit.is_empty() { String::new() } else { format!("{}, ", escape(&gap.unit)) };
+    let _ = write!(bars, "<p class=\"soft small\">{unit}{seen}; the floor is what sensor noise alone gives</p>");
+    format!(
+        "<h2>How far it closes</h2><div class=\"grid even\" style=\"--min:360px\"><div class=\"card\"><h3>Gap</h3>{bars}</div>{}</div>",
+        closed(gap, verdict, has_causes)
+    )
+}
+
+fn closed(gap: &Gap, verdict: Verdict, has_causes: bool) -> String {
+    let [before, after] = gap.joint_rms.map(|x| fixed(1e3 * x, 1));
+    if verdict == Verdict::NoGap || !has_causes {
+        let why = if verdict == Verdict::NoGap {
+            "There is no gap to close."
+        } else {
+            "Nothing is accused, so nothing is closed."
+        };
+        return format!(
+            "<div class=\"card\"><h3>Closed</h3><p>{why}</p><p>Joint positions are <b>{before} mrad</b> off (rms).</p></div>"
+        );
+    }
+    let [low, high] = gap.closed_ci95;
+    let interval = if low.is_finite() && high.is_finite() {
+        format!("95 % interval {} to {} %", fixed(100.0 * low, 0), fixed(100.0 * high, 0))
+    } else {
+        "no interval".into()
+    };
+    format!(
+        "<div class=\"card\"><h3>Closed, of what is above the floor</h3>\
+         <div class=\"bars\" style=\"grid-template-columns:auto 1fr\"><span class=\"big\">{}</span>{}</div>\
+         <p class=\"soft small\">{interval}</p>\
+         <p>Joint positions: <b style=\"color:var(--before)\">{before}</b> → <b style=\"color:var(--after)\">{after} mrad</b> rms</p></div>",
+        percent(gap.closed),
+        track_with_interval(gap.closed, gap.closed_ci95, "after")
+    )
+}
+
+/// A card of named shares; empty without any.
+pub(super) fn shares(title: &str, shares: &[Share]) -> String {
+    if shares.is_empty() {
+        return String::new();
+    }
+    let mut text = format!("<div class=\"card\"><h3>{title}</h3><div class=\"bars\">");
+    for s in shares {
+        let (name, bar, value) = (escape(&s.name), track(s.share, "accent"), percent(s.share));
+        let _ = write!(text, "<span class=\"name\">{name}</span>{bar}<span class=\"value\">{value}</span>");
+    }
+    text + "</div></div>"
+}
+
+/// Joints with their shares and errors; empty without any.
+pub(super) fn joints(joints: &[JointShare]) -> String {
+    if joints.is_empty() {
+        return String::new();
+    }
+    let largest = joints.iter().map(|j| j.share).filter(|x| x.is_finite()).fold(1e-12, f64::max);
+    let mut text = String::from(
+        "<div class=\"card\"><h3>Joint: share of the gap, error before [mrad]</h3><div class=\"bars four\">",
+    );
+    for j in joints {
+        let (name, bar) = (escape(&j.name), track(j.share / largest, "accent"));
+        let (share, rms) = (percent(j.share), fixed(1e3 * j.pos_rms, 1));
+        let _ = write!(
+            text,
+            "<span class=\"name\">{name}</span>{bar}<span class=\"value\">{share}</span><span class=\"value soft\">{rms}</span>"
+        );
+    }
+    text + "</div></div>"
+}
+
+/// All that was considered, best first, as far as it is worth reading; empty without any.
+pub(super) fn ranking(ranking: &[Ranked], causes: &[Cause]) -> String {
+    if ranking.is_empty() {
+        return String::new();
+    }
+    let mut text =
+        String::from("<div class=\"card\"><h3>All that was considered, by probability</h3><div class=\"bars\">");
+    for r in ranking.iter().take(RANKS) {
+        let accused = causes.iter().any(|c| c.effect == r.effect);
+        let name = if accused { format!("<b>{}</b>", escape(&words(&r.effect))) } else { escape(&words(&r.effect)) };
+        let bar = track(r.probability, if accused { "accent" } else { "floor" });
+        let value = percent(r.probability);
+        let _ = write!(text, "<span class=\"name\">{name}</span>{bar}<span class=\"value\">{value}</span>");
+    }
+    text += "</div>";
+    if ranking.len() > RANKS {
+        let rest: f64 = ranking[RANKS..].iter().map(|r| r.probability).filter(|p| p.is_finite()).sum();
+        let _ =
+            write!(text, "<p class=\"soft small\">{} more with {} together</p>", ranking.len() - RANKS, percent(rest));
+    }
+    text + "</div>"
+}

@@ -1,0 +1,85 @@
+//! Joints in windows that no fit has seen: measured, and simulated before and after.
+
+use super::axes::{Axis, padded, path, range, ticks};
+use super::words::escape;
+use crate::report::Curve;
+use std::fmt::Write;
+
+/// Curves that are shown.
+const MOST: usize = 8;
+const WIDTH: f64 = 500.0;
+const LEFT: f64 = 52.0;
+const RIGHT: f64 = 8.0;
+/// Top and bottom of the positions, then of the errors \[pixels\].
+const POSITIONS: [f64; 2] = [8.0, 148.0];
+const ERRORS: [f64; 2] = [176.0, 246.0];
+const HEIGHT: f64 = 282.0;
+
+/// The section; empty without curves.
+pub(super) fn curves(curves: &[Curve]) -> String {
+    let pictures: Vec<String> = curves.iter().filter_map(one).take(MOST).collect();
+    if pictures.is_empty() {
+        return String::new();
+    }
+    let key = |name: &str| format!("<span class=\"key\" style=\"background:var(--{name})\"></span>{name}");
+    format!(
+        "<h2>Before and after, measured beside simulated</h2><p class=\"soft\">{}{}{}</p><div class=\"grid wide\">{}</div>",
+        key("measured"),
+        key("before"),
+        key("after"),
+        pictures.concat()
+    )
+}
+
+fn one(curve: &Curve) -> Option<String> {
+    let time = range(curve.time.iter().copied()).filter(|t| t[1] > t[0])?;
+    let positions = [&curve.measured, &curve.before, &curve.after];
+    let position = padded(range(positions.into_iter().flatten().copied())?);
+    let xs = Axis { from: time, to: [LEFT, WIDTH - RIGHT] };
+    let mut svg = format!(
+        "<div class=\"card\"><h3>{0}</h3><svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{0} over time\">",
+        escape(&curve.joint)
+    );
+    svg += &axes(xs, Axis { from: position, to: [POSITIONS[1], POSITIONS[0]] }, "position [rad]");
+    let ys = Axis { from: position, to: [POSITIONS[1], POSITIONS[0]] };
+    for (class, values) in [("measured", &curve.measured), ("before", &curve.before), ("after", &curve.after)] {
+        let _ = write!(svg, "<path class=\"line l-{class}\" d=\"{}\"/>", path(&curve.time, values, xs, ys));
+    }
+    svg += &errors(curve, xs);
+    for (t, label) in ticks(time, 6.0) {
+        let _ =
+            write!(svg, "<text x=\"{:.1}\" y=\"{}\" text-anchor=\"middle\">{label}</text>", xs.at(t), ERRORS[1] + 15.0);
+    }
+    let _ = write!(svg, "<text x=\"{}\" y=\"{}\" text-anchor=\"end\">time [s]</text>", WIDTH - RIGHT, HEIGHT - 5.0);
+    Some(svg + "</svg></div>")
+}
+
+/// Simulated minus measured, which the eye cannot take from the positions.
+fn errors(curve: &Curve, xs: Axis) -> String {
+    let minus =
+        |simulated: &[f64]| -> Vec<f64> { simulated.iter().zip(&curve.measured).map(|(s, m)| 1e3 * (s - m)).collect() };
+    let (before, after) = (minus(&curve.before), minus(&curve.after));
+    let Some(found) = range(before.iter().chain(&after).copied().chain([0.0])) else { return String::new() };
+    let ys = Axis { from: padded(found), to: [ERRORS[1], ERRORS[0]] };
+    let mut svg = axes(xs, ys, "simulated − measured [mrad]");
+    let _ = write!(svg, "<path class=\"zero\" d=\"M{LEFT} {:.1}H{}\"/>", ys.at(0.0), WIDTH - RIGHT);
+    for (class, values) in [("before", before), ("after", after)] {
+        let _ = write!(svg, "<path class=\"line l-{class}\" d=\"{}\"/>", path(&curve.time, &values, xs, ys));
+    }
+    svg
+}
+
+fn axes(xs: Axis, ys: Axis, label: &str) -> String {
+    let (bottom, top) = (ys.to[0], ys.to[1]);
+    let mut svg = String::new();
+    for (y, text) in ticks(ys.from, if bottom - top > 100.0 { 5.0 } else { 3.0 }) {
+        let at = ys.at(y);
+        let _ = write!(svg, "<path class=\"axis\" d=\"M{LEFT} {at:.1}H{}\"/>", WIDTH - RIGHT);
+        let _ = write!(svg, "<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{text}</text>", LEFT - 5.0, at + 4.0);
+    }
+    for (t, _) in ticks(xs.from, 6.0) {
+        let _ = write!(svg, "<path class=\"axis\" d=\"M{:.1} {top}V{bottom}\"/>", xs.at(t));
+    }
+    let _ = write!(svg, "<text class=\"halo\" x=\"{}\" y=\"{}\">{label}</text>", LEFT + 4.0, top + 11.0);
+    svg
+}

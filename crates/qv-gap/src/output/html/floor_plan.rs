@@ -1,0 +1,158 @@
+//! The floor from above: the robot's way in the colours of the gap, and regions that were found.
+
+use super::axes::{Axis, legend, level, padded, range, ticks};
+use super::words::{escape, percent, significant};
+use crate::report::{FloorPoint, RegionShare};
+use std::fmt::Write;
+
+/// Points of a way: more cannot be seen.
+const POINTS: usize = 600;
+const WIDTH: f64 = 500.0;
+/// Left, right, top, bottom \[pixels\].
+const EDGES: [f64; 4] = [46.0, 10.0, 10.0, 38.0];
+
+/// Before and after side by side, one scale for x and y; empty when nowhere is known.
+pub(super) fn floor_plan(points: &[FloorPoint], regions: &[RegionShare]) -> String {
+    let known: Vec<&FloorPoint> = points.iter().filter(|p| p.x.is_finite() && p.y.is_finite()).collect();
+    let regions: Vec<&RegionShare> = regions.iter().filter(|r| r.x.iter().chain(&r.y).all(|x| x.is_finite())).collect();
+    if known.is_empty() {
+        return String::new();
+    }
+    let values = || known.iter().flat_map(|p| [p.before, p.after]).filter(|x| *x > 0.0);
+    let most = range(values()).map_or(2.0, |r| r[1].max(2.0));
+    let mut text =
+        String::from("<h3>Where on the floor: the robot's way, coloured by the gap</h3><div class=\"grid wide\">");
+    let before = |p: &FloorPoint| p.before;
+    let after = |p: &FloorPoint| p.after;
+    text += &plan("before", &known, before, &regions, most);
+    if known.iter().any(|p| p.after.is_finite()) {
+        text += &plan("after", &known, after, &regions, most);
+    }
+    let labels = [1.0, most.sqrt(), most].map(|x| significant(x, 2));
+    text + "</div>" + &legend("1 = a robot without an effect", labels)
+}
+
+/// Both axes and the height of the picture.
+fn frame(points: &[&FloorPoint], regions: &[&RegionShare]) -> (Axis, Axis, f64) {
+    let xs = points.iter().map(|p| p.x).chain(regions.iter().flat_map(|r| r.x));
+    let ys = points.iter().map(|p| p.y).chain(regions.iter().flat_map(|r| r.y));
+    let [x, y] = [range(xs), range(ys)].map(|r| padded(r.unwrap_or([0.0, 1.0])));
+    let inner = WIDTH - EDGES[0] - EDGES[1];
+    // A straight walk needs no square.
+    let height = (inner * (y[1] - y[0]) / (x[1] - x[0])).clamp(130.0, 380.0);
+    let scale = ((x[1] - x[0]) / inner).max((y[1] - y[0]) / height).max(1e-4);
+    let widened = |r: [f64; 2], pixels: f64| {
+        let extra = 0.5 * (scale * pixels - (r[1] - r[0]));
+        [r[0] - extra, r[1] + extra]
+    };
+    let xs = Axis { from: widened(x, inner), to: [EDGES[0], EDGES[0] + inner] };
+    let ys = Axis { from: widened(y, height), to: [EDGES[2] + height, EDGES[2]] };
+    (xs, ys, height + EDGES[2] + EDGES[3])
+}
+
+fn plan(
+    name: &str,
+    points: &[&FloorPoint],
+    value: impl Fn(&FloorPoint) -> f64,
+    regions: &[&RegionShare],
+    most: f64,
+) -> String {
+    let (xs, ys, height) = frame(points, regions);
+    let mut svg = format!(
+        "<div class=\"card\"><h3>{name}</h3><svg viewBox=\"0 0 {WIDTH} {height:.0}\" role=\"img\" \
+         aria-label=\"gap on the floor, {name}\">"
+    );
+    svg += &grid(xs, ys, height);
+    let stride = points.len().div_ceil(POINTS).max(1);
+    let shown: Vec<&FloorPoint> = points.iter().step_by(stride).copied().collect();
+    let way: String = shown
+        .iter()
+        .enumerate()
+        .map(|(i, p)| format!("{}{:.1} {:.1}", if i == 0 { 'M' } else { 'L' }, xs.at(p.x), ys.at(p.y)))
+        .collect();
+    let _ = write!(svg, "<path class=\"way\" d=\"{way}\"/>");
+    let radius = if shown.len() > 200 { 3.0 } else { 4.5 };
+    // The largest last, so that they are not hidden.
+    let mut order = shown.clone();
+    order.sort_by(|a, b| value(a).total_cmp(&value(b)));
+    for p in order {
+        let class = level(value(p).max(1.0).ln() / most.ln() + 0.0 * value(p));
+        let _ = write!(
+            svg,
+            "<circle class=\"dot {class}\" cx=\"{:.1}\" cy=\"{:.1}\" r=\"{radius}\"/>",
+            xs.at(p.x),
+            ys.at(p.y)
+        );
+    }
+    for r in regions {
+        svg += &region(r, xs, ys);
+    }
+    let start = shown[0];
+    let _ = write!(
+        svg,
+        "<text class=\"halo\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">start</text>",
+        xs.at(start.x).max(EDGES[0] + 14.0),
+        ys.at(start.y) - 9.0
+    );
+    svg + "</svg></div>"
+}
+
+fn grid(xs: Axis, ys: Axis, height: f64) -> String {
+    let mut svg = String::new();
+    let (left, right) = (EDGES[0], WIDTH - EDGES[1]);
+    let (top, bottom) = (EDGES[2], height - EDGES[3]);
+    for (x, label) in ticks(xs.from, 6.0) {
+        let at = xs.at(x);
+        let _ = write!(svg, "<path class=\"axis\" d=\"M{at:.1} {top}V{bottom:.1}\"/>");
+        let _ = write!(svg, "<text x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{label}</text>", bottom + 15.0);
+    }
+    for (y, label) in ticks(ys.from, (bottom - top) / 28.0) {
+        let at = ys.at(y);
+        let _ = write!(svg, "<path class=\"axis\" d=\"M{left} {at:.1}H{right}\"/>");
+        let _ = write!(svg, "<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{label}</text>", left - 5.0, at + 4.0);
+    }
+    let _ = write!(svg, "<text x=\"{right}\" y=\"{:.1}\" text-anchor=\"end\">x [m]</text>", height - 6.0);
+    let _ = write!(svg, "<text x=\"4\" y=\"{:.1}\">y [m]</text>", height - 6.0);
+    svg
+}
+
+fn region(r: &RegionShare, xs: Axis, ys: Axis) -> String {
+    let [left, right] = [xs.at(r.x[0].min(r.x[1])), xs.at(r.x[0].max(r.x[1]))];
+    let [bottom, top] = [ys.at(r.y[0].min(r.y[1])), ys.at(r.y[0].max(r.y[1]))];
+    // Within the picture, above the outline if there is room.
+    let label = if top > EDGES[2] + 16.0 { top - 5.0 } else { top + 14.0 };
+    format!(
+        "<rect class=\"region\" x=\"{left:.1}\" y=\"{top:.1}\" width=\"{:.1}\" height=\"{:.1}\"/>\
+         <text class=\"label halo\" x=\"{:.1}\" y=\"{label:.1}\">{}, {} of the gap</text>",
+        right - left,
+        bottom - top,
+        left + 2.0,
+        escape(&r.name),
+        percent(r.share)
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point(x: f64, y: f64) -> FloorPoint {
+        FloorPoint { x, y, before: 20.0, after: f64::NAN }
+    }
+
+    #[test]
+    fn one_scale_for_both_directions() {
+        let points = [point(0.0, 0.0), point(3.0, 0.1)];
+        let (xs, ys, _) = frame(&points.iter().collect::<Vec<_>>(), &[]);
+        let scale = |a: Axis| ((a.to[1] - a.to[0]) / (a.from[1] - a.from[0])).abs();
+        assert!((scale(xs) / scale(ys) - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn standing_still_is_a_place_too() {
+        let text = floor_plan(&[point(1.0, 1.0), point(f64::NAN, 0.0)], &[]);
+        assert_eq!(text.matches("<circle").count(), 1);
+        assert!(!text.contains("NaN") && !text.contains("inf"));
+        assert!(floor_plan(&[], &[]).is_empty());
+    }
+}

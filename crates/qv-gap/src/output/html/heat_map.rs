@@ -1,0 +1,186 @@
+//! Errors on joints by time, before and after, and how the gap is spread over time.
+
+use super::axes::{Axis, legend, level, ticks, top};
+use super::words::{escape, fixed, shortened};
+use crate::report::{HeatMap, TimeShare};
+use std::fmt::Write;
+
+/// Columns of a map: narrower ones cannot be seen.
+const COLUMNS: usize = 110;
+const WIDTH: f64 = 500.0;
+const LEFT: f64 = 112.0;
+const ROW: f64 = 17.0;
+
+/// A column of the map: when, and which windows it shows.
+struct Column {
+    start: f64,
+    end: f64,
+    windows: std::ops::Range<usize>,
+}
+
+/// Before and after side by side in the same colours; empty without windows or joints.
+pub(super) fn heat_map(map: &HeatMap) -> String {
+    let columns = columns(&map.times);
+    if map.joints.is_empty() || columns.is_empty() {
+        return String::new();
+    }
+    let all = map.before.iter().chain(&map.after).flatten().copied();
+    let scale = top(all).max(1e-9);
+    let mut text = String::from("<h3>Error of joint positions by joint and time</h3><div class=\"grid wide\">");
+    for (name, values) in [("before", &map.before), ("after", &map.after)] {
+        if !values.is_empty() {
+            let _ =
+                write!(text, "<div class=\"card\"><h3>{name}</h3>{}</div>", one(map, values, &columns, scale, name));
+        }
+    }
+    let labels = [0.0, 0.5, 1.0].map(|share| fixed(1e3 * share * scale, 1));
+    text + "</div>" + &legend("mrad, rms", labels)
+}
+
+/// Windows, several to a column when there are many. A column ends where the next begins, or after a usual length where
+/// windows are missing.
+fn columns(times: &[f64]) -> Vec<Column> {
+    let known = times.iter().take_while(|t| t.is_finite()).count();
+    let mut steps: Vec<f64> = times[..known].windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 0.0).collect();
+    steps.sort_by(f64::total_cmp);
+    let usual = steps.get(steps.len() / 2).copied().unwrap_or(1.0);
+    let pooled = known.div_ceil(COLUMNS).max(1);
+    let column = |first: usize| {
+        let windows = first..(first + pooled).min(known);
+        let last = times[windows.end - 1];
+        let next = times[..known].get(windows.end).copied().unwrap_or(f64::INFINITY);
+        let end = if next - last > 0.0 && next - last < 1.6 * usual { next } else { last + usual };
+        Column { start: times[first], end, windows }
+    };
+    (0..known).step_by(pooled).map(column).collect()
+}
+
+fn one(map: &HeatMap, values: &[Vec<f64>], columns: &[Column], scale: f64, name: &str) -> String {
+    let bottom = ROW * map.joints.len() as f64;
+    let height = bottom + 34.0;
+    let first = columns[0].start;
+    let last = columns.iter().map(|c| c.end).fold(first, f64::max);
+    let xs = Axis { from: [first, last.max(first + 1e-9)], to: [LEFT, WIDTH - 4.0] };
+    let mut svg = format!(
+        "<svg viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"error by joint and time, {name}\">\
+         <rect class=\"hn\" x=\"{LEFT}\" y=\"0\" width=\"{:.1}\" height=\"{bottom}\"/>",
+        WIDTH - 4.0 - LEFT
+    );
+    for (j, joint) in map.joints.iter().enumerate() {
+        let y = ROW * j as f64;
+        let _ = write!(
+            svg,
+            "<text class=\"label\" x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{}<title>{}</title></text>",
+            LEFT - 6.0,
+            y + 12.5,
+            escape(&shortened(joint, 17)),
+            escape(joint)
+        );
+        svg += &row(values.get(j).map_or(&[], Vec::as_slice), columns, xs, y, scale);
+    }
+    for (t, label) in ticks(xs.from, 6.0) {
+        let x = xs.at(t);
+        let _ = write!(svg, "<path class=\"zero\" d=\"M{x:.1} {bottom}v4\"/>");
+        let _ = write!(svg, "<text x=\"{x:.1}\" y=\"{}\" text-anchor=\"middle\">{label}</text>", bottom + 16.0);
+    }
+    let _ = write!(svg, "<text x=\"{}\" y=\"{}\" text-anchor=\"end\">time [s]</text>", WIDTH - 4.0, bottom + 31.0);
+    svg + "</svg>"
+}
+
+/// Cells of a joint; neighbours of one colour are one rectangle.
+fn row(values: &[f64], columns: &[Column], xs: Axis, y: f64, scale: f64) -> String {
+    let mut text = String::new();
+    let mut open: Option<(String, f64, f64)> = None;
+    let mut close = |cell: Option<(String, f64, f64)>| {
+        if let Some((class, start, end)) = cell {
+            let (x, width) = (xs.at(start), xs.at(end) - xs.at(start));
+            let _ = write!(
+                text,
+                "<rect class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{:.1}\"/>",
+                ROW - 1.0
+            );
+        }
+    };
+    for column in columns {
+        let class = level(rms(values, column) / scale);
+        match &mut open {
+            Some((same, _, end)) if *same == class && *end >= column.start => *end = column.end,
+            _ => close(open.replace((class, column.start, column.end))),
+        }
+    }
+    close(open);
+    text
+}
+
+/// Of the windows of a column that are known.
+fn rms(values: &[f64], column: &Column) -> f64 {
+    let known = || column.windows.clone().filter_map(|w| values.get(w)).filter(|x| x.is_finite());
+    let count = known().count();
+    if count == 0 { f64::NAN } else { (known().map(|x| x * x).sum::<f64>() / count as f64).sqrt() }
+}
+
+/// Shares of the gap over time as bars; empty without any.
+pub(super) fn times(times: &[TimeShare]) -> String {
+    let known: Vec<&TimeShare> =
+        times.iter().filter(|t| t.start.is_finite() && t.end > t.start && t.end.is_finite()).collect();
+    let largest = known.iter().map(|t| t.share).filter(|s| s.is_finite()).fold(0.0, f64::max);
+    let (Some(first), true) = (known.first(), largest > 0.0) else { return String::new() };
+    let last = known.iter().map(|t| t.end).fold(first.end, f64::max);
+    let xs = Axis { from: [first.start, last], to: [44.0, 996.0] };
+    let mut svg = String::from("<svg viewBox=\"0 0 1000 112\" role=\"img\" aria-label=\"share of the gap over time\">");
+    for share in [0.0, largest] {
+        let y = 80.0 - 70.0 * share / largest;
+        let _ = write!(svg, "<path class=\"axis\" d=\"M44 {y}H996\"/>");
+        let label = fixed(100.0 * share, if largest < 0.1 { 1 } else { 0 });
+        let _ = write!(svg, "<text x=\"38\" y=\"{}\" text-anchor=\"end\">{label}</text>", y + 4.0);
+    }
+    // One bar for what falls on the same place of the picture, as high as the highest there.
+    let mut heights: Vec<(f64, f64, f64)> = Vec::new();
+    for t in known.iter().filter(|t| t.share.is_finite()) {
+        let (from, to, height) = (xs.at(t.start), xs.at(t.end), 70.0 * t.share.max(0.0) / largest);
+        match heights.last_mut() {
+            Some((start, end, tallest)) if to - *start < 2.5 => (*end, *tallest) = (to, tallest.max(height)),
+            _ => heights.push((from, to, height)),
+        }
+    }
+    for (from, to, height) in heights {
+        let _ = write!(
+            svg,
+            "<rect class=\"bar\" x=\"{from:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{height:.1}\"/>",
+            80.0 - height,
+            (to - from - 0.5).max(0.5)
+        );
+    }
+    for (t, label) in ticks(xs.from, 10.0) {
+        let _ = write!(svg, "<text x=\"{:.1}\" y=\"96\" text-anchor=\"middle\">{label}</text>", xs.at(t));
+    }
+    format!(
+        "<div class=\"card\"><h3>When: share of the gap by window [%]</h3>{svg}\
+         <text x=\"996\" y=\"110\" text-anchor=\"end\">time [s]</text></svg></div>"
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn many_windows_share_columns_and_gaps_stay_open() {
+        let times: Vec<f64> = (0..1000).map(|k| 0.3 * f64::from(k)).collect();
+        let found = columns(&times);
+        assert!(found.len() <= COLUMNS && found.iter().map(|c| c.windows.len()).sum::<usize>() == 1000);
+        let gap = columns(&[0.0, 0.3, 0.6, 5.0]);
+        assert!((gap[2].end - 0.9).abs() < 1e-12 && (gap[3].end - 5.3).abs() < 1e-12);
+        assert_eq!(columns(&[2.0])[0].end, 3.0);
+        assert!(columns(&[]).is_empty() && columns(&[f64::NAN]).is_empty());
+    }
+
+    #[test]
+    fn cells_of_one_colour_are_one() {
+        let found = columns(&[0.0, 1.0, 2.0, 3.0]);
+        let xs = Axis { from: [0.0, 4.0], to: [0.0, 400.0] };
+        let text = row(&[1.0, 1.0, 0.1, f64::NAN], &found, xs, 0.0, 1.0);
+        assert_eq!(text.matches("<rect").count(), 3);
+        assert!(text.contains("class=\"h8\" x=\"0.0\" y=\"0.0\" width=\"200.0\"") && text.contains("hn"));
+    }
+}

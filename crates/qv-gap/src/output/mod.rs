@@ -1,0 +1,79 @@
+//! What a diagnosis leaves behind: the report for programs and for people, and the corrections for the simulators that
+//! robots are trained in.
+
+mod advice;
+mod calibrated;
+mod corrected;
+mod html;
+mod isaac_lab;
+mod mjcf;
+mod urdf;
+mod xml;
+
+pub use calibrated::to_toml;
+pub use html::to_html;
+pub use isaac_lab::to_isaac_lab;
+pub use mjcf::to_mjcf;
+pub use urdf::to_urdf;
+
+use crate::report::Report;
+use qv_sim::Model;
+use std::fmt::Write;
+
+/// Physics step that `isaac_lab_actuators.py` counts delays in \[s\]: the usual one of legged robots in Isaac Lab.
+pub const ISAAC_LAB_DT: f64 = 0.005;
+
+/// All files of a diagnosis by name: `report.json`, `report.html`, `calibrated.toml`, `mjcf_fragment.xml`,
+/// `isaac_lab_actuators.py`, and `robot_calibrated.urdf` when the URDF that `model` was read from is given.
+///
+/// `title` names the recording; `notes` are said under the verdict of the page. `kp` \[N m/rad\] and `kd` \[N m s/rad\] are the
+/// gains of the recording, shape `[joints]` in the model's order, zero for motors that take torques; empty when they are not known.
+/// A URDF that cannot be edited is left out, and a note on the page says why.
+pub fn files(
+    report: &Report,
+    model: &Model,
+    urdf_text: Option<&str>,
+    title: &str,
+    notes: &[String],
+    kp: &[f64],
+    kd: &[f64],
+) -> Vec<(String, Vec<u8>)> {
+    let corrections = &report.corrections;
+    let mut notes = notes.to_vec();
+    let urdf = urdf_text.map(|text| to_urdf(text, model, corrections));
+    if let Some(Err(error)) = &urdf {
+        notes.push(format!("robot_calibrated.urdf was not written: {error}."));
+    }
+    let mut files = vec![
+        ("report.json", to_json(report)),
+        ("report.html", to_html(report, title, &notes)),
+        ("calibrated.toml", to_toml(report)),
+        ("mjcf_fragment.xml", to_mjcf(model, corrections, kp, kd)),
+    ];
+    if let Some(Ok((text, unsaid))) = urdf {
+        files.push(("robot_calibrated.urdf", with_comment(text, &unsaid)));
+    }
+    files.push(("isaac_lab_actuators.py", to_isaac_lab(model, corrections, kp, kd, ISAAC_LAB_DT)));
+    files.into_iter().map(|(name, text)| (name.to_owned(), text.into_bytes())).collect()
+}
+
+/// `report.json`: the report field by field, indented. Numbers that are not finite are null.
+pub fn to_json(report: &Report) -> String {
+    // A report is plain data: its names are strings, so that nothing can fail.
+    serde_json::to_string_pretty(report).map(|text| text + "\n").expect("plain data")
+}
+
+/// The URDF with what it cannot say in a comment at its end.
+fn with_comment(mut text: String, unsaid: &[String]) -> String {
+    if unsaid.is_empty() {
+        return text;
+    }
+    if !text.ends_with('\n') {
+        text.push('\n');
+    }
+    text += "<!-- Corrections that a URDF cannot say:\n";
+    for line in unsaid {
+        let _ = writeln!(text, "     - {}", mjcf::in_comment(line));
+    }
+    text + "-->\n"
+}

@@ -1,0 +1,229 @@
+//! A diagnosis that nobody made, as one of a trotting Go2 with slow motors and a slick patch would look.
+#![allow(dead_code)]
+
+use qv_gap::report::*;
+use qv_sim::{BaseKind, Model, ModelOptions};
+
+pub fn go2() -> Model {
+    let options = ModelOptions { base: BaseKind::Floating, armature: qv_go2::model::ARMATURE, mesh_vertices: None };
+    Model::from_urdf(&qv_go2::model::urdf(), &options).unwrap()
+}
+
+pub fn correction(parameter: &str, value: f64, nominal: f64, unit: &str) -> Correction {
+    Correction { parameter: parameter.into(), value, nominal, unit: unit.into() }
+}
+
+fn share(name: &str, share: f64) -> Share {
+    Share { name: name.into(), share }
+}
+
+fn estimate(name: &str, value: f64, ci95: [f64; 2], unit: &str) -> ParameterEstimate {
+    ParameterEstimate { name: name.into(), value, ci95, unit: unit.into() }
+}
+
+/// Something between 0 and 1 that looks like chance.
+fn chance(k: usize) -> f64 {
+    let x = (k as f64 * 12.9898).sin() * 43758.5453;
+    x - x.floor()
+}
+
+/// Nothing was found, since nothing is there.
+pub fn empty() -> Report {
+    Report {
+        format: FORMAT.into(),
+        verdict: Verdict::NoGap,
+        sentence: "Simulator and robot agree as well as noise lets them.".into(),
+        gap: Gap {
+            before: 1.0,
+            after: 1.0,
+            floor: 1.0,
+            closed: f64::NAN,
+            closed_ci95: [f64::NAN; 2],
+            unit: String::new(),
+            heldout: false,
+            joint_rms: [f64::NAN; 2],
+        },
+        place: Where::default(),
+        causes: Vec::new(),
+        ranking: Vec::new(),
+        unexplained: Unexplained::default(),
+        cannot_tell: Vec::new(),
+        next: Vec::new(),
+        corrections: Vec::new(),
+        heat_map: HeatMap::default(),
+        floor_plan: Vec::new(),
+        curves: Vec::new(),
+        stages: Vec::new(),
+        runtime_s: 0.0,
+    }
+}
+
+pub fn report() -> Report {
+    Report {
+        verdict: Verdict::Explained,
+        sentence:
+            "The motors answer 10.1 ms late (first-order lag, all joints), and a patch of floor near x = 1.4 m is \
+                   slick (friction 0.21): together they close 91 % of the gap."
+                .into(),
+        gap: Gap {
+            before: 38.2,
+            after: 4.43,
+            floor: 1.06,
+            closed: 0.909,
+            closed_ci95: [0.871, 0.934],
+            unit: "mean square of whitened residuals".into(),
+            heldout: true,
+            joint_rms: [0.0142, 0.0031],
+        },
+        place: place(),
+        causes: causes(),
+        ranking: ranking(),
+        unexplained: Unexplained {
+            share: 0.091,
+            depends_on: vec![
+                Factor { factor: "load on the leg, |tau| of calf joints".into(), r2_heldout: 0.31 },
+                Factor { factor: "sign of joint velocity".into(), r2_heldout: 0.12 },
+                Factor { factor: "place on the floor".into(), r2_heldout: 0.04 },
+            ],
+        },
+        cannot_tell: vec![
+            "Torque limits: the largest torque in this recording is 17 N m, far below the limit of 23.7 N m.".into(),
+            "Pose delay from gyroscope bias about z: the robot never turned.".into(),
+        ],
+        next: vec![
+            "Put calibrated.toml to use: qv replay RUN --params calibrated.toml.".into(),
+            "Record 20 s of 1 to 10 Hz chirps in the air at kp 20 and 40: that splits lag from command latency.".into(),
+            "Walk over the patch near x = 1.4 m once more, at half the speed.".into(),
+        ],
+        corrections: corrections(),
+        heat_map: heat_map(),
+        floor_plan: (0..64).map(floor_point).collect(),
+        curves: ["FL_calf_joint", "RR_thigh_joint"].iter().enumerate().map(|(k, joint)| curve(joint, k)).collect(),
+        stages: [("read and cut windows", 0.4, 0), ("sensitivities", 3.1, 350_000), ("null", 2.2, 210_000)]
+            .into_iter()
+            .chain([("search", 9.8, 1_120_000), ("held out and where", 1.6, 160_000)])
+            .map(|(name, seconds, steps)| Stage { name: name.into(), seconds, steps })
+            .collect(),
+        runtime_s: 17.1,
+        ..empty()
+    }
+}
+
+fn place() -> Where {
+    let joint = |(j, name): (usize, &&str)| {
+        let weight = if name.contains("calf") {
+            0.16
+        } else if name.contains("thigh") {
+            0.065
+        } else {
+            0.025
+        };
+        JointShare { name: (*name).into(), share: weight, pos_rms: 0.004 + 0.06 * weight + 0.002 * chance(j) }
+    };
+    let time = |k: usize| TimeShare {
+        start: 0.3 * k as f64,
+        end: 0.3 * (k + 1) as f64,
+        share: 0.01 + 0.01 * chance(k) + if (30..38).contains(&k) { 0.03 } else { 0.0 },
+    };
+    Where {
+        interfaces: vec![
+            share("actuator", 0.68),
+            share("contact", 0.24),
+            share("inertial", 0.05),
+            share("sensing", 0.03),
+        ],
+        joints: qv_go2::model::JOINT_NAMES.iter().enumerate().map(joint).collect(),
+        legs: vec![share("FL", 0.27), share("FR", 0.24), share("RL", 0.25), share("RR", 0.24)],
+        phases: vec![share("stance", 0.46), share("swing", 0.37), share("impact", 0.17)],
+        times: (0..64).map(time).collect(),
+        regions: vec![RegionShare { name: "patch".into(), x: [1.1, 1.75], y: [-0.35, 0.4], share: 0.22 }],
+    }
+}
+
+fn causes() -> Vec<Cause> {
+    let lag = Cause {
+        effect: "actuator_lag".into(),
+        probability: 0.962,
+        scope: vec!["all".into()],
+        parameters: vec![estimate("lag", 0.010_12, [0.0096, 0.0106], "s")],
+        closed_alone: 0.71,
+        confusable_with: vec!["command_latency".into(), "motor_gain_kd".into()],
+        separating_experiment: "command steps of torque: a lag rounds them off, a latency only moves them".into(),
+    };
+    let patch = Cause {
+        effect: "ground_friction".into(),
+        probability: 0.884,
+        scope: vec!["patch".into()],
+        parameters: vec![
+            estimate("patch.friction", 0.214, [0.17, 0.26], "1"),
+            estimate("x_min", 1.12, [1.05, 1.2], "m"),
+            estimate("x_max", 1.74, [1.66, 1.8], "m"),
+        ],
+        closed_alone: 0.19,
+        confusable_with: Vec::new(),
+        separating_experiment: "pull the standing robot sideways with a spring balance until it slips".into(),
+    };
+    vec![lag, patch]
+}
+
+fn ranking() -> Vec<Ranked> {
+    [
+        ("actuator_lag", 0.962),
+        ("ground_friction", 0.884),
+        ("command_latency", 0.031),
+        ("unknown", 0.012),
+        ("motor_gain_kd", 0.004),
+        ("contact_compliance", 0.003),
+        ("joint_viscous_friction", 0.002),
+        ("payload_mass", 0.001),
+        ("imu_tilt", 0.0004),
+        ("backlash", 0.0001),
+    ]
+    .into_iter()
+    .map(|(effect, probability)| Ranked { effect: effect.into(), probability })
+    .collect()
+}
+
+fn corrections() -> Vec<Correction> {
+    let lag = |joint: &&str| correction(&format!("actuator.{joint}.lag"), 0.010_123_456_789, 0.0, "s");
+    let mut all: Vec<Correction> = qv_go2::model::JOINT_NAMES.iter().map(lag).collect();
+    for (name, value) in [("x_min", 1.12), ("x_max", 1.74), ("y_min", -0.35), ("y_max", 0.4)] {
+        all.push(correction(&format!("terrain.patch.{name}"), value, 0.0, "m"));
+    }
+    all.push(correction("terrain.patch.friction", 0.214, 0.8, "1"));
+    all
+}
+
+fn heat_map() -> HeatMap {
+    let joints: Vec<String> = qv_go2::model::JOINT_NAMES.iter().map(|n| (*n).to_string()).collect();
+    let windows = 64;
+    let cell = |j: usize, k: usize| {
+        let kind = [0.35, 0.7, 1.2][j % 3];
+        let patch = if (30..38).contains(&k) { 0.012 * chance(j + 3) } else { 0.0 };
+        kind * (0.008 + 0.008 * chance(31 * j + k)) + patch
+    };
+    let rows = |scale: f64| -> Vec<Vec<f64>> {
+        (0..12).map(|j| (0..windows).map(|k| if k == 50 { f64::NAN } else { scale * cell(j, k) }).collect()).collect()
+    };
+    HeatMap { joints, times: (0..windows).map(|k| 0.3 * k as f64).collect(), before: rows(1.0), after: rows(0.22) }
+}
+
+fn floor_point(k: usize) -> FloorPoint {
+    let t = k as f64 / 63.0;
+    let (x, y) = (2.6 * t, 0.25 * (3.0 * t).sin() + 0.02 * chance(k));
+    let inside = (1.1..1.75).contains(&x);
+    let before = 6.0 + 10.0 * chance(k + 7) + if inside { 90.0 } else { 0.0 };
+    FloorPoint { x, y, before, after: 1.0 + 0.08 * before * chance(k + 9) }
+}
+
+fn curve(joint: &str, k: usize) -> Curve {
+    let time: Vec<f64> = (0..150).map(|i| 6.0 + 0.002 * i as f64).collect();
+    let at = |t: f64, late: f64| -1.5 + 0.25 * (12.0 * (t - late) + k as f64).sin() + 0.05 * (30.0 * (t - late)).cos();
+    Curve {
+        joint: joint.into(),
+        measured: time.iter().enumerate().map(|(i, &t)| at(t, 0.01) + 0.0006 * (chance(i) - 0.5)).collect(),
+        before: time.iter().map(|&t| at(t, 0.01 - 0.06 * (t - 6.0).min(0.1))).collect(),
+        after: time.iter().map(|&t| at(t, 0.01 - 0.006 * (t - 6.0).min(0.1))).collect(),
+        time,
+    }
+}
