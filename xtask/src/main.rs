@@ -1,6 +1,7 @@
 //! Chores of the workspace. `cargo xtask --help` lists them.
 
 mod bench;
+mod blind;
 mod fuzz;
 mod golden;
 mod pipeline;
@@ -41,6 +42,8 @@ enum Chore {
     /// Measure speed
     #[command(subcommand)]
     Bench(bench::Bench),
+    /// Judge the diagnosis on recordings whose answers are sealed
+    Blind(blind::Blind),
     /// Run every fuzz target for a while (needs cargo-fuzz and a nightly toolchain)
     Fuzz {
         /// Seconds per target
@@ -57,6 +60,7 @@ fn run(chore: Chore) -> Result<bool> {
         Chore::Tidy => tidy::run(&workspace),
         Chore::Golden(golden) => golden::run(&workspace, golden),
         Chore::Bench(bench) => bench::run(&workspace, bench),
+        Chore::Blind(blind) => blind::run(&workspace, &blind),
         Chore::Fuzz { seconds } => fuzz::run(&workspace, seconds),
     }
 }

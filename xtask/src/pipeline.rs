@@ -105,7 +105,10 @@ pub fn run(workspace: &Workspace, pipeline: &Pipeline) -> Result<bool> {
 }
 
 /// Builds `qv` with optimisation and returns the program.
-fn build(workspace: &Workspace) -> Result<PathBuf> {
+///
+/// # Errors
+/// It does not build.
+pub fn build(workspace: &Workspace) -> Result<PathBuf> {
     let mut cargo = process::cargo();
     cargo.current_dir(&workspace.workspace_root).args(["build", "--release", "--locked", "--package", "qv"]);
     process::run(cargo.args(["--target-dir"]).arg(&workspace.target_directory))?;
@@ -146,7 +149,10 @@ fn run_stage(stage: Stage, qv: &Path, folder: &Path, forced: bool) -> Result<()>
 }
 
 /// FNV-1a of words and of the contents of files: against stale results, not against forgers.
-fn hash(words: &[String], files: &[PathBuf]) -> Result<u64> {
+///
+/// # Errors
+/// A file cannot be read.
+pub fn hash(words: &[String], files: &[PathBuf]) -> Result<u64> {
     let mut state = 0xcbf2_9ce4_8422_2325_u64;
     let mut add = |bytes: &[u8]| {
         // The length keeps "ab", "c" apart from "a", "bc".

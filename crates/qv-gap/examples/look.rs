@@ -13,7 +13,7 @@ fn main() {
         let model = qv_sim::Model::from_urdf(&qv_go2::model::urdf(), &qv_sim::ModelOptions { base: qv_sim::BaseKind::Floating, armature: qv_go2::model::ARMATURE, mesh_vertices: None }).unwrap();
         let terrain = qv_sim::Terrain::plane();
         let t = Instant::now();
-        let problem = Problem::new(&run, &model, &terrain, &[], Cut::default()).unwrap();
+        let problem = Problem::new(&run, &model, &terrain, &[], Cut { window: std::env::var("W").map_or(0.3, |w| w.parse().unwrap()), most: std::env::var("M").map_or(72, |w| w.parse().unwrap()), ..Cut::default() }).unwrap();
         let columns = Columns::new(&problem, &run, &library::built_in()).unwrap();
         let study = Study::new(problem, columns, &run, &Effort::default()).unwrap();
         println!("{path}: {} windows, {} columns ({} tolerated), {:.2} M steps, {:.2} s", study.seen.len(), study.width(), study.columns.tolerated, study.steps as f64 / 1e6, t.elapsed().as_secs_f64());
@@ -27,12 +27,15 @@ fn main() {
         let windows = study.seen.len();
         let mut search = qv_gap::search::Search::new(&mut study, 1.0).unwrap();
         let base = search.base(&[]).unwrap();
-        let fits = search.suspects(&base, &[]).unwrap();
+        let mut fits = search.suspects(&base, &[]).unwrap();
+        search.temper = (base.loss / (cnt * 0.75) / nm).max(1.0);
+        let locals = search.local_suspects(&base, &[]).unwrap();
+        fits.truncate(5); fits.extend(locals);
         println!("base loss {:.1}", base.loss);
         let _ = (&ghosts, windows);
-        for f in fits.iter().take(5) {
+        for f in fits.iter() {
             let g = &study.columns.groups[f.suspect.group];
-            println!("   {:9.1} rho {:9.3} {:24} {:.60} {:.4?} +- {:.4?}", f.evidence, f.loss / (cnt * 0.7576) / nm, study.columns.effects[g.effect].name, format!("{:?}", g.names), f.suspect.values, f.deviations);
+            println!("   {:9.1} rho {:9.3} {:24} {:.60} {:.4?} +- {:.4?} {:.3?}", f.evidence, f.loss / (cnt * 0.7576) / nm, study.columns.effects[g.effect].name, format!("{:?}", g.names), f.suspect.values, f.deviations, f.suspect.extent);
         }
         println!("total {:.2} M steps {:.2} s", study.steps as f64 / 1e6, t.elapsed().as_secs_f64());
     }

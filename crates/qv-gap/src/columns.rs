@@ -58,6 +58,41 @@ pub struct Columns {
     pub groups: Vec<Group>,
 }
 
+/// A part of the recording that an effect is confined to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Extent {
+    /// From and until \[s\].
+    Time([f64; 2]),
+    /// x from and to, y from and to \[m\].
+    Region([f64; 4]),
+}
+
+impl Extent {
+    /// Its numbers.
+    pub fn numbers(&self) -> Vec<f64> {
+        match self {
+            Self::Time(t) => t.to_vec(),
+            Self::Region(r) => r.to_vec(),
+        }
+    }
+
+    /// The same kind with other numbers.
+    pub fn with(&self, numbers: &[f64]) -> Self {
+        match self {
+            Self::Time(_) => Self::Time([numbers[0], numbers[1]]),
+            Self::Region(_) => Self::Region([numbers[0], numbers[1], numbers[2], numbers[3]]),
+        }
+    }
+
+    /// Whether it has an inside.
+    pub fn is_open(&self) -> bool {
+        match self {
+            Self::Time(t) => t[1] - t[0] > 0.02,
+            Self::Region(r) => r[1] - r[0] > 0.05 && r[3] - r[2] > 0.05,
+        }
+    }
+}
+
 /// A value for every axis of a group.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Suspect {
@@ -65,6 +100,15 @@ pub struct Suspect {
     pub group: usize,
     /// Value of each axis.
     pub values: Vec<f64>,
+    /// What it is confined to.
+    pub extent: Option<Extent>,
+}
+
+impl Suspect {
+    /// An effect that acts everywhere and always.
+    pub fn everywhere(group: usize, values: Vec<f64>) -> Self {
+        Self { group, values, extent: None }
+    }
 }
 
 impl Columns {
@@ -148,16 +192,34 @@ impl Columns {
         setting.into_iter().collect()
     }
 
-    /// Values of the units that suspects move.
-    pub fn values(&self, suspects: &[Suspect]) -> Vec<(usize, f64)> {
-        let mut values = Vec::new();
+    /// The setting in which suspects have their values.
+    pub fn setting_of(&self, problem: &Problem, suspects: &[Suspect]) -> Setting {
+        let mut units = Vec::new();
+        let mut fixed: Vec<(String, f64)> = Vec::new();
         for suspect in suspects {
             let group = &self.groups[suspect.group];
+            if let Some(Extent::Region([x0, x1, y0, y1])) = suspect.extent {
+                let of_patch = [("x_min", x0), ("x_max", x1), ("y_min", y0), ("y_max", y1), ("friction", suspect.values[0])];
+                fixed.extend(of_patch.map(|(name, value)| (format!("terrain.patch.{name}"), value)));
+                continue;
+            }
+            if let Some(Extent::Time([from, until])) = suspect.extent {
+                fixed.push(("external.start".into(), from));
+                fixed.push(("external.duration".into(), (until - from).max(0.0)));
+            }
             for (axis, &value) in suspect.values.iter().enumerate() {
-                values.extend(self.units_of(group, axis).map(|u| (u, value)));
+                units.extend(self.units_of(group, axis).map(|u| (u, value)));
             }
         }
-        values
+        let mut setting = self.setting(problem, &units);
+        for (name, value) in fixed {
+            if let Some(id) = problem.parameter(&name) {
+                setting.retain(|s| s.0 != id);
+                setting.push((id, problem.catalogue[id].clamped(value)));
+            }
+        }
+        setting.sort_by_key(|s| s.0);
+        setting
     }
 }
 

@@ -180,9 +180,39 @@ fn set(
     Ok(touching)
 }
 
-/// How far the ground must rise \[m\] to touch the lowest feet at positions `q`: their mean height above it, those within
-/// 5 mm of the lowest. A robot in the air is left there.
+/// How far the ground must rise \[m\] to carry the lowest feet at positions `q`: their mean height above it, those within
+/// 5 mm of the lowest, and the depth to which the robot's weight on that many feet sinks in. Feet that only touched
+/// would slide freely until they have sunk in.
 pub fn ground_at(problem: &Problem, setting: &Setting, q: &[f64]) -> f64 {
+    let (touching, feet) = gap_below(problem, setting, q);
+    if feet == 0 { 0.0 } else { touching + problem.depth * problem.feet.geoms.len() as f64 / feet as f64 }
+}
+
+/// Depth to which the feet sink in when the robot stands on all of them \[m\]: found by letting it settle at the start of a
+/// window.
+///
+/// # Errors
+/// When the simulator refuses.
+pub fn standing_depth(problem: &Problem, window: &Window) -> Result<f64, GapError> {
+    const SETTLING: f64 = 0.25;
+    let nothing = Setting::new();
+    if !problem.free || problem.terrain.is_none() || problem.feet.geoms.is_empty() {
+        return Ok(0.0);
+    }
+    let Some(start) = prepare_one(problem, window, &problem.sensor_errors(&nothing)) else { return Ok(0.0) };
+    let mut batch = Batch::<f64>::new(problem.model, &problem.terrain, &problem.numerics.options(0.0), 1)?;
+    let height = set(problem, &mut batch, 0, &nothing, window, &start.state)?;
+    let commands = problem.commands(window, &problem.numerics, 0)?;
+    batch.set_command(0, &commands[0].view())?;
+    batch.step_many((SETTLING / problem.numerics.timestep) as usize);
+    let (gap, feet) = gap_below(problem, &nothing, &batch.state(0)?.q);
+    let depth = (height - gap) * feet as f64 / problem.feet.geoms.len() as f64;
+    // A robot that did not settle says nothing.
+    Ok(if batch.is_faulty(0)? || !(0.0..0.01).contains(&depth) { 0.0 } else { depth })
+}
+
+/// Mean height above the ground of the lowest feet, and how many those are.
+fn gap_below(problem: &Problem, setting: &Setting, q: &[f64]) -> (f64, usize) {
     let poses = problem.model.world_from_links(q);
     let slope = |axis: &str| {
         let id = problem.parameter(&format!("terrain.slope_{axis}"));
@@ -201,7 +231,7 @@ pub fn ground_at(problem: &Problem, setting: &Setting, q: &[f64]) -> f64 {
     let gaps: Vec<f64> = problem.feet.geoms.iter().filter_map(gap).collect();
     let lowest = gaps.iter().copied().fold(f64::INFINITY, f64::min);
     let near: Vec<f64> = gaps.into_iter().filter(|g| *g < lowest + 0.005).collect();
-    if near.is_empty() { 0.0 } else { near.iter().sum::<f64>() / near.len() as f64 }
+    (if near.is_empty() { 0.0 } else { near.iter().sum::<f64>() / near.len() as f64 }, near.len())
 }
 
 /// What is kept of one simulation.

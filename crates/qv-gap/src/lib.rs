@@ -1,19 +1,32 @@
 //! Diagnosis of the gap between a robot and its simulator: where it lies, what causes it, how far it shrinks.
+//!
+//! A recording is cut into windows, each simulated from its measured start; what is left is compared with what robots
+//! without an effect leave (`null`), suspects are ranked by joint fits (`evidence`, `search`, `local`), accused one at a
+//! time (`decide`), and judged in windows that no fit has seen (`closure`). See `docs/diagnosis.md`.
 
+pub mod closure;
 pub mod columns;
+pub mod decide;
+mod diagnose;
 mod error;
 pub mod evidence;
 pub mod forward;
 pub mod law;
 pub mod library;
+pub mod local;
 pub mod null;
 pub mod observe;
 pub mod output;
+mod pictures;
 pub mod problem;
 mod random;
 pub mod report;
+mod rest;
 pub mod search;
+mod shares;
 pub mod study;
+mod telling;
 pub mod whiten;
 
+pub use diagnose::{Options, diagnose};
 pub use error::GapError;

@@ -111,6 +111,8 @@ pub struct Window {
     pub moving: bool,
     /// Whether it is kept away from every fit.
     pub held_out: bool,
+    /// Which run it is of.
+    pub run: usize,
 }
 
 /// A robot, the ground and the channels that can be compared.
@@ -137,10 +139,12 @@ pub struct Problem<'a> {
     pub channels: Vec<Channel>,
     /// Joints whose torque can be compared with the law of the actuator.
     pub law_joints: Vec<usize>,
-    /// Half the time between reported states, by which torques may be out of step with positions \[s\].
+    /// How windows are cut.
     pub cut: Cut,
     /// Numbers of the simulator.
     pub numerics: Numerics,
+    /// Depth to which the feet sink in when the robot stands on all of them \[m\].
+    pub depth: f64,
     index: HashMap<String, usize>,
 }
 
@@ -177,7 +181,7 @@ impl<'a> Problem<'a> {
         }
         let law_joints = law_joints(run, &columns);
         let numerics = Numerics::default();
-        Ok(Self { model, terrain, columns, free, feet, catalogue, nominal, stated, roles, channels, law_joints, cut, numerics, index })
+        Ok(Self { model, terrain, columns, free, feet, catalogue, nominal, stated, roles, channels, law_joints, cut, numerics, depth: 0.0, index })
     }
 
     /// Index of a parameter.
@@ -257,7 +261,7 @@ impl<'a> Problem<'a> {
         let starts = Starts::new(&view, &self.columns, self.free, self.sensor_errors(&Vec::new())).ok()?;
         starts.at(start)?;
         let attitude = if self.free { observe::attitudes(self, &view, &starts, start)? } else { Vec::new() };
-        Some(Window { start, view, attitude, moving: true, held_out })
+        Some(Window { start, view, attitude, moving: true, held_out, run: 0 })
     }
 
     /// The command for each tick of a window, of ticks before it, and how many those are.

@@ -60,10 +60,10 @@ pub fn held_out(seen: &Seen) -> f64 {
 
 /// A search over the suspects of a study.
 pub struct Search<'s, 'a> {
-    study: &'s mut Study<'a>,
+    pub(crate) study: &'s mut Study<'a>,
     /// Deviations integrated out over the windows of the fit.
     pub marginal: Marginal,
-    windows: Vec<usize>,
+    pub(crate) windows: Vec<usize>,
     /// What losses are divided by.
     pub temper: f64,
 }
@@ -80,7 +80,7 @@ impl<'s, 'a> Search<'s, 'a> {
         Ok(Self { study, marginal, windows, temper })
     }
 
-    fn columns(&self) -> &Columns {
+    pub(crate) fn columns(&self) -> &Columns {
         &self.study.columns
     }
 
@@ -93,8 +93,7 @@ impl<'s, 'a> Search<'s, 'a> {
         let normals = if suspects.is_empty() {
             windows.iter().map(|&w| Some(self.study.seen[w].nominal())).collect()
         } else {
-            let values = self.columns().values(suspects);
-            let setting = self.columns().setting(&self.study.problem, &values);
+            let setting = self.columns().setting_of(&self.study.problem, suspects);
             self.study.evaluate(&[setting], &windows)?.remove(0)
         };
         let sums = self.study.sums(&normals, &windows, fitted);
@@ -133,7 +132,7 @@ impl<'s, 'a> Search<'s, 'a> {
                     if absent.is_finite() { absent + amounts[a] * step } else { direction.levels[a] }
                 };
                 let values = direction.steps.iter().zip(&direction.absent).enumerate().map(at).collect();
-                found.push((evidence, Suspect { group: index, values }));
+                found.push((evidence, Suspect::everywhere(index, values)));
             }
         }
         found
@@ -169,7 +168,7 @@ impl<'s, 'a> Search<'s, 'a> {
         let tried: Vec<Suspect> = candidates
             .iter()
             .zip(&starts)
-            .flat_map(|(c, starts)| starts.iter().map(|v| Suspect { group: c.group, values: v.clone() }))
+            .flat_map(|(c, starts)| starts.iter().map(|v| Suspect::everywhere(c.group, v.clone())))
             .collect();
         let losses = self.losses(&marginal, base, &tried, &some)?;
         let of_base = self.loss_in(&marginal, base, &some);
@@ -202,13 +201,9 @@ impl<'s, 'a> Search<'s, 'a> {
         self.loss_of(marginal, &some.iter().map(of).collect::<Vec<_>>(), some)
     }
 
-    fn settings(&self, base: &Base, suspects: &[Suspect]) -> Vec<Setting> {
-        let values = |s: &Suspect| {
-            let mut all = self.columns().values(&base.suspects);
-            all.extend(self.columns().values(std::slice::from_ref(s)));
-            all
-        };
-        suspects.iter().map(|s| self.columns().setting(&self.study.problem, &values(s))).collect()
+    pub(crate) fn settings(&self, base: &Base, suspects: &[Suspect]) -> Vec<Setting> {
+        let beside = |s: &Suspect| [&base.suspects[..], std::slice::from_ref(s)].concat();
+        suspects.iter().map(|s| self.columns().setting_of(&self.study.problem, &beside(s))).collect()
     }
 
     /// Loss of each suspect beside the base, in some windows.
@@ -225,7 +220,7 @@ impl<'s, 'a> Search<'s, 'a> {
     }
 
     /// Infinite where a simulation ran away: losses over other windows cannot be compared.
-    fn loss_of(&self, marginal: &Marginal, normals: &[Option<Normal>], windows: &[usize]) -> f64 {
+    pub(crate) fn loss_of(&self, marginal: &Marginal, normals: &[Option<Normal>], windows: &[usize]) -> f64 {
         if normals.iter().any(Option::is_none) {
             return f64::INFINITY;
         }

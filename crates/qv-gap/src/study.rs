@@ -3,7 +3,7 @@
 use crate::GapError;
 use crate::columns::Columns;
 use crate::evidence::{Marginal, Normal, Sums, sum};
-use crate::forward::{compare, longest_latency};
+use crate::forward::{compare, longest_latency, standing_depth};
 use crate::law;
 use crate::null::{Ghost, Noise, record};
 use crate::problem::{Numerics, Problem, Setting, Window};
@@ -53,6 +53,16 @@ pub struct Seen {
     pub weight: f64,
 }
 
+/// What a run has of its own.
+pub struct Part {
+    /// The null.
+    pub whitener: Whitener,
+    /// Noise of the sensors.
+    pub noise: Noise,
+    /// How stamps of torques lie.
+    pub alignment: law::Alignment,
+}
+
 /// See the module.
 pub struct Study<'a> {
     /// The robot and the ground.
@@ -61,41 +71,73 @@ pub struct Study<'a> {
     pub columns: Columns,
     /// The windows.
     pub seen: Vec<Seen>,
-    /// The null.
-    pub whitener: Whitener,
-    /// Noise of the sensors.
-    pub noise: Noise,
+    /// What each run has of its own.
+    pub parts: Vec<Part>,
     /// Normal equations of each simulated recording without an effect, by window.
     pub ghosts: Vec<Vec<Option<Normal>>>,
     /// Tolerance of the first columns.
     pub tolerance: Vec<f64>,
-    /// How stamps of torques lie.
-    pub alignment: law::Alignment,
+    /// Mean square of residuals of noise and numerics alone.
+    pub floor: f64,
     /// Steps simulated so far.
     pub steps: usize,
 }
 
 impl<'a> Study<'a> {
-    /// Simulates what is needed to judge `run`.
+    /// Simulates what is needed to judge `runs`, which are of one robot on one ground.
     ///
     /// # Errors
-    /// When the run has too little, or the simulator refuses.
-    pub fn new(problem: Problem<'a>, columns: Columns, run: &Run, effort: &Effort) -> Result<Self, GapError> {
-        let windows = problem.windows(run)?;
+    /// When the runs have too little, or the simulator refuses.
+    pub fn new(problem: Problem<'a>, columns: Columns, runs: &[Run], effort: &Effort) -> Result<Self, GapError> {
+        let mut study = Self {
+            problem,
+            columns,
+            seen: Vec::new(),
+            parts: Vec::new(),
+            ghosts: vec![Vec::new(); effort.ghosts],
+            tolerance: Vec::new(),
+            floor: 0.0,
+            steps: 0,
+        };
+        let tolerated = study.columns.columns.iter().take(study.columns.tolerated).map(|c| c.tolerance);
+        study.tolerance = std::iter::once(SHIFT_TOLERANCE).chain(tolerated).collect();
+        // More recordings share the windows that one has, down to a number that still tells something.
+        study.problem.cut.most = (study.problem.cut.most / runs.len().max(1)).max(24).min(study.problem.cut.most);
+        for (index, run) in runs.iter().enumerate() {
+            study.add(run, index, effort)?;
+        }
+        study.floor /= runs.len().max(1) as f64;
+        Ok(study)
+    }
+
+    /// Adds the windows of one run, with its own noise and null.
+    fn add(&mut self, run: &Run, index: usize, effort: &Effort) -> Result<(), GapError> {
+        let mut windows = self.problem.windows(run)?;
+        if index == 0 {
+            // The stillest window is the first to look like standing.
+            let still = windows.iter().find(|w| !w.moving).unwrap_or(&windows[0]);
+            self.problem.depth = standing_depth(&self.problem, still)?;
+        }
+        let (problem, columns) = (&self.problem, &self.columns);
+        windows.iter_mut().for_each(|w| w.run = index);
         let noise = Noise::of(run, &problem.columns);
         let mut steps = 0;
-        let alignment = law::align(&problem, &windows.iter().collect::<Vec<_>>());
-        let (raw, sensitivities) = sensitivities(&problem, alignment, &columns, &windows, &mut steps)?;
+        let alignment = law::align(problem, &windows.iter().collect::<Vec<_>>());
+        let (raw, sensitivities) = sensitivities(problem, alignment, columns, &windows, &mut steps)?;
         let good: Vec<bool> = raw.iter().zip(&sensitivities).map(|(r, s)| !r.is_empty() && !s.is_empty()).collect();
         if good.iter().filter(|g| **g).count() < 8 {
             return Err(GapError::run("simulation", "at least 8 windows that can be simulated", "fewer"));
         }
-        let (ghost_raw, deviations) = ghosts(&problem, &columns, &windows, &noise, effort, &mut steps)?;
+        let effort = Effort { seed: effort.seed.wrapping_add(31 * index as u64), ..*effort };
+        let (ghost_raw, deviations) = ghosts(problem, columns, &windows, &noise, &effort, &mut steps)?;
         let samples = samples(&windows, &sensitivities, &ghost_raw, &deviations);
         let few = || GapError::run("simulation without an effect", "windows that do not run away", "too few");
-        let whitener = Whitener::new(&problem, &samples).ok_or_else(few)?;
-        let tolerated = columns.columns.iter().take(columns.tolerated).map(|c| c.tolerance);
-        let tolerance: Vec<f64> = std::iter::once(SHIFT_TOLERANCE).chain(tolerated).collect();
+        let whitener = Whitener::new(problem, &samples).ok_or_else(few)?;
+        let floor = samples.par_iter().map(|(moving, raw)| {
+            let r = whitener.residual(*moving, raw);
+            r.norm_squared() / r.len() as f64
+        });
+        self.floor += floor.sum::<f64>() / samples.len() as f64;
         let seen: Vec<Option<Seen>> = windows
             .into_par_iter()
             .zip(raw)
@@ -104,20 +146,26 @@ impl<'a> Study<'a> {
                 (!raw.is_empty() && !sensitivity.is_empty()).then(|| see(&whitener, window, raw, &sensitivity))
             })
             .collect();
-        let ghosts = ghost_raw
-            .par_iter()
-            .map(|run| {
-                let normal = |(raw, seen): (&Raw, &Option<Seen>)| {
-                    seen.as_ref().filter(|_| !raw.is_empty()).map(|s| s.normal(&whitener, raw))
-                };
-                run.iter().zip(&seen).map(normal).collect::<Vec<Option<Normal>>>()
-            })
-            .collect::<Vec<_>>()
-            .into_iter()
-            .map(|run: Vec<Option<Normal>>| run.into_iter().zip(&good).filter(|(_, g)| **g).map(|(n, _)| n).collect())
-            .collect();
-        let seen = seen.into_iter().flatten().collect();
-        Ok(Self { problem, columns, seen, whitener, noise, ghosts, tolerance, alignment, steps })
+        for (all, run) in self.ghosts.iter_mut().zip(&ghost_raw) {
+            let of_run: Vec<Option<Normal>> = run
+                .par_iter()
+                .zip(&seen)
+                .filter_map(|(raw, seen)| {
+                    let seen = seen.as_ref()?;
+                    Some((!raw.is_empty()).then(|| seen.normal(&whitener, raw)))
+                })
+                .collect();
+            all.extend(of_run);
+        }
+        self.seen.extend(seen.into_iter().flatten());
+        self.parts.push(Part { whitener, noise, alignment });
+        self.steps += steps;
+        Ok(())
+    }
+
+    /// The null of a window's run.
+    pub fn whitener(&self, seen: &Seen) -> &Whitener {
+        &self.parts[seen.window.run].whitener
     }
 
     /// Number of columns, the extra ones included.
@@ -149,7 +197,7 @@ impl<'a> Study<'a> {
                 .par_iter()
                 .map(|of_setting| {
                     let normal = |(raw, &w): (&Raw, &usize)| {
-                        (!raw.is_empty()).then(|| self.seen[w].normal(&self.whitener, raw))
+                        (!raw.is_empty()).then(|| self.seen[w].normal(self.whitener(&self.seen[w]), raw))
                     };
                     of_setting.iter().zip(windows).map(normal).collect()
                 })
@@ -171,7 +219,7 @@ impl<'a> Study<'a> {
     ) -> Result<Vec<Vec<Option<DVector<f64>>>>, GapError> {
         let raw = self.raw(settings, windows)?;
         let white = |(raw, &w): (&Raw, &usize)| {
-            (!raw.is_empty()).then(|| self.whitener.residual(self.seen[w].window.moving, raw))
+            (!raw.is_empty()).then(|| self.whitener(&self.seen[w]).residual(self.seen[w].window.moving, raw))
         };
         Ok(raw.par_iter().map(|of_setting| of_setting.iter().zip(windows).map(white).collect()).collect())
     }
@@ -185,7 +233,8 @@ impl<'a> Study<'a> {
         let numerics = self.problem.numerics;
         let residuals = compare(&self.problem, &numerics, &chosen, settings)?;
         self.steps += residuals.steps;
-        Ok(with_law(&self.problem, self.alignment, &chosen, settings, residuals.values))
+        let alignments: Vec<law::Alignment> = chosen.iter().map(|w| self.parts[w.run].alignment).collect();
+        Ok(with_law(&self.problem, &alignments, &chosen, settings, residuals.values))
     }
 
     /// Sums over windows of one setting.
@@ -234,7 +283,7 @@ fn sensitivities(
     let chosen: Vec<&Window> = windows.iter().collect();
     let base = compare(problem, &problem.numerics, &chosen, &[Setting::new()])?;
     *steps += base.steps;
-    let raw = with_law(problem, alignment, &chosen, &[Setting::new()], base.values).remove(0);
+    let raw = with_law(problem, &vec![alignment; chosen.len()], &chosen, &[Setting::new()], base.values).remove(0);
     let mut sensitivities: Vec<Vec<Raw>> = raw.iter().zip(windows).map(|(r, w)| vec![shift_column(problem, alignment, w, r)]).collect();
     let mut settings: Vec<Setting> =
         columns.columns.iter().map(|c| columns.setting(problem, &[(c.unit, c.value)])).collect();
@@ -246,7 +295,7 @@ fn sensitivities(
         let of_some: Vec<Setting> = some.iter().map(|&k| std::mem::take(&mut settings[k])).collect();
         let residuals = compare(problem, &problem.numerics, &chosen, &of_some)?;
         *steps += residuals.steps;
-        for (&k, of_setting) in some.iter().zip(with_law(problem, alignment, &chosen, &of_some, residuals.values)) {
+        for (&k, of_setting) in some.iter().zip(with_law(problem, &vec![alignment; chosen.len()], &chosen, &of_some, residuals.values)) {
             for (w, changed) in of_setting.into_iter().enumerate() {
                 if !changed.is_empty() && !raw[w].is_empty() {
                     found[w][k] = Some(raw[w].minus(&changed));
@@ -274,13 +323,13 @@ fn shift_column(problem: &Problem, alignment: law::Alignment, window: &Window, r
 /// The law's residuals beside those of the motion.
 fn with_law(
     problem: &Problem,
-    alignment: law::Alignment,
+    alignments: &[law::Alignment],
     windows: &[&Window],
     settings: &[Setting],
     motion: Vec<Vec<Vec<f64>>>,
 ) -> Vec<Vec<Raw>> {
     let base: Vec<Vec<f64>> =
-        windows.par_iter().map(|w| law::residual(problem, w, &Setting::new(), alignment)).collect();
+        windows.par_iter().zip(alignments).map(|(w, a)| law::residual(problem, w, &Setting::new(), *a)).collect();
     let bins = law::bins(problem);
     settings
         .par_iter()
@@ -290,7 +339,7 @@ fn with_law(
                 let mut law = base[w].clone();
                 for (k, &j) in problem.law_joints.iter().enumerate() {
                     if law::concerns(problem, setting, j) {
-                        law[k * bins..(k + 1) * bins].copy_from_slice(&law::of_joint(problem, windows[w], setting, j, alignment));
+                        law[k * bins..(k + 1) * bins].copy_from_slice(&law::of_joint(problem, windows[w], setting, j, alignments[w]));
                     }
                 }
                 let whole = law.iter().all(|x| x.is_finite());
@@ -324,7 +373,8 @@ fn ghosts(
 ) -> Result<(Vec<Vec<Raw>>, Vec<Vec<f64>>), GapError> {
     let (mut all, mut deviations) = (Vec::new(), Vec::new());
     for k in 0..effort.ghosts {
-        let (setting, of_columns) = draw(problem, columns, effort.seed, k as u64);
+        let (mut setting, of_columns) = draw(problem, columns, effort.seed, k as u64);
+        other_contact(problem, &mut setting, effort.seed, k as u64);
         let ghost = Ghost { setting, numerics: numerics(k), seed: effort.seed.wrapping_add(977 * k as u64) };
         let recorded = record(problem, windows, noise, std::slice::from_ref(&ghost))?.remove(0);
         *steps += windows.len() * ((problem.cut.window + 2.0 * problem.cut.margin) / ghost.numerics.timestep) as usize;
@@ -335,13 +385,25 @@ fn ghosts(
             let residuals = compare(problem, &problem.numerics, &whole, &[Setting::new()])?;
             *steps += residuals.steps;
             let alignment = law::align(problem, &whole);
-            let found = with_law(problem, alignment, &whole, &[Setting::new()], residuals.values).remove(0);
+            let found = with_law(problem, &vec![alignment; whole.len()], &whole, &[Setting::new()], residuals.values).remove(0);
             at.into_iter().zip(found).for_each(|(w, r)| raw[w] = r);
         }
         all.push(raw);
         deviations.push(of_columns);
     }
     Ok((all, deviations))
+}
+
+/// Contact as other engines have it: what they call stiff differs by factors.
+fn other_contact(problem: &Problem, setting: &mut Setting, seed: u64, stream: u64) {
+    let mut random = Random::new(seed, 5000 + stream);
+    for (name, spread, range) in [("contact.time_constant", 0.5, (0.003, 0.016)), ("contact.damping_ratio", 0.3, (0.4, 2.0))] {
+        let factor = random.normal(spread).exp();
+        let Some(id) = problem.parameter(name).filter(|_| !problem.terrain.is_none()) else { continue };
+        setting.retain(|s| s.0 != id);
+        setting.push((id, (problem.nominal[id] * factor).clamp(range.0, range.1)));
+    }
+    setting.sort_by_key(|s| s.0);
 }
 
 /// Deviations that any robot has: a setting, and the same in columns.

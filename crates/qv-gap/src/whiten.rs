@@ -38,6 +38,8 @@ struct Mode {
     root: DMatrix<f64>,
     law_mean: Vec<f64>,
     law_deviation: Vec<f64>,
+    /// Standard deviation of each feature.
+    deviation: DVector<f64>,
 }
 
 /// Mean and spread of the features when there is no effect, for windows that move and windows that do not.
@@ -77,6 +79,17 @@ impl Whitener {
         self.scaled(mode, DVector::from_column_slice(&raw.motion), raw.law.iter().copied())
     }
 
+    /// Each feature less its mean, in units of its own spread: dependent numbers, for shares only.
+    pub fn separate(&self, moving: bool, raw: &Raw) -> Raw {
+        let mode = self.mode(moving);
+        let motion = raw.motion.iter().enumerate().map(|(i, x)| (x - mode.mean[i]) / mode.deviation[i]).collect();
+        let of_law = |(i, x): (usize, &f64)| {
+            let j = i / self.law_bins;
+            (x - mode.law_mean[j]) / mode.law_deviation[j]
+        };
+        Raw { motion, law: raw.law.iter().enumerate().map(of_law).collect() }
+    }
+
     fn scaled(&self, mode: &Mode, mut motion: DVector<f64>, law: impl Iterator<Item = f64>) -> DVector<f64> {
         mode.root.solve_lower_triangular_mut(&mut motion);
         let law = law.enumerate().map(|(i, x)| x / mode.law_deviation[i / self.law_bins]);
@@ -99,6 +112,7 @@ fn mode(problem: &Problem, samples: &[&Raw], law_bins: usize) -> Option<Mode> {
     let diagonal = covariance.diagonal();
     covariance *= 1.0 - SHRINKAGE;
     (0..size).for_each(|i| covariance[(i, i)] += SHRINKAGE * diagonal[i]);
+    let deviation = covariance.diagonal().map(f64::sqrt);
     let root = covariance.cholesky()?.unpack();
     let joints = problem.law_joints.len();
     let (mut law_mean, mut law_deviation) = (Vec::new(), Vec::new());
@@ -110,7 +124,7 @@ fn mode(problem: &Problem, samples: &[&Raw], law_bins: usize) -> Option<Mode> {
         law_mean.push(m);
         law_deviation.push((all.iter().map(|x| (x - m).powi(2)).sum::<f64>() / n).sqrt().max(1e-6));
     }
-    Some(Mode { mean, root, law_mean, law_deviation })
+    Some(Mode { mean, root, law_mean, law_deviation, deviation })
 }
 
 /// A feature that hardly varies among few samples must not become all-important.

@@ -387,6 +387,37 @@ fn a_parameter_set_to_neutral_in_mid_run_changes_nothing_but_the_solver_s_memory
 }
 
 #[test]
+fn outside_forces_may_change_at_every_step() {
+    let set = |robot: &mut SecondEngine| {
+        robot.set_parameter("external.force_x", 6.0).unwrap();
+        robot.set_parameter("joint.FL_calf_joint.external_torque", 0.5).unwrap();
+    };
+    let run = |often: bool| {
+        let mut robot = engine(&Terrain::plane());
+        set(&mut robot);
+        for step in 0..300 {
+            if often {
+                // Away and back: what is left is the same, and the contact solver must not have forgotten anything.
+                robot.set_parameter("external.force_x", 0.0).unwrap();
+                set(&mut robot);
+            }
+            drive(&mut robot, step..step + 1, |_| STAND);
+        }
+        robot.state()
+    };
+    let (once, often) = (run(false), run(true));
+    assert_eq!(once, often);
+    let mut calm = engine(&Terrain::plane());
+    drive(&mut calm, 0..300, |_| STAND);
+    let moved = once.q[0] - calm.state().q[0];
+    assert!(moved > 1e-4, "{moved} m");
+    let index = calm.parameter_index("external.force_x").unwrap();
+    calm.set_parameter_at(index, 3.0).unwrap();
+    assert_eq!(calm.parameter("external.force_x").unwrap(), 3.0);
+    assert!(calm.set_parameter_at(100_000, 3.0).is_err());
+}
+
+#[test]
 fn nonsense_is_refused_by_name() {
     let mut robot = engine(&Terrain::plane());
     let named = |error: SimError, part: &str| assert!(error.to_string().contains(part), "{error}");

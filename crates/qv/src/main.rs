@@ -1,5 +1,6 @@
 //! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost.
 
+mod diagnose;
 mod fixture;
 mod glb;
 mod inspect;
@@ -29,6 +30,9 @@ enum Command {
     /// Replays a recording in the simulator and tells how far the two are apart, joint by joint
     #[command(after_help = replay::EXAMPLE)]
     Replay(replay::Replay),
+    /// Says where the gap between simulator and robot lies, which effect causes it, and how far it shrinks
+    #[command(after_help = diagnose::EXAMPLE)]
+    Diagnose(diagnose::Diagnose),
     /// Makes up a recording of the Go2 with a known cause, and the ground that it walked on
     #[command(hide = true, after_help = fixture::EXAMPLE)]
     Fixture(fixture::Fixture),
@@ -65,6 +69,7 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Inspect(command) => command.execute(),
         Command::Replay(command) => command.execute(),
+        Command::Diagnose(command) => command.execute(),
         Command::Fixture(command) => command.execute(),
     };
     match result {

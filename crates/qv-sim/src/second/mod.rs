@@ -73,7 +73,7 @@ pub struct SecondEngine {
     motors: Motors,
     history: History,
     ground: ground::GroundShape,
-    /// Built when it is next needed: a parameter that changes drops it.
+    /// Built when it is next needed: a parameter of bodies, joints or ground that changes drops it.
     world: Option<World>,
 }
 
@@ -172,24 +172,43 @@ impl SecondEngine {
         Ok(())
     }
 
-    /// Sets a parameter of the catalogue; it acts from the next step on.
+    /// Sets a parameter of the catalogue; it acts from the next step on. What belongs to bodies, joints or ground makes
+    /// the next step build its world anew, and the contact solver forget; motors, sensors and outside forces may change
+    /// at every step.
     ///
     /// # Errors
     /// When the name is unknown, the value means nothing, or the parameter has no counterpart in this engine (a
     /// neutral value is then accepted).
     pub fn set_parameter(&mut self, name: &str, value: f64) -> Result<(), SimError> {
         let id = self.catalogue.find(name)?;
+        self.set_parameter_at(id, value)
+    }
+
+    /// Index of a parameter in the catalogue, for [`SecondEngine::set_parameter_at`].
+    ///
+    /// # Errors
+    /// When the name is unknown; the error suggests the nearest one.
+    pub fn parameter_index(&self, name: &str) -> Result<usize, SimError> {
+        self.catalogue.find(name)
+    }
+
+    /// Sets a parameter by its index in the catalogue.
+    ///
+    /// # Errors
+    /// As [`SecondEngine::set_parameter`], and when there is no such index.
+    pub fn set_parameter_at(&mut self, id: usize, value: f64) -> Result<(), SimError> {
+        let Some(info) = self.catalogue.infos.get(id) else {
+            return Err(SimError::Length { what: "catalogue", expected: self.catalogue.infos.len(), found: id });
+        };
         self.catalogue.check(id, value)?;
-        let info = &self.catalogue.infos[id];
-        if value == info.neutral {
-            self.overrides.remove(&id);
-            self.world = None;
+        let (slot, neutral) = (info.slot, value == info.neutral);
+        if !neutral && let Some(reason) = lacking(slot) {
+            return Err(SimError::NotInSecondEngine { name: info.name.clone(), reason });
+        }
+        let before = if neutral { self.overrides.remove(&id) } else { self.overrides.insert(id, value) };
+        if !slot.is_built_in() && !slot.is_delay() {
             return Ok(());
         }
-        if let Some(reason) = lacking(info.slot) {
-            return Err(SimError::NotInSecondEngine { name: name.into(), reason });
-        }
-        let before = self.overrides.insert(id, value);
         let checked = self.check_values();
         if checked.is_err() {
             match before {
@@ -197,7 +216,9 @@ impl SecondEngine {
                 None => self.overrides.remove(&id),
             };
         }
-        self.world = None;
+        if slot.is_built_in() {
+            self.world = None;
+        }
         checked
     }
 

@@ -1,0 +1,128 @@
+//! How far the gap shrinks, in windows that no fit has seen.
+
+use crate::GapError;
+use crate::observe::Channel;
+use crate::problem::Setting;
+use crate::random::Random;
+use crate::report::Gap;
+use crate::study::Study;
+use crate::whiten::Raw;
+
+/// Resamplings of the interval.
+const RESAMPLINGS: usize = 400;
+
+/// Losses per number of each held-out window, before and under a setting.
+pub struct Closure {
+    /// Windows, as indices into the study.
+    pub windows: Vec<usize>,
+    /// Before.
+    pub before: Vec<f64>,
+    /// Residuals under the setting.
+    pub after_raw: Vec<Raw>,
+    /// After.
+    pub after: Vec<f64>,
+    /// What noise alone gives.
+    pub floor: f64,
+}
+
+/// Simulates the windows that no fit has seen under a setting.
+///
+/// # Errors
+/// When a value means nothing.
+pub fn closure(study: &mut Study, setting: &Setting) -> Result<Closure, GapError> {
+    let windows: Vec<usize> = (0..study.seen.len()).filter(|&w| study.seen[w].window.held_out).collect();
+    let after_raw = study.raw(std::slice::from_ref(setting), &windows)?.remove(0);
+    let floor = study.floor;
+    let (mut kept, mut before, mut after, mut raws) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for (&w, raw) in windows.iter().zip(after_raw) {
+        if raw.is_empty() {
+            continue;
+        }
+        let seen = &study.seen[w];
+        let of = |raw: &Raw| {
+            let r = study.whitener(seen).residual(seen.window.moving, raw);
+            r.norm_squared() / r.len() as f64
+        };
+        kept.push(w);
+        before.push(of(&seen.raw));
+        after.push(of(&raw));
+        raws.push(raw);
+    }
+    Ok(Closure { windows: kept, before, after, after_raw: raws, floor })
+}
+
+impl Closure {
+    /// Closed share of all windows.
+    pub fn closed(&self) -> f64 {
+        share(mean(&self.before), mean(&self.after), self.floor)
+    }
+
+    /// How much lower the loss is, and the standard error of that over windows.
+    pub fn fall(&self) -> (f64, f64) {
+        let falls: Vec<f64> = self.before.iter().zip(&self.after).map(|(b, a)| b - a).collect();
+        let n = falls.len().max(1) as f64;
+        let m = mean(&falls);
+        let variance = falls.iter().map(|f| (f - m).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+        (m, (variance / n).sqrt())
+    }
+
+    /// The figures of a report.
+    pub fn gap(&self, study: &Study, seed: u64) -> Gap {
+        let mut random = Random::new(seed, 77);
+        let count = self.before.len();
+        let mut shares: Vec<f64> = (0..RESAMPLINGS)
+            .map(|_| {
+                let (mut before, mut after) = (0.0, 0.0);
+                for _ in 0..count {
+                    let k = ((random.uniform() * count as f64) as usize).min(count.saturating_sub(1));
+                    before += self.before[k] / count as f64;
+                    after += self.after[k] / count as f64;
+                }
+                share(before, after, self.floor)
+            })
+            .collect();
+        shares.sort_by(f64::total_cmp);
+        let at = |q: f64| shares[((q * RESAMPLINGS as f64) as usize).min(RESAMPLINGS - 1)];
+        let rms = |raws: &mut dyn Iterator<Item = &Raw>| joint_rms(study, raws);
+        Gap {
+            before: mean(&self.before),
+            after: mean(&self.after),
+            floor: self.floor,
+            closed: self.closed(),
+            closed_ci95: [at(0.025), at(0.975)],
+            unit: "mean square of residuals in units of the null".into(),
+            heldout: true,
+            joint_rms: [
+                rms(&mut self.windows.iter().map(|&w| &study.seen[w].raw)),
+                rms(&mut self.after_raw.iter()),
+            ],
+        }
+    }
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+/// 0 where there is nothing to close.
+fn share(before: f64, after: f64, floor: f64) -> f64 {
+    if before <= floor * 1.02 { 0.0 } else { ((before - after) / (before - floor)).clamp(0.0, 1.0) }
+}
+
+/// Root mean square of the positions' residuals \[rad\].
+fn joint_rms(study: &Study, raws: &mut dyn Iterator<Item = &Raw>) -> f64 {
+    let bins = study.problem.cut.bins();
+    let (mut sum, mut count) = (0.0, 0usize);
+    for raw in raws {
+        let mut first = 0;
+        for &channel in &study.problem.channels {
+            let width = crate::observe::width(channel, bins);
+            if matches!(channel, Channel::Position(_)) {
+                sum += raw.motion[first..first + width].iter().map(|x| x * x).sum::<f64>();
+                count += width;
+            }
+            first += width;
+        }
+    }
+    (sum / count.max(1) as f64).sqrt()
+}

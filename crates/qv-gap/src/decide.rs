@@ -1,0 +1,220 @@
+//! Accuse or abstain. Causes are added one at a time; after each the calibrated simulator is put through the whole test
+//! again, with its own sensitivities and its own null: what is explained must then look like no gap.
+
+use crate::GapError;
+use crate::closure::closure;
+use crate::columns::{Extent, Suspect};
+use crate::evidence::Sums;
+use crate::local::place;
+use crate::search::{Fit, Search, fitted};
+use crate::study::{Seen, Study};
+
+/// Least log evidence of a cause, whatever the null says.
+const LEAST_EVIDENCE: f64 = 40.0;
+/// The same for one that is confined to a time or a region: there are many of those.
+const LEAST_LOCAL_EVIDENCE: f64 = 60.0;
+/// Over the largest log evidence that the effect reaches in simulated recordings without one.
+const OVER_NULL: f64 = 1.3;
+/// A size below this many tolerances is no cause.
+const LEAST_SIZE: f64 = 3.5;
+/// Least share of the excess over the null that a cause takes away.
+const LEAST_SHARE: f64 = 0.1;
+/// The same for a region: most of the excess of feet that slip is left by the right friction, too.
+const LEAST_REGIONAL_SHARE: f64 = 0.04;
+/// Loss over that of the null up to which a robot has no gap that anyone should look for.
+pub const NO_GAP: f64 = 1.45;
+/// Loss over that of the null from which on the causes do not explain the recording.
+pub const UNEXPLAINED: f64 = 1.55;
+
+/// Losses per number in the windows of the fit, tolerated deviations at their best, over the mean of the null.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Level {
+    /// Of the recording.
+    pub ratio: f64,
+    /// Mean loss per number of the null.
+    pub null: f64,
+    /// Numbers, weighted.
+    pub count: f64,
+}
+
+/// A round: one study and what was found in it.
+#[derive(Clone)]
+pub struct Round {
+    /// Level before the round's causes.
+    pub level: Level,
+    /// All suspects that were followed, best first.
+    pub fits: Vec<Fit>,
+    /// Largest log evidence of each effect in recordings without one.
+    pub by_chance: Vec<f64>,
+    /// Loss before.
+    pub base: f64,
+    /// The accused one, as an index into `fits`.
+    pub accused: Option<usize>,
+    /// Why the best was not accused.
+    pub reason: String,
+}
+
+/// The level of a study.
+///
+/// # Errors
+/// When the normal equations are no good.
+pub fn level(study: &Study) -> Result<Level, GapError> {
+    level_outside(study, &[])
+}
+
+/// The level in the windows outside some regions. Where feet slip, the residuals of a right model are not small: whether
+/// a foot lets go is decided by what no recording shows.
+///
+/// # Errors
+/// When the normal equations are no good.
+pub fn level_outside(study: &Study, regions: &[[f64; 4]]) -> Result<Level, GapError> {
+    let inside = |seen: &Seen| {
+        let [x, y] = place(&seen.window);
+        // Feet reach farther than the trunk.
+        const REACH: f64 = 0.35;
+        regions.iter().any(|r| {
+            (r[0] - REACH..r[1] + REACH).contains(&x) && (r[2] - REACH..r[3] + REACH).contains(&y)
+        })
+    };
+    let fitted = |seen: &Seen| if inside(seen) { 0.0 } else { fitted(seen) };
+    let bad = || GapError::run("sensitivities", "finite numbers", "others");
+    let marginal = study.marginal(fitted).ok_or_else(bad)?;
+    let of = |sums: &Sums| marginal.loss(sums) / sums.count.max(1.0);
+    let all: Vec<usize> = (0..study.seen.len()).collect();
+    let nulls: Vec<f64> = study.ghosts.iter().map(|g| of(&study.sums(g, &all, fitted))).filter(|x| x.is_finite()).collect();
+    let null = nulls.iter().sum::<f64>() / nulls.len().max(1) as f64;
+    let sums = study.nominal(fitted);
+    Ok(Level { ratio: of(&sums) / null, null, count: sums.count })
+}
+
+/// Searches a study for one more cause, among all effects but those in `without`.
+///
+/// # Errors
+/// When a value means nothing.
+pub fn round(study: &mut Study, without: &[usize]) -> Result<Round, GapError> {
+    let level = level(study)?;
+    let mut search = Search::new(study, 1.0)?;
+    let by_chance = by_chance(&search);
+    let base = search.base(&[])?;
+    let mut fits = search.suspects(&base, without)?;
+    let best = fits.iter().map(|f| f.loss).fold(base.loss, f64::min);
+    // What even the best leaves is the measure of what chance does in this recording.
+    let temper = (best / (level.null * level.count)).max(1.0);
+    search.temper = (base.loss / (level.null * level.count)).max(1.0);
+    fits.iter_mut().for_each(|f| f.evidence /= temper);
+    let mut local = search.local_suspects(&base, without)?;
+    local.iter_mut().for_each(|f| f.evidence *= search.temper / temper);
+    fits.extend(local);
+    fits.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    let mut round = Round { level, fits, by_chance, base: base.loss, accused: None, reason: String::new() };
+    round.judge(study)?;
+    Ok(round)
+}
+
+impl Round {
+    /// The same round if the library had not had an effect.
+    ///
+    /// # Errors
+    /// When a value means nothing.
+    pub fn without(&self, study: &mut Study, effect: &str) -> Result<Self, GapError> {
+        let of = |fit: &Fit| study.columns.effects[study.columns.groups[fit.suspect.group].effect].name != effect;
+        let fits = self.fits.iter().filter(|f| of(f)).cloned().collect();
+        let by_chance = self.by_chance.clone();
+        let mut round =
+            Self { level: self.level, fits, by_chance, base: self.base, accused: None, reason: String::new() };
+        round.judge(study)?;
+        Ok(round)
+    }
+
+    /// Accuses the best suspect to which there is no objection. A better one that is no cause does not make a worse one
+    /// a cause, unless it is a trifle.
+    fn judge(&mut self, study: &mut Study) -> Result<(), GapError> {
+        let excess = self.base - self.level.null * self.level.count;
+        for (k, fit) in self.fits.iter().enumerate().take(4) {
+            let effect = study.columns.groups[fit.suspect.group].effect;
+            let mut reason = objection(study, fit, self.by_chance[effect], self.base - fit.loss, excess);
+            if reason.is_none() {
+                reason = held_out_objection(study, fit)?;
+            }
+            let Some(reason) = reason else {
+                self.accused = Some(k);
+                return Ok(());
+            };
+            if self.reason.is_empty() {
+                self.reason = format!("{}: {reason}", study.columns.effects[effect].name);
+            }
+            if !is_trifle(study, fit) {
+                return Ok(());
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Largest log evidence of each effect in recordings without one.
+fn by_chance(search: &Search) -> Vec<f64> {
+    let study = &search.study;
+    let all: Vec<usize> = (0..study.seen.len()).collect();
+    let mut most = vec![0.0; study.columns.effects.len()];
+    for ghost in &study.ghosts {
+        let sums = study.sums(ghost, &all, fitted);
+        for (evidence, suspect) in search.linear(&sums) {
+            let effect = study.columns.groups[suspect.group].effect;
+            most[effect] = evidence.max(most[effect]);
+        }
+    }
+    most
+}
+
+/// Deviation of a fit from absent, in tolerances; infinite for effects of which nothing is tolerated.
+pub fn size(study: &Study, suspect: &Suspect) -> f64 {
+    let group = &study.columns.groups[suspect.group];
+    let effect = &study.columns.effects[group.effect];
+    if effect.tolerance == 0.0 {
+        return f64::INFINITY;
+    }
+    let of = |(axis, value): (usize, &f64)| {
+        let absent = study.columns.units_of(group, axis).next().map_or(0.0, |u| study.columns.units[u].absent);
+        (value - absent).abs() / effect.tolerance
+    };
+    suspect.values.iter().enumerate().map(of).fold(0.0, f64::max)
+}
+
+fn is_trifle(study: &Study, fit: &Fit) -> bool {
+    size(study, &fit.suspect) < LEAST_SIZE
+}
+
+fn objection(study: &Study, fit: &Fit, by_chance: f64, gain: f64, excess: f64) -> Option<String> {
+    let group = &study.columns.groups[fit.suspect.group];
+    let effect = &study.columns.effects[group.effect];
+    let least = if fit.suspect.extent.is_some() { LEAST_LOCAL_EVIDENCE } else { LEAST_EVIDENCE };
+    let threshold = least.max(OVER_NULL * by_chance);
+    if fit.evidence < threshold {
+        return Some(format!("log evidence {:.0}, where chance alone reaches {threshold:.0}", fit.evidence));
+    }
+    if is_trifle(study, fit) {
+        return Some(format!("a size of {:.1} tolerances", size(study, &fit.suspect)));
+    }
+    let least = if matches!(fit.suspect.extent, Some(Extent::Region(_))) { LEAST_REGIONAL_SHARE } else { LEAST_SHARE };
+    if gain < least * excess {
+        return Some(format!("it explains {:.0} % of the excess", 100.0 * gain / excess));
+    }
+    let at_edge = |v: &f64| effect.range.iter().any(|edge| (v - edge).abs() < 0.01 * effect.span());
+    // The edge may be the absence itself, for what cannot be negative.
+    let values = fit.suspect.values.iter().filter(|v| at_edge(v));
+    (values.count() > 0 && fit.suspect.extent.is_none()).then(|| "its value lies at the edge of its range".into())
+}
+
+fn held_out_objection(study: &mut Study, fit: &Fit) -> Result<Option<String>, GapError> {
+    let setting = study.columns.setting_of(&study.problem, std::slice::from_ref(&fit.suspect));
+    let closure = closure(study, &setting)?;
+    let (fall, error) = closure.fall();
+    // An event may lie between the windows that are held out: nothing is said then.
+    let untouched = closure.before.iter().zip(&closure.after).all(|(b, a)| (b - a).abs() < 1e-6 * b);
+    let confined = matches!(fit.suspect.extent, Some(Extent::Time(_)));
+    if confined && untouched {
+        return Ok(None);
+    }
+    let needed = if fit.suspect.extent.is_some() { 0.5 } else { 2.0 };
+    Ok((fall < needed * error).then(|| format!("the held-out loss falls by {fall:.3} only, with error {error:.3}")))
+}

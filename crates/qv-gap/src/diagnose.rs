@@ -1,0 +1,434 @@
+//! The whole diagnosis: from runs to a report.
+
+use crate::GapError;
+use crate::closure::closure;
+use crate::columns::{Columns, Extent};
+use crate::decide::{self, Level, NO_GAP, Round, UNEXPLAINED};
+use crate::library::{self, Effect};
+use crate::problem::{Cut, Problem, Setting};
+use crate::report::{
+    Cause, Correction, FORMAT, ParameterEstimate, Ranked, Report, Share, Stage, UNKNOWN, Unexplained, Verdict, Where,
+};
+use crate::search::Fit;
+use crate::study::{Effort, Study};
+use crate::{pictures, rest, shares, telling};
+use qv_replay::Run;
+use qv_sim::{Model, Terrain};
+use std::collections::BTreeMap;
+
+/// Most causes that are accused.
+const MOST_CAUSES: usize = 3;
+
+/// How to diagnose.
+pub struct Options<'a> {
+    /// Effects that may be accused.
+    pub library: Vec<Effect>,
+    /// Parameters that are known already, by name; `*` stands for all that fit.
+    pub given: Vec<(String, f64)>,
+    /// How windows are cut.
+    pub cut: Cut,
+    /// How much is done.
+    pub effort: Effort,
+    /// Effects of the library that may not be accused.
+    pub without: Vec<String>,
+    /// Seconds since some instant, for the report; libraries read no clock.
+    pub clock: Option<&'a (dyn Fn() -> f64 + Sync)>,
+    /// Told of each stage as it begins.
+    pub progress: Option<&'a (dyn Fn(&str) + Sync)>,
+}
+
+impl Default for Options<'_> {
+    fn default() -> Self {
+        Self {
+            library: library::built_in(),
+            given: Vec::new(),
+            cut: Cut::default(),
+            effort: Effort::default(),
+            without: Vec::new(),
+            clock: None,
+            progress: None,
+        }
+    }
+}
+
+/// A cause with all that the report says of it.
+struct Accused {
+    fit: Fit,
+    cause: Cause,
+    corrections: Vec<Correction>,
+}
+
+/// A diagnosis, and what it would have been had the library lacked one of the effects it ranks first.
+pub struct Diagnosis {
+    /// The diagnosis.
+    pub report: Report,
+    /// Effect left out, and the diagnosis without it.
+    pub without: Vec<(String, Report)>,
+}
+
+/// Diagnoses `runs` of one robot on one ground; and again without each of the `leave_out` most probable effects.
+///
+/// # Errors
+/// When there are no runs, they are not of this model, or they have too little.
+pub fn diagnose(
+    runs: &[Run],
+    model: &Model,
+    terrain: &Terrain,
+    options: &Options,
+    leave_out: usize,
+) -> Result<Diagnosis, GapError> {
+    let first = runs.first().ok_or_else(|| GapError::run("runs", "at least one", "none"))?;
+    let mut cannot_tell = telling::faults(runs);
+    let (usable, fallen) = telling::upright(runs);
+    cannot_tell.extend(fallen);
+    let mut session = Session { runs: usable, model, terrain, options, stages: Vec::new(), since: 0.0 };
+    let begun = session.now();
+    let mut nominal = session.study(&[])?;
+    cannot_tell.extend(telling::missing(&nominal, first, &options.library));
+    let opening = Opening::new(&nominal)?;
+    session.begin("search");
+    let closed_to = closed_to(&nominal, &options.without);
+    let round = decide::round(&mut nominal, &closed_to)?;
+    session.end(&nominal);
+    let findings = session.follow(&mut nominal, round, &options.without, &opening, &cannot_tell)?;
+    let first_round = findings.rounds[0].clone();
+    let report = findings.report(&mut session, &mut nominal, begun)?;
+    let mut without = Vec::new();
+    let ranked: Vec<String> =
+        report.ranking.iter().map(|r| r.effect.clone()).filter(|e| e != UNKNOWN).take(leave_out).collect();
+    for effect in ranked {
+        let begun = session.now();
+        let round = first_round.without(&mut nominal, &effect)?;
+        let left_out = [&options.without[..], std::slice::from_ref(&effect)].concat();
+        let findings = session.follow(&mut nominal, round, &left_out, &opening, &cannot_tell)?;
+        without.push((effect, findings.report(&mut session, &mut nominal, begun)?));
+    }
+    Ok(Diagnosis { report, without })
+}
+
+/// Effects of a study by name.
+fn closed_to(study: &Study, names: &[String]) -> Vec<usize> {
+    (0..study.columns.effects.len()).filter(|&e| names.contains(&study.columns.effects[e].name)).collect()
+}
+
+/// What the nominal simulator shows before anything is accused.
+#[derive(Clone)]
+struct Opening {
+    level: Level,
+    places: Where,
+}
+
+impl Opening {
+    fn new(study: &Study) -> Result<Self, GapError> {
+        Ok(Self { level: decide::level(study)?, places: shares::places(study) })
+    }
+}
+
+struct Session<'a> {
+    runs: Vec<Run>,
+    model: &'a Model,
+    terrain: &'a Terrain,
+    options: &'a Options<'a>,
+    stages: Vec<Stage>,
+    since: f64,
+}
+
+impl<'a> Session<'a> {
+    fn now(&self) -> f64 {
+        self.options.clock.map_or(0.0, |clock| clock())
+    }
+
+    fn begin(&mut self, stage: &str) {
+        if let Some(progress) = self.options.progress {
+            progress(stage);
+        }
+        self.since = self.now();
+        self.stages.push(Stage { name: stage.into(), seconds: 0.0, steps: 0 });
+    }
+
+    fn end(&mut self, study: &Study) {
+        let seconds = self.now() - self.since;
+        if let Some(stage) = self.stages.last_mut() {
+            stage.seconds = seconds;
+            stage.steps = study.steps;
+        }
+    }
+
+    /// A study of the robot as it is said to be so far.
+    fn study(&mut self, corrections: &[Correction]) -> Result<Study<'a>, GapError> {
+        self.begin("sensitivities and null");
+        let mut given = self.options.given.clone();
+        given.extend(corrections.iter().map(|c| (c.parameter.clone(), c.value)));
+        let problem = Problem::new(&self.runs[0], self.model, self.terrain, &given, self.options.cut)?;
+        let columns = Columns::new(&problem, &self.runs[0], &self.options.library)?;
+        let study = Study::new(problem, columns, &self.runs, &self.options.effort)?;
+        self.end(&study);
+        Ok(study)
+    }
+
+    /// Accuses what the first round found, puts the calibrated simulator through the test again, and so on.
+    fn follow(
+        &mut self,
+        nominal: &mut Study<'a>,
+        first: Round,
+        without: &[String],
+        opening: &Opening,
+        cannot_tell: &[String],
+    ) -> Result<Findings<'a>, GapError> {
+        let mut findings = Findings {
+            accused: Vec::new(),
+            rounds: vec![first],
+            corrections: Vec::new(),
+            opening: opening.clone(),
+            level_after: opening.level,
+            cannot_tell: cannot_tell.to_vec(),
+            later: None,
+        };
+        loop {
+            let round = findings.rounds.last().expect("there is a first");
+            let Some(fit) = round.accused.map(|k| round.fits[k].clone()) else { return Ok(findings) };
+            let study = findings.later.as_mut().unwrap_or(nominal);
+            let one = self.accuse(study, fit, &findings.corrections)?;
+            merge(&mut findings.corrections, &one.corrections);
+            findings.accused.push(one);
+            let mut next = self.study(&findings.corrections)?;
+            findings.level_after = decide::level_outside(&next, &findings.regions())?;
+            if findings.accused.len() < MOST_CAUSES && findings.level_after.ratio >= NO_GAP * 0.9 {
+                self.begin("search");
+                let taken = findings.accused.iter().map(|a| a.cause.effect.clone());
+                let names: Vec<String> = taken.chain(without.iter().cloned()).collect();
+                let closed = closed_to(&next, &names);
+                let round = decide::round(&mut next, &closed)?;
+                self.end(&next);
+                findings.rounds.push(round);
+                findings.later = Some(next);
+            } else {
+                findings.later = Some(next);
+                return Ok(findings);
+            }
+        }
+    }
+
+    /// All that a report says of a cause.
+    fn accuse(&self, study: &mut Study, fit: Fit, before: &[Correction]) -> Result<Accused, GapError> {
+                let group = study.columns.groups[fit.suspect.group].clone();
+        let effect = study.columns.effects[group.effect].clone();
+        let setting = study.columns.setting_of(&study.problem, std::slice::from_ref(&fit.suspect));
+        let alone = closure(study, &setting)?;
+        let corrections = setting
+            .iter()
+            .map(|&(id, value)| {
+                let info = &study.problem.catalogue[id];
+                let nominal = before.iter().find(|c| c.parameter == info.name).map_or(study.problem.nominal[id], |c| c.nominal);
+                Correction { parameter: info.name.clone(), value, nominal, unit: info.unit.into() }
+            })
+            .collect();
+        let cause = Cause {
+            effect: effect.name.clone(),
+            probability: 0.0,
+            scope: match fit.suspect.extent {
+                Some(Extent::Region(_)) => vec!["region".into()],
+                _ => group.names.clone(),
+            },
+            parameters: estimates(&effect, &fit),
+            closed_alone: alone.closed(),
+            confusable_with: telling::confusable(study, &fit.suspect),
+            separating_experiment: effect.experiment.clone(),
+        };
+        Ok(Accused { fit, cause, corrections })
+    }
+}
+
+/// Values of a fit by name, with intervals.
+fn estimates(effect: &Effect, fit: &Fit) -> Vec<ParameterEstimate> {
+    let mut names: Vec<(String, String)> = effect
+        .axes
+        .iter()
+        .map(|axis| {
+            let parameter = axis.moves.keys().next().map_or(axis.name.as_str(), |p| p.rsplit('.').next().unwrap_or(p));
+            (parameter.to_string(), effect.unit.clone())
+        })
+        .collect();
+    let extent: &[(&str, &str)] = match fit.suspect.extent {
+        Some(Extent::Time(_)) => &[("start", "s"), ("end", "s")],
+        Some(Extent::Region(_)) => &[("x_min", "m"), ("x_max", "m"), ("y_min", "m"), ("y_max", "m")],
+        None => &[],
+    };
+    names.extend(extent.iter().map(|(name, unit)| (name.to_string(), unit.to_string())));
+    let numbers = fit.suspect.values.iter().copied().chain(fit.suspect.extent.iter().flat_map(Extent::numbers));
+    names
+        .into_iter()
+        .zip(numbers)
+        .enumerate()
+        .map(|(k, ((name, unit), value))| {
+            // What engines differ in moves a value farther than noise does: a share of the value is added.
+            let deviation = fit.deviations.get(k).copied().filter(|d| d.is_finite()).unwrap_or(0.0);
+            let own = if k < effect.axes.len() { (0.06 * value).abs().max(0.7 * effect.tolerance) } else { 0.05 };
+            let half = 1.96 * deviation.hypot(own);
+            ParameterEstimate { name, value, ci95: [value - half, value + half], unit }
+        })
+        .collect()
+}
+
+/// Later corrections of a parameter replace earlier ones.
+fn merge(all: &mut Vec<Correction>, new: &[Correction]) {
+    for correction in new {
+        all.retain(|c| c.parameter != correction.parameter);
+        all.push(correction.clone());
+    }
+    all.sort_by(|a, b| a.parameter.cmp(&b.parameter));
+}
+
+/// Corrections as the setting of a study.
+fn setting(study: &Study, corrections: &[Correction]) -> Setting {
+    let mut setting: Setting =
+        corrections.iter().filter_map(|c| study.problem.parameter(&c.parameter).map(|id| (id, c.value))).collect();
+    setting.sort_by_key(|s| s.0);
+    setting
+}
+
+/// All that was found.
+struct Findings<'a> {
+    accused: Vec<Accused>,
+    rounds: Vec<Round>,
+    corrections: Vec<Correction>,
+    opening: Opening,
+    level_after: Level,
+    cannot_tell: Vec<String>,
+    /// The robot with all that is accused.
+    later: Option<Study<'a>>,
+}
+
+impl Findings<'_> {
+    /// Regions that are accused.
+    fn regions(&self) -> Vec<[f64; 4]> {
+        let region = |a: &Accused| match a.fit.suspect.extent {
+            Some(Extent::Region(r)) => Some(r),
+            _ => None,
+        };
+        self.accused.iter().filter_map(region).collect()
+    }
+
+    fn report(mut self, session: &mut Session, nominal: &mut Study, begun: f64) -> Result<Report, GapError> {
+        let verdict = self.verdict();
+        if verdict == Verdict::Unexplained || verdict == Verdict::NoGap {
+            self.accused.clear();
+            self.corrections.clear();
+        }
+        session.begin("closure");
+        let setting = setting(nominal, &self.corrections);
+        let after = closure(nominal, &setting)?;
+        session.end(nominal);
+        let ranking = self.ranking(nominal, verdict);
+        for accused in &mut self.accused {
+            let of = ranking.iter().find(|r| r.effect == accused.cause.effect);
+            accused.cause.probability = of.map_or(0.0, |r| r.probability);
+        }
+        let gap = after.gap(nominal, session.options.effort.seed);
+        let unexplained = Unexplained {
+            share: if gap.before > gap.floor * 1.02 { 1.0 - gap.closed } else { 0.0 },
+            depends_on: rest::factors(self.later.as_ref().filter(|_| !self.accused.is_empty()).unwrap_or(nominal)),
+        };
+        let mut place = std::mem::take(&mut self.opening.places);
+        place.interfaces = self.interfaces(nominal, gap.closed);
+        let regions = self.accused.iter().filter_map(|a| a.fit.suspect.extent);
+        place.regions = shares::regions(nominal, regions);
+        let causes: Vec<Cause> = self.accused.iter().map(|a| a.cause.clone()).collect();
+        let sentence = telling::sentence(verdict, &causes, &gap, &ranking);
+        let next = telling::next(verdict, &causes, &self.rounds, nominal);
+        let (heat_map, floor_plan, curves) = pictures::all(nominal, &setting)?;
+        let runtime_s = session.now() - begun;
+        Ok(Report {
+            format: FORMAT.into(),
+            verdict,
+            sentence,
+            gap,
+            place,
+            causes,
+            ranking,
+            unexplained,
+            cannot_tell: self.cannot_tell,
+            next,
+            corrections: self.corrections,
+            heat_map,
+            floor_plan,
+            curves,
+            stages: session.stages.clone(),
+            runtime_s,
+        })
+    }
+
+    fn verdict(&self) -> Verdict {
+        let explained = self.level_after.ratio < UNEXPLAINED;
+        match (self.accused.is_empty(), explained) {
+            (true, _) if self.opening.level.ratio < NO_GAP => Verdict::NoGap,
+            (true, _) => Verdict::Unexplained,
+            (false, true) => Verdict::Explained,
+            (false, false) => self.partly(),
+        }
+    }
+
+    /// Several effects can be there and one unknown: what was found stays only if it took nearly all of the excess.
+    fn partly(&self) -> Verdict {
+        let (before, after) = (self.opening.level.ratio - 1.0, self.level_after.ratio - 1.0);
+        if after < 0.02 * before && self.level_after.ratio < 2.0 { Verdict::PartlyExplained } else { Verdict::Unexplained }
+    }
+
+    /// Probabilities of the effects and of `unknown`.
+    fn ranking(&self, study: &Study, verdict: Verdict) -> Vec<Ranked> {
+        let mut best: BTreeMap<String, f64> = BTreeMap::new();
+        let name = |fit: &Fit| study.columns.effects[study.columns.groups[fit.suspect.group].effect].name.clone();
+        if let Some(first) = self.rounds.first() {
+            for fit in &first.fits {
+                let entry = best.entry(name(fit)).or_insert(f64::NEG_INFINITY);
+                *entry = entry.max(fit.evidence);
+            }
+        }
+        // An odds ratio beyond any doubt about the model itself means nothing: evidence counts in steps of ten nats.
+        let most = best.values().copied().fold(0.0, f64::max);
+        let weight = |evidence: f64| ((evidence - most) / 10.0).exp();
+        let total: f64 = best.values().map(|e| weight(*e)).sum::<f64>().max(1e-300);
+        let unknown = match verdict {
+            Verdict::NoGap => 0.0,
+            _ => 1.0 / (1.0 + (-(self.level_after.ratio - UNEXPLAINED) / 0.06).exp()),
+        };
+        let known = if verdict == Verdict::NoGap { 0.05 } else { 1.0 - unknown };
+        let accused: Vec<&str> = self.accused.iter().map(|a| a.cause.effect.as_str()).collect();
+        let mut ranking: Vec<Ranked> = best
+            .iter()
+            .map(|(effect, evidence)| {
+                let share = known * weight(*evidence) / total;
+                // One that was found in a later round has no rival left in the first.
+                let probability = if accused.contains(&effect.as_str()) { share.max(0.9 * known) } else { share };
+                Ranked { effect: effect.clone(), probability }
+            })
+            .collect();
+        for accused in &self.accused {
+            if !ranking.iter().any(|r| r.effect == accused.cause.effect) {
+                ranking.push(Ranked { effect: accused.cause.effect.clone(), probability: 0.9 * known });
+            }
+        }
+        ranking.push(Ranked { effect: UNKNOWN.into(), probability: unknown });
+        ranking.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+        ranking
+    }
+
+    /// Shares of the interfaces: those of the causes by what they close, the rest by what freeing each interface takes away.
+    fn interfaces(&self, study: &Study, closed: f64) -> Vec<Share> {
+        let freed = shares::interfaces(study);
+        let total: f64 = self.accused.iter().map(|a| a.cause.closed_alone.max(0.01)).sum();
+        let share = |(interface, free): &(library::Interface, f64)| {
+            let of_causes: f64 = self
+                .accused
+                .iter()
+                .filter(|a| study.columns.effects.iter().any(|e| e.name == a.cause.effect && e.interface == *interface))
+                .map(|a| a.cause.closed_alone.max(0.01) / total)
+                .sum();
+            let explained = if self.accused.is_empty() { 0.0 } else { closed.max(0.6) };
+            Share { name: interface.name().into(), share: explained * of_causes + (1.0 - explained) * free }
+        };
+        let mut all: Vec<Share> = freed.iter().map(share).collect();
+        all.push(Share { name: "visual".into(), share: 0.0 });
+        all
+    }
+}

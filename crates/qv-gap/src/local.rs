@@ -1,0 +1,335 @@
+//! Effects that act in a part of the recording only: an outside force for a while, ground of another friction in a
+//! region. Where is found from the windows: first by a scan over runs of windows or rectangles, then in the simulator.
+
+use crate::GapError;
+use crate::columns::{Extent, Suspect};
+use crate::evidence::Normal;
+use crate::problem::Setting;
+use crate::search::{Base, Fit, Search, direction};
+use nalgebra::{DMatrix, DVector};
+
+/// Frictions that the ground is asked for.
+const FRICTIONS: [f64; 6] = [0.6, 0.45, 0.32, 0.22, 0.14, 0.08];
+/// Log evidence of a scan below which the simulator is not asked.
+const WORTH_A_LOOK: f64 = 12.0;
+/// Rounds of the pattern search.
+const ROUNDS: usize = 9;
+
+impl Search<'_, '_> {
+    /// Suspects that act in a part of the recording, at their best.
+    ///
+    /// # Errors
+    /// When a value means nothing.
+    pub fn local_suspects(&mut self, base: &Base, without: &[usize]) -> Result<Vec<Fit>, GapError> {
+        let mut scanned = self.scan_times(base, without);
+        scanned.extend(self.scan_regions(base, without)?);
+        scanned.sort_by(|a, b| b.0.total_cmp(&a.0));
+        scanned.truncate(4);
+        let mut fits = Vec::new();
+        for (evidence, suspect) in scanned {
+            if evidence > WORTH_A_LOOK {
+                fits.extend(self.refine(base, suspect)?);
+            }
+        }
+        Ok(fits)
+    }
+
+    /// Residual of each window of the base with the deviations that all windows ask for taken away, as normal equations.
+    fn left(&self, base: &Base) -> Vec<Option<Normal>> {
+        let deviations = self.marginal.deviations(&base.sums);
+        let width = self.study.width();
+        let mut all = DVector::zeros(width);
+        all.rows_mut(0, deviations.len()).copy_from(&deviations);
+        let left = |(n, &w): (&Option<Normal>, &usize)| {
+            n.as_ref().map(|n| {
+                let moved = &self.study.seen[w].h * &all;
+                Normal { e: n.e - 2.0 * n.b.dot(&all) + moved.dot(&all), b: &n.b - moved, count: n.count }
+            })
+        };
+        base.normals.iter().zip(&self.windows).map(left).collect()
+    }
+
+    /// Runs of windows in which an outside force or torque would explain most.
+    fn scan_times(&self, base: &Base, without: &[usize]) -> Vec<(f64, Suspect)> {
+        let left = self.left(base);
+        let columns = self.columns();
+        let length = self.study.problem.cut.window;
+        let mut found = Vec::new();
+        for (group, g) in columns.groups.iter().enumerate() {
+            let effect = &columns.effects[g.effect];
+            let taken = base.suspects.iter().any(|s| columns.groups[s.group].effect == g.effect);
+            if !effect.local || without.contains(&g.effect) || taken {
+                continue;
+            }
+            let Some(d) = direction(columns, group, 0) else { continue };
+            let wide: Vec<f64> = d.steps.iter().map(|s| (0.4 * effect.span() / s).abs()).collect();
+            let parts: Vec<Option<(DVector<f64>, DMatrix<f64>)>> = left
+                .iter()
+                .zip(&self.windows)
+                .map(|(n, &w)| {
+                    let n = n.as_ref()?;
+                    Some((d.d.tr_mul(&n.b) / self.temper, d.d.tr_mul(&(&self.study.seen[w].h * &d.d)) / self.temper))
+                })
+                .collect();
+            let Some((evidence, first, last, amounts)) = best_run(&parts, &wide) else { continue };
+            let start = |k: usize| self.study.seen[self.windows[k]].window.start;
+            let values = amounts.iter().zip(&d.steps).zip(effect.axes.iter()).map(|((a, s), _)| {
+                (a * s).clamp(effect.range[0], effect.range[1])
+            });
+            let extent = Some(Extent::Time([start(first), start(last) + length]));
+            found.push((evidence, Suspect { group, values: values.collect(), extent }));
+        }
+        // Of all joints and legs the most telling two are enough.
+        found.sort_by(|a, b| b.0.total_cmp(&a.0));
+        found.truncate(2);
+        found
+    }
+
+    /// Rectangles of the ground that another friction would explain.
+    fn scan_regions(&mut self, base: &Base, without: &[usize]) -> Result<Vec<(f64, Suspect)>, GapError> {
+        let columns = self.columns();
+        let is_friction = |e: usize| {
+            columns.effects[e].axes.iter().any(|a| a.moves.contains_key("{ground}.friction")) && !without.contains(&e)
+        };
+        let Some(group) = columns.groups.iter().position(|g| is_friction(g.effect)) else { return Ok(Vec::new()) };
+        let (Some(x_min), true) = (self.study.problem.parameter("terrain.patch.x_min"), self.study.problem.free) else {
+            return Ok(Vec::new());
+        };
+        let _ = x_min;
+        let everywhere = |mu: f64| {
+            let extent = Some(Extent::Region([-1e3, 1e3, -1e3, 1e3]));
+            Suspect { group, values: vec![mu], extent }
+        };
+        let settings: Vec<Setting> = self.settings(base, &FRICTIONS.map(everywhere));
+        let windows = self.windows.clone();
+        let normals = self.study.evaluate(&settings, &windows)?;
+        let before = self.left(base);
+        let deviations = self.marginal.deviations(&base.sums);
+        let places: Vec<[f64; 2]> = windows.iter().map(|&w| place(&self.study.seen[w].window)).collect();
+        let mut best: Option<(f64, Suspect)> = None;
+        for (mu, of_mu) in FRICTIONS.iter().zip(&normals) {
+            // What each window gains or loses by this friction.
+            let gains: Vec<f64> = (0..windows.len())
+                .map(|k| match (&before[k], &of_mu[k]) {
+                    (Some(b), Some(n)) => {
+                        let h = self.study.seen[windows[k]].h.view((0, 0), (deviations.len(), deviations.len()));
+                        let e = n.e - 2.0 * n.b.rows(0, deviations.len()).dot(&deviations) + (h * &deviations).dot(&deviations);
+                        0.5 * (b.e - e) / self.temper
+                    }
+                    _ => 0.0,
+                })
+                .collect();
+            for (gain, region) in rectangles(&places, &gains) {
+                if best.as_ref().is_none_or(|b| gain > b.0) {
+                    best = Some((gain, Suspect { group, values: vec![*mu], extent: Some(Extent::Region(region)) }));
+                }
+            }
+        }
+        Ok(best.into_iter().collect())
+    }
+
+    /// A pattern search over values and extent (Hooke and Jeeves, Journal of the ACM 8, 1961), all points of a round
+    /// simulated together.
+    fn refine(&mut self, base: &Base, suspect: Suspect) -> Result<Option<Fit>, GapError> {
+        let Some(extent) = suspect.extent else { return Ok(None) };
+        let (group, columns) = (suspect.group, self.columns());
+        let effect = columns.effects[columns.groups[group].effect].clone();
+        let axes = suspect.values.len();
+        let mut at: Vec<f64> = suspect.values.iter().copied().chain(extent.numbers()).collect();
+        let mut steps: Vec<f64> = suspect.values.iter().map(|v| (0.4 * v.abs()).max(0.04 * effect.span())).collect();
+        let edge = if matches!(extent, Extent::Time(_)) { 0.15 } else { 0.2 };
+        steps.extend(extent.numbers().iter().map(|_| edge));
+        let as_suspect = |at: &[f64]| {
+            let values = at[..axes].iter().map(|v| v.clamp(effect.range[0], effect.range[1])).collect();
+            Suspect { group, values, extent: Some(extent.with(&at[axes..])) }
+        };
+        let mut loss = self.loss_at(base, &[as_suspect(&at)])?[0];
+        for round in 0..ROUNDS {
+            if round % 3 == 1 && matches!(extent, Extent::Region(_)) {
+                // Whether a foot slips is a threshold: no slope leads from one side of it to the other.
+                (at, loss) = self.best_friction(base, at, loss, &as_suspect)?;
+            }
+            let mut points = Vec::new();
+            for k in 0..at.len() {
+                for sign in [-1.0, 1.0] {
+                    let mut moved = at.clone();
+                    moved[k] += sign * steps[k];
+                    points.push(moved);
+                }
+            }
+            let suspects: Vec<Suspect> = points.iter().map(|p| as_suspect(p)).collect();
+            let losses = self.loss_at(base, &suspects)?;
+            // All that helps, together; the best alone if that is too much.
+            let mut together = at.clone();
+            let mut helped = false;
+            for k in 0..at.len() {
+                let (down, up) = (losses[2 * k], losses[2 * k + 1]);
+                if down.min(up) < loss {
+                    together[k] = points[2 * k + usize::from(up < down)][k];
+                    helped = true;
+                } else {
+                    steps[k] *= 0.5;
+                }
+            }
+            if !helped {
+                continue;
+            }
+            let joint = self.loss_at(base, &[as_suspect(&together)])?[0];
+            let best = (0..points.len()).min_by(|&a, &b| losses[a].total_cmp(&losses[b])).unwrap_or(0);
+            if joint < losses[best] {
+                (at, loss) = (together, joint);
+            } else {
+                (at, loss) = (points[best].clone(), losses[best]);
+                steps.iter_mut().for_each(|s| *s *= 0.7);
+            }
+        }
+        let deviations = self.spreads(base, &as_suspect(&at), loss, &steps)?;
+        let ranges: Vec<f64> = (0..at.len()).map(|k| if k < axes { effect.span() } else { 10.0 }).collect();
+        let volume: f64 = deviations
+            .iter()
+            .zip(&ranges)
+            .map(|(d, range)| (d.max(1e-6 * range) * std::f64::consts::TAU.sqrt() / range).ln().min(0.0))
+            .sum();
+        let evidence = 0.5 * (base.loss - loss) / self.temper + volume;
+        Ok(loss.is_finite().then(|| Fit { suspect: as_suspect(&at), deviations, loss, evidence }))
+    }
+
+    /// The friction of a grid, with the same region, that leaves least.
+    fn best_friction(
+        &mut self,
+        base: &Base,
+        at: Vec<f64>,
+        loss: f64,
+        as_suspect: &dyn Fn(&[f64]) -> Suspect,
+    ) -> Result<(Vec<f64>, f64), GapError> {
+        let points: Vec<Vec<f64>> = FRICTIONS.iter().map(|mu| [&[*mu], &at[1..]].concat()).collect();
+        let suspects: Vec<Suspect> = points.iter().map(|p| as_suspect(p)).collect();
+        let losses = self.loss_at(base, &suspects)?;
+        let best = (0..points.len()).min_by(|&a, &b| losses[a].total_cmp(&losses[b])).unwrap_or(0);
+        Ok(if losses[best] < loss { (points[best].clone(), losses[best]) } else { (at, loss) })
+    }
+
+    fn loss_at(&mut self, base: &Base, suspects: &[Suspect]) -> Result<Vec<f64>, GapError> {
+        let open: Vec<bool> = suspects.iter().map(|s| s.extent.is_none_or(|e| e.is_open())).collect();
+        let settings = self.settings(base, suspects);
+        let windows = self.windows.clone();
+        let normals = self.study.evaluate(&settings, &windows)?;
+        let loss = |(n, open): (&Vec<Option<Normal>>, &bool)| {
+            if *open { self.loss_of(&self.marginal, n, &windows) } else { f64::INFINITY }
+        };
+        Ok(normals.iter().zip(&open).map(loss).collect())
+    }
+
+    /// Standard deviations of values and extent by the curvature of the loss on either side.
+    fn spreads(&mut self, base: &Base, at: &Suspect, loss: f64, last: &[f64]) -> Result<Vec<f64>, GapError> {
+        let Some(extent) = at.extent else { return Ok(Vec::new()) };
+        let numbers: Vec<f64> = at.values.iter().copied().chain(extent.numbers()).collect();
+        let axes = at.values.len();
+        let group = at.group;
+        let span = self.columns().effects[self.columns().groups[group].effect].span();
+        let steps: Vec<f64> = (0..numbers.len())
+            .map(|k| last[k].max(if k < axes { 0.02 * span } else if axes + 2 == numbers.len() { 0.03 } else { 0.05 }))
+            .collect();
+        let mut points = Vec::new();
+        for k in 0..numbers.len() {
+            for sign in [-1.0, 1.0] {
+                let mut moved = numbers.clone();
+                moved[k] += sign * steps[k];
+                points.push(Suspect { group, values: moved[..axes].to_vec(), extent: Some(extent.with(&moved[axes..])) });
+            }
+        }
+        let losses = self.loss_at(base, &points)?;
+        let spread = |k: usize| {
+            let rise = 0.5 * (losses[2 * k] + losses[2 * k + 1]) - loss;
+            let flat = if rise.is_finite() && rise > 0.0 { steps[k] * (self.temper / rise).sqrt() } else { steps[k] };
+            flat.min(4.0 * steps[k])
+        };
+        Ok((0..numbers.len()).map(spread).collect())
+    }
+}
+
+/// The run of windows whose common amounts have most evidence, less what choosing it costs.
+fn best_run(
+    parts: &[Option<(DVector<f64>, DMatrix<f64>)>],
+    wide: &[f64],
+) -> Option<(f64, usize, usize, DVector<f64>)> {
+    let axes = wide.len();
+    let mut best: Option<(f64, usize, usize, DVector<f64>)> = None;
+    let longest = (parts.len() / 3).max(1);
+    for first in 0..parts.len() {
+        let (mut g, mut h) = (DVector::zeros(axes), DMatrix::zeros(axes, axes));
+        for last in first..parts.len().min(first + longest) {
+            let Some((dg, dh)) = &parts[last] else { continue };
+            g += dg;
+            h += dh;
+            let mut a = h.clone();
+            (0..axes).for_each(|i| a[(i, i)] += 1.0 / (wide[i] * wide[i]));
+            let Some(factor) = a.cholesky() else { continue };
+            let amounts = factor.solve(&g);
+            let volume: f64 = factor.l().diagonal().iter().zip(wide).map(|(l, w)| (l * w).ln()).sum();
+            let evidence = 0.5 * g.dot(&amounts) - volume - (parts.len() as f64 * longest as f64).ln();
+            if best.as_ref().is_none_or(|b| evidence > b.0) {
+                best = Some((evidence, first, last, amounts));
+            }
+        }
+    }
+    best
+}
+
+/// Mean place of the robot in a window \[m\].
+pub fn place(window: &crate::problem::Window) -> [f64; 2] {
+    let Some(pose) = &window.view.measured.base_pose else { return [f64::NAN; 2] };
+    let mut row = vec![0.0; pose.joints];
+    pose.interpolate(window.start + 0.15, &mut row);
+    [row[0], row[1]]
+}
+
+/// The stripes and the rectangle with the largest sum of gains: stripes along y and x, then the other edges of the best.
+fn rectangles(places: &[[f64; 2]], gains: &[f64]) -> Vec<(f64, [f64; 4])> {
+    const FAR: f64 = 4.0;
+    let whole = |axis: usize| {
+        let all = places.iter().map(|p| p[axis]).filter(|x| x.is_finite());
+        let (low, high) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
+        [low - FAR, high + FAR]
+    };
+    let (all_x, all_y) = (whole(0), whole(1));
+    if !all_x[0].is_finite() || !all_y[0].is_finite() {
+        return Vec::new();
+    }
+    let all: Vec<usize> = (0..places.len()).collect();
+    let mut found = Vec::new();
+    for first in [0, 1] {
+        let Some((gain, stripe)) = interval(places, gains, first, &all) else { continue };
+        let other_all = if first == 0 { all_y } else { all_x };
+        let region = |a: [f64; 2], b: [f64; 2]| if first == 0 { [a[0], a[1], b[0], b[1]] } else { [b[0], b[1], a[0], a[1]] };
+        found.push((gain, region(stripe, other_all)));
+        let inside: Vec<usize> =
+            all.iter().copied().filter(|&k| (stripe[0]..=stripe[1]).contains(&places[k][first])).collect();
+        if let Some((gain, other)) = interval(places, gains, 1 - first, &inside) {
+            found.push((gain, region(stripe, other)));
+        }
+    }
+    found
+}
+
+/// The interval along an axis with the largest sum of gains (Bentley, Communications of the ACM 27, 1984), with edges
+/// midway to the neighbours.
+fn interval(places: &[[f64; 2]], gains: &[f64], axis: usize, of: &[usize]) -> Option<(f64, [f64; 2])> {
+    let mut order: Vec<usize> = of.iter().copied().filter(|&k| places[k][axis].is_finite()).collect();
+    order.sort_by(|&a, &b| places[a][axis].total_cmp(&places[b][axis]));
+    let (mut best, mut sum, mut from) = (None, 0.0, 0);
+    for (i, &k) in order.iter().enumerate() {
+        if sum <= 0.0 {
+            (sum, from) = (0.0, i);
+        }
+        sum += gains[k];
+        if best.is_none_or(|(b, _, _)| sum > b) {
+            best = Some((sum, from, i));
+        }
+    }
+    let (gain, from, to) = best?;
+    let at = |i: usize| places[order[i]][axis];
+    let low = if from == 0 { at(0) - 1.0 } else { 0.5 * (at(from - 1) + at(from)) };
+    let high = if to + 1 == order.len() { at(to) + 1.0 } else { 0.5 * (at(to) + at(to + 1)) };
+    Some((gain, [low, high]))
+}

@@ -1,0 +1,183 @@
+//! Where the gap lies: its shares by joint, leg, phase, time and place, and by interface.
+
+use crate::columns::Extent;
+use crate::evidence::widen;
+use crate::law;
+use crate::library::Interface;
+use crate::local::place;
+use crate::observe::{self, Channel};
+use crate::report::{JointShare, RegionShare, Share, TimeShare, Where};
+use crate::search::{direction, fitted};
+use crate::study::{Seen, Study};
+use qv_replay::replay::Starts;
+use qv_sim::Shape;
+
+/// A foot this near to the ground counts as standing on it \[m\].
+const ON_THE_GROUND: f64 = 0.006;
+/// Edge of a cell of the floor \[m\].
+const CELL: f64 = 0.5;
+/// Share of the gap from which a cell is told.
+const WORTH_TELLING: f64 = 0.08;
+
+/// Shares of the nominal simulator's gap. Interfaces and found regions are filled in later.
+pub fn places(study: &Study) -> Where {
+    let problem = &study.problem;
+    let names = problem.model.joint_names();
+    let bins = problem.cut.bins();
+    let mut joints = vec![0.0; names.len()];
+    let mut squares = vec![(0.0, 0usize); names.len()];
+    let mut phases = [0.0; 3];
+    let mut times = Vec::new();
+    for seen in &study.seen {
+        let separate = study.whitener(seen).separate(seen.window.moving, &seen.raw);
+        let phase = phases_of(study, seen);
+        let (mut first, mut total) = (0, 0.0);
+        for &channel in &problem.channels {
+            let width = observe::width(channel, bins);
+            for k in 0..width {
+                // What noise alone gives is no gap.
+                let excess = (separate.motion[first + k].powi(2) - 1.0).max(0.0);
+                total += excess;
+                let Some(j) = channel.joint() else { continue };
+                joints[j] += excess;
+                if let (Some(foot), Some(phase)) = (problem.feet.of_joint[j], &phase) {
+                    phases[phase[foot][k]] += excess;
+                }
+                if matches!(channel, Channel::Position(_)) {
+                    squares[j].0 += seen.raw.motion[first + k].powi(2);
+                    squares[j].1 += 1;
+                }
+            }
+            first += width;
+        }
+        let of_law = law::bins(problem);
+        for (i, x) in separate.law.iter().enumerate() {
+            let excess = (x * x - 1.0).max(0.0) * bins as f64 / of_law as f64;
+            joints[problem.law_joints[i / of_law]] += excess;
+            total += excess;
+        }
+        let start = seen.window.start;
+        times.push(TimeShare { start, end: start + problem.cut.window, share: total });
+    }
+    let all: f64 = joints.iter().sum::<f64>().max(1e-300);
+    let legs = problem.feet.names.iter().enumerate().map(|(foot, name)| {
+        let of_leg = problem.feet.of_joint.iter().zip(&joints).filter(|(f, _)| **f == Some(foot));
+        Share { name: name.clone(), share: of_leg.map(|(_, e)| e / all).sum() }
+    });
+    let legs = legs.collect();
+    let of_joint = |(j, name): (usize, &String)| JointShare {
+        name: name.clone(),
+        share: joints[j] / all,
+        pos_rms: (squares[j].0 / squares[j].1.max(1) as f64).sqrt(),
+    };
+    let in_phases = phases.iter().sum::<f64>().max(1e-300);
+    let phases = if problem.feet.names.is_empty() || !problem.free {
+        Vec::new()
+    } else {
+        ["stance", "swing", "impact"]
+            .iter()
+            .zip(phases)
+            .map(|(name, e)| Share { name: (*name).into(), share: e / in_phases })
+            .collect()
+    };
+    let in_time = times.iter().map(|t| t.share).sum::<f64>().max(1e-300);
+    times.iter_mut().for_each(|t| t.share /= in_time);
+    Where {
+        interfaces: Vec::new(),
+        joints: names.iter().enumerate().map(of_joint).collect(),
+        legs,
+        phases,
+        times,
+        regions: Vec::new(),
+    }
+}
+
+/// Stance 0, swing 1 or impact 2 of each foot in each bin; `None` for a robot without feet on a ground.
+fn phases_of(study: &Study, seen: &Seen) -> Option<Vec<Vec<usize>>> {
+    let problem = &study.problem;
+    if !problem.free || problem.feet.geoms.is_empty() {
+        return None;
+    }
+    let starts = Starts::new(&seen.window.view, &problem.columns, true, Default::default()).ok()?;
+    let bins = problem.cut.bins();
+    let heights: Vec<Option<Vec<f64>>> = (0..=bins)
+        .map(|b| {
+            let state = starts.at(seen.window.start + b as f64 * problem.cut.bin)?;
+            let poses = problem.model.world_from_links(&state.q);
+            let height = |g: &usize| {
+                let geom = &problem.model.geoms[*g];
+                let centre = poses[geom.link].transform_point(geom.link_from_geom.position);
+                let radius = if let Shape::Sphere(r) = geom.shape { r } else { 0.0 };
+                let ground = problem.terrain.height_below(centre.x, centre.y, centre.z + 1.0).unwrap_or(0.0);
+                centre.z - radius - ground
+            };
+            Some(problem.feet.geoms.iter().map(height).collect())
+        })
+        .collect();
+    let lowest = heights.iter().flatten().flatten().copied().fold(f64::INFINITY, f64::min);
+    let stands = |b: usize, foot: usize| heights[b].as_ref().is_none_or(|h| h[foot] < lowest + ON_THE_GROUND);
+    let of_foot = |foot: usize| {
+        let phase = |b: usize| match (stands(b, foot), stands(b + 1, foot)) {
+            (true, true) => 0,
+            (false, false) => 1,
+            _ => 2,
+        };
+        (0..bins).map(phase).collect()
+    };
+    Some((0..problem.feet.geoms.len()).map(of_foot).collect())
+}
+
+/// Shares of the loss that setting each interface free takes away beyond what is tolerated.
+pub fn interfaces(study: &Study) -> Vec<(Interface, f64)> {
+    let Some(marginal) = study.marginal(fitted) else { return Interface::ALL.map(|i| (i, 0.25)).to_vec() };
+    let sums = study.nominal(fitted);
+    let force = marginal.force(&sums);
+    let gain = |interface: Interface| {
+        let of: Vec<(usize, f64)> = study
+            .columns
+            .groups
+            .iter()
+            .enumerate()
+            .filter(|(_, g)| study.columns.effects[g.effect].interface == interface)
+            .filter_map(|(g, group)| {
+                let effect = &study.columns.effects[group.effect];
+                let d = direction(&study.columns, g, 0)?;
+                let wide: Vec<f64> = d.steps.iter().map(|s| (0.4 * effect.span() / s).abs()).collect();
+                widen(&marginal.curvature, &force, &d.d, &wide, 1.0).map(|(evidence, _)| (g, evidence))
+            })
+            .collect();
+        of.iter().map(|(_, e)| *e).fold(0.0, f64::max)
+    };
+    let gains: Vec<(Interface, f64)> = Interface::ALL.iter().map(|&i| (i, gain(i))).collect();
+    let total: f64 = gains.iter().map(|g| g.1).sum();
+    gains.into_iter().map(|(i, g)| (i, if total > 0.0 { g / total } else { 0.25 })).collect()
+}
+
+/// Regions that were found, and cells of the floor with more than their share.
+pub fn regions(study: &Study, found: impl Iterator<Item = Extent>) -> Vec<RegionShare> {
+    let level = |seen: &Seen| (seen.residual.norm_squared() / seen.residual.len() as f64 - study.floor).max(0.0);
+    let points: Vec<([f64; 2], f64)> = study.seen.iter().map(|s| (place(&s.window), level(s))).collect();
+    let total: f64 = points.iter().map(|p| p.1).sum::<f64>().max(1e-300);
+    let share = |x: [f64; 2], y: [f64; 2]| {
+        let inside = |p: &[f64; 2]| (x[0]..x[1]).contains(&p[0]) && (y[0]..y[1]).contains(&p[1]);
+        points.iter().filter(|(p, _)| inside(p)).map(|p| p.1).sum::<f64>() / total
+    };
+    let mut all: Vec<RegionShare> = Vec::new();
+    for extent in found {
+        if let Extent::Region([x0, x1, y0, y1]) = extent {
+            all.push(RegionShare { name: "found".into(), x: [x0, x1], y: [y0, y1], share: share([x0, x1], [y0, y1]) });
+        }
+    }
+    let mut cells: Vec<[i64; 2]> =
+        points.iter().filter(|(p, _)| p[0].is_finite()).map(|(p, _)| p.map(|c| (c / CELL).floor() as i64)).collect();
+    cells.sort_unstable();
+    cells.dedup();
+    for [i, j] in cells {
+        let edge = |k: i64| [k as f64 * CELL, (k + 1) as f64 * CELL];
+        let of_cell = share(edge(i), edge(j));
+        if of_cell > WORTH_TELLING {
+            all.push(RegionShare { name: format!("cell {i}, {j}"), x: edge(i), y: edge(j), share: of_cell });
+        }
+    }
+    all
+}

@@ -1,0 +1,202 @@
+//! What a diagnosis says in words: what it cannot tell and why, the verdict, what to do next.
+
+use crate::columns::Suspect;
+use crate::decide::Round;
+use crate::library::Effect;
+use crate::observe::{rotation_at, snippet};
+use crate::report::{Cause, Gap, ParameterEstimate, Ranked, UNKNOWN, Verdict};
+use crate::search::{direction, fitted};
+use crate::study::Study;
+use qv_replay::Run;
+use qv_replay::run::FaultKind;
+
+/// Cosine of the angle between sensitivities from which effects count as alike.
+const ALIKE: f64 = 0.75;
+/// A trunk tilted by more than this lies on the ground \[rad\].
+const FALLEN: f64 = 1.0;
+
+/// What is broken in the recordings.
+pub fn faults(runs: &[Run]) -> Vec<String> {
+    let mut told = Vec::new();
+    for fault in runs.iter().flat_map(|r| &r.faults) {
+        let line = match fault.kind {
+            FaultKind::Frozen => format!("{} stood still: nothing is accused on it ({})", fault.channel, fault.detail),
+            FaultKind::Missing => format!("{} was not recorded", fault.channel),
+            kind if kind.is_partial() => format!("{kind} in {} at {:.2} s: {}", fault.channel, fault.time, fault.detail),
+            _ => continue,
+        };
+        if !told.contains(&line) {
+            told.push(line);
+        }
+    }
+    told
+}
+
+/// The runs up to a fall, and what is said about falls.
+pub fn upright(runs: &[Run]) -> (Vec<Run>, Vec<String>) {
+    let mut told = Vec::new();
+    let cut = |run: &Run| match fall(run) {
+        Some(time) => {
+            told.push(format!("the robot fell at {time:.1} s: what comes after is left out"));
+            let whole = snippet(run, run.span()[0], time - 0.3);
+            Run { faults: run.faults.clone(), robot: run.robot.clone(), ..whole }
+        }
+        None => run.clone(),
+    };
+    (runs.iter().map(cut).collect(), told)
+}
+
+fn fall(run: &Run) -> Option<f64> {
+    let (series, first) = match (&run.measured.orientation, &run.measured.base_pose) {
+        (Some(imu), _) => (imu, 0),
+        (None, Some(pose)) => (pose, 3),
+        _ => return None,
+    };
+    let tilted = |i: &usize| {
+        let rotation = rotation_at(series, first, series.time[*i]);
+        rotation.is_some_and(|q| (q * glam::DVec3::Z).z < FALLEN.cos())
+    };
+    (0..series.len()).step_by(5).find(tilted).map(|i| series.time[i])
+}
+
+/// Effects that this recording cannot show, and channels whose lack is the reason.
+pub fn missing(study: &Study, run: &Run, library: &[Effect]) -> Vec<String> {
+    let m = &run.measured;
+    let mut told = Vec::new();
+    if m.torque.is_none() {
+        told.push("joint torques were not measured: what the motors do cannot be told from what the legs do".to_string());
+    }
+    if study.problem.free && m.orientation.is_none() {
+        told.push("there is no IMU orientation: tilt of the IMU and delay of the pose cannot be told".to_string());
+    }
+    let lacking: Vec<&str> = library
+        .iter()
+        .filter(|e| !study.columns.effects.iter().any(|s| s.name == e.name))
+        .map(|e| e.name.as_str())
+        .collect();
+    if !lacking.is_empty() {
+        told.push(format!("no channel or part of this robot could show {}", lacking.join(", ")));
+    }
+    let weak = weak(study);
+    if !weak.is_empty() {
+        told.push(format!("too little excitation to tell {}", weak.join(", ")));
+    }
+    told
+}
+
+/// Effects whose value this recording leaves open by more than half of their range.
+fn weak(study: &Study) -> Vec<String> {
+    let Some(marginal) = study.marginal(fitted) else { return Vec::new() };
+    let mut weak: Vec<String> = Vec::new();
+    for (index, effect) in study.columns.effects.iter().enumerate() {
+        let group = study.columns.groups.iter().position(|g| g.effect == index);
+        let open = |level: usize| {
+            let Some(d) = group.and_then(|g| direction(&study.columns, g, level)) else { return true };
+            let h = d.d.transpose() * &marginal.curvature * &d.d;
+            // A limit that never bites has no curvature at any level.
+            (0..d.steps.len()).all(|a| h[(a, a)] < 1e-9 || d.steps[a].abs() / h[(a, a)].sqrt() > 0.25 * effect.span().max(d.steps[a].abs()))
+        };
+        if (0..effect.levels.len()).all(open) {
+            weak.push(effect.name.clone());
+        }
+    }
+    weak
+}
+
+/// Effects whose sensitivities point nearly the same way as a suspect's.
+pub fn confusable(study: &Study, suspect: &Suspect) -> Vec<String> {
+    let columns = &study.columns;
+    let Some(own) = direction(columns, suspect.group, 0) else { return Vec::new() };
+    let mut h = nalgebra::DMatrix::zeros(study.width(), study.width());
+    study.seen.iter().for_each(|s| h += &s.h * fitted(s));
+    // Along the values that were found.
+    let mut along = nalgebra::DVector::zeros(study.width());
+    for (axis, value) in suspect.values.iter().enumerate() {
+        let absent = if own.absent[axis].is_finite() { own.absent[axis] } else { value - own.steps[axis] };
+        along.axpy((value - absent) / own.steps[axis], &own.d.column(axis), 1.0);
+    }
+    let length = along.dot(&(&h * &along)).sqrt();
+    let names = &columns.groups[suspect.group].names;
+    let mut alike: Vec<(f64, String)> = Vec::new();
+    for (index, group) in columns.groups.iter().enumerate() {
+        let effect = &columns.effects[group.effect];
+        if group.effect == columns.groups[suspect.group].effect || (group.names != *names && group.names != ["all"]) {
+            continue;
+        }
+        let Some(other) = direction(columns, index, 0) else { continue };
+        // The angle to the space that the other effect's axes span.
+        let hd = &h * &other.d;
+        let gram = other.d.tr_mul(&hd);
+        let projection = hd.tr_mul(&along);
+        let Some(factor) = gram.cholesky() else { continue };
+        let cosine = projection.dot(&factor.solve(&projection)).max(0.0).sqrt() / length.max(1e-300);
+        if cosine > ALIKE && !alike.iter().any(|(_, name)| *name == effect.name) {
+            alike.push((cosine, effect.name.clone()));
+        }
+    }
+    alike.sort_by(|a, b| b.0.total_cmp(&a.0));
+    alike.into_iter().map(|a| a.1).collect()
+}
+
+/// An amount in the unit that people use for it.
+pub fn amount(estimate: &ParameterEstimate) -> String {
+    let (factor, unit) = match estimate.unit.as_str() {
+        "s" if !["start", "end"].contains(&estimate.name.as_str()) => (1e3, "ms"),
+        "rad" => (1e3, "mrad"),
+        "m" if estimate.name == "radius_offset" => (1e3, "mm"),
+        "1" if estimate.name != "friction" && estimate.name != "restitution" => (100.0, "%"),
+        "1" => (1.0, ""),
+        unit => (1.0, unit),
+    };
+    format!("{} {:.3} {unit}", estimate.name.replace('_', " "), factor * estimate.value).trim_end().to_string()
+}
+
+/// The verdict in a sentence.
+pub fn sentence(verdict: Verdict, causes: &[Cause], gap: &Gap, ranking: &[Ranked]) -> String {
+    let described = |c: &Cause| {
+        let amounts: Vec<String> = c.parameters.iter().map(amount).collect();
+        let whom = if c.scope == ["all"] { String::new() } else { format!(" at {}", c.scope.join(", ")) };
+        format!("{}{whom} ({})", c.effect.replace('_', " "), amounts.join(", "))
+    };
+    let all: Vec<String> = causes.iter().map(described).collect();
+    let closed = format!("{:.0} % of the gap in windows that no fit has seen", 100.0 * gap.closed);
+    match verdict {
+        Verdict::NoGap => "Simulator and robot agree as well as sensor noise and the tolerances of any robot let them.".into(),
+        Verdict::Explained => format!("The gap is {}; with it the simulator closes {closed}.", all.join(" and ")),
+        Verdict::PartlyExplained => {
+            format!("Most of the gap is {}, which closes {closed}; something else is there, too.", all.join(" and "))
+        }
+        Verdict::Unexplained => {
+            let runner_up = ranking.iter().find(|r| r.effect != UNKNOWN);
+            let nearest = runner_up.map_or(String::new(), |r| format!(" The nearest, {}, does not explain it.", r.effect.replace('_', " ")));
+            format!("There is a gap that no single effect of the library explains.{nearest}")
+        }
+    }
+}
+
+/// What to do next.
+pub fn next(verdict: Verdict, causes: &[Cause], rounds: &[Round], study: &Study) -> Vec<String> {
+    let mut next = Vec::new();
+    match verdict {
+        Verdict::NoGap => next.push("Nothing to correct. For a sharper test record faster and larger motions.".into()),
+        Verdict::Explained | Verdict::PartlyExplained => {
+            next.push("Use calibrated.toml (`qv replay --params`), or the corrections for MuJoCo, URDF and Isaac Lab beside it.".into());
+            next.push("Record once more and diagnose with --params calibrated.toml: the verdict should be no_gap.".into());
+            for cause in causes.iter().filter(|c| !c.confusable_with.is_empty()) {
+                let likes = cause.confusable_with.join(", ");
+                next.push(format!("{} looks like {likes} here. To tell them apart: {}.", cause.effect, cause.separating_experiment));
+            }
+        }
+        Verdict::Unexplained => {
+            next.push("Look at what is left and what it goes along with; add an effect of your own with --library.".into());
+            if let Some(fit) = rounds.first().and_then(|r| r.fits.first()) {
+                let effect = &study.columns.effects[study.columns.groups[fit.suspect.group].effect];
+                next.push(format!("To rule {} out or in: {}.", effect.name, effect.experiment));
+            }
+        }
+    }
+    if let Some(round) = rounds.last().filter(|r| r.accused.is_none() && !r.reason.is_empty()) {
+        next.push(format!("Not accused: {}.", round.reason));
+    }
+    next
+}

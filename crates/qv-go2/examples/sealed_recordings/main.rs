@@ -1,0 +1,161 @@
+//! Recordings whose cause is known to whoever holds the answers, which go to standard output as one JSON document:
+//! `cargo run --release -p qv-go2 --features rapier --example sealed_recordings -- --out DIR --seed 7 --effects
+//! motor_strength,payload_mass --per-effect 2 --none 2 --withheld 3 > answers.json`.
+
+mod answers;
+mod order;
+
+use clap::{Parser, ValueEnum};
+use order::Order;
+use qv_go2::model::JOINT_NAMES;
+use qv_go2::sealed::{self, Drawn, EngineChoice, Outcome, Request};
+use qv_go2::synthetic::{Message, sub_seed, write_bag};
+use rayon::prelude::*;
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::fs::{self, File};
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+#[derive(Parser)]
+struct Arguments {
+    /// Folder for the recordings: one folder of an opaque name for each, with run.mcap in it
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Seed of everything
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Effects of the library to record one at a time, or `all`
+    #[arg(long, value_delimiter = ',', value_name = "NAMES")]
+    effects: Vec<String>,
+    /// Recordings of each of them
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    per_effect: usize,
+    /// Recordings with two effects at once, out of --effects or all
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pairs: usize,
+    /// Recordings with an effect that no library has
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    withheld: usize,
+    /// Recordings of a robot with nothing but small unnamed differences
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    none: usize,
+    /// Engine to record with; `both` takes turns
+    #[arg(long, value_enum, default_value_t = Engines::Second)]
+    engine: Engines,
+    /// Where taking turns begins
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    first_turn: usize,
+    /// Beside each recording the same one without its effect, unless the robot falls then
+    #[arg(long)]
+    twins: bool,
+    /// How often each recording was redrawn, as JSON by name: those that are there are not made again
+    #[arg(long, value_name = "FILE")]
+    redraws: Option<PathBuf>,
+    /// Answers to this file instead of standard output: for development
+    #[arg(long, value_name = "FILE")]
+    answers: Option<PathBuf>,
+    /// Recordings made at a time
+    #[arg(long, default_value_t = 2, value_name = "N")]
+    jobs: usize,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Engines {
+    Ours,
+    Second,
+    Both,
+}
+
+impl Engines {
+    /// Engine of the `turn`-th recording of a kind.
+    fn of(self, turn: usize) -> EngineChoice {
+        match self {
+            Self::Both if turn.is_multiple_of(2) => EngineChoice::Second,
+            Self::Second => EngineChoice::Second,
+            Self::Ours | Self::Both => EngineChoice::Ours,
+        }
+    }
+}
+
+/// A name that says nothing.
+fn opaque(seed: u64, index: usize, twin: bool) -> String {
+    let of = |part: u64| sub_seed(sub_seed(seed, index as u64), 2 * part + u64::from(twin));
+    format!("{:016x}", of(0x6e61_6d65))
+}
+
+fn write(folder: &Path, messages: &[Message]) -> Result<(), Failure> {
+    fs::create_dir_all(folder)?;
+    // Under its name only when it is whole.
+    let (half, whole) = (folder.join("run.mcap.part"), folder.join("run.mcap"));
+    write_bag(messages, BufWriter::new(File::create(&half)?))?;
+    Ok(fs::rename(half, whole)?)
+}
+
+type Failure = Box<dyn Error + Send + Sync>;
+
+/// Makes one recording, and its twin; their names and answers.
+fn carry_out(
+    arguments: &Arguments,
+    known: &BTreeMap<String, u64>,
+    index: usize,
+    order: &Order,
+) -> Result<Vec<(String, Value)>, Failure> {
+    let request =
+        Request { engine: arguments.engine.of(arguments.first_turn + order.turn), wanted: order.wanted.clone() };
+    let seed = sub_seed(arguments.seed, index as u64);
+    let [name, twin] = [false, true].map(|twin| opaque(arguments.seed, index, twin));
+    let at = |name: &str| arguments.out.join(name);
+    let is_there = |name: &str| at(name).join("run.mcap").is_file();
+    let (drawn, redraws) = match known.get(&name) {
+        Some(&redraws) if is_there(&name) => (sealed::redraw(&request, seed, redraws)?, redraws),
+        _ => {
+            let made = sealed::make(&request, seed)?;
+            write(&at(&name), &made.messages)?;
+            (made.drawn, made.rejected.len() as u64)
+        }
+    };
+    let mut answer = answers::of(order.case, &drawn, redraws);
+    if !arguments.twins {
+        return Ok(vec![(name, answer)]);
+    }
+    let plain = Drawn { recipe: drawn.recipe.without_effects(), ..drawn };
+    let (outcome, messages) = sealed::record(&plain.recipe)?;
+    if matches!(outcome, Outcome::Fell { .. }) {
+        // Friction may keep a robot up that falls without it: then there is no twin.
+        return Ok(vec![(name, answer)]);
+    }
+    write(&at(&twin), &messages)?;
+    answer["twin"] = json!(twin);
+    let mut other = answers::of("none", &plain, redraws);
+    other["twin"] = json!(name);
+    Ok(vec![(name, answer), (twin, other)])
+}
+
+fn known_redraws(arguments: &Arguments) -> Result<BTreeMap<String, u64>, Failure> {
+    let Some(file) = &arguments.redraws else { return Ok(BTreeMap::new()) };
+    let text = fs::read_to_string(file).map_err(|e| format!("{}: {e}", file.display()))?;
+    Ok(serde_json::from_str(&text).map_err(|e| format!("{}: expected counts by name: {e}", file.display()))?)
+}
+
+fn main() -> Result<(), Failure> {
+    let arguments = Arguments::parse();
+    let orders = order::list(&arguments)?;
+    let known = known_redraws(&arguments)?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(arguments.jobs.max(1)).build()?;
+    let made: Vec<_> = pool.install(|| {
+        let numbered = orders.par_iter().enumerate().with_max_len(1);
+        numbered.map(|(index, order)| carry_out(&arguments, &known, index, order)).collect::<Result<_, _>>()
+    })?;
+    let recordings: Map<String, Value> = made.into_iter().flatten().collect();
+    let answers = json!({
+        "format": "qv-sealed/1", "seed": arguments.seed, "joints": JOINT_NAMES, "recordings": recordings,
+    });
+    let text = format!("{answers:#}\n");
+    match &arguments.answers {
+        Some(file) => fs::write(file, text)?,
+        None => print!("{text}"),
+    }
+    Ok(())
+}

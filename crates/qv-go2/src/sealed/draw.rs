@@ -1,0 +1,189 @@
+//! Recipes drawn until one of them is a valid recording.
+
+use super::effects::{Cause, EFFECTS, needs_our_engine};
+use super::recipe::{self, Engine, Recipe};
+use super::record::{Outcome, record};
+use super::scout::Scout;
+use super::sections::Plan;
+use super::withheld::{WITHHELD, Withheld};
+use crate::synthetic::{Deviations, Draws, Message, sub_seed};
+use qv_replay::ReplayError;
+
+/// Draws after which [`make`] gives up.
+pub const ATTEMPTS: u64 = 60;
+
+/// Time that loaded feet must spend in a region, summed over feet, for it to act \[s\].
+const LEAST_IN_REGION: f64 = 0.5;
+
+/// Which engine to record with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum EngineChoice {
+    /// qv-sim, with other numerics.
+    Ours,
+    /// The second engine, but for effects that it hardly shows.
+    Second,
+}
+
+/// What shall be wrong with the robot.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Wanted {
+    /// No more than small differences that nobody names.
+    Nothing,
+    /// These effects at once, names out of [`EFFECTS`].
+    Effects(Vec<String>),
+    /// An effect that no library has, a name out of [`WITHHELD`].
+    Withheld(String),
+}
+
+/// What to record.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Request {
+    /// With which engine.
+    pub engine: EngineChoice,
+    /// Of which robot.
+    pub wanted: Wanted,
+}
+
+/// Why a draw was no valid recording.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Rejection {
+    /// The robot falls even without the effect.
+    FallsAnyway,
+    /// The motion does not bring the effect out.
+    DoesNotAct,
+    /// The robot fell at this time \[s\].
+    Fell(f64),
+}
+
+/// A valid recording.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Made {
+    /// What it is.
+    pub drawn: Drawn,
+    /// Why the draws before it were not taken.
+    pub rejected: Vec<Rejection>,
+    /// The messages, in the order of their times.
+    pub messages: Vec<Message>,
+}
+
+/// A recipe as it was drawn.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Drawn {
+    /// What it is.
+    pub recipe: Recipe,
+    /// Why another engine was taken than asked for.
+    pub other_engine: Option<String>,
+}
+
+/// Draws recipes from sub-seeds of `seed` until the robot stays on its feet and its effects act.
+///
+/// # Errors
+/// When a name is unknown, the second engine is asked for and not built in, or no draw of [`ATTEMPTS`] was valid.
+pub fn make(request: &Request, seed: u64) -> Result<Made, ReplayError> {
+    check(&request.wanted)?;
+    let mut rejected = Vec::new();
+    for attempt in 0..ATTEMPTS {
+        let drawn = match draw(request, sub_seed(seed, attempt))? {
+            Ok(drawn) => drawn,
+            Err(reason) => {
+                rejected.push(reason);
+                continue;
+            }
+        };
+        let confined = drawn.recipe.causes.iter().any(|cause| cause.region.is_some());
+        match record(&drawn.recipe)? {
+            (Outcome::Fell { at }, _) => rejected.push(Rejection::Fell(at)),
+            (Outcome::Stood { in_region, .. }, _) if confined && in_region < LEAST_IN_REGION => {
+                rejected.push(Rejection::DoesNotAct);
+            }
+            (Outcome::Stood { .. }, messages) => return Ok(Made { drawn, rejected, messages }),
+        }
+    }
+    Err(ReplayError::Run {
+        what: format!("recording of {:?} from seed {seed}", request.wanted),
+        expected: format!("a valid draw among {ATTEMPTS}"),
+        found: format!("none: {rejected:?}"),
+    })
+}
+
+/// The recipe that [`make`] took after `redraws` rejections, without recording it again.
+///
+/// # Errors
+/// When a name is unknown, or this draw cannot have been the one taken.
+pub fn redraw(request: &Request, seed: u64, redraws: u64) -> Result<Drawn, ReplayError> {
+    check(&request.wanted)?;
+    draw(request, sub_seed(seed, redraws))?.map_err(|reason| ReplayError::Run {
+        what: format!("draw {redraws} of {:?} from seed {seed}", request.wanted),
+        expected: "the one that was recorded".into(),
+        found: format!("one that was rejected: {reason:?}"),
+    })
+}
+
+fn check(wanted: &Wanted) -> Result<(), ReplayError> {
+    let unknown = |name: &str, known: &[&str]| {
+        let (what, expected) = ("effect of a recording".into(), format!("one of {}", known.join(", ")));
+        Err(ReplayError::Run { what, expected, found: name.into() })
+    };
+    match wanted {
+        Wanted::Nothing => Ok(()),
+        Wanted::Effects(names) => match names.iter().find(|name| !EFFECTS.contains(&name.as_str())) {
+            Some(name) => unknown(name, &EFFECTS),
+            None => Ok(()),
+        },
+        Wanted::Withheld(name) if !WITHHELD.contains(&name.as_str()) => unknown(name, &WITHHELD),
+        Wanted::Withheld(_) => Ok(()),
+    }
+}
+
+/// One recipe, or why there is none from this seed.
+fn draw(request: &Request, seed: u64) -> Result<Result<Drawn, Rejection>, ReplayError> {
+    let mut draws = Draws(seed);
+    let (engine, other_engine) = engine(request, &mut draws);
+    let mut recipe = Recipe {
+        seed: sub_seed(seed, 1),
+        engine,
+        plan: Plan::drawn(&mut draws),
+        kp: draws.between(25.0, 60.0),
+        kd: draws.between(0.8, 2.0),
+        differences: recipe::small_differences(sub_seed(seed, 2)),
+        deviations: Deviations::drawn(&mut draws, 0.5, 1.5),
+        causes: Vec::new(),
+        withheld: None,
+    };
+    let Some(scout) = Scout::run(&recipe)? else { return Ok(Err(Rejection::FallsAnyway)) };
+    match &request.wanted {
+        Wanted::Nothing => {}
+        Wanted::Effects(names) => {
+            for name in names {
+                match Cause::drawn(name, &mut draws, &scout, recipe.plan.walking()) {
+                    Some(cause) => recipe.causes.push(cause),
+                    None => return Ok(Err(Rejection::DoesNotAct)),
+                }
+            }
+        }
+        Wanted::Withheld(name) => match Withheld::drawn(name, &mut draws, &scout) {
+            Some(effect) => recipe.withheld = Some(effect),
+            None => return Ok(Err(Rejection::DoesNotAct)),
+        },
+    }
+    Ok(Ok(Drawn { recipe, other_engine }))
+}
+
+fn engine(request: &Request, draws: &mut Draws) -> (Engine, Option<String>) {
+    let unseen = match &request.wanted {
+        Wanted::Effects(names) => names.iter().find(|name| needs_our_engine(name)),
+        _ => None,
+    };
+    match (request.engine, unseen) {
+        (EngineChoice::Second, Some(name)) => {
+            (Engine::ours(draws), Some(format!("the second engine hardly shows {name}")))
+        }
+        (EngineChoice::Second, None) => (Engine::second(draws), None),
+        (EngineChoice::Ours, _) => {
+            let engine = Engine::ours(draws);
+            // Outside torques follow the motion step by step, and need short steps for that.
+            let stepwise = matches!(request.wanted, Wanted::Withheld(_));
+            (if stepwise { engine.with_short_steps() } else { engine }, None)
+        }
+    }
+}

@@ -1,0 +1,23 @@
+//! Recordings of a simulated Go2 whose departure from its model is known to whoever made them and to nobody else: for
+//! judging a diagnosis.
+//!
+//! A [`Recipe`] says all about one recording: the engine (our own with other numerics, or the second one), a motion of
+//! several sections, gains, small differences that nobody names, sensor noise, and the named effects ([`Cause`]) or one
+//! effect that no library has ([`Withheld`]). [`make`] draws recipes from a seed until the robot stays on its feet and
+//! does what makes the effect act. The same seed gives the same bytes.
+
+mod draw;
+mod effects;
+mod plant;
+mod recipe;
+mod record;
+mod scout;
+mod sections;
+mod withheld;
+
+pub use draw::{ATTEMPTS, Drawn, EngineChoice, Made, Rejection, Request, Wanted, make, redraw};
+pub use effects::{Cause, EFFECTS, Figure, Region, confusable_group, interface, needs_our_engine};
+pub use recipe::{Engine, Recipe};
+pub use record::{Outcome, SETTLING, record};
+pub use sections::{Plan, Section};
+pub use withheld::{WITHHELD, Withheld};

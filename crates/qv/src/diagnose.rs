@@ -1,0 +1,183 @@
+//! `qv diagnose`: where the gap lies, what causes it, how far it shrinks.
+
+use crate::glb::read_glb;
+use crate::open::{file_error, model_of, open_run, spinner};
+use crate::{Outcome, RunArguments, say};
+use qv_gap::report::{Report, UNKNOWN};
+use qv_gap::{GapError, Options, diagnose, library};
+use qv_replay::replay::parameters_from_toml;
+use qv_replay::{ReplayError, Run};
+use qv_sim::Terrain;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+pub const EXAMPLE: &str = "Example:\n  qv diagnose walk.mcap --out out/walk\n  qv diagnose monday.mcap tuesday.mcap --terrain yard.glb \
+    --library mine.toml --out out/both\n\n\
+    Writes report.json, report.html, calibrated.toml (for --params), and the same corrections for MuJoCo, URDF and Isaac \
+    Lab.\nSeveral recordings are taken to be of one robot with one cause.\n\n\
+    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
+
+#[derive(clap::Args)]
+pub struct Diagnose {
+    /// Bags (.mcap files, or directories of split bags), or tables (run.csv, or their directories)
+    #[arg(required = true, value_name = "RUN")]
+    runs: Vec<PathBuf>,
+    /// Topic of the base pose; default /Odometry, else whichever topic carries poses
+    #[arg(long, value_name = "TOPIC")]
+    pose_topic: Option<String>,
+    /// go2, or a URDF file; default: what the recording says
+    #[arg(long, value_name = "go2|URDF")]
+    robot: Option<String>,
+    /// plane, or a mesh with a material per label
+    #[arg(long, default_value = "plane", value_name = "plane|FILE.glb")]
+    terrain: String,
+    /// Parameters that are known already
+    #[arg(long, value_name = "FILE.toml")]
+    params: Option<PathBuf>,
+    /// Effects of your own, beside those that come with the program
+    #[arg(long, value_name = "FILE.toml")]
+    library: Option<PathBuf>,
+    /// Effects that may not be accused
+    #[arg(long, value_name = "EFFECT")]
+    without: Vec<String>,
+    /// Diagnose again without each of the N most probable effects, into DIR/without/EFFECT
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    leave_out: usize,
+    /// Seed of the simulated recordings without an effect
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    seed: u64,
+    /// Directory for the results; made if need be
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// One line of JSON at the end instead of the summary
+    #[arg(long)]
+    json: bool,
+}
+
+impl Diagnose {
+    pub fn execute(&self) -> Result<Outcome, ReplayError> {
+        let runs = self.open()?;
+        let model = model_of(&runs[0], &self.runs[0], self.robot.as_deref())?;
+        let terrain = terrain(&self.terrain)?;
+        let mut library = library::built_in();
+        if let Some(path) = &self.library {
+            let text = fs::read_to_string(path).map_err(|e| file_error(path, "a library of effects", &e.to_string()))?;
+            library.extend(library::parse(&text, &path.display().to_string()).map_err(replay_error)?);
+        }
+        let unknown = self.without.iter().find(|name| !library.iter().any(|e| e.name == **name));
+        if let Some(name) = unknown {
+            return Err(ReplayError::Run {
+                what: "--without".into(),
+                expected: "an effect of the library".into(),
+                found: name.clone(),
+            });
+        }
+        let bar = spinner("reading");
+        let clock = Instant::now();
+        let seconds = || clock.elapsed().as_secs_f64();
+        let told = |stage: &str| bar.set_message(stage.to_string());
+        let options = Options {
+            library,
+            given: self.parameters()?,
+            effort: qv_gap::study::Effort { seed: self.seed, ..Default::default() },
+            without: self.without.clone(),
+            clock: Some(&seconds),
+            progress: Some(&told),
+            ..Default::default()
+        };
+        let diagnosis = diagnose(&runs, &model, &terrain, &options, self.leave_out).map_err(replay_error)?;
+        bar.finish_and_clear();
+        self.write(&self.out, &diagnosis.report)?;
+        for (effect, report) in &diagnosis.without {
+            self.write(&self.out.join("without").join(effect), report)?;
+        }
+        let report = &diagnosis.report;
+        if self.json {
+            let line = serde_json::to_string(report).expect("a report is plain data");
+            say(&format!("{line}\n"))?;
+        } else {
+            say(&format!("{}written to {}\n", summary(report), self.out.display()))?;
+        }
+        let lost: Vec<String> = runs.iter().flat_map(lost).collect();
+        lost.iter().for_each(|what| eprintln!("qv: {what}"));
+        Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
+    }
+
+    fn open(&self) -> Result<Vec<Run>, ReplayError> {
+        let open = |path: &PathBuf| open_run(&RunArguments { run: path.clone(), pose_topic: self.pose_topic.clone() });
+        self.runs.iter().map(open).collect()
+    }
+
+    fn parameters(&self) -> Result<Vec<(String, f64)>, ReplayError> {
+        let Some(path) = &self.params else { return Ok(Vec::new()) };
+        let text = fs::read_to_string(path).map_err(|e| file_error(path, "a parameter file", &e.to_string()))?;
+        parameters_from_toml(&text)
+    }
+
+    fn write(&self, directory: &Path, report: &Report) -> Result<(), ReplayError> {
+        let failed = |what: &Path, e: std::io::Error| ReplayError::Write {
+            what: what.display().to_string(),
+            reason: e.to_string(),
+        };
+        fs::create_dir_all(directory).map_err(|e| failed(directory, e))?;
+        let path = directory.join("report.json");
+        let text = serde_json::to_string_pretty(report).expect("a report is plain data");
+        fs::write(&path, text + "\n").map_err(|e| failed(&path, e))
+    }
+}
+
+fn replay_error(error: GapError) -> ReplayError {
+    match error {
+        GapError::Replay(error) => error,
+        GapError::Library { file, expected, found } => ReplayError::File { file, expected, found },
+        GapError::Run { what, expected, found } => ReplayError::Run { what, expected, found },
+        GapError::Sim(error) => {
+            ReplayError::Run { what: "simulator".into(), expected: "a simulation".into(), found: error.to_string() }
+        }
+    }
+}
+
+/// The ground that `--terrain` names.
+pub fn terrain(name: &str) -> Result<Terrain, ReplayError> {
+    if name == "plane" {
+        return Ok(Terrain::plane());
+    }
+    let path = Path::new(name);
+    let bytes = fs::read(path).map_err(|e| file_error(path, "plane, or a .glb file", &e.to_string()))?;
+    let mesh = read_glb(&bytes).map_err(|e| file_error(path, "a mesh in GLB", &e))?;
+    Terrain::from_mesh(&mesh).map_err(|e| file_error(path, "a mesh that can be walked on", &e.to_string()))
+}
+
+/// Every part of the input that the diagnosis did without.
+fn lost(run: &Run) -> Vec<String> {
+    let mut lost: Vec<String> = run.lost.iter().map(|l| format!("lost from {}: {}", l.file, l.what)).collect();
+    let faults = run.faults.iter().filter(|f| f.kind.is_partial());
+    lost.extend(faults.map(|f| format!("{:.3} s: {} in {}: {}", f.time, f.kind, f.channel, f.detail)));
+    lost
+}
+
+fn summary(report: &Report) -> String {
+    let gap = &report.gap;
+    let mut text = format!("{}\n\n", report.sentence);
+    text += &format!(
+        "gap {:.2} before, {:.2} after, {:.2} floor; closed {:.0} % ({:.0} to {:.0}); joints {:.2} -> {:.2} mrad\n",
+        gap.before,
+        gap.after,
+        gap.floor,
+        100.0 * gap.closed,
+        100.0 * gap.closed_ci95[0],
+        100.0 * gap.closed_ci95[1],
+        1e3 * gap.joint_rms[0],
+        1e3 * gap.joint_rms[1]
+    );
+    for ranked in report.ranking.iter().take(4) {
+        let name = if ranked.effect == UNKNOWN { "none of the library" } else { &ranked.effect };
+        text += &format!("{:>6.1} %  {name}\n", 100.0 * ranked.probability);
+    }
+    for cause in report.causes.iter().filter(|c| !c.confusable_with.is_empty()) {
+        text += &format!("{} looks like {}: {}\n", cause.effect, cause.confusable_with.join(", "), cause.separating_experiment);
+    }
+    report.cannot_tell.iter().for_each(|line| text += &format!("{line}\n"));
+    text
+}

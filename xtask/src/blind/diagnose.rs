@@ -1,0 +1,138 @@
+//! `qv diagnose` on every recording.
+
+use super::generate::bar;
+use anyhow::{Context, Result, bail};
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
+
+/// How the diagnoses are run.
+pub struct Diagnoses<'a> {
+    /// The program.
+    pub qv: &'a Path,
+    /// Whether the baselines run, too.
+    pub baselines: bool,
+    /// How many at a time.
+    pub jobs: usize,
+}
+
+/// Effects taken out of the library in turn, the likeliest first: where the right one is among them, that is its
+/// leave-one-out without telling the diagnosis which it is.
+const LEAVE_OUT: &str = "3";
+
+impl Diagnoses<'_> {
+    /// Diagnoses all `names` in `recordings` that have no report in `reports` yet. A diagnosis that fails is said, and
+    /// leaves none.
+    ///
+    /// # Errors
+    /// The program cannot be started, or a folder cannot be written.
+    pub fn run(&self, names: &[&String], recordings: &Path, reports: &Path) -> Result<()> {
+        fs::create_dir_all(reports).with_context(|| format!("making {}", reports.display()))?;
+        let bar = bar(names.len(), "diagnosing");
+        let (next, failure) = (AtomicUsize::new(0), Mutex::new(None));
+        let work = || {
+            while let Some(name) = names.get(next.fetch_add(1, Ordering::Relaxed)) {
+                if let Err(error) = self.one(&recordings.join(name), &reports.join(name)) {
+                    next.store(names.len(), Ordering::Relaxed);
+                    failure.lock().expect("no thread panics with it").get_or_insert(error);
+                }
+                bar.inc(1);
+            }
+        };
+        std::thread::scope(|scope| {
+            for _ in 0..self.jobs.max(1) {
+                scope.spawn(work);
+            }
+        });
+        bar.finish_and_clear();
+        match failure.into_inner().expect("no thread panics with it") {
+            Some(error) => Err(error),
+            None => Ok(()),
+        }
+    }
+
+    /// # Errors
+    /// The program cannot diagnose.
+    pub fn check(&self) -> Result<()> {
+        let mut help = Command::new(self.qv);
+        if !crate::process::works(help.args(["diagnose", "--help"])) {
+            bail!("expected {} to have the command diagnose, found none", self.qv.display());
+        }
+        Ok(())
+    }
+
+    fn one(&self, recording: &Path, out: &Path) -> Result<()> {
+        let stamp = out.join("done.json");
+        if stamp.is_file() {
+            return Ok(());
+        }
+        if out.exists() {
+            fs::remove_dir_all(out).with_context(|| format!("removing {}", out.display()))?;
+        }
+        fs::create_dir_all(out).with_context(|| format!("making {}", out.display()))?;
+        let log = File::create(out.join("log.txt")).with_context(|| format!("writing in {}", out.display()))?;
+        let mut command = Command::new(self.qv);
+        command.arg("diagnose").arg(recording.join("run.mcap")).args(["--terrain", "plane", "--out"]).arg(out);
+        command.args(["--leave-out", LEAVE_OUT]);
+        if self.baselines {
+            command.arg("--baselines");
+        }
+        command.stdin(Stdio::null()).stdout(log.try_clone()?).stderr(log);
+        let clock = Instant::now();
+        let status = command.status().with_context(|| format!("cannot start {command:?}"))?;
+        // 3 is done with part of the input lost.
+        if !matches!(status.code(), Some(0 | 3)) {
+            eprintln!("{}: {status}, see {}", recording.display(), out.join("log.txt").display());
+            return Ok(());
+        }
+        let seconds = clock.elapsed().as_secs_f64();
+        fs::write(&stamp, format!("{{\"seconds\": {seconds:.2}}}\n"))
+            .with_context(|| format!("writing {}", stamp.display()))
+    }
+}
+
+/// Where the reports of this program on these recordings lie.
+pub fn reports_folder(recordings: &Path, program: u64) -> PathBuf {
+    recordings.with_file_name("reports").join(format!("{program:016x}"))
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    /// Stands in for `qv`: writes the recording's own bytes as the report, and fails on an empty recording.
+    const PROGRAM: &str = "#!/bin/sh\n[ \"$2\" = --help ] && exit 0\n\
+        echo run >> \"$(dirname \"$0\")/count\"\n[ -s \"$2\" ] || exit 1\ncp \"$2\" \"$6/report.json\"\nexit 3\n";
+
+    #[test]
+    fn each_recording_is_diagnosed_once_and_failures_are_tried_again() {
+        let folder = std::env::temp_dir().join(format!("qv-diagnoses-{}", std::process::id()));
+        let recordings = folder.join("recordings");
+        for (name, bytes) in [("a", "A"), ("b", ""), ("c", "C")] {
+            fs::create_dir_all(recordings.join(name)).unwrap();
+            fs::write(recordings.join(name).join("run.mcap"), bytes).unwrap();
+        }
+        let qv = folder.join("qv");
+        fs::write(&qv, PROGRAM).unwrap();
+        fs::set_permissions(&qv, fs::Permissions::from_mode(0o755)).unwrap();
+        let diagnoses = Diagnoses { qv: &qv, baselines: false, jobs: 2 };
+        diagnoses.check().unwrap();
+        let names = ["a", "b", "c"].map(String::from);
+        let names: Vec<&String> = names.iter().collect();
+        let reports = reports_folder(&recordings, 7);
+        let runs = || fs::read_to_string(folder.join("count")).unwrap().lines().count();
+        diagnoses.run(&names, &recordings, &reports).unwrap();
+        assert_eq!(runs(), 3);
+        assert_eq!(fs::read_to_string(reports.join("c/report.json")).unwrap(), "C");
+        assert!(reports.join("a/done.json").is_file() && !reports.join("b/done.json").exists());
+        diagnoses.run(&names, &recordings, &reports).unwrap();
+        assert_eq!(runs(), 4, "only what failed is run again");
+        let missing = Diagnoses { qv: &folder.join("no-qv"), baselines: false, jobs: 1 };
+        assert!(missing.check().unwrap_err().to_string().contains("no-qv"));
+        fs::remove_dir_all(&folder).unwrap();
+    }
+}

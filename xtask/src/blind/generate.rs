@@ -1,0 +1,153 @@
+//! The sealed recordings: made once for a seed and a program, their answers kept in memory.
+
+use super::answers::Answers;
+use crate::workspace::Workspace;
+use crate::{pipeline, process};
+use anyhow::{Context, Result};
+use indicatif::{ProgressBar, ProgressStyle};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// What to record.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Set {
+    /// Effects to record one at a time; `all` for the whole library.
+    pub effects: Vec<&'static str>,
+    /// Recordings of each.
+    pub per_effect: usize,
+    /// Recordings without effect, with a withheld one, and with two at once.
+    pub none: usize,
+    pub withheld: usize,
+    pub pairs: usize,
+}
+
+/// Effects of the small set: one or two of each interface.
+const FEW: [&str; 6] =
+    ["command_latency", "joint_coulomb_friction", "motor_strength", "payload_mass", "ground_friction", "imu_tilt"];
+
+impl Set {
+    /// All effects.
+    pub fn full(per_effect: usize) -> Self {
+        Self { effects: vec!["all"], per_effect, none: 20, withheld: 27, pairs: 20 }
+    }
+
+    /// A few effects, for a quick look.
+    pub fn subset(per_effect: usize) -> Self {
+        Self { effects: FEW.to_vec(), per_effect, none: 2, withheld: 2, pairs: 0 }
+    }
+
+    /// Arguments of the generator, one list for each part that is made and kept on its own.
+    fn parts(&self) -> Vec<Vec<String>> {
+        let count = |name: &str, count: usize| (count > 0).then(|| vec![format!("--{name}"), count.to_string()]);
+        let effects = self.effects.join(",");
+        let round = |turn: usize| {
+            let words = ["--effects", &effects, "--per-effect", "1", "--first-turn", &turn.to_string()];
+            words.map(String::from).to_vec()
+        };
+        let mut parts: Vec<Vec<String>> = (0..self.per_effect).map(round).collect();
+        parts.extend(count("none", self.none));
+        parts.extend(count("withheld", self.withheld));
+        parts.extend(count("pairs", self.pairs));
+        parts
+    }
+}
+
+/// Recordings on disk and answers in memory.
+pub struct Generated {
+    /// Folder with a folder for each recording.
+    pub recordings: PathBuf,
+    /// The documents that the generator printed.
+    pub documents: Vec<String>,
+}
+
+impl Generated {
+    /// What was generated, as one text to be sealed.
+    pub fn sealed_text(&self) -> String {
+        self.documents.concat()
+    }
+
+    /// The answers.
+    ///
+    /// # Errors
+    /// The generator printed something else.
+    pub fn answers(&self) -> Result<Answers> {
+        Answers::join(self.documents.iter().map(String::as_str))
+    }
+}
+
+/// Builds the generator, whichever crate has it.
+///
+/// # Errors
+/// No crate has it, or it does not build.
+pub fn build(workspace: &Workspace) -> Result<PathBuf> {
+    let owner = workspace.members().find(|package| package.has_example("sealed_recordings"));
+    let owner = owner.context("expected a crate with the example sealed_recordings, found none")?;
+    let mut cargo = process::cargo();
+    cargo.current_dir(&workspace.workspace_root).args(["build", "--release", "--locked", "--package", &owner.name]);
+    cargo.args(["--features", "rapier", "--example", "sealed_recordings"]);
+    process::run(cargo.arg("--target-dir").arg(&workspace.target_directory))?;
+    let name = format!("sealed_recordings{}", std::env::consts::EXE_SUFFIX);
+    Ok(workspace.target_directory.join("release/examples").join(name))
+}
+
+/// Makes what is not there yet into `folder`.
+///
+/// # Errors
+/// The generator fails, or the folder cannot be written.
+pub fn generate(generator: &Path, set: &Set, seed: u64, engine: &str, jobs: usize, folder: &Path) -> Result<Generated> {
+    let recordings = folder.join("recordings");
+    fs::create_dir_all(&recordings).with_context(|| format!("making {}", recordings.display()))?;
+    let kept = folder.join("redraws.json");
+    let mut redraws: BTreeMap<String, u64> = match fs::read_to_string(&kept) {
+        Ok(text) => serde_json::from_str(&text).with_context(|| format!("in {}", kept.display()))?,
+        Err(_) => BTreeMap::new(),
+    };
+    let parts = set.parts();
+    let bar = bar(parts.len(), "recording");
+    let mut documents = Vec::new();
+    for part in &parts {
+        fs::write(&kept, serde_json::to_string(&redraws)?).with_context(|| format!("writing {}", kept.display()))?;
+        // A seed of its own for each part, so that no two make the same names.
+        let own = pipeline::hash(&[vec![seed.to_string()], part.clone()].concat(), &[])?;
+        let mut command = Command::new(generator);
+        command.arg("--out").arg(&recordings).arg("--redraws").arg(&kept).args(part);
+        command.args(["--seed", &own.to_string(), "--engine", engine, "--jobs", &jobs.to_string()]);
+        let document = process::output(&mut command)?;
+        let answers = Answers::read(&document)?;
+        redraws.extend(answers.recordings.iter().map(|(name, answer)| (name.clone(), answer.redraws)));
+        documents.push(document);
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    fs::write(&kept, serde_json::to_string(&redraws)?).with_context(|| format!("writing {}", kept.display()))?;
+    Ok(Generated { recordings, documents })
+}
+
+/// A progress bar; silent where there is no terminal.
+pub fn bar(count: usize, what: &'static str) -> ProgressBar {
+    let bar = ProgressBar::new(count as u64).with_message(what);
+    let style = ProgressStyle::with_template("{msg} {bar:30} {pos}/{len}, {elapsed}, {eta} left");
+    if let Ok(style) = style {
+        bar.set_style(style);
+    }
+    bar
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_part_asks_for_something_of_its_own() {
+        let parts = Set { effects: vec!["a", "b"], per_effect: 2, none: 1, withheld: 0, pairs: 3 }.parts();
+        assert_eq!(parts.len(), 4);
+        assert_eq!(parts[0], ["--effects", "a,b", "--per-effect", "1", "--first-turn", "0"]);
+        assert_eq!(parts[3], ["--pairs", "3"]);
+        let mut different = parts.clone();
+        different.sort();
+        different.dedup();
+        assert_eq!(different.len(), parts.len());
+    }
+}

@@ -1,0 +1,126 @@
+//! `cargo xtask blind`: recordings of another engine with sealed answers, diagnosed, then scored.
+//!
+//! The answers stay in this process's memory until every diagnosis has ended; what is written before the first one is
+//! their seal. The diagnosing program is given a recording in a folder of an opaque name, and nothing else.
+
+mod answers;
+mod diagnose;
+mod figures;
+mod generate;
+mod report;
+mod score;
+mod seal;
+mod table;
+#[cfg(test)]
+mod tests;
+
+use crate::pipeline;
+use crate::workspace::Workspace;
+use answers::Answers;
+use anyhow::{Context, Result};
+use clap::{ArgGroup, Args};
+use diagnose::Diagnoses;
+use figures::Figures;
+use generate::Set;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// What to judge.
+#[derive(Args)]
+#[command(group(ArgGroup::new("what").required(true).args(["full", "subset", "reports_only"])))]
+pub struct Blind {
+    /// All effects, ten recordings of each, with two at once, withheld ones and none
+    #[arg(long)]
+    full: bool,
+    /// Six effects, one recording of each, with two withheld ones and two of none
+    #[arg(long)]
+    subset: bool,
+    /// Only score the reports in DIR/NAME/report.json
+    #[arg(long, value_name = "DIR", requires = "answers")]
+    reports_only: Option<PathBuf>,
+    /// Answers to score them by
+    #[arg(long, value_name = "FILE", requires = "reports_only")]
+    answers: Option<PathBuf>,
+    /// Recordings of each effect
+    #[arg(long, value_name = "N")]
+    per_effect: Option<usize>,
+    /// Seed of the recordings
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Engine of the recordings
+    #[arg(long, default_value = "second", value_parser = ["second", "ours", "both"])]
+    engine: String,
+    /// Diagnoses at a time
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    jobs: usize,
+    /// Also run the baselines: one effect at a time, CMA-ES, a residual network
+    #[arg(long)]
+    baselines: bool,
+    /// Write the tables into docs/diagnosis.md, between its markers
+    #[arg(long)]
+    docs: bool,
+    /// Fail when a goal is missed
+    #[arg(long)]
+    gate: bool,
+}
+
+/// Runs and scores; false only when `gate` is asked for and a goal is missed.
+///
+/// # Errors
+/// Something does not build, the generator or a program fails to run, the seal is broken, or files cannot be written.
+pub fn run(workspace: &Workspace, blind: &Blind) -> Result<bool> {
+    let folder = workspace.target_directory.join("blind");
+    let figures = match (&blind.reports_only, &blind.answers) {
+        (Some(reports), Some(answers)) => {
+            let text = fs::read_to_string(answers).with_context(|| format!("reading {}", answers.display()))?;
+            score_all(&Answers::read(&text)?, reports)?
+        }
+        _ => diagnose_all(workspace, blind, &folder)?,
+    };
+    let tables = table::markdown(&figures);
+    fs::create_dir_all(&folder).with_context(|| format!("making {}", folder.display()))?;
+    for (name, text) in
+        [("figures.json", serde_json::to_string_pretty(&figures)? + "\n"), ("figures.md", tables.clone())]
+    {
+        let file = folder.join(name);
+        fs::write(&file, text).with_context(|| format!("writing {}", file.display()))?;
+        println!("written to {}", file.display());
+    }
+    print!("{tables}");
+    if blind.docs {
+        table::refresh(&workspace.workspace_root.join("docs/diagnosis.md"), &tables)?;
+    }
+    let missed = figures.figures.iter().filter(|figure| figure.met() == Some(false)).count();
+    println!("{missed} goals missed");
+    Ok(missed == 0 || !blind.gate)
+}
+
+fn diagnose_all(workspace: &Workspace, blind: &Blind, folder: &Path) -> Result<Figures> {
+    let set =
+        if blind.full { Set::full(blind.per_effect.unwrap_or(10)) } else { Set::subset(blind.per_effect.unwrap_or(1)) };
+    let generator = generate::build(workspace)?;
+    let qv = pipeline::build(workspace)?;
+    let diagnoses = Diagnoses { qv: &qv, baselines: blind.baselines, jobs: blind.jobs };
+    diagnoses.check()?;
+    // Another set, seed, engine or generator has a folder of its own.
+    let words = [format!("{set:?}"), blind.seed.to_string(), blind.engine.clone()];
+    let folder = folder.join(format!("{:016x}", pipeline::hash(&words, std::slice::from_ref(&generator))?));
+    let generated = generate::generate(&generator, &set, blind.seed, &blind.engine, 2, &folder)?;
+    let seal_file = folder.join("seal.json");
+    let seal = seal::Seal::place(&generated.sealed_text(), &seal_file)?;
+    println!("answers sealed in {}: SHA-256 {}", seal_file.display(), seal.sha256());
+    let answers = generated.answers()?;
+    let words = [format!("baselines {}", blind.baselines)];
+    let reports = diagnose::reports_folder(&generated.recordings, pipeline::hash(&words, std::slice::from_ref(&qv))?);
+    let names: Vec<&String> = answers.recordings.keys().collect();
+    diagnoses.run(&names, &generated.recordings, &reports)?;
+    seal.open(&generated.sealed_text())?;
+    println!("seal opened: {} answers are those that were sealed", names.len());
+    score_all(&answers, &reports)
+}
+
+fn score_all(answers: &Answers, reports: &Path) -> Result<Figures> {
+    let all = answers.recordings.iter();
+    let scored = all.map(|(name, answer)| score::score(answers, name, answer, &reports.join(name)));
+    Ok(figures::figures(scored.collect::<Result<_>>()?))
+}
