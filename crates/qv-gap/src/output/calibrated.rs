@@ -33,17 +33,27 @@ pub fn to_toml(report: &Report) -> String {
 }
 
 /// The accused effect that moves a parameter: the one that states a value under this name, or whose entry in the library
-/// moves a parameter of this name.
+/// moves a parameter of this name. A rectangle's edges and a push's times go with what is found in them.
 pub(super) fn cause_of<'a>(correction: &Correction, causes: &'a [Cause], library: &[Effect]) -> Option<&'a str> {
-    let last_word = |name: &str| name.rsplit('.').next().map(str::to_owned);
-    let field = last_word(&correction.parameter);
-    let states = |c: &Cause| c.parameters.iter().any(|p| last_word(&p.name) == field);
-    let moves = |c: &Cause| {
-        let axes = library.iter().filter(|e| e.name == c.effect).flat_map(|e| &e.axes);
-        axes.flat_map(|a| a.moves.keys()).any(|name| last_word(name) == field)
+    let parameter = correction.parameter.as_str();
+    let found = |name: &str| causes.iter().find(|c| moves(c, name, library) && acts_on(c, parameter));
+    let leaders: &[&str] = match parameter {
+        p if p.starts_with("terrain.patch.") => &["terrain.patch.friction"],
+        p if p.starts_with("external.") => {
+            &["external.force_x", "external.force_y", "external.force_z", "external_torque"]
+        }
+        _ => &[],
     };
-    let acts = |c: &&Cause| (moves(c) || states(c)) && acts_on(c, &correction.parameter);
-    causes.iter().find(acts).map(|c| c.effect.as_str())
+    let cause = found(parameter).or_else(|| leaders.iter().find_map(|name| found(name)))?;
+    Some(&cause.effect)
+}
+
+fn moves(cause: &Cause, parameter: &str, library: &[Effect]) -> bool {
+    let last_word = |name: &str| name.rsplit('.').next().map(str::to_owned);
+    let field = last_word(parameter);
+    let axes = library.iter().filter(|e| e.name == cause.effect).flat_map(|e| &e.axes);
+    cause.parameters.iter().any(|p| last_word(&p.name) == field)
+        || axes.flat_map(|a| a.moves.keys()).any(|name| last_word(name) == field)
 }
 
 /// Whether the scope of a cause holds a parameter. A leg's name is the start of the names of its joints and links.
@@ -100,6 +110,8 @@ mod tests {
             cause("joint_coulomb_friction", &["FL"], "coulomb_friction"),
             cause("torque_speed_limit", &["all"], "speed_knee"),
             cause("my_own", &["RR_calf_joint"], "lag"),
+            cause("ground_friction", &["patch 1"], "friction"),
+            cause("external_force", &[], "force_y"),
         ];
         let library = built_in();
         let of = |parameter: &str| {
@@ -111,6 +123,9 @@ mod tests {
         assert_eq!(of("actuator.FR_hip_joint.speed_zero"), Some("torque_speed_limit"));
         assert_eq!(of("actuator.RR_calf_joint.lag"), Some("my_own"));
         assert_eq!(of("actuator.RL_calf_joint.lag"), None);
+        assert_eq!(of("terrain.patch.y_max"), Some("ground_friction"));
+        assert_eq!(of("external.duration"), Some("external_force"));
+        assert_eq!(of("terrain.height"), None);
     }
 
     #[test]

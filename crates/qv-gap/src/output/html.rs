@@ -153,7 +153,7 @@ fn corrections(report: &Report) -> String {
         let cause = cause_of(c, &report.causes, &library).map(words).unwrap_or_default();
         let _ = write!(
             text,
-            "<tr><td><code>{}</code><td class=\"left\">{}<td>{}<td><b>{}</b><td class=\"left\">{}</tr>",
+            "<tr><td><code>{}</code><td class=\"left\">{}<td class=\"number\">{}<td class=\"number\"><b>{}</b><td class=\"left\">{}</tr>",
             escape(&kind),
             escape(&line.names.join(", ")),
             escape(&amount(&kind, c.nominal, &c.unit)),

@@ -89,11 +89,13 @@ pub(super) fn top(values: impl Iterator<Item = f64>) -> f64 {
 
 /// A strip of all colours with what they stand for.
 pub(super) fn legend(what: &str, labels: [String; 3]) -> String {
-    let mut svg = String::from("<svg viewBox=\"0 0 420 34\" style=\"max-width:420px\" aria-hidden=\"true\">");
+    let mut svg = String::from("<svg class=\"legend\" viewBox=\"0 0 420 34\" aria-hidden=\"true\">");
     for k in 0..LEVELS {
         let _ = write!(svg, "<rect class=\"h{k}\" x=\"{}\" y=\"2\" width=\"24.5\" height=\"11\"/>", 24 * k);
     }
     let right = 24 * LEVELS;
+    // The lightest colours are those of the paper.
+    let _ = write!(svg, "<rect class=\"axis\" x=\"0.5\" y=\"2\" width=\"{right}\" height=\"11\"/>");
     for (label, (x, anchor)) in labels.iter().zip([(0, "start"), (right / 2, "middle"), (right, "end")]) {
         let _ = write!(svg, "<text x=\"{x}\" y=\"28\" text-anchor=\"{anchor}\">{label}</text>");
     }

@@ -35,7 +35,10 @@ pub(super) fn gap(gap: &Gap, verdict: Verdict, has_causes: bool) -> String {
     }
     bars += "</div>";
     let unit = if gap.unit.is_empty() { String::new() } else { format!("{}, ", escape(&gap.unit)) };
-    let _ = write!(bars, "<p class=\"soft small\">{unit}{seen}; the floor is what sensor noise alone gives</p>");
+    let _ = write!(
+        bars,
+        "<p class=\"soft small\">{unit}{seen}; the floor is what noise, numerics and tolerated deviations give</p>"
+    );
     format!(
         "<h2>How far it closes</h2><div class=\"grid even\" style=\"--min:360px\"><div class=\"card\"><h3>Gap</h3>{bars}</div>{}</div>",
         closed(gap, verdict, has_causes)
@@ -50,9 +53,12 @@ fn closed(gap: &Gap, verdict: Verdict, has_causes: bool) -> String {
         } else {
             "Nothing is accused, so nothing is closed."
         };
-        return format!(
-            "<div class=\"card\"><h3>Closed</h3><p>{why}</p><p>Joint positions are <b>{before} mrad</b> off (rms).</p></div>"
-        );
+        let off = if gap.joint_rms[0].is_finite() {
+            format!("<p>Joint positions are <b>{before} mrad</b> off (rms).</p>")
+        } else {
+            String::new()
+        };
+        return format!("<div class=\"card\"><h3>Closed</h3><p>{why}</p>{off}</div>");
     }
     let [low, high] = gap.closed_ci95;
     let interval = if low.is_finite() && high.is_finite() {

@@ -23,7 +23,7 @@ pub(super) fn curves(curves: &[Curve]) -> String {
     }
     let key = |name: &str| format!("<span class=\"key\" style=\"background:var(--{name})\"></span>{name}");
     format!(
-        "<h2>Before and after, measured beside simulated</h2><p class=\"soft\">{}{}{}</p><div class=\"grid wide\">{}</div>",
+        "<h2>Before and after</h2><p class=\"soft\">{}{}{} &emsp;in windows that no fit has seen</p><div class=\"grid wide\">{}</div>",
         key("measured"),
         key("before"),
         key("after"),
@@ -37,7 +37,7 @@ fn one(curve: &Curve) -> Option<String> {
     let position = padded(range(positions.into_iter().flatten().copied())?);
     let xs = Axis { from: time, to: [LEFT, WIDTH - RIGHT] };
     let mut svg = format!(
-        "<div class=\"card\"><h3>{0}</h3><svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{0} over time\">",
+        "<div class=\"card\"><h3>{0}</h3><svg class=\"half\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{0} over time\">",
         escape(&curve.joint)
     );
     svg += &axes(xs, Axis { from: position, to: [POSITIONS[1], POSITIONS[0]] }, "position [rad]");

@@ -36,10 +36,14 @@ pub(super) fn floor_plan(points: &[FloorPoint], regions: &[RegionShare]) -> Stri
 fn frame(points: &[&FloorPoint], regions: &[&RegionShare]) -> (Axis, Axis, f64) {
     let xs = points.iter().map(|p| p.x).chain(regions.iter().flat_map(|r| r.x));
     let ys = points.iter().map(|p| p.y).chain(regions.iter().flat_map(|r| r.y));
-    let [x, y] = [range(xs), range(ys)].map(|r| padded(r.unwrap_or([0.0, 1.0])));
+    let [x, mut y] = [range(xs), range(ys)].map(|r| padded(r.unwrap_or([0.0, 1.0])));
+    if !regions.is_empty() {
+        // Room for their names above them.
+        y[1] += 0.14 * (y[1] - y[0]);
+    }
     let inner = WIDTH - EDGES[0] - EDGES[1];
     // A straight walk needs no square.
-    let height = (inner * (y[1] - y[0]) / (x[1] - x[0])).clamp(130.0, 380.0);
+    let height = (inner * (y[1] - y[0]) / (x[1] - x[0])).clamp(150.0, 380.0);
     let scale = ((x[1] - x[0]) / inner).max((y[1] - y[0]) / height).max(1e-4);
     let widened = |r: [f64; 2], pixels: f64| {
         let extra = 0.5 * (scale * pixels - (r[1] - r[0]));
@@ -59,7 +63,7 @@ fn plan(
 ) -> String {
     let (xs, ys, height) = frame(points, regions);
     let mut svg = format!(
-        "<div class=\"card\"><h3>{name}</h3><svg viewBox=\"0 0 {WIDTH} {height:.0}\" role=\"img\" \
+        "<div class=\"card\"><h3>{name}</h3><svg class=\"half\" viewBox=\"0 0 {WIDTH} {height:.0}\" role=\"img\" \
          aria-label=\"gap on the floor, {name}\">"
     );
     svg += &grid(xs, ys, height);

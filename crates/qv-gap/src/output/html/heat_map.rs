@@ -62,7 +62,7 @@ fn one(map: &HeatMap, values: &[Vec<f64>], columns: &[Column], scale: f64, name:
     let last = columns.iter().map(|c| c.end).fold(first, f64::max);
     let xs = Axis { from: [first, last.max(first + 1e-9)], to: [LEFT, WIDTH - 4.0] };
     let mut svg = format!(
-        "<svg viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"error by joint and time, {name}\">\
+        "<svg class=\"half\" viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" aria-label=\"error by joint and time, {name}\">\
          <rect class=\"hn\" x=\"{LEFT}\" y=\"0\" width=\"{:.1}\" height=\"{bottom}\"/>",
         WIDTH - 4.0 - LEFT
     );
@@ -148,7 +148,7 @@ pub(super) fn times(times: &[TimeShare]) -> String {
             svg,
             "<rect class=\"bar\" x=\"{from:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{height:.1}\"/>",
             80.0 - height,
-            (to - from - 0.5).max(0.5)
+            if to - from > 4.0 { to - from - 0.5 } else { to - from + 0.1 }
         );
     }
     for (t, label) in ticks(xs.from, 10.0) {

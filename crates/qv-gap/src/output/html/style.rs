@@ -37,14 +37,15 @@ font-size:13px;font-weight:600}\
 .track u:after{content:'';position:absolute;left:0;right:0;top:50%;border-top:2px solid var(--ink);margin-top:-1px}\
 .big{font-size:32px;font-weight:650;line-height:1.1;font-variant-numeric:tabular-nums}\
 .cause{display:grid;gap:8px;margin-bottom:12px}\
-.cause header{display:grid;grid-template-columns:1fr minmax(160px,300px) auto;gap:12px;align-items:center}\
+.cause header{display:flex;flex-wrap:wrap;gap:2px 14px;align-items:center}.cause header>:first-child{flex:1 1 300px}\
+.cause header .track{flex:0 1 300px;min-width:130px}\
 .cause .title{font-size:17px;font-weight:650}\
 dl{display:grid;grid-template-columns:max-content 1fr;gap:3px 16px;margin:0}dt{color:var(--soft)}dd{margin:0;min-width:0}\
 .chip{display:inline-block;padding:0 8px;margin:1px 4px 1px 0;border:1px solid var(--line);border-radius:12px;font-size:13px;\
 overflow-wrap:anywhere}\
 .scroll{overflow-x:auto}\
-svg{display:block;width:100%;height:auto}svg text{font:11.5px system-ui,-apple-system,'Segoe UI',sans-serif;fill:var(--soft)}\
-svg .label{fill:var(--ink)}svg .halo{paint-order:stroke;stroke:var(--card);stroke-width:3px}\
+svg{display:block;width:100%;height:auto;overflow:visible}.half{max-width:620px}svg text{font:11.5px system-ui,-apple-system,'Segoe UI',sans-serif;fill:var(--soft)}\
+.legend{max-width:420px;margin-top:8px}svg .label{fill:var(--ink)}svg .halo{paint-order:stroke;stroke:var(--card);stroke-width:3px}\
 .axis{stroke:var(--line);fill:none}.zero{stroke:var(--faint);fill:none}\
 .line{fill:none;stroke-width:1.6;stroke-linejoin:round}\
 .l-measured{stroke:var(--measured)}.l-before{stroke:var(--before)}.l-after{stroke:var(--after)}\
@@ -58,5 +59,5 @@ svg .label{fill:var(--ink)}svg .halo{paint-order:stroke;stroke:var(--card);strok
 table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums;font-size:13.5px}\
 th,td{padding:3px 10px;text-align:right;border-top:1px solid var(--line)}th{font-weight:600;color:var(--soft);border-top:0}\
 th:first-child,td:first-child{text-align:left;padding-left:0}td:last-child,th:last-child{padding-right:0}\
-td.left,th.left{text-align:left}summary{cursor:pointer}\
+td.left,th.left{text-align:left}td code,td.number{white-space:nowrap}summary{cursor:pointer}\
 @media print{body{max-width:none}.card{break-inside:avoid}}";

@@ -112,7 +112,14 @@ pub(super) fn amount(name: &str, value: f64, unit: &str) -> String {
     if value.is_finite() && value.abs() >= 1e9 {
         return "no limit".into();
     }
-    format!("{} {unit}", significant(factor * value, 4)).trim_end().to_owned()
+    let number = significant(factor * value, 4);
+    // Values that were set by hand are round.
+    let number = if number.contains('.') && !number.contains('e') {
+        number.trim_end_matches('0').trim_end_matches('.')
+    } else {
+        &number
+    };
+    format!("{number} {unit}").trim_end().to_owned()
 }
 
 /// An effect's or parameter's name as words.
@@ -174,8 +181,8 @@ mod tests {
         assert_eq!(percent(0.0), "0 %");
         assert_eq!(percent(0.995), "> 99 %");
         assert_eq!(percent(f64::NAN), "–");
-        assert_eq!(amount("lag", 0.0101, "s"), "10.10 ms");
-        assert_eq!(amount("kp_scale", 0.75, "1"), "0.7500");
+        assert_eq!(amount("lag", 0.0101, "s"), "10.1 ms");
+        assert_eq!(amount("kp_scale", 0.75, "1"), "0.75");
         assert_eq!(amount("position_torque_limit", 1e9, "N m"), "no limit");
     }
 
