@@ -194,7 +194,12 @@ impl Columns {
 
     /// The setting in which suspects have their values.
     pub fn setting_of(&self, problem: &Problem, suspects: &[Suspect]) -> Setting {
-        let mut units = Vec::new();
+        self.setting_beside(problem, &[], suspects)
+    }
+
+    /// The same for a robot some of whose units deviate already.
+    pub fn setting_beside(&self, problem: &Problem, deviant: &[(usize, f64)], suspects: &[Suspect]) -> Setting {
+        let mut units = deviant.to_vec();
         let mut fixed: Vec<(String, f64)> = Vec::new();
         for suspect in suspects {
             let group = &self.groups[suspect.group];

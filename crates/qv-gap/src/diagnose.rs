@@ -325,8 +325,10 @@ impl Findings<'_> {
             accused.cause.probability = of.map_or(0.0, |r| r.probability);
         }
         let gap = after.gap(nominal, session.options.effort.seed);
+        // What looks like nothing is left in the windows of the fit, and is there in those that no fit has seen.
+        let verdict = if verdict == Verdict::Explained && gap.closed < 0.5 { Verdict::PartlyExplained } else { verdict };
         let unexplained = Unexplained {
-            share: if gap.before > gap.floor * 1.02 { 1.0 - gap.closed } else { 0.0 },
+            share: if verdict == Verdict::NoGap || gap.before <= gap.floor * 1.02 { 0.0 } else { 1.0 - gap.closed },
             depends_on: rest::factors(self.later.as_ref().filter(|_| !self.accused.is_empty()).unwrap_or(nominal)),
         };
         let mut place = std::mem::take(&mut self.opening.places);

@@ -2,10 +2,11 @@
 //! region. Where is found from the windows: first by a scan over runs of windows or rectangles, then in the simulator.
 
 use crate::GapError;
-use crate::columns::{Extent, Suspect};
+use crate::columns::{Column, Extent, Suspect};
 use crate::evidence::Normal;
 use crate::problem::Setting;
 use crate::search::{Base, Fit, Search, direction, fitted};
+use crate::study::{EXTRA, Seen};
 use nalgebra::{DMatrix, DVector};
 
 /// Frictions that the ground is asked for.
@@ -21,17 +22,44 @@ impl Search<'_, '_> {
     /// # Errors
     /// When a value means nothing.
     pub fn local_suspects(&mut self, base: &Base, without: &[usize]) -> Result<Vec<Fit>, GapError> {
-        let mut scanned = self.scan_times(base, without);
-        scanned.extend(self.scan_regions(base, without)?);
-        scanned.sort_by(|a, b| b.0.total_cmp(&a.0));
-        scanned.truncate(4);
         let mut fits = Vec::new();
-        for (evidence, suspect) in scanned {
+        for (evidence, suspect) in self.scan_times(base, without) {
             if evidence > WORTH_A_LOOK {
                 fits.extend(self.refine(base, suspect)?);
             }
         }
+        // A foot that lands a millimetre early slips elsewhere: the deviations that the sound windows ask for are in all
+        // that is simulated now, rather than added to it.
+        self.deviant = self.sound_deviations(base);
+        for (evidence, suspect) in self.scan_regions(base, without)? {
+            if evidence > WORTH_A_LOOK {
+                fits.extend(self.refine(base, suspect)?);
+            }
+        }
+        self.deviant.clear();
         Ok(fits)
+    }
+
+    /// Deviations of the units that the windows with no more than the usual loss ask for.
+    fn sound_deviations(&self, base: &Base) -> Vec<(usize, f64)> {
+        let of: Vec<f64> = base.normals.iter().map(|n| n.as_ref().map_or(f64::INFINITY, |n| n.e / n.count as f64)).collect();
+        let mut sorted = of.clone();
+        sorted.sort_by(f64::total_cmp);
+        let most = 1.5 * sorted[sorted.len() / 2];
+        let sound = |w: usize| self.windows.iter().position(|&x| x == w).is_some_and(|k| of[k] <= most);
+        let weight = |s: &Seen| {
+            let w = self.study.seen.iter().position(|x| std::ptr::eq(x, s));
+            if w.is_some_and(sound) { fitted(s) } else { 0.0 }
+        };
+        let Some(marginal) = self.study.marginal(weight) else { return Vec::new() };
+        let sums = self.study.sums(&base.normals, &self.windows, weight);
+        let amounts = marginal.deviations(&sums);
+        let columns = self.columns();
+        let value = |(c, amount): (&Column, &f64)| {
+            let absent = columns.units[c.unit].absent;
+            (c.unit, absent + amount * (c.value - absent))
+        };
+        columns.columns[..columns.tolerated].iter().zip(amounts.iter().skip(EXTRA)).map(value).collect()
     }
 
     /// Residual of each window of the base with the deviations that all windows ask for taken away, as normal equations.
@@ -100,11 +128,12 @@ impl Search<'_, '_> {
             let extent = Some(Extent::Region([-1e3, 1e3, -1e3, 1e3]));
             Suspect { group, values: vec![mu], extent }
         };
-        let settings: Vec<Setting> = self.settings(base, &FRICTIONS.map(everywhere));
+        let nominal = Suspect { extent: Some(Extent::Region([0.0; 4])), ..everywhere(FRICTIONS[0]) };
+        let all: Vec<Suspect> = std::iter::once(nominal).chain(FRICTIONS.map(everywhere)).collect();
+        let settings: Vec<Setting> = self.settings(base, &all);
         let windows = self.windows.clone();
-        let normals = self.study.evaluate(&settings, &windows)?;
-        let before = self.left(base);
-        let deviations = self.marginal.deviations(&base.sums);
+        let mut normals = self.study.evaluate(&settings, &windows)?;
+        let before = normals.remove(0);
         let places: Vec<[f64; 2]> = windows.iter().map(|&w| place(&self.study.seen[w].window)).collect();
         let mut best: Option<(f64, Suspect)> = None;
         for (mu, of_mu) in FRICTIONS.iter().zip(&normals) {
@@ -112,8 +141,8 @@ impl Search<'_, '_> {
             let gains: Vec<f64> = (0..windows.len())
                 .map(|k| match (&before[k], &of_mu[k]) {
                     (Some(b), Some(n)) => {
-                        let (count, e) = (n.count as f64, self.freed(n, windows[k], &deviations));
-                        0.5 * count * ((1.0 + b.e / count) / (1.0 + e / count)).ln()
+                        let count = n.count as f64;
+                        0.5 * count * ((1.0 + b.e / count) / (1.0 + n.e / count)).ln()
                     }
                     _ => 0.0,
                 })
@@ -190,7 +219,15 @@ impl Search<'_, '_> {
             .map(|(d, range)| (d.max(1e-6 * range) * std::f64::consts::TAU.sqrt() / range).ln().min(0.0))
             .sum();
         let regional = matches!(extent, Extent::Region(_));
-        let before = if regional { self.robust_loss(&base.normals, &self.marginal.deviations(&base.sums)) } else { base.loss };
+        let before = if regional {
+            let nowhere = Suspect { group, values: at[..axes].to_vec(), extent: Some(Extent::Region([0.0; 4])) };
+            let settings = self.settings(base, &[nowhere]);
+            let windows = self.windows.clone();
+            let normals = self.study.evaluate(&settings, &windows)?.remove(0);
+            self.robust_loss(&normals)
+        } else {
+            base.loss
+        };
         let temper = if regional { 1.0 } else { self.temper };
         let evidence = 0.5 * (before - loss) / temper + volume;
         // Told on the scale of the other fits.
@@ -222,31 +259,23 @@ impl Search<'_, '_> {
         let windows = self.windows.clone();
         let normals = self.study.evaluate(&settings, &windows)?;
         let regional = suspects.iter().any(|s| matches!(s.extent, Some(Extent::Region(_))));
-        let deviations = self.marginal.deviations(&base.sums);
         let loss = |(n, open): (&Vec<Option<Normal>>, &bool)| match (*open, regional) {
             (false, _) => f64::INFINITY,
-            (true, true) => self.robust_loss(n, &deviations),
+            (true, true) => self.robust_loss(n),
             (true, false) => self.loss_of(&self.marginal, n, &windows),
         };
         Ok(normals.iter().zip(&open).map(loss).collect())
     }
 
-    fn robust_loss(&self, normals: &[Option<Normal>], deviations: &DVector<f64>) -> f64 {
+    fn robust_loss(&self, normals: &[Option<Normal>]) -> f64 {
         let of = |(n, &w): (&Option<Normal>, &usize)| match n {
             None => f64::INFINITY,
             Some(n) => {
                 let count = n.count as f64;
-                fitted(&self.study.seen[w]) * count * (1.0 + self.freed(n, w, deviations) / count).ln()
+                fitted(&self.study.seen[w]) * count * (1.0 + n.e / count).ln()
             }
         };
         normals.iter().zip(&self.windows).map(of).sum()
-    }
-
-    /// Loss of a window with the deviations taken away.
-    fn freed(&self, n: &Normal, window: usize, deviations: &DVector<f64>) -> f64 {
-        let size = deviations.len();
-        let h = self.study.seen[window].h.view((0, 0), (size, size));
-        n.e - 2.0 * n.b.rows(0, size).dot(deviations) + (h * deviations).dot(deviations)
     }
 
     /// Standard deviations of values and extent by the curvature of the loss on either side.

@@ -66,6 +66,8 @@ pub struct Search<'s, 'a> {
     pub(crate) windows: Vec<usize>,
     /// What losses are divided by.
     pub temper: f64,
+    /// Units that deviate in all that is simulated.
+    pub(crate) deviant: Vec<(usize, f64)>,
 }
 
 impl<'s, 'a> Search<'s, 'a> {
@@ -77,7 +79,7 @@ impl<'s, 'a> Search<'s, 'a> {
         let bad = || GapError::run("sensitivities", "finite numbers", "others");
         let marginal = study.marginal(fitted).ok_or_else(bad)?;
         let windows = (0..study.seen.len()).filter(|&w| fitted(&study.seen[w]) > 0.0).collect();
-        Ok(Self { study, marginal, windows, temper })
+        Ok(Self { study, marginal, windows, temper, deviant: Vec::new() })
     }
 
     pub(crate) fn columns(&self) -> &Columns {
@@ -203,7 +205,8 @@ impl<'s, 'a> Search<'s, 'a> {
 
     pub(crate) fn settings(&self, base: &Base, suspects: &[Suspect]) -> Vec<Setting> {
         let beside = |s: &Suspect| [&base.suspects[..], std::slice::from_ref(s)].concat();
-        suspects.iter().map(|s| self.columns().setting_of(&self.study.problem, &beside(s))).collect()
+        let of = |s| self.columns().setting_beside(&self.study.problem, &self.deviant, &beside(s));
+        suspects.iter().map(of).collect()
     }
 
     /// Loss of each suspect beside the base, in some windows.
