@@ -93,10 +93,7 @@ impl Closure {
             closed_ci95: [at(0.025), at(0.975)],
             unit: "mean square of residuals in units of the null".into(),
             heldout: true,
-            joint_rms: [
-                rms(&mut self.windows.iter().map(|&w| &study.seen[w].raw)),
-                rms(&mut self.after_raw.iter()),
-            ],
+            joint_rms: [rms(&mut self.windows.iter().map(|&w| &study.seen[w].raw)), rms(&mut self.after_raw.iter())],
         }
     }
 }

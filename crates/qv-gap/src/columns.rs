@@ -117,7 +117,8 @@ impl Columns {
     /// # Errors
     /// When an effect names a parameter that the simulator does not have for any robot of this kind.
     pub fn new(problem: &Problem, run: &Run, library: &[Effect]) -> Result<Self, GapError> {
-        let mut all = Self { effects: Vec::new(), units: Vec::new(), columns: Vec::new(), tolerated: 0, groups: Vec::new() };
+        let mut all =
+            Self { effects: Vec::new(), units: Vec::new(), columns: Vec::new(), tolerated: 0, groups: Vec::new() };
         for effect in library {
             let members = members(problem, effect);
             if members.is_empty() || !is_observable(problem, effect) {
@@ -160,8 +161,22 @@ impl Columns {
             }
         }
         self.groups.extend(groups(problem, index, effect.scope, members));
-        self.effects.push(effect.clone());
+        self.effects.push(Effect { range: self.meaningful(problem, index, effect), ..effect.clone() });
         Ok(())
+    }
+
+    /// The effect's range without what means nothing for this robot, such as taking away more than a link weighs.
+    fn meaningful(&self, problem: &Problem, index: usize, effect: &Effect) -> [f64; 2] {
+        let mut range = effect.range;
+        for unit in self.units.iter().filter(|u| u.effect == index && !effect.absolute) {
+            for &(id, factor) in &unit.moves {
+                let (info, nominal) = (&problem.catalogue[id], problem.nominal[id]);
+                if factor > 0.0 && info.range.0 < nominal {
+                    range[0] = range[0].max((info.range.0 - nominal) / factor);
+                }
+            }
+        }
+        range
     }
 
     /// Units of a group along an axis.
@@ -204,7 +219,8 @@ impl Columns {
         for suspect in suspects {
             let group = &self.groups[suspect.group];
             if let Some(Extent::Region([x0, x1, y0, y1])) = suspect.extent {
-                let of_patch = [("x_min", x0), ("x_max", x1), ("y_min", y0), ("y_max", y1), ("friction", suspect.values[0])];
+                let of_patch =
+                    [("x_min", x0), ("x_max", x1), ("y_min", y0), ("y_max", y1), ("friction", suspect.values[0])];
                 fixed.extend(of_patch.map(|(name, value)| (format!("terrain.patch.{name}"), value)));
                 continue;
             }
@@ -257,11 +273,14 @@ fn is_observable(problem: &Problem, effect: &Effect) -> bool {
         return false;
     }
     // The scale of the torque sensor shows in the torque alone.
-    !effect.axes.iter().flat_map(|a| a.moves.keys()).all(|p| p.ends_with(".torque_scale")) || !problem.law_joints.is_empty()
+    !effect.axes.iter().flat_map(|a| a.moves.keys()).all(|p| p.ends_with(".torque_scale"))
+        || !problem.law_joints.is_empty()
 }
 
 fn spell(pattern: &str, member: &str) -> String {
-    ["{joint}", "{link}", "{base}", "{foot}", "{ground}"].iter().fold(pattern.to_string(), |p, slot| p.replace(slot, member))
+    ["{joint}", "{link}", "{base}", "{foot}", "{ground}"]
+        .iter()
+        .fold(pattern.to_string(), |p, slot| p.replace(slot, member))
 }
 
 /// What levels are shares of: 1 when they are none.
@@ -294,7 +313,8 @@ fn groups(problem: &Problem, effect: usize, scope: Scope, members: &[String]) ->
                 sets.push(group(kind.iter().map(|&m| members[m].clone()).collect(), kind));
             }
             for foot in &problem.feet.names {
-                let of_leg: Vec<usize> = (0..members.len()).filter(|&m| leg_of(problem, &members[m]) == Some(foot)).collect();
+                let of_leg: Vec<usize> =
+                    (0..members.len()).filter(|&m| leg_of(problem, &members[m]) == Some(foot)).collect();
                 if of_leg.len() > 1 {
                     sets.push(group(vec![foot.clone()], of_leg));
                 }

@@ -70,16 +70,15 @@ pub fn level_outside(study: &Study, regions: &[[f64; 4]]) -> Result<Level, GapEr
         let [x, y] = place(&seen.window);
         // Feet reach farther than the trunk.
         const REACH: f64 = 0.35;
-        regions.iter().any(|r| {
-            (r[0] - REACH..r[1] + REACH).contains(&x) && (r[2] - REACH..r[3] + REACH).contains(&y)
-        })
+        regions.iter().any(|r| (r[0] - REACH..r[1] + REACH).contains(&x) && (r[2] - REACH..r[3] + REACH).contains(&y))
     };
     let fitted = |seen: &Seen| if inside(seen) { 0.0 } else { fitted(seen) };
     let bad = || GapError::run("sensitivities", "finite numbers", "others");
     let marginal = study.marginal(fitted).ok_or_else(bad)?;
     let of = |sums: &Sums| marginal.loss(sums) / sums.count.max(1.0);
     let all: Vec<usize> = (0..study.seen.len()).collect();
-    let nulls: Vec<f64> = study.ghosts.iter().map(|g| of(&study.sums(g, &all, fitted))).filter(|x| x.is_finite()).collect();
+    let nulls: Vec<f64> =
+        study.ghosts.iter().map(|g| of(&study.sums(g, &all, fitted))).filter(|x| x.is_finite()).collect();
     let null = nulls.iter().sum::<f64>() / nulls.len().max(1) as f64;
     let sums = study.nominal(fitted);
     Ok(Level { ratio: of(&sums) / null, null, count: sums.count })

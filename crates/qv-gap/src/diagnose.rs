@@ -211,7 +211,7 @@ impl<'a> Session<'a> {
 
     /// All that a report says of a cause.
     fn accuse(&self, study: &mut Study, fit: Fit, before: &[Correction]) -> Result<Accused, GapError> {
-                let group = study.columns.groups[fit.suspect.group].clone();
+        let group = study.columns.groups[fit.suspect.group].clone();
         let effect = study.columns.effects[group.effect].clone();
         let setting = study.columns.setting_of(&study.problem, std::slice::from_ref(&fit.suspect));
         let alone = closure(study, &setting)?;
@@ -219,7 +219,8 @@ impl<'a> Session<'a> {
             .iter()
             .map(|&(id, value)| {
                 let info = &study.problem.catalogue[id];
-                let nominal = before.iter().find(|c| c.parameter == info.name).map_or(study.problem.nominal[id], |c| c.nominal);
+                let nominal =
+                    before.iter().find(|c| c.parameter == info.name).map_or(study.problem.nominal[id], |c| c.nominal);
                 Correction { parameter: info.name.clone(), value, nominal, unit: info.unit.into() }
             })
             .collect();
@@ -326,7 +327,8 @@ impl Findings<'_> {
         }
         let gap = after.gap(nominal, session.options.effort.seed);
         // What looks like nothing is left in the windows of the fit, and is there in those that no fit has seen.
-        let verdict = if verdict == Verdict::Explained && gap.closed < 0.5 { Verdict::PartlyExplained } else { verdict };
+        let verdict =
+            if verdict == Verdict::Explained && gap.closed < 0.5 { Verdict::PartlyExplained } else { verdict };
         let unexplained = Unexplained {
             share: if verdict == Verdict::NoGap || gap.before <= gap.floor * 1.02 { 0.0 } else { 1.0 - gap.closed },
             depends_on: rest::factors(self.later.as_ref().filter(|_| !self.accused.is_empty()).unwrap_or(nominal)),
@@ -373,7 +375,11 @@ impl Findings<'_> {
     /// Several effects can be there and one unknown: what was found stays only if it took nearly all of the excess.
     fn partly(&self) -> Verdict {
         let (before, after) = (self.opening.level.ratio - 1.0, self.level_after.ratio - 1.0);
-        if after < 0.02 * before && self.level_after.ratio < 2.0 { Verdict::PartlyExplained } else { Verdict::Unexplained }
+        if after < 0.02 * before && self.level_after.ratio < 2.0 {
+            Verdict::PartlyExplained
+        } else {
+            Verdict::Unexplained
+        }
     }
 
     /// Probabilities of the effects and of `unknown`.

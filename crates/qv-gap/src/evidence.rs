@@ -104,6 +104,7 @@ pub fn widen(
     (0..k).for_each(|i| a[(i, i)] += 1.0 / (wide[i] * wide[i]));
     let factor = a.cholesky()?;
     let best = factor.solve(&g);
-    let volume: f64 = factor.l().diagonal().iter().map(|x| x.ln()).sum::<f64>() + wide.iter().map(|w| w.ln()).sum::<f64>();
+    let volume: f64 =
+        factor.l().diagonal().iter().map(|x| x.ln()).sum::<f64>() + wide.iter().map(|w| w.ln()).sum::<f64>();
     Some((0.5 * g.dot(&best) - volume, best))
 }

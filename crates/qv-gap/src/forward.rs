@@ -75,7 +75,8 @@ fn prepare(problem: &Problem, windows: &[&Window], settings: &[Setting]) -> (Vec
             })
         })
         .collect();
-    let tasks: Vec<(usize, usize)> = (0..windows.len()).flat_map(|w| (0..distinct.len()).map(move |d| (w, d))).collect();
+    let tasks: Vec<(usize, usize)> =
+        (0..windows.len()).flat_map(|w| (0..distinct.len()).map(move |d| (w, d))).collect();
     let prepared = tasks.par_iter().map(|&(w, d)| prepare_one(problem, windows[w], &distinct[d])).collect();
     let mut cases = Vec::new();
     for window in 0..windows.len() {

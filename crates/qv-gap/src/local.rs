@@ -42,7 +42,8 @@ impl Search<'_, '_> {
 
     /// Deviations of the units that the windows with no more than the usual loss ask for.
     fn sound_deviations(&self, base: &Base) -> Vec<(usize, f64)> {
-        let of: Vec<f64> = base.normals.iter().map(|n| n.as_ref().map_or(f64::INFINITY, |n| n.e / n.count as f64)).collect();
+        let of: Vec<f64> =
+            base.normals.iter().map(|n| n.as_ref().map_or(f64::INFINITY, |n| n.e / n.count as f64)).collect();
         let mut sorted = of.clone();
         sorted.sort_by(f64::total_cmp);
         let most = 1.5 * sorted[sorted.len() / 2];
@@ -101,9 +102,11 @@ impl Search<'_, '_> {
                 .collect();
             let Some((evidence, first, last, amounts)) = best_run(&parts, &wide) else { continue };
             let start = |k: usize| self.study.seen[self.windows[k]].window.start;
-            let values = amounts.iter().zip(&d.steps).zip(effect.axes.iter()).map(|((a, s), _)| {
-                (a * s).clamp(effect.range[0], effect.range[1])
-            });
+            let values = amounts
+                .iter()
+                .zip(&d.steps)
+                .zip(effect.axes.iter())
+                .map(|((a, s), _)| (a * s).clamp(effect.range[0], effect.range[1]));
             let extent = Some(Extent::Time([start(first), start(last) + length]));
             found.push((evidence, Suspect { group, values: values.collect(), extent }));
         }
@@ -286,14 +289,26 @@ impl Search<'_, '_> {
         let group = at.group;
         let span = self.columns().effects[self.columns().groups[group].effect].span();
         let steps: Vec<f64> = (0..numbers.len())
-            .map(|k| last[k].max(if k < axes { 0.02 * span } else if axes + 2 == numbers.len() { 0.03 } else { 0.05 }))
+            .map(|k| {
+                last[k].max(if k < axes {
+                    0.02 * span
+                } else if axes + 2 == numbers.len() {
+                    0.03
+                } else {
+                    0.05
+                })
+            })
             .collect();
         let mut points = Vec::new();
         for k in 0..numbers.len() {
             for sign in [-1.0, 1.0] {
                 let mut moved = numbers.clone();
                 moved[k] += sign * steps[k];
-                points.push(Suspect { group, values: moved[..axes].to_vec(), extent: Some(extent.with(&moved[axes..])) });
+                points.push(Suspect {
+                    group,
+                    values: moved[..axes].to_vec(),
+                    extent: Some(extent.with(&moved[axes..])),
+                });
             }
         }
         let losses = self.loss_at(base, &points)?;
@@ -307,10 +322,7 @@ impl Search<'_, '_> {
 }
 
 /// The run of windows whose common amounts have most evidence, less what choosing it costs.
-fn best_run(
-    parts: &[Option<(DVector<f64>, DMatrix<f64>)>],
-    wide: &[f64],
-) -> Option<(f64, usize, usize, DVector<f64>)> {
+fn best_run(parts: &[Option<(DVector<f64>, DMatrix<f64>)>], wide: &[f64]) -> Option<(f64, usize, usize, DVector<f64>)> {
     let axes = wide.len();
     let mut best: Option<(f64, usize, usize, DVector<f64>)> = None;
     let longest = (parts.len() / 3).max(1);
@@ -359,7 +371,8 @@ fn rectangles(places: &[[f64; 2]], gains: &[f64]) -> Vec<(f64, [f64; 4])> {
     for first in [0, 1] {
         let Some((gain, stripe)) = interval(places, gains, first, &all) else { continue };
         let other_all = if first == 0 { all_y } else { all_x };
-        let region = |a: [f64; 2], b: [f64; 2]| if first == 0 { [a[0], a[1], b[0], b[1]] } else { [b[0], b[1], a[0], a[1]] };
+        let region =
+            |a: [f64; 2], b: [f64; 2]| if first == 0 { [a[0], a[1], b[0], b[1]] } else { [b[0], b[1], a[0], a[1]] };
         found.push((gain, region(stripe, other_all)));
         let inside: Vec<usize> =
             all.iter().copied().filter(|&k| (stripe[0]..=stripe[1]).contains(&places[k][first])).collect();

@@ -169,7 +169,8 @@ impl Recorder {
         let from = (window.start - problem.cut.margin + 0.08).max(first);
         // On a stamp, so that rows fall on steps.
         let from = due[0].iter().copied().find(|&t| t >= from).unwrap_or(from);
-        let Ok(starts) = Starts::new(&window.view, &problem.columns, problem.free, problem.sensor_errors(&ghost.setting))
+        let Ok(starts) =
+            Starts::new(&window.view, &problem.columns, problem.free, problem.sensor_errors(&ghost.setting))
         else {
             return Ok(None);
         };

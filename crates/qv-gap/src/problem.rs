@@ -3,7 +3,9 @@
 use crate::GapError;
 use crate::observe::{self, Channel};
 use qv_replay::Run;
-use qv_replay::replay::{Command, Feet, HeldCommands, SensorErrors, Starts, expand, feet_of, is_whole, joint_columns, stated_parameters};
+use qv_replay::replay::{
+    Command, Feet, HeldCommands, SensorErrors, Starts, expand, feet_of, is_whole, joint_columns, stated_parameters,
+};
 use qv_replay::run::{ActuatorKind, FaultKind};
 use qv_sim::{Batch, JointCommand, Model, ParameterInfo, SimOptions, Terrain};
 use std::collections::HashMap;
@@ -172,7 +174,8 @@ impl<'a> Problem<'a> {
             let found = || GapError::run("parameters", "a parameter of the simulator", format!("`{name}`"));
             nominal[*index.get(&name).ok_or_else(found)?] = value;
         }
-        let stated = (0..nominal.len()).filter(|&i| nominal[i] != catalogue[i].neutral).map(|i| (i, nominal[i])).collect();
+        let stated =
+            (0..nominal.len()).filter(|&i| nominal[i] != catalogue[i].neutral).map(|i| (i, nominal[i])).collect();
         let roles = catalogue.iter().map(|p| role(&p.name, model)).collect();
         let feet = feet_of(run, model);
         let channels = observe::channels(run, &columns, free);
@@ -181,7 +184,23 @@ impl<'a> Problem<'a> {
         }
         let law_joints = law_joints(run, &columns);
         let numerics = Numerics::default();
-        Ok(Self { model, terrain, columns, free, feet, catalogue, nominal, stated, roles, channels, law_joints, cut, numerics, depth: 0.0, index })
+        Ok(Self {
+            model,
+            terrain,
+            columns,
+            free,
+            feet,
+            catalogue,
+            nominal,
+            stated,
+            roles,
+            channels,
+            law_joints,
+            cut,
+            numerics,
+            depth: 0.0,
+            index,
+        })
     }
 
     /// Index of a parameter.
@@ -251,7 +270,8 @@ impl<'a> Problem<'a> {
     fn is_usable(&self, run: &Run, from: f64) -> bool {
         let (from, to) = (from - 0.05, from + self.cut.window + 0.05);
         let (m, c) = (&run.measured, &run.commands);
-        let needed = [&m.position, &m.velocity, &m.torque, &m.gyro, &m.orientation, &m.base_pose, &c.position, &c.torque];
+        let needed =
+            [&m.position, &m.velocity, &m.torque, &m.gyro, &m.orientation, &m.base_pose, &c.position, &c.torque];
         needed.into_iter().flatten().filter(|s| !s.is_empty()).all(|s| is_whole(s, from, to))
     }
 
@@ -311,7 +331,9 @@ fn law_joints(run: &Run, columns: &[usize]) -> Vec<usize> {
     if run.actuator.kind != ActuatorKind::Pd || run.commands.position.is_none() {
         return Vec::new();
     }
-    (0..columns.len()).filter(|&j| torque.column(columns[j]).any(|x| x != 0.0) && is_alive(run, "torque", j, columns)).collect()
+    (0..columns.len())
+        .filter(|&j| torque.column(columns[j]).any(|x| x != 0.0) && is_alive(run, "torque", j, columns))
+        .collect()
 }
 
 /// Whether no fault says that a channel of a joint stood still.

@@ -45,8 +45,7 @@ const FACTORS: [Terms; 11] = [
 pub fn factors(study: &Study) -> Vec<Factor> {
     let Some(asked) = asked(study) else { return Vec::new() };
     let joints = study.problem.columns.len();
-    let known: Vec<Vec<Known>> =
-        study.seen.iter().map(|s| (0..joints).map(|j| known(study, s, j)).collect()).collect();
+    let known: Vec<Vec<Known>> = study.seen.iter().map(|s| (0..joints).map(|j| known(study, s, j)).collect()).collect();
     let mut found: Vec<Factor> = FACTORS
         .iter()
         .map(|(name, terms)| Factor { factor: (*name).into(), r2_heldout: held_out_r2(&asked, &known, *terms) })
@@ -59,7 +58,10 @@ pub fn factors(study: &Study) -> Vec<Factor> {
 /// Outside torque that each window asks for at each joint \[N m\]; `None` without such an effect.
 fn asked(study: &Study) -> Option<Vec<Vec<f64>>> {
     let columns = &study.columns;
-    let effect = columns.effects.iter().position(|e| e.axes.iter().any(|a| a.moves.keys().any(|m| m.ends_with(".external_torque"))))?;
+    let effect = columns
+        .effects
+        .iter()
+        .position(|e| e.axes.iter().any(|a| a.moves.keys().any(|m| m.ends_with(".external_torque"))))?;
     let units: Vec<usize> = (0..columns.units.len()).filter(|&u| columns.units[u].effect == effect).collect();
     let of: Vec<(usize, f64)> =
         units.iter().filter_map(|&u| columns.column(u, 0).map(|c| (EXTRA + c, columns.columns[c].value))).collect();

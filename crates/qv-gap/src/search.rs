@@ -164,7 +164,9 @@ impl<'s, 'a> Search<'s, 'a> {
     fn start(&mut self, base: &Base, candidates: Vec<Suspect>) -> Result<Vec<Fit>, GapError> {
         let every = (self.windows.len() / COARSE_WINDOWS).max(1);
         let some: Vec<usize> = self.windows.iter().copied().step_by(every).collect();
-        let marginal = self.study.marginal(|s| fitted(s) * f64::from(u8::from(some.iter().any(|&w| std::ptr::eq(&self.study.seen[w], s)))));
+        let marginal = self
+            .study
+            .marginal(|s| fitted(s) * f64::from(u8::from(some.iter().any(|&w| std::ptr::eq(&self.study.seen[w], s)))));
         let Some(marginal) = marginal else { return Ok(Vec::new()) };
         let starts: Vec<Vec<Vec<f64>>> = candidates.iter().map(|c| starts(self.columns(), c)).collect();
         let tried: Vec<Suspect> = candidates
@@ -283,8 +285,7 @@ impl<'s, 'a> Search<'s, 'a> {
         let mut next = 0;
         for fit in fits {
             let axes = fit.suspect.values.len();
-            let steps: Vec<f64> =
-                (0..axes).map(|a| points[next + 1 + a].values[a] - fit.suspect.values[a]).collect();
+            let steps: Vec<f64> = (0..axes).map(|a| points[next + 1 + a].values[a] - fit.suspect.values[a]).collect();
             tangents.push(self.tangent(&raw[next..next + 1 + axes], &windows, &steps));
             next += 1 + axes;
         }
@@ -334,8 +335,11 @@ impl<'s, 'a> Search<'s, 'a> {
             let effect = &self.columns().effects[group.effect];
             let groups = self.columns().groups.iter().filter(|g| g.effect == group.effect).count();
             let range = effect.span();
-            let volume: f64 =
-                fit.deviations.iter().map(|d| (d.max(1e-9 * range) * std::f64::consts::TAU.sqrt() / range).ln().min(0.0)).sum();
+            let volume: f64 = fit
+                .deviations
+                .iter()
+                .map(|d| (d.max(1e-9 * range) * std::f64::consts::TAU.sqrt() / range).ln().min(0.0))
+                .sum();
             let gain = 0.5 * (base.loss - fit.loss) / self.temper;
             fit.evidence = gain + volume - (groups as f64).ln();
         }

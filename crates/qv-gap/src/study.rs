@@ -284,7 +284,8 @@ fn sensitivities(
     let base = compare(problem, &problem.numerics, &chosen, &[Setting::new()])?;
     *steps += base.steps;
     let raw = with_law(problem, &vec![alignment; chosen.len()], &chosen, &[Setting::new()], base.values).remove(0);
-    let mut sensitivities: Vec<Vec<Raw>> = raw.iter().zip(windows).map(|(r, w)| vec![shift_column(problem, alignment, w, r)]).collect();
+    let mut sensitivities: Vec<Vec<Raw>> =
+        raw.iter().zip(windows).map(|(r, w)| vec![shift_column(problem, alignment, w, r)]).collect();
     let mut settings: Vec<Setting> =
         columns.columns.iter().map(|c| columns.setting(problem, &[(c.unit, c.value)])).collect();
     // Latencies cost memory: those that have one are simulated together.
@@ -295,7 +296,9 @@ fn sensitivities(
         let of_some: Vec<Setting> = some.iter().map(|&k| std::mem::take(&mut settings[k])).collect();
         let residuals = compare(problem, &problem.numerics, &chosen, &of_some)?;
         *steps += residuals.steps;
-        for (&k, of_setting) in some.iter().zip(with_law(problem, &vec![alignment; chosen.len()], &chosen, &of_some, residuals.values)) {
+        for (&k, of_setting) in
+            some.iter().zip(with_law(problem, &vec![alignment; chosen.len()], &chosen, &of_some, residuals.values))
+        {
             for (w, changed) in of_setting.into_iter().enumerate() {
                 if !changed.is_empty() && !raw[w].is_empty() {
                     found[w][k] = Some(raw[w].minus(&changed));
@@ -339,7 +342,13 @@ fn with_law(
                 let mut law = base[w].clone();
                 for (k, &j) in problem.law_joints.iter().enumerate() {
                     if law::concerns(problem, setting, j) {
-                        law[k * bins..(k + 1) * bins].copy_from_slice(&law::of_joint(problem, windows[w], setting, j, alignments[w]));
+                        law[k * bins..(k + 1) * bins].copy_from_slice(&law::of_joint(
+                            problem,
+                            windows[w],
+                            setting,
+                            j,
+                            alignments[w],
+                        ));
                     }
                 }
                 let whole = law.iter().all(|x| x.is_finite());
@@ -385,7 +394,8 @@ fn ghosts(
             let residuals = compare(problem, &problem.numerics, &whole, &[Setting::new()])?;
             *steps += residuals.steps;
             let alignment = law::align(problem, &whole);
-            let found = with_law(problem, &vec![alignment; whole.len()], &whole, &[Setting::new()], residuals.values).remove(0);
+            let found =
+                with_law(problem, &vec![alignment; whole.len()], &whole, &[Setting::new()], residuals.values).remove(0);
             at.into_iter().zip(found).for_each(|(w, r)| raw[w] = r);
         }
         all.push(raw);
@@ -397,7 +407,9 @@ fn ghosts(
 /// Contact as other engines have it: what they call stiff differs by factors.
 fn other_contact(problem: &Problem, setting: &mut Setting, seed: u64, stream: u64) {
     let mut random = Random::new(seed, 5000 + stream);
-    for (name, spread, range) in [("contact.time_constant", 0.5, (0.003, 0.016)), ("contact.damping_ratio", 0.3, (0.4, 2.0))] {
+    for (name, spread, range) in
+        [("contact.time_constant", 0.5, (0.003, 0.016)), ("contact.damping_ratio", 0.3, (0.4, 2.0))]
+    {
         let factor = random.normal(spread).exp();
         let Some(id) = problem.parameter(name).filter(|_| !problem.terrain.is_none()) else { continue };
         setting.retain(|s| s.0 != id);

@@ -22,7 +22,9 @@ pub fn faults(runs: &[Run]) -> Vec<String> {
         let line = match fault.kind {
             FaultKind::Frozen => format!("{} stood still: nothing is accused on it ({})", fault.channel, fault.detail),
             FaultKind::Missing => format!("{} was not recorded", fault.channel),
-            kind if kind.is_partial() => format!("{kind} in {} at {:.2} s: {}", fault.channel, fault.time, fault.detail),
+            kind if kind.is_partial() => {
+                format!("{kind} in {} at {:.2} s: {}", fault.channel, fault.time, fault.detail)
+            }
             _ => continue,
         };
         if !told.contains(&line) {
@@ -64,7 +66,9 @@ pub fn missing(study: &Study, run: &Run, library: &[Effect]) -> Vec<String> {
     let m = &run.measured;
     let mut told = Vec::new();
     if m.torque.is_none() {
-        told.push("joint torques were not measured: what the motors do cannot be told from what the legs do".to_string());
+        told.push(
+            "joint torques were not measured: what the motors do cannot be told from what the legs do".to_string(),
+        );
     }
     if study.problem.free && m.orientation.is_none() {
         told.push("there is no IMU orientation: tilt of the IMU and delay of the pose cannot be told".to_string());
@@ -94,7 +98,9 @@ fn weak(study: &Study) -> Vec<String> {
             let Some(d) = group.and_then(|g| direction(&study.columns, g, level)) else { return true };
             let h = d.d.transpose() * &marginal.curvature * &d.d;
             // A limit that never bites has no curvature at any level.
-            (0..d.steps.len()).all(|a| h[(a, a)] < 1e-9 || d.steps[a].abs() / h[(a, a)].sqrt() > 0.25 * effect.span().max(d.steps[a].abs()))
+            (0..d.steps.len()).all(|a| {
+                h[(a, a)] < 1e-9 || d.steps[a].abs() / h[(a, a)].sqrt() > 0.25 * effect.span().max(d.steps[a].abs())
+            })
         };
         if (0..effect.levels.len()).all(open) {
             weak.push(effect.name.clone());
@@ -161,14 +167,18 @@ pub fn sentence(verdict: Verdict, causes: &[Cause], gap: &Gap, ranking: &[Ranked
     let all: Vec<String> = causes.iter().map(described).collect();
     let closed = format!("{:.0} % of the gap in windows that no fit has seen", 100.0 * gap.closed);
     match verdict {
-        Verdict::NoGap => "Simulator and robot agree as well as sensor noise and the tolerances of any robot let them.".into(),
+        Verdict::NoGap => {
+            "Simulator and robot agree as well as sensor noise and the tolerances of any robot let them.".into()
+        }
         Verdict::Explained => format!("The gap is {}; with it the simulator closes {closed}.", all.join(" and ")),
         Verdict::PartlyExplained => {
             format!("Most of the gap is {}, which closes {closed}; something else is there, too.", all.join(" and "))
         }
         Verdict::Unexplained => {
             let runner_up = ranking.iter().find(|r| r.effect != UNKNOWN);
-            let nearest = runner_up.map_or(String::new(), |r| format!(" The nearest, {}, does not explain it.", r.effect.replace('_', " ")));
+            let nearest = runner_up.map_or(String::new(), |r| {
+                format!(" The nearest, {}, does not explain it.", r.effect.replace('_', " "))
+            });
             format!("There is a gap that no single effect of the library explains.{nearest}")
         }
     }
@@ -181,14 +191,21 @@ pub fn next(verdict: Verdict, causes: &[Cause], rounds: &[Round], study: &Study)
         Verdict::NoGap => next.push("Nothing to correct. For a sharper test record faster and larger motions.".into()),
         Verdict::Explained | Verdict::PartlyExplained => {
             next.push("Use calibrated.toml (`qv replay --params`), or the corrections for MuJoCo, URDF and Isaac Lab beside it.".into());
-            next.push("Record once more and diagnose with --params calibrated.toml: the verdict should be no_gap.".into());
+            next.push(
+                "Record once more and diagnose with --params calibrated.toml: the verdict should be no_gap.".into(),
+            );
             for cause in causes.iter().filter(|c| !c.confusable_with.is_empty()) {
                 let likes = cause.confusable_with.join(", ");
-                next.push(format!("{} looks like {likes} here. To tell them apart: {}.", cause.effect, cause.separating_experiment));
+                next.push(format!(
+                    "{} looks like {likes} here. To tell them apart: {}.",
+                    cause.effect, cause.separating_experiment
+                ));
             }
         }
         Verdict::Unexplained => {
-            next.push("Look at what is left and what it goes along with; add an effect of your own with --library.".into());
+            next.push(
+                "Look at what is left and what it goes along with; add an effect of your own with --library.".into(),
+            );
             if let Some(fit) = rounds.first().and_then(|r| r.fits.first()) {
                 let effect = &study.columns.effects[study.columns.groups[fit.suspect.group].effect];
                 next.push(format!("To rule {} out or in: {}.", effect.name, effect.experiment));

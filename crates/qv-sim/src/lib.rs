@@ -23,6 +23,7 @@ mod engine;
 mod error;
 mod lanes;
 mod model;
+mod names;
 mod options;
 mod parameters;
 #[cfg(feature = "rapier")]

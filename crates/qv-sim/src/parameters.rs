@@ -5,6 +5,7 @@
 
 use crate::SimError;
 use crate::model::{JointKind, Model, Shape};
+use crate::names::edit_distance;
 use crate::terrain::Terrain;
 use std::collections::HashMap;
 
@@ -589,19 +590,4 @@ fn world_parameters(infos: &mut Vec<ParameterInfo>, terrain: &Terrain) {
         (FootForceScale, "sensor.foot_force.scale", "1", 1.0, (0.5, 1.5), 0.0, "reported over true foot force"),
     ];
     push(infos, "", &rows, Slot::World);
-}
-
-fn edit_distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for j in 0..b.len() {
-            let substituted = diagonal + usize::from(x != b[j]);
-            diagonal = row[j + 1];
-            row[j + 1] = substituted.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row[b.len()]
 }

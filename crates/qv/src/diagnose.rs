@@ -1,13 +1,14 @@
 //! `qv diagnose`: where the gap lies, what causes it, how far it shrinks.
 
 use crate::glb::read_glb;
-use crate::open::{file_error, model_of, open_run, spinner};
+use crate::open::{file_error, model_of, open_run, spinner, urdf_of};
 use crate::{Outcome, RunArguments, say};
+use qv_core::JointSeries;
 use qv_gap::report::{Report, UNKNOWN};
-use qv_gap::{GapError, Options, diagnose, library};
+use qv_gap::{GapError, Options, diagnose, library, output};
 use qv_replay::replay::parameters_from_toml;
 use qv_replay::{ReplayError, Run};
-use qv_sim::Terrain;
+use qv_sim::{Model, Terrain};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -62,7 +63,8 @@ impl Diagnose {
         let terrain = terrain(&self.terrain)?;
         let mut library = library::built_in();
         if let Some(path) = &self.library {
-            let text = fs::read_to_string(path).map_err(|e| file_error(path, "a library of effects", &e.to_string()))?;
+            let text =
+                fs::read_to_string(path).map_err(|e| file_error(path, "a library of effects", &e.to_string()))?;
             library.extend(library::parse(&text, &path.display().to_string()).map_err(replay_error)?);
         }
         let unknown = self.without.iter().find(|name| !library.iter().any(|e| e.name == **name));
@@ -88,18 +90,20 @@ impl Diagnose {
         };
         let diagnosis = diagnose(&runs, &model, &terrain, &options, self.leave_out).map_err(replay_error)?;
         bar.finish_and_clear();
-        self.write(&self.out, &diagnosis.report)?;
+        let lost: Vec<String> = runs.iter().flat_map(lost).collect();
+        let urdf = urdf_of(&runs[0], self.robot.as_deref());
+        let robot = Robot::new(&runs[0], model.clone(), urdf, lost.clone());
+        self.write(&self.out, &diagnosis.report, &robot)?;
         for (effect, report) in &diagnosis.without {
-            self.write(&self.out.join("without").join(effect), report)?;
+            self.write(&self.out.join("without").join(effect), report, &robot)?;
         }
         let report = &diagnosis.report;
         if self.json {
-            let line = serde_json::to_string(report).expect("a report is plain data");
+            let line = serde_json::to_value(report).expect("a report is plain data");
             say(&format!("{line}\n"))?;
         } else {
             say(&format!("{}written to {}\n", summary(report), self.out.display()))?;
         }
-        let lost: Vec<String> = runs.iter().flat_map(lost).collect();
         lost.iter().for_each(|what| eprintln!("qv: {what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
@@ -115,16 +119,52 @@ impl Diagnose {
         parameters_from_toml(&text)
     }
 
-    fn write(&self, directory: &Path, report: &Report) -> Result<(), ReplayError> {
+    fn write(&self, directory: &Path, report: &Report, robot: &Robot) -> Result<(), ReplayError> {
         let failed = |what: &Path, e: std::io::Error| ReplayError::Write {
             what: what.display().to_string(),
             reason: e.to_string(),
         };
         fs::create_dir_all(directory).map_err(|e| failed(directory, e))?;
-        let path = directory.join("report.json");
-        let text = serde_json::to_string_pretty(report).expect("a report is plain data");
-        fs::write(&path, text + "\n").map_err(|e| failed(&path, e))
+        let title: Vec<String> = self.runs.iter().map(|r| r.display().to_string()).collect();
+        let urdf = robot.urdf.as_deref();
+        let files = output::files(report, &robot.model, urdf, &title.join(", "), &robot.notes, &robot.kp, &robot.kd);
+        for (name, bytes) in files {
+            let path = directory.join(name);
+            fs::write(&path, bytes).map_err(|e| failed(&path, e))?;
+        }
+        Ok(())
     }
+}
+
+/// What the outputs need to know of the robot.
+struct Robot {
+    model: Model,
+    urdf: Option<String>,
+    kp: Vec<f64>,
+    kd: Vec<f64>,
+    notes: Vec<String>,
+}
+
+impl Robot {
+    fn new(run: &Run, model: Model, urdf: Option<String>, notes: Vec<String>) -> Self {
+        let gains = |series: &Option<JointSeries>, fixed: Option<f64>| {
+            let of = |name: &String| {
+                let column = run.joint_names.iter().position(|n| n == name);
+                let typical = series.as_ref().zip(column).and_then(|(s, c)| median(s.column(c).collect()));
+                typical.or(fixed).unwrap_or(0.0)
+            };
+            model.joint_names().iter().map(of).collect()
+        };
+        let kp = gains(&run.commands.kp, run.actuator.kp);
+        let kd = gains(&run.commands.kd, run.actuator.kd);
+        Self { model, urdf, kp, kd, notes }
+    }
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.retain(|x| x.is_finite());
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
 }
 
 fn replay_error(error: GapError) -> ReplayError {
@@ -176,7 +216,12 @@ fn summary(report: &Report) -> String {
         text += &format!("{:>6.1} %  {name}\n", 100.0 * ranked.probability);
     }
     for cause in report.causes.iter().filter(|c| !c.confusable_with.is_empty()) {
-        text += &format!("{} looks like {}: {}\n", cause.effect, cause.confusable_with.join(", "), cause.separating_experiment);
+        text += &format!(
+            "{} looks like {}: {}\n",
+            cause.effect,
+            cause.confusable_with.join(", "),
+            cause.separating_experiment
+        );
     }
     report.cannot_tell.iter().for_each(|line| text += &format!("{line}\n"));
     text

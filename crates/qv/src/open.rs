@@ -145,6 +145,16 @@ pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, Re
     Model::from_urdf(&urdf, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))
 }
 
+/// The text of the URDF that [`model_of`] reads; `None` when it cannot be read.
+pub fn urdf_of(run: &Run, robot: Option<&str>) -> Option<String> {
+    match (robot, &run.robot) {
+        (Some("go2"), _) => Some(qv_go2::model::urdf()),
+        (Some(file), _) => fs::read_to_string(file).ok(),
+        (None, Robot::Urdf(text)) => Some(text.clone()),
+        (None, Robot::Named(name)) => (name == "go2").then(qv_go2::model::urdf),
+    }
+}
+
 fn open_table(csv: &Path) -> Result<Run, ReplayError> {
     let directory = csv.parent().unwrap_or(Path::new("."));
     let toml_path = csv.with_extension("toml");
