@@ -201,7 +201,8 @@ pub fn standing_depth(problem: &Problem, window: &Window) -> Result<f64, GapErro
         return Ok(0.0);
     }
     let Some(start) = prepare_one(problem, window, &problem.sensor_errors(&nothing)) else { return Ok(0.0) };
-    let mut batch = Batch::<f64>::new(problem.model, &problem.terrain, &problem.numerics.options(0.0), 1)?;
+    let options = problem.numerics.options(longest_latency(problem, &nothing));
+    let mut batch = Batch::<f64>::new(problem.model, &problem.terrain, &options, 1)?;
     let height = set(problem, &mut batch, 0, &nothing, window, &start.state)?;
     let commands = problem.commands(window, &problem.numerics, 0)?;
     batch.set_command(0, &commands[0].view())?;
