@@ -115,7 +115,8 @@ impl Body {
         if mass <= 0.0 {
             return None;
         }
-        let com = (self.com * self.mass + other.com * other.mass) / mass;
+        // What is added at the centre leaves it there, to the last digit.
+        let com = if self.com == other.com { self.com } else { (self.com * self.mass + other.com * other.mass) / mass };
         let about = |b: &Self| b.inertia + point_inertia(b.mass, b.com - com);
         Some(Self { mass, com, inertia: about(self) + about(other) })
     }

@@ -10,7 +10,7 @@ mod style;
 mod words;
 
 use super::calibrated::cause_of;
-use crate::library::built_in;
+use crate::library::{Effect, built_in};
 use crate::report::{Correction, Report, Stage, Unexplained, Verdict, Where};
 use bars::{joints, shares, track};
 use std::fmt::Write;
@@ -31,15 +31,28 @@ pub fn to_html(report: &Report, title: &str, notes: &[String]) -> String {
         let _ = write!(page, "<p class=\"soft\">{}</p>", escape(note));
     }
     page += &bars::gap(&report.gap, report.verdict, !report.causes.is_empty());
-    page += &causes::causes(report);
+    let library = built_in();
+    page += &causes::causes(report, &library);
     page += &sentences(report);
-    page += &place(report);
-    page += &curves::curves(&report.curves);
+    let shown = shown(report);
+    page += &place(&shown);
+    page += &curves::curves(&shown.curves);
     page += &unexplained(&report.unexplained, report.verdict);
-    page += &corrections(report);
+    page += &corrections(report, &library);
     page += &stages(&report.stages, report.runtime_s);
     page += "</html>\n";
     page
+}
+
+/// The report with what its pictures show: without a cause, after is before.
+fn shown(report: &Report) -> Report {
+    let mut shown = report.clone();
+    if report.causes.is_empty() {
+        shown.heat_map.after.clear();
+        shown.floor_plan.iter_mut().for_each(|p| p.after = f64::NAN);
+        shown.curves.iter_mut().for_each(|c| c.after.clear());
+    }
+    shown
 }
 
 fn verdict(report: &Report) -> String {
@@ -61,7 +74,7 @@ fn sentences(report: &Report) -> String {
         if sentences.is_empty() {
             return String::new();
         }
-        let items: String = sentences.iter().map(|s| format!("<li>{}", escape(s))).collect();
+        let items: String = sentences.iter().map(|s| format!("<li>{}</li>", with_code(s))).collect();
         format!("<div><h2>{title}</h2><div class=\"card\"><{tag}>{items}</{tag}></div></div>")
     };
     let next = list("What to do next", &report.next, "ol");
@@ -71,6 +84,16 @@ fn sentences(report: &Report) -> String {
     } else {
         format!("<div class=\"grid wide\">{next}{cannot}</div>")
     }
+}
+
+/// What stands between backquotes is code.
+fn with_code(text: &str) -> String {
+    let parts: Vec<&str> = text.split('`').collect();
+    let is_paired = parts.len() % 2 == 1;
+    let part = |(i, part): (usize, &&str)| {
+        if i % 2 == 1 && is_paired { format!("<code>{}</code>", escape(part)) } else { escape(part) }
+    };
+    parts.iter().enumerate().map(part).collect::<Vec<_>>().join(if is_paired { "" } else { "`" })
 }
 
 fn place(report: &Report) -> String {
@@ -125,7 +148,7 @@ struct Line<'a> {
     names: Vec<String>,
 }
 
-fn corrections(report: &Report) -> String {
+fn corrections(report: &Report, library: &[Effect]) -> String {
     if report.corrections.is_empty() {
         return String::new();
     }
@@ -141,7 +164,6 @@ fn corrections(report: &Report) -> String {
             None => lines.push(Line { first: c, names: vec![name] }),
         }
     }
-    let library = built_in();
     let mut text = format!(
         "<h2>Corrections</h2><div class=\"card\"><details><summary>{} parameters of the simulator, as in calibrated.toml\
          </summary><div class=\"scroll\"><table><tr><th>parameter<th class=\"left\">of<th>was<th>is<th class=\"left\">cause</tr>",
@@ -150,7 +172,7 @@ fn corrections(report: &Report) -> String {
     for line in &lines {
         let c = line.first;
         let kind = kind_and_name(&c.parameter).0;
-        let cause = cause_of(c, &report.causes, &library).map(words).unwrap_or_default();
+        let cause = cause_of(c, &report.causes, library).map(words).unwrap_or_default();
         let _ = write!(
             text,
             "<tr><td><code>{}</code><td class=\"left\">{}<td class=\"number\">{}<td class=\"number\"><b>{}</b><td class=\"left\">{}</tr>",
@@ -204,7 +226,13 @@ fn stages(stages: &[Stage], runtime: f64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::kind_and_name;
+    use super::{kind_and_name, with_code};
+
+    #[test]
+    fn code_is_marked() {
+        assert_eq!(with_code("use `a < b`."), "use <code>a &lt; b</code>.");
+        assert_eq!(with_code("an odd ` one"), "an odd ` one");
+    }
 
     #[test]
     fn kinds_of_parameters() {

@@ -4,8 +4,8 @@ use super::words::{escape, fixed, percent, significant, width, words};
 use crate::report::{Cause, Gap, JointShare, Ranked, Share, Verdict};
 use std::fmt::Write;
 
-/// Places of the ranking that are shown.
-const RANKS: usize = 8;
+/// Places of the ranking that are shown at least and at most; those between when there is something to see.
+const RANKS: [usize; 2] = [4, 8];
 
 /// A bar on a track; `share` of its width, 0 to 1.
 pub(super) fn track(share: f64, color: &str) -> String {
@@ -30,6 +30,9 @@ pub(super) fn gap(gap: &Gap, verdict: Verdict, has_causes: bool) -> String {
     for (name, value, color) in
         [("before", gap.before, "before"), ("after", gap.after, "after"), ("floor", gap.floor, "floor")]
     {
+        if name == "after" && !has_causes {
+            continue;
+        }
         let (bar, value) = (track(value / largest, color), significant(value, 3));
         let _ = write!(bars, "<span class=\"name\">{name}</span>{bar}<span class=\"value\">{value}</span>");
     }
@@ -116,7 +119,9 @@ pub(super) fn ranking(ranking: &[Ranked], causes: &[Cause]) -> String {
     }
     let mut text =
         String::from("<div class=\"card\"><h3>All that was considered, by probability</h3><div class=\"bars\">");
-    for r in ranking.iter().take(RANKS) {
+    let likely = ranking.iter().take_while(|r| r.probability >= 0.005).count();
+    let shown = likely.clamp(RANKS[0], RANKS[1]).min(ranking.len());
+    for r in &ranking[..shown] {
         let accused = causes.iter().any(|c| c.effect == r.effect);
         let name = if accused { format!("<b>{}</b>", escape(&words(&r.effect))) } else { escape(&words(&r.effect)) };
         let bar = track(r.probability, if accused { "accent" } else { "floor" });
@@ -124,10 +129,10 @@ pub(super) fn ranking(ranking: &[Ranked], causes: &[Cause]) -> String {
         let _ = write!(text, "<span class=\"name\">{name}</span>{bar}<span class=\"value\">{value}</span>");
     }
     text += "</div>";
-    if ranking.len() > RANKS {
-        let rest: f64 = ranking[RANKS..].iter().map(|r| r.probability).filter(|p| p.is_finite()).sum();
+    if ranking.len() > shown {
+        let rest: f64 = ranking[shown..].iter().map(|r| r.probability).filter(|p| p.is_finite()).sum();
         let _ =
-            write!(text, "<p class=\"soft small\">{} more with {} together</p>", ranking.len() - RANKS, percent(rest));
+            write!(text, "<p class=\"soft small\">{} more with {} together</p>", ranking.len() - shown, percent(rest));
     }
     text + "</div>"
 }

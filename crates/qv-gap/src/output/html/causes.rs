@@ -2,6 +2,7 @@
 
 use super::bars::{ranking, track};
 use super::words::{escape, percent, size, words};
+use crate::library::{Effect, Scope};
 use crate::report::{Cause, Report, Verdict};
 use std::fmt::Write;
 
@@ -9,7 +10,7 @@ use std::fmt::Write;
 const NAMES: usize = 8;
 
 /// The section.
-pub(super) fn causes(report: &Report) -> String {
+pub(super) fn causes(report: &Report, library: &[Effect]) -> String {
     let mut text = String::from("<h2>What causes it</h2>");
     if report.causes.is_empty() {
         let why = match report.verdict {
@@ -22,12 +23,12 @@ pub(super) fn causes(report: &Report) -> String {
         let _ = write!(text, "<p>{why}</p>");
     }
     for (place, c) in report.causes.iter().enumerate() {
-        text += &cause(place + 1, c);
+        text += &cause(place + 1, c, library);
     }
     text + &ranking(&report.ranking, &report.causes)
 }
 
-fn cause(place: usize, c: &Cause) -> String {
+fn cause(place: usize, c: &Cause, library: &[Effect]) -> String {
     let mut text = format!(
         "<article class=\"card cause\"><header><span><span class=\"title\">{place}. {}</span> <code>{}</code></span>{}\
          <span><b>{}</b> <span class=\"soft\">probable</span></span></header><dl>",
@@ -44,7 +45,7 @@ fn cause(place: usize, c: &Cause) -> String {
         row("size", format!("{} <span class=\"soft small\">95 % interval</span>", sizes.join("<br>")));
     }
     if !c.scope.is_empty() {
-        row("where", scope(&c.scope));
+        row("where", scope(c, library));
     }
     row("closes alone", format!("{} of the gap", percent(c.closed_alone)));
     if !c.confusable_with.is_empty() {
@@ -63,10 +64,20 @@ fn parameter(c: &Cause, p: &crate::report::ParameterEstimate) -> String {
     if c.parameters.len() == 1 { size } else { format!("{} {size}", escape(&words(&p.name).to_lowercase())) }
 }
 
-fn scope(names: &[String]) -> String {
+fn scope(c: &Cause, library: &[Effect]) -> String {
+    // What an effect acts on says what all of it is.
+    let all = match library.iter().find(|e| e.name == c.effect).map(|e| e.scope) {
+        Some(Scope::Joints) => "all joints",
+        Some(Scope::Links) => "all links",
+        Some(Scope::Feet) => "all feet",
+        Some(Scope::Ground) => "the whole floor",
+        Some(Scope::Base | Scope::World) => "the whole robot",
+        None => "everywhere",
+    };
+    let names = &c.scope;
     let mut text = String::new();
     for name in names.iter().take(NAMES) {
-        let _ = write!(text, "<span class=\"chip\">{}</span>", escape(if name == "all" { "everywhere" } else { name }));
+        let _ = write!(text, "<span class=\"chip\">{}</span>", escape(if name == "all" { all } else { name }));
     }
     if names.len() > NAMES {
         let _ = write!(text, "<span class=\"soft\">and {} more</span>", names.len() - NAMES);

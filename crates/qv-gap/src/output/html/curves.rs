@@ -11,9 +11,11 @@ const WIDTH: f64 = 500.0;
 const LEFT: f64 = 52.0;
 const RIGHT: f64 = 8.0;
 /// Top and bottom of the positions, then of the errors \[pixels\].
-const POSITIONS: [f64; 2] = [8.0, 148.0];
-const ERRORS: [f64; 2] = [176.0, 246.0];
-const HEIGHT: f64 = 282.0;
+const POSITIONS: [f64; 2] = [18.0, 158.0];
+const ERRORS: [f64; 2] = [188.0, 258.0];
+const HEIGHT: f64 = 294.0;
+/// Fewer points than this are marked each.
+const FEW: usize = 40;
 
 /// The section; empty without curves.
 pub(super) fn curves(curves: &[Curve]) -> String {
@@ -26,7 +28,7 @@ pub(super) fn curves(curves: &[Curve]) -> String {
         "<h2>Before and after</h2><p class=\"soft\">{}{}{} &emsp;in windows that no fit has seen</p><div class=\"grid wide\">{}</div>",
         key("measured"),
         key("before"),
-        key("after"),
+        if curves.iter().any(|c| !c.after.is_empty()) { key("after") } else { String::new() },
         pictures.concat()
     )
 }
@@ -43,7 +45,7 @@ fn one(curve: &Curve) -> Option<String> {
     svg += &axes(xs, Axis { from: position, to: [POSITIONS[1], POSITIONS[0]] }, "position [rad]");
     let ys = Axis { from: position, to: [POSITIONS[1], POSITIONS[0]] };
     for (class, values) in [("measured", &curve.measured), ("before", &curve.before), ("after", &curve.after)] {
-        let _ = write!(svg, "<path class=\"line l-{class}\" d=\"{}\"/>", path(&curve.time, values, xs, ys));
+        svg += &line(class, &curve.time, values, xs, ys);
     }
     svg += &errors(curve, xs);
     for (t, label) in ticks(time, 6.0) {
@@ -64,7 +66,22 @@ fn errors(curve: &Curve, xs: Axis) -> String {
     let mut svg = axes(xs, ys, "simulated − measured [mrad]");
     let _ = write!(svg, "<path class=\"zero\" d=\"M{LEFT} {:.1}H{}\"/>", ys.at(0.0), WIDTH - RIGHT);
     for (class, values) in [("before", before), ("after", after)] {
-        let _ = write!(svg, "<path class=\"line l-{class}\" d=\"{}\"/>", path(&curve.time, &values, xs, ys));
+        svg += &line(class, &curve.time, &values, xs, ys);
+    }
+    svg
+}
+
+/// A line, with its points where they are few.
+fn line(class: &str, time: &[f64], values: &[f64], xs: Axis, ys: Axis) -> String {
+    let drawn = path(time, values, xs, ys);
+    if drawn.is_empty() {
+        return drawn;
+    }
+    let mut svg = format!("<path class=\"line l-{class}\" d=\"{drawn}\"/>");
+    let known = time.iter().zip(values).filter(|(t, v)| t.is_finite() && v.is_finite());
+    if values.len() <= FEW {
+        let points: String = known.map(|(t, v)| format!("M{:.1} {:.1}h0", xs.at(*t), ys.at(*v))).collect();
+        let _ = write!(svg, "<path class=\"line points l-{class}\" d=\"{points}\"/>");
     }
     svg
 }
@@ -80,6 +97,6 @@ fn axes(xs: Axis, ys: Axis, label: &str) -> String {
     for (t, _) in ticks(xs.from, 6.0) {
         let _ = write!(svg, "<path class=\"axis\" d=\"M{:.1} {top}V{bottom}\"/>", xs.at(t));
     }
-    let _ = write!(svg, "<text class=\"halo\" x=\"{}\" y=\"{}\">{label}</text>", LEFT + 4.0, top + 11.0);
+    let _ = write!(svg, "<text x=\"{LEFT}\" y=\"{}\">{label}</text>", top - 6.0);
     svg
 }

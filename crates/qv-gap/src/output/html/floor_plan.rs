@@ -36,11 +36,7 @@ pub(super) fn floor_plan(points: &[FloorPoint], regions: &[RegionShare]) -> Stri
 fn frame(points: &[&FloorPoint], regions: &[&RegionShare]) -> (Axis, Axis, f64) {
     let xs = points.iter().map(|p| p.x).chain(regions.iter().flat_map(|r| r.x));
     let ys = points.iter().map(|p| p.y).chain(regions.iter().flat_map(|r| r.y));
-    let [x, mut y] = [range(xs), range(ys)].map(|r| padded(r.unwrap_or([0.0, 1.0])));
-    if !regions.is_empty() {
-        // Room for their names above them.
-        y[1] += 0.14 * (y[1] - y[0]);
-    }
+    let [x, y] = [range(xs), range(ys)].map(|r| padded(r.unwrap_or([0.0, 1.0])));
     let inner = WIDTH - EDGES[0] - EDGES[1];
     // A straight walk needs no square.
     let height = (inner * (y[1] - y[0]) / (x[1] - x[0])).clamp(150.0, 380.0);
@@ -69,12 +65,7 @@ fn plan(
     svg += &grid(xs, ys, height);
     let stride = points.len().div_ceil(POINTS).max(1);
     let shown: Vec<&FloorPoint> = points.iter().step_by(stride).copied().collect();
-    let way: String = shown
-        .iter()
-        .enumerate()
-        .map(|(i, p)| format!("{}{:.1} {:.1}", if i == 0 { 'M' } else { 'L' }, xs.at(p.x), ys.at(p.y)))
-        .collect();
-    let _ = write!(svg, "<path class=\"way\" d=\"{way}\"/>");
+    let _ = write!(svg, "<path class=\"way\" d=\"{}\"/>", way(&shown, xs, ys));
     let radius = if shown.len() > 200 { 3.0 } else { 4.5 };
     // The largest last, so that they are not hidden.
     let mut order = shown.clone();
@@ -101,6 +92,17 @@ fn plan(
     svg + "</svg></div>"
 }
 
+/// The line through the points, broken where the next is far: another run begins there.
+fn way(points: &[&FloorPoint], xs: Axis, ys: Axis) -> String {
+    let step = |i: usize| (points[i].x - points[i - 1].x).hypot(points[i].y - points[i - 1].y);
+    let mut steps: Vec<f64> = (1..points.len()).map(step).collect();
+    steps.sort_by(f64::total_cmp);
+    let far = steps.get(steps.len() / 2).map_or(0.0, |usual| (8.0 * usual).max(0.2));
+    let command = |i: usize| if i == 0 || step(i) > far { 'M' } else { 'L' };
+    let at = |(i, p): (usize, &&FloorPoint)| format!("{}{:.1} {:.1}", command(i), xs.at(p.x), ys.at(p.y));
+    points.iter().enumerate().map(at).collect()
+}
+
 fn grid(xs: Axis, ys: Axis, height: f64) -> String {
     let mut svg = String::new();
     let (left, right) = (EDGES[0], WIDTH - EDGES[1]);
@@ -123,16 +125,18 @@ fn grid(xs: Axis, ys: Axis, height: f64) -> String {
 fn region(r: &RegionShare, xs: Axis, ys: Axis) -> String {
     let [left, right] = [xs.at(r.x[0].min(r.x[1])), xs.at(r.x[0].max(r.x[1]))];
     let [bottom, top] = [ys.at(r.y[0].min(r.y[1])), ys.at(r.y[0].max(r.y[1]))];
-    // Within the picture, above the outline if there is room.
-    let label = if top > EDGES[2] + 16.0 { top - 5.0 } else { top + 14.0 };
+    // Regions lie side by side: each name stays inside its own, as far as it fits.
+    let (whole, share) = (format!("{}, {}", r.name, percent(r.share)), percent(r.share));
+    let fits = 6.2 * whole.chars().count() as f64 + 8.0 < right - left;
     format!(
         "<rect class=\"region\" x=\"{left:.1}\" y=\"{top:.1}\" width=\"{:.1}\" height=\"{:.1}\"/>\
-         <text class=\"label halo\" x=\"{:.1}\" y=\"{label:.1}\">{}, {} of the gap</text>",
+         <text class=\"label halo\" x=\"{:.1}\" y=\"{:.1}\">{}<title>{} of the gap</title></text>",
         right - left,
         bottom - top,
-        left + 2.0,
-        escape(&r.name),
-        percent(r.share)
+        left + 4.0,
+        top + 13.0,
+        escape(if fits { &whole } else { &share }),
+        escape(&whole)
     )
 }
 

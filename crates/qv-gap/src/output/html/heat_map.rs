@@ -10,6 +10,7 @@ const COLUMNS: usize = 110;
 const WIDTH: f64 = 500.0;
 const LEFT: f64 = 112.0;
 const ROW: f64 = 17.0;
+const TIME: &str = "time [s]";
 
 /// A column of the map: when, and which windows it shows.
 struct Column {
@@ -20,7 +21,8 @@ struct Column {
 
 /// Before and after side by side in the same colours; empty without windows or joints.
 pub(super) fn heat_map(map: &HeatMap) -> String {
-    let columns = columns(&map.times);
+    let (times, label) = axis_of(&map.times);
+    let columns = columns(&times);
     if map.joints.is_empty() || columns.is_empty() {
         return String::new();
     }
@@ -29,12 +31,24 @@ pub(super) fn heat_map(map: &HeatMap) -> String {
     let mut text = String::from("<h3>Error of joint positions by joint and time</h3><div class=\"grid wide\">");
     for (name, values) in [("before", &map.before), ("after", &map.after)] {
         if !values.is_empty() {
-            let _ =
-                write!(text, "<div class=\"card\"><h3>{name}</h3>{}</div>", one(map, values, &columns, scale, name));
+            let _ = write!(
+                text,
+                "<div class=\"card\"><h3>{name}</h3>{}</div>",
+                one(map, values, &columns, scale, [name, label])
+            );
         }
     }
     let labels = [0.0, 0.5, 1.0].map(|share| fixed(1e3 * share * scale, 1));
     text + "</div>" + &legend("mrad, rms", labels)
+}
+
+/// Windows of several runs share no time: they are numbered, run after run.
+fn axis_of(times: &[f64]) -> (Vec<f64>, &'static str) {
+    if times.windows(2).any(|w| w[1] < w[0]) {
+        ((0..times.len()).map(|k| k as f64).collect(), "window, run after run")
+    } else {
+        (times.to_vec(), TIME)
+    }
 }
 
 /// Windows, several to a column when there are many. A column ends where the next begins, or after a usual length where
@@ -55,7 +69,7 @@ fn columns(times: &[f64]) -> Vec<Column> {
     (0..known).step_by(pooled).map(column).collect()
 }
 
-fn one(map: &HeatMap, values: &[Vec<f64>], columns: &[Column], scale: f64, name: &str) -> String {
+fn one(map: &HeatMap, values: &[Vec<f64>], columns: &[Column], scale: f64, [name, label]: [&str; 2]) -> String {
     let bottom = ROW * map.joints.len() as f64;
     let height = bottom + 34.0;
     let first = columns[0].start;
@@ -83,7 +97,7 @@ fn one(map: &HeatMap, values: &[Vec<f64>], columns: &[Column], scale: f64, name:
         let _ = write!(svg, "<path class=\"zero\" d=\"M{x:.1} {bottom}v4\"/>");
         let _ = write!(svg, "<text x=\"{x:.1}\" y=\"{}\" text-anchor=\"middle\">{label}</text>", bottom + 16.0);
     }
-    let _ = write!(svg, "<text x=\"{}\" y=\"{}\" text-anchor=\"end\">time [s]</text>", WIDTH - 4.0, bottom + 31.0);
+    let _ = write!(svg, "<text x=\"{}\" y=\"{}\" text-anchor=\"end\">{label}</text>", WIDTH - 4.0, bottom + 31.0);
     svg + "</svg>"
 }
 
@@ -121,8 +135,14 @@ fn rms(values: &[f64], column: &Column) -> f64 {
 
 /// Shares of the gap over time as bars; empty without any.
 pub(super) fn times(times: &[TimeShare]) -> String {
-    let known: Vec<&TimeShare> =
-        times.iter().filter(|t| t.start.is_finite() && t.end > t.start && t.end.is_finite()).collect();
+    let known = times.iter().filter(|t| t.start.is_finite() && t.end > t.start && t.end.is_finite());
+    let mut known: Vec<TimeShare> = known.cloned().collect();
+    let (starts, label) = axis_of(&known.iter().map(|t| t.start).collect::<Vec<_>>());
+    let numbered = label != TIME;
+    for (t, start) in known.iter_mut().zip(starts) {
+        // A window that is numbered is one wide.
+        (t.start, t.end) = (start, if numbered { start + 1.0 } else { t.end });
+    }
     let largest = known.iter().map(|t| t.share).filter(|s| s.is_finite()).fold(0.0, f64::max);
     let (Some(first), true) = (known.first(), largest > 0.0) else { return String::new() };
     let last = known.iter().map(|t| t.end).fold(first.end, f64::max);
@@ -156,7 +176,7 @@ pub(super) fn times(times: &[TimeShare]) -> String {
     }
     format!(
         "<div class=\"card\"><h3>When: share of the gap by window [%]</h3>{svg}\
-         <text x=\"996\" y=\"110\" text-anchor=\"end\">time [s]</text></svg></div>"
+         <text x=\"996\" y=\"110\" text-anchor=\"end\">{label}</text></svg></div>"
     )
 }
 
@@ -173,6 +193,14 @@ mod tests {
         assert!((gap[2].end - 0.9).abs() < 1e-12 && (gap[3].end - 5.3).abs() < 1e-12);
         assert_eq!(columns(&[2.0])[0].end, 3.0);
         assert!(columns(&[]).is_empty() && columns(&[f64::NAN]).is_empty());
+    }
+
+    #[test]
+    fn windows_of_several_runs_are_numbered() {
+        assert_eq!(axis_of(&[0.0, 0.3, f64::NAN]).1, "time [s]");
+        assert_eq!(axis_of(&[5.0, 9.0, 5.0]), (vec![0.0, 1.0, 2.0], "window, run after run"));
+        let share = |start: f64| TimeShare { start, end: start + 0.3, share: 0.5 };
+        assert!(times(&[share(0.0), share(4.0), share(0.0)]).contains("run after run"));
     }
 
     #[test]

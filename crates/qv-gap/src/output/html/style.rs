@@ -49,7 +49,7 @@ svg{display:block;width:100%;height:auto;overflow:visible}.half{max-width:620px}
 .axis{stroke:var(--line);fill:none}.zero{stroke:var(--faint);fill:none}\
 .line{fill:none;stroke-width:1.6;stroke-linejoin:round}\
 .l-measured{stroke:var(--measured)}.l-before{stroke:var(--before)}.l-after{stroke:var(--after)}\
-.l-measured{stroke-width:2.4;opacity:.55}\
+.l-measured{stroke-width:2.4;opacity:.55}.line.points{stroke-width:5;stroke-linecap:round}\
 .key{display:inline-block;width:20px;height:3px;vertical-align:middle;margin:0 6px 0 16px;border-radius:2px}\
 .key:first-child{margin-left:0}\
 .bar{fill:var(--accent)}.dot{stroke:var(--faint);stroke-width:.5}.way{fill:none;stroke:var(--faint);stroke-width:1;opacity:.6}\

@@ -1,6 +1,6 @@
 //! Numbers, units and names as people read them.
 
-use crate::report::ParameterEstimate;
+use crate::report::{ParameterEstimate, UNKNOWN};
 
 /// Text that is text in HTML and in its attributes.
 pub(super) fn escape(text: &str) -> String {
@@ -63,7 +63,7 @@ pub(super) fn width(share: f64) -> f64 {
 pub(super) fn shown_in<'a>(name: &str, unit: &'a str, size: f64) -> (f64, &'a str) {
     // Instants and places are read beside the recording's own axes.
     let on_an_axis =
-        ["start", "duration", "onset", "x_min", "x_max", "y_min", "y_max"].iter().any(|n| name.ends_with(n));
+        ["start", "end", "duration", "onset", "x_min", "x_max", "y_min", "y_max"].iter().any(|n| name.ends_with(n));
     let ratio = ["scale", "strength"].iter().any(|n| name.ends_with(n));
     match unit {
         "s" if !on_an_axis && size < 1.0 => (1e3, "ms"),
@@ -124,6 +124,9 @@ pub(super) fn amount(name: &str, value: f64, unit: &str) -> String {
 
 /// An effect's or parameter's name as words.
 pub(super) fn words(name: &str) -> String {
+    if name == UNKNOWN {
+        return "None of the library".into();
+    }
     let spoken: Vec<&str> = name
         .split(['_', '.'])
         .map(|word| match word {
