@@ -108,3 +108,53 @@ pub fn widen(
         factor.l().diagonal().iter().map(|x| x.ln()).sum::<f64>() + wide.iter().map(|w| w.ln()).sum::<f64>();
     Some((0.5 * g.dot(&best) - volume, best))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two columns of six numbers each, and a residual.
+    fn example() -> (DMatrix<f64>, DVector<f64>) {
+        let j = DMatrix::from_column_slice(6, 2, &[1.0, 0.0, 2.0, -1.0, 0.5, 0.0, 0.0, 1.0, 1.0, 0.0, -2.0, 0.3]);
+        (j, DVector::from_column_slice(&[0.5, -0.2, 1.0, 0.1, -0.7, 0.4]))
+    }
+
+    fn sums(j: &DMatrix<f64>, r: &DVector<f64>) -> Sums {
+        Sums { b: j.tr_mul(r), e: r.norm_squared(), count: r.len() as f64 }
+    }
+
+    #[test]
+    fn the_loss_is_that_of_the_covariance() {
+        let (j, r) = example();
+        let tolerance = [0.3, 2.0];
+        let prior = DMatrix::from_diagonal(&DVector::from_column_slice(&[0.09, 4.0]));
+        let covariance = DMatrix::identity(6, 6) + &j * prior * j.transpose();
+        let direct = r.dot(&covariance.cholesky().unwrap().solve(&r));
+        let marginal = Marginal::new(j.tr_mul(&j), &tolerance).unwrap();
+        assert!((marginal.loss(&sums(&j, &r)) - direct).abs() < 1e-12);
+    }
+
+    #[test]
+    fn evidence_is_the_ratio_of_two_gaussians() {
+        let (j, r) = example();
+        let first = j.columns(0, 1).into_owned();
+        let log_density = |covariance: DMatrix<f64>| {
+            let factor = covariance.cholesky().unwrap();
+            -0.5 * r.dot(&factor.solve(&r)) - factor.l().diagonal().iter().map(|x| x.ln()).sum::<f64>()
+        };
+        let narrow = DMatrix::identity(6, 6) + 0.09 * &first * first.transpose();
+        let second = j.columns(1, 1).into_owned();
+        let wide = &narrow + 4.0 * &second * second.transpose();
+        let direct = log_density(wide) - log_density(narrow);
+        let marginal = Marginal::new(j.tr_mul(&j), &[0.3]).unwrap();
+        let force = marginal.force(&sums(&j, &r));
+        let d = DMatrix::from_column_slice(2, 1, &[0.0, 1.0]);
+        let (evidence, _) = widen(&marginal.curvature, &force, &d, &[2.0], 1.0).unwrap();
+        assert!((evidence - direct).abs() < 1e-12, "{evidence} {direct}");
+    }
+
+    #[test]
+    fn numbers_that_are_no_good_are_refused() {
+        assert!(Marginal::new(DMatrix::from_element(2, 2, f64::NAN), &[1.0, 1.0]).is_none());
+    }
+}

@@ -404,3 +404,38 @@ fn interval(places: &[[f64; 2]], gains: &[f64], axis: usize, of: &[usize]) -> Op
     let high = if to + 1 == order.len() { at(to) + 1.0 } else { 0.5 * (at(to) + at(to + 1)) };
     Some((gain, [low, high]))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stripe_of_gains_is_found() {
+        let places: Vec<[f64; 2]> = (0..40).map(|k| [0.05 * k as f64, 0.3 * (k as f64).sin()]).collect();
+        let gains: Vec<f64> = places.iter().map(|p| if (0.5..1.0).contains(&p[0]) { 3.0 } else { -1.0 }).collect();
+        let (gain, stripe) = interval(&places, &gains, 0, &(0..40).collect::<Vec<_>>()).unwrap();
+        assert!((gain - 30.0).abs() < 1e-12);
+        assert!((stripe[0] - 0.475).abs() < 1e-9 && (stripe[1] - 0.975).abs() < 1e-9, "{stripe:?}");
+        let best = rectangles(&places, &gains).into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
+        assert!(best.1[0] > 0.4 && best.1[1] < 1.05 && best.0 >= 30.0, "{best:?}");
+    }
+
+    #[test]
+    fn a_run_of_windows_with_one_force_is_found() {
+        let part = |k: usize| {
+            let force = if (6..9).contains(&k) { 5.0 } else { 0.01 * k as f64 };
+            Some((DVector::from_element(1, 4.0 * force), DMatrix::from_element(1, 1, 4.0)))
+        };
+        let parts: Vec<_> = (0..20).map(part).collect();
+        let (evidence, first, last, amounts) = best_run(&parts, &[3.0]).unwrap();
+        assert_eq!((first, last), (6, 8));
+        assert!((amounts[0] - 5.0).abs() < 0.1 && evidence > 100.0);
+        let silent: Vec<_> = (0..20).map(|_| Some((DVector::zeros(1), DMatrix::from_element(1, 1, 4.0)))).collect();
+        assert!(best_run(&silent, &[3.0]).unwrap().0 < 0.0, "nothing is no evidence");
+    }
+
+    #[test]
+    fn places_that_are_not_known_are_no_region() {
+        assert!(rectangles(&[[f64::NAN; 2]; 5], &[1.0; 5]).is_empty());
+    }
+}

@@ -309,3 +309,27 @@ fn turned(wxyz: [f64; 4], deviation: f64, random: &mut Random) -> [f64; 4] {
     let q = DQuat::from_xyzw(wxyz[1], wxyz[2], wxyz[3], wxyz[0]) * DQuat::from_scaled_axis(by);
     [q.w, q.x, q.y, q.z]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn noisy(deviation: f64, step: f64) -> Option<JointSeries> {
+        let mut random = Random::new(3, 0);
+        let time: Vec<f64> = (0..4000).map(|k| 0.002 * k as f64).collect();
+        let value = |t: &f64| (5.0 * t).sin() + random.normal(deviation);
+        let values: Vec<f64> = time.iter().map(value).collect();
+        let values = values.into_iter().map(|x| if step > 0.0 { (x / step).round() * step } else { x }).collect();
+        Some(JointSeries { time, values, joints: 1 })
+    }
+
+    #[test]
+    fn noise_is_told_from_motion() {
+        assert!((of_column(&noisy(0.01, 0.0), 0) - 0.01).abs() < 0.001);
+        assert!(of_column(&noisy(0.0, 0.0), 0) < 1e-6);
+        // An encoder with steps of 5 mrad and no noise.
+        let coarse = of_column(&noisy(0.0, 0.005), 0);
+        assert!((0.0003..0.004).contains(&coarse), "{coarse}");
+        assert_eq!(of_column(&None, 0), 0.0);
+    }
+}

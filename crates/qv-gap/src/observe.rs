@@ -315,3 +315,32 @@ fn line_through(series: &JointSeries, column: usize, from: f64, bin: f64) -> f64
     let f = (centre - series.time[i]) / (series.time[i + 1] - series.time[i]);
     at(i) + f * (at(i + 1) - at(i))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_straight_line_has_one_value_at_the_middle_of_a_bin_however_it_is_sampled() {
+        let line = |t: f64| 2.0 + 3.0 * t;
+        let time: Vec<f64> = (0..100).map(|k| 0.002 * k as f64).collect();
+        let series = JointSeries { values: time.iter().map(|&t| line(t)).collect(), time, joints: 1 };
+        let measured = line_through(&series, 0, 0.05, 0.05);
+        let simulated = middle((1..=10).map(|k| line(0.05 + 0.005 * k as f64)), 10);
+        assert!((measured - line(0.075)).abs() < 1e-12 && (simulated - line(0.075)).abs() < 1e-12);
+        // Three rows in a bin are too few for a line of their own.
+        let slow: Vec<f64> = (0..10).map(|k| 0.02 * k as f64).collect();
+        let series = JointSeries { values: slow.iter().map(|&t| line(t)).collect(), time: slow, joints: 1 };
+        assert!((line_through(&series, 0, 0.05, 0.05) - line(0.075)).abs() < 1e-12);
+        assert!(line_through(&series, 0, 5.0, 0.05).is_nan(), "nothing was measured there");
+    }
+
+    #[test]
+    fn turns_are_small_rotation_vectors_in_the_world() {
+        let a = DQuat::from_rotation_z(1.0);
+        let by = DVec3::new(0.01, -0.02, 0.005);
+        let turned = DQuat::from_scaled_axis(by) * a;
+        assert!((turn(turned, a) - by).length() < 1e-12);
+        assert!((turn(-turned, a) - by).length() < 1e-12);
+    }
+}

@@ -128,16 +128,17 @@ impl<'a> Study<'a> {
         if good.iter().filter(|g| **g).count() < 8 {
             return Err(GapError::run("simulation", "at least 8 windows that can be simulated", "fewer"));
         }
-        let effort = Effort { seed: effort.seed.wrapping_add(31 * index as u64), ..*effort };
-        let (ghost_raw, deviations) = ghosts(problem, columns, &windows, &noise, &effort, &mut steps)?;
+        let (ghost_raw, deviations) = ghosts(problem, columns, &windows, &noise, (effort, index), &mut steps)?;
         let samples = samples(&windows, &sensitivities, &ghost_raw, &deviations);
         let few = || GapError::run("simulation without an effect", "windows that do not run away", "too few");
         let whitener = Whitener::new(problem, &samples).ok_or_else(few)?;
-        let floor = samples.par_iter().map(|(moving, raw)| {
+        let of_sample = |(moving, raw): &(bool, Raw)| {
             let r = whitener.residual(*moving, raw);
             r.norm_squared() / r.len() as f64
-        });
-        self.floor += floor.sum::<f64>() / samples.len() as f64;
+        };
+        // Summed in order: the same bits on any number of threads.
+        let floor: Vec<f64> = samples.par_iter().map(of_sample).collect();
+        self.floor += floor.iter().sum::<f64>() / samples.len() as f64;
         let seen: Vec<Option<Seen>> = windows
             .into_par_iter()
             .zip(raw)
@@ -377,14 +378,16 @@ fn ghosts(
     columns: &Columns,
     windows: &[Window],
     noise: &Noise,
-    effort: &Effort,
+    (effort, run): (&Effort, usize),
     steps: &mut usize,
 ) -> Result<(Vec<Vec<Raw>>, Vec<Vec<f64>>), GapError> {
     let (mut all, mut deviations) = (Vec::new(), Vec::new());
     for k in 0..effort.ghosts {
         let (mut setting, of_columns) = draw(problem, columns, effort.seed, k as u64);
         other_contact(problem, &mut setting, effort.seed, k as u64);
-        let ghost = Ghost { setting, numerics: numerics(k), seed: effort.seed.wrapping_add(977 * k as u64) };
+        // The robot is the same in all runs, the noise is not.
+        let seed = effort.seed.wrapping_add(977 * k as u64 + 31 * run as u64);
+        let ghost = Ghost { setting, numerics: numerics(k), seed };
         let recorded = record(problem, windows, noise, std::slice::from_ref(&ghost))?.remove(0);
         *steps += windows.len() * ((problem.cut.window + 2.0 * problem.cut.margin) / ghost.numerics.timestep) as usize;
         let (at, whole): (Vec<usize>, Vec<&Window>) =

@@ -1,0 +1,106 @@
+//! Recordings of a simulated Go2 whose cause is known, through the whole diagnosis.
+
+use qv_gap::problem::Cut;
+use qv_gap::report::{Report, UNKNOWN, Verdict};
+use qv_gap::study::Effort;
+use qv_gap::{Options, diagnose, library};
+use qv_go2::synthetic::{self, Robot};
+use qv_replay::run::{Fault, FaultKind};
+use qv_replay::{BagFile, Run};
+use qv_sim::{BaseKind, Model, ModelOptions, Terrain};
+use std::io::Cursor;
+
+fn recorded(named: Vec<(String, f64)>, seed: u64) -> Run {
+    let parameters = [synthetic::small_differences(seed), named].concat();
+    let messages = synthetic::record(&Terrain::plane(), &Robot { parameters, seed }).unwrap();
+    let mut bytes = Cursor::new(Vec::new());
+    synthetic::write_bag(&messages, &mut bytes).unwrap();
+    bytes.set_position(0);
+    qv_replay::read_bag(vec![BagFile { name: "made up".into(), source: bytes }], &qv_go2::wire::mapping(None)).unwrap()
+}
+
+fn go2() -> Model {
+    let options = ModelOptions { base: BaseKind::Floating, armature: qv_go2::model::ARMATURE, ..Default::default() };
+    Model::from_urdf(&qv_go2::model::urdf(), &options).unwrap()
+}
+
+/// Fewer windows and simulated recordings than by default: these tests are run often.
+fn quick() -> Options<'static> {
+    Options { cut: Cut { most: 32, ..Default::default() }, effort: Effort { ghosts: 6, seed: 1 }, ..Default::default() }
+}
+
+fn of(run: &Run, options: &Options) -> Report {
+    diagnose(std::slice::from_ref(run), &go2(), &Terrain::plane(), options, 0).unwrap().report
+}
+
+#[test]
+fn a_latency_is_named_with_its_size_and_closes_the_gap() {
+    let run = recorded(synthetic::command_latency(0.012), 4);
+    let report = of(&run, &quick());
+    assert_eq!(report.verdict, Verdict::Explained, "{}", report.sentence);
+    assert_eq!(report.causes.len(), 1);
+    let cause = &report.causes[0];
+    assert_eq!((cause.effect.as_str(), cause.scope[0].as_str()), ("command_latency", "all"));
+    assert_eq!(cause.parameters[0].name, "command_latency");
+    assert!((cause.parameters[0].value - 0.012).abs() < 0.0025, "{:?}", cause.parameters);
+    assert!(report.gap.heldout && report.gap.closed > 0.9, "{:?}", report.gap);
+    assert_eq!(report.corrections.len(), 12);
+    let most = report.place.interfaces.iter().max_by(|a, b| a.share.total_cmp(&b.share)).unwrap();
+    assert_eq!(most.name, "actuator");
+    let shares: f64 = report.place.joints.iter().map(|j| j.share).sum();
+    assert!((shares - 1.0).abs() < 1e-9);
+}
+
+#[test]
+fn an_effect_that_the_library_lacks_is_unknown() {
+    let run = recorded(synthetic::command_latency(0.012), 4);
+    let alike = ["command_latency", "observation_latency", "actuator_lag"];
+    let options = Options {
+        library: library::built_in().into_iter().filter(|e| !alike.contains(&e.name.as_str())).collect(),
+        ..quick()
+    };
+    let report = of(&run, &options);
+    assert_eq!(report.verdict, Verdict::Unexplained, "{}", report.sentence);
+    assert!(report.causes.is_empty() && report.corrections.is_empty());
+    assert_eq!(report.ranking[0].effect, UNKNOWN);
+    assert!(!report.ranking.iter().any(|r| alike.contains(&r.effect.as_str())));
+}
+
+#[test]
+fn a_robot_without_an_effect_is_not_accused_even_with_a_dead_encoder() {
+    let mut run = recorded(Vec::new(), 5);
+    let report = of(&run, &quick());
+    assert_eq!(report.verdict, Verdict::NoGap, "{}", report.sentence);
+    assert!(report.causes.is_empty());
+    let position = run.measured.torque.as_mut().unwrap();
+    let joints = position.joints;
+    position.values.iter_mut().skip(3).step_by(joints).for_each(|x| *x = 0.7);
+    run.faults.push(Fault {
+        kind: FaultKind::Frozen,
+        channel: "torque FR_hip_joint".into(),
+        time: 0.0,
+        count: 9000,
+        detail: "for the whole run".into(),
+    });
+    let report = of(&run, &quick());
+    assert!(report.causes.is_empty(), "{}", report.sentence);
+    assert!(report.cannot_tell.iter().any(|line| line.contains("torque FR_hip_joint")), "{:?}", report.cannot_tell);
+}
+
+#[test]
+fn the_same_run_gives_the_same_report() {
+    let run = recorded(Vec::new(), 6);
+    let options = Options { cut: Cut { most: 24, ..Default::default() }, ..quick() };
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let (first, second) = (of(&run, &options), one.install(|| of(&run, &options)));
+    assert_eq!(first, second);
+}
+
+#[test]
+fn a_run_that_is_too_short_is_refused_by_name() {
+    let run = recorded(Vec::new(), 5);
+    let short = qv_gap::observe::snippet(&run, 0.0, 1.5);
+    let error = diagnose(&[short], &go2(), &Terrain::plane(), &quick(), 0).err().unwrap().to_string();
+    assert!(error.contains("at least 8 windows"), "{error}");
+    assert!(diagnose(&[], &go2(), &Terrain::plane(), &quick(), 0).is_err());
+}
