@@ -60,41 +60,6 @@ impl Slot {
     pub fn is_sensor_latency(self) -> bool {
         matches!(self, Self::Joint(_, JointField::EncoderLatency) | Self::World(WorldField::PoseDelay))
     }
-
-    /// Whether it delays a command or what a sensor reports.
-    #[cfg(feature = "rapier")]
-    pub fn is_delay(self) -> bool {
-        self.is_sensor_latency() || matches!(self, Self::Joint(_, JointField::CommandLatency))
-    }
-
-    /// Whether the second engine's bodies, joints and ground are made of it. The rest is read at every step.
-    #[cfg(feature = "rapier")]
-    pub fn is_built_in(self) -> bool {
-        use WorldField::*;
-        match self {
-            Self::Joint(_, field) => {
-                matches!(field, JointField::Armature | JointField::Viscous | JointField::Coulomb)
-            }
-            Self::Link(..) | Self::Geom(..) | Self::Material(_) => true,
-            Self::World(field) => matches!(
-                field,
-                Friction
-                    | TimeConstant
-                    | DampingRatio
-                    | Restitution
-                    | Torsional
-                    | Rolling
-                    | Height
-                    | SlopeX
-                    | SlopeY
-                    | PatchXMin
-                    | PatchXMax
-                    | PatchYMin
-                    | PatchYMax
-                    | PatchFriction
-            ),
-        }
-    }
 }
 
 fields!(JointField {

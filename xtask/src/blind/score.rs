@@ -41,7 +41,8 @@ pub struct Scored {
     pub errors: Vec<f64>,
     /// Whether the 90 % and the 95 % interval of each holds the truth.
     pub inside: Vec<[bool; 2]>,
-    /// Largest error of a region's edges that the robot came to \[m\]; infinite when no region is given.
+    /// Largest error of a region's edges that the robot came to \[m\]; infinite (null in JSON) when no region is given.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub outline: Option<f64>,
     /// Share of the held-out gap that is closed.
     pub closed: Option<f64>,
@@ -179,15 +180,20 @@ fn inside(estimate: &Estimate, truth: f64) -> Option<[bool; 2]> {
     Some([holds(NINETY_OF_95), holds(1.0)])
 }
 
-/// Largest error of the edges that the robot came to \[m\]. The region is the one that the cause's scope names, or the
-/// only one.
+/// Largest error of the edges that the robot came to \[m\].
 fn outline(effect: &Effect, cause: &Cause, report: &Report) -> f64 {
-    let Some(truth) = &effect.region else { return f64::INFINITY };
-    let regions = &report.place.regions;
-    let found = regions.iter().find(|region| cause.scope.contains(&region.name));
-    let only = regions.first().filter(|_| regions.len() == 1);
-    let Some(found) = found.or(only) else { return f64::INFINITY };
-    let axes = [(truth.x, found.x, truth.met[0]), (truth.y, found.y, truth.met[1])];
+    let (Some(truth), Some([x, y])) = (&effect.region, region(cause, report)) else { return f64::INFINITY };
+    let axes = [(truth.x, x, truth.met[0]), (truth.y, y, truth.met[1])];
     let edges = axes.into_iter().flat_map(|(truth, found, met)| (0..2).map(move |i| (truth[i] - found[i], met[i])));
     edges.filter(|(_, met)| *met).map(|(error, _)| error.abs()).fold(0.0, f64::max)
+}
+
+/// Least and greatest x, and y, of a cause's region: its own parameters, or the region that its scope names.
+fn region(cause: &Cause, report: &Report) -> Option<[[f64; 2]; 2]> {
+    let own = |name: &str| cause.parameters.iter().find(|p| p.name == name).map(|p| p.value);
+    if let (Some(x0), Some(x1), Some(y0), Some(y1)) = (own("x_min"), own("x_max"), own("y_min"), own("y_max")) {
+        return Some([[x0, x1], [y0, y1]]);
+    }
+    let named = report.place.regions.iter().find(|region| cause.scope.contains(&region.name))?;
+    Some([named.x, named.y])
 }

@@ -216,6 +216,12 @@ fn sizes_that_are_missing_or_far_count_in_full() {
     assert_eq!(value(&figures, "inside_95"), Some(0.0));
     assert_eq!(value(&figures, "scope"), Some(0.0), "all joints were accused for one");
     assert_eq!(value(&figures, "outline"), Some(0.0), "no region was given");
+    let edges = [("friction", 0.2), ("x_min", 0.4), ("x_max", 0.85), ("y_min", 0.0), ("y_max", 1.0)];
+    off["causes"] = report("explained", &[("ground_friction", &edges, "region")], 0.1)["causes"].clone();
+    folder.put("slick", "report.json", &off);
+    let figures = score_all(&answers(), &folder.0).unwrap();
+    let slick = figures.recordings.iter().find(|s| s.name == "slick").unwrap();
+    assert!((slick.outline.unwrap() - 0.1).abs() < 1e-9, "edges that nobody came to do not count: {:?}", slick.outline);
 }
 
 #[test]

@@ -16,7 +16,7 @@ mod world;
 pub use compare::{EngineDifference, Motion, compare_engines};
 
 use crate::batch::{finite, length};
-use crate::parameters::{Catalogue, Slot, WorldField};
+use crate::parameters::{Catalogue, JointField, Slot, WorldField};
 use crate::{BaseKind, JointCommand, Model, ParameterInfo, SensorReading, SimError, State, Terrain};
 use motors::Motors;
 use readings::History;
@@ -206,7 +206,7 @@ impl SecondEngine {
             return Err(SimError::NotInSecondEngine { name: info.name.clone(), reason });
         }
         let before = if neutral { self.overrides.remove(&id) } else { self.overrides.insert(id, value) };
-        if !slot.is_built_in() && !slot.is_delay() {
+        if !is_built_in(slot) && !is_delay(slot) {
             return Ok(());
         }
         let checked = self.check_values();
@@ -216,7 +216,7 @@ impl SecondEngine {
                 None => self.overrides.remove(&id),
             };
         }
-        if slot.is_built_in() {
+        if is_built_in(slot) {
             self.world = None;
         }
         checked
@@ -296,5 +296,23 @@ fn lacking(slot: Slot) -> Option<&'static str> {
         Slot::World(WorldField::Torsional) => Some("contacts without torsional friction of a given length"),
         Slot::World(WorldField::Rolling) => Some("contacts without rolling friction"),
         _ => None,
+    }
+}
+
+/// Whether it delays a command or what a sensor reports.
+fn is_delay(slot: Slot) -> bool {
+    slot.is_sensor_latency() || matches!(slot, Slot::Joint(_, JointField::CommandLatency))
+}
+
+/// Whether bodies, joints and ground are made of it. The rest is read at every step.
+fn is_built_in(slot: Slot) -> bool {
+    use WorldField::*;
+    match slot {
+        Slot::Joint(_, field) => matches!(field, JointField::Armature | JointField::Viscous | JointField::Coulomb),
+        Slot::Link(..) | Slot::Geom(..) | Slot::Material(_) => true,
+        Slot::World(Friction | TimeConstant | DampingRatio | Restitution | Torsional | Rolling) => true,
+        Slot::World(Height | SlopeX | SlopeY) => true,
+        Slot::World(PatchXMin | PatchXMax | PatchYMin | PatchYMax | PatchFriction) => true,
+        Slot::World(_) => false,
     }
 }
