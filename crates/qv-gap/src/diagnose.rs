@@ -88,7 +88,7 @@ pub fn diagnose(
     let opening = Opening::new(&nominal)?;
     session.begin("search");
     let closed_to = closed_to(&nominal, &options.without);
-    let round = decide::round(&mut nominal, &closed_to)?;
+    let round = decide::round(&mut nominal, &closed_to, true)?;
     session.end(&nominal);
     let findings = session.follow(&mut nominal, round, &options.without, &opening, &cannot_tell)?;
     let first_round = findings.rounds[0].clone();
@@ -193,12 +193,12 @@ impl<'a> Session<'a> {
             findings.accused.push(one);
             let mut next = self.study(&findings.corrections)?;
             findings.level_after = decide::level_outside(&next, &findings.regions())?;
-            if findings.accused.len() < MOST_CAUSES && findings.level_after.ratio >= NO_GAP * 0.9 {
+            if findings.accused.len() < MOST_CAUSES && findings.level_after.ratio >= NO_GAP {
                 self.begin("search");
                 let taken = findings.accused.iter().map(|a| a.cause.effect.clone());
                 let names: Vec<String> = taken.chain(without.iter().cloned()).collect();
                 let closed = closed_to(&next, &names);
-                let round = decide::round(&mut next, &closed)?;
+                let round = decide::round(&mut next, &closed, false)?;
                 self.end(&next);
                 findings.rounds.push(round);
                 findings.later = Some(next);
@@ -398,7 +398,7 @@ impl Findings<'_> {
         let total: f64 = best.values().map(|e| weight(*e)).sum::<f64>().max(1e-300);
         let unknown = match verdict {
             Verdict::NoGap => 0.0,
-            _ => 1.0 / (1.0 + (-(self.level_after.ratio - UNEXPLAINED) / 0.06).exp()),
+            _ => 1.0 / (1.0 + (-(self.level_after.ratio - UNEXPLAINED) / 0.1).exp()),
         };
         let known = if verdict == Verdict::NoGap { 0.05 } else { 1.0 - unknown };
         let accused: Vec<&str> = self.accused.iter().map(|a| a.cause.effect.as_str()).collect();
