@@ -13,6 +13,10 @@ use crate::study::{Seen, Study};
 const LEAST_EVIDENCE: f64 = 40.0;
 /// The same for one that is confined to a time or a region: there are many of those.
 const LEAST_LOCAL_EVIDENCE: f64 = 60.0;
+/// The same for an event: a contact that another engine resolves otherwise looks like a short blow.
+const LEAST_EVENT_EVIDENCE: f64 = 150.0;
+/// Shortest event \[s\].
+const LEAST_EVENT: f64 = 0.15;
 /// Over the largest log evidence that the effect reaches in simulated recordings without one.
 const OVER_NULL: f64 = 1.3;
 /// A size below this many tolerances is no cause.
@@ -108,6 +112,8 @@ pub fn round(study: &mut Study, without: &[usize], is_first: bool) -> Result<Rou
     let mut local = search.local_suspects(&base, without)?;
     local.iter_mut().for_each(|f| f.evidence *= search.temper / temper);
     fits.extend(local);
+    // Nothing is said of a suspect under which most simulations run away.
+    fits.retain(|f| f.evidence.is_finite());
     fits.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     let mut round = Round { level, fits, by_chance, base: base.loss, is_first, accused: None, reason: String::new() };
     round.judge(study)?;
@@ -202,7 +208,16 @@ fn is_trifle(study: &Study, fit: &Fit) -> bool {
 fn objection(study: &Study, fit: &Fit, by_chance: f64) -> Option<String> {
     let group = &study.columns.groups[fit.suspect.group];
     let effect = &study.columns.effects[group.effect];
-    let least = if fit.suspect.extent.is_some() { LEAST_LOCAL_EVIDENCE } else { LEAST_EVIDENCE };
+    let least = match fit.suspect.extent {
+        None => LEAST_EVIDENCE,
+        Some(Extent::Region(_)) => LEAST_LOCAL_EVIDENCE,
+        Some(Extent::Time(_)) => LEAST_EVENT_EVIDENCE,
+    };
+    if let Some(Extent::Time([from, until])) = fit.suspect.extent {
+        if until - from < LEAST_EVENT {
+            return Some(format!("an event of {:.0} ms is a blow of the contact, or noise", 1e3 * (until - from)));
+        }
+    }
     let threshold = least.max(OVER_NULL * by_chance);
     if fit.evidence < threshold {
         return Some(format!("log evidence {:.0}, where chance alone reaches {threshold:.0}", fit.evidence));

@@ -5,7 +5,7 @@ use crate::GapError;
 use crate::columns::{Column, Extent, Suspect};
 use crate::evidence::Normal;
 use crate::problem::Setting;
-use crate::search::{Base, Fit, Search, direction, fitted};
+use crate::search::{Base, Fit, RAN_AWAY, Search, direction, fitted};
 use crate::study::{EXTRA, Seen};
 use nalgebra::{DMatrix, DVector};
 
@@ -272,7 +272,10 @@ impl Search<'_, '_> {
 
     fn robust_loss(&self, normals: &[Option<Normal>]) -> f64 {
         let of = |(n, &w): (&Option<Normal>, &usize)| match n {
-            None => f64::INFINITY,
+            None => {
+                let seen = &self.study.seen[w];
+                fitted(seen) * seen.residual.len() as f64 * (1.0 + RAN_AWAY).ln()
+            }
             Some(n) => {
                 let count = n.count as f64;
                 fitted(&self.study.seen[w]) * count * (1.0 + n.e / count).ln()

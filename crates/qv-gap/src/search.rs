@@ -15,6 +15,8 @@ const STARTS: [f64; 6] = [0.06, 0.15, 0.3, 0.5, 0.75, 1.0];
 const ROUNDS: usize = 3;
 /// Steps tried in each round, as shares of the Gauss-Newton step.
 const STEPS: [f64; 4] = [1.0, 0.5, 0.25, 1.6];
+/// Loss per number of a window whose simulation ran away.
+pub(crate) const RAN_AWAY: f64 = 50.0;
 /// Windows looked at while starts are chosen.
 const COARSE_WINDOWS: usize = 18;
 /// Fits that are followed after the first look: this many at least, and those that gain this share of the best.
@@ -224,12 +226,21 @@ impl<'s, 'a> Search<'s, 'a> {
         Ok(normals.iter().map(|n| self.loss_of(marginal, n, windows)).collect())
     }
 
-    /// Infinite where a simulation ran away: losses over other windows cannot be compared.
+    /// A window whose simulation ran away counts as one that is missed by far; where many do, the loss is infinite.
     pub(crate) fn loss_of(&self, marginal: &Marginal, normals: &[Option<Normal>], windows: &[usize]) -> f64 {
-        if normals.iter().any(Option::is_none) {
+        let missing = normals.iter().filter(|n| n.is_none()).count();
+        if 10 * missing > normals.len() {
             return f64::INFINITY;
         }
-        marginal.loss(&self.study.sums(normals, windows, fitted))
+        let lost = normals.iter().zip(windows).filter(|(n, _)| n.is_none());
+        let penalty: f64 = lost.map(|(_, &w)| self.penalty(w)).sum();
+        marginal.loss(&self.study.sums(normals, windows, fitted)) + penalty
+    }
+
+    /// What a window counts whose simulation ran away.
+    fn penalty(&self, window: usize) -> f64 {
+        let seen = &self.study.seen[window];
+        fitted(seen) * RAN_AWAY * seen.residual.len() as f64
     }
 
     /// One round of Gauss-Newton for every fit, all of them simulated together.
@@ -303,7 +314,10 @@ impl<'s, 'a> Search<'s, 'a> {
             let seen = &self.study.seen[w];
             let weight = fitted(seen);
             let of_window: Option<Vec<&DVector<f64>>> = vectors.iter().map(|v| v[i].as_ref()).collect();
-            let Some(of_window) = of_window else { return Tangent::none(axes) };
+            let Some(of_window) = of_window else {
+                e += self.penalty(w);
+                continue;
+            };
             let slopes: Vec<DVector<f64>> = (0..axes).map(|a| (of_window[0] - of_window[1 + a]) / steps[a]).collect();
             e += weight * of_window[0].norm_squared();
             b.axpy(weight, &seen.j.tr_mul(of_window[0]), 1.0);
@@ -355,10 +369,6 @@ struct Tangent {
 }
 
 impl Tangent {
-    fn none(axes: usize) -> Self {
-        Self { loss: f64::INFINITY, step: vec![0.0; axes], curvature: DMatrix::zeros(axes, axes) }
-    }
-
     fn deviations(&self, temper: f64) -> Vec<f64> {
         let axes = self.step.len();
         match self.curvature.clone().cholesky() {

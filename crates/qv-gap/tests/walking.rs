@@ -30,7 +30,10 @@ fn quick() -> Options<'static> {
 }
 
 fn of(run: &Run, options: &Options) -> Report {
-    diagnose(std::slice::from_ref(run), &go2(), &Terrain::plane(), options, 0).unwrap().report
+    let report = diagnose(std::slice::from_ref(run), &go2(), &Terrain::plane(), options, 0).unwrap().report;
+    let total: f64 = report.ranking.iter().map(|r| r.probability).sum();
+    assert!((0.0..1.001).contains(&total), "{:?}", report.ranking);
+    report
 }
 
 #[test]
