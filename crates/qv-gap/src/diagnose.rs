@@ -224,14 +224,16 @@ impl<'a> Session<'a> {
                 Correction { parameter: info.name.clone(), value, nominal, unit: info.unit.into() }
             })
             .collect();
+        // Ground that the robot never left is all the ground there is.
+        let everywhere = matches!(fit.suspect.extent, Some(Extent::Region(r)) if shares::never_left(study, r));
         let cause = Cause {
             effect: effect.name.clone(),
             probability: 0.0,
             scope: match fit.suspect.extent {
-                Some(Extent::Region(_)) => vec!["region".into()],
+                Some(Extent::Region(_)) if !everywhere => vec!["region".into()],
                 _ => group.names.clone(),
             },
-            parameters: estimates(&effect, &fit),
+            parameters: estimates(&effect, &fit, if everywhere { None } else { fit.suspect.extent }),
             closed_alone: alone.closed(),
             confusable_with: telling::confusable(study, &fit.suspect),
             separating_experiment: effect.experiment.clone(),
@@ -240,8 +242,8 @@ impl<'a> Session<'a> {
     }
 }
 
-/// Values of a fit by name, with intervals.
-fn estimates(effect: &Effect, fit: &Fit) -> Vec<ParameterEstimate> {
+/// Values of a fit by name, with intervals, and those of the extent that is told.
+fn estimates(effect: &Effect, fit: &Fit, extent: Option<Extent>) -> Vec<ParameterEstimate> {
     let mut names: Vec<(String, String)> = effect
         .axes
         .iter()
@@ -250,13 +252,13 @@ fn estimates(effect: &Effect, fit: &Fit) -> Vec<ParameterEstimate> {
             (parameter.to_string(), effect.unit.clone())
         })
         .collect();
-    let extent: &[(&str, &str)] = match fit.suspect.extent {
+    let of_extent: &[(&str, &str)] = match extent {
         Some(Extent::Time(_)) => &[("start", "s"), ("end", "s")],
         Some(Extent::Region(_)) => &[("x_min", "m"), ("x_max", "m"), ("y_min", "m"), ("y_max", "m")],
         None => &[],
     };
-    names.extend(extent.iter().map(|(name, unit)| (name.to_string(), unit.to_string())));
-    let numbers = fit.suspect.values.iter().copied().chain(fit.suspect.extent.iter().flat_map(Extent::numbers));
+    names.extend(of_extent.iter().map(|(name, unit)| (name.to_string(), unit.to_string())));
+    let numbers = fit.suspect.values.iter().copied().chain(extent.iter().flat_map(Extent::numbers));
     names
         .into_iter()
         .zip(numbers)

@@ -153,6 +153,11 @@ pub fn interfaces(study: &Study) -> Vec<(Interface, f64)> {
     gains.into_iter().map(|(i, g)| (i, if total > 0.0 { g / total } else { 0.25 })).collect()
 }
 
+/// Whether the robot was in a region in all windows.
+pub fn never_left(study: &Study, [x0, x1, y0, y1]: [f64; 4]) -> bool {
+    study.seen.iter().map(|s| place(&s.window)).all(|[x, y]| (x0..=x1).contains(&x) && (y0..=y1).contains(&y))
+}
+
 /// Regions that were found, and cells of the floor with more than their share.
 pub fn regions(study: &Study, found: impl Iterator<Item = Extent>) -> Vec<RegionShare> {
     let level = |seen: &Seen| (seen.residual.norm_squared() / seen.residual.len() as f64 - study.floor).max(0.0);
