@@ -123,10 +123,9 @@ impl Search<'_, '_> {
             columns.effects[e].axes.iter().any(|a| a.moves.contains_key("{ground}.friction")) && !without.contains(&e)
         };
         let Some(group) = columns.groups.iter().position(|g| is_friction(g.effect)) else { return Ok(Vec::new()) };
-        let (Some(x_min), true) = (self.study.problem.parameter("terrain.patch.x_min"), self.study.problem.free) else {
+        if !self.study.problem.free {
             return Ok(Vec::new());
-        };
-        let _ = x_min;
+        }
         let everywhere = |mu: f64| {
             let extent = Some(Extent::Region([-1e3, 1e3, -1e3, 1e3]));
             Suspect { group, values: vec![mu], extent }

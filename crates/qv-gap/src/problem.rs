@@ -7,7 +7,7 @@ use qv_replay::replay::{
     Command, Feet, HeldCommands, SensorErrors, Starts, expand, feet_of, is_whole, joint_columns, stated_parameters,
 };
 use qv_replay::run::{ActuatorKind, FaultKind};
-use qv_sim::{Batch, JointCommand, Model, ParameterInfo, SimOptions, Terrain};
+use qv_sim::{Batch, Model, ParameterInfo, SimOptions, Terrain};
 use std::collections::HashMap;
 
 /// Values of parameters that are not nominal: index in the catalogue, value; sorted by index.
@@ -365,9 +365,4 @@ fn mark_moving(windows: &mut [Window], columns: &[usize]) {
     if moving < 6 || windows.len() - moving < 6 {
         windows.iter_mut().for_each(|w| w.moving = true);
     }
-}
-
-/// Views of commands as the simulator takes them.
-pub fn view(command: &Command) -> JointCommand<'_> {
-    command.view()
 }

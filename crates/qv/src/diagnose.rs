@@ -1,14 +1,12 @@
 //! `qv diagnose`: where the gap lies, what causes it, how far it shrinks.
 
-use crate::glb::read_glb;
-use crate::open::{file_error, model_of, open_run, spinner, urdf_of};
+use crate::open::{file_error, lost_from, model_of, open_run, parameters, spinner, terrain_of, urdf_of};
 use crate::{Outcome, RunArguments, say};
 use qv_core::JointSeries;
 use qv_gap::report::{Report, UNKNOWN};
 use qv_gap::{GapError, Options, diagnose, library, output};
-use qv_replay::replay::parameters_from_toml;
 use qv_replay::{ReplayError, Run};
-use qv_sim::{Model, Terrain};
+use qv_sim::Model;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -60,7 +58,7 @@ impl Diagnose {
     pub fn execute(&self) -> Result<Outcome, ReplayError> {
         let runs = self.open()?;
         let model = model_of(&runs[0], &self.runs[0], self.robot.as_deref())?;
-        let terrain = terrain(&self.terrain)?;
+        let terrain = terrain_of(&self.terrain)?;
         let mut library = library::built_in();
         if let Some(path) = &self.library {
             let text =
@@ -81,7 +79,7 @@ impl Diagnose {
         let told = |stage: &str| bar.set_message(stage.to_string());
         let options = Options {
             library,
-            given: self.parameters()?,
+            given: parameters(self.params.as_deref())?,
             effort: qv_gap::study::Effort { seed: self.seed, ..Default::default() },
             without: self.without.clone(),
             clock: Some(&seconds),
@@ -90,7 +88,7 @@ impl Diagnose {
         };
         let diagnosis = diagnose(&runs, &model, &terrain, &options, self.leave_out).map_err(replay_error)?;
         bar.finish_and_clear();
-        let lost: Vec<String> = runs.iter().flat_map(lost).collect();
+        let lost: Vec<String> = runs.iter().flat_map(lost_from).collect();
         let urdf = urdf_of(&runs[0], self.robot.as_deref());
         let robot = Robot::new(&runs[0], model.clone(), urdf, lost.clone());
         self.write(&self.out, &diagnosis.report, &robot)?;
@@ -111,12 +109,6 @@ impl Diagnose {
     fn open(&self) -> Result<Vec<Run>, ReplayError> {
         let open = |path: &PathBuf| open_run(&RunArguments { run: path.clone(), pose_topic: self.pose_topic.clone() });
         self.runs.iter().map(open).collect()
-    }
-
-    fn parameters(&self) -> Result<Vec<(String, f64)>, ReplayError> {
-        let Some(path) = &self.params else { return Ok(Vec::new()) };
-        let text = fs::read_to_string(path).map_err(|e| file_error(path, "a parameter file", &e.to_string()))?;
-        parameters_from_toml(&text)
     }
 
     fn write(&self, directory: &Path, report: &Report, robot: &Robot) -> Result<(), ReplayError> {
@@ -176,25 +168,6 @@ fn replay_error(error: GapError) -> ReplayError {
             ReplayError::Run { what: "simulator".into(), expected: "a simulation".into(), found: error.to_string() }
         }
     }
-}
-
-/// The ground that `--terrain` names.
-pub fn terrain(name: &str) -> Result<Terrain, ReplayError> {
-    if name == "plane" {
-        return Ok(Terrain::plane());
-    }
-    let path = Path::new(name);
-    let bytes = fs::read(path).map_err(|e| file_error(path, "plane, or a .glb file", &e.to_string()))?;
-    let mesh = read_glb(&bytes).map_err(|e| file_error(path, "a mesh in GLB", &e))?;
-    Terrain::from_mesh(&mesh).map_err(|e| file_error(path, "a mesh that can be walked on", &e.to_string()))
-}
-
-/// Every part of the input that the diagnosis did without.
-fn lost(run: &Run) -> Vec<String> {
-    let mut lost: Vec<String> = run.lost.iter().map(|l| format!("lost from {}: {}", l.file, l.what)).collect();
-    let faults = run.faults.iter().filter(|f| f.kind.is_partial());
-    lost.extend(faults.map(|f| format!("{:.3} s: {} in {}: {}", f.time, f.kind, f.channel, f.detail)));
-    lost
 }
 
 fn summary(report: &Report) -> String {

@@ -1,12 +1,14 @@
 //! Recordings on disk become runs.
 
 use crate::RunArguments;
+use crate::glb::read_glb;
 use crate::mesh_file::vertices;
 use indicatif::{ProgressBar, ProgressStyle};
 use qv_replay::mapping::Mapping;
+use qv_replay::replay::parameters_from_toml;
 use qv_replay::run::{Base, Loss, Robot};
 use qv_replay::{BagFile, ReplayError, Run};
-use qv_sim::{BaseKind, Model, ModelOptions};
+use qv_sim::{BaseKind, Model, ModelOptions, Terrain};
 use std::fs::{self, File};
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -153,6 +155,32 @@ pub fn urdf_of(run: &Run, robot: Option<&str>) -> Option<String> {
         (None, Robot::Urdf(text)) => Some(text.clone()),
         (None, Robot::Named(name)) => (name == "go2").then(qv_go2::model::urdf),
     }
+}
+
+/// The ground that `--terrain` names.
+pub fn terrain_of(name: &str) -> Result<Terrain, ReplayError> {
+    if name == "plane" {
+        return Ok(Terrain::plane());
+    }
+    let path = Path::new(name);
+    let bytes = fs::read(path).map_err(|e| file_error(path, "plane, or a .glb file", &e.to_string()))?;
+    let mesh = read_glb(&bytes).map_err(|e| file_error(path, "a mesh in GLB", &e))?;
+    Terrain::from_mesh(&mesh).map_err(|e| file_error(path, "a mesh that can be walked on", &e.to_string()))
+}
+
+/// The parameters of a `--params` file; none without one.
+pub fn parameters(path: Option<&Path>) -> Result<Vec<(String, f64)>, ReplayError> {
+    let Some(path) = path else { return Ok(Vec::new()) };
+    let text = fs::read_to_string(path).map_err(|e| file_error(path, "a parameter file", &e.to_string()))?;
+    parameters_from_toml(&text)
+}
+
+/// What was lost of a recording or could not be used as it is, a line each.
+pub fn lost_from(run: &Run) -> Vec<String> {
+    let mut lost: Vec<String> = run.lost.iter().map(|l| format!("lost from {}: {}", l.file, l.what)).collect();
+    let faults = run.faults.iter().filter(|f| f.kind.is_partial());
+    lost.extend(faults.map(|f| format!("{:.3} s: {} in {}: {}", f.time, f.kind, f.channel, f.detail)));
+    lost
 }
 
 fn open_table(csv: &Path) -> Result<Run, ReplayError> {

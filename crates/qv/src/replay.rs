@@ -1,16 +1,15 @@
 //! `qv replay`: how far the simulator is from the robot.
 
-use crate::glb::read_glb;
-use crate::open::{file_error, model_of, open_run, spinner};
+use crate::open::{lost_from, model_of, open_run, parameters, spinner, terrain_of};
 use crate::{Outcome, RunArguments, say};
 use qv_replay::derive::joint_velocity;
-use qv_replay::replay::{Lag, ReplayOptions, parameters_from_toml, to_html, to_json, verdict, write_mcap};
+use qv_replay::replay::{Lag, ReplayOptions, to_html, to_json, verdict, write_mcap};
 use qv_replay::{ReplayError, Run};
-use qv_sim::{Model, Terrain};
+use qv_sim::Model;
 use serde_json::Value;
 use std::fs;
 use std::io::BufWriter;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 pub const EXAMPLE: &str = "Example:\n  qv replay walk.mcap --out out/walk\n  qv replay walk.mcap --robot go2 --terrain yard.glb \
@@ -47,8 +46,12 @@ impl Replay {
     pub fn execute(&self) -> Result<Outcome, ReplayError> {
         let run = open_run(&self.run)?;
         let model = model_of(&run, &self.run.run, self.robot.as_deref())?;
-        let terrain = self.terrain()?;
-        let options = ReplayOptions { window: self.window, parameters: self.parameters()?, ..Default::default() };
+        let terrain = terrain_of(&self.terrain)?;
+        let options = ReplayOptions {
+            window: self.window,
+            parameters: parameters(self.params.as_deref())?,
+            ..Default::default()
+        };
         let bar = spinner("simulating");
         let clock = Instant::now();
         let replay = qv_replay::replay::replay(&run, &model, &terrain, &options)?;
@@ -65,22 +68,6 @@ impl Replay {
         }
         lost.iter().for_each(|what| eprintln!("qv: {what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
-    }
-
-    fn parameters(&self) -> Result<Vec<(String, f64)>, ReplayError> {
-        let Some(path) = &self.params else { return Ok(Vec::new()) };
-        let text = fs::read_to_string(path).map_err(|e| file_error(path, "a parameter file", &e.to_string()))?;
-        parameters_from_toml(&text)
-    }
-
-    fn terrain(&self) -> Result<Terrain, ReplayError> {
-        if self.terrain == "plane" {
-            return Ok(Terrain::plane());
-        }
-        let path = Path::new(&self.terrain);
-        let bytes = fs::read(path).map_err(|e| file_error(path, "plane, or a .glb file", &e.to_string()))?;
-        let mesh = read_glb(&bytes).map_err(|e| file_error(path, "a mesh in GLB", &e))?;
-        Terrain::from_mesh(&mesh).map_err(|e| file_error(path, "a mesh that can be walked on", &e.to_string()))
     }
 
     fn write(&self, run: &Run, replay: &qv_replay::replay::Replay, report: &Value) -> Result<(), ReplayError> {
@@ -100,9 +87,7 @@ impl Replay {
 
 /// Every part of the input that the replay did without.
 fn lost(run: &Run, model: &Model, replay: &qv_replay::replay::Replay) -> Vec<String> {
-    let mut lost: Vec<String> = run.lost.iter().map(|l| format!("lost from {}: {}", l.file, l.what)).collect();
-    let faults = run.faults.iter().filter(|f| f.kind.is_partial());
-    lost.extend(faults.map(|f| format!("{:.3} s: {} in {}: {}", f.time, f.kind, f.channel, f.detail)));
+    let mut lost = lost_from(run);
     let unknown = run.joint_names.iter().filter(|name| !model.joint_names().contains(name));
     lost.extend(unknown.map(|name| format!("joint {name} of the recording: the model has none of that name")));
     lost.extend(model.left_out.iter().map(|part| format!("left out of the model: {part}")));
