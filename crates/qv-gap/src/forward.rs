@@ -90,7 +90,7 @@ fn prepare(problem: &Problem, windows: &[&Window], settings: &[Setting]) -> (Vec
 fn prepare_one(problem: &Problem, window: &Window, errors: &SensorErrors) -> Option<Prepared> {
     let starts = Starts::new(&window.view, &problem.columns, problem.free, errors.clone()).ok()?;
     let state = starts.at(window.start)?;
-    let measured = observe::features(problem, window, errors);
+    let measured = observe::features(problem, window, &starts, errors);
     measured.iter().all(|x| x.is_finite()).then_some(Prepared { measured, state })
 }
 

@@ -197,13 +197,14 @@ pub fn turn(a: DQuat, b: DQuat) -> DVec3 {
     (if q.w < 0.0 { -q } else { q }).to_scaled_axis()
 }
 
-/// Features of the measured channels of a window, freed of the sensors' errors; NaN where a channel has a hole.
+/// Features of the measured channels of a window, freed of the sensors' errors; NaN where a channel has a hole. `starts`
+/// are those of the window's view under the same errors.
 /// [`Channel::Ground`] is left at 0: it comes with the start.
-pub fn features(problem: &Problem, window: &Window, errors: &SensorErrors) -> Vec<f64> {
+pub fn features(problem: &Problem, window: &Window, starts: &Starts, errors: &SensorErrors) -> Vec<f64> {
     let (view, cut) = (&window.view, problem.cut);
     let bins = cut.bins();
     let times: Vec<f64> = sample_times(problem, window.start).collect();
-    let turns = Turns::new(problem, window, errors, &times);
+    let turns = Turns::new(problem, window, starts, errors, &times);
     let m = &view.measured;
     let mut out = Vec::new();
     for &channel in &problem.channels {
@@ -245,17 +246,13 @@ struct Turns {
 }
 
 impl Turns {
-    fn new(problem: &Problem, window: &Window, errors: &SensorErrors, times: &[f64]) -> Self {
+    fn new(problem: &Problem, window: &Window, starts: &Starts, errors: &SensorErrors, times: &[f64]) -> Self {
         let nothing = Self { attitude: Vec::new(), pose: Vec::new() };
         if !problem.free {
             return nothing;
         }
         let view = &window.view;
-        let yaw = || {
-            let starts = Starts::new(view, &problem.columns, true, errors.clone()).ok()?;
-            yaw_of_imu(problem, view, &starts, window.start)
-        };
-        let Some(yaw) = yaw() else { return nothing };
+        let Some(yaw) = yaw_of_imu(problem, view, starts, window.start) else { return nothing };
         let mut turns = nothing;
         for (&time, &reference) in times.iter().zip(&window.attitude) {
             let seen = attitude_at(view, yaw, errors, time);

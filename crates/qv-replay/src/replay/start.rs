@@ -83,9 +83,14 @@ impl<'a> Starts<'a> {
             path: None,
         };
         if free {
-            starts.base_velocity = base_velocity(run).map(|d| d.series);
-            starts.base_rate = base_angular_velocity(run).map(|d| d.series);
             starts.path = starts.imu_path();
+            // Derived from the poses only where no IMU tells better: differentiating costs more than all else here.
+            if starts.path.is_none() {
+                starts.base_velocity = base_velocity(run).map(|d| d.series);
+            }
+            if run.measured.gyro.is_none() {
+                starts.base_rate = base_angular_velocity(run).map(|d| d.series);
+            }
         }
         Ok(starts)
     }
