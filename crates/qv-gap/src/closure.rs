@@ -40,7 +40,7 @@ pub fn closure(study: &mut Study, setting: &Setting) -> Result<Closure, GapError
         }
         let seen = &study.seen[w];
         let of = |raw: &Raw| {
-            let r = study.whitener(seen).residual(seen.window.moving, raw);
+            let r = study.whitener(seen).residual(seen.index, raw);
             r.norm_squared() / r.len() as f64
         };
         kept.push(w);

@@ -15,6 +15,8 @@ const LEAST_EVIDENCE: f64 = 40.0;
 const LEAST_LOCAL_EVIDENCE: f64 = 60.0;
 /// The same for an event: a contact that another engine resolves otherwise looks like a short blow.
 const LEAST_EVENT_EVIDENCE: f64 = 150.0;
+/// The same for a robot that is held, which has no contacts.
+const LEAST_HELD_EVENT_EVIDENCE: f64 = 20.0;
 /// Shortest event \[s\].
 const LEAST_EVENT: f64 = 0.15;
 /// Over the largest log evidence that the effect reaches in simulated recordings without one.
@@ -58,6 +60,8 @@ pub struct Round {
     pub is_first: bool,
     /// The accused one, as an index into `fits`.
     pub accused: Option<usize>,
+    /// Other events that stand beside an accused event.
+    pub also: Vec<usize>,
     /// Why the best was not accused.
     pub reason: String,
 }
@@ -117,12 +121,14 @@ pub fn round(study: &mut Study, without: &[usize], is_first: bool) -> Result<Rou
     search.temper = (base.loss / (level.null * level.count)).max(1.0);
     fits.iter_mut().for_each(|f| f.evidence /= temper);
     let mut local = search.local_suspects(&base, without)?;
-    local.iter_mut().for_each(|f| f.evidence *= search.temper / temper);
+    let regional = |f: &&mut Fit| matches!(f.suspect.extent, Some(Extent::Region(_)));
+    local.iter_mut().filter(regional).for_each(|f| f.evidence *= search.temper / temper);
     fits.extend(local);
     // Nothing is said of a suspect under which most simulations run away.
     fits.retain(|f| f.evidence.is_finite());
     fits.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-    let mut round = Round { level, fits, by_chance, base: base.loss, is_first, accused: None, reason: String::new() };
+    let (accused, also, reason) = (None, Vec::new(), String::new());
+    let mut round = Round { level, fits, by_chance, base: base.loss, is_first, accused, also, reason };
     round.judge(study)?;
     Ok(round)
 }
@@ -143,6 +149,7 @@ impl Round {
             base: self.base,
             is_first: self.is_first,
             accused: None,
+            also: Vec::new(),
             reason: String::new(),
         };
         round.judge(study)?;
@@ -158,7 +165,8 @@ impl Round {
             let mut reason = objection(study, fit, self.by_chance[effect]);
             if reason.is_none() {
                 let share = (self.base - fit.loss) / excess.max(1e-9);
-                reason = if self.is_first || share >= LEAST_LATER_SHARE {
+                let one_more_event = matches!(fit.suspect.extent, Some(Extent::Time(_))) && !study.problem.free;
+                reason = if self.is_first || one_more_event || share >= LEAST_LATER_SHARE {
                     held_out_objection(study, fit, share)?
                 } else {
                     Some(format!("as a further cause it explains {:.0} % of the excess", 100.0 * share))
@@ -166,6 +174,7 @@ impl Round {
             }
             let Some(reason) = reason else {
                 self.accused = Some(k);
+                self.also = self.other_events(study, k);
                 return Ok(());
             };
             if self.reason.is_empty() {
@@ -176,6 +185,28 @@ impl Round {
             }
         }
         Ok(())
+    }
+}
+
+impl Round {
+    /// Events at other times than that of the accused fit, if it is one, and than those of better ones.
+    fn other_events(&self, study: &Study, accused: usize) -> Vec<usize> {
+        let time = |k: usize| match self.fits[k].suspect.extent {
+            Some(Extent::Time(t)) => Some(t),
+            _ => None,
+        };
+        let Some(first) = time(accused) else { return Vec::new() };
+        let (mut taken, mut others) = (vec![first], Vec::new());
+        for k in 0..self.fits.len() {
+            let Some([from, until]) = time(k) else { continue };
+            let effect = study.columns.groups[self.fits[k].suspect.group].effect;
+            let apart = taken.iter().all(|t| until <= t[0] || from >= t[1]);
+            if apart && objection(study, &self.fits[k], self.by_chance[effect]).is_none() {
+                taken.push([from, until]);
+                others.push(k);
+            }
+        }
+        others
     }
 }
 
@@ -218,7 +249,8 @@ fn objection(study: &Study, fit: &Fit, by_chance: f64) -> Option<String> {
     let least = match fit.suspect.extent {
         None => LEAST_EVIDENCE,
         Some(Extent::Region(_)) => LEAST_LOCAL_EVIDENCE,
-        Some(Extent::Time(_)) => LEAST_EVENT_EVIDENCE,
+        Some(Extent::Time(_)) if study.problem.free => LEAST_EVENT_EVIDENCE,
+        Some(Extent::Time(_)) => LEAST_HELD_EVENT_EVIDENCE,
     };
     let length = if let Some(Extent::Time([from, until])) = fit.suspect.extent { until - from } else { LEAST_EVENT };
     if length < LEAST_EVENT {
@@ -242,11 +274,12 @@ fn held_out_objection(study: &mut Study, fit: &Fit, share: f64) -> Result<Option
     let setting = study.columns.setting_of(&study.problem, std::slice::from_ref(&fit.suspect));
     let closure = closure(study, &setting)?;
     let (fall, error) = closure.fall(matches!(fit.suspect.extent, Some(Extent::Region(_))));
-    // An event may lie between the windows that are held out: nothing is said then.
-    let untouched = closure.before.iter().zip(&closure.after).all(|(b, a)| (b - a).abs() < 1e-6 * b);
-    let confined = matches!(fit.suspect.extent, Some(Extent::Time(_)));
-    if confined && untouched {
-        return Ok(None);
+    if matches!(fit.suspect.extent, Some(Extent::Time(_))) {
+        // An event may lie between the windows that are held out, or touch the edge of one: nothing is said then.
+        let changes = closure.before.iter().zip(&closure.after).map(|(b, a)| (b - a) / b);
+        let seen: Vec<f64> = changes.filter(|c| c.abs() > 0.02).collect();
+        let worse = seen.iter().sum::<f64>() < 0.0;
+        return Ok(worse.then(|| format!("it makes {} windows that no fit has seen worse", seen.len())));
     }
     // Tolerated deviations can take most of a small effect upon them: what it closes without them counts, too. Most of the
     // excess of feet that slip is left by the right friction.

@@ -5,19 +5,23 @@ use crate::closure::closure;
 use crate::columns::{Columns, Extent};
 use crate::decide::{self, Level, NO_GAP, Round, UNEXPLAINED};
 use crate::library::{self, Effect};
-use crate::problem::{Cut, Problem, Setting};
+use crate::problem::{Cut, Event, Problem, Setting};
 use crate::report::{
     Cause, Correction, FORMAT, ParameterEstimate, Ranked, Report, Share, Stage, UNKNOWN, Unexplained, Verdict, Where,
 };
 use crate::search::Fit;
 use crate::study::{Effort, Study};
-use crate::{pictures, rest, shares, telling};
+use crate::{pictures, reference, rest, shares, telling};
 use qv_replay::Run;
 use qv_sim::{Model, Terrain};
 use std::collections::BTreeMap;
 
 /// Most causes that are accused.
 const MOST_CAUSES: usize = 3;
+/// Level up to which a push is told of an arm that nothing else explains.
+const QUIET_ENOUGH: f64 = 4.0;
+/// Most rounds, in each of which there may be several events.
+const MOST_ROUNDS: usize = 4;
 
 /// How to diagnose.
 pub struct Options<'a> {
@@ -25,6 +29,8 @@ pub struct Options<'a> {
     pub library: Vec<Effect>,
     /// Parameters that are known already, by name; `*` stands for all that fit.
     pub given: Vec<(String, f64)>,
+    /// Recordings of the same robot without what is looked for; may be none.
+    pub reference: Vec<Run>,
     /// How windows are cut.
     pub cut: Cut,
     /// How much is done.
@@ -42,6 +48,7 @@ impl Default for Options<'_> {
         Self {
             library: library::built_in(),
             given: Vec::new(),
+            reference: Vec::new(),
             cut: Cut::default(),
             effort: Effort::default(),
             without: Vec::new(),
@@ -56,6 +63,23 @@ struct Accused {
     fit: Fit,
     cause: Cause,
     corrections: Vec<Correction>,
+}
+
+impl Accused {
+    /// When it acts, if for a while only \[s\].
+    fn time(&self) -> Option<[f64; 2]> {
+        match self.fit.suspect.extent {
+            Some(Extent::Time(time)) => Some(time),
+            _ => None,
+        }
+    }
+
+    /// The same as something that acts on the robot of a study.
+    fn event(&self, study: &Study) -> Option<Event> {
+        let time = self.time()?;
+        let setting = study.columns.setting_of(&study.problem, std::slice::from_ref(&self.fit.suspect));
+        Some(Event { setting, time })
+    }
 }
 
 /// A diagnosis, and what it would have been had the library lacked one of the effects it ranks first.
@@ -81,9 +105,11 @@ pub fn diagnose(
     let mut cannot_tell = telling::faults(runs);
     let (usable, fallen) = telling::upright(runs);
     cannot_tell.extend(fallen);
-    let mut session = Session { runs: usable, model, terrain, options, stages: Vec::new(), since: 0.0 };
+    let mut session =
+        Session { runs: usable, model, terrain, options, calibrated: Vec::new(), stages: Vec::new(), since: 0.0 };
     let begun = session.now();
-    let mut nominal = session.study(&[])?;
+    session.calibrate()?;
+    let mut nominal = session.study(&[], &[])?;
     cannot_tell.extend(telling::missing(&nominal, first, &options.library));
     let opening = Opening::new(&nominal)?;
     session.begin("search");
@@ -129,6 +155,8 @@ struct Session<'a> {
     model: &'a Model,
     terrain: &'a Terrain,
     options: &'a Options<'a>,
+    /// What the reference recordings say of actuators and sensors.
+    calibrated: Vec<Correction>,
     stages: Vec<Stage>,
     since: f64,
 }
@@ -154,14 +182,28 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// A study of the robot as it is said to be so far.
-    fn study(&mut self, corrections: &[Correction]) -> Result<Study<'a>, GapError> {
+    /// Fits actuators and sensors to the reference recordings.
+    fn calibrate(&mut self) -> Result<(), GapError> {
+        let Options { reference, given, cut, library, .. } = self.options;
+        let Some(first) = reference.first() else { return Ok(()) };
+        self.begin("reference");
+        let problem = Problem::new(first, self.model, self.terrain, given, *cut)?;
+        self.calibrated = reference::calibrate(&problem, reference, library)?;
+        let seconds = self.now() - self.since;
+        self.stages.iter_mut().last().into_iter().for_each(|s| s.seconds = seconds);
+        Ok(())
+    }
+
+    /// A study of the robot as it is said to be so far, with what is said to have acted on it.
+    fn study(&mut self, corrections: &[Correction], events: &[Event]) -> Result<Study<'a>, GapError> {
         self.begin("sensitivities and null");
         let mut given = self.options.given.clone();
+        given.extend(self.calibrated.iter().map(|c| (c.parameter.clone(), c.value)));
         given.extend(corrections.iter().map(|c| (c.parameter.clone(), c.value)));
-        let problem = Problem::new(&self.runs[0], self.model, self.terrain, &given, self.options.cut)?;
+        let mut problem = Problem::new(&self.runs[0], self.model, self.terrain, &given, self.options.cut)?;
+        problem.events = events.to_vec();
         let columns = Columns::new(&problem, &self.runs[0], &self.options.library)?;
-        let study = Study::new(problem, columns, &self.runs, &self.options.effort)?;
+        let study = Study::new(problem, columns, &self.runs, &self.options.reference, &self.options.effort)?;
         self.end(&study);
         Ok(study)
     }
@@ -179,6 +221,8 @@ impl<'a> Session<'a> {
             accused: Vec::new(),
             rounds: vec![first],
             corrections: Vec::new(),
+            events: Vec::new(),
+            on_feet: nominal.problem.free,
             opening: opening.clone(),
             level_after: opening.level,
             cannot_tell: cannot_tell.to_vec(),
@@ -186,17 +230,24 @@ impl<'a> Session<'a> {
         };
         loop {
             let round = findings.rounds.last().expect("there is a first");
-            let Some(fit) = round.accused.map(|k| round.fits[k].clone()) else { return Ok(findings) };
+            let Some(accused) = round.accused else { return Ok(findings) };
+            let fits: Vec<Fit> =
+                std::iter::once(accused).chain(round.also.iter().copied()).map(|k| round.fits[k].clone()).collect();
             let study = findings.later.as_mut().unwrap_or(nominal);
-            let one = self.accuse(study, fit, &findings.corrections)?;
-            merge(&mut findings.corrections, &one.corrections);
-            findings.accused.push(one);
-            let mut next = self.study(&findings.corrections)?;
+            for fit in fits {
+                let one = self.accuse(study, fit, &findings.corrections)?;
+                match one.event(study) {
+                    Some(event) => findings.events.push(event),
+                    None => merge(&mut findings.corrections, &one.corrections),
+                }
+                findings.accused.push(one);
+            }
+            let mut next = self.study(&findings.corrections, &findings.events)?;
             findings.level_after = decide::level_outside(&next, &findings.regions())?;
-            if findings.accused.len() < MOST_CAUSES && findings.level_after.ratio >= NO_GAP {
+            let full = findings.effects().len() >= MOST_CAUSES || findings.rounds.len() >= MOST_ROUNDS;
+            if !full && findings.level_after.ratio >= NO_GAP {
                 self.begin("search");
-                let taken = findings.accused.iter().map(|a| a.cause.effect.clone());
-                let names: Vec<String> = taken.chain(without.iter().cloned()).collect();
+                let names: Vec<String> = findings.settled().into_iter().chain(without.iter().cloned()).collect();
                 let closed = closed_to(&next, &names);
                 let round = decide::round(&mut next, &closed, false)?;
                 self.end(&next);
@@ -273,6 +324,16 @@ fn estimates(effect: &Effect, fit: &Fit, extent: Option<Extent>) -> Vec<Paramete
         .collect()
 }
 
+/// Corrections after those of a reference, which are what is nominal for them.
+fn merged(reference: &[Correction], after: &[Correction]) -> Vec<Correction> {
+    let mut all = reference.to_vec();
+    let before =
+        |c: &Correction| reference.iter().find(|r| r.parameter == c.parameter).map_or(c.nominal, |r| r.nominal);
+    let after: Vec<Correction> = after.iter().map(|c| Correction { nominal: before(c), ..c.clone() }).collect();
+    merge(&mut all, &after);
+    all
+}
+
 /// Later corrections of a parameter replace earlier ones.
 fn merge(all: &mut Vec<Correction>, new: &[Correction]) {
     for correction in new {
@@ -295,6 +356,9 @@ struct Findings<'a> {
     accused: Vec<Accused>,
     rounds: Vec<Round>,
     corrections: Vec<Correction>,
+    events: Vec<Event>,
+    /// Whether the base is free.
+    on_feet: bool,
     opening: Opening,
     level_after: Level,
     cannot_tell: Vec<String>,
@@ -303,6 +367,29 @@ struct Findings<'a> {
 }
 
 impl Findings<'_> {
+    /// Names of the accused effects.
+    fn effects(&self) -> Vec<String> {
+        let mut names: Vec<String> = self.accused.iter().map(|a| a.cause.effect.clone()).collect();
+        names.sort();
+        names.dedup();
+        names
+    }
+
+    /// Effects of which there is no more: all that are accused, but for what acts on an arm for a while.
+    fn settled(&self) -> Vec<String> {
+        let settled = |a: &&Accused| self.on_feet || a.time().is_none();
+        self.accused.iter().filter(settled).map(|a| a.cause.effect.clone()).collect()
+    }
+
+    /// The simulator's parameters hold one event: the one that closes most.
+    fn keep_largest_event(&mut self) {
+        let events = self.accused.iter().filter(|a| a.time().is_some());
+        let largest = events.max_by(|a, b| a.cause.closed_alone.total_cmp(&b.cause.closed_alone));
+        if let Some(corrections) = largest.map(|a| a.corrections.clone()) {
+            merge(&mut self.corrections, &corrections);
+        }
+    }
+
     /// Regions that are accused.
     fn regions(&self) -> Vec<[f64; 4]> {
         let region = |a: &Accused| match a.fit.suspect.extent {
@@ -317,9 +404,11 @@ impl Findings<'_> {
         if verdict == Verdict::Unexplained || verdict == Verdict::NoGap {
             self.accused.clear();
             self.corrections.clear();
+            self.events.clear();
         }
         session.begin("closure");
         let setting = setting(nominal, &self.corrections);
+        let before = std::mem::replace(&mut nominal.problem.events, self.events.clone());
         let after = closure(nominal, &setting)?;
         session.end(nominal);
         let ranking = self.ranking(nominal, verdict);
@@ -343,6 +432,9 @@ impl Findings<'_> {
         let sentence = telling::sentence(verdict, &causes, &gap, &ranking);
         let next = telling::next(verdict, &causes, &self.rounds, nominal);
         let (heat_map, floor_plan, curves) = pictures::all(nominal, &setting)?;
+        nominal.problem.events = before;
+        self.keep_largest_event();
+        self.corrections = merged(&session.calibrated, &self.corrections);
         let runtime_s = session.now() - begun;
         Ok(Report {
             format: FORMAT.into(),
@@ -374,8 +466,13 @@ impl Findings<'_> {
         }
     }
 
-    /// Several effects can be there and one unknown: what was found stays only if it took nearly all of the excess.
+    /// Several effects can be there and one unknown: what was found stays only if it took nearly all of the excess. What
+    /// pushed an arm at one time is told whatever the arm lacks at all others.
     fn partly(&self) -> Verdict {
+        if !self.on_feet && self.accused.iter().all(|a| a.time().is_some()) {
+            let quiet = self.level_after.ratio < QUIET_ENOUGH;
+            return if quiet { Verdict::PartlyExplained } else { Verdict::Unexplained };
+        }
         let (before, after) = (self.opening.level.ratio - 1.0, self.level_after.ratio - 1.0);
         if after < 0.02 * before && self.level_after.ratio < 2.0 {
             Verdict::PartlyExplained
@@ -402,6 +499,8 @@ impl Findings<'_> {
             Verdict::NoGap => 0.0,
             _ => 1.0 / (1.0 + (-(self.level_after.ratio - UNEXPLAINED) / 0.1).exp()),
         };
+        // Something is accused beside what is unknown.
+        let unknown = if verdict == Verdict::PartlyExplained { unknown.min(0.4) } else { unknown };
         let known = if verdict == Verdict::NoGap { 0.05 } else { 1.0 - unknown };
         let accused: Vec<&str> = self.accused.iter().map(|a| a.cause.effect.as_str()).collect();
         let mut ranking: Vec<Ranked> = best

@@ -165,7 +165,8 @@ fn set(
     window: &Window,
     state: &State,
 ) -> Result<f64, GapError> {
-    for &(id, value) in problem.stated.iter().chain(setting) {
+    let until = window.start + problem.cut.window;
+    for (id, value) in problem.acting(setting, window.start, until) {
         match problem.roles[id] {
             // Freed of on the measured side.
             Role::Tilt(_) | Role::GyroBias(_) | Role::PoseDelay | Role::EncoderLatency(_) | Role::Height => {}

@@ -20,6 +20,7 @@ pub mod output;
 mod pictures;
 pub mod problem;
 mod random;
+mod reference;
 pub mod report;
 mod rest;
 pub mod search;

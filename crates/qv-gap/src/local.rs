@@ -13,6 +13,8 @@ use nalgebra::{DMatrix, DVector};
 const FRICTIONS: [f64; 6] = [0.6, 0.45, 0.32, 0.22, 0.14, 0.08];
 /// Log evidence of a scan below which the simulator is not asked.
 const WORTH_A_LOOK: f64 = 12.0;
+/// Most events that are looked for in one recording.
+const MOST_EVENTS: usize = 8;
 /// Rounds of the pattern search.
 const ROUNDS: usize = 9;
 
@@ -22,12 +24,7 @@ impl Search<'_, '_> {
     /// # Errors
     /// When a value means nothing.
     pub fn local_suspects(&mut self, base: &Base, without: &[usize]) -> Result<Vec<Fit>, GapError> {
-        let mut fits = Vec::new();
-        for (evidence, suspect) in self.scan_times(base, without) {
-            if evidence > WORTH_A_LOOK {
-                fits.extend(self.refine(base, suspect)?);
-            }
-        }
+        let mut fits = if self.study.is_relative { Vec::new() } else { self.events(base, without)? };
         // A foot that lands a millimetre early slips elsewhere: the deviations that the sound windows ask for are in all
         // that is simulated now, rather than added to it.
         self.deviant = self.sound_deviations(base);
@@ -40,8 +37,9 @@ impl Search<'_, '_> {
         Ok(fits)
     }
 
-    /// Deviations of the units that the windows with no more than the usual loss ask for.
-    fn sound_deviations(&self, base: &Base) -> Vec<(usize, f64)> {
+    /// Deviations, in columns, that the windows with no more than the usual loss ask for; and the loss per number that
+    /// these windows keep, over that of all windows.
+    fn sound(&self, base: &Base) -> Option<(DVector<f64>, f64)> {
         let of: Vec<f64> =
             base.normals.iter().map(|n| n.as_ref().map_or(f64::INFINITY, |n| n.e / n.count as f64)).collect();
         let mut sorted = of.clone();
@@ -52,9 +50,15 @@ impl Search<'_, '_> {
             let w = self.study.seen.iter().position(|x| std::ptr::eq(x, s));
             if w.is_some_and(sound) { fitted(s) } else { 0.0 }
         };
-        let Some(marginal) = self.study.marginal(weight) else { return Vec::new() };
+        let marginal = self.study.marginal(weight)?;
         let sums = self.study.sums(&base.normals, &self.windows, weight);
-        let amounts = marginal.deviations(&sums);
+        let share = (marginal.loss(&sums) / sums.count) / (base.loss / base.sums.count);
+        Some((marginal.deviations(&sums), share))
+    }
+
+    /// The same as values of the units.
+    fn sound_deviations(&self, base: &Base) -> Vec<(usize, f64)> {
+        let Some((amounts, _)) = self.sound(base) else { return Vec::new() };
         let columns = self.columns();
         let value = |(c, amount): (&Column, &f64)| {
             let absent = columns.units[c.unit].absent;
@@ -63,12 +67,11 @@ impl Search<'_, '_> {
         columns.columns[..columns.tolerated].iter().zip(amounts.iter().skip(EXTRA)).map(value).collect()
     }
 
-    /// Residual of each window of the base with the deviations that all windows ask for taken away, as normal equations.
-    fn left(&self, base: &Base) -> Vec<Option<Normal>> {
-        let deviations = self.marginal.deviations(&base.sums);
+    /// Residual of each window of the base with `deviations` taken away, as normal equations.
+    fn left(&self, base: &Base, deviations: &DVector<f64>) -> Vec<Option<Normal>> {
         let width = self.study.width();
         let mut all = DVector::zeros(width);
-        all.rows_mut(0, deviations.len()).copy_from(&deviations);
+        all.rows_mut(0, deviations.len()).copy_from(deviations);
         let left = |(n, &w): (&Option<Normal>, &usize)| {
             n.as_ref().map(|n| {
                 let moved = &self.study.seen[w].h * &all;
@@ -78,11 +81,64 @@ impl Search<'_, '_> {
         base.normals.iter().zip(&self.windows).map(left).collect()
     }
 
-    /// Runs of windows in which an outside force or torque would explain most.
-    fn scan_times(&self, base: &Base, without: &[usize]) -> Vec<(f64, Suspect)> {
-        let left = self.left(base);
+    /// Events, one after the other: each is looked for in what those before it leave.
+    fn events(&mut self, base: &Base, without: &[usize]) -> Result<Vec<Fit>, GapError> {
+        let mut now = base.clone();
+        let (mut found, mut others): (Vec<Fit>, Vec<Fit>) = (Vec::new(), Vec::new());
+        while found.len() < MOST_EVENTS {
+            let mut fits = Vec::new();
+            for suspect in self.scan_times(&now, without, &found) {
+                fits.extend(self.refine(&now, suspect)?);
+            }
+            fits.sort_by(|a, b| a.loss.total_cmp(&b.loss));
+            let rest = fits.split_off(1.min(fits.len()));
+            let Some(best) = fits.pop().filter(|f| f.evidence > 0.0) else { break };
+            let setting = self.settings(base, std::slice::from_ref(&best.suspect));
+            now.normals = self.evaluate_touched(&now, std::slice::from_ref(&best.suspect), &setting)?.remove(0);
+            now.sums = self.study.sums(&now.normals, &self.windows, fitted);
+            now.loss = self.loss_of(&self.marginal, &now.normals, &self.windows);
+            found.push(best);
+            others.extend(rest);
+        }
+        // What all of them leave is the measure of what chance does.
+        let temper = (self.temper * now.loss / base.loss).max(1.0);
+        found.extend(others);
+        found.iter_mut().for_each(|f| f.evidence *= self.temper / temper);
+        Ok(found)
+    }
+
+    /// The two forces or torques for a while that would explain most, outside the time of those `found` already.
+    fn scan_times(&self, base: &Base, without: &[usize], found: &[Fit]) -> Vec<Suspect> {
+        // What acts for a while must not be mistaken for what any robot deviates by, nor for what nothing explains.
+        let Some((deviations, share)) = self.sound(base) else { return Vec::new() };
+        let temper = (self.temper * share).max(1.0);
+        let mut left = self.left(base, &deviations);
+        let length = self.study.problem.cut.window;
+        for (part, &w) in left.iter_mut().zip(&self.windows) {
+            let start = self.study.seen[w].window.start;
+            let during =
+                |f: &Fit| matches!(f.suspect.extent, Some(Extent::Time([a, b])) if a < start + length && b > start);
+            if found.iter().any(during) {
+                *part = None;
+            }
+        }
+        let runs = self.runs(base, &left, temper, without);
+        let Some(&(_, first, last, _)) = runs.first() else { return Vec::new() };
+        let alike = |r: &&(f64, usize, usize, Suspect)| r.0 > WORTH_A_LOOK && r.1 <= last && r.2 >= first;
+        runs.iter().filter(alike).take(2).map(|r| r.3.clone()).collect()
+    }
+
+    /// For each force or torque the run of windows, first and last, in which it explains most; best first.
+    fn runs(
+        &self,
+        base: &Base,
+        left: &[Option<Normal>],
+        temper: f64,
+        without: &[usize],
+    ) -> Vec<(f64, usize, usize, Suspect)> {
         let columns = self.columns();
         let length = self.study.problem.cut.window;
+        let start = |k: usize| self.study.seen[self.windows[k]].window.start;
         let mut found = Vec::new();
         for (group, g) in columns.groups.iter().enumerate() {
             let effect = &columns.effects[g.effect];
@@ -92,27 +148,18 @@ impl Search<'_, '_> {
             }
             let Some(d) = direction(columns, group, 0) else { continue };
             let wide: Vec<f64> = d.steps.iter().map(|s| (0.4 * effect.span() / s).abs()).collect();
-            let parts: Vec<Option<(DVector<f64>, DMatrix<f64>)>> = left
-                .iter()
-                .zip(&self.windows)
-                .map(|(n, &w)| {
-                    let n = n.as_ref()?;
-                    Some((d.d.tr_mul(&n.b) / self.temper, d.d.tr_mul(&(&self.study.seen[w].h * &d.d)) / self.temper))
-                })
-                .collect();
+            let part = |(n, &w): (&Option<Normal>, &usize)| {
+                let n = n.as_ref()?;
+                Some((d.d.tr_mul(&n.b) / temper, d.d.tr_mul(&(&self.study.seen[w].h * &d.d)) / temper))
+            };
+            let parts: Vec<_> = left.iter().zip(&self.windows).map(part).collect();
             let Some((evidence, first, last, amounts)) = best_run(&parts, &wide) else { continue };
-            let start = |k: usize| self.study.seen[self.windows[k]].window.start;
-            let values = amounts
-                .iter()
-                .zip(&d.steps)
-                .zip(effect.axes.iter())
-                .map(|((a, s), _)| (a * s).clamp(effect.range[0], effect.range[1]));
+            let clamped = |(a, s): (&f64, &f64)| (a * s).clamp(effect.range[0], effect.range[1]);
+            let values = amounts.iter().zip(&d.steps).map(clamped).collect();
             let extent = Some(Extent::Time([start(first), start(last) + length]));
-            found.push((evidence, Suspect { group, values: values.collect(), extent }));
+            found.push((evidence, first, last, Suspect { group, values, extent }));
         }
-        // Of all joints and legs the most telling two are enough.
         found.sort_by(|a, b| b.0.total_cmp(&a.0));
-        found.truncate(2);
         found
     }
 
@@ -259,7 +306,7 @@ impl Search<'_, '_> {
         let open: Vec<bool> = suspects.iter().map(|s| s.extent.is_none_or(|e| e.is_open())).collect();
         let settings = self.settings(base, suspects);
         let windows = self.windows.clone();
-        let normals = self.study.evaluate(&settings, &windows)?;
+        let normals = self.evaluate_touched(base, suspects, &settings)?;
         let regional = suspects.iter().any(|s| matches!(s.extent, Some(Extent::Region(_))));
         let loss = |(n, open): (&Vec<Option<Normal>>, &bool)| match (*open, regional) {
             (false, _) => f64::INFINITY,
@@ -267,6 +314,31 @@ impl Search<'_, '_> {
             (true, false) => self.loss_of(&self.marginal, n, &windows),
         };
         Ok(normals.iter().zip(&open).map(loss).collect())
+    }
+
+    /// Normal equations under settings; of windows that no event touches, those of the base.
+    fn evaluate_touched(
+        &mut self,
+        base: &Base,
+        suspects: &[Suspect],
+        settings: &[Setting],
+    ) -> Result<Vec<Vec<Option<Normal>>>, GapError> {
+        let length = self.study.problem.cut.window;
+        let touches = |s: &Suspect, start: f64| match s.extent {
+            Some(Extent::Time([from, until])) => from < start + length && until > start,
+            _ => true,
+        };
+        let start = |w: usize| self.study.seen[w].window.start;
+        let touched: Vec<usize> =
+            (0..self.windows.len()).filter(|&k| suspects.iter().any(|s| touches(s, start(self.windows[k])))).collect();
+        let some: Vec<usize> = touched.iter().map(|&k| self.windows[k]).collect();
+        let of_some = self.study.evaluate(settings, &some)?;
+        let whole = |normals: Vec<Option<Normal>>| {
+            let mut all = base.normals.clone();
+            touched.iter().zip(normals).for_each(|(&k, n)| all[k] = n);
+            all
+        };
+        Ok(of_some.into_iter().map(whole).collect())
     }
 
     fn robust_loss(&self, normals: &[Option<Normal>]) -> f64 {

@@ -175,7 +175,7 @@ impl Recorder {
             return Ok(None);
         };
         let Some(state) = starts.at(from) else { return Ok(None) };
-        for &(id, value) in problem.stated.iter().chain(&ghost.setting) {
+        for (id, value) in problem.acting(&ghost.setting, window.start, window.start + problem.cut.window) {
             match problem.roles[id] {
                 Role::ForceStart => batch.set_parameter_at(env, id, value - from)?,
                 _ => batch.set_parameter_at(env, id, value)?,

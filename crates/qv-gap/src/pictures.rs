@@ -58,7 +58,7 @@ fn floor_plan(study: &Study, after: &[Raw]) -> Vec<FloorPoint> {
     for (seen, raw) in study.seen.iter().zip(after) {
         let [x, y] = place(&seen.window);
         let level = |raw: &Raw| {
-            let r = study.whitener(seen).residual(seen.window.moving, raw);
+            let r = study.whitener(seen).residual(seen.index, raw);
             r.norm_squared() / r.len() as f64
         };
         if x.is_finite() && y.is_finite() && !raw.is_empty() {

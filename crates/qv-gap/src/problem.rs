@@ -3,6 +3,7 @@
 use crate::GapError;
 use crate::observe::{self, Channel};
 use qv_replay::Run;
+use qv_replay::median_interval;
 use qv_replay::replay::{
     Command, Feet, HeldCommands, SensorErrors, Starts, expand, feet_of, is_whole, joint_columns, stated_parameters,
 };
@@ -12,6 +13,9 @@ use std::collections::HashMap;
 
 /// Values of parameters that are not nominal: index in the catalogue, value; sorted by index.
 pub type Setting = Vec<(usize, f64)>;
+
+/// Fewest samples in a bin of a shortened window.
+const FEWEST_SAMPLES: f64 = 5.0;
 
 /// How windows are cut and compared.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,6 +32,15 @@ pub struct Cut {
     pub most: usize,
 }
 
+/// Something outside that acts on the robot for a while.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Event {
+    /// Its forces or torques, start and duration.
+    pub setting: Setting,
+    /// From and until \[s\].
+    pub time: [f64; 2],
+}
+
 impl Default for Cut {
     fn default() -> Self {
         Self { window: 0.3, bin: 0.05, sample: 0.005, margin: 0.5, most: 72 }
@@ -35,6 +48,13 @@ impl Default for Cut {
 }
 
 impl Cut {
+    /// The same for a robot that is held and measured every `period` \[s\]: half as long where there are samples enough.
+    /// Nothing bounds how fast an arm falls, as feet on the ground do, so that errors in the start soon are all there is.
+    fn held(self, period: f64) -> Self {
+        let half = Self { window: 0.5 * self.window, bin: 0.5 * self.bin, ..self };
+        if period > 0.0 && half.bin >= FEWEST_SAMPLES * period { half } else { self }
+    }
+
     /// Bins in a window.
     pub fn bins(&self) -> usize {
         (self.window / self.bin).round() as usize
@@ -145,6 +165,8 @@ pub struct Problem<'a> {
     pub cut: Cut,
     /// Numbers of the simulator.
     pub numerics: Numerics,
+    /// What has been found to act for a while, from outside.
+    pub events: Vec<Event>,
     /// Depth to which the feet sink in when the robot stands on all of them \[m\].
     pub depth: f64,
     index: HashMap<String, usize>,
@@ -183,6 +205,8 @@ impl<'a> Problem<'a> {
             return Err(GapError::run("channels", "at least one that is measured and alive", "none"));
         }
         let law_joints = law_joints(run, &columns);
+        let period = run.measured.position.as_ref().map_or(0.0, |p| median_interval(&p.time));
+        let cut = if free { cut } else { cut.held(period) };
         let numerics = Numerics::default();
         Ok(Self {
             model,
@@ -198,6 +222,7 @@ impl<'a> Problem<'a> {
             law_joints,
             cut,
             numerics,
+            events: Vec::new(),
             depth: 0.0,
             index,
         })
@@ -217,6 +242,25 @@ impl<'a> Problem<'a> {
     pub fn joint_value(&self, setting: &Setting, pattern: &str, joint: usize) -> f64 {
         let name = pattern.replace('*', &self.model.joint_names()[joint]);
         self.parameter(&name).map_or(0.0, |id| self.value(setting, id))
+    }
+
+    /// The event that acts longest between two times \[s\]: the simulator knows one at a time.
+    pub fn event_between(&self, from: f64, until: f64) -> Option<&Event> {
+        let shared = |e: &&Event| e.time[1].min(until) - e.time[0].max(from);
+        self.events.iter().filter(|e| shared(e) > 0.0).max_by(|a, b| shared(a).total_cmp(&shared(b)))
+    }
+
+    /// All parameters that a robot under `setting` does not have from the catalogue, in the order in which they are set:
+    /// what is stated, what is tried, and the event between two times unless one is tried.
+    pub fn acting<'p>(
+        &'p self,
+        setting: &'p Setting,
+        from: f64,
+        until: f64,
+    ) -> impl Iterator<Item = (usize, f64)> + 'p {
+        let tries_one = setting.iter().any(|s| self.roles[s.0] == Role::ForceStart);
+        let event = self.event_between(from, until).filter(|_| !tries_one);
+        self.stated.iter().chain(setting).chain(event.into_iter().flat_map(|e| &e.setting)).copied()
     }
 
     /// The errors of the sensors under a setting.

@@ -39,6 +39,7 @@ pub struct Fit {
 }
 
 /// What a search holds on to: effects accused so far, and the losses with them.
+#[derive(Clone)]
 pub struct Base {
     /// Accused already.
     pub suspects: Vec<Suspect>,

@@ -29,7 +29,7 @@ pub fn places(study: &Study) -> Where {
     let mut phases = [0.0; 3];
     let mut times = Vec::new();
     for seen in &study.seen {
-        let separate = study.whitener(seen).separate(seen.window.moving, &seen.raw);
+        let separate = study.whitener(seen).separate(seen.index, &seen.raw);
         let phase = phases_of(study, seen);
         let (mut first, mut total) = (0, 0.0);
         for &channel in &problem.channels {

@@ -8,7 +8,8 @@ use crate::law;
 use crate::null::{Ghost, Noise, record};
 use crate::problem::{Numerics, Problem, Setting, Window};
 use crate::random::Random;
-use crate::whiten::{Raw, Whitener};
+use crate::reference;
+use crate::whiten::{Raw, Sample, Whitener};
 use nalgebra::{DMatrix, DVector};
 use qv_replay::Run;
 use rayon::prelude::*;
@@ -22,10 +23,14 @@ const SHIFT_TOLERANCE: f64 = 1.0;
 /// Settings simulated at a time: their features are in memory together.
 const AT_A_TIME: usize = 96;
 
+/// How many more recordings without an effect are simulated of a robot that is held: it costs a fraction of one that
+/// walks, and has the room to give each window a null of its own.
+pub const HELD: usize = 5;
+
 /// How much is done.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effort {
-    /// Simulated recordings without an effect.
+    /// Simulated recordings without an effect, of a robot with a free base; of one that is held [`HELD`] times as many.
     pub ghosts: usize,
     /// Seed of all that is random.
     pub seed: u64,
@@ -39,6 +44,8 @@ impl Default for Effort {
 
 /// A window with its sensitivities in units of the null.
 pub struct Seen {
+    /// Its place among the windows of its run.
+    pub index: usize,
     /// The window.
     pub window: Window,
     /// Sensitivities, shape `[features, columns]`.
@@ -81,37 +88,65 @@ pub struct Study<'a> {
     pub floor: f64,
     /// Steps simulated so far.
     pub steps: usize,
+    /// Whether the null is what reference recordings leave, pushes and blows among it.
+    pub is_relative: bool,
 }
 
 impl<'a> Study<'a> {
-    /// Simulates what is needed to judge `runs`, which are of one robot on one ground.
+    /// Simulates what is needed to judge `runs`, which are of one robot on one ground. Where there are recordings of the
+    /// same robot without what is looked for, `reference`, what they leave is the null.
     ///
     /// # Errors
     /// When the runs have too little, or the simulator refuses.
-    pub fn new(problem: Problem<'a>, columns: Columns, runs: &[Run], effort: &Effort) -> Result<Self, GapError> {
+    pub fn new(
+        problem: Problem<'a>,
+        columns: Columns,
+        runs: &[Run],
+        reference: &[Run],
+        effort: &Effort,
+    ) -> Result<Self, GapError> {
+        let ghosts = vec![Vec::new(); ghosts_of(problem.free, effort)];
         let mut study = Self {
             problem,
             columns,
             seen: Vec::new(),
             parts: Vec::new(),
-            ghosts: vec![Vec::new(); effort.ghosts],
+            ghosts,
             tolerance: Vec::new(),
             floor: 0.0,
             steps: 0,
+            is_relative: !reference.is_empty(),
         };
         let tolerated = study.columns.columns.iter().take(study.columns.tolerated).map(|c| c.tolerance);
         study.tolerance = std::iter::once(SHIFT_TOLERANCE).chain(tolerated).collect();
         // More recordings share the windows that one has, down to a number that still tells something.
         study.problem.cut.most = (study.problem.cut.most / runs.len().max(1)).max(24).min(study.problem.cut.most);
+        let pool = study.pool(reference)?;
         for (index, run) in runs.iter().enumerate() {
-            study.add(run, index, effort)?;
+            study.add(run, index, &pool, effort)?;
         }
         study.floor /= runs.len().max(1) as f64;
         Ok(study)
     }
 
-    /// Adds the windows of one run, with its own noise and null.
-    fn add(&mut self, run: &Run, index: usize, effort: &Effort) -> Result<(), GapError> {
+    /// What the windows of reference recordings leave, with whether each moves.
+    fn pool(&mut self, reference: &[Run]) -> Result<Vec<(bool, Raw)>, GapError> {
+        let mut pool = Vec::new();
+        for run in reference {
+            let windows = self.problem.windows(run)?;
+            let all: Vec<&Window> = windows.iter().collect();
+            let residuals = compare(&self.problem, &self.problem.numerics, &all, &[Setting::new()])?;
+            self.steps += residuals.steps;
+            let alignments = vec![law::align(&self.problem, &all); all.len()];
+            let raw = with_law(&self.problem, &alignments, &all, &[Setting::new()], residuals.values).remove(0);
+            pool.extend(windows.iter().map(|w| w.moving).zip(raw).filter(|p| !p.1.is_empty()));
+        }
+        reference::drop_outliers(&mut pool);
+        Ok(pool)
+    }
+
+    /// Adds the windows of one run, with its own noise, and its own null unless there is a pool for it.
+    fn add(&mut self, run: &Run, index: usize, pool: &[(bool, Raw)], effort: &Effort) -> Result<(), GapError> {
         let mut windows = self.problem.windows(run)?;
         if index == 0 {
             // The stillest window is the first to look like standing.
@@ -128,12 +163,27 @@ impl<'a> Study<'a> {
         if good.iter().filter(|g| **g).count() < 8 {
             return Err(GapError::run("simulation", "at least 8 windows that can be simulated", "fewer"));
         }
-        let (ghost_raw, deviations) = ghosts(problem, columns, &windows, &noise, (effort, index), &mut steps)?;
-        let samples = samples(&windows, &sensitivities, &ghost_raw, &deviations);
+        let (ghost_raw, samples) = if pool.is_empty() {
+            let (raw, deviations) = ghosts(problem, columns, &windows, &noise, (effort, index), &mut steps)?;
+            let samples = samples(&windows, &sensitivities, &raw, &deviations);
+            (raw, samples)
+        } else {
+            // Each stands for a window that moves as it does.
+            let alike = |moving| windows.iter().position(|w| w.moving == moving).unwrap_or(0);
+            let at = [alike(false), alike(true)];
+            let sample = |(moving, raw): &(bool, Raw)| Sample {
+                window: at[usize::from(*moving)],
+                moving: *moving,
+                raw: raw.clone(),
+            };
+            let drawn = reference::draw(&windows, pool, self.ghosts.len(), effort.seed.wrapping_add(index as u64));
+            (drawn, pool.iter().map(sample).collect())
+        };
+        let moving: Vec<bool> = windows.iter().map(|w| w.moving).collect();
         let few = || GapError::run("simulation without an effect", "windows that do not run away", "too few");
-        let whitener = Whitener::new(problem, &samples).ok_or_else(few)?;
-        let of_sample = |(moving, raw): &(bool, Raw)| {
-            let r = whitener.residual(*moving, raw);
+        let whitener = Whitener::new(problem, &samples, &moving, pool.is_empty()).ok_or_else(few)?;
+        let of_sample = |sample: &Sample| {
+            let r = whitener.residual(sample.window, &sample.raw);
             r.norm_squared() / r.len() as f64
         };
         // Summed in order: the same bits on any number of threads.
@@ -141,10 +191,11 @@ impl<'a> Study<'a> {
         self.floor += floor.iter().sum::<f64>() / samples.len() as f64;
         let seen: Vec<Option<Seen>> = windows
             .into_par_iter()
+            .enumerate()
             .zip(raw)
             .zip(sensitivities)
-            .map(|((window, raw), sensitivity)| {
-                (!raw.is_empty() && !sensitivity.is_empty()).then(|| see(&whitener, window, raw, &sensitivity))
+            .map(|(((index, window), raw), sensitivity)| {
+                (!raw.is_empty() && !sensitivity.is_empty()).then(|| see(&whitener, (index, window), raw, &sensitivity))
             })
             .collect();
         for (all, run) in self.ghosts.iter_mut().zip(&ghost_raw) {
@@ -158,7 +209,14 @@ impl<'a> Study<'a> {
                 .collect();
             all.extend(of_run);
         }
-        self.seen.extend(seen.into_iter().flatten());
+        let weighted = |mut s: Seen| {
+            if !pool.is_empty() {
+                let length = s.residual.norm_squared() / s.residual.len() as f64;
+                s.weight = (reference::OUTLIER / length).min(1.0);
+            }
+            s
+        };
+        self.seen.extend(seen.into_iter().flatten().map(weighted));
         self.parts.push(Part { whitener, noise, alignment });
         self.steps += steps;
         Ok(())
@@ -220,7 +278,7 @@ impl<'a> Study<'a> {
     ) -> Result<Vec<Vec<Option<DVector<f64>>>>, GapError> {
         let raw = self.raw(settings, windows)?;
         let white = |(raw, &w): (&Raw, &usize)| {
-            (!raw.is_empty()).then(|| self.whitener(&self.seen[w]).residual(self.seen[w].window.moving, raw))
+            (!raw.is_empty()).then(|| self.whitener(&self.seen[w]).residual(self.seen[w].index, raw))
         };
         Ok(raw.par_iter().map(|of_setting| of_setting.iter().zip(windows).map(white).collect()).collect())
     }
@@ -255,7 +313,7 @@ impl<'a> Study<'a> {
 impl Seen {
     /// Normal equations of a raw residual.
     pub fn normal(&self, whitener: &Whitener, raw: &Raw) -> Normal {
-        let r = whitener.residual(self.window.moving, raw);
+        let r = whitener.residual(self.index, raw);
         Normal { b: self.j.tr_mul(&r), e: r.norm_squared(), count: r.len() }
     }
 
@@ -266,11 +324,15 @@ impl Seen {
     }
 }
 
-fn see(whitener: &Whitener, window: Window, raw: Raw, sensitivity: &[Raw]) -> Seen {
-    let columns: Vec<DVector<f64>> = sensitivity.iter().map(|c| whitener.difference(window.moving, c)).collect();
+fn ghosts_of(free: bool, effort: &Effort) -> usize {
+    if free { effort.ghosts } else { HELD * effort.ghosts }
+}
+
+fn see(whitener: &Whitener, (index, window): (usize, Window), raw: Raw, sensitivity: &[Raw]) -> Seen {
+    let columns: Vec<DVector<f64>> = sensitivity.iter().map(|c| whitener.difference(index, c)).collect();
     let j = DMatrix::from_columns(&columns);
-    let residual = whitener.residual(window.moving, &raw);
-    Seen { h: j.tr_mul(&j), j, residual, raw, window, weight: 1.0 }
+    let residual = whitener.residual(index, &raw);
+    Seen { h: j.tr_mul(&j), j, residual, raw, index, window, weight: 1.0 }
 }
 
 /// Raw residuals of the nominal robot and raw sensitivities, by window; empty where something ran away.
@@ -382,7 +444,7 @@ fn ghosts(
     steps: &mut usize,
 ) -> Result<(Vec<Vec<Raw>>, Vec<Vec<f64>>), GapError> {
     let (mut all, mut deviations) = (Vec::new(), Vec::new());
-    for k in 0..effort.ghosts {
+    for k in 0..ghosts_of(problem.free, effort) {
         let (mut setting, of_columns) = draw(problem, columns, effort.seed, k as u64);
         other_contact(problem, &mut setting, effort.seed, k as u64);
         // The robot is the same in all runs, the noise is not.
@@ -445,10 +507,10 @@ fn samples(
     sensitivities: &[Vec<Raw>],
     ghosts: &[Vec<Raw>],
     deviations: &[Vec<f64>],
-) -> Vec<(bool, Raw)> {
+) -> Vec<Sample> {
     let mut samples = Vec::new();
     for (run, deviation) in ghosts.iter().zip(deviations) {
-        for ((raw, window), columns) in run.iter().zip(windows).zip(sensitivities) {
+        for (window, (raw, columns)) in run.iter().zip(sensitivities).enumerate() {
             if raw.is_empty() || columns.is_empty() {
                 continue;
             }
@@ -457,7 +519,7 @@ fn samples(
                 left.motion.iter_mut().zip(&column.motion).for_each(|(x, c)| *x -= amount * c);
                 left.law.iter_mut().zip(&column.law).for_each(|(x, c)| *x -= amount * c);
             }
-            samples.push((window.moving, left));
+            samples.push(Sample { window, moving: windows[window].moving, raw: left });
         }
     }
     samples

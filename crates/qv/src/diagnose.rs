@@ -34,6 +34,9 @@ pub struct Diagnose {
     /// Parameters that are known already
     #[arg(long, value_name = "FILE.toml")]
     params: Option<PathBuf>,
+    /// Recordings of the same robot before something changed: what the simulator lacked then is not accused
+    #[arg(long, value_name = "RUN", num_args = 1..)]
+    reference: Vec<PathBuf>,
     /// Effects of your own, beside those that come with the program
     #[arg(long, value_name = "FILE.toml")]
     library: Option<PathBuf>,
@@ -56,7 +59,7 @@ pub struct Diagnose {
 
 impl Diagnose {
     pub fn execute(&self) -> Result<Outcome, ReplayError> {
-        let runs = self.open()?;
+        let runs = self.open(&self.runs)?;
         let model = model_of(&runs[0], &self.runs[0], self.robot.as_deref())?;
         let terrain = terrain_of(&self.terrain)?;
         let mut library = library::built_in();
@@ -80,6 +83,7 @@ impl Diagnose {
         let options = Options {
             library,
             given: parameters(self.params.as_deref())?,
+            reference: self.open(&self.reference)?,
             effort: qv_gap::study::Effort { seed: self.seed, ..Default::default() },
             without: self.without.clone(),
             clock: Some(&seconds),
@@ -106,9 +110,9 @@ impl Diagnose {
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
 
-    fn open(&self) -> Result<Vec<Run>, ReplayError> {
+    fn open(&self, paths: &[PathBuf]) -> Result<Vec<Run>, ReplayError> {
         let open = |path: &PathBuf| open_run(&RunArguments { run: path.clone(), pose_topic: self.pose_topic.clone() });
-        self.runs.iter().map(open).collect()
+        paths.iter().map(open).collect()
     }
 
     fn write(&self, directory: &Path, report: &Report, robot: &Robot) -> Result<(), ReplayError> {
