@@ -11,7 +11,7 @@ use crate::report::{
 };
 use crate::search::Fit;
 use crate::study::{Effort, Study};
-use crate::{pictures, reference, rest, shares, telling};
+use crate::{leads, pictures, reference, rest, shares, telling};
 use qv_replay::Run;
 use qv_sim::{Model, Terrain};
 use std::collections::BTreeMap;
@@ -293,6 +293,12 @@ impl<'a> Session<'a> {
     }
 }
 
+/// Values of a fit of a study.
+fn estimates_of(study: &Study, fit: &Fit) -> Vec<ParameterEstimate> {
+    let effect = &study.columns.effects[study.columns.groups[fit.suspect.group].effect];
+    estimates(effect, fit, fit.suspect.extent)
+}
+
 /// Values of a fit by name, with intervals, and those of the extent that is told.
 fn estimates(effect: &Effect, fit: &Fit, extent: Option<Extent>) -> Vec<ParameterEstimate> {
     let mut names: Vec<(String, String)> = effect
@@ -416,7 +422,12 @@ impl Findings<'_> {
             let of = ranking.iter().find(|r| r.effect == accused.cause.effect);
             accused.cause.probability = of.map_or(0.0, |r| r.probability);
         }
-        let gap = after.gap(nominal, session.options.effort.seed);
+        let seed = session.options.effort.seed;
+        let gap = after.gap(nominal, seed);
+        let leads = match (verdict, self.rounds.first()) {
+            (Verdict::Unexplained, Some(first)) => leads::leads(nominal, &first.fits, seed, estimates_of)?,
+            _ => Vec::new(),
+        };
         // What looks like nothing is left in the windows of the fit, and is there in those that no fit has seen.
         let verdict =
             if verdict == Verdict::Explained && gap.closed < 0.5 { Verdict::PartlyExplained } else { verdict };
@@ -430,7 +441,7 @@ impl Findings<'_> {
         place.regions = shares::regions(nominal, regions);
         let causes: Vec<Cause> = self.accused.iter().map(|a| a.cause.clone()).collect();
         let sentence = telling::sentence(verdict, &causes, &gap, &ranking);
-        let next = telling::next(verdict, &causes, &self.rounds, nominal);
+        let next = telling::next(verdict, &causes, &leads, &self.rounds, nominal);
         let (heat_map, floor_plan, curves) = pictures::all(nominal, &setting)?;
         nominal.problem.events = before;
         self.keep_largest_event();
@@ -444,6 +455,7 @@ impl Findings<'_> {
             place,
             causes,
             ranking,
+            leads,
             unexplained,
             cannot_tell: self.cannot_tell,
             next,

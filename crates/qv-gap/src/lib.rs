@@ -12,6 +12,7 @@ mod error;
 pub mod evidence;
 pub mod forward;
 pub mod law;
+mod leads;
 pub mod library;
 pub mod local;
 pub mod null;

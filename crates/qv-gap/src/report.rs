@@ -154,6 +154,25 @@ pub struct Factor {
     pub r2_heldout: f64,
 }
 
+/// What a gap that nothing explains looks most like.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Lead {
+    /// Effects that this recording cannot tell apart, the one that closes most first.
+    pub effects: Vec<String>,
+    /// `all`, or joints, legs, feet, for the first of them.
+    pub scope: Vec<String>,
+    /// Size of the first.
+    pub parameters: Vec<ParameterEstimate>,
+    /// Share of the gap that the first closes in windows that no fit has seen.
+    pub closed: f64,
+    /// Its interval.
+    pub closed_ci95: [f64; 2],
+    /// Root mean square error of joint positions in these windows before and with it \[rad\].
+    pub joint_rms: [f64; 2],
+    /// What would tell them apart.
+    pub separating_experiment: String,
+}
+
 /// What is left.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Unexplained {
@@ -246,6 +265,8 @@ pub struct Report {
     pub causes: Vec<Cause>,
     /// All that was considered, best first, `unknown` among them.
     pub ranking: Vec<Ranked>,
+    /// Where to look when nothing is accused; no accusation.
+    pub leads: Vec<Lead>,
     /// What is left.
     pub unexplained: Unexplained,
     /// What cannot be told from this recording, and why.

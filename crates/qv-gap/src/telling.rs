@@ -4,7 +4,7 @@ use crate::columns::Suspect;
 use crate::decide::Round;
 use crate::library::Effect;
 use crate::observe::{rotation_at, snippet};
-use crate::report::{Cause, Gap, ParameterEstimate, Ranked, UNKNOWN, Verdict};
+use crate::report::{Cause, Gap, Lead, ParameterEstimate, Ranked, UNKNOWN, Verdict};
 use crate::search::{direction, fitted};
 use crate::study::Study;
 use qv_replay::Run;
@@ -157,6 +157,25 @@ pub fn amount(estimate: &ParameterEstimate) -> String {
     format!("{} {:.3} {unit}", estimate.name.replace('_', " "), factor * estimate.value).trim_end().to_string()
 }
 
+/// Size of the first effect of a lead, and on what it acts.
+pub fn amounts(lead: &Lead) -> String {
+    let amounts: Vec<String> = lead.parameters.iter().map(amount).collect();
+    let whom = if lead.scope == ["all"] { String::new() } else { format!(" at {}", lead.scope.join(", ")) };
+    format!("{}{whom}", amounts.join(", "))
+}
+
+/// What a gap that nothing explains looks most like.
+pub fn nearest(lead: &Lead) -> String {
+    let names: Vec<String> = lead.effects.iter().map(|e| e.replace('_', " ")).collect();
+    format!(
+        "Nearest, not accused: {} ({}), which would close {:.0} % of the gap. To tell: {}.",
+        names.join(" or "),
+        amounts(lead),
+        100.0 * lead.closed,
+        lead.separating_experiment
+    )
+}
+
 /// The verdict in a sentence.
 pub fn sentence(verdict: Verdict, causes: &[Cause], gap: &Gap, ranking: &[Ranked]) -> String {
     let described = |c: &Cause| {
@@ -185,7 +204,7 @@ pub fn sentence(verdict: Verdict, causes: &[Cause], gap: &Gap, ranking: &[Ranked
 }
 
 /// What to do next.
-pub fn next(verdict: Verdict, causes: &[Cause], rounds: &[Round], study: &Study) -> Vec<String> {
+pub fn next(verdict: Verdict, causes: &[Cause], leads: &[Lead], rounds: &[Round], study: &Study) -> Vec<String> {
     let mut next = Vec::new();
     match verdict {
         Verdict::NoGap => next.push("Nothing to correct. For a sharper test record faster and larger motions.".into()),
@@ -206,7 +225,8 @@ pub fn next(verdict: Verdict, causes: &[Cause], rounds: &[Round], study: &Study)
             next.push(
                 "Look at what is left and what it goes along with; add an effect of your own with --library.".into(),
             );
-            if let Some(fit) = rounds.first().and_then(|r| r.fits.first()) {
+            next.extend(leads.first().map(nearest));
+            if let Some(fit) = rounds.first().filter(|_| leads.is_empty()).and_then(|r| r.fits.first()) {
                 let effect = &study.columns.effects[study.columns.groups[fit.suspect.group].effect];
                 next.push(format!("To rule {} out or in: {}.", effect.name, effect.experiment));
             }

@@ -200,6 +200,15 @@ fn summary(report: &Report) -> String {
             cause.separating_experiment
         );
     }
+    for lead in &report.leads {
+        text += &format!(
+            "not accused, but near: {} would close {:.0} %, joints {:.2} -> {:.2} mrad\n",
+            lead.effects.join(" or "),
+            100.0 * lead.closed,
+            1e3 * lead.joint_rms[0],
+            1e3 * lead.joint_rms[1]
+        );
+    }
     report.cannot_tell.iter().for_each(|line| text += &format!("{line}\n"));
     text
 }

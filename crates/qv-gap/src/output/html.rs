@@ -11,7 +11,7 @@ mod words;
 
 use super::calibrated::cause_of;
 use crate::library::{Effect, built_in};
-use crate::report::{Correction, Report, Stage, Unexplained, Verdict, Where};
+use crate::report::{Correction, Lead, Report, Stage, Unexplained, Verdict, Where};
 use bars::{joints, shares, track};
 use std::fmt::Write;
 use style::STYLE;
@@ -33,6 +33,7 @@ pub fn to_html(report: &Report, title: &str, notes: &[String]) -> String {
     page += &bars::gap(&report.gap, report.verdict, !report.causes.is_empty());
     let library = built_in();
     page += &causes::causes(report, &library);
+    page += &leads(&report.leads);
     page += &sentences(report);
     let shown = shown(report);
     page += &place(&shown);
@@ -66,6 +67,30 @@ fn verdict(report: &Report) -> String {
         "<div class=\"card verdict {class}\"><span class=\"badge\">{badge}</span><div>{}</div></div>",
         escape(&report.sentence)
     )
+}
+
+/// Where to look when nothing is accused.
+fn leads(leads: &[Lead]) -> String {
+    if leads.is_empty() {
+        return String::new();
+    }
+    let mut text = "<h2>What it looks most like</h2><div class=\"card\"><p class=\"soft small\">None of these explains the gap; each \
+                    line holds effects that this recording cannot tell apart.</p>"
+        .to_string();
+    for lead in leads {
+        let names: Vec<String> = lead.effects.iter().map(|e| words(e)).collect();
+        let _ = write!(
+            text,
+            "<p><b>{}</b> ({}): would close {} of the gap, joints {} to {} mrad. To tell: {}.</p>",
+            escape(&names.join(", or ")),
+            escape(&crate::telling::amounts(lead)),
+            percent(lead.closed),
+            significant(1e3 * lead.joint_rms[0], 3),
+            significant(1e3 * lead.joint_rms[1], 3),
+            escape(&lead.separating_experiment)
+        );
+    }
+    text + "</div>"
 }
 
 /// What to do next beside what cannot be told.

@@ -46,6 +46,7 @@ pub fn empty() -> Report {
         place: Where::default(),
         causes: Vec::new(),
         ranking: Vec::new(),
+        leads: Vec::new(),
         unexplained: Unexplained::default(),
         cannot_tell: Vec::new(),
         next: Vec::new(),
