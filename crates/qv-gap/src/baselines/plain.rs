@@ -6,7 +6,7 @@ use crate::closure::Closure;
 use crate::law;
 use crate::null::Noise;
 use crate::observe::{self, Channel};
-use crate::problem::{Problem, Setting};
+use crate::problem::Setting;
 use crate::study::Study;
 use crate::whiten::Raw;
 use nalgebra::DVector;
@@ -159,8 +159,7 @@ fn scales(study: &Study, run: usize) -> Vec<f64> {
             Channel::Attitude(_) if m.orientation.is_some() => &m.orientation,
             _ => &m.base_pose,
         };
-        let deviation =
-            of_channel(problem, noise, channel, m.orientation.is_some()) / root_count(series, problem.cut.bin);
+        let deviation = of_channel(noise, channel, m.orientation.is_some()) / root_count(series, problem.cut.bin);
         all.extend(std::iter::repeat_n(deviation, width));
     }
     for &j in &problem.law_joints {
@@ -172,8 +171,7 @@ fn scales(study: &Study, run: usize) -> Vec<f64> {
 }
 
 /// Deviation of a sample.
-fn of_channel(problem: &Problem, noise: &Noise, channel: Channel, imu: bool) -> f64 {
-    debug_assert!(noise.position.len() == problem.columns.len());
+fn of_channel(noise: &Noise, channel: Channel, imu: bool) -> f64 {
     match channel {
         Channel::Position(j) => noise.position[j],
         Channel::Velocity(j) => noise.velocity[j],

@@ -3,7 +3,7 @@
 //! et al. 2025, arXiv:2502.10894). It names no cause.
 //!
 //! No recording has residual torques to learn from. They are learnt through the simulator: the change of a window's
-//! features by a torque on each joint in each bin is found by simulation, and the weights follow the slope of what is
+//! features by a torque on each joint in each piece of 20 ms is found by simulation, and the weights follow the slope of what is
 //! left, in units of the null, which is what they are judged by. Inputs are those of the nominal simulation, which
 //! starts from the measured state and then sees commands only: what was measured later cannot leak in. The torques are added
 //! to the commanded feed-forward torque, so that the law of the actuator sees them, too.
@@ -23,6 +23,8 @@ use nalgebra::{DMatrix, DVector};
 use qv_core::JointSeries;
 use rayon::prelude::*;
 
+/// For so long a torque is held \[s\].
+const PIECE: f64 = 0.02;
 /// Torque of the finite differences, as a share of the joint's typical torque.
 const PUSH: f64 = 0.1;
 /// Typical torque of a joint that is commanded none \[N m\].
@@ -38,7 +40,7 @@ const AGES: [f64; 2] = [0.025, 0.05];
 
 /// A window as the network sees it.
 struct Example {
-    /// Of each bin and joint, shape `[bins, joints][inputs]`.
+    /// Of each piece and joint, shape `[pieces, joints][inputs]`.
     inputs: Vec<Vec<f64>>,
 }
 
@@ -85,6 +87,11 @@ pub fn answer(plain: &mut Plain, seed: u64) -> Result<Answer, GapError> {
     Ok(Answer::new("unnamed", Vec::new(), Vec::new(), closed))
 }
 
+/// Pieces of a window.
+fn pieces(problem: &Problem) -> usize {
+    (problem.cut.window / PIECE).ceil() as usize
+}
+
 /// Simulated positions and speeds at the middle of each bin, shape `[joints][bins]`: measured less residual.
 fn simulated(problem: &Problem, seen: &Seen) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
     let bins = problem.cut.bins();
@@ -112,7 +119,16 @@ fn simulated(problem: &Problem, seen: &Seen) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
     (position, speed)
 }
 
-/// Of each joint in each bin: position, speed, error, older commands against the present one, commanded speed, the law's
+/// Value `at` so many bins after the middle of the first, of a line through the two nearest middles.
+fn between(middles: &[f64], at: f64) -> f64 {
+    if middles.len() < 2 {
+        return middles.first().copied().unwrap_or(f64::NAN);
+    }
+    let k = (at.max(0.0) as usize).min(middles.len() - 2);
+    middles[k] + (at - k as f64) * (middles[k + 1] - middles[k])
+}
+
+/// Of each joint in each piece: position, speed, error, older commands against the present one, commanded speed, the law's
 /// torque, how the trunk leans, and which joint it is. What a recording lacks is 0.
 fn example(problem: &Problem, seen: &Seen) -> Example {
     let (position, speed) = simulated(problem, seen);
@@ -123,15 +139,16 @@ fn example(problem: &Problem, seen: &Seen) -> Example {
         [down.x, down.y]
     });
     let joints = problem.columns.len();
-    let mut inputs = Vec::with_capacity(joints * problem.cut.bins());
-    for b in 0..problem.cut.bins() {
-        let t = window.start + (b as f64 + 0.5) * problem.cut.bin;
+    let mut inputs = Vec::with_capacity(joints * pieces(problem));
+    for piece in 0..pieces(problem) {
+        let since = (piece as f64 + 0.5) * PIECE;
+        let (t, bin) = (window.start + since, since / problem.cut.bin - 0.5);
         for (j, &column) in problem.columns.iter().enumerate() {
             let held = |series: &Option<JointSeries>, at: f64, missing: f64| {
                 let some = series.as_ref().filter(|s| !s.is_empty()).map(|s| s.hold(at)[column]);
                 some.filter(|x| x.is_finite()).unwrap_or(missing)
             };
-            let (q, dq) = (position[j][b], speed[j][b]);
+            let (q, dq) = (between(&position[j], bin), between(&speed[j], bin));
             let told = held(&c.position, t, q);
             let error = told - q;
             let faster = held(&c.velocity, t, 0.0);
@@ -171,12 +188,12 @@ fn standardise(examples: &mut [Example], fitted: &[usize]) {
     }
 }
 
-/// The window with `torques`, shape `[bins, joints]` \[N m\], added to the commanded ones.
+/// The window with `torques`, shape `[pieces, joints]` \[N m\], added to the commanded ones.
 fn pushed(problem: &Problem, window: &Window, torques: &[f64]) -> Window {
-    let (cut, joints) = (problem.cut, problem.columns.len());
+    let (count, joints) = (pieces(problem), problem.columns.len());
     let commands = &window.view.commands;
     let stamps = |s: &Option<JointSeries>| s.as_ref().map_or(Vec::new(), |s| s.time.clone());
-    let edges = (0..=cut.bins()).map(|b| window.start + b as f64 * cut.bin);
+    let edges = (0..=count).map(|k| window.start + k as f64 * PIECE);
     let mut time: Vec<f64> = stamps(&commands.torque).into_iter().chain(edges).collect();
     time.sort_by(f64::total_cmp);
     time.dedup_by(|a, b| (*a - *b).abs() < 1e-6);
@@ -187,10 +204,10 @@ fn pushed(problem: &Problem, window: &Window, torques: &[f64]) -> Window {
             Some(series) if !series.is_empty() => series.hold(t).to_vec(),
             _ => vec![0.0; width],
         };
-        let bin = ((t - window.start) / cut.bin + 1e-6).floor();
-        if (0.0..cut.bins() as f64).contains(&bin) {
-            let of_bin = &torques[bin as usize * joints..(bin as usize + 1) * joints];
-            problem.columns.iter().zip(of_bin).for_each(|(&column, torque)| row[column] += torque);
+        let piece = ((t - window.start) / PIECE + 1e-4).floor();
+        if (0.0..count as f64).contains(&piece) {
+            let of_piece = &torques[piece as usize * joints..(piece as usize + 1) * joints];
+            problem.columns.iter().zip(of_piece).for_each(|(&column, torque)| row[column] += torque);
         }
         values.extend(row);
     }
@@ -211,17 +228,17 @@ fn under(study: &Study, seen: &Seen, torques: &[f64]) -> Result<(Raw, usize), Ga
     Ok((if whole { Raw { motion, law } } else { Raw::default() }, found.steps))
 }
 
-/// The loss of a window in its torques, shape `[bins, joints]` in units of `scales`, by finite differences; `None` when one
+/// The loss of a window in its torques, shape `[pieces, joints]` in units of `scales`, by finite differences; `None` when one
 /// of them runs away. And the steps that were simulated.
 fn quadratic(study: &Study, seen: &Seen, scales: &[f64]) -> Result<(Option<Quadratic>, usize), GapError> {
     let problem = &study.problem;
-    let (bins, joints) = (problem.cut.bins(), problem.columns.len());
+    let (count, joints) = (pieces(problem), problem.columns.len());
     let push = |k: usize| {
-        let mut torques = vec![0.0; bins * joints];
+        let mut torques = vec![0.0; count * joints];
         torques[k] = PUSH * scales[k % joints];
         pushed(problem, &seen.window, &torques)
     };
-    let windows: Vec<Window> = (0..bins * joints).into_par_iter().map(push).collect();
+    let windows: Vec<Window> = (0..count * joints).into_par_iter().map(push).collect();
     let all: Vec<&Window> = windows.iter().collect();
     let found = compare(problem, &problem.numerics, &all, &[Setting::new()])?;
     let alignment = study.parts[seen.window.run].alignment;
@@ -287,7 +304,7 @@ fn train(windows: &[(&Example, &Quadratic)], seed: u64) -> Network {
     best
 }
 
-/// Torques of a window, shape `[bins, joints]`, in units of the joints' typical ones.
+/// Torques of a window, shape `[pieces, joints]`, in units of the joints' typical ones.
 fn outputs(network: &Network, example: &Example) -> DVector<f64> {
     let mut hidden = [0.0; HIDDEN];
     DVector::from_iterator(example.inputs.len(), example.inputs.iter().map(|x| network.output(x, &mut hidden)))
@@ -334,6 +351,13 @@ mod tests {
         let left: f64 = unseen.iter().map(|(e, q)| q.at(&outputs(&network, e)).0).sum();
         let all: f64 = unseen.iter().map(|(_, q)| q.e / q.count).sum();
         assert!(left < 0.1 * all, "{left} of {all}");
+    }
+
+    #[test]
+    fn between_the_middles_of_bins_and_beyond_lie_lines() {
+        let middles = [1.0, 2.0, 4.0];
+        assert_eq!([-0.5, 0.5, 1.5, 2.5].map(|at| between(&middles, at)), [0.5, 1.5, 3.0, 5.0]);
+        assert!(between(&[3.0], 1.0) == 3.0 && between(&[], 1.0).is_nan());
     }
 
     #[test]
