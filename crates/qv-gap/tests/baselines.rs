@@ -21,7 +21,7 @@ const SOME: [&str; 8] = [
     "external_force",
     "imu_tilt",
 ];
-const FEW_STEPS: usize = 300_000;
+const FEW_STEPS: usize = 150_000;
 
 fn recorded(named: Vec<(String, f64)>, seed: u64) -> Run {
     let parameters = [synthetic::small_differences(seed), named].concat();
@@ -40,8 +40,8 @@ fn go2() -> Model {
 fn quick() -> Options<'static> {
     Options {
         library: library::built_in().into_iter().filter(|e| SOME.contains(&e.name.as_str())).collect(),
-        cut: Cut { most: 20, ..Default::default() },
-        effort: Effort { ghosts: 4, seed: 1 },
+        cut: Cut { most: 16, ..Default::default() },
+        effort: Effort { ghosts: 3, seed: 1 },
         ..Default::default()
     }
 }

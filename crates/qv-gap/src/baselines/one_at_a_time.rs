@@ -51,7 +51,9 @@ pub fn answer(plain: &mut Plain, without: &[String]) -> Result<Answer, GapError>
         improve(plain, &mut fits)?;
     }
     let mut judged = judge(plain, fits)?;
-    judged.retain(|j| j.fall > ERRORS * j.error);
+    // One that surely helps shows that there is a gap; what helps most is named, however much it varies over windows.
+    let is_gap = judged.iter().any(|j| j.fall > ERRORS * j.error);
+    judged.retain(|j| is_gap && j.fall > 0.0);
     judged.sort_by(|a, b| b.fall.total_cmp(&a.fall));
     let best: Vec<Suspect> = judged.into_iter().map(|j| j.suspect).collect();
     let setting = settings(plain, &best[..best.len().min(1)]).pop();
