@@ -4,6 +4,7 @@
 //! without an effect leave (`null`), suspects are ranked by joint fits (`evidence`, `search`, `local`), accused one at a
 //! time (`decide`), and judged in windows that no fit has seen (`closure`). See `docs/diagnosis.md`.
 
+pub mod baselines;
 pub mod closure;
 pub mod columns;
 pub mod decide;

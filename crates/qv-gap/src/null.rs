@@ -18,14 +18,14 @@ use rayon::prelude::*;
 /// Standard deviations of white noise on each channel, as found in the recording.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Noise {
-    position: Vec<f64>,
-    velocity: Vec<f64>,
-    torque: Vec<f64>,
-    gyro: f64,
+    pub(crate) position: Vec<f64>,
+    pub(crate) velocity: Vec<f64>,
+    pub(crate) torque: Vec<f64>,
+    pub(crate) gyro: f64,
     acceleration: f64,
-    orientation: f64,
-    place: f64,
-    pose: f64,
+    pub(crate) orientation: f64,
+    pub(crate) place: f64,
+    pub(crate) pose: f64,
 }
 
 impl Noise {

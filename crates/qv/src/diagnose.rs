@@ -3,6 +3,7 @@
 use crate::open::{file_error, lost_from, model_of, open_run, parameters, spinner, terrain_of, urdf_of};
 use crate::{Outcome, RunArguments, say};
 use qv_core::JointSeries;
+use qv_gap::baselines::{Baselines, CMA_ES_STEPS, baselines};
 use qv_gap::report::{Report, UNKNOWN};
 use qv_gap::{GapError, Options, diagnose, library, output};
 use qv_replay::{ReplayError, Run};
@@ -46,6 +47,9 @@ pub struct Diagnose {
     /// Diagnose again without each of the N most probable effects, into DIR/without/EFFECT
     #[arg(long, default_value_t = 0, value_name = "N")]
     leave_out: usize,
+    /// Also let three rivals judge (one effect at a time, CMA-ES, a residual network), into DIR/baselines.json
+    #[arg(long)]
+    baselines: bool,
     /// Seed of the simulated recordings without an effect
     #[arg(long, default_value_t = 1, value_name = "N")]
     seed: u64,
@@ -91,6 +95,11 @@ impl Diagnose {
             ..Default::default()
         };
         let diagnosis = diagnose(&runs, &model, &terrain, &options, self.leave_out).map_err(replay_error)?;
+        let rivals = if self.baselines {
+            Some(baselines(&runs, &model, &terrain, &options, CMA_ES_STEPS).map_err(replay_error)?)
+        } else {
+            None
+        };
         bar.finish_and_clear();
         let lost: Vec<String> = runs.iter().flat_map(lost_from).collect();
         let urdf = urdf_of(&runs[0], self.robot.as_deref());
@@ -98,6 +107,9 @@ impl Diagnose {
         self.write(&self.out, &diagnosis.report, &robot)?;
         for (effect, report) in &diagnosis.without {
             self.write(&self.out.join("without").join(effect), report, &robot)?;
+        }
+        if let Some(rivals) = &rivals {
+            write_baselines(&self.out, rivals)?;
         }
         let report = &diagnosis.report;
         if self.json {
@@ -116,20 +128,26 @@ impl Diagnose {
     }
 
     fn write(&self, directory: &Path, report: &Report, robot: &Robot) -> Result<(), ReplayError> {
-        let failed = |what: &Path, e: std::io::Error| ReplayError::Write {
-            what: what.display().to_string(),
-            reason: e.to_string(),
-        };
-        fs::create_dir_all(directory).map_err(|e| failed(directory, e))?;
+        fs::create_dir_all(directory).map_err(|e| write_error(directory, &e))?;
         let title: Vec<String> = self.runs.iter().map(|r| r.display().to_string()).collect();
         let urdf = robot.urdf.as_deref();
         let files = output::files(report, &robot.model, urdf, &title.join(", "), &robot.notes, &robot.kp, &robot.kd);
         for (name, bytes) in files {
             let path = directory.join(name);
-            fs::write(&path, bytes).map_err(|e| failed(&path, e))?;
+            fs::write(&path, bytes).map_err(|e| write_error(&path, &e))?;
         }
         Ok(())
     }
+}
+
+fn write_baselines(directory: &Path, rivals: &Baselines) -> Result<(), ReplayError> {
+    let path = directory.join("baselines.json");
+    let text = serde_json::to_string_pretty(rivals).expect("answers are plain data") + "\n";
+    fs::write(&path, text).map_err(|e| write_error(&path, &e))
+}
+
+fn write_error(what: &Path, error: &std::io::Error) -> ReplayError {
+    ReplayError::Write { what: what.display().to_string(), reason: error.to_string() }
 }
 
 /// What the outputs need to know of the robot.

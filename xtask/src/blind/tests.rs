@@ -240,7 +240,15 @@ fn estimates_of_each_joint_count_together() {
 fn baselines_stand_beside() {
     let folder = Folder::new("baselines");
     perfect(&folder);
-    let baselines = |effect: &str| json!({"one_at_a_time": {"effect": effect, "closed": 0.7}, "residual_network": {"effect": null, "closed": 0.95}});
+    let baselines = |effect: &str| {
+        json!({
+            "one_at_a_time": {
+                "verdict": "explained", "effect": effect, "causes": [effect], "closed": 0.7, "seconds": 9.0, "steps": 7,
+                "sizes": [{"effect": effect, "name": "delay", "scope": ["all"], "value": 0.1, "unit": "s"}],
+            },
+            "residual_network": {"verdict": "unnamed", "effect": null, "causes": [], "closed": 0.95},
+        })
+    };
     for (name, effect) in [("none", "pose_delay"), ("weak", "motor_strength"), ("slick", "pose_delay")] {
         folder.put(name, "baselines.json", &baselines(effect));
     }
