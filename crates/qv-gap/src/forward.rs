@@ -87,6 +87,11 @@ fn prepare(problem: &Problem, windows: &[&Window], settings: &[Setting]) -> (Vec
     (prepared, cases)
 }
 
+/// Measured features of a window as they are, shape `[features]`; `None` where something is missing.
+pub fn measured(problem: &Problem, window: &Window) -> Option<Vec<f64>> {
+    prepare_one(problem, window, &problem.sensor_errors(&Setting::new())).map(|p| p.measured)
+}
+
 fn prepare_one(problem: &Problem, window: &Window, errors: &SensorErrors) -> Option<Prepared> {
     let starts = Starts::new(&window.view, &problem.columns, problem.free, errors.clone()).ok()?;
     let state = starts.at(window.start)?;

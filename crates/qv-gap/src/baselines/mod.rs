@@ -95,7 +95,7 @@ pub fn baselines(
     let (runs, _) = telling::upright(runs);
     let problem = Problem::new(&runs[0], model, terrain, &options.given, options.cut)?;
     let columns = Columns::new(&problem, &runs[0], &options.library)?;
-    let mut plain = Plain::new(Study::new(problem, columns, &runs, &options.effort)?);
+    let mut plain = Plain::new(Study::new(problem, columns, &runs, &options.reference, &options.effort)?);
     let (without, seed) = (&options.without, options.effort.seed);
     let one_at_a_time =
         timed(&mut plain, options, "baselines: one effect at a time", |plain| one_at_a_time::answer(plain, without))?;

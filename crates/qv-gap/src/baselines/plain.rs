@@ -136,7 +136,7 @@ impl<'a> Plain<'a> {
 /// Mean square of a residual in units of the null.
 fn null_loss(study: &Study, window: usize, raw: &Raw) -> f64 {
     let seen = &study.seen[window];
-    mean_square(&study.whitener(seen).residual(seen.window.moving, raw))
+    mean_square(&study.whitener(seen).residual(seen.index, raw))
 }
 
 fn mean_square(v: &DVector<f64>) -> f64 {

@@ -12,7 +12,7 @@ use super::Answer;
 use super::network::{Adam, HIDDEN, Network};
 use super::plain::Plain;
 use crate::GapError;
-use crate::forward::compare;
+use crate::forward::{compare, measured};
 use crate::law;
 use crate::observe::{self, Channel};
 use crate::problem::{Problem, Setting, Window};
@@ -95,7 +95,9 @@ fn pieces(problem: &Problem) -> usize {
 /// Simulated positions and speeds at the middle of each bin, shape `[joints][bins]`: measured less residual.
 fn simulated(problem: &Problem, seen: &Seen) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
     let bins = problem.cut.bins();
-    let measured = observe::features(problem, &seen.window, &problem.sensor_errors(&Setting::new()));
+    let features: usize = problem.channels.iter().map(|&c| observe::width(c, bins)).sum();
+    // Windows of a study could be prepared once already.
+    let measured = measured(problem, &seen.window).unwrap_or_else(|| vec![f64::NAN; features]);
     let mut position = vec![vec![f64::NAN; bins]; problem.columns.len()];
     let mut speed = position.clone();
     let mut first = 0;
@@ -251,7 +253,7 @@ fn quadratic(study: &Study, seen: &Seen, scales: &[f64]) -> Result<(Option<Quadr
         let whole = !motion.is_empty() && law.iter().all(|x| x.is_finite());
         whole.then(|| {
             let change = seen.raw.minus(&Raw { motion: motion.clone(), law });
-            study.whitener(seen).difference(seen.window.moving, &change) / PUSH
+            study.whitener(seen).difference(seen.index, &change) / PUSH
         })
     };
     let columns: Option<Vec<DVector<f64>>> = found.values[0].par_iter().enumerate().map(column).collect();
