@@ -5,6 +5,9 @@ use crate::library::{Effect, LevelsOf, Scope};
 use crate::problem::{Problem, Setting};
 use qv_replay::Run;
 
+/// Share of a range that is searched beyond either end of it.
+const MARGIN: f64 = 0.08;
+
 /// One axis of one member of an effect: the smallest thing that can be moved.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Unit {
@@ -165,9 +168,18 @@ impl Columns {
         Ok(())
     }
 
-    /// The effect's range without what means nothing for this robot, such as taking away more than a link weighs.
+    /// The effect's range with a margin, since a true value may lie at its very end, and without what means nothing for
+    /// this robot, such as taking away more than a link weighs.
     fn meaningful(&self, problem: &Problem, index: usize, effect: &Effect) -> [f64; 2] {
         let mut range = effect.range;
+        let absent = self.units.iter().find(|u| u.effect == index).map_or(0.0, |u| u.absent);
+        let margin = MARGIN * effect.span();
+        if range[0] != absent && !effect.absolute {
+            range[0] -= margin;
+        }
+        if range[1] != absent {
+            range[1] += margin;
+        }
         for unit in self.units.iter().filter(|u| u.effect == index && !effect.absolute) {
             for &(id, factor) in &unit.moves {
                 let (info, nominal) = (&problem.catalogue[id], problem.nominal[id]);
