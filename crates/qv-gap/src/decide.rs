@@ -273,7 +273,8 @@ fn objection(study: &Study, fit: &Fit, by_chance: f64) -> Option<String> {
 fn held_out_objection(study: &mut Study, fit: &Fit, share: f64) -> Result<Option<String>, GapError> {
     let setting = study.columns.setting_of(&study.problem, std::slice::from_ref(&fit.suspect));
     let closure = closure(study, &setting)?;
-    let (fall, error) = closure.fall(matches!(fit.suspect.extent, Some(Extent::Region(_))));
+    let whole = closure.fall(matches!(fit.suspect.extent, Some(Extent::Region(_))));
+    let (fall, error) = fit.held_out.map_or(whole, |f| (f.mean, f.error));
     if matches!(fit.suspect.extent, Some(Extent::Time(_))) {
         // An event may lie between the windows that are held out, or touch the edge of one: nothing is said then.
         let changes = closure.before.iter().zip(&closure.after).map(|(b, a)| (b - a) / b);

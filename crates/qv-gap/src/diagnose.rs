@@ -285,7 +285,7 @@ impl<'a> Session<'a> {
                 _ => group.names.clone(),
             },
             parameters: estimates(&effect, &fit, if everywhere { None } else { fit.suspect.extent }),
-            closed_alone: alone.closed(),
+            closed_alone: fit.held_out.map_or_else(|| alone.closed(), |f| f.closed),
             confusable_with: telling::confusable(study, &fit.suspect),
             separating_experiment: effect.experiment.clone(),
         };
@@ -441,7 +441,8 @@ impl Findings<'_> {
         place.regions = shares::regions(nominal, regions);
         let causes: Vec<Cause> = self.accused.iter().map(|a| a.cause.clone()).collect();
         let sentence = telling::sentence(verdict, &causes, &gap, &ranking);
-        let next = telling::next(verdict, &causes, &leads, &self.rounds, nominal);
+        let slips = self.accused.iter().filter_map(|a| a.fit.held_out).map(|f| f.closed).next();
+        let next = telling::next(verdict, &causes, &leads, slips, &self.rounds, nominal);
         let (heat_map, floor_plan, curves) = pictures::all(nominal, &setting)?;
         nominal.problem.events = before;
         self.keep_largest_event();

@@ -27,6 +27,7 @@ pub mod report;
 mod rest;
 pub mod search;
 mod shares;
+pub mod slip;
 pub mod study;
 mod telling;
 pub mod whiten;

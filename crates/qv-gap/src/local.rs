@@ -30,11 +30,23 @@ impl Search<'_, '_> {
         self.deviant = self.sound_deviations(base);
         for (evidence, suspect) in self.scan_regions(base, without)? {
             if evidence > WORTH_A_LOOK {
-                fits.extend(self.refine(base, suspect)?);
+                let found = self.refine(base, suspect)?;
+                let found = found.map(|fit| self.by_pieces(fit)).transpose()?;
+                fits.extend(found);
             }
         }
         self.deviant.clear();
         Ok(fits)
+    }
+
+    /// The same fit with the friction and the outline that pieces of windows show.
+    fn by_pieces(&self, fit: Fit) -> Result<Fit, GapError> {
+        let Some(Extent::Region(region)) = fit.suspect.extent else { return Ok(fit) };
+        let Some(slip) = self.slip(fit.suspect.group, region)?.filter(|s| s.gain > 0.0) else { return Ok(fit) };
+        let [friction, deviation] = slip.friction;
+        let suspect = Suspect { values: vec![friction], extent: Some(Extent::Region(slip.region)), ..fit.suspect };
+        let deviations = std::iter::once(deviation).chain(fit.deviations.iter().skip(1).copied()).collect();
+        Ok(Fit { suspect, deviations, held_out: Some(slip.held_out), ..fit })
     }
 
     /// Deviations, in columns, that the windows with no more than the usual loss ask for; and the loss per number that
@@ -281,7 +293,7 @@ impl Search<'_, '_> {
         let evidence = 0.5 * (before - loss) / temper + volume;
         // Told on the scale of the other fits.
         let loss = base.loss - (before - loss);
-        Ok(loss.is_finite().then(|| Fit { suspect: as_suspect(&at), deviations, loss, evidence }))
+        Ok(loss.is_finite().then(|| Fit { suspect: as_suspect(&at), deviations, loss, evidence, held_out: None }))
     }
 
     /// The friction of a grid, with the same region, that leaves least.

@@ -138,6 +138,7 @@ pub struct Window {
 }
 
 /// A robot, the ground and the channels that can be compared.
+#[derive(Clone)]
 pub struct Problem<'a> {
     /// The robot.
     pub model: &'a Model,

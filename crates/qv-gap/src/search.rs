@@ -4,6 +4,7 @@ use crate::GapError;
 use crate::columns::{Columns, Suspect};
 use crate::evidence::{Marginal, Normal, Sums, widen};
 use crate::problem::Setting;
+use crate::slip::Fall;
 use crate::study::{EXTRA, Seen, Study};
 use nalgebra::{DMatrix, DVector};
 
@@ -36,6 +37,8 @@ pub struct Fit {
     pub loss: f64,
     /// Log evidence over that of no effect, tempered.
     pub evidence: f64,
+    /// Fall of the loss in windows that no fit has seen, where pieces of windows told it.
+    pub held_out: Option<Fall>,
 }
 
 /// What a search holds on to: effects accused so far, and the losses with them.
@@ -190,6 +193,7 @@ impl<'s, 'a> Search<'s, 'a> {
                 deviations: Vec::new(),
                 loss: losses[k],
                 evidence: of_base - losses[k],
+                held_out: None,
             }));
         }
         fits.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));

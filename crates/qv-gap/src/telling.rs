@@ -203,9 +203,23 @@ pub fn sentence(verdict: Verdict, causes: &[Cause], gap: &Gap, ranking: &[Ranked
     }
 }
 
-/// What to do next.
-pub fn next(verdict: Verdict, causes: &[Cause], leads: &[Lead], rounds: &[Round], study: &Study) -> Vec<String> {
+/// What to do next. `slips` is the share that a slippery region closes in pieces of windows.
+pub fn next(
+    verdict: Verdict,
+    causes: &[Cause],
+    leads: &[Lead],
+    slips: Option<f64>,
+    rounds: &[Round],
+    study: &Study,
+) -> Vec<String> {
     let mut next = Vec::new();
+    if let Some(closed) = slips {
+        next.push(format!(
+            "Where feet slip nobody foretells whole windows: a foot that lands a little earlier slips elsewhere. In pieces of 0.1 s \
+             this friction closes {:.0} % of what feet do there and nowhere else.",
+            100.0 * closed
+        ));
+    }
     match verdict {
         Verdict::NoGap => next.push("Nothing to correct. For a sharper test record faster and larger motions.".into()),
         Verdict::Explained | Verdict::PartlyExplained => {
