@@ -77,13 +77,13 @@ impl<'a> Search<'_, 'a> {
         let at = |region: [f64; 4]| frictions.iter().map(|mu| (*mu, region)).collect::<Vec<_>>();
         let Some((rough, _)) = least(&frictions, &pieces.losses(&inside, &at(start))?) else { return Ok(None) };
         let all: Vec<Window> = inside.into_iter().chain(outside).collect();
-        let (region, loss) = pieces.outline(&all, rough, start)?;
+        let (region, least_loss) = pieces.outline(&all, rough, start)?;
         let losses = pieces.losses(&all, &at(region))?;
         let Some((mu, deviation)) = least(&frictions, &losses) else { return Ok(None) };
         let nowhere = pieces.losses(&all, &[(RANGE[1], [0.0; 4])])?[0];
         let usual = sound.iter().map(|r| loss(r, &pieces.scales)).sum::<f64>() / sound.len() as f64;
         let held_out = pieces.fall(mu, region, usual)?;
-        Ok(Some(Slip { friction: [mu, deviation], region, gain: nowhere - loss.min(losses[0]), held_out }))
+        Ok(Some(Slip { friction: [mu, deviation], region, gain: nowhere - least_loss, held_out }))
     }
 
     fn slippery(&self, problem: &Problem, group: usize, mu: f64, region: [f64; 4]) -> Setting {
