@@ -64,8 +64,15 @@ impl Camera {
 mod tests {
     use super::*;
 
-    const GOOD: Camera =
-        Camera { fx: 400.0, fy: 410.0, cx: 320.0, cy: 240.0, width: 640, height: 480, camera_from_world: Pose::IDENTITY };
+    const GOOD: Camera = Camera {
+        fx: 400.0,
+        fy: 410.0,
+        cx: 320.0,
+        cy: 240.0,
+        width: 640,
+        height: 480,
+        camera_from_world: Pose::IDENTITY,
+    };
 
     #[test]
     fn a_good_camera_passes() {
