@@ -28,6 +28,8 @@ pub mod constants;
 mod ellipse;
 mod error;
 mod frame;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 mod harmonics;
 mod lanes;
 pub mod lens;

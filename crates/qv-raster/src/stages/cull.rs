@@ -40,6 +40,9 @@ pub fn cull(scene: &Scene, batch: &Batch) -> Vec<Candidate> {
 fn may_be_seen(scene: &Scene, batch: &Batch, view: usize, splat: usize) -> bool {
     let lens = &batch.lenses[view];
     let p = batch.motion(view, scene.group(splat)).transform(scene.cloud.means[splat]);
+    if !scene.cloud.means[splat].iter().sum::<f32>().is_finite() {
+        return true;
+    }
     if p.z <= NEAR {
         return false;
     }

@@ -89,19 +89,21 @@ fn project_one(scene: &Scene, batch: &Batch, candidate: Candidate) -> Option<(Pr
     let motion = batch.motion(view, scene.group(splat));
     let shape = Shape::new(scene, splat, lens, motion)?;
     let opacity = logistic(scene.cloud.opacity_logits[splat]);
+    let colour = colour(scene, splat, shape.direction(motion).0);
     let record = Projected {
         mean: shape.mean(lens).into(),
         factor: shape.factor(),
         opacity,
         depth: shape.centre.z,
         view: candidate.view,
-        colour: colour(scene, splat, shape.direction(motion).0).max(Vec3::ZERO).into(),
+        colour: colour.max(Vec3::ZERO).into(),
         splat: candidate.splat,
     };
     let (normal, _) = shape.normal();
     let plane = Plane { normal: normal.into(), distance: -normal.dot(shape.centre) };
     // Sums catch every number that is not finite: none cancels another into a finite one.
-    let all = record.mean.iter().chain(&record.factor).chain(&record.colour).chain(scene.cloud.features_of(splat));
+    let colour = colour.as_ref();
+    let all = record.mean.iter().chain(&record.factor).chain(colour).chain(scene.cloud.features_of(splat));
     let sum = all.map(|x| x.abs()).sum::<f32>() + record.opacity + plane.distance;
     if !sum.is_finite() || record.factor[0] <= 0.0 || record.factor[2] <= 0.0 {
         return None;

@@ -1,0 +1,194 @@
+//! The text of the shaders: constants of the CPU side, what a stage shares with others, the stage.
+
+use crate::constants::*;
+use std::fmt::Write;
+
+/// Slots of the buffer `state`.
+pub mod slot {
+    /// Candidates that are drawn.
+    pub const VISIBLE: u32 = 0;
+    /// Entries that are drawn.
+    pub const ENTRIES: u32 = 1;
+    /// Candidates that there are.
+    pub const NEEDED_VISIBLE: u32 = 2;
+    /// Entries that there are.
+    pub const NEEDED_ENTRIES: u32 = 3;
+    /// Candidates with numbers that are not finite.
+    pub const FAULTY: u32 = 4;
+    /// Blocks of the sort by depth.
+    pub const DEPTH_BLOCKS: u32 = 5;
+    /// Bins of the sort by depth, all blocks together.
+    pub const DEPTH_BINS: u32 = 6;
+    /// Blocks of the sort by tile.
+    pub const TILE_BLOCKS: u32 = 7;
+    /// Bins of the sort by tile, all blocks together.
+    pub const TILE_BINS: u32 = 8;
+    /// Blocks of Gaussians times views.
+    pub const CULL_BLOCKS: u32 = 9;
+    /// Totals that nobody reads.
+    pub const UNUSED: u32 = 10;
+    /// How many there are.
+    pub const COUNT: u32 = 16;
+}
+
+/// Slots of the buffer `arguments`, three words each.
+pub mod dispatch {
+    /// An invocation for each candidate.
+    pub const BY_VISIBLE: u32 = 0;
+    /// A scan over the candidates.
+    pub const BY_VISIBLE_SCAN: u32 = 1;
+    /// A workgroup for each block of the sort by depth.
+    pub const BY_DEPTH_BLOCK: u32 = 2;
+    /// A scan over the bins of the sort by depth.
+    pub const BY_DEPTH_SCAN: u32 = 3;
+    /// An invocation for each entry.
+    pub const BY_ENTRY: u32 = 4;
+    /// A workgroup for each block of the sort by tile.
+    pub const BY_TILE_BLOCK: u32 = 5;
+    /// A scan over the bins of the sort by tile.
+    pub const BY_TILE_SCAN: u32 = 6;
+    /// How many there are.
+    pub const COUNT: u32 = 8;
+}
+
+/// Keys that a workgroup of the sort holds.
+pub const SORT_BLOCK: u32 = 4096;
+
+/// What a shader is made for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub struct Variant {
+    /// Lanes of a subgroup when all have as many, at most 32; 0 to do without.
+    pub subgroup: u32,
+    /// Spherical harmonics per Gaussian.
+    pub sh_count: u32,
+    /// Features per Gaussian that are drawn.
+    pub features: u32,
+    /// Draw depth.
+    pub depth: bool,
+    /// Draw normal and plane depth.
+    pub plane: bool,
+    /// Colour as bytes.
+    pub bytes: bool,
+    /// Keep what the derivatives need.
+    pub keep: bool,
+}
+
+impl Variant {
+    fn flag(&self, name: &str) -> bool {
+        match name {
+            "SUBGROUPS" => self.subgroup > 0,
+            "FEATURES" => self.features > 0,
+            "DEPTH" => self.depth,
+            "PLANE" => self.plane,
+            "BYTES" => self.bytes,
+            "KEEP" => self.keep,
+            _ => false,
+        }
+    }
+
+    /// Most bits of a digit of the sort: the counts of all subgroups must fit 2048 words.
+    pub fn digit_bits(&self) -> u32 {
+        match self.subgroup {
+            0 => 8,
+            lanes => (lanes * 8).ilog2(),
+        }
+    }
+}
+
+/// The stages that have a shader, each with its entry points.
+pub const STAGES: [(&str, &[&str]); 8] = [
+    ("cull", &["mark", "gather"]),
+    ("plan", &["visible", "entries"]),
+    ("scan", &["reduce", "spine", "apply"]),
+    ("project", &["project"]),
+    ("sort", &["histogram", "scatter"]),
+    ("emit", &["count", "emit"]),
+    ("ranges", &["find"]),
+    ("blend", &["blend"]),
+];
+
+/// The text of a stage.
+pub fn text(stage: &str, variant: &Variant) -> String {
+    let parts: &[&str] = match stage {
+        "cull" => &[include_str!("../stages/cull.wgsl")],
+        "plan" => &[include_str!("plan.wgsl")],
+        "scan" => &[include_str!("scan.wgsl")],
+        "project" => &[
+            include_str!("../ellipse.wgsl"),
+            include_str!("../harmonics.wgsl"),
+            include_str!("../stages/shape.wgsl"),
+            include_str!("../stages/project.wgsl"),
+        ],
+        "sort" => &[include_str!("../stages/sort.wgsl")],
+        "emit" => &[include_str!("../ellipse.wgsl"), include_str!("../stages/emit.wgsl")],
+        "ranges" => &[include_str!("../stages/ranges.wgsl")],
+        _ => &[include_str!("../stages/blend.wgsl")],
+    };
+    let mut out = constants(variant);
+    for part in [&[include_str!("prelude.wgsl")], parts].concat() {
+        choose(part, variant, &mut out);
+    }
+    out
+}
+
+fn constants(variant: &Variant) -> String {
+    let mut out = String::new();
+    for (name, value) in [
+        ("MAX_ALPHA", MAX_ALPHA),
+        ("MIN_ALPHA", MIN_ALPHA),
+        ("MIN_TRANSMITTANCE", MIN_TRANSMITTANCE),
+        ("LOW_PASS", LOW_PASS),
+        ("NEAR", NEAR),
+        ("MIN_FACING", MIN_FACING),
+        ("MIN_QUATERNION", MIN_QUATERNION),
+    ] {
+        _ = writeln!(out, "const {name}: f32 = {value:e};");
+    }
+    let lanes = variant.subgroup.max(1);
+    for (name, value) in [
+        ("TILE", TILE),
+        ("SORT_BLOCK", SORT_BLOCK),
+        ("SH_COUNT", variant.sh_count.max(1)),
+        ("FEATURE_COUNT", variant.features),
+        ("SUBGROUP_SIZE", lanes),
+        ("SUBGROUP_COUNT", 256 / lanes),
+        ("SUBGROUP_MASK", ((1u64 << lanes) - 1) as u32),
+        ("RANKS", (256 / lanes) << variant.digit_bits()),
+        ("VISIBLE", slot::VISIBLE),
+        ("ENTRIES", slot::ENTRIES),
+        ("NEEDED_VISIBLE", slot::NEEDED_VISIBLE),
+        ("NEEDED_ENTRIES", slot::NEEDED_ENTRIES),
+        ("FAULTY", slot::FAULTY),
+        ("DEPTH_BLOCKS", slot::DEPTH_BLOCKS),
+        ("DEPTH_BINS", slot::DEPTH_BINS),
+        ("TILE_BLOCKS", slot::TILE_BLOCKS),
+        ("TILE_BINS", slot::TILE_BINS),
+        ("BY_VISIBLE", dispatch::BY_VISIBLE),
+        ("BY_VISIBLE_SCAN", dispatch::BY_VISIBLE_SCAN),
+        ("BY_DEPTH_BLOCK", dispatch::BY_DEPTH_BLOCK),
+        ("BY_DEPTH_SCAN", dispatch::BY_DEPTH_SCAN),
+        ("BY_ENTRY", dispatch::BY_ENTRY),
+        ("BY_TILE_BLOCK", dispatch::BY_TILE_BLOCK),
+        ("BY_TILE_SCAN", dispatch::BY_TILE_SCAN),
+    ] {
+        _ = writeln!(out, "const {name}: u32 = {value}u;");
+    }
+    out
+}
+
+/// Keeps the lines between `//#if FLAG`, `//#else` and `//#endif` that the variant wants. These do not nest.
+fn choose(part: &str, variant: &Variant, out: &mut String) {
+    let mut wanted = true;
+    for line in part.lines() {
+        match line.trim().strip_prefix("//#") {
+            Some("else") => wanted = !wanted,
+            Some("endif") => wanted = true,
+            Some(condition) => wanted = variant.flag(condition.trim_start_matches("if ")),
+            None if wanted => {
+                out.push_str(line);
+                out.push('\n');
+            }
+            None => {}
+        }
+    }
+}

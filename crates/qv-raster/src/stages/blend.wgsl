@@ -1,0 +1,237 @@
+// Twin of blend.rs and of resolve: a workgroup for each tile, an invocation for each pixel. With subgroups, each of them holds a small
+// block of pixels, tests that block against the ellipses of as many Gaussians as it has lanes, and walks those that it touches.
+
+@group(0) @binding(0) var<storage, read> lenses: array<Lens>;
+@group(0) @binding(1) var<storage, read> records: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read> ranges: array<vec2<u32>>;
+@group(0) @binding(3) var<storage, read> sorted: array<u32>;
+@group(0) @binding(4) var<storage, read> look: Look;
+//#if BYTES
+@group(0) @binding(5) var<storage, read_write> colours: array<u32>;
+//#else
+@group(0) @binding(5) var<storage, read_write> colours: array<vec4<f32>>;
+//#endif
+//#if DEPTH
+@group(0) @binding(6) var<storage, read_write> depths: array<f32>;
+//#endif
+//#if PLANE
+@group(0) @binding(7) var<storage, read> planes: array<vec4<f32>>;
+// Normal, then plane depth.
+@group(0) @binding(8) var<storage, read_write> plane_image: array<vec4<f32>>;
+//#endif
+//#if FEATURES
+@group(0) @binding(9) var<storage, read> features: array<f32>;
+@group(0) @binding(10) var<storage, read_write> feature_image: array<f32>;
+//#endif
+//#if KEEP
+@group(0) @binding(11) var<storage, read> owners: array<u32>;
+// Transmittance that is left, and one past the last sorted entry that was taken.
+@group(0) @binding(12) var<storage, read_write> left_image: array<vec2<u32>>;
+//#endif
+
+struct Look {
+    background: vec4<f32>,
+}
+
+// Mean and u00, u01; u11, opacity, depth, Gaussian; colour, record. U is scaled so that opacity falls with exp2(-|U d|²).
+var<workgroup> as_: array<vec4<f32>, 256>;
+var<workgroup> bs: array<vec4<f32>, 256>;
+var<workgroup> cs: array<vec4<f32>, 256>;
+//#if PLANE
+var<workgroup> ps: array<vec4<f32>, 256>;
+//#endif
+// Pixels that take no more.
+var<workgroup> closed: atomic<u32>;
+var<workgroup> all_closed: u32;
+
+// Every other bit, from the lowest.
+fn squeeze(x: u32) -> u32 {
+    let a = x & 0x55u;
+    let b = (a | (a >> 1u)) & 0x33u;
+    return (b | (b >> 2u)) & 0x0fu;
+}
+
+//#if SUBGROUPS
+// Whether a pixel centre between two corners may be inside an ellipse.
+fn touches(a: vec4<f32>, b: vec4<f32>, low: vec2<f32>, high: vec2<f32>) -> bool {
+    let square = log2(b.y / MIN_ALPHA) + 1e-4;
+    let top = low.y - a.y;
+    let bottom = high.y - a.y;
+    let nearest = b.x * clamp(0.0, top, bottom);
+    if nearest * nearest > square {
+        return false;
+    }
+    // Where the ellipse is widest, or as near to that as the rows come.
+    let slope = sqrt(a.w * a.w + b.x * b.x);
+    let limit = sqrt(square) / b.x;
+    let widest = limit * a.w / slope;
+    let right_y = clamp(clamp(-widest, top, bottom), -limit, limit);
+    let left_y = clamp(clamp(widest, top, bottom), -limit, limit);
+    let right = (sqrt(max(square - b.x * b.x * right_y * right_y, 0.0)) - a.w * right_y) / a.z;
+    let left = (-sqrt(max(square - b.x * b.x * left_y * left_y, 0.0)) - a.w * left_y) / a.z;
+    return low.x - a.x <= right + 1e-3 && high.x - a.x >= left - 1e-3;
+}
+//#endif
+
+@compute @workgroup_size(256)
+fn blend(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+//#if SUBGROUPS
+    @builtin(subgroup_invocation_id) lane: u32,
+    @builtin(subgroup_size) lanes: u32,
+//#endif
+) {
+    let size = lenses[group.y].size;
+    let across = lenses[group.y].tiles;
+    if group.x >= across.x * across.y {
+        return;
+    }
+    let tile = lenses[group.y].first_tile + group.x;
+    let x = group.x % across.x * TILE + squeeze(local);
+    let y = group.x / across.x * TILE + squeeze(local >> 1u);
+    let inside = x < size.x && y < size.y;
+    let at = vec2<f32>(f32(x), f32(y)) + 0.5;
+    if local == 0u {
+        atomicStore(&closed, 0u);
+        all_closed = 0u;
+    }
+//#if SUBGROUPS
+    let low = vec2<f32>(subgroupMin(at.x), subgroupMin(at.y));
+    let high = vec2<f32>(subgroupMax(at.x), subgroupMax(at.y));
+//#endif
+    workgroupBarrier();
+    var open = inside;
+    var counted = false;
+    var left = 1.0;
+    var colour = vec3<f32>(0.0);
+//#if DEPTH
+    var depth = 0.0;
+//#endif
+//#if PLANE
+    var plane = vec4<f32>(0.0);
+//#endif
+//#if FEATURES
+    var sums: array<f32, FEATURE_COUNT>;
+//#endif
+//#if KEEP
+    var last = 0u;
+//#endif
+    let range = ranges[tile];
+    for (var start = range.x; start < range.y; start += 256u) {
+        if start + local < range.y {
+//#if KEEP
+            let record = owners[sorted[start + local]];
+//#else
+            let record = sorted[start + local];
+//#endif
+            var a = records[3u * record];
+            var b = records[3u * record + 1u];
+            var c = records[3u * record + 2u];
+            b.w = c.w;
+            c.w = bitcast<f32>(record);
+            // sqrt(log2(e) / 2)
+            a.z *= 0.84932180;
+            a.w *= 0.84932180;
+            b.x *= 0.84932180;
+            as_[local] = a;
+            bs[local] = b;
+            cs[local] = c;
+//#if PLANE
+            ps[local] = planes[record];
+//#endif
+        }
+        workgroupBarrier();
+        let held = min(range.y - start, 256u);
+//#if SUBGROUPS
+        for (var base = 0u; base < held; base += lanes) {
+            if subgroupAll(!open) {
+                break;
+            }
+            var touched = false;
+            if base + lane < held {
+                touched = touches(as_[base + lane], bs[base + lane], low, high);
+            }
+            var votes = subgroupBallot(touched).x;
+            while votes != 0u {
+                let k = base + firstTrailingBit(votes);
+                votes &= votes - 1u;
+//#else
+        {
+            for (var k = 0u; k < held; k++) {
+                if !open {
+                    break;
+                }
+//#endif
+                let a = as_[k];
+                let b = bs[k];
+                let d = at - a.xy;
+                let along = a.z * d.x + a.w * d.y;
+                let over = b.x * d.y;
+                let alpha = min(b.y * exp2(-(along * along + over * over)), MAX_ALPHA);
+                if open && alpha >= MIN_ALPHA {
+                    let after = left * (1.0 - alpha);
+                    if after <= MIN_TRANSMITTANCE {
+                        open = false;
+                    } else {
+                        let weight = alpha * left;
+                        left = after;
+                        colour += weight * cs[k].xyz;
+//#if DEPTH
+                        depth += weight * b.z;
+//#endif
+//#if PLANE
+                        plane += weight * ps[k];
+//#endif
+//#if FEATURES
+                        let feature = bitcast<u32>(b.w) * FEATURE_COUNT;
+                        for (var j = 0u; j < FEATURE_COUNT; j++) {
+                            sums[j] += weight * features[feature + j];
+                        }
+//#endif
+//#if KEEP
+                        last = start + k + 1u;
+//#endif
+                    }
+                }
+            }
+        }
+        if !open && !counted {
+            counted = true;
+            atomicAdd(&closed, 1u);
+        }
+        workgroupBarrier();
+        if local == 0u {
+            all_closed = atomicLoad(&closed);
+        }
+        if workgroupUniformLoad(&all_closed) == 256u {
+            break;
+        }
+    }
+    if !inside {
+        return;
+    }
+    let pixel = lenses[group.y].first_pixel + y * size.x + x;
+    colour += left * look.background.xyz;
+//#if BYTES
+    colours[pixel] = pack4x8unorm(vec4<f32>(colour, 1.0 - left));
+//#else
+    colours[pixel] = vec4<f32>(colour, 1.0 - left);
+//#endif
+//#if DEPTH
+    depths[pixel] = select(0.0, depth / (1.0 - left), left < 1.0);
+//#endif
+//#if PLANE
+    let ray = vec3<f32>((at - lenses[group.y].centre) / lenses[group.y].focal, 1.0);
+    let facing = -dot(plane.xyz, ray);
+    plane_image[pixel] = vec4<f32>(plane.xyz, select(0.0, plane.w / facing, facing > MIN_FACING));
+//#endif
+//#if FEATURES
+    for (var j = 0u; j < FEATURE_COUNT; j++) {
+        feature_image[pixel * FEATURE_COUNT + j] = sums[j];
+    }
+//#endif
+//#if KEEP
+    left_image[pixel] = vec2<u32>(bitcast<u32>(left), last);
+//#endif
+}

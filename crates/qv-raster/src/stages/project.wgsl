@@ -1,0 +1,93 @@
+// Twin of project.rs: one invocation for each candidate.
+
+@group(0) @binding(0) var<storage, read> lenses: array<Lens>;
+@group(0) @binding(1) var<storage, read> motions: array<Motion>;
+@group(0) @binding(2) var<storage, read> means: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read> scales: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> rotations: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> sh: array<f32>;
+@group(0) @binding(6) var<storage, read> candidates: array<vec2<u32>>;
+@group(0) @binding(7) var<storage, read_write> records: array<vec4<f32>>;
+@group(0) @binding(8) var<storage, read_write> counts: array<u32>;
+@group(0) @binding(9) var<storage, read_write> keys: array<u32>;
+@group(0) @binding(10) var<storage, read_write> state: array<atomic<u32>>;
+@group(0) @binding(11) var<storage, read> frame: Frame;
+//#if PLANE
+@group(0) @binding(12) var<storage, read_write> planes: array<vec4<f32>>;
+//#endif
+//#if FEATURES
+@group(0) @binding(13) var<storage, read> features: array<f32>;
+//#endif
+
+struct Frame {
+    views: u32,
+    splats: u32,
+    groups: u32,
+    blocks: u32,
+    capacity: u32,
+}
+
+// False when a number is not finite or the quaternion has no direction.
+fn project_one(index: u32, view: u32, splat: u32) -> bool {
+    let lens = lenses[view];
+    let mean = means[splat];
+    let shape = shape_of(lens, motions[view * frame.groups + bitcast<u32>(mean.w)], mean.xyz, scales[splat].xyz, rotations[splat]);
+    if !shape.good {
+        return false;
+    }
+    let opacity = logistic(scales[splat].w);
+    let c = shape.centre;
+    let at = lens.focal * (c.xy / c.z) + lens.centre;
+    let factor = factor_of(shape);
+    let colour = max(colour_of(splat, transpose(shape.rotation) * normalize(c)), vec3<f32>(0.0));
+    let before = colour_of(splat, transpose(shape.rotation) * normalize(c));
+    var sum = abs(at.x) + abs(at.y) + abs(factor.x) + abs(factor.y) + abs(factor.z) + opacity;
+    sum += abs(before.x) + abs(before.y) + abs(before.z) + abs(dot(c, c));
+//#if FEATURES
+    for (var k = 0u; k < FEATURE_COUNT; k++) {
+        sum += abs(features[splat * FEATURE_COUNT + k]);
+    }
+//#endif
+    if !finite(sum) || factor.x <= 0.0 || factor.z <= 0.0 {
+        return false;
+    }
+    var count = 0u;
+    if opacity >= MIN_ALPHA {
+        let e = ellipse_of(at, factor.x, factor.y, factor.z, opacity);
+        let rows = ellipse_rows(e, lens.size);
+        for (var row = rows.x; row < rows.y; row++) {
+            let span = ellipse_row(e, row, lens.size);
+            count += span.y - span.x;
+        }
+    }
+    records[3u * index] = vec4<f32>(at, factor.xy);
+    records[3u * index + 1u] = vec4<f32>(factor.z, opacity, c.z, bitcast<f32>(view));
+    records[3u * index + 2u] = vec4<f32>(colour, bitcast<f32>(splat));
+//#if PLANE
+    let normal = normal_of(shape).xyz;
+    planes[index] = vec4<f32>(normal, -dot(normal, c));
+//#endif
+    counts[index] = count;
+    keys[index] = select(0u, bitcast<u32>(c.z), count > 0u);
+    return true;
+}
+
+@compute @workgroup_size(256)
+fn project(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+    let index = folded(group) * 256u + local;
+    if index >= atomicLoad(&state[VISIBLE]) {
+        return;
+    }
+    let candidate = candidates[index];
+    if !project_one(index, candidate.x, candidate.y) {
+        counts[index] = 0u;
+        keys[index] = 0u;
+        records[3u * index] = vec4<f32>(0.0);
+        records[3u * index + 1u] = vec4<f32>(0.0);
+        records[3u * index + 2u] = vec4<f32>(0.0);
+//#if PLANE
+        planes[index] = vec4<f32>(0.0);
+//#endif
+        atomicAdd(&state[FAULTY], 1u);
+    }
+}

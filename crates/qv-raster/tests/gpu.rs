@@ -1,0 +1,199 @@
+//! The graphics card against the CPU, stage by stage. Without an adapter the tests say that they skip.
+#![cfg(feature = "gpu")]
+
+use qv_core::{Camera, GaussianCloud, Pose};
+use qv_raster::gpu::{Gpu, GpuCloud, GpuOptions, GpuRasteriser, GpuSettings};
+use qv_raster::stages::cull::Candidate;
+use qv_raster::stages::project::Projected;
+use qv_raster::{Frame, Image, Outputs, Scene, Settings, View, workload};
+
+/// A rasteriser with and one without subgroups; none without an adapter.
+fn rasterisers() -> Vec<GpuRasteriser> {
+    let mut out = vec![];
+    for without_subgroups in [true, false] {
+        match Gpu::new(&GpuOptions { without_subgroups }) {
+            Ok(gpu) => out.push(GpuRasteriser::new(gpu)),
+            Err(error) => println!("skipped: {error}"),
+        }
+    }
+    out
+}
+
+fn views(count: usize, width: u32, height: u32) -> Vec<View> {
+    workload::cameras(count, 1, width, height).into_iter().map(View::of).collect()
+}
+
+fn workload_cloud(count: usize, degree: u8, features: usize) -> GaussianCloud {
+    let mut cloud = workload::cloud(count, degree, 1);
+    cloud.feature_count = features;
+    cloud.features = (0..count * features).map(|i| (i % 97) as f32 / 97.0).collect();
+    cloud
+}
+
+const SETTINGS: Settings = Settings { outputs: Outputs::ALL, background: [0.3, 0.4, 0.5] };
+
+/// Largest difference outside a share of pixels that may flip.
+fn differ(a: &[f32], b: &[f32], flips: usize) -> f32 {
+    assert_eq!(a.len(), b.len());
+    let mut all: Vec<f32> = a.iter().zip(b).map(|(a, b)| (a - b).abs() / a.abs().max(1.0)).collect();
+    all.sort_by(f32::total_cmp);
+    all.get(all.len().saturating_sub(1 + flips)).copied().unwrap_or(0.0)
+}
+
+fn images_agree(cpu: &Image, gpu: &Image) {
+    let n = cpu.alpha.len() / 200;
+    for (name, a, b, each) in [
+        ("colour", &cpu.colour, &gpu.colour, 3),
+        ("alpha", &cpu.alpha, &gpu.alpha, 1),
+        ("depth", &cpu.depth, &gpu.depth, 1),
+        ("normal", &cpu.normal, &gpu.normal, 3),
+        ("plane depth", &cpu.plane_depth, &gpu.plane_depth, 1),
+        ("features", &cpu.features, &gpu.features, 3),
+    ] {
+        let worst = differ(a, b, each * n);
+        assert!(worst < 1e-4, "{name}: {worst}");
+    }
+}
+
+#[test]
+fn stages_and_images_are_those_of_the_cpu() {
+    let cloud = workload_cloud(3000, 2, 3);
+    let scene = Scene::still(&cloud);
+    let mut views = views(3, 120, 90);
+    views[1].camera = workload::cameras(2, 1, 77, 50)[1];
+    let cpu = Frame::new(&scene, &views, &SETTINGS).unwrap();
+    for mut rasteriser in rasterisers() {
+        println!("{} with subgroups of {}", rasteriser.gpu.info.name, rasteriser.gpu.subgroup);
+        let on_card = GpuCloud::new(&rasteriser.gpu, &scene).unwrap();
+        let how = GpuSettings { keep: true, ..Default::default() };
+        let (images, counts) = rasteriser.render(&on_card, &scene, &views, &SETTINGS, &how).unwrap();
+        let images = images.read().unwrap();
+        let n = counts.candidates;
+        assert_eq!(rasteriser.read_stage::<Candidate>("candidates", n).unwrap(), cpu.candidates);
+        let records: Vec<Projected> = rasteriser.read_stage("records", n).unwrap();
+        for (i, (a, b)) in cpu.projections.records.iter().zip(&records).enumerate() {
+            assert_eq!((a.view, a.splat), (b.view, b.splat));
+            let same = |x: f32, y: f32| (x - y).abs() <= 2e-4 * x.abs().max(1.0);
+            assert!((0..2).all(|k| same(a.mean[k], b.mean[k])), "{i}: {a:?} {b:?}");
+            assert!((0..3).all(|k| same(a.factor[k], b.factor[k]) && same(a.colour[k], b.colour[k])), "{a:?} {b:?}");
+            assert!(same(a.opacity, b.opacity) && same(a.depth, b.depth), "{i}: {a:?} {b:?}");
+        }
+        let cpu_entries = cpu.entries.tiles.len() as f64;
+        assert!((counts.entries as f64 / cpu_entries - 1.0).abs() < 1e-3, "{} {cpu_entries}", counts.entries);
+        assert_eq!(counts.faulty, 0);
+        for (cpu, gpu) in cpu.images().iter().zip(&images) {
+            images_agree(cpu, gpu);
+        }
+    }
+}
+
+#[test]
+fn the_order_is_that_of_a_64_bit_key_on_128_cameras() {
+    let cloud = workload_cloud(1500, 0, 0);
+    let scene = Scene::still(&cloud);
+    let views = views(128, 64, 48);
+    for mut rasteriser in rasterisers() {
+        let on_card = GpuCloud::new(&rasteriser.gpu, &scene).unwrap();
+        let how = GpuSettings { keep: true, ..Default::default() };
+        let (_, counts) = rasteriser.render(&on_card, &scene, &views, &Settings::default(), &how).unwrap();
+        let records: Vec<Projected> = rasteriser.read_stage("records", counts.candidates).unwrap();
+        let owners: Vec<u32> = rasteriser.read_stage("owners", counts.entries).unwrap();
+        let ranges: Vec<[u32; 2]> = rasteriser.read_stage("ranges", 128 * 12).unwrap();
+        // 1536 tiles take 11 bits, which are two digits on every adapter.
+        let sorted: Vec<u32> = rasteriser.read_stage("sorted", counts.entries).unwrap();
+        let key = |tile: usize, entry: u32| {
+            let record = owners[entry as usize];
+            ((tile as u64) << 32 | records[record as usize].depth.to_bits() as u64, record)
+        };
+        let mut previous = None;
+        let mut seen = 0;
+        for (tile, range) in ranges.iter().enumerate() {
+            for place in range[0]..range[1] {
+                let this = key(tile, sorted[place as usize]);
+                assert!(previous.is_none_or(|previous| previous < this), "{previous:?} {this:?}");
+                assert_eq!(records[this.1 as usize].view as usize, tile / 12);
+                previous = Some(this);
+                seen += 1;
+            }
+        }
+        assert_eq!(seen, counts.entries);
+    }
+}
+
+#[test]
+fn the_same_bits_from_run_to_run_and_after_growing() {
+    let cloud = workload_cloud(4000, 0, 0);
+    let scene = Scene::still(&cloud);
+    for mut rasteriser in rasterisers() {
+        let on_card = GpuCloud::new(&rasteriser.gpu, &scene).unwrap();
+        let how = GpuSettings::default();
+        let settings = Settings { outputs: Outputs { depth: true, ..Default::default() }, ..SETTINGS };
+        let first = rasteriser.render(&on_card, &scene, &views(2, 96, 64), &settings, &how).unwrap().0.read().unwrap();
+        let more = rasteriser.render(&on_card, &scene, &views(40, 96, 64), &settings, &how).unwrap().0.read().unwrap();
+        let again = rasteriser.render(&on_card, &scene, &views(2, 96, 64), &settings, &how).unwrap().0.read().unwrap();
+        assert_eq!(first, again);
+        assert_eq!(first[..], more[..2]);
+    }
+}
+
+#[test]
+fn odd_numbers_poison_their_own_gaussian_only() {
+    let cloud = workload_cloud(800, 1, 0);
+    let mut odd = cloud.clone();
+    odd.means[3][1] = f32::NAN;
+    odd.log_scales[5][0] = f32::INFINITY;
+    odd.rotations[7] = [0.0; 4];
+    odd.opacity_logits[9] = f32::NAN;
+    odd.sh[4 * 11][2] = f32::NEG_INFINITY;
+    odd.log_scales[13] = [f32::from_bits(1); 3];
+    let mut without = odd.clone();
+    for i in [3, 5, 7, 9, 11] {
+        without.means[i] = [0.0, 0.0, -1e6];
+        without.log_scales[i] = [-5.0; 3];
+        without.rotations[i] = [1.0, 0.0, 0.0, 0.0];
+        without.opacity_logits[i] = -20.0;
+        without.sh[4 * i][2] = 0.0;
+    }
+    let views = views(2, 80, 60);
+    for mut rasteriser in rasterisers() {
+        let mut draw = |cloud: &GaussianCloud| {
+            let scene = Scene::still(cloud);
+            let on_card = GpuCloud::new(&rasteriser.gpu, &scene).unwrap();
+            let how = GpuSettings::default();
+            let (images, counts) = rasteriser.render(&on_card, &scene, &views, &Settings::default(), &how).unwrap();
+            (images.read().unwrap(), counts.faulty)
+        };
+        let (found, faulty) = draw(&odd);
+        let (expected, none) = draw(&without);
+        assert_eq!(found, expected);
+        assert_eq!(none, 0);
+        assert_eq!(faulty, Frame::new(&Scene::still(&odd), &views, &Settings::default()).unwrap().projections.faulty);
+    }
+}
+
+#[test]
+fn nothing_and_everything_hidden_are_background() {
+    let empty = GaussianCloud::default();
+    let camera =
+        Camera { fx: 30.0, fy: 30.0, cx: 16.0, cy: 16.0, width: 33, height: 17, camera_from_world: Pose::IDENTITY };
+    for mut rasteriser in rasterisers() {
+        let scene = Scene::still(&empty);
+        let on_card = GpuCloud::new(&rasteriser.gpu, &scene).unwrap();
+        let how = GpuSettings { bytes: true, ..Default::default() };
+        let (images, counts) = rasteriser
+            .render(
+                &on_card,
+                &scene,
+                &[View::of(camera); 2],
+                &Settings { background: [1.0, 0.0, 0.2], ..Default::default() },
+                &how,
+            )
+            .unwrap();
+        assert_eq!(counts.candidates, 0);
+        let bytes = images.read_bytes().unwrap();
+        assert_eq!(bytes.len(), 2 * 33 * 17 * 4);
+        assert!(bytes.chunks(4).all(|pixel| pixel == [255, 0, 51, 0]));
+        let (images, _) = rasteriser.render(&on_card, &scene, &[], &Settings::default(), &how).unwrap();
+        assert!(images.read().unwrap().is_empty());
+    }
+}
