@@ -197,3 +197,51 @@ fn nothing_and_everything_hidden_are_background() {
         assert!(images.read().unwrap().is_empty());
     }
 }
+
+/// One minus the cosine, and the ratio of lengths less one.
+fn apart(a: &[f32], b: &[f32]) -> (f64, f64) {
+    assert_eq!(a.len(), b.len());
+    let dot = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| *a as f64 * *b as f64).sum::<f64>();
+    let (aa, bb) = (dot(a, a), dot(b, b));
+    assert!(aa > 0.0, "nothing to compare");
+    (1.0 - dot(a, b) / (aa * bb).sqrt(), (bb / aa).sqrt() - 1.0)
+}
+
+#[test]
+fn gradients_are_those_of_the_cpu_and_the_same_bits_again() {
+    let cloud = workload_cloud(2500, 3, 2);
+    let scene = Scene::still(&cloud);
+    let views = views(3, 90, 60);
+    for outputs in [Outputs::default(), Outputs { depth: true, ..Default::default() }, Outputs::ALL] {
+        let settings = Settings { outputs, ..SETTINGS };
+        let frame = Frame::new(&scene, &views, &settings).unwrap();
+        let mut by_images = frame.blank_images();
+        let wave = |values: &mut Vec<f32>| values.iter_mut().enumerate().for_each(|(i, x)| *x = (i as f32 * 0.7).sin());
+        for image in &mut by_images {
+            [&mut image.colour, &mut image.alpha, &mut image.depth, &mut image.normal, &mut image.features].map(wave);
+        }
+        let expected = frame.gradients(&scene, &by_images).unwrap();
+        for mut rasteriser in rasterisers() {
+            let on_card = GpuCloud::new(&rasteriser.gpu, &scene).unwrap();
+            let how = GpuSettings { keep: true, ..Default::default() };
+            rasteriser.render(&on_card, &scene, &views, &settings, &how).unwrap();
+            let found = rasteriser.gradients(&on_card, &by_images).unwrap();
+            for (name, a, b) in [
+                ("means", expected.means.as_flattened(), found.means.as_flattened()),
+                ("scales", expected.log_scales.as_flattened(), found.log_scales.as_flattened()),
+                ("rotations", expected.rotations.as_flattened(), found.rotations.as_flattened()),
+                ("opacities", &expected.opacity_logits[..], &found.opacity_logits[..]),
+                ("sh", expected.sh.as_flattened(), found.sh.as_flattened()),
+                ("poses", expected.poses.as_flattened(), found.poses.as_flattened()),
+            ] {
+                let (angle, length) = apart(a, b);
+                println!("{outputs:?}: {name}: {angle:.1e} {length:.1e}");
+                assert!(angle < 1e-5 && length.abs() < 1e-3, "{outputs:?}: {name}: {angle} {length}");
+            }
+            if outputs.features {
+                assert!(apart(&expected.features, &found.features).0 < 1e-5);
+            }
+            assert_eq!(found, rasteriser.gradients(&on_card, &by_images).unwrap());
+        }
+    }
+}

@@ -93,6 +93,17 @@ impl Sizes {
         with(v.keep, "firsts", self.visible * 4);
         with(v.keep, "sorted", self.entries * 4);
         with(v.keep, "left_image", self.pixels * 8);
+        let splats = self.blocks * 256;
+        with(v.keep, "entry_gradients", self.entries * 4 * v.width() as u64);
+        with(v.keep, "by_colours", self.pixels * 16);
+        with(v.keep && v.depth, "by_depths", self.pixels * 4);
+        with(v.keep && v.plane, "by_planes", self.pixels * 16);
+        with(v.keep && v.features > 0, "by_features", self.pixels * 4 * v.features as u64);
+        with(v.keep, "by_shape", splats * 48);
+        with(v.keep, "by_sh", splats * 12 * v.sh_count as u64);
+        with(v.keep && v.features > 0, "by_feature", splats * 4 * v.features as u64);
+        with(v.keep, "by_pose_parts", self.views * self.blocks * 24);
+        with(v.keep, "by_pose", self.views * 24);
         list
     }
 }

@@ -28,16 +28,16 @@ pub struct GpuRasteriser {
     pub(crate) buffers: Option<Buffers>,
     pub(crate) batch: Option<Batch>,
     pub(crate) stamps: Option<Stamps>,
-    constants: Option<Constants>,
+    pub(crate) constants: Option<Constants>,
 }
 
 /// Small buffers that depend on the batch alone.
 #[derive(Debug)]
 pub(crate) struct Constants {
-    lenses: wgpu::Buffer,
-    motions: wgpu::Buffer,
-    look: wgpu::Buffer,
-    frame: wgpu::Buffer,
+    pub lenses: wgpu::Buffer,
+    pub motions: wgpu::Buffer,
+    pub look: wgpu::Buffer,
+    pub frame: wgpu::Buffer,
     scans: [wgpu::Buffer; 4],
     depth_passes: Vec<wgpu::Buffer>,
     tile_passes: Vec<wgpu::Buffer>,
@@ -270,15 +270,15 @@ impl GpuRasteriser {
 }
 
 /// The dispatches of a frame.
-struct FrameSteps<'a> {
-    batch: &'a Batch,
-    buffers: &'a Buffers,
-    constants: &'a Constants,
-    cloud: &'a GpuCloud,
+pub(crate) struct FrameSteps<'a> {
+    pub batch: &'a Batch,
+    pub buffers: &'a Buffers,
+    pub constants: &'a Constants,
+    pub cloud: &'a GpuCloud,
 }
 
 impl<'a> FrameSteps<'a> {
-    fn step(
+    pub fn step(
         &self,
         stage: &'static str,
         entry: &'static str,
@@ -292,6 +292,8 @@ impl<'a> FrameSteps<'a> {
             "sort" => Variant { subgroup: all.subgroup, ..Default::default() },
             "emit" => Variant { keep: all.keep, ..Default::default() },
             "blend" => Variant { sh_count: 0, ..all },
+            "blend_backward" => Variant { sh_count: 0, bytes: false, ..all },
+            "project_backward" => Variant { subgroup: 0, bytes: false, ..all },
             _ => Variant::default(),
         };
         Step { stage, entry, variant, groups, buffers }
@@ -301,7 +303,7 @@ impl<'a> FrameSteps<'a> {
         Groups::Indirect(&self.buffers.arguments, slot)
     }
 
-    fn get(&self, name: &str) -> &'a wgpu::Buffer {
+    pub fn get(&self, name: &str) -> &'a wgpu::Buffer {
         self.buffers.get(name)
     }
 
@@ -437,7 +439,7 @@ impl<'a> FrameSteps<'a> {
         self.sort(&self.constants.tile_passes, keys, [even, other, owners], dispatch::BY_TILE_BLOCK, scan)
     }
 
-    fn sorted(&self) -> (&'a wgpu::Buffer, &'a wgpu::Buffer) {
+    pub fn sorted(&self) -> (&'a wgpu::Buffer, &'a wgpu::Buffer) {
         match (self.constants.tile_passes.len() % 2, self.buffers.sizes.variant.keep) {
             (0, true) => (self.get("tiles"), self.get("sorted")),
             (0, false) => (self.get("tiles"), self.get("owners")),

@@ -4,6 +4,7 @@
 //! within a frame: the counts of one stage become the dispatch arguments of the next on the card. Images stay there until they
 //! are read.
 
+mod backward;
 mod buffers;
 mod cloud;
 mod device;

@@ -86,6 +86,24 @@ impl Variant {
         }
     }
 
+    /// Numbers that are blended.
+    pub fn channels(&self) -> u32 {
+        3 + self.depth as u32 + 4 * self.plane as u32 + self.features
+    }
+
+    /// Derivatives of an entry.
+    pub fn width(&self) -> u32 {
+        crate::stages::blend_backward::SHAPE_GRADIENTS as u32 + self.channels()
+    }
+
+    /// Entries that a workgroup of `blend_backward` takes at once: the sums of its subgroups must fit 20 KiB.
+    fn batch(&self) -> u32 {
+        match self.subgroup {
+            0 => 32,
+            lanes => 1 << (20_480 / (256 / lanes * self.width().next_multiple_of(8) * 4)).ilog2().min(5),
+        }
+    }
+
     /// Most bits of a digit of the sort: the counts of all subgroups must fit 2048 words.
     pub fn digit_bits(&self) -> u32 {
         match self.subgroup {
@@ -96,7 +114,7 @@ impl Variant {
 }
 
 /// The stages that have a shader, each with its entry points.
-pub const STAGES: [(&str, &[&str]); 8] = [
+pub const STAGES: [(&str, &[&str]); 10] = [
     ("cull", &["mark", "gather"]),
     ("plan", &["visible", "entries"]),
     ("scan", &["reduce", "spine", "apply"]),
@@ -105,6 +123,8 @@ pub const STAGES: [(&str, &[&str]); 8] = [
     ("emit", &["count", "emit"]),
     ("ranges", &["find"]),
     ("blend", &["blend"]),
+    ("blend_backward", &["blend_backward"]),
+    ("project_backward", &["project_backward", "poses"]),
 ];
 
 /// The text of a stage.
@@ -122,7 +142,13 @@ pub fn text(stage: &str, variant: &Variant) -> String {
         "sort" => &[include_str!("../stages/sort.wgsl")],
         "emit" => &[include_str!("../ellipse.wgsl"), include_str!("../stages/emit.wgsl")],
         "ranges" => &[include_str!("../stages/ranges.wgsl")],
-        _ => &[include_str!("../stages/blend.wgsl")],
+        "blend" => &[include_str!("../stages/blend.wgsl")],
+        "blend_backward" => &[include_str!("../stages/blend_backward.wgsl")],
+        _ => &[
+            include_str!("../harmonics.wgsl"),
+            include_str!("../stages/shape.wgsl"),
+            include_str!("../stages/project_backward.wgsl"),
+        ],
     };
     let mut out = constants(variant);
     for part in [&[include_str!("prelude.wgsl")], parts].concat() {
@@ -154,6 +180,14 @@ fn constants(variant: &Variant) -> String {
         ("SUBGROUP_COUNT", 256 / lanes),
         ("SUBGROUP_MASK", ((1u64 << lanes) - 1) as u32),
         ("RANKS", (256 / lanes) << variant.digit_bits()),
+        ("CHANNELS", variant.channels()),
+        ("DEPTH_AT", 3),
+        ("PLANE_AT", 3 + variant.depth as u32),
+        ("FEATURES_AT", 3 + variant.depth as u32 + 4 * variant.plane as u32),
+        ("WIDTH", variant.width()),
+        ("NUMBERS", variant.width().next_multiple_of(8)),
+        ("BATCH", variant.batch()),
+        ("SUM_WORDS", 256 / lanes * variant.batch() * variant.width().next_multiple_of(8)),
         ("VISIBLE", slot::VISIBLE),
         ("ENTRIES", slot::ENTRIES),
         ("NEEDED_VISIBLE", slot::NEEDED_VISIBLE),

@@ -1,0 +1,295 @@
+// Twin of blend_backward.rs and of resolve_backward: a workgroup for each tile walks its entries from far to near, a batch at a time. What
+// comes to an entry is summed over the tile in a fixed order and written where the entry was made: no atomics.
+
+@group(0) @binding(0) var<storage, read> lenses: array<Lens>;
+@group(0) @binding(1) var<storage, read> records: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read> ranges: array<vec2<u32>>;
+@group(0) @binding(3) var<storage, read> sorted: array<u32>;
+@group(0) @binding(4) var<storage, read> look: Look;
+@group(0) @binding(5) var<storage, read> owners: array<u32>;
+@group(0) @binding(6) var<storage, read> left_image: array<vec2<u32>>;
+@group(0) @binding(7) var<storage, read_write> entry_gradients: array<f32>;
+@group(0) @binding(8) var<storage, read> by_colours: array<vec4<f32>>;
+//#if DEPTH
+@group(0) @binding(9) var<storage, read> depths: array<f32>;
+@group(0) @binding(10) var<storage, read> by_depths: array<f32>;
+//#endif
+//#if PLANE
+@group(0) @binding(11) var<storage, read> planes: array<vec4<f32>>;
+@group(0) @binding(12) var<storage, read> plane_image: array<vec4<f32>>;
+@group(0) @binding(13) var<storage, read> by_planes: array<vec4<f32>>;
+//#endif
+//#if FEATURES
+@group(0) @binding(14) var<storage, read> features: array<f32>;
+@group(0) @binding(15) var<storage, read> by_features: array<f32>;
+//#endif
+
+struct Look {
+    background: vec4<f32>,
+}
+
+// As in blend.wgsl, of a batch of entries.
+var<workgroup> as_: array<vec4<f32>, BATCH>;
+var<workgroup> bs: array<vec4<f32>, BATCH>;
+var<workgroup> cs: array<vec4<f32>, BATCH>;
+//#if PLANE
+var<workgroup> ps: array<vec4<f32>, BATCH>;
+//#endif
+var<workgroup> furthest: atomic<u32>;
+var<workgroup> end: u32;
+//#if SUBGROUPS
+// Sums of each subgroup for each entry of a batch, and which entries it has.
+var<workgroup> sums: array<f32, SUM_WORDS>;
+var<workgroup> walked: array<u32, SUBGROUP_COUNT>;
+//#else
+// Eight numbers of all invocations, then sums of sixteen.
+var<workgroup> sums: array<f32, 2048>;
+var<workgroup> sixteenths: array<f32, 128>;
+//#endif
+
+fn squeeze(x: u32) -> u32 {
+    let a = x & 0x55u;
+    let b = (a | (a >> 1u)) & 0x33u;
+    return (b | (b >> 2u)) & 0x0fu;
+}
+
+//#if SUBGROUPS
+// Sum over the subgroup of eight numbers at once, of which lane k holds the sum of number k % 8: at each step a lane gives away
+// the half that it will not hold.
+fn sum_of_eight(numbers: array<f32, 8>, lane: u32) -> f32 {
+    var v = numbers;
+    let upper4 = (lane & 4u) != 0u;
+    for (var i = 0u; i < 4u; i++) {
+        let given = select(v[i + 4u], v[i], upper4);
+        v[i] = select(v[i], v[i + 4u], upper4) + subgroupShuffleXor(given, 4u);
+    }
+    let upper2 = (lane & 2u) != 0u;
+    for (var i = 0u; i < 2u; i++) {
+        let given = select(v[i + 2u], v[i], upper2);
+        v[i] = select(v[i], v[i + 2u], upper2) + subgroupShuffleXor(given, 2u);
+    }
+    let upper1 = (lane & 1u) != 0u;
+    let given = select(v[1], v[0], upper1);
+    var sum = select(v[0], v[1], upper1) + subgroupShuffleXor(given, 1u);
+    for (var step = 8u; step < SUBGROUP_SIZE; step *= 2u) {
+        sum += subgroupShuffleXor(sum, step);
+    }
+    return sum;
+}
+//#endif
+
+@compute @workgroup_size(256)
+fn blend_backward(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+//#if SUBGROUPS
+    @builtin(subgroup_invocation_id) lane: u32,
+    @builtin(subgroup_id) subgroup: u32,
+//#endif
+) {
+    let size = lenses[group.y].size;
+    let across = lenses[group.y].tiles;
+    if group.x >= across.x * across.y {
+        return;
+    }
+    let tile = lenses[group.y].first_tile + group.x;
+    let x = group.x % across.x * TILE + squeeze(local);
+    let y = group.x / across.x * TILE + squeeze(local >> 1u);
+    let at = vec2<f32>(f32(x), f32(y)) + 0.5;
+    var left = 1.0;
+    var last = 0u;
+    // Derivatives by the sums of the pixel, and by what is left times that.
+    var by: array<f32, CHANNELS>;
+    var behind = 0.0;
+    if x < size.x && y < size.y {
+        let pixel = lenses[group.y].first_pixel + y * size.x + x;
+        left = bitcast<f32>(left_image[pixel].x);
+        last = left_image[pixel].y;
+        let by_colour = by_colours[pixel];
+        by[0] = by_colour.x;
+        by[1] = by_colour.y;
+        by[2] = by_colour.z;
+        var by_left = dot(by_colour.xyz, look.background.xyz) - by_colour.w;
+//#if DEPTH
+        if left < 1.0 {
+            by[DEPTH_AT] = by_depths[pixel] / (1.0 - left);
+            by_left += by[DEPTH_AT] * depths[pixel];
+        }
+//#endif
+//#if PLANE
+        let ray = vec3<f32>((at - lenses[group.y].centre) / lenses[group.y].focal, 1.0);
+        let found = plane_image[pixel];
+        let by_plane = by_planes[pixel];
+        let facing = -dot(found.xyz, ray);
+        var by_normal = by_plane.xyz;
+        if facing > MIN_FACING {
+            by[PLANE_AT + 3u] = by_plane.w / facing;
+            by_normal += ray * (by[PLANE_AT + 3u] * found.w);
+        }
+        by[PLANE_AT] = by_normal.x;
+        by[PLANE_AT + 1u] = by_normal.y;
+        by[PLANE_AT + 2u] = by_normal.z;
+//#endif
+//#if FEATURES
+        for (var j = 0u; j < FEATURE_COUNT; j++) {
+            by[FEATURES_AT + j] = by_features[pixel * FEATURE_COUNT + j];
+        }
+//#endif
+        behind = left * by_left;
+    }
+    if local == 0u {
+        atomicStore(&furthest, 0u);
+    }
+    workgroupBarrier();
+    atomicMax(&furthest, last);
+    workgroupBarrier();
+    if local == 0u {
+        end = atomicLoad(&furthest);
+    }
+    let first = ranges[tile].x;
+    var stop = workgroupUniformLoad(&end);
+//#if SUBGROUPS
+    let furthest_here = subgroupMax(last);
+//#endif
+    // Entries beyond are zeros already.
+    while stop > first {
+        let start = max(i32(first), i32(stop) - i32(BATCH));
+        let held = stop - u32(start);
+        if local < held {
+            let record = owners[sorted[u32(start) + local]];
+            var b = records[3u * record + 1u];
+            let c = records[3u * record + 2u];
+            b.w = c.w;
+            as_[local] = records[3u * record];
+            bs[local] = b;
+            cs[local] = c;
+//#if PLANE
+            ps[local] = planes[record];
+//#endif
+        }
+//#if SUBGROUPS
+        if lane == 0u {
+            walked[subgroup] = 0u;
+        }
+//#endif
+        workgroupBarrier();
+        for (var back = 0u; back < held; back++) {
+            let k = held - 1u - back;
+            let index = u32(start) + k;
+//#if SUBGROUPS
+            if index >= furthest_here {
+                continue;
+            }
+//#endif
+            let a = as_[k];
+            let b = bs[k];
+            let c = cs[k];
+            let d = at - a.xy;
+            let along = a.z * d.x + a.w * d.y;
+            let over = b.x * d.y;
+            let falloff = exp2(-0.72134752 * (along * along + over * over));
+            let raw = b.y * falloff;
+            var alpha = min(raw, MAX_ALPHA);
+            let taken = alpha >= MIN_ALPHA && index < last;
+//#if SUBGROUPS
+            if !subgroupAny(taken) {
+                continue;
+            }
+//#endif
+            var numbers: array<f32, NUMBERS>;
+            if taken {
+                var product = by[0] * c.x + by[1] * c.y + by[2] * c.z;
+//#if DEPTH
+                product += by[DEPTH_AT] * b.z;
+//#endif
+//#if PLANE
+                let p = ps[k];
+                product += by[PLANE_AT] * p.x + by[PLANE_AT + 1u] * p.y + by[PLANE_AT + 2u] * p.z + by[PLANE_AT + 3u] * p.w;
+//#endif
+//#if FEATURES
+                let feature = bitcast<u32>(b.w) * FEATURE_COUNT;
+                for (var j = 0u; j < FEATURE_COUNT; j++) {
+                    product += by[FEATURES_AT + j] * features[feature + j];
+                }
+//#endif
+                let inverse = 1.0 / (1.0 - alpha);
+                left *= inverse;
+                let by_alpha = left * product - behind * inverse;
+                let weight = alpha * left;
+                behind += weight * product;
+                // Where the opacity is cut off it does not depend on the Gaussian.
+                let by_raw = select(0.0, by_alpha, raw < MAX_ALPHA);
+                let by_exponent = -raw * by_raw;
+                numbers[0] = -by_exponent * (a.z * along);
+                numbers[1] = -by_exponent * (a.w * along + b.x * over);
+                numbers[2] = by_exponent * (0.5 * d.x * d.x);
+                numbers[3] = by_exponent * (d.x * d.y);
+                numbers[4] = by_exponent * (0.5 * d.y * d.y);
+                numbers[5] = by_raw * falloff;
+                for (var j = 0u; j < CHANNELS; j++) {
+                    numbers[6u + j] = weight * by[j];
+                }
+            }
+//#if SUBGROUPS
+            for (var eight = 0u; eight < NUMBERS; eight += 8u) {
+                if eight + 1u == WIDTH {
+                    let sum = subgroupAdd(numbers[eight]);
+                    if lane == 0u {
+                        sums[(subgroup * BATCH + k) * NUMBERS + eight] = sum;
+                    }
+                    break;
+                }
+                var some: array<f32, 8>;
+                for (var j = 0u; j < 8u; j++) {
+                    some[j] = numbers[eight + j];
+                }
+                let sum = sum_of_eight(some, lane);
+                if lane < 8u {
+                    sums[(subgroup * BATCH + k) * NUMBERS + eight + lane] = sum;
+                }
+            }
+            if lane == 0u {
+                walked[subgroup] |= 1u << k;
+            }
+//#else
+            for (var eight = 0u; eight < NUMBERS; eight += 8u) {
+                workgroupBarrier();
+                for (var j = 0u; j < 8u; j++) {
+                    sums[j * 256u + local] = numbers[eight + j];
+                }
+                workgroupBarrier();
+                if local < 128u {
+                    var sum = 0.0;
+                    for (var j = 0u; j < 16u; j++) {
+                        sum += sums[local * 16u + j];
+                    }
+                    sixteenths[local] = sum;
+                }
+                workgroupBarrier();
+                if local < 8u && eight + local < WIDTH {
+                    var sum = 0.0;
+                    for (var j = 0u; j < 16u; j++) {
+                        sum += sixteenths[local * 16u + j];
+                    }
+                    entry_gradients[sorted[index] * WIDTH + eight + local] = sum;
+                }
+            }
+//#endif
+        }
+//#if SUBGROUPS
+        workgroupBarrier();
+        for (var place = local; place < held * WIDTH; place += 256u) {
+            let k = place / WIDTH;
+            var sum = 0.0;
+            for (var s = 0u; s < SUBGROUP_COUNT; s++) {
+                if ((walked[s] >> k) & 1u) != 0u {
+                    sum += sums[(s * BATCH + k) * NUMBERS + place % WIDTH];
+                }
+            }
+            entry_gradients[sorted[u32(start) + k] * WIDTH + place % WIDTH] = sum;
+        }
+//#endif
+        workgroupBarrier();
+        stop = u32(start);
+    }
+}
