@@ -1,11 +1,11 @@
 //! Measures the rasteriser on the yard of `qv_raster::workload`:
 //!
 //! `cargo run --release -p qv-raster --features gpu --example bench_raster -- 300000 0 128 [--depth] [--all] [--bytes] [--keep]
-//! [--width 640] [--height 480] [--frames 20] [--cpu] [--without-subgroups] [--check]`
+//! [--width 640] [--height 480] [--frames 20] [--cpu] [--without-subgroups] [--check] [--backward]`
 //!
 //! takes Gaussians, degree of the spherical harmonics, cameras. On the graphics card it warms up for 0.3 s, then prints the medians
 //! of time stamps by stage. `--cpu` measures the CPU instead, forward and backward, on four cameras at most. `--check` compares
-//! the first cameras' images with those of the CPU.
+//! some cameras' images with those of the CPU. `--backward` times forward and backward together.
 
 use qv_core::GaussianCloud;
 use qv_raster::gpu::{Gpu, GpuCloud, GpuOptions, GpuRasteriser, GpuSettings};
@@ -104,7 +104,11 @@ fn card(
     let scene = Scene::still(cloud);
     let on_card = GpuCloud::new(&gpu, &scene)?;
     let mut rasteriser = GpuRasteriser::new(gpu);
-    let how = GpuSettings { bytes: arguments.has("--bytes"), keep: arguments.has("--keep"), timed: true };
+    let how = GpuSettings {
+        bytes: arguments.has("--bytes"),
+        keep: arguments.has("--keep") || arguments.has("--backward"),
+        timed: true,
+    };
     let start = Instant::now();
     let (_, counts) = rasteriser.render(&on_card, &scene, views, settings, &how)?;
     println!(
@@ -120,33 +124,45 @@ fn card(
         rasteriser.gpu.wait()?;
     }
     let frames = arguments.named("--frames", 20);
-    let mut names: Vec<&'static str> = vec![];
-    let mut times: Vec<Vec<f64>> = vec![];
+    let backward = arguments.has("--backward");
+    if backward {
+        let mut by_images = Frame::new(&scene, &views[..1], settings)?.blank_images();
+        by_images[0].colour.fill(1.0 / 300_000.0);
+        rasteriser.write_image_gradients(&vec![by_images[0].clone(); views.len()])?;
+    }
+    let mut times: Vec<(&'static str, Vec<f64>)> = vec![];
     for _ in 0..frames {
         rasteriser.submit(&on_card, true)?;
-        for (name, time) in rasteriser.times()? {
-            match names.iter().position(|known| *known == name) {
-                Some(at) => times[at].push(time),
-                None => {
-                    names.push(name);
-                    times.push(vec![time]);
-                }
+        let mut found = rasteriser.times()?;
+        if backward {
+            rasteriser.submit_backward(&on_card, true)?;
+            let both = [found.pop(), rasteriser.times()?.pop()].into_iter().flatten().map(|(_, time)| time).sum();
+            found.extend(rasteriser.times()?.into_iter().filter(|(name, _)| *name != "total"));
+            found.push(("total", both));
+        }
+        for (name, time) in found {
+            match times.iter_mut().find(|(known, _)| *known == name) {
+                Some((_, all)) => all.push(time),
+                None => times.push((name, vec![time])),
             }
         }
     }
-    for (name, times) in names.iter().zip(&mut times) {
+    for (name, times) in &mut times {
         let ms = median(times);
         let rate =
             if *name == "total" { format!(", {:.0} images/s", 1e3 * views.len() as f64 / ms) } else { String::new() };
-        println!("  {name:15} {ms:9.3} ms{rate}");
+        println!("  {name:16} {ms:9.3} ms{rate}");
     }
     let start = Instant::now();
     for _ in 0..frames {
         rasteriser.submit(&on_card, false)?;
+        if backward {
+            rasteriser.submit_backward(&on_card, false)?;
+        }
     }
     rasteriser.gpu.wait()?;
     let wall = start.elapsed().as_secs_f64() / frames as f64;
-    println!("  wall, queued    {:9.3} ms, {:.0} images/s", 1e3 * wall, views.len() as f64 / wall);
+    println!("  wall, queued     {:9.3} ms, {:.0} images/s", 1e3 * wall, views.len() as f64 / wall);
     if arguments.has("--check") {
         check(&mut rasteriser, &on_card, &scene, views, settings, &how)?;
     }

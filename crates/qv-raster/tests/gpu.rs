@@ -218,7 +218,8 @@ fn gradients_are_those_of_the_cpu_and_the_same_bits_again() {
         let mut by_images = frame.blank_images();
         let wave = |values: &mut Vec<f32>| values.iter_mut().enumerate().for_each(|(i, x)| *x = (i as f32 * 0.7).sin());
         for image in &mut by_images {
-            [&mut image.colour, &mut image.alpha, &mut image.depth, &mut image.normal, &mut image.features].map(wave);
+            let all = [&mut image.colour, &mut image.alpha, &mut image.depth, &mut image.normal, &mut image.features];
+            all.into_iter().for_each(wave);
         }
         let expected = frame.gradients(&scene, &by_images).unwrap();
         for mut rasteriser in rasterisers() {

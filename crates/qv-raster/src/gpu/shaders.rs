@@ -142,8 +142,8 @@ pub fn text(stage: &str, variant: &Variant) -> String {
         "sort" => &[include_str!("../stages/sort.wgsl")],
         "emit" => &[include_str!("../ellipse.wgsl"), include_str!("../stages/emit.wgsl")],
         "ranges" => &[include_str!("../stages/ranges.wgsl")],
-        "blend" => &[include_str!("../stages/blend.wgsl")],
-        "blend_backward" => &[include_str!("../stages/blend_backward.wgsl")],
+        "blend" => &[include_str!("../stages/pixels.wgsl"), include_str!("../stages/blend.wgsl")],
+        "blend_backward" => &[include_str!("../stages/pixels.wgsl"), include_str!("../stages/blend_backward.wgsl")],
         _ => &[
             include_str!("../harmonics.wgsl"),
             include_str!("../stages/shape.wgsl"),

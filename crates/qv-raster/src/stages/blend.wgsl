@@ -44,35 +44,6 @@ var<workgroup> ps: array<vec4<f32>, 256>;
 var<workgroup> closed: atomic<u32>;
 var<workgroup> all_closed: u32;
 
-// Every other bit, from the lowest.
-fn squeeze(x: u32) -> u32 {
-    let a = x & 0x55u;
-    let b = (a | (a >> 1u)) & 0x33u;
-    return (b | (b >> 2u)) & 0x0fu;
-}
-
-//#if SUBGROUPS
-// Whether a pixel centre between two corners may be inside an ellipse.
-fn touches(a: vec4<f32>, b: vec4<f32>, low: vec2<f32>, high: vec2<f32>) -> bool {
-    let square = log2(b.y / MIN_ALPHA) + 1e-4;
-    let top = low.y - a.y;
-    let bottom = high.y - a.y;
-    let nearest = b.x * clamp(0.0, top, bottom);
-    if nearest * nearest > square {
-        return false;
-    }
-    // Where the ellipse is widest, or as near to that as the rows come.
-    let slope = sqrt(a.w * a.w + b.x * b.x);
-    let limit = sqrt(square) / b.x;
-    let widest = limit * a.w / slope;
-    let right_y = clamp(clamp(-widest, top, bottom), -limit, limit);
-    let left_y = clamp(clamp(widest, top, bottom), -limit, limit);
-    let right = (sqrt(max(square - b.x * b.x * right_y * right_y, 0.0)) - a.w * right_y) / a.z;
-    let left = (-sqrt(max(square - b.x * b.x * left_y * left_y, 0.0)) - a.w * left_y) / a.z;
-    return low.x - a.x <= right + 1e-3 && high.x - a.x >= left - 1e-3;
-}
-//#endif
-
 @compute @workgroup_size(256)
 fn blend(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -130,10 +101,9 @@ fn blend(
             var c = records[3u * record + 2u];
             b.w = c.w;
             c.w = bitcast<f32>(record);
-            // sqrt(log2(e) / 2)
-            a.z *= 0.84932180;
-            a.w *= 0.84932180;
-            b.x *= 0.84932180;
+            a.z *= TO_EXP2;
+            a.w *= TO_EXP2;
+            b.x *= TO_EXP2;
             as_[local] = a;
             bs[local] = b;
             cs[local] = c;

@@ -47,12 +47,6 @@ var<workgroup> sums: array<f32, 2048>;
 var<workgroup> sixteenths: array<f32, 128>;
 //#endif
 
-fn squeeze(x: u32) -> u32 {
-    let a = x & 0x55u;
-    let b = (a | (a >> 1u)) & 0x33u;
-    return (b | (b >> 2u)) & 0x0fu;
-}
-
 //#if SUBGROUPS
 // Sum over the subgroup of eight numbers at once, of which lane k holds the sum of number k % 8: at each step a lane gives away
 // the half that it will not hold.
@@ -150,6 +144,8 @@ fn blend_backward(
     var stop = workgroupUniformLoad(&end);
 //#if SUBGROUPS
     let furthest_here = subgroupMax(last);
+    let low = vec2<f32>(subgroupMin(at.x), subgroupMin(at.y));
+    let high = vec2<f32>(subgroupMax(at.x), subgroupMax(at.y));
 //#endif
     // Entries beyond are zeros already.
     while stop > first {
@@ -157,10 +153,14 @@ fn blend_backward(
         let held = stop - u32(start);
         if local < held {
             let record = owners[sorted[u32(start) + local]];
+            var a = records[3u * record];
             var b = records[3u * record + 1u];
             let c = records[3u * record + 2u];
+            a.z *= TO_EXP2;
+            a.w *= TO_EXP2;
+            b.x *= TO_EXP2;
             b.w = c.w;
-            as_[local] = records[3u * record];
+            as_[local] = a;
             bs[local] = b;
             cs[local] = c;
 //#if PLANE
@@ -173,108 +173,118 @@ fn blend_backward(
         }
 //#endif
         workgroupBarrier();
-        for (var back = 0u; back < held; back++) {
-            let k = held - 1u - back;
-            let index = u32(start) + k;
 //#if SUBGROUPS
-            if index >= furthest_here {
-                continue;
+        for (var chunk = (held + SUBGROUP_SIZE - 1u) / SUBGROUP_SIZE; chunk > 0u; chunk--) {
+            let base = (chunk - 1u) * SUBGROUP_SIZE;
+            var touched = base + lane < held && u32(start) + base + lane < furthest_here;
+            if touched {
+                touched = touches(as_[base + lane], bs[base + lane], low, high);
             }
+            var votes = subgroupBallot(touched).x;
+            while votes != 0u {
+                let k = base + firstLeadingBit(votes);
+                votes ^= 1u << (k - base);
+//#else
+        {
+            for (var k = held; k > 0u;) {
+                k--;
 //#endif
-            let a = as_[k];
-            let b = bs[k];
-            let c = cs[k];
-            let d = at - a.xy;
-            let along = a.z * d.x + a.w * d.y;
-            let over = b.x * d.y;
-            let falloff = exp2(-0.72134752 * (along * along + over * over));
-            let raw = b.y * falloff;
-            var alpha = min(raw, MAX_ALPHA);
-            let taken = alpha >= MIN_ALPHA && index < last;
+                let index = u32(start) + k;
+                let a = as_[k];
+                let b = bs[k];
+                let c = cs[k];
+                let d = at - a.xy;
+                let along = a.z * d.x + a.w * d.y;
+                let over = b.x * d.y;
+                let falloff = exp2(-(along * along + over * over));
+                let raw = b.y * falloff;
+                var alpha = min(raw, MAX_ALPHA);
+                let taken = alpha >= MIN_ALPHA && index < last;
 //#if SUBGROUPS
-            if !subgroupAny(taken) {
-                continue;
-            }
+                if !subgroupAny(taken) {
+                    continue;
+                }
 //#endif
-            var numbers: array<f32, NUMBERS>;
-            if taken {
-                var product = by[0] * c.x + by[1] * c.y + by[2] * c.z;
+                var numbers: array<f32, NUMBERS>;
+                if taken {
+                    var product = by[0] * c.x + by[1] * c.y + by[2] * c.z;
 //#if DEPTH
-                product += by[DEPTH_AT] * b.z;
+                    product += by[DEPTH_AT] * b.z;
 //#endif
 //#if PLANE
-                let p = ps[k];
-                product += by[PLANE_AT] * p.x + by[PLANE_AT + 1u] * p.y + by[PLANE_AT + 2u] * p.z + by[PLANE_AT + 3u] * p.w;
+                    let p = ps[k];
+                    product += by[PLANE_AT] * p.x + by[PLANE_AT + 1u] * p.y + by[PLANE_AT + 2u] * p.z + by[PLANE_AT + 3u] * p.w;
 //#endif
 //#if FEATURES
-                let feature = bitcast<u32>(b.w) * FEATURE_COUNT;
-                for (var j = 0u; j < FEATURE_COUNT; j++) {
-                    product += by[FEATURES_AT + j] * features[feature + j];
-                }
+                    let feature = bitcast<u32>(b.w) * FEATURE_COUNT;
+                    for (var j = 0u; j < FEATURE_COUNT; j++) {
+                        product += by[FEATURES_AT + j] * features[feature + j];
+                    }
 //#endif
-                let inverse = 1.0 / (1.0 - alpha);
-                left *= inverse;
-                let by_alpha = left * product - behind * inverse;
-                let weight = alpha * left;
-                behind += weight * product;
-                // Where the opacity is cut off it does not depend on the Gaussian.
-                let by_raw = select(0.0, by_alpha, raw < MAX_ALPHA);
-                let by_exponent = -raw * by_raw;
-                numbers[0] = -by_exponent * (a.z * along);
-                numbers[1] = -by_exponent * (a.w * along + b.x * over);
-                numbers[2] = by_exponent * (0.5 * d.x * d.x);
-                numbers[3] = by_exponent * (d.x * d.y);
-                numbers[4] = by_exponent * (0.5 * d.y * d.y);
-                numbers[5] = by_raw * falloff;
-                for (var j = 0u; j < CHANNELS; j++) {
-                    numbers[6u + j] = weight * by[j];
+                    let inverse = 1.0 / (1.0 - alpha);
+                    left *= inverse;
+                    let by_alpha = left * product - behind * inverse;
+                    let weight = alpha * left;
+                    behind += weight * product;
+                    // Where the opacity is cut off it does not depend on the Gaussian.
+                    let by_raw = select(0.0, by_alpha, raw < MAX_ALPHA);
+                    let by_exponent = -raw * by_raw;
+                    numbers[0] = -by_exponent * (a.z * along) / (TO_EXP2 * TO_EXP2);
+                    numbers[1] = -by_exponent * (a.w * along + b.x * over) / (TO_EXP2 * TO_EXP2);
+                    numbers[2] = by_exponent * (0.5 * d.x * d.x);
+                    numbers[3] = by_exponent * (d.x * d.y);
+                    numbers[4] = by_exponent * (0.5 * d.y * d.y);
+                    numbers[5] = by_raw * falloff;
+                    for (var j = 0u; j < CHANNELS; j++) {
+                        numbers[6u + j] = weight * by[j];
+                    }
                 }
-            }
 //#if SUBGROUPS
-            for (var eight = 0u; eight < NUMBERS; eight += 8u) {
-                if eight + 1u == WIDTH {
-                    let sum = subgroupAdd(numbers[eight]);
-                    if lane == 0u {
-                        sums[(subgroup * BATCH + k) * NUMBERS + eight] = sum;
+                for (var eight = 0u; eight < NUMBERS; eight += 8u) {
+                    if eight + 1u == WIDTH {
+                        let sum = subgroupAdd(numbers[eight]);
+                        if lane == 0u {
+                            sums[(subgroup * BATCH + k) * NUMBERS + eight] = sum;
+                        }
+                        break;
                     }
-                    break;
+                    var some: array<f32, 8>;
+                    for (var j = 0u; j < 8u; j++) {
+                        some[j] = numbers[eight + j];
+                    }
+                    let sum = sum_of_eight(some, lane);
+                    if lane < 8u {
+                        sums[(subgroup * BATCH + k) * NUMBERS + eight + lane] = sum;
+                    }
                 }
-                var some: array<f32, 8>;
-                for (var j = 0u; j < 8u; j++) {
-                    some[j] = numbers[eight + j];
+                if lane == 0u {
+                    walked[subgroup] |= 1u << k;
                 }
-                let sum = sum_of_eight(some, lane);
-                if lane < 8u {
-                    sums[(subgroup * BATCH + k) * NUMBERS + eight + lane] = sum;
-                }
-            }
-            if lane == 0u {
-                walked[subgroup] |= 1u << k;
-            }
 //#else
-            for (var eight = 0u; eight < NUMBERS; eight += 8u) {
-                workgroupBarrier();
-                for (var j = 0u; j < 8u; j++) {
-                    sums[j * 256u + local] = numbers[eight + j];
-                }
-                workgroupBarrier();
-                if local < 128u {
-                    var sum = 0.0;
-                    for (var j = 0u; j < 16u; j++) {
-                        sum += sums[local * 16u + j];
+                for (var eight = 0u; eight < NUMBERS; eight += 8u) {
+                    workgroupBarrier();
+                    for (var j = 0u; j < 8u; j++) {
+                        sums[j * 256u + local] = numbers[eight + j];
                     }
-                    sixteenths[local] = sum;
-                }
-                workgroupBarrier();
-                if local < 8u && eight + local < WIDTH {
-                    var sum = 0.0;
-                    for (var j = 0u; j < 16u; j++) {
-                        sum += sixteenths[local * 16u + j];
+                    workgroupBarrier();
+                    if local < 128u {
+                        var sum = 0.0;
+                        for (var j = 0u; j < 16u; j++) {
+                            sum += sums[local * 16u + j];
+                        }
+                        sixteenths[local] = sum;
                     }
-                    entry_gradients[sorted[index] * WIDTH + eight + local] = sum;
+                    workgroupBarrier();
+                    if local < 8u && eight + local < WIDTH {
+                        var sum = 0.0;
+                        for (var j = 0u; j < 16u; j++) {
+                            sum += sixteenths[local * 16u + j];
+                        }
+                        entry_gradients[sorted[index] * WIDTH + eight + local] = sum;
+                    }
                 }
-            }
 //#endif
+            }
         }
 //#if SUBGROUPS
         workgroupBarrier();
