@@ -19,6 +19,22 @@ fn rasterisers() -> Vec<GpuRasteriser> {
     out
 }
 
+/// The records as the CPU has them.
+fn records_of(rasteriser: &GpuRasteriser, count: usize) -> Vec<Projected> {
+    let shapes: Vec<[f32; 8]> = rasteriser.read_stage("records", count).unwrap();
+    let shades: Vec<[f32; 4]> = rasteriser.read_stage("shades", count).unwrap();
+    let of = |(a, c): (&[f32; 8], &[f32; 4])| Projected {
+        mean: [a[0], a[1]],
+        factor: [a[2], a[3], a[4]],
+        opacity: a[5],
+        depth: c[3],
+        view: a[6].to_bits(),
+        colour: [c[0], c[1], c[2]],
+        splat: a[7].to_bits(),
+    };
+    shapes.iter().zip(&shades).map(of).collect()
+}
+
 fn views(count: usize, width: u32, height: u32) -> Vec<View> {
     workload::cameras(count, 1, width, height).into_iter().map(View::of).collect()
 }
@@ -70,7 +86,7 @@ fn stages_and_images_are_those_of_the_cpu() {
         let images = images.read().unwrap();
         let n = counts.candidates;
         assert_eq!(rasteriser.read_stage::<Candidate>("candidates", n).unwrap(), cpu.candidates);
-        let records: Vec<Projected> = rasteriser.read_stage("records", n).unwrap();
+        let records = records_of(&rasteriser, n);
         for (i, (a, b)) in cpu.projections.records.iter().zip(&records).enumerate() {
             assert_eq!((a.view, a.splat), (b.view, b.splat));
             let same = |x: f32, y: f32| (x - y).abs() <= 2e-4 * x.abs().max(1.0);
@@ -96,7 +112,7 @@ fn the_order_is_that_of_a_64_bit_key_on_128_cameras() {
         let on_card = GpuCloud::new(&rasteriser.gpu, &scene).unwrap();
         let how = GpuSettings { keep: true, ..Default::default() };
         let (_, counts) = rasteriser.render(&on_card, &scene, &views, &Settings::default(), &how).unwrap();
-        let records: Vec<Projected> = rasteriser.read_stage("records", counts.candidates).unwrap();
+        let records = records_of(&rasteriser, counts.candidates);
         let owners: Vec<u32> = rasteriser.read_stage("owners", counts.entries).unwrap();
         let ranges: Vec<[u32; 2]> = rasteriser.read_stage("ranges", 128 * 12).unwrap();
         // 1536 tiles take 11 bits, which are two digits on every adapter.
@@ -133,6 +149,27 @@ fn the_same_bits_from_run_to_run_and_after_growing() {
         let again = rasteriser.render(&on_card, &scene, &views(2, 96, 64), &settings, &how).unwrap().0.read().unwrap();
         assert_eq!(first, again);
         assert_eq!(first[..], more[..2]);
+    }
+}
+
+#[test]
+fn bytes_are_rounded_floats() {
+    let cloud = workload_cloud(3000, 1, 0);
+    let scene = Scene::still(&cloud);
+    let views = views(2, 100, 70);
+    let settings = Settings { outputs: Outputs { depth: true, ..Default::default() }, ..SETTINGS };
+    for mut rasteriser in rasterisers() {
+        let on_card = GpuCloud::new(&rasteriser.gpu, &scene).unwrap();
+        let mut draw = |bytes: bool| {
+            let how = GpuSettings { bytes, ..Default::default() };
+            rasteriser.render(&on_card, &scene, &views, &settings, &how).unwrap().0.read().unwrap()
+        };
+        let (floats, bytes) = (draw(false), draw(true));
+        for (float, byte) in floats.iter().zip(&bytes) {
+            let worst = differ(&float.colour, &byte.colour, float.alpha.len() / 200);
+            assert!(worst < 0.6 / 255.0 + 1e-3, "{worst}");
+            assert!(differ(&float.depth, &byte.depth, float.alpha.len() / 100) < 1e-3);
+        }
     }
 }
 

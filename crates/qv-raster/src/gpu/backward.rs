@@ -145,6 +145,7 @@ impl<'a> FrameSteps<'a> {
             (6, self.get("left_image")),
             (7, self.get("entry_gradients")),
             (8, self.get("by_colours")),
+            (16, self.get("shades")),
         ];
         if variant.depth {
             buffers.extend([(9, self.get("depths")), (10, self.get("by_depths"))]);

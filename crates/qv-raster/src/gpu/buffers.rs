@@ -65,7 +65,7 @@ impl Sizes {
             ("marks", self.views * self.blocks * 32),
             ("block_counts", self.views * self.blocks * 4),
             ("candidates", self.visible * 8),
-            ("records", self.visible * 48),
+            ("records", self.visible * 32),
             ("counts", self.visible * 4),
             ("depth_keys", self.visible * 4),
             ("depth_keys_other", self.visible * 4),
@@ -86,6 +86,7 @@ impl Sizes {
                 list.push((name, bytes));
             }
         };
+        with(!v.packed(), "shades", self.visible * 16);
         with(v.depth, "depths", self.pixels * 4);
         with(v.plane, "planes", self.visible * 16);
         with(v.plane, "plane_image", self.pixels * 16);

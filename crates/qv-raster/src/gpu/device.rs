@@ -32,7 +32,7 @@ pub struct Gpu {
 
 /// What the adapter must have beyond what every adapter has.
 const WORKGROUP_BYTES: u32 = 28 << 10;
-const STORAGE_BUFFERS: u32 = 16;
+const STORAGE_BUFFERS: u32 = 17;
 /// Bytes of the smallest buffer, so that one for nothing holds at least one item.
 pub(crate) const SMALLEST: u64 = 256;
 

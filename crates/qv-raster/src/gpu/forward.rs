@@ -41,6 +41,8 @@ pub(crate) struct Constants {
     scans: [wgpu::Buffer; 4],
     depth_passes: Vec<wgpu::Buffer>,
     tile_passes: Vec<wgpu::Buffer>,
+    depth_bits: u32,
+    tile_bits: u32,
 }
 
 /// Digits of a sort: how many bits each, and how many of them.
@@ -135,6 +137,7 @@ impl GpuRasteriser {
             plane: outputs.plane,
             bytes: how.bytes,
             keep: how.keep,
+            digit: 0,
         };
         let mut sizes = Sizes::guess(&batch, cloud.count, variant);
         if let Some(old) = self.buffers.as_ref().map(|buffers| buffers.sizes) {
@@ -221,6 +224,8 @@ impl GpuRasteriser {
             ],
             depth_passes: (0..depth_passes).map(depth).collect::<Result<_, _>>()?,
             tile_passes: (0..tile_passes).map(tile).collect::<Result<_, _>>()?,
+            depth_bits,
+            tile_bits,
         });
         gpu.queue.write_buffer(&buffers.state, slot::CULL_BLOCKS as u64 * 4, bytemuck::bytes_of(&(views * blocks)));
         Ok(())
@@ -286,11 +291,11 @@ impl<'a> FrameSteps<'a> {
         buffers: Vec<(u32, &'a wgpu::Buffer)>,
     ) -> Step<'a> {
         // Stages that do not depend on what is drawn share their pipelines.
-        let all = self.buffers.sizes.variant;
+        let all = Variant { digit: 0, ..self.buffers.sizes.variant };
         let variant = match stage {
-            "project" => Variant { subgroup: 0, depth: false, bytes: false, keep: false, ..all },
+            "project" => Variant { subgroup: 0, depth: false, bytes: all.packed(), keep: false, ..all },
             "sort" => Variant { subgroup: all.subgroup, ..Default::default() },
-            "emit" => Variant { keep: all.keep, ..Default::default() },
+            "emit" => Variant { keep: all.keep, bytes: all.packed(), ..Default::default() },
             "blend" => Variant { sh_count: 0, ..all },
             "blend_backward" => Variant { sh_count: 0, bytes: false, ..all },
             "project_backward" => Variant { subgroup: 0, bytes: false, ..all },
@@ -362,6 +367,9 @@ impl<'a> FrameSteps<'a> {
             (10, &self.buffers.state),
             (11, &c.frame),
         ];
+        if !self.buffers.sizes.variant.packed() {
+            buffers.push((14, self.get("shades")));
+        }
         if self.buffers.sizes.variant.plane {
             buffers.push((12, self.get("planes")));
         }
@@ -378,7 +386,7 @@ impl<'a> FrameSteps<'a> {
         keys: [&'a wgpu::Buffer; 2],
         payloads: [&'a wgpu::Buffer; 3],
         by_block: u32,
-        (by_scan, which): (u32, usize),
+        (by_scan, which, digit): (u32, usize, u32),
     ) -> Vec<Step<'a>> {
         let (bins, state) = (self.get("bins"), &self.buffers.state);
         let mut steps = vec![];
@@ -386,11 +394,15 @@ impl<'a> FrameSteps<'a> {
             let (from, to) = (k % 2, 1 - k % 2);
             let source = if k == 0 { payloads[2] } else { payloads[from] };
             let count = vec![(0, keys[from]), (1, bins), (2, state), (3, pass)];
-            steps.push(self.step("sort", "histogram", self.indirect(by_block), count));
+            let digits = |mut step: Step<'a>| {
+                step.variant.digit = digit;
+                step
+            };
+            steps.push(digits(self.step("sort", "histogram", self.indirect(by_block), count)));
             steps.extend(self.scan(bins, which, self.indirect(by_scan)));
             let place =
                 vec![(0, keys[from]), (1, bins), (2, state), (3, pass), (4, source), (5, keys[to]), (6, payloads[to])];
-            steps.push(self.step("sort", "scatter", self.indirect(by_block), place));
+            steps.push(digits(self.step("sort", "scatter", self.indirect(by_block), place)));
         }
         steps
     }
@@ -398,7 +410,7 @@ impl<'a> FrameSteps<'a> {
     fn sort_by_depth(&self) -> Vec<Step<'a>> {
         let keys = [self.get("depth_keys"), self.get("depth_keys_other")];
         let orders = [self.get("order"), self.get("order_other"), self.get("order")];
-        let scan = (dispatch::BY_DEPTH_SCAN, 1);
+        let scan = (dispatch::BY_DEPTH_SCAN, 1, self.constants.depth_bits);
         self.sort(&self.constants.depth_passes, keys, orders, dispatch::BY_DEPTH_BLOCK, scan)
     }
 
@@ -422,6 +434,7 @@ impl<'a> FrameSteps<'a> {
             (5, self.get("tiles")),
             (6, self.get("owners")),
             (7, state),
+            (9, self.get("candidates")),
         ];
         if self.buffers.sizes.variant.keep {
             emit.push((8, self.get("firsts")));
@@ -435,7 +448,7 @@ impl<'a> FrameSteps<'a> {
         let (owners, other) = (self.get("owners"), self.get("sorted_other"));
         // With `keep` the entries' owners stay, and what is sorted are the entries' indices.
         let even = if self.buffers.sizes.variant.keep { self.get("sorted") } else { owners };
-        let scan = (dispatch::BY_TILE_SCAN, 3);
+        let scan = (dispatch::BY_TILE_SCAN, 3, self.constants.tile_bits);
         self.sort(&self.constants.tile_passes, keys, [even, other, owners], dispatch::BY_TILE_BLOCK, scan)
     }
 
@@ -467,6 +480,7 @@ impl<'a> FrameSteps<'a> {
                 buffers.push((binding, buffer));
             }
         };
+        with(!variant.packed(), 13, self.get("shades"));
         with(variant.depth, 6, self.get("depths"));
         with(variant.plane, 7, self.get("planes"));
         with(variant.plane, 8, self.get("plane_image"));

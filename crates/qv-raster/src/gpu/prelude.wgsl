@@ -34,3 +34,13 @@ fn finite(x: f32) -> bool {
 fn logistic(x: f32) -> f32 {
     return 1.0 / (1.0 + exp(-x));
 }
+
+// A record is two vectors: mean, u00, u01; u11, opacity, view, Gaussian. Packed, the second holds u11, opacity and blue, red and green,
+// depth.
+fn opacity_of(b: vec4<f32>) -> f32 {
+//#if PACKED
+    return unpack2x16unorm(bitcast<u32>(b.y)).x;
+//#else
+    return b.y;
+//#endif
+}

@@ -71,6 +71,8 @@ pub struct Variant {
     pub bytes: bool,
     /// Keep what the derivatives need.
     pub keep: bool,
+    /// Most bits of a digit of the sort.
+    pub digit: u32,
 }
 
 impl Variant {
@@ -82,8 +84,14 @@ impl Variant {
             "PLANE" => self.plane,
             "BYTES" => self.bytes,
             "KEEP" => self.keep,
+            "PACKED" => self.packed(),
             _ => false,
         }
+    }
+
+    /// Whether records hold the colour in half precision and the opacity in 16 bits: enough for bytes.
+    pub fn packed(&self) -> bool {
+        self.bytes && !self.keep && self.features == 0
     }
 
     /// Numbers that are blended.
@@ -176,10 +184,11 @@ fn constants(variant: &Variant) -> String {
         ("SORT_BLOCK", SORT_BLOCK),
         ("SH_COUNT", variant.sh_count.max(1)),
         ("FEATURE_COUNT", variant.features),
+        ("DIGIT_BITS", variant.digit),
         ("SUBGROUP_SIZE", lanes),
         ("SUBGROUP_COUNT", 256 / lanes),
         ("SUBGROUP_MASK", ((1u64 << lanes) - 1) as u32),
-        ("RANKS", (256 / lanes) << variant.digit_bits()),
+        ("RANKS", (256 / lanes) << variant.digit),
         ("CHANNELS", variant.channels()),
         ("DEPTH_AT", 3),
         ("PLANE_AT", 3 + variant.depth as u32),
@@ -210,17 +219,31 @@ fn constants(variant: &Variant) -> String {
     out
 }
 
-/// Keeps the lines between `//#if FLAG`, `//#else` and `//#endif` that the variant wants. These do not nest.
+/// Keeps the lines between `//#if FLAG`, `//#else` and `//#endif` that the variant wants, and repeats those between `//#repeat` and
+/// `//#end` with 0, 1, ... in the place of `$K`, once for each key that an invocation of the sort holds: arrays with indices that
+/// the compiler knows stay in registers.
 fn choose(part: &str, variant: &Variant, out: &mut String) {
-    let mut wanted = true;
+    let mut conditions: Vec<bool> = vec![];
+    let mut block: Option<String> = None;
     for line in part.lines() {
+        let wanted = conditions.iter().all(|condition| *condition);
         match line.trim().strip_prefix("//#") {
-            Some("else") => wanted = !wanted,
-            Some("endif") => wanted = true,
-            Some(condition) => wanted = variant.flag(condition.trim_start_matches("if ")),
+            Some("else") => {
+                if let Some(last) = conditions.last_mut() {
+                    *last = !*last;
+                }
+            }
+            Some("endif") => _ = conditions.pop(),
+            Some("repeat") => block = Some(String::new()),
+            Some("end") => {
+                let text = block.take().unwrap_or_default();
+                (0..SORT_BLOCK / 256).for_each(|k| out.push_str(&text.replace("$K", &k.to_string())));
+            }
+            Some(condition) => conditions.push(variant.flag(condition.trim_start_matches("if "))),
             None if wanted => {
-                out.push_str(line);
-                out.push('\n');
+                let to = block.as_mut().unwrap_or(out);
+                to.push_str(line);
+                to.push('\n');
             }
             None => {}
         }

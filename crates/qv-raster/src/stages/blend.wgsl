@@ -29,20 +29,39 @@
 @group(0) @binding(12) var<storage, read_write> left_image: array<vec2<u32>>;
 //#endif
 
+//#if PACKED
+//#else
+@group(0) @binding(13) var<storage, read> shades: array<vec4<f32>>;
+//#endif
+
 struct Look {
     background: vec4<f32>,
 }
 
-// Mean and u00, u01; u11, opacity, depth, Gaussian; colour, record. U is scaled so that opacity falls with exp2(-|U d|²).
+// Mean and u00, u01, with U scaled so that opacity falls with exp2(-|U d|²).
 var<workgroup> as_: array<vec4<f32>, 256>;
+//#if PACKED
+// u11, opacity, red and green in half precision, blue.
+var<workgroup> bs: array<vec4<f32>, 256>;
+//#if DEPTH
+var<workgroup> ds: array<f32, 256>;
+//#endif
+//#else
+// u11, opacity, view, Gaussian; colour, depth.
 var<workgroup> bs: array<vec4<f32>, 256>;
 var<workgroup> cs: array<vec4<f32>, 256>;
+//#endif
+//#if SUBGROUPS
+var<workgroup> bounds: array<vec4<f32>, 256>;
+//#endif
 //#if PLANE
 var<workgroup> ps: array<vec4<f32>, 256>;
 //#endif
 // Pixels that take no more.
 var<workgroup> closed: atomic<u32>;
 var<workgroup> all_closed: u32;
+
+const CLOSED: f32 = 2.0;
 
 @compute @workgroup_size(256)
 fn blend(
@@ -72,7 +91,8 @@ fn blend(
     let high = vec2<f32>(subgroupMax(at.x), subgroupMax(at.y));
 //#endif
     workgroupBarrier();
-    var open = inside;
+    // Least opacity that counts: beyond any once the pixel takes no more.
+    var least = select(CLOSED, MIN_ALPHA, inside);
     var counted = false;
     var left = 1.0;
     var colour = vec3<f32>(0.0);
@@ -96,17 +116,26 @@ fn blend(
 //#else
             let record = sorted[start + local];
 //#endif
-            var a = records[3u * record];
-            var b = records[3u * record + 1u];
-            var c = records[3u * record + 2u];
-            b.w = c.w;
-            c.w = bitcast<f32>(record);
+            var a = records[2u * record];
+            var b = records[2u * record + 1u];
             a.z *= TO_EXP2;
             a.w *= TO_EXP2;
             b.x *= TO_EXP2;
             as_[local] = a;
+//#if PACKED
+//#if DEPTH
+            ds[local] = b.w;
+//#endif
+            b.w = unpack2x16float(bitcast<u32>(b.y)).y;
+            b.y = opacity_of(b);
+            bs[local] = vec4<f32>(b.x, b.y, b.z, b.w);
+//#else
             bs[local] = b;
-            cs[local] = c;
+            cs[local] = shades[record];
+//#endif
+//#if SUBGROUPS
+            bounds[local] = bound_of(a, b.x, b.y);
+//#endif
 //#if PLANE
             ps[local] = planes[record];
 //#endif
@@ -115,12 +144,12 @@ fn blend(
         let held = min(range.y - start, 256u);
 //#if SUBGROUPS
         for (var base = 0u; base < held; base += lanes) {
-            if subgroupAll(!open) {
+            if subgroupAll(least > 1.0) {
                 break;
             }
             var touched = false;
             if base + lane < held {
-                touched = touches(as_[base + lane], bs[base + lane], low, high);
+                touched = touches(as_[base + lane], bs[base + lane].x, bounds[base + lane], low, high);
             }
             var votes = subgroupBallot(touched).x;
             while votes != 0u {
@@ -129,7 +158,7 @@ fn blend(
 //#else
         {
             for (var k = 0u; k < held; k++) {
-                if !open {
+                if least > 1.0 {
                     break;
                 }
 //#endif
@@ -139,16 +168,23 @@ fn blend(
                 let along = a.z * d.x + a.w * d.y;
                 let over = b.x * d.y;
                 let alpha = min(b.y * exp2(-(along * along + over * over)), MAX_ALPHA);
-                if open && alpha >= MIN_ALPHA {
+                if alpha >= least {
                     let after = left * (1.0 - alpha);
                     if after <= MIN_TRANSMITTANCE {
-                        open = false;
+                        least = CLOSED;
                     } else {
                         let weight = alpha * left;
                         left = after;
+//#if PACKED
+                        colour += weight * vec3<f32>(unpack2x16float(bitcast<u32>(b.z)), b.w);
+//#if DEPTH
+                        depth += weight * ds[k];
+//#endif
+//#else
                         colour += weight * cs[k].xyz;
 //#if DEPTH
-                        depth += weight * b.z;
+                        depth += weight * cs[k].w;
+//#endif
 //#endif
 //#if PLANE
                         plane += weight * ps[k];
@@ -166,7 +202,7 @@ fn blend(
                 }
             }
         }
-        if !open && !counted {
+        if least > 1.0 && !counted {
             counted = true;
             atomicAdd(&closed, 1u);
         }

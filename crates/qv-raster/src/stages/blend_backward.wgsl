@@ -24,6 +24,8 @@
 @group(0) @binding(15) var<storage, read> by_features: array<f32>;
 //#endif
 
+@group(0) @binding(16) var<storage, read> shades: array<vec4<f32>>;
+
 struct Look {
     background: vec4<f32>,
 }
@@ -34,6 +36,9 @@ var<workgroup> bs: array<vec4<f32>, BATCH>;
 var<workgroup> cs: array<vec4<f32>, BATCH>;
 //#if PLANE
 var<workgroup> ps: array<vec4<f32>, BATCH>;
+//#endif
+//#if SUBGROUPS
+var<workgroup> bounds: array<vec4<f32>, BATCH>;
 //#endif
 var<workgroup> furthest: atomic<u32>;
 var<workgroup> end: u32;
@@ -153,16 +158,17 @@ fn blend_backward(
         let held = stop - u32(start);
         if local < held {
             let record = owners[sorted[u32(start) + local]];
-            var a = records[3u * record];
-            var b = records[3u * record + 1u];
-            let c = records[3u * record + 2u];
+            var a = records[2u * record];
+            var b = records[2u * record + 1u];
             a.z *= TO_EXP2;
             a.w *= TO_EXP2;
             b.x *= TO_EXP2;
-            b.w = c.w;
             as_[local] = a;
             bs[local] = b;
-            cs[local] = c;
+            cs[local] = shades[record];
+//#if SUBGROUPS
+            bounds[local] = bound_of(a, b.x, b.y);
+//#endif
 //#if PLANE
             ps[local] = planes[record];
 //#endif
@@ -178,7 +184,7 @@ fn blend_backward(
             let base = (chunk - 1u) * SUBGROUP_SIZE;
             var touched = base + lane < held && u32(start) + base + lane < furthest_here;
             if touched {
-                touched = touches(as_[base + lane], bs[base + lane], low, high);
+                touched = touches(as_[base + lane], bs[base + lane].x, bounds[base + lane], low, high);
             }
             var votes = subgroupBallot(touched).x;
             while votes != 0u {
@@ -209,7 +215,7 @@ fn blend_backward(
                 if taken {
                     var product = by[0] * c.x + by[1] * c.y + by[2] * c.z;
 //#if DEPTH
-                    product += by[DEPTH_AT] * b.z;
+                    product += by[DEPTH_AT] * c.w;
 //#endif
 //#if PLANE
                     let p = ps[k];

@@ -1,4 +1,5 @@
-// Twin of emit.rs. `count` lays the counts out in the order of depth; after a scan, `emit` writes the entries.
+// Twin of emit.rs. `count` lays the counts out in the order of depth; after a scan, `emit` writes the entries: a workgroup takes 256
+// Gaussians and shares out their entries, since one may have many and its neighbours few.
 
 @group(0) @binding(0) var<storage, read> lenses: array<Lens>;
 @group(0) @binding(1) var<storage, read> records: array<vec4<f32>>;
@@ -11,6 +12,7 @@
 //#if KEEP
 @group(0) @binding(8) var<storage, read_write> firsts: array<u32>;
 //#endif
+@group(0) @binding(9) var<storage, read> candidates: array<vec2<u32>>;
 
 @compute @workgroup_size(256)
 fn count(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
@@ -20,37 +22,63 @@ fn count(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     }
 }
 
+// Ellipses of the workgroup's Gaussians, their views and first rows, where their entries begin, and their records.
+var<workgroup> shapes: array<Ellipse, 256>;
+var<workgroup> places: array<vec2<u32>, 256>;
+var<workgroup> begins: array<u32, 256>;
+var<workgroup> own: array<u32, 256>;
+var<workgroup> last_end: u32;
+
 @compute @workgroup_size(256)
 fn emit(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
     let index = folded(group) * 256u + local;
-    if index >= state[VISIBLE] {
-        return;
-    }
-    let record = order[index];
-    var at = offsets[index];
+    let visible = state[VISIBLE];
+    let held = min(visible - min(visible, folded(group) * 256u), 256u);
+    begins[local] = 0xffffffffu;
+    if local < held {
+        let record = order[index];
+        let begin = offsets[index];
 //#if KEEP
-    firsts[record] = at;
+        firsts[record] = begin;
 //#endif
-    if counts[record] == 0u {
+        begins[local] = begin;
+        own[local] = record;
+        if local + 1u == held {
+            last_end = min(begin + counts[record], state[ENTRIES]);
+        }
+        if counts[record] > 0u {
+            let a = records[2u * record];
+            let b = records[2u * record + 1u];
+            let view = candidates[record].x;
+            let e = ellipse_of(a.xy, a.z, a.w, b.x, opacity_of(b));
+            shapes[local] = e;
+            places[local] = vec2<u32>(view, ellipse_rows(e, lenses[view].size).x);
+        }
+    }
+    workgroupBarrier();
+    if held == 0u {
         return;
     }
-    let a = records[3u * record];
-    let b = records[3u * record + 1u];
-    let view = bitcast<u32>(b.w);
-    let size = lenses[view].size;
-    let first_tile = lenses[view].first_tile;
-    let across = lenses[view].tiles.x;
-    let e = ellipse_of(a.xy, a.z, a.w, b.x, b.y);
-    let rows = ellipse_rows(e, size);
-    let end = min(offsets[index] + counts[record], state[ENTRIES]);
-    for (var row = rows.x; row < rows.y; row++) {
-        let span = ellipse_row(e, row, size);
-        for (var column = span.x; column < span.y; column++) {
-            if at < end {
-                tiles[at] = first_tile + row * across + column;
-                owners[at] = record;
+    for (var at = begins[0] + local; at < last_end; at += 256u) {
+        // The last Gaussian that begins here or before: those without entries begin where the next one does.
+        var k = 0u;
+        for (var step = 128u; step > 0u; step /= 2u) {
+            if begins[k + step] <= at {
+                k += step;
             }
-            at += 1u;
         }
+        let e = shapes[k];
+        let view = places[k].x;
+        let size = lenses[view].size;
+        var row = places[k].y;
+        var rest = at - begins[k];
+        var span = ellipse_row(e, row, size);
+        while rest >= span.y - span.x {
+            rest -= span.y - span.x;
+            row += 1u;
+            span = ellipse_row(e, row, size);
+        }
+        tiles[at] = lenses[view].first_tile + row * lenses[view].tiles.x + span.x + rest;
+        owners[at] = own[k];
     }
 }

@@ -11,23 +11,25 @@ fn squeeze(x: u32) -> u32 {
 }
 
 //#if SUBGROUPS
-// With U scaled so: whether a pixel centre between two corners may be inside an ellipse.
-fn touches(a: vec4<f32>, b: vec4<f32>, low: vec2<f32>, high: vec2<f32>) -> bool {
-    let square = log2(b.y / MIN_ALPHA) + 1e-4;
-    let top = low.y - a.y;
-    let bottom = high.y - a.y;
-    let nearest = b.x * clamp(0.0, top, bottom);
-    if nearest * nearest > square {
-        return false;
-    }
+// What `touches` needs of an ellipse, with U scaled so: the square that |U d| must not pass, half the height, the offset along y of
+// the leftmost point, 1 / u00.
+fn bound_of(a: vec4<f32>, u11: f32, opacity: f32) -> vec4<f32> {
+    let square = log2(max(opacity / MIN_ALPHA, 1.0)) + 1e-4;
+    let limit = sqrt(square) / u11;
+    return vec4<f32>(square, limit, limit * a.w / sqrt(a.w * a.w + u11 * u11), 1.0 / a.z);
+}
+
+// Whether a pixel centre between two corners may be inside an ellipse.
+fn touches(a: vec4<f32>, u11: f32, bound: vec4<f32>, low: vec2<f32>, high: vec2<f32>) -> bool {
+    let top = max(low.y - a.y, -bound.y);
+    let bottom = min(high.y - a.y, bound.y);
     // Where the ellipse is widest, or as near to that as the rows come.
-    let slope = sqrt(a.w * a.w + b.x * b.x);
-    let limit = sqrt(square) / b.x;
-    let widest = limit * a.w / slope;
-    let right_y = clamp(clamp(-widest, top, bottom), -limit, limit);
-    let left_y = clamp(clamp(widest, top, bottom), -limit, limit);
-    let right = (sqrt(max(square - b.x * b.x * right_y * right_y, 0.0)) - a.w * right_y) / a.z;
-    let left = (-sqrt(max(square - b.x * b.x * left_y * left_y, 0.0)) - a.w * left_y) / a.z;
-    return low.x - a.x <= right + 1e-3 && high.x - a.x >= left - 1e-3;
+    let right_y = clamp(-bound.z, top, bottom);
+    let left_y = clamp(bound.z, top, bottom);
+    let right_over = u11 * right_y;
+    let left_over = u11 * left_y;
+    let right = (sqrt(max(bound.x - right_over * right_over, 0.0)) - a.w * right_y) * bound.w;
+    let left = (-sqrt(max(bound.x - left_over * left_over, 0.0)) - a.w * left_y) * bound.w;
+    return top <= bottom + 1e-3 && low.x - a.x <= right + 1e-3 && high.x - a.x >= left - 1e-3;
 }
 //#endif

@@ -9,10 +9,8 @@ use crate::lens::{Batch, Lens, Motion};
 use glam::{Mat3, Quat, Vec2, Vec3};
 use rayon::prelude::*;
 
-/// A Gaussian as a view sees it. Three vectors of four words, as the shaders declare it.
-#[repr(C)]
+/// A Gaussian as a view sees it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[cfg_attr(feature = "gpu", derive(bytemuck::Pod, bytemuck::Zeroable))]
 pub struct Projected {
     /// Projected mean \[px\].
     pub mean: [f32; 2],

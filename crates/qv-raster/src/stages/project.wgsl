@@ -15,6 +15,10 @@
 //#if PLANE
 @group(0) @binding(12) var<storage, read_write> planes: array<vec4<f32>>;
 //#endif
+//#if PACKED
+//#else
+@group(0) @binding(14) var<storage, read_write> shades: array<vec4<f32>>;
+//#endif
 //#if FEATURES
 @group(0) @binding(13) var<storage, read> features: array<f32>;
 //#endif
@@ -35,13 +39,17 @@ fn project_one(index: u32, view: u32, splat: u32) -> bool {
     if !shape.good {
         return false;
     }
+//#if PACKED
+    let opacity = unpack2x16unorm(pack2x16unorm(vec2<f32>(logistic(scales[splat].w), 0.0))).x;
+//#else
     let opacity = logistic(scales[splat].w);
+//#endif
     let c = shape.centre;
     let at = lens.focal * (c.xy / c.z) + lens.centre;
     let factor = factor_of(shape);
-    let colour = max(colour_of(splat, transpose(shape.rotation) * normalize(c)), vec3<f32>(0.0));
     let before = colour_of(splat, transpose(shape.rotation) * normalize(c));
-    var sum = abs(at.x) + abs(at.y) + abs(factor.x) + abs(factor.y) + abs(factor.z) + opacity;
+    let colour = max(before, vec3<f32>(0.0));
+    var sum = abs(at.x) + abs(at.y) + abs(factor.x) + abs(factor.y) + abs(factor.z) + logistic(scales[splat].w);
     sum += abs(before.x) + abs(before.y) + abs(before.z) + abs(dot(c, c));
 //#if FEATURES
     for (var k = 0u; k < FEATURE_COUNT; k++) {
@@ -60,9 +68,15 @@ fn project_one(index: u32, view: u32, splat: u32) -> bool {
             count += span.y - span.x;
         }
     }
-    records[3u * index] = vec4<f32>(at, factor.xy);
-    records[3u * index + 1u] = vec4<f32>(factor.z, opacity, c.z, bitcast<f32>(view));
-    records[3u * index + 2u] = vec4<f32>(colour, bitcast<f32>(splat));
+    records[2u * index] = vec4<f32>(at, factor.xy);
+//#if PACKED
+    // Half precision for blue, which unpacks beside the opacity.
+    let first = (pack2x16unorm(vec2<f32>(opacity, 0.0)) & 0xffffu) | (pack2x16float(vec2<f32>(0.0, colour.z)) & 0xffff0000u);
+    records[2u * index + 1u] = vec4<f32>(factor.z, bitcast<f32>(first), bitcast<f32>(pack2x16float(colour.xy)), c.z);
+//#else
+    records[2u * index + 1u] = vec4<f32>(factor.z, opacity, bitcast<f32>(view), bitcast<f32>(splat));
+    shades[index] = vec4<f32>(colour, c.z);
+//#endif
 //#if PLANE
     let normal = normal_of(shape).xyz;
     planes[index] = vec4<f32>(normal, -dot(normal, c));
@@ -82,12 +96,6 @@ fn project(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
     if !project_one(index, candidate.x, candidate.y) {
         counts[index] = 0u;
         keys[index] = 0u;
-        records[3u * index] = vec4<f32>(0.0);
-        records[3u * index + 1u] = vec4<f32>(0.0);
-        records[3u * index + 2u] = vec4<f32>(0.0);
-//#if PLANE
-        planes[index] = vec4<f32>(0.0);
-//#endif
         atomicAdd(&state[FAULTY], 1u);
     }
 }

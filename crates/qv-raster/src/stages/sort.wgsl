@@ -19,8 +19,6 @@ struct Pass {
     first: u32,
 }
 
-const EACH: u32 = SORT_BLOCK / 256u;
-
 fn digit_of(key: u32) -> u32 {
     return (key >> pass_.shift) & ((1u << pass_.bits) - 1u);
 }
@@ -33,12 +31,12 @@ fn histogram(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
     let length = state[pass_.length];
     atomicStore(&counted[local], 0u);
     workgroupBarrier();
-    for (var k = 0u; k < EACH; k++) {
-        let at = block * SORT_BLOCK + k * 256u + local;
-        if at < length {
-            atomicAdd(&counted[digit_of(keys[at])], 1u);
-        }
+    let first = block * SORT_BLOCK + local;
+//#repeat
+    if first + $Ku * 256u < length {
+        atomicAdd(&counted[digit_of(keys[first + $Ku * 256u])], 1u);
     }
+//#end
     workgroupBarrier();
     let blocks = state[pass_.blocks];
     if local < (1u << pass_.bits) && block < blocks {
@@ -54,6 +52,40 @@ var<workgroup> shifts: array<u32, 256>;
 //#if SUBGROUPS
 // Count of a digit in each subgroup, then in the subgroups before it.
 var<workgroup> ranks: array<atomic<u32>, RANKS>;
+
+// Lanes whose bit is as this lane's.
+fn agree(digit: u32, bit: u32) -> u32 {
+    let on = ((digit >> bit) & 1u) == 1u;
+    let votes = subgroupBallot(on).x;
+    return select(~votes, votes, on);
+}
+
+// Lanes that hold the same digit.
+fn holders_of(digit: u32) -> u32 {
+    var same = SUBGROUP_MASK & agree(digit, 0u);
+    if DIGIT_BITS > 1u {
+        same &= agree(digit, 1u);
+    }
+    if DIGIT_BITS > 2u {
+        same &= agree(digit, 2u);
+    }
+    if DIGIT_BITS > 3u {
+        same &= agree(digit, 3u);
+    }
+    if DIGIT_BITS > 4u {
+        same &= agree(digit, 4u);
+    }
+    if DIGIT_BITS > 5u {
+        same &= agree(digit, 5u);
+    }
+    if DIGIT_BITS > 6u {
+        same &= agree(digit, 6u);
+    }
+    if DIGIT_BITS > 7u {
+        same &= agree(digit, 7u);
+    }
+    return same;
+}
 //#else
 // The invocations that hold a digit, 32 in a word.
 var<workgroup> holders: array<atomic<u32>, 2048>;
@@ -97,38 +129,43 @@ fn scatter(
     }
     let first = block * SORT_BLOCK;
     let held = min(length - first, SORT_BLOCK);
-    var key: array<u32, EACH>;
-    var place: array<u32, EACH>;
-    var from_: array<u32, EACH>;
 //#if SUBGROUPS
+    // A subgroup takes keys that follow one another.
+    let mine = subgroup * (SORT_BLOCK / SUBGROUP_COUNT) + lane;
+    let stride = SUBGROUP_SIZE;
     for (var k = local; k < RANKS; k += 256u) {
         atomicStore(&ranks[k], 0u);
     }
-    workgroupBarrier();
-    let below = (1u << lane) - 1u;
-    for (var k = 0u; k < EACH; k++) {
-        // A subgroup takes keys that follow one another.
-        let at = subgroup * (SORT_BLOCK / SUBGROUP_COUNT) + k * SUBGROUP_SIZE + lane;
-        from_[k] = at;
-        key[k] = 0xffffffffu;
-        if at < held {
-            key[k] = keys[first + at];
-        }
-        let digit = digit_of(key[k]);
-        var same = 0xffffffffu;
-        for (var bit = 0u; bit < pass_.bits; bit++) {
-            let on = ((digit >> bit) & 1u) == 1u;
-            let votes = subgroupBallot(on).x;
-            same &= select(~votes, votes, on);
-        }
-        same &= SUBGROUP_MASK;
-        var rank = 0u;
-        if (same & below) == 0u {
-            rank = atomicAdd(&ranks[subgroup * digits + digit], countOneBits(same));
-        }
-        rank = subgroupShuffle(rank, firstTrailingBit(same));
-        place[k] = rank + countOneBits(same & below);
+//#else
+    let mine = local;
+    let stride = 256u;
+    ranks[local] = 0u;
+//#endif
+    // All that is read is asked for before any of it is used.
+//#repeat
+    var key_$K = 0xffffffffu;
+    if mine + $Ku * stride < held {
+        key_$K = keys[first + mine + $Ku * stride];
     }
+//#end
+//#repeat
+    var payload_$K = first + mine + $Ku * stride;
+    if pass_.first == 0u && mine + $Ku * stride < held {
+        payload_$K = payloads[first + mine + $Ku * stride];
+    }
+//#end
+    workgroupBarrier();
+//#if SUBGROUPS
+    let below = (1u << lane) - 1u;
+    let own = subgroup * digits;
+//#repeat
+    let same_$K = holders_of(digit_of(key_$K));
+    var rank_$K = 0u;
+    if (same_$K & below) == 0u {
+        rank_$K = atomicAdd(&ranks[own + digit_of(key_$K)], countOneBits(same_$K));
+    }
+    var place_$K = subgroupShuffle(rank_$K, firstTrailingBit(same_$K)) + countOneBits(same_$K & below);
+//#end
     workgroupBarrier();
     var total = 0u;
     if local < digits {
@@ -139,36 +176,27 @@ fn scatter(
         }
     }
 //#else
-    ranks[local] = 0u;
-    workgroupBarrier();
-    for (var k = 0u; k < EACH; k++) {
-        let at = k * 256u + local;
-        from_[k] = at;
-        key[k] = 0xffffffffu;
-        if at < held {
-            key[k] = keys[first + at];
-        }
-        for (var word = local; word < 8u * digits; word += 256u) {
-            atomicStore(&holders[word], 0u);
-        }
-        workgroupBarrier();
-        let digit = digit_of(key[k]);
-        atomicOr(&holders[digit * 8u + local / 32u], 1u << (local % 32u));
-        workgroupBarrier();
-        var rank = ranks[digit];
-        for (var word = 0u; word < local / 32u; word++) {
-            rank += countOneBits(atomicLoad(&holders[digit * 8u + word]));
-        }
-        let below = (1u << (local % 32u)) - 1u;
-        place[k] = rank + countOneBits(atomicLoad(&holders[digit * 8u + local / 32u]) & below);
-        workgroupBarrier();
-        if local < digits {
-            for (var word = 0u; word < 8u; word++) {
-                ranks[local] += countOneBits(atomicLoad(&holders[local * 8u + word]));
-            }
-        }
-        workgroupBarrier();
+    let below = (1u << (local % 32u)) - 1u;
+//#repeat
+    for (var word = local; word < 8u * digits; word += 256u) {
+        atomicStore(&holders[word], 0u);
     }
+    workgroupBarrier();
+    let digit_$K = digit_of(key_$K);
+    atomicOr(&holders[digit_$K * 8u + local / 32u], 1u << (local % 32u));
+    workgroupBarrier();
+    var place_$K = ranks[digit_$K] + countOneBits(atomicLoad(&holders[digit_$K * 8u + local / 32u]) & below);
+    for (var word = 0u; word < local / 32u; word++) {
+        place_$K += countOneBits(atomicLoad(&holders[digit_$K * 8u + word]));
+    }
+    workgroupBarrier();
+    if local < digits {
+        for (var word = 0u; word < 8u; word++) {
+            ranks[local] += countOneBits(atomicLoad(&holders[local * 8u + word]));
+        }
+    }
+    workgroupBarrier();
+//#end
     var total = 0u;
     if local < digits {
         total = ranks[local];
@@ -180,37 +208,29 @@ fn scatter(
         shifts[local] = bins[local * blocks + block] - start;
     }
     workgroupBarrier();
-    for (var k = 0u; k < EACH; k++) {
-        let digit = digit_of(key[k]);
-        place[k] += starts[digit];
+//#repeat
+    place_$K += starts[digit_of(key_$K)];
 //#if SUBGROUPS
-        place[k] += atomicLoad(&ranks[subgroup * digits + digit]);
+    place_$K += atomicLoad(&ranks[own + digit_of(key_$K)]);
 //#endif
-        ordered[place[k]] = key[k];
-    }
+    ordered[place_$K] = key_$K;
+//#end
     workgroupBarrier();
-    var target_: array<u32, EACH>;
-    for (var k = 0u; k < EACH; k++) {
-        let at = k * 256u + local;
-        let found = ordered[at];
-        target_[k] = shifts[digit_of(found)] + at;
-        if at < held {
-            keys_out[target_[k]] = found;
-        }
+//#repeat
+    let found_$K = ordered[$Ku * 256u + local];
+    let target_$K = shifts[digit_of(found_$K)] + $Ku * 256u + local;
+    if $Ku * 256u + local < held {
+        keys_out[target_$K] = found_$K;
     }
+//#end
     workgroupBarrier();
-    for (var k = 0u; k < EACH; k++) {
-        var payload = first + from_[k];
-        if pass_.first == 0u && from_[k] < held {
-            payload = payloads[first + from_[k]];
-        }
-        ordered[place[k]] = payload;
-    }
+//#repeat
+    ordered[place_$K] = payload_$K;
+//#end
     workgroupBarrier();
-    for (var k = 0u; k < EACH; k++) {
-        let at = k * 256u + local;
-        if at < held {
-            payloads_out[target_[k]] = ordered[at];
-        }
+//#repeat
+    if $Ku * 256u + local < held {
+        payloads_out[target_$K] = ordered[$Ku * 256u + local];
     }
+//#end
 }
