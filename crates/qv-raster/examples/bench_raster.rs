@@ -1,11 +1,12 @@
 //! Measures the rasteriser on the yard of `qv_raster::workload`:
 //!
 //! `cargo run --release -p qv-raster --features gpu --example bench_raster -- 300000 0 128 [--depth] [--all] [--bytes] [--keep]
-//! [--width 640] [--height 480] [--frames 20] [--cpu] [--without-subgroups] [--check] [--backward]`
+//! [--width 640] [--height 480] [--frames 20] [--cpu] [--without-subgroups] [--check] [--backward] [--atomic]`
 //!
 //! takes Gaussians, degree of the spherical harmonics, cameras. On the graphics card it warms up for 0.3 s, then prints the medians
 //! of time stamps by stage. `--cpu` measures the CPU instead, forward and backward, on four cameras at most. `--check` compares
-//! some cameras' images with those of the CPU. `--backward` times forward and backward together.
+//! some cameras' images with those of the CPU. `--backward` times forward and backward together, `--atomic` with
+//! float atomics.
 
 use qv_core::GaussianCloud;
 use qv_raster::gpu::{Gpu, GpuCloud, GpuOptions, GpuRasteriser, GpuSettings};

@@ -262,8 +262,15 @@ fn gradients_are_those_of_the_cpu_and_the_same_bits_again() {
         for mut rasteriser in rasterisers() {
             let on_card = GpuCloud::new(&rasteriser.gpu, &scene).unwrap();
             let how = GpuSettings { keep: true, ..Default::default() };
+            let with_atomics = GpuSettings { atomic: true, ..how };
+            rasteriser.render(&on_card, &scene, &views, &settings, &with_atomics).unwrap();
+            let added_up = rasteriser.gradients(&on_card, &by_images).unwrap();
             rasteriser.render(&on_card, &scene, &views, &settings, &how).unwrap();
             let found = rasteriser.gradients(&on_card, &by_images).unwrap();
+            let (angle, length) = apart(found.means.as_flattened(), added_up.means.as_flattened());
+            assert!(angle < 1e-9 && length.abs() < 1e-5, "with atomics: {angle} {length}");
+            let (angle, length) = apart(found.sh.as_flattened(), added_up.sh.as_flattened());
+            assert!(angle < 1e-9 && length.abs() < 1e-5, "with atomics: {angle} {length}");
             for (name, a, b) in [
                 ("means", expected.means.as_flattened(), found.means.as_flattened()),
                 ("scales", expected.log_scales.as_flattened(), found.log_scales.as_flattened()),

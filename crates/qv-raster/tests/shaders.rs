@@ -18,6 +18,7 @@ fn variants() -> Vec<Variant> {
                     plane: on(1),
                     bytes: on(2),
                     keep: on(3),
+                    atomic: on(3) && subgroup > 0 && on(2),
                     digit: if subgroup == 0 { 8 } else { 5 + flags % 2 },
                 });
             }
@@ -37,7 +38,8 @@ fn every_variant_of_every_shader_is_valid() {
             }
             let module = naga::front::wgsl::parse_str(&text)
                 .unwrap_or_else(|error| panic!("{stage} {variant:?}: {}", error.emit_to_string(&text)));
-            let capabilities = Capabilities::SUBGROUP | Capabilities::SHADER_FLOAT16_IN_FLOAT32;
+            let capabilities =
+                Capabilities::SUBGROUP | Capabilities::SHADER_FLOAT32_ATOMIC | Capabilities::SHADER_FLOAT16_IN_FLOAT32;
             if let Err(error) = Validator::new(ValidationFlags::all(), capabilities).validate(&module) {
                 panic!("{stage} {variant:?}: {}", error.emit_to_string(&text));
             }

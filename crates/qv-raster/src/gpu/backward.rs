@@ -3,6 +3,7 @@
 use super::cloud::GpuCloud;
 use super::forward::{FrameSteps, GpuRasteriser};
 use super::record::{Groups, Recorder, Step};
+use super::shaders::dispatch;
 use crate::RasterError;
 use crate::scene::{Gradients, Image};
 
@@ -84,7 +85,9 @@ impl GpuRasteriser {
         let Some(constants) = &self.constants else { return Err(nothing()) };
         let frame = FrameSteps { batch, buffers, constants, cloud };
         let mut recorder = Recorder::new(&self.gpu, timed)?;
-        for name in ["entry_gradients", "by_sh", "by_feature"] {
+        let atomic = buffers.sizes.variant.atomic;
+        let summed = if atomic { "record_gradients" } else { "entry_gradients" };
+        for name in [summed, "by_sh", "by_feature"] {
             if let Some(buffer) = buffers.find(name) {
                 recorder.encoder.clear_buffer(buffer, 0, None);
             }
@@ -143,7 +146,7 @@ impl<'a> FrameSteps<'a> {
             (4, &self.constants.look),
             (5, self.get("owners")),
             (6, self.get("left_image")),
-            (7, self.get("entry_gradients")),
+            (7, self.get(if variant.atomic { "record_gradients" } else { "entry_gradients" })),
             (8, self.get("by_colours")),
             (16, self.get("shades")),
         ];
@@ -158,7 +161,7 @@ impl<'a> FrameSteps<'a> {
             buffers.extend([(14, &self.cloud.features), (15, self.get("by_features"))]);
         }
         let tiles = self.batch.lenses.iter().map(|lens| lens.tiles[0] * lens.tiles[1]).max().unwrap_or(0);
-        let groups = Groups::Fixed(tiles, self.batch.lenses.len() as u32);
+        let groups = Groups::Fixed(tiles, self.batch.lenses.len() as u32 * variant.groups_per_tile());
         vec![self.step("blend_backward", "blend_backward", groups, buffers)]
     }
 
@@ -174,8 +177,7 @@ impl<'a> FrameSteps<'a> {
             (6, self.get("marks")),
             (7, self.get("block_counts")),
             (8, self.get("counts")),
-            (9, self.get("firsts")),
-            (10, self.get("entry_gradients")),
+            (10, self.get("record_gradients")),
             (11, &c.frame),
             (12, self.get("by_shape")),
             (13, self.get("by_sh")),
@@ -187,9 +189,19 @@ impl<'a> FrameSteps<'a> {
         let blocks = Groups::Fixed(self.cloud.count.div_ceil(256) as u32, 1);
         let views = Groups::Fixed(self.batch.lenses.len() as u32, 1);
         let parts = vec![(11, &c.frame), (14, self.get("by_pose_parts")), (16, self.get("by_pose"))];
-        vec![
-            self.step("project_backward", "project_backward", blocks, buffers),
-            self.step("project_backward", "poses", views, parts),
-        ]
+        let mut steps = vec![];
+        if !self.buffers.sizes.variant.atomic {
+            let sum = vec![
+                (8, self.get("counts")),
+                (9, self.get("firsts")),
+                (17, self.get("entry_gradients")),
+                (18, self.get("record_gradients")),
+                (19, &self.buffers.state),
+            ];
+            steps.push(self.step("project_backward", "sum_entries", self.indirect(dispatch::BY_RECORDS), sum));
+        }
+        steps.push(self.step("project_backward", "project_backward", blocks, buffers));
+        steps.push(self.step("project_backward", "poses", views, parts));
+        steps
     }
 }

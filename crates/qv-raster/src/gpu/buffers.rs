@@ -95,7 +95,8 @@ impl Sizes {
         with(v.keep, "sorted", self.entries * 4);
         with(v.keep, "left_image", self.pixels * 8);
         let splats = self.blocks * 256;
-        with(v.keep, "entry_gradients", self.entries * 4 * v.width() as u64);
+        with(v.keep && !v.atomic, "entry_gradients", self.entries * 4 * v.width() as u64);
+        with(v.keep, "record_gradients", self.visible * 4 * v.width() as u64);
         with(v.keep, "by_colours", self.pixels * 16);
         with(v.keep && v.depth, "by_depths", self.pixels * 4);
         with(v.keep && v.plane, "by_planes", self.pixels * 16);

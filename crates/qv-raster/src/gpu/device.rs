@@ -26,6 +26,8 @@ pub struct Gpu {
     pub subgroup: u32,
     /// Nanoseconds per tick of time stamps; `None` when there are none.
     pub tick: Option<f32>,
+    /// Whether floats can be added up with atomics.
+    pub float_atomics: bool,
     limits: wgpu::Limits,
     pipelines: Mutex<HashMap<(&'static str, &'static str, Variant), wgpu::ComputePipeline>>,
 }
@@ -73,7 +75,7 @@ impl Gpu {
             }
         }
         let info = adapter.get_info();
-        let useful = wgpu::Features::SUBGROUP | wgpu::Features::TIMESTAMP_QUERY;
+        let useful = wgpu::Features::SUBGROUP | wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::SHADER_FLOAT32_ATOMIC;
         let features = adapter.features() & useful;
         let description = wgpu::DeviceDescriptor {
             label: Some("qv-raster"),
@@ -89,7 +91,8 @@ impl Gpu {
         let has_subgroups = features.contains(wgpu::Features::SUBGROUP) && least == most && (8..=32).contains(&least);
         let subgroup = if has_subgroups && !options.without_subgroups { least } else { 0 };
         let tick = features.contains(wgpu::Features::TIMESTAMP_QUERY).then(|| queue.get_timestamp_period());
-        Ok(Self { device, queue, info, subgroup, tick, limits, pipelines: Mutex::default() })
+        let float_atomics = features.contains(wgpu::Features::SHADER_FLOAT32_ATOMIC);
+        Ok(Self { device, queue, info, subgroup, tick, float_atomics, limits, pipelines: Mutex::default() })
     }
 
     /// Most bytes of one buffer.

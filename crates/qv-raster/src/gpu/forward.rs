@@ -16,6 +16,9 @@ pub struct GpuSettings {
     pub bytes: bool,
     /// Keep what the derivatives need.
     pub keep: bool,
+    /// Add up derivatives with atomics: faster, and the last bits differ from run to run. Left out where the adapter has no
+    /// atomics for floats, or no subgroups.
+    pub atomic: bool,
     /// Put time stamps around the stages.
     pub timed: bool,
 }
@@ -129,6 +132,8 @@ impl GpuRasteriser {
             return Err(RasterError::TooLarge { what, limit: limit as u64, found: tiles as u64 });
         }
         let outputs = settings.outputs;
+        // Each tile takes as many workgroups as it has subgroups.
+        let few = batch.lenses.len() as u32 * (256 / self.gpu.subgroup.max(1)) <= limit;
         let variant = Variant {
             subgroup: self.gpu.subgroup,
             sh_count: (cloud.sh_degree as u32 + 1).pow(2),
@@ -137,6 +142,7 @@ impl GpuRasteriser {
             plane: outputs.plane,
             bytes: how.bytes,
             keep: how.keep,
+            atomic: how.atomic && how.keep && self.gpu.float_atomics && self.gpu.subgroup > 0 && few,
             digit: 0,
         };
         let mut sizes = Sizes::guess(&batch, cloud.count, variant);
@@ -293,18 +299,18 @@ impl<'a> FrameSteps<'a> {
         // Stages that do not depend on what is drawn share their pipelines.
         let all = Variant { digit: 0, ..self.buffers.sizes.variant };
         let variant = match stage {
-            "project" => Variant { subgroup: 0, depth: false, bytes: all.packed(), keep: false, ..all },
+            "project" => Variant { subgroup: 0, depth: false, bytes: all.packed(), keep: false, atomic: false, ..all },
             "sort" => Variant { subgroup: all.subgroup, ..Default::default() },
             "emit" => Variant { keep: all.keep, bytes: all.packed(), ..Default::default() },
-            "blend" => Variant { sh_count: 0, ..all },
+            "blend" => Variant { sh_count: 0, atomic: false, ..all },
             "blend_backward" => Variant { sh_count: 0, bytes: false, ..all },
-            "project_backward" => Variant { subgroup: 0, bytes: false, ..all },
+            "project_backward" => Variant { subgroup: 0, bytes: false, atomic: false, ..all },
             _ => Variant::default(),
         };
         Step { stage, entry, variant, groups, buffers }
     }
 
-    fn indirect(&self, slot: u32) -> Groups<'a> {
+    pub fn indirect(&self, slot: u32) -> Groups<'a> {
         Groups::Indirect(&self.buffers.arguments, slot)
     }
 

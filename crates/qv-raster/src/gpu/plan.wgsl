@@ -35,6 +35,7 @@ fn visible() {
     state[DEPTH_BLOCKS] = blocks;
     state[DEPTH_BINS] = blocks * frame.depth_bins;
     dispatch(BY_VISIBLE, over(n, 256u));
+    dispatch(BY_RECORDS, over(n, 32u));
     dispatch(BY_VISIBLE_SCAN, over(n, 2048u));
     dispatch(BY_DEPTH_BLOCK, blocks);
     dispatch(BY_DEPTH_SCAN, over(blocks * frame.depth_bins, 2048u));

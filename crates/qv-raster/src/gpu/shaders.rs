@@ -47,6 +47,8 @@ pub mod dispatch {
     pub const BY_TILE_BLOCK: u32 = 5;
     /// A scan over the bins of the sort by tile.
     pub const BY_TILE_SCAN: u32 = 6;
+    /// A workgroup for each 32 candidates.
+    pub const BY_RECORDS: u32 = 7;
     /// How many there are.
     pub const COUNT: u32 = 8;
 }
@@ -71,6 +73,8 @@ pub struct Variant {
     pub bytes: bool,
     /// Keep what the derivatives need.
     pub keep: bool,
+    /// Add up derivatives with atomics; only with subgroups.
+    pub atomic: bool,
     /// Most bits of a digit of the sort.
     pub digit: u32,
 }
@@ -85,6 +89,7 @@ impl Variant {
             "BYTES" => self.bytes,
             "KEEP" => self.keep,
             "PACKED" => self.packed(),
+            "ATOMIC" => self.atomic,
             _ => false,
         }
     }
@@ -104,10 +109,16 @@ impl Variant {
         crate::stages::blend_backward::SHAPE_GRADIENTS as u32 + self.channels()
     }
 
+    /// Workgroups of `blend_backward` for each tile.
+    pub fn groups_per_tile(&self) -> u32 {
+        if self.atomic { 256 / self.subgroup.max(1) } else { 1 }
+    }
+
     /// Entries that a workgroup of `blend_backward` takes at once: the sums of its subgroups must fit 20 KiB.
     fn batch(&self) -> u32 {
         match self.subgroup {
             0 => 32,
+            lanes if self.atomic => lanes,
             lanes => 1 << (20_480 / (256 / lanes * self.width().next_multiple_of(8) * 4)).ilog2().min(5),
         }
     }
@@ -132,7 +143,7 @@ pub const STAGES: [(&str, &[&str]); 10] = [
     ("ranges", &["find"]),
     ("blend", &["blend"]),
     ("blend_backward", &["blend_backward"]),
-    ("project_backward", &["project_backward", "poses"]),
+    ("project_backward", &["sum_entries", "project_backward", "poses"]),
 ];
 
 /// The text of a stage.
@@ -197,6 +208,8 @@ fn constants(variant: &Variant) -> String {
         ("NUMBERS", variant.width().next_multiple_of(8)),
         ("BATCH", variant.batch()),
         ("SUM_WORDS", 256 / lanes * variant.batch() * variant.width().next_multiple_of(8)),
+        ("GROUPS_PER_TILE", variant.groups_per_tile()),
+        ("GROUP_SIZE", 256 / variant.groups_per_tile()),
         ("VISIBLE", slot::VISIBLE),
         ("ENTRIES", slot::ENTRIES),
         ("NEEDED_VISIBLE", slot::NEEDED_VISIBLE),
@@ -213,6 +226,7 @@ fn constants(variant: &Variant) -> String {
         ("BY_ENTRY", dispatch::BY_ENTRY),
         ("BY_TILE_BLOCK", dispatch::BY_TILE_BLOCK),
         ("BY_TILE_SCAN", dispatch::BY_TILE_SCAN),
+        ("BY_RECORDS", dispatch::BY_RECORDS),
     ] {
         _ = writeln!(out, "const {name}: u32 = {value}u;");
     }

@@ -1,5 +1,6 @@
 // Twin of blend_backward.rs and of resolve_backward: a workgroup for each tile walks its entries from far to near, a batch at a time. What
-// comes to an entry is summed over the tile in a fixed order and written where the entry was made: no atomics.
+// comes to an entry is summed over the tile in a fixed order and written where the entry was made. With ATOMIC a workgroup is one
+// subgroup, waits for no other, and adds what comes to a record at once, in whatever order.
 
 @group(0) @binding(0) var<storage, read> lenses: array<Lens>;
 @group(0) @binding(1) var<storage, read> records: array<vec4<f32>>;
@@ -8,7 +9,11 @@
 @group(0) @binding(4) var<storage, read> look: Look;
 @group(0) @binding(5) var<storage, read> owners: array<u32>;
 @group(0) @binding(6) var<storage, read> left_image: array<vec2<u32>>;
+//#if ATOMIC
+@group(0) @binding(7) var<storage, read_write> record_gradients: array<atomic<f32>>;
+//#else
 @group(0) @binding(7) var<storage, read_write> entry_gradients: array<f32>;
+//#endif
 @group(0) @binding(8) var<storage, read> by_colours: array<vec4<f32>>;
 //#if DEPTH
 @group(0) @binding(9) var<storage, read> depths: array<f32>;
@@ -40,6 +45,9 @@ var<workgroup> ps: array<vec4<f32>, BATCH>;
 //#if SUBGROUPS
 var<workgroup> bounds: array<vec4<f32>, BATCH>;
 //#endif
+//#if ATOMIC
+var<workgroup> record_of: array<u32, BATCH>;
+//#else
 var<workgroup> furthest: atomic<u32>;
 var<workgroup> end: u32;
 //#if SUBGROUPS
@@ -50,6 +58,7 @@ var<workgroup> walked: array<u32, SUBGROUP_COUNT>;
 // Eight numbers of all invocations, then sums of sixteen.
 var<workgroup> sums: array<f32, 2048>;
 var<workgroup> sixteenths: array<f32, 128>;
+//#endif
 //#endif
 
 //#if SUBGROUPS
@@ -77,21 +86,23 @@ fn sum_of_eight(numbers: array<f32, 8>, lane: u32) -> f32 {
 }
 //#endif
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(GROUP_SIZE)
 fn blend_backward(
     @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(local_invocation_index) local: u32,
+    @builtin(local_invocation_index) invocation: u32,
 //#if SUBGROUPS
     @builtin(subgroup_invocation_id) lane: u32,
     @builtin(subgroup_id) subgroup: u32,
 //#endif
 ) {
-    let size = lenses[group.y].size;
-    let across = lenses[group.y].tiles;
+    let view = group.y / GROUPS_PER_TILE;
+    let local = group.y % GROUPS_PER_TILE * GROUP_SIZE + invocation;
+    let size = lenses[view].size;
+    let across = lenses[view].tiles;
     if group.x >= across.x * across.y {
         return;
     }
-    let tile = lenses[group.y].first_tile + group.x;
+    let tile = lenses[view].first_tile + group.x;
     let x = group.x % across.x * TILE + squeeze(local);
     let y = group.x / across.x * TILE + squeeze(local >> 1u);
     let at = vec2<f32>(f32(x), f32(y)) + 0.5;
@@ -101,7 +112,7 @@ fn blend_backward(
     var by: array<f32, CHANNELS>;
     var behind = 0.0;
     if x < size.x && y < size.y {
-        let pixel = lenses[group.y].first_pixel + y * size.x + x;
+        let pixel = lenses[view].first_pixel + y * size.x + x;
         left = bitcast<f32>(left_image[pixel].x);
         last = left_image[pixel].y;
         let by_colour = by_colours[pixel];
@@ -116,7 +127,7 @@ fn blend_backward(
         }
 //#endif
 //#if PLANE
-        let ray = vec3<f32>((at - lenses[group.y].centre) / lenses[group.y].focal, 1.0);
+        let ray = vec3<f32>((at - lenses[view].centre) / lenses[view].focal, 1.0);
         let found = plane_image[pixel];
         let by_plane = by_planes[pixel];
         let facing = -dot(found.xyz, ray);
@@ -136,6 +147,10 @@ fn blend_backward(
 //#endif
         behind = left * by_left;
     }
+    let first = ranges[tile].x;
+//#if ATOMIC
+    var stop = subgroupMax(last);
+//#else
     if local == 0u {
         atomicStore(&furthest, 0u);
     }
@@ -145,8 +160,8 @@ fn blend_backward(
     if local == 0u {
         end = atomicLoad(&furthest);
     }
-    let first = ranges[tile].x;
     var stop = workgroupUniformLoad(&end);
+//#endif
 //#if SUBGROUPS
     let furthest_here = subgroupMax(last);
     let low = vec2<f32>(subgroupMin(at.x), subgroupMin(at.y));
@@ -156,27 +171,33 @@ fn blend_backward(
     while stop > first {
         let start = max(i32(first), i32(stop) - i32(BATCH));
         let held = stop - u32(start);
-        if local < held {
-            let record = owners[sorted[u32(start) + local]];
+        if invocation < held {
+            let record = owners[sorted[u32(start) + invocation]];
             var a = records[2u * record];
             var b = records[2u * record + 1u];
             a.z *= TO_EXP2;
             a.w *= TO_EXP2;
             b.x *= TO_EXP2;
-            as_[local] = a;
-            bs[local] = b;
-            cs[local] = shades[record];
+            as_[invocation] = a;
+            bs[invocation] = b;
+            cs[invocation] = shades[record];
+//#if ATOMIC
+            record_of[invocation] = record;
+//#endif
 //#if SUBGROUPS
-            bounds[local] = bound_of(a, b.x, b.y);
+            bounds[invocation] = bound_of(a, b.x, b.y);
 //#endif
 //#if PLANE
-            ps[local] = planes[record];
+            ps[invocation] = planes[record];
 //#endif
         }
 //#if SUBGROUPS
+//#if ATOMIC
+//#else
         if lane == 0u {
             walked[subgroup] = 0u;
         }
+//#endif
 //#endif
         workgroupBarrier();
 //#if SUBGROUPS
@@ -250,7 +271,11 @@ fn blend_backward(
                     if eight + 1u == WIDTH {
                         let sum = subgroupAdd(numbers[eight]);
                         if lane == 0u {
+//#if ATOMIC
+                            atomicAdd(&record_gradients[record_of[k] * WIDTH + eight], sum);
+//#else
                             sums[(subgroup * BATCH + k) * NUMBERS + eight] = sum;
+//#endif
                         }
                         break;
                     }
@@ -259,13 +284,22 @@ fn blend_backward(
                         some[j] = numbers[eight + j];
                     }
                     let sum = sum_of_eight(some, lane);
+//#if ATOMIC
+                    if lane < 8u && eight + lane < WIDTH {
+                        atomicAdd(&record_gradients[record_of[k] * WIDTH + eight + lane], sum);
+                    }
+//#else
                     if lane < 8u {
                         sums[(subgroup * BATCH + k) * NUMBERS + eight + lane] = sum;
                     }
+//#endif
                 }
+//#if ATOMIC
+//#else
                 if lane == 0u {
                     walked[subgroup] |= 1u << k;
                 }
+//#endif
 //#else
                 for (var eight = 0u; eight < NUMBERS; eight += 8u) {
                     workgroupBarrier();
@@ -293,6 +327,8 @@ fn blend_backward(
             }
         }
 //#if SUBGROUPS
+//#if ATOMIC
+//#else
         workgroupBarrier();
         for (var place = local; place < held * WIDTH; place += 256u) {
             let k = place / WIDTH;
@@ -304,6 +340,7 @@ fn blend_backward(
             }
             entry_gradients[sorted[u32(start) + k] * WIDTH + place % WIDTH] = sum;
         }
+//#endif
 //#endif
         workgroupBarrier();
         stop = u32(start);

@@ -11,7 +11,7 @@
 @group(0) @binding(7) var<storage, read> block_counts: array<u32>;
 @group(0) @binding(8) var<storage, read> counts: array<u32>;
 @group(0) @binding(9) var<storage, read> firsts: array<u32>;
-@group(0) @binding(10) var<storage, read> entry_gradients: array<f32>;
+@group(0) @binding(10) var<storage, read> record_gradients: array<f32>;
 @group(0) @binding(11) var<storage, read> frame: Frame;
 // Mean and opacity logit; log scales; quaternion: three vectors for each Gaussian.
 @group(0) @binding(12) var<storage, read_write> by_shape: array<vec4<f32>>;
@@ -22,6 +22,9 @@
 @group(0) @binding(15) var<storage, read_write> by_feature: array<f32>;
 //#endif
 @group(0) @binding(16) var<storage, read_write> by_pose: array<f32>;
+@group(0) @binding(17) var<storage, read> entry_gradients: array<f32>;
+@group(0) @binding(18) var<storage, read_write> summed: array<f32>;
+@group(0) @binding(19) var<storage, read> state: array<u32>;
 
 struct Frame {
     views: u32,
@@ -115,11 +118,8 @@ fn record_backward(view: u32, splat: u32, record: u32) -> Share {
     let quaternion = rotations[splat];
     let s = shape_of(lens, motions[view * frame.groups + bitcast<u32>(mean.w)], mean.xyz, scales[splat].xyz, quaternion);
     var sum: array<f32, WIDTH>;
-    let first = firsts[record];
-    for (var entry = first; entry < first + counts[record]; entry++) {
-        for (var k = 0u; k < WIDTH; k++) {
-            sum[k] += entry_gradients[entry * WIDTH + k];
-        }
+    for (var k = 0u; k < WIDTH; k++) {
+        sum[k] = record_gradients[record * WIDTH + k];
     }
     let p = s.centre;
     let f = lens.focal / p.z;
@@ -195,6 +195,64 @@ fn record_backward(view: u32, splat: u32, record: u32) -> Share {
     out.mean = transpose(s.rotation) * centre + by_offset;
     out.shift = centre + s.rotation * by_offset;
     return out;
+}
+
+// A record with more entries than this is summed by the whole workgroup.
+const MANY: u32 = 32u;
+
+var<workgroup> held: array<u32, 32>;
+var<workgroup> partial: array<f32, 256>;
+
+// Sums the entries of records, 32 of them to a workgroup, in an order that depends on nothing but their number.
+@compute @workgroup_size(256)
+fn sum_entries(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+    let first_record = folded(group) * 32u;
+    let visible = state[VISIBLE];
+    let lane = local % 8u;
+    let slot = local / 8u;
+    if local < 32u {
+        held[local] = 0u;
+        if first_record + local < visible {
+            held[local] = counts[first_record + local];
+        }
+    }
+    workgroupBarrier();
+    if first_record + slot < visible && held[slot] <= MANY {
+        let first = firsts[first_record + slot];
+        for (var k = lane; k < WIDTH; k += 8u) {
+            var sum = 0.0;
+            for (var entry = 0u; entry < held[slot]; entry++) {
+                sum += entry_gradients[(first + entry) * WIDTH + k];
+            }
+            summed[(first_record + slot) * WIDTH + k] = sum;
+        }
+    }
+    for (var r = 0u; r < 32u; r++) {
+        if workgroupUniformLoad(&held[r]) <= MANY {
+            continue;
+        }
+        let first = firsts[first_record + r];
+        for (var eight = 0u; eight < WIDTH; eight += 8u) {
+            var sum = 0.0;
+            if eight + lane < WIDTH {
+                for (var entry = slot; entry < held[r]; entry += 32u) {
+                    sum += entry_gradients[(first + entry) * WIDTH + eight + lane];
+                }
+            }
+            partial[local] = sum;
+            workgroupBarrier();
+            for (var half = 128u; half >= 8u; half /= 2u) {
+                if local < half {
+                    partial[local] += partial[local + half];
+                }
+                workgroupBarrier();
+            }
+            if local < 8u && eight + lane < WIDTH {
+                summed[(first_record + r) * WIDTH + eight + lane] = partial[local];
+            }
+            workgroupBarrier();
+        }
+    }
 }
 
 @compute @workgroup_size(256)
