@@ -108,6 +108,7 @@ fn card(
     let how = GpuSettings {
         bytes: arguments.has("--bytes"),
         keep: arguments.has("--keep") || arguments.has("--backward"),
+        atomic: arguments.has("--atomic"),
         timed: true,
     };
     let start = Instant::now();

@@ -2,7 +2,7 @@
 #![cfg(feature = "gpu")]
 
 use qv_core::{Camera, GaussianCloud, Pose};
-use qv_raster::gpu::{Gpu, GpuCloud, GpuOptions, GpuRasteriser, GpuSettings};
+use qv_raster::gpu::{Gpu, GpuCloud, GpuOptions, GpuRasteriser, GpuSettings, Stage};
 use qv_raster::stages::cull::Candidate;
 use qv_raster::stages::project::Projected;
 use qv_raster::{Frame, Image, Outputs, Scene, Settings, View, workload};
@@ -288,5 +288,53 @@ fn gradients_are_those_of_the_cpu_and_the_same_bits_again() {
             }
             assert_eq!(found, rasteriser.gradients(&on_card, &by_images).unwrap());
         }
+    }
+}
+
+#[test]
+fn the_card_goes_on_from_any_stage_of_the_cpu() {
+    let cloud = workload_cloud(2000, 1, 3);
+    let scene = Scene::still(&cloud);
+    let views = views(2, 90, 60);
+    let frame = Frame::new(&scene, &views, &SETTINGS).unwrap();
+    let expected = frame.images();
+    for mut rasteriser in rasterisers() {
+        let on_card = GpuCloud::new(&rasteriser.gpu, &scene).unwrap();
+        for stage in Stage::ALL {
+            for keep in [false, true] {
+                let how = GpuSettings { keep, ..Default::default() };
+                let images = rasteriser.render_after(stage, &frame, &on_card, &scene, &views, &how).unwrap();
+                for (expected, found) in expected.iter().zip(&images.read().unwrap()) {
+                    images_agree(expected, found);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn moving_groups_are_where_the_cpu_sees_them() {
+    let cloud = workload_cloud(1200, 1, 0);
+    let group_of: Vec<u32> = (0..1200).map(|i| if i % 5 == 0 { 1 + i / 5 % 2 } else { 0 }).collect();
+    let pose = |x: f64| Pose::from_position_wxyz([x, 0.3, 0.2], [0.9, 0.1, 0.0, x]);
+    let environments = [vec![pose(0.5), None], vec![pose(-0.4), pose(1.0)]];
+    let scene = Scene { cloud: &cloud, group_of: &group_of, environments: &environments };
+    let mut views = views(4, 90, 60);
+    views[1].environment = 1;
+    views[3].environment = 1;
+    let settings = Settings { outputs: Outputs { features: false, ..Outputs::ALL }, ..SETTINGS };
+    let expected = Frame::new(&scene, &views, &settings).unwrap().images();
+    for mut rasteriser in rasterisers() {
+        let on_card = GpuCloud::new(&rasteriser.gpu, &scene).unwrap();
+        let how = GpuSettings::default();
+        let (images, _) = rasteriser.render(&on_card, &scene, &views, &settings, &how).unwrap();
+        for (expected, found) in expected.iter().zip(&images.read().unwrap()) {
+            images_agree(expected, found);
+        }
+        let alone = Scene { environments: &environments[1..], ..scene };
+        let view = View { environment: 0, ..views[1] };
+        let together = images.read().unwrap().swap_remove(1);
+        let (images, _) = rasteriser.render(&on_card, &alone, &[view], &settings, &how).unwrap();
+        assert_eq!(images.read().unwrap()[0], together);
     }
 }

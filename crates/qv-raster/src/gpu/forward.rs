@@ -48,6 +48,22 @@ pub(crate) struct Constants {
     tile_bits: u32,
 }
 
+impl Constants {
+    /// Name of the buffer in which the order by depth ends.
+    pub fn order(&self) -> &'static str {
+        if self.depth_passes.len().is_multiple_of(2) { "order" } else { "order_other" }
+    }
+
+    /// Names of the buffers in which the sorted entries end: their tiles, and what is sorted with them.
+    pub fn sorted(&self, keep: bool) -> (&'static str, &'static str) {
+        match (self.tile_passes.len().is_multiple_of(2), keep) {
+            (true, true) => ("tiles", "sorted"),
+            (true, false) => ("tiles", "owners"),
+            _ => ("tiles_other", "sorted_other"),
+        }
+    }
+}
+
 /// Digits of a sort: how many bits each, and how many of them.
 fn digits(bits: u32, most: u32) -> (u32, u32) {
     let passes = bits.div_ceil(most).max(1);
@@ -166,6 +182,13 @@ impl GpuRasteriser {
         Ok(())
     }
 
+    /// Makes buffers for so many candidates and entries.
+    pub(crate) fn make_room(&mut self, candidates: usize, entries: usize) -> Result<(), RasterError> {
+        let Some(old) = self.buffers.as_ref().map(|buffers| buffers.sizes) else { return Ok(()) };
+        let (visible, entries) = (old.visible.max(candidates as u64), old.entries.max(entries as u64));
+        self.ensure(Sizes { visible, entries, ..old })
+    }
+
     /// Makes larger buffers when these did not suffice; true when it did.
     fn grow(&mut self, found: &Counts) -> Result<bool, RasterError> {
         let Some(old) = self.buffers.as_ref().map(|buffers| buffers.sizes) else { return Ok(false) };
@@ -190,7 +213,7 @@ impl GpuRasteriser {
         Ok(true)
     }
 
-    fn remake_constants(&mut self, cloud: &GpuCloud, settings: &Settings) -> Result<(), RasterError> {
+    pub(crate) fn remake_constants(&mut self, cloud: &GpuCloud, settings: &Settings) -> Result<(), RasterError> {
         let (Some(batch), Some(buffers)) = (&self.batch, &self.buffers) else { return Ok(()) };
         let (gpu, sizes) = (&self.gpu, &buffers.sizes);
         let most = sizes.variant.digit_bits();
@@ -327,7 +350,7 @@ impl<'a> FrameSteps<'a> {
         ]
     }
 
-    fn plan(&self, entry: &'static str) -> Step<'a> {
+    pub fn plan(&self, entry: &'static str) -> Step<'a> {
         let buffers = vec![(0, &self.buffers.state), (1, &self.buffers.arguments), (2, &self.constants.frame)];
         self.step("plan", entry, Groups::Fixed(1, 1), buffers)
     }
@@ -357,7 +380,7 @@ impl<'a> FrameSteps<'a> {
         steps
     }
 
-    fn project(&self) -> Vec<Step<'a>> {
+    pub fn project(&self) -> Vec<Step<'a>> {
         let c = self.constants;
         let mut buffers = vec![
             (0, &c.lenses),
@@ -413,7 +436,7 @@ impl<'a> FrameSteps<'a> {
         steps
     }
 
-    fn sort_by_depth(&self) -> Vec<Step<'a>> {
+    pub fn sort_by_depth(&self) -> Vec<Step<'a>> {
         let keys = [self.get("depth_keys"), self.get("depth_keys_other")];
         let orders = [self.get("order"), self.get("order_other"), self.get("order")];
         let scan = (dispatch::BY_DEPTH_SCAN, 1, self.constants.depth_bits);
@@ -421,10 +444,10 @@ impl<'a> FrameSteps<'a> {
     }
 
     fn order(&self) -> &'a wgpu::Buffer {
-        self.get(if self.constants.depth_passes.len() % 2 == 0 { "order" } else { "order_other" })
+        self.get(self.constants.order())
     }
 
-    fn emit(&self) -> Vec<Step<'a>> {
+    pub fn emit(&self) -> Vec<Step<'a>> {
         let (counts, offsets, state) = (self.get("counts"), self.get("offsets"), &self.buffers.state);
         let by_visible = self.indirect(dispatch::BY_VISIBLE);
         let count = vec![(2, counts), (3, self.order()), (4, offsets), (7, state)];
@@ -449,7 +472,7 @@ impl<'a> FrameSteps<'a> {
         steps
     }
 
-    fn sort_by_tile(&self) -> Vec<Step<'a>> {
+    pub fn sort_by_tile(&self) -> Vec<Step<'a>> {
         let keys = [self.get("tiles"), self.get("tiles_other")];
         let (owners, other) = (self.get("owners"), self.get("sorted_other"));
         // With `keep` the entries' owners stay, and what is sorted are the entries' indices.
@@ -458,20 +481,18 @@ impl<'a> FrameSteps<'a> {
         self.sort(&self.constants.tile_passes, keys, [even, other, owners], dispatch::BY_TILE_BLOCK, scan)
     }
 
+    /// The sorted entries: their tiles, and what was sorted with them.
     pub fn sorted(&self) -> (&'a wgpu::Buffer, &'a wgpu::Buffer) {
-        match (self.constants.tile_passes.len() % 2, self.buffers.sizes.variant.keep) {
-            (0, true) => (self.get("tiles"), self.get("sorted")),
-            (0, false) => (self.get("tiles"), self.get("owners")),
-            _ => (self.get("tiles_other"), self.get("sorted_other")),
-        }
+        let (tiles, sorted) = self.constants.sorted(self.buffers.sizes.variant.keep);
+        (self.get(tiles), self.get(sorted))
     }
 
-    fn ranges(&self) -> Vec<Step<'a>> {
+    pub fn ranges(&self) -> Vec<Step<'a>> {
         let buffers = vec![(0, self.sorted().0), (1, self.get("ranges")), (2, &self.buffers.state)];
         vec![self.step("ranges", "find", self.indirect(dispatch::BY_ENTRY), buffers)]
     }
 
-    fn blend(&self) -> Vec<Step<'a>> {
+    pub fn blend(&self) -> Vec<Step<'a>> {
         let variant = &self.buffers.sizes.variant;
         let mut buffers = vec![
             (0, &self.constants.lenses),

@@ -5,6 +5,7 @@
 //! are read.
 
 mod backward;
+mod bisect;
 mod buffers;
 mod cloud;
 mod device;
@@ -13,6 +14,7 @@ mod images;
 mod record;
 pub mod shaders;
 
+pub use bisect::Stage;
 pub use cloud::GpuCloud;
 pub use device::{Gpu, GpuOptions};
 pub use forward::{Counts, GpuRasteriser, GpuSettings, views_at_once};
