@@ -5,13 +5,13 @@ use qv_core::{Camera, GaussianCloud, Pose};
 use qv_raster::gpu::{Gpu, GpuCloud, GpuOptions, GpuRasteriser, GpuSettings, Stage};
 use qv_raster::stages::cull::Candidate;
 use qv_raster::stages::project::Projected;
-use qv_raster::{Frame, Image, Outputs, Scene, Settings, View, workload};
+use qv_raster::{Frame, Image, Outputs, RasterError, Scene, Settings, View, workload};
 
 /// A rasteriser with and one without subgroups; none without an adapter.
 fn rasterisers() -> Vec<GpuRasteriser> {
     let mut out = vec![];
     for without_subgroups in [true, false] {
-        match Gpu::new(&GpuOptions { without_subgroups }) {
+        match Gpu::new(&GpuOptions { without_subgroups, plain_blend: false }) {
             Ok(gpu) => out.push(GpuRasteriser::new(gpu)),
             Err(error) => println!("skipped: {error}"),
         }
@@ -47,6 +47,9 @@ fn workload_cloud(count: usize, degree: u8, features: usize) -> GaussianCloud {
 }
 
 const SETTINGS: Settings = Settings { outputs: Outputs::ALL, background: [0.3, 0.4, 0.5] };
+
+const SETTINGS_PLAIN: Settings =
+    Settings { outputs: Outputs { depth: false, plane: false, features: false }, background: [0.0; 3] };
 
 /// Largest difference outside a share of pixels that may flip.
 fn differ(a: &[f32], b: &[f32], flips: usize) -> f32 {
@@ -336,5 +339,33 @@ fn moving_groups_are_where_the_cpu_sees_them() {
         let together = images.read().unwrap().swap_remove(1);
         let (images, _) = rasteriser.render(&on_card, &alone, &[view], &settings, &how).unwrap();
         assert_eq!(images.read().unwrap()[0], together);
+    }
+}
+
+#[test]
+fn batches_are_split_to_fit_memory() {
+    let cloud = workload_cloud(4000, 0, 0);
+    let scene = Scene::still(&cloud);
+    let views = views(29, 64, 48);
+    for mut rasteriser in rasterisers() {
+        let on_card = GpuCloud::new(&rasteriser.gpu, &scene).unwrap();
+        let how = GpuSettings::default();
+        let whole = rasteriser.render(&on_card, &scene, &views, &SETTINGS_PLAIN, &how).unwrap().0.read().unwrap();
+        let needed = rasteriser.bytes();
+        let mut split = GpuRasteriser::new(rasteriser.gpu);
+        split.memory = needed / 2;
+        let error = split.render(&on_card, &scene, &views, &SETTINGS_PLAIN, &how).unwrap_err();
+        assert!(matches!(error, RasterError::TooLarge { limit, .. } if limit == needed / 2), "{error}");
+        let (mut images, mut batches) = (vec![], 0);
+        let each = |first: usize, found: qv_raster::gpu::GpuImages| {
+            assert_eq!(first, images.len());
+            images.extend(found.read()?);
+            batches += 1;
+            Ok(())
+        };
+        split.render_all(&on_card, &scene, &views, &SETTINGS_PLAIN, &how, each).unwrap();
+        assert!(batches > 1 && images == whole);
+        split.memory = 1000;
+        assert!(split.render_all(&on_card, &scene, &views, &SETTINGS_PLAIN, &how, |_, _| Ok(())).is_err());
     }
 }

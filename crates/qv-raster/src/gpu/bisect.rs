@@ -59,7 +59,7 @@ impl GpuRasteriser {
             return Err(RasterError::Device("expected a frame of the same views, found another".into()));
         }
         self.upload(stage, frame)?;
-        let steps = FrameSteps { batch, buffers, constants, cloud };
+        let steps = FrameSteps { batch, buffers, constants, cloud, plain_blend: self.gpu.plain_blend };
         let mut recorder = Recorder::new(&self.gpu, false)?;
         recorder.run("plan", &[steps.plan("visible")]);
         if stage < Stage::Project {

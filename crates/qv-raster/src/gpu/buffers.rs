@@ -78,7 +78,7 @@ impl Sizes {
             ("sorted_other", self.entries * 4),
             ("bins", bins * 4),
             ("sums", scanned.div_ceil(2048) * 4 + 4),
-            ("ranges", self.tiles * 8),
+            ("ranges", (self.tiles + 1) * 8),
             ("colours", self.pixels * if v.bytes { 4 } else { 16 }),
         ];
         let mut with = |wanted: bool, name: &'static str, bytes: u64| {
@@ -126,8 +126,12 @@ impl Buffers {
     /// Makes them.
     ///
     /// # Errors
-    /// One is larger than the device allows, or there is no memory.
-    pub fn new(gpu: &Gpu, sizes: Sizes) -> Result<Self, RasterError> {
+    /// One is larger than the device allows, all are larger than `memory` \[bytes\], or there is none left.
+    pub fn new(gpu: &Gpu, sizes: Sizes, memory: u64) -> Result<Self, RasterError> {
+        if sizes.bytes() > memory {
+            let what = "bytes of all buffers of a batch".to_string();
+            return Err(RasterError::TooLarge { what, limit: memory, found: sizes.bytes() });
+        }
         let wanted = sizes.list();
         let limit = gpu.largest_buffer();
         // All are checked before any is made.

@@ -11,6 +11,8 @@ use wgpu::util::DeviceExt;
 pub struct GpuOptions {
     /// Do without subgroup operations even where the adapter has them.
     pub without_subgroups: bool,
+    /// Blend without subgroup operations, and use them elsewhere.
+    pub plain_blend: bool,
 }
 
 /// A graphics device with the pipelines that were made for it so far.
@@ -24,6 +26,8 @@ pub struct Gpu {
     pub info: wgpu::AdapterInfo,
     /// Lanes of a subgroup; 0 when they are not used.
     pub subgroup: u32,
+    /// Whether the blending does without subgroups.
+    pub plain_blend: bool,
     /// Nanoseconds per tick of time stamps; `None` when there are none.
     pub tick: Option<f32>,
     /// Whether floats can be added up with atomics.
@@ -92,7 +96,18 @@ impl Gpu {
         let subgroup = if has_subgroups && !options.without_subgroups { least } else { 0 };
         let tick = features.contains(wgpu::Features::TIMESTAMP_QUERY).then(|| queue.get_timestamp_period());
         let float_atomics = features.contains(wgpu::Features::SHADER_FLOAT32_ATOMIC);
-        Ok(Self { device, queue, info, subgroup, tick, float_atomics, limits, pipelines: Mutex::default() })
+        let plain_blend = options.plain_blend;
+        Ok(Self {
+            device,
+            queue,
+            info,
+            subgroup,
+            plain_blend,
+            tick,
+            float_atomics,
+            limits,
+            pipelines: Mutex::default(),
+        })
     }
 
     /// Most bytes of one buffer.

@@ -5,7 +5,7 @@ use super::cloud::GpuCloud;
 use super::device::Gpu;
 use super::images::GpuImages;
 use super::record::{Groups, Recorder, Stamps, Step};
-use super::shaders::{SORT_BLOCK, Variant, dispatch, slot};
+use super::shaders::{Variant, dispatch, slot};
 use crate::lens::Batch;
 use crate::{RasterError, Scene, Settings, View};
 
@@ -28,6 +28,8 @@ pub struct GpuSettings {
 pub struct GpuRasteriser {
     /// The device.
     pub gpu: Gpu,
+    /// Most bytes that the buffers of a batch may take; batches that would take more are refused, or split.
+    pub memory: u64,
     pub(crate) buffers: Option<Buffers>,
     pub(crate) batch: Option<Batch>,
     pub(crate) stamps: Option<Stamps>,
@@ -84,7 +86,7 @@ pub struct Counts {
 impl GpuRasteriser {
     /// On a device.
     pub fn new(gpu: Gpu) -> Self {
-        Self { gpu, buffers: None, batch: None, stamps: None, constants: None }
+        Self { gpu, memory: u64::MAX, buffers: None, batch: None, stamps: None, constants: None }
     }
 
     /// Draws views of a scene as one batch and waits for it. The images stay on the card, in buffers that the next batch uses
@@ -121,6 +123,40 @@ impl GpuRasteriser {
         }
         let counts = counts.ok_or_else(|| RasterError::Device("buffers that never suffice".into()))?;
         Ok((self.images()?, counts))
+    }
+
+    /// Draws any number of views, as many at once as [`Self::memory`] and the device allow, and hands the images of each batch on
+    /// with the index of its first view. Batches are halved until they fit, before memory is taken.
+    ///
+    /// # Errors
+    /// As [`Self::render`], with a single view; or what `each` gives.
+    pub fn render_all(
+        &mut self,
+        cloud: &GpuCloud,
+        scene: &Scene,
+        views: &[View],
+        settings: &Settings,
+        how: &GpuSettings,
+        mut each: impl FnMut(usize, GpuImages) -> Result<(), RasterError>,
+    ) -> Result<(), RasterError> {
+        let mut at_once = views.len().clamp(1, Batch::MAX_VIEWS);
+        let mut first = 0;
+        while first < views.len() {
+            let batch = &views[first..(first + at_once).min(views.len())];
+            match self.render(cloud, scene, batch, settings, how) {
+                Ok((images, _)) => {
+                    each(first, images)?;
+                    first += batch.len();
+                }
+                Err(RasterError::TooLarge { .. }) if batch.len() > 1 => {
+                    at_once = batch.len() / 2;
+                    // Without the guess that the larger batch left.
+                    self.buffers = None;
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
     }
 
     /// Checks the batch and makes what it needs, so that [`Self::submit`] does nothing but record and submit.
@@ -177,7 +213,7 @@ impl GpuRasteriser {
         if !self.buffers.as_ref().is_some_and(|buffers| buffers.sizes.hold(&sizes)) {
             // The old ones are given back first.
             self.buffers = None;
-            self.buffers = Some(Buffers::new(&self.gpu, sizes)?);
+            self.buffers = Some(Buffers::new(&self.gpu, sizes, self.memory)?);
         }
         Ok(())
     }
@@ -209,7 +245,7 @@ impl GpuRasteriser {
             return Ok(false);
         }
         self.buffers = None;
-        self.buffers = Some(Buffers::new(&self.gpu, sizes)?);
+        self.buffers = Some(Buffers::new(&self.gpu, sizes, self.memory)?);
         Ok(true)
     }
 
@@ -230,6 +266,7 @@ impl GpuRasteriser {
             sizes.entries.min(u32::MAX as u64) as u32,
             1 << depth_bits,
             1 << tile_bits,
+            batch.tiles as u32,
         ];
         let pass = |bits: u32, k: u32, all: u32, length: u32, blocks: u32, first: bool| {
             let bits_here = bits.min(all.saturating_sub(bits * k)).max(1);
@@ -269,7 +306,7 @@ impl GpuRasteriser {
             return Err(RasterError::Device("expected a prepared batch, found none".into()));
         };
         let mut recorder = Recorder::new(&self.gpu, timed)?;
-        let frame = FrameSteps { batch, buffers, constants, cloud };
+        let frame = FrameSteps { batch, buffers, constants, cloud, plain_blend: self.gpu.plain_blend };
         recorder.encoder.clear_buffer(buffers.get("ranges"), 0, None);
         recorder.run("cull", &frame.cull());
         recorder.run("project", &frame.project());
@@ -309,6 +346,7 @@ pub(crate) struct FrameSteps<'a> {
     pub buffers: &'a Buffers,
     pub constants: &'a Constants,
     pub cloud: &'a GpuCloud,
+    pub plain_blend: bool,
 }
 
 impl<'a> FrameSteps<'a> {
@@ -325,6 +363,7 @@ impl<'a> FrameSteps<'a> {
             "project" => Variant { subgroup: 0, depth: false, bytes: all.packed(), keep: false, atomic: false, ..all },
             "sort" => Variant { subgroup: all.subgroup, ..Default::default() },
             "emit" => Variant { keep: all.keep, bytes: all.packed(), ..Default::default() },
+            "blend" if self.plain_blend => Variant { sh_count: 0, atomic: false, subgroup: 0, ..all },
             "blend" => Variant { sh_count: 0, atomic: false, ..all },
             "blend_backward" => Variant { sh_count: 0, bytes: false, ..all },
             "project_backward" => Variant { subgroup: 0, bytes: false, atomic: false, ..all },
@@ -464,6 +503,7 @@ impl<'a> FrameSteps<'a> {
             (6, self.get("owners")),
             (7, state),
             (9, self.get("candidates")),
+            (10, &self.constants.frame),
         ];
         if self.buffers.sizes.variant.keep {
             emit.push((8, self.get("firsts")));
@@ -518,24 +558,4 @@ impl<'a> FrameSteps<'a> {
         let tiles = self.batch.lenses.iter().map(|lens| lens.tiles[0] * lens.tiles[1]).max().unwrap_or(0);
         vec![self.step("blend", "blend", Groups::Fixed(tiles, self.batch.lenses.len() as u32), buffers)]
     }
-}
-
-/// Views that fit one batch when every Gaussian is seen by a share of them on some tiles each: no buffer beyond what the device allows,
-/// and all of them within `bytes`.
-pub fn views_at_once(
-    gpu: &Gpu,
-    cloud: &GpuCloud,
-    pixels: usize,
-    seen_share: f64,
-    tiles_each: f64,
-    bytes: u64,
-) -> usize {
-    let per_view_visible = (cloud.count as f64 * seen_share).max(1.0);
-    let per_view_entries = per_view_visible * tiles_each;
-    let limit = gpu.largest_buffer() as f64;
-    let by_buffer = [48.0 * per_view_visible, 4.0 * per_view_entries, 16.0 * pixels as f64];
-    let most = by_buffer.iter().map(|each| limit / each).fold(f64::INFINITY, f64::min);
-    let bins = (per_view_entries / SORT_BLOCK as f64) * 256.0 * 4.0;
-    let all = 88.0 * per_view_visible + 16.0 * per_view_entries + bins + 36.0 * pixels as f64;
-    (most.min(bytes as f64 / all) as usize).clamp(1, Batch::MAX_VIEWS)
 }

@@ -17,5 +17,5 @@ pub mod shaders;
 pub use bisect::Stage;
 pub use cloud::GpuCloud;
 pub use device::{Gpu, GpuOptions};
-pub use forward::{Counts, GpuRasteriser, GpuSettings, views_at_once};
+pub use forward::{Counts, GpuRasteriser, GpuSettings};
 pub use images::GpuImages;

@@ -197,6 +197,8 @@ fn constants(variant: &Variant) -> String {
         ("FEATURE_COUNT", variant.features),
         ("DIGIT_BITS", variant.digit),
         ("SUBGROUP_SIZE", lanes),
+        ("BLOCK_WIDTH", 1 << lanes.ilog2().div_ceil(2)),
+        ("BLOCK_HEIGHT", 1 << (lanes.ilog2() / 2)),
         ("SUBGROUP_COUNT", 256 / lanes),
         ("SUBGROUP_MASK", ((1u64 << lanes) - 1) as u32),
         ("RANKS", (256 / lanes) << variant.digit),

@@ -52,7 +52,8 @@ var<workgroup> bs: array<vec4<f32>, 256>;
 var<workgroup> cs: array<vec4<f32>, 256>;
 //#endif
 //#if SUBGROUPS
-var<workgroup> bounds: array<vec4<f32>, 256>;
+// For each block of pixels, which of a batch touch it, a word for each subgroup that loaded them.
+var<workgroup> touching: array<u32, SUBGROUP_COUNT * SUBGROUP_COUNT>;
 //#endif
 //#if PLANE
 var<workgroup> ps: array<vec4<f32>, 256>;
@@ -69,7 +70,7 @@ fn blend(
     @builtin(local_invocation_index) local: u32,
 //#if SUBGROUPS
     @builtin(subgroup_invocation_id) lane: u32,
-    @builtin(subgroup_size) lanes: u32,
+    @builtin(subgroup_id) subgroup: u32,
 //#endif
 ) {
     let size = lenses[group.y].size;
@@ -87,8 +88,8 @@ fn blend(
         all_closed = 0u;
     }
 //#if SUBGROUPS
-    let low = vec2<f32>(subgroupMin(at.x), subgroupMin(at.y));
-    let high = vec2<f32>(subgroupMax(at.x), subgroupMax(at.y));
+    let own_block = block_of(x % TILE, y % TILE);
+    let corner = vec2<f32>(f32(group.x % across.x * TILE), f32(group.x / across.x * TILE)) + 0.5;
 //#endif
     workgroupBarrier();
     // Least opacity that counts: beyond any once the pixel takes no more.
@@ -110,6 +111,9 @@ fn blend(
 //#endif
     let range = ranges[tile];
     for (var start = range.x; start < range.y; start += 256u) {
+//#if SUBGROUPS
+        var blocks = 0u;
+//#endif
         if start + local < range.y {
 //#if KEEP
             let record = owners[sorted[start + local]];
@@ -134,24 +138,28 @@ fn blend(
             cs[local] = shades[record];
 //#endif
 //#if SUBGROUPS
-            bounds[local] = bound_of(a, b.x, b.y);
+            blocks = touched_blocks(a, b.x, b.y, corner);
 //#endif
 //#if PLANE
             ps[local] = planes[record];
 //#endif
         }
+//#if SUBGROUPS
+        for (var block = 0u; block < SUBGROUP_COUNT; block++) {
+            let votes = subgroupBallot(((blocks >> block) & 1u) == 1u).x;
+            if lane == 0u {
+                touching[block * SUBGROUP_COUNT + subgroup] = votes;
+            }
+        }
+//#endif
         workgroupBarrier();
         let held = min(range.y - start, 256u);
 //#if SUBGROUPS
-        for (var base = 0u; base < held; base += lanes) {
+        for (var base = 0u; base < held; base += SUBGROUP_SIZE) {
             if subgroupAll(least > 1.0) {
                 break;
             }
-            var touched = false;
-            if base + lane < held {
-                touched = touches(as_[base + lane], bs[base + lane].x, bounds[base + lane], low, high);
-            }
-            var votes = subgroupBallot(touched).x;
+            var votes = touching[own_block * SUBGROUP_COUNT + base / SUBGROUP_SIZE];
             while votes != 0u {
                 let k = base + firstTrailingBit(votes);
                 votes &= votes - 1u;

@@ -43,7 +43,8 @@ var<workgroup> cs: array<vec4<f32>, BATCH>;
 var<workgroup> ps: array<vec4<f32>, BATCH>;
 //#endif
 //#if SUBGROUPS
-var<workgroup> bounds: array<vec4<f32>, BATCH>;
+// Blocks of pixels that each touches.
+var<workgroup> blocks_of: array<u32, BATCH>;
 //#endif
 //#if ATOMIC
 var<workgroup> record_of: array<u32, BATCH>;
@@ -164,8 +165,8 @@ fn blend_backward(
 //#endif
 //#if SUBGROUPS
     let furthest_here = subgroupMax(last);
-    let low = vec2<f32>(subgroupMin(at.x), subgroupMin(at.y));
-    let high = vec2<f32>(subgroupMax(at.x), subgroupMax(at.y));
+    let own_block = block_of(x % TILE, y % TILE);
+    let corner = vec2<f32>(f32(group.x % across.x * TILE), f32(group.x / across.x * TILE)) + 0.5;
 //#endif
     // Entries beyond are zeros already.
     while stop > first {
@@ -185,7 +186,7 @@ fn blend_backward(
             record_of[invocation] = record;
 //#endif
 //#if SUBGROUPS
-            bounds[invocation] = bound_of(a, b.x, b.y);
+            blocks_of[invocation] = touched_blocks(a, b.x, b.y, corner);
 //#endif
 //#if PLANE
             ps[invocation] = planes[record];
@@ -205,7 +206,7 @@ fn blend_backward(
             let base = (chunk - 1u) * SUBGROUP_SIZE;
             var touched = base + lane < held && u32(start) + base + lane < furthest_here;
             if touched {
-                touched = touches(as_[base + lane], bs[base + lane].x, bounds[base + lane], low, high);
+                touched = ((blocks_of[base + lane] >> own_block) & 1u) == 1u;
             }
             var votes = subgroupBallot(touched).x;
             while votes != 0u {

@@ -1,5 +1,5 @@
-// Twin of emit.rs. `count` lays the counts out in the order of depth; after a scan, `emit` writes the entries: a workgroup takes 256
-// Gaussians and shares out their entries, since one may have many and its neighbours few.
+// Twin of emit.rs. `count` lays the counts out in the order of depth; after a scan, `emit` writes the entries: an
+// invocation those of one Gaussian, several invocations those of a large one.
 
 @group(0) @binding(0) var<storage, read> lenses: array<Lens>;
 @group(0) @binding(1) var<storage, read> records: array<vec4<f32>>;
@@ -13,6 +13,19 @@
 @group(0) @binding(8) var<storage, read_write> firsts: array<u32>;
 //#endif
 @group(0) @binding(9) var<storage, read> candidates: array<vec2<u32>>;
+@group(0) @binding(10) var<storage, read> frame: Frame;
+
+struct Frame {
+    views: u32,
+    splats: u32,
+    groups: u32,
+    blocks: u32,
+    capacity: u32,
+    entry_capacity: u32,
+    depth_bins: u32,
+    tile_bins: u32,
+    tiles: u32,
+}
 
 @compute @workgroup_size(256)
 fn count(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
@@ -22,63 +35,88 @@ fn count(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     }
 }
 
-// Ellipses of the workgroup's Gaussians, their views and first rows, where their entries begin, and their records.
-var<workgroup> shapes: array<Ellipse, 256>;
-var<workgroup> places: array<vec2<u32>, 256>;
-var<workgroup> begins: array<u32, 256>;
-var<workgroup> own: array<u32, 256>;
-var<workgroup> last_end: u32;
+// Gaussians with more entries than this are left to the whole workgroup.
+const MANY: u32 = 16u;
+
+var<workgroup> large_count: atomic<u32>;
+var<workgroup> large_held: u32;
+// Indices of the large ones, in any order: where their entries stand is fixed.
+var<workgroup> large: array<u32, 256>;
+
+fn record_ellipse(record: u32) -> Ellipse {
+    let a = records[2u * record];
+    let b = records[2u * record + 1u];
+    return ellipse_of(a.xy, a.z, a.w, b.x, opacity_of(b));
+}
 
 @compute @workgroup_size(256)
 fn emit(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+    if local == 0u {
+        atomicStore(&large_count, 0u);
+    }
+    workgroupBarrier();
     let index = folded(group) * 256u + local;
-    let visible = state[VISIBLE];
-    let held = min(visible - min(visible, folded(group) * 256u), 256u);
-    begins[local] = 0xffffffffu;
-    if local < held {
+    let limit = state[ENTRIES];
+    // The tile after the last: rounding may differ between the stage that counted and this one, and an entry that was counted
+    // for nothing must be in no tile.
+    let nowhere = frame.tiles;
+    if index < state[VISIBLE] {
         let record = order[index];
-        let begin = offsets[index];
+        let count = counts[record];
+        var at = offsets[index];
 //#if KEEP
-        firsts[record] = begin;
+        firsts[record] = at;
 //#endif
-        begins[local] = begin;
-        own[local] = record;
-        if local + 1u == held {
-            last_end = min(begin + counts[record], state[ENTRIES]);
-        }
-        if counts[record] > 0u {
-            let a = records[2u * record];
-            let b = records[2u * record + 1u];
+        if count > MANY {
+            large[atomicAdd(&large_count, 1u)] = index;
+        } else if count > 0u {
             let view = candidates[record].x;
-            let e = ellipse_of(a.xy, a.z, a.w, b.x, opacity_of(b));
-            shapes[local] = e;
-            places[local] = vec2<u32>(view, ellipse_rows(e, lenses[view].size).x);
+            let size = lenses[view].size;
+            let e = record_ellipse(record);
+            let rows = ellipse_rows(e, size);
+            let end = min(at + count, limit);
+            for (var row = rows.x; row < rows.y; row++) {
+                let span = ellipse_row(e, row, size);
+                let first = lenses[view].first_tile + row * lenses[view].tiles.x;
+                for (var column = span.x; column < span.y && at < end; column++) {
+                    tiles[at] = first + column;
+                    owners[at] = record;
+                    at += 1u;
+                }
+            }
+            for (; at < end; at++) {
+                tiles[at] = nowhere;
+                owners[at] = record;
+            }
         }
     }
     workgroupBarrier();
-    if held == 0u {
-        return;
+    if local == 0u {
+        large_held = atomicLoad(&large_count);
     }
-    for (var at = begins[0] + local; at < last_end; at += 256u) {
-        // The last Gaussian that begins here or before: those without entries begin where the next one does.
-        var k = 0u;
-        for (var step = 128u; step > 0u; step /= 2u) {
-            if begins[k + step] <= at {
-                k += step;
-            }
-        }
-        let e = shapes[k];
-        let view = places[k].x;
+    let larges = workgroupUniformLoad(&large_held);
+    // 16 invocations for each of the large ones, each with every 16th entry.
+    for (var k = local / 16u; k < larges; k += 16u) {
+        let record = order[large[k]];
+        let count = counts[record];
+        let begin = offsets[large[k]];
+        let view = candidates[record].x;
         let size = lenses[view].size;
-        var row = places[k].y;
-        var rest = at - begins[k];
+        let e = record_ellipse(record);
+        let rows = ellipse_rows(e, size);
+        var row = rows.x;
         var span = ellipse_row(e, row, size);
-        while rest >= span.y - span.x {
-            rest -= span.y - span.x;
-            row += 1u;
-            span = ellipse_row(e, row, size);
+        // Entries of the rows before.
+        var before = 0u;
+        for (var rank = local % 16u; rank < count && begin + rank < limit; rank += 16u) {
+            while row < rows.y && rank >= before + span.y - span.x {
+                before += span.y - span.x;
+                row += 1u;
+                span = ellipse_row(e, row, size);
+            }
+            let tile = lenses[view].first_tile + row * lenses[view].tiles.x + span.x + rank - before;
+            tiles[begin + rank] = select(nowhere, tile, row < rows.y);
+            owners[begin + rank] = record;
         }
-        tiles[at] = lenses[view].first_tile + row * lenses[view].tiles.x + span.x + rest;
-        owners[at] = own[k];
     }
 }

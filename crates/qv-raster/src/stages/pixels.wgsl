@@ -11,25 +11,36 @@ fn squeeze(x: u32) -> u32 {
 }
 
 //#if SUBGROUPS
-// What `touches` needs of an ellipse, with U scaled so: the square that |U d| must not pass, half the height, the offset along y of
-// the leftmost point, 1 / u00.
-fn bound_of(a: vec4<f32>, u11: f32, opacity: f32) -> vec4<f32> {
+// Blocks of pixels that an ellipse may touch, a bit for each, row by row, of a tile of which the first pixel centre is `corner`. A block
+// is what a subgroup holds; U is scaled so.
+fn touched_blocks(a: vec4<f32>, u11: f32, opacity: f32, corner: vec2<f32>) -> u32 {
     let square = log2(max(opacity / MIN_ALPHA, 1.0)) + 1e-4;
     let limit = sqrt(square) / u11;
-    return vec4<f32>(square, limit, limit * a.w / sqrt(a.w * a.w + u11 * u11), 1.0 / a.z);
+    let widest = limit * a.w / sqrt(a.w * a.w + u11 * u11);
+    let inverse = 1.0 / a.z;
+    let offset = corner - a.xy;
+    var out = 0u;
+    for (var row = 0u; row < TILE / BLOCK_HEIGHT; row++) {
+        let top = max(offset.y + f32(row * BLOCK_HEIGHT), -limit);
+        let bottom = min(offset.y + f32(row * BLOCK_HEIGHT + BLOCK_HEIGHT - 1u), limit);
+        // Where the ellipse is widest, or as near to that as the rows come.
+        let right_y = clamp(-widest, top, bottom);
+        let left_y = clamp(widest, top, bottom);
+        let right_over = u11 * right_y;
+        let left_over = u11 * left_y;
+        let right = (sqrt(max(square - right_over * right_over, 0.0)) - a.w * right_y) * inverse + 1e-3;
+        let left = (-sqrt(max(square - left_over * left_over, 0.0)) - a.w * left_y) * inverse - 1e-3;
+        for (var column = 0u; column < TILE / BLOCK_WIDTH; column++) {
+            let low = offset.x + f32(column * BLOCK_WIDTH);
+            let touched = top <= bottom + 1e-3 && low <= right && low + f32(BLOCK_WIDTH - 1u) >= left;
+            out |= select(0u, 1u << (row * (TILE / BLOCK_WIDTH) + column), touched);
+        }
+    }
+    return out;
 }
 
-// Whether a pixel centre between two corners may be inside an ellipse.
-fn touches(a: vec4<f32>, u11: f32, bound: vec4<f32>, low: vec2<f32>, high: vec2<f32>) -> bool {
-    let top = max(low.y - a.y, -bound.y);
-    let bottom = min(high.y - a.y, bound.y);
-    // Where the ellipse is widest, or as near to that as the rows come.
-    let right_y = clamp(-bound.z, top, bottom);
-    let left_y = clamp(bound.z, top, bottom);
-    let right_over = u11 * right_y;
-    let left_over = u11 * left_y;
-    let right = (sqrt(max(bound.x - right_over * right_over, 0.0)) - a.w * right_y) * bound.w;
-    let left = (-sqrt(max(bound.x - left_over * left_over, 0.0)) - a.w * left_y) * bound.w;
-    return top <= bottom + 1e-3 && low.x - a.x <= right + 1e-3 && high.x - a.x >= left - 1e-3;
+// The block of a pixel of a tile.
+fn block_of(x: u32, y: u32) -> u32 {
+    return y / BLOCK_HEIGHT * (TILE / BLOCK_WIDTH) + x / BLOCK_WIDTH;
 }
 //#endif
