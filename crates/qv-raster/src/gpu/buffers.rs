@@ -78,7 +78,7 @@ impl Sizes {
             ("sorted_other", self.entries * 4),
             ("bins", bins * 4),
             ("sums", scanned.div_ceil(2048) * 4 + 4),
-            ("ranges", (self.tiles + 1) * 8),
+            ("ranges", self.tiles * 8),
             ("colours", self.pixels * if v.bytes { 4 } else { 16 }),
         ];
         let mut with = |wanted: bool, name: &'static str, bytes: u64| {

@@ -44,6 +44,7 @@ pub(crate) struct Constants {
     pub look: wgpu::Buffer,
     pub frame: wgpu::Buffer,
     scans: [wgpu::Buffer; 4],
+    emits: [wgpu::Buffer; 2],
     depth_passes: Vec<wgpu::Buffer>,
     tile_passes: Vec<wgpu::Buffer>,
     depth_bits: u32,
@@ -266,7 +267,6 @@ impl GpuRasteriser {
             sizes.entries.min(u32::MAX as u64) as u32,
             1 << depth_bits,
             1 << tile_bits,
-            batch.tiles as u32,
         ];
         let pass = |bits: u32, k: u32, all: u32, length: u32, blocks: u32, first: bool| {
             let bits_here = bits.min(all.saturating_sub(bits * k)).max(1);
@@ -288,6 +288,7 @@ impl GpuRasteriser {
                 scan(slot::VISIBLE, slot::NEEDED_ENTRIES)?,
                 scan(slot::TILE_BINS, slot::UNUSED)?,
             ],
+            emits: [gpu.filled("emit", &[0u32; 4])?, gpu.filled("emit", &[1u32, 0, 0, 0])?],
             depth_passes: (0..depth_passes).map(depth).collect::<Result<_, _>>()?,
             tile_passes: (0..tile_passes).map(tile).collect::<Result<_, _>>()?,
             depth_bits,
@@ -487,28 +488,29 @@ impl<'a> FrameSteps<'a> {
     }
 
     pub fn emit(&self) -> Vec<Step<'a>> {
-        let (counts, offsets, state) = (self.get("counts"), self.get("offsets"), &self.buffers.state);
-        let by_visible = self.indirect(dispatch::BY_VISIBLE);
-        let count = vec![(2, counts), (3, self.order()), (4, offsets), (7, state)];
-        let mut steps = vec![self.step("emit", "count", by_visible, count)];
+        let offsets = self.get("offsets");
+        let pass = |which: usize| {
+            let mut buffers = vec![
+                (0, &self.constants.lenses),
+                (1, self.get("records")),
+                (2, self.get("candidates")),
+                (3, self.order()),
+                (4, offsets),
+                (5, self.get("tiles")),
+                (6, self.get("owners")),
+                (7, &self.buffers.state),
+                (8, self.get("counts")),
+                (9, &self.constants.emits[which]),
+            ];
+            if self.buffers.sizes.variant.keep {
+                buffers.push((10, self.get("firsts")));
+            }
+            self.step("emit", "emit", self.indirect(dispatch::BY_VISIBLE), buffers)
+        };
+        let mut steps = vec![pass(0)];
         steps.extend(self.scan(offsets, 2, self.indirect(dispatch::BY_VISIBLE_SCAN)));
         steps.push(self.plan("entries"));
-        let mut emit = vec![
-            (0, &self.constants.lenses),
-            (1, self.get("records")),
-            (2, counts),
-            (3, self.order()),
-            (4, offsets),
-            (5, self.get("tiles")),
-            (6, self.get("owners")),
-            (7, state),
-            (9, self.get("candidates")),
-            (10, &self.constants.frame),
-        ];
-        if self.buffers.sizes.variant.keep {
-            emit.push((8, self.get("firsts")));
-        }
-        steps.push(self.step("emit", "emit", by_visible, emit));
+        steps.push(pass(1));
         steps
     }
 

@@ -139,7 +139,7 @@ pub const STAGES: [(&str, &[&str]); 10] = [
     ("scan", &["reduce", "spine", "apply"]),
     ("project", &["project"]),
     ("sort", &["histogram", "scatter"]),
-    ("emit", &["count", "emit"]),
+    ("emit", &["emit"]),
     ("ranges", &["find"]),
     ("blend", &["blend"]),
     ("blend_backward", &["blend_backward"]),

@@ -1,53 +1,34 @@
-// Twin of emit.rs. `count` lays the counts out in the order of depth; after a scan, `emit` writes the entries: an
-// invocation those of one Gaussian, several invocations those of a large one.
+// Twin of emit.rs: one entry point counts and emits, so that both come from the same instructions; compilers may round the same text
+// differently in two places. Without `write` it leaves the number of entries of each Gaussian in the order of depth; after a scan, with
+// `write`, it makes the entries. An invocation makes those of one Gaussian, several those of a large one.
 
 @group(0) @binding(0) var<storage, read> lenses: array<Lens>;
 @group(0) @binding(1) var<storage, read> records: array<vec4<f32>>;
-@group(0) @binding(2) var<storage, read> counts: array<u32>;
+@group(0) @binding(2) var<storage, read> candidates: array<vec2<u32>>;
 @group(0) @binding(3) var<storage, read> order: array<u32>;
 @group(0) @binding(4) var<storage, read_write> offsets: array<u32>;
 @group(0) @binding(5) var<storage, read_write> tiles: array<u32>;
 @group(0) @binding(6) var<storage, read_write> owners: array<u32>;
 @group(0) @binding(7) var<storage, read> state: array<u32>;
+// In: 0 where nothing is drawn. Out, with KEEP: the number of entries.
+@group(0) @binding(8) var<storage, read_write> counts: array<u32>;
+@group(0) @binding(9) var<storage, read> pass_: Pass;
 //#if KEEP
-@group(0) @binding(8) var<storage, read_write> firsts: array<u32>;
+@group(0) @binding(10) var<storage, read_write> firsts: array<u32>;
 //#endif
-@group(0) @binding(9) var<storage, read> candidates: array<vec2<u32>>;
-@group(0) @binding(10) var<storage, read> frame: Frame;
 
-struct Frame {
-    views: u32,
-    splats: u32,
-    groups: u32,
-    blocks: u32,
-    capacity: u32,
-    entry_capacity: u32,
-    depth_bins: u32,
-    tile_bins: u32,
-    tiles: u32,
+struct Pass {
+    write: u32,
 }
 
-@compute @workgroup_size(256)
-fn count(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let index = folded(group) * 256u + local;
-    if index < state[VISIBLE] {
-        offsets[index] = counts[order[index]];
-    }
-}
-
-// Gaussians with more entries than this are left to the whole workgroup.
+// Gaussians with more entries than this are left to several invocations.
 const MANY: u32 = 16u;
+const SEVERAL: u32 = 16u;
 
 var<workgroup> large_count: atomic<u32>;
 var<workgroup> large_held: u32;
-// Indices of the large ones, in any order: where their entries stand is fixed.
+// Places in the order of the large ones, as they come: where their entries stand is fixed.
 var<workgroup> large: array<u32, 256>;
-
-fn record_ellipse(record: u32) -> Ellipse {
-    let a = records[2u * record];
-    let b = records[2u * record + 1u];
-    return ellipse_of(a.xy, a.z, a.w, b.x, opacity_of(b));
-}
 
 @compute @workgroup_size(256)
 fn emit(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
@@ -55,68 +36,86 @@ fn emit(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         atomicStore(&large_count, 0u);
     }
     workgroupBarrier();
-    let index = folded(group) * 256u + local;
+    let visible = state[VISIBLE];
     let limit = state[ENTRIES];
-    // The tile after the last: rounding may differ between the stage that counted and this one, and an entry that was counted
-    // for nothing must be in no tile.
-    let nowhere = frame.tiles;
-    if index < state[VISIBLE] {
-        let record = order[index];
-        let count = counts[record];
-        var at = offsets[index];
+    let write = pass_.write == 1u;
+    // First each its own, then all of them the large ones.
+    var turns = 1u;
+    var larges = 0u;
+    for (var turn = 0u; turn < turns; turn++) {
+        var index = folded(group) * 256u + local;
+        var lane = 0u;
+        var stride = 1u;
+        var wanted = index < visible;
+        if turn > 0u {
+            let k = (turn - 1u) * (256u / SEVERAL) + local / SEVERAL;
+            wanted = k < larges;
+            if wanted {
+                index = large[k];
+            }
+            lane = local % SEVERAL;
+            stride = SEVERAL;
+        }
+        if wanted {
+            let record = order[index];
+            var begin = 0u;
+            if write {
+                begin = offsets[index];
+                if turn == 0u {
 //#if KEEP
-        firsts[record] = at;
+                    firsts[record] = begin;
 //#endif
-        if count > MANY {
-            large[atomicAdd(&large_count, 1u)] = index;
-        } else if count > 0u {
-            let view = candidates[record].x;
-            let size = lenses[view].size;
-            let e = record_ellipse(record);
-            let rows = ellipse_rows(e, size);
-            let end = min(at + count, limit);
-            for (var row = rows.x; row < rows.y; row++) {
-                let span = ellipse_row(e, row, size);
-                let first = lenses[view].first_tile + row * lenses[view].tiles.x;
-                for (var column = span.x; column < span.y && at < end; column++) {
-                    tiles[at] = first + column;
-                    owners[at] = record;
-                    at += 1u;
+                    var end = state[NEEDED_ENTRIES];
+                    if index + 1u < visible {
+                        end = offsets[index + 1u];
+                    }
+                    if end - begin > MANY {
+                        large[atomicAdd(&large_count, 1u)] = index;
+                        wanted = false;
+                    }
+                    wanted = wanted && end > begin;
+                }
+            } else {
+                wanted = counts[record] > 0u;
+            }
+            var count = 0u;
+            if wanted {
+                let a = records[2u * record];
+                let b = records[2u * record + 1u];
+                let view = candidates[record].x;
+                let size = lenses[view].size;
+                let e = ellipse_of(a.xy, a.z, a.w, b.x, opacity_of(b));
+                let rows = ellipse_rows(e, size);
+                // The next entry that this invocation makes.
+                var rank = select(0xffffffffu, lane, write);
+                for (var row = rows.x; row < rows.y; row++) {
+                    let span = ellipse_row(e, row, size);
+                    let end = count + span.y - span.x;
+                    while rank < end {
+                        if begin + rank < limit {
+                            let column = span.x + rank - count;
+                            tiles[begin + rank] = lenses[view].first_tile + row * lenses[view].tiles.x + column;
+                            owners[begin + rank] = record;
+                        }
+                        rank += stride;
+                    }
+                    count = end;
                 }
             }
-            for (; at < end; at++) {
-                tiles[at] = nowhere;
-                owners[at] = record;
+            if !write {
+                offsets[index] = count;
+//#if KEEP
+                counts[record] = count;
+//#endif
             }
         }
-    }
-    workgroupBarrier();
-    if local == 0u {
-        large_held = atomicLoad(&large_count);
-    }
-    let larges = workgroupUniformLoad(&large_held);
-    // 16 invocations for each of the large ones, each with every 16th entry.
-    for (var k = local / 16u; k < larges; k += 16u) {
-        let record = order[large[k]];
-        let count = counts[record];
-        let begin = offsets[large[k]];
-        let view = candidates[record].x;
-        let size = lenses[view].size;
-        let e = record_ellipse(record);
-        let rows = ellipse_rows(e, size);
-        var row = rows.x;
-        var span = ellipse_row(e, row, size);
-        // Entries of the rows before.
-        var before = 0u;
-        for (var rank = local % 16u; rank < count && begin + rank < limit; rank += 16u) {
-            while row < rows.y && rank >= before + span.y - span.x {
-                before += span.y - span.x;
-                row += 1u;
-                span = ellipse_row(e, row, size);
+        if turn == 0u {
+            workgroupBarrier();
+            if local == 0u {
+                large_held = atomicLoad(&large_count);
             }
-            let tile = lenses[view].first_tile + row * lenses[view].tiles.x + span.x + rank - before;
-            tiles[begin + rank] = select(nowhere, tile, row < rows.y);
-            owners[begin + rank] = record;
+            larges = workgroupUniformLoad(&large_held);
+            turns = 1u + (larges * SEVERAL + 255u) / 256u;
         }
     }
 }

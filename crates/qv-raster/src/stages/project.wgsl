@@ -59,14 +59,11 @@ fn project_one(index: u32, view: u32, splat: u32) -> bool {
     if !finite(sum) || factor.x <= 0.0 || factor.z <= 0.0 {
         return false;
     }
+    // How many tiles it touches is counted by `emit`; here only whether there may be any.
     var count = 0u;
     if opacity >= MIN_ALPHA {
-        let e = ellipse_of(at, factor.x, factor.y, factor.z, opacity);
-        let rows = ellipse_rows(e, lens.size);
-        for (var row = rows.x; row < rows.y; row++) {
-            let span = ellipse_row(e, row, lens.size);
-            count += span.y - span.x;
-        }
+        let rows = ellipse_rows(ellipse_of(at, factor.x, factor.y, factor.z, opacity), lens.size);
+        count = rows.y - rows.x;
     }
     records[2u * index] = vec4<f32>(at, factor.xy);
 //#if PACKED

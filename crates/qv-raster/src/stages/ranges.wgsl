@@ -1,5 +1,4 @@
-// Twin of ranges.rs: first entry of each tile and the one after its last. The ranges are zeros before; that of the tile after
-// the last is read by nobody.
+// Twin of ranges.rs: first entry of each tile and the one after its last. The ranges are zeros before.
 
 @group(0) @binding(0) var<storage, read> sorted_tiles: array<u32>;
 @group(0) @binding(1) var<storage, read_write> ranges: array<vec2<u32>>;
