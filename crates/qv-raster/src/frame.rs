@@ -44,7 +44,7 @@ impl Frame {
     /// Draws views of a scene as one batch.
     ///
     /// # Errors
-    /// Scene or views are off, or the batch is larger than indices or memory hold (see [`memory`]).
+    /// Scene or views are off, or the batch has more entries than 32-bit indices hold.
     pub fn new(scene: &Scene, views: &[View], settings: &Settings) -> Result<Self, RasterError> {
         scene.check()?;
         Self::of_checked(scene, views, settings)

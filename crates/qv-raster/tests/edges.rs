@@ -92,8 +92,11 @@ fn the_same_bits_on_any_number_of_threads() {
     assert_eq!(one.0, one.2, "a batch and view by view");
 }
 
+/// Makes a Gaussian's numbers odd.
+type Oddity = fn(&mut GaussianCloud, usize);
+
 /// Each way in which the numbers of a Gaussian may be odd.
-fn oddities() -> Vec<(&'static str, fn(&mut GaussianCloud, usize))> {
+fn oddities() -> Vec<(&'static str, Oddity)> {
     vec![
         ("NaN mean", |c, i| c.means[i][0] = f32::NAN),
         ("infinite mean", |c, i| c.means[i][2] = f32::INFINITY),

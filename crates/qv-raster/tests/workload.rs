@@ -29,14 +29,14 @@ fn the_cloud_is_the_described_one() {
     let cloud = cloud(2000, 1, 1);
     cloud.check().unwrap();
     let wide = |row: &[f32]| row.iter().map(|&x| x as f64).collect::<Vec<f64>>();
-    check(sums(cloud.means.iter().map(|m| wide(m))), [1187.436_776_243_190_3, 454.448_525_698_538_4]);
-    check(sums(cloud.rotations.iter().map(|q| wide(q))), [1052.801_807_147_481_7, 15.204_665_164_203_31]);
+    check(sums(cloud.means.iter().map(|m| wide(m))), [1_187.436_776_243_190_3, 454.448_525_698_538_4]);
+    check(sums(cloud.rotations.iter().map(|q| wide(q))), [1_052.801_807_147_481_7, 15.204_665_164_203_31]);
     let scales = cloud.log_scales.iter().map(|s| s.iter().map(|&x| (x as f64).exp()).collect());
-    check(sums(scales), [2576.417_543_055_955_3, -58.069_683_254_460_735]);
+    check(sums(scales), [2_576.417_543_055_955_3, -58.069_683_254_460_735]);
     let opacities = cloud.opacity_logits.iter().map(|&x| vec![1.0 / (1.0 + (-x as f64).exp())]);
-    check(sums(opacities), [1331.028_169_533_703_5, 3.025_641_746_514_505_6]);
+    check(sums(opacities), [1_331.028_169_533_703_5, 3.025_641_746_514_505_6]);
     let sh = (0..2000).map(|i| wide(cloud.sh_of(i).as_flattened()));
-    check(sums(sh), [-2851.374_984_377_456_7, 30.651_716_943_898_82]);
+    check(sums(sh), [-2_851.374_984_377_456_7, 30.651_716_943_898_82]);
     assert_eq!(cloud.means[1234], [6.811_205, -4.848_75, 1.816_543_1]);
     assert_eq!(cloud.sh_of(1234)[1], [-0.027_702_132, -0.052_436_88, 0.015_717_3]);
 }

@@ -84,7 +84,7 @@ impl GpuRasteriser {
         let (buffers, batch) = self.kept()?;
         let Some(constants) = &self.constants else { return Err(nothing()) };
         let frame = FrameSteps { batch, buffers, constants, cloud, plain_blend: self.gpu.plain_blend };
-        let mut recorder = Recorder::new(&self.gpu, timed)?;
+        let mut recorder = Recorder::new(&self.gpu, timed);
         let atomic = buffers.sizes.variant.atomic;
         let summed = if atomic { "record_gradients" } else { "entry_gradients" };
         for name in [summed, "by_sh", "by_feature"] {

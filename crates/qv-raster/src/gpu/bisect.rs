@@ -60,7 +60,7 @@ impl GpuRasteriser {
         }
         self.upload(stage, frame)?;
         let steps = FrameSteps { batch, buffers, constants, cloud, plain_blend: self.gpu.plain_blend };
-        let mut recorder = Recorder::new(&self.gpu, false)?;
+        let mut recorder = Recorder::new(&self.gpu, false);
         recorder.run("plan", &[steps.plan("visible")]);
         if stage < Stage::Project {
             recorder.run("project", &steps.project());

@@ -306,7 +306,7 @@ impl GpuRasteriser {
         let (Some(batch), Some(buffers), Some(constants)) = (&self.batch, &self.buffers, &self.constants) else {
             return Err(RasterError::Device("expected a prepared batch, found none".into()));
         };
-        let mut recorder = Recorder::new(&self.gpu, timed)?;
+        let mut recorder = Recorder::new(&self.gpu, timed);
         let frame = FrameSteps { batch, buffers, constants, cloud, plain_blend: self.gpu.plain_blend };
         recorder.encoder.clear_buffer(buffers.get("ranges"), 0, None);
         recorder.run("cull", &frame.cull());

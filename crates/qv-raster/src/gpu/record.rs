@@ -42,25 +42,22 @@ pub(crate) struct Recorder<'a> {
 
 impl<'a> Recorder<'a> {
     /// `timed` asks for time stamps, which are left out where the device has none.
-    pub fn new(gpu: &'a Gpu, timed: bool) -> Result<Self, RasterError> {
-        let stamps = match gpu.tick.filter(|_| timed) {
-            None => None,
-            Some(_) => Some(Stamps {
-                set: gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
-                    label: None,
-                    ty: wgpu::QueryType::Timestamp,
-                    count: 2 * MOST,
-                }),
-                buffer: gpu.device.create_buffer(&wgpu::BufferDescriptor {
-                    label: Some("stamps"),
-                    size: 16 * MOST as u64,
-                    usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
-                    mapped_at_creation: false,
-                }),
-                names: vec![],
+    pub fn new(gpu: &'a Gpu, timed: bool) -> Self {
+        let stamps = gpu.tick.filter(|_| timed).map(|_| Stamps {
+            set: gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
+                label: None,
+                ty: wgpu::QueryType::Timestamp,
+                count: 2 * MOST,
             }),
-        };
-        Ok(Self { gpu, encoder: gpu.device.create_command_encoder(&Default::default()), stamps })
+            buffer: gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("stamps"),
+                size: 16 * MOST as u64,
+                usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
+                mapped_at_creation: false,
+            }),
+            names: vec![],
+        });
+        Self { gpu, encoder: gpu.device.create_command_encoder(&Default::default()), stamps }
     }
 
     /// Dispatches in a row, timed under one name.

@@ -16,8 +16,7 @@ pub struct Entries {
     pub first: Vec<u32>,
 }
 
-/// The loop that counted the tiles, in the order of depth. Entries beyond 2^32 are not made; see
-/// [`Rasteriser`](crate::Rasteriser), which splits batches before.
+/// The loop that counted the tiles, in the order of depth. There must be fewer than 2^32 entries.
 pub fn emit(batch: &Batch, records: &[Projected], counts: &[u32], order: &[u32]) -> Entries {
     let mut first = vec![0; records.len()];
     let mut total = 0;
@@ -42,7 +41,8 @@ pub fn emit(batch: &Batch, records: &[Projected], counts: &[u32], order: &[u32])
         let lens = &batch.lenses[record.view as usize];
         let ellipse = Ellipse::new(record.mean, record.factor, record.opacity);
         let mut at = 0;
-        for row in (|[first, end]: [u32; 2]| first..end)(ellipse.rows(lens)) {
+        let [top, bottom] = ellipse.rows(lens);
+        for row in top..bottom {
             let [first, end] = ellipse.row(row, lens);
             for column in first..end {
                 tiles[at] = lens.first_tile + row * lens.tiles[0] + column;
