@@ -109,7 +109,7 @@ fn blend_tile_body(
     let channels = source.channels.count();
     let values = &mut values[..channels];
     // 1 while a pixel takes Gaussians, then 0.
-    let mut open = [[1.0f32; LANES]; LANES];
+    let mut open = [[1u32; LANES]; LANES];
     let mut open_rows = [true; LANES];
     let [first, end] = source.ranges[tile];
     for index in first..end {
@@ -124,27 +124,33 @@ fn blend_tile_body(
             let dy = corner[1] + row as f32 - splat.mean[1];
             let (shift, across) = (u01 * dy, u11 * dy);
             let across = across * across;
-            let here = row * LANES..(row + 1) * LANES;
-            let (left, last) = (&mut transmittance[here.clone()], &mut last[here]);
-            let open = &mut open[row];
+            let from = row * LANES;
+            // Copies, and whole numbers for what is summed over the row: both let the compiler use vectors.
+            let mut left: Lanes = std::array::from_fn(|lane| transmittance[from + lane]);
+            let mut newest: [u32; LANES] = std::array::from_fn(|lane| last[from + lane]);
+            let mut still = open[row];
             let mut weight = [0.0; LANES];
-            let mut taken = 0.0;
+            let mut wanted_by_any = 0;
+            let mut still_any = 0;
             for lane in 0..LANES {
                 let along = u00 * (columns[lane] - splat.mean[0]) + shift;
                 let alpha = splat.opacity * exp_negative(0.5 * (along * along + across));
                 let alpha = if alpha < MAX_ALPHA { alpha } else { MAX_ALPHA };
                 let after = left[lane] * (1.0 - alpha);
-                let wanted = if alpha >= MIN_ALPHA { open[lane] } else { 0.0 };
-                let enough = if after > MIN_TRANSMITTANCE { 1.0 } else { 0.0 };
-                let take = wanted * enough;
-                open[lane] -= wanted - take;
-                weight[lane] = take * alpha * left[lane];
-                left[lane] = if take > 0.0 { after } else { left[lane] };
-                last[lane] = if take > 0.0 { index + 1 } else { last[lane] };
-                taken += wanted;
+                let wanted = if alpha >= MIN_ALPHA { still[lane] } else { 0 };
+                let take = if after > MIN_TRANSMITTANCE { wanted } else { 0 };
+                still[lane] -= wanted - take;
+                still_any |= still[lane];
+                weight[lane] = if take > 0 { alpha * left[lane] } else { 0.0 };
+                left[lane] = if take > 0 { after } else { left[lane] };
+                newest[lane] = if take > 0 { index + 1 } else { newest[lane] };
+                wanted_by_any |= wanted;
             }
-            if taken > 0.0 {
-                open_rows[row] = open.iter().any(|&open| open > 0.0);
+            if wanted_by_any > 0 {
+                transmittance[from..from + LANES].copy_from_slice(&left);
+                last[from..from + LANES].copy_from_slice(&newest);
+                open[row] = still;
+                open_rows[row] = still_any > 0;
                 for (channel, value) in values.iter().enumerate() {
                     let sums = &mut sums[channel * TILE_PIXELS + row * LANES..][..LANES];
                     for lane in 0..LANES {
