@@ -79,7 +79,8 @@ fn tile_backward_body(
         let splat = &source.projections.records[record];
         source.channels.fill(source.scene, source.projections, record, values);
         let [u00, u01, u11] = splat.factor;
-        let mut sums = [[0.0; LANES]; MOST];
+        let mut shape_sums = [[0.0; LANES]; SHAPE_GRADIENTS];
+        let mut sums = [[0.0; LANES]; MOST - SHAPE_GRADIENTS];
         for row in touched_rows(splat.mean[1], half_height(u11, splat.opacity), corner[1]) {
             let dy = corner[1] + row as f32 - splat.mean[1];
             let (shift, across) = (u01 * dy, u11 * dy);
@@ -91,43 +92,48 @@ fn tile_backward_body(
                     product[lane] += wanted[lane] * value;
                 }
             }
-            let (last, left) = (&last[from..from + LANES], &mut left[from..from + LANES]);
-            let behind = &mut behind[from..from + LANES];
+            // Copies let the compiler use vectors.
+            let newest: [u32; LANES] = std::array::from_fn(|lane| last[from + lane]);
+            let mut before: Lanes = std::array::from_fn(|lane| left[from + lane]);
+            let mut after: Lanes = std::array::from_fn(|lane| behind[from + lane]);
             let mut weight = [0.0; LANES];
+            let [mut by_u, mut by_v, mut by_xx, mut by_xy, mut by_yy, mut by_opacity] = shape_sums;
             for lane in 0..LANES {
                 let dx = columns[lane] - splat.mean[0];
                 let along = u00 * dx + shift;
                 let falloff = exp_negative(0.5 * (along * along + across * across));
                 let raw = splat.opacity * falloff;
                 let alpha = if raw < MAX_ALPHA { raw } else { MAX_ALPHA };
-                let taken = alpha >= MIN_ALPHA && index < last[lane];
+                let taken = alpha >= MIN_ALPHA && index < newest[lane];
                 let alpha = if taken { alpha } else { 0.0 };
                 let inverse = 1.0 / (1.0 - alpha);
-                let before = left[lane] * inverse;
-                let by_alpha = before * product[lane] - behind[lane] * inverse;
+                before[lane] *= inverse;
+                let by_alpha = before[lane] * product[lane] - after[lane] * inverse;
                 // Where the opacity is cut off it does not depend on the Gaussian.
                 let by_raw = if taken && raw < MAX_ALPHA { by_alpha } else { 0.0 };
-                left[lane] = before;
-                weight[lane] = alpha * before;
-                behind[lane] += weight[lane] * product[lane];
+                weight[lane] = alpha * before[lane];
+                after[lane] += weight[lane] * product[lane];
                 let by_exponent = -raw * by_raw;
-                sums[0][lane] -= by_exponent * (u00 * along);
-                sums[1][lane] -= by_exponent * (u01 * along + u11 * across);
-                sums[2][lane] += by_exponent * (0.5 * dx * dx);
-                sums[3][lane] += by_exponent * (dx * dy);
-                sums[4][lane] += by_exponent * (0.5 * dy * dy);
-                sums[5][lane] += by_raw * falloff;
+                by_u[lane] -= by_exponent * (u00 * along);
+                by_v[lane] -= by_exponent * (u01 * along + u11 * across);
+                by_xx[lane] += by_exponent * (0.5 * dx * dx);
+                by_xy[lane] += by_exponent * (dx * dy);
+                by_yy[lane] += by_exponent * (0.5 * dy * dy);
+                by_opacity[lane] += by_raw * falloff;
             }
+            left[from..from + LANES].copy_from_slice(&before);
+            behind[from..from + LANES].copy_from_slice(&after);
+            shape_sums = [by_u, by_v, by_xx, by_xy, by_yy, by_opacity];
             for channel in 0..channels {
                 let wanted = &wanted[channel * TILE_PIXELS + from..][..LANES];
-                let sum = &mut sums[SHAPE_GRADIENTS + channel];
+                let sum = &mut sums[channel];
                 for lane in 0..LANES {
                     sum[lane] += weight[lane] * wanted[lane];
                 }
             }
         }
         let out = &mut out[(index - first) as usize * width..][..width];
-        for (out, sum) in out.iter_mut().zip(&sums) {
+        for (out, sum) in out.iter_mut().zip(shape_sums.iter().chain(&sums)) {
             *out = fold(sum);
         }
     }
