@@ -35,6 +35,7 @@ mod lanes;
 pub mod lens;
 mod memory;
 mod scene;
+pub mod shaders;
 pub mod stages;
 pub mod workload;
 

@@ -7,12 +7,15 @@ use qv_raster::stages::cull::Candidate;
 use qv_raster::stages::project::Projected;
 use qv_raster::{Frame, Image, Outputs, RasterError, Scene, Settings, View, workload};
 
-/// A rasteriser with and one without subgroups; none without an adapter.
+/// A rasteriser without subgroups, one with, and one with a workgroup for each; none without an adapter.
 fn rasterisers() -> Vec<GpuRasteriser> {
     let mut out = vec![];
-    for without_subgroups in [true, false] {
+    for (without_subgroups, few_tiles) in [(true, 0), (false, 0), (false, usize::MAX)] {
         match Gpu::new(&GpuOptions { without_subgroups, plain_blend: false }) {
-            Ok(gpu) => out.push(GpuRasteriser::new(gpu)),
+            Ok(mut gpu) => {
+                gpu.few_tiles = few_tiles;
+                out.push(GpuRasteriser::new(gpu));
+            }
             Err(error) => println!("skipped: {error}"),
         }
     }
@@ -35,7 +38,7 @@ fn records_of(rasteriser: &GpuRasteriser, count: usize) -> Vec<Projected> {
     shapes.iter().zip(&shades).map(of).collect()
 }
 
-fn views(count: usize, width: u32, height: u32) -> Vec<View> {
+fn views_of(count: usize, width: u32, height: u32) -> Vec<View> {
     workload::cameras(count, 1, width, height).into_iter().map(View::of).collect()
 }
 
@@ -78,7 +81,7 @@ fn images_agree(cpu: &Image, gpu: &Image) {
 fn stages_and_images_are_those_of_the_cpu() {
     let cloud = workload_cloud(3000, 2, 3);
     let scene = Scene::still(&cloud);
-    let mut views = views(3, 120, 90);
+    let mut views = views_of(3, 120, 90);
     views[1].camera = workload::cameras(2, 1, 77, 50)[1];
     let cpu = Frame::new(&scene, &views, &SETTINGS).unwrap();
     for mut rasteriser in rasterisers() {
@@ -110,7 +113,7 @@ fn stages_and_images_are_those_of_the_cpu() {
 fn the_order_is_that_of_a_64_bit_key_on_128_cameras() {
     let cloud = workload_cloud(1500, 0, 0);
     let scene = Scene::still(&cloud);
-    let views = views(128, 64, 48);
+    let views = views_of(128, 64, 48);
     for mut rasteriser in rasterisers() {
         let on_card = GpuCloud::new(&rasteriser.gpu, &scene).unwrap();
         let how = GpuSettings { keep: true, ..Default::default() };
@@ -147,9 +150,12 @@ fn the_same_bits_from_run_to_run_and_after_growing() {
         let on_card = GpuCloud::new(&rasteriser.gpu, &scene).unwrap();
         let how = GpuSettings::default();
         let settings = Settings { outputs: Outputs { depth: true, ..Default::default() }, ..SETTINGS };
-        let first = rasteriser.render(&on_card, &scene, &views(2, 96, 64), &settings, &how).unwrap().0.read().unwrap();
-        let more = rasteriser.render(&on_card, &scene, &views(40, 96, 64), &settings, &how).unwrap().0.read().unwrap();
-        let again = rasteriser.render(&on_card, &scene, &views(2, 96, 64), &settings, &how).unwrap().0.read().unwrap();
+        let first =
+            rasteriser.render(&on_card, &scene, &views_of(2, 96, 64), &settings, &how).unwrap().0.read().unwrap();
+        let more =
+            rasteriser.render(&on_card, &scene, &views_of(40, 96, 64), &settings, &how).unwrap().0.read().unwrap();
+        let again =
+            rasteriser.render(&on_card, &scene, &views_of(2, 96, 64), &settings, &how).unwrap().0.read().unwrap();
         assert_eq!(first, again);
         assert_eq!(first[..], more[..2]);
     }
@@ -159,7 +165,7 @@ fn the_same_bits_from_run_to_run_and_after_growing() {
 fn bytes_are_rounded_floats() {
     let cloud = workload_cloud(3000, 1, 0);
     let scene = Scene::still(&cloud);
-    let views = views(2, 100, 70);
+    let views = views_of(2, 100, 70);
     let settings = Settings { outputs: Outputs { depth: true, ..Default::default() }, ..SETTINGS };
     for mut rasteriser in rasterisers() {
         let on_card = GpuCloud::new(&rasteriser.gpu, &scene).unwrap();
@@ -194,7 +200,7 @@ fn odd_numbers_poison_their_own_gaussian_only() {
         without.opacity_logits[i] = -20.0;
         without.sh[4 * i][2] = 0.0;
     }
-    let views = views(2, 80, 60);
+    let views = views_of(2, 80, 60);
     for mut rasteriser in rasterisers() {
         let mut draw = |cloud: &GaussianCloud| {
             let scene = Scene::still(cloud);
@@ -251,7 +257,7 @@ fn apart(a: &[f32], b: &[f32]) -> (f64, f64) {
 fn gradients_are_those_of_the_cpu_and_the_same_bits_again() {
     let cloud = workload_cloud(2500, 3, 2);
     let scene = Scene::still(&cloud);
-    let views = views(3, 90, 60);
+    let views = views_of(3, 90, 60);
     for outputs in [Outputs::default(), Outputs { depth: true, ..Default::default() }, Outputs::ALL] {
         let settings = Settings { outputs, ..SETTINGS };
         let frame = Frame::new(&scene, &views, &settings).unwrap();
@@ -298,7 +304,7 @@ fn gradients_are_those_of_the_cpu_and_the_same_bits_again() {
 fn the_card_goes_on_from_any_stage_of_the_cpu() {
     let cloud = workload_cloud(2000, 1, 3);
     let scene = Scene::still(&cloud);
-    let views = views(2, 90, 60);
+    let views = views_of(2, 90, 60);
     let frame = Frame::new(&scene, &views, &SETTINGS).unwrap();
     let expected = frame.images();
     for mut rasteriser in rasterisers() {
@@ -322,7 +328,7 @@ fn moving_groups_are_where_the_cpu_sees_them() {
     let pose = |x: f64| Pose::from_position_wxyz([x, 0.3, 0.2], [0.9, 0.1, 0.0, x]);
     let environments = [vec![pose(0.5), None], vec![pose(-0.4), pose(1.0)]];
     let scene = Scene { cloud: &cloud, group_of: &group_of, environments: &environments };
-    let mut views = views(4, 90, 60);
+    let mut views = views_of(4, 90, 60);
     views[1].environment = 1;
     views[3].environment = 1;
     let settings = Settings { outputs: Outputs { features: false, ..Outputs::ALL }, ..SETTINGS };
@@ -346,7 +352,7 @@ fn moving_groups_are_where_the_cpu_sees_them() {
 fn batches_are_split_to_fit_memory() {
     let cloud = workload_cloud(4000, 0, 0);
     let scene = Scene::still(&cloud);
-    let views = views(29, 64, 48);
+    let views = views_of(29, 64, 48);
     for mut rasteriser in rasterisers() {
         let on_card = GpuCloud::new(&rasteriser.gpu, &scene).unwrap();
         let how = GpuSettings::default();
@@ -367,5 +373,47 @@ fn batches_are_split_to_fit_memory() {
         assert!(batches > 1 && images == whole);
         split.memory = 1000;
         assert!(split.render_all(&on_card, &scene, &views, &SETTINGS_PLAIN, &how, |_, _| Ok(())).is_err());
+    }
+}
+
+#[test]
+fn many_sizes_are_drawn_like_on_the_cpu() {
+    for mut rasteriser in rasterisers() {
+        for count in [1, 31, 255, 257, 4097] {
+            let cloud = workload_cloud(count, 0, 0);
+            let scene = Scene::still(&cloud);
+            let on_card = GpuCloud::new(&rasteriser.gpu, &scene).unwrap();
+            for (views, width, height) in [(1, 1, 1), (3, 33, 17), (17, 16, 32), (2, 200, 130)] {
+                let views = views_of(views, width, height);
+                let how = GpuSettings { bytes: count % 2 == 0, ..Default::default() };
+                let cpu = Frame::new(&scene, &views, &SETTINGS_PLAIN).unwrap();
+                let (images, counts) = rasteriser.render(&on_card, &scene, &views, &SETTINGS_PLAIN, &how).unwrap();
+                assert_eq!(counts.candidates, cpu.candidates.len());
+                assert!(counts.entries.abs_diff(cpu.entries.tiles.len()) <= 1 + counts.entries / 1000);
+                for (expected, found) in cpu.images().iter().zip(&images.read().unwrap()) {
+                    images_agree(expected, found);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn four_thousand_and_ninety_six_views_are_one_batch_and_one_more_is_refused() {
+    let cloud = workload_cloud(64, 0, 0);
+    let scene = Scene::still(&cloud);
+    let mut views = views_of(4096, 8, 8);
+    for mut rasteriser in rasterisers() {
+        let on_card = GpuCloud::new(&rasteriser.gpu, &scene).unwrap();
+        let how = GpuSettings::default();
+        let (images, _) = rasteriser.render(&on_card, &scene, &views, &SETTINGS_PLAIN, &how).unwrap();
+        let images = images.read().unwrap();
+        assert_eq!(images.len(), 4096);
+        let last = Frame::new(&scene, &views[4095..], &SETTINGS_PLAIN).unwrap().images();
+        images_agree(&last[0], &images[4095]);
+        views.push(views[0]);
+        let error = rasteriser.render(&on_card, &scene, &views, &SETTINGS_PLAIN, &how).unwrap_err();
+        assert!(matches!(error, RasterError::TooLarge { limit: 4096, found: 4097, .. }), "{error}");
+        views.pop();
     }
 }

@@ -1,8 +1,7 @@
 //! Every variant of every shader passes naga's validation; no graphics card is needed.
-#![cfg(feature = "gpu")]
 
 use naga::valid::{Capabilities, ValidationFlags, Validator};
-use qv_raster::gpu::shaders::{STAGES, Variant, text};
+use qv_raster::shaders::{STAGES, Variant, text};
 
 fn variants() -> Vec<Variant> {
     let mut out = vec![];
@@ -19,6 +18,7 @@ fn variants() -> Vec<Variant> {
                     bytes: on(2),
                     keep: on(3),
                     atomic: on(3) && subgroup > 0 && on(2),
+                    alone: on(0) && subgroup > 0 && !on(2),
                     digit: if subgroup == 0 { 8 } else { 5 + flags % 2 },
                 });
             }

@@ -3,9 +3,9 @@
 use super::cloud::GpuCloud;
 use super::forward::{FrameSteps, GpuRasteriser};
 use super::record::{Groups, Recorder, Step};
-use super::shaders::dispatch;
 use crate::RasterError;
 use crate::scene::{Gradients, Image};
+use crate::shaders::dispatch;
 
 impl GpuRasteriser {
     /// Derivatives of a scalar, given its derivatives with respect to the images of the batch that was drawn last, with
@@ -83,7 +83,7 @@ impl GpuRasteriser {
     pub fn submit_backward(&mut self, cloud: &GpuCloud, timed: bool) -> Result<(), RasterError> {
         let (buffers, batch) = self.kept()?;
         let Some(constants) = &self.constants else { return Err(nothing()) };
-        let frame = FrameSteps { batch, buffers, constants, cloud, plain_blend: self.gpu.plain_blend };
+        let frame = FrameSteps { batch, buffers, constants, cloud, gpu: &self.gpu };
         let mut recorder = Recorder::new(&self.gpu, timed);
         let atomic = buffers.sizes.variant.atomic;
         let summed = if atomic { "record_gradients" } else { "entry_gradients" };

@@ -4,8 +4,8 @@ use super::cloud::GpuCloud;
 use super::forward::{FrameSteps, GpuRasteriser, GpuSettings};
 use super::images::GpuImages;
 use super::record::Recorder;
-use super::shaders::slot;
 use crate::frame::Frame;
+use crate::shaders::slot;
 use crate::stages::sort::depth_key;
 use crate::{RasterError, Scene, View};
 
@@ -59,7 +59,7 @@ impl GpuRasteriser {
             return Err(RasterError::Device("expected a frame of the same views, found another".into()));
         }
         self.upload(stage, frame)?;
-        let steps = FrameSteps { batch, buffers, constants, cloud, plain_blend: self.gpu.plain_blend };
+        let steps = FrameSteps { batch, buffers, constants, cloud, gpu: &self.gpu };
         let mut recorder = Recorder::new(&self.gpu, false);
         recorder.run("plan", &[steps.plan("visible")]);
         if stage < Stage::Project {

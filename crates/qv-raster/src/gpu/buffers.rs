@@ -1,9 +1,9 @@
 //! The buffers of a frame: made for a number of candidates and of entries, and made anew when those do not suffice.
 
 use super::device::{Gpu, SMALLEST};
-use super::shaders::{SORT_BLOCK, Variant, dispatch, slot};
 use crate::RasterError;
 use crate::lens::Batch;
+use crate::shaders::{SORT_BLOCK, Variant, dispatch, slot};
 
 /// What the buffers are made for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

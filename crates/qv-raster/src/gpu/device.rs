@@ -1,7 +1,7 @@
 //! The graphics device, what it can do, and its pipelines.
 
-use super::shaders::{STAGES, Variant, text};
 use crate::RasterError;
+use crate::shaders::{STAGES, Variant, text};
 use std::collections::HashMap;
 use std::sync::Mutex;
 use wgpu::util::DeviceExt;
@@ -28,6 +28,9 @@ pub struct Gpu {
     pub subgroup: u32,
     /// Whether the blending does without subgroups.
     pub plain_blend: bool,
+    /// Batches of at most so many tiles are blended with a workgroup for each subgroup, to fill the card: none waits for another, at the
+    /// price of loading each Gaussian more often.
+    pub few_tiles: usize,
     /// Nanoseconds per tick of time stamps; `None` when there are none.
     pub tick: Option<f32>,
     /// Whether floats can be added up with atomics.
@@ -103,6 +106,7 @@ impl Gpu {
             info,
             subgroup,
             plain_blend,
+            few_tiles: 4800,
             tick,
             float_atomics,
             limits,
@@ -118,6 +122,11 @@ impl Gpu {
     /// Most workgroups along one axis of a dispatch.
     pub(crate) fn most_workgroups(&self) -> u32 {
         self.limits.max_compute_workgroups_per_dimension
+    }
+
+    /// Whether a dispatch can have a workgroup for each subgroup of a tile of so many views.
+    pub(crate) fn fits(&self, views: usize) -> bool {
+        views * (256 / self.subgroup.max(1)) as usize <= self.most_workgroups() as usize
     }
 
     /// The pipeline of an entry point of a stage.

@@ -5,8 +5,8 @@ use super::cloud::GpuCloud;
 use super::device::Gpu;
 use super::images::GpuImages;
 use super::record::{Groups, Recorder, Stamps, Step};
-use super::shaders::{Variant, dispatch, slot};
 use crate::lens::Batch;
+use crate::shaders::{Variant, dispatch, slot};
 use crate::{RasterError, Scene, Settings, View};
 
 /// How the card draws.
@@ -185,8 +185,6 @@ impl GpuRasteriser {
             return Err(RasterError::TooLarge { what, limit: limit as u64, found: tiles as u64 });
         }
         let outputs = settings.outputs;
-        // Each tile takes as many workgroups as it has subgroups.
-        let few = batch.lenses.len() as u32 * (256 / self.gpu.subgroup.max(1)) <= limit;
         let variant = Variant {
             subgroup: self.gpu.subgroup,
             sh_count: (cloud.sh_degree as u32 + 1).pow(2),
@@ -195,7 +193,12 @@ impl GpuRasteriser {
             plane: outputs.plane,
             bytes: how.bytes,
             keep: how.keep,
-            atomic: how.atomic && how.keep && self.gpu.float_atomics && self.gpu.subgroup > 0 && few,
+            atomic: how.atomic
+                && how.keep
+                && self.gpu.float_atomics
+                && self.gpu.subgroup > 0
+                && self.gpu.fits(batch.lenses.len()),
+            alone: false,
             digit: 0,
         };
         let mut sizes = Sizes::guess(&batch, cloud.count, variant);
@@ -307,7 +310,7 @@ impl GpuRasteriser {
             return Err(RasterError::Device("expected a prepared batch, found none".into()));
         };
         let mut recorder = Recorder::new(&self.gpu, timed);
-        let frame = FrameSteps { batch, buffers, constants, cloud, plain_blend: self.gpu.plain_blend };
+        let frame = FrameSteps { batch, buffers, constants, cloud, gpu: &self.gpu };
         recorder.encoder.clear_buffer(buffers.get("ranges"), 0, None);
         recorder.run("cull", &frame.cull());
         recorder.run("project", &frame.project());
@@ -347,7 +350,7 @@ pub(crate) struct FrameSteps<'a> {
     pub buffers: &'a Buffers,
     pub constants: &'a Constants,
     pub cloud: &'a GpuCloud,
-    pub plain_blend: bool,
+    pub gpu: &'a Gpu,
 }
 
 impl<'a> FrameSteps<'a> {
@@ -364,13 +367,20 @@ impl<'a> FrameSteps<'a> {
             "project" => Variant { subgroup: 0, depth: false, bytes: all.packed(), keep: false, atomic: false, ..all },
             "sort" => Variant { subgroup: all.subgroup, ..Default::default() },
             "emit" => Variant { keep: all.keep, bytes: all.packed(), ..Default::default() },
-            "blend" if self.plain_blend => Variant { sh_count: 0, atomic: false, subgroup: 0, ..all },
-            "blend" => Variant { sh_count: 0, atomic: false, ..all },
+            "blend" => self.blend_variant(),
             "blend_backward" => Variant { sh_count: 0, bytes: false, ..all },
             "project_backward" => Variant { subgroup: 0, bytes: false, atomic: false, ..all },
             _ => Variant::default(),
         };
         Step { stage, entry, variant, groups, buffers }
+    }
+
+    /// What `blend` is made for.
+    fn blend_variant(&self) -> Variant {
+        let all = self.buffers.sizes.variant;
+        let subgroup = if self.gpu.plain_blend { 0 } else { all.subgroup };
+        let alone = subgroup > 0 && self.batch.tiles <= self.gpu.few_tiles && self.gpu.fits(self.batch.lenses.len());
+        Variant { sh_count: 0, atomic: false, digit: 0, subgroup, alone, ..all }
     }
 
     pub fn indirect(&self, slot: u32) -> Groups<'a> {
@@ -558,6 +568,7 @@ impl<'a> FrameSteps<'a> {
         with(variant.keep, 11, self.get("owners"));
         with(variant.keep, 12, self.get("left_image"));
         let tiles = self.batch.lenses.iter().map(|lens| lens.tiles[0] * lens.tiles[1]).max().unwrap_or(0);
-        vec![self.step("blend", "blend", Groups::Fixed(tiles, self.batch.lenses.len() as u32), buffers)]
+        let views = self.batch.lenses.len() as u32 * self.blend_variant().groups_per_tile();
+        vec![self.step("blend", "blend", Groups::Fixed(tiles, views), buffers)]
     }
 }

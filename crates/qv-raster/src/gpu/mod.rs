@@ -12,7 +12,6 @@ mod device;
 mod forward;
 mod images;
 mod record;
-pub mod shaders;
 
 pub use bisect::Stage;
 pub use cloud::GpuCloud;

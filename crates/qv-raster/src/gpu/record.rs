@@ -1,8 +1,8 @@
 //! Recording of dispatches, one compute pass for each stage, with time stamps around it.
 
 use super::device::Gpu;
-use super::shaders::Variant;
 use crate::RasterError;
+use crate::shaders::Variant;
 
 /// Most stages of a frame that are timed.
 const MOST: u32 = 64;

@@ -1,4 +1,4 @@
-// Twin of blend.rs and of resolve: a workgroup for each tile, an invocation for each pixel. With subgroups, each of them holds a small
+// Twin of blend.rs and of resolve: a workgroup for each tile, with ALONE for each subgroup of it, an invocation for each pixel. With subgroups, each of them holds a small
 // block of pixels, tests that block against the ellipses of as many Gaussians as it has lanes, and walks those that it touches.
 
 @group(0) @binding(0) var<storage, read> lenses: array<Lens>;
@@ -39,54 +39,62 @@ struct Look {
 }
 
 // Mean and u00, u01, with U scaled so that opacity falls with exp2(-|U d|²).
-var<workgroup> as_: array<vec4<f32>, 256>;
+var<workgroup> as_: array<vec4<f32>, GROUP_SIZE>;
 //#if PACKED
 // u11, opacity, red and green in half precision, blue.
-var<workgroup> bs: array<vec4<f32>, 256>;
+var<workgroup> bs: array<vec4<f32>, GROUP_SIZE>;
 //#if DEPTH
-var<workgroup> ds: array<f32, 256>;
+var<workgroup> ds: array<f32, GROUP_SIZE>;
 //#endif
 //#else
 // u11, opacity, view, Gaussian; colour, depth.
-var<workgroup> bs: array<vec4<f32>, 256>;
-var<workgroup> cs: array<vec4<f32>, 256>;
+var<workgroup> bs: array<vec4<f32>, GROUP_SIZE>;
+var<workgroup> cs: array<vec4<f32>, GROUP_SIZE>;
 //#endif
+//#if ALONE
+//#else
 //#if SUBGROUPS
 // For each block of pixels, which of a batch touch it, a word for each subgroup that loaded them.
 var<workgroup> touching: array<u32, SUBGROUP_COUNT * SUBGROUP_COUNT>;
 //#endif
-//#if PLANE
-var<workgroup> ps: array<vec4<f32>, 256>;
-//#endif
 // Pixels that take no more.
 var<workgroup> closed: atomic<u32>;
 var<workgroup> all_closed: u32;
+//#endif
+//#if PLANE
+var<workgroup> ps: array<vec4<f32>, GROUP_SIZE>;
+//#endif
 
 const CLOSED: f32 = 2.0;
 
-@compute @workgroup_size(256)
+@compute @workgroup_size(GROUP_SIZE)
 fn blend(
     @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(local_invocation_index) local: u32,
+    @builtin(local_invocation_index) invocation: u32,
 //#if SUBGROUPS
     @builtin(subgroup_invocation_id) lane: u32,
     @builtin(subgroup_id) subgroup: u32,
 //#endif
 ) {
-    let size = lenses[group.y].size;
-    let across = lenses[group.y].tiles;
+    let view = group.y / GROUPS_PER_TILE;
+    let local = group.y % GROUPS_PER_TILE * GROUP_SIZE + invocation;
+    let size = lenses[view].size;
+    let across = lenses[view].tiles;
     if group.x >= across.x * across.y {
         return;
     }
-    let tile = lenses[group.y].first_tile + group.x;
+    let tile = lenses[view].first_tile + group.x;
     let x = group.x % across.x * TILE + squeeze(local);
     let y = group.x / across.x * TILE + squeeze(local >> 1u);
     let inside = x < size.x && y < size.y;
     let at = vec2<f32>(f32(x), f32(y)) + 0.5;
+//#if ALONE
+//#else
     if local == 0u {
         atomicStore(&closed, 0u);
         all_closed = 0u;
     }
+//#endif
 //#if SUBGROUPS
     let own_block = block_of(x % TILE, y % TILE);
     let corner = vec2<f32>(f32(group.x % across.x * TILE), f32(group.x / across.x * TILE)) + 0.5;
@@ -94,7 +102,10 @@ fn blend(
     workgroupBarrier();
     // Least opacity that counts: beyond any once the pixel takes no more.
     var least = select(CLOSED, MIN_ALPHA, inside);
+//#if ALONE
+//#else
     var counted = false;
+//#endif
     var left = 1.0;
     var colour = vec3<f32>(0.0);
 //#if DEPTH
@@ -110,41 +121,44 @@ fn blend(
     var last = 0u;
 //#endif
     let range = ranges[tile];
-    for (var start = range.x; start < range.y; start += 256u) {
+    for (var start = range.x; start < range.y; start += GROUP_SIZE) {
 //#if SUBGROUPS
         var blocks = 0u;
 //#endif
-        if start + local < range.y {
+        if start + invocation < range.y {
 //#if KEEP
-            let record = owners[sorted[start + local]];
+            let record = owners[sorted[start + invocation]];
 //#else
-            let record = sorted[start + local];
+            let record = sorted[start + invocation];
 //#endif
             var a = records[2u * record];
             var b = records[2u * record + 1u];
             a.z *= TO_EXP2;
             a.w *= TO_EXP2;
             b.x *= TO_EXP2;
-            as_[local] = a;
+            as_[invocation] = a;
 //#if PACKED
 //#if DEPTH
-            ds[local] = b.w;
+            ds[invocation] = b.w;
 //#endif
             b.w = unpack2x16float(bitcast<u32>(b.y)).y;
             b.y = opacity_of(b);
-            bs[local] = vec4<f32>(b.x, b.y, b.z, b.w);
+            bs[invocation] = vec4<f32>(b.x, b.y, b.z, b.w);
 //#else
-            bs[local] = b;
-            cs[local] = shades[record];
+            bs[invocation] = b;
+            cs[invocation] = shades[record];
 //#endif
 //#if SUBGROUPS
             blocks = touched_blocks(a, b.x, b.y, corner);
 //#endif
 //#if PLANE
-            ps[local] = planes[record];
+            ps[invocation] = planes[record];
 //#endif
         }
 //#if SUBGROUPS
+//#if ALONE
+        var votes = subgroupBallot(((blocks >> own_block) & 1u) == 1u).x;
+//#else
         for (var block = 0u; block < SUBGROUP_COUNT; block++) {
             let votes = subgroupBallot(((blocks >> block) & 1u) == 1u).x;
             if lane == 0u {
@@ -152,14 +166,18 @@ fn blend(
             }
         }
 //#endif
+//#endif
         workgroupBarrier();
-        let held = min(range.y - start, 256u);
+        let held = min(range.y - start, GROUP_SIZE);
 //#if SUBGROUPS
         for (var base = 0u; base < held; base += SUBGROUP_SIZE) {
             if subgroupAll(least > 1.0) {
                 break;
             }
+//#if ALONE
+//#else
             var votes = touching[own_block * SUBGROUP_COUNT + base / SUBGROUP_SIZE];
+//#endif
             while votes != 0u {
                 let k = base + firstTrailingBit(votes);
                 votes &= votes - 1u;
@@ -210,6 +228,12 @@ fn blend(
                 }
             }
         }
+//#if ALONE
+        workgroupBarrier();
+        if subgroupAll(least > 1.0) {
+            break;
+        }
+//#else
         if least > 1.0 && !counted {
             counted = true;
             atomicAdd(&closed, 1u);
@@ -221,11 +245,12 @@ fn blend(
         if workgroupUniformLoad(&all_closed) == 256u {
             break;
         }
+//#endif
     }
     if !inside {
         return;
     }
-    let pixel = lenses[group.y].first_pixel + y * size.x + x;
+    let pixel = lenses[view].first_pixel + y * size.x + x;
     colour += left * look.background.xyz;
 //#if BYTES
     colours[pixel] = pack4x8unorm(vec4<f32>(colour, 1.0 - left));
@@ -236,7 +261,7 @@ fn blend(
     depths[pixel] = select(0.0, depth / (1.0 - left), left < 1.0);
 //#endif
 //#if PLANE
-    let ray = vec3<f32>((at - lenses[group.y].centre) / lenses[group.y].focal, 1.0);
+    let ray = vec3<f32>((at - lenses[view].centre) / lenses[view].focal, 1.0);
     let facing = -dot(plane.xyz, ray);
     plane_image[pixel] = vec4<f32>(plane.xyz, select(0.0, plane.w / facing, facing > MIN_FACING));
 //#endif

@@ -75,6 +75,8 @@ pub struct Variant {
     pub keep: bool,
     /// Add up derivatives with atomics; only with subgroups.
     pub atomic: bool,
+    /// Blend with a workgroup for each subgroup; only with subgroups.
+    pub alone: bool,
     /// Most bits of a digit of the sort.
     pub digit: u32,
 }
@@ -90,6 +92,7 @@ impl Variant {
             "KEEP" => self.keep,
             "PACKED" => self.packed(),
             "ATOMIC" => self.atomic,
+            "ALONE" => self.alone,
             _ => false,
         }
     }
@@ -109,9 +112,9 @@ impl Variant {
         crate::stages::blend_backward::SHAPE_GRADIENTS as u32 + self.channels()
     }
 
-    /// Workgroups of `blend_backward` for each tile.
+    /// Workgroups of `blend` (with `alone`) and `blend_backward` (with `atomic`) for each tile.
     pub fn groups_per_tile(&self) -> u32 {
-        if self.atomic { 256 / self.subgroup.max(1) } else { 1 }
+        if self.atomic || self.alone { 256 / self.subgroup.max(1) } else { 1 }
     }
 
     /// Entries that a workgroup of `blend_backward` takes at once: the sums of its subgroups must fit 20 KiB.
@@ -149,28 +152,28 @@ pub const STAGES: [(&str, &[&str]); 10] = [
 /// The text of a stage.
 pub fn text(stage: &str, variant: &Variant) -> String {
     let parts: &[&str] = match stage {
-        "cull" => &[include_str!("../stages/cull.wgsl")],
-        "plan" => &[include_str!("plan.wgsl")],
-        "scan" => &[include_str!("scan.wgsl")],
+        "cull" => &[include_str!("stages/cull.wgsl")],
+        "plan" => &[include_str!("gpu/plan.wgsl")],
+        "scan" => &[include_str!("gpu/scan.wgsl")],
         "project" => &[
-            include_str!("../ellipse.wgsl"),
-            include_str!("../harmonics.wgsl"),
-            include_str!("../stages/shape.wgsl"),
-            include_str!("../stages/project.wgsl"),
+            include_str!("ellipse.wgsl"),
+            include_str!("harmonics.wgsl"),
+            include_str!("stages/shape.wgsl"),
+            include_str!("stages/project.wgsl"),
         ],
-        "sort" => &[include_str!("../stages/sort.wgsl")],
-        "emit" => &[include_str!("../ellipse.wgsl"), include_str!("../stages/emit.wgsl")],
-        "ranges" => &[include_str!("../stages/ranges.wgsl")],
-        "blend" => &[include_str!("../stages/pixels.wgsl"), include_str!("../stages/blend.wgsl")],
-        "blend_backward" => &[include_str!("../stages/pixels.wgsl"), include_str!("../stages/blend_backward.wgsl")],
+        "sort" => &[include_str!("stages/sort.wgsl")],
+        "emit" => &[include_str!("ellipse.wgsl"), include_str!("stages/emit.wgsl")],
+        "ranges" => &[include_str!("stages/ranges.wgsl")],
+        "blend" => &[include_str!("stages/pixels.wgsl"), include_str!("stages/blend.wgsl")],
+        "blend_backward" => &[include_str!("stages/pixels.wgsl"), include_str!("stages/blend_backward.wgsl")],
         _ => &[
-            include_str!("../harmonics.wgsl"),
-            include_str!("../stages/shape.wgsl"),
-            include_str!("../stages/project_backward.wgsl"),
+            include_str!("harmonics.wgsl"),
+            include_str!("stages/shape.wgsl"),
+            include_str!("stages/project_backward.wgsl"),
         ],
     };
     let mut out = constants(variant);
-    for part in [&[include_str!("prelude.wgsl")], parts].concat() {
+    for part in [&[include_str!("gpu/prelude.wgsl")], parts].concat() {
         choose(part, variant, &mut out);
     }
     out
