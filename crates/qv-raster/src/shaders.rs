@@ -102,6 +102,19 @@ impl Variant {
         self.bytes && !self.keep && self.features == 0
     }
 
+    /// How often lines are repeated.
+    fn times(&self, what: &str) -> u32 {
+        match what {
+            // Keys that an invocation of the sort holds.
+            "KEYS" => SORT_BLOCK / 256,
+            "CHANNELS" => self.channels(),
+            "FEATURES" => self.features,
+            // Derivatives of an entry, eight at a time.
+            "EIGHTS" => self.width().div_ceil(8),
+            _ => 0,
+        }
+    }
+
     /// Numbers that are blended.
     pub fn channels(&self) -> u32 {
         3 + self.depth as u32 + 4 * self.plane as u32 + self.features
@@ -238,12 +251,11 @@ fn constants(variant: &Variant) -> String {
     out
 }
 
-/// Keeps the lines between `//#if FLAG`, `//#else` and `//#endif` that the variant wants, and repeats those between `//#repeat` and
-/// `//#end` with 0, 1, ... in the place of `$K`, once for each key that an invocation of the sort holds: arrays with indices that
-/// the compiler knows stay in registers.
+/// Keeps the lines between `//#if FLAG`, `//#else` and `//#endif` that the variant wants, and repeats those between `//#repeat WHAT`
+/// and `//#end` with 0, 1, ... in the place of `$K`: arrays with indices that the compiler knows stay in registers.
 fn choose(part: &str, variant: &Variant, out: &mut String) {
     let mut conditions: Vec<bool> = vec![];
-    let mut block: Option<String> = None;
+    let mut block: Option<(String, u32)> = None;
     for line in part.lines() {
         let wanted = conditions.iter().all(|condition| *condition);
         match line.trim().strip_prefix("//#") {
@@ -253,14 +265,17 @@ fn choose(part: &str, variant: &Variant, out: &mut String) {
                 }
             }
             Some("endif") => _ = conditions.pop(),
-            Some("repeat") => block = Some(String::new()),
             Some("end") => {
-                let text = block.take().unwrap_or_default();
-                (0..SORT_BLOCK / 256).for_each(|k| out.push_str(&text.replace("$K", &k.to_string())));
+                let (text, times) = block.take().unwrap_or_default();
+                (0..times).for_each(|k| out.push_str(&text.replace("$K", &k.to_string())));
             }
+            Some(directive) if wanted && directive.starts_with("repeat ") => {
+                block = Some((String::new(), variant.times(&directive["repeat ".len()..])));
+            }
+            Some(directive) if directive.starts_with("repeat ") => {}
             Some(condition) => conditions.push(variant.flag(condition.trim_start_matches("if "))),
             None if wanted => {
-                let to = block.as_mut().unwrap_or(out);
+                let to = block.as_mut().map_or(&mut *out, |(text, _)| text);
                 to.push_str(line);
                 to.push('\n');
             }

@@ -217,9 +217,9 @@ fn blend(
 //#endif
 //#if FEATURES
                         let feature = bitcast<u32>(b.w) * FEATURE_COUNT;
-                        for (var j = 0u; j < FEATURE_COUNT; j++) {
-                            sums[j] += weight * features[feature + j];
-                        }
+//#repeat FEATURES
+                        sums[$K] += weight * features[feature + $Ku];
+//#end
 //#endif
 //#if KEEP
                         last = start + k + 1u;
@@ -266,9 +266,9 @@ fn blend(
     plane_image[pixel] = vec4<f32>(plane.xyz, select(0.0, plane.w / facing, facing > MIN_FACING));
 //#endif
 //#if FEATURES
-    for (var j = 0u; j < FEATURE_COUNT; j++) {
-        feature_image[pixel * FEATURE_COUNT + j] = sums[j];
-    }
+//#repeat FEATURES
+    feature_image[pixel * FEATURE_COUNT + $Ku] = sums[$K];
+//#end
 //#endif
 //#if KEEP
     left_image[pixel] = vec2<u32>(bitcast<u32>(left), last);

@@ -65,23 +65,24 @@ var<workgroup> sixteenths: array<f32, 128>;
 //#if SUBGROUPS
 // Sum over the subgroup of eight numbers at once, of which lane k holds the sum of number k % 8: at each step a lane gives away
 // the half that it will not hold.
-fn sum_of_eight(numbers: array<f32, 8>, lane: u32) -> f32 {
-    var v = numbers;
+fn sum_of_eight(
+    v0: f32, v1: f32, v2: f32, v3: f32, v4: f32, v5: f32, v6: f32, v7: f32, lane: u32,
+) -> f32 {
     let upper4 = (lane & 4u) != 0u;
-    for (var i = 0u; i < 4u; i++) {
-        let given = select(v[i + 4u], v[i], upper4);
-        v[i] = select(v[i], v[i + 4u], upper4) + subgroupShuffleXor(given, 4u);
-    }
+    let a0 = select(v0, v4, upper4) + subgroupShuffleXor(select(v4, v0, upper4), 4u);
+    let a1 = select(v1, v5, upper4) + subgroupShuffleXor(select(v5, v1, upper4), 4u);
+    let a2 = select(v2, v6, upper4) + subgroupShuffleXor(select(v6, v2, upper4), 4u);
+    let a3 = select(v3, v7, upper4) + subgroupShuffleXor(select(v7, v3, upper4), 4u);
     let upper2 = (lane & 2u) != 0u;
-    for (var i = 0u; i < 2u; i++) {
-        let given = select(v[i + 2u], v[i], upper2);
-        v[i] = select(v[i], v[i + 2u], upper2) + subgroupShuffleXor(given, 2u);
-    }
+    let b0 = select(a0, a2, upper2) + subgroupShuffleXor(select(a2, a0, upper2), 2u);
+    let b1 = select(a1, a3, upper2) + subgroupShuffleXor(select(a3, a1, upper2), 2u);
     let upper1 = (lane & 1u) != 0u;
-    let given = select(v[1], v[0], upper1);
-    var sum = select(v[0], v[1], upper1) + subgroupShuffleXor(given, 1u);
-    for (var step = 8u; step < SUBGROUP_SIZE; step *= 2u) {
-        sum += subgroupShuffleXor(sum, step);
+    var sum = select(b0, b1, upper1) + subgroupShuffleXor(select(b1, b0, upper1), 1u);
+    if SUBGROUP_SIZE > 8u {
+        sum += subgroupShuffleXor(sum, 8u);
+    }
+    if SUBGROUP_SIZE > 16u {
+        sum += subgroupShuffleXor(sum, 16u);
     }
     return sum;
 }
@@ -142,9 +143,9 @@ fn blend_backward(
         by[PLANE_AT + 2u] = by_normal.z;
 //#endif
 //#if FEATURES
-        for (var j = 0u; j < FEATURE_COUNT; j++) {
-            by[FEATURES_AT + j] = by_features[pixel * FEATURE_COUNT + j];
-        }
+//#repeat FEATURES
+        by[FEATURES_AT + $Ku] = by_features[pixel * FEATURE_COUNT + $Ku];
+//#end
 //#endif
         behind = left * by_left;
     }
@@ -245,9 +246,9 @@ fn blend_backward(
 //#endif
 //#if FEATURES
                     let feature = bitcast<u32>(b.w) * FEATURE_COUNT;
-                    for (var j = 0u; j < FEATURE_COUNT; j++) {
-                        product += by[FEATURES_AT + j] * features[feature + j];
-                    }
+//#repeat FEATURES
+                    product += by[FEATURES_AT + $Ku] * features[feature + $Ku];
+//#end
 //#endif
                     let inverse = 1.0 / (1.0 - alpha);
                     left *= inverse;
@@ -263,38 +264,38 @@ fn blend_backward(
                     numbers[3] = by_exponent * (d.x * d.y);
                     numbers[4] = by_exponent * (0.5 * d.y * d.y);
                     numbers[5] = by_raw * falloff;
-                    for (var j = 0u; j < CHANNELS; j++) {
-                        numbers[6u + j] = weight * by[j];
-                    }
+//#repeat CHANNELS
+                    numbers[6u + $Ku] = weight * by[$K];
+//#end
                 }
 //#if SUBGROUPS
-                for (var eight = 0u; eight < NUMBERS; eight += 8u) {
-                    if eight + 1u == WIDTH {
-                        let sum = subgroupAdd(numbers[eight]);
-                        if lane == 0u {
+//#repeat EIGHTS
+                if 8u * $Ku + 1u == WIDTH {
+                    let sum = subgroupAdd(numbers[8u * $Ku]);
+                    if lane == 0u {
 //#if ATOMIC
-                            atomicAdd(&record_gradients[record_of[k] * WIDTH + eight], sum);
+                        atomicAdd(&record_gradients[record_of[k] * WIDTH + 8u * $Ku], sum);
 //#else
-                            sums[(subgroup * BATCH + k) * NUMBERS + eight] = sum;
+                        sums[(subgroup * BATCH + k) * NUMBERS + 8u * $Ku] = sum;
 //#endif
-                        }
-                        break;
                     }
-                    var some: array<f32, 8>;
-                    for (var j = 0u; j < 8u; j++) {
-                        some[j] = numbers[eight + j];
-                    }
-                    let sum = sum_of_eight(some, lane);
+                } else {
+                    let sum = sum_of_eight(
+                        numbers[8u * $Ku], numbers[8u * $Ku + 1u], numbers[8u * $Ku + 2u], numbers[8u * $Ku + 3u],
+                        numbers[8u * $Ku + 4u], numbers[8u * $Ku + 5u], numbers[8u * $Ku + 6u], numbers[8u * $Ku + 7u],
+                        lane,
+                    );
 //#if ATOMIC
-                    if lane < 8u && eight + lane < WIDTH {
-                        atomicAdd(&record_gradients[record_of[k] * WIDTH + eight + lane], sum);
+                    if lane < 8u && 8u * $Ku + lane < WIDTH {
+                        atomicAdd(&record_gradients[record_of[k] * WIDTH + 8u * $Ku + lane], sum);
                     }
 //#else
                     if lane < 8u {
-                        sums[(subgroup * BATCH + k) * NUMBERS + eight + lane] = sum;
+                        sums[(subgroup * BATCH + k) * NUMBERS + 8u * $Ku + lane] = sum;
                     }
 //#endif
                 }
+//#end
 //#if ATOMIC
 //#else
                 if lane == 0u {

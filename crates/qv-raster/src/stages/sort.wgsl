@@ -32,7 +32,7 @@ fn histogram(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
     atomicStore(&counted[local], 0u);
     workgroupBarrier();
     let first = block * SORT_BLOCK + local;
-//#repeat
+//#repeat KEYS
     if first + $Ku * 256u < length {
         atomicAdd(&counted[digit_of(keys[first + $Ku * 256u])], 1u);
     }
@@ -142,13 +142,13 @@ fn scatter(
     ranks[local] = 0u;
 //#endif
     // All that is read is asked for before any of it is used.
-//#repeat
+//#repeat KEYS
     var key_$K = 0xffffffffu;
     if mine + $Ku * stride < held {
         key_$K = keys[first + mine + $Ku * stride];
     }
 //#end
-//#repeat
+//#repeat KEYS
     var payload_$K = first + mine + $Ku * stride;
     if pass_.first == 0u && mine + $Ku * stride < held {
         payload_$K = payloads[first + mine + $Ku * stride];
@@ -158,7 +158,7 @@ fn scatter(
 //#if SUBGROUPS
     let below = (1u << lane) - 1u;
     let own = subgroup * digits;
-//#repeat
+//#repeat KEYS
     let same_$K = holders_of(digit_of(key_$K));
     var rank_$K = 0u;
     if (same_$K & below) == 0u {
@@ -177,7 +177,7 @@ fn scatter(
     }
 //#else
     let below = (1u << (local % 32u)) - 1u;
-//#repeat
+//#repeat KEYS
     for (var word = local; word < 8u * digits; word += 256u) {
         atomicStore(&holders[word], 0u);
     }
@@ -208,7 +208,7 @@ fn scatter(
         shifts[local] = bins[local * blocks + block] - start;
     }
     workgroupBarrier();
-//#repeat
+//#repeat KEYS
     place_$K += starts[digit_of(key_$K)];
 //#if SUBGROUPS
     place_$K += atomicLoad(&ranks[own + digit_of(key_$K)]);
@@ -216,7 +216,7 @@ fn scatter(
     ordered[place_$K] = key_$K;
 //#end
     workgroupBarrier();
-//#repeat
+//#repeat KEYS
     let found_$K = ordered[$Ku * 256u + local];
     let target_$K = shifts[digit_of(found_$K)] + $Ku * 256u + local;
     if $Ku * 256u + local < held {
@@ -224,11 +224,11 @@ fn scatter(
     }
 //#end
     workgroupBarrier();
-//#repeat
+//#repeat KEYS
     ordered[place_$K] = payload_$K;
 //#end
     workgroupBarrier();
-//#repeat
+//#repeat KEYS
     if $Ku * 256u + local < held {
         payloads_out[target_$K] = ordered[$Ku * 256u + local];
     }
