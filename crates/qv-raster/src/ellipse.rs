@@ -66,3 +66,65 @@ fn tiles(low: f32, high: f32, size: u32) -> [u32; 2] {
     let last = (high - 0.5 + SLACK_PIXELS).floor().min(size as f32 - 1.0);
     if first <= last { [first as u32 / TILE, last as u32 / TILE + 1] } else { [0, 0] }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lens() -> Lens {
+        Lens {
+            focal: [1.0; 2],
+            centre: [0.0; 2],
+            lowest: [0.0; 2],
+            highest: [0.0; 2],
+            size: [75, 61],
+            tiles: [5, 4],
+            first_tile: 0,
+            first_pixel: 0,
+            unused: [0; 2],
+        }
+    }
+
+    /// Whether a tile has a pixel with an opacity of 1/255 or more, in double precision.
+    fn seen(mean: [f32; 2], factor: [f32; 3], opacity: f32, column: u32, row: u32) -> bool {
+        let [u00, u01, u11] = factor.map(|x| x as f64);
+        let pixels = (0..TILE * TILE).map(|i| (column * TILE + i % TILE, row * TILE + i / TILE));
+        pixels.filter(|&(x, y)| x < 75 && y < 61).any(|(x, y)| {
+            let (dx, dy) = (x as f64 + 0.5 - mean[0] as f64, y as f64 + 0.5 - mean[1] as f64);
+            let square = (u00 * dx + u01 * dy).powi(2) + (u11 * dy).powi(2);
+            opacity as f64 * (-0.5 * square).exp() >= 1.0 / 255.0
+        })
+    }
+
+    #[test]
+    fn no_tile_is_missed_and_few_are_for_nothing() {
+        let mut state = 9u32;
+        let mut draw = |low: f32, high: f32| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            low + (high - low) * (state >> 8) as f32 / (1 << 24) as f32
+        };
+        let (mut counted, mut needed) = (0, 0);
+        for _ in 0..2000 {
+            let mean = [draw(-20.0, 95.0), draw(-20.0, 80.0)];
+            let size = draw(-3.5, 0.6).exp();
+            let factor = [size * draw(0.3, 1.0), size * draw(-2.0, 2.0), size * draw(0.3, 1.0)];
+            let opacity = draw(0.004, 1.0);
+            let ellipse = Ellipse::new(mean, factor, opacity);
+            let [top, bottom] = ellipse.rows(&lens());
+            for row in 0..4 {
+                let [first, end] = if (top..bottom).contains(&row) { ellipse.row(row, &lens()) } else { [0, 0] };
+                for column in 0..5 {
+                    let seen = seen(mean, factor, opacity, column, row);
+                    assert!(!seen || (first..end).contains(&column), "{mean:?} {factor:?} {opacity}: {column} {row}");
+                    needed += seen as u32;
+                }
+                counted += end - first;
+            }
+            assert_eq!(
+                ellipse.count(&lens()),
+                (top..bottom).map(|r| ellipse.row(r, &lens())).map(|[a, b]| b - a).sum()
+            );
+        }
+        assert!(counted < needed + needed / 20, "{counted} tiles for {needed}");
+    }
+}

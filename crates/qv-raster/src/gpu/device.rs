@@ -45,6 +45,23 @@ const STORAGE_BUFFERS: u32 = 17;
 /// Bytes of the smallest buffer, so that one for nothing holds at least one item.
 pub(crate) const SMALLEST: u64 = 256;
 
+/// What is used where an adapter has it.
+const USEFUL: wgpu::Features =
+    wgpu::Features::SUBGROUP.union(wgpu::Features::TIMESTAMP_QUERY).union(wgpu::Features::SHADER_FLOAT32_ATOMIC);
+
+fn check_limits(limits: &wgpu::Limits) -> Result<(), RasterError> {
+    for (what, needed, found) in [
+        ("bytes of workgroup memory", WORKGROUP_BYTES, limits.max_compute_workgroup_storage_size),
+        ("storage buffers per stage", STORAGE_BUFFERS, limits.max_storage_buffers_per_shader_stage),
+        ("invocations per workgroup", 256, limits.max_compute_invocations_per_workgroup),
+    ] {
+        if found < needed {
+            return Err(RasterError::Adapter { expected: format!("{needed} {what}"), found: found.to_string() });
+        }
+    }
+    Ok(())
+}
+
 impl Gpu {
     /// The adapter that wgpu prefers.
     ///
@@ -71,44 +88,44 @@ impl Gpu {
     /// # Errors
     /// The adapter lacks what the shaders need, or gives no device.
     pub fn of_adapter(adapter: &wgpu::Adapter, options: &GpuOptions) -> Result<Self, RasterError> {
-        let limits = adapter.limits();
-        for (what, needed, found) in [
-            ("bytes of workgroup memory", WORKGROUP_BYTES, limits.max_compute_workgroup_storage_size),
-            ("storage buffers per stage", STORAGE_BUFFERS, limits.max_storage_buffers_per_shader_stage),
-            ("invocations per workgroup", 256, limits.max_compute_invocations_per_workgroup),
-        ] {
-            if found < needed {
-                return Err(RasterError::Adapter { expected: format!("{needed} {what}"), found: found.to_string() });
-            }
-        }
-        let info = adapter.get_info();
-        let useful = wgpu::Features::SUBGROUP | wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::SHADER_FLOAT32_ATOMIC;
-        let features = adapter.features() & useful;
+        check_limits(&adapter.limits())?;
         let description = wgpu::DeviceDescriptor {
             label: Some("qv-raster"),
-            required_features: features,
-            required_limits: limits.clone(),
+            required_features: adapter.features() & USEFUL,
+            required_limits: adapter.limits(),
             memory_hints: wgpu::MemoryHints::MemoryUsage,
             ..Default::default()
         };
         let (device, queue) = pollster::block_on(adapter.request_device(&description))
             .map_err(|error| RasterError::Device(error.to_string()))?;
+        Self::of_device(device, queue, adapter.get_info(), options)
+    }
+
+    /// A device that others use, too, so that they can read the images without a copy. Of the features that it was made with, subgroups,
+    /// time stamps and atomics for floats are used.
+    ///
+    /// # Errors
+    /// The device lacks what the shaders need.
+    pub fn of_device(
+        device: wgpu::Device,
+        queue: wgpu::Queue,
+        info: wgpu::AdapterInfo,
+        options: &GpuOptions,
+    ) -> Result<Self, RasterError> {
+        let (limits, features) = (device.limits(), device.features());
+        check_limits(&limits)?;
         let (least, most) = (info.subgroup_min_size, info.subgroup_max_size);
         // Of one size only: the shaders are made for it.
         let has_subgroups = features.contains(wgpu::Features::SUBGROUP) && least == most && (8..=32).contains(&least);
-        let subgroup = if has_subgroups && !options.without_subgroups { least } else { 0 };
-        let tick = features.contains(wgpu::Features::TIMESTAMP_QUERY).then(|| queue.get_timestamp_period());
-        let float_atomics = features.contains(wgpu::Features::SHADER_FLOAT32_ATOMIC);
-        let plain_blend = options.plain_blend;
         Ok(Self {
+            subgroup: if has_subgroups && !options.without_subgroups { least } else { 0 },
+            plain_blend: options.plain_blend,
+            few_tiles: 4800,
+            tick: features.contains(wgpu::Features::TIMESTAMP_QUERY).then(|| queue.get_timestamp_period()),
+            float_atomics: features.contains(wgpu::Features::SHADER_FLOAT32_ATOMIC),
             device,
             queue,
             info,
-            subgroup,
-            plain_blend,
-            few_tiles: 4800,
-            tick,
-            float_atomics,
             limits,
             pipelines: Mutex::default(),
         })
