@@ -155,7 +155,7 @@ pub const STAGES: [(&str, &[&str]); 10] = [
     ("scan", &["reduce", "spine", "apply"]),
     ("project", &["project"]),
     ("sort", &["histogram", "scatter"]),
-    ("emit", &["emit"]),
+    ("emit", &["gather", "emit"]),
     ("ranges", &["find"]),
     ("blend", &["blend"]),
     ("blend_backward", &["blend_backward"]),

@@ -517,7 +517,8 @@ impl<'a> FrameSteps<'a> {
             }
             self.step("emit", "emit", self.indirect(dispatch::BY_VISIBLE), buffers)
         };
-        let mut steps = vec![pass(0)];
+        let gather = vec![(3, self.order()), (4, offsets), (7, &self.buffers.state), (8, self.get("counts"))];
+        let mut steps = vec![pass(0), self.step("emit", "gather", self.indirect(dispatch::BY_VISIBLE), gather)];
         steps.extend(self.scan(offsets, 2, self.indirect(dispatch::BY_VISIBLE_SCAN)));
         steps.push(self.plan("entries"));
         steps.push(pass(1));

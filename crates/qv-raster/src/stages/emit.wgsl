@@ -1,6 +1,6 @@
 // Twin of emit.rs: one entry point counts and emits, so that both come from the same instructions; compilers may round the same text
-// differently in two places. Without `write` it leaves the number of entries of each Gaussian in the order of depth; after a scan, with
-// `write`, it makes the entries. An invocation makes those of one Gaussian, several those of a large one.
+// differently in two places. Without `write` it counts the entries of each record; `gather` puts the counts in the order of depth; after a
+// scan, with `write`, it makes the entries. An invocation makes those of one Gaussian, several those of a large one.
 
 @group(0) @binding(0) var<storage, read> lenses: array<Lens>;
 @group(0) @binding(1) var<storage, read> records: array<vec4<f32>>;
@@ -10,12 +10,20 @@
 @group(0) @binding(5) var<storage, read_write> tiles: array<u32>;
 @group(0) @binding(6) var<storage, read_write> owners: array<u32>;
 @group(0) @binding(7) var<storage, read> state: array<u32>;
-// In: 0 where nothing is drawn. Out, with KEEP: the number of entries.
+// In: 0 where nothing is drawn. Out: the number of entries.
 @group(0) @binding(8) var<storage, read_write> counts: array<u32>;
 @group(0) @binding(9) var<storage, read> pass_: Pass;
 //#if KEEP
 @group(0) @binding(10) var<storage, read_write> firsts: array<u32>;
 //#endif
+
+@compute @workgroup_size(256)
+fn gather(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+    let index = folded(group) * 256u + local;
+    if index < state[VISIBLE] {
+        offsets[index] = counts[order[index]];
+    }
+}
 
 struct Pass {
     write: u32,
@@ -57,9 +65,10 @@ fn emit(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
             stride = SEVERAL;
         }
         if wanted {
-            let record = order[index];
+            var record = index;
             var begin = 0u;
             if write {
+                record = order[index];
                 begin = offsets[index];
                 if turn == 0u {
 //#if KEEP
@@ -103,10 +112,7 @@ fn emit(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
                 }
             }
             if !write {
-                offsets[index] = count;
-//#if KEEP
                 counts[record] = count;
-//#endif
             }
         }
         if turn == 0u {
