@@ -1,8 +1,8 @@
 //! Measures the rasteriser on the yard of `qv_raster::workload`:
 //!
 //! `cargo run --release -p qv-raster --features gpu --example bench_raster -- 300000 0 128 [--depth] [--all] [--bytes] [--keep]
-//! [--width 640] [--height 480] [--frames 20] [--cpu] [--without-subgroups] [--plain-blend]
-//! [--few-tiles 4800] [--check] [--backward] [--atomic]`
+//! [--width 640] [--height 480] [--frames 20] [--cpu] [--without-subgroups]
+//! [--check] [--backward] [--atomic]`
 //!
 //! takes Gaussians, degree of the spherical harmonics, cameras. On the graphics card it warms up for 0.3 s, then prints the medians
 //! of time stamps by stage. `--cpu` measures the CPU instead, forward and backward, on four cameras at most. `--check` compares
@@ -27,7 +27,7 @@ impl Arguments {
         let mut words = std::env::args().skip(1);
         while let Some(word) = words.next() {
             match word.as_str() {
-                "--width" | "--height" | "--frames" | "--few-tiles" => {
+                "--width" | "--height" | "--frames" => {
                     let value = words.next().ok_or_else(|| format!("{word}: expected a number, found nothing"))?;
                     out.named.push((word, value.parse()?));
                 }
@@ -101,11 +101,7 @@ fn card(
     settings: &Settings,
     arguments: &Arguments,
 ) -> Result<(), Box<dyn Error>> {
-    let mut gpu = Gpu::new(&GpuOptions {
-        without_subgroups: arguments.has("--without-subgroups"),
-        plain_blend: arguments.has("--plain-blend"),
-    })?;
-    gpu.few_tiles = arguments.named("--few-tiles", gpu.few_tiles);
+    let gpu = Gpu::new(&GpuOptions { without_subgroups: arguments.has("--without-subgroups") })?;
     println!("{} ({}), subgroups of {}", gpu.info.name, gpu.info.driver_info, gpu.subgroup);
     let scene = Scene::still(cloud);
     let on_card = GpuCloud::new(&gpu, &scene)?;

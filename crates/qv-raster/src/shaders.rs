@@ -75,8 +75,6 @@ pub struct Variant {
     pub keep: bool,
     /// Add up derivatives with atomics; only with subgroups.
     pub atomic: bool,
-    /// Blend with a workgroup for each subgroup; only with subgroups.
-    pub alone: bool,
     /// Most bits of a digit of the sort.
     pub digit: u32,
 }
@@ -92,7 +90,6 @@ impl Variant {
             "KEEP" => self.keep,
             "PACKED" => self.packed(),
             "ATOMIC" => self.atomic,
-            "ALONE" => self.alone,
             _ => false,
         }
     }
@@ -125,9 +122,9 @@ impl Variant {
         crate::stages::blend_backward::SHAPE_GRADIENTS as u32 + self.channels()
     }
 
-    /// Workgroups of `blend` (with `alone`) and `blend_backward` (with `atomic`) for each tile.
+    /// Workgroups of `blend_backward` for each tile.
     pub fn groups_per_tile(&self) -> u32 {
-        if self.atomic || self.alone { 256 / self.subgroup.max(1) } else { 1 }
+        if self.atomic { 256 / self.subgroup.max(1) } else { 1 }
     }
 
     /// Entries that a workgroup of `blend_backward` takes at once: the sums of its subgroups must fit 20 KiB.

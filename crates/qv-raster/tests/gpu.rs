@@ -7,15 +7,12 @@ use qv_raster::stages::cull::Candidate;
 use qv_raster::stages::project::Projected;
 use qv_raster::{Frame, Image, Outputs, RasterError, Scene, Settings, View, workload};
 
-/// A rasteriser without subgroups, one with, and one with a workgroup for each; none without an adapter.
+/// A rasteriser without subgroups and one with; none without an adapter.
 fn rasterisers() -> Vec<GpuRasteriser> {
     let mut out = vec![];
-    for (without_subgroups, few_tiles) in [(true, 0), (false, 0), (false, usize::MAX)] {
-        match Gpu::new(&GpuOptions { without_subgroups, plain_blend: false }) {
-            Ok(mut gpu) => {
-                gpu.few_tiles = few_tiles;
-                out.push(GpuRasteriser::new(gpu));
-            }
+    for without_subgroups in [true, false] {
+        match Gpu::new(&GpuOptions { without_subgroups }) {
+            Ok(gpu) => out.push(GpuRasteriser::new(gpu)),
             Err(error) => println!("skipped: {error}"),
         }
     }

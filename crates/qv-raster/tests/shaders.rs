@@ -18,7 +18,6 @@ fn variants() -> Vec<Variant> {
                     bytes: on(2),
                     keep: on(3),
                     atomic: on(3) && subgroup > 0 && on(2),
-                    alone: on(0) && subgroup > 0 && !on(2),
                     digit: if subgroup == 0 { 8 } else { 5 + flags % 2 },
                 });
             }

@@ -83,7 +83,7 @@ impl GpuRasteriser {
     pub fn submit_backward(&mut self, cloud: &GpuCloud, timed: bool) -> Result<(), RasterError> {
         let (buffers, batch) = self.kept()?;
         let Some(constants) = &self.constants else { return Err(nothing()) };
-        let frame = FrameSteps { batch, buffers, constants, cloud, gpu: &self.gpu };
+        let frame = FrameSteps { batch, buffers, constants, cloud };
         let mut recorder = Recorder::new(&self.gpu, timed);
         let atomic = buffers.sizes.variant.atomic;
         let summed = if atomic { "record_gradients" } else { "entry_gradients" };

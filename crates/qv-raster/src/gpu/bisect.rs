@@ -59,7 +59,7 @@ impl GpuRasteriser {
             return Err(RasterError::Device("expected a frame of the same views, found another".into()));
         }
         self.upload(stage, frame)?;
-        let steps = FrameSteps { batch, buffers, constants, cloud, gpu: &self.gpu };
+        let steps = FrameSteps { batch, buffers, constants, cloud };
         let mut recorder = Recorder::new(&self.gpu, false);
         recorder.run("plan", &[steps.plan("visible")]);
         if stage < Stage::Project {

@@ -11,8 +11,6 @@ use wgpu::util::DeviceExt;
 pub struct GpuOptions {
     /// Do without subgroup operations even where the adapter has them.
     pub without_subgroups: bool,
-    /// Blend without subgroup operations, and use them elsewhere.
-    pub plain_blend: bool,
 }
 
 /// A graphics device with the pipelines that were made for it so far.
@@ -26,11 +24,6 @@ pub struct Gpu {
     pub info: wgpu::AdapterInfo,
     /// Lanes of a subgroup; 0 when they are not used.
     pub subgroup: u32,
-    /// Whether the blending does without subgroups.
-    pub plain_blend: bool,
-    /// Batches of at most so many tiles are blended with a workgroup for each subgroup, to fill the card: none waits for another, at the
-    /// price of loading each Gaussian more often.
-    pub few_tiles: usize,
     /// Nanoseconds per tick of time stamps; `None` when there are none.
     pub tick: Option<f32>,
     /// Whether floats can be added up with atomics.
@@ -119,8 +112,6 @@ impl Gpu {
         let has_subgroups = features.contains(wgpu::Features::SUBGROUP) && least == most && (8..=32).contains(&least);
         Ok(Self {
             subgroup: if has_subgroups && !options.without_subgroups { least } else { 0 },
-            plain_blend: options.plain_blend,
-            few_tiles: 4800,
             tick: features.contains(wgpu::Features::TIMESTAMP_QUERY).then(|| queue.get_timestamp_period()),
             float_atomics: features.contains(wgpu::Features::SHADER_FLOAT32_ATOMIC),
             device,

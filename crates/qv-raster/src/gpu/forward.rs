@@ -198,7 +198,6 @@ impl GpuRasteriser {
                 && self.gpu.float_atomics
                 && self.gpu.subgroup > 0
                 && self.gpu.fits(batch.lenses.len()),
-            alone: false,
             digit: 0,
         };
         let mut sizes = Sizes::guess(&batch, cloud.count, variant);
@@ -310,7 +309,7 @@ impl GpuRasteriser {
             return Err(RasterError::Device("expected a prepared batch, found none".into()));
         };
         let mut recorder = Recorder::new(&self.gpu, timed);
-        let frame = FrameSteps { batch, buffers, constants, cloud, gpu: &self.gpu };
+        let frame = FrameSteps { batch, buffers, constants, cloud };
         recorder.encoder.clear_buffer(buffers.get("ranges"), 0, None);
         recorder.run("cull", &frame.cull());
         recorder.run("project", &frame.project());
@@ -350,7 +349,6 @@ pub(crate) struct FrameSteps<'a> {
     pub buffers: &'a Buffers,
     pub constants: &'a Constants,
     pub cloud: &'a GpuCloud,
-    pub gpu: &'a Gpu,
 }
 
 impl<'a> FrameSteps<'a> {
@@ -367,20 +365,12 @@ impl<'a> FrameSteps<'a> {
             "project" => Variant { subgroup: 0, depth: false, bytes: all.packed(), keep: false, atomic: false, ..all },
             "sort" => Variant { subgroup: all.subgroup, ..Default::default() },
             "emit" => Variant { keep: all.keep, bytes: all.packed(), ..Default::default() },
-            "blend" => self.blend_variant(),
+            "blend" => Variant { sh_count: 0, atomic: false, ..all },
             "blend_backward" => Variant { sh_count: 0, bytes: false, ..all },
             "project_backward" => Variant { subgroup: 0, bytes: false, atomic: false, ..all },
             _ => Variant::default(),
         };
         Step { stage, entry, variant, groups, buffers }
-    }
-
-    /// What `blend` is made for.
-    fn blend_variant(&self) -> Variant {
-        let all = self.buffers.sizes.variant;
-        let subgroup = if self.gpu.plain_blend { 0 } else { all.subgroup };
-        let alone = subgroup > 0 && self.batch.tiles <= self.gpu.few_tiles && self.gpu.fits(self.batch.lenses.len());
-        Variant { sh_count: 0, atomic: false, digit: 0, subgroup, alone, ..all }
     }
 
     pub fn indirect(&self, slot: u32) -> Groups<'a> {
@@ -569,7 +559,6 @@ impl<'a> FrameSteps<'a> {
         with(variant.keep, 11, self.get("owners"));
         with(variant.keep, 12, self.get("left_image"));
         let tiles = self.batch.lenses.iter().map(|lens| lens.tiles[0] * lens.tiles[1]).max().unwrap_or(0);
-        let views = self.batch.lenses.len() as u32 * self.blend_variant().groups_per_tile();
-        vec![self.step("blend", "blend", Groups::Fixed(tiles, views), buffers)]
+        vec![self.step("blend", "blend", Groups::Fixed(tiles, self.batch.lenses.len() as u32), buffers)]
     }
 }

@@ -1,4 +1,4 @@
-// Twin of blend.rs and of resolve: a workgroup for each tile, with ALONE for each subgroup of it, an invocation for each pixel. With subgroups, each of them holds a small
+// Twin of blend.rs and of resolve: a workgroup for each tile, an invocation for each pixel. With subgroups, each of them holds a small
 // block of pixels, tests that block against the ellipses of as many Gaussians as it has lanes, and walks those that it touches.
 
 @group(0) @binding(0) var<storage, read> lenses: array<Lens>;
@@ -39,20 +39,18 @@ struct Look {
 }
 
 // Mean and u00, u01, with U scaled so that opacity falls with exp2(-|U d|²).
-var<workgroup> as_: array<vec4<f32>, GROUP_SIZE>;
+var<workgroup> as_: array<vec4<f32>, 256>;
 //#if PACKED
 // u11, opacity, red and green in half precision, blue.
-var<workgroup> bs: array<vec4<f32>, GROUP_SIZE>;
+var<workgroup> bs: array<vec4<f32>, 256>;
 //#if DEPTH
-var<workgroup> ds: array<f32, GROUP_SIZE>;
+var<workgroup> ds: array<f32, 256>;
 //#endif
 //#else
 // u11, opacity, view, Gaussian; colour, depth.
-var<workgroup> bs: array<vec4<f32>, GROUP_SIZE>;
-var<workgroup> cs: array<vec4<f32>, GROUP_SIZE>;
+var<workgroup> bs: array<vec4<f32>, 256>;
+var<workgroup> cs: array<vec4<f32>, 256>;
 //#endif
-//#if ALONE
-//#else
 //#if SUBGROUPS
 // For each block of pixels, which of a batch touch it, a word for each subgroup that loaded them.
 var<workgroup> touching: array<u32, SUBGROUP_COUNT * SUBGROUP_COUNT>;
@@ -60,24 +58,22 @@ var<workgroup> touching: array<u32, SUBGROUP_COUNT * SUBGROUP_COUNT>;
 // Pixels that take no more.
 var<workgroup> closed: atomic<u32>;
 var<workgroup> all_closed: u32;
-//#endif
 //#if PLANE
-var<workgroup> ps: array<vec4<f32>, GROUP_SIZE>;
+var<workgroup> ps: array<vec4<f32>, 256>;
 //#endif
 
 const CLOSED: f32 = 2.0;
 
-@compute @workgroup_size(GROUP_SIZE)
+@compute @workgroup_size(256)
 fn blend(
     @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(local_invocation_index) invocation: u32,
+    @builtin(local_invocation_index) local: u32,
 //#if SUBGROUPS
     @builtin(subgroup_invocation_id) lane: u32,
     @builtin(subgroup_id) subgroup: u32,
 //#endif
 ) {
-    let view = group.y / GROUPS_PER_TILE;
-    let local = group.y % GROUPS_PER_TILE * GROUP_SIZE + invocation;
+    let view = group.y;
     let size = lenses[view].size;
     let across = lenses[view].tiles;
     if group.x >= across.x * across.y {
@@ -88,13 +84,10 @@ fn blend(
     let y = group.x / across.x * TILE + squeeze(local >> 1u);
     let inside = x < size.x && y < size.y;
     let at = vec2<f32>(f32(x), f32(y)) + 0.5;
-//#if ALONE
-//#else
     if local == 0u {
         atomicStore(&closed, 0u);
         all_closed = 0u;
     }
-//#endif
 //#if SUBGROUPS
     let own_block = block_of(x % TILE, y % TILE);
     let corner = vec2<f32>(f32(group.x % across.x * TILE), f32(group.x / across.x * TILE)) + 0.5;
@@ -102,10 +95,7 @@ fn blend(
     workgroupBarrier();
     // Least opacity that counts: beyond any once the pixel takes no more.
     var least = select(CLOSED, MIN_ALPHA, inside);
-//#if ALONE
-//#else
     var counted = false;
-//#endif
     var left = 1.0;
     var colour = vec3<f32>(0.0);
 //#if DEPTH
@@ -121,44 +111,41 @@ fn blend(
     var last = 0u;
 //#endif
     let range = ranges[tile];
-    for (var start = range.x; start < range.y; start += GROUP_SIZE) {
+    for (var start = range.x; start < range.y; start += 256u) {
 //#if SUBGROUPS
         var blocks = 0u;
 //#endif
-        if start + invocation < range.y {
+        if start + local < range.y {
 //#if KEEP
-            let record = owners[sorted[start + invocation]];
+            let record = owners[sorted[start + local]];
 //#else
-            let record = sorted[start + invocation];
+            let record = sorted[start + local];
 //#endif
             var a = records[2u * record];
             var b = records[2u * record + 1u];
             a.z *= TO_EXP2;
             a.w *= TO_EXP2;
             b.x *= TO_EXP2;
-            as_[invocation] = a;
+            as_[local] = a;
 //#if PACKED
 //#if DEPTH
-            ds[invocation] = b.w;
+            ds[local] = b.w;
 //#endif
             b.w = unpack2x16float(bitcast<u32>(b.y)).y;
             b.y = opacity_of(b);
-            bs[invocation] = vec4<f32>(b.x, b.y, b.z, b.w);
+            bs[local] = vec4<f32>(b.x, b.y, b.z, b.w);
 //#else
-            bs[invocation] = b;
-            cs[invocation] = shades[record];
+            bs[local] = b;
+            cs[local] = shades[record];
 //#endif
 //#if SUBGROUPS
             blocks = touched_blocks(a, b.x, b.y, corner);
 //#endif
 //#if PLANE
-            ps[invocation] = planes[record];
+            ps[local] = planes[record];
 //#endif
         }
 //#if SUBGROUPS
-//#if ALONE
-        var votes = subgroupBallot(((blocks >> own_block) & 1u) == 1u).x;
-//#else
         for (var block = 0u; block < SUBGROUP_COUNT; block++) {
             let votes = subgroupBallot(((blocks >> block) & 1u) == 1u).x;
             if lane == 0u {
@@ -166,18 +153,14 @@ fn blend(
             }
         }
 //#endif
-//#endif
         workgroupBarrier();
-        let held = min(range.y - start, GROUP_SIZE);
+        let held = min(range.y - start, 256u);
 //#if SUBGROUPS
         for (var base = 0u; base < held; base += SUBGROUP_SIZE) {
             if subgroupAll(least > 1.0) {
                 break;
             }
-//#if ALONE
-//#else
             var votes = touching[own_block * SUBGROUP_COUNT + base / SUBGROUP_SIZE];
-//#endif
             while votes != 0u {
                 let k = base + firstTrailingBit(votes);
                 votes &= votes - 1u;
@@ -228,12 +211,6 @@ fn blend(
                 }
             }
         }
-//#if ALONE
-        workgroupBarrier();
-        if subgroupAll(least > 1.0) {
-            break;
-        }
-//#else
         if least > 1.0 && !counted {
             counted = true;
             atomicAdd(&closed, 1u);
@@ -245,7 +222,6 @@ fn blend(
         if workgroupUniformLoad(&all_closed) == 256u {
             break;
         }
-//#endif
     }
     if !inside {
         return;
