@@ -33,6 +33,16 @@ pub enum CoreError {
         /// Length that was found.
         found: usize,
     },
+    /// A value outside what is allowed.
+    #[error("{what}: expected {expected}, found {found}")]
+    Range {
+        /// The value that is off.
+        what: &'static str,
+        /// What is allowed.
+        expected: &'static str,
+        /// The value that was found.
+        found: String,
+    },
     /// Time stamps must increase strictly.
     #[error("time stamps: expected strictly increasing seconds, found {found} after {previous} at sample {index}")]
     TimeOrder {

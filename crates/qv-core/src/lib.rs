@@ -1,15 +1,19 @@
-//! Types that every QuadVerse crate speaks: rigid [`Pose`]s between named frames, labelled [`TriangleMesh`]es and
-//! sampled [`JointSeries`].
+//! Types that every QuadVerse crate speaks: rigid [`Pose`]s between named frames, labelled [`TriangleMesh`]es,
+//! sampled [`JointSeries`], [`GaussianCloud`]s and the pinhole [`Camera`]s that see them.
 //!
 //! Conventions (all crates): SI units, radians, seconds; world right-handed with z up; quaternions are `w, x, y, z`
 //! at every boundary; a transform named `a_from_b` takes coordinates in frame `b` to coordinates in frame `a`.
 
+mod camera;
 mod error;
+mod gaussians;
 mod mesh;
 mod pose;
 mod series;
 
+pub use camera::Camera;
 pub use error::CoreError;
+pub use gaussians::GaussianCloud;
 pub use mesh::{Material, TriangleMesh};
 pub use pose::Pose;
 pub use series::JointSeries;

@@ -1,0 +1,564 @@
+//! A batch of views on the graphics card.
+
+use super::buffers::{Buffers, Sizes};
+use super::cloud::GpuCloud;
+use super::device::Gpu;
+use super::images::GpuImages;
+use super::record::{Groups, Recorder, Stamps, Step};
+use crate::lens::Batch;
+use crate::shaders::{Variant, dispatch, slot};
+use crate::{RasterError, Scene, Settings, View};
+
+/// How the card draws.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct GpuSettings {
+    /// Colour and alpha as four bytes instead of four floats.
+    pub bytes: bool,
+    /// Keep what the derivatives need.
+    pub keep: bool,
+    /// Add up derivatives with atomics: faster, and the last bits differ from run to run. Left out where the adapter has no
+    /// atomics for floats, or no subgroups.
+    pub atomic: bool,
+    /// Put time stamps around the stages.
+    pub timed: bool,
+}
+
+/// Draws batches, with buffers that it keeps from one to the next.
+#[derive(Debug)]
+pub struct GpuRasteriser {
+    /// The device.
+    pub gpu: Gpu,
+    /// Most bytes that the buffers of a batch may take; batches that would take more are refused, or split.
+    pub memory: u64,
+    pub(crate) buffers: Option<Buffers>,
+    pub(crate) batch: Option<Batch>,
+    pub(crate) stamps: Option<Stamps>,
+    pub(crate) constants: Option<Constants>,
+}
+
+/// Small buffers that depend on the batch alone.
+#[derive(Debug)]
+pub(crate) struct Constants {
+    pub lenses: wgpu::Buffer,
+    pub motions: wgpu::Buffer,
+    pub look: wgpu::Buffer,
+    pub frame: wgpu::Buffer,
+    scans: [wgpu::Buffer; 4],
+    emits: [wgpu::Buffer; 2],
+    depth_passes: Vec<wgpu::Buffer>,
+    tile_passes: Vec<wgpu::Buffer>,
+    depth_bits: u32,
+    tile_bits: u32,
+}
+
+impl Constants {
+    /// Name of the buffer in which the order by depth ends.
+    pub fn order(&self) -> &'static str {
+        if self.depth_passes.len().is_multiple_of(2) { "order" } else { "order_other" }
+    }
+
+    /// Names of the buffers in which the sorted entries end: their tiles, and what is sorted with them.
+    pub fn sorted(&self, keep: bool) -> (&'static str, &'static str) {
+        match (self.tile_passes.len().is_multiple_of(2), keep) {
+            (true, true) => ("tiles", "sorted"),
+            (true, false) => ("tiles", "owners"),
+            _ => ("tiles_other", "sorted_other"),
+        }
+    }
+}
+
+/// Digits of a sort: how many bits each, and how many of them.
+fn digits(bits: u32, most: u32) -> (u32, u32) {
+    let passes = bits.div_ceil(most).max(1);
+    (bits.div_ceil(passes).max(1), passes)
+}
+
+/// What one frame found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Counts {
+    /// Pairs of view and Gaussian that passed the first test.
+    pub candidates: usize,
+    /// Pairs of Gaussian and tile.
+    pub entries: usize,
+    /// Candidates that were left out because their numbers are not finite.
+    pub faulty: usize,
+}
+
+impl GpuRasteriser {
+    /// On a device.
+    pub fn new(gpu: Gpu) -> Self {
+        Self { gpu, memory: u64::MAX, buffers: None, batch: None, stamps: None, constants: None }
+    }
+
+    /// Draws views of a scene as one batch and waits for it. The images stay on the card, in buffers that the next batch uses
+    /// again. `cloud` is that of `scene`.
+    ///
+    /// When the buffers were too small, which is known only afterwards, they are made anew and the batch is drawn again.
+    ///
+    /// # Errors
+    /// The scene or a view is off, or the batch is too large for the device: fewer views at once may do.
+    pub fn render(
+        &mut self,
+        cloud: &GpuCloud,
+        scene: &Scene,
+        views: &[View],
+        settings: &Settings,
+        how: &GpuSettings,
+    ) -> Result<(GpuImages<'_>, Counts), RasterError> {
+        self.prepare(cloud, scene, views, settings, how)?;
+        let mut counts = None;
+        // The first run may cut off candidates, the second entries of all candidates.
+        for _ in 0..4 {
+            self.submit(cloud, how.timed)?;
+            let state = self.state()?;
+            let found = Counts {
+                candidates: state[slot::NEEDED_VISIBLE as usize] as usize,
+                entries: state[slot::NEEDED_ENTRIES as usize] as usize,
+                faulty: state[slot::FAULTY as usize] as usize,
+            };
+            if !self.grow(&found)? {
+                counts = Some(found);
+                break;
+            }
+            self.remake_constants(cloud, settings)?;
+        }
+        let counts = counts.ok_or_else(|| RasterError::Device("buffers that never suffice".into()))?;
+        Ok((self.images()?, counts))
+    }
+
+    /// Draws any number of views, as many at once as [`Self::memory`] and the device allow, and hands the images of each batch on
+    /// with the index of its first view. Batches are halved until they fit, before memory is taken.
+    ///
+    /// # Errors
+    /// As [`Self::render`], with a single view; or what `each` gives.
+    pub fn render_all(
+        &mut self,
+        cloud: &GpuCloud,
+        scene: &Scene,
+        views: &[View],
+        settings: &Settings,
+        how: &GpuSettings,
+        mut each: impl FnMut(usize, GpuImages) -> Result<(), RasterError>,
+    ) -> Result<(), RasterError> {
+        let mut at_once = views.len().clamp(1, Batch::MAX_VIEWS);
+        let mut first = 0;
+        while first < views.len() {
+            let batch = &views[first..(first + at_once).min(views.len())];
+            match self.render(cloud, scene, batch, settings, how) {
+                Ok((images, _)) => {
+                    each(first, images)?;
+                    first += batch.len();
+                }
+                Err(RasterError::TooLarge { .. }) if batch.len() > 1 => {
+                    at_once = batch.len() / 2;
+                    // Without the guess that the larger batch left.
+                    self.buffers = None;
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks the batch and makes what it needs, so that [`Self::submit`] does nothing but record and submit.
+    ///
+    /// # Errors
+    /// As [`Self::render`].
+    pub fn prepare(
+        &mut self,
+        cloud: &GpuCloud,
+        scene: &Scene,
+        views: &[View],
+        settings: &Settings,
+        how: &GpuSettings,
+    ) -> Result<(), RasterError> {
+        let found = (scene.cloud.len(), scene.cloud.sh_degree, scene.cloud.feature_count, scene.group_count());
+        if found != (cloud.count, cloud.sh_degree, cloud.feature_count, cloud.groups) {
+            let what = "Gaussians of the scene, and of its copy on the card".to_string();
+            return Err(RasterError::Length { what, expected: cloud.count, found: scene.cloud.len() });
+        }
+        let batch = Batch::new(scene, views)?;
+        let tiles = batch.lenses.iter().map(|lens| lens.tiles[0] * lens.tiles[1]).max().unwrap_or(0);
+        let limit = self.gpu.most_workgroups();
+        if tiles > limit {
+            let what = "tiles of one view on this device".to_string();
+            return Err(RasterError::TooLarge { what, limit: limit as u64, found: tiles as u64 });
+        }
+        let outputs = settings.outputs;
+        let variant = Variant {
+            subgroup: self.gpu.subgroup,
+            sh_count: (cloud.sh_degree as u32 + 1).pow(2),
+            features: if outputs.features { cloud.feature_count as u32 } else { 0 },
+            depth: outputs.depth,
+            plane: outputs.plane,
+            bytes: how.bytes,
+            keep: how.keep,
+            atomic: how.atomic
+                && how.keep
+                && self.gpu.float_atomics
+                && self.gpu.subgroup > 0
+                && self.gpu.fits(batch.lenses.len()),
+            digit: 0,
+        };
+        let mut sizes = Sizes::guess(&batch, cloud.count, variant);
+        if let Some(old) = self.buffers.as_ref().map(|buffers| buffers.sizes) {
+            // What the last batch of this kind needed is the better guess.
+            if old.views >= sizes.views && old.blocks >= sizes.blocks {
+                (sizes.visible, sizes.entries) = (old.visible, old.entries);
+            }
+        }
+        self.ensure(sizes)?;
+        self.batch = Some(batch);
+        self.remake_constants(cloud, settings)
+    }
+
+    fn ensure(&mut self, sizes: Sizes) -> Result<(), RasterError> {
+        if !self.buffers.as_ref().is_some_and(|buffers| buffers.sizes.hold(&sizes)) {
+            // The old ones are given back first.
+            self.buffers = None;
+            self.buffers = Some(Buffers::new(&self.gpu, sizes, self.memory)?);
+        }
+        Ok(())
+    }
+
+    /// Makes buffers for so many candidates and entries.
+    pub(crate) fn make_room(&mut self, candidates: usize, entries: usize) -> Result<(), RasterError> {
+        let Some(old) = self.buffers.as_ref().map(|buffers| buffers.sizes) else { return Ok(()) };
+        let (visible, entries) = (old.visible.max(candidates as u64), old.entries.max(entries as u64));
+        self.ensure(Sizes { visible, entries, ..old })
+    }
+
+    /// Makes larger buffers when these did not suffice; true when it did.
+    fn grow(&mut self, found: &Counts) -> Result<bool, RasterError> {
+        let Some(old) = self.buffers.as_ref().map(|buffers| buffers.sizes) else { return Ok(false) };
+        if found.entries == u32::MAX as usize {
+            let what = "Gaussians times tiles of one batch".to_string();
+            return Err(RasterError::TooLarge { what, limit: u32::MAX as u64 - 1, found: found.entries as u64 });
+        }
+        let with_room = |n: usize| n as u64 + n as u64 / 16 + 1024;
+        let mut sizes = old;
+        if found.candidates as u64 > old.visible {
+            sizes.visible = with_room(found.candidates);
+            // Entries of the candidates that were cut off are not known; those of the others are a measure.
+            let by_share = found.entries as f64 * found.candidates as f64 / old.visible as f64;
+            sizes.entries = old.entries.max(with_room(by_share as usize));
+        } else if found.entries as u64 > old.entries {
+            sizes.entries = with_room(found.entries);
+        } else {
+            return Ok(false);
+        }
+        self.buffers = None;
+        self.buffers = Some(Buffers::new(&self.gpu, sizes, self.memory)?);
+        Ok(true)
+    }
+
+    pub(crate) fn remake_constants(&mut self, cloud: &GpuCloud, settings: &Settings) -> Result<(), RasterError> {
+        let (Some(batch), Some(buffers)) = (&self.batch, &self.buffers) else { return Ok(()) };
+        let (gpu, sizes) = (&self.gpu, &buffers.sizes);
+        let most = sizes.variant.digit_bits();
+        let (depth_bits, depth_passes) = digits(32, most);
+        let (tile_bits, tile_passes) = digits(u32::BITS - (batch.tiles as u32).leading_zeros(), most);
+        let blocks = cloud.count.div_ceil(256) as u32;
+        let views = batch.lenses.len() as u32;
+        let frame = [
+            views,
+            cloud.count as u32,
+            batch.groups as u32,
+            blocks,
+            sizes.visible.min(u32::MAX as u64) as u32,
+            sizes.entries.min(u32::MAX as u64) as u32,
+            1 << depth_bits,
+            1 << tile_bits,
+        ];
+        let pass = |bits: u32, k: u32, all: u32, length: u32, blocks: u32, first: bool| {
+            let bits_here = bits.min(all.saturating_sub(bits * k)).max(1);
+            gpu.filled("pass", &[bits * k, bits_here, length, blocks, first as u32, 0, 0, 0])
+        };
+        let scan = |length: u32, total: u32| gpu.filled("scan", &[length, total, 0, 0]);
+        let depth = |k| pass(depth_bits, k, 32, slot::VISIBLE, slot::DEPTH_BLOCKS, k == 0);
+        let keep = sizes.variant.keep;
+        let tile = |k| pass(tile_bits, k, tile_bits * tile_passes, slot::ENTRIES, slot::TILE_BLOCKS, keep && k == 0);
+        let [r, g, b] = settings.background;
+        self.constants = Some(Constants {
+            lenses: gpu.filled("lenses", &batch.lenses)?,
+            motions: gpu.filled("motions", &batch.motions)?,
+            look: gpu.filled("look", &[[r, g, b, 0.0f32]])?,
+            frame: gpu.filled("frame", &frame)?,
+            scans: [
+                scan(slot::CULL_BLOCKS, slot::NEEDED_VISIBLE)?,
+                scan(slot::DEPTH_BINS, slot::UNUSED)?,
+                scan(slot::VISIBLE, slot::NEEDED_ENTRIES)?,
+                scan(slot::TILE_BINS, slot::UNUSED)?,
+            ],
+            emits: [gpu.filled("emit", &[0u32; 4])?, gpu.filled("emit", &[1u32, 0, 0, 0])?],
+            depth_passes: (0..depth_passes).map(depth).collect::<Result<_, _>>()?,
+            tile_passes: (0..tile_passes).map(tile).collect::<Result<_, _>>()?,
+            depth_bits,
+            tile_bits,
+        });
+        gpu.queue.write_buffer(&buffers.state, slot::CULL_BLOCKS as u64 * 4, bytemuck::bytes_of(&(views * blocks)));
+        Ok(())
+    }
+
+    /// Records and submits the batch that was prepared last, and waits for nothing.
+    ///
+    /// # Errors
+    /// Nothing was prepared.
+    pub fn submit(&mut self, cloud: &GpuCloud, timed: bool) -> Result<(), RasterError> {
+        let (Some(batch), Some(buffers), Some(constants)) = (&self.batch, &self.buffers, &self.constants) else {
+            return Err(RasterError::Device("expected a prepared batch, found none".into()));
+        };
+        let mut recorder = Recorder::new(&self.gpu, timed);
+        let frame = FrameSteps { batch, buffers, constants, cloud };
+        recorder.encoder.clear_buffer(buffers.get("ranges"), 0, None);
+        recorder.run("cull", &frame.cull());
+        recorder.run("project", &frame.project());
+        recorder.run("sort by depth", &frame.sort_by_depth());
+        recorder.run("emit", &frame.emit());
+        recorder.run("sort by tile", &frame.sort_by_tile());
+        recorder.run("ranges", &frame.ranges());
+        recorder.run("blend", &frame.blend());
+        self.stamps = recorder.submit();
+        Ok(())
+    }
+
+    /// Milliseconds of each stage of the last timed batch, and in all. Waits for the device.
+    ///
+    /// # Errors
+    /// The device fails.
+    pub fn times(&self) -> Result<Vec<(&'static str, f64)>, RasterError> {
+        self.stamps.as_ref().map_or(Ok(vec![]), |stamps| stamps.read(&self.gpu))
+    }
+
+    /// Bytes of the buffers of frames.
+    pub fn bytes(&self) -> u64 {
+        self.buffers.as_ref().map_or(0, |buffers| buffers.sizes.bytes())
+    }
+
+    fn state(&self) -> Result<Vec<u32>, RasterError> {
+        match &self.buffers {
+            Some(buffers) => self.gpu.read(&buffers.state, slot::COUNT as usize),
+            None => Ok(vec![0; slot::COUNT as usize]),
+        }
+    }
+}
+
+/// The dispatches of a frame.
+pub(crate) struct FrameSteps<'a> {
+    pub batch: &'a Batch,
+    pub buffers: &'a Buffers,
+    pub constants: &'a Constants,
+    pub cloud: &'a GpuCloud,
+}
+
+impl<'a> FrameSteps<'a> {
+    pub fn step(
+        &self,
+        stage: &'static str,
+        entry: &'static str,
+        groups: Groups<'a>,
+        buffers: Vec<(u32, &'a wgpu::Buffer)>,
+    ) -> Step<'a> {
+        // Stages that do not depend on what is drawn share their pipelines.
+        let all = Variant { digit: 0, ..self.buffers.sizes.variant };
+        let variant = match stage {
+            "project" => Variant { subgroup: 0, depth: false, bytes: all.packed(), keep: false, atomic: false, ..all },
+            "sort" => Variant { subgroup: all.subgroup, ..Default::default() },
+            "emit" => Variant { keep: all.keep, bytes: all.packed(), ..Default::default() },
+            "blend" => Variant { sh_count: 0, atomic: false, ..all },
+            "blend_backward" => Variant { sh_count: 0, bytes: false, ..all },
+            "project_backward" => Variant { subgroup: 0, bytes: false, atomic: false, ..all },
+            _ => Variant::default(),
+        };
+        Step { stage, entry, variant, groups, buffers }
+    }
+
+    pub fn indirect(&self, slot: u32) -> Groups<'a> {
+        Groups::Indirect(&self.buffers.arguments, slot)
+    }
+
+    pub fn get(&self, name: &str) -> &'a wgpu::Buffer {
+        self.buffers.get(name)
+    }
+
+    fn scan(&self, values: &'a wgpu::Buffer, which: usize, groups: Groups<'a>) -> Vec<Step<'a>> {
+        let (sums, state, pass) = (self.get("sums"), &self.buffers.state, &self.constants.scans[which]);
+        vec![
+            self.step("scan", "reduce", groups, vec![(0, values), (1, sums), (2, state), (3, pass)]),
+            self.step("scan", "spine", Groups::Fixed(1, 1), vec![(1, sums), (2, state), (3, pass)]),
+            self.step("scan", "apply", groups, vec![(0, values), (1, sums), (2, state), (3, pass)]),
+        ]
+    }
+
+    pub fn plan(&self, entry: &'static str) -> Step<'a> {
+        let buffers = vec![(0, &self.buffers.state), (1, &self.buffers.arguments), (2, &self.constants.frame)];
+        self.step("plan", entry, Groups::Fixed(1, 1), buffers)
+    }
+
+    fn cull(&self) -> Vec<Step<'a>> {
+        let views = self.batch.lenses.len() as u32;
+        let blocks = self.cloud.count.div_ceil(256) as u32;
+        let groups = Groups::Fixed(blocks, views.div_ceil(16));
+        let c = self.constants;
+        let (marks, counts) = (self.get("marks"), self.get("block_counts"));
+        let mark = vec![
+            (0, &c.lenses),
+            (1, &c.motions),
+            (2, &self.cloud.means),
+            (3, &self.cloud.scales),
+            (4, marks),
+            (5, counts),
+            (7, &c.frame),
+        ];
+        let scan_blocks = (views * blocks).div_ceil(2048);
+        let scan_groups = Groups::Fixed(scan_blocks.min(32768), scan_blocks.div_ceil(32768));
+        let mut steps = vec![self.step("cull", "mark", groups, mark)];
+        steps.extend(self.scan(counts, 0, scan_groups));
+        steps.push(self.plan("visible"));
+        let gather = vec![(4, marks), (5, counts), (6, self.get("candidates")), (7, &c.frame)];
+        steps.push(self.step("cull", "gather", groups, gather));
+        steps
+    }
+
+    pub fn project(&self) -> Vec<Step<'a>> {
+        let c = self.constants;
+        let mut buffers = vec![
+            (0, &c.lenses),
+            (1, &c.motions),
+            (2, &self.cloud.means),
+            (3, &self.cloud.scales),
+            (4, &self.cloud.rotations),
+            (5, &self.cloud.sh),
+            (6, self.get("candidates")),
+            (7, self.get("records")),
+            (8, self.get("counts")),
+            (9, self.get("depth_keys")),
+            (10, &self.buffers.state),
+            (11, &c.frame),
+        ];
+        if !self.buffers.sizes.variant.packed() {
+            buffers.push((14, self.get("shades")));
+        }
+        if self.buffers.sizes.variant.plane {
+            buffers.push((12, self.get("planes")));
+        }
+        if self.buffers.sizes.variant.features > 0 {
+            buffers.push((13, &self.cloud.features));
+        }
+        vec![self.step("project", "project", self.indirect(dispatch::BY_VISIBLE), buffers)]
+    }
+
+    /// One pass for each digit; keys and payloads go to and fro between two buffers, the first payloads are `[3]` where given.
+    fn sort(
+        &self,
+        passes: &'a [wgpu::Buffer],
+        keys: [&'a wgpu::Buffer; 2],
+        payloads: [&'a wgpu::Buffer; 3],
+        by_block: u32,
+        (by_scan, which, digit): (u32, usize, u32),
+    ) -> Vec<Step<'a>> {
+        let (bins, state) = (self.get("bins"), &self.buffers.state);
+        let mut steps = vec![];
+        for (k, pass) in passes.iter().enumerate() {
+            let (from, to) = (k % 2, 1 - k % 2);
+            let source = if k == 0 { payloads[2] } else { payloads[from] };
+            let count = vec![(0, keys[from]), (1, bins), (2, state), (3, pass)];
+            let digits = |mut step: Step<'a>| {
+                step.variant.digit = digit;
+                step
+            };
+            steps.push(digits(self.step("sort", "histogram", self.indirect(by_block), count)));
+            steps.extend(self.scan(bins, which, self.indirect(by_scan)));
+            let place =
+                vec![(0, keys[from]), (1, bins), (2, state), (3, pass), (4, source), (5, keys[to]), (6, payloads[to])];
+            steps.push(digits(self.step("sort", "scatter", self.indirect(by_block), place)));
+        }
+        steps
+    }
+
+    pub fn sort_by_depth(&self) -> Vec<Step<'a>> {
+        let keys = [self.get("depth_keys"), self.get("depth_keys_other")];
+        let orders = [self.get("order"), self.get("order_other"), self.get("order")];
+        let scan = (dispatch::BY_DEPTH_SCAN, 1, self.constants.depth_bits);
+        self.sort(&self.constants.depth_passes, keys, orders, dispatch::BY_DEPTH_BLOCK, scan)
+    }
+
+    fn order(&self) -> &'a wgpu::Buffer {
+        self.get(self.constants.order())
+    }
+
+    pub fn emit(&self) -> Vec<Step<'a>> {
+        let offsets = self.get("offsets");
+        let pass = |which: usize| {
+            let mut buffers = vec![
+                (0, &self.constants.lenses),
+                (1, self.get("records")),
+                (2, self.get("candidates")),
+                (3, self.order()),
+                (4, offsets),
+                (5, self.get("tiles")),
+                (6, self.get("owners")),
+                (7, &self.buffers.state),
+                (8, self.get("counts")),
+                (9, &self.constants.emits[which]),
+            ];
+            if self.buffers.sizes.variant.keep {
+                buffers.push((10, self.get("firsts")));
+            }
+            self.step("emit", "emit", self.indirect(dispatch::BY_VISIBLE), buffers)
+        };
+        let gather = vec![(3, self.order()), (4, offsets), (7, &self.buffers.state), (8, self.get("counts"))];
+        let mut steps = vec![pass(0), self.step("emit", "gather", self.indirect(dispatch::BY_VISIBLE), gather)];
+        steps.extend(self.scan(offsets, 2, self.indirect(dispatch::BY_VISIBLE_SCAN)));
+        steps.push(self.plan("entries"));
+        steps.push(pass(1));
+        steps
+    }
+
+    pub fn sort_by_tile(&self) -> Vec<Step<'a>> {
+        let keys = [self.get("tiles"), self.get("tiles_other")];
+        let (owners, other) = (self.get("owners"), self.get("sorted_other"));
+        // With `keep` the entries' owners stay, and what is sorted are the entries' indices.
+        let even = if self.buffers.sizes.variant.keep { self.get("sorted") } else { owners };
+        let scan = (dispatch::BY_TILE_SCAN, 3, self.constants.tile_bits);
+        self.sort(&self.constants.tile_passes, keys, [even, other, owners], dispatch::BY_TILE_BLOCK, scan)
+    }
+
+    /// The sorted entries: their tiles, and what was sorted with them.
+    pub fn sorted(&self) -> (&'a wgpu::Buffer, &'a wgpu::Buffer) {
+        let (tiles, sorted) = self.constants.sorted(self.buffers.sizes.variant.keep);
+        (self.get(tiles), self.get(sorted))
+    }
+
+    pub fn ranges(&self) -> Vec<Step<'a>> {
+        let buffers = vec![(0, self.sorted().0), (1, self.get("ranges")), (2, &self.buffers.state)];
+        vec![self.step("ranges", "find", self.indirect(dispatch::BY_ENTRY), buffers)]
+    }
+
+    pub fn blend(&self) -> Vec<Step<'a>> {
+        let variant = &self.buffers.sizes.variant;
+        let mut buffers = vec![
+            (0, &self.constants.lenses),
+            (1, self.get("records")),
+            (2, self.get("ranges")),
+            (3, self.sorted().1),
+            (4, &self.constants.look),
+            (5, self.get("colours")),
+        ];
+        let mut with = |wanted: bool, binding: u32, buffer: &'a wgpu::Buffer| {
+            if wanted {
+                buffers.push((binding, buffer));
+            }
+        };
+        with(!variant.packed(), 13, self.get("shades"));
+        with(variant.depth, 6, self.get("depths"));
+        with(variant.plane, 7, self.get("planes"));
+        with(variant.plane, 8, self.get("plane_image"));
+        with(variant.features > 0, 9, &self.cloud.features);
+        with(variant.features > 0, 10, self.get("feature_image"));
+        with(variant.keep, 11, self.get("owners"));
+        with(variant.keep, 12, self.get("left_image"));
+        let tiles = self.batch.lenses.iter().map(|lens| lens.tiles[0] * lens.tiles[1]).max().unwrap_or(0);
+        vec![self.step("blend", "blend", Groups::Fixed(tiles, self.batch.lenses.len() as u32), buffers)]
+    }
+}

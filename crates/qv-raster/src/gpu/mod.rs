@@ -1,0 +1,20 @@
+//! The stages on a graphics card, through wgpu.
+//!
+//! A [`Gpu`] is a device, a [`GpuCloud`] a cloud copied to it, a [`GpuRasteriser`] draws batches of views. Nothing is read back
+//! within a frame: the counts of one stage become the dispatch arguments of the next on the card. Images stay there until they
+//! are read.
+
+mod backward;
+mod bisect;
+mod buffers;
+mod cloud;
+mod device;
+mod forward;
+mod images;
+mod record;
+
+pub use bisect::Stage;
+pub use cloud::GpuCloud;
+pub use device::{Gpu, GpuOptions};
+pub use forward::{Counts, GpuRasteriser, GpuSettings};
+pub use images::GpuImages;
