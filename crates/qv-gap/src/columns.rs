@@ -5,6 +5,8 @@ use crate::library::{Effect, LevelsOf, Scope};
 use crate::problem::{Problem, Setting};
 use qv_replay::Run;
 
+/// Share of a robot's mass by which masses are tolerated to differ, at most.
+const MASS_TOLERANCE: f64 = 0.02;
 /// Share of a range that is searched beyond either end of it.
 const MARGIN: f64 = 0.08;
 
@@ -136,6 +138,7 @@ impl Columns {
 
     fn add(&mut self, problem: &Problem, run: &Run, effect: &Effect, members: &[String]) -> Result<(), GapError> {
         let index = self.effects.len();
+        let effect = &of_robot(problem, effect);
         for (member, name) in members.iter().enumerate() {
             for (axis, a) in effect.axes.iter().enumerate() {
                 let mut moves = Vec::new();
@@ -254,6 +257,14 @@ impl Columns {
         setting.sort_by_key(|s| s.0);
         setting
     }
+}
+
+/// The effect as it is for a robot of this weight: tolerances of masses are those of a robot that walks, and at most a
+/// share of what this one weighs.
+fn of_robot(problem: &Problem, effect: &Effect) -> Effect {
+    let weight: f64 = problem.model.links.iter().map(|l| l.mass).sum();
+    let tolerance = if effect.unit == "kg" { effect.tolerance.min(MASS_TOLERANCE * weight) } else { effect.tolerance };
+    Effect { tolerance, ..effect.clone() }
 }
 
 /// Names of what an effect acts on.

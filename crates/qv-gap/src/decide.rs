@@ -17,8 +17,9 @@ const LEAST_LOCAL_EVIDENCE: f64 = 60.0;
 const LEAST_EVENT_EVIDENCE: f64 = 150.0;
 /// The same for a robot that is held, which has no contacts.
 const LEAST_HELD_EVENT_EVIDENCE: f64 = 20.0;
-/// Shortest event \[s\].
+/// Shortest event \[s\], of a robot on its feet and of one that is held.
 const LEAST_EVENT: f64 = 0.15;
+const LEAST_HELD_EVENT: f64 = 0.05;
 /// Over the largest log evidence that the effect reaches in simulated recordings without one.
 const OVER_NULL: f64 = 1.3;
 /// A size below this many tolerances is no cause.
@@ -253,7 +254,7 @@ fn objection(study: &Study, fit: &Fit, by_chance: f64) -> Option<String> {
         Some(Extent::Time(_)) => LEAST_HELD_EVENT_EVIDENCE,
     };
     let length = if let Some(Extent::Time([from, until])) = fit.suspect.extent { until - from } else { LEAST_EVENT };
-    if length < LEAST_EVENT {
+    if length < if study.problem.free { LEAST_EVENT } else { LEAST_HELD_EVENT } {
         return Some(format!("an event of {:.0} ms is a blow of the contact, or noise", 1e3 * length));
     }
     let threshold = least.max(OVER_NULL * by_chance);
@@ -279,7 +280,8 @@ fn held_out_objection(study: &mut Study, fit: &Fit, share: f64) -> Result<Option
         // An event may lie between the windows that are held out, or touch the edge of one: nothing is said then.
         let changes = closure.before.iter().zip(&closure.after).map(|(b, a)| (b - a) / b);
         let seen: Vec<f64> = changes.filter(|c| c.abs() > 0.02).collect();
-        let worse = seen.iter().sum::<f64>() < 0.0;
+        // One window alone may hold more than the event.
+        let worse = seen.len() >= 2 && seen.iter().sum::<f64>() < 0.0;
         return Ok(worse.then(|| format!("it makes {} windows that no fit has seen worse", seen.len())));
     }
     // Tolerated deviations can take most of a small effect upon them: what it closes without them counts, too. Most of the

@@ -15,8 +15,9 @@ const FRICTIONS: [f64; 6] = [0.6, 0.45, 0.32, 0.22, 0.14, 0.08];
 const WORTH_A_LOOK: f64 = 12.0;
 /// Most events that are looked for in one recording.
 const MOST_EVENTS: usize = 8;
-/// Rounds of the pattern search.
+/// Rounds of the pattern search; an event touches few windows, and takes little for each.
 const ROUNDS: usize = 9;
+const EVENT_ROUNDS: usize = 30;
 
 impl Search<'_, '_> {
     /// Suspects that act in a part of the recording, at their best.
@@ -233,7 +234,8 @@ impl Search<'_, '_> {
             Suspect { group, values, extent: Some(extent.with(&at[axes..])) }
         };
         let mut loss = self.loss_at(base, &[as_suspect(&at)])?[0];
-        for round in 0..ROUNDS {
+        let rounds = if matches!(extent, Extent::Time(_)) { EVENT_ROUNDS } else { ROUNDS };
+        for round in 0..rounds {
             if round % 3 == 1 && matches!(extent, Extent::Region(_)) {
                 // Whether a foot slips is a threshold: no slope leads from one side of it to the other.
                 (at, loss) = self.best_friction(base, at, loss, &as_suspect)?;

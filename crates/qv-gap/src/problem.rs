@@ -51,7 +51,7 @@ impl Cut {
     /// The same for a robot that is held and measured every `period` \[s\]: half as long where there are samples enough.
     /// Nothing bounds how fast an arm falls, as feet on the ground do, so that errors in the start soon are all there is.
     fn held(self, period: f64) -> Self {
-        let half = Self { window: 0.5 * self.window, bin: 0.5 * self.bin, ..self };
+        let half = Self { window: 0.5 * self.window, bin: 0.5 * self.bin, most: 2 * self.most, ..self };
         if period > 0.0 && half.bin >= FEWEST_SAMPLES * period { half } else { self }
     }
 
