@@ -37,6 +37,8 @@ enum Stage {
     Inspect,
     /// Replays the recording in the simulator
     Replay,
+    /// Says what makes the two differ
+    Diagnose,
 }
 
 impl Stage {
@@ -45,6 +47,7 @@ impl Stage {
             Self::Recording => "recording",
             Self::Inspect => "inspect",
             Self::Replay => "replay",
+            Self::Diagnose => "diagnose",
         }
     }
 
@@ -53,7 +56,7 @@ impl Stage {
         match self {
             Self::Recording => &[],
             Self::Inspect => &["recording/run.mcap"],
-            Self::Replay => &["recording/run.mcap", "recording/terrain.glb"],
+            Self::Replay | Self::Diagnose => &["recording/run.mcap", "recording/terrain.glb"],
         }
     }
 
@@ -63,6 +66,7 @@ impl Stage {
             Self::Recording => &["recording/run.mcap", "recording/terrain.glb", "recording/truth.json"],
             Self::Inspect => &["inspect/inspect.json"],
             Self::Replay => &["replay/replay.json", "replay/replay.mcap", "replay/replay.html"],
+            Self::Diagnose => &["diagnose/report.json", "diagnose/report.html", "diagnose/calibrated.toml"],
         }
     }
 
@@ -72,6 +76,7 @@ impl Stage {
             Self::Recording => format!("fixture --seed {SEED} --out recording"),
             Self::Inspect => "inspect recording/run.mcap --json".into(),
             Self::Replay => "replay recording/run.mcap --terrain recording/terrain.glb --out replay --json".into(),
+            Self::Diagnose => "diagnose recording/run.mcap --terrain recording/terrain.glb --out diagnose --json".into(),
         };
         words.split(' ').map(String::from).collect()
     }
@@ -176,6 +181,12 @@ fn conclude(folder: &Path) -> Result<()> {
         // One sentence a line.
         println!("{}\n{}", verdict.replace(". ", ".\n"), folder.join("replay/replay.html").display());
     }
+    let file = folder.join("diagnose/report.json");
+    if file.is_file() {
+        let report = read_json(&file)?;
+        let sentence = report["sentence"].as_str().with_context(|| format!("{}: expected a sentence", file.display()))?;
+        println!("{sentence}\n{}", folder.join("diagnose/report.html").display());
+    }
     Ok(())
 }
 
@@ -203,7 +214,7 @@ pub fn write_golden(workspace: &Workspace, out: &Path) -> Result<()> {
         "generator": "cargo xtask golden bless replay",
         "name": "replay",
         "seed": SEED,
-        "options": {"stages": Stage::value_variants().iter().map(|s| s.arguments().join(" ")).collect::<Vec<_>>()},
+        "options": {"stages": Stage::value_variants().iter().filter(|s| **s <= Stage::Replay).map(|s| s.arguments().join(" ")).collect::<Vec<_>>()},
         "tolerance": {"windows_relative": 0.02, "whole_relative": 0.1, "base_m": 0.05, "lag_s": 0.0005},
         "windows_count": report["windows"]["count"],
         "windows_pos_rms_mean": report["windows"]["pos_rms_mean"],
