@@ -2,28 +2,34 @@
 //!
 //! `cargo run --release -p qv-raster --features gpu --example bench_raster -- 300000 0 128 [--depth] [--all] [--bytes] [--keep]
 //! [--width 640] [--height 480] [--frames 20] [--cpu] [--without-subgroups]
-//! [--check] [--backward] [--atomic]`
+//! [--check] [--backward] [--atomic] [--json] [--adapter] [--save FILE]`
 //!
 //! takes Gaussians, degree of the spherical harmonics, cameras. On the graphics card it warms up for 0.3 s, then prints the medians
 //! of time stamps by stage. `--cpu` measures the CPU instead, forward and backward, on four cameras at most. `--check` compares
 //! some cameras' images with those of the CPU. `--backward` times forward and backward together, `--atomic` with
-//! float atomics.
+//! float atomics. `--json` adds a last line of JSON, which `cargo xtask bench raster` reads. `--adapter` only tells the graphics adapter, in JSON.
+//! `--save` only writes the scene (`scene_file.rs`).
+
+mod scene_file;
 
 use qv_core::GaussianCloud;
 use qv_raster::gpu::{Gpu, GpuCloud, GpuOptions, GpuRasteriser, GpuSettings};
 use qv_raster::{Frame, Outputs, Scene, Settings, View, workload};
+use serde_json::json;
 use std::error::Error;
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 struct Arguments {
     numbers: Vec<usize>,
     flags: Vec<String>,
     named: Vec<(String, usize)>,
+    save: Option<PathBuf>,
 }
 
 impl Arguments {
     fn read() -> Result<Self, Box<dyn Error>> {
-        let mut out = Self { numbers: vec![], flags: vec![], named: vec![] };
+        let mut out = Self { numbers: vec![], flags: vec![], named: vec![], save: None };
         let mut words = std::env::args().skip(1);
         while let Some(word) = words.next() {
             match word.as_str() {
@@ -31,6 +37,7 @@ impl Arguments {
                     let value = words.next().ok_or_else(|| format!("{word}: expected a number, found nothing"))?;
                     out.named.push((word, value.parse()?));
                 }
+                "--save" => out.save = Some(words.next().ok_or("--save: expected a file, found nothing")?.into()),
                 _ if word.starts_with("--") => out.flags.push(word),
                 _ => out.numbers.push(word.parse().map_err(|error| format!("{word:?}: {error}"))?),
             }
@@ -49,6 +56,10 @@ impl Arguments {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments = Arguments::read()?;
+    if arguments.has("--adapter") {
+        println!("{}", adapter());
+        return Ok(());
+    }
     let number = |at: usize, otherwise: usize| arguments.numbers.get(at).copied().unwrap_or(otherwise);
     let (count, degree, cameras) = (number(0, 100_000), number(1, 0), number(2, 128));
     let (width, height) = (arguments.named("--width", 640), arguments.named("--height", 480));
@@ -58,14 +69,40 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let settings = Settings { outputs, background: [0.0; 3] };
     let cloud = workload::cloud(count, degree as u8, 1);
-    let views: Vec<View> =
-        workload::cameras(cameras, 1, width as u32, height as u32).into_iter().map(View::of).collect();
-    println!("{count} Gaussians, degree {degree}, {cameras} cameras of {width}x{height}, {settings:?}");
-    if arguments.has("--cpu") { cpu(&cloud, &views, &settings) } else { card(&cloud, &views, &settings, &arguments) }
+    let cameras = workload::cameras(cameras, 1, width as u32, height as u32);
+    if cameras.is_empty() {
+        return Err("expected at least one camera, found none".into());
+    }
+    if let Some(path) = &arguments.save {
+        return Ok(scene_file::save(path, &cloud, &cameras)?);
+    }
+    let views: Vec<View> = cameras.into_iter().map(View::of).collect();
+    println!("{count} Gaussians, degree {degree}, {} cameras of {width}x{height}, {settings:?}", views.len());
+    let figures = match arguments.has("--cpu") {
+        true => cpu(&cloud, &views, &settings)?,
+        false => card(&cloud, &views, &settings, &arguments)?,
+    };
+    if arguments.has("--json") {
+        println!("{figures}");
+    }
+    Ok(())
+}
+
+/// The adapter that would be measured, or why there is none.
+fn adapter() -> serde_json::Value {
+    match Gpu::new(&GpuOptions::default()) {
+        Ok(gpu) => json!({
+            "name": gpu.info.name,
+            "driver": gpu.info.driver_info,
+            "software": gpu.info.device_type == wgpu::DeviceType::Cpu,
+            "atomic": gpu.float_atomics && gpu.subgroup > 0,
+        }),
+        Err(error) => json!({ "missing": error.to_string() }),
+    }
 }
 
 /// Seconds per image on the CPU.
-fn cpu(cloud: &GaussianCloud, views: &[View], settings: &Settings) -> Result<(), Box<dyn Error>> {
+fn cpu(cloud: &GaussianCloud, views: &[View], settings: &Settings) -> Result<serde_json::Value, Box<dyn Error>> {
     let scene = Scene::still(cloud);
     let (mut forward, mut backward) = (vec![], vec![]);
     for view in views.iter().take(4).chain(views.iter().take(1)) {
@@ -86,8 +123,10 @@ fn cpu(cloud: &GaussianCloud, views: &[View], settings: &Settings) -> Result<(),
             gradients.poses[0].iter().map(|x| x * x).sum::<f32>().sqrt()
         );
     }
-    println!("CPU, s per image: forward {:.4}, backward {:.4}", median(&mut forward), median(&mut backward));
-    Ok(())
+    let (forward, backward) = (median(&mut forward), median(&mut backward));
+    println!("CPU, s per image: forward {forward:.4}, backward {backward:.4}");
+    let threads = rayon::current_num_threads();
+    Ok(json!({ "forward_seconds": forward, "backward_seconds": backward, "threads": threads }))
 }
 
 fn median(values: &mut [f64]) -> f64 {
@@ -100,7 +139,7 @@ fn card(
     views: &[View],
     settings: &Settings,
     arguments: &Arguments,
-) -> Result<(), Box<dyn Error>> {
+) -> Result<serde_json::Value, Box<dyn Error>> {
     let gpu = Gpu::new(&GpuOptions { without_subgroups: arguments.has("--without-subgroups") })?;
     println!("{} ({}), subgroups of {}", gpu.info.name, gpu.info.driver_info, gpu.subgroup);
     let scene = Scene::still(cloud);
@@ -150,8 +189,10 @@ fn card(
             }
         }
     }
+    let mut total = None;
     for (name, times) in &mut times {
         let ms = median(times);
+        total = (*name == "total").then_some(ms).or(total);
         let rate =
             if *name == "total" { format!(", {:.0} images/s", 1e3 * views.len() as f64 / ms) } else { String::new() };
         println!("  {name:16} {ms:9.3} ms{rate}");
@@ -169,7 +210,14 @@ fn card(
     if arguments.has("--check") {
         check(&mut rasteriser, &on_card, &scene, views, settings, &how)?;
     }
-    Ok(())
+    let cloud_buffers = [&on_card.means, &on_card.scales, &on_card.rotations, &on_card.sh, &on_card.features];
+    let cloud_bytes: u64 = cloud_buffers.iter().map(|buffer| buffer.size()).sum();
+    Ok(json!({
+        "images": views.len(),
+        "stamps_milliseconds": total,
+        "queued_milliseconds": 1e3 * wall,
+        "bytes": rasteriser.bytes() + cloud_bytes,
+    }))
 }
 
 /// Compares with the CPU.

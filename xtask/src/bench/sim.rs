@@ -1,32 +1,28 @@
-//! `cargo xtask bench`: speed beside a pinned reference, in one interleaved run.
+//! `cargo xtask bench sim`: simulation steps beside MuJoCo, in one interleaved run.
 
+use super::{build, last_line, median, write};
+use crate::python;
 use crate::workspace::Workspace;
-use crate::{process, python};
-use anyhow::{Context, Result, bail};
-use clap::Subcommand;
+use anyhow::{Result, bail};
 use serde::{Deserialize, Serialize};
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
-/// What to measure.
-#[derive(Subcommand)]
-pub enum Bench {
-    /// Simulation steps per second, beside MuJoCo on one thread
-    Sim {
-        /// Times that each contestant runs, all taking turns
-        #[arg(long, default_value_t = 5)]
-        rounds: usize,
-        /// Seconds of each run
-        #[arg(long, default_value_t = 2.0)]
-        seconds: f64,
-        /// Only this case
-        #[arg(long, value_parser = CASES)]
-        case: Option<String>,
-        /// Fail when a goal is missed
-        #[arg(long)]
-        gate: bool,
-    },
+/// How to measure.
+#[derive(clap::Args)]
+pub struct Sim {
+    /// Times that each contestant runs, all taking turns
+    #[arg(long, default_value_t = 5)]
+    rounds: usize,
+    /// Seconds of each run
+    #[arg(long, default_value_t = 2.0)]
+    seconds: f64,
+    /// Only this case
+    #[arg(long, value_parser = CASES)]
+    case: Option<String>,
+    /// Fail when a goal is missed
+    #[arg(long)]
+    gate: bool,
 }
 
 const CASES: [&str; 3] = ["flat", "friction", "mesh"];
@@ -76,37 +72,21 @@ struct Row {
 ///
 /// # Errors
 /// A contestant cannot be built, fails, or prints something unexpected.
-pub fn run(workspace: &Workspace, what: Bench) -> Result<bool> {
-    let Bench::Sim { rounds, seconds, case, gate } = what;
+pub fn run(workspace: &Workspace, sim: Sim) -> Result<bool> {
+    let Sim { rounds, seconds, case, gate } = sim;
     if rounds == 0 || !seconds.is_finite() || seconds <= 0.0 {
         bail!("expected at least one round of positive seconds, found {rounds} rounds of {seconds} s");
     }
     let reference = python::environment(workspace, "mujoco")?;
-    let ours = build(workspace)?;
+    let ours = build(workspace, "bench_sim", &[])?;
     let mut rows = Vec::new();
     for name in CASES.into_iter().filter(|name| case.as_deref().is_none_or(|chosen| chosen == *name)) {
         rows.extend(one_case(workspace, &reference, &ours, name, rounds, seconds)?);
     }
     print_table(&rows);
     let met = print_goals(&rows);
-    let file = workspace.target_directory.join("bench").join("sim.json");
-    write(&file, &rows)?;
+    write(workspace, "sim.json", &rows)?;
     Ok(met || !gate)
-}
-
-/// Builds the example `bench_sim`, whichever crate has it, and gives its program.
-fn build(workspace: &Workspace) -> Result<PathBuf> {
-    let owner = workspace.members().find(|package| package.has_example("bench_sim"));
-    let owner = owner.context("expected a crate with the example bench_sim, found none")?;
-    process::run(process::cargo().current_dir(&workspace.workspace_root).args([
-        "build",
-        "--release",
-        "--package",
-        &owner.name,
-        "--example",
-        "bench_sim",
-    ]))?;
-    Ok(workspace.target_directory.join("release/examples/bench_sim"))
 }
 
 /// All contestants in turn, round after round, so that a slow spell of the machine meets all of them.
@@ -141,10 +121,7 @@ fn one_case(
 }
 
 fn sample(command: &mut Command) -> Result<Sample> {
-    let text = process::output(command)?;
-    let line = text.lines().next_back().unwrap_or_default();
-    let sample: Sample =
-        serde_json::from_str(line).with_context(|| format!("{command:?}: expected a line of JSON, found {line:?}"))?;
+    let sample: Sample = last_line(command)?;
     if !(sample.steps_per_second.is_finite() && sample.steps_per_second > 0.0) {
         bail!("{command:?}: expected positive steps per second, found {}", sample.steps_per_second);
     }
@@ -164,13 +141,6 @@ fn row(case: &str, engine: &str, variant: &Variant, taken: &[Sample], reference:
         times_mujoco: median(ratios.collect()),
         bytes_per_environment: taken.iter().map(|sample| sample.bytes_per_environment).max().unwrap_or(0),
     }
-}
-
-/// Middle value; of an even number the mean of the two in the middle. `values` is not empty.
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let middle = values.len() / 2;
-    if values.len().is_multiple_of(2) { 0.5 * (values[middle - 1] + values[middle]) } else { values[middle] }
 }
 
 fn print_table(rows: &[Row]) {
@@ -222,24 +192,9 @@ fn print_goals(rows: &[Row]) -> bool {
     all
 }
 
-fn write(file: &Path, rows: &[Row]) -> Result<()> {
-    let folder = file.parent().context("a file has a folder")?;
-    fs::create_dir_all(folder).with_context(|| format!("making {}", folder.display()))?;
-    fs::write(file, serde_json::to_string_pretty(rows)? + "\n")
-        .with_context(|| format!("writing {}", file.display()))?;
-    println!("written to {}", file.display());
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn medians() {
-        assert_eq!(median(vec![3.0, 1.0, 2.0]), 2.0);
-        assert_eq!(median(vec![4.0, 1.0, 2.0, 3.0]), 2.5);
-    }
 
     #[test]
     fn ratios_are_taken_within_a_round() {
