@@ -440,7 +440,7 @@ impl Findings<'_> {
         let regions = self.accused.iter().filter_map(|a| a.fit.suspect.extent);
         place.regions = shares::regions(nominal, regions);
         let causes: Vec<Cause> = self.accused.iter().map(|a| a.cause.clone()).collect();
-        let sentence = telling::sentence(verdict, &causes, &gap, &ranking);
+        let sentence = telling::sentence(verdict, &causes, &gap, &leads, &ranking);
         let slips = self.accused.iter().filter_map(|a| a.fit.held_out).map(|f| f.closed).next();
         let next = telling::next(verdict, &causes, &leads, slips, &self.rounds, nominal);
         let (heat_map, floor_plan, curves) = pictures::all(nominal, &setting)?;

@@ -177,7 +177,7 @@ pub fn nearest(lead: &Lead) -> String {
 }
 
 /// The verdict in a sentence.
-pub fn sentence(verdict: Verdict, causes: &[Cause], gap: &Gap, ranking: &[Ranked]) -> String {
+pub fn sentence(verdict: Verdict, causes: &[Cause], gap: &Gap, leads: &[Lead], ranking: &[Ranked]) -> String {
     let described = |c: &Cause| {
         let amounts: Vec<String> = c.parameters.iter().map(amount).collect();
         let whom = if c.scope == ["all"] { String::new() } else { format!(" at {}", c.scope.join(", ")) };
@@ -194,9 +194,10 @@ pub fn sentence(verdict: Verdict, causes: &[Cause], gap: &Gap, ranking: &[Ranked
             format!("Most of the gap is {}, which closes {closed}; something else is there, too.", all.join(" and "))
         }
         Verdict::Unexplained => {
-            let runner_up = ranking.iter().find(|r| r.effect != UNKNOWN);
-            let nearest = runner_up.map_or(String::new(), |r| {
-                format!(" The nearest, {}, does not explain it.", r.effect.replace('_', " "))
+            let lead = leads.first().and_then(|l| l.effects.first());
+            let runner_up = ranking.iter().map(|r| &r.effect).find(|e| *e != UNKNOWN);
+            let nearest = lead.or(runner_up).map_or(String::new(), |effect| {
+                format!(" The nearest, {}, does not explain it.", effect.replace('_', " "))
             });
             format!("There is a gap that no single effect of the library explains.{nearest}")
         }
