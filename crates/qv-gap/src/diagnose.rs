@@ -18,6 +18,10 @@ use std::collections::BTreeMap;
 
 /// Most causes that are accused.
 const MOST_CAUSES: usize = 3;
+/// What is left of the excess, and the level, up to which causes are told though something is left: what engines differ in grows
+/// with the effect.
+const NEARLY_ALL: f64 = 0.12;
+const UNEXPLAINED_BESIDE: f64 = 2.0;
 /// Level up to which a push is told of an arm that nothing else explains.
 const QUIET_ENOUGH: f64 = 4.0;
 /// Most rounds, in each of which there may be several events.
@@ -487,7 +491,7 @@ impl Findings<'_> {
             return if quiet { Verdict::PartlyExplained } else { Verdict::Unexplained };
         }
         let (before, after) = (self.opening.level.ratio - 1.0, self.level_after.ratio - 1.0);
-        if after < 0.02 * before && self.level_after.ratio < 2.0 {
+        if after < NEARLY_ALL * before && self.level_after.ratio < UNEXPLAINED_BESIDE {
             Verdict::PartlyExplained
         } else {
             Verdict::Unexplained
