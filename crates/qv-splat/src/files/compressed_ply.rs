@@ -59,7 +59,10 @@ impl Range {
     }
 
     fn at(&self, shares: [f32; 3]) -> [f32; 3] {
-        std::array::from_fn(|k| self.low[k] * (1.0 - shares[k]) + self.high[k] * shares[k])
+        std::array::from_fn(|k| {
+            let [low, high, share] = [self.low[k], self.high[k], shares[k]].map(f64::from);
+            (low * (1.0 - share) + high * share) as f32
+        })
     }
 
     fn shares(&self, numbers: [f32; 3]) -> [f32; 3] {
