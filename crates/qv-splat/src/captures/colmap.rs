@@ -1,4 +1,4 @@
-//! COLMAP's sparse models (colmap.github.io, *Output format*, 3.11): `cameras` and `images`, as text or binary.
+//! COLMAP's sparse models (colmap.github.io, *Output format*, COLMAP 3.x): `cameras` and `images`, as text or binary.
 //!
 //! Poses are `camera_from_world` with OpenCV's axes; pixel centres lie at one half, as ours do. Points are not read.
 

@@ -1,4 +1,4 @@
-//! nerfstudio's `transforms.json` (docs.nerf.studio, *Data conventions*, 1.1), which instant-ngp began.
+//! nerfstudio's `transforms.json` (docs.nerf.studio, *Data conventions*, nerfstudio 1.x), which instant-ngp began.
 //!
 //! `transform_matrix` is `world_from_camera` with OpenGL's axes: x right, y up, z back. Intrinsics stand once, or with each
 //! frame. The poses are taken as they are: `applied_transform` tells where they came from and is passed over.

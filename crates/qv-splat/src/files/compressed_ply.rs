@@ -1,4 +1,4 @@
-//! PlayCanvas' compressed PLY (playcanvas/splat-transform 1.x, `write-compressed-ply.ts`; SuperSplat 2 writes the same).
+//! PlayCanvas' compressed PLY (playcanvas/splat-transform, `write-compressed-ply.ts`; SuperSplat 2 writes the same).
 //!
 //! Element `chunk` has the least and largest position, log scale and colour of 256 Gaussians each; `vertex` four words per
 //! Gaussian, all steps within the chunk's range: position 11, 10, 11 bits of x, y, z; rotation 2 bits for the largest of w, x,

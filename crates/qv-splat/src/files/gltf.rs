@@ -1,4 +1,4 @@
-//! glTF 2.0 with `KHR_gaussian_splatting` (KhronosGroup/glTF, as ratified in 2026), in a GLB.
+//! glTF 2.0 with `KHR_gaussian_splatting` (KhronosGroup/glTF, release candidate of 2026), in a GLB.
 //!
 //! Attributes of a primitive of points: `POSITION`; `KHR_gaussian_splatting:ROTATION`, x, y, z, w; `:SCALE`, standard
 //! deviations; `:OPACITY`, 0 to 1; `:SH_DEGREE_l_COEF_n`, coefficients with Condon-Shortley phase as in a cloud. Written as
