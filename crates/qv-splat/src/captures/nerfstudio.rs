@@ -55,9 +55,9 @@ fn camera(document: &Value, frame: &Value, index: usize) -> Result<CaptureCamera
     let zero = |name: &str| values.number(name).map(|found| found.unwrap_or(0.0));
     let distortion = Distortion { k1: zero("k1")?, k2: zero("k2")?, k3: zero("k3")?, p1: zero("p1")?, p2: zero("p2")? };
     let (width, height) = (values.side("w")?, values.side("h")?);
-    let fx = values.focal("fl_x", "camera_angle_x", width)?;
-    let fy = values.focal("fl_y", "camera_angle_y", height)?;
-    let fx = fx.or(fy).ok_or_else(|| off(&*place, "fl_x or camera_angle_x", "neither"))?;
+    let fx = values.focal("x", width)?;
+    let fy = values.focal("y", height)?;
+    let fx = fx.or(fy).ok_or_else(|| off(&*place, "a focal length or an angle of view along x", "neither"))?;
     let camera = Camera {
         fx,
         fy: fy.unwrap_or(fx),
@@ -105,10 +105,11 @@ impl Values<'_> {
         Ok(found as u32)
     }
 
-    /// A focal length in pixels, else from the angle of view in radians.
-    fn focal(&self, name: &str, angle: &str, side: u32) -> Result<Option<f64>, SplatError> {
+    /// A focal length along an axis in pixels, `fl_x` or `fl_y`, else from the angle of view in radians.
+    fn focal(&self, axis: &str, side: u32) -> Result<Option<f64>, SplatError> {
         let of_angle = |angle: f64| 0.5 * f64::from(side) / (0.5 * angle).tan();
-        Ok(self.number(name)?.or(self.number(angle)?.map(of_angle)))
+        let angle = self.number(&format!("camera_angle_{axis}"))?;
+        Ok(self.number(&["fl", axis].join("_"))?.or(angle.map(of_angle)))
     }
 }
 
