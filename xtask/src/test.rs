@@ -3,6 +3,9 @@
 use crate::{process, python, workspace::Workspace};
 use anyhow::Result;
 
+/// Python environments under `fixtures`, and the variables through which tests find them.
+const ENVIRONMENTS: [(&str, &str); 2] = [("mcap", "QV_PYTHON"), ("splat", "QV_PYTHON_SPLAT")];
+
 /// Counts over all test programs.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
 struct Counts {
@@ -40,13 +43,16 @@ pub fn run(workspace: &Workspace, release: bool) -> Result<bool> {
     if release {
         cargo.arg("--release");
     }
-    if workspace.workspace_root.join("fixtures/mcap/requirements.txt").is_file() {
-        match python::environment(workspace, "mcap") {
+    for (name, variable) in ENVIRONMENTS {
+        if !workspace.workspace_root.join("fixtures").join(name).join("requirements.txt").is_file() {
+            continue;
+        }
+        match python::environment(workspace, name) {
             Ok(python) => {
-                cargo.env("QV_PYTHON", python);
+                cargo.env(variable, python);
             }
             // The tests that want it say that they skip.
-            Err(error) => eprintln!("note: tests that read our files from Python will skip: {error:#}"),
+            Err(error) => eprintln!("note: tests that read our files from Python ({name}) will skip: {error:#}"),
         }
     }
     let mut counts = Counts::default();

@@ -6,7 +6,9 @@ mod glb;
 mod inspect;
 mod mesh_file;
 mod open;
+mod render;
 mod replay;
+mod scene;
 
 use clap::{Args, Parser, Subcommand};
 use qv_replay::ReplayError;
@@ -33,6 +35,9 @@ enum Command {
     /// Says where the gap between simulator and robot lies, which effect causes it, and how far it shrinks
     #[command(after_help = diagnose::EXAMPLE)]
     Diagnose(diagnose::Diagnose),
+    /// Draws what cameras see of a scene of Gaussians
+    #[command(after_help = render::EXAMPLE)]
+    Render(render::Render),
     /// Makes up a recording of the Go2 with a known cause, and the ground that it walked on
     #[command(hide = true, after_help = fixture::EXAMPLE)]
     Fixture(fixture::Fixture),
@@ -47,6 +52,9 @@ struct RunArguments {
     #[arg(long, value_name = "TOPIC")]
     pose_topic: Option<String>,
 }
+
+/// Why a command failed, in words for whoever typed it.
+type Failure = Box<dyn std::error::Error>;
 
 /// How a command ended when it did not fail.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -66,11 +74,12 @@ fn say(text: &str) -> Result<(), ReplayError> {
 }
 
 fn main() -> ExitCode {
-    let result = match Cli::parse().command {
-        Command::Inspect(command) => command.execute(),
-        Command::Replay(command) => command.execute(),
-        Command::Diagnose(command) => command.execute(),
-        Command::Fixture(command) => command.execute(),
+    let result: Result<Outcome, Failure> = match Cli::parse().command {
+        Command::Inspect(command) => command.execute().map_err(Failure::from),
+        Command::Replay(command) => command.execute().map_err(Failure::from),
+        Command::Diagnose(command) => command.execute().map_err(Failure::from),
+        Command::Render(command) => command.execute(),
+        Command::Fixture(command) => command.execute().map_err(Failure::from),
     };
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

@@ -1,0 +1,233 @@
+//! COLMAP's sparse models (colmap.github.io, *Output format*, COLMAP 3.x): `cameras` and `images`, as text or binary.
+//!
+//! Poses are `camera_from_world` with OpenCV's axes; pixel centres lie at one half, as ours do. Points are not read.
+
+use super::distortion::Distortion;
+use super::{Capture, CaptureCamera, finish};
+use crate::SplatError;
+use crate::error::off;
+use qv_core::{Camera, Pose};
+use std::collections::BTreeMap;
+
+/// Reads `cameras.txt` and `images.txt`.
+///
+/// # Errors
+/// Names the line that is off, a camera that an image names and that is not there, and models other than those of [`Model`].
+pub fn read_text(cameras: &str, images: &str) -> Result<Capture, SplatError> {
+    join(super::colmap_text::cameras(cameras)?, super::colmap_text::images(images)?, "images.txt")
+}
+
+/// Reads `cameras.bin` and `images.bin`.
+///
+/// # Errors
+/// Names the byte where a file ends early or goes on, and what else [`read_text`] names.
+pub fn read_binary(cameras: &[u8], images: &[u8]) -> Result<Capture, SplatError> {
+    join(super::colmap_binary::cameras(cameras)?, super::colmap_binary::images(images)?, "images.bin")
+}
+
+/// Intrinsics that images share.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Intrinsics {
+    pub camera: Camera,
+    pub distortion: Distortion,
+}
+
+/// An image with its pose.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Posed {
+    pub camera: u32,
+    pub camera_from_world: Pose,
+    pub name: String,
+}
+
+/// Camera models that are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Model {
+    /// f, cx, cy.
+    SimplePinhole,
+    /// fx, fy, cx, cy.
+    Pinhole,
+    /// f, cx, cy, k1.
+    SimpleRadial,
+    /// f, cx, cy, k1, k2.
+    Radial,
+    /// fx, fy, cx, cy, k1, k2, p1, p2.
+    OpenCv,
+    /// fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6, of which the last three must be 0.
+    FullOpenCv,
+}
+
+/// All models in the order of COLMAP's numbers, with those that are not read.
+const MODELS: [(&str, Option<Model>); 11] = [
+    ("SIMPLE_PINHOLE", Some(Model::SimplePinhole)),
+    ("PINHOLE", Some(Model::Pinhole)),
+    ("SIMPLE_RADIAL", Some(Model::SimpleRadial)),
+    ("RADIAL", Some(Model::Radial)),
+    ("OPENCV", Some(Model::OpenCv)),
+    ("OPENCV_FISHEYE", None),
+    ("FULL_OPENCV", Some(Model::FullOpenCv)),
+    ("FOV", None),
+    ("SIMPLE_RADIAL_FISHEYE", None),
+    ("RADIAL_FISHEYE", None),
+    ("THIN_PRISM_FISHEYE", None),
+];
+
+impl Model {
+    /// # Errors
+    /// It is one that is not read, or unknown.
+    pub(super) fn of_name(name: &str, place: &str) -> Result<Self, SplatError> {
+        let found = MODELS.iter().find(|(known, _)| *known == name).and_then(|(_, model)| *model);
+        found.ok_or_else(|| {
+            let read: Vec<&str> = MODELS.iter().filter(|(_, model)| model.is_some()).map(|(name, _)| *name).collect();
+            off(format!("{place}, camera model"), read.join(", "), name)
+        })
+    }
+
+    /// # Errors
+    /// As [`Self::of_name`].
+    pub(super) fn of_number(number: u32, place: &str) -> Result<Self, SplatError> {
+        let name = MODELS.get(number as usize).map_or_else(|| format!("number {number}"), |(name, _)| (*name).into());
+        Self::of_name(&name, place)
+    }
+
+    /// How many numbers it has.
+    pub(super) fn parameters(self) -> usize {
+        match self {
+            Self::SimplePinhole => 3,
+            Self::Pinhole | Self::SimpleRadial => 4,
+            Self::Radial => 5,
+            Self::OpenCv => 8,
+            Self::FullOpenCv => 12,
+        }
+    }
+
+    /// The camera, at the origin, with its distortion; `p` has as many numbers as [`Self::parameters`] says.
+    pub(super) fn intrinsics(self, size: [u64; 2], p: &[f64], place: &str) -> Result<Intrinsics, SplatError> {
+        let (fx, fy, cx, cy) = match self {
+            Self::SimplePinhole | Self::SimpleRadial | Self::Radial => (p[0], p[0], p[1], p[2]),
+            Self::Pinhole | Self::OpenCv | Self::FullOpenCv => (p[0], p[1], p[2], p[3]),
+        };
+        let mut distortion = Distortion::default();
+        match self {
+            Self::SimplePinhole | Self::Pinhole => {}
+            Self::SimpleRadial => distortion.k1 = p[3],
+            Self::Radial => (distortion.k1, distortion.k2) = (p[3], p[4]),
+            Self::OpenCv | Self::FullOpenCv => {
+                distortion = Distortion { k1: p[4], k2: p[5], p1: p[6], p2: p[7], k3: 0.0 };
+            }
+        }
+        if self == Self::FullOpenCv {
+            distortion.k3 = p[8];
+            if p[9..12] != [0.0; 3] {
+                return Err(off(format!("{place}, k4, k5, k6"), "0, 0, 0", format!("{:?}", &p[9..12])));
+            }
+        }
+        let side = |side: u64| u32::try_from(side).map_err(|_| off(place, "a size in pixels", side));
+        let (width, height) = (side(size[0])?, side(size[1])?);
+        let camera = Camera { fx, fy, cx, cy, width, height, camera_from_world: Pose::IDENTITY };
+        Ok(Intrinsics { camera, distortion })
+    }
+}
+
+/// `camera_from_world` from w, x, y, z, and translation.
+pub(super) fn pose(wxyz: [f64; 4], translation: [f64; 3], place: &str) -> Result<Pose, SplatError> {
+    let pose = Pose::from_position_wxyz(translation, wxyz);
+    pose.ok_or_else(|| off(place, "a quaternion and a translation", format!("{wxyz:?} {translation:?}")))
+}
+
+/// Images with their intrinsics, sorted by name, since COLMAP's own order varies from run to run.
+fn join(cameras: BTreeMap<u32, Intrinsics>, mut images: Vec<Posed>, place: &str) -> Result<Capture, SplatError> {
+    images.sort_by(|a, b| a.name.cmp(&b.name));
+    let one = |image: Posed| {
+        let found = cameras.get(&image.camera);
+        let intrinsics = found
+            .ok_or_else(|| off(format!("{place}, image {}", image.name), "the number of a camera", image.camera))?;
+        let camera = Camera { camera_from_world: image.camera_from_world, ..intrinsics.camera };
+        let distortion = intrinsics.distortion;
+        Ok(CaptureCamera { name: String::new(), camera, distortion, image: Some(image.name) })
+    };
+    finish(images.into_iter().map(one).collect::<Result<_, SplatError>>()?, place)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CAMERAS: &str = "# Camera list\n1 SIMPLE_RADIAL 640 480 500.0 320.0 240.0 0.05\n\
+        2 OPENCV 100 80 90.0 91.0 50.0 40.0 0.1 0.2 0.3 0.4\n";
+    const IMAGES: &str = "# Image list\n\
+        7 1 0 0 0 0.5 0 2 1 b side.jpg\n1.0 2.0 -1 3.0 4.0 5\n3 0.5 0.5 0.5 0.5 0 0 1 2 a.jpg\n\n";
+
+    fn binary() -> [Vec<u8>; 2] {
+        let mut cameras = 2u64.to_le_bytes().to_vec();
+        for (id, model, size, p) in [
+            (1u32, 2u32, [640u64, 480], vec![500.0f64, 320.0, 240.0, 0.05]),
+            (2, 4, [100, 80], vec![90.0, 91.0, 50.0, 40.0, 0.1, 0.2, 0.3, 0.4]),
+        ] {
+            cameras.extend(id.to_le_bytes());
+            cameras.extend(model.to_le_bytes());
+            size.iter().for_each(|side| cameras.extend(side.to_le_bytes()));
+            p.iter().for_each(|x| cameras.extend(x.to_le_bytes()));
+        }
+        let mut images = 2u64.to_le_bytes().to_vec();
+        for (id, pose, camera, name, points) in [
+            (7u32, [1.0f64, 0.0, 0.0, 0.0, 0.5, 0.0, 2.0], 1u32, "b side.jpg", 2u64),
+            (3, [0.5, 0.5, 0.5, 0.5, 0.0, 0.0, 1.0], 2, "a.jpg", 0),
+        ] {
+            images.extend(id.to_le_bytes());
+            pose.iter().for_each(|x| images.extend(x.to_le_bytes()));
+            images.extend(camera.to_le_bytes());
+            images.extend(name.as_bytes());
+            images.push(0);
+            images.extend(points.to_le_bytes());
+            images.resize(images.len() + 24 * points as usize, 1);
+        }
+        [cameras, images]
+    }
+
+    #[test]
+    fn text_and_binary_are_the_same() {
+        let text = read_text(CAMERAS, IMAGES).unwrap();
+        let [cameras, images] = binary();
+        assert_eq!(read_binary(&cameras, &images).unwrap(), text);
+        let [a, b] = &text.cameras[..] else { panic!("{text:?}") };
+        assert_eq!((a.name.as_str(), b.name.as_str()), ("a", "b side"));
+        assert_eq!((b.camera.fx, b.camera.fy, b.distortion.k1, a.distortion.p2), (500.0, 500.0, 0.05, 0.4));
+        assert_eq!(b.camera.camera_from_world.position.to_array(), [0.5, 0.0, 2.0]);
+    }
+
+    #[test]
+    fn each_fault_is_named() {
+        let fault = |cameras: &str, images: &str| read_text(cameras, images).unwrap_err().to_string();
+        assert!(fault("1 FOV 1 1 1\n", "").contains("found FOV"));
+        assert!(fault("1 PINHOLE 640 480 500 500 320\n", "").contains("line 1: expected 4 numbers of the model"));
+        assert!(fault("1 PINHOLE x 480 500 500 320 240\n", "").contains("line 1"));
+        assert!(
+            fault("1 PINHOLE 0 480 500 500 320 240\n", IMAGES.replace(" 2 a.jpg", " 1 a.jpg").as_str())
+                .contains("width")
+        );
+        assert!(
+            fault(CAMERAS, &IMAGES.replace("2 a.jpg", "9 a.jpg"))
+                .contains("image a.jpg: expected the number of a camera")
+        );
+        assert!(fault(CAMERAS, "1 0 0 0 0 0 0 0 1 a\n\n").contains("a quaternion"));
+        assert!(fault(CAMERAS, "1 0 0\n\n").contains("line 1: expected"));
+    }
+
+    #[test]
+    fn cut_off_binaries_are_errors() {
+        let [cameras, images] = binary();
+        for length in 0..cameras.len() {
+            assert!(read_binary(&cameras[..length], &images).is_err(), "{length}");
+        }
+        for length in 0..images.len() {
+            assert!(read_binary(&cameras, &images[..length]).is_err(), "{length}");
+        }
+        let mut more = images.clone();
+        more.push(0);
+        assert!(read_binary(&cameras, &more).unwrap_err().to_string().contains("the end of the file"));
+        let mut huge = images.clone();
+        huge[..8].copy_from_slice(&u64::MAX.to_le_bytes());
+        assert!(read_binary(&cameras, &huge).is_err());
+    }
+}

@@ -1,0 +1,106 @@
+//! The cameras of a capture: images with intrinsics, distortion and pose.
+
+pub mod cameras_json;
+pub mod colmap;
+mod colmap_binary;
+mod colmap_text;
+pub mod distortion;
+pub mod nerfstudio;
+
+use crate::SplatError;
+use crate::error::off;
+use distortion::Distortion;
+use qv_core::Camera;
+
+/// A set of images, or of views that are to become images.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Capture {
+    /// The cameras, in the order of the file, those of COLMAP by name. Their poses are in the frame of the file.
+    pub cameras: Vec<CaptureCamera>,
+}
+
+/// A camera with its image.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CaptureCamera {
+    /// What tells it from the others: the image's file without folder and ending, or with the folders when two would be alike.
+    pub name: String,
+    /// Intrinsics and pose; OpenCV's axes, pixel centres at one half.
+    pub camera: Camera,
+    /// How the lens departs from the pinhole.
+    pub distortion: Distortion,
+    /// Path of the image as the file has it, relative to the capture; none for a view without an image.
+    pub image: Option<String>,
+}
+
+/// Checks every camera and gives each a name of its own, from its image where it has none.
+fn finish(mut cameras: Vec<CaptureCamera>, place: &str) -> Result<Capture, SplatError> {
+    for (index, one) in cameras.iter_mut().enumerate() {
+        let label = one.image.clone().unwrap_or_else(|| one.name.clone());
+        let at = || format!("{place}, camera {index} {label}");
+        one.camera.check().map_err(|error| off(at(), "a camera", error))?;
+        one.distortion.check().map_err(|found| off(at(), "finite coefficients of distortion", found))?;
+    }
+    name(&mut cameras);
+    Ok(Capture { cameras })
+}
+
+/// Names from images: short ones when they differ, else with folders, else with numbers.
+fn name(cameras: &mut [CaptureCamera]) {
+    let whole = |path: &str| {
+        let parts = path.split(['/', '\\']).filter(|part| !["", ".", ".."].contains(part));
+        let joined = parts.collect::<Vec<_>>().join("_");
+        match joined.rsplit_once('.') {
+            Some((stem, _)) if !stem.is_empty() => stem.to_string(),
+            _ => joined,
+        }
+    };
+    let short = |path: &str| whole(path.rsplit(['/', '\\']).next().unwrap_or(path));
+    let names = |of: &dyn Fn(&str) -> String| -> Vec<String> {
+        cameras.iter().map(|one| of(one.image.as_deref().unwrap_or(&one.name))).collect()
+    };
+    let alike = |names: &[String]| {
+        let mut sorted: Vec<&String> = names.iter().collect();
+        sorted.sort();
+        sorted.iter().any(|name| name.is_empty()) || sorted.windows(2).any(|pair| pair[0] == pair[1])
+    };
+    let mut chosen = names(&short);
+    if alike(&chosen) {
+        chosen = names(&whole);
+    }
+    if alike(&chosen) {
+        chosen = chosen.iter().enumerate().map(|(index, name)| format!("{index:06}_{name}")).collect();
+    }
+    for (one, name) in cameras.iter_mut().zip(chosen) {
+        one.name = name;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use qv_core::Pose;
+
+    fn names(images: &[&str]) -> Vec<String> {
+        let camera =
+            Camera { fx: 1.0, fy: 1.0, cx: 0.5, cy: 0.5, width: 1, height: 1, camera_from_world: Pose::IDENTITY };
+        let of = |image: &&str| CaptureCamera {
+            name: String::new(),
+            camera,
+            distortion: Distortion::default(),
+            image: Some((*image).to_string()),
+        };
+        let capture = finish(images.iter().map(of).collect(), "test").unwrap();
+        capture.cameras.into_iter().map(|one| one.name).collect()
+    }
+
+    #[test]
+    fn names_differ_and_stay_within_a_folder() {
+        assert_eq!(names(&["images/0001.jpg", "images/0002.v2.jpg"]), ["0001", "0002.v2"]);
+        assert_eq!(names(&["left/1.png", "right/1.png"]), ["left_1", "right_1"]);
+        assert_eq!(names(&["a.png", "a.jpg"]), ["000000_a", "000001_a"]);
+        assert_eq!(
+            names(&["../../etc/passwd", "C:\\x\\y.png", ".."]),
+            ["000000_etc_passwd", "000001_C:_x_y", "000002_"]
+        );
+    }
+}

@@ -1,0 +1,204 @@
+//! nerfstudio's `transforms.json` (docs.nerf.studio, *Data conventions*, nerfstudio 1.x), which instant-ngp began.
+//!
+//! `transform_matrix` is `world_from_camera` with OpenGL's axes: x right, y up, z back. Intrinsics stand once, or with each
+//! frame. The poses are taken as they are: `applied_transform` tells where they came from and is passed over.
+
+use super::distortion::Distortion;
+use super::{Capture, CaptureCamera, finish};
+use crate::SplatError;
+use crate::error::off;
+use glam::{DMat3, DQuat, DVec3};
+use qv_core::{Camera, Pose};
+use serde_json::Value;
+
+const PLACE: &str = "transforms.json";
+/// Largest entry of R Rᵀ - 1 that passes as rounding of the file.
+const ORTHOGONAL: f64 = 1e-3;
+
+/// Reads the text of a file.
+///
+/// # Errors
+/// Names the frame and the value that is off, and camera models other than the pinhole with OpenCV's distortion k1, k2, k3, p1, p2.
+pub fn read(text: &str) -> Result<Capture, SplatError> {
+    let document: Value = serde_json::from_str(text).map_err(|error| off(PLACE, "JSON", error))?;
+    read_value(&document)
+}
+
+/// Reads a document. See [`read`].
+///
+/// # Errors
+/// As [`read`].
+pub fn read_value(document: &Value) -> Result<Capture, SplatError> {
+    let frames = document.get("frames").and_then(Value::as_array);
+    let frames = frames.ok_or_else(|| off(PLACE, "a list `frames`", "none"))?;
+    let cameras = frames.iter().enumerate().map(|(index, frame)| camera(document, frame, index));
+    finish(cameras.collect::<Result<_, _>>()?, PLACE)
+}
+
+fn camera(document: &Value, frame: &Value, index: usize) -> Result<CaptureCamera, SplatError> {
+    let place = format!("{PLACE}, frame {index}");
+    let values = Values { document, frame, place: &place };
+    let model = values.get("camera_model").and_then(Value::as_str).unwrap_or("OPENCV");
+    if !["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"].contains(&model) {
+        let expected = "OPENCV, PINHOLE, SIMPLE_PINHOLE, SIMPLE_RADIAL or RADIAL";
+        return Err(off(format!("{place}, camera_model"), expected, model));
+    }
+    if values.get("is_fisheye").and_then(Value::as_bool) == Some(true) {
+        return Err(off(format!("{place}, is_fisheye"), "false", true));
+    }
+    for name in ["k4", "k5", "k6"] {
+        let found = values.number(name)?.unwrap_or(0.0);
+        if found != 0.0 {
+            return Err(off(format!("{place}, {name}"), "0", found));
+        }
+    }
+    let zero = |name: &str| values.number(name).map(|found| found.unwrap_or(0.0));
+    let distortion = Distortion { k1: zero("k1")?, k2: zero("k2")?, k3: zero("k3")?, p1: zero("p1")?, p2: zero("p2")? };
+    let (width, height) = (values.side("w")?, values.side("h")?);
+    let fx = values.focal("x", width)?;
+    let fy = values.focal("y", height)?;
+    let fx = fx.or(fy).ok_or_else(|| off(&*place, "a focal length or an angle of view along x", "neither"))?;
+    let camera = Camera {
+        fx,
+        fy: fy.unwrap_or(fx),
+        cx: values.number("cx")?.unwrap_or(0.5 * f64::from(width)),
+        cy: values.number("cy")?.unwrap_or(0.5 * f64::from(height)),
+        width,
+        height,
+        camera_from_world: pose(frame, &place)?,
+    };
+    let image = frame.get("file_path").and_then(Value::as_str);
+    let image = image.ok_or_else(|| off(&*place, "file_path", "none"))?.to_string();
+    Ok(CaptureCamera { name: String::new(), camera, distortion, image: Some(image) })
+}
+
+/// Values of a frame, or of the whole file.
+struct Values<'a> {
+    document: &'a Value,
+    frame: &'a Value,
+    place: &'a str,
+}
+
+impl Values<'_> {
+    fn get(&self, name: &str) -> Option<&Value> {
+        self.frame.get(name).or_else(|| self.document.get(name))
+    }
+
+    fn number(&self, name: &str) -> Result<Option<f64>, SplatError> {
+        match self.get(name) {
+            None => Ok(None),
+            Some(found) => match found.as_f64() {
+                Some(number) => Ok(Some(number)),
+                None => Err(off(format!("{}, {name}", self.place), "a number", found)),
+            },
+        }
+    }
+
+    /// Width or height, which some files have as floats.
+    fn side(&self, name: &str) -> Result<u32, SplatError> {
+        let place = || format!("{}, {name}", self.place);
+        let expected = "a whole number of pixels";
+        let found = self.number(name)?.ok_or_else(|| off(place(), expected, "none"))?;
+        if found < 1.0 || found > f64::from(u32::MAX) || found.fract() != 0.0 {
+            return Err(off(place(), expected, found));
+        }
+        Ok(found as u32)
+    }
+
+    /// A focal length along an axis in pixels, `fl_x` or `fl_y`, else from the angle of view in radians.
+    fn focal(&self, axis: &str, side: u32) -> Result<Option<f64>, SplatError> {
+        let of_angle = |angle: f64| 0.5 * f64::from(side) / (0.5 * angle).tan();
+        let angle = self.number(&format!("camera_angle_{axis}"))?;
+        Ok(self.number(&["fl", axis].join("_"))?.or(angle.map(of_angle)))
+    }
+}
+
+fn pose(frame: &Value, place: &str) -> Result<Pose, SplatError> {
+    let place = || format!("{place}, transform_matrix");
+    let found = frame.get("transform_matrix").ok_or_else(|| off(place(), "a 4x4 matrix", "none"))?;
+    let rows: Option<Vec<Vec<f64>>> = found.as_array().and_then(|rows| {
+        rows.iter().map(|row| row.as_array().and_then(|row| row.iter().map(Value::as_f64).collect())).collect()
+    });
+    let rows = rows.filter(|rows| [3, 4].contains(&rows.len()) && rows.iter().all(|row| row.len() == 4));
+    let rows = rows.ok_or_else(|| off(place(), "3 or 4 rows of 4 numbers", shortened(found)))?;
+    // OpenGL's camera looks along -z with y up, ours along z with y down.
+    let column = |k: usize, sign: f64| sign * DVec3::new(rows[0][k], rows[1][k], rows[2][k]);
+    world_from_camera(DMat3::from_cols(column(0, 1.0), column(1, -1.0), column(2, -1.0)), column(3, 1.0))
+        .map_err(|found| off(place(), "a rotation and a position", found))
+}
+
+/// `camera_from_world` of a rotation matrix and a position, `world_from_camera`.
+///
+/// # Errors
+/// The matrix is no rotation, in words.
+fn world_from_camera(rotation: DMat3, position: DVec3) -> Result<Pose, String> {
+    let off_by = (rotation * rotation.transpose() - DMat3::IDENTITY).to_cols_array();
+    let largest = off_by.iter().fold(0.0f64, |most, x| if x.is_nan() { f64::NAN } else { most.max(x.abs()) });
+    if largest.is_nan() || largest > ORTHOGONAL || rotation.determinant() < 0.0 || !position.is_finite() {
+        return Err(format!("determinant {:.6}, R Rᵀ off by {largest:.6}", rotation.determinant()));
+    }
+    Ok(Pose { position, rotation: DQuat::from_mat3(&rotation).normalize() }.inverse())
+}
+
+fn shortened(value: &Value) -> String {
+    value.to_string().chars().take(60).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn good() -> Value {
+        json!({"w": 640, "h": 480.0, "fl_x": 500.0, "cx": 310.0, "k1": 0.1, "frames": [
+            {"file_path": "images/a.jpg", "transform_matrix": [[1, 0, 0, 1.0], [0, 0, -1, 2.0], [0, 1, 0, 3.0], [0, 0, 0, 1]]},
+            {"file_path": "images/b.jpg", "fl_x": 400.0, "fl_y": 410.0,
+             "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}]})
+    }
+
+    #[test]
+    fn axes_intrinsics_and_names() {
+        let capture = read(&good().to_string()).unwrap();
+        let [a, b] = &capture.cameras[..] else { panic!("{capture:?}") };
+        assert_eq!((a.name.as_str(), a.image.as_deref()), ("a", Some("images/a.jpg")));
+        let c = &a.camera;
+        assert_eq!((c.fx, c.fy, c.cx, c.cy, c.width, c.height), (500.0, 500.0, 310.0, 240.0, 640, 480));
+        assert_eq!((b.camera.fx, b.camera.fy, a.distortion.k1), (400.0, 410.0, 0.1));
+        // The camera stands at (1, 2, 3) and looks along its own -z, which is the world's y.
+        let ahead = c.camera_from_world.transform_point(DVec3::new(1.0, 4.0, 3.0));
+        assert!((ahead - DVec3::new(0.0, 0.0, 2.0)).length() < 1e-12, "{ahead}");
+        let above = c.camera_from_world.transform_point(DVec3::new(1.0, 2.0, 4.0));
+        assert!((above - DVec3::new(0.0, -1.0, 0.0)).length() < 1e-12, "{above}");
+    }
+
+    #[test]
+    fn an_angle_of_view_stands_for_a_focal_length() {
+        let mut file = good();
+        file.as_object_mut().unwrap().remove("fl_x");
+        file["camera_angle_x"] = json!(2.0 * (640.0f64 / 1000.0).atan());
+        assert!((read_value(&file).unwrap().cameras[0].camera.fx - 500.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn each_fault_is_named() {
+        let fault = |path: &str, value: Value| {
+            let mut file = good();
+            match path.split_once('.') {
+                Some((_, name)) => file["frames"][1][name] = value,
+                None => file[path] = value,
+            }
+            read_value(&file).unwrap_err().to_string()
+        };
+        assert!(fault("frames", json!(3)).contains("a list `frames`"));
+        assert!(fault("w", json!(640.5)).contains("frame 0, w: expected a whole number of pixels, found 640.5"));
+        assert!(fault("frame.w", json!(100_000)).contains("camera 1 images/b.jpg"));
+        assert!(fault("frame.fl_x", json!("x")).contains("frame 1, fl_x: expected a number"));
+        assert!(fault("frame.k4", json!(0.1)).contains("k4: expected 0"));
+        assert!(fault("camera_model", json!("OPENCV_FISHEYE")).contains("found OPENCV_FISHEYE"));
+        assert!(fault("frame.transform_matrix", json!([[1, 0], [0, 1]])).contains("3 or 4 rows of 4 numbers"));
+        let mirrored = json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 0]]);
+        assert!(fault("frame.transform_matrix", mirrored).contains("expected a rotation and a position"));
+        assert!(fault("frame.file_path", json!(1)).contains("expected file_path"));
+        assert!(read("{").unwrap_err().to_string().contains("expected JSON"));
+    }
+}
