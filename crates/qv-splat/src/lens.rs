@@ -9,6 +9,8 @@ use qv_raster::Image;
 
 /// Points along each edge of the image at which the wider camera's edges are found.
 const EDGE_POINTS: u32 = 64;
+/// The wider image may be this many times as wide and high; a lens that needs more is nearly folded.
+const GROWTH: f64 = 4.0;
 /// Pixels that the wider image has beyond them on each side, for interpolation.
 const MARGIN: f64 = 2.0;
 
@@ -44,13 +46,14 @@ impl Distorter {
         let focal = DVec2::new(camera.fx, camera.fy);
         let first = (low * focal - MARGIN).floor();
         let size = (high * focal + MARGIN).ceil() - first;
-        let limit = f64::from(Camera::MAX_SIDE);
-        if size.x > limit || size.y > limit {
-            let (limit, found) = (u64::from(Camera::MAX_SIDE), size.max_element() as u64);
-            return Err(SplatError::TooLarge { place: "side of the undistorted image in pixels".into(), limit, found });
+        let widest = GROWTH * (DVec2::new(f64::from(camera.width), f64::from(camera.height)) + MARGIN);
+        if !size.cmple(widest).all() {
+            let expected = format!("an undistorted image within {widest} pixels");
+            return Err(off("distortion of a camera", expected, size));
         }
         (out.pinhole.cx, out.pinhole.cy) = (-first.x, -first.y);
         (out.pinhole.width, out.pinhole.height) = (size.x as u32, size.y as u32);
+        out.pinhole.check().map_err(|error| off("distortion of a camera", "a camera when undone", error))?;
         Ok(out)
     }
 
@@ -200,5 +203,15 @@ mod tests {
         let fold = Distortion { k1: -2.0, ..Default::default() };
         let error = Distorter::new(&CAMERA, &fold).unwrap_err().to_string();
         assert!(error.contains("expected one that can be undone"), "{error}");
+    }
+
+    #[test]
+    fn a_lens_that_needs_a_huge_image_is_an_error() {
+        let wide = Distortion { k1: -0.2, ..Default::default() };
+        let tiny = Camera { width: 4, height: 4, cx: 2.0, cy: 2.0, fx: 3.5, fy: 3.5, ..CAMERA };
+        assert!(Distorter::new(&tiny, &wide).is_ok_and(|distorter| distorter.pinhole.width <= 24));
+        let far = Camera { fx: 1e200, cx: -1e210, ..CAMERA };
+        let error = Distorter::new(&far, &wide).unwrap_err().to_string();
+        assert!(error.contains("distortion of a camera: expected"), "{error}");
     }
 }
