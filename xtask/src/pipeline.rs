@@ -76,7 +76,9 @@ impl Stage {
             Self::Recording => format!("fixture --seed {SEED} --out recording"),
             Self::Inspect => "inspect recording/run.mcap --json".into(),
             Self::Replay => "replay recording/run.mcap --terrain recording/terrain.glb --out replay --json".into(),
-            Self::Diagnose => "diagnose recording/run.mcap --terrain recording/terrain.glb --out diagnose --json".into(),
+            Self::Diagnose => {
+                "diagnose recording/run.mcap --terrain recording/terrain.glb --out diagnose --json".into()
+            }
         };
         words.split(' ').map(String::from).collect()
     }
@@ -184,7 +186,8 @@ fn conclude(folder: &Path) -> Result<()> {
     let file = folder.join("diagnose/report.json");
     if file.is_file() {
         let report = read_json(&file)?;
-        let sentence = report["sentence"].as_str().with_context(|| format!("{}: expected a sentence", file.display()))?;
+        let sentence =
+            report["sentence"].as_str().with_context(|| format!("{}: expected a sentence", file.display()))?;
         println!("{sentence}\n{}", folder.join("diagnose/report.html").display());
     }
     Ok(())
