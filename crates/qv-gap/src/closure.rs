@@ -98,7 +98,8 @@ impl Closure {
     }
 }
 
-fn mean(values: &[f64]) -> f64 {
+/// Mean; 0 of nothing.
+pub(crate) fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 

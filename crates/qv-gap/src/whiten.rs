@@ -85,9 +85,9 @@ impl Whitener {
         };
         let mut modes = vec![of(false)?, of(true)?];
         let mut of_window: Vec<usize> = moving.iter().map(|m| usize::from(*m)).collect();
-        let own: Vec<Option<(DVector<f64>, DVector<f64>)>> = (0..windows).map(|w| own_spread(samples, w)).collect();
-        if are_of_windows && own.iter().all(Option::is_some) {
-            let own: Vec<(DVector<f64>, DVector<f64>)> = own.into_iter().flatten().collect();
+        let own: Option<Vec<(DVector<f64>, DVector<f64>)>> =
+            (0..windows).map(|w| if are_of_windows { own_spread(samples, w) } else { None }).collect();
+        if let Some(own) = own {
             let unit = |s: &Sample| {
                 let (middle, spread) = &own[s.window];
                 (DVector::from_column_slice(&s.raw.motion) - middle).component_div(spread)
@@ -158,7 +158,10 @@ impl Mode {
 /// too few.
 fn own_spread(samples: &[Sample], window: usize) -> Option<(DVector<f64>, DVector<f64>)> {
     let own: Vec<&Sample> = samples.iter().filter(|s| s.window == window).collect();
-    let size = own.first()?.raw.motion.len();
+    if own.len() < OWN_SAMPLES {
+        return None;
+    }
+    let size = own[0].raw.motion.len();
     let (mut middles, mut spreads) = (DVector::zeros(size), DVector::zeros(size));
     for i in 0..size {
         let mut all: Vec<f64> = own.iter().map(|s| s.raw.motion[i]).collect();
@@ -170,7 +173,7 @@ fn own_spread(samples: &[Sample], window: usize) -> Option<(DVector<f64>, DVecto
         all.truncate((all.len() * 9).div_ceil(10));
         spreads[i] = (all.iter().map(|x| x * x).sum::<f64>() / all.len() as f64).sqrt() / 0.789 + 1e-9;
     }
-    (own.len() >= OWN_SAMPLES).then_some((middles, spreads))
+    Some((middles, spreads))
 }
 
 /// Correlation of samples in units of their spreads, drawn towards none. They are taken to follow Student's t (Lange,

@@ -1,13 +1,15 @@
 //! The rivals of the diagnosis on recordings of a simulated Go2 whose cause is known.
 
+mod recorded;
+
 use qv_gap::baselines::{Baselines, baselines};
 use qv_gap::problem::Cut;
 use qv_gap::study::Effort;
 use qv_gap::{Options, library};
-use qv_go2::synthetic::{self, Robot};
-use qv_replay::{BagFile, Run};
-use qv_sim::{BaseKind, Model, ModelOptions, Terrain};
-use std::io::Cursor;
+use qv_go2::synthetic;
+use qv_replay::Run;
+use qv_sim::Terrain;
+use recorded::{go2, recorded};
 use std::sync::Mutex;
 
 /// Some effects of each kind: slopes and limits, deviations and values of their own, one axis and several.
@@ -22,20 +24,6 @@ const SOME: [&str; 8] = [
     "imu_tilt",
 ];
 const FEW_STEPS: usize = 150_000;
-
-fn recorded(named: Vec<(String, f64)>, seed: u64) -> Run {
-    let parameters = [synthetic::small_differences(seed), named].concat();
-    let messages = synthetic::record(&Terrain::plane(), &Robot { parameters, seed }).unwrap();
-    let mut bytes = Cursor::new(Vec::new());
-    synthetic::write_bag(&messages, &mut bytes).unwrap();
-    bytes.set_position(0);
-    qv_replay::read_bag(vec![BagFile { name: "made up".into(), source: bytes }], &qv_go2::wire::mapping(None)).unwrap()
-}
-
-fn go2() -> Model {
-    let options = ModelOptions { base: BaseKind::Floating, armature: qv_go2::model::ARMATURE, ..Default::default() };
-    Model::from_urdf(&qv_go2::model::urdf(), &options).unwrap()
-}
 
 fn quick() -> Options<'static> {
     Options {

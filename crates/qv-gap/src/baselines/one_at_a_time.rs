@@ -5,6 +5,7 @@
 use super::plain::Plain;
 use super::{Answer, Size, sizes};
 use crate::GapError;
+use crate::closure::mean;
 use crate::columns::{Columns, Suspect};
 use crate::problem::Setting;
 use nalgebra::{DMatrix, DVector};
@@ -68,10 +69,6 @@ pub fn answer(plain: &mut Plain, without: &[String]) -> Result<Answer, GapError>
 fn settings(plain: &Plain, suspects: &[Suspect]) -> Vec<Setting> {
     let study = &plain.study;
     suspects.iter().map(|s| study.columns.setting_of(&study.problem, std::slice::from_ref(s))).collect()
-}
-
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
 /// The best of several starts of an effect, in its most promising groups.
