@@ -146,7 +146,7 @@ impl Variant {
 }
 
 /// The stages that have a shader, each with its entry points.
-pub const STAGES: [(&str, &[&str]); 10] = [
+pub const STAGES: [(&str, &[&str]); 11] = [
     ("cull", &["mark", "gather"]),
     ("plan", &["visible", "entries"]),
     ("scan", &["reduce", "spine", "apply"]),
@@ -155,6 +155,7 @@ pub const STAGES: [(&str, &[&str]); 10] = [
     ("emit", &["gather", "emit"]),
     ("ranges", &["find"]),
     ("blend", &["blend"]),
+    ("compose", &["compose"]),
     ("blend_backward", &["blend_backward"]),
     ("project_backward", &["sum_entries", "project_backward", "poses"]),
 ];
@@ -175,6 +176,7 @@ pub fn text(stage: &str, variant: &Variant) -> String {
         "emit" => &[include_str!("ellipse.wgsl"), include_str!("stages/emit.wgsl")],
         "ranges" => &[include_str!("stages/ranges.wgsl")],
         "blend" => &[include_str!("stages/pixels.wgsl"), include_str!("stages/blend.wgsl")],
+        "compose" => &[include_str!("stages/compose.wgsl")],
         "blend_backward" => &[include_str!("stages/pixels.wgsl"), include_str!("stages/blend_backward.wgsl")],
         _ => &[
             include_str!("harmonics.wgsl"),

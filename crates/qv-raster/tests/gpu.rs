@@ -3,7 +3,7 @@
 
 use qv_core::{Camera, GaussianCloud, Pose};
 use qv_raster::gpu::{Gpu, GpuCloud, GpuOptions, GpuRasteriser, GpuSettings, Stage};
-use qv_raster::stages::cull::Candidate;
+use qv_raster::stages::compose::compose;
 use qv_raster::stages::project::Projected;
 use qv_raster::{Frame, Image, Outputs, RasterError, Scene, Settings, View, workload};
 
@@ -88,7 +88,6 @@ fn stages_and_images_are_those_of_the_cpu() {
         let (images, counts) = rasteriser.render(&on_card, &scene, &views, &SETTINGS, &how).unwrap();
         let images = images.read().unwrap();
         let n = counts.candidates;
-        assert_eq!(rasteriser.read_stage::<Candidate>("candidates", n).unwrap(), cpu.candidates);
         let records = records_of(&rasteriser, n);
         for (i, (a, b)) in cpu.projections.records.iter().zip(&records).enumerate() {
             assert_eq!((a.view, a.splat), (b.view, b.splat));
@@ -313,6 +312,42 @@ fn the_card_goes_on_from_any_stage_of_the_cpu() {
                 for (expected, found) in expected.iter().zip(&images.read().unwrap()) {
                     images_agree(expected, found);
                 }
+                let error = rasteriser.gradients(&on_card, &frame.blank_images()).unwrap_err().to_string();
+                assert!(error.contains("found one that the CPU drew"), "{error}");
+            }
+        }
+    }
+}
+
+#[test]
+fn what_moves_is_put_before_a_backdrop_as_on_the_cpu() {
+    let (still, moving) = (workload_cloud(2000, 0, 0), workload::cloud(300, 0, 2));
+    let (scene, objects) = (Scene::still(&still), Scene::still(&moving));
+    let views = views_of(3, 90, 60);
+    for depth in [false, true] {
+        let settings = Settings { outputs: Outputs { depth, ..Default::default() }, ..SETTINGS_PLAIN };
+        let behind = Frame::new(&scene, &views, &settings).unwrap().images();
+        let mut expected = Frame::new(&objects, &views, &settings).unwrap().images();
+        for (front, back) in expected.iter_mut().zip(&behind) {
+            compose(front, back).unwrap();
+        }
+        for mut rasteriser in rasterisers() {
+            let (ground, group) = [&scene, &objects].map(|scene| GpuCloud::new(&rasteriser.gpu, scene).unwrap()).into();
+            for bytes in [false, true] {
+                let how = GpuSettings { bytes, ..Default::default() };
+                rasteriser.render(&ground, &scene, &views, &settings, &how).unwrap();
+                let backdrop = rasteriser.backdrop().unwrap();
+                rasteriser.render(&group, &objects, &views, &settings, &how).unwrap();
+                rasteriser.compose(&backdrop, false).unwrap();
+                let found = rasteriser.images().unwrap().read().unwrap();
+                for (expected, found) in expected.iter().zip(&found) {
+                    let n = expected.alpha.len() / 200;
+                    let off = differ(&expected.colour, &found.colour, 3 * n);
+                    assert!(off < if bytes { 6e-3 } else { 1e-4 }, "{off}");
+                    assert!(differ(&expected.depth, &found.depth, n) < if bytes { 2e-2 } else { 1e-4 });
+                }
+                rasteriser.render(&group, &objects, &views[..2], &settings, &how).unwrap();
+                assert!(rasteriser.compose(&backdrop, false).unwrap_err().to_string().contains("its views"));
             }
         }
     }

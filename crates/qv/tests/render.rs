@@ -80,6 +80,26 @@ fn images_depths_normals_and_labels() {
     assert!((at(19, 24) - 2.0).abs() < 1e-4 && at(0, 0) == 0.0, "{}", at(19, 24));
 }
 
+#[cfg(feature = "gpu")]
+#[test]
+fn the_card_draws_what_the_cpu_draws() {
+    let (scene, cameras, out) = set_up("render_card", json!([camera("a")]));
+    let (code, _, err) = render(&scene, &cameras, &out, &["--gpu", "--normals"]);
+    if err.contains("graphics adapter: expected") {
+        println!("skipped: {err}");
+        assert_eq!(code, 1);
+        return;
+    }
+    assert_eq!(code, 0, "{err}");
+    let read = |name: &str| image::open(out.join(name)).unwrap().to_rgb8().into_raw();
+    let card = ["a.png", "a_normal.png"].map(read);
+    assert_eq!(render(&scene, &cameras, &out, &["--normals"]).0, 0);
+    let cpu = ["a.png", "a_normal.png"].map(read);
+    for (card, cpu) in card.iter().zip(&cpu) {
+        assert!(card.iter().zip(cpu).all(|(a, b)| a.abs_diff(*b) <= 1) && card.iter().any(|&c| c > 120));
+    }
+}
+
 #[test]
 fn every_kind_of_cameras_gives_the_same_image() {
     let (scene, ours, out) = set_up("render_cameras", json!([camera("a")]));

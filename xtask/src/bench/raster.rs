@@ -43,8 +43,14 @@ type Way = (&'static str, &'static [&'static str]);
 const FORWARD: [Way; 2] = [("floats", &[]), ("bytes", &["--bytes"])];
 const BACKWARD: [Way; 2] = [("ordered sums", &[]), ("atomics", &["--atomic"])];
 
+/// Images of all Gaussians prepared, a tenth as many drawn before them in each frame: GS-Playground's protocol,
+/// which is other work than gsplat's and has no rival here.
+const PREPARED: [Way; 2] = [("prepared, floats", &[]), ("prepared, bytes", &["--bytes"])];
+
 /// What all contestants draw. `shared` are arguments that the example and gsplat's script have in common.
 struct Workload {
+    /// Gaussians drawn before prepared images of the others; 0 to draw all.
+    moving: usize,
     gaussians: usize,
     degree: u8,
     cameras: usize,
@@ -54,7 +60,7 @@ struct Workload {
 
 fn workloads(size: &Size) -> Vec<Workload> {
     let [small, middle, large] = size.gaussians;
-    let of = |gaussians, ways| Workload { gaussians, degree: 0, cameras: size.cameras, shared: &[], ways };
+    let of = |gaussians, ways| Workload { moving: 0, gaussians, degree: 0, cameras: size.cameras, shared: &[], ways };
     vec![
         of(small, &FORWARD),
         of(middle, &FORWARD),
@@ -62,13 +68,15 @@ fn workloads(size: &Size) -> Vec<Workload> {
         Workload { degree: 3, ..of(middle, &FORWARD[..1]) },
         Workload { shared: &["--depth"], ..of(middle, &FORWARD[..1]) },
         Workload { cameras: 1, shared: &["--backward"], ..of(middle, &BACKWARD) },
+        Workload { moving: middle / 10, ..of(middle, &PREPARED) },
     ]
 }
 
 impl Workload {
     fn name(&self) -> String {
+        let moving = if self.moving > 0 { format!(" and {}k", self.moving / 1000) } else { String::new() };
         let shared: String = self.shared.iter().map(|flag| format!(", {}", flag.trim_start_matches('-'))).collect();
-        format!("{}k, degree {}, x{}{shared}", self.gaussians / 1000, self.degree, self.cameras)
+        format!("{}k{moving}, degree {}, x{}{shared}", self.gaussians / 1000, self.degree, self.cameras)
     }
 
     /// The example with what the scene is made of.
@@ -224,12 +232,13 @@ impl Contest {
     /// A B A, B being all ways of ours.
     fn one(&self, workload: &Workload) -> Result<Vec<Row>> {
         let mut beside = Vec::new();
-        if let Some(peer) = &self.peer {
+        let peer = self.peer.as_ref().filter(|_| workload.moving == 0);
+        if let Some(peer) = peer {
             process::run(workload.program(&self.ours).arg("--save").arg(&self.scene))?;
             beside.push(self.measure_peer(peer, workload)?);
         }
         let taken: Vec<Ours> = workload.ways.iter().map(|way| self.measure(workload, way)).collect::<Result<_>>()?;
-        if let Some(peer) = &self.peer {
+        if let Some(peer) = peer {
             beside.push(self.measure_peer(peer, workload)?);
         }
         Ok(workload.ways.iter().zip(&taken).map(|((way, _), ours)| row(workload.name(), way, ours, &beside)).collect())
@@ -237,6 +246,9 @@ impl Contest {
 
     fn measure(&self, workload: &Workload, (_, arguments): &Way) -> Result<Ours> {
         let mut program = workload.program(&self.ours);
+        if workload.moving > 0 {
+            program.args(["--moving", &workload.moving.to_string()]);
+        }
         program.args(workload.shared).args(*arguments).args(["--json", "--frames", &self.size.frames.to_string()]);
         let ours: Ours = last_line(&mut program)?;
         expect(&program, workload, ours.images, &[Some(ours.queued_milliseconds), ours.stamps_milliseconds])?;
@@ -431,6 +443,7 @@ mod tests {
             "300k, degree 3, x128",
             "300k, degree 0, x128, depth",
             "300k, degree 0, x1, backward",
+            "300k and 30k, degree 0, x128",
         ];
         assert_eq!(names, expected);
     }

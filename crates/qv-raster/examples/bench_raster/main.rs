@@ -2,12 +2,13 @@
 //!
 //! `cargo run --release -p qv-raster --features gpu --example bench_raster -- 300000 0 128 [--depth] [--all] [--bytes] [--keep]
 //! [--width 640] [--height 480] [--frames 20] [--cpu] [--without-subgroups]
-//! [--check] [--backward] [--atomic] [--json] [--adapter] [--save FILE]`
+//! [--check] [--backward] [--atomic] [--moving N] [--json] [--adapter] [--save FILE]`
 //!
 //! takes Gaussians, degree of the spherical harmonics, cameras. On the graphics card it warms up for 0.3 s, then prints the medians
 //! of time stamps by stage. `--cpu` measures the CPU instead, forward and backward, on four cameras at most. `--check` compares
 //! some cameras' images with those of the CPU. `--backward` times forward and backward together, `--atomic` with
-//! float atomics. `--json` adds a last line of JSON, which `cargo xtask bench raster` reads. `--adapter` only tells the graphics adapter, in JSON.
+//! float atomics. `--moving N` draws the scene once and keeps its images; what is timed is N other Gaussians drawn and put before them (the
+//! protocol of GS-Playground: static background prepared, cameras that stay). `--json` adds a last line of JSON, which `cargo xtask bench raster` reads. `--adapter` only tells the graphics adapter, in JSON.
 //! `--save` only writes the scene (`scene_file.rs`).
 
 mod scene_file;
@@ -33,7 +34,7 @@ impl Arguments {
         let mut words = std::env::args().skip(1);
         while let Some(word) = words.next() {
             match word.as_str() {
-                "--width" | "--height" | "--frames" => {
+                "--width" | "--height" | "--frames" | "--moving" => {
                     let value = words.next().ok_or_else(|| format!("{word}: expected a number, found nothing"))?;
                     out.named.push((word, value.parse()?));
                 }
@@ -78,9 +79,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let views: Vec<View> = cameras.into_iter().map(View::of).collect();
     println!("{count} Gaussians, degree {degree}, {} cameras of {width}x{height}, {settings:?}", views.len());
-    let figures = match arguments.has("--cpu") {
-        true => cpu(&cloud, &views, &settings)?,
-        false => card(&cloud, &views, &settings, &arguments)?,
+    let figures = match (arguments.has("--cpu"), arguments.named("--moving", 0)) {
+        (true, _) => cpu(&cloud, &views, &settings)?,
+        (_, 0) => card(&cloud, &views, &settings, &arguments)?,
+        (_, moving) => over_backdrop(&cloud, &workload::cloud(moving, degree as u8, 2), &views, &settings, &arguments)?,
     };
     if arguments.has("--json") {
         println!("{figures}");
@@ -218,6 +220,55 @@ fn card(
         "queued_milliseconds": 1e3 * wall,
         "bytes": rasteriser.bytes() + cloud_bytes,
     }))
+}
+
+/// A few Gaussians before prepared images of the others.
+fn over_backdrop(
+    cloud: &GaussianCloud,
+    moving: &GaussianCloud,
+    views: &[View],
+    settings: &Settings,
+    arguments: &Arguments,
+) -> Result<serde_json::Value, Box<dyn Error>> {
+    let mut rasteriser = GpuRasteriser::new(Gpu::new(&GpuOptions::default())?);
+    let how = GpuSettings { bytes: arguments.has("--bytes"), ..Default::default() };
+    let (scene, objects) = (Scene::still(cloud), Scene::still(moving));
+    let backdrop = {
+        let on_card = GpuCloud::new(&rasteriser.gpu, &scene)?;
+        rasteriser.render(&on_card, &scene, views, settings, &how)?;
+        rasteriser.backdrop()?
+    };
+    let mut rasteriser = GpuRasteriser::new(rasteriser.gpu);
+    let on_card = GpuCloud::new(&rasteriser.gpu, &objects)?;
+    rasteriser.render(&on_card, &objects, views, settings, &how)?;
+    let start = Instant::now();
+    while start.elapsed() < Duration::from_millis(300) {
+        rasteriser.submit(&on_card, false)?;
+        rasteriser.compose(&backdrop, false)?;
+        rasteriser.gpu.wait()?;
+    }
+    let frames = arguments.named("--frames", 20);
+    let mut stamps = vec![];
+    for _ in 0..frames {
+        rasteriser.submit(&on_card, true)?;
+        let drawn = rasteriser.times()?.pop().map(|(_, ms)| ms);
+        let composed = rasteriser.compose(&backdrop, true)?.pop().map(|(_, ms)| ms);
+        stamps.extend(drawn.zip(composed).map(|(a, b)| a + b));
+    }
+    let start = Instant::now();
+    for _ in 0..frames {
+        rasteriser.submit(&on_card, false)?;
+        rasteriser.compose(&backdrop, false)?;
+    }
+    rasteriser.gpu.wait()?;
+    let wall = start.elapsed().as_secs_f64() / frames as f64;
+    let rate = views.len() as f64 / wall;
+    println!("  {} moving before a backdrop: queued {:.3} ms, {rate:.0} images/s", moving.len(), 1e3 * wall);
+    let total = (!stamps.is_empty()).then(|| median(&mut stamps));
+    let bytes = rasteriser.bytes() + backdrop.bytes();
+    Ok(
+        json!({ "images": views.len(), "stamps_milliseconds": total, "queued_milliseconds": 1e3 * wall, "bytes": bytes }),
+    )
 }
 
 /// Compares with the CPU.

@@ -33,7 +33,8 @@ impl Stage {
 }
 
 impl GpuRasteriser {
-    /// As [`Self::render`], with what `frame`, which the CPU drew of the same views, found up to and with `stage`.
+    /// As [`Self::render`], with what `frame`, which the CPU drew of the same views, found up to and with `stage`. Derivatives
+    /// cannot follow: they need what the card's own first stage leaves.
     ///
     /// # Errors
     /// As [`Self::render`]; or images are asked for in bytes, for which the card has records of its own.
@@ -82,6 +83,7 @@ impl GpuRasteriser {
         }
         recorder.run("blend", &steps.blend());
         recorder.submit();
+        self.after = Some(stage);
         self.images()
     }
 

@@ -5,6 +5,16 @@ use crate::RasterError;
 use crate::lens::Batch;
 use crate::shaders::{SORT_BLOCK, Variant, dispatch, slot};
 
+/// What early stages leave goes into buffers that later stages fill: name, and whose memory it has. What is read for the last
+/// time in a stage may go where the next stage writes, but not where the stage itself does: *project* and *emit* read candidates, *emit*
+/// the order and not the keys.
+const BORROWED: [(&str, &str); 4] = [
+    ("candidates", "tiles_other"),
+    ("depth_keys", "tiles"),
+    ("depth_keys_other", "owners"),
+    ("order_other", "sorted_other"),
+];
+
 /// What the buffers are made for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sizes {
@@ -36,16 +46,16 @@ impl Sizes {
             && self.variant == wanted.variant
     }
 
-    /// The least candidates and entries to begin with, when nothing is known: a quarter of the Gaussians in each view, each
-    /// on four tiles.
+    /// The least candidates and entries to begin with, when nothing is known: an eighth of the Gaussians in each view, each
+    /// on three tiles. Too little costs the first batch a second run, too much costs memory for good.
     pub fn guess(batch: &Batch, splats: usize, variant: Variant) -> Self {
         let pairs = (batch.lenses.len() * splats) as u64;
-        let visible = pairs.min((pairs / 4).max(1 << 16)).max(1);
+        let visible = pairs.min((pairs / 8).max(1 << 16)).max(1);
         Self {
             views: batch.lenses.len() as u64,
             blocks: splats.div_ceil(256) as u64,
             visible,
-            entries: 4 * visible + (1 << 16),
+            entries: 3 * visible + (1 << 16),
             tiles: batch.tiles as u64,
             pixels: batch.pixels as u64,
             variant,
@@ -64,18 +74,14 @@ impl Sizes {
         let mut list = vec![
             ("marks", self.views * self.blocks * 32),
             ("block_counts", self.views * self.blocks * 4),
-            ("candidates", self.visible * 8),
             ("records", self.visible * 32),
             ("counts", self.visible * 4),
-            ("depth_keys", self.visible * 4),
-            ("depth_keys_other", self.visible * 4),
             ("order", self.visible * 4),
-            ("order_other", self.visible * 4),
             ("offsets", self.visible * 4),
-            ("tiles", self.entries * 4),
-            ("tiles_other", self.entries * 4),
-            ("owners", self.entries * 4),
-            ("sorted_other", self.entries * 4),
+            ("tiles", self.entries.max(self.visible) * 4),
+            ("tiles_other", self.entries.max(2 * self.visible) * 4),
+            ("owners", self.entries.max(self.visible) * 4),
+            ("sorted_other", self.entries.max(self.visible) * 4),
             ("bins", bins * 4),
             ("sums", scanned.div_ceil(2048) * 4 + 4),
             ("ranges", self.tiles * 8),
@@ -154,6 +160,7 @@ impl Buffers {
 
     /// One of them.
     pub fn find(&self, name: &str) -> Option<&wgpu::Buffer> {
+        let name = BORROWED.iter().find(|(guest, _)| *guest == name).map_or(name, |(_, host)| *host);
         self.list.iter().find(|(known, _)| *known == name).map(|(_, buffer)| buffer)
     }
 }

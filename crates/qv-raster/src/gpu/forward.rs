@@ -1,5 +1,6 @@
 //! A batch of views on the graphics card.
 
+use super::bisect::Stage;
 use super::buffers::{Buffers, Sizes};
 use super::cloud::GpuCloud;
 use super::device::Gpu;
@@ -34,6 +35,8 @@ pub struct GpuRasteriser {
     pub(crate) batch: Option<Batch>,
     pub(crate) stamps: Option<Stamps>,
     pub(crate) constants: Option<Constants>,
+    /// The stage up to which the CPU drew the last batch.
+    pub(crate) after: Option<Stage>,
 }
 
 /// Small buffers that depend on the batch alone.
@@ -87,7 +90,7 @@ pub struct Counts {
 impl GpuRasteriser {
     /// On a device.
     pub fn new(gpu: Gpu) -> Self {
-        Self { gpu, memory: u64::MAX, buffers: None, batch: None, stamps: None, constants: None }
+        Self { gpu, memory: u64::MAX, buffers: None, batch: None, stamps: None, constants: None, after: None }
     }
 
     /// Draws views of a scene as one batch and waits for it. The images stay on the card, in buffers that the next batch uses
@@ -319,6 +322,7 @@ impl GpuRasteriser {
         recorder.run("ranges", &frame.ranges());
         recorder.run("blend", &frame.blend());
         self.stamps = recorder.submit();
+        self.after = None;
         Ok(())
     }
 

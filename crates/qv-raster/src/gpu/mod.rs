@@ -4,6 +4,7 @@
 //! within a frame: the counts of one stage become the dispatch arguments of the next on the card. Images stay there until they
 //! are read.
 
+mod backdrop;
 mod backward;
 mod bisect;
 mod buffers;
@@ -13,6 +14,7 @@ mod forward;
 mod images;
 mod record;
 
+pub use backdrop::Backdrop;
 pub use bisect::Stage;
 pub use cloud::GpuCloud;
 pub use device::{Gpu, GpuOptions};

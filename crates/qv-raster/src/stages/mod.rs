@@ -2,6 +2,7 @@
 
 pub mod blend;
 pub mod blend_backward;
+pub mod compose;
 pub mod cull;
 pub mod emit;
 pub mod project;
