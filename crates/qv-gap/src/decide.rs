@@ -2,10 +2,11 @@
 //! again, with its own sensitivities and its own null: what is explained must then look like no gap.
 
 use crate::GapError;
-use crate::closure::closure;
+use crate::closure::{Closure, closure, mean};
 use crate::columns::{Extent, Suspect};
 use crate::evidence::Sums;
 use crate::local::place;
+use crate::problem::Setting;
 use crate::search::{Fit, Search, fitted};
 use crate::study::{Seen, Study};
 
@@ -32,8 +33,13 @@ pub const NO_GAP: f64 = 1.45;
 /// Loss over that of the null from which on the causes do not explain the recording. Another engine alone, with its contacts,
 /// makes 1.2 to 1.4 without an effect, and up to 1.8 beside a large one.
 pub const UNEXPLAINED: f64 = 1.8;
-/// Share of the excess that every cause but the first must take away: what engines differ in is no second cause.
+/// Share of the excess that every cause but the first must take away, or else of the held-out gap that the earlier ones left: what
+/// engines differ in is no second cause. Tolerated deviations take most of a ground that lies lower upon them at little cost, so
+/// that the excess hardly shows it and the held-out gap does.
 const LEAST_LATER_SHARE: f64 = 0.3;
+const LEAST_LATER_CLOSED: f64 = 0.4;
+/// Held-out gap over the floor from which on one more cause is looked for.
+const MUCH_LEFT: f64 = 2.0;
 
 /// Losses per number in the windows of the fit, tolerated deviations at their best, over the mean of the null.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -167,11 +173,8 @@ impl Round {
             if reason.is_none() {
                 let share = (self.base - fit.loss) / excess.max(1e-9);
                 let one_more_event = matches!(fit.suspect.extent, Some(Extent::Time(_))) && !study.problem.free;
-                reason = if self.is_first || one_more_event || share >= LEAST_LATER_SHARE {
-                    held_out_objection(study, fit, share)?
-                } else {
-                    Some(format!("as a further cause it explains {:.0} % of the excess", 100.0 * share))
-                };
+                let later = !(self.is_first || one_more_event);
+                reason = held_out_objection(study, fit, share, later)?;
             }
             let Some(reason) = reason else {
                 self.accused = Some(k);
@@ -271,7 +274,8 @@ fn objection(study: &Study, fit: &Fit, by_chance: f64) -> Option<String> {
 }
 
 /// Objections that take windows which no fit has seen. `share` is what the fit takes of the excess in its own windows.
-fn held_out_objection(study: &mut Study, fit: &Fit, share: f64) -> Result<Option<String>, GapError> {
+/// `later` is whether causes were accused before.
+fn held_out_objection(study: &mut Study, fit: &Fit, share: f64, later: bool) -> Result<Option<String>, GapError> {
     let setting = study.columns.setting_of(&study.problem, std::slice::from_ref(&fit.suspect));
     let closure = closure(study, &setting)?;
     let whole = closure.fall(matches!(fit.suspect.extent, Some(Extent::Region(_))));
@@ -282,7 +286,11 @@ fn held_out_objection(study: &mut Study, fit: &Fit, share: f64) -> Result<Option
         let seen: Vec<f64> = changes.filter(|c| c.abs() > 0.02).collect();
         // One window alone may hold more than the event.
         let worse = seen.len() >= 2 && seen.iter().sum::<f64>() < 0.0;
-        return Ok(worse.then(|| format!("it makes {} windows that no fit has seen worse", seen.len())));
+        let worse = worse.then(|| format!("it makes {} windows that no fit has seen worse", seen.len()));
+        return Ok(worse.or_else(|| (later && share < LEAST_LATER_SHARE).then(|| too_little(share, &closure))));
+    }
+    if later && share < LEAST_LATER_SHARE && closure.closed() < LEAST_LATER_CLOSED {
+        return Ok(Some(too_little(share, &closure)));
     }
     // Tolerated deviations can take most of a small effect upon them: what it closes without them counts, too. Most of the
     // excess of feet that slip is left by the right friction.
@@ -291,4 +299,19 @@ fn held_out_objection(study: &mut Study, fit: &Fit, share: f64) -> Result<Option
     }
     let needed = if fit.suspect.extent.is_some() { 0.5 } else { 2.0 };
     Ok((fall < needed * error).then(|| format!("the held-out loss falls by {fall:.3} only, with error {error:.3}")))
+}
+
+fn too_little(share: f64, closure: &Closure) -> String {
+    let [share, closed] = [share, closure.closed()].map(|x| 100.0 * x);
+    format!(
+        "as a further cause it explains {share:.0} % of the excess and closes {closed:.0} % of what is left held out"
+    )
+}
+
+/// Whether the corrected robot is far enough from the recording to look for one more cause.
+///
+/// # Errors
+/// When a value means nothing.
+pub fn is_much_left(study: &mut Study, level: &Level) -> Result<bool, GapError> {
+    Ok(level.ratio >= NO_GAP || mean(&closure(study, &Setting::new())?.before) >= MUCH_LEFT * study.floor)
 }

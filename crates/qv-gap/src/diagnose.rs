@@ -7,7 +7,8 @@ use crate::decide::{self, Level, NO_GAP, Round, UNEXPLAINED};
 use crate::library::{self, Effect};
 use crate::problem::{Cut, Event, Problem, Setting};
 use crate::report::{
-    Cause, Correction, FORMAT, ParameterEstimate, Ranked, Report, Share, Stage, UNKNOWN, Unexplained, Verdict, Where,
+    Cause, Correction, FORMAT, ParameterEstimate, Ranked, Report, RoundTold, Share, Stage, UNKNOWN, Unexplained,
+    Verdict, Where,
 };
 use crate::search::Fit;
 use crate::study::{Effort, Study};
@@ -223,6 +224,7 @@ impl<'a> Session<'a> {
     ) -> Result<Findings<'a>, GapError> {
         let mut findings = Findings {
             accused: Vec::new(),
+            told: vec![telling::round(nominal, &first, estimates_of)],
             rounds: vec![first],
             corrections: Vec::new(),
             events: Vec::new(),
@@ -249,12 +251,13 @@ impl<'a> Session<'a> {
             let mut next = self.study(&findings.corrections, &findings.events)?;
             findings.level_after = decide::level_outside(&next, &findings.regions())?;
             let full = findings.effects().len() >= MOST_CAUSES || findings.rounds.len() >= MOST_ROUNDS;
-            if !full && findings.level_after.ratio >= NO_GAP {
+            if !full && decide::is_much_left(&mut next, &findings.level_after)? {
                 self.begin("search");
                 let names: Vec<String> = findings.settled().into_iter().chain(without.iter().cloned()).collect();
                 let closed = closed_to(&next, &names);
                 let round = decide::round(&mut next, &closed, false)?;
                 self.end(&next);
+                findings.told.push(telling::round(&next, &round, estimates_of));
                 findings.rounds.push(round);
                 findings.later = Some(next);
             } else {
@@ -365,6 +368,8 @@ fn setting(study: &Study, corrections: &[Correction]) -> Setting {
 struct Findings<'a> {
     accused: Vec<Accused>,
     rounds: Vec<Round>,
+    /// The same in words.
+    told: Vec<RoundTold>,
     corrections: Vec<Correction>,
     events: Vec<Event>,
     /// Whether the base is free.
@@ -421,7 +426,7 @@ impl Findings<'_> {
         let before = std::mem::replace(&mut nominal.problem.events, self.events.clone());
         let after = closure(nominal, &setting)?;
         session.end(nominal);
-        let ranking = self.ranking(nominal, verdict);
+        let ranking = self.ranking(verdict);
         for accused in &mut self.accused {
             let of = ranking.iter().find(|r| r.effect == accused.cause.effect);
             accused.cause.probability = of.map_or(0.0, |r| r.probability);
@@ -461,6 +466,7 @@ impl Findings<'_> {
             causes,
             ranking,
             leads,
+            rounds: self.told,
             unexplained,
             cannot_tell: self.cannot_tell,
             next,
@@ -499,14 +505,12 @@ impl Findings<'_> {
     }
 
     /// Probabilities of the effects and of `unknown`.
-    fn ranking(&self, study: &Study, verdict: Verdict) -> Vec<Ranked> {
+    fn ranking(&self, verdict: Verdict) -> Vec<Ranked> {
+        // Where something is accused, the others are judged beside it.
+        let judged = if self.accused.is_empty() { self.told.first() } else { self.told.last() };
         let mut best: BTreeMap<String, f64> = BTreeMap::new();
-        let name = |fit: &Fit| study.columns.effects[study.columns.groups[fit.suspect.group].effect].name.clone();
-        if let Some(first) = self.rounds.first() {
-            for fit in &first.fits {
-                let entry = best.entry(name(fit)).or_insert(f64::NEG_INFINITY);
-                *entry = entry.max(fit.evidence);
-            }
+        for told in self.told.first().into_iter().chain(judged) {
+            best.extend(told.suspects.iter().map(|s| (s.effect.clone(), s.log_evidence)));
         }
         // An odds ratio beyond any doubt about the model itself means nothing: evidence counts in steps of ten nats.
         let most = best.values().copied().fold(0.0, f64::max);

@@ -173,6 +173,34 @@ pub struct Lead {
     pub separating_experiment: String,
 }
 
+/// A round of the search: what it began with, and what it made of each effect.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RoundTold {
+    /// Loss over that of the null before the round, tolerated deviations at their best.
+    pub level: f64,
+    /// The best of each effect, likeliest first.
+    pub suspects: Vec<SuspectTold>,
+    /// Accused in this round.
+    pub accused: Vec<String>,
+    /// Why the best was not accused; empty if it was.
+    pub reason: String,
+}
+
+/// An effect at its best in a round.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SuspectTold {
+    /// Name.
+    pub effect: String,
+    /// `all`, or joints, legs, feet, a region.
+    pub scope: Vec<String>,
+    /// Its size.
+    pub parameters: Vec<ParameterEstimate>,
+    /// Log evidence over that of nothing more, tempered.
+    pub log_evidence: f64,
+    /// Share of the excess over the null that it takes away.
+    pub share: f64,
+}
+
 /// What is left.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Unexplained {
@@ -267,6 +295,8 @@ pub struct Report {
     pub ranking: Vec<Ranked>,
     /// Where to look when nothing is accused; no accusation.
     pub leads: Vec<Lead>,
+    /// How the causes were found, round by round.
+    pub rounds: Vec<RoundTold>,
     /// What is left.
     pub unexplained: Unexplained,
     /// What cannot be told from this recording, and why.

@@ -4,8 +4,8 @@ use crate::columns::Suspect;
 use crate::decide::Round;
 use crate::library::Effect;
 use crate::observe::{rotation_at, snippet};
-use crate::report::{Cause, Gap, Lead, ParameterEstimate, Ranked, UNKNOWN, Verdict};
-use crate::search::{direction, fitted};
+use crate::report::{Cause, Gap, Lead, ParameterEstimate, Ranked, RoundTold, SuspectTold, UNKNOWN, Verdict};
+use crate::search::{Fit, direction, fitted};
 use crate::study::Study;
 use qv_replay::Run;
 use qv_replay::run::FaultKind;
@@ -202,6 +202,28 @@ pub fn sentence(verdict: Verdict, causes: &[Cause], gap: &Gap, leads: &[Lead], r
             format!("There is a gap that no single effect of the library explains.{nearest}")
         }
     }
+}
+
+/// A round in words. `estimates` gives the values of a fit.
+pub fn round(study: &Study, round: &Round, estimates: impl Fn(&Study, &Fit) -> Vec<ParameterEstimate>) -> RoundTold {
+    let group = |fit: &Fit| &study.columns.groups[fit.suspect.group];
+    let effect = |fit: &Fit| study.columns.effects[group(fit).effect].name.clone();
+    let excess = (round.base - round.level.null * round.level.count).max(1e-9);
+    let mut suspects: Vec<SuspectTold> = Vec::new();
+    for fit in &round.fits {
+        if suspects.iter().all(|s| s.effect != effect(fit)) {
+            suspects.push(SuspectTold {
+                effect: effect(fit),
+                scope: group(fit).names.clone(),
+                parameters: estimates(study, fit),
+                log_evidence: fit.evidence,
+                share: (round.base - fit.loss) / excess,
+            });
+        }
+    }
+    let accused = round.accused.iter().chain(&round.also).map(|&k| effect(&round.fits[k])).collect();
+    let reason = if round.accused.is_some() { String::new() } else { round.reason.clone() };
+    RoundTold { level: round.level.ratio, suspects, accused, reason }
 }
 
 /// What to do next. `slips` is the share that a slippery region closes in pieces of windows.

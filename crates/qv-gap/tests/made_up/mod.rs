@@ -47,6 +47,7 @@ pub fn empty() -> Report {
         causes: Vec::new(),
         ranking: Vec::new(),
         leads: Vec::new(),
+        rounds: Vec::new(),
         unexplained: Unexplained::default(),
         cannot_tell: Vec::new(),
         next: Vec::new(),

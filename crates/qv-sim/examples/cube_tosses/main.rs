@@ -1,6 +1,7 @@
 //! Measured tosses of a box reproduced from their start states, and the friction that fits them best:
 //! `cargo run --release -p qv-sim --example cube_tosses -- TOSSES.csv [EDGE MASS INERTIA]` \[m, kg, kg m²\].
 
+mod interval;
 mod tosses;
 
 use qv_sim::{Model, State};
@@ -65,6 +66,8 @@ fn run() -> Result<(), String> {
     per_toss(&bench)?;
     let best =
         scan(&bench, vec![("contact.friction", 0.2), ("contact.restitution", 0.0), ("contact.time_constant", 0.008)])?;
+    let (friction, [low, high]) = interval::friction(&bench, best.clone())?;
+    println!("friction {friction:.4}, 95 % interval {low:.4} to {high:.4} over {} tosses", bench.tosses.len());
     limits(&bench, &flights, best.clone())?;
     println!("\nthe same with the plane where the box came to rest ({:.2} mm):", 1e3 * sunk);
     let mut lowered = best;
