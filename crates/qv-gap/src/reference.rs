@@ -20,6 +20,8 @@ const ROUNDS: usize = 6;
 const SHARES: [f64; 4] = [1.0, 0.5, 0.2, 0.05];
 /// Mean square over that of the middle window from which on a window is one of its own.
 pub const OUTLIER: f64 = 20.0;
+/// Deviation of a sensor that is nothing unusual, in those of any robot.
+const SENSOR_TOLERANCES: f64 = 3.0;
 /// Difference of a unit for its slope, in its first level's distance from absent.
 const DIFFERENCE: f64 = 0.2;
 
@@ -132,7 +134,12 @@ impl<'p> Fit<'p> {
 
     /// Distance of a unit from absent that is nothing unusual.
     fn usual(&self, k: usize) -> f64 {
-        0.4 * self.columns.effects[self.columns.units[self.columns.columns[self.units[k]].unit].effect].span()
+        let effect = &self.columns.effects[self.columns.units[self.columns.columns[self.units[k]].unit].effect];
+        match effect.interface {
+            // A bias of the encoder turns gravity about the joint: left free it would take upon itself what the load does.
+            Interface::Sensing => SENSOR_TOLERANCES * effect.tolerance,
+            _ => 0.4 * effect.span(),
+        }
     }
 
     fn absent(&self, k: usize) -> f64 {

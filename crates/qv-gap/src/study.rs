@@ -1,7 +1,7 @@
 //! All that a diagnosis knows before it suspects anything: residuals, sensitivities, and what no effect looks like.
 
 use crate::GapError;
-use crate::columns::Columns;
+use crate::columns::{Column, Columns};
 use crate::evidence::{Marginal, Normal, Sums, sum};
 use crate::forward::{compare, longest_latency, standing_depth};
 use crate::law;
@@ -19,6 +19,9 @@ pub const EXTRA: usize = 1;
 /// Change of that step whose effect is a column \[s\], and its tolerance in columns.
 const SHIFT: f64 = 0.0005;
 const SHIFT_TOLERANCE: f64 = 1.0;
+
+/// Share of the tolerances that is left where reference recordings show the same robot before a change.
+const UNCHANGED: f64 = 0.1;
 
 /// Settings simulated at a time: their features are in memory together.
 const AT_A_TIME: usize = 96;
@@ -117,7 +120,10 @@ impl<'a> Study<'a> {
             steps: 0,
             is_relative: !reference.is_empty(),
         };
-        let tolerated = study.columns.columns.iter().take(study.columns.tolerated).map(|c| c.tolerance);
+        // The robot of the reference is this one: what did not change deviates as it did there.
+        let share = if study.is_relative { UNCHANGED } else { 1.0 };
+        let tolerance = |c: &Column| share * c.tolerance;
+        let tolerated = study.columns.columns.iter().take(study.columns.tolerated).map(tolerance);
         study.tolerance = std::iter::once(SHIFT_TOLERANCE).chain(tolerated).collect();
         // More recordings share the windows that one has, down to a number that still tells something.
         study.problem.cut.most = (study.problem.cut.most / runs.len().max(1)).max(24).min(study.problem.cut.most);
