@@ -164,7 +164,7 @@ impl Round {
     }
 
     /// Accuses the best suspect to which there is no objection. A better one that is no cause does not make a worse one
-    /// a cause, unless it is a trifle.
+    /// a cause, unless it is a trifle, or chance alone reaches as much for it.
     fn judge(&mut self, study: &mut Study) -> Result<(), GapError> {
         let excess = self.base - self.level.null * self.level.count;
         for (k, fit) in self.fits.iter().enumerate().take(4) {
@@ -184,7 +184,7 @@ impl Round {
             if self.reason.is_empty() {
                 self.reason = format!("{}: {reason}", study.columns.effects[effect].name);
             }
-            if !is_trifle(study, fit) {
+            if !is_trifle(study, fit) && fit.evidence >= threshold(study, fit, self.by_chance[effect]) {
                 return Ok(());
             }
         }
@@ -247,20 +247,24 @@ fn is_trifle(study: &Study, fit: &Fit) -> bool {
     size(study, &fit.suspect) < LEAST_SIZE
 }
 
-fn objection(study: &Study, fit: &Fit, by_chance: f64) -> Option<String> {
-    let group = &study.columns.groups[fit.suspect.group];
-    let effect = &study.columns.effects[group.effect];
+/// Log evidence that a suspect needs, given the most that chance alone reached for its effect.
+fn threshold(study: &Study, fit: &Fit, by_chance: f64) -> f64 {
     let least = match fit.suspect.extent {
         None => LEAST_EVIDENCE,
         Some(Extent::Region(_)) => LEAST_LOCAL_EVIDENCE,
         Some(Extent::Time(_)) if study.problem.free => LEAST_EVENT_EVIDENCE,
         Some(Extent::Time(_)) => LEAST_HELD_EVENT_EVIDENCE,
     };
+    least.max(OVER_NULL * by_chance)
+}
+
+fn objection(study: &Study, fit: &Fit, by_chance: f64) -> Option<String> {
+    let effect = &study.columns.effects[study.columns.groups[fit.suspect.group].effect];
     let length = if let Some(Extent::Time([from, until])) = fit.suspect.extent { until - from } else { LEAST_EVENT };
     if length < if study.problem.free { LEAST_EVENT } else { LEAST_HELD_EVENT } {
         return Some(format!("an event of {:.0} ms is a blow of the contact, or noise", 1e3 * length));
     }
-    let threshold = least.max(OVER_NULL * by_chance);
+    let threshold = threshold(study, fit, by_chance);
     if fit.evidence < threshold {
         return Some(format!("log evidence {:.0}, where chance alone reaches {threshold:.0}", fit.evidence));
     }

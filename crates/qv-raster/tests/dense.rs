@@ -80,6 +80,21 @@ fn odd_crowd(degree: u8, features: usize) -> GaussianCloud {
     cloud
 }
 
+/// Gaussians a hundred and more pixels long and a pixel or two wide, across an image of 40 x 30.
+fn needles() -> GaussianCloud {
+    let mut cloud = crowd(4, 1, 2, 13);
+    let inverse = camera(40, 30).camera_from_world.inverse();
+    let at = |x: f64, y: f64, z: f64| inverse.transform_point(DVec3::new(x, y, z)).as_vec3().to_array();
+    let pixels = |n: f32| (n * 1.5 / 32.0).ln();
+    for (k, (long, wide)) in [(100.0, 0.01), (100.0, 2.0), (300.0, 2.0), (30.0, 0.01)].into_iter().enumerate() {
+        cloud.means[k] = at(0.02 * k as f64 - 0.03, 0.05 - 0.03 * k as f64, 1.5 + 0.1 * k as f64);
+        cloud.log_scales[k] = [pixels(long), pixels(wide), pixels(wide) - 1.0];
+        cloud.rotations[k] = [0.92, 0.02, -0.03, 0.3 + 0.2 * k as f32];
+        cloud.opacity_logits[k] = 0.5;
+    }
+    cloud
+}
+
 fn settings() -> Settings {
     Settings { outputs: Outputs::ALL, background: BACKGROUND }
 }
@@ -278,5 +293,6 @@ fn gradients_are_those_of_finite_differences() {
     ] {
         check_gradients(name, &cloud, &camera, wanted);
     }
+    check_gradients("needles", &needles(), &camera, 0..4);
     check_gradients("all", &crowd(40, 3, 2, 11), &camera, 0..11);
 }

@@ -6,7 +6,9 @@ use crate::constants::{MAX_ALPHA, MIN_ALPHA, TILE_PIXELS};
 use crate::lanes::{LANES, Lanes, exp_negative, widest};
 use rayon::prelude::*;
 
-/// Derivatives of an entry besides those of its channels: mean (2), inverse covariance xx, xy (both places), yy, opacity.
+/// Derivatives of an entry besides those of its channels: mean (2), opacity last; between
+/// them those by U in whitened offsets e = U δ, with G the derivative by |e|²/2: sums of G e_x²/2, G e_x e_y, G e_y²/2. In offsets themselves a
+/// needle's would cancel when they are brought to its axes.
 pub const SHAPE_GRADIENTS: usize = 6;
 /// Most derivatives of an entry.
 const MOST: usize = SHAPE_GRADIENTS + 8 + qv_core::GaussianCloud::MAX_FEATURES;
@@ -116,9 +118,9 @@ fn tile_backward_body(
                 let by_exponent = -raw * by_raw;
                 by_u[lane] -= by_exponent * (u00 * along);
                 by_v[lane] -= by_exponent * (u01 * along + u11 * across);
-                by_xx[lane] += by_exponent * (0.5 * dx * dx);
-                by_xy[lane] += by_exponent * (dx * dy);
-                by_yy[lane] += by_exponent * (0.5 * dy * dy);
+                by_xx[lane] += by_exponent * (0.5 * along * along);
+                by_xy[lane] += by_exponent * (along * across);
+                by_yy[lane] += by_exponent * (0.5 * across * across);
                 by_opacity[lane] += by_raw * falloff;
             }
             left[from..from + LANES].copy_from_slice(&before);

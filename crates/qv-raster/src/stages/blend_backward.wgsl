@@ -260,9 +260,9 @@ fn blend_backward(
                     let by_exponent = -raw * by_raw;
                     numbers[0] = -by_exponent * (a.z * along) / (TO_EXP2 * TO_EXP2);
                     numbers[1] = -by_exponent * (a.w * along + b.x * over) / (TO_EXP2 * TO_EXP2);
-                    numbers[2] = by_exponent * (0.5 * d.x * d.x);
-                    numbers[3] = by_exponent * (d.x * d.y);
-                    numbers[4] = by_exponent * (0.5 * d.y * d.y);
+                    numbers[2] = by_exponent * (0.5 * along * along) / (TO_EXP2 * TO_EXP2);
+                    numbers[3] = by_exponent * (along * over) / (TO_EXP2 * TO_EXP2);
+                    numbers[4] = by_exponent * (0.5 * over * over) / (TO_EXP2 * TO_EXP2);
                     numbers[5] = by_raw * falloff;
 //#repeat CHANNELS
                     numbers[6u + $Ku] = weight * by[$K];

@@ -98,7 +98,7 @@ fn record_backward(source: &Source, record: usize, sum: &[f32]) -> Option<Record
     let rotation = motion.rotation();
 
     let mut centre = mean_backward(&shape, lens, [sum[0], sum[1]]);
-    let (spread, by_centre) = covariance_backward(&shape, lens, [sum[2], sum[3], sum[4]]);
+    let (spread, log_scales, by_centre) = covariance_backward(&shape, lens, [sum[2], sum[3], sum[4]]);
     centre += by_centre;
     let by_channel = &sum[SHAPE_GRADIENTS..];
     if let Some(depth) = source.channels.depth() {
@@ -120,9 +120,7 @@ fn record_backward(source: &Source, record: usize, sum: &[f32]) -> Option<Record
         turn += shape.spread.col(k).cross(spread.col(k));
     }
     let in_group = rotation.transpose() * spread;
-    let mut log_scales = Vec3::ZERO;
     for k in 0..3 {
-        log_scales[k] = shape.scales[k] * shape.axes.col(k).dot(in_group.col(k));
         *by_axes.col_mut(k) += shape.scales[k] * in_group.col(k);
     }
     let (by_colour, values, by_offset) = colour_backward(source, splat, &shape, motion, by_channel);
@@ -153,31 +151,26 @@ fn mean_backward(shape: &Shape, lens: &Lens, by_mean: [f32; 2]) -> Vec3 {
     Vec3::new(u, v, -(u * p.x + v * p.y) / p.z)
 }
 
-/// With respect to W and to the centre in camera axes, through the inverse covariance.
-fn covariance_backward(shape: &Shape, lens: &Lens, by_inverse: [f32; 3]) -> (Mat3, Vec3) {
-    // d(inverse) = -Q dC Q, so the derivative by C is -Q D Q, with the mixed one shared by two places of D.
+/// With respect to W, to the log scales, and to the centre in camera axes, through the covariance C. `whitened` are the sums of
+/// G e eᵀ/2 with e = U δ, the mixed one of both places. With M their matrix the derivative by C is -Uᵀ M U, by the rows R of J W
+/// -2 Uᵀ M V with V = U R, and by log scale k -2 V_k·M V_k, in which nothing large cancels.
+fn covariance_backward(shape: &Shape, lens: &Lens, whitened: [f32; 3]) -> (Mat3, Vec3, Vec3) {
     let [u00, u01, u11] = shape.factor();
-    let q = [u00 * u00, u00 * u01, u01 * u01 + u11 * u11];
-    let d = [by_inverse[0], 0.5 * by_inverse[1], by_inverse[2]];
-    let left = [
-        [q[0] * d[0] + q[1] * d[1], q[0] * d[1] + q[1] * d[2]],
-        [q[1] * d[0] + q[2] * d[1], q[1] * d[1] + q[2] * d[2]],
-    ];
-    let xx = -(left[0][0] * q[0] + left[0][1] * q[1]);
-    let xy = -(left[0][0] * q[1] + left[0][1] * q[2]);
-    let yy = -(left[1][0] * q[1] + left[1][1] * q[2]);
     let [row_x, row_y] = shape.rows;
-    let by_rows = [2.0 * (xx * row_x + xy * row_y), 2.0 * (xy * row_x + yy * row_y)];
+    let v = [u00 * row_x + u01 * row_y, u11 * row_y];
+    let [xx, xy, yy] = [-2.0 * whitened[0], -whitened[1], -2.0 * whitened[2]];
+    let by_v = [xx * v[0] + xy * v[1], xy * v[0] + yy * v[1]];
+    let log_scales = v[0] * by_v[0] + v[1] * by_v[1];
+    let by_rows = [u00 * by_v[0], u01 * by_v[0] + u11 * by_v[1]];
 
     let z = shape.centre.z;
     let along = shape.spread.transpose().z_axis;
     let mut by_spread = [Vec3::ZERO; 3];
-    let mut centre = Vec3::ZERO;
+    let mut centre = Vec3::new(0.0, 0.0, -log_scales.element_sum() / z);
     for axis in 0..2 {
         let scale = lens.focal[axis] / z;
         by_spread[axis] = scale * by_rows[axis];
         by_spread[2] -= scale * shape.slope[axis] * by_rows[axis];
-        centre.z -= shape.rows[axis].dot(by_rows[axis]) / z;
         let by_slope = -scale * along.dot(by_rows[axis]);
         let ratio = shape.centre[axis] / z;
         if ratio == shape.slope[axis] {
@@ -185,7 +178,7 @@ fn covariance_backward(shape: &Shape, lens: &Lens, by_inverse: [f32; 3]) -> (Mat
             centre.z -= by_slope * ratio / z;
         }
     }
-    (Mat3::from_cols(by_spread[0], by_spread[1], by_spread[2]).transpose(), centre)
+    (Mat3::from_cols(by_spread[0], by_spread[1], by_spread[2]).transpose(), log_scales, centre)
 }
 
 /// With respect to the colour where it is not cut off, the functions' values, and what comes to the offset of the mean from

@@ -128,18 +128,19 @@ fn record_backward(view: u32, splat: u32, record: u32) -> Share {
     var centre = vec3<f32>(f * vec2<f32>(sum[0], sum[1]), 0.0);
     centre.z = -(centre.x * p.x + centre.y * p.y) / p.z;
 
-    // Through the inverse covariance Q: the derivative by the covariance is -Q D Q.
+    // Through the covariance, see project_backward.rs.
     let factor = factor_of(s);
-    let q = mat2x2<f32>(
-        factor.x * factor.x, factor.x * factor.y, factor.x * factor.y, factor.y * factor.y + factor.z * factor.z,
-    );
-    let by_covariance = q * mat2x2<f32>(sum[2], 0.5 * sum[3], 0.5 * sum[3], sum[4]) * q;
-    let by_row_x = -2.0 * (by_covariance[0][0] * s.row_x + by_covariance[0][1] * s.row_y);
-    let by_row_y = -2.0 * (by_covariance[0][1] * s.row_x + by_covariance[1][1] * s.row_y);
+    let v_x = factor.x * s.row_x + factor.y * s.row_y;
+    let v_y = factor.z * s.row_y;
+    let by_v_x = -2.0 * sum[2] * v_x - sum[3] * v_y;
+    let by_v_y = -sum[3] * v_x - 2.0 * sum[4] * v_y;
+    let by_log_scales = v_x * by_v_x + v_y * by_v_y;
+    let by_row_x = factor.x * by_v_x;
+    let by_row_y = factor.y * by_v_x + factor.z * by_v_y;
     let by_spread = transpose(mat3x3<f32>(
         f.x * by_row_x, f.y * by_row_y, -f.x * s.slope.x * by_row_x - f.y * s.slope.y * by_row_y,
     ));
-    centre.z -= (dot(s.row_x, by_row_x) + dot(s.row_y, by_row_y)) / p.z;
+    centre.z -= (by_log_scales.x + by_log_scales.y + by_log_scales.z) / p.z;
     let along = transpose(s.spread)[2];
     let by_slope = -f * vec2<f32>(dot(along, by_row_x), dot(along, by_row_y));
     let ratio = p.xy / p.z;
@@ -173,9 +174,7 @@ fn record_backward(view: u32, splat: u32, record: u32) -> Share {
 //#endif
     out.turn += cross(p, centre) + outer_columns(s.spread, by_spread);
     let in_group = transpose(s.rotation) * by_spread;
-    out.log_scales = s.scales * vec3<f32>(
-        dot(s.axes[0], in_group[0]), dot(s.axes[1], in_group[1]), dot(s.axes[2], in_group[2]),
-    );
+    out.log_scales = by_log_scales;
     by_axes += mat3x3<f32>(s.scales.x * in_group[0], s.scales.y * in_group[1], s.scales.z * in_group[2]);
     out.rotation = quaternion_backward(quaternion, s.length, by_axes);
     let opacity = logistic(scales[splat].w);
