@@ -37,19 +37,28 @@ impl Camera {
             }
         }
         for (what, focal) in [("camera fx", self.fx), ("camera fy", self.fy)] {
-            if !(focal.is_finite() && focal > 0.0) {
-                return Err(CoreError::Range { what, expected: "a positive focal length", found: focal.to_string() });
+            if !(1e-3..=1e7).contains(&focal) {
+                return Err(CoreError::Range {
+                    what,
+                    expected: "0.001 to 10 000 000 pixels",
+                    found: focal.to_string(),
+                });
             }
         }
         for (what, centre) in [("camera cx", self.cx), ("camera cy", self.cy)] {
-            if !centre.is_finite() {
-                return Err(CoreError::Range { what, expected: "a finite number", found: centre.to_string() });
+            if !(-1e7..=1e7).contains(&centre) {
+                let expected = "at most 10 000 000 pixels to either side";
+                return Err(CoreError::Range { what, expected, found: centre.to_string() });
             }
         }
         let pose = &self.camera_from_world;
         if !pose.position.is_finite() || !pose.rotation.is_finite() || (pose.rotation.length() - 1.0).abs() > 1e-6 {
             let found = format!("{} {}", pose.position, pose.rotation);
             return Err(CoreError::Range { what: "camera_from_world", expected: "a finite rigid transform", found });
+        }
+        if pose.position.abs().max_element() > 1e12 {
+            let expected = "a position within 1e12 m";
+            return Err(CoreError::Range { what: "camera_from_world", expected, found: pose.position.to_string() });
         }
         Ok(())
     }

@@ -41,6 +41,17 @@ pub enum RasterError {
         /// What was asked for.
         found: u64,
     },
+    /// The card has no memory left for a buffer: less at once may do.
+    #[cfg(feature = "gpu")]
+    #[error("memory of the graphics device: expected {bytes} bytes for `{what}`, found less left: {reason}")]
+    DeviceMemory {
+        /// The buffer.
+        what: String,
+        /// Its size.
+        bytes: u64,
+        /// What the device says.
+        reason: String,
+    },
     /// No graphics adapter that can do the work.
     #[cfg(feature = "gpu")]
     #[error("graphics adapter: expected {expected}, found {found}")]

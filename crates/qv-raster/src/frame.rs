@@ -24,6 +24,8 @@ pub struct Frame {
     pub settings: Settings,
     /// What was blended.
     pub channels: Channels,
+    /// Gaussians and degree of the cloud.
+    pub cloud: (usize, u8),
     /// Stage `cull`.
     pub candidates: Vec<Candidate>,
     /// Stage `project`.
@@ -54,7 +56,7 @@ impl Frame {
         let batch = Batch::new(scene, views)?;
         let channels = Channels::new(settings.outputs, scene.cloud.feature_count);
         let candidates = cull(scene, &batch);
-        let projections = project(scene, &batch, &candidates, settings.outputs.plane);
+        let projections = project(scene, &batch, &candidates, settings.outputs);
         memory::check_entries(&projections.counts)?;
         let records = projections.records.iter().zip(&projections.counts);
         let keys: Vec<u32> = records.map(|(record, &count)| depth_key(record.depth, count)).collect();
@@ -66,6 +68,7 @@ impl Frame {
             batch,
             settings: *settings,
             channels,
+            cloud: (scene.cloud.len(), scene.cloud.sh_degree),
             candidates,
             projections,
             order,
@@ -86,7 +89,8 @@ impl Frame {
     /// Derivatives of a scalar, given its derivatives with respect to the images, which must have the images' shapes.
     ///
     /// # Errors
-    /// An array of another length than the image's, or another scene than the one that was drawn.
+    /// An array of another length than the image's, or a scene of another shape than the one that was drawn; that its numbers are the
+    /// same is not looked at.
     pub fn gradients(&self, scene: &Scene, by_images: &[Image]) -> Result<Gradients, RasterError> {
         self.check(scene, by_images)?;
         let source = self.source(scene);
@@ -118,10 +122,11 @@ impl Frame {
             if expected == found { Ok(()) } else { Err(RasterError::Length { what, expected, found }) }
         };
         length("derivatives by image".into(), self.batch.lenses.len(), by_images.len())?;
-        let splats = self.candidates.iter().map(|candidate| candidate.splat as usize + 1).max().unwrap_or(0);
-        if splats > scene.cloud.len() {
-            return length("cloud that was drawn".into(), splats, scene.cloud.len());
-        }
+        length("Gaussians that were drawn".into(), self.cloud.0, scene.cloud.len())?;
+        length("degree of the Gaussians that were drawn".into(), self.cloud.1.into(), scene.cloud.sh_degree.into())?;
+        length("groups of the scene that was drawn".into(), self.batch.groups, scene.group_count())?;
+        let features = Channels::new(self.settings.outputs, scene.cloud.feature_count).count();
+        length("channels that were drawn".into(), self.channels.count(), features)?;
         for (view, (expected, found)) in self.blank_images().iter().zip(by_images).enumerate() {
             let of = |name: &str| format!("derivatives by {name} of view {view}");
             length(of("colour"), expected.colour.len(), found.colour.len())?;

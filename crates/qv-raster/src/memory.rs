@@ -14,12 +14,15 @@ pub(crate) fn views_at_once(scene: &Scene, views: &[View]) -> usize {
     (AT_ONCE / per_view.max(1)).clamp(1, MOST_VIEWS)
 }
 
-/// Entries of a batch must have 32-bit indices.
+/// Most entries of a batch, which take about 30 bytes each, and four for each derivative.
+const MOST_ENTRIES: u64 = 1 << 27;
+
+/// Entries of a batch must not take more than about 4 GiB.
 pub(crate) fn check_entries(counts: &[u32]) -> Result<(), RasterError> {
     let found: u64 = counts.iter().map(|&count| count as u64).sum();
-    if found > u32::MAX as u64 {
+    if found > MOST_ENTRIES {
         let what = "Gaussians times tiles of one batch".to_string();
-        return Err(RasterError::TooLarge { what, limit: u32::MAX as u64, found });
+        return Err(RasterError::TooLarge { what, limit: MOST_ENTRIES, found });
     }
     Ok(())
 }

@@ -174,7 +174,7 @@ fn bad_requests_are_named() {
     let says = |scene: &Scene, view: View| Frame::new(scene, &[view], &SETTINGS).unwrap_err().to_string();
     let good = View::of(camera(20, 20));
     let bad = View::of(Camera { fx: 0.0, ..camera(20, 20) });
-    assert_eq!(says(&scene, bad), "view 0: camera fx: expected a positive focal length, found 0");
+    assert_eq!(says(&scene, bad), "view 0: camera fx: expected 0.001 to 10 000 000 pixels, found 0");
     let elsewhere = View { environment: 3, ..good };
     assert_eq!(says(&scene, elsewhere), "environment of view 0: expected an index below 1, found 3");
     let groups = Scene { group_of: &[1], ..scene };
@@ -191,4 +191,31 @@ fn bad_requests_are_named() {
     let frame = Frame::new(&scene, &[good], &SETTINGS).unwrap();
     let error = frame.gradients(&scene, &[Image::default()]).unwrap_err().to_string();
     assert_eq!(error, "derivatives by colour of view 0: expected length 1200, found 0");
+    let two = joined(&[&cloud, &cloud]);
+    let error = frame.gradients(&Scene::still(&two), &frame.blank_images()).unwrap_err().to_string();
+    assert_eq!(error, "Gaussians that were drawn: expected length 1, found 2");
+    let lost = View::of(Camera { cx: 1e10, fx: 1e-300, ..camera(20, 20) });
+    assert!(says(&scene, lost).starts_with("view 0: camera fx"));
+}
+
+#[test]
+fn centres_whose_square_overflows_are_left_out_and_counted() {
+    for mean in [[0.0, 0.0, 3e19], [3.4e38, 3.4e38, -3.3e38], [2e19, 0.0, 1.0]] {
+        let cloud = ball(mean);
+        let scene = Scene::still(&cloud);
+        let wide = Camera { fx: 1e-3, fy: 1e-3, ..camera(20, 20) };
+        let frame = Frame::new(&scene, &[View::of(wide)], &SETTINGS).unwrap();
+        assert!(frame.candidates.is_empty() || frame.projections.faulty == 1, "{mean:?}");
+        assert!(frame.images()[0].alpha.iter().all(|&alpha| alpha == 0.0), "{mean:?}");
+    }
+}
+
+#[test]
+fn features_that_are_not_drawn_matter_to_nobody() {
+    let mut cloud = ball([0.0, 0.0, 2.0]);
+    (cloud.feature_count, cloud.features) = (1, vec![f32::NAN]);
+    let scene = Scene::still(&cloud);
+    let plain = Settings { outputs: Default::default(), ..SETTINGS };
+    let faulty = |settings| render(&scene, &[View::of(camera(20, 20))], settings).unwrap().1;
+    assert_eq!((faulty(&plain), faulty(&SETTINGS)), (0, 1));
 }

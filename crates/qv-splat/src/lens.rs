@@ -13,6 +13,8 @@ const EDGE_POINTS: u32 = 64;
 const GROWTH: f64 = 4.0;
 /// Pixels that the wider image has beyond them on each side, for interpolation.
 const MARGIN: f64 = 2.0;
+/// Points of a side at which a lens is looked at within the image: it may fold there and unfold before the edge.
+const GRID_POINTS: u32 = 32;
 
 /// A distorted camera as a pinhole camera and the way back.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,8 +37,8 @@ impl Distorter {
             return Ok(out);
         }
         let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-        for point in edge(camera) {
-            let ray = out.ray(point).ok_or_else(|| {
+        for point in edge(camera).chain(grid(camera)) {
+            let ray = out.ray(point).filter(|ray| !distortion.folds_before(*ray)).ok_or_else(|| {
                 let found = format!("a fold before pixel ({:.0}, {:.0})", point.x, point.y);
                 off("distortion of a camera", "one that can be undone over the whole image", found)
             })?;
@@ -115,6 +117,13 @@ fn edge(camera: &Camera) -> impl Iterator<Item = DVec2> {
         let (x, y) = (share * width, share * height);
         [DVec2::new(x, 0.0), DVec2::new(x, height), DVec2::new(0.0, y), DVec2::new(width, y)]
     })
+}
+
+/// Pixel coordinates all over the image.
+fn grid(camera: &Camera) -> impl Iterator<Item = DVec2> {
+    let size = DVec2::new(f64::from(camera.width), f64::from(camera.height));
+    let share = |step: u32| f64::from(step) / f64::from(GRID_POINTS);
+    (0..=GRID_POINTS).flat_map(move |y| (0..=GRID_POINTS).map(move |x| size * DVec2::new(share(x), share(y))))
 }
 
 /// Four pixels around a place in an image, and their weights.
@@ -196,6 +205,13 @@ mod tests {
     fn without_distortion_nothing_changes() {
         let distorter = Distorter::new(&CAMERA, &Distortion::default()).unwrap();
         assert_eq!(distorter.pinhole, CAMERA);
+    }
+
+    #[test]
+    fn a_fold_that_unfolds_before_the_edge_is_an_error_too() {
+        let fold = Distortion { k1: -1.5, k2: 1.0, ..Default::default() };
+        let wide = Camera { fx: 300.0, fy: 300.0, cx: 320.0, cy: 240.0, width: 640, height: 480, ..CAMERA };
+        assert!(Distorter::new(&wide, &fold).unwrap_err().to_string().contains("a fold before pixel"));
     }
 
     #[test]

@@ -9,6 +9,7 @@ use qv_raster::{Image, Outputs, Scene, Settings, View};
 use qv_splat::captures::CaptureCamera;
 use qv_splat::lens::Distorter;
 use serde_json::json;
+use std::collections::HashSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -25,8 +26,8 @@ pub const EXAMPLE: &str = "Example:\n  qv render scene.ply --cameras transforms.
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
 
 /// Images that are drawn before they are written: so many, or so many pixels, whichever is less, but one at least.
-const AT_ONCE: usize = 4;
-const PIXELS_AT_ONCE: usize = 1 << 24;
+const AT_ONCE: usize = 128;
+const PIXELS_AT_ONCE: usize = 3 << 24;
 /// Opacity of a pixel from which on it has a label or a normal.
 const SOLID: f32 = 0.5;
 
@@ -113,6 +114,7 @@ impl Render {
                 .map_err(|e| about(&self.cameras, format!("camera {}: {e}", one.name)))
         };
         let lenses: Vec<Distorter> = cameras.iter().map(lens).collect::<Result<_, _>>()?;
+        self.check_names(cameras)?;
         let mut drawer = self.drawer(cloud)?;
         let bar = progress(cameras.len() as u64, "rendering");
         let mut out = Drawn::default();
@@ -152,23 +154,44 @@ impl Render {
         Ok(Drawer::Gpu { cloud, copy, rasteriser: Box::new(GpuRasteriser::new(gpu)) })
     }
 
+    /// No image may take the place of another.
+    fn check_names(&self, cameras: &[CaptureCamera]) -> Result<(), Failure> {
+        let mut taken = HashSet::new();
+        for one in cameras {
+            if let Some(clash) = self.files(&one.name).into_iter().find(|file| !taken.insert(file.clone())) {
+                let name = &one.name;
+                return Err(about(
+                    &self.cameras,
+                    format!("camera {name}: expected files of its own, found {clash} twice"),
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// Names of the files of a camera: colour, then what else was asked for.
+    fn files(&self, name: &str) -> Vec<String> {
+        let more = [(self.depth, "_depth.npy"), (self.normals, "_normal.png"), (self.semantics, "_labels.png")];
+        let asked = more.into_iter().filter(|(wanted, _)| *wanted).map(|(_, ending)| ending);
+        std::iter::once(".png").chain(asked).map(|ending| format!("{name}{ending}")).collect()
+    }
+
     /// Writes the images of one camera; returns the names of the files.
     fn write(&self, name: &str, image: &Image, features: usize) -> Result<Vec<String>, Failure> {
         let size = [image.width as u32, image.height as u32];
-        let mut files = vec![format!("{name}.png")];
-        png(&self.out.join(&files[0]), &image.colour_u8(), size, ExtendedColorType::Rgb8)?;
+        let files = self.files(name);
+        let mut paths = files.iter().map(|file| self.out.join(file));
+        let mut next = || paths.next().unwrap_or_default();
+        png(&next(), &image.colour_u8(), size, ExtendedColorType::Rgb8)?;
         if self.depth {
-            files.push(format!("{name}_depth.npy"));
-            let path = self.out.join(&files[files.len() - 1]);
+            let path = next();
             fs::write(&path, npy(&image.depth, size)).map_err(|e| about(&path, unwritable(e)))?;
         }
         if self.normals {
-            files.push(format!("{name}_normal.png"));
-            png(&self.out.join(&files[files.len() - 1]), &normals(image), size, ExtendedColorType::Rgb8)?;
+            png(&next(), &normals(image), size, ExtendedColorType::Rgb8)?;
         }
         if self.semantics {
-            files.push(format!("{name}_labels.png"));
-            png(&self.out.join(&files[files.len() - 1]), &labels(image, features), size, ExtendedColorType::L8)?;
+            png(&next(), &labels(image, features), size, ExtendedColorType::L8)?;
         }
         Ok(files)
     }
@@ -204,8 +227,14 @@ impl Drawer<'_> {
             #[cfg(feature = "gpu")]
             Self::Gpu { cloud, copy, rasteriser } => {
                 let how = qv_raster::gpu::GpuSettings::default();
-                let (images, counts) = rasteriser.render(copy, &Scene::still(cloud), views, settings, &how)?;
-                Ok((images.read()?, counts.faulty))
+                let mut all = Vec::with_capacity(views.len());
+                let mut left_out = 0;
+                rasteriser.render_all(copy, &Scene::still(cloud), views, settings, &how, |_, images, counts| {
+                    left_out += counts.faulty;
+                    all.extend(images.read()?);
+                    Ok(())
+                })?;
+                Ok((all, left_out))
             }
         }
     }

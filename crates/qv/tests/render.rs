@@ -185,6 +185,14 @@ fn bad_input_is_named() {
     let folded = json!({"format": "qv-cameras/1", "cameras": [folded]}).to_string();
     let err = fault(&scene, &other("folded.json", folded.as_bytes()), &[]);
     assert!(err.contains("camera folded: distortion of a camera: expected one that can be undone"), "{err}");
+    let mut misspelt = camera("front");
+    misspelt["distortion"] = json!({"k4": 0.1});
+    let misspelt = json!({"format": "qv-cameras/1", "cameras": [misspelt]}).to_string();
+    let err = fault(&scene, &other("misspelt.json", misspelt.as_bytes()), &[]);
+    assert!(err.contains("cameras, 0, distortion: expected k1, k2, k3, p1, p2, found k4"), "{err}");
+    let clash = json!({"format": "qv-cameras/1", "cameras": [camera("a"), camera("a_normal")]}).to_string();
+    let err = fault(&scene, &other("clash.json", clash.as_bytes()), &["--normals"]);
+    assert!(err.contains("camera a_normal: expected files of its own, found a_normal.png twice"), "{err}");
     let plain = other("plain.spz", &write(&balls(), Format::Spz).unwrap());
     assert!(fault(&plain, &cameras, &["--semantics"]).contains("expected features for --semantics"));
     let usage = Command::new(env!("CARGO_BIN_EXE_qv")).args(["render", "scene.ply"]).output().unwrap();

@@ -28,7 +28,9 @@ impl GpuRasteriser {
     /// # Errors
     /// Nothing was drawn, or there is no memory left.
     pub fn backdrop(&self) -> Result<Backdrop, RasterError> {
-        let (Some(buffers), Some(batch)) = (&self.buffers, &self.batch) else { return Err(nothing()) };
+        let (Some(buffers), Some(batch), true) = (&self.buffers, &self.batch, self.drawn) else {
+            return Err(nothing());
+        };
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         let mut copy = |name: &'static str, each: u64| {
             let to = self.gpu.buffer(name, batch.pixels as u64 * each)?;
@@ -50,12 +52,13 @@ impl GpuRasteriser {
     /// Nothing was drawn; it was drawn with other lenses, in floats for bytes, without depths that the backdrop has, or with planes, features
     /// or `keep`.
     pub fn compose(&self, backdrop: &Backdrop, timed: bool) -> Result<Vec<(&'static str, f64)>, RasterError> {
-        let (Some(buffers), Some(batch)) = (&self.buffers, &self.batch) else { return Err(nothing()) };
+        let (Some(buffers), Some(batch), true) = (&self.buffers, &self.batch, self.drawn) else {
+            return Err(nothing());
+        };
         let all = &buffers.sizes.variant;
         let variant = Variant { bytes: all.bytes, depth: backdrop.depths.is_some(), ..Default::default() };
-        let asked = Variant { bytes: backdrop.bytes, depth: variant.depth, ..Default::default() };
-        let drawn = Variant { bytes: all.bytes, depth: all.depth, ..Default::default() };
-        if batch.lenses != backdrop.lenses || asked != drawn || all.plane || all.keep || all.features > 0 {
+        let alike = all.bytes == backdrop.bytes && (all.depth || !variant.depth);
+        if batch.lenses != backdrop.lenses || !alike || all.plane || all.keep || all.features > 0 {
             let what = "before a backdrop: expected images of its views and its kind (bytes or floats, depth or none; no \
                         planes, features or derivatives), found others";
             return Err(RasterError::Device(what.into()));

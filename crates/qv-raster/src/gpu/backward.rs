@@ -81,6 +81,7 @@ impl GpuRasteriser {
     /// # Errors
     /// Nothing was drawn so that derivatives can be had.
     pub fn submit_backward(&mut self, cloud: &GpuCloud, timed: bool) -> Result<(), RasterError> {
+        self.check_cloud(cloud)?;
         let (buffers, batch) = self.kept()?;
         let Some(constants) = &self.constants else { return Err(nothing()) };
         let frame = FrameSteps { batch, buffers, constants, cloud };
@@ -103,6 +104,7 @@ impl GpuRasteriser {
     /// # Errors
     /// As [`Self::gradients`], or the device fails.
     pub fn read_gradients(&self, cloud: &GpuCloud) -> Result<Gradients, RasterError> {
+        self.check_cloud(cloud)?;
         let (buffers, batch) = self.kept()?;
         let n = cloud.count;
         let shape: Vec<[[f32; 4]; 3]> = self.gpu.read(buffers.get("by_shape"), n)?;
@@ -128,7 +130,7 @@ impl GpuRasteriser {
             (_, _, Some(stage)) => Err(RasterError::Device(format!(
                 "expected a batch that the card drew alone, found one that the CPU drew up to {stage:?}"
             ))),
-            (Some(buffers), Some(batch), None) if buffers.sizes.variant.keep => Ok((buffers, batch)),
+            (Some(buffers), Some(batch), None) if buffers.sizes.variant.keep && self.drawn => Ok((buffers, batch)),
             _ => Err(nothing()),
         }
     }

@@ -83,7 +83,7 @@ impl GpuRasteriser {
         }
         recorder.run("blend", &steps.blend());
         recorder.submit();
-        self.after = Some(stage);
+        (self.after, self.drawn) = (Some(stage), true);
         self.images()
     }
 

@@ -15,6 +15,11 @@ const BORROWED: [(&str, &str); 4] = [
     ("order_other", "sorted_other"),
 ];
 
+/// Whether what is in a buffer is written over within the frame.
+pub fn is_borrowed(name: &str) -> bool {
+    BORROWED.iter().any(|(guest, _)| *guest == name)
+}
+
 /// What the buffers are made for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sizes {

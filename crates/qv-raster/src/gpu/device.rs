@@ -199,7 +199,9 @@ impl Gpu {
         });
         match pollster::block_on(scope.pop()) {
             None => Ok(buffer),
-            Some(error) => Err(RasterError::Device(format!("buffer `{label}` of {size} bytes: {error}"))),
+            Some(error) => {
+                Err(RasterError::DeviceMemory { what: label.into(), bytes: size, reason: error.to_string() })
+            }
         }
     }
 

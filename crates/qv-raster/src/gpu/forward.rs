@@ -37,6 +37,17 @@ pub struct GpuRasteriser {
     pub(crate) constants: Option<Constants>,
     /// The stage up to which the CPU drew the last batch.
     pub(crate) after: Option<Stage>,
+    /// Whether the prepared batch was drawn.
+    pub(crate) drawn: bool,
+    /// The cloud that the batch was prepared for.
+    kind: Kind,
+}
+
+/// Gaussians, degree, features and groups of a cloud: what shaders rely on.
+type Kind = (usize, u8, usize, usize);
+
+fn kind(cloud: &GpuCloud) -> Kind {
+    (cloud.count, cloud.sh_degree, cloud.feature_count, cloud.groups)
 }
 
 /// Small buffers that depend on the batch alone.
@@ -90,7 +101,17 @@ pub struct Counts {
 impl GpuRasteriser {
     /// On a device.
     pub fn new(gpu: Gpu) -> Self {
-        Self { gpu, memory: u64::MAX, buffers: None, batch: None, stamps: None, constants: None, after: None }
+        Self {
+            gpu,
+            memory: u64::MAX,
+            buffers: None,
+            batch: None,
+            stamps: None,
+            constants: None,
+            after: None,
+            drawn: false,
+            kind: (0, 0, 0, 0),
+        }
     }
 
     /// Draws views of a scene as one batch and waits for it. The images stay on the card, in buffers that the next batch uses
@@ -130,7 +151,8 @@ impl GpuRasteriser {
     }
 
     /// Draws any number of views, as many at once as [`Self::memory`] and the device allow, and hands the images of each batch on
-    /// with the index of its first view. Batches are halved until they fit, before memory is taken.
+    /// with the index of its first view and what was counted. Batches are halved until they fit; the limits that are known are looked at
+    /// before memory is taken, what the card has left is known by trying. Derivatives are had of one [`Self::render`] at a time.
     ///
     /// # Errors
     /// As [`Self::render`], with a single view; or what `each` gives.
@@ -141,18 +163,18 @@ impl GpuRasteriser {
         views: &[View],
         settings: &Settings,
         how: &GpuSettings,
-        mut each: impl FnMut(usize, GpuImages) -> Result<(), RasterError>,
+        mut each: impl FnMut(usize, GpuImages, Counts) -> Result<(), RasterError>,
     ) -> Result<(), RasterError> {
         let mut at_once = views.len().clamp(1, Batch::MAX_VIEWS);
         let mut first = 0;
         while first < views.len() {
             let batch = &views[first..(first + at_once).min(views.len())];
             match self.render(cloud, scene, batch, settings, how) {
-                Ok((images, _)) => {
-                    each(first, images)?;
+                Ok((images, counts)) => {
+                    each(first, images, counts)?;
                     first += batch.len();
                 }
-                Err(RasterError::TooLarge { .. }) if batch.len() > 1 => {
+                Err(RasterError::TooLarge { .. } | RasterError::DeviceMemory { .. }) if batch.len() > 1 => {
                     at_once = batch.len() / 2;
                     // Without the guess that the larger batch left.
                     self.buffers = None;
@@ -176,7 +198,7 @@ impl GpuRasteriser {
         how: &GpuSettings,
     ) -> Result<(), RasterError> {
         let found = (scene.cloud.len(), scene.cloud.sh_degree, scene.cloud.feature_count, scene.group_count());
-        if found != (cloud.count, cloud.sh_degree, cloud.feature_count, cloud.groups) {
+        if found != kind(cloud) {
             let what = "Gaussians of the scene, and of its copy on the card".to_string();
             return Err(RasterError::Length { what, expected: cloud.count, found: scene.cloud.len() });
         }
@@ -205,13 +227,14 @@ impl GpuRasteriser {
         };
         let mut sizes = Sizes::guess(&batch, cloud.count, variant);
         if let Some(old) = self.buffers.as_ref().map(|buffers| buffers.sizes) {
-            // What the last batch of this kind needed is the better guess.
-            if old.views >= sizes.views && old.blocks >= sizes.blocks {
+            // What the last batch of as many views of as large a cloud needed is the better guess; a larger one's says nothing.
+            if old.views == sizes.views && old.blocks == sizes.blocks {
                 (sizes.visible, sizes.entries) = (old.visible, old.entries);
             }
         }
         self.ensure(sizes)?;
         self.batch = Some(batch);
+        (self.drawn, self.kind) = (false, kind(cloud));
         self.remake_constants(cloud, settings)
     }
 
@@ -241,10 +264,9 @@ impl GpuRasteriser {
         let with_room = |n: usize| n as u64 + n as u64 / 16 + 1024;
         let mut sizes = old;
         if found.candidates as u64 > old.visible {
+            // Entries of the candidates that were cut off are not known: the next run tells them.
             sizes.visible = with_room(found.candidates);
-            // Entries of the candidates that were cut off are not known; those of the others are a measure.
-            let by_share = found.entries as f64 * found.candidates as f64 / old.visible as f64;
-            sizes.entries = old.entries.max(with_room(by_share as usize));
+            sizes.entries = old.entries.max(with_room(found.entries));
         } else if found.entries as u64 > old.entries {
             sizes.entries = with_room(found.entries);
         } else {
@@ -311,6 +333,7 @@ impl GpuRasteriser {
         let (Some(batch), Some(buffers), Some(constants)) = (&self.batch, &self.buffers, &self.constants) else {
             return Err(RasterError::Device("expected a prepared batch, found none".into()));
         };
+        self.check_cloud(cloud)?;
         let mut recorder = Recorder::new(&self.gpu, timed);
         let frame = FrameSteps { batch, buffers, constants, cloud };
         recorder.encoder.clear_buffer(buffers.get("ranges"), 0, None);
@@ -322,8 +345,20 @@ impl GpuRasteriser {
         recorder.run("ranges", &frame.ranges());
         recorder.run("blend", &frame.blend());
         self.stamps = recorder.submit();
-        self.after = None;
+        (self.after, self.drawn) = (None, true);
         Ok(())
+    }
+
+    /// Shaders run without bounds checks: they may only see the cloud that the buffers were made for.
+    pub(crate) fn check_cloud(&self, cloud: &GpuCloud) -> Result<(), RasterError> {
+        if kind(cloud) == self.kind {
+            return Ok(());
+        }
+        let of = |(count, degree, features, groups): Kind| {
+            format!("{count} Gaussians of degree {degree} with {features} features in {groups} groups")
+        };
+        let (expected, found) = (of(self.kind), of(kind(cloud)));
+        Err(RasterError::Device(format!("cloud of a batch: expected {expected}, found {found}")))
     }
 
     /// Milliseconds of each stage of the last timed batch, and in all. Waits for the device.

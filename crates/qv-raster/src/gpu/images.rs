@@ -1,6 +1,6 @@
 //! Images on the graphics card.
 
-use super::buffers::Buffers;
+use super::buffers::{Buffers, is_borrowed};
 use super::forward::GpuRasteriser;
 use crate::RasterError;
 use crate::lens::Batch;
@@ -21,7 +21,7 @@ impl GpuRasteriser {
     /// Nothing was drawn.
     pub fn images(&self) -> Result<GpuImages<'_>, RasterError> {
         match (&self.buffers, &self.batch) {
-            (Some(buffers), Some(batch)) => Ok(GpuImages { rasteriser: self, buffers, batch }),
+            (Some(buffers), Some(batch)) if self.drawn => Ok(GpuImages { rasteriser: self, buffers, batch }),
             _ => Err(RasterError::Device("expected a drawn batch, found none".into())),
         }
     }
@@ -102,12 +102,18 @@ impl GpuImages<'_> {
 
 impl GpuRasteriser {
     /// The first numbers of a buffer of the batch that was drawn last, by its name in `Sizes`: to look at what a stage gave.
+    /// What early stages leave only until later ones write cannot be had.
     ///
     /// # Errors
-    /// Nothing was drawn, there is no such buffer, or the device fails.
+    /// Nothing was drawn, there is no such buffer, it holds less, or the device fails.
     pub fn read_stage<T: bytemuck::Pod>(&self, name: &str, count: usize) -> Result<Vec<T>, RasterError> {
-        let found = self.buffers.as_ref().and_then(|buffers| buffers.find(name));
-        let buffer = found.ok_or_else(|| RasterError::Device(format!("expected a drawn batch with `{name}`")))?;
+        let drawn = self.buffers.as_ref().filter(|_| self.drawn);
+        let buffer = drawn.and_then(|buffers| buffers.find(name)).filter(|_| !is_borrowed(name));
+        let buffer = buffer.ok_or_else(|| RasterError::Device(format!("expected a drawn batch with `{name}`")))?;
+        let (limit, found) = (buffer.size(), (count * size_of::<T>()) as u64);
+        if found > limit {
+            return Err(RasterError::TooLarge { what: format!("bytes of `{name}`"), limit, found });
+        }
         self.gpu.read(buffer, count)
     }
 }

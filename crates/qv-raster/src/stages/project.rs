@@ -1,11 +1,11 @@
 //! Projection of the candidates: mean, inverse covariance, opacity, depth, colour, plane, and the number of tiles touched.
 
 use super::cull::{Candidate, logistic};
-use crate::Scene;
 use crate::constants::{LOW_PASS, MIN_ALPHA, MIN_QUATERNION};
 use crate::ellipse::Ellipse;
 use crate::harmonics::basis;
 use crate::lens::{Batch, Lens, Motion};
+use crate::{Outputs, Scene};
 use glam::{Mat3, Quat, Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -53,20 +53,22 @@ pub struct Projections {
 }
 
 /// Projects all candidates.
-pub fn project(scene: &Scene, batch: &Batch, candidates: &[Candidate], with_planes: bool) -> Projections {
+pub fn project(scene: &Scene, batch: &Batch, candidates: &[Candidate], outputs: Outputs) -> Projections {
     let mut out = Projections {
         records: vec![Projected::default(); candidates.len()],
-        planes: vec![Plane::default(); if with_planes { candidates.len() } else { 0 }],
+        planes: vec![Plane::default(); if outputs.plane { candidates.len() } else { 0 }],
         counts: vec![0; candidates.len()],
         faulty: 0,
     };
     let one = |candidate: &Candidate, record: &mut Projected, count: &mut u32| -> (usize, Option<Plane>) {
-        let Some((projected, plane, tiles)) = project_one(scene, batch, *candidate) else { return (1, None) };
+        let Some((projected, plane, tiles)) = project_one(scene, batch, *candidate, outputs.features) else {
+            return (1, None);
+        };
         (*record, *count) = (projected, tiles);
         (0, Some(plane))
     };
     let lists = (candidates, &mut out.records, &mut out.counts);
-    out.faulty = if with_planes {
+    out.faulty = if outputs.plane {
         let with_plane = (lists, &mut out.planes).into_par_iter();
         with_plane
             .map(|((candidate, record, count), slot)| {
@@ -81,7 +83,12 @@ pub fn project(scene: &Scene, batch: &Batch, candidates: &[Candidate], with_plan
     out
 }
 
-fn project_one(scene: &Scene, batch: &Batch, candidate: Candidate) -> Option<(Projected, Plane, u32)> {
+fn project_one(
+    scene: &Scene,
+    batch: &Batch,
+    candidate: Candidate,
+    with_features: bool,
+) -> Option<(Projected, Plane, u32)> {
     let (view, splat) = (candidate.view as usize, candidate.splat as usize);
     let lens = &batch.lenses[view];
     let motion = batch.motion(view, scene.group(splat));
@@ -101,8 +108,10 @@ fn project_one(scene: &Scene, batch: &Batch, candidate: Candidate) -> Option<(Pr
     let plane = Plane { normal: normal.into(), distance: -normal.dot(shape.centre) };
     // Sums catch every number that is not finite: none cancels another into a finite one.
     let colour = colour.as_ref();
-    let all = record.mean.iter().chain(&record.factor).chain(colour).chain(scene.cloud.features_of(splat));
-    let sum = all.map(|x| x.abs()).sum::<f32>() + record.opacity + plane.distance;
+    let features = if with_features { scene.cloud.features_of(splat) } else { &[] };
+    let all = record.mean.iter().chain(&record.factor).chain(colour).chain(features);
+    // A direction cannot be told of a centre whose square overflows.
+    let sum = all.map(|x| x.abs()).sum::<f32>() + record.opacity + shape.centre.length_squared();
     if !sum.is_finite() || record.factor[0] <= 0.0 || record.factor[2] <= 0.0 {
         return None;
     }

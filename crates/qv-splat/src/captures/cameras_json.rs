@@ -29,6 +29,10 @@ pub fn read(text: &str) -> Result<Capture, SplatError> {
     read_value(&document)
 }
 
+const KEYS: [&str; 11] =
+    ["name", "image", "width", "height", "fx", "fy", "cx", "cy", "distortion", "position", "rotation"];
+const COEFFICIENTS: [&str; 5] = ["k1", "k2", "k3", "p1", "p2"];
+
 /// Reads a document. See [`read`].
 ///
 /// # Errors
@@ -53,12 +57,17 @@ fn camera((index, value): (usize, &Value)) -> Result<CaptureCamera, SplatError> 
         let found = value.get(key).and_then(Value::as_u64).and_then(|side| u32::try_from(side).ok());
         found.ok_or_else(|| off(place(key), "a whole number of pixels", value.get(key).unwrap_or(&Value::Null)))
     };
-    let name = value.get("name").and_then(Value::as_str).unwrap_or_default().to_string();
-    let image = value.get("image").and_then(Value::as_str).map(String::from);
+    let text = |key: &str| match value.get(key) {
+        None => Ok(None),
+        Some(found) => found.as_str().map(|s| Some(s.to_string())).ok_or_else(|| off(place(key), "a text", found)),
+    };
+    let (name, image) = (text("name")?.unwrap_or_default(), text("image")?);
+    known(value, &place("keys"), &KEYS)?;
     let (width, height) = (side("width")?, side("height")?);
     let fx = optional(value, "fx")?.ok_or_else(|| off(place("fx"), "a number", "none"))?;
     let nothing = json!({});
     let lens = value.get("distortion").unwrap_or(&nothing);
+    known(lens, &place("distortion"), &COEFFICIENTS)?;
     let coefficient = |key: &str| optional(lens, key).map(|found| found.unwrap_or(0.0));
     let position = numbers::<3>(value, "position").ok_or_else(|| off(place("position"), "3 numbers", "no such"))?;
     let rotation = numbers::<4>(value, "rotation").ok_or_else(|| off(place("rotation"), "4 numbers", "no such"))?;
@@ -82,6 +91,15 @@ fn camera((index, value): (usize, &Value)) -> Result<CaptureCamera, SplatError> 
         p2: coefficient("p2")?,
     };
     Ok(CaptureCamera { name, camera, distortion, image })
+}
+
+/// A misspelt key must not pass for one that is not there.
+fn known(value: &Value, place: &str, keys: &[&str]) -> Result<(), SplatError> {
+    let object = value.as_object().ok_or_else(|| off(place, format!("an object with {}", keys.join(", ")), value))?;
+    match object.keys().find(|key| !keys.contains(&key.as_str())) {
+        Some(other) => Err(off(place, keys.join(", "), other)),
+        None => Ok(()),
+    }
 }
 
 fn numbers<const N: usize>(value: &Value, key: &str) -> Option<[f64; N]> {

@@ -74,6 +74,17 @@ impl Distortion {
         None
     }
 
+    /// Whether the map turns over somewhere between the axis and a point: what is shown beyond is shown twice.
+    pub(crate) fn folds_before(&self, point: DVec2) -> bool {
+        const STEPS: u32 = 32;
+        !self.is_none()
+            && (1..=STEPS).any(|step| {
+                let [a, b, c, d] = self.derivative(point * (f64::from(step) / f64::from(STEPS)));
+                let determinant = a * d - b * c;
+                determinant.is_nan() || determinant <= 1e-6 || a + d <= 0.0
+            })
+    }
+
     /// Derivatives of the shown point: x by x, x by y, y by x, y by y.
     fn derivative(&self, point: DVec2) -> [f64; 4] {
         let DVec2 { x, y } = point;

@@ -44,13 +44,18 @@ fn finish(mut cameras: Vec<CaptureCamera>, place: &str) -> Result<Capture, Splat
     Ok(Capture { cameras })
 }
 
+/// Endings of images, which are no part of a name.
+const IMAGES: [&str; 9] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "webp", "exr", "heic"];
+
 /// Names from images: short ones when they differ, else with folders, else with numbers.
 fn name(cameras: &mut [CaptureCamera]) {
     let whole = |path: &str| {
         let parts = path.split(['/', '\\']).filter(|part| !["", ".", ".."].contains(part));
         let joined = parts.collect::<Vec<_>>().join("_");
         match joined.rsplit_once('.') {
-            Some((stem, _)) if !stem.is_empty() => stem.to_string(),
+            Some((stem, kind)) if !stem.is_empty() && IMAGES.contains(&kind.to_ascii_lowercase().as_str()) => {
+                stem.into()
+            }
             _ => joined,
         }
     };

@@ -155,6 +155,10 @@ impl<'a> Walk<'_, 'a> {
         }
         let mut features = Vec::new();
         while let Some(feature) = optional(&format!("_FEATURE_{}", features.len()), 1)? {
+            if features.len() == GaussianCloud::MAX_FEATURES {
+                let (place, limit) = ("glTF, attributes _FEATURE_n".into(), GaussianCloud::MAX_FEATURES as u64);
+                return Err(SplatError::TooLarge { place, limit, found: limit + 1 });
+            }
             features.push(feature);
         }
         let count = accessors[0].count;
