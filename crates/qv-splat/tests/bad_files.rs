@@ -135,6 +135,8 @@ fn huge_claims_cost_nothing() {
     let mut damaged = glb.clone();
     damaged[text + 8..text + 10].copy_from_slice(b"99");
     assert!(!check("GLB", &damaged));
+    assert!(!check("GLB", &with_features(&glb, 60_000)), "features share their numbers in the file and not in memory");
+    assert!(check("GLB", &with_features(&glb, 16)));
 }
 
 #[test]
@@ -177,4 +179,21 @@ fn damaged_captures_are_errors() {
     for length in 0..text.len() {
         assert!(captures::nerfstudio::read(&text[..length]).is_err(), "{length}");
     }
+}
+
+/// A GLB whose Gaussians have so many features, all of them the opacities.
+fn with_features(glb: &[u8], count: usize) -> Vec<u8> {
+    let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
+    let mut document: serde_json::Value = serde_json::from_slice(&glb[20..20 + length]).unwrap();
+    let attributes = &mut document["meshes"][0]["primitives"][0]["attributes"];
+    let opacity = attributes["KHR_gaussian_splatting:OPACITY"].clone();
+    assert!(opacity.is_u64());
+    for feature in 0..count {
+        attributes[format!("_FEATURE_{feature}")] = opacity.clone();
+    }
+    let mut text = serde_json::to_vec(&document).unwrap();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let rest = &glb[20 + length..];
+    let size = |n: usize| (n as u32).to_le_bytes();
+    [&glb[..8], &size(20 + text.len() + rest.len()), &size(text.len()), b"JSON", &text, rest].concat()
 }
