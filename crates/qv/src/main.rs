@@ -2,7 +2,6 @@
 
 mod diagnose;
 mod fixture;
-mod glb;
 mod inspect;
 mod mesh_file;
 mod open;

@@ -1,0 +1,3 @@
+//! Meshes on disk.
+
+pub mod glb;
