@@ -1,11 +1,12 @@
 //! Depth maps of the synthetic yard, with noise, to a labelled collision mesh; prints how good it is and how long it took:
-//! `cargo run --release -p qv-mesh --example mesh_yard -- [VOXEL] [NOISE] [OUT.glb]`, in metres.
+//! `cargo run --release -p qv-mesh --example mesh_yard -- [VOXEL] [NOISE] [OUT.glb] [ROUNDS OF SMOOTHING]`, in metres.
 
 use qv_core::Material;
+use qv_mesh::close::close_to_solid;
 use qv_mesh::compare::compare;
 use qv_mesh::files::glb;
 use qv_mesh::labels::LabelledPoints;
-use qv_mesh::{DepthFrame, FuseOptions, MeshOptions, finish, fuse};
+use qv_mesh::{DepthFrame, FuseOptions, MeshOptions, Topology, fuse, surface};
 use std::time::Instant;
 use yard::noise::Random;
 use yard::{Yard, layout};
@@ -31,22 +32,17 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let clock = Instant::now();
     let volume = fuse(&frames, &FuseOptions { voxel, ..Default::default() })?;
     let fused = clock.elapsed().as_secs_f64();
-    let options = MeshOptions { triangles: Some(40_000), max_error: 0.6 * voxel, ..Default::default() };
-    let (mesh, report) = finish(&volume, Some((&points, &materials)), &options)?;
+    let smoothing = number(3, 3.0)? as usize;
+    let options = MeshOptions { smoothing, triangles: Some(40_000), max_error: 0.6 * voxel, ..Default::default() };
+    let (mut mesh, report) = surface(&volume, Some((&points, &materials)), &options)?;
     println!("{fused:.2} s to fuse, {:.2} s in all\n{report:#?}", clock.elapsed().as_secs_f64());
-
-    // The solid's walls and floor are no part of the yard.
-    let open = MeshOptions { solid: None, ..options };
-    let (surface, _) = finish(&volume, Some((&points, &materials)), &open)?;
-    for likeness in compare(&surface, &yard.mesh, &[0.01, 0.02, 0.05], 400_000)? {
-        println!(
-            "F1 at {} m: {:.4} (precision {:.4}, recall {:.4})",
-            likeness.distance,
-            likeness.f1(),
-            likeness.precision,
-            likeness.recall
-        );
+    // The walls and floor of the solid are no part of the yard, so that the surface is compared before it is closed.
+    for likeness in compare(&mesh, &yard.mesh, &[0.01, 0.02, 0.05], 400_000)? {
+        let (precision, recall) = (likeness.precision, likeness.recall);
+        println!("F1 at {} m: {:.4} ({precision:.4}, {recall:.4})", likeness.distance, likeness.f1());
     }
+    close_to_solid(&mut mesh, 0.2);
+    println!("closed: {:?}", Topology::of(&mesh));
     if let Some(path) = arguments.get(2) {
         std::fs::write(path, glb::write(&mesh))?;
     }

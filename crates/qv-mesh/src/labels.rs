@@ -138,7 +138,7 @@ pub fn label_faces(
 
 /// Share of each label among a face's nearest points, nearer ones counting more; empty for a face without.
 fn face_scores(mesh: &TriangleMesh, from: &LabelledPoints, options: &LabelOptions) -> Result<Vec<Vec<f32>>, MeshError> {
-    let grid = PointGrid::new(&from.points, (0.5 * options.radius).max(1e-6))?;
+    let grid = PointGrid::new(&from.points, (0.125 * options.radius).max(1e-6))?;
     Ok((0..mesh.triangles.len())
         .into_par_iter()
         .map_init(Vec::new, |nearest, t| {

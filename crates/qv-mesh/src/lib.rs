@@ -29,6 +29,6 @@ pub use depth::DepthFrame;
 pub use error::MeshError;
 pub use extract::extract;
 pub use nearest::PointGrid;
-pub use reconstruct::{MeshOptions, MeshReport, finish, reconstruct};
+pub use reconstruct::{MeshOptions, MeshReport, finish, reconstruct, surface};
 pub use topology::Topology;
 pub use volume::{FuseOptions, Volume, fuse};

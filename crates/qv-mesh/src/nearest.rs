@@ -75,13 +75,20 @@ impl PointGrid {
     /// Indices and distances \[m\] of the `k` nearest points within `radius` \[m\], nearest first, into `out`.
     pub fn k_nearest(&self, p: DVec3, k: usize, radius: f64, out: &mut Vec<(usize, f64)>) {
         let mut best: Vec<(f64, u32)> = Vec::with_capacity(k + 1);
-        self.visit(p, radius, |index, d| {
-            if best.len() < k || best.last().is_some_and(|last| (d, index) < *last) {
-                let place = best.partition_point(|b| *b < (d, index));
-                best.insert(place, (d, index));
-                best.truncate(k);
+        // Where points are dense, a small ball holds enough.
+        for part in [0.125, 0.25, 0.5, 1.0] {
+            best.clear();
+            self.visit(p, part * radius, |index, d| {
+                if best.len() < k || best.last().is_some_and(|last| (d, index) < *last) {
+                    let place = best.partition_point(|b| *b < (d, index));
+                    best.insert(place, (d, index));
+                    best.truncate(k);
+                }
+            });
+            if best.len() == k {
+                break;
             }
-        });
+        }
         out.clear();
         out.extend(best.into_iter().map(|(d, index)| (index as usize, d.sqrt())));
     }

@@ -1,6 +1,6 @@
 //! All steps from depth maps to a collision mesh, one after the other.
 
-use crate::clean::{keep_largest, split_fans};
+use crate::clean::{keep_largest, smooth, split_fans};
 use crate::close::{Closed, close_to_solid, fill_holes};
 use crate::decimate::{DecimateOptions, Decimated, decimate};
 use crate::error::off;
@@ -11,6 +11,8 @@ use qv_core::{Material, TriangleMesh};
 /// What becomes of the surface after it is extracted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeshOptions {
+    /// Rounds of smoothing.
+    pub smoothing: usize,
     /// Holes with a longer rim stay, or get walls and a floor of their own \[m\].
     pub max_hole: f64,
     /// Makes the open ground a watertight solid, with a floor this far below its lowest point \[m\]; none leaves it open.
@@ -25,7 +27,14 @@ pub struct MeshOptions {
 
 impl Default for MeshOptions {
     fn default() -> Self {
-        Self { max_hole: 3.0, solid: Some(0.2), triangles: None, max_error: 0.01, labels: LabelOptions::default() }
+        Self {
+            smoothing: 3,
+            max_hole: 3.0,
+            solid: Some(0.2),
+            triangles: None,
+            max_error: 0.01,
+            labels: LabelOptions::default(),
+        }
     }
 }
 
@@ -66,11 +75,28 @@ pub fn reconstruct(
     finish(&volume, labels, options)
 }
 
-/// A volume to a collision mesh: largest piece, holes, labels, solid, fewer triangles.
+/// A volume to a collision mesh: [`surface`], then closed to a solid when the options say so.
+///
+/// # Errors
+/// As [`surface`].
+pub fn finish(
+    volume: &Volume,
+    labels: Option<(&LabelledPoints, &[Material])>,
+    options: &MeshOptions,
+) -> Result<(TriangleMesh, MeshReport), MeshError> {
+    let (mut mesh, mut report) = surface(volume, labels, options)?;
+    if let Some(thickness) = options.solid {
+        report.rims = close_to_solid(&mut mesh, thickness);
+        report.topology = Topology::of(&mesh);
+    }
+    Ok((mesh, report))
+}
+
+/// The open surface of a volume: largest piece, holes filled, smoothed, labelled, fewer triangles.
 ///
 /// # Errors
 /// There is no surface, or the labels do not fit.
-pub fn finish(
+pub fn surface(
     volume: &Volume,
     labels: Option<(&LabelledPoints, &[Material])>,
     options: &MeshOptions,
@@ -90,11 +116,9 @@ pub fn finish(
     split_fans(&mut mesh);
     report.dropped = keep_largest(&mut mesh);
     report.holes = fill_holes(&mut mesh, options.max_hole);
+    smooth(&mut mesh, options.smoothing);
     if let Some((points, materials)) = labels {
         report.labelled = label_faces(&mut mesh, materials, points, &options.labels)?;
-    }
-    if let Some(thickness) = options.solid {
-        report.rims = close_to_solid(&mut mesh, thickness);
     }
     if let Some(triangles) = options.triangles {
         let how = DecimateOptions { triangles, max_error: options.max_error };

@@ -1,7 +1,7 @@
 //! From the frame of a reconstruction to metres with z up.
 
-use crate::MeshError;
 use crate::error::off;
+use crate::{DepthFrame, MeshError};
 use glam::{DMat3, DQuat, DVec3};
 use qv_core::{Pose, TriangleMesh};
 
@@ -39,6 +39,15 @@ impl Similarity {
     /// Moves a mesh from `b` to `a`.
     pub fn apply(&self, mesh: &mut TriangleMesh) {
         mesh.vertices.iter_mut().for_each(|v| *v = self.transform_point(*v));
+    }
+
+    /// Moves a depth frame from `b` to `a`: its camera and its depths.
+    pub fn apply_to_frame(&self, frame: &mut DepthFrame) {
+        let camera_from_b = frame.camera.camera_from_world;
+        let rotation = (camera_from_b.rotation * self.pose.rotation.conjugate()).normalize();
+        let position = self.scale * camera_from_b.position - rotation * self.pose.position;
+        frame.camera.camera_from_world = Pose { position, rotation };
+        frame.depth.iter_mut().for_each(|depth| *depth = (f64::from(*depth) * self.scale) as f32);
     }
 
     /// `metric_from_scene` such that two points of the scene are a known distance apart \[m\].
@@ -236,6 +245,18 @@ mod tests {
         // Three markers in a plane are enough.
         let (flat, _) = Similarity::from_points(&markers()[..3], &to[..3]).unwrap();
         assert!((flat.scale - 2.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn frames_move_with_what_they_show() {
+        let camera_from_world = Pose::from_position_wxyz([0.3, 0.1, 0.5], [0.9, 0.1, -0.3, 0.2]).unwrap();
+        let camera = qv_core::Camera { fx: 50.0, fy: 50.0, cx: 8.0, cy: 8.0, width: 16, height: 16, camera_from_world };
+        let mut frame = DepthFrame { camera, depth: vec![2.0; 256], weight: vec![] };
+        let point_in_camera = DVec3::new(0.2, -0.1, 2.0);
+        let shown = camera_from_world.inverse().transform_point(point_in_camera);
+        off_axis().apply_to_frame(&mut frame);
+        let moved = frame.camera.camera_from_world.inverse().transform_point(2.5 * point_in_camera);
+        assert!((moved - off_axis().transform_point(shown)).length() < 1e-12 && (frame.depth[0] - 5.0).abs() < 1e-6);
     }
 
     #[test]
