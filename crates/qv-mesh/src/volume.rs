@@ -15,7 +15,7 @@ pub(crate) const SIDE: usize = 8;
 /// Voxels of a block.
 pub(crate) const VOXELS: usize = SIDE * SIDE * SIDE;
 /// Weight of an observation that is trusted fully, in units of a voxel's weight.
-const FULL: f32 = 64.0;
+const FULL: f32 = 256.0;
 /// A voxel far behind what a camera sees along the ray is not told by it, however close it is to the plane, in truncations.
 const BEHIND: f32 = 3.0;
 /// Memory of a block beside its voxels: pointer, key and entry of the table, bytes.
@@ -40,7 +40,7 @@ pub struct FuseOptions {
 
 impl Default for FuseOptions {
     fn default() -> Self {
-        Self { voxel: 0.02, truncation: 4.0, max_depth: 8.0, min_weight: 0.2, memory_limit: 8 << 30 }
+        Self { voxel: 0.02, truncation: 4.0, max_depth: 8.0, min_weight: 0.03, memory_limit: 8 << 30 }
     }
 }
 
