@@ -9,8 +9,8 @@ use yard::noise::Random;
 
 /// Deviation of the depths \[m\].
 const NOISE: f64 = 0.01;
-/// Time to settle, and time that is watched then, in steps of 2 ms.
-const SETTLE: usize = 750;
+/// Time to settle, and time that is watched then, in steps of 2 ms. On a plane, too, the stand swings for two seconds.
+const SETTLE: usize = 1750;
 const WATCH: usize = 250;
 /// How far the base may stand from where it stands on the true ground \[m\].
 const HEIGHT: f64 = 0.015;

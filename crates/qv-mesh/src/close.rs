@@ -7,6 +7,9 @@ use qv_core::TriangleMesh;
 use spade::{ConstrainedDelaunayTriangulation, Point2, Triangulation};
 use std::collections::HashSet;
 
+/// How much the walls of a solid lean \[m per m of height\]: points above each other at a rim get different places on the floor.
+const LEAN: DVec2 = DVec2::new(0.006, 0.008);
+
 /// What was closed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Closed {
@@ -51,7 +54,7 @@ fn normals_at_vertices(mesh: &TriangleMesh) -> Vec<DVec3> {
     out
 }
 
-/// Closes every rim that is left: upright walls down to a floor `thickness` \[m\] below the lowest point, and the floor. What comes
+/// Closes every rim that is left: nearly upright walls down to a floor `thickness` \[m\] below the lowest point, and the floor. What comes
 /// out has no open edge.
 pub fn close_to_solid(mesh: &mut TriangleMesh, thickness: f64) -> Closed {
     let mut out = Closed::default();
@@ -61,7 +64,8 @@ pub fn close_to_solid(mesh: &mut TriangleMesh, thickness: f64) -> Closed {
     let mut edges = known_edges(mesh);
     for ring in &loops {
         let first = mesh.vertices.len() as u32;
-        let below: Vec<DVec3> = ring.iter().map(|v| mesh.vertices[*v as usize].with_z(floor)).collect();
+        let below = |p: DVec3| (p.truncate() + LEAN * (p.z - floor)).extend(floor);
+        let below: Vec<DVec3> = ring.iter().map(|v| below(mesh.vertices[*v as usize])).collect();
         mesh.vertices.extend(below);
         let n = ring.len() as u32;
         for k in 0..n {
