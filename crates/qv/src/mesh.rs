@@ -87,7 +87,7 @@ pub struct Mesh {
     #[arg(long, value_name = "FILE", conflicts_with = "distance")]
     trajectory: Option<PathBuf>,
     /// Two points of the scene and their distance [m]: x,y,z,x,y,z,metres
-    #[arg(long, value_name = "NUMBERS", value_delimiter = ',', num_args = 7, allow_hyphen_values = true)]
+    #[arg(long, value_name = "NUMBERS", value_delimiter = ',', allow_hyphen_values = true)]
     distance: Option<Vec<f64>>,
     /// What is up in the scene: x,y,z; or `ground` for the largest plane that faces the cameras' up
     #[arg(long, value_name = "DIRECTION", allow_hyphen_values = true)]
@@ -285,6 +285,9 @@ impl Mesh {
             }
             Similarity::from_points(&from, &to).map_err(|e| about(path, e))?.0
         } else if let Some(d) = &self.distance {
+            if d.len() != 7 {
+                return Err(format!("--distance: expected x,y,z,x,y,z,metres, found {} numbers", d.len()).into());
+            }
             Similarity::from_distance(DVec3::from_slice(d), DVec3::from_slice(&d[3..]), d[6])?
         } else {
             return Ok(());

@@ -96,7 +96,7 @@ fn add_primitive(
     Ok(())
 }
 
-/// A GLB of the mesh: one primitive per material that has triangles, its friction in `extras.friction`. Positions become
+/// A GLB of the mesh: one primitive per material that has triangles, or one without a material when there are no labels, friction in `extras.friction`. Positions become
 /// 32-bit numbers, as the format has them.
 pub fn write(mesh: &TriangleMesh) -> Vec<u8> {
     let mut data: Vec<u8> = Vec::new();
@@ -110,13 +110,12 @@ pub fn write(mesh: &TriangleMesh) -> Vec<u8> {
     views.push(json!({"buffer": 0, "byteOffset": 0, "byteLength": data.len(), "target": 34962}));
     accessors.push(json!({"bufferView": 0, "componentType": 5126, "count": mesh.vertices.len(), "type": "VEC3",
         "min": low, "max": high}));
-    for label in 0..mesh.materials.len() {
-        let of_label = mesh.triangles.iter().zip(&mesh.labels).filter(|(_, l)| usize::from(**l) == label);
-        let indices: Vec<u32> = of_label.flat_map(|(triangle, _)| *triangle).collect();
-        if indices.is_empty() {
-            continue;
+    for (label, indices) in parts(mesh) {
+        let mut primitive = json!({"attributes": {"POSITION": 0}, "indices": accessors.len()});
+        if let Some(label) = label {
+            primitive["material"] = json!(label);
         }
-        primitives.push(json!({"attributes": {"POSITION": 0}, "indices": accessors.len(), "material": label}));
+        primitives.push(primitive);
         let view = json!({"buffer": 0, "byteOffset": data.len(), "byteLength": 4 * indices.len(), "target": 34963});
         accessors
             .push(json!({"bufferView": views.len(), "componentType": 5125, "count": indices.len(), "type": "SCALAR"}));
@@ -127,12 +126,28 @@ pub fn write(mesh: &TriangleMesh) -> Vec<u8> {
         Some(friction) => json!({"name": m.name, "extras": {"friction": friction}}),
         None => json!({"name": m.name}),
     };
-    let document = json!({
+    let mut document = json!({
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": primitives}], "materials": mesh.materials.iter().map(material).collect::<Vec<_>>(),
+        "meshes": [{"primitives": primitives}],
         "buffers": [{"byteLength": data.len()}], "bufferViews": views, "accessors": accessors,
     });
+    // The format has no empty lists.
+    if !mesh.materials.is_empty() {
+        document["materials"] = mesh.materials.iter().map(material).collect();
+    }
     container(document.to_string().into_bytes(), data)
+}
+
+/// Vertex indices of the triangles of each label that has some; of all triangles when there are no labels.
+fn parts(mesh: &TriangleMesh) -> Vec<(Option<usize>, Vec<u32>)> {
+    if mesh.labels.is_empty() {
+        return vec![(None, mesh.triangles.concat())];
+    }
+    let of = |label: usize| {
+        let of_label = mesh.triangles.iter().zip(&mesh.labels).filter(|(_, l)| usize::from(**l) == label);
+        (Some(label), of_label.flat_map(|(triangle, _)| *triangle).collect::<Vec<u32>>())
+    };
+    (0..mesh.materials.len()).map(of).filter(|(_, indices)| !indices.is_empty()).collect()
 }
 
 /// The two chunks of a GLB, each padded to four bytes as the format demands.
@@ -163,6 +178,15 @@ mod tests {
         // The reader adds a label for triangles without one each time.
         mesh.materials.push(Material { name: "unlabelled".into(), friction: None });
         assert_eq!((again.labels, again.materials), (mesh.labels, mesh.materials));
+    }
+
+    #[test]
+    fn a_mesh_without_labels_is_written_whole() {
+        let mesh = read(&example(2)).unwrap();
+        let bare = TriangleMesh { labels: vec![], materials: vec![], ..mesh };
+        let again = read(&write(&bare)).unwrap();
+        assert_eq!((again.vertices, again.triangles), (bare.vertices, bare.triangles));
+        assert_eq!((again.labels, again.materials.len()), (vec![0, 0], 1));
     }
 
     /// Two triangles with two materials, one of which states its friction.
