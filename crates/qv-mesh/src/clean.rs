@@ -31,8 +31,12 @@ pub(crate) fn keep_triangles(mesh: &mut TriangleMesh, keep: impl Fn(usize) -> bo
     drop_unused(mesh);
 }
 
+/// How far fans that met in one vertex are drawn apart, as a share of the way to the middle of each.
+const APART: f64 = 0.02;
+
 /// Gives each fan of triangles round a vertex a vertex of its own, and cuts edges that are not shared by two triangles which agree
-/// about what is outside. Afterwards the rim consists of simple loops.
+/// about what is outside. Afterwards the rim consists of simple loops. Fans that met are drawn apart a little, so that who joins
+/// vertices by their place does not put them together again.
 pub fn split_fans(mesh: &mut TriangleMesh) {
     let sides = sides(mesh);
     let mut fans = Groups::new(3 * mesh.triangles.len());
@@ -40,16 +44,31 @@ pub fn split_fans(mesh: &mut TriangleMesh) {
         join_fans(&mut fans, edge, mesh);
     }
     let mut place = vec![u32::MAX; 3 * mesh.triangles.len()];
-    let mut vertices: Vec<DVec3> = Vec::with_capacity(mesh.vertices.len());
+    let mut fans_of = vec![0u8; mesh.vertices.len()];
+    // The vertex that each new one was.
+    let mut origin: Vec<u32> = Vec::with_capacity(mesh.vertices.len());
     for (corner, vertex) in mesh.triangles.iter_mut().flatten().enumerate() {
         let fan = fans.find(corner as u32) as usize;
         if place[fan] == u32::MAX {
-            place[fan] = vertices.len() as u32;
-            vertices.push(mesh.vertices[*vertex as usize]);
+            place[fan] = origin.len() as u32;
+            origin.push(*vertex);
+            fans_of[*vertex as usize] = fans_of[*vertex as usize].saturating_add(1);
         }
         *vertex = place[fan];
     }
-    mesh.vertices = vertices;
+    let before = std::mem::take(&mut mesh.vertices);
+    mesh.vertices = origin.iter().map(|v| before[*v as usize]).collect();
+    let mut middles = vec![(DVec3::ZERO, 0.0); origin.len()];
+    for (t, triangle) in mesh.triangles.iter().enumerate() {
+        for vertex in triangle.iter().filter(|v| fans_of[origin[**v as usize] as usize] > 1) {
+            let middle = &mut middles[*vertex as usize];
+            middle.0 += mesh.corners(t).iter().sum::<DVec3>() / 3.0;
+            middle.1 += 1.0;
+        }
+    }
+    for (vertex, (sum, count)) in mesh.vertices.iter_mut().zip(middles).filter(|(_, middle)| middle.1 > 0.0) {
+        *vertex += APART * (sum / count - *vertex);
+    }
 }
 
 /// Keeps the piece with the largest area. Returns how many others there were.
@@ -169,6 +188,8 @@ mod tests {
         assert_eq!(Topology::of(&mesh).pinched_vertices, 1);
         split_fans(&mut mesh);
         assert_eq!((Topology::of(&mesh).pinched_vertices, mesh.vertices.len()), (0, 10));
+        let near = mesh.vertices.iter().filter(|v| v.length() < 0.1).count();
+        assert!(near == 2 && !mesh.vertices.contains(&DVec3::ZERO), "two at the knot, apart");
         assert_eq!(keep_largest(&mut mesh), 2);
         mesh.validate().unwrap();
         assert_eq!((mesh.triangles.len(), mesh.vertices.len(), mesh.labels.as_slice()), (2, 4, &[0, 1][..]));
@@ -180,7 +201,7 @@ mod tests {
                 0.5 * a.cross(b).z
             })
             .sum();
-        assert!((area - 1.0).abs() < 1e-12, "{area}");
+        assert!((area - 1.0).abs() < 0.03, "{area}");
     }
 
     #[test]
