@@ -96,6 +96,8 @@ pub struct Volume {
     options: FuseOptions,
     pub(crate) index: KeyMap<BlockKey, u32>,
     pub(crate) keys: Vec<BlockKey>,
+    /// Boxed: a growing vector would copy all voxels and take twice their memory for a while.
+    #[allow(clippy::vec_box)]
     pub(crate) blocks: Vec<Box<[Voxel; VOXELS]>>,
 }
 
