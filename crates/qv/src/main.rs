@@ -2,12 +2,13 @@
 
 mod diagnose;
 mod fixture;
-mod glb;
 mod inspect;
+mod mesh;
 mod mesh_file;
 mod open;
 mod render;
 mod replay;
+mod rgbd;
 mod scene;
 
 use clap::{Args, Parser, Subcommand};
@@ -38,6 +39,9 @@ enum Command {
     /// Draws what cameras see of a scene of Gaussians
     #[command(after_help = render::EXAMPLE)]
     Render(render::Render),
+    /// Turns a scene of Gaussians, or depth images, into a watertight, labelled collision mesh
+    #[command(after_help = mesh::EXAMPLE)]
+    Mesh(Box<mesh::Mesh>),
     /// Makes up a recording of the Go2 with a known cause, and the ground that it walked on
     #[command(hide = true, after_help = fixture::EXAMPLE)]
     Fixture(fixture::Fixture),
@@ -79,6 +83,7 @@ fn main() -> ExitCode {
         Command::Replay(command) => command.execute().map_err(Failure::from),
         Command::Diagnose(command) => command.execute().map_err(Failure::from),
         Command::Render(command) => command.execute(),
+        Command::Mesh(command) => command.execute(),
         Command::Fixture(command) => command.execute().map_err(Failure::from),
     };
     match result {

@@ -1,17 +1,21 @@
 //! Labelled terrain meshes in GLB: a material per label, its friction in `extras.friction`.
 
+use crate::MeshError;
+use crate::error::off;
 use glam::{DMat4, DVec3};
 use gltf::Gltf;
 use gltf::mesh::Mode;
 use qv_core::{Material, TriangleMesh};
 use serde_json::json;
 
+const PLACE: &str = "GLB";
+
 /// Reads all triangles of the default scene, in world coordinates as the file has them (z up, metres).
 ///
 /// # Errors
-/// In words: what is not GLB, what is not triangles, which index or number is off.
-pub fn read_glb(bytes: &[u8]) -> Result<TriangleMesh, String> {
-    let gltf = Gltf::from_slice(bytes).map_err(|e| e.to_string())?;
+/// Says what is not GLB, what is not triangles, which index or number is off.
+pub fn read(bytes: &[u8]) -> Result<TriangleMesh, MeshError> {
+    let gltf = Gltf::from_slice(bytes).map_err(|e| off(PLACE, "a GLB file", e))?;
     let blob = gltf.blob.as_deref();
     let mut mesh = TriangleMesh::default();
     for material in gltf.materials() {
@@ -20,22 +24,25 @@ pub fn read_glb(bytes: &[u8]) -> Result<TriangleMesh, String> {
     }
     // Triangles without a material get a label of their own.
     mesh.materials.push(Material { name: "unlabelled".into(), friction: None });
-    let scene = gltf.default_scene().or_else(|| gltf.scenes().next()).ok_or("a file without a scene")?;
+    let scene = gltf.default_scene().or_else(|| gltf.scenes().next()).ok_or_else(|| off(PLACE, "a scene", "none"))?;
     for node in scene.nodes() {
         add_node(&node, DMat4::IDENTITY, blob, &mut mesh, 0)?;
     }
-    mesh.validate().map_err(|e| e.to_string())?;
+    mesh.validate()?;
     Ok(mesh)
 }
 
-fn friction(material: &gltf::Material) -> Result<Option<f64>, String> {
+fn friction(material: &gltf::Material) -> Result<Option<f64>, MeshError> {
     let Some(extras) = material.extras() else { return Ok(None) };
-    let extras: serde_json::Value = serde_json::from_str(extras.get()).map_err(|e| e.to_string())?;
+    let extras: serde_json::Value =
+        serde_json::from_str(extras.get()).map_err(|e| off("extras of a material", "JSON", e))?;
     match extras.get("friction") {
         None => Ok(None),
         Some(value) => match value.as_f64().filter(|f| *f >= 0.0) {
             Some(friction) => Ok(Some(friction)),
-            None => Err(format!("extras.friction of material {:?}: {value}", material.name())),
+            None => {
+                Err(off(format!("extras.friction of material {:?}", material.name()), "a number of at least 0", value))
+            }
         },
     }
 }
@@ -46,9 +53,9 @@ fn add_node(
     blob: Option<&[u8]>,
     mesh: &mut TriangleMesh,
     depth: usize,
-) -> Result<(), String> {
+) -> Result<(), MeshError> {
     if depth > 64 {
-        return Err("nodes nested deeper than 64".into());
+        return Err(off(PLACE, "nodes nested at most 64 deep", "more"));
     }
     let local = DMat4::from_cols_array_2d(&node.transform().matrix().map(|c| c.map(f64::from)));
     let world_from_node = parent * local;
@@ -63,12 +70,14 @@ fn add_primitive(
     world_from_node: DMat4,
     blob: Option<&[u8]>,
     mesh: &mut TriangleMesh,
-) -> Result<(), String> {
+) -> Result<(), MeshError> {
     if primitive.mode() != Mode::Triangles {
-        return Err(format!("a primitive of {:?}", primitive.mode()));
+        return Err(off(PLACE, "primitives of triangles", format!("{:?}", primitive.mode())));
     }
     let reader = primitive.reader(|buffer| blob.filter(|_| matches!(buffer.source(), gltf::buffer::Source::Bin)));
-    let positions = reader.read_positions().ok_or("a primitive without positions in the file's own buffer")?;
+    let positions = reader
+        .read_positions()
+        .ok_or_else(|| off(PLACE, "positions in the file's own buffer", "a primitive without"))?;
     let first = mesh.vertices.len() as u32;
     mesh.vertices.extend(positions.map(|p| world_from_node.transform_point3(DVec3::from_array(p.map(f64::from)))));
     let added = mesh.vertices.len() as u32 - first;
@@ -79,7 +88,7 @@ fn add_primitive(
     let label = primitive.material().index().unwrap_or(mesh.materials.len() - 1) as u16;
     for corner in indices.chunks_exact(3) {
         if let Some(&bad) = corner.iter().find(|&&i| i >= added) {
-            return Err(format!("vertex index {bad} of {added}"));
+            return Err(off(PLACE, format!("vertex indices below {added}"), bad));
         }
         mesh.triangles.push([first + corner[0], first + corner[1], first + corner[2]]);
         mesh.labels.push(label);
@@ -87,9 +96,9 @@ fn add_primitive(
     Ok(())
 }
 
-/// A GLB of the mesh: one primitive per material that has triangles, its friction in `extras.friction`. Positions become
+/// A GLB of the mesh: one primitive per material that has triangles, or one without a material when there are no labels, friction in `extras.friction`. Positions become
 /// 32-bit numbers, as the format has them.
-pub fn write_glb(mesh: &TriangleMesh) -> Vec<u8> {
+pub fn write(mesh: &TriangleMesh) -> Vec<u8> {
     let mut data: Vec<u8> = Vec::new();
     let (mut views, mut accessors, mut primitives) = (Vec::new(), Vec::new(), Vec::new());
     let float = |v: &DVec3| v.to_array().map(|x| x as f32);
@@ -101,13 +110,12 @@ pub fn write_glb(mesh: &TriangleMesh) -> Vec<u8> {
     views.push(json!({"buffer": 0, "byteOffset": 0, "byteLength": data.len(), "target": 34962}));
     accessors.push(json!({"bufferView": 0, "componentType": 5126, "count": mesh.vertices.len(), "type": "VEC3",
         "min": low, "max": high}));
-    for label in 0..mesh.materials.len() {
-        let of_label = mesh.triangles.iter().zip(&mesh.labels).filter(|(_, l)| usize::from(**l) == label);
-        let indices: Vec<u32> = of_label.flat_map(|(triangle, _)| *triangle).collect();
-        if indices.is_empty() {
-            continue;
+    for (label, indices) in parts(mesh) {
+        let mut primitive = json!({"attributes": {"POSITION": 0}, "indices": accessors.len()});
+        if let Some(label) = label {
+            primitive["material"] = json!(label);
         }
-        primitives.push(json!({"attributes": {"POSITION": 0}, "indices": accessors.len(), "material": label}));
+        primitives.push(primitive);
         let view = json!({"buffer": 0, "byteOffset": data.len(), "byteLength": 4 * indices.len(), "target": 34963});
         accessors
             .push(json!({"bufferView": views.len(), "componentType": 5125, "count": indices.len(), "type": "SCALAR"}));
@@ -118,12 +126,28 @@ pub fn write_glb(mesh: &TriangleMesh) -> Vec<u8> {
         Some(friction) => json!({"name": m.name, "extras": {"friction": friction}}),
         None => json!({"name": m.name}),
     };
-    let document = json!({
+    let mut document = json!({
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": primitives}], "materials": mesh.materials.iter().map(material).collect::<Vec<_>>(),
+        "meshes": [{"primitives": primitives}],
         "buffers": [{"byteLength": data.len()}], "bufferViews": views, "accessors": accessors,
     });
+    // The format has no empty lists.
+    if !mesh.materials.is_empty() {
+        document["materials"] = mesh.materials.iter().map(material).collect();
+    }
     container(document.to_string().into_bytes(), data)
+}
+
+/// Vertex indices of the triangles of each label that has some; of all triangles when there are no labels.
+fn parts(mesh: &TriangleMesh) -> Vec<(Option<usize>, Vec<u32>)> {
+    if mesh.labels.is_empty() {
+        return vec![(None, mesh.triangles.concat())];
+    }
+    let of = |label: usize| {
+        let of_label = mesh.triangles.iter().zip(&mesh.labels).filter(|(_, l)| usize::from(**l) == label);
+        (Some(label), of_label.flat_map(|(triangle, _)| *triangle).collect::<Vec<u32>>())
+    };
+    (0..mesh.materials.len()).map(of).filter(|(_, indices)| !indices.is_empty()).collect()
 }
 
 /// The two chunks of a GLB, each padded to four bytes as the format demands.
@@ -146,14 +170,23 @@ mod tests {
 
     #[test]
     fn what_is_written_is_read() {
-        let mut mesh = read_glb(&example(2)).unwrap();
-        let again = read_glb(&write_glb(&mesh)).unwrap();
+        let mut mesh = read(&example(2)).unwrap();
+        let again = read(&write(&mesh)).unwrap();
         // Vertices that two materials share are read once for each; triangles stay what they are.
         let corners = |mesh: &TriangleMesh| (0..mesh.triangles.len()).map(|t| mesh.corners(t)).collect::<Vec<_>>();
         assert_eq!(corners(&again), corners(&mesh));
         // The reader adds a label for triangles without one each time.
         mesh.materials.push(Material { name: "unlabelled".into(), friction: None });
         assert_eq!((again.labels, again.materials), (mesh.labels, mesh.materials));
+    }
+
+    #[test]
+    fn a_mesh_without_labels_is_written_whole() {
+        let mesh = read(&example(2)).unwrap();
+        let bare = TriangleMesh { labels: vec![], materials: vec![], ..mesh };
+        let again = read(&write(&bare)).unwrap();
+        assert_eq!((again.vertices, again.triangles), (bare.vertices, bare.triangles));
+        assert_eq!((again.labels, again.materials.len()), (vec![0, 0], 1));
     }
 
     /// Two triangles with two materials, one of which states its friction.
@@ -178,7 +211,7 @@ mod tests {
 
     #[test]
     fn labels_friction_and_placement() {
-        let mesh = read_glb(&example(2)).unwrap();
+        let mesh = read(&example(2)).unwrap();
         assert_eq!((mesh.triangles.len(), mesh.labels.as_slice()), (2, &[0, 1][..]));
         assert_eq!(mesh.materials[0], Material { name: "ice".into(), friction: Some(0.1) });
         assert_eq!(mesh.materials[1].friction, None);
@@ -187,11 +220,11 @@ mod tests {
 
     #[test]
     fn bad_files_are_named() {
-        assert!(read_glb(&example(7)).unwrap_err().contains("vertex index 7 of 3"));
-        assert!(read_glb(b"no glb").is_err());
+        assert!(read(&example(7)).unwrap_err().to_string().contains("indices below 3, found 7"));
+        assert!(read(b"no glb").is_err());
         let full = example(2);
         for length in 0..full.len() {
-            assert!(read_glb(&full[..length]).is_err(), "{length} bytes");
+            assert!(read(&full[..length]).is_err(), "{length} bytes");
         }
     }
 }

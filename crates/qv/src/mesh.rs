@@ -1,0 +1,435 @@
+//! `qv mesh`: a scene of Gaussians, or depth images, to a collision mesh.
+
+use crate::open::{progress, spinner};
+use crate::rgbd::{self, DepthCapture};
+use crate::scene::{about, open_cameras, open_scene};
+use crate::{Failure, Outcome, say};
+use glam::DVec3;
+use qv_core::{GaussianCloud, Material, TriangleMesh};
+use qv_mesh::close::close_to_solid;
+use qv_mesh::compare::{Likeness, compare};
+use qv_mesh::files::{glb, ply, stl};
+use qv_mesh::labels::LabelledPoints;
+use qv_mesh::similarity::Similarity;
+use qv_mesh::{DepthFrame, FuseOptions, MeshOptions, MeshReport, Topology, fuse, surface};
+use qv_raster::{Outputs, Scene, Settings, View, render};
+use qv_splat::lens::Distorter;
+use serde_json::json;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+pub const EXAMPLE: &str = "Example:\n  qv mesh scene.ply --cameras transforms.json --out mesh.glb\n  \
+    qv mesh redkitchen --up ground --triangles 50000 --out kitchen.glb --json\n  \
+    qv mesh yard --labels yard/labels.toml --compare yard/truth.glb --out yard.glb\n\n\
+    SCENE is a scene of Gaussians (then --cameras says from where its depth is drawn), a folder of RGB-D frames\n\
+    (frame-*.depth.png in millimetres, frame-*.pose.txt, camera-intrinsics.txt), or a capture whose transforms.json names\n\
+    depth images. Lengths are metres of the result: --markers, --trajectory and --distance come first.\n\n\
+    --labels names what features of Gaussians, or label images, stand for:\n  \
+    [[label]]\n  index = 1        # 1 + the feature's number; the value in label images\n  name = \"grass\"\n  friction = 0.6\n\n\
+    The mesh is a watertight solid unless --open: walls down from its rim and a floor. .glb keeps materials and friction, .ply\n\
+    labels, .stl neither.\n\n\
+    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
+
+/// Opacity of a pixel from which on its depth counts, and of a Gaussian from which on its label does.
+const SOLID: f32 = 0.5;
+/// Every so many pixels of a label image become a point.
+const LABEL_STRIDE: usize = 3;
+/// Points on each surface that is compared.
+const SAMPLES: usize = 400_000;
+/// Floor of the solid below its lowest point \[m\].
+const THICKNESS: f64 = 0.2;
+
+#[derive(clap::Args)]
+pub struct Mesh {
+    /// A scene of Gaussians (.ply, .compressed.ply, .spz, .glb), or a folder with depth images
+    scene: PathBuf,
+    /// For a scene of Gaussians: transforms.json, a COLMAP model's directory, or cameras in a JSON of our own
+    #[arg(long, value_name = "FILE")]
+    cameras: Option<PathBuf>,
+    /// The mesh to write: .glb, .ply or .stl
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Side of a voxel [m]
+    #[arg(long, value_name = "METRES", default_value_t = 0.02)]
+    voxel: f64,
+    /// Distance at which the signed distance is cut off, in voxels
+    #[arg(long, value_name = "VOXELS", default_value_t = 4.0)]
+    truncation: f64,
+    /// Depths beyond are left out [m]
+    #[arg(long, value_name = "METRES", default_value_t = 8.0)]
+    max_depth: f64,
+    /// Triangles to come down to; without it all are kept
+    #[arg(long, value_name = "COUNT")]
+    triangles: Option<usize>,
+    /// How far --triangles may move the surface [m]; half a voxel without it
+    #[arg(long, value_name = "METRES")]
+    max_error: Option<f64>,
+    /// Holes with a rim up to this long are filled [m]
+    #[arg(long, value_name = "METRES", default_value_t = 3.0)]
+    max_hole: f64,
+    /// Rounds of smoothing, each of about one voxel
+    #[arg(long, value_name = "COUNT", default_value_t = 3)]
+    smoothing: usize,
+    /// Leaves the surface open instead of making it a solid
+    #[arg(long)]
+    open: bool,
+    /// Most memory for voxels [GiB]
+    #[arg(long, value_name = "GIB", default_value_t = 8.0)]
+    memory: f64,
+    /// Names and friction of labels (TOML)
+    #[arg(long, value_name = "FILE")]
+    labels: Option<PathBuf>,
+    /// Lines `x y z X Y Z`: points of the scene and where they are in metres, z up
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["trajectory", "distance"])]
+    markers: Option<PathBuf>,
+    /// Lines `image X Y Z`: names of images and where their cameras were in metres, z up
+    #[arg(long, value_name = "FILE", conflicts_with = "distance")]
+    trajectory: Option<PathBuf>,
+    /// Two points of the scene and their distance [m]: x,y,z,x,y,z,metres
+    #[arg(long, value_name = "NUMBERS", value_delimiter = ',', allow_hyphen_values = true)]
+    distance: Option<Vec<f64>>,
+    /// What is up in the scene: x,y,z; or `ground` for the largest plane that faces the cameras' up
+    #[arg(long, value_name = "DIRECTION", allow_hyphen_values = true)]
+    up: Option<String>,
+    /// A mesh (.glb or .ply) to compare the surface with, before it is closed: F1 at 2 and 5 cm
+    #[arg(long, value_name = "FILE")]
+    compare: Option<PathBuf>,
+    /// Takes the folder for one of RGB-D frames, whatever it looks like
+    #[arg(long)]
+    rgbd: bool,
+    /// One line of JSON at the end instead of the summary
+    #[arg(long)]
+    json: bool,
+}
+
+/// What is to be fused, and what labels it.
+struct Input {
+    capture: DepthCapture,
+    points: Option<LabelledPoints>,
+    materials: Vec<Material>,
+}
+
+impl Mesh {
+    pub fn execute(&self) -> Result<Outcome, Failure> {
+        let write = self.writer()?;
+        let clock = Instant::now();
+        let mut input = self.read()?;
+        let lost = std::mem::take(&mut input.capture.lost);
+        self.align(&mut input)?;
+        let read_s = clock.elapsed().as_secs_f64();
+
+        let sign = spinner("fusing depth");
+        let clock = Instant::now();
+        let volume = fuse(&input.capture.frames, &self.fusing()).map_err(|e| about(&self.scene, e))?;
+        let fuse_s = clock.elapsed().as_secs_f64();
+        sign.set_message("taking the surface");
+        let labels = input.points.as_ref().map(|points| (points, input.materials.as_slice()));
+        let (mut mesh, mut report) = surface(&volume, labels, &self.options()).map_err(|e| about(&self.scene, e))?;
+        drop(volume);
+        if let Some(up) = &self.up {
+            self.level(up, &input.capture.frames, &mut mesh)?;
+        }
+        let likeness = self.likeness(&mesh)?;
+        if !self.open {
+            report.rims = close_to_solid(&mut mesh, THICKNESS);
+            report.topology = Topology::of(&mesh);
+        }
+        let surface_s = clock.elapsed().as_secs_f64() - fuse_s;
+        sign.finish_and_clear();
+        fs::write(&self.out, write(&mesh)).map_err(|e| about(&self.out, format!("expected to write it, found {e}")))?;
+        let seconds = [read_s, fuse_s, surface_s];
+        self.tell(&mesh, &report, &likeness, input.capture.frames.len(), seconds, &lost)?;
+        lost.iter().for_each(|what| eprintln!("qv: lost: {what}"));
+        Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
+    }
+
+    fn fusing(&self) -> FuseOptions {
+        let memory_limit = (self.memory.max(0.0) * f64::from(1 << 30)) as u64;
+        FuseOptions {
+            voxel: self.voxel,
+            truncation: self.truncation,
+            max_depth: self.max_depth,
+            memory_limit,
+            ..Default::default()
+        }
+    }
+
+    fn options(&self) -> MeshOptions {
+        MeshOptions {
+            smoothing: self.smoothing,
+            max_hole: self.max_hole,
+            solid: None,
+            triangles: self.triangles,
+            max_error: self.max_error.unwrap_or(0.5 * self.voxel),
+            ..Default::default()
+        }
+    }
+
+    /// What writes the file that `--out` names, known before the work begins.
+    fn writer(&self) -> Result<fn(&TriangleMesh) -> Vec<u8>, Failure> {
+        match self.out.extension().and_then(|e| e.to_str()) {
+            Some("glb") => Ok(glb::write),
+            Some("ply") => Ok(ply::write),
+            Some("stl") => Ok(stl::write),
+            _ => Err(about(&self.out, "expected a file ending in .glb, .ply or .stl, found another")),
+        }
+    }
+
+    fn read(&self) -> Result<Input, Failure> {
+        let materials = self.labels.as_deref().map(materials).transpose()?;
+        if self.rgbd || rgbd::holds_depth(&self.scene) {
+            return self.read_depth(materials);
+        }
+        let expected =
+            "expected a scene of Gaussians, or a folder with frame-*.depth.png or transforms.json with depth_file_path";
+        if self.scene.is_dir() {
+            return Err(about(&self.scene, format!("{expected}, found a folder without depth")));
+        }
+        let file = open_scene(&self.scene)?;
+        let Some(cameras) = &self.cameras else {
+            return Err(about(&self.scene, "expected --cameras for a scene of Gaussians, found none"));
+        };
+        let mut capture = self.draw(&file.cloud, cameras)?;
+        capture.lost.extend(file.lost);
+        if file.left_out > 0 {
+            capture.lost.push(format!(
+                "{}: {} Gaussians whose numbers are not finite",
+                self.scene.display(),
+                file.left_out
+            ));
+        }
+        let labelled = file.cloud.feature_count > 0;
+        let points = labelled.then(|| LabelledPoints::of_cloud(&file.cloud, SOLID)).transpose()?;
+        if !labelled && materials.is_some() {
+            return Err(about(
+                &self.scene,
+                "expected features for --labels (PLY properties feature_0, ...), found none",
+            ));
+        }
+        let materials = fitting(materials, points.as_ref().map_or(0, |p| p.labels));
+        Ok(Input { capture, points, materials })
+    }
+
+    fn read_depth(&self, materials: Option<Vec<Material>>) -> Result<Input, Failure> {
+        let bar = progress(0, "reading depth");
+        let capture = rgbd::open(&self.scene, &bar)?;
+        bar.finish_and_clear();
+        if capture.frames.is_empty() {
+            let why = capture.lost.first().map_or(String::new(), |why| format!("; the first: {why}"));
+            return Err(about(&self.scene, format!("expected depth frames, found none that can be read{why}")));
+        }
+        let most = capture.labels.iter().flatten().flatten().copied().max().unwrap_or(0);
+        if most == 0 {
+            return Ok(Input { capture, points: None, materials: vec![] });
+        }
+        let materials = fitting(materials, usize::from(most));
+        let mut points = LabelledPoints::new(materials.len());
+        for (index, (frame, labels)) in capture.frames.iter().zip(&capture.labels).enumerate() {
+            if let Some(labels) = labels {
+                points.add_image(frame, labels, LABEL_STRIDE, index)?;
+            }
+        }
+        Ok(Input { capture, points: Some(points), materials })
+    }
+
+    /// Unbiased depth of a scene of Gaussians, from all cameras.
+    fn draw(&self, cloud: &GaussianCloud, cameras: &Path) -> Result<DepthCapture, Failure> {
+        let mut out = DepthCapture::default();
+        let settings = Settings { outputs: Outputs { plane: true, ..Default::default() }, ..Default::default() };
+        let capture = open_cameras(cameras)?;
+        let bar = progress(capture.cameras.len() as u64, "drawing depth");
+        for one in capture.cameras {
+            let lens = Distorter::new(&one.camera, &one.distortion)
+                .map_err(|e| about(cameras, format!("camera {}: {e}", one.name)))?;
+            let (images, _) = render(&Scene::still(cloud), &[View::of(lens.pinhole)], &settings)
+                .map_err(|e| about(&self.scene, e))?;
+            for image in images {
+                let depth = image.plane_depth.iter().zip(&image.alpha).map(|(d, a)| if *a >= SOLID { *d } else { 0.0 });
+                out.frames.push(DepthFrame { camera: lens.pinhole, depth: depth.collect(), weight: image.alpha });
+                out.labels.push(None);
+            }
+            out.names.push(one.name);
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        Ok(out)
+    }
+
+    /// Brings frames and labelled points to metres.
+    fn align(&self, input: &mut Input) -> Result<(), Failure> {
+        let metric_from_scene = if let Some(path) = &self.markers {
+            let rows = rows(path)?;
+            let numbers: Result<Vec<Vec<f64>>, _> =
+                rows.iter().map(|row| row.iter().map(|word| word.parse()).collect()).collect();
+            let numbers = numbers.map_err(|e| about(path, format!("expected lines of six numbers, found {e}")))?;
+            if let Some(bad) = numbers.iter().find(|row| row.len() != 6) {
+                return Err(about(path, format!("expected lines of six numbers, found {}", bad.len())));
+            }
+            let side = |first: usize| numbers.iter().map(|row| DVec3::from_slice(&row[first..])).collect::<Vec<_>>();
+            Similarity::from_points(&side(0), &side(3)).map_err(|e| about(path, e))?.0
+        } else if let Some(path) = &self.trajectory {
+            let (mut from, mut to) = (Vec::new(), Vec::new());
+            for row in rows(path)? {
+                let place: Option<Vec<f64>> = row.iter().skip(1).map(|word| word.parse().ok()).collect();
+                let place = place.filter(|p| p.len() == 3);
+                let place =
+                    place.ok_or_else(|| about(path, format!("expected `image X Y Z`, found {}", row.join(" "))))?;
+                let stem = Path::new(&row[0]).file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+                let matches =
+                    |name: &String| *name == row[0] || *name == stem || name.ends_with(&format!("/{}", row[0]));
+                if let Some(frame) = input.capture.names.iter().position(matches) {
+                    from.push(input.capture.frames[frame].camera.camera_from_world.inverse().position);
+                    to.push(DVec3::from_slice(&place));
+                }
+            }
+            Similarity::from_points(&from, &to).map_err(|e| about(path, e))?.0
+        } else if let Some(d) = &self.distance {
+            if d.len() != 7 {
+                return Err(format!("--distance: expected x,y,z,x,y,z,metres, found {} numbers", d.len()).into());
+            }
+            Similarity::from_distance(DVec3::from_slice(d), DVec3::from_slice(&d[3..]), d[6])?
+        } else {
+            return Ok(());
+        };
+        input.capture.frames.iter_mut().for_each(|frame| metric_from_scene.apply_to_frame(frame));
+        if let Some(points) = &mut input.points {
+            points.points.iter_mut().for_each(|p| *p = metric_from_scene.transform_point(*p));
+        }
+        Ok(())
+    }
+
+    /// Turns the mesh so that `up` is z.
+    fn level(&self, up: &str, frames: &[DepthFrame], mesh: &mut TriangleMesh) -> Result<(), Failure> {
+        let level = if up == "ground" {
+            // People hold cameras upright: the mean of the images' up is up, more or less.
+            let held = |frame: &DepthFrame| frame.camera.camera_from_world.inverse().transform_vector(DVec3::NEG_Y);
+            Similarity::from_ground(mesh, frames.iter().map(held).sum(), self.voxel, 300)?
+        } else {
+            let numbers: Result<Vec<f64>, _> = up.split(',').map(|word| word.trim().parse()).collect();
+            let numbers = numbers.ok().filter(|n| n.len() == 3);
+            let numbers = numbers.ok_or_else(|| format!("--up: expected `ground` or x,y,z, found {up}"))?;
+            Similarity::from_up(DVec3::from_slice(&numbers))?
+        };
+        level.apply(mesh);
+        Ok(())
+    }
+
+    fn likeness(&self, mesh: &TriangleMesh) -> Result<Vec<Likeness>, Failure> {
+        let Some(path) = &self.compare else { return Ok(vec![]) };
+        let bytes = fs::read(path).map_err(|e| about(path, format!("expected a mesh, found {e}")))?;
+        let reference = if bytes.starts_with(b"ply") { ply::read(&bytes) } else { glb::read(&bytes) };
+        Ok(compare(mesh, &reference.map_err(|e| about(path, e))?, &[0.02, 0.05], SAMPLES)?)
+    }
+
+    fn tell(
+        &self,
+        mesh: &TriangleMesh,
+        report: &MeshReport,
+        likeness: &[Likeness],
+        frames: usize,
+        [read_s, fuse_s, surface_s]: [f64; 3],
+        lost: &[String],
+    ) -> Result<(), Failure> {
+        let topology = &report.topology;
+        if self.json {
+            let likeness = likeness
+                .iter()
+                .map(|l| json!({"distance": l.distance, "f1": l.f1(), "precision": l.precision, "recall": l.recall}));
+            let line = json!({"format": "qv-mesh/1", "scene": self.scene.display().to_string(), "frames": frames,
+                "out": self.out.display().to_string(), "vertices": mesh.vertices.len(), "triangles": mesh.triangles.len(),
+                "extracted": report.extracted, "watertight": topology.is_watertight(), "open_edges": topology.open_edges,
+                "area": topology.area, "volume": topology.volume, "holes_filled": report.holes.filled,
+                "pieces_dropped": report.dropped, "max_error": report.decimated.error, "blocks": report.blocks,
+                "volume_bytes": report.volume_bytes, "materials": areas(mesh), "likeness": likeness.collect::<Vec<_>>(),
+                "read_s": read_s, "fuse_s": fuse_s, "surface_s": surface_s, "lost": lost});
+            return Ok(say(&format!("{line}\n"))?);
+        }
+        let state =
+            if topology.is_watertight() { "watertight".into() } else { format!("{} open edges", topology.open_edges) };
+        let mut text = format!(
+            "{frames} frames, {:.0} MB of voxels; read in {read_s:.1} s, fused in {fuse_s:.1} s, surface in {surface_s:.1} s\n\
+             {} triangles of {}, {state}; {} holes filled, {} small pieces dropped\n",
+            report.volume_bytes as f64 / 1e6,
+            mesh.triangles.len(),
+            report.extracted,
+            report.holes.filled,
+            report.dropped
+        );
+        for material in areas(mesh) {
+            text += &format!(
+                "  {}: {:.2} m²\n",
+                material["name"].as_str().unwrap_or_default(),
+                material["area"].as_f64().unwrap_or(0.0)
+            );
+        }
+        for l in likeness {
+            text += &format!(
+                "F1 at {} cm: {:.3} (precision {:.3}, recall {:.3})\n",
+                100.0 * l.distance,
+                l.f1(),
+                l.precision,
+                l.recall
+            );
+        }
+        Ok(say(&format!("{text}written to {}\n", self.out.display()))?)
+    }
+}
+
+/// Name, friction and area \[m²\] of each material.
+fn areas(mesh: &TriangleMesh) -> Vec<serde_json::Value> {
+    let mut areas = vec![0.0; mesh.materials.len()];
+    for (t, label) in mesh.labels.iter().enumerate() {
+        let [a, b, c] = mesh.corners(t);
+        areas[usize::from(*label)] += 0.5 * (b - a).cross(c - a).length();
+    }
+    let of = |(material, area): (&Material, f64)| json!({"name": material.name, "friction": material.friction, "area": area});
+    mesh.materials.iter().zip(areas).map(of).collect()
+}
+
+/// Lines of words, without comments.
+fn rows(path: &Path) -> Result<Vec<Vec<String>>, Failure> {
+    let text = fs::read_to_string(path).map_err(|e| about(path, format!("expected a text file, found {e}")))?;
+    let lines = text.lines().map(|line| line.split('#').next().unwrap_or_default());
+    let rows = lines.map(|line| line.split_whitespace().map(String::from).collect::<Vec<_>>());
+    Ok(rows.filter(|row| !row.is_empty()).collect())
+}
+
+/// As many materials as there are labels: those given, and nameless ones.
+fn fitting(given: Option<Vec<Material>>, labels: usize) -> Vec<Material> {
+    let mut out = given.unwrap_or_default();
+    for index in out.len()..labels {
+        out.push(Material { name: format!("label {}", index + 1), friction: None });
+    }
+    out
+}
+
+/// Materials of a file with `[[label]]` tables; their indices go from 1 without a gap.
+fn materials(path: &Path) -> Result<Vec<Material>, Failure> {
+    let text = fs::read_to_string(path).map_err(|e| about(path, format!("expected labels in TOML, found {e}")))?;
+    let document: toml::Table = text.parse().map_err(|e| about(path, format!("expected labels in TOML, found {e}")))?;
+    let list = document.get("label").and_then(toml::Value::as_array).filter(|list| !list.is_empty());
+    let list = list.ok_or_else(|| about(path, "expected tables [[label]], found none"))?;
+    let mut out: Vec<Option<Material>> = vec![None; list.len()];
+    for (number, label) in list.iter().enumerate() {
+        let at = |what: &str, found: Option<&toml::Value>| {
+            let found = found.map_or("none".into(), ToString::to_string);
+            about(path, format!("label {}: expected {what}, found {found}", number + 1))
+        };
+        let index = label.get("index").and_then(toml::Value::as_integer).and_then(|i| usize::try_from(i - 1).ok());
+        let place = index.and_then(|i| out.get_mut(i)).filter(|place| place.is_none());
+        let place =
+            place.ok_or_else(|| at("an index of its own from 1 to the number of labels", label.get("index")))?;
+        let name = label.get("name").and_then(toml::Value::as_str).ok_or_else(|| at("a name", label.get("name")))?;
+        let friction = match label.get("friction") {
+            None => None,
+            Some(value) => {
+                let number =
+                    value.as_float().or(value.as_integer().map(|i| i as f64)).filter(|f| *f >= 0.0 && f.is_finite());
+                Some(number.ok_or_else(|| at("a friction of at least 0", Some(value)))?)
+            }
+        };
+        *place = Some(Material { name: name.into(), friction });
+    }
+    Ok(out.into_iter().flatten().collect())
+}
