@@ -81,20 +81,34 @@ impl GpuRasteriser {
     /// # Errors
     /// Nothing was drawn so that derivatives can be had.
     pub fn submit_backward(&mut self, cloud: &GpuCloud, timed: bool) -> Result<(), RasterError> {
-        let (buffers, batch) = self.kept()?;
-        let Some(constants) = &self.constants else { return Err(nothing()) };
-        let frame = FrameSteps { batch, buffers, constants, cloud };
         let mut recorder = Recorder::new(&self.gpu, timed);
-        let atomic = buffers.sizes.variant.atomic;
-        let summed = if atomic { "record_gradients" } else { "entry_gradients" };
-        for name in [summed, "by_sh", "by_feature"] {
+        let (buffers, _) = self.kept()?;
+        for name in ["by_sh", "by_feature"] {
             if let Some(buffer) = buffers.find(name) {
                 recorder.encoder.clear_buffer(buffer, 0, None);
             }
         }
+        self.record_backward(cloud, &mut recorder)?;
+        self.stamps = recorder.submit();
+        Ok(())
+    }
+
+    /// Records the backward stages of the batch that was drawn last. What comes to harmonics and features is added to what is in the
+    /// buffers `by_sh` and `by_feature` already.
+    ///
+    /// # Errors
+    /// Nothing was drawn so that derivatives can be had.
+    pub fn record_backward(&self, cloud: &GpuCloud, recorder: &mut Recorder) -> Result<(), RasterError> {
+        let (buffers, batch) = self.kept()?;
+        let Some(constants) = &self.constants else { return Err(nothing()) };
+        let frame = FrameSteps { batch, buffers, constants, cloud };
+        let atomic = buffers.sizes.variant.atomic;
+        let summed = if atomic { "record_gradients" } else { "entry_gradients" };
+        if let Some(buffer) = buffers.find(summed) {
+            recorder.encoder.clear_buffer(buffer, 0, None);
+        }
         recorder.run("blend backward", &frame.blend_backward());
         recorder.run("project backward", &frame.project_backward());
-        self.stamps = recorder.submit();
         Ok(())
     }
 

@@ -12,9 +12,12 @@ mod device;
 mod forward;
 mod images;
 mod record;
+mod still;
 
 pub use bisect::Stage;
 pub use cloud::GpuCloud;
 pub use device::{Gpu, GpuOptions};
 pub use forward::{Counts, GpuRasteriser, GpuSettings};
 pub use images::GpuImages;
+pub use record::{Job, Recorder, Stamps};
+pub use still::GpuCameras;

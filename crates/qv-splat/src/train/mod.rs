@@ -10,6 +10,8 @@ mod cpu;
 mod dataset;
 mod engine;
 pub mod exposure;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 pub mod loss;
 pub mod mcmc;
 mod model;

@@ -148,7 +148,7 @@ impl TrainOptions {
             colours: 2.5e-3,
             harmonics: 2.5e-3 / 20.0,
             features: 2.5e-3,
-            exposures: 5e-3 * fall.sqrt(),
+            exposures: 1e-2 * fall.sqrt(),
             poses: 3e-4 * fall,
         }
     }

@@ -1,0 +1,541 @@
+//! Steps on the graphics card. Photographs, Gaussians, derivatives and the optimiser's memory stay there; within a step nothing is read
+//! back. Opacities are read when Gaussians come and go, the loss when it is asked for.
+
+pub mod kernels;
+mod store;
+
+use super::adam::bias;
+use super::classic;
+use super::cpu::outputs;
+use super::dataset::Dataset;
+use super::engine::Engine;
+use super::mcmc::Relocation;
+use super::model::Model;
+use super::options::{Strategy, TrainOptions};
+use crate::SplatError;
+use crate::error::off;
+use kernels::{FOLD, Kernels, StepWords};
+use qv_core::{Camera, Pose};
+use qv_raster::gpu::{GpuCameras, GpuRasteriser, GpuSettings, Job, Recorder, Stamps};
+use qv_raster::{Image, RasterError, Scene, Settings, View};
+use store::Store;
+
+/// Trains on a graphics card.
+#[derive(Debug)]
+pub struct GpuEngine<'a> {
+    dataset: &'a Dataset,
+    options: TrainOptions,
+    rasteriser: GpuRasteriser,
+    how: GpuSettings,
+    kernels: Kernels,
+    store: Store,
+    /// Photographs as words of four bytes.
+    photographs: Vec<wgpu::Buffer>,
+    cameras: GpuCameras,
+    step: wgpu::Buffer,
+    maps: wgpu::Buffer,
+    sums: wgpu::Buffer,
+    report: wgpu::Buffer,
+    list: wgpu::Buffer,
+    /// Without Gaussians but with everything else that is not on the card; poses as they came.
+    rest: Model,
+    /// Size of the photographs for which the rasteriser is prepared, and whether it has been.
+    prepared: Option<[u32; 2]>,
+    stamps: Option<Stamps>,
+}
+
+/// How the card works.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct GpuTraining {
+    /// Add up with atomics: faster, and the last bits differ from run to run.
+    pub atomic: bool,
+    /// Put time stamps around stages.
+    pub timed: bool,
+}
+
+impl Default for GpuTraining {
+    fn default() -> Self {
+        Self { atomic: true, timed: false }
+    }
+}
+
+const WAITS: &str = "graphics device";
+
+impl<'a> GpuEngine<'a> {
+    /// Begins, or goes on, with a model.
+    ///
+    /// # Errors
+    /// Options are off or ask for what only the CPU does, the model is not of this many photographs, or the device has no room.
+    pub fn new(
+        rasteriser: GpuRasteriser,
+        dataset: &'a Dataset,
+        options: &TrainOptions,
+        model: Model,
+        how: GpuTraining,
+    ) -> Result<Self, SplatError> {
+        options.check()?;
+        model.cloud.check()?;
+        if model.exposures.len() != dataset.training.len() {
+            let expected = format!("{} photographs, as the capture has", dataset.training.len());
+            return Err(off("model to go on with", expected, model.exposures.len()));
+        }
+        let w = &options.weights;
+        for (name, weight) in [
+            ("depth-normal", w.depth_normal),
+            ("depth prior", w.depth_prior),
+            ("multi-view", w.multi_view),
+            ("normal prior", w.normal_prior),
+            ("labels", w.labels),
+        ] {
+            if weight > 0.0 {
+                return Err(off(
+                    format!("training on the card, weight {name}"),
+                    "0: the term is on the CPU only",
+                    weight,
+                ));
+            }
+        }
+        let gpu = &rasteriser.gpu;
+        let pixels = dataset.training.iter().map(|one| one.pixels.rgba.len()).max().unwrap_or(1) as u64;
+        let sides = |of: fn(&Camera) -> u32| dataset.training.iter().map(|one| of(&one.camera)).max().unwrap_or(1);
+        let groups = sides(|c| c.width).div_ceil(16) as u64 * sides(|c| c.height).div_ceil(16) as u64;
+        let capacity = options.cap.max(model.cloud.len());
+        let photographs = dataset.training.iter().map(|one| gpu.filled("photograph", &one.pixels.rgba));
+        let mut rest = model.clone();
+        rest.retain(&vec![false; model.cloud.len()]);
+        Ok(Self {
+            photographs: photographs.collect::<Result<_, _>>()?,
+            cameras: cameras(&rasteriser, dataset, &model.poses)?,
+            step: gpu.buffer("step", size_of::<StepWords>() as u64)?,
+            maps: gpu.buffer("maps", 36 * pixels)?,
+            sums: gpu.buffer("sums", 64 * groups)?,
+            report: gpu.filled("report", &[0.0f32; 4])?,
+            list: gpu.buffer("list", 16 * (capacity as u64 + 1))?,
+            store: Store::new(gpu, &model, capacity)?,
+            kernels: Kernels::new(gpu),
+            dataset,
+            options: *options,
+            how: GpuSettings { keep: true, atomic: how.atomic, timed: how.timed, bytes: false },
+            rasteriser,
+            rest,
+            prepared: None,
+            stamps: None,
+        })
+    }
+
+    fn settings(&self) -> Settings {
+        Settings { outputs: outputs(&self.options, self.rest.iteration), ..Default::default() }
+    }
+
+    /// Makes the rasteriser ready for a photograph's size.
+    fn prepare(&mut self, photograph: usize) -> Result<(), SplatError> {
+        let camera = self.dataset.training[photograph].camera;
+        let size = [camera.width, camera.height];
+        if self.prepared == Some(size) {
+            return Ok(());
+        }
+        let settings = self.settings();
+        self.rasteriser.prepare_still(
+            &self.store.cloud,
+            &View::of(camera),
+            self.store.capacity,
+            &settings,
+            &self.how,
+        )?;
+        // Harmonics' derivatives are cleared by whoever reads them; they begin as zeros.
+        if let Some(buffer) = self.rasteriser.buffer("by_sh") {
+            let mut encoder = self.rasteriser.gpu.device.create_command_encoder(&Default::default());
+            encoder.clear_buffer(buffer, 0, None);
+            self.rasteriser.gpu.queue.submit([encoder.finish()]);
+        }
+        self.prepared = Some(size);
+        Ok(())
+    }
+
+    fn words(&self, photograph: usize) -> StepWords {
+        let (options, weights) = (&self.options, &self.options.weights);
+        let iteration = self.rest.iteration;
+        let rates = options.rates(iteration, self.dataset.extent);
+        let camera = &self.dataset.training[photograph].camera;
+        let n = self.store.cloud.count.max(1) as f32;
+        let mcmc = options.strategy == Strategy::Mcmc;
+        let geometry = iteration >= options.geometry_from;
+        let seen = iteration / self.dataset.training.len() as u32 + 1;
+        let width = 9 + options.weights.planes() as u32 * 4;
+        StepWords {
+            count: self.store.cloud.count as u32,
+            sh_count: (self.store.cloud.sh_degree as u32 + 1).pow(2),
+            iteration,
+            seed: options.seed,
+            rates: [rates.means, rates.log_scales, rates.rotations, rates.opacities],
+            colours: rates.colours,
+            harmonics: rates.harmonics,
+            bias: bias(iteration + 1),
+            opacity: if mcmc { weights.opacity / n } else { 0.0 },
+            scale: if mcmc { weights.scale / (3.0 * n) } else { 0.0 },
+            flat: if geometry { weights.flattening / (self.dataset.extent * n) } else { 0.0 },
+            noise: if mcmc { options.noise * rates.means } else { 0.0 },
+            width: camera.width,
+            height: camera.height,
+            photograph: photograph as u32,
+            exposes: options.exposure as u32,
+            ssim: weights.ssim,
+            pixel: 1.0 / (3 * camera.pixels()) as f32,
+            exposure_rate: rates.exposures,
+            exposure_weight: weights.exposure,
+            seen_bias: bias(seen),
+            record_width: width,
+            pose_rate: rates.poses,
+            extent: self.dataset.extent,
+            depth_prior: 0.0,
+            depth_normal: 0.0,
+            groups: camera.width.div_ceil(16) * camera.height.div_ceil(16),
+        }
+    }
+
+    fn look(&mut self, photograph: usize) -> Result<(), SplatError> {
+        let words = self.words(photograph);
+        let gpu = &self.rasteriser.gpu;
+        gpu.queue.write_buffer(&self.step, 0, bytemuck::bytes_of(&words));
+        let mut recorder = Recorder::new(gpu, self.how.timed);
+        self.rasteriser.aim(&self.cameras, photograph, &mut recorder)?;
+        self.rasteriser.record_forward(&self.store.cloud, &mut recorder)?;
+        let get = |name: &str| {
+            let missing = || RasterError::Device(format!("expected a buffer `{name}`, found none"));
+            self.rasteriser.buffer(name).ok_or_else(missing)
+        };
+        let (colours, by_colours, state) = (get("colours")?, get("by_colours")?, get("state")?);
+        let image = [words.width.div_ceil(16), words.height.div_ceil(16)];
+        let exposures = &self.store.exposures;
+        let photo = &self.photographs[photograph];
+        let similar = vec![(0, &self.step), (1, colours), (2, photo), (3, exposures), (4, &self.maps), (6, &self.sums)];
+        let mut pull = similar.clone();
+        pull.insert(5, (5, by_colours));
+        recorder.run_jobs("loss", &[self.job("similar", image, similar), self.job("pull", image, pull)]);
+        self.rasteriser.record_backward(&self.store.cloud, &mut recorder)?;
+        let finish = vec![(0, &self.step), (1, &self.sums), (2, exposures), (3, &self.report), (4, state)];
+        let mut last = vec![self.job("finish", [1, 1], finish)];
+        if self.options.poses {
+            let by_pose = get("by_pose")?;
+            let turn = vec![(0, &self.step), (5, by_pose), (6, &self.cameras.motions), (7, &self.store.pose_moments)];
+            last.push(self.job("turn", [1, 1], turn));
+        }
+        if self.options.strategy == Strategy::Classic {
+            let records = vec![
+                (0, &self.step),
+                (11, state),
+                (12, get("records")?),
+                (13, get("counts")?),
+                (14, get("record_gradients")?),
+                (15, &self.store.pulls),
+            ];
+            last.push(self.job("gather", folded(words.count.div_ceil(256)), records));
+        }
+        recorder.run_jobs("finish", &last);
+        let (store, cloud) = (&self.store, &self.store.cloud);
+        let shape = vec![
+            (0, &self.step),
+            (1, &cloud.means),
+            (2, &cloud.scales),
+            (3, &cloud.rotations),
+            (4, get("by_shape")?),
+            (5, &store.first),
+            (6, &store.second),
+        ];
+        let harmonics =
+            vec![(0, &self.step), (7, &cloud.sh), (8, get("by_sh")?), (9, &store.sh_first), (10, &store.sh_second)];
+        let fours = (3 * words.count * words.sh_count).div_ceil(4).div_ceil(256);
+        recorder.run_jobs("adam shape", &[self.job("shape", [words.count.div_ceil(256), 1], shape)]);
+        recorder.run_jobs("adam harmonics", &[self.job("harmonics", folded(fours), harmonics)]);
+        self.stamps = recorder.submit();
+        Ok(())
+    }
+
+    fn job<'b>(&'b self, entry: &str, groups: [u32; 2], buffers: Vec<(u32, &'b wgpu::Buffer)>) -> Job<'b> {
+        Job { pipeline: self.kernels.get(entry), groups, buffers }
+    }
+
+    /// Milliseconds of each stage of the last step, when timed. Waits for the card.
+    ///
+    /// # Errors
+    /// The device fails.
+    pub fn times(&self) -> Result<Vec<(&'static str, f64)>, SplatError> {
+        Ok(self.stamps.as_ref().map_or(Ok(vec![]), |stamps| stamps.read(&self.rasteriser.gpu))?)
+    }
+
+    /// Most candidates and entries that a photograph needed since this was last looked at make buffers grow.
+    fn grow(&mut self, candidates: f32, entries: f32) -> Result<(), SplatError> {
+        let [visible, room] = self.rasteriser.room();
+        let (candidates, entries) = (candidates as u64, entries as u64);
+        // With room for as many again by half: Gaussians come before this is looked at again.
+        let most = self.store.capacity as u64;
+        if (5 * candidates > 4 * visible && visible < most) || 5 * entries > 4 * room {
+            let settings = self.settings();
+            let (candidates, entries) =
+                ((candidates + candidates / 2).min(most) as usize, (entries + entries / 2) as usize);
+            self.rasteriser.make_more_room(&self.store.cloud, &settings, candidates, entries)?;
+            let size = self.prepared.take();
+            if size.is_some() {
+                self.prepare(0)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn relocate(&mut self, what: &Relocation) -> Result<(), SplatError> {
+        let changes = what.changes.iter().map(|c| [c.index, c.logit.to_bits(), c.shift.to_bits(), 0]);
+        let copies = what.copies.iter().map(|[target, source]| [*target, *source, 0, 0]);
+        let new = what.copies.iter().map(|copy| copy[0] as usize + 1).max().unwrap_or(0);
+        self.run_list("change", changes.collect())?;
+        self.run_list("copy", copies.collect())?;
+        self.store.cloud.count = self.store.cloud.count.max(new);
+        self.rasteriser.recount(&self.store.cloud);
+        Ok(())
+    }
+
+    fn run_list(&mut self, entry: &str, items: Vec<[u32; 4]>) -> Result<(), SplatError> {
+        if items.is_empty() {
+            return Ok(());
+        }
+        let groups = [(items.len() as u32).div_ceil(256), 1];
+        let mut list = vec![[items.len() as u32, 0, 0, 0]];
+        list.extend(items);
+        let gpu = &self.rasteriser.gpu;
+        gpu.queue.write_buffer(&self.list, 0, bytemuck::cast_slice(&list));
+        let (store, cloud) = (&self.store, &self.store.cloud);
+        let mut buffers = vec![
+            (0, &self.step),
+            (2, &cloud.scales),
+            (4, &store.first),
+            (5, &store.second),
+            (7, &store.sh_first),
+            (8, &store.sh_second),
+            (9, &self.list),
+        ];
+        if entry == "copy" {
+            buffers.extend([(1, &cloud.means), (3, &cloud.rotations), (6, &cloud.sh)]);
+        }
+        let mut recorder = Recorder::new(gpu, false);
+        recorder.run_jobs("relocate", &[self.job(entry, groups, buffers)]);
+        recorder.submit();
+        Ok(())
+    }
+
+    /// Puts a model in the place of the one on the card.
+    fn put(&mut self, model: Model) -> Result<(), SplatError> {
+        self.store = Store::new(&self.rasteriser.gpu, &model, self.store.capacity)?;
+        self.rasteriser.gpu.forget_bind_groups();
+        self.prepared = None;
+        Ok(())
+    }
+
+    fn come_and_go(&mut self) -> Result<(), SplatError> {
+        let (options, iteration) = (self.options, self.rest.iteration);
+        let (refines, resets) = (options.refines(iteration), options.resets(iteration));
+        if refines && options.strategy == Strategy::Mcmc {
+            let logits = self.store.logits(&self.rasteriser.gpu)?;
+            let dead = Relocation::of_dead(&logits, options.seed, iteration);
+            self.relocate(&dead)?;
+            let mut logits = logits;
+            dead.changes.iter().for_each(|change| logits[change.index as usize] = change.logit);
+            for [target, source] in &dead.copies {
+                logits[*target as usize] = logits[*source as usize];
+            }
+            self.relocate(&Relocation::of_new(&logits, options.cap, options.seed, iteration))?;
+        } else if refines || resets {
+            let mut model = self.model()?;
+            if refines {
+                classic::refine(&mut model, self.dataset.extent, options.cap, options.seed);
+            }
+            if resets {
+                classic::reset(&mut model);
+            }
+            self.put(model)?;
+        }
+        Ok(())
+    }
+}
+
+/// Workgroups of a long list.
+fn folded(groups: u32) -> [u32; 2] {
+    [groups.min(FOLD), groups.div_ceil(FOLD)]
+}
+
+fn cameras(rasteriser: &GpuRasteriser, dataset: &Dataset, poses: &[Pose]) -> Result<GpuCameras, SplatError> {
+    let view =
+        |(one, pose): (&super::dataset::Photograph, &Pose)| View::of(Camera { camera_from_world: *pose, ..one.camera });
+    let views: Vec<View> = dataset.training.iter().zip(poses).map(view).collect();
+    Ok(GpuCameras::new(&rasteriser.gpu, &views)?)
+}
+
+impl Engine for GpuEngine<'_> {
+    fn step(&mut self, photograph: usize) -> Result<(), SplatError> {
+        let degree = self.options.degree(self.rest.iteration);
+        if degree > self.store.cloud.sh_degree {
+            let mut model = self.model()?;
+            model.raise_degree(degree);
+            self.put(model)?;
+        }
+        self.prepare(photograph)?;
+        self.look(photograph)?;
+        self.come_and_go()?;
+        self.rest.iteration += 1;
+        Ok(())
+    }
+
+    fn iteration(&self) -> u32 {
+        self.rest.iteration
+    }
+
+    fn splats(&self) -> usize {
+        self.store.cloud.count
+    }
+
+    fn loss(&mut self) -> Result<f32, SplatError> {
+        let gpu = &self.rasteriser.gpu;
+        let report: Vec<f32> = gpu.read(&self.report, 4)?;
+        gpu.queue.write_buffer(&self.report, 0, bytemuck::cast_slice(&[0.0f32; 4]));
+        let [sum, steps, candidates, entries] = report[..] else {
+            return Err(off(WAITS, "a report of 4 numbers", report.len()));
+        };
+        self.grow(candidates, entries)?;
+        Ok(sum / steps.max(1.0))
+    }
+
+    fn model(&mut self) -> Result<Model, SplatError> {
+        let mut model = self.rest.clone();
+        self.store.read(&self.rasteriser.gpu, &mut model)?;
+        if self.options.poses {
+            let rows: Vec<[[f32; 4]; 3]> = self.rasteriser.gpu.read(&self.cameras.motions, model.poses.len())?;
+            model.poses = rows.iter().map(pose_of).collect();
+        }
+        Ok(model)
+    }
+
+    fn draw(&mut self, camera: &Camera) -> Result<Image, SplatError> {
+        let model = self.model()?;
+        let scene = Scene::still(&model.cloud);
+        Ok(qv_raster::render(&scene, &[View::of(*camera)], &Settings::default())?.0.remove(0))
+    }
+}
+
+/// The pose of rows of a matrix.
+fn pose_of(rows: &[[f32; 4]; 3]) -> Pose {
+    let column = |k: usize| glam::DVec3::new(rows[0][k] as f64, rows[1][k] as f64, rows[2][k] as f64);
+    let matrix = glam::DMat3::from_cols(column(0), column(1), column(2));
+    Pose { position: column(3), rotation: glam::DQuat::from_mat3(&matrix).normalize() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::cpu::CpuEngine;
+    use super::super::start::of_points;
+    use super::super::tiny;
+    use super::*;
+    use crate::files::Points;
+    use qv_raster::gpu::{Gpu, GpuOptions};
+
+    fn rasteriser() -> Option<GpuRasteriser> {
+        match Gpu::new(&GpuOptions::default()) {
+            Ok(gpu) => Some(GpuRasteriser::new(gpu)),
+            Err(error) => {
+                println!("skipped: {error}");
+                None
+            }
+        }
+    }
+
+    /// 64 floats of 32 bits are near enough when their difference is small beside the largest of them.
+    fn near(name: &str, a: &[f32], b: &[f32], share: f32) {
+        assert_eq!(a.len(), b.len(), "{name}");
+        let largest = a.iter().fold(0.0f32, |most, x| most.max(x.abs()));
+        let worst = a.iter().zip(b).fold(0.0f32, |most, (a, b)| most.max((a - b).abs()));
+        assert!(worst <= share * largest + 1e-12, "{name}: {worst} of {largest}");
+    }
+
+    fn begin(scene: &tiny::Tiny, options: &TrainOptions) -> Model {
+        let places: Vec<[f32; 3]> = scene.cloud.means.iter().map(|m| m.map(|x| x + 0.03 * (9.0 * x).sin())).collect();
+        let colours = vec![[0.5; 3]; places.len()];
+        let mut model = Model::new(of_points(&Points { places, colours }, options).unwrap(), &scene.dataset);
+        model.cloud.log_scales.iter_mut().for_each(|s| *s = [-2.0, -2.3, -2.6]);
+        model.raise_degree(2);
+        model
+    }
+
+    #[test]
+    fn one_step_is_that_of_the_cpu() {
+        let mut scene = tiny::scene(70, 4, 50);
+        for (i, pixel) in scene.dataset.training[1].pixels.rgba.iter_mut().enumerate() {
+            pixel[3] = if i % 50 < 6 { 0 } else { 255 };
+        }
+        for strategy in [Strategy::Mcmc, Strategy::Classic] {
+            for atomic in [true, false] {
+                let Some(rasteriser) = rasteriser() else { return };
+                let mut options =
+                    TrainOptions { strategy, exposure: true, poses: true, cap: 100, ..Default::default() };
+                options.weights.flattening = 10.0;
+                options.geometry_from = 0;
+                let model = begin(&scene, &options);
+                let mut cpu = CpuEngine::new(&scene.dataset, &options, model.clone()).unwrap();
+                let how = GpuTraining { atomic, timed: false };
+                let mut gpu = GpuEngine::new(rasteriser, &scene.dataset, &options, model, how).unwrap();
+                cpu.step(1).unwrap();
+                gpu.step(1).unwrap();
+                let (loss, found) = (cpu.loss().unwrap(), gpu.loss().unwrap());
+                assert!((loss - found).abs() < 1e-5 * loss, "{loss} {found}");
+                let (a, b) = (cpu.model().unwrap(), gpu.model().unwrap());
+                for (name, m, n) in [("first", &a.first, &b.first), ("second", &a.second, &b.second)] {
+                    near(&format!("{name} means"), m.means.as_flattened(), n.means.as_flattened(), 1e-3);
+                    near(&format!("{name} scales"), m.log_scales.as_flattened(), n.log_scales.as_flattened(), 1e-3);
+                    near(&format!("{name} rotations"), m.rotations.as_flattened(), n.rotations.as_flattened(), 1e-3);
+                    near(&format!("{name} logits"), &m.opacity_logits, &n.opacity_logits, 1e-3);
+                    near(&format!("{name} sh"), m.sh.as_flattened(), n.sh.as_flattened(), 1e-3);
+                    near(&format!("{name} poses"), m.poses.as_flattened(), n.poses.as_flattened(), 1e-3);
+                }
+                near("exposures", a.exposures.as_flattened(), b.exposures.as_flattened(), 1e-4);
+                near("exposure means", a.exposures_first.as_flattened(), b.exposures_first.as_flattened(), 1e-3);
+                let apart = |p: &Pose, q: &Pose| p.position.distance(q.position) + p.rotation.angle_between(q.rotation);
+                assert!(a.poses.iter().zip(&b.poses).all(|(p, q)| apart(p, q) < 1e-5));
+                near("noise and means", a.cloud.means.as_flattened(), b.cloud.means.as_flattened(), 1e-3);
+                if strategy == Strategy::Classic {
+                    near("pulls", a.pulls.as_flattened(), b.pulls.as_flattened(), 1e-3);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_scene_is_learned_with_gaussians_that_come_and_go() {
+        let scene = tiny::scene(60, 6, 40);
+        for strategy in [Strategy::Mcmc, Strategy::Classic] {
+            let Some(rasteriser) = rasteriser() else { return };
+            let options = TrainOptions {
+                strategy,
+                iterations: 150,
+                cap: 90,
+                refine_from: 20,
+                refine_every: 20,
+                sh_degree: 1,
+                sh_interval: 70,
+                ..Default::default()
+            };
+            let mut model = begin(&scene, &options);
+            model.cloud.opacity_logits[3] = -8.0;
+            let mut engine = GpuEngine::new(rasteriser, &scene.dataset, &options, model, Default::default()).unwrap();
+            let mut losses = vec![];
+            let finished = super::super::train(&mut engine, 6, 150, 1, 30, &mut |_, progress| {
+                losses.extend(progress.loss);
+                Ok(true)
+            });
+            assert_eq!((finished, losses.len()), (Ok(true), 5));
+            assert!(losses[4] < 0.6 * losses[0], "{strategy:?}: {losses:?}");
+            let model = engine.model().unwrap();
+            assert_eq!((model.cloud.check(), model.iteration, model.cloud.len()), (Ok(()), 150, engine.splats()));
+            assert!(engine.splats() > 60 && engine.splats() <= 90, "{}", engine.splats());
+            assert!(model.cloud.means.iter().flatten().all(|x| x.is_finite()));
+            if strategy == Strategy::Mcmc {
+                assert!(model.cloud.opacity_logits[3] > -8.0);
+            }
+        }
+    }
+}
