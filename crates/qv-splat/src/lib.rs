@@ -31,4 +31,4 @@ mod harmonics;
 pub mod lens;
 pub mod train;
 
-pub use error::SplatError;
+pub use error::{SplatError, error_at};

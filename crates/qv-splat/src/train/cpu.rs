@@ -154,11 +154,6 @@ impl Engine for CpuEngine<'_> {
     fn model(&mut self) -> Result<Model, SplatError> {
         Ok(self.model.clone())
     }
-
-    fn draw(&mut self, camera: &Camera) -> Result<Image, SplatError> {
-        let scene = Scene::still(&self.model.cloud);
-        Ok(qv_raster::render(&scene, &[View::of(*camera)], &Settings::default())?.0.remove(0))
-    }
 }
 
 #[cfg(test)]
@@ -202,7 +197,7 @@ mod tests {
     }
 
     fn psnr(engine: &mut CpuEngine, dataset: &Dataset) -> f64 {
-        let all = scores(engine, &dataset.training).unwrap();
+        let all = scores(&engine.model().unwrap().cloud, &dataset.training).unwrap();
         all.iter().map(|score| score.psnr).sum::<f64>() / all.len() as f64
     }
 

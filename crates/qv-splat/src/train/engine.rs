@@ -1,13 +1,13 @@
 //! Training as a loop, whatever does the steps.
 
-use super::dataset::{Dataset, Photograph};
+use super::dataset::Photograph;
 use super::model::Model;
 use super::random::shuffled;
 use super::score::{Score, score};
 use crate::SplatError;
 use crate::error::off;
-use qv_core::Camera;
-use qv_raster::Image;
+use qv_core::{Camera, GaussianCloud};
+use qv_raster::{Image, Scene, Settings, View};
 
 /// What does the steps.
 pub trait Engine {
@@ -30,11 +30,15 @@ pub trait Engine {
     /// # Errors
     /// The device fails.
     fn model(&mut self) -> Result<Model, SplatError>;
-    /// Colour and alpha as a camera sees them.
+    /// Takes time stamps in the next step, where the device has them.
+    fn time_next(&mut self) {}
+    /// Milliseconds of each stage of the last step for which they were asked; none on the CPU.
     ///
     /// # Errors
-    /// Drawing fails.
-    fn draw(&mut self, camera: &Camera) -> Result<Image, SplatError>;
+    /// The device fails.
+    fn times(&mut self) -> Result<Vec<(&'static str, f64)>, SplatError> {
+        Ok(vec![])
+    }
 }
 
 /// What is told while training runs.
@@ -87,14 +91,14 @@ pub fn train(
 ///
 /// # Errors
 /// Drawing fails.
-pub fn scores(engine: &mut dyn Engine, photographs: &[Photograph]) -> Result<Vec<Score>, SplatError> {
-    photographs.iter().map(|one| Ok(score(&engine.draw(&one.camera)?.colour, one))).collect()
+pub fn scores(cloud: &GaussianCloud, photographs: &[Photograph]) -> Result<Vec<Score>, SplatError> {
+    photographs.iter().map(|one| Ok(score(&drawn(cloud, &one.camera)?.colour, one))).collect()
 }
 
-/// Scores of what was held out.
+/// Colour and alpha as a camera sees them.
 ///
 /// # Errors
 /// Drawing fails.
-pub fn held_out_scores(engine: &mut dyn Engine, dataset: &Dataset) -> Result<Vec<Score>, SplatError> {
-    scores(engine, &dataset.held_out)
+pub fn drawn(cloud: &GaussianCloud, camera: &Camera) -> Result<Image, SplatError> {
+    Ok(qv_raster::render(&Scene::still(cloud), &[View::of(*camera)], &Settings::default())?.0.remove(0))
 }

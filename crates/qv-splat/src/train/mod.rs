@@ -27,7 +27,7 @@ mod undistort;
 
 pub use cpu::{CpuEngine, outputs};
 pub use dataset::{Dataset, Files, Photograph, ReadOptions};
-pub use engine::{Engine, Progress, held_out_scores, scores, train};
+pub use engine::{Engine, Progress, drawn, scores, train};
 pub use model::{Exposure, Model, NEUTRAL};
 pub use options::{Rates, Strategy, TrainOptions, Weights};
 pub use score::{Score, score};

@@ -17,7 +17,7 @@ use crate::error::off;
 use kernels::{FOLD, Kernels, StepWords};
 use qv_core::{Camera, Pose};
 use qv_raster::gpu::{GpuCameras, GpuRasteriser, GpuSettings, Job, Recorder, Stamps};
-use qv_raster::{Image, RasterError, Scene, Settings, View};
+use qv_raster::{RasterError, Settings, View};
 use store::Store;
 
 /// Trains on a graphics card.
@@ -49,13 +49,11 @@ pub struct GpuEngine<'a> {
 pub struct GpuTraining {
     /// Add up with atomics: faster, and the last bits differ from run to run.
     pub atomic: bool,
-    /// Put time stamps around stages.
-    pub timed: bool,
 }
 
 impl Default for GpuTraining {
     fn default() -> Self {
-        Self { atomic: true, timed: false }
+        Self { atomic: true }
     }
 }
 
@@ -115,7 +113,7 @@ impl<'a> GpuEngine<'a> {
             kernels: Kernels::new(gpu),
             dataset,
             options: *options,
-            how: GpuSettings { keep: true, atomic: how.atomic, timed: how.timed, bytes: false },
+            how: GpuSettings { keep: true, atomic: how.atomic, timed: false, bytes: false },
             rasteriser,
             rest,
             prepared: None,
@@ -247,20 +245,15 @@ impl<'a> GpuEngine<'a> {
         let fours = (3 * words.count * words.sh_count).div_ceil(4).div_ceil(256);
         recorder.run_jobs("adam shape", &[self.job("shape", [words.count.div_ceil(256), 1], shape)]);
         recorder.run_jobs("adam harmonics", &[self.job("harmonics", folded(fours), harmonics)]);
-        self.stamps = recorder.submit();
+        if let Some(stamps) = recorder.submit() {
+            self.stamps = Some(stamps);
+            self.how.timed = false;
+        }
         Ok(())
     }
 
     fn job<'b>(&'b self, entry: &str, groups: [u32; 2], buffers: Vec<(u32, &'b wgpu::Buffer)>) -> Job<'b> {
         Job { pipeline: self.kernels.get(entry), groups, buffers }
-    }
-
-    /// Milliseconds of each stage of the last step, when timed. Waits for the card.
-    ///
-    /// # Errors
-    /// The device fails.
-    pub fn times(&self) -> Result<Vec<(&'static str, f64)>, SplatError> {
-        Ok(self.stamps.as_ref().map_or(Ok(vec![]), |stamps| stamps.read(&self.rasteriser.gpu))?)
     }
 
     /// Most candidates and entries that a photograph needed since this was last looked at make buffers grow.
@@ -412,10 +405,12 @@ impl Engine for GpuEngine<'_> {
         Ok(model)
     }
 
-    fn draw(&mut self, camera: &Camera) -> Result<Image, SplatError> {
-        let model = self.model()?;
-        let scene = Scene::still(&model.cloud);
-        Ok(qv_raster::render(&scene, &[View::of(*camera)], &Settings::default())?.0.remove(0))
+    fn time_next(&mut self) {
+        self.how.timed = true;
+    }
+
+    fn times(&mut self) -> Result<Vec<(&'static str, f64)>, SplatError> {
+        Ok(self.stamps.take().map_or(Ok(vec![]), |stamps| stamps.read(&self.rasteriser.gpu))?)
     }
 }
 
@@ -477,7 +472,7 @@ mod tests {
                 options.geometry_from = 0;
                 let model = begin(&scene, &options);
                 let mut cpu = CpuEngine::new(&scene.dataset, &options, model.clone()).unwrap();
-                let how = GpuTraining { atomic, timed: false };
+                let how = GpuTraining { atomic };
                 let mut gpu = GpuEngine::new(rasteriser, &scene.dataset, &options, model, how).unwrap();
                 cpu.step(1).unwrap();
                 gpu.step(1).unwrap();
