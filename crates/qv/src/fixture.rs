@@ -1,11 +1,11 @@
 //! `qv fixture`: the made-up recording on which `cargo xtask pipeline` runs, so that it needs no robot and no download.
 
-use crate::glb::{read_glb, write_glb};
 use crate::open::file_error;
 use crate::{Outcome, say};
 use glam::DVec3;
 use qv_core::{Material, TriangleMesh};
 use qv_go2::synthetic::{self, Robot};
+use qv_mesh::files::glb;
 use qv_replay::ReplayError;
 use qv_sim::Terrain;
 use std::fs::{self, File};
@@ -32,10 +32,10 @@ impl Fixture {
     pub fn execute(&self) -> Result<Outcome, ReplayError> {
         let in_out = |name: &str| self.out.join(name);
         fs::create_dir_all(&self.out).map_err(|e| failed(&self.out, &e))?;
-        let glb = write_glb(&ground());
+        let glb = glb::write(&ground());
         write(&in_out("terrain.glb"), &glb)?;
         // Read back, so that the robot walks on what the file says in its 32-bit numbers.
-        let mesh = read_glb(&glb).map_err(|e| file_error(&in_out("terrain.glb"), "a mesh in GLB", &e))?;
+        let mesh = glb::read(&glb).map_err(|e| file_error(&in_out("terrain.glb"), "a mesh in GLB", &e.to_string()))?;
         let terrain = Terrain::from_mesh(&mesh)
             .map_err(|e| file_error(&in_out("terrain.glb"), "a mesh that can be walked on", &e.to_string()))?;
         let mut parameters = synthetic::small_differences(self.seed);

@@ -3,7 +3,6 @@
 mod capture;
 mod diagnose;
 mod fixture;
-mod glb;
 mod inspect;
 mod mesh_file;
 mod open;

@@ -1,9 +1,9 @@
 //! Recordings on disk become runs.
 
 use crate::RunArguments;
-use crate::glb::read_glb;
 use crate::mesh_file::vertices;
 use indicatif::{ProgressBar, ProgressStyle};
+use qv_mesh::files::glb;
 use qv_replay::mapping::Mapping;
 use qv_replay::replay::parameters_from_toml;
 use qv_replay::run::{Base, Loss, Robot};
@@ -164,7 +164,7 @@ pub fn terrain_of(name: &str) -> Result<Terrain, ReplayError> {
     }
     let path = Path::new(name);
     let bytes = fs::read(path).map_err(|e| file_error(path, "plane, or a .glb file", &e.to_string()))?;
-    let mesh = read_glb(&bytes).map_err(|e| file_error(path, "a mesh in GLB", &e))?;
+    let mesh = glb::read(&bytes).map_err(|e| file_error(path, "a mesh in GLB", &e.to_string()))?;
     Terrain::from_mesh(&mesh).map_err(|e| file_error(path, "a mesh that can be walked on", &e.to_string()))
 }
 

@@ -5,7 +5,7 @@ use crate::workspace::{Package, Workspace};
 use std::path::Path;
 
 /// Layer of each crate; the table of docs/ARCHITECTURE.md. `qv` and `xtask` are above all and used by none.
-const LAYERS: [(&str, u8); 12] = [
+const LAYERS: [(&str, u8); 13] = [
     ("qv-core", 0),
     ("qv-sim", 1),
     ("qv-raster", 1),
@@ -16,6 +16,7 @@ const LAYERS: [(&str, u8); 12] = [
     ("qv-contact", 3),
     ("qv-residual", 3),
     ("qv-gap", 3),
+    ("yard", 3),
     ("qv", 4),
     ("xtask", 4),
 ];

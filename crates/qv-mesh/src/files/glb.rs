@@ -1,17 +1,21 @@
 //! Labelled terrain meshes in GLB: a material per label, its friction in `extras.friction`.
 
+use crate::MeshError;
+use crate::error::off;
 use glam::{DMat4, DVec3};
 use gltf::Gltf;
 use gltf::mesh::Mode;
 use qv_core::{Material, TriangleMesh};
 use serde_json::json;
 
+const PLACE: &str = "GLB";
+
 /// Reads all triangles of the default scene, in world coordinates as the file has them (z up, metres).
 ///
 /// # Errors
-/// In words: what is not GLB, what is not triangles, which index or number is off.
-pub fn read_glb(bytes: &[u8]) -> Result<TriangleMesh, String> {
-    let gltf = Gltf::from_slice(bytes).map_err(|e| e.to_string())?;
+/// Says what is not GLB, what is not triangles, which index or number is off.
+pub fn read(bytes: &[u8]) -> Result<TriangleMesh, MeshError> {
+    let gltf = Gltf::from_slice(bytes).map_err(|e| off(PLACE, "a GLB file", e))?;
     let blob = gltf.blob.as_deref();
     let mut mesh = TriangleMesh::default();
     for material in gltf.materials() {
@@ -20,22 +24,25 @@ pub fn read_glb(bytes: &[u8]) -> Result<TriangleMesh, String> {
     }
     // Triangles without a material get a label of their own.
     mesh.materials.push(Material { name: "unlabelled".into(), friction: None });
-    let scene = gltf.default_scene().or_else(|| gltf.scenes().next()).ok_or("a file without a scene")?;
+    let scene = gltf.default_scene().or_else(|| gltf.scenes().next()).ok_or_else(|| off(PLACE, "a scene", "none"))?;
     for node in scene.nodes() {
         add_node(&node, DMat4::IDENTITY, blob, &mut mesh, 0)?;
     }
-    mesh.validate().map_err(|e| e.to_string())?;
+    mesh.validate()?;
     Ok(mesh)
 }
 
-fn friction(material: &gltf::Material) -> Result<Option<f64>, String> {
+fn friction(material: &gltf::Material) -> Result<Option<f64>, MeshError> {
     let Some(extras) = material.extras() else { return Ok(None) };
-    let extras: serde_json::Value = serde_json::from_str(extras.get()).map_err(|e| e.to_string())?;
+    let extras: serde_json::Value =
+        serde_json::from_str(extras.get()).map_err(|e| off("extras of a material", "JSON", e))?;
     match extras.get("friction") {
         None => Ok(None),
         Some(value) => match value.as_f64().filter(|f| *f >= 0.0) {
             Some(friction) => Ok(Some(friction)),
-            None => Err(format!("extras.friction of material {:?}: {value}", material.name())),
+            None => {
+                Err(off(format!("extras.friction of material {:?}", material.name()), "a number of at least 0", value))
+            }
         },
     }
 }
@@ -46,9 +53,9 @@ fn add_node(
     blob: Option<&[u8]>,
     mesh: &mut TriangleMesh,
     depth: usize,
-) -> Result<(), String> {
+) -> Result<(), MeshError> {
     if depth > 64 {
-        return Err("nodes nested deeper than 64".into());
+        return Err(off(PLACE, "nodes nested at most 64 deep", "more"));
     }
     let local = DMat4::from_cols_array_2d(&node.transform().matrix().map(|c| c.map(f64::from)));
     let world_from_node = parent * local;
@@ -63,12 +70,14 @@ fn add_primitive(
     world_from_node: DMat4,
     blob: Option<&[u8]>,
     mesh: &mut TriangleMesh,
-) -> Result<(), String> {
+) -> Result<(), MeshError> {
     if primitive.mode() != Mode::Triangles {
-        return Err(format!("a primitive of {:?}", primitive.mode()));
+        return Err(off(PLACE, "primitives of triangles", format!("{:?}", primitive.mode())));
     }
     let reader = primitive.reader(|buffer| blob.filter(|_| matches!(buffer.source(), gltf::buffer::Source::Bin)));
-    let positions = reader.read_positions().ok_or("a primitive without positions in the file's own buffer")?;
+    let positions = reader
+        .read_positions()
+        .ok_or_else(|| off(PLACE, "positions in the file's own buffer", "a primitive without"))?;
     let first = mesh.vertices.len() as u32;
     mesh.vertices.extend(positions.map(|p| world_from_node.transform_point3(DVec3::from_array(p.map(f64::from)))));
     let added = mesh.vertices.len() as u32 - first;
@@ -79,7 +88,7 @@ fn add_primitive(
     let label = primitive.material().index().unwrap_or(mesh.materials.len() - 1) as u16;
     for corner in indices.chunks_exact(3) {
         if let Some(&bad) = corner.iter().find(|&&i| i >= added) {
-            return Err(format!("vertex index {bad} of {added}"));
+            return Err(off(PLACE, format!("vertex indices below {added}"), bad));
         }
         mesh.triangles.push([first + corner[0], first + corner[1], first + corner[2]]);
         mesh.labels.push(label);
@@ -89,7 +98,7 @@ fn add_primitive(
 
 /// A GLB of the mesh: one primitive per material that has triangles, its friction in `extras.friction`. Positions become
 /// 32-bit numbers, as the format has them.
-pub fn write_glb(mesh: &TriangleMesh) -> Vec<u8> {
+pub fn write(mesh: &TriangleMesh) -> Vec<u8> {
     let mut data: Vec<u8> = Vec::new();
     let (mut views, mut accessors, mut primitives) = (Vec::new(), Vec::new(), Vec::new());
     let float = |v: &DVec3| v.to_array().map(|x| x as f32);
@@ -146,8 +155,8 @@ mod tests {
 
     #[test]
     fn what_is_written_is_read() {
-        let mut mesh = read_glb(&example(2)).unwrap();
-        let again = read_glb(&write_glb(&mesh)).unwrap();
+        let mut mesh = read(&example(2)).unwrap();
+        let again = read(&write(&mesh)).unwrap();
         // Vertices that two materials share are read once for each; triangles stay what they are.
         let corners = |mesh: &TriangleMesh| (0..mesh.triangles.len()).map(|t| mesh.corners(t)).collect::<Vec<_>>();
         assert_eq!(corners(&again), corners(&mesh));
@@ -178,7 +187,7 @@ mod tests {
 
     #[test]
     fn labels_friction_and_placement() {
-        let mesh = read_glb(&example(2)).unwrap();
+        let mesh = read(&example(2)).unwrap();
         assert_eq!((mesh.triangles.len(), mesh.labels.as_slice()), (2, &[0, 1][..]));
         assert_eq!(mesh.materials[0], Material { name: "ice".into(), friction: Some(0.1) });
         assert_eq!(mesh.materials[1].friction, None);
@@ -187,11 +196,11 @@ mod tests {
 
     #[test]
     fn bad_files_are_named() {
-        assert!(read_glb(&example(7)).unwrap_err().contains("vertex index 7 of 3"));
-        assert!(read_glb(b"no glb").is_err());
+        assert!(read(&example(7)).unwrap_err().to_string().contains("indices below 3, found 7"));
+        assert!(read(b"no glb").is_err());
         let full = example(2);
         for length in 0..full.len() {
-            assert!(read_glb(&full[..length]).is_err(), "{length} bytes");
+            assert!(read(&full[..length]).is_err(), "{length} bytes");
         }
     }
 }

@@ -1,0 +1,142 @@
+//! How close two surfaces are: precision, recall and F1 at a distance (Knapitsch et al., *Tanks and Temples*, 2017).
+
+use crate::MeshError;
+use crate::error::off;
+use crate::nearest::PointGrid;
+use glam::DVec3;
+use qv_core::TriangleMesh;
+use rayon::prelude::*;
+
+/// How close a mesh is to a reference.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Likeness {
+    /// The distance that counts as close \[m\].
+    pub distance: f64,
+    /// Share of the mesh's points that are close to the reference.
+    pub precision: f64,
+    /// Share of the reference's points that are close to the mesh.
+    pub recall: f64,
+}
+
+impl Likeness {
+    /// Harmonic mean of precision and recall.
+    pub fn f1(&self) -> f64 {
+        let sum = self.precision + self.recall;
+        if sum > 0.0 { 2.0 * self.precision * self.recall / sum } else { 0.0 }
+    }
+}
+
+/// `count` points spread over the surface, as many on equal areas; the same seed gives the same points.
+///
+/// # Errors
+/// The mesh is not valid or has no area.
+pub fn sample(mesh: &TriangleMesh, count: usize, seed: u64) -> Result<Vec<DVec3>, MeshError> {
+    mesh.validate()?;
+    let mut total = 0.0;
+    let mut until = Vec::with_capacity(mesh.triangles.len());
+    for t in 0..mesh.triangles.len() {
+        let [a, b, c] = mesh.corners(t);
+        total += 0.5 * (b - a).cross(c - a).length();
+        until.push(total);
+    }
+    if !(total.is_finite() && total > 0.0) {
+        return Err(off("mesh to sample", "triangles with an area", format!("{} triangles", mesh.triangles.len())));
+    }
+    Ok((0..count)
+        .into_par_iter()
+        .map(|i| {
+            let [u, v, w] = [0, 1, 2].map(|k| uniform(seed, 3 * i as u64 + k));
+            // Stratified along the list of triangles.
+            let at = (i as f64 + u) / count as f64 * total;
+            let t = until.partition_point(|sum| *sum <= at).min(until.len() - 1);
+            let [a, b, c] = mesh.corners(t);
+            let root = v.sqrt();
+            (1.0 - root) * a + root * (1.0 - w) * b + root * w * c
+        })
+        .collect())
+}
+
+/// Uniform in 0 to 1 from a counter (splitmix64).
+fn uniform(seed: u64, counter: u64) -> f64 {
+    let mut x = seed.wrapping_mul(0xd134_2543_de82_ef95).wrapping_add(counter.wrapping_mul(0x9e37_79b9_7f4a_7c15));
+    x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((x ^ (x >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// Compares points of a surface with points of a reference \[m\] at several distances \[m\].
+///
+/// # Errors
+/// There are no points, one is not finite, or a distance is not positive.
+pub fn compare_points(found: &[DVec3], reference: &[DVec3], distances: &[f64]) -> Result<Vec<Likeness>, MeshError> {
+    if found.is_empty() || reference.is_empty() {
+        return Err(off("surfaces to compare", "points", format!("{} and {}", found.len(), reference.len())));
+    }
+    let most = distances.iter().copied().fold(0.0, f64::max);
+    let gaps = |from: &[DVec3], to: &[DVec3]| -> Result<Vec<f64>, MeshError> {
+        let grid = PointGrid::new(to, 0.5 * most)?;
+        Ok(from.par_iter().map(|p| grid.nearest(*p, most).map_or(f64::INFINITY, |(_, d)| d)).collect())
+    };
+    let (there, back) = (gaps(found, reference)?, gaps(reference, found)?);
+    let share = |gaps: &[f64], most: f64| gaps.iter().filter(|d| **d <= most).count() as f64 / gaps.len() as f64;
+    let at = |d: &f64| Likeness { distance: *d, precision: share(&there, *d), recall: share(&back, *d) };
+    Ok(distances.iter().map(at).collect())
+}
+
+/// Compares two meshes at several distances \[m\], by `count` points on each. The mean gap between points on a surface of area A is
+/// about sqrt(A / count) / 2; it should be well below the distances.
+///
+/// # Errors
+/// As [`sample`] and [`compare_points`].
+pub fn compare(
+    mesh: &TriangleMesh,
+    reference: &TriangleMesh,
+    distances: &[f64],
+    count: usize,
+) -> Result<Vec<Likeness>, MeshError> {
+    compare_points(&sample(mesh, count, 1)?, &sample(reference, count, 2)?, distances)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn square(size: f64, z: f64) -> TriangleMesh {
+        let p = |x: f64, y: f64| DVec3::new(x * size, y * size, z);
+        TriangleMesh {
+            vertices: vec![p(0.0, 0.0), p(1.0, 0.0), p(1.0, 1.0), p(0.0, 1.0)],
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            ..Default::default()
+        }
+    }
+
+    #[test]
+    fn shares_are_those_of_areas() {
+        // A square of half the area 1 cm above the whole.
+        let half = square(0.5f64.sqrt(), 0.01);
+        let [near, far] = compare(&half, &square(1.0, 0.0), &[0.005, 0.02], 40_000).unwrap()[..] else { panic!() };
+        assert_eq!((near.precision, near.recall, near.f1()), (0.0, 0.0, 0.0));
+        assert_eq!(far.precision, 1.0);
+        // Beyond the half's edges points are close up to sqrt(0.02² - 0.01²) more.
+        assert!((far.recall - 0.5 - 2.0 * 0.5f64.sqrt() * 0.0173).abs() < 0.006, "{}", far.recall);
+    }
+
+    #[test]
+    fn samples_fill_the_area_evenly() {
+        let points = sample(&square(1.0, 0.0), 10_000, 3).unwrap();
+        let left = points.iter().filter(|p| p.x < 0.3).count();
+        let corner = points.iter().filter(|p| p.x + p.y > 1.5).count();
+        assert!(
+            (left as f64 / 1e4 - 0.3).abs() < 0.02 && (corner as f64 / 1e4 - 0.125).abs() < 0.02,
+            "{left} {corner}"
+        );
+    }
+
+    #[test]
+    fn what_cannot_be_compared_is_named() {
+        let empty = TriangleMesh::default();
+        assert!(compare(&empty, &square(1.0, 0.0), &[0.1], 10).unwrap_err().to_string().contains("with an area"));
+        assert!(compare_points(&[], &[DVec3::ZERO], &[0.1]).is_err());
+        assert!(compare(&square(1.0, 0.0), &square(1.0, 0.0), &[-1.0], 10).is_err());
+    }
+}
