@@ -10,10 +10,12 @@ use super::mcmc::Relocation;
 use super::model::Model;
 use super::options::{Strategy, TrainOptions};
 use super::pose;
+use super::random::{Purpose, words};
+use super::terms::{depth_normal, labels, multi_view, priors};
 use crate::SplatError;
 use crate::error::off;
 use qv_core::Camera;
-use qv_raster::{Frame, Image, Outputs, Scene, Settings, View};
+use qv_raster::{Frame, Image, Outputs, Scene, Settings, View, render};
 
 /// Trains on the CPU. The same inputs give the same bits on any number of threads.
 #[derive(Debug)]
@@ -21,6 +23,8 @@ pub struct CpuEngine<'a> {
     dataset: &'a Dataset,
     options: TrainOptions,
     model: Model,
+    /// For each photograph those that are near it.
+    partners: Vec<Vec<usize>>,
     /// Sum of losses, and of how many steps, since they were asked for.
     losses: (f64, u32),
 }
@@ -37,7 +41,9 @@ impl<'a> CpuEngine<'a> {
             let expected = format!("{} photographs, as the capture has", dataset.training.len());
             return Err(off("model to go on with", expected, model.exposures.len()));
         }
-        Ok(Self { dataset, options: *options, model, losses: (0.0, 0) })
+        let cameras: Vec<Camera> = dataset.training.iter().map(|one| one.camera).collect();
+        let partners = multi_view::partners(&cameras, dataset.extent);
+        Ok(Self { dataset, options: *options, model, partners, losses: (0.0, 0) })
     }
 
     /// One photograph: derivatives of everything but the Gaussians' regularisers.
@@ -49,7 +55,8 @@ impl<'a> CpuEngine<'a> {
         let frame = Frame::new(&scene, &[View::of(camera)], &settings)?;
         let image = frame.images().remove(0);
         let mut by_images = frame.blank_images();
-        let (loss, by_exposure) = self.photometric(index, &image, &mut by_images[0]);
+        let (mut loss, by_exposure) = self.photometric(index, &image, &mut by_images[0]);
+        loss += self.terms(index, &camera, &image, &mut by_images[0])?;
         let (by, pulls) = frame.gradients_and_pulls(&scene, &by_images)?;
         for (sum, pull) in self.model.pulls.iter_mut().zip(pulls) {
             (0..2).for_each(|k| sum[k] += pull[k]);
@@ -81,6 +88,50 @@ impl<'a> CpuEngine<'a> {
         exposure::regularise(exposure, self.options.weights.exposure, &mut by_exposure);
         by.colour = by_colour;
         (loss, Some(by_exposure))
+    }
+
+    /// Terms of geometry and labels; their derivatives go into `by`.
+    fn terms(&self, index: usize, camera: &Camera, image: &Image, by: &mut Image) -> Result<f32, SplatError> {
+        let (weights, iteration) = (&self.options.weights, self.model.iteration);
+        let photograph = &self.dataset.training[index];
+        let mut loss = 0.0;
+        if weights.labels > 0.0 {
+            loss += labels::add(image, photograph, self.model.cloud.feature_count, weights.labels, by);
+        }
+        if iteration < self.options.geometry_from {
+            return Ok(loss);
+        }
+        if weights.depth_prior > 0.0 && !photograph.depth.is_empty() {
+            loss += priors::depth(image, photograph, weights.depth_prior, by);
+        }
+        if weights.normal_prior > 0.0 && !photograph.normals.is_empty() {
+            loss += priors::normals(image, photograph, weights.normal_prior, by);
+        }
+        if weights.depth_normal > 0.0 {
+            loss += depth_normal::add(image, camera, weights.depth_normal, by);
+        }
+        if weights.multi_view > 0.0 {
+            loss += self.multi_view(index, camera, image, by)?;
+        }
+        Ok(loss)
+    }
+
+    fn multi_view(&self, index: usize, camera: &Camera, image: &Image, by: &mut Image) -> Result<f32, SplatError> {
+        let (options, iteration) = (&self.options, self.model.iteration);
+        let partners = &self.partners[index];
+        if partners.is_empty() {
+            return Ok(0.0);
+        }
+        let word = words(options.seed, iteration, 0, Purpose::Pair)[0];
+        let partner = partners[word as usize % partners.len()];
+        let other = &self.dataset.training[partner];
+        let other_camera = Camera { camera_from_world: self.model.poses[partner], ..other.camera };
+        let settings = Settings { outputs: Outputs { plane: true, ..Default::default() }, ..Default::default() };
+        let (drawn, _) = render(&Scene::still(&self.model.cloud), &[View::of(other_camera)], &settings)?;
+        let (grey, other_grey) = (multi_view::grey(&self.dataset.training[index]), multi_view::grey(other));
+        let other = multi_view::Other::new(&other_camera, camera, &other_grey, &drawn[0].plane_depth);
+        let random = [options.seed, iteration];
+        Ok(multi_view::add(image, &grey, camera, &other, options.weights.multi_view, random, by))
     }
 
     /// How often a photograph has been seen, this time counted.

@@ -21,6 +21,7 @@ pub mod pose;
 pub mod random;
 mod score;
 mod start;
+pub mod terms;
 #[cfg(test)]
 pub(crate) mod tiny;
 mod undistort;

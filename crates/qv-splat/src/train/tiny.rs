@@ -74,3 +74,24 @@ pub(crate) fn scene(count: usize, views: usize, side: u32) -> Tiny {
     let dataset = Dataset::of_photographs(all.collect(), 0).unwrap();
     Tiny { cloud, dataset }
 }
+
+/// A patterned wall, the plane y = 0, of flat Gaussians.
+pub(crate) fn wall() -> GaussianCloud {
+    let mut cloud = GaussianCloud::default();
+    for i in 0..26 * 26u32 {
+        let word = words(4, 0, i, Purpose::Start).map(unit);
+        let place = |k: u32| (k as f32 - 12.5) * 0.09;
+        cloud.means.push([place(i % 26), 0.0, place(i / 26)]);
+        cloud.log_scales.push([-2.9, -7.0, -2.9]);
+        cloud.rotations.push([1.0, 0.0, 0.0, 0.0]);
+        cloud.opacity_logits.push(4.0);
+        cloud.sh.push([word[0], word[1], word[2]].map(|x| 3.0 * x - 1.5));
+    }
+    cloud
+}
+
+/// Cameras in front of the wall.
+pub(crate) fn before_the_wall(side: u32) -> Vec<Camera> {
+    let at = |k: usize| DVec3::new([-0.8, 0.0, 0.8][k % 3], -2.4, [-0.35, 0.35][k / 3]);
+    (0..6).map(|k| looking(at(k), DVec3::ZERO, side)).collect()
+}
