@@ -7,11 +7,12 @@ use qv_raster::gpu::Gpu;
 pub const FOLD: u32 = 32_768;
 
 /// The shaders with their entry points.
-pub const SHADERS: [(&str, &[&str]); 4] = [
+pub const SHADERS: [(&str, &[&str]); 5] = [
     ("loss", &["similar", "pull"]),
     ("finish", &["finish", "turn"]),
     ("update", &["shape", "harmonics", "gather"]),
     ("relocate", &["change", "copy"]),
+    ("terms", &["planes", "consistent", "prior"]),
 ];
 
 /// What a step is told; `Step` in step.wgsl.
@@ -72,6 +73,16 @@ pub struct StepWords {
     pub depth_normal: f32,
     /// Workgroups of the loss.
     pub groups: u32,
+    /// Weight of the agreement of patches, over the number of pixels that are looked at.
+    pub multi_view: f32,
+    /// The other photograph.
+    pub partner: u32,
+    /// Its columns and rows.
+    pub partner_size: [u32; 2],
+    /// First column and row that are looked at.
+    pub from: [u32; 2],
+    /// Fills up the words.
+    pub unused: [u32; 2],
 }
 
 /// The text of a shader. Lines between `//#taps` and `//#end` are repeated for each tap of the window, with its index for `$K` and its
@@ -81,7 +92,8 @@ pub fn text(name: &str) -> String {
         "loss" => include_str!("loss.wgsl"),
         "finish" => include_str!("finish.wgsl"),
         "update" => include_str!("update.wgsl"),
-        _ => include_str!("relocate.wgsl"),
+        "relocate" => include_str!("relocate.wgsl"),
+        _ => include_str!("terms.wgsl"),
     };
     let mut out = include_str!("step.wgsl").to_string();
     let mut block: Option<String> = None;

@@ -33,6 +33,15 @@ struct Step {
     depth_prior: f32,
     depth_normal: f32,
     groups: u32,
+    // Over the number of pixels that are looked at.
+    multi_view: f32,
+    partner: u32,
+    partner_width: u32,
+    partner_height: u32,
+    from_x: u32,
+    from_y: u32,
+    unused_x: u32,
+    unused_y: u32,
 }
 
 const BETA1: f32 = 0.9;
