@@ -5,6 +5,7 @@ use crate::scene::about;
 use crate::{Failure, Outcome, say};
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
+use qv_core::GaussianCloud;
 use qv_splat::files::{Format, write};
 use qv_splat::train::{
     CpuEngine, Dataset, Engine, Model, Photograph, Progress, ReadOptions, Score, Strategy, TrainOptions, Weights,
@@ -194,10 +195,18 @@ impl Reconstruct {
             let bytes = fs::read(&path).map_err(|e| about(&path, format!("expected a checkpoint, found {e}")))?;
             return Ok((checkpoint::read(&bytes).map_err(|e| about(&path, e))?, opened.points.is_some()));
         }
-        let cloud = match &opened.points {
+        let mut cloud = match &opened.points {
             Some(points) => of_points(points, options)?,
             None => of_points(&at_random(dataset, options), options)?,
         };
+        if self.labels > 0.0 {
+            let most = dataset.training.iter().flat_map(|one| &one.labels).copied().max().unwrap_or(0) as usize;
+            if !(1..=GaussianCloud::MAX_FEATURES).contains(&most) {
+                return Err(about(&self.capture, format!("expected label images with 1 to 16 labels, found {most}")));
+            }
+            cloud.feature_count = most;
+            cloud.features = vec![0.0; most * cloud.len()];
+        }
         Ok((Model::new(cloud, dataset), opened.points.is_some()))
     }
 
@@ -265,8 +274,8 @@ impl Reconstruct {
         let mut text = format!("{splats} Gaussians, loss {:.5}, {seconds:.1} s of training\n", run.loss);
         if let Some(s) = mean {
             text += &format!(
-                "held out: PSNR {:.2} dB, SSIM {:.4}; right halves {:.2} dB, with the exposure of the left {:.2} dB\n",
-                s.psnr, s.ssim, s.psnr_right, s.psnr_right_fitted
+                "held out: PSNR {:.2} dB, SSIM {:.4}; right halves {:.2} dB, with the exposure of the left {:.2} dB, with its gains {:.2} dB\n",
+                s.psnr, s.ssim, s.psnr_right, s.psnr_right_fitted, s.psnr_right_gains
             );
         }
         for (name, ms) in run.mean_times() {
@@ -278,7 +287,8 @@ impl Reconstruct {
 
 fn named(name: &str, s: &Score) -> Value {
     json!({"name": name, "psnr": s.psnr, "ssim": s.ssim, "psnr_right": s.psnr_right, "ssim_right": s.ssim_right,
-        "psnr_right_fitted": s.psnr_right_fitted, "ssim_right_fitted": s.ssim_right_fitted})
+        "psnr_right_fitted": s.psnr_right_fitted, "ssim_right_fitted": s.ssim_right_fitted,
+        "psnr_right_gains": s.psnr_right_gains})
 }
 
 /// What goes on while training runs.

@@ -70,6 +70,20 @@ pub fn fitted<'a>(pairs: impl Iterator<Item = (&'a [f32], &'a [f32])>) -> Exposu
     out
 }
 
+/// The factor of each colour that brings an image to a photograph in the sense of least squares, both `[pixels, 3]`, as a transform.
+pub fn fitted_gains<'a>(pairs: impl Iterator<Item = (&'a [f32], &'a [f32])>) -> Exposure {
+    let (mut own, mut both) = ([1e-9f64; 3], [1e-9f64; 3]);
+    for (from, to) in pairs {
+        for c in 0..3 {
+            own[c] += (from[c] * from[c]) as f64;
+            both[c] += (from[c] * to[c]) as f64;
+        }
+    }
+    let mut out = NEUTRAL;
+    (0..3).for_each(|c| out[5 * c] = (both[c] / own[c]) as f32);
+    out
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -86,6 +100,10 @@ mod tests {
         let found = fitted(a.chunks_exact(3).zip(b.chunks_exact(3)));
         assert!(found.iter().zip(&E).all(|(a, b)| (a - b).abs() < 0.02), "{found:?}");
         assert_eq!(fitted(std::iter::empty()), NEUTRAL);
+        let dim: Vec<f32> = a.iter().enumerate().map(|(at, x)| x * [0.5, 0.7, 0.9][at % 3]).collect();
+        let gains = fitted_gains(a.chunks_exact(3).zip(dim.chunks_exact(3)));
+        assert!([0.5, 0.7, 0.9].iter().enumerate().all(|(c, x)| (gains[5 * c] - x).abs() < 1e-5), "{gains:?}");
+        assert_eq!(fitted_gains(std::iter::empty()), NEUTRAL);
     }
 
     #[test]

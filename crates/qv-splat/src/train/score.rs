@@ -2,10 +2,11 @@
 //!
 //! PSNR and SSIM of the image as it is drawn, cut off to 0 to 1, are what others publish. When exposures differ from photograph to
 //! photograph they say more about the exposure than about the scene. Besides them, therefore, the two halves of an image are told apart: an
-//! affine colour transform is fitted to the left half by least squares, and the right half is scored with it and without it.
+//! affine colour transform, and one factor for each colour, is fitted to the left half by least squares, and the right half is scored with
+//! them and without. An image that lacks detail is made dull by the affine fit, which the factors are not.
 
 use super::dataset::Photograph;
-use super::exposure::{exposed_image, fitted};
+use super::exposure::{exposed_image, fitted, fitted_gains};
 use super::loss::ssim_map;
 
 /// Scores of one image.
@@ -23,6 +24,8 @@ pub struct Score {
     pub psnr_right_fitted: f64,
     /// Of the right half, with the exposure fitted to the left half.
     pub ssim_right_fitted: f64,
+    /// Of the right half, with a factor for each colour fitted to the left half \[dB\].
+    pub psnr_right_gains: f64,
 }
 
 impl Score {
@@ -36,6 +39,7 @@ impl Score {
             ssim_right: mean(|s| s.ssim_right),
             psnr_right_fitted: mean(|s| s.psnr_right_fitted),
             ssim_right_fitted: mean(|s| s.ssim_right_fitted),
+            psnr_right_gains: mean(|s| s.psnr_right_gains),
         })
     }
 }
@@ -50,11 +54,12 @@ pub fn score(image: &[f32], photograph: &Photograph) -> Score {
     };
     let left = (0..valid.len()).filter(|pixel| valid[*pixel] && pixel % width < width / 2);
     let pairs = left.map(|pixel| (&image[3 * pixel..3 * pixel + 3], &wanted[3 * pixel..3 * pixel + 3]));
-    let exposure = fitted(pairs);
+    let (exposure, gains) = (fitted(pairs.clone()), fitted_gains(pairs));
     let (psnr, ssim) = of(image, false);
     let (psnr_right, ssim_right) = of(image, true);
     let (psnr_right_fitted, ssim_right_fitted) = of(&exposed_image(&exposure, image), true);
-    Score { psnr, ssim, psnr_right, ssim_right, psnr_right_fitted, ssim_right_fitted }
+    let (psnr_right_gains, _) = of(&exposed_image(&gains, image), true);
+    Score { psnr, ssim, psnr_right, ssim_right, psnr_right_fitted, ssim_right_fitted, psnr_right_gains }
 }
 
 fn one(image: &[f32], wanted: &[f32], valid: &[bool], width: usize, counts: &dyn Fn(usize) -> bool) -> (f64, f64) {

@@ -10,9 +10,9 @@ pub const FOLD: u32 = 32_768;
 pub const SHADERS: [(&str, &[&str]); 5] = [
     ("loss", &["similar", "pull"]),
     ("finish", &["finish", "turn"]),
-    ("update", &["shape", "harmonics", "gather"]),
+    ("update", &["shape", "harmonics", "features", "gather"]),
     ("relocate", &["change", "copy"]),
-    ("terms", &["planes", "consistent", "prior"]),
+    ("terms", &["planes", "consistent", "prior", "labels"]),
 ];
 
 /// What a step is told; `Step` in step.wgsl.
@@ -81,6 +81,14 @@ pub struct StepWords {
     pub partner_size: [u32; 2],
     /// First column and row that are looked at.
     pub from: [u32; 2],
+    /// Weight of given normals, over the number of pixels.
+    pub normal_prior: f32,
+    /// Weight of labels, over the number of pixels.
+    pub labels: f32,
+    /// Features of each Gaussian.
+    pub feature_count: u32,
+    /// Their rate.
+    pub feature_rate: f32,
     /// Fills up the words.
     pub unused: [u32; 2],
 }

@@ -43,6 +43,10 @@ pub struct GpuEngine<'a> {
     plane_depths: Vec<wgpu::Buffer>,
     /// Measured depths of each photograph; none when no term asks for them.
     measured: Vec<wgpu::Buffer>,
+    /// Given normals of each photograph, a word for each pixel; none when no term asks for them.
+    normals: Vec<wgpu::Buffer>,
+    /// Labels of each photograph, a byte for each pixel; none when no term asks for them.
+    labels: Vec<wgpu::Buffer>,
     /// For each photograph those that are near it.
     partners: Vec<Vec<usize>>,
     /// Without Gaussians but with everything else that is not on the card; poses as they came.
@@ -71,7 +75,7 @@ impl<'a> GpuEngine<'a> {
     /// Begins, or goes on, with a model.
     ///
     /// # Errors
-    /// Options are off or ask for what only the CPU does, the model is not of this many photographs, or the device has no room.
+    /// Options are off, the model is not of this many photographs, or the device has no room.
     pub fn new(
         rasteriser: GpuRasteriser,
         dataset: &'a Dataset,
@@ -86,15 +90,6 @@ impl<'a> GpuEngine<'a> {
             return Err(off("model to go on with", expected, model.exposures.len()));
         }
         let w = &options.weights;
-        for (name, weight) in [("normal prior", w.normal_prior), ("labels", w.labels)] {
-            if weight > 0.0 {
-                return Err(off(
-                    format!("training on the card, weight {name}"),
-                    "0: the term is on the CPU only",
-                    weight,
-                ));
-            }
-        }
         let gpu = &rasteriser.gpu;
         let pixels = dataset.training.iter().map(|one| one.pixels.rgba.len()).max().unwrap_or(1) as u64;
         let sides = |of: fn(&Camera) -> u32| dataset.training.iter().map(|one| of(&one.camera)).max().unwrap_or(1);
@@ -108,6 +103,16 @@ impl<'a> GpuEngine<'a> {
             true => gpu.buffer("measured", size(one)),
             false => gpu.filled("measured", &one.depth),
         });
+        let normals =
+            dataset.training.iter().filter(|_| w.normal_prior > 0.0).map(|one| match one.normals.is_empty() {
+                true => gpu.buffer("normals", size(one)),
+                false => gpu.filled("normals", &one.normals.iter().map(signed_bytes).collect::<Vec<_>>()),
+            });
+        let labels = dataset.training.iter().filter(|_| w.labels > 0.0).map(|one| {
+            let mut bytes = one.labels.clone();
+            bytes.resize(one.pixels.rgba.len().next_multiple_of(4), 0);
+            gpu.filled("labels", &bytes)
+        });
         let cameras_as_given: Vec<Camera> = dataset.training.iter().map(|one| one.camera).collect();
         let mut rest = model.clone();
         rest.retain(&vec![false; model.cloud.len()]);
@@ -115,6 +120,8 @@ impl<'a> GpuEngine<'a> {
             photographs: photographs.collect::<Result<_, _>>()?,
             plane_depths: plane_depths.collect::<Result<_, _>>()?,
             measured: measured.collect::<Result<_, _>>()?,
+            normals: normals.collect::<Result<_, _>>()?,
+            labels: labels.collect::<Result<_, _>>()?,
             partners: multi_view::partners(&cameras_as_given, dataset.extent),
             cameras: cameras(&rasteriser, dataset, &model.poses)?,
             step: gpu.buffer("step", size_of::<StepWords>() as u64)?,
@@ -153,8 +160,8 @@ impl<'a> GpuEngine<'a> {
             &settings,
             &self.how,
         )?;
-        // Harmonics' derivatives are cleared by whoever reads them; they begin as zeros.
-        if let Some(buffer) = self.rasteriser.buffer("by_sh") {
+        // Derivatives of harmonics and features are cleared by whoever reads them; they begin as zeros.
+        for buffer in ["by_sh", "by_feature"].iter().filter_map(|name| self.rasteriser.buffer(name)) {
             let mut encoder = self.rasteriser.gpu.device.create_command_encoder(&Default::default());
             encoder.clear_buffer(buffer, 0, None);
             self.rasteriser.gpu.queue.submit([encoder.finish()]);
@@ -173,7 +180,8 @@ impl<'a> GpuEngine<'a> {
         let geometry = iteration >= options.geometry_from;
         let seen = iteration / self.dataset.training.len() as u32 + 1;
         let outputs = outputs(options, iteration);
-        let width = 9 + outputs.depth as u32 + 4 * outputs.plane as u32;
+        let features = if outputs.features { self.store.cloud.feature_count as u32 } else { 0 };
+        let width = 9 + outputs.depth as u32 + 4 * outputs.plane as u32 + features;
         let partner = self.partner(photograph);
         let random = words(options.seed, iteration, 1, Purpose::Pair);
         let from = [random[0] % multi_view::STRIDE, random[1] % multi_view::STRIDE];
@@ -213,6 +221,10 @@ impl<'a> GpuEngine<'a> {
             partner: partner.unwrap_or(photograph) as u32,
             partner_size: [other.width, other.height],
             from,
+            normal_prior: weights.normal_prior / pixels,
+            labels: weights.labels / pixels,
+            feature_count: self.store.cloud.feature_count as u32,
+            feature_rate: rates.features,
             unused: [0; 2],
         }
     }
@@ -234,7 +246,17 @@ impl<'a> GpuEngine<'a> {
         if outputs.plane {
             let (plane_image, by_planes) = (self.buffer("plane_image")?, self.buffer("by_planes")?);
             let own = &self.plane_depths[photograph];
-            let planes = vec![(0, &self.step), (3, plane_image), (4, by_planes), (5, lenses), (7, own)];
+            // Any buffer stands for normals that nobody asks for.
+            let normals = self.normals.get(photograph).unwrap_or(&self.report);
+            let planes = vec![
+                (0, &self.step),
+                (2, photo),
+                (3, plane_image),
+                (4, by_planes),
+                (5, lenses),
+                (7, own),
+                (13, normals),
+            ];
             jobs.push(self.job("planes", image, planes));
             if let Some(partner) = self.partner(photograph).filter(|_| words.multi_view > 0.0) {
                 let consistent = vec![
@@ -265,6 +287,11 @@ impl<'a> GpuEngine<'a> {
                 (12, &self.measured[photograph]),
             ];
             jobs.push(self.job("prior", image, prior));
+        }
+        if let Some(labels) = self.labels.get(photograph).filter(|_| outputs.features) {
+            let (features, by_features) = (self.buffer("feature_image")?, self.buffer("by_features")?);
+            let buffers = vec![(0, &self.step), (2, photo), (14, features), (15, by_features), (16, labels)];
+            jobs.push(self.job("labels", image, buffers));
         }
         if !jobs.is_empty() {
             recorder.run_jobs("terms", &jobs);
@@ -328,7 +355,18 @@ impl<'a> GpuEngine<'a> {
             vec![(0, &self.step), (7, &cloud.sh), (8, get("by_sh")?), (9, &store.sh_first), (10, &store.sh_second)];
         let fours = (3 * words.count * words.sh_count).div_ceil(4).div_ceil(256);
         recorder.run_jobs("adam shape", &[self.job("shape", [words.count.div_ceil(256), 1], shape)]);
-        recorder.run_jobs("adam harmonics", &[self.job("harmonics", folded(fours), harmonics)]);
+        let mut rest = vec![self.job("harmonics", folded(fours), harmonics)];
+        if let Some(by_feature) = self.rasteriser.buffer("by_feature") {
+            let features = vec![
+                (0, &self.step),
+                (7, &cloud.features),
+                (8, by_feature),
+                (9, &store.features_first),
+                (10, &store.features_second),
+            ];
+            rest.push(self.job("features", folded((words.count * words.feature_count).div_ceil(1024)), features));
+        }
+        recorder.run_jobs("adam harmonics", &rest);
         if let Some(stamps) = recorder.submit() {
             self.stamps = Some(stamps);
             self.how.timed = false;
@@ -388,9 +426,11 @@ impl<'a> GpuEngine<'a> {
             (7, &store.sh_first),
             (8, &store.sh_second),
             (9, &self.list),
+            (11, &store.features_first),
+            (12, &store.features_second),
         ];
         if entry == "copy" {
-            buffers.extend([(1, &cloud.means), (3, &cloud.rotations), (6, &cloud.sh)]);
+            buffers.extend([(1, &cloud.means), (3, &cloud.rotations), (6, &cloud.sh), (10, &cloud.features)]);
         }
         let mut recorder = Recorder::new(gpu, false);
         recorder.run_jobs("relocate", &[self.job(entry, groups, buffers)]);
@@ -431,6 +471,13 @@ impl<'a> GpuEngine<'a> {
         }
         Ok(())
     }
+}
+
+/// A unit normal as bytes with a sign, and 127 where there is one.
+fn signed_bytes(normal: &[f32; 3]) -> [i8; 4] {
+    let there = *normal != [0.0; 3];
+    let [x, y, z] = normal.map(|n| (n * 127.0).round() as i8);
+    [x, y, z, if there { 127 } else { 0 }]
 }
 
 /// Workgroups of a long list.
@@ -547,20 +594,28 @@ mod tests {
         for (i, pixel) in scene.dataset.training[1].pixels.rgba.iter_mut().enumerate() {
             pixel[3] = if i % 50 < 6 { 0 } else { 255 };
         }
+        scene.dataset.training[1].normals =
+            (0..2500).map(|i| if i % 3 == 0 { [0.0; 3] } else { [0.0, 0.0, -1.0] }).collect();
+        scene.dataset.training[1].labels = (0..2500).map(|i| (i % 4) as u8).collect();
         for strategy in [Strategy::Mcmc, Strategy::Classic] {
             for atomic in [true, false] {
                 let Some(rasteriser) = rasteriser() else { return };
                 let mut options =
                     TrainOptions { strategy, exposure: true, poses: true, cap: 100, ..Default::default() };
                 options.weights.flattening = 10.0;
+                options.weights.normal_prior = 0.1;
+                options.weights.labels = 0.5;
                 options.weights.depth_normal = 0.1;
                 options.weights.depth_prior = 0.2;
                 options.weights.multi_view = 3.0;
                 options.geometry_from = 0;
-                let model = begin(&scene, &options);
+                let mut model = begin(&scene, &options);
+                model.cloud.feature_count = 3;
+                model.cloud.features = (0..210).map(|i| (i as f32).sin()).collect();
+                let model = Model::new(model.cloud, &scene.dataset);
                 let mut cpu = CpuEngine::new(&scene.dataset, &options, model.clone()).unwrap();
                 let how = GpuTraining { atomic };
-                let mut gpu = GpuEngine::new(rasteriser, &scene.dataset, &options, model, how).unwrap();
+                let mut gpu = GpuEngine::new(rasteriser, &scene.dataset, &options, model.clone(), how).unwrap();
                 // What the other view shows is drawn anew on the CPU and kept from the last time on the card.
                 for (k, buffer) in gpu.plane_depths.iter().enumerate() {
                     let outputs = Outputs { plane: true, ..Default::default() };
@@ -578,7 +633,7 @@ mod tests {
                 let (a, b) = (cpu.model().unwrap(), gpu.model().unwrap());
                 let mut without = options;
                 without.weights.multi_view = 0.0;
-                let mut other = CpuEngine::new(&scene.dataset, &without, begin(&scene, &options)).unwrap();
+                let mut other = CpuEngine::new(&scene.dataset, &without, model.clone()).unwrap();
                 other.step(1).unwrap();
                 assert_ne!(other.model().unwrap().first.means, a.first.means, "the pair was looked at");
                 for (name, m, n) in [("first", &a.first, &b.first), ("second", &a.second, &b.second)] {
@@ -587,6 +642,7 @@ mod tests {
                     near(&format!("{name} rotations"), m.rotations.as_flattened(), n.rotations.as_flattened(), 1e-3);
                     near(&format!("{name} logits"), &m.opacity_logits, &n.opacity_logits, 1e-3);
                     near(&format!("{name} sh"), m.sh.as_flattened(), n.sh.as_flattened(), 1e-3);
+                    near(&format!("{name} features"), &m.features, &n.features, 1e-3);
                     near(&format!("{name} poses"), m.poses.as_flattened(), n.poses.as_flattened(), 1e-3);
                 }
                 near("exposures", a.exposures.as_flattened(), b.exposures.as_flattened(), 1e-4);

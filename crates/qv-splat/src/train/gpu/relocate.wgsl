@@ -13,6 +13,10 @@
 // Index, logit, what is added to log scales; or target and source. The first item is the number of those that follow.
 @group(0) @binding(9) var<storage, read> list: array<vec4<u32>>;
 
+@group(0) @binding(10) var<storage, read_write> features: array<f32>;
+@group(0) @binding(11) var<storage, read_write> features_first: array<f32>;
+@group(0) @binding(12) var<storage, read_write> features_second: array<f32>;
+
 fn forget(i: u32) {
     for (var k = 0u; k < 3u; k++) {
         first[3u * i + k] = vec4<f32>(0.0);
@@ -22,6 +26,10 @@ fn forget(i: u32) {
     for (var k = 0u; k < each; k++) {
         sh_first[each * i + k] = 0.0;
         sh_second[each * i + k] = 0.0;
+    }
+    for (var k = 0u; k < step.feature_count; k++) {
+        features_first[step.feature_count * i + k] = 0.0;
+        features_second[step.feature_count * i + k] = 0.0;
     }
 }
 
@@ -48,6 +56,9 @@ fn copy(@builtin(global_invocation_id) id: vec3<u32>) {
     let each = 3u * step.sh_count;
     for (var k = 0u; k < each; k++) {
         sh[each * target_ + k] = sh[each * source + k];
+    }
+    for (var k = 0u; k < step.feature_count; k++) {
+        features[step.feature_count * target_ + k] = features[step.feature_count * source + k];
     }
     forget(target_);
 }

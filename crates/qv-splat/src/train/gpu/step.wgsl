@@ -40,6 +40,11 @@ struct Step {
     partner_height: u32,
     from_x: u32,
     from_y: u32,
+    // Over the number of pixels.
+    normal_prior: f32,
+    labels: f32,
+    feature_count: u32,
+    feature_rate: f32,
     unused_x: u32,
     unused_y: u32,
 }

@@ -2,7 +2,6 @@
 
 use super::super::model::{Exposure, Model};
 use crate::SplatError;
-use crate::error::off;
 use qv_raster::gpu::{Gpu, GpuCloud};
 use qv_raster::{Gradients, RasterError};
 
@@ -21,6 +20,10 @@ pub struct Store {
     pub sh_first: wgpu::Buffer,
     /// Running means of squares.
     pub sh_second: wgpu::Buffer,
+    /// Running means of derivatives by features.
+    pub features_first: wgpu::Buffer,
+    /// Running means of squares.
+    pub features_second: wgpu::Buffer,
     /// Each exposure followed by its running means, 36 floats.
     pub exposures: wgpu::Buffer,
     /// Running means for each pose, 12 floats.
@@ -33,22 +36,21 @@ impl Store {
     /// Copies a model.
     ///
     /// # Errors
-    /// The device has no room, or the model has features, which are learned on the CPU only.
+    /// The device has no room.
     pub fn new(gpu: &Gpu, model: &Model, capacity: usize) -> Result<Self, SplatError> {
-        if model.cloud.feature_count > 0 {
-            let expected = "Gaussians without features on the card";
-            return Err(off("training", expected, format!("{} features", model.cloud.feature_count)));
-        }
         let capacity = capacity.max(model.cloud.len());
         let sh = 12 * model.cloud.sh_count() as u64 * capacity as u64;
+        let features = 4 * (model.cloud.feature_count * capacity) as u64;
         let views = model.exposures.len() as u64;
         let store = Self {
-            cloud: GpuCloud::with_room(gpu, capacity, model.cloud.sh_degree, 0)?,
+            cloud: GpuCloud::with_room(gpu, capacity, model.cloud.sh_degree, model.cloud.feature_count)?,
             capacity,
             first: gpu.buffer("first", 48 * capacity as u64)?,
             second: gpu.buffer("second", 48 * capacity as u64)?,
             sh_first: gpu.buffer("sh first", sh)?,
             sh_second: gpu.buffer("sh second", sh)?,
+            features_first: gpu.buffer("features first", features)?,
+            features_second: gpu.buffer("features second", features)?,
             exposures: gpu.buffer("exposures", 144 * views)?,
             pose_moments: gpu.buffer("pose moments", 48 * views)?,
             pulls: gpu.buffer("pulls", 8 * capacity as u64)?,
@@ -83,6 +85,9 @@ impl Store {
         write(&self.second, &shapes(&model.second));
         write(&self.sh_first, model.first.sh.as_flattened());
         write(&self.sh_second, model.second.sh.as_flattened());
+        write(&self.cloud.features, &cloud.features);
+        write(&self.features_first, &model.first.features);
+        write(&self.features_second, &model.second.features);
         let lists = model.exposures.iter().zip(&model.exposures_first).zip(&model.exposures_second);
         let exposures: Vec<Exposure> = lists.flat_map(|((e, m), v)| [*e, *m, *v]).collect();
         write(&self.exposures, exposures.as_flattened());
@@ -112,6 +117,8 @@ impl Store {
         let cloud = &mut model.cloud;
         cloud.sh_degree = self.cloud.sh_degree;
         let sh = n * cloud.sh_count();
+        let features = n * cloud.feature_count;
+        cloud.features = gpu.read(&self.cloud.features, features)?;
         cloud.opacity_logits = self.logits(gpu)?;
         cloud.means = three(gpu.read(&self.cloud.means, n)?);
         cloud.log_scales = three(gpu.read(&self.cloud.scales, n)?);
@@ -129,7 +136,7 @@ impl Store {
                 log_scales: rows.iter().map(|r| [r[4], r[5], r[6]]).collect(),
                 rotations: rows.iter().map(|r| [r[8], r[9], r[10], r[11]]).collect(),
                 sh: gpu.read(harmonics, sh)?,
-                features: vec![],
+                features: gpu.read(if k == 0 { &self.features_first } else { &self.features_second }, features)?,
                 poses: poses.iter().map(|both| both[k]).collect(),
             };
             *(if k == 0 { &mut model.first } else { &mut model.second }) = moments;

@@ -17,6 +17,12 @@
 @group(0) @binding(10) var<storage, read> depths: array<f32>;
 @group(0) @binding(11) var<storage, read_write> by_depths: array<f32>;
 @group(0) @binding(12) var<storage, read> measured: array<f32>;
+// Three bytes with a sign for the given normal, and 127 where there is one.
+@group(0) @binding(13) var<storage, read> given: array<u32>;
+@group(0) @binding(14) var<storage, read> features: array<f32>;
+@group(0) @binding(15) var<storage, read_write> by_features: array<f32>;
+// 0 for none, then 1 + the label.
+@group(0) @binding(16) var<storage, read> label_image: array<u32>;
 
 const SMOOTH: f32 = 0.1;
 const SOLID: f32 = 0.5;
@@ -105,6 +111,12 @@ fn planes(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
             by_point -= cross(below.across, by_product(below, x, y + 1));
         }
         by.w = dot(by_point, ray(x, y));
+    }
+    if step.normal_prior > 0.0 {
+        let normal = unpack4x8snorm(given[pixel]);
+        if normal.w > 0.0 && (photograph[pixel] >> 24u) != 0u {
+            by -= vec4<f32>(step.normal_prior * normalize(normal.xyz), 0.0);
+        }
     }
     by_planes[pixel] = by;
 }
@@ -244,4 +256,29 @@ fn prior(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
         by = step.depth_prior * select(-1.0, 1.0, depths[pixel] >= measured[pixel]) / measured[pixel];
     }
     by_depths[pixel] = by;
+}
+
+@compute @workgroup_size(256)
+fn labels(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+    let x = i32(16u * group.x + local % 16u);
+    let y = i32(16u * group.y + local / 16u);
+    if x >= i32(step.width) || y >= i32(step.height) {
+        return;
+    }
+    let pixel = index(x, y);
+    let first = pixel * step.feature_count;
+    let label = (label_image[pixel / 4u] >> (8u * (pixel % 4u))) & 0xffu;
+    let counts = label > 0u && label <= step.feature_count && (photograph[pixel] >> 24u) != 0u;
+    var most = features[first];
+    for (var k = 1u; k < step.feature_count; k++) {
+        most = max(most, features[first + k]);
+    }
+    var sum = 0.0;
+    for (var k = 0u; k < step.feature_count; k++) {
+        sum += exp(features[first + k] - most);
+    }
+    for (var k = 0u; k < step.feature_count; k++) {
+        let wanted = select(0.0, 1.0, k + 1u == label);
+        by_features[first + k] = select(0.0, step.labels * (exp(features[first + k] - most) / sum - wanted), counts);
+    }
 }

@@ -127,6 +127,22 @@ fn harmonics(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
     by_sh[at] = vec4<f32>(0.0);
 }
 
+// Features, with the buffers of harmonics.
+@compute @workgroup_size(256)
+fn features(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+    let at = (group.y * 32768u + group.x) * 256u + local;
+    if 4u * at >= step.count * step.feature_count {
+        return;
+    }
+    let by = by_sh[at];
+    let m = BETA1 * sh_first[at] + (1.0 - BETA1) * by;
+    let v = BETA2 * sh_second[at] + (1.0 - BETA2) * by * by;
+    sh_first[at] = m;
+    sh_second[at] = v;
+    sh[at] -= step.feature_rate * (m / step.bias1) / (sqrt(v / step.bias2) + EPSILON);
+    by_sh[at] = vec4<f32>(0.0);
+}
+
 @compute @workgroup_size(256)
 fn gather(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
     let record = (group.y * 32768u + group.x) * 256u + local;
