@@ -2,7 +2,7 @@
 
 use crate::Failure;
 use crate::scene::{about, open_cameras};
-use qv_splat::captures::{Capture, rgbd};
+use qv_splat::captures::{Capture, colmap_points, rgbd};
 use qv_splat::error_at;
 use qv_splat::files::{Points, points};
 use std::fs;
@@ -15,7 +15,7 @@ const ENDINGS: [&str; 4] = ["", ".png", ".jpg", ".jpeg"];
 pub struct OpenCapture {
     pub capture: Capture,
     pub folders: Vec<PathBuf>,
-    /// Points of `points.ply` beside it.
+    /// Points to begin with, if there are any.
     pub points: Option<Points>,
 }
 
@@ -31,15 +31,33 @@ pub fn open_capture(path: &Path) -> Result<OpenCapture, Failure> {
     } else {
         open_cameras(path)?
     };
-    let points_path = folder.join("points.ply");
-    let points = match fs::read(&points_path) {
-        Ok(bytes) => Some(points::read(&bytes).map_err(|e| about(&points_path, e))?),
-        Err(_) => None,
-    };
+    let points = points_of(folder)?;
     // COLMAP's images lie in a folder beside the model.
     let above = folder.ancestors().take(3).map(|above| above.join("images"));
     let folders = std::iter::once(folder.to_path_buf()).chain(above).collect();
     Ok(OpenCapture { capture, folders, points: points.filter(|points| !points.places.is_empty()) })
+}
+
+/// `points.ply`, or the points of a COLMAP model where its cameras may be.
+fn points_of(folder: &Path) -> Result<Option<Points>, Failure> {
+    for place in [
+        "points.ply",
+        "points3D.bin",
+        "sparse/0/points3D.bin",
+        "sparse/points3D.bin",
+        "points3D.txt",
+        "sparse/0/points3D.txt",
+    ] {
+        let path = folder.join(place);
+        let Ok(bytes) = fs::read(&path) else { continue };
+        let points = match path.extension().and_then(|ending| ending.to_str()) {
+            Some("ply") => points::read(&bytes),
+            Some("bin") => colmap_points::read_binary(&bytes),
+            _ => colmap_points::read_text(&String::from_utf8_lossy(&bytes)),
+        };
+        return Ok(Some(points.map_err(|e| about(&path, e))?));
+    }
+    Ok(None)
 }
 
 fn names_of(folder: &Path) -> Result<Vec<String>, Failure> {

@@ -3,6 +3,7 @@
 pub mod cameras_json;
 pub mod colmap;
 mod colmap_binary;
+pub mod colmap_points;
 mod colmap_text;
 pub mod distortion;
 pub mod nerfstudio;

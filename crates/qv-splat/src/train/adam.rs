@@ -38,7 +38,7 @@ pub fn regularise(model: &Model, options: &TrainOptions, extent: f32, by: &mut G
     let n = model.cloud.len().max(1) as f32;
     let mcmc = options.strategy == Strategy::Mcmc;
     let opacity = if mcmc { weights.opacity / n } else { 0.0 };
-    let scale = if mcmc { weights.scale / (3.0 * n) } else { 0.0 };
+    let scale = if mcmc { weights.scale / (3.0 * n * extent) } else { 0.0 };
     let geometry = model.iteration >= options.geometry_from;
     let flat = if geometry { weights.flattening / (extent * n) } else { 0.0 };
     for i in 0..model.cloud.len() {
@@ -81,16 +81,23 @@ pub fn step(model: &mut Model, by: &Gradients, rates: &Rates) {
     });
 }
 
-/// Moves the exposure of a photograph that has been seen so many times, this one counted.
+/// Moves the exposure of a photograph that has been seen so many times, this one counted. All exposures then move back together so
+/// that their mean stays what it was: else a common factor could wander between them and the colours of the Gaussians.
 pub fn step_exposure(model: &mut Model, photograph: usize, by: &Exposure, rate: f32, seen: u32) {
     let bias = bias(seen);
     for k in 0..12 {
         let (first, second) = (&mut model.exposures_first[photograph][k], &mut model.exposures_second[photograph][k]);
-        moved(&mut model.exposures[photograph][k], first, second, by[k], rate, bias);
+        let mut shift = 0.0;
+        moved(&mut shift, first, second, by[k], rate, bias);
+        model.exposures[photograph][k] += shift;
+        let back = shift / model.exposures.len() as f32;
+        model.exposures.iter_mut().for_each(|exposure| exposure[k] -= back);
     }
 }
 
 /// Noise on the means, large where opacity is small (Kheradmand et al., 2024, eq. 9): Σ η with a factor that is one half at opacity 0.005.
+/// `rate` is in 1/m: Σ has the square of a length, of which one is taken away by the extent of the cameras, so that a scene in other units
+/// is learned alike.
 pub fn shake(model: &mut Model, rate: f32, seed: u32) {
     let iteration = model.iteration;
     let cloud = &mut model.cloud;

@@ -182,7 +182,8 @@ impl Engine for CpuEngine<'_> {
             pose::step(&mut self.model, photograph, &by.poses[0], rates.poses, self.dataset.extent, seen);
         }
         if self.options.strategy == Strategy::Mcmc {
-            shake(&mut self.model, self.options.noise * rates.means, self.options.seed);
+            let noise = self.options.noise_rate(iteration, self.dataset.extent);
+            shake(&mut self.model, noise, self.options.seed);
         }
         self.come_and_go();
         self.model.iteration += 1;
@@ -311,6 +312,8 @@ mod tests {
             let model = engine.model().unwrap();
             let gains: Vec<f32> = model.exposures.iter().map(|e| e[0]).collect();
             assert!(!exposure || gains[5] > 1.15 * gains[0], "{gains:?}");
+            let mean = gains.iter().sum::<f32>() / gains.len() as f32;
+            assert!((mean - 1.0).abs() < 1e-4, "the mean stays: {mean}");
         }
         assert!(losses[1] < 0.75 * losses[0], "{losses:?}");
         let options = options(100, Strategy::Mcmc);

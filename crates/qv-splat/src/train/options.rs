@@ -20,7 +20,7 @@ pub struct Weights {
     pub ssim: f32,
     /// Mean opacity; with [`Strategy::Mcmc`] only.
     pub opacity: f32,
-    /// Mean scale; with [`Strategy::Mcmc`] only.
+    /// Mean scale in units of the extent; with [`Strategy::Mcmc`] only.
     pub scale: f32,
     /// Squared distance of exposures from identity.
     pub exposure: f32,
@@ -87,7 +87,7 @@ pub struct TrainOptions {
     pub geometry_from: u32,
     /// Terms of the loss.
     pub weights: Weights,
-    /// Noise of the means in units of their rate; with [`Strategy::Mcmc`] only.
+    /// Noise of the means in units of their rate, all in units of the extent; with [`Strategy::Mcmc`] only.
     pub noise: f32,
     /// The same seed gives the same bits on the CPU.
     pub seed: u32,
@@ -151,6 +151,11 @@ impl TrainOptions {
             exposures: 1e-2 * fall.sqrt(),
             poses: 3e-4 * fall,
         }
+    }
+
+    /// What scales the noise of the means in a step \[1/m\].
+    pub fn noise_rate(&self, iteration: u32, extent: f32) -> f32 {
+        self.noise * self.rates(iteration, extent).means / (extent * extent)
     }
 
     /// Degree of the harmonics in a step.

@@ -17,6 +17,7 @@ const NEEDED_VISIBLE: u32 = 2u;
 const NEEDED_ENTRIES: u32 = 3u;
 
 var<workgroup> parts: array<f32, 256>;
+var<workgroup> shifts: array<f32, 12>;
 
 @compute @workgroup_size(256)
 fn finish(@builtin(local_invocation_index) local: u32) {
@@ -49,7 +50,15 @@ fn finish(@builtin(local_invocation_index) local: u32) {
         let second = BETA2 * exposures[at + 24u] + (1.0 - BETA2) * by * by;
         exposures[at + 12u] = first;
         exposures[at + 24u] = second;
-        exposures[at] -= step.exposure_rate * (first / step.seen_bias1) / (sqrt(second / step.seen_bias2) + EPSILON);
+        let shift = -step.exposure_rate * (first / step.seen_bias1) / (sqrt(second / step.seen_bias2) + EPSILON);
+        exposures[at] += shift;
+        shifts[local] = shift / f32(step.photographs);
+    }
+    storageBarrier();
+    workgroupBarrier();
+    // The mean of all exposures stays what it was.
+    for (var k = local; k < 12u * step.photographs && step.exposes != 0u; k += 256u) {
+        exposures[36u * (k / 12u) + k % 12u] -= shifts[k % 12u];
     }
 }
 

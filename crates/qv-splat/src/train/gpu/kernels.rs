@@ -89,8 +89,10 @@ pub struct StepWords {
     pub feature_count: u32,
     /// Their rate.
     pub feature_rate: f32,
+    /// How many there are to learn from.
+    pub photographs: u32,
     /// Fills up the words.
-    pub unused: [u32; 2],
+    pub unused: u32,
 }
 
 /// The text of a shader. Lines between `//#taps` and `//#end` are repeated for each tap of the window, with its index for `$K` and its

@@ -199,9 +199,9 @@ impl<'a> GpuEngine<'a> {
             harmonics: rates.harmonics,
             bias: bias(iteration + 1),
             opacity: if mcmc { weights.opacity / n } else { 0.0 },
-            scale: if mcmc { weights.scale / (3.0 * n) } else { 0.0 },
+            scale: if mcmc { weights.scale / (3.0 * n * self.dataset.extent) } else { 0.0 },
             flat: if geometry { weights.flattening / (self.dataset.extent * n) } else { 0.0 },
-            noise: if mcmc { options.noise * rates.means } else { 0.0 },
+            noise: if mcmc { options.noise_rate(iteration, self.dataset.extent) } else { 0.0 },
             width: camera.width,
             height: camera.height,
             photograph: photograph as u32,
@@ -225,7 +225,8 @@ impl<'a> GpuEngine<'a> {
             labels: weights.labels / pixels,
             feature_count: self.store.cloud.feature_count as u32,
             feature_rate: rates.features,
-            unused: [0; 2],
+            photographs: self.dataset.training.len() as u32,
+            unused: 0,
         }
     }
 

@@ -45,8 +45,8 @@ struct Step {
     labels: f32,
     feature_count: u32,
     feature_rate: f32,
-    unused_x: u32,
-    unused_y: u32,
+    photographs: u32,
+    unused: u32,
 }
 
 const BETA1: f32 = 0.9;
