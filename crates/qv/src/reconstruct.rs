@@ -99,6 +99,15 @@ pub struct Reconstruct {
     /// Weight of labels from files
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
     labels: f32,
+    /// Noise of the means with mcmc, in units of their rate
+    #[arg(long, default_value_t = 5e5, hide_short_help = true)]
+    noise: f32,
+    /// Weight of opacity with mcmc
+    #[arg(long, value_name = "WEIGHT", default_value_t = 0.01, hide_short_help = true)]
+    opacity_weight: f32,
+    /// Weight of scale with mcmc, in units of the extent of the cameras
+    #[arg(long, value_name = "WEIGHT", default_value_t = 0.01, hide_short_help = true)]
+    scale_weight: f32,
     /// Tells how long the stages of a step take on the card
     #[arg(long, hide = true)]
     times: bool,
@@ -186,8 +195,11 @@ impl Reconstruct {
                 multi_view: self.multi_view,
                 normal_prior: self.normal_prior,
                 labels: self.labels,
+                opacity: self.opacity_weight,
+                scale: self.scale_weight,
                 ..Default::default()
             },
+            noise: self.noise,
             ..Default::default()
         }
     }
@@ -280,7 +292,7 @@ impl Reconstruct {
     fn tell(
         &self,
         metrics: &Value,
-        mean: Option<Score>,
+        means: [Option<Score>; 2],
         run: &Run,
         seconds: f64,
         splats: usize,

@@ -337,6 +337,28 @@ mod tests {
     }
 
     #[test]
+    fn nothing_is_learned_from_what_is_held_out() {
+        let all = tiny::scene(40, 9, 32);
+        let (cloud, photographs) = (all.cloud, all.dataset.training);
+        let mut models = vec![];
+        for altered in [false, true] {
+            let mut dataset = Dataset::of_photographs(photographs.clone(), 4).unwrap();
+            let names: Vec<&str> = dataset.held_out.iter().map(|one| one.name.as_str()).collect();
+            assert_eq!(names, ["v00", "v04", "v08"]);
+            assert!(dataset.training.iter().all(|one| !names.contains(&one.name.as_str())));
+            if altered {
+                dataset.held_out.iter_mut().for_each(|one| one.pixels.rgba.fill([9, 200, 9, 255]));
+            }
+            let scene = tiny::Tiny { cloud: cloud.clone(), dataset };
+            let options = options(60, Strategy::Mcmc);
+            let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
+            run(&mut engine, 6, 60);
+            models.push(engine.model().unwrap());
+        }
+        assert!(models[0] == models[1]);
+    }
+
+    #[test]
     fn a_model_of_other_photographs_is_refused() {
         let scene = tiny::scene(10, 4, 16);
         let mut model = Model::new(scene.cloud.clone(), &scene.dataset);

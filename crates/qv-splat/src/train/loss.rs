@@ -5,24 +5,11 @@
 //! SSIM = (2 m_x m_y + c1)(2 s_xy + c2) / ((m_x² + m_y² + c1)(s_xx + s_yy + c2)). Its derivative by x at a pixel is a sum over the windows
 //! that hold it, which is again a convolution by the window.
 
+use qv_raster::training::WINDOW;
 use rayon::prelude::*;
 
 /// Taps of the window on each side of its middle.
 pub const REACH: usize = 5;
-/// The window in one dimension.
-pub const WINDOW: [f32; 11] = [
-    0.001_028_38,
-    0.007_598_758,
-    0.036_000_773,
-    0.109_360_69,
-    0.213_005_54,
-    0.266_011_72,
-    0.213_005_54,
-    0.109_360_69,
-    0.036_000_773,
-    0.007_598_758,
-    0.001_028_38,
-];
 /// Keeps the quotient of means from 0 / 0.
 pub const C1: f32 = 1e-4;
 /// Keeps the quotient of variances from 0 / 0.

@@ -50,7 +50,7 @@ pub fn shuffled(count: usize, seed: u32, round: u32) -> Vec<usize> {
     let mut out: Vec<usize> = (0..count).collect();
     for last in (1..count).rev() {
         let word = words(seed, round, last as u32, Purpose::Order)[0];
-        out.swap(last, (word as u64 * (last as u64 + 1) >> 32) as usize);
+        out.swap(last, ((word as u64 * (last as u64 + 1)) >> 32) as usize);
     }
     out
 }

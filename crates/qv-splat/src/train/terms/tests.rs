@@ -103,19 +103,14 @@ fn each_term_does_what_it_says() {
     let none = Weights::default();
     let plain = learned(&dataset, beside(), none);
     let (depth, normal) = errors(&plain, &dataset);
-    println!("plain: depth {depth:.4} m, normals {normal:.4}");
-    let with = |name: &str, weights: Weights| {
-        let (d, n) = errors(&learned(&dataset, beside(), weights), &dataset);
-        println!("{name}: depth {d:.4} m, normals {n:.4}");
-        (d, n)
-    };
-    let (d, _) = with("depth prior", Weights { depth_prior: 2.0, ..none });
+    let with = |weights: Weights| errors(&learned(&dataset, beside(), weights), &dataset);
+    let (d, _) = with(Weights { depth_prior: 2.0, ..none });
     assert!(d < 0.8 * depth, "{d} {depth}");
-    let (_, n) = with("depth-normal", Weights { depth_normal: 0.3, ..none });
+    let (_, n) = with(Weights { depth_normal: 0.3, ..none });
     assert!(n < 0.8 * normal, "{n} {normal}");
-    let (_, n) = with("normal prior", Weights { normal_prior: 0.3, ..none });
+    let (_, n) = with(Weights { normal_prior: 0.3, ..none });
     assert!(n < 0.5 * normal, "{n} {normal}");
-    let (d, _) = with("multi-view", Weights { multi_view: 0.3, ..none });
+    let (d, _) = with(Weights { multi_view: 0.3, ..none });
     assert!(d < 0.9 * depth, "{d} {depth}");
     let flatness = |cloud: &GaussianCloud| -> f32 {
         let smallest = |s: &[f32; 3]| s.iter().copied().fold(f32::MAX, f32::min);

@@ -1,7 +1,8 @@
-//! The shaders of training and their pipelines.
+//! The shaders that train Gaussians on the card, and their pipelines. Their twins, what they are for and who runs them in which order is
+//! in qv-splat's `train`; they stand here with all other shaders.
 
-use super::super::loss::WINDOW;
-use qv_raster::gpu::Gpu;
+#[cfg(feature = "gpu")]
+use crate::gpu::Gpu;
 
 /// Workgroups along x of large dispatches; the rest goes along y.
 pub const FOLD: u32 = 32_768;
@@ -15,9 +16,25 @@ pub const SHADERS: [(&str, &[&str]); 5] = [
     ("terms", &["planes", "consistent", "prior", "labels"]),
 ];
 
+/// The window of SSIM in one dimension: 11 taps of a Gaussian with sigma 1.5, which sum up to 1.
+pub const WINDOW: [f32; 11] = [
+    0.001_028_38,
+    0.007_598_758,
+    0.036_000_773,
+    0.109_360_69,
+    0.213_005_54,
+    0.266_011_72,
+    0.213_005_54,
+    0.109_360_69,
+    0.036_000_773,
+    0.007_598_758,
+    0.001_028_38,
+];
+
 /// What a step is told; `Step` in step.wgsl.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Default, bytemuck::Pod, bytemuck::Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "gpu", derive(bytemuck::Pod, bytemuck::Zeroable))]
 pub struct StepWords {
     /// Gaussians.
     pub count: u32,
@@ -124,9 +141,11 @@ pub fn text(name: &str) -> String {
 }
 
 /// The pipelines by entry point.
+#[cfg(feature = "gpu")]
 #[derive(Debug)]
 pub struct Kernels(Vec<(&'static str, wgpu::ComputePipeline)>);
 
+#[cfg(feature = "gpu")]
 impl Kernels {
     /// Compiles all shaders.
     pub fn new(gpu: &Gpu) -> Self {
