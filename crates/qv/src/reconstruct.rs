@@ -8,8 +8,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use qv_core::GaussianCloud;
 use qv_splat::files::{Format, write};
 use qv_splat::train::{
-    CpuEngine, Dataset, Engine, Model, Photograph, Progress, ReadOptions, Score, Strategy, TrainOptions, Weights,
-    at_random, checkpoint, drawn, of_points, pose, scores, train,
+    AT_RANDOM, CpuEngine, Dataset, Engine, Model, Photograph, Progress, ReadOptions, Score, Strategy, TrainOptions,
+    Weights, at_random, checkpoint, drawn, neighbours_scores, of_points, pose, scores, train,
 };
 use serde_json::{Value, json};
 use std::fs;
@@ -29,7 +29,7 @@ pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/ya
 /// Steps from one report to the next.
 const REPORT_EVERY: u32 = 100;
 /// Steps by which a held-out camera is aligned.
-const ALIGN_STEPS: u32 = 60;
+const ALIGN_STEPS: u32 = 40;
 /// Steps from one checkpoint to the next.
 const SAVE_EVERY: u32 = 5000;
 /// Steps from one preview to the next.
@@ -99,6 +99,9 @@ pub struct Reconstruct {
     /// Weight of labels from files
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
     labels: f32,
+    /// Points to begin with on random rays, besides those of the capture
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    random_points: usize,
     /// Noise of the means with mcmc, in units of their rate
     #[arg(long, default_value_t = 5e5, hide_short_help = true)]
     noise: f32,
@@ -152,7 +155,8 @@ impl Reconstruct {
         let model = engine.model()?;
         let train_s = clock.elapsed().as_secs_f64();
         run.bar.finish_and_clear();
-        let held_out = scores(&model.cloud, &dataset.held_out)?;
+        let as_drawn = scores(&model.cloud, &dataset.held_out)?;
+        let held_out = if self.exposure { neighbours_scores(&model, &dataset)? } else { as_drawn.clone() };
         let aligned = self.aligned(&model, &dataset)?;
         let clock = Instant::now();
         self.save(&model)?;
@@ -166,6 +170,7 @@ impl Reconstruct {
             "exposure": self.exposure, "poses_refined": self.refine_poses, "seed": self.seed, "extent_m": dataset.extent,
             "held_out": dataset.held_out.iter().zip(&held_out).map(|(one, score)| named(&one.name, score)).collect::<Vec<_>>(),
             "mean": Score::mean(&held_out).map(|mean| named("mean", &mean)),
+            "mean_identity": Score::mean(&as_drawn).map(|mean| named("mean", &mean)),
             "mean_aligned": Score::mean(&aligned).map(|mean| named("mean", &mean)), "times_ms": run.mean_times(),
         });
         let path = self.out.join("metrics.json");
@@ -211,10 +216,13 @@ impl Reconstruct {
             let bytes = fs::read(&path).map_err(|e| about(&path, format!("expected a checkpoint, found {e}")))?;
             return Ok((checkpoint::read(&bytes).map_err(|e| about(&path, e))?, opened.points.is_some()));
         }
-        let mut cloud = match &opened.points {
-            Some(points) => of_points(points, options)?,
-            None => of_points(&at_random(dataset, options), options)?,
-        };
+        let count = if opened.points.is_some() { self.random_points } else { AT_RANDOM };
+        let mut points = at_random(dataset, count, options);
+        if let Some(known) = &opened.points {
+            points.places.extend_from_slice(&known.places);
+            points.colours.extend_from_slice(&known.colours);
+        }
+        let mut cloud = of_points(&points, options)?;
         if self.labels > 0.0 {
             let most = dataset.training.iter().flat_map(|one| &one.labels).copied().max().unwrap_or(0) as usize;
             if !(1..=GaussianCloud::MAX_FEATURES).contains(&most) {

@@ -306,16 +306,17 @@ mod tests {
         }
         let mut losses = vec![];
         for exposure in [false, true] {
-            let options = TrainOptions { exposure, ..options(600, Strategy::Mcmc) };
+            let mut options = TrainOptions { exposure, ..options(600, Strategy::Mcmc) };
+            options.weights.exposure = 0.001;
             let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
             losses.push(run(&mut engine, 6, 600));
             let model = engine.model().unwrap();
             let gains: Vec<f32> = model.exposures.iter().map(|e| e[0]).collect();
-            assert!(!exposure || gains[5] > 1.15 * gains[0], "{gains:?}");
+            assert!(!exposure || gains[5] > 1.1 * gains[0], "{gains:?}");
             let mean = gains.iter().sum::<f32>() / gains.len() as f32;
             assert!((mean - 1.0).abs() < 1e-4, "the mean stays: {mean}");
         }
-        assert!(losses[1] < 0.75 * losses[0], "{losses:?}");
+        assert!(losses[1] < 0.85 * losses[0], "{losses:?}");
         let options = options(100, Strategy::Mcmc);
         let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
         let finished = train(&mut engine, 6, 100, 3, 25, &mut |_, progress| Ok(progress.iteration < 7)).unwrap();

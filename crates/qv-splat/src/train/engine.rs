@@ -1,7 +1,8 @@
 //! Training as a loop, whatever does the steps.
 
-use super::dataset::Photograph;
-use super::model::Model;
+use super::dataset::{Dataset, Photograph};
+use super::exposure::exposed_image;
+use super::model::{Exposure, Model};
 use super::random::shuffled;
 use super::score::{Score, score};
 use crate::SplatError;
@@ -95,10 +96,48 @@ pub fn scores(cloud: &GaussianCloud, photographs: &[Photograph]) -> Result<Vec<S
     photographs.iter().map(|one| Ok(score(&drawn(cloud, &one.camera)?.colour, one))).collect()
 }
 
+/// As [`scores`] of what was held out, with the exposure that the photographs before and after it by name have on average: nothing of the
+/// held-out photograph itself is used.
+///
+/// # Errors
+/// Drawing fails.
+pub fn neighbours_scores(model: &Model, dataset: &Dataset) -> Result<Vec<Score>, SplatError> {
+    let one = |photograph: &Photograph| {
+        let image = drawn(&model.cloud, &photograph.camera)?;
+        let exposure = neighbours(&dataset.training, &model.exposures, &photograph.name);
+        Ok(score(&exposed_image(&exposure, &image.colour), photograph))
+    };
+    dataset.held_out.iter().map(one).collect()
+}
+
+fn neighbours(training: &[Photograph], exposures: &[Exposure], name: &str) -> Exposure {
+    let after = training.partition_point(|one| one.name.as_str() < name);
+    let both = exposures[after.saturating_sub(1)..(after + 1).min(exposures.len())].iter();
+    let count = both.len().max(1) as f32;
+    let mut out = [0.0; 12];
+    both.for_each(|exposure| (0..12).for_each(|k| out[k] += exposure[k] / count));
+    out
+}
+
 /// Colour and alpha as a camera sees them.
 ///
 /// # Errors
 /// Drawing fails.
 pub fn drawn(cloud: &GaussianCloud, camera: &Camera) -> Result<Image, SplatError> {
     Ok(qv_raster::render(&Scene::still(cloud), &[View::of(*camera)], &Settings::default())?.0.remove(0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tiny;
+    use super::*;
+
+    #[test]
+    fn a_held_out_exposure_is_that_of_its_neighbours() {
+        let scene = tiny::scene(5, 3, 16);
+        let exposures: Vec<Exposure> = (0..3).map(|k| [k as f32; 12]).collect();
+        let of = |name: &str| neighbours(&scene.dataset.training, &exposures, name)[5];
+        // The photographs are v00, v01 and v02.
+        assert_eq!([of("a"), of("v005"), of("v015"), of("z")], [0.0, 0.5, 1.5, 2.0]);
+    }
 }

@@ -28,9 +28,9 @@ mod undistort;
 
 pub use cpu::{CpuEngine, outputs};
 pub use dataset::{Dataset, Files, Photograph, ReadOptions};
-pub use engine::{Engine, Progress, drawn, scores, train};
+pub use engine::{Engine, Progress, drawn, neighbours_scores, scores, train};
 pub use model::{Exposure, Model, NEUTRAL};
 pub use options::{Rates, Strategy, TrainOptions, Weights};
 pub use score::{Score, score};
-pub use start::{at_random, of_points};
+pub use start::{AT_RANDOM, at_random, of_points};
 pub use undistort::Pixels;

@@ -44,7 +44,7 @@ impl Default for Weights {
             ssim: 0.2,
             opacity: 0.01,
             scale: 0.01,
-            exposure: 0.001,
+            exposure: 0.01,
             flattening: 0.0,
             depth_normal: 0.0,
             depth_prior: 0.0,
@@ -148,7 +148,7 @@ impl TrainOptions {
             colours: 2.5e-3,
             harmonics: 2.5e-3 / 20.0,
             features: 2.5e-3,
-            exposures: 1e-2 * fall.sqrt(),
+            exposures: 5e-3 * fall.sqrt(),
             poses: 3e-4 * fall,
         }
     }

@@ -13,7 +13,7 @@ use qv_core::GaussianCloud;
 /// Value of the constant harmonic.
 pub const C0: f32 = 0.282_094_8;
 /// Gaussians that begin at random when there are no points.
-const AT_RANDOM: usize = 20_000;
+pub const AT_RANDOM: usize = 20_000;
 
 /// Gaussians at points: as large as the mean distance to the 3 nearest others, of constant colour. Opacity and size are those of the
 /// strategy's program: 0.1 and the distance itself for the classic one, 0.5 and a tenth for MCMC.
@@ -47,10 +47,10 @@ pub fn of_points(points: &Points, options: &TrainOptions) -> Result<GaussianClou
     })
 }
 
-/// Grey points in front of the cameras: on rays through random pixels, as far as two cameras are apart and up to ten times that.
-pub fn at_random(dataset: &Dataset, options: &TrainOptions) -> Points {
+/// Points in front of the cameras, on rays through random pixels and of their colours, from 0.3 to 9 times the extent away.
+pub fn at_random(dataset: &Dataset, count: usize, options: &TrainOptions) -> Points {
     let mut points = Points::default();
-    for index in 0..AT_RANDOM.min(options.cap) as u32 {
+    for index in 0..count.min(options.cap) as u32 {
         let word = words(options.seed, 0, index, Purpose::Start);
         let photograph = &dataset.training[index as usize % dataset.training.len()];
         let camera = &photograph.camera;
