@@ -37,6 +37,7 @@ mod memory;
 mod scene;
 pub mod shaders;
 pub mod stages;
+pub mod training;
 pub mod workload;
 
 pub use error::RasterError;

@@ -47,3 +47,8 @@ pub enum SplatError {
 pub(crate) fn off(place: impl Into<String>, expected: impl Into<String>, found: impl ToString) -> SplatError {
     SplatError::Format { place: place.into(), expected: expected.into(), found: found.to_string() }
 }
+
+/// An error about a file or a folder, for those who open them.
+pub fn error_at(place: &str, expected: &str, found: &str) -> SplatError {
+    off(place, expected, found)
+}

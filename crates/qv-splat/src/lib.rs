@@ -29,5 +29,6 @@ mod error;
 pub mod files;
 mod harmonics;
 pub mod lens;
+pub mod train;
 
-pub use error::SplatError;
+pub use error::{SplatError, error_at};

@@ -1,11 +1,13 @@
 //! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost.
 
+mod capture;
 mod diagnose;
 mod fixture;
 mod inspect;
 mod mesh;
 mod mesh_file;
 mod open;
+mod reconstruct;
 mod render;
 mod replay;
 mod rgbd;
@@ -36,6 +38,9 @@ enum Command {
     /// Says where the gap between simulator and robot lies, which effect causes it, and how far it shrinks
     #[command(after_help = diagnose::EXAMPLE)]
     Diagnose(diagnose::Diagnose),
+    /// Makes a scene of Gaussians from photographs with cameras
+    #[command(after_help = reconstruct::EXAMPLE)]
+    Reconstruct(reconstruct::Reconstruct),
     /// Draws what cameras see of a scene of Gaussians
     #[command(after_help = render::EXAMPLE)]
     Render(render::Render),
@@ -82,6 +87,7 @@ fn main() -> ExitCode {
         Command::Inspect(command) => command.execute().map_err(Failure::from),
         Command::Replay(command) => command.execute().map_err(Failure::from),
         Command::Diagnose(command) => command.execute().map_err(Failure::from),
+        Command::Reconstruct(command) => command.execute(),
         Command::Render(command) => command.execute(),
         Command::Mesh(command) => command.execute(),
         Command::Fixture(command) => command.execute().map_err(Failure::from),

@@ -81,21 +81,36 @@ impl GpuRasteriser {
     /// # Errors
     /// Nothing was drawn so that derivatives can be had.
     pub fn submit_backward(&mut self, cloud: &GpuCloud, timed: bool) -> Result<(), RasterError> {
-        self.check_cloud(cloud)?;
-        let (buffers, batch) = self.kept()?;
-        let Some(constants) = &self.constants else { return Err(nothing()) };
-        let frame = FrameSteps { batch, buffers, constants, cloud };
+        self.check_drawn()?;
         let mut recorder = Recorder::new(&self.gpu, timed);
-        let atomic = buffers.sizes.variant.atomic;
-        let summed = if atomic { "record_gradients" } else { "entry_gradients" };
-        for name in [summed, "by_sh", "by_feature"] {
+        let (buffers, _) = self.kept()?;
+        for name in ["by_sh", "by_feature"] {
             if let Some(buffer) = buffers.find(name) {
                 recorder.encoder.clear_buffer(buffer, 0, None);
             }
         }
+        self.record_backward(cloud, &mut recorder)?;
+        self.stamps = recorder.submit();
+        Ok(())
+    }
+
+    /// Records the backward stages after [`Self::record_forward`] of the same batch, in the same recorder or one before. What comes to harmonics and features is added to what is in the
+    /// buffers `by_sh` and `by_feature` already.
+    ///
+    /// # Errors
+    /// Nothing was drawn so that derivatives can be had.
+    pub fn record_backward(&self, cloud: &GpuCloud, recorder: &mut Recorder) -> Result<(), RasterError> {
+        self.check_cloud(cloud)?;
+        let (buffers, batch) = self.kept()?;
+        let Some(constants) = &self.constants else { return Err(nothing()) };
+        let frame = FrameSteps { batch, buffers, constants, cloud };
+        let atomic = buffers.sizes.variant.atomic;
+        let summed = if atomic { "record_gradients" } else { "entry_gradients" };
+        if let Some(buffer) = buffers.find(summed) {
+            recorder.encoder.clear_buffer(buffer, 0, None);
+        }
         recorder.run("blend backward", &frame.blend_backward());
         recorder.run("project backward", &frame.project_backward());
-        self.stamps = recorder.submit();
         Ok(())
     }
 
@@ -105,6 +120,7 @@ impl GpuRasteriser {
     /// As [`Self::gradients`], or the device fails.
     pub fn read_gradients(&self, cloud: &GpuCloud) -> Result<Gradients, RasterError> {
         self.check_cloud(cloud)?;
+        self.check_drawn()?;
         let (buffers, batch) = self.kept()?;
         let n = cloud.count;
         let shape: Vec<[[f32; 4]; 3]> = self.gpu.read(buffers.get("by_shape"), n)?;
@@ -125,12 +141,16 @@ impl GpuRasteriser {
         })
     }
 
+    fn check_drawn(&self) -> Result<(), RasterError> {
+        if self.drawn { Ok(()) } else { Err(nothing()) }
+    }
+
     fn kept(&self) -> Result<(&super::buffers::Buffers, &crate::lens::Batch), RasterError> {
         match (&self.buffers, &self.batch, self.after) {
             (_, _, Some(stage)) => Err(RasterError::Device(format!(
                 "expected a batch that the card drew alone, found one that the CPU drew up to {stage:?}"
             ))),
-            (Some(buffers), Some(batch), None) if buffers.sizes.variant.keep && self.drawn => Ok((buffers, batch)),
+            (Some(buffers), Some(batch), None) if buffers.sizes.variant.keep => Ok((buffers, batch)),
             _ => Err(nothing()),
         }
     }

@@ -56,4 +56,28 @@ impl GpuCloud {
             groups: scene.group_count(),
         })
     }
+
+    /// Room for so many Gaussians that stay, none of which is there yet. Whoever fills the buffers says by [`Self::count`] how many are.
+    ///
+    /// # Errors
+    /// Too large for the device.
+    pub fn with_room(gpu: &Gpu, capacity: usize, sh_degree: u8, feature_count: usize) -> Result<Self, RasterError> {
+        let limit = gpu.most_workgroups() as u64 * 256;
+        if capacity as u64 > limit {
+            let what = "Gaussians of a cloud on this device".to_string();
+            return Err(RasterError::TooLarge { what, limit, found: capacity as u64 });
+        }
+        let rows = |label: &str, floats: usize| gpu.buffer(label, 4 * (capacity * floats) as u64);
+        Ok(Self {
+            means: rows("means", 4)?,
+            scales: rows("scales", 4)?,
+            rotations: rows("rotations", 4)?,
+            sh: rows("sh", 3 * (sh_degree as usize + 1).pow(2))?,
+            features: rows("features", feature_count)?,
+            count: 0,
+            sh_degree,
+            feature_count,
+            groups: 1,
+        })
+    }
 }

@@ -30,7 +30,13 @@ pub struct Gpu {
     pub float_atomics: bool,
     limits: wgpu::Limits,
     pipelines: Mutex<HashMap<(&'static str, &'static str, Variant), wgpu::ComputePipeline>>,
+    bind_groups: Mutex<HashMap<BindKey, wgpu::BindGroup>>,
 }
+
+/// What a bind group is made of.
+type BindKey = (wgpu::ComputePipeline, Vec<(u32, wgpu::Buffer)>);
+/// Bind groups that are kept; they keep their buffers alive.
+const MOST_BIND_GROUPS: usize = 1024;
 
 /// What the adapter must have beyond what every adapter has.
 const WORKGROUP_BYTES: u32 = 28 << 10;
@@ -119,6 +125,7 @@ impl Gpu {
             info,
             limits,
             pipelines: Mutex::default(),
+            bind_groups: Mutex::default(),
         })
     }
 
@@ -177,11 +184,43 @@ impl Gpu {
         pipelines[&(stage, entry, *variant)].clone()
     }
 
+    /// The bind group of some buffers, which is made once.
+    pub(crate) fn bind_group(
+        &self,
+        pipeline: &wgpu::ComputePipeline,
+        buffers: &[(u32, &wgpu::Buffer)],
+    ) -> wgpu::BindGroup {
+        let key = (pipeline.clone(), buffers.iter().map(|(at, buffer)| (*at, (*buffer).clone())).collect());
+        let mut groups = self.bind_groups.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        if let Some(found) = groups.get(&key) {
+            return found.clone();
+        }
+        if groups.len() >= MOST_BIND_GROUPS {
+            groups.clear();
+        }
+        let mut entries = vec![];
+        for &(binding, buffer) in buffers {
+            entries.push(wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() });
+        }
+        let group = self.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: None,
+            layout: &pipeline.get_bind_group_layout(0),
+            entries: &entries,
+        });
+        groups.insert(key, group.clone());
+        group
+    }
+
+    /// Forgets bind groups, which keep the buffers that they are of alive.
+    pub fn forget_bind_groups(&self) {
+        self.bind_groups.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).clear();
+    }
+
     /// A buffer for shaders.
     ///
     /// # Errors
     /// It is larger than the device allows, or there is no memory for it.
-    pub(crate) fn buffer(&self, label: &str, bytes: u64) -> Result<wgpu::Buffer, RasterError> {
+    pub fn buffer(&self, label: &str, bytes: u64) -> Result<wgpu::Buffer, RasterError> {
         let size = bytes.max(SMALLEST).next_multiple_of(16);
         if size > self.largest_buffer() {
             let what = format!("bytes of the buffer `{label}`");
@@ -209,7 +248,7 @@ impl Gpu {
     ///
     /// # Errors
     /// As [`Self::buffer`].
-    pub(crate) fn filled<T: bytemuck::Pod>(&self, label: &str, contents: &[T]) -> Result<wgpu::Buffer, RasterError> {
+    pub fn filled<T: bytemuck::Pod>(&self, label: &str, contents: &[T]) -> Result<wgpu::Buffer, RasterError> {
         let bytes: &[u8] = bytemuck::cast_slice(contents);
         if bytes.len() >= 1 << 20 || bytes.is_empty() {
             let buffer = self.buffer(label, bytes.len() as u64)?;

@@ -40,13 +40,13 @@ pub struct GpuRasteriser {
     /// Whether the prepared batch was drawn.
     pub(crate) drawn: bool,
     /// The cloud that the batch was prepared for.
-    kind: Kind,
+    pub(crate) kind: Kind,
 }
 
 /// Gaussians, degree, features and groups of a cloud: what shaders rely on.
-type Kind = (usize, u8, usize, usize);
+pub(crate) type Kind = (usize, u8, usize, usize);
 
-fn kind(cloud: &GpuCloud) -> Kind {
+pub(crate) fn kind(cloud: &GpuCloud) -> Kind {
     (cloud.count, cloud.sh_degree, cloud.feature_count, cloud.groups)
 }
 
@@ -202,7 +202,18 @@ impl GpuRasteriser {
             let what = "Gaussians of the scene, and of its copy on the card".to_string();
             return Err(RasterError::Length { what, expected: cloud.count, found: scene.cloud.len() });
         }
-        let batch = Batch::new(scene, views)?;
+        self.prepare_batch(cloud, Batch::new(scene, views)?, cloud.count, settings, how)
+    }
+
+    /// As [`Self::prepare`], with buffers for `capacity` Gaussians.
+    pub(crate) fn prepare_batch(
+        &mut self,
+        cloud: &GpuCloud,
+        batch: Batch,
+        capacity: usize,
+        settings: &Settings,
+        how: &GpuSettings,
+    ) -> Result<(), RasterError> {
         let tiles = batch.lenses.iter().map(|lens| lens.tiles[0] * lens.tiles[1]).max().unwrap_or(0);
         let limit = self.gpu.most_workgroups();
         if tiles > limit {
@@ -225,7 +236,7 @@ impl GpuRasteriser {
                 && self.gpu.fits(batch.lenses.len()),
             digit: 0,
         };
-        let mut sizes = Sizes::guess(&batch, cloud.count, variant);
+        let mut sizes = Sizes::guess(&batch, capacity, variant);
         if let Some(old) = self.buffers.as_ref().map(|buffers| buffers.sizes) {
             // What the last batch of as many views of as large a cloud needed is the better guess; a larger one's says nothing.
             if old.views == sizes.views && old.blocks == sizes.blocks {
@@ -241,6 +252,7 @@ impl GpuRasteriser {
     fn ensure(&mut self, sizes: Sizes) -> Result<(), RasterError> {
         if !self.buffers.as_ref().is_some_and(|buffers| buffers.sizes.hold(&sizes)) {
             // The old ones are given back first.
+            self.gpu.forget_bind_groups();
             self.buffers = None;
             self.buffers = Some(Buffers::new(&self.gpu, sizes, self.memory)?);
         }
@@ -272,6 +284,7 @@ impl GpuRasteriser {
         } else {
             return Ok(false);
         }
+        self.gpu.forget_bind_groups();
         self.buffers = None;
         self.buffers = Some(Buffers::new(&self.gpu, sizes, self.memory)?);
         Ok(true)
@@ -304,6 +317,7 @@ impl GpuRasteriser {
         let keep = sizes.variant.keep;
         let tile = |k| pass(tile_bits, k, tile_bits * tile_passes, slot::ENTRIES, slot::TILE_BLOCKS, keep && k == 0);
         let [r, g, b] = settings.background;
+        gpu.forget_bind_groups();
         self.constants = Some(Constants {
             lenses: gpu.filled("lenses", &batch.lenses)?,
             motions: gpu.filled("motions", &batch.motions)?,
@@ -330,11 +344,22 @@ impl GpuRasteriser {
     /// # Errors
     /// Nothing was prepared.
     pub fn submit(&mut self, cloud: &GpuCloud, timed: bool) -> Result<(), RasterError> {
+        let mut recorder = Recorder::new(&self.gpu, timed);
+        self.record_forward(cloud, &mut recorder)?;
+        self.stamps = recorder.submit();
+        (self.after, self.drawn) = (None, true);
+        Ok(())
+    }
+
+    /// Records the batch that was prepared last.
+    ///
+    /// # Errors
+    /// Nothing was prepared.
+    pub fn record_forward(&self, cloud: &GpuCloud, recorder: &mut Recorder) -> Result<(), RasterError> {
         let (Some(batch), Some(buffers), Some(constants)) = (&self.batch, &self.buffers, &self.constants) else {
             return Err(RasterError::Device("expected a prepared batch, found none".into()));
         };
         self.check_cloud(cloud)?;
-        let mut recorder = Recorder::new(&self.gpu, timed);
         let frame = FrameSteps { batch, buffers, constants, cloud };
         recorder.encoder.clear_buffer(buffers.get("ranges"), 0, None);
         recorder.run("cull", &frame.cull());
@@ -344,8 +369,6 @@ impl GpuRasteriser {
         recorder.run("sort by tile", &frame.sort_by_tile());
         recorder.run("ranges", &frame.ranges());
         recorder.run("blend", &frame.blend());
-        self.stamps = recorder.submit();
-        (self.after, self.drawn) = (None, true);
         Ok(())
     }
 

@@ -13,6 +13,7 @@ mod device;
 mod forward;
 mod images;
 mod record;
+mod still;
 
 pub use backdrop::Backdrop;
 pub use bisect::Stage;
@@ -20,3 +21,5 @@ pub use cloud::GpuCloud;
 pub use device::{Gpu, GpuOptions};
 pub use forward::{Counts, GpuRasteriser, GpuSettings};
 pub use images::GpuImages;
+pub use record::{Job, Recorder, Stamps};
+pub use still::GpuCameras;

@@ -25,17 +25,30 @@ pub(crate) struct Step<'a> {
     pub buffers: Vec<(u32, &'a wgpu::Buffer)>,
 }
 
+/// One dispatch of a pipeline that is not of this crate.
+#[derive(Debug)]
+pub struct Job<'a> {
+    /// The pipeline, with an automatic layout.
+    pub pipeline: &'a wgpu::ComputePipeline,
+    /// Workgroups along x and y.
+    pub groups: [u32; 2],
+    /// Buffers by binding of group 0.
+    pub buffers: Vec<(u32, &'a wgpu::Buffer)>,
+}
+
 /// Time stamps of a frame.
 #[derive(Debug)]
-pub(crate) struct Stamps {
+pub struct Stamps {
     set: wgpu::QuerySet,
     buffer: wgpu::Buffer,
     names: Vec<&'static str>,
 }
 
 /// A frame while it is recorded.
-pub(crate) struct Recorder<'a> {
+#[derive(Debug)]
+pub struct Recorder<'a> {
     gpu: &'a Gpu,
+    /// Where copies between passes go.
     pub encoder: wgpu::CommandEncoder,
     stamps: Option<Stamps>,
 }
@@ -61,7 +74,30 @@ impl<'a> Recorder<'a> {
     }
 
     /// Dispatches in a row, timed under one name.
-    pub fn run(&mut self, name: &'static str, steps: &[Step]) {
+    pub(crate) fn run(&mut self, name: &'static str, steps: &[Step]) {
+        let gpu = self.gpu;
+        let mut pass = self.pass(name);
+        for step in steps {
+            let pipeline = gpu.pipeline(step.stage, step.entry, &step.variant);
+            bind(gpu, &mut pass, &pipeline, &step.buffers);
+            match step.groups {
+                Groups::Fixed(x, y) => pass.dispatch_workgroups(x, y, 1),
+                Groups::Indirect(buffer, slot) => pass.dispatch_workgroups_indirect(buffer, 12 * slot as u64),
+            }
+        }
+    }
+
+    /// Dispatches of other programs in a row, timed under one name.
+    pub fn run_jobs(&mut self, name: &'static str, jobs: &[Job]) {
+        let gpu = self.gpu;
+        let mut pass = self.pass(name);
+        for job in jobs {
+            bind(gpu, &mut pass, job.pipeline, &job.buffers);
+            pass.dispatch_workgroups(job.groups[0], job.groups[1], 1);
+        }
+    }
+
+    fn pass(&mut self, name: &'static str) -> wgpu::ComputePass<'_> {
         let timestamp_writes = self.stamps.as_mut().filter(|stamps| stamps.names.len() < MOST as usize).map(|stamps| {
             let at = 2 * stamps.names.len() as u32;
             stamps.names.push(name);
@@ -72,29 +108,7 @@ impl<'a> Recorder<'a> {
             }
         });
         let descriptor = wgpu::ComputePassDescriptor { label: Some(name), timestamp_writes };
-        let mut pass = self.encoder.begin_compute_pass(&descriptor);
-        for step in steps {
-            let pipeline = self.gpu.pipeline(step.stage, step.entry, &step.variant);
-            let entries: Vec<wgpu::BindGroupEntry> = step
-                .buffers
-                .iter()
-                .map(|(binding, buffer)| wgpu::BindGroupEntry {
-                    binding: *binding,
-                    resource: buffer.as_entire_binding(),
-                })
-                .collect();
-            let group = self.gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some(step.entry),
-                layout: &pipeline.get_bind_group_layout(0),
-                entries: &entries,
-            });
-            pass.set_pipeline(&pipeline);
-            pass.set_bind_group(0, &group, &[]);
-            match step.groups {
-                Groups::Fixed(x, y) => pass.dispatch_workgroups(x, y, 1),
-                Groups::Indirect(buffer, slot) => pass.dispatch_workgroups_indirect(buffer, 12 * slot as u64),
-            }
-        }
+        self.encoder.begin_compute_pass(&descriptor)
     }
 
     /// Submits what was recorded.
@@ -106,6 +120,11 @@ impl<'a> Recorder<'a> {
         self.gpu.queue.submit([self.encoder.finish()]);
         self.stamps
     }
+}
+
+fn bind(gpu: &Gpu, pass: &mut wgpu::ComputePass, pipeline: &wgpu::ComputePipeline, buffers: &[(u32, &wgpu::Buffer)]) {
+    pass.set_pipeline(pipeline);
+    pass.set_bind_group(0, &gpu.bind_group(pipeline, buffers), &[]);
 }
 
 impl Stamps {

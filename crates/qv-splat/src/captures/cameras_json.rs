@@ -11,7 +11,7 @@
 //! `image` may name an image.
 
 use super::distortion::Distortion;
-use super::{Capture, CaptureCamera, finish};
+use super::{Attachments, Capture, CaptureCamera, finish};
 use crate::SplatError;
 use crate::error::off;
 use qv_core::{Camera, Pose};
@@ -90,7 +90,7 @@ fn camera((index, value): (usize, &Value)) -> Result<CaptureCamera, SplatError> 
         p1: coefficient("p1")?,
         p2: coefficient("p2")?,
     };
-    Ok(CaptureCamera { name, camera, distortion, image })
+    Ok(CaptureCamera { name, camera, distortion, image, attachments: Attachments::default() })
 }
 
 /// A misspelt key must not pass for one that is not there.

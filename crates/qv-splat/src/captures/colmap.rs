@@ -3,7 +3,7 @@
 //! Poses are `camera_from_world` with OpenCV's axes; pixel centres lie at one half, as ours do. Points are not read.
 
 use super::distortion::Distortion;
-use super::{Capture, CaptureCamera, finish};
+use super::{Attachments, Capture, CaptureCamera, finish};
 use crate::SplatError;
 use crate::error::off;
 use qv_core::{Camera, Pose};
@@ -144,7 +144,8 @@ fn join(cameras: BTreeMap<u32, Intrinsics>, mut images: Vec<Posed>, place: &str)
             .ok_or_else(|| off(format!("{place}, image {}", image.name), "the number of a camera", image.camera))?;
         let camera = Camera { camera_from_world: image.camera_from_world, ..intrinsics.camera };
         let distortion = intrinsics.distortion;
-        Ok(CaptureCamera { name: String::new(), camera, distortion, image: Some(image.name) })
+        let attachments = Attachments::default();
+        Ok(CaptureCamera { name: String::new(), camera, distortion, image: Some(image.name), attachments })
     };
     finish(images.into_iter().map(one).collect::<Result<_, SplatError>>()?, place)
 }

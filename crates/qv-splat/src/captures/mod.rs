@@ -3,9 +3,11 @@
 pub mod cameras_json;
 pub mod colmap;
 mod colmap_binary;
+pub mod colmap_points;
 mod colmap_text;
 pub mod distortion;
 pub mod nerfstudio;
+pub mod rgbd;
 
 use crate::SplatError;
 use crate::error::off;
@@ -30,6 +32,32 @@ pub struct CaptureCamera {
     pub distortion: Distortion,
     /// Path of the image as the file has it, relative to the capture; none for a view without an image.
     pub image: Option<String>,
+    /// What else is known of each pixel.
+    pub attachments: Attachments,
+}
+
+/// Files beside an image, each of the image's size and lens, with paths relative to the capture.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Attachments {
+    /// A mask: pixels that are black take no part in training.
+    pub mask: Option<String>,
+    /// Depths.
+    pub depth: Option<DepthFile>,
+    /// Normals in camera axes (x right, y down, z forward), -1 to 1 as 0 to 255; black where there is none.
+    pub normals: Option<String>,
+    /// Labels as grey values: 0 for none, then 1 + the label.
+    pub labels: Option<String>,
+}
+
+/// An image of depths along z of the camera, 16 bits per pixel; 0 and 65535 where there is none.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DepthFile {
+    /// Path relative to the capture.
+    pub path: String,
+    /// Metres per unit.
+    pub metres_per_unit: f64,
+    /// The camera that took it, in the same place as the colour camera; `None` when it is the colour camera itself.
+    pub camera: Option<Camera>,
 }
 
 /// Checks every camera and gives each a name of its own, from its image where it has none.
@@ -93,6 +121,7 @@ mod tests {
             camera,
             distortion: Distortion::default(),
             image: Some((*image).to_string()),
+            attachments: Attachments::default(),
         };
         let capture = finish(images.iter().map(of).collect(), "test").unwrap();
         capture.cameras.into_iter().map(|one| one.name).collect()

@@ -1,10 +1,11 @@
 //! nerfstudio's `transforms.json` (docs.nerf.studio, *Data conventions*, nerfstudio 1.x), which instant-ngp began.
 //!
 //! `transform_matrix` is `world_from_camera` with OpenGL's axes: x right, y up, z back. Intrinsics stand once, or with each
-//! frame. The poses are taken as they are: `applied_transform` tells where they came from and is passed over.
+//! frame. The poses are taken as they are: `applied_transform` tells where they came from and is passed over. `mask_path`,
+//! `depth_file_path` (16 bits, `depth_unit_scale_factor` metres per unit) are nerfstudio's; `normal_file_path` and `label_file_path` are ours.
 
 use super::distortion::Distortion;
-use super::{Capture, CaptureCamera, finish};
+use super::{Attachments, Capture, CaptureCamera, DepthFile, finish};
 use crate::SplatError;
 use crate::error::off;
 use glam::{DMat3, DQuat, DVec3};
@@ -69,7 +70,21 @@ fn camera(document: &Value, frame: &Value, index: usize) -> Result<CaptureCamera
     };
     let image = frame.get("file_path").and_then(Value::as_str);
     let image = image.ok_or_else(|| off(&*place, "file_path", "none"))?.to_string();
-    Ok(CaptureCamera { name: String::new(), camera, distortion, image: Some(image) })
+    let attachments = attachments(&values)?;
+    Ok(CaptureCamera { name: String::new(), camera, distortion, image: Some(image), attachments })
+}
+
+/// Files beside the image: nerfstudio's masks and depths, normals and labels by the same pattern.
+fn attachments(values: &Values) -> Result<Attachments, SplatError> {
+    let path = |name: &str| values.frame.get(name).and_then(Value::as_str).map(String::from);
+    let metres_per_unit = values.number("depth_unit_scale_factor")?.unwrap_or(1e-3);
+    let depth = path("depth_file_path").map(|path| DepthFile { path, metres_per_unit, camera: None });
+    Ok(Attachments {
+        mask: path("mask_path"),
+        depth,
+        normals: path("normal_file_path"),
+        labels: path("label_file_path"),
+    })
 }
 
 /// Values of a frame, or of the whole file.

@@ -10,10 +10,13 @@ mod glb;
 pub mod gltf;
 pub mod ply;
 mod ply_header;
+pub mod points;
 mod quantised;
 mod sieve;
 pub mod spz;
 mod spz_container;
+
+pub use points::Points;
 
 use crate::SplatError;
 use crate::error::off;

@@ -1,0 +1,101 @@
+//! Folders of RGB-D frames as 7-Scenes has them (Shotton et al., 2013): `frame-000000.color.jpg` or `.png`, `.depth.png` in millimetres,
+//! 65535 or 0 where there is none, `.pose.txt` with a 4x4 matrix `world_from_camera`, OpenCV's axes.
+//!
+//! The intrinsics that the data set gives, f = 585, are those of the depth camera. The colour camera is a Kinect's with f = 525; both have
+//! their principal point in the middle of 640x480. The two are taken to stand in one place.
+
+use super::distortion::Distortion;
+use super::{Attachments, Capture, CaptureCamera, DepthFile, finish};
+use crate::SplatError;
+use crate::error::off;
+use glam::{DMat3, DQuat, DVec3};
+use qv_core::{Camera, Pose};
+
+/// Focal length of the colour camera \[px\].
+pub const COLOUR_FOCAL: f64 = 525.0;
+/// Focal length of the depth camera \[px\].
+pub const DEPTH_FOCAL: f64 = 585.0;
+/// Columns and rows of both images.
+pub const SIZE: [u32; 2] = [640, 480];
+/// Largest entry of R Rᵀ - 1 that passes as drift of the tracker.
+const ORTHOGONAL: f64 = 1e-2;
+
+/// A capture of a folder's files, whose names may come in any order; `text` gives the contents of one of them.
+///
+/// # Errors
+/// No colour image is there, one has no pose, or a pose is no rigid transform.
+pub fn read(names: &[String], text: &mut dyn FnMut(&str) -> Result<String, SplatError>) -> Result<Capture, SplatError> {
+    let stem = |name: &String| Some(name.split_once(".color.")?.0.to_string());
+    let mut colours: Vec<(&String, String)> = names.iter().filter_map(|name| Some((name, stem(name)?))).collect();
+    colours.sort();
+    if colours.is_empty() {
+        return Err(off("RGB-D folder", "images named FRAME.color.jpg or .png", "none"));
+    }
+    let cameras = colours.into_iter().map(|(name, stem)| {
+        let pose_file = format!("{stem}.pose.txt");
+        if !names.contains(&pose_file) {
+            return Err(off(format!("RGB-D folder, {name}"), format!("a pose in {pose_file}"), "no such file"));
+        }
+        let camera_from_world = pose(&pose_file, &text(&pose_file)?)?;
+        let camera = pinhole(COLOUR_FOCAL, camera_from_world);
+        let depth_name = format!("{stem}.depth.png");
+        let depth = names.contains(&depth_name).then(|| DepthFile {
+            path: depth_name,
+            metres_per_unit: 1e-3,
+            camera: Some(pinhole(DEPTH_FOCAL, camera_from_world)),
+        });
+        let attachments = Attachments { depth, ..Default::default() };
+        let image = Some(name.clone());
+        Ok(CaptureCamera { name: stem, camera, distortion: Distortion::default(), image, attachments })
+    });
+    finish(cameras.collect::<Result<_, _>>()?, "RGB-D folder")
+}
+
+fn pinhole(focal: f64, camera_from_world: Pose) -> Camera {
+    let [width, height] = SIZE;
+    let (cx, cy) = (0.5 * f64::from(width), 0.5 * f64::from(height));
+    Camera { fx: focal, fy: focal, cx, cy, width, height, camera_from_world }
+}
+
+fn pose(file: &str, text: &str) -> Result<Pose, SplatError> {
+    let numbers: Option<Vec<f64>> = text.split_whitespace().map(|word| word.parse().ok()).collect();
+    let m = numbers.filter(|m| m.len() == 16).ok_or_else(|| off(file, "4 rows of 4 numbers", text.len()))?;
+    let column = |k: usize| DVec3::new(m[k], m[4 + k], m[8 + k]);
+    let rotation = DMat3::from_cols(column(0), column(1), column(2));
+    let far = (rotation * rotation.transpose() - DMat3::IDENTITY).to_cols_array();
+    let worst = far.iter().fold(0.0f64, |most, x| if x.is_nan() { f64::INFINITY } else { most.max(x.abs()) });
+    if worst > ORTHOGONAL || rotation.determinant() < 0.0 || !column(3).is_finite() {
+        let found = format!("determinant {:.4}, R Rᵀ off by {worst:.4}", rotation.determinant());
+        return Err(off(file, "a rotation and a position", found));
+    }
+    Ok(Pose { position: column(3), rotation: DQuat::from_mat3(&rotation).normalize() }.inverse())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_read_and_faults_named() {
+        let names: Vec<String> =
+            ["b.color.png", "b.pose.txt", "a.color.jpg", "a.depth.png", "a.pose.txt"].map(String::from).to_vec();
+        let mut text = |name: &str| {
+            Ok(match name {
+                "a.pose.txt" => "1 0 0 2\n0 1 0 3\n0 0 1 4\n0 0 0 1\n".to_string(),
+                _ => "0 -1 0 0\n1 0 0 0\n0 0 1 0\n0 0 0 1\n".to_string(),
+            })
+        };
+        let capture = read(&names, &mut text).unwrap();
+        let [a, b] = &capture.cameras[..] else { panic!("{capture:?}") };
+        assert_eq!((a.name.as_str(), a.image.as_deref(), a.camera.fx), ("a.color", Some("a.color.jpg"), 525.0));
+        assert_eq!(a.attachments.depth.as_ref().map(|depth| depth.path.as_str()), Some("a.depth.png"));
+        assert!(b.attachments.depth.is_none());
+        let seen = a.camera.camera_from_world.transform_point(DVec3::new(2.0, 3.0, 5.0));
+        assert!((seen - DVec3::Z).length() < 1e-12);
+        let error = read(&names, &mut |_| Ok("1 0 0 0 0 2 0 0 0 0 1 0 0 0 0 1".into())).unwrap_err().to_string();
+        assert!(error.contains("a.pose.txt: expected a rotation and a position"), "{error}");
+        let error = read(&names[..1], &mut text).unwrap_err().to_string();
+        assert!(error.contains("expected a pose in b.pose.txt, found no such file"), "{error}");
+        assert!(read(&[], &mut text).unwrap_err().to_string().contains("found none"));
+    }
+}

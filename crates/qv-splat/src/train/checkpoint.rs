@@ -1,0 +1,137 @@
+//! A model as bytes and back: all that is needed to go on as if nothing had happened.
+//!
+//! Little-endian: the eight bytes `qvtrain1`; six counts of 32 bits (steps, Gaussians, degree, features, photographs, 0); then floats: the
+//! cloud's means, log scales, rotations, logits, harmonics, features; the same of both running means; exposures and their running means;
+//! running means of poses; pulls; then poses as seven doubles each, position and quaternion w, x, y, z.
+
+use super::model::Model;
+use crate::SplatError;
+use crate::error::off;
+use qv_core::{GaussianCloud, Pose};
+use qv_raster::Gradients;
+
+const MAGIC: &[u8; 8] = b"qvtrain1";
+const PLACE: &str = "checkpoint";
+
+/// Writes a model.
+pub fn write(model: &Model) -> Vec<u8> {
+    let cloud = &model.cloud;
+    let mut out = MAGIC.to_vec();
+    let counts = [model.iteration, cloud.len() as u32, cloud.sh_degree as u32, cloud.feature_count as u32];
+    counts.iter().chain(&[model.poses.len() as u32, 0]).for_each(|count| out.extend(count.to_le_bytes()));
+    let mut floats = |list: &[f32]| list.iter().for_each(|x| out.extend(x.to_le_bytes()));
+    floats(cloud.means.as_flattened());
+    floats(cloud.log_scales.as_flattened());
+    floats(cloud.rotations.as_flattened());
+    floats(&cloud.opacity_logits);
+    floats(cloud.sh.as_flattened());
+    floats(&cloud.features);
+    for moments in [&model.first, &model.second] {
+        floats(moments.means.as_flattened());
+        floats(moments.log_scales.as_flattened());
+        floats(moments.rotations.as_flattened());
+        floats(&moments.opacity_logits);
+        floats(moments.sh.as_flattened());
+        floats(&moments.features);
+        floats(moments.poses.as_flattened());
+    }
+    for exposures in [&model.exposures, &model.exposures_first, &model.exposures_second] {
+        floats(exposures.as_flattened());
+    }
+    floats(model.pulls.as_flattened());
+    for pose in &model.poses {
+        let numbers = pose.position.to_array().into_iter().chain(pose.wxyz());
+        numbers.for_each(|x| out.extend(x.to_le_bytes()));
+    }
+    out
+}
+
+/// What is left of the bytes.
+struct Rest<'a>(&'a [u8]);
+
+impl Rest<'_> {
+    fn floats(&mut self, count: usize) -> Vec<f32> {
+        let (now, rest) = self.0.split_at(4 * count);
+        self.0 = rest;
+        now.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
+    }
+
+    fn rows<const N: usize>(&mut self, count: usize) -> Vec<[f32; N]> {
+        self.floats(N * count).as_chunks().0.to_vec()
+    }
+}
+
+/// Reads a model.
+///
+/// # Errors
+/// The bytes are none of a checkpoint, or their number is another than their counts say.
+pub fn read(bytes: &[u8]) -> Result<Model, SplatError> {
+    if bytes.len() < 32 || &bytes[..8] != MAGIC {
+        return Err(off(PLACE, "the bytes `qvtrain1` and six counts", format!("{} bytes", bytes.len())));
+    }
+    let count = |k: usize| u32::from_le_bytes([0, 1, 2, 3].map(|i| bytes[8 + 4 * k + i])) as usize;
+    let (n, degree, features, views) = (count(1), count(2), count(3), count(4));
+    if degree > 3 || features > GaussianCloud::MAX_FEATURES {
+        let expected = "a degree of at most 3 and at most 16 features";
+        return Err(off(PLACE, expected, format!("{degree} and {features}")));
+    }
+    let sh = (degree + 1).pow(2);
+    let each = 11 + 3 * sh + features;
+    let expected = 32 + 4 * (n as u128 * (3 * each + 2) as u128 + views as u128 * 48) + 56 * views as u128;
+    if expected != bytes.len() as u128 {
+        return Err(off(PLACE, format!("{expected} bytes for {n} Gaussians"), bytes.len()));
+    }
+    let mut rest = Rest(&bytes[32..]);
+    let cloud = GaussianCloud {
+        means: rest.rows(n),
+        log_scales: rest.rows(n),
+        rotations: rest.rows(n),
+        opacity_logits: rest.floats(n),
+        sh_degree: degree as u8,
+        sh: rest.rows(n * sh),
+        feature_count: features,
+        features: rest.floats(n * features),
+    };
+    let mut moments = || Gradients {
+        means: rest.rows(n),
+        log_scales: rest.rows(n),
+        rotations: rest.rows(n),
+        opacity_logits: rest.floats(n),
+        sh: rest.rows(n * sh),
+        features: rest.floats(n * features),
+        poses: rest.rows(views),
+    };
+    let (first, second) = (moments(), moments());
+    let (exposures, exposures_first, exposures_second) = (rest.rows(views), rest.rows(views), rest.rows(views));
+    let pulls = rest.rows(n);
+    let numbers: Vec<f64> = rest.0.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
+    let pose = |x: &[f64; 7]| Pose {
+        position: glam::DVec3::new(x[0], x[1], x[2]),
+        rotation: glam::DQuat::from_xyzw(x[4], x[5], x[6], x[3]),
+    };
+    let poses = numbers.as_chunks().0.iter().map(pose).collect();
+    let iteration = count(0) as u32;
+    Ok(Model { iteration, cloud, first, second, exposures, exposures_first, exposures_second, poses, pulls })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tiny;
+    use super::*;
+
+    #[test]
+    fn what_is_written_is_read_and_faults_are_named() {
+        let scene = tiny::scene(5, 3, 16);
+        let mut model = Model::new(scene.cloud, &scene.dataset);
+        model.raise_degree(2);
+        model.iteration = 77;
+        model.first.sh[3] = [1.0, 2.0, 3.0];
+        let bytes = write(&model);
+        assert_eq!(read(&bytes), Ok(model));
+        assert!(read(&bytes[..bytes.len() - 1]).unwrap_err().to_string().contains("bytes for 5 Gaussians"));
+        assert!(read(b"hello").is_err());
+        let mut huge = bytes;
+        huge[12..16].fill(0xff);
+        assert!(read(&huge).unwrap_err().to_string().contains("4294967295 Gaussians"));
+    }
+}

@@ -1,0 +1,370 @@
+//! Steps on the CPU: the reference for those on the card.
+
+use super::adam::{regularise, shake, step, step_exposure};
+use super::classic;
+use super::dataset::{Dataset, Photograph};
+use super::engine::Engine;
+use super::exposure::{self, exposed_backward, exposed_image};
+use super::loss::photometric;
+use super::mcmc::Relocation;
+use super::model::Model;
+use super::options::{Strategy, TrainOptions};
+use super::pose;
+use super::random::{Purpose, words};
+use super::terms::{depth_normal, labels, multi_view, priors};
+use crate::SplatError;
+use crate::error::off;
+use qv_core::Camera;
+use qv_raster::{Frame, Image, Outputs, Scene, Settings, View, render};
+
+/// Trains on the CPU. The same inputs give the same bits on any number of threads.
+#[derive(Debug)]
+pub struct CpuEngine<'a> {
+    dataset: &'a Dataset,
+    options: TrainOptions,
+    model: Model,
+    /// For each photograph those that are near it.
+    partners: Vec<Vec<usize>>,
+    /// Sum of losses, and of how many steps, since they were asked for.
+    losses: (f64, u32),
+}
+
+impl<'a> CpuEngine<'a> {
+    /// Begins, or goes on, with a model.
+    ///
+    /// # Errors
+    /// Options are off, or the model is not of this many photographs.
+    pub fn new(dataset: &'a Dataset, options: &TrainOptions, model: Model) -> Result<Self, SplatError> {
+        options.check()?;
+        model.cloud.check()?;
+        if model.exposures.len() != dataset.training.len() {
+            let expected = format!("{} photographs, as the capture has", dataset.training.len());
+            return Err(off("model to go on with", expected, model.exposures.len()));
+        }
+        let cameras: Vec<Camera> = dataset.training.iter().map(|one| one.camera).collect();
+        let partners = multi_view::partners(&cameras, dataset.extent);
+        Ok(Self { dataset, options: *options, model, partners, losses: (0.0, 0) })
+    }
+
+    /// One photograph: derivatives of everything but the Gaussians' regularisers.
+    fn look(&mut self, index: usize) -> Result<qv_raster::Gradients, SplatError> {
+        let photograph = &self.dataset.training[index];
+        let camera = Camera { camera_from_world: self.model.poses[index], ..photograph.camera };
+        let settings = Settings { outputs: outputs(&self.options, self.model.iteration), ..Default::default() };
+        let scene = Scene::still(&self.model.cloud);
+        let frame = Frame::new(&scene, &[View::of(camera)], &settings)?;
+        let image = frame.images().remove(0);
+        let mut by_images = frame.blank_images();
+        let (mut loss, by_exposure) = self.photometric(index, &image, &mut by_images[0]);
+        loss += self.terms(index, &camera, &image, &mut by_images[0])?;
+        let (by, pulls) = frame.gradients_and_pulls(&scene, &by_images)?;
+        for (sum, pull) in self.model.pulls.iter_mut().zip(pulls) {
+            (0..2).for_each(|k| sum[k] += pull[k]);
+        }
+        self.losses.0 += loss as f64;
+        self.losses.1 += 1;
+        if let Some(by) = by_exposure {
+            let rates = self.options.rates(self.model.iteration, self.dataset.extent);
+            let seen = self.seen();
+            step_exposure(&mut self.model, index, &by, rates.exposures, seen);
+        }
+        Ok(by)
+    }
+
+    /// Loss of colour; its derivative goes into `by`.
+    fn photometric(&self, index: usize, image: &Image, by: &mut Image) -> (f32, Option<[f32; 12]>) {
+        let photograph: &Photograph = &self.dataset.training[index];
+        let (wanted, valid) = (photograph.colour(), photograph.valid());
+        let share = self.options.weights.ssim;
+        if !self.options.exposure {
+            let (loss, by_colour) = photometric(&image.colour, &wanted, &valid, image.width, share);
+            by.colour = by_colour;
+            return (loss, None);
+        }
+        let exposure = &self.model.exposures[index];
+        let (loss, mut by_colour) =
+            photometric(&exposed_image(exposure, &image.colour), &wanted, &valid, image.width, share);
+        let mut by_exposure = exposed_backward(exposure, &image.colour, &mut by_colour);
+        exposure::regularise(exposure, self.options.weights.exposure, &mut by_exposure);
+        by.colour = by_colour;
+        (loss, Some(by_exposure))
+    }
+
+    /// Terms of geometry and labels; their derivatives go into `by`.
+    fn terms(&self, index: usize, camera: &Camera, image: &Image, by: &mut Image) -> Result<f32, SplatError> {
+        let (weights, iteration) = (&self.options.weights, self.model.iteration);
+        let photograph = &self.dataset.training[index];
+        let mut loss = 0.0;
+        if weights.labels > 0.0 {
+            loss += labels::add(image, photograph, self.model.cloud.feature_count, weights.labels, by);
+        }
+        if iteration < self.options.geometry_from {
+            return Ok(loss);
+        }
+        if weights.depth_prior > 0.0 && !photograph.depth.is_empty() {
+            loss += priors::depth(image, photograph, weights.depth_prior, by);
+        }
+        if weights.normal_prior > 0.0 && !photograph.normals.is_empty() {
+            loss += priors::normals(image, photograph, weights.normal_prior, by);
+        }
+        if weights.depth_normal > 0.0 {
+            loss += depth_normal::add(image, camera, weights.depth_normal, by);
+        }
+        if weights.multi_view > 0.0 {
+            loss += self.multi_view(index, camera, image, by)?;
+        }
+        Ok(loss)
+    }
+
+    fn multi_view(&self, index: usize, camera: &Camera, image: &Image, by: &mut Image) -> Result<f32, SplatError> {
+        let (options, iteration) = (&self.options, self.model.iteration);
+        let partners = &self.partners[index];
+        if partners.is_empty() {
+            return Ok(0.0);
+        }
+        let word = words(options.seed, iteration, 0, Purpose::Pair)[0];
+        let partner = partners[word as usize % partners.len()];
+        let other = &self.dataset.training[partner];
+        let other_camera = Camera { camera_from_world: self.model.poses[partner], ..other.camera };
+        let settings = Settings { outputs: Outputs { plane: true, ..Default::default() }, ..Default::default() };
+        let (drawn, _) = render(&Scene::still(&self.model.cloud), &[View::of(other_camera)], &settings)?;
+        let (grey, other_grey) = (multi_view::grey(&self.dataset.training[index]), multi_view::grey(other));
+        let other = multi_view::Other::new(&other_camera, camera, &other_grey, &drawn[0].plane_depth);
+        let random = [options.seed, iteration];
+        Ok(multi_view::add(image, &grey, camera, &other, options.weights.multi_view, random, by))
+    }
+
+    /// How often a photograph has been seen, this time counted.
+    fn seen(&self) -> u32 {
+        self.model.iteration / self.dataset.training.len() as u32 + 1
+    }
+
+    fn come_and_go(&mut self) {
+        let (options, iteration) = (&self.options, self.model.iteration);
+        if options.refines(iteration) {
+            match options.strategy {
+                Strategy::Mcmc => {
+                    let model = &mut self.model;
+                    Relocation::of_dead(&model.cloud.opacity_logits, options.seed, iteration).apply(model);
+                    Relocation::of_new(&model.cloud.opacity_logits, options.cap, options.seed, iteration).apply(model);
+                }
+                Strategy::Classic => {
+                    classic::refine(&mut self.model, self.dataset.extent, options.cap, options.seed);
+                }
+            }
+        }
+        if options.resets(iteration) {
+            classic::reset(&mut self.model);
+        }
+    }
+}
+
+/// What the terms of the loss need to be drawn in a step.
+pub fn outputs(options: &TrainOptions, iteration: u32) -> Outputs {
+    let geometry = iteration >= options.geometry_from;
+    Outputs {
+        depth: options.weights.depth_prior > 0.0 && geometry,
+        plane: options.weights.planes() && geometry,
+        features: options.weights.labels > 0.0,
+    }
+}
+
+impl Engine for CpuEngine<'_> {
+    fn step(&mut self, photograph: usize) -> Result<(), SplatError> {
+        let iteration = self.model.iteration;
+        self.model.raise_degree(self.options.degree(iteration));
+        let mut by = self.look(photograph)?;
+        let rates = self.options.rates(iteration, self.dataset.extent);
+        regularise(&self.model, &self.options, self.dataset.extent, &mut by);
+        step(&mut self.model, &by, &rates);
+        if self.options.poses {
+            let seen = self.seen();
+            pose::step(&mut self.model, photograph, &by.poses[0], rates.poses, self.dataset.extent, seen);
+        }
+        if self.options.strategy == Strategy::Mcmc {
+            let noise = self.options.noise_rate(iteration, self.dataset.extent);
+            shake(&mut self.model, noise, self.options.seed);
+        }
+        self.come_and_go();
+        self.model.iteration += 1;
+        Ok(())
+    }
+
+    fn iteration(&self) -> u32 {
+        self.model.iteration
+    }
+
+    fn splats(&self) -> usize {
+        self.model.cloud.len()
+    }
+
+    fn loss(&mut self) -> Result<f32, SplatError> {
+        let (sum, count) = std::mem::take(&mut self.losses);
+        Ok((sum / count.max(1) as f64) as f32)
+    }
+
+    fn model(&mut self) -> Result<Model, SplatError> {
+        Ok(self.model.clone())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::engine::train;
+    use super::super::exposure::exposed_image;
+    use super::super::model::NEUTRAL;
+    use super::super::start::of_points;
+    use super::super::{checkpoint, scores, tiny};
+    use super::*;
+    use crate::files::Points;
+
+    fn begin(scene: &tiny::Tiny, options: &TrainOptions) -> Model {
+        let shaken = |(i, mean): (usize, &[f32; 3])| mean.map(|x| x + 0.03 * (i as f32 + 7.0 * x).sin());
+        let places: Vec<[f32; 3]> = scene.cloud.means.iter().enumerate().map(shaken).collect();
+        let colours = vec![[0.5; 3]; places.len()];
+        Model::new(of_points(&Points { places, colours }, options).unwrap(), &scene.dataset)
+    }
+
+    fn options(iterations: u32, strategy: Strategy) -> TrainOptions {
+        TrainOptions {
+            iterations,
+            strategy,
+            cap: 150,
+            refine_from: 50,
+            refine_every: 25,
+            sh_degree: 1,
+            sh_interval: 60,
+            ..Default::default()
+        }
+    }
+
+    fn run(engine: &mut CpuEngine, views: usize, until: u32) -> f32 {
+        let mut last = f32::MAX;
+        let finished = train(engine, views, until, 3, 25, &mut |_, progress| {
+            last = progress.loss.unwrap_or(last);
+            Ok(true)
+        });
+        assert_eq!(finished, Ok(true));
+        last
+    }
+
+    fn psnr(engine: &mut CpuEngine, dataset: &Dataset) -> f64 {
+        let all = scores(&engine.model().unwrap().cloud, &dataset.training).unwrap();
+        all.iter().map(|score| score.psnr).sum::<f64>() / all.len() as f64
+    }
+
+    #[test]
+    fn a_known_scene_is_recovered_by_either_strategy() {
+        let scene = tiny::scene(60, 8, 48);
+        for strategy in [Strategy::Mcmc, Strategy::Classic] {
+            let options = TrainOptions { cap: 110, ..options(600, strategy) };
+            let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
+            let before = psnr(&mut engine, &scene.dataset);
+            run(&mut engine, 8, 600);
+            let after = psnr(&mut engine, &scene.dataset);
+            println!("{strategy:?}: {before:.2} to {after:.2} dB with {}", engine.splats());
+            let least = if strategy == Strategy::Mcmc { 29.0 } else { 24.0 };
+            assert!(after > least && after > before + 6.0, "{strategy:?}: {before} to {after}");
+            assert!(engine.splats() > 60 && engine.splats() <= 110);
+        }
+    }
+
+    #[test]
+    fn stopping_and_going_on_gives_the_same_bits_on_any_number_of_threads() {
+        let scene = tiny::scene(40, 4, 32);
+        for strategy in [Strategy::Mcmc, Strategy::Classic] {
+            let options = TrainOptions { exposure: true, poses: true, ..options(90, strategy) };
+            let whole = |threads: usize| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                pool.install(|| {
+                    let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
+                    run(&mut engine, 4, 90);
+                    engine.model().unwrap()
+                })
+            };
+            let one = whole(1);
+            assert!(one == whole(3), "{strategy:?}: threads");
+            let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
+            run(&mut engine, 4, 61);
+            let saved = checkpoint::read(&checkpoint::write(&engine.model().unwrap())).unwrap();
+            let mut again = CpuEngine::new(&scene.dataset, &options, saved).unwrap();
+            run(&mut again, 4, 90);
+            assert!(one == again.model().unwrap(), "{strategy:?}: going on");
+        }
+    }
+
+    #[test]
+    fn exposures_are_learned_and_a_stop_is_a_stop() {
+        let mut scene = tiny::scene(60, 6, 40);
+        for (k, photograph) in scene.dataset.training.iter_mut().enumerate() {
+            let mut e = NEUTRAL;
+            (0..3).for_each(|c| e[5 * c] = 0.7 + 0.1 * k as f32);
+            let bytes = exposed_image(&e, &photograph.colour());
+            for (pixel, colour) in photograph.pixels.rgba.iter_mut().zip(bytes.chunks_exact(3)) {
+                (0..3).for_each(|c| pixel[c] = (colour[c].clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
+            }
+        }
+        let mut losses = vec![];
+        for exposure in [false, true] {
+            let mut options = TrainOptions { exposure, ..options(600, Strategy::Mcmc) };
+            options.weights.exposure = 0.001;
+            let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
+            losses.push(run(&mut engine, 6, 600));
+            let model = engine.model().unwrap();
+            let gains: Vec<f32> = model.exposures.iter().map(|e| e[0]).collect();
+            assert!(!exposure || gains[5] > 1.1 * gains[0], "{gains:?}");
+            let mean = gains.iter().sum::<f32>() / gains.len() as f32;
+            assert!((mean - 1.0).abs() < 1e-4, "the mean stays: {mean}");
+        }
+        assert!(losses[1] < 0.85 * losses[0], "{losses:?}");
+        let options = options(100, Strategy::Mcmc);
+        let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
+        let finished = train(&mut engine, 6, 100, 3, 25, &mut |_, progress| Ok(progress.iteration < 7)).unwrap();
+        assert_eq!((finished, engine.iteration()), (false, 7));
+    }
+
+    #[test]
+    fn a_pose_that_is_off_is_brought_back() {
+        let scene = tiny::scene(60, 6, 48);
+        let options = TrainOptions { poses: true, noise: 0.0, ..options(250, Strategy::Classic) };
+        let options = TrainOptions { refine_from: 1000, ..options };
+        let mut model = Model::new(scene.cloud.clone(), &scene.dataset);
+        let right = model.poses[2];
+        model.poses[2].position.x += 0.01;
+        let mut engine = CpuEngine::new(&scene.dataset, &options, model).unwrap();
+        run(&mut engine, 6, 250);
+        let found = engine.model().unwrap().poses[2].position.distance(right.position);
+        assert!(found < 0.004, "{found}");
+    }
+
+    #[test]
+    fn nothing_is_learned_from_what_is_held_out() {
+        let all = tiny::scene(40, 9, 32);
+        let (cloud, photographs) = (all.cloud, all.dataset.training);
+        let mut models = vec![];
+        for altered in [false, true] {
+            let mut dataset = Dataset::of_photographs(photographs.clone(), 4).unwrap();
+            let names: Vec<&str> = dataset.held_out.iter().map(|one| one.name.as_str()).collect();
+            assert_eq!(names, ["v00", "v04", "v08"]);
+            assert!(dataset.training.iter().all(|one| !names.contains(&one.name.as_str())));
+            if altered {
+                dataset.held_out.iter_mut().for_each(|one| one.pixels.rgba.fill([9, 200, 9, 255]));
+            }
+            let scene = tiny::Tiny { cloud: cloud.clone(), dataset };
+            let options = options(60, Strategy::Mcmc);
+            let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
+            run(&mut engine, 6, 60);
+            models.push(engine.model().unwrap());
+        }
+        assert!(models[0] == models[1]);
+    }
+
+    #[test]
+    fn a_model_of_other_photographs_is_refused() {
+        let scene = tiny::scene(10, 4, 16);
+        let mut model = Model::new(scene.cloud.clone(), &scene.dataset);
+        model.exposures.pop();
+        let error = CpuEngine::new(&scene.dataset, &TrainOptions::default(), model).unwrap_err().to_string();
+        assert!(error.contains("expected 4 photographs, as the capture has, found 3"), "{error}");
+    }
+}

@@ -1,0 +1,276 @@
+//! Photographs with pinhole cameras, some of them held out to score what was learned from the others.
+
+use super::undistort::{Pixels, smaller, undistorted};
+use crate::SplatError;
+use crate::captures::{Capture, CaptureCamera, DepthFile};
+use crate::error::off;
+use glam::DVec3;
+use qv_core::Camera;
+use rayon::prelude::*;
+
+/// A photograph without distortion.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Photograph {
+    /// Name of its camera in the capture.
+    pub name: String,
+    /// How it was taken.
+    pub camera: Camera,
+    /// The photograph; masked where the mask is black or the lens shows nothing.
+    pub pixels: Pixels,
+    /// Measured depth along z \[m\], 0 where there is none, shape `[height, width]`; empty when not measured.
+    pub depth: Vec<f32>,
+    /// Unit normals in camera axes, zeros where there are none, shape `[height, width]`; empty when not given.
+    pub normals: Vec<[f32; 3]>,
+    /// 0 where there is none, then 1 + the label, shape `[height, width]`; empty when not given.
+    pub labels: Vec<u8>,
+}
+
+impl Photograph {
+    /// Colours 0 to 1, shape `[height, width, 3]`.
+    pub fn colour(&self) -> Vec<f32> {
+        self.pixels.rgba.iter().flat_map(|p| [p[0], p[1], p[2]].map(|c| c as f32 * (1.0 / 255.0))).collect()
+    }
+
+    /// Which pixels count, shape `[height, width]`.
+    pub fn valid(&self) -> Vec<bool> {
+        self.pixels.rgba.iter().map(|p| p[3] != 0).collect()
+    }
+}
+
+/// What training and scoring use.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Dataset {
+    /// Photographs to learn from, sorted by name.
+    pub training: Vec<Photograph>,
+    /// Photographs to score with, sorted by name.
+    pub held_out: Vec<Photograph>,
+    /// Largest distance of a camera from the mean of all, times 1.1 \[m\].
+    pub extent: f32,
+}
+
+/// How a capture is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ReadOptions {
+    /// Sides are divided by this.
+    pub downscale: u32,
+    /// Every so many, sorted by name and from the first on, one is held out; 0 holds out none.
+    pub hold_out: usize,
+}
+
+impl Default for ReadOptions {
+    fn default() -> Self {
+        Self { downscale: 1, hold_out: 8 }
+    }
+}
+
+/// Gives the contents of a file of the capture by its path.
+pub type Files<'a> = &'a (dyn Fn(&str) -> Result<Vec<u8>, String> + Sync);
+
+impl Dataset {
+    /// Decodes the images of a capture and takes their distortion away.
+    ///
+    /// # Errors
+    /// Names the image that is missing, damaged, or of another size than its camera says; fewer than two cameras to learn from; cameras
+    /// of which no two look at the same place.
+    pub fn new(capture: &Capture, files: Files, options: &ReadOptions) -> Result<Self, SplatError> {
+        if options.downscale == 0 {
+            return Err(off("capture, downscale", "at least 1", 0));
+        }
+        let mut cameras: Vec<&CaptureCamera> = capture.cameras.iter().collect();
+        cameras.sort_by(|a, b| a.image.cmp(&b.image).then(a.name.cmp(&b.name)));
+        let read = |one: &&CaptureCamera| photograph(one, files, options.downscale);
+        let all: Vec<Photograph> = cameras.par_iter().map(read).collect::<Result<_, _>>()?;
+        Self::of_photographs(all, options.hold_out)
+    }
+
+    /// Photographs that are there already, sorted by name.
+    ///
+    /// # Errors
+    /// Fewer than two to learn from, or no two of them look at the same place.
+    pub fn of_photographs(all: Vec<Photograph>, hold_out: usize) -> Result<Self, SplatError> {
+        let cameras: Vec<Camera> = all.iter().map(|one| one.camera).collect();
+        let (mut training, mut held_out) = (vec![], vec![]);
+        for (index, one) in all.into_iter().enumerate() {
+            let held = hold_out > 0 && index % hold_out == 0;
+            if held { held_out.push(one) } else { training.push(one) }
+        }
+        if training.len() < 2 {
+            let found = format!("{} of {}, every {hold_out}th held out", training.len(), cameras.len());
+            return Err(off("capture", "at least 2 photographs to learn from", found));
+        }
+        if !training.iter().any(|a| training.iter().any(|b| a.name != b.name && overlap(&a.camera, &b.camera))) {
+            let expected = "two photographs that show the same place";
+            return Err(off("capture", expected, format!("no overlap between any of {}", training.len())));
+        }
+        Ok(Self { training, held_out, extent: extent(&cameras) })
+    }
+}
+
+fn extent(cameras: &[Camera]) -> f32 {
+    let places: Vec<DVec3> = cameras.iter().map(|camera| camera.camera_from_world.inverse().position).collect();
+    let mean = places.iter().sum::<DVec3>() / places.len().max(1) as f64;
+    let far = places.iter().map(|place| place.distance(mean)).fold(0.0, f64::max);
+    // Cameras that only turn have no extent; a metre is as good as any.
+    if far > 0.0 { (1.1 * far) as f32 } else { 1.0 }
+}
+
+/// Depths, in units of the distance of two cameras, at which they may see the same place.
+const DEPTHS: [f64; 7] = [0.25, 0.5, 1.0, 2.0, 5.0, 20.0, 100.0];
+
+/// Whether a point in front of camera `a` is in the image of `b`.
+fn overlap(a: &Camera, b: &Camera) -> bool {
+    let world_from_a = a.camera_from_world.inverse();
+    let apart = world_from_a.position.distance(b.camera_from_world.inverse().position);
+    let unit = if apart > 0.0 { apart } else { 1.0 };
+    let grid = [0.1, 0.3, 0.5, 0.7, 0.9];
+    grid.iter().flat_map(|v| grid.iter().map(move |u| (u, v))).any(|(u, v)| {
+        let ray = DVec3::new((u * a.width as f64 - a.cx) / a.fx, (v * a.height as f64 - a.cy) / a.fy, 1.0);
+        DEPTHS.iter().any(|depth| {
+            let p = b.camera_from_world.transform_point(world_from_a.transform_point(ray * (depth * unit)));
+            let (x, y) = (b.fx * p.x / p.z + b.cx, b.fy * p.y / p.z + b.cy);
+            p.z > 0.0 && (0.0..b.width as f64).contains(&x) && (0.0..b.height as f64).contains(&y)
+        })
+    })
+}
+
+fn photograph(one: &CaptureCamera, files: Files, downscale: u32) -> Result<Photograph, SplatError> {
+    let place = format!("camera {}", one.name);
+    let path = one.image.as_deref().ok_or_else(|| off(&*place, "an image", "none"))?;
+    let camera = &one.camera;
+    let decoded = decode(path, files, camera)?.into_rgba8();
+    let (width, height) = (camera.width as usize, camera.height as usize);
+    let mut pixels = Pixels { width, height, rgba: decoded.pixels().map(|p| p.0).collect() };
+    let mask = one.attachments.mask.as_deref().map(|path| decode(path, files, camera)).transpose()?;
+    let mask = mask.map(|mask| mask.into_luma8());
+    for (index, pixel) in pixels.rgba.iter_mut().enumerate() {
+        let masked = mask.as_ref().is_some_and(|mask| mask.as_raw()[index] == 0);
+        pixel[3] = if masked || pixel[3] == 0 { 0 } else { 255 };
+    }
+    let (pixels, camera) = smaller(undistorted(pixels, camera, &one.distortion), camera, downscale);
+    // For images that are not to be mixed: the pixel of the original that a pixel shows.
+    let shown = |index: usize, of: &Camera| -> Option<usize> {
+        let (x, y) = ((index % pixels.width) as f64 + 0.5, (index / pixels.width) as f64 + 0.5);
+        let ray = glam::DVec2::new((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy);
+        let bent = one.distortion.distort(ray);
+        let (u, v) = (bent.x * of.fx + of.cx, bent.y * of.fy + of.cy);
+        let inside = u >= 0.0 && v >= 0.0 && u < of.width as f64 && v < of.height as f64;
+        inside.then(|| v as usize * of.width as usize + u as usize)
+    };
+    let count = pixels.rgba.len();
+    let depth = match &one.attachments.depth {
+        Some(file) => {
+            let of = file.camera.unwrap_or(one.camera);
+            let units = depth_image(file, files, &of)?;
+            let metres =
+                |units: u16| if units == u16::MAX { 0.0 } else { (units as f64 * file.metres_per_unit) as f32 };
+            (0..count).map(|index| shown(index, &of).map_or(0.0, |at| metres(units[at]))).collect()
+        }
+        None => vec![],
+    };
+    let attached = |path: &Option<String>| path.as_deref().map(|path| decode(path, files, &one.camera)).transpose();
+    let normals = attached(&one.attachments.normals)?.map(|image| image.into_rgb8());
+    let normals = normals.map_or(vec![], |image| {
+        let at = |index| shown(index, &one.camera).map_or([0.0; 3], |at| normal(&image.as_raw()[3 * at..3 * at + 3]));
+        (0..count).map(at).collect()
+    });
+    let labels = attached(&one.attachments.labels)?.map(|image| image.into_luma8());
+    let labels = labels.map_or(vec![], |image| {
+        (0..count).map(|index| shown(index, &one.camera).map_or(0, |at| image.as_raw()[at])).collect()
+    });
+    Ok(Photograph { name: one.name.clone(), camera, pixels, depth, normals, labels })
+}
+
+fn normal(bytes: &[u8]) -> [f32; 3] {
+    let n = glam::Vec3::new(bytes[0] as f32, bytes[1] as f32, bytes[2] as f32);
+    let unit = (n / 127.5 - 1.0).normalize_or_zero();
+    if n == glam::Vec3::ZERO { [0.0; 3] } else { unit.to_array() }
+}
+
+fn decode(path: &str, files: Files, camera: &Camera) -> Result<image::DynamicImage, SplatError> {
+    let bytes = files(path).map_err(|found| off(format!("image {path}"), "a file", found))?;
+    let image =
+        image::load_from_memory(&bytes).map_err(|found| off(format!("image {path}"), "a JPEG or PNG image", found))?;
+    if (image.width(), image.height()) != (camera.width, camera.height) {
+        let expected = format!("{} x {} pixels, as its camera has", camera.width, camera.height);
+        return Err(off(format!("image {path}"), expected, format!("{} x {}", image.width(), image.height())));
+    }
+    Ok(image)
+}
+
+fn depth_image(file: &DepthFile, files: Files, camera: &Camera) -> Result<Vec<u16>, SplatError> {
+    match decode(&file.path, files, camera)? {
+        image::DynamicImage::ImageLuma16(image) => Ok(image.into_raw()),
+        other => Err(off(format!("image {}", file.path), "grey values of 16 bits", format!("{:?}", other.color()))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::captures::{Attachments, distortion::Distortion};
+    use qv_core::Pose;
+
+    fn capture(count: usize, turn: f64) -> Capture {
+        let one = |k: usize| {
+            let rotation = glam::DQuat::from_rotation_y(turn * k as f64);
+            let camera_from_world = Pose { position: rotation * DVec3::new(-0.1 * k as f64, 0.0, 0.0), rotation };
+            let camera = Camera { fx: 20.0, fy: 20.0, cx: 4.0, cy: 3.0, width: 8, height: 6, camera_from_world };
+            CaptureCamera {
+                name: format!("v{k}"),
+                camera,
+                distortion: Distortion::default(),
+                image: Some(format!("v{k}.png")),
+                attachments: Attachments::default(),
+            }
+        };
+        Capture { cameras: (0..count).map(one).collect() }
+    }
+
+    fn png(width: u32, height: u32, grey: u8) -> Vec<u8> {
+        let mut out = std::io::Cursor::new(vec![]);
+        let image = image::GrayImage::from_pixel(width, height, image::Luma([grey]));
+        image.write_to(&mut out, image::ImageFormat::Png).unwrap();
+        out.into_inner()
+    }
+
+    #[test]
+    fn views_are_held_out_and_masked() {
+        let mut capture = capture(9, 0.0);
+        capture.cameras[1].attachments.mask = Some("mask.png".into());
+        let files = |name: &str| Ok(png(8, 6, if name == "mask.png" { 0 } else { 128 }));
+        let data = Dataset::new(&capture, &files, &ReadOptions { downscale: 2, hold_out: 8 }).unwrap();
+        let names: Vec<&str> = data.held_out.iter().map(|one| one.name.as_str()).collect();
+        assert_eq!((names, data.training.len()), (vec!["v0", "v8"], 7));
+        let one = &data.training[1];
+        assert_eq!((one.camera.width, one.camera.fx, one.pixels.rgba[0]), (4, 10.0, [128, 128, 128, 255]));
+        assert!(data.training[0].valid().iter().all(|valid| !valid));
+        assert!((data.extent - 0.44).abs() < 1e-6, "{}", data.extent);
+    }
+
+    #[test]
+    fn faults_are_named() {
+        let fault = |capture: &Capture, files: Files, options: &ReadOptions| {
+            Dataset::new(capture, files, options).unwrap_err().to_string()
+        };
+        let (good, options) = (|_: &str| Ok(png(8, 6, 128)), ReadOptions::default());
+        let error = fault(
+            &capture(3, 0.0),
+            &|name| if name == "v2.png" { Err("none".into()) } else { Ok(png(8, 6, 1)) },
+            &options,
+        );
+        assert!(error.contains("image v2.png: expected a file, found none"), "{error}");
+        let error = fault(&capture(3, 0.0), &|_| Ok(png(9, 6, 1)), &options);
+        assert!(error.contains("expected 8 x 6 pixels, as its camera has, found 9 x 6"), "{error}");
+        let error = fault(&capture(3, 0.0), &|_| Ok(vec![1, 2]), &options);
+        assert!(error.contains("expected a JPEG or PNG image"), "{error}");
+        let error = fault(&capture(1, 0.0), &good, &ReadOptions { hold_out: 0, downscale: 1 });
+        assert!(error.contains("at least 2 photographs to learn from, found 1 of 1"), "{error}");
+        let error = fault(&capture(3, 1.5), &good, &options);
+        assert!(error.contains("no overlap"), "{error}");
+        let mut with_depth = capture(3, 0.0);
+        with_depth.cameras[1].attachments.depth =
+            Some(DepthFile { path: "d.png".into(), metres_per_unit: 1e-3, camera: None });
+        let error = fault(&with_depth, &good, &options);
+        assert!(error.contains("image d.png: expected grey values of 16 bits"), "{error}");
+    }
+}

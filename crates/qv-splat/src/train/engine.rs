@@ -1,0 +1,143 @@
+//! Training as a loop, whatever does the steps.
+
+use super::dataset::{Dataset, Photograph};
+use super::exposure::exposed_image;
+use super::model::{Exposure, Model};
+use super::random::shuffled;
+use super::score::{Score, score};
+use crate::SplatError;
+use crate::error::off;
+use qv_core::{Camera, GaussianCloud};
+use qv_raster::{Image, Scene, Settings, View};
+
+/// What does the steps.
+pub trait Engine {
+    /// Learns from a photograph, given by its index among those to learn from; then Gaussians come and go when it is time.
+    ///
+    /// # Errors
+    /// Drawing fails.
+    fn step(&mut self, photograph: usize) -> Result<(), SplatError>;
+    /// Steps that were taken.
+    fn iteration(&self) -> u32;
+    /// How many Gaussians there are.
+    fn splats(&self) -> usize;
+    /// Mean loss since this was last asked.
+    ///
+    /// # Errors
+    /// The device fails.
+    fn loss(&mut self) -> Result<f32, SplatError>;
+    /// All that was learned.
+    ///
+    /// # Errors
+    /// The device fails.
+    fn model(&mut self) -> Result<Model, SplatError>;
+    /// Takes time stamps in the next step, where the device has them.
+    fn time_next(&mut self) {}
+    /// Milliseconds of each stage of the last step for which they were asked; none on the CPU.
+    ///
+    /// # Errors
+    /// The device fails.
+    fn times(&mut self) -> Result<Vec<(&'static str, f64)>, SplatError> {
+        Ok(vec![])
+    }
+}
+
+/// What is told while training runs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Progress {
+    /// Steps that were taken.
+    pub iteration: u32,
+    /// How many Gaussians there are.
+    pub splats: usize,
+    /// Mean loss since the last report; with every report, every so many steps.
+    pub loss: Option<f32>,
+}
+
+/// Takes steps until there are `iterations`, or `watch`, which is asked after each step and told the loss every `report_every` steps,
+/// gives false. Photographs come in a random order, all of them before the first comes again. Returns whether all steps were taken.
+///
+/// # Errors
+/// A step fails, or the loss is no longer finite.
+pub fn train(
+    engine: &mut dyn Engine,
+    photographs: usize,
+    iterations: u32,
+    seed: u32,
+    report_every: u32,
+    watch: &mut dyn FnMut(&mut dyn Engine, &Progress) -> Result<bool, SplatError>,
+) -> Result<bool, SplatError> {
+    let count = photographs.max(1) as u32;
+    let mut order: (u32, Vec<usize>) = (u32::MAX, vec![]);
+    while engine.iteration() < iterations {
+        let iteration = engine.iteration();
+        if order.0 != iteration / count {
+            order = (iteration / count, shuffled(count as usize, seed, iteration / count));
+        }
+        engine.step(order.1[(iteration % count) as usize])?;
+        let iteration = engine.iteration();
+        let reports = iteration.is_multiple_of(report_every.max(1)) || iteration == iterations;
+        let loss = if reports { Some(engine.loss()?) } else { None };
+        if let Some(loss) = loss.filter(|loss| !loss.is_finite()) {
+            return Err(off(format!("training, loss before step {iteration}"), "a finite number", loss));
+        }
+        let progress = Progress { iteration, splats: engine.splats(), loss };
+        if !watch(engine, &progress)? {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
+/// Draws and scores photographs with the poses that they came with.
+///
+/// # Errors
+/// Drawing fails.
+pub fn scores(cloud: &GaussianCloud, photographs: &[Photograph]) -> Result<Vec<Score>, SplatError> {
+    photographs.iter().map(|one| Ok(score(&drawn(cloud, &one.camera)?.colour, one))).collect()
+}
+
+/// As [`scores`] of what was held out, with the exposure that the photographs before and after it by name have on average: nothing of the
+/// held-out photograph itself is used.
+///
+/// # Errors
+/// Drawing fails.
+pub fn neighbours_scores(model: &Model, dataset: &Dataset) -> Result<Vec<Score>, SplatError> {
+    let one = |photograph: &Photograph| {
+        let image = drawn(&model.cloud, &photograph.camera)?;
+        let exposure = neighbours(&dataset.training, &model.exposures, &photograph.name);
+        Ok(score(&exposed_image(&exposure, &image.colour), photograph))
+    };
+    dataset.held_out.iter().map(one).collect()
+}
+
+fn neighbours(training: &[Photograph], exposures: &[Exposure], name: &str) -> Exposure {
+    let after = training.partition_point(|one| one.name.as_str() < name);
+    let both = exposures[after.saturating_sub(1)..(after + 1).min(exposures.len())].iter();
+    let count = both.len().max(1) as f32;
+    let mut out = [0.0; 12];
+    both.for_each(|exposure| (0..12).for_each(|k| out[k] += exposure[k] / count));
+    out
+}
+
+/// Colour and alpha as a camera sees them.
+///
+/// # Errors
+/// Drawing fails.
+pub fn drawn(cloud: &GaussianCloud, camera: &Camera) -> Result<Image, SplatError> {
+    Ok(qv_raster::render(&Scene::still(cloud), &[View::of(*camera)], &Settings::default())?.0.remove(0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tiny;
+    use super::*;
+
+    #[test]
+    fn a_held_out_exposure_is_that_of_its_neighbours() {
+        let scene = tiny::scene(5, 3, 16);
+        let exposures: Vec<Exposure> = (0..3).map(|k| [k as f32; 12]).collect();
+        let of = |name: &str| neighbours(&scene.dataset.training, &exposures, name)[5];
+        // The photographs are v00, v01 and v02.
+        assert_eq!([of("a"), of("v005"), of("v015"), of("z")], [0.0, 0.5, 1.5, 2.0]);
+    }
+}

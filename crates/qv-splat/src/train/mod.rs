@@ -1,0 +1,36 @@
+//! From photographs with cameras to Gaussians. See `docs/reconstruction.md` for the equations and their sources.
+//!
+//! A [`Dataset`] is read from a capture, a [`Model`] begins at points, a [`CpuEngine`] takes steps, [`train`] is the loop. Nothing here opens
+//! a file or looks at a clock.
+
+pub mod adam;
+pub mod checkpoint;
+pub mod classic;
+mod cpu;
+mod dataset;
+mod engine;
+pub mod exposure;
+#[cfg(feature = "gpu")]
+pub mod gpu;
+pub mod loss;
+pub mod mcmc;
+mod model;
+mod neighbours;
+mod options;
+pub mod pose;
+pub mod random;
+mod score;
+mod start;
+pub mod terms;
+#[cfg(test)]
+pub(crate) mod tiny;
+mod undistort;
+
+pub use cpu::{CpuEngine, outputs};
+pub use dataset::{Dataset, Files, Photograph, ReadOptions};
+pub use engine::{Engine, Progress, drawn, neighbours_scores, scores, train};
+pub use model::{Exposure, Model, NEUTRAL};
+pub use options::{Rates, Strategy, TrainOptions, Weights};
+pub use score::{Score, score};
+pub use start::{AT_RANDOM, at_random, of_points};
+pub use undistort::Pixels;

@@ -1,0 +1,95 @@
+//! How far drawn images are from photographs.
+//!
+//! PSNR and SSIM of the image as it is drawn, cut off to 0 to 1, are what others publish. When exposures differ from photograph to
+//! photograph they say more about the exposure than about the scene. Besides them, therefore, the two halves of an image are told apart: an
+//! affine colour transform, and one factor for each colour, is fitted to the left half by least squares, and the right half is scored with
+//! them and without. An image that lacks detail is made dull by the affine fit, which the factors are not.
+
+use super::dataset::Photograph;
+use super::exposure::{exposed_image, fitted, fitted_gains};
+use super::loss::ssim_map;
+
+/// Scores of one image.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Score {
+    /// Peak signal to noise ratio of the whole image \[dB\].
+    pub psnr: f64,
+    /// SSIM of the whole image.
+    pub ssim: f64,
+    /// Of the right half \[dB\].
+    pub psnr_right: f64,
+    /// Of the right half.
+    pub ssim_right: f64,
+    /// Of the right half, with the exposure fitted to the left half \[dB\].
+    pub psnr_right_fitted: f64,
+    /// Of the right half, with the exposure fitted to the left half.
+    pub ssim_right_fitted: f64,
+    /// Of the right half, with a factor for each colour fitted to the left half \[dB\].
+    pub psnr_right_gains: f64,
+}
+
+impl Score {
+    /// Mean of each number; `None` of nothing.
+    pub fn mean(scores: &[Self]) -> Option<Self> {
+        let mean = |of: fn(&Self) -> f64| scores.iter().map(of).sum::<f64>() / scores.len() as f64;
+        (!scores.is_empty()).then(|| Self {
+            psnr: mean(|s| s.psnr),
+            ssim: mean(|s| s.ssim),
+            psnr_right: mean(|s| s.psnr_right),
+            ssim_right: mean(|s| s.ssim_right),
+            psnr_right_fitted: mean(|s| s.psnr_right_fitted),
+            ssim_right_fitted: mean(|s| s.ssim_right_fitted),
+            psnr_right_gains: mean(|s| s.psnr_right_gains),
+        })
+    }
+}
+
+/// Scores a drawn colour image, shape `[height, width, 3]`. Masked pixels count as right in windows and are left out of means.
+pub fn score(image: &[f32], photograph: &Photograph) -> Score {
+    let width = photograph.pixels.width;
+    let (wanted, valid) = (photograph.colour(), photograph.valid());
+    let of = |image: &[f32], right: bool| {
+        let counts = |pixel: usize| valid[pixel] && (!right || pixel % width >= width / 2);
+        one(image, &wanted, &valid, width, &counts)
+    };
+    let left = (0..valid.len()).filter(|pixel| valid[*pixel] && pixel % width < width / 2);
+    let pairs = left.map(|pixel| (&image[3 * pixel..3 * pixel + 3], &wanted[3 * pixel..3 * pixel + 3]));
+    let (exposure, gains) = (fitted(pairs.clone()), fitted_gains(pairs));
+    let (psnr, ssim) = of(image, false);
+    let (psnr_right, ssim_right) = of(image, true);
+    let (psnr_right_fitted, ssim_right_fitted) = of(&exposed_image(&exposure, image), true);
+    let (psnr_right_gains, _) = of(&exposed_image(&gains, image), true);
+    Score { psnr, ssim, psnr_right, ssim_right, psnr_right_fitted, ssim_right_fitted, psnr_right_gains }
+}
+
+fn one(image: &[f32], wanted: &[f32], valid: &[bool], width: usize, counts: &dyn Fn(usize) -> bool) -> (f64, f64) {
+    let cut: Vec<f32> =
+        image.iter().enumerate().map(|(at, x)| if valid[at / 3] { x.clamp(0.0, 1.0) } else { wanted[at] }).collect();
+    let (mut square, mut similar, mut count) = (0.0f64, 0.0f64, 0.0f64);
+    for (pixel, ssim) in ssim_map(&cut, wanted, width).iter().enumerate().filter(|(pixel, _)| counts(*pixel)) {
+        square += (3 * pixel..3 * pixel + 3).map(|at| (cut[at] - wanted[at]) as f64).map(|d| d * d).sum::<f64>() / 3.0;
+        similar += *ssim as f64;
+        count += 1.0;
+    }
+    let count = count.max(1.0);
+    (-10.0 * (square / count).max(1e-10).log10(), similar / count)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tiny;
+    use super::*;
+
+    #[test]
+    fn a_wrong_exposure_is_told_from_a_wrong_scene() {
+        let scene = tiny::scene(40, 3, 32);
+        let photograph = &scene.dataset.training[0];
+        let right = photograph.colour();
+        let perfect = score(&right, photograph);
+        assert!(perfect.psnr > 90.0 && perfect.ssim > 0.9999, "{perfect:?}");
+        let dim: Vec<f32> = right.iter().map(|c| 0.7 * c + 0.05).collect();
+        let found = score(&dim, photograph);
+        assert!(found.psnr < 30.0 && found.psnr_right < 35.0 && found.psnr_right_fitted > 45.0, "{found:?}");
+        assert_eq!(Score::mean(&[]), None);
+    }
+}

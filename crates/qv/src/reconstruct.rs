@@ -1,0 +1,413 @@
+//! `qv reconstruct`: photographs with cameras become a scene of Gaussians.
+
+use crate::capture::{OpenCapture, open_capture};
+use crate::scene::about;
+use crate::{Failure, Outcome, say};
+use clap::ValueEnum;
+use indicatif::{ProgressBar, ProgressStyle};
+use qv_core::GaussianCloud;
+use qv_splat::files::{Format, write};
+use qv_splat::train::{
+    AT_RANDOM, CpuEngine, Dataset, Engine, Model, Photograph, Progress, ReadOptions, Score, Strategy, TrainOptions,
+    Weights, at_random, checkpoint, drawn, neighbours_scores, of_points, pose, scores, train,
+};
+use serde_json::{Value, json};
+use std::fs;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/yard\n  \
+    qv reconstruct captures/yard/transforms.json --out out/yard --exposure --iterations 30000 --gpu --json\n\n\
+    CAPTURE is nerfstudio's transforms.json or the folder that holds it, a COLMAP project (model and images), or a folder of\n\
+    RGB-D frames (FRAME.color.jpg, FRAME.depth.png, FRAME.pose.txt). points.ply beside it is where Gaussians begin.\n\n\
+    Writes scene.ply (3DGS), checkpoint.qvt, metrics.json, with --preview pictures beside photographs. Ctrl-C stops and keeps what\n\
+    was learned; --resume goes on from the checkpoint.\n\n\
+    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
+
+/// Steps from one report to the next.
+const REPORT_EVERY: u32 = 100;
+/// Steps by which a held-out camera is aligned.
+const ALIGN_STEPS: u32 = 40;
+/// Steps from one checkpoint to the next.
+const SAVE_EVERY: u32 = 5000;
+/// Steps from one preview to the next.
+const PREVIEW_EVERY: u32 = 1000;
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum StrategyName {
+    Mcmc,
+    Classic,
+}
+
+#[derive(clap::Args)]
+pub struct Reconstruct {
+    /// transforms.json or its folder, a COLMAP project, or a folder of RGB-D frames
+    capture: PathBuf,
+    /// Folder for what is written; made if need be
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Steps, one photograph each
+    #[arg(long, default_value_t = 7000)]
+    iterations: u32,
+    /// Most Gaussians
+    #[arg(long, default_value_t = 300_000)]
+    cap: usize,
+    /// How Gaussians come and go
+    #[arg(long, value_enum, default_value = "mcmc")]
+    strategy: StrategyName,
+    /// Learns an affine colour transform for each photograph
+    #[arg(long)]
+    exposure: bool,
+    /// Refines the photographs' poses
+    #[arg(long)]
+    refine_poses: bool,
+    /// Divides the sides of photographs by this
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
+    downscale: u32,
+    /// Seed of everything random
+    #[arg(long, default_value_t = 0)]
+    seed: u32,
+    /// Goes on from the checkpoint in the output folder
+    #[arg(long)]
+    resume: bool,
+    /// Writes pictures beside photographs while training runs
+    #[arg(long)]
+    preview: bool,
+    /// Holds out every Nth photograph, by name from the first on, to score with; 0 for none
+    #[arg(long, value_name = "N", default_value_t = 8)]
+    hold_out: usize,
+    /// Stops after so many seconds
+    #[arg(long, value_name = "S")]
+    max_seconds: Option<f64>,
+    /// Weight of flatness: the smallest scale of each Gaussian goes to 0
+    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
+    flattening: f32,
+    /// Weight of measured depth
+    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
+    depth_prior: f32,
+    /// Weight of the agreement of normals with depth
+    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
+    depth_normal: f32,
+    /// Weight of the agreement of patches between views
+    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
+    multi_view: f32,
+    /// Weight of normals from files
+    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
+    normal_prior: f32,
+    /// Weight of labels from files
+    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
+    labels: f32,
+    /// Points to begin with on random rays, besides those of the capture
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    random_points: usize,
+    /// Noise of the means with mcmc, in units of their rate
+    #[arg(long, default_value_t = 5e5, hide_short_help = true)]
+    noise: f32,
+    /// Weight of opacity with mcmc
+    #[arg(long, value_name = "WEIGHT", default_value_t = 0.01, hide_short_help = true)]
+    opacity_weight: f32,
+    /// Weight of scale with mcmc, in units of the extent of the cameras
+    #[arg(long, value_name = "WEIGHT", default_value_t = 0.01, hide_short_help = true)]
+    scale_weight: f32,
+    /// Tells how long the stages of a step take on the card
+    #[arg(long, hide = true)]
+    times: bool,
+    /// One line of JSON at the end instead of the summary
+    #[arg(long)]
+    json: bool,
+    /// Works on the graphics card
+    #[cfg(feature = "gpu")]
+    #[arg(long)]
+    gpu: bool,
+    /// Adds up in a fixed order on the card: slower, the same bits from run to run
+    #[cfg(feature = "gpu")]
+    #[arg(long)]
+    ordered: bool,
+}
+
+impl Reconstruct {
+    pub fn execute(&self) -> Result<Outcome, Failure> {
+        let clock = Instant::now();
+        let opened = open_capture(&self.capture)?;
+        let options = self.options();
+        options.check()?;
+        let reading = ReadOptions { downscale: self.downscale, hold_out: self.hold_out };
+        let files = |path: &str| opened.read(path);
+        let dataset = Dataset::new(&opened.capture, &files, &reading).map_err(|e| about(&self.capture, e))?;
+        fs::create_dir_all(&self.out).map_err(|e| about(&self.out, format!("expected a folder, found {e}")))?;
+        let (model, at_points) = self.begin(&opened, &dataset, &options)?;
+        let read_s = clock.elapsed().as_secs_f64();
+        let mut engine = self.engine(&dataset, &options, model)?;
+        let mut run = Run::new(self, &dataset);
+        let clock = Instant::now();
+        let finished = train(
+            engine.as_mut(),
+            dataset.training.len(),
+            options.iterations,
+            options.seed,
+            REPORT_EVERY,
+            &mut |engine, progress| {
+                run.watch(engine, progress).map_err(|e| qv_splat::error_at("training", "files", &e.to_string()))
+            },
+        )?;
+        let model = engine.model()?;
+        let train_s = clock.elapsed().as_secs_f64();
+        run.bar.finish_and_clear();
+        let as_drawn = scores(&model.cloud, &dataset.held_out)?;
+        let held_out = if self.exposure { neighbours_scores(&model, &dataset)? } else { as_drawn.clone() };
+        let aligned = self.aligned(&model, &dataset)?;
+        let clock = Instant::now();
+        self.save(&model)?;
+        let path = self.out.join("scene.ply");
+        fs::write(&path, write(&model.cloud, Format::Ply)?)
+            .map_err(|e| about(&path, format!("expected to write it, found {e}")))?;
+        let metrics = json!({
+            "format": "qv-reconstruct/1", "capture": self.capture.display().to_string(), "iterations": model.iteration,
+            "finished": finished, "gaussians": model.cloud.len(), "loss": run.loss, "read_s": read_s, "train_s": train_s,
+            "write_s": clock.elapsed().as_secs_f64(), "photographs": dataset.training.len(), "began_at_points": at_points,
+            "exposure": self.exposure, "poses_refined": self.refine_poses, "seed": self.seed, "extent_m": dataset.extent,
+            "held_out": dataset.held_out.iter().zip(&held_out).map(|(one, score)| named(&one.name, score)).collect::<Vec<_>>(),
+            "mean": Score::mean(&held_out).map(|mean| named("mean", &mean)),
+            "mean_identity": Score::mean(&as_drawn).map(|mean| named("mean", &mean)),
+            "mean_aligned": Score::mean(&aligned).map(|mean| named("mean", &mean)), "times_ms": run.mean_times(),
+        });
+        let path = self.out.join("metrics.json");
+        fs::write(&path, format!("{metrics:#}\n"))
+            .map_err(|e| about(&path, format!("expected to write it, found {e}")))?;
+        self.tell(&metrics, [Score::mean(&held_out), Score::mean(&aligned)], &run, train_s, model.cloud.len())?;
+        let lost = self.lost(&dataset);
+        lost.iter().for_each(|what| eprintln!("qv: {what}"));
+        Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
+    }
+
+    fn options(&self) -> TrainOptions {
+        TrainOptions {
+            iterations: self.iterations,
+            cap: self.cap,
+            strategy: match self.strategy {
+                StrategyName::Mcmc => Strategy::Mcmc,
+                StrategyName::Classic => Strategy::Classic,
+            },
+            exposure: self.exposure,
+            poses: self.refine_poses,
+            seed: self.seed,
+            weights: Weights {
+                flattening: self.flattening,
+                depth_prior: self.depth_prior,
+                depth_normal: self.depth_normal,
+                multi_view: self.multi_view,
+                normal_prior: self.normal_prior,
+                labels: self.labels,
+                opacity: self.opacity_weight,
+                scale: self.scale_weight,
+                ..Default::default()
+            },
+            noise: self.noise,
+            ..Default::default()
+        }
+    }
+
+    /// A model to begin with, and whether it is at points of the capture.
+    fn begin(&self, opened: &OpenCapture, dataset: &Dataset, options: &TrainOptions) -> Result<(Model, bool), Failure> {
+        let path = self.out.join("checkpoint.qvt");
+        if self.resume {
+            let bytes = fs::read(&path).map_err(|e| about(&path, format!("expected a checkpoint, found {e}")))?;
+            return Ok((checkpoint::read(&bytes).map_err(|e| about(&path, e))?, opened.points.is_some()));
+        }
+        let count = if opened.points.is_some() { self.random_points } else { AT_RANDOM };
+        let mut points = at_random(dataset, count, options);
+        if let Some(known) = &opened.points {
+            points.places.extend_from_slice(&known.places);
+            points.colours.extend_from_slice(&known.colours);
+        }
+        let mut cloud = of_points(&points, options)?;
+        if self.labels > 0.0 {
+            let most = dataset.training.iter().flat_map(|one| &one.labels).copied().max().unwrap_or(0) as usize;
+            if !(1..=GaussianCloud::MAX_FEATURES).contains(&most) {
+                return Err(about(&self.capture, format!("expected label images with 1 to 16 labels, found {most}")));
+            }
+            cloud.feature_count = most;
+            cloud.features = vec![0.0; most * cloud.len()];
+        }
+        Ok((Model::new(cloud, dataset), opened.points.is_some()))
+    }
+
+    #[cfg(not(feature = "gpu"))]
+    fn engine<'a>(
+        &self,
+        dataset: &'a Dataset,
+        options: &TrainOptions,
+        model: Model,
+    ) -> Result<Box<dyn Engine + 'a>, Failure> {
+        Ok(Box::new(CpuEngine::new(dataset, options, model)?))
+    }
+
+    #[cfg(feature = "gpu")]
+    fn engine<'a>(
+        &self,
+        dataset: &'a Dataset,
+        options: &TrainOptions,
+        model: Model,
+    ) -> Result<Box<dyn Engine + 'a>, Failure> {
+        use qv_raster::gpu::{Gpu, GpuOptions, GpuRasteriser};
+        use qv_splat::train::gpu::{GpuEngine, GpuTraining};
+        if !self.gpu {
+            return Ok(Box::new(CpuEngine::new(dataset, options, model)?));
+        }
+        let rasteriser = GpuRasteriser::new(Gpu::new(&GpuOptions::default())?);
+        let how = GpuTraining { atomic: !self.ordered };
+        Ok(Box::new(GpuEngine::new(rasteriser, dataset, options, model, how)?))
+    }
+
+    /// Scores of held-out photographs with cameras that were moved to where they show the left half best; none when poses are as given.
+    fn aligned(&self, model: &Model, dataset: &Dataset) -> Result<Vec<Score>, Failure> {
+        if !self.refine_poses {
+            return Ok(vec![]);
+        }
+        let align = |one: &Photograph| {
+            let camera = pose::aligned(&model.cloud, one, dataset.extent, ALIGN_STEPS)?;
+            Ok(Photograph { camera, ..one.clone() })
+        };
+        let moved: Vec<Photograph> = dataset.held_out.iter().map(align).collect::<Result<_, Failure>>()?;
+        Ok(scores(&model.cloud, &moved)?)
+    }
+
+    fn save(&self, model: &Model) -> Result<(), Failure> {
+        // Beside the old one first, so that a power cut leaves one of the two.
+        let (path, new) = (self.out.join("checkpoint.qvt"), self.out.join("checkpoint.new"));
+        let written = fs::write(&new, checkpoint::write(model)).and_then(|()| fs::rename(&new, &path));
+        written.map_err(|e| about(&path, format!("expected to write it, found {e}")))
+    }
+
+    /// What of the capture was not used, a line each.
+    fn lost(&self, dataset: &Dataset) -> Vec<String> {
+        let without = |has: fn(&Photograph) -> bool| dataset.training.iter().filter(|one| !has(one)).count();
+        let mut lost = vec![];
+        for (name, weight, missing) in [
+            ("depths", self.depth_prior, without(|one| !one.depth.is_empty())),
+            ("normals", self.normal_prior, without(|one| !one.normals.is_empty())),
+            ("labels", self.labels, without(|one| !one.labels.is_empty())),
+        ] {
+            if weight > 0.0 && missing > 0 {
+                lost.push(format!("{missing} of {} photographs have no {name}", dataset.training.len()));
+            }
+        }
+        lost
+    }
+
+    fn tell(
+        &self,
+        metrics: &Value,
+        means: [Option<Score>; 2],
+        run: &Run,
+        seconds: f64,
+        splats: usize,
+    ) -> Result<(), Failure> {
+        if self.json {
+            return Ok(say(&format!("{metrics}\n"))?);
+        }
+        let mut text = format!("{splats} Gaussians, loss {:.5}, {seconds:.1} s of training\n", run.loss);
+        for (what, mean) in ["held out", "held out, cameras aligned on the left half"].iter().zip(means) {
+            let Some(s) = mean else { continue };
+            text += &format!(
+                "{what}: PSNR {:.2} dB, SSIM {:.4}; right halves {:.2} dB, with the exposure of the left {:.2} dB, with its gains {:.2} dB\n",
+                s.psnr, s.ssim, s.psnr_right, s.psnr_right_fitted, s.psnr_right_gains
+            );
+        }
+        for (name, ms) in run.mean_times() {
+            text += &format!("  {name:18} {ms:7.3} ms\n");
+        }
+        Ok(say(&format!("{text}written to {}\n", self.out.display()))?)
+    }
+}
+
+fn named(name: &str, s: &Score) -> Value {
+    json!({"name": name, "psnr": s.psnr, "ssim": s.ssim, "psnr_right": s.psnr_right, "ssim_right": s.ssim_right,
+        "psnr_right_fitted": s.psnr_right_fitted, "ssim_right_fitted": s.ssim_right_fitted,
+        "psnr_right_gains": s.psnr_right_gains})
+}
+
+/// What goes on while training runs.
+struct Run<'a> {
+    command: &'a Reconstruct,
+    dataset: &'a Dataset,
+    clock: Instant,
+    bar: ProgressBar,
+    stop: Arc<AtomicBool>,
+    loss: f32,
+    /// PSNR of the last preview's photograph.
+    psnr: Option<f64>,
+    /// Sums of milliseconds by stage, and of how many steps.
+    times: (Vec<(&'static str, f64)>, u32),
+}
+
+impl<'a> Run<'a> {
+    fn new(command: &'a Reconstruct, dataset: &'a Dataset) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let flag = stop.clone();
+        // A second handler in one process is refused, which only means that Ctrl-C ends it at once.
+        _ = ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed));
+        let bar = ProgressBar::new(u64::from(command.iterations));
+        if let Ok(style) = ProgressStyle::with_template("{pos}/{len} {wide_bar} {msg} {eta} left") {
+            bar.set_style(style);
+        }
+        Self { command, dataset, clock: Instant::now(), bar, stop, loss: 0.0, psnr: None, times: (vec![], 0) }
+    }
+
+    /// After each step; false to stop.
+    fn watch(&mut self, engine: &mut dyn Engine, progress: &Progress) -> Result<bool, Failure> {
+        if let Some(loss) = progress.loss {
+            self.loss = loss;
+            self.bar.set_position(u64::from(progress.iteration));
+            let psnr = self.psnr.map_or(String::new(), |psnr| format!(" PSNR {psnr:.2}"));
+            self.bar.set_message(format!("loss {loss:.4}{psnr} {} Gaussians", progress.splats));
+            if self.command.times {
+                self.add_times(engine.times()?);
+                engine.time_next();
+            }
+        }
+        if progress.iteration.is_multiple_of(SAVE_EVERY) {
+            self.command.save(&engine.model()?)?;
+        }
+        if self.command.preview && progress.iteration.is_multiple_of(PREVIEW_EVERY) {
+            self.preview(&engine.model()?)?;
+        }
+        let late = self.command.max_seconds.is_some_and(|most| self.clock.elapsed().as_secs_f64() > most);
+        Ok(!(late || self.stop.load(Ordering::Relaxed)))
+    }
+
+    fn add_times(&mut self, times: Vec<(&'static str, f64)>) {
+        self.times.1 += u32::from(!times.is_empty());
+        for (name, ms) in times {
+            match self.times.0.iter_mut().find(|(known, _)| *known == name) {
+                Some((_, sum)) => *sum += ms,
+                None => self.times.0.push((name, ms)),
+            }
+        }
+    }
+
+    fn mean_times(&self) -> Vec<(&'static str, f64)> {
+        self.times.0.iter().map(|(name, sum)| (*name, sum / f64::from(self.times.1.max(1)))).collect()
+    }
+
+    /// A photograph, held out if there is one, and beside it what is drawn.
+    fn preview(&mut self, model: &Model) -> Result<(), Failure> {
+        let Some(photograph) = self.dataset.held_out.first().or(self.dataset.training.first()) else { return Ok(()) };
+        let image = drawn(&model.cloud, &photograph.camera)?;
+        self.psnr = Some(qv_splat::train::score(&image.colour, photograph).psnr);
+        let folder = self.command.out.join("previews");
+        fs::create_dir_all(&folder).map_err(|e| about(&folder, format!("expected a folder, found {e}")))?;
+        let (width, height) = (image.width, image.height);
+        let (bytes, wanted) = (image.colour_u8(), &photograph.pixels.rgba);
+        let mut both = Vec::with_capacity(6 * width * height);
+        for y in 0..height {
+            both.extend(wanted[y * width..(y + 1) * width].iter().flat_map(|p| [p[0], p[1], p[2]]));
+            both.extend(&bytes[3 * y * width..3 * (y + 1) * width]);
+        }
+        let path = folder.join(format!("{}_{:06}.png", photograph.name, model.iteration));
+        image::save_buffer(&path, &both, 2 * width as u32, height as u32, image::ExtendedColorType::Rgb8)
+            .map_err(|e| about(&path, format!("expected to write it, found {e}")))
+    }
+}

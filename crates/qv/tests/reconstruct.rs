@@ -1,0 +1,126 @@
+//! `qv reconstruct` on a made-up capture, and what it says of bad ones.
+
+use qv_core::{Camera, GaussianCloud, Pose};
+use qv_raster::{Scene, Settings, View, render};
+use serde_json::{Value, json};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+const SIDE: u32 = 40;
+
+/// Coloured balls around the origin.
+fn cloud() -> GaussianCloud {
+    let wave = |i: usize, k: f32| (k * (i as f32 + 1.0)).sin();
+    let n = 40;
+    GaussianCloud {
+        means: (0..n).map(|i| [0.8 * wave(i, 1.1), 0.8 * wave(i, 2.3), 0.8 * wave(i, 3.7)]).collect(),
+        log_scales: (0..n).map(|i| [-1.9 + 0.3 * wave(i, 0.7); 3]).collect(),
+        rotations: vec![[1.0, 0.0, 0.0, 0.0]; n],
+        opacity_logits: vec![2.0; n],
+        sh: (0..n).map(|i| [1.5 * wave(i, 5.1), 1.5 * wave(i, 0.9), 1.5 * wave(i, 7.7)]).collect(),
+        ..Default::default()
+    }
+}
+
+/// A folder with images, `transforms.json` and `points.ply`.
+fn capture(name: &str, views: usize) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir_all(folder.join("images")).unwrap();
+    let cloud = cloud();
+    let mut frames = vec![];
+    for k in 0..views {
+        let turn = k as f64 / views as f64 * std::f64::consts::TAU;
+        let (s, c) = turn.sin_cos();
+        // Columns right, up and back of a camera at a distance of 3 m that looks at the origin, up along y.
+        let matrix = json!([[c, 0.0, s, 3.0 * s], [0.0, 1.0, 0.0, 0.0], [-s, 0.0, c, 3.0 * c], [0.0, 0.0, 0.0, 1.0]]);
+        let world_from_camera = Pose {
+            position: glam::DVec3::new(3.0 * s, 0.0, 3.0 * c),
+            rotation: glam::DQuat::from_rotation_y(turn) * glam::DQuat::from_rotation_x(std::f64::consts::PI),
+        };
+        let camera = Camera {
+            fx: 44.0,
+            fy: 44.0,
+            cx: 20.0,
+            cy: 20.0,
+            width: SIDE,
+            height: SIDE,
+            camera_from_world: world_from_camera.inverse(),
+        };
+        let (images, _) = render(&Scene::still(&cloud), &[View::of(camera)], &Settings::default()).unwrap();
+        let path = folder.join(format!("images/{k:02}.png"));
+        image::save_buffer(&path, &images[0].colour_u8(), SIDE, SIDE, image::ExtendedColorType::Rgb8).unwrap();
+        frames.push(json!({"file_path": format!("images/{k:02}.png"), "transform_matrix": matrix}));
+    }
+    let transforms = json!({"w": SIDE, "h": SIDE, "fl_x": 44.0, "frames": frames});
+    fs::write(folder.join("transforms.json"), transforms.to_string()).unwrap();
+    let mut ply = b"ply\nformat binary_little_endian 1.0\nelement vertex 40\nproperty float x\nproperty float y\nproperty float z\n\
+        end_header\n"
+        .to_vec();
+    cloud.means.iter().flatten().for_each(|x| ply.extend((x + 0.02).to_le_bytes()));
+    fs::write(folder.join("points.ply"), ply).unwrap();
+    folder
+}
+
+/// Exit code, the line of JSON, and standard error.
+fn reconstruct(capture: &Path, options: &[&str]) -> (i32, Value, String) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_qv"));
+    command.arg("reconstruct").arg(capture).arg("--out").arg(capture.join("out")).arg("--json").args(options);
+    let output = command.output().unwrap();
+    let line = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+    (output.status.code().unwrap(), line, String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+#[test]
+fn a_capture_becomes_a_scene_and_goes_on_from_its_checkpoint() {
+    let folder = capture("reconstruct_good", 12);
+    let (code, line, err) = reconstruct(&folder, &["--iterations", "1000", "--preview", "--cap", "60"]);
+    assert_eq!(code, 0, "{err}");
+    assert_eq!(
+        (&line["format"], &line["finished"], &line["iterations"]),
+        (&json!("qv-reconstruct/1"), &json!(true), &json!(1000))
+    );
+    let names: Vec<&str> = line["held_out"].as_array().unwrap().iter().filter_map(|one| one["name"].as_str()).collect();
+    assert_eq!(names, ["00", "08"]);
+    let psnr = line["mean"]["psnr"].as_f64().unwrap();
+    assert!(psnr > 20.0, "{psnr}");
+    assert!(line["gaussians"].as_u64().unwrap() > 40);
+    for file in ["scene.ply", "checkpoint.qvt", "metrics.json", "previews/00_001000.png"] {
+        assert!(folder.join("out").join(file).is_file(), "{file}");
+    }
+    let (code, line, err) =
+        reconstruct(&folder, &["--iterations", "1010", "--resume", "--cap", "60", "--max-seconds", "100"]);
+    assert_eq!((code, &line["iterations"]), (0, &json!(1010)), "{err}");
+    let (code, line, err) = reconstruct(&folder, &["--max-seconds", "0"]);
+    assert_eq!((code, &line["iterations"], &line["finished"]), (0, &json!(1), &json!(false)), "{err}");
+}
+
+#[test]
+fn bad_captures_are_named() {
+    let folder = capture("reconstruct_bad", 4);
+    let fault = |options: &[&str]| {
+        let (code, _, err) = reconstruct(&folder, options);
+        assert_eq!(code, 1, "{err}");
+        err
+    };
+    let err = fault(&["--hold-out", "2", "--cap", "30"]);
+    assert!(err.contains("expected at most the cap, 30, found 40"), "{err}");
+    let err = fault(&["--hold-out", "1"]);
+    assert!(err.contains("at least 2 photographs to learn from"), "{err}");
+    let err = fault(&["--depth-prior=-1"]);
+    assert!(err.contains("weight depth prior"), "{err}");
+    let err = fault(&["--labels", "1"]);
+    assert!(err.contains("expected label images"), "{err}");
+    fs::write(folder.join("out/checkpoint.qvt"), b"nonsense").unwrap();
+    assert!(fault(&["--resume"]).contains("checkpoint"), "a checkpoint that is none");
+    image::save_buffer(folder.join("images/01.png"), &[0; 30], 5, 2, image::ExtendedColorType::Rgb8).unwrap();
+    assert!(fault(&[]).contains("image images/01.png: expected 40 x 40 pixels, as its camera has, found 5 x 2"));
+    fs::remove_file(folder.join("images/01.png")).unwrap();
+    let err = fault(&[]);
+    assert!(err.contains("image images/01.png: expected a file, found none at"), "{err}");
+    let (code, ..) = reconstruct(&folder, &["--downscale", "0"]);
+    assert_eq!(code, 2);
+    fs::remove_file(folder.join("transforms.json")).unwrap();
+    assert!(fault(&[]).contains("expected a COLMAP model"));
+}
