@@ -217,6 +217,10 @@ fn gltf_faults_are_named() {
     let good = gltf_data([1.0; 3]);
     let drafts = fault(FLOATS, ELLIPSE, &gltf_data([-3.0; 3]));
     assert!(drafts.contains("drafts of the extension had logarithms"), "{drafts}");
+    let linear = "{\"colorSpace\":\"lin_rec709_display\"}";
+    assert!(
+        fault(FLOATS, linear, &good).contains("colorSpace: expected srgb_rec709_display, found lin_rec709_display")
+    );
     assert!(fault(FLOATS, "{\"kernel\":\"box\"}", &good).contains("kernel: expected ellipse, found box"));
     let squeezed = "{\"kernel\":\"ellipse\",\"extensions\":{\"KHR_gaussian_splatting_compression_spz_2\":{}}}";
     assert!(fault(FLOATS, squeezed, &good).contains("no compression"));

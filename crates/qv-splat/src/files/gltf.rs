@@ -120,9 +120,17 @@ impl<'a> Walk<'_, 'a> {
     }
 
     fn primitive(&self, primitive: &Value, extension: &Value, place: DMat4) -> Result<Placed<'a>, SplatError> {
-        let text = |key: &str| extension.get(key).and_then(Value::as_str);
-        if text("kernel").unwrap_or("ellipse") != "ellipse" {
-            return Err(off(format!("glTF {EXTENSION}, kernel"), "ellipse", text("kernel").unwrap_or("")));
+        for (key, known) in [
+            ("kernel", "ellipse"),
+            ("colorSpace", "srgb_rec709_display"),
+            ("projection", "perspective"),
+            ("sortingMethod", "cameraDistance"),
+        ] {
+            // What is drawn otherwise would look otherwise.
+            if let Some(found) = extension.get(key).filter(|found| found.as_str() != Some(known)) {
+                let found = found.as_str().map_or_else(|| found.to_string(), String::from);
+                return Err(off(format!("glTF {EXTENSION}, {key}"), known, found));
+            }
         }
         if let Some(more) = extension.get("extensions").and_then(Value::as_object).and_then(|more| more.keys().next()) {
             return Err(off(format!("glTF {EXTENSION}"), "no compression", more));
