@@ -1,8 +1,9 @@
 //! Derivatives on the graphics card.
 
 use super::cloud::GpuCloud;
-use super::forward::{FrameSteps, GpuRasteriser};
+use super::forward::GpuRasteriser;
 use super::record::{Groups, Recorder, Step};
+use super::steps::FrameSteps;
 use crate::RasterError;
 use crate::scene::{Gradients, Image};
 use crate::shaders::dispatch;

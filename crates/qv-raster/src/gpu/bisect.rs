@@ -1,9 +1,10 @@
 //! The CPU up to some stage, the graphics card from there: to find the stage that is off.
 
 use super::cloud::GpuCloud;
-use super::forward::{FrameSteps, GpuRasteriser, GpuSettings};
+use super::forward::{GpuRasteriser, GpuSettings};
 use super::images::GpuImages;
 use super::record::Recorder;
+use super::steps::FrameSteps;
 use crate::frame::Frame;
 use crate::shaders::slot;
 use crate::stages::sort::depth_key;

@@ -13,6 +13,7 @@ mod device;
 mod forward;
 mod images;
 mod record;
+mod steps;
 mod still;
 
 pub use backdrop::Backdrop;
