@@ -155,7 +155,7 @@ mod tests {
             read_value(&file).unwrap_err().to_string()
         };
         assert!(fault("width", json!(-1)).contains("cameras, 0, width: expected a whole number"));
-        assert!(fault("fx", json!(-5.0)).contains("a positive focal length"));
+        assert!(fault("fx", json!(-5.0)).contains("expected 0.001 to 10 000 000 pixels, found -5"));
         assert!(fault("rotation", json!([0, 0, 0, 0])).contains("a quaternion that is not zero"));
         assert!(fault("position", json!([0, 0])).contains("expected 3 numbers"));
         assert!(fault("distortion", json!({"k1": "x"})).contains("k1: expected a number"));
