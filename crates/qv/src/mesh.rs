@@ -50,22 +50,22 @@ pub struct Mesh {
     /// The mesh to write: .glb, .ply or .stl
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Side of a voxel in metres
+    /// Side of a voxel, in metres
     #[arg(long, value_name = "METRES", default_value_t = 0.02)]
     voxel: f64,
     /// Distance at which the signed distance is cut off, in voxels
     #[arg(long, value_name = "VOXELS", default_value_t = 4.0)]
     truncation: f64,
-    /// Depths beyond are left out in metres
+    /// Largest depth that counts, in metres
     #[arg(long, value_name = "METRES", default_value_t = 8.0)]
     max_depth: f64,
     /// Triangles to come down to; without it all are kept
     #[arg(long, value_name = "COUNT")]
     triangles: Option<usize>,
-    /// How far --triangles may move the surface in metres; half a voxel without it
+    /// How far --triangles may move the surface, in metres; half a voxel without it
     #[arg(long, value_name = "METRES")]
     max_error: Option<f64>,
-    /// Holes with a rim up to this long are filled in metres
+    /// Longest rim of a hole that is filled, in metres
     #[arg(long, value_name = "METRES", default_value_t = 3.0)]
     max_hole: f64,
     /// Rounds of smoothing, each of about one voxel
@@ -74,19 +74,19 @@ pub struct Mesh {
     /// Leaves the surface open instead of making it a solid
     #[arg(long)]
     open: bool,
-    /// Most memory for voxels in GiB
+    /// Most memory for voxels, in GiB
     #[arg(long, value_name = "GIB", default_value_t = 8.0)]
     memory: f64,
     /// Names and friction of labels (TOML)
     #[arg(long, value_name = "FILE")]
     labels: Option<PathBuf>,
-    /// Lines `x y z X Y Z`: points of the scene and where they are in metres, z up
+    /// Lines `x y z X Y Z`: points of the scene and where they are, in metres, z up
     #[arg(long, value_name = "FILE", conflicts_with_all = ["trajectory", "distance"])]
     markers: Option<PathBuf>,
-    /// Lines `image X Y Z`: names of images and where their cameras were in metres, z up
+    /// Lines `image X Y Z`: names of images and where their cameras were, in metres, z up
     #[arg(long, value_name = "FILE", conflicts_with = "distance")]
     trajectory: Option<PathBuf>,
-    /// Two points of the scene and their distance in metres: x,y,z,x,y,z,metres
+    /// Two points of the scene and their distance: x,y,z,x,y,z,metres
     #[arg(long, value_name = "NUMBERS", value_delimiter = ',', allow_hyphen_values = true)]
     distance: Option<Vec<f64>>,
     /// What is up in the scene: x,y,z; or `ground` for the largest plane that faces the cameras' up

@@ -125,7 +125,7 @@ impl Body<'_> {
     }
 }
 
-/// Reads a mesh; polygons are cut to fans of triangles. Labels come from a face property `label` and the comments of [`write`].
+/// Reads a mesh; polygons are cut to fans of triangles. Labels come from a face property `label` and the comments of [`write()`].
 ///
 /// # Errors
 /// The header is off, the body is cut off, faces name vertices that there are not, or there are no faces.
