@@ -257,12 +257,13 @@ fn blend_backward(
                     behind += weight * product;
                     // Where the opacity is cut off it does not depend on the Gaussian.
                     let by_raw = select(0.0, by_alpha, raw < MAX_ALPHA);
-                    let by_exponent = -raw * by_raw;
-                    numbers[0] = -by_exponent * (a.z * along) / (TO_EXP2 * TO_EXP2);
-                    numbers[1] = -by_exponent * (a.w * along + b.x * over) / (TO_EXP2 * TO_EXP2);
-                    numbers[2] = by_exponent * (0.5 * along * along) / (TO_EXP2 * TO_EXP2);
-                    numbers[3] = by_exponent * (along * over) / (TO_EXP2 * TO_EXP2);
-                    numbers[4] = by_exponent * (0.5 * over * over) / (TO_EXP2 * TO_EXP2);
+                    // By half of |e|² before it was scaled for exp2: `along` and `over` are those of the scaled one.
+                    let by_square = -raw * by_raw * FROM_EXP2;
+                    numbers[0] = -by_square * (a.z * along);
+                    numbers[1] = -by_square * (a.w * along + b.x * over);
+                    numbers[2] = by_square * (0.5 * along * along);
+                    numbers[3] = by_square * (along * over);
+                    numbers[4] = by_square * (0.5 * over * over);
                     numbers[5] = by_raw * falloff;
 //#repeat CHANNELS
                     numbers[6u + $Ku] = weight * by[$K];

@@ -2,6 +2,8 @@
 
 // sqrt(log2(e) / 2): U times this makes opacity fall with exp2(-|U d|²).
 const TO_EXP2: f32 = 0.84932180;
+// Its square undone.
+const FROM_EXP2: f32 = 1.0 / (TO_EXP2 * TO_EXP2);
 
 // Every other bit, from the lowest.
 fn squeeze(x: u32) -> u32 {
