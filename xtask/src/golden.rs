@@ -14,6 +14,9 @@ use std::process::Command;
 pub enum Golden {
     /// Run the test programs that the manifest names
     Check {
+        /// `stages`: instead of test programs run the pipeline, and name the first stage whose figures moved
+        #[arg(value_parser = ["stages"])]
+        what: Option<String>,
         /// Also run the generators and compare their output with the files, byte by byte
         #[arg(long)]
         regenerate: bool,
@@ -92,7 +95,8 @@ pub fn run(workspace: &Workspace, what: Golden) -> Result<bool> {
     let manifest = Manifest::read(&workspace.workspace_root)?;
     match what {
         Golden::Bless { names } => bless(workspace, &manifest, &names).map(|()| true),
-        Golden::Check { regenerate } => {
+        Golden::Check { what: Some(_), .. } => pipeline::check_golden(workspace),
+        Golden::Check { what: None, regenerate } => {
             let tests = check_tests(workspace, &manifest)?;
             Ok(if regenerate { compare_regenerated(workspace, &manifest)? && tests } else { tests })
         }
@@ -134,7 +138,7 @@ fn generate(workspace: &Workspace, generator: &Generator, out: &Path, entries: &
         if generator.command != "pipeline" {
             bail!("a generator without an environment: expected `pipeline`, found {:?}", generator.command);
         }
-        return pipeline::write_golden(workspace, out);
+        return entries.iter().try_for_each(|entry| pipeline::write_golden(workspace, &entry.name, out));
     };
     let python = python::environment(workspace, environment)?;
     let program = workspace.workspace_root.join("fixtures").join(&generator.command);

@@ -23,6 +23,15 @@ pub struct Fixture {
     /// Seed of the noise and of the small unnamed differences
     #[arg(long, default_value_t = 1, value_name = "N")]
     seed: u64,
+    /// A labelled mesh to walk on instead, flat at height 0 where the robot starts; it is not written again
+    #[arg(long, value_name = "FILE.glb")]
+    ground: Option<PathBuf>,
+    /// Friction of a label that differs from what the mesh says: label=value
+    #[arg(long, value_name = "LABEL=VALUE", value_parser = label_and_value)]
+    friction: Vec<(String, f64)>,
+    /// Where the robot starts: x, y in metres, and the direction that it faces, in radians
+    #[arg(long, value_name = "X,Y,YAW", value_delimiter = ',', num_args = 3, default_values_t = [0.0, 0.0, 0.0], allow_hyphen_values = true)]
+    start: Vec<f64>,
     /// The named effect: latency of all commands, in seconds
     #[arg(long, default_value_t = 0.008, value_name = "SECONDS")]
     latency: f64,
@@ -32,15 +41,24 @@ impl Fixture {
     pub fn execute(&self) -> Result<Outcome, ReplayError> {
         let in_out = |name: &str| self.out.join(name);
         fs::create_dir_all(&self.out).map_err(|e| failed(&self.out, &e))?;
-        let glb = glb::write(&ground());
-        write(&in_out("terrain.glb"), &glb)?;
+        let (file, glb) = match &self.ground {
+            Some(file) => (file.clone(), fs::read(file).map_err(|e| file_error(file, "a mesh in GLB", &e.to_string()))?),
+            None => (in_out("terrain.glb"), glb::write(&ground())),
+        };
+        if self.ground.is_none() {
+            write(&file, &glb)?;
+        }
         // Read back, so that the robot walks on what the file says in its 32-bit numbers.
-        let mesh = glb::read(&glb).map_err(|e| file_error(&in_out("terrain.glb"), "a mesh in GLB", &e.to_string()))?;
-        let terrain = Terrain::from_mesh(&mesh)
-            .map_err(|e| file_error(&in_out("terrain.glb"), "a mesh that can be walked on", &e.to_string()))?;
+        let mut mesh = glb::read(&glb).map_err(|e| file_error(&file, "a mesh in GLB", &e.to_string()))?;
+        for (label, friction) in &self.friction {
+            let material = mesh.materials.iter_mut().find(|material| material.name == *label);
+            material.ok_or_else(|| file_error(&file, &format!("the label {label}"), "none of that name"))?.friction = Some(*friction);
+        }
+        let terrain =
+            Terrain::from_mesh(&mesh).map_err(|e| file_error(&file, "a mesh that can be walked on", &e.to_string()))?;
         let mut parameters = synthetic::small_differences(self.seed);
         parameters.extend(synthetic::command_latency(self.latency));
-        let robot = Robot { parameters, seed: self.seed };
+        let robot = Robot { parameters, seed: self.seed, start: std::array::from_fn(|k| self.start[k]) };
         let messages = synthetic::record(&terrain, &robot)?;
         let file = File::create(in_out("run.mcap")).map_err(|e| failed(&in_out("run.mcap"), &e))?;
         synthetic::write_bag(&messages, BufWriter::new(file))?;
@@ -54,9 +72,16 @@ impl Fixture {
             robot.parameters.iter().map(|(name, value)| (name.clone(), (*value).into())).collect();
         serde_json::json!({
             "effect": "command_latency", "value": self.latency, "unit": "s",
-            "seed": self.seed, "parameters": parameters,
+            "friction": self.friction.iter().cloned().collect::<std::collections::BTreeMap<_, _>>(),
+            "seed": self.seed, "start": self.start, "parameters": parameters,
         })
     }
+}
+
+fn label_and_value(text: &str) -> Result<(String, f64), String> {
+    let (label, value) = text.split_once('=').ok_or("expected LABEL=VALUE")?;
+    let value: f64 = value.parse().map_err(|e| format!("expected a number, found {value:?}: {e}"))?;
+    if value.is_finite() && value >= 0.0 { Ok((label.into(), value)) } else { Err(format!("expected at least 0, found {value}")) }
 }
 
 fn failed(path: &Path, error: &std::io::Error) -> ReplayError {

@@ -10,6 +10,7 @@ mod open;
 mod reconstruct;
 mod render;
 mod replay;
+mod report;
 mod rgbd;
 mod scene;
 
@@ -47,6 +48,9 @@ enum Command {
     /// Turns a scene of Gaussians, or depth images, into a watertight, labelled collision mesh
     #[command(after_help = mesh::EXAMPLE)]
     Mesh(Box<mesh::Mesh>),
+    /// Puts what reconstruction, contact, replay and diagnosis found on one page
+    #[command(after_help = report::EXAMPLE)]
+    Report(report::Report),
     /// Makes up a recording of the Go2 with a known cause, and the ground that it walked on
     #[command(hide = true, after_help = fixture::EXAMPLE)]
     Fixture(fixture::Fixture),
@@ -90,6 +94,7 @@ fn main() -> ExitCode {
         Command::Reconstruct(command) => command.execute(),
         Command::Render(command) => command.execute(),
         Command::Mesh(command) => command.execute(),
+        Command::Report(command) => command.execute(),
         Command::Fixture(command) => command.execute().map_err(Failure::from),
     };
     match result {

@@ -6,14 +6,15 @@ use crate::{Failure, Outcome, say};
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
 use qv_core::GaussianCloud;
+use qv_raster::Image;
 use qv_splat::files::{Format, write};
 use qv_splat::train::{
     AT_RANDOM, CpuEngine, Dataset, Engine, Model, Photograph, Progress, ReadOptions, Score, Strategy, TrainOptions,
-    Weights, at_random, checkpoint, drawn, neighbours_scores, of_points, pose, scores, train,
+    Weights, at_random, backdrop, checkpoint, drawn, joined, neighbours_scores, of_points, pose, scores, train,
 };
 use serde_json::{Value, json};
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -72,7 +73,7 @@ pub struct Reconstruct {
     /// Goes on from the checkpoint in the output folder
     #[arg(long)]
     resume: bool,
-    /// Writes pictures beside photographs while training runs
+    /// Writes pictures beside photographs: one while training runs, at the end all that were held out
     #[arg(long)]
     preview: bool,
     /// Holds out every Nth photograph, by name from the first on, to score with; 0 for none
@@ -102,6 +103,9 @@ pub struct Reconstruct {
     /// Points to begin with on random rays, besides those of the capture
     #[arg(long, value_name = "N", default_value_t = 0)]
     random_points: usize,
+    /// Gaussians of a shell behind everything, which continues photographs beyond their borders; 0 leaves black there
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    backdrop: usize,
     /// Noise of the means with mcmc, in units of their rate
     #[arg(long, default_value_t = 5e5, hide_short_help = true)]
     noise: f32,
@@ -155,11 +159,18 @@ impl Reconstruct {
         let model = engine.model()?;
         let train_s = clock.elapsed().as_secs_f64();
         run.bar.finish_and_clear();
+        let clock = Instant::now();
+        self.save(&model)?;
+        let model = self.with_backdrop(model, &dataset)?;
         let as_drawn = scores(&model.cloud, &dataset.held_out)?;
         let held_out = if self.exposure { neighbours_scores(&model, &dataset)? } else { as_drawn.clone() };
         let aligned = self.aligned(&model, &dataset)?;
-        let clock = Instant::now();
-        self.save(&model)?;
+        if self.preview {
+            let folder = self.out.join("held_out");
+            for photograph in &dataset.held_out {
+                beside(photograph, &drawn(&model.cloud, &photograph.camera)?, &folder, &photograph.name)?;
+            }
+        }
         let path = self.out.join("scene.ply");
         fs::write(&path, write(&model.cloud, Format::Ply)?)
             .map_err(|e| about(&path, format!("expected to write it, found {e}")))?;
@@ -272,6 +283,15 @@ impl Reconstruct {
         };
         let moved: Vec<Photograph> = dataset.held_out.iter().map(align).collect::<Result<_, Failure>>()?;
         Ok(scores(&model.cloud, &moved)?)
+    }
+
+    /// The model with a shell behind it. The checkpoint has none, since it is made anew of what was learned.
+    fn with_backdrop(&self, mut model: Model, dataset: &Dataset) -> Result<Model, Failure> {
+        if self.backdrop > 0 {
+            let shell = backdrop(&model.cloud, &dataset.training, self.backdrop, self.seed)?;
+            model.cloud = joined(&model.cloud, &shell);
+        }
+        Ok(model)
     }
 
     fn save(&self, model: &Model) -> Result<(), Failure> {
@@ -397,17 +417,23 @@ impl<'a> Run<'a> {
         let Some(photograph) = self.dataset.held_out.first().or(self.dataset.training.first()) else { return Ok(()) };
         let image = drawn(&model.cloud, &photograph.camera)?;
         self.psnr = Some(qv_splat::train::score(&image.colour, photograph).psnr);
-        let folder = self.command.out.join("previews");
-        fs::create_dir_all(&folder).map_err(|e| about(&folder, format!("expected a folder, found {e}")))?;
-        let (width, height) = (image.width, image.height);
-        let (bytes, wanted) = (image.colour_u8(), &photograph.pixels.rgba);
-        let mut both = Vec::with_capacity(6 * width * height);
-        for y in 0..height {
-            both.extend(wanted[y * width..(y + 1) * width].iter().flat_map(|p| [p[0], p[1], p[2]]));
-            both.extend(&bytes[3 * y * width..3 * (y + 1) * width]);
-        }
-        let path = folder.join(format!("{}_{:06}.png", photograph.name, model.iteration));
-        image::save_buffer(&path, &both, 2 * width as u32, height as u32, image::ExtendedColorType::Rgb8)
-            .map_err(|e| about(&path, format!("expected to write it, found {e}")))
+        let name = format!("{}_{:06}", photograph.name, model.iteration);
+        beside(photograph, &image, &self.command.out.join("previews"), &name)
     }
+}
+
+/// Writes a photograph and, to the right of it, what is drawn there, as `folder/name.png`.
+fn beside(photograph: &Photograph, image: &Image, folder: &Path, name: &str) -> Result<(), Failure> {
+    fs::create_dir_all(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
+    let (width, height) = (image.width, image.height);
+    let (bytes, wanted) = (image.colour_u8(), &photograph.pixels.rgba);
+    let mut both = Vec::with_capacity(6 * width * height);
+    for y in 0..height {
+        both.extend(wanted[y * width..(y + 1) * width].iter().flat_map(|p| [p[0], p[1], p[2]]));
+        both.extend(&bytes[3 * y * width..3 * (y + 1) * width]);
+    }
+    // A name may hold the folders of the capture.
+    let path = folder.join(format!("{}.png", name.replace(['/', '\\'], "_")));
+    image::save_buffer(&path, &both, 2 * width as u32, height as u32, image::ExtendedColorType::Rgb8)
+        .map_err(|e| about(&path, format!("expected to write it, found {e}")))
 }

@@ -8,7 +8,7 @@ use std::io::Cursor;
 /// A recording of a Go2 with small differences of its own and parameters that are `named`.
 pub fn recorded(named: Vec<(String, f64)>, seed: u64) -> Run {
     let parameters = [synthetic::small_differences(seed), named].concat();
-    let messages = synthetic::record(&Terrain::plane(), &Robot { parameters, seed }).unwrap();
+    let messages = synthetic::record(&Terrain::plane(), &Robot { parameters, seed, start: [0.0; 3] }).unwrap();
     let mut bytes = Cursor::new(Vec::new());
     synthetic::write_bag(&messages, &mut bytes).unwrap();
     bytes.set_position(0);

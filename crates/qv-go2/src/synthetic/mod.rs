@@ -33,6 +33,8 @@ pub struct Robot {
     pub parameters: Vec<(String, f64)>,
     /// Seed of the sensor noise.
     pub seed: u64,
+    /// Where it stands at first: x, y \[m\], and the direction that it faces, turned about z \[rad\].
+    pub start: [f64; 3],
 }
 
 /// Target angles \[rad\] in joint order: stand 2 s, two squats until 6 s, trot until 16 s, stand until [`DURATION`].
@@ -79,7 +81,7 @@ pub(crate) fn simulator(error: SimError) -> ReplayError {
     ReplayError::Run { what: "synthetic robot".into(), expected: "a simulation".into(), found: error.to_string() }
 }
 
-/// Records [`motion`] by `robot` on `terrain`, which must be at height 0 around the origin.
+/// Records [`motion`] by `robot` on `terrain`, which must be at height 0 where it stands at first.
 ///
 /// # Errors
 /// When a parameter means nothing, or the simulation runs away.
@@ -127,7 +129,9 @@ fn simulation(terrain: &Terrain, robot: &Robot) -> Result<Batch<f64>, SimError> 
     for (name, value) in &robot.parameters {
         sim.set_parameter(0, name, *value)?;
     }
-    let mut q = vec![0.0, 0.0, model::touching_height(&model::STAND), 1.0, 0.0, 0.0, 0.0];
+    let [x, y, yaw] = robot.start;
+    let (sin, cos) = (0.5 * yaw).sin_cos();
+    let mut q = vec![x, y, model::touching_height(&model::STAND), cos, 0.0, 0.0, sin];
     q.extend(model::STAND);
     sim.set_state(0, &State { q, v: vec![0.0; 18] })?;
     Ok(sim)
@@ -204,10 +208,10 @@ mod tests {
 
     #[test]
     fn differences_are_parameters_of_the_robot() {
-        let robot = Robot { parameters: [small_differences(3), command_latency(0.008)].concat(), seed: 3 };
+        let robot = Robot { parameters: [small_differences(3), command_latency(0.008)].concat(), seed: 3, start: [0.0; 3] };
         let sim = simulation(&Terrain::plane(), &robot).unwrap();
         assert_eq!(sim.parameter(0, "actuator.RR_calf_joint.command_latency").unwrap(), 0.008);
-        let wrong = Robot { parameters: vec![("link.nose.mass_scale".into(), 1.0)], seed: 3 };
+        let wrong = Robot { parameters: vec![("link.nose.mass_scale".into(), 1.0)], seed: 3, start: [0.0; 3] };
         assert!(record(&Terrain::plane(), &wrong).unwrap_err().to_string().contains("link.nose.mass_scale"));
     }
 }

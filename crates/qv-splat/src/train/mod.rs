@@ -4,6 +4,7 @@
 //! a file or looks at a clock.
 
 pub mod adam;
+mod backdrop;
 pub mod checkpoint;
 pub mod classic;
 mod cpu;
@@ -26,6 +27,7 @@ pub mod terms;
 pub(crate) mod tiny;
 mod undistort;
 
+pub use backdrop::{backdrop, joined};
 pub use cpu::{CpuEngine, outputs};
 pub use dataset::{Dataset, Files, Photograph, ReadOptions};
 pub use engine::{Engine, Progress, drawn, neighbours_scores, scores, train};

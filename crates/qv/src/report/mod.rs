@@ -1,0 +1,101 @@
+//! `qv report`: what reconstruction, mesh, contact, replay and diagnosis left, on one page.
+
+mod ground;
+mod page;
+
+use crate::scene::about;
+use crate::{Failure, Outcome, say};
+use qv_core::TriangleMesh;
+use qv_mesh::files::glb;
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+pub const EXAMPLE: &str = "Example:\n  qv report --reconstruction out/splats --mesh out/contact/terrain.glb --contact out/contact \\\n    \
+    --replay out/replay --diagnosis out/why --out out/report.html\n\n\
+    One file without network: photographs beside what is drawn of the scene, the labelled ground from above with the robot's way,\n\
+    friction before and after, and the diagnosis. Each part is left out where its folder is not given.";
+
+/// Most photographs on the page.
+const PICTURES: usize = 6;
+
+#[derive(clap::Args)]
+#[command(arg_required_else_help = true)]
+pub struct Report {
+    /// What `qv reconstruct` wrote
+    #[arg(long, value_name = "DIR")]
+    reconstruction: Option<PathBuf>,
+    /// The ground: what `qv mesh` or `qv contact` wrote
+    #[arg(long, value_name = "FILE.glb")]
+    mesh: Option<PathBuf>,
+    /// What `qv contact` wrote
+    #[arg(long, value_name = "DIR")]
+    contact: Option<PathBuf>,
+    /// What `qv replay` wrote
+    #[arg(long, value_name = "DIR")]
+    replay: Option<PathBuf>,
+    /// What `qv diagnose` wrote
+    #[arg(long, value_name = "DIR")]
+    diagnosis: Option<PathBuf>,
+    /// The page to write
+    #[arg(long, value_name = "FILE.html")]
+    out: PathBuf,
+}
+
+/// What the page is made of; `None` = not given.
+struct Parts {
+    scores: Option<Value>,
+    /// Name and PNG of photographs beside what is drawn.
+    pictures: Vec<(String, Vec<u8>)>,
+    mesh: Option<TriangleMesh>,
+    contact: Option<Value>,
+    replay: Option<Value>,
+    diagnosis: Option<Value>,
+}
+
+impl Report {
+    pub fn execute(&self) -> Result<Outcome, Failure> {
+        let given =
+            [&self.reconstruction, &self.mesh, &self.contact, &self.replay, &self.diagnosis].map(Option::is_some);
+        if !given.contains(&true) {
+            return Err("expected at least one of --reconstruction, --mesh, --contact, --replay, --diagnosis".into());
+        }
+        let json = |folder: &Option<PathBuf>, name: &str| folder.as_ref().map(|dir| read_json(&dir.join(name))).transpose();
+        let parts = Parts {
+            scores: json(&self.reconstruction, "metrics.json")?,
+            pictures: self.reconstruction.as_ref().map_or(Ok(vec![]), |dir| pictures(&dir.join("held_out")))?,
+            mesh: self.mesh.as_ref().map(|path| read_mesh(path)).transpose()?,
+            contact: json(&self.contact, "contact.json")?,
+            replay: json(&self.replay, "replay.json")?,
+            diagnosis: json(&self.diagnosis, "report.json")?,
+        };
+        let page = page::to_html(&parts)?;
+        fs::write(&self.out, page).map_err(|e| about(&self.out, format!("expected to write it, found {e}")))?;
+        say(&format!("written to {}\n", self.out.display()))?;
+        Ok(Outcome::Done)
+    }
+}
+
+fn read_json(path: &Path) -> Result<Value, Failure> {
+    let text = fs::read_to_string(path).map_err(|e| about(path, format!("expected a report, found {e}")))?;
+    serde_json::from_str(&text).map_err(|e| about(path, format!("expected JSON, found {e}")))
+}
+
+fn read_mesh(path: &Path) -> Result<TriangleMesh, Failure> {
+    let bytes = fs::read(path).map_err(|e| about(path, format!("expected a mesh, found {e}")))?;
+    glb::read(&bytes).map_err(|e| about(path, e))
+}
+
+/// Some of the PNG files of a folder, spread evenly over their names; none where there is no folder.
+fn pictures(folder: &Path) -> Result<Vec<(String, Vec<u8>)>, Failure> {
+    let Ok(entries) = fs::read_dir(folder) else { return Ok(vec![]) };
+    let mut files: Vec<PathBuf> = entries.filter_map(|entry| entry.ok().map(|e| e.path())).collect();
+    files.retain(|path| path.extension().is_some_and(|end| end == "png"));
+    files.sort();
+    let stride = files.len().div_ceil(PICTURES).max(1);
+    let read = |path: &PathBuf| {
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        Ok((name, fs::read(path).map_err(|e| about(path, format!("expected a picture, found {e}")))?))
+    };
+    files.iter().step_by(stride).map(read).collect()
+}

@@ -1,0 +1,137 @@
+//! The figures of each stage against those of a run that was looked at: which stage moved first, and by how much.
+
+use super::stages::{SEED, Stage};
+use anyhow::{Context, Result};
+use clap::ValueEnum;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::fs;
+use std::path::Path;
+
+/// One figure of a stage: a number within a tolerance, or a word.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Figure {
+    /// Name of the stage.
+    pub stage: String,
+    /// What it is.
+    pub figure: String,
+    /// Number, word or truth value.
+    pub value: Value,
+    /// How far a number may be off; another processor rounds otherwise, and training and walking amplify it.
+    pub tolerance: f64,
+}
+
+/// How a figure is taken from what a stage wrote.
+struct Source {
+    stage: Stage,
+    figure: &'static str,
+    file: &'static str,
+    pointer: &'static str,
+    /// Absolute, and relative to the value.
+    tolerance: [f64; 2],
+}
+
+const fn source(
+    stage: Stage,
+    figure: &'static str,
+    file: &'static str,
+    pointer: &'static str,
+    tolerance: [f64; 2],
+) -> Source {
+    Source { stage, figure, file, pointer, tolerance }
+}
+
+/// All but frictions, which are taken by label.
+const SOURCES: [Source; 13] = [
+    source(Stage::Yard, "focal length in pixels", "yard/transforms.json", "/fl_y", [1e-9, 0.0]),
+    source(Stage::Recording, "seconds on tiles", "inspect/tiles.json", "/duration", [0.01, 0.0]),
+    source(Stage::Recording, "seconds on gravel", "inspect/gravel.json", "/duration", [0.01, 0.0]),
+    source(Stage::Reconstruct, "Gaussians", "reconstruct/metrics.json", "/gaussians", [0.0, 0.05]),
+    source(Stage::Reconstruct, "PSNR held out in dB", "reconstruct/metrics.json", "/mean/psnr", [0.3, 0.0]),
+    source(Stage::Mesh, "watertight", "mesh/mesh.json", "/watertight", [0.0, 0.0]),
+    source(Stage::Mesh, "F1 at 2 cm", "mesh/mesh.json", "/likeness/0/f1", [0.015, 0.0]),
+    source(Stage::Contact, "base error, posterior", "contact/contact.json", "/base_error/all/posterior", [0.005, 0.2]),
+    source(Stage::Replay, "rms of joints in windows", "replay/replay.json", "/windows/pos_rms_mean", [0.0, 0.05]),
+    source(Stage::Diagnose, "verdict", "diagnose/report.json", "/verdict", [0.0, 0.0]),
+    source(Stage::Diagnose, "effect", "diagnose/report.json", "/causes/0/effect", [0.0, 0.0]),
+    source(Stage::Diagnose, "its size", "diagnose/report.json", "/causes/0/parameters/0/value", [0.0, 0.15]),
+    source(Stage::Diagnose, "closed share", "diagnose/report.json", "/gap/closed", [0.07, 0.0]),
+];
+
+/// A friction may be off by so much.
+const FRICTION: f64 = 0.04;
+
+/// The figures of a finished run, in the order of the stages.
+///
+/// # Errors
+/// A file of a stage is missing, or lacks a figure.
+pub fn figures(folder: &Path) -> Result<Vec<Figure>> {
+    let mut out = vec![];
+    for source in &SOURCES {
+        let report = super::read_json(&folder.join(source.file))?;
+        let value = report
+            .pointer(source.pointer)
+            .with_context(|| format!("{}: expected {}, found none", source.file, source.pointer))?;
+        let [absolute, relative] = source.tolerance;
+        let tolerance = absolute + relative * value.as_f64().unwrap_or(0.0).abs();
+        let (stage, figure) = (source.stage.name().into(), source.figure.into());
+        out.push(Figure { stage, figure, value: value.clone(), tolerance });
+    }
+    let contact = super::read_json(&folder.join("contact/contact.json"))?;
+    let regions = contact["regions"].as_array().context("contact.json: expected regions")?;
+    for region in regions {
+        let label = region["label"].as_str().context("contact.json: expected the label of a region")?;
+        let (stage, figure) = (Stage::Contact.name().into(), format!("friction of {label}"));
+        out.push(Figure { stage, figure, value: region["friction"].clone(), tolerance: FRICTION });
+    }
+    let place = |figure: &Figure| Stage::value_variants().iter().position(|stage| stage.name() == figure.stage);
+    out.sort_by_key(place);
+    Ok(out)
+}
+
+/// What a golden holds and a run does not, in words, the first stage first; empty when they agree.
+pub fn differences(golden: &[Figure], found: &[Figure]) -> Vec<String> {
+    golden
+        .iter()
+        .filter_map(|expected| {
+            let same = |f: &&Figure| f.stage == expected.stage && f.figure == expected.figure;
+            let Some(found) = found.iter().find(same) else {
+                return Some(format!("{}, {}: expected {}, found none", expected.stage, expected.figure, expected.value));
+            };
+            let away = match (expected.value.as_f64(), found.value.as_f64()) {
+                (Some(a), Some(b)) if (a - b).abs() <= expected.tolerance => return None,
+                (Some(a), Some(b)) => format!(", {:+.4} (allowed {:.4})", b - a, expected.tolerance),
+                _ if expected.value == found.value => return None,
+                _ => String::new(),
+            };
+            Some(format!("{}, {}: expected {}, found {}{away}", expected.stage, expected.figure, expected.value, found.value))
+        })
+        .collect()
+}
+
+/// The golden of the stages.
+///
+/// # Errors
+/// It is missing or malformed.
+pub fn read(root: &Path) -> Result<Vec<Figure>> {
+    let file = root.join("fixtures/pipeline/golden/stages.json");
+    let golden = super::read_json(&file)?;
+    serde_json::from_value(golden["figures"].clone()).with_context(|| format!("{}: figures", file.display()))
+}
+
+/// Writes the golden of a finished run.
+///
+/// # Errors
+/// The run lacks a figure, or the file cannot be written.
+pub fn write(folder: &Path, file: &Path) -> Result<()> {
+    let calls = |stage: &Stage| stage.calls().iter().map(|call| call.arguments().join(" ")).collect::<Vec<_>>();
+    let golden = json!({
+        "generator": "cargo xtask golden bless stages",
+        "name": "stages",
+        "seed": SEED,
+        "options": {"stages": Stage::value_variants().iter().flat_map(calls).collect::<Vec<_>>()},
+        "tolerance": "by figure; words are to be the same",
+        "figures": figures(folder)?,
+    });
+    fs::write(file, format!("{golden:#}\n")).with_context(|| format!("writing {}", file.display()))
+}

@@ -1,0 +1,229 @@
+//! `cargo xtask pipeline`: the main job on a made-up yard and a made-up robot, stage by stage. A stage runs when its inputs have changed
+//! since it last ran, or its outputs have; one that was killed has left no stamp, and runs again.
+
+mod golden;
+mod stages;
+mod stamp;
+#[cfg(test)]
+mod tests;
+
+pub use stamp::hash;
+
+use crate::{process, workspace::Workspace};
+use anyhow::{Context, Result, bail};
+use clap::{Args, ValueEnum};
+use serde_json::{Map, Value, json};
+use stages::{PROGRAMS, Program, SEED, Stage};
+use stamp::Stamp;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Instant;
+
+/// What to run.
+#[derive(Args)]
+pub struct Pipeline {
+    /// Run this stage alone, on what earlier ones left
+    #[arg(long, value_name = "STAGE", conflicts_with = "from")]
+    only: Option<Stage>,
+    /// Run this stage and all later ones, whether or not something changed
+    #[arg(long, value_name = "STAGE")]
+    from: Option<Stage>,
+    /// Folder for what the stages write; default target/pipeline
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+/// Runs the stages that need it; true when all ended well.
+///
+/// # Errors
+/// A program does not build, or a stage fails or lacks what an earlier one writes.
+pub fn run(workspace: &Workspace, pipeline: &Pipeline) -> Result<bool> {
+    let folder = match &pipeline.out {
+        Some(out) => std::path::absolute(out).with_context(|| format!("in {}", out.display()))?,
+        None => folder(workspace),
+    };
+    let programs = build_all(workspace)?;
+    let clock = Instant::now();
+    for stage in Stage::value_variants() {
+        let forced = pipeline.from.is_some_and(|from| *stage >= from) || pipeline.only == Some(*stage);
+        if pipeline.only.is_none_or(|only| only == *stage) {
+            run_stage(*stage, &programs, &folder, forced)?;
+        }
+    }
+    println!("{:<11} {:.1} s", "all", clock.elapsed().as_secs_f64());
+    conclude(&folder)?;
+    Ok(true)
+}
+
+fn folder(workspace: &Workspace) -> PathBuf {
+    workspace.target_directory.join("pipeline")
+}
+
+/// Builds `qv` with optimisation and returns the program.
+///
+/// # Errors
+/// It does not build.
+pub fn build(workspace: &Workspace) -> Result<PathBuf> {
+    let mut cargo = process::cargo();
+    cargo.current_dir(&workspace.workspace_root).args(["build", "--release", "--locked", "--package", "qv"]);
+    process::run(cargo.args(["--target-dir"]).arg(&workspace.target_directory))?;
+    Ok(built(workspace, "qv"))
+}
+
+/// Where cargo puts a program.
+fn built(workspace: &Workspace, name: &str) -> PathBuf {
+    workspace.target_directory.join("release").join(format!("{name}{}", std::env::consts::EXE_SUFFIX))
+}
+
+/// Builds all programs of the stages.
+fn build_all(workspace: &Workspace) -> Result<Vec<(Program, PathBuf)>> {
+    let mut cargo = process::cargo();
+    cargo.current_dir(&workspace.workspace_root).args(["build", "--release", "--locked"]);
+    cargo.args(PROGRAMS.iter().flat_map(|(_, name)| ["--package", name]));
+    process::run(cargo.args(["--target-dir"]).arg(&workspace.target_directory))?;
+    Ok(PROGRAMS.iter().map(|(program, name)| (*program, built(workspace, name))).collect())
+}
+
+fn run_stage(stage: Stage, programs: &[(Program, PathBuf)], folder: &Path, forced: bool) -> Result<()> {
+    let own = folder.join(stage.name());
+    let stamp_file = own.join("stamp.json");
+    let program = |wanted: Program| {
+        let found = programs.iter().find(|(program, _)| *program == wanted).map(|(_, path)| path);
+        found.with_context(|| format!("{wanted:?} is not among the programs"))
+    };
+    let mut read: Vec<PathBuf> = vec![];
+    for call in stage.calls() {
+        read.push(program(call.program)?.clone());
+    }
+    read.extend(stage.inputs().iter().map(|file| folder.join(file)));
+    if let Some(missing) = read.iter().find(|path| !path.exists()) {
+        bail!("stage {}: expected {}, found nothing; run the stages before it", stage.name(), missing.display());
+    }
+    let written: Vec<PathBuf> = stage.outputs().iter().map(|file| folder.join(file)).collect();
+    let words: Vec<String> = stage.calls().iter().flat_map(stages::Call::arguments).collect();
+    let inputs = stamp::hash(&words, &read)?;
+    let fresh = written.iter().all(|path| path.exists())
+        && Stamp::read(&stamp_file) == Some(Stamp { inputs, outputs: stamp::hash(&[], &written)? });
+    if fresh && !forced {
+        println!("{:<11} unchanged", stage.name());
+        return Ok(());
+    }
+    if own.exists() {
+        fs::remove_dir_all(&own).with_context(|| format!("removing {}", own.display()))?;
+    }
+    fs::create_dir_all(&own).with_context(|| format!("making {}", own.display()))?;
+    let clock = Instant::now();
+    for call in stage.calls() {
+        let said = process::output(Command::new(program(call.program)?).current_dir(folder).args(call.arguments()))?;
+        if let Some(file) = call.said_in(folder) {
+            fs::write(&file, said).with_context(|| format!("writing {}", file.display()))?;
+        }
+    }
+    if let Some(missing) = written.iter().find(|path| !path.exists()) {
+        bail!("stage {}: expected it to write {}, found nothing", stage.name(), missing.display());
+    }
+    Stamp { inputs, outputs: stamp::hash(&[], &written)? }.write(&stamp_file)?;
+    println!("{:<11} {:.1} s", stage.name(), clock.elapsed().as_secs_f64());
+    Ok(())
+}
+
+/// Says what was found and where it is, as far as the stages have come.
+fn conclude(folder: &Path) -> Result<()> {
+    for (file, key, page) in [
+        ("contact/contact.json", "sentence", "contact/contact.html"),
+        ("replay/replay.json", "verdict", "replay/replay.html"),
+        ("diagnose/report.json", "sentence", "diagnose/report.html"),
+    ] {
+        let path = folder.join(file);
+        if path.is_file() {
+            let report = read_json(&path)?;
+            let said =
+                report[key].as_str().with_context(|| format!("{}: expected its {key}, found none", path.display()))?;
+            // One sentence a line.
+            println!("{}\n{}", said.replace(". ", ".\n"), folder.join(page).display());
+        }
+    }
+    let page = folder.join("report/report.html");
+    if page.is_file() {
+        println!("All of it on one page: {}", page.display());
+    }
+    Ok(())
+}
+
+/// Runs the stages that need it and compares their figures with the golden; true when all agree. Names the first stage that moved.
+///
+/// # Errors
+/// As [`run`], or a figure or the golden is missing.
+pub fn check_golden(workspace: &Workspace) -> Result<bool> {
+    run(workspace, &Pipeline { only: None, from: None, out: None })?;
+    let (expected, found) = (golden::read(&workspace.workspace_root)?, golden::figures(&folder(workspace))?);
+    let differences = golden::differences(&expected, &found);
+    match differences.first().and_then(|line| line.split(',').next()) {
+        None => println!("{} figures of the pipeline are those of the golden", expected.len()),
+        Some(stage) => println!("the first stage that moved is {stage}:\n  {}", differences.join("\n  ")),
+    }
+    Ok(differences.is_empty())
+}
+
+fn read_json(file: &Path) -> Result<Value> {
+    let text = fs::read_to_string(file).with_context(|| format!("reading {}", file.display()))?;
+    serde_json::from_str(&text).with_context(|| format!("in {}", file.display()))
+}
+
+/// Writes a golden into `out`: `replay`, or the figures of all `stages`.
+///
+/// # Errors
+/// A program fails, a report has another shape, or the name is another one.
+pub fn write_golden(workspace: &Workspace, name: &str, out: &Path) -> Result<()> {
+    fs::create_dir_all(out).with_context(|| format!("making {}", out.display()))?;
+    match name {
+        "replay" => write_replay(workspace, out),
+        "stages" => {
+            run(workspace, &Pipeline { only: None, from: None, out: None })?;
+            golden::write(&folder(workspace), &out.join("stages.json"))
+        }
+        other => bail!("expected the golden replay or stages, found {other:?}"),
+    }
+}
+
+/// The recording that the golden `replay` is of, and its replay.
+const REPLAY: [&str; 2] = ["fixture --seed 1 --out recording", "replay recording/run.mcap --terrain recording/terrain.glb --out replay --json"];
+
+/// Writes `replay.json`: every number of the report that another machine must find, too.
+///
+/// Tolerances are wide enough for another processor's rounding, which a trot amplifies once feet land, and narrow beside
+/// what any effect does (1.7 mrad with the truth, 11.5 with a latency of 8 ms).
+///
+/// # Errors
+/// The pipeline fails, or its report has another shape.
+fn write_replay(workspace: &Workspace, out: &Path) -> Result<()> {
+    let folder = workspace.target_directory.join("pipeline-golden");
+    fs::create_dir_all(&folder).with_context(|| format!("making {}", folder.display()))?;
+    let qv = build(workspace)?;
+    for words in REPLAY {
+        process::output(Command::new(&qv).current_dir(&folder).args(words.split(' ')))?;
+    }
+    let report = read_json(&folder.join("replay/replay.json"))?;
+    let figures = |list: &Value, key: &str| -> Result<Map<String, Value>> {
+        let items = list.as_array().context("replay.json: expected a list")?;
+        items.iter().map(|i| Ok((i["name"].as_str().context("a name")?.to_string(), i[key].clone()))).collect()
+    };
+    let golden = json!({
+        "generator": "cargo xtask golden bless replay",
+        "name": "replay",
+        "seed": SEED,
+        "options": {"commands": REPLAY},
+        "tolerance": {"windows_relative": 0.02, "whole_relative": 0.1, "base_m": 0.05, "lag_s": 0.0005},
+        "windows_count": report["windows"]["count"],
+        "windows_pos_rms_mean": report["windows"]["pos_rms_mean"],
+        "windows_pos_rms": figures(&report["windows"]["joints"], "pos_rms")?,
+        "whole_pos_rms_mean": report["pos_rms_mean"],
+        "whole_pos_rms": figures(&report["joints"], "pos_rms")?,
+        "lag_behind_simulation": figures(&report["lags"]["behind_simulation"], "lag")?,
+        "base_pos_final": report["base"]["pos_final"],
+    });
+    let file = out.join("replay.json");
+    fs::write(&file, format!("{golden:#}\n")).with_context(|| format!("writing {}", file.display()))
+}
+

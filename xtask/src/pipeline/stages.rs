@@ -1,0 +1,187 @@
+//! The stages of the pipeline as data: who runs, with which arguments, on which files.
+
+use clap::ValueEnum;
+use std::path::PathBuf;
+
+/// Seed of the recordings.
+pub const SEED: u64 = 1;
+
+/// The stages, in order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
+pub enum Stage {
+    /// Photographs a synthetic yard
+    Yard,
+    /// Makes up recordings of a robot that walks through it, and their truth
+    Recording,
+    /// Says what is in the recordings
+    Inspect,
+    /// Learns Gaussians from the photographs
+    Reconstruct,
+    /// Takes a labelled collision mesh from the Gaussians
+    Mesh,
+    /// Finds the friction of each label from the recordings
+    Contact,
+    /// Replays a recording on the calibrated ground
+    Replay,
+    /// Says what makes robot and simulator differ on it
+    Diagnose,
+    /// Puts all of it on one page
+    Report,
+}
+
+/// A program of this workspace.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Program {
+    /// The command line.
+    Qv,
+    /// The maker of the synthetic yard.
+    Yard,
+}
+
+/// One call of a program, in the pipeline's folder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Call {
+    /// Who.
+    pub program: Program,
+    /// Its arguments, between single spaces.
+    pub words: &'static str,
+    /// File, relative to the pipeline's folder, for what it writes to standard output.
+    pub said: Option<&'static str>,
+}
+
+const fn qv(words: &'static str) -> Call {
+    Call { program: Program::Qv, words, said: None }
+}
+
+const fn told(words: &'static str, said: &'static str) -> Call {
+    Call { program: Program::Qv, words, said: Some(said) }
+}
+
+/// The programs in the order in which they are built and passed on.
+pub const PROGRAMS: [(Program, &str); 2] = [(Program::Qv, "qv"), (Program::Yard, "yard")];
+
+impl Stage {
+    /// As on the command line, and the folder that it writes into.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Yard => "yard",
+            Self::Recording => "recording",
+            Self::Inspect => "inspect",
+            Self::Reconstruct => "reconstruct",
+            Self::Mesh => "mesh",
+            Self::Contact => "contact",
+            Self::Replay => "replay",
+            Self::Diagnose => "diagnose",
+            Self::Report => "report",
+        }
+    }
+
+    /// What is run, one after the other.
+    pub fn calls(self) -> &'static [Call] {
+        const YARD: [Call; 1] = [Call { program: Program::Yard, words: "--out yard", said: None }];
+        // The first walks from concrete onto tiles that are smoother than tiles are, the second from grass onto gravel.
+        const RECORDING: [Call; 2] = [
+            qv("fixture --ground yard/truth.glb --start=-0.4,0.35,-1.5708 --friction tiles=0.18 --friction gravel=0.45 --seed 1 --out recording/tiles"),
+            qv("fixture --ground yard/truth.glb --start=1.7,1.2,-1.5708 --friction tiles=0.18 --friction gravel=0.45 --seed 1 --out recording/gravel"),
+        ];
+        const INSPECT: [Call; 2] = [
+            told("inspect recording/tiles/run.mcap --json", "inspect/tiles.json"),
+            told("inspect recording/gravel/run.mcap --json", "inspect/gravel.json"),
+        ];
+        const RECONSTRUCT: [Call; 1] = [qv(
+            "reconstruct yard --out reconstruct --iterations 2000 --flattening 100 --depth-normal 0.05 --labels 0.05 --preview --json",
+        )];
+        const MESH: [Call; 1] = [told(
+            "mesh reconstruct/scene.ply --cameras yard/transforms.json --labels yard/labels.toml --triangles 40000 \
+             --compare yard/truth.glb --out mesh/terrain.glb --json",
+            "mesh/mesh.json",
+        )];
+        const CONTACT: [Call; 1] = [qv(
+            "contact recording/tiles/run.mcap recording/gravel/run.mcap --terrain mesh/terrain.glb --out contact --json",
+        )];
+        const REPLAY: [Call; 1] =
+            [qv("replay recording/tiles/run.mcap --terrain contact/terrain.glb --out replay --json")];
+        const DIAGNOSE: [Call; 1] = [qv(
+            "diagnose recording/tiles/run.mcap recording/gravel/run.mcap --terrain contact/terrain.glb --out diagnose --json",
+        )];
+        const REPORT: [Call; 1] = [qv(
+            "report --reconstruction reconstruct --mesh contact/terrain.glb --contact contact --replay replay --diagnosis diagnose --out report/report.html",
+        )];
+        match self {
+            Self::Yard => &YARD,
+            Self::Recording => &RECORDING,
+            Self::Inspect => &INSPECT,
+            Self::Reconstruct => &RECONSTRUCT,
+            Self::Mesh => &MESH,
+            Self::Contact => &CONTACT,
+            Self::Replay => &REPLAY,
+            Self::Diagnose => &DIAGNOSE,
+            Self::Report => &REPORT,
+        }
+    }
+
+    /// Files and folders that it reads, relative to the pipeline's folder.
+    pub fn inputs(self) -> &'static [&'static str] {
+        const RUNS: [&str; 2] = ["recording/tiles/run.mcap", "recording/gravel/run.mcap"];
+        match self {
+            Self::Yard => &[],
+            Self::Recording => &["yard/truth.glb"],
+            Self::Inspect => &RUNS,
+            Self::Reconstruct => &["yard/transforms.json", "yard/points.ply", "yard/images", "yard/labels"],
+            Self::Mesh => &["reconstruct/scene.ply", "yard/transforms.json", "yard/labels.toml", "yard/truth.glb"],
+            Self::Contact => &[RUNS[0], RUNS[1], "mesh/terrain.glb"],
+            Self::Replay => &[RUNS[0], "contact/terrain.glb"],
+            Self::Diagnose => &[RUNS[0], RUNS[1], "contact/terrain.glb"],
+            Self::Report => &[
+                "reconstruct/metrics.json",
+                "reconstruct/held_out",
+                "contact/contact.json",
+                "contact/terrain.glb",
+                "replay/replay.json",
+                "diagnose/report.json",
+            ],
+        }
+    }
+
+    /// Files and folders that it writes, relative to the pipeline's folder.
+    pub fn outputs(self) -> &'static [&'static str] {
+        match self {
+            Self::Yard => &[
+                "yard/transforms.json",
+                "yard/points.ply",
+                "yard/images",
+                "yard/labels",
+                "yard/depth",
+                "yard/labels.toml",
+                "yard/truth.glb",
+            ],
+            Self::Recording => &[
+                "recording/tiles/run.mcap",
+                "recording/tiles/truth.json",
+                "recording/gravel/run.mcap",
+                "recording/gravel/truth.json",
+            ],
+            Self::Inspect => &["inspect/tiles.json", "inspect/gravel.json"],
+            Self::Reconstruct => &["reconstruct/scene.ply", "reconstruct/metrics.json", "reconstruct/held_out"],
+            Self::Mesh => &["mesh/terrain.glb", "mesh/mesh.json"],
+            Self::Contact => {
+                &["contact/contact.json", "contact/contact.html", "contact/calibrated.toml", "contact/terrain.glb"]
+            }
+            Self::Replay => &["replay/replay.json", "replay/replay.mcap", "replay/replay.html"],
+            Self::Diagnose => &["diagnose/report.json", "diagnose/report.html", "diagnose/calibrated.toml"],
+            Self::Report => &["report/report.html"],
+        }
+    }
+}
+
+impl Call {
+    /// The arguments one by one.
+    pub fn arguments(&self) -> Vec<String> {
+        self.words.split_whitespace().map(String::from).collect()
+    }
+
+    /// Where its standard output goes, below the pipeline's folder.
+    pub fn said_in(&self, folder: &std::path::Path) -> Option<PathBuf> {
+        self.said.map(|file| folder.join(file))
+    }
+}

@@ -1,0 +1,46 @@
+//! Of the pipeline as data, and of its golden.
+
+use super::golden::{Figure, differences, read};
+use super::stages::Stage;
+use crate::workspace::Workspace;
+use clap::ValueEnum;
+use serde_json::json;
+use std::collections::BTreeMap;
+
+/// What a stage reads, an earlier one writes.
+#[test]
+fn stages_fit_together() {
+    let mut written: BTreeMap<&str, Stage> = BTreeMap::new();
+    for &stage in Stage::value_variants() {
+        for file in stage.inputs() {
+            assert!(written.get(file).is_some_and(|by| *by < stage), "{file}");
+        }
+        for file in stage.outputs() {
+            assert!(file.starts_with(stage.name()), "{file} lies in the stage's own folder, which it empties");
+            written.insert(file, stage);
+        }
+        for call in stage.calls() {
+            assert!(call.said.is_none_or(|file| stage.outputs().contains(&file)), "{call:?}");
+        }
+    }
+}
+
+/// The golden "stages" has figures of every stage that has any, and the first that moved is named first, with how far.
+#[test]
+fn the_first_stage_that_moved_is_named() {
+    let golden = read(&Workspace::load().unwrap().workspace_root).unwrap();
+    assert!(differences(&golden, &golden).is_empty());
+    let place = |figure: &Figure| Stage::value_variants().iter().position(|stage| stage.name() == figure.stage).unwrap();
+    assert!(golden.is_sorted_by_key(place), "in the order of the stages");
+    let at = |stage: &str| golden.iter().position(|f| f.stage == stage && f.value.is_number()).unwrap();
+    let (mesh, contact) = (at("mesh"), at("contact"));
+    let mut moved = golden.clone();
+    for index in [mesh, contact] {
+        let far = moved[index].value.as_f64().unwrap() + 2.0 * moved[index].tolerance + 0.01;
+        moved[index].value = json!(far);
+    }
+    let said = differences(&golden, &moved);
+    assert!(said.len() == 2 && said[0].starts_with("mesh, ") && said[0].contains("allowed"), "{said:?}");
+    moved.retain(|figure| figure.stage != "diagnose");
+    assert!(differences(&golden, &moved).iter().any(|line| line.starts_with("diagnose") && line.ends_with("found none")));
+}
