@@ -8,6 +8,7 @@
 //!
 //! All of it is parallel where that pays, and gives the same bits on any number of threads. Nothing here opens a file.
 
+pub mod agree;
 pub mod clean;
 pub mod close;
 pub mod compare;

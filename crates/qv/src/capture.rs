@@ -2,8 +2,7 @@
 
 use crate::Failure;
 use crate::scene::{about, open_cameras};
-use qv_splat::captures::{Capture, colmap_points, rgbd};
-use qv_splat::error_at;
+use qv_splat::captures::{Capture, colmap_points};
 use qv_splat::files::{Points, points};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -22,15 +21,7 @@ pub struct OpenCapture {
 /// Opens a `transforms.json`, a folder that holds one, a COLMAP project or an RGB-D folder.
 pub fn open_capture(path: &Path) -> Result<OpenCapture, Failure> {
     let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
-    let names = names_of(folder)?;
-    let capture = if path.is_dir() && names.iter().any(|name| name.contains(".color.")) {
-        let mut text = |name: &str| {
-            fs::read_to_string(folder.join(name)).map_err(|e| error_at(name, "a file of text", &e.to_string()))
-        };
-        rgbd::read(&names, &mut text).map_err(|e| about(path, e))?
-    } else {
-        open_cameras(path)?
-    };
+    let capture = open_cameras(path)?;
     let points = points_of(folder)?;
     // COLMAP's images lie in a folder beside the model.
     let above = folder.ancestors().take(3).map(|above| above.join("images"));
@@ -58,12 +49,6 @@ fn points_of(folder: &Path) -> Result<Option<Points>, Failure> {
         return Ok(Some(points.map_err(|e| about(&path, e))?));
     }
     Ok(None)
-}
-
-fn names_of(folder: &Path) -> Result<Vec<String>, Failure> {
-    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-    let entries = fs::read_dir(folder).map_err(|e| about(folder, format!("expected a readable folder, found {e}")))?;
-    Ok(entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect())
 }
 
 impl OpenCapture {

@@ -42,7 +42,9 @@ impl Fixture {
         let in_out = |name: &str| self.out.join(name);
         fs::create_dir_all(&self.out).map_err(|e| failed(&self.out, &e))?;
         let (file, glb) = match &self.ground {
-            Some(file) => (file.clone(), fs::read(file).map_err(|e| file_error(file, "a mesh in GLB", &e.to_string()))?),
+            Some(file) => {
+                (file.clone(), fs::read(file).map_err(|e| file_error(file, "a mesh in GLB", &e.to_string()))?)
+            }
             None => (in_out("terrain.glb"), glb::write(&ground())),
         };
         if self.ground.is_none() {
@@ -52,7 +54,8 @@ impl Fixture {
         let mut mesh = glb::read(&glb).map_err(|e| file_error(&file, "a mesh in GLB", &e.to_string()))?;
         for (label, friction) in &self.friction {
             let material = mesh.materials.iter_mut().find(|material| material.name == *label);
-            material.ok_or_else(|| file_error(&file, &format!("the label {label}"), "none of that name"))?.friction = Some(*friction);
+            material.ok_or_else(|| file_error(&file, &format!("the label {label}"), "none of that name"))?.friction =
+                Some(*friction);
         }
         let terrain =
             Terrain::from_mesh(&mesh).map_err(|e| file_error(&file, "a mesh that can be walked on", &e.to_string()))?;
@@ -81,7 +84,11 @@ impl Fixture {
 fn label_and_value(text: &str) -> Result<(String, f64), String> {
     let (label, value) = text.split_once('=').ok_or("expected LABEL=VALUE")?;
     let value: f64 = value.parse().map_err(|e| format!("expected a number, found {value:?}: {e}"))?;
-    if value.is_finite() && value >= 0.0 { Ok((label.into(), value)) } else { Err(format!("expected at least 0, found {value}")) }
+    if value.is_finite() && value >= 0.0 {
+        Ok((label.into(), value))
+    } else {
+        Err(format!("expected at least 0, found {value}"))
+    }
 }
 
 fn failed(path: &Path, error: &std::io::Error) -> ReplayError {

@@ -6,6 +6,7 @@ use crate::scene::{about, open_cameras, open_scene};
 use crate::{Failure, Outcome, say};
 use glam::DVec3;
 use qv_core::{GaussianCloud, Material, TriangleMesh};
+use qv_mesh::agree::{AgreeOptions, keep_agreeing};
 use qv_mesh::close::close_to_solid;
 use qv_mesh::compare::{Likeness, compare};
 use qv_mesh::files::{glb, ply, stl};
@@ -31,6 +32,8 @@ pub const EXAMPLE: &str = "Example:\n  qv mesh scene.ply --cameras transforms.js
     labels, .stl neither.\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
 
+/// Frames that must confirm a depth that was drawn.
+const CONFIRMING: usize = 2;
 /// Opacity of a pixel from which on its depth counts, and of a Gaussian from which on its label does.
 const SOLID: f32 = 0.5;
 /// Every so many pixels of a label image become a point.
@@ -44,7 +47,7 @@ const THICKNESS: f64 = 0.2;
 pub struct Mesh {
     /// A scene of Gaussians (.ply, .compressed.ply, .spz, .glb), or a folder with depth images
     scene: PathBuf,
-    /// For a scene of Gaussians: transforms.json, a COLMAP model's directory, or cameras in a JSON of our own
+    /// For a scene of Gaussians: transforms.json, a folder with a COLMAP model or RGB-D frames, or cameras in a JSON of our own
     #[arg(long, value_name = "FILE")]
     cameras: Option<PathBuf>,
     /// The mesh to write: .glb, .ply or .stl
@@ -59,6 +62,9 @@ pub struct Mesh {
     /// Largest depth that counts, in metres
     #[arg(long, value_name = "METRES", default_value_t = 8.0)]
     max_depth: f64,
+    /// Frames that must confirm each depth; 0 keeps all. Default 2 for a scene of Gaussians, 0 for measured depth
+    #[arg(long, value_name = "COUNT")]
+    agree: Option<usize>,
     /// Triangles to come down to; without it all are kept
     #[arg(long, value_name = "COUNT")]
     triangles: Option<usize>,
@@ -117,6 +123,7 @@ impl Mesh {
         let mut input = self.read()?;
         let lost = std::mem::take(&mut input.capture.lost);
         self.align(&mut input)?;
+        let agreeing = self.keep_agreeing(&mut input.capture.frames);
         let read_s = clock.elapsed().as_secs_f64();
 
         let sign = spinner("fusing depth");
@@ -139,7 +146,7 @@ impl Mesh {
         sign.finish_and_clear();
         fs::write(&self.out, write(&mesh)).map_err(|e| about(&self.out, format!("expected to write it, found {e}")))?;
         let seconds = [read_s, fuse_s, surface_s];
-        self.tell(&mesh, &report, &likeness, input.capture.frames.len(), seconds, &lost)?;
+        self.tell(&mesh, &report, &likeness, input.capture.frames.len(), seconds, agreeing, &lost)?;
         lost.iter().for_each(|what| eprintln!("qv: lost: {what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
@@ -256,6 +263,12 @@ impl Mesh {
         Ok(out)
     }
 
+    /// Leaves out depths that other frames do not confirm; the share that is kept.
+    fn keep_agreeing(&self, frames: &mut [DepthFrame]) -> f64 {
+        let least = self.agree.unwrap_or(if self.cameras.is_some() { CONFIRMING } else { 0 });
+        keep_agreeing(frames, &AgreeOptions { least, absolute: 2.0 * self.voxel, relative: 0.01, neighbours: 8 })
+    }
+
     /// Brings frames and labelled points to metres.
     fn align(&self, input: &mut Input) -> Result<(), Failure> {
         let metric_from_scene = if let Some(path) = &self.markers {
@@ -329,6 +342,7 @@ impl Mesh {
         likeness: &[Likeness],
         frames: usize,
         [read_s, fuse_s, surface_s]: [f64; 3],
+        agreeing: f64,
         lost: &[String],
     ) -> Result<(), Failure> {
         let topology = &report.topology;
@@ -341,7 +355,7 @@ impl Mesh {
                 "extracted": report.extracted, "watertight": topology.is_watertight(), "open_edges": topology.open_edges,
                 "area": topology.area, "volume": topology.volume, "holes_filled": report.holes.filled,
                 "pieces_dropped": report.dropped, "max_error": report.decimated.error, "blocks": report.blocks,
-                "volume_bytes": report.volume_bytes, "materials": areas(mesh), "likeness": likeness.collect::<Vec<_>>(),
+                "volume_bytes": report.volume_bytes, "depth_confirmed": agreeing, "materials": areas(mesh), "likeness": likeness.collect::<Vec<_>>(),
                 "read_s": read_s, "fuse_s": fuse_s, "surface_s": surface_s, "lost": lost});
             return Ok(say(&format!("{line}\n"))?);
         }
@@ -356,6 +370,9 @@ impl Mesh {
             report.holes.filled,
             report.dropped
         );
+        if agreeing < 1.0 {
+            text += &format!("{:.0} % of depth confirmed by other frames\n", 100.0 * agreeing);
+        }
         for material in areas(mesh) {
             text += &format!(
                 "  {}: {:.2} m²\n",

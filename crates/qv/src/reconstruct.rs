@@ -9,8 +9,9 @@ use qv_core::GaussianCloud;
 use qv_raster::Image;
 use qv_splat::files::{Format, write};
 use qv_splat::train::{
-    AT_RANDOM, CpuEngine, Dataset, Engine, Model, Photograph, Progress, ReadOptions, Score, Strategy, TrainOptions,
-    Weights, at_random, backdrop, checkpoint, drawn, joined, neighbours_scores, of_points, pose, scores, train,
+    AT_DEPTHS, AT_RANDOM, CpuEngine, Dataset, Engine, Model, Photograph, Progress, ReadOptions, Score, Strategy,
+    TrainOptions, Weights, at_depths, at_far, at_random, checkpoint, drawn, neighbours_scores, of_points, pose, scores,
+    train,
 };
 use serde_json::{Value, json};
 use std::fs;
@@ -103,9 +104,12 @@ pub struct Reconstruct {
     /// Points to begin with on random rays, besides those of the capture
     #[arg(long, value_name = "N", default_value_t = 0)]
     random_points: usize,
-    /// Gaussians of a shell behind everything, which continues photographs beyond their borders; 0 leaves black there
+    /// Points to begin with at measured depths, besides those of the capture; 100000 with --depth-prior, else none
+    #[arg(long, value_name = "N")]
+    depth_points: Option<usize>,
+    /// Points to begin with far behind everything: for sky, and for what is too far to be triangulated
     #[arg(long, value_name = "N", default_value_t = 0)]
-    backdrop: usize,
+    far_points: usize,
     /// Noise of the means with mcmc, in units of their rate
     #[arg(long, default_value_t = 5e5, hide_short_help = true)]
     noise: f32,
@@ -161,7 +165,6 @@ impl Reconstruct {
         run.bar.finish_and_clear();
         let clock = Instant::now();
         self.save(&model)?;
-        let model = self.with_backdrop(model, &dataset)?;
         let as_drawn = scores(&model.cloud, &dataset.held_out)?;
         let held_out = if self.exposure { neighbours_scores(&model, &dataset)? } else { as_drawn.clone() };
         let aligned = self.aligned(&model, &dataset)?;
@@ -220,6 +223,10 @@ impl Reconstruct {
         }
     }
 
+    fn usual_depth_points(&self) -> usize {
+        if self.depth_prior > 0.0 { AT_DEPTHS.min(self.cap / 2) } else { 0 }
+    }
+
     /// A model to begin with, and whether it is at points of the capture.
     fn begin(&self, opened: &OpenCapture, dataset: &Dataset, options: &TrainOptions) -> Result<(Model, bool), Failure> {
         let path = self.out.join("checkpoint.qvt");
@@ -229,9 +236,11 @@ impl Reconstruct {
         }
         let count = if opened.points.is_some() { self.random_points } else { AT_RANDOM };
         let mut points = at_random(dataset, count, options);
-        if let Some(known) = &opened.points {
-            points.places.extend_from_slice(&known.places);
-            points.colours.extend_from_slice(&known.colours);
+        let at_depths = at_depths(dataset, self.depth_points.unwrap_or(self.usual_depth_points()), options);
+        let far = at_far(dataset, opened.points.as_ref(), self.far_points, options);
+        for more in opened.points.iter().chain([&at_depths, &far]) {
+            points.places.extend_from_slice(&more.places);
+            points.colours.extend_from_slice(&more.colours);
         }
         let mut cloud = of_points(&points, options)?;
         if self.labels > 0.0 {
@@ -283,15 +292,6 @@ impl Reconstruct {
         };
         let moved: Vec<Photograph> = dataset.held_out.iter().map(align).collect::<Result<_, Failure>>()?;
         Ok(scores(&model.cloud, &moved)?)
-    }
-
-    /// The model with a shell behind it. The checkpoint has none, since it is made anew of what was learned.
-    fn with_backdrop(&self, mut model: Model, dataset: &Dataset) -> Result<Model, Failure> {
-        if self.backdrop > 0 {
-            let shell = backdrop(&model.cloud, &dataset.training, self.backdrop, self.seed)?;
-            model.cloud = joined(&model.cloud, &shell);
-        }
-        Ok(model)
     }
 
     fn save(&self, model: &Model) -> Result<(), Failure> {

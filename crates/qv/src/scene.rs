@@ -1,7 +1,8 @@
 //! Scenes of Gaussians and sets of cameras on disk.
 
 use crate::Failure;
-use qv_splat::captures::{Capture, cameras_json, colmap, nerfstudio};
+use qv_splat::captures::{Capture, cameras_json, colmap, nerfstudio, rgbd};
+use qv_splat::error_at;
 use qv_splat::files::{SplatFile, read_any};
 use std::fs;
 use std::path::Path;
@@ -20,9 +21,16 @@ pub fn open_scene(path: &Path) -> Result<SplatFile, Failure> {
     read_any(&bytes).map_err(|e| about(path, e))
 }
 
-/// Reads cameras: a JSON file of nerfstudio or of our own, or a directory with a COLMAP model.
+/// Reads cameras: a JSON file of nerfstudio or of our own, or a directory with a COLMAP model or RGB-D frames.
 pub fn open_cameras(path: &Path) -> Result<Capture, Failure> {
     if path.is_dir() {
+        let names = names_of(path)?;
+        if names.iter().any(|name| name.contains(".color.")) {
+            let mut text = |name: &str| {
+                fs::read_to_string(path.join(name)).map_err(|e| error_at(name, "a file of text", &e.to_string()))
+            };
+            return rgbd::read(&names, &mut text).map_err(|e| about(path, e));
+        }
         return open_colmap(path);
     }
     let text = String::from_utf8(contents(path)?).map_err(|e| about(path, format!("expected JSON, found {e}")))?;
@@ -60,6 +68,11 @@ fn open_colmap(directory: &Path) -> Result<Capture, Failure> {
         directory,
         "expected a COLMAP model (cameras and images, .bin or .txt) or transforms.json, found neither",
     ))
+}
+
+fn names_of(folder: &Path) -> Result<Vec<String>, Failure> {
+    let entries = fs::read_dir(folder).map_err(|e| about(folder, format!("expected a readable folder, found {e}")))?;
+    Ok(entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect())
 }
 
 fn contents(path: &Path) -> Result<Vec<u8>, Failure> {

@@ -96,7 +96,10 @@ pub fn differences(golden: &[Figure], found: &[Figure]) -> Vec<String> {
         .filter_map(|expected| {
             let same = |f: &&Figure| f.stage == expected.stage && f.figure == expected.figure;
             let Some(found) = found.iter().find(same) else {
-                return Some(format!("{}, {}: expected {}, found none", expected.stage, expected.figure, expected.value));
+                return Some(format!(
+                    "{}, {}: expected {}, found none",
+                    expected.stage, expected.figure, expected.value
+                ));
             };
             let away = match (expected.value.as_f64(), found.value.as_f64()) {
                 (Some(a), Some(b)) if (a - b).abs() <= expected.tolerance => return None,
@@ -104,7 +107,10 @@ pub fn differences(golden: &[Figure], found: &[Figure]) -> Vec<String> {
                 _ if expected.value == found.value => return None,
                 _ => String::new(),
             };
-            Some(format!("{}, {}: expected {}, found {}{away}", expected.stage, expected.figure, expected.value, found.value))
+            Some(format!(
+                "{}, {}: expected {}, found {}{away}",
+                expected.stage, expected.figure, expected.value, found.value
+            ))
         })
         .collect()
 }

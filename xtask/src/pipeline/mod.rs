@@ -188,7 +188,10 @@ pub fn write_golden(workspace: &Workspace, name: &str, out: &Path) -> Result<()>
 }
 
 /// The recording that the golden `replay` is of, and its replay.
-const REPLAY: [&str; 2] = ["fixture --seed 1 --out recording", "replay recording/run.mcap --terrain recording/terrain.glb --out replay --json"];
+const REPLAY: [&str; 2] = [
+    "fixture --seed 1 --out recording",
+    "replay recording/run.mcap --terrain recording/terrain.glb --out replay --json",
+];
 
 /// Writes `replay.json`: every number of the report that another machine must find, too.
 ///
@@ -226,4 +229,3 @@ fn write_replay(workspace: &Workspace, out: &Path) -> Result<()> {
     let file = out.join("replay.json");
     fs::write(&file, format!("{golden:#}\n")).with_context(|| format!("writing {}", file.display()))
 }
-

@@ -81,8 +81,12 @@ impl Stage {
         const YARD: [Call; 1] = [Call { program: Program::Yard, words: "--out yard", said: None }];
         // The first walks from concrete onto tiles that are smoother than tiles are, the second from grass onto gravel.
         const RECORDING: [Call; 2] = [
-            qv("fixture --ground yard/truth.glb --start=-0.4,0.35,-1.5708 --friction tiles=0.18 --friction gravel=0.45 --seed 1 --out recording/tiles"),
-            qv("fixture --ground yard/truth.glb --start=1.7,1.2,-1.5708 --friction tiles=0.18 --friction gravel=0.45 --seed 1 --out recording/gravel"),
+            qv(
+                "fixture --ground yard/truth.glb --start=-0.4,0.35,-1.5708 --friction tiles=0.18 --friction gravel=0.45 --seed 1 --out recording/tiles",
+            ),
+            qv(
+                "fixture --ground yard/truth.glb --start=1.7,1.2,-1.5708 --friction tiles=0.18 --friction gravel=0.45 --seed 1 --out recording/gravel",
+            ),
         ];
         const INSPECT: [Call; 2] = [
             told("inspect recording/tiles/run.mcap --json", "inspect/tiles.json"),

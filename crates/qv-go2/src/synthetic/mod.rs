@@ -208,7 +208,8 @@ mod tests {
 
     #[test]
     fn differences_are_parameters_of_the_robot() {
-        let robot = Robot { parameters: [small_differences(3), command_latency(0.008)].concat(), seed: 3, start: [0.0; 3] };
+        let robot =
+            Robot { parameters: [small_differences(3), command_latency(0.008)].concat(), seed: 3, start: [0.0; 3] };
         let sim = simulation(&Terrain::plane(), &robot).unwrap();
         assert_eq!(sim.parameter(0, "actuator.RR_calf_joint.command_latency").unwrap(), 0.008);
         let wrong = Robot { parameters: vec![("link.nose.mass_scale".into(), 1.0)], seed: 3, start: [0.0; 3] };

@@ -4,7 +4,6 @@
 //! a file or looks at a clock.
 
 pub mod adam;
-mod backdrop;
 pub mod checkpoint;
 pub mod classic;
 mod cpu;
@@ -27,12 +26,11 @@ pub mod terms;
 pub(crate) mod tiny;
 mod undistort;
 
-pub use backdrop::{backdrop, joined};
 pub use cpu::{CpuEngine, outputs};
 pub use dataset::{Dataset, Files, Photograph, ReadOptions};
 pub use engine::{Engine, Progress, drawn, neighbours_scores, scores, train};
 pub use model::{Exposure, Model, NEUTRAL};
 pub use options::{Rates, Strategy, TrainOptions, Weights};
 pub use score::{Score, score};
-pub use start::{AT_RANDOM, at_random, of_points};
+pub use start::{AT_DEPTHS, AT_RANDOM, at_depths, at_far, at_random, of_points};
 pub use undistort::Pixels;

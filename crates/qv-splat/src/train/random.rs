@@ -15,8 +15,6 @@ pub enum Purpose {
     Split = 5,
     /// Second photograph of a pair.
     Pair = 6,
-    /// Which pixels colour the shell behind the scene.
-    Backdrop = 7,
 }
 
 /// Four words of a hash (Jarzynski and Olano, *Hash Functions for GPU Rendering*, 2020: pcg4d).

@@ -1,6 +1,6 @@
 //! Where training begins: at triangulated points, or anywhere around the cameras.
 
-use super::dataset::Dataset;
+use super::dataset::{Dataset, Photograph};
 use super::neighbours::Tree;
 use super::options::{Strategy, TrainOptions};
 use super::random::{Purpose, unit, words};
@@ -14,6 +14,8 @@ use qv_core::GaussianCloud;
 pub const C0: f32 = 0.282_094_8;
 /// Gaussians that begin at random when there are no points.
 pub const AT_RANDOM: usize = 20_000;
+/// Gaussians that begin at measured depths when depth takes part.
+pub const AT_DEPTHS: usize = 100_000;
 
 /// Gaussians at points: as large as the mean distance to the 3 nearest others, of constant colour. Opacity and size are those of the
 /// strategy's program: 0.1 and the distance itself for the classic one, 0.5 and a tenth for MCMC.
@@ -49,15 +51,32 @@ pub fn of_points(points: &Points, options: &TrainOptions) -> Result<GaussianClou
 
 /// Points in front of the cameras, on rays through random pixels and of their colours, from 0.3 to 9 times the extent away.
 pub fn at_random(dataset: &Dataset, count: usize, options: &TrainOptions) -> Points {
+    on_rays(dataset, count, options, 0, |word| 0.3 * dataset.extent as f64 * 30f64.powf(unit(word) as f64))
+}
+
+/// Points far behind everything, on rays through random pixels and of their colours: what is sky, or too far to be triangulated, begins
+/// there and not as a veil before what is near. `known` are the points of the capture; the distance is four times that of nearly all of them.
+pub fn at_far(dataset: &Dataset, known: Option<&Points>, count: usize, options: &TrainOptions) -> Points {
+    let place = |photograph: &Photograph| photograph.camera.camera_from_world.inverse().position;
+    let middle = dataset.training.iter().map(place).sum::<DVec3>() / dataset.training.len().max(1) as f64;
+    let places = known.map_or(&[][..], |points| &points.places);
+    let mut distances: Vec<f64> = places.iter().map(|p| Vec3::from(*p).as_dvec3().distance(middle)).collect();
+    distances.retain(|distance| distance.is_finite());
+    distances.sort_by(f64::total_cmp);
+    let most = distances.get(distances.len() * 95 / 100).copied().unwrap_or(0.0);
+    let far = 4.0 * most.max(3.0 * f64::from(dataset.extent));
+    on_rays(dataset, count, options, 2, |_| far)
+}
+
+fn on_rays(dataset: &Dataset, count: usize, options: &TrainOptions, round: u32, depth: impl Fn(u32) -> f64) -> Points {
     let mut points = Points::default();
     for index in 0..count.min(options.cap) as u32 {
-        let word = words(options.seed, 0, index, Purpose::Start);
+        let word = words(options.seed, round, index, Purpose::Start);
         let photograph = &dataset.training[index as usize % dataset.training.len()];
         let camera = &photograph.camera;
         let (u, v) = (unit(word[0]) as f64 * camera.width as f64, unit(word[1]) as f64 * camera.height as f64);
-        let depth = 0.3 * dataset.extent as f64 * 30f64.powf(unit(word[2]) as f64);
         let ray = DVec3::new((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1.0);
-        let place = camera.camera_from_world.inverse().transform_point(ray * depth);
+        let place = camera.camera_from_world.inverse().transform_point(ray * depth(word[2]));
         points.places.push(place.as_vec3().to_array());
         let pixel = photograph.pixels.rgba[v as usize * photograph.pixels.width + u as usize];
         points.colours.push(Vec3::new(pixel[0] as f32, pixel[1] as f32, pixel[2] as f32).to_array().map(|c| c / 255.0));
@@ -65,8 +84,35 @@ pub fn at_random(dataset: &Dataset, count: usize, options: &TrainOptions) -> Poi
     points
 }
 
+/// Points where random pixels of the photographs have a measured depth, of their colours; at most `count`, fewer where depth has holes, none
+/// without depth.
+pub fn at_depths(dataset: &Dataset, count: usize, options: &TrainOptions) -> Points {
+    let mut points = Points::default();
+    let measured: Vec<_> = dataset.training.iter().filter(|one| !one.depth.is_empty()).collect();
+    if measured.is_empty() {
+        return points;
+    }
+    for index in 0..count.min(options.cap) as u32 {
+        let word = words(options.seed, 1, index, Purpose::Start);
+        let photograph = measured[index as usize % measured.len()];
+        let camera = &photograph.camera;
+        let pixel = (unit(word[0]) * photograph.depth.len() as f32) as usize;
+        let (depth, rgba) = (photograph.depth[pixel], photograph.pixels.rgba[pixel]);
+        if depth <= 0.0 || rgba[3] == 0 {
+            continue;
+        }
+        let (u, v) = ((pixel % photograph.pixels.width) as f64, (pixel / photograph.pixels.width) as f64);
+        let ray = DVec3::new((u + 0.5 - camera.cx) / camera.fx, (v + 0.5 - camera.cy) / camera.fy, 1.0);
+        let place = camera.camera_from_world.inverse().transform_point(ray * f64::from(depth));
+        points.places.push(place.as_vec3().to_array());
+        points.colours.push([rgba[0], rgba[1], rgba[2]].map(|c| f32::from(c) / 255.0));
+    }
+    points
+}
+
 #[cfg(test)]
 mod tests {
+    use super::super::tiny;
     use super::*;
 
     #[test]
@@ -81,5 +127,28 @@ mod tests {
         assert!((opacity - 0.1).abs() < 1e-6 && (0.5 + C0 * cloud.sh[0][1] - 1.0).abs() < 1e-6);
         options.cap = 4;
         assert!(of_points(&points, &options).unwrap_err().to_string().contains("at most the cap, 4, found 5"));
+    }
+
+    #[test]
+    fn points_at_depths_lie_on_what_was_photographed() {
+        let scene = tiny::scene(60, 4, 24);
+        let options = TrainOptions::default();
+        let points = at_depths(&scene.dataset, 500, &options);
+        assert!(points.places.len() > 100 && points.places.len() < 500, "{}", points.places.len());
+        // All Gaussians are within a metre of the origin along each axis, and no depth lies far from all of them.
+        assert!(points.places.iter().all(|place| place.iter().all(|x| x.abs() < 1.3)));
+        let mut without = scene.dataset.clone();
+        without.training.iter_mut().for_each(|one| one.depth.clear());
+        assert!(at_depths(&without, 500, &options).places.is_empty());
+    }
+
+    #[test]
+    fn far_points_lie_behind_all_others() {
+        let scene = tiny::scene(60, 4, 24);
+        let options = TrainOptions::default();
+        let known = Points { places: scene.cloud.means.clone(), colours: vec![[0.5; 3]; scene.cloud.len()] };
+        let far = at_far(&scene.dataset, Some(&known), 50, &options);
+        let nearest = far.places.iter().map(|place| Vec3::from(*place).length()).fold(f32::INFINITY, f32::min);
+        assert!(far.places.len() == 50 && nearest > 10.0, "{nearest}");
     }
 }

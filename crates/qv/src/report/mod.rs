@@ -60,7 +60,8 @@ impl Report {
         if !given.contains(&true) {
             return Err("expected at least one of --reconstruction, --mesh, --contact, --replay, --diagnosis".into());
         }
-        let json = |folder: &Option<PathBuf>, name: &str| folder.as_ref().map(|dir| read_json(&dir.join(name))).transpose();
+        let json =
+            |folder: &Option<PathBuf>, name: &str| folder.as_ref().map(|dir| read_json(&dir.join(name))).transpose();
         let parts = Parts {
             scores: json(&self.reconstruction, "metrics.json")?,
             pictures: self.reconstruction.as_ref().map_or(Ok(vec![]), |dir| pictures(&dir.join("held_out")))?,

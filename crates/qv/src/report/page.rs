@@ -125,7 +125,10 @@ fn ground(mesh: &TriangleMesh, contact: Option<&Value>) -> Result<String, Failur
         .enumerate()
         .map(|(label, material)| {
             let [r, g, b] = colour(label);
-            format!("<span class=\"key\" style=\"background:rgb({r},{g},{b})\"></span>{} &nbsp; ", escape(&material.name))
+            format!(
+                "<span class=\"key\" style=\"background:rgb({r},{g},{b})\"></span>{} &nbsp; ",
+                escape(&material.name)
+            )
         })
         .collect();
     Ok(format!(
@@ -169,7 +172,9 @@ fn friction(contact: &Value) -> String {
             "<p class=\"soft\">Mean error of the base when {} s are replayed open loop</p><table>",
             number(&contact["base_error"]["segment"], 1)
         );
-        for (key, words) in [("uniform", "one friction everywhere"), ("prior", "friction by label, before"), ("posterior", "after")] {
+        for (key, words) in
+            [("uniform", "one friction everywhere"), ("prior", "friction by label, before"), ("posterior", "after")]
+        {
             let value = errors[key].as_f64().unwrap_or(0.0);
             let kind = if key == "posterior" { "bar" } else { "bar before" };
             _ = write!(

@@ -30,7 +30,8 @@ fn stages_fit_together() {
 fn the_first_stage_that_moved_is_named() {
     let golden = read(&Workspace::load().unwrap().workspace_root).unwrap();
     assert!(differences(&golden, &golden).is_empty());
-    let place = |figure: &Figure| Stage::value_variants().iter().position(|stage| stage.name() == figure.stage).unwrap();
+    let place =
+        |figure: &Figure| Stage::value_variants().iter().position(|stage| stage.name() == figure.stage).unwrap();
     assert!(golden.is_sorted_by_key(place), "in the order of the stages");
     let at = |stage: &str| golden.iter().position(|f| f.stage == stage && f.value.is_number()).unwrap();
     let (mesh, contact) = (at("mesh"), at("contact"));
@@ -42,5 +43,7 @@ fn the_first_stage_that_moved_is_named() {
     let said = differences(&golden, &moved);
     assert!(said.len() == 2 && said[0].starts_with("mesh, ") && said[0].contains("allowed"), "{said:?}");
     moved.retain(|figure| figure.stage != "diagnose");
-    assert!(differences(&golden, &moved).iter().any(|line| line.starts_with("diagnose") && line.ends_with("found none")));
+    assert!(
+        differences(&golden, &moved).iter().any(|line| line.starts_with("diagnose") && line.ends_with("found none"))
+    );
 }
