@@ -30,8 +30,8 @@ pub struct Fixture {
     #[arg(long, value_name = "LABEL=VALUE", value_parser = label_and_value)]
     friction: Vec<(String, f64)>,
     /// Where the robot starts: x, y in metres, and the direction that it faces, in radians
-    #[arg(long, value_name = "X,Y,YAW", value_delimiter = ',', num_args = 3, default_values_t = [0.0, 0.0, 0.0], allow_hyphen_values = true)]
-    start: Vec<f64>,
+    #[arg(long, value_name = "X,Y,YAW", default_value = "0,0,0", allow_hyphen_values = true, value_parser = place)]
+    start: [f64; 3],
     /// The named effect: latency of all commands, in seconds
     #[arg(long, default_value_t = 0.008, value_name = "SECONDS")]
     latency: f64,
@@ -61,7 +61,7 @@ impl Fixture {
             Terrain::from_mesh(&mesh).map_err(|e| file_error(&file, "a mesh that can be walked on", &e.to_string()))?;
         let mut parameters = synthetic::small_differences(self.seed);
         parameters.extend(synthetic::command_latency(self.latency));
-        let robot = Robot { parameters, seed: self.seed, start: std::array::from_fn(|k| self.start[k]) };
+        let robot = Robot { parameters, seed: self.seed, start: self.start };
         let messages = synthetic::record(&terrain, &robot)?;
         let file = File::create(in_out("run.mcap")).map_err(|e| failed(&in_out("run.mcap"), &e))?;
         synthetic::write_bag(&messages, BufWriter::new(file))?;
@@ -79,6 +79,14 @@ impl Fixture {
             "seed": self.seed, "start": self.start, "parameters": parameters,
         })
     }
+}
+
+fn place(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|word| word.trim().parse()).collect();
+    let numbers = numbers.ok().filter(|list: &Vec<f64>| list.iter().all(|x| x.is_finite()));
+    numbers
+        .and_then(|list| list.try_into().ok())
+        .ok_or_else(|| format!("expected three numbers X,Y,YAW, found {text:?}"))
 }
 
 fn label_and_value(text: &str) -> Result<(String, f64), String> {
