@@ -17,7 +17,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Frictions that are looked at.
 pub const RANGE: [f64; 2] = [0.03, 1.5];
 /// Frictions of the coarse grid, and of the fine one about what was found.
-const COARSE: usize = 22;
+const COARSE: usize = 16;
 const FINE: usize = 13;
 /// The fine grid reaches this far either way, in the logarithm.
 const FINE_REACH: f64 = 0.36;
@@ -60,7 +60,7 @@ impl Default for Options<'_> {
             uniform: 0.8,
             segment: 2.0,
             most_windows: 800,
-            own_error: 0.05,
+            own_error: 0.03,
             clock: None,
             progress: None,
         }
@@ -147,7 +147,6 @@ struct Job<'a> {
 /// What windows say.
 struct Fit {
     background: Background,
-    frictions: Vec<f64>,
     /// For each label that was touched: grid, losses, evidence, posterior.
     labels: Vec<Option<(Vec<f64>, Losses, Evidence, Distribution)>>,
 }
@@ -239,7 +238,7 @@ impl<'a> Job<'a> {
                 background = windows::background(self.simulator, self.recordings, &self.windows, &frictions)?;
             }
         }
-        Ok(Fit { background, frictions, labels })
+        Ok(Fit { background, labels })
     }
 
     fn search(&self) -> Result<Vec<Option<Search>>, ContactError> {
