@@ -21,7 +21,7 @@ const COARSE: usize = 16;
 const FINE: usize = 13;
 /// The fine grid reaches this far either way, in the logarithm.
 const FINE_REACH: f64 = 0.36;
-/// Rounds over the labels; the last one on the fine grid, too.
+/// Rounds over the labels; all but the first on a fine grid, too.
 const ROUNDS: usize = 3;
 /// Information below which a prior is kept \[nats\].
 const LITTLE: f64 = 0.15;
@@ -180,7 +180,7 @@ impl<'a> Job<'a> {
         let of_search = |l: &usize| job.segments.iter().filter(|s| !s.held_out && s.labels.contains(l)).count();
         let searched: usize = job.searched().iter().map(of_search).sum();
         let ticks = job.segments.first().map_or(0, |s| s.ticks);
-        let in_windows = windows::TICKS * pairs * (2 * COARSE + COARSE + FINE);
+        let in_windows = windows::TICKS * pairs * (COARSE / 2 + 2 * (COARSE / 2 + FINE + 2));
         job.planned = in_windows + ticks * (2 * SEARCHED * searched + 4 * job.segments.len());
         Ok(job)
     }
@@ -214,15 +214,17 @@ impl<'a> Job<'a> {
         // Where feet slip most there is most to find, and the others depend on it.
         order.sort_by(|&a, &b| slipped[b].total_cmp(&slipped[a]));
         let mut background = windows::background(self.simulator, self.recordings, &self.windows, &frictions)?;
+        let half: Vec<Window> = self.windows.iter().step_by(2).cloned().collect();
         for round in 0..ROUNDS {
+            // The first round only finds the neighbourhood.
+            let windows = if round == 0 { &half } else { &self.windows };
             for &label in &order {
-                let grid =
-                    if round + 1 < ROUNDS { spread(RANGE, COARSE) } else { grid_about(frictions[label]) };
+                let grid = if round == 0 { spread(RANGE, COARSE) } else { grid_about(frictions[label]) };
                 let ticks = grid.len() * windows::TICKS;
                 let losses = windows::losses(
                     self.simulator,
                     self.recordings,
-                    &self.windows,
+                    windows,
                     &background.usual,
                     label,
                     &frictions,

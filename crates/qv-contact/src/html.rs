@@ -277,7 +277,7 @@ fn plan(report: &Report, ground: &Ground) -> String {
 fn floor(ground: &Ground, [x0, x1, y0, y1]: [f64; 4], scale: f64) -> String {
     let side = (x1 - x0).max(y1 - y0) / SQUARES;
     let (columns, rows) = (((x1 - x0) / side).ceil() as usize, ((y1 - y0) / side).ceil() as usize);
-    let mut svg = String::from("<g opacity=\"0.45\" shape-rendering=\"crispEdges\">");
+    let mut svg = String::from("<g opacity=\"0.45\">");
     for row in 0..rows {
         let y = y1 - (row as f64 + 0.5) * side;
         let label = |c: usize| {
@@ -296,8 +296,9 @@ fn floor(ground: &Ground, [x0, x1, y0, y1]: [f64; 4], scale: f64) -> String {
                     "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{:.1}\" fill=\"{}\"/>",
                     scale * side * from as f64,
                     scale * side * row as f64,
-                    scale * side * (to - from) as f64,
-                    scale * side,
+                    scale * side * (to - from) as f64 + 0.6,
+                    // A little over the next row, so that no gap shines through.
+                    scale * side + 0.6,
                     colour(here)
                 );
             }
