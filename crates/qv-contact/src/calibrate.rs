@@ -60,7 +60,7 @@ impl Default for Options<'_> {
             uniform: 0.8,
             segment: 2.0,
             most_windows: 800,
-            own_error: 0.03,
+            own_error: 0.05,
             clock: None,
             progress: None,
         }
@@ -120,10 +120,10 @@ fn spread(range: [f64; 2], count: usize) -> Vec<f64> {
     (0..count).map(|k| range[0] * (range[1] / range[0]).powf(k as f64 / (count - 1) as f64)).collect()
 }
 
-/// The coarse grid with a fine one about `middle` in place of its points there.
+/// A grid half as fine as the coarse one, with a fine one about `middle` in place of its points there.
 fn grid_about(middle: f64) -> Vec<f64> {
     let near = |mu: &f64| (mu / middle).ln().abs() < FINE_REACH * 1.05;
-    let mut grid: Vec<f64> = spread(RANGE, COARSE).into_iter().filter(|mu| !near(mu)).collect();
+    let mut grid: Vec<f64> = spread(RANGE, COARSE / 2).into_iter().filter(|mu| !near(mu)).collect();
     let ends = [middle * (-FINE_REACH).exp(), middle * FINE_REACH.exp()];
     grid.extend(spread(ends, FINE).into_iter().filter(|mu| (RANGE[0]..RANGE[1]).contains(mu)));
     grid.sort_by(f64::total_cmp);
@@ -180,7 +180,7 @@ impl<'a> Job<'a> {
         let of_search = |l: &usize| job.segments.iter().filter(|s| !s.held_out && s.labels.contains(l)).count();
         let searched: usize = job.searched().iter().map(of_search).sum();
         let ticks = job.segments.first().map_or(0, |s| s.ticks);
-        let in_windows = windows::TICKS * pairs * (COARSE / 2 + 2 * (COARSE / 2 + FINE + 2));
+        let in_windows = windows::TICKS * pairs * (COARSE / 2 + 3 * (COARSE / 2 + FINE - 2) / 2);
         job.planned = in_windows + ticks * (2 * SEARCHED * searched + 4 * job.segments.len());
         Ok(job)
     }
@@ -216,8 +216,8 @@ impl<'a> Job<'a> {
         let mut background = windows::background(self.simulator, self.recordings, &self.windows, &frictions)?;
         let half: Vec<Window> = self.windows.iter().step_by(2).cloned().collect();
         for round in 0..ROUNDS {
-            // The first round only finds the neighbourhood.
-            let windows = if round == 0 { &half } else { &self.windows };
+            // Only the last round needs all.
+            let windows = if round + 1 < ROUNDS { &half } else { &self.windows };
             for &label in &order {
                 let grid = if round == 0 { spread(RANGE, COARSE) } else { grid_about(frictions[label]) };
                 let ticks = grid.len() * windows::TICKS;
