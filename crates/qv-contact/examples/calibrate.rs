@@ -55,8 +55,19 @@ fn main() -> Result<(), Box<dyn Error>> {
         let [low, high] = r.posterior.interval90;
         println!(
             "{:<16} prior {:.3} -> {:.3} ({low:.3} to {high:.3}) {:?}, grid {:?}, evidence {:.1}, {:.2} nats, weight {:.3}, contact {:.1} s, slip {:.2}, sensitivity {:.3} {:.3}, windows {}",
-            r.label, r.prior.mean, r.friction, r.status, r.grid.as_ref().map(|g| g.friction), r.evidence, r.information,
-            r.weight, r.contact_time, r.slip_share, r.sensitivity[0], r.sensitivity[1], r.windows
+            r.label,
+            r.prior.mean,
+            r.friction,
+            r.status,
+            r.grid.as_ref().map(|g| g.friction),
+            r.evidence,
+            r.information,
+            r.weight,
+            r.contact_time,
+            r.slip_share,
+            r.sensitivity[0],
+            r.sensitivity[1],
+            r.windows
         );
     }
     println!("{:?}\n{:?}\n{:?}", report.base_error.held_out, report.base_error.all, report.windows);

@@ -346,7 +346,8 @@ impl<'a> Job<'a> {
             let chosen: Vec<&Vec<f64>> =
                 self.segments.iter().zip(&errors).filter(|(s, _)| wanted(s)).map(|(_, e)| e).collect();
             let of = |k: usize| chosen.iter().map(|e| e[k]).sum::<f64>() / chosen.len() as f64;
-            let found = || Errors { uniform: of(0), prior: of(1), grid: of(2), posterior: of(3), segments: chosen.len() };
+            let found =
+                || Errors { uniform: of(0), prior: of(1), grid: of(2), posterior: of(3), segments: chosen.len() };
             (!chosen.is_empty()).then(found)
         };
         Ok(BaseError {
@@ -401,4 +402,28 @@ fn notes(regions: &[Region], background_is_all: bool) -> Vec<String> {
         notes.push("too few windows without slip: what is usual is told from all windows".into());
     }
     notes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_fine_grid_lies_about_what_was_found_and_reaches_the_ends() {
+        for middle in [0.031, 0.2, 0.9, 1.49] {
+            let grid = grid_about(middle);
+            assert!(grid.windows(2).all(|w| w[1] > w[0] * 1.001), "{grid:?}");
+            let near = grid.iter().filter(|mu| (*mu / middle).ln().abs() < 0.2).count();
+            assert!(near >= 4, "{middle}: {grid:?}");
+            assert!(grid[0] < 0.05 && grid[grid.len() - 1] > 1.0, "{grid:?}");
+        }
+    }
+
+    #[test]
+    fn options_that_mean_nothing_are_named() {
+        assert!(check(&Options::default()).is_ok());
+        let error = check(&Options { segment: f64::NAN, ..Default::default() }).unwrap_err().to_string();
+        assert!(error.contains("segment"), "{error}");
+        assert!(check(&Options { uniform: -1.0, ..Default::default() }).is_err());
+    }
 }

@@ -136,7 +136,8 @@ fn x_of(friction: f64) -> f64 {
 
 fn card(k: usize, r: &Region) -> String {
     let curve = |values: &[f64]| {
-        let point = |(mu, v): (&f64, &f64)| format!("{:.1},{:.1}", x_of(*mu), BOTTOM - (BOTTOM - TOP) * v.clamp(0.0, 1.0));
+        let point =
+            |(mu, v): (&f64, &f64)| format!("{:.1},{:.1}", x_of(*mu), BOTTOM - (BOTTOM - TOP) * v.clamp(0.0, 1.0));
         r.curves.friction.iter().zip(values).map(point).collect::<Vec<_>>().join(" ")
     };
     let mut svg = format!(
@@ -186,7 +187,11 @@ fn card(k: usize, r: &Region) -> String {
     let search = r.grid.as_ref().map_or(String::new(), |g| {
         let least = g.curve.iter().map(|c| c[1]).fold(f64::INFINITY, f64::min);
         let most = g.curve.iter().map(|c| c[1]).fold(0.0, f64::max);
-        format!(" <span style=\"color:var(--grid)\">grid search</span> (base {:.0} to {:.0} mm).", 1e3 * least, 1e3 * most)
+        format!(
+            " <span style=\"color:var(--grid)\">grid search</span> (base {:.0} to {:.0} mm).",
+            1e3 * least,
+            1e3 * most
+        )
     });
     format!(
         "<div class=\"card\"><b><span class=\"dot\" style=\"background:{}\"></span>{}</b>: {:.3}, {}{}</svg>\

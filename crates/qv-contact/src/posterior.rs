@@ -139,7 +139,8 @@ pub fn posterior(prior: &Prior, evidence: &Evidence, range: [f64; 2], own_error:
     let step = (range[1] / range[0]).ln() / (FINE - 1) as f64;
     let likelihood: Vec<f64> = evidence.losses.iter().map(|l| (-l).exp()).collect();
     let reach = (4.0 * own_error / step).ceil() as i64;
-    let kernel: Vec<f64> = (-reach..=reach).map(|k| (-0.5 * (k as f64 * step / own_error.max(1e-9)).powi(2)).exp()).collect();
+    let kernel: Vec<f64> =
+        (-reach..=reach).map(|k| (-0.5 * (k as f64 * step / own_error.max(1e-9)).powi(2)).exp()).collect();
     let blurred = |k: usize| {
         let near = kernel.iter().zip(-reach..=reach);
         // Beyond the ends the likelihood goes on as it is there.

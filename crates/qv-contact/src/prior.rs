@@ -118,8 +118,7 @@ fn of_label(label: &str, table: &[Entry]) -> Result<Prior, ContactError> {
 
 /// Lower case, all but letters and digits `_`.
 fn normal(name: &str) -> String {
-    let mapped: String =
-        name.chars().map(|c| if c.is_alphanumeric() { c.to_ascii_lowercase() } else { '_' }).collect();
+    let mapped: String = name.chars().map(|c| if c.is_alphanumeric() { c.to_ascii_lowercase() } else { '_' }).collect();
     mapped.split('_').filter(|word| !word.is_empty()).collect::<Vec<_>>().join("_")
 }
 
@@ -209,11 +208,9 @@ mod tests {
 
     #[test]
     fn labels_are_found_by_name_alias_and_words() {
-        let found = from_table(
-            &labels(&["Ice", "wet lawn", "old wet-tile floor", "Sidewalk 2", "flubber"]),
-            &built_in(),
-        )
-        .unwrap();
+        let found =
+            from_table(&labels(&["Ice", "wet lawn", "old wet-tile floor", "Sidewalk 2", "flubber"]), &built_in())
+                .unwrap();
         let of = |i: usize| found[i].source.split(':').next().unwrap().to_string();
         assert_eq!([of(0), of(1), of(2), of(3)], ["ice", "wet_grass", "wet_tile", "concrete"]);
         assert!(found[4].source.contains("unknown") && found[4].sd > 0.3);

@@ -181,7 +181,8 @@ impl Report {
 
     /// Parameters of the simulator, for `--params`.
     pub fn to_toml(&self) -> String {
-        let mut text = String::from("# Friction by material, calibrated from recordings by qv contact.\n[parameters]\n");
+        let mut text =
+            String::from("# Friction by material, calibrated from recordings by qv contact.\n[parameters]\n");
         for region in &self.regions {
             let [low, high] = region.posterior.interval90;
             text += &format!(

@@ -60,8 +60,10 @@ impl<'a> Simulator<'a> {
         let late = named.iter().filter(|(n, _)| n.ends_with(".command_latency")).map(|n| n.1).fold(0.0, f64::max);
         let options = SimOptions { timestep: TIMESTEP, max_command_latency: late.min(1.0), ..Default::default() };
         let mut probe = Batch::<f64>::new(model, terrain, &options, 1)?;
-        let frictions =
-            labels.iter().map(|l| probe.parameter_index(&format!("material.{l}.friction"))).collect::<Result<_, _>>()?;
+        let frictions = labels
+            .iter()
+            .map(|l| probe.parameter_index(&format!("material.{l}.friction")))
+            .collect::<Result<_, _>>()?;
         let height = probe.parameter_index("terrain.height")?;
         let mut known = Vec::new();
         // Sensors are freed of their errors on the measured side.

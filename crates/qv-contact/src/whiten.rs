@@ -33,7 +33,8 @@ impl Usual {
         let column = |i: usize| whole.iter().map(|d| d[i]).collect::<Vec<f64>>();
         let mut middle = DVector::from_iterator(size, (0..size).map(|i| median(column(i))));
         let spread = |i: usize| (median(column(i).iter().map(|x| (x - middle[i]).abs()).collect()) / 0.674).max(1e-9);
-        let mut covariance = DMatrix::from_diagonal(&DVector::from_iterator(size, (0..size).map(|i| spread(i).powi(2))));
+        let mut covariance =
+            DMatrix::from_diagonal(&DVector::from_iterator(size, (0..size).map(|i| spread(i).powi(2))));
         let mut factor = Cholesky::new(covariance.clone())?;
         for _ in 0..ROUNDS {
             let weight = |d: &DVector<f64>| {

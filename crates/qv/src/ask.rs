@@ -15,9 +15,12 @@ const LONGEST: u64 = 1 << 20;
 /// # Errors
 /// When the endpoint cannot be reached, refuses, or answers something else.
 pub fn ask(url: &str, model: &str, labels: &[String]) -> Result<String, ContactError> {
-    let failed = |found: String| ContactError::Prior { file: url.into(), expected: "an answer of a model".into(), found };
+    let failed =
+        |found: String| ContactError::Prior { file: url.into(), expected: "an answer of a model".into(), found };
     if !url.starts_with("http://") {
-        return Err(failed("an address that does not start with http:// (TLS is not built in: use a local server)".into()));
+        return Err(failed(
+            "an address that does not start with http:// (TLS is not built in: use a local server)".into(),
+        ));
     }
     let url = format!("{}/chat/completions", url.trim_end_matches('/').trim_end_matches("/chat/completions"));
     let config = ureq::Agent::config_builder().timeout_global(Some(PATIENCE)).http_status_as_error(false).build();

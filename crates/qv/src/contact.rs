@@ -232,4 +232,3 @@ fn within(text: &str, low: f64, high: f64) -> Result<f64, String> {
     let x: f64 = text.parse().map_err(|e| format!("{e}"))?;
     if (low..=high).contains(&x) { Ok(x) } else { Err(format!("expected {low} to {high}")) }
 }
-

@@ -126,7 +126,8 @@ fn scored(report: &Value, answer: &Answer, seconds: f64) -> Result<Scored> {
     let mut labels = Vec::new();
     for region in report["regions"].as_array().context("expected regions in contact.json")? {
         let name = region["label"].as_str().context("a region's label")?.to_string();
-        let truth = *answer.frictions.get(&name).with_context(|| format!("expected a label of the answers, found {name}"))?;
+        let truth =
+            *answer.frictions.get(&name).with_context(|| format!("expected a label of the answers, found {name}"))?;
         let number = |pointer: &str| region.pointer(pointer).and_then(Value::as_f64);
         let bound = |k: usize| number(&format!("/posterior/interval90/{k}")).context("a posterior's interval");
         labels.push(Label {
@@ -150,7 +151,9 @@ fn scored(report: &Value, answer: &Answer, seconds: f64) -> Result<Scored> {
 
 /// The tables, and how many goals are missed.
 fn table(all: &[Scored]) -> (String, usize) {
-    let mut text = String::from("| label | truth | prior | grid | posterior | off | in its 90 % interval |\n|---|---|---|---|---|---|---|\n");
+    let mut text = String::from(
+        "| label | truth | prior | grid | posterior | off | in its 90 % interval |\n|---|---|---|---|---|---|---|\n",
+    );
     for scored in all {
         for l in &scored.labels {
             let grid = l.grid.map_or("-".into(), |g| format!("{g:.3}"));
@@ -174,13 +177,7 @@ fn table(all: &[Scored]) -> (String, usize) {
     }
     let mean = |k: usize| all.iter().map(|s| s.errors[k]).sum::<f64>() / all.len().max(1) as f64;
     let ratio = mean(3) / mean(1);
-    text += &format!(
-        "| mean | {:.4} | {:.4} | {:.4} | {:.4} | {ratio:.2} | |\n\n",
-        mean(0),
-        mean(1),
-        mean(2),
-        mean(3)
-    );
+    text += &format!("| mean | {:.4} | {:.4} | {:.4} | {:.4} | {ratio:.2} | |\n\n", mean(0), mean(1), mean(2), mean(3));
     let labels = || all.iter().flat_map(|s| &s.labels);
     let slippery: Vec<&Label> = labels().filter(|l| l.slippery).collect();
     let off = |l: &Label, x: f64| (x - l.truth).abs();

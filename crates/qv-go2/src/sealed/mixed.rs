@@ -65,11 +65,7 @@ impl MixedGround {
 ///
 /// # Errors
 /// When the second engine is asked for and not built in, or no draw of [`ATTEMPTS`] was valid.
-pub fn make_mixed(
-    engine: EngineChoice,
-    seed: u64,
-    seconds: f64,
-) -> Result<(MixedGround, Vec<Message>), ReplayError> {
+pub fn make_mixed(engine: EngineChoice, seed: u64, seconds: f64) -> Result<(MixedGround, Vec<Message>), ReplayError> {
     let mut rejected = Vec::new();
     for attempt in 0..ATTEMPTS {
         let mut mixed = draw(engine, sub_seed(seed, attempt), seconds);
