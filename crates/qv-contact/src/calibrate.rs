@@ -147,8 +147,16 @@ struct Job<'a> {
 /// What windows say.
 struct Fit {
     background: Background,
-    /// For each label that was touched: grid, losses, evidence, posterior.
-    labels: Vec<Option<(Vec<f64>, Losses, Evidence, Distribution)>>,
+    /// For each label, if it was touched.
+    labels: Vec<Option<Said>>,
+}
+
+/// What windows say of one label.
+struct Said {
+    grid: Vec<f64>,
+    losses: Losses,
+    found: Evidence,
+    after: Distribution,
 }
 
 impl<'a> Job<'a> {
@@ -234,7 +242,7 @@ impl<'a> Job<'a> {
                 let found = evidence(&grid, &losses.windows, RANGE);
                 let after = posterior(&self.priors[label], &found, RANGE, self.options.own_error);
                 frictions[label] = after.mean();
-                labels[label] = Some((grid, losses, found, after));
+                labels[label] = Some(Said { grid, losses, found, after });
             }
             if round + 1 < ROUNDS {
                 background = windows::background(self.simulator, self.recordings, &self.windows, &frictions)?;
@@ -283,7 +291,7 @@ impl<'a> Job<'a> {
             grid,
             curves: curves(&before, &before),
         };
-        let Some((grid, losses, found, after)) = &fit.labels[label] else { return region };
+        let Some(Said { grid, losses, found, after }) = &fit.labels[label] else { return region };
         let logs: Vec<f64> = after.friction.iter().map(|mu| mu.ln()).collect();
         let loss = |mu: f64| interpolate(&logs, &found.losses, mu.ln());
         let movement = |mu: f64| {

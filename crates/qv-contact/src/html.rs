@@ -8,7 +8,7 @@ const STYLE: &str = ":root{color-scheme:light dark;--ink:#1d2329;--soft:#5d6872;
 --prior:#8a94a0;--post:#0b6bcb;--grid:#c2571a;--slip:#c9184a}@media(prefers-color-scheme:dark){:root{--ink:#e6ebf0;\
 --soft:#9aa6b2;--line:#333c46;--card:#1b2127;--page:#12161a;--prior:#7d8894;--post:#5aa9f5;--grid:#f0955a;--slip:#ff6f91}}\
 body{font:15px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--page);max-width:1080px;margin:2rem auto;\
-padding:0 1rem}h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:2rem}.card{background:var(--card);border:1px solid \
+padding:0 1rem}h1{font-size:1.5rem;overflow-wrap:anywhere}h2{font-size:1.15rem;margin-top:2rem}.card{background:var(--card);border:1px solid \
 var(--line);border-radius:10px;padding:1rem;margin:.6rem 0}.grid{display:grid;gap:.8rem;grid-template-columns:repeat(\
 auto-fit,minmax(320px,1fr))}.grid .card{margin:0}.soft{color:var(--soft)}.small{font-size:.85rem}table{border-collapse:\
 collapse;width:100%}td,th{text-align:right;padding:.25rem .5rem;border-bottom:1px solid var(--line);font-variant-numeric:\
@@ -53,9 +53,9 @@ pub fn to_html(report: &Report, ground: &Ground, title: &str, lost: &[String]) -
         page += "</ul></div>";
     }
     let w = &report.windows;
-    let _ = write!(
+    let _ = writeln!(
         page,
-        "<p class=\"soft small\">{} windows of {} s, {} of them for what is usual; {:.1} s.</p></html>\n",
+        "<p class=\"soft small\">{} windows of {} s, {} of them for what is usual; {:.1} s.</p></html>",
         w.count, w.length, w.background, report.runtime_s
     );
     page
