@@ -86,7 +86,7 @@ impl Usual {
         self
     }
 
-    /// Negative log likelihood of a difference, but for a constant; that of a square of [`WORST`] at most.
+    /// Negative log likelihood of a difference, but for a constant; that of a square of 1e4 for each number at most.
     pub fn loss(&self, difference: &[f64]) -> f64 {
         let size = self.middle.len() as f64;
         let square = self.square(difference).min(WORST * size);
