@@ -1,6 +1,8 @@
 //! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost.
 
+mod ask;
 mod capture;
+mod contact;
 mod diagnose;
 mod fixture;
 mod inspect;
@@ -39,6 +41,9 @@ enum Command {
     /// Says where the gap between simulator and robot lies, which effect causes it, and how far it shrinks
     #[command(after_help = diagnose::EXAMPLE)]
     Diagnose(diagnose::Diagnose),
+    /// Finds the friction of each material of a labelled ground from recordings of a robot that walked on it
+    #[command(after_help = contact::EXAMPLE)]
+    Contact(contact::Contact),
     /// Makes a scene of Gaussians from photographs with cameras
     #[command(after_help = reconstruct::EXAMPLE)]
     Reconstruct(reconstruct::Reconstruct),
@@ -91,6 +96,7 @@ fn main() -> ExitCode {
         Command::Inspect(command) => command.execute().map_err(Failure::from),
         Command::Replay(command) => command.execute().map_err(Failure::from),
         Command::Diagnose(command) => command.execute().map_err(Failure::from),
+        Command::Contact(command) => command.execute().map_err(Failure::from),
         Command::Reconstruct(command) => command.execute(),
         Command::Render(command) => command.execute(),
         Command::Mesh(command) => command.execute(),

@@ -4,6 +4,7 @@
 //! their seal. The diagnosing program is given a recording in a folder of an opaque name, and nothing else.
 
 mod answers;
+mod contact;
 mod diagnose;
 mod figures;
 mod generate;
@@ -27,7 +28,7 @@ use std::path::{Path, PathBuf};
 
 /// What to judge.
 #[derive(Args)]
-#[command(group(ArgGroup::new("what").required(true).args(["full", "subset", "reports_only"])))]
+#[command(group(ArgGroup::new("what").required(true).args(["full", "subset", "reports_only", "contact"])))]
 pub struct Blind {
     /// All effects, ten recordings of each, with two at once, withheld ones and none
     #[arg(long)]
@@ -38,6 +39,12 @@ pub struct Blind {
     /// Only score the reports in DIR/NAME/report.json
     #[arg(long, value_name = "DIR", requires = "answers")]
     reports_only: Option<PathBuf>,
+    /// N recordings on ground of four materials, for `qv contact`
+    #[arg(long, value_name = "N")]
+    contact: Option<usize>,
+    /// Length of those [s]
+    #[arg(long, default_value_t = 60.0, value_name = "SECONDS")]
+    seconds: f64,
     /// Answers to score them by
     #[arg(long, value_name = "FILE", requires = "reports_only")]
     answers: Option<PathBuf>,
@@ -70,6 +77,9 @@ pub struct Blind {
 /// Something does not build, the generator or a program fails to run, the seal is broken, or files cannot be written.
 pub fn run(workspace: &Workspace, blind: &Blind) -> Result<bool> {
     let folder = workspace.target_directory.join("blind");
+    if let Some(count) = blind.contact {
+        return contact::run(workspace, blind, count, &folder);
+    }
     let figures = match (&blind.reports_only, &blind.answers) {
         (Some(reports), Some(answers)) => {
             let text = fs::read_to_string(answers).with_context(|| format!("reading {}", answers.display()))?;

@@ -1,7 +1,7 @@
 //! The answer to one recording, as JSON.
 
 use qv_go2::model::JOINT_NAMES;
-use qv_go2::sealed::{self, Cause, Drawn, Engine, Section, Withheld};
+use qv_go2::sealed::{self, Cause, Drawn, Engine, MixedGround, Section, Withheld};
 use serde_json::{Map, Value, json};
 
 /// Everything about one recording.
@@ -25,6 +25,23 @@ pub fn of(case: &str, drawn: &Drawn, redraws: u64) -> Value {
         "redraws": redraws,
         "parameters": recipe.parameters().into_iter().map(|(name, value)| (name, json!(value))).collect::<Map<_, _>>(),
         "twin": null,
+    })
+}
+
+/// Everything about one recording on mixed ground. Contact times are not known of one that was only redrawn.
+pub fn of_mixed(mixed: &MixedGround, redraws: u64) -> Value {
+    let recipe = &mixed.recipe;
+    let materials = recipe.ground.iter().flat_map(|mesh| &mesh.materials);
+    json!({
+        "case": "mixed",
+        "frictions": materials.map(|m| (m.name.clone(), json!(m.friction))).collect::<Map<_, _>>(),
+        "slippery": mixed.slippery,
+        "seed": recipe.seed,
+        "engine": engine(&recipe.engine),
+        "gains": {"kp": recipe.kp, "kd": recipe.kd},
+        "motion": recipe.plan.sections.iter().map(|(s, length)| section(s, *length)).collect::<Vec<_>>(),
+        "duration": recipe.plan.duration(),
+        "redraws": redraws,
     })
 }
 

@@ -41,6 +41,12 @@ struct Arguments {
     /// Recordings of a robot with nothing but small unnamed differences
     #[arg(long, default_value_t = 0, value_name = "N")]
     none: usize,
+    /// Recordings on ground of four materials, with terrain.glb beside them
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    mixed: usize,
+    /// Length of those \[s\]
+    #[arg(long, default_value_t = 60.0, value_name = "SECONDS")]
+    seconds: f64,
     /// Engine to record with; `both` takes turns
     #[arg(long, value_enum, default_value_t = Engines::Second)]
     engine: Engines,
@@ -133,6 +139,36 @@ fn carry_out(
     Ok(vec![(name, answer), (twin, other)])
 }
 
+/// Makes one recording on mixed ground; its name and answer.
+fn carry_out_mixed(
+    arguments: &Arguments,
+    known: &BTreeMap<String, u64>,
+    turn: usize,
+) -> Result<(String, Value), Failure> {
+    let engine = arguments.engine.of(arguments.first_turn + turn);
+    // Names of their own: the other recordings count from 0.
+    let index = usize::MAX / 2 + turn;
+    let (name, seed) = (opaque(arguments.seed, index, false), sub_seed(arguments.seed, index as u64));
+    let folder = arguments.out.join(&name);
+    let mixed = match known.get(&name) {
+        Some(&redraws) if folder.join("run.mcap").is_file() && folder.join("terrain.glb").is_file() => {
+            return Ok((
+                name,
+                answers::of_mixed(&sealed::redraw_mixed(engine, seed, arguments.seconds, redraws), redraws),
+            ));
+        }
+        _ => {
+            let (mixed, messages) = sealed::make_mixed(engine, seed, arguments.seconds)?;
+            fs::create_dir_all(&folder)?;
+            fs::write(folder.join("terrain.glb"), qv_mesh::files::glb::write(&mixed.labelled()))?;
+            write(&folder, &messages)?;
+            mixed
+        }
+    };
+    let redraws = mixed.rejected.len() as u64;
+    Ok((name, answers::of_mixed(&mixed, redraws)))
+}
+
 fn known_redraws(arguments: &Arguments) -> Result<BTreeMap<String, u64>, Failure> {
     let Some(file) = &arguments.redraws else { return Ok(BTreeMap::new()) };
     let text = fs::read_to_string(file).map_err(|e| format!("{}: {e}", file.display()))?;
@@ -148,7 +184,11 @@ fn main() -> Result<(), Failure> {
         let numbered = orders.par_iter().enumerate().with_max_len(1);
         numbered.map(|(index, order)| carry_out(&arguments, &known, index, order)).collect::<Result<_, _>>()
     })?;
-    let recordings: Map<String, Value> = made.into_iter().flatten().collect();
+    let mixed: Vec<(String, Value)> = pool.install(|| {
+        let turns = (0..arguments.mixed).into_par_iter().with_max_len(1);
+        turns.map(|turn| carry_out_mixed(&arguments, &known, turn)).collect::<Result<_, _>>()
+    })?;
+    let recordings: Map<String, Value> = made.into_iter().flatten().chain(mixed).collect();
     let answers = json!({
         "format": "qv-sealed/1", "seed": arguments.seed, "joints": JOINT_NAMES, "recordings": recordings,
     });

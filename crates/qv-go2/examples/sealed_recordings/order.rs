@@ -40,8 +40,8 @@ pub fn list(arguments: &Arguments) -> Result<Vec<Order>, String> {
         let names = pair(&pool, &mut draws).ok_or("--pairs: expected two effects of different confusable groups")?;
         orders.push(of("pair", Wanted::Effects(names), turn));
     }
-    if orders.is_empty() {
-        return Err("expected --effects, --none, --withheld or --pairs, found nothing to record".into());
+    if orders.is_empty() && arguments.mixed == 0 {
+        return Err("expected --effects, --none, --withheld, --pairs or --mixed, found nothing to record".into());
     }
     Ok(orders)
 }

@@ -149,6 +149,7 @@ fn draw(request: &Request, seed: u64) -> Result<Result<Drawn, Rejection>, Replay
         deviations: Deviations::drawn(&mut draws, 0.5, 1.5),
         causes: Vec::new(),
         withheld: None,
+        ground: None,
     };
     let Some(scout) = Scout::run(&recipe)? else { return Ok(Err(Rejection::FallsAnyway)) };
     match &request.wanted {

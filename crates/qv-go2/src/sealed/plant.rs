@@ -4,6 +4,7 @@ use super::recipe::Engine;
 use crate::messages::LowCmd;
 use crate::synthetic::simulator;
 use crate::{model, synthetic};
+use qv_core::TriangleMesh;
 use qv_replay::ReplayError;
 #[cfg(feature = "rapier")]
 use qv_sim::second::{SecondEngine, SecondOptions};
@@ -39,7 +40,12 @@ pub(super) fn standing(parameters: &[(String, f64)]) -> State {
     State { q, v: vec![0.0; 18] }
 }
 
-fn ours(engine: &Engine, parameters: &[(String, f64)]) -> Result<Plant, SimError> {
+/// The floor of a recording: labelled ground, or the nominal one.
+pub(super) fn ground_of(ground: Option<&TriangleMesh>) -> Result<Terrain, SimError> {
+    ground.map_or_else(floor, Terrain::from_mesh)
+}
+
+fn ours(engine: &Engine, terrain: &Terrain, parameters: &[(String, f64)]) -> Result<Plant, SimError> {
     let longest = |ends: &[&str]| {
         let fits = parameters.iter().filter(|(name, _)| ends.iter().any(|end| name.ends_with(end)));
         fits.map(|(_, value)| *value).fold(0.0, f64::max)
@@ -53,7 +59,7 @@ fn ours(engine: &Engine, parameters: &[(String, f64)]) -> Result<Plant, SimError
     if let Engine::Ours { impratio, contact_dimension, .. } = engine {
         (options.impratio, options.contact_dimension) = (*impratio, *contact_dimension);
     }
-    let mut sim = Batch::new(&nominal()?, &floor()?, &options, 1)?;
+    let mut sim = Batch::new(&nominal()?, terrain, &options, 1)?;
     for (name, value) in parameters {
         sim.set_parameter(0, name, *value)?;
     }
@@ -62,12 +68,12 @@ fn ours(engine: &Engine, parameters: &[(String, f64)]) -> Result<Plant, SimError
 }
 
 #[cfg(feature = "rapier")]
-fn second(engine: &Engine, parameters: &[(String, f64)]) -> Result<Plant, SimError> {
+fn second(engine: &Engine, terrain: &Terrain, parameters: &[(String, f64)]) -> Result<Plant, SimError> {
     let mut options = SecondOptions { timestep: engine.timestep(), ..Default::default() };
     if let Engine::Second { substeps, .. } = engine {
         options.substeps = *substeps;
     }
-    let mut sim = SecondEngine::new(&nominal()?, &floor()?, &options)?;
+    let mut sim = SecondEngine::new(&nominal()?, terrain, &options)?;
     for (name, value) in parameters {
         sim.set_parameter(name, *value)?;
     }
@@ -76,13 +82,29 @@ fn second(engine: &Engine, parameters: &[(String, f64)]) -> Result<Plant, SimErr
 }
 
 impl Plant {
+    /// On the nominal floor.
+    ///
     /// # Errors
     /// When a parameter means nothing, or the engine is not built in.
+    #[cfg(test)]
     pub fn new(engine: &Engine, parameters: &[(String, f64)]) -> Result<Self, ReplayError> {
+        Self::on(engine, None, parameters)
+    }
+
+    /// On labelled ground, else on the nominal floor.
+    ///
+    /// # Errors
+    /// When a parameter or the ground means nothing, or the engine is not built in.
+    pub fn on(
+        engine: &Engine,
+        ground: Option<&TriangleMesh>,
+        parameters: &[(String, f64)],
+    ) -> Result<Self, ReplayError> {
+        let terrain = ground_of(ground).map_err(simulator)?;
         match engine {
-            Engine::Ours { .. } => ours(engine, parameters).map_err(simulator),
+            Engine::Ours { .. } => ours(engine, &terrain, parameters).map_err(simulator),
             #[cfg(feature = "rapier")]
-            Engine::Second { .. } => second(engine, parameters).map_err(simulator),
+            Engine::Second { .. } => second(engine, &terrain, parameters).map_err(simulator),
             #[cfg(not(feature = "rapier"))]
             Engine::Second { .. } => Err(ReplayError::Run {
                 what: "engine of a recording".into(),

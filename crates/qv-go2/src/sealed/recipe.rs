@@ -5,6 +5,7 @@ use super::sections::Plan;
 use super::withheld::Withheld;
 use crate::model;
 use crate::synthetic::{self, Deviations, Draws};
+use qv_core::TriangleMesh;
 use std::collections::BTreeMap;
 
 /// The engine that a recording is made with, and its numerics.
@@ -93,6 +94,8 @@ pub struct Recipe {
     pub causes: Vec<Cause>,
     /// What it should find no name for.
     pub withheld: Option<Withheld>,
+    /// Ground with a friction per label; `None` for the nominal floor.
+    pub ground: Option<TriangleMesh>,
 }
 
 impl Recipe {

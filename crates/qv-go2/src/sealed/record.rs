@@ -37,11 +37,20 @@ pub enum Outcome {
 /// # Errors
 /// When a parameter means nothing, or the engine is not built in.
 pub fn record(recipe: &Recipe) -> Result<(Outcome, Vec<Message>), ReplayError> {
-    let mut plant = Plant::new(&recipe.engine, &recipe.parameters())?;
+    record_seen(recipe, |_, _, _| {})
+}
+
+/// The same, with the true reading and state of each 2 ms shown to `see`.
+pub(super) fn record_seen(
+    recipe: &Recipe,
+    mut see: impl FnMut(&Plant, &SensorReading, &State),
+) -> Result<(Outcome, Vec<Message>), ReplayError> {
+    let mut plant = Plant::on(&recipe.engine, recipe.ground.as_ref(), &recipe.parameters())?;
     let go2 = plant.model().clone();
     let mut draws = Draws(recipe.seed);
     let mut messages = Vec::new();
-    let outcome = follow(recipe, &mut plant, |k, seen, _| {
+    let outcome = follow(recipe, &mut plant, |plant, k, seen, true_state| {
+        see(plant, seen, true_state);
         let time = START + INTERVAL * k;
         let state = synthetic::low_state(seen, &go2, 2 * k as u32, &recipe.deviations, &mut draws);
         messages.push(Message { topic: "/lowstate", time, data: messages::encode_low_state(&state) });
@@ -64,7 +73,7 @@ fn command(recipe: &Recipe, k: u64) -> LowCmd {
 pub(super) fn follow(
     recipe: &Recipe,
     plant: &mut Plant,
-    mut see: impl FnMut(u64, &SensorReading, &State),
+    mut see: impl FnMut(&Plant, u64, &SensorReading, &State),
 ) -> Result<Outcome, ReplayError> {
     let timestep = recipe.engine.timestep();
     let parameters = recipe.parameters();
@@ -86,7 +95,7 @@ pub(super) fn follow(
         if has_fallen(&state, floor_height(&parameters, state.q[0], state.q[1])) {
             return Ok(Outcome::Fell { at: time });
         }
-        see(k, &seen, &state);
+        see(plant, k, &seen, &state);
         in_region += BETWEEN_STATES * feet_in_region(recipe, plant, &seen, &state) as f64;
         end = [state.q[0], state.q[1], state.q[2]];
         let sent = command(recipe, k);

@@ -23,9 +23,9 @@ impl Scout {
     pub fn run(recipe: &Recipe) -> Result<Option<Self>, ReplayError> {
         let engine = Engine::Ours { timestep: 0.001, impratio: 10.0, contact_dimension: 3, time_constant: 0.008 };
         let nominal = Recipe { engine, ..recipe.without_effects() };
-        let mut plant = Plant::new(&nominal.engine, &nominal.parameters())?;
+        let mut plant = Plant::on(&nominal.engine, nominal.ground.as_ref(), &nominal.parameters())?;
         let mut scout = Self { torque: Vec::new(), speed: Vec::new(), path: Vec::new() };
-        let outcome = follow(&nominal, &mut plant, |_, seen, state| {
+        let outcome = follow(&nominal, &mut plant, |_, _, seen, state| {
             scout.torque.push(std::array::from_fn(|j| seen.tau[j]));
             scout.speed.push(std::array::from_fn(|j| state.v[6 + j]));
             scout.path.push([state.q[0], state.q[1]]);

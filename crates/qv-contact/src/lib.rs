@@ -1,0 +1,23 @@
+//! Friction of the ground by material: a prior from what its label says, refined by replaying what a robot recorded on it.
+//!
+//! [`calibrate`] takes runs, the robot's model, the labelled mesh and priors ([`prior`]); what it finds is plain data
+//! ([`report`]), drawn by [`html`]. See `docs/contact.md` for the equations.
+
+mod calibrate;
+mod error;
+pub mod ground;
+pub mod html;
+pub mod measured;
+pub mod posterior;
+pub mod prior;
+pub mod report;
+pub mod segments;
+pub mod simulate;
+pub mod whiten;
+pub mod windows;
+
+pub use calibrate::{Options, RANGE, calibrate};
+pub use error::ContactError;
+pub use ground::Ground;
+pub use prior::Prior;
+pub use report::Report;

@@ -1,0 +1,214 @@
+//! What a run says about the robot on a grid of instants: its state, where its feet stand, on what, and where they slip.
+
+use crate::ContactError;
+use crate::ground::Ground;
+use glam::{DQuat, DVec3};
+use qv_replay::Run;
+use qv_replay::replay::{Feet, HeldCommands, SensorErrors, Starts, feet_of, is_whole, joint_columns};
+use qv_sim::{Model, Shape, State};
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// Interval of the grid \[s\].
+pub const TICK: f64 = 0.05;
+/// A foot no higher than this above the lowest ones stands \[m\].
+const STANDING: f64 = 0.008;
+/// A standing foot that moves farther than this in a tick slips \[m\].
+const SLIPPING: f64 = 0.006;
+/// What the state at an instant needs to be recorded before and after it \[s\].
+const MARGIN: f64 = 0.1;
+
+/// A foot at an instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Foot {
+    /// Where its sole is \[m\], in the world.
+    pub sole: DVec3,
+    /// Label of the ground below it.
+    pub label: Option<usize>,
+    /// Whether it stands.
+    pub stands: bool,
+}
+
+/// The robot at an instant.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Instant {
+    /// Its smoothed measured state.
+    pub state: State,
+    /// Its feet.
+    pub feet: Vec<Foot>,
+    /// How far the ground must rise to touch the lowest feet \[m\], and how many those are.
+    pub gap: (f64, usize),
+}
+
+/// A place where a standing foot slipped.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SlipPlace {
+    /// Run that it is of.
+    pub run: usize,
+    /// Time \[s\].
+    pub time: f64,
+    /// Where the foot was, in the world \[m\].
+    pub at: [f64; 2],
+    /// How far it slipped within 0.05 s \[m\].
+    pub distance: f64,
+    /// Label below it.
+    pub label: usize,
+}
+
+/// One run, prepared.
+pub struct Recording {
+    /// Instants at `start + k` ticks; `None` where something is missing.
+    pub instants: Vec<Option<Instant>>,
+    /// Time of the first one \[s\].
+    pub start: f64,
+    /// The commands.
+    pub commands: HeldCommands,
+}
+
+impl Recording {
+    /// Looks at `run` of a robot with a free base.
+    ///
+    /// # Errors
+    /// When the run is not one of this model, or lacks poses or commands.
+    pub fn new(run: &Run, model: &Model, ground: &Ground, errors: &SensorErrors) -> Result<Self, ContactError> {
+        let (columns, free) = joint_columns(run, model)?;
+        if !free {
+            return Err(ContactError::run("base", "a robot that walks", "a base that is held"));
+        }
+        let feet = feet_of(run, model);
+        if feet.geoms.is_empty() {
+            return Err(ContactError::run("feet", "spheres at the ends of the legs", "none"));
+        }
+        let commands = HeldCommands::new(run, &columns)?;
+        let starts = Starts::new(run, &columns, free, errors.clone())?;
+        let [first, last] = run.span();
+        let start = first + MARGIN;
+        let count = ((last - MARGIN - start) / TICK).floor().max(0.0) as usize + 1;
+        let at = |k: usize| {
+            let time = start + k as f64 * TICK;
+            let whole = is_recorded(run, &commands, time);
+            let state = whole.then(|| starts.at(time)).flatten()?;
+            Some(instant(model, &feet, ground, state))
+        };
+        let instants = (0..count).into_par_iter().map(at).collect();
+        Ok(Self { instants, start, commands })
+    }
+
+    /// Time of an instant \[s\].
+    pub fn time(&self, index: usize) -> f64 {
+        self.start + index as f64 * TICK
+    }
+
+    /// Labels under standing feet at instants `from` to `to`; `None` where one of them is missing.
+    pub fn touched(&self, from: usize, to: usize) -> Option<Vec<usize>> {
+        let mut labels = Vec::new();
+        for instant in self.instants.get(from..=to)? {
+            let standing = instant.as_ref()?.feet.iter().filter(|f| f.stands);
+            labels.extend(standing.filter_map(|f| f.label));
+        }
+        labels.sort_unstable();
+        labels.dedup();
+        Some(labels)
+    }
+
+    /// Where standing feet slipped.
+    pub fn slips(&self, run: usize) -> Vec<SlipPlace> {
+        let mut slips = Vec::new();
+        for (k, pair) in self.instants.windows(2).enumerate() {
+            let [Some(a), Some(b)] = pair else { continue };
+            for (before, after) in a.feet.iter().zip(&b.feet) {
+                let distance = (after.sole - before.sole).truncate().length();
+                let Some(label) = before.label.filter(|_| before.stands && after.stands) else { continue };
+                if distance > SLIPPING {
+                    let at = [before.sole.x, before.sole.y];
+                    slips.push(SlipPlace { run, time: self.time(k), at, distance, label });
+                }
+            }
+        }
+        slips
+    }
+
+    /// Time that feet stood on each of `labels` labels, summed over feet \[s\].
+    pub fn contact_time(&self, labels: usize) -> Vec<f64> {
+        let mut time = vec![0.0; labels];
+        for foot in self.instants.iter().flatten().flat_map(|i| &i.feet).filter(|f| f.stands) {
+            if let Some(label) = foot.label {
+                time[label] += TICK;
+            }
+        }
+        time
+    }
+}
+
+/// Whether joints, poses and commands have no hole about `time`.
+fn is_recorded(run: &Run, commands: &HeldCommands, time: f64) -> bool {
+    let m = &run.measured;
+    let series = [&m.position, &m.velocity, &m.gyro, &m.orientation, &m.base_pose];
+    let whole = |from: f64, to: f64| {
+        series.into_iter().flatten().chain(commands.pace()).filter(|s| !s.is_empty()).all(|s| is_whole(s, from, to))
+    };
+    whole(time - TICK, time + TICK)
+}
+
+fn instant(model: &Model, feet: &Feet, ground: &Ground, state: State) -> Instant {
+    let poses = model.world_from_links(&state.q);
+    let place = |&g: &usize| {
+        let geom = &model.geoms[g];
+        let centre = poses[geom.link].transform_point(geom.link_from_geom.position);
+        let radius = if let Shape::Sphere(radius) = geom.shape { radius } else { 0.0 };
+        let below = ground.below(centre + DVec3::Z);
+        let height = below.map_or(f64::INFINITY, |(_, height)| centre.z - radius - height);
+        (Foot { sole: centre - radius * DVec3::Z, label: below.map(|b| b.0), stands: false }, height)
+    };
+    let mut places: Vec<(Foot, f64)> = feet.geoms.iter().map(place).collect();
+    let lowest = places.iter().map(|p| p.1).fold(f64::INFINITY, f64::min);
+    let near: Vec<f64> = places.iter().map(|p| p.1).filter(|h| h.is_finite() && *h < lowest + 0.005).collect();
+    places.iter_mut().for_each(|(foot, height)| foot.stands = *height < lowest + STANDING);
+    let mean = if near.is_empty() { 0.0 } else { near.iter().sum::<f64>() / near.len() as f64 };
+    Instant { state, feet: places.into_iter().map(|p| p.0).collect(), gap: (mean, near.len()) }
+}
+
+/// Numbers in which two states differ, seen from `heading` (yaw of the base \[rad\]): base position, turn, velocity, each
+/// forward, left, up; rates of the base in its own axes; joint positions, joint velocities. Shape `[12 + 2 joints]`.
+pub fn difference(measured: &State, simulated: &State, heading: f64) -> Vec<f64> {
+    let turn = DQuat::from_rotation_z(-heading);
+    let vector = |v: &[f64], i: usize| DVec3::new(v[i], v[i + 1], v[i + 2]);
+    let rotation = |s: &State| DQuat::from_xyzw(s.q[4], s.q[5], s.q[6], s.q[3]);
+    let relative = rotation(measured) * rotation(simulated).conjugate();
+    let relative = if relative.w < 0.0 { -relative } else { relative };
+    let mut out = Vec::with_capacity(measured.q.len() + measured.v.len());
+    out.extend((turn * (vector(&measured.q, 0) - vector(&simulated.q, 0))).to_array());
+    out.extend((turn * relative.to_scaled_axis()).to_array());
+    out.extend((turn * (vector(&measured.v, 0) - vector(&simulated.v, 0))).to_array());
+    out.extend(measured.v[3..6].iter().zip(&simulated.v[3..6]).map(|(a, b)| a - b));
+    out.extend(measured.q[7..].iter().zip(&simulated.q[7..]).map(|(a, b)| a - b));
+    out.extend(measured.v[6..].iter().zip(&simulated.v[6..]).map(|(a, b)| a - b));
+    out
+}
+
+/// Yaw of a base \[rad\].
+pub fn heading(state: &State) -> f64 {
+    let (w, x, y, z) = (state.q[3], state.q[4], state.q[5], state.q[6]);
+    (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn state(yaw: f64, x: f64) -> State {
+        let q = DQuat::from_rotation_z(yaw);
+        State { q: vec![x, 0.0, 0.3, q.w, q.x, q.y, q.z, 0.5], v: vec![0.0; 7] }
+    }
+
+    #[test]
+    fn states_differ_forward_and_left() {
+        let (a, b) = (state(1.5, 0.1), state(1.4, 0.0));
+        let apart = difference(&a, &b, heading(&b));
+        assert!((heading(&b) - 1.4).abs() < 1e-12);
+        assert!((apart[0] - 0.1 * 1.4_f64.cos()).abs() < 1e-12 && (apart[1] + 0.1 * 1.4_f64.sin()).abs() < 1e-12);
+        assert!((apart[5] - 0.1).abs() < 1e-12 && apart[3].abs() < 1e-12);
+        assert_eq!(apart.len(), 14);
+        assert!(difference(&a, &a, 0.3).iter().all(|x| x.abs() < 1e-12));
+    }
+}

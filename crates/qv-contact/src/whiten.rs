@@ -1,0 +1,143 @@
+//! What differences between measured and simulated states mean: their usual size, how they go together, and a loss that
+//! grows only with the logarithm of what is unusual.
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
+/// Degrees of freedom of Student's t: a window in which a foot lands elsewhere must not decide.
+const FREEDOM: f64 = 4.0;
+/// Share of the covariance that is put onto its diagonal.
+const SHRINKAGE: f64 = 0.2;
+const ROUNDS: usize = 12;
+
+/// Middle and covariance of differences.
+#[derive(Debug, Clone)]
+pub struct Usual {
+    middle: DVector<f64>,
+    factor: Cholesky<f64, Dyn>,
+}
+
+impl Usual {
+    /// Middle and spread of a multivariate t distribution by expectation and maximisation (Lange, Little and Taylor,
+    /// Journal of the American Statistical Association 84, 1989); `None` when there are fewer differences than numbers
+    /// in three of them would fill, or they hold none that is finite.
+    pub fn of(differences: &[Vec<f64>]) -> Option<Self> {
+        let whole: Vec<DVector<f64>> = differences
+            .iter()
+            .filter(|d| !d.is_empty() && d.iter().all(|x| x.is_finite()))
+            .map(|d| DVector::from_column_slice(d))
+            .collect();
+        let size = whole.first()?.len();
+        if whole.len() < FEWEST {
+            return None;
+        }
+        let column = |i: usize| whole.iter().map(|d| d[i]).collect::<Vec<f64>>();
+        let mut middle = DVector::from_iterator(size, (0..size).map(|i| median(column(i))));
+        let spread = |i: usize| (median(column(i).iter().map(|x| (x - middle[i]).abs()).collect()) / 0.674).max(1e-9);
+        let mut covariance =
+            DMatrix::from_diagonal(&DVector::from_iterator(size, (0..size).map(|i| spread(i).powi(2))));
+        let mut factor = Cholesky::new(covariance.clone())?;
+        for _ in 0..ROUNDS {
+            let weight = |d: &DVector<f64>| {
+                let z = factor.l_dirty().solve_lower_triangular(&(d - &middle));
+                (FREEDOM + size as f64) / (FREEDOM + z.map_or(f64::INFINITY, |z| z.norm_squared()))
+            };
+            let weights: Vec<f64> = whole.iter().map(weight).collect();
+            let total: f64 = weights.iter().sum();
+            let mut sum = DVector::zeros(size);
+            whole.iter().zip(&weights).for_each(|(d, w)| sum += d * *w);
+            middle = sum / total;
+            covariance = DMatrix::zeros(size, size);
+            for (d, w) in whole.iter().zip(&weights) {
+                let off = d - &middle;
+                covariance.ger(*w / whole.len() as f64, &off, &off, 1.0);
+            }
+            for i in 0..size {
+                for j in (0..size).filter(|&j| j != i) {
+                    covariance[(i, j)] *= 1.0 - SHRINKAGE;
+                }
+                covariance[(i, i)] = covariance[(i, i)].max(1e-18);
+            }
+            factor = Cholesky::new(covariance.clone())?;
+        }
+        Some(Self { middle, factor })
+    }
+
+    /// Square of the distance of a difference from the middle, in units of the spread; infinite for one of another size.
+    pub fn square(&self, difference: &[f64]) -> f64 {
+        if difference.len() != self.middle.len() || difference.iter().any(|x| !x.is_finite()) {
+            return f64::INFINITY;
+        }
+        let off = DVector::from_column_slice(difference) - &self.middle;
+        self.factor.l_dirty().solve_lower_triangular(&off).map_or(f64::INFINITY, |z| z.norm_squared())
+    }
+
+    /// Square of the distance between two differences, in units of the spread; infinite when one ran away.
+    pub fn distance(&self, a: &[f64], b: &[f64]) -> f64 {
+        if a.len() != b.len() {
+            return f64::INFINITY;
+        }
+        let from_middle: Vec<f64> = a.iter().zip(b).zip(self.middle.iter()).map(|((a, b), m)| a - b + m).collect();
+        self.square(&from_middle)
+    }
+
+    /// The same spread about zero.
+    pub fn centred(mut self) -> Self {
+        self.middle.fill(0.0);
+        self
+    }
+
+    /// Negative log likelihood of a difference, but for a constant; that of a square of 1e4 for each number at most.
+    pub fn loss(&self, difference: &[f64]) -> f64 {
+        let size = self.middle.len() as f64;
+        let square = self.square(difference).min(WORST * size);
+        0.5 * (FREEDOM + size) * (1.0 + square / FREEDOM).ln()
+    }
+}
+
+/// Fewest differences that tell what is usual.
+pub const FEWEST: usize = 30;
+/// Square for each number of a difference beyond which all are equally wrong.
+const WORST: f64 = 1e4;
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn correlated() -> Vec<Vec<f64>> {
+        // Two numbers that go together, from a sequence that fills the square evenly.
+        let normal = |k: f64, step: f64| ((k * step).fract() - 0.5) * 3.46;
+        (1..400)
+            .map(|k| {
+                let (a, b) = (normal(f64::from(k), 0.754_877_666), normal(f64::from(k), 0.569_840_291));
+                vec![2.0 + a, 5.0 * (a + 0.3 * b) - 1.0]
+            })
+            .collect()
+    }
+
+    #[test]
+    fn middle_and_direction_are_found_and_outliers_hardly_matter() {
+        let clean = Usual::of(&correlated()).unwrap();
+        let mut dirty = correlated();
+        dirty.extend((0..20).map(|_| vec![500.0, -900.0]));
+        let dirty = Usual::of(&dirty).unwrap();
+        for usual in [&clean, &dirty] {
+            assert!(usual.square(&[2.0, -1.0]) < 0.1);
+            let (along, across) = (usual.square(&[3.0, 4.0]), usual.square(&[3.0, -6.0]));
+            assert!(across > 5.0 * along, "{along} {across}");
+        }
+        assert!((dirty.square(&[4.0, 9.0]) / clean.square(&[4.0, 9.0]) - 1.0).abs() < 0.4);
+    }
+
+    #[test]
+    fn what_ran_away_is_as_wrong_as_can_be() {
+        let usual = Usual::of(&correlated()).unwrap();
+        assert!(usual.loss(&[]).is_finite() && usual.loss(&[f64::NAN, 0.0]) == usual.loss(&[]));
+        assert!(usual.loss(&[2.0, -1.0]) < usual.loss(&[9.0, 9.0]));
+        assert!(Usual::of(&correlated()[..20]).is_none());
+    }
+}

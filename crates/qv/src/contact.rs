@@ -1,0 +1,235 @@
+//! `qv contact`: friction of each material of a labelled ground.
+
+use crate::ask::ask;
+use crate::open::{file_error, lost_from, model_of, open_run, parameters, progress};
+use crate::{Outcome, RunArguments, say};
+use qv_contact::report::Status;
+use qv_contact::{ContactError, Ground, Options, Prior, Report, calibrate, html, prior};
+use qv_core::TriangleMesh;
+use qv_mesh::files::glb;
+use qv_replay::{ReplayError, Run};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+pub const EXAMPLE: &str = "Example:\n  qv contact walk.mcap --terrain yard.glb --out out/contact\n  \
+    qv contact monday.mcap tuesday.mcap --terrain yard.glb --params out/diagnosis/calibrated.toml --out out/contact\n  \
+    qv contact walk.mcap --terrain yard.glb --ask http://localhost:8080/v1 --model NAME --out out/contact\n\n\
+    Writes contact.json, contact.html, calibrated.toml (for --params) and terrain.glb (the same mesh with the frictions).\n\
+    A file for --friction-prior, as a language model answers: {\"grass\": {\"mean\": 0.5, \"sd\": 0.15, \"source\": \"..\"}}.\n\n\
+    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
+
+#[derive(clap::Args)]
+pub struct Contact {
+    /// Bags (.mcap files, or directories of split bags), or tables, of one robot on one ground
+    #[arg(required = true, value_name = "RUN")]
+    runs: Vec<PathBuf>,
+    /// A mesh with a material per label
+    #[arg(long, value_name = "FILE.glb")]
+    terrain: PathBuf,
+    /// Topic of the base pose; default /Odometry, else whichever topic carries poses
+    #[arg(long, value_name = "TOPIC")]
+    pose_topic: Option<String>,
+    /// go2, or a URDF file; default: what the recording says
+    #[arg(long, value_name = "go2|URDF")]
+    robot: Option<String>,
+    /// Parameters that are known already, as `qv diagnose` writes them
+    #[arg(long, value_name = "FILE.toml")]
+    params: Option<PathBuf>,
+    /// A table of materials of your own in place of the one that comes with the program
+    #[arg(long, value_name = "FILE.toml")]
+    materials: Option<PathBuf>,
+    /// Priors of labels, in place of the table's: a language model's answer, as JSON
+    #[arg(long, value_name = "FILE.json", conflicts_with = "ask")]
+    friction_prior: Option<PathBuf>,
+    /// Ask a language model for priors: an OpenAI-compatible endpoint; the key is read from QV_API_KEY
+    #[arg(long, value_name = "URL", requires = "model")]
+    ask: Option<String>,
+    /// Name of that model
+    #[arg(long, value_name = "NAME", requires = "ask")]
+    model: Option<String>,
+    /// The grid search leaves labels whose prior is at least this to the prior
+    #[arg(long, default_value_t = 0.5, value_name = "FRICTION", value_parser = friction)]
+    slip_threshold: f64,
+    /// The one friction that the result is compared with
+    #[arg(long, default_value_t = 0.8, value_name = "FRICTION", value_parser = friction)]
+    uniform: f64,
+    /// Length of the segments that are replayed open loop for the error of the base, in seconds
+    #[arg(long, default_value_t = 2.0, value_name = "SECONDS", value_parser = segment)]
+    segment: f64,
+    /// Directory for the results; made if need be
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// One line of JSON at the end instead of the summary
+    #[arg(long)]
+    json: bool,
+}
+
+impl Contact {
+    pub fn execute(&self) -> Result<Outcome, ReplayError> {
+        let mesh = self.mesh()?;
+        let ground = Ground::new(&mesh).map_err(|e| self.of_terrain(e))?;
+        let priors = self.priors(&ground.labels())?;
+        let open = |path: &PathBuf| open_run(&RunArguments { run: path.clone(), pose_topic: self.pose_topic.clone() });
+        let runs: Vec<Run> = self.runs.iter().map(open).collect::<Result<_, _>>()?;
+        let model = model_of(&runs[0], &self.runs[0], self.robot.as_deref())?;
+        let bar = progress(1000, "simulating");
+        let told = |share: f64| bar.set_position((1000.0 * share) as u64);
+        let clock = Instant::now();
+        let seconds = || clock.elapsed().as_secs_f64();
+        let options = Options {
+            given: parameters(self.params.as_deref())?,
+            slip_threshold: self.slip_threshold,
+            uniform: self.uniform,
+            segment: self.segment,
+            clock: Some(&seconds),
+            progress: Some(&told),
+            ..Default::default()
+        };
+        let report = calibrate(&runs, &model, &mesh, &priors, &options).map_err(replay_error)?;
+        bar.finish_and_clear();
+        let mut lost: Vec<String> = runs.iter().flat_map(lost_from).collect();
+        lost.extend(model.left_out.iter().map(|part| format!("left out of the model: {part}")));
+        self.write(&report, &ground, &lost)?;
+        if self.json {
+            say(&format!("{}\n", line(&report, &lost)))?;
+        } else {
+            say(&format!("{}written to {}\n", summary(&report), self.out.display()))?;
+        }
+        lost.iter().for_each(|what| eprintln!("qv: {what}"));
+        Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
+    }
+
+    fn mesh(&self) -> Result<TriangleMesh, ReplayError> {
+        let bytes = fs::read(&self.terrain).map_err(|e| file_error(&self.terrain, "a .glb file", &e.to_string()))?;
+        glb::read(&bytes).map_err(|e| file_error(&self.terrain, "a mesh in GLB", &e.to_string()))
+    }
+
+    fn of_terrain(&self, error: ContactError) -> ReplayError {
+        match error {
+            ContactError::Run { expected, found, .. } => file_error(&self.terrain, &expected, &found),
+            other => replay_error(other),
+        }
+    }
+
+    fn priors(&self, labels: &[String]) -> Result<Vec<Prior>, ReplayError> {
+        let table = match &self.materials {
+            None => prior::built_in(),
+            Some(path) => {
+                let text = read(path, "a table of materials")?;
+                prior::parse(&text, &path.display().to_string()).map_err(replay_error)?
+            }
+        };
+        let priors = prior::from_table(labels, &table).map_err(replay_error)?;
+        let answer = match (&self.friction_prior, &self.ask, &self.model) {
+            (Some(path), ..) => Some((read(path, "priors in JSON")?, path.display().to_string())),
+            (None, Some(url), Some(model)) => Some((ask(url, model, labels).map_err(replay_error)?, url.clone())),
+            _ => None,
+        };
+        match answer {
+            None => Ok(priors),
+            Some((text, file)) => prior::from_answer(&text, &file, priors).map_err(replay_error),
+        }
+    }
+
+    fn write(&self, report: &Report, ground: &Ground, lost: &[String]) -> Result<(), ReplayError> {
+        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
+        let title = self.runs.iter().map(|r| r.display().to_string()).collect::<Vec<_>>().join(", ");
+        let mut value = serde_json::to_value(report).expect("a report is plain data");
+        value["lost"] = lost.into();
+        value["sentence"] = report.sentence().into();
+        let files: [(&str, Vec<u8>); 4] = [
+            ("contact.json", format!("{value:#}\n").into_bytes()),
+            ("contact.html", html::to_html(report, ground, &title, lost).into_bytes()),
+            ("calibrated.toml", report.to_toml().into_bytes()),
+            ("terrain.glb", glb::write(&ground.with_frictions(&report.frictions()))),
+        ];
+        for (name, bytes) in files {
+            let path = self.out.join(name);
+            fs::write(&path, bytes).map_err(|e| write_error(&path, &e))?;
+        }
+        Ok(())
+    }
+}
+
+fn read(path: &Path, expected: &str) -> Result<String, ReplayError> {
+    fs::read_to_string(path).map_err(|e| file_error(path, expected, &e.to_string()))
+}
+
+fn write_error(what: &Path, error: &std::io::Error) -> ReplayError {
+    ReplayError::Write { what: what.display().to_string(), reason: error.to_string() }
+}
+
+fn replay_error(error: ContactError) -> ReplayError {
+    match error {
+        ContactError::Replay(error) => error,
+        ContactError::Prior { file, expected, found } => ReplayError::File { file, expected, found },
+        ContactError::Run { what, expected, found } => ReplayError::Run { what, expected, found },
+        ContactError::Sim(error) => {
+            ReplayError::Run { what: "simulator".into(), expected: "a simulation".into(), found: error.to_string() }
+        }
+    }
+}
+
+/// The report without what only pictures need.
+fn line(report: &Report, lost: &[String]) -> serde_json::Value {
+    let mut value = serde_json::to_value(report).expect("a report is plain data");
+    for region in value["regions"].as_array_mut().into_iter().flatten() {
+        region.as_object_mut().map(|r| r.remove("curves"));
+    }
+    if let Some(report) = value.as_object_mut() {
+        report.retain(|key, _| key != "path" && key != "slips");
+    }
+    value["lost"] = lost.into();
+    value
+}
+
+fn summary(report: &Report) -> String {
+    let mut text = String::from(
+        "material               prior   friction   90 % interval     grid   on it    slipping   evidence\n",
+    );
+    for r in &report.regions {
+        let [low, high] = r.posterior.interval90;
+        let grid = r.grid.as_ref().map_or("-".to_string(), |g| format!("{:.3}", g.friction));
+        let status = if r.status == Status::Refined { String::new() } else { format!("  {}", r.status.words()) };
+        text += &format!(
+            "{:<20} {:>7.3} {:>10.3}   {low:.3} to {high:.3} {grid:>8} {:>6.1} s {:>8.0} % {:>10.1}{status}\n",
+            r.label,
+            r.prior.mean,
+            r.friction,
+            r.contact_time,
+            100.0 * r.slip_share,
+            r.evidence,
+        );
+    }
+    let base = &report.base_error;
+    for (what, errors) in [("unseen", base.held_out), ("all", base.all)] {
+        if let Some(e) = errors {
+            text += &format!(
+                "base error over {} s, mean of {} {what} segments: {:.1} mm with {} everywhere, {:.1} prior, {:.1} grid, {:.1} posterior\n",
+                base.segment,
+                e.segments,
+                1e3 * e.uniform,
+                base.uniform_friction,
+                1e3 * e.prior,
+                1e3 * e.grid,
+                1e3 * e.posterior
+            );
+        }
+    }
+    report.notes.iter().for_each(|note| text += &format!("{note}\n"));
+    text
+}
+
+fn friction(text: &str) -> Result<f64, String> {
+    within(text, 0.01, 10.0)
+}
+
+fn segment(text: &str) -> Result<f64, String> {
+    within(text, 0.2, 100.0)
+}
+
+fn within(text: &str, low: f64, high: f64) -> Result<f64, String> {
+    let x: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    if (low..=high).contains(&x) { Ok(x) } else { Err(format!("expected {low} to {high}")) }
+}
