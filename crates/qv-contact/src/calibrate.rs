@@ -304,8 +304,7 @@ impl<'a> Job<'a> {
         region.sensitivity = [movement(prior.mean), movement(after.mean())];
         // What a robot's faults do to feet that hardly slip looks like friction, too, and no walk depends on it.
         let grips = prior.mean.min(after.mean()) >= self.options.slip_threshold;
-        region.status =
-            if grips || region.information < LITTLE { Status::Insensitive } else { Status::Refined };
+        region.status = if grips || region.information < LITTLE { Status::Insensitive } else { Status::Refined };
         if region.status == Status::Refined {
             region.posterior = Estimate::of(after);
             region.friction = after.mean();

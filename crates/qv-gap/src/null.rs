@@ -73,6 +73,8 @@ pub struct Ghost {
     pub numerics: Numerics,
     /// Of its noise.
     pub seed: u64,
+    /// Standard deviation of the height of the ground under each foot, drawn anew for each window \[m\].
+    pub ground_error: f64,
 }
 
 /// Windows recorded of a ghost; `None` where it ran away.
@@ -133,6 +135,22 @@ fn record_chunk(
     Ok(recorders.into_iter().enumerate().map(finish).collect())
 }
 
+/// Ground that is a little higher or lower under each foot than the simulator's, as larger or smaller feet.
+fn uneven(problem: &Problem, batch: &mut Batch<f64>, env: usize, ghost: &Ghost, stream: u64) -> Result<(), GapError> {
+    if !(problem.free && ghost.ground_error > 0.0) {
+        return Ok(());
+    }
+    let mut random = Random::new(ghost.seed ^ 0x6775_6e64, stream);
+    for &geom in &problem.feet.geoms {
+        let name = format!("geom.{}.radius_offset", problem.model.geoms[geom].name);
+        if let Some(id) = problem.parameter(&name) {
+            let value = problem.value(&ghost.setting, id) + random.normal(ghost.ground_error);
+            batch.set_parameter_at(env, id, value)?;
+        }
+    }
+    Ok(())
+}
+
 fn sensor_latency(problem: &Problem, setting: &Setting) -> f64 {
     let is_latency = |id: usize| matches!(problem.roles[id], Role::EncoderLatency(_) | Role::PoseDelay);
     problem.stated.iter().chain(setting).filter(|s| is_latency(s.0)).map(|s| s.1).fold(0.0, f64::max)
@@ -181,6 +199,7 @@ impl Recorder {
                 _ => batch.set_parameter_at(env, id, value)?,
             }
         }
+        uneven(problem, batch, env, ghost, stream)?;
         if let (true, Some(id)) = (problem.free, problem.parameter("terrain.height")) {
             // The ghost's ground is where its feet are; where the ground is expected is seen through the pose.
             let touching = crate::forward::ground_at(problem, &ghost.setting, &state.q);

@@ -37,11 +37,13 @@ pub struct Effort {
     pub ghosts: usize,
     /// Seed of all that is random.
     pub seed: u64,
+    /// Standard deviation of the ground's height under a foot, where the ground is a mesh that was reconstructed \[m\].
+    pub ground_error: f64,
 }
 
 impl Default for Effort {
     fn default() -> Self {
-        Self { ghosts: 12, seed: 1 }
+        Self { ghosts: 12, seed: 1, ground_error: 0.0 }
     }
 }
 
@@ -455,7 +457,7 @@ fn ghosts(
         other_contact(problem, &mut setting, effort.seed, k as u64);
         // The robot is the same in all runs, the noise is not.
         let seed = effort.seed.wrapping_add(977 * k as u64 + 31 * run as u64);
-        let ghost = Ghost { setting, numerics: numerics(k), seed };
+        let ghost = Ghost { setting, numerics: numerics(k), seed, ground_error: effort.ground_error };
         let recorded = record(problem, windows, noise, std::slice::from_ref(&ghost))?.remove(0);
         *steps += windows.len() * ((problem.cut.window + 2.0 * problem.cut.margin) / ghost.numerics.timestep) as usize;
         let (at, whole): (Vec<usize>, Vec<&Window>) =

@@ -29,7 +29,7 @@ fn quick() -> Options<'static> {
     Options {
         library: library::built_in().into_iter().filter(|e| SOME.contains(&e.name.as_str())).collect(),
         cut: Cut { most: 16, ..Default::default() },
-        effort: Effort { ghosts: 3, seed: 1 },
+        effort: Effort { ghosts: 3, seed: 1, ..Default::default() },
         ..Default::default()
     }
 }

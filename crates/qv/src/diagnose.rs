@@ -18,6 +18,9 @@ pub const EXAMPLE: &str = "Example:\n  qv diagnose walk.mcap --out out/walk\n  q
     Lab.\nSeveral recordings are taken to be of one robot with one cause.\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
 
+/// How far off a mesh may be under a foot \[m\]: what flat ground in a mesh of good photographs has.
+const GROUND_ERROR: f64 = 0.003;
+
 #[derive(clap::Args)]
 pub struct Diagnose {
     /// Bags (.mcap files, or directories of split bags), or tables (run.csv, or their directories)
@@ -50,6 +53,9 @@ pub struct Diagnose {
     /// Also let three rivals judge (one effect at a time, CMA-ES, a residual network), into DIR/baselines.json
     #[arg(long)]
     baselines: bool,
+    /// How far off the ground may be under a foot, in metres (standard deviation); default 0.003 for a mesh, 0 for a plane
+    #[arg(long, value_name = "METRES")]
+    ground_error: Option<f64>,
     /// Seed of the simulated recordings without an effect
     #[arg(long, default_value_t = 1, value_name = "N")]
     seed: u64,
@@ -80,6 +86,15 @@ impl Diagnose {
                 found: name.clone(),
             });
         }
+        let is_mesh = self.terrain != "plane";
+        let ground_error = self.ground_error.unwrap_or(if is_mesh { GROUND_ERROR } else { 0.0 });
+        if !(0.0..=0.05).contains(&ground_error) {
+            return Err(ReplayError::Run {
+                what: "--ground-error".into(),
+                expected: "0 to 0.05 m".into(),
+                found: ground_error.to_string(),
+            });
+        }
         let bar = spinner("reading");
         let clock = Instant::now();
         let seconds = || clock.elapsed().as_secs_f64();
@@ -88,7 +103,7 @@ impl Diagnose {
             library,
             given: parameters(self.params.as_deref())?,
             reference: self.open(&self.reference)?,
-            effort: qv_gap::study::Effort { seed: self.seed, ..Default::default() },
+            effort: qv_gap::study::Effort { seed: self.seed, ground_error, ..Default::default() },
             without: self.without.clone(),
             clock: Some(&seconds),
             progress: Some(&told),
