@@ -2,10 +2,11 @@
 //!
 //! ```text
 //! cargo run --release -p qv-gap --example sealed_cameras -- yard 5 1000
-//! cargo run --release -p qv-gap --example sealed_cameras -- rgbd ../shared/scenes/redkitchen 5 1000 [scene.ply|TRAINING_STEPS]
+//! cargo run --release -p qv-gap --example sealed_cameras -- rgbd ../shared/scenes/redkitchen 5 1000 [scene.ply|TRAINING_STEPS [SAVE.ply]]
 //! ```
 //! The numbers are recordings for each effect (and as many with none), and the seed. For an RGB-D folder the scene must have been
-//! learned without every 4th image from the first on; without a file it is learned here, at half the size.
+//! learned without every 2nd image from the first on (`--hold-out N` for every Nth); without a file it is learned here, at half the
+//! size. `--shared` tells what all images share, `--width N` compares larger or smaller pictures.
 
 #[path = "../tests/footage/mod.rs"]
 mod footage;
@@ -14,7 +15,7 @@ use footage::{Hidden, Truth, error, recording, through, yard};
 use qv_core::Pose;
 use qv_gap::visual::{Intrinsics, LookOptions, look};
 use qv_splat::captures::rgbd;
-use qv_splat::files::{points, read_any};
+use qv_splat::files::{Format, points, read_any, write};
 use qv_splat::train::{CpuEngine, Dataset, Engine, Model, ReadOptions, TrainOptions, of_points, train};
 use std::fs;
 use std::path::Path;
@@ -22,7 +23,12 @@ use std::time::Instant;
 use yard::noise::Random;
 
 const KINDS: usize = 6;
-const HOLD_OUT: usize = 4;
+
+/// The number after a flag.
+fn flag(name: &str, default: usize) -> usize {
+    let mut arguments = std::env::args().skip_while(|a| a != name).skip(1);
+    arguments.next().and_then(|a| a.parse().ok()).unwrap_or(default)
+}
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -44,7 +50,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Some("rgbd") => {
             let folder = arguments.get(1).ok_or("expected a folder")?;
             let (count, seed) = (number(2, 2), number(3, 1000));
-            let truth = kitchen(Path::new(folder), arguments.get(4).map(String::as_str))?;
+            let truth = kitchen(Path::new(folder), arguments.get(4).map(String::as_str), arguments.get(5).map(String::as_str).filter(|a| a.ends_with(".ply")))?;
             let mut score = Score::default();
             for k in 0..count * KINDS as u64 {
                 score.one(&truth, k as usize % KINDS, seed + 7919 * k)?;
@@ -57,7 +63,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 /// Held-out images of an RGB-D folder, with poses of the camera as those of the base, 20 frames of 30 Hz apart.
-fn kitchen(folder: &Path, scene: Option<&str>) -> Result<Truth, Box<dyn std::error::Error>> {
+fn kitchen(folder: &Path, scene: Option<&str>, save: Option<&str>) -> Result<Truth, Box<dyn std::error::Error>> {
     let names: Vec<String> =
         fs::read_dir(folder)?.flatten().map(|e| e.file_name().to_string_lossy().into_owned()).collect();
     let mut text = |name: &str| {
@@ -65,20 +71,30 @@ fn kitchen(folder: &Path, scene: Option<&str>) -> Result<Truth, Box<dyn std::err
     };
     let capture = rgbd::read(&names, &mut text)?;
     let files = |name: &str| fs::read(folder.join(name)).map_err(|e| e.to_string());
-    let dataset = Dataset::new(&capture, &files, &ReadOptions { downscale: 2, hold_out: HOLD_OUT })?;
+    let dataset = Dataset::new(&capture, &files, &ReadOptions { downscale: 2, hold_out: flag("--hold-out", 2) })?;
     let cloud = match scene {
         Some(path) if path.ends_with(".ply") => read_any(&fs::read(path)?)?.cloud,
         steps => {
             let options =
-                TrainOptions { iterations: steps.and_then(|s| s.parse().ok()).unwrap_or(1500), ..Default::default() };
+                TrainOptions {
+                iterations: steps.and_then(|s| s.parse().ok()).unwrap_or(2000),
+                poses: std::env::args().any(|a| a == "--poses"),
+                ..Default::default()
+            };
             let start = of_points(&points::read(&fs::read(folder.join("points.ply"))?)?, &options)?;
             let mut engine = CpuEngine::new(&dataset, &options, Model::new(start, &dataset))?;
             let clock = Instant::now();
             train(&mut engine, dataset.training.len(), options.iterations, options.seed, 100, &mut |_, progress| {
-                eprint!("\r{} steps, {:.0} s ", progress.iteration, clock.elapsed().as_secs_f64());
+                if progress.iteration % 100 == 0 {
+                    eprintln!("{} steps, {:.0} s ", progress.iteration, clock.elapsed().as_secs_f64());
+                }
                 Ok(true)
             })?;
-            engine.model()?.cloud
+            let cloud = engine.model()?.cloud;
+            if let Some(path) = save {
+                fs::write(path, write(&cloud, Format::Ply)?)?;
+            }
+            cloud
         }
     };
     let time = |name: &str| {
@@ -110,7 +126,7 @@ impl Score {
         let hidden = Hidden::draw(kind, &mut Random::new(seed, 5));
         let recording = recording(truth, hidden, seed);
         let clock = Instant::now();
-        let sight = look(&recording.footage(&truth.cloud), &LookOptions::default())?;
+        let sight = look(&recording.footage(&truth.cloud), &LookOptions { width: flag("--width", 160), ..Default::default() })?;
         let first = sight.causes.first();
         let name = first.map_or("none".to_string(), |c| c.effect.clone());
         let off = first.filter(|c| c.effect == hidden.name()).map_or(f64::NAN, |c| error(hidden, c));

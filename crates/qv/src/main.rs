@@ -1,5 +1,6 @@
 //! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost.
 
+mod camera;
 mod capture;
 mod diagnose;
 mod fixture;

@@ -18,8 +18,9 @@ use qv_raster::{Outputs, Scene, Settings, View, render};
 pub const NUMBERS: usize = 10;
 /// The first eight are geometry, the last two brightness.
 pub const GEOMETRY: usize = 8;
-/// Deviations that are ever looked for, one photograph at a time: what keeps a photograph of a blank wall from running away.
-const REACH: [f64; NUMBERS] = [0.12, 0.12, 0.12, 0.12, 0.12, 0.12, 0.1, 4.0, 0.7, 0.06];
+/// Deviations that are ever looked for, one photograph at a time: what keeps a photograph of a blank wall from running away. An offset of
+/// displayed values is held near 0: a scene that lacks contrast would otherwise pass as one that is darker and brightened.
+const REACH: [f64; NUMBERS] = [0.12, 0.12, 0.12, 0.12, 0.12, 0.12, 0.1, 4.0, 0.7, 0.01];
 /// Residuals of neighbouring pixels go together: so many count as one.
 const PIXELS_PER_NUMBER: f64 = 50.0;
 /// Opacity from which the scene is there.
@@ -30,6 +31,8 @@ const BORDER: usize = 2;
 const FINER: u32 = 2;
 /// Residual of displayed brightness beyond which a pixel shows something else than the scene.
 const FOREIGN: f64 = 0.2;
+/// Largest displayed value.
+const FULL: f32 = 1.0;
 /// Most steps on each level.
 const STEPS: usize = 6;
 
@@ -196,7 +199,7 @@ fn loss(wanted: &Picture, drawn: &Drawn, offsets: &Offsets, scale: f64, cut: f64
     let (gain, bias) = (offsets.gain.exp() as f32, offsets.bias as f32);
     let (mut sum, mut count) = (0.0, 0usize);
     for_each_seen(wanted, drawn, |at| {
-        let r = f64::from(wanted.values[at] - gain * shown.values[at] - bias);
+        let r = f64::from(wanted.values[at] - (gain * shown.values[at] + bias).min(FULL));
         sum += r * r / (1.0 + (r / cut).powi(2));
         count += 1;
     });
@@ -299,7 +302,9 @@ fn noise(wanted: &Picture, drawn: &Drawn, offsets: &Offsets, small: f64) -> f64 
     let shown = drawn.picture.blurred(offsets.blur * small * small);
     let (gain, bias) = (offsets.gain.exp() as f32, offsets.bias as f32);
     let mut sizes = Vec::new();
-    for_each_seen(wanted, drawn, |at| sizes.push((wanted.values[at] - gain * shown.values[at] - bias).abs()));
+    for_each_seen(wanted, drawn, |at| {
+        sizes.push((wanted.values[at] - (gain * shown.values[at] + bias).min(FULL)).abs());
+    });
     let middle = sizes.len() / 2;
     match sizes.is_empty() {
         true => 1.0,
@@ -321,7 +326,7 @@ fn normal(
     let [slope_x, slope_y] = shown.slopes();
     let bent = shown.laplacian();
     let (gain, bias) = (offsets.gain.exp(), offsets.bias);
-    let residual = |at: usize| f64::from(wanted.values[at]) - gain * f64::from(shown.values[at]) - bias;
+    let full = f64::from(FULL);
     let camera = &target.camera;
     let focal = offsets.focal.exp();
     let (kx, ky) = (wanted.width as f64 / f64::from(camera.width), wanted.height as f64 / f64::from(camera.height));
@@ -333,7 +338,12 @@ fn normal(
         let (x, y) = (px / fx, py / fy);
         // Along the slope of the picture: what is seen moves the other way than the place it is looked up at.
         let (gx, gy) = (-gain * f64::from(slope_x[at]) * fx, -gain * f64::from(slope_y[at]) * fy);
-        let r = residual(at);
+        let value = gain * f64::from(shown.values[at]) + bias;
+        // Where the sensor is full nothing moves.
+        if value >= full && f64::from(wanted.values[at]) >= full - 0.02 {
+            return;
+        }
+        let r = f64::from(wanted.values[at]) - value.min(full);
         let j = Numbers::from_column_slice(&[
             gx / z,
             gy / z,

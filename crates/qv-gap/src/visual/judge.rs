@@ -68,9 +68,8 @@ const CLOSED: f64 = 0.1;
 const ERRORS: f64 = 2.0;
 /// An effect whose evidence comes this near to the accused one's looks like it.
 const ALIKE: f64 = 10.0;
-/// Level below which causes explain what photographs are off by, and above which something is there.
-const EXPLAINED: f64 = 3.0;
-const SOMETHING: f64 = 4.0;
+/// Level below which nothing is left that noise and tolerances do not explain.
+const EXPLAINED: f64 = 1.8;
 /// Parts into which photographs are dealt: each is judged by a fit to the others.
 const FOLDS: usize = 4;
 /// Most effects that are accused.
@@ -207,7 +206,7 @@ impl Judge<'_> {
                 separating_experiment: EFFECTS[effect].experiment.into(),
             });
         }
-        let verdict = match (causes.is_empty(), best.level < EXPLAINED, none.level < SOMETHING) {
+        let verdict = match (causes.is_empty(), best.level < EXPLAINED, none.level < EXPLAINED) {
             (true, _, true) => Verdict::NoGap,
             (true, _, false) => Verdict::Unexplained,
             (false, true, _) => Verdict::Explained,
@@ -350,6 +349,9 @@ impl Judge<'_> {
         let turn = (MOUNTING + 3..MOUNTING + 6).map(|i| all.deviations[i]).fold(0.0, f64::max);
         if turn > 0.0053 {
             out.push(format!("How the camera is turned on the robot, nearer than {:.1} degrees.", turn.to_degrees()));
+        }
+        if all.shared[BLUR] < -0.5 {
+            out.push("Whether the camera is out of focus: the scene is more blurred than the images.".into());
         }
         if self.seen.len() < 2 * NUMBERS {
             out.push(format!("Small effects of the camera: only {} images show the scene.", self.seen.len()));

@@ -5,12 +5,14 @@
 //! photographs that the fit has not seen. See `docs/visual.md`.
 
 pub mod align;
+mod join;
 mod judge;
 pub mod model;
 pub mod path;
 pub mod picture;
 mod sight;
 
+pub use join::join;
 pub use judge::{CameraEffect, EFFECTS};
 pub use sight::{Looks, Noise, Sight, VisualGap};
 

@@ -100,7 +100,7 @@ pub struct Fit {
     pub deviations: [f64; SHARED],
     /// Log evidence.
     pub evidence: f64,
-    /// Mean square of the residuals of geometry in units of the noise.
+    /// Mean square of what photographs are off by, in units of noise and priors together; outliers count as their weight says.
     pub level: f64,
 }
 
@@ -236,10 +236,13 @@ impl<'a> Together<'a> {
         let covariance = factor.inverse();
         let evidence = -energy - volume - prior.iter().map(|p| p.ln()).sum::<f64>();
         let squares = |(s, inv): (&&Sighting, &SMatrix<f64, NUMBERS, NUMBERS>)| {
-            let r = self.residual(&shared, s);
-            (0..NUMBERS).map(|i| r[i] * (inv.row(i) * r)[0]).sum::<f64>()
+            let of = blocks(&self.residual(&shared, s), inv);
+            (0..2).map(|k| of[k] * (TAILS + COUNT[k]) / (TAILS + of[k])).sum::<f64>()
         };
-        let level = taken.iter().zip(inverse).map(squares).sum::<f64>() / (NUMBERS * taken.len().max(1)) as f64;
+        // As of a Gaussian with the tolerances in its covariance: what tolerated deviations have to do for the fit counts, too.
+        let of_prior: f64 = shared.iter().zip(prior).map(|(x, p)| (x / p).powi(2)).sum();
+        let level = (of_prior + taken.iter().zip(inverse).map(squares).sum::<f64>())
+            / (NUMBERS * taken.len().max(1)) as f64;
         let deviations = std::array::from_fn(|i| covariance[(i, i)].max(0.0).sqrt());
         evidence.is_finite().then_some(Fit { shared, deviations, evidence, level })
     }

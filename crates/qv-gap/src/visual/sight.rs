@@ -70,7 +70,7 @@ pub struct Sight {
     pub size: [usize; 2],
     /// How far they are apart.
     pub gap: VisualGap,
-    /// Mean square of what photographs are off by in units of the scatter, tolerances at their best: without a cause, and with.
+    /// Mean square of what photographs are off by, in units of their scatter and of tolerances together: without a cause, and with.
     pub level: [f64; 2],
     /// Accused, best first.
     pub causes: Vec<Cause>,
