@@ -41,7 +41,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             for k in 0..count * KINDS as u64 {
                 // A new yard for every sixth recording.
                 if k % KINDS as u64 == 0 {
-                    truth = Some(yard(36, 320, 240, seed + k));
+                    truth = Some(yard(36, 320, 240, 0.02, seed + k));
                 }
                 score.one(truth.as_ref().expect("made above"), k as usize % KINDS, seed + 7919 * k)?;
             }

@@ -7,7 +7,7 @@ use crate::{Outcome, RunArguments, say};
 use qv_core::{GaussianCloud, JointSeries};
 use qv_gap::baselines::{Baselines, CMA_ES_STEPS, baselines};
 use qv_gap::report::{Report, Stage, UNKNOWN};
-use qv_gap::visual::{EFFECTS, Footage, LookOptions, Photograph, join, look};
+use qv_gap::visual::{EFFECTS, Footage, LookOptions, Photograph, check, join, look};
 use qv_gap::{GapError, Options, diagnose, library, output};
 use qv_replay::{ReplayError, Run};
 use qv_sim::Model;
@@ -165,7 +165,10 @@ impl Diagnose {
         let images = open_images(&arguments, run, self.image_topic.as_deref(), self.images)?;
         let camera = open_camera(camera, images.info.as_ref())?;
         let photographs = photographs(&images.images, &camera)?;
-        Ok(Place { cloud, camera, photographs, notes: images.notes })
+        let place = Place { cloud, camera, photographs, notes: images.notes };
+        let options = LookOptions { most: self.images, ..Default::default() };
+        check(&place.footage(run.measured.base_pose.as_ref()), &options).map_err(replay_error)?;
+        Ok(place)
     }
 
     /// Judges the camera, adds that to the report, and gives the camera as it should be.
@@ -190,13 +193,7 @@ impl Diagnose {
             progress: Some(&progress),
             ..Default::default()
         };
-        let footage = Footage {
-            cloud: &place.cloud,
-            rig: place.camera.rig,
-            poses: poses.as_ref(),
-            photographs: &place.photographs,
-        };
-        let sight = look(&footage, &options).map_err(replay_error)?;
+        let sight = look(&place.footage(poses.as_ref()), &options).map_err(replay_error)?;
         let rig = sight.corrected.unwrap_or(place.camera.rig);
         join(report, sight);
         let spent = seconds() - begun;
@@ -224,6 +221,12 @@ struct Place {
     camera: RobotCamera,
     photographs: Vec<Photograph>,
     notes: Vec<String>,
+}
+
+impl Place {
+    fn footage<'a>(&'a self, poses: Option<&'a JointSeries>) -> Footage<'a> {
+        Footage { cloud: &self.cloud, rig: self.camera.rig, poses, photographs: &self.photographs }
+    }
 }
 
 fn write_baselines(directory: &Path, rivals: &Baselines) -> Result<(), ReplayError> {

@@ -1,7 +1,7 @@
 //! The camera's part of a report.
 
 use super::Sight;
-use crate::report::{Gap, Report, Share, Verdict};
+use crate::report::{Gap, Ranked, Report, Share, Verdict};
 
 /// Adds what the camera says to what the rest of the robot says.
 ///
@@ -43,7 +43,13 @@ pub fn join(report: &mut Report, sight: Sight) {
         report.causes.push(cause);
     }
     report.causes.sort_by(|a, b| b.probability.total_cmp(&a.probability));
-    report.ranking.extend(sight.ranking.iter().filter(|r| r.effect != "none").cloned());
+    // One list for both, whose probabilities are those within the part of the gap that is theirs.
+    report.ranking.iter_mut().for_each(|r| r.probability *= 1.0 - share);
+    let of_camera = sight.ranking.iter().filter(|r| r.effect != "none");
+    let total: f64 = of_camera.clone().map(|r| r.probability).sum::<f64>().max(1.0);
+    report.ranking.extend(
+        of_camera.map(|r| Ranked { effect: r.effect.clone(), probability: share * r.probability / total }),
+    );
     report.ranking.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     report.cannot_tell.extend(sight.cannot_tell.iter().cloned());
     if !sight.causes.is_empty() {

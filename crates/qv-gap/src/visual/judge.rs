@@ -96,6 +96,14 @@ pub fn judge(footage: &Footage, path: &Path, seen: &[Seen], options: &LookOption
     let all = judge.together.fit(&free, &[[0.0; SHARED]], |_| true).ok_or_else(no_good)?;
     let none = judge.fit(&[], &all, |_| true).ok_or_else(no_good)?;
 
+    if std::env::var("DBG").is_ok() {
+        for s in &sightings {
+            let f = judge.together.foretold(&all.shared, s.time);
+            let (a, b) = (s.offsets.numbers(), f.numbers());
+            let sd = (0..8).map(|i| s.covariance[(i, i)].sqrt()).collect::<Vec<_>>();
+            eprintln!("{:6.2} seen {:.3?} foretold {:.3?} sd {:.4?}", s.time, &a[..8], &b[..6], sd);
+        }
+    }
     let allowed: Vec<usize> = (0..EFFECTS.len()).filter(|&e| !options.without.iter().any(|w| w == EFFECTS[e].name)).collect();
     let mut accused: Vec<usize> = Vec::new();
     let mut best = none.clone();

@@ -137,6 +137,31 @@ pub fn look(footage: &Footage, options: &LookOptions) -> Result<Sight, GapError>
     judge::judge(footage, &path, &seen, options)
 }
 
+/// Whether there is something to compare, before time is spent on it.
+///
+/// # Errors
+/// As [`look`], but a scene out of view is found in three photographs only.
+pub fn check(footage: &Footage, options: &LookOptions) -> Result<(), GapError> {
+    footage.rig.check()?;
+    let path = Path::new(footage.poses)?;
+    let chosen = chosen(footage, &path, options.most)?;
+    let rig = &footage.rig;
+    let mut most = 0.0f64;
+    for k in [1, 3, 5] {
+        let photograph = chosen[k * chosen.len() / 6];
+        let camera = rig.camera((path.at(photograph.time - rig.delay) * rig.base_from_camera).inverse());
+        let target = Target::new(&photograph.rgba, &rig.intrinsics, camera, options.width);
+        most = most.max(align::disagreement(footage.cloud, &target, &stated(rig, options.width), 0)?.seen);
+    }
+    if most < IN_VIEW { Err(out_of_view(most)) } else { Ok(()) }
+}
+
+fn out_of_view(share: f64) -> GapError {
+    let expected =
+        "a scene that the camera sees from the measured poses (same frame, metres, camera axes x right, y down, z forward)";
+    GapError::run("scene", expected, format!("{:.0} % of the pixels in view", 100.0 * share))
+}
+
 /// A photograph with what came of its alignment.
 struct Seen {
     target: Target,
@@ -192,9 +217,7 @@ fn see(footage: &Footage, path: &Path, chosen: &[&Photograph], options: &LookOpt
     let mut shares: Vec<f64> = coarse.iter().map(|c| c.2.seen).collect();
     shares.sort_by(f64::total_cmp);
     if shares[shares.len() / 2] < IN_VIEW {
-        let found = format!("{:.0} % of the pixels", 100.0 * shares[shares.len() / 2]);
-        let expected = "a scene that the camera sees from the measured poses (same frame, metres, camera axes x right, y down, z forward)";
-        return Err(GapError::run("scene", expected, found));
+        return Err(out_of_view(shares[shares.len() / 2]));
     }
     coarse.retain(|c| c.2.seen >= ENOUGH);
     let sightings: Vec<Sighting> =

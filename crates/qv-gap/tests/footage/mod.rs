@@ -18,7 +18,7 @@ pub struct Truth {
     pub intrinsics: Intrinsics,
     pub base_from_camera: Pose,
     /// `world_from_base`.
-    pub path: Box<dyn Fn(f64) -> Pose + Sync>,
+    pub path: Box<dyn Fn(f64) -> Pose + Send + Sync>,
     /// First and last time at which the path is known.
     pub span: [f64; 2],
     /// True times and images.
@@ -180,8 +180,8 @@ pub fn mounting() -> Pose {
 }
 
 /// The yard of a seed: `images` images along the walk, and a cloud with a Gaussian on the surface for every few pixels of photographs
-/// from elsewhere (placed by true depth, nothing is trained).
-pub fn yard(images: usize, width: u32, height: u32, seed: u64) -> Truth {
+/// from elsewhere (placed by true depth, nothing is trained), one for each cube of `cell` metres.
+pub fn yard(images: usize, width: u32, height: u32, cell: f64, seed: u64) -> Truth {
     let focal = 0.6 * f64::from(width);
     let (cx, cy) = (0.5 * f64::from(width), 0.5 * f64::from(height));
     let intrinsics = Intrinsics { fx: focal, fy: focal, cx, cy, width, height };
@@ -189,7 +189,7 @@ pub fn yard(images: usize, width: u32, height: u32, seed: u64) -> Truth {
     let times: Vec<f64> = (0..images).map(|k| 0.8 + 18.4 * k as f64 / images as f64).collect();
     let mut yard = Yard::new(48, 96, 72, seed).unwrap();
     let others: Vec<Photo> = (0..yard.cameras.len()).map(|view| yard.photo(view)).collect();
-    let cloud = on_surfaces(&yard.cameras, &others);
+    let cloud = on_surfaces(&yard.cameras, &others, cell);
     let rig = Rig { intrinsics, base_from_camera: mounting(), delay: 0.0, gain: 1.0, blur: 0.0 };
     yard.cameras = times.iter().map(|t| rig.camera((walk(*t) * mounting()).inverse())).collect();
     let images = times.into_iter().enumerate().map(|(k, t)| (t, unexposed(&yard.photo(k)))).collect();
@@ -206,27 +206,30 @@ pub fn unexposed(photo: &Photo) -> Vec<[u8; 4]> {
     photo.colour.chunks_exact(3).map(|c| [one(c[0], e[0]), one(c[1], e[1]), one(c[2], e[2]), 255]).collect()
 }
 
-/// A Gaussian at each pixel that has a depth, as wide as the pixel is there. Places that were seen before are left out.
-fn on_surfaces(cameras: &[Camera], photos: &[Photo]) -> GaussianCloud {
-    const CELL: f64 = 0.02;
+/// A flat Gaussian at each pixel that has a depth, along the surface. Places that were seen before are left out.
+pub fn on_surfaces(cameras: &[Camera], photos: &[Photo], cell: f64) -> GaussianCloud {
     let mut cloud = GaussianCloud::default();
     let mut taken = std::collections::BTreeSet::new();
     for (camera, photo) in cameras.iter().zip(photos) {
         let world_from_camera = camera.camera_from_world.inverse();
-        for (i, rgba) in unexposed(photo).iter().enumerate() {
-            let depth = f64::from(photo.depth[i]);
-            if depth <= 0.0 {
-                continue;
-            }
-            let (u, v) = ((i as u32 % camera.width) as f64 + 0.5, (i as u32 / camera.width) as f64 + 0.5);
+        let width = camera.width as usize;
+        let place = |i: usize| {
+            let depth = f64::from(*photo.depth.get(i)?);
+            let (u, v) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
             let ray = DVec3::new((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1.0);
-            let place = world_from_camera.transform_point(depth * ray);
-            if !taken.insert((place / CELL).floor().to_array().map(|x| x as i64)) {
+            (depth > 0.0).then(|| world_from_camera.transform_point(depth * ray))
+        };
+        for (i, rgba) in unexposed(photo).iter().enumerate() {
+            let (Some(place), Some(right), Some(below)) = (place(i), place(i + 1), place(i + width)) else { continue };
+            let normal = (right - place).cross(below - place).normalize_or(DVec3::Z);
+            let turn = DQuat::from_rotation_arc(DVec3::Z, normal);
+            if !taken.insert((place / cell).floor().to_array().map(|x| x as i64)) {
                 continue;
             }
             cloud.means.push(place.as_vec3().to_array());
-            cloud.log_scales.push([(0.62 * CELL).ln() as f32; 3]);
-            cloud.rotations.push([1.0, 0.0, 0.0, 0.0]);
+            let wide = (0.62 * cell).ln() as f32;
+            cloud.log_scales.push([wide, wide, wide - 2.5]);
+            cloud.rotations.push([turn.w, turn.x, turn.y, turn.z].map(|x| x as f32));
             cloud.opacity_logits.push(3.0);
             // The constant harmonic's factor is 0.28209479.
             cloud.sh.push([0, 1, 2].map(|c| (f32::from(rgba[c]) / 255.0 - 0.5) / 0.282_094_79));
@@ -236,7 +239,7 @@ fn on_surfaces(cameras: &[Camera], photos: &[Photo]) -> GaussianCloud {
 }
 
 /// The path through poses at times: cubic in position and turn between neighbours (Catmull and Rom).
-pub fn through(times: Vec<f64>, poses: Vec<Pose>) -> Box<dyn Fn(f64) -> Pose + Sync> {
+pub fn through(times: Vec<f64>, poses: Vec<Pose>) -> Box<dyn Fn(f64) -> Pose + Send + Sync> {
     Box::new(move |t| {
         let n = times.len();
         let k = times.partition_point(|x| *x <= t).clamp(1, n - 1) - 1;
