@@ -50,7 +50,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Some("rgbd") => {
             let folder = arguments.get(1).ok_or("expected a folder")?;
             let (count, seed) = (number(2, 2), number(3, 1000));
-            let truth = kitchen(Path::new(folder), arguments.get(4).map(String::as_str), arguments.get(5).map(String::as_str).filter(|a| a.ends_with(".ply")))?;
+            let truth = kitchen(
+                Path::new(folder),
+                arguments.get(4).map(String::as_str),
+                arguments.get(5).map(String::as_str).filter(|a| a.ends_with(".ply")),
+            )?;
             let mut score = Score::default();
             for k in 0..count * KINDS as u64 {
                 score.one(&truth, k as usize % KINDS, seed + 7919 * k)?;
@@ -75,8 +79,7 @@ fn kitchen(folder: &Path, scene: Option<&str>, save: Option<&str>) -> Result<Tru
     let cloud = match scene {
         Some(path) if path.ends_with(".ply") => read_any(&fs::read(path)?)?.cloud,
         steps => {
-            let options =
-                TrainOptions {
+            let options = TrainOptions {
                 iterations: steps.and_then(|s| s.parse().ok()).unwrap_or(2000),
                 poses: std::env::args().any(|a| a == "--poses"),
                 ..Default::default()
@@ -126,15 +129,23 @@ impl Score {
         let hidden = Hidden::draw(kind, &mut Random::new(seed, 5));
         let recording = recording(truth, hidden, seed);
         let clock = Instant::now();
-        let sight = look(&recording.footage(&truth.cloud), &LookOptions { width: flag("--width", 160), ..Default::default() })?;
+        let sight =
+            look(&recording.footage(&truth.cloud), &LookOptions { width: flag("--width", 160), ..Default::default() })?;
         let first = sight.causes.first();
         let name = first.map_or("none".to_string(), |c| c.effect.clone());
         let off = first.filter(|c| c.effect == hidden.name()).map_or(f64::NAN, |c| error(hidden, c));
         println!(
             "{hidden:?}\n  {name}{} off {off:.4} level {:.1} {:.1} closed {:.2} rms {:.4} {:.4} {:.4} noise rot {:.4} pos {:.4} gain {:.3} {:?} {:.1} s",
             if sight.causes.len() > 1 { " and more" } else { "" },
-            sight.level[0], sight.level[1], sight.gap.closed, sight.gap.before, sight.gap.after, sight.gap.floor,
-            sight.noise.rotation, sight.noise.translation, sight.noise.gain,
+            sight.level[0],
+            sight.level[1],
+            sight.gap.closed,
+            sight.gap.before,
+            sight.gap.after,
+            sight.gap.floor,
+            sight.noise.rotation,
+            sight.noise.translation,
+            sight.noise.gain,
             sight.evidence.iter().map(|(n, e)| format!("{} {e:.0}", &n[7..])).collect::<Vec<_>>(),
             clock.elapsed().as_secs_f64()
         );

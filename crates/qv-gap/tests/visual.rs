@@ -11,7 +11,7 @@ use std::sync::OnceLock;
 /// Small, so that it takes seconds without optimisation: `examples/sealed_cameras.rs` has the real sizes.
 fn truth() -> &'static Truth {
     static TRUTH: OnceLock<Truth> = OnceLock::new();
-    TRUTH.get_or_init(|| yard(14, 160, 120, 0.03, 3))
+    TRUTH.get_or_init(|| yard(14, 160, 120, 0.04, 3))
 }
 
 fn options() -> LookOptions<'static> {
@@ -47,7 +47,9 @@ fn a_camera_as_stated_is_not_accused() {
 fn a_delay_is_named_and_the_corrected_camera_has_none() {
     let hidden = Hidden::Delay(0.06);
     let sight = named(hidden, 0.01);
-    assert!(sight.looks.len() == 3 && sight.looks[0].photograph.len() == 3 * sight.looks[0].width * sight.looks[0].height);
+    assert!(
+        sight.looks.len() == 3 && sight.looks[0].photograph.len() == 3 * sight.looks[0].width * sight.looks[0].height
+    );
     let mut again = recording(truth(), hidden, 9);
     again.rig = sight.corrected.unwrap();
     let sight = look(&again.footage(&truth().cloud), &options()).unwrap();

@@ -242,7 +242,13 @@ mod tests {
         }
         collector.message(1, START + 5000, &[0, 1, 0, 0, 9]);
         let mut writer = Writer::new();
-        writer.time(START).string("camera").u32(480).u32(640).string("plumb_bob").f64_sequence(&[0.1, 0.0, 0.0, 0.0, 0.0]);
+        writer
+            .time(START)
+            .string("camera")
+            .u32(480)
+            .u32(640)
+            .string("plumb_bob")
+            .f64_sequence(&[0.1, 0.0, 0.0, 0.0, 0.0]);
         [500.0, 0.0, 320.0, 0.0, 501.0, 240.0, 0.0, 0.0, 1.0].iter().for_each(|x| {
             writer.f64(*x);
         });

@@ -59,8 +59,9 @@ pub fn open_camera(path: &Path, info: Option<&CameraInfo>) -> Result<RobotCamera
 }
 
 fn parse_camera(text: &str, info: Option<&CameraInfo>) -> Result<RobotCamera, (String, String)> {
-    let file: CameraFile = toml::from_str(text)
-        .map_err(|e| ("width, height, fx, fy, cx, cy, and [base_from_camera] position and quaternion".into(), e.to_string()))?;
+    let file: CameraFile = toml::from_str(text).map_err(|e| {
+        ("width, height, fx, fy, cx, cy, and [base_from_camera] position and quaternion".into(), e.to_string())
+    })?;
     let of_info = |index: usize| info.map(|i| i.matrix[index]);
     let need = |name: &str, value: Option<f64>| {
         value.ok_or_else(|| (format!("`{name}` here, or sensor_msgs/msg/CameraInfo in the bag"), "neither".to_string()))
@@ -129,7 +130,12 @@ pub struct RunImages {
 
 /// Reads the images of a run: of a bag those of `topic`, or of the topic with most; of a table those that `images.csv` beside it names
 /// (columns `time` and `file`). At most `most` within the span of the poses, evenly spread.
-pub fn open_images(arguments: &RunArguments, run: &Run, topic: Option<&str>, most: usize) -> Result<RunImages, ReplayError> {
+pub fn open_images(
+    arguments: &RunArguments,
+    run: &Run,
+    topic: Option<&str>,
+    most: usize,
+) -> Result<RunImages, ReplayError> {
     let path = &arguments.run;
     let directory = if path.is_dir() { path.as_path() } else { path.parent().unwrap_or(Path::new(".")) };
     let is_table = path.extension().is_some_and(|e| e == "csv") || path.join("run.csv").exists();
@@ -160,7 +166,10 @@ pub fn open_images(arguments: &RunArguments, run: &Run, topic: Option<&str>, mos
         notes.push(format!("{count} messages of {} could not be read: {why}", found.topic));
     }
     if found.clock == Some(Clock::Log) {
-        notes.push(format!("stamps of {} are those of the log: a delay of the camera includes that of the recorder", found.topic));
+        notes.push(format!(
+            "stamps of {} are those of the log: a delay of the camera includes that of the recorder",
+            found.topic
+        ));
     }
     let epoch = run.epoch as i128;
     let timed = found.images.into_iter().map(|i| ((i128::from(i.stamp) - epoch) as f64 * 1e-9, i.data)).collect();
@@ -168,8 +177,7 @@ pub fn open_images(arguments: &RunArguments, run: &Run, topic: Option<&str>, mos
 }
 
 fn spread<T>(all: Vec<(f64, T)>, span: Option<[f64; 2]>, most: usize) -> Vec<(f64, T)> {
-    let within: Vec<(f64, T)> =
-        all.into_iter().filter(|(t, _)| span.is_none_or(|[a, b]| *t >= a && *t <= b)).collect();
+    let within: Vec<(f64, T)> = all.into_iter().filter(|(t, _)| span.is_none_or(|[a, b]| *t >= a && *t <= b)).collect();
     let (n, count) = (within.len(), within.len().min(most));
     let chosen: std::collections::BTreeSet<usize> = (0..count).map(|k| (2 * k + 1) * n / (2 * count.max(1))).collect();
     within.into_iter().enumerate().filter(|(i, _)| chosen.contains(i)).map(|(_, x)| x).collect()
@@ -177,11 +185,14 @@ fn spread<T>(all: Vec<(f64, T)>, span: Option<[f64; 2]>, most: usize) -> Vec<(f6
 
 /// Times and names of `images.csv`.
 fn table_images(path: &Path) -> Result<Vec<(f64, String)>, ReplayError> {
-    let text = fs::read_to_string(path).map_err(|e| file_error(path, "images of the run (columns time, file)", &e.to_string()))?;
+    let text = fs::read_to_string(path)
+        .map_err(|e| file_error(path, "images of the run (columns time, file)", &e.to_string()))?;
     let mut lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty());
     let head: Vec<&str> = lines.next().map(|(_, l)| l.split(',').map(str::trim).collect()).unwrap_or_default();
     let column = |name: &str| {
-        head.iter().position(|h| *h == name).ok_or_else(|| file_error(path, &format!("a column `{name}`"), &head.join(", ")))
+        head.iter()
+            .position(|h| *h == name)
+            .ok_or_else(|| file_error(path, &format!("a column `{name}`"), &head.join(", ")))
     };
     let (time, file) = (column("time")?, column("file")?);
     let row = |(number, line): (usize, &str)| {
@@ -201,7 +212,11 @@ fn table_images(path: &Path) -> Result<Vec<(f64, String)>, ReplayError> {
 pub fn photographs(images: &[(f64, Vec<u8>)], camera: &RobotCamera) -> Result<Vec<Photograph>, ReplayError> {
     let Intrinsics { width, height, .. } = camera.rig.intrinsics;
     let one = |(time, bytes): &(f64, Vec<u8>)| {
-        let about = |expected: String, found: String| ReplayError::Run { what: format!("image at {time:.3} s"), expected, found };
+        let about = |expected: String, found: String| ReplayError::Run {
+            what: format!("image at {time:.3} s"),
+            expected,
+            found,
+        };
         let decoded = image::load_from_memory(bytes).map_err(|e| about("a JPEG or PNG image".into(), e.to_string()))?;
         if (decoded.width(), decoded.height()) != (width, height) {
             let found = format!("{} x {}", decoded.width(), decoded.height());

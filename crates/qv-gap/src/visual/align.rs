@@ -140,7 +140,12 @@ pub struct Drawn {
 ///
 /// # Errors
 /// The rasteriser's.
-pub fn draw(cloud: &GaussianCloud, camera: &Camera, offsets: &Offsets, size: (usize, usize)) -> Result<Drawn, GapError> {
+pub fn draw(
+    cloud: &GaussianCloud,
+    camera: &Camera,
+    offsets: &Offsets,
+    size: (usize, usize),
+) -> Result<Drawn, GapError> {
     let (width, height) = (size.0 as u32 * FINER, size.1 as u32 * FINER);
     let (x, y) = (f64::from(width) / f64::from(camera.width), f64::from(height) / f64::from(camera.height));
     let focal = offsets.focal.exp();
@@ -156,9 +161,8 @@ pub fn draw(cloud: &GaussianCloud, camera: &Camera, offsets: &Offsets, size: (us
     let settings = Settings { outputs: Outputs { depth: true, ..Default::default() }, background: [0.0; 3] };
     let (images, _) = render(&Scene::still(cloud), &[View::of(camera)], &settings).map_err(raster_error)?;
     let image = &images[0];
-    let shrunk = |values: Vec<f32>| {
-        Picture { width: image.width, height: image.height, values }.shrunk(size.0, size.1).values
-    };
+    let shrunk =
+        |values: Vec<f32>| Picture { width: image.width, height: image.height, values }.shrunk(size.0, size.1).values;
     let channel = |c: usize| shrunk(image.colour.iter().skip(c).step_by(3).copied().collect());
     let channels = [channel(0), channel(1), channel(2)];
     let colour: Vec<f32> = (0..size.0 * size.1).flat_map(|i| [0, 1, 2].map(|c| channels[c][i])).collect();
@@ -183,7 +187,12 @@ pub struct Disagreement {
 ///
 /// # Errors
 /// The rasteriser's.
-pub fn disagreement(cloud: &GaussianCloud, target: &Target, offsets: &Offsets, level: usize) -> Result<Disagreement, GapError> {
+pub fn disagreement(
+    cloud: &GaussianCloud,
+    target: &Target,
+    offsets: &Offsets,
+    level: usize,
+) -> Result<Disagreement, GapError> {
     let wanted = &target.pictures[level];
     let drawn = draw(cloud, &target.camera, offsets, (wanted.width, wanted.height))?;
     Ok(loss(wanted, &drawn, offsets, scale(target, level), FOREIGN))
@@ -284,7 +293,7 @@ fn on_level(
             (offsets, drawn, now) = (next, then, found);
             (h, b) = normal(target, wanted, &drawn, &offsets, small, cut);
             damping = (0.1 * damping).max(1e-6);
-            if gained < 2e-4 * now.loss {
+            if gained < 1e-3 * now.loss {
                 break;
             }
         } else {

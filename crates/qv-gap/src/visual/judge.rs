@@ -96,15 +96,8 @@ pub fn judge(footage: &Footage, path: &Path, seen: &[Seen], options: &LookOption
     let all = judge.together.fit(&free, &[[0.0; SHARED]], |_| true).ok_or_else(no_good)?;
     let none = judge.fit(&[], &all, |_| true).ok_or_else(no_good)?;
 
-    if std::env::var("DBG").is_ok() {
-        for s in &sightings {
-            let f = judge.together.foretold(&all.shared, s.time);
-            let (a, b) = (s.offsets.numbers(), f.numbers());
-            let sd = (0..8).map(|i| s.covariance[(i, i)].sqrt()).collect::<Vec<_>>();
-            eprintln!("{:6.2} seen {:.3?} foretold {:.3?} sd {:.4?}", s.time, &a[..8], &b[..6], sd);
-        }
-    }
-    let allowed: Vec<usize> = (0..EFFECTS.len()).filter(|&e| !options.without.iter().any(|w| w == EFFECTS[e].name)).collect();
+    let allowed: Vec<usize> =
+        (0..EFFECTS.len()).filter(|&e| !options.without.iter().any(|w| w == EFFECTS[e].name)).collect();
     let mut accused: Vec<usize> = Vec::new();
     let mut best = none.clone();
     let mut first: Vec<(usize, f64)> = Vec::new();
@@ -170,8 +163,7 @@ impl Judge<'_> {
 
     /// Disagreement of each photograph with these effects as the other photographs have them.
     fn unseen(&self, effects: &[usize], all: &Fit) -> Result<Vec<f64>, GapError> {
-        let fits: Vec<Option<Fit>> =
-            (0..FOLDS).map(|fold| self.fit(effects, all, |i| i % FOLDS != fold)).collect();
+        let fits: Vec<Option<Fit>> = (0..FOLDS).map(|fold| self.fit(effects, all, |i| i % FOLDS != fold)).collect();
         let one = |(i, seen): (usize, &Seen)| {
             let Some(fit) = &fits[i % FOLDS] else { return Ok(seen.before.loss) };
             let offsets = self.foretold(effects, &fit.shared, seen.sighting.time);
@@ -206,7 +198,10 @@ impl Judge<'_> {
             }
             causes.push(Cause {
                 effect: EFFECTS[effect].name.into(),
-                probability: probabilities.iter().find(|r| r.effect == EFFECTS[effect].name).map_or(0.0, |r| r.probability),
+                probability: probabilities
+                    .iter()
+                    .find(|r| r.effect == EFFECTS[effect].name)
+                    .map_or(0.0, |r| r.probability),
                 scope: vec!["all".into()],
                 parameters: self.estimates(effect, best),
                 closed_alone: closed(before, &alone, &floor),
@@ -343,7 +338,12 @@ impl Judge<'_> {
             sizes.sort_by(f64::total_cmp);
             self.together.scales[group] * sizes[sizes.len() / 2]
         };
-        Noise { rotation: typical(3..6, 0), translation: typical(0..3, 0), gain: typical(8..9, 3), focal: typical(6..7, 1) }
+        Noise {
+            rotation: typical(3..6, 0),
+            translation: typical(0..3, 0),
+            gain: typical(8..9, 3),
+            focal: typical(6..7, 1),
+        }
     }
 
     fn cannot_tell(&self, all: &Fit) -> Vec<String> {
@@ -453,8 +453,12 @@ fn sentence(verdict: Verdict, causes: &[Cause], gap: &VisualGap, photographs: us
     let closed = format!("closes {:.0} % of what {photographs} images and the scene are apart", 100.0 * gap.closed);
     match verdict {
         Verdict::NoGap => format!("In {photographs} images the camera sees what the scene shows."),
-        Verdict::Unexplained => "The camera does not see what the scene shows, and no effect of a camera explains it.".into(),
+        Verdict::Unexplained => {
+            "The camera does not see what the scene shows, and no effect of a camera explains it.".into()
+        }
         Verdict::Explained => format!("Of the camera, {} {closed}.", names.join(" and ")),
-        Verdict::PartlyExplained => format!("Of the camera, {} {closed}; something else is there, too.", names.join(" and ")),
+        Verdict::PartlyExplained => {
+            format!("Of the camera, {} {closed}; something else is there, too.", names.join(" and "))
+        }
     }
 }

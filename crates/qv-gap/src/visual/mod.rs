@@ -72,11 +72,14 @@ impl Rig {
     fn check(&self) -> Result<(), GapError> {
         let off = |e: qv_core::CoreError| GapError::run("camera", "intrinsics and mounting of a camera", e.to_string());
         self.camera(self.base_from_camera).check().map_err(off)?;
-        let numbers = [("delay", self.delay, -1.0..=1.0), ("gain", self.gain, 0.05..=20.0), ("blur", self.blur, 0.0..=50.0)];
+        let numbers =
+            [("delay", self.delay, -1.0..=1.0), ("gain", self.gain, 0.05..=20.0), ("blur", self.blur, 0.0..=50.0)];
         match numbers.iter().find(|(_, value, range)| !range.contains(value)) {
-            Some((name, value, range)) => {
-                Err(GapError::run(format!("camera {name}"), format!("{} to {}", range.start(), range.end()), value.to_string()))
-            }
+            Some((name, value, range)) => Err(GapError::run(
+                format!("camera {name}"),
+                format!("{} to {}", range.start(), range.end()),
+                value.to_string(),
+            )),
             None => Ok(()),
         }
     }
@@ -157,8 +160,7 @@ pub fn check(footage: &Footage, options: &LookOptions) -> Result<(), GapError> {
 }
 
 fn out_of_view(share: f64) -> GapError {
-    let expected =
-        "a scene that the camera sees from the measured poses (same frame, metres, camera axes x right, y down, z forward)";
+    let expected = "a scene that the camera sees from the measured poses (same frame, metres, camera axes x right, y down, z forward)";
     GapError::run("scene", expected, format!("{:.0} % of the pixels in view", 100.0 * share))
 }
 
@@ -220,8 +222,7 @@ fn see(footage: &Footage, path: &Path, chosen: &[&Photograph], options: &LookOpt
         return Err(out_of_view(shares[shares.len() / 2]));
     }
     coarse.retain(|c| c.2.seen >= ENOUGH);
-    let sightings: Vec<Sighting> =
-        coarse.iter().filter_map(|c| sighting(c.0, &c.3, &stated)).collect();
+    let sightings: Vec<Sighting> = coarse.iter().filter_map(|c| sighting(c.0, &c.3, &stated)).collect();
     let together = Together::new(path, rig.base_from_camera, rig.delay, &sightings);
     let everything: Vec<usize> = (0..model::SHARED).collect();
     let common = together.as_ref().and_then(|t| Some((t, t.fit(&everything, &[[0.0; model::SHARED]], |_| true)?)));
@@ -246,7 +247,8 @@ fn see(footage: &Footage, path: &Path, chosen: &[&Photograph], options: &LookOpt
     let seen: Vec<Option<Seen>> = seen.collect::<Result<_, GapError>>()?;
     let seen: Vec<Seen> = seen.into_iter().flatten().collect();
     if seen.len() < FEWEST {
-        let expected = format!("at least {FEWEST} images in which the scene fills {:.0} % of the pixels", 100.0 * ENOUGH);
+        let expected =
+            format!("at least {FEWEST} images in which the scene fills {:.0} % of the pixels", 100.0 * ENOUGH);
         return Err(GapError::run("images", expected, seen.len().to_string()));
     }
     Ok(seen)

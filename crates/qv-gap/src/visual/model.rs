@@ -112,8 +112,7 @@ impl<'a> Together<'a> {
             sum / sightings.len().max(1) as f64
         };
         let middle = Pose { position: glam::DVec3::new(mean(0), mean(1), mean(2)), ..Pose::IDENTITY };
-        let mut together =
-            Self { path, base_from_camera, delay, middle, sightings, scales: [1.0; GROUPS] };
+        let mut together = Self { path, base_from_camera, delay, middle, sightings, scales: [1.0; GROUPS] };
         for _ in 0..4 {
             let fit = together.fit(&(0..SHARED).collect::<Vec<_>>(), &[[0.0; SHARED]], |_| true)?;
             together.rescale(&fit.shared);
@@ -194,8 +193,7 @@ impl<'a> Together<'a> {
         wide.iter().for_each(|&i| prior[i] = WIDE[i]);
         let taken: Vec<&Sighting> =
             self.sightings.iter().enumerate().filter(|(i, _)| take(*i)).map(|(_, s)| s).collect();
-        let inverse: Vec<_> =
-            taken.iter().map(|s| self.covariance(s).try_inverse()).collect::<Option<Vec<_>>>()?;
+        let inverse: Vec<_> = taken.iter().map(|s| self.covariance(s).try_inverse()).collect::<Option<Vec<_>>>()?;
         let fits = starts.iter().filter_map(|start| self.descend(*start, &prior, &taken, &inverse));
         fits.max_by(|a, b| a.evidence.total_cmp(&b.evidence))
     }
@@ -241,8 +239,8 @@ impl<'a> Together<'a> {
         };
         // As of a Gaussian with the tolerances in its covariance: what tolerated deviations have to do for the fit counts, too.
         let of_prior: f64 = shared.iter().zip(prior).map(|(x, p)| (x / p).powi(2)).sum();
-        let level = (of_prior + taken.iter().zip(inverse).map(squares).sum::<f64>())
-            / (NUMBERS * taken.len().max(1)) as f64;
+        let level =
+            (of_prior + taken.iter().zip(inverse).map(squares).sum::<f64>()) / (NUMBERS * taken.len().max(1)) as f64;
         let deviations = std::array::from_fn(|i| covariance[(i, i)].max(0.0).sqrt());
         evidence.is_finite().then_some(Fit { shared, deviations, evidence, level })
     }

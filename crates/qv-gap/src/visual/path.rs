@@ -85,8 +85,29 @@ mod tests {
     #[test]
     fn poses_are_between_their_neighbours() {
         let half = 0.5f64.sqrt();
-        let values =
-            vec![0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, f64::NAN, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 2.0, 0.0, -half, 0.0, 0.0, -half];
+        let values = vec![
+            0.0,
+            0.0,
+            0.0,
+            1.0,
+            0.0,
+            0.0,
+            0.0,
+            f64::NAN,
+            0.0,
+            0.0,
+            1.0,
+            0.0,
+            0.0,
+            0.0,
+            1.0,
+            2.0,
+            0.0,
+            -half,
+            0.0,
+            0.0,
+            -half,
+        ];
         let path = Path::new(Some(&JointSeries::new(vec![0.0, 0.5, 1.0], values, 7).unwrap())).unwrap();
         let middle = path.at(0.5);
         assert!((middle.position - DVec3::new(0.5, 1.0, 0.0)).length() < 1e-12);

@@ -88,8 +88,13 @@ impl Recording {
 /// The recording of a truth with something hidden. Poses come at 50 Hz with noise of 2 mm and 1 mrad.
 pub fn recording(truth: &Truth, hidden: Hidden, seed: u64) -> Recording {
     let mut random = Random::new(seed, 77);
-    let mut rig =
-        Rig { intrinsics: truth.intrinsics, base_from_camera: truth.base_from_camera, delay: 0.0, gain: 1.0, blur: 0.0 };
+    let mut rig = Rig {
+        intrinsics: truth.intrinsics,
+        base_from_camera: truth.base_from_camera,
+        delay: 0.0,
+        gain: 1.0,
+        blur: 0.0,
+    };
     let mut late = 0.0;
     match hidden {
         Hidden::Delay(delay) => late = delay,
@@ -103,10 +108,8 @@ pub fn recording(truth: &Truth, hidden: Hidden, seed: u64) -> Recording {
     let (mut time, mut values) = (Vec::new(), Vec::new());
     for k in 0..=((truth.span[1] - truth.span[0]) * 50.0) as usize {
         let t = truth.span[0] + k as f64 / 50.0;
-        let noise = Pose {
-            position: 0.002 * random.normals(),
-            rotation: DQuat::from_scaled_axis(0.001 * random.normals()),
-        };
+        let noise =
+            Pose { position: 0.002 * random.normals(), rotation: DQuat::from_scaled_axis(0.001 * random.normals()) };
         let pose = (truth.path)(t) * noise;
         time.push(t);
         values.extend(pose.position.to_array());
@@ -264,7 +267,8 @@ pub fn error(hidden: Hidden, cause: &qv_gap::report::Cause) -> f64 {
         Hidden::Exposure(stops) => (value("stops") - stops).abs(),
         Hidden::Delay(delay) => (value("delay") - delay).abs(),
         Hidden::Extrinsics(twist) => {
-            let found = DQuat::from_scaled_axis(DVec3::new(value("rotation_x"), value("rotation_y"), value("rotation_z")));
+            let found =
+                DQuat::from_scaled_axis(DVec3::new(value("rotation_x"), value("rotation_y"), value("rotation_z")));
             let truth = pose_of(&twist).rotation;
             found.angle_between(truth)
         }
