@@ -281,8 +281,7 @@ impl<'a> Together<'a> {
             let squares = blocks(&r, inv);
             let mut j = SMatrix::<f64, NUMBERS, SHARED>::zeros();
             for i in 0..SHARED {
-                // Over an interval of the path, of which only straight pieces are known.
-                let step = if i == DELAY { self.path.interval(s.time - self.delay).clamp(0.01, 0.05) } else { 1e-4 };
+                let step = if i == DELAY { 0.004 } else { 1e-4 };
                 let (mut plus, mut minus) = (*shared, *shared);
                 plus[i] += step;
                 minus[i] -= step;
