@@ -131,7 +131,7 @@ impl MessageSink for Collector {
             let kept = self.topics.entry(topic.clone()).or_default();
             kept.count += 1;
             // Most are not decoded, so that a long recording costs no more than a short one.
-            if (kept.count - 1) % kept.every.max(1) != 0 {
+            if !(kept.count - 1).is_multiple_of(kept.every.max(1)) {
                 return;
             }
         }

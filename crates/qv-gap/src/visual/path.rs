@@ -66,8 +66,7 @@ impl Path {
         let next = twist_of(&(self.poses[k].inverse() * self.poses[after]));
         let turn = self.poses[k].rotation.conjugate() * self.poses[after].rotation;
         let (first, second) = (&self.velocity[k], turned(turn, &self.velocity[after]));
-        let twist: Twist =
-            std::array::from_fn(|i| h10 * length * first[i] + h01 * next[i] + h11 * length * second[i]);
+        let twist: Twist = std::array::from_fn(|i| h10 * length * first[i] + h01 * next[i] + h11 * length * second[i]);
         self.poses[k] * pose_of(&twist)
     }
 }
