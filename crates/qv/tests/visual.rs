@@ -144,7 +144,7 @@ fn trot(late: f64) -> (Vec<Message>, GaussianCloud) {
 
 /// Slow without optimisation: `cargo test --release -p qv --test visual -- --ignored`.
 #[test]
-#[ignore = "a whole diagnosis, half a minute with --release"]
+#[ignore = "three whole diagnoses, minutes even with --release"]
 fn a_late_camera_is_accused_and_nothing_else_and_the_corrected_one_is_not() {
     let (messages, cloud) = trot(0.07);
     let (code, out, err, folder) = diagnose("see_late", &messages, &cloud, &camera_toml(&rig()));
