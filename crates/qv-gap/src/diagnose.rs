@@ -467,6 +467,7 @@ impl Findings<'_> {
             ranking,
             leads,
             rounds: self.told,
+            visual: None,
             unexplained,
             cannot_tell: self.cannot_tell,
             next,

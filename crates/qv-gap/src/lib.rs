@@ -30,6 +30,7 @@ mod shares;
 pub mod slip;
 pub mod study;
 mod telling;
+pub mod visual;
 pub mod whiten;
 
 pub use diagnose::{Options, diagnose};

@@ -1,5 +1,6 @@
 //! What a diagnosis found, as plain data: `report.json` is this, field by field.
 
+use crate::visual::Sight;
 use serde::Serialize;
 
 /// The format's name in `report.json`.
@@ -90,7 +91,7 @@ pub struct RegionShare {
 /// Where the gap lies.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Where {
-    /// actuator, contact, inertial, sensing.
+    /// actuator, contact, inertial, sensing, visual.
     pub interfaces: Vec<Share>,
     /// By joint.
     pub joints: Vec<JointShare>,
@@ -297,6 +298,9 @@ pub struct Report {
     pub leads: Vec<Lead>,
     /// How the causes were found, round by round.
     pub rounds: Vec<RoundTold>,
+    /// What the camera says, when there are images and a scene.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub visual: Option<Sight>,
     /// What is left.
     pub unexplained: Unexplained,
     /// What cannot be told from this recording, and why.

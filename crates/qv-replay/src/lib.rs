@@ -9,6 +9,7 @@ mod clean;
 pub mod derive;
 mod error;
 mod faults;
+pub mod images;
 pub mod mapping;
 pub mod plan;
 pub mod replay;

@@ -1,10 +1,13 @@
 //! `qv diagnose`: where the gap lies, what causes it, how far it shrinks.
 
+use crate::camera::{RobotCamera, open_camera, open_images, photographs, to_toml};
 use crate::open::{file_error, lost_from, model_of, open_run, parameters, spinner, terrain_of, urdf_of};
+use crate::scene::open_scene;
 use crate::{Outcome, RunArguments, say};
-use qv_core::JointSeries;
+use qv_core::{GaussianCloud, JointSeries};
 use qv_gap::baselines::{Baselines, CMA_ES_STEPS, baselines};
-use qv_gap::report::{Report, UNKNOWN};
+use qv_gap::report::{Report, Stage, UNKNOWN};
+use qv_gap::visual::{EFFECTS, Footage, LookOptions, Photograph, check, join, look};
 use qv_gap::{GapError, Options, diagnose, library, output};
 use qv_replay::{ReplayError, Run};
 use qv_sim::Model;
@@ -13,9 +16,9 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 pub const EXAMPLE: &str = "Example:\n  qv diagnose walk.mcap --out out/walk\n  qv diagnose monday.mcap tuesday.mcap --terrain yard.glb \
-    --library mine.toml --out out/both\n\n\
+    --library mine.toml --out out/both\n  qv diagnose walk.mcap --scene yard.ply --camera camera.toml --out out/seen\n\n\
     Writes report.json, report.html, calibrated.toml (for --params), and the same corrections for MuJoCo, URDF and Isaac \
-    Lab.\nSeveral recordings are taken to be of one robot with one cause.\n\n\
+    Lab;\nwith --scene also calibrated_camera.toml (for --camera). Images of a table are those that images.csv names (time, file).\nSeveral recordings are taken to be of one robot with one cause.\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
 
 /// How far off a mesh may be under a foot \[m\]: what flat ground in a mesh of good photographs has.
@@ -56,6 +59,18 @@ pub struct Diagnose {
     /// How far off the ground may be under a foot, in metres (standard deviation); default 0.003 for a mesh, 0 for a plane
     #[arg(long, value_name = "METRES")]
     ground_error: Option<f64>,
+    /// A splat of the place in the frame of the poses: what the camera saw is judged, too
+    #[arg(long, value_name = "SCENE.ply", requires = "camera")]
+    scene: Option<PathBuf>,
+    /// The robot's camera: width, height, fx, fy, cx, cy, distortion, [base_from_camera] position, quaternion w x y z
+    #[arg(long, value_name = "FILE.toml", requires = "scene")]
+    camera: Option<PathBuf>,
+    /// Topic of the images; default: the one with most
+    #[arg(long, value_name = "TOPIC", requires = "scene")]
+    image_topic: Option<String>,
+    /// Most images that are compared
+    #[arg(long, default_value_t = 40, value_name = "N", requires = "scene")]
+    images: usize,
     /// Seed of the simulated recordings without an effect
     #[arg(long, default_value_t = 1, value_name = "N")]
     seed: u64,
@@ -70,6 +85,11 @@ pub struct Diagnose {
 impl Diagnose {
     pub fn execute(&self) -> Result<Outcome, ReplayError> {
         let runs = self.open(&self.runs)?;
+        // What is wrong with it is said before minutes are spent on the rest.
+        let place = match (&self.scene, &self.camera) {
+            (Some(scene), Some(camera)) => Some(self.place(scene, camera, &runs[0])?),
+            _ => None,
+        };
         let model = model_of(&runs[0], &self.runs[0], self.robot.as_deref())?;
         let terrain = terrain_of(&self.terrain)?;
         let mut library = library::built_in();
@@ -78,7 +98,8 @@ impl Diagnose {
                 fs::read_to_string(path).map_err(|e| file_error(path, "a library of effects", &e.to_string()))?;
             library.extend(library::parse(&text, &path.display().to_string()).map_err(replay_error)?);
         }
-        let unknown = self.without.iter().find(|name| !library.iter().any(|e| e.name == **name));
+        let of_camera = |name: &str| EFFECTS.iter().any(|e| e.name == name);
+        let unknown = self.without.iter().find(|name| !library.iter().any(|e| e.name == **name) && !of_camera(name));
         if let Some(name) = unknown {
             return Err(ReplayError::Run {
                 what: "--without".into(),
@@ -109,19 +130,29 @@ impl Diagnose {
             progress: Some(&told),
             ..Default::default()
         };
-        let diagnosis = diagnose(&runs, &model, &terrain, &options, self.leave_out).map_err(replay_error)?;
+        let mut diagnosis = diagnose(&runs, &model, &terrain, &options, self.leave_out).map_err(replay_error)?;
+        let corrected = match &place {
+            Some(place) => Some(self.look(place, &runs[0], &mut diagnosis.report, &seconds, &told)?),
+            None => None,
+        };
         let rivals = if self.baselines {
             Some(baselines(&runs, &model, &terrain, &options, CMA_ES_STEPS).map_err(replay_error)?)
         } else {
             None
         };
         bar.finish_and_clear();
-        let lost: Vec<String> = runs.iter().flat_map(lost_from).collect();
+        let mut lost: Vec<String> = runs.iter().flat_map(lost_from).collect();
+        lost.extend(place.iter().flat_map(|p| p.notes.iter().cloned()));
         let urdf = urdf_of(&runs[0], self.robot.as_deref());
         let robot = Robot::new(&runs[0], model.clone(), urdf, lost.clone());
         self.write(&self.out, &diagnosis.report, &robot)?;
         for (effect, report) in &diagnosis.without {
             self.write(&self.out.join("without").join(effect), report, &robot)?;
+        }
+        if let Some(camera) = &corrected {
+            let path = self.out.join("calibrated_camera.toml");
+            let said = diagnosis.report.visual.as_ref().map_or("", |v| &v.sentence);
+            fs::write(&path, to_toml(camera, said)).map_err(|e| write_error(&path, &e))?;
         }
         if let Some(rivals) = &rivals {
             write_baselines(&self.out, rivals)?;
@@ -142,6 +173,50 @@ impl Diagnose {
         paths.iter().map(open).collect()
     }
 
+    /// Scene, camera and images, checked.
+    fn place(&self, scene: &Path, camera: &Path, run: &Run) -> Result<Place, ReplayError> {
+        let cloud = open_scene(scene).map_err(|e| file_error(scene, "a splat file", &e.to_string()))?.cloud;
+        let arguments = RunArguments { run: self.runs[0].clone(), pose_topic: self.pose_topic.clone() };
+        let images = open_images(&arguments, run, self.image_topic.as_deref(), self.images)?;
+        let camera = open_camera(camera, images.info.as_ref())?;
+        let photographs = photographs(&images.images, &camera)?;
+        let place = Place { cloud, camera, photographs, notes: images.notes };
+        let options = LookOptions { most: self.images, ..Default::default() };
+        check(&place.footage(run.measured.base_pose.as_ref()), &options).map_err(replay_error)?;
+        Ok(place)
+    }
+
+    /// Judges the camera, adds that to the report, and gives the camera as it should be.
+    fn look(
+        &self,
+        place: &Place,
+        run: &Run,
+        report: &mut Report,
+        seconds: &dyn Fn() -> f64,
+        told: &(dyn Fn(&str) + Sync),
+    ) -> Result<RobotCamera, ReplayError> {
+        let begun = seconds();
+        // A pose that comes late is known by now: the camera is not accused of it.
+        let late = report.corrections.iter().find(|c| c.parameter == "sensor.pose.delay").map_or(0.0, |c| c.value);
+        let mut poses = run.measured.base_pose.clone();
+        poses.iter_mut().flat_map(|p| &mut p.time).for_each(|t| *t -= late);
+        let progress = |done: usize, all: usize| told(&format!("images {done} of {all}"));
+        let options = LookOptions {
+            without: self.without.clone(),
+            most: self.images,
+            seed: self.seed,
+            progress: Some(&progress),
+            ..Default::default()
+        };
+        let sight = look(&place.footage(poses.as_ref()), &options).map_err(replay_error)?;
+        let rig = sight.corrected.unwrap_or(place.camera.rig);
+        join(report, sight);
+        let spent = seconds() - begun;
+        report.stages.push(Stage { name: "images".into(), seconds: spent, steps: 0 });
+        report.runtime_s += spent;
+        Ok(RobotCamera { rig, ..place.camera })
+    }
+
     fn write(&self, directory: &Path, report: &Report, robot: &Robot) -> Result<(), ReplayError> {
         fs::create_dir_all(directory).map_err(|e| write_error(directory, &e))?;
         let title: Vec<String> = self.runs.iter().map(|r| r.display().to_string()).collect();
@@ -152,6 +227,20 @@ impl Diagnose {
             fs::write(&path, bytes).map_err(|e| write_error(&path, &e))?;
         }
         Ok(())
+    }
+}
+
+/// What the camera is judged with.
+struct Place {
+    cloud: GaussianCloud,
+    camera: RobotCamera,
+    photographs: Vec<Photograph>,
+    notes: Vec<String>,
+}
+
+impl Place {
+    fn footage<'a>(&'a self, poses: Option<&'a JointSeries>) -> Footage<'a> {
+        Footage { cloud: &self.cloud, rig: self.camera.rig, poses, photographs: &self.photographs }
     }
 }
 

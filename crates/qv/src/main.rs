@@ -1,6 +1,7 @@
 //! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost.
 
 mod ask;
+mod camera;
 mod capture;
 mod contact;
 mod diagnose;

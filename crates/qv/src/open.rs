@@ -63,8 +63,31 @@ pub fn spinner(what: &'static str) -> ProgressBar {
     bar
 }
 
-/// The files that `metadata.yaml` lists, else all .mcap files, in the order of their numbers.
+/// The files of a bag, to be read again for what a run does not hold.
+///
+/// # Errors
+/// No bag is there, or a file cannot be opened.
+pub fn bag_files(path: &Path) -> Result<Vec<BagFile<BufReader<File>>>, ReplayError> {
+    let paths = if path.is_dir() { split_files(path)?.0 } else { vec![path.to_path_buf()] };
+    let open = |path: &PathBuf| {
+        let file = File::open(path).map_err(|e| file_error(path, "a readable file", &e.to_string()))?;
+        Ok(BagFile { name: path.display().to_string(), source: BufReader::new(file) })
+    };
+    paths.iter().map(open).collect()
+}
+
 fn open_split_bag(directory: &Path, arguments: &RunArguments) -> Result<Run, ReplayError> {
+    let (present, absent) = split_files(directory)?;
+    let mut run = open_bag(&present, arguments)?;
+    for name in absent {
+        let what = "listed in metadata.yaml, but not there".to_string();
+        run.lost.push(Loss { file: directory.join(name).display().to_string(), what, span: None });
+    }
+    Ok(run)
+}
+
+/// The files that `metadata.yaml` lists, else all .mcap files, in the order of their numbers; and names that are listed and not there.
+fn split_files(directory: &Path) -> Result<(Vec<PathBuf>, Vec<String>), ReplayError> {
     let listed = fs::read_to_string(directory.join("metadata.yaml")).map(|t| listed_files(&t)).unwrap_or_default();
     let (mut present, mut absent) = (Vec::new(), Vec::new());
     for name in &listed {
@@ -82,12 +105,7 @@ fn open_split_bag(directory: &Path, arguments: &RunArguments) -> Result<Run, Rep
             if absent.is_empty() { "none of them".into() } else { format!("only the names {}", absent.join(", ")) };
         return Err(file_error(directory, "run.csv, or .mcap files", &found));
     }
-    let mut run = open_bag(&present, arguments)?;
-    for name in absent {
-        let what = "listed in metadata.yaml, but not there".to_string();
-        run.lost.push(Loss { file: directory.join(name).display().to_string(), what, span: None });
-    }
-    Ok(run)
+    Ok((present, absent))
 }
 
 /// `relative_file_paths` of a bag's metadata.

@@ -7,6 +7,7 @@ mod curves;
 mod floor_plan;
 mod heat_map;
 mod style;
+mod visual;
 mod words;
 
 use super::calibrated::cause_of;
@@ -38,6 +39,7 @@ pub fn to_html(report: &Report, title: &str, notes: &[String]) -> String {
     let shown = shown(report);
     page += &place(&shown);
     page += &curves::curves(&shown.curves);
+    page += &visual::visual(report.visual.as_ref());
     page += &unexplained(&report.unexplained, report.verdict);
     page += &corrections(report, &library);
     page += &stages(&report.stages, report.runtime_s);

@@ -48,6 +48,7 @@ pub fn empty() -> Report {
         ranking: Vec::new(),
         leads: Vec::new(),
         rounds: Vec::new(),
+        visual: None,
         unexplained: Unexplained::default(),
         cannot_tell: Vec::new(),
         next: Vec::new(),
@@ -80,6 +81,7 @@ pub fn report() -> Report {
         place: place(),
         causes: causes(),
         ranking: ranking(),
+        visual: None,
         unexplained: Unexplained {
             share: 0.091,
             depends_on: vec![

@@ -33,4 +33,4 @@ pub use model::{Exposure, Model, NEUTRAL};
 pub use options::{Rates, Strategy, TrainOptions, Weights};
 pub use score::{Score, score};
 pub use start::{AT_DEPTHS, AT_RANDOM, at_depths, at_far, at_random, of_points};
-pub use undistort::Pixels;
+pub use undistort::{Pixels, undistorted};

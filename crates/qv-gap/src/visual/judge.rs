@@ -1,0 +1,464 @@
+//! Which effect of the camera: accuse or abstain.
+
+use super::align::{self, NUMBERS, Offsets};
+use super::model::{BLUR, DELAY, FOCAL, Fit, GAIN, MOUNTING, SHARED, Sighting, TOLERANCE, Together};
+use super::path::{Path, pose_of};
+use super::sight::{Looks, Noise, Sight, VisualGap};
+use super::{Footage, LookOptions, Rig, Seen, plus, stated};
+use crate::GapError;
+use crate::random::Random;
+use crate::report::{Cause, ParameterEstimate, Ranked, Verdict};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// An effect of the camera.
+#[derive(Debug)]
+pub struct CameraEffect {
+    /// Name in reports.
+    pub name: &'static str,
+    /// Shared numbers that it moves.
+    of: Range<usize>,
+    /// Values that are believed.
+    range: [f64; 2],
+    /// What would tell it from the effects that look like it.
+    experiment: &'static str,
+}
+
+/// The effects of a camera that may be accused.
+pub const EFFECTS: [CameraEffect; 5] = [
+    CameraEffect {
+        name: "camera_exposure",
+        of: GAIN..GAIN + 1,
+        range: [-2.0, 2.0],
+        experiment: "photograph a grey card with the exposure fixed",
+    },
+    CameraEffect {
+        name: "camera_delay",
+        of: DELAY..DELAY + 1,
+        range: [-0.2, 0.3],
+        experiment: "turn on the spot to and fro at two speeds: a delay moves the picture by the speed, a mounting does not",
+    },
+    CameraEffect {
+        name: "camera_extrinsics",
+        of: MOUNTING..MOUNTING + 6,
+        range: [-0.5, 0.5],
+        experiment: "stand still at several headings: a mounting is off in camera axes, the scene's place in those of the world",
+    },
+    CameraEffect {
+        name: "camera_focal",
+        of: FOCAL..FOCAL + 1,
+        range: [-0.4, 0.4],
+        experiment: "photograph a board of known size at two distances",
+    },
+    CameraEffect {
+        name: "camera_blur",
+        of: BLUR..BLUR + 1,
+        range: [0.0, 25.0],
+        experiment: "stand still and photograph an edge: a lens out of focus blurs it, motion does not",
+    },
+];
+
+/// Log evidence over that of no effect from which one is accused.
+const EVIDENCE: f64 = 12.0;
+/// Size from which one is accused, in tolerances.
+const SIZE: f64 = 3.5;
+/// Share of the squares above the floor that one must take away in photographs that its fit has not seen.
+const CLOSED: f64 = 0.1;
+/// Standard errors by which the disagreement must fall there.
+const ERRORS: f64 = 2.0;
+/// An effect whose evidence comes this near to the accused one's looks like it.
+const ALIKE: f64 = 10.0;
+/// Level below which nothing is left that noise and tolerances do not explain.
+const EXPLAINED: f64 = 1.8;
+/// Parts into which photographs are dealt: each is judged by a fit to the others.
+const FOLDS: usize = 4;
+/// Most effects that are accused.
+const MOST: usize = 3;
+/// Photographs that are shown.
+const SHOWN: usize = 3;
+
+struct Judge<'a> {
+    footage: &'a Footage<'a>,
+    together: Together<'a>,
+    seen: &'a [Seen],
+    stated: Offsets,
+    width: usize,
+}
+
+/// Judges what the photographs are off by.
+pub fn judge(footage: &Footage, path: &Path, seen: &[Seen], options: &LookOptions) -> Result<Sight, GapError> {
+    let rig = footage.rig;
+    let sightings: Vec<Sighting> = seen.iter().map(|s| s.sighting.clone()).collect();
+    let no_good = || GapError::run("images", "photographs that agree with the scene somewhere", "none");
+    let together = Together::new(path, rig.base_from_camera, rig.delay, &sightings).ok_or_else(no_good)?;
+    let judge = Judge { footage, together, seen, stated: stated(&rig, options.width), width: options.width };
+    let free: Vec<usize> = (0..super::model::PLACE).collect();
+    let all = judge.together.fit(&free, &[[0.0; SHARED]], |_| true).ok_or_else(no_good)?;
+    let none = judge.fit(&[], &all, |_| true).ok_or_else(no_good)?;
+
+    let allowed: Vec<usize> =
+        (0..EFFECTS.len()).filter(|&e| !options.without.iter().any(|w| w == EFFECTS[e].name)).collect();
+    let mut accused: Vec<usize> = Vec::new();
+    let mut best = none.clone();
+    let mut first: Vec<(usize, f64)> = Vec::new();
+    let mut confusable: Vec<Vec<usize>> = Vec::new();
+    let mut before: Vec<f64> = seen.iter().map(|s| s.before.loss).collect();
+    let measured = before.clone();
+    while accused.len() < MOST {
+        let mut ranked: Vec<(usize, f64, Fit)> = allowed
+            .iter()
+            .filter(|e| !accused.contains(e))
+            .filter_map(|&e| {
+                let with = [&accused[..], &[e]].concat();
+                let fit = judge.fit(&with, &all, |_| true)?;
+                Some((e, fit.evidence - best.evidence, fit))
+            })
+            .collect();
+        ranked.sort_by(|a, b| b.1.total_cmp(&a.1));
+        if first.is_empty() {
+            first = ranked.iter().map(|(e, evidence, _)| (*e, *evidence)).collect();
+        }
+        let Some((effect, evidence, fit)) = ranked.first() else { break };
+        if *evidence < EVIDENCE || !judge.is_large(*effect, &fit.shared) {
+            break;
+        }
+        let with = [&accused[..], &[*effect]].concat();
+        let after = judge.unseen(&with, &all)?;
+        let floor: f64 = seen.iter().map(|s| s.aligned.disagreement.loss).sum();
+        let (fall, error) = fall(&before, &after);
+        let closes = fall * seen.len() as f64 > CLOSED * (before.iter().sum::<f64>() - floor);
+        if fall < ERRORS * error || !closes {
+            break;
+        }
+        let alike = ranked[1..].iter().filter(|r| r.1 > evidence - ALIKE && r.1 > EVIDENCE);
+        confusable.push(alike.map(|r| r.0).collect());
+        accused.push(*effect);
+        (best, before) = (fit.clone(), after);
+    }
+    judge.told(accused, confusable, first, &none, &best, &all, &measured, &before, options)
+}
+
+impl Judge<'_> {
+    /// A fit with these effects wide, from nothing and from where everything is free.
+    fn fit(&self, effects: &[usize], all: &Fit, take: impl Fn(usize) -> bool) -> Option<Fit> {
+        let wide: Vec<usize> = effects.iter().flat_map(|&e| EFFECTS[e].of.clone()).collect();
+        let mut start = [0.0; SHARED];
+        wide.iter().for_each(|&i| start[i] = all.shared[i]);
+        self.together.fit(&wide, &[[0.0; SHARED], start], take)
+    }
+
+    /// Beyond tolerance, and within the range that is believed.
+    fn is_large(&self, effect: usize, shared: &[f64; SHARED]) -> bool {
+        let CameraEffect { of, range, .. } = &EFFECTS[effect];
+        let size = of.clone().map(|i| (shared[i] / TOLERANCE[i]).powi(2)).sum::<f64>().sqrt();
+        size >= SIZE && of.clone().all(|i| (range[0]..=range[1]).contains(&shared[i]))
+    }
+
+    /// Offsets that effects alone foretell.
+    fn foretold(&self, effects: &[usize], shared: &[f64; SHARED], time: f64) -> Offsets {
+        let mut only = [0.0; SHARED];
+        effects.iter().flat_map(|&e| EFFECTS[e].of.clone()).for_each(|i| only[i] = shared[i]);
+        plus(&self.together.foretold(&only, time), &self.stated)
+    }
+
+    /// Disagreement of each photograph with these effects as the other photographs have them.
+    fn unseen(&self, effects: &[usize], all: &Fit) -> Result<Vec<f64>, GapError> {
+        let fits: Vec<Option<Fit>> = (0..FOLDS).map(|fold| self.fit(effects, all, |i| i % FOLDS != fold)).collect();
+        let one = |(i, seen): (usize, &Seen)| {
+            let Some(fit) = &fits[i % FOLDS] else { return Ok(seen.before.loss) };
+            let offsets = self.foretold(effects, &fit.shared, seen.sighting.time);
+            Ok(align::disagreement(self.footage.cloud, &seen.target, &offsets, seen.target.levels() - 1)?.loss)
+        };
+        self.seen.par_iter().enumerate().map(one).collect()
+    }
+
+    fn told(
+        &self,
+        accused: Vec<usize>,
+        confusable: Vec<Vec<usize>>,
+        first: Vec<(usize, f64)>,
+        none: &Fit,
+        best: &Fit,
+        all: &Fit,
+        before: &[f64],
+        after: &[f64],
+        options: &LookOptions,
+    ) -> Result<Sight, GapError> {
+        let floor: Vec<f64> = self.seen.iter().map(|s| s.aligned.disagreement.loss).collect();
+        let gap = self.gap(before, after, &floor, options.seed);
+        let probabilities = probabilities(&first, &accused);
+        let mut causes = Vec::new();
+        for (k, &effect) in accused.iter().enumerate() {
+            let alone = if accused.len() == 1 { after.to_vec() } else { self.unseen(&[effect], all)? };
+            let names = |of: &[usize]| of.iter().map(|&e| EFFECTS[e].name.to_string()).collect::<Vec<_>>();
+            let mut confusable_with = names(&confusable[k]);
+            // Only photographs against poses: which of the two clocks is off cannot be seen here.
+            if EFFECTS[effect].name == "camera_delay" {
+                confusable_with.push("pose_delay".into());
+            }
+            causes.push(Cause {
+                effect: EFFECTS[effect].name.into(),
+                probability: probabilities
+                    .iter()
+                    .find(|r| r.effect == EFFECTS[effect].name)
+                    .map_or(0.0, |r| r.probability),
+                scope: vec!["all".into()],
+                parameters: self.estimates(effect, best),
+                closed_alone: closed(before, &alone, &floor),
+                confusable_with,
+                separating_experiment: EFFECTS[effect].experiment.into(),
+            });
+        }
+        let verdict = match (causes.is_empty(), best.level < EXPLAINED, none.level < EXPLAINED) {
+            (true, _, true) => Verdict::NoGap,
+            (true, _, false) => Verdict::Unexplained,
+            (false, true, _) => Verdict::Explained,
+            (false, false, _) => Verdict::PartlyExplained,
+        };
+        let corrected = self.corrected(&accused, best);
+        Ok(Sight {
+            verdict,
+            sentence: sentence(verdict, &causes, &gap, self.seen.len()),
+            photographs: self.seen.len(),
+            size: [self.footage.rig.intrinsics.width as usize, self.footage.rig.intrinsics.height as usize],
+            gap,
+            level: [none.level, best.level],
+            causes,
+            ranking: probabilities,
+            evidence: first.iter().map(|(e, evidence)| (EFFECTS[*e].name.to_string(), *evidence)).collect(),
+            shared: (0..EFFECTS.len()).flat_map(|e| self.estimates(e, all)).collect(),
+            noise: self.noise(),
+            cannot_tell: self.cannot_tell(all),
+            looks: self.looks(&accused, best)?,
+            corrected: Some(corrected),
+        })
+    }
+
+    fn gap(&self, before: &[f64], after: &[f64], floor: &[f64], seed: u64) -> VisualGap {
+        let root = |x: &[f64]| (x.iter().sum::<f64>() / x.len() as f64).sqrt();
+        let mut random = Random::new(seed, 71);
+        let n = before.len();
+        let mut draws: Vec<f64> = (0..400)
+            .map(|_| {
+                let of: Vec<usize> = (0..n).map(|_| ((random.uniform() * n as f64) as usize).min(n - 1)).collect();
+                let take = |x: &[f64]| of.iter().map(|&i| x[i]).collect::<Vec<f64>>();
+                closed(&take(before), &take(after), &take(floor))
+            })
+            .collect();
+        draws.sort_by(f64::total_cmp);
+        VisualGap {
+            before: root(before),
+            after: root(after),
+            floor: root(floor),
+            closed: closed(before, after, floor),
+            closed_ci95: [draws[10], draws[389]],
+            unit: "root mean square of displayed brightness, 0 to 1".into(),
+            heldout: true,
+        }
+    }
+
+    /// Pixels of the photograph for one of the picture that is compared.
+    fn magnification(&self) -> f64 {
+        let width = f64::from(self.footage.rig.intrinsics.width);
+        width / (self.width as f64).min(width)
+    }
+
+    /// Values of an effect in units that people use.
+    fn estimates(&self, effect: usize, fit: &Fit) -> Vec<ParameterEstimate> {
+        let of = &EFFECTS[effect].of;
+        let half = |i: usize| 1.96 * fit.deviations[i].hypot(0.7 * TOLERANCE[i]).hypot(0.03 * fit.shared[i]);
+        let plain = |i: usize, name: &str, unit: &str, factor: f64| {
+            let (value, half) = (factor * fit.shared[i], factor * half(i));
+            ParameterEstimate { name: name.into(), value, ci95: [value - half, value + half], unit: unit.into() }
+        };
+        match EFFECTS[effect].name {
+            "camera_exposure" => {
+                let (x, h) = (fit.shared[GAIN], half(GAIN));
+                let gain = ParameterEstimate {
+                    name: "gain".into(),
+                    value: x.exp(),
+                    ci95: [(x - h).exp(), (x + h).exp()],
+                    unit: "1".into(),
+                };
+                // Displayed values are light to the power 1 / 2.2.
+                vec![gain, plain(GAIN, "stops", "EV", 2.2 / std::f64::consts::LN_2)]
+            }
+            "camera_delay" => vec![plain(DELAY, "delay", "s", 1.0)],
+            "camera_extrinsics" => {
+                let axes = ["x", "y", "z"];
+                let rotation = (0..3).map(|k| plain(of.start + 3 + k, &format!("rotation_{}", axes[k]), "rad", 1.0));
+                let translation = (0..3).map(|k| plain(of.start + k, &format!("translation_{}", axes[k]), "m", 1.0));
+                rotation.chain(translation).collect()
+            }
+            "camera_focal" => {
+                let (x, h) = (fit.shared[FOCAL], half(FOCAL));
+                vec![ParameterEstimate {
+                    name: "focal_scale".into(),
+                    value: x.exp(),
+                    ci95: [(x - h).exp(), (x + h).exp()],
+                    unit: "1".into(),
+                }]
+            }
+            _ => {
+                let deviation = |variance: f64| variance.max(0.0).sqrt() * self.magnification();
+                let (x, h) = (fit.shared[BLUR], half(BLUR));
+                vec![ParameterEstimate {
+                    name: "blur".into(),
+                    value: deviation(x),
+                    ci95: [deviation(x - h), deviation(x + h)],
+                    unit: "px".into(),
+                }]
+            }
+        }
+    }
+
+    /// The camera with these effects.
+    fn corrected(&self, effects: &[usize], fit: &Fit) -> Rig {
+        let mut only = [0.0; SHARED];
+        effects.iter().flat_map(|&e| EFFECTS[e].of.clone()).for_each(|i| only[i] = fit.shared[i]);
+        let mut rig = self.footage.rig;
+        rig.base_from_camera = rig.base_from_camera * pose_of(&only[..6]).inverse();
+        rig.delay += only[DELAY];
+        rig.gain *= only[GAIN].exp();
+        rig.intrinsics.fx *= only[FOCAL].exp();
+        rig.intrinsics.fy *= only[FOCAL].exp();
+        let variance = (rig.blur / self.magnification()).powi(2) + only[BLUR];
+        rig.blur = variance.max(0.0).sqrt() * self.magnification();
+        rig
+    }
+
+    /// Scatter of the photographs, in the units of their numbers.
+    fn noise(&self) -> Noise {
+        let typical = |of: Range<usize>, group: usize| {
+            let mut sizes: Vec<f64> = self
+                .seen
+                .iter()
+                .map(|s| (of.clone().map(|i| s.sighting.covariance[(i, i)]).sum::<f64>() / of.len() as f64).sqrt())
+                .collect();
+            sizes.sort_by(f64::total_cmp);
+            self.together.scales[group] * sizes[sizes.len() / 2]
+        };
+        Noise {
+            rotation: typical(3..6, 0),
+            translation: typical(0..3, 0),
+            gain: typical(8..9, 3),
+            focal: typical(6..7, 1),
+        }
+    }
+
+    fn cannot_tell(&self, all: &Fit) -> Vec<String> {
+        let mut out = Vec::new();
+        if all.deviations[DELAY] > 0.01 {
+            out.push(format!(
+                "Whether the camera is late: the robot hardly moved, so that its delay is known to {:.0} ms only.",
+                1e3 * all.deviations[DELAY]
+            ));
+        }
+        let turn = (MOUNTING + 3..MOUNTING + 6).map(|i| all.deviations[i]).fold(0.0, f64::max);
+        if turn > 0.0053 {
+            out.push(format!("How the camera is turned on the robot, nearer than {:.1} degrees.", turn.to_degrees()));
+        }
+        if all.shared[BLUR] < -0.5 {
+            out.push("Whether the camera is out of focus: the scene is more blurred than the images.".into());
+        }
+        if self.seen.len() < 2 * NUMBERS {
+            out.push(format!("Small effects of the camera: only {} images show the scene.", self.seen.len()));
+        }
+        out
+    }
+
+    /// Photographs beside the scene, spread over those with a typical gap.
+    fn looks(&self, effects: &[usize], best: &Fit) -> Result<Vec<Looks>, GapError> {
+        let count = self.seen.len().min(SHOWN);
+        let shown = (0..count).map(|k| &self.seen[(2 * k + 1) * self.seen.len() / (2 * count)]);
+        let one = |seen: &Seen| {
+            let fine = seen.target.pictures.last().expect("a level");
+            let size = (fine.width, fine.height);
+            let measured = self.drawn(seen, &self.stated, size)?;
+            let after = self.drawn(seen, &self.foretold(effects, &best.shared, seen.sighting.time), size)?;
+            let grey = |x: f32| [(255.0 * x.clamp(0.0, 1.0)) as u8; 3];
+            let difference = |shown: &[f32]| -> Vec<u8> {
+                let pairs = fine.values.iter().zip(shown.chunks_exact(3));
+                pairs
+                    .flat_map(|(p, c)| {
+                        let d = p - super::picture::brightness([c[0], c[1], c[2]]);
+                        grey(if d.is_finite() { 0.5 + d } else { 0.5 })
+                    })
+                    .collect()
+            };
+            let bytes = |shown: &[f32]| shown.iter().map(|c| (255.0 * c.clamp(0.0, 1.0)) as u8).collect();
+            Ok(Looks {
+                time: seen.sighting.time,
+                width: size.0,
+                height: size.1,
+                photograph: fine.values.iter().flat_map(|v| grey(if v.is_finite() { *v } else { 0.0 })).collect(),
+                difference_before: difference(&measured),
+                difference_after: difference(&after),
+                measured: bytes(&measured),
+                corrected: bytes(&after),
+            })
+        };
+        shown.map(one).collect()
+    }
+
+    /// What the scene shows with offsets, shape `[height, width, 3]`.
+    fn drawn(&self, seen: &Seen, offsets: &Offsets, size: (usize, usize)) -> Result<Vec<f32>, GapError> {
+        let drawn = align::draw(self.footage.cloud, &seen.target.camera, offsets, size)?;
+        let channel = |c: usize| {
+            let values = drawn.colour.iter().skip(c).step_by(3).copied().collect();
+            super::picture::Picture { width: size.0, height: size.1, values }.blurred(offsets.blur).values
+        };
+        let channels = [channel(0), channel(1), channel(2)];
+        let gain = offsets.gain.exp() as f32;
+        Ok((0..size.0 * size.1).flat_map(|i| [0, 1, 2].map(|c| gain * channels[c][i] + offsets.bias as f32)).collect())
+    }
+}
+
+/// Mean fall of the loss over photographs, and its standard error.
+fn fall(before: &[f64], after: &[f64]) -> (f64, f64) {
+    let n = before.len() as f64;
+    let falls: Vec<f64> = before.iter().zip(after).map(|(b, a)| b - a).collect();
+    let mean = falls.iter().sum::<f64>() / n;
+    let variance = falls.iter().map(|f| (f - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    (mean, (variance / n).sqrt())
+}
+
+/// Share of the squares above the floor that were taken away.
+fn closed(before: &[f64], after: &[f64], floor: &[f64]) -> f64 {
+    let sum = |x: &[f64]| x.iter().sum::<f64>();
+    ((sum(before) - sum(after)) / (sum(before) - sum(floor)).max(1e-12)).clamp(0.0, 1.0)
+}
+
+/// Evidence counts in steps of ten nats, as for the other effects: beyond any doubt about the model itself odds mean nothing.
+fn probabilities(first: &[(usize, f64)], accused: &[usize]) -> Vec<Ranked> {
+    let weight = |e: f64| (e / 10.0).min(60.0).exp();
+    // Without an accusation none is likelier than all of them.
+    let of_none = if accused.is_empty() { first.iter().map(|f| weight(f.1)).fold(1.0, f64::max) * 4.0 } else { 1.0 };
+    let total: f64 = of_none + first.iter().map(|f| weight(f.1)).sum::<f64>();
+    let mut out: Vec<Ranked> = first
+        .iter()
+        .map(|(e, evidence)| {
+            let share = weight(*evidence) / total;
+            let probability = if accused.contains(e) { share.max(0.9) } else { share };
+            Ranked { effect: EFFECTS[*e].name.into(), probability }
+        })
+        .collect();
+    out.push(Ranked { effect: "none".into(), probability: of_none / total });
+    out.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+    out
+}
+
+fn sentence(verdict: Verdict, causes: &[Cause], gap: &VisualGap, photographs: usize) -> String {
+    let names: Vec<String> = causes.iter().map(|c| c.effect.replace('_', " ")).collect();
+    let closed = format!("closes {:.0} % of what {photographs} images and the scene are apart", 100.0 * gap.closed);
+    match verdict {
+        Verdict::NoGap => format!("In {photographs} images the camera sees what the scene shows."),
+        Verdict::Unexplained => {
+            "The camera does not see what the scene shows, and no effect of a camera explains it.".into()
+        }
+        Verdict::Explained => format!("Of the camera, {} {closed}.", names.join(" and ")),
+        Verdict::PartlyExplained => {
+            format!("Of the camera, {} {closed}; something else is there, too.", names.join(" and "))
+        }
+    }
+}
