@@ -197,7 +197,8 @@ impl Mesh {
         let Some(cameras) = &self.cameras else {
             return Err(about(&self.scene, "expected --cameras for a scene of Gaussians, found none"));
         };
-        let mut capture = self.draw(&file.cloud, cameras)?;
+        let labelled = file.cloud.feature_count > 1 && materials.is_some();
+        let mut capture = self.draw(&file.cloud, cameras, labelled)?;
         capture.lost.extend(file.lost);
         if file.left_out > 0 {
             capture.lost.push(format!(
@@ -240,10 +241,12 @@ impl Mesh {
         Ok(Input { capture, points: Some(points), materials })
     }
 
-    /// Unbiased depth of a scene of Gaussians, from all cameras.
-    fn draw(&self, cloud: &GaussianCloud, cameras: &Path) -> Result<DepthCapture, Failure> {
+    /// Unbiased depth of a scene of Gaussians, from all cameras; with `labelled` only where a label is recognised: sky and passers-by are
+    /// none of those that photographs were labelled with, and their depth is anything.
+    fn draw(&self, cloud: &GaussianCloud, cameras: &Path, labelled: bool) -> Result<DepthCapture, Failure> {
         let mut out = DepthCapture::default();
-        let settings = Settings { outputs: Outputs { plane: true, ..Default::default() }, ..Default::default() };
+        let outputs = Outputs { plane: true, features: labelled, ..Default::default() };
+        let settings = Settings { outputs, ..Default::default() };
         let capture = open_cameras(cameras)?;
         let bar = progress(capture.cameras.len() as u64, "drawing depth");
         for one in capture.cameras {
@@ -252,7 +255,11 @@ impl Mesh {
             let (images, _) = render(&Scene::still(cloud), &[View::of(lens.pinhole)], &settings)
                 .map_err(|e| about(&self.scene, e))?;
             for image in images {
-                let depth = image.plane_depth.iter().zip(&image.alpha).map(|(d, a)| if *a >= SOLID { *d } else { 0.0 });
+                let counts = |pixel: usize| {
+                    let features = image.features.chunks_exact(cloud.feature_count.max(1)).nth(pixel);
+                    image.alpha[pixel] >= SOLID && features.is_none_or(is_recognised)
+                };
+                let depth = (0..image.alpha.len()).map(|i| if counts(i) { image.plane_depth[i] } else { 0.0 });
                 out.frames.push(DepthFrame { camera: lens.pinhole, depth: depth.collect(), weight: image.alpha });
                 out.labels.push(None);
             }
@@ -402,6 +409,13 @@ fn areas(mesh: &TriangleMesh) -> Vec<serde_json::Value> {
     }
     let of = |(material, area): (&Material, f64)| json!({"name": material.name, "friction": material.friction, "area": area});
     mesh.materials.iter().zip(areas).map(of).collect()
+}
+
+/// Whether one of the labels is at least as likely as all others together, for features that are logits (as `qv reconstruct` learns them).
+fn is_recognised(features: &[f32]) -> bool {
+    let most = features.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    let sum: f32 = features.iter().map(|x| (x - most).exp()).sum();
+    sum <= 2.0
 }
 
 /// Lines of words, without comments.

@@ -102,9 +102,9 @@ fn run_stage(stage: Stage, programs: &[(Program, PathBuf)], folder: &Path, force
     }
     let written: Vec<PathBuf> = stage.outputs().iter().map(|file| folder.join(file)).collect();
     let words: Vec<String> = stage.calls().iter().flat_map(stages::Call::arguments).collect();
-    let inputs = stamp::hash(&words, &read)?;
+    let inputs = hash(&words, &read)?;
     let fresh = written.iter().all(|path| path.exists())
-        && Stamp::read(&stamp_file) == Some(Stamp { inputs, outputs: stamp::hash(&[], &written)? });
+        && Stamp::read(&stamp_file) == Some(Stamp { inputs, outputs: hash(&[], &written)? });
     if fresh && !forced {
         println!("{:<11} unchanged", stage.name());
         return Ok(());
@@ -123,7 +123,7 @@ fn run_stage(stage: Stage, programs: &[(Program, PathBuf)], folder: &Path, force
     if let Some(missing) = written.iter().find(|path| !path.exists()) {
         bail!("stage {}: expected it to write {}, found nothing", stage.name(), missing.display());
     }
-    Stamp { inputs, outputs: stamp::hash(&[], &written)? }.write(&stamp_file)?;
+    Stamp { inputs, outputs: hash(&[], &written)? }.write(&stamp_file)?;
     println!("{:<11} {:.1} s", stage.name(), clock.elapsed().as_secs_f64());
     Ok(())
 }

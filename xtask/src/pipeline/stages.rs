@@ -93,7 +93,7 @@ impl Stage {
             told("inspect recording/gravel/run.mcap --json", "inspect/gravel.json"),
         ];
         const RECONSTRUCT: [Call; 1] = [qv(
-            "reconstruct yard --out reconstruct --iterations 2000 --flattening 100 --depth-normal 0.05 --labels 0.05 --preview --json",
+            "reconstruct yard --out reconstruct --iterations 2000 --flattening 100 --depth-normal 0.05 --multi-view 0.15 --labels 0.05 --preview --json",
         )];
         const MESH: [Call; 1] = [told(
             "mesh reconstruct/scene.ply --cameras yard/transforms.json --labels yard/labels.toml --triangles 40000 \
@@ -105,9 +105,8 @@ impl Stage {
         )];
         const REPLAY: [Call; 1] =
             [qv("replay recording/tiles/run.mcap --terrain contact/terrain.glb --out replay --json")];
-        const DIAGNOSE: [Call; 1] = [qv(
-            "diagnose recording/tiles/run.mcap recording/gravel/run.mcap --terrain contact/terrain.glb --out diagnose --json",
-        )];
+        const DIAGNOSE: [Call; 1] =
+            [qv("diagnose recording/tiles/run.mcap --terrain contact/terrain.glb --out diagnose --json")];
         const REPORT: [Call; 1] = [qv(
             "report --reconstruction reconstruct --mesh contact/terrain.glb --contact contact --replay replay --diagnosis diagnose --out report/report.html",
         )];
@@ -134,8 +133,7 @@ impl Stage {
             Self::Reconstruct => &["yard/transforms.json", "yard/points.ply", "yard/images", "yard/labels"],
             Self::Mesh => &["reconstruct/scene.ply", "yard/transforms.json", "yard/labels.toml", "yard/truth.glb"],
             Self::Contact => &[RUNS[0], RUNS[1], "mesh/terrain.glb"],
-            Self::Replay => &[RUNS[0], "contact/terrain.glb"],
-            Self::Diagnose => &[RUNS[0], RUNS[1], "contact/terrain.glb"],
+            Self::Replay | Self::Diagnose => &[RUNS[0], "contact/terrain.glb"],
             Self::Report => &[
                 "reconstruct/metrics.json",
                 "reconstruct/held_out",

@@ -268,7 +268,7 @@ fn labels(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
     let pixel = index(x, y);
     let first = pixel * step.feature_count;
     let label = (label_image[pixel / 4u] >> (8u * (pixel % 4u))) & 0xffu;
-    let counts = label > 0u && label <= step.feature_count && (photograph[pixel] >> 24u) != 0u;
+    let counts = label <= step.feature_count && (photograph[pixel] >> 24u) != 0u;
     var most = features[first];
     for (var k = 1u; k < step.feature_count; k++) {
         most = max(most, features[first + k]);
@@ -278,7 +278,8 @@ fn labels(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
         sum += exp(features[first + k] - most);
     }
     for (var k = 0u; k < step.feature_count; k++) {
-        let wanted = select(0.0, 1.0, k + 1u == label);
+        // None of them (0) is to look like no label more than like another.
+        let wanted = select(select(0.0, 1.0, k + 1u == label), 1.0 / f32(step.feature_count), label == 0u);
         by_features[first + k] = select(0.0, step.labels * (exp(features[first + k] - most) / sum - wanted), counts);
     }
 }
