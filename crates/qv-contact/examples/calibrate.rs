@@ -26,7 +26,7 @@ fn strips(frictions: [f64; 2]) -> TriangleMesh {
 
 fn made_up() -> Result<(Run, TriangleMesh), Box<dyn Error>> {
     let mesh = strips([0.25, 0.8]);
-    let robot = Robot { parameters: synthetic::small_differences(1), seed: 1 };
+    let robot = Robot { parameters: synthetic::small_differences(1), seed: 1, start: [0.0; 3] };
     let messages = synthetic::record(&Terrain::from_mesh(&mesh)?, &robot)?;
     let mut bytes = Vec::new();
     synthetic::write_bag(&messages, std::io::Cursor::new(&mut bytes))?;

@@ -31,7 +31,7 @@ fn ground() -> TriangleMesh {
 fn messages() -> &'static [Message] {
     static MADE: OnceLock<Vec<Message>> = OnceLock::new();
     MADE.get_or_init(|| {
-        let robot = Robot { parameters: synthetic::small_differences(3), seed: 3 };
+        let robot = Robot { parameters: synthetic::small_differences(3), seed: 3, start: [0.0; 3] };
         synthetic::record(&Terrain::from_mesh(&ground()).unwrap(), &robot).unwrap()
     })
 }

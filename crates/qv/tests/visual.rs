@@ -116,7 +116,7 @@ fn wrong_inputs_are_named_before_anything_is_simulated() {
 
 /// A recording of the simulated Go2 with images of the yard that are `late` by so many seconds, a tenth of a second apart.
 fn trot(late: f64) -> (Vec<Message>, GaussianCloud) {
-    let robot = Robot { parameters: synthetic::small_differences(5), seed: 5 };
+    let robot = Robot { parameters: synthetic::small_differences(5), seed: 5, start: [0.0; 3] };
     let recorded = synthetic::record(&Terrain::plane(), &robot).unwrap();
     let mut bytes = std::io::Cursor::new(Vec::new());
     synthetic::write_bag(&recorded, &mut bytes).unwrap();
