@@ -202,6 +202,14 @@ impl<'a> Job<'a> {
         }
     }
 
+    /// Whether a label keeps its prior: nothing was learned of it, or feet hardly slip on it. What a robot's faults do to feet that hardly slip
+    /// looks like friction, too, and no walk depends on it.
+    fn is_kept(&self, label: usize, after: &Distribution) -> bool {
+        let prior = &self.priors[label];
+        let information = after.gain(&Distribution::prior(prior, RANGE));
+        information < LITTLE || prior.mean.min(after.mean()) >= self.options.slip_threshold
+    }
+
     fn is_touched(&self, label: usize) -> bool {
         let windows = self.windows.iter().filter(|w| w.labels.contains(&label)).count();
         self.contact[label] >= LEAST_CONTACT && windows >= LEAST_WINDOWS
@@ -242,7 +250,8 @@ impl<'a> Job<'a> {
                 )?;
                 let found = evidence(&grid, &losses.windows, RANGE);
                 let after = posterior(&self.priors[label], &found, RANGE, self.options.own_error);
-                frictions[label] = after.mean();
+                // Others are fitted beside what will be used.
+                frictions[label] = if self.is_kept(label, &after) { self.priors[label].mean } else { after.mean() };
                 labels[label] = Some(Said { grid, losses, found, after });
             }
             if round + 1 < ROUNDS {
@@ -302,9 +311,7 @@ impl<'a> Job<'a> {
         region.weight = found.weight;
         region.information = after.gain(&before);
         region.sensitivity = [movement(prior.mean), movement(after.mean())];
-        // What a robot's faults do to feet that hardly slip looks like friction, too, and no walk depends on it.
-        let grips = prior.mean.min(after.mean()) >= self.options.slip_threshold;
-        region.status = if grips || region.information < LITTLE { Status::Insensitive } else { Status::Refined };
+        region.status = if self.is_kept(label, after) { Status::Insensitive } else { Status::Refined };
         if region.status == Status::Refined {
             region.posterior = Estimate::of(after);
             region.friction = after.mean();

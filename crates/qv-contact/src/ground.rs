@@ -44,7 +44,8 @@ impl Ground {
             let [a, b, c] = mesh.corners(triangle);
             let (low, high) = (a.min(b).min(c), a.max(b).max(c));
             let (from, to) = (cell(low.x, low.y), cell(high.x, high.y));
-            if (to.0 - from.0 + 1).saturating_mul(to.1 - from.1 + 1) > MOST_CELLS {
+            let count = |low: i64, high: i64| high.saturating_sub(low).saturating_add(1);
+            if count(from.0, to.0).saturating_mul(count(from.1, to.1)) > MOST_CELLS {
                 large.push(triangle as u32);
                 continue;
             }

@@ -13,6 +13,8 @@ use serde::Serialize;
 pub const TICK: f64 = 0.05;
 /// A foot no higher than this above the lowest ones stands \[m\].
 const STANDING: f64 = 0.008;
+/// Ground is looked for from so far above a foot on: as much as poses and mesh may be off \[m\].
+const ABOVE: f64 = 0.15;
 /// A standing foot that moves farther than this in a tick slips \[m\].
 const SLIPPING: f64 = 0.006;
 /// What the state at an instant needs to be recorded before and after it \[s\].
@@ -156,7 +158,8 @@ fn instant(model: &Model, feet: &Feet, ground: &Ground, state: State) -> Instant
         let geom = &model.geoms[g];
         let centre = poses[geom.link].transform_point(geom.link_from_geom.position);
         let radius = if let Shape::Sphere(radius) = geom.shape { radius } else { 0.0 };
-        let below = ground.below(centre + DVec3::Z);
+        // No higher: a table above the robot is not what it stands on.
+        let below = ground.below(centre + ABOVE * DVec3::Z);
         let height = below.map_or(f64::INFINITY, |(_, height)| centre.z - radius - height);
         (Foot { sole: centre - radius * DVec3::Z, label: below.map(|b| b.0), stands: false }, height)
     };

@@ -214,8 +214,8 @@ impl Report {
         for region in &self.regions {
             let [low, high] = region.posterior.interval90;
             text += &format!(
-                "{:?} = {:.4} # {}, 90 % interval {low:.3} to {high:.3}\n",
-                format!("material.{}.friction", region.label),
+                "{} = {:.4} # {}, 90 % interval {low:.3} to {high:.3}\n",
+                toml::Value::String(format!("material.{}.friction", region.label)),
                 region.friction,
                 region.status.words(),
             );

@@ -7,6 +7,8 @@ use serde::Serialize;
 
 /// Every third segment is kept away from every fit.
 const HELD_OUT: usize = 3;
+/// Square of the distance of a simulation that ran away, at least \[m²\].
+const RAN_AWAY: f64 = 1.0;
 /// Rounds over the labels.
 const ROUNDS: usize = 2;
 
@@ -46,7 +48,7 @@ pub fn cut(recordings: &[Recording], length: f64) -> Vec<Segment> {
 }
 
 /// Errors of the base \[m\] in each segment under each set of frictions, shape `[segments][sets]`: means over time of the
-/// distance between simulated and measured position; of a simulation that ran away until then.
+/// distance between simulated and measured position; a metre at least from when a simulation ran away on.
 ///
 /// # Errors
 /// When the simulator refuses.
@@ -81,6 +83,10 @@ fn squares_and_errors(
                 Some((0..3).map(|a| (s.q[a] - measured.q[a]).powi(2)).sum::<f64>())
             });
             let squares: Vec<f64> = distances.collect();
+            // What ran away is as far off as can be, not as good as the little that is left of it.
+            let missing = ticks.saturating_sub(states.len());
+            let worst = squares.iter().copied().fold(RAN_AWAY, f64::max);
+            let squares: Vec<f64> = squares.into_iter().chain(std::iter::repeat_n(worst, missing)).collect();
             let count = squares.len().max(1) as f64;
             [squares.iter().sum::<f64>() / count, squares.iter().map(|s| s.sqrt()).sum::<f64>() / count]
         };

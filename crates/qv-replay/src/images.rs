@@ -73,7 +73,8 @@ struct Topic {
 struct Collector {
     channels: BTreeMap<u16, (String, String, Option<Schema>)>,
     topics: BTreeMap<String, Topic>,
-    info: Option<CameraInfo>,
+    /// The last one of each topic.
+    infos: BTreeMap<String, CameraInfo>,
     damaged: Option<(usize, String)>,
 }
 
@@ -95,7 +96,8 @@ pub fn read_images<R: Read>(files: impl IntoIterator<Item = BagFile<R>>, topic: 
             most.and_then(|name| collector.topics.remove_entry(&name))
         }
     };
-    let mut out = Images { topics, info: collector.info, damaged: collector.damaged, lost, ..Default::default() };
+    let info = info_of(chosen.as_ref().map_or("", |(name, _)| name), collector.infos);
+    let mut out = Images { topics, info, damaged: collector.damaged, lost, ..Default::default() };
     let Some((name, topic)) = chosen else { return out };
     let agrees = |(logged, stamp, _): &(u64, Option<u64>, Vec<u8>)| stamp.is_some_and(|s| s.abs_diff(*logged) < AGREES);
     let by_header = topic.kept.iter().all(agrees);
@@ -109,6 +111,16 @@ pub fn read_images<R: Read>(files: impl IntoIterator<Item = BagFile<R>>, topic: 
     out.images.sort_by_key(|i| i.stamp);
     out.images.dedup_by_key(|i| i.stamp);
     out
+}
+
+/// The camera information of a topic of images: the only one, or that whose topic begins like it for longest, as
+/// `/front/image_raw/compressed` and `/front/camera_info` do; none where several begin alike and differ.
+fn info_of(images: &str, infos: BTreeMap<String, CameraInfo>) -> Option<CameraInfo> {
+    let alike = |topic: &str| topic.bytes().zip(images.bytes()).take_while(|(a, b)| a == b).count();
+    let most = infos.keys().map(|topic| alike(topic)).max()?;
+    let mut nearest = infos.into_iter().filter(|(topic, _)| alike(topic) == most).map(|(_, info)| info);
+    let first = nearest.next()?;
+    nearest.all(|other| other == first).then_some(first)
 }
 
 impl MessageSink for Collector {
@@ -147,7 +159,11 @@ impl MessageSink for Collector {
                 }
                 None => self.spoilt(format!("{type_name}: expected a sequence of bytes `data`, found none")),
             },
-            Ok(value) => self.info = camera_info(&value).or(self.info.take()),
+            Ok(value) => {
+                if let Some(info) = camera_info(&value) {
+                    self.infos.insert(topic.clone(), info);
+                }
+            }
             Err(error) => self.spoilt(error),
         }
     }
@@ -178,7 +194,9 @@ impl Topic {
 fn image(value: &Value) -> Option<(Option<u64>, Vec<u8>)> {
     let Some(Value::Bytes(data)) = value.get("data") else { return None };
     let part = |name: &str| value.get(&format!("header.stamp.{name}")).and_then(Value::as_f64);
-    let stamp = part("sec").zip(part("nanosec")).map(|(s, ns)| (s.max(0.0) as u64) * 1_000_000_000 + ns as u64);
+    let stamp = part("sec")
+        .zip(part("nanosec"))
+        .map(|(s, ns)| (s.max(0.0) as u64).saturating_mul(1_000_000_000).saturating_add(ns as u64));
     Some((stamp, data.clone()))
 }
 
@@ -258,7 +276,7 @@ mod tests {
         let steps: Vec<u64> = topic.kept.windows(2).map(|w| w[1].0 - w[0].0).collect();
         assert!(steps.iter().all(|s| *s == steps[0]), "{steps:?}");
         assert_eq!((topic.kept[0].1, &topic.kept[0].2[..]), (Some(START - 5), &[0u8, 7][..]));
-        let info = collector.info.as_ref().unwrap();
+        let info = collector.infos.values().next().unwrap();
         assert_eq!((info.width, info.height, info.matrix[4], info.distortion[0]), (640, 480, 501.0, 0.1));
         collector.message(1, START + 6000, &[0, 1, 0, 0, 9]);
     }

@@ -68,6 +68,7 @@ pub struct Contact {
 impl Contact {
     pub fn execute(&self) -> Result<Outcome, ReplayError> {
         let mesh = self.mesh()?;
+        self.make_out()?;
         let ground = Ground::new(&mesh).map_err(|e| self.of_terrain(e))?;
         let priors = self.priors(&ground.labels())?;
         let open = |path: &PathBuf| open_run(&RunArguments { run: path.clone(), pose_topic: self.pose_topic.clone() });
@@ -98,6 +99,20 @@ impl Contact {
         }
         lost.iter().for_each(|what| eprintln!("qv: {what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
+    }
+
+    /// Makes the folder before the work, and refuses to write over the terrain that is read.
+    fn make_out(&self) -> Result<(), ReplayError> {
+        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
+        let real = |path: &Path| path.canonicalize().ok();
+        if real(&self.out.join("terrain.glb")).is_some_and(|ours| Some(ours) == real(&self.terrain)) {
+            return Err(file_error(
+                &self.terrain,
+                "a terrain outside of --out, where terrain.glb is written",
+                "one in it",
+            ));
+        }
+        Ok(())
     }
 
     fn mesh(&self) -> Result<TriangleMesh, ReplayError> {

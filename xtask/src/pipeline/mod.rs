@@ -56,6 +56,9 @@ pub fn run(workspace: &Workspace, pipeline: &Pipeline) -> Result<bool> {
     Ok(true)
 }
 
+/// File that says whose folder it is.
+const MARK: &str = "pipeline.txt";
+
 fn folder(workspace: &Workspace) -> PathBuf {
     workspace.target_directory.join("pipeline")
 }
@@ -110,9 +113,19 @@ fn run_stage(stage: Stage, programs: &[(Program, PathBuf)], folder: &Path, force
         return Ok(());
     }
     if own.exists() {
+        // A folder of somebody else that happens to have the name is not emptied.
+        let is_ours = own.join(MARK).is_file() || fs::read_dir(&own).is_ok_and(|mut list| list.next().is_none());
+        if !is_ours {
+            bail!(
+                "{}: expected a folder that the pipeline made, found another; --out names where it works",
+                own.display()
+            );
+        }
         fs::remove_dir_all(&own).with_context(|| format!("removing {}", own.display()))?;
     }
     fs::create_dir_all(&own).with_context(|| format!("making {}", own.display()))?;
+    fs::write(own.join(MARK), "made by cargo xtask pipeline, which empties it\n")
+        .with_context(|| format!("writing into {}", own.display()))?;
     let clock = Instant::now();
     for call in stage.calls() {
         let said = process::output(Command::new(program(call.program)?).current_dir(folder).args(call.arguments()))?;

@@ -7,7 +7,7 @@ use std::fmt::Write;
 
 /// Longer side of the picture \[pixels\].
 const SIDE: usize = 640;
-/// Colours that can be told apart by most (Okabe and Ito 2008), the first ones for labels, the last for what has none.
+/// Colours that can be told apart by most (Okabe and Ito 2008), in the order of the labels.
 const COLOURS: [[u8; 3]; 8] = [
     [170, 170, 170],
     [0, 158, 115],
@@ -94,7 +94,7 @@ impl FromAbove {
         let mut text = String::new();
         let place = |point: &Value| {
             let [x, y] = [point["at"][0].as_f64()?, point["at"][1].as_f64()?];
-            Some(self.place(x, y))
+            (x.abs() < 1e6 && y.abs() < 1e6).then(|| self.place(x, y))
         };
         let empty = vec![];
         let path = contact["path"].as_array().unwrap_or(&empty);

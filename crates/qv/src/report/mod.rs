@@ -71,6 +71,9 @@ impl Report {
             diagnosis: json(&self.diagnosis, "report.json")?,
         };
         let page = page::to_html(&parts)?;
+        if let Some(folder) = self.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+            fs::create_dir_all(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
+        }
         fs::write(&self.out, page).map_err(|e| about(&self.out, format!("expected to write it, found {e}")))?;
         say(&format!("written to {}\n", self.out.display()))?;
         Ok(Outcome::Done)

@@ -69,8 +69,8 @@ fn summary(parts: &Parts) -> String {
     if let Some(scores) = &parts.scores {
         said.push(format!(
             "The place is {} Gaussians, learned from {} photographs; photographs that were held out are met with {} dB (SSIM {}).",
-            scores["gaussians"],
-            scores["photographs"],
+            number(&scores["gaussians"], 0),
+            number(&scores["photographs"], 0),
             number(&scores["mean"]["psnr"], 1),
             number(&scores["mean"]["ssim"], 3)
         ));
