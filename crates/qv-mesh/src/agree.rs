@@ -122,8 +122,9 @@ mod tests {
         all[2].depth[middle] = 0.7;
         let share = keep_agreeing(&mut all, &OPTIONS);
         assert_eq!(all[2].depth[middle], 0.0);
-        let kept = all.iter().flat_map(|frame| &frame.depth).filter(|depth| **depth == 2.0).count();
-        assert!(kept == 1599 && share > 0.99, "{kept} {share}");
+        // The frame in the middle sees nothing that others do not.
+        let kept = all[2].depth.iter().filter(|depth| **depth == 2.0).count();
+        assert!(kept == 319 && share > 0.9, "{kept} {share}");
     }
 
     #[test]
