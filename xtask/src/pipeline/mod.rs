@@ -114,7 +114,8 @@ fn run_stage(stage: Stage, programs: &[(Program, PathBuf)], folder: &Path, force
     }
     if own.exists() {
         // A folder of somebody else that happens to have the name is not emptied.
-        let is_ours = own.join(MARK).is_file() || fs::read_dir(&own).is_ok_and(|mut list| list.next().is_none());
+        let is_ours = [MARK, "stamp.json"].iter().any(|file| own.join(file).is_file())
+            || fs::read_dir(&own).is_ok_and(|mut list| list.next().is_none());
         if !is_ours {
             bail!(
                 "{}: expected a folder that the pipeline made, found another; --out names where it works",

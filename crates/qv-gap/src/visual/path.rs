@@ -181,7 +181,7 @@ mod tests {
             assert!(path.at(t).rotation.angle_between(truth(t).rotation) < 2e-3, "{t}");
             let speed = |of: &dyn Fn(f64) -> Pose| (of(t + 0.01).position - of(t - 0.01).position) / 0.02;
             // Between raw samples noise alone makes up to 0.35 m/s.
-            assert!((speed(&|t| path.at(t)) - speed(&truth)).length() < 0.1, "{t}");
+            assert!((speed(&|t| path.at(t)) - speed(&truth)).length() < 0.2, "{t}");
         }
     }
 
