@@ -230,7 +230,7 @@ mod tests {
     fn goals_are_met_and_missed() {
         let good = scored(&report(0.24, 0.05), &answer(), 30.0).unwrap();
         assert!(good.labels[0].covered && good.labels[0].slippery);
-        let (text, missed) = table(&[good.clone()]);
+        let (text, missed) = table(std::slice::from_ref(&good));
         assert!(missed == 0 && text.contains("1 of 1; mean error 0.010 posterior, 0.050 grid, 0.130 prior"), "{text}");
         let bad = scored(&report(0.32, 0.09), &answer(), 70.0).unwrap();
         assert_eq!(table(&[bad]).1, 3);
