@@ -42,7 +42,7 @@ pub struct Blind {
     /// N recordings on ground of four materials, for `qv contact`
     #[arg(long, value_name = "N")]
     contact: Option<usize>,
-    /// Length of those [s]
+    /// Length of those, in seconds
     #[arg(long, default_value_t = 60.0, value_name = "SECONDS")]
     seconds: f64,
     /// Answers to score them by
