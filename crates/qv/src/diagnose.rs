@@ -62,7 +62,7 @@ pub struct Diagnose {
     /// A splat of the place in the frame of the poses: what the camera saw is judged, too
     #[arg(long, value_name = "SCENE.ply", requires = "camera")]
     scene: Option<PathBuf>,
-    /// The robot's camera: width, height, fx, fy, cx, cy, distortion, [base_from_camera] position, quaternion w x y z
+    /// The robot's camera: width, height, fx, fy, cx, cy, distortion, and base_from_camera with position and quaternion (w, x, y, z)
     #[arg(long, value_name = "FILE.toml", requires = "scene")]
     camera: Option<PathBuf>,
     /// Topic of the images; default: the one with most
