@@ -3,7 +3,7 @@
 use crate::ContactError;
 use crate::measured::{Recording, TICK};
 use qv_replay::Run;
-use qv_replay::replay::{Command, SensorErrors, expand, stated_parameters};
+use qv_replay::replay::{Command, SensorErrors, expand, sensor_errors, stated_parameters};
 use qv_sim::{Batch, Model, SimOptions, State, Terrain};
 use rayon::prelude::*;
 
@@ -208,17 +208,5 @@ impl<'a> Simulator<'a> {
             }
         }
         Ok(out)
-    }
-}
-
-fn sensor_errors(model: &Model, parameters: &[(String, f64)]) -> SensorErrors {
-    // The last one set holds.
-    let value = |name: &str| parameters.iter().rev().find(|(n, _)| n == name).map_or(0.0, |(_, v)| *v);
-    SensorErrors {
-        encoder_bias: model.joint_names().iter().map(|n| value(&format!("sensor.{n}.encoder_bias"))).collect(),
-        imu_tilt: ["roll", "pitch"].map(|a| value(&format!("sensor.imu.tilt_{a}"))),
-        gyro_bias: ["x", "y", "z"].map(|a| value(&format!("sensor.imu.gyro_bias_{a}"))),
-        pose_delay: value("sensor.pose.delay"),
-        encoder_latency: model.joint_names().iter().map(|n| value(&format!("sensor.{n}.encoder_latency"))).collect(),
     }
 }

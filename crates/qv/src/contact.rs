@@ -48,7 +48,7 @@ pub struct Contact {
     /// Name of that model
     #[arg(long, value_name = "NAME", requires = "ask")]
     model: Option<String>,
-    /// The grid search leaves labels whose prior is at least this to the prior
+    /// Labels whose prior and posterior are at least this keep their prior; the grid search leaves those whose prior is
     #[arg(long, default_value_t = 0.5, value_name = "FRICTION", value_parser = friction)]
     slip_threshold: f64,
     /// The one friction that the result is compared with

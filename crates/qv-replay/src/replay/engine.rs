@@ -289,8 +289,9 @@ fn matches(pattern: &str, name: &str) -> bool {
     }
 }
 
-fn sensor_errors(model: &Model, parameters: &[(String, f64)]) -> SensorErrors {
-    // The last one set holds.
+/// What the sensors get wrong by these parameters (`sensor.*`, of which the last one set holds): angles \[rad\], rates \[rad/s\], delays \[s\], joints
+/// in the model's order; 0 for what is not among them.
+pub fn sensor_errors(model: &Model, parameters: &[(String, f64)]) -> SensorErrors {
     let value = |name: &str| parameters.iter().rev().find(|(n, _)| n == name).map_or(0.0, |(_, v)| *v);
     SensorErrors {
         encoder_bias: model.joint_names().iter().map(|n| value(&format!("sensor.{n}.encoder_bias"))).collect(),

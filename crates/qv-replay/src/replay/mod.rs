@@ -13,8 +13,8 @@ mod verdict;
 pub use bag_out::write_mcap;
 pub use commands::{Command, HeldCommands};
 pub use engine::{
-    Feet, ReplayOptions, Trace, Window, Windows, expand, feet_of, joint_columns, parameters_from_toml, simulate,
-    stated_parameters,
+    Feet, ReplayOptions, Trace, Window, Windows, expand, feet_of, joint_columns, parameters_from_toml, sensor_errors,
+    simulate, stated_parameters,
 };
 pub use errors::{BaseErrors, Errors, JointErrors, Phase, PhaseErrors, TimeErrors};
 pub use html::to_html;
