@@ -4,7 +4,7 @@ use crate::ContactError;
 use crate::ground::Ground;
 use crate::measured::{Recording, TICK};
 use crate::posterior::{Distribution, Evidence, evidence, interpolate, posterior};
-use crate::prior::Prior;
+use crate::prior::{Prior, RANGE};
 use crate::report::{BaseError, Curves, Errors, Estimate, Place, Region, Report, Status, WindowCount};
 use crate::segments::{self, Search, Segment, base_errors};
 use crate::simulate::Simulator;
@@ -14,8 +14,6 @@ use qv_replay::Run;
 use qv_sim::Model;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Frictions that are looked at.
-pub const RANGE: [f64; 2] = [0.03, 1.5];
 /// Frictions of the coarse grid, and of the fine one about what was found.
 const COARSE: usize = 16;
 const FINE: usize = 13;
@@ -204,10 +202,15 @@ impl<'a> Job<'a> {
 
     /// Whether a label keeps its prior: nothing was learned of it, or feet hardly slip on it. What a robot's faults do to feet that hardly slip
     /// looks like friction, too, and no walk depends on it.
-    fn is_kept(&self, label: usize, after: &Distribution) -> bool {
+    fn status(&self, label: usize, after: &Distribution) -> Status {
         let prior = &self.priors[label];
-        let information = after.gain(&Distribution::prior(prior, RANGE));
-        information < LITTLE || prior.mean.min(after.mean()) >= self.options.slip_threshold
+        if after.gain(&Distribution::prior(prior, RANGE)) < LITTLE {
+            Status::Insensitive
+        } else if prior.mean.min(after.mean()) >= self.options.slip_threshold {
+            Status::Grips
+        } else {
+            Status::Refined
+        }
     }
 
     fn is_touched(&self, label: usize) -> bool {
@@ -251,7 +254,8 @@ impl<'a> Job<'a> {
                 let found = evidence(&grid, &losses.windows, RANGE);
                 let after = posterior(&self.priors[label], &found, RANGE, self.options.own_error);
                 // Others are fitted beside what will be used.
-                frictions[label] = if self.is_kept(label, &after) { self.priors[label].mean } else { after.mean() };
+                let is_refined = self.status(label, &after) == Status::Refined;
+                frictions[label] = if is_refined { after.mean() } else { self.priors[label].mean };
                 labels[label] = Some(Said { grid, losses, found, after });
             }
             if round + 1 < ROUNDS {
@@ -311,10 +315,12 @@ impl<'a> Job<'a> {
         region.weight = found.weight;
         region.information = after.gain(&before);
         region.sensitivity = [movement(prior.mean), movement(after.mean())];
-        region.status = if self.is_kept(label, after) { Status::Insensitive } else { Status::Refined };
+        region.status = self.status(label, after);
         if region.status == Status::Refined {
-            region.posterior = Estimate::of(after);
             region.friction = after.mean();
+        }
+        if region.status != Status::Insensitive {
+            region.posterior = Estimate::of(after);
             region.evidence = loss(prior.mean) - loss(after.mean());
             // Far above nothing speaks against it, below something does.
             region.is_lower_bound = loss(RANGE[1]) < 1.0 && loss(RANGE[0]) > 3.0;
@@ -369,7 +375,7 @@ impl<'a> Job<'a> {
             (!chosen.is_empty()).then(found)
         };
         Ok(BaseError {
-            segment: self.options.segment,
+            segment: self.segments.first().map_or(self.options.segment, |s| s.ticks as f64 * TICK),
             uniform_friction: self.options.uniform,
             held_out: mean(&|s| s.held_out),
             all: mean(&|_| true),
@@ -405,13 +411,15 @@ fn notes(regions: &[Region], background_is_all: bool) -> Vec<String> {
             Status::NotTouched => {
                 notes.push(format!("{}: feet stood on it for {:.1} s: the prior is kept", r.label, r.contact_time));
             }
-            Status::Insensitive if r.information < LITTLE => notes.push(format!(
+            Status::Insensitive => notes.push(format!(
                 "{}: the recording tells hardly more than the prior ({:.2} nats): the prior is kept",
                 r.label, r.information
             )),
-            Status::Insensitive => {
-                notes.push(format!("{}: above the friction at which feet slip: the prior is kept", r.label));
-            }
+            Status::Grips => notes.push(format!(
+                "{}: above the friction at which feet slip: the prior is used, though the recording tells {:.2} ({:.2} to {:.2}); faults of motors \
+                 look like friction of such a label",
+                r.label, r.posterior.mean, r.posterior.interval90[0], r.posterior.interval90[1]
+            )),
             Status::Refined if r.is_lower_bound => notes.push(format!(
                 "{}: feet did not slip on it enough to tell more than that friction is at least about {:.2}",
                 r.label, r.posterior.interval90[0]

@@ -173,7 +173,7 @@ fn card(k: usize, r: &Region) -> String {
         "<polyline points=\"{}\" fill=\"none\" stroke=\"var(--prior)\" stroke-width=\"2\"/>",
         curve(&r.curves.prior)
     );
-    if r.status == Status::Refined {
+    if matches!(r.status, Status::Refined | Status::Grips) {
         let [low, high] = r.posterior.interval90.map(x_of);
         let _ = write!(
             svg,

@@ -16,7 +16,8 @@ pub mod simulate;
 pub mod whiten;
 pub mod windows;
 
-pub use calibrate::{Options, RANGE, calibrate};
+pub use calibrate::{Options, calibrate};
+pub use prior::RANGE;
 pub use error::ContactError;
 pub use ground::Ground;
 pub use prior::Prior;

@@ -107,7 +107,8 @@ pub fn interpolate(grid: &[f64], values: &[f64], x: f64) -> f64 {
 /// Evidence of windows, each with a loss for each friction of `grid` and the cluster that it belongs to. Losses of
 /// neighbouring windows are not independent and no model of theirs is right, so that the sum of all is weighted to give
 /// the least one the spread that clusters show: w = H / V of its bend H and the variance V of its slope (Lyddon, Holmes and
-/// Walker, Biometrika 106, 2019); never more than 1.
+/// Walker, Biometrika 106, 2019); never more than 1. Where losses do not bend at the least one, the same is asked of their greatest rise D
+/// from there on and its variance between clusters: both are those of a parabola if w = 2 D / V. A single cluster cannot tell, and counts whole.
 pub fn evidence(grid: &[f64], windows: &[(usize, Vec<f64>)], range: [f64; 2]) -> Evidence {
     let logs: Vec<f64> = grid.iter().map(|mu| mu.ln()).collect();
     let friction = fine(range);
@@ -126,10 +127,30 @@ pub fn evidence(grid: &[f64], windows: &[(usize, Vec<f64>)], range: [f64; 2]) ->
     let count = clusters.len() as f64;
     let mean = clusters.values().sum::<f64>() / count.max(1.0);
     let variance = clusters.values().map(|g| (g - mean).powi(2)).sum::<f64>() * count / (count - 1.0).max(1.0);
-    let weight = if bend > 0.0 && variance > 0.0 { (bend / variance).clamp(1e-3, 1.0) } else { 1.0 };
+    let weight = if bend > 0.0 && variance > 0.0 {
+        (bend / variance).clamp(1e-3, 1.0)
+    } else {
+        weight_of_rise(&logs, windows, [friction[least].ln(), friction[highest(&losses)].ln()])
+    };
     let lowest = losses[least];
     losses.iter_mut().for_each(|l| *l = weight * (*l - lowest));
     Evidence { losses, weight, least: friction[least] }
+}
+
+fn highest(losses: &[f64]) -> usize {
+    (0..losses.len()).max_by(|&a, &b| losses[a].total_cmp(&losses[b])).unwrap_or(0)
+}
+
+/// Weight by how far clusters agree on the rise of the loss from one logarithm to another.
+fn weight_of_rise(logs: &[f64], windows: &[(usize, Vec<f64>)], [low, high]: [f64; 2]) -> f64 {
+    let mut rises = std::collections::BTreeMap::<usize, f64>::new();
+    for (cluster, values) in windows {
+        *rises.entry(*cluster).or_default() += interpolate(logs, values, high) - interpolate(logs, values, low);
+    }
+    let (count, rise) = (rises.len() as f64, rises.values().sum::<f64>());
+    let mean = rise / count.max(1.0);
+    let variance = rises.values().map(|r| (r - mean).powi(2)).sum::<f64>() * count / (count - 1.0).max(1.0);
+    if rise > 0.0 && variance > 0.0 { (2.0 * rise / variance).clamp(1e-3, 1.0) } else { 1.0 }
 }
 
 /// Posterior of prior and evidence. `own_error` is the standard deviation of the logarithm that even endless evidence
@@ -155,7 +176,7 @@ pub fn posterior(prior: &Prior, evidence: &Evidence, range: [f64; 2], own_error:
 mod tests {
     use super::*;
 
-    const RANGE: [f64; 2] = [0.03, 1.5];
+    use crate::prior::RANGE;
 
     fn grid() -> Vec<f64> {
         (0..24).map(|k| 0.04 * (1.4_f64 / 0.04).powf(f64::from(k) / 23.0)).collect()
@@ -203,6 +224,19 @@ mod tests {
         let found = evidence(&grid(), &[(0, loss.clone()), (1, loss)], RANGE);
         let post = posterior(&prior(), &found, RANGE, 0.03);
         assert!(post.quantile(0.05) > 0.4 && post.mean() > 0.45, "{}", post.mean());
+    }
+
+    #[test]
+    fn windows_that_disagree_about_a_slope_weigh_little() {
+        // Losses that fall towards high friction and nowhere bend upwards; half of the windows say the contrary.
+        let of = |k: usize| {
+            let slope = if k % 5 < 3 { -20.0 } else { 24.0 };
+            (k, grid().iter().map(|mu| slope * mu.ln()).collect::<Vec<f64>>())
+        };
+        let found = evidence(&grid(), &(0..50).map(of).collect::<Vec<_>>(), RANGE);
+        assert!(found.weight < 0.02, "{}", found.weight);
+        let agreeing = evidence(&grid(), &(0..50).map(|k| (k, of(0).1)).collect::<Vec<_>>(), RANGE);
+        assert!((agreeing.weight - 1.0).abs() < 1e-12, "{}", agreeing.weight);
     }
 
     #[test]

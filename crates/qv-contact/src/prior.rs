@@ -4,8 +4,8 @@ use crate::ContactError;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-/// Frictions that a prior may name; what lies beyond is put at the nearer end.
-pub const RANGE: [f64; 2] = [0.02, 1.5];
+/// Frictions that are looked at; a prior beyond them is put at the nearer end.
+pub const RANGE: [f64; 2] = [0.03, 1.5];
 /// Least and greatest standard deviation, as a share of the mean.
 const SPREAD: [f64; 2] = [0.1, 1.0];
 /// Mean and standard deviation for a label that nobody knows.
@@ -155,10 +155,7 @@ pub fn answer_of(response: &str) -> Result<String, ContactError> {
 /// When there is no JSON object in it, a label of it is not in the mesh, or a number is missing or means nothing.
 pub fn from_answer(text: &str, file: &str, fallback: Vec<Prior>) -> Result<Vec<Prior>, ContactError> {
     let expected = "a JSON object {\"LABEL\": {\"mean\": .., \"sd\": ..}}";
-    let object = text.find('{').zip(text.rfind('}')).filter(|(a, b)| a < b).map(|(a, b)| &text[a..=b]);
-    let object = object.ok_or_else(|| ContactError::prior(file, expected, shortened(text)))?;
-    let value: serde_json::Map<String, Value> =
-        serde_json::from_str(object).map_err(|e| ContactError::prior(file, expected, e.to_string()))?;
+    let value = object_in(text).map_err(|found| ContactError::prior(file, expected, found))?;
     let mut priors = fallback;
     for (label, said) in &value {
         let known = priors.iter().map(|p| p.label.clone()).collect::<Vec<_>>().join(", ");
@@ -174,6 +171,20 @@ pub fn from_answer(text: &str, file: &str, fallback: Vec<Prior>) -> Result<Vec<P
         *prior = Prior::new(label, number("mean")?, number("sd")?, source, file)?;
     }
     Ok(priors)
+}
+
+/// The first JSON object in a text whose values are objects; else why the first brace begins none.
+fn object_in(text: &str) -> Result<serde_json::Map<String, Value>, String> {
+    let mut first_error = None;
+    for (at, _) in text.match_indices('{') {
+        let mut values = serde_json::Deserializer::from_str(&text[at..]).into_iter::<serde_json::Map<String, Value>>();
+        match values.next() {
+            Some(Ok(object)) if object.values().all(Value::is_object) => return Ok(object),
+            Some(Err(error)) => _ = first_error.get_or_insert(error.to_string()),
+            _ => {}
+        }
+    }
+    Err(first_error.unwrap_or_else(|| shortened(text)))
 }
 
 fn shortened(text: &str) -> String {
@@ -230,9 +241,11 @@ mod tests {
         let fallback = from_table(&labels(&["ice", "grass"]), &built_in()).unwrap();
         let text = "Sure:\n```json\n{\"ice\": {\"mean\": 0.001, \"sd\": 5}}\n```";
         let priors = from_answer(text, "answer", fallback.clone()).unwrap();
-        assert_eq!((priors[0].mean, priors[0].sd), (0.02, 0.02));
+        assert_eq!((priors[0].mean, priors[0].sd), (0.03, 0.03));
         assert!(priors[0].source.contains("put within range"), "{}", priors[0].source);
         assert_eq!(priors[1], fallback[1]);
+        let chatty = "By {my} knowledge {\"of\": 1}:\n{\"ice\": {\"mean\": 0.1, \"sd\": 0.05}}\nHope {this} helps.";
+        assert_eq!(from_answer(chatty, "answer", fallback.clone()).unwrap()[0].mean, 0.1);
     }
 
     #[test]

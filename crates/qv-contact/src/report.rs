@@ -12,8 +12,10 @@ use serde::Serialize;
 pub enum Status {
     /// The recordings tell more than the prior.
     Refined,
-    /// Feet stood on it, but no friction that the prior allows makes a difference, or they hardly slip: the prior is kept.
+    /// Feet stood on it, but the recordings tell hardly more than the prior: it is kept.
     Insensitive,
+    /// Feet hardly slip on it by prior and posterior: the prior is used, the posterior told.
+    Grips,
     /// No foot stood on it for long enough: the prior is kept.
     NotTouched,
 }
@@ -24,6 +26,7 @@ impl Status {
         match self {
             Self::Refined => "refined",
             Self::Insensitive => "insensitive",
+            Self::Grips => "grips: prior used",
             Self::NotTouched => "not touched",
         }
     }
@@ -75,7 +78,7 @@ pub struct Region {
     pub prior: Prior,
     /// Intervals of the prior.
     pub prior_estimate: Estimate,
-    /// The posterior; the prior where it is kept.
+    /// The posterior; the prior where nothing more was learned. Not what is used where feet grip (`status`).
     pub posterior: Estimate,
     /// Whether what was seen bounds the friction from below only.
     pub is_lower_bound: bool,

@@ -123,7 +123,8 @@ pub struct ParameterEstimate {
 pub struct Cause {
     /// Name.
     pub effect: String,
-    /// Posterior probability among the effects of the library and `unknown`.
+    /// Probability that it is there, by what is known of the effects of the library and `unknown`. Several can be there at once: where more
+    /// than one is accused they do not sum to 1.
     pub probability: f64,
     /// `all`, or joints, legs, feet, a region.
     pub scope: Vec<String>,
@@ -142,7 +143,7 @@ pub struct Cause {
 pub struct Ranked {
     /// Name.
     pub effect: String,
-    /// Probability.
+    /// Probability that it is there; see [`Cause::probability`].
     pub probability: f64,
 }
 

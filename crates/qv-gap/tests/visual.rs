@@ -67,6 +67,28 @@ fn an_exposure_is_named() {
 }
 
 #[test]
+fn a_scene_that_lies_elsewhere_is_no_effect_of_the_camera() {
+    let recording = recording(truth(), Hidden::Nothing, 9);
+    let mut shifted = truth().cloud.clone();
+    shifted.means.iter_mut().for_each(|m| m[0] += 0.09);
+    let sight = look(&recording.footage(&shifted), &options()).unwrap();
+    assert!(sight.causes.is_empty() && sight.verdict == Verdict::Unexplained, "{} {:?}", sight.sentence, sight.level);
+    assert!(sight.cannot_tell[0].contains("0.09 m"), "{:?}", sight.cannot_tell);
+}
+
+#[test]
+fn a_scene_of_another_place_is_said_to_be_one() {
+    let recording = recording(truth(), Hidden::Nothing, 9);
+    let mut other = truth().cloud.clone();
+    // The same surfaces with the colours of others.
+    let step = 7919 % other.sh.len();
+    other.sh.rotate_left(step);
+    let sight = look(&recording.footage(&other), &options()).unwrap();
+    assert!(sight.causes.is_empty() && sight.verdict == Verdict::Unexplained, "{} {:?}", sight.sentence, sight.level);
+    assert!(sight.cannot_tell[0].contains("another place"), "{:?}", sight.cannot_tell);
+}
+
+#[test]
 fn the_same_bits_on_any_number_of_threads() {
     let recording = recording(truth(), Hidden::Delay(0.04), 2);
     let photographs = &recording.photographs[..6];

@@ -17,15 +17,12 @@ const LONGEST: u64 = 1 << 20;
 pub fn ask(url: &str, model: &str, labels: &[String]) -> Result<String, ContactError> {
     let failed =
         |found: String| ContactError::Prior { file: url.into(), expected: "an answer of a model".into(), found };
-    if !url.starts_with("http://") {
-        return Err(failed(
-            "an address that does not start with http:// (TLS is not built in: use a local server)".into(),
-        ));
-    }
+    let key = std::env::var(KEY).ok();
+    may_be_sent(url, key.is_some()).map_err(failed)?;
     let url = format!("{}/chat/completions", url.trim_end_matches('/').trim_end_matches("/chat/completions"));
     let config = ureq::Agent::config_builder().timeout_global(Some(PATIENCE)).http_status_as_error(false).build();
     let mut request = ureq::Agent::new_with_config(config).post(&url).header("content-type", "application/json");
-    if let Ok(key) = std::env::var(KEY) {
+    if let Some(key) = key {
         request = request.header("authorization", format!("Bearer {key}"));
     }
     let body = prior::request(model, labels).to_string();
@@ -37,6 +34,28 @@ pub fn ask(url: &str, model: &str, labels: &[String]) -> Result<String, ContactE
         return Err(failed(format!("status {status}: {short}")));
     }
     prior::answer_of(&text)
+}
+
+/// Whether a request may go to an address; a key goes by TLS, or stays on this machine.
+fn may_be_sent(url: &str, with_key: bool) -> Result<(), String> {
+    if url.starts_with("https://") {
+        return Ok(());
+    }
+    let Some(rest) = url.strip_prefix("http://") else {
+        return Err("an address that starts neither with https:// nor with http://".into());
+    };
+    let host = rest.split(['/', '?', '#']).next().unwrap_or("");
+    // What comes before an `@` is a user's name, which may look like a host.
+    let host = host.rsplit('@').next().unwrap_or("");
+    let is_here = host == "localhost" || host.starts_with("localhost:") || host.starts_with("[::1]") || is_loopback(host);
+    if with_key && !is_here {
+        return Err(format!("http:// with a key in {KEY}: a key goes to other machines by https:// only"));
+    }
+    Ok(())
+}
+
+fn is_loopback(host: &str) -> bool {
+    host.split(':').next().and_then(|h| h.parse::<std::net::Ipv4Addr>().ok()).is_some_and(|a| a.is_loopback())
 }
 
 #[cfg(test)]
@@ -87,6 +106,18 @@ mod tests {
     }
 
     #[test]
+    fn a_key_leaves_the_machine_by_tls_only() {
+        for here in ["http://localhost:8080/v1", "http://127.0.0.1:1/v1", "http://[::1]:8080", "http://127.9.9.9"] {
+            assert!(may_be_sent(here, true).is_ok(), "{here}");
+        }
+        for away in ["http://localhost.example.org/v1", "http://127.0.0.1@example.org/v1", "http://10.0.0.1/v1"] {
+            assert!(may_be_sent(away, true).unwrap_err().contains("https"), "{away}");
+            assert!(may_be_sent(away, false).is_ok(), "{away}");
+        }
+        assert!(may_be_sent("https://example.org/v1", true).is_ok());
+    }
+
+    #[test]
     fn refusals_and_wrong_addresses_are_named() {
         let (url, serving) = server("401 Unauthorized", "no key");
         let error = ask(&url, "tiny", &["ice".into()]).unwrap_err().to_string();
@@ -96,7 +127,7 @@ mod tests {
         let error = ask(&url, "tiny", &["ice".into()]).unwrap_err().to_string();
         serving.join().unwrap();
         assert!(error.contains("choices[0]"), "{error}");
-        assert!(ask("https://example.org/v1", "tiny", &[]).unwrap_err().to_string().contains("http://"));
+        assert!(ask("ftp://example.org/v1", "tiny", &[]).unwrap_err().to_string().contains("https://"));
         assert!(ask("http://127.0.0.1:9/v1", "tiny", &[]).is_err(), "nobody listens there");
     }
 }

@@ -179,6 +179,8 @@ pub fn draw(
 pub struct Disagreement {
     /// Mean of the loss.
     pub loss: f64,
+    /// The same mean for a picture of one grey in place of the scene: a scene that does no better is not what the camera sees.
+    pub blank: f64,
     /// Share of the pixels that count.
     pub seen: f64,
 }
@@ -206,13 +208,20 @@ fn scale(target: &Target, level: usize) -> f64 {
 fn loss(wanted: &Picture, drawn: &Drawn, offsets: &Offsets, scale: f64, cut: f64) -> Disagreement {
     let shown = drawn.picture.blurred(offsets.blur * scale * scale);
     let (gain, bias) = (offsets.gain.exp() as f32, offsets.bias as f32);
-    let (mut sum, mut count) = (0.0, 0usize);
+    let (mut mean, mut count) = (0.0, 0usize);
     for_each_seen(wanted, drawn, |at| {
-        let r = f64::from(wanted.values[at] - (gain * shown.values[at] + bias).min(FULL));
-        sum += r * r / (1.0 + (r / cut).powi(2));
+        mean += f64::from(wanted.values[at]);
         count += 1;
     });
-    Disagreement { loss: sum / count.max(1) as f64, seen: count as f64 / wanted.values.len() as f64 }
+    let pixels = count.max(1) as f64;
+    mean /= pixels;
+    let bounded = |r: f64| r * r / (1.0 + (r / cut).powi(2));
+    let (mut sum, mut of_grey) = (0.0, 0.0);
+    for_each_seen(wanted, drawn, |at| {
+        sum += bounded(f64::from(wanted.values[at] - (gain * shown.values[at] + bias).min(FULL)));
+        of_grey += bounded(f64::from(wanted.values[at]) - mean);
+    });
+    Disagreement { loss: sum / pixels, blank: of_grey / pixels, seen: count as f64 / wanted.values.len() as f64 }
 }
 
 fn for_each_seen(wanted: &Picture, drawn: &Drawn, mut each: impl FnMut(usize)) {
@@ -249,7 +258,7 @@ pub fn align(
 ) -> Result<Aligned, GapError> {
     let mut offsets = start;
     let mut information = Information::identity();
-    let mut disagreement = Disagreement { loss: f64::INFINITY, seen: 0.0 };
+    let mut disagreement = Disagreement { loss: f64::INFINITY, blank: 0.0, seen: 0.0 };
     for level in levels {
         (offsets, information, disagreement) = on_level(cloud, target, offsets, level)?;
     }

@@ -1,7 +1,7 @@
 //! Which effect of the camera: accuse or abstain.
 
 use super::align::{self, NUMBERS, Offsets};
-use super::model::{BLUR, DELAY, FOCAL, Fit, GAIN, MOUNTING, SHARED, Sighting, TOLERANCE, Together};
+use super::model::{BLUR, DELAY, FOCAL, Fit, GAIN, MOUNTING, PLACE, SHARED, Sighting, TOLERANCE, Together};
 use super::path::{Path, pose_of};
 use super::sight::{Looks, Noise, Sight, VisualGap};
 use super::{Footage, LookOptions, Rig, Seen, plus, stated};
@@ -68,8 +68,11 @@ const CLOSED: f64 = 0.1;
 const ERRORS: f64 = 2.0;
 /// An effect whose evidence comes this near to the accused one's looks like it.
 const ALIKE: f64 = 10.0;
-/// Level below which nothing is left that noise and tolerances do not explain.
-const EXPLAINED: f64 = 1.8;
+/// Level below which nothing is left that noise and tolerances do not explain: 1 is expected of a true model, and outliers, which count as
+/// their weight says, bring no more than 1.8.
+const EXPLAINED: f64 = 1.4;
+/// Share of a photograph's contrast that the scene must account for at its best in half of the photographs, or it shows another place.
+const ALIKE_AT_BEST: f64 = 0.3;
 /// Parts into which photographs are dealt: each is judged by a fit to the others.
 const FOLDS: usize = 4;
 /// Most effects that are accused.
@@ -92,12 +95,14 @@ pub fn judge(footage: &Footage, path: &Path, seen: &[Seen], options: &LookOption
     let no_good = || GapError::run("images", "photographs that agree with the scene somewhere", "none");
     let together = Together::new(path, rig.base_from_camera, rig.delay, &sightings).ok_or_else(no_good)?;
     let judge = Judge { footage, together, seen, stated: stated(&rig, options.width), width: options.width };
-    let free: Vec<usize> = (0..super::model::PLACE).collect();
+    let shows_another_place = judge.share_accounted_for() < ALIKE_AT_BEST;
+    let free: Vec<usize> = (0..PLACE).collect();
     let all = judge.together.fit(&free, &[[0.0; SHARED]], |_| true).ok_or_else(no_good)?;
     let none = judge.fit(&[], &all, |_| true).ok_or_else(no_good)?;
 
-    let allowed: Vec<usize> =
-        (0..EFFECTS.len()).filter(|&e| !options.without.iter().any(|w| w == EFFECTS[e].name)).collect();
+    let allowed: Vec<usize> = (0..EFFECTS.len())
+        .filter(|_| !shows_another_place)
+        .filter(|&e| !options.without.iter().any(|w| w == EFFECTS[e].name)).collect();
     let mut accused: Vec<usize> = Vec::new();
     let mut best = none.clone();
     let mut first: Vec<(usize, f64)> = Vec::new();
@@ -135,7 +140,36 @@ pub fn judge(footage: &Footage, path: &Path, seen: &[Seen], options: &LookOption
         accused.push(*effect);
         (best, before) = (fit.clone(), after);
     }
-    judge.told(accused, confusable, first, &none, &best, &all, &measured, &before, options)
+    let left = match (shows_another_place, judge.place_of_scene(&accused, &best)) {
+        (true, _) => Some(
+            "What is wrong with the camera: the scene accounts for hardly anything in the images; it may be of another place, or in another frame."
+                .to_string(),
+        ),
+        (false, Some([shift, turn])) => Some(format!(
+            "Why the scene lies {shift:.2} m and {:.1} degrees off the frame of the poses: that is no effect of the camera; align the scene with the poses.",
+            turn.to_degrees()
+        )),
+        (false, None) => None,
+    };
+    judge.told(&Found { accused, confusable, first, none, best, all, before: measured, after: before, left }, options)
+}
+
+/// What the search for effects came to.
+struct Found {
+    accused: Vec<usize>,
+    /// What looks like each of them.
+    confusable: Vec<Vec<usize>>,
+    /// Log evidence of each effect alone.
+    first: Vec<(usize, f64)>,
+    /// Fits without an effect, with the accused ones, with all that a camera can be off by.
+    none: Fit,
+    best: Fit,
+    all: Fit,
+    /// Disagreement of each photograph without the accused, and with.
+    before: Vec<f64>,
+    after: Vec<f64>,
+    /// What no effect of a camera explains.
+    left: Option<String>,
 }
 
 impl Judge<'_> {
@@ -145,6 +179,25 @@ impl Judge<'_> {
         let mut start = [0.0; SHARED];
         wide.iter().for_each(|&i| start[i] = all.shared[i]);
         self.together.fit(&wide, &[[0.0; SHARED], start], take)
+    }
+
+    /// Median over photographs of the share of their contrast that the scene accounts for where it agrees best.
+    fn share_accounted_for(&self) -> f64 {
+        let share = |d: &align::Disagreement| if d.blank > 0.0 { 1.0 - d.loss / d.blank } else { 0.0 };
+        let mut shares: Vec<f64> = self.seen.iter().map(|s| share(&s.aligned.disagreement)).collect();
+        shares.sort_by(f64::total_cmp);
+        shares[shares.len() / 2]
+    }
+
+    /// How far the scene lies off the poses' frame \[m, rad\], where there is evidence of that beside what is accused.
+    fn place_of_scene(&self, accused: &[usize], best: &Fit) -> Option<[f64; 2]> {
+        let mut wide: Vec<usize> = accused.iter().flat_map(|&e| EFFECTS[e].of.clone()).collect();
+        wide.extend(PLACE..SHARED);
+        let fit = self.together.fit(&wide, &[[0.0; SHARED], best.shared], |_| true)?;
+        let size = (PLACE..SHARED).map(|i| (fit.shared[i] / TOLERANCE[i]).powi(2)).sum::<f64>().sqrt();
+        let norm = |of: Range<usize>| of.map(|i| fit.shared[i].powi(2)).sum::<f64>().sqrt();
+        let is_off = fit.evidence - best.evidence > EVIDENCE && size >= SIZE;
+        is_off.then(|| [norm(PLACE..PLACE + 3), norm(PLACE + 3..SHARED)])
     }
 
     /// Beyond tolerance, and within the range that is believed.
@@ -172,21 +225,11 @@ impl Judge<'_> {
         self.seen.par_iter().enumerate().map(one).collect()
     }
 
-    fn told(
-        &self,
-        accused: Vec<usize>,
-        confusable: Vec<Vec<usize>>,
-        first: Vec<(usize, f64)>,
-        none: &Fit,
-        best: &Fit,
-        all: &Fit,
-        before: &[f64],
-        after: &[f64],
-        options: &LookOptions,
-    ) -> Result<Sight, GapError> {
+    fn told(&self, found: &Found, options: &LookOptions) -> Result<Sight, GapError> {
+        let Found { accused, confusable, first, none, best, all, before, after, left } = found;
         let floor: Vec<f64> = self.seen.iter().map(|s| s.aligned.disagreement.loss).collect();
         let gap = self.gap(before, after, &floor, options.seed);
-        let probabilities = probabilities(&first, &accused);
+        let probabilities = probabilities(first, accused);
         let mut causes = Vec::new();
         for (k, &effect) in accused.iter().enumerate() {
             let alone = if accused.len() == 1 { after.to_vec() } else { self.unseen(&[effect], all)? };
@@ -209,13 +252,14 @@ impl Judge<'_> {
                 separating_experiment: EFFECTS[effect].experiment.into(),
             });
         }
-        let verdict = match (causes.is_empty(), best.level < EXPLAINED, none.level < EXPLAINED) {
-            (true, _, true) => Verdict::NoGap,
-            (true, _, false) => Verdict::Unexplained,
-            (false, true, _) => Verdict::Explained,
-            (false, false, _) => Verdict::PartlyExplained,
+        // Without causes the best fit is that of none.
+        let verdict = match (causes.is_empty(), best.level < EXPLAINED && left.is_none()) {
+            (true, true) => Verdict::NoGap,
+            (true, false) => Verdict::Unexplained,
+            (false, true) => Verdict::Explained,
+            (false, false) => Verdict::PartlyExplained,
         };
-        let corrected = self.corrected(&accused, best);
+        let corrected = self.corrected(accused, best);
         Ok(Sight {
             verdict,
             sentence: sentence(verdict, &causes, &gap, self.seen.len()),
@@ -228,8 +272,8 @@ impl Judge<'_> {
             evidence: first.iter().map(|(e, evidence)| (EFFECTS[*e].name.to_string(), *evidence)).collect(),
             shared: (0..EFFECTS.len()).flat_map(|e| self.estimates(e, all)).collect(),
             noise: self.noise(),
-            cannot_tell: self.cannot_tell(all),
-            looks: self.looks(&accused, best)?,
+            cannot_tell: left.iter().cloned().chain(self.cannot_tell(all)).collect(),
+            looks: self.looks(accused, best)?,
             corrected: Some(corrected),
         })
     }
@@ -429,7 +473,7 @@ fn closed(before: &[f64], after: &[f64], floor: &[f64]) -> f64 {
     ((sum(before) - sum(after)) / (sum(before) - sum(floor)).max(1e-12)).clamp(0.0, 1.0)
 }
 
-/// Evidence counts in steps of ten nats, as for the other effects: beyond any doubt about the model itself odds mean nothing.
+/// That each effect is there; several can be, so that they need not sum to 1. Evidence counts in steps of ten nats, as for the other effects: beyond any doubt about the model itself odds mean nothing.
 fn probabilities(first: &[(usize, f64)], accused: &[usize]) -> Vec<Ranked> {
     let weight = |e: f64| (e / 10.0).min(60.0).exp();
     // Without an accusation none is likelier than all of them.
