@@ -2,6 +2,7 @@
 
 use crate::ground::Ground;
 use crate::report::{Region, Report, Status};
+use qv_replay::replay::escape;
 use std::fmt::Write;
 
 const STYLE: &str = ":root{color-scheme:light dark;--ink:#1d2329;--soft:#5d6872;--line:#d8dee4;--card:#fff;--page:#f4f6f8;\
@@ -21,10 +22,6 @@ const COLOURS: [&str; 7] = ["#56b4e9", "#e69f00", "#009e73", "#f0e442", "#cc79a7
 
 fn colour(label: usize) -> &'static str {
     COLOURS[label % COLOURS.len()]
-}
-
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 /// The page. `title` names the recordings; `lost` is what of them could not be used.

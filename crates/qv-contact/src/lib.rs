@@ -17,8 +17,8 @@ pub mod whiten;
 pub mod windows;
 
 pub use calibrate::{Options, calibrate};
-pub use prior::RANGE;
 pub use error::ContactError;
 pub use ground::Ground;
 pub use prior::Prior;
+pub use prior::RANGE;
 pub use report::Report;

@@ -2,6 +2,7 @@
 //! grows only with the logarithm of what is unusual.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use qv_replay::median;
 
 /// Degrees of freedom of Student's t: a window in which a foot lands elsewhere must not decide.
 const FREEDOM: f64 = 4.0;
@@ -31,8 +32,11 @@ impl Usual {
             return None;
         }
         let column = |i: usize| whole.iter().map(|d| d[i]).collect::<Vec<f64>>();
-        let mut middle = DVector::from_iterator(size, (0..size).map(|i| median(column(i))));
-        let spread = |i: usize| (median(column(i).iter().map(|x| (x - middle[i]).abs()).collect()) / 0.674).max(1e-9);
+        let mut middle = DVector::from_iterator(size, (0..size).map(|i| median(&mut column(i))));
+        let spread = |i: usize| {
+            let mut away: Vec<f64> = column(i).iter().map(|x| (x - middle[i]).abs()).collect();
+            (median(&mut away) / 0.674).max(1e-9)
+        };
         let mut covariance =
             DMatrix::from_diagonal(&DVector::from_iterator(size, (0..size).map(|i| spread(i).powi(2))));
         let mut factor = Cholesky::new(covariance.clone())?;
@@ -98,11 +102,6 @@ impl Usual {
 pub const FEWEST: usize = 30;
 /// Square for each number of a difference beyond which all are equally wrong.
 const WORST: f64 = 1e4;
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
-}
 
 #[cfg(test)]
 mod tests {

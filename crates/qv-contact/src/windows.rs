@@ -108,7 +108,8 @@ pub fn background(
         .collect();
     let all: Vec<Vec<f64>> = differences.iter().map(|d| d[0].clone()).collect();
     let few = || {
-        let expected = format!("at least {FEWEST} windows of 0.1 s in which the robot stands on a label and can be simulated");
+        let expected =
+            format!("at least {FEWEST} windows of 0.1 s in which the robot stands on a label and can be simulated");
         let ended = all.iter().filter(|d| !d.is_empty()).count();
         ContactError::run("recording", expected, format!("{ended}, of {} in which it stands on one", windows.len()))
     };

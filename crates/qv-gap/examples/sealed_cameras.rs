@@ -135,7 +135,8 @@ impl Score {
         let name = first.map_or("none".to_string(), |c| c.effect.clone());
         let off = first.filter(|c| c.effect == hidden.name()).map_or(f64::NAN, |c| error(hidden, c));
         println!(
-            "{hidden:?}\n  {name}{} off {off:.4} level {:.1} {:.1} closed {:.2} rms {:.4} {:.4} {:.4} noise rot {:.4} pos {:.4} gain {:.3} {:?} {:.1} s",
+            "{hidden:?}\n  {:?} {name}{} off {off:.4} level {:.2} {:.2} closed {:.2} rms {:.4} {:.4} {:.4} noise rot {:.4} pos {:.4} gain {:.3} {:?} {:.1} s",
+            sight.verdict,
             if sight.causes.len() > 1 { " and more" } else { "" },
             sight.level[0],
             sight.level[1],

@@ -116,7 +116,7 @@ pub fn median_interval(time: &[f64]) -> f64 {
 }
 
 /// Median; NaN when empty. Reorders its input.
-pub(crate) fn median(values: &mut [f64]) -> f64 {
+pub fn median(values: &mut [f64]) -> f64 {
     if values.is_empty() {
         return f64::NAN;
     }

@@ -20,7 +20,7 @@ pub mod stream;
 mod table;
 
 pub use bag::{BagFile, read_bag};
-pub use clean::median_interval;
+pub use clean::{median, median_interval};
 pub use error::ReplayError;
 pub use run::Run;
 pub use table::{read_table, robot_of};

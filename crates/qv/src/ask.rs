@@ -47,7 +47,8 @@ fn may_be_sent(url: &str, with_key: bool) -> Result<(), String> {
     let host = rest.split(['/', '?', '#']).next().unwrap_or("");
     // What comes before an `@` is a user's name, which may look like a host.
     let host = host.rsplit('@').next().unwrap_or("");
-    let is_here = host == "localhost" || host.starts_with("localhost:") || host.starts_with("[::1]") || is_loopback(host);
+    let is_here =
+        host == "localhost" || host.starts_with("localhost:") || host.starts_with("[::1]") || is_loopback(host);
     if with_key && !is_here {
         return Err(format!("http:// with a key in {KEY}: a key goes to other machines by https:// only"));
     }

@@ -1,7 +1,7 @@
 //! `qv contact`: friction of each material of a labelled ground.
 
 use crate::ask::ask;
-use crate::open::{file_error, lost_from, model_of, open_run, parameters, progress};
+use crate::open::{file_error, lost_from, model_of, open_run, parameters, progress, write_error};
 use crate::{Outcome, RunArguments, say};
 use qv_contact::report::Status;
 use qv_contact::{ContactError, Ground, Options, Prior, Report, calibrate, html, prior};
@@ -169,10 +169,6 @@ impl Contact {
 
 fn read(path: &Path, expected: &str) -> Result<String, ReplayError> {
     fs::read_to_string(path).map_err(|e| file_error(path, expected, &e.to_string()))
-}
-
-fn write_error(what: &Path, error: &std::io::Error) -> ReplayError {
-    ReplayError::Write { what: what.display().to_string(), reason: error.to_string() }
 }
 
 fn replay_error(error: ContactError) -> ReplayError {

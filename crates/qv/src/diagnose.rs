@@ -1,7 +1,7 @@
 //! `qv diagnose`: where the gap lies, what causes it, how far it shrinks.
 
 use crate::camera::{RobotCamera, open_camera, open_images, photographs, to_toml};
-use crate::open::{file_error, lost_from, model_of, open_run, parameters, spinner, terrain_of, urdf_of};
+use crate::open::{file_error, lost_from, model_of, open_run, parameters, spinner, terrain_of, urdf_of, write_error};
 use crate::scene::open_scene;
 use crate::{Outcome, RunArguments, say};
 use qv_core::{GaussianCloud, JointSeries};
@@ -9,7 +9,7 @@ use qv_gap::baselines::{Baselines, CMA_ES_STEPS, baselines};
 use qv_gap::report::{Report, Stage, UNKNOWN};
 use qv_gap::visual::{EFFECTS, Footage, LookOptions, Photograph, check, join, look};
 use qv_gap::{GapError, Options, diagnose, library, output};
-use qv_replay::{ReplayError, Run};
+use qv_replay::{ReplayError, Run, median};
 use qv_sim::Model;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -250,10 +250,6 @@ fn write_baselines(directory: &Path, rivals: &Baselines) -> Result<(), ReplayErr
     fs::write(&path, text).map_err(|e| write_error(&path, &e))
 }
 
-fn write_error(what: &Path, error: &std::io::Error) -> ReplayError {
-    ReplayError::Write { what: what.display().to_string(), reason: error.to_string() }
-}
-
 /// What the outputs need to know of the robot.
 struct Robot {
     model: Model,
@@ -268,8 +264,11 @@ impl Robot {
         let gains = |series: &Option<JointSeries>, fixed: Option<f64>| {
             let of = |name: &String| {
                 let column = run.joint_names.iter().position(|n| n == name);
-                let typical = series.as_ref().zip(column).and_then(|(s, c)| median(s.column(c).collect()));
-                typical.or(fixed).unwrap_or(0.0)
+                let typical = series.as_ref().zip(column).map(|(s, c)| {
+                    let mut finite: Vec<f64> = s.column(c).filter(|x| x.is_finite()).collect();
+                    median(&mut finite)
+                });
+                typical.filter(|x| x.is_finite()).or(fixed).unwrap_or(0.0)
             };
             model.joint_names().iter().map(of).collect()
         };
@@ -277,12 +276,6 @@ impl Robot {
         let kd = gains(&run.commands.kd, run.actuator.kd);
         Self { model, urdf, kp, kd, notes }
     }
-}
-
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.retain(|x| x.is_finite());
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
 }
 
 fn replay_error(error: GapError) -> ReplayError {

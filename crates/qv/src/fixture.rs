@@ -1,6 +1,6 @@
 //! `qv fixture`: the made-up recording on which `cargo xtask pipeline` runs, so that it needs no robot and no download.
 
-use crate::open::file_error;
+use crate::open::{file_error, write_error};
 use crate::{Outcome, say};
 use glam::DVec3;
 use qv_core::{Material, TriangleMesh};
@@ -33,14 +33,14 @@ pub struct Fixture {
     #[arg(long, value_name = "X,Y,YAW", default_value = "0,0,0", allow_hyphen_values = true, value_parser = place)]
     start: [f64; 3],
     /// The named effect: latency of all commands, in seconds
-    #[arg(long, default_value_t = 0.008, value_name = "SECONDS")]
+    #[arg(long, default_value_t = 0.008, value_name = "SECONDS", value_parser = latency)]
     latency: f64,
 }
 
 impl Fixture {
     pub fn execute(&self) -> Result<Outcome, ReplayError> {
         let in_out = |name: &str| self.out.join(name);
-        fs::create_dir_all(&self.out).map_err(|e| failed(&self.out, &e))?;
+        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let (file, glb) = match &self.ground {
             Some(file) => {
                 (file.clone(), fs::read(file).map_err(|e| file_error(file, "a mesh in GLB", &e.to_string()))?)
@@ -63,7 +63,7 @@ impl Fixture {
         parameters.extend(synthetic::command_latency(self.latency));
         let robot = Robot { parameters, seed: self.seed, start: self.start };
         let messages = synthetic::record(&terrain, &robot)?;
-        let file = File::create(in_out("run.mcap")).map_err(|e| failed(&in_out("run.mcap"), &e))?;
+        let file = File::create(in_out("run.mcap")).map_err(|e| write_error(&in_out("run.mcap"), &e))?;
         synthetic::write_bag(&messages, BufWriter::new(file))?;
         write(&in_out("truth.json"), format!("{:#}\n", self.truth(&robot)).as_bytes())?;
         say(&format!("{} messages, {} s, written to {}\n", messages.len(), synthetic::DURATION, self.out.display()))?;
@@ -89,6 +89,16 @@ fn place(text: &str) -> Result<[f64; 3], String> {
         .ok_or_else(|| format!("expected three numbers X,Y,YAW, found {text:?}"))
 }
 
+/// Longest latency of commands with which the robot is let walk \[s\].
+const LATEST: f64 = 0.2;
+
+fn latency(text: &str) -> Result<f64, String> {
+    let seconds: Option<f64> = text.parse().ok();
+    seconds
+        .filter(|s| (0.0..=LATEST).contains(s))
+        .ok_or_else(|| format!("expected 0 to {LATEST} seconds, found {text:?}"))
+}
+
 fn label_and_value(text: &str) -> Result<(String, f64), String> {
     let (label, value) = text.split_once('=').ok_or("expected LABEL=VALUE")?;
     let value: f64 = value.parse().map_err(|e| format!("expected a number, found {value:?}: {e}"))?;
@@ -99,12 +109,8 @@ fn label_and_value(text: &str) -> Result<(String, f64), String> {
     }
 }
 
-fn failed(path: &Path, error: &std::io::Error) -> ReplayError {
-    ReplayError::Write { what: path.display().to_string(), reason: error.to_string() }
-}
-
 fn write(path: &Path, bytes: &[u8]) -> Result<(), ReplayError> {
-    fs::write(path, bytes).map_err(|e| failed(path, &e))
+    fs::write(path, bytes).map_err(|e| write_error(path, &e))
 }
 
 /// The ground: concrete, from x = 0.6 m on tiles, which rise from x = 0.9 to 1.4 m by 3 cm and stay there.

@@ -32,6 +32,11 @@ pub fn open_run(arguments: &RunArguments) -> Result<Run, ReplayError> {
     }
 }
 
+/// An error about a file that cannot be written.
+pub fn write_error(what: &Path, error: &std::io::Error) -> ReplayError {
+    ReplayError::Write { what: what.display().to_string(), reason: error.to_string() }
+}
+
 /// An error about a file.
 pub fn file_error(path: &Path, expected: &str, found: &str) -> ReplayError {
     ReplayError::File { file: path.display().to_string(), expected: expected.into(), found: found.into() }

@@ -1,6 +1,6 @@
 //! `qv replay`: how far the simulator is from the robot.
 
-use crate::open::{lost_from, model_of, open_run, parameters, spinner, terrain_of};
+use crate::open::{lost_from, model_of, open_run, parameters, spinner, terrain_of, write_error};
 use crate::{Outcome, RunArguments, say};
 use qv_replay::derive::joint_velocity;
 use qv_replay::replay::{Lag, ReplayOptions, to_html, to_json, verdict, write_mcap};
@@ -71,10 +71,7 @@ impl Replay {
     }
 
     fn write(&self, run: &Run, replay: &qv_replay::replay::Replay, report: &Value) -> Result<(), ReplayError> {
-        let failed = |name: &str, e: std::io::Error| ReplayError::Write {
-            what: self.out.join(name).display().to_string(),
-            reason: e.to_string(),
-        };
+        let failed = |name: &str, e: std::io::Error| write_error(&self.out.join(name), &e);
         fs::create_dir_all(&self.out).map_err(|e| failed("", e))?;
         fs::write(self.out.join("replay.json"), format!("{report:#}\n")).map_err(|e| failed("replay.json", e))?;
         let title = self.run.run.display().to_string();

@@ -89,17 +89,26 @@ pub fn figures(folder: &Path) -> Result<Vec<Figure>> {
     Ok(out)
 }
 
-/// What a golden holds and a run does not, in words, the first stage first; empty when they agree.
+/// What a golden holds and a run does not, or a run and no golden, in words, the first stage first; empty when they agree.
 pub fn differences(golden: &[Figure], found: &[Figure]) -> Vec<String> {
+    let is_known = |f: &&Figure| golden.iter().any(|g| g.stage == f.stage && g.figure == f.figure);
+    let new = found.iter().filter(|f| !is_known(f));
+    let new = new.map(|f| (f, format!("{}, {}: expected none, found {}", f.stage, f.figure, f.value)));
+    let mut all: Vec<(&Figure, String)> = moved(golden, found).into_iter().chain(new).collect();
+    let place = |figure: &Figure| Stage::value_variants().iter().position(|stage| stage.name() == figure.stage);
+    all.sort_by_key(|(figure, _)| place(figure));
+    all.into_iter().map(|(_, words)| words).collect()
+}
+
+/// Figures of the golden that a run lacks or has otherwise, in words.
+fn moved<'a>(golden: &'a [Figure], found: &[Figure]) -> Vec<(&'a Figure, String)> {
     golden
         .iter()
         .filter_map(|expected| {
             let same = |f: &&Figure| f.stage == expected.stage && f.figure == expected.figure;
             let Some(found) = found.iter().find(same) else {
-                return Some(format!(
-                    "{}, {}: expected {}, found none",
-                    expected.stage, expected.figure, expected.value
-                ));
+                let words = format!("{}, {}: expected {}, found none", expected.stage, expected.figure, expected.value);
+                return Some((expected, words));
             };
             let away = match (expected.value.as_f64(), found.value.as_f64()) {
                 (Some(a), Some(b)) if (a - b).abs() <= expected.tolerance => return None,
@@ -107,10 +116,8 @@ pub fn differences(golden: &[Figure], found: &[Figure]) -> Vec<String> {
                 _ if expected.value == found.value => return None,
                 _ => String::new(),
             };
-            Some(format!(
-                "{}, {}: expected {}, found {}{away}",
-                expected.stage, expected.figure, expected.value, found.value
-            ))
+            let Figure { stage, figure, value, .. } = expected;
+            Some((expected, format!("{stage}, {figure}: expected {value}, found {}{away}", found.value)))
         })
         .collect()
 }

@@ -2,6 +2,7 @@
 //! since it last ran, or its outputs have; one that was killed has left no stamp, and runs again.
 
 mod golden;
+mod look;
 mod stages;
 mod stamp;
 #[cfg(test)]
@@ -177,7 +178,27 @@ pub fn check_golden(workspace: &Workspace) -> Result<bool> {
         None => println!("{} figures of the pipeline are those of the golden", expected.len()),
         Some(stage) => println!("the first stage that moved is {stage}:\n  {}", differences.join("\n  ")),
     }
-    Ok(differences.is_empty())
+    Ok(look_at_pages(&folder(workspace))? && differences.is_empty())
+}
+
+/// Pages that a person reads.
+const PAGES: [&str; 4] = ["report/report.html", "contact/contact.html", "replay/replay.html", "diagnose/report.html"];
+
+/// Whether a browser shows the pages as they should be; true, with a word, where no browser is there.
+fn look_at_pages(folder: &Path) -> Result<bool> {
+    let Some(browser) = look::browser() else {
+        println!("the pages were not looked at: no Chromium is there");
+        return Ok(true);
+    };
+    let mut found = vec![];
+    for page in PAGES {
+        found.extend(look::faults(&browser, &folder.join(page))?);
+    }
+    match found.is_empty() {
+        true => println!("{} pages look as they should in a browser", PAGES.len()),
+        false => println!("pages in a browser:\n  {}", found.join("\n  ")),
+    }
+    Ok(found.is_empty())
 }
 
 fn read_json(file: &Path) -> Result<Value> {

@@ -5,6 +5,7 @@ use super::advice::advice;
 use super::corrected::{Corrected, Entry, Part, short};
 use crate::report::Correction;
 use glam::DQuat;
+use qv_replay::replay::escape;
 use qv_sim::{Model, Shape, SimOptions};
 use std::fmt::Write;
 
@@ -247,10 +248,6 @@ fn is_said(corrected: &Corrected, entry: &Entry, gains: impl Fn(usize) -> Option
         }
         Part::Nothing => false,
     }
-}
-
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 /// Text that may stand in an XML comment. Two hyphens end one; as a character reference the second is one still where

@@ -60,6 +60,8 @@ pub const EFFECTS: [CameraEffect; 5] = [
 
 /// Log evidence over that of no effect from which one is accused.
 const EVIDENCE: f64 = 12.0;
+/// The same for the place of the scene, whose six numbers pay for their freedom whichever of them is off; nobody is accused by it.
+const PLACED: f64 = 5.0;
 /// Size from which one is accused, in tolerances.
 const SIZE: f64 = 3.5;
 /// Share of the squares above the floor that one must take away in photographs that its fit has not seen.
@@ -102,7 +104,8 @@ pub fn judge(footage: &Footage, path: &Path, seen: &[Seen], options: &LookOption
 
     let allowed: Vec<usize> = (0..EFFECTS.len())
         .filter(|_| !shows_another_place)
-        .filter(|&e| !options.without.iter().any(|w| w == EFFECTS[e].name)).collect();
+        .filter(|&e| !options.without.iter().any(|w| w == EFFECTS[e].name))
+        .collect();
     let mut accused: Vec<usize> = Vec::new();
     let mut best = none.clone();
     let mut first: Vec<(usize, f64)> = Vec::new();
@@ -196,7 +199,7 @@ impl Judge<'_> {
         let fit = self.together.fit(&wide, &[[0.0; SHARED], best.shared], |_| true)?;
         let size = (PLACE..SHARED).map(|i| (fit.shared[i] / TOLERANCE[i]).powi(2)).sum::<f64>().sqrt();
         let norm = |of: Range<usize>| of.map(|i| fit.shared[i].powi(2)).sum::<f64>().sqrt();
-        let is_off = fit.evidence - best.evidence > EVIDENCE && size >= SIZE;
+        let is_off = fit.evidence - best.evidence > PLACED && size >= SIZE;
         is_off.then(|| [norm(PLACE..PLACE + 3), norm(PLACE + 3..SHARED)])
     }
 

@@ -7,6 +7,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use image::ImageEncoder as _;
 use qv_core::TriangleMesh;
+use qv_replay::replay::escape;
 use serde_json::Value;
 use std::fmt::Write;
 
@@ -48,10 +49,6 @@ pub fn to_html(parts: &Parts) -> Result<String, Failure> {
         text += &causes(diagnosis);
     }
     Ok(text + "</html>\n")
-}
-
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 /// A number of a report, or a dash.

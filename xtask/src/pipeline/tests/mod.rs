@@ -42,6 +42,9 @@ fn the_first_stage_that_moved_is_named() {
     }
     let said = differences(&golden, &moved);
     assert!(said.len() == 2 && said[0].starts_with("mesh, ") && said[0].contains("allowed"), "{said:?}");
+    let without: Vec<Figure> = golden.iter().filter(|figure| figure.stage != "mesh").cloned().collect();
+    let said = differences(&without, &golden);
+    assert!(!said.is_empty() && said[0].starts_with("mesh, ") && said[0].contains("expected none"), "{said:?}");
     moved.retain(|figure| figure.stage != "diagnose");
     assert!(
         differences(&golden, &moved).iter().any(|line| line.starts_with("diagnose") && line.ends_with("found none"))

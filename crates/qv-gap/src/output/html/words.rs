@@ -1,22 +1,7 @@
 //! Numbers, units and names as people read them.
 
 use crate::report::{ParameterEstimate, UNKNOWN};
-
-/// Text that is text in HTML and in its attributes.
-pub(super) fn escape(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => out += "&amp;",
-            '<' => out += "&lt;",
-            '>' => out += "&gt;",
-            '"' => out += "&quot;",
-            '\'' => out += "&#39;",
-            c => out.push(c),
-        }
-    }
-    out
-}
+pub(super) use qv_replay::replay::escape;
 
 /// With this many decimals; a dash for what is not finite.
 pub(super) fn fixed(x: f64, decimals: usize) -> String {
