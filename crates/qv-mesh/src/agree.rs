@@ -84,7 +84,7 @@ fn agreeing(frame: &DepthFrame, others: &[&DepthFrame], options: &AgreeOptions) 
 }
 
 /// Depth of a point in a frame, and the depth that the frame has there; `None` where it has none.
-fn seen(frame: &DepthFrame, point: DVec3) -> Option<(f64, f64)> {
+pub(crate) fn seen(frame: &DepthFrame, point: DVec3) -> Option<(f64, f64)> {
     let camera = &frame.camera;
     let p = camera.camera_from_world.transform_point(point);
     if p.z <= 0.0 {

@@ -1,6 +1,8 @@
 //! How close two surfaces are: precision, recall and F1 at a distance (Knapitsch et al., *Tanks and Temples*, 2017).
 
 use crate::MeshError;
+use crate::agree::seen;
+use crate::depth::DepthFrame;
 use crate::error::off;
 use crate::nearest::PointGrid;
 use glam::DVec3;
@@ -97,6 +99,32 @@ pub fn compare(
     compare_points(&sample(mesh, count, 1)?, &sample(reference, count, 2)?, distances)
 }
 
+/// Points that some depth frame could have measured: in its image, where it has a depth, and not more than `behind` \[m\] behind that. Of what
+/// lies behind all that was measured, or where nothing was, a reference made of these frames says nothing (the culling by
+/// visibility of Azinović et al., *Neural RGB-D Surface Reconstruction*, 2022).
+pub fn measurable(points: Vec<DVec3>, frames: &[DepthFrame], behind: f64) -> Vec<DVec3> {
+    let by = |point: &DVec3, frame: &DepthFrame| {
+        seen(frame, *point).is_some_and(|(expected, there)| expected <= there + behind)
+    };
+    points.into_par_iter().filter(|point| frames.iter().any(|frame| by(point, frame))).collect()
+}
+
+/// As [`compare`], but of the mesh only what `frames` could have measured counts, as [`measurable`] says with the largest distance.
+///
+/// # Errors
+/// As [`compare`], or nothing could have been measured.
+pub fn compare_measurable(
+    mesh: &TriangleMesh,
+    reference: &TriangleMesh,
+    frames: &[DepthFrame],
+    distances: &[f64],
+    count: usize,
+) -> Result<Vec<Likeness>, MeshError> {
+    let behind = distances.iter().copied().fold(0.0, f64::max);
+    let found = measurable(sample(mesh, count, 1)?, frames, behind);
+    compare_points(&found, &sample(reference, count, 2)?, distances)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -119,6 +147,27 @@ mod tests {
         assert_eq!(far.precision, 1.0);
         // Beyond the half's edges points are close up to sqrt(0.02² - 0.01²) more.
         assert!((far.recall - 0.5 - 2.0 * 0.5f64.sqrt() * 0.0173).abs() < 0.006, "{}", far.recall);
+    }
+
+    #[test]
+    fn what_no_frame_could_have_measured_does_not_count() {
+        use qv_core::{Camera, Pose};
+        let camera =
+            Camera { fx: 20.0, fy: 20.0, cx: 10.0, cy: 10.0, width: 20, height: 20, camera_from_world: Pose::IDENTITY };
+        // A wall 2 m ahead; the left half of the image has no depth.
+        let depth = (0..400).map(|i| if i % 20 < 10 { 0.0 } else { 2.0 }).collect();
+        let frame = DepthFrame { camera, depth, weight: vec![] };
+        let points = [
+            DVec3::new(0.5, 0.0, 2.0),
+            DVec3::new(0.5, 0.0, 1.2),
+            DVec3::new(0.5, 0.0, 2.04),
+            DVec3::new(0.5, 0.0, 2.5),
+            DVec3::new(-0.5, 0.0, 2.0),
+            DVec3::new(0.5, 0.0, -1.0),
+            DVec3::new(5.0, 0.0, 2.0),
+        ];
+        // On the wall, in free space before it and hardly behind it; not behind it, where nothing was measured, behind the camera, beside the image.
+        assert_eq!(measurable(points.to_vec(), &[frame], 0.05), points[..3]);
     }
 
     #[test]

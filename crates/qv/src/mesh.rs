@@ -8,7 +8,7 @@ use glam::DVec3;
 use qv_core::{GaussianCloud, Material, TriangleMesh};
 use qv_mesh::agree::{AgreeOptions, keep_agreeing};
 use qv_mesh::close::close_to_solid;
-use qv_mesh::compare::{Likeness, compare};
+use qv_mesh::compare::{Likeness, compare, compare_measurable};
 use qv_mesh::files::{glb, ply, stl};
 use qv_mesh::labels::LabelledPoints;
 use qv_mesh::similarity::Similarity;
@@ -101,6 +101,9 @@ pub struct Mesh {
     /// A mesh (.glb or .ply) to compare the surface with, before it is closed: F1 at 2 and 5 cm
     #[arg(long, value_name = "FILE")]
     compare: Option<PathBuf>,
+    /// RGB-D frames that the mesh of --compare was made of: of ours, only what they could have measured is compared
+    #[arg(long, value_name = "FOLDER", requires = "compare")]
+    compare_measured: Option<PathBuf>,
     /// Takes the folder for one of RGB-D frames, whatever it looks like
     #[arg(long)]
     rgbd: bool,
@@ -339,7 +342,15 @@ impl Mesh {
         let Some(path) = &self.compare else { return Ok(vec![]) };
         let bytes = fs::read(path).map_err(|e| about(path, format!("expected a mesh, found {e}")))?;
         let reference = if bytes.starts_with(b"ply") { ply::read(&bytes) } else { glb::read(&bytes) };
-        Ok(compare(mesh, &reference.map_err(|e| about(path, e))?, &[0.02, 0.05], SAMPLES)?)
+        let (reference, distances) = (reference.map_err(|e| about(path, e))?, [0.02, 0.05]);
+        let Some(folder) = &self.compare_measured else { return Ok(compare(mesh, &reference, &distances, SAMPLES)?) };
+        let bar = progress(0, "reading depth");
+        let mut frames = rgbd::open(folder, &bar)?.frames;
+        bar.finish_and_clear();
+        // What the reference leaves out as too far is not measured.
+        let far = |depth: &f32| f64::from(*depth) > self.max_depth;
+        frames.iter_mut().for_each(|frame| frame.depth.iter_mut().filter(|d| far(d)).for_each(|d| *d = 0.0));
+        compare_measurable(mesh, &reference, &frames, &distances, SAMPLES).map_err(|e| about(folder, e))
     }
 
     fn tell(
