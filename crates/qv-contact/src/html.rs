@@ -2,6 +2,7 @@
 
 use crate::ground::Ground;
 use crate::report::{Region, Report, Status};
+use qv_core::label_colour;
 use qv_replay::replay::escape;
 use std::fmt::Write;
 
@@ -17,11 +18,9 @@ tabular-nums}td:first-child,th:first-child{text-align:left}svg{width:100%;height
 var(--soft);font-size:11px;font-family:inherit}.dot{display:inline-block;width:.8em;height:.8em;border-radius:2px;\
 margin-right:.4em}.scroll{overflow-x:auto}";
 
-/// Colours of labels, told apart by most eyes (Okabe and Ito's set without black).
-const COLOURS: [&str; 7] = ["#56b4e9", "#e69f00", "#009e73", "#f0e442", "#cc79a7", "#0072b2", "#d55e00"];
-
-fn colour(label: usize) -> &'static str {
-    COLOURS[label % COLOURS.len()]
+fn colour(label: usize) -> String {
+    let [r, g, b] = label_colour(label);
+    format!("#{r:02x}{g:02x}{b:02x}")
 }
 
 /// The page. `title` names the recordings; `lost` is what of them could not be used.

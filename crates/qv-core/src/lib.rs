@@ -14,7 +14,7 @@ mod series;
 pub use camera::Camera;
 pub use error::CoreError;
 pub use gaussians::GaussianCloud;
-pub use mesh::{Material, TriangleMesh};
+pub use mesh::{Material, TriangleMesh, label_colour};
 pub use pose::Pose;
 pub use series::JointSeries;
 

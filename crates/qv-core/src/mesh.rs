@@ -12,6 +12,23 @@ pub struct Material {
     pub friction: Option<f64>,
 }
 
+/// Colours of labels in pictures: they can be told apart by most (Okabe and Ito 2008), in the order of the labels.
+const LABEL_COLOURS: [[u8; 3]; 8] = [
+    [170, 170, 170],
+    [0, 158, 115],
+    [86, 180, 233],
+    [230, 159, 0],
+    [204, 121, 167],
+    [240, 228, 66],
+    [0, 114, 178],
+    [213, 94, 0],
+];
+
+/// Colour of a label in all pictures, red, green, blue; the ninth has that of the first.
+pub fn label_colour(label: usize) -> [u8; 3] {
+    LABEL_COLOURS[label % LABEL_COLOURS.len()]
+}
+
 /// Triangles in metres, z up, counter-clockwise seen from outside, with one material index per triangle.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct TriangleMesh {

@@ -10,8 +10,8 @@ use qv_raster::Image;
 use qv_splat::files::{Format, write};
 use qv_splat::train::{
     AT_DEPTHS, AT_RANDOM, CpuEngine, Dataset, Engine, Model, Photograph, Progress, ReadOptions, Score, Strategy,
-    TrainOptions, Weights, at_depths, at_far, at_random, checkpoint, drawn, neighbours_scores, of_points, pose, scores,
-    train,
+    TrainOptions, Weights, at_depths, at_far, at_random, checkpoint, clear, drawn, neighbours_scores, of_points, pose,
+    scores, train,
 };
 use serde_json::{Value, json};
 use std::fs;
@@ -110,6 +110,9 @@ pub struct Reconstruct {
     /// Points to begin with far behind everything: for sky, and for what is too far to be triangulated
     #[arg(long, value_name = "N", default_value_t = 0)]
     far_points: usize,
+    /// Lets no Gaussian stay nearer to a camera than this share of the nearest points in its image (with mcmc; 0 lets them be)
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    clear: f32,
     /// Noise of the means with mcmc, in units of their rate
     #[arg(long, default_value_t = 5e5, hide_short_help = true)]
     noise: f32,
@@ -143,7 +146,10 @@ impl Reconstruct {
         options.check()?;
         let reading = ReadOptions { downscale: self.downscale, hold_out: self.hold_out };
         let files = |path: &str| opened.read(path);
-        let dataset = Dataset::new(&opened.capture, &files, &reading).map_err(|e| about(&self.capture, e))?;
+        let mut dataset = Dataset::new(&opened.capture, &files, &reading).map_err(|e| about(&self.capture, e))?;
+        if let (Some(points), true) = (&opened.points, self.clear > 0.0) {
+            dataset.nearest = clear::nearest(&dataset, &points.places);
+        }
         fs::create_dir_all(&self.out).map_err(|e| about(&self.out, format!("expected a folder, found {e}")))?;
         let (model, at_points) = self.begin(&opened, &dataset, &options)?;
         let read_s = clock.elapsed().as_secs_f64();
@@ -219,6 +225,7 @@ impl Reconstruct {
                 ..Default::default()
             },
             noise: self.noise,
+            clear: self.clear,
             ..Default::default()
         }
     }

@@ -2,6 +2,7 @@
 
 use super::adam::{regularise, shake, step, step_exposure};
 use super::classic;
+use super::clear;
 use super::dataset::{Dataset, Photograph};
 use super::engine::Engine;
 use super::exposure::{self, exposed_backward, exposed_image};
@@ -145,7 +146,9 @@ impl<'a> CpuEngine<'a> {
             match options.strategy {
                 Strategy::Mcmc => {
                     let model = &mut self.model;
-                    Relocation::of_dead(&model.cloud.opacity_logits, options.seed, iteration).apply(model);
+                    let (means, logits) = (&model.cloud.means, &model.cloud.opacity_logits);
+                    let logits = clear::cleared(self.dataset, means, logits, options.clear);
+                    Relocation::of_dead(&logits, options.seed, iteration).apply(model);
                     Relocation::of_new(&model.cloud.opacity_logits, options.cap, options.seed, iteration).apply(model);
                 }
                 Strategy::Classic => {

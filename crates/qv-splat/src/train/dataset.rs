@@ -46,6 +46,9 @@ pub struct Dataset {
     pub held_out: Vec<Photograph>,
     /// Largest distance of a camera from the mean of all, times 1.1 \[m\].
     pub extent: f32,
+    /// Depth of the nearest triangulated points in each training photograph \[m\], 0 where it is not known; empty when nothing is
+    /// ([`crate::train::clear::nearest`]).
+    pub nearest: Vec<f32>,
 }
 
 /// How a capture is read.
@@ -102,7 +105,7 @@ impl Dataset {
             let expected = "two photographs that show the same place";
             return Err(off("capture", expected, format!("no overlap between any of {}", training.len())));
         }
-        Ok(Self { training, held_out, extent: extent(&cameras) })
+        Ok(Self { training, held_out, extent: extent(&cameras), nearest: vec![] })
     }
 }
 

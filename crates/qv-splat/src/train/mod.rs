@@ -6,6 +6,7 @@
 pub mod adam;
 pub mod checkpoint;
 pub mod classic;
+pub mod clear;
 mod cpu;
 mod dataset;
 mod engine;

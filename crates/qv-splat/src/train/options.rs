@@ -89,6 +89,8 @@ pub struct TrainOptions {
     pub weights: Weights,
     /// Noise of the means in units of their rate, all in units of the extent; with [`Strategy::Mcmc`] only.
     pub noise: f32,
+    /// Gaussians nearer to a camera than this share of the nearest points in its image are dead, with [`Strategy::Mcmc`]; 0 lets them be.
+    pub clear: f32,
     /// The same seed gives the same bits on the CPU.
     pub seed: u32,
 }
@@ -108,6 +110,7 @@ impl Default for TrainOptions {
             geometry_from: 1000,
             weights: Weights::default(),
             noise: 5e5,
+            clear: 0.0,
             seed: 0,
         }
     }
@@ -211,6 +214,7 @@ impl TrainOptions {
             ("normal prior", w.normal_prior),
             ("labels", w.labels),
             ("noise", self.noise),
+            ("clear space", self.clear),
         ] {
             if !(weight.is_finite() && weight >= 0.0) {
                 return Err(off(place(&format!("weight {name}")), "a number of at least 0", weight));

@@ -1,24 +1,12 @@
 //! The ground from above, each label in a colour of its own, lit from the side; the robot's way over it.
 
 use glam::{DVec2, DVec3};
-use qv_core::TriangleMesh;
+use qv_core::{TriangleMesh, label_colour};
 use serde_json::Value;
 use std::fmt::Write;
 
 /// Longer side of the picture \[pixels\].
 const SIDE: usize = 640;
-/// Colours that can be told apart by most (Okabe and Ito 2008), in the order of the labels.
-const COLOURS: [[u8; 3]; 8] = [
-    [170, 170, 170],
-    [0, 158, 115],
-    [86, 180, 233],
-    [230, 159, 0],
-    [204, 121, 167],
-    [240, 228, 66],
-    [0, 114, 178],
-    [213, 94, 0],
-];
-
 /// A picture from above with y up, and the part of the world that it shows.
 pub struct FromAbove {
     /// RGB, shape `[height, width, 3]`, rows from the largest y on.
@@ -28,11 +16,6 @@ pub struct FromAbove {
     low: DVec2,
     /// Pixels of a metre.
     scale: f64,
-}
-
-/// Colour of a label as in the picture.
-pub fn colour(label: usize) -> [u8; 3] {
-    COLOURS[label % COLOURS.len()]
 }
 
 /// Draws the highest surface at each place; `None` of a mesh without an area.
@@ -51,7 +34,7 @@ pub fn from_above(mesh: &TriangleMesh) -> Option<FromAbove> {
     let mut heights = vec![f64::NEG_INFINITY; width * height];
     for t in 0..mesh.triangles.len() {
         let label = mesh.labels.get(t).map_or(0, |label| usize::from(*label));
-        picture.draw(&mesh.corners(t), colour(label), &mut heights);
+        picture.draw(&mesh.corners(t), label_colour(label), &mut heights);
     }
     Some(picture)
 }

@@ -1,12 +1,12 @@
 //! The page itself.
 
 use super::Parts;
-use super::ground::{FromAbove, colour, from_above};
+use super::ground::{FromAbove, from_above};
 use crate::Failure;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use image::ImageEncoder as _;
-use qv_core::TriangleMesh;
+use qv_core::{TriangleMesh, label_colour};
 use qv_replay::replay::escape;
 use serde_json::Value;
 use std::fmt::Write;
@@ -121,7 +121,7 @@ fn ground(mesh: &TriangleMesh, contact: Option<&Value>) -> Result<String, Failur
         .iter()
         .enumerate()
         .map(|(label, material)| {
-            let [r, g, b] = colour(label);
+            let [r, g, b] = label_colour(label);
             format!(
                 "<span class=\"key\" style=\"background:rgb({r},{g},{b})\"></span>{} &nbsp; ",
                 escape(&material.name)

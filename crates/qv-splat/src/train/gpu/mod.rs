@@ -7,6 +7,7 @@ mod tests;
 
 use super::adam::bias;
 use super::classic;
+use super::clear;
 use super::cpu::outputs;
 use super::dataset::{Dataset, Photograph};
 use super::engine::Engine;
@@ -452,10 +453,12 @@ impl<'a> GpuEngine<'a> {
         let (options, iteration) = (self.options, self.rest.iteration);
         let (refines, resets) = (options.refines(iteration), options.resets(iteration));
         if refines && options.strategy == Strategy::Mcmc {
-            let logits = self.store.logits(&self.rasteriser.gpu)?;
+            let mut logits = self.store.logits(&self.rasteriser.gpu)?;
+            if options.clear > 0.0 {
+                logits = clear::cleared(self.dataset, &self.store.means(&self.rasteriser.gpu)?, &logits, options.clear);
+            }
             let dead = Relocation::of_dead(&logits, options.seed, iteration);
             self.relocate(&dead)?;
-            let mut logits = logits;
             dead.changes.iter().for_each(|change| logits[change.index as usize] = change.logit);
             for [target, source] in &dead.copies {
                 logits[*target as usize] = logits[*source as usize];

@@ -107,6 +107,15 @@ impl Store {
         Ok(rows.iter().map(|row| row[3]).collect())
     }
 
+    /// Means. Waits for the card.
+    ///
+    /// # Errors
+    /// The device fails.
+    pub fn means(&self, gpu: &Gpu) -> Result<Vec<[f32; 3]>, RasterError> {
+        let rows: Vec<[f32; 4]> = gpu.read(&self.cloud.means, self.cloud.count)?;
+        Ok(rows.iter().map(|row| [row[0], row[1], row[2]]).collect())
+    }
+
     /// Copies everything but poses into a model. Waits for the card.
     ///
     /// # Errors
@@ -120,7 +129,7 @@ impl Store {
         let features = n * cloud.feature_count;
         cloud.features = gpu.read(&self.cloud.features, features)?;
         cloud.opacity_logits = self.logits(gpu)?;
-        cloud.means = three(gpu.read(&self.cloud.means, n)?);
+        cloud.means = self.means(gpu)?;
         cloud.log_scales = three(gpu.read(&self.cloud.scales, n)?);
         cloud.rotations = gpu.read(&self.cloud.rotations, n)?;
         cloud.sh = gpu.read(&self.cloud.sh, sh)?;
