@@ -71,8 +71,8 @@ pub fn split_fans(mesh: &mut TriangleMesh) {
     }
 }
 
-/// Keeps the piece with the largest area. Returns how many others there were.
-pub fn keep_largest(mesh: &mut TriangleMesh) -> usize {
+/// Keeps the piece with the largest area, and with `least` all others of at least that area \[m²\], too. Returns how many were dropped.
+pub fn keep_largest(mesh: &mut TriangleMesh, least: Option<f64>) -> usize {
     let mut pieces = Groups::new(mesh.vertices.len());
     for [a, b, c] in &mesh.triangles {
         pieces.join(*a, *b);
@@ -82,7 +82,7 @@ pub fn keep_largest(mesh: &mut TriangleMesh) -> usize {
     let mut area = vec![0.0f64; mesh.vertices.len()];
     for (t, piece) in piece.iter().enumerate() {
         let [a, b, c] = mesh.corners(t);
-        area[*piece as usize] += (b - a).cross(c - a).length();
+        area[*piece as usize] += 0.5 * (b - a).cross(c - a).length();
     }
     let mut found = piece.clone();
     found.sort_unstable();
@@ -90,8 +90,10 @@ pub fn keep_largest(mesh: &mut TriangleMesh) -> usize {
     // The first of equals.
     let largest = found.iter().rev().copied().max_by(|a, b| area[*a as usize].total_cmp(&area[*b as usize]));
     let Some(largest) = largest else { return 0 };
-    keep_triangles(mesh, |t| piece[t] == largest);
-    found.len() - 1
+    let is_kept = |piece: u32| piece == largest || least.is_some_and(|least| area[piece as usize] >= least);
+    let dropped = found.iter().filter(|piece| !is_kept(**piece)).count();
+    keep_triangles(mesh, |t| is_kept(piece[t]));
+    dropped
 }
 
 /// Smooths noise of a few edges' length away and keeps what is larger, without shrinking: each round moves vertices towards the
@@ -190,7 +192,10 @@ mod tests {
         assert_eq!((Topology::of(&mesh).pinched_vertices, mesh.vertices.len()), (0, 10));
         let near = mesh.vertices.iter().filter(|v| v.length() < 0.1).count();
         assert!(near == 2 && !mesh.vertices.contains(&DVec3::ZERO), "two at the knot, apart");
-        assert_eq!(keep_largest(&mut mesh), 2);
+        let mut all = mesh.clone();
+        assert_eq!((keep_largest(&mut all, Some(0.0)), all.triangles.len()), (0, mesh.triangles.len()));
+        assert_eq!((keep_largest(&mut all, Some(1e3)), all.triangles.len()), (2, 2), "the largest stays however small");
+        assert_eq!(keep_largest(&mut mesh, None), 2);
         mesh.validate().unwrap();
         assert_eq!((mesh.triangles.len(), mesh.vertices.len(), mesh.labels.as_slice()), (2, 4, &[0, 1][..]));
         let loops = rim_loops(&mesh);
@@ -230,7 +235,7 @@ mod tests {
     fn nothing_comes_of_nothing() {
         let mut mesh = TriangleMesh::default();
         split_fans(&mut mesh);
-        assert_eq!((keep_largest(&mut mesh), rim_loops(&mesh).len()), (0, 0));
+        assert_eq!((keep_largest(&mut mesh, None), rim_loops(&mesh).len()), (0, 0));
         assert!(!Topology::of(&mesh).is_watertight());
     }
 }

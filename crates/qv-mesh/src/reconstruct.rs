@@ -13,6 +13,8 @@ use qv_core::{Material, TriangleMesh};
 pub struct MeshOptions {
     /// Rounds of smoothing.
     pub smoothing: usize,
+    /// Keeps pieces of at least this area \[m²\] beside the largest; none keeps the largest alone.
+    pub pieces: Option<f64>,
     /// Holes with a longer rim stay, or get walls and a floor of their own \[m\].
     pub max_hole: f64,
     /// Makes the open ground a watertight solid, with a floor this far below its lowest point \[m\]; none leaves it open.
@@ -29,6 +31,7 @@ impl Default for MeshOptions {
     fn default() -> Self {
         Self {
             smoothing: 3,
+            pieces: None,
             max_hole: 3.0,
             solid: Some(0.2),
             triangles: None,
@@ -92,7 +95,7 @@ pub fn finish(
     Ok((mesh, report))
 }
 
-/// The open surface of a volume: largest piece, holes filled, smoothed, labelled, fewer triangles.
+/// The open surface of a volume: largest piece or pieces, holes filled, smoothed, labelled, fewer triangles.
 ///
 /// # Errors
 /// There is no surface, or the labels do not fit.
@@ -114,7 +117,7 @@ pub fn surface(
         return Err(off("fused depth", expected, format!("none in {} blocks", report.blocks)));
     }
     split_fans(&mut mesh);
-    report.dropped = keep_largest(&mut mesh);
+    report.dropped = keep_largest(&mut mesh, options.pieces);
     report.holes = fill_holes(&mut mesh, options.max_hole);
     smooth(&mut mesh, options.smoothing);
     if let Some((points, materials)) = labels {

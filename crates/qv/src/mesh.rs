@@ -71,6 +71,9 @@ pub struct Mesh {
     /// How far --triangles may move the surface, in metres; half a voxel without it
     #[arg(long, value_name = "METRES")]
     max_error: Option<f64>,
+    /// Keeps every piece of at least this area, in square metres, instead of the largest alone
+    #[arg(long, value_name = "AREA", requires = "open")]
+    pieces: Option<f64>,
     /// Longest rim of a hole that is filled, in metres
     #[arg(long, value_name = "METRES", default_value_t = 3.0)]
     max_hole: f64,
@@ -168,6 +171,7 @@ impl Mesh {
     fn options(&self) -> MeshOptions {
         MeshOptions {
             smoothing: self.smoothing,
+            pieces: self.pieces,
             max_hole: self.max_hole,
             solid: None,
             triangles: self.triangles,

@@ -59,9 +59,7 @@ pub const EFFECTS: [CameraEffect; 5] = [
 ];
 
 /// Log evidence over that of no effect from which one is accused.
-const EVIDENCE: f64 = 12.0;
-/// The same for the place of the scene, whose six numbers pay for their freedom whichever of them is off; nobody is accused by it.
-const PLACED: f64 = 5.0;
+const EVIDENCE: f64 = 5.0;
 /// Size from which one is accused, in tolerances.
 const SIZE: f64 = 3.5;
 /// Share of the squares above the floor that one must take away in photographs that its fit has not seen.
@@ -199,7 +197,7 @@ impl Judge<'_> {
         let fit = self.together.fit(&wide, &[[0.0; SHARED], best.shared], |_| true)?;
         let size = (PLACE..SHARED).map(|i| (fit.shared[i] / TOLERANCE[i]).powi(2)).sum::<f64>().sqrt();
         let norm = |of: Range<usize>| of.map(|i| fit.shared[i].powi(2)).sum::<f64>().sqrt();
-        let is_off = fit.evidence - best.evidence > PLACED && size >= SIZE;
+        let is_off = fit.evidence - best.evidence > EVIDENCE && size >= SIZE;
         is_off.then(|| [norm(PLACE..PLACE + 3), norm(PLACE + 3..SHARED)])
     }
 
