@@ -29,7 +29,7 @@ drawings:all('svg').length,\
 empty:all('svg').filter(e=>size(e)<100||e.children.length===0).length,\
 overflow:document.documentElement.scrollWidth-document.documentElement.clientWidth,\
 words:document.body.innerText.split(/\\s+/).length,\
-nonsense:[...new Set(document.body.innerText.match(/\\b(NaN|undefined|null|Infinity|inf)\\b/g)||[])]};\
+nonsense:[...new Set(document.body.innerText.match(/\\b(NaN|undefined|Infinity|inf)\\b/g)||[])]};\
 pre.textContent=JSON.stringify(found).replace(/[&<>]/g,' ');document.body.append(pre)})</script>";
 
 /// What a page looks like at one width.
@@ -110,9 +110,11 @@ fn measure(browser: &Path, page: &Path, width: u32) -> Result<Measured> {
     let text = fs::read_to_string(page).with_context(|| format!("reading {}", page.display()))?;
     let copy = page.with_extension("measured.html");
     fs::write(&copy, text + MEASURE).with_context(|| format!("writing {}", copy.display()))?;
-    let said = process::output(headless(browser, width).arg("--dump-dom").arg(address(&copy)?).stderr(Stdio::null()));
+    // What it says of the machine, as of a bus that is not there, is nobody's concern.
+    let shown = headless(browser, width).arg("--dump-dom").arg(address(&copy)?).stderr(Stdio::null()).output();
     fs::remove_file(&copy).with_context(|| format!("removing {}", copy.display()))?;
-    let said = said?;
+    let shown = shown.with_context(|| format!("cannot start {}", browser.display()))?;
+    let said = String::from_utf8_lossy(&shown.stdout);
     let found = said.rsplit_once("<pre id=\"measured\">").and_then(|(_, rest)| rest.split_once("</pre>"));
     let Some((found, _)) = found else { bail!("{}: the browser measured nothing", page.display()) };
     serde_json::from_str(found).with_context(|| format!("what was measured of {}", page.display()))

@@ -17,7 +17,7 @@ const STYLE: &str = "\
 *{box-sizing:border-box}body{margin:0 auto;max-width:1080px;padding:26px 20px 60px;background:var(--paper);color:var(--ink);\
 font:15px/1.5 system-ui,-apple-system,'Segoe UI',sans-serif}\
 h1{font-size:22px;margin:0 0 14px}h2{font-size:18px;margin:34px 0 10px}p{margin:4px 0}.soft{color:var(--soft);font-size:13px}\
-.card{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:14px 18px;margin-bottom:14px}\
+.card{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:14px 18px;margin-bottom:14px;overflow-x:auto}\
 .lead li{margin:6px 0;font-size:16px}.grid{display:grid;gap:14px;grid-template-columns:repeat(auto-fit,minmax(min(100%,420px),1fr))}\
 figure{margin:0}figure img{width:100%;border-radius:6px;display:block}figcaption{color:var(--soft);font-size:13px}\
 svg{display:block;width:100%;height:auto;border-radius:6px}.walk{fill:none;stroke:#fff;stroke-width:5;stroke-linejoin:round;paint-order:stroke}\
