@@ -16,6 +16,7 @@ mod replay;
 mod report;
 mod rgbd;
 mod scene;
+mod video;
 
 use clap::{Args, Parser, Subcommand};
 use qv_replay::ReplayError;

@@ -2,6 +2,7 @@
 
 use crate::capture::{OpenCapture, open_capture};
 use crate::scene::about;
+use crate::video;
 use crate::{Failure, Outcome, say};
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -23,7 +24,9 @@ use std::time::Instant;
 pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/yard\n  \
     qv reconstruct captures/yard/transforms.json --out out/yard --exposure --iterations 30000 --gpu --json\n\n\
     CAPTURE is nerfstudio's transforms.json or the folder that holds it, a COLMAP project (model and images), or a folder of\n\
-    RGB-D frames (FRAME.color.jpg, FRAME.depth.png, FRAME.pose.txt). points.ply beside it is where Gaussians begin.\n\n\
+    RGB-D frames (FRAME.color.jpg, FRAME.depth.png, FRAME.pose.txt). points.ply beside it is where Gaussians begin.\n\
+    Of a video (.mp4, .mov, ...) ffmpeg takes frames and COLMAP, in a Python environment that is made once, finds their poses;\n\
+    DIR/capture keeps both. Such a scene has no metres of its own: `qv mesh` takes --distance, --markers or --trajectory.\n\n\
     Writes scene.ply (3DGS), checkpoint.qvt, metrics.json, with --preview pictures beside photographs. Ctrl-C stops and keeps what\n\
     was learned; --resume goes on from the checkpoint.\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
@@ -45,7 +48,7 @@ enum StrategyName {
 
 #[derive(clap::Args)]
 pub struct Reconstruct {
-    /// transforms.json or its folder, a COLMAP project, or a folder of RGB-D frames
+    /// transforms.json or its folder, a COLMAP project, a folder of RGB-D frames, or a video
     capture: PathBuf,
     /// Folder for what is written; made if need be
     #[arg(long, value_name = "DIR")]
@@ -65,6 +68,9 @@ pub struct Reconstruct {
     /// Refines the photographs' poses
     #[arg(long)]
     refine_poses: bool,
+    /// Most frames that are taken of a video
+    #[arg(long, value_name = "N", default_value_t = 150, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(8..=2000))]
+    frames: usize,
     /// Divides the sides of photographs by this
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     downscale: u32,
@@ -141,7 +147,7 @@ pub struct Reconstruct {
 impl Reconstruct {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let clock = Instant::now();
-        let opened = open_capture(&self.capture)?;
+        let (opened, mut lost) = self.open()?;
         let options = self.options();
         options.check()?;
         let reading = ReadOptions { downscale: self.downscale, hold_out: self.hold_out };
@@ -197,9 +203,19 @@ impl Reconstruct {
         fs::write(&path, format!("{metrics:#}\n"))
             .map_err(|e| about(&path, format!("expected to write it, found {e}")))?;
         self.tell(&metrics, [Score::mean(&held_out), Score::mean(&aligned)], &run, train_s, model.cloud.len())?;
-        let lost = self.lost(&dataset);
+        lost.extend(self.lost(&dataset));
         lost.iter().for_each(|what| eprintln!("qv: {what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
+    }
+
+    /// The capture, and what of a video was lost on the way to it.
+    fn open(&self) -> Result<(OpenCapture, Vec<String>), Failure> {
+        if !video::is_video(&self.capture) {
+            return Ok((open_capture(&self.capture)?, vec![]));
+        }
+        let folder = self.out.join("capture");
+        let lost = video::project(&self.capture, &folder, self.frames)?;
+        Ok((open_capture(&folder)?, lost))
     }
 
     fn options(&self) -> TrainOptions {

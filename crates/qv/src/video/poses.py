@@ -1,6 +1,6 @@
 """Where the frames of a video were taken: COLMAP's features and matches, its global mapper, else its incremental one.
 
-    python video_poses.py IMAGES FOLDER
+    python poses.py IMAGES FOLDER
 
 Writes FOLDER/sparse/0. Says what it does, a line for each stage, and at last a line of JSON.
 """
