@@ -25,6 +25,8 @@ pub struct Placed {
     pub frames: usize,
     /// Frames with a pose in the largest model.
     pub placed: usize,
+    /// Share of the verified matches that the model holds.
+    pub held: f64,
 }
 
 /// Finds from where `images` were taken, and writes the model to `folder/sparse/0`.
