@@ -6,13 +6,15 @@ use crate::video;
 use crate::{Failure, Outcome, say};
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
-use qv_core::GaussianCloud;
+use qv_core::{Camera, GaussianCloud};
 use qv_raster::Image;
+use qv_splat::captures::distortion::Distortion;
+use qv_splat::captures::{Attachments, Capture, CaptureCamera, cameras_json};
 use qv_splat::files::{Format, write};
 use qv_splat::train::{
     AT_DEPTHS, AT_RANDOM, CpuEngine, Dataset, Engine, Model, Photograph, Progress, ReadOptions, Score, Strategy,
-    TrainOptions, Weights, at_depths, at_far, at_random, checkpoint, clear, drawn, neighbours_scores, of_points, pose,
-    scores, train,
+    TrainOptions, Weights, at_depths, at_far, at_random, cameras, checkpoint, clear, drawn, neighbours_scores,
+    of_points, pose, scores, train,
 };
 use serde_json::{Value, json};
 use std::fs;
@@ -27,7 +29,8 @@ pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/ya
     RGB-D frames (FRAME.color.jpg, FRAME.depth.png, FRAME.pose.txt). points.ply beside it is where Gaussians begin.\n\
     Of a video (.mp4, .mov, ...) ffmpeg takes frames and COLMAP, in a Python environment that is made once, finds their poses;\n\
     DIR/capture keeps both. Such a scene has no metres of its own: `qv mesh` takes --distance, --markers or --trajectory.\n\n\
-    Writes scene.ply (3DGS), checkpoint.qvt, metrics.json, with --preview pictures beside photographs. Ctrl-C stops and keeps what\n\
+    Writes scene.ply (3DGS), checkpoint.qvt, metrics.json, with --refine-poses or --refine-lens cameras.json (for `qv mesh --cameras`),\n\
+    with --preview pictures beside photographs. Ctrl-C stops and keeps what\n\
     was learned; --resume goes on from the checkpoint.\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
 
@@ -65,9 +68,12 @@ pub struct Reconstruct {
     /// Learns an affine colour transform for each photograph
     #[arg(long)]
     exposure: bool,
-    /// Refines the photographs' poses
+    /// Refines the photographs' poses, and where each camera is on what its poses were measured of
     #[arg(long)]
     refine_poses: bool,
+    /// Refines focal length and principal point of each camera
+    #[arg(long)]
+    refine_lens: bool,
     /// Most frames that are taken of a video
     #[arg(long, value_name = "N", default_value_t = 150, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(8..=2000))]
     frames: usize,
@@ -177,12 +183,14 @@ impl Reconstruct {
         run.bar.finish_and_clear();
         let clock = Instant::now();
         self.save(&model)?;
-        let as_drawn = scores(&model.cloud, &dataset.held_out)?;
-        let held_out = if self.exposure { neighbours_scores(&model, &dataset)? } else { as_drawn.clone() };
-        let aligned = self.aligned(&model, &dataset)?;
+        let as_learned = |one: &Photograph| cameras::as_learned(&model, &dataset, one);
+        let looked_at: Vec<Photograph> = dataset.held_out.iter().map(as_learned).collect();
+        let as_drawn = scores(&model.cloud, &looked_at)?;
+        let held_out = if self.exposure { neighbours_scores(&model, &dataset, &looked_at)? } else { as_drawn.clone() };
+        let aligned = self.aligned(&model, &dataset, &looked_at)?;
         if self.preview {
             let folder = self.out.join("held_out");
-            for photograph in &dataset.held_out {
+            for photograph in &looked_at {
                 beside(photograph, &drawn(&model.cloud, &photograph.camera)?, &folder, &photograph.name)?;
             }
         }
@@ -193,12 +201,13 @@ impl Reconstruct {
             "format": "qv-reconstruct/1", "capture": self.capture.display().to_string(), "iterations": model.iteration,
             "finished": finished, "gaussians": model.cloud.len(), "loss": run.loss, "read_s": read_s, "train_s": train_s,
             "write_s": clock.elapsed().as_secs_f64(), "photographs": dataset.training.len(), "began_at_points": at_points,
-            "exposure": self.exposure, "poses_refined": self.refine_poses, "seed": self.seed, "extent_m": dataset.extent,
+            "exposure": self.exposure, "poses_refined": self.refine_poses, "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent,
             "held_out": dataset.held_out.iter().zip(&held_out).map(|(one, score)| named(&one.name, score)).collect::<Vec<_>>(),
             "mean": Score::mean(&held_out).map(|mean| named("mean", &mean)),
             "mean_identity": Score::mean(&as_drawn).map(|mean| named("mean", &mean)),
             "mean_aligned": Score::mean(&aligned).map(|mean| named("mean", &mean)), "times_ms": run.mean_times(),
         });
+        self.save_cameras(&model, &dataset, &looked_at)?;
         let path = self.out.join("metrics.json");
         fs::write(&path, format!("{metrics:#}\n"))
             .map_err(|e| about(&path, format!("expected to write it, found {e}")))?;
@@ -228,6 +237,7 @@ impl Reconstruct {
             },
             exposure: self.exposure,
             poses: self.refine_poses,
+            lens: self.refine_lens,
             seed: self.seed,
             weights: Weights {
                 flattening: self.flattening,
@@ -305,7 +315,7 @@ impl Reconstruct {
     }
 
     /// Scores of held-out photographs with cameras that were moved to where they show the left half best; none when poses are as given.
-    fn aligned(&self, model: &Model, dataset: &Dataset) -> Result<Vec<Score>, Failure> {
+    fn aligned(&self, model: &Model, dataset: &Dataset, held_out: &[Photograph]) -> Result<Vec<Score>, Failure> {
         if !self.refine_poses {
             return Ok(vec![]);
         }
@@ -313,8 +323,29 @@ impl Reconstruct {
             let camera = pose::aligned(&model.cloud, one, dataset.extent, ALIGN_STEPS)?;
             Ok(Photograph { camera, ..one.clone() })
         };
-        let moved: Vec<Photograph> = dataset.held_out.iter().map(align).collect::<Result<_, Failure>>()?;
+        let moved: Vec<Photograph> = held_out.iter().map(align).collect::<Result<_, Failure>>()?;
         Ok(scores(&model.cloud, &moved)?)
+    }
+
+    /// All cameras as they were learned; nothing when they are as given.
+    fn save_cameras(&self, model: &Model, dataset: &Dataset, held_out: &[Photograph]) -> Result<(), Failure> {
+        if !(self.refine_poses || self.refine_lens) {
+            return Ok(());
+        }
+        let learned = dataset.training.iter().enumerate().map(|(k, one)| (&one.name, model.camera(dataset, k)));
+        let all = learned.chain(held_out.iter().map(|one| (&one.name, one.camera)));
+        let camera = |(name, camera): (&String, Camera)| CaptureCamera {
+            name: name.clone(),
+            camera,
+            distortion: Distortion::default(),
+            image: None,
+            attachments: Attachments::default(),
+        };
+        let mut cameras: Vec<CaptureCamera> = all.map(camera).collect();
+        cameras.sort_by(|a, b| a.name.cmp(&b.name));
+        let path = self.out.join("cameras.json");
+        let written = fs::write(&path, cameras_json::write(&Capture { cameras }));
+        written.map_err(|e| about(&path, format!("expected to write it, found {e}")))
     }
 
     fn save(&self, model: &Model) -> Result<(), Failure> {
@@ -364,6 +395,26 @@ impl Reconstruct {
         }
         Ok(say(&format!("{text}written to {}\n", self.out.display()))?)
     }
+}
+
+/// Each camera as it was learned: its lens, how far it moved, and the photographs' own motions (root mean square).
+fn refined(model: &Model, dataset: &Dataset) -> Vec<Value> {
+    let one = |(group, shared): (usize, &cameras::Shared)| {
+        let of = |k: &usize| model.groups[*k] == group;
+        let taken: Vec<usize> = (0..model.groups.len()).filter(of).collect();
+        let lens = shared.camera(&dataset.training[taken[0]].camera);
+        let own = |k: &usize| {
+            let given = shared.motion * dataset.training[*k].camera.camera_from_world;
+            let own = model.poses[*k] * given.inverse();
+            (own.position.length_squared(), own.rotation.to_scaled_axis().length_squared())
+        };
+        let mean = |of: &dyn Fn((f64, f64)) -> f64| taken.iter().map(|k| of(own(k))).sum::<f64>() / taken.len() as f64;
+        json!({"photographs": taken.len(), "fx": lens.fx, "fy": lens.fy, "cx": lens.cx, "cy": lens.cy,
+            "motion_m": shared.motion.position.to_array(),
+            "motion_deg": shared.motion.rotation.to_scaled_axis().to_array().map(f64::to_degrees),
+            "own_motion_m": mean(&|(metres, _)| metres).sqrt(), "own_motion_deg": mean(&|(_, angle)| angle).sqrt().to_degrees()})
+    };
+    model.shared.iter().enumerate().map(one).collect()
 }
 
 fn named(name: &str, s: &Score) -> Value {

@@ -1,6 +1,7 @@
 //! The shaders that train Gaussians on the card, and their pipelines. Their twins, what they are for and who runs them in which order is
 //! in qv-splat's `train`; they stand here with all other shaders.
 
+use crate::constants::GUARD;
 #[cfg(feature = "gpu")]
 use crate::gpu::Gpu;
 
@@ -8,9 +9,10 @@ use crate::gpu::Gpu;
 pub const FOLD: u32 = 32_768;
 
 /// The shaders with their entry points.
-pub const SHADERS: [(&str, &[&str]); 5] = [
+pub const SHADERS: [(&str, &[&str]); 6] = [
     ("loss", &["similar", "pull"]),
-    ("finish", &["finish", "turn"]),
+    ("finish", &["finish"]),
+    ("cameras", &["bend", "turn"]),
     ("update", &["shape", "harmonics", "features", "gather"]),
     ("relocate", &["change", "copy"]),
     ("terms", &["planes", "consistent", "prior", "labels"]),
@@ -108,8 +110,18 @@ pub struct StepWords {
     pub feature_rate: f32,
     /// How many there are to learn from.
     pub photographs: u32,
+    /// The camera that took it.
+    pub camera: u32,
+    /// 1: poses are learned, 2: lenses are, 3: both.
+    pub refines: u32,
+    /// Rate of lenses.
+    pub lens_rate: f32,
+    /// What the running means of the camera are divided by.
+    pub camera_bias: [f32; 2],
+    /// Focal lengths of the camera as they were given \[px\].
+    pub focal: [f32; 2],
     /// Fills up the words.
-    pub unused: u32,
+    pub unused: [u32; 2],
 }
 
 /// The text of a shader. Lines between `//#taps` and `//#end` are repeated for each tap of the window, with its index for `$K` and its
@@ -118,11 +130,12 @@ pub fn text(name: &str) -> String {
     let body = match name {
         "loss" => include_str!("loss.wgsl"),
         "finish" => include_str!("finish.wgsl"),
+        "cameras" => include_str!("cameras.wgsl"),
         "update" => include_str!("update.wgsl"),
         "relocate" => include_str!("relocate.wgsl"),
         _ => include_str!("terms.wgsl"),
     };
-    let mut out = include_str!("step.wgsl").to_string();
+    let mut out = format!("const GUARD: f32 = {GUARD:e}f;\n{}", include_str!("step.wgsl"));
     let mut block: Option<String> = None;
     for line in body.lines() {
         match (line.trim(), &mut block) {

@@ -46,7 +46,14 @@ struct Step {
     feature_count: u32,
     feature_rate: f32,
     photographs: u32,
-    unused: u32,
+    camera: u32,
+    // 1: poses are learned, 2: lenses are, 3: both.
+    refines: u32,
+    lens_rate: f32,
+    camera_bias1: f32,
+    camera_bias2: f32,
+    focal: vec2<f32>,
+    unused: vec2<u32>,
 }
 
 const BETA1: f32 = 0.9;

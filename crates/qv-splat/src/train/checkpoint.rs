@@ -1,16 +1,18 @@
 //! A model as bytes and back: all that is needed to go on as if nothing had happened.
 //!
-//! Little-endian: the eight bytes `qvtrain1`; six counts of 32 bits (steps, Gaussians, degree, features, photographs, 0); then floats: the
+//! Little-endian: the eight bytes `qvtrain2`; six counts of 32 bits (steps, Gaussians, degree, features, photographs, cameras); then floats: the
 //! cloud's means, log scales, rotations, logits, harmonics, features; the same of both running means; exposures and their running means;
-//! running means of poses; pulls; then poses as seven doubles each, position and quaternion w, x, y, z.
+//! running means of poses; pulls; of each camera running means (9 and 9), lens; then as 32 bits each the camera of each photograph,
+//! and how often each camera was seen; then poses of photographs and motions of cameras as seven doubles each, position and quaternion w, x, y, z.
 
+use super::cameras::Shared;
 use super::model::Model;
 use crate::SplatError;
 use crate::error::off;
 use qv_core::{GaussianCloud, Pose};
 use qv_raster::Gradients;
 
-const MAGIC: &[u8; 8] = b"qvtrain1";
+const MAGIC: &[u8; 8] = b"qvtrain2";
 const PLACE: &str = "checkpoint";
 
 /// Writes a model.
@@ -18,7 +20,10 @@ pub fn write(model: &Model) -> Vec<u8> {
     let cloud = &model.cloud;
     let mut out = MAGIC.to_vec();
     let counts = [model.iteration, cloud.len() as u32, cloud.sh_degree as u32, cloud.feature_count as u32];
-    counts.iter().chain(&[model.poses.len() as u32, 0]).for_each(|count| out.extend(count.to_le_bytes()));
+    counts
+        .iter()
+        .chain(&[model.poses.len() as u32, model.shared.len() as u32])
+        .for_each(|count| out.extend(count.to_le_bytes()));
     let mut floats = |list: &[f32]| list.iter().for_each(|x| out.extend(x.to_le_bytes()));
     floats(cloud.means.as_flattened());
     floats(cloud.log_scales.as_flattened());
@@ -39,7 +44,12 @@ pub fn write(model: &Model) -> Vec<u8> {
         floats(exposures.as_flattened());
     }
     floats(model.pulls.as_flattened());
-    for pose in &model.poses {
+    for one in &model.shared {
+        [&one.first[..], &one.second, &one.lens].into_iter().for_each(&mut floats);
+    }
+    let words = model.groups.iter().map(|group| *group as u32).chain(model.shared.iter().map(|one| one.seen));
+    words.for_each(|word| out.extend(word.to_le_bytes()));
+    for pose in model.poses.iter().chain(model.shared.iter().map(|one| &one.motion)) {
         let numbers = pose.position.to_array().into_iter().chain(pose.wxyz());
         numbers.for_each(|x| out.extend(x.to_le_bytes()));
     }
@@ -56,6 +66,10 @@ impl Rest<'_> {
         now.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
     }
 
+    fn words(&mut self, count: usize) -> Vec<u32> {
+        self.floats(count).into_iter().map(f32::to_bits).collect()
+    }
+
     fn rows<const N: usize>(&mut self, count: usize) -> Vec<[f32; N]> {
         self.floats(N * count).as_chunks().0.to_vec()
     }
@@ -67,17 +81,19 @@ impl Rest<'_> {
 /// The bytes are none of a checkpoint, or their number is another than their counts say.
 pub fn read(bytes: &[u8]) -> Result<Model, SplatError> {
     if bytes.len() < 32 || &bytes[..8] != MAGIC {
-        return Err(off(PLACE, "the bytes `qvtrain1` and six counts", format!("{} bytes", bytes.len())));
+        return Err(off(PLACE, "the bytes `qvtrain2` and six counts", format!("{} bytes", bytes.len())));
     }
     let count = |k: usize| u32::from_le_bytes([0, 1, 2, 3].map(|i| bytes[8 + 4 * k + i])) as usize;
-    let (n, degree, features, views) = (count(1), count(2), count(3), count(4));
+    let (n, degree, features, views, lenses) = (count(1), count(2), count(3), count(4), count(5));
     if degree > 3 || features > GaussianCloud::MAX_FEATURES {
         let expected = "a degree of at most 3 and at most 16 features";
         return Err(off(PLACE, expected, format!("{degree} and {features}")));
     }
     let sh = (degree + 1).pow(2);
     let each = 11 + 3 * sh + features;
-    let expected = 32 + 4 * (n as u128 * (3 * each + 2) as u128 + views as u128 * 48) + 56 * views as u128;
+    let expected = 32
+        + 4 * (n as u128 * (3 * each + 2) as u128 + views as u128 * 49 + lenses as u128 * 22)
+        + 56 * (views + lenses) as u128;
     if expected != bytes.len() as u128 {
         return Err(off(PLACE, format!("{expected} bytes for {n} Gaussians"), bytes.len()));
     }
@@ -104,14 +120,41 @@ pub fn read(bytes: &[u8]) -> Result<Model, SplatError> {
     let (first, second) = (moments(), moments());
     let (exposures, exposures_first, exposures_second) = (rest.rows(views), rest.rows(views), rest.rows(views));
     let pulls = rest.rows(n);
+    let learned: Vec<[f32; 21]> = rest.rows(lenses);
+    let groups: Vec<usize> = rest.words(views).into_iter().map(|group| group as usize).collect();
+    if let Some(group) = groups.iter().find(|group| **group >= lenses) {
+        return Err(off(PLACE, format!("photographs of {lenses} cameras"), format!("one of camera {group}")));
+    }
+    let seen = rest.words(lenses);
     let numbers: Vec<f64> = rest.0.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
     let pose = |x: &[f64; 7]| Pose {
         position: glam::DVec3::new(x[0], x[1], x[2]),
         rotation: glam::DQuat::from_xyzw(x[4], x[5], x[6], x[3]),
     };
-    let poses = numbers.as_chunks().0.iter().map(pose).collect();
+    let all: Vec<Pose> = numbers.as_chunks().0.iter().map(pose).collect();
+    let (poses, motions) = all.split_at(views);
+    let shared = learned.iter().zip(seen).zip(motions).map(|((one, seen), motion)| Shared {
+        first: std::array::from_fn(|k| one[k]),
+        second: std::array::from_fn(|k| one[9 + k]),
+        lens: [one[18], one[19], one[20]],
+        motion: *motion,
+        seen,
+    });
+    let (shared, poses) = (shared.collect(), poses.to_vec());
     let iteration = count(0) as u32;
-    Ok(Model { iteration, cloud, first, second, exposures, exposures_first, exposures_second, poses, pulls })
+    Ok(Model {
+        iteration,
+        cloud,
+        first,
+        second,
+        exposures,
+        exposures_first,
+        exposures_second,
+        poses,
+        groups,
+        shared,
+        pulls,
+    })
 }
 
 #[cfg(test)]
@@ -126,6 +169,8 @@ mod tests {
         model.raise_degree(2);
         model.iteration = 77;
         model.first.sh[3] = [1.0, 2.0, 3.0];
+        model.shared[0] =
+            Shared { lens: [0.1, 0.2, 0.3], second: [0.4; 9], seen: 5, motion: model.poses[1], ..Shared::NONE };
         let bytes = write(&model);
         assert_eq!(read(&bytes), Ok(model));
         assert!(read(&bytes[..bytes.len() - 1]).unwrap_err().to_string().contains("bytes for 5 Gaussians"));

@@ -1,6 +1,7 @@
 //! Steps on the CPU: the reference for those on the card.
 
 use super::adam::{regularise, shake, step, step_exposure};
+use super::cameras;
 use super::classic;
 use super::clear;
 use super::dataset::{Dataset, Photograph};
@@ -10,7 +11,6 @@ use super::loss::photometric;
 use super::mcmc::Relocation;
 use super::model::Model;
 use super::options::{Strategy, TrainOptions};
-use super::pose;
 use super::random::{Purpose, words};
 use super::terms::{depth_normal, labels, multi_view, priors};
 use crate::SplatError;
@@ -47,16 +47,17 @@ impl<'a> CpuEngine<'a> {
         Ok(Self { dataset, options: *options, model, partners, losses: (0.0, 0) })
     }
 
-    /// One photograph: derivatives of everything but the Gaussians' regularisers.
-    fn look(&mut self, index: usize) -> Result<qv_raster::Gradients, SplatError> {
-        let photograph = &self.dataset.training[index];
-        let camera = Camera { camera_from_world: self.model.poses[index], ..photograph.camera };
+    /// One photograph: derivatives of everything but the Gaussians' regularisers, and those by the lens.
+    fn look(&mut self, index: usize) -> Result<(qv_raster::Gradients, [f32; 3]), SplatError> {
+        let camera = self.model.camera(self.dataset, index);
         let settings = Settings { outputs: outputs(&self.options, self.model.iteration), ..Default::default() };
         let scene = Scene::still(&self.model.cloud);
         let frame = Frame::new(&scene, &[View::of(camera)], &settings)?;
         let image = frame.images().remove(0);
         let mut by_images = frame.blank_images();
         let (mut loss, by_exposure) = self.photometric(index, &image, &mut by_images[0]);
+        let lens = self.options.lens;
+        let by_lens = if lens { cameras::by_lens(&image.colour, &by_images[0].colour, &camera) } else { [0.0; 3] };
         loss += self.terms(index, &camera, &image, &mut by_images[0])?;
         let (by, pulls) = frame.gradients_and_pulls(&scene, &by_images)?;
         for (sum, pull) in self.model.pulls.iter_mut().zip(pulls) {
@@ -69,7 +70,7 @@ impl<'a> CpuEngine<'a> {
             let seen = self.seen();
             step_exposure(&mut self.model, index, &by, rates.exposures, seen);
         }
-        Ok(by)
+        Ok((by, by_lens))
     }
 
     /// Loss of colour; its derivative goes into `by`.
@@ -126,7 +127,7 @@ impl<'a> CpuEngine<'a> {
         let word = words(options.seed, iteration, 0, Purpose::Pair)[0];
         let partner = partners[word as usize % partners.len()];
         let other = &self.dataset.training[partner];
-        let other_camera = Camera { camera_from_world: self.model.poses[partner], ..other.camera };
+        let other_camera = self.model.camera(self.dataset, partner);
         let settings = Settings { outputs: Outputs { plane: true, ..Default::default() }, ..Default::default() };
         let (drawn, _) = render(&Scene::still(&self.model.cloud), &[View::of(other_camera)], &settings)?;
         let (grey, other_grey) = (multi_view::grey(&self.dataset.training[index]), multi_view::grey(other));
@@ -176,13 +177,13 @@ impl Engine for CpuEngine<'_> {
     fn step(&mut self, photograph: usize) -> Result<(), SplatError> {
         let iteration = self.model.iteration;
         self.model.raise_degree(self.options.degree(iteration));
-        let mut by = self.look(photograph)?;
+        let (mut by, by_lens) = self.look(photograph)?;
         let rates = self.options.rates(iteration, self.dataset.extent);
         regularise(&self.model, &self.options, self.dataset.extent, &mut by);
         step(&mut self.model, &by, &rates);
-        if self.options.poses {
-            let seen = self.seen();
-            pose::step(&mut self.model, photograph, &by.poses[0], rates.poses, self.dataset.extent, seen);
+        if self.options.poses || self.options.lens {
+            let (seen, extent) = (self.seen(), self.dataset.extent);
+            cameras::step(&mut self.model, &self.options, photograph, &by.poses[0], &by_lens, extent, seen);
         }
         if self.options.strategy == Strategy::Mcmc {
             let noise = self.options.noise_rate(iteration, self.dataset.extent);
@@ -276,7 +277,7 @@ mod tests {
     fn stopping_and_going_on_gives_the_same_bits_on_any_number_of_threads() {
         let scene = tiny::scene(40, 4, 32);
         for strategy in [Strategy::Mcmc, Strategy::Classic] {
-            let options = TrainOptions { exposure: true, poses: true, ..options(90, strategy) };
+            let options = TrainOptions { exposure: true, poses: true, lens: true, ..options(90, strategy) };
             let whole = |threads: usize| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
                 pool.install(|| {

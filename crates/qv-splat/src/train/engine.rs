@@ -96,18 +96,18 @@ pub fn scores(cloud: &GaussianCloud, photographs: &[Photograph]) -> Result<Vec<S
     photographs.iter().map(|one| Ok(score(&drawn(cloud, &one.camera)?.colour, one))).collect()
 }
 
-/// As [`scores`] of what was held out, with the exposure that the photographs before and after it by name have on average: nothing of the
+/// As [`scores`] of photographs that were held out, with the exposure that the photographs before and after it by name have on average: nothing of the
 /// held-out photograph itself is used.
 ///
 /// # Errors
 /// Drawing fails.
-pub fn neighbours_scores(model: &Model, dataset: &Dataset) -> Result<Vec<Score>, SplatError> {
+pub fn neighbours_scores(model: &Model, dataset: &Dataset, held_out: &[Photograph]) -> Result<Vec<Score>, SplatError> {
     let one = |photograph: &Photograph| {
         let image = drawn(&model.cloud, &photograph.camera)?;
         let exposure = neighbours(&dataset.training, &model.exposures, &photograph.name);
         Ok(score(&exposed_image(&exposure, &image.colour), photograph))
     };
-    dataset.held_out.iter().map(one).collect()
+    held_out.iter().map(one).collect()
 }
 
 fn neighbours(training: &[Photograph], exposures: &[Exposure], name: &str) -> Exposure {

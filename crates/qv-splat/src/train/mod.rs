@@ -4,6 +4,7 @@
 //! a file or looks at a clock.
 
 pub mod adam;
+pub mod cameras;
 pub mod checkpoint;
 pub mod classic;
 pub mod clear;

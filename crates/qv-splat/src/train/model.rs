@@ -1,7 +1,8 @@
 //! What is learned, with the optimiser's memory: all that a checkpoint holds.
 
+use super::cameras::{self, Shared};
 use super::dataset::Dataset;
-use qv_core::{GaussianCloud, Pose};
+use qv_core::{Camera, GaussianCloud, Pose};
 use qv_raster::Gradients;
 
 /// An affine colour transform: three rows of red, green, blue and one.
@@ -29,6 +30,10 @@ pub struct Model {
     pub exposures_second: Vec<Exposure>,
     /// `camera_from_world` of each photograph to learn from.
     pub poses: Vec<Pose>,
+    /// Which camera took each photograph.
+    pub groups: Vec<usize>,
+    /// What photographs of one camera share.
+    pub shared: Vec<Shared>,
     /// Of each Gaussian since Gaussians last came and went: sum of the lengths of derivatives by its projected mean, in units of half
     /// the image, and in how many photographs it was.
     pub pulls: Vec<[f32; 2]>,
@@ -39,6 +44,7 @@ impl Model {
     pub fn new(cloud: GaussianCloud, dataset: &Dataset) -> Self {
         let views = dataset.training.len();
         let zeros = Gradients::zeros(&cloud, views);
+        let groups = cameras::groups(dataset);
         Self {
             iteration: 0,
             first: zeros.clone(),
@@ -47,9 +53,17 @@ impl Model {
             exposures_first: vec![[0.0; 12]; views],
             exposures_second: vec![[0.0; 12]; views],
             poses: dataset.training.iter().map(|one| one.camera.camera_from_world).collect(),
+            shared: vec![Shared::NONE; groups.iter().max().map_or(0, |last| last + 1)],
+            groups,
             pulls: vec![[0.0; 2]; cloud.len()],
             cloud,
         }
+    }
+
+    /// The camera of a photograph to learn from, as it is now.
+    pub fn camera(&self, dataset: &Dataset, photograph: usize) -> Camera {
+        let lens = self.shared[self.groups[photograph]].camera(&dataset.training[photograph].camera);
+        Camera { camera_from_world: self.poses[photograph], ..lens }
     }
 
     /// Makes room for harmonics of a higher degree, which begin at 0.

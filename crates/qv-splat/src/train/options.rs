@@ -73,8 +73,10 @@ pub struct TrainOptions {
     pub strategy: Strategy,
     /// Learn an affine colour transform for each photograph.
     pub exposure: bool,
-    /// Refine the poses of the photographs.
+    /// Refine the poses of the photographs, and the place of each camera on what its poses were measured of.
     pub poses: bool,
+    /// Refine focal length and principal point of each camera.
+    pub lens: bool,
     /// Degree of the harmonics at the end.
     pub sh_degree: u8,
     /// Steps after which the degree of the harmonics goes up by one.
@@ -103,6 +105,7 @@ impl Default for TrainOptions {
             strategy: Strategy::Mcmc,
             exposure: false,
             poses: false,
+            lens: false,
             sh_degree: 3,
             sh_interval: 1000,
             refine_from: 500,
@@ -137,6 +140,8 @@ pub struct Rates {
     pub exposures: f32,
     /// Of twists: metres are in units of the extent.
     pub poses: f32,
+    /// Of the logarithm of focal lengths, and of principal points in units of them.
+    pub lens: f32,
 }
 
 impl TrainOptions {
@@ -153,6 +158,7 @@ impl TrainOptions {
             features: 2.5e-3,
             exposures: 5e-3 * fall.sqrt(),
             poses: 3e-4 * fall,
+            lens: 5e-4 * fall,
         }
     }
 

@@ -1,21 +1,12 @@
-//! Refinement of the photographs' poses.
+//! Motions of cameras by derivatives: steps, and the place of a photograph that was held out.
 
 use super::adam::{bias, moved};
 use super::dataset::Photograph;
 use super::loss::photometric;
-use super::model::Model;
 use crate::SplatError;
 use glam::{DQuat, DVec3};
 use qv_core::{Camera, GaussianCloud, Pose};
 use qv_raster::{Frame, Scene, Settings, View};
-
-/// Moves a pose by Adam in the twist (v, w) on the left of `camera_from_world`; metres are in units of the extent.
-pub fn step(model: &mut Model, photograph: usize, by: &[f32; 6], rate: f32, extent: f32, seen: u32) {
-    let bias = bias(seen);
-    let (first, second) = (&mut model.first.poses[photograph], &mut model.second.poses[photograph]);
-    let twist = twist(first, second, by, rate, extent, bias);
-    model.poses[photograph] = turned(&model.poses[photograph], &twist);
-}
 
 /// The camera of a photograph that was held out, moved to where a scene shows the left half of the photograph best, by `steps` steps of Adam
 /// in the twist. Where the poses of the others were refined, the frame of the scene has moved with them, and a held-out pose as it came
@@ -45,14 +36,8 @@ pub fn aligned(cloud: &GaussianCloud, photograph: &Photograph, extent: f32, step
 /// Rate of [`aligned`], in units of the extent and in radians.
 const ALIGNING: f32 = 1e-3;
 
-fn twist(
-    first: &mut [f32; 6],
-    second: &mut [f32; 6],
-    by: &[f32; 6],
-    rate: f32,
-    extent: f32,
-    bias: [f32; 2],
-) -> [f32; 6] {
+/// A step of Adam in the twist (v, w) on the left of `camera_from_world`; metres are in units of the extent. The running means are six each.
+pub fn twist(first: &mut [f32], second: &mut [f32], by: &[f32; 6], rate: f32, extent: f32, bias: [f32; 2]) -> [f32; 6] {
     std::array::from_fn(|k| {
         let unit = if k < 3 { extent } else { 1.0 };
         let mut shift = 0.0;
@@ -62,7 +47,7 @@ fn twist(
 }
 
 /// A pose after a small twist, to first order in the coupling of translation and rotation.
-fn turned(camera_from_world: &Pose, twist: &[f32; 6]) -> Pose {
+pub fn turned(camera_from_world: &Pose, twist: &[f32; 6]) -> Pose {
     let [x, y, z, a, b, c] = twist.map(f64::from);
     let shift = Pose { position: DVec3::new(x, y, z), rotation: DQuat::from_scaled_axis(DVec3::new(a, b, c)) };
     shift * *camera_from_world

@@ -18,11 +18,11 @@ use super::random::{Purpose, words};
 use super::terms::multi_view;
 use crate::SplatError;
 use crate::error::off;
-use qv_core::{Camera, Pose};
+use qv_core::Camera;
 use qv_raster::gpu::{GpuCameras, GpuRasteriser, GpuSettings, Job, Recorder, Stamps};
 use qv_raster::training::{FOLD, Kernels, StepWords};
 use qv_raster::{Outputs, RasterError, Settings, View};
-use store::Store;
+use store::{Store, pose_of};
 
 /// Trains on a graphics card.
 #[derive(Debug)]
@@ -39,6 +39,10 @@ pub struct GpuEngine<'a> {
     step: wgpu::Buffer,
     maps: wgpu::Buffer,
     sums: wgpu::Buffer,
+    /// Derivatives by the lens, of each workgroup.
+    bends: wgpu::Buffer,
+    /// Camera of each photograph.
+    groups: wgpu::Buffer,
     report: wgpu::Buffer,
     list: wgpu::Buffer,
     /// Plane depths of each photograph as they were last drawn; none when no term asks for them.
@@ -125,10 +129,12 @@ impl<'a> GpuEngine<'a> {
             normals: normals.collect::<Result<_, _>>()?,
             labels: labels.collect::<Result<_, _>>()?,
             partners: multi_view::partners(&cameras_as_given, dataset.extent),
-            cameras: cameras(&rasteriser, dataset, &model.poses)?,
+            cameras: cameras(&rasteriser, dataset, &model)?,
             step: gpu.buffer("step", size_of::<StepWords>() as u64)?,
             maps: gpu.buffer("maps", 36 * pixels)?,
             sums: gpu.buffer("sums", 64 * groups)?,
+            bends: gpu.buffer("bends", 16 * groups)?,
+            groups: gpu.filled("cameras", &model.groups.iter().map(|group| *group as u32).collect::<Vec<_>>())?,
             report: gpu.filled("report", &[0.0f32; 4])?,
             list: gpu.buffer("list", 16 * (capacity as u64 + 1))?,
             store: Store::new(gpu, &model, capacity)?,
@@ -184,6 +190,7 @@ impl<'a> GpuEngine<'a> {
         let outputs = outputs(options, iteration);
         let features = if outputs.features { self.store.cloud.feature_count as u32 } else { 0 };
         let width = 9 + outputs.depth as u32 + 4 * outputs.plane as u32 + features;
+        let group = self.rest.groups[photograph];
         let partner = self.partner(photograph);
         let random = words(options.seed, iteration, 1, Purpose::Pair);
         let from = [random[0] % multi_view::STRIDE, random[1] % multi_view::STRIDE];
@@ -228,7 +235,12 @@ impl<'a> GpuEngine<'a> {
             feature_count: self.store.cloud.feature_count as u32,
             feature_rate: rates.features,
             photographs: self.dataset.training.len() as u32,
-            unused: 0,
+            camera: group as u32,
+            refines: options.poses as u32 + 2 * options.lens as u32,
+            lens_rate: rates.lens,
+            camera_bias: bias(self.rest.shared[group].seen + 1),
+            focal: [camera.fx as f32, camera.fy as f32],
+            unused: [0; 2],
         }
     }
 
@@ -323,13 +335,26 @@ impl<'a> GpuEngine<'a> {
         let mut pull = similar.clone();
         pull.insert(5, (5, by_colours));
         recorder.run_jobs("loss", &[self.job("similar", image, similar), self.job("pull", image, pull)]);
+        if self.options.lens {
+            let bend =
+                vec![(0, &self.step), (1, colours), (2, by_colours), (3, &self.bends), (5, &self.cameras.lenses)];
+            recorder.run_jobs("lens", &[self.job("bend", image, bend)]);
+        }
         self.record_terms(photograph, &words, &mut recorder)?;
         self.rasteriser.record_backward(&self.store.cloud, &mut recorder)?;
         let finish = vec![(0, &self.step), (1, &self.sums), (2, exposures), (3, &self.report), (4, state)];
         let mut last = vec![self.job("finish", [1, 1], finish)];
-        if self.options.poses {
-            let by_pose = get("by_pose")?;
-            let turn = vec![(0, &self.step), (5, by_pose), (6, &self.cameras.motions), (7, &self.store.pose_moments)];
+        if words.refines > 0 {
+            let turn = vec![
+                (0, &self.step),
+                (3, &self.bends),
+                (4, get("by_pose")?),
+                (5, &self.cameras.lenses),
+                (6, &self.cameras.motions),
+                (7, &self.store.pose_moments),
+                (8, &self.store.shared),
+                (9, &self.groups),
+            ];
             last.push(self.job("turn", [1, 1], turn));
         }
         if self.options.strategy == Strategy::Classic {
@@ -490,9 +515,8 @@ fn folded(groups: u32) -> [u32; 2] {
     [groups.min(FOLD), groups.div_ceil(FOLD)]
 }
 
-fn cameras(rasteriser: &GpuRasteriser, dataset: &Dataset, poses: &[Pose]) -> Result<GpuCameras, SplatError> {
-    let view = |(one, pose): (&Photograph, &Pose)| View::of(Camera { camera_from_world: *pose, ..one.camera });
-    let views: Vec<View> = dataset.training.iter().zip(poses).map(view).collect();
+fn cameras(rasteriser: &GpuRasteriser, dataset: &Dataset, model: &Model) -> Result<GpuCameras, SplatError> {
+    let views: Vec<View> = (0..dataset.training.len()).map(|k| View::of(model.camera(dataset, k))).collect();
     Ok(GpuCameras::new(&rasteriser.gpu, &views)?)
 }
 
@@ -506,6 +530,8 @@ impl Engine for GpuEngine<'_> {
         }
         self.prepare(photograph)?;
         self.look(photograph)?;
+        let group = self.rest.groups[photograph];
+        self.rest.shared[group].seen += 1;
         self.come_and_go()?;
         self.rest.iteration += 1;
         Ok(())
@@ -547,11 +573,4 @@ impl Engine for GpuEngine<'_> {
     fn times(&mut self) -> Result<Vec<(&'static str, f64)>, SplatError> {
         Ok(self.stamps.take().map_or(Ok(vec![]), |stamps| stamps.read(&self.rasteriser.gpu))?)
     }
-}
-
-/// The pose of rows of a matrix.
-fn pose_of(rows: &[[f32; 4]; 3]) -> Pose {
-    let column = |k: usize| glam::DVec3::new(rows[0][k] as f64, rows[1][k] as f64, rows[2][k] as f64);
-    let matrix = glam::DMat3::from_cols(column(0), column(1), column(2));
-    Pose { position: column(3), rotation: glam::DQuat::from_mat3(&matrix).normalize() }
 }

@@ -1,7 +1,9 @@
 //! The model on the card, and the way there and back.
 
+use super::super::cameras::Shared;
 use super::super::model::{Exposure, Model};
 use crate::SplatError;
+use qv_core::Pose;
 use qv_raster::gpu::{Gpu, GpuCloud};
 use qv_raster::{Gradients, RasterError};
 
@@ -28,6 +30,8 @@ pub struct Store {
     pub exposures: wgpu::Buffer,
     /// Running means for each pose, 12 floats.
     pub pose_moments: wgpu::Buffer,
+    /// What photographs of one camera share, 36 floats.
+    pub shared: wgpu::Buffer,
     /// Pulls at projected means, two floats for each Gaussian.
     pub pulls: wgpu::Buffer,
 }
@@ -53,6 +57,7 @@ impl Store {
             features_second: gpu.buffer("features second", features)?,
             exposures: gpu.buffer("exposures", 144 * views)?,
             pose_moments: gpu.buffer("pose moments", 48 * views)?,
+            shared: gpu.filled("shared", &model.shared.iter().map(floats_of).collect::<Vec<_>>())?,
             pulls: gpu.buffer("pulls", 8 * capacity as u64)?,
         };
         Ok(store.filled(gpu, model))
@@ -154,7 +159,40 @@ impl Store {
         model.exposures = exposures.iter().map(|all| all[0]).collect();
         model.exposures_first = exposures.iter().map(|all| all[1]).collect();
         model.exposures_second = exposures.iter().map(|all| all[2]).collect();
+        let shared: Vec<[f32; 36]> = gpu.read(&self.shared, model.shared.len())?;
+        model.shared.iter_mut().zip(&shared).for_each(|(one, floats)| *one = shared_of(floats, one.seen));
         model.pulls = gpu.read(&self.pulls, n)?;
         Ok(())
     }
+}
+
+fn floats_of(one: &Shared) -> [f32; 36] {
+    let mut out = [0.0; 36];
+    out[..9].copy_from_slice(&one.first);
+    out[9..18].copy_from_slice(&one.second);
+    out[18..21].copy_from_slice(&one.lens);
+    let matrix = one.motion.matrix();
+    for row in 0..3 {
+        (0..3).for_each(|k| out[24 + 4 * row + k] = matrix.row(row)[k] as f32);
+        out[27 + 4 * row] = one.motion.position[row] as f32;
+    }
+    out
+}
+
+fn shared_of(floats: &[f32; 36], seen: u32) -> Shared {
+    let row = |k: usize| [0, 1, 2, 3].map(|i| floats[24 + 4 * k + i]);
+    Shared {
+        lens: [floats[18], floats[19], floats[20]],
+        motion: pose_of(&[row(0), row(1), row(2)]),
+        first: std::array::from_fn(|k| floats[k]),
+        second: std::array::from_fn(|k| floats[9 + k]),
+        seen,
+    }
+}
+
+/// The pose of rows of a matrix.
+pub fn pose_of(rows: &[[f32; 4]; 3]) -> Pose {
+    let column = |k: usize| glam::DVec3::new(rows[0][k] as f64, rows[1][k] as f64, rows[2][k] as f64);
+    let matrix = glam::DMat3::from_cols(column(0), column(1), column(2));
+    Pose { position: column(3), rotation: glam::DQuat::from_mat3(&matrix).normalize() }
 }

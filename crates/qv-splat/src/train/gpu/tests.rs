@@ -7,6 +7,7 @@ mod against_the_cpu {
     use super::super::super::tiny;
     use super::super::*;
     use crate::files::Points;
+    use qv_core::Pose;
     use qv_raster::gpu::{Gpu, GpuOptions};
     use qv_raster::{Scene, render};
 
@@ -50,7 +51,7 @@ mod against_the_cpu {
             for atomic in [true, false] {
                 let Some(rasteriser) = rasteriser() else { return };
                 let mut options =
-                    TrainOptions { strategy, exposure: true, poses: true, cap: 100, ..Default::default() };
+                    TrainOptions { strategy, exposure: true, poses: true, lens: true, cap: 100, ..Default::default() };
                 options.weights.flattening = 10.0;
                 options.weights.normal_prior = 0.1;
                 options.weights.labels = 0.5;
@@ -98,6 +99,11 @@ mod against_the_cpu {
                 near("exposure means", a.exposures_first.as_flattened(), b.exposures_first.as_flattened(), 1e-3);
                 let apart = |p: &Pose, q: &Pose| p.position.distance(q.position) + p.rotation.angle_between(q.rotation);
                 assert!(a.poses.iter().zip(&b.poses).all(|(p, q)| apart(p, q) < 1e-5));
+                let [shared, found] = [&a.shared[0], &b.shared[0]];
+                near("camera first", &shared.first, &found.first, 1e-3);
+                near("camera second", &shared.second, &found.second, 1e-3);
+                near("lens", &shared.lens, &found.lens, 1e-3);
+                assert!(apart(&shared.motion, &found.motion) < 1e-5 && shared.seen == 1 && found.seen == 1);
                 near("noise and means", a.cloud.means.as_flattened(), b.cloud.means.as_flattened(), 1e-3);
                 if strategy == Strategy::Classic {
                     near("pulls", a.pulls.as_flattened(), b.pulls.as_flattened(), 1e-3);

@@ -1,0 +1,222 @@
+// Twin of cameras.rs. `bend` sums up the derivatives by the lens, a workgroup for each 16 x 16 pixels; `turn`, one workgroup, moves the pose
+// of the photograph, and lens and motion of its camera.
+
+struct Lens {
+    focal: vec2<f32>,
+    centre: vec2<f32>,
+    lowest: vec2<f32>,
+    highest: vec2<f32>,
+    size: vec2<u32>,
+    tiles: vec2<u32>,
+    places: vec4<u32>,
+}
+
+@group(0) @binding(0) var<storage, read> step: Step;
+@group(0) @binding(1) var<storage, read> drawn: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read> by_drawn: array<vec4<f32>>;
+// Of each workgroup: derivatives by zoom and centre.
+@group(0) @binding(3) var<storage, read_write> bends: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> by_pose: array<f32>;
+// Lenses of all photographs.
+@group(0) @binding(5) var<storage, read_write> lenses: array<Lens>;
+// Rows of camera_from_world of all photographs.
+@group(0) @binding(6) var<storage, read_write> motions: array<vec4<f32>>;
+// Running means of derivatives by poses and of their squares, 12 for each photograph.
+@group(0) @binding(7) var<storage, read_write> pose_moments: array<f32>;
+// Of each camera, 36: running means (9 and 9), zoom, centre, three that are free, rows of its motion.
+@group(0) @binding(8) var<storage, read_write> cameras: array<f32>;
+// Camera of each photograph.
+@group(0) @binding(9) var<storage, read> groups: array<u32>;
+
+var<workgroup> parts: array<vec4<f32>, 256>;
+// Twists of the camera and of the photograph, the world's share of the latter; zoom and shift of the lens.
+var<workgroup> both: array<f32, 6>;
+var<workgroup> own: array<f32, 6>;
+var<workgroup> back: array<f32, 6>;
+var<workgroup> bent: vec3<f32>;
+
+// Sum over the workgroup, in parts[0].
+fn sum_up(value: vec4<f32>, local: u32) {
+    parts[local] = value;
+    for (var half = 128u; half > 0u; half /= 2u) {
+        workgroupBarrier();
+        if local < half {
+            parts[local] += parts[local + half];
+        }
+    }
+    workgroupBarrier();
+}
+
+@compute @workgroup_size(256)
+fn bend(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+    let x = 16u * group.x + local % 16u;
+    let y = 16u * group.y + local / 16u;
+    var value = vec4<f32>(0.0);
+    if x < step.width && y < step.height {
+        let left = x - min(x, 1u);
+        let right = min(x + 1u, step.width - 1u);
+        let above = y - min(y, 1u);
+        let below = min(y + 1u, step.height - 1u);
+        let by = by_drawn[y * step.width + x].xyz;
+        let across = drawn[y * step.width + right].xyz - drawn[y * step.width + left].xyz;
+        let down = drawn[below * step.width + x].xyz - drawn[above * step.width + x].xyz;
+        let along = vec2<f32>(
+            dot(by, across) / f32(max(right - left, 1u)),
+            dot(by, down) / f32(max(below - above, 1u)),
+        );
+        let lens = lenses[step.photograph];
+        let place = vec2<f32>(f32(x), f32(y)) + 0.5 - lens.centre;
+        value = -vec4<f32>(dot(along, place), along * lens.focal, 0.0);
+    }
+    sum_up(value, local);
+    if local == 0u {
+        bends[group.y * ((step.width + 15u) / 16u) + group.x] = parts[0];
+    }
+}
+
+// Adam for a number of the camera: the shift in units of its rate.
+fn shared_shift(at: u32, by: f32) -> f32 {
+    let first = BETA1 * cameras[at] + (1.0 - BETA1) * by;
+    let second = BETA2 * cameras[at + 9u] + (1.0 - BETA2) * by * by;
+    cameras[at] = first;
+    cameras[at + 9u] = second;
+    return -(first / step.camera_bias1) / (sqrt(second / step.camera_bias2) + EPSILON);
+}
+
+fn own_shift(at: u32, by: f32) -> f32 {
+    let first = BETA1 * pose_moments[at] + (1.0 - BETA1) * by;
+    let second = BETA2 * pose_moments[at + 6u] + (1.0 - BETA2) * by * by;
+    pose_moments[at] = first;
+    pose_moments[at + 6u] = second;
+    return -(first / step.seen_bias1) / (sqrt(second / step.seen_bias2) + EPSILON);
+}
+
+// Steps of Adam; by one invocation.
+fn decide(by_lens: vec3<f32>) {
+    let camera = 36u * step.camera;
+    bent = vec3<f32>(0.0);
+    if (step.refines & 2u) != 0u {
+        for (var k = 0u; k < 3u; k++) {
+            bent[k] = step.lens_rate * shared_shift(camera + 6u + k, by_lens[k]);
+            cameras[camera + 18u + k] += bent[k];
+        }
+    }
+    for (var k = 0u; k < 6u; k++) {
+        both[k] = 0.0;
+        own[k] = 0.0;
+        back[k] = 0.0;
+    }
+    if (step.refines & 1u) == 0u {
+        return;
+    }
+    for (var k = 0u; k < 6u; k++) {
+        let unit = select(1.0, step.extent, k < 3u);
+        let by = by_pose[k] * unit;
+        both[k] = unit * step.pose_rate * shared_shift(camera + k, by);
+        own[k] = unit * step.pose_rate * own_shift(12u * step.photograph + k, by);
+    }
+    // What the photograph's own motion is in the world; all step back by its mean.
+    let m = 3u * step.photograph;
+    let w = vec3<f32>(own[3], own[4], own[5]);
+    let v = vec3<f32>(own[0], own[1], own[2]) + cross(w, vec3<f32>(motions[m].w, motions[m + 1u].w, motions[m + 2u].w));
+    for (var k = 0u; k < 3u; k++) {
+        let axis = vec3<f32>(motions[m][k], motions[m + 1u][k], motions[m + 2u][k]);
+        back[k] = -dot(axis, v) / f32(step.photographs);
+        back[k + 3u] = -dot(axis, w) / f32(step.photographs);
+    }
+}
+
+struct Rigid {
+    x: vec3<f32>,
+    y: vec3<f32>,
+    z: vec3<f32>,
+    t: vec3<f32>,
+}
+
+fn rotated(c: vec3<f32>, w: vec3<f32>) -> vec3<f32> {
+    let once = cross(w, c);
+    return c + once + 0.5 * cross(w, once);
+}
+
+// A rigid motion, given by its columns, and then a small twist.
+fn turned(before: Rigid, v: vec3<f32>, w: vec3<f32>) -> Rigid {
+    let x = normalize(rotated(before.x, w));
+    let y = rotated(before.y, w);
+    let y_unit = normalize(y - x * dot(x, y));
+    return Rigid(x, y_unit, cross(x, y_unit), rotated(before.t, w) + v);
+}
+
+@compute @workgroup_size(256)
+fn turn(@builtin(local_invocation_index) local: u32) {
+    var sum = vec4<f32>(0.0);
+    for (var k = local; k < step.groups && (step.refines & 2u) != 0u; k += 256u) {
+        sum += bends[k];
+    }
+    sum_up(sum, local);
+    if local == 0u {
+        decide(parts[0].xyz);
+        if (step.refines & 1u) != 0u {
+            let m = 36u * step.camera + 24u;
+            let before = Rigid(
+                vec3<f32>(cameras[m], cameras[m + 4u], cameras[m + 8u]),
+                vec3<f32>(cameras[m + 1u], cameras[m + 5u], cameras[m + 9u]),
+                vec3<f32>(cameras[m + 2u], cameras[m + 6u], cameras[m + 10u]),
+                vec3<f32>(cameras[m + 3u], cameras[m + 7u], cameras[m + 11u]),
+            );
+            let after = turned(before, vec3<f32>(both[0], both[1], both[2]), vec3<f32>(both[3], both[4], both[5]));
+            for (var k = 0u; k < 3u; k++) {
+                cameras[m + 4u * k] = after.x[k];
+                cameras[m + 4u * k + 1u] = after.y[k];
+                cameras[m + 4u * k + 2u] = after.z[k];
+                cameras[m + 4u * k + 3u] = after.t[k];
+            }
+        }
+    }
+    storageBarrier();
+    workgroupBarrier();
+    for (var k = local; k < step.photographs; k += 256u) {
+        let same = groups[k] == step.camera;
+        if same && (step.refines & 2u) != 0u {
+            let old = lenses[k];
+            let focal = old.focal * exp(bent.x);
+            let centre = old.centre + bent.yz * step.focal;
+            let size = vec2<f32>(old.size);
+            let margin = GUARD * 0.5 * size / focal;
+            lenses[k].focal = focal;
+            lenses[k].centre = centre;
+            lenses[k].lowest = -centre / focal - margin;
+            lenses[k].highest = (size - centre) / focal + margin;
+        }
+        if (step.refines & 1u) != 0u {
+            move_photograph(k, same);
+        }
+    }
+}
+
+fn move_photograph(photograph: u32, same: bool) {
+    let m = 3u * photograph;
+    let a = motions[m];
+    let b = motions[m + 1u];
+    let c = motions[m + 2u];
+    var pose = Rigid(
+        vec3<f32>(a.x, b.x, c.x),
+        vec3<f32>(a.y, b.y, c.y),
+        vec3<f32>(a.z, b.z, c.z),
+        vec3<f32>(a.w, b.w, c.w),
+    );
+    if photograph == step.photograph {
+        pose = turned(pose, vec3<f32>(own[0], own[1], own[2]), vec3<f32>(own[3], own[4], own[5]));
+    }
+    if same {
+        pose = turned(pose, vec3<f32>(both[0], both[1], both[2]), vec3<f32>(both[3], both[4], both[5]));
+    }
+    // A small motion of the world before the pose is one of the camera after it.
+    let w = pose.x * back[3] + pose.y * back[4] + pose.z * back[5];
+    let v = pose.x * back[0] + pose.y * back[1] + pose.z * back[2];
+    let t = pose.t;
+    pose = turned(pose, vec3<f32>(0.0), w);
+    pose.t = t + v;
+    motions[m] = vec4<f32>(pose.x.x, pose.y.x, pose.z.x, pose.t.x);
+    motions[m + 1u] = vec4<f32>(pose.x.y, pose.y.y, pose.z.y, pose.t.y);
+    motions[m + 2u] = vec4<f32>(pose.x.z, pose.y.z, pose.z.z, pose.t.z);
+}
