@@ -32,7 +32,7 @@ enum Chore {
         #[arg(long)]
         release: bool,
     },
-    /// The main job on a made-up recording: recording, inspect, replay
+    /// The main job on a made-up yard: photographs, recordings, scene, mesh, friction, replay, diagnosis, one page
     Pipeline(pipeline::Pipeline),
     /// Check the invariants of docs/ARCHITECTURE.md
     Tidy,

@@ -26,6 +26,12 @@ const LITTLE: f64 = 0.15;
 /// Least contact time of a label, summed over feet \[s\], and least number of windows.
 const LEAST_CONTACT: f64 = 1.0;
 const LEAST_WINDOWS: usize = 10;
+/// Shares of the contact time in which feet slip on a label: from the first on it is searched whatever its prior, from the second on it does
+/// not grip, whatever its prior (labels with friction above 0.5 have 3 to 10 %, tiles of 0.2 half).
+const SLIPS_SOME: f64 = 0.08;
+const SLIPS: f64 = 0.2;
+/// Distance of prior and recording in standard deviations of both from which on they contradict each other.
+const CONTRADICTS: f64 = 3.0;
 /// Frictions of the paper's search.
 const SEARCHED: usize = 16;
 const SEARCH_RANGE: [f64; 2] = [0.05, 1.0];
@@ -35,7 +41,7 @@ pub struct Options<'a> {
     /// Parameters that are known already, such as those of a diagnosis.
     pub given: Vec<(String, f64)>,
     /// Friction above which feet do not slip enough to tell it (the paper's 0.5): a label whose prior mean and posterior mean are both at
-    /// least this keeps its prior, and is left out of the grid search.
+    /// least this keeps its prior unless feet are seen to slip on it, and is left out of the grid search unless they slip a little.
     pub slip_threshold: f64,
     /// The one friction of the comparison.
     pub uniform: f64,
@@ -92,6 +98,7 @@ pub fn calibrate(
     let mut simulator = Simulator::new(first, model, &terrain, &labels, &options.given)?;
     let prepare = |run: &Run| Recording::new(run, model, &ground, &simulator.errors);
     let recordings: Vec<Recording> = runs.iter().map(prepare).collect::<Result<_, _>>()?;
+    distinct(&recordings)?;
     simulator.settle(&recordings[0])?;
     let job = Job::new(&simulator, &recordings, priors, options)?;
     let fit = job.fit()?;
@@ -99,6 +106,21 @@ pub fn calibrate(
     let mut report = job.report(&fit, searched)?;
     report.runtime_s = options.clock.zip(started).map_or(0.0, |(clock, started)| clock() - started);
     Ok(report)
+}
+
+/// The same recording given twice would count twice.
+fn distinct(recordings: &[Recording]) -> Result<(), ContactError> {
+    let place = |r: &Recording| -> Vec<Option<[f64; 3]>> {
+        r.instants.iter().map(|i| i.as_ref().map(|i| [i.state.q[0], i.state.q[1], i.state.q[2]])).collect()
+    };
+    let places: Vec<_> = recordings.iter().map(place).collect();
+    for (k, later) in places.iter().enumerate() {
+        if let Some(first) = places[..k].iter().position(|earlier| earlier == later) {
+            let found = format!("recording {} and {} alike", first + 1, k + 1);
+            return Err(ContactError::run("runs", "each recording once", found));
+        }
+    }
+    Ok(())
 }
 
 fn check(options: &Options) -> Result<(), ContactError> {
@@ -138,6 +160,8 @@ struct Job<'a> {
     segments: Vec<Segment>,
     windows: Vec<Window>,
     contact: Vec<f64>,
+    /// Share of that time in which feet slipped, by label.
+    slip_share: Vec<f64>,
     /// Simulated ticks that have ended, and all that will.
     ended: AtomicUsize,
     planned: usize,
@@ -156,6 +180,10 @@ struct Said {
     losses: Losses,
     found: Evidence,
     after: Distribution,
+    /// Mean without what the prior says.
+    alone: f64,
+    /// Whether the prior was left out, since the recording contradicts it.
+    is_contradicted: bool,
 }
 
 impl<'a> Job<'a> {
@@ -179,10 +207,13 @@ impl<'a> Job<'a> {
             options,
             segments,
             windows,
+            slip_share: vec![0.0; contact.len()],
             contact,
             ended: AtomicUsize::new(0),
             planned: 0,
         };
+        let share = |(slipped, contact): (f64, &f64)| if *contact > 0.0 { (slipped / contact).min(1.0) } else { 0.0 };
+        job.slip_share = job.slipped().into_iter().zip(&job.contact).map(share).collect();
         let pairs: usize = windows::counts(&job.windows).values().sum();
         let of_search = |l: &usize| job.segments.iter().filter(|s| !s.held_out && s.labels.contains(l)).count();
         let searched: usize = job.searched().iter().map(of_search).sum();
@@ -206,10 +237,34 @@ impl<'a> Job<'a> {
         let prior = &self.priors[label];
         if after.gain(&Distribution::prior(prior, RANGE)) < LITTLE {
             Status::Insensitive
-        } else if prior.mean.min(after.mean()) >= self.options.slip_threshold {
+        } else if !self.slips(label) && prior.mean.min(after.mean()) >= self.options.slip_threshold {
             Status::Grips
         } else {
             Status::Refined
+        }
+    }
+
+    fn slips(&self, label: usize) -> bool {
+        self.slip_share[label] >= SLIPS
+    }
+
+    /// What windows say of a label. Where feet slip, a prior that the recording contradicts is left out.
+    fn said(&self, label: usize, grid: Vec<f64>, losses: Losses) -> Said {
+        let found = evidence(&grid, &losses.windows, RANGE);
+        let prior = &self.priors[label];
+        let after = posterior(prior, &found, RANGE, self.options.own_error);
+        let alone = posterior(&prior.wide(), &found, RANGE, self.options.own_error);
+        let [mean, sd] = prior.log_moments();
+        let [found_mean, found_sd] = alone.log_moments();
+        let is_contradicted = self.slips(label) && (mean - found_mean).abs() > CONTRADICTS * sd.hypot(found_sd);
+        let without = alone.mean();
+        Said {
+            grid,
+            losses,
+            found,
+            after: if is_contradicted { alone } else { after },
+            alone: without,
+            is_contradicted,
         }
     }
 
@@ -221,7 +276,10 @@ impl<'a> Job<'a> {
     /// Labels of the paper's search.
     fn searched(&self) -> Vec<usize> {
         (0..self.priors.len())
-            .filter(|&l| self.is_touched(l) && self.priors[l].mean < self.options.slip_threshold)
+            .filter(|&l| {
+                let is_slippery = self.priors[l].mean < self.options.slip_threshold || self.slip_share[l] >= SLIPS_SOME;
+                self.is_touched(l) && is_slippery
+            })
             .collect()
     }
 
@@ -230,8 +288,8 @@ impl<'a> Job<'a> {
         let mut frictions: Vec<f64> = self.priors.iter().map(|p| p.mean).collect();
         let mut labels: Vec<_> = self.priors.iter().map(|_| None).collect();
         let mut order: Vec<usize> = (0..self.priors.len()).filter(|&l| self.is_touched(l)).collect();
-        let slipped = self.slipped();
         // Where feet slip most there is most to find, and the others depend on it.
+        let slipped = self.slipped();
         order.sort_by(|&a, &b| slipped[b].total_cmp(&slipped[a]));
         let mut background = windows::background(self.simulator, self.recordings, &self.windows, &frictions)?;
         let half: Vec<Window> = self.windows.iter().step_by(2).cloned().collect();
@@ -251,12 +309,16 @@ impl<'a> Job<'a> {
                     &grid,
                     &|done| self.tell(done * ticks),
                 )?;
-                let found = evidence(&grid, &losses.windows, RANGE);
-                let after = posterior(&self.priors[label], &found, RANGE, self.options.own_error);
-                // Others are fitted beside what will be used.
-                let is_refined = self.status(label, &after) == Status::Refined;
-                frictions[label] = if is_refined { after.mean() } else { self.priors[label].mean };
-                labels[label] = Some(Said { grid, losses, found, after });
+                let said = self.said(label, grid, losses);
+                // Others are fitted beside what will be used. Where feet slip, the first rounds go where the recording leads: what is usual
+                // there, and so the weight of what windows say, depends on it.
+                let is_refined = self.status(label, &said.after) == Status::Refined;
+                frictions[label] = match self.slips(label) && round + 1 < ROUNDS {
+                    true => said.alone,
+                    false if is_refined => said.after.mean(),
+                    false => self.priors[label].mean,
+                };
+                labels[label] = Some(said);
             }
             if round + 1 < ROUNDS {
                 background = windows::background(self.simulator, self.recordings, &self.windows, &frictions)?;
@@ -282,7 +344,7 @@ impl<'a> Job<'a> {
         time
     }
 
-    fn region(&self, label: usize, fit: &Fit, grid: Option<Search>, slipped: f64) -> Region {
+    fn region(&self, label: usize, fit: &Fit, grid: Option<Search>) -> Region {
         let prior = &self.priors[label];
         let before = Distribution::prior(prior, RANGE);
         let prior_estimate = Estimate::of(&before);
@@ -299,13 +361,15 @@ impl<'a> Job<'a> {
             information: 0.0,
             sensitivity: [0.0; 2],
             contact_time,
-            slip_share: if contact_time > 0.0 { (slipped / contact_time).min(1.0) } else { 0.0 },
+            slip_share: self.slip_share[label],
+            prior_is_contradicted: false,
             windows: self.windows.iter().filter(|w| w.labels.contains(&label)).count(),
             weight: 1.0,
             grid,
             curves: curves(&before, &before),
         };
-        let Some(Said { grid, losses, found, after }) = &fit.labels[label] else { return region };
+        let Some(Said { grid, losses, found, after, is_contradicted, .. }) = &fit.labels[label] else { return region };
+        region.prior_is_contradicted = *is_contradicted;
         let logs: Vec<f64> = after.friction.iter().map(|mu| mu.ln()).collect();
         let loss = |mu: f64| interpolate(&logs, &found.losses, mu.ln());
         let movement = |mu: f64| {
@@ -330,12 +394,8 @@ impl<'a> Job<'a> {
     }
 
     fn report(&self, fit: &Fit, searched: Vec<Option<Search>>) -> Result<Report, ContactError> {
-        let slipped = self.slipped();
-        let regions: Vec<Region> = searched
-            .into_iter()
-            .enumerate()
-            .map(|(label, grid)| self.region(label, fit, grid, slipped[label]))
-            .collect();
+        let regions: Vec<Region> =
+            searched.into_iter().enumerate().map(|(label, grid)| self.region(label, fit, grid)).collect();
         let slips: Vec<_> = self.recordings.iter().enumerate().flat_map(|(run, r)| r.slips(run)).collect();
         let background = &fit.background;
         Ok(Report {
@@ -349,7 +409,7 @@ impl<'a> Job<'a> {
             },
             path: self.path(),
             slips,
-            notes: notes(&regions, background.is_of_all),
+            notes: notes(&regions, background.is_of_all, self.segments.is_empty().then_some(self.options.segment)),
             regions,
             runtime_s: 0.0,
         })
@@ -404,9 +464,21 @@ fn curves(before: &Distribution, after: &Distribution) -> Curves {
     Curves { friction, prior: relative(before), posterior: relative(after) }
 }
 
-fn notes(regions: &[Region], background_is_all: bool) -> Vec<String> {
+fn notes(regions: &[Region], background_is_all: bool, without_segment: Option<f64>) -> Vec<String> {
     let mut notes = Vec::new();
     for r in regions {
+        if r.prior.is_put_within_range() {
+            notes.push(format!("{}: prior {}", r.label, r.prior.source));
+        }
+        if r.prior_is_contradicted {
+            notes.push(format!(
+                "{}: the prior, {:.2} with {:.2}, contradicts the recording, in which feet slip {:.0} % of the time: it is left out",
+                r.label,
+                r.prior.mean,
+                r.prior.sd,
+                100.0 * r.slip_share
+            ));
+        }
         match r.status {
             Status::NotTouched => {
                 notes.push(format!("{}: feet stood on it for {:.1} s: the prior is kept", r.label, r.contact_time));
@@ -426,6 +498,9 @@ fn notes(regions: &[Region], background_is_all: bool) -> Vec<String> {
             )),
             Status::Refined => {}
         }
+    }
+    if let Some(length) = without_segment {
+        notes.push(format!("no recording has a stretch of {length} s without gaps: errors of the base are not told"));
     }
     if background_is_all {
         notes.push("too few windows without slip: what is usual is told from all windows".into());

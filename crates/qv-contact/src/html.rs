@@ -63,7 +63,7 @@ fn table(report: &Report) -> String {
          <th>grid search</th><th>feet on it</th><th>slipping</th><th>evidence</th><th></th></tr>",
     );
     for (k, r) in report.regions.iter().enumerate() {
-        let [low, high] = r.posterior.interval90;
+        let [low, high] = r.used().interval90;
         let _ = write!(
             text,
             "<tr><td><span class=\"dot\" style=\"background:{}\"></span>{}</td><td>{:.2}</td><td><b>{:.3}</b></td>\
@@ -114,9 +114,17 @@ fn base_error(report: &Report) -> String {
     }
     format!(
         "<div class=\"card\">{svg}</svg><p class=\"soft small\">Mean distance between simulated and measured base over \
-         {} s from a measured state, mean of {} {what}.</p></div>",
-        base.segment, e.segments
+         {} s from a measured state, mean of {} {what}.{}</p></div>",
+        base.segment,
+        e.segments,
+        unsearched(report)
     )
+}
+
+/// Which labels the grid search left at their priors.
+fn unsearched(report: &Report) -> String {
+    let left: Vec<String> = report.regions.iter().filter(|r| r.grid.is_none()).map(|r| escape(&r.label)).collect();
+    if left.is_empty() { String::new() } else { format!(" The grid search left {} at the prior.", left.join(", ")) }
 }
 
 /// A plot's frame in pixels, with logarithmic friction along x.

@@ -39,6 +39,15 @@ impl Distribution {
         self.friction.iter().zip(&self.probability).map(|(f, p)| f * p).sum()
     }
 
+    /// Mean and standard deviation of the logarithm.
+    pub fn log_moments(&self) -> [f64; 2] {
+        let moment = |of: &dyn Fn(f64) -> f64| -> f64 {
+            self.friction.iter().zip(&self.probability).map(|(f, p)| p * of(f.ln())).sum()
+        };
+        let mean = moment(&|x| x);
+        [mean, moment(&|x| (x - mean).powi(2)).sqrt()]
+    }
+
     /// The friction that this share of the probability lies below.
     pub fn quantile(&self, share: f64) -> f64 {
         let (mut below, last) = (0.0, self.friction.len() - 1);

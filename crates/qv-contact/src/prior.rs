@@ -10,6 +10,8 @@ pub const RANGE: [f64; 2] = [0.03, 1.5];
 const SPREAD: [f64; 2] = [0.1, 1.0];
 /// Mean and standard deviation for a label that nobody knows.
 const UNKNOWN: [f64; 2] = [0.6, 0.35];
+/// How the source of a prior that was changed ends.
+const PUT: &str = "put within range";
 const TABLE: &str = include_str!("priors.toml");
 
 /// A row of the table.
@@ -61,12 +63,19 @@ impl Prior {
         }
         let held = mean.clamp(RANGE[0], RANGE[1]);
         let spread = sd.clamp(SPREAD[0] * held, SPREAD[1] * held);
-        let source = if held == mean && spread == sd {
-            source.to_string()
-        } else {
-            format!("{source}; {mean} with {sd} put within range")
-        };
+        let source =
+            if held == mean && spread == sd { source.to_string() } else { format!("{source}; {mean} with {sd} {PUT}") };
         Ok(Self { label: label.into(), mean: held, sd: spread, source })
+    }
+
+    /// As wide as a prior may be, with the same mean.
+    pub fn wide(&self) -> Self {
+        Self { sd: SPREAD[1] * self.mean, ..self.clone() }
+    }
+
+    /// Whether the numbers that were given could not be.
+    pub fn is_put_within_range(&self) -> bool {
+        self.source.ends_with(PUT)
     }
 
     /// Mean and standard deviation of the logarithm.
@@ -155,8 +164,8 @@ pub fn answer_of(response: &str) -> Result<String, ContactError> {
 /// When there is no JSON object in it, a label of it is not in the mesh, or a number is missing or means nothing.
 pub fn from_answer(text: &str, file: &str, fallback: Vec<Prior>) -> Result<Vec<Prior>, ContactError> {
     let expected = "a JSON object {\"LABEL\": {\"mean\": .., \"sd\": ..}}";
-    let value = object_in(text).map_err(|found| ContactError::prior(file, expected, found))?;
     let mut priors = fallback;
+    let value = object_in(text, &priors).map_err(|found| ContactError::prior(file, expected, found))?;
     for (label, said) in &value {
         let known = priors.iter().map(|p| p.label.clone()).collect::<Vec<_>>().join(", ");
         let Some(prior) = priors.iter_mut().find(|p| p.label == *label) else {
@@ -173,18 +182,25 @@ pub fn from_answer(text: &str, file: &str, fallback: Vec<Prior>) -> Result<Vec<P
     Ok(priors)
 }
 
-/// The first JSON object in a text whose values are objects; else why the first brace begins none.
-fn object_in(text: &str) -> Result<serde_json::Map<String, Value>, String> {
+/// The JSON object in a text that names most of the labels, of equal ones the last: models repeat the question before, and think aloud. Its
+/// values are objects. Else why the first brace begins none.
+fn object_in(text: &str, priors: &[Prior]) -> Result<serde_json::Map<String, Value>, String> {
     let mut first_error = None;
+    let mut best: Option<(usize, serde_json::Map<String, Value>)> = None;
     for (at, _) in text.match_indices('{') {
         let mut values = serde_json::Deserializer::from_str(&text[at..]).into_iter::<serde_json::Map<String, Value>>();
         match values.next() {
-            Some(Ok(object)) if object.values().all(Value::is_object) => return Ok(object),
+            Some(Ok(object)) if !object.is_empty() && object.values().all(Value::is_object) => {
+                let named = object.keys().filter(|label| priors.iter().any(|p| p.label == **label)).count();
+                if best.as_ref().is_none_or(|(most, _)| named >= *most) {
+                    best = Some((named, object));
+                }
+            }
             Some(Err(error)) => _ = first_error.get_or_insert(error.to_string()),
             _ => {}
         }
     }
-    Err(first_error.unwrap_or_else(|| shortened(text)))
+    best.map(|(_, object)| object).ok_or_else(|| first_error.unwrap_or_else(|| shortened(text)))
 }
 
 fn shortened(text: &str) -> String {
@@ -246,6 +262,12 @@ mod tests {
         assert_eq!(priors[1], fallback[1]);
         let chatty = "By {my} knowledge {\"of\": 1}:\n{\"ice\": {\"mean\": 0.1, \"sd\": 0.05}}\nHope {this} helps.";
         assert_eq!(from_answer(chatty, "answer", fallback.clone()).unwrap()[0].mean, 0.1);
+        for before in
+            ["I fill in {} as asked:", "Such as {\"ice\": {\"mean\": 0.9, \"sd\": 0.1}}. My answer:", "{\"a\": {}}"]
+        {
+            let text = format!("{before} {{\"ice\": {{\"mean\": 0.2, \"sd\": 0.1}}}}");
+            assert_eq!(from_answer(&text, "answer", fallback.clone()).unwrap()[0].mean, 0.2, "{before}");
+        }
     }
 
     #[test]

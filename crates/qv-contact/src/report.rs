@@ -80,6 +80,8 @@ pub struct Region {
     pub prior_estimate: Estimate,
     /// The posterior; the prior where nothing more was learned. Not what is used where feet grip (`status`).
     pub posterior: Estimate,
+    /// Whether the recording contradicts the prior, which is then left out of the posterior.
+    pub prior_is_contradicted: bool,
     /// Whether what was seen bounds the friction from below only.
     pub is_lower_bound: bool,
     /// Log likelihood of the posterior's mean over that of the prior's mean, weighted as the posterior weighs it.
@@ -101,6 +103,13 @@ pub struct Region {
     pub grid: Option<Search>,
     /// Prior and posterior.
     pub curves: Curves,
+}
+
+impl Region {
+    /// Intervals of the friction to use.
+    pub fn used(&self) -> &Estimate {
+        if self.status == Status::Refined { &self.posterior } else { &self.prior_estimate }
+    }
 }
 
 /// Mean error of the base under frictions \[m\].
@@ -215,7 +224,7 @@ impl Report {
         let mut text =
             String::from("# Friction by material, calibrated from recordings by qv contact.\n[parameters]\n");
         for region in &self.regions {
-            let [low, high] = region.posterior.interval90;
+            let [low, high] = region.used().interval90;
             text += &format!(
                 "{} = {:.4} # {}, 90 % interval {low:.3} to {high:.3}\n",
                 toml::Value::String(format!("material.{}.friction", region.label)),

@@ -41,12 +41,15 @@ impl Similarity {
         mesh.vertices.iter_mut().for_each(|v| *v = self.transform_point(*v));
     }
 
+    /// The pose of a camera in `a`, which looks from the same place at the same things; both are of the world to the camera.
+    pub fn of_camera(&self, camera_from_b: &Pose) -> Pose {
+        let rotation = (camera_from_b.rotation * self.pose.rotation.conjugate()).normalize();
+        Pose { position: self.scale * camera_from_b.position - rotation * self.pose.position, rotation }
+    }
+
     /// Moves a depth frame from `b` to `a`: its camera and its depths.
     pub fn apply_to_frame(&self, frame: &mut DepthFrame) {
-        let camera_from_b = frame.camera.camera_from_world;
-        let rotation = (camera_from_b.rotation * self.pose.rotation.conjugate()).normalize();
-        let position = self.scale * camera_from_b.position - rotation * self.pose.position;
-        frame.camera.camera_from_world = Pose { position, rotation };
+        frame.camera.camera_from_world = self.of_camera(&frame.camera.camera_from_world);
         frame.depth.iter_mut().for_each(|depth| *depth = (f64::from(*depth) * self.scale) as f32);
     }
 

@@ -48,7 +48,7 @@ pub struct Contact {
     /// Name of that model
     #[arg(long, value_name = "NAME", requires = "ask")]
     model: Option<String>,
-    /// Labels whose prior and posterior are at least this keep their prior; the grid search leaves those whose prior is
+    /// Labels whose prior and posterior are at least this keep their prior unless feet slip on them; the grid search leaves them
     #[arg(long, default_value_t = 0.5, value_name = "FRICTION", value_parser = friction)]
     slip_threshold: f64,
     /// The one friction that the result is compared with
@@ -200,7 +200,7 @@ fn summary(report: &Report) -> String {
         "material               prior   friction   90 % interval     grid   on it    slipping   evidence\n",
     );
     for r in &report.regions {
-        let [low, high] = r.posterior.interval90;
+        let [low, high] = r.used().interval90;
         let grid = r.grid.as_ref().map_or("-".to_string(), |g| format!("{:.3}", g.friction));
         let status = if r.status == Status::Refined { String::new() } else { format!("  {}", r.status.words()) };
         text += &format!(

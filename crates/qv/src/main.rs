@@ -3,6 +3,7 @@
 mod ask;
 mod camera;
 mod capture;
+mod colmap;
 mod contact;
 mod diagnose;
 mod fixture;

@@ -1,6 +1,7 @@
 //! `qv reconstruct`: photographs with cameras become a scene of Gaussians.
 
 use crate::capture::{OpenCapture, open_capture};
+use crate::colmap::poses_again;
 use crate::scene::about;
 use crate::video;
 use crate::{Failure, Outcome, say};
@@ -29,7 +30,7 @@ pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/ya
     RGB-D frames (FRAME.color.jpg, FRAME.depth.png, FRAME.pose.txt). points.ply beside it is where Gaussians begin.\n\
     Of a video (.mp4, .mov, ...) ffmpeg takes frames and COLMAP, in a Python environment that is made once, finds their poses;\n\
     DIR/capture keeps both. Such a scene has no metres of its own: `qv mesh` takes --distance, --markers or --trajectory.\n\n\
-    Writes scene.ply (3DGS), checkpoint.qvt, metrics.json, with --refine-poses or --refine-lens cameras.json (for `qv mesh --cameras`),\n\
+    Writes scene.ply (3DGS), checkpoint.qvt, metrics.json, with --poses colmap, --refine-poses or --refine-lens cameras.json (for `qv mesh --cameras`),\n\
     with --preview pictures beside photographs. Ctrl-C stops and keeps what\n\
     was learned; --resume goes on from the checkpoint.\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
@@ -47,6 +48,12 @@ const PREVIEW_EVERY: u32 = 1000;
 enum StrategyName {
     Mcmc,
     Classic,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum PosesFrom {
+    Capture,
+    Colmap,
 }
 
 #[derive(clap::Args)]
@@ -74,6 +81,9 @@ pub struct Reconstruct {
     /// Refines focal length and principal point of each camera
     #[arg(long)]
     refine_lens: bool,
+    /// Whose poses and lenses: the capture's, or COLMAP's, brought to where the capture's are
+    #[arg(long, value_enum, value_name = "WHOSE", default_value = "capture")]
+    poses: PosesFrom,
     /// Most frames that are taken of a video
     #[arg(long, value_name = "N", default_value_t = 150, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(8..=2000))]
     frames: usize,
@@ -153,7 +163,7 @@ pub struct Reconstruct {
 impl Reconstruct {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let clock = Instant::now();
-        let (opened, mut lost) = self.open()?;
+        let (opened, mut lost, found) = self.open()?;
         let options = self.options();
         options.check()?;
         let reading = ReadOptions { downscale: self.downscale, hold_out: self.hold_out };
@@ -201,7 +211,7 @@ impl Reconstruct {
             "format": "qv-reconstruct/1", "capture": self.capture.display().to_string(), "iterations": model.iteration,
             "finished": finished, "gaussians": model.cloud.len(), "loss": run.loss, "read_s": read_s, "train_s": train_s,
             "write_s": clock.elapsed().as_secs_f64(), "photographs": dataset.training.len(), "began_at_points": at_points,
-            "exposure": self.exposure, "poses_refined": self.refine_poses, "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent,
+            "exposure": self.exposure, "poses_refined": self.refine_poses, "poses_found": found, "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent,
             "held_out": dataset.held_out.iter().zip(&held_out).map(|(one, score)| named(&one.name, score)).collect::<Vec<_>>(),
             "mean": Score::mean(&held_out).map(|mean| named("mean", &mean)),
             "mean_identity": Score::mean(&as_drawn).map(|mean| named("mean", &mean)),
@@ -217,14 +227,18 @@ impl Reconstruct {
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
 
-    /// The capture, and what of a video was lost on the way to it.
-    fn open(&self) -> Result<(OpenCapture, Vec<String>), Failure> {
-        if !video::is_video(&self.capture) {
-            return Ok((open_capture(&self.capture)?, vec![]));
-        }
+    /// The capture, what was lost on the way to it, and how COLMAP's poses are, where they were asked for.
+    fn open(&self) -> Result<(OpenCapture, Vec<String>, Value), Failure> {
         let folder = self.out.join("capture");
+        if !video::is_video(&self.capture) {
+            let opened = open_capture(&self.capture)?;
+            return match self.poses {
+                PosesFrom::Capture => Ok((opened, vec![], Value::Null)),
+                PosesFrom::Colmap => poses_again(&self.capture, opened, &folder),
+            };
+        }
         let lost = video::project(&self.capture, &folder, self.frames)?;
-        Ok((open_capture(&folder)?, lost))
+        Ok((open_capture(&folder)?, lost, Value::Null))
     }
 
     fn options(&self) -> TrainOptions {
@@ -327,9 +341,9 @@ impl Reconstruct {
         Ok(scores(&model.cloud, &moved)?)
     }
 
-    /// All cameras as they were learned; nothing when they are as given.
+    /// All cameras as they were learned; nothing when they are those of the capture.
     fn save_cameras(&self, model: &Model, dataset: &Dataset, held_out: &[Photograph]) -> Result<(), Failure> {
-        if !(self.refine_poses || self.refine_lens) {
+        if !(self.refine_poses || self.refine_lens || self.poses == PosesFrom::Colmap) {
             return Ok(());
         }
         let learned = dataset.training.iter().enumerate().map(|(k, one)| (&one.name, model.camera(dataset, k)));
@@ -383,6 +397,14 @@ impl Reconstruct {
             return Ok(say(&format!("{metrics}\n"))?);
         }
         let mut text = format!("{splats} Gaussians, loss {:.5}, {seconds:.1} s of training\n", run.loss);
+        let found = &metrics["poses_found"];
+        if let (Some(metres), Some(degrees)) = (found["from_given_m"].as_f64(), found["from_given_deg"].as_f64()) {
+            let (placed, of) = (&found["placed"], &found["of"]);
+            text += &format!(
+                "poses by COLMAP: {placed} of {of}, {:.0} mm and {degrees:.2} degrees (rms) from the capture's\n",
+                1e3 * metres
+            );
+        }
         for (what, mean) in ["held out", "held out, cameras aligned on the left half"].iter().zip(means) {
             let Some(s) = mean else { continue };
             text += &format!(

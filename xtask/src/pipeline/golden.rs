@@ -42,7 +42,7 @@ const fn source(
 }
 
 /// All but frictions, which are taken by label.
-const SOURCES: [Source; 13] = [
+const SOURCES: [Source; 15] = [
     source(Stage::Yard, "focal length in pixels", "yard/transforms.json", "/fl_y", [1e-9, 0.0]),
     source(Stage::Recording, "seconds on tiles", "inspect/tiles.json", "/duration", [0.01, 0.0]),
     source(Stage::Recording, "seconds on gravel", "inspect/gravel.json", "/duration", [0.01, 0.0]),
@@ -56,6 +56,8 @@ const SOURCES: [Source; 13] = [
     source(Stage::Diagnose, "effect", "diagnose/report.json", "/causes/0/effect", [0.0, 0.0]),
     source(Stage::Diagnose, "its size", "diagnose/report.json", "/causes/0/parameters/0/value", [0.0, 0.15]),
     source(Stage::Diagnose, "closed share", "diagnose/report.json", "/gap/closed", [0.07, 0.0]),
+    source(Stage::Again, "friction of tiles", "again/contact.json", "/regions/2/friction", [FRICTION, 0.0]),
+    source(Stage::Again, "base error, posterior", "again/contact.json", "/base_error/all/posterior", [0.005, 0.2]),
 ];
 
 /// A friction may be off by so much.

@@ -123,24 +123,50 @@ fn run_stage(stage: Stage, programs: &[(Program, PathBuf)], folder: &Path, force
                 own.display()
             );
         }
-        fs::remove_dir_all(&own).with_context(|| format!("removing {}", own.display()))?;
     }
-    fs::create_dir_all(&own).with_context(|| format!("making {}", own.display()))?;
-    fs::write(own.join(MARK), "made by cargo xtask pipeline, which empties it\n")
-        .with_context(|| format!("writing into {}", own.display()))?;
     let clock = Instant::now();
-    for call in stage.calls() {
-        let said = process::output(Command::new(program(call.program)?).current_dir(folder).args(call.arguments()))?;
-        if let Some(file) = call.said_in(folder) {
-            fs::write(&file, said).with_context(|| format!("writing {}", file.display()))?;
+    let work = || {
+        for call in stage.calls() {
+            let mut command = Command::new(program(call.program)?);
+            let said = process::output(command.current_dir(folder).args(call.arguments()))?;
+            if let Some(file) = call.said_in(folder) {
+                fs::write(&file, said).with_context(|| format!("writing {}", file.display()))?;
+            }
         }
-    }
-    if let Some(missing) = written.iter().find(|path| !path.exists()) {
-        bail!("stage {}: expected it to write {}, found nothing", stage.name(), missing.display());
-    }
+        match written.iter().find(|path| !path.exists()) {
+            Some(missing) => {
+                bail!("stage {}: expected it to write {}, found nothing", stage.name(), missing.display())
+            }
+            None => Ok(()),
+        }
+    };
+    anew(&own, &work)?;
     Stamp { inputs, outputs: hash(&[], &written)? }.write(&stamp_file)?;
     println!("{:<11} {:.1} s", stage.name(), clock.elapsed().as_secs_f64());
     Ok(())
+}
+
+/// Does what fills a folder in an empty one; what was in it before comes back when that fails.
+fn anew(own: &Path, work: &dyn Fn() -> Result<()>) -> Result<()> {
+    let before = own.with_extension("before");
+    if before.exists() && own.exists() {
+        // Left by one that was killed: what is in the folder now is half done.
+        fs::remove_dir_all(own).with_context(|| format!("removing {}", own.display()))?;
+    } else if own.exists() {
+        fs::rename(own, &before).with_context(|| format!("moving {}", own.display()))?;
+    }
+    fs::create_dir_all(own).with_context(|| format!("making {}", own.display()))?;
+    fs::write(own.join(MARK), "made by cargo xtask pipeline, which empties it\n")
+        .with_context(|| format!("writing into {}", own.display()))?;
+    let ended = work();
+    if before.exists() {
+        let (leaves, stays) = if ended.is_ok() { (before.as_path(), None) } else { (own, Some(before.as_path())) };
+        fs::remove_dir_all(leaves).with_context(|| format!("removing {}", leaves.display()))?;
+        if let Some(stays) = stays {
+            fs::rename(stays, own).with_context(|| format!("moving {} back", stays.display()))?;
+        }
+    }
+    ended
 }
 
 /// Says what was found and where it is, as far as the stages have come.
@@ -149,6 +175,7 @@ fn conclude(folder: &Path) -> Result<()> {
         ("contact/contact.json", "sentence", "contact/contact.html"),
         ("replay/replay.json", "verdict", "replay/replay.html"),
         ("diagnose/report.json", "sentence", "diagnose/report.html"),
+        ("again/contact.json", "sentence", "again/contact.html"),
     ] {
         let path = folder.join(file);
         if path.is_file() {
@@ -156,7 +183,8 @@ fn conclude(folder: &Path) -> Result<()> {
             let said =
                 report[key].as_str().with_context(|| format!("{}: expected its {key}, found none", path.display()))?;
             // One sentence a line.
-            println!("{}\n{}", said.replace(". ", ".\n"), folder.join(page).display());
+            let with = if file.starts_with("again") { "With that taken into account: " } else { "" };
+            println!("{with}{}\n{}", said.replace(". ", ".\n"), folder.join(page).display());
         }
     }
     let page = folder.join("report/report.html");

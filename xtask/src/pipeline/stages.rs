@@ -25,6 +25,8 @@ pub enum Stage {
     Replay,
     /// Says what makes robot and simulator differ on it
     Diagnose,
+    /// Finds the friction once more, with the cause that was found taken into account
+    Again,
     /// Puts all of it on one page
     Report,
 }
@@ -72,6 +74,7 @@ impl Stage {
             Self::Contact => "contact",
             Self::Replay => "replay",
             Self::Diagnose => "diagnose",
+            Self::Again => "again",
             Self::Report => "report",
         }
     }
@@ -107,8 +110,11 @@ impl Stage {
             [qv("replay recording/tiles/run.mcap --terrain contact/terrain.glb --out replay --json")];
         const DIAGNOSE: [Call; 1] =
             [qv("diagnose recording/tiles/run.mcap --terrain contact/terrain.glb --out diagnose --json")];
+        const AGAIN: [Call; 1] = [qv(
+            "contact recording/tiles/run.mcap recording/gravel/run.mcap --terrain mesh/terrain.glb --params diagnose/calibrated.toml --out again --json",
+        )];
         const REPORT: [Call; 1] = [qv(
-            "report --reconstruction reconstruct --mesh contact/terrain.glb --contact contact --replay replay --diagnosis diagnose --out report/report.html",
+            "report --reconstruction reconstruct --mesh again/terrain.glb --contact again --replay replay --diagnosis diagnose --out report/report.html",
         )];
         match self {
             Self::Yard => &YARD,
@@ -119,6 +125,7 @@ impl Stage {
             Self::Contact => &CONTACT,
             Self::Replay => &REPLAY,
             Self::Diagnose => &DIAGNOSE,
+            Self::Again => &AGAIN,
             Self::Report => &REPORT,
         }
     }
@@ -134,11 +141,12 @@ impl Stage {
             Self::Mesh => &["reconstruct/scene.ply", "yard/transforms.json", "yard/labels.toml", "yard/truth.glb"],
             Self::Contact => &[RUNS[0], RUNS[1], "mesh/terrain.glb"],
             Self::Replay | Self::Diagnose => &[RUNS[0], "contact/terrain.glb"],
+            Self::Again => &[RUNS[0], RUNS[1], "mesh/terrain.glb", "diagnose/calibrated.toml"],
             Self::Report => &[
                 "reconstruct/metrics.json",
                 "reconstruct/held_out",
-                "contact/contact.json",
-                "contact/terrain.glb",
+                "again/contact.json",
+                "again/terrain.glb",
                 "replay/replay.json",
                 "diagnose/report.json",
             ],
@@ -171,6 +179,7 @@ impl Stage {
             }
             Self::Replay => &["replay/replay.json", "replay/replay.mcap", "replay/replay.html"],
             Self::Diagnose => &["diagnose/report.json", "diagnose/report.html", "diagnose/calibrated.toml"],
+            Self::Again => &["again/contact.json", "again/contact.html", "again/calibrated.toml", "again/terrain.glb"],
             Self::Report => &["report/report.html"],
         }
     }

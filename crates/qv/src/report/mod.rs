@@ -60,15 +60,16 @@ impl Report {
         if !given.contains(&true) {
             return Err("expected at least one of --reconstruction, --mesh, --contact, --replay, --diagnosis".into());
         }
-        let json =
-            |folder: &Option<PathBuf>, name: &str| folder.as_ref().map(|dir| read_json(&dir.join(name))).transpose();
+        let json = |folder: &Option<PathBuf>, name: &str, key: &str| {
+            folder.as_ref().map(|dir| read_json(&dir.join(name), key)).transpose()
+        };
         let parts = Parts {
-            scores: json(&self.reconstruction, "metrics.json")?,
+            scores: json(&self.reconstruction, "metrics.json", "held_out")?,
             pictures: self.reconstruction.as_ref().map_or(Ok(vec![]), |dir| pictures(&dir.join("held_out")))?,
             mesh: self.mesh.as_ref().map(|path| read_mesh(path)).transpose()?,
-            contact: json(&self.contact, "contact.json")?,
-            replay: json(&self.replay, "replay.json")?,
-            diagnosis: json(&self.diagnosis, "report.json")?,
+            contact: json(&self.contact, "contact.json", "regions")?,
+            replay: json(&self.replay, "replay.json", "windows")?,
+            diagnosis: json(&self.diagnosis, "report.json", "sentence")?,
         };
         let page = page::to_html(&parts)?;
         if let Some(folder) = self.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
@@ -80,9 +81,14 @@ impl Report {
     }
 }
 
-fn read_json(path: &Path) -> Result<Value, Failure> {
+/// A report, which has at least the given key.
+fn read_json(path: &Path, key: &str) -> Result<Value, Failure> {
     let text = fs::read_to_string(path).map_err(|e| about(path, format!("expected a report, found {e}")))?;
-    serde_json::from_str(&text).map_err(|e| about(path, format!("expected JSON, found {e}")))
+    let value: Value = serde_json::from_str(&text).map_err(|e| about(path, format!("expected JSON, found {e}")))?;
+    match value.get(key) {
+        Some(_) => Ok(value),
+        None => Err(about(path, format!("expected a report with `{key}`, found none"))),
+    }
 }
 
 fn read_mesh(path: &Path) -> Result<TriangleMesh, Failure> {

@@ -120,6 +120,7 @@ fn ground(mesh: &TriangleMesh, contact: Option<&Value>) -> Result<String, Failur
         .materials
         .iter()
         .enumerate()
+        .filter(|(label, _)| mesh.labels.contains(&(*label as u16)))
         .map(|(label, material)| {
             let [r, g, b] = label_colour(label);
             format!(
@@ -145,7 +146,8 @@ fn friction(contact: &Value) -> String {
          <th>90 % interval</th><th></th><th>feet on it</th><th>slipping</th></tr>",
     );
     for region in list(&contact["regions"]) {
-        let interval = &region["posterior"]["interval90"];
+        let used = if region["status"] == "refined" { "posterior" } else { "prior_estimate" };
+        let interval = &region[used]["interval90"];
         _ = write!(
             text,
             "<tr><td>{}</td><td>{}</td><td><b>{}</b></td><td>{} to {}</td><td>{}</td><td>{} s</td><td>{} %</td></tr>",

@@ -1,9 +1,9 @@
 //! A video becomes a COLMAP project: ffmpeg takes frames, the sharp ones stay, COLMAP finds from where they were taken.
 
 mod frames;
-mod poses;
 
 use crate::Failure;
+use crate::colmap;
 use crate::scene::about;
 use serde::{Deserialize, Serialize};
 use std::fs;
@@ -13,8 +13,6 @@ use std::path::{Path, PathBuf};
 const ENDINGS: [&str; 6] = ["mp4", "mov", "mkv", "avi", "webm", "m4v"];
 /// Fewest frames with a pose that a scene is learned from.
 const FEWEST: usize = 8;
-/// Share of the matches below which poses are doubted: right ones held 0.87 to 0.89, wrong ones 0.70.
-const DOUBTFUL: f64 = 0.8;
 /// File that says what a project was made of.
 const STAMP: &str = "video.json";
 
@@ -60,7 +58,7 @@ pub fn project(video: &Path, folder: &Path, frames: usize) -> Result<Vec<String>
     fs::create_dir_all(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
     let images = folder.join("images");
     frames::take(video, &images, frames)?;
-    let placed = poses::find(&images, folder)?;
+    let placed = colmap::find(&images, folder, None)?;
     let text = serde_json::to_string(&stamp)?;
     fs::write(&stamp_file, text).map_err(|e| about(&stamp_file, format!("expected to write it, found {e}")))?;
     if placed.placed < FEWEST.min(placed.frames) {
@@ -72,10 +70,7 @@ pub fn project(video: &Path, folder: &Path, frames: usize) -> Result<Vec<String>
     if left > 0 {
         lost.push(format!("{}: {left} of {} frames have no place", video.display(), placed.frames));
     }
-    if placed.held < DOUBTFUL {
-        let held = 100.0 * placed.held;
-        lost.push(format!("{}: poses hold {held:.0} % of the matches only: a part may lie wrong", video.display()));
-    }
+    lost.extend(placed.doubt(video));
     Ok(lost)
 }
 

@@ -50,3 +50,26 @@ fn the_first_stage_that_moved_is_named() {
         differences(&golden, &moved).iter().any(|line| line.starts_with("diagnose") && line.ends_with("found none"))
     );
 }
+
+/// A stage that fails leaves what the last good one wrote; one that was killed leaves it for the next.
+#[test]
+fn what_a_stage_wrote_comes_back_when_it_fails() {
+    let folder = std::env::temp_dir().join(format!("qv-anew-{}", std::process::id()));
+    let own = folder.join("mesh");
+    std::fs::create_dir_all(&own).unwrap();
+    let file = own.join("terrain.glb");
+    let write = |text: &'static str| std::fs::write(&file, text).map_err(anyhow::Error::from);
+    super::anew(&own, &|| write("first")).unwrap();
+    assert!(super::anew(&own, &|| write("half").and_then(|()| anyhow::bail!("it fails"))).is_err());
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "first");
+    // As a kill leaves it: the good one moved away, a half in its place.
+    std::fs::rename(&own, folder.join("mesh.before")).unwrap();
+    std::fs::create_dir_all(&own).unwrap();
+    write("half").unwrap();
+    assert!(super::anew(&own, &|| anyhow::bail!("it fails again")).is_err());
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "first");
+    super::anew(&own, &|| write("second")).unwrap();
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "second");
+    assert!(!folder.join("mesh.before").exists());
+    std::fs::remove_dir_all(&folder).unwrap();
+}

@@ -1,7 +1,8 @@
-"""Where the frames of a video were taken: COLMAP's features and matches, its global mapper, and its incremental one where that fails.
+"""Where photographs were taken: COLMAP's features and matches, its global mapper, and its incremental one where that fails.
 
-    python poses.py IMAGES FOLDER
+    python poses.py IMAGES FOLDER [GIVEN]
 
+GIVEN is a JSON of lenses to begin with, and which images each took; without it all are of one unknown lens.
 Writes FOLDER/sparse/0. Says what it does, a line for each stage, and at last a line of JSON.
 """
 
@@ -12,8 +13,8 @@ import sys
 
 import pycolmap
 
-# With no more frames than this, each is matched with each.
-ALL_PAIRS = 60
+# With no more frames than this, each is matched with each: of a video, and of photographs in no order.
+ALL_PAIRS = {"video": 60, "photographs": 200}
 # Otherwise with so many after it, and with those 2, 4, 8, ... after it.
 NEXT = 10
 # Fewest verified matches of a pair that counts.
@@ -26,14 +27,23 @@ def say(stage):
     print(stage, flush=True)
 
 
-def matched(database, count):
-    if count <= ALL_PAIRS:
+def matched(database, count, kind):
+    if count <= ALL_PAIRS[kind]:
         pycolmap.match_exhaustive(database)
         return
     pairing = pycolmap.SequentialPairingOptions()
     pairing.overlap = NEXT
     pairing.quadratic_overlap = True
     pycolmap.match_sequential(database, pairing_options=pairing)
+
+
+def featured(database, images, camera):
+    reader = pycolmap.ImageReaderOptions()
+    reader.camera_model = camera["model"]
+    reader.camera_params = ",".join(str(x) for x in camera["params"])
+    pycolmap.extract_features(
+        database, images, camera["images"], camera_mode=pycolmap.CameraMode.SINGLE, reader_options=reader
+    )
 
 
 def held(database, model):
@@ -81,17 +91,20 @@ def mapped(path, images, folder):
 
 def main():
     images, folder = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])
-    count = sum(1 for _ in images.iterdir())
     database = folder / "database.db"
     database.unlink(missing_ok=True)
     pycolmap.logging.minloglevel = 2
     pycolmap.set_random_seed(0)
-    reader = pycolmap.ImageReaderOptions()
-    reader.camera_model = "OPENCV"
-    say(f"looking for features in {count} frames")
-    pycolmap.extract_features(database, images, camera_mode=pycolmap.CameraMode.SINGLE, reader_options=reader)
-    say("matching frames")
-    matched(database, count)
+    if len(sys.argv) > 3:
+        kind, cameras = "photographs", json.loads(pathlib.Path(sys.argv[3]).read_text())["cameras"]
+    else:
+        kind, cameras = "video", [{"model": "OPENCV", "params": [], "images": sorted(p.name for p in images.iterdir())}]
+    count = sum(len(camera["images"]) for camera in cameras)
+    say(f"looking for features in {count} photographs")
+    for camera in cameras:
+        featured(database, images, camera)
+    say("matching photographs")
+    matched(database, count, kind)
     share, model, mapper = mapped(database, images, folder)
     found = {"frames": count, "placed": 0, "mapper": mapper, "held": share}
     if model is not None:

@@ -1,9 +1,13 @@
-//! Poses of frames by COLMAP, which runs as a Python package in a virtual environment that this makes.
+//! Poses of photographs by COLMAP, which runs as a Python package in a virtual environment that this makes.
+
+mod again;
+
+pub use again::poses_again;
 
 use crate::Failure;
 use crate::open::spinner;
 use crate::scene::about;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -18,8 +22,11 @@ const PYTHONS: [&str; 2] = ["python3", "python"];
 /// Variable that names a virtual environment with pycolmap to use instead of one of our own.
 const ENVIRONMENT: &str = "QV_COLMAP_VENV";
 
+/// Share of the matches below which poses are doubted: right ones held 0.87 to 0.89, wrong ones 0.70.
+const DOUBTFUL: f64 = 0.8;
+
 /// What COLMAP made of the frames.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Placed {
     /// Frames that it was given.
     pub frames: usize,
@@ -29,20 +36,53 @@ pub struct Placed {
     pub held: f64,
 }
 
-/// Finds from where `images` were taken, and writes the model to `folder/sparse/0`.
+impl Placed {
+    /// Says so when a part of the poses may be wrong.
+    pub fn doubt(&self, path: &Path) -> Option<String> {
+        let held = 100.0 * self.held;
+        let said = format!("{}: poses hold {held:.0} % of the matches only: a part may lie wrong", path.display());
+        (self.held < DOUBTFUL).then_some(said)
+    }
+}
+
+/// What is known of the cameras.
+#[derive(Debug, Serialize)]
+pub struct Given {
+    /// The lenses.
+    pub cameras: Vec<GivenCamera>,
+}
+
+/// A lens to begin with, and which images it took, relative to the folder of images.
+#[derive(Debug, Serialize)]
+pub struct GivenCamera {
+    /// COLMAP's name of the lens.
+    pub model: String,
+    /// Its parameters in COLMAP's order.
+    pub params: Vec<f64>,
+    /// Images.
+    pub images: Vec<String>,
+}
+
+/// Finds from where `images` were taken, and writes the model to `folder/sparse/0`. With nothing given all are of one unknown lens.
 ///
 /// # Errors
 /// Python or its package cannot be had, or COLMAP fails.
-pub fn find(images: &Path, folder: &Path) -> Result<Placed, Failure> {
+pub fn find(images: &Path, folder: &Path, given: Option<&Given>) -> Result<Placed, Failure> {
     let python = environment()?;
     let program = folder.join("poses.py");
     fs::write(&program, PROGRAM).map_err(|e| about(&program, format!("expected to write it, found {e}")))?;
+    let cameras = folder.join("given.json");
+    if let Some(given) = given {
+        let written = fs::write(&cameras, serde_json::to_string(given)?);
+        written.map_err(|e| about(&cameras, format!("expected to write it, found {e}")))?;
+    }
     let mut command = Command::new(&python);
     command
         .arg("-u")
         .arg(&program)
         .arg(images)
         .arg(folder)
+        .args(given.is_some().then_some(&cameras))
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped());
