@@ -62,7 +62,7 @@ pub fn progress(total: u64, what: &'static str) -> ProgressBar {
 }
 
 /// A sign of life for work without a known end.
-pub fn spinner(what: &'static str) -> ProgressBar {
+pub fn spinner(what: impl Into<std::borrow::Cow<'static, str>>) -> ProgressBar {
     let bar = ProgressBar::new_spinner().with_message(what);
     bar.enable_steady_tick(std::time::Duration::from_millis(100));
     bar

@@ -2,6 +2,7 @@
 
 use crate::capture::{OpenCapture, open_capture};
 use crate::colmap::poses_again;
+use crate::normals::{self, Colours, NormalModel};
 use crate::scene::about;
 use crate::video;
 use crate::{Failure, Outcome, say};
@@ -117,9 +118,18 @@ pub struct Reconstruct {
     /// Weight of the agreement of patches between views
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
     multi_view: f32,
-    /// Weight of normals from files
+    /// Weight of normals, from files or a model
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
     normal_prior: f32,
+    /// A model of yours that sees normals, run by onnxruntime: takes [1, 3, H, W], gives [1, 3, h, w]
+    #[arg(long, value_name = "FILE.onnx", requires = "normal_prior")]
+    normal_model: Option<PathBuf>,
+    /// Which axes of the model are x right, y down, z forward: x,-y,-z for one with y up and z to the viewer
+    #[arg(long, value_name = "AXES", default_value = "x,y,z", value_parser = normals::axes, allow_hyphen_values = true)]
+    normal_axes: String,
+    /// What the model takes colours as
+    #[arg(long, value_enum, value_name = "HOW", default_value = "imagenet")]
+    normal_colours: Colours,
     /// Weight of labels from files
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
     labels: f32,
@@ -163,7 +173,11 @@ pub struct Reconstruct {
 impl Reconstruct {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let clock = Instant::now();
-        let (opened, mut lost, found) = self.open()?;
+        let (mut opened, mut lost, found) = self.open()?;
+        if let Some(file) = &self.normal_model {
+            let model = NormalModel { file, axes: &self.normal_axes, colours: self.normal_colours };
+            normals::add_normals(&model, &mut opened, &self.out)?;
+        }
         let options = self.options();
         options.check()?;
         let reading = ReadOptions { downscale: self.downscale, hold_out: self.hold_out };

@@ -6,7 +6,7 @@ use crate::Failure;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use image::ImageEncoder as _;
-use qv_core::{TriangleMesh, label_colour};
+use qv_core::{Material, TriangleMesh, label_colour};
 use qv_replay::replay::escape;
 use serde_json::Value;
 use std::fmt::Write;
@@ -73,7 +73,7 @@ fn summary(parts: &Parts) -> String {
         ));
     }
     if let Some(mesh) = &parts.mesh {
-        let names: Vec<&str> = mesh.materials.iter().map(|material| material.name.as_str()).collect();
+        let names: Vec<&str> = used(mesh).map(|(_, material)| material.name.as_str()).collect();
         said.push(format!("The ground is {} triangles of {}.", mesh.triangles.len(), escape(&names.join(", "))));
     }
     for (part, key) in [(&parts.contact, "sentence"), (&parts.replay, "verdict"), (&parts.diagnosis, "sentence")] {
@@ -110,17 +110,19 @@ fn png(picture: &FromAbove) -> Result<Vec<u8>, Failure> {
     Ok(out)
 }
 
+/// Materials that some triangle has, with their index.
+fn used(mesh: &TriangleMesh) -> impl Iterator<Item = (usize, &Material)> {
+    let is_used = |label: &usize| mesh.labels.iter().any(|l| usize::from(*l) == *label);
+    mesh.materials.iter().enumerate().filter(move |(label, _)| is_used(label))
+}
+
 fn ground(mesh: &TriangleMesh, contact: Option<&Value>) -> Result<String, Failure> {
     let Some(picture) = from_above(mesh) else { return Ok(String::new()) };
     let way = contact.map_or(String::new(), |contact| picture.way(contact));
     // White below, black on top, so that it is seen on every label.
     let thin = way.replace("class=\"walk\"", "class=\"walk thin\"");
     let thin = thin.split("<circle").next().unwrap_or_default();
-    let keys: Vec<String> = mesh
-        .materials
-        .iter()
-        .enumerate()
-        .filter(|(label, _)| mesh.labels.contains(&(*label as u16)))
+    let keys: Vec<String> = used(mesh)
         .map(|(label, material)| {
             let [r, g, b] = label_colour(label);
             format!(

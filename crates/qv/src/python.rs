@@ -1,0 +1,112 @@
+//! Python programs of ours, in virtual environments that are made once under the user's cache.
+
+use crate::Failure;
+use crate::open::spinner;
+use crate::scene::about;
+use std::fs;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// Names that Python goes by.
+const PYTHONS: [&str; 2] = ["python3", "python"];
+
+/// A virtual environment with packages.
+pub struct Environment {
+    /// Folder below the cache.
+    pub name: &'static str,
+    /// The packages, in versions that were tried.
+    pub packages: &'static [&'static str],
+    /// A statement that fails where they are not there.
+    pub import: &'static str,
+    /// Variable that names an environment of the user's to take instead.
+    pub variable: &'static str,
+    /// What it is for, and how large, in words.
+    pub purpose: &'static str,
+}
+
+/// Runs a program, showing each line that it says, and gives the last one. The text of the program goes to `file`.
+///
+/// # Errors
+/// Python or its packages cannot be had, or the program fails: then the last line of its errors.
+pub fn said(environment: &Environment, text: &str, file: &Path, arguments: &[&Path]) -> Result<String, Failure> {
+    let python = python(environment)?;
+    fs::write(file, text).map_err(|e| about(file, format!("expected to write it, found {e}")))?;
+    let mut command = Command::new(&python);
+    command.arg("-u").arg(file).args(arguments);
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().map_err(|e| about(&python, format!("expected Python, found {e}")))?;
+    let (stdout, stderr) = (child.stdout.take(), child.stderr.take());
+    // Read beside, so that neither of the two waits for the other.
+    let errors = std::thread::spawn(move || {
+        let mut text = String::new();
+        stderr.map(|mut pipe| pipe.read_to_string(&mut text));
+        text
+    });
+    let (sign, mut last) = (spinner(environment.purpose.to_string()), String::new());
+    for line in stdout.into_iter().flat_map(|pipe| BufReader::new(pipe).lines()).map_while(Result::ok) {
+        sign.set_message(line.clone());
+        last = line;
+    }
+    let status = child.wait().map_err(|e| about(&python, format!("expected it to end, found {e}")))?;
+    sign.finish_and_clear();
+    if status.success() {
+        return Ok(last);
+    }
+    Err(format!("{status}: {}", last_line(&errors.join().unwrap_or_default())).into())
+}
+
+/// Python of an environment that has the packages; made if need be.
+fn python(environment: &Environment) -> Result<PathBuf, Failure> {
+    let Environment { name, packages, variable, purpose, .. } = environment;
+    let own = std::env::var_os(variable).map(PathBuf::from);
+    let folder = own.clone().unwrap_or_else(|| cache().join(name));
+    let python = folder.join(if cfg!(windows) { "Scripts/python.exe" } else { "bin/python" });
+    if ends_well(Command::new(&python).args(["-c", environment.import])) {
+        return Ok(python);
+    }
+    let packages = packages.join(" ");
+    if own.is_some() {
+        let expected = format!("expected a virtual environment with {packages} ({variable}), found none");
+        return Err(about(&folder, expected));
+    }
+    let sign = spinner(format!("making a Python environment for {purpose} (once)"));
+    let base = PYTHONS.iter().find(|name| ends_well(Command::new(name).arg("--version")));
+    let base = base.ok_or_else(|| format!("python3: expected it among the programs for {purpose}, found none"))?;
+    said_well(
+        Command::new(base).args(["-m", "venv"]).arg(&folder),
+        "a virtual environment (Debian has it in python3-venv)",
+    )?;
+    let install = ["-m", "pip", "install", "--quiet"];
+    said_well(
+        Command::new(&python).args(install).args(environment.packages),
+        &format!("{packages} from the package index"),
+    )?;
+    sign.finish_and_clear();
+    Ok(python)
+}
+
+/// Where programs keep what they can make again.
+fn cache() -> PathBuf {
+    let home = || std::env::var_os(if cfg!(windows) { "LOCALAPPDATA" } else { "HOME" }).map(PathBuf::from);
+    let base = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from).or_else(|| home().map(|home| home.join(".cache")));
+    base.unwrap_or_else(std::env::temp_dir).join("quadverse")
+}
+
+fn ends_well(command: &mut Command) -> bool {
+    let command = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    command.status().is_ok_and(|status| status.success())
+}
+
+fn said_well(command: &mut Command, expected: &str) -> Result<(), Failure> {
+    let output = command.stdin(Stdio::null()).output().map_err(|e| format!("expected {expected}, found {e}"))?;
+    if output.status.success() {
+        return Ok(());
+    }
+    let why = last_line(&String::from_utf8_lossy(&output.stderr));
+    Err(format!("expected {expected}, found {}: {why}", output.status).into())
+}
+
+fn last_line(errors: &str) -> String {
+    errors.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("nothing said").to_string()
+}
