@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// How the diagnoses are run.
 pub struct Diagnoses<'a> {
@@ -17,6 +17,8 @@ pub struct Diagnoses<'a> {
     pub baselines: bool,
     /// How many at a time.
     pub jobs: usize,
+    /// After so long no other is begun.
+    pub at_most: Option<Duration>,
 }
 
 /// Effects taken out of the library in turn, the likeliest first: where the right one is among them, that is its
@@ -25,16 +27,17 @@ const LEAVE_OUT: &str = "3";
 
 impl Diagnoses<'_> {
     /// Diagnoses all `names` in `recordings` that have no report in `reports` yet. A diagnosis that fails is said, and
-    /// leaves none.
+    /// leaves none; those that time was not left for have no folder.
     ///
     /// # Errors
     /// The program cannot be started, or a folder cannot be written.
     pub fn run(&self, names: &[&String], recordings: &Path, reports: &Path) -> Result<()> {
         fs::create_dir_all(reports).with_context(|| format!("making {}", reports.display()))?;
         let bar = bar(names.len(), "diagnosing");
-        let (next, failure) = (AtomicUsize::new(0), Mutex::new(None));
+        let (next, failure, clock) = (AtomicUsize::new(0), Mutex::new(None), Instant::now());
+        let is_late = || self.at_most.is_some_and(|most| clock.elapsed() > most);
         let work = || {
-            while let Some(name) = names.get(next.fetch_add(1, Ordering::Relaxed)) {
+            while let Some(name) = names.get(next.fetch_add(1, Ordering::Relaxed)).filter(|_| !is_late()) {
                 if let Err(error) = self.one(&recordings.join(name), &reports.join(name)) {
                     next.store(names.len(), Ordering::Relaxed);
                     failure.lock().expect("no thread panics with it").get_or_insert(error);
@@ -119,7 +122,7 @@ mod tests {
         let qv = folder.join("qv");
         fs::write(&qv, PROGRAM).unwrap();
         fs::set_permissions(&qv, fs::Permissions::from_mode(0o755)).unwrap();
-        let diagnoses = Diagnoses { qv: &qv, baselines: false, jobs: 2 };
+        let diagnoses = Diagnoses { qv: &qv, baselines: false, jobs: 2, at_most: None };
         diagnoses.check().unwrap();
         let names = ["a", "b", "c"].map(String::from);
         let names: Vec<&String> = names.iter().collect();
@@ -131,7 +134,10 @@ mod tests {
         assert!(reports.join("a/done.json").is_file() && !reports.join("b/done.json").exists());
         diagnoses.run(&names, &recordings, &reports).unwrap();
         assert_eq!(runs(), 4, "only what failed is run again");
-        let missing = Diagnoses { qv: &folder.join("no-qv"), baselines: false, jobs: 1 };
+        let late = Diagnoses { qv: &qv, baselines: false, jobs: 1, at_most: Some(Duration::ZERO) };
+        late.run(&names, &recordings, &reports_folder(&recordings, 8)).unwrap();
+        assert!(runs() == 4 && !reports_folder(&recordings, 8).join("a").exists(), "no time is left");
+        let missing = Diagnoses { qv: &folder.join("no-qv"), baselines: false, jobs: 1, at_most: None };
         assert!(missing.check().unwrap_err().to_string().contains("no-qv"));
         fs::remove_dir_all(&folder).unwrap();
     }

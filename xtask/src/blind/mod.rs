@@ -25,6 +25,7 @@ use figures::Figures;
 use generate::Set;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// What to judge.
 #[derive(Args)]
@@ -60,6 +61,9 @@ pub struct Blind {
     /// Diagnoses at a time
     #[arg(long, default_value_t = 1, value_name = "N")]
     jobs: usize,
+    /// Begin no diagnosis after so many minutes, and score what there is; another run goes on
+    #[arg(long, value_name = "M")]
+    minutes: Option<f64>,
     /// Also run the baselines: one effect at a time, CMA-ES, a residual network
     #[arg(long)]
     baselines: bool,
@@ -110,7 +114,8 @@ fn diagnose_all(workspace: &Workspace, blind: &Blind, folder: &Path) -> Result<F
         if blind.full { Set::full(blind.per_effect.unwrap_or(10)) } else { Set::subset(blind.per_effect.unwrap_or(1)) };
     let generator = generate::build(workspace)?;
     let qv = pipeline::build(workspace)?;
-    let diagnoses = Diagnoses { qv: &qv, baselines: blind.baselines, jobs: blind.jobs };
+    let at_most = blind.minutes.map(|minutes| Duration::from_secs_f64(60.0 * minutes.clamp(0.0, 1e6)));
+    let diagnoses = Diagnoses { qv: &qv, baselines: blind.baselines, jobs: blind.jobs, at_most };
     diagnoses.check()?;
     // Another set, seed, engine or generator has a folder of its own.
     let words = [format!("{set:?}"), blind.seed.to_string(), blind.engine.clone()];
@@ -119,13 +124,18 @@ fn diagnose_all(workspace: &Workspace, blind: &Blind, folder: &Path) -> Result<F
     let seal_file = folder.join("seal.json");
     let seal = seal::Seal::place(&generated.sealed_text(), &seal_file)?;
     println!("answers sealed in {}: SHA-256 {}", seal_file.display(), seal.sha256());
-    let answers = generated.answers()?;
+    let mut answers = generated.answers()?;
     let words = [format!("baselines {}", blind.baselines)];
     let reports = diagnose::reports_folder(&generated.recordings, pipeline::hash(&words, std::slice::from_ref(&qv))?);
     let names: Vec<&String> = answers.recordings.keys().collect();
     diagnoses.run(&names, &generated.recordings, &reports)?;
     seal.open(&generated.sealed_text())?;
     println!("seal opened: {} answers are those that were sealed", names.len());
+    let all = names.len();
+    answers.recordings.retain(|name, _| reports.join(name).is_dir());
+    if answers.recordings.len() < all {
+        println!("{} of {all} were diagnosed; another run goes on", answers.recordings.len());
+    }
     score_all(&answers, &reports)
 }
 
