@@ -26,10 +26,9 @@ const LITTLE: f64 = 0.15;
 /// Least contact time of a label, summed over feet \[s\], and least number of windows.
 const LEAST_CONTACT: f64 = 1.0;
 const LEAST_WINDOWS: usize = 10;
-/// Shares of the contact time in which feet slip on a label: from the first on it is searched whatever its prior, from the second on it does
-/// not grip, whatever its prior (labels with friction above 0.5 have 3 to 10 %, tiles of 0.2 half).
-const SLIPS_SOME: f64 = 0.08;
-const SLIPS: f64 = 0.2;
+/// Share of the contact time from which on feet slip on a label: it is searched whatever its prior, and its prior does not stand against the
+/// recording (labels with friction above 0.5 have 3 to 6 %, gravel of 0.45 has 10, ice of 0.22 has 13, tiles of 0.18 half).
+const SLIPS: f64 = 0.08;
 /// Distance of prior and recording in standard deviations of both from which on they contradict each other.
 const CONTRADICTS: f64 = 3.0;
 /// Frictions of the paper's search.
@@ -41,7 +40,7 @@ pub struct Options<'a> {
     /// Parameters that are known already, such as those of a diagnosis.
     pub given: Vec<(String, f64)>,
     /// Friction above which feet do not slip enough to tell it (the paper's 0.5): a label whose prior mean and posterior mean are both at
-    /// least this keeps its prior unless feet are seen to slip on it, and is left out of the grid search unless they slip a little.
+    /// least this keeps its prior, and one with such a prior is left out of the grid search unless feet are seen to slip on it.
     pub slip_threshold: f64,
     /// The one friction of the comparison.
     pub uniform: f64,
@@ -237,7 +236,7 @@ impl<'a> Job<'a> {
         let prior = &self.priors[label];
         if after.gain(&Distribution::prior(prior, RANGE)) < LITTLE {
             Status::Insensitive
-        } else if !self.slips(label) && prior.mean.min(after.mean()) >= self.options.slip_threshold {
+        } else if prior.mean.min(after.mean()) >= self.options.slip_threshold {
             Status::Grips
         } else {
             Status::Refined
@@ -256,7 +255,8 @@ impl<'a> Job<'a> {
         let alone = posterior(&prior.wide(), &found, RANGE, self.options.own_error);
         let [mean, sd] = prior.log_moments();
         let [found_mean, found_sd] = alone.log_moments();
-        let is_contradicted = self.slips(label) && (mean - found_mean).abs() > CONTRADICTS * sd.hypot(found_sd);
+        let is_apart = (mean - found_mean).abs() > CONTRADICTS * sd.hypot(found_sd);
+        let is_contradicted = self.slips(label) && alone.mean() < self.options.slip_threshold && is_apart;
         let without = alone.mean();
         Said {
             grid,
@@ -277,7 +277,7 @@ impl<'a> Job<'a> {
     fn searched(&self) -> Vec<usize> {
         (0..self.priors.len())
             .filter(|&l| {
-                let is_slippery = self.priors[l].mean < self.options.slip_threshold || self.slip_share[l] >= SLIPS_SOME;
+                let is_slippery = self.priors[l].mean < self.options.slip_threshold || self.slips(l);
                 self.is_touched(l) && is_slippery
             })
             .collect()
@@ -313,7 +313,8 @@ impl<'a> Job<'a> {
                 // Others are fitted beside what will be used. Where feet slip, the first rounds go where the recording leads: what is usual
                 // there, and so the weight of what windows say, depends on it.
                 let is_refined = self.status(label, &said.after) == Status::Refined;
-                frictions[label] = match self.slips(label) && round + 1 < ROUNDS {
+                let is_slippery = self.slips(label) && said.alone < self.options.slip_threshold;
+                frictions[label] = match is_slippery && round + 1 < ROUNDS {
                     true => said.alone,
                     false if is_refined => said.after.mean(),
                     false => self.priors[label].mean,

@@ -48,7 +48,7 @@ pub struct Contact {
     /// Name of that model
     #[arg(long, value_name = "NAME", requires = "ask")]
     model: Option<String>,
-    /// Labels whose prior and posterior are at least this keep their prior unless feet slip on them; the grid search leaves them
+    /// Labels whose prior and posterior are at least this keep their prior; the grid search leaves those with such a prior unless feet slip on them
     #[arg(long, default_value_t = 0.5, value_name = "FRICTION", value_parser = friction)]
     slip_threshold: f64,
     /// The one friction that the result is compared with

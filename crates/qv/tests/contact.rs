@@ -95,6 +95,21 @@ fn ice_is_found_and_grass_keeps_its_prior() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
+/// Feet slip on the ice: a prior that is sure of the opposite does not stand.
+#[test]
+fn a_sure_prior_that_the_recording_contradicts_is_left_out() {
+    let folder = folder("sure", |_| true);
+    let priors = folder.join("priors.json");
+    fs::write(&priors, "{\"ice\": {\"mean\": 0.9, \"sd\": 0.1}}").unwrap();
+    let (code, out, err) = contact(&folder, &["--json", "--friction-prior", priors.to_str().unwrap()]);
+    assert_eq!(code, 0, "{err}");
+    let report: Value = serde_json::from_str(out.trim()).unwrap();
+    let ice = region(&report, "ice");
+    assert!(ice["slip_share"].as_f64().unwrap() > 0.1 && ice["prior_is_contradicted"] == true, "{ice}");
+    assert!((ice["friction"].as_f64().unwrap() - 0.22).abs() < 0.03, "{}", ice["friction"]);
+    assert!(report["notes"].as_array().unwrap().iter().any(|note| note.as_str().unwrap().contains("contradicts")));
+}
+
 #[test]
 fn bad_inputs_are_named() {
     let folder = folder("bad", |_| true);
@@ -102,6 +117,7 @@ fn bad_inputs_are_named() {
         let (found, _, err) = contact(&folder, more);
         assert!(found == code && err.contains(word), "{more:?}: code {found}, {err}");
     };
+    expect(&[folder.join("run.mcap").to_str().unwrap()], 1, "recording 1 and 2 alike");
     let priors = folder.join("priors.json");
     let path = priors.to_str().unwrap();
     fs::write(&priors, "{\"ice\": {\"mean\": 0.1}").unwrap();
