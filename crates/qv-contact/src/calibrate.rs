@@ -179,8 +179,8 @@ struct Said {
     losses: Losses,
     found: Evidence,
     after: Distribution,
-    /// Mean without what the prior says.
-    alone: f64,
+    /// Mean without what the prior says, where feet slip and it is below the slip threshold.
+    lead: Option<f64>,
     /// Whether the prior was left out, since the recording contradicts it.
     is_contradicted: bool,
 }
@@ -256,16 +256,10 @@ impl<'a> Job<'a> {
         let [mean, sd] = prior.log_moments();
         let [found_mean, found_sd] = alone.log_moments();
         let is_apart = (mean - found_mean).abs() > CONTRADICTS * sd.hypot(found_sd);
-        let is_contradicted = self.slips(label) && alone.mean() < self.options.slip_threshold && is_apart;
-        let without = alone.mean();
-        Said {
-            grid,
-            losses,
-            found,
-            after: if is_contradicted { alone } else { after },
-            alone: without,
-            is_contradicted,
-        }
+        let leads = self.slips(label) && alone.mean() < self.options.slip_threshold;
+        let is_contradicted = leads && is_apart;
+        let lead = leads.then(|| alone.mean());
+        Said { grid, losses, found, after: if is_contradicted { alone } else { after }, lead, is_contradicted }
     }
 
     fn is_touched(&self, label: usize) -> bool {
@@ -288,8 +282,8 @@ impl<'a> Job<'a> {
         let mut frictions: Vec<f64> = self.priors.iter().map(|p| p.mean).collect();
         let mut labels: Vec<_> = self.priors.iter().map(|_| None).collect();
         let mut order: Vec<usize> = (0..self.priors.len()).filter(|&l| self.is_touched(l)).collect();
-        // Where feet slip most there is most to find, and the others depend on it.
         let slipped = self.slipped();
+        // Where feet slip most there is most to find, and the others depend on it.
         order.sort_by(|&a, &b| slipped[b].total_cmp(&slipped[a]));
         let mut background = windows::background(self.simulator, self.recordings, &self.windows, &frictions)?;
         let half: Vec<Window> = self.windows.iter().step_by(2).cloned().collect();
@@ -313,12 +307,8 @@ impl<'a> Job<'a> {
                 // Others are fitted beside what will be used. Where feet slip, the first rounds go where the recording leads: what is usual
                 // there, and so the weight of what windows say, depends on it.
                 let is_refined = self.status(label, &said.after) == Status::Refined;
-                let is_slippery = self.slips(label) && said.alone < self.options.slip_threshold;
-                frictions[label] = match is_slippery && round + 1 < ROUNDS {
-                    true => said.alone,
-                    false if is_refined => said.after.mean(),
-                    false => self.priors[label].mean,
-                };
+                let used = if is_refined { said.after.mean() } else { self.priors[label].mean };
+                frictions[label] = said.lead.filter(|_| round + 1 < ROUNDS).unwrap_or(used);
                 labels[label] = Some(said);
             }
             if round + 1 < ROUNDS {

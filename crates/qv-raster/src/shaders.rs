@@ -185,7 +185,7 @@ pub fn text(stage: &str, variant: &Variant) -> String {
         ],
     };
     let mut out = constants(variant);
-    for part in [&[include_str!("gpu/prelude.wgsl")], parts].concat() {
+    for part in [&[include_str!("lens.wgsl"), include_str!("gpu/prelude.wgsl")], parts].concat() {
         choose(part, variant, &mut out);
     }
     out

@@ -160,11 +160,11 @@ fn anew(own: &Path, work: &dyn Fn() -> Result<()>) -> Result<()> {
         .with_context(|| format!("writing into {}", own.display()))?;
     let ended = work();
     if before.exists() {
-        let (leaves, stays) = if ended.is_ok() { (before.as_path(), None) } else { (own, Some(before.as_path())) };
+        let leaves = if ended.is_ok() { &before } else { own };
         fs::remove_dir_all(leaves).with_context(|| format!("removing {}", leaves.display()))?;
-        if let Some(stays) = stays {
-            fs::rename(stays, own).with_context(|| format!("moving {} back", stays.display()))?;
-        }
+    }
+    if before.exists() {
+        fs::rename(&before, own).with_context(|| format!("moving {} back", before.display()))?;
     }
     ended
 }

@@ -1,17 +1,5 @@
 // What all stages declare. Constants are put before this text by the program (gpu/shaders.rs).
 
-struct Lens {
-    focal: vec2<f32>,
-    centre: vec2<f32>,
-    lowest: vec2<f32>,
-    highest: vec2<f32>,
-    size: vec2<u32>,
-    tiles: vec2<u32>,
-    first_tile: u32,
-    first_pixel: u32,
-    unused: vec2<u32>,
-}
-
 // Rows of camera_from_group.
 struct Motion {
     x: vec4<f32>,

@@ -1,16 +1,6 @@
 // Twin of cameras.rs. `bend` sums up the derivatives by the lens, a workgroup for each 16 x 16 pixels; `turn`, one workgroup, moves the pose
 // of the photograph, and lens and motion of its camera.
 
-struct Lens {
-    focal: vec2<f32>,
-    centre: vec2<f32>,
-    lowest: vec2<f32>,
-    highest: vec2<f32>,
-    size: vec2<u32>,
-    tiles: vec2<u32>,
-    places: vec4<u32>,
-}
-
 @group(0) @binding(0) var<storage, read> step: Step;
 @group(0) @binding(1) var<storage, read> drawn: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> by_drawn: array<vec4<f32>>;
@@ -74,21 +64,33 @@ fn bend(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     }
 }
 
-// Adam for a number of the camera: the shift in units of its rate.
-fn shared_shift(at: u32, by: f32) -> f32 {
-    let first = BETA1 * cameras[at] + (1.0 - BETA1) * by;
-    let second = BETA2 * cameras[at + 9u] + (1.0 - BETA2) * by * by;
-    cameras[at] = first;
-    cameras[at + 9u] = second;
-    return -(first / step.camera_bias1) / (sqrt(second / step.camera_bias2) + EPSILON);
+// Adam's running means after a derivative, and the shift that they make in units of the rate.
+struct Moved {
+    first: f32,
+    second: f32,
+    shift: f32,
 }
 
+fn moved(first: f32, second: f32, by: f32, bias1: f32, bias2: f32) -> Moved {
+    let m = BETA1 * first + (1.0 - BETA1) * by;
+    let v = BETA2 * second + (1.0 - BETA2) * by * by;
+    return Moved(m, v, -(m / bias1) / (sqrt(v / bias2) + EPSILON));
+}
+
+// The shift of a number of the camera.
+fn shared_shift(at: u32, by: f32) -> f32 {
+    let now = moved(cameras[at], cameras[at + 9u], by, step.camera_bias1, step.camera_bias2);
+    cameras[at] = now.first;
+    cameras[at + 9u] = now.second;
+    return now.shift;
+}
+
+// The shift of a number of the photograph's pose.
 fn own_shift(at: u32, by: f32) -> f32 {
-    let first = BETA1 * pose_moments[at] + (1.0 - BETA1) * by;
-    let second = BETA2 * pose_moments[at + 6u] + (1.0 - BETA2) * by * by;
-    pose_moments[at] = first;
-    pose_moments[at + 6u] = second;
-    return -(first / step.seen_bias1) / (sqrt(second / step.seen_bias2) + EPSILON);
+    let now = moved(pose_moments[at], pose_moments[at + 6u], by, step.seen_bias1, step.seen_bias2);
+    pose_moments[at] = now.first;
+    pose_moments[at + 6u] = now.second;
+    return now.shift;
 }
 
 // Steps of Adam; by one invocation.

@@ -135,7 +135,8 @@ pub fn text(name: &str) -> String {
         "relocate" => include_str!("relocate.wgsl"),
         _ => include_str!("terms.wgsl"),
     };
-    let mut out = format!("const GUARD: f32 = {GUARD:e}f;\n{}", include_str!("step.wgsl"));
+    let (lens, step) = (include_str!("../lens.wgsl"), include_str!("step.wgsl"));
+    let mut out = format!("const GUARD: f32 = {GUARD:e}f;\n{lens}\n{step}");
     let mut block: Option<String> = None;
     for line in body.lines() {
         match (line.trim(), &mut block) {

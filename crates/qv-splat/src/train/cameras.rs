@@ -53,7 +53,8 @@ pub fn groups(dataset: &Dataset) -> Vec<usize> {
     dataset.training.iter().map(&mut of).collect()
 }
 
-fn same_lens(a: &Camera, b: &Camera) -> bool {
+/// Whether two cameras have one lens: all but their poses is equal.
+pub fn same_lens(a: &Camera, b: &Camera) -> bool {
     Camera { camera_from_world: b.camera_from_world, ..*a } == *b
 }
 

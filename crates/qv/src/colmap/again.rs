@@ -10,6 +10,7 @@ use crate::scene::about;
 use glam::DVec3;
 use qv_mesh::similarity::Similarity;
 use qv_splat::captures::CaptureCamera;
+use qv_splat::train::cameras::same_lens;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -77,10 +78,7 @@ fn copied(path: &Path, opened: &OpenCapture, folder: &Path) -> Result<(Given, u6
         let bytes = opened
             .read(image)
             .map_err(|found| about(path, format!("image {image}: expected a file, found {found}")))?;
-        let same = |lens: &&CaptureCamera| {
-            let posed = qv_core::Camera { camera_from_world: one.camera.camera_from_world, ..lens.camera };
-            posed == one.camera && lens.distortion == one.distortion
-        };
+        let same = |lens: &&CaptureCamera| same_lens(&lens.camera, &one.camera) && lens.distortion == one.distortion;
         let group = lenses.iter().position(same).unwrap_or_else(|| {
             lenses.push(one);
             given.cameras.push(of_lens(one));
