@@ -1,6 +1,7 @@
 //! How far the gap shrinks, in windows that no fit has seen.
 
 use crate::GapError;
+use crate::law;
 use crate::observe::Channel;
 use crate::problem::Setting;
 use crate::random::Random;
@@ -65,6 +66,25 @@ impl Closure {
         let m = mean(&falls);
         let variance = falls.iter().map(|f| (f - m).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
         (m, (variance / n).sqrt())
+    }
+
+    /// What the law of those actuators leaves that a setting changes, in units of the null, before and under it.
+    pub fn law(&self, study: &Study, setting: &Setting) -> [f64; 2] {
+        let joints = &study.problem.law_joints;
+        let concerned: Vec<bool> = joints.iter().map(|&j| law::concerns(&study.problem, setting, j)).collect();
+        let of = |w: usize, raw: &Raw| {
+            let seen = &study.seen[w];
+            let all = study.whitener(seen).separate(seen.index, raw).law;
+            let bins = all.len() / joints.len().max(1);
+            let squares = all.iter().enumerate().filter(|(i, _)| concerned[i / bins]).map(|(_, x)| x * x);
+            squares.fold((0.0, 0.0), |sum, x| (sum.0 + x, sum.1 + 1.0))
+        };
+        let mean = |parts: &mut dyn Iterator<Item = (f64, f64)>| {
+            let (sum, count) = parts.fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+            if count > 0.0 { sum / count } else { 0.0 }
+        };
+        let before = mean(&mut self.windows.iter().map(|&w| of(w, &study.seen[w].raw)));
+        [before, mean(&mut self.windows.iter().zip(&self.after_raw).map(|(&w, raw)| of(w, raw)))]
     }
 
     /// The figures of a report.

@@ -87,6 +87,8 @@ pub struct Study<'a> {
     pub parts: Vec<Part>,
     /// Normal equations of each simulated recording without an effect, by window.
     pub ghosts: Vec<Vec<Option<Normal>>>,
+    /// Their residuals, by window.
+    pub ghost_residuals: Vec<Vec<Option<DVector<f64>>>>,
     /// Tolerance of the first columns.
     pub tolerance: Vec<f64>,
     /// Mean square of residuals of noise and numerics alone.
@@ -116,6 +118,7 @@ impl<'a> Study<'a> {
             columns,
             seen: Vec::new(),
             parts: Vec::new(),
+            ghost_residuals: ghosts.iter().map(|_| Vec::new()).collect(),
             ghosts,
             tolerance: Vec::new(),
             floor: 0.0,
@@ -206,16 +209,15 @@ impl<'a> Study<'a> {
                 (!raw.is_empty() && !sensitivity.is_empty()).then(|| see(&whitener, (index, window), raw, &sensitivity))
             })
             .collect();
-        for (all, run) in self.ghosts.iter_mut().zip(&ghost_raw) {
-            let of_run: Vec<Option<Normal>> = run
-                .par_iter()
-                .zip(&seen)
-                .filter_map(|(raw, seen)| {
-                    let seen = seen.as_ref()?;
-                    Some((!raw.is_empty()).then(|| seen.normal(&whitener, raw)))
-                })
-                .collect();
-            all.extend(of_run);
+        for (k, run) in ghost_raw.iter().enumerate() {
+            let residual = |(raw, seen): (&Raw, &Option<Seen>)| {
+                let seen = seen.as_ref()?;
+                Some((!raw.is_empty()).then(|| whitener.residual(seen.index, raw)))
+            };
+            let residuals: Vec<Option<DVector<f64>>> = run.par_iter().zip(&seen).filter_map(residual).collect();
+            let here = seen.iter().flatten();
+            self.ghosts[k].extend(residuals.iter().zip(here).map(|(r, seen)| r.as_ref().map(|r| seen.normal_of(r))));
+            self.ghost_residuals[k].extend(residuals);
         }
         let weighted = |mut s: Seen| {
             if !pool.is_empty() {
@@ -321,13 +323,16 @@ impl<'a> Study<'a> {
 impl Seen {
     /// Normal equations of a raw residual.
     pub fn normal(&self, whitener: &Whitener, raw: &Raw) -> Normal {
-        let r = whitener.residual(self.index, raw);
-        Normal { b: self.j.tr_mul(&r), e: r.norm_squared(), count: r.len() }
+        self.normal_of(&whitener.residual(self.index, raw))
     }
 
     /// Normal equations of the nominal robot.
     pub fn nominal(&self) -> Normal {
-        let r = &self.residual;
+        self.normal_of(&self.residual)
+    }
+
+    /// Normal equations of a whitened residual.
+    pub fn normal_of(&self, r: &DVector<f64>) -> Normal {
         Normal { b: self.j.tr_mul(r), e: r.norm_squared(), count: r.len() }
     }
 }

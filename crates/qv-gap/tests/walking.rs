@@ -62,6 +62,20 @@ fn an_effect_that_the_library_lacks_is_unknown() {
 }
 
 #[test]
+fn a_cause_that_only_imitates_another_is_doubted() {
+    // A gain that is too low does to one leg much of what a lag does, but its law is another.
+    let run = recorded(["hip", "thigh", "calf"].map(|j| (format!("actuator.RL_{j}_joint.lag"), 0.009)).to_vec(), 4);
+    let report = of(&run, &quick());
+    assert_eq!(report.causes.first().map(|c| c.effect.as_str()), Some("actuator_lag"), "{}", report.sentence);
+    let without = ["actuator_lag", "command_latency", "observation_latency"].map(String::from).to_vec();
+    let report = of(&run, &Options { without, ..quick() });
+    assert_eq!(report.verdict, Verdict::Unexplained, "{}", report.sentence);
+    assert_eq!(report.ranking[0].effect, UNKNOWN);
+    let doubted = report.next.iter().any(|line| line.starts_with("Not accused") && line.contains("law at RL"));
+    assert!(doubted, "{:?}", report.next);
+}
+
+#[test]
 fn a_robot_without_an_effect_is_not_accused_even_with_a_dead_encoder() {
     let mut run = recorded(Vec::new(), 5);
     let report = of(&run, &quick());

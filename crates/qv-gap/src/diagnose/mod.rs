@@ -1,21 +1,24 @@
 //! The whole diagnosis: from runs to a report.
 
+mod ranking;
+
 use crate::GapError;
 use crate::closure::closure;
-use crate::columns::{Columns, Extent};
-use crate::decide::{self, Level, NO_GAP, Round, UNEXPLAINED};
+use crate::columns::{Columns, Extent, Group};
+use crate::decide::{self, Level, NO_GAP, Round};
+use crate::doubt::{self, Judged};
+use crate::laws::{LawLeft, laws};
 use crate::library::{self, Effect};
+
 use crate::problem::{Cut, Event, Problem, Setting};
 use crate::report::{
-    Cause, Correction, FORMAT, ParameterEstimate, Ranked, Report, RoundTold, Share, Stage, UNKNOWN, Unexplained,
-    Verdict, Where,
+    Cause, Correction, FORMAT, ParameterEstimate, Report, RoundTold, Stage, UNKNOWN, Unexplained, Verdict, Where,
 };
 use crate::search::Fit;
 use crate::study::{Effort, Study};
 use crate::{leads, pictures, reference, rest, shares, telling};
 use qv_replay::Run;
 use qv_sim::{Model, Terrain};
-use std::collections::BTreeMap;
 
 /// Most causes that are accused.
 const MOST_CAUSES: usize = 3;
@@ -66,6 +69,8 @@ impl Default for Options<'_> {
 /// A cause with all that the report says of it.
 struct Accused {
     fit: Fit,
+    /// On what it acts.
+    group: Group,
     cause: Cause,
     corrections: Vec<Correction>,
 }
@@ -146,12 +151,13 @@ fn closed_to(study: &Study, names: &[String]) -> Vec<usize> {
 #[derive(Clone)]
 struct Opening {
     level: Level,
+    laws: Vec<LawLeft>,
     places: Where,
 }
 
 impl Opening {
     fn new(study: &Study) -> Result<Self, GapError> {
-        Ok(Self { level: decide::level(study)?, places: shares::places(study) })
+        Ok(Self { level: decide::level(study)?, laws: laws(study), places: shares::places(study) })
     }
 }
 
@@ -233,10 +239,11 @@ impl<'a> Session<'a> {
             level_after: opening.level,
             cannot_tell: cannot_tell.to_vec(),
             later: None,
+            doubt: None,
         };
         loop {
             let round = findings.rounds.last().expect("there is a first");
-            let Some(accused) = round.accused else { return Ok(findings) };
+            let Some(accused) = round.accused else { return findings.doubted() };
             let fits: Vec<Fit> =
                 std::iter::once(accused).chain(round.also.iter().copied()).map(|k| round.fits[k].clone()).collect();
             let study = findings.later.as_mut().unwrap_or(nominal);
@@ -262,7 +269,7 @@ impl<'a> Session<'a> {
                 findings.later = Some(next);
             } else {
                 findings.later = Some(next);
-                return Ok(findings);
+                return findings.doubted();
             }
         }
     }
@@ -296,7 +303,7 @@ impl<'a> Session<'a> {
             confusable_with: telling::confusable(study, &fit.suspect),
             separating_experiment: effect.experiment.clone(),
         };
-        Ok(Accused { fit, cause, corrections })
+        Ok(Accused { fit, group, cause, corrections })
     }
 }
 
@@ -330,7 +337,7 @@ fn estimates(effect: &Effect, fit: &Fit, extent: Option<Extent>) -> Vec<Paramete
         .map(|(k, ((name, unit), value))| {
             // What engines differ in moves a value farther than noise does: a share of the value is added.
             let deviation = fit.deviations.get(k).copied().filter(|d| d.is_finite()).unwrap_or(0.0);
-            let own = if k < effect.axes.len() { (0.06 * value).abs().max(0.7 * effect.tolerance) } else { 0.05 };
+            let own = if k < effect.axes.len() { (0.08 * value).abs().max(0.7 * effect.tolerance) } else { 0.05 };
             let half = 1.96 * deviation.hypot(own);
             ParameterEstimate { name, value, ci95: [value - half, value + half], unit }
         })
@@ -379,9 +386,27 @@ struct Findings<'a> {
     cannot_tell: Vec<String>,
     /// The robot with all that is accused.
     later: Option<Study<'a>>,
+    /// Why what is accused does not explain the recording all the same.
+    doubt: Option<String>,
 }
 
 impl Findings<'_> {
+    /// The same, with what speaks against it.
+    fn doubted(mut self) -> Result<Self, GapError> {
+        let Some(study) = self.later.as_mut().filter(|_| self.on_feet && !self.accused.is_empty()) else {
+            return Ok(self);
+        };
+        let judged = Judged {
+            levels: [self.opening.level, self.level_after],
+            opening: &self.opening.laws,
+            accused: self.accused.iter().map(|a| (a.cause.effect.clone(), a.group.clone())).collect(),
+            is_local: self.accused.iter().any(|a| a.fit.suspect.extent.is_some()),
+            round: self.rounds.last().filter(|r| r.accused.is_none()),
+        };
+        self.doubt = doubt::doubt(study, &judged)?;
+        Ok(self)
+    }
+
     /// Names of the accused effects.
     fn effects(&self) -> Vec<String> {
         let mut names: Vec<String> = self.accused.iter().map(|a| a.cause.effect.clone()).collect();
@@ -415,7 +440,10 @@ impl Findings<'_> {
     }
 
     fn report(mut self, session: &mut Session, nominal: &mut Study, begun: f64) -> Result<Report, GapError> {
+        self.doubt_closure(nominal)?;
         let verdict = self.verdict();
+        let ranking = self.ranking(verdict);
+        let doubted = self.accused.first().map(|a| a.cause.effect.clone());
         if verdict == Verdict::Unexplained || verdict == Verdict::NoGap {
             self.accused.clear();
             self.corrections.clear();
@@ -426,7 +454,6 @@ impl Findings<'_> {
         let before = std::mem::replace(&mut nominal.problem.events, self.events.clone());
         let after = closure(nominal, &setting)?;
         session.end(nominal);
-        let ranking = self.ranking(verdict);
         for accused in &mut self.accused {
             let of = ranking.iter().find(|r| r.effect == accused.cause.effect);
             accused.cause.probability = of.map_or(0.0, |r| r.probability);
@@ -451,7 +478,10 @@ impl Findings<'_> {
         let causes: Vec<Cause> = self.accused.iter().map(|a| a.cause.clone()).collect();
         let sentence = telling::sentence(verdict, &causes, &gap, &leads, &ranking);
         let slips = self.accused.iter().filter_map(|a| a.fit.held_out).map(|f| f.closed).next();
-        let next = telling::next(verdict, &causes, &leads, slips, &self.rounds, nominal);
+        let mut next = telling::next(verdict, &causes, &leads, slips, &self.rounds, nominal);
+        if let (Some(doubt), Some(effect)) = (&self.doubt, doubted) {
+            next.push(format!("Not accused: {effect}: {doubt}."));
+        }
         let (heat_map, floor_plan, curves) = pictures::all(nominal, &setting)?;
         nominal.problem.events = before;
         self.keep_largest_event();
@@ -480,10 +510,29 @@ impl Findings<'_> {
         })
     }
 
+    /// Doubts causes that act all the time and everywhere and close too little in windows that no fit has seen.
+    fn doubt_closure(&mut self, nominal: &mut Study) -> Result<(), GapError> {
+        let is_local = self.accused.iter().any(|a| a.fit.suspect.extent.is_some());
+        if self.doubt.is_some() || self.accused.is_empty() || is_local || !self.on_feet {
+            return Ok(());
+        }
+        let setting = setting(nominal, &self.corrections);
+        let closed = closure(nominal, &setting)?.closed();
+        if closed < doubt::LEAST_CLOSED {
+            let share = 100.0 * closed;
+            self.doubt = Some(format!("it closes {share:.0} % of the gap in windows that no fit has seen"));
+        }
+        Ok(())
+    }
+
     fn verdict(&self) -> Verdict {
-        let explained = self.level_after.ratio < UNEXPLAINED;
+        let explained = self.level_after.is_explained();
+        if self.doubt.is_some() {
+            return Verdict::Unexplained;
+        }
+        let quiet = !self.on_feet || doubt::law_left(&self.opening.laws, &[]).is_none();
         match (self.accused.is_empty(), explained) {
-            (true, _) if self.opening.level.ratio < NO_GAP => Verdict::NoGap,
+            (true, _) if self.opening.level.ratio < NO_GAP && quiet => Verdict::NoGap,
             (true, _) => Verdict::Unexplained,
             (false, true) => Verdict::Explained,
             (false, false) => self.partly(),
@@ -503,63 +552,5 @@ impl Findings<'_> {
         } else {
             Verdict::Unexplained
         }
-    }
-
-    /// Probabilities of the effects and of `unknown`.
-    fn ranking(&self, verdict: Verdict) -> Vec<Ranked> {
-        // Where something is accused, the others are judged beside it.
-        let judged = if self.accused.is_empty() { self.told.first() } else { self.told.last() };
-        let mut best: BTreeMap<String, f64> = BTreeMap::new();
-        for told in self.told.first().into_iter().chain(judged) {
-            best.extend(told.suspects.iter().map(|s| (s.effect.clone(), s.log_evidence)));
-        }
-        // An odds ratio beyond any doubt about the model itself means nothing: evidence counts in steps of ten nats.
-        let most = best.values().copied().fold(0.0, f64::max);
-        let weight = |evidence: f64| ((evidence - most) / 10.0).exp();
-        let total: f64 = best.values().map(|e| weight(*e)).sum::<f64>().max(1e-300);
-        let unknown = match verdict {
-            Verdict::NoGap => 0.0,
-            _ => 1.0 / (1.0 + (-(self.level_after.ratio - UNEXPLAINED) / 0.1).exp()),
-        };
-        // Something is accused beside what is unknown.
-        let unknown = if verdict == Verdict::PartlyExplained { unknown.min(0.4) } else { unknown };
-        let known = if verdict == Verdict::NoGap { 0.05 } else { 1.0 - unknown };
-        let accused: Vec<&str> = self.accused.iter().map(|a| a.cause.effect.as_str()).collect();
-        let mut ranking: Vec<Ranked> = best
-            .iter()
-            .map(|(effect, evidence)| {
-                let share = known * weight(*evidence) / total;
-                // One that was found in a later round has no rival left in the first.
-                let probability = if accused.contains(&effect.as_str()) { share.max(0.9 * known) } else { share };
-                Ranked { effect: effect.clone(), probability }
-            })
-            .collect();
-        for accused in &self.accused {
-            if !ranking.iter().any(|r| r.effect == accused.cause.effect) {
-                ranking.push(Ranked { effect: accused.cause.effect.clone(), probability: 0.9 * known });
-            }
-        }
-        ranking.push(Ranked { effect: UNKNOWN.into(), probability: unknown });
-        ranking.sort_by(|a, b| b.probability.total_cmp(&a.probability));
-        ranking
-    }
-
-    /// Shares of the interfaces: those of the causes by what they close, the rest by what freeing each interface takes away.
-    fn interfaces(&self, study: &Study, closed: f64) -> Vec<Share> {
-        let freed = shares::interfaces(study);
-        let total: f64 = self.accused.iter().map(|a| a.cause.closed_alone.max(0.01)).sum();
-        let share = |(interface, free): &(library::Interface, f64)| {
-            let of_causes: f64 = self
-                .accused
-                .iter()
-                .filter(|a| study.columns.effects.iter().any(|e| e.name == a.cause.effect && e.interface == *interface))
-                .map(|a| a.cause.closed_alone.max(0.01) / total)
-                .sum();
-            let explained = if self.accused.is_empty() { 0.0 } else { closed.max(0.6) };
-            Share { name: interface.name().into(), share: explained * of_causes + (1.0 - explained) * free }
-        };
-        let mut all: Vec<Share> = freed.iter().map(share).collect();
-        all.push(Share { name: "visual".into(), share: 0.0 });
-        all
     }
 }

@@ -1,0 +1,95 @@
+//! Signs that what is accused stands for something else: the right effect is another one, which the library lacks.
+//!
+//! A wrong cause can close most of a gap and bring the level of all features below what engines differ by. It leaves what it
+//! cannot imitate where no engine has a part: in the law of the actuators, and in what another effect of the same joints asks for.
+
+use crate::GapError;
+use crate::columns::{Group, Suspect};
+use crate::decide::{Level, Round, is_trifle};
+use crate::laws::{LawLeft, laws};
+use crate::library::Scope;
+use crate::search::{Fit, Search};
+use crate::study::Study;
+
+/// What the law of an actuator may leave, over the null and over what chance makes of it, and as a share of what there was.
+const LAW_LEFT: f64 = 2.0;
+const LAW_OVER_CHANCE: f64 = 1.3;
+const LAW_SHARE: f64 = 0.05;
+/// Log evidence of another effect of the accused joints from which on the accused one does not tell all of them.
+const EVIDENCE_LEFT: f64 = 80.0;
+/// By how much the level may rise.
+const RISE: f64 = 0.05;
+/// Share of the held-out gap that causes must close that act all the time and everywhere.
+pub const LEAST_CLOSED: f64 = 0.35;
+
+/// What the accused robot is judged by.
+pub struct Judged<'j> {
+    /// Levels before anything was accused and now.
+    pub levels: [Level; 2],
+    /// What the laws left before anything was accused.
+    pub opening: &'j [LawLeft],
+    /// What is accused, in the study that it was found in.
+    pub accused: Vec<(String, Group)>,
+    /// Whether any of it is confined to a time or a place.
+    pub is_local: bool,
+    /// The round after the last accusation, if there was one.
+    pub round: Option<&'j Round>,
+}
+
+/// The actuator whose law leaves most, if that is more than noise and tolerances make of it.
+pub fn law_left<'l>(now: &'l [LawLeft], opening: &[LawLeft]) -> Option<&'l LawLeft> {
+    let excess = |left: &&LawLeft| {
+        let before = opening.iter().find(|o| o.joint == left.joint).map_or(0.0, |o| o.ratio - 1.0);
+        left.ratio > LAW_LEFT.max(LAW_OVER_CHANCE * left.by_chance) && left.ratio - 1.0 > LAW_SHARE * before
+    };
+    now.iter().filter(excess).max_by(|a, b| a.ratio.total_cmp(&b.ratio))
+}
+
+/// Why the corrected robot of `study` is not explained; `None` if nothing speaks against it.
+///
+/// # Errors
+/// When a value means nothing.
+pub fn doubt(study: &mut Study, judged: &Judged) -> Result<Option<String>, GapError> {
+    let [before, after] = judged.levels.map(|l| l.ratio);
+    if !judged.is_local && after > before + RISE {
+        return Ok(Some(format!("the loss in its own windows rises from {before:.2} to {after:.2} times the null")));
+    }
+    let now = laws(study);
+    if let Some(&LawLeft { joint, ratio, .. }) = law_left(&now, judged.opening) {
+        let joint = &study.problem.model.joint_names()[joint];
+        return Ok(Some(format!("the actuator's law at {joint} still leaves {ratio:.1} times what noise does")));
+    }
+    Ok(another(study, judged, after)?.map(|(evidence, name)| {
+        format!("{name} of the same joints is asked for beside it, with log evidence {evidence:.0}")
+    }))
+}
+
+/// Another steady effect of the accused joints that has evidence left.
+fn another(study: &mut Study, judged: &Judged, level: f64) -> Result<Option<(f64, String)>, GapError> {
+    let mut search = Search::new(study, 1.0)?;
+    let base = search.base(&[])?;
+    let linear = search.linear(&base.sums).into_iter().map(|(evidence, suspect)| (evidence / level.max(1.0), suspect));
+    let mut asked: Vec<(f64, Suspect)> = linear.collect();
+    let steady = |f: &&Fit| f.suspect.extent.is_none();
+    let fits = judged.round.iter().flat_map(|r| r.fits.iter().filter(steady));
+    asked.extend(fits.map(|f| (f.evidence, f.suspect.clone())));
+    let columns = &study.columns;
+    let is_another = |(evidence, suspect): &(f64, Suspect)| {
+        let group = &columns.groups[suspect.group];
+        let effect = &columns.effects[group.effect];
+        let shares = |(name, accused): &(String, Group)| {
+            *name != effect.name && accused.members.iter().any(|m| group.members.contains(m))
+        };
+        let of_joints =
+            |(name, _): &&(String, Group)| columns.effects.iter().any(|e| e.name == *name && e.scope == Scope::Joints);
+        effect.scope == Scope::Joints
+            && *evidence > EVIDENCE_LEFT
+            && !is_trifle(study, suspect)
+            && judged.accused.iter().all(|(name, _)| *name != effect.name)
+            && judged.accused.iter().filter(of_joints).any(shares)
+    };
+    let most = asked.into_iter().filter(is_another).max_by(|a, b| a.0.total_cmp(&b.0));
+    Ok(most.map(|(evidence, suspect)| {
+        (evidence, columns.effects[columns.groups[suspect.group].effect].name.replace('_', " "))
+    }))
+}

@@ -1,0 +1,56 @@
+//! What the laws of the actuators leave, tolerated deviations at their best, one joint at a time.
+//!
+//! The level of all features together hardly shows what one actuator does wrong among hundreds of numbers that are right, and
+//! holds what engines differ in at contacts. The law of an actuator knows no contacts.
+
+use crate::evidence::Marginal;
+use crate::law;
+use crate::search::fitted;
+use crate::study::Study;
+use nalgebra::DVector;
+
+/// What the law of a joint's actuator leaves in the windows of the fit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LawLeft {
+    /// The joint.
+    pub joint: usize,
+    /// Mean square over that of simulated recordings without an effect.
+    pub ratio: f64,
+    /// The same of the simulated recording in which it is largest.
+    pub by_chance: f64,
+}
+
+/// Of all actuators whose torque was measured; none where the normal equations are no good.
+pub fn laws(study: &Study) -> Vec<LawLeft> {
+    let Some(marginal) = study.marginal(fitted) else { return Vec::new() };
+    let here = squares(study, &marginal, &study.seen.iter().map(|s| Some(&s.residual)).collect::<Vec<_>>());
+    let of_ghost =
+        |g: &Vec<Option<DVector<f64>>>| squares(study, &marginal, &g.iter().map(Option::as_ref).collect::<Vec<_>>());
+    let ghosts: Vec<Vec<f64>> = study.ghost_residuals.iter().map(of_ghost).collect();
+    let left = |(k, &joint): (usize, &usize)| {
+        let finite: Vec<f64> = ghosts.iter().map(|g| g[k]).filter(|x| x.is_finite()).collect();
+        let mean = finite.iter().sum::<f64>() / finite.len().max(1) as f64;
+        let most = finite.iter().copied().fold(0.0, f64::max);
+        LawLeft { joint, ratio: here[k] / mean, by_chance: most / mean }
+    };
+    study.problem.law_joints.iter().enumerate().map(left).collect()
+}
+
+/// Mean squares of the laws' residuals of a recording by joint, with its own best deviations.
+fn squares(study: &Study, marginal: &Marginal, residuals: &[Option<&DVector<f64>>]) -> Vec<f64> {
+    let normals: Vec<_> = residuals.iter().zip(&study.seen).map(|(r, s)| r.map(|r| s.normal_of(r))).collect();
+    let all: Vec<usize> = (0..study.seen.len()).collect();
+    let best = marginal.deviations(&study.sums(&normals, &all, fitted));
+    let bins = law::bins(&study.problem);
+    let joints = study.problem.law_joints.len();
+    let (mut sums, mut count) = (vec![0.0; joints], 0.0);
+    for (r, seen) in residuals.iter().zip(&study.seen) {
+        let (Some(r), true) = (r, fitted(seen) > 0.0) else { continue };
+        let left = *r - seen.j.columns(0, best.len()) * &best;
+        // The features of the laws are the last ones.
+        let first = left.len() - joints * bins;
+        left.iter().skip(first).enumerate().for_each(|(i, x)| sums[i / bins] += x * x);
+        count += bins as f64;
+    }
+    sums.iter().map(|sum| sum / f64::max(count, 1.0)).collect()
+}
