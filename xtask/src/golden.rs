@@ -1,6 +1,6 @@
 //! `cargo xtask golden`: reference results under `fixtures/`, listed in `fixtures/manifest.toml`.
 
-use crate::{pipeline, process, python, workspace::Workspace};
+use crate::{blind, pipeline, process, python, workspace::Workspace};
 use anyhow::{Context, Result, bail};
 use clap::Subcommand;
 use serde::Deserialize;
@@ -14,8 +14,9 @@ use std::process::Command;
 pub enum Golden {
     /// Run the test programs that the manifest names
     Check {
-        /// `stages`: instead of test programs run the pipeline, and name the first stage whose figures moved
-        #[arg(value_parser = ["stages"])]
+        /// Instead of test programs: `stages` runs the pipeline, and names the first stage whose figures moved; `blind` has a few
+        /// sealed recordings diagnosed, and names those of which something else is said
+        #[arg(value_parser = ["stages", "blind"])]
         what: Option<String>,
         /// Also run the generators and compare their output with the files, byte by byte
         #[arg(long)]
@@ -27,6 +28,9 @@ pub enum Golden {
         names: Vec<String>,
     },
 }
+
+/// The golden of sealed recordings, and who writes it.
+const BLIND: &str = "blind";
 
 /// `fixtures/manifest.toml`.
 #[derive(Debug, Clone, Deserialize)]
@@ -44,7 +48,7 @@ pub struct Manifest {
 #[serde(deny_unknown_fields)]
 pub struct Generator {
     /// A Python program relative to `fixtures/`, which takes `--out FOLDER` and names; or, without an environment,
-    /// `pipeline` for `cargo xtask pipeline`.
+    /// `pipeline` for `cargo xtask pipeline`, `blind` for `cargo xtask blind`.
     pub command: String,
     /// Folder under `fixtures/` whose requirements.txt pins what a Python program needs.
     pub environment: Option<String>,
@@ -95,6 +99,7 @@ pub fn run(workspace: &Workspace, what: Golden) -> Result<bool> {
     let manifest = Manifest::read(&workspace.workspace_root)?;
     match what {
         Golden::Bless { names } => bless(workspace, &manifest, &names).map(|()| true),
+        Golden::Check { what: Some(what), .. } if what == BLIND => blind::golden::check(workspace),
         Golden::Check { what: Some(_), .. } => pipeline::check_golden(workspace),
         Golden::Check { what: None, regenerate } => {
             let tests = check_tests(workspace, &manifest)?;
@@ -135,8 +140,11 @@ fn bless(workspace: &Workspace, manifest: &Manifest, names: &[String]) -> Result
 
 fn generate(workspace: &Workspace, generator: &Generator, out: &Path, entries: &[&Entry]) -> Result<()> {
     let Some(environment) = &generator.environment else {
+        if generator.command == BLIND {
+            return blind::golden::write(workspace, out);
+        }
         if generator.command != "pipeline" {
-            bail!("a generator without an environment: expected `pipeline`, found {:?}", generator.command);
+            bail!("a generator without an environment: expected `pipeline` or `blind`, found {:?}", generator.command);
         }
         return entries.iter().try_for_each(|entry| pipeline::write_golden(workspace, &entry.name, out));
     };

@@ -22,6 +22,9 @@ const RISE: f64 = 0.05;
 /// Share of the held-out gap that causes must close that act all the time and everywhere.
 pub const LEAST_CLOSED: f64 = 0.35;
 
+/// Time for which several pushes may last together \[s\].
+const LONGEST_PUSHES: f64 = 3.0;
+
 /// What the accused robot is judged by.
 pub struct Judged<'j> {
     /// Levels before anything was accused and now.
@@ -32,6 +35,8 @@ pub struct Judged<'j> {
     pub accused: Vec<(String, Group)>,
     /// Whether any of it is confined to a time or a place.
     pub is_local: bool,
+    /// From and until, of what is confined to a time \[s\].
+    pub events: Vec<[f64; 2]>,
     /// The round after the last accusation, if there was one.
     pub round: Option<&'j Round>,
 }
@@ -50,6 +55,9 @@ pub fn law_left<'l>(now: &'l [LawLeft], opening: &[LawLeft]) -> Option<&'l LawLe
 /// # Errors
 /// When a value means nothing.
 pub fn doubt(study: &mut Study, judged: &Judged) -> Result<Option<String>, GapError> {
+    if let Some(pulled) = pulled(&judged.events) {
+        return Ok(Some(pulled));
+    }
     let [before, after] = judged.levels.map(|l| l.ratio);
     if !judged.is_local && after > before + RISE {
         return Ok(Some(format!("the loss in its own windows rises from {before:.2} to {after:.2} times the null")));
@@ -62,6 +70,17 @@ pub fn doubt(study: &mut Study, judged: &Judged) -> Result<Option<String>, GapEr
     Ok(another(study, judged, after)?.map(|(evidence, name)| {
         format!("{name} of the same joints is asked for beside it, with log evidence {evidence:.0}")
     }))
+}
+
+/// Forces of their own in several long pieces are one that changes: a cable, or wind.
+fn pulled(events: &[[f64; 2]]) -> Option<String> {
+    let together: f64 = events.iter().map(|t| t[1] - t[0]).sum();
+    let pieces = events.len();
+    (pieces > 1 && together > LONGEST_PUSHES).then(|| {
+        format!(
+            "{pieces} pieces of {together:.1} s together are no pushes: something pulls that changes with place or time"
+        )
+    })
 }
 
 /// Another steady effect of the accused joints that has evidence left.
@@ -92,4 +111,30 @@ fn another(study: &mut Study, judged: &Judged, level: f64) -> Result<Option<(f64
     Ok(most.map(|(evidence, suspect)| {
         (evidence, columns.effects[columns.groups[suspect.group].effect].name.replace('_', " "))
     }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn left(joint: usize, ratio: f64, by_chance: f64) -> LawLeft {
+        LawLeft { joint, ratio, by_chance }
+    }
+
+    #[test]
+    fn a_law_that_leaves_more_than_noise_and_a_share_of_what_it_left_is_told() {
+        let opening = [left(0, 1.0, 1.1), left(1, 60.0, 1.2), left(2, 3.0, 1.1)];
+        let nothing = [left(0, 1.6, 1.1), left(1, 2.9, 1.2), left(2, 2.4, 1.9)];
+        assert_eq!(law_left(&nothing, &opening), None);
+        let two = [left(0, 2.2, 1.1), left(1, 9.0, 1.2), left(2, 1.1, 1.1)];
+        assert_eq!(law_left(&two, &opening), Some(&left(1, 9.0, 1.2)));
+        assert_eq!(law_left(&opening[2..], &[]), Some(&opening[2]));
+    }
+
+    #[test]
+    fn a_cable_is_no_row_of_pushes() {
+        assert_eq!(pulled(&[[1.0, 9.0]]), None);
+        assert_eq!(pulled(&[[1.0, 1.6], [4.0, 5.2]]), None);
+        assert!(pulled(&[[13.2, 19.9], [8.6, 13.0]]).unwrap().contains("11.1 s"));
+    }
 }

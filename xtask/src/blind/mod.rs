@@ -8,6 +8,7 @@ mod contact;
 mod diagnose;
 mod figures;
 mod generate;
+pub mod golden;
 mod report;
 mod score;
 mod seal;
@@ -75,6 +76,28 @@ pub struct Blind {
     gate: bool,
 }
 
+impl Blind {
+    /// The small set, with the defaults of the command line.
+    fn small() -> Self {
+        Self {
+            full: false,
+            subset: true,
+            reports_only: None,
+            contact: None,
+            seconds: 60.0,
+            answers: None,
+            per_effect: None,
+            seed: 1,
+            engine: "second".into(),
+            jobs: 1,
+            minutes: None,
+            baselines: false,
+            docs: false,
+            gate: false,
+        }
+    }
+}
+
 /// Runs and scores; false only when `gate` is asked for and a goal is missed.
 ///
 /// # Errors
@@ -112,6 +135,13 @@ pub fn run(workspace: &Workspace, blind: &Blind) -> Result<bool> {
 fn diagnose_all(workspace: &Workspace, blind: &Blind, folder: &Path) -> Result<Figures> {
     let set =
         if blind.full { Set::full(blind.per_effect.unwrap_or(10)) } else { Set::subset(blind.per_effect.unwrap_or(1)) };
+    let (answers, reports) = diagnosed(workspace, blind, &set, folder)?;
+    score_all(&answers, &reports)
+}
+
+/// Makes the recordings of a set, seals their answers, has the recordings diagnosed, and opens the seal: answers of what was
+/// diagnosed, and the folder with the reports.
+fn diagnosed(workspace: &Workspace, blind: &Blind, set: &Set, folder: &Path) -> Result<(Answers, PathBuf)> {
     let generator = generate::build(workspace)?;
     let qv = pipeline::build(workspace)?;
     let at_most = blind.minutes.map(|minutes| Duration::from_secs_f64(60.0 * minutes.clamp(0.0, 1e6)));
@@ -120,7 +150,7 @@ fn diagnose_all(workspace: &Workspace, blind: &Blind, folder: &Path) -> Result<F
     // Another set, seed, engine or generator has a folder of its own.
     let words = [format!("{set:?}"), blind.seed.to_string(), blind.engine.clone()];
     let folder = folder.join(format!("{:016x}", pipeline::hash(&words, std::slice::from_ref(&generator))?));
-    let generated = generate::generate(&generator, &set, blind.seed, &blind.engine, 2, &folder)?;
+    let generated = generate::generate(&generator, set, blind.seed, &blind.engine, 2, &folder)?;
     let seal_file = folder.join("seal.json");
     let seal = seal::Seal::place(&generated.sealed_text(), &seal_file)?;
     println!("answers sealed in {}: SHA-256 {}", seal_file.display(), seal.sha256());
@@ -136,7 +166,7 @@ fn diagnose_all(workspace: &Workspace, blind: &Blind, folder: &Path) -> Result<F
     if answers.recordings.len() < all {
         println!("{} of {all} were diagnosed; another run goes on", answers.recordings.len());
     }
-    score_all(&answers, &reports)
+    Ok((answers, reports))
 }
 
 fn score_all(answers: &Answers, reports: &Path) -> Result<Figures> {

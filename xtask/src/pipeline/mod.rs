@@ -8,6 +8,7 @@ mod stamp;
 #[cfg(test)]
 mod tests;
 
+pub use golden::{Figure, differences};
 pub use stamp::hash;
 
 use crate::{process, workspace::Workspace};
@@ -201,7 +202,7 @@ fn conclude(folder: &Path) -> Result<()> {
 pub fn check_golden(workspace: &Workspace) -> Result<bool> {
     run(workspace, &Pipeline { only: None, from: None, out: None })?;
     let (expected, found) = (golden::read(&workspace.workspace_root)?, golden::figures(&folder(workspace))?);
-    let differences = golden::differences(&expected, &found);
+    let differences = differences(&expected, &found);
     match differences.first().and_then(|line| line.split(',').next()) {
         None => println!("{} figures of the pipeline are those of the golden", expected.len()),
         Some(stage) => println!("the first stage that moved is {stage}:\n  {}", differences.join("\n  ")),

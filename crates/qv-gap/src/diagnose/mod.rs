@@ -401,6 +401,7 @@ impl Findings<'_> {
             opening: &self.opening.laws,
             accused: self.accused.iter().map(|a| (a.cause.effect.clone(), a.group.clone())).collect(),
             is_local: self.accused.iter().any(|a| a.fit.suspect.extent.is_some()),
+            events: self.accused.iter().filter_map(Accused::time).collect(),
             round: self.rounds.last().filter(|r| r.accused.is_none()),
         };
         self.doubt = doubt::doubt(study, &judged)?;

@@ -3,6 +3,7 @@
 use super::answers::Answers;
 use super::figures::Figures;
 use super::{score_all, table};
+use crate::pipeline::differences;
 use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -260,4 +261,28 @@ fn baselines_stand_beside() {
     for part in ["| one at a time | 0.500 | 0.700 | 1.000 | - |", "| (withheld) tether | unknown 1 |", "**no**"] {
         assert!(tables.contains(part), "{part} is not in\n{tables}");
     }
+}
+
+/// The golden "blind" says of each recording what is there, and another word or size is told.
+#[test]
+fn the_golden_names_what_is_there_and_tells_what_moved() {
+    let root = crate::workspace::Workspace::load().unwrap().workspace_root;
+    let golden = super::golden::read(&root).unwrap();
+    let said: Vec<_> = golden.iter().filter(|f| f.figure == "said first").collect();
+    assert_eq!(said.len(), 5);
+    for figure in said {
+        let expected = match figure.stage.as_str() {
+            "no effect" => "no_gap",
+            withheld if withheld.starts_with("withheld") => "unknown",
+            effect => effect,
+        };
+        assert_eq!(figure.value, json!(expected));
+    }
+    assert!(differences(&golden, &golden).is_empty());
+    let mut moved = golden.clone();
+    for figure in &mut moved {
+        let size = figure.value.as_f64().map(|size| size + 2.0 * figure.tolerance);
+        figure.value = size.map_or(json!("something else"), |size| json!(size));
+    }
+    assert_eq!(differences(&golden, &moved).len(), golden.len());
 }

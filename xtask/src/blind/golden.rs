@@ -1,0 +1,101 @@
+//! A few sealed recordings whose diagnoses are a golden: what is said of each, how far its size is off, what it closes.
+
+use super::answers::Case;
+use super::generate::Set;
+use super::score::{Scored, score};
+use super::{Blind, diagnosed};
+use crate::pipeline::{Figure, differences};
+use crate::workspace::Workspace;
+use anyhow::{Context, Result};
+use serde_json::{Value, json};
+use std::fs;
+use std::path::Path;
+
+/// Seed of the recordings.
+const SEED: u64 = 20;
+/// One actuator, one joint, one sensor; nothing, and something that no library has.
+const EFFECTS: [&str; 3] = ["command_latency", "joint_coulomb_friction", "imu_tilt"];
+/// How far a size may be off, as a share of its range, and a closed share: another processor rounds otherwise.
+const SIZE: f64 = 0.05;
+const CLOSED: f64 = 0.1;
+
+fn set() -> Set {
+    Set { effects: EFFECTS.to_vec(), per_effect: 1, none: 1, withheld: 1, pairs: 0 }
+}
+
+/// Makes and diagnoses the recordings and compares with the golden; true when all agree.
+///
+/// # Errors
+/// As [`super::run`], or the golden is missing.
+pub fn check(workspace: &Workspace) -> Result<bool> {
+    let (expected, found) = (read(&workspace.workspace_root)?, figures(workspace)?);
+    let differences = differences(&expected, &found);
+    match differences.is_empty() {
+        true => println!("{} figures of sealed recordings are those of the golden", expected.len()),
+        false => println!("sealed recordings:\n  {}", differences.join("\n  ")),
+    }
+    Ok(differences.is_empty())
+}
+
+/// Writes the golden into `out`.
+///
+/// # Errors
+/// As [`super::run`].
+pub fn write(workspace: &Workspace, out: &Path) -> Result<()> {
+    fs::create_dir_all(out).with_context(|| format!("making {}", out.display()))?;
+    let golden = json!({
+        "generator": "cargo xtask golden bless blind",
+        "name": "blind",
+        "seed": SEED,
+        "options": format!("{:?}", set()),
+        "tolerance": "by figure; words are to be the same",
+        "figures": figures(workspace)?,
+    });
+    let file = out.join("blind.json");
+    fs::write(&file, format!("{golden:#}\n")).with_context(|| format!("writing {}", file.display()))
+}
+
+/// The golden.
+///
+/// # Errors
+/// It is missing or malformed.
+pub fn read(root: &Path) -> Result<Vec<Figure>> {
+    let file = root.join("fixtures/blind/golden/blind.json");
+    let text = fs::read_to_string(&file).with_context(|| format!("reading {}", file.display()))?;
+    let golden: Value = serde_json::from_str(&text).with_context(|| format!("in {}", file.display()))?;
+    serde_json::from_value(golden["figures"].clone()).with_context(|| format!("{}: figures", file.display()))
+}
+
+fn figures(workspace: &Workspace) -> Result<Vec<Figure>> {
+    let blind = Blind { seed: SEED, ..Blind::small() };
+    let (answers, reports) = diagnosed(workspace, &blind, &set(), &workspace.target_directory.join("blind"))?;
+    let mut all = Vec::new();
+    for (name, answer) in &answers.recordings {
+        all.extend(of(&score(&answers, name, answer, &reports.join(name))?));
+    }
+    all.sort_by(|a, b| (&a.stage, &a.figure).cmp(&(&b.stage, &b.figure)));
+    Ok(all)
+}
+
+/// Figures of one recording, which goes by what is there: its name is random.
+pub fn of(scored: &Scored) -> Vec<Figure> {
+    let there = match scored.case {
+        Case::None => "no effect".to_string(),
+        Case::Withheld => format!("withheld {}", scored.truth.join(" and ")),
+        _ => scored.truth.join(" and "),
+    };
+    let figure = |figure: &str, value: Value, tolerance: f64| Figure {
+        stage: there.clone(),
+        figure: figure.into(),
+        value,
+        tolerance,
+    };
+    let mut all = vec![figure("said first", json!(scored.said), 0.0)];
+    if scored.named {
+        let largest = scored.errors.iter().copied().fold(0.0, f64::max);
+        all.push(figure("error over range", json!(largest), SIZE));
+        all.extend(scored.closed.map(|closed| figure("closed share", json!(closed), CLOSED)));
+    }
+    all.extend(scored.left_out.as_ref().map(|left_out| figure("said without it", json!(left_out.said), 0.0)));
+    all
+}
