@@ -6,7 +6,7 @@
 //! ```
 //! The numbers are recordings for each effect (and as many with none), and the seed. For an RGB-D folder the scene must have been
 //! learned without every 2nd image from the first on (`--hold-out N` for every Nth); without a file it is learned here, at half the
-//! size. `--shared` tells what all images share, `--width N` compares larger or smaller pictures.
+//! size, and what its camera was found to be mounted by is saved beside it (SCENE.json). `--shared` tells what all images share, `--width N` compares larger or smaller pictures.
 
 #[path = "../tests/footage/mod.rs"]
 mod footage;
@@ -76,8 +76,14 @@ fn kitchen(folder: &Path, scene: Option<&str>, save: Option<&str>) -> Result<Tru
     let capture = rgbd::read(&names, &mut text)?;
     let files = |name: &str| fs::read(folder.join(name)).map_err(|e| e.to_string());
     let dataset = Dataset::new(&capture, &files, &ReadOptions { downscale: 2, hold_out: flag("--hold-out", 2) })?;
-    let cloud = match scene {
-        Some(path) if path.ends_with(".ply") => read_any(&fs::read(path)?)?.cloud,
+    let (cloud, base_from_camera) = match scene {
+        Some(path) if path.ends_with(".ply") => {
+            let text = fs::read_to_string(Path::new(path).with_extension("json"))?;
+            let [x, y, z, w, i, j, k]: [f64; 7] = serde_json::from_str(&text)?;
+            let mounting = Pose::from_position_wxyz([x, y, z], [w, i, j, k]);
+            let mounting = mounting.ok_or("expected a pose, found no rotation")?;
+            (read_any(&fs::read(path)?)?.cloud, mounting)
+        }
         steps => {
             let options = TrainOptions {
                 iterations: steps.and_then(|s| s.parse().ok()).unwrap_or(2000),
@@ -93,11 +99,15 @@ fn kitchen(folder: &Path, scene: Option<&str>, save: Option<&str>) -> Result<Tru
                 }
                 Ok(true)
             })?;
-            let cloud = engine.model()?.cloud;
+            let model = engine.model()?;
+            // Poses may turn out to be of something that the camera is mounted on.
+            let mounting = model.shared[model.groups[0]].motion.inverse();
             if let Some(path) = save {
-                fs::write(path, write(&cloud, Format::Ply)?)?;
+                fs::write(path, write(&model.cloud, Format::Ply)?)?;
+                let numbers = [&mounting.position.to_array()[..], &mounting.wxyz()].concat();
+                fs::write(Path::new(path).with_extension("json"), serde_json::to_string(&numbers)?)?;
             }
-            cloud
+            (model.cloud, mounting)
         }
     };
     let time = |name: &str| {
@@ -116,7 +126,7 @@ fn kitchen(folder: &Path, scene: Option<&str>, save: Option<&str>) -> Result<Tru
     let images = dataset.held_out.iter().map(|p| (time(&p.name), p.pixels.rgba.clone())).collect();
     let span = [frames[0].0 - 0.3, frames[frames.len() - 1].0 + 0.3];
     let (times, poses) = frames.into_iter().unzip();
-    Ok(Truth { intrinsics, base_from_camera: Pose::IDENTITY, path: through(times, poses), span, images, cloud })
+    Ok(Truth { intrinsics, base_from_camera, path: through(times, poses), span, images, cloud })
 }
 
 #[derive(Default)]
