@@ -132,29 +132,23 @@ pub fn level_outside(study: &Study, regions: &[[f64; 4]]) -> Result<Level, GapEr
         study.ghosts.iter().map(|g| of(&study.sums(g, &all, fitted))).filter(|x| x.is_finite()).collect();
     let null = nulls.iter().sum::<f64>() / nulls.len().max(1) as f64;
     let sums = study.nominal(fitted);
-    let quiet = quiet(study, &marginal, fitted);
-    Ok(Level { ratio: of(&sums) / null, quiet, null, count: sums.count })
+    let ratio = of(&sums) / null;
+    // One that is held has no feet.
+    let quiet = if study.problem.free { quiet(study, &marginal, fitted) } else { ratio };
+    Ok(Level { ratio, quiet, null, count: sums.count })
 }
 
 /// Loss per number in the quieter windows, deviations at their best in all, over that of the null in its own.
 fn quiet(study: &Study, marginal: &Marginal, weight: impl Fn(&Seen) -> f64 + Copy) -> f64 {
-    let all: Vec<usize> = (0..study.seen.len()).collect();
     let of = |residuals: &[Option<&DVector<f64>>]| {
-        let normals: Vec<_> = residuals.iter().zip(&study.seen).map(|(r, s)| r.map(|r| s.normal_of(r))).collect();
-        let best = marginal.deviations(&study.sums(&normals, &all, weight));
-        let left = |(r, s): (&Option<&DVector<f64>>, &Seen)| {
-            let r = r.filter(|_| weight(s) > 0.0)?;
-            Some((r - s.j.columns(0, best.len()) * &best).norm_squared() / r.len() as f64)
-        };
-        let mut losses: Vec<f64> = residuals.iter().zip(&study.seen).filter_map(left).collect();
+        let left = study.without_deviations(marginal, residuals, weight);
+        let mut losses: Vec<f64> = left.iter().flatten().map(|r| r.norm_squared() / r.len() as f64).collect();
         losses.sort_by(f64::total_cmp);
         losses.truncate((QUIETER * losses.len() as f64).ceil() as usize);
         mean(&losses)
     };
-    let here: Vec<Option<&DVector<f64>>> = study.seen.iter().map(|s| Some(&s.residual)).collect();
-    let of_ghost = |g: &Vec<Option<DVector<f64>>>| of(&g.iter().map(Option::as_ref).collect::<Vec<_>>());
-    let null: Vec<f64> = study.ghost_residuals.iter().map(of_ghost).filter(|x| x.is_finite()).collect();
-    of(&here) / mean(&null)
+    let null: Vec<f64> = study.residuals_of_ghosts().map(|g| of(&g)).filter(|x| x.is_finite()).collect();
+    of(&study.residuals()) / mean(&null)
 }
 
 /// Searches a study for a cause, the first or one more, among all effects but those in `without`.

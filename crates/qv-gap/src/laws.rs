@@ -23,10 +23,8 @@ pub struct LawLeft {
 /// Of all actuators whose torque was measured; none where the normal equations are no good.
 pub fn laws(study: &Study) -> Vec<LawLeft> {
     let Some(marginal) = study.marginal(fitted) else { return Vec::new() };
-    let here = squares(study, &marginal, &study.seen.iter().map(|s| Some(&s.residual)).collect::<Vec<_>>());
-    let of_ghost =
-        |g: &Vec<Option<DVector<f64>>>| squares(study, &marginal, &g.iter().map(Option::as_ref).collect::<Vec<_>>());
-    let ghosts: Vec<Vec<f64>> = study.ghost_residuals.iter().map(of_ghost).collect();
+    let here = squares(study, &marginal, &study.residuals());
+    let ghosts: Vec<Vec<f64>> = study.residuals_of_ghosts().map(|g| squares(study, &marginal, &g)).collect();
     let left = |(k, &joint): (usize, &usize)| {
         let finite: Vec<f64> = ghosts.iter().map(|g| g[k]).filter(|x| x.is_finite()).collect();
         let mean = finite.iter().sum::<f64>() / finite.len().max(1) as f64;
@@ -38,15 +36,10 @@ pub fn laws(study: &Study) -> Vec<LawLeft> {
 
 /// Mean squares of the laws' residuals of a recording by joint, with its own best deviations.
 fn squares(study: &Study, marginal: &Marginal, residuals: &[Option<&DVector<f64>>]) -> Vec<f64> {
-    let normals: Vec<_> = residuals.iter().zip(&study.seen).map(|(r, s)| r.map(|r| s.normal_of(r))).collect();
-    let all: Vec<usize> = (0..study.seen.len()).collect();
-    let best = marginal.deviations(&study.sums(&normals, &all, fitted));
     let bins = law::bins(&study.problem);
     let joints = study.problem.law_joints.len();
     let (mut sums, mut count) = (vec![0.0; joints], 0.0);
-    for (r, seen) in residuals.iter().zip(&study.seen) {
-        let (Some(r), true) = (r, fitted(seen) > 0.0) else { continue };
-        let left = *r - seen.j.columns(0, best.len()) * &best;
+    for left in study.without_deviations(marginal, residuals, fitted).iter().flatten() {
         // The features of the laws are the last ones.
         let first = left.len() - joints * bins;
         left.iter().skip(first).enumerate().for_each(|(i, x)| sums[i / bins] += x * x);

@@ -312,6 +312,33 @@ impl<'a> Study<'a> {
         sum(parts, self.width())
     }
 
+    /// Residuals of a recording with the tolerated deviations at their best over its windows taken away; `None` where its
+    /// simulation ran away, and in windows of no weight.
+    pub fn without_deviations(
+        &self,
+        marginal: &Marginal,
+        residuals: &[Option<&DVector<f64>>],
+        weight: impl Fn(&Seen) -> f64,
+    ) -> Vec<Option<DVector<f64>>> {
+        let normals: Vec<_> = residuals.iter().zip(&self.seen).map(|(r, s)| r.map(|r| s.normal_of(r))).collect();
+        let all: Vec<usize> = (0..self.seen.len()).collect();
+        let best = marginal.deviations(&self.sums(&normals, &all, &weight));
+        let left = |(r, s): (&Option<&DVector<f64>>, &Seen)| {
+            r.filter(|_| weight(s) > 0.0).map(|r| r - s.j.columns(0, best.len()) * &best)
+        };
+        residuals.iter().zip(&self.seen).map(left).collect()
+    }
+
+    /// The recording's residuals by window.
+    pub fn residuals(&self) -> Vec<Option<&DVector<f64>>> {
+        self.seen.iter().map(|s| Some(&s.residual)).collect()
+    }
+
+    /// Those of each simulated recording without an effect.
+    pub fn residuals_of_ghosts(&self) -> impl Iterator<Item = Vec<Option<&DVector<f64>>>> {
+        self.ghost_residuals.iter().map(|g| g.iter().map(Option::as_ref).collect())
+    }
+
     /// Sums of the nominal robot.
     pub fn nominal(&self, weight: impl Fn(&Seen) -> f64) -> Sums {
         let normals: Vec<Normal> = self.seen.iter().map(Seen::nominal).collect();

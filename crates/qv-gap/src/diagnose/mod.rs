@@ -9,7 +9,6 @@ use crate::decide::{self, Level, NO_GAP, Round};
 use crate::doubt::{self, Judged};
 use crate::laws::{LawLeft, laws};
 use crate::library::{self, Effect};
-
 use crate::problem::{Cut, Event, Problem, Setting};
 use crate::report::{
     Cause, Correction, FORMAT, ParameterEstimate, Report, RoundTold, Stage, UNKNOWN, Unexplained, Verdict, Where,
