@@ -72,19 +72,15 @@ impl Closure {
     pub fn law(&self, study: &Study, setting: &Setting) -> [f64; 2] {
         let joints = &study.problem.law_joints;
         let concerned: Vec<bool> = joints.iter().map(|&j| law::concerns(&study.problem, setting, j)).collect();
-        let of = |w: usize, raw: &Raw| {
+        let bins = law::bins(&study.problem);
+        let squares = |w: usize, raw: &Raw| {
             let seen = &study.seen[w];
-            let all = study.whitener(seen).separate(seen.index, raw).law;
-            let bins = all.len() / joints.len().max(1);
-            let squares = all.iter().enumerate().filter(|(i, _)| concerned[i / bins]).map(|(_, x)| x * x);
-            squares.fold((0.0, 0.0), |sum, x| (sum.0 + x, sum.1 + 1.0))
+            let all = study.whitener(seen).separate(seen.index, raw).law.into_iter().enumerate();
+            all.filter(|(i, _)| concerned[i / bins]).map(|(_, x)| x * x).collect::<Vec<f64>>()
         };
-        let mean = |parts: &mut dyn Iterator<Item = (f64, f64)>| {
-            let (sum, count) = parts.fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
-            if count > 0.0 { sum / count } else { 0.0 }
-        };
-        let before = mean(&mut self.windows.iter().map(|&w| of(w, &study.seen[w].raw)));
-        [before, mean(&mut self.windows.iter().zip(&self.after_raw).map(|(&w, raw)| of(w, raw)))]
+        let before: Vec<f64> = self.windows.iter().flat_map(|&w| squares(w, &study.seen[w].raw)).collect();
+        let after: Vec<f64> = self.windows.iter().zip(&self.after_raw).flat_map(|(&w, r)| squares(w, r)).collect();
+        [mean(&before), mean(&after)]
     }
 
     /// The figures of a report.

@@ -209,7 +209,8 @@ impl Round {
         let mut judged = 0;
         for (k, fit) in self.fits.iter().enumerate() {
             // Blows of the contact stand beside any cause.
-            judged += usize::from(!is_too_short(study, fit));
+            let is_blow = is_too_short(study, fit);
+            judged += usize::from(!is_blow);
             if judged > MOST_JUDGED {
                 break;
             }
@@ -229,7 +230,7 @@ impl Round {
             if self.reason.is_empty() {
                 self.reason = format!("{}: {reason}", study.columns.effects[effect].name);
             }
-            let blocks = !is_too_short(study, fit) && !is_trifle(study, &fit.suspect);
+            let blocks = !is_blow && !is_trifle(study, &fit.suspect);
             if blocks && fit.evidence >= threshold(study, fit, self.by_chance[effect]) {
                 return Ok(());
             }

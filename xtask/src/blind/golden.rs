@@ -4,7 +4,7 @@ use super::answers::Case;
 use super::generate::Set;
 use super::score::{Scored, score};
 use super::{Blind, diagnosed};
-use crate::pipeline::{Figure, differences};
+use crate::pipeline::{Figure, differences, read_golden};
 use crate::workspace::Workspace;
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
@@ -60,14 +60,11 @@ pub fn write(workspace: &Workspace, out: &Path) -> Result<()> {
 /// # Errors
 /// It is missing or malformed.
 pub fn read(root: &Path) -> Result<Vec<Figure>> {
-    let file = root.join("fixtures/blind/golden/blind.json");
-    let text = fs::read_to_string(&file).with_context(|| format!("reading {}", file.display()))?;
-    let golden: Value = serde_json::from_str(&text).with_context(|| format!("in {}", file.display()))?;
-    serde_json::from_value(golden["figures"].clone()).with_context(|| format!("{}: figures", file.display()))
+    read_golden(&root.join("fixtures/blind/golden/blind.json"))
 }
 
 fn figures(workspace: &Workspace) -> Result<Vec<Figure>> {
-    let blind = Blind { seed: SEED, ..Blind::small() };
+    let blind = Blind::of(&["--subset", "--seed", &SEED.to_string()])?;
     let (answers, reports) = diagnosed(workspace, &blind, &set(), &workspace.target_directory.join("blind"))?;
     let mut all = Vec::new();
     for (name, answer) in &answers.recordings {
@@ -78,7 +75,7 @@ fn figures(workspace: &Workspace) -> Result<Vec<Figure>> {
 }
 
 /// Figures of one recording, which goes by what is there: its name is random.
-pub fn of(scored: &Scored) -> Vec<Figure> {
+fn of(scored: &Scored) -> Vec<Figure> {
     let there = match scored.case {
         Case::None => "no effect".to_string(),
         Case::Withheld => format!("withheld {}", scored.truth.join(" and ")),

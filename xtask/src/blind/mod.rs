@@ -20,7 +20,7 @@ use crate::pipeline;
 use crate::workspace::Workspace;
 use answers::Answers;
 use anyhow::{Context, Result};
-use clap::{ArgGroup, Args};
+use clap::{ArgGroup, Args, FromArgMatches};
 use diagnose::Diagnoses;
 use figures::Figures;
 use generate::Set;
@@ -77,24 +77,10 @@ pub struct Blind {
 }
 
 impl Blind {
-    /// The small set, with the defaults of the command line.
-    fn small() -> Self {
-        Self {
-            full: false,
-            subset: true,
-            reports_only: None,
-            contact: None,
-            seconds: 60.0,
-            answers: None,
-            per_effect: None,
-            seed: 1,
-            engine: "second".into(),
-            jobs: 1,
-            minutes: None,
-            baselines: false,
-            docs: false,
-            gate: false,
-        }
+    /// What the command line makes of `words`.
+    fn of(words: &[&str]) -> Result<Self> {
+        let command = Self::augment_args(clap::Command::new("blind").no_binary_name(true));
+        Ok(Self::from_arg_matches(&command.try_get_matches_from(words)?)?)
     }
 }
 

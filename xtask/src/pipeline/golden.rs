@@ -129,8 +129,15 @@ fn moved<'a>(golden: &'a [Figure], found: &[Figure]) -> Vec<(&'a Figure, String)
 /// # Errors
 /// It is missing or malformed.
 pub fn read(root: &Path) -> Result<Vec<Figure>> {
-    let file = root.join("fixtures/pipeline/golden/stages.json");
-    let golden = super::read_json(&file)?;
+    read_file(&root.join("fixtures/pipeline/golden/stages.json"))
+}
+
+/// The figures of a golden.
+///
+/// # Errors
+/// The file is missing or malformed.
+pub fn read_file(file: &Path) -> Result<Vec<Figure>> {
+    let golden = super::read_json(file)?;
     serde_json::from_value(golden["figures"].clone()).with_context(|| format!("{}: figures", file.display()))
 }
 

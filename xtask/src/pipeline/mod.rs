@@ -8,7 +8,7 @@ mod stamp;
 #[cfg(test)]
 mod tests;
 
-pub use golden::{Figure, differences};
+pub use golden::{Figure, differences, read_file as read_golden};
 pub use stamp::hash;
 
 use crate::{process, workspace::Workspace};

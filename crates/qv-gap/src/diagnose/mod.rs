@@ -530,9 +530,9 @@ impl Findings<'_> {
         if self.doubt.is_some() {
             return Verdict::Unexplained;
         }
-        let quiet = !self.on_feet || doubt::law_left(&self.opening.laws, &[]).is_none();
+        let laws_agree = !self.on_feet || doubt::law_left(&self.opening.laws, &[]).is_none();
         match (self.accused.is_empty(), explained) {
-            (true, _) if self.opening.level.ratio < NO_GAP && quiet => Verdict::NoGap,
+            (true, _) if self.opening.level.ratio < NO_GAP && laws_agree => Verdict::NoGap,
             (true, _) => Verdict::Unexplained,
             (false, true) => Verdict::Explained,
             (false, false) => self.partly(),
