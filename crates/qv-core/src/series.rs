@@ -53,7 +53,22 @@ impl JointSeries {
 
     /// Index of the last sample at or before `time` \[s\]; `None` before the first one.
     pub fn index_at(&self, time: f64) -> Option<usize> {
-        self.time.partition_point(|&t| t <= time).checked_sub(1)
+        self.count_until(time).checked_sub(1)
+    }
+
+    /// Number of samples at or before `time`. Recorders stamp nearly evenly, so that the place is guessed, and searched
+    /// for only where the guess is off.
+    fn count_until(&self, time: f64) -> usize {
+        let (Some(first), Some(last)) = (self.time.first(), self.time.last()) else { return 0 };
+        let share = (time - first) / (last - first);
+        let end = self.len() - 1;
+        let guess = ((share * end as f64) as usize).min(end);
+        for index in guess.saturating_sub(1)..(guess + 2).min(end) {
+            if self.time[index] <= time && time < self.time[index + 1] {
+                return index + 1;
+            }
+        }
+        self.time.partition_point(|&t| t <= time)
     }
 
     /// Values at `time` \[s\] held from the last sample before it (as a command is held); the first row before that.
@@ -100,6 +115,20 @@ mod tests {
         assert_eq!(ramp().hold(2.9), [1.0, 11.0]);
         assert_eq!(ramp().hold(-1.0), [0.0, 10.0]);
         assert_eq!(ramp().column(1).collect::<Vec<_>>(), [10.0, 11.0, 13.0]);
+    }
+
+    #[test]
+    fn samples_are_found_however_unevenly_they_are_stamped() {
+        let even: Vec<f64> = (0..40).map(|k| 0.002 * k as f64).collect();
+        let uneven: Vec<f64> = (0..40).map(|k| (k as f64).powi(3) * 1e-3 + f64::from(k % 7) * 1e-4).collect();
+        for time in [even, uneven, vec![0.5], vec![]] {
+            let series = JointSeries::new(time.clone(), vec![0.0; time.len()], 1).unwrap();
+            let mut asked: Vec<f64> = time.iter().flat_map(|&t| [t - 1e-9, t, t + 1e-9, t + 0.7e-3]).collect();
+            asked.extend([f64::NEG_INFINITY, -1.0, 1e9, f64::INFINITY, f64::NAN]);
+            for t in asked {
+                assert_eq!(series.index_at(t), time.iter().filter(|&&s| s <= t).count().checked_sub(1), "{t}");
+            }
+        }
     }
 
     #[test]

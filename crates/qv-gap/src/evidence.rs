@@ -97,9 +97,15 @@ pub fn widen(
     wide: &[f64],
     temper: f64,
 ) -> Option<(f64, DVector<f64>)> {
-    let h = d.transpose() * curvature * d / temper;
-    let g = d.transpose() * force / temper;
     let k = wide.len();
+    // Hardly any of some hundred columns is part of a direction.
+    let parts: Vec<Vec<(usize, f64)>> =
+        d.column_iter().map(|c| c.iter().copied().enumerate().filter(|x| x.1 != 0.0).collect()).collect();
+    let product = |a: &[(usize, f64)], b: &[(usize, f64)]| -> f64 {
+        a.iter().map(|&(i, x)| x * b.iter().map(|&(j, y)| curvature[(i, j)] * y).sum::<f64>()).sum()
+    };
+    let h = DMatrix::from_fn(k, k, |a, b| product(&parts[a], &parts[b]) / temper);
+    let g = DVector::from_fn(k, |a, _| parts[a].iter().map(|&(i, x)| x * force[i]).sum::<f64>() / temper);
     let mut a = h.clone();
     (0..k).for_each(|i| a[(i, i)] += 1.0 / (wide[i] * wide[i]));
     let factor = a.cholesky()?;

@@ -132,17 +132,18 @@ fn simulate(
     }
     let ticks = (problem.cut.window / numerics.timestep).round() as usize;
     let every = (problem.cut.sample / numerics.timestep).round() as usize;
+    let mut now = batch.state(0)?;
     for tick in 0..ticks {
         for (env, case) in live.iter().enumerate() {
             let of_window = &commands[&case.window];
-            let (now, before) = (&of_window[past + tick], &of_window[(past + tick).saturating_sub(1)]);
-            if tick == 0 || now != before {
-                batch.set_command(env, &now.view())?;
+            let (command, before) = (&of_window[past + tick], &of_window[(past + tick).saturating_sub(1)]);
+            if tick == 0 || command != before {
+                batch.set_command(env, &command.view())?;
             }
         }
         batch.step();
         if (tick + 1) % every == 0 {
-            tracks.iter_mut().enumerate().try_for_each(|(env, track)| track.sample(&batch, env))?;
+            tracks.iter_mut().enumerate().try_for_each(|(env, track)| track.sample(&batch, env, &mut now))?;
         }
     }
     let mut out = vec![Vec::new(); cases.len()];
@@ -275,9 +276,11 @@ impl<'a> Track<'a> {
         }
     }
 
-    fn sample(&mut self, batch: &Batch<f64>, env: usize) -> Result<(), GapError> {
+    /// Keeps the state of its environment; `state` is one of this robot to read it into.
+    fn sample(&mut self, batch: &Batch<f64>, env: usize, state: &mut State) -> Result<(), GapError> {
         self.broken |= batch.is_faulty(env)?;
-        let State { q, v } = batch.state(env)?;
+        batch.read_state(env, state)?;
+        let State { q, v } = &*state;
         if self.problem.free {
             self.places.push(DVec3::new(q[0], q[1], q[2]));
             self.rates.push(DVec3::new(v[3], v[4], v[5]));

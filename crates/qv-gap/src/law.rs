@@ -10,8 +10,9 @@ use qv_replay::run::Run;
 /// Length of a bin of this comparison \[s\]: latencies of milliseconds show in what changes fast.
 pub const BIN: f64 = 0.01;
 
-/// What of a joint's actuator and sensors enters the law.
-struct Law {
+/// What of a joint's actuator and sensors enters the law under a setting.
+pub struct Law {
+    joint: usize,
     strength: f64,
     kp: f64,
     kd: f64,
@@ -26,9 +27,11 @@ struct Law {
 }
 
 impl Law {
-    fn new(problem: &Problem, setting: &Setting, joint: usize) -> Self {
+    /// That of a joint of the model.
+    pub fn new(problem: &Problem, setting: &Setting, joint: usize) -> Self {
         let value = |pattern: &str| problem.joint_value(setting, pattern, joint);
         Self {
+            joint,
             strength: value("actuator.*.strength"),
             kp: value("actuator.*.kp_scale"),
             kd: value("actuator.*.kd_scale"),
@@ -146,7 +149,8 @@ pub fn align(problem: &Problem, windows: &[&Window]) -> Alignment {
 
 /// Measured minus expected torque in each bin, one joint after the other, shape `[law joints, bins]` \[N m\].
 pub fn residual(problem: &Problem, window: &Window, setting: &Setting, alignment: Alignment) -> Vec<f64> {
-    problem.law_joints.iter().flat_map(|&j| of_joint(problem, window, setting, j, alignment)).collect()
+    let of = |&j: &usize| of_joint(problem, window, &Law::new(problem, setting, j), alignment);
+    problem.law_joints.iter().flat_map(of).collect()
 }
 
 /// Whether a setting changes the law of a joint.
@@ -165,12 +169,11 @@ pub fn concerns(problem: &Problem, setting: &Setting, joint: usize) -> bool {
 }
 
 /// [`residual`] of one joint, shape `[bins]`.
-pub fn of_joint(problem: &Problem, window: &Window, setting: &Setting, joint: usize, alignment: Alignment) -> Vec<f64> {
-    let (count, column) = (bins(problem), problem.columns[joint]);
+pub fn of_joint(problem: &Problem, window: &Window, law: &Law, alignment: Alignment) -> Vec<f64> {
+    let (count, column) = (bins(problem), problem.columns[law.joint]);
     let nothing = || vec![f64::NAN; count];
     let Some(channels) = Channels::new(&window.view, column) else { return nothing() };
     let Some(torque) = window.view.measured.torque.as_ref() else { return nothing() };
-    let law = Law::new(problem, setting, joint);
     let (mut sums, mut counts) = (vec![0.0; count], vec![0usize; count]);
     let mut filter = Lag { time_constant: law.lag, state: None };
     // Lags of up to a few time constants before the window matter.

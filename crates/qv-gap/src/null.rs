@@ -166,7 +166,9 @@ struct Recorder {
     due: [Vec<f64>; 2],
     next: [usize; 2],
     random: Random,
+    /// In force, and a place for the next.
     command: Command,
+    upcoming: Command,
     columns: Vec<usize>,
 }
 
@@ -223,7 +225,8 @@ impl Recorder {
         empty(&mut view);
         let random = Random::new(ghost.seed, stream);
         let columns = problem.columns.clone();
-        Ok(Some(Self { view, commands, from, to: last, due, next, random, command, columns }))
+        let upcoming = command.clone();
+        Ok(Some(Self { view, commands, from, to: last, due, next, random, command, upcoming, columns }))
     }
 
     fn ticks(&self, timestep: f64) -> usize {
@@ -253,8 +256,11 @@ impl Recorder {
                 self.write_pose(time, &seen, noise);
             }
         }
-        self.commands.at(time, timestep, &mut self.command);
-        batch.set_command(env, &self.command.view())?;
+        self.commands.at(time, timestep, &mut self.upcoming);
+        if tick == 0 || self.upcoming != self.command {
+            std::mem::swap(&mut self.command, &mut self.upcoming);
+            batch.set_command(env, &self.command.view())?;
+        }
         Ok(())
     }
 

@@ -27,6 +27,9 @@ impl Random {
     /// Normal with mean 0.
     pub fn normal(&mut self, deviation: f64) -> f64 {
         let (a, b) = (self.uniform(), self.uniform());
+        if deviation == 0.0 {
+            return 0.0;
+        }
         deviation * (-2.0 * a.ln()).sqrt() * (TAU * b).cos()
     }
 }

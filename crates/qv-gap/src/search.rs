@@ -7,6 +7,7 @@ use crate::problem::Setting;
 use crate::slip::Fall;
 use crate::study::{EXTRA, Seen, Study};
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 /// Groups of one effect that are followed.
 const GROUPS_PER_EFFECT: usize = 3;
@@ -18,13 +19,23 @@ const ROUNDS: usize = 3;
 const STEPS: [f64; 4] = [1.0, 0.5, 0.25, 1.6];
 /// Loss per number of a window whose simulation ran away.
 pub(crate) const RAN_AWAY: f64 = 50.0;
-/// Windows looked at while starts are chosen.
+/// Windows looked at while starts are chosen; the share of them that all starts are tried in, and how many of a candidate's
+/// starts are tried in the others, too.
 const COARSE_WINDOWS: usize = 18;
+const FIRST_LOOK: usize = 3;
+const SECOND_LOOK: usize = 4;
 /// Fits that are followed after the first look: this many at least, and those that gain this share of the best.
 const FOLLOWED: usize = 8;
 const SHARE_OF_BEST: f64 = 0.3;
 /// Most fits that are followed.
 const MOST_FOLLOWED: usize = 16;
+/// A round that lowers the loss by less was the last of a fit: half of it is a log evidence.
+const SETTLED: f64 = 1.0;
+/// After the first round, fits that gain less than this share of the best are left where they are.
+const HOPELESS: f64 = 0.1;
+
+/// Whitened residuals by window; `None` where the simulation ran away.
+type Residuals = Vec<Option<DVector<f64>>>;
 
 /// A suspect at its best values.
 #[derive(Debug, Clone, PartialEq)]
@@ -116,10 +127,14 @@ impl<'s, 'a> Search<'s, 'a> {
     pub fn suspects(&mut self, base: &Base, without: &[usize]) -> Result<Vec<Fit>, GapError> {
         let candidates = self.candidates(base, without);
         let mut fits = self.start(base, candidates)?;
+        let mut here = self.here(base, &fits)?;
+        let mut live: Vec<usize> = (0..fits.len()).collect();
         for _ in 0..ROUNDS {
-            self.improve(base, &mut fits)?;
+            self.improve(base, &mut fits, &mut here, &mut live)?;
+            let most = fits.iter().map(|f| base.loss - f.loss).fold(0.0, f64::max);
+            live.retain(|&k| base.loss - fits[k].loss >= HOPELESS * most);
         }
-        self.judge(base, &mut fits)?;
+        self.judge(base, &mut fits, &here)?;
         fits.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         Ok(fits)
     }
@@ -166,36 +181,42 @@ impl<'s, 'a> Search<'s, 'a> {
         chosen
     }
 
-    /// The best of several starts for each candidate, by a look at some of the windows.
+    /// The best of several starts for each candidate, by a look at some of the windows: all starts in a few, the best of
+    /// them in more.
     fn start(&mut self, base: &Base, candidates: Vec<Suspect>) -> Result<Vec<Fit>, GapError> {
         let every = (self.windows.len() / COARSE_WINDOWS).max(1);
         let some: Vec<usize> = self.windows.iter().copied().step_by(every).collect();
-        let marginal = self
-            .study
-            .marginal(|s| fitted(s) * f64::from(u8::from(some.iter().any(|&w| std::ptr::eq(&self.study.seen[w], s)))));
-        let Some(marginal) = marginal else { return Ok(Vec::new()) };
-        let starts: Vec<Vec<Vec<f64>>> = candidates.iter().map(|c| starts(self.columns(), c)).collect();
-        let tried: Vec<Suspect> = candidates
-            .iter()
-            .zip(&starts)
-            .flat_map(|(c, starts)| starts.iter().map(|v| Suspect::everywhere(c.group, v.clone())))
-            .collect();
-        let losses = self.losses(&marginal, base, &tried, &some)?;
-        let of_base = self.loss_in(&marginal, base, &some);
-        let mut fits = Vec::new();
-        let mut next = 0;
-        for of_candidate in &starts {
-            let range = next..next + of_candidate.len();
-            next = range.end;
-            let best = range.min_by(|&a, &b| losses[a].total_cmp(&losses[b])).filter(|&k| losses[k].is_finite());
-            fits.extend(best.map(|k| Fit {
-                suspect: tried[k].clone(),
-                deviations: Vec::new(),
-                loss: losses[k],
-                evidence: of_base - losses[k],
-                held_out: None,
-            }));
+        let few: Vec<usize> = some.iter().copied().step_by(FIRST_LOOK).collect();
+        let others = some.iter().copied().enumerate().filter(|(k, _)| k % FIRST_LOOK != 0).map(|x| x.1);
+        let more: Vec<usize> = others.collect();
+        let (Some(in_few), Some(in_all)) = (self.marginal_in(&few), self.marginal_in(&some)) else {
+            return Ok(Vec::new());
+        };
+        let of_candidate = |c: &Suspect| {
+            starts(self.columns(), c).into_iter().map(|v| Suspect::everywhere(c.group, v)).collect::<Vec<_>>()
+        };
+        let tried: Vec<Vec<Suspect>> = candidates.iter().map(of_candidate).collect();
+        let mut first = self.normals_of(base, &tried.concat(), &few)?.into_iter();
+        let mut kept: Vec<(usize, Suspect, Vec<Option<Normal>>)> = Vec::new();
+        for (candidate, suspects) in tried.into_iter().enumerate() {
+            let looked = suspects.into_iter().zip(first.by_ref());
+            let mut by_loss: Vec<_> = looked.map(|(s, n)| (self.penalised(&in_few, &n, &few), s, n)).collect();
+            by_loss.sort_by(|a, b| a.0.total_cmp(&b.0));
+            kept.extend(by_loss.into_iter().take(SECOND_LOOK).map(|(_, s, n)| (candidate, s, n)));
         }
+        let again: Vec<Suspect> = kept.iter().map(|k| k.1.clone()).collect();
+        let second = self.normals_of(base, &again, &more)?;
+        let all = [few, more].concat();
+        let of_base = self.loss_in(&in_all, base, &all);
+        let mut best: Vec<Option<Fit>> = vec![None; candidates.len()];
+        for ((candidate, suspect, first), second) in kept.into_iter().zip(second) {
+            let loss = self.loss_of(&in_all, &[first, second].concat(), &all);
+            if loss.is_finite() && best[candidate].as_ref().is_none_or(|b| loss < b.loss) {
+                let evidence = of_base - loss;
+                best[candidate] = Some(Fit { suspect, deviations: Vec::new(), loss, evidence, held_out: None });
+            }
+        }
+        let mut fits: Vec<Fit> = best.into_iter().flatten().collect();
         fits.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         let most = fits.first().map_or(0.0, |f| f.evidence);
         let mut kept = 0;
@@ -218,25 +239,31 @@ impl<'s, 'a> Search<'s, 'a> {
         suspects.iter().map(of).collect()
     }
 
-    /// Loss of each suspect beside the base, in some windows.
-    fn losses(
+    /// Normal equations of each suspect beside the base, in some windows.
+    fn normals_of(
         &mut self,
-        marginal: &Marginal,
         base: &Base,
         suspects: &[Suspect],
         windows: &[usize],
-    ) -> Result<Vec<f64>, GapError> {
+    ) -> Result<Vec<Vec<Option<Normal>>>, GapError> {
         let settings = self.settings(base, suspects);
-        let normals = self.study.evaluate(&settings, windows)?;
-        Ok(normals.iter().map(|n| self.loss_of(marginal, n, windows)).collect())
+        self.study.evaluate(&settings, windows)
+    }
+
+    /// Deviations integrated out over some of the windows of the fit.
+    fn marginal_in(&self, some: &[usize]) -> Option<Marginal> {
+        let is_one = |s: &Seen| some.iter().any(|&w| std::ptr::eq(&self.study.seen[w], s));
+        self.study.marginal(|s| if is_one(s) { fitted(s) } else { 0.0 })
     }
 
     /// A window whose simulation ran away counts as one that is missed by far; where many do, the loss is infinite.
     pub(crate) fn loss_of(&self, marginal: &Marginal, normals: &[Option<Normal>], windows: &[usize]) -> f64 {
         let missing = normals.iter().filter(|n| n.is_none()).count();
-        if 10 * missing > normals.len() {
-            return f64::INFINITY;
-        }
+        if 10 * missing > normals.len() { f64::INFINITY } else { self.penalised(marginal, normals, windows) }
+    }
+
+    /// The same however many windows are missed.
+    fn penalised(&self, marginal: &Marginal, normals: &[Option<Normal>], windows: &[usize]) -> f64 {
         let lost = normals.iter().zip(windows).filter(|(n, _)| n.is_none());
         let penalty: f64 = lost.map(|(_, &w)| self.penalty(w)).sum();
         marginal.loss(&self.study.sums(normals, windows, fitted)) + penalty
@@ -248,12 +275,27 @@ impl<'s, 'a> Search<'s, 'a> {
         fitted(seen) * RAN_AWAY * seen.residual.len() as f64
     }
 
-    /// One round of Gauss-Newton for every fit, all of them simulated together.
-    fn improve(&mut self, base: &Base, fits: &mut [Fit]) -> Result<(), GapError> {
+    /// Whitened residuals of each fit at its present values.
+    fn here(&mut self, base: &Base, fits: &[Fit]) -> Result<Vec<Residuals>, GapError> {
+        let suspects: Vec<Suspect> = fits.iter().map(|f| f.suspect.clone()).collect();
+        let settings = self.settings(base, &suspects);
+        self.study.raw_vectors(&settings, &self.windows)
+    }
+
+    /// One round of Gauss-Newton for the fits that are `live`, all of them simulated together. Those stay live that moved
+    /// by more than a trifle.
+    fn improve(
+        &mut self,
+        base: &Base,
+        fits: &mut [Fit],
+        here: &mut [Residuals],
+        live: &mut Vec<usize>,
+    ) -> Result<(), GapError> {
         let windows = self.windows.clone();
-        let tangents = self.tangents(base, fits)?;
+        let tangents = self.tangents(base, fits, here, live)?;
         let mut tried = Vec::new();
-        for (fit, tangent) in fits.iter_mut().zip(&tangents) {
+        for (&k, tangent) in live.iter().zip(&tangents) {
+            let fit = &mut fits[k];
             fit.loss = tangent.loss;
             fit.deviations = tangent.deviations(self.temper);
             for share in STEPS {
@@ -267,25 +309,41 @@ impl<'s, 'a> Search<'s, 'a> {
         }
         // Taken by reference in turn: the marginal stays whole while the study simulates.
         let settings = self.settings(base, &tried);
-        let normals = self.study.evaluate(&settings, &windows)?;
-        for (k, fit) in fits.iter_mut().enumerate() {
-            for (trial, n) in tried.iter().zip(&normals).skip(k * STEPS.len()).take(STEPS.len()) {
-                let loss = self.loss_of(&self.marginal, n, &windows);
-                if loss < fit.loss {
-                    fit.loss = loss;
-                    fit.suspect = trial.clone();
+        let mut vectors = self.study.raw_vectors(&settings, &windows)?.into_iter();
+        let mut tried = tried.into_iter();
+        let mut moved = Vec::new();
+        for (&k, tangent) in live.iter().zip(&tangents) {
+            for (trial, residuals) in tried.by_ref().zip(vectors.by_ref()).take(STEPS.len()) {
+                let loss = self.loss_of(&self.marginal, &self.normals(&residuals, &windows), &windows);
+                if loss < fits[k].loss {
+                    (fits[k].loss, fits[k].suspect, here[k]) = (loss, trial, residuals);
                 }
             }
+            if tangent.loss - fits[k].loss > SETTLED {
+                moved.push(k);
+            }
         }
+        *live = moved;
         Ok(())
     }
 
-    /// Losses and slopes at the present values.
-    fn tangents(&mut self, base: &Base, fits: &[Fit]) -> Result<Vec<Tangent>, GapError> {
+    /// Normal equations of whitened residuals.
+    fn normals(&self, residuals: &Residuals, windows: &[usize]) -> Vec<Option<Normal>> {
+        let of = |(r, &w): (&Option<DVector<f64>>, &usize)| r.as_ref().map(|r| self.study.seen[w].normal_of(r));
+        residuals.par_iter().zip(windows).map(of).collect()
+    }
+
+    /// Losses and slopes of the fits that are `live` at their present values, where residuals are `here`.
+    fn tangents(
+        &mut self,
+        base: &Base,
+        fits: &[Fit],
+        here: &[Residuals],
+        live: &[usize],
+    ) -> Result<Vec<Tangent>, GapError> {
         let windows = self.windows.clone();
         let mut points = Vec::new();
-        for fit in fits {
-            points.push(fit.suspect.clone());
+        for fit in live.iter().map(|&k| &fits[k]) {
             let effect = &self.columns().effects[self.columns().groups[fit.suspect.group].effect];
             let step = 0.04 * effect.span();
             for axis in 0..fit.suspect.values.len() {
@@ -299,16 +357,19 @@ impl<'s, 'a> Search<'s, 'a> {
         let raw = self.study.raw_vectors(&settings, &windows)?;
         let mut tangents = Vec::new();
         let mut next = 0;
-        for fit in fits {
-            let axes = fit.suspect.values.len();
-            let steps: Vec<f64> = (0..axes).map(|a| points[next + 1 + a].values[a] - fit.suspect.values[a]).collect();
-            tangents.push(self.tangent(&raw[next..next + 1 + axes], &windows, &steps));
-            next += 1 + axes;
+        for &k in live {
+            let values = &fits[k].suspect.values;
+            let steps: Vec<f64> = (0..values.len()).map(|a| points[next + a].values[a] - values[a]).collect();
+            let moved = raw[next..next + steps.len()].iter();
+            let vectors: Vec<&Residuals> = std::iter::once(&here[k]).chain(moved).collect();
+            tangents.push(self.tangent(&vectors, &windows, &steps));
+            next += steps.len();
         }
         Ok(tangents)
     }
 
-    fn tangent(&self, vectors: &[Vec<Option<DVector<f64>>>], windows: &[usize], steps: &[f64]) -> Tangent {
+    /// From residuals at the present values, and with each value moved by one of `steps`.
+    fn tangent(&self, vectors: &[&Residuals], windows: &[usize], steps: &[f64]) -> Tangent {
         let axes = steps.len();
         let width = self.study.width();
         let mut gradient = DVector::zeros(axes);
@@ -346,8 +407,9 @@ impl<'s, 'a> Search<'s, 'a> {
     }
 
     /// Evidence of each fit: what its loss gains, less what its freedom costs.
-    fn judge(&mut self, base: &Base, fits: &mut [Fit]) -> Result<(), GapError> {
-        let tangents = self.tangents(base, fits)?;
+    fn judge(&mut self, base: &Base, fits: &mut [Fit], here: &[Residuals]) -> Result<(), GapError> {
+        let all: Vec<usize> = (0..fits.len()).collect();
+        let tangents = self.tangents(base, fits, here, &all)?;
         for (fit, tangent) in fits.iter_mut().zip(tangents) {
             fit.deviations = tangent.deviations(self.temper);
             let group = &self.columns().groups[fit.suspect.group];

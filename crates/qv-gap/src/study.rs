@@ -4,7 +4,7 @@ use crate::GapError;
 use crate::columns::{Column, Columns};
 use crate::evidence::{Marginal, Normal, Sums, sum};
 use crate::forward::{compare, longest_latency, standing_depth};
-use crate::law;
+use crate::law::{self, Law};
 use crate::null::{Ghost, Noise, record};
 use crate::problem::{Numerics, Problem, Setting, Window};
 use crate::random::Random;
@@ -437,22 +437,18 @@ fn with_law(
     let base: Vec<Vec<f64>> =
         windows.par_iter().zip(alignments).map(|(w, a)| law::residual(problem, w, &Setting::new(), *a)).collect();
     let bins = law::bins(problem);
+    let joints = || problem.law_joints.iter().copied().enumerate();
     settings
         .par_iter()
         .zip(motion)
         .map(|(setting, motion)| {
+            let concerned = joints().filter(|&(_, j)| law::concerns(problem, setting, j));
+            let laws: Vec<(usize, Law)> = concerned.map(|(k, j)| (k, Law::new(problem, setting, j))).collect();
             let one = |(w, motion): (usize, Vec<f64>)| {
                 let mut law = base[w].clone();
-                for (k, &j) in problem.law_joints.iter().enumerate() {
-                    if law::concerns(problem, setting, j) {
-                        law[k * bins..(k + 1) * bins].copy_from_slice(&law::of_joint(
-                            problem,
-                            windows[w],
-                            setting,
-                            j,
-                            alignments[w],
-                        ));
-                    }
+                for (k, of_setting) in &laws {
+                    let values = law::of_joint(problem, windows[w], of_setting, alignments[w]);
+                    law[k * bins..(k + 1) * bins].copy_from_slice(&values);
                 }
                 let whole = law.iter().all(|x| x.is_finite());
                 if motion.is_empty() || !whole { Raw::default() } else { Raw { motion, law } }

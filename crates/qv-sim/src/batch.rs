@@ -211,6 +211,18 @@ impl<T: Precision> Batch<T> {
         Ok(state)
     }
 
+    /// [`Batch::state`] into a state that is there, which saves making one.
+    ///
+    /// # Errors
+    /// When there is no such environment, or the state is of another robot.
+    pub fn read_state(&self, env: usize, state: &mut State) -> Result<(), SimError> {
+        self.check_index(env)?;
+        length("positions", self.model.nq(), state.q.len())?;
+        length("velocities", self.model.nv(), state.v.len())?;
+        self.engine.read_state(env, &mut state.q, &mut state.v);
+        Ok(())
+    }
+
     /// Sets the command that is held from the next step on. The first one after [`Batch::set_state`] also counts as
     /// all earlier ones, for joints with latency.
     ///

@@ -13,7 +13,7 @@ use super::network::{Adam, HIDDEN, Network};
 use super::plain::Plain;
 use crate::GapError;
 use crate::forward::{compare, measured};
-use crate::law;
+use crate::law::{self, Law};
 use crate::observe::{self, Channel};
 use crate::problem::{Problem, Setting, Window};
 use crate::random::Random;
@@ -244,10 +244,11 @@ fn quadratic(study: &Study, seen: &Seen, scales: &[f64]) -> Result<(Option<Quadr
     let all: Vec<&Window> = windows.iter().collect();
     let found = compare(problem, &problem.numerics, &all, &[Setting::new()])?;
     let alignment = study.parts[seen.window.run].alignment;
+    let laws: Vec<Law> = problem.law_joints.iter().map(|&j| Law::new(problem, &Setting::new(), j)).collect();
     let column = |(k, motion): (usize, &Vec<f64>)| {
         let mut law = seen.raw.law.clone();
         if let Some(at) = problem.law_joints.iter().position(|&j| j == k % joints) {
-            let of_joint = law::of_joint(problem, &windows[k], &Setting::new(), k % joints, alignment);
+            let of_joint = law::of_joint(problem, &windows[k], &laws[at], alignment);
             law[at * of_joint.len()..(at + 1) * of_joint.len()].copy_from_slice(&of_joint);
         }
         let whole = !motion.is_empty() && law.iter().all(|x| x.is_finite());

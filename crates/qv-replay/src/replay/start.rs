@@ -42,11 +42,26 @@ pub struct Starts<'a> {
     /// Column of the run for each joint of the model.
     columns: Vec<usize>,
     errors: SensorErrors,
+    /// Base from IMU, by the tilt that is assumed.
+    tilt: DQuat,
+    /// Sine and cosine of the yaw from the IMU's world to that of each pose.
+    yaws: Vec<Yaw>,
     derived_velocity: Option<JointSeries>,
     base_velocity: Option<JointSeries>,
     base_rate: Option<JointSeries>,
     /// World from base at the stamps of the IMU.
     path: Option<ImuPath>,
+}
+
+/// How a pose is turned against the IMU.
+#[derive(Clone, Copy)]
+enum Yaw {
+    /// Sine and cosine.
+    Of(f64, f64),
+    /// The pose has no rotation.
+    NoPose,
+    /// The IMU says nothing there.
+    NoImu,
 }
 
 /// Acceleration of the IMU in the world, and its running integrals.
@@ -72,17 +87,21 @@ impl<'a> Starts<'a> {
             Some(_) => None,
             None => joint_velocity(run).map(|d| d.series),
         };
+        let [roll, pitch] = errors.imu_tilt;
         let mut starts = Self {
             run,
             free,
             columns: columns.to_vec(),
             errors,
+            tilt: Pose::from_xyz_rpy([0.0; 3], [roll, pitch, 0.0]).rotation,
+            yaws: Vec::new(),
             derived_velocity,
             base_velocity: None,
             base_rate: None,
             path: None,
         };
         if free {
+            starts.yaws = starts.yaws();
             starts.path = starts.imu_path();
             // Derived from the poses only where no IMU tells better: differentiating costs more than all else here.
             if starts.path.is_none() {
@@ -188,8 +207,23 @@ impl<'a> Starts<'a> {
 
     /// Base from IMU, by the tilt that is assumed.
     pub fn tilt(&self) -> DQuat {
-        let [roll, pitch] = self.errors.imu_tilt;
-        Pose::from_xyz_rpy([0.0; 3], [roll, pitch, 0.0]).rotation
+        self.tilt
+    }
+
+    /// How each pose is turned against the IMU, if there is one.
+    fn yaws(&self) -> Vec<Yaw> {
+        let (Some(poses), Some(imu)) = (&self.run.measured.base_pose, &self.run.measured.orientation) else {
+            return Vec::new();
+        };
+        let of = |i: usize| {
+            let Some(there) = rotation_near(imu, 0, poses.time[i] - self.errors.pose_delay) else { return Yaw::NoImu };
+            let there = there * self.tilt.conjugate();
+            let Some(pose) = rotation_of(&poses.row(i)[3..7]) else { return Yaw::NoPose };
+            let turn = pose * there.conjugate();
+            let yaw = 2.0 * turn.z.atan2(turn.w);
+            Yaw::Of(yaw.sin(), yaw.cos())
+        };
+        (0..poses.len()).map(of).collect()
     }
 
     /// World from base: the IMU's, turned about z by the mean yaw between it and the poses nearby.
@@ -201,13 +235,12 @@ impl<'a> Starts<'a> {
         let (mut sine, mut cosine) = (0.0, 0.0);
         let first = poses.time.partition_point(|&t| t < late - BASE_HALF_WIDTH);
         let last = poses.time.partition_point(|&t| t <= late + BASE_HALF_WIDTH);
-        for i in first..last {
-            let there = rotation_near(imu, 0, poses.time[i] - self.errors.pose_delay)? * self.tilt().conjugate();
-            let Some(pose) = rotation_of(&poses.row(i)[3..7]) else { continue };
-            let turn = pose * there.conjugate();
-            let yaw = 2.0 * turn.z.atan2(turn.w);
-            sine += yaw.sin();
-            cosine += yaw.cos();
+        for yaw in &self.yaws[first..last] {
+            match yaw {
+                Yaw::Of(s, c) => (sine, cosine) = (sine + s, cosine + c),
+                Yaw::NoPose => {}
+                Yaw::NoImu => return None,
+            }
         }
         Some(DQuat::from_rotation_z(sine.atan2(cosine)) * here)
     }

@@ -172,8 +172,8 @@ impl<L: Real> Engine for Lanes<L> {
 
     fn read_state(&self, env: usize, q: &mut [f64], v: &mut [f64]) {
         let (block, lane) = self.at(env);
-        q.copy_from_slice(&lane_values(&block.q, lane));
-        v.copy_from_slice(&lane_values(&block.v, lane));
+        q.iter_mut().zip(&block.q).for_each(|(target, x)| *target = x.lane(lane).to_f64());
+        v.iter_mut().zip(&block.v).for_each(|(target, x)| *target = x.lane(lane).to_f64());
     }
 
     fn read_past_state(&self, env: usize, age: f64, q: &mut [f64], v: &mut [f64]) {
@@ -186,9 +186,9 @@ impl<L: Real> Engine for Lanes<L> {
         let whole = (age.floor() as usize).min(kept - 1);
         let share = (age - whole as f64).clamp(0.0, 1.0);
         let row = |age: usize| &block.seen[((block.seen_head + kept - age.min(kept - 1)) % kept) * width..][..width];
-        let (young, old) = (lane_values(row(whole), lane), lane_values(row(whole + 1), lane));
-        for (i, target) in q.iter_mut().chain(v).enumerate() {
-            *target = young[i] + share * (old[i] - young[i]);
+        for (target, (young, old)) in q.iter_mut().chain(v).zip(row(whole).iter().zip(row(whole + 1))) {
+            let (young, old) = (young.lane(lane).to_f64(), old.lane(lane).to_f64());
+            *target = young + share * (old - young);
         }
     }
 
