@@ -5,7 +5,7 @@
 
 use crate::GapError;
 use crate::columns::{Group, Suspect};
-use crate::decide::{Level, Round, is_trifle};
+use crate::decide::{Level, NO_GAP, Round, is_trifle};
 use crate::laws::{LawLeft, laws};
 use crate::library::Scope;
 use crate::search::{Fit, Search};
@@ -15,12 +15,25 @@ use crate::study::Study;
 const LAW_LEFT: f64 = 2.0;
 const LAW_OVER_CHANCE: f64 = 1.3;
 const LAW_SHARE: f64 = 0.05;
-/// Log evidence of another effect of the accused joints from which on the accused one does not tell all of them.
+/// The same of an actuator of which nothing that is accused takes away this share: what an impostor imitates it changes. Impacts
+/// alone, between two stamps, make twice of it.
+const LAW_LEFT_UNTOUCHED: f64 = 3.0;
+const TOUCHED: f64 = 0.2;
+/// Log evidence of another effect of the accused joints from which on the accused one does not tell all of them, and as a
+/// share of that of the accused one: no large effect is simulated to the last digit.
 const EVIDENCE_LEFT: f64 = 80.0;
+const EVIDENCE_SHARE: f64 = 0.01;
+/// The same where nothing of a joint is accused, of any steady effect: what pulls on the trunk imitates all that does.
+const TRUNK_EVIDENCE_LEFT: f64 = 100.0;
+const TRUNK_EVIDENCE_SHARE: f64 = 0.1;
+/// Share of the excess of the level that events must take away where what is left is a gap still.
+const EVENTS_SHARE: f64 = 0.25;
 /// By how much the level may rise.
 const RISE: f64 = 0.05;
 /// Share of the held-out gap that causes must close that act all the time and everywhere.
 pub const LEAST_CLOSED: f64 = 0.35;
+/// Share of the excess of the level that they leave at most if they need not.
+pub const MOST_LEFT: f64 = 0.5;
 
 /// Time for which several pushes may last together \[s\].
 const LONGEST_PUSHES: f64 = 3.0;
@@ -35,6 +48,8 @@ pub struct Judged<'j> {
     pub accused: Vec<(String, Group)>,
     /// Whether any of it is confined to a time or a place.
     pub is_local: bool,
+    /// Largest log evidence of it.
+    pub evidence: f64,
     /// From and until, of what is confined to a time \[s\].
     pub events: Vec<[f64; 2]>,
     /// The round after the last accusation, if there was one.
@@ -45,7 +60,9 @@ pub struct Judged<'j> {
 pub fn law_left<'l>(now: &'l [LawLeft], opening: &[LawLeft]) -> Option<&'l LawLeft> {
     let excess = |left: &&LawLeft| {
         let before = opening.iter().find(|o| o.joint == left.joint).map_or(0.0, |o| o.ratio - 1.0);
-        left.ratio > LAW_LEFT.max(LAW_OVER_CHANCE * left.by_chance) && left.ratio - 1.0 > LAW_SHARE * before
+        let untouched = before > 0.0 && left.ratio - 1.0 > (1.0 - TOUCHED) * before;
+        let most = if untouched { LAW_LEFT_UNTOUCHED } else { LAW_LEFT };
+        left.ratio > most.max(LAW_OVER_CHANCE * left.by_chance) && left.ratio - 1.0 > LAW_SHARE * before
     };
     now.iter().filter(excess).max_by(|a, b| a.ratio.total_cmp(&b.ratio))
 }
@@ -59,6 +76,10 @@ pub fn doubt(study: &mut Study, judged: &Judged) -> Result<Option<String>, GapEr
         return Ok(Some(pulled));
     }
     let [before, after] = judged.levels.map(|l| l.ratio);
+    if !judged.events.is_empty() && after > NO_GAP && before - after < EVENTS_SHARE * (before - 1.0) {
+        let share = 100.0 * (before - after) / (before - 1.0);
+        return Ok(Some(format!("it takes {share:.0} % of the excess over the null, and a gap is left")));
+    }
     if !judged.is_local && after > before + RISE {
         return Ok(Some(format!("the loss in its own windows rises from {before:.2} to {after:.2} times the null")));
     }
@@ -66,6 +87,9 @@ pub fn doubt(study: &mut Study, judged: &Judged) -> Result<Option<String>, GapEr
     if let Some(&LawLeft { joint, ratio, .. }) = law_left(&now, judged.opening) {
         let joint = &study.problem.model.joint_names()[joint];
         return Ok(Some(format!("the actuator's law at {joint} still leaves {ratio:.1} times what noise does")));
+    }
+    if let Some((evidence, name)) = beside_trunk(study, judged) {
+        return Ok(Some(format!("{name} is asked for beside it, with log evidence {evidence:.0}")));
     }
     Ok(another(study, judged, after)?.map(|(evidence, name)| {
         format!("{name} of the same joints is asked for beside it, with log evidence {evidence:.0}")
@@ -81,6 +105,22 @@ fn pulled(events: &[[f64; 2]]) -> Option<String> {
             "{pieces} pieces of {together:.1} s together are no pushes: something pulls that changes with place or time"
         )
     })
+}
+
+/// A steady effect that has much of the evidence left beside what is accused of the trunk, the ground or the sensors.
+fn beside_trunk(study: &Study, judged: &Judged) -> Option<(f64, String)> {
+    let round = judged.round?;
+    let effect = |fit: &Fit| &study.columns.effects[study.columns.groups[fit.suspect.group].effect];
+    let of_joints = |(name, _): &(String, Group)| {
+        study.columns.effects.iter().any(|e| e.name == *name && matches!(e.scope, Scope::Joints | Scope::Links))
+    };
+    if judged.is_local || judged.accused.iter().any(of_joints) {
+        return None;
+    }
+    let least = TRUNK_EVIDENCE_LEFT.max(TRUNK_EVIDENCE_SHARE * judged.evidence);
+    let is_one = |fit: &&Fit| fit.evidence > least && round.speaks_for(study, fit);
+    let most = round.fits.iter().filter(is_one).max_by(|a, b| a.evidence.total_cmp(&b.evidence))?;
+    Some((most.evidence, effect(most).name.replace('_', " ")))
 }
 
 /// Another steady effect of the accused joints that has evidence left.
@@ -102,7 +142,7 @@ fn another(study: &mut Study, judged: &Judged, level: f64) -> Result<Option<(f64
         let of_joints =
             |(name, _): &&(String, Group)| columns.effects.iter().any(|e| e.name == *name && e.scope == Scope::Joints);
         effect.scope == Scope::Joints
-            && *evidence > EVIDENCE_LEFT
+            && *evidence > EVIDENCE_LEFT.max(EVIDENCE_SHARE * judged.evidence)
             && !is_trifle(study, suspect)
             && judged.accused.iter().all(|(name, _)| *name != effect.name)
             && judged.accused.iter().filter(of_joints).any(shares)
@@ -129,6 +169,11 @@ mod tests {
         let two = [left(0, 2.2, 1.1), left(1, 9.0, 1.2), left(2, 1.1, 1.1)];
         assert_eq!(law_left(&two, &opening), Some(&left(1, 9.0, 1.2)));
         assert_eq!(law_left(&opening[2..], &[]), Some(&opening[2]));
+        // What nothing accused has a part in: impacts leave as much.
+        let impacts = [left(0, 2.4, 1.1), left(1, 4.0, 1.2)];
+        assert_eq!(law_left(&impacts[..1], &impacts), None);
+        assert_eq!(law_left(&impacts, &impacts), Some(&impacts[1]));
+        assert_eq!(law_left(&[left(1, 2.4, 1.2)], &impacts), Some(&left(1, 2.4, 1.2)));
     }
 
     #[test]

@@ -400,6 +400,7 @@ impl Findings<'_> {
             opening: &self.opening.laws,
             accused: self.accused.iter().map(|a| (a.cause.effect.clone(), a.group.clone())).collect(),
             is_local: self.accused.iter().any(|a| a.fit.suspect.extent.is_some()),
+            evidence: self.accused.iter().map(|a| a.fit.evidence).fold(0.0, f64::max),
             events: self.accused.iter().filter_map(Accused::time).collect(),
             round: self.rounds.last().filter(|r| r.accused.is_none()),
         };
@@ -516,6 +517,11 @@ impl Findings<'_> {
         if self.doubt.is_some() || self.accused.is_empty() || is_local || !self.on_feet {
             return Ok(());
         }
+        // Windows that are held out are few, and feet that bounce fall otherwise in each.
+        let [before, after] = [self.opening.level.ratio, self.level_after.ratio];
+        if self.level_after.is_explained() && after - 1.0 < doubt::MOST_LEFT * (before - 1.0) {
+            return Ok(());
+        }
         let setting = setting(nominal, &self.corrections);
         let closed = closure(nominal, &setting)?.closed();
         if closed < doubt::LEAST_CLOSED {
@@ -531,8 +537,9 @@ impl Findings<'_> {
             return Verdict::Unexplained;
         }
         let laws_agree = !self.on_feet || doubt::law_left(&self.opening.laws, &[]).is_none();
+        let suspicious = self.on_feet && self.rounds.first().is_some_and(|r| r.is_suspicious);
         match (self.accused.is_empty(), explained) {
-            (true, _) if self.opening.level.ratio < NO_GAP && laws_agree => Verdict::NoGap,
+            (true, _) if self.opening.level.ratio < NO_GAP && laws_agree && !suspicious => Verdict::NoGap,
             (true, _) => Verdict::Unexplained,
             (false, true) => Verdict::Explained,
             (false, false) => self.partly(),
