@@ -8,6 +8,7 @@ use crate::slip::Fall;
 use crate::study::{EXTRA, Seen, Study};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 
 /// Groups of one effect that are followed.
 const GROUPS_PER_EFFECT: usize = 3;
@@ -50,6 +51,13 @@ pub struct Fit {
     pub evidence: f64,
     /// Fall of the loss in windows that no fit has seen, where pieces of windows told it.
     pub held_out: Option<Fall>,
+}
+
+/// A start of a candidate, given by its index, and what it leaves in a few windows.
+struct Look {
+    candidate: usize,
+    suspect: Suspect,
+    normals: Vec<Option<Normal>>,
 }
 
 /// What a search holds on to: effects accused so far, and the losses with them.
@@ -182,41 +190,14 @@ impl<'s, 'a> Search<'s, 'a> {
     }
 
     /// The best of several starts for each candidate, by a look at some of the windows: all starts in a few, the best of
-    /// them in more.
+    /// them in the others, too. Those candidates stay that promise most.
     fn start(&mut self, base: &Base, candidates: Vec<Suspect>) -> Result<Vec<Fit>, GapError> {
         let every = (self.windows.len() / COARSE_WINDOWS).max(1);
         let some: Vec<usize> = self.windows.iter().copied().step_by(every).collect();
         let few: Vec<usize> = some.iter().copied().step_by(FIRST_LOOK).collect();
-        let others = some.iter().copied().enumerate().filter(|(k, _)| k % FIRST_LOOK != 0).map(|x| x.1);
-        let more: Vec<usize> = others.collect();
-        let (Some(in_few), Some(in_all)) = (self.marginal_in(&few), self.marginal_in(&some)) else {
-            return Ok(Vec::new());
-        };
-        let of_candidate = |c: &Suspect| {
-            starts(self.columns(), c).into_iter().map(|v| Suspect::everywhere(c.group, v)).collect::<Vec<_>>()
-        };
-        let tried: Vec<Vec<Suspect>> = candidates.iter().map(of_candidate).collect();
-        let mut first = self.normals_of(base, &tried.concat(), &few)?.into_iter();
-        let mut kept: Vec<(usize, Suspect, Vec<Option<Normal>>)> = Vec::new();
-        for (candidate, suspects) in tried.into_iter().enumerate() {
-            let looked = suspects.into_iter().zip(first.by_ref());
-            let mut by_loss: Vec<_> = looked.map(|(s, n)| (self.penalised(&in_few, &n, &few), s, n)).collect();
-            by_loss.sort_by(|a, b| a.0.total_cmp(&b.0));
-            kept.extend(by_loss.into_iter().take(SECOND_LOOK).map(|(_, s, n)| (candidate, s, n)));
-        }
-        let again: Vec<Suspect> = kept.iter().map(|k| k.1.clone()).collect();
-        let second = self.normals_of(base, &again, &more)?;
-        let all = [few, more].concat();
-        let of_base = self.loss_in(&in_all, base, &all);
-        let mut best: Vec<Option<Fit>> = vec![None; candidates.len()];
-        for ((candidate, suspect, first), second) in kept.into_iter().zip(second) {
-            let loss = self.loss_of(&in_all, &[first, second].concat(), &all);
-            if loss.is_finite() && best[candidate].as_ref().is_none_or(|b| loss < b.loss) {
-                let evidence = of_base - loss;
-                best[candidate] = Some(Fit { suspect, deviations: Vec::new(), loss, evidence, held_out: None });
-            }
-        }
-        let mut fits: Vec<Fit> = best.into_iter().flatten().collect();
+        let others: Vec<usize> = some.iter().copied().filter(|w| !few.contains(w)).collect();
+        let looks = self.first_look(base, &candidates, &few)?;
+        let mut fits = self.second_look(base, looks, [few, others])?;
         fits.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         let most = fits.first().map_or(0.0, |f| f.evidence);
         let mut kept = 0;
@@ -225,6 +206,51 @@ impl<'s, 'a> Search<'s, 'a> {
             kept <= FOLLOWED || (kept <= MOST_FOLLOWED && f.evidence > SHARE_OF_BEST * most)
         });
         Ok(fits)
+    }
+
+    /// The starts of each candidate that lose least in a few windows, with what they leave there.
+    fn first_look(&mut self, base: &Base, candidates: &[Suspect], few: &[usize]) -> Result<Vec<Look>, GapError> {
+        let Some(marginal) = self.marginal_in(few) else { return Ok(Vec::new()) };
+        let of_candidate = |c: &Suspect| {
+            starts(self.columns(), c).into_iter().map(|v| Suspect::everywhere(c.group, v)).collect::<Vec<_>>()
+        };
+        let tried: Vec<Vec<Suspect>> = candidates.iter().map(of_candidate).collect();
+        let mut normals = self.normals_of(base, &tried.concat(), few)?.into_iter();
+        let mut looks = Vec::new();
+        for (candidate, suspects) in tried.into_iter().enumerate() {
+            let of_candidate = suspects.into_iter().zip(normals.by_ref());
+            let mut by_loss: Vec<(f64, Look)> = of_candidate
+                .map(|(suspect, normals)| {
+                    (self.penalised(&marginal, &normals, few), Look { candidate, suspect, normals })
+                })
+                .collect();
+            by_loss.sort_by(|a, b| a.0.total_cmp(&b.0));
+            looks.extend(by_loss.into_iter().take(SECOND_LOOK).map(|x| x.1));
+        }
+        Ok(looks)
+    }
+
+    /// The start of each candidate that loses least in all windows that are looked at, the few and the others.
+    fn second_look(
+        &mut self,
+        base: &Base,
+        looks: Vec<Look>,
+        [few, others]: [Vec<usize>; 2],
+    ) -> Result<Vec<Fit>, GapError> {
+        let suspects: Vec<Suspect> = looks.iter().map(|l| l.suspect.clone()).collect();
+        let normals = self.normals_of(base, &suspects, &others)?;
+        let all = [few, others].concat();
+        let Some(marginal) = self.marginal_in(&all) else { return Ok(Vec::new()) };
+        let of_base = self.loss_in(&marginal, base, &all);
+        let mut best: BTreeMap<usize, Fit> = BTreeMap::new();
+        for (Look { candidate, suspect, normals: first }, second) in looks.into_iter().zip(normals) {
+            let loss = self.loss_of(&marginal, &[first, second].concat(), &all);
+            if loss.is_finite() && best.get(&candidate).is_none_or(|b| loss < b.loss) {
+                let evidence = of_base - loss;
+                best.insert(candidate, Fit { suspect, deviations: Vec::new(), loss, evidence, held_out: None });
+            }
+        }
+        Ok(best.into_values().collect())
     }
 
     /// Loss of the base in some of the windows of the fit.

@@ -1,4 +1,4 @@
-//! Our files, read by trimesh and by MuJoCo (`fixtures/mesh/read_mesh.py`).
+//! Our files, read by trimesh and by MuJoCo (`fixtures/mesh/read_mesh.py`), and by Blender (`fixtures/blender/open_mesh.py`).
 
 use glam::DVec3;
 use qv_core::{Camera, Pose, TriangleMesh};
@@ -64,21 +64,54 @@ fn bounds(found: &Value) -> Vec<f64> {
     corners.iter().flat_map(|c| c.as_array().unwrap()).map(|x| x.as_f64().unwrap()).collect()
 }
 
+/// What a script of `fixtures` finds in the files of a mesh.
+fn read_by(python: &Path, script: &str, mesh: &TriangleMesh, name: &str) -> Value {
+    let stem = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    for (ending, bytes) in [("glb", glb::write(mesh)), ("ply", ply::write(mesh)), ("stl", stl::write(mesh))] {
+        fs::write(stem.with_extension(ending), bytes).unwrap();
+    }
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures").join(script);
+    let output = Command::new(python).arg(script).arg(&stem).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    // Blender tells of its imports on standard output, too.
+    let text = String::from_utf8_lossy(&output.stdout);
+    serde_json::from_str(text.lines().last().unwrap_or_default()).unwrap()
+}
+
+/// Least and greatest corner, one after the other.
+fn corners(mesh: &TriangleMesh) -> Vec<f64> {
+    let low = mesh.vertices.iter().fold(DVec3::INFINITY, |a, b| a.min(*b));
+    let high = mesh.vertices.iter().fold(DVec3::NEG_INFINITY, |a, b| a.max(*b));
+    [low, high].iter().flat_map(|v| v.to_array()).collect()
+}
+
+/// Blender as a Python package (`bpy`, half a gigabyte) is made by nobody's test runner: give its Python as QV_PYTHON_BLENDER.
+#[test]
+fn blender_opens_what_we_write() {
+    let Some(python) = std::env::var_os("QV_PYTHON_BLENDER").map(PathBuf::from) else {
+        println!("skipped: no Python with bpy in QV_PYTHON_BLENDER");
+        return;
+    };
+    let mesh = solid();
+    let found = read_by(&python, "blender/open_mesh.py", &mesh, "solid_blender");
+    for kind in ["glb", "ply", "stl"] {
+        let part = &found[kind];
+        assert_eq!(part["faces"], mesh.triangles.len(), "{kind}");
+        for (a, b) in bounds(part).iter().zip(&corners(&mesh)) {
+            assert!((a - b).abs() < 1e-4, "{kind}: {a}, expected {b}");
+        }
+    }
+    let materials = &found["glb"]["materials"];
+    assert!((materials["grass"]["friction"].as_f64().unwrap() - 0.6).abs() < 1e-6, "{materials}");
+    assert!(materials["stone"]["faces"].as_u64().unwrap() > 100 && materials["stone"]["friction"].is_null());
+}
+
 #[test]
 fn python_reads_what_we_write() {
     let Some(python) = python() else { return };
     let mesh = solid();
-    let stem = Path::new(env!("CARGO_TARGET_TMPDIR")).join("solid");
-    for (ending, bytes) in [("glb", glb::write(&mesh)), ("ply", ply::write(&mesh)), ("stl", stl::write(&mesh))] {
-        fs::write(stem.with_extension(ending), bytes).unwrap();
-    }
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/mesh/read_mesh.py");
-    let output = Command::new(python).arg(script).arg(&stem).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
-    let low = mesh.vertices.iter().fold(DVec3::INFINITY, |a, b| a.min(*b));
-    let high = mesh.vertices.iter().fold(DVec3::NEG_INFINITY, |a, b| a.max(*b));
-    let expected: Vec<f64> = [low, high].iter().flat_map(|v| v.to_array()).collect();
+    let found = read_by(&python, "mesh/read_mesh.py", &mesh, "solid");
+    let expected = corners(&mesh);
     let topology = Topology::of(&mesh);
     for kind in ["glb", "ply", "stl", "mujoco"] {
         let part = &found[kind];

@@ -127,7 +127,7 @@ impl Mesh {
         let write = self.writer()?;
         let clock = Instant::now();
         let mut input = self.read()?;
-        let lost = std::mem::take(&mut input.capture.lost);
+        let mut lost = std::mem::take(&mut input.capture.lost);
         self.align(&mut input)?;
         let agreeing = self.keep_agreeing(&mut input.capture.frames);
         let read_s = clock.elapsed().as_secs_f64();
@@ -147,6 +147,11 @@ impl Mesh {
         if !self.open {
             report.rims = close_to_solid(&mut mesh, THICKNESS);
             report.topology = Topology::of(&mesh);
+            // Walls and floor go towards -z: ground that was seen from there is closed on the wrong side.
+            if report.topology.volume < 0.0 {
+                let volume = report.topology.volume;
+                lost.push(format!("the solid is inside out ({volume:.3} m3): z is not up; give --up, or --open"));
+            }
         }
         let surface_s = clock.elapsed().as_secs_f64() - fuse_s;
         sign.finish_and_clear();
@@ -227,6 +232,10 @@ impl Mesh {
     }
 
     fn read_depth(&self, materials: Option<Vec<Material>>) -> Result<Input, Failure> {
+        if let Some(cameras) = &self.cameras {
+            let expected = "expected a scene of Gaussians (.ply, .spz, .glb) with --cameras, found depth images";
+            return Err(about(&self.scene, format!("{expected}, which have cameras: {}", cameras.display())));
+        }
         let bar = progress(0, "reading depth");
         let capture = rgbd::open(&self.scene, &bar)?;
         bar.finish_and_clear();
@@ -294,7 +303,9 @@ impl Mesh {
                 return Err(about(path, format!("expected lines of six numbers, found {}", bad.len())));
             }
             let side = |first: usize| numbers.iter().map(|row| DVec3::from_slice(&row[first..])).collect::<Vec<_>>();
-            Similarity::from_points(&side(0), &side(3)).map_err(|e| about(path, e))?.0
+            let (similarity, error) = Similarity::from_points(&side(0), &side(3)).map_err(|e| about(path, e))?;
+            eprintln!("qv: {}: {} markers fit within {:.1} mm (rms)", path.display(), numbers.len(), 1e3 * error);
+            similarity
         } else if let Some(path) = &self.trajectory {
             let (mut from, mut to) = (Vec::new(), Vec::new());
             for row in rows(path)? {
@@ -310,7 +321,14 @@ impl Mesh {
                     to.push(DVec3::from_slice(&place));
                 }
             }
-            Similarity::from_points(&from, &to).map_err(|e| about(path, e))?.0
+            let (similarity, error) = Similarity::from_points(&from, &to).map_err(|e| about(path, e))?;
+            let (used, of) = (from.len(), rows(path)?.len());
+            eprintln!(
+                "qv: {}: {used} of {of} places are of a frame, and fit within {:.1} mm (rms)",
+                path.display(),
+                1e3 * error
+            );
+            similarity
         } else if let Some(d) = &self.distance {
             if d.len() != 7 {
                 return Err(format!("--distance: expected x,y,z,x,y,z,metres, found {} numbers", d.len()).into());

@@ -15,7 +15,7 @@ const PYTHONS: [&str; 2] = ["python3", "python"];
 pub struct Environment {
     /// Folder below the cache.
     pub name: &'static str,
-    /// The packages, in versions that were tried.
+    /// The packages as pip takes them, with versions where others are known to fail.
     pub packages: &'static [&'static str],
     /// A statement that fails where they are not there.
     pub import: &'static str,

@@ -14,7 +14,7 @@ use qv_splat::captures::distortion::Distortion;
 use qv_splat::captures::{Attachments, Capture, CaptureCamera, cameras_json};
 use qv_splat::files::{Format, write};
 use qv_splat::train::{
-    AT_DEPTHS, AT_RANDOM, CpuEngine, Dataset, Engine, Model, Photograph, Progress, ReadOptions, Score, Strategy,
+    AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Model, Photograph, Progress, ReadOptions, Score, Strategy,
     TrainOptions, Weights, at_depths, at_far, at_random, cameras, checkpoint, clear, drawn, neighbours_scores,
     of_points, pose, scores, train,
 };
@@ -32,8 +32,8 @@ pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/ya
     Of a video (.mp4, .mov, ...) ffmpeg takes frames and COLMAP, in a Python environment that is made once, finds their poses;\n\
     DIR/capture keeps both. Such a scene has no metres of its own: `qv mesh` takes --distance, --markers or --trajectory.\n\n\
     Writes scene.ply (3DGS), checkpoint.qvt, metrics.json, with --poses colmap, --refine-poses or --refine-lens cameras.json (for `qv mesh --cameras`),\n\
-    with --preview pictures beside photographs. Ctrl-C stops and keeps what\n\
-    was learned; --resume goes on from the checkpoint.\n\n\
+    with --preview pictures beside photographs. Ctrl-C stops and keeps the best\n\
+    scene so far; --resume goes on from the checkpoint, which is where training stood.\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
 
 /// Steps from one report to the next.
@@ -42,6 +42,8 @@ const REPORT_EVERY: u32 = 100;
 const ALIGN_STEPS: u32 = 40;
 /// Steps from one checkpoint to the next.
 const SAVE_EVERY: u32 = 5000;
+/// Steps from one scene that may be kept to the next.
+const JUDGE_EVERY: u32 = 1000;
 /// Steps from one preview to the next.
 const PREVIEW_EVERY: u32 = 1000;
 
@@ -192,7 +194,7 @@ impl Reconstruct {
         let mut engine = self.engine(&dataset, &options, model)?;
         let mut run = Run::new(self, &dataset);
         let clock = Instant::now();
-        let finished = train(
+        let trained = train(
             engine.as_mut(),
             dataset.training.len(),
             options.iterations,
@@ -201,12 +203,19 @@ impl Reconstruct {
             &mut |engine, progress| {
                 run.watch(engine, progress).map_err(|e| qv_splat::error_at("training", "files", &e.to_string()))
             },
-        )?;
-        let model = engine.model()?;
+        );
+        let finished = trained.or_else(|error| self.rescue(std::mem::take(&mut run.best), error))?;
+        let mut model = engine.model()?;
         let train_s = clock.elapsed().as_secs_f64();
         run.bar.finish_and_clear();
         let clock = Instant::now();
         self.save(&model)?;
+        let earlier = if finished { None } else { std::mem::take(&mut run.best).instead_of(&model, &dataset)? };
+        let scene_of = earlier.as_ref().map_or(model.iteration, |kept| kept.iteration);
+        let stood_at = model.iteration;
+        if let Some(kept) = earlier {
+            kept.put_into(&mut model);
+        }
         let as_learned = |one: &Photograph| cameras::as_learned(&model, &dataset, one);
         let looked_at: Vec<Photograph> = dataset.held_out.iter().map(as_learned).collect();
         let as_drawn = scores(&model.cloud, &looked_at)?;
@@ -218,11 +227,9 @@ impl Reconstruct {
                 beside(photograph, &drawn(&model.cloud, &photograph.camera)?, &folder, &photograph.name)?;
             }
         }
-        let path = self.out.join("scene.ply");
-        fs::write(&path, write(&model.cloud, Format::Ply)?)
-            .map_err(|e| about(&path, format!("expected to write it, found {e}")))?;
+        self.save_scene(&model.cloud)?;
         let metrics = json!({
-            "format": "qv-reconstruct/1", "capture": self.capture.display().to_string(), "iterations": model.iteration,
+            "format": "qv-reconstruct/1", "capture": self.capture.display().to_string(), "iterations": stood_at, "scene_of_iteration": scene_of,
             "finished": finished, "gaussians": model.cloud.len(), "loss": run.loss, "read_s": read_s, "train_s": train_s,
             "write_s": clock.elapsed().as_secs_f64(), "photographs": dataset.training.len(), "began_at_points": at_points,
             "exposure": self.exposure, "poses_refined": self.refine_poses, "poses_found": found, "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent,
@@ -316,6 +323,17 @@ impl Reconstruct {
     }
 
     #[cfg(not(feature = "gpu"))]
+    fn judge_every(&self) -> u32 {
+        JUDGE_EVERY
+    }
+
+    #[cfg(feature = "gpu")]
+    fn judge_every(&self) -> u32 {
+        // Fetching a scene from the card and judging it takes as long as some hundred steps there.
+        if self.gpu { SAVE_EVERY } else { JUDGE_EVERY }
+    }
+
+    #[cfg(not(feature = "gpu"))]
     fn engine<'a>(
         &self,
         dataset: &'a Dataset,
@@ -376,6 +394,19 @@ impl Reconstruct {
         written.map_err(|e| about(&path, format!("expected to write it, found {e}")))
     }
 
+    fn save_scene(&self, cloud: &GaussianCloud) -> Result<(), Failure> {
+        let path = self.out.join("scene.ply");
+        fs::write(&path, write(cloud, Format::Ply)?)
+            .map_err(|e| about(&path, format!("expected to write it, found {e}")))
+    }
+
+    /// Training broke down: the best scene so far is written before that is told.
+    fn rescue(&self, best: Best, error: SplatError) -> Result<bool, Failure> {
+        let Some(kept) = best.kept() else { return Err(error.into()) };
+        self.save_scene(&kept.cloud)?;
+        Err(format!("{error}; the scene of step {} is in {}", kept.iteration, self.out.display()).into())
+    }
+
     fn save(&self, model: &Model) -> Result<(), Failure> {
         // Beside the old one first, so that a power cut leaves one of the two.
         let (path, new) = (self.out.join("checkpoint.qvt"), self.out.join("checkpoint.new"));
@@ -411,6 +442,10 @@ impl Reconstruct {
             return Ok(say(&format!("{metrics}\n"))?);
         }
         let mut text = format!("{splats} Gaussians, loss {:.5}, {seconds:.1} s of training\n", run.loss);
+        if metrics["scene_of_iteration"] != metrics["iterations"] {
+            let [scene, stood] = ["scene_of_iteration", "iterations"].map(|key| &metrics[key]);
+            text += &format!("stopped at step {stood}; the scene is that of step {scene}, which drew better\n");
+        }
         let found = &metrics["poses_found"];
         if let (Some(metres), Some(degrees)) = (found["from_given_m"].as_f64(), found["from_given_deg"].as_f64()) {
             let (placed, of) = (&found["placed"], &found["of"]);
@@ -467,8 +502,10 @@ struct Run<'a> {
     bar: ProgressBar,
     stop: Arc<AtomicBool>,
     loss: f32,
-    /// PSNR of the last preview's photograph.
+    /// PSNR of the last preview's photograph, or of those that the last scene was judged by.
     psnr: Option<f64>,
+    /// What is kept if training is stopped.
+    best: Best,
     /// Sums of milliseconds by stage, and of how many steps.
     times: (Vec<(&'static str, f64)>, u32),
 }
@@ -483,7 +520,17 @@ impl<'a> Run<'a> {
         if let Ok(style) = ProgressStyle::with_template("{pos}/{len} {wide_bar} {msg} {eta} left") {
             bar.set_style(style);
         }
-        Self { command, dataset, clock: Instant::now(), bar, stop, loss: 0.0, psnr: None, times: (vec![], 0) }
+        Self {
+            command,
+            dataset,
+            clock: Instant::now(),
+            bar,
+            stop,
+            loss: 0.0,
+            psnr: None,
+            best: Best::default(),
+            times: (vec![], 0),
+        }
     }
 
     /// After each step; false to stop.
@@ -500,6 +547,10 @@ impl<'a> Run<'a> {
         }
         if progress.iteration.is_multiple_of(SAVE_EVERY) {
             self.command.save(&engine.model()?)?;
+        }
+        if progress.iteration.is_multiple_of(self.command.judge_every()) && progress.iteration < self.command.iterations
+        {
+            self.psnr = Some(self.best.see(&engine.model()?, self.dataset)?);
         }
         if self.command.preview && progress.iteration.is_multiple_of(PREVIEW_EVERY) {
             self.preview(&engine.model()?)?;

@@ -64,6 +64,7 @@ fn open_frames(folder: &Path, bar: &ProgressBar) -> Result<DepthCapture, Failure
         let name = path.to_string_lossy().trim_end_matches(".depth.png").to_string();
         let read = || -> Result<DepthFrame, Failure> {
             let (depth, [width, height]) = depth_image(&path, 0.001)?;
+            check_lens(&k, [width, height], out.frames.first()).map_err(|found| about(&path, found))?;
             let pose = PathBuf::from(format!("{name}.pose.txt"));
             let camera_from_world = pose_of(&numbers(&pose, 16)?).map_err(|found| about(&pose, found))?;
             let camera = Camera { fx: k[0], fy: k[4], cx: k[2], cy: k[5], width, height, camera_from_world };
@@ -77,11 +78,28 @@ fn open_frames(folder: &Path, bar: &ProgressBar) -> Result<DepthCapture, Failure
     Ok(out)
 }
 
+/// One lens for all images of a folder: they have one size, and its centre lies well inside.
+fn check_lens(k: &[f64], [width, height]: [u32; 2], first: Option<&DepthFrame>) -> Result<(), String> {
+    if let Some(camera) = first.map(|f| &f.camera).filter(|c| [c.width, c.height] != [width, height]) {
+        return Err(format!(
+            "expected {} x {} pixels as the first image has, found {width} x {height}",
+            camera.width, camera.height
+        ));
+    }
+    let inside = |centre: f64, side: u32| (0.2..0.8).contains(&(centre / f64::from(side)));
+    if inside(k[2], width) && inside(k[5], height) {
+        return Ok(());
+    }
+    Err(format!(
+        "expected an image around the centre of camera-intrinsics.txt, {} {}, found {width} x {height} pixels",
+        k[2], k[5]
+    ))
+}
+
 fn open_transforms(folder: &Path, bar: &ProgressBar) -> Result<DepthCapture, Failure> {
     let path = folder.join("transforms.json");
     let capture = open_cameras(&path)?;
     let document = transforms(folder).unwrap_or_default();
-    let scale = document.get("depth_unit_scale_factor").and_then(Value::as_f64).unwrap_or(0.001);
     let mut out = DepthCapture::default();
     bar.set_length(capture.cameras.len() as u64);
     for (index, one) in capture.cameras.iter().enumerate() {
@@ -90,6 +108,7 @@ fn open_transforms(folder: &Path, bar: &ProgressBar) -> Result<DepthCapture, Fai
         let read = || -> Result<(DepthFrame, Option<Vec<u8>>), Failure> {
             let depth_path = file("depth_file_path")
                 .ok_or_else(|| about(&path, format!("frame {index}: expected depth_file_path, found none")))?;
+            let scale = one.attachments.depth.as_ref().map_or(0.001, |depth| depth.metres_per_unit);
             let (depth, size) = depth_image(&depth_path, scale)?;
             if size != [one.camera.width, one.camera.height] {
                 let expected = format!("expected {} x {} pixels", one.camera.width, one.camera.height);

@@ -212,6 +212,8 @@ mod tests {
                 .contains("image a.jpg: expected the number of a camera")
         );
         assert!(fault(CAMERAS, "1 0 0 0 0 0 0 0 1 a\n\n").contains("a quaternion"));
+        let without_points = "1 1 0 0 0 0 0 0 1 a.jpg\n2 1 0 0 0 0 0 0 1 b.jpg\n";
+        assert!(fault(CAMERAS, without_points).contains("images.txt, line 2: expected the points"));
         assert!(fault(CAMERAS, "1 0 0\n\n").contains("line 1: expected"));
     }
 

@@ -61,7 +61,19 @@ pub fn images(text: &str) -> Result<Vec<Posed>, SplatError> {
         };
         let camera_from_world = pose([w, x, y, z], [tx, ty, tz], &place)?;
         out.push(Posed { camera: parse(words[8], &place)?, camera_from_world, name: rest.into() });
-        lines.next();
+        if let Some((number, line)) = lines.next() {
+            check_points(number, line)?;
+        }
     }
     Ok(out)
+}
+
+/// The line after an image: what it saw, `x y point` again and again, or nothing. Were it the next image, every second one would be lost.
+fn check_points(number: usize, line: &str) -> Result<(), SplatError> {
+    let count = line.split_whitespace().count();
+    if count.is_multiple_of(3) && line.split_whitespace().all(|word| word.parse::<f64>().is_ok()) {
+        return Ok(());
+    }
+    let expected = "the points of the image before it, x y number of each, or an empty line";
+    Err(off(format!("images.txt, line {number}"), expected, line))
 }

@@ -78,6 +78,9 @@ fn camera(document: &Value, frame: &Value, index: usize) -> Result<CaptureCamera
 fn attachments(values: &Values) -> Result<Attachments, SplatError> {
     let path = |name: &str| values.frame.get(name).and_then(Value::as_str).map(String::from);
     let metres_per_unit = values.number("depth_unit_scale_factor")?.unwrap_or(1e-3);
+    if !(metres_per_unit.is_finite() && metres_per_unit > 0.0) {
+        return Err(off("depth_unit_scale_factor", "metres per unit, above 0", metres_per_unit));
+    }
     let depth = path("depth_file_path").map(|path| DepthFile { path, metres_per_unit, camera: None });
     Ok(Attachments {
         mask: path("mask_path"),

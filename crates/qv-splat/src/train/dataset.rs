@@ -149,6 +149,9 @@ fn photograph(one: &CaptureCamera, files: Files, downscale: u32) -> Result<Photo
         let masked = mask.as_ref().is_some_and(|mask| mask.as_raw()[index] == 0);
         pixel[3] = if masked || pixel[3] == 0 { 0 } else { 255 };
     }
+    if pixels.rgba.iter().all(|pixel| pixel[3] == 0) {
+        return Err(off(format!("image {path}"), "a pixel that is not masked", "none"));
+    }
     let (pixels, camera) = smaller(undistorted(pixels, camera, &one.distortion), camera, downscale);
     // For images that are not to be mixed: the pixel of the original that a pixel shows.
     let shown = |index: usize, of: &Camera| -> Option<usize> {
@@ -176,7 +179,16 @@ fn photograph(one: &CaptureCamera, files: Files, downscale: u32) -> Result<Photo
         let at = |index| shown(index, &one.camera).map_or([0.0; 3], |at| normal(&image.as_raw()[3 * at..3 * at + 3]));
         (0..count).map(at).collect()
     });
-    let labels = attached(&one.attachments.labels)?.map(|image| image.into_luma8());
+    let labels = attached(&one.attachments.labels)?.map(|image| match image {
+        image::DynamicImage::ImageLuma8(image) => Ok(image),
+        // Grey made of colours, or of 16 bits, would be other labels.
+        other => Err(off(
+            format!("image {}", one.attachments.labels.as_deref().unwrap_or_default()),
+            "labels as grey of 8 bits",
+            format!("{:?}", other.color()),
+        )),
+    });
+    let labels = labels.transpose()?;
     let labels = labels.map_or(vec![], |image| {
         (0..count).map(|index| shown(index, &one.camera).map_or(0, |at| image.as_raw()[at])).collect()
     });
@@ -240,13 +252,16 @@ mod tests {
     fn views_are_held_out_and_masked() {
         let mut capture = capture(9, 0.0);
         capture.cameras[1].attachments.mask = Some("mask.png".into());
-        let files = |name: &str| Ok(png(8, 6, if name == "mask.png" { 0 } else { 128 }));
+        let half = image::GrayImage::from_fn(8, 6, |x, _| image::Luma([if x < 4 { 0 } else { 255 }]));
+        let mut mask = std::io::Cursor::new(vec![]);
+        half.write_to(&mut mask, image::ImageFormat::Png).unwrap();
+        let files = |name: &str| Ok(if name == "mask.png" { mask.get_ref().clone() } else { png(8, 6, 128) });
         let data = Dataset::new(&capture, &files, &ReadOptions { downscale: 2, hold_out: 8 }).unwrap();
         let names: Vec<&str> = data.held_out.iter().map(|one| one.name.as_str()).collect();
         assert_eq!((names, data.training.len()), (vec!["v0", "v8"], 7));
         let one = &data.training[1];
         assert_eq!((one.camera.width, one.camera.fx, one.pixels.rgba[0]), (4, 10.0, [128, 128, 128, 255]));
-        assert!(data.training[0].valid().iter().all(|valid| !valid));
+        assert_eq!(data.training[0].valid()[..4], [false, false, true, true]);
         assert!((data.extent - 0.44).abs() < 1e-6, "{}", data.extent);
     }
 
@@ -275,5 +290,16 @@ mod tests {
             Some(DepthFile { path: "d.png".into(), metres_per_unit: 1e-3, camera: None });
         let error = fault(&with_depth, &good, &options);
         assert!(error.contains("image d.png: expected grey values of 16 bits"), "{error}");
+        let mut masked = capture(3, 0.0);
+        masked.cameras[1].attachments.mask = Some("m.png".into());
+        let error = fault(&masked, &|name| Ok(png(8, 6, if name == "m.png" { 0 } else { 9 })), &options);
+        assert!(error.contains("image v1.png: expected a pixel that is not masked, found none"), "{error}");
+        let mut labelled = capture(3, 0.0);
+        labelled.cameras[1].attachments.labels = Some("l.png".into());
+        let mut colours = std::io::Cursor::new(vec![]);
+        image::RgbImage::new(8, 6).write_to(&mut colours, image::ImageFormat::Png).unwrap();
+        let files = |name: &str| Ok(if name == "l.png" { colours.get_ref().clone() } else { png(8, 6, 9) });
+        let error = fault(&labelled, &files, &options);
+        assert!(error.contains("image l.png: expected labels as grey of 8 bits, found Rgb8"), "{error}");
     }
 }

@@ -4,6 +4,7 @@
 //! a file or looks at a clock.
 
 pub mod adam;
+mod best;
 pub mod cameras;
 pub mod checkpoint;
 pub mod classic;
@@ -28,6 +29,7 @@ pub mod terms;
 pub(crate) mod tiny;
 mod undistort;
 
+pub use best::{Best, Kept};
 pub use cpu::{CpuEngine, outputs};
 pub use dataset::{Dataset, Files, Photograph, ReadOptions};
 pub use engine::{Engine, Progress, drawn, neighbours_scores, scores, train};

@@ -71,8 +71,9 @@ fn one(image: &[f32], wanted: &[f32], valid: &[bool], width: usize, counts: &dyn
         similar += *ssim as f64;
         count += 1.0;
     }
-    let count = count.max(1.0);
-    (-10.0 * (square / count).max(1e-10).log10(), similar / count)
+    let error = square / count;
+    // What is not a number stays that: a maximum would make the best score of it.
+    (if error < 1e-10 { 100.0 } else { -10.0 * error.log10() }, similar / count)
 }
 
 #[cfg(test)]

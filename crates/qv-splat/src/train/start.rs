@@ -21,13 +21,17 @@ pub const AT_DEPTHS: usize = 100_000;
 /// strategy's program: 0.1 and the distance itself for the classic one, 0.5 and a tenth for MCMC.
 ///
 /// # Errors
-/// There are more points than the cap, or a coordinate is not finite.
+/// There are more points than the cap, or a coordinate or a colour is not finite.
 pub fn of_points(points: &Points, options: &TrainOptions) -> Result<GaussianCloud, SplatError> {
     if points.places.len() > options.cap {
         return Err(off("points to begin with", format!("at most the cap, {}", options.cap), points.places.len()));
     }
     if let Some(bad) = points.places.iter().find(|place| place.iter().any(|x| !x.is_finite())) {
         return Err(off("points to begin with", "finite coordinates", format!("{bad:?}")));
+    }
+    if let Some(at) = points.colours.iter().position(|colour| colour.iter().any(|c| !c.is_finite())) {
+        let (place, found) = (points.places[at], points.colours[at]);
+        return Err(off("points to begin with", format!("a finite colour at {place:?}"), format!("{found:?}")));
     }
     let (opacity, share): (f32, f32) = match options.strategy {
         Strategy::Mcmc => (0.5, 0.1),

@@ -23,12 +23,19 @@ pub fn is_video(path: &Path) -> bool {
 }
 
 /// What a project was made of, so that it is not made twice.
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Stamp {
     video: PathBuf,
     bytes: u64,
     modified: u64,
     frames: usize,
+}
+
+/// A project that is good enough, and what of the video was lost.
+#[derive(Serialize, Deserialize)]
+struct Made {
+    of: Stamp,
+    lost: Vec<String>,
 }
 
 impl Stamp {
@@ -51,16 +58,19 @@ impl Stamp {
 pub fn project(video: &Path, folder: &Path, frames: usize) -> Result<Vec<String>, Failure> {
     let stamp = Stamp::of(video, frames)?;
     let stamp_file = folder.join(STAMP);
-    let found = fs::read_to_string(&stamp_file).ok().and_then(|text| serde_json::from_str::<Stamp>(&text).ok());
-    if found.as_ref() == Some(&stamp) && folder.join("sparse/0/images.bin").is_file() {
-        return Ok(vec![]);
+    let found = fs::read_to_string(&stamp_file).ok().and_then(|text| serde_json::from_str::<Made>(&text).ok());
+    if let Some(made) = found.filter(|made| made.of == stamp && folder.join("sparse/0/images.bin").is_file()) {
+        return Ok(made.lost);
     }
     fs::create_dir_all(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
+    // A project of another video must not pass for this one's if this one fails.
+    for old in [&stamp_file, &folder.join("sparse")] {
+        let removed = if old.is_dir() { fs::remove_dir_all(old) } else { fs::remove_file(old) };
+        removed.or_else(missing_is_fine).map_err(|e| about(old, format!("expected to remove it, found {e}")))?;
+    }
     let images = folder.join("images");
     frames::take(video, &images, frames)?;
     let placed = colmap::find(&images, folder, None)?;
-    let text = serde_json::to_string(&stamp)?;
-    fs::write(&stamp_file, text).map_err(|e| about(&stamp_file, format!("expected to write it, found {e}")))?;
     if placed.placed < FEWEST.min(placed.frames) {
         let expected = format!("expected at least {FEWEST} frames that overlap their neighbours");
         let found = format!("{} of {} with a place; move slower, or sideways as well", placed.placed, placed.frames);
@@ -71,7 +81,13 @@ pub fn project(video: &Path, folder: &Path, frames: usize) -> Result<Vec<String>
         lost.push(format!("{}: {left} of {} frames have no place", video.display(), placed.frames));
     }
     lost.extend(placed.doubt(video));
+    let text = serde_json::to_string(&Made { of: stamp, lost: lost.clone() })?;
+    fs::write(&stamp_file, text).map_err(|e| about(&stamp_file, format!("expected to write it, found {e}")))?;
     Ok(lost)
+}
+
+fn missing_is_fine(error: std::io::Error) -> std::io::Result<()> {
+    if error.kind() == std::io::ErrorKind::NotFound { Ok(()) } else { Err(error) }
 }
 
 #[cfg(test)]
