@@ -10,7 +10,6 @@ use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
 use qv_core::{Camera, GaussianCloud};
 use qv_raster::Image;
-use qv_splat::SplatError;
 use qv_splat::captures::distortion::Distortion;
 use qv_splat::captures::{Attachments, Capture, CaptureCamera, cameras_json};
 use qv_splat::files::{Format, write};
@@ -19,6 +18,7 @@ use qv_splat::train::{
     TrainOptions, Weights, at_depths, at_far, at_random, cameras, checkpoint, clear, drawn, neighbours_scores,
     of_points, pose, scores, train,
 };
+use qv_splat::{SplatError, error_at};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -201,9 +201,7 @@ impl Reconstruct {
             options.iterations,
             options.seed,
             REPORT_EVERY,
-            &mut |engine, progress| {
-                run.watch(engine, progress).map_err(|e| qv_splat::error_at("training", "files", &e.to_string()))
-            },
+            &mut |engine, at| run.watch(engine, at).map_err(|e| error_at("training", "files", &e.to_string())),
         );
         let finished = trained.or_else(|error| self.rescue(std::mem::take(&mut run.best), error))?;
         let mut model = engine.model()?;
@@ -211,10 +209,10 @@ impl Reconstruct {
         run.bar.finish_and_clear();
         let clock = Instant::now();
         self.save(&model)?;
+        let (stood_at, mut scene_of) = (model.iteration, model.iteration);
         let earlier = if finished { None } else { std::mem::take(&mut run.best).instead_of(&model, &dataset)? };
-        let scene_of = earlier.as_ref().map_or(model.iteration, |kept| kept.iteration);
-        let stood_at = model.iteration;
         if let Some(kept) = earlier {
+            scene_of = kept.iteration;
             kept.put_into(&mut model);
         }
         let as_learned = |one: &Photograph| cameras::as_learned(&model, &dataset, one);
