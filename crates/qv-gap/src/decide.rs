@@ -246,15 +246,13 @@ impl Round {
                 self.reason = format!("{}: {reason}", study.columns.effects[effect].name);
             }
             let blocks = !is_blow && !is_trifle(study, &fit.suspect);
-            if blocks && fit.evidence >= threshold(study, fit, self.by_chance[effect]) {
+            if blocks && fit.evidence >= self.needed(study, fit) {
                 return Ok(());
             }
         }
         Ok(())
     }
-}
 
-impl Round {
     /// Whether a fit is steady, larger than what any robot has, and has more evidence than a cause needs.
     pub fn speaks_for(&self, study: &Study, fit: &Fit) -> bool {
         let needed = self.needed(study, fit);

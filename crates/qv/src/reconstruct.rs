@@ -321,15 +321,13 @@ impl Reconstruct {
         Ok((Model::new(cloud, dataset), opened.points.is_some()))
     }
 
-    #[cfg(not(feature = "gpu"))]
-    fn judge_every(&self) -> u32 {
-        JUDGE_EVERY
-    }
-
-    #[cfg(feature = "gpu")]
     fn judge_every(&self) -> u32 {
         // Fetching a scene from the card and judging it takes as long as some hundred steps there.
-        if self.gpu { SAVE_EVERY } else { JUDGE_EVERY }
+        #[cfg(feature = "gpu")]
+        if self.gpu {
+            return SAVE_EVERY;
+        }
+        JUDGE_EVERY
     }
 
     #[cfg(not(feature = "gpu"))]
@@ -544,15 +542,18 @@ impl<'a> Run<'a> {
                 engine.time_next();
             }
         }
-        if progress.iteration.is_multiple_of(SAVE_EVERY) {
-            self.command.save(&engine.model()?)?;
-        }
-        if progress.iteration.is_multiple_of(self.command.judge_every()) && progress.iteration < self.command.iterations
-        {
-            self.psnr = Some(self.best.see(&engine.model()?, self.dataset)?);
-        }
-        if self.command.preview && progress.iteration.is_multiple_of(PREVIEW_EVERY) {
-            self.preview(&engine.model()?)?;
+        let is_time = |every: u32| progress.iteration.is_multiple_of(every);
+        let saves = is_time(SAVE_EVERY);
+        let judges = is_time(self.command.judge_every()) && progress.iteration < self.command.iterations;
+        let previews = self.command.preview && is_time(PREVIEW_EVERY);
+        // All of it is fetched from the card at once, for whatever it is wanted.
+        if saves || judges || previews {
+            let model = engine.model()?;
+            saves.then(|| self.command.save(&model)).transpose()?;
+            if judges {
+                self.psnr = Some(self.best.see(&model, self.dataset)?);
+            }
+            previews.then(|| self.preview(&model)).transpose()?;
         }
         let late = self.command.max_seconds.is_some_and(|most| self.clock.elapsed().as_secs_f64() > most);
         Ok(!(late || self.stop.load(Ordering::Relaxed)))
