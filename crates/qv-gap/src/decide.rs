@@ -29,8 +29,13 @@ const OVER_NULL: f64 = 1.3;
 const SUSPICIOUS: f64 = 3.0;
 /// A size below this many tolerances is no cause.
 const LEAST_SIZE: f64 = 3.5;
+/// What tolerated deviations imitate has little evidence however much of the gap it closes: the least evidence and size of a
+/// cause that closes this share of the held-out gap.
+const LEAST_FAINT_EVIDENCE: f64 = 20.0;
+const LEAST_FAINT_SIZE: f64 = 3.0;
+const FAINT_CLOSED: f64 = 0.5;
 /// Log evidence from which on an event need not take a share of the excess: a robot that is pushed often, or stumbles, too.
-const SURE_EVENT: f64 = 1000.0;
+pub const SURE_EVENT: f64 = 1000.0;
 /// Log evidence and share of the excess from which on a cause need not lower the held-out loss, if only that does not rise: held out
 /// are a quarter of the windows, and some of a dozen in which feet bounce are missed by the right bounce.
 const SURE_EVIDENCE: f64 = 300.0;
@@ -192,29 +197,6 @@ pub fn round(study: &mut Study, without: &[usize], is_first: bool) -> Result<Rou
 }
 
 impl Round {
-    /// The same round if the library had not had an effect.
-    ///
-    /// # Errors
-    /// When a value means nothing.
-    pub fn without(&self, study: &mut Study, effect: &str) -> Result<Self, GapError> {
-        let of = |fit: &Fit| study.columns.effects[study.columns.groups[fit.suspect.group].effect].name != effect;
-        let fits = self.fits.iter().filter(|f| of(f)).cloned().collect();
-        let by_chance = self.by_chance.clone();
-        let mut round = Self {
-            level: self.level,
-            fits,
-            by_chance,
-            base: self.base,
-            is_first: self.is_first,
-            accused: None,
-            also: Vec::new(),
-            reason: String::new(),
-            is_suspicious: false,
-        };
-        round.judge(study)?;
-        Ok(round)
-    }
-
     /// Accuses the best suspect to which there is no objection. A better one that is no cause does not make a worse one
     /// a cause, unless it is a trifle, or chance alone reaches as much for it.
     fn judge(&mut self, study: &mut Study) -> Result<(), GapError> {
@@ -225,13 +207,17 @@ impl Round {
         for (k, fit) in self.fits.iter().enumerate() {
             // Blows of the contact stand beside any cause.
             let is_blow = is_too_short(study, fit);
-            judged += usize::from(!is_blow);
+            let is_faint_event =
+                matches!(fit.suspect.extent, Some(Extent::Time(_))) && fit.evidence < self.needed(study, fit);
+            judged += usize::from(!is_blow && !is_faint_event);
             if judged > MOST_JUDGED {
                 break;
             }
             let effect = study.columns.groups[fit.suspect.group].effect;
-            let mut reason = objection(study, fit, self.by_chance[effect]);
-            if reason.is_none() {
+            let by_chance = self.by_chance[effect];
+            let is_faint = self.is_first && is_faint(study, fit, by_chance);
+            let mut reason = if is_faint { faint_objection(study, fit)? } else { objection(study, fit, by_chance) };
+            if reason.is_none() && !is_faint {
                 let share = (self.base - fit.loss) / excess.max(1e-9);
                 let one_more_event = matches!(fit.suspect.extent, Some(Extent::Time(_))) && !study.problem.free;
                 let later = !(self.is_first || one_more_event);
@@ -334,6 +320,29 @@ fn threshold(study: &Study, fit: &Fit, by_chance: f64) -> f64 {
 fn is_too_short(study: &Study, fit: &Fit) -> bool {
     let least = if study.problem.free { LEAST_EVENT } else { LEAST_HELD_EVENT };
     matches!(fit.suspect.extent, Some(Extent::Time([from, until])) if until - from < least)
+}
+
+/// Whether a fit of a robot on its feet is steady and has too little evidence, or too small a size, for a cause that closes little.
+fn is_faint(study: &Study, fit: &Fit, by_chance: f64) -> bool {
+    let size = size(study, &fit.suspect);
+    let lacks = fit.evidence < threshold(study, fit, by_chance) || size < LEAST_SIZE;
+    let enough = fit.evidence >= LEAST_FAINT_EVIDENCE.max(OVER_NULL * by_chance) && size >= LEAST_FAINT_SIZE;
+    study.problem.free && fit.suspect.extent.is_none() && size.is_finite() && lacks && enough
+}
+
+/// What speaks against a faint cause: it closes little of a gap that no fit has seen.
+fn faint_objection(study: &mut Study, fit: &Fit) -> Result<Option<String>, GapError> {
+    let setting = study.columns.setting_of(&study.problem, std::slice::from_ref(&fit.suspect));
+    let closure = closure(study, &setting)?;
+    let (fall, error) = closure.fall(false);
+    let (size, closed) = (size(study, &fit.suspect), 100.0 * closure.closed());
+    let is_much = closure.closed() > FAINT_CLOSED && fall > SURE_IN_LOGARITHMS * error;
+    Ok((!is_much).then(|| {
+        format!(
+            "log evidence {:.0} of a size of {size:.1} tolerances, which closes {closed:.0} % held out",
+            fit.evidence
+        )
+    }))
 }
 
 fn objection(study: &Study, fit: &Fit, by_chance: f64) -> Option<String> {

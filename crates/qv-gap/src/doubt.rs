@@ -5,7 +5,7 @@
 
 use crate::GapError;
 use crate::columns::{Group, Suspect};
-use crate::decide::{Level, NO_GAP, Round, is_trifle};
+use crate::decide::{Level, NO_GAP, Round, SURE_EVENT, is_trifle};
 use crate::laws::{LawLeft, laws};
 use crate::library::Scope;
 use crate::search::{Fit, Search};
@@ -30,7 +30,9 @@ const TRUNK_EVIDENCE_SHARE: f64 = 0.1;
 const EVENTS_SHARE: f64 = 0.25;
 /// By how much the level may rise.
 const RISE: f64 = 0.05;
-/// Share of the held-out gap that causes must close that act all the time and everywhere.
+/// What engines differ in leaves at least so many times the floor of noise: no cause closes that.
+pub const ENGINES_LEAVE: f64 = 1.5;
+/// Share of the held-out gap beyond that which causes must close that act all the time and everywhere.
 pub const LEAST_CLOSED: f64 = 0.35;
 /// Share of the excess of the level that they leave at most if they need not.
 pub const MOST_LEFT: f64 = 0.5;
@@ -76,7 +78,8 @@ pub fn doubt(study: &mut Study, judged: &Judged) -> Result<Option<String>, GapEr
         return Ok(Some(pulled));
     }
     let [before, after] = judged.levels.map(|l| l.ratio);
-    if !judged.events.is_empty() && after > NO_GAP && before - after < EVENTS_SHARE * (before - 1.0) {
+    let is_sure = judged.evidence > SURE_EVENT;
+    if !judged.events.is_empty() && !is_sure && after > NO_GAP && before - after < EVENTS_SHARE * (before - 1.0) {
         let share = 100.0 * (before - after) / (before - 1.0);
         return Ok(Some(format!("it takes {share:.0} % of the excess over the null, and a gap is left")));
     }

@@ -24,6 +24,7 @@ pub struct Law {
     latency: f64,
     seen_late: f64,
     torque_scale: f64,
+    play: f64,
 }
 
 impl Law {
@@ -43,14 +44,19 @@ impl Law {
             latency: value("actuator.*.command_latency"),
             seen_late: value("sensor.*.encoder_latency"),
             torque_scale: value("sensor.*.torque_scale"),
+            play: value("actuator.*.backlash"),
         }
     }
 
-    /// Torque that is asked for by the command and state of time `t`.
-    fn demand(&self, c: &Channels, t: f64, alignment: Alignment) -> f64 {
+    /// Torque that is asked for by the command and state of time `t`, of a motor that stood at `motor` before if there is play;
+    /// it is moved along.
+    fn demand(&self, c: &Channels, t: f64, alignment: Alignment, motor: &mut Option<f64>) -> f64 {
         let late = t - alignment.command - self.latency;
         let seen = t - alignment.state + self.seen_late;
-        let (q, dq) = (c.at(c.q, seen), c.at(c.dq, seen));
+        let (joint, dq) = (c.at(c.q, seen), c.at(c.dq, seen));
+        let half = 0.5 * self.play;
+        let q = if half > 0.0 { motor.unwrap_or(joint).max(joint - half).min(joint + half) } else { joint };
+        *motor = Some(q);
         let held = |series: Option<&JointSeries>, fixed: f64| series.map_or(fixed, |s| s.hold(late)[c.column]);
         let p = self.kp * held(c.kp, c.fixed_kp) * (held(c.q_des, 0.0) - q) + held(c.tau_ff, 0.0);
         let d = self.kd * held(c.kd, c.fixed_kd) * (held(c.dq_des, 0.0) - dq);
@@ -160,7 +166,7 @@ pub fn concerns(problem: &Problem, setting: &Setting, joint: usize) -> bool {
         let (of, rest) = problem.catalogue[id].name.split_once('.').unwrap_or(("", ""));
         let field = rest.strip_prefix(name.as_str()).and_then(|f| f.strip_prefix('.'));
         match (of, field) {
-            ("actuator", Some(field)) => field != "backlash",
+            ("actuator", Some(_)) => true,
             ("sensor", Some(field)) => field != "encoder_bias",
             _ => false,
         }
@@ -176,14 +182,16 @@ pub fn of_joint(problem: &Problem, window: &Window, law: &Law, alignment: Alignm
     let Some(torque) = window.view.measured.torque.as_ref() else { return nothing() };
     let (mut sums, mut counts) = (vec![0.0; count], vec![0usize; count]);
     let mut filter = Lag { time_constant: law.lag, state: None };
-    // Lags of up to a few time constants before the window matter.
-    let first = torque.time.partition_point(|&t| t < window.start - 5.0 * law.lag);
+    let mut motor = None;
+    // Lags of up to a few time constants before the window matter, and on which side of its play the motor was.
+    let past = if law.play > 0.0 { problem.cut.margin } else { 5.0 * law.lag };
+    let first = torque.time.partition_point(|&t| t < window.start - past);
     for i in first..torque.len() {
         let t = torque.time[i];
         if t > window.start + problem.cut.window {
             break;
         }
-        let lagged = filter.next(t, law.demand(&channels, t, alignment));
+        let lagged = filter.next(t, law.demand(&channels, t, alignment, &mut motor));
         let expected = law.torque_scale * law.limited(&channels, t - alignment.state, lagged);
         let bin = (t - window.start) / BIN;
         let measured = torque.values[i * torque.joints + column];

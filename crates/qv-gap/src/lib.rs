@@ -12,6 +12,7 @@ mod diagnose;
 mod doubt;
 mod error;
 pub mod evidence;
+mod forget;
 pub mod forward;
 pub mod law;
 mod laws;

@@ -152,7 +152,8 @@ impl<'s, 'a> Search<'s, 'a> {
         let force = self.marginal.force(sums);
         let columns = self.columns();
         let mut found = Vec::new();
-        for (index, group) in columns.groups.iter().enumerate() {
+        let known = columns.groups.iter().enumerate().filter(|(_, g)| !self.study.forgotten.contains(&g.effect));
+        for (index, group) in known {
             let effect = &columns.effects[group.effect];
             for level in 0..effect.levels.len() {
                 let Some(direction) = direction(columns, index, level) else { continue };

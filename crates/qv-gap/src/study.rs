@@ -89,8 +89,12 @@ pub struct Study<'a> {
     pub ghosts: Vec<Vec<Option<Normal>>>,
     /// Their residuals, by window.
     pub ghost_residuals: Vec<Vec<Option<DVector<f64>>>>,
+    /// Their deviations, in the tolerated columns; empty where they are drawn from reference recordings.
+    pub ghost_deviations: Vec<Vec<f64>>,
     /// Tolerance of the first columns.
     pub tolerance: Vec<f64>,
+    /// Effects that the library is taken never to have heard of.
+    pub forgotten: Vec<usize>,
     /// Mean square of residuals of noise and numerics alone.
     pub floor: f64,
     /// Steps simulated so far.
@@ -120,7 +124,9 @@ impl<'a> Study<'a> {
             parts: Vec::new(),
             ghost_residuals: ghosts.iter().map(|_| Vec::new()).collect(),
             ghosts,
+            ghost_deviations: Vec::new(),
             tolerance: Vec::new(),
+            forgotten: Vec::new(),
             floor: 0.0,
             steps: 0,
             is_relative: !reference.is_empty(),
@@ -174,10 +180,10 @@ impl<'a> Study<'a> {
         if good.iter().filter(|g| **g).count() < 8 {
             return Err(GapError::run("simulation", "at least 8 windows that can be simulated", "fewer"));
         }
-        let (ghost_raw, samples) = if pool.is_empty() {
+        let (ghost_raw, (samples, deviations)) = if pool.is_empty() {
             let (raw, deviations) = ghosts(problem, columns, &windows, &noise, (effort, index), &mut steps)?;
             let samples = samples(&windows, &sensitivities, &raw, &deviations);
-            (raw, samples)
+            (raw, (samples, deviations))
         } else {
             // Each stands for a window that moves as it does.
             let alike = |moving| windows.iter().position(|w| w.moving == moving).unwrap_or(0);
@@ -188,8 +194,10 @@ impl<'a> Study<'a> {
                 raw: raw.clone(),
             };
             let drawn = reference::draw(&windows, pool, self.ghosts.len(), effort.seed.wrapping_add(index as u64));
-            (drawn, pool.iter().map(sample).collect())
+            (drawn, (pool.iter().map(sample).collect(), Vec::new()))
         };
+        // The same robots in all runs.
+        self.ghost_deviations = deviations;
         let moving: Vec<bool> = windows.iter().map(|w| w.moving).collect();
         let few = || GapError::run("simulation without an effect", "windows that do not run away", "too few");
         let whitener = Whitener::new(problem, &samples, &moving, pool.is_empty()).ok_or_else(few)?;

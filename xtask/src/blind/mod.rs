@@ -65,6 +65,9 @@ pub struct Blind {
     /// Begin no diagnosis after so many minutes, and score what there is; another run goes on
     #[arg(long, value_name = "M")]
     minutes: Option<f64>,
+    /// Leave the first N recordings out, in the order of their names: some method was developed on them
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    skip: usize,
     /// Also run the baselines: one effect at a time, CMA-ES, a residual network
     #[arg(long)]
     baselines: bool,
@@ -143,13 +146,18 @@ fn diagnosed(workspace: &Workspace, blind: &Blind, set: &Set, folder: &Path) -> 
     let mut answers = generated.answers()?;
     let words = [format!("baselines {}", blind.baselines)];
     let reports = diagnose::reports_folder(&generated.recordings, pipeline::hash(&words, std::slice::from_ref(&qv))?);
+    let all = answers.recordings.len();
+    let skipped: Vec<String> = answers.recordings.keys().take(blind.skip).cloned().collect();
+    answers.recordings.retain(|name, _| !skipped.contains(name));
     let names: Vec<&String> = answers.recordings.keys().collect();
     diagnoses.run(&names, &generated.recordings, &reports)?;
     seal.open(&generated.sealed_text())?;
-    println!("seal opened: {} answers are those that were sealed", names.len());
-    let all = names.len();
+    println!("seal opened: {all} answers are those that were sealed");
     answers.recordings.retain(|name, _| reports.join(name).is_dir());
-    if answers.recordings.len() < all {
+    if !skipped.is_empty() {
+        println!("{} of {all} left out, the first in the order of their names", skipped.len());
+    }
+    if answers.recordings.len() + skipped.len() < all {
         println!("{} of {all} were diagnosed; another run goes on", answers.recordings.len());
     }
     Ok((answers, reports))

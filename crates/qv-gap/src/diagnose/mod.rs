@@ -3,7 +3,7 @@
 mod ranking;
 
 use crate::GapError;
-use crate::closure::closure;
+use crate::closure::{closure, mean};
 use crate::columns::{Columns, Extent, Group};
 use crate::decide::{self, Level, NO_GAP, Round};
 use crate::doubt::{self, Judged};
@@ -25,6 +25,9 @@ const MOST_CAUSES: usize = 3;
 /// with the effect.
 const NEARLY_ALL: f64 = 0.12;
 const UNEXPLAINED_BESIDE: f64 = 2.0;
+/// Share of the held-out gap from which on causes are told up to that level, too: robots that stumble leave as much without an
+/// effect.
+const MOSTLY_CLOSED: f64 = 0.8;
 /// Level up to which a push is told of an arm that nothing else explains.
 const QUIET_ENOUGH: f64 = 4.0;
 /// Most rounds, in each of which there may be several events.
@@ -114,8 +117,16 @@ pub fn diagnose(
     let mut cannot_tell = telling::faults(runs);
     let (usable, fallen) = telling::upright(runs);
     cannot_tell.extend(fallen);
-    let mut session =
-        Session { runs: usable, model, terrain, options, calibrated: Vec::new(), stages: Vec::new(), since: 0.0 };
+    let mut session = Session {
+        runs: usable,
+        model,
+        terrain,
+        options,
+        calibrated: Vec::new(),
+        forgotten: Vec::new(),
+        stages: Vec::new(),
+        since: 0.0,
+    };
     let begun = session.now();
     session.calibrate()?;
     let mut nominal = session.study(&[], &[])?;
@@ -126,17 +137,13 @@ pub fn diagnose(
     let round = decide::round(&mut nominal, &closed_to, true)?;
     session.end(&nominal);
     let findings = session.follow(&mut nominal, round, &options.without, &opening, &cannot_tell)?;
-    let first_round = findings.rounds[0].clone();
     let report = findings.report(&mut session, &mut nominal, begun)?;
     let mut without = Vec::new();
     let ranked: Vec<String> =
         report.ranking.iter().map(|r| r.effect.clone()).filter(|e| e != UNKNOWN).take(leave_out).collect();
     for effect in ranked {
-        let begun = session.now();
-        let round = first_round.without(&mut nominal, &effect)?;
-        let left_out = [&options.without[..], std::slice::from_ref(&effect)].concat();
-        let findings = session.follow(&mut nominal, round, &left_out, &opening, &cannot_tell)?;
-        without.push((effect, findings.report(&mut session, &mut nominal, begun)?));
+        let report = session.without(&mut nominal, &effect, &cannot_tell)?;
+        without.push((effect, report));
     }
     Ok(Diagnosis { report, without })
 }
@@ -167,6 +174,8 @@ struct Session<'a> {
     options: &'a Options<'a>,
     /// What the reference recordings say of actuators and sensors.
     calibrated: Vec<Correction>,
+    /// Effects that the library is taken never to have heard of.
+    forgotten: Vec<String>,
     stages: Vec<Stage>,
     since: f64,
 }
@@ -213,7 +222,10 @@ impl<'a> Session<'a> {
         let mut problem = Problem::new(&self.runs[0], self.model, self.terrain, &given, self.options.cut)?;
         problem.events = events.to_vec();
         let columns = Columns::new(&problem, &self.runs[0], &self.options.library)?;
-        let study = Study::new(problem, columns, &self.runs, &self.options.reference, &self.options.effort)?;
+        let mut study = Study::new(problem, columns, &self.runs, &self.options.reference, &self.options.effort)?;
+        if !self.forgotten.is_empty() {
+            study.forget(&closed_to(&study, &self.forgotten));
+        }
         self.end(&study);
         Ok(study)
     }
@@ -239,6 +251,7 @@ impl<'a> Session<'a> {
             cannot_tell: cannot_tell.to_vec(),
             later: None,
             doubt: None,
+            closed: 0.0,
         };
         loop {
             let round = findings.rounds.last().expect("there is a first");
@@ -271,6 +284,23 @@ impl<'a> Session<'a> {
                 return findings.doubted();
             }
         }
+    }
+
+    /// The diagnosis that a library would have come to that has never heard of an effect.
+    fn without(&mut self, nominal: &mut Study<'a>, effect: &str, cannot_tell: &[String]) -> Result<Report, GapError> {
+        let begun = self.now();
+        self.forgotten = vec![effect.into()];
+        let kept = nominal.forget(&closed_to(nominal, &self.forgotten));
+        let opening = Opening::new(nominal)?;
+        self.begin("search");
+        let left_out = [&self.options.without[..], &self.forgotten[..]].concat();
+        let round = decide::round(nominal, &closed_to(nominal, &left_out), true)?;
+        self.end(nominal);
+        let findings = self.follow(nominal, round, &left_out, &opening, cannot_tell)?;
+        let report = findings.report(self, nominal, begun)?;
+        nominal.remember(kept);
+        self.forgotten.clear();
+        Ok(report)
     }
 
     /// All that a report says of a cause.
@@ -387,6 +417,8 @@ struct Findings<'a> {
     later: Option<Study<'a>>,
     /// Why what is accused does not explain the recording all the same.
     doubt: Option<String>,
+    /// Share of the held-out gap that is closed by what acts all the time and everywhere, if nothing else is accused.
+    closed: f64,
 }
 
 impl Findings<'_> {
@@ -522,10 +554,12 @@ impl Findings<'_> {
         if self.level_after.is_explained() && after - 1.0 < doubt::MOST_LEFT * (before - 1.0) {
             return Ok(());
         }
-        let setting = setting(nominal, &self.corrections);
-        let closed = closure(nominal, &setting)?.closed();
-        if closed < doubt::LEAST_CLOSED {
-            let share = 100.0 * closed;
+        let closure = closure(nominal, &setting(nominal, &self.corrections))?;
+        let [before, after] = [&closure.before, &closure.after].map(|losses| mean(losses));
+        let closable = before - doubt::ENGINES_LEAVE * closure.floor;
+        self.closed = closure.closed();
+        if before - after < doubt::LEAST_CLOSED * closable {
+            let share = 100.0 * self.closed;
             self.doubt = Some(format!("it closes {share:.0} % of the gap in windows that no fit has seen"));
         }
         Ok(())
@@ -554,7 +588,8 @@ impl Findings<'_> {
             return if quiet { Verdict::PartlyExplained } else { Verdict::Unexplained };
         }
         let (before, after) = (self.opening.level.ratio - 1.0, self.level_after.ratio - 1.0);
-        if after < NEARLY_ALL * before && self.level_after.ratio < UNEXPLAINED_BESIDE {
+        let nearly_all = after < NEARLY_ALL * before && self.level_after.ratio < UNEXPLAINED_BESIDE;
+        if nearly_all || (self.closed > MOSTLY_CLOSED && self.level_after.ratio < UNEXPLAINED_BESIDE) {
             Verdict::PartlyExplained
         } else {
             Verdict::Unexplained
