@@ -76,6 +76,27 @@ fn a_cause_that_only_imitates_another_is_doubted() {
 }
 
 #[test]
+fn play_in_a_joint_is_told_by_its_torques() {
+    let run = recorded(vec![("actuator.FR_hip_joint.backlash".into(), 0.015)], 4);
+    let report = of(&run, &quick());
+    let cause = report.causes.first().unwrap_or_else(|| panic!("{}", report.sentence));
+    assert_eq!((cause.effect.as_str(), &cause.scope[..]), ("backlash", &["FR_hip_joint".to_string()][..]));
+    assert!((cause.parameters[0].value - 0.015).abs() < 0.002, "{:?}", cause.parameters);
+}
+
+#[test]
+fn an_effect_that_is_left_out_is_no_tolerated_deviation_either() {
+    // Its own tolerance takes most of a bias of the gyroscope upon itself.
+    let run = recorded(vec![("sensor.imu.gyro_bias_y".into(), 0.03)], 4);
+    let diagnosis = diagnose(&[run], &go2(), &Terrain::plane(), &quick(), 1).unwrap();
+    assert_eq!(diagnosis.report.causes.first().map(|c| c.effect.as_str()), Some("gyro_bias"));
+    let (effect, without) = &diagnosis.without[0];
+    assert_eq!((effect.as_str(), without.verdict), ("gyro_bias", Verdict::Unexplained), "{}", without.sentence);
+    assert!(without.rounds[0].level > 1.5 * diagnosis.report.rounds[0].level);
+    assert!(!without.ranking.iter().any(|r| r.effect == "gyro_bias"));
+}
+
+#[test]
 fn a_robot_without_an_effect_is_not_accused_even_with_a_dead_encoder() {
     let mut run = recorded(Vec::new(), 5);
     let report = of(&run, &quick());

@@ -38,6 +38,8 @@ const CONFIRMING: usize = 2;
 const SOLID: f32 = 0.5;
 /// Every so many pixels of a label image become a point.
 const LABEL_STRIDE: usize = 3;
+/// Frames that may confirm a depth: the nearest.
+const NEIGHBOURS: usize = 8;
 /// Points on each surface that is compared.
 const SAMPLES: usize = 400_000;
 /// Floor of the solid below its lowest point \[m\].
@@ -54,28 +56,28 @@ pub struct Mesh {
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// Side of a voxel, in metres
-    #[arg(long, value_name = "METRES", default_value_t = 0.02)]
+    #[arg(long, value_name = "METRES", default_value_t = 0.02, value_parser = positive)]
     voxel: f64,
     /// Distance at which the signed distance is cut off, in voxels
-    #[arg(long, value_name = "VOXELS", default_value_t = 4.0)]
+    #[arg(long, value_name = "VOXELS", default_value_t = 4.0, value_parser = positive)]
     truncation: f64,
     /// Largest depth that counts, in metres
-    #[arg(long, value_name = "METRES", default_value_t = 8.0)]
+    #[arg(long, value_name = "METRES", default_value_t = 8.0, value_parser = positive)]
     max_depth: f64,
-    /// Frames that must confirm each depth; 0 keeps all. Default 2 for a scene of Gaussians, 0 for measured depth
-    #[arg(long, value_name = "COUNT")]
+    /// Frames of the nearest 8 that must confirm each depth; 0 keeps all. Default 2 for a scene of Gaussians, 0 for measured depth
+    #[arg(long, value_name = "COUNT", value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(..=NEIGHBOURS as u64))]
     agree: Option<usize>,
     /// Triangles to come down to; without it all are kept
     #[arg(long, value_name = "COUNT")]
     triangles: Option<usize>,
     /// How far --triangles may move the surface, in metres; half a voxel without it
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, value_name = "METRES", value_parser = positive)]
     max_error: Option<f64>,
     /// Keeps every piece of at least this area, in square metres, instead of the largest alone
-    #[arg(long, value_name = "AREA", requires = "open")]
+    #[arg(long, value_name = "AREA", requires = "open", value_parser = positive)]
     pieces: Option<f64>,
     /// Longest rim of a hole that is filled, in metres
-    #[arg(long, value_name = "METRES", default_value_t = 3.0)]
+    #[arg(long, value_name = "METRES", default_value_t = 3.0, value_parser = not_negative)]
     max_hole: f64,
     /// Rounds of smoothing, each of about one voxel
     #[arg(long, value_name = "COUNT", default_value_t = 3)]
@@ -84,7 +86,7 @@ pub struct Mesh {
     #[arg(long)]
     open: bool,
     /// Most memory for voxels, in GiB
-    #[arg(long, value_name = "GIB", default_value_t = 8.0)]
+    #[arg(long, value_name = "GIB", default_value_t = 8.0, value_parser = positive)]
     memory: f64,
     /// Names and friction of labels (TOML)
     #[arg(long, value_name = "FILE")]
@@ -113,6 +115,18 @@ pub struct Mesh {
     /// One line of JSON at the end instead of the summary
     #[arg(long)]
     json: bool,
+}
+
+/// A finite number above 0.
+fn positive(text: &str) -> Result<f64, String> {
+    let found = || format!("expected a number above 0, found `{text}`");
+    not_negative(text).ok().filter(|x| *x > 0.0).ok_or_else(found)
+}
+
+/// A finite number of at least 0.
+fn not_negative(text: &str) -> Result<f64, String> {
+    let found = || format!("expected a number of at least 0, found `{text}`");
+    text.parse().ok().filter(|x: &f64| x.is_finite() && *x >= 0.0).ok_or_else(found)
 }
 
 /// What is to be fused, and what labels it.
@@ -163,7 +177,7 @@ impl Mesh {
     }
 
     fn fusing(&self) -> FuseOptions {
-        let memory_limit = (self.memory.max(0.0) * f64::from(1 << 30)) as u64;
+        let memory_limit = (self.memory * f64::from(1 << 30)) as u64;
         FuseOptions {
             voxel: self.voxel,
             truncation: self.truncation,
@@ -185,8 +199,11 @@ impl Mesh {
         }
     }
 
-    /// What writes the file that `--out` names, known before the work begins.
+    /// What writes the file that `--out` names, known before the work begins, and its folder.
     fn writer(&self) -> Result<fn(&TriangleMesh) -> Vec<u8>, Failure> {
+        if let Some(folder) = self.out.parent() {
+            fs::create_dir_all(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
+        }
         match self.out.extension().and_then(|e| e.to_str()) {
             Some("glb") => Ok(glb::write),
             Some("ply") => Ok(ply::write),
@@ -244,6 +261,9 @@ impl Mesh {
             return Err(about(&self.scene, format!("expected depth frames, found none that can be read{why}")));
         }
         let most = capture.labels.iter().flatten().flatten().copied().max().unwrap_or(0);
+        if most == 0 && materials.is_some() {
+            return Err(about(&self.scene, "expected label images for --labels (label_file_path), found none"));
+        }
         if most == 0 {
             return Ok(Input { capture, points: None, materials: vec![] });
         }
@@ -289,7 +309,10 @@ impl Mesh {
     /// Leaves out depths that other frames do not confirm; the share that is kept.
     fn keep_agreeing(&self, frames: &mut [DepthFrame]) -> f64 {
         let least = self.agree.unwrap_or(if self.cameras.is_some() { CONFIRMING } else { 0 });
-        keep_agreeing(frames, &AgreeOptions { least, absolute: 2.0 * self.voxel, relative: 0.01, neighbours: 8 })
+        keep_agreeing(
+            frames,
+            &AgreeOptions { least, absolute: 2.0 * self.voxel, relative: 0.01, neighbours: NEIGHBOURS },
+        )
     }
 
     /// Brings frames and labelled points to metres.

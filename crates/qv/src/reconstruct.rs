@@ -1,5 +1,7 @@
 //! `qv reconstruct`: photographs with cameras become a scene of Gaussians.
 
+mod watch;
+
 use crate::capture::{OpenCapture, open_capture};
 use crate::colmap::poses_again;
 use crate::normals::{self, Colours, NormalModel};
@@ -7,14 +9,13 @@ use crate::scene::about;
 use crate::video;
 use crate::{Failure, Outcome, say};
 use clap::ValueEnum;
-use indicatif::{ProgressBar, ProgressStyle};
 use qv_core::{Camera, GaussianCloud};
 use qv_raster::Image;
 use qv_splat::captures::distortion::Distortion;
 use qv_splat::captures::{Attachments, Capture, CaptureCamera, cameras_json};
 use qv_splat::files::{Format, write};
 use qv_splat::train::{
-    AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Model, Photograph, Progress, ReadOptions, Score, Strategy,
+    AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Model, Photograph, ReadOptions, Score, Strategy,
     TrainOptions, Weights, at_depths, at_far, at_random, cameras, checkpoint, clear, drawn, neighbours_scores,
     of_points, pose, scores, train,
 };
@@ -22,9 +23,8 @@ use qv_splat::{SplatError, error_at};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
+use watch::Run;
 
 pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/yard\n  \
     qv reconstruct captures/yard/transforms.json --out out/yard --exposure --iterations 30000 --gpu --json\n\n\
@@ -41,12 +41,8 @@ pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/ya
 const REPORT_EVERY: u32 = 100;
 /// Steps by which a held-out camera is aligned.
 const ALIGN_STEPS: u32 = 40;
-/// Steps from one checkpoint to the next.
-const SAVE_EVERY: u32 = 5000;
 /// Steps from one scene that may be kept to the next.
 const JUDGE_EVERY: u32 = 1000;
-/// Steps from one preview to the next.
-const PREVIEW_EVERY: u32 = 1000;
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum StrategyName {
@@ -68,7 +64,7 @@ pub struct Reconstruct {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Steps, one photograph each
-    #[arg(long, default_value_t = 7000)]
+    #[arg(long, default_value_t = 7000, value_parser = clap::value_parser!(u32).range(1..))]
     iterations: u32,
     /// Most Gaussians
     #[arg(long, default_value_t = 300_000)]
@@ -136,9 +132,9 @@ pub struct Reconstruct {
     /// Weight of labels from files
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
     labels: f32,
-    /// Points to begin with on random rays, besides those of the capture
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    random_points: usize,
+    /// Points to begin with on random rays, besides those of the capture; 20000 where it has none, else none
+    #[arg(long, value_name = "N")]
+    random_points: Option<usize>,
     /// Points to begin with at measured depths, besides those of the capture; 100000 with --depth-prior, else none
     #[arg(long, value_name = "N")]
     depth_points: Option<usize>,
@@ -148,6 +144,9 @@ pub struct Reconstruct {
     /// Lets no Gaussian stay nearer to a camera than this share of the nearest points in its image (with mcmc; 0 lets them be)
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     clear: f32,
+    /// Leaves up to this share of the Gaussians out of each step, at random: fewer photographs are learned by heart
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    drop: f32,
     /// Noise of the means with mcmc, in units of their rate
     #[arg(long, default_value_t = 5e5, hide_short_help = true)]
     noise: f32,
@@ -186,6 +185,7 @@ impl Reconstruct {
         let reading = ReadOptions { downscale: self.downscale, hold_out: self.hold_out };
         let files = |path: &str| opened.read(path);
         let mut dataset = Dataset::new(&opened.capture, &files, &reading).map_err(|e| about(&self.capture, e))?;
+        self.check_needs(&opened, &dataset)?;
         if let (Some(points), true) = (&opened.points, self.clear > 0.0) {
             dataset.nearest = clear::nearest(&dataset, &points.places);
         }
@@ -286,7 +286,25 @@ impl Reconstruct {
             },
             noise: self.noise,
             clear: self.clear,
+            drop: self.drop,
             ..Default::default()
+        }
+    }
+
+    /// Options that do something only where the capture has what they need.
+    fn check_needs(&self, opened: &OpenCapture, dataset: &Dataset) -> Result<(), Failure> {
+        let training = || dataset.training.iter();
+        let [depth, normals] =
+            [training().any(|one| !one.depth.is_empty()), training().any(|one| !one.normals.is_empty())];
+        let asked = [
+            (self.clear > 0.0, "--clear", "points (points.ply)", opened.points.is_some()),
+            (self.depth_prior > 0.0, "--depth-prior", "depth images", depth),
+            (self.depth_points.is_some_and(|n| n > 0), "--depth-points", "depth images", depth),
+            (self.normal_prior > 0.0, "--normal-prior", "normal images, or --normal-model", normals),
+        ];
+        match asked.iter().find(|(is_asked, _, _, there)| *is_asked && !there) {
+            Some((_, option, needs, _)) => Err(about(&self.capture, format!("{option}: expected {needs}, found none"))),
+            None => Ok(()),
         }
     }
 
@@ -299,9 +317,11 @@ impl Reconstruct {
         let path = self.out.join("checkpoint.qvt");
         if self.resume {
             let bytes = fs::read(&path).map_err(|e| about(&path, format!("expected a checkpoint, found {e}")))?;
-            return Ok((checkpoint::read(&bytes).map_err(|e| about(&path, e))?, opened.points.is_some()));
+            let model = checkpoint::read(&bytes).and_then(|model| model.check_places(dataset).map(|()| model));
+            return Ok((model.map_err(|e| about(&path, e))?, opened.points.is_some()));
         }
-        let count = if opened.points.is_some() { self.random_points } else { AT_RANDOM };
+        let usual = if opened.points.is_some() { 0 } else { AT_RANDOM };
+        let count = self.random_points.unwrap_or(usual);
         let mut points = at_random(dataset, count, options);
         let at_depths = at_depths(dataset, self.depth_points.unwrap_or(self.usual_depth_points()), options);
         let far = at_far(dataset, opened.points.as_ref(), self.far_points, options);
@@ -325,7 +345,7 @@ impl Reconstruct {
         // Fetching a scene from the card and judging it takes as long as some hundred steps there.
         #[cfg(feature = "gpu")]
         if self.gpu {
-            return SAVE_EVERY;
+            return watch::SAVE_EVERY;
         }
         JUDGE_EVERY
     }
@@ -489,98 +509,6 @@ fn named(name: &str, s: &Score) -> Value {
     json!({"name": name, "psnr": s.psnr, "ssim": s.ssim, "psnr_right": s.psnr_right, "ssim_right": s.ssim_right,
         "psnr_right_fitted": s.psnr_right_fitted, "ssim_right_fitted": s.ssim_right_fitted,
         "psnr_right_gains": s.psnr_right_gains})
-}
-
-/// What goes on while training runs.
-struct Run<'a> {
-    command: &'a Reconstruct,
-    dataset: &'a Dataset,
-    clock: Instant,
-    bar: ProgressBar,
-    stop: Arc<AtomicBool>,
-    loss: f32,
-    /// PSNR of the last preview's photograph, or of those that the last scene was judged by.
-    psnr: Option<f64>,
-    /// What is kept if training is stopped.
-    best: Best,
-    /// Sums of milliseconds by stage, and of how many steps.
-    times: (Vec<(&'static str, f64)>, u32),
-}
-
-impl<'a> Run<'a> {
-    fn new(command: &'a Reconstruct, dataset: &'a Dataset) -> Self {
-        let stop = Arc::new(AtomicBool::new(false));
-        let flag = stop.clone();
-        // A second handler in one process is refused, which only means that Ctrl-C ends it at once.
-        _ = ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed));
-        let bar = ProgressBar::new(u64::from(command.iterations));
-        if let Ok(style) = ProgressStyle::with_template("{pos}/{len} {wide_bar} {msg} {eta} left") {
-            bar.set_style(style);
-        }
-        Self {
-            command,
-            dataset,
-            clock: Instant::now(),
-            bar,
-            stop,
-            loss: 0.0,
-            psnr: None,
-            best: Best::default(),
-            times: (vec![], 0),
-        }
-    }
-
-    /// After each step; false to stop.
-    fn watch(&mut self, engine: &mut dyn Engine, progress: &Progress) -> Result<bool, Failure> {
-        if let Some(loss) = progress.loss {
-            self.loss = loss;
-            self.bar.set_position(u64::from(progress.iteration));
-            let psnr = self.psnr.map_or(String::new(), |psnr| format!(" PSNR {psnr:.2}"));
-            self.bar.set_message(format!("loss {loss:.4}{psnr} {} Gaussians", progress.splats));
-            if self.command.times {
-                self.add_times(engine.times()?);
-                engine.time_next();
-            }
-        }
-        let is_time = |every: u32| progress.iteration.is_multiple_of(every);
-        let saves = is_time(SAVE_EVERY);
-        let judges = is_time(self.command.judge_every()) && progress.iteration < self.command.iterations;
-        let previews = self.command.preview && is_time(PREVIEW_EVERY);
-        // All of it is fetched from the card at once, for whatever it is wanted.
-        if saves || judges || previews {
-            let model = engine.model()?;
-            saves.then(|| self.command.save(&model)).transpose()?;
-            if judges {
-                self.psnr = Some(self.best.see(&model, self.dataset)?);
-            }
-            previews.then(|| self.preview(&model)).transpose()?;
-        }
-        let late = self.command.max_seconds.is_some_and(|most| self.clock.elapsed().as_secs_f64() > most);
-        Ok(!(late || self.stop.load(Ordering::Relaxed)))
-    }
-
-    fn add_times(&mut self, times: Vec<(&'static str, f64)>) {
-        self.times.1 += u32::from(!times.is_empty());
-        for (name, ms) in times {
-            match self.times.0.iter_mut().find(|(known, _)| *known == name) {
-                Some((_, sum)) => *sum += ms,
-                None => self.times.0.push((name, ms)),
-            }
-        }
-    }
-
-    fn mean_times(&self) -> Vec<(&'static str, f64)> {
-        self.times.0.iter().map(|(name, sum)| (*name, sum / f64::from(self.times.1.max(1)))).collect()
-    }
-
-    /// A photograph, held out if there is one, and beside it what is drawn.
-    fn preview(&mut self, model: &Model) -> Result<(), Failure> {
-        let Some(photograph) = self.dataset.held_out.first().or(self.dataset.training.first()) else { return Ok(()) };
-        let image = drawn(&model.cloud, &photograph.camera)?;
-        self.psnr = Some(qv_splat::train::score(&image.colour, photograph).psnr);
-        let name = format!("{}_{:06}", photograph.name, model.iteration);
-        beside(photograph, &image, &self.command.out.join("previews"), &name)
-    }
 }
 
 /// Writes a photograph and, to the right of it, what is drawn there, as `folder/name.png`.

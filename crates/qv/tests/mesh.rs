@@ -181,8 +181,12 @@ fn bad_input_is_named() {
     fails(&scene, &folder.join("out.obj"), &["--cameras", cameras], &["out.obj", ".glb, .ply or .stl"]);
     fails(&scene, &out, &[], &["expected --cameras"]);
     fails(&folder, &out, &[], &["a folder without depth"]);
+    fails(&scene, &scene.join("in/out.glb"), &["--cameras", cameras], &["scene.ply", "expected a folder"]);
     fails(&folder.join("none.ply"), &out, &["--cameras", cameras], &["none.ply"]);
-    fails(&scene, &out, &["--cameras", cameras, "--voxel", "0"], &["option voxel"]);
+    for [option, value] in [["--voxel", "0"], ["--max-depth", "nan"], ["--memory", "inf"], ["--agree", "9"]] {
+        let (code, _, err) = mesh(&scene, &out, &["--cameras", cameras, option, value]);
+        assert!(code == 2 && err.contains(option) && err.contains(value), "{code} {err}");
+    }
     fails(
         &scene,
         &out,

@@ -110,6 +110,13 @@ fn bad_captures_are_named() {
     assert!(err.contains("at least 2 photographs to learn from"), "{err}");
     let err = fault(&["--depth-prior=-1"]);
     assert!(err.contains("weight depth prior"), "{err}");
+    for [option, needs] in
+        [["--depth-prior", "depth images"], ["--depth-points", "depth images"], ["--normal-prior", "normal images"]]
+    {
+        let err = fault(&[option, "1"]);
+        assert!(err.contains(option) && err.contains(&format!("expected {needs}")), "{err}");
+    }
+    assert!(fault(&["--drop", "1"]).contains("share left out: expected 0 to 0.9, found 1"));
     let err = fault(&["--labels", "1"]);
     assert!(err.contains("expected label images"), "{err}");
     fs::write(folder.join("out/checkpoint.qvt"), b"nonsense").unwrap();

@@ -9,10 +9,11 @@ use crate::gpu::Gpu;
 pub const FOLD: u32 = 32_768;
 
 /// The shaders with their entry points.
-pub const SHADERS: [(&str, &[&str]); 6] = [
+pub const SHADERS: [(&str, &[&str]); 7] = [
     ("loss", &["similar", "pull"]),
     ("finish", &["finish"]),
     ("cameras", &["bend", "turn"]),
+    ("drop", &["leave_out", "bring_back"]),
     ("update", &["shape", "harmonics", "features", "gather"]),
     ("relocate", &["change", "copy"]),
     ("terms", &["planes", "consistent", "prior", "labels"]),
@@ -120,8 +121,10 @@ pub struct StepWords {
     pub camera_bias: [f32; 2],
     /// Focal lengths of the camera as they were given \[px\].
     pub focal: [f32; 2],
+    /// Share of the Gaussians that the step leaves out.
+    pub drop: f32,
     /// Fills up the words.
-    pub unused: [u32; 2],
+    pub unused: u32,
 }
 
 /// The text of a shader. Lines between `//#taps` and `//#end` are repeated for each tap of the window, with its index for `$K` and its
@@ -131,6 +134,7 @@ pub fn text(name: &str) -> String {
         "loss" => include_str!("loss.wgsl"),
         "finish" => include_str!("finish.wgsl"),
         "cameras" => include_str!("cameras.wgsl"),
+        "drop" => include_str!("drop.wgsl"),
         "update" => include_str!("update.wgsl"),
         "relocate" => include_str!("relocate.wgsl"),
         _ => include_str!("terms.wgsl"),

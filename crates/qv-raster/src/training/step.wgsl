@@ -53,7 +53,9 @@ struct Step {
     camera_bias1: f32,
     camera_bias2: f32,
     focal: vec2<f32>,
-    unused: vec2<u32>,
+    // Share of the Gaussians that the step leaves out.
+    drop: f32,
+    unused: u32,
 }
 
 const BETA1: f32 = 0.9;
@@ -62,4 +64,23 @@ const EPSILON: f32 = 1e-15;
 
 fn logistic(x: f32) -> f32 {
     return 1.0 / (1.0 + exp(-x));
+}
+
+// Twins of `words` and `unit` in random.rs.
+fn words(a: u32, b: u32, c: u32, d: u32) -> vec4<u32> {
+    var v = vec4<u32>(a, b, c, d) * 1664525u + 1013904223u;
+    v.x += v.y * v.w;
+    v.y += v.z * v.x;
+    v.z += v.x * v.y;
+    v.w += v.y * v.z;
+    v ^= v >> vec4<u32>(16u);
+    v.x += v.y * v.w;
+    v.y += v.z * v.x;
+    v.z += v.x * v.y;
+    v.w += v.y * v.z;
+    return v;
+}
+
+fn unit(word: u32) -> f32 {
+    return f32(word >> 8u) * (1.0 / 16777216.0);
 }

@@ -33,24 +33,6 @@ fn adam(at: u32, by: vec4<f32>) -> vec4<f32> {
     return (m / step.bias1) / (sqrt(v / step.bias2) + EPSILON);
 }
 
-fn words(a: u32, b: u32, c: u32, d: u32) -> vec4<u32> {
-    var v = vec4<u32>(a, b, c, d) * 1664525u + 1013904223u;
-    v.x += v.y * v.w;
-    v.y += v.z * v.x;
-    v.z += v.x * v.y;
-    v.w += v.y * v.z;
-    v ^= v >> vec4<u32>(16u);
-    v.x += v.y * v.w;
-    v.y += v.z * v.x;
-    v.z += v.x * v.y;
-    v.w += v.y * v.z;
-    return v;
-}
-
-fn unit(word: u32) -> f32 {
-    return f32(word >> 8u) * (1.0 / 16777216.0);
-}
-
 fn axes_of(q: vec4<f32>) -> mat3x3<f32> {
     let w = q.x;
     let v = q.yzw;

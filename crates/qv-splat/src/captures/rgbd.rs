@@ -2,7 +2,8 @@
 //! 65535 or 0 where there is none, `.pose.txt` with a 4x4 matrix `world_from_camera`, OpenCV's axes.
 //!
 //! The intrinsics that the data set gives, f = 585, are those of the depth camera. The colour camera is a Kinect's with f = 525; both have
-//! their principal point in the middle of 640x480. The two are taken to stand in one place.
+//! their principal point in the middle of 640x480. The two are taken to stand in one place. `camera-intrinsics.txt` (3x3) beside the
+//! frames is the depth camera's lens, `color-intrinsics.txt` the colour camera's, where they are there.
 
 use super::distortion::Distortion;
 use super::{Attachments, Capture, CaptureCamera, DepthFile, finish};
@@ -15,6 +16,9 @@ use qv_core::{Camera, Pose};
 pub const COLOUR_FOCAL: f64 = 525.0;
 /// Focal length of the depth camera \[px\].
 pub const DEPTH_FOCAL: f64 = 585.0;
+/// Files with the lens of the depth camera and of the colour camera.
+const DEPTH_LENS: &str = "camera-intrinsics.txt";
+const COLOUR_LENS: &str = "color-intrinsics.txt";
 /// Columns and rows of both images.
 pub const SIZE: [u32; 2] = [640, 480];
 /// Largest entry of R Rᵀ - 1 that passes as drift of the tracker.
@@ -31,18 +35,23 @@ pub fn read(names: &[String], text: &mut dyn FnMut(&str) -> Result<String, Splat
     if colours.is_empty() {
         return Err(off("RGB-D folder", "images named FRAME.color.jpg or .png", "none"));
     }
+    let mut lens = |file: &str, usual: f64| {
+        let there = names.iter().any(|name| name == file);
+        if there { intrinsics(file, &text(file)?) } else { Ok(pinhole(usual)) }
+    };
+    let (of_colour, of_depth) = (lens(COLOUR_LENS, COLOUR_FOCAL)?, lens(DEPTH_LENS, DEPTH_FOCAL)?);
     let cameras = colours.into_iter().map(|(name, stem)| {
         let pose_file = format!("{stem}.pose.txt");
         if !names.contains(&pose_file) {
             return Err(off(format!("RGB-D folder, {name}"), format!("a pose in {pose_file}"), "no such file"));
         }
         let camera_from_world = pose(&pose_file, &text(&pose_file)?)?;
-        let camera = pinhole(COLOUR_FOCAL, camera_from_world);
+        let camera = Camera { camera_from_world, ..of_colour };
         let depth_name = format!("{stem}.depth.png");
         let depth = names.contains(&depth_name).then(|| DepthFile {
             path: depth_name,
             metres_per_unit: 1e-3,
-            camera: Some(pinhole(DEPTH_FOCAL, camera_from_world)),
+            camera: Some(Camera { camera_from_world, ..of_depth }),
         });
         let attachments = Attachments { depth, ..Default::default() };
         let image = Some(name.clone());
@@ -51,10 +60,26 @@ pub fn read(names: &[String], text: &mut dyn FnMut(&str) -> Result<String, Splat
     finish(cameras.collect::<Result<_, _>>()?, "RGB-D folder")
 }
 
-fn pinhole(focal: f64, camera_from_world: Pose) -> Camera {
+fn pinhole(focal: f64) -> Camera {
     let [width, height] = SIZE;
     let (cx, cy) = (0.5 * f64::from(width), 0.5 * f64::from(height));
-    Camera { fx: focal, fy: focal, cx, cy, width, height, camera_from_world }
+    Camera { fx: focal, fy: focal, cx, cy, width, height, camera_from_world: Pose::IDENTITY }
+}
+
+/// The lens of a matrix fx 0 cx, 0 fy cy, 0 0 1.
+fn intrinsics(file: &str, text: &str) -> Result<Camera, SplatError> {
+    let k: Vec<f64> = text.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+    let [fx, a, cx, b, fy, cy, c, d, one] = k[..] else {
+        return Err(off(file, "3 rows of 3 numbers", k.len()));
+    };
+    let [width, height] = SIZE;
+    let inside = (0.0..f64::from(width)).contains(&cx) && (0.0..f64::from(height)).contains(&cy);
+    let is_lens = fx > 0.0 && fy > 0.0 && fx.is_finite() && fy.is_finite() && [a, b, c, d] == [0.0; 4] && one == 1.0;
+    if !(is_lens && inside) {
+        let found = format!("fx {fx}, fy {fy}, cx {cx}, cy {cy}");
+        return Err(off(file, format!("fx 0 cx, 0 fy cy, 0 0 1 with the centre inside {width}x{height}"), found));
+    }
+    Ok(Camera { fx, fy, cx, cy, ..pinhole(fx) })
 }
 
 fn pose(file: &str, text: &str) -> Result<Pose, SplatError> {
@@ -92,6 +117,21 @@ mod tests {
         assert!(b.attachments.depth.is_none());
         let seen = a.camera.camera_from_world.transform_point(DVec3::new(2.0, 3.0, 5.0));
         assert!((seen - DVec3::Z).length() < 1e-12);
+        let with = |file: &str| [&names[..], &[file.to_string()]].concat();
+        let mut lenses = |name: &str| match name.strip_suffix("-intrinsics.txt") {
+            Some(_) => Ok("600 0 310 0 590 250 0 0 1".to_string()),
+            None => text(name),
+        };
+        let of_depth = read(&with(DEPTH_LENS), &mut lenses).unwrap().cameras[0].clone();
+        let depth = of_depth.attachments.depth.unwrap().camera.unwrap();
+        assert_eq!(
+            (of_depth.camera.fx, [depth.fx, depth.fy, depth.cx, depth.cy]),
+            (525.0, [600.0, 590.0, 310.0, 250.0])
+        );
+        assert_eq!(read(&with(COLOUR_LENS), &mut lenses).unwrap().cameras[0].camera.cy, 250.0);
+        let bad = |name: &str| if name == DEPTH_LENS { Ok("600 0 910 0 590 250 0 0 1".into()) } else { text(name) };
+        let error = read(&with(DEPTH_LENS), &mut { bad }).unwrap_err().to_string();
+        assert!(error.contains("camera-intrinsics.txt: expected fx 0 cx"), "{error}");
         let error = read(&names, &mut |_| Ok("1 0 0 0 0 2 0 0 0 0 1 0 0 0 0 1".into())).unwrap_err().to_string();
         assert!(error.contains("a.pose.txt: expected a rotation and a position"), "{error}");
         let error = read(&names[..1], &mut text).unwrap_err().to_string();

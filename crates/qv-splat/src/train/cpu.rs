@@ -5,6 +5,7 @@ use super::cameras;
 use super::classic;
 use super::clear;
 use super::dataset::{Dataset, Photograph};
+use super::drop::Drop;
 use super::engine::Engine;
 use super::exposure::{self, exposed_backward, exposed_image};
 use super::loss::photometric;
@@ -14,8 +15,7 @@ use super::options::{Strategy, TrainOptions};
 use super::random::{Purpose, words};
 use super::terms::{depth_normal, labels, multi_view, priors};
 use crate::SplatError;
-use crate::error::off;
-use qv_core::Camera;
+use qv_core::{Camera, GaussianCloud};
 use qv_raster::{Frame, Image, Outputs, Scene, Settings, View, render};
 
 /// Trains on the CPU. The same inputs give the same bits on any number of threads.
@@ -38,10 +38,7 @@ impl<'a> CpuEngine<'a> {
     pub fn new(dataset: &'a Dataset, options: &TrainOptions, model: Model) -> Result<Self, SplatError> {
         options.check()?;
         model.cloud.check()?;
-        if model.exposures.len() != dataset.training.len() {
-            let expected = format!("{} photographs, as the capture has", dataset.training.len());
-            return Err(off("model to go on with", expected, model.exposures.len()));
-        }
+        model.check(dataset)?;
         let cameras: Vec<Camera> = dataset.training.iter().map(|one| one.camera).collect();
         let partners = multi_view::partners(&cameras, dataset.extent);
         Ok(Self { dataset, options: *options, model, partners, losses: (0.0, 0) })
@@ -51,7 +48,12 @@ impl<'a> CpuEngine<'a> {
     fn look(&mut self, index: usize) -> Result<(qv_raster::Gradients, [f32; 3]), SplatError> {
         let camera = self.model.camera(self.dataset, index);
         let settings = Settings { outputs: outputs(&self.options, self.model.iteration), ..Default::default() };
-        let scene = Scene::still(&self.model.cloud);
+        let drop = Drop::of(&self.options, self.model.iteration);
+        let thinned = drop.map(|drop| {
+            let opacity_logits = drop.seen(&self.model.cloud.opacity_logits);
+            GaussianCloud { opacity_logits, ..self.model.cloud.clone() }
+        });
+        let scene = Scene::still(thinned.as_ref().unwrap_or(&self.model.cloud));
         let frame = Frame::new(&scene, &[View::of(camera)], &settings)?;
         let image = frame.images().remove(0);
         let mut by_images = frame.blank_images();
@@ -59,7 +61,10 @@ impl<'a> CpuEngine<'a> {
         let lens = self.options.lens;
         let by_lens = if lens { cameras::by_lens(&image.colour, &by_images[0].colour, &camera) } else { [0.0; 3] };
         loss += self.terms(index, &camera, &image, &mut by_images[0])?;
-        let (by, pulls) = frame.gradients_and_pulls(&scene, &by_images)?;
+        let (mut by, pulls) = frame.gradients_and_pulls(&scene, &by_images)?;
+        if let Some(drop) = drop {
+            drop.back(&self.model.cloud.opacity_logits, &mut by.opacity_logits);
+        }
         for (sum, pull) in self.model.pulls.iter_mut().zip(pulls) {
             (0..2).for_each(|k| sum[k] += pull[k]);
         }
@@ -277,7 +282,7 @@ mod tests {
     fn stopping_and_going_on_gives_the_same_bits_on_any_number_of_threads() {
         let scene = tiny::scene(40, 4, 32);
         for strategy in [Strategy::Mcmc, Strategy::Classic] {
-            let options = TrainOptions { exposure: true, poses: true, lens: true, ..options(90, strategy) };
+            let options = TrainOptions { exposure: true, poses: true, lens: true, drop: 0.2, ..options(90, strategy) };
             let whole = |threads: usize| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
                 pool.install(|| {
@@ -370,5 +375,12 @@ mod tests {
         model.exposures.pop();
         let error = CpuEngine::new(&scene.dataset, &TrainOptions::default(), model).unwrap_err().to_string();
         assert!(error.contains("expected 4 photographs, as the capture has, found 3"), "{error}");
+        let mut model = Model::new(scene.cloud.clone(), &scene.dataset);
+        assert_eq!(model.check_places(&scene.dataset), Ok(()));
+        model.poses[2].position.x += 0.01;
+        let error = model.check_places(&scene.dataset).unwrap_err().to_string();
+        assert!(error.contains("photograph v02: expected one taken from"), "{error}");
+        model.first.poses[0][0] = 1e-9;
+        assert_eq!(model.check_places(&scene.dataset), Ok(()), "refined poses");
     }
 }

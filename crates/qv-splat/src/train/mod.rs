@@ -11,6 +11,7 @@ pub mod classic;
 pub mod clear;
 mod cpu;
 mod dataset;
+pub mod drop;
 mod engine;
 pub mod exposure;
 #[cfg(feature = "gpu")]

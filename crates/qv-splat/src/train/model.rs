@@ -2,8 +2,15 @@
 
 use super::cameras::{self, Shared};
 use super::dataset::Dataset;
+use crate::SplatError;
+use crate::error::off;
 use qv_core::{Camera, GaussianCloud, Pose};
 use qv_raster::Gradients;
+
+const PLACE: &str = "model to go on with";
+/// How far from where a photograph was taken it may be said to have been taken: in metres, and where poses were refined in extents.
+const SAME_PLACE: f64 = 1e-6;
+const REFINED_FAR: f64 = 0.3;
 
 /// An affine colour transform: three rows of red, green, blue and one.
 pub type Exposure = [f32; 12];
@@ -58,6 +65,37 @@ impl Model {
             pulls: vec![[0.0; 2]; cloud.len()],
             cloud,
         }
+    }
+
+    /// Checks that this is of as many photographs.
+    ///
+    /// # Errors
+    /// It is of more or fewer.
+    pub fn check(&self, dataset: &Dataset) -> Result<(), SplatError> {
+        let count = dataset.training.len();
+        if self.exposures.len() != count || self.poses.len() != count {
+            let expected = format!("{count} photographs, as the capture has");
+            return Err(off(PLACE, expected, self.exposures.len()));
+        }
+        Ok(())
+    }
+
+    /// Checks that this was learned of these photographs: they were taken from where its own were. Poses that were refined may have moved.
+    ///
+    /// # Errors
+    /// Names the first photograph that was taken from elsewhere.
+    pub fn check_places(&self, dataset: &Dataset) -> Result<(), SplatError> {
+        self.check(dataset)?;
+        let refined = self.first.poses.as_flattened().iter().any(|mean| *mean != 0.0);
+        let far = if refined { REFINED_FAR * f64::from(dataset.extent) } else { SAME_PLACE };
+        for (one, pose) in dataset.training.iter().zip(&self.poses) {
+            let (there, here) = (one.camera.camera_from_world.inverse().position, pose.inverse().position);
+            if here.distance(there) > far {
+                let name = format!("{PLACE}, photograph {}", one.name);
+                return Err(off(name, format!("one taken from {there:.3}, as the capture has"), format!("{here:.3}")));
+            }
+        }
+        Ok(())
     }
 
     /// The camera of a photograph to learn from, as it is now.

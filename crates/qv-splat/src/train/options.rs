@@ -62,6 +62,9 @@ impl Weights {
     }
 }
 
+/// Largest [`TrainOptions::drop`].
+const MOST_DROPPED: f32 = 0.9;
+
 /// How to train.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrainOptions {
@@ -93,6 +96,8 @@ pub struct TrainOptions {
     pub noise: f32,
     /// Gaussians nearer to a camera than this share of the nearest points in its image are dead, with [`Strategy::Mcmc`]; 0 lets them be.
     pub clear: f32,
+    /// Share of the Gaussians that a step leaves out, at the end of the run; it rises from 0. Helps with few photographs.
+    pub drop: f32,
     /// The same seed gives the same bits on the CPU.
     pub seed: u32,
 }
@@ -114,6 +119,7 @@ impl Default for TrainOptions {
             weights: Weights::default(),
             noise: 5e5,
             clear: 0.0,
+            drop: 0.0,
             seed: 0,
         }
     }
@@ -208,6 +214,9 @@ impl TrainOptions {
         let w = &self.weights;
         if !(0.0..=1.0).contains(&w.ssim) {
             return Err(off(place("share of SSIM"), "0 to 1", w.ssim));
+        }
+        if !(0.0..=MOST_DROPPED).contains(&self.drop) {
+            return Err(off(place("share left out"), format!("0 to {MOST_DROPPED}"), self.drop));
         }
         for (name, weight) in [
             ("opacity", w.opacity),

@@ -15,6 +15,8 @@ pub enum Purpose {
     Split = 5,
     /// Second photograph of a pair.
     Pair = 6,
+    /// Which Gaussians a step leaves out.
+    Drop = 7,
 }
 
 /// Four words of a hash (Jarzynski and Olano, *Hash Functions for GPU Rendering*, 2020: pcg4d).

@@ -10,6 +10,7 @@ use super::classic;
 use super::clear;
 use super::cpu::outputs;
 use super::dataset::{Dataset, Photograph};
+use super::drop::Drop;
 use super::engine::Engine;
 use super::mcmc::Relocation;
 use super::model::Model;
@@ -45,6 +46,8 @@ pub struct GpuEngine<'a> {
     groups: wgpu::Buffer,
     report: wgpu::Buffer,
     list: wgpu::Buffer,
+    /// Opacity logits while a step leaves some Gaussians out; none when that is not asked for.
+    logits: Option<wgpu::Buffer>,
     /// Plane depths of each photograph as they were last drawn; none when no term asks for them.
     plane_depths: Vec<wgpu::Buffer>,
     /// Measured depths of each photograph; none when no term asks for them.
@@ -91,10 +94,7 @@ impl<'a> GpuEngine<'a> {
     ) -> Result<Self, SplatError> {
         options.check()?;
         model.cloud.check()?;
-        if model.exposures.len() != dataset.training.len() {
-            let expected = format!("{} photographs, as the capture has", dataset.training.len());
-            return Err(off("model to go on with", expected, model.exposures.len()));
-        }
+        model.check(dataset)?;
         let w = &options.weights;
         let gpu = &rasteriser.gpu;
         let pixels = dataset.training.iter().map(|one| one.pixels.rgba.len()).max().unwrap_or(1) as u64;
@@ -137,6 +137,7 @@ impl<'a> GpuEngine<'a> {
             groups: gpu.filled("cameras", &model.groups.iter().map(|group| *group as u32).collect::<Vec<_>>())?,
             report: gpu.filled("report", &[0.0f32; 4])?,
             list: gpu.buffer("list", 16 * (capacity as u64 + 1))?,
+            logits: (options.drop > 0.0).then(|| gpu.buffer("logits", 4 * capacity as u64)).transpose()?,
             store: Store::new(gpu, &model, capacity)?,
             kernels: Kernels::new(gpu),
             dataset,
@@ -240,7 +241,8 @@ impl<'a> GpuEngine<'a> {
             lens_rate: rates.lens,
             camera_bias: bias(self.rest.shared[group].seen + 1),
             focal: [camera.fx as f32, camera.fy as f32],
-            unused: [0; 2],
+            drop: Drop::of(options, iteration).map_or(0.0, |drop| drop.share),
+            unused: 0,
         }
     }
 
@@ -314,6 +316,17 @@ impl<'a> GpuEngine<'a> {
         Ok(())
     }
 
+    /// Leaves Gaussians out for a step, where that is asked for, or brings them back.
+    fn record_drop(&self, entry: &str, words: &StepWords, recorder: &mut Recorder) -> Result<(), SplatError> {
+        let Some(logits) = self.logits.as_ref().filter(|_| words.drop > 0.0) else { return Ok(()) };
+        let mut buffers = vec![(0, &self.step), (1, &self.store.cloud.scales), (2, logits)];
+        if entry == "bring_back" {
+            buffers.push((3, self.buffer("by_shape")?));
+        }
+        recorder.run_jobs("drop", &[self.job(entry, [words.count.div_ceil(256), 1], buffers)]);
+        Ok(())
+    }
+
     fn buffer(&self, name: &str) -> Result<&wgpu::Buffer, RasterError> {
         let missing = || RasterError::Device(format!("expected a buffer `{name}`, found none"));
         self.rasteriser.buffer(name).ok_or_else(missing)
@@ -325,6 +338,7 @@ impl<'a> GpuEngine<'a> {
         gpu.queue.write_buffer(&self.step, 0, bytemuck::bytes_of(&words));
         let mut recorder = Recorder::new(gpu, self.how.timed);
         self.rasteriser.aim(&self.cameras, photograph, &mut recorder)?;
+        self.record_drop("leave_out", &words, &mut recorder)?;
         self.rasteriser.record_forward(&self.store.cloud, &mut recorder)?;
         let get = |name: &str| self.buffer(name);
         let (colours, by_colours, state) = (get("colours")?, get("by_colours")?, get("state")?);
@@ -342,6 +356,7 @@ impl<'a> GpuEngine<'a> {
         }
         self.record_terms(photograph, &words, &mut recorder)?;
         self.rasteriser.record_backward(&self.store.cloud, &mut recorder)?;
+        self.record_drop("bring_back", &words, &mut recorder)?;
         let finish = vec![(0, &self.step), (1, &self.sums), (2, exposures), (3, &self.report), (4, state)];
         let mut last = vec![self.job("finish", [1, 1], finish)];
         if words.refines > 0 {

@@ -52,6 +52,7 @@ mod against_the_cpu {
                 let Some(rasteriser) = rasteriser() else { return };
                 let mut options =
                     TrainOptions { strategy, exposure: true, poses: true, lens: true, cap: 100, ..Default::default() };
+                (options.drop, options.iterations) = (0.5, 10);
                 options.weights.flattening = 10.0;
                 options.weights.normal_prior = 0.1;
                 options.weights.labels = 0.5;
@@ -62,7 +63,9 @@ mod against_the_cpu {
                 let mut model = begin(&scene, &options);
                 model.cloud.feature_count = 3;
                 model.cloud.features = (0..210).map(|i| (i as f32).sin()).collect();
-                let model = Model::new(model.cloud, &scene.dataset);
+                let mut model = Model::new(model.cloud, &scene.dataset);
+                // Half way, where a quarter of the Gaussians is left out.
+                model.iteration = 5;
                 let mut cpu = CpuEngine::new(&scene.dataset, &options, model.clone()).unwrap();
                 let how = GpuTraining { atomic };
                 let mut gpu = GpuEngine::new(rasteriser, &scene.dataset, &options, model.clone(), how).unwrap();

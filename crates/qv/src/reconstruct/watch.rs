@@ -1,0 +1,106 @@
+//! What goes on beside training: progress, checkpoints, previews, the best scene so far, and when to stop.
+
+use super::{Reconstruct, beside};
+use crate::Failure;
+use indicatif::{ProgressBar, ProgressStyle};
+use qv_splat::train::{Best, Dataset, Engine, Model, Progress, drawn};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+/// Steps from one checkpoint to the next.
+pub(super) const SAVE_EVERY: u32 = 5000;
+/// Steps from one preview to the next.
+const PREVIEW_EVERY: u32 = 1000;
+
+/// What goes on while training runs.
+pub(super) struct Run<'a> {
+    command: &'a Reconstruct,
+    dataset: &'a Dataset,
+    clock: Instant,
+    pub bar: ProgressBar,
+    stop: Arc<AtomicBool>,
+    pub loss: f32,
+    /// PSNR of the last preview's photograph, or of those that the last scene was judged by.
+    pub psnr: Option<f64>,
+    /// What is kept if training is stopped.
+    pub best: Best,
+    /// Sums of milliseconds by stage, and of how many steps.
+    times: (Vec<(&'static str, f64)>, u32),
+}
+
+impl<'a> Run<'a> {
+    pub fn new(command: &'a Reconstruct, dataset: &'a Dataset) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let flag = stop.clone();
+        // A second handler in one process is refused, which only means that Ctrl-C ends it at once.
+        _ = ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed));
+        let bar = ProgressBar::new(u64::from(command.iterations));
+        if let Ok(style) = ProgressStyle::with_template("{pos}/{len} {wide_bar} {msg} {eta} left") {
+            bar.set_style(style);
+        }
+        Self {
+            command,
+            dataset,
+            clock: Instant::now(),
+            bar,
+            stop,
+            loss: 0.0,
+            psnr: None,
+            best: Best::default(),
+            times: (vec![], 0),
+        }
+    }
+
+    /// After each step; false to stop.
+    pub fn watch(&mut self, engine: &mut dyn Engine, progress: &Progress) -> Result<bool, Failure> {
+        if let Some(loss) = progress.loss {
+            self.loss = loss;
+            self.bar.set_position(u64::from(progress.iteration));
+            let psnr = self.psnr.map_or(String::new(), |psnr| format!(" PSNR {psnr:.2}"));
+            self.bar.set_message(format!("loss {loss:.4}{psnr} {} Gaussians", progress.splats));
+            if self.command.times {
+                self.add_times(engine.times()?);
+                engine.time_next();
+            }
+        }
+        let is_time = |every: u32| progress.iteration.is_multiple_of(every);
+        let saves = is_time(SAVE_EVERY);
+        let judges = is_time(self.command.judge_every()) && progress.iteration < self.command.iterations;
+        let previews = self.command.preview && is_time(PREVIEW_EVERY);
+        // All of it is fetched from the card at once, for whatever it is wanted.
+        if saves || judges || previews {
+            let model = engine.model()?;
+            saves.then(|| self.command.save(&model)).transpose()?;
+            if judges {
+                self.psnr = Some(self.best.see(&model, self.dataset)?);
+            }
+            previews.then(|| self.preview(&model)).transpose()?;
+        }
+        let late = self.command.max_seconds.is_some_and(|most| self.clock.elapsed().as_secs_f64() > most);
+        Ok(!(late || self.stop.load(Ordering::Relaxed)))
+    }
+
+    fn add_times(&mut self, times: Vec<(&'static str, f64)>) {
+        self.times.1 += u32::from(!times.is_empty());
+        for (name, ms) in times {
+            match self.times.0.iter_mut().find(|(known, _)| *known == name) {
+                Some((_, sum)) => *sum += ms,
+                None => self.times.0.push((name, ms)),
+            }
+        }
+    }
+
+    pub fn mean_times(&self) -> Vec<(&'static str, f64)> {
+        self.times.0.iter().map(|(name, sum)| (*name, sum / f64::from(self.times.1.max(1)))).collect()
+    }
+
+    /// A photograph, held out if there is one, and beside it what is drawn.
+    fn preview(&mut self, model: &Model) -> Result<(), Failure> {
+        let Some(photograph) = self.dataset.held_out.first().or(self.dataset.training.first()) else { return Ok(()) };
+        let image = drawn(&model.cloud, &photograph.camera)?;
+        self.psnr = Some(qv_splat::train::score(&image.colour, photograph).psnr);
+        let name = format!("{}_{:06}", photograph.name, model.iteration);
+        beside(photograph, &image, &self.command.out.join("previews"), &name)
+    }
+}
