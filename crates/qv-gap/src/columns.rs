@@ -187,7 +187,9 @@ impl Columns {
             for &(id, factor) in &unit.moves {
                 let (info, nominal) = (&problem.catalogue[id], problem.nominal[id]);
                 if factor > 0.0 && info.range.0 < nominal {
-                    range[0] = range[0].max((info.range.0 - nominal) / factor);
+                    // As far beyond that end as beyond the others.
+                    let least = info.clamped(nominal + (1.0 + 2.0 * MARGIN) * (info.range.0 - nominal));
+                    range[0] = range[0].max((least - nominal) / factor);
                 }
             }
         }

@@ -7,14 +7,14 @@ use crate::GapError;
 use crate::columns::{Group, Suspect};
 use crate::decide::{Level, NO_GAP, Round, SURE_EVENT, is_trifle};
 use crate::laws::{LawLeft, laws};
-use crate::library::Scope;
+use crate::library::{Effect, Scope};
 use crate::search::{Fit, Search};
 use crate::study::Study;
 
 /// What the law of an actuator may leave, over the null and over what chance makes of it, and as a share of what there was.
 const LAW_LEFT: f64 = 2.0;
 const LAW_OVER_CHANCE: f64 = 1.3;
-const LAW_SHARE: f64 = 0.05;
+const LAW_SHARE: f64 = 0.1;
 /// The same of an actuator of which nothing that is accused takes away this share: what an impostor imitates it changes. Impacts
 /// alone, between two stamps, make twice of it.
 const LAW_LEFT_UNTOUCHED: f64 = 3.0;
@@ -34,6 +34,9 @@ const RISE: f64 = 0.05;
 pub const ENGINES_LEAVE: f64 = 1.5;
 /// Share of the held-out gap beyond that which causes must close that act all the time and everywhere.
 pub const LEAST_CLOSED: f64 = 0.35;
+/// Standard errors by which the held-out loss falls if they need not, where what is left is no gap: tolerated deviations may make most
+/// of a gap in which a bias of the gyroscope makes a small part of every window.
+pub const SURE_FALL: f64 = 4.0;
 /// Share of the excess of the level that they leave at most if they need not.
 pub const MOST_LEFT: f64 = 0.5;
 
@@ -120,8 +123,13 @@ fn beside_trunk(study: &Study, judged: &Judged) -> Option<(f64, String)> {
     if judged.is_local || judged.accused.iter().any(of_joints) {
         return None;
     }
+    // What is mounted beside the centre of mass moves it: that is no rival of its weight.
+    let of_links = |e: &Effect| e.axes.iter().all(|a| a.moves.keys().all(|m| m.starts_with("link.")));
+    let named = |name: &String| study.columns.effects.iter().find(|e| e.name == *name);
+    let is_mounted = judged.accused.iter().all(|(name, _)| named(name).is_some_and(of_links));
     let least = TRUNK_EVIDENCE_LEFT.max(TRUNK_EVIDENCE_SHARE * judged.evidence);
-    let is_one = |fit: &&Fit| fit.evidence > least && round.speaks_for(study, fit);
+    let is_one =
+        |fit: &&Fit| fit.evidence > least && round.speaks_for(study, fit) && !(is_mounted && of_links(effect(fit)));
     let most = round.fits.iter().filter(is_one).max_by(|a, b| a.evidence.total_cmp(&b.evidence))?;
     Some((most.evidence, effect(most).name.replace('_', " ")))
 }
