@@ -87,7 +87,7 @@ fn play_in_a_joint_is_told_by_its_torques() {
 #[test]
 fn an_effect_that_is_left_out_is_no_tolerated_deviation_either() {
     // Its own tolerance takes most of a bias of the gyroscope upon itself.
-    let run = recorded(vec![("sensor.imu.gyro_bias_y".into(), 0.03)], 4);
+    let run = recorded(vec![("sensor.imu.gyro_bias_y".into(), 0.09)], 4);
     let diagnosis = diagnose(&[run], &go2(), &Terrain::plane(), &quick(), 1).unwrap();
     assert_eq!(diagnosis.report.causes.first().map(|c| c.effect.as_str()), Some("gyro_bias"));
     let (effect, without) = &diagnosis.without[0];
