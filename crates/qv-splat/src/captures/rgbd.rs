@@ -48,7 +48,7 @@ pub fn read(names: &[String], text: &mut dyn FnMut(&str) -> Result<String, Splat
         let camera_from_world = pose(&pose_file, &text(&pose_file)?)?;
         let camera = Camera { camera_from_world, ..of_colour };
         let depth_name = format!("{stem}.depth.png");
-        let depth = names.contains(&depth_name).then(|| DepthFile {
+        let depth = names.contains(&depth_name).then_some(DepthFile {
             path: depth_name,
             metres_per_unit: 1e-3,
             camera: Some(Camera { camera_from_world, ..of_depth }),
