@@ -56,8 +56,8 @@ const UNEXPLAINED_IN_QUIET: f64 = 1.5;
 /// that the excess hardly shows it and the held-out gap does.
 const LEAST_LATER_SHARE: f64 = 0.3;
 const LEAST_LATER_CLOSED: f64 = 0.4;
-/// Standard errors by which the logarithm of the held-out loss must fall where its mean falls by less than two.
-const SURE_IN_LOGARITHMS: f64 = 3.0;
+/// Standard errors by which the held-out loss must fall for a faint cause, and its logarithm where its mean falls by less than two.
+const SURE_ERRORS: f64 = 3.0;
 /// What the law of an actuator must leave beyond the null, and the share of it that a further cause must take away, for one
 /// that takes little of the whole excess.
 const LEAST_LAW_EXCESS: f64 = 0.5;
@@ -206,10 +206,10 @@ impl Round {
         let mut judged = 0;
         for (k, fit) in self.fits.iter().enumerate() {
             // Blows of the contact stand beside any cause.
-            let is_blow = is_too_short(study, fit);
-            let is_faint_event =
-                matches!(fit.suspect.extent, Some(Extent::Time(_))) && fit.evidence < self.needed(study, fit);
-            judged += usize::from(!is_blow && !is_faint_event);
+            let (is_blow, is_event) = (is_too_short(study, fit), is_event(fit));
+            let has_evidence = fit.evidence >= self.needed(study, fit);
+            let share = (self.base - fit.loss) / excess.max(1e-9);
+            judged += usize::from(!is_blow && (has_evidence || !is_event));
             if judged > MOST_JUDGED {
                 break;
             }
@@ -218,9 +218,7 @@ impl Round {
             let is_faint = self.is_first && is_faint(study, fit, by_chance);
             let mut reason = if is_faint { faint_objection(study, fit)? } else { objection(study, fit, by_chance) };
             if reason.is_none() && !is_faint {
-                let share = (self.base - fit.loss) / excess.max(1e-9);
-                let one_more_event = matches!(fit.suspect.extent, Some(Extent::Time(_))) && !study.problem.free;
-                let later = !(self.is_first || one_more_event);
+                let later = !(self.is_first || (is_event && !study.problem.free));
                 reason = held_out_objection(study, fit, share, later)?;
             }
             let Some(reason) = reason else {
@@ -232,12 +230,8 @@ impl Round {
                 self.reason = format!("{}: {reason}", study.columns.effects[effect].name);
             }
             // Nor does a faint push that was looked at: stumbles look like pushes beside any cause.
-            let is_stumble = study.problem.free
-                && matches!(fit.suspect.extent, Some(Extent::Time(_)))
-                && fit.evidence < SURE_EVENT
-                && (self.base - fit.loss) < LEAST_SHARE * excess;
-            let blocks = !is_blow && !is_stumble && !is_trifle(study, &fit.suspect);
-            if blocks && fit.evidence >= self.needed(study, fit) {
+            let is_stumble = study.problem.free && is_event && fit.evidence < SURE_EVENT && share < LEAST_SHARE;
+            if has_evidence && !is_blow && !is_stumble && !is_trifle(study, &fit.suspect) {
                 return Ok(());
             }
         }
@@ -321,6 +315,11 @@ fn threshold(study: &Study, fit: &Fit, by_chance: f64) -> f64 {
     least.max(OVER_NULL * by_chance)
 }
 
+/// Whether a fit is confined to a time.
+fn is_event(fit: &Fit) -> bool {
+    matches!(fit.suspect.extent, Some(Extent::Time(_)))
+}
+
 /// Whether a fit is an event too short to be a push.
 fn is_too_short(study: &Study, fit: &Fit) -> bool {
     let least = if study.problem.free { LEAST_EVENT } else { LEAST_HELD_EVENT };
@@ -341,7 +340,7 @@ fn faint_objection(study: &mut Study, fit: &Fit) -> Result<Option<String>, GapEr
     let closure = closure(study, &setting)?;
     let (fall, error) = closure.fall(false);
     let (size, closed) = (size(study, &fit.suspect), 100.0 * closure.closed());
-    let is_much = closure.closed() > FAINT_CLOSED && fall > SURE_IN_LOGARITHMS * error;
+    let is_much = closure.closed() > FAINT_CLOSED && fall > SURE_ERRORS * error;
     Ok((!is_much).then(|| {
         format!(
             "log evidence {:.0} of a size of {size:.1} tolerances, which closes {closed:.0} % held out",
@@ -377,7 +376,7 @@ fn held_out_objection(study: &mut Study, fit: &Fit, share: f64, later: bool) -> 
     let closure = closure(study, &setting)?;
     let whole = closure.fall(matches!(fit.suspect.extent, Some(Extent::Region(_))));
     let (fall, error) = fit.held_out.map_or(whole, |f| (f.mean, f.error));
-    if matches!(fit.suspect.extent, Some(Extent::Time(_))) {
+    if is_event(fit) {
         // An event may lie between the windows that are held out, or touch the edge of one: nothing is said then.
         let changes = closure.before.iter().zip(&closure.after).map(|(b, a)| (b - a) / b);
         let seen: Vec<f64> = changes.filter(|c| c.abs() > 0.02).collect();
@@ -398,7 +397,7 @@ fn held_out_objection(study: &mut Study, fit: &Fit, share: f64, later: bool) -> 
     // Tolerated deviations can take most of a small effect upon them: what it closes without them counts, too. Most of the
     // excess of feet that slip is left by the right friction.
     let (in_logarithms, its_error) = closure.fall(true);
-    let falls_all_over = in_logarithms > SURE_IN_LOGARITHMS * its_error;
+    let falls_all_over = in_logarithms > SURE_ERRORS * its_error;
     if fit.suspect.extent.is_none() && share < LEAST_SHARE && closure.closed() < LEAST_CLOSED && !falls_all_over {
         return Ok(Some(format!("it explains {:.0} % of the excess", 100.0 * share)));
     }

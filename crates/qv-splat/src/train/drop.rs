@@ -3,6 +3,7 @@
 //!
 //! The others are denser by one over the share that stays, as far as opacities go.
 
+use super::adam::logistic;
 use super::options::TrainOptions;
 use super::random::{Purpose, unit, words};
 
@@ -52,10 +53,6 @@ impl Drop {
             *by *= if self.leaves_out(i) { 0.0 } else { chain };
         }
     }
-}
-
-fn logistic(x: f32) -> f32 {
-    1.0 / (1.0 + (-x).exp())
 }
 
 #[cfg(test)]
