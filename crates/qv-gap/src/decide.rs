@@ -4,10 +4,10 @@
 use crate::GapError;
 use crate::closure::{Closure, closure, mean};
 use crate::columns::{Extent, Suspect};
-use crate::evidence::{Marginal, Sums};
+use crate::evidence::{Marginal, Normal, Sums};
 use crate::local::place;
 use crate::problem::Setting;
-use crate::search::{Fit, Search, fitted};
+use crate::search::{Fit, Search, fitted, held_out};
 use crate::study::{Seen, Study};
 use nalgebra::DVector;
 
@@ -36,7 +36,8 @@ const LEAST_FAINT_SIZE: f64 = 3.0;
 const FAINT_CLOSED: f64 = 0.5;
 /// Log evidence from which on an event need not take a share of the excess: a robot that is pushed often, or stumbles, too.
 pub const SURE_EVENT: f64 = 1000.0;
-/// Log evidence and share of the excess from which on a cause need not lower the held-out loss, if only that does not rise: held out
+/// Log evidence from which on a steady first cause need take no share of the excess if windows that no fit has seen ask for it, too; and with
+/// which, and this share, a cause need not lower the held-out loss, if only that does not rise: held out
 /// are a quarter of the windows, and some of a dozen in which feet bounce are missed by the right bounce.
 const SURE_EVIDENCE: f64 = 300.0;
 const SURE_SHARE: f64 = 0.12;
@@ -58,6 +59,9 @@ const LEAST_LATER_SHARE: f64 = 0.3;
 const LEAST_LATER_CLOSED: f64 = 0.4;
 /// Standard errors by which the held-out loss must fall for a faint cause, and its logarithm where its mean falls by less than two.
 const SURE_ERRORS: f64 = 3.0;
+/// Log evidence in windows that no fit has seen, tolerated deviations at their best in them, from which on a steady first cause need not
+/// lower what is left there without them.
+pub const SURE_HELD_OUT: f64 = 5.0;
 /// What the law of an actuator must leave beyond the null, and the share of it that a further cause must take away, for one
 /// that takes little of the whole excess.
 const LEAST_LAW_EXCESS: f64 = 0.5;
@@ -307,12 +311,18 @@ pub fn is_trifle(study: &Study, suspect: &Suspect) -> bool {
 /// Log evidence that a suspect needs, given the most that chance alone reached for its effect.
 fn threshold(study: &Study, fit: &Fit, by_chance: f64) -> f64 {
     let least = match fit.suspect.extent {
-        None => LEAST_EVIDENCE,
+        None => own_threshold(study, fit).unwrap_or(LEAST_EVIDENCE),
         Some(Extent::Region(_)) => LEAST_LOCAL_EVIDENCE,
         Some(Extent::Time(_)) if study.problem.free => LEAST_EVENT_EVIDENCE,
         Some(Extent::Time(_)) => LEAST_HELD_EVENT_EVIDENCE,
     };
     least.max(OVER_NULL * by_chance)
+}
+
+/// Log evidence that the library states for an effect of a robot on its feet.
+fn own_threshold(study: &Study, fit: &Fit) -> Option<f64> {
+    let effect = &study.columns.effects[study.columns.groups[fit.suspect.group].effect];
+    effect.least_evidence.filter(|_| study.problem.free && fit.suspect.extent.is_none())
 }
 
 /// Whether a fit is confined to a time.
@@ -394,6 +404,11 @@ fn held_out_objection(study: &mut Study, fit: &Fit, share: f64, later: bool) -> 
     if later && share < LEAST_LATER_SHARE && closure.closed() < LEAST_LATER_CLOSED {
         return Ok(Some(too_little(share, &closure)));
     }
+    let has_own = own_threshold(study, fit).is_some();
+    let has_much = share >= LEAST_SHARE || fit.evidence > SURE_EVIDENCE || has_own;
+    if !later && fit.suspect.extent.is_none() && has_much && held_out_evidence(study, &setting)? > SURE_HELD_OUT {
+        return Ok(None);
+    }
     // Tolerated deviations can take most of a small effect upon them: what it closes without them counts, too. Most of the
     // excess of feet that slip is left by the right friction.
     let (in_logarithms, its_error) = closure.fall(true);
@@ -407,6 +422,27 @@ fn held_out_objection(study: &mut Study, fit: &Fit, share: f64, later: bool) -> 
     let is_sure = fit.evidence > SURE_EVIDENCE && share > SURE_SHARE && fall > -error;
     Ok((fall < needed * error && !nearly_all && !by_law && !is_sure)
         .then(|| format!("the held-out loss falls by {fall:.3} only, with error {error:.3}")))
+}
+
+/// Log of how much likelier a setting makes the windows that no fit has seen, tolerated deviations integrated out over them, in units of
+/// what is left in them.
+///
+/// # Errors
+/// When a value means nothing.
+pub fn held_out_evidence(study: &mut Study, setting: &Setting) -> Result<f64, GapError> {
+    let windows: Vec<usize> = (0..study.seen.len()).filter(|&w| held_out(&study.seen[w]) > 0.0).collect();
+    let marginal =
+        study.marginal(held_out).ok_or_else(|| GapError::run("sensitivities", "finite numbers", "others"))?;
+    let under = study.evaluate(std::slice::from_ref(setting), &windows)?.remove(0);
+    let nominal: Vec<Option<Normal>> = windows
+        .iter()
+        .zip(&under)
+        // What ran away is left out of both.
+        .map(|(&w, n)| n.as_ref().map(|_| study.seen[w].nominal()))
+        .collect();
+    let [before, after] = [&nominal, &under].map(|n| study.sums(n, &windows, held_out));
+    let level = marginal.loss(&after) / after.count.max(1.0);
+    Ok(0.5 * (marginal.loss(&before) - marginal.loss(&after)) / level.max(1.0))
 }
 
 /// Whether a correction takes away most of what the law of its actuators leaves. No contact has a part in that, so that what

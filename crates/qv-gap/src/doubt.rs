@@ -5,6 +5,7 @@
 
 use crate::GapError;
 use crate::columns::{Group, Suspect};
+use crate::constancy;
 use crate::decide::{Level, NO_GAP, Round, SURE_EVENT, is_trifle};
 use crate::laws::{LawLeft, laws};
 use crate::library::{Effect, Scope};
@@ -26,6 +27,10 @@ const EVIDENCE_SHARE: f64 = 0.01;
 /// The same where nothing of a joint is accused, of any steady effect: what pulls on the trunk imitates all that does.
 const TRUNK_EVIDENCE_LEFT: f64 = 100.0;
 const TRUNK_EVIDENCE_SHARE: f64 = 0.1;
+/// Standard errors by which the accused value of joints changes with speed, load or time, and as a share of it, from which on it is not one
+/// value: right ones change by 2.2 at most, a friction that fades with speed by 6 and 8, one that grows with load by 13.
+const CHANGE_ERRORS: f64 = 4.5;
+const CHANGE_SHARE: f64 = 0.05;
 /// Share of the excess of the level that events must take away where what is left is a gap still.
 const EVENTS_SHARE: f64 = 0.25;
 /// By how much the level may rise.
@@ -43,6 +48,16 @@ pub const MOST_LEFT: f64 = 0.5;
 /// Time for which several pushes may last together \[s\].
 const LONGEST_PUSHES: f64 = 3.0;
 
+/// An accused effect.
+pub struct Named {
+    /// Name in the library.
+    pub effect: String,
+    /// Its members.
+    pub group: Group,
+    /// First value, if it acts all the time and everywhere.
+    pub steady: Option<f64>,
+}
+
 /// What the accused robot is judged by.
 pub struct Judged<'j> {
     /// Levels before anything was accused and now.
@@ -50,7 +65,7 @@ pub struct Judged<'j> {
     /// What the laws left before anything was accused.
     pub opening: &'j [LawLeft],
     /// What is accused, in the study that it was found in.
-    pub accused: Vec<(String, Group)>,
+    pub accused: Vec<Named>,
     /// Whether any of it is confined to a time or a place.
     pub is_local: bool,
     /// Largest log evidence of it.
@@ -94,6 +109,9 @@ pub fn doubt(study: &mut Study, judged: &Judged) -> Result<Option<String>, GapEr
         let joint = &study.problem.model.joint_names()[joint];
         return Ok(Some(format!("the actuator's law at {joint} still leaves {ratio:.1} times what noise does")));
     }
+    if let Some(changing) = changing(study, judged) {
+        return Ok(Some(changing));
+    }
     if let Some((evidence, name)) = beside_trunk(study, judged) {
         return Ok(Some(format!("{name} is asked for beside it, with log evidence {evidence:.0}")));
     }
@@ -113,12 +131,24 @@ fn pulled(events: &[[f64; 2]]) -> Option<String> {
     })
 }
 
+/// What is accused of joints and is no one size.
+fn changing(study: &Study, judged: &Judged) -> Option<String> {
+    let of_joints = |name: &str| study.columns.effects.iter().any(|e| e.name == name && e.scope == Scope::Joints);
+    let steady = judged.accused.iter().filter(|a| of_joints(&a.effect)).filter_map(|a| Some((a, a.steady?)));
+    let all = steady.flat_map(|(a, value)| {
+        let dependences = constancy::dependences(study, &a.effect, &a.group).into_iter();
+        dependences.filter(move |d| d.errors.abs() > CHANGE_ERRORS && d.change.abs() > CHANGE_SHARE * value.abs())
+    });
+    let most = all.max_by(|a, b| a.errors.abs().total_cmp(&b.errors.abs()))?;
+    Some(format!("it has no one size: it changes with {}, by {:.1} standard errors", most.on, most.errors.abs()))
+}
+
 /// A steady effect that has much of the evidence left beside what is accused of the trunk, the ground or the sensors.
 fn beside_trunk(study: &Study, judged: &Judged) -> Option<(f64, String)> {
     let round = judged.round?;
     let effect = |fit: &Fit| &study.columns.effects[study.columns.groups[fit.suspect.group].effect];
-    let of_joints = |(name, _): &(String, Group)| {
-        study.columns.effects.iter().any(|e| e.name == *name && matches!(e.scope, Scope::Joints | Scope::Links))
+    let of_joints = |a: &Named| {
+        study.columns.effects.iter().any(|e| e.name == a.effect && matches!(e.scope, Scope::Joints | Scope::Links))
     };
     if judged.is_local || judged.accused.iter().any(of_joints) {
         return None;
@@ -126,7 +156,7 @@ fn beside_trunk(study: &Study, judged: &Judged) -> Option<(f64, String)> {
     // What is mounted beside the centre of mass moves it: that is no rival of its weight.
     let of_links = |e: &Effect| e.axes.iter().all(|a| a.moves.keys().all(|m| m.starts_with("link.")));
     let named = |name: &String| study.columns.effects.iter().find(|e| e.name == *name);
-    let is_mounted = judged.accused.iter().all(|(name, _)| named(name).is_some_and(of_links));
+    let is_mounted = judged.accused.iter().all(|a| named(&a.effect).is_some_and(of_links));
     let least = TRUNK_EVIDENCE_LEFT.max(TRUNK_EVIDENCE_SHARE * judged.evidence);
     let is_one =
         |fit: &&Fit| fit.evidence > least && round.speaks_for(study, fit) && !(is_mounted && of_links(effect(fit)));
@@ -147,15 +177,12 @@ fn another(study: &mut Study, judged: &Judged, level: f64) -> Result<Option<(f64
     let is_another = |(evidence, suspect): &(f64, Suspect)| {
         let group = &columns.groups[suspect.group];
         let effect = &columns.effects[group.effect];
-        let shares = |(name, accused): &(String, Group)| {
-            *name != effect.name && accused.members.iter().any(|m| group.members.contains(m))
-        };
-        let of_joints =
-            |(name, _): &&(String, Group)| columns.effects.iter().any(|e| e.name == *name && e.scope == Scope::Joints);
+        let shares = |a: &Named| a.effect != effect.name && a.group.members.iter().any(|m| group.members.contains(m));
+        let of_joints = |a: &&Named| columns.effects.iter().any(|e| e.name == a.effect && e.scope == Scope::Joints);
         effect.scope == Scope::Joints
             && *evidence > EVIDENCE_LEFT.max(EVIDENCE_SHARE * judged.evidence)
             && !is_trifle(study, suspect)
-            && judged.accused.iter().all(|(name, _)| *name != effect.name)
+            && judged.accused.iter().all(|a| a.effect != effect.name)
             && judged.accused.iter().filter(of_joints).any(shares)
     };
     let most = asked.into_iter().filter(is_another).max_by(|a, b| a.0.total_cmp(&b.0));

@@ -6,6 +6,8 @@
 use crate::problem::{Problem, Setting, Window};
 use qv_core::JointSeries;
 use qv_replay::run::Run;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
 
 /// Length of a bin of this comparison \[s\]: latencies of milliseconds show in what changes fast.
 pub const BIN: f64 = 0.01;
@@ -132,25 +134,54 @@ pub struct Alignment {
     pub state: f64,
 }
 
-/// The alignment, of those within a tick, that leaves the least torque unexplained in `windows`.
+/// Offsets \[ticks\] of commands and states that recorders are known to have, the natural one first.
+const OFFSETS: [f64; 3] = [0.0, -0.5, 0.5];
+/// Latencies \[s\] that are thought of beside an offset.
+const LONGEST_LATENCY: f64 = 0.025;
+
+/// The alignment, of those within a tick, that leaves the least torque unexplained in `windows`. Each joint may have a latency of its own
+/// of a tick or more beside it: half a tick of that is not taken for the recorder's.
 pub fn align(problem: &Problem, windows: &[&Window]) -> Alignment {
     let Some(first) = windows.first() else { return Alignment::default() };
     let tick = first.view.measured.position.as_ref().map_or(0.0, |p| qv_replay::median_interval(&p.time));
-    let mut candidates = Vec::new();
-    for command in [0.0, -0.5, 0.5] {
-        for state in [0.0, 0.5, -0.5] {
-            candidates.push(Alignment { command: command * tick, state: state * tick });
+    let some: Vec<&Window> = windows.iter().step_by((windows.len() / 12).max(1)).copied().collect();
+    let latencies = if tick > 0.0 { ((LONGEST_LATENCY / tick - 1.0) * 2.0).clamp(0.0, 48.0) as usize } else { 0 };
+    // In half ticks: what an alignment and a latency make together is the same number however it is divided among them.
+    let latencies: Vec<i64> = std::iter::once(0).chain((0..=latencies as i64).map(|k| 2 + k)).collect();
+    let mut known: BTreeMap<[i64; 2], Vec<f64>> = BTreeMap::new();
+    let mut best: Option<(f64, Alignment)> = None;
+    for command in OFFSETS {
+        for state in OFFSETS.map(|s| -s) {
+            let halves = [command, state].map(|x| (2.0 * x) as i64);
+            let of_command = latencies.iter().map(|&l| [halves[0] + l, halves[1]]);
+            let of_state = latencies.iter().map(|&l| [halves[0], halves[1] - l]);
+            let mut least = vec![f64::INFINITY; problem.law_joints.len()];
+            for offsets in of_command.chain(of_state) {
+                let losses = known
+                    .entry(offsets)
+                    .or_insert_with(|| losses(problem, &some, offsets.map(|h| 0.5 * h as f64 * tick)));
+                least.iter_mut().zip(losses).for_each(|(least, loss)| *least = least.min(*loss));
+            }
+            let loss: f64 = least.iter().filter(|x| x.is_finite()).sum();
+            // The first of equals: none where there is nothing to tell them apart.
+            if best.is_none_or(|(least, _)| loss < 0.98 * least) {
+                best = Some((loss, Alignment { command: command * tick, state: state * tick }));
+            }
         }
     }
-    let some: Vec<&&Window> = windows.iter().step_by((windows.len() / 12).max(1)).collect();
-    let loss = |a: &Alignment| {
-        let of_window = |w: &&&Window| residual(problem, w, &Setting::new(), *a).iter().map(|x| x * x).sum::<f64>();
-        some.iter().map(of_window).filter(|x| x.is_finite()).sum::<f64>()
+    best.map_or_else(Alignment::default, |(_, alignment)| alignment)
+}
+
+/// Sum of squares that the law of each joint leaves at offsets of commands and states \[s\].
+fn losses(problem: &Problem, windows: &[&Window], [command, state]: [f64; 2]) -> Vec<f64> {
+    let of_joint = |&joint: &usize| {
+        let law = Law::new(problem, &Setting::new(), joint);
+        let of_window = |w: &&Window| -> f64 {
+            of_joint(problem, w, &law, Alignment { command, state }).iter().map(|x| x * x).sum()
+        };
+        windows.iter().map(of_window).filter(|x| x.is_finite()).sum()
     };
-    let losses: Vec<f64> = candidates.iter().map(loss).collect();
-    // The first of equals: none where there is nothing to tell them apart.
-    let best = (1..losses.len()).fold(0, |best, k| if losses[k] < 0.98 * losses[best] { k } else { best });
-    candidates[best]
+    problem.law_joints.par_iter().map(of_joint).collect()
 }
 
 /// Measured minus expected torque in each bin, one joint after the other, shape `[law joints, bins]` \[N m\].

@@ -7,7 +7,7 @@ use crate::GapError;
 use crate::closure::closure;
 use crate::columns::{Columns, Extent, Group};
 use crate::decide::{self, Level, Round};
-use crate::doubt::{self, Judged};
+use crate::doubt::{self, Judged, Named};
 use crate::laws::{LawLeft, laws};
 use crate::library::{self, Effect};
 use crate::problem::{Cut, Event, Problem, Setting};
@@ -76,6 +76,12 @@ impl Accused {
             Some(Extent::Time(time)) => Some(time),
             _ => None,
         }
+    }
+
+    /// The same as what a doubt is about.
+    fn named(&self) -> Named {
+        let steady = self.fit.suspect.extent.is_none().then(|| self.fit.suspect.values[0]);
+        Named { effect: self.cause.effect.clone(), group: self.group.clone(), steady }
     }
 
     /// The same as something that acts on the robot of a study.
@@ -350,15 +356,17 @@ fn estimates(effect: &Effect, fit: &Fit, extent: Option<Extent>) -> Vec<Paramete
         None => &[],
     };
     names.extend(of_extent.iter().map(|(name, unit)| (name.to_string(), unit.to_string())));
+    let length = fit.suspect.values.iter().map(|v| v * v).sum::<f64>().sqrt();
     let numbers = fit.suspect.values.iter().copied().chain(extent.iter().flat_map(Extent::numbers));
     names
         .into_iter()
         .zip(numbers)
         .enumerate()
         .map(|(k, ((name, unit), value))| {
-            // What engines differ in moves a value farther than noise does: a share of the value is added.
+            // What engines differ in moves a value farther than noise does: a share of it is added, in any direction.
             let deviation = fit.deviations.get(k).copied().filter(|d| d.is_finite()).unwrap_or(0.0);
-            let own = if k < effect.axes.len() { (0.08 * value).abs().max(0.7 * effect.tolerance) } else { 0.05 };
+            let own =
+                if k < effect.axes.len() { (effect.engine_error * length).max(0.7 * effect.tolerance) } else { 0.05 };
             let half = 1.96 * deviation.hypot(own);
             ParameterEstimate { name, value, ci95: [value - half, value + half], unit }
         })
@@ -422,7 +430,7 @@ impl Findings<'_> {
         let judged = Judged {
             levels: [self.opening.level, self.level_after],
             opening: &self.opening.laws,
-            accused: self.accused.iter().map(|a| (a.cause.effect.clone(), a.group.clone())).collect(),
+            accused: self.accused.iter().map(Accused::named).collect(),
             is_local: self.accused.iter().any(|a| a.fit.suspect.extent.is_some()),
             evidence: self.accused.iter().map(|a| a.fit.evidence).fold(0.0, f64::max),
             events: self.accused.iter().filter_map(Accused::time).collect(),

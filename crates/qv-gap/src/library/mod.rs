@@ -96,9 +96,15 @@ pub struct Effect {
     pub levels: Vec<f64>,
     /// What levels are shares of.
     pub levels_of: Option<LevelsOf>,
+    /// Log evidence that it needs as a first cause if it acts steadily, where it is known that other engines do not reach that without
+    /// it; it need not take a share of the excess then.
+    pub least_evidence: Option<f64>,
     /// Whether it may act for a part of the time only.
     #[serde(default)]
     pub local: bool,
+    /// Share of a value by which other engines put it off (one standard deviation); part of its interval.
+    #[serde(default = "engine_error")]
+    pub engine_error: f64,
     /// What would tell it from its likes.
     #[serde(default)]
     pub experiment: String,
@@ -112,6 +118,11 @@ impl Effect {
     pub fn span(&self) -> f64 {
         self.range[1] - self.range[0]
     }
+}
+
+/// That of most effects.
+fn engine_error() -> f64 {
+    0.08
 }
 
 #[derive(Deserialize)]
@@ -158,6 +169,12 @@ fn check(effect: &Effect, file: &str) -> Result<(), GapError> {
     if effect.levels.is_empty() || effect.levels.iter().any(|x| !x.is_finite() || (*x == 0.0 && !effect.absolute)) {
         return wrong("levels that are finite and not 0", format!("{:?}", effect.levels));
     }
+    if effect.least_evidence.is_some_and(|e| !(e.is_finite() && e > 0.0)) {
+        return wrong("a least evidence above 0", format!("{:?}", effect.least_evidence));
+    }
+    if !(effect.engine_error.is_finite() && effect.engine_error >= 0.0) {
+        return wrong("an engine error of at least 0", effect.engine_error.to_string());
+    }
     let moves = || effect.axes.iter().flat_map(|a| a.moves.values());
     if effect.axes.is_empty() || moves().count() == 0 || moves().any(|x| !x.is_finite() || *x == 0.0) {
         return wrong("at least one axis that moves a parameter by a finite factor", format!("{:?}", effect.axes));
@@ -193,6 +210,8 @@ mod tests {
             ("= 1.0 }", "= 0.0 }", "factor"),
             ("'wind'", "'unknown'", "other than"),
             ("unit = 'N'\n", "", "unit"),
+            ("unit = 'N'\n", "unit = 'N'\nleast_evidence = -1\n", "above 0"),
+            ("unit = 'N'\n", "unit = 'N'\nengine_error = nan\n", "at least 0"),
         ] {
             let error = parse(&good.replace(from, to), "mine.toml").unwrap_err().to_string();
             assert!(error.contains(told) && error.contains("mine.toml"), "{error}");
