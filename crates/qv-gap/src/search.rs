@@ -147,6 +147,25 @@ impl<'s, 'a> Search<'s, 'a> {
         Ok(fits)
     }
 
+    /// A group followed from what one linear step says; `None` where that says nothing, or it does not gain.
+    ///
+    /// # Errors
+    /// When a value means nothing.
+    pub fn refined(&mut self, base: &Base, group: usize) -> Result<Option<Fit>, GapError> {
+        let linear = self.linear(&base.sums).into_iter().find(|(_, s)| s.group == group);
+        let Some((evidence, mut suspect)) = linear else { return Ok(None) };
+        let [low, high] = self.columns().effects[self.columns().groups[group].effect].range;
+        suspect.values.iter_mut().for_each(|v| *v = v.clamp(low, high));
+        let mut fits = vec![Fit { suspect, deviations: Vec::new(), loss: f64::INFINITY, evidence, held_out: None }];
+        let mut here = self.here(base, &fits)?;
+        let mut live = vec![0];
+        for _ in 0..ROUNDS {
+            self.improve(base, &mut fits, &mut here, &mut live)?;
+        }
+        self.judge(base, &mut fits, &here)?;
+        Ok(fits.pop().filter(|f| f.loss < base.loss && f.evidence.is_finite()))
+    }
+
     /// Log evidence ratio of each group at each level by one linear step, with the values that it asks for.
     pub fn linear(&self, sums: &Sums) -> Vec<(f64, Suspect)> {
         let force = self.marginal.force(sums);

@@ -1,6 +1,7 @@
 //! The whole diagnosis: from runs to a report.
 
 mod ranking;
+mod refine;
 mod verdict;
 
 use crate::GapError;
@@ -266,6 +267,9 @@ impl<'a> Session<'a> {
                 findings.accused.push(one);
             }
             let mut next = self.study(&findings.corrections, &findings.events)?;
+            if findings.on_feet && findings.refine(&mut next)? {
+                next = self.study(&findings.corrections, &findings.events)?;
+            }
             findings.level_after = decide::level_outside(&next, &findings.regions())?;
             let full = findings.effects().len() >= MOST_CAUSES || findings.rounds.len() >= MOST_ROUNDS;
             if !full && decide::is_much_left(&mut next, &findings.level_after)? {
