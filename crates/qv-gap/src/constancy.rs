@@ -6,9 +6,9 @@
 //! Econometrica 48, 817), robust against windows that nothing explains.
 
 use crate::columns::Group;
+use crate::rest::mean_of;
 use crate::search::fitted;
 use crate::study::{EXTRA, Seen, Study};
-use qv_core::JointSeries;
 
 /// What a joint asks for in a window.
 struct Asked {
@@ -45,15 +45,17 @@ fn asked(study: &Study, name: &str, group: &Group) -> Vec<Asked> {
     let Some(marginal) = study.marginal(fitted) else { return Vec::new() };
     let deviations = marginal.deviations(&study.nominal(fitted));
     let of_group = Group { effect, ..group.clone() };
+    let units: Vec<usize> = columns.units_of(&of_group, 0).filter(|&u| columns.units[u].absent.is_finite()).collect();
     let mut all = Vec::new();
-    for unit in columns.units_of(&of_group, 0).filter(|&u| columns.units[u].absent.is_finite()) {
-        let Some(column) = columns.column(unit, 0) else { continue };
-        let step = columns.columns[column].value - columns.units[unit].absent;
-        let (joint, column) = (columns.units[unit].member, EXTRA + column);
-        for seen in study.seen.iter().filter(|s| fitted(s) > 0.0) {
+    for seen in study.seen.iter().filter(|s| fitted(s) > 0.0) {
+        let asks = seen.nominal().b;
+        for &unit in &units {
+            let Some(column) = columns.column(unit, 0) else { continue };
+            let step = columns.columns[column].value - columns.units[unit].absent;
+            let (joint, column) = (columns.units[unit].member, EXTRA + column);
             let weight = seen.h[(column, column)] / (step * step);
             let across = seen.h.view((column, 0), (1, deviations.len()));
-            let force = seen.nominal().b[column] - (across * &deviations)[(0, 0)];
+            let force = asks[column] - (across * &deviations)[(0, 0)];
             if weight > 0.0 {
                 all.push(Asked { change: force / step / weight, weight, known: known(study, seen, joint) });
             }
@@ -63,17 +65,9 @@ fn asked(study: &Study, name: &str, group: &Group) -> Vec<Asked> {
 }
 
 fn known(study: &Study, seen: &Seen, joint: usize) -> [f64; 3] {
-    let column = study.problem.columns[joint];
-    let (from, to) = (seen.window.start, seen.window.start + study.problem.cut.window);
-    let mean = |series: &Option<JointSeries>| {
-        let Some(s) = series.as_ref().filter(|s| column < s.joints) else { return 0.0 };
-        let (first, last) = (s.time.partition_point(|&t| t < from), s.time.partition_point(|&t| t <= to));
-        let all: Vec<f64> =
-            (first..last).map(|i| s.values[i * s.joints + column].abs()).filter(|x| x.is_finite()).collect();
-        all.iter().sum::<f64>() / all.len().max(1) as f64
-    };
     let measured = &seen.window.view.measured;
-    [mean(&measured.velocity), mean(&measured.torque), from]
+    let mean = |series| mean_of(study, seen, joint, series, f64::abs);
+    [mean(&measured.velocity), mean(&measured.torque), seen.window.start]
 }
 
 fn dependence(asked: &[Asked], factor: usize) -> Option<Dependence> {

@@ -78,15 +78,20 @@ fn asked(study: &Study) -> Option<Vec<Vec<f64>>> {
     Some(study.seen.iter().map(ask).collect())
 }
 
+/// Mean over a window of what `of` makes of a joint's samples; 0 without any.
+pub fn mean_of(study: &Study, seen: &Seen, joint: usize, series: &Option<JointSeries>, of: fn(f64) -> f64) -> f64 {
+    let column = study.problem.columns[joint];
+    let Some(s) = series.as_ref().filter(|s| column < s.joints) else { return 0.0 };
+    let (from, to) = (seen.window.start, seen.window.start + study.problem.cut.window);
+    let (first, last) = (s.time.partition_point(|&t| t < from), s.time.partition_point(|&t| t <= to));
+    let all: Vec<f64> = (first..last).map(|i| s.values[i * s.joints + column]).filter(|x| x.is_finite()).collect();
+    all.iter().map(|x| of(*x)).sum::<f64>() / all.len().max(1) as f64
+}
+
 fn known(study: &Study, seen: &Seen, joint: usize) -> Known {
     let (view, column) = (&seen.window.view, study.problem.columns[joint]);
     let (from, to) = (seen.window.start, seen.window.start + study.problem.cut.window);
-    let mean = |series: &Option<JointSeries>, of: fn(f64) -> f64| {
-        let Some(s) = series.as_ref().filter(|s| column < s.joints) else { return 0.0 };
-        let (first, last) = (s.time.partition_point(|&t| t < from), s.time.partition_point(|&t| t <= to));
-        let all: Vec<f64> = (first..last).map(|i| s.values[i * s.joints + column]).filter(|x| x.is_finite()).collect();
-        all.iter().map(|x| of(*x)).sum::<f64>() / all.len().max(1) as f64
-    };
+    let mean = |series, of| mean_of(study, seen, joint, series, of);
     let slope = |series: &Option<JointSeries>| {
         let Some(s) = series.as_ref().filter(|s| column < s.joints && !s.is_empty()) else { return 0.0 };
         let at = |t: f64| s.hold(t)[column];

@@ -444,6 +444,12 @@ impl Reconstruct {
                 lost.push(format!("{missing} of {} photographs have no {name}", dataset.training.len()));
             }
         }
+        let alone = dataset.alone();
+        if !alone.is_empty() {
+            let names = alone.iter().take(5).copied().collect::<Vec<_>>().join(", ");
+            let more = if alone.len() > 5 { ", ..." } else { "" };
+            lost.push(format!("{} photographs show nothing that another shows: {names}{more}", alone.len()));
+        }
         lost
     }
 

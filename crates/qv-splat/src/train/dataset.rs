@@ -101,11 +101,20 @@ impl Dataset {
             let found = format!("{} of {}, every {hold_out}th held out", training.len(), cameras.len());
             return Err(off("capture", "at least 2 photographs to learn from", found));
         }
-        if !training.iter().any(|a| training.iter().any(|b| a.name != b.name && overlap(&a.camera, &b.camera))) {
+        let dataset = Self { training, held_out, extent: extent(&cameras), nearest: vec![] };
+        let count = dataset.training.len();
+        if dataset.alone().len() == count {
             let expected = "two photographs that show the same place";
-            return Err(off("capture", expected, format!("no overlap between any of {}", training.len())));
+            return Err(off("capture", expected, format!("no overlap between any of {count}")));
         }
-        Ok(Self { training, held_out, extent: extent(&cameras), nearest: vec![] })
+        Ok(dataset)
+    }
+
+    /// Names of the photographs to learn from that show nothing which another could show: what is learned of it has no depth.
+    pub fn alone(&self) -> Vec<&str> {
+        let meets = |a: &Photograph, b: &Photograph| overlap(&a.camera, &b.camera) || overlap(&b.camera, &a.camera);
+        let is_alone = |a: &&Photograph| !self.training.iter().any(|b| a.name != b.name && meets(a, b));
+        self.training.iter().filter(is_alone).map(|one| one.name.as_str()).collect()
     }
 }
 
@@ -285,6 +294,10 @@ mod tests {
         assert!(error.contains("at least 2 photographs to learn from, found 1 of 1"), "{error}");
         let error = fault(&capture(3, 1.5), &good, &options);
         assert!(error.contains("no overlap"), "{error}");
+        let mut one_off = capture(4, 0.0);
+        one_off.cameras[2].camera.camera_from_world.rotation = glam::DQuat::from_rotation_y(3.0);
+        let read = Dataset::new(&one_off, &good, &ReadOptions { hold_out: 0, downscale: 1 }).unwrap();
+        assert_eq!(read.alone(), vec!["v2"]);
         let mut with_depth = capture(3, 0.0);
         with_depth.cameras[1].attachments.depth =
             Some(DepthFile { path: "d.png".into(), metres_per_unit: 1e-3, camera: None });
