@@ -8,7 +8,7 @@ use qv_gap::report::{Report, UNKNOWN, Verdict};
 use qv_gap::search::Search;
 use qv_gap::study::{Effort, Study};
 use qv_gap::{Options, diagnose, law, library};
-use qv_go2::synthetic;
+use qv_go2::{sealed, synthetic};
 use qv_replay::Run;
 use qv_replay::run::{Fault, FaultKind};
 use qv_sim::Terrain;
@@ -46,6 +46,15 @@ fn a_latency_is_named_with_its_size_and_closes_the_gap() {
     assert_eq!(most.name, "actuator");
     let shares: f64 = report.place.joints.iter().map(|j| j.share).sum();
     assert!((shares - 1.0).abs() < 1e-9);
+}
+
+#[test]
+fn sealed_answers_and_the_library_mean_the_same_interface() {
+    let effects = library::built_in();
+    let known = effects.iter().filter_map(|e| Some((e, sealed::interface(&e.name)?)));
+    let pairs: Vec<(String, &str, &str)> = known.map(|(e, said)| (e.name.clone(), e.interface.name(), said)).collect();
+    assert_eq!(pairs.len(), sealed::EFFECTS.len());
+    pairs.iter().for_each(|(name, ours, said)| assert_eq!(ours, said, "{name}"));
 }
 
 #[test]

@@ -51,8 +51,10 @@ pub fn interface(effect: &str) -> Option<&'static str> {
         | "torque_speed_limit"
         | "backlash" => "actuator",
         "observation_latency" | "encoder_bias" | "imu_tilt" | "gyro_bias" | "pose_delay" => "sensing",
-        "payload_mass" | "com_offset" | "link_inertia" | "external_force" => "inertial",
-        "ground_friction"
+        "payload_mass" | "com_offset" | "link_inertia" => "inertial",
+        // What pulls at the robot touches it.
+        "external_force"
+        | "ground_friction"
         | "contact_compliance"
         | "contact_restitution"
         | "terrain_slope"
