@@ -136,11 +136,13 @@ pub struct Alignment {
 
 /// Offsets \[ticks\] of commands and states that recorders are known to have, the natural one first.
 const OFFSETS: [f64; 3] = [0.0, -0.5, 0.5];
-/// Latencies \[s\] that are thought of beside an offset.
+/// Latencies \[s\] that are thought of beside an offset, and by what factor less they must leave than none: an offset and a latency of a tick
+/// may make what another offset makes alone.
 const LONGEST_LATENCY: f64 = 0.025;
+const LATENCY_COSTS: f64 = 1.1;
 
 /// The alignment, of those within a tick, that leaves the least torque unexplained in `windows`. Each joint may have a latency of its own
-/// of a tick or more beside it: half a tick of that is not taken for the recorder's.
+/// of a tick or more beside it, known or not: half a tick of that is not taken for the recorder's.
 pub fn align(problem: &Problem, windows: &[&Window]) -> Alignment {
     let Some(first) = windows.first() else { return Alignment::default() };
     let tick = first.view.measured.position.as_ref().map_or(0.0, |p| qv_replay::median_interval(&p.time));
@@ -160,7 +162,8 @@ pub fn align(problem: &Problem, windows: &[&Window]) -> Alignment {
                 let losses = known
                     .entry(offsets)
                     .or_insert_with(|| losses(problem, &some, offsets.map(|h| 0.5 * h as f64 * tick)));
-                least.iter_mut().zip(losses).for_each(|(least, loss)| *least = least.min(*loss));
+                let cost = if offsets == halves { 1.0 } else { LATENCY_COSTS };
+                least.iter_mut().zip(losses).for_each(|(least, loss)| *least = least.min(cost * *loss));
             }
             let loss: f64 = least.iter().filter(|x| x.is_finite()).sum();
             // The first of equals: none where there is nothing to tell them apart.
@@ -172,10 +175,10 @@ pub fn align(problem: &Problem, windows: &[&Window]) -> Alignment {
     best.map_or_else(Alignment::default, |(_, alignment)| alignment)
 }
 
-/// Sum of squares that the law of each joint leaves at offsets of commands and states \[s\].
+/// Sum of squares that the law of each joint leaves at offsets of commands and states \[s\], without latencies of its own.
 fn losses(problem: &Problem, windows: &[&Window], [command, state]: [f64; 2]) -> Vec<f64> {
     let of_joint = |&joint: &usize| {
-        let law = Law::new(problem, &Setting::new(), joint);
+        let law = Law { latency: 0.0, seen_late: 0.0, ..Law::new(problem, &Setting::new(), joint) };
         let of_window = |w: &&Window| -> f64 {
             of_joint(problem, w, &law, Alignment { command, state }).iter().map(|x| x * x).sum()
         };
