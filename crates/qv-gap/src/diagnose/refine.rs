@@ -13,14 +13,15 @@ const LEAST_GAIN: f64 = 8.0;
 impl Findings<'_> {
     /// Moves the accused size that the corrected robot of `study` asks most to be moved. Returns whether there is one.
     pub(super) fn refine(&mut self, study: &mut Study) -> Result<bool, GapError> {
+        let steady = self.accused.iter().enumerate().filter(|(_, a)| a.fit.suspect.extent.is_none());
+        let groups: Vec<(usize, usize)> = steady.filter_map(|(k, a)| Some((k, a.group_in(study)?))).collect();
+        let mut search = Search::new(study, 1.0)?;
+        let base = search.base(&[])?;
+        let temper = (base.loss / base.sums.count.max(1.0)).max(1.0);
         let mut best: Option<(f64, usize, Fit)> = None;
-        for (k, accused) in self.accused.iter().enumerate().filter(|(_, a)| a.fit.suspect.extent.is_none()) {
-            let Some(group) = accused.group_in(study) else { continue };
-            let mut search = Search::new(study, 1.0)?;
-            let base = search.base(&[])?;
+        for (k, group) in groups {
             let Some(fit) = search.refined(&base, group)? else { continue };
-            let gain =
-                0.5 * (base.loss - fit.loss) * base.sums.count.max(1.0) / base.loss.max(base.sums.count).max(1.0);
+            let gain = 0.5 * (base.loss - fit.loss) / temper;
             if gain > LEAST_GAIN && best.as_ref().is_none_or(|b| gain > b.0) {
                 best = Some((gain, k, fit));
             }
