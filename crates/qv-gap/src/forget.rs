@@ -5,7 +5,7 @@ use crate::study::{EXTRA, Study};
 use nalgebra::DVector;
 
 /// Share of a tolerance that is as good as none.
-const FORGOTTEN: f64 = 1e-3;
+pub(crate) const FORGOTTEN: f64 = 1e-3;
 
 /// What a study knew before it forgot some effects.
 pub struct Forgotten {

@@ -7,7 +7,6 @@ use glam::{DQuat, DVec3};
 use qv_replay::replay::{Command, SensorErrors, Starts};
 use qv_sim::{Batch, Shape, State};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 
 /// Environments that one thread steps together: a few registers' worth of each window.
 const TOGETHER: usize = 32;
@@ -29,6 +28,34 @@ struct Prepared {
     state: State,
 }
 
+/// What a window's robot was told.
+struct Commands {
+    /// At each tick, and at the ticks before the first.
+    of_tick: Vec<Command>,
+    /// Whether each is another one than that before it.
+    is_new: Vec<bool>,
+    /// Number of ticks before the first.
+    past: usize,
+}
+
+impl Commands {
+    fn new(problem: &Problem, window: &Window, numerics: &Numerics, past: usize) -> Result<Self, GapError> {
+        let of_tick = problem.commands(window, numerics, past)?;
+        let is_new = (0..of_tick.len()).map(|k| k == 0 || of_tick[k] != of_tick[k - 1]).collect();
+        Ok(Self { of_tick, is_new, past })
+    }
+
+    /// The command that was in force `age` ticks before the first.
+    fn before(&self, age: usize) -> &Command {
+        &self.of_tick[self.past - age]
+    }
+
+    /// The command of a tick, if it is given there: at the first, and where it changes.
+    fn given_at(&self, tick: usize) -> Option<&Command> {
+        (tick == 0 || self.is_new[self.past + tick]).then(|| &self.of_tick[self.past + tick])
+    }
+}
+
 /// One simulation.
 struct Case {
     setting: usize,
@@ -47,10 +74,14 @@ pub fn compare(
     settings: &[Setting],
 ) -> Result<Residuals, GapError> {
     let (prepared, cases) = prepare(problem, windows, settings);
+    let latency = settings.iter().map(|s| longest_latency(problem, s)).fold(0.0, f64::max);
+    let past = (latency / numerics.timestep).ceil() as usize;
+    let commands: Vec<Commands> =
+        windows.par_iter().map(|w| Commands::new(problem, w, numerics, past)).collect::<Result<_, _>>()?;
     let chunks: Vec<&[Case]> = cases.chunks(TOGETHER).collect();
     let done: Vec<Vec<Vec<f64>>> = chunks
         .par_iter()
-        .map(|chunk| simulate(problem, numerics, windows, settings, &prepared, chunk))
+        .map(|chunk| simulate(problem, numerics, windows, settings, (&prepared, &commands), chunk))
         .collect::<Result<_, GapError>>()?;
     let mut values = vec![vec![Vec::new(); windows.len()]; settings.len()];
     for (case, residual) in cases.iter().zip(done.into_iter().flatten()) {
@@ -104,7 +135,7 @@ fn simulate(
     numerics: &Numerics,
     windows: &[&Window],
     settings: &[Setting],
-    prepared: &[Option<Prepared>],
+    (prepared, commands): (&[Option<Prepared>], &[Commands]),
     cases: &[Case],
 ) -> Result<Vec<Vec<f64>>, GapError> {
     let live: Vec<&Case> = cases.iter().filter(|c| prepared[c.prepared].is_some()).collect();
@@ -114,19 +145,13 @@ fn simulate(
     let latency = live.iter().map(|c| longest_latency(problem, &settings[c.setting])).fold(0.0, f64::max);
     let past = (latency / numerics.timestep).ceil() as usize;
     let mut batch = Batch::<f64>::new(problem.model, &problem.terrain, &numerics.options(latency), live.len())?;
-    let mut commands: BTreeMap<usize, Vec<Command>> = BTreeMap::new();
-    for case in &live {
-        if let std::collections::btree_map::Entry::Vacant(entry) = commands.entry(case.window) {
-            entry.insert(problem.commands(windows[case.window], numerics, past)?);
-        }
-    }
     let mut tracks = Vec::with_capacity(live.len());
     for (env, case) in live.iter().enumerate() {
         let start = prepared[case.prepared].as_ref().expect("live");
         let (setting, window) = (&settings[case.setting], windows[case.window]);
         let height = set(problem, &mut batch, env, setting, window, &start.state)?;
         for age in (1..=past).rev() {
-            batch.set_past_command(env, age, &commands[&case.window][past - age].view())?;
+            batch.set_past_command(env, age, &commands[case.window].before(age).view())?;
         }
         tracks.push(Track::new(problem, setting, window, height));
     }
@@ -135,9 +160,7 @@ fn simulate(
     let mut now = batch.state(0)?;
     for tick in 0..ticks {
         for (env, case) in live.iter().enumerate() {
-            let of_window = &commands[&case.window];
-            let (command, before) = (&of_window[past + tick], &of_window[(past + tick).saturating_sub(1)]);
-            if tick == 0 || command != before {
+            if let Some(command) = commands[case.window].given_at(tick) {
                 batch.set_command(env, &command.view())?;
             }
         }

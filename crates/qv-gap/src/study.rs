@@ -3,12 +3,13 @@
 use crate::GapError;
 use crate::columns::{Column, Columns};
 use crate::evidence::{Marginal, Normal, Sums, sum};
-use crate::forward::{compare, longest_latency, standing_depth};
-use crate::law::{self, Law};
+use crate::forward::{compare, standing_depth};
+use crate::law;
 use crate::null::{Ghost, Noise, record};
 use crate::problem::{Numerics, Problem, Setting, Window};
 use crate::random::Random;
 use crate::reference;
+use crate::sensitivities::{AT_A_TIME, beside_law, sensitivities, with_law};
 use crate::whiten::{Raw, Sample, Whitener};
 use nalgebra::{DMatrix, DVector};
 use qv_replay::Run;
@@ -16,15 +17,11 @@ use rayon::prelude::*;
 
 /// Columns that belong to no unit: torques may be out of step with the positions that they are reported with.
 pub const EXTRA: usize = 1;
-/// Change of that step whose effect is a column \[s\], and its tolerance in columns.
-const SHIFT: f64 = 0.0005;
+/// Tolerance of that step in columns.
 const SHIFT_TOLERANCE: f64 = 1.0;
 
 /// Share of the tolerances that is left where reference recordings show the same robot before a change.
 const UNCHANGED: f64 = 0.1;
-
-/// Settings simulated at a time: their features are in memory together.
-const AT_A_TIME: usize = 96;
 
 /// How many more recordings without an effect are simulated of a robot that is held: it costs a fraction of one that
 /// walks, and has the room to give each window a null of its own.
@@ -131,11 +128,7 @@ impl<'a> Study<'a> {
             steps: 0,
             is_relative: !reference.is_empty(),
         };
-        // The robot of the reference is this one: what did not change deviates as it did there.
-        let share = if study.is_relative { UNCHANGED } else { 1.0 };
-        let tolerance = |c: &Column| share * c.tolerance;
-        let tolerated = study.columns.columns.iter().take(study.columns.tolerated).map(tolerance);
-        study.tolerance = std::iter::once(SHIFT_TOLERANCE).chain(tolerated).collect();
+        study.tolerance = study.tolerances();
         // More recordings share the windows that one has, down to a number that still tells something.
         study.problem.cut.most = (study.problem.cut.most / runs.len().max(1)).max(24).min(study.problem.cut.most);
         let pool = study.pool(reference)?;
@@ -144,6 +137,15 @@ impl<'a> Study<'a> {
         }
         study.floor /= runs.len().max(1) as f64;
         Ok(study)
+    }
+
+    /// Tolerance of the first columns.
+    pub(crate) fn tolerances(&self) -> Vec<f64> {
+        // The robot of the reference is this one: what did not change deviates as it did there.
+        let share = if self.is_relative { UNCHANGED } else { 1.0 };
+        let tolerance = |c: &Column| share * c.tolerance;
+        let tolerated = self.columns.columns.iter().take(self.columns.tolerated).map(tolerance);
+        std::iter::once(SHIFT_TOLERANCE).chain(tolerated).collect()
     }
 
     /// What the windows of reference recordings leave, with whether each moves.
@@ -227,14 +229,8 @@ impl<'a> Study<'a> {
             self.ghosts[k].extend(residuals.iter().zip(here).map(|(r, seen)| r.as_ref().map(|r| seen.normal_of(r))));
             self.ghost_residuals[k].extend(residuals);
         }
-        let weighted = |mut s: Seen| {
-            if !pool.is_empty() {
-                let length = s.residual.norm_squared() / s.residual.len() as f64;
-                s.weight = (reference::OUTLIER / length).min(1.0);
-            }
-            s
-        };
-        self.seen.extend(seen.into_iter().flatten().map(weighted));
+        self.seen.extend(seen.into_iter().flatten());
+        self.seen.iter_mut().filter(|_| !pool.is_empty()).for_each(Seen::weigh);
         self.parts.push(Part { whitener, noise, alignment });
         self.steps += steps;
         Ok(())
@@ -311,7 +307,8 @@ impl<'a> Study<'a> {
         let residuals = compare(&self.problem, &numerics, &chosen, settings)?;
         self.steps += residuals.steps;
         let alignments: Vec<law::Alignment> = chosen.iter().map(|w| self.parts[w.run].alignment).collect();
-        Ok(with_law(&self.problem, &alignments, &chosen, settings, residuals.values))
+        let laws = windows.iter().map(|&w| &self.seen[w].raw.law[..]).collect();
+        Ok(beside_law(&self.problem, &alignments, (&chosen, laws), settings, residuals.values))
     }
 
     /// Sums over windows of one setting.
@@ -356,6 +353,12 @@ impl<'a> Study<'a> {
 }
 
 impl Seen {
+    /// Weighs it down where even reference recordings have nothing like it.
+    pub(crate) fn weigh(&mut self) {
+        let length = self.residual.norm_squared() / self.residual.len() as f64;
+        self.weight = (reference::OUTLIER / length).min(1.0);
+    }
+
     /// Normal equations of a raw residual.
     pub fn normal(&self, whitener: &Whitener, raw: &Raw) -> Normal {
         self.normal_of(&whitener.residual(self.index, raw))
@@ -381,89 +384,6 @@ fn see(whitener: &Whitener, (index, window): (usize, Window), raw: Raw, sensitiv
     let j = DMatrix::from_columns(&columns);
     let residual = whitener.residual(index, &raw);
     Seen { h: j.tr_mul(&j), j, residual, raw, index, window, weight: 1.0 }
-}
-
-/// Raw residuals of the nominal robot and raw sensitivities, by window; empty where something ran away.
-fn sensitivities(
-    problem: &Problem,
-    alignment: law::Alignment,
-    columns: &Columns,
-    windows: &[Window],
-    steps: &mut usize,
-) -> Result<(Vec<Raw>, Vec<Vec<Raw>>), GapError> {
-    let chosen: Vec<&Window> = windows.iter().collect();
-    let base = compare(problem, &problem.numerics, &chosen, &[Setting::new()])?;
-    *steps += base.steps;
-    let raw = with_law(problem, &vec![alignment; chosen.len()], &chosen, &[Setting::new()], base.values).remove(0);
-    let mut sensitivities: Vec<Vec<Raw>> =
-        raw.iter().zip(windows).map(|(r, w)| vec![shift_column(problem, alignment, w, r)]).collect();
-    let mut settings: Vec<Setting> =
-        columns.columns.iter().map(|c| columns.setting(problem, &[(c.unit, c.value)])).collect();
-    // Latencies cost memory: those that have one are simulated together.
-    let mut order: Vec<usize> = (0..settings.len()).collect();
-    order.sort_by_key(|&k| longest_latency(problem, &settings[k]) > 0.0);
-    let mut found: Vec<Vec<Option<Raw>>> = vec![vec![None; settings.len()]; windows.len()];
-    for some in order.chunks(AT_A_TIME) {
-        let of_some: Vec<Setting> = some.iter().map(|&k| std::mem::take(&mut settings[k])).collect();
-        let residuals = compare(problem, &problem.numerics, &chosen, &of_some)?;
-        *steps += residuals.steps;
-        for (&k, of_setting) in
-            some.iter().zip(with_law(problem, &vec![alignment; chosen.len()], &chosen, &of_some, residuals.values))
-        {
-            for (w, changed) in of_setting.into_iter().enumerate() {
-                if !changed.is_empty() && !raw[w].is_empty() {
-                    found[w][k] = Some(raw[w].minus(&changed));
-                }
-            }
-        }
-    }
-    for (all, of_window) in sensitivities.iter_mut().zip(found) {
-        match of_window.into_iter().collect::<Option<Vec<Raw>>>() {
-            Some(rest) => all.extend(rest),
-            None => all.clear(),
-        }
-    }
-    Ok((raw, sensitivities))
-}
-
-/// What torques that are older than the positions beside them change.
-fn shift_column(problem: &Problem, alignment: law::Alignment, window: &Window, raw: &Raw) -> Raw {
-    let shifted = law::Alignment { state: alignment.state + SHIFT, ..alignment };
-    let shifted = law::residual(problem, window, &Setting::new(), shifted);
-    let law = raw.law.iter().zip(shifted).map(|(a, b)| a - b).collect();
-    Raw { motion: vec![0.0; raw.motion.len()], law }
-}
-
-/// The law's residuals beside those of the motion.
-fn with_law(
-    problem: &Problem,
-    alignments: &[law::Alignment],
-    windows: &[&Window],
-    settings: &[Setting],
-    motion: Vec<Vec<Vec<f64>>>,
-) -> Vec<Vec<Raw>> {
-    let base: Vec<Vec<f64>> =
-        windows.par_iter().zip(alignments).map(|(w, a)| law::residual(problem, w, &Setting::new(), *a)).collect();
-    let bins = law::bins(problem);
-    let joints = || problem.law_joints.iter().copied().enumerate();
-    settings
-        .par_iter()
-        .zip(motion)
-        .map(|(setting, motion)| {
-            let concerned = joints().filter(|&(_, j)| law::concerns(problem, setting, j));
-            let laws: Vec<(usize, Law)> = concerned.map(|(k, j)| (k, Law::new(problem, setting, j))).collect();
-            let one = |(w, motion): (usize, Vec<f64>)| {
-                let mut law = base[w].clone();
-                for (k, of_setting) in &laws {
-                    let values = law::of_joint(problem, windows[w], of_setting, alignments[w]);
-                    law[k * bins..(k + 1) * bins].copy_from_slice(&values);
-                }
-                let whole = law.iter().all(|x| x.is_finite());
-                if motion.is_empty() || !whole { Raw::default() } else { Raw { motion, law } }
-            };
-            motion.into_iter().enumerate().map(one).collect()
-        })
-        .collect()
 }
 
 /// Numbers that the simulators of ghosts have: what engines differ in.

@@ -68,6 +68,8 @@ struct Accused {
     group: Group,
     cause: Cause,
     corrections: Vec<Correction>,
+    /// Whether its size was fitted once more in the corrected robot.
+    is_refined: bool,
 }
 
 impl Accused {
@@ -215,18 +217,37 @@ impl<'a> Session<'a> {
     /// A study of the robot as it is said to be so far, with what is said to have acted on it.
     fn study(&mut self, corrections: &[Correction], events: &[Event]) -> Result<Study<'a>, GapError> {
         self.begin("sensitivities and null");
-        let mut given = self.options.given.clone();
-        given.extend(self.calibrated.iter().map(|c| (c.parameter.clone(), c.value)));
-        given.extend(corrections.iter().map(|c| (c.parameter.clone(), c.value)));
-        let mut problem = Problem::new(&self.runs[0], self.model, self.terrain, &given, self.options.cut)?;
-        problem.events = events.to_vec();
-        let columns = Columns::new(&problem, &self.runs[0], &self.options.library)?;
-        let mut study = Study::new(problem, columns, &self.runs, &self.options.reference, &self.options.effort)?;
+        let (problem, columns) = self.robot(corrections, events)?;
+        let Options { reference, effort, .. } = self.options;
+        let mut study = Study::new(problem, columns, &self.runs, reference, effort)?;
         if !self.forgotten.is_empty() {
             study.forget(&closed_to(&study, &self.forgotten));
         }
         self.end(&study);
         Ok(study)
+    }
+
+    /// The same from a study of a robot that differs in the sizes of what is accused.
+    fn moved(&mut self, study: Study<'a>, corrections: &[Correction], events: &[Event]) -> Result<Study<'a>, GapError> {
+        self.begin("sizes");
+        let (problem, columns) = self.robot(corrections, events)?;
+        match study.moved(problem, columns)? {
+            Some(study) => {
+                self.end(&study);
+                Ok(study)
+            }
+            None => self.study(corrections, events),
+        }
+    }
+
+    /// The robot as it is said to be so far.
+    fn robot(&self, corrections: &[Correction], events: &[Event]) -> Result<(Problem<'a>, Columns), GapError> {
+        let mut given = self.options.given.clone();
+        given.extend(self.calibrated.iter().chain(corrections).map(|c| (c.parameter.clone(), c.value)));
+        let mut problem = Problem::new(&self.runs[0], self.model, self.terrain, &given, self.options.cut)?;
+        problem.events = events.to_vec();
+        let columns = Columns::new(&problem, &self.runs[0], &self.options.library)?;
+        Ok((problem, columns))
     }
 
     /// Accuses what the first round found, puts the calibrated simulator through the test again, and so on.
@@ -268,7 +289,7 @@ impl<'a> Session<'a> {
             }
             let mut next = self.study(&findings.corrections, &findings.events)?;
             if findings.on_feet && findings.refine(&mut next)? {
-                next = self.study(&findings.corrections, &findings.events)?;
+                next = self.moved(next, &findings.corrections, &findings.events)?;
             }
             findings.level_after = decide::level_outside(&next, &findings.regions())?;
             let full = findings.effects().len() >= MOST_CAUSES || findings.rounds.len() >= MOST_ROUNDS;
@@ -334,7 +355,7 @@ impl<'a> Session<'a> {
             confusable_with: telling::confusable(study, &fit.suspect),
             separating_experiment: effect.experiment.clone(),
         };
-        Ok(Accused { fit, group, cause, corrections })
+        Ok(Accused { fit, group, cause, corrections, is_refined: false })
     }
 }
 

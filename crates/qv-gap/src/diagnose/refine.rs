@@ -11,9 +11,10 @@ use crate::study::Study;
 const LEAST_GAIN: f64 = 8.0;
 
 impl Findings<'_> {
-    /// Moves the accused size that the corrected robot of `study` asks most to be moved. Returns whether there is one.
+    /// Moves the accused size that the corrected robot of `study` asks most to be moved, of those that were not yet: two that imitate each
+    /// other would go on along what neither is told by. Returns whether there is one.
     pub(super) fn refine(&mut self, study: &mut Study) -> Result<bool, GapError> {
-        let steady = self.accused.iter().enumerate().filter(|(_, a)| a.fit.suspect.extent.is_none());
+        let steady = self.accused.iter().enumerate().filter(|(_, a)| a.fit.suspect.extent.is_none() && !a.is_refined);
         let groups: Vec<(usize, usize)> = steady.filter_map(|(k, a)| Some((k, a.group_in(study)?))).collect();
         let mut search = Search::new(study, 1.0)?;
         let base = search.base(&[])?;
@@ -45,6 +46,7 @@ impl Accused {
 
     /// Takes over what a fit found in the study of the robot that is corrected by this.
     fn follow(&mut self, study: &Study, fit: &Fit) {
+        self.is_refined = true;
         let effect = study.columns.effects[study.columns.groups[fit.suspect.group].effect].clone();
         for (value, found) in self.fit.suspect.values.iter_mut().zip(&fit.suspect.values) {
             // A deviation is counted from the corrected robot there.

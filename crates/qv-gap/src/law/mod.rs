@@ -3,11 +3,13 @@
 //! `tau = strength (clip(kp s_p (q_des - q) + tau_ff) + kd s_d (dq_des - dq))`, commands late by the latency, through a
 //! first-order lag, limited (qv-sim's actuator); times the scale of the torque sensor. It sees what motors do apart from what legs do.
 
+mod align;
+
+pub use align::align;
+
 use crate::problem::{Problem, Setting, Window};
 use qv_core::JointSeries;
 use qv_replay::run::Run;
-use rayon::prelude::*;
-use std::collections::BTreeMap;
 
 /// Length of a bin of this comparison \[s\]: latencies of milliseconds show in what changes fast.
 pub const BIN: f64 = 0.01;
@@ -50,30 +52,43 @@ impl Law {
         }
     }
 
-    /// Torque that is asked for by the command and state of time `t`, of a motor that stood at `motor` before if there is play;
-    /// it is moved along.
-    fn demand(&self, c: &Channels, t: f64, alignment: Alignment, motor: &mut Option<f64>) -> f64 {
-        let late = t - alignment.command - self.latency;
-        let seen = t - alignment.state + self.seen_late;
-        let (joint, dq) = (c.at(c.q, seen), c.at(c.dq, seen));
+    /// Torque that is asked for by a command and a state, of a motor that stood at `motor` before if there is play; it is
+    /// moved along.
+    fn demand(&self, asked: &Asked, state: &State, motor: &mut Option<f64>) -> f64 {
         let half = 0.5 * self.play;
+        let joint = state.q;
         let q = if half > 0.0 { motor.unwrap_or(joint).max(joint - half).min(joint + half) } else { joint };
         *motor = Some(q);
-        let held = |series: Option<&JointSeries>, fixed: f64| series.map_or(fixed, |s| s.hold(late)[c.column]);
-        let p = self.kp * held(c.kp, c.fixed_kp) * (held(c.q_des, 0.0) - q) + held(c.tau_ff, 0.0);
-        let d = self.kd * held(c.kd, c.fixed_kd) * (held(c.dq_des, 0.0) - dq);
+        let p = self.kp * asked.kp * (asked.q - q) + asked.tau;
+        let d = self.kd * asked.kd * (asked.dq - state.dq);
         self.strength * (p.clamp(-self.position_limit, self.position_limit) + d)
     }
 
     /// What is left of a torque by the limits of the motor.
-    fn limited(&self, c: &Channels, t: f64, torque: f64) -> f64 {
-        let dq = c.at(c.dq, t + self.seen_late);
+    fn limited(&self, dq: f64, torque: f64) -> f64 {
         let mut most = self.limit;
         if dq.abs() > self.knee && torque * dq > 0.0 {
             most *= 1.0 - ((dq.abs() - self.knee) / (self.zero - self.knee).max(1e-6)).clamp(0.0, 1.0);
         }
         torque.clamp(-most, most)
     }
+}
+
+/// A command of one joint.
+#[derive(Clone, Copy)]
+struct Asked {
+    q: f64,
+    dq: f64,
+    tau: f64,
+    kp: f64,
+    kd: f64,
+}
+
+/// Where a joint is measured to be.
+#[derive(Clone, Copy)]
+struct State {
+    q: f64,
+    dq: f64,
 }
 
 /// The recorded channels of one joint.
@@ -108,14 +123,61 @@ impl<'a> Channels<'a> {
         })
     }
 
-    fn at(&self, series: &JointSeries, t: f64) -> f64 {
-        let i = series.index_at(t).unwrap_or(0);
-        let here = series.values[i * series.joints + self.column];
-        if i + 1 >= series.len() {
-            return here;
+    /// The series of its commands, those that there are.
+    fn commands(&self) -> [Option<&'a JointSeries>; 5] {
+        [self.q_des, self.dq_des, self.tau_ff, self.kp, self.kd]
+    }
+
+    /// The command in force at a time.
+    fn asked(&self, t: f64) -> Asked {
+        self.asked_in(|series| row_at(series, t))
+    }
+
+    /// The command in the row that `row` gives of each series that there is, in the order of [`Self::commands`].
+    fn asked_in(&self, mut row: impl FnMut(&JointSeries) -> usize) -> Asked {
+        let absent = [0.0, 0.0, 0.0, self.fixed_kp, self.fixed_kd];
+        let mut held = self.commands().into_iter().zip(absent).map(|(series, fixed)| match series {
+            Some(series) => series.row(row(series))[self.column],
+            None => fixed,
+        });
+        let mut next = || held.next().expect("five");
+        Asked { q: next(), dq: next(), tau: next(), kp: next(), kd: next() }
+    }
+
+    /// The state at a time.
+    fn state(&self, t: f64) -> State {
+        let of = |series: &JointSeries| Between::new(series, t).of(series, self.column);
+        State { q: of(self.q), dq: of(self.dq) }
+    }
+}
+
+/// Row that holds at a time.
+fn row_at(series: &JointSeries, t: f64) -> usize {
+    series.index_at(t).unwrap_or(0)
+}
+
+/// A time between two rows of a series.
+#[derive(Clone, Copy)]
+struct Between {
+    row: usize,
+    /// 0 at the row, 1 at the next.
+    share: f64,
+}
+
+impl Between {
+    fn new(series: &JointSeries, t: f64) -> Self {
+        let row = row_at(series, t);
+        if row + 1 >= series.len() {
+            return Self { row, share: 0.0 };
         }
-        let next = series.values[(i + 1) * series.joints + self.column];
-        here + (next - here) * ((t - series.time[i]) / (series.time[i + 1] - series.time[i])).clamp(0.0, 1.0)
+        let share = ((t - series.time[row]) / (series.time[row + 1] - series.time[row])).clamp(0.0, 1.0);
+        Self { row, share }
+    }
+
+    fn of(self, series: &JointSeries, column: usize) -> f64 {
+        let here = series.row(self.row)[column];
+        // Nothing comes after the last row.
+        if self.row + 1 >= series.len() { here } else { here + (series.row(self.row + 1)[column] - here) * self.share }
     }
 }
 
@@ -132,59 +194,6 @@ pub struct Alignment {
     pub command: f64,
     /// A torque at `t` follows the state at `t - state` \[s\].
     pub state: f64,
-}
-
-/// Offsets \[ticks\] of commands and states that recorders are known to have, the natural one first.
-const OFFSETS: [f64; 3] = [0.0, -0.5, 0.5];
-/// Latencies \[s\] that are thought of beside an offset, and by what factor less they must leave than none: an offset and a latency of a tick
-/// may make what another offset makes alone.
-const LONGEST_LATENCY: f64 = 0.025;
-const LATENCY_COSTS: f64 = 1.1;
-
-/// The alignment, of those within a tick, that leaves the least torque unexplained in `windows`. Each joint may have a latency of its own
-/// of a tick or more beside it, known or not: half a tick of that is not taken for the recorder's.
-pub fn align(problem: &Problem, windows: &[&Window]) -> Alignment {
-    let Some(first) = windows.first() else { return Alignment::default() };
-    let tick = first.view.measured.position.as_ref().map_or(0.0, |p| qv_replay::median_interval(&p.time));
-    let some: Vec<&Window> = windows.iter().step_by((windows.len() / 12).max(1)).copied().collect();
-    let latencies = if tick > 0.0 { ((LONGEST_LATENCY / tick - 1.0) * 2.0).clamp(0.0, 48.0) as usize } else { 0 };
-    // In half ticks: what an alignment and a latency make together is the same number however it is divided among them.
-    let latencies: Vec<i64> = std::iter::once(0).chain((0..=latencies as i64).map(|k| 2 + k)).collect();
-    let mut known: BTreeMap<[i64; 2], Vec<f64>> = BTreeMap::new();
-    let mut best: Option<(f64, Alignment)> = None;
-    for command in OFFSETS {
-        for state in OFFSETS.map(|s| -s) {
-            let halves = [command, state].map(|x| (2.0 * x) as i64);
-            let of_command = latencies.iter().map(|&l| [halves[0] + l, halves[1]]);
-            let of_state = latencies.iter().map(|&l| [halves[0], halves[1] - l]);
-            let mut least = vec![f64::INFINITY; problem.law_joints.len()];
-            for offsets in of_command.chain(of_state) {
-                let losses = known
-                    .entry(offsets)
-                    .or_insert_with(|| losses(problem, &some, offsets.map(|h| 0.5 * h as f64 * tick)));
-                let cost = if offsets == halves { 1.0 } else { LATENCY_COSTS };
-                least.iter_mut().zip(losses).for_each(|(least, loss)| *least = least.min(cost * *loss));
-            }
-            let loss: f64 = least.iter().filter(|x| x.is_finite()).sum();
-            // The first of equals: none where there is nothing to tell them apart.
-            if best.is_none_or(|(least, _)| loss < 0.98 * least) {
-                best = Some((loss, Alignment { command: command * tick, state: state * tick }));
-            }
-        }
-    }
-    best.map_or_else(Alignment::default, |(_, alignment)| alignment)
-}
-
-/// Sum of squares that the law of each joint leaves at offsets of commands and states \[s\], without latencies of its own.
-fn losses(problem: &Problem, windows: &[&Window], [command, state]: [f64; 2]) -> Vec<f64> {
-    let of_joint = |&joint: &usize| {
-        let law = Law { latency: 0.0, seen_late: 0.0, ..Law::new(problem, &Setting::new(), joint) };
-        let of_window = |w: &&Window| -> f64 {
-            of_joint(problem, w, &law, Alignment { command, state }).iter().map(|x| x * x).sum()
-        };
-        windows.iter().map(of_window).filter(|x| x.is_finite()).sum()
-    };
-    problem.law_joints.par_iter().map(of_joint).collect()
 }
 
 /// Measured minus expected torque in each bin, one joint after the other, shape `[law joints, bins]` \[N m\].
@@ -210,25 +219,59 @@ pub fn concerns(problem: &Problem, setting: &Setting, joint: usize) -> bool {
 
 /// [`residual`] of one joint, shape `[bins]`.
 pub fn of_joint(problem: &Problem, window: &Window, law: &Law, alignment: Alignment) -> Vec<f64> {
+    let column = problem.columns[law.joint];
+    let Some((channels, stamps)) = Channels::new(&window.view, column).zip(Stamps::new(problem, window, law)) else {
+        return vec![f64::NAN; bins(problem)];
+    };
+    let read = |t: f64| {
+        let (late, seen) = (t - alignment.command - law.latency, t - alignment.state + law.seen_late);
+        (channels.asked(late), channels.state(seen))
+    };
+    left(problem, window, law, stamps.times(window).map(read), stamps)
+}
+
+/// Rows of measured torque that the law is compared with.
+#[derive(Clone, Copy, PartialEq)]
+struct Stamps {
+    first: usize,
+    last: usize,
+}
+
+impl Stamps {
+    fn new(problem: &Problem, window: &Window, law: &Law) -> Option<Self> {
+        let torque = window.view.measured.torque.as_ref()?;
+        // Lags of up to a few time constants before the window matter, and on which side of its play the motor was.
+        let past = if law.play > 0.0 { problem.cut.margin } else { 5.0 * law.lag };
+        let first = torque.time.partition_point(|&t| t < window.start - past);
+        let last = torque.time.partition_point(|&t| t <= window.start + problem.cut.window);
+        Some(Self { first, last: last.max(first) })
+    }
+
+    fn times(self, window: &Window) -> impl Iterator<Item = f64> {
+        let torque = window.view.measured.torque.as_ref().expect("there are stamps of it");
+        torque.time[self.first..self.last].iter().copied()
+    }
+}
+
+/// Mean of measured minus expected torque in each bin; `read` gives command and state at each of the stamps.
+fn left(
+    problem: &Problem,
+    window: &Window,
+    law: &Law,
+    read: impl Iterator<Item = (Asked, State)>,
+    stamps: Stamps,
+) -> Vec<f64> {
     let (count, column) = (bins(problem), problem.columns[law.joint]);
-    let nothing = || vec![f64::NAN; count];
-    let Some(channels) = Channels::new(&window.view, column) else { return nothing() };
-    let Some(torque) = window.view.measured.torque.as_ref() else { return nothing() };
+    let torque = window.view.measured.torque.as_ref().expect("there are stamps of it");
     let (mut sums, mut counts) = (vec![0.0; count], vec![0usize; count]);
     let mut filter = Lag { time_constant: law.lag, state: None };
     let mut motor = None;
-    // Lags of up to a few time constants before the window matter, and on which side of its play the motor was.
-    let past = if law.play > 0.0 { problem.cut.margin } else { 5.0 * law.lag };
-    let first = torque.time.partition_point(|&t| t < window.start - past);
-    for i in first..torque.len() {
+    for (i, (asked, state)) in (stamps.first..stamps.last).zip(read) {
         let t = torque.time[i];
-        if t > window.start + problem.cut.window {
-            break;
-        }
-        let lagged = filter.next(t, law.demand(&channels, t, alignment, &mut motor));
-        let expected = law.torque_scale * law.limited(&channels, t - alignment.state, lagged);
+        let lagged = filter.next(t, law.demand(&asked, &state, &mut motor));
+        let expected = law.torque_scale * law.limited(state.dq, lagged);
         let bin = (t - window.start) / BIN;
-        let measured = torque.values[i * torque.joints + column];
+        let measured = torque.row(i)[column];
         if bin >= 0.0 && (bin as usize) < count && measured.is_finite() {
             sums[bin as usize] += measured - expected;
             counts[bin as usize] += 1;

@@ -1,0 +1,90 @@
+//! A study of a robot that differs a little from that of another study: only what that changes is simulated anew.
+
+use crate::GapError;
+use crate::columns::{Column, Columns};
+use crate::forget::FORGOTTEN;
+use crate::forward::compare;
+use crate::law::Alignment;
+use crate::problem::{Problem, Setting, Window};
+use crate::sensitivities::{changes, with_law};
+use crate::study::{EXTRA, Seen, Study};
+use nalgebra::DVector;
+
+impl<'a> Study<'a> {
+    /// The study of `problem`, whose robot is this one's but for the sizes of a few effects. Residuals and the sensitivities of these effects
+    /// are simulated anew; the null and the other sensitivities are kept, which such a step hardly changes. `None` where that cannot be: a
+    /// window can no longer be simulated, or the columns are others.
+    ///
+    /// # Errors
+    /// When the simulator refuses.
+    pub fn moved(mut self, mut problem: Problem<'a>, columns: Columns) -> Result<Option<Self>, GapError> {
+        let alike = |a: &Column, b: &Column| (a.unit, a.level) == (b.unit, b.level);
+        let same = self.columns.columns.len() == columns.columns.len()
+            && self.columns.columns.iter().zip(&columns.columns).all(|(a, b)| alike(a, b));
+        if !same {
+            return Ok(None);
+        }
+        problem.cut = self.problem.cut;
+        problem.depth = self.problem.depth;
+        let other = |id: usize| problem.nominal[id] != self.problem.nominal[id];
+        let is_moved = |c: &Column| columns.units[c.unit].moves.iter().any(|m| other(m.0));
+        let moved: Vec<usize> = (0..columns.columns.len()).filter(|&k| is_moved(&columns.columns[k])).collect();
+        // A ghost deviates by as much as before: by more columns where a column is a smaller step.
+        let step = |all: &Columns, k: usize| {
+            let column = &all.columns[k];
+            let absent = all.units[column.unit].absent;
+            if absent.is_finite() { column.value - absent } else { 1.0 }
+        };
+        for deviations in self.ghost_deviations.iter_mut().filter(|d| !d.is_empty()) {
+            for &k in moved.iter().filter(|&&k| k < columns.tolerated) {
+                deviations[k] *= step(&self.columns, k) / step(&columns, k);
+            }
+        }
+        (self.problem, self.columns) = (problem, columns);
+        self.tolerance = self.tolerances();
+        let columns = &self.columns;
+        for k in 0..columns.tolerated {
+            if self.forgotten.contains(&columns.units[columns.columns[k].unit].effect) {
+                self.tolerance[EXTRA + k] = FORGOTTEN * columns.columns[k].tolerance;
+            }
+        }
+        let whole = self.see_again(&moved)?;
+        Ok(whole.then_some(self))
+    }
+
+    /// Simulates the nominal robot and some of the columns anew. Returns whether every window can be simulated.
+    fn see_again(&mut self, moved: &[usize]) -> Result<bool, GapError> {
+        let windows: Vec<&Window> = self.seen.iter().map(|s| &s.window).collect();
+        let alignments: Vec<Alignment> = windows.iter().map(|w| self.parts[w.run].alignment).collect();
+        let base = compare(&self.problem, &self.problem.numerics, &windows, &[Setting::new()])?;
+        let raw = with_law(&self.problem, &alignments, &windows, &[Setting::new()], base.values).remove(0);
+        let some: Vec<&Column> = moved.iter().map(|&k| &self.columns.columns[k]).collect();
+        let mut steps = base.steps;
+        let found = changes(&self.problem, &self.columns, &some, (&windows, &alignments, &raw), &mut steps)?;
+        self.steps = steps;
+        if raw.iter().any(|r| r.is_empty()) || found.iter().flatten().any(Option::is_none) {
+            return Ok(false);
+        }
+        let columns_of = |(seen, found): (&Seen, &Vec<_>)| -> Vec<DVector<f64>> {
+            let whitener = self.whitener(seen);
+            found.iter().flatten().map(|change| whitener.difference(seen.index, change)).collect()
+        };
+        let columns: Vec<Vec<DVector<f64>>> = self.seen.iter().zip(&found).map(columns_of).collect();
+        for ((seen, raw), columns) in self.seen.iter_mut().zip(raw).zip(columns) {
+            for (&k, column) in moved.iter().zip(&columns) {
+                seen.j.set_column(EXTRA + k, column);
+            }
+            seen.h = seen.j.tr_mul(&seen.j);
+            seen.residual = self.parts[seen.window.run].whitener.residual(seen.index, &raw);
+            seen.raw = raw;
+            if self.is_relative {
+                seen.weigh();
+            }
+        }
+        for (normals, residuals) in self.ghosts.iter_mut().zip(&self.ghost_residuals) {
+            let normal = |(r, s): (&Option<DVector<f64>>, &Seen)| r.as_ref().map(|r| s.normal_of(r));
+            *normals = residuals.iter().zip(&self.seen).map(normal).collect();
+        }
+        Ok(true)
+    }
+}
