@@ -3,6 +3,8 @@
 mod recorded;
 
 use qv_gap::columns::{Columns, Group};
+use qv_gap::decide::level;
+use qv_gap::library::Effect;
 use qv_gap::problem::{Cut, Problem};
 use qv_gap::report::{Report, UNKNOWN, Verdict};
 use qv_gap::search::Search;
@@ -11,7 +13,7 @@ use qv_gap::{Options, diagnose, law, library};
 use qv_go2::{sealed, synthetic};
 use qv_replay::Run;
 use qv_replay::run::{Fault, FaultKind};
-use qv_sim::Terrain;
+use qv_sim::{Model, Terrain};
 use recorded::{go2, recorded};
 
 /// Fewer windows and simulated recordings than by default: these tests are run often.
@@ -70,23 +72,57 @@ fn half_a_tick_of_a_latency_is_not_taken_for_the_recorders() {
     assert_eq!(alignment(0.0071), alignment(0.0));
 }
 
-#[test]
-fn a_size_that_stopped_short_is_completed_in_the_corrected_robot() {
-    let run = recorded(synthetic::command_latency(0.012), 4);
-    let (model, plane) = (go2(), Terrain::plane());
-    let short: Vec<(String, f64)> =
-        model.joint_names().iter().map(|j| (format!("actuator.{j}.command_latency"), 0.009)).collect();
-    let Options { cut, effort, library, .. } = quick();
-    let problem = Problem::new(&run, &model, &plane, &short, cut).unwrap();
-    let columns = Columns::new(&problem, &run, &library).unwrap();
-    let mut study = Study::new(problem, columns, std::slice::from_ref(&run), &[], &effort).unwrap();
+/// The robot as it is with a command latency that is known already \[s\], and what may be suspected of it.
+fn late<'a>(run: &Run, model: &'a Model, latency: f64, library: &[Effect]) -> (Problem<'a>, Columns) {
+    let known: Vec<(String, f64)> =
+        model.joint_names().iter().map(|j| (format!("actuator.{j}.command_latency"), latency)).collect();
+    let problem = Problem::new(run, model, &Terrain::plane(), &known, quick().cut).unwrap();
+    let columns = Columns::new(&problem, run, library).unwrap();
+    (problem, columns)
+}
+
+/// What the search asks for beside the known command latency \[s\].
+fn asked_for(study: &mut Study) -> f64 {
     let is_all = |g: &Group| study.columns.effects[g.effect].name == "command_latency" && g.members.len() == 12;
     let group = study.columns.groups.iter().position(is_all).unwrap();
-    let mut search = Search::new(&mut study, 1.0).unwrap();
+    let mut search = Search::new(study, 1.0).unwrap();
     let base = search.base(&[]).unwrap();
     let fit = search.refined(&base, group).unwrap().expect("something to gain");
-    assert!((fit.suspect.values[0] - 0.003).abs() < 0.001, "{fit:?}");
     assert!(fit.loss < base.loss);
+    fit.suspect.values[0]
+}
+
+#[test]
+fn a_size_that_stopped_short_is_completed_in_the_corrected_robot() {
+    let (run, model) = (recorded(synthetic::command_latency(0.012), 4), go2());
+    let Options { effort, library, .. } = quick();
+    let (problem, columns) = late(&run, &model, 0.009, &library);
+    let mut study = Study::new(problem, columns, std::slice::from_ref(&run), &[], &effort).unwrap();
+    let asked = asked_for(&mut study);
+    assert!((asked - 0.003).abs() < 0.001, "{asked}");
+}
+
+#[test]
+fn a_study_that_is_moved_says_what_a_new_one_says() {
+    let (run, model) = (recorded(synthetic::command_latency(0.012), 4), go2());
+    let Options { effort, library, .. } = quick();
+    let new = |latency: f64| {
+        let (problem, columns) = late(&run, &model, latency, &library);
+        Study::new(problem, columns, std::slice::from_ref(&run), &[], &effort).unwrap()
+    };
+    let (problem, columns) = late(&run, &model, 0.010, &library);
+    let (mut moved, mut anew) = (new(0.009).moved(problem, columns).unwrap().expect("the same columns"), new(0.010));
+    assert!(moved.steps < anew.steps / 2, "{} of {}", moved.steps, anew.steps);
+    assert_eq!(moved.tolerance, anew.tolerance);
+    assert!(moved.seen.iter().zip(&anew.seen).all(|(a, b)| a.raw == b.raw));
+    let levels = [&moved, &anew].map(|s| level(s).unwrap().ratio);
+    assert!((levels[0] / levels[1] - 1.0).abs() < 0.1, "{levels:?}");
+    let asked = [&mut moved, &mut anew].map(asked_for);
+    assert!((asked[0] - asked[1]).abs() < 0.0002, "{asked:?}");
+    // With another library there is nothing to keep.
+    let fewer: Vec<Effect> = library.iter().filter(|e| e.name != "payload_mass").cloned().collect();
+    let (problem, columns) = late(&run, &model, 0.010, &fewer);
+    assert!(moved.moved(problem, columns).unwrap().is_none());
 }
 
 #[test]
