@@ -55,6 +55,23 @@ fn ply_is_exact() {
 }
 
 #[test]
+fn ply_keeps_the_colour_behind_the_scene_in_a_comment() {
+    let cloud = cloud(3, 0, 0);
+    let bytes = ply::write_over(&cloud, Some([0.25, 0.5, 0.8125])).unwrap();
+    let file = ply::read(&bytes).unwrap();
+    assert_eq!((file.background, file.cloud), (Some([0.25, 0.5, 0.8125]), cloud.clone()));
+    assert_eq!(ply::read(&ply::write(&cloud).unwrap()).unwrap().background, None);
+    // What is no colour is a comment like any other.
+    for odd in ["0.25 0.5 nan000", "0.25 0.5 1.8125", "0.25 0.5 0.8 125", "0.25 0.5       "] {
+        let text = String::from_utf8_lossy(&bytes[..80]).into_owned();
+        let at = text.find("0.25 0.5").unwrap();
+        let mut other = bytes.clone();
+        other[at..at + odd.len()].copy_from_slice(odd.as_bytes());
+        assert_eq!(ply::read(&other).unwrap().background, None, "{odd}");
+    }
+}
+
+#[test]
 fn glb_keeps_all_but_the_last_digits() {
     for degree in 0..=3 {
         let cloud = cloud(1000, degree, 2);

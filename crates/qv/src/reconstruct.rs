@@ -13,7 +13,7 @@ use qv_core::{Camera, GaussianCloud};
 use qv_raster::Image;
 use qv_splat::captures::distortion::Distortion;
 use qv_splat::captures::{Attachments, Capture, CaptureCamera, cameras_json};
-use qv_splat::files::{Format, write};
+use qv_splat::files::ply;
 use qv_splat::train::{
     AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Model, Photograph, ReadOptions, Score, Strategy,
     TrainOptions, Weights, at_depths, at_far, at_random, cameras, checkpoint, clear, drawn, neighbours_scores,
@@ -48,6 +48,12 @@ const JUDGE_EVERY: u32 = 1000;
 enum StrategyName {
     Mcmc,
     Classic,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Background {
+    Mean,
+    Black,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -150,6 +156,9 @@ pub struct Reconstruct {
     /// Noise of the means with mcmc, in units of their rate
     #[arg(long, default_value_t = 5e5, hide_short_help = true)]
     noise: f32,
+    /// What is behind everything: the mean colour of the photographs, or black
+    #[arg(long, value_name = "WHAT", value_enum, default_value_t = Background::Mean, hide_short_help = true)]
+    background: Background,
     /// Weight of opacity with mcmc
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.01, hide_short_help = true)]
     opacity_weight: f32,
@@ -186,6 +195,9 @@ impl Reconstruct {
         let files = |path: &str| opened.read(path);
         let mut dataset = Dataset::new(&opened.capture, &files, &reading).map_err(|e| about(&self.capture, e))?;
         self.check_needs(&opened, &dataset)?;
+        if self.background == Background::Black {
+            dataset.background = [0.0; 3];
+        }
         if let (Some(points), true) = (&opened.points, self.clear > 0.0) {
             dataset.nearest = clear::nearest(&dataset, &points.places);
         }
@@ -203,7 +215,7 @@ impl Reconstruct {
             REPORT_EVERY,
             &mut |engine, at| run.watch(engine, at).map_err(|e| error_at("training", "files", &e.to_string())),
         );
-        let finished = trained.or_else(|error| self.rescue(std::mem::take(&mut run.best), error))?;
+        let finished = trained.or_else(|error| self.rescue(std::mem::take(&mut run.best), &dataset, error))?;
         let mut model = engine.model()?;
         let train_s = clock.elapsed().as_secs_f64();
         run.bar.finish_and_clear();
@@ -217,21 +229,22 @@ impl Reconstruct {
         }
         let as_learned = |one: &Photograph| cameras::as_learned(&model, &dataset, one);
         let looked_at: Vec<Photograph> = dataset.held_out.iter().map(as_learned).collect();
-        let as_drawn = scores(&model.cloud, &looked_at)?;
+        let as_drawn = scores(&model.cloud, &looked_at, dataset.background)?;
         let held_out = if self.exposure { neighbours_scores(&model, &dataset, &looked_at)? } else { as_drawn.clone() };
         let aligned = self.aligned(&model, &dataset, &looked_at)?;
         if self.preview {
             let folder = self.out.join("held_out");
             for photograph in &looked_at {
-                beside(photograph, &drawn(&model.cloud, &photograph.camera)?, &folder, &photograph.name)?;
+                let image = drawn(&model.cloud, &photograph.camera, dataset.background)?;
+                beside(photograph, &image, &folder, &photograph.name)?;
             }
         }
-        self.save_scene(&model.cloud)?;
+        self.save_scene(&model.cloud, &dataset)?;
         let metrics = json!({
             "format": "qv-reconstruct/1", "capture": self.capture.display().to_string(), "iterations": stood_at, "scene_of_iteration": scene_of,
             "finished": finished, "gaussians": model.cloud.len(), "loss": run.loss, "read_s": read_s, "train_s": train_s,
             "write_s": clock.elapsed().as_secs_f64(), "photographs": dataset.training.len(), "began_at_points": at_points,
-            "exposure": self.exposure, "poses_refined": self.refine_poses, "poses_found": found, "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent,
+            "exposure": self.exposure, "poses_refined": self.refine_poses, "poses_found": found, "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
             "held_out": dataset.held_out.iter().zip(&held_out).map(|(one, score)| named(&one.name, score)).collect::<Vec<_>>(),
             "mean": Score::mean(&held_out).map(|mean| named("mean", &mean)),
             "mean_identity": Score::mean(&as_drawn).map(|mean| named("mean", &mean)),
@@ -383,11 +396,11 @@ impl Reconstruct {
             return Ok(vec![]);
         }
         let align = |one: &Photograph| {
-            let camera = pose::aligned(&model.cloud, one, dataset.extent, ALIGN_STEPS)?;
+            let camera = pose::aligned(&model.cloud, one, dataset, ALIGN_STEPS)?;
             Ok(Photograph { camera, ..one.clone() })
         };
         let moved: Vec<Photograph> = held_out.iter().map(align).collect::<Result<_, Failure>>()?;
-        Ok(scores(&model.cloud, &moved)?)
+        Ok(scores(&model.cloud, &moved, dataset.background)?)
     }
 
     /// All cameras as they were learned; nothing when they are those of the capture.
@@ -411,16 +424,16 @@ impl Reconstruct {
         written.map_err(|e| about(&path, format!("expected to write it, found {e}")))
     }
 
-    fn save_scene(&self, cloud: &GaussianCloud) -> Result<(), Failure> {
+    fn save_scene(&self, cloud: &GaussianCloud, dataset: &Dataset) -> Result<(), Failure> {
         let path = self.out.join("scene.ply");
-        fs::write(&path, write(cloud, Format::Ply)?)
+        fs::write(&path, ply::write_over(cloud, Some(dataset.background))?)
             .map_err(|e| about(&path, format!("expected to write it, found {e}")))
     }
 
     /// Training broke down: the best scene so far is written before that is told.
-    fn rescue(&self, best: Best, error: SplatError) -> Result<bool, Failure> {
+    fn rescue(&self, best: Best, dataset: &Dataset, error: SplatError) -> Result<bool, Failure> {
         let Some(kept) = best.kept() else { return Err(error.into()) };
-        self.save_scene(&kept.cloud)?;
+        self.save_scene(&kept.cloud, dataset)?;
         Err(format!("{error}; the scene of step {} is in {}", kept.iteration, self.out.display()).into())
     }
 

@@ -53,10 +53,20 @@ pub struct Render {
     /// One line of JSON at the end instead of the summary
     #[arg(long)]
     json: bool,
+    /// Colour behind everything, 0 to 1; without it the one that the scene was made over, else black
+    #[arg(long, value_name = "R,G,B", value_parser = colour)]
+    background: Option<[f32; 3]>,
     /// Draws on the graphics card
     #[cfg(feature = "gpu")]
     #[arg(long)]
     gpu: bool,
+}
+
+fn colour(text: &str) -> Result<[f32; 3], String> {
+    let numbers: Option<Vec<f32>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    let colour: Option<[f32; 3]> = numbers.and_then(|numbers| numbers.try_into().ok());
+    let is_one = |colour: &[f32; 3]| colour.iter().all(|c| (0.0..=1.0).contains(c));
+    colour.filter(is_one).ok_or_else(|| format!("expected three numbers from 0 to 1 with commas, found `{text}`"))
 }
 
 impl Render {
@@ -78,7 +88,8 @@ impl Render {
         }
         fs::create_dir_all(&self.out).map_err(|e| about(&self.out, format!("expected a directory, found {e}")))?;
         let clock = Instant::now();
-        let Drawn { written, seconds, skipped } = self.draw(&file.cloud, &cameras)?;
+        let Drawn { written, seconds, skipped } =
+            self.draw(&file.cloud, &cameras, self.background.or(file.background).unwrap_or_default())?;
         let total = clock.elapsed().as_secs_f64();
         if skipped > 0 {
             lost.push(format!("{skipped} times a Gaussian was left out of a view since its numbers overflow"));
@@ -105,9 +116,9 @@ impl Render {
     }
 
     /// Draws and writes all images.
-    fn draw(&self, cloud: &GaussianCloud, cameras: &[CaptureCamera]) -> Result<Drawn, Failure> {
+    fn draw(&self, cloud: &GaussianCloud, cameras: &[CaptureCamera], background: [f32; 3]) -> Result<Drawn, Failure> {
         let outputs = Outputs { depth: self.depth, plane: self.normals, features: self.semantics };
-        let settings = Settings { outputs, ..Default::default() };
+        let settings = Settings { outputs, background };
         // All lenses first, so that a bad one is found before the work.
         let lens = |one: &CaptureCamera| {
             Distorter::new(&one.camera, &one.distortion)

@@ -1,7 +1,7 @@
 //! `qv render`: images, depths, normals and labels of made-up scenes, and what it says of bad input.
 
 use qv_core::GaussianCloud;
-use qv_splat::files::{Format, write};
+use qv_splat::files::{Format, ply, write};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -78,6 +78,25 @@ fn images_depths_normals_and_labels() {
         f32::from_le_bytes(depth[start..start + 4].try_into().unwrap())
     };
     assert!((at(19, 24) - 2.0).abs() < 1e-4 && at(0, 0) == 0.0, "{}", at(19, 24));
+}
+
+#[test]
+fn what_no_gaussian_covers_is_the_background() {
+    let (scene, cameras, out) = set_up("render_background", json!([camera("front")]));
+    let corner = |options: &[&str]| {
+        let (code, _, err) = render(&scene, &cameras, &out, options);
+        assert_eq!(code, 0, "{err}");
+        assert!(pixel(&out.join("front.png"), 19, 24)[0] > 240);
+        pixel(&out.join("front.png"), 0, 0)
+    };
+    assert_eq!(corner(&["--background", "0.2,0.4,0.6"]), [51, 102, 153]);
+    fs::write(&scene, ply::write_over(&balls(), Some([0.4, 0.2, 0.0])).unwrap()).unwrap();
+    assert_eq!(corner(&[]), [102, 51, 0], "the one that the scene was made over");
+    assert_eq!(corner(&["--background", "0,0,0"]), [0, 0, 0]);
+    for odd in ["0.2,0.4", "0.2,0.4,1.6", "0.2,0.4,nan", "grey"] {
+        let (code, _, err) = render(&scene, &cameras, &out, &["--background", odd]);
+        assert!(code == 2 && err.contains("three numbers from 0 to 1"), "{odd}: {err}");
+    }
 }
 
 #[cfg(feature = "gpu")]

@@ -93,6 +93,8 @@ pub struct SplatFile {
     pub left_out: usize,
     /// What else the file holds and a cloud does not, a line each.
     pub lost: Vec<String>,
+    /// Colour that the scene was made to be drawn over, 0 to 1, where the file tells one.
+    pub background: Option<[f32; 3]>,
 }
 
 /// Reads a file of any format, which its content tells.

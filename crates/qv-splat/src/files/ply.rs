@@ -2,7 +2,8 @@
 //! floats per Gaussian. x, y, z; unused normals; `f_dc_0..2`; `f_rest_*` with all coefficients of red first, then green, then
 //! blue; `opacity` before the logistic function; `scale_0..2`, natural logarithms; `rot_0..3`, w, x, y, z. Exact.
 //!
-//! Features, which that format does not know, are further properties `feature_0..`.
+//! Features, which that format does not know, are further properties `feature_0..`. The colour that a scene was made to be drawn over is a
+//! comment, `background R G B`, 0 to 1; other programs draw over what they like.
 
 use super::ply_header::{Element, Header, Property};
 use super::sieve::{Sieve, Splat};
@@ -10,6 +11,9 @@ use super::{Format, SplatFile, check};
 use crate::SplatError;
 use crate::error::off;
 use qv_core::GaussianCloud;
+
+/// What the comment with the background begins with.
+const BACKGROUND: &str = "background ";
 
 /// Where a row has what.
 struct Layout<'a> {
@@ -93,7 +97,15 @@ pub fn read(bytes: &[u8]) -> Result<SplatFile, SplatError> {
         });
     }
     let lost = if layout.rest_count > 15 { vec!["spherical harmonics of degree 4".to_string()] } else { vec![] };
-    Ok(sieve.finish(Format::Ply, lost))
+    Ok(SplatFile { background: background(&header), ..sieve.finish(Format::Ply, lost) })
+}
+
+/// The colour in the comments; none where there is none that means something.
+fn background(header: &Header) -> Option<[f32; 3]> {
+    let colour = header.comments.iter().find_map(|line| line.strip_prefix(BACKGROUND))?;
+    let numbers: Vec<f32> = colour.split_whitespace().map(str::parse).collect::<Result<_, _>>().ok()?;
+    let colour: [f32; 3] = numbers.try_into().ok()?;
+    colour.iter().all(|c| (0.0..=1.0).contains(c)).then_some(colour)
 }
 
 /// A file of a cloud, exact. The normals that others expect are zeros.
@@ -101,7 +113,16 @@ pub fn read(bytes: &[u8]) -> Result<SplatFile, SplatError> {
 /// # Errors
 /// The cloud's arrays disagree, a number is not finite, or a quaternion is zero.
 pub fn write(cloud: &GaussianCloud) -> Result<Vec<u8>, SplatError> {
+    write_over(cloud, None)
+}
+
+/// The same of a scene that was made to be drawn over a colour, 0 to 1.
+///
+/// # Errors
+/// As [`write`].
+pub fn write_over(cloud: &GaussianCloud, background: Option<[f32; 3]>) -> Result<Vec<u8>, SplatError> {
     check(cloud)?;
+    let comment = background.map_or(String::new(), |[r, g, b]| format!("comment {BACKGROUND}{r} {g} {b}\n"));
     let rest = cloud.sh_count() - 1;
     let mut names: Vec<String> = ["x", "y", "z", "nx", "ny", "nz"].map(String::from).to_vec();
     let mut some = |prefix: &str, count: usize| names.extend((0..count).map(|i| format!("{prefix}{i}")));
@@ -113,8 +134,10 @@ pub fn write(cloud: &GaussianCloud) -> Result<Vec<u8>, SplatError> {
     some("rot_", 4);
     some("feature_", cloud.feature_count);
     let properties: String = names.iter().map(|name| format!("property float {name}\n")).collect();
-    let header =
-        format!("ply\nformat binary_little_endian 1.0\nelement vertex {}\n{properties}end_header\n", cloud.len());
+    let header = format!(
+        "ply\nformat binary_little_endian 1.0\n{comment}element vertex {}\n{properties}end_header\n",
+        cloud.len()
+    );
     let mut out = header.into_bytes();
     out.reserve(4 * names.len() * cloud.len());
     for i in 0..cloud.len() {

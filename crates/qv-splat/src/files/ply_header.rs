@@ -123,6 +123,8 @@ impl Element {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
     pub elements: Vec<Element>,
+    /// Lines that are for people, without the word `comment`.
+    pub comments: Vec<String>,
 }
 
 impl Header {
@@ -134,13 +136,14 @@ impl Header {
     pub fn parse(file: &[u8]) -> Result<Self, SplatError> {
         let (text, body) = split(file)?;
         let mut elements: Vec<Element> = Vec::new();
-        let mut format = None;
+        let (mut format, mut comments) = (None, Vec::new());
         for (number, line) in text.lines().enumerate() {
             let place = || format!("PLY header, line {}", number + 1);
             let words: Vec<&str> = line.split_whitespace().collect();
             match words.as_slice() {
                 ["ply"] if number == 0 => {}
-                [] | ["comment" | "obj_info", ..] => {}
+                ["comment", words @ ..] => comments.push(words.join(" ")),
+                [] | ["obj_info", ..] => {}
                 ["format", kind, version] => {
                     if (*kind, *version) != ("binary_little_endian", "1.0") {
                         return Err(off(place(), "format binary_little_endian 1.0", format!("{kind} {version}")));
@@ -163,7 +166,7 @@ impl Header {
         }
         format.ok_or_else(|| off("PLY header", "a line with the format", "none"))?;
         place_rows(&mut elements, body, file.len())?;
-        Ok(Self { elements })
+        Ok(Self { elements, comments })
     }
 
     /// An element by name.

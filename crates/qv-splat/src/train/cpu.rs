@@ -47,7 +47,8 @@ impl<'a> CpuEngine<'a> {
     /// One photograph: derivatives of everything but the Gaussians' regularisers, and those by the lens.
     fn look(&mut self, index: usize) -> Result<(qv_raster::Gradients, [f32; 3]), SplatError> {
         let camera = self.model.camera(self.dataset, index);
-        let settings = Settings { outputs: outputs(&self.options, self.model.iteration), ..Default::default() };
+        let outputs = outputs(&self.options, self.model.iteration);
+        let settings = Settings { outputs, background: self.dataset.background };
         let drop = Drop::of(&self.options, self.model.iteration);
         let thinned = drop.map(|drop| {
             let opacity_logits = drop.seen(&self.model.cloud.opacity_logits);
@@ -258,7 +259,7 @@ mod tests {
     }
 
     fn psnr(engine: &mut CpuEngine, dataset: &Dataset) -> f64 {
-        let all = scores(&engine.model().unwrap().cloud, &dataset.training).unwrap();
+        let all = scores(&engine.model().unwrap().cloud, &dataset.training, dataset.background).unwrap();
         all.iter().map(|score| score.psnr).sum::<f64>() / all.len() as f64
     }
 
@@ -276,6 +277,24 @@ mod tests {
             assert!(after > least && after > before + 6.0, "{strategy:?}: {before} to {after}");
             assert!(engine.splats() > 60 && engine.splats() <= 110);
         }
+    }
+
+    #[test]
+    fn what_is_behind_is_learned_of_nothing() {
+        // Photographs of the same scene over grey, learned over grey and over black.
+        let mut scene = tiny::scene(60, 8, 48);
+        let grey = [0.5, 0.4, 0.6];
+        for one in &mut scene.dataset.training {
+            let image = super::super::drawn(&scene.cloud, &one.camera, grey).unwrap();
+            one.pixels = tiny::of_image(&image, &one.camera, &one.name).pixels;
+        }
+        let losses = [grey, [0.0; 3]].map(|background| {
+            scene.dataset.background = background;
+            let options = options(200, Strategy::Mcmc);
+            let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
+            run(&mut engine, 8, 200)
+        });
+        assert!(losses[0] < 0.7 * losses[1], "{losses:?}");
     }
 
     #[test]

@@ -49,6 +49,9 @@ pub struct Dataset {
     /// Depth of the nearest triangulated points in each training photograph \[m\], 0 where it is not known; empty when nothing is
     /// ([`crate::train::clear::nearest`]).
     pub nearest: Vec<f32>,
+    /// Colour behind all Gaussians when photographs are drawn, 0 to 1: the mean of those to learn from, so that what none of them
+    /// shows is wrong by less than if it were black.
+    pub background: [f32; 3],
 }
 
 /// How a capture is read.
@@ -101,7 +104,8 @@ impl Dataset {
             let found = format!("{} of {}, every {hold_out}th held out", training.len(), cameras.len());
             return Err(off("capture", "at least 2 photographs to learn from", found));
         }
-        let dataset = Self { training, held_out, extent: extent(&cameras), nearest: vec![] };
+        let background = mean_colour(&training);
+        let dataset = Self { training, held_out, extent: extent(&cameras), nearest: vec![], background };
         let count = dataset.training.len();
         if dataset.alone().len() == count {
             let expected = "two photographs that show the same place";
@@ -116,6 +120,16 @@ impl Dataset {
         let is_alone = |a: &&Photograph| !self.training.iter().any(|b| a.name != b.name && meets(a, b));
         self.training.iter().filter(is_alone).map(|one| one.name.as_str()).collect()
     }
+}
+
+/// Mean over all pixels that count; black where there are none.
+fn mean_colour(photographs: &[Photograph]) -> [f32; 3] {
+    let (mut sums, mut count) = ([0u64; 3], 0u64);
+    for pixel in photographs.iter().flat_map(|one| &one.pixels.rgba).filter(|p| p[3] != 0) {
+        (0..3).for_each(|c| sums[c] += u64::from(pixel[c]));
+        count += 255;
+    }
+    sums.map(|sum| (sum as f64 / count.max(1) as f64) as f32)
 }
 
 fn extent(cameras: &[Camera]) -> f32 {
@@ -271,7 +285,17 @@ mod tests {
         let one = &data.training[1];
         assert_eq!((one.camera.width, one.camera.fx, one.pixels.rgba[0]), (4, 10.0, [128, 128, 128, 255]));
         assert_eq!(data.training[0].valid()[..4], [false, false, true, true]);
+        assert!(data.background.iter().all(|c| (c - 128.0 / 255.0).abs() < 1e-6), "{:?}", data.background);
         assert!((data.extent - 0.44).abs() < 1e-6, "{}", data.extent);
+    }
+
+    #[test]
+    fn the_mean_colour_is_that_of_the_pixels_that_count() {
+        let mut scene = super::super::tiny::scene(5, 2, 4);
+        let colours = [[255, 0, 0, 255], [0, 51, 0, 255], [9, 9, 9, 0]];
+        scene.dataset.training.iter_mut().for_each(|one| one.pixels.rgba = colours.to_vec());
+        assert_eq!(mean_colour(&scene.dataset.training), [0.5, 0.1, 0.0]);
+        assert_eq!(mean_colour(&[]), [0.0; 3]);
     }
 
     #[test]

@@ -92,8 +92,12 @@ pub fn train(
 ///
 /// # Errors
 /// Drawing fails.
-pub fn scores(cloud: &GaussianCloud, photographs: &[Photograph]) -> Result<Vec<Score>, SplatError> {
-    photographs.iter().map(|one| Ok(score(&drawn(cloud, &one.camera)?.colour, one))).collect()
+pub fn scores(
+    cloud: &GaussianCloud,
+    photographs: &[Photograph],
+    background: [f32; 3],
+) -> Result<Vec<Score>, SplatError> {
+    photographs.iter().map(|one| Ok(score(&drawn(cloud, &one.camera, background)?.colour, one))).collect()
 }
 
 /// As [`scores`] of photographs that were held out, with the exposure that the photographs before and after it by name have on average: nothing of the
@@ -103,7 +107,7 @@ pub fn scores(cloud: &GaussianCloud, photographs: &[Photograph]) -> Result<Vec<S
 /// Drawing fails.
 pub fn neighbours_scores(model: &Model, dataset: &Dataset, held_out: &[Photograph]) -> Result<Vec<Score>, SplatError> {
     let one = |photograph: &Photograph| {
-        let image = drawn(&model.cloud, &photograph.camera)?;
+        let image = drawn(&model.cloud, &photograph.camera, dataset.background)?;
         let exposure = neighbours(&dataset.training, &model.exposures, &photograph.name);
         Ok(score(&exposed_image(&exposure, &image.colour), photograph))
     };
@@ -119,12 +123,13 @@ fn neighbours(training: &[Photograph], exposures: &[Exposure], name: &str) -> Ex
     out
 }
 
-/// Colour and alpha as a camera sees them.
+/// Colour over a background, and alpha, as a camera sees them.
 ///
 /// # Errors
 /// Drawing fails.
-pub fn drawn(cloud: &GaussianCloud, camera: &Camera) -> Result<Image, SplatError> {
-    Ok(qv_raster::render(&Scene::still(cloud), &[View::of(*camera)], &Settings::default())?.0.remove(0))
+pub fn drawn(cloud: &GaussianCloud, camera: &Camera, background: [f32; 3]) -> Result<Image, SplatError> {
+    let settings = Settings { background, ..Default::default() };
+    Ok(qv_raster::render(&Scene::still(cloud), &[View::of(*camera)], &settings)?.0.remove(0))
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Motions of cameras by derivatives: steps, and the place of a photograph that was held out.
 
 use super::adam::{bias, moved};
-use super::dataset::Photograph;
+use super::dataset::{Dataset, Photograph};
 use super::loss::photometric;
 use crate::SplatError;
 use glam::{DQuat, DVec3};
@@ -14,20 +14,26 @@ use qv_raster::{Frame, Scene, Settings, View};
 ///
 /// # Errors
 /// Drawing fails.
-pub fn aligned(cloud: &GaussianCloud, photograph: &Photograph, extent: f32, steps: u32) -> Result<Camera, SplatError> {
+pub fn aligned(
+    cloud: &GaussianCloud,
+    photograph: &Photograph,
+    dataset: &Dataset,
+    steps: u32,
+) -> Result<Camera, SplatError> {
     let (wanted, mut valid) = (photograph.colour(), photograph.valid());
     let width = photograph.pixels.width;
     (0..valid.len()).filter(|pixel| pixel % width >= width / 2).for_each(|pixel| valid[pixel] = false);
     let mut camera = photograph.camera;
     let (mut first, mut second) = ([0.0f32; 6], [0.0f32; 6]);
     let scene = Scene::still(cloud);
+    let settings = Settings { background: dataset.background, ..Default::default() };
     for iteration in 0..steps {
-        let frame = Frame::new(&scene, &[View::of(camera)], &Settings::default())?;
+        let frame = Frame::new(&scene, &[View::of(camera)], &settings)?;
         let mut by = frame.blank_images();
         by[0].colour = photometric(&frame.images()[0].colour, &wanted, &valid, width, 0.2).1;
         let by_pose = frame.gradients(&scene, &by)?.poses[0];
         let rate = ALIGNING * 0.1f32.powf(iteration as f32 / steps as f32);
-        let twist = twist(&mut first, &mut second, &by_pose, rate, extent, bias(iteration + 1));
+        let twist = twist(&mut first, &mut second, &by_pose, rate, dataset.extent, bias(iteration + 1));
         camera.camera_from_world = turned(&camera.camera_from_world, &twist);
     }
     Ok(camera)
@@ -67,7 +73,7 @@ mod tests {
         let apart =
             |pose: &Pose| pose.position.distance(right.position) + 3.0 * pose.rotation.angle_between(right.rotation);
         let before = apart(&photograph.camera.camera_from_world);
-        let found = aligned(&scene.cloud, &photograph, 3.0, 80).unwrap();
+        let found = aligned(&scene.cloud, &photograph, &scene.dataset, 80).unwrap();
         assert!(apart(&found.camera_from_world) < 0.3 * before, "{} {before}", apart(&found.camera_from_world));
     }
 }

@@ -72,7 +72,8 @@ pub(crate) fn scene(count: usize, views: usize, side: u32) -> Tiny {
     let cameras = ring(views, side);
     let all = cameras.iter().enumerate().map(|(k, camera)| photograph(&cloud, camera, &format!("v{k:02}")));
     let dataset = Dataset::of_photographs(all.collect(), 0).unwrap();
-    Tiny { cloud, dataset }
+    // The photographs are drawn over black.
+    Tiny { cloud, dataset: Dataset { background: [0.0; 3], ..dataset } }
 }
 
 /// A patterned wall, the plane y = 0, of flat Gaussians.

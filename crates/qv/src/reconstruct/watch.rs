@@ -98,7 +98,7 @@ impl<'a> Run<'a> {
     /// A photograph, held out if there is one, and beside it what is drawn.
     fn preview(&mut self, model: &Model) -> Result<(), Failure> {
         let Some(photograph) = self.dataset.held_out.first().or(self.dataset.training.first()) else { return Ok(()) };
-        let image = drawn(&model.cloud, &photograph.camera)?;
+        let image = drawn(&model.cloud, &photograph.camera, self.dataset.background)?;
         self.psnr = Some(qv_splat::train::score(&image.colour, photograph).psnr);
         let name = format!("{}_{:06}", photograph.name, model.iteration);
         beside(photograph, &image, &self.command.out.join("previews"), &name)

@@ -151,7 +151,8 @@ impl<'a> GpuEngine<'a> {
     }
 
     fn settings(&self) -> Settings {
-        Settings { outputs: outputs(&self.options, self.rest.iteration), ..Default::default() }
+        let outputs = outputs(&self.options, self.rest.iteration);
+        Settings { outputs, background: self.dataset.background }
     }
 
     /// Makes the rasteriser ready for a photograph's size.

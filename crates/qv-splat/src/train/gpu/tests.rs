@@ -60,6 +60,7 @@ mod against_the_cpu {
                 options.weights.depth_prior = 0.2;
                 options.weights.multi_view = 3.0;
                 options.geometry_from = 0;
+                scene.dataset.background = [0.6, 0.3, 0.1];
                 let mut model = begin(&scene, &options);
                 model.cloud.feature_count = 3;
                 model.cloud.features = (0..210).map(|i| (i as f32).sin()).collect();

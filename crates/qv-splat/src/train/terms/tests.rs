@@ -34,7 +34,8 @@ fn wall() -> Dataset {
         photograph.labels = places.iter().map(|p| 1 + (p.x > 0.0) as u8).collect();
         photograph
     };
-    Dataset::of_photographs(cameras.iter().enumerate().map(one).collect(), 0).unwrap()
+    let dataset = Dataset::of_photographs(cameras.iter().enumerate().map(one).collect(), 0).unwrap();
+    Dataset { background: [0.0; 3], ..dataset }
 }
 
 /// Colour of the wall at a place: waves that no pixel is too coarse for.
