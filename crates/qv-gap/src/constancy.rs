@@ -42,7 +42,7 @@ pub fn dependences(study: &Study, name: &str, group: &Group) -> Vec<Dependence> 
 fn asked(study: &Study, name: &str, group: &Group) -> Vec<Asked> {
     let columns = &study.columns;
     let Some(effect) = columns.effects.iter().position(|e| e.name == name) else { return Vec::new() };
-    let Some(marginal) = study.marginal(fitted) else { return Vec::new() };
+    let Ok(marginal) = study.marginal(fitted) else { return Vec::new() };
     let deviations = marginal.deviations(&study.nominal(fitted));
     let of_group = Group { effect, ..group.clone() };
     let units: Vec<usize> = columns.units_of(&of_group, 0).filter(|&u| columns.units[u].absent.is_finite()).collect();

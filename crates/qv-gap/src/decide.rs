@@ -144,8 +144,7 @@ pub fn level_outside(study: &Study, regions: &[[f64; 4]]) -> Result<Level, GapEr
     // A robot that was on that ground all the time is judged by the quieter half of its windows.
     let counts = |seen: &Seen| if outside < 8 { loss(seen) <= middle } else { !inside(seen) };
     let fitted = |seen: &Seen| if regions.is_empty() || counts(seen) { fitted(seen) } else { 0.0 };
-    let bad = || GapError::run("sensitivities", "finite numbers", "others");
-    let marginal = study.marginal(fitted).ok_or_else(bad)?;
+    let marginal = study.marginal(fitted)?;
     let of = |sums: &Sums| marginal.loss(sums) / sums.count.max(1.0);
     let all: Vec<usize> = (0..study.seen.len()).collect();
     let nulls: Vec<f64> =
@@ -431,8 +430,7 @@ fn held_out_objection(study: &mut Study, fit: &Fit, share: f64, later: bool) -> 
 /// When a value means nothing.
 pub fn held_out_evidence(study: &mut Study, setting: &Setting) -> Result<f64, GapError> {
     let windows: Vec<usize> = (0..study.seen.len()).filter(|&w| held_out(&study.seen[w]) > 0.0).collect();
-    let marginal =
-        study.marginal(held_out).ok_or_else(|| GapError::run("sensitivities", "finite numbers", "others"))?;
+    let marginal = study.marginal(held_out)?;
     let under = study.evaluate(std::slice::from_ref(setting), &windows)?.remove(0);
     let nominal: Vec<Option<Normal>> = windows
         .iter()

@@ -22,7 +22,7 @@ pub struct LawLeft {
 
 /// Of all actuators whose torque was measured; none where the normal equations are no good.
 pub fn laws(study: &Study) -> Vec<LawLeft> {
-    let Some(marginal) = study.marginal(fitted) else { return Vec::new() };
+    let Ok(marginal) = study.marginal(fitted) else { return Vec::new() };
     let here = squares(study, &marginal, &study.residuals());
     let ghosts: Vec<Vec<f64>> = study.residuals_of_ghosts().map(|g| squares(study, &marginal, &g)).collect();
     let left = |(k, &joint): (usize, &usize)| {

@@ -63,7 +63,7 @@ impl Search<'_, '_> {
             let w = self.study.seen.iter().position(|x| std::ptr::eq(x, s));
             if w.is_some_and(sound) { fitted(s) } else { 0.0 }
         };
-        let marginal = self.study.marginal(weight)?;
+        let marginal = self.study.marginal(weight).ok()?;
         let sums = self.study.sums(&base.normals, &self.windows, weight);
         let share = (marginal.loss(&sums) / sums.count) / (base.loss / base.sums.count);
         Some((marginal.deviations(&sums), share))

@@ -101,8 +101,7 @@ impl<'s, 'a> Search<'s, 'a> {
     /// # Errors
     /// When the normal equations are no good.
     pub fn new(study: &'s mut Study<'a>, temper: f64) -> Result<Self, GapError> {
-        let bad = || GapError::run("sensitivities", "finite numbers", "others");
-        let marginal = study.marginal(fitted).ok_or_else(bad)?;
+        let marginal = study.marginal(fitted)?;
         let windows = (0..study.seen.len()).filter(|&w| fitted(&study.seen[w]) > 0.0).collect();
         Ok(Self { study, marginal, windows, temper, deviant: Vec::new() })
     }
@@ -299,7 +298,7 @@ impl<'s, 'a> Search<'s, 'a> {
     /// Deviations integrated out over some of the windows of the fit.
     fn marginal_in(&self, some: &[usize]) -> Option<Marginal> {
         let is_one = |s: &Seen| some.iter().any(|&w| std::ptr::eq(&self.study.seen[w], s));
-        self.study.marginal(|s| if is_one(s) { fitted(s) } else { 0.0 })
+        self.study.marginal(|s| if is_one(s) { fitted(s) } else { 0.0 }).ok()
     }
 
     /// A window whose simulation ran away counts as one that is missed by far; where many do, the loss is infinite.

@@ -129,7 +129,7 @@ fn phases_of(study: &Study, seen: &Seen) -> Option<Vec<Vec<usize>>> {
 
 /// Shares of the loss that setting each interface free takes away beyond what is tolerated.
 pub fn interfaces(study: &Study) -> Vec<(Interface, f64)> {
-    let Some(marginal) = study.marginal(fitted) else { return Interface::ALL.map(|i| (i, 0.25)).to_vec() };
+    let Ok(marginal) = study.marginal(fitted) else { return Interface::ALL.map(|i| (i, 0.25)).to_vec() };
     let sums = study.nominal(fitted);
     let force = marginal.force(&sums);
     let gain = |interface: Interface| {

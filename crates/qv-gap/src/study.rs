@@ -247,7 +247,10 @@ impl<'a> Study<'a> {
     }
 
     /// Deviations integrated out over the windows with `weight` above 0.
-    pub fn marginal(&self, weight: impl Fn(&Seen) -> f64) -> Option<Marginal> {
+    ///
+    /// # Errors
+    /// When the normal equations are no good.
+    pub fn marginal(&self, weight: impl Fn(&Seen) -> f64) -> Result<Marginal, GapError> {
         let mut h = DMatrix::zeros(self.width(), self.width());
         for seen in &self.seen {
             let w = weight(seen);
@@ -255,7 +258,7 @@ impl<'a> Study<'a> {
                 h += &seen.h * w;
             }
         }
-        Marginal::new(h, &self.tolerance)
+        Marginal::new(h, &self.tolerance).ok_or_else(|| GapError::run("sensitivities", "finite numbers", "others"))
     }
 
     /// Normal equations of each window under each setting; `None` where the simulation ran away.

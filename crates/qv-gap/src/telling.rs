@@ -90,7 +90,7 @@ pub fn missing(study: &Study, run: &Run, library: &[Effect]) -> Vec<String> {
 
 /// Effects whose value this recording leaves open by more than half of their range.
 fn weak(study: &Study) -> Vec<String> {
-    let Some(marginal) = study.marginal(fitted) else { return Vec::new() };
+    let Ok(marginal) = study.marginal(fitted) else { return Vec::new() };
     let mut weak: Vec<String> = Vec::new();
     for (index, effect) in study.columns.effects.iter().enumerate() {
         let group = study.columns.groups.iter().position(|g| g.effect == index);

@@ -1,6 +1,7 @@
 //! `qv contact`: friction of each material of a labelled ground.
 
 use crate::ask::ask;
+use crate::numbers::within;
 use crate::open::{file_error, lost_from, model_of, open_run, parameters, progress, write_error};
 use crate::{Outcome, RunArguments, say};
 use qv_contact::report::Status;
@@ -238,9 +239,4 @@ fn friction(text: &str) -> Result<f64, String> {
 
 fn segment(text: &str) -> Result<f64, String> {
     within(text, 0.2, 100.0)
-}
-
-fn within(text: &str, low: f64, high: f64) -> Result<f64, String> {
-    let x: f64 = text.parse().map_err(|e| format!("{e}"))?;
-    if (low..=high).contains(&x) { Ok(x) } else { Err(format!("expected {low} to {high}")) }
 }

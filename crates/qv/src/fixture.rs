@@ -1,5 +1,6 @@
 //! `qv fixture`: the made-up recording on which `cargo xtask pipeline` runs, so that it needs no robot and no download.
 
+use crate::numbers::{not_negative, three, within};
 use crate::open::{file_error, write_error};
 use crate::{Outcome, say};
 use glam::DVec3;
@@ -82,31 +83,19 @@ impl Fixture {
 }
 
 fn place(text: &str) -> Result<[f64; 3], String> {
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|word| word.trim().parse()).collect();
-    let numbers = numbers.ok().filter(|list: &Vec<f64>| list.iter().all(|x| x.is_finite()));
-    numbers
-        .and_then(|list| list.try_into().ok())
-        .ok_or_else(|| format!("expected three numbers X,Y,YAW, found {text:?}"))
+    three(text, "X,Y,YAW")
 }
 
 /// Longest latency of commands with which the robot is let walk \[s\].
 const LATEST: f64 = 0.2;
 
 fn latency(text: &str) -> Result<f64, String> {
-    let seconds: Option<f64> = text.parse().ok();
-    seconds
-        .filter(|s| (0.0..=LATEST).contains(s))
-        .ok_or_else(|| format!("expected 0 to {LATEST} seconds, found {text:?}"))
+    within(text, 0.0, LATEST)
 }
 
 fn label_and_value(text: &str) -> Result<(String, f64), String> {
     let (label, value) = text.split_once('=').ok_or("expected LABEL=VALUE")?;
-    let value: f64 = value.parse().map_err(|e| format!("expected a number, found {value:?}: {e}"))?;
-    if value.is_finite() && value >= 0.0 {
-        Ok((label.into(), value))
-    } else {
-        Err(format!("expected at least 0, found {value}"))
-    }
+    Ok((label.into(), not_negative(value)?))
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), ReplayError> {

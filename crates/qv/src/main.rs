@@ -11,6 +11,7 @@ mod inspect;
 mod mesh;
 mod mesh_file;
 mod normals;
+mod numbers;
 mod open;
 mod python;
 mod reconstruct;

@@ -1,5 +1,6 @@
 //! `qv mesh`: a scene of Gaussians, or depth images, to a collision mesh.
 
+use crate::numbers::{not_negative, positive};
 use crate::open::{progress, spinner};
 use crate::rgbd::{self, DepthCapture};
 use crate::scene::{about, open_cameras, open_scene};
@@ -115,18 +116,6 @@ pub struct Mesh {
     /// One line of JSON at the end instead of the summary
     #[arg(long)]
     json: bool,
-}
-
-/// A finite number above 0.
-fn positive(text: &str) -> Result<f64, String> {
-    let found = || format!("expected a number above 0, found `{text}`");
-    not_negative(text).ok().filter(|x| *x > 0.0).ok_or_else(found)
-}
-
-/// A finite number of at least 0.
-fn not_negative(text: &str) -> Result<f64, String> {
-    let found = || format!("expected a number of at least 0, found `{text}`");
-    text.parse().ok().filter(|x: &f64| x.is_finite() && *x >= 0.0).ok_or_else(found)
 }
 
 /// What is to be fused, and what labels it.

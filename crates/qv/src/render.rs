@@ -1,5 +1,6 @@
 //! `qv render`: what cameras see of a scene of Gaussians.
 
+use crate::numbers::three;
 use crate::open::progress;
 use crate::scene::{about, open_cameras, open_scene};
 use crate::{Failure, Outcome, say};
@@ -63,10 +64,9 @@ pub struct Render {
 }
 
 fn colour(text: &str) -> Result<[f32; 3], String> {
-    let numbers: Option<Vec<f32>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
-    let colour: Option<[f32; 3]> = numbers.and_then(|numbers| numbers.try_into().ok());
-    let is_one = |colour: &[f32; 3]| colour.iter().all(|c| (0.0..=1.0).contains(c));
-    colour.filter(is_one).ok_or_else(|| format!("expected three numbers from 0 to 1 with commas, found `{text}`"))
+    let colour = three(text, "R,G,B")?;
+    let is_one = colour.iter().all(|c| (0.0..=1.0).contains(c));
+    if is_one { Ok(colour.map(|c| c as f32)) } else { Err(format!("expected R,G,B from 0 to 1, found `{text}`")) }
 }
 
 impl Render {

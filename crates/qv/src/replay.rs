@@ -1,5 +1,6 @@
 //! `qv replay`: how far the simulator is from the robot.
 
+use crate::numbers::within;
 use crate::open::{lost_from, model_of, open_run, parameters, spinner, terrain_of, write_error};
 use crate::{Outcome, RunArguments, say};
 use qv_replay::derive::joint_velocity;
@@ -158,8 +159,7 @@ fn summary(run: &Run, replay: &qv_replay::replay::Replay, factor: f64) -> String
 }
 
 fn window_length(text: &str) -> Result<f64, String> {
-    let length: f64 = text.parse().map_err(|e| format!("{e}"))?;
-    if (0.01..=1000.0).contains(&length) { Ok(length) } else { Err("expected 0.01 to 1000 s".into()) }
+    within(text, 0.01, 1000.0)
 }
 
 /// What is not known is a dash, not NaN.
