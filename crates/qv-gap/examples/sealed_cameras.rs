@@ -77,6 +77,8 @@ fn kitchen(folder: &Path, scene: Option<&str>, save: Option<&str>) -> Result<Tru
     let capture = rgbd::read(&names, &mut text)?;
     let files = |name: &str| fs::read(folder.join(name)).map_err(|e| e.to_string());
     let dataset = Dataset::new(&capture, &files, &ReadOptions { downscale: 2, hold_out: flag("--hold-out", 2) })?;
+    // Cameras are judged over black.
+    let dataset = Dataset { background: [0.0; 3], ..dataset };
     let (cloud, base_from_camera) = match scene {
         Some(path) if path.ends_with(".ply") => {
             let text = fs::read_to_string(Path::new(path).with_extension("json"))?;

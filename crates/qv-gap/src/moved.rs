@@ -12,13 +12,17 @@ use nalgebra::DVector;
 
 impl<'a> Study<'a> {
     /// The study of `problem`, whose robot is this one's but for the sizes of a few effects. Residuals and the sensitivities of these effects
-    /// are simulated anew; the null and the other sensitivities are kept, which such a step hardly changes. `None` where that cannot be: a
-    /// window can no longer be simulated, or the columns are others.
+    /// are simulated anew; the null, the other sensitivities, the recorder's alignment and how deep feet sink in are kept, which such a step
+    /// hardly changes. `None` where that cannot be: a window can no longer be simulated, or the columns are others.
     ///
     /// # Errors
     /// When the simulator refuses.
     pub fn moved(mut self, mut problem: Problem<'a>, columns: Columns) -> Result<Option<Self>, GapError> {
-        let alike = |a: &Column, b: &Column| (a.unit, a.level) == (b.unit, b.level);
+        let unit = |all: &Columns, c: &Column| {
+            let unit = &all.units[c.unit];
+            (unit.effect, unit.axis, unit.member, unit.moves.clone(), c.level)
+        };
+        let alike = |a: &Column, b: &Column| unit(&self.columns, a) == unit(&columns, b);
         let same = self.columns.columns.len() == columns.columns.len()
             && self.columns.columns.iter().zip(&columns.columns).all(|(a, b)| alike(a, b));
         if !same {
@@ -29,17 +33,6 @@ impl<'a> Study<'a> {
         let other = |id: usize| problem.nominal[id] != self.problem.nominal[id];
         let is_moved = |c: &Column| columns.units[c.unit].moves.iter().any(|m| other(m.0));
         let moved: Vec<usize> = (0..columns.columns.len()).filter(|&k| is_moved(&columns.columns[k])).collect();
-        // A ghost deviates by as much as before: by more columns where a column is a smaller step.
-        let step = |all: &Columns, k: usize| {
-            let column = &all.columns[k];
-            let absent = all.units[column.unit].absent;
-            if absent.is_finite() { column.value - absent } else { 1.0 }
-        };
-        for deviations in self.ghost_deviations.iter_mut().filter(|d| !d.is_empty()) {
-            for &k in moved.iter().filter(|&&k| k < columns.tolerated) {
-                deviations[k] *= step(&self.columns, k) / step(&columns, k);
-            }
-        }
         (self.problem, self.columns) = (problem, columns);
         self.tolerance = self.tolerances();
         let columns = &self.columns;
@@ -61,7 +54,7 @@ impl<'a> Study<'a> {
         let some: Vec<&Column> = moved.iter().map(|&k| &self.columns.columns[k]).collect();
         let mut steps = base.steps;
         let found = changes(&self.problem, &self.columns, &some, (&windows, &alignments, &raw), &mut steps)?;
-        self.steps = steps;
+        self.steps += steps;
         if raw.iter().any(|r| r.is_empty()) || found.iter().flatten().any(Option::is_none) {
             return Ok(false);
         }

@@ -4,7 +4,7 @@
 //! writes that version of SPZ. Without arguments a made-up Gaussian is converted through all of them.
 use qv_core::GaussianCloud;
 use qv_splat::files::spz::{Version, write_version};
-use qv_splat::files::{Format, read_any, write};
+use qv_splat::files::{Format, ply, read_any, write};
 use std::error::Error;
 use std::fs;
 
@@ -29,6 +29,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let bytes = match version {
         Some(version) => write_version(&file.cloud, version)?,
+        None if format == Format::Ply => ply::write_over(&file.cloud, file.background)?,
         None => write(&file.cloud, format)?,
     };
     fs::write(to, &bytes)?;

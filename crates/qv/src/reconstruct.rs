@@ -321,6 +321,21 @@ impl Reconstruct {
         }
     }
 
+    /// A scene that was begun over one colour does not go on over another.
+    fn check_background(&self, dataset: &Dataset) -> Result<(), Failure> {
+        let path = self.out.join("scene.ply");
+        let Ok(bytes) = fs::read(&path) else { return Ok(()) };
+        let before = ply::read(&bytes).map_err(|e| about(&path, e))?.background.unwrap_or_default();
+        let now = dataset.background;
+        // Told in decimals that give the same bits.
+        if before == now {
+            return Ok(());
+        }
+        let found =
+            format!("expected a scene made over {now:?}, as --background asks for, found one made over {before:?}");
+        Err(about(&path, found))
+    }
+
     fn usual_depth_points(&self) -> usize {
         if self.depth_prior > 0.0 { AT_DEPTHS.min(self.cap / 2) } else { 0 }
     }
@@ -331,6 +346,7 @@ impl Reconstruct {
         if self.resume {
             let bytes = fs::read(&path).map_err(|e| about(&path, format!("expected a checkpoint, found {e}")))?;
             let model = checkpoint::read(&bytes).and_then(|model| model.check_places(dataset).map(|()| model));
+            self.check_background(dataset)?;
             return Ok((model.map_err(|e| about(&path, e))?, opened.points.is_some()));
         }
         let usual = if opened.points.is_some() { 0 } else { AT_RANDOM };

@@ -88,8 +88,8 @@ impl Render {
         }
         fs::create_dir_all(&self.out).map_err(|e| about(&self.out, format!("expected a directory, found {e}")))?;
         let clock = Instant::now();
-        let Drawn { written, seconds, skipped } =
-            self.draw(&file.cloud, &cameras, self.background.or(file.background).unwrap_or_default())?;
+        let background = self.background.or(file.background).unwrap_or_default();
+        let Drawn { written, seconds, skipped } = self.draw(&file.cloud, &cameras, background)?;
         let total = clock.elapsed().as_secs_f64();
         if skipped > 0 {
             lost.push(format!("{skipped} times a Gaussian was left out of a view since its numbers overflow"));
@@ -99,7 +99,7 @@ impl Render {
                 "{}\n",
                 json!({"format": "qv-render/1", "scene": self.scene.display().to_string(),
                     "scene_format": file.format.name(), "gaussians": file.cloud.len(), "left_out": file.left_out,
-                    "images": written, "draw_s": seconds, "total_s": total, "lost": lost})
+                    "background": background, "images": written, "draw_s": seconds, "total_s": total, "lost": lost})
             ))?;
         } else {
             say(&format!(

@@ -89,11 +89,24 @@ fn a_capture_becomes_a_scene_and_goes_on_from_its_checkpoint() {
     for file in ["scene.ply", "checkpoint.qvt", "metrics.json", "previews/00_001000.png"] {
         assert!(folder.join("out").join(file).is_file(), "{file}");
     }
+    let told = |line: &Value| {
+        let file = qv_splat::files::ply::read(&fs::read(folder.join("out/scene.ply")).unwrap()).unwrap();
+        let metrics = line["background"].as_array().unwrap().iter().map(|c| c.as_f64().unwrap() as f32);
+        let background = file.background.unwrap();
+        assert_eq!(metrics.collect::<Vec<_>>(), background);
+        background
+    };
+    let mean = told(&line);
+    assert!(mean.iter().all(|c| (0.02..0.9).contains(c)), "{mean:?}");
+    let (code, _, err) = reconstruct(&folder, &["--iterations", "1010", "--resume", "--background", "black"]);
+    assert!(code == 1 && err.contains("made over") && err.contains("--background"), "{err}");
     let (code, line, err) =
         reconstruct(&folder, &["--iterations", "1010", "--resume", "--cap", "60", "--max-seconds", "100"]);
     assert_eq!((code, &line["iterations"]), (0, &json!(1010)), "{err}");
     let (code, line, err) = reconstruct(&folder, &["--max-seconds", "0"]);
     assert_eq!((code, &line["iterations"], &line["finished"]), (0, &json!(1), &json!(false)), "{err}");
+    let (code, line, err) = reconstruct(&folder, &["--max-seconds", "0", "--background", "black"]);
+    assert_eq!((code, told(&line)), (0, [0.0; 3]), "{err}");
 }
 
 #[test]

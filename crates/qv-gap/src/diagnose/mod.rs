@@ -227,16 +227,21 @@ impl<'a> Session<'a> {
         Ok(study)
     }
 
-    /// The same from a study of a robot that differs in the sizes of what is accused.
-    fn moved(&mut self, study: Study<'a>, corrections: &[Correction], events: &[Event]) -> Result<Study<'a>, GapError> {
+    /// The same study, or one of the robot with the sizes that it asks for.
+    fn refined(&mut self, mut study: Study<'a>, findings: &mut Findings) -> Result<Study<'a>, GapError> {
         self.begin("sizes");
-        let (problem, columns) = self.robot(corrections, events)?;
+        let is_moved = findings.refine(&mut study)?;
+        self.end(&study);
+        if !is_moved {
+            return Ok(study);
+        }
+        let (problem, columns) = self.robot(&findings.corrections, &findings.events)?;
         match study.moved(problem, columns)? {
             Some(study) => {
                 self.end(&study);
                 Ok(study)
             }
-            None => self.study(corrections, events),
+            None => self.study(&findings.corrections, &findings.events),
         }
     }
 
@@ -288,8 +293,8 @@ impl<'a> Session<'a> {
                 findings.accused.push(one);
             }
             let mut next = self.study(&findings.corrections, &findings.events)?;
-            if findings.on_feet && findings.refine(&mut next)? {
-                next = self.moved(next, &findings.corrections, &findings.events)?;
+            if findings.on_feet {
+                next = self.refined(next, &mut findings)?;
             }
             findings.level_after = decide::level_outside(&next, &findings.regions())?;
             let full = findings.effects().len() >= MOST_CAUSES || findings.rounds.len() >= MOST_ROUNDS;

@@ -123,7 +123,7 @@ impl Element {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
     pub elements: Vec<Element>,
-    /// Lines that are for people, without the word `comment`.
+    /// Lines of comment, without that word.
     pub comments: Vec<String>,
 }
 
