@@ -175,12 +175,13 @@ impl Diagnose {
 
     /// Scene, camera and images, checked.
     fn place(&self, scene: &Path, camera: &Path, run: &Run) -> Result<Place, ReplayError> {
-        let cloud = open_scene(scene).map_err(|e| file_error(scene, "a splat file", &e.to_string()))?.cloud;
+        let file = open_scene(scene).map_err(|e| file_error(scene, "a splat file", &e.to_string()))?;
         let arguments = RunArguments { run: self.runs[0].clone(), pose_topic: self.pose_topic.clone() };
         let images = open_images(&arguments, run, self.image_topic.as_deref(), self.images)?;
         let camera = open_camera(camera, images.info.as_ref())?;
         let photographs = photographs(&images.images, &camera)?;
-        let place = Place { cloud, camera, photographs, notes: images.notes };
+        let background = file.background.unwrap_or_default();
+        let place = Place { cloud: file.cloud, background, camera, photographs, notes: images.notes };
         let options = LookOptions { most: self.images, ..Default::default() };
         check(&place.footage(run.measured.base_pose.as_ref()), &options).map_err(replay_error)?;
         Ok(place)
@@ -233,6 +234,8 @@ impl Diagnose {
 /// What the camera is judged with.
 struct Place {
     cloud: GaussianCloud,
+    /// Colour that it was made to be drawn over.
+    background: [f32; 3],
     camera: RobotCamera,
     photographs: Vec<Photograph>,
     notes: Vec<String>,
@@ -240,7 +243,13 @@ struct Place {
 
 impl Place {
     fn footage<'a>(&'a self, poses: Option<&'a JointSeries>) -> Footage<'a> {
-        Footage { cloud: &self.cloud, rig: self.camera.rig, poses, photographs: &self.photographs }
+        Footage {
+            cloud: &self.cloud,
+            background: self.background,
+            rig: self.camera.rig,
+            poses,
+            photographs: &self.photographs,
+        }
     }
 }
 

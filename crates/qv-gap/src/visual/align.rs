@@ -83,6 +83,8 @@ impl Offsets {
 pub struct Target {
     /// The camera of the whole photograph at the measured pose.
     pub camera: Camera,
+    /// Colour that the scene was made to be drawn over.
+    pub background: [f32; 3],
     /// Brightness from coarse to fine; not finite where there is no photograph.
     pub pictures: Vec<Picture>,
 }
@@ -103,7 +105,12 @@ impl Target {
         let mut pictures: Vec<Picture> =
             sizes(intrinsics, width).iter().rev().map(|&(w, h)| whole.shrunk(w, h)).collect();
         pictures.reverse();
-        Self { camera, pictures }
+        Self { camera, background: [0.0; 3], pictures }
+    }
+
+    /// The same for a scene that was made to be drawn over a colour; black otherwise.
+    pub fn over(self, background: [f32; 3]) -> Self {
+        Self { background, ..self }
     }
 
     /// Levels.
@@ -142,10 +149,11 @@ pub struct Drawn {
 /// The rasteriser's.
 pub fn draw(
     cloud: &GaussianCloud,
-    camera: &Camera,
+    target: &Target,
     offsets: &Offsets,
     size: (usize, usize),
 ) -> Result<Drawn, GapError> {
+    let camera = &target.camera;
     let (width, height) = (size.0 as u32 * FINER, size.1 as u32 * FINER);
     let (x, y) = (f64::from(width) / f64::from(camera.width), f64::from(height) / f64::from(camera.height));
     let focal = offsets.focal.exp();
@@ -158,7 +166,7 @@ pub fn draw(
         height,
         camera_from_world: offsets.camera_from_nominal * camera.camera_from_world,
     };
-    let settings = Settings { outputs: Outputs { depth: true, ..Default::default() }, background: [0.0; 3] };
+    let settings = Settings { outputs: Outputs { depth: true, ..Default::default() }, background: target.background };
     let (images, _) = render(&Scene::still(cloud), &[View::of(camera)], &settings).map_err(raster_error)?;
     let image = &images[0];
     let shrunk =
@@ -196,7 +204,7 @@ pub fn disagreement(
     level: usize,
 ) -> Result<Disagreement, GapError> {
     let wanted = &target.pictures[level];
-    let drawn = draw(cloud, &target.camera, offsets, (wanted.width, wanted.height))?;
+    let drawn = draw(cloud, target, offsets, (wanted.width, wanted.height))?;
     Ok(loss(wanted, &drawn, offsets, scale(target, level), FOREIGN))
 }
 
@@ -277,7 +285,7 @@ fn on_level(
     // Small pictures say nothing of blur and little of the focal length.
     let frozen: &[usize] = if small < 1.0 { &[6, 7] } else { &[] };
     let mut offsets = start;
-    let mut drawn = draw(cloud, &target.camera, &offsets, size)?;
+    let mut drawn = draw(cloud, target, &offsets, size)?;
     // Fixed on a level, so that steps lower one and the same loss.
     let cut = 2.5 * noise(wanted, &drawn, &offsets, small);
     let mut now = loss(wanted, &drawn, &offsets, small, cut);
@@ -295,7 +303,7 @@ fn on_level(
         frozen.iter().for_each(|&i| force[i] = 0.0);
         let Some(step) = a.cholesky().map(|c| c.solve(&force)) else { break };
         let next = offsets.moved(&step);
-        let then = draw(cloud, &target.camera, &next, size)?;
+        let then = draw(cloud, target, &next, size)?;
         let found = loss(wanted, &then, &next, small, cut);
         if found.loss < now.loss && found.seen > 0.5 * now.seen {
             let gained = now.loss - found.loss;
@@ -384,4 +392,21 @@ fn normal(
         b[i] -= at / (reach * reach);
     }
     (h, b)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_behind_the_scene_is_drawn() {
+        let intrinsics = Intrinsics { fx: 20.0, fy: 20.0, cx: 16.0, cy: 12.0, width: 32, height: 24 };
+        let camera =
+            Camera { fx: 20.0, fy: 20.0, cx: 16.0, cy: 12.0, width: 32, height: 24, camera_from_world: Pose::IDENTITY };
+        let target = Target::new(&vec![[9, 9, 9, 255]; 32 * 24], &intrinsics, camera, 32);
+        let drawn = |target: &Target| draw(&GaussianCloud::default(), target, &Offsets::NONE, (32, 24)).unwrap();
+        assert!(drawn(&target).colour.iter().all(|c| *c == 0.0));
+        let over = drawn(&target.over([0.25, 0.5, 0.75]));
+        assert!(over.colour.chunks(3).all(|c| c == [0.25, 0.5, 0.75]) && over.depth.iter().all(|d| *d == 0.0));
+    }
 }

@@ -448,7 +448,7 @@ impl Judge<'_> {
 
     /// What the scene shows with offsets, shape `[height, width, 3]`.
     fn drawn(&self, seen: &Seen, offsets: &Offsets, size: (usize, usize)) -> Result<Vec<f32>, GapError> {
-        let drawn = align::draw(self.footage.cloud, &seen.target.camera, offsets, size)?;
+        let drawn = align::draw(self.footage.cloud, &seen.target, offsets, size)?;
         let channel = |c: usize| {
             let values = drawn.colour.iter().skip(c).step_by(3).copied().collect();
             super::picture::Picture { width: size.0, height: size.1, values }.blurred(offsets.blur).values

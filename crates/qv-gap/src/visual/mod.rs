@@ -99,6 +99,8 @@ pub struct Photograph {
 pub struct Footage<'a> {
     /// The place, in the frame of the poses.
     pub cloud: &'a GaussianCloud,
+    /// Colour that it was made to be drawn over, 0 to 1.
+    pub background: [f32; 3],
     /// The camera.
     pub rig: Rig,
     /// Measured `world_from_base` as x, y, z \[m\], w, x, y, z.
@@ -153,7 +155,7 @@ pub fn check(footage: &Footage, options: &LookOptions) -> Result<(), GapError> {
     for k in [1, 3, 5] {
         let photograph = chosen[k * chosen.len() / 6];
         let camera = rig.camera((path.at(photograph.time - rig.delay) * rig.base_from_camera).inverse());
-        let target = Target::new(&photograph.rgba, &rig.intrinsics, camera, options.width);
+        let target = Target::new(&photograph.rgba, &rig.intrinsics, camera, options.width).over(footage.background);
         most = most.max(align::disagreement(footage.cloud, &target, &stated(rig, options.width), 0)?.seen);
     }
     if most < IN_VIEW { Err(out_of_view(most)) } else { Ok(()) }
@@ -208,7 +210,7 @@ fn see(footage: &Footage, path: &Path, chosen: &[&Photograph], options: &LookOpt
     let nominal = |time: f64| (path.at(time - rig.delay) * rig.base_from_camera).inverse();
     let coarse = chosen.par_iter().map(|photograph| {
         let camera = rig.camera(nominal(photograph.time));
-        let target = Target::new(&photograph.rgba, &rig.intrinsics, camera, options.width);
+        let target = Target::new(&photograph.rgba, &rig.intrinsics, camera, options.width).over(footage.background);
         let before = align::disagreement(footage.cloud, &target, &stated, target.levels() - 1)?;
         let middle = target.levels() - 1;
         let aligned = align::align(footage.cloud, &target, stated, 0..middle)?;

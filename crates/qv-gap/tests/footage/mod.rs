@@ -81,7 +81,7 @@ pub struct Recording {
 
 impl Recording {
     pub fn footage<'a>(&'a self, cloud: &'a GaussianCloud) -> Footage<'a> {
-        Footage { cloud, rig: self.rig, poses: Some(&self.poses), photographs: &self.photographs }
+        Footage { cloud, background: [0.0; 3], rig: self.rig, poses: Some(&self.poses), photographs: &self.photographs }
     }
 }
 
