@@ -119,7 +119,7 @@ pub fn write(cloud: &GaussianCloud) -> Result<Vec<u8>, SplatError> {
 /// The same of a scene that was made to be drawn over a colour, 0 to 1.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn write_over(cloud: &GaussianCloud, background: Option<[f32; 3]>) -> Result<Vec<u8>, SplatError> {
     check(cloud)?;
     let comment = background.map_or(String::new(), |[r, g, b]| format!("comment {BACKGROUND}{r} {g} {b}\n"));
