@@ -31,9 +31,7 @@ impl Study<'_> {
         let columns = &self.columns;
         let is_of = |c: &usize| effects.contains(&columns.units[columns.columns[*c].unit].effect);
         let forgotten: Vec<usize> = (0..columns.tolerated).filter(is_of).collect();
-        for &c in &forgotten {
-            self.tolerance[EXTRA + c] = FORGOTTEN * self.columns.columns[c].tolerance;
-        }
+        self.tolerance = self.tolerances();
         for ((residuals, normals), deviations) in
             self.ghost_residuals.iter_mut().zip(&mut self.ghosts).zip(&mut self.ghost_deviations)
         {

@@ -2,7 +2,6 @@
 
 use crate::GapError;
 use crate::columns::{Column, Columns};
-use crate::forget::FORGOTTEN;
 use crate::forward::compare;
 use crate::law::Alignment;
 use crate::problem::{Problem, Setting, Window};
@@ -35,12 +34,6 @@ impl<'a> Study<'a> {
         let moved: Vec<usize> = (0..columns.columns.len()).filter(|&k| is_moved(&columns.columns[k])).collect();
         (self.problem, self.columns) = (problem, columns);
         self.tolerance = self.tolerances();
-        let columns = &self.columns;
-        for k in 0..columns.tolerated {
-            if self.forgotten.contains(&columns.units[columns.columns[k].unit].effect) {
-                self.tolerance[EXTRA + k] = FORGOTTEN * columns.columns[k].tolerance;
-            }
-        }
         let whole = self.see_again(&moved)?;
         Ok(whole.then_some(self))
     }

@@ -3,6 +3,7 @@
 use crate::GapError;
 use crate::columns::{Column, Columns};
 use crate::evidence::{Marginal, Normal, Sums, sum};
+use crate::forget::FORGOTTEN;
 use crate::forward::{compare, standing_depth};
 use crate::law;
 use crate::null::{Ghost, Noise, record};
@@ -143,7 +144,8 @@ impl<'a> Study<'a> {
     pub(crate) fn tolerances(&self) -> Vec<f64> {
         // The robot of the reference is this one: what did not change deviates as it did there.
         let share = if self.is_relative { UNCHANGED } else { 1.0 };
-        let tolerance = |c: &Column| share * c.tolerance;
+        let is_forgotten = |c: &Column| self.forgotten.contains(&self.columns.units[c.unit].effect);
+        let tolerance = |c: &Column| c.tolerance * if is_forgotten(c) { FORGOTTEN } else { share };
         let tolerated = self.columns.columns.iter().take(self.columns.tolerated).map(tolerance);
         std::iter::once(SHIFT_TOLERANCE).chain(tolerated).collect()
     }
@@ -229,8 +231,9 @@ impl<'a> Study<'a> {
             self.ghosts[k].extend(residuals.iter().zip(here).map(|(r, seen)| r.as_ref().map(|r| seen.normal_of(r))));
             self.ghost_residuals[k].extend(residuals);
         }
+        let first = self.seen.len();
         self.seen.extend(seen.into_iter().flatten());
-        self.seen.iter_mut().filter(|_| !pool.is_empty()).for_each(Seen::weigh);
+        self.seen[first..].iter_mut().filter(|_| !pool.is_empty()).for_each(Seen::weigh);
         self.parts.push(Part { whitener, noise, alignment });
         self.steps += steps;
         Ok(())
