@@ -25,6 +25,7 @@
 @group(0) @binding(16) var<storage, read> label_image: array<u32>;
 
 const SMOOTH: f32 = 0.1;
+const SHORT: f32 = 0.3;
 const SOLID: f32 = 0.5;
 const REACH: i32 = 3;
 const COUNT: f32 = 49.0;
@@ -73,9 +74,16 @@ fn surface(x: i32, y: i32) -> Surface {
     return s;
 }
 
-fn by_product(s: Surface, x: i32, y: i32) -> vec3<f32> {
+// Direction of the drawn normal; 0 where it says nothing.
+fn normal_at(x: i32, y: i32) -> vec3<f32> {
     let normal = plane_image[index(x, y)].xyz;
-    return (normal - s.normal * dot(normal, s.normal)) * (-step.depth_normal / s.area);
+    let size = length(normal);
+    return select(vec3<f32>(0.0), normal / size, size > SHORT);
+}
+
+fn by_product(s: Surface, x: i32, y: i32) -> vec3<f32> {
+    let drawn = normal_at(x, y);
+    return (drawn - s.normal * dot(drawn, s.normal)) * (-step.depth_normal / s.area);
 }
 
 @compute @workgroup_size(256)
@@ -91,7 +99,9 @@ fn planes(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
     if step.depth_normal > 0.0 {
         let here = surface(x, y);
         if here.good {
-            by = vec4<f32>(-step.depth_normal * here.normal, 0.0);
+            let drawn = normal_at(x, y);
+            let turn = here.normal * dot(drawn, drawn) - drawn * dot(drawn, here.normal);
+            by = vec4<f32>(turn * (-step.depth_normal / max(length(plane_image[pixel].xyz), SHORT)), 0.0);
         }
         var by_point = vec3<f32>(0.0);
         let left = surface(x - 1, y);
