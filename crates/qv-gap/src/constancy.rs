@@ -2,13 +2,14 @@
 //! of no one size: each window, asked for itself, wants another.
 //!
 //! Each window and joint asks for a change of the accused value, `(b - H d) / h` with the deviations `d` at their best over all
-//! windows. These are regressed on speed, load and time with weights `h`; the error of the slope is that of White (1980,
+//! windows. These are regressed on speed, nearness to rest, load and time with weights `h`; the error of the slope is that of White (1980,
 //! Econometrica 48, 817), robust against windows that nothing explains.
 
 use crate::columns::Group;
 use crate::rest::mean_of;
 use crate::search::fitted;
 use crate::study::{EXTRA, Seen, Study};
+use nalgebra::DVector;
 
 /// What a joint asks for in a window.
 struct Asked {
@@ -16,14 +17,14 @@ struct Asked {
     change: f64,
     /// Weight.
     weight: f64,
-    /// Speed, load, time.
-    known: [f64; 3],
+    /// What it may depend on, in the order of [`FACTORS`].
+    known: [f64; 4],
 }
 
 /// What the accused value depends on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dependence {
-    /// Speed, load or time.
+    /// Speed, nearness to rest, load or time.
     pub on: &'static str,
     /// Slope over its standard error.
     pub errors: f64,
@@ -31,12 +32,52 @@ pub struct Dependence {
     pub change: f64,
 }
 
-const FACTORS: [&str; 3] = ["speed", "load", "time"];
+const FACTORS: [&str; 4] = ["speed", "nearness to rest", "load", "time"];
+/// The last of them.
+const TIME: usize = 3;
+/// Windows from which a slope and its error are told.
+const LEAST_WINDOWS: usize = 8;
+/// Speed below which a joint is nearly at rest, where friction fades fastest \[rad/s\].
+const SLOW: f64 = 1.0;
 
 /// How the value of an effect of joints that was accused depends on each factor, in the study of the corrected robot.
 pub fn dependences(study: &Study, name: &str, group: &Group) -> Vec<Dependence> {
     let asked = asked(study, name, group);
     (0..FACTORS.len()).filter_map(|f| dependence(&asked, f)).collect()
+}
+
+/// How what acts for a while changes in that while, as a share of itself. `study` is that of the robot without it: one event
+/// takes the place of any other in the simulator, so that nothing can be asked beside it. Windows that no fit has seen are asked, too.
+pub fn fading(study: &Study, name: &str, group: &Group, values: &[f64], time: [f64; 2]) -> Option<Dependence> {
+    let columns = &study.columns;
+    let effect = columns.effects.iter().position(|e| e.name == name)?;
+    let of_group = Group { effect, ..group.clone() };
+    // The whole of it, in steps of the columns.
+    let mut along = DVector::zeros(EXTRA + columns.columns.len());
+    for (axis, value) in values.iter().enumerate() {
+        for unit in columns.units_of(&of_group, axis) {
+            let column = columns.column(unit, 0)?;
+            along[EXTRA + column] = value / (columns.columns[column].value - columns.units[unit].absent);
+        }
+    }
+    let window = study.problem.cut.window;
+    let is_beside = |s: &Seen| s.window.start >= time[1] || s.window.start + window <= time[0];
+    let is_inside = |s: &&Seen| s.window.start >= time[0] && s.window.start + window <= time[1];
+    let beside = |s: &Seen| if is_beside(s) { fitted(s) } else { 0.0 };
+    let deviations = study.marginal(beside).ok()?.deviations(&study.nominal(beside));
+    let ask = |seen: &Seen| {
+        let across = seen.h.columns(0, deviations.len());
+        let weight = along.dot(&(&seen.h * &along));
+        let change = along.dot(&(seen.nominal().b - across * &deviations)) / weight;
+        // A robot that stands tells a force ten times as well as engines agree on it.
+        let weight = 1.0 / (1.0 / weight + columns.effects[effect].engine_error.powi(2));
+        (weight > 0.0).then(|| Asked { change, weight, known: [0.0, 0.0, 0.0, seen.window.start] })
+    };
+    let asked: Vec<Asked> = study.seen.iter().filter(is_inside).filter_map(ask).collect();
+    if asked.len() < LEAST_WINDOWS {
+        return None;
+    }
+    dependence(&asked, TIME)
 }
 
 fn asked(study: &Study, name: &str, group: &Group) -> Vec<Asked> {
@@ -64,10 +105,11 @@ fn asked(study: &Study, name: &str, group: &Group) -> Vec<Asked> {
     all
 }
 
-fn known(study: &Study, seen: &Seen, joint: usize) -> [f64; 3] {
+fn known(study: &Study, seen: &Seen, joint: usize) -> [f64; 4] {
     let measured = &seen.window.view.measured;
-    let mean = |series| mean_of(study, seen, joint, series, f64::abs);
-    [mean(&measured.velocity), mean(&measured.torque), seen.window.start]
+    let mean = |series, of| mean_of(study, seen, joint, series, of);
+    let rest = mean(&measured.velocity, |v| SLOW * SLOW / (SLOW * SLOW + v * v));
+    [mean(&measured.velocity, f64::abs), rest, mean(&measured.torque, f64::abs), seen.window.start]
 }
 
 fn dependence(asked: &[Asked], factor: usize) -> Option<Dependence> {
@@ -96,7 +138,7 @@ mod tests {
     fn asked(slope: f64) -> Vec<Asked> {
         let mut random = Random::new(3, 1);
         let mut one = || {
-            let known = [random.uniform(), random.uniform(), random.uniform()];
+            let known = [random.uniform(), random.uniform(), random.uniform(), random.uniform()];
             let change = slope * known[0] + 0.1 * (random.uniform() - 0.5);
             Asked { change, weight: 0.5 + random.uniform(), known }
         };
@@ -105,7 +147,7 @@ mod tests {
 
     #[test]
     fn a_value_that_changes_with_speed_is_told_and_no_other() {
-        let of = |asked: &[Asked]| -> Vec<Dependence> { (0..3).filter_map(|f| dependence(asked, f)).collect() };
+        let of = |asked: &[Asked]| -> Vec<Dependence> { (0..4).filter_map(|f| dependence(asked, f)).collect() };
         let changing = of(&asked(0.1));
         assert!(changing[0].errors > 10.0, "{changing:?}");
         // Two standard deviations of what lies evenly between 0 and 1.
@@ -116,8 +158,8 @@ mod tests {
 
     #[test]
     fn windows_that_are_all_alike_say_nothing() {
-        let alike: Vec<Asked> = (0..5).map(|_| Asked { change: 1.0, weight: 1.0, known: [2.0; 3] }).collect();
-        assert!((0..3).all(|f| dependence(&alike, f).is_none()));
+        let alike: Vec<Asked> = (0..5).map(|_| Asked { change: 1.0, weight: 1.0, known: [2.0; 4] }).collect();
+        assert!((0..4).all(|f| dependence(&alike, f).is_none()));
         assert_eq!(dependence(&[], 0), None);
     }
 }

@@ -4,7 +4,7 @@
 //! cannot imitate where no engine has a part: in the law of the actuators, and in what another effect of the same joints asks for.
 
 use crate::GapError;
-use crate::columns::{Group, Suspect};
+use crate::columns::{Extent, Group, Suspect};
 use crate::constancy;
 use crate::decide::{Level, NO_GAP, Round, SURE_EVENT, is_trifle};
 use crate::laws::{LawLeft, laws};
@@ -28,9 +28,12 @@ const EVIDENCE_SHARE: f64 = 0.01;
 const TRUNK_EVIDENCE_LEFT: f64 = 100.0;
 const TRUNK_EVIDENCE_SHARE: f64 = 0.1;
 /// Standard errors by which the accused value of joints changes with speed, load or time, and as a share of it, from which on it is not one
-/// value: right ones change by 2.2 at most, a friction that fades with speed by 6 and 8, one that grows with load by 13.
-const CHANGE_ERRORS: f64 = 4.5;
+/// value. Of 35 right ones one changes by more than a twentieth, by 2.2 errors; a friction that fades with speed by 2.4 to 8, one that grows
+/// with load by 5 to 13.
+const CHANGE_ERRORS: f64 = 3.0;
 const CHANGE_SHARE: f64 = 0.05;
+/// The same of what acts for a while, in which feet meet the ground otherwise.
+const FADING_SHARE: f64 = 0.15;
 /// Share of the excess of the level that events must take away where what is left is a gap still.
 const EVENTS_SHARE: f64 = 0.25;
 /// By how much the level may rise.
@@ -54,8 +57,25 @@ pub struct Named {
     pub effect: String,
     /// Its members.
     pub group: Group,
+    /// Value of each axis.
+    pub values: Vec<f64>,
+    /// What it is confined to.
+    pub extent: Option<Extent>,
+}
+
+impl Named {
     /// First value, if it acts all the time and everywhere.
-    pub steady: Option<f64>,
+    fn steady(&self) -> Option<f64> {
+        self.extent.is_none().then(|| self.values[0])
+    }
+
+    /// From and until, if it is confined to that \[s\].
+    fn time(&self) -> Option<[f64; 2]> {
+        match self.extent {
+            Some(Extent::Time(time)) => Some(time),
+            _ => None,
+        }
+    }
 }
 
 /// What the accused robot is judged by.
@@ -66,14 +86,17 @@ pub struct Judged<'j> {
     pub opening: &'j [LawLeft],
     /// What is accused, in the study that it was found in.
     pub accused: Vec<Named>,
-    /// Whether any of it is confined to a time or a place.
-    pub is_local: bool,
     /// Largest log evidence of it.
     pub evidence: f64,
-    /// From and until, of what is confined to a time \[s\].
-    pub events: Vec<[f64; 2]>,
     /// The round after the last accusation, if there was one.
     pub round: Option<&'j Round>,
+}
+
+impl Judged<'_> {
+    /// Whether any of it is confined to a time or a place.
+    fn is_local(&self) -> bool {
+        self.accused.iter().any(|a| a.extent.is_some())
+    }
 }
 
 /// The actuator whose law leaves most, if that is more than noise and tolerances make of it.
@@ -87,21 +110,22 @@ pub fn law_left<'l>(now: &'l [LawLeft], opening: &[LawLeft]) -> Option<&'l LawLe
     now.iter().filter(excess).max_by(|a, b| a.ratio.total_cmp(&b.ratio))
 }
 
-/// Why the corrected robot of `study` is not explained; `None` if nothing speaks against it.
+/// Why the corrected robot of `study` is not explained, which is `nominal` without what is accused; `None` if nothing speaks against it.
 ///
 /// # Errors
 /// When a value means nothing.
-pub fn doubt(study: &mut Study, judged: &Judged) -> Result<Option<String>, GapError> {
-    if let Some(pulled) = pulled(&judged.events) {
+pub fn doubt(nominal: &Study, study: &mut Study, judged: &Judged) -> Result<Option<String>, GapError> {
+    let events: Vec<[f64; 2]> = judged.accused.iter().filter_map(Named::time).collect();
+    if let Some(pulled) = pulled(&events).or_else(|| fading(nominal, judged)) {
         return Ok(Some(pulled));
     }
     let [before, after] = judged.levels.map(|l| l.ratio);
     let is_sure = judged.evidence > SURE_EVENT;
-    if !judged.events.is_empty() && !is_sure && after > NO_GAP && before - after < EVENTS_SHARE * (before - 1.0) {
+    if !events.is_empty() && !is_sure && after > NO_GAP && before - after < EVENTS_SHARE * (before - 1.0) {
         let share = 100.0 * (before - after) / (before - 1.0);
         return Ok(Some(format!("it takes {share:.0} % of the excess over the null, and a gap is left")));
     }
-    if !judged.is_local && after > before + RISE {
+    if !judged.is_local() && after > before + RISE {
         return Ok(Some(format!("the loss in its own windows rises from {before:.2} to {after:.2} times the null")));
     }
     let now = laws(study);
@@ -131,10 +155,24 @@ fn pulled(events: &[[f64; 2]]) -> Option<String> {
     })
 }
 
+/// A push that grows or fades is none: a cable, which pulls the harder the farther the robot goes.
+fn fading(nominal: &Study, judged: &Judged) -> Option<String> {
+    // Whatever else is accused is there in the robot without it, too.
+    if judged.accused.iter().any(|a| a.time().is_none()) {
+        return None;
+    }
+    let events = judged.accused.iter().filter_map(|a| Some((a, a.time()?)));
+    let all = events.filter_map(|(a, time)| constancy::fading(nominal, &a.effect, &a.group, &a.values, time));
+    let most = all.filter(|d| d.errors.abs() > CHANGE_ERRORS && d.change.abs() > FADING_SHARE);
+    let most = most.max_by(|a, b| a.errors.abs().total_cmp(&b.errors.abs()))?;
+    let (share, errors) = (100.0 * most.change.abs(), most.errors.abs());
+    Some(format!("it is no push: it changes by {share:.0} % while it lasts, by {errors:.1} standard errors"))
+}
+
 /// What is accused of joints and is no one size.
 fn changing(study: &Study, judged: &Judged) -> Option<String> {
     let of_joints = |name: &str| study.columns.effects.iter().any(|e| e.name == name && e.scope == Scope::Joints);
-    let steady = judged.accused.iter().filter(|a| of_joints(&a.effect)).filter_map(|a| Some((a, a.steady?)));
+    let steady = judged.accused.iter().filter(|a| of_joints(&a.effect)).filter_map(|a| Some((a, a.steady()?)));
     let all = steady.flat_map(|(a, value)| {
         let dependences = constancy::dependences(study, &a.effect, &a.group).into_iter();
         dependences.filter(move |d| d.errors.abs() > CHANGE_ERRORS && d.change.abs() > CHANGE_SHARE * value.abs())
@@ -150,7 +188,7 @@ fn beside_trunk(study: &Study, judged: &Judged) -> Option<(f64, String)> {
     let of_joints = |a: &Named| {
         study.columns.effects.iter().any(|e| e.name == a.effect && matches!(e.scope, Scope::Joints | Scope::Links))
     };
-    if judged.is_local || judged.accused.iter().any(of_joints) {
+    if judged.is_local() || judged.accused.iter().any(of_joints) {
         return None;
     }
     // What is mounted beside the centre of mass moves it: that is no rival of its weight.

@@ -7,7 +7,7 @@
 pub mod baselines;
 pub mod closure;
 pub mod columns;
-mod constancy;
+pub mod constancy;
 pub mod decide;
 mod diagnose;
 mod doubt;

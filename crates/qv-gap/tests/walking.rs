@@ -3,6 +3,7 @@
 mod recorded;
 
 use qv_gap::columns::{Columns, Group};
+use qv_gap::constancy::fading;
 use qv_gap::decide::level;
 use qv_gap::library::Effect;
 use qv_gap::problem::{Cut, Problem};
@@ -156,6 +157,25 @@ fn a_cause_that_only_imitates_another_is_doubted() {
     let tells = |line: &String| line.contains("law at RL") || line.contains("actuator lag of the same joints");
     let doubted = report.next.iter().any(|line| line.starts_with("Not accused: motor_gain_kd") && tells(line));
     assert!(doubted, "{:?}", report.next);
+}
+
+#[test]
+fn a_push_that_is_not_one_force_is_told() {
+    let force = [("external.force_x", 9.0), ("external.start", 8.0), ("external.duration", 6.0)];
+    let run = recorded(force.map(|(name, value)| (name.into(), value)).to_vec(), 4);
+    let (model, Options { effort, library, .. }) = (go2(), quick());
+    let problem = Problem::new(&run, &model, &Terrain::plane(), &[], Cut::default()).unwrap();
+    let columns = Columns::new(&problem, &run, &library).unwrap();
+    let study = Study::new(problem, columns, std::slice::from_ref(&run), &[], &effort).unwrap();
+    let is_force = |g: &&Group| study.columns.effects[g.effect].name == "external_force";
+    let group = study.columns.groups.iter().find(is_force).unwrap();
+    let fading = |from, until| fading(&study, "external_force", group, &[9.0, 0.0, 0.0], [from, until]);
+    let whole = fading(8.0, 14.0).unwrap();
+    assert!(whole.errors.abs() < 3.0, "{whole:?}");
+    // As if it had pulled from 4 s on: it comes late in that time.
+    let late = fading(4.0, 14.0).unwrap();
+    assert!(late.errors > 4.0 && late.change > 0.5, "{late:?}");
+    assert_eq!(fading(8.0, 9.0), None, "too few windows");
 }
 
 #[test]

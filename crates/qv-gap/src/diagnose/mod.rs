@@ -6,7 +6,7 @@ mod verdict;
 
 use crate::GapError;
 use crate::closure::closure;
-use crate::columns::{Columns, Extent, Group};
+use crate::columns::{Columns, Extent, Group, Suspect};
 use crate::decide::{self, Level, Round};
 use crate::doubt::{self, Judged, Named};
 use crate::laws::{LawLeft, laws};
@@ -83,8 +83,8 @@ impl Accused {
 
     /// The same as what a doubt is about.
     fn named(&self) -> Named {
-        let steady = self.fit.suspect.extent.is_none().then(|| self.fit.suspect.values[0]);
-        Named { effect: self.cause.effect.clone(), group: self.group.clone(), steady }
+        let Suspect { values, extent, .. } = self.fit.suspect.clone();
+        Named { effect: self.cause.effect.clone(), group: self.group.clone(), values, extent }
     }
 
     /// The same as something that acts on the robot of a study.
@@ -280,7 +280,7 @@ impl<'a> Session<'a> {
         };
         loop {
             let round = findings.rounds.last().expect("there is a first");
-            let Some(accused) = round.accused else { return findings.doubted() };
+            let Some(accused) = round.accused else { return findings.doubted(nominal) };
             let fits: Vec<Fit> =
                 std::iter::once(accused).chain(round.also.iter().copied()).map(|k| round.fits[k].clone()).collect();
             let study = findings.later.as_mut().unwrap_or(nominal);
@@ -309,7 +309,7 @@ impl<'a> Session<'a> {
                 findings.later = Some(next);
             } else {
                 findings.later = Some(next);
-                return findings.doubted();
+                return findings.doubted(nominal);
             }
         }
     }
@@ -453,7 +453,7 @@ struct Findings<'a> {
 
 impl Findings<'_> {
     /// The same, with what speaks against it.
-    fn doubted(mut self) -> Result<Self, GapError> {
+    fn doubted(mut self, nominal: &Study) -> Result<Self, GapError> {
         let Some(study) = self.later.as_mut().filter(|_| self.on_feet && !self.accused.is_empty()) else {
             return Ok(self);
         };
@@ -461,12 +461,10 @@ impl Findings<'_> {
             levels: [self.opening.level, self.level_after],
             opening: &self.opening.laws,
             accused: self.accused.iter().map(Accused::named).collect(),
-            is_local: self.accused.iter().any(|a| a.fit.suspect.extent.is_some()),
             evidence: self.accused.iter().map(|a| a.fit.evidence).fold(0.0, f64::max),
-            events: self.accused.iter().filter_map(Accused::time).collect(),
             round: self.rounds.last().filter(|r| r.accused.is_none()),
         };
-        self.doubt = doubt::doubt(study, &judged)?;
+        self.doubt = doubt::doubt(nominal, study, &judged)?;
         Ok(self)
     }
 
