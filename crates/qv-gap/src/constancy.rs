@@ -134,7 +134,7 @@ mod tests {
     use super::*;
     use crate::random::Random;
 
-    /// Two hundred windows that ask for 0.1 per unit of speed and for nothing else, with noise.
+    /// Eight hundred windows that ask for 0.1 per unit of speed and for nothing else, with noise.
     fn asked(slope: f64) -> Vec<Asked> {
         let mut random = Random::new(3, 1);
         let mut one = || {
@@ -142,7 +142,7 @@ mod tests {
             let change = slope * known[0] + 0.1 * (random.uniform() - 0.5);
             Asked { change, weight: 0.5 + random.uniform(), known }
         };
-        (0..200).map(|_| one()).collect()
+        (0..800).map(|_| one()).collect()
     }
 
     #[test]
