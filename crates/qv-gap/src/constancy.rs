@@ -71,7 +71,7 @@ pub fn fading(study: &Study, name: &str, group: &Group, values: &[f64], time: [f
         let change = along.dot(&(seen.nominal().b - across * &deviations)) / weight;
         // A robot that stands tells a force ten times as well as engines agree on it.
         let weight = 1.0 / (1.0 / weight + columns.effects[effect].engine_error.powi(2));
-        (weight > 0.0).then(|| Asked { change, weight, known: [0.0, 0.0, 0.0, seen.window.start] })
+        (weight > 0.0).then_some(Asked { change, weight, known: [0.0, 0.0, 0.0, seen.window.start] })
     };
     let asked: Vec<Asked> = study.seen.iter().filter(is_inside).filter_map(ask).collect();
     if asked.len() < LEAST_WINDOWS {
