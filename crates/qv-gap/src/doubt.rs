@@ -11,6 +11,7 @@ use crate::laws::{LawLeft, laws};
 use crate::library::{Effect, Scope};
 use crate::search::{Fit, Search};
 use crate::study::Study;
+use crate::twins::twins;
 
 /// What the law of an actuator may leave, over the null and over what chance makes of it, and as a share of what there was.
 const LAW_LEFT: f64 = 2.0;
@@ -65,7 +66,7 @@ pub struct Named {
 
 impl Named {
     /// First value, if it acts all the time and everywhere.
-    fn steady(&self) -> Option<f64> {
+    pub fn steady(&self) -> Option<f64> {
         self.extent.is_none().then(|| self.values[0])
     }
 
@@ -116,8 +117,9 @@ pub fn law_left<'l>(now: &'l [LawLeft], opening: &[LawLeft]) -> Option<&'l LawLe
 /// When a value means nothing.
 pub fn doubt(nominal: &Study, study: &mut Study, judged: &Judged) -> Result<Option<String>, GapError> {
     let events: Vec<[f64; 2]> = judged.accused.iter().filter_map(Named::time).collect();
-    if let Some(pulled) = pulled(&events).or_else(|| fading(nominal, judged)) {
-        return Ok(Some(pulled));
+    let one = || twins(&study.columns.effects, &judged.accused);
+    if let Some(other) = one().or_else(|| pulled(&events)).or_else(|| fading(nominal, judged)) {
+        return Ok(Some(other));
     }
     let [before, after] = judged.levels.map(|l| l.ratio);
     let is_sure = judged.evidence > SURE_EVENT;

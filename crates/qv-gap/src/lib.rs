@@ -36,6 +36,7 @@ mod shares;
 pub mod slip;
 pub mod study;
 mod telling;
+mod twins;
 pub mod visual;
 pub mod whiten;
 
