@@ -32,9 +32,9 @@ pub struct Dependence {
     pub change: f64,
 }
 
-const FACTORS: [&str; 4] = ["speed", "nearness to rest", "load", "time"];
-/// The last of them.
-const TIME: usize = 3;
+/// The last of the factors.
+pub const TIME: &str = "time";
+const FACTORS: [&str; 4] = ["speed", "nearness to rest", "load", TIME];
 /// Windows from which a slope and its error are told.
 const LEAST_WINDOWS: usize = 8;
 /// Speed below which a joint is nearly at rest, where friction fades fastest \[rad/s\].
@@ -77,7 +77,7 @@ pub fn fading(study: &Study, name: &str, group: &Group, values: &[f64], time: [f
     if asked.len() < LEAST_WINDOWS {
         return None;
     }
-    dependence(&asked, TIME)
+    dependence(&asked, FACTORS.len() - 1)
 }
 
 fn asked(study: &Study, name: &str, group: &Group) -> Vec<Asked> {
