@@ -8,8 +8,11 @@ use qv_replay::replay::{Command, SensorErrors, Starts};
 use qv_sim::{Batch, Shape, State};
 use rayon::prelude::*;
 
-/// Environments that one thread steps together: a few registers' worth of each window.
+/// Environments that one thread steps together: a few registers' worth of each window; one register's where there are few cases, so
+/// that all threads have some.
 const TOGETHER: usize = 32;
+const FEW_TOGETHER: usize = 8;
+const FEW: usize = 512;
 
 /// Measured minus simulated features of windows under settings.
 pub struct Residuals {
@@ -78,7 +81,8 @@ pub fn compare(
     let past = (latency / numerics.timestep).ceil() as usize;
     let commands: Vec<Commands> =
         windows.par_iter().map(|w| Commands::new(problem, w, numerics, past)).collect::<Result<_, _>>()?;
-    let chunks: Vec<&[Case]> = cases.chunks(TOGETHER).collect();
+    let together = if cases.len() < FEW { FEW_TOGETHER } else { TOGETHER };
+    let chunks: Vec<&[Case]> = cases.chunks(together).collect();
     let done: Vec<Vec<Vec<f64>>> = chunks
         .par_iter()
         .map(|chunk| simulate(problem, numerics, windows, settings, (&prepared, &commands), chunk))

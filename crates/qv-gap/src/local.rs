@@ -18,6 +18,8 @@ const MOST_EVENTS: usize = 8;
 /// Rounds of the pattern search; an event touches few windows, and takes little for each.
 const ROUNDS: usize = 9;
 const EVENT_ROUNDS: usize = 30;
+/// Share of the first steps of the search below which nothing is gained by smaller ones: some milliseconds and a thousandth of a range.
+const LEAST_STEP: f64 = 0.02;
 
 impl Search<'_, '_> {
     /// Suspects that act in a part of the recording, at their best.
@@ -233,9 +235,13 @@ impl Search<'_, '_> {
             let values = at[..axes].iter().map(|v| v.clamp(effect.range[0], effect.range[1])).collect();
             Suspect { group, values, extent: Some(extent.with(&at[axes..])) }
         };
+        let first_steps = steps.clone();
         let mut loss = self.loss_at(base, &[as_suspect(&at)])?[0];
         let rounds = if matches!(extent, Extent::Time(_)) { EVENT_ROUNDS } else { ROUNDS };
         for round in 0..rounds {
+            if steps.iter().zip(&first_steps).all(|(s, first)| *s < LEAST_STEP * first) {
+                break;
+            }
             if round % 3 == 1 && matches!(extent, Extent::Region(_)) {
                 // Whether a foot slips is a threshold: no slope leads from one side of it to the other.
                 (at, loss) = self.best_friction(base, at, loss, &as_suspect)?;

@@ -60,7 +60,7 @@ impl<'a> Study<'a> {
             for (&k, column) in moved.iter().zip(&columns) {
                 seen.j.set_column(EXTRA + k, column);
             }
-            seen.h = seen.j.tr_mul(&seen.j);
+            seen.h = seen.j.transpose() * &seen.j;
             seen.residual = self.parts[seen.window.run].whitener.residual(seen.index, &raw);
             seen.raw = raw;
             if self.is_relative {

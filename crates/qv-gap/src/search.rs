@@ -400,16 +400,21 @@ impl<'s, 'a> Search<'s, 'a> {
         }
         let settings = self.settings(base, &points);
         let raw = self.study.raw_vectors(&settings, &windows)?;
-        let mut tangents = Vec::new();
-        let mut next = 0;
+        // Where the moved points of each fit begin.
+        let mut first = 0;
+        let mut begins = Vec::new();
         for &k in live {
-            let values = &fits[k].suspect.values;
-            let steps: Vec<f64> = (0..values.len()).map(|a| points[next + a].values[a] - values[a]).collect();
-            let moved = raw[next..next + steps.len()].iter();
-            let vectors: Vec<&Residuals> = std::iter::once(&here[k]).chain(moved).collect();
-            tangents.push(self.tangent(&vectors, &windows, &steps));
-            next += steps.len();
+            begins.push((k, first));
+            first += fits[k].suspect.values.len();
         }
+        let tangent = |&(k, first): &(usize, usize)| {
+            let values = &fits[k].suspect.values;
+            let steps: Vec<f64> = (0..values.len()).map(|a| points[first + a].values[a] - values[a]).collect();
+            let moved = raw[first..first + steps.len()].iter();
+            let vectors: Vec<&Residuals> = std::iter::once(&here[k]).chain(moved).collect();
+            self.tangent(&vectors, &windows, &steps)
+        };
+        let tangents = begins.par_iter().map(tangent).collect();
         Ok(tangents)
     }
 
