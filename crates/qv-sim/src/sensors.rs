@@ -45,13 +45,17 @@ pub(crate) fn read(
     let joint = |j: usize, field: JointField| value(j * JointField::COUNT + field as usize);
     let timestep = shared.options.timestep;
     let most = shared.options.max_sensor_latency;
-    let past = |latency: f64, id: usize| -> Result<(Vec<f64>, Vec<f64>), SimError> {
+    let age = |latency: f64, id: usize| -> Result<f64, SimError> {
         if latency > most {
             let (what, expected) = (catalogue.infos[id].name.clone(), format!("at most max_sensor_latency, {most} s"));
             return Err(SimError::Value { what, expected, found: latency });
         }
+        Ok(latency / timestep)
+    };
+    let past = |latency: f64, id: usize| -> Result<(Vec<f64>, Vec<f64>), SimError> {
+        let age = age(latency, id)?;
         let (mut q, mut v) = (vec![0.0; model.nq()], vec![0.0; model.nv()]);
-        engine.read_past_state(env, latency / timestep, &mut q, &mut v);
+        engine.read_past_state(env, age, &mut q, &mut v);
         Ok((q, v))
     };
     let (q, v) = past(0.0, 0)?;
@@ -70,8 +74,9 @@ pub(crate) fn read(
     for j in 0..model.joints.len() {
         let latency = joint(j, JointField::EncoderLatency);
         if latency > 0.0 {
-            let (q, v) = past(latency, j * JointField::COUNT + JointField::EncoderLatency as usize)?;
-            (reading.q[j], reading.dq[j]) = (q[positions + j], v[dofs + j]);
+            let age = age(latency, j * JointField::COUNT + JointField::EncoderLatency as usize)?;
+            let sizes = [model.nq(), model.nv()];
+            [reading.q[j], reading.dq[j]] = engine.past_joint(env, age, sizes, [positions + j, dofs + j]);
         }
         reading.q[j] += joint(j, JointField::EncoderBias);
         reading.tau[j] *= joint(j, JointField::TorqueScale);

@@ -103,9 +103,11 @@ fn filled(series: &JointSeries, columns: &[usize]) -> JointSeries {
     let joints = columns.len();
     let mut values = Vec::with_capacity(series.len() * joints);
     for i in 0..series.len() {
-        values.extend(columns.iter().map(|&c| series.row(i)[c]));
+        let row = series.row(i);
+        values.extend(columns.iter().map(|&c| row[c]));
     }
-    for j in 0..joints {
+    let has_blanks = values.iter().any(|x| !x.is_finite());
+    for j in (0..joints).filter(|_| has_blanks) {
         let first = (0..series.len()).map(|i| values[i * joints + j]).find(|x| x.is_finite());
         let mut before = first.unwrap_or(0.0);
         for i in 0..series.len() {

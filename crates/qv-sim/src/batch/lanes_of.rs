@@ -23,6 +23,7 @@ pub(crate) trait Engine: Send + Sync {
     fn read_state(&self, env: usize, q: &mut [f64], v: &mut [f64]);
     /// State of `age` steps ago (not whole: interpolated), as far back as is kept.
     fn read_past_state(&self, env: usize, age: f64, q: &mut [f64], v: &mut [f64]);
+    fn past_joint(&self, env: usize, age: f64, sizes: [usize; 2], at: [usize; 2]) -> [f64; 2];
     fn write_command(&mut self, shared: &Shared, env: usize, age: Option<usize>, command: &JointCommand);
     fn write_command_to_all(&mut self, shared: &Shared, command: &JointCommand);
     fn derive(&mut self, deriver: &Deriver, slot: Slot, values: &[f64], env: usize) -> Result<(), SimError>;
@@ -183,13 +184,26 @@ impl<L: Real> Engine for Lanes<L> {
         if kept == 0 || age <= 0.0 {
             return self.read_state(env, q, v);
         }
-        let whole = (age.floor() as usize).min(kept - 1);
-        let share = (age - whole as f64).clamp(0.0, 1.0);
-        let row = |age: usize| &block.seen[((block.seen_head + kept - age.min(kept - 1)) % kept) * width..][..width];
-        for (target, (young, old)) in q.iter_mut().chain(v).zip(row(whole).iter().zip(row(whole + 1))) {
+        let ([young, old], share) = block.past_rows(age, width);
+        for (target, (young, old)) in q.iter_mut().chain(v).zip(young.iter().zip(old)) {
             let (young, old) = (young.lane(lane).to_f64(), old.lane(lane).to_f64());
             *target = young + share * (old - young);
         }
+    }
+
+    /// One position and one speed of a past state, of `sizes` positions and speeds those `at`.
+    fn past_joint(&self, env: usize, age: f64, [positions, dofs]: [usize; 2], [q, v]: [usize; 2]) -> [f64; 2] {
+        let (block, lane) = self.at(env);
+        if block.seen.is_empty() || age <= 0.0 {
+            let (mut all_q, mut all_v) = (vec![0.0; positions], vec![0.0; dofs]);
+            self.read_state(env, &mut all_q, &mut all_v);
+            return [all_q[q], all_v[v]];
+        }
+        let ([young, old], share) = block.past_rows(age, positions + dofs);
+        [q, positions + v].map(|k| {
+            let (young, old) = (young[k].lane(lane).to_f64(), old[k].lane(lane).to_f64());
+            young + share * (old - young)
+        })
     }
 
     fn write_command(&mut self, shared: &Shared, env: usize, age: Option<usize>, command: &JointCommand) {

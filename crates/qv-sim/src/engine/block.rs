@@ -203,6 +203,15 @@ impl<L: Real> Work<L> {
 }
 
 impl<L: Real> Block<L> {
+    /// The kept rows of `width` numbers before and after `age` \[steps\], and how far the age is from the first to the second.
+    pub fn past_rows(&self, age: f64, width: usize) -> ([&[L]; 2], f64) {
+        let kept = self.seen.len() / width;
+        let whole = (age.floor() as usize).min(kept - 1);
+        let share = (age - whole as f64).clamp(0.0, 1.0);
+        let row = |age: usize| &self.seen[((self.seen_head + kept - age.min(kept - 1)) % kept) * width..][..width];
+        ([row(whole), row(whole + 1)], share)
+    }
+
     /// All lanes at rest in the model's zero position, with parameters still to be derived.
     pub fn new(model: &Model, topology: &Topology, materials: usize, commands: usize, seen: usize) -> Self {
         let zero = L::zero();
