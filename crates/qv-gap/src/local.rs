@@ -18,8 +18,8 @@ const MOST_EVENTS: usize = 8;
 /// Rounds of the pattern search; an event touches few windows, and takes little for each.
 const ROUNDS: usize = 9;
 const EVENT_ROUNDS: usize = 30;
-/// Share of the first steps of the search below which nothing is gained by smaller ones: some milliseconds and a thousandth of a range.
-const LEAST_STEP: f64 = 0.02;
+/// Share of the first steps of the search below which nothing is gained by smaller ones: a fraction of a millisecond, a ten thousandth of a range.
+const LEAST_STEP: f64 = 0.002;
 
 impl Search<'_, '_> {
     /// Suspects that act in a part of the recording, at their best.
