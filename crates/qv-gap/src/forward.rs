@@ -2,11 +2,12 @@
 
 use crate::GapError;
 use crate::observe::{self, Channel, middle, middles, turn};
-use crate::problem::{Numerics, Problem, Role, Setting, Window};
+use crate::problem::{Cut, Numerics, Problem, Role, Setting, Window};
 use glam::{DQuat, DVec3};
 use qv_replay::replay::{Command, SensorErrors, Starts};
 use qv_sim::{Batch, Shape, State};
 use rayon::prelude::*;
+use std::sync::{Arc, OnceLock};
 
 /// Environments that one thread steps together: a few registers' worth of each window; one register's where there are few cases, so
 /// that all threads have some.
@@ -24,11 +25,28 @@ pub struct Residuals {
 }
 
 /// What depends on the errors of the sensors alone.
-struct Prepared {
+pub(crate) struct Prepared {
     /// Measured features.
     measured: Vec<f64>,
     /// State at the start.
     state: State,
+}
+
+/// What a window looks like under the sensor errors that were asked for first, which are those of nearly all settings: smoothing the start
+/// takes as long as some hundred steps.
+#[derive(Default)]
+pub(crate) struct Kept(OnceLock<(SensorErrors, Cut, Option<Arc<Prepared>>)>);
+
+impl Kept {
+    fn get(&self, problem: &Problem, window: &Window, errors: &SensorErrors) -> Option<Arc<Prepared>> {
+        if let Some((_, _, kept)) = self.0.get().filter(|k| k.0 == *errors && k.1 == problem.cut) {
+            return kept.clone();
+        }
+        let new = prepare_one(problem, window, errors).map(Arc::new);
+        // Another thread may have been first, with the same or with other errors: its own stays.
+        let _ = self.0.set((errors.clone(), problem.cut, new.clone()));
+        new
+    }
 }
 
 /// What a window's robot was told.
@@ -98,7 +116,7 @@ pub fn compare(
 }
 
 /// Starts and measured features, once for each window and each distinct set of sensor errors; cases by window.
-fn prepare(problem: &Problem, windows: &[&Window], settings: &[Setting]) -> (Vec<Option<Prepared>>, Vec<Case>) {
+fn prepare(problem: &Problem, windows: &[&Window], settings: &[Setting]) -> (Vec<Option<Arc<Prepared>>>, Vec<Case>) {
     let mut distinct: Vec<SensorErrors> = Vec::new();
     let of_setting: Vec<usize> = settings
         .iter()
@@ -112,7 +130,8 @@ fn prepare(problem: &Problem, windows: &[&Window], settings: &[Setting]) -> (Vec
         .collect();
     let tasks: Vec<(usize, usize)> =
         (0..windows.len()).flat_map(|w| (0..distinct.len()).map(move |d| (w, d))).collect();
-    let prepared = tasks.par_iter().map(|&(w, d)| prepare_one(problem, windows[w], &distinct[d])).collect();
+    let one = |&(w, d): &(usize, usize)| windows[w].start_kept.get(problem, windows[w], &distinct[d]);
+    let prepared = tasks.par_iter().map(one).collect();
     let mut cases = Vec::new();
     for window in 0..windows.len() {
         for (setting, errors) in of_setting.iter().enumerate() {
@@ -139,7 +158,7 @@ fn simulate(
     numerics: &Numerics,
     windows: &[&Window],
     settings: &[Setting],
-    (prepared, commands): (&[Option<Prepared>], &[Commands]),
+    (prepared, commands): (&[Option<Arc<Prepared>>], &[Commands]),
     cases: &[Case],
 ) -> Result<Vec<Vec<f64>>, GapError> {
     let live: Vec<&Case> = cases.iter().filter(|c| prepared[c.prepared].is_some()).collect();

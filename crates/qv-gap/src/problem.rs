@@ -1,6 +1,7 @@
 //! What is being diagnosed: a robot, the ground, and the windows of a recording, with all that is looked up once.
 
 use crate::GapError;
+use crate::forward::Kept;
 use crate::observe::{self, Channel};
 use qv_replay::Run;
 use qv_replay::median_interval;
@@ -135,6 +136,8 @@ pub struct Window {
     pub held_out: bool,
     /// Which run it is of.
     pub run: usize,
+    /// Where its simulation starts, once that was asked for.
+    pub(crate) start_kept: Kept,
 }
 
 /// A robot, the ground and the channels that can be compared.
@@ -326,7 +329,7 @@ impl<'a> Problem<'a> {
         let starts = Starts::new(&view, &self.columns, self.free, self.sensor_errors(&Vec::new())).ok()?;
         starts.at(start)?;
         let attitude = if self.free { observe::attitudes(self, &view, &starts, start)? } else { Vec::new() };
-        Some(Window { start, view, attitude, moving: true, held_out, run: 0 })
+        Some(Window { start, view, attitude, moving: true, held_out, run: 0, start_kept: Kept::default() })
     }
 
     /// The command for each tick of a window, of ticks before it, and how many those are.

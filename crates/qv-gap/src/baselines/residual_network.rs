@@ -12,7 +12,7 @@ use super::Answer;
 use super::network::{Adam, HIDDEN, Network};
 use super::plain::Plain;
 use crate::GapError;
-use crate::forward::{compare, measured};
+use crate::forward::{Kept, compare, measured};
 use crate::law::{self, Law};
 use crate::observe::{self, Channel};
 use crate::problem::{Problem, Setting, Window};
@@ -216,7 +216,8 @@ fn pushed(problem: &Problem, window: &Window, torques: &[f64]) -> Window {
     let mut view = window.view.clone();
     view.commands.torque = Some(JointSeries { time, values, joints: width });
     let attitude = window.attitude.clone();
-    Window { view, attitude, start: window.start, moving: window.moving, held_out: window.held_out, run: window.run }
+    let Window { start, moving, held_out, run, .. } = *window;
+    Window { view, attitude, start, moving, held_out, run, start_kept: Kept::default() }
 }
 
 /// Raw residual of a window under torques, empty when it runs away, and the steps that were simulated.
