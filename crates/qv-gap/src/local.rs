@@ -42,9 +42,9 @@ impl Search<'_, '_> {
         Ok(fits)
     }
 
-    /// The same fit with the friction and the outline that pieces of windows show.
+    /// The same fit with the friction and the outline that pieces of windows show, if whole windows show anything.
     fn by_pieces(&self, fit: Fit) -> Result<Fit, GapError> {
-        let Some(Extent::Region(region)) = fit.suspect.extent else { return Ok(fit) };
+        let Some(Extent::Region(region)) = fit.suspect.extent.filter(|_| fit.evidence > 0.0) else { return Ok(fit) };
         let Some(slip) = self.slip(fit.suspect.group, region)?.filter(|s| s.gain > 0.0) else { return Ok(fit) };
         let [friction, deviation] = slip.friction;
         let suspect = Suspect { values: vec![friction], extent: Some(Extent::Region(slip.region)), ..fit.suspect };
