@@ -5,6 +5,7 @@ use crate::agree::seen;
 use crate::depth::DepthFrame;
 use crate::error::off;
 use crate::nearest::PointGrid;
+use crate::similarity::Similarity;
 use glam::DVec3;
 use qv_core::TriangleMesh;
 use rayon::prelude::*;
@@ -99,6 +100,34 @@ pub fn compare(
     compare_points(&sample(mesh, count, 1)?, &sample(reference, count, 2)?, distances)
 }
 
+/// How far apart points may be that are taken for the same at first and at last \[m\], and in how many rounds the one becomes the other.
+const REACH: [f64; 2] = [0.3, 0.05];
+const ROUNDS: usize = 60;
+/// Points of a surface that are followed.
+const FOLLOWED: usize = 20_000;
+
+/// The similarity that lays points of a surface on a reference: pairs of closest points, over and over, nearer ones each time (Besl and
+/// McKay, *A method for registration of 3-D shapes*, 1992; as Knapitsch et al. register what they compare). A reconstruction from photographs has the
+/// place and the size that its cameras were given; with it, F1 is of the shape alone.
+///
+/// # Errors
+/// There are no points, one is not finite, or fewer than three are near the reference.
+pub fn register(found: &[DVec3], reference: &[DVec3]) -> Result<Similarity, MeshError> {
+    let grid = PointGrid::new(reference, 0.25 * REACH[0])?;
+    let some: Vec<DVec3> = found.iter().copied().step_by(found.len().div_ceil(FOLLOWED).max(1)).collect();
+    let mut reference_from_found = Similarity::IDENTITY;
+    for round in 0..ROUNDS {
+        let reach = REACH[0] * (REACH[1] / REACH[0]).powf(round as f64 / (ROUNDS - 1) as f64);
+        let pair = |p: &DVec3| {
+            let near = grid.nearest(reference_from_found.transform_point(*p), reach)?;
+            Some((*p, reference[near.0]))
+        };
+        let (from, to): (Vec<DVec3>, Vec<DVec3>) = some.par_iter().filter_map(pair).unzip();
+        reference_from_found = Similarity::from_points(&from, &to)?.0;
+    }
+    Ok(reference_from_found)
+}
+
 /// Points that some depth frame could have measured: in its image, where it has a depth, and not more than `behind` \[m\] behind that. Of what
 /// lies behind all that was measured, or where nothing was, a reference made of these frames says nothing (the culling by
 /// visibility of Azinović et al., *Neural RGB-D Surface Reconstruction*, 2022).
@@ -109,25 +138,12 @@ pub fn measurable(points: Vec<DVec3>, frames: &[DepthFrame], behind: f64) -> Vec
     points.into_par_iter().filter(|point| frames.iter().any(|frame| by(point, frame))).collect()
 }
 
-/// As [`compare`], but of the mesh only what `frames` could have measured counts, as [`measurable`] says with the largest distance.
-///
-/// # Errors
-/// As [`compare`], or nothing could have been measured.
-pub fn compare_measurable(
-    mesh: &TriangleMesh,
-    reference: &TriangleMesh,
-    frames: &[DepthFrame],
-    distances: &[f64],
-    count: usize,
-) -> Result<Vec<Likeness>, MeshError> {
-    let behind = distances.iter().copied().fold(0.0, f64::max);
-    let found = measurable(sample(mesh, count, 1)?, frames, behind);
-    compare_points(&found, &sample(reference, count, 2)?, distances)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DQuat;
+    use qv_core::Pose;
+    use std::f64::consts::FRAC_PI_2;
 
     fn square(size: f64, z: f64) -> TriangleMesh {
         let p = |x: f64, y: f64| DVec3::new(x * size, y * size, z);
@@ -168,6 +184,30 @@ mod tests {
         ];
         // On the wall, in free space before it and hardly behind it; not behind it, where nothing was measured, behind the camera, beside the image.
         assert_eq!(measurable(points.to_vec(), &[frame], 0.05), points[..3]);
+    }
+
+    #[test]
+    fn a_surface_is_laid_on_its_reference() {
+        // Two walls and a floor, turned, moved and scaled; no closest point is at first the right one.
+        let mut room = square(1.0, 0.0);
+        for turn in [DQuat::from_rotation_x(FRAC_PI_2), DQuat::from_rotation_y(-FRAC_PI_2)] {
+            let first = room.vertices.len() as u32;
+            room.vertices.extend(square(0.7, 0.0).vertices.iter().map(|p| turn * *p));
+            room.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+        }
+        let reference = sample(&room, 8_000, 2).unwrap();
+        let pose = Pose { rotation: DQuat::from_rotation_z(0.04), position: DVec3::new(0.05, -0.04, 0.03) };
+        let moved = Similarity { scale: 1.03, pose };
+        let found: Vec<DVec3> =
+            sample(&room, 8_000, 1).unwrap().into_iter().map(|p| moved.transform_point(p)).collect();
+        let before = compare_points(&found, &reference, &[0.02]).unwrap()[0].f1();
+        let back = register(&found, &reference).unwrap();
+        let laid: Vec<DVec3> = found.iter().map(|p| back.transform_point(*p)).collect();
+        let after = compare_points(&laid, &reference, &[0.02]).unwrap()[0].f1();
+        assert!(before < 0.6 && after > 0.99, "{before} {after}");
+        assert!((back.scale * 1.03 - 1.0).abs() < 0.005, "{back:?}");
+        let far: Vec<DVec3> = found.iter().map(|p| *p + 10.0).collect();
+        assert!(register(&far, &reference).is_err(), "nothing is near");
     }
 
     #[test]

@@ -9,7 +9,7 @@ use glam::DVec3;
 use qv_core::{GaussianCloud, Material, TriangleMesh};
 use qv_mesh::agree::{AgreeOptions, keep_agreeing};
 use qv_mesh::close::close_to_solid;
-use qv_mesh::compare::{Likeness, compare, compare_measurable};
+use qv_mesh::compare::{Likeness, compare_points, measurable, register, sample};
 use qv_mesh::files::{glb, ply, stl};
 use qv_mesh::labels::LabelledPoints;
 use qv_mesh::similarity::Similarity;
@@ -110,6 +110,9 @@ pub struct Mesh {
     /// RGB-D frames that the mesh of --compare was made of: of ours, only what they could have measured is compared
     #[arg(long, value_name = "FOLDER", requires = "compare")]
     compare_measured: Option<PathBuf>,
+    /// Lays the surface on the mesh of --compare by closest points first: F1 is of the shape, not of where cameras were said to be
+    #[arg(long, requires = "compare")]
+    compare_aligned: bool,
     /// Takes the folder for one of RGB-D frames, whatever it looks like
     #[arg(long)]
     rgbd: bool,
@@ -377,14 +380,31 @@ impl Mesh {
         let bytes = fs::read(path).map_err(|e| about(path, format!("expected a mesh, found {e}")))?;
         let reference = if bytes.starts_with(b"ply") { ply::read(&bytes) } else { glb::read(&bytes) };
         let (reference, distances) = (reference.map_err(|e| about(path, e))?, [0.02, 0.05]);
-        let Some(folder) = &self.compare_measured else { return Ok(compare(mesh, &reference, &distances, SAMPLES)?) };
+        let frames = self.compare_measured.as_ref().map(|folder| self.measured(folder)).transpose()?;
+        let most = distances[distances.len() - 1];
+        // Of what could not be measured the reference says nothing.
+        let told = |points: Vec<DVec3>| match &frames {
+            Some(frames) => measurable(points, frames, most),
+            None => points,
+        };
+        let (mut found, reference) = (sample(mesh, SAMPLES, 1)?, sample(&reference, SAMPLES, 2)?);
+        if self.compare_aligned {
+            let laid = register(&told(found.clone()), &reference).map_err(|e| about(path, e))?;
+            found.iter_mut().for_each(|p| *p = laid.transform_point(*p));
+            let turn = laid.pose.rotation.to_axis_angle().1.to_degrees();
+            eprintln!("qv: laid on {}: scale {:.4}, turn {turn:.2} degrees", path.display(), laid.scale);
+        }
+        compare_points(&told(found), &reference, &distances).map_err(|e| about(path, e))
+    }
+
+    /// RGB-D frames that a reference was made of, without what it leaves out as too far.
+    fn measured(&self, folder: &Path) -> Result<Vec<DepthFrame>, Failure> {
         let bar = progress(0, "reading depth");
         let mut frames = rgbd::open(folder, &bar)?.frames;
         bar.finish_and_clear();
-        // What the reference leaves out as too far is not measured.
         let far = |depth: &f32| f64::from(*depth) > self.max_depth;
         frames.iter_mut().for_each(|frame| frame.depth.iter_mut().filter(|d| far(d)).for_each(|d| *d = 0.0));
-        compare_measurable(mesh, &reference, &frames, &distances, SAMPLES).map_err(|e| about(folder, e))
+        Ok(frames)
     }
 
     fn tell(
