@@ -195,11 +195,11 @@ mod tests {
             room.vertices.extend(square(0.7, 0.0).vertices.iter().map(|p| turn * *p));
             room.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
         }
-        let reference = sample(&room, 4_000, 2).unwrap();
+        let reference = sample(&room, 8_000, 2).unwrap();
         let pose = Pose { rotation: DQuat::from_rotation_z(0.04), position: DVec3::new(0.05, -0.04, 0.03) };
         let moved = Similarity { scale: 1.03, pose };
         let found: Vec<DVec3> =
-            sample(&room, 4_000, 1).unwrap().into_iter().map(|p| moved.transform_point(p)).collect();
+            sample(&room, 8_000, 1).unwrap().into_iter().map(|p| moved.transform_point(p)).collect();
         let before = compare_points(&found, &reference, &[0.02]).unwrap()[0].f1();
         let back = register(&found, &reference).unwrap();
         let laid: Vec<DVec3> = found.iter().map(|p| back.transform_point(*p)).collect();
