@@ -102,7 +102,7 @@ pub fn compare(
 
 /// How far apart points may be that are taken for the same at first and at last \[m\], and in how many rounds the one becomes the other.
 const REACH: [f64; 2] = [0.3, 0.05];
-const ROUNDS: usize = 150;
+const ROUNDS: usize = 80;
 /// Points of a surface that are followed.
 const FOLLOWED: usize = 20_000;
 
@@ -113,16 +113,25 @@ const FOLLOWED: usize = 20_000;
 /// # Errors
 /// There are no points, one is not finite, or fewer than three are near the reference.
 pub fn register(found: &[DVec3], reference: &[DVec3]) -> Result<Similarity, MeshError> {
-    let grid = PointGrid::new(reference, 0.25 * REACH[0])?;
-    let some: Vec<DVec3> = found.iter().copied().step_by(found.len().div_ceil(FOLLOWED).max(1)).collect();
+    let some =
+        |all: &[DVec3]| -> Vec<DVec3> { all.iter().copied().step_by(all.len().div_ceil(FOLLOWED).max(1)).collect() };
+    let (found, reference) = (some(found), some(reference));
+    let grids = (PointGrid::new(&found, 0.25 * REACH[0])?, PointGrid::new(&reference, 0.25 * REACH[0])?);
     let mut reference_from_found = Similarity::IDENTITY;
     for round in 0..ROUNDS {
         let reach = REACH[0] * (REACH[1] / REACH[0]).powf(round as f64 / (ROUNDS - 1) as f64);
-        let pair = |p: &DVec3| {
-            let near = grid.nearest(reference_from_found.transform_point(*p), reach)?;
+        let found_from_reference = reference_from_found.inverse();
+        // Both ways: what sticks out beyond the rim of the other has its closest points on that rim, which alone would shrink it.
+        let there = |p: &DVec3| {
+            let near = grids.1.nearest(reference_from_found.transform_point(*p), reach)?;
             Some((*p, reference[near.0]))
         };
-        let (from, to): (Vec<DVec3>, Vec<DVec3>) = some.par_iter().filter_map(pair).unzip();
+        let back = |p: &DVec3| {
+            let near = grids.0.nearest(found_from_reference.transform_point(*p), reach * found_from_reference.scale)?;
+            Some((found[near.0], *p))
+        };
+        let pairs = found.par_iter().filter_map(there).chain(reference.par_iter().filter_map(back));
+        let (from, to): (Vec<DVec3>, Vec<DVec3>) = pairs.unzip();
         reference_from_found = Similarity::from_points(&from, &to)?.0;
     }
     Ok(reference_from_found)
