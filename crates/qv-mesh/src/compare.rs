@@ -67,20 +67,27 @@ fn uniform(seed: u64, counter: u64) -> f64 {
     ((x ^ (x >> 31)) >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// Compares points of a surface with points of a reference \[m\] at several distances \[m\].
+/// Compares points of a surface with points of a reference \[m\] at several distances \[m\]. For precision only `counted` count, those of `found`
+/// of which the reference tells something ([`measurable`]); what of the reference was found is asked of all.
 ///
 /// # Errors
 /// There are no points, one is not finite, or a distance is not positive.
-pub fn compare_points(found: &[DVec3], reference: &[DVec3], distances: &[f64]) -> Result<Vec<Likeness>, MeshError> {
-    if found.is_empty() || reference.is_empty() {
-        return Err(off("surfaces to compare", "points", format!("{} and {}", found.len(), reference.len())));
+pub fn compare_points(
+    counted: &[DVec3],
+    found: &[DVec3],
+    reference: &[DVec3],
+    distances: &[f64],
+) -> Result<Vec<Likeness>, MeshError> {
+    if counted.is_empty() || found.is_empty() || reference.is_empty() {
+        let sizes = format!("{} of {} and {}", counted.len(), found.len(), reference.len());
+        return Err(off("surfaces to compare", "points", sizes));
     }
     let most = distances.iter().copied().fold(0.0, f64::max);
     let gaps = |from: &[DVec3], to: &[DVec3]| -> Result<Vec<f64>, MeshError> {
         let grid = PointGrid::new(to, 0.5 * most)?;
         Ok(from.par_iter().map(|p| grid.nearest(*p, most).map_or(f64::INFINITY, |(_, d)| d)).collect())
     };
-    let (there, back) = (gaps(found, reference)?, gaps(reference, found)?);
+    let (there, back) = (gaps(counted, reference)?, gaps(reference, found)?);
     let share = |gaps: &[f64], most: f64| gaps.iter().filter(|d| **d <= most).count() as f64 / gaps.len() as f64;
     let at = |d: &f64| Likeness { distance: *d, precision: share(&there, *d), recall: share(&back, *d) };
     Ok(distances.iter().map(at).collect())
@@ -97,7 +104,8 @@ pub fn compare(
     distances: &[f64],
     count: usize,
 ) -> Result<Vec<Likeness>, MeshError> {
-    compare_points(&sample(mesh, count, 1)?, &sample(reference, count, 2)?, distances)
+    let found = sample(mesh, count, 1)?;
+    compare_points(&found, &found, &sample(reference, count, 2)?, distances)
 }
 
 /// How far apart points may be that are taken for the same at first and at last \[m\], and in how many rounds the one becomes the other.
@@ -106,18 +114,27 @@ const ROUNDS: usize = 80;
 /// Points of a surface that are followed.
 const FOLLOWED: usize = 20_000;
 
+/// How a surface was laid on a reference.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Registration {
+    /// Where it was laid.
+    pub reference_from_found: Similarity,
+    /// Share of the points of both that have one of the other within 5 cm then.
+    pub share: f64,
+}
+
 /// The similarity that lays points of a surface on a reference: pairs of closest points, over and over, nearer ones each time (Besl and
 /// McKay, *A method for registration of 3-D shapes*, 1992; as Knapitsch et al. register what they compare). A reconstruction from photographs has the
 /// place and the size that its cameras were given; with it, F1 is of the shape alone.
 ///
 /// # Errors
 /// There are no points, one is not finite, or fewer than three are near the reference.
-pub fn register(found: &[DVec3], reference: &[DVec3]) -> Result<Similarity, MeshError> {
+pub fn register(found: &[DVec3], reference: &[DVec3]) -> Result<Registration, MeshError> {
     let some =
         |all: &[DVec3]| -> Vec<DVec3> { all.iter().copied().step_by(all.len().div_ceil(FOLLOWED).max(1)).collect() };
     let (found, reference) = (some(found), some(reference));
     let grids = (PointGrid::new(&found, 0.25 * REACH[0])?, PointGrid::new(&reference, 0.25 * REACH[0])?);
-    let mut reference_from_found = Similarity::IDENTITY;
+    let (mut reference_from_found, mut share) = (Similarity::IDENTITY, 0.0);
     for round in 0..ROUNDS {
         let reach = REACH[0] * (REACH[1] / REACH[0]).powf(round as f64 / (ROUNDS - 1) as f64);
         let found_from_reference = reference_from_found.inverse();
@@ -132,9 +149,14 @@ pub fn register(found: &[DVec3], reference: &[DVec3]) -> Result<Similarity, Mesh
         };
         let pairs = found.par_iter().filter_map(there).chain(reference.par_iter().filter_map(back));
         let (from, to): (Vec<DVec3>, Vec<DVec3>) = pairs.unzip();
+        if from.len() < 3 {
+            let expected = format!("points of both within {reach:.2} m of each other");
+            return Err(off("surface to lay on a reference", expected, from.len()));
+        }
         reference_from_found = Similarity::from_points(&from, &to)?.0;
+        share = from.len() as f64 / (found.len() + reference.len()) as f64;
     }
-    Ok(reference_from_found)
+    Ok(Registration { reference_from_found, share })
 }
 
 /// Points that some depth frame could have measured: in its image, where it has a depth, and not more than `behind` \[m\] behind that. Of what
@@ -196,6 +218,15 @@ mod tests {
     }
 
     #[test]
+    fn what_does_not_count_still_finds_the_reference() {
+        let points: Vec<DVec3> = (0..10).map(|i| DVec3::new(f64::from(i), 0.0, 0.0)).collect();
+        let [one] = compare_points(&points[..5], &points, &points, &[0.1]).unwrap()[..] else { panic!() };
+        assert_eq!((one.precision, one.recall), (1.0, 1.0));
+        let [one] = compare_points(&points[5..], &points[5..], &points, &[0.1]).unwrap()[..] else { panic!() };
+        assert_eq!((one.precision, one.recall), (1.0, 0.5));
+    }
+
+    #[test]
     fn a_surface_is_laid_on_its_reference() {
         // Two walls and a floor, turned, moved and scaled; no closest point is at first the right one.
         let mut room = square(1.0, 0.0);
@@ -209,14 +240,20 @@ mod tests {
         let moved = Similarity { scale: 1.03, pose };
         let found: Vec<DVec3> =
             sample(&room, 8_000, 1).unwrap().into_iter().map(|p| moved.transform_point(p)).collect();
-        let before = compare_points(&found, &reference, &[0.02]).unwrap()[0].f1();
-        let back = register(&found, &reference).unwrap();
+        let before = compare_points(&found, &found, &reference, &[0.02]).unwrap()[0].f1();
+        let laid = register(&found, &reference).unwrap();
+        let back = laid.reference_from_found;
+        assert!(laid.share > 0.99, "{laid:?}");
         let laid: Vec<DVec3> = found.iter().map(|p| back.transform_point(*p)).collect();
-        let after = compare_points(&laid, &reference, &[0.02]).unwrap()[0].f1();
+        let after = compare_points(&laid, &laid, &reference, &[0.02]).unwrap()[0].f1();
         assert!(before < 0.6 && after > 0.99, "{before} {after}");
         assert!((back.scale * 1.03 - 1.0).abs() < 0.005, "{back:?}");
         let far: Vec<DVec3> = found.iter().map(|p| *p + 10.0).collect();
-        assert!(register(&far, &reference).is_err(), "nothing is near");
+        let error = register(&far, &reference).unwrap_err().to_string();
+        assert!(error.contains("expected points of both within 0.30 m of each other, found 0"), "{error}");
+        // Too far off to be found, and told: most of it stays without a counterpart.
+        let turned: Vec<DVec3> = found.iter().map(|p| DQuat::from_rotation_y(2.0) * *p).collect();
+        assert!(register(&turned, &reference).unwrap().share < 0.5);
     }
 
     #[test]
@@ -234,7 +271,7 @@ mod tests {
     fn what_cannot_be_compared_is_named() {
         let empty = TriangleMesh::default();
         assert!(compare(&empty, &square(1.0, 0.0), &[0.1], 10).unwrap_err().to_string().contains("with an area"));
-        assert!(compare_points(&[], &[DVec3::ZERO], &[0.1]).is_err());
+        assert!(compare_points(&[], &[], &[DVec3::ZERO], &[0.1]).is_err());
         assert!(compare(&square(1.0, 0.0), &square(1.0, 0.0), &[-1.0], 10).is_err());
     }
 }

@@ -20,25 +20,33 @@ pub struct OpenCapture {
 
 /// Opens a `transforms.json`, a folder that holds one, a COLMAP project or an RGB-D folder.
 pub fn open_capture(path: &Path) -> Result<OpenCapture, Failure> {
+    let mut capture = open_cameras(path)?;
     let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
-    let capture = open_cameras(path)?;
-    let points = points_of(folder)?;
+    // A model that is opened from within its folder has folders above it, too.
+    let whole = fs::canonicalize(if folder.as_os_str().is_empty() { Path::new(".") } else { folder });
+    let folder = whole.as_deref().unwrap_or(folder);
+    let (points, lost) = points_of(path, folder)?;
+    capture.lost.extend(lost);
     // COLMAP's images lie in a folder beside the model.
     let above = folder.ancestors().take(3).map(|above| above.join("images"));
     let folders = std::iter::once(folder.to_path_buf()).chain(above).collect();
     Ok(OpenCapture { capture, folders, points: points.filter(|points| !points.places.is_empty()) })
 }
 
-/// `points.ply`, or the points of a COLMAP model where its cameras may be.
-fn points_of(folder: &Path) -> Result<Option<Points>, Failure> {
-    for place in [
+/// What `transforms.json` names as its points, `points.ply`, or the points of a COLMAP model where its cameras may be; and what of them is of no use.
+fn points_of(path: &Path, folder: &Path) -> Result<(Option<Points>, Option<String>), Failure> {
+    let file = if path.is_dir() { folder.join("transforms.json") } else { path.to_path_buf() };
+    let document = fs::read(&file).ok().and_then(|bytes| serde_json::from_slice::<serde_json::Value>(&bytes).ok());
+    let named = document.as_ref().and_then(|document| document.get("ply_file_path")?.as_str());
+    let usual = [
         "points.ply",
         "points3D.bin",
         "sparse/0/points3D.bin",
         "sparse/points3D.bin",
         "points3D.txt",
         "sparse/0/points3D.txt",
-    ] {
+    ];
+    for place in named.into_iter().chain(usual) {
         let path = folder.join(place);
         let Ok(bytes) = fs::read(&path) else { continue };
         let points = match path.extension().and_then(|ending| ending.to_str()) {
@@ -46,9 +54,13 @@ fn points_of(folder: &Path) -> Result<Option<Points>, Failure> {
             Some("bin") => colmap_points::read_binary(&bytes),
             _ => colmap_points::read_text(&String::from_utf8_lossy(&bytes)),
         };
-        return Ok(Some(points.map_err(|e| about(&path, e))?));
+        let points = points.map_err(|e| about(&path, e))?;
+        let lost = (points.left_out > 0)
+            .then(|| format!("{}: {} points that are not finite, or too far", path.display(), points.left_out));
+        return Ok((Some(points), lost));
     }
-    Ok(None)
+    let lost = named.map(|name| format!("{}: expected points, found no such file", folder.join(name).display()));
+    Ok((None, lost))
 }
 
 impl OpenCapture {
@@ -63,7 +75,9 @@ impl OpenCapture {
                 }
             }
         }
-        let first = self.folders.first().map(|folder| folder.join(plain).display().to_string());
-        Err(format!("none at {}", first.unwrap_or_default()))
+        let mut there = self.folders.iter().filter(|folder| folder.is_dir()).map(|folder| folder.join(plain));
+        let first = there.next().unwrap_or_default();
+        let others: Vec<String> = there.map(|place| format!(" nor at {}", place.display())).collect();
+        Err(format!("none at {}{}", first.display(), others.concat()))
     }
 }

@@ -43,6 +43,8 @@ const LABEL_STRIDE: usize = 3;
 const NEIGHBOURS: usize = 8;
 /// Points on each surface that is compared.
 const SAMPLES: usize = 400_000;
+/// Share of the points of two surfaces that meet below which laying one on the other is doubted: redkitchen from colour alone has 0.8.
+const WELL_LAID: f64 = 0.5;
 /// Floor of the solid below its lowest point \[m\].
 const THICKNESS: f64 = 0.2;
 
@@ -121,6 +123,15 @@ pub struct Mesh {
     json: bool,
 }
 
+/// A mesh that the surface is compared with.
+struct Reference {
+    path: PathBuf,
+    /// Points spread over it.
+    points: Vec<DVec3>,
+    /// What it was made of, where only what that could measure counts.
+    frames: Option<Vec<DepthFrame>>,
+}
+
 /// What is to be fused, and what labels it.
 struct Input {
     capture: DepthCapture,
@@ -131,6 +142,7 @@ struct Input {
 impl Mesh {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let write = self.writer()?;
+        let reference = self.reference()?;
         let clock = Instant::now();
         let mut input = self.read()?;
         let mut lost = std::mem::take(&mut input.capture.lost);
@@ -140,7 +152,11 @@ impl Mesh {
 
         let sign = spinner("fusing depth");
         let clock = Instant::now();
-        let volume = fuse(&input.capture.frames, &self.fusing()).map_err(|e| about(&self.scene, e))?;
+        let volume = fuse(&input.capture.frames, &self.fusing()).map_err(|e| {
+            let first =
+                lost.first().map_or(String::new(), |first| format!("; {} lost, the first: {first}", lost.len()));
+            about(&self.scene, format!("{e}{first}"))
+        })?;
         let fuse_s = clock.elapsed().as_secs_f64();
         sign.set_message("taking the surface");
         let labels = input.points.as_ref().map(|points| (points, input.materials.as_slice()));
@@ -149,7 +165,7 @@ impl Mesh {
         if let Some(up) = &self.up {
             self.level(up, &input.capture.frames, &mut mesh)?;
         }
-        let likeness = self.likeness(&mesh)?;
+        let likeness = reference.as_ref().map_or(Ok(vec![]), |reference| self.likeness(&mesh, reference));
         if !self.open {
             report.rims = close_to_solid(&mut mesh, THICKNESS);
             report.topology = Topology::of(&mesh);
@@ -162,6 +178,8 @@ impl Mesh {
         let surface_s = clock.elapsed().as_secs_f64() - fuse_s;
         sign.finish_and_clear();
         fs::write(&self.out, write(&mesh)).map_err(|e| about(&self.out, format!("expected to write it, found {e}")))?;
+        // The mesh is there whatever becomes of comparing it.
+        let likeness = likeness?;
         let seconds = [read_s, fuse_s, surface_s];
         self.tell(&mesh, &report, &likeness, input.capture.frames.len(), seconds, agreeing, &lost)?;
         lost.iter().for_each(|what| eprintln!("qv: lost: {what}"));
@@ -193,10 +211,20 @@ impl Mesh {
 
     /// What writes the file that `--out` names, known before the work begins, and its folder.
     fn writer(&self) -> Result<fn(&TriangleMesh) -> Vec<u8>, Failure> {
+        let inputs = [Some(&self.scene), self.compare.as_ref(), self.cameras.as_ref()];
+        let same = |path: &&PathBuf| {
+            fs::canonicalize(path).is_ok_and(|path| fs::canonicalize(&self.out).is_ok_and(|out| out == path))
+        };
+        if let Some(input) = inputs.into_iter().flatten().find(same) {
+            return Err(about(
+                &self.out,
+                format!("expected a file of its own to write, found {}, which is read", input.display()),
+            ));
+        }
         if let Some(folder) = self.out.parent() {
             fs::create_dir_all(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
         }
-        match self.out.extension().and_then(|e| e.to_str()) {
+        match self.out.extension().map(|e| e.to_string_lossy().to_lowercase()).as_deref() {
             Some("glb") => Ok(glb::write),
             Some("ply") => Ok(ply::write),
             Some("stl") => Ok(stl::write),
@@ -328,16 +356,21 @@ impl Mesh {
                 let place = place.filter(|p| p.len() == 3);
                 let place =
                     place.ok_or_else(|| about(path, format!("expected `image X Y Z`, found {}", row.join(" "))))?;
-                let stem = Path::new(&row[0]).file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-                let matches =
-                    |name: &String| *name == row[0] || *name == stem || name.ends_with(&format!("/{}", row[0]));
-                if let Some(frame) = input.capture.names.iter().position(matches) {
+                let names = &input.capture.names;
+                let exact = names.iter().position(|name| *name == row[0] || name.ends_with(&format!("/{}", row[0])));
+                if let Some(frame) = exact.or_else(|| names.iter().position(|name| bare(name) == bare(&row[0]))) {
                     from.push(input.capture.frames[frame].camera.camera_from_world.inverse().position);
                     to.push(DVec3::from_slice(&place));
                 }
             }
-            let (similarity, error) = Similarity::from_points(&from, &to).map_err(|e| about(path, e))?;
             let (used, of) = (from.len(), rows(path)?.len());
+            let (similarity, error) = Similarity::from_points(&from, &to).map_err(|e| {
+                let example = input.capture.names.first().map_or("", |name| bare(name));
+                about(
+                    path,
+                    format!("{e}; {used} of {of} lines name an image of {}, such as {example}", self.scene.display()),
+                )
+            })?;
             eprintln!(
                 "qv: {}: {used} of {of} places are of a frame, and fit within {:.1} mm (rms)",
                 path.display(),
@@ -375,26 +408,42 @@ impl Mesh {
         Ok(())
     }
 
-    fn likeness(&self, mesh: &TriangleMesh) -> Result<Vec<Likeness>, Failure> {
-        let Some(path) = &self.compare else { return Ok(vec![]) };
+    /// What the mesh is to be compared with.
+    fn reference(&self) -> Result<Option<Reference>, Failure> {
+        let Some(path) = &self.compare else { return Ok(None) };
         let bytes = fs::read(path).map_err(|e| about(path, format!("expected a mesh, found {e}")))?;
-        let reference = if bytes.starts_with(b"ply") { ply::read(&bytes) } else { glb::read(&bytes) };
-        let (reference, distances) = (reference.map_err(|e| about(path, e))?, [0.02, 0.05]);
+        let mesh = if bytes.starts_with(b"ply") { ply::read(&bytes) } else { glb::read(&bytes) };
+        let points = mesh.and_then(|mesh| sample(&mesh, SAMPLES, 2)).map_err(|e| about(path, e))?;
         let frames = self.compare_measured.as_ref().map(|folder| self.measured(folder)).transpose()?;
+        Ok(Some(Reference { path: path.clone(), points, frames }))
+    }
+
+    fn likeness(&self, mesh: &TriangleMesh, reference: &Reference) -> Result<Vec<Likeness>, Failure> {
+        let Reference { path, points, frames } = reference;
+        let distances = [0.02, 0.05];
         let most = distances[distances.len() - 1];
         // Of what could not be measured the reference says nothing.
-        let told = |points: Vec<DVec3>| match &frames {
+        let told = |points: Vec<DVec3>| match frames {
             Some(frames) => measurable(points, frames, most),
             None => points,
         };
-        let (mut found, reference) = (sample(mesh, SAMPLES, 1)?, sample(&reference, SAMPLES, 2)?);
+        let mut found = sample(mesh, SAMPLES, 1)?;
         if self.compare_aligned {
-            let laid = register(&told(found.clone()), &reference).map_err(|e| about(path, e))?;
+            let laid = register(&told(found.clone()), points).map_err(|e| about(path, e))?;
+            let (share, laid) = (laid.share, laid.reference_from_found);
             found.iter_mut().for_each(|p| *p = laid.transform_point(*p));
             let turn = laid.pose.rotation.to_axis_angle().1.to_degrees();
-            eprintln!("qv: laid on {}: scale {:.4}, turn {turn:.2} degrees", path.display(), laid.scale);
+            let (path, scale, near) = (path.display(), laid.scale, 100.0 * share);
+            eprintln!(
+                "qv: laid on {path}: scale {scale:.4}, turn {turn:.2} degrees; {near:.0} % of the points of both are within 5 cm of the other then"
+            );
+            if share < WELL_LAID {
+                eprintln!(
+                    "qv: {path}: laying the mesh on it may have failed: it begins too far away or too much turned, or much is missing"
+                );
+            }
         }
-        compare_points(&told(found), &reference, &distances).map_err(|e| about(path, e))
+        compare_points(&told(found.clone()), &found, points, &distances).map_err(|e| about(path, e))
     }
 
     /// RGB-D frames that a reference was made of, without what it leaves out as too far.
@@ -481,6 +530,14 @@ fn is_recognised(features: &[f32]) -> bool {
     let most = features.iter().copied().fold(f32::NEG_INFINITY, f32::max);
     let sum: f32 = features.iter().map(|x| (x - most).exp()).sum();
     sum <= 2.0
+}
+
+/// The name of an image without its folder, its ending, and what RGB-D frames have before that.
+fn bare(name: &str) -> &str {
+    let file = name.rsplit(['/', '\\']).next().unwrap_or(name);
+    let stem = [".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG"].iter().find_map(|ending| file.strip_suffix(ending));
+    let stem = stem.unwrap_or(file);
+    [".color", ".depth"].iter().find_map(|kind| stem.strip_suffix(kind)).unwrap_or(stem)
 }
 
 /// Lines of words, without comments.

@@ -109,7 +109,7 @@ pub struct Reconstruct {
     #[arg(long, value_name = "N", default_value_t = 8)]
     hold_out: usize,
     /// Stops after so many seconds
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = crate::numbers::not_negative)]
     max_seconds: Option<f64>,
     /// Weight of flatness: the smallest scale of each Gaussian goes to 0
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
@@ -192,6 +192,10 @@ impl Reconstruct {
         let options = self.options();
         options.check()?;
         let reading = ReadOptions { downscale: self.downscale, hold_out: self.hold_out };
+        if options.weights.geometry() && options.iterations <= options.geometry_from {
+            let (from, last) = (options.geometry_from, options.iterations);
+            eprintln!("qv: terms of geometry count from step {from} on: with --iterations {last} they do nothing");
+        }
         let files = |path: &str| opened.read(path);
         let mut dataset = Dataset::new(&opened.capture, &files, &reading).map_err(|e| about(&self.capture, e))?;
         self.check_needs(&opened, &dataset)?;
@@ -255,6 +259,7 @@ impl Reconstruct {
         fs::write(&path, format!("{metrics:#}\n"))
             .map_err(|e| about(&path, format!("expected to write it, found {e}")))?;
         self.tell(&metrics, [Score::mean(&held_out), Score::mean(&aligned)], &run, train_s, model.cloud.len())?;
+        lost.extend_from_slice(&dataset.lost);
         lost.extend(self.lost(&dataset));
         lost.iter().for_each(|what| eprintln!("qv: {what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
@@ -307,8 +312,10 @@ impl Reconstruct {
     /// Options that do something only where the capture has what they need.
     fn check_needs(&self, opened: &OpenCapture, dataset: &Dataset) -> Result<(), Failure> {
         let training = || dataset.training.iter();
-        let [depth, normals] =
-            [training().any(|one| !one.depth.is_empty()), training().any(|one| !one.normals.is_empty())];
+        let [depth, normals] = [
+            training().any(|one| one.depth.iter().any(|z| *z > 0.0)),
+            training().any(|one| one.normals.iter().any(|n| *n != [0.0; 3])),
+        ];
         let asked = [
             (self.clear > 0.0, "--clear", "points (points.ply)", opened.points.is_some()),
             (self.depth_prior > 0.0, "--depth-prior", "depth images", depth),
@@ -336,8 +343,10 @@ impl Reconstruct {
         Err(about(&path, found))
     }
 
-    fn usual_depth_points(&self) -> usize {
-        if self.depth_prior > 0.0 { AT_DEPTHS.min(self.cap / 2) } else { 0 }
+    /// As many as there is room for beside `others`.
+    fn usual_depth_points(&self, others: usize) -> usize {
+        let room = self.cap.saturating_sub(others + self.far_points);
+        if self.depth_prior > 0.0 { AT_DEPTHS.min(self.cap / 2).min(room) } else { 0 }
     }
 
     /// A model to begin with, and whether it is at points of the capture.
@@ -346,13 +355,28 @@ impl Reconstruct {
         if self.resume {
             let bytes = fs::read(&path).map_err(|e| about(&path, format!("expected a checkpoint, found {e}")))?;
             let model = checkpoint::read(&bytes).and_then(|model| model.check_places(dataset).map(|()| model));
+            let model = model.map_err(|e| about(&path, e))?;
             self.check_background(dataset)?;
-            return Ok((model.map_err(|e| about(&path, e))?, opened.points.is_some()));
+            if self.labels > 0.0 && model.cloud.feature_count == 0 {
+                let expected = "--labels: expected a checkpoint that was begun with labels, found one without";
+                return Err(about(&path, expected));
+            }
+            if model.cloud.len() > self.cap {
+                let expected =
+                    format!("--cap: expected at least the {} Gaussians of the checkpoint", model.cloud.len());
+                return Err(about(&path, format!("{expected}, found {}", self.cap)));
+            }
+            return Ok((model, opened.points.is_some()));
         }
         let usual = if opened.points.is_some() { 0 } else { AT_RANDOM };
         let count = self.random_points.unwrap_or(usual);
         let mut points = at_random(dataset, count, options);
-        let at_depths = at_depths(dataset, self.depth_points.unwrap_or(self.usual_depth_points()), options);
+        let known = opened.points.as_ref().map_or(0, |points| points.places.len());
+        let at_depths = at_depths(
+            dataset,
+            self.depth_points.unwrap_or(self.usual_depth_points(points.places.len() + known)),
+            options,
+        );
         let far = at_far(dataset, opened.points.as_ref(), self.far_points, options);
         for more in opened.points.iter().chain([&at_depths, &far]) {
             points.places.extend_from_slice(&more.places);
@@ -421,7 +445,10 @@ impl Reconstruct {
 
     /// All cameras as they were learned; nothing when they are those of the capture.
     fn save_cameras(&self, model: &Model, dataset: &Dataset, held_out: &[Photograph]) -> Result<(), Failure> {
+        let path = self.out.join("cameras.json");
         if !(self.refine_poses || self.refine_lens || self.poses == PosesFrom::Colmap) {
+            // Those of an earlier scene would be wrong for this one.
+            fs::remove_file(&path).ok();
             return Ok(());
         }
         let learned = dataset.training.iter().enumerate().map(|(k, one)| (&one.name, model.camera(dataset, k)));
@@ -435,8 +462,7 @@ impl Reconstruct {
         };
         let mut cameras: Vec<CaptureCamera> = all.map(camera).collect();
         cameras.sort_by(|a, b| a.name.cmp(&b.name));
-        let path = self.out.join("cameras.json");
-        let written = fs::write(&path, cameras_json::write(&Capture { cameras }));
+        let written = fs::write(&path, cameras_json::write(&Capture { cameras, lost: vec![] }));
         written.map_err(|e| about(&path, format!("expected to write it, found {e}")))
     }
 
@@ -493,7 +519,8 @@ impl Reconstruct {
         if self.json {
             return Ok(say(&format!("{metrics}\n"))?);
         }
-        let mut text = format!("{splats} Gaussians, loss {:.5}, {seconds:.1} s of training\n", run.loss);
+        let loss = run.loss.map_or(String::new(), |loss| format!(", loss {loss:.5}"));
+        let mut text = format!("{splats} Gaussians{loss}, {seconds:.1} s of training\n");
         if metrics["scene_of_iteration"] != metrics["iterations"] {
             let [scene, stood] = ["scene_of_iteration", "iterations"].map(|key| &metrics[key]);
             text += &format!("stopped at step {stood}; the scene is that of step {scene}, which drew better\n");

@@ -64,7 +64,7 @@ fn open_frames(folder: &Path, bar: &ProgressBar) -> Result<DepthCapture, Failure
         let name = path.to_string_lossy().trim_end_matches(".depth.png").to_string();
         let read = || -> Result<DepthFrame, Failure> {
             let (depth, [width, height]) = depth_image(&path, 0.001)?;
-            check_lens(&k, [width, height], out.frames.first()).map_err(|found| about(&path, found))?;
+            check_lens(&k, [width, height]).map_err(|found| about(&path, found))?;
             let pose = PathBuf::from(format!("{name}.pose.txt"));
             let camera_from_world = pose_of(&numbers(&pose, 16)?).map_err(|found| about(&pose, found))?;
             let camera = Camera { fx: k[0], fy: k[4], cx: k[2], cy: k[5], width, height, camera_from_world };
@@ -75,16 +75,34 @@ fn open_frames(folder: &Path, bar: &ProgressBar) -> Result<DepthCapture, Failure
             Err(error) => out.lost.push(error.to_string()),
         }
     }
+    keep_one_size(&mut out);
     Ok(out)
 }
 
-/// One lens for all images of a folder: they have one size, and its centre lies well inside.
-fn check_lens(k: &[f64], [width, height]: [u32; 2], first: Option<&DepthFrame>) -> Result<(), String> {
-    if let Some(camera) = first.map(|f| &f.camera).filter(|c| [c.width, c.height] != [width, height]) {
-        return Err(format!(
-            "expected {} x {} pixels as the first image has, found {width} x {height}",
-            camera.width, camera.height
-        ));
+/// A folder has one lens: frames of another size than most have (the first of equally many) are left out.
+fn keep_one_size(capture: &mut DepthCapture) {
+    let size = |frame: &DepthFrame| [frame.camera.width, frame.camera.height];
+    let sizes: Vec<[u32; 2]> = capture.frames.iter().map(size).collect();
+    let count = |of: &[u32; 2]| sizes.iter().filter(|one| *one == of).count();
+    let Some(most) = sizes.iter().rev().copied().max_by_key(|one| count(one)) else { return };
+    let all = std::mem::take(&mut capture.frames).into_iter().zip(std::mem::take(&mut capture.names));
+    for (frame, name) in all {
+        let [width, height] = size(&frame);
+        if [width, height] == most {
+            capture.frames.push(frame);
+            capture.names.push(name);
+        } else {
+            let expected = format!("expected {} x {} pixels as most images have", most[0], most[1]);
+            capture.lost.push(format!("{name}.depth.png: {expected}, found {width} x {height}"));
+        }
+    }
+    capture.labels = vec![None; capture.frames.len()];
+}
+
+/// The lens of a folder: fx 0 cx, 0 fy cy, 0 0 1, with its centre well inside the image.
+fn check_lens(k: &[f64], [width, height]: [u32; 2]) -> Result<(), String> {
+    if [k[1], k[3], k[6], k[7]] != [0.0; 4] || k[8] != 1.0 {
+        return Err(format!("expected fx 0 cx, 0 fy cy, 0 0 1 in camera-intrinsics.txt, found {k:?}"));
     }
     let inside = |centre: f64, side: u32| (0.2..0.8).contains(&(centre / f64::from(side)));
     if inside(k[2], width) && inside(k[5], height) {
@@ -169,8 +187,11 @@ fn numbers(path: &Path, count: usize) -> Result<Vec<f64>, Failure> {
     let text = fs::read_to_string(path).map_err(|e| about(path, format!("expected {count} numbers, found {e}")))?;
     let found: Result<Vec<f64>, _> = text.split_whitespace().map(str::parse).collect();
     let found = found.map_err(|e| about(path, format!("expected {count} numbers, found {e}")))?;
-    if found.len() != count || found.iter().any(|x| !x.is_finite()) {
-        return Err(about(path, format!("expected {count} finite numbers, found {}", found.len())));
+    if let Some(odd) = found.iter().find(|x| !x.is_finite()) {
+        return Err(about(path, format!("expected {count} finite numbers, found {odd}")));
+    }
+    if found.len() != count {
+        return Err(about(path, format!("expected {count} numbers, found {}", found.len())));
     }
     Ok(found)
 }

@@ -137,10 +137,17 @@ fn bad_captures_are_named() {
     fs::write(folder.join("out/checkpoint.qvt"), b"nonsense").unwrap();
     assert!(fault(&["--resume"]).contains("checkpoint"), "a checkpoint that is none");
     image::save_buffer(folder.join("images/01.png"), &[0; 30], 5, 2, image::ExtendedColorType::Rgb8).unwrap();
-    assert!(fault(&[]).contains("image images/01.png: expected 40 x 40 pixels, as its camera has, found 5 x 2"));
+    // What is good goes on without it.
+    let (code, line, err) = reconstruct(&folder, &["--iterations", "1", "--hold-out", "0"]);
+    assert_eq!((code, &line["photographs"], &line["loss"]), (3, &json!(3), &json!(null)), "{err}");
+    assert!(err.contains("image images/01.png: expected 40 x 40 pixels, as its camera has, found 5 x 2"), "{err}");
     fs::remove_file(folder.join("images/01.png")).unwrap();
-    let err = fault(&[]);
-    assert!(err.contains("image images/01.png: expected a file, found none at"), "{err}");
+    let (code, _, err) = reconstruct(&folder, &["--iterations", "1", "--hold-out", "0"]);
+    assert!(code == 3 && err.contains("image images/01.png: expected a file, found none at"), "{err}");
+    fs::remove_file(folder.join("images/02.png")).unwrap();
+    fs::remove_file(folder.join("images/03.png")).unwrap();
+    let err = fault(&["--hold-out", "0"]);
+    assert!(err.contains("3 lost; the first: ") && err.contains("at least 2 photographs"), "{err}");
     let (code, ..) = reconstruct(&folder, &["--downscale", "0"]);
     assert_eq!(code, 2);
     fs::remove_file(folder.join("transforms.json")).unwrap();

@@ -22,8 +22,7 @@ pub fn read_text(text: &str) -> Result<Points, SplatError> {
         let Some([x, y, z, r, g, b]) = numbers.as_deref() else {
             return Err(off(place(), "number, x, y, z, red, green, blue", line.chars().take(60).collect::<String>()));
         };
-        points.places.push([*x, *y, *z]);
-        points.colours.push([r, g, b].map(|c| c / 255.0));
+        points.push([*x, *y, *z], [r, g, b].map(|c| c / 255.0));
     }
     Ok(points)
 }
@@ -45,8 +44,7 @@ pub fn read_binary(bytes: &[u8]) -> Result<Points, SplatError> {
         cursor.f64("point")?;
         let track = cursor.u64("track")?;
         cursor.take(track.saturating_mul(TRACK), "track")?;
-        points.places.push(place);
-        points.colours.push(colour.map(|c| f32::from(c) / 255.0));
+        points.push(place, colour.map(|c| f32::from(c) / 255.0));
     }
     Ok(points)
 }
@@ -65,7 +63,10 @@ mod tests {
         bytes.extend(0.4f64.to_le_bytes());
         bytes.extend(2u64.to_le_bytes());
         bytes.extend([0; 16]);
-        assert_eq!(text, Points { places: vec![[1.0, 2.5, -3.0]], colours: vec![[1.0, 0.0, 0.2]] });
+        assert_eq!(
+            text,
+            Points { places: vec![[1.0, 2.5, -3.0]], colours: vec![[1.0, 0.0, 0.2]], ..Default::default() }
+        );
         assert_eq!(read_binary(&bytes), Ok(text));
         assert!(read_binary(&bytes[..bytes.len() - 1]).is_err());
         assert!(read_text("7 1 2\n").unwrap_err().to_string().contains("points3D.txt, line 1"));

@@ -19,6 +19,8 @@ use qv_core::Camera;
 pub struct Capture {
     /// The cameras, in the order of the file, those of COLMAP by name. Their poses are in the frame of the file.
     pub cameras: Vec<CaptureCamera>,
+    /// What could not be used, a line each.
+    pub lost: Vec<String>,
 }
 
 /// A camera with its image.
@@ -69,7 +71,7 @@ fn finish(mut cameras: Vec<CaptureCamera>, place: &str) -> Result<Capture, Splat
         one.distortion.check().map_err(|found| off(at(), "finite coefficients of distortion", found))?;
     }
     name(&mut cameras);
-    Ok(Capture { cameras })
+    Ok(Capture { cameras, lost: vec![] })
 }
 
 /// Endings of images, which are no part of a name.

@@ -27,7 +27,7 @@ const ORTHOGONAL: f64 = 1e-2;
 /// A capture of a folder's files, whose names may come in any order; `text` gives the contents of one of them.
 ///
 /// # Errors
-/// No colour image is there, one has no pose, or a pose is no rigid transform.
+/// No colour image is there, or none has a pose that is a rigid transform. Single frames without one are left out, and named in `lost`.
 pub fn read(names: &[String], text: &mut dyn FnMut(&str) -> Result<String, SplatError>) -> Result<Capture, SplatError> {
     let stem = |name: &String| Some(name.split_once(".color.")?.0.to_string());
     let mut colours: Vec<(&String, String)> = names.iter().filter_map(|name| Some((name, stem(name)?))).collect();
@@ -40,7 +40,7 @@ pub fn read(names: &[String], text: &mut dyn FnMut(&str) -> Result<String, Splat
         if there { intrinsics(file, &text(file)?) } else { Ok(pinhole(usual)) }
     };
     let (of_colour, of_depth) = (lens(COLOUR_LENS, COLOUR_FOCAL)?, lens(DEPTH_LENS, DEPTH_FOCAL)?);
-    let cameras = colours.into_iter().map(|(name, stem)| {
+    let mut camera = |(name, stem): (&String, String)| {
         let pose_file = format!("{stem}.pose.txt");
         if !names.contains(&pose_file) {
             return Err(off(format!("RGB-D folder, {name}"), format!("a pose in {pose_file}"), "no such file"));
@@ -56,8 +56,19 @@ pub fn read(names: &[String], text: &mut dyn FnMut(&str) -> Result<String, Splat
         let attachments = Attachments { depth, ..Default::default() };
         let image = Some(name.clone());
         Ok(CaptureCamera { name: stem, camera, distortion: Distortion::default(), image, attachments })
-    });
-    finish(cameras.collect::<Result<_, _>>()?, "RGB-D folder")
+    };
+    let (mut cameras, mut lost) = (vec![], vec![]);
+    for one in colours {
+        match camera(one) {
+            Ok(camera) => cameras.push(camera),
+            Err(error) => lost.push(error),
+        }
+    }
+    if cameras.is_empty() {
+        return Err(lost.remove(0));
+    }
+    let lost = lost.iter().map(ToString::to_string).collect();
+    Ok(Capture { lost, ..finish(cameras, "RGB-D folder")? })
 }
 
 fn pinhole(focal: f64) -> Camera {

@@ -232,7 +232,7 @@ mod tests {
         let shaken = |(i, mean): (usize, &[f32; 3])| mean.map(|x| x + 0.03 * (i as f32 + 7.0 * x).sin());
         let places: Vec<[f32; 3]> = scene.cloud.means.iter().enumerate().map(shaken).collect();
         let colours = vec![[0.5; 3]; places.len()];
-        Model::new(of_points(&Points { places, colours }, options).unwrap(), &scene.dataset)
+        Model::new(of_points(&Points { places, colours, ..Default::default() }, options).unwrap(), &scene.dataset)
     }
 
     fn options(iterations: u32, strategy: Strategy) -> TrainOptions {

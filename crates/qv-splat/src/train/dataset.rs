@@ -7,6 +7,7 @@ use crate::error::off;
 use glam::DVec3;
 use qv_core::Camera;
 use rayon::prelude::*;
+use std::collections::BTreeSet;
 
 /// A photograph without distortion.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,6 +53,8 @@ pub struct Dataset {
     /// Colour behind all Gaussians when photographs are drawn, 0 to 1: the mean of those to learn from, so that what none of them
     /// shows is wrong by less than if it were black.
     pub background: [f32; 3],
+    /// What of the capture could not be used, a line each.
+    pub lost: Vec<String>,
 }
 
 /// How a capture is read.
@@ -73,20 +76,48 @@ impl Default for ReadOptions {
 pub type Files<'a> = &'a (dyn Fn(&str) -> Result<Vec<u8>, String> + Sync);
 
 impl Dataset {
-    /// Decodes the images of a capture and takes their distortion away.
+    /// Decodes the images of a capture and takes their distortion away. Images that are missing, damaged, of another size than their camera
+    /// says, or there twice are left out, and named in `lost`; so are depths, normals and labels that cannot be read.
     ///
     /// # Errors
-    /// Names the image that is missing, damaged, or of another size than its camera says; fewer than two cameras to learn from; cameras
-    /// of which no two look at the same place.
+    /// Fewer than two photographs to learn from are left (the first that is lost is named), or no two of them look at the same place.
     pub fn new(capture: &Capture, files: Files, options: &ReadOptions) -> Result<Self, SplatError> {
         if options.downscale == 0 {
             return Err(off("capture, downscale", "at least 1", 0));
         }
         let mut cameras: Vec<&CaptureCamera> = capture.cameras.iter().collect();
         cameras.sort_by(|a, b| a.image.cmp(&b.image).then(a.name.cmp(&b.name)));
+        let mut lost = capture.lost.clone();
+        // The same photograph to learn from and to score with would be learned by heart.
+        let mut known = BTreeSet::new();
+        cameras.retain(|one| {
+            let is_new = known.insert(one.image.as_deref().map(|path| path.trim_start_matches("./")));
+            if !is_new {
+                let place = format!("image {}", one.image.as_deref().unwrap_or_default());
+                lost.push(off(place, "each image once", format!("it again as {}", one.name)).to_string());
+            }
+            is_new
+        });
         let read = |one: &&CaptureCamera| photograph(one, files, options.downscale);
-        let all: Vec<Photograph> = cameras.par_iter().map(read).collect::<Result<_, _>>()?;
-        Self::of_photographs(all, options.hold_out)
+        let read: Vec<Result<_, SplatError>> = cameras.par_iter().map(read).collect();
+        let mut all = vec![];
+        for one in read {
+            match one {
+                Ok((photograph, without)) => {
+                    all.push(photograph);
+                    lost.extend(without.iter().map(ToString::to_string));
+                }
+                Err(error) => lost.push(error.to_string()),
+            }
+        }
+        let dataset = Self::of_photographs(all, options.hold_out);
+        match (dataset, lost.first()) {
+            (Err(error), Some(first)) => {
+                let found = format!("{error}; {} lost; the first: {first}", lost.len());
+                Err(off("capture", "photographs to learn from", found))
+            }
+            (dataset, _) => Ok(Self { lost, ..dataset? }),
+        }
     }
 
     /// Photographs that are there already, sorted by name.
@@ -105,7 +136,7 @@ impl Dataset {
             return Err(off("capture", "at least 2 photographs to learn from", found));
         }
         let background = mean_colour(&training);
-        let dataset = Self { training, held_out, extent: extent(&cameras), nearest: vec![], background };
+        let dataset = Self { training, held_out, extent: extent(&cameras), nearest: vec![], background, lost: vec![] };
         let count = dataset.training.len();
         if dataset.alone().len() == count {
             let expected = "two photographs that show the same place";
@@ -159,7 +190,8 @@ fn overlap(a: &Camera, b: &Camera) -> bool {
     })
 }
 
-fn photograph(one: &CaptureCamera, files: Files, downscale: u32) -> Result<Photograph, SplatError> {
+/// A photograph, and what beside it cannot be read.
+fn photograph(one: &CaptureCamera, files: Files, downscale: u32) -> Result<(Photograph, Vec<SplatError>), SplatError> {
     let place = format!("camera {}", one.name);
     let path = one.image.as_deref().ok_or_else(|| off(&*place, "an image", "none"))?;
     let camera = &one.camera;
@@ -172,10 +204,12 @@ fn photograph(one: &CaptureCamera, files: Files, downscale: u32) -> Result<Photo
         let masked = mask.as_ref().is_some_and(|mask| mask.as_raw()[index] == 0);
         pixel[3] = if masked || pixel[3] == 0 { 0 } else { 255 };
     }
-    if pixels.rgba.iter().all(|pixel| pixel[3] == 0) {
-        return Err(off(format!("image {path}"), "a pixel that is not masked", "none"));
-    }
     let (pixels, camera) = smaller(undistorted(pixels, camera, &one.distortion), camera, downscale);
+    if pixels.rgba.iter().all(|pixel| pixel[3] == 0) {
+        let expected =
+            format!("a pixel that is not masked, shown by the lens and within {downscale} x {downscale} that are");
+        return Err(off(format!("image {path}"), expected, "none"));
+    }
     // For images that are not to be mixed: the pixel of the original that a pixel shows.
     let shown = |index: usize, of: &Camera| -> Option<usize> {
         let (x, y) = ((index % pixels.width) as f64 + 0.5, (index / pixels.width) as f64 + 0.5);
@@ -186,36 +220,33 @@ fn photograph(one: &CaptureCamera, files: Files, downscale: u32) -> Result<Photo
         inside.then(|| v as usize * of.width as usize + u as usize)
     };
     let count = pixels.rgba.len();
-    let depth = match &one.attachments.depth {
-        Some(file) => {
-            let of = file.camera.unwrap_or(one.camera);
-            let units = depth_image(file, files, &of)?;
-            let metres =
-                |units: u16| if units == u16::MAX { 0.0 } else { (units as f64 * file.metres_per_unit) as f32 };
-            (0..count).map(|index| shown(index, &of).map_or(0.0, |at| metres(units[at]))).collect()
-        }
-        None => vec![],
-    };
-    let attached = |path: &Option<String>| path.as_deref().map(|path| decode(path, files, &one.camera)).transpose();
-    let normals = attached(&one.attachments.normals)?.map(|image| image.into_rgb8());
-    let normals = normals.map_or(vec![], |image| {
+    let depth = one.attachments.depth.as_ref().map_or(Ok(vec![]), |file| {
+        let of = file.camera.unwrap_or(one.camera);
+        let units = depth_image(file, files, &of)?;
+        let metres = |units: u16| if units == u16::MAX { 0.0 } else { (units as f64 * file.metres_per_unit) as f32 };
+        Ok((0..count).map(|index| shown(index, &of).map_or(0.0, |at| metres(units[at]))).collect())
+    });
+    let normals = one.attachments.normals.as_deref().map_or(Ok(vec![]), |path| {
+        let image = decode(path, files, &one.camera)?.into_rgb8();
         let at = |index| shown(index, &one.camera).map_or([0.0; 3], |at| normal(&image.as_raw()[3 * at..3 * at + 3]));
-        (0..count).map(at).collect()
+        Ok((0..count).map(at).collect())
     });
-    let labels = attached(&one.attachments.labels)?.map(|image| match image {
-        image::DynamicImage::ImageLuma8(image) => Ok(image),
-        // Grey made of colours, or of 16 bits, would be other labels.
-        other => Err(off(
-            format!("image {}", one.attachments.labels.as_deref().unwrap_or_default()),
-            "labels as grey of 8 bits",
-            format!("{:?}", other.color()),
-        )),
+    let labels = one.attachments.labels.as_deref().map_or(Ok(vec![]), |path| {
+        let image = label_image(path, files, &one.camera)?;
+        Ok((0..count).map(|index| shown(index, &one.camera).map_or(0, |at| image[at])).collect())
     });
-    let labels = labels.transpose()?;
-    let labels = labels.map_or(vec![], |image| {
-        (0..count).map(|index| shown(index, &one.camera).map_or(0, |at| image.as_raw()[at])).collect()
-    });
-    Ok(Photograph { name: one.name.clone(), camera, pixels, depth, normals, labels })
+    let mut without = vec![];
+    let (depth, normals, labels) =
+        (or_none(depth, &mut without), or_none(normals, &mut without), or_none(labels, &mut without));
+    Ok((Photograph { name: one.name.clone(), camera, pixels, depth, normals, labels }, without))
+}
+
+/// What was read, or nothing, and why.
+fn or_none<T>(read: Result<Vec<T>, SplatError>, without: &mut Vec<SplatError>) -> Vec<T> {
+    read.unwrap_or_else(|error| {
+        without.push(error);
+        vec![]
+    })
 }
 
 fn normal(bytes: &[u8]) -> [f32; 3] {
@@ -242,6 +273,14 @@ fn depth_image(file: &DepthFile, files: Files, camera: &Camera) -> Result<Vec<u1
     }
 }
 
+fn label_image(path: &str, files: Files, camera: &Camera) -> Result<Vec<u8>, SplatError> {
+    match decode(path, files, camera)? {
+        image::DynamicImage::ImageLuma8(image) => Ok(image.into_raw()),
+        // Grey made of colours, or of 16 bits, would be other labels.
+        other => Err(off(format!("image {path}"), "labels as grey of 8 bits", format!("{:?}", other.color()))),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -261,7 +300,7 @@ mod tests {
                 attachments: Attachments::default(),
             }
         };
-        Capture { cameras: (0..count).map(one).collect() }
+        Capture { cameras: (0..count).map(one).collect(), lost: vec![] }
     }
 
     fn png(width: u32, height: u32, grey: u8) -> Vec<u8> {
@@ -304,14 +343,9 @@ mod tests {
             Dataset::new(capture, files, options).unwrap_err().to_string()
         };
         let (good, options) = (|_: &str| Ok(png(8, 6, 128)), ReadOptions::default());
-        let error = fault(
-            &capture(3, 0.0),
-            &|name| if name == "v2.png" { Err("none".into()) } else { Ok(png(8, 6, 1)) },
-            &options,
-        );
-        assert!(error.contains("image v2.png: expected a file, found none"), "{error}");
         let error = fault(&capture(3, 0.0), &|_| Ok(png(9, 6, 1)), &options);
         assert!(error.contains("expected 8 x 6 pixels, as its camera has, found 9 x 6"), "{error}");
+        assert!(error.contains("3 lost"), "{error}");
         let error = fault(&capture(3, 0.0), &|_| Ok(vec![1, 2]), &options);
         assert!(error.contains("expected a JPEG or PNG image"), "{error}");
         let error = fault(&capture(1, 0.0), &good, &ReadOptions { hold_out: 0, downscale: 1 });
@@ -322,21 +356,43 @@ mod tests {
         one_off.cameras[2].camera.camera_from_world.rotation = glam::DQuat::from_rotation_y(3.0);
         let read = Dataset::new(&one_off, &good, &ReadOptions { hold_out: 0, downscale: 1 }).unwrap();
         assert_eq!(read.alone(), vec!["v2"]);
-        let mut with_depth = capture(3, 0.0);
-        with_depth.cameras[1].attachments.depth =
-            Some(DepthFile { path: "d.png".into(), metres_per_unit: 1e-3, camera: None });
-        let error = fault(&with_depth, &good, &options);
-        assert!(error.contains("image d.png: expected grey values of 16 bits"), "{error}");
+        let half_masked = |name: &str| if name.contains("mask") { Ok(png(8, 6, 0)) } else { good(name) };
         let mut masked = capture(3, 0.0);
-        masked.cameras[1].attachments.mask = Some("m.png".into());
-        let error = fault(&masked, &|name| Ok(png(8, 6, if name == "m.png" { 0 } else { 9 })), &options);
-        assert!(error.contains("image v1.png: expected a pixel that is not masked, found none"), "{error}");
-        let mut labelled = capture(3, 0.0);
-        labelled.cameras[1].attachments.labels = Some("l.png".into());
+        masked.cameras.iter_mut().for_each(|one| one.attachments.mask = Some("mask.png".into()));
+        assert!(fault(&masked, &half_masked, &options).contains("expected a pixel that is not masked"));
+    }
+
+    #[test]
+    fn what_cannot_be_used_is_left_out_and_named() {
+        let mut capture = capture(7, 0.0);
+        let twice = capture.cameras[6].clone();
+        capture.cameras.push(CaptureCamera { name: "again".into(), image: Some("./v6.png".into()), ..twice });
+        capture.cameras[1].attachments.mask = Some("m.png".into());
+        capture.cameras[2].attachments.depth =
+            Some(DepthFile { path: "d.png".into(), metres_per_unit: 1e-3, camera: None });
+        capture.cameras[3].attachments.labels = Some("l.png".into());
         let mut colours = std::io::Cursor::new(vec![]);
         image::RgbImage::new(8, 6).write_to(&mut colours, image::ImageFormat::Png).unwrap();
-        let files = |name: &str| Ok(if name == "l.png" { colours.get_ref().clone() } else { png(8, 6, 9) });
-        let error = fault(&labelled, &files, &options);
-        assert!(error.contains("image l.png: expected labels as grey of 8 bits, found Rgb8"), "{error}");
+        let files = |name: &str| match name {
+            "v0.png" => Err("none".into()),
+            "m.png" => Ok(png(8, 6, 0)),
+            "l.png" => Ok(colours.get_ref().clone()),
+            _ => Ok(png(8, 6, 9)),
+        };
+        let data = Dataset::new(&capture, &files, &ReadOptions { hold_out: 0, downscale: 1 }).unwrap();
+        let names: Vec<&str> = data.training.iter().map(|one| one.name.as_str()).collect();
+        assert_eq!(names.len(), 5, "{names:?}");
+        assert!(!names.contains(&"v0") && !names.contains(&"v1"), "{names:?}");
+        assert!(data.training.iter().all(|one| one.depth.is_empty() && one.labels.is_empty()));
+        for (lost, expected) in data.lost.iter().zip([
+            "v6.png: expected each image once, found it again as",
+            "image v0.png: expected a file, found none",
+            "image v1.png: expected a pixel that is not masked",
+            "image d.png: expected grey values of 16 bits",
+            "image l.png: expected labels as grey of 8 bits, found Rgb8",
+        ]) {
+            assert!(lost.contains(expected), "{lost}, {expected}");
+        }
+        assert_eq!(data.lost.len(), 5, "{:?}", data.lost);
     }
 }

@@ -56,6 +56,11 @@ impl Default for Weights {
 }
 
 impl Weights {
+    /// Whether there is a term that counts from [`TrainOptions::geometry_from`] on only.
+    pub fn geometry(&self) -> bool {
+        self.planes() || self.flattening > 0.0 || self.depth_prior > 0.0 || self.labels > 0.0
+    }
+
     /// Whether a term needs normals and plane depth.
     pub fn planes(&self) -> bool {
         self.depth_normal > 0.0 || self.multi_view > 0.0 || self.normal_prior > 0.0

@@ -122,7 +122,7 @@ mod tests {
     #[test]
     fn points_become_gaussians() {
         let places = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [9.0, 0.0, 0.0]];
-        let points = Points { places, colours: vec![[0.5, 1.0, 0.0]; 5] };
+        let points = Points { places, colours: vec![[0.5, 1.0, 0.0]; 5], ..Default::default() };
         let mut options = TrainOptions { strategy: Strategy::Classic, ..Default::default() };
         let cloud = of_points(&points, &options).unwrap();
         assert_eq!(cloud.check(), Ok(()));
@@ -156,7 +156,11 @@ mod tests {
     fn far_points_lie_behind_all_others() {
         let scene = tiny::scene(60, 4, 24);
         let options = TrainOptions::default();
-        let known = Points { places: scene.cloud.means.clone(), colours: vec![[0.5; 3]; scene.cloud.len()] };
+        let known = Points {
+            places: scene.cloud.means.clone(),
+            colours: vec![[0.5; 3]; scene.cloud.len()],
+            ..Default::default()
+        };
         let far = at_far(&scene.dataset, Some(&known), 50, &options);
         let nearest = far.places.iter().map(|place| Vec3::from(*place).length()).fold(f32::INFINITY, f32::min);
         assert!(far.places.len() == 50 && nearest > 10.0, "{nearest}");

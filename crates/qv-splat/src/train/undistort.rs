@@ -45,16 +45,31 @@ impl Pixels {
     }
 }
 
-/// The photograph without distortion; pixels that the lens does not show are masked.
+/// Whether the lens folds on the way from its axis to a pixel of the edge; where it does for none, it does for none within.
+fn folds_at_edge(camera: &Camera, distortion: &Distortion) -> bool {
+    let (width, height) = (camera.width, camera.height);
+    let rows = (0..height).flat_map(|y| [(0, y), (width - 1, y)]);
+    let columns = (0..width).flat_map(|x| [(x, 0), (x, height - 1)]);
+    rows.chain(columns).any(|(x, y)| {
+        let (x, y) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
+        distortion.folds_before(DVec2::new((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy))
+    })
+}
+
+/// The photograph without distortion; pixels that the lens does not show, or beyond where it folds, are masked.
 pub fn undistorted(photograph: Pixels, camera: &Camera, distortion: &Distortion) -> Pixels {
     if distortion.is_none() {
         return photograph;
     }
     let (focal, centre) = (DVec2::new(camera.fx, camera.fy), DVec2::new(camera.cx, camera.cy));
+    let folds = folds_at_edge(camera, distortion);
     let pixel = |index: usize| {
         let at = DVec2::new((index % photograph.width) as f64 + 0.5, (index / photograph.width) as f64 + 0.5);
-        let shown = distortion.distort((at - centre) / focal) * focal + centre;
-        match photograph.mixed(shown) {
+        let ray = (at - centre) / focal;
+        if folds && distortion.folds_before(ray) {
+            return [0; 4];
+        }
+        match photograph.mixed(distortion.distort(ray) * focal + centre) {
             Some(colour) => {
                 let [r, g, b] = colour.map(|c| (c + 0.5) as u8);
                 [r, g, b, 255]
@@ -129,6 +144,19 @@ mod tests {
         let pincushion = Distortion { k1: 0.3, ..Default::default() };
         let out = undistorted(slope(60, 40), &camera(60, 40), &pincushion);
         assert_eq!((out.rgba[0][3], out.rgba[20 * 60 + 30][3]), (0, 255));
+    }
+
+    #[test]
+    fn beyond_the_fold_nothing_is_shown() {
+        // r (1 - 0.9 r²) turns over at r = 0.61, 30 pixels from the centre: before that the whole image is shown, mirrored after it.
+        let out = undistorted(slope(60, 40), &camera(60, 40), &Distortion { k1: -0.9, ..Default::default() });
+        for (index, pixel) in out.rgba.iter().enumerate() {
+            let from = DVec2::new((index % 60) as f64 - 29.5, (index / 60) as f64 - 19.5) / 50.0;
+            let fold = (1.0f64 / 2.7).sqrt();
+            if (from.length() - fold).abs() > 0.02 {
+                assert_eq!(pixel[3] == 255, from.length() < fold, "{index} {from}");
+            }
+        }
     }
 
     #[test]

@@ -167,7 +167,7 @@ mod tests {
     }
 
     fn open(cameras: Vec<CaptureCamera>) -> OpenCapture {
-        OpenCapture { capture: Capture { cameras }, folders: vec![], points: None }
+        OpenCapture { capture: Capture { cameras, lost: vec![] }, folders: vec![], points: None }
     }
 
     #[test]
@@ -185,7 +185,7 @@ mod tests {
         let mut found = open([0, 1, 3].map(again).to_vec());
         let point = DVec3::new(0.3, 0.2, 0.1);
         let place = found_from_given.transform_point(point).to_array().map(|x| x as f32);
-        found.points = Some(Points { places: vec![place], colours: vec![[0.5; 3]] });
+        found.points = Some(Points { places: vec![place], colours: vec![[0.5; 3]], ..Default::default() });
         let wanted: Vec<Pose> = [0, 1, 3].map(|k| given.capture.cameras[k].camera.camera_from_world).to_vec();
         let told = adopted(&mut given, found, &Placed { frames: 4, placed: 3, held: 0.9 }).unwrap();
         let cameras = &given.capture.cameras;

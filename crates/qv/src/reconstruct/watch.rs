@@ -20,7 +20,8 @@ pub(super) struct Run<'a> {
     clock: Instant,
     pub bar: ProgressBar,
     stop: Arc<AtomicBool>,
-    pub loss: f32,
+    /// The last that was told, every hundred steps.
+    pub loss: Option<f32>,
     /// PSNR of the last preview's photograph, or of those that the last scene was judged by.
     pub psnr: Option<f64>,
     /// What is kept if training is stopped.
@@ -45,7 +46,7 @@ impl<'a> Run<'a> {
             clock: Instant::now(),
             bar,
             stop,
-            loss: 0.0,
+            loss: None,
             psnr: None,
             best: Best::default(),
             times: (vec![], 0),
@@ -55,7 +56,7 @@ impl<'a> Run<'a> {
     /// After each step; false to stop.
     pub fn watch(&mut self, engine: &mut dyn Engine, progress: &Progress) -> Result<bool, Failure> {
         if let Some(loss) = progress.loss {
-            self.loss = loss;
+            self.loss = Some(loss);
             self.bar.set_position(u64::from(progress.iteration));
             let psnr = self.psnr.map_or(String::new(), |psnr| format!(" PSNR {psnr:.2}"));
             self.bar.set_message(format!("loss {loss:.4}{psnr} {} Gaussians", progress.splats));

@@ -32,7 +32,8 @@ mod against_the_cpu {
     fn begin(scene: &tiny::Tiny, options: &TrainOptions) -> Model {
         let places: Vec<[f32; 3]> = scene.cloud.means.iter().map(|m| m.map(|x| x + 0.03 * (9.0 * x).sin())).collect();
         let colours = vec![[0.5; 3]; places.len()];
-        let mut model = Model::new(of_points(&Points { places, colours }, options).unwrap(), &scene.dataset);
+        let mut model =
+            Model::new(of_points(&Points { places, colours, ..Default::default() }, options).unwrap(), &scene.dataset);
         model.cloud.log_scales.iter_mut().for_each(|s| *s = [-2.0, -2.3, -2.6]);
         model.raise_degree(2);
         model
