@@ -98,10 +98,8 @@ mod tests {
         {
             let error = vertices(&root, name).map(|v| v.len());
             // A binary STL of no triangles is a mesh without vertices.
-            assert!(
-                error.as_ref().is_ok_and(|n| *n == 0) || error.as_ref().is_err_and(|e| e.contains(word)),
-                "{error:?}"
-            );
+            let is_empty = name == "cut.stl" && error == Ok(0);
+            assert!(is_empty || error.as_ref().is_err_and(|e| e.contains(word)), "{name}: {error:?}");
         }
         fs::remove_dir_all(root).unwrap();
     }
