@@ -35,6 +35,16 @@ pub enum GapError {
 }
 
 impl GapError {
+    /// The same, with what is known to be wrong with the recordings.
+    pub(crate) fn beside(self, known: &[String]) -> Self {
+        match self {
+            Self::Run { what, expected, found } if !known.is_empty() => {
+                Self::Run { what, expected, found: format!("{found} ({})", known.join("; ")) }
+            }
+            other => other,
+        }
+    }
+
     pub(crate) fn run(what: impl Into<String>, expected: impl Into<String>, found: impl Into<String>) -> Self {
         Self::Run { what: what.into(), expected: expected.into(), found: found.into() }
     }

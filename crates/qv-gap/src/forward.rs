@@ -168,11 +168,18 @@ fn simulate(
     let latency = live.iter().map(|c| longest_latency(problem, &settings[c.setting])).fold(0.0, f64::max);
     let past = (latency / numerics.timestep).ceil() as usize;
     let mut batch = Batch::<f64>::new(problem.model, &problem.terrain, &numerics.options(latency), live.len())?;
-    let mut tracks = Vec::with_capacity(live.len());
+    let (mut tracks, mut refused) = (Vec::with_capacity(live.len()), vec![false; live.len()]);
     for (env, case) in live.iter().enumerate() {
         let start = prepared[case.prepared].as_ref().expect("live");
         let (setting, window) = (&settings[case.setting], windows[case.window]);
-        let height = set(problem, &mut batch, env, setting, window, &start.state)?;
+        // What a search tries may mean nothing to the simulator (a trunk of less than no mass): such a case says nothing.
+        let height = match set(problem, &mut batch, env, setting, window, &start.state) {
+            Err(GapError::Sim(_)) if !setting.is_empty() => {
+                refused[env] = true;
+                0.0
+            }
+            height => height?,
+        };
         for age in (1..=past).rev() {
             batch.set_past_command(env, age, &commands[case.window].before(age).view())?;
         }
@@ -193,10 +200,11 @@ fn simulate(
         }
     }
     let mut out = vec![Vec::new(); cases.len()];
-    let mut tracks = tracks.into_iter();
+    let mut tracks = tracks.into_iter().zip(refused);
     for (k, case) in cases.iter().enumerate() {
         if let (Some(start), true) = (&prepared[case.prepared], prepared[case.prepared].is_some()) {
-            out[k] = tracks.next().expect("one for each live case").residual(problem, start);
+            let (track, is_refused) = tracks.next().expect("one for each live case");
+            out[k] = if is_refused { Vec::new() } else { track.residual(problem, start) };
         }
     }
     Ok(out)

@@ -3,6 +3,8 @@
 use crate::GapError;
 use crate::forward::Kept;
 use crate::observe::{self, Channel};
+
+use qv_core::JointSeries;
 use qv_replay::Run;
 use qv_replay::median_interval;
 use qv_replay::replay::{
@@ -309,10 +311,36 @@ impl<'a> Problem<'a> {
             starts.into_iter().enumerate().filter_map(|(k, start)| self.window(run, start, k % 4 == 3)).collect();
         if windows.len() < 8 {
             let expected = format!("at least 8 windows of {} s with all channels", cut.window);
-            return Err(GapError::run("recording", expected, format!("{}", windows.len())));
+            let found = format!("{} in {:.1} s{}", windows.len(), last - first, self.why_so_few(run));
+            return Err(GapError::run("recording", expected, found));
         }
         mark_moving(&mut windows, &self.columns);
         Ok(windows)
+    }
+
+    /// Why a run has too few windows, as far as that can be seen.
+    fn why_so_few(&self, run: &Run) -> String {
+        let [first, last] = run.span();
+        let m = &run.measured;
+        let mut why = Vec::new();
+        let least = 8.0 * self.cut.window + 0.3;
+        if last - first < least {
+            why.push(format!("record {least:.1} s at least"));
+        }
+        if self.free && m.base_pose.as_ref().is_none_or(JointSeries::is_empty) {
+            why.push("the base is free, and no poses of it were measured (`base = \"fixed\"` in run.toml for a robot that is held)".into());
+        }
+        if let Some(position) = &m.position {
+            let names = self.columns.iter().filter(|c| !position.column(**c).any(f64::is_finite));
+            let names: Vec<&str> = names.map(|c| run.joint_names[*c].as_str()).collect();
+            if !names.is_empty() {
+                why.push(format!("positions of {} were not measured", names.join(", ")));
+            }
+            if median_interval(&position.time) > 0.02 {
+                why.push(format!("joint states are {:.2} s apart (0.02 at most)", median_interval(&position.time)));
+            }
+        }
+        if why.is_empty() { String::new() } else { format!(": {}", why.join("; ")) }
     }
 
     fn is_usable(&self, run: &Run, from: f64) -> bool {
@@ -320,7 +348,8 @@ impl<'a> Problem<'a> {
         let (m, c) = (&run.measured, &run.commands);
         let needed =
             [&m.position, &m.velocity, &m.torque, &m.gyro, &m.orientation, &m.base_pose, &c.position, &c.torque];
-        needed.into_iter().flatten().filter(|s| !s.is_empty()).all(|s| is_whole(s, from, to))
+        let there = || needed.into_iter().flatten().filter(|s| !s.is_empty());
+        there().all(|s| is_whole(s, from, to)) && there().all(|s| has_values(s, from, to))
     }
 
     /// One window; `None` when its start cannot be found.
@@ -347,6 +376,22 @@ impl<'a> Problem<'a> {
         };
         Ok((0..ticks + past).map(at).collect())
     }
+}
+
+/// Most values on end that may be missing of a column.
+const MOST_MISSING: usize = 5;
+
+/// Whether no column that has values elsewhere lacks more than [`MOST_MISSING`] of them on end between two times \[s\].
+fn has_values(series: &JointSeries, from: f64, to: f64) -> bool {
+    let (first, last) = (series.time.partition_point(|&t| t < from), series.time.partition_point(|&t| t <= to));
+    let lacks = |column: usize| {
+        let mut missing = 0;
+        (first..last).any(|i| {
+            missing = if series.row(i)[column].is_nan() { missing + 1 } else { 0 };
+            missing > MOST_MISSING
+        })
+    };
+    !(0..series.joints).any(|column| lacks(column) && series.column(column).any(f64::is_finite))
 }
 
 fn role(name: &str, model: &Model) -> Role {

@@ -15,12 +15,23 @@ const ALIKE: f64 = 0.75;
 /// A trunk tilted by more than this lies on the ground \[rad\].
 const FALLEN: f64 = 1.0;
 
-/// What is broken in the recordings.
-pub fn faults(runs: &[Run]) -> Vec<String> {
-    let mut told = Vec::new();
-    for fault in runs.iter().flat_map(|r| &r.faults) {
+/// Samples on end whose lack is told.
+const MANY: usize = 50;
+
+/// What is broken in the recordings; `mended` are the same without what stood still for a part of the time.
+pub fn faults(runs: &[Run], mended: &[Run]) -> Vec<String> {
+    let lost = runs.iter().flat_map(|r| &r.lost).map(|loss| format!("lost of {}: {}", loss.file, loss.what));
+    let mut told: Vec<String> = lost.collect();
+    let both = runs.iter().zip(mended).flat_map(|(run, mended)| run.faults.iter().map(move |fault| (fault, mended)));
+    for (fault, mended) in both {
         let line = match fault.kind {
+            FaultKind::Frozen if !mended.faults.contains(fault) => {
+                format!("{} {}: what was recorded then is left out", fault.channel, fault.detail)
+            }
             FaultKind::Frozen => format!("{} stood still: nothing is accused on it ({})", fault.channel, fault.detail),
+            FaultKind::Gap if fault.count > MANY => {
+                format!("{}: {}; windows there are left out", fault.channel, fault.detail)
+            }
             FaultKind::Missing => format!("{} was not recorded", fault.channel),
             kind if kind.is_partial() => {
                 format!("{kind} in {} at {:.2} s: {}", fault.channel, fault.time, fault.detail)
@@ -168,11 +179,12 @@ pub fn amounts(lead: &Lead) -> String {
 pub fn nearest(lead: &Lead) -> String {
     let names: Vec<String> = lead.effects.iter().map(|e| e.replace('_', " ")).collect();
     format!(
-        "Nearest, not accused: {} ({}), which would close {:.0} % of the gap. To tell: {}.",
+        "Nearest, not accused: {} ({}), which would close {:.0} % of the gap. To tell: {}{}",
         names.join(" or "),
         amounts(lead),
         100.0 * lead.closed,
-        lead.separating_experiment
+        lead.separating_experiment,
+        if lead.separating_experiment.ends_with('?') { "" } else { "." }
     )
 }
 
@@ -224,6 +236,40 @@ pub fn round(study: &Study, round: &Round, estimates: impl Fn(&Study, &Fit) -> V
     let accused = round.accused.iter().chain(&round.also).map(|&k| effect(&round.fits[k])).collect();
     let reason = if round.accused.is_some() { String::new() } else { round.reason.clone() };
     RoundTold { level: round.level.ratio, suspects, accused, reason }
+}
+
+/// Gap over floor from which on it is more than effects of the library usually make: about the largest of 327 recordings of single effects.
+const HUGE: f64 = 20.0;
+
+/// What to look at before any effect: broken encoders, a model that is another robot's.
+pub fn first_of_all(verdict: Verdict, gap: &Gap, runs: &[Run]) -> Vec<String> {
+    let mut first = Vec::new();
+    let dead = dead_positions(runs);
+    if !dead.is_empty() {
+        first.push(format!(
+            "Mend {} and record again: without a joint's position nothing near it can be simulated, and what is left may be due to that alone.",
+            dead.join(", ")
+        ));
+    }
+    if verdict != Verdict::NoGap && gap.before > HUGE * gap.floor {
+        first.push(format!(
+            "The gap is {:.0} times what noise makes. Check the model before anything else: masses and lengths of the URDF, names and order of the \
+             joints, gains, units and signs of every channel.",
+            gap.before / gap.floor
+        ));
+    }
+    first
+}
+
+/// Positions of joints that stood still all the time: `position NAME`.
+pub fn dead_positions(runs: &[Run]) -> Vec<&str> {
+    let faults = runs.iter().flat_map(|run| &run.faults);
+    let mut names: Vec<&str> = faults
+        .filter(|f| f.kind == FaultKind::Frozen && f.channel.starts_with("position "))
+        .map(|f| f.channel.as_str())
+        .collect();
+    names.dedup();
+    names
 }
 
 /// What to do next. `slips` is the share that a slippery region closes in pieces of windows.

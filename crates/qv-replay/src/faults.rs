@@ -3,6 +3,7 @@
 use crate::clean::{median, median_interval};
 use crate::mapping::Mapping;
 use crate::run::{Fault, FaultKind, Run};
+use crate::still::still;
 use qv_core::JointSeries;
 
 /// A gap is longer than this many periods; a drop than one and a half.
@@ -13,9 +14,6 @@ const FASTEST_JOINT: f64 = 100.0;
 
 /// No walking robot's trunk moves faster \[m/s\].
 const FASTEST_BASE: f64 = 10.0;
-
-/// A joint that stands still for so long while others move is suspected to be frozen \[s\].
-const FROZEN: f64 = 0.5;
 
 /// Joint angles beyond this are hardly radians, unless the joint turns without end.
 const LARGEST_ANGLE: f64 = 20.0;
@@ -39,10 +37,15 @@ pub fn examine(run: &mut Run, mapping: Option<&Mapping>) {
         for joint in 0..position.joints {
             let name = format!("position {}", run.joint_names[joint]);
             jumps(&name, position, joint..joint + 1, FASTEST_JOINT, 0.2, &mut faults);
-            frozen(&name, position, joint, &mut faults);
         }
         degrees(run, position, mapping, &mut faults);
     }
+    for (name, series) in [("position", &m.position), ("velocity", &m.velocity), ("torque", &m.torque)] {
+        if let Some(series) = series {
+            holes(name, series, &run.joint_names, &mut faults);
+        }
+    }
+    frozen(run, &mut faults);
     if let Some(pose) = &m.base_pose {
         jumps("base pose", pose, 0..3, FASTEST_BASE, 0.2, &mut faults);
     }
@@ -134,35 +137,42 @@ fn jumps(
     }
 }
 
-/// A column that keeps one value for [`FROZEN`] seconds while the others of its row move by 0.05 rad or more.
-fn frozen(name: &str, series: &JointSeries, joint: usize, faults: &mut Vec<Fault>) {
-    let mut start = 0;
-    let mut total = 0;
-    let mut first: Option<(f64, f64)> = None;
-    for i in 1..=series.len() {
-        let same = i < series.len() && series.row(i)[joint].to_bits() == series.row(start)[joint].to_bits();
-        if same {
-            continue;
-        }
-        let long = series.time[i - 1] - series.time[start] > FROZEN;
-        if long && !series.row(start)[joint].is_nan() && others_move(series, joint, start, i) {
-            total += i - start;
-            first.get_or_insert((series.time[start], series.time[i - 1]));
-        }
-        start = i;
-    }
-    if let Some((from, to)) = first {
-        let detail = format!("stood still from {from:.3} to {to:.3} s while other joints moved");
-        faults.push(fault(FaultKind::Frozen, name, from, total, detail));
+/// Channels that keep one value while joints move.
+fn frozen(run: &Run, faults: &mut Vec<Fault>) {
+    for one in still(run) {
+        let time = |i: usize| one.channel.series.time[i];
+        let first = &one.stretches[0];
+        let (from, to) = (time(first.start), time(first.end - 1));
+        let more = match one.stretches.len() {
+            1 => String::new(),
+            n => format!(", and {} times more", n - 1),
+        };
+        let detail = format!("stood still from {from:.3} to {to:.3} s while other joints moved{more}");
+        faults.push(fault(FaultKind::Frozen, &one.channel.name, from, one.count(), detail));
     }
 }
 
-fn others_move(series: &JointSeries, joint: usize, start: usize, end: usize) -> bool {
-    (0..series.joints).filter(|&j| j != joint).any(|j| {
-        let values = (start..end).map(|i| series.row(i)[j]).filter(|x| !x.is_nan());
-        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
-        high - low > 0.05
-    })
+/// Columns of joint states without a value for more than [`GAP_PERIODS`] samples on end, though they have some.
+fn holes(name: &str, series: &JointSeries, names: &[String], faults: &mut Vec<Fault>) {
+    for (joint, joint_name) in names.iter().enumerate().take(series.joints) {
+        let lacks: Vec<bool> = series.column(joint).map(f64::is_nan).collect();
+        let mut longest = 0..0;
+        let mut start = 0;
+        for i in 1..=lacks.len() {
+            if i == lacks.len() || lacks[i] != lacks[start] {
+                if lacks[start] && i - start > longest.len() {
+                    longest = start..i;
+                }
+                start = i;
+            }
+        }
+        let count = lacks.iter().filter(|x| **x).count();
+        if longest.len() as f64 > GAP_PERIODS {
+            let (from, to) = (series.time[longest.start], series.time[longest.end - 1]);
+            let detail = format!("{count} of {} values missing, most of them from {from:.3} to {to:.3} s", lacks.len());
+            faults.push(fault(FaultKind::Gap, &format!("{name} {joint_name}"), from, count, detail));
+        }
+    }
 }
 
 /// Positions that are far outside the limits, but inside when read as degrees; without limits, positions beyond

@@ -16,6 +16,7 @@ pub mod replay;
 pub mod run;
 pub mod schema;
 pub mod smooth;
+pub mod still;
 pub mod stream;
 mod table;
 

@@ -96,7 +96,12 @@ impl Diagnose {
         if let Some(path) = &self.library {
             let text =
                 fs::read_to_string(path).map_err(|e| file_error(path, "a library of effects", &e.to_string()))?;
-            library.extend(library::parse(&text, &path.display().to_string()).map_err(replay_error)?);
+            let own = library::parse(&text, &path.display().to_string()).map_err(replay_error)?;
+            if let Some(known) = own.iter().find(|own| library.iter().any(|e| e.name == own.name)) {
+                let found = format!("`{}`, which is of the library", known.name);
+                return Err(file_error(path, "effects with names of their own", &found));
+            }
+            library.extend(own);
         }
         let of_camera = |name: &str| EFFECTS.iter().any(|e| e.name == name);
         let unknown = self.without.iter().find(|name| !library.iter().any(|e| e.name == **name) && !of_camera(name));

@@ -19,6 +19,7 @@ use crate::search::Fit;
 use crate::study::{Effort, Study};
 use crate::{leads, pictures, reference, rest, shares, telling};
 use qv_replay::Run;
+use qv_replay::still::without_still;
 use qv_sim::{Model, Terrain};
 
 /// Most causes that are accused.
@@ -115,9 +116,10 @@ pub fn diagnose(
     leave_out: usize,
 ) -> Result<Diagnosis, GapError> {
     let first = runs.first().ok_or_else(|| GapError::run("runs", "at least one", "none"))?;
-    let mut cannot_tell = telling::faults(runs);
-    let (usable, fallen) = telling::upright(runs);
-    cannot_tell.extend(fallen);
+    let mended: Vec<Run> = runs.iter().map(without_still).collect();
+    let mut cannot_tell = telling::faults(runs, &mended);
+    let (usable, fallen) = telling::upright(&mended);
+    cannot_tell.extend(fallen.iter().cloned());
     let mut session = Session {
         runs: usable,
         model,
@@ -130,7 +132,7 @@ pub fn diagnose(
     };
     let begun = session.now();
     session.calibrate()?;
-    let mut nominal = session.study(&[], &[])?;
+    let mut nominal = session.study(&[], &[]).map_err(|e| e.beside(&cannot_tell))?;
     cannot_tell.extend(telling::missing(&nominal, first, &options.library));
     let opening = Opening::new(&nominal)?;
     session.begin("search");
@@ -138,7 +140,10 @@ pub fn diagnose(
     let round = decide::round(&mut nominal, &closed_to, true)?;
     session.end(&nominal);
     let findings = session.follow(&mut nominal, round, &options.without, &opening, &cannot_tell)?;
-    let report = findings.report(&mut session, &mut nominal, begun)?;
+    let mut report = findings.report(&mut session, &mut nominal, begun)?;
+    if let Some(fall) = fallen.first() {
+        report.sentence = format!("{} ({fall}.)", report.sentence);
+    }
     let mut without = Vec::new();
     let ranked: Vec<String> =
         report.ranking.iter().map(|r| r.effect.clone()).filter(|e| e != UNKNOWN).take(leave_out).collect();
@@ -522,7 +527,9 @@ impl Findings<'_> {
         let seed = session.options.effort.seed;
         let gap = after.gap(nominal, seed);
         let leads = match (verdict, self.rounds.first()) {
-            (Verdict::Unexplained, Some(first)) => leads::leads(nominal, &first.fits, seed, estimates_of)?,
+            (Verdict::Unexplained, Some(first)) if telling::dead_positions(&session.runs).is_empty() => {
+                leads::leads(nominal, &first.fits, seed, estimates_of)?
+            }
             _ => Vec::new(),
         };
         // What looks like nothing is left in the windows of the fit, and is there in those that no fit has seen.
@@ -540,6 +547,7 @@ impl Findings<'_> {
         let sentence = telling::sentence(verdict, &causes, &gap, &leads, &ranking);
         let slips = self.accused.iter().filter_map(|a| a.fit.held_out).map(|f| f.closed).next();
         let mut next = telling::next(verdict, &causes, &leads, slips, &self.rounds, nominal);
+        next.splice(0..0, telling::first_of_all(verdict, &gap, &session.runs));
         if let (Some(doubt), Some(effect)) = (&self.doubt, doubted) {
             next.push(format!("Not accused: {effect}: {doubt}."));
         }

@@ -146,8 +146,11 @@ pub fn built_in() -> Vec<Effect> {
 pub fn parse(text: &str, name: &str) -> Result<Vec<Effect>, GapError> {
     let wrong = |found: String| GapError::Library { file: name.into(), expected: "[[effect]] tables".into(), found };
     let file: File = toml::from_str(text).map_err(|e| wrong(e.to_string()))?;
-    for effect in &file.effect {
+    for (index, effect) in file.effect.iter().enumerate() {
         check(effect, name)?;
+        if file.effect[..index].iter().any(|other| other.name == effect.name) {
+            return Err(wrong(format!("two of the name `{}`", effect.name)));
+        }
     }
     Ok(file.effect)
 }

@@ -347,6 +347,9 @@ fn rotation_of(wxyz: &[f64]) -> Option<DQuat> {
 
 /// The rotation at `time` between its neighbours, from the quaternion in columns `first` to `first + 3`.
 fn rotation_near(series: &JointSeries, first: usize, time: f64) -> Option<DQuat> {
+    if series.is_empty() {
+        return None;
+    }
     let i = series.index_at(time).unwrap_or(0);
     let a = rotation_of(&series.row(i)[first..first + 4])?;
     if i + 1 >= series.len() || time <= series.time[i] {
