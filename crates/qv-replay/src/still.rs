@@ -106,8 +106,10 @@ fn moved(position: &JointSeries, joint: usize, from: f64, to: f64, least: f64) -
     high - low > least
 }
 
-/// Share of a channel from which on it counts as broken throughout.
+/// Share of a channel from which on it counts as broken throughout; nothing can take the place of positions and poses, which do
+/// when they live for less than so long \[s\].
 const BROKEN: f64 = 0.6;
+const LEAST_ALIVE: f64 = 4.0;
 
 /// The run without what stood still: stretches become gaps, a trunk's channel that hardly ever lives is taken out, velocities of such a joint
 /// are those of its positions. Faults stay for channels that are broken throughout; a joint's position that is has no replacement.
@@ -129,7 +131,13 @@ pub fn without_still(run: &Run) -> Run {
             Some("orientation") => &mut m.orientation,
             _ => &mut m.base_pose,
         };
-        if one.share() > BROKEN {
+        let time = &one.channel.series.time;
+        let alive = (1.0 - one.share()) * (time[time.len() - 1] - time[0]);
+        let is_broken = match kind {
+            Some("position" | "base pose") => alive < LEAST_ALIVE,
+            _ => one.share() > BROKEN,
+        };
+        if is_broken {
             match kind {
                 Some("gyro" | "orientation" | "base pose") => *slot = None,
                 Some("velocity") => replace(slot, columns.start, derived.as_ref()),
@@ -212,6 +220,17 @@ mod tests {
         assert!(torque.column(0).all(f64::is_finite) && mended.gyro.is_none());
         let speed = mended.velocity.unwrap().row(500)[0];
         assert!((speed - 1.5 * (3.0f64 * 5.0).cos()).abs() < 0.01, "{speed}");
+    }
+
+    #[test]
+    fn a_position_is_kept_as_long_as_enough_of_it_lives() {
+        for (from, lives) in [(500, true), (300, false)] {
+            let mut run = run();
+            freeze(&mut run.measured.position, 0, from);
+            let position = without_still(&run).measured.position.unwrap();
+            assert_eq!(position.column(0).skip(from).all(f64::is_nan), lives, "{from}");
+            assert!(position.column(0).take(from).chain(position.column(1)).all(f64::is_finite));
+        }
     }
 
     #[test]
