@@ -349,7 +349,10 @@ impl<'a> Problem<'a> {
         let needed =
             [&m.position, &m.velocity, &m.torque, &m.gyro, &m.orientation, &m.base_pose, &c.position, &c.torque];
         let there = || needed.into_iter().flatten().filter(|s| !s.is_empty());
-        there().all(|s| is_whole(s, from, to)) && there().all(|s| has_values(s, from, to))
+        // What is smoothed looks as far beyond the window as the margin.
+        let margin = self.cut.margin;
+        let jumps = m.base_pose.as_ref().is_some_and(|pose| jumps(pose, from - margin, to + margin));
+        there().all(|s| is_whole(s, from, to)) && there().all(|s| has_values(s, from, to)) && !jumps
     }
 
     /// One window; `None` when its start cannot be found.
@@ -376,6 +379,19 @@ impl<'a> Problem<'a> {
         };
         Ok((0..ticks + past).map(at).collect())
     }
+}
+
+/// No walking robot's trunk moves faster \[m/s\]; less than so far may be noise \[m\].
+const FASTEST: f64 = 10.0;
+const FAR: f64 = 0.1;
+
+/// Whether a pose moves faster between two times \[s\] than any robot: where its estimate corrects itself, or recordings were joined.
+fn jumps(pose: &JointSeries, from: f64, to: f64) -> bool {
+    let (first, last) = (pose.time.partition_point(|&t| t < from), pose.time.partition_point(|&t| t <= to));
+    (first.max(1)..last).any(|i| {
+        let step = (0..3).map(|c| (pose.row(i)[c] - pose.row(i - 1)[c]).powi(2)).sum::<f64>().sqrt();
+        step > FAR && step > FASTEST * (pose.time[i] - pose.time[i - 1])
+    })
 }
 
 /// Most values on end that may be missing of a column.

@@ -230,6 +230,19 @@ fn the_same_run_gives_the_same_report() {
 }
 
 #[test]
+fn a_pose_that_jumps_costs_the_windows_it_jumps_in() {
+    let mut run = recorded(Vec::new(), 5);
+    let pose = run.measured.base_pose.as_mut().unwrap();
+    let joints = pose.joints;
+    for (row, time) in pose.values.chunks_mut(joints).zip(&pose.time) {
+        // A loop that is closed every five seconds.
+        row[0] += 0.6 * (time / 5.0).floor();
+    }
+    let report = of(&run, &quick());
+    assert_eq!(report.verdict, Verdict::NoGap, "{}", report.sentence);
+}
+
+#[test]
 fn a_run_that_is_too_short_is_refused_by_name() {
     let run = recorded(Vec::new(), 5);
     let short = qv_gap::observe::snippet(&run, 0.0, 1.5);
