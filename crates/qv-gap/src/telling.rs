@@ -203,7 +203,8 @@ pub fn sentence(verdict: Verdict, causes: &[Cause], gap: &Gap, leads: &[Lead], r
         }
         Verdict::Explained => format!("The gap is {}; with it the simulator closes {closed}.", all.join(" and ")),
         Verdict::PartlyExplained => {
-            format!("Most of the gap is {}, which closes {closed}; something else is there, too.", all.join(" and "))
+            let part = if gap.closed < 0.5 { "A part" } else { "Most" };
+            format!("{part} of the gap is {}, which closes {closed}; something else is there, too.", all.join(" and "))
         }
         Verdict::Unexplained => {
             let lead = leads.first().and_then(|l| l.effects.first());
