@@ -43,7 +43,7 @@ const LABEL_STRIDE: usize = 3;
 const NEIGHBOURS: usize = 8;
 /// Points on each surface that is compared.
 const SAMPLES: usize = 400_000;
-/// Share of the points of two surfaces that meet below which laying one on the other is doubted: redkitchen from colour alone has 0.8.
+/// Share of the points of two surfaces that meet below which laying one on the other is doubted: redkitchen from colour alone has 0.73 to 0.75, plain Gaussians 0.49.
 const WELL_LAID: f64 = 0.5;
 /// Floor of the solid below its lowest point \[m\].
 const THICKNESS: f64 = 0.2;
