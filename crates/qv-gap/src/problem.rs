@@ -3,9 +3,9 @@
 use crate::GapError;
 use crate::forward::Kept;
 use crate::observe::{self, Channel};
-
 use qv_core::JointSeries;
 use qv_replay::Run;
+use qv_replay::faults::{FASTEST_BASE, jumped};
 use qv_replay::median_interval;
 use qv_replay::replay::{
     Command, Feet, HeldCommands, SensorErrors, Starts, expand, feet_of, is_whole, joint_columns, stated_parameters,
@@ -381,17 +381,13 @@ impl<'a> Problem<'a> {
     }
 }
 
-/// No walking robot's trunk moves faster \[m/s\]; less than so far may be noise \[m\].
-const FASTEST: f64 = 10.0;
+/// A pose that moves by less from one sample to the next may be noise \[m\].
 const FAR: f64 = 0.1;
 
 /// Whether a pose moves faster between two times \[s\] than any robot: where its estimate corrects itself, or recordings were joined.
 fn jumps(pose: &JointSeries, from: f64, to: f64) -> bool {
     let (first, last) = (pose.time.partition_point(|&t| t < from), pose.time.partition_point(|&t| t <= to));
-    (first.max(1)..last).any(|i| {
-        let step = (0..3).map(|c| (pose.row(i)[c] - pose.row(i - 1)[c]).powi(2)).sum::<f64>().sqrt();
-        step > FAR && step > FASTEST * (pose.time[i] - pose.time[i - 1])
-    })
+    (first.max(1)..last).any(|i| jumped(pose, 0..3, i, FASTEST_BASE, FAR))
 }
 
 /// Most values on end that may be missing of a column.

@@ -5,6 +5,7 @@ use crate::mapping::Mapping;
 use crate::run::{Fault, FaultKind, Run};
 use crate::still::still;
 use qv_core::JointSeries;
+use std::ops::Range;
 
 /// A gap is longer than this many periods; a drop than one and a half.
 const GAP_PERIODS: f64 = 5.0;
@@ -13,7 +14,7 @@ const GAP_PERIODS: f64 = 5.0;
 const FASTEST_JOINT: f64 = 100.0;
 
 /// No walking robot's trunk moves faster \[m/s\].
-const FASTEST_BASE: f64 = 10.0;
+pub const FASTEST_BASE: f64 = 10.0;
 
 /// Joint angles beyond this are hardly radians, unless the joint turns without end.
 const LARGEST_ANGLE: f64 = 20.0;
@@ -117,22 +118,23 @@ fn spikes(position: &mut JointSeries, names: &[String], faults: &mut Vec<Fault>)
     }
 }
 
-fn jumps(
-    name: &str,
-    series: &JointSeries,
-    columns: std::ops::Range<usize>,
-    fastest: f64,
-    least: f64,
-    faults: &mut Vec<Fault>,
-) {
-    let step = |i: usize| {
-        let square = |c: usize| (series.row(i)[c] - series.row(i - 1)[c]).powi(2);
-        columns.clone().map(square).sum::<f64>().sqrt()
-    };
-    let is_jump = |i: &usize| step(*i) > least && step(*i) > fastest * (series.time[*i] - series.time[*i - 1]);
+/// How far columns are at a sample from where they were at the one before.
+fn step(series: &JointSeries, columns: Range<usize>, sample: usize) -> f64 {
+    columns.map(|c| (series.row(sample)[c] - series.row(sample - 1)[c]).powi(2)).sum::<f64>().sqrt()
+}
+
+/// Whether columns moved by more than `least`, and faster than `fastest`, from one sample to this one.
+pub fn jumped(series: &JointSeries, columns: Range<usize>, sample: usize, fastest: f64, least: f64) -> bool {
+    let step = step(series, columns, sample);
+    step > least && step > fastest * (series.time[sample] - series.time[sample - 1])
+}
+
+fn jumps(name: &str, series: &JointSeries, columns: Range<usize>, fastest: f64, least: f64, faults: &mut Vec<Fault>) {
+    let is_jump = |i: &usize| jumped(series, columns.clone(), *i, fastest, least);
     let found: Vec<usize> = (1..series.len()).filter(is_jump).collect();
     if let Some(&first) = found.first() {
-        let detail = format!("{:.3} within {:.4} s", step(first), series.time[first] - series.time[first - 1]);
+        let seconds = series.time[first] - series.time[first - 1];
+        let detail = format!("{:.3} within {seconds:.4} s", step(series, columns, first));
         faults.push(fault(FaultKind::Jump, name, series.time[first], found.len(), detail));
     }
 }

@@ -8,7 +8,7 @@ pub mod cdr;
 mod clean;
 pub mod derive;
 mod error;
-mod faults;
+pub mod faults;
 pub mod images;
 pub mod mapping;
 pub mod plan;

@@ -116,7 +116,6 @@ const LEAST_ALIVE: f64 = 4.0;
 pub fn without_still(run: &Run) -> Run {
     let mut out = run.clone();
     let mut mended = vec![];
-    let derived = crate::derive::joint_velocity(run).map(|d| d.series);
     for one in still(run) {
         let Channel { name, columns, .. } = &one.channel;
         let kind = ["position", "velocity", "torque", "gyro", "orientation", "base pose"]
@@ -140,7 +139,7 @@ pub fn without_still(run: &Run) -> Run {
         if is_broken {
             match kind {
                 Some("gyro" | "orientation" | "base pose") => *slot = None,
-                Some("velocity") => replace(slot, columns.start, derived.as_ref()),
+                Some("velocity") => replace(slot, columns.start, crate::derive::joint_velocity(run).map(|d| d.series)),
                 _ => {}
             }
             continue;
@@ -157,7 +156,7 @@ pub fn without_still(run: &Run) -> Run {
 }
 
 /// A column by that of another series with the same stamps.
-fn replace(slot: &mut Option<JointSeries>, column: usize, by: Option<&JointSeries>) {
+fn replace(slot: &mut Option<JointSeries>, column: usize, by: Option<JointSeries>) {
     let (Some(series), Some(by)) = (slot, by) else { return };
     if series.time == by.time && series.joints == by.joints {
         for i in 0..series.len() {
