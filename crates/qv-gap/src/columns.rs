@@ -294,6 +294,10 @@ fn is_observable(problem: &Problem, effect: &Effect) -> bool {
     if !problem.free && of_base.iter().any(|p| moves(p)) {
         return false;
     }
+    // Without poses nobody says how late they are, and how high the ground lies.
+    if problem.on_legs && ["sensor.pose", "terrain.height"].iter().any(|p| moves(p)) {
+        return false;
+    }
     if problem.terrain.is_none() && of_ground.iter().any(|p| moves(p)) {
         return false;
     }

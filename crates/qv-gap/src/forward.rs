@@ -4,7 +4,7 @@ use crate::GapError;
 use crate::observe::{self, Channel, middle, middles, turn};
 use crate::problem::{Cut, Numerics, Problem, Role, Setting, Window};
 use glam::{DQuat, DVec3};
-use qv_replay::replay::{Command, SensorErrors, Starts};
+use qv_replay::replay::{Command, SensorErrors};
 use qv_sim::{Batch, Shape, State};
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
@@ -147,7 +147,7 @@ pub fn measured(problem: &Problem, window: &Window) -> Option<Vec<f64>> {
 }
 
 fn prepare_one(problem: &Problem, window: &Window, errors: &SensorErrors) -> Option<Prepared> {
-    let starts = Starts::new(&window.view, &problem.columns, problem.free, errors.clone()).ok()?;
+    let starts = problem.starts(&window.view, errors.clone()).ok()?;
     let state = starts.at(window.start)?;
     let measured = observe::features(problem, window, &starts, errors);
     measured.iter().all(|x| x.is_finite()).then_some(Prepared { measured, state })

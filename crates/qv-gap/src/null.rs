@@ -11,7 +11,7 @@ use crate::random::Random;
 use glam::{DQuat, DVec3};
 use qv_core::JointSeries;
 use qv_replay::Run;
-use qv_replay::replay::{Command, HeldCommands, Starts};
+use qv_replay::replay::{Command, HeldCommands};
 use qv_sim::{Batch, SensorReading};
 use rayon::prelude::*;
 
@@ -189,9 +189,7 @@ impl Recorder {
         let from = (window.start - problem.cut.margin + 0.08).max(first);
         // On a stamp, so that rows fall on steps.
         let from = due[0].iter().copied().find(|&t| t >= from).unwrap_or(from);
-        let Ok(starts) =
-            Starts::new(&window.view, &problem.columns, problem.free, problem.sensor_errors(&ghost.setting))
-        else {
+        let Ok(starts) = problem.starts(&window.view, problem.sensor_errors(&ghost.setting)) else {
             return Ok(None);
         };
         let Some(state) = starts.at(from) else { return Ok(None) };

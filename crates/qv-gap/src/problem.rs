@@ -4,13 +4,14 @@ use crate::GapError;
 use crate::forward::Kept;
 use crate::observe::{self, Channel};
 use qv_core::JointSeries;
-use qv_replay::Run;
 use qv_replay::faults::{FASTEST_BASE, jumped};
 use qv_replay::median_interval;
 use qv_replay::replay::{
-    Command, Feet, HeldCommands, SensorErrors, Starts, expand, feet_of, is_whole, joint_columns, stated_parameters,
+    Command, Feet, HeldCommands, Legs, SensorErrors, Starts, expand, feet_of, is_whole, joint_columns,
+    stated_parameters,
 };
 use qv_replay::run::{ActuatorKind, FaultKind};
+use qv_replay::{ReplayError, Run};
 use qv_sim::{Batch, Model, ParameterInfo, SimOptions, Terrain};
 use std::collections::HashMap;
 
@@ -153,6 +154,8 @@ pub struct Problem<'a> {
     pub columns: Vec<usize>,
     /// Whether the base is free.
     pub free: bool,
+    /// Whether no poses of a free base were measured, so that its legs tell where it goes.
+    pub on_legs: bool,
     /// Its feet.
     pub feet: Feet,
     /// All parameters.
@@ -206,6 +209,7 @@ impl<'a> Problem<'a> {
             (0..nominal.len()).filter(|&i| nominal[i] != catalogue[i].neutral).map(|i| (i, nominal[i])).collect();
         let roles = catalogue.iter().map(|p| role(&p.name, model)).collect();
         let feet = feet_of(run, model);
+        let on_legs = free && walks_unseen(run, &feet, &terrain)?;
         let channels = observe::channels(run, &columns, free);
         if channels.is_empty() {
             return Err(GapError::run("channels", "at least one that is measured and alive", "none"));
@@ -219,6 +223,7 @@ impl<'a> Problem<'a> {
             terrain,
             columns,
             free,
+            on_legs,
             feet,
             catalogue,
             nominal,
@@ -327,9 +332,6 @@ impl<'a> Problem<'a> {
         if last - first < least {
             why.push(format!("record {least:.1} s at least"));
         }
-        if self.free && m.base_pose.as_ref().is_none_or(JointSeries::is_empty) {
-            why.push("the base is free, and no poses of it were measured (`base = \"fixed\"` in run.toml for a robot that is held)".into());
-        }
         if let Some(position) = &m.position {
             let names = self.columns.iter().filter(|c| !position.column(**c).any(f64::is_finite));
             let names: Vec<&str> = names.map(|c| run.joint_names[*c].as_str()).collect();
@@ -355,10 +357,22 @@ impl<'a> Problem<'a> {
         there().all(|s| is_whole(s, from, to)) && there().all(|s| has_values(s, from, to)) && !jumps
     }
 
+    /// Smoothed states of a part of the recording, freed of the sensors' `errors`.
+    ///
+    /// # Errors
+    /// When it lacks what states are told by.
+    pub fn starts<'r>(&self, view: &'r Run, errors: SensorErrors) -> Result<Starts<'r>, ReplayError> {
+        if self.on_legs {
+            Starts::on_legs(view, &self.columns, errors, Legs { model: self.model, feet: &self.feet.geoms })
+        } else {
+            Starts::new(view, &self.columns, self.free, errors)
+        }
+    }
+
     /// One window; `None` when its start cannot be found.
     pub fn window(&self, run: &Run, start: f64, held_out: bool) -> Option<Window> {
         let view = observe::snippet(run, start - self.cut.margin, start + self.cut.window + self.cut.margin);
-        let starts = Starts::new(&view, &self.columns, self.free, self.sensor_errors(&Vec::new())).ok()?;
+        let starts = self.starts(&view, self.sensor_errors(&Vec::new())).ok()?;
         starts.at(start)?;
         let attitude = if self.free { observe::attitudes(self, &view, &starts, start)? } else { Vec::new() };
         Some(Window { start, view, attitude, moving: true, held_out, run: 0, start_kept: Kept::default() })
@@ -379,6 +393,32 @@ impl<'a> Problem<'a> {
         };
         Ok((0..ticks + past).map(at).collect())
     }
+}
+
+/// Whether a free base has no measured poses.
+///
+/// # Errors
+/// When it has none, and neither its legs nor the ground can make up for them.
+fn walks_unseen(run: &Run, feet: &Feet, terrain: &Terrain) -> Result<bool, GapError> {
+    let m = &run.measured;
+    let lacks = |series: &Option<JointSeries>| series.as_ref().is_none_or(JointSeries::is_empty);
+    if !lacks(&m.base_pose) {
+        return Ok(false);
+    }
+    let without = |expected: &str| {
+        let found = "none (`base = \"fixed\"` in run.toml is for a robot that is held)";
+        Err(GapError::run("poses of the free base", expected, found))
+    };
+    if feet.geoms.is_empty() {
+        return without("poses, or feet to follow: spheres on links that begin with a name of a foot");
+    }
+    if lacks(&m.orientation) {
+        return without("poses, or the IMU's orientation, with which its legs tell where it goes");
+    }
+    if !terrain.is_plane() {
+        return without("poses, since this ground is not a plane and only they tell where on it the robot walks");
+    }
+    Ok(true)
 }
 
 /// A pose that moves by less from one sample to the next may be noise \[m\].

@@ -9,7 +9,6 @@ use crate::observe::{self, Channel};
 use crate::report::{JointShare, RegionShare, Share, TimeShare, Where};
 use crate::search::{direction, fitted};
 use crate::study::{Seen, Study};
-use qv_replay::replay::Starts;
 use qv_sim::Shape;
 
 /// A foot this near to the ground counts as standing on it \[m\].
@@ -98,7 +97,7 @@ fn phases_of(study: &Study, seen: &Seen) -> Option<Vec<Vec<usize>>> {
     if !problem.free || problem.feet.geoms.is_empty() {
         return None;
     }
-    let starts = Starts::new(&seen.window.view, &problem.columns, true, Default::default()).ok()?;
+    let starts = problem.starts(&seen.window.view, Default::default()).ok()?;
     let bins = problem.cut.bins();
     let heights: Vec<Option<Vec<f64>>> = (0..=bins)
         .map(|b| {

@@ -76,6 +76,13 @@ fn fall(run: &Run) -> Option<f64> {
 pub fn missing(study: &Study, run: &Run, library: &[Effect]) -> Vec<String> {
     let m = &run.measured;
     let mut told = Vec::new();
+    if study.problem.on_legs {
+        told.push(
+            "no poses of the base were measured: windows start where its legs and its IMU say that it is, feet that slip at the start of one go \
+             unnoticed, and where on the floor a cause lies cannot be told"
+                .to_string(),
+        );
+    }
     if m.torque.is_none() {
         told.push(
             "joint torques were not measured: what the motors do cannot be told from what the legs do".to_string(),

@@ -13,6 +13,7 @@ use qv_gap::study::{Effort, Study};
 use qv_gap::{Options, diagnose, law, library};
 use qv_go2::{sealed, synthetic};
 use qv_replay::Run;
+use qv_replay::replay::{Legs, SensorErrors, Starts, feet_of};
 use qv_replay::run::{Fault, FaultKind};
 use qv_sim::{Model, Terrain};
 use recorded::{go2, recorded};
@@ -249,4 +250,51 @@ fn a_run_that_is_too_short_is_refused_by_name() {
     let error = diagnose(&[short], &go2(), &Terrain::plane(), &quick(), 0).err().unwrap().to_string();
     assert!(error.contains("at least 8 windows"), "{error}");
     assert!(diagnose(&[], &go2(), &Terrain::plane(), &quick(), 0).is_err());
+}
+
+#[test]
+fn without_poses_a_robot_goes_where_its_legs_carry_it() {
+    let model = go2();
+    let posed = recorded(synthetic::command_latency(0.012), 4);
+    let mut run = posed.clone();
+    run.measured.base_pose = None;
+    run.foot_names.clear();
+    let feet = feet_of(&run, &model);
+    assert_eq!(feet.names, ["FL", "FR", "RL", "RR"]);
+    assert_eq!((&feet.geoms, &feet.of_joint), (&feet_of(&posed, &model).geoms, &feet_of(&posed, &model).of_joint));
+    let columns: Vec<usize> = (0..12).collect();
+    let legs = Legs { model: &model, feet: &feet.geoms };
+    let by_legs = Starts::on_legs(&run, &columns, SensorErrors::default(), legs).unwrap();
+    let by_poses = Starts::new(&posed, &columns, true, SensorErrors::default()).unwrap();
+    let [first, last] = run.span();
+    let times = (0..40).map(|k| first + 0.5 + (last - first - 1.0) * f64::from(k) / 39.0);
+    let (mut apart, mut speed) = (0.0f64, 0.0f64);
+    for time in times {
+        let (a, b) = (by_legs.at(time).unwrap(), by_poses.at(time).unwrap());
+        let square = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>();
+        let difference: Vec<f64> = a.v[..3].iter().zip(&b.v[..3]).map(|(x, y)| x - y).collect();
+        (apart, speed) = (apart + square(&difference), speed + square(&b.v[..3]));
+    }
+    assert!(speed > 40.0 * 0.1 * 0.1, "it hardly walks");
+    assert!((apart / speed).sqrt() < 0.15, "{} of {}", (apart / 40.0).sqrt(), (speed / 40.0).sqrt());
+    let report = of(&run, &quick());
+    assert_eq!(report.verdict, Verdict::Explained, "{}", report.sentence);
+    assert_eq!(report.causes[0].effect, "command_latency");
+    assert!((report.causes[0].parameters[0].value - 0.012).abs() < 0.0012, "{:?}", report.causes[0].parameters);
+    assert!(report.cannot_tell.iter().any(|line| line.contains("poses")), "{:?}", report.cannot_tell);
+    assert!(report.cannot_tell.iter().any(|line| line.contains("pose_delay")), "{:?}", report.cannot_tell);
+    let refused = |run: &Run, terrain: &Terrain| match Problem::new(run, &model, terrain, &[], quick().cut) {
+        Ok(_) => panic!("not refused"),
+        Err(error) => error.to_string(),
+    };
+    let corner = |x: f64, y: f64| glam::DVec3::new(x, y, 0.0);
+    let mesh = qv_core::TriangleMesh {
+        vertices: vec![corner(-9.0, -9.0), corner(9.0, -9.0), corner(0.0, 9.0)],
+        triangles: vec![[0, 1, 2]],
+        labels: vec![0],
+        materials: vec![qv_core::Material { name: "grass".into(), friction: None }],
+    };
+    assert!(refused(&run, &Terrain::from_mesh(&mesh).unwrap()).contains("not a plane"));
+    run.measured.orientation = None;
+    assert!(refused(&run, &Terrain::plane()).contains("orientation"));
 }

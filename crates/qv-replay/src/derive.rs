@@ -51,8 +51,8 @@ pub fn joint_acceleration(run: &Run) -> Option<Derived> {
 }
 
 /// Linear velocity of the base in the world \[m/s\], 3 columns, from poses.
-pub fn base_velocity(run: &Run) -> Option<Derived> {
-    let pose = run.measured.base_pose.as_ref().filter(|p| p.len() > 3)?;
+pub fn base_velocity(pose: &JointSeries) -> Option<Derived> {
+    let pose = Some(pose).filter(|p| p.len() > 3)?;
     let filter = base_filter(pose);
     let xyz = (0..pose.len()).flat_map(|i| pose.row(i)[..3].to_vec()).collect();
     let position = JointSeries { time: pose.time.clone(), values: xyz, joints: 3 };
@@ -61,8 +61,8 @@ pub fn base_velocity(run: &Run) -> Option<Derived> {
 }
 
 /// Angular velocity of the base in its own frame \[rad/s\], 3 columns, from poses: for recordings without a gyro.
-pub fn base_angular_velocity(run: &Run) -> Option<Derived> {
-    let pose = run.measured.base_pose.as_ref().filter(|p| p.len() > 3)?;
+pub fn base_angular_velocity(pose: &JointSeries) -> Option<Derived> {
+    let pose = Some(pose).filter(|p| p.len() > 3)?;
     let filter = base_filter(pose);
     let mut turns = Vec::with_capacity(4 * pose.len());
     let mut before = [1.0, 0.0, 0.0, 0.0];

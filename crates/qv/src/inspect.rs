@@ -73,8 +73,8 @@ fn channels(run: &Run) -> Vec<Row> {
         }
     };
     derived("velocity", m.velocity.is_none(), derive::joint_velocity(run));
-    derived("base velocity", m.base_pose.is_some(), derive::base_velocity(run));
-    derived("base angular velocity", m.gyro.is_none(), derive::base_angular_velocity(run));
+    derived("base velocity", m.base_pose.is_some(), m.base_pose.as_ref().and_then(derive::base_velocity));
+    derived("base angular velocity", m.gyro.is_none(), m.base_pose.as_ref().and_then(derive::base_angular_velocity));
     rows
 }
 

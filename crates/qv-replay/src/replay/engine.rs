@@ -2,6 +2,7 @@
 
 use crate::ReplayError;
 use crate::replay::commands::{Command, HeldCommands};
+use crate::replay::legs::Legs;
 use crate::replay::start::{SensorErrors, Starts, is_whole};
 use crate::run::{Base, Run};
 use qv_core::JointSeries;
@@ -136,7 +137,12 @@ pub fn simulate(
     let feet = feet_of(run, model);
     let commands = HeldCommands::new(run, &columns)?;
     let parameters = all_parameters(run, model, terrain, options)?;
-    let starts = Starts::new(run, &columns, free, sensor_errors(model, &parameters))?;
+    let errors = sensor_errors(model, &parameters);
+    let starts = if free && run.measured.base_pose.as_ref().is_none_or(JointSeries::is_empty) {
+        Starts::on_legs(run, &columns, errors, Legs { model, feet: &feet.geoms })?
+    } else {
+        Starts::new(run, &columns, free, errors)?
+    };
     let recorded = recorded(run, &columns, &feet, starts.velocities());
     // A robot that is held hangs clear of the floor, wherever its root is put; a mesh that is given is meant.
     let air = Terrain::none();
@@ -205,20 +211,16 @@ fn check(run: &Run, model: &Model, options: &ReplayOptions) -> Result<(Vec<usize
     Ok((columns, free))
 }
 
-/// Feet by the run's names (the shape on a link of that prefix that reaches lowest); joints by the same prefix.
+/// Feet by the run's names (the shape on a link of that prefix that reaches lowest; joints by the same prefix), or, where it names
+/// none and the base is free, the spheres at the ends of the model's legs.
 pub fn feet_of(run: &Run, model: &Model) -> Feet {
-    let rest = vec![0.0; model.nq()];
-    let poses = model.world_from_links(&rest);
+    if run.foot_names.is_empty() && model.base == BaseKind::Floating {
+        return feet_of_model(model);
+    }
     let mut feet = Feet { of_joint: vec![None; model.joints.len()], ..Default::default() };
     for name in &run.foot_names {
         let prefix = format!("{name}_");
-        let depth = |g: &usize| {
-            let geom = &model.geoms[*g];
-            poses[geom.link].transform_point(geom.link_from_geom.position).z
-        };
-        let of_leg = (0..model.geoms.len()).filter(|&g| model.links[model.geoms[g].link].name.starts_with(&prefix));
-        let spheres = of_leg.filter(|&g| matches!(model.geoms[g].shape, Shape::Sphere(_)));
-        let Some(geom) = spheres.min_by(|a, b| depth(a).total_cmp(&depth(b))) else { continue };
+        let Some(geom) = lowest_sphere(model, |link| model.links[link].name.starts_with(&prefix)) else { continue };
         for (_, foot) in model.joint_names().iter().zip(&mut feet.of_joint).filter(|(n, _)| n.starts_with(&prefix)) {
             *foot = Some(feet.names.len());
         }
@@ -226,6 +228,40 @@ pub fn feet_of(run: &Run, model: &Model) -> Feet {
         feet.geoms.push(geom);
     }
     feet
+}
+
+/// A foot for each chain of joints that ends in a sphere, called by the first word of its link (`FL` of `FL_calf`) where that is no other's.
+fn feet_of_model(model: &Model) -> Feet {
+    let mut feet = Feet { of_joint: vec![None; model.joints.len()], ..Default::default() };
+    let ends = (1..model.links.len()).filter(|&l| model.links.iter().all(|other| other.parent != Some(l)));
+    let ends: Vec<(usize, usize)> = ends.filter_map(|l| Some((l, lowest_sphere(model, |link| link == l)?))).collect();
+    let word = |link: usize| model.links[link].name.split('_').next().unwrap_or_default();
+    for &(end, geom) in &ends {
+        let is_own = ends.iter().filter(|(other, _)| word(*other) == word(end)).count() == 1;
+        let name = if is_own { word(end) } else { &model.links[end].name };
+        let mut link = Some(end);
+        while let Some(l) = link {
+            if let Some(joint) = model.links[l].joint.filter(|j| feet.of_joint[*j].is_none()) {
+                feet.of_joint[joint] = Some(feet.names.len());
+            }
+            link = model.links[l].parent;
+        }
+        feet.names.push(name.to_string());
+        feet.geoms.push(geom);
+    }
+    feet
+}
+
+/// The sphere on the wanted links that reaches lowest when all joints are at zero.
+fn lowest_sphere(model: &Model, wanted: impl Fn(usize) -> bool) -> Option<usize> {
+    let poses = model.world_from_links(&vec![0.0; model.nq()]);
+    let depth = |g: &usize| {
+        let geom = &model.geoms[*g];
+        poses[geom.link].transform_point(geom.link_from_geom.position).z
+    };
+    let spheres = (0..model.geoms.len())
+        .filter(|&g| wanted(model.geoms[g].link) && matches!(model.geoms[g].shape, Shape::Sphere(_)));
+    spheres.min_by(|a, b| depth(a).total_cmp(&depth(b)))
 }
 
 /// What the run states about its joints, then what the caller sets; names with `*` spelt out.

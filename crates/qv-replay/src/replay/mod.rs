@@ -7,6 +7,7 @@ mod errors;
 mod html;
 mod json;
 mod lag;
+mod legs;
 mod start;
 mod verdict;
 
@@ -20,6 +21,7 @@ pub use errors::{BaseErrors, Errors, JointErrors, Phase, PhaseErrors, TimeErrors
 pub use html::{escape, to_html};
 pub use json::to_json;
 pub use lag::{Lag, lags_behind, lags_behind_command};
+pub use legs::Legs;
 pub use start::{SensorErrors, Starts, is_whole};
 pub use verdict::verdict;
 

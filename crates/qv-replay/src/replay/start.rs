@@ -4,6 +4,7 @@
 //! position and velocity by least squares over +-0.4 s: the acceleration measured at the IMU, integrated twice, gives
 //! the shape of the path; the poses give its start and speed, and a constant error of the acceleration.
 
+use super::legs::{Legs, walked};
 use crate::ReplayError;
 use crate::clean::median_interval;
 use crate::derive::{base_angular_velocity, base_velocity, joint_filter, joint_velocity};
@@ -12,6 +13,7 @@ use crate::smooth::LocalPolynomial;
 use glam::{DQuat, DVec3};
 use qv_core::{GRAVITY, JointSeries, Pose};
 use qv_sim::State;
+use std::borrow::Cow;
 
 /// Half-width of the fit of the base's path \[s\].
 const BASE_HALF_WIDTH: f64 = 0.4;
@@ -44,6 +46,8 @@ pub struct Starts<'a> {
     errors: SensorErrors,
     /// Base from IMU, by the tilt that is assumed.
     tilt: DQuat,
+    /// Poses of the base: measured, or by its legs.
+    poses: Option<Cow<'a, JointSeries>>,
     /// Sine and cosine of the yaw from the IMU's world to that of each pose.
     yaws: Vec<Yaw>,
     derived_velocity: Option<JointSeries>,
@@ -75,40 +79,68 @@ impl<'a> Starts<'a> {
     /// Prepares `run` for a model whose joint `j` is column `columns[j]` of the run.
     ///
     /// # Errors
-    /// When the run lacks joint positions, or a free base has neither poses nor an orientation.
+    /// When the run lacks joint positions, or a free base has no poses.
     pub fn new(run: &'a Run, columns: &[usize], free: bool, errors: SensorErrors) -> Result<Self, ReplayError> {
+        let poses = run.measured.base_pose.as_ref().filter(|_| free).map(Cow::Borrowed);
+        if free && poses.is_none() {
+            return Err(ReplayError::run("replay of a free base", "a stream of base poses", "none"));
+        }
+        Self::prepared(run, columns, poses, errors)
+    }
+
+    /// The same for a free base without poses: it goes where its `legs` carry it (see [`Legs`]), from the origin.
+    ///
+    /// # Errors
+    /// When the run lacks joint positions, the IMU's orientation, or the model has no feet.
+    pub fn on_legs(run: &'a Run, columns: &[usize], errors: SensorErrors, legs: Legs) -> Result<Self, ReplayError> {
+        // What is not measured is not late.
+        let errors = SensorErrors { pose_delay: 0.0, ..errors };
+        let poses = walked(run, columns, &errors, tilt_of(&errors), legs);
+        let lacks = || {
+            ReplayError::run(
+                "a walk without poses",
+                "feet, joint positions and the IMU's orientation",
+                "not all of them",
+            )
+        };
+        Self::prepared(run, columns, Some(Cow::Owned(poses.ok_or_else(lacks)?)), errors)
+    }
+
+    fn prepared(
+        run: &'a Run,
+        columns: &[usize],
+        poses: Option<Cow<'a, JointSeries>>,
+        errors: SensorErrors,
+    ) -> Result<Self, ReplayError> {
         if run.measured.position.is_none() {
             return Err(ReplayError::run("replay", "measured joint positions", "none"));
-        }
-        if free && run.measured.base_pose.is_none() {
-            return Err(ReplayError::run("replay of a free base", "a stream of base poses", "none"));
         }
         let derived_velocity = match run.measured.velocity {
             Some(_) => None,
             None => joint_velocity(run).map(|d| d.series),
         };
-        let [roll, pitch] = errors.imu_tilt;
         let mut starts = Self {
             run,
-            free,
+            free: poses.is_some(),
             columns: columns.to_vec(),
+            tilt: tilt_of(&errors),
             errors,
-            tilt: Pose::from_xyz_rpy([0.0; 3], [roll, pitch, 0.0]).rotation,
+            poses,
             yaws: Vec::new(),
             derived_velocity,
             base_velocity: None,
             base_rate: None,
             path: None,
         };
-        if free {
+        if let Some(poses) = &starts.poses {
             starts.yaws = starts.yaws();
             starts.path = starts.imu_path();
             // Derived from the poses only where no IMU tells better: differentiating costs more than all else here.
             if starts.path.is_none() {
-                starts.base_velocity = base_velocity(run).map(|d| d.series);
+                starts.base_velocity = base_velocity(poses).map(|d| d.series);
             }
             if run.measured.gyro.is_none() {
-                starts.base_rate = base_angular_velocity(run).map(|d| d.series);
+                starts.base_rate = base_angular_velocity(poses).map(|d| d.series);
             }
         }
         Ok(starts)
@@ -166,7 +198,7 @@ impl<'a> Starts<'a> {
     fn base(&self, time: f64) -> Option<(Pose, DVec3, DVec3)> {
         let rotation = self.orientation(time)?;
         let angular = self.angular(time)?;
-        let poses = self.run.measured.base_pose.as_ref()?;
+        let poses = self.poses.as_deref()?;
         let late = time + self.errors.pose_delay;
         let (position, velocity) = match &self.path {
             Some(path) => {
@@ -212,7 +244,7 @@ impl<'a> Starts<'a> {
 
     /// How each pose is turned against the IMU, if there is one.
     fn yaws(&self) -> Vec<Yaw> {
-        let (Some(poses), Some(imu)) = (&self.run.measured.base_pose, &self.run.measured.orientation) else {
+        let (Some(poses), Some(imu)) = (&self.poses, &self.run.measured.orientation) else {
             return Vec::new();
         };
         let of = |i: usize| {
@@ -228,7 +260,7 @@ impl<'a> Starts<'a> {
 
     /// World from base: the IMU's, turned about z by the mean yaw between it and the poses nearby.
     pub fn orientation(&self, time: f64) -> Option<DQuat> {
-        let poses = self.run.measured.base_pose.as_ref()?;
+        let poses = self.poses.as_deref()?;
         let late = time + self.errors.pose_delay;
         let Some(imu) = &self.run.measured.orientation else { return rotation_near(poses, 3, late) };
         let here = rotation_near(imu, 0, time)? * self.tilt().conjugate();
@@ -273,7 +305,7 @@ impl<'a> Starts<'a> {
 
     /// World from IMU with the yaw of the nearest pose.
     fn orientation_at_sample(&self, time: f64) -> Option<DQuat> {
-        let poses = self.run.measured.base_pose.as_ref()?;
+        let poses = self.poses.as_deref()?;
         let imu = rotation_near(self.run.measured.orientation.as_ref()?, 0, time)?;
         let pose = rotation_near(poses, 3, time + self.errors.pose_delay)?;
         let turn = pose * (imu * self.tilt().conjugate()).conjugate();
@@ -341,12 +373,18 @@ fn vector(at: &[crate::smooth::Smoothed], part: impl Fn(&crate::smooth::Smoothed
     DVec3::new(part(&at[0]), part(&at[1]), part(&at[2]))
 }
 
+/// Base from IMU.
+fn tilt_of(errors: &SensorErrors) -> DQuat {
+    let [roll, pitch] = errors.imu_tilt;
+    Pose::from_xyz_rpy([0.0; 3], [roll, pitch, 0.0]).rotation
+}
+
 fn rotation_of(wxyz: &[f64]) -> Option<DQuat> {
     Pose::from_position_wxyz([0.0; 3], [wxyz[0], wxyz[1], wxyz[2], wxyz[3]]).map(|p| p.rotation)
 }
 
 /// The rotation at `time` between its neighbours, from the quaternion in columns `first` to `first + 3`.
-fn rotation_near(series: &JointSeries, first: usize, time: f64) -> Option<DQuat> {
+pub(super) fn rotation_near(series: &JointSeries, first: usize, time: f64) -> Option<DQuat> {
     if series.is_empty() {
         return None;
     }
