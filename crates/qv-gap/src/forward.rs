@@ -276,7 +276,8 @@ pub fn standing_depth(problem: &Problem, window: &Window) -> Result<f64, GapErro
 
 /// Mean height above the ground of the lowest feet, and how many those are.
 fn gap_below(problem: &Problem, setting: &Setting, q: &[f64]) -> (f64, usize) {
-    let poses = problem.model.world_from_links(q);
+    let length = |link: usize| problem.lengths[link].map_or(1.0, |id| problem.value(setting, id));
+    let poses = problem.model.world_from_scaled_links(q, length);
     let slope = |axis: &str| {
         let id = problem.parameter(&format!("terrain.slope_{axis}"));
         id.map_or(0.0, |id| problem.value(setting, id)).tan()
@@ -284,7 +285,7 @@ fn gap_below(problem: &Problem, setting: &Setting, q: &[f64]) -> (f64, usize) {
     let (slope_x, slope_y) = (slope("x"), slope("y"));
     let gap = |g: &usize| {
         let geom = &problem.model.geoms[*g];
-        let centre = poses[geom.link].transform_point(geom.link_from_geom.position);
+        let centre = poses[geom.link].transform_point(length(geom.link) * geom.link_from_geom.position);
         let Shape::Sphere(radius) = geom.shape else { return None };
         let name = format!("geom.{}.radius_offset", geom.name);
         let offset = problem.parameter(&name).map_or(0.0, |id| problem.value(setting, id));

@@ -170,6 +170,8 @@ pub struct Problem<'a> {
     pub channels: Vec<Channel>,
     /// Joints whose torque can be compared with the law of the actuator.
     pub law_joints: Vec<usize>,
+    /// Parameter that says how long each link is, shape `[links]`.
+    pub lengths: Vec<Option<usize>>,
     /// How windows are cut.
     pub cut: Cut,
     /// Numbers of the simulator.
@@ -210,6 +212,8 @@ impl<'a> Problem<'a> {
         let roles = catalogue.iter().map(|p| role(&p.name, model)).collect();
         let feet = feet_of(run, model);
         let on_legs = free && walks_unseen(run, &feet, &terrain)?;
+        let lengths =
+            model.links.iter().map(|l| index.get(&format!("link.{}.length_scale", l.name)).copied()).collect();
         let channels = observe::channels(run, &columns, free);
         if channels.is_empty() {
             return Err(GapError::run("channels", "at least one that is measured and alive", "none"));
@@ -231,6 +235,7 @@ impl<'a> Problem<'a> {
             roles,
             channels,
             law_joints,
+            lengths,
             cut,
             numerics,
             events: Vec::new(),

@@ -377,8 +377,19 @@ fn the_urdf_has_the_corrections_and_keeps_the_rest() {
         assert_eq!(unsaid.iter().filter(|u| u.starts_with(&format!("{kind}: "))).count(), 1, "{kind} in {unsaid:?}");
     }
     assert!(!unsaid.iter().any(|u| u.starts_with("payload_mass") || u.starts_with("torque_limit")), "{unsaid:?}");
-    let (same, nothing) = to_urdf(&original, &model, &[]).unwrap();
-    assert_eq!((same, nothing.len()), (original, 0));
+    let (same, known) = to_urdf(&original, &model, &[]).unwrap();
+    assert_eq!(same, original);
+    assert_eq!(known, ["armature: all joints 0.01 kg m². Add it as rotor inertia at the joint."]);
+    // What a recording states of its joints, and how long links are.
+    let mut stated = model.clone();
+    stated.joints[3].viscous_friction = 0.2;
+    stated.joints.iter_mut().for_each(|j| j.armature = 0.0);
+    let (text, unsaid) =
+        to_urdf(&original, &stated, &[correction("link.FL_calf.length_scale", 1.04, 1.0, "1")]).unwrap();
+    let read = Model::from_urdf(&text, &options).unwrap();
+    assert_eq!((read.joints[2].viscous_friction, read.joints[3].viscous_friction), (0.0, 0.2));
+    assert!((read.links[calf].com - 1.04 * model.links[calf].com).length() < 1e-12);
+    assert!(matches!(&unsaid[..], [line] if line.starts_with("length_scale: FL_calf 1.04")), "{unsaid:?}");
 }
 
 /// A trunk that carries a heavy box, turned and fixed to it, and an arm on a joint without limits.

@@ -298,3 +298,17 @@ fn without_poses_a_robot_goes_where_its_legs_carry_it() {
     run.measured.orientation = None;
     assert!(refused(&run, &Terrain::plane()).contains("orientation"));
 }
+
+#[test]
+fn a_leg_of_another_length_than_the_urdfs_is_named() {
+    let run = recorded(Vec::new(), 4);
+    let mut wrong = go2();
+    let calf = wrong.links.iter().position(|l| l.name == "FL_calf").unwrap();
+    wrong.links[calf].com *= 0.95;
+    wrong.geoms.iter_mut().filter(|g| g.link == calf).for_each(|g| g.link_from_geom.position *= 0.95);
+    let report = diagnose(std::slice::from_ref(&run), &wrong, &Terrain::plane(), &quick(), 0).unwrap().report;
+    assert_eq!(report.causes.len(), 1, "{}", report.sentence);
+    let cause = &report.causes[0];
+    assert_eq!((cause.effect.as_str(), &cause.scope[..]), ("link_length", &["FL_calf".to_string()][..]));
+    assert!((cause.parameters[0].value - 1.0 / 0.95 + 1.0).abs() < 0.015, "{:?}", cause.parameters);
+}

@@ -81,7 +81,18 @@ fields!(JointField {
     TorqueScale,
     ExternalTorque,
 });
-fields!(LinkField { MassScale, ComX, ComY, ComZ, InertiaScale, PayloadMass, PayloadX, PayloadY, PayloadZ });
+fields!(LinkField {
+    MassScale,
+    ComX,
+    ComY,
+    ComZ,
+    InertiaScale,
+    LengthScale,
+    PayloadMass,
+    PayloadX,
+    PayloadY,
+    PayloadZ
+});
 fields!(GeomField { FrictionScale, RadiusOffset });
 fields!(WorldField {
     Friction,
@@ -328,6 +339,15 @@ fn link_parameters(infos: &mut Vec<ParameterInfo>, model: &Model, index: usize) 
         (ComY, "link.*.com_y", "m", 0.0, offset, ANY, "shift of the centre of mass, link frame"),
         (ComZ, "link.*.com_z", "m", 0.0, offset, ANY, "shift of the centre of mass, link frame"),
         (InertiaScale, "link.*.inertia_scale", "1", 1.0, (0.7, 1.3), 1e-3, "true over modelled rotational inertia"),
+        (
+            LengthScale,
+            "link.*.length_scale",
+            "1",
+            1.0,
+            (0.9, 1.1),
+            1e-3,
+            "true over modelled distance of shapes, further joints and the centre of mass from the link's own joint",
+        ),
         (
             PayloadMass,
             "link.*.payload_mass",

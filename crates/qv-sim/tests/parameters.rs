@@ -175,3 +175,33 @@ fn sensors_report_delay_bias_and_gravity() {
         assert!((late.base_position[k] - now.q[k]).abs() < 1e-9, "{:?} against {:?}", late.base_position, &now.q[..3]);
     }
 }
+
+/// The parameter must do what another model would.
+#[test]
+fn a_longer_link_is_a_longer_link() {
+    let by = 1.07;
+    let short = model(&biped_urdf(), BaseKind::Floating);
+    let mut long = short.clone();
+    for link in ["left_thigh", "right_shank"] {
+        let l = short.links.iter().position(|x| x.name == link).unwrap();
+        long.links[l].com *= by;
+        long.links.iter_mut().filter(|x| x.parent == Some(l)).for_each(|x| x.parent_from_link.position *= by);
+        long.geoms.iter_mut().filter(|g| g.link == l).for_each(|g| g.link_from_geom.position *= by);
+    }
+    // How soft a contact is depends on the masses of the model as it is read, by a little.
+    for (terrain, share) in [(Terrain::none(), 1e-9), (Terrain::plane(), 0.05), (lawn(), 0.05)] {
+        let run = |robot: &qv_sim::Model, scale: f64| {
+            let mut sim = Batch::<f64>::new(robot, &terrain, &SimOptions::default(), 1).unwrap();
+            sim.set_parameter(0, "link.left_thigh.length_scale", scale).unwrap();
+            sim.set_parameter(0, "link.right_shank.length_scale", scale).unwrap();
+            sim.set_state(0, &biped_state()).unwrap();
+            drive(&mut sim, 200, false);
+            sim.state(0).unwrap()
+        };
+        let apart =
+            |a: &qv_sim::State, b: &qv_sim::State| a.q.iter().zip(&b.q).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
+        let wanted = run(&long, 1.0);
+        let (left, all) = (apart(&run(&short, by), &wanted), apart(&run(&short, 1.0), &wanted));
+        assert!(all > 1e-3 && left < share * all, "{left} of {all}");
+    }
+}

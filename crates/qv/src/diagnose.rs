@@ -274,7 +274,14 @@ struct Robot {
 }
 
 impl Robot {
-    fn new(run: &Run, model: Model, urdf: Option<String>, notes: Vec<String>) -> Self {
+    fn new(run: &Run, mut model: Model, urdf: Option<String>, notes: Vec<String>) -> Self {
+        for joint in &mut model.joints {
+            let Some(column) = run.joint_names.iter().position(|n| *n == joint.name) else { continue };
+            let stated = &run.joint_parameters[column];
+            joint.armature = stated.armature.unwrap_or(joint.armature);
+            joint.viscous_friction = stated.viscous_friction.unwrap_or(joint.viscous_friction);
+            joint.coulomb_friction = stated.coulomb_friction.unwrap_or(joint.coulomb_friction);
+        }
         let gains = |series: &Option<JointSeries>, fixed: Option<f64>| {
             let of = |name: &String| {
                 let column = run.joint_names.iter().position(|n| n == name);

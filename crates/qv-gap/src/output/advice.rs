@@ -3,7 +3,7 @@
 use super::corrected::{Corrected, Entry, Part, short};
 
 /// What to do with a parameter, by the last word of its name, or its full name where it belongs to the world.
-const DEEDS: [(&str, &str); 45] = [
+const DEEDS: [(&str, &str); 46] = [
     ("armature", "add it as rotor inertia at the joint"),
     ("viscous_friction", "torque against the motion per speed at the joint"),
     ("coulomb_friction", "constant torque against the motion at the joint, which also holds it at rest"),
@@ -33,6 +33,10 @@ const DEEDS: [(&str, &str); 45] = [
     ("com_y", "shift the link's centre of mass by it along the link's axis"),
     ("com_z", "shift the link's centre of mass by it along the link's axis"),
     ("inertia_scale", "multiply the link's rotational inertia by it"),
+    (
+        "length_scale",
+        "multiply all distances from the link's own joint by it: of the joints and shapes on it, and of its centre of mass",
+    ),
     ("payload_mass", "fix a point of this mass to the link, at its modelled centre of mass plus payload_x, y, z"),
     ("payload_x", "place of the payload from the link's modelled centre of mass"),
     ("payload_y", "place of the payload from the link's modelled centre of mass"),

@@ -92,16 +92,16 @@ impl<'a> Corrected<'a> {
         let get = |field: &str, neutral: f64| self.value(Part::Link(link), field).unwrap_or(neutral);
         let vector = |names: [&str; 3]| DVec3::from_array(names.map(|name| get(name, 0.0)));
         let nominal = &self.model.links[link];
-        let scale = get("mass_scale", 1.0);
+        let (scale, length) = (get("mass_scale", 1.0), get("length_scale", 1.0));
         let own = Body {
             mass: nominal.mass * scale,
-            com: nominal.com + vector(["com_x", "com_y", "com_z"]),
+            com: nominal.com * length + vector(["com_x", "com_y", "com_z"]),
             inertia: nominal.inertia * (scale * get("inertia_scale", 1.0)),
         };
         let payload = Body {
             mass: get("payload_mass", 0.0),
             // From the modelled centre of mass, wherever the true one is.
-            com: nominal.com + vector(["payload_x", "payload_y", "payload_z"]),
+            com: nominal.com * length + vector(["payload_x", "payload_y", "payload_z"]),
             inertia: DMat3::ZERO,
         };
         own.welded(&payload)

@@ -234,7 +234,7 @@ fn is_said(corrected: &Corrected, entry: &Entry, gains: impl Fn(usize) -> Option
             let motor = MOTOR.contains(&entry.field) && (limit || gains(j).is_some());
             JOINT.iter().any(|(field, _)| *field == entry.field) || motor
         }
-        Part::Link(l) => corrected.body(l).is_some(),
+        Part::Link(l) => corrected.body(l).is_some() && entry.field != "length_scale",
         Part::Geom(g) => {
             let round = matches!(corrected.model.geoms[g].shape, Shape::Sphere(_) | Shape::Capsule { .. });
             entry.field == "radius_offset" && round

@@ -71,7 +71,7 @@ fn with_comment(mut text: String, unsaid: &[String]) -> String {
     if !text.ends_with('\n') {
         text.push('\n');
     }
-    text += "<!-- Corrections that a URDF cannot say:\n";
+    text += "<!-- What a URDF cannot say:\n";
     for line in unsaid {
         let _ = writeln!(text, "     - {}", mjcf::in_comment(line));
     }

@@ -13,8 +13,8 @@ use urdf_rs::Robot;
 /// Limit that means none, for a `<limit>` that must state both.
 const NO_LIMIT: f64 = 1e9;
 
-/// `original_urdf` with the corrections in it, and what a URDF cannot say, one line for each kind with what to do with it
-/// elsewhere. Everything that no correction changes stays as it is, byte by byte. `model` is the one that was read from this
+/// `original_urdf` with the corrections in it, and what a URDF cannot say (rotor inertias that are known included), one line for each kind
+/// with what to do with it elsewhere. Everything that no correction changes stays as it is, byte by byte. `model` is the one that was read from this
 /// URDF.
 ///
 /// A moving link may be several links of the URDF, fixed to each other: then the heaviest of them takes the change, or, where
@@ -40,9 +40,23 @@ pub fn to_urdf(
             moved.push(l);
         }
     }
-    notes.extend(advice(&corrected, |e| is_said(&corrected, e, &moved)));
+    let known = with_armature(model, corrections);
+    notes.extend(advice(&Corrected::new(model, &known), |e| is_said(&corrected, e, &moved)));
     let text = write_edits(original_urdf, &edits).map_err(|e| wrong("well-formed XML", &e))?;
     Ok((text, notes))
+}
+
+/// The corrections, and the rotor inertias of the model that none of them changes: no URDF states them, and without them its
+/// reader has another robot.
+fn with_armature(model: &Model, corrections: &[Correction]) -> Vec<Correction> {
+    let known = model.joints.iter().filter(|j| j.armature != 0.0).map(|j| Correction {
+        parameter: format!("joint.{}.armature", j.name),
+        value: j.armature,
+        nominal: j.armature,
+        unit: "kg m²".into(),
+    });
+    // Of two of one parameter the later holds.
+    known.chain(corrections.iter().cloned()).collect()
 }
 
 fn wrong(expected: &str, found: &str) -> GapError {
@@ -52,15 +66,25 @@ fn wrong(expected: &str, found: &str) -> GapError {
 fn joint_edits(corrected: &Corrected, robot: &Robot, j: usize, edits: &mut Edits) -> Result<(), GapError> {
     let name = &corrected.model.joints[j].name;
     let of = |field: &str, attribute: &'static str| corrected.joint(j, field).map(|v| (attribute, v));
-    let dynamics: Vec<_> =
-        [of("viscous_friction", "damping"), of("coulomb_friction", "friction")].into_iter().flatten().collect();
+    let (stated, own) = (&corrected.model.joints[j], robot.joints.iter().find(|joint| joint.name == *name));
+    let dynamics = own.and_then(|joint| joint.dynamics.as_ref());
+    // What the recording states of a joint and the URDF does not is written, too.
+    let friction = |field: &str, attribute: &'static str, stated: f64, own: Option<f64>| {
+        of(field, attribute).or(Some((attribute, stated)).filter(|_| stated != own.unwrap_or(0.0)))
+    };
+    let dynamics: Vec<_> = [
+        friction("viscous_friction", "damping", stated.viscous_friction, dynamics.map(|d| d.damping)),
+        friction("coulomb_friction", "friction", stated.coulomb_friction, dynamics.map(|d| d.friction)),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
     let mut limit: Vec<_> =
         [of("torque_limit", "effort"), of("speed_knee", "velocity")].into_iter().flatten().collect();
     if dynamics.is_empty() && limit.is_empty() {
         return Ok(());
     }
-    let joint = robot.joints.iter().find(|joint| joint.name == *name);
-    let joint = joint.ok_or_else(|| wrong(&format!("joint `{name}` of the model"), "none of that name"))?;
+    let joint = own.ok_or_else(|| wrong(&format!("joint `{name}` of the model"), "none of that name"))?;
     if !limit.is_empty() && joint.limit.effort == 0.0 && joint.limit.velocity == 0.0 {
         // Where the URDF states no limits, a reader asks for both as soon as there is one.
         for attribute in ["effort", "velocity"] {
@@ -175,7 +199,8 @@ fn is_said(corrected: &Corrected, entry: &Entry, moved: &[usize]) -> bool {
             }
             _ => false,
         },
-        Part::Link(l) => moved.contains(&l),
+        // Its centre of mass is written, its joints and shapes are not.
+        Part::Link(l) => moved.contains(&l) && entry.field != "length_scale",
         _ => false,
     }
 }

@@ -102,6 +102,8 @@ pub(crate) struct Block<L: Real> {
     // Parameters.
     pub mass: Array<L>,
     pub com: Array<V3<L>>,
+    /// True over modelled distance of what is fixed to a body from its own joint.
+    pub length: Array<L>,
     /// xx, yy, zz, xy, xz, yz about the centre of mass, link axes.
     pub inertia: Array<[L; 6]>,
     /// Per degree of freedom.
@@ -266,6 +268,7 @@ impl<L: Real> Block<L> {
             faulty: L::Mask::splat(false),
             mass: vec![zero; links].into(),
             com: vec![[zero; 3]; links].into(),
+            length: vec![zero; links].into(),
             inertia: vec![[zero; 6]; links].into(),
             armature: vec![zero; nv].into(),
             viscous: vec![zero; nv].into(),

@@ -118,10 +118,15 @@ pub(crate) fn origin<L: Real>(topology: &Topology, block: &Block<L>) -> V3<L> {
 }
 
 #[inline(always)]
-fn geom_pose<L: Real>(collider: &Collider, work: &Work<L>) -> (M3<L>, V3<L>) {
-    let rotation = &work.rotation[collider.body];
-    let position = add(work.position[collider.body], rotate(rotation, splat3(collider.position)));
-    (multiply(rotation, &splat9(&collider.rotation)), position)
+fn geom_pose<L: Real>(collider: &Collider, block: &Block<L>, work: &Work<L>) -> (M3<L>, V3<L>) {
+    let rotation = multiply(&work.rotation[collider.body], &splat9(&collider.rotation));
+    (rotation, geom_centre(collider, block, work))
+}
+
+#[inline(always)]
+fn geom_centre<L: Real>(collider: &Collider, block: &Block<L>, work: &Work<L>) -> V3<L> {
+    let from_joint = scale(splat3(collider.position), block.length[collider.body]);
+    add(work.position[collider.body], rotate(&work.rotation[collider.body], from_joint))
 }
 
 #[inline(always)]
@@ -130,19 +135,18 @@ fn touch_plane<L: Real>(collider: &Collider, origin: V3<L>, block: &Block<L>, wo
     let slot = collider.first_slot;
     match &collider.geom.shape {
         Shape::Sphere(radius) => {
-            let rotation = &work.rotation[collider.body];
-            let centre = add(work.position[collider.body], rotate(rotation, splat3(collider.position)));
+            let centre = geom_centre(collider, block, work);
             point(collider, slot, centre, L::splat(*radius) + skin, origin, block, work);
         }
         Shape::Capsule { radius, half_length } => {
-            let (rotation, centre) = geom_pose(collider, work);
+            let (rotation, centre) = geom_pose(collider, block, work);
             let along = scale([rotation[2], rotation[5], rotation[8]], L::splat(*half_length));
             for (k, end) in [add(centre, along), sub(centre, along)].into_iter().enumerate() {
                 point(collider, slot + k, end, L::splat(*radius) + skin, origin, block, work);
             }
         }
         Shape::Box(half) => {
-            let (rotation, centre) = geom_pose(collider, work);
+            let (rotation, centre) = geom_pose(collider, block, work);
             for corner in 0..8 {
                 let sign = |bit: usize| if corner >> bit & 1 == 1 { 1.0 } else { -1.0 };
                 let local = [sign(0) * half.x, sign(1) * half.y, sign(2) * half.z];
@@ -151,7 +155,7 @@ fn touch_plane<L: Real>(collider: &Collider, origin: V3<L>, block: &Block<L>, wo
             }
         }
         Shape::Cylinder { radius, half_length } => {
-            let (rotation, centre) = geom_pose(collider, work);
+            let (rotation, centre) = geom_pose(collider, block, work);
             let axis = [rotation[2], rotation[5], rotation[8]];
             let (down, side) = rim_directions(axis, ground_normal(block), [rotation[0], rotation[3], rotation[6]]);
             for corner in 0..8 {
@@ -163,7 +167,7 @@ fn touch_plane<L: Real>(collider: &Collider, origin: V3<L>, block: &Block<L>, wo
             }
         }
         Shape::Hull(points) => {
-            let (rotation, centre) = geom_pose(collider, work);
+            let (rotation, centre) = geom_pose(collider, block, work);
             let vertices = deepest_points(points, &rotation, ground_normal(block), collider.slots);
             for (k, &vertex) in vertices.iter().enumerate() {
                 point(collider, slot + k, add(centre, rotate(&rotation, vertex)), skin, origin, block, work);
@@ -258,7 +262,7 @@ fn lane9<L: Real>(m: &M3<L>, lane: usize) -> DMat3 {
 
 fn touch_triangles<L: Real>(colliders: &Colliders, origin: V3<L>, used: usize, block: &Block<L>, work: &mut Work<L>) {
     for (index, collider) in colliders.geoms.iter().enumerate() {
-        let (rotation, centre) = geom_pose(collider, work);
+        let (rotation, centre) = geom_pose(collider, block, work);
         for slot in collider.first_slot..collider.first_slot + collider.slots {
             work.contacts[slot].active = L::Mask::splat(false);
         }
@@ -394,7 +398,7 @@ fn touch_self<L: Real>(colliders: &Colliders, used: usize, block: &Block<L>, wor
     for &(a, b, slot) in &colliders.pairs {
         work.contacts[slot].active = L::Mask::splat(false);
         let (first, second) = (&colliders.geoms[a], &colliders.geoms[b]);
-        let (pose_a, pose_b) = (geom_pose(first, work), geom_pose(second, work));
+        let (pose_a, pose_b) = (geom_pose(first, block, work), geom_pose(second, block, work));
         for lane in 0..used {
             let (centre_a, centre_b) = (lane3(&pose_a.1, lane), lane3(&pose_b.1, lane));
             if !(centre_a - centre_b).is_finite() || (centre_a - centre_b).length() > first.reach + second.reach {

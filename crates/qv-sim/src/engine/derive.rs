@@ -117,6 +117,8 @@ impl Deriver<'_> {
             });
         }
         set(&mut block.mass[l], lane, body.mass);
+        let at = self.catalogue.links_at + l * LinkField::COUNT;
+        set(&mut block.length[l], lane, values[at + LinkField::LengthScale as usize]);
         for k in 0..3 {
             set(&mut block.com[l][k], lane, body.com[k]);
         }
@@ -133,12 +135,12 @@ impl Deriver<'_> {
         let at = self.catalogue.links_at + l * LinkField::COUNT;
         let get = |field: LinkField| values[at + field as usize];
         let link = &self.model.links[l];
-        let scale = get(LinkField::MassScale);
+        let (scale, length) = (get(LinkField::MassScale), get(LinkField::LengthScale));
         let shift = DVec3::new(get(LinkField::ComX), get(LinkField::ComY), get(LinkField::ComZ));
         let payload_offset = DVec3::new(get(LinkField::PayloadX), get(LinkField::PayloadY), get(LinkField::PayloadZ));
         let own = MassProperties {
             mass: link.mass * scale,
-            com: link.com + shift,
+            com: link.com * length + shift,
             inertia: link.inertia * (scale * get(LinkField::InertiaScale)),
         };
         let payload_mass = get(LinkField::PayloadMass);
@@ -146,7 +148,7 @@ impl Deriver<'_> {
         if payload_mass == 0.0 || mass <= 0.0 {
             return MassProperties { mass, ..own };
         }
-        let payload_at = link.com + payload_offset;
+        let payload_at = link.com * length + payload_offset;
         let com = (own.com * own.mass + payload_at * payload_mass) / mass;
         // A negative payload takes away: the same parallel-axis terms with a minus.
         let inertia: DMat3 =

@@ -15,7 +15,7 @@ pub(crate) fn kinematics<L: Real>(topology: &Topology, block: &Block<L>, work: &
             Some(joint) => {
                 let q = block.q[topology.base_positions + joint];
                 let dq = block.v[body.dof];
-                place(index, body, q, work);
+                place(index, body, q, block, work);
                 let parent_velocity = body.parent.map_or([L::zero(); 6], |p| work.velocity[p]);
                 work.velocity[index] = add6(parent_velocity, scale6(&work.subspace[body.dof], dq));
             }
@@ -48,12 +48,13 @@ fn base<L: Real>(block: &Block<L>, work: &mut Work<L>) {
 }
 
 #[inline(always)]
-fn place<L: Real>(index: usize, body: &Body, q: L, work: &mut Work<L>) {
+fn place<L: Real>(index: usize, body: &Body, q: L, block: &Block<L>, work: &mut Work<L>) {
     let rest_position = splat3(body.rest_position);
     let (frame, mut position) = match body.parent {
         None => (splat9(&body.rest_rotation), rest_position),
         Some(parent) => {
             let rotation = work.rotation[parent];
+            let rest_position = scale(rest_position, block.length[parent]);
             let position = add(work.position[parent], rotate(&rotation, rest_position));
             if body.rest_is_identity {
                 (rotation, position)

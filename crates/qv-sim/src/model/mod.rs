@@ -185,6 +185,11 @@ impl Model {
     /// # Panics
     /// When `q` is shorter than `nq`.
     pub fn world_from_links(&self, q: &[f64]) -> Vec<Pose> {
+        self.world_from_scaled_links(q, |_| 1.0)
+    }
+
+    /// The same for a robot whose link `l` is `length(l)` times as long (`link.*.length_scale`).
+    pub fn world_from_scaled_links(&self, q: &[f64], length: impl Fn(usize) -> f64) -> Vec<Pose> {
         let offset = self.nq() - self.joints.len();
         let mut poses: Vec<Pose> = Vec::with_capacity(self.links.len());
         for link in &self.links {
@@ -194,7 +199,10 @@ impl Model {
                 }
                 (Some(j), parent) => {
                     let world_from_parent = parent.map_or(Pose::IDENTITY, |p| poses[p]);
-                    world_from_parent * link.parent_from_link * self.joints[j].motion(q[offset + j])
+                    let rest = link.parent_from_link;
+                    let scale = parent.map_or(1.0, &length);
+                    let rest = Pose { position: scale * rest.position, ..rest };
+                    world_from_parent * rest * self.joints[j].motion(q[offset + j])
                 }
             };
             poses.push(pose);

@@ -23,14 +23,17 @@ pub(super) struct Skinned {
     pub skin: f64,
 }
 
+/// The shape under its parameters: `radius_offset`, and the `length` scale of its link.
+///
 /// # Errors
 /// When the offset leaves no radius, or the hull has no volume.
-pub(super) fn shape(model: &Model, geom: &Geom, radius_offset: f64) -> Result<Skinned, SimError> {
+pub(super) fn shape(model: &Model, geom: &Geom, radius_offset: f64, length: f64) -> Result<Skinned, SimError> {
     let positive = |radius: f64| {
         let (what, expected) = (format!("radius of shape `{}`", geom.name), "more than 0 m".into());
         if radius > 0.0 { Ok(radius) } else { Err(SimError::Value { what, expected, found: radius }) }
     };
     let mut link_from_shape = rapier_pose(&geom.link_from_geom);
+    link_from_shape.translation *= length;
     let mut skin = radius_offset;
     let shape = match &geom.shape {
         Shape::Sphere(radius) => {

@@ -26,6 +26,11 @@ impl<'a> Values<'a> {
         self.at(joint * JointField::COUNT + field as usize)
     }
 
+    /// True over modelled distance of what is fixed to a link from its own joint.
+    pub fn length(&self, link: usize) -> f64 {
+        self.link(link, LinkField::LengthScale)
+    }
+
     fn link(&self, link: usize, field: LinkField) -> f64 {
         self.at(self.catalogue.links_at + link * LinkField::COUNT + field as usize)
     }
@@ -60,12 +65,13 @@ impl<'a> Values<'a> {
         let scale = self.link(link, LinkField::MassScale);
         let own = MassProperties {
             mass: nominal.mass * scale,
-            com: nominal.com + vector(LinkField::ComX, LinkField::ComY, LinkField::ComZ),
+            com: nominal.com * self.length(link) + vector(LinkField::ComX, LinkField::ComY, LinkField::ComZ),
             inertia: nominal.inertia * (scale * self.link(link, LinkField::InertiaScale)),
         };
         let payload = MassProperties {
             mass: self.link(link, LinkField::PayloadMass),
-            com: nominal.com + vector(LinkField::PayloadX, LinkField::PayloadY, LinkField::PayloadZ),
+            com: nominal.com * self.length(link)
+                + vector(LinkField::PayloadX, LinkField::PayloadY, LinkField::PayloadZ),
             ..MassProperties::ZERO
         };
         let what = |quantity: &str| format!("{quantity} of link `{}` with its payload", nominal.name);

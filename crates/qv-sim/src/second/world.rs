@@ -56,7 +56,7 @@ impl World {
         world.physics.gravity = DVec3::from_array(options.gravity);
         world.physics.integration_parameters = integration(values, options);
         world.add_ground(ground, values);
-        world.add_links(model, &bodies, state)?;
+        world.add_links(model, values, &bodies, state)?;
         world.add_shapes(model, values)?;
         world.add_joint_properties(model, values);
         world.write_state(model, state);
@@ -71,11 +71,18 @@ impl World {
         self.rules.ground = self.physics.colliders.insert(collider);
     }
 
-    fn add_links(&mut self, model: &Model, bodies: &[MassProperties], state: &State) -> Result<(), SimError> {
+    fn add_links(
+        &mut self,
+        model: &Model,
+        values: &Values,
+        bodies: &[MassProperties],
+        state: &State,
+    ) -> Result<(), SimError> {
         let fixed = (model.base == BaseKind::Fixed).then(|| self.physics.insert_body(RigidBodyBuilder::fixed()));
         for (index, link) in model.links.iter().enumerate() {
             let body = &bodies[index];
             let shift = if link.joint.is_none() { self.base_com } else { DVec3::ZERO };
+            let length = link.parent.map_or(1.0, |p| values.length(p));
             let properties =
                 rapier3d_f64::dynamics::MassProperties::with_inertia_matrix(body.com - shift, body.mass, body.inertia);
             let mut builder = RigidBodyBuilder::dynamic()
@@ -91,8 +98,8 @@ impl World {
             let parent = link.parent.map(|p| self.links[p]).or(fixed);
             let from =
                 if link.parent.is_some_and(|p| model.links[p].joint.is_none()) { self.base_com } else { DVec3::ZERO };
-            let added =
-                parent.and_then(|p| self.physics.insert_multibody_joint(p, handle, joint_data(model, joint, from)));
+            let added = parent
+                .and_then(|p| self.physics.insert_multibody_joint(p, handle, joint_data(model, joint, from, length)));
             if added.is_none() {
                 return Err(SimError::Joint {
                     joint: model.joints[joint].name.clone(),
@@ -116,7 +123,7 @@ impl World {
     fn add_shapes(&mut self, model: &Model, values: &Values) -> Result<(), SimError> {
         let restitution = values.world(WorldField::Restitution);
         for (index, geom) in model.geoms.iter().enumerate() {
-            let skinned = shape(model, geom, values.geom(index, GeomField::RadiusOffset))?;
+            let skinned = shape(model, geom, values.geom(index, GeomField::RadiusOffset), values.length(geom.link))?;
             let shift = if model.links[geom.link].joint.is_none() { self.base_com } else { DVec3::ZERO };
             let body_from_link = RapierPose::from_translation(-shift);
             let collider = ColliderBuilder::new(skinned.shape)
@@ -286,12 +293,12 @@ fn groups(own: Group, others: Group) -> InteractionGroups {
     InteractionGroups::new(own, others, InteractionTestMode::And)
 }
 
-/// A joint of one degree of freedom; `parent_com` is how far the parent's frame was moved.
-fn joint_data(model: &Model, index: usize, parent_com: DVec3) -> GenericJoint {
+/// A joint of one degree of freedom; `parent_com` is how far the parent's frame was moved, `parent_length` its `length_scale`.
+fn joint_data(model: &Model, index: usize, parent_com: DVec3, parent_length: f64) -> GenericJoint {
     let joint = &model.joints[index];
     let frame = axis_frame(joint.axis);
     let mut parent_from_link = rapier_pose(&model.links[joint.link].parent_from_link);
-    parent_from_link.translation -= parent_com;
+    parent_from_link.translation = parent_from_link.translation * parent_length - parent_com;
     let turned = RapierPose::from_parts(DVec3::ZERO, frame);
     let (mask, axis) = match joint.kind {
         JointKind::Revolute => (JointAxesMask::LOCKED_REVOLUTE_AXES, JointAxis::AngX),
