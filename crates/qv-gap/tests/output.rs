@@ -558,7 +558,7 @@ fn all_files_are_written() {
     assert!(text(4).contains("lag: all joints 0.0101235 s."));
     let nothing = files(&empty(), &go2(), Some(&qv_go2::model::urdf()), "run", &[], &[], &[]);
     assert_eq!(nothing.len(), 6);
-    assert_eq!(nothing[4].1, qv_go2::model::urdf().into_bytes());
+    assert!(nothing[4].1.starts_with(qv_go2::model::urdf().as_bytes()), "nothing is changed");
     assert_eq!(files(&empty(), &go2(), None, "run", &[], &[], &[]).len(), 5);
     assert!(to_json(&empty()).contains("\"closed\": null"));
 }
