@@ -486,10 +486,11 @@ fn law_joints(run: &Run, columns: &[usize]) -> Vec<usize> {
         .collect()
 }
 
-/// Whether no fault says that a channel of a joint stood still.
+/// Whether no fault says that a channel of a joint stood still, or that its torque is of another convention (velocities that are have been replaced).
 pub fn is_alive(run: &Run, channel: &str, joint: usize, columns: &[usize]) -> bool {
     let name = format!("{channel} {}", run.joint_names[columns[joint]]);
-    !run.faults.iter().any(|f| f.kind == FaultKind::Frozen && f.channel == name)
+    let is_dead = |kind: FaultKind| kind == FaultKind::Frozen || (kind == FaultKind::Convention && channel == "torque");
+    !run.faults.iter().any(|f| is_dead(f.kind) && f.channel == name)
 }
 
 /// Windows with more than half of the recording's typical joint speed count as moving.

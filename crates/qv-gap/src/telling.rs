@@ -32,6 +32,10 @@ pub fn faults(runs: &[Run], mended: &[Run]) -> Vec<String> {
             FaultKind::Gap if fault.count > MANY => {
                 format!("{}: {}; windows there are left out", fault.channel, fault.detail)
             }
+            FaultKind::Convention if mended.faults.contains(fault) => {
+                format!("{}: {}; it is left out", fault.channel, fault.detail)
+            }
+            FaultKind::Convention => format!("{}: {}", fault.channel, fault.detail),
             FaultKind::Missing => format!("{} was not recorded", fault.channel),
             kind if kind.is_partial() => {
                 format!("{kind} in {} at {:.2} s: {}", fault.channel, fault.time, fault.detail)

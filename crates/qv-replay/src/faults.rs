@@ -1,6 +1,7 @@
 //! Finding what is wrong with a recording: missing, repeated and impossible samples.
 
 use crate::clean::{median, median_interval};
+use crate::conventions;
 use crate::mapping::Mapping;
 use crate::run::{Fault, FaultKind, Run};
 use crate::still::still;
@@ -47,6 +48,7 @@ pub fn examine(run: &mut Run, mapping: Option<&Mapping>) {
         }
     }
     frozen(run, &mut faults);
+    faults.extend(conventions::faults(run));
     if let Some(pose) = &m.base_pose {
         jumps("base pose", pose, 0..3, FASTEST_BASE, 0.2, &mut faults);
     }

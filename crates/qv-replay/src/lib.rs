@@ -6,6 +6,7 @@
 mod bag;
 pub mod cdr;
 mod clean;
+pub mod conventions;
 pub mod derive;
 mod error;
 pub mod faults;

@@ -122,6 +122,8 @@ pub enum FaultKind {
     BeyondEffort,
     /// Joints or names that are not this robot's.
     WrongRobot,
+    /// A sign, unit or order that is another convention's.
+    Convention,
     /// A channel that is expected but was not recorded.
     Missing,
 }
@@ -152,6 +154,7 @@ impl fmt::Display for FaultKind {
             Self::BeyondLimits => "beyond joint limits",
             Self::BeyondEffort => "beyond effort limits",
             Self::WrongRobot => "wrong robot",
+            Self::Convention => "another convention",
             Self::Missing => "not recorded",
         })
     }

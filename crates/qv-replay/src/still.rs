@@ -156,7 +156,7 @@ pub fn without_still(run: &Run) -> Run {
 }
 
 /// A column by that of another series with the same stamps.
-fn replace(slot: &mut Option<JointSeries>, column: usize, by: Option<JointSeries>) {
+pub(crate) fn replace(slot: &mut Option<JointSeries>, column: usize, by: Option<JointSeries>) {
     let (Some(series), Some(by)) = (slot, by) else { return };
     if series.time == by.time && series.joints == by.joints {
         for i in 0..series.len() {

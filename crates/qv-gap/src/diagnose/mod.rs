@@ -19,6 +19,7 @@ use crate::search::Fit;
 use crate::study::{Effort, Study};
 use crate::{leads, pictures, reference, rest, shares, telling};
 use qv_replay::Run;
+use qv_replay::conventions::read_in_ours;
 use qv_replay::still::without_still;
 use qv_sim::{Model, Terrain};
 
@@ -116,7 +117,7 @@ pub fn diagnose(
     leave_out: usize,
 ) -> Result<Diagnosis, GapError> {
     let first = runs.first().ok_or_else(|| GapError::run("runs", "at least one", "none"))?;
-    let mended: Vec<Run> = runs.iter().map(without_still).collect();
+    let mended: Vec<Run> = runs.iter().map(|run| read_in_ours(without_still(run))).collect();
     let mut cannot_tell = telling::faults(runs, &mended);
     let (usable, fallen) = telling::upright(&mended);
     cannot_tell.extend(fallen.iter().cloned());

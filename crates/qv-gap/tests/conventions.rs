@@ -1,0 +1,88 @@
+//! Recordings of a simulated Go2 in which a channel has another sign, unit or order than this project's.
+
+mod recorded;
+
+use qv_core::JointSeries;
+use qv_gap::problem::Cut;
+use qv_gap::report::Verdict;
+use qv_gap::study::Effort;
+use qv_gap::{Options, diagnose};
+use qv_replay::Run;
+use qv_replay::faults::examine;
+use qv_replay::run::FaultKind;
+use qv_sim::Terrain;
+use recorded::{go2, recorded};
+
+fn scale(series: &mut Option<JointSeries>, columns: std::ops::Range<usize>, by: f64) {
+    let series = series.as_mut().unwrap();
+    for row in series.values.chunks_exact_mut(series.joints) {
+        row[columns.clone()].iter_mut().for_each(|x| *x *= by);
+    }
+}
+
+/// w, x, y, z to x, y, z, w.
+fn reorder(series: &mut Option<JointSeries>, first: usize) {
+    let series = series.as_mut().unwrap();
+    series.values.chunks_exact_mut(series.joints).for_each(|row| row[first..first + 4].rotate_left(1));
+}
+
+fn told(run: &mut Run) -> Vec<(String, String)> {
+    run.faults.clear();
+    examine(run, None);
+    let foreign = run.faults.iter().filter(|f| f.kind == FaultKind::Convention);
+    foreign.map(|f| (f.channel.clone(), f.detail.clone())).collect()
+}
+
+#[test]
+fn each_is_told_by_name() {
+    let good = recorded(Vec::new(), 4);
+    assert_eq!(told(&mut good.clone()), []);
+    let cases: [(&str, &str, fn(&mut Run)); 10] = [
+        ("torque FL_calf_joint", "sign", |r| scale(&mut r.measured.torque, 2..3, -1.0)),
+        ("torque RR_hip_joint", "thousandths", |r| scale(&mut r.measured.torque, 9..10, 1e3)),
+        ("torque FL_thigh_joint", "gear", |r| scale(&mut r.measured.torque, 1..2, 1.0 / 6.33)),
+        ("velocity FR_calf_joint", "sign", |r| scale(&mut r.measured.velocity, 5..6, -1.0)),
+        ("gyro y", "sign", |r| scale(&mut r.measured.gyro, 1..2, -1.0)),
+        ("orientation", "x, y, z, w", |r| reorder(&mut r.measured.orientation, 0)),
+        ("orientation", "view of the world", |r| scale(&mut r.measured.orientation, 1..4, -1.0)),
+        ("base pose", "x, y, z, w", |r| reorder(&mut r.measured.base_pose, 3)),
+        ("base pose", "metres", |r| scale(&mut r.measured.base_pose, 0..3, 1e3)),
+        ("acceleration", "g", |r| scale(&mut r.measured.acceleration, 0..3, 1.0 / 9.81)),
+    ];
+    for (channel, what, spoil) in cases {
+        let mut run = good.clone();
+        spoil(&mut run);
+        let told = told(&mut run);
+        assert!(matches!(&told[..], [(c, d)] if c == channel && d.contains(what)), "{channel}, {what}: {told:?}");
+    }
+    let mut run = good.clone();
+    scale(&mut run.measured.velocity, 0..12, 180.0 / std::f64::consts::PI);
+    scale(&mut run.measured.gyro, 0..3, 180.0 / std::f64::consts::PI);
+    let told = told(&mut run);
+    assert_eq!(told.iter().filter(|t| t.0.starts_with("velocity") && t.1.contains("degrees")).count(), 12, "{told:?}");
+    assert_eq!(told.iter().filter(|t| t.0.starts_with("gyro") && t.1.contains("degrees")).count(), 3, "{told:?}");
+}
+
+#[test]
+fn nothing_is_accused_on_a_channel_of_another_convention() {
+    let mut run = recorded(Vec::new(), 4);
+    scale(&mut run.measured.torque, 2..3, -1.0);
+    scale(&mut run.measured.velocity, 0..12, 180.0 / std::f64::consts::PI);
+    reorder(&mut run.measured.base_pose, 3);
+    run.faults.clear();
+    examine(&mut run, None);
+    let options = Options {
+        cut: Cut { most: 32, ..Default::default() },
+        effort: Effort { ghosts: 6, ..Default::default() },
+        ..Default::default()
+    };
+    let report = diagnose(std::slice::from_ref(&run), &go2(), &Terrain::plane(), &options, 0).unwrap().report;
+    assert_eq!(report.verdict, Verdict::NoGap, "{}", report.sentence);
+    for channel in ["torque FL_calf_joint", "velocity RR_calf_joint", "base pose"] {
+        assert!(
+            report.cannot_tell.iter().any(|line| line.starts_with(channel)),
+            "{channel} in {:?}",
+            report.cannot_tell
+        );
+    }
+}

@@ -1,0 +1,353 @@
+//! Signs, units and orders that are another convention's: each channel against what others say of the same motion.
+//!
+//! Joint velocities against derived ones, torques against the law of the actuators, the gyroscope and quaternions against each other,
+//! accelerations against gravity. Only what fits another convention well is told; a sensor that is merely bad is not. What can be read
+//! in that convention is ([`read_in_ours`]), the rest is left out.
+
+use crate::clean::median;
+use crate::derive::{base_angular_velocity, joint_filter, joint_velocity};
+use crate::faults::FASTEST_BASE;
+use crate::run::{ActuatorKind, Fault, FaultKind, Run};
+use crate::still::replace;
+use qv_core::{GRAVITY, JointSeries};
+use std::borrow::Cow;
+
+/// Correlation from which on two channels say the same.
+const SAME: f64 = 0.8;
+/// Samples that are compared, at most.
+const MOST: usize = 4000;
+/// Least motion to compare (root of mean square): speed of joints \[rad/s\], torque \[N m\], turning of the base \[rad/s\].
+const LEAST_SPEED: f64 = 0.1;
+const LEAST_TORQUE: f64 = 0.3;
+const LEAST_TURNING: f64 = 0.05;
+
+/// How two channels go together.
+#[derive(Debug, Clone, Copy)]
+struct Fit {
+    /// What one is of the other: least squares through the origin.
+    slope: f64,
+    correlation: f64,
+}
+
+/// `None` where `expected` stays below `least`.
+fn fit(pairs: &[(f64, f64)], least: f64) -> Option<Fit> {
+    let known: Vec<(f64, f64)> = pairs.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
+    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+    for (expected, found) in &known {
+        (xx, xy, yy) = (xx + expected * expected, xy + expected * found, yy + found * found);
+    }
+    let moves = known.len() > 50 && xx / known.len() as f64 > least * least && yy > 0.0;
+    moves.then(|| Fit { slope: xy / xx, correlation: xy / (xx * yy).sqrt() })
+}
+
+/// A channel of another convention.
+struct Foreign {
+    /// `velocity NAME`, `torque NAME`, `gyro x`, `orientation`, `base pose` or `acceleration`.
+    channel: String,
+    /// What it is of what was expected.
+    what: String,
+    /// How to read it.
+    reading: Reading,
+}
+
+/// How values become those of this crate's convention.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Reading {
+    /// Times this.
+    Scaled(f64),
+    /// Quaternions of x, y, z, w.
+    ScalarLast,
+    /// Quaternions of the other direction.
+    Inverse,
+    /// Nobody knows.
+    Unknown,
+}
+
+/// What convention a slope is of; `None` for this crate's own, and for what is none.
+fn convention(fit: Fit) -> Option<(String, Reading)> {
+    if fit.correlation.abs() < SAME {
+        return None;
+    }
+    let (size, sign) = (fit.slope.abs(), fit.slope.signum());
+    let near = |x: f64| (size / x).ln().abs() < 0.3;
+    let degrees = 180.0 / std::f64::consts::PI;
+    let (unit, reading) = if near(degrees) {
+        ("degrees", Reading::Scaled(sign / degrees))
+    } else if near(1e3) {
+        ("thousandths of the unit", Reading::Scaled(sign * 1e-3))
+    } else if !(0.2..5.0).contains(&size) {
+        ("another unit, or another side of the gear", Reading::Unknown)
+    } else if sign < 0.0 {
+        ("the sign is turned", Reading::Scaled(-1.0))
+    } else {
+        return None;
+    };
+    Some((format!("{:.3} times what was expected: {unit}", fit.slope), reading))
+}
+
+/// All channels of another convention.
+fn foreign(run: &Run) -> Vec<Foreign> {
+    let mut found = foreign_joints(run);
+    let mut tell = |channel: String, what: String, reading| found.push(Foreign { channel, what, reading });
+    let m = &run.measured;
+    if let Some(gyro) = m.gyro.as_ref().filter(|g| g.joints == 3 && !g.is_empty()) {
+        for (channel, series, first) in [("orientation", &m.orientation, 0), ("base pose", &m.base_pose, 3)] {
+            let Some(series) = series.as_ref().filter(|s| s.joints >= first + 4) else { continue };
+            match turning(gyro, series, first) {
+                // Poses are asked only where the IMU has no attitude of its own.
+                Turning::OfGyro(axes) if first == 0 || m.orientation.is_none() => {
+                    for (axis, what, reading) in axes {
+                        tell(format!("gyro {axis}"), format!("against the {channel}, {what}"), reading);
+                    }
+                }
+                Turning::OfQuaternion(what, reading) => tell(channel.into(), what.into(), reading),
+                _ => {}
+            }
+        }
+    }
+    if let Some((what, reading)) = m.acceleration.as_ref().and_then(in_gravities) {
+        tell("acceleration".into(), what, reading);
+    }
+    if let Some((what, reading)) = m.base_pose.as_ref().and_then(too_fast) {
+        tell("base pose".into(), what, reading);
+    }
+    found
+}
+
+/// Velocities and torques of joints. The law of the actuators needs velocities that are right.
+fn foreign_joints(run: &Run) -> Vec<Foreign> {
+    let derived = derived_velocities(run);
+    let names = || run.joint_names.iter().enumerate();
+    let velocities = names().filter_map(|(joint, name)| {
+        let (what, reading) = of_velocity(run, joint, &derived)?;
+        Some(Foreign { channel: format!("velocity {name}"), what: format!("against its positions, {what}"), reading })
+    });
+    let mut found: Vec<Foreign> = velocities.collect();
+    let mut read = Cow::Borrowed(run);
+    found.iter().for_each(|f| f.read(read.to_mut()));
+    found.extend(names().filter_map(|(joint, name)| {
+        let (what, reading) = of_torque(&read, joint)?;
+        let what = format!("against the law of the actuator, {what}");
+        Some(Foreign { channel: format!("torque {name}"), what, reading })
+    }));
+    found
+}
+
+/// All that is found, as faults.
+pub(crate) fn faults(run: &Run) -> Vec<Fault> {
+    let start = run.span()[0];
+    let fault = |f: Foreign| {
+        let detail = match f.reading {
+            Reading::Unknown => f.what,
+            _ => format!("{}; a diagnosis reads it so", f.what),
+        };
+        Fault { kind: FaultKind::Convention, channel: f.channel, time: start, count: 1, detail }
+    };
+    foreign(run).into_iter().map(fault).collect()
+}
+
+/// The run in this crate's convention. What no reading is known for is left out: torques are gaps, velocities those of the positions; its
+/// faults stay.
+pub fn read_in_ours(mut run: Run) -> Run {
+    if run.faults.iter().all(|f| f.kind != FaultKind::Convention) {
+        return run;
+    }
+    for one in foreign(&run) {
+        one.read(&mut run);
+        if one.reading != Reading::Unknown {
+            run.faults.retain(|f| f.kind != FaultKind::Convention || f.channel != one.channel);
+        }
+    }
+    run
+}
+
+impl Foreign {
+    /// Reads the channel of `run`, or takes it out.
+    fn read(&self, run: &mut Run) {
+        let (kind, rest) = self.channel.split_once(' ').unwrap_or((&self.channel, ""));
+        let joint = run.joint_names.iter().position(|n| n == rest);
+        let axis = ["x", "y", "z"].iter().position(|a| *a == rest);
+        let is_known = self.reading != Reading::Unknown;
+        let derived = if is_known || kind != "velocity" { None } else { joint_velocity(run) };
+        let m = &mut run.measured;
+        let (slot, columns) = match (kind, joint, axis) {
+            ("velocity", Some(j), _) => (&mut m.velocity, j..j + 1),
+            ("torque", Some(j), _) => (&mut m.torque, j..j + 1),
+            ("gyro", _, Some(a)) => (&mut m.gyro, a..a + 1),
+            ("orientation", ..) => (&mut m.orientation, 0..4),
+            ("acceleration", ..) => (&mut m.acceleration, 0..3),
+            // Its place has a unit, its rotation an order.
+            _ if matches!(self.reading, Reading::Scaled(_)) => (&mut m.base_pose, 0..3),
+            _ => (&mut m.base_pose, 3..7),
+        };
+        match (slot.as_mut(), kind) {
+            (Some(series), _) if is_known => {
+                let rows = series.values.chunks_exact_mut(series.joints);
+                rows.for_each(|row| self.reading.of(&mut row[columns.clone()]));
+            }
+            (Some(_), "velocity") => replace(slot, columns.start, derived.map(|d| d.series)),
+            (Some(series), "torque") => {
+                series.values.iter_mut().skip(columns.start).step_by(series.joints).for_each(|x| *x = f64::NAN);
+            }
+            _ => *slot = None,
+        }
+    }
+}
+
+impl Reading {
+    fn of(self, values: &mut [f64]) {
+        match self {
+            Self::Scaled(by) => values.iter_mut().for_each(|x| *x *= by),
+            Self::ScalarLast => values.rotate_right(1),
+            Self::Inverse => values[1..].iter_mut().for_each(|x| *x = -*x),
+            Self::Unknown => {}
+        }
+    }
+}
+
+/// Indices of samples that are compared.
+fn some(series: &JointSeries) -> impl Iterator<Item = usize> {
+    (0..series.len()).step_by(series.len().div_ceil(MOST).max(1))
+}
+
+/// Times and velocities of all joints by their positions.
+fn derived_velocities(run: &Run) -> Vec<(f64, Vec<f64>)> {
+    let Some(position) = run.measured.position.as_ref().filter(|p| p.len() > 20) else { return Vec::new() };
+    let filter = joint_filter(position);
+    let at = |i: usize| (position.time[i], filter.at(position, position.time[i]).iter().map(|s| s.slope).collect());
+    some(position).map(at).collect()
+}
+
+fn of_velocity(run: &Run, joint: usize, derived: &[(f64, Vec<f64>)]) -> Option<(String, Reading)> {
+    let velocity = run.measured.velocity.as_ref().filter(|v| !v.is_empty())?;
+    let mut row = vec![0.0; velocity.joints];
+    let pair = |(time, slopes): &(f64, Vec<f64>)| {
+        velocity.interpolate(*time, &mut row);
+        (slopes[joint], row[joint])
+    };
+    let pairs: Vec<(f64, f64)> = derived.iter().map(pair).collect();
+    convention(fit(&pairs, LEAST_SPEED)?)
+}
+
+/// Torque against gains times errors plus feed-forward, all as they were commanded.
+fn of_torque(run: &Run, joint: usize) -> Option<(String, Reading)> {
+    let (c, m) = (&run.commands, &run.measured);
+    let (torque, position) = (m.torque.as_ref()?, m.position.as_ref().filter(|p| !p.is_empty())?);
+    let wanted = c.position.as_ref().filter(|p| run.actuator.kind == ActuatorKind::Pd && !p.is_empty())?;
+    let held = |series: &Option<JointSeries>, time: f64| {
+        series.as_ref().filter(|s| !s.is_empty()).map(|s| s.hold(time)[joint])
+    };
+    let (mut q, mut v) = (vec![0.0; position.joints], vec![0.0; position.joints]);
+    let law = |i: usize| {
+        let time = torque.time[i];
+        position.interpolate(time, &mut q);
+        if let Some(velocity) = m.velocity.as_ref().filter(|v| !v.is_empty()) {
+            velocity.interpolate(time, &mut v);
+        }
+        let kp = held(&c.kp, time).or(run.actuator.kp).unwrap_or(f64::NAN);
+        let kd = held(&c.kd, time).or(run.actuator.kd).unwrap_or(0.0);
+        let damping = kd * (held(&c.velocity, time).unwrap_or(0.0) - v[joint]);
+        let forward = held(&c.torque, time).unwrap_or(0.0);
+        (kp * (wanted.hold(time)[joint] - q[joint]) + damping + forward, torque.row(i)[joint])
+    };
+    let pairs: Vec<(f64, f64)> = some(torque).map(law).collect();
+    convention(fit(&pairs, LEAST_TORQUE)?)
+}
+
+/// Whose convention is another's when a gyroscope and quaternions are compared.
+enum Turning {
+    /// Axes of the gyroscope, and what they are.
+    OfGyro(Vec<(&'static str, String, Reading)>),
+    /// The quaternions.
+    OfQuaternion(&'static str, Reading),
+    /// It does not turn, or nothing fits.
+    Unknown,
+}
+
+fn turning(gyro: &JointSeries, series: &JointSeries, first: usize) -> Turning {
+    let rates = |order: fn([f64; 4]) -> [f64; 4]| -> Vec<Option<Fit>> {
+        let rows = (0..series.len()).flat_map(|i| {
+            let q = &series.row(i)[first..first + 4];
+            [0.0; 3].into_iter().chain(order([q[0], q[1], q[2], q[3]]))
+        });
+        let poses = JointSeries { time: series.time.clone(), values: rows.collect(), joints: 7 };
+        let Some(rate) = base_angular_velocity(&thinned(&poses)).map(|d| d.series) else { return vec![None; 3] };
+        let mut row = [0.0; 3];
+        let of = |axis: usize| {
+            let pairs: Vec<(f64, f64)> = (0..rate.len())
+                .map(|i| {
+                    gyro.interpolate(rate.time[i], &mut row);
+                    (rate.row(i)[axis], row[axis])
+                })
+                .collect();
+            fit(&pairs, LEAST_TURNING)
+        };
+        (0..3).map(of).collect()
+    };
+    let mean = |fits: &[Option<Fit>]| {
+        let known: Vec<f64> = fits.iter().flatten().map(|f| f.correlation).collect();
+        if known.len() < 2 { f64::NAN } else { known.iter().sum::<f64>() / known.len() as f64 }
+    };
+    let read = rates(|q| q);
+    let agree = read.iter().flatten().filter(|f| f.correlation.abs() > SAME).count();
+    if agree >= 2 && read.iter().flatten().any(|f| f.correlation > SAME) || agree == 3 {
+        let names = ["x", "y", "z"];
+        let told = read.iter().zip(names).filter_map(|(f, name)| {
+            let (what, reading) = convention((*f)?)?;
+            Some((name, what, reading))
+        });
+        return Turning::OfGyro(told.collect());
+    }
+    if mean(&rates(|[a, b, c, d]| [d, a, b, c])) > SAME {
+        let what = "as w, x, y, z it turns otherwise than the gyroscope says; as x, y, z, w it fits";
+        return Turning::OfQuaternion(what, Reading::ScalarLast);
+    }
+    if mean(&rates(|[w, x, y, z]| [w, -x, -y, -z])) > SAME {
+        let what = "it turns otherwise than the gyroscope says; as the base's view of the world it fits";
+        return Turning::OfQuaternion(what, Reading::Inverse);
+    }
+    Turning::Unknown
+}
+
+/// Every so manieth row, so that smoothing takes no longer than reading.
+fn thinned(series: &JointSeries) -> JointSeries {
+    let every = (series.len() / MOST).max(1);
+    let rows: Vec<usize> = (0..series.len()).step_by(every).collect();
+    JointSeries {
+        time: rows.iter().map(|&i| series.time[i]).collect(),
+        values: rows.iter().flat_map(|&i| series.row(i).to_vec()).collect(),
+        joints: series.joints,
+    }
+}
+
+fn in_gravities(acceleration: &JointSeries) -> Option<(String, Reading)> {
+    let size = |i: usize| acceleration.row(i)[..3].iter().map(|x| x * x).sum::<f64>().sqrt();
+    let mut sizes: Vec<f64> = some(acceleration).map(size).filter(|x| x.is_finite()).collect();
+    let middle = median(&mut sizes);
+    let near = |x: f64| (middle / x).ln().abs() < 0.2;
+    let units = [("g", 1.0, GRAVITY), ("thousandths of g", 1e3, 1e-3 * GRAVITY), ("mm/s²", 1e3 * GRAVITY, 1e-3)];
+    let (unit, _, by) = units.into_iter().find(|(_, gravity, _)| near(*gravity))?;
+    Some((format!("gravity is {middle:.3}, expected {GRAVITY:.2} m/s²: {unit}"), Reading::Scaled(by)))
+}
+
+/// A base that often moves faster than any robot is not measured in metres.
+fn too_fast(pose: &JointSeries) -> Option<(String, Reading)> {
+    /// Noise of single samples is not to count \[s\].
+    const APART: f64 = 0.1;
+    let mut speeds = Vec::new();
+    let mut before = 0;
+    for i in 1..pose.len() {
+        let passed = pose.time[i] - pose.time[before];
+        if passed >= APART {
+            let far: f64 = (0..3).map(|k| (pose.row(i)[k] - pose.row(before)[k]).powi(2)).sum();
+            speeds.push(far.sqrt() / passed);
+            before = i;
+        }
+    }
+    speeds.retain(|x| x.is_finite());
+    speeds.sort_by(f64::total_cmp);
+    let often = *speeds.get(3 * speeds.len() / 4)?;
+    let reading = if often < 1e3 * FASTEST_BASE { Reading::Scaled(1e-3) } else { Reading::Unknown };
+    let what = format!("it moves at {often:.0} m/s: expected metres, found some smaller unit, such as millimetres");
+    (speeds.len() > 20 && often > FASTEST_BASE).then_some((what, reading))
+}
