@@ -145,11 +145,12 @@ impl Columns {
                 for (pattern, factor) in &a.moves {
                     let parameter = spell(pattern, name);
                     let unknown = || GapError::Library {
-                        file: format!("effect `{}`", effect.name),
-                        expected: "a parameter of the simulator".into(),
+                        file: effect.file.clone(),
+                        expected: format!("a parameter of the simulator in effect `{}`", effect.name),
                         found: format!("`{parameter}`"),
                     };
-                    moves.push((problem.parameter(&parameter).ok_or_else(unknown)?, *factor));
+                    let id = problem.parameter(&parameter).ok_or_else(unknown)?;
+                    moves.push((id, *factor));
                 }
                 let absent = if effect.absolute { problem.nominal[moves[0].0] / moves[0].1 } else { 0.0 };
                 let absent = if effect.levels_of.is_some() { f64::INFINITY } else { absent };
@@ -194,6 +195,35 @@ impl Columns {
             }
         }
         range
+    }
+
+    /// Looks whether every level, and the ends of absolute ranges, give parameters of this robot values that mean something.
+    ///
+    /// # Errors
+    /// Names the first that does not, and its file.
+    pub fn check(&self, problem: &Problem) -> Result<(), GapError> {
+        for unit in &self.units {
+            let effect = &self.effects[unit.effect];
+            let levels = self.columns.iter().filter(|c| self.units[c.unit] == *unit).map(|c| c.value);
+            let ends = effect.range.into_iter().filter(|_| effect.absolute);
+            for (value, &(id, factor)) in levels.chain(ends).flat_map(|v| unit.moves.iter().map(move |m| (v, m))) {
+                let info = &problem.catalogue[id];
+                let moved = if effect.absolute { factor * value } else { problem.nominal[id] + factor * value };
+                if info.clamped(moved) != moved {
+                    return Err(GapError::Library {
+                        file: effect.file.clone(),
+                        expected: format!(
+                            "values of effect `{}` that leave `{}` at least {}",
+                            effect.name,
+                            info.name,
+                            info.clamped(moved)
+                        ),
+                        found: format!("{value}, which makes it {moved}"),
+                    });
+                }
+            }
+        }
+        Ok(())
     }
 
     /// Units of a group along an axis.

@@ -312,3 +312,19 @@ fn a_leg_of_another_length_than_the_urdfs_is_named() {
     assert_eq!((cause.effect.as_str(), &cause.scope[..]), ("link_length", &["FL_calf".to_string()][..]));
     assert!((cause.parameters[0].value - 1.0 / 0.95 + 1.0).abs() < 0.015, "{:?}", cause.parameters);
 }
+
+#[test]
+fn an_effect_whose_values_mean_nothing_is_refused_with_its_file() {
+    let run = recorded(Vec::new(), 4);
+    let text = "[[effect]]\nname = 'glue'\ninterface = 'actuator'\nscope = 'joints'\nunit = 'N m s/rad'\nrange = [-0.5, 0]\n\
+        tolerance = 0.01\nlevels = [-0.1]\n[[effect.axis]]\nname = 'x'\nmoves = { 'joint.{joint}.viscous_friction' = 1.0 }\n";
+    for (from, to, told) in
+        [("", "", "viscous_friction` at least 0"), ("viscous_friction", "glue", "parameter of the simulator")]
+    {
+        let own = library::parse(&text.replace(from, to), "mine.toml").unwrap();
+        let options = Options { library: own, ..quick() };
+        let error =
+            diagnose(std::slice::from_ref(&run), &go2(), &Terrain::plane(), &options, 0).err().unwrap().to_string();
+        assert!(error.contains("mine.toml") && error.contains("`glue`") && error.contains(told), "{error}");
+    }
+}

@@ -132,6 +132,8 @@ pub fn diagnose(
         since: 0.0,
     };
     let begun = session.now();
+    let (problem, columns) = session.robot(&[], &[]).map_err(|e| e.beside(&cannot_tell))?;
+    columns.check(&problem)?;
     session.calibrate()?;
     let mut nominal = session.study(&[], &[]).map_err(|e| e.beside(&cannot_tell))?;
     cannot_tell.extend(telling::missing(&nominal, first, &options.library));

@@ -111,6 +111,9 @@ pub struct Effect {
     /// Directions that belong together.
     #[serde(rename = "axis")]
     pub axes: Vec<Axis>,
+    /// File that it was read from, for errors.
+    #[serde(skip)]
+    pub file: String,
 }
 
 impl Effect {
@@ -145,7 +148,8 @@ pub fn built_in() -> Vec<Effect> {
 /// When the text is not of this form, or an effect cannot be used.
 pub fn parse(text: &str, name: &str) -> Result<Vec<Effect>, GapError> {
     let wrong = |found: String| GapError::Library { file: name.into(), expected: "[[effect]] tables".into(), found };
-    let file: File = toml::from_str(text).map_err(|e| wrong(e.to_string()))?;
+    let mut file: File = toml::from_str(text).map_err(|e| wrong(e.to_string()))?;
+    file.effect.iter_mut().for_each(|effect| effect.file = name.into());
     for (index, effect) in file.effect.iter().enumerate() {
         check(effect, name)?;
         if file.effect[..index].iter().any(|other| other.name == effect.name) {
