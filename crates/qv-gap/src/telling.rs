@@ -163,7 +163,35 @@ pub fn confusable(study: &Study, suspect: &Suspect) -> Vec<String> {
         }
     }
     alike.sort_by(|a, b| b.0.total_cmp(&a.0));
-    alike.into_iter().map(|a| a.1).collect()
+    let own = &columns.effects[columns.groups[suspect.group].effect].name;
+    let mut names: Vec<String> = alike.into_iter().map(|a| a.1).collect();
+    for other in one_without_poses(own).filter(|_| study.problem.on_legs) {
+        if columns.effects.iter().any(|e| e.name == other) && !names.iter().any(|n| n == other) {
+            names.push(other.into());
+        }
+    }
+    names
+}
+
+/// Effects that nothing tells from each other where the base goes as its legs say: a tilted IMU walks on a slope, and a foot that slips or
+/// bounces makes a start that is wrong.
+const ONE_WITHOUT_POSES: [&[&str]; 2] =
+    [&["imu_tilt", "terrain_slope"], &["ground_friction", "contact_restitution", "contact_compliance"]];
+
+/// The others of an effect's set of those.
+fn one_without_poses(effect: &str) -> impl Iterator<Item = &'static str> {
+    let set = ONE_WITHOUT_POSES.into_iter().find(|set| set.contains(&effect)).unwrap_or_default();
+    set.iter().copied().filter(move |other| *other != effect)
+}
+
+/// What is to be said beside the verdict on a walk without poses.
+pub fn beside_verdict(causes: &[Cause]) -> Vec<String> {
+    let words = |cause: &Cause| {
+        let others: Vec<String> = one_without_poses(&cause.effect).map(|o| o.replace('_', " ")).collect();
+        let effect = cause.effect.replace('_', " ");
+        (!others.is_empty()).then(|| format!("Without poses {effect} cannot be told from {}.", others.join(" or ")))
+    };
+    causes.iter().filter_map(words).collect()
 }
 
 /// An amount in the unit that people use for it.

@@ -37,16 +37,22 @@ fn told(run: &mut Run) -> Vec<(String, String)> {
 fn each_is_told_by_name() {
     let good = recorded(Vec::new(), 4);
     assert_eq!(told(&mut good.clone()), []);
-    let cases: [(&str, &str, fn(&mut Run)); 10] = [
+    let cases: [(&str, &str, fn(&mut Run)); 13] = [
         ("torque FL_calf_joint", "sign", |r| scale(&mut r.measured.torque, 2..3, -1.0)),
         ("torque RR_hip_joint", "thousandths", |r| scale(&mut r.measured.torque, 9..10, 1e3)),
-        ("torque FL_thigh_joint", "gear", |r| scale(&mut r.measured.torque, 1..2, 1.0 / 6.33)),
+        ("torque FL_thigh_joint", "another unit", |r| scale(&mut r.measured.torque, 1..2, 1.0 / 6.33)),
         ("velocity FR_calf_joint", "sign", |r| scale(&mut r.measured.velocity, 5..6, -1.0)),
         ("gyro y", "sign", |r| scale(&mut r.measured.gyro, 1..2, -1.0)),
+        ("gyro x", "sign", |r| scale(&mut r.measured.gyro, 0..1, -1.0)),
+        ("base pose", "taken for x, y, z, w", |r| {
+            let pose = r.measured.base_pose.as_mut().unwrap();
+            pose.values.chunks_exact_mut(7).for_each(|row| row[3..].rotate_right(1));
+        }),
+        ("base pose", "centimetres", |r| scale(&mut r.measured.base_pose, 0..3, 1e2)),
         ("orientation", "x, y, z, w", |r| reorder(&mut r.measured.orientation, 0)),
         ("orientation", "view of the world", |r| scale(&mut r.measured.orientation, 1..4, -1.0)),
         ("base pose", "x, y, z, w", |r| reorder(&mut r.measured.base_pose, 3)),
-        ("base pose", "metres", |r| scale(&mut r.measured.base_pose, 0..3, 1e3)),
+        ("base pose", "millimetres", |r| scale(&mut r.measured.base_pose, 0..3, 1e3)),
         ("acceleration", "g", |r| scale(&mut r.measured.acceleration, 0..3, 1.0 / 9.81)),
     ];
     for (channel, what, spoil) in cases {
@@ -55,6 +61,16 @@ fn each_is_told_by_name() {
         let told = told(&mut run);
         assert!(matches!(&told[..], [(c, d)] if c == channel && d.contains(what)), "{channel}, {what}: {told:?}");
     }
+    // An IMU that takes gravity away is no IMU that counts in g.
+    let mut run = good.clone();
+    let acceleration = run.measured.acceleration.as_mut().unwrap();
+    acceleration.values.iter_mut().skip(2).step_by(3).for_each(|z| *z -= 9.81);
+    assert_eq!(told(&mut run), []);
+    let mut run = good.clone();
+    scale(&mut run.measured.gyro, 0..1, -1.0);
+    reorder(&mut run.measured.orientation, 0);
+    let both: Vec<String> = told(&mut run).into_iter().map(|t| t.0).collect();
+    assert_eq!(both, ["orientation", "gyro x"]);
     let mut run = good.clone();
     scale(&mut run.measured.velocity, 0..12, 180.0 / std::f64::consts::PI);
     scale(&mut run.measured.gyro, 0..3, 180.0 / std::f64::consts::PI);

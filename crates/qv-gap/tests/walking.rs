@@ -328,3 +328,19 @@ fn an_effect_whose_values_mean_nothing_is_refused_with_its_file() {
         assert!(error.contains("mine.toml") && error.contains("`glue`") && error.contains(told), "{error}");
     }
 }
+
+#[test]
+fn without_poses_a_slope_may_be_a_tilted_imu() {
+    let mut run = recorded(vec![("terrain.slope_x".into(), 0.05)], 4);
+    run.measured.base_pose = None;
+    let report = of(&run, &quick());
+    let cause = report.causes.first().expect("it is seen");
+    let one_of_two = ["terrain_slope", "imu_tilt"];
+    assert!(one_of_two.contains(&cause.effect.as_str()), "{}", report.sentence);
+    assert!(
+        cause.confusable_with.iter().any(|name| one_of_two.contains(&name.as_str())),
+        "{:?}",
+        cause.confusable_with
+    );
+    assert!(report.sentence.contains("Without poses"), "{}", report.sentence);
+}

@@ -5,10 +5,11 @@
 //! in that convention is ([`read_in_ours`]), the rest is left out.
 
 use crate::clean::median;
-use crate::derive::{base_angular_velocity, joint_filter, joint_velocity};
+use crate::derive::{joint_filter, joint_velocity};
 use crate::faults::FASTEST_BASE;
 use crate::run::{ActuatorKind, Fault, FaultKind, Run};
 use crate::still::replace;
+use glam::{DQuat, DVec3};
 use qv_core::{GRAVITY, JointSeries};
 use std::borrow::Cow;
 
@@ -20,6 +21,10 @@ const MOST: usize = 4000;
 const LEAST_SPEED: f64 = 0.1;
 const LEAST_TORQUE: f64 = 0.3;
 const LEAST_TURNING: f64 = 0.05;
+/// Height of a walking robot's trunk \[m\].
+const HEIGHTS: std::ops::Range<f64> = 0.2..0.5;
+/// Time over which the base's turn is compared with the gyroscope's mean \[s\].
+const TURN: f64 = 0.05;
 
 /// How two channels go together.
 #[derive(Debug, Clone, Copy)]
@@ -57,6 +62,8 @@ enum Reading {
     Scaled(f64),
     /// Quaternions of x, y, z, w.
     ScalarLast,
+    /// Quaternions of w, x, y, z that were taken for x, y, z, w.
+    ScalarFirst,
     /// Quaternions of the other direction.
     Inverse,
     /// Nobody knows.
@@ -76,7 +83,7 @@ fn convention(fit: Fit) -> Option<(String, Reading)> {
     } else if near(1e3) {
         ("thousandths of the unit", Reading::Scaled(sign * 1e-3))
     } else if !(0.2..5.0).contains(&size) {
-        ("another unit, or another side of the gear", Reading::Unknown)
+        ("another unit", Reading::Unknown)
     } else if sign < 0.0 {
         ("the sign is turned", Reading::Scaled(-1.0))
     } else {
@@ -89,27 +96,39 @@ fn convention(fit: Fit) -> Option<(String, Reading)> {
 fn foreign(run: &Run) -> Vec<Foreign> {
     let mut found = foreign_joints(run);
     let mut tell = |channel: String, what: String, reading| found.push(Foreign { channel, what, reading });
-    let m = &run.measured;
-    if let Some(gyro) = m.gyro.as_ref().filter(|g| g.joints == 3 && !g.is_empty()) {
-        for (channel, series, first) in [("orientation", &m.orientation, 0), ("base pose", &m.base_pose, 3)] {
-            let Some(series) = series.as_ref().filter(|s| s.joints >= first + 4) else { continue };
-            match turning(gyro, series, first) {
-                // Poses are asked only where the IMU has no attitude of its own.
-                Turning::OfGyro(axes) if first == 0 || m.orientation.is_none() => {
-                    for (axis, what, reading) in axes {
-                        tell(format!("gyro {axis}"), format!("against the {channel}, {what}"), reading);
-                    }
-                }
-                Turning::OfQuaternion(what, reading) => tell(channel.into(), what.into(), reading),
-                _ => {}
-            }
-        }
+    for (channel, what, reading) in foreign_turning(run) {
+        tell(channel, what, reading);
     }
+    let m = &run.measured;
     if let Some((what, reading)) = m.acceleration.as_ref().and_then(in_gravities) {
         tell("acceleration".into(), what, reading);
     }
     if let Some((what, reading)) = m.base_pose.as_ref().and_then(too_fast) {
         tell("base pose".into(), what, reading);
+    }
+    found
+}
+
+/// Quaternions first, since the gyroscope is judged by them.
+fn foreign_turning(run: &Run) -> Vec<(String, String, Reading)> {
+    let mut found = Vec::new();
+    let m = &run.measured;
+    let Some(gyro) = m.gyro.as_ref().filter(|g| g.joints == 3 && !g.is_empty()) else { return found };
+    for (channel, series, first) in [("orientation", &m.orientation, 0), ("base pose", &m.base_pose, 3)] {
+        let Some(series) = series.as_ref().filter(|s| s.joints >= first + 4) else { continue };
+        let mut seen = turning(gyro, series, first);
+        if let Turning::OfQuaternion(what, reading) = seen {
+            found.push((channel.to_string(), what.to_string(), reading));
+            let mut read = series.clone();
+            read.values.chunks_exact_mut(series.joints).for_each(|row| reading.of(&mut row[first..first + 4]));
+            seen = turning(gyro, &read, first);
+        }
+        // Poses are asked only where the IMU has no attitude of its own.
+        if let (Turning::OfGyro(axes), true) = (seen, first == 0 || m.orientation.is_none()) {
+            for (axis, what, reading) in axes {
+                found.push((format!("gyro {axis}"), format!("against the {channel}, {what}"), reading));
+            }
+        }
     }
     found
 }
@@ -139,7 +158,7 @@ pub(crate) fn faults(run: &Run) -> Vec<Fault> {
     let fault = |f: Foreign| {
         let detail = match f.reading {
             Reading::Unknown => f.what,
-            _ => format!("{}; a diagnosis reads it so", f.what),
+            _ => format!("{}; it is read so", f.what),
         };
         Fault { kind: FaultKind::Convention, channel: f.channel, time: start, count: 1, detail }
     };
@@ -199,6 +218,7 @@ impl Reading {
         match self {
             Self::Scaled(by) => values.iter_mut().for_each(|x| *x *= by),
             Self::ScalarLast => values.rotate_right(1),
+            Self::ScalarFirst => values.rotate_left(1),
             Self::Inverse => values[1..].iter_mut().for_each(|x| *x = -*x),
             Self::Unknown => {}
         }
@@ -264,66 +284,80 @@ enum Turning {
     Unknown,
 }
 
+/// Orders of quaternions other than this crate's: a name, and how to read them.
+const ORDERS: [(&str, Reading); 3] = [
+    ("as w, x, y, z it turns otherwise than the gyroscope says; as x, y, z, w it fits", Reading::ScalarLast),
+    (
+        "it turns otherwise than the gyroscope says; as w, x, y, z that were taken for x, y, z, w it fits",
+        Reading::ScalarFirst,
+    ),
+    ("it turns otherwise than the gyroscope says; as the base's view of the world it fits", Reading::Inverse),
+];
+
 fn turning(gyro: &JointSeries, series: &JointSeries, first: usize) -> Turning {
-    let rates = |order: fn([f64; 4]) -> [f64; 4]| -> Vec<Option<Fit>> {
-        let rows = (0..series.len()).flat_map(|i| {
-            let q = &series.row(i)[first..first + 4];
-            [0.0; 3].into_iter().chain(order([q[0], q[1], q[2], q[3]]))
-        });
-        let poses = JointSeries { time: series.time.clone(), values: rows.collect(), joints: 7 };
-        let Some(rate) = base_angular_velocity(&thinned(&poses)).map(|d| d.series) else { return vec![None; 3] };
-        let mut row = [0.0; 3];
-        let of = |axis: usize| {
-            let pairs: Vec<(f64, f64)> = (0..rate.len())
-                .map(|i| {
-                    gyro.interpolate(rate.time[i], &mut row);
-                    (rate.row(i)[axis], row[axis])
-                })
-                .collect();
-            fit(&pairs, LEAST_TURNING)
-        };
-        (0..3).map(of).collect()
+    let rotation = |i: usize, reading: Option<Reading>| {
+        let mut q: [f64; 4] = series.row(i)[first..first + 4].try_into().expect("four columns");
+        reading.into_iter().for_each(|r| r.of(&mut q));
+        DQuat::from_xyzw(q[1], q[2], q[3], q[0])
     };
-    let mean = |fits: &[Option<Fit>]| {
-        let known: Vec<f64> = fits.iter().flatten().map(|f| f.correlation).collect();
-        if known.len() < 2 { f64::NAN } else { known.iter().sum::<f64>() / known.len() as f64 }
+    let rates = |reading: Option<Reading>| -> Vec<Option<Fit>> {
+        let mut pairs = [const { Vec::new() }; 3];
+        let mut later = 0;
+        for i in some(series) {
+            while later < series.len() && series.time[later] < series.time[i] + TURN {
+                later += 1;
+            }
+            if later == series.len() {
+                break;
+            }
+            let (from, to) = (series.time[i], series.time[later]);
+            let turn = rotation(i, reading).conjugate() * rotation(later, reading);
+            let turn = (if turn.w < 0.0 { -turn } else { turn }).normalize().to_scaled_axis() / (to - from);
+            let mean = mean_between(gyro, from, to);
+            (0..3).for_each(|axis| pairs[axis].push((turn[axis], mean[axis])));
+        }
+        pairs.iter().map(|p| fit(p, LEAST_TURNING)).collect()
     };
-    let read = rates(|q| q);
-    let agree = read.iter().flatten().filter(|f| f.correlation.abs() > SAME).count();
-    if agree >= 2 && read.iter().flatten().any(|f| f.correlation > SAME) || agree == 3 {
-        let names = ["x", "y", "z"];
-        let told = read.iter().zip(names).filter_map(|(f, name)| {
-            let (what, reading) = convention((*f)?)?;
-            Some((name, what, reading))
-        });
-        return Turning::OfGyro(told.collect());
+    // All axes that turn, whichever way and in whatever unit.
+    let fits = |all: &[Option<Fit>]| {
+        let known: Vec<f64> = all.iter().flatten().map(|f| f.correlation).collect();
+        known.len() >= 2 && known.iter().all(|c| c.abs() > SAME)
+    };
+    let agrees = |all: &[Option<Fit>]| fits(all) && all.iter().flatten().any(|f| f.correlation > SAME);
+    let read = rates(None);
+    let told = |all: &[Option<Fit>]| {
+        let named = all.iter().zip(["x", "y", "z"]);
+        let found = named.filter_map(|(f, name)| convention((*f)?).map(|(what, reading)| (name, what, reading)));
+        found.collect::<Vec<_>>()
+    };
+    if agrees(&read) {
+        return Turning::OfGyro(told(&read));
     }
-    if mean(&rates(|[a, b, c, d]| [d, a, b, c])) > SAME {
-        let what = "as w, x, y, z it turns otherwise than the gyroscope says; as x, y, z, w it fits";
-        return Turning::OfQuaternion(what, Reading::ScalarLast);
+    // One that fits as it is goes before one that fits with axes turned.
+    let orders = ORDERS.map(|(what, reading)| (what, reading, rates(Some(reading))));
+    let is_plain = |all: &[Option<Fit>]| all.iter().flatten().all(|f| f.correlation > SAME);
+    let plain = orders.iter().find(|(_, _, all)| agrees(all) && is_plain(all));
+    if let Some((what, reading, _)) = plain.or_else(|| orders.iter().find(|(_, _, all)| agrees(all))) {
+        return Turning::OfQuaternion(what, *reading);
     }
-    if mean(&rates(|[w, x, y, z]| [w, -x, -y, -z])) > SAME {
-        let what = "it turns otherwise than the gyroscope says; as the base's view of the world it fits";
-        return Turning::OfQuaternion(what, Reading::Inverse);
-    }
-    Turning::Unknown
+    if fits(&read) { Turning::OfGyro(told(&read)) } else { Turning::Unknown }
 }
 
-/// Every so manieth row, so that smoothing takes no longer than reading.
-fn thinned(series: &JointSeries) -> JointSeries {
-    let every = (series.len() / MOST).max(1);
-    let rows: Vec<usize> = (0..series.len()).step_by(every).collect();
-    JointSeries {
-        time: rows.iter().map(|&i| series.time[i]).collect(),
-        values: rows.iter().flat_map(|&i| series.row(i).to_vec()).collect(),
-        joints: series.joints,
+/// Mean of the samples between two times.
+fn mean_between(series: &JointSeries, from: f64, to: f64) -> [f64; 3] {
+    let (first, last) = (series.time.partition_point(|&t| t < from), series.time.partition_point(|&t| t <= to));
+    let mut sum = [0.0; 3];
+    for i in first..last {
+        (0..3).for_each(|k| sum[k] += series.row(i)[k]);
     }
+    sum.map(|x| x / (last - first) as f64)
 }
 
 fn in_gravities(acceleration: &JointSeries) -> Option<(String, Reading)> {
-    let size = |i: usize| acceleration.row(i)[..3].iter().map(|x| x * x).sum::<f64>().sqrt();
-    let mut sizes: Vec<f64> = some(acceleration).map(size).filter(|x| x.is_finite()).collect();
-    let middle = median(&mut sizes);
+    // Motion has no mean; what an IMU has freed of gravity has none either.
+    let rows = some(acceleration).map(|i| DVec3::from_slice(&acceleration.row(i)[..3])).filter(|a| a.is_finite());
+    let (sum, count) = rows.fold((DVec3::ZERO, 0), |(sum, n), a| (sum + a, n + 1));
+    let middle = (sum / f64::from(count)).length();
     let near = |x: f64| (middle / x).ln().abs() < 0.2;
     let units = [("g", 1.0, GRAVITY), ("thousandths of g", 1e3, 1e-3 * GRAVITY), ("mm/s²", 1e3 * GRAVITY, 1e-3)];
     let (unit, _, by) = units.into_iter().find(|(_, gravity, _)| near(*gravity))?;
@@ -347,7 +381,15 @@ fn too_fast(pose: &JointSeries) -> Option<(String, Reading)> {
     speeds.retain(|x| x.is_finite());
     speeds.sort_by(f64::total_cmp);
     let often = *speeds.get(3 * speeds.len() / 4)?;
-    let reading = if often < 1e3 * FASTEST_BASE { Reading::Scaled(1e-3) } else { Reading::Unknown };
-    let what = format!("it moves at {often:.0} m/s: expected metres, found some smaller unit, such as millimetres");
+    // Only a height that a walking robot's trunk can have in one unit alone tells which.
+    let mut heights: Vec<f64> = pose.column(2).filter(|z| z.is_finite()).collect();
+    let height = median(&mut heights);
+    let units = [("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254)];
+    let fitting: Vec<(&str, f64)> = units.into_iter().filter(|(_, by)| HEIGHTS.contains(&(by * height))).collect();
+    let (unit, reading) = match fitting[..] {
+        [(unit, by)] => (unit, Reading::Scaled(by)),
+        _ => ("some smaller unit", Reading::Unknown),
+    };
+    let what = format!("it moves at {often:.0} m/s, {height:.0} above the ground: expected metres, found {unit}");
     (speeds.len() > 20 && often > FASTEST_BASE).then_some((what, reading))
 }

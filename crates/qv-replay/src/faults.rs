@@ -48,7 +48,10 @@ pub fn examine(run: &mut Run, mapping: Option<&Mapping>) {
         }
     }
     frozen(run, &mut faults);
-    faults.extend(conventions::faults(run));
+    // Where positions are not radians, nothing can be judged by them.
+    if faults.iter().all(|f| f.kind != FaultKind::DegreesSuspected) {
+        faults.extend(conventions::faults(run));
+    }
     if let Some(pose) = &m.base_pose {
         jumps("base pose", pose, 0..3, FASTEST_BASE, 0.2, &mut faults);
     }

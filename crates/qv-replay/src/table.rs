@@ -145,7 +145,8 @@ pub fn read_table(
     if run.measured.position.is_none() {
         return Err(ReplayError::run("run.csv", "at least one row with a `pos.<joint>` value", "none"));
     }
-    let free = run.measured.base_pose.is_some() || run.measured.acceleration.is_some();
+    let m = &run.measured;
+    let free = m.base_pose.is_some() || m.acceleration.is_some() || m.orientation.is_some();
     run.base = base.unwrap_or(if free { Base::Free } else { Base::Fixed });
     if run.commands == Commands::default() {
         let detail = "expected columns cmd_pos.<joint> or cmd_tau.<joint>, found none".into();
@@ -213,8 +214,9 @@ const JOINT_CHANNELS: [(&str, Channel); 6] = [
     ("tau.", Channel::Torque),
 ];
 
-const VECTOR_CHANNELS: [(&str, Channel, &[&str]); 3] = [
+const VECTOR_CHANNELS: [(&str, Channel, &[&str]); 4] = [
     ("base.", Channel::BasePose, &["x", "y", "z", "qw", "qx", "qy", "qz"]),
+    ("imu.", Channel::Orientation, &["qw", "qx", "qy", "qz"]),
     ("gyro.", Channel::Gyro, &["x", "y", "z"]),
     ("acc.", Channel::Acceleration, &["x", "y", "z"]),
 ];

@@ -144,6 +144,10 @@ pub fn diagnose(
     session.end(&nominal);
     let findings = session.follow(&mut nominal, round, &options.without, &opening, &cannot_tell)?;
     let mut report = findings.report(&mut session, &mut nominal, begun)?;
+    if nominal.problem.on_legs {
+        let beside = telling::beside_verdict(&report.causes);
+        report.sentence = [vec![report.sentence], beside].concat().join(" ");
+    }
     if let Some(fall) = fallen.first() {
         report.sentence = format!("{} ({fall}.)", report.sentence);
     }

@@ -81,9 +81,9 @@ impl<'a> Corrected<'a> {
         self.value(Part::World, name)
     }
 
-    /// Whether any correction changes the mass properties of a link.
+    /// Whether any correction changes the mass properties of a link. Another length moves shapes and joints as well: it is told as a whole, in words.
     pub fn changes_link(&self, link: usize) -> bool {
-        self.entries.iter().any(|e| e.part == Part::Link(link))
+        self.entries.iter().any(|e| e.part == Part::Link(link) && e.field != "length_scale")
     }
 
     /// The link with its corrections: scaled and shifted, then welded to its payload, as the simulator does it. `None` when
@@ -92,16 +92,16 @@ impl<'a> Corrected<'a> {
         let get = |field: &str, neutral: f64| self.value(Part::Link(link), field).unwrap_or(neutral);
         let vector = |names: [&str; 3]| DVec3::from_array(names.map(|name| get(name, 0.0)));
         let nominal = &self.model.links[link];
-        let (scale, length) = (get("mass_scale", 1.0), get("length_scale", 1.0));
+        let scale = get("mass_scale", 1.0);
         let own = Body {
             mass: nominal.mass * scale,
-            com: nominal.com * length + vector(["com_x", "com_y", "com_z"]),
+            com: nominal.com + vector(["com_x", "com_y", "com_z"]),
             inertia: nominal.inertia * (scale * get("inertia_scale", 1.0)),
         };
         let payload = Body {
             mass: get("payload_mass", 0.0),
             // From the modelled centre of mass, wherever the true one is.
-            com: nominal.com * length + vector(["payload_x", "payload_y", "payload_z"]),
+            com: nominal.com + vector(["payload_x", "payload_y", "payload_z"]),
             inertia: DMat3::ZERO,
         };
         own.welded(&payload)

@@ -199,7 +199,6 @@ fn is_said(corrected: &Corrected, entry: &Entry, moved: &[usize]) -> bool {
             }
             _ => false,
         },
-        // Its centre of mass is written, its joints and shapes are not.
         Part::Link(l) => moved.contains(&l) && entry.field != "length_scale",
         _ => false,
     }
