@@ -33,11 +33,14 @@ fn told(run: &mut Run) -> Vec<(String, String)> {
     foreign.map(|f| (f.channel.clone(), f.detail.clone())).collect()
 }
 
+/// Channel, what is told of it, and how it comes to be so.
+type Case = (&'static str, &'static str, fn(&mut Run));
+
 #[test]
 fn each_is_told_by_name() {
     let good = recorded(Vec::new(), 4);
     assert_eq!(told(&mut good.clone()), []);
-    let cases: [(&str, &str, fn(&mut Run)); 13] = [
+    let cases: [Case; 13] = [
         ("torque FL_calf_joint", "sign", |r| scale(&mut r.measured.torque, 2..3, -1.0)),
         ("torque RR_hip_joint", "thousandths", |r| scale(&mut r.measured.torque, 9..10, 1e3)),
         ("torque FL_thigh_joint", "another unit", |r| scale(&mut r.measured.torque, 1..2, 1.0 / 6.33)),
