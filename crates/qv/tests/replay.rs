@@ -151,9 +151,6 @@ fn what_cannot_be_replayed_is_an_error() {
     let path = bag("replay_no_commands", &write(&without("/lowcmd"), small_chunks(None), &[]));
     let (code, _, err) = replay(&path, &out, &[]);
     assert!(code == 1 && err.contains("commands"), "{err}");
-    let path = bag("replay_no_pose", &write(&without("/Odometry"), small_chunks(None), &[]));
-    let (code, _, err) = replay(&path, &out, &[]);
-    assert!(code == 1 && err.contains("base poses"), "{err}");
     let path = bag("replay_window", &write(&walk(0.5), small_chunks(None), &[]));
     for (more, expected, word) in [
         (["--window", "0"], 2, "window"),
@@ -167,6 +164,15 @@ fn what_cannot_be_replayed_is_an_error() {
         let (code, _, err) = replay(&path, &out, &more);
         assert!(code == expected && err.contains(word), "{more:?}: {err}");
     }
+}
+
+#[test]
+fn without_poses_legs_tell_where_the_robot_is() {
+    let messages: Vec<Message> = simulated_bag(2.0, 0.0, 0.0).into_iter().filter(|m| m.topic != "/Odometry").collect();
+    let path = bag("replay_no_pose", &write(&messages, small_chunks(None), &[]));
+    let (code, found, err) = replay(&path, &path.with_file_name("out"), &[]);
+    assert!(code == 3 && err.contains("base pose"), "{err}");
+    assert!(number(&found, "/windows/pos_rms_mean") < 5e-3 && found["base"].is_null(), "{found:#}");
 }
 
 #[test]
