@@ -5,7 +5,7 @@
 //! in that convention is ([`read_in_ours`]), the rest is left out.
 
 use crate::clean::median;
-use crate::derive::{joint_filter, joint_velocity};
+use crate::derive::{joint_filter, joint_velocity, shorter_turn};
 use crate::faults::FASTEST_BASE;
 use crate::run::{ActuatorKind, Fault, FaultKind, Run};
 use crate::still::replace;
@@ -95,22 +95,20 @@ fn convention(fit: Fit) -> Option<(String, Reading)> {
 /// All channels of another convention.
 fn foreign(run: &Run) -> Vec<Foreign> {
     let mut found = foreign_joints(run);
-    let mut tell = |channel: String, what: String, reading| found.push(Foreign { channel, what, reading });
-    for (channel, what, reading) in foreign_turning(run) {
-        tell(channel, what, reading);
-    }
+    found.extend(foreign_turning(run));
     let m = &run.measured;
-    if let Some((what, reading)) = m.acceleration.as_ref().and_then(in_gravities) {
-        tell("acceleration".into(), what, reading);
-    }
-    if let Some((what, reading)) = m.base_pose.as_ref().and_then(too_fast) {
-        tell("base pose".into(), what, reading);
+    let trunk = [
+        ("acceleration", m.acceleration.as_ref().and_then(in_gravities)),
+        ("base pose", m.base_pose.as_ref().and_then(too_fast)),
+    ];
+    for (channel, seen) in trunk {
+        found.extend(seen.map(|(what, reading)| Foreign { channel: channel.into(), what, reading }));
     }
     found
 }
 
 /// Quaternions first, since the gyroscope is judged by them.
-fn foreign_turning(run: &Run) -> Vec<(String, String, Reading)> {
+fn foreign_turning(run: &Run) -> Vec<Foreign> {
     let mut found = Vec::new();
     let m = &run.measured;
     let Some(gyro) = m.gyro.as_ref().filter(|g| g.joints == 3 && !g.is_empty()) else { return found };
@@ -118,7 +116,7 @@ fn foreign_turning(run: &Run) -> Vec<(String, String, Reading)> {
         let Some(series) = series.as_ref().filter(|s| s.joints >= first + 4) else { continue };
         let mut seen = turning(gyro, series, first);
         if let Turning::OfQuaternion(what, reading) = seen {
-            found.push((channel.to_string(), what.to_string(), reading));
+            found.push(Foreign { channel: channel.into(), what: what.into(), reading });
             let mut read = series.clone();
             read.values.chunks_exact_mut(series.joints).for_each(|row| reading.of(&mut row[first..first + 4]));
             seen = turning(gyro, &read, first);
@@ -126,7 +124,8 @@ fn foreign_turning(run: &Run) -> Vec<(String, String, Reading)> {
         // Poses are asked only where the IMU has no attitude of its own.
         if let (Turning::OfGyro(axes), true) = (seen, first == 0 || m.orientation.is_none()) {
             for (axis, what, reading) in axes {
-                found.push((format!("gyro {axis}"), format!("against the {channel}, {what}"), reading));
+                let what = format!("against the {channel}, {what}");
+                found.push(Foreign { channel: format!("gyro {axis}"), what, reading });
             }
         }
     }
@@ -312,7 +311,7 @@ fn turning(gyro: &JointSeries, series: &JointSeries, first: usize) -> Turning {
             }
             let (from, to) = (series.time[i], series.time[later]);
             let turn = rotation(i, reading).conjugate() * rotation(later, reading);
-            let turn = (if turn.w < 0.0 { -turn } else { turn }).normalize().to_scaled_axis() / (to - from);
+            let turn = shorter_turn(turn.normalize()) / (to - from);
             let mean = mean_between(gyro, from, to);
             (0..3).for_each(|axis| pairs[axis].push((turn[axis], mean[axis])));
         }

@@ -3,6 +3,7 @@
 use crate::clean::median_interval;
 use crate::run::Run;
 use crate::smooth::LocalPolynomial;
+use glam::{DQuat, DVec3};
 use qv_core::JointSeries;
 
 /// Half-width of the joint filter in samples.
@@ -52,7 +53,9 @@ pub fn joint_acceleration(run: &Run) -> Option<Derived> {
 
 /// Linear velocity of the base in the world \[m/s\], 3 columns, from poses.
 pub fn base_velocity(pose: &JointSeries) -> Option<Derived> {
-    let pose = Some(pose).filter(|p| p.len() > 3)?;
+    if pose.len() < 4 {
+        return None;
+    }
     let filter = base_filter(pose);
     let xyz = (0..pose.len()).flat_map(|i| pose.row(i)[..3].to_vec()).collect();
     let position = JointSeries { time: pose.time.clone(), values: xyz, joints: 3 };
@@ -62,7 +65,9 @@ pub fn base_velocity(pose: &JointSeries) -> Option<Derived> {
 
 /// Angular velocity of the base in its own frame \[rad/s\], 3 columns, from poses: for recordings without a gyro.
 pub fn base_angular_velocity(pose: &JointSeries) -> Option<Derived> {
-    let pose = Some(pose).filter(|p| p.len() > 3)?;
+    if pose.len() < 4 {
+        return None;
+    }
     let filter = base_filter(pose);
     let mut turns = Vec::with_capacity(4 * pose.len());
     let mut before = [1.0, 0.0, 0.0, 0.0];
@@ -87,6 +92,11 @@ pub fn base_angular_velocity(pose: &JointSeries) -> Option<Derived> {
     Some(Derived { series, method: describe(filter, "pose orientations"), bandwidth })
 }
 
+/// A rotation as a vector \[rad\], of the two ways round the shorter.
+pub(crate) fn shorter_turn(q: DQuat) -> DVec3 {
+    (if q.w < 0.0 { -q } else { q }).to_scaled_axis()
+}
+
 fn base_filter(pose: &JointSeries) -> LocalPolynomial {
     LocalPolynomial { half_width: BASE_HALF_WIDTH.max(3.0 * median_interval(&pose.time)), degree: 3 }
 }
@@ -106,7 +116,6 @@ fn body_rate(q: [f64; 4], d: [f64; 4]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::{DQuat, DVec3};
 
     #[test]
     fn body_rate_of_a_steady_turn_off_every_axis() {

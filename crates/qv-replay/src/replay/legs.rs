@@ -6,7 +6,7 @@
 //! by as much: nothing is to be compared with it, it is where simulations start.
 
 use super::start::SensorErrors;
-use crate::derive::joint_velocity;
+use crate::derive::{joint_velocity, shorter_turn};
 use crate::run::Run;
 use glam::{DQuat, DVec3};
 use qv_core::{JointSeries, Pose};
@@ -114,7 +114,7 @@ impl Walker<'_> {
             let centre = |poses: &[Pose]| poses[geom.link].transform_point(geom.link_from_geom.position);
             let (a, b) = (centre(&earlier), centre(&later));
             let rolled = later[geom.link].rotation * earlier[geom.link].rotation.conjugate();
-            let rolling = (if rolled.w < 0.0 { -rolled } else { rolled }).to_scaled_axis() / (2.0 * STEP);
+            let rolling = shorter_turn(rolled) / (2.0 * STEP);
             // The centre of a foot that rolls moves as the turn about the point below it does.
             let speed = rolling.cross(radius * DVec3::Z) - (b - a) / (2.0 * STEP);
             standing.push((0.5 * (a.z + b.z) - radius, speed));
@@ -147,7 +147,6 @@ impl Walker<'_> {
     /// Angular velocity of the base by the IMU's attitudes around `time` \[rad/s\], in its own frame.
     fn turning(&self, time: f64, imu: DQuat) -> Option<DVec3> {
         let after = super::start::rotation_near(self.run.measured.orientation.as_ref()?, 0, time + INTERVAL)?;
-        let turn = imu.conjugate() * after;
-        Some(self.tilt * (if turn.w < 0.0 { -turn } else { turn }).to_scaled_axis() / INTERVAL)
+        Some(self.tilt * shorter_turn(imu.conjugate() * after) / INTERVAL)
     }
 }

@@ -27,7 +27,7 @@ pub use verdict::verdict;
 
 use crate::ReplayError;
 use crate::conventions::read_in_ours;
-use crate::run::Run;
+use crate::run::{FaultKind, Run};
 use engine::Simulated;
 use qv_core::JointSeries;
 use qv_sim::{Model, Terrain};
@@ -64,7 +64,9 @@ pub struct Replay {
 /// When the run lacks what a replay needs (positions, commands, poses for a free base), its joints are not the model's, or a
 /// parameter means nothing.
 pub fn replay(run: &Run, model: &Model, terrain: &Terrain, options: &ReplayOptions) -> Result<Replay, ReplayError> {
-    let run = &read_in_ours(run.clone());
+    let is_foreign = run.faults.iter().any(|f| f.kind == FaultKind::Convention);
+    let read = is_foreign.then(|| read_in_ours(run.clone()));
+    let run = read.as_ref().unwrap_or(run);
     let simulated = simulate(run, model, terrain, options)?;
     let errors = errors::of_trace(&simulated.recorded, &simulated.whole, &simulated.feet);
     let window_errors = errors::of_windows(&simulated.recorded, &simulated.windows, &simulated.feet);
