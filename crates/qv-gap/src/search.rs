@@ -30,6 +30,8 @@ const FOLLOWED: usize = 8;
 const SHARE_OF_BEST: f64 = 0.3;
 /// Most fits that are followed.
 const MOST_FOLLOWED: usize = 16;
+/// Where a fit of one axis is looked round, as shares of the effect's range.
+const AROUND: [f64; 8] = [-0.08, -0.04, -0.02, -0.01, 0.01, 0.02, 0.04, 0.08];
 /// A round that lowers the loss by less was the last of a fit: half of it is a log evidence.
 const SETTLED: f64 = 1.0;
 /// After the first round, fits that gain less than this share of the best are left where they are.
@@ -142,8 +144,40 @@ impl<'s, 'a> Search<'s, 'a> {
             live.retain(|&k| base.loss - fits[k].loss >= HOPELESS * most);
         }
         self.judge(base, &mut fits, &here)?;
+        let best = (0..fits.len()).max_by(|&a, &b| fits[a].evidence.total_cmp(&fits[b].evidence));
+        if let Some(best) = best
+            && self.polish(base, &mut fits[best], &mut here[best])?
+        {
+            self.judge(base, &mut fits[best..=best], &here[best..=best])?;
+        }
         fits.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         Ok(fits)
+    }
+
+    /// Looks round the value of a fit of one axis for as long as that gains, and tells whether it moved. A latency needs it: commands
+    /// are held, so that the loss jumps wherever the latency passes a whole tick, and a slope says little of what lies behind.
+    fn polish(&mut self, base: &Base, fit: &mut Fit, here: &mut Residuals) -> Result<bool, GapError> {
+        let [value] = fit.suspect.values[..] else { return Ok(false) };
+        let effect = &self.columns().effects[self.columns().groups[fit.suspect.group].effect];
+        let ([low, high], span) = (effect.range, effect.span());
+        let windows = self.windows.clone();
+        for _ in 0..ROUNDS {
+            let at = |share: &f64| (fit.suspect.values[0] + share * span).clamp(low, high);
+            let tried: Vec<Suspect> =
+                AROUND.iter().map(|s| Suspect { values: vec![at(s)], ..fit.suspect.clone() }).collect();
+            let vectors = self.study.raw_vectors(&self.settings(base, &tried), &windows)?;
+            let before = fit.loss;
+            for (suspect, residuals) in tried.into_iter().zip(vectors) {
+                let loss = self.loss_of(&self.marginal, &self.normals(&residuals, &windows), &windows);
+                if loss < fit.loss {
+                    (fit.loss, fit.suspect, *here) = (loss, suspect, residuals);
+                }
+            }
+            if before - fit.loss <= SETTLED {
+                break;
+            }
+        }
+        Ok(fit.suspect.values[0] != value)
     }
 
     /// A group followed from what one linear step says; `None` where that says nothing, or it does not gain.
