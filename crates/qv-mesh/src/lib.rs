@@ -20,6 +20,7 @@ mod extract;
 pub mod files;
 pub mod labels;
 mod nearest;
+pub mod planes;
 mod reconstruct;
 pub mod similarity;
 mod topology;

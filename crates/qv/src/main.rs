@@ -10,6 +10,7 @@ mod fixture;
 mod inspect;
 mod mesh;
 mod mesh_file;
+mod mesh_labels;
 mod normals;
 mod numbers;
 mod open;

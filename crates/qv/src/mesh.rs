@@ -1,5 +1,6 @@
 //! `qv mesh`: a scene of Gaussians, or depth images, to a collision mesh.
 
+use crate::mesh_labels::{fitting, materials};
 use crate::numbers::{not_negative, positive};
 use crate::open::{progress, spinner};
 use crate::rgbd::{self, DepthCapture};
@@ -12,6 +13,7 @@ use qv_mesh::close::close_to_solid;
 use qv_mesh::compare::{Likeness, compare_points, measurable, register, sample};
 use qv_mesh::files::{glb, ply, stl};
 use qv_mesh::labels::LabelledPoints;
+use qv_mesh::planes::{Laid, lay_on_planes};
 use qv_mesh::similarity::Similarity;
 use qv_mesh::{DepthFrame, FuseOptions, MeshOptions, MeshReport, Topology, fuse, surface};
 use qv_raster::{Outputs, Scene, Settings, View, render};
@@ -70,6 +72,10 @@ pub struct Mesh {
     /// Frames of the nearest 8 that must confirm each depth; 0 keeps all. Default 2 for a scene of Gaussians, 0 for measured depth
     #[arg(long, value_name = "COUNT", value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(..=NEIGHBOURS as u64))]
     agree: Option<usize>,
+    /// Lays plain regions of a scene of Gaussians on planes that what has texture supports all round them: walls and fronts of one colour,
+    /// and what shines, where photographs alone say nothing of depth
+    #[arg(long, requires = "cameras")]
+    planes: bool,
     /// Triangles to come down to; without it all are kept
     #[arg(long, value_name = "COUNT")]
     triangles: Option<usize>,
@@ -148,6 +154,7 @@ impl Mesh {
         let mut lost = std::mem::take(&mut input.capture.lost);
         self.align(&mut input)?;
         let agreeing = self.keep_agreeing(&mut input.capture.frames);
+        let laid = self.lay_on_planes(&mut input.capture)?;
         let read_s = clock.elapsed().as_secs_f64();
 
         let sign = spinner("fusing depth");
@@ -181,7 +188,7 @@ impl Mesh {
         // The mesh is there whatever becomes of comparing it.
         let likeness = likeness?;
         let seconds = [read_s, fuse_s, surface_s];
-        self.tell(&mesh, &report, &likeness, input.capture.frames.len(), seconds, agreeing, &lost)?;
+        self.tell(&mesh, &report, &likeness, input.capture.frames.len(), seconds, (agreeing, laid), &lost)?;
         lost.iter().for_each(|what| eprintln!("qv: lost: {what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
@@ -318,6 +325,7 @@ impl Mesh {
                 let depth = (0..image.alpha.len()).map(|i| if counts(i) { image.plane_depth[i] } else { 0.0 });
                 out.frames.push(DepthFrame { camera: lens.pinhole, depth: depth.collect(), weight: image.alpha });
                 out.labels.push(None);
+                out.colours.push(if self.planes { image.colour } else { vec![] });
             }
             out.names.push(one.name);
             bar.inc(1);
@@ -333,6 +341,18 @@ impl Mesh {
             frames,
             &AgreeOptions { least, absolute: 2.0 * self.voxel, relative: 0.01, neighbours: NEIGHBOURS },
         )
+    }
+
+    /// Lays plain regions on planes, where that is asked for.
+    fn lay_on_planes(&self, capture: &mut DepthCapture) -> Result<Option<Laid>, Failure> {
+        if !self.planes {
+            return Ok(None);
+        }
+        let sign = spinner("looking for planes");
+        let laid =
+            lay_on_planes(&mut capture.frames, &capture.colours, self.voxel).map_err(|e| about(&self.scene, e))?;
+        sign.finish_and_clear();
+        Ok(Some(laid))
     }
 
     /// Brings frames and labelled points to metres.
@@ -463,7 +483,7 @@ impl Mesh {
         likeness: &[Likeness],
         frames: usize,
         [read_s, fuse_s, surface_s]: [f64; 3],
-        agreeing: f64,
+        (agreeing, laid): (f64, Option<Laid>),
         lost: &[String],
     ) -> Result<(), Failure> {
         let topology = &report.topology;
@@ -476,7 +496,8 @@ impl Mesh {
                 "extracted": report.extracted, "watertight": topology.is_watertight(), "open_edges": topology.open_edges,
                 "area": topology.area, "volume": topology.volume, "holes_filled": report.holes.filled,
                 "pieces_dropped": report.dropped, "max_error": report.decimated.error, "blocks": report.blocks,
-                "volume_bytes": report.volume_bytes, "depth_confirmed": agreeing, "materials": areas(mesh), "likeness": likeness.collect::<Vec<_>>(),
+                "volume_bytes": report.volume_bytes, "depth_confirmed": agreeing,
+                "planes": laid.as_ref().map(|laid| laid.planes.len()), "depth_on_planes": laid.as_ref().map(|laid| laid.share), "materials": areas(mesh), "likeness": likeness.collect::<Vec<_>>(),
                 "read_s": read_s, "fuse_s": fuse_s, "surface_s": surface_s, "lost": lost});
             return Ok(say(&format!("{line}\n"))?);
         }
@@ -493,6 +514,9 @@ impl Mesh {
         );
         if agreeing < 1.0 {
             text += &format!("{:.0} % of depth confirmed by other frames\n", 100.0 * agreeing);
+        }
+        if let Some(laid) = laid {
+            text += &format!("{:.0} % of depth laid on {} planes\n", 100.0 * laid.share, laid.planes.len());
         }
         for material in areas(mesh) {
             text += &format!(
@@ -546,43 +570,4 @@ fn rows(path: &Path) -> Result<Vec<Vec<String>>, Failure> {
     let lines = text.lines().map(|line| line.split('#').next().unwrap_or_default());
     let rows = lines.map(|line| line.split_whitespace().map(String::from).collect::<Vec<_>>());
     Ok(rows.filter(|row| !row.is_empty()).collect())
-}
-
-/// As many materials as there are labels: those given, and nameless ones.
-fn fitting(given: Option<Vec<Material>>, labels: usize) -> Vec<Material> {
-    let mut out = given.unwrap_or_default();
-    for index in out.len()..labels {
-        out.push(Material { name: format!("label {}", index + 1), friction: None });
-    }
-    out
-}
-
-/// Materials of a file with `[[label]]` tables; their indices go from 1 without a gap.
-fn materials(path: &Path) -> Result<Vec<Material>, Failure> {
-    let text = fs::read_to_string(path).map_err(|e| about(path, format!("expected labels in TOML, found {e}")))?;
-    let document: toml::Table = text.parse().map_err(|e| about(path, format!("expected labels in TOML, found {e}")))?;
-    let list = document.get("label").and_then(toml::Value::as_array).filter(|list| !list.is_empty());
-    let list = list.ok_or_else(|| about(path, "expected tables [[label]], found none"))?;
-    let mut out: Vec<Option<Material>> = vec![None; list.len()];
-    for (number, label) in list.iter().enumerate() {
-        let at = |what: &str, found: Option<&toml::Value>| {
-            let found = found.map_or("none".into(), ToString::to_string);
-            about(path, format!("label {}: expected {what}, found {found}", number + 1))
-        };
-        let index = label.get("index").and_then(toml::Value::as_integer).and_then(|i| usize::try_from(i - 1).ok());
-        let place = index.and_then(|i| out.get_mut(i)).filter(|place| place.is_none());
-        let place =
-            place.ok_or_else(|| at("an index of its own from 1 to the number of labels", label.get("index")))?;
-        let name = label.get("name").and_then(toml::Value::as_str).ok_or_else(|| at("a name", label.get("name")))?;
-        let friction = match label.get("friction") {
-            None => None,
-            Some(value) => {
-                let number =
-                    value.as_float().or(value.as_integer().map(|i| i as f64)).filter(|f| *f >= 0.0 && f.is_finite());
-                Some(number.ok_or_else(|| at("a friction of at least 0", Some(value)))?)
-            }
-        };
-        *place = Some(Material { name: name.into(), friction });
-    }
-    Ok(out.into_iter().flatten().collect())
 }

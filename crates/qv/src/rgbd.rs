@@ -16,6 +16,8 @@ pub struct DepthCapture {
     pub frames: Vec<DepthFrame>,
     /// Label image of each frame, 0 none, 1 + label; empty when no frame has one.
     pub labels: Vec<Option<Vec<u8>>>,
+    /// Picture of each frame, colours 0 to 1, shape `[height, width, 3]`, where it was drawn and is asked for.
+    pub colours: Vec<Vec<f32>>,
     /// Name of each frame.
     pub names: Vec<String>,
     /// What could not be read, a line each.
