@@ -227,6 +227,9 @@ pub fn nearest(lead: &Lead) -> String {
     )
 }
 
+/// Share of the gap below which nothing is said to be closed.
+const NOTHING: f64 = 0.005;
+
 /// The verdict in a sentence.
 pub fn sentence(verdict: Verdict, causes: &[Cause], gap: &Gap, leads: &[Lead], ranking: &[Ranked]) -> String {
     let described = |c: &Cause| {
@@ -241,6 +244,20 @@ pub fn sentence(verdict: Verdict, causes: &[Cause], gap: &Gap, leads: &[Lead], r
             "Simulator and robot agree as well as sensor noise and the tolerances of any robot let them.".into()
         }
         Verdict::Explained => format!("The gap is {}; with it the simulator closes {closed}.", all.join(" and ")),
+        Verdict::PartlyExplained if gap.closed < NOTHING => {
+            let alone = causes.iter().filter(|c| c.scope == ["region"]).map(|c| c.closed_alone).fold(0.0, f64::max);
+            let pieces = if alone < NOTHING {
+                String::new()
+            } else {
+                // Feet that slip go their own way: two simulations of a window differ by more than the window from either.
+                format!(" (of pieces a third as long it closes {:.0} %)", 100.0 * alone)
+            };
+            let no_closer = "whole windows that no fit has seen come no closer with it";
+            format!(
+                "A part of the gap is {}, but {no_closer}{pieces}; something else is there, too.",
+                all.join(" and ")
+            )
+        }
         Verdict::PartlyExplained => {
             let part = if gap.closed < 0.5 { "A part" } else { "Most" };
             format!("{part} of the gap is {}, which closes {closed}; something else is there, too.", all.join(" and "))
@@ -359,4 +376,37 @@ pub fn next(
         next.push(format!("Not accused: {}.", round.reason));
     }
     next
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_closes_nothing_of_whole_windows_is_not_said_to_close_it() {
+        let cause = |closed_alone| Cause {
+            effect: "ground_friction".into(),
+            probability: 0.9,
+            scope: vec!["region".into()],
+            parameters: vec![],
+            closed_alone,
+            confusable_with: vec![],
+            separating_experiment: String::new(),
+        };
+        let gap = |closed| Gap {
+            before: 1.4,
+            after: 7.3,
+            floor: 0.8,
+            closed,
+            closed_ci95: [0.0, closed],
+            unit: "1".into(),
+            heldout: true,
+            joint_rms: [0.007, 0.018],
+        };
+        let told = |alone, closed| sentence(Verdict::PartlyExplained, &[cause(alone)], &gap(closed), &[], &[]);
+        let slips = told(0.24, 0.0);
+        assert!(slips.contains("come no closer with it (of pieces a third as long it closes 24 %)"), "{slips}");
+        assert!(!told(0.0, 0.0).contains('%') && !slips.contains("closes 0 %"));
+        assert!(told(0.24, 0.3).contains("closes 30 % of the gap in windows that no fit has seen"));
+    }
 }
