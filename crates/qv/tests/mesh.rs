@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use qv_core::GaussianCloud;
-use qv_mesh::files::glb;
+use qv_mesh::files::{glb, ply};
 use qv_mesh::{Topology, compare};
 use qv_splat::files::{Format, write};
 use serde_json::{Value, json};
@@ -85,6 +85,22 @@ fn gaussians_become_ground_with_friction() {
         wrong += if (found.labels[t] == 0) == ((a + b + c).x < 0.0) { 0.0 } else { part };
     }
     assert!(area > 6.0 && wrong < 0.03 * area, "{area} {wrong}");
+}
+
+#[test]
+fn plain_ground_is_laid_on_its_plane_and_only_drawn_pictures_are() {
+    let folder = directory("mesh_planes");
+    let (scene, cameras) = ground(&folder);
+    let (cameras, out) = (cameras.to_str().unwrap().to_string(), folder.join("ground.ply"));
+    let (code, line, err) = mesh(&scene, &out, &["--cameras", &cameras, "--agree", "0", "--planes", "--open"]);
+    assert_eq!(code, 0, "{err}");
+    assert!(line["planes"].as_u64().unwrap() >= 1 && line["depth_on_planes"].as_f64().unwrap() > 0.05, "{line:#}");
+    let found = ply::read(&fs::read(&out).unwrap()).unwrap();
+    assert!(found.vertices.iter().all(|p| (p.z - 0.1).abs() < 0.02));
+    let (_, line, _) = mesh(&scene, &out, &["--cameras", &cameras, "--agree", "0", "--open"]);
+    assert!(line["planes"].is_null() && line["depth_on_planes"].is_null(), "{line:#}");
+    let (code, _, err) = mesh(&folder, &out, &["--planes"]);
+    assert!(code == 2 && err.contains("--cameras"), "{code} {err}");
 }
 
 #[test]
