@@ -1,8 +1,8 @@
 //! Depth where photographs say nothing: walls and fronts of one colour, floors without texture, and what shines. There the depth that was
 //! learned bends behind the surface, all frames agree on it, and no comparison of photographs tells.
 //!
-//! Man-made places are flat where they are plain. So planes are found in what has texture ([`find`]), photographs are cut into regions
-//! of one colour ([`segments`]), and each region whose rim and inside lie on a plane all round is laid on that plane ([`assign`]): between
+//! Man-made places are flat where they are plain. So planes are found in what has texture (`find`), photographs are cut into regions
+//! of one colour (`segments`), and each region whose rim and inside lie on a plane all round is laid on that plane (`assign`): between
 //! what was seen, never beyond it. Planes for plain regions are those of Gallup, Frahm and Pollefeys, *Piecewise Planar and Non-Planar Stereo
 //! for Urban Scene Reconstruction* (2010), parallel ones for each direction those of Sinha, Steedly and Szeliski, *Piecewise Planar
 //! Stereo for Image-based Rendering* (2009).
