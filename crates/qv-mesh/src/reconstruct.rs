@@ -112,8 +112,7 @@ pub fn surface(
         ..Default::default()
     };
     if mesh.triangles.is_empty() {
-        let expected =
-            "a surface that was seen on enough voxels (fewer frames ask for a smaller min_weight or larger voxels)";
+        let expected = "a surface that was seen on enough voxels (frames that see less of it ask for larger ones)";
         return Err(off("fused depth", expected, format!("none in {} blocks", report.blocks)));
     }
     split_fans(&mut mesh);

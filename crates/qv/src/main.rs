@@ -10,7 +10,6 @@ mod fixture;
 mod inspect;
 mod mesh;
 mod mesh_file;
-mod mesh_labels;
 mod normals;
 mod numbers;
 mod open;

@@ -506,6 +506,9 @@ impl Reconstruct {
             let more = if alone.len() > 5 { ", ..." } else { "" };
             lost.push(format!("{} photographs show nothing that another shows: {names}{more}", alone.len()));
         }
+        if dataset.stands_still() && self.depth_prior == 0.0 {
+            lost.push("all photographs were taken from one place: nothing tells depth".into());
+        }
         lost
     }
 

@@ -6,6 +6,7 @@ use image::DynamicImage;
 use indicatif::ProgressBar;
 use qv_core::{Camera, Pose};
 use qv_mesh::DepthFrame;
+use qv_mesh::planes::Drawn;
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -155,6 +156,12 @@ fn open_transforms(folder: &Path, bar: &ProgressBar) -> Result<DepthCapture, Fai
 }
 
 impl DepthCapture {
+    /// What was drawn of each frame, before any depth is left out.
+    pub fn drawn(&mut self) -> Vec<Drawn> {
+        let all = self.frames.iter().zip(std::mem::take(&mut self.colours));
+        all.map(|(frame, colour)| Drawn { colour, depth: frame.depth.clone() }).collect()
+    }
+
     fn push(&mut self, name: String, frame: DepthFrame, labels: Option<Vec<u8>>) {
         self.names.push(name);
         self.frames.push(frame);

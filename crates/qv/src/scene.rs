@@ -33,9 +33,10 @@ pub fn open_cameras(path: &Path) -> Result<Capture, Failure> {
         }
         return open_colmap(path);
     }
-    let text = String::from_utf8(contents(path)?).map_err(|e| about(path, format!("expected JSON, found {e}")))?;
-    let document: serde_json::Value =
-        serde_json::from_str(&text).map_err(|e| about(path, format!("expected JSON, found {e}")))?;
+    let expected = "expected cameras in JSON, or a folder with transforms.json, a COLMAP model or RGB-D frames";
+    let no_json = |found: &dyn std::fmt::Display| about(path, format!("{expected}, found {found}"));
+    let text = String::from_utf8(contents(path)?).map_err(|e| no_json(&e))?;
+    let document: serde_json::Value = serde_json::from_str(&text).map_err(|e| no_json(&e))?;
     let capture = match document.get("format") {
         Some(_) => cameras_json::read_value(&document),
         None => nerfstudio::read_value(&document),

@@ -1,9 +1,11 @@
 //! How probable each effect is, and which interfaces the gap lies at.
 
-use super::Findings;
+use super::{Accused, Findings};
+use crate::GapError;
 use crate::decide::{NO_GAP, UNEXPLAINED};
 use crate::library;
-use crate::report::{Ranked, Share, UNKNOWN, Verdict};
+use crate::report::{Ranked, RoundTold, Share, UNKNOWN, Verdict};
+use crate::search::Search;
 use crate::shares;
 use crate::study::Study;
 use std::collections::BTreeMap;
@@ -16,12 +18,7 @@ impl Findings<'_> {
 
     /// Probabilities of the effects and of `unknown`.
     pub(super) fn ranking(&self, verdict: Verdict) -> Vec<Ranked> {
-        // Where something is accused, the others are judged beside it.
-        let judged = if self.accused.is_empty() { self.told.first() } else { self.told.last() };
-        let mut best: BTreeMap<String, f64> = BTreeMap::new();
-        for told in self.told.first().into_iter().chain(judged) {
-            best.extend(told.suspects.iter().map(|s| (s.effect.clone(), s.log_evidence)));
-        }
+        let best = self.rivals(verdict);
         // An odds ratio beyond any doubt about the model itself means nothing: evidence counts in steps of ten nats.
         let most = best.values().copied().fold(0.0, f64::max);
         let weight = |evidence: f64| ((evidence - most) / 10.0).exp();
@@ -47,14 +44,51 @@ impl Findings<'_> {
                 Ranked { effect: effect.clone(), probability }
             })
             .collect();
-        for accused in &self.accused {
-            if !ranking.iter().any(|r| r.effect == accused.cause.effect) {
-                ranking.push(Ranked { effect: accused.cause.effect.clone(), probability: 0.9 * known });
+        ranking.push(Ranked { effect: UNKNOWN.into(), probability: unknown });
+        // Thousands of nats below the best all probabilities are 0, and evidence still tells.
+        let evidence = |r: &Ranked| best.get(&r.effect).copied().unwrap_or(f64::NEG_INFINITY);
+        ranking.sort_by(|a, b| b.probability.total_cmp(&a.probability).then(evidence(b).total_cmp(&evidence(a))));
+        ranking
+    }
+
+    /// Log evidence of the effects by name. Beside causes that explain the recording counts what the corrected robot asks for: a
+    /// rival that imitates them had much evidence before, and a second effect has some now. Where they do not, their rivals count.
+    fn rivals(&self, verdict: Verdict) -> BTreeMap<String, f64> {
+        let told = |round: Option<&RoundTold>| -> BTreeMap<String, f64> {
+            round.iter().flat_map(|r| &r.suspects).map(|s| (s.effect.clone(), s.log_evidence)).collect()
+        };
+        let mut best = told(self.told.first());
+        if self.accused.is_empty() {
+            return best;
+        }
+        if matches!(verdict, Verdict::Explained | Verdict::PartlyExplained) {
+            best = self.beside.clone();
+        }
+        best.extend(told(self.told.last().filter(|r| r.accused.is_empty())));
+        for Accused { cause, fit, .. } in &self.accused {
+            let evidence = best.entry(cause.effect.clone()).or_insert(fit.evidence);
+            *evidence = evidence.max(fit.evidence);
+        }
+        best
+    }
+
+    /// Log evidence by one linear step of each effect that is not accused, in the corrected robot.
+    pub(super) fn asked_beside(&mut self) -> Result<BTreeMap<String, f64>, GapError> {
+        let accused = self.effects();
+        let level = self.level_after.ratio.max(1.0);
+        let mut best = BTreeMap::new();
+        let Some(study) = self.later.as_mut().filter(|_| !accused.is_empty()) else { return Ok(best) };
+        let mut search = Search::new(study, 1.0)?;
+        let base = search.base(&[])?;
+        for (evidence, suspect) in search.linear(&base.sums) {
+            let columns = &search.study.columns;
+            let effect = &columns.effects[columns.groups[suspect.group].effect].name;
+            if evidence.is_finite() && !accused.contains(effect) {
+                let most = best.entry(effect.clone()).or_insert(f64::NEG_INFINITY);
+                *most = most.max(evidence / level);
             }
         }
-        ranking.push(Ranked { effect: UNKNOWN.into(), probability: unknown });
-        ranking.sort_by(|a, b| b.probability.total_cmp(&a.probability));
-        ranking
+        Ok(best)
     }
 
     /// Shares of the interfaces: those of the causes by what they close, the rest by what freeing each interface takes away.

@@ -22,13 +22,13 @@ const BETWEEN: f64 = 0.6;
 const ELSEWHERE: f64 = 0.3;
 
 /// Lays the plain pixels of each plain region of the frame's picture on the plane that most of the region and of its rim lie on; returns
-/// how many were.
-pub(super) fn lay(frame: &mut DepthFrame, picture: &Picture, planes: &[Plane]) -> usize {
+/// how many were, by plane. `drawn` are the frame's depths before any was left out.
+pub(super) fn lay(frame: &mut DepthFrame, picture: &Picture, drawn: &[f32], planes: &[Plane]) -> Vec<usize> {
     let on_rays = OnRays::new(frame, planes);
     let before = frame.depth.clone();
     let texture = picture.texture();
     let is_plain = |pixel: &u32| texture[*pixel as usize] < PLAIN;
-    let mut laid = 0;
+    let mut laid = vec![0; planes.len()];
     for region in segments(picture) {
         let plain: Vec<u32> = region.iter().copied().filter(is_plain).collect();
         if (plain.len() as f64) < LEAST_PLAIN * region.len() as f64 {
@@ -37,15 +37,25 @@ pub(super) fn lay(frame: &mut DepthFrame, picture: &Picture, planes: &[Plane]) -
         let rim = rim(&region, picture);
         let Some(plane) = on_rays.best(&region, &rim, &before, picture.width) else { continue };
         for pixel in plain {
-            let (Some(depth), old) = (on_rays.depth(plane, pixel), f64::from(before[pixel as usize])) else { continue };
-            let is_new = !(old > 0.0 && old.is_finite());
-            if is_new || (depth - old).abs() < ELSEWHERE * old {
-                frame.depth[pixel as usize] = depth as f32;
-                laid += 1;
+            let at = pixel as usize;
+            let Some(depth) = on_rays.depth(plane, pixel) else { continue };
+            if may_be(depth, before[at], drawn[at]) {
+                frame.depth[at] = depth as f32;
+                laid[plane] += 1;
             }
         }
     }
     laid
+}
+
+/// Whether a pixel may have the depth of a plane, given the depth that it has and the one that was drawn. What nothing was drawn of is
+/// sky. What lies far behind the plane is seen through an opening, whether other frames confirm it or not; what floats before it and is
+/// not confirmed is nothing.
+fn may_be(plane: f64, depth: f32, drawn: f32) -> bool {
+    let [depth, drawn] = [depth, drawn].map(f64::from);
+    let is_confirmed = depth > 0.0 && depth.is_finite();
+    let is_drawn = drawn > 0.0 && drawn.is_finite();
+    is_drawn && drawn - plane < ELSEWHERE * drawn && (!is_confirmed || (plane - depth).abs() < ELSEWHERE * depth)
 }
 
 /// Planes as the rays of a camera meet them: 1 / depth is linear in the ray.

@@ -29,36 +29,53 @@ pub struct Plane {
     pub offset: f64,
 }
 
+/// What was drawn of a frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Drawn {
+    /// Colours, 0 to 1, shape `[height, width, 3]`, as the frame's camera sees them.
+    pub colour: Vec<f32>,
+    /// Depths before those were left out that other frames do not confirm \[m\]; 0 where nothing solid is, as in the sky: nothing is laid there.
+    pub depth: Vec<f32>,
+}
+
 /// What was laid on planes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Laid {
-    /// Planes that were found, those with most texture on them first, then parallel ones.
+    /// Planes that something was laid on, those with most texture on them first, then parallel ones.
     pub planes: Vec<Plane>,
-    /// Share of all pixels that were laid on one.
+    /// Share of the pixels with a depth that were laid on one.
     pub share: f64,
 }
 
-/// Lays plain regions of `frames` on planes that textured points within `distance` \[m\] support. `colours` has a picture for each frame, 0 to
-/// 1, shape `[height, width, 3]`, as the frame's camera sees it.
+/// Lays plain regions of `frames` on planes that textured points within `distance` \[m\] support. `drawn` has what was drawn of each frame.
 ///
 /// # Errors
-/// A frame, or a picture that does not fit its frame.
-pub fn lay_on_planes(frames: &mut [DepthFrame], colours: &[Vec<f32>], distance: f64) -> Result<Laid, MeshError> {
-    if colours.len() != frames.len() {
-        return Err(off("pictures of depth frames", format!("one for each of {}", frames.len()), colours.len()));
+/// A frame, or something drawn that does not fit its frame.
+pub fn lay_on_planes(frames: &mut [DepthFrame], drawn: &[Drawn], distance: f64) -> Result<Laid, MeshError> {
+    if drawn.len() != frames.len() {
+        return Err(off("pictures of depth frames", format!("one for each of {}", frames.len()), drawn.len()));
     }
-    for (index, (frame, colour)) in frames.iter().zip(colours).enumerate() {
+    for (index, (frame, Drawn { colour, depth })) in frames.iter().zip(drawn).enumerate() {
         frame.check(index)?;
-        if colour.len() != 3 * frame.camera.pixels() {
-            let expected = format!("{} numbers", 3 * frame.camera.pixels());
+        let pixels = frame.camera.pixels();
+        if colour.len() != 3 * pixels {
+            let expected = format!("{} numbers", 3 * pixels);
             return Err(off(format!("picture of depth frame {index}"), expected, colour.len()));
+        }
+        if depth.len() != pixels {
+            let expected = format!("{pixels} numbers");
+            return Err(off(format!("depth drawn of depth frame {index}"), expected, depth.len()));
         }
     }
     let pictures: Vec<Picture> =
-        frames.par_iter().zip(colours).map(|(frame, colour)| Picture::smoothed(&frame.camera, colour)).collect();
+        frames.par_iter().zip(drawn).map(|(frame, drawn)| Picture::smoothed(&frame.camera, &drawn.colour)).collect();
     let planes = find::planes(frames, &pictures, distance);
-    let laid: usize =
-        frames.par_iter_mut().zip(&pictures).map(|(frame, picture)| assign::lay(frame, picture, &planes)).sum();
-    let pixels: usize = frames.iter().map(|frame| frame.camera.pixels()).sum();
-    Ok(Laid { planes, share: laid as f64 / pixels.max(1) as f64 })
+    let parts = frames.par_iter_mut().zip(&pictures).zip(drawn);
+    let by_frame: Vec<Vec<usize>> =
+        parts.map(|((frame, picture), drawn)| assign::lay(frame, picture, &drawn.depth, &planes)).collect();
+    let laid_on = |plane: usize| by_frame.iter().map(|frame| frame[plane]).sum::<usize>();
+    let laid: usize = (0..planes.len()).map(laid_on).sum();
+    let pixels = frames.iter().flat_map(|frame| &frame.depth).filter(|depth| **depth > 0.0).count();
+    let used = (0..planes.len()).filter(|&plane| laid_on(plane) > 0).map(|plane| planes[plane]);
+    Ok(Laid { planes: used.collect(), share: laid as f64 / pixels.max(1) as f64 })
 }

@@ -1,6 +1,6 @@
 use super::picture::Picture;
 use super::segments::segments;
-use super::{Plane, lay_on_planes};
+use super::{Drawn, Plane, lay_on_planes};
 use crate::DepthFrame;
 use glam::DVec3;
 use qv_core::{Camera, Pose};
@@ -34,8 +34,9 @@ fn frame(at: f64, door: impl Fn(f64) -> f64) -> (DepthFrame, Vec<f32>) {
     (DepthFrame { camera, depth, weight: vec![] }, colour)
 }
 
-fn frames(door: impl Fn(f64) -> f64 + Copy) -> (Vec<DepthFrame>, Vec<Vec<f32>>) {
-    [-0.2, 0.0, 0.2].map(|at| frame(at, door)).into_iter().unzip()
+fn frames(door: impl Fn(f64) -> f64 + Copy) -> (Vec<DepthFrame>, Vec<Drawn>) {
+    let all = [-0.2, 0.0, 0.2].map(|at| frame(at, door)).into_iter();
+    all.map(|(frame, colour)| (frame.clone(), Drawn { colour, depth: frame.depth })).unzip()
 }
 
 /// Largest distance of a frame's depths from 2 m, away from the door's border by two pixels.
@@ -51,9 +52,9 @@ fn off_the_wall(frame: &DepthFrame) -> f32 {
 fn a_plain_door_that_bends_behind_its_wall_is_laid_on_it() {
     // What shines is learned where its reflections are: up to 40 cm behind, right at the border.
     let dent = |off: f64| 2.0 + 0.4 * (1.0 - off * off);
-    let (mut frames, colours) = frames(dent);
+    let (mut frames, drawn) = frames(dent);
     assert!(off_the_wall(&frames[0]) > 0.35);
-    let laid = lay_on_planes(&mut frames, &colours, 0.02).unwrap();
+    let laid = lay_on_planes(&mut frames, &drawn, 0.02).unwrap();
     let Plane { normal, offset } = laid.planes[0];
     assert!((normal + DVec3::Z).length() < 1e-3 && (offset + 2.0).abs() < 2e-3, "{:?}", laid.planes[0]);
     for frame in &frames {
@@ -67,19 +68,19 @@ fn a_plain_door_that_bends_behind_its_wall_is_laid_on_it() {
 #[test]
 fn what_lies_deep_behind_or_has_texture_stays() {
     // An open door: what is behind is 1.5 m further.
-    let (mut open, colours) = frames(|_| 3.5);
+    let (mut open, drawn) = frames(|_| 3.5);
     let before = open.clone();
-    lay_on_planes(&mut open, &colours, 0.02).unwrap();
+    lay_on_planes(&mut open, &drawn, 0.02).unwrap();
     assert!(open.iter().zip(&before).all(|(a, b)| { a.depth.iter().zip(&b.depth).all(|(a, b)| (a - b).abs() < 0.05) }));
     // A bulge that has texture is seen; it is as it is.
-    let (mut bulge, mut colours) = frames(|off| 2.0 + 0.4 * (1.0 - off * off));
-    for colour in &mut colours {
-        for (k, c) in colour.iter_mut().enumerate() {
+    let (mut bulge, mut drawn) = frames(|off| 2.0 + 0.4 * (1.0 - off * off));
+    for one in &mut drawn {
+        for (k, c) in one.colour.iter_mut().enumerate() {
             *c = 0.5 + 0.4 * (((k / 3) % 5) as f32 - 2.0) / 2.0;
         }
     }
     let before = bulge.clone();
-    let laid = lay_on_planes(&mut bulge, &colours, 0.02).unwrap();
+    let laid = lay_on_planes(&mut bulge, &drawn, 0.02).unwrap();
     assert_eq!((bulge, laid.share), (before, 0.0));
 }
 
@@ -99,7 +100,8 @@ fn a_region_beside_a_plane_is_not_drawn_out_from_it() {
         }
     }
     let mut frames = vec![DepthFrame { camera, depth: depth.clone(), weight: vec![] }];
-    lay_on_planes(&mut frames, &[colour], 0.02).unwrap();
+    let drawn = Drawn { colour, depth: depth.clone() };
+    lay_on_planes(&mut frames, &[drawn], 0.02).unwrap();
     let moved = frames[0].depth.iter().zip(&depth).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(moved < 0.05, "{moved}");
 }
@@ -118,17 +120,42 @@ fn regions_are_those_of_one_colour() {
 
 #[test]
 fn nothing_to_see_lays_nothing_and_what_does_not_fit_is_named() {
-    let (mut all, colours) = frames(|_| 2.0);
+    let (mut all, drawn) = frames(|_| 2.0);
     all.iter_mut().for_each(|frame| frame.depth.fill(0.0));
-    let laid = lay_on_planes(&mut all, &colours, 0.02).unwrap();
+    let laid = lay_on_planes(&mut all, &drawn, 0.02).unwrap();
     assert_eq!((laid.planes.len(), laid.share), (0, 0.0));
-    let (mut all, mut colours) = frames(|_| 2.0);
-    colours.iter_mut().flatten().for_each(|c| *c = f32::NAN);
-    assert_eq!(lay_on_planes(&mut all, &colours, 0.02).unwrap().share, 0.0);
-    colours[1].pop();
-    let error = lay_on_planes(&mut all, &colours, 0.02).unwrap_err().to_string();
+    let (mut all, mut drawn) = frames(|_| 2.0);
+    drawn.iter_mut().flat_map(|d| &mut d.colour).for_each(|c| *c = f32::NAN);
+    assert_eq!(lay_on_planes(&mut all, &drawn, 0.02).unwrap().share, 0.0);
+    drawn[1].colour.pop();
+    let error = lay_on_planes(&mut all, &drawn, 0.02).unwrap_err().to_string();
     assert!(error.contains("picture of depth frame 1: expected 57600 numbers, found 57599"), "{error}");
-    colours.pop();
-    assert!(lay_on_planes(&mut all, &colours, 0.02).unwrap_err().to_string().contains("one for each of 3"));
+    drawn[0].depth.pop();
+    let error = lay_on_planes(&mut all, &drawn, 0.02).unwrap_err().to_string();
+    assert!(error.contains("depth drawn of depth frame 0: expected 19200 numbers, found 19199"), "{error}");
+    drawn.pop();
+    assert!(lay_on_planes(&mut all, &drawn, 0.02).unwrap_err().to_string().contains("one for each of 3"));
     assert_eq!(lay_on_planes(&mut [], &[], 0.02).unwrap().share, 0.0);
+}
+
+/// How many pixels of the door get a depth when nothing of it was confirmed and `drawn` is what was drawn there.
+fn laid_in_the_door(drawn: f32) -> usize {
+    let (mut all, mut seen) = frames(|_| 3.5);
+    let in_door = |depth: &f32| (*depth - 3.5).abs() < 1e-6;
+    for (frame, seen) in all.iter_mut().zip(&mut seen) {
+        frame.depth.iter_mut().filter(|d| in_door(d)).for_each(|d| *d = 0.0);
+        seen.depth.iter_mut().filter(|d| in_door(d)).for_each(|d| *d = drawn);
+    }
+    let count = |all: &[DepthFrame]| all.iter().flat_map(|f| &f.depth).filter(|d| **d > 0.0).count();
+    let before = count(&all);
+    lay_on_planes(&mut all, &seen, 0.02).unwrap();
+    count(&all) - before
+}
+
+#[test]
+fn an_opening_stays_open_whether_what_is_behind_is_confirmed_or_not() {
+    // A room behind, and the sky, of which nothing solid is drawn.
+    assert_eq!([laid_in_the_door(3.5), laid_in_the_door(0.0)], [0, 0]);
+    // A front that shines, drawn a little behind its wall, and what floats before it.
+    assert!([laid_in_the_door(2.4), laid_in_the_door(0.7)].iter().all(|count| *count > 5000));
 }

@@ -67,6 +67,13 @@ pub fn read(names: &[String], text: &mut dyn FnMut(&str) -> Result<String, Splat
     if cameras.is_empty() {
         return Err(lost.remove(0));
     }
+    // Frames whose photograph is gone.
+    let poses = names.iter().filter_map(|name| name.strip_suffix(".pose.txt"));
+    let gone = poses.filter(|frame| !names.iter().any(|name| stem(name).as_deref() == Some(*frame)));
+    let gone = gone.map(|frame| {
+        off(format!("RGB-D folder, {frame}"), format!("an image {frame}.color.jpg or .png"), "no such file")
+    });
+    lost.extend(gone);
     let lost = lost.iter().map(ToString::to_string).collect();
     Ok(Capture { lost, ..finish(cameras, "RGB-D folder")? })
 }
@@ -148,5 +155,7 @@ mod tests {
         let error = read(&names[..1], &mut text).unwrap_err().to_string();
         assert!(error.contains("expected a pose in b.pose.txt, found no such file"), "{error}");
         assert!(read(&[], &mut text).unwrap_err().to_string().contains("found none"));
+        let lost = read(&with("c.pose.txt"), &mut text).unwrap().lost;
+        assert_eq!(lost, ["RGB-D folder, c: expected an image c.color.jpg or .png, found no such file"]);
     }
 }

@@ -114,7 +114,7 @@ impl Dataset {
         match (dataset, lost.first()) {
             (Err(error), Some(first)) => {
                 let found = format!("{error}; {} lost; the first: {first}", lost.len());
-                Err(off("capture", "photographs to learn from", found))
+                Err(off("capture", "photographs that can be read and learned from", found))
             }
             (dataset, _) => Ok(Self { lost, ..dataset? }),
         }
@@ -145,6 +145,16 @@ impl Dataset {
         Ok(dataset)
     }
 
+    /// Whether all photographs to learn from were taken from one place, so that no two of them tell a depth.
+    pub fn stands_still(&self) -> bool {
+        let place = |one: &Photograph| one.camera.camera_from_world.inverse().position;
+        let first = self.training.first().map(place);
+        let near = |one: &Photograph| {
+            first.is_some_and(|first| place(one).distance(first) < SAME_PLACE * first.length().max(1.0))
+        };
+        self.training.iter().all(near)
+    }
+
     /// Names of the photographs to learn from that show nothing which another could show: what is learned of it has no depth.
     pub fn alone(&self) -> Vec<&str> {
         let meets = |a: &Photograph, b: &Photograph| overlap(&a.camera, &b.camera) || overlap(&b.camera, &a.camera);
@@ -171,6 +181,8 @@ fn extent(cameras: &[Camera]) -> f32 {
     if far > 0.0 { (1.1 * far) as f32 } else { 1.0 }
 }
 
+/// Distance of two cameras that stand in one place, as a share of that from the origin, or of a metre.
+const SAME_PLACE: f64 = 1e-9;
 /// Depths, in units of the distance of two cameras, at which they may see the same place.
 const DEPTHS: [f64; 7] = [0.25, 0.5, 1.0, 2.0, 5.0, 20.0, 100.0];
 
@@ -356,6 +368,9 @@ mod tests {
         one_off.cameras[2].camera.camera_from_world.rotation = glam::DQuat::from_rotation_y(3.0);
         let read = Dataset::new(&one_off, &good, &ReadOptions { hold_out: 0, downscale: 1 }).unwrap();
         assert_eq!(read.alone(), vec!["v2"]);
+        assert!(!read.stands_still());
+        one_off.cameras.iter_mut().for_each(|one| one.camera.camera_from_world.position = glam::DVec3::ZERO);
+        assert!(Dataset::new(&one_off, &good, &options).unwrap().stands_still());
         let half_masked = |name: &str| if name.contains("mask") { Ok(png(8, 6, 0)) } else { good(name) };
         let mut masked = capture(3, 0.0);
         masked.cameras.iter_mut().for_each(|one| one.attachments.mask = Some("mask.png".into()));

@@ -1,20 +1,23 @@
 //! `qv mesh`: a scene of Gaussians, or depth images, to a collision mesh.
 
-use crate::mesh_labels::{fitting, materials};
+mod align;
+mod labels;
+
 use crate::numbers::{not_negative, positive};
 use crate::open::{progress, spinner};
 use crate::rgbd::{self, DepthCapture};
 use crate::scene::{about, open_cameras, open_scene};
 use crate::{Failure, Outcome, say};
+use align::{Up, of_distance};
 use glam::DVec3;
+use labels::{fitting, materials};
 use qv_core::{GaussianCloud, Material, TriangleMesh};
 use qv_mesh::agree::{AgreeOptions, keep_agreeing};
 use qv_mesh::close::close_to_solid;
 use qv_mesh::compare::{Likeness, compare_points, measurable, register, sample};
 use qv_mesh::files::{glb, ply, stl};
 use qv_mesh::labels::LabelledPoints;
-use qv_mesh::planes::{Laid, lay_on_planes};
-use qv_mesh::similarity::Similarity;
+use qv_mesh::planes::{Drawn, Laid, lay_on_planes};
 use qv_mesh::{DepthFrame, FuseOptions, MeshOptions, MeshReport, Topology, fuse, surface};
 use qv_raster::{Outputs, Scene, Settings, View, render};
 use qv_splat::lens::Distorter;
@@ -77,7 +80,7 @@ pub struct Mesh {
     #[arg(long, requires = "cameras")]
     planes: bool,
     /// Triangles to come down to; without it all are kept
-    #[arg(long, value_name = "COUNT")]
+    #[arg(long, value_name = "COUNT", value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(4..))]
     triangles: Option<usize>,
     /// How far --triangles may move the surface, in metres; half a voxel without it
     #[arg(long, value_name = "METRES", value_parser = positive)]
@@ -88,8 +91,8 @@ pub struct Mesh {
     /// Longest rim of a hole that is filled, in metres
     #[arg(long, value_name = "METRES", default_value_t = 3.0, value_parser = not_negative)]
     max_hole: f64,
-    /// Rounds of smoothing, each of about one voxel
-    #[arg(long, value_name = "COUNT", default_value_t = 3)]
+    /// Rounds of smoothing, each of about one voxel; 50 at most
+    #[arg(long, value_name = "COUNT", default_value_t = 3, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(..=50))]
     smoothing: usize,
     /// Leaves the surface open instead of making it a solid
     #[arg(long)]
@@ -148,13 +151,17 @@ struct Input {
 impl Mesh {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let write = self.writer()?;
+        let up = self.up.as_deref().map(Up::of).transpose()?;
+        let distance = self.distance.as_deref().map(of_distance).transpose()?;
         let reference = self.reference()?;
         let clock = Instant::now();
         let mut input = self.read()?;
         let mut lost = std::mem::take(&mut input.capture.lost);
-        self.align(&mut input)?;
-        let agreeing = self.keep_agreeing(&mut input.capture.frames);
-        let laid = self.lay_on_planes(&mut input.capture)?;
+        self.align(&mut input, distance)?;
+        let drawn = if self.planes { input.capture.drawn() } else { vec![] };
+        let agreeing = self.keep_agreeing(&mut input.capture.frames)?;
+        let laid = self.planes.then(|| self.lay_on_planes(&mut input.capture.frames, &drawn)).transpose()?;
+        drop(drawn);
         let read_s = clock.elapsed().as_secs_f64();
 
         let sign = spinner("fusing depth");
@@ -167,10 +174,28 @@ impl Mesh {
         let fuse_s = clock.elapsed().as_secs_f64();
         sign.set_message("taking the surface");
         let labels = input.points.as_ref().map(|points| (points, input.materials.as_slice()));
-        let (mut mesh, mut report) = surface(&volume, labels, &self.options()).map_err(|e| about(&self.scene, e))?;
+        let options = self.options();
+        let (mut mesh, mut report) = match surface(&volume, labels, &options) {
+            // Nobody asked for the labels that the scene has.
+            Err(error) if labels.is_some() && self.labels.is_none() => {
+                lost.push(format!("labels of {}: {error}", self.scene.display()));
+                surface(&volume, None, &options)
+            }
+            done => done,
+        }
+        .map_err(|e| about(&self.scene, e))?;
         drop(volume);
-        if let Some(up) = &self.up {
-            self.level(up, &input.capture.frames, &mut mesh)?;
+        let came_to = mesh.triangles.len();
+        if let Some(most) = self.triangles.filter(|most| came_to > *most) {
+            let error = options.max_error;
+            eprintln!(
+                "qv: --triangles {most}: {came_to} are left, fewer would move the surface by more than {error} m (--max-error)"
+            );
+        }
+        match up {
+            Some(Up::Ground) => self.level(&input.capture.frames, &mut mesh)?,
+            Some(Up::Along(level)) => level.apply(&mut mesh),
+            None => {}
         }
         let likeness = reference.as_ref().map_or(Ok(vec![]), |reference| self.likeness(&mesh, reference));
         if !self.open {
@@ -179,7 +204,7 @@ impl Mesh {
             // Walls and floor go towards -z: ground that was seen from there is closed on the wrong side.
             if report.topology.volume < 0.0 {
                 let volume = report.topology.volume;
-                lost.push(format!("the solid is inside out ({volume:.3} m3): z is not up; give --up, or --open"));
+                lost.push(format!("the solid is inside out ({volume:.3} m3): z is not up; give --up x,y,z, or --open"));
             }
         }
         let surface_s = clock.elapsed().as_secs_f64() - fuse_s;
@@ -335,97 +360,28 @@ impl Mesh {
     }
 
     /// Leaves out depths that other frames do not confirm; the share that is kept.
-    fn keep_agreeing(&self, frames: &mut [DepthFrame]) -> f64 {
-        let least = self.agree.unwrap_or(if self.cameras.is_some() { CONFIRMING } else { 0 });
-        keep_agreeing(
+    fn keep_agreeing(&self, frames: &mut [DepthFrame]) -> Result<f64, Failure> {
+        // Two cameras have one other frame each.
+        let usual = if self.cameras.is_some() { CONFIRMING.min(frames.len().saturating_sub(1)) } else { 0 };
+        let least = self.agree.unwrap_or(usual);
+        let kept = keep_agreeing(
             frames,
             &AgreeOptions { least, absolute: 2.0 * self.voxel, relative: 0.01, neighbours: NEIGHBOURS },
-        )
+        );
+        if kept == 0.0 {
+            let found = format!("none in {} frames, at voxels of {} m", frames.len(), self.voxel);
+            let expected = format!("expected depth that {least} other frames confirm (--agree)");
+            return Err(about(&self.scene, format!("{expected}, found {found}")));
+        }
+        Ok(kept)
     }
 
-    /// Lays plain regions on planes, where that is asked for.
-    fn lay_on_planes(&self, capture: &mut DepthCapture) -> Result<Option<Laid>, Failure> {
-        if !self.planes {
-            return Ok(None);
-        }
+    /// Lays plain regions on planes.
+    fn lay_on_planes(&self, frames: &mut [DepthFrame], drawn: &[Drawn]) -> Result<Laid, Failure> {
         let sign = spinner("looking for planes");
-        let laid =
-            lay_on_planes(&mut capture.frames, &capture.colours, self.voxel).map_err(|e| about(&self.scene, e))?;
+        let laid = lay_on_planes(frames, drawn, self.voxel).map_err(|e| about(&self.scene, e))?;
         sign.finish_and_clear();
-        Ok(Some(laid))
-    }
-
-    /// Brings frames and labelled points to metres.
-    fn align(&self, input: &mut Input) -> Result<(), Failure> {
-        let metric_from_scene = if let Some(path) = &self.markers {
-            let rows = rows(path)?;
-            let numbers: Result<Vec<Vec<f64>>, _> =
-                rows.iter().map(|row| row.iter().map(|word| word.parse()).collect()).collect();
-            let numbers = numbers.map_err(|e| about(path, format!("expected lines of six numbers, found {e}")))?;
-            if let Some(bad) = numbers.iter().find(|row| row.len() != 6) {
-                return Err(about(path, format!("expected lines of six numbers, found {}", bad.len())));
-            }
-            let side = |first: usize| numbers.iter().map(|row| DVec3::from_slice(&row[first..])).collect::<Vec<_>>();
-            let (similarity, error) = Similarity::from_points(&side(0), &side(3)).map_err(|e| about(path, e))?;
-            eprintln!("qv: {}: {} markers fit within {:.1} mm (rms)", path.display(), numbers.len(), 1e3 * error);
-            similarity
-        } else if let Some(path) = &self.trajectory {
-            let (mut from, mut to) = (Vec::new(), Vec::new());
-            for row in rows(path)? {
-                let place: Option<Vec<f64>> = row.iter().skip(1).map(|word| word.parse().ok()).collect();
-                let place = place.filter(|p| p.len() == 3);
-                let place =
-                    place.ok_or_else(|| about(path, format!("expected `image X Y Z`, found {}", row.join(" "))))?;
-                let names = &input.capture.names;
-                let exact = names.iter().position(|name| *name == row[0] || name.ends_with(&format!("/{}", row[0])));
-                if let Some(frame) = exact.or_else(|| names.iter().position(|name| bare(name) == bare(&row[0]))) {
-                    from.push(input.capture.frames[frame].camera.camera_from_world.inverse().position);
-                    to.push(DVec3::from_slice(&place));
-                }
-            }
-            let (used, of) = (from.len(), rows(path)?.len());
-            let (similarity, error) = Similarity::from_points(&from, &to).map_err(|e| {
-                let example = input.capture.names.first().map_or("", |name| bare(name));
-                about(
-                    path,
-                    format!("{e}; {used} of {of} lines name an image of {}, such as {example}", self.scene.display()),
-                )
-            })?;
-            eprintln!(
-                "qv: {}: {used} of {of} places are of a frame, and fit within {:.1} mm (rms)",
-                path.display(),
-                1e3 * error
-            );
-            similarity
-        } else if let Some(d) = &self.distance {
-            if d.len() != 7 {
-                return Err(format!("--distance: expected x,y,z,x,y,z,metres, found {} numbers", d.len()).into());
-            }
-            Similarity::from_distance(DVec3::from_slice(d), DVec3::from_slice(&d[3..]), d[6])?
-        } else {
-            return Ok(());
-        };
-        input.capture.frames.iter_mut().for_each(|frame| metric_from_scene.apply_to_frame(frame));
-        if let Some(points) = &mut input.points {
-            points.points.iter_mut().for_each(|p| *p = metric_from_scene.transform_point(*p));
-        }
-        Ok(())
-    }
-
-    /// Turns the mesh so that `up` is z.
-    fn level(&self, up: &str, frames: &[DepthFrame], mesh: &mut TriangleMesh) -> Result<(), Failure> {
-        let level = if up == "ground" {
-            // People hold cameras upright: the mean of the images' up is up, more or less.
-            let held = |frame: &DepthFrame| frame.camera.camera_from_world.inverse().transform_vector(DVec3::NEG_Y);
-            Similarity::from_ground(mesh, frames.iter().map(held).sum(), self.voxel, 300)?
-        } else {
-            let numbers: Result<Vec<f64>, _> = up.split(',').map(|word| word.trim().parse()).collect();
-            let numbers = numbers.ok().filter(|n| n.len() == 3);
-            let numbers = numbers.ok_or_else(|| format!("--up: expected `ground` or x,y,z, found {up}"))?;
-            Similarity::from_up(DVec3::from_slice(&numbers))?
-        };
-        level.apply(mesh);
-        Ok(())
+        Ok(laid)
     }
 
     /// What the mesh is to be compared with.
@@ -505,7 +461,7 @@ impl Mesh {
             if topology.is_watertight() { "watertight".into() } else { format!("{} open edges", topology.open_edges) };
         let mut text = format!(
             "{frames} frames, {:.0} MB of voxels; read in {read_s:.1} s, fused in {fuse_s:.1} s, surface in {surface_s:.1} s\n\
-             {} triangles of {}, {state}; {} holes filled, {} small pieces dropped\n",
+             {} triangles ({} before holes, pieces, walls and --triangles), {state}; {} holes filled, {} small pieces dropped\n",
             report.volume_bytes as f64 / 1e6,
             mesh.triangles.len(),
             report.extracted,
@@ -516,7 +472,7 @@ impl Mesh {
             text += &format!("{:.0} % of depth confirmed by other frames\n", 100.0 * agreeing);
         }
         if let Some(laid) = laid {
-            text += &format!("{:.0} % of depth laid on {} planes\n", 100.0 * laid.share, laid.planes.len());
+            text += &format!("{:.0} % of depth lies on {} planes\n", 100.0 * laid.share, laid.planes.len());
         }
         for material in areas(mesh) {
             text += &format!(
@@ -550,24 +506,31 @@ fn areas(mesh: &TriangleMesh) -> Vec<serde_json::Value> {
 }
 
 /// Whether one of the labels is at least as likely as all others together, for features that are logits (as `qv reconstruct` learns them).
+/// Of one label or two one always is: where two meet, what is drawn is as undecided as the sky.
 fn is_recognised(features: &[f32]) -> bool {
     let most = features.iter().copied().fold(f32::NEG_INFINITY, f32::max);
     let sum: f32 = features.iter().map(|x| (x - most).exp()).sum();
     sum <= 2.0
 }
 
-/// The name of an image without its folder, its ending, and what RGB-D frames have before that.
-fn bare(name: &str) -> &str {
-    let file = name.rsplit(['/', '\\']).next().unwrap_or(name);
-    let stem = [".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG"].iter().find_map(|ending| file.strip_suffix(ending));
-    let stem = stem.unwrap_or(file);
-    [".color", ".depth"].iter().find_map(|kind| stem.strip_suffix(kind)).unwrap_or(stem)
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-/// Lines of words, without comments.
-fn rows(path: &Path) -> Result<Vec<Vec<String>>, Failure> {
-    let text = fs::read_to_string(path).map_err(|e| about(path, format!("expected a text file, found {e}")))?;
-    let lines = text.lines().map(|line| line.split('#').next().unwrap_or_default());
-    let rows = lines.map(|line| line.split_whitespace().map(String::from).collect::<Vec<_>>());
-    Ok(rows.filter(|row| !row.is_empty()).collect())
+    #[test]
+    fn what_no_label_of_three_stands_out_of_is_not_recognised() {
+        assert!(!is_recognised(&[0.0; 3]) && !is_recognised(&[0.3, 0.0, 0.1]));
+        assert!(is_recognised(&[0.0, 0.0, 2.0]) && is_recognised(&[0.0; 2]) && is_recognised(&[0.0]));
+    }
+
+    #[test]
+    fn up_and_distances_are_read_before_the_work() {
+        assert!(matches!(Up::of("ground"), Ok(Up::Ground)) && matches!(Up::of("0, -1,0"), Ok(Up::Along(_))));
+        for bad in ["foo", "nan,0,1", "0,0,0", "1,2"] {
+            let error = Up::of(bad).err().unwrap().to_string();
+            assert!(error.starts_with("--up: ") && error.contains("expected"), "{error}");
+        }
+        assert!(of_distance(&[0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 1.0]).is_ok());
+        assert!(of_distance(&[1.0]).unwrap_err().to_string().contains("found 1 numbers"));
+    }
 }
