@@ -270,7 +270,7 @@ impl Reconstruct {
     fn open(&self) -> Result<(OpenCapture, Vec<String>, Value), Failure> {
         let folder = self.out.join("capture");
         if !video::is_video(&self.capture) {
-            let opened = open_capture(&self.capture)?;
+            let opened = open_capture(&self.capture).map_err(|e| video::or_video(&self.capture, e))?;
             return match self.poses {
                 PosesFrom::Capture => Ok((opened, vec![], Value::Null)),
                 PosesFrom::Colmap => poses_again(&self.capture, opened, &folder),

@@ -7,6 +7,7 @@ use indicatif::ProgressBar;
 use qv_core::{Camera, Pose};
 use qv_mesh::DepthFrame;
 use qv_mesh::planes::Drawn;
+use qv_splat::captures::rgbd::{DEPTH_FOCAL, SIZE};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -31,7 +32,7 @@ pub fn holds_depth(folder: &Path) -> bool {
 }
 
 /// Reads a folder: `frame-*.depth.png` (millimetres, 0 and 65535 none) with `frame-*.pose.txt` (`world_from_camera`, 4 x 4) and
-/// `camera-intrinsics.txt` (3 x 3) as the 7-Scenes and redkitchen have them, or `transforms.json` whose frames have
+/// `camera-intrinsics.txt` (3 x 3, 585 px about the middle of 640 x 480 without it) as the 7-Scenes and redkitchen have them, or `transforms.json` whose frames have
 /// `depth_file_path` (16 bit, `depth_unit_scale_factor`, 0.001 when not given) and may have `label_file_path`.
 ///
 /// # Errors
@@ -58,7 +59,7 @@ fn has_depth_paths(folder: &Path) -> bool {
 
 fn open_frames(folder: &Path, bar: &ProgressBar) -> Result<DepthCapture, Failure> {
     let path = folder.join("camera-intrinsics.txt");
-    let k = numbers(&path, 9)?;
+    let k = if path.exists() { numbers(&path, 9)? } else { usual_lens() };
     let mut out = DepthCapture::default();
     let files = depth_files(folder);
     bar.set_length(files.len() as u64);
@@ -100,6 +101,12 @@ fn keep_one_size(capture: &mut DepthCapture) {
         }
     }
     capture.labels = vec![None; capture.frames.len()];
+}
+
+/// The lens of a folder that states none: that of 7-Scenes' depth camera, as `qv reconstruct` takes it.
+fn usual_lens() -> Vec<f64> {
+    let [cx, cy] = SIZE.map(|side| 0.5 * f64::from(side));
+    vec![DEPTH_FOCAL, 0.0, cx, 0.0, DEPTH_FOCAL, cy, 0.0, 0.0, 1.0]
 }
 
 /// The lens of a folder: fx 0 cx, 0 fy cy, 0 0 1, with its centre well inside the image.

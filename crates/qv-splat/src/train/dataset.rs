@@ -132,7 +132,7 @@ impl Dataset {
             if held { held_out.push(one) } else { training.push(one) }
         }
         if training.len() < 2 {
-            let found = format!("{} of {}, every {hold_out}th held out", training.len(), cameras.len());
+            let found = format!("{} of {}, one in {hold_out} held out", training.len(), cameras.len());
             return Err(off("capture", "at least 2 photographs to learn from", found));
         }
         let background = mean_colour(&training);

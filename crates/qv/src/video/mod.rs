@@ -22,6 +22,14 @@ pub fn is_video(path: &Path) -> bool {
     ending.is_some_and(|ending| ENDINGS.contains(&ending.as_str()))
 }
 
+/// An error about a file that is no capture: it may be a video of an ending that is not known.
+pub fn or_video(path: &Path, error: Failure) -> Failure {
+    if !path.is_file() || path.extension().is_some_and(|ending| ending == "json") {
+        return error;
+    }
+    format!("{error}; videos end in .{}", ENDINGS.join(", .")).into()
+}
+
 /// What a project was made of, so that it is not made twice.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Stamp {
@@ -113,6 +121,10 @@ mod tests {
         let text = project(&folder.join("text.mp4"), &folder.join("out"), 10).unwrap_err().to_string();
         // Without ffmpeg that is what is said.
         assert!(text.contains("text.mp4") || text.contains("ffprobe"), "{text}");
+        fs::write(folder.join("walk.xyz"), "no video at all").unwrap();
+        let told = |name: &str| or_video(&folder.join(name), "no JSON".to_string().into()).to_string();
+        assert!(told("walk.xyz").contains("no JSON; videos end in .mp4, .mov"));
+        assert_eq!(told("transforms.json"), "no JSON");
         fs::remove_dir_all(&folder).unwrap();
     }
 }
