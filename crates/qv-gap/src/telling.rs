@@ -243,7 +243,10 @@ pub fn sentence(verdict: Verdict, causes: &[Cause], gap: &Gap, leads: &[Lead], r
         Verdict::NoGap => {
             "Simulator and robot agree as well as sensor noise and the tolerances of any robot let them.".into()
         }
-        Verdict::Explained => format!("The gap is {}; with it the simulator closes {closed}.", all.join(" and ")),
+        Verdict::Explained => {
+            let them = if all.len() > 1 { "them" } else { "it" };
+            format!("The gap is {}; with {them} the simulator closes {closed}.", all.join(" and "))
+        }
         Verdict::PartlyExplained if gap.closed < NOTHING => {
             let alone = causes.iter().filter(|c| c.scope == ["region"]).map(|c| c.closed_alone).fold(0.0, f64::max);
             let pieces = if alone < NOTHING {

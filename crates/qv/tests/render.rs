@@ -196,7 +196,7 @@ fn bad_input_is_named() {
     let cut = fs::read(&scene).unwrap();
     assert!(fault(&other("cut.ply", &cut[..cut.len() - 9]), &cameras, &[]).contains("PLY element vertex, 2 rows"));
     assert!(fault(&scene, &folder.join("none.json"), &[]).contains("none.json"));
-    assert!(fault(&scene, &other("text.json", b"{"), &[]).contains("expected JSON"));
+    assert!(fault(&scene, &other("text.json", b"{"), &[]).contains("expected cameras in JSON"));
     assert!(fault(&scene, &other("empty.json", b"{\"frames\": []}"), &[]).contains("expected cameras, found none"));
     assert!(fault(&scene, &directory("render_bad_empty"), &[]).contains("expected a COLMAP model"));
     let mut folded = camera("folded");

@@ -369,7 +369,7 @@ mod tests {
         let read = Dataset::new(&one_off, &good, &ReadOptions { hold_out: 0, downscale: 1 }).unwrap();
         assert_eq!(read.alone(), vec!["v2"]);
         assert!(!read.stands_still());
-        one_off.cameras.iter_mut().for_each(|one| one.camera.camera_from_world.position = glam::DVec3::ZERO);
+        one_off.cameras.iter_mut().for_each(|one| one.camera.camera_from_world.position = DVec3::ZERO);
         assert!(Dataset::new(&one_off, &good, &options).unwrap().stands_still());
         let half_masked = |name: &str| if name.contains("mask") { Ok(png(8, 6, 0)) } else { good(name) };
         let mut masked = capture(3, 0.0);
