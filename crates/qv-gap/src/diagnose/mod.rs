@@ -22,7 +22,6 @@ use qv_replay::Run;
 use qv_replay::conventions::read_in_ours;
 use qv_replay::still::without_still;
 use qv_sim::{Model, Terrain};
-use std::collections::BTreeMap;
 
 /// Most causes that are accused.
 const MOST_CAUSES: usize = 3;
@@ -290,7 +289,6 @@ impl<'a> Session<'a> {
             later: None,
             doubt: None,
             closed: 0.0,
-            beside: BTreeMap::new(),
         };
         loop {
             let round = findings.rounds.last().expect("there is a first");
@@ -463,8 +461,6 @@ struct Findings<'a> {
     doubt: Option<String>,
     /// Share of the held-out gap that is closed by what acts all the time and everywhere, if nothing else is accused.
     closed: f64,
-    /// Log evidence of what else is asked for beside what is accused, by effect.
-    beside: BTreeMap<String, f64>,
 }
 
 impl Findings<'_> {
@@ -519,8 +515,8 @@ impl Findings<'_> {
     fn report(mut self, session: &mut Session, nominal: &mut Study, begun: f64) -> Result<Report, GapError> {
         self.doubt_closure(nominal)?;
         let verdict = self.verdict();
-        self.beside = self.asked_beside()?;
-        let ranking = self.ranking(verdict);
+        let beside = self.asked_beside()?;
+        let ranking = self.ranking(verdict, beside);
         let doubted = self.accused.first().map(|a| a.cause.effect.clone());
         if verdict == Verdict::Unexplained || verdict == Verdict::NoGap {
             self.accused.clear();

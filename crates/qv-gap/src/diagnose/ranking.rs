@@ -16,9 +16,9 @@ impl Findings<'_> {
         1.0 / (1.0 + (-(self.level_after.ratio - UNEXPLAINED) / 0.1).exp())
     }
 
-    /// Probabilities of the effects and of `unknown`.
-    pub(super) fn ranking(&self, verdict: Verdict) -> Vec<Ranked> {
-        let best = self.rivals(verdict);
+    /// Probabilities of the effects and of `unknown`; `beside` is what the corrected robot asks for.
+    pub(super) fn ranking(&self, verdict: Verdict, beside: BTreeMap<String, f64>) -> Vec<Ranked> {
+        let best = self.rivals(verdict, beside);
         // An odds ratio beyond any doubt about the model itself means nothing: evidence counts in steps of ten nats.
         let most = best.values().copied().fold(0.0, f64::max);
         let weight = |evidence: f64| ((evidence - most) / 10.0).exp();
@@ -53,17 +53,15 @@ impl Findings<'_> {
 
     /// Log evidence of the effects by name. Beside causes that explain the recording counts what the corrected robot asks for: a
     /// rival that imitates them had much evidence before, and a second effect has some now. Where they do not, their rivals count.
-    fn rivals(&self, verdict: Verdict) -> BTreeMap<String, f64> {
+    fn rivals(&self, verdict: Verdict, beside: BTreeMap<String, f64>) -> BTreeMap<String, f64> {
         let told = |round: Option<&RoundTold>| -> BTreeMap<String, f64> {
             round.iter().flat_map(|r| &r.suspects).map(|s| (s.effect.clone(), s.log_evidence)).collect()
         };
-        let mut best = told(self.told.first());
         if self.accused.is_empty() {
-            return best;
+            return told(self.told.first());
         }
-        if matches!(verdict, Verdict::Explained | Verdict::PartlyExplained) {
-            best = self.beside.clone();
-        }
+        let explains = matches!(verdict, Verdict::Explained | Verdict::PartlyExplained);
+        let mut best = if explains { beside } else { told(self.told.first()) };
         best.extend(told(self.told.last().filter(|r| r.accused.is_empty())));
         for Accused { cause, fit, .. } in &self.accused {
             let evidence = best.entry(cause.effect.clone()).or_insert(fit.evidence);

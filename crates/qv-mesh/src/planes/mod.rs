@@ -73,9 +73,9 @@ pub fn lay_on_planes(frames: &mut [DepthFrame], drawn: &[Drawn], distance: f64) 
     let parts = frames.par_iter_mut().zip(&pictures).zip(drawn);
     let by_frame: Vec<Vec<usize>> =
         parts.map(|((frame, picture), drawn)| assign::lay(frame, picture, &drawn.depth, &planes)).collect();
-    let laid_on = |plane: usize| by_frame.iter().map(|frame| frame[plane]).sum::<usize>();
-    let laid: usize = (0..planes.len()).map(laid_on).sum();
+    let laid: Vec<usize> = (0..planes.len()).map(|plane| by_frame.iter().map(|frame| frame[plane]).sum()).collect();
     let pixels = frames.iter().flat_map(|frame| &frame.depth).filter(|depth| **depth > 0.0).count();
-    let used = (0..planes.len()).filter(|&plane| laid_on(plane) > 0).map(|plane| planes[plane]);
-    Ok(Laid { planes: used.collect(), share: laid as f64 / pixels.max(1) as f64 })
+    let share = laid.iter().sum::<usize>() as f64 / pixels.max(1) as f64;
+    let planes = planes.into_iter().zip(laid).filter(|(_, laid)| *laid > 0).map(|(plane, _)| plane).collect();
+    Ok(Laid { planes, share })
 }

@@ -11,6 +11,7 @@ use crate::SplatError;
 use crate::error::off;
 use glam::{DMat3, DQuat, DVec3};
 use qv_core::{Camera, Pose};
+use std::collections::BTreeSet;
 
 /// Focal length of the colour camera \[px\].
 pub const COLOUR_FOCAL: f64 = 525.0;
@@ -68,8 +69,9 @@ pub fn read(names: &[String], text: &mut dyn FnMut(&str) -> Result<String, Splat
         return Err(lost.remove(0));
     }
     // Frames whose photograph is gone.
+    let photographed: BTreeSet<String> = names.iter().filter_map(stem).collect();
     let poses = names.iter().filter_map(|name| name.strip_suffix(".pose.txt"));
-    let gone = poses.filter(|frame| !names.iter().any(|name| stem(name).as_deref() == Some(*frame)));
+    let gone = poses.filter(|frame| !photographed.contains(*frame));
     let gone = gone.map(|frame| {
         off(format!("RGB-D folder, {frame}"), format!("an image {frame}.color.jpg or .png"), "no such file")
     });
