@@ -39,8 +39,13 @@ impl Findings<'_> {
             .iter()
             .map(|(effect, evidence)| {
                 let share = known * weight(*evidence) / total;
-                // One that was found in a later round has no rival left in the first.
-                let probability = if accused.contains(&effect.as_str()) { share.max(0.9 * known) } else { share };
+                // One that was found in a later round has no rival left in the first; what is asked for beside it and was not
+                // accused is no more than even.
+                let probability = match accused.contains(&effect.as_str()) {
+                    true => share.max(0.9 * known),
+                    false if !accused.is_empty() => share.min(0.5 * known),
+                    false => share,
+                };
                 Ranked { effect: effect.clone(), probability }
             })
             .collect();
