@@ -372,7 +372,7 @@ fn objection(study: &Study, fit: &Fit, by_chance: f64) -> Option<String> {
     }
     let threshold = threshold(study, fit, by_chance);
     if fit.evidence < threshold {
-        return Some(format!("log evidence {:.0}, where chance alone reaches {threshold:.0}", fit.evidence));
+        return Some(format!("log evidence {:.0} of the {threshold:.0} that a cause of its kind needs", fit.evidence));
     }
     if is_trifle(study, &fit.suspect) {
         return Some(format!("a size of {:.1} tolerances", size(study, &fit.suspect)));

@@ -13,6 +13,7 @@ mod diagnose;
 mod doubt;
 mod error;
 pub mod evidence;
+pub mod excitation;
 mod forget;
 pub mod forward;
 pub mod law;

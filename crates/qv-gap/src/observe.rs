@@ -289,7 +289,7 @@ pub fn middle(samples: impl Iterator<Item = f64>, count: usize) -> f64 {
 
 /// Value at the middle of the bin from `from` \[s\] of a line through the rows in it; interpolated where there are fewer
 /// than four.
-fn line_through(series: &JointSeries, column: usize, from: f64, bin: f64) -> f64 {
+pub(crate) fn line_through(series: &JointSeries, column: usize, from: f64, bin: f64) -> f64 {
     let centre = from + 0.5 * bin;
     let first = series.time.partition_point(|&t| t < from - 1e-9);
     let last = series.time.partition_point(|&t| t <= from + bin + 1e-9);

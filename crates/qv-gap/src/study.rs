@@ -3,6 +3,7 @@
 use crate::GapError;
 use crate::columns::{Column, Columns};
 use crate::evidence::{Marginal, Normal, Sums, sum};
+use crate::excitation;
 use crate::forget::FORGOTTEN;
 use crate::forward::{compare, standing_depth};
 use crate::law;
@@ -93,6 +94,8 @@ pub struct Study<'a> {
     pub tolerance: Vec<f64>,
     /// Effects that the library is taken never to have heard of.
     pub forgotten: Vec<usize>,
+    /// Joints that hardly move in any window.
+    pub at_rest: Vec<usize>,
     /// Mean square of residuals of noise and numerics alone.
     pub floor: f64,
     /// Steps simulated so far.
@@ -125,6 +128,7 @@ impl<'a> Study<'a> {
             ghost_deviations: Vec::new(),
             tolerance: Vec::new(),
             forgotten: Vec::new(),
+            at_rest: Vec::new(),
             floor: 0.0,
             steps: 0,
             is_relative: !reference.is_empty(),
@@ -137,6 +141,7 @@ impl<'a> Study<'a> {
             study.add(run, index, &pool, effort)?;
         }
         study.floor /= runs.len().max(1) as f64;
+        study.at_rest = excitation::at_rest(&study.problem, study.seen.iter().map(|s| &s.window));
         Ok(study)
     }
 

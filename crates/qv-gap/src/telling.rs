@@ -103,11 +103,24 @@ pub fn missing(study: &Study, run: &Run, library: &[Effect]) -> Vec<String> {
     if !lacking.is_empty() {
         told.push(format!("no channel or part of this robot could show {}", lacking.join(", ")));
     }
+    told.extend(resting(study));
     let weak = weak(study);
     if !weak.is_empty() {
         told.push(format!("too little excitation to tell {}", weak.join(", ")));
     }
     told
+}
+
+/// Joints at rest, and what they cannot show.
+fn resting(study: &Study) -> Option<String> {
+    let names = study.problem.model.joint_names();
+    let resting: Vec<&str> = study.at_rest.iter().map(|&j| names[j].as_str()).collect();
+    let (whose, what) = match resting.len() {
+        0 => return None,
+        all if all == study.problem.columns.len() => ("no joint moves: no delay of the pose,".to_string(), ""),
+        _ => (format!("{} hardly move: no", resting.join(", ")), " of them"),
+    };
+    Some(format!("{whose} latency, lag, velocity gain, viscous friction or rotor inertia{what} is accused"))
 }
 
 /// Effects whose value this recording leaves open by more than half of their range.
@@ -214,16 +227,20 @@ pub fn amounts(lead: &Lead) -> String {
     format!("{}{whom}", amounts.join(", "))
 }
 
+/// A sentence with one mark at its end.
+fn ended(sentence: &str) -> String {
+    if sentence.ends_with('?') { sentence.into() } else { format!("{sentence}.") }
+}
+
 /// What a gap that nothing explains looks most like.
 pub fn nearest(lead: &Lead) -> String {
     let names: Vec<String> = lead.effects.iter().map(|e| e.replace('_', " ")).collect();
     format!(
-        "Nearest, not accused: {} ({}), which would close {:.0} % of the gap. To tell: {}{}",
+        "Nearest, not accused: {} ({}), which would close {:.0} % of the gap. To tell: {}",
         names.join(" or "),
         amounts(lead),
         100.0 * lead.closed,
-        lead.separating_experiment,
-        if lead.separating_experiment.ends_with('?') { "" } else { "." }
+        ended(&lead.separating_experiment)
     )
 }
 
@@ -274,6 +291,24 @@ pub fn sentence(verdict: Verdict, causes: &[Cause], gap: &Gap, leads: &[Lead], r
             format!("There is a gap that no single effect of the library explains.{nearest}")
         }
     }
+}
+
+/// Share of the evidence of what is accused from which on another effect does nearly as well.
+const NEARLY_AS_GOOD: f64 = 0.95;
+
+/// Steady effects that have nearly the evidence of the one that is accused, in words; `None` if there are none, or if more is accused.
+pub fn as_good(study: &Study, rounds: &[Round], causes: &[Cause]) -> Option<String> {
+    let ([cause], round) = (causes, rounds.first()?) else { return None };
+    let accused = &round.fits[round.accused?];
+    let effect = |fit: &Fit| &study.columns.effects[study.columns.groups[fit.suspect.group].effect].name;
+    let is_as_good = |fit: &&Fit| {
+        fit.suspect.extent.is_none() && *effect(fit) != cause.effect && fit.evidence > NEARLY_AS_GOOD * accused.evidence
+    };
+    let mut others: Vec<String> = round.fits.iter().filter(is_as_good).map(|f| effect(f).replace('_', " ")).collect();
+    others.dedup();
+    let is_steady = accused.suspect.extent.is_none();
+    (is_steady && !others.is_empty())
+        .then(|| format!("In this recording {} would do nearly as well: take them as one group.", others.join(" or ")))
 }
 
 /// A round in words. `estimates` gives the values of a fit.
@@ -332,6 +367,18 @@ pub fn dead_positions(runs: &[Run]) -> Vec<&str> {
     names
 }
 
+/// What another recording would say of the corrections.
+fn once_more(verdict: Verdict, causes: &[Cause]) -> &'static str {
+    let is_event = |c: &Cause| c.parameters.iter().any(|p| p.name == "start");
+    if causes.iter().any(is_event) {
+        "What acted for a while belongs to this recording: take its external.* out of calibrated.toml before you use it for another one."
+    } else if verdict == Verdict::Explained {
+        "Record once more and diagnose with --params calibrated.toml: the verdict should be no_gap."
+    } else {
+        "Record once more and diagnose with --params calibrated.toml: what is left then is what is not known yet."
+    }
+}
+
 /// What to do next. `slips` is the share that a slippery region closes in pieces of windows.
 pub fn next(
     verdict: Verdict,
@@ -353,14 +400,13 @@ pub fn next(
         Verdict::NoGap => next.push("Nothing to correct. For a sharper test record faster and larger motions.".into()),
         Verdict::Explained | Verdict::PartlyExplained => {
             next.push("Use calibrated.toml (`qv replay --params`), or the corrections for MuJoCo, URDF and Isaac Lab beside it.".into());
-            next.push(
-                "Record once more and diagnose with --params calibrated.toml: the verdict should be no_gap.".into(),
-            );
+            next.push(once_more(verdict, causes).into());
             for cause in causes.iter().filter(|c| !c.confusable_with.is_empty()) {
                 let likes = cause.confusable_with.join(", ");
                 next.push(format!(
-                    "{} looks like {likes} here. To tell them apart: {}.",
-                    cause.effect, cause.separating_experiment
+                    "{} looks like {likes} here. To tell them apart: {}",
+                    cause.effect,
+                    ended(&cause.separating_experiment)
                 ));
             }
         }
@@ -368,10 +414,13 @@ pub fn next(
             next.push(
                 "Look at what is left and what it goes along with; add an effect of your own with --library.".into(),
             );
+            if study.parts.len() > 1 {
+                next.push("Diagnose each recording by itself, too: one robot is looked for that explains all of them, and they may differ.".into());
+            }
             next.extend(leads.first().map(nearest));
             if let Some(fit) = rounds.first().filter(|_| leads.is_empty()).and_then(|r| r.fits.first()) {
                 let effect = &study.columns.effects[study.columns.groups[fit.suspect.group].effect];
-                next.push(format!("To rule {} out or in: {}.", effect.name, effect.experiment));
+                next.push(format!("To rule {} out or in: {}", effect.name, ended(&effect.experiment)));
             }
         }
     }

@@ -11,12 +11,13 @@ use qv_gap::report::{Report, UNKNOWN, Verdict};
 use qv_gap::search::Search;
 use qv_gap::study::{Effort, Study};
 use qv_gap::{Options, diagnose, law, library};
+use qv_go2::sealed::{EngineChoice, Plan, Recipe, Request, Section, Wanted};
 use qv_go2::{sealed, synthetic};
 use qv_replay::Run;
 use qv_replay::replay::{Legs, SensorErrors, Starts, feet_of};
 use qv_replay::run::{Fault, FaultKind};
 use qv_sim::{Model, Terrain};
-use recorded::{go2, recorded};
+use recorded::{go2, read, recorded};
 
 /// Fewer windows and simulated recordings than by default: these tests are run often.
 fn quick() -> Options<'static> {
@@ -343,4 +344,25 @@ fn without_poses_a_slope_may_be_a_tilted_imu() {
         cause.confusable_with
     );
     assert!(report.sentence.contains("Without poses"), "{}", report.sentence);
+}
+
+#[test]
+fn a_robot_that_only_stands_is_accused_of_nothing() {
+    let request = Request { engine: EngineChoice::Ours, wanted: Wanted::Nothing };
+    let plan = Plan { sections: vec![(Section::Stand, 10.0)] };
+    let recipe = Recipe { plan, ..sealed::redraw(&request, 7, 0).unwrap().recipe };
+    let run = read(&sealed::record(&recipe).unwrap().1);
+    let report = of(&run, &quick());
+    // Noise alone asks for a lag, a weaker kd and a late pose there.
+    assert_eq!(report.verdict, Verdict::NoGap, "{}", report.sentence);
+    assert!(report.cannot_tell.iter().any(|line| line.starts_with("no joint moves")), "{:?}", report.cannot_tell);
+}
+
+#[test]
+fn recordings_of_another_robot_are_refused_by_number() {
+    let run = recorded(Vec::new(), 4);
+    let mut other = run.clone();
+    other.joint_names[2] = "knee".into();
+    let error = diagnose(&[run.clone(), run, other], &go2(), &Terrain::plane(), &quick(), 0).err().unwrap().to_string();
+    assert!(error.contains("recording 3") && error.contains("knee"), "{error}");
 }

@@ -1,7 +1,9 @@
 //! `qv diagnose`: where the gap lies, what causes it, how far it shrinks.
 
 use crate::camera::{RobotCamera, open_camera, open_images, photographs, to_toml};
-use crate::open::{file_error, lost_from, model_of, open_run, parameters, spinner, terrain_of, urdf_of, write_error};
+use crate::open::{
+    check_ground, file_error, lost_from, model_of, open_run, parameters, spinner, terrain_of, urdf_of, write_error,
+};
 use crate::scene::open_scene;
 use crate::{Outcome, RunArguments, say};
 use qv_core::{GaussianCloud, JointSeries};
@@ -92,6 +94,7 @@ impl Diagnose {
         };
         let model = model_of(&runs[0], &self.runs[0], self.robot.as_deref())?;
         let terrain = terrain_of(&self.terrain)?;
+        runs.iter().try_for_each(|run| check_ground(run, &terrain))?;
         let mut library = library::built_in();
         if let Some(path) = &self.library {
             let text =

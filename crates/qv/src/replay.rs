@@ -1,7 +1,7 @@
 //! `qv replay`: how far the simulator is from the robot.
 
 use crate::numbers::within;
-use crate::open::{lost_from, model_of, open_run, parameters, spinner, terrain_of, write_error};
+use crate::open::{check_ground, lost_from, model_of, open_run, parameters, spinner, terrain_of, write_error};
 use crate::{Outcome, RunArguments, say};
 use qv_replay::derive::joint_velocity;
 use qv_replay::replay::{Lag, ReplayOptions, to_html, to_json, verdict, write_mcap};
@@ -48,6 +48,7 @@ impl Replay {
         let run = open_run(&self.run)?;
         let model = model_of(&run, &self.run.run, self.robot.as_deref())?;
         let terrain = terrain_of(&self.terrain)?;
+        check_ground(&run, &terrain)?;
         let options = ReplayOptions {
             window: self.window,
             parameters: parameters(self.params.as_deref())?,

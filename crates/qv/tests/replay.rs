@@ -3,8 +3,10 @@
 mod bags;
 
 use bags::*;
+use qv_core::TriangleMesh;
 use qv_go2::messages::*;
 use qv_go2::model;
+use qv_mesh::files::glb;
 use qv_sim::{BaseKind, Batch, JointCommand, Model, ModelOptions, SimOptions, State, Terrain};
 use serde_json::Value;
 use std::fs;
@@ -152,12 +154,17 @@ fn what_cannot_be_replayed_is_an_error() {
     let (code, _, err) = replay(&path, &out, &[]);
     assert!(code == 1 && err.contains("commands"), "{err}");
     let path = bag("replay_window", &write(&walk(0.5), small_chunks(None), &[]));
+    let corners = [[500.0, 0.0], [510.0, 0.0], [500.0, 10.0]].map(|[x, y]| glam::DVec3::new(x, y, 0.0));
+    let far = TriangleMesh { vertices: corners.to_vec(), triangles: vec![[0, 1, 2]], ..Default::default() };
+    let far_away = path.with_file_name("far_away.glb");
+    fs::write(&far_away, glb::write(&far)).unwrap();
     for (more, expected, word) in [
         (["--window", "0"], 2, "window"),
         (["--window", "-1"], 2, "window"),
         (["--window", "nan"], 2, "window"),
         (["--window", "1e9"], 2, "window"),
         (["--terrain", "nowhere.glb"], 1, "nowhere.glb"),
+        (["--terrain", far_away.to_str().unwrap()], 1, "ground below the robot"),
         (["--robot", "nowhere.urdf"], 1, "nowhere.urdf"),
         (["--params", "nowhere.toml"], 1, "nowhere.toml"),
     ] {

@@ -117,6 +117,7 @@ pub fn diagnose(
     leave_out: usize,
 ) -> Result<Diagnosis, GapError> {
     let first = runs.first().ok_or_else(|| GapError::run("runs", "at least one", "none"))?;
+    one_robot(first, runs.iter().chain(&options.reference))?;
     let mended: Vec<Run> = runs.iter().map(|run| read_in_ours(without_still(run))).collect();
     let mut cannot_tell = telling::faults(runs, &mended);
     let (usable, fallen) = telling::upright(&mended);
@@ -159,6 +160,21 @@ pub fn diagnose(
         without.push((effect, report));
     }
     Ok(Diagnosis { report, without })
+}
+
+/// Looks whether all runs are of one robot: columns are told by their place.
+///
+/// # Errors
+/// Names the first run that has other joints, or another base.
+fn one_robot<'r>(first: &Run, runs: impl Iterator<Item = &'r Run>) -> Result<(), GapError> {
+    let told = |run: &Run| format!("{:?} base, joints {}", run.base, run.joint_names.join(", "));
+    for (k, run) in runs.enumerate() {
+        if (run.base, &run.joint_names) != (first.base, &first.joint_names) {
+            let what = format!("recording {} of those given, references last", k + 1);
+            return Err(GapError::run(what, format!("the robot of the first ({})", told(first)), told(run)));
+        }
+    }
+    Ok(())
 }
 
 /// Effects of a study by name.
@@ -553,6 +569,8 @@ impl Findings<'_> {
         place.regions = shares::regions(nominal, regions);
         let causes: Vec<Cause> = self.accused.iter().map(|a| a.cause.clone()).collect();
         let sentence = telling::sentence(verdict, &causes, &gap, &leads, &ranking);
+        let sentence = [Some(sentence), telling::as_good(nominal, &self.rounds, &causes)];
+        let sentence = sentence.into_iter().flatten().collect::<Vec<_>>().join(" ");
         let slips = self.accused.iter().filter_map(|a| a.fit.held_out).map(|f| f.closed).next();
         let mut next = telling::next(verdict, &causes, &leads, slips, &self.rounds, nominal);
         next.splice(0..0, telling::first_of_all(verdict, &gap, &session.runs));

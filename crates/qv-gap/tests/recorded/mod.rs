@@ -1,6 +1,6 @@
 //! Recordings of a simulated Go2, and its model.
 
-use qv_go2::synthetic::{self, Robot};
+use qv_go2::synthetic::{self, Message, Robot};
 use qv_replay::{BagFile, Run};
 use qv_sim::{BaseKind, Model, ModelOptions, Terrain};
 use std::io::Cursor;
@@ -8,9 +8,13 @@ use std::io::Cursor;
 /// A recording of a Go2 with small differences of its own and parameters that are `named`.
 pub fn recorded(named: Vec<(String, f64)>, seed: u64) -> Run {
     let parameters = [synthetic::small_differences(seed), named].concat();
-    let messages = synthetic::record(&Terrain::plane(), &Robot { parameters, seed, start: [0.0; 3] }).unwrap();
+    read(&synthetic::record(&Terrain::plane(), &Robot { parameters, seed, start: [0.0; 3] }).unwrap())
+}
+
+/// What a bag of messages holds.
+pub fn read(messages: &[Message]) -> Run {
     let mut bytes = Cursor::new(Vec::new());
-    synthetic::write_bag(&messages, &mut bytes).unwrap();
+    synthetic::write_bag(messages, &mut bytes).unwrap();
     bytes.set_position(0);
     qv_replay::read_bag(vec![BagFile { name: "made up".into(), source: bytes }], &qv_go2::wire::mapping(None)).unwrap()
 }

@@ -117,8 +117,9 @@ pub(super) fn ranking(ranking: &[Ranked], causes: &[Cause]) -> String {
     if ranking.is_empty() {
         return String::new();
     }
-    let mut text =
-        String::from("<div class=\"card\"><h3>All that was considered, by probability</h3><div class=\"bars\">");
+    let mut text = String::from(
+        "<div class=\"card\"><h3>All that was considered, by probability</h3><p>Each for itself: several can be there at once.</p><div class=\"bars\">",
+    );
     let likely = ranking.iter().take_while(|r| r.probability >= 0.005).count();
     let shown = likely.clamp(RANKS[0], RANKS[1]).min(ranking.len());
     for r in &ranking[..shown] {
