@@ -26,7 +26,7 @@ pub struct Replay {
     /// go2, or a URDF file; default: what the recording says
     #[arg(long, value_name = "go2|URDF")]
     robot: Option<String>,
-    /// plane, or a mesh with a material per label
+    /// plane, or a mesh with a material per label, z up, in the frame of the poses
     #[arg(long, default_value = "plane", value_name = "plane|FILE.glb")]
     terrain: String,
     /// Parameters of the simulator, as `qv diagnose` writes them
