@@ -2,7 +2,7 @@
 //!
 //! The law of an actuator (`law`) is fed with measured positions and speeds, and with their noise. Whatever smooths that noise, a lag or a
 //! weaker kd, lowers what the law leaves of a joint at rest, the more surely the longer it rests: 12 s of standing give a lag of 12 ms a
-//! log evidence of 105. Where a joint moves, its motion says a thousand times as much, and refutes what noise asks for.
+//! log evidence of 105. Where a joint moves, its motion refutes what noise asks for.
 
 use crate::columns::{Columns, Group};
 use crate::library::Scope;

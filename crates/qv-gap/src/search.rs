@@ -1,9 +1,8 @@
 //! Which effect: suspects are ranked by a joint linear fit, then each is followed to its best value in the simulator.
 
 use crate::GapError;
-use crate::columns::{Columns, Group, Suspect};
+use crate::columns::{Columns, Suspect};
 use crate::evidence::{Marginal, Normal, Sums, widen};
-use crate::excitation;
 use crate::problem::Setting;
 use crate::slip::Fall;
 use crate::study::{EXTRA, Seen, Study};
@@ -205,11 +204,7 @@ impl<'s, 'a> Search<'s, 'a> {
         let force = self.marginal.force(sums);
         let columns = self.columns();
         let mut found = Vec::new();
-        let (at_rest, joints) = (&self.study.at_rest, self.study.problem.columns.len());
-        let can_be = |g: &Group| {
-            !self.study.forgotten.contains(&g.effect) && !excitation::is_unshown(columns, g, at_rest, joints)
-        };
-        let known = columns.groups.iter().enumerate().filter(|(_, g)| can_be(g));
+        let known = columns.groups.iter().enumerate().filter(|(_, g)| self.study.may_be(g));
         for (index, group) in known {
             let effect = &columns.effects[group.effect];
             for level in 0..effect.levels.len() {

@@ -1,9 +1,9 @@
 //! All that a diagnosis knows before it suspects anything: residuals, sensitivities, and what no effect looks like.
 
 use crate::GapError;
-use crate::columns::{Column, Columns};
+use crate::columns::{Column, Columns, Group};
 use crate::evidence::{Marginal, Normal, Sums, sum};
-use crate::excitation;
+use crate::excitation::{at_rest, is_unshown};
 use crate::forget::FORGOTTEN;
 use crate::forward::{compare, standing_depth};
 use crate::law;
@@ -141,7 +141,7 @@ impl<'a> Study<'a> {
             study.add(run, index, &pool, effort)?;
         }
         study.floor /= runs.len().max(1) as f64;
-        study.at_rest = excitation::at_rest(&study.problem, study.seen.iter().map(|s| &s.window));
+        study.at_rest = at_rest(&study.problem, study.seen.iter().map(|s| &s.window));
         Ok(study)
     }
 
@@ -242,6 +242,12 @@ impl<'a> Study<'a> {
         self.parts.push(Part { whitener, noise, alignment });
         self.steps += steps;
         Ok(())
+    }
+
+    /// Whether a group's effect is known, and could show here.
+    pub fn may_be(&self, group: &Group) -> bool {
+        let joints = self.problem.columns.len();
+        !self.forgotten.contains(&group.effect) && !is_unshown(&self.columns, group, &self.at_rest, joints)
     }
 
     /// The null of a window's run.

@@ -304,8 +304,12 @@ pub fn as_good(study: &Study, rounds: &[Round], causes: &[Cause]) -> Option<Stri
     let is_as_good = |fit: &&Fit| {
         fit.suspect.extent.is_none() && *effect(fit) != cause.effect && fit.evidence > NEARLY_AS_GOOD * accused.evidence
     };
-    let mut others: Vec<String> = round.fits.iter().filter(is_as_good).map(|f| effect(f).replace('_', " ")).collect();
-    others.dedup();
+    let mut others: Vec<String> = Vec::new();
+    for other in round.fits.iter().filter(is_as_good).map(|f| effect(f).replace('_', " ")) {
+        if !others.contains(&other) {
+            others.push(other);
+        }
+    }
     let is_steady = accused.suspect.extent.is_none();
     (is_steady && !others.is_empty())
         .then(|| format!("In this recording {} would do nearly as well: take them as one group.", others.join(" or ")))

@@ -1,5 +1,6 @@
 //! The whole diagnosis: from runs to a report.
 
+mod one_robot;
 mod ranking;
 mod refine;
 mod verdict;
@@ -117,7 +118,7 @@ pub fn diagnose(
     leave_out: usize,
 ) -> Result<Diagnosis, GapError> {
     let first = runs.first().ok_or_else(|| GapError::run("runs", "at least one", "none"))?;
-    one_robot(first, runs.iter().chain(&options.reference))?;
+    one_robot::check(first, runs.iter().chain(&options.reference))?;
     let mended: Vec<Run> = runs.iter().map(|run| read_in_ours(without_still(run))).collect();
     let mut cannot_tell = telling::faults(runs, &mended);
     let (usable, fallen) = telling::upright(&mended);
@@ -160,21 +161,6 @@ pub fn diagnose(
         without.push((effect, report));
     }
     Ok(Diagnosis { report, without })
-}
-
-/// Looks whether all runs are of one robot: columns are told by their place.
-///
-/// # Errors
-/// Names the first run that has other joints, or another base.
-fn one_robot<'r>(first: &Run, runs: impl Iterator<Item = &'r Run>) -> Result<(), GapError> {
-    let told = |run: &Run| format!("{:?} base, joints {}", run.base, run.joint_names.join(", "));
-    for (k, run) in runs.enumerate() {
-        if (run.base, &run.joint_names) != (first.base, &first.joint_names) {
-            let what = format!("recording {} of those given, references last", k + 1);
-            return Err(GapError::run(what, format!("the robot of the first ({})", told(first)), told(run)));
-        }
-    }
-    Ok(())
 }
 
 /// Effects of a study by name.
