@@ -94,7 +94,7 @@ pub struct Study<'a> {
     pub tolerance: Vec<f64>,
     /// Effects that the library is taken never to have heard of.
     pub forgotten: Vec<usize>,
-    /// Joints that hardly move in any window.
+    /// Joints that are at rest on average over the windows (indices, in the order of the model).
     pub at_rest: Vec<usize>,
     /// Mean square of residuals of noise and numerics alone.
     pub floor: f64,
