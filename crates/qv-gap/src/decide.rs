@@ -276,19 +276,29 @@ impl Round {
     }
 }
 
-/// Largest log evidence of each effect in recordings without one.
+/// Largest log evidence of each effect in recordings without one, 0 at least.
 fn by_chance(search: &Search) -> Vec<f64> {
+    let most = vec![0.0; search.study.columns.effects.len()];
+    let larger = |most: Vec<f64>, ghost: Vec<f64>| most.iter().zip(ghost).map(|(m, e)| e.max(*m)).collect();
+    of_ghosts(search).into_iter().fold(most, larger)
+}
+
+/// Log evidence of each effect by one linear step, its best group's, in each recording without one: shape `[ghosts][effects]`.
+pub fn of_ghosts(search: &Search) -> Vec<Vec<f64>> {
     let study = &search.study;
     let all: Vec<usize> = (0..study.seen.len()).collect();
-    let mut most = vec![0.0; study.columns.effects.len()];
-    for ghost in &study.ghosts {
-        let sums = study.sums(ghost, &all, fitted);
-        for (evidence, suspect) in search.linear(&sums) {
-            let effect = study.columns.groups[suspect.group].effect;
-            most[effect] = evidence.max(most[effect]);
-        }
+    study.ghosts.iter().map(|ghost| by_effect(search, &study.sums(ghost, &all, fitted))).collect()
+}
+
+/// Log evidence of each effect by one linear step, its best group's; minus infinity of one that may not be.
+pub fn by_effect(search: &Search, sums: &Sums) -> Vec<f64> {
+    let columns = &search.study.columns;
+    let mut best = vec![f64::NEG_INFINITY; columns.effects.len()];
+    for (evidence, suspect) in search.linear(sums) {
+        let effect = columns.groups[suspect.group].effect;
+        best[effect] = evidence.max(best[effect]);
     }
-    most
+    best
 }
 
 /// Deviation of a fit from absent, in tolerances; infinite for effects of which nothing is tolerated.

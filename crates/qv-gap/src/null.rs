@@ -5,14 +5,14 @@
 //! has nothing but what any robot has.
 
 use crate::GapError;
-use crate::forward::longest_latency;
+use crate::forward::{is_near, longest_latency};
 use crate::problem::{Numerics, Problem, Role, Setting, Window};
 use crate::random::Random;
 use glam::{DQuat, DVec3};
 use qv_core::JointSeries;
 use qv_replay::Run;
 use qv_replay::replay::{Command, HeldCommands};
-use qv_sim::{Batch, SensorReading};
+use qv_sim::{Batch, Precision, SensorReading};
 use rayon::prelude::*;
 
 /// Standard deviations of white noise on each channel, as found in the recording.
@@ -88,6 +88,8 @@ pub fn record(
     ghosts: &[Ghost],
 ) -> Result<Vec<Vec<Option<Window>>>, GapError> {
     const TOGETHER: usize = 16;
+    let is_near = is_near(problem, &windows.iter().collect::<Vec<_>>());
+    let record_chunk = if is_near { record_chunk::<f32> } else { record_chunk::<f64> };
     ghosts
         .iter()
         .map(|ghost| {
@@ -101,7 +103,7 @@ pub fn record(
         .collect()
 }
 
-fn record_chunk(
+fn record_chunk<T: Precision>(
     problem: &Problem,
     windows: &[(usize, &Window)],
     noise: &Noise,
@@ -111,7 +113,7 @@ fn record_chunk(
     let latency = longest_latency(problem, &ghost.setting);
     let mut options = numerics.options(latency);
     options.max_sensor_latency = sensor_latency(problem, &ghost.setting);
-    let mut batch = Batch::<f64>::new(problem.model, &problem.terrain, &options, windows.len())?;
+    let mut batch = Batch::<T>::new(problem.model, &problem.terrain, &options, windows.len())?;
     let mut recorders = Vec::new();
     for (env, (index, window)) in windows.iter().enumerate() {
         recorders.push(Recorder::new(problem, &mut batch, env, window, ghost, latency, *index as u64)?);
@@ -136,7 +138,13 @@ fn record_chunk(
 }
 
 /// Ground that is a little higher or lower under each foot than the simulator's, as larger or smaller feet.
-fn uneven(problem: &Problem, batch: &mut Batch<f64>, env: usize, ghost: &Ghost, stream: u64) -> Result<(), GapError> {
+fn uneven<T: Precision>(
+    problem: &Problem,
+    batch: &mut Batch<T>,
+    env: usize,
+    ghost: &Ghost,
+    stream: u64,
+) -> Result<(), GapError> {
     if !(problem.free && ghost.ground_error > 0.0) {
         return Ok(());
     }
@@ -173,9 +181,9 @@ struct Recorder {
 }
 
 impl Recorder {
-    fn new(
+    fn new<T: Precision>(
         problem: &Problem,
-        batch: &mut Batch<f64>,
+        batch: &mut Batch<T>,
         env: usize,
         window: &Window,
         ghost: &Ghost,
@@ -232,9 +240,9 @@ impl Recorder {
     }
 
     /// Reads the sensors where a row is due, and gives the next command.
-    fn advance(
+    fn advance<T: Precision>(
         &mut self,
-        batch: &mut Batch<f64>,
+        batch: &mut Batch<T>,
         env: usize,
         tick: usize,
         timestep: f64,

@@ -1,13 +1,14 @@
 //! Where the gap lies: its shares by joint, leg, phase, time and place, and by interface.
 
+use crate::GapError;
 use crate::columns::Extent;
-use crate::evidence::widen;
+use crate::decide::{by_effect, of_ghosts};
 use crate::law;
 use crate::library::Interface;
 use crate::local::place;
 use crate::observe::{self, Channel};
 use crate::report::{JointShare, RegionShare, Share, TimeShare, Where};
-use crate::search::{direction, fitted};
+use crate::search::{Search, fitted};
 use crate::study::{Seen, Study};
 use qv_sim::Shape;
 
@@ -126,30 +127,28 @@ fn phases_of(study: &Study, seen: &Seen) -> Option<Vec<Vec<usize>>> {
     Some((0..problem.feet.geoms.len()).map(of_foot).collect())
 }
 
-/// Shares of the loss that setting each interface free takes away beyond what is tolerated.
-pub fn interfaces(study: &Study) -> Vec<(Interface, f64)> {
-    let Ok(marginal) = study.marginal(fitted) else { return Interface::ALL.map(|i| (i, 0.25)).to_vec() };
-    let sums = study.nominal(fitted);
-    let force = marginal.force(&sums);
-    let gain = |interface: Interface| {
-        let of: Vec<(usize, f64)> = study
-            .columns
-            .groups
-            .iter()
-            .enumerate()
-            .filter(|(_, g)| study.columns.effects[g.effect].interface == interface)
-            .filter_map(|(g, group)| {
-                let effect = &study.columns.effects[group.effect];
-                let d = direction(&study.columns, g, 0)?;
-                let wide: Vec<f64> = d.steps.iter().map(|s| (0.4 * effect.span() / s).abs()).collect();
-                widen(&marginal.curvature, &force, &d.d, &wide, 1.0).map(|(evidence, _)| (g, evidence))
-            })
-            .collect();
-        of.iter().map(|(_, e)| *e).fold(0.0, f64::max)
+/// Shares of the log evidence for each interface: that of its likeliest effect by one linear step, beyond what that effect has in the
+/// median recording without one (contacts of another engine have much in nearly all).
+///
+/// # Errors
+/// When the normal equations are no good.
+pub fn interfaces(study: &mut Study) -> Result<Vec<(Interface, f64)>, GapError> {
+    let search = Search::new(study, 1.0)?;
+    let here = by_effect(&search, &search.study.nominal(fitted));
+    let ghosts = of_ghosts(&search);
+    let usual = |effect: usize| {
+        let mut of_effect: Vec<f64> = ghosts.iter().map(|g| g[effect].max(0.0)).collect();
+        of_effect.sort_by(f64::total_cmp);
+        of_effect.get(of_effect.len() / 2).copied().unwrap_or(0.0)
     };
-    let gains: Vec<(Interface, f64)> = Interface::ALL.iter().map(|&i| (i, gain(i))).collect();
+    let effects = &search.study.columns.effects;
+    let gain = |interface: Interface| {
+        let of_interface = (0..effects.len()).filter(|&e| effects[e].interface == interface);
+        of_interface.map(|e| here[e] - usual(e)).fold(0.0, f64::max)
+    };
+    let gains = Interface::ALL.map(|i| (i, gain(i)));
     let total: f64 = gains.iter().map(|g| g.1).sum();
-    gains.into_iter().map(|(i, g)| (i, if total > 0.0 { g / total } else { 0.25 })).collect()
+    Ok(gains.map(|(i, g)| (i, if total > 0.0 { g / total } else { 0.25 })).to_vec())
 }
 
 /// Whether the robot was in a region in all windows.

@@ -550,7 +550,7 @@ impl Findings<'_> {
             depends_on: rest::factors(self.later.as_ref().filter(|_| !self.accused.is_empty()).unwrap_or(nominal)),
         };
         let mut place = std::mem::take(&mut self.opening.places);
-        place.interfaces = self.interfaces(nominal, gap.closed);
+        place.interfaces = self.interfaces(nominal, gap.closed)?;
         let regions = self.accused.iter().filter_map(|a| a.fit.suspect.extent);
         place.regions = shares::regions(nominal, regions);
         let causes: Vec<Cause> = self.accused.iter().map(|a| a.cause.clone()).collect();

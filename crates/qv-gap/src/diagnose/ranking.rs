@@ -94,11 +94,11 @@ impl Findings<'_> {
         Ok(best)
     }
 
-    /// Shares of the interfaces: those of the causes by what they close, the rest by what freeing each interface takes away.
-    pub(super) fn interfaces(&self, study: &Study, closed: f64) -> Vec<Share> {
-        let freed = shares::interfaces(study);
+    /// Shares of the interfaces: those of the causes by what they close, the rest by what speaks for each interface.
+    pub(super) fn interfaces(&self, study: &mut Study, closed: f64) -> Result<Vec<Share>, GapError> {
+        let shares = shares::interfaces(study)?;
         let total: f64 = self.accused.iter().map(|a| a.cause.closed_alone.max(0.01)).sum();
-        let share = |(interface, free): &(library::Interface, f64)| {
+        let share = |(interface, share): &(library::Interface, f64)| {
             let of_causes: f64 = self
                 .accused
                 .iter()
@@ -106,10 +106,10 @@ impl Findings<'_> {
                 .map(|a| a.cause.closed_alone.max(0.01) / total)
                 .sum();
             let explained = if self.accused.is_empty() { 0.0 } else { closed.max(0.6) };
-            Share { name: interface.name().into(), share: explained * of_causes + (1.0 - explained) * free }
+            Share { name: interface.name().into(), share: explained * of_causes + (1.0 - explained) * share }
         };
-        let mut all: Vec<Share> = freed.iter().map(share).collect();
+        let mut all: Vec<Share> = shares.iter().map(share).collect();
         all.push(Share { name: "visual".into(), share: 0.0 });
-        all
+        Ok(all)
     }
 }

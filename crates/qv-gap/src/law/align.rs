@@ -111,7 +111,7 @@ impl Table {
             (halves, channels.commands().into_iter().flatten().map(of).collect())
         };
         let places = |halves: i64| {
-            let of = |series: &JointSeries| at(halves).map(|t| Between::new(series, t)).collect();
+            let of = |series: &JointSeries| at(halves).map(|t| Between::new(series, t, 0)).collect();
             (halves, [of(channels.q), of(channels.dq)])
         };
         let distinct = |k: usize| offsets.iter().map(|o| o[k]).collect::<BTreeSet<i64>>().into_iter();

@@ -130,7 +130,11 @@ impl<'a> Channels<'a> {
 
     /// The command in force at a time.
     fn asked(&self, t: f64) -> Asked {
-        self.asked_in(|series| row_at(series, t))
+        let mut row = 0;
+        self.asked_in(|series| {
+            row = row_near(series, t, row);
+            row
+        })
     }
 
     /// The command in the row that `row` gives of each series that there is, in the order of [`Self::commands`].
@@ -146,14 +150,21 @@ impl<'a> Channels<'a> {
 
     /// The state at a time.
     fn state(&self, t: f64) -> State {
-        let of = |series: &JointSeries| Between::new(series, t).of(series, self.column);
-        State { q: of(self.q), dq: of(self.dq) }
+        let q = Between::new(self.q, t, 0);
+        let dq = Between::new(self.dq, t, q.row);
+        State { q: q.of(self.q, self.column), dq: dq.of(self.dq, self.column) }
     }
 }
 
 /// Row that holds at a time.
 fn row_at(series: &JointSeries, t: f64) -> usize {
     series.index_at(t).unwrap_or(0)
+}
+
+/// The same, looked for in one row first: channels of a recorder mostly share their stamps.
+fn row_near(series: &JointSeries, t: f64, row: usize) -> usize {
+    let is_here = row + 1 < series.len() && series.time[row] <= t && t < series.time[row + 1];
+    if is_here { row } else { row_at(series, t) }
 }
 
 /// A time between two rows of a series.
@@ -165,8 +176,9 @@ struct Between {
 }
 
 impl Between {
-    fn new(series: &JointSeries, t: f64) -> Self {
-        let row = row_at(series, t);
+    /// `row` is looked in first.
+    fn new(series: &JointSeries, t: f64, row: usize) -> Self {
+        let row = row_near(series, t, row);
         if row + 1 >= series.len() {
             return Self { row, share: 0.0 };
         }
