@@ -6,13 +6,13 @@ use crate::observe::Channel;
 use crate::problem::Setting;
 use crate::random::Random;
 use crate::report::Gap;
-use crate::study::Study;
+use crate::study::{Seen, Study};
 use crate::whiten::Raw;
 
 /// Resamplings of the interval.
 const RESAMPLINGS: usize = 400;
 
-/// Losses per number of each held-out window, before and under a setting.
+/// Losses per number of each window, before and under a setting.
 pub struct Closure {
     /// Windows, as indices into the study.
     pub windows: Vec<usize>,
@@ -31,7 +31,19 @@ pub struct Closure {
 /// # Errors
 /// When a value means nothing.
 pub fn closure(study: &mut Study, setting: &Setting) -> Result<Closure, GapError> {
-    let windows: Vec<usize> = (0..study.seen.len()).filter(|&w| study.seen[w].window.held_out).collect();
+    closure_in(study, setting, |seen| seen.window.held_out)
+}
+
+/// Share that a setting closes in the windows of the fit.
+///
+/// # Errors
+/// When a value means nothing.
+pub fn closed_in_fit(study: &mut Study, setting: &Setting) -> Result<f64, GapError> {
+    Ok(closure_in(study, setting, |seen| !seen.window.held_out)?.closed())
+}
+
+fn closure_in(study: &mut Study, setting: &Setting, is_meant: fn(&Seen) -> bool) -> Result<Closure, GapError> {
+    let windows: Vec<usize> = (0..study.seen.len()).filter(|&w| is_meant(&study.seen[w])).collect();
     let after_raw = study.raw(std::slice::from_ref(setting), &windows)?.remove(0);
     let floor = study.floor;
     let (mut kept, mut before, mut after, mut raws) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -107,6 +119,7 @@ impl Closure {
             floor: self.floor,
             closed: self.closed(),
             closed_ci95: [at(0.025), at(0.975)],
+            closed_in_fit: None,
             unit: "mean square of residuals in units of the null".into(),
             heldout: true,
             joint_rms: [rms(&mut self.windows.iter().map(|&w| &study.seen[w].raw)), rms(&mut self.after_raw.iter())],

@@ -36,6 +36,9 @@ pub struct Gap {
     pub closed: f64,
     /// Its interval by bootstrap over windows.
     pub closed_ci95: [f64; 2],
+    /// The same share in the windows of the fit, of which there are three times as many; `None` where the camera's gap is told. Sizes are a
+    /// few numbers fitted to thousands: nothing is made good there that is not closed elsewhere, too.
+    pub closed_in_fit: Option<f64>,
     /// Unit of before, after, floor.
     pub unit: String,
     /// Whether these are windows that no fit has seen.

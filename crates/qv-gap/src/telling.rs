@@ -29,6 +29,12 @@ pub fn faults(runs: &[Run], mended: &[Run]) -> Vec<String> {
                 format!("{} {}: what was recorded then is left out", fault.channel, fault.detail)
             }
             FaultKind::Frozen => format!("{} stood still: nothing is accused on it ({})", fault.channel, fault.detail),
+            // What is left out costs no windows.
+            FaultKind::Gap
+                if mended.faults.iter().any(|f| f.kind == FaultKind::Convention && f.channel == fault.channel) =>
+            {
+                continue;
+            }
             FaultKind::Gap if fault.count > MANY => {
                 format!("{}: {}; windows there are left out", fault.channel, fault.detail)
             }
@@ -103,10 +109,50 @@ pub fn missing(study: &Study, run: &Run, library: &[Effect]) -> Vec<String> {
     if !lacking.is_empty() {
         told.push(format!("no channel or part of this robot could show {}", lacking.join(", ")));
     }
+    told.extend(judged(study, run));
+    told.extend(strangers(study, run));
     told.extend(resting(study));
     let weak = weak(study);
     if !weak.is_empty() {
         told.push(format!("too little excitation to tell {}", weak.join(", ")));
+    }
+    told
+}
+
+/// How much of the recording could be judged, where that is less than half.
+fn judged(study: &Study, run: &Run) -> Option<String> {
+    let cut = study.problem.cut;
+    let [first, last] = run.span();
+    let windows = study.seen.iter().filter(|s| s.window.run == 0);
+    let (count, [from, until]) = windows.fold((0, [f64::INFINITY, f64::NEG_INFINITY]), |(n, [from, until]), s| {
+        (n + 1, [from.min(s.window.start), until.max(s.window.start + cut.window)])
+    });
+    let whole = (((last - first) / cut.window) as usize).min(cut.most);
+    (2 * count < whole).then(|| {
+        format!(
+            "{count} of {whole} windows of {} s could be judged, from {from:.1} to {until:.1} s of {first:.1} to {last:.1} s: the others lack \
+             values of a channel or jump",
+            cut.window
+        )
+    })
+}
+
+/// Joints of the recording that the model lacks, and joints of the model that nothing commands: one name written in two ways makes both.
+fn strangers(study: &Study, run: &Run) -> Vec<String> {
+    let columns = &study.problem.columns;
+    let unknown =
+        run.joint_names.iter().enumerate().filter(|(k, _)| !columns.contains(k)).map(|(_, name)| name.as_str());
+    let unknown: Vec<&str> = unknown.collect();
+    let c = &run.commands;
+    let has_none =
+        |k: &&usize| [&c.position, &c.torque].into_iter().flatten().all(|s| !s.column(**k).any(f64::is_finite));
+    let silent: Vec<&str> = columns.iter().filter(has_none).map(|k| run.joint_names[*k].as_str()).collect();
+    let mut told = Vec::new();
+    if !unknown.is_empty() {
+        told.push(format!("joints of the recording that the model lacks are left out: {}", unknown.join(", ")));
+    }
+    if !silent.is_empty() {
+        told.push(format!("no commands were recorded of {}: they are taken for 0", silent.join(", ")));
     }
     told
 }
@@ -455,6 +501,7 @@ mod tests {
             floor: 0.8,
             closed,
             closed_ci95: [0.0, closed],
+            closed_in_fit: None,
             unit: "1".into(),
             heldout: true,
             joint_rms: [0.007, 0.018],

@@ -69,6 +69,16 @@ fn each_is_told_by_name() {
     let acceleration = run.measured.acceleration.as_mut().unwrap();
     acceleration.values.iter_mut().skip(2).step_by(3).for_each(|z| *z -= 9.81);
     assert_eq!(told(&mut run), []);
+    // Half of a channel is worth having, a quarter is not.
+    let stop = |share: f64| {
+        let mut run = good.clone();
+        let gyro = run.measured.gyro.as_mut().unwrap();
+        let first = (share * gyro.len() as f64) as usize;
+        gyro.values.iter_mut().skip(3 * first + 1).step_by(3).for_each(|y| *y = f64::NAN);
+        told(&mut run)
+    };
+    assert_eq!(stop(0.7), []);
+    assert_eq!(stop(0.25), [("gyro y".into(), "no values in 75 % of the recording".into())]);
     let mut run = good.clone();
     scale(&mut run.measured.gyro, 0..1, -1.0);
     reorder(&mut run.measured.orientation, 0);

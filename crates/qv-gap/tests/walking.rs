@@ -5,6 +5,7 @@ mod recorded;
 use qv_gap::columns::{Columns, Group};
 use qv_gap::constancy::fading;
 use qv_gap::decide::level;
+use qv_gap::forward::compare;
 use qv_gap::library::Effect;
 use qv_gap::problem::{Cut, Problem};
 use qv_gap::report::{Report, UNKNOWN, Verdict};
@@ -365,4 +366,39 @@ fn recordings_of_another_robot_are_refused_by_number() {
     other.joint_names[2] = "knee".into();
     let error = diagnose(&[run.clone(), run, other], &go2(), &Terrain::plane(), &quick(), 0).err().unwrap().to_string();
     assert!(error.contains("recording 3") && error.contains("knee"), "{error}");
+}
+
+#[test]
+fn kilometres_from_the_origin_a_cause_is_what_it_is_near_it() {
+    let mut run = recorded(synthetic::command_latency(0.012), 4);
+    let pose = run.measured.base_pose.as_mut().unwrap();
+    for row in pose.values.chunks_exact_mut(7) {
+        (row[0], row[1]) = (row[0] + 5000.0, row[1] + 3000.0);
+    }
+    let report = of(&run, &quick());
+    assert_eq!(report.verdict, Verdict::Explained, "{}", report.sentence);
+    assert_eq!(report.causes[0].effect, "command_latency");
+    assert!((report.causes[0].parameters[0].value - 0.012).abs() < 0.001, "{:?}", report.causes);
+    assert!(report.cannot_tell.iter().any(|line| line.starts_with("places are told from")), "{:?}", report.cannot_tell);
+}
+
+#[test]
+fn far_from_the_origin_the_same_steps_leave_the_same() {
+    let (run, model) = (recorded(synthetic::command_latency(0.012), 4), go2());
+    let mut far = run.clone();
+    let pose = far.measured.base_pose.as_mut().unwrap();
+    pose.values.chunks_exact_mut(pose.joints).for_each(|row| row[0] += 40.0);
+    // Near the origin in single precision, far from it in double.
+    let left = |run: &Run| {
+        let problem = Problem::new(run, &model, &Terrain::plane(), &[], quick().cut).unwrap();
+        let windows = problem.windows(run).unwrap();
+        compare(&problem, &problem.numerics, &windows.iter().collect::<Vec<_>>(), &[vec![]]).unwrap().values.remove(0)
+    };
+    let [near, far] = [&run, &far].map(left);
+    let squares = |of: &dyn Fn(f64, f64) -> f64| -> f64 {
+        near.iter().flatten().zip(far.iter().flatten()).map(|(a, b)| of(*a, *b).powi(2)).sum()
+    };
+    assert!(near.iter().zip(&far).all(|(a, b)| a.len() == b.len()));
+    let (left, apart) = (squares(&|a, _| a).sqrt(), squares(&|a, b| a - b).sqrt());
+    assert!(apart < 0.01 * left, "{apart} of {left}");
 }

@@ -23,7 +23,7 @@ pub struct BagFile<R> {
 const SECOND: i64 = 1_000_000_000;
 
 /// A clock that goes back, or an hour ahead, was set.
-const BACKWARD_JUMP: i64 = SECOND;
+const BACKWARD_JUMP: i64 = SECOND / 10;
 const FORWARD_JUMP: i64 = 3600 * SECOND;
 
 /// What was read of one topic.

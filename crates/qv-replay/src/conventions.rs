@@ -2,9 +2,9 @@
 //!
 //! Joint velocities against derived ones, torques against the law of the actuators, the gyroscope and quaternions against each other,
 //! accelerations against gravity. Only what fits another convention well is told; a sensor that is merely bad is not. What can be read
-//! in that convention is ([`read_in_ours`]), the rest is left out.
+//! in that convention is ([`read_in_ours`]), the rest is left out, and so are channels that lack too much.
 
-use crate::clean::median;
+use crate::clean::{median, median_interval};
 use crate::derive::{joint_filter, joint_velocity, shorter_turn};
 use crate::faults::FASTEST_BASE;
 use crate::run::{ActuatorKind, Fault, FaultKind, Run};
@@ -15,6 +15,8 @@ use std::borrow::Cow;
 
 /// Correlation from which on two channels say the same.
 const SAME: f64 = 0.8;
+/// Share of the time with joint positions that a channel may lack: with more it costs more of the recording than it tells.
+const MOST_LACKING: f64 = 0.5;
 /// Samples that are compared, at most.
 const MOST: usize = 4000;
 /// Least motion to compare (root of mean square): speed of joints \[rad/s\], torque \[N m\], turning of the base \[rad/s\].
@@ -94,6 +96,7 @@ fn convention(fit: Fit) -> Option<(String, Reading)> {
 
 /// All channels of another convention.
 fn foreign(run: &Run) -> Vec<Foreign> {
+    let lacking = lacking(run);
     let mut found = foreign_joints(run);
     found.extend(foreign_turning(run));
     let m = &run.measured;
@@ -104,6 +107,37 @@ fn foreign(run: &Run) -> Vec<Foreign> {
     for (channel, seen) in trunk {
         found.extend(seen.map(|(what, reading)| Foreign { channel: channel.into(), what, reading }));
     }
+    found.retain(|f| lacking.iter().all(|l| l.channel != f.channel));
+    lacking.into_iter().chain(found).collect()
+}
+
+/// Channels that lack most of their values and can be done without.
+fn lacking(run: &Run) -> Vec<Foreign> {
+    let m = &run.measured;
+    let seconds = |series: &JointSeries, values: &mut dyn Iterator<Item = f64>| {
+        values.filter(|x| x.is_finite()).count() as f64 * median_interval(&series.time)
+    };
+    let Some(position) = m.position.as_ref().filter(|p| p.len() > 20) else { return Vec::new() };
+    let whole = position.len() as f64 * median_interval(&position.time);
+    let axis = |k: usize| format!("gyro {}", ["x", "y", "z"][k.min(2)]);
+    let joint = |kind: &'static str| move |k: usize| format!("{kind} {}", run.joint_names[k]);
+    let of = |series: &Option<JointSeries>, name: &dyn Fn(usize) -> String| -> Vec<Foreign> {
+        let Some(series) = series.as_ref().filter(|s| !s.is_empty()) else { return Vec::new() };
+        let share = |k: usize| 1.0 - seconds(series, &mut series.column(k)) / whole;
+        let lacks = (0..series.joints).map(|k| (k, share(k))).filter(|(_, share)| *share > MOST_LACKING);
+        let told = |(k, share)| Foreign {
+            channel: name(k),
+            what: format!("no values in {:.0} % of the recording", 100.0 * share),
+            reading: Reading::Unknown,
+        };
+        lacks.map(told).collect()
+    };
+    let mut found = of(&m.velocity, &joint("velocity"));
+    found.extend(of(&m.torque, &joint("torque")));
+    found.extend(of(&m.gyro, &axis));
+    // One line for a quaternion or a vector.
+    found.extend(of(&m.orientation, &|_| "orientation".into()).into_iter().take(1));
+    found.extend(of(&m.acceleration, &|_| "acceleration".into()).into_iter().take(1));
     found
 }
 

@@ -322,17 +322,21 @@ fn read_rows(
     let mut samples = Samples { width: layout.width, ..Default::default() };
     let mut record = csv::ByteRecord::new();
     let mut bad = BadCells::default();
+    // The reader stands before the second half of a line's end where that has two: one line behind.
+    let behind = 2_u64.saturating_sub(reader.position().line());
     loop {
         match reader.read_byte_record(&mut record) {
             Ok(false) => break,
             Ok(true) => {}
             Err(error) => {
-                let what = format!("after line {}: {error}: the rest is missing", reader.position().line());
+                let what = format!("after line {}: {error}: the rest is missing", reader.position().line() + behind);
                 lost.push(Loss { file: "run.csv".into(), what, span: None });
                 break;
             }
         }
-        let line = record.position().map_or(0, |p| p.line());
+        // The record's own is that of a blank line before it, the reader's the next one's unless the last has no end.
+        let own = record.position().map_or(0, |p| p.line());
+        let line = own.max(reader.position().line().saturating_sub(1)) + behind;
         if record.len() == 1 && record[0].is_empty() {
             continue;
         }

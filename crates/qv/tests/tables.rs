@@ -62,11 +62,13 @@ fn blanks_are_gaps_and_bad_cells_are_named() {
 #[test]
 fn rows_and_columns_that_are_off_are_named() {
     let csv = rows(30, wave).replace("time,cmd_pos.shaft", "time,weather").replace("0.050,", "later,");
-    let (code, report, _) = inspect(&table("table_rows", &csv, TOML));
-    assert_eq!(code, 3);
-    assert!(lost(&report).contains("columns ignored: weather"), "{}", lost(&report));
-    assert!(lost(&report).contains("expected a time, found `later`"), "{}", lost(&report));
-    assert_eq!(fault(&report, "missing")["channel"], "commands");
+    for (name, end) in [("table_rows", "\n"), ("table_rows_of_windows", "\r\n")] {
+        let (code, report, _) = inspect(&table(name, &csv.replace('\n', end), TOML));
+        assert_eq!(code, 3);
+        assert!(lost(&report).contains("columns ignored: weather"), "{}", lost(&report));
+        assert!(lost(&report).contains("line 7: expected a time, found `later`"), "{}", lost(&report));
+        assert_eq!(fault(&report, "missing")["channel"], "commands");
+    }
 }
 
 #[test]

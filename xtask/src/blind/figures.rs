@@ -158,6 +158,7 @@ fn single_figures(single: &[&Scored]) -> Vec<Figure> {
     let interface: Vec<bool> = single.iter().filter_map(|s| s.interface).collect();
     let scope: Vec<bool> = named.iter().filter_map(|s| s.scope).collect();
     let outline: Vec<bool> = named.iter().filter_map(|s| s.outline).map(|error| error <= 0.15).collect();
+    let holds: Vec<bool> = named.iter().filter_map(|s| s.closure_holds).collect();
     let wrong = |s: &Scored| !s.named && !s.accused.is_empty();
     vec![
         share("top_1", "in-library effect named first", single, |s| s.named).goal(Goal::AtLeast(0.85)),
@@ -178,6 +179,8 @@ fn single_figures(single: &[&Scored]) -> Vec<Figure> {
             named.iter().filter_map(|s| s.closed).collect(),
         )
         .goal(Goal::AtLeast(0.8)),
+        share_of("closure_holds", "its 95 % interval holds the share closed in the windows of the fit", &holds)
+            .goal(Goal::AtLeast(0.8)),
     ]
 }
 

@@ -36,6 +36,20 @@ pub struct Gap {
     /// Share that is closed on segments that no fit has seen.
     #[serde(default)]
     pub closed: Option<f64>,
+    /// Its interval.
+    #[serde(default)]
+    pub closed_ci95: Option<[Option<f64>; 2]>,
+    /// Share that is closed in the windows of the fit.
+    #[serde(default)]
+    pub closed_in_fit: Option<f64>,
+}
+
+impl Gap {
+    /// Whether the interval holds the share that is closed in the other windows; nothing where either is missing.
+    pub fn interval_holds(&self) -> Option<bool> {
+        let [Some(low), Some(high)] = self.closed_ci95? else { return None };
+        Some((low..=high).contains(&self.closed_in_fit?))
+    }
 }
 
 /// Where the gap lies.

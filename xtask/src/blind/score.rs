@@ -46,6 +46,8 @@ pub struct Scored {
     pub outline: Option<f64>,
     /// Share of the held-out gap that is closed.
     pub closed: Option<f64>,
+    /// Whether its interval holds the share that is closed in the windows of the fit, the best word there is on the true one.
+    pub closure_holds: Option<bool>,
     /// How much the report leans to `unknown`.
     pub leans: f64,
     /// The same recording diagnosed without the right effect in the library, when there is such a report.
@@ -108,6 +110,7 @@ pub fn score(answers: &Answers, name: &str, answer: &Answer, folder: &Path) -> R
         inside: Vec::new(),
         outline: None,
         closed: report.gap.closed,
+        closure_holds: report.gap.interval_holds(),
         leans: report.leans_to_unknown(),
         left_out: left_out(answer, folder)?,
         runtime: report.runtime_s,

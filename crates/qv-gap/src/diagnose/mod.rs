@@ -1,12 +1,13 @@
 //! The whole diagnosis: from runs to a report.
 
 mod one_robot;
+mod origin;
 mod ranking;
 mod refine;
 mod verdict;
 
 use crate::GapError;
-use crate::closure::closure;
+use crate::closure::{closed_in_fit, closure};
 use crate::columns::{Columns, Extent, Group, Suspect};
 use crate::decide::{self, Level, Round};
 use crate::doubt::{self, Judged, Named};
@@ -19,9 +20,7 @@ use crate::report::{
 use crate::search::Fit;
 use crate::study::{Effort, Study};
 use crate::{leads, pictures, reference, rest, shares, telling};
-use qv_replay::Run;
-use qv_replay::conventions::read_in_ours;
-use qv_replay::still::without_still;
+use qv_replay::{Run, conventions::read_in_ours, still::without_still};
 use qv_sim::{Model, Terrain};
 
 /// Most causes that are accused.
@@ -121,10 +120,12 @@ pub fn diagnose(
     one_robot::check(first, runs.iter().chain(&options.reference))?;
     let mended: Vec<Run> = runs.iter().map(|run| read_in_ours(without_still(run))).collect();
     let mut cannot_tell = telling::faults(runs, &mended);
-    let (usable, fallen) = telling::upright(&mended);
-    cannot_tell.extend(fallen.iter().cloned());
+    let (mut usable, fallen) = telling::upright(&mended);
+    let moved = origin::brought_near(&mut usable, terrain, options);
+    cannot_tell.extend(fallen.iter().chain(moved.as_ref().map(|m| &m.1)).cloned());
     let mut session = Session {
         runs: usable,
+        reference: moved.as_ref().map_or(&options.reference, |m| &m.0),
         model,
         terrain,
         options,
@@ -184,6 +185,8 @@ impl Opening {
 
 struct Session<'a> {
     runs: Vec<Run>,
+    /// Recordings of the same robot without what is looked for.
+    reference: &'a [Run],
     model: &'a Model,
     terrain: &'a Terrain,
     options: &'a Options<'a>,
@@ -218,7 +221,7 @@ impl<'a> Session<'a> {
 
     /// Fits actuators and sensors to the reference recordings.
     fn calibrate(&mut self) -> Result<(), GapError> {
-        let Options { reference, given, cut, library, .. } = self.options;
+        let (reference, Options { given, cut, library, .. }) = (self.reference, self.options);
         let Some(first) = reference.first() else { return Ok(()) };
         self.begin("reference");
         let problem = Problem::new(first, self.model, self.terrain, given, *cut)?;
@@ -232,8 +235,8 @@ impl<'a> Session<'a> {
     fn study(&mut self, corrections: &[Correction], events: &[Event]) -> Result<Study<'a>, GapError> {
         self.begin("sensitivities and null");
         let (problem, columns) = self.robot(corrections, events)?;
-        let Options { reference, effort, .. } = self.options;
-        let mut study = Study::new(problem, columns, &self.runs, reference, effort)?;
+        let effort = &self.options.effort;
+        let mut study = Study::new(problem, columns, &self.runs, self.reference, effort)?;
         if !self.forgotten.is_empty() {
             study.forget(&closed_to(&study, &self.forgotten));
         }
@@ -528,14 +531,15 @@ impl Findings<'_> {
         session.begin("closure");
         let setting = setting(nominal, &self.corrections);
         let before = std::mem::replace(&mut nominal.problem.events, self.events.clone());
-        let after = closure(nominal, &setting)?;
+        let (after, closed) = (closure(nominal, &setting)?, closed_in_fit(nominal, &setting)?);
         session.end(nominal);
         for accused in &mut self.accused {
             let of = ranking.iter().find(|r| r.effect == accused.cause.effect);
             accused.cause.probability = of.map_or(0.0, |r| r.probability);
         }
         let seed = session.options.effort.seed;
-        let gap = after.gap(nominal, seed);
+        let mut gap = after.gap(nominal, seed);
+        gap.closed_in_fit = Some(closed);
         let leads = match (verdict, self.rounds.first()) {
             (Verdict::Unexplained, Some(first)) if telling::dead_positions(&session.runs).is_empty() => {
                 leads::leads(nominal, &first.fits, seed, estimates_of)?

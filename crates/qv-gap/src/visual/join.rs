@@ -27,6 +27,7 @@ pub fn join(report: &mut Report, sight: Sight) {
             floor: of.floor,
             closed: of.closed,
             closed_ci95: of.closed_ci95,
+            closed_in_fit: None,
             unit: of.unit.clone(),
             heldout: of.heldout,
             joint_rms: report.gap.joint_rms,

@@ -44,7 +44,8 @@ fn report(verdict: &str, causes: &[Accused], unknown: f64) -> Value {
     let mut ranking = vec![json!({"effect": "unknown", "probability": unknown})];
     ranking.extend(causes.iter().map(|(effect, ..)| json!({"effect": effect, "probability": 1.0 - unknown})));
     json!({
-        "format": "qv-diagnosis/1", "verdict": verdict, "gap": {"closed": 0.9}, "runtime_s": 12.0,
+        "format": "qv-diagnosis/1", "verdict": verdict, "runtime_s": 12.0,
+        "gap": {"closed": 0.9, "closed_ci95": [0.85, 0.93], "closed_in_fit": 0.88},
         "where": {
             "interfaces": [{"name": "contact", "share": 0.3}, {"name": "actuator", "share": 0.7}],
             "regions": [{"name": "patch", "x": [0.35, 0.8], "y": [-0.5, 0.5]}],
@@ -119,6 +120,7 @@ fn a_perfect_diagnosis_meets_the_goals() {
         ("pair_among_three", 1.0),
         ("pair_accused", 1.0),
         ("closed", 0.9),
+        ("closure_holds", 1.0),
         ("runtime_most", 12.0),
         ("failed", 0.0),
         ("inside_95", 1.0),
@@ -210,6 +212,7 @@ fn sizes_that_are_missing_or_far_count_in_full() {
     let far: Accused = ("ground_friction", &[("contact.friction", 0.7)], "nowhere");
     let mut off = report("explained", &[far], 0.1);
     off["where"]["regions"] = json!([]);
+    off["gap"]["closed_in_fit"] = json!(0.5);
     folder.put("slick", "report.json", &off);
     let figures = figures(&folder.0);
     // 1 for the missing strength, 0.5 for a friction of 0.7 instead of 0.2.
@@ -217,6 +220,7 @@ fn sizes_that_are_missing_or_far_count_in_full() {
     assert_eq!(value(&figures, "inside_95"), Some(0.0));
     assert_eq!(value(&figures, "scope"), Some(0.0), "all joints were accused for one");
     assert_eq!(value(&figures, "outline"), Some(0.0), "no region was given");
+    assert_eq!(value(&figures, "closure_holds"), Some(0.5), "of one recording the other windows closed less");
     let edges = [("friction", 0.2), ("x_min", 0.4), ("x_max", 0.85), ("y_min", 0.0), ("y_max", 1.0)];
     off["causes"] = report("explained", &[("ground_friction", &edges, "region")], 0.1)["causes"].clone();
     folder.put("slick", "report.json", &off);

@@ -69,10 +69,12 @@ fn closed(gap: &Gap, verdict: Verdict, has_causes: bool) -> String {
     } else {
         "no interval".into()
     };
+    let in_fit = gap.closed_in_fit.filter(|share| share.is_finite());
+    let in_fit = in_fit.map_or(String::new(), |share| format!("; {} in the windows of the fit", percent(share)));
     format!(
         "<div class=\"card\"><h3>Closed, of what is above the floor</h3>\
          <div class=\"bars\" style=\"grid-template-columns:auto 1fr\"><span class=\"big\">{}</span>{}</div>\
-         <p class=\"soft small\">{interval}</p>\
+         <p class=\"soft small\">{interval}{in_fit}</p>\
          <p>Joint positions: <b style=\"color:var(--before)\">{before}</b> → <b style=\"color:var(--after)\">{after} mrad</b> rms</p></div>",
         percent(gap.closed),
         track_with_interval(gap.closed, gap.closed_ci95, "after")
