@@ -228,18 +228,35 @@ fn join_clocks(topics: &mut [Topic]) -> Vec<(i64, i64, String)> {
     while jumps.len() < 16 {
         let found = topics.iter().filter_map(|t| first_jump(&t.logged).map(|i| (t.order[i], t, i)));
         let Some((place, topic, index)) = found.min_by_key(|(place, _, _)| *place) else { break };
-        let mut steps: Vec<f64> = topic.logged.windows(2).map(|w| (w[1] - w[0]) as f64).collect();
-        let period = median(&mut steps).max(0.0) as i64;
         let before = topic.logged[index - 1];
-        let jump = topic.logged[index].saturating_sub(before).saturating_sub(period);
+        let jump = topic.logged[index].saturating_sub(before).saturating_sub(period(&topic.logged));
         jumps.push((before, jump, topic.info.topic.clone()));
         for topic in topics.iter_mut() {
-            for (logged, _) in topic.logged.iter_mut().zip(&topic.order).filter(|(_, p)| **p >= place) {
-                *logged = logged.saturating_sub(jump);
-            }
+            let first = first_after(topic, place, jump);
+            topic.logged[first..].iter_mut().for_each(|logged| *logged = logged.saturating_sub(jump));
         }
     }
     jumps
+}
+
+/// Median time between messages \[ns\].
+fn period(logged: &[i64]) -> i64 {
+    let mut steps: Vec<f64> = logged.windows(2).map(|w| w[1].saturating_sub(w[0]) as f64).collect();
+    median(&mut steps).max(0.0) as i64
+}
+
+/// Index of a topic's first message after its clock jumped, which another topic showed at a place in the bag: recorders write some messages
+/// late that they logged before.
+fn first_after(topic: &Topic, place: u32, jump: i64) -> usize {
+    const LATE: usize = 16;
+    let logged = &topic.logged;
+    let there = topic.order.iter().position(|p| *p >= place).unwrap_or(logged.len());
+    let period = period(logged);
+    let has_jumped = |i: &usize| {
+        let step = logged[*i].saturating_sub(logged[i - 1]).saturating_sub(period);
+        step.saturating_sub(jump).saturating_abs() < step.saturating_abs()
+    };
+    (there.max(1)..logged.len().min(there + LATE)).find(has_jumped).unwrap_or(there)
 }
 
 /// Index of the first message after a jump that lasts: a lone late message is out of order, no jump.

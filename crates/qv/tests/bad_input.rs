@@ -16,7 +16,7 @@ fn a_good_bag_is_done_whatever_its_compression() {
         ("good_unchunked", mcap::WriteOptions::new().use_chunks(false)),
         ("good_unindexed", small_chunks(None).emit_message_indexes(false).emit_summary_records(false)),
     ] {
-        let (code, report, err) = inspect(&bag(name, &write(&messages, options, &[])));
+        let (code, report, err) = inspect(&bag(&format!("clock_{name}"), &write(&messages, options, &[])));
         assert_eq!(code, 0, "{name}: {err} {report:#}");
         assert_eq!(
             [count(&report, "/lowstate"), count(&report, "/lowcmd"), count(&report, "/Odometry")],
@@ -150,12 +150,18 @@ fn stamps_out_of_order_or_repeated() {
 
 #[test]
 fn a_clock_that_is_set_is_joined_again() {
-    for (name, jump) in [("clock_back", -3_600_000_000_000i64), ("clock_ahead", 7_200_000_000_000)] {
+    let jumps = [("back", -3_600_000_000_000i64), ("ahead", 7_200_000_000_000), ("a_little_back", -600_000_000)];
+    for (name, jump) in jumps {
         let mut messages = walk(2.0);
         let half = messages.len() / 2;
+        let half = half + messages[half..].iter().position(|m| m.topic == "/lowstate").unwrap();
         for message in &mut messages[half..] {
             message.time = message.time.wrapping_add_signed(jump);
         }
+        // One that was logged before is written after.
+        let late = messages[..half].iter().rposition(|m| m.topic == "/lowcmd").unwrap();
+        let late = messages.remove(late);
+        messages.insert(half, late);
         let (code, report, _) = inspect(&bag(name, &write(&messages, small_chunks(None), &[])));
         assert_eq!(code, 3);
         let found = fault(&report, "clock_jump");
