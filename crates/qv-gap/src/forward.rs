@@ -104,7 +104,7 @@ pub fn compare(
         windows.par_iter().map(|w| Commands::new(problem, w, numerics, past)).collect::<Result<_, _>>()?;
     let together = if cases.len() < FEW { FEW_TOGETHER } else { TOGETHER };
     let chunks: Vec<&[Case]> = cases.chunks(together).collect();
-    let simulate = if is_near(problem, windows) { simulate::<f32> } else { simulate::<f64> };
+    let simulate = if is_near(problem, prepared.iter().flatten()) { simulate::<f32> } else { simulate::<f64> };
     let done: Vec<Vec<Vec<f64>>> = chunks
         .par_iter()
         .map(|chunk| simulate(problem, numerics, windows, settings, (&prepared, &commands), chunk))
@@ -145,12 +145,17 @@ fn prepare(problem: &Problem, windows: &[&Window], settings: &[Setting]) -> (Vec
     (prepared, cases)
 }
 
-/// Whether single precision will do for windows of a robot with a free base: what noise does in them is a hundred times what rounding
-/// does. An arm is held for longer, and stands on its head, where rounding grows.
-pub(crate) fn is_near(problem: &Problem, windows: &[&Window]) -> bool {
+/// Whether single precision will do for windows of a robot with a free base that begin at `starts`: what noise does in them is a hundred
+/// times what rounding does. An arm is held for longer, and stands on its head, where rounding grows.
+fn is_near<'p>(problem: &Problem, mut starts: impl Iterator<Item = &'p Arc<Prepared>>) -> bool {
+    problem.free && starts.all(|p| DVec3::from_slice(&p.state.q).length() < NEAR)
+}
+
+/// The same for windows as they were recorded.
+pub(crate) fn are_near(problem: &Problem, windows: &[Window]) -> bool {
     let errors = problem.sensor_errors(&Setting::new());
-    let starts = windows.iter().filter_map(|w| w.start_kept.get(problem, w, &errors));
-    problem.free && starts.map(|p| DVec3::from_slice(&p.state.q).length()).fold(0.0, f64::max) < NEAR
+    let starts: Vec<_> = windows.iter().filter_map(|w| w.start_kept.get(problem, w, &errors)).collect();
+    is_near(problem, starts.iter())
 }
 
 /// Measured features of a window as they are, shape `[features]`; `None` where something is missing.

@@ -5,7 +5,7 @@
 //! has nothing but what any robot has.
 
 use crate::GapError;
-use crate::forward::{is_near, longest_latency};
+use crate::forward::{are_near, longest_latency};
 use crate::problem::{Numerics, Problem, Role, Setting, Window};
 use crate::random::Random;
 use glam::{DQuat, DVec3};
@@ -88,8 +88,7 @@ pub fn record(
     ghosts: &[Ghost],
 ) -> Result<Vec<Vec<Option<Window>>>, GapError> {
     const TOGETHER: usize = 16;
-    let is_near = is_near(problem, &windows.iter().collect::<Vec<_>>());
-    let record_chunk = if is_near { record_chunk::<f32> } else { record_chunk::<f64> };
+    let record_chunk = if are_near(problem, windows) { record_chunk::<f32> } else { record_chunk::<f64> };
     ghosts
         .iter()
         .map(|ghost| {

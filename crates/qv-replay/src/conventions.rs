@@ -114,16 +114,14 @@ fn foreign(run: &Run) -> Vec<Foreign> {
 /// Channels that lack most of their values and can be done without.
 fn lacking(run: &Run) -> Vec<Foreign> {
     let m = &run.measured;
-    let seconds = |series: &JointSeries, values: &mut dyn Iterator<Item = f64>| {
-        values.filter(|x| x.is_finite()).count() as f64 * median_interval(&series.time)
-    };
     let Some(position) = m.position.as_ref().filter(|p| p.len() > 20) else { return Vec::new() };
     let whole = position.len() as f64 * median_interval(&position.time);
     let axis = |k: usize| format!("gyro {}", ["x", "y", "z"][k.min(2)]);
     let joint = |kind: &'static str| move |k: usize| format!("{kind} {}", run.joint_names[k]);
     let of = |series: &Option<JointSeries>, name: &dyn Fn(usize) -> String| -> Vec<Foreign> {
         let Some(series) = series.as_ref().filter(|s| !s.is_empty()) else { return Vec::new() };
-        let share = |k: usize| 1.0 - seconds(series, &mut series.column(k)) / whole;
+        let period = median_interval(&series.time);
+        let share = |k: usize| 1.0 - series.column(k).filter(|x| x.is_finite()).count() as f64 * period / whole;
         let lacks = (0..series.joints).map(|k| (k, share(k))).filter(|(_, share)| *share > MOST_LACKING);
         let told = |(k, share)| Foreign {
             channel: name(k),

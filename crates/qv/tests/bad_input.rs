@@ -16,7 +16,7 @@ fn a_good_bag_is_done_whatever_its_compression() {
         ("good_unchunked", mcap::WriteOptions::new().use_chunks(false)),
         ("good_unindexed", small_chunks(None).emit_message_indexes(false).emit_summary_records(false)),
     ] {
-        let (code, report, err) = inspect(&bag(&format!("clock_{name}"), &write(&messages, options, &[])));
+        let (code, report, err) = inspect(&bag(name, &write(&messages, options, &[])));
         assert_eq!(code, 0, "{name}: {err} {report:#}");
         assert_eq!(
             [count(&report, "/lowstate"), count(&report, "/lowcmd"), count(&report, "/Odometry")],
@@ -150,7 +150,11 @@ fn stamps_out_of_order_or_repeated() {
 
 #[test]
 fn a_clock_that_is_set_is_joined_again() {
-    let jumps = [("back", -3_600_000_000_000i64), ("ahead", 7_200_000_000_000), ("a_little_back", -600_000_000)];
+    let jumps = [
+        ("clock_back", -3_600_000_000_000i64),
+        ("clock_ahead", 7_200_000_000_000),
+        ("clock_a_little_back", -600_000_000),
+    ];
     for (name, jump) in jumps {
         let mut messages = walk(2.0);
         let half = messages.len() / 2;

@@ -125,7 +125,7 @@ pub fn diagnose(
     cannot_tell.extend(fallen.iter().chain(moved.as_ref().map(|m| &m.1)).cloned());
     let mut session = Session {
         runs: usable,
-        reference: moved.as_ref().map_or(&options.reference, |m| &m.0),
+        reference: moved.as_ref().and_then(|m| m.0.as_ref()).unwrap_or(&options.reference),
         model,
         terrain,
         options,

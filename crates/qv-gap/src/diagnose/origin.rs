@@ -9,14 +9,17 @@ use qv_sim::Terrain;
 const FAR: f64 = 100.0;
 
 /// Moves recordings that begin far from the origin to it, where the ground is a plane, which looks the same everywhere; gives the references,
-/// moved as they are, and what is to be said. `None` where nothing is far.
-pub(super) fn brought_near(runs: &mut [Run], terrain: &Terrain, options: &Options) -> Option<(Vec<Run>, String)> {
+/// moved as they are (`None` where nothing is moved), and what is to be said. `None` where nothing is far.
+pub(super) fn brought_near(
+    runs: &mut [Run],
+    terrain: &Terrain,
+    options: &Options,
+) -> Option<(Option<Vec<Run>>, String)> {
     let pose = runs.first()?.measured.base_pose.as_ref()?;
     let [x, y] = [0, 1].map(|axis| pose.column(axis).find(|x| x.is_finite()).unwrap_or(0.0));
     if terrain.is_none() || x.hypot(y) < FAR {
         return None;
     }
-    let mut reference = options.reference.clone();
     let is_sloped = options.given.iter().any(|(name, _)| name.starts_with("terrain.slope"));
     if is_sloped || !terrain.is_plane() {
         let told = format!(
@@ -24,11 +27,12 @@ pub(super) fn brought_near(runs: &mut [Run], terrain: &Terrain, options: &Option
              height cannot be told, nor what looks like them",
             x.hypot(y)
         );
-        return Some((reference, told));
+        return Some((None, told));
     }
+    let mut reference = options.reference.clone();
     runs.iter_mut().chain(&mut reference).for_each(|run| shift(run, [x, y]));
     Some((
-        reference,
+        Some(reference),
         format!("places are told from where the recording begins, ({x:.3}, {y:.3}) m in its own coordinates"),
     ))
 }
