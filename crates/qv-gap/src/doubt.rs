@@ -51,6 +51,14 @@ pub const SURE_FALL: f64 = 4.0;
 /// Share of the excess of the level that they leave at most if they need not.
 pub const MOST_LEFT: f64 = 0.5;
 
+/// Mean square that is left in windows that no fit has seen, in units of the floor, from which on a cause must have closed half of what there
+/// was. Right ones that closed less left up to 6 (a restitution in another engine's bounces once 8), impostors 7 to 12.
+pub const LARGE_GAP: f64 = 7.0;
+pub const HALF: f64 = 0.5;
+
+/// How far from the vertical a weight may seem to pull (cosine of 30 degrees).
+const VERTICAL: f64 = 0.866;
+
 /// Time for which several pushes may last together \[s\].
 const LONGEST_PUSHES: f64 = 3.0;
 
@@ -120,7 +128,8 @@ pub fn law_left<'l>(now: &'l [LawLeft], opening: &[LawLeft]) -> Option<&'l LawLe
 pub fn doubt(nominal: &Study, study: &mut Study, judged: &Judged) -> Result<Option<String>, GapError> {
     let events: Vec<[f64; 2]> = judged.accused.iter().filter_map(Named::time).collect();
     let one = || twins(&study.columns.effects, &judged.accused);
-    if let Some(other) = one().or_else(|| pulled(&events)).or_else(|| fading(nominal, judged)) {
+    let other = one().or_else(|| pulled(&events)).or_else(|| fading(nominal, judged)).or_else(|| weight(study, judged));
+    if let Some(other) = other {
         return Ok(Some(other));
     }
     let [before, after] = judged.levels.map(|l| l.ratio);
@@ -157,6 +166,24 @@ fn pulled(events: &[[f64; 2]]) -> Option<String> {
             "{pieces} pieces of {together:.1} s together are no pushes: something pulls that changes with place or time"
         )
     })
+}
+
+/// A steady force that is all but vertical is what something weighs, where no mass is known that was asked, too.
+fn weight(study: &Study, judged: &Judged) -> Option<String> {
+    let effects = &study.columns.effects;
+    let is_mass = |e: &Effect| e.axes.iter().any(|a| a.moves.keys().any(|m| m.ends_with(".payload_mass")));
+    if (0..effects.len()).any(|e| is_mass(&effects[e]) && !study.forgotten.contains(&e)) {
+        return None;
+    }
+    let upwards = |a: &Named| {
+        let axes = &effects.iter().find(|e| e.name == a.effect)?.axes;
+        let up = axes.iter().position(|axis| axis.moves.contains_key("external.force_z"))?;
+        let length = a.values.iter().map(|v| v * v).sum::<f64>().sqrt();
+        (a.extent.is_none() && a.values[up].abs() > VERTICAL * length).then_some(a.values[up])
+    };
+    let newton = judged.accused.iter().find_map(upwards)?;
+    let (size, way) = (newton.abs(), if newton < 0.0 { "down" } else { "up" });
+    Some(format!("a force of {size:.0} N straight {way} at all times is a weight, of which the library has none"))
 }
 
 /// A push that grows or fades is none: a cable, which pulls the harder the farther the robot goes.

@@ -293,6 +293,12 @@ pub fn standing_depth(problem: &Problem, window: &Window) -> Result<f64, GapErro
 
 /// Mean height above the ground of the lowest feet, and how many those are.
 fn gap_below(problem: &Problem, setting: &Setting, q: &[f64]) -> (f64, usize) {
+    let near: Vec<f64> = lowest_feet(problem, setting, q).into_iter().map(|f| f.1).collect();
+    (if near.is_empty() { 0.0 } else { near.iter().sum::<f64>() / near.len() as f64 }, near.len())
+}
+
+/// Where the lowest feet are, within 5 mm, x and y, and their heights above the ground \[m\].
+fn lowest_feet(problem: &Problem, setting: &Setting, q: &[f64]) -> Vec<([f64; 2], f64)> {
     let length = |link: usize| problem.lengths[link].map_or(1.0, |id| problem.value(setting, id));
     let poses = problem.model.world_from_scaled_links(q, length);
     let slope = |axis: &str| {
@@ -300,19 +306,27 @@ fn gap_below(problem: &Problem, setting: &Setting, q: &[f64]) -> (f64, usize) {
         id.map_or(0.0, |id| problem.value(setting, id)).tan()
     };
     let (slope_x, slope_y) = (slope("x"), slope("y"));
-    let gap = |g: &usize| {
+    let foot = |g: &usize| {
         let geom = &problem.model.geoms[*g];
         let centre = poses[geom.link].transform_point(length(geom.link) * geom.link_from_geom.position);
         let Shape::Sphere(radius) = geom.shape else { return None };
         let name = format!("geom.{}.radius_offset", geom.name);
         let offset = problem.parameter(&name).map_or(0.0, |id| problem.value(setting, id));
         let ground = problem.terrain.height_below(centre.x, centre.y, centre.z + 1.0)?;
-        Some(centre.z - radius - offset - ground - slope_x * centre.x - slope_y * centre.y)
+        let gap = centre.z - radius - offset - ground - slope_x * centre.x - slope_y * centre.y;
+        Some(([centre.x, centre.y], gap))
     };
-    let gaps: Vec<f64> = problem.feet.geoms.iter().filter_map(gap).collect();
-    let lowest = gaps.iter().copied().fold(f64::INFINITY, f64::min);
-    let near: Vec<f64> = gaps.into_iter().filter(|g| *g < lowest + 0.005).collect();
-    (if near.is_empty() { 0.0 } else { near.iter().sum::<f64>() / near.len() as f64 }, near.len())
+    let mut feet: Vec<([f64; 2], f64)> = problem.feet.geoms.iter().filter_map(foot).collect();
+    let lowest = feet.iter().map(|f| f.1).fold(f64::INFINITY, f64::min);
+    feet.retain(|f| f.1 < lowest + 0.005);
+    feet
+}
+
+/// Where feet stand at the start of a window, x and y \[m\]; none where the start is not known.
+pub fn standing_feet(problem: &Problem, window: &Window) -> Vec<[f64; 2]> {
+    let nothing = Setting::new();
+    let start = problem.starts(&window.view, problem.sensor_errors(&nothing)).ok().and_then(|s| s.at(window.start));
+    start.map_or(Vec::new(), |s| lowest_feet(problem, &nothing, &s.q).into_iter().map(|f| f.0).collect())
 }
 
 /// What is kept of one simulation.

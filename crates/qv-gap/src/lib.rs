@@ -29,6 +29,7 @@ mod pictures;
 pub mod problem;
 mod random;
 mod reference;
+mod regions;
 pub mod report;
 mod rest;
 pub mod search;

@@ -5,6 +5,7 @@ use crate::GapError;
 use crate::columns::{Column, Extent, Suspect};
 use crate::evidence::Normal;
 use crate::problem::Setting;
+use crate::regions::{around, overlap, rectangles, whole_and_halves};
 use crate::search::{Base, Fit, RAN_AWAY, Search, direction, fitted};
 use crate::study::{EXTRA, Seen};
 use nalgebra::{DMatrix, DVector};
@@ -13,6 +14,10 @@ use nalgebra::{DMatrix, DVector};
 const FRICTIONS: [f64; 6] = [0.6, 0.45, 0.32, 0.22, 0.14, 0.08];
 /// Log evidence of a scan below which the simulator is not asked.
 const WORTH_A_LOOK: f64 = 12.0;
+/// Most that one window counts in a scan for regions: a foot that landed elsewhere outweighs all others otherwise.
+const MOST_GAIN: f64 = 40.0;
+/// Most regions of a scan that the simulator is asked for.
+const MOST_SCANNED: usize = 12;
 /// Most events that are looked for in one recording.
 const MOST_EVENTS: usize = 8;
 /// Rounds of the pattern search; an event touches few windows, and takes little for each.
@@ -34,7 +39,7 @@ impl Search<'_, '_> {
         for (evidence, suspect) in self.scan_regions(base, without)? {
             if evidence > WORTH_A_LOOK {
                 let found = self.refine(base, suspect)?;
-                let found = found.map(|fit| self.by_pieces(fit)).transpose()?;
+                let found = found.map(|fit| self.by_pieces(base, fit)).transpose()?;
                 fits.extend(found);
             }
         }
@@ -42,14 +47,18 @@ impl Search<'_, '_> {
         Ok(fits)
     }
 
-    /// The same fit with the friction and the outline that pieces of windows show, if whole windows show anything.
-    fn by_pieces(&self, fit: Fit) -> Result<Fit, GapError> {
-        let Some(Extent::Region(region)) = fit.suspect.extent.filter(|_| fit.evidence > 0.0) else { return Ok(fit) };
+    /// The same fit with the friction and the outline that pieces of windows show. Whole windows may show nothing at the start of
+    /// the search, where they do in the end.
+    fn by_pieces(&mut self, base: &Base, fit: Fit) -> Result<Fit, GapError> {
+        let Some(Extent::Region(region)) = fit.suspect.extent else { return Ok(fit) };
         let Some(slip) = self.slip(fit.suspect.group, region)?.filter(|s| s.gain > 0.0) else { return Ok(fit) };
         let [friction, deviation] = slip.friction;
         let suspect = Suspect { values: vec![friction], extent: Some(Extent::Region(slip.region)), ..fit.suspect };
-        let deviations = std::iter::once(deviation).chain(fit.deviations.iter().skip(1).copied()).collect();
-        Ok(Fit { suspect, deviations, held_out: Some(slip.held_out), ..fit })
+        let deviations: Vec<f64> = std::iter::once(deviation).chain(fit.deviations.iter().skip(1).copied()).collect();
+        let loss = self.loss_at(base, std::slice::from_ref(&suspect))?[0];
+        let told = Fit { held_out: Some(slip.held_out), ..self.weighed(base, suspect, loss, deviations)? };
+        let is_better = told.loss.is_finite() && told.evidence > fit.evidence;
+        Ok(if is_better { told } else { Fit { loss: fit.loss, evidence: fit.evidence, ..told } })
     }
 
     /// Deviations, in columns, that the windows with no more than the usual loss ask for; and the loss per number that
@@ -188,36 +197,45 @@ impl Search<'_, '_> {
         if !self.study.problem.free {
             return Ok(Vec::new());
         }
-        let everywhere = |mu: f64| {
-            let extent = Some(Extent::Region([-1e3, 1e3, -1e3, 1e3]));
+        let in_region = |mu: f64, region: [f64; 4]| {
+            let extent = Some(Extent::Region(region));
             Suspect { group, values: vec![mu], extent }
         };
-        let nominal = Suspect { extent: Some(Extent::Region([0.0; 4])), ..everywhere(FRICTIONS[0]) };
-        let all: Vec<Suspect> = std::iter::once(nominal).chain(FRICTIONS.map(everywhere)).collect();
-        let settings: Vec<Setting> = self.settings(base, &all);
         let windows = self.windows.clone();
+        let places: Vec<[f64; 2]> = windows.iter().map(|&w| place(&self.study.seen[w].window)).collect();
+        let grounds = whole_and_halves(&places);
+        let asked = grounds.iter().flat_map(|ground| FRICTIONS.map(|mu| (mu, *ground)));
+        let asked: Vec<(f64, [f64; 4])> = std::iter::once((FRICTIONS[0], [0.0; 4])).chain(asked).collect();
+        let all: Vec<Suspect> = asked.iter().map(|&(mu, region)| in_region(mu, region)).collect();
+        let settings: Vec<Setting> = self.settings(base, &all);
         let mut normals = self.study.evaluate(&settings, &windows)?;
         let before = normals.remove(0);
-        let places: Vec<[f64; 2]> = windows.iter().map(|&w| place(&self.study.seen[w].window)).collect();
-        let mut best: Option<(f64, Suspect)> = None;
-        for (mu, of_mu) in FRICTIONS.iter().zip(&normals) {
+        let mut found: Vec<(f64, Suspect)> = Vec::new();
+        for ((mu, ground), of_ground) in asked[1..].iter().zip(&normals) {
             // What each window gains or loses by this friction.
             let gains: Vec<f64> = (0..windows.len())
-                .map(|k| match (&before[k], &of_mu[k]) {
+                .map(|k| match (&before[k], &of_ground[k]) {
                     (Some(b), Some(n)) => {
                         let count = n.count as f64;
-                        0.5 * count * ((1.0 + b.e / count) / (1.0 + n.e / count)).ln()
+                        let gain = 0.5 * count * ((1.0 + b.e / count) / (1.0 + n.e / count)).ln();
+                        gain.clamp(-MOST_GAIN, MOST_GAIN)
                     }
                     _ => 0.0,
                 })
                 .collect();
-            for (gain, region) in rectangles(&places, &gains) {
-                if best.as_ref().is_none_or(|b| gain > b.0) {
-                    best = Some((gain, Suspect { group, values: vec![*mu], extent: Some(Extent::Region(region)) }));
-                }
-            }
+            let regions = rectangles(&places, &gains).into_iter();
+            found.extend(regions.map(|(gain, region)| (gain, in_region(*mu, overlap(region, *ground)))));
         }
-        Ok(best.into_iter().collect())
+        found.retain(|f| f.0 > WORTH_A_LOOK);
+        found.sort_by(|a, b| b.0.total_cmp(&a.0));
+        found.truncate(MOST_SCANNED);
+        // The place of a window is that of the trunk, from which feet stand away in all directions.
+        let moved = found.iter().flat_map(|(gain, s)| around(s).into_iter().map(|s| (*gain, s)));
+        let moved: Vec<(f64, Suspect)> = moved.filter(|(_, s)| s.extent.is_some_and(|e| e.is_open())).collect();
+        let suspects: Vec<Suspect> = moved.iter().map(|m| m.1.clone()).collect();
+        let losses = self.loss_at(base, &suspects)?;
+        let best = (0..losses.len()).min_by(|&a, &b| losses[a].total_cmp(&losses[b]));
+        Ok(best.map(|k| moved[k].clone()).into_iter().collect())
     }
 
     /// A pattern search over values and extent (Hooke and Jeeves, Journal of the ACM 8, 1961), all points of a round
@@ -281,15 +299,22 @@ impl Search<'_, '_> {
             }
         }
         let deviations = self.spreads(base, &as_suspect(&at), loss, &steps)?;
-        let ranges: Vec<f64> = (0..at.len()).map(|k| if k < axes { effect.span() } else { 10.0 }).collect();
-        let volume: f64 = deviations
-            .iter()
-            .zip(&ranges)
-            .map(|(d, range)| (d.max(1e-6 * range) * std::f64::consts::TAU.sqrt() / range).ln().min(0.0))
-            .sum();
-        let regional = matches!(extent, Extent::Region(_));
+        let fit = self.weighed(base, as_suspect(&at), loss, deviations)?;
+        Ok(fit.loss.is_finite().then_some(fit))
+    }
+
+    /// A suspect that is confined to an extent, where that loses `loss`, with the evidence that it gains over none, less what its freedom costs.
+    fn weighed(&mut self, base: &Base, suspect: Suspect, loss: f64, deviations: Vec<f64>) -> Result<Fit, GapError> {
+        let axes = suspect.values.len();
+        let columns = self.columns();
+        let span = columns.effects[columns.groups[suspect.group].effect].span();
+        let range = |k: usize| if k < axes { span } else { 10.0 };
+        let cost =
+            |(k, d): (usize, &f64)| (d.max(1e-6 * range(k)) * std::f64::consts::TAU.sqrt() / range(k)).ln().min(0.0);
+        let volume: f64 = deviations.iter().enumerate().map(cost).sum();
+        let regional = matches!(suspect.extent, Some(Extent::Region(_)));
         let before = if regional {
-            let nowhere = Suspect { group, values: at[..axes].to_vec(), extent: Some(Extent::Region([0.0; 4])) };
+            let nowhere = Suspect { extent: Some(Extent::Region([0.0; 4])), ..suspect.clone() };
             let settings = self.settings(base, &[nowhere]);
             let windows = self.windows.clone();
             let normals = self.study.evaluate(&settings, &windows)?.remove(0);
@@ -301,7 +326,7 @@ impl Search<'_, '_> {
         let evidence = 0.5 * (before - loss) / temper + volume;
         // Told on the scale of the other fits.
         let loss = base.loss - (before - loss);
-        Ok(loss.is_finite().then(|| Fit { suspect: as_suspect(&at), deviations, loss, evidence, held_out: None }))
+        Ok(Fit { suspect, deviations, loss, evidence, held_out: None })
     }
 
     /// The friction of a grid, with the same region, that leaves least.
@@ -448,71 +473,9 @@ pub fn place(window: &crate::problem::Window) -> [f64; 2] {
     [row[0], row[1]]
 }
 
-/// The stripes and the rectangle with the largest sum of gains: stripes along y and x, then the other edges of the best.
-fn rectangles(places: &[[f64; 2]], gains: &[f64]) -> Vec<(f64, [f64; 4])> {
-    const FAR: f64 = 4.0;
-    let whole = |axis: usize| {
-        let all = places.iter().map(|p| p[axis]).filter(|x| x.is_finite());
-        let (low, high) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
-        [low - FAR, high + FAR]
-    };
-    let (all_x, all_y) = (whole(0), whole(1));
-    if !all_x[0].is_finite() || !all_y[0].is_finite() {
-        return Vec::new();
-    }
-    let all: Vec<usize> = (0..places.len()).collect();
-    let mut found = Vec::new();
-    for first in [0, 1] {
-        let Some((gain, stripe)) = interval(places, gains, first, &all) else { continue };
-        let other_all = if first == 0 { all_y } else { all_x };
-        let region =
-            |a: [f64; 2], b: [f64; 2]| if first == 0 { [a[0], a[1], b[0], b[1]] } else { [b[0], b[1], a[0], a[1]] };
-        found.push((gain, region(stripe, other_all)));
-        let inside: Vec<usize> =
-            all.iter().copied().filter(|&k| (stripe[0]..=stripe[1]).contains(&places[k][first])).collect();
-        if let Some((gain, other)) = interval(places, gains, 1 - first, &inside) {
-            found.push((gain, region(stripe, other)));
-        }
-    }
-    found
-}
-
-/// The interval along an axis with the largest sum of gains (Bentley, Communications of the ACM 27, 1984), with edges
-/// midway to the neighbours.
-fn interval(places: &[[f64; 2]], gains: &[f64], axis: usize, of: &[usize]) -> Option<(f64, [f64; 2])> {
-    let mut order: Vec<usize> = of.iter().copied().filter(|&k| places[k][axis].is_finite()).collect();
-    order.sort_by(|&a, &b| places[a][axis].total_cmp(&places[b][axis]));
-    let (mut best, mut sum, mut from) = (None, 0.0, 0);
-    for (i, &k) in order.iter().enumerate() {
-        if sum <= 0.0 {
-            (sum, from) = (0.0, i);
-        }
-        sum += gains[k];
-        if best.is_none_or(|(b, _, _)| sum > b) {
-            best = Some((sum, from, i));
-        }
-    }
-    let (gain, from, to) = best?;
-    let at = |i: usize| places[order[i]][axis];
-    let low = if from == 0 { at(0) - 1.0 } else { 0.5 * (at(from - 1) + at(from)) };
-    let high = if to + 1 == order.len() { at(to) + 1.0 } else { 0.5 * (at(to) + at(to + 1)) };
-    Some((gain, [low, high]))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_stripe_of_gains_is_found() {
-        let places: Vec<[f64; 2]> = (0..40).map(|k| [0.05 * k as f64, 0.3 * (k as f64).sin()]).collect();
-        let gains: Vec<f64> = places.iter().map(|p| if (0.5..1.0).contains(&p[0]) { 3.0 } else { -1.0 }).collect();
-        let (gain, stripe) = interval(&places, &gains, 0, &(0..40).collect::<Vec<_>>()).unwrap();
-        assert!((gain - 30.0).abs() < 1e-12);
-        assert!((stripe[0] - 0.475).abs() < 1e-9 && (stripe[1] - 0.975).abs() < 1e-9, "{stripe:?}");
-        let best = rectangles(&places, &gains).into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
-        assert!(best.1[0] > 0.4 && best.1[1] < 1.05 && best.0 >= 30.0, "{best:?}");
-    }
 
     #[test]
     fn a_run_of_windows_with_one_force_is_found() {
@@ -526,10 +489,5 @@ mod tests {
         assert!((amounts[0] - 5.0).abs() < 0.1 && evidence > 100.0);
         let silent: Vec<_> = (0..20).map(|_| Some((DVector::zeros(1), DMatrix::from_element(1, 1, 4.0)))).collect();
         assert!(best_run(&silent, &[3.0]).unwrap().0 < 0.0, "nothing is no evidence");
-    }
-
-    #[test]
-    fn places_that_are_not_known_are_no_region() {
-        assert!(rectangles(&[[f64::NAN; 2]; 5], &[1.0; 5]).is_empty());
     }
 }

@@ -6,10 +6,11 @@
 
 use crate::GapError;
 use crate::columns::{Extent, Suspect};
-use crate::forward::compare;
+use crate::forward::{compare, standing_feet};
 use crate::local::place;
 use crate::problem::{Cut, Problem, Setting, Window};
 use crate::search::{Search, fitted, held_out};
+use crate::shares::never_left;
 use crate::study::Seen;
 
 /// Pieces of a window.
@@ -23,6 +24,8 @@ const RANGE: [f64; 2] = [0.05, 1.0];
 const REACH: f64 = 0.35;
 /// How far a stripe reaches beyond the start of a search \[m\].
 const FAR: f64 = 5.0;
+/// How far beyond the outermost foot that stood in a region its edges lie at most \[m\]: simulated feet slip a little farther.
+const BEYOND_FEET: f64 = 0.05;
 /// First and last step of a region's edges \[m\].
 const FIRST_STEP: f64 = 0.24;
 const LAST_STEP: f64 = 0.02;
@@ -71,19 +74,31 @@ impl<'a> Search<'_, 'a> {
             return Ok(None);
         }
         let sound = residuals(&problem, &outside, &[self.slippery(&problem, group, RANGE[1], [0.0; 4])])?.remove(0);
-        let pieces = Pieces { search: self, group, scales: scales(&sound), problem: &problem };
+        let feet = self.feet(&problem);
+        let pieces = Pieces { search: self, group, scales: scales(&sound), problem: &problem, feet };
         let frictions: Vec<f64> =
             (0..FRICTIONS).map(|k| RANGE[0] * (RANGE[1] / RANGE[0]).powf(k as f64 / (FRICTIONS - 1) as f64)).collect();
         let at = |region: [f64; 4]| frictions.iter().map(|mu| (*mu, region)).collect::<Vec<_>>();
         let Some((rough, _)) = least(&frictions, &pieces.losses(&inside, &at(start))?) else { return Ok(None) };
         let all: Vec<Window> = inside.into_iter().chain(outside).collect();
-        let (region, least_loss) = pieces.outline(&all, rough, start)?;
-        let losses = pieces.losses(&all, &at(region))?;
-        let Some((mu, deviation)) = least(&frictions, &losses) else { return Ok(None) };
+        let (mut region, mut least_loss, mut friction) = (start, f64::INFINITY, [rough, 0.0]);
+        // The friction of a region that is too large is too high: once more with that of the outline.
+        for _ in 0..2 {
+            (region, least_loss) = pieces.outline(&all, friction[0], region)?;
+            let Some((mu, deviation)) = least(&frictions, &pieces.losses(&all, &at(region))?) else { return Ok(None) };
+            friction = [mu, deviation];
+        }
+        let region = pieces.between_feet(&all, friction[0], region)?;
         let nowhere = pieces.losses(&all, &[(RANGE[1], [0.0; 4])])?[0];
         let usual = sound.iter().map(|r| loss(r, &pieces.scales)).sum::<f64>() / sound.len() as f64;
-        let held_out = pieces.fall(mu, region, usual)?;
-        Ok(Some(Slip { friction: [mu, deviation], region, gain: nowhere - least_loss, held_out }))
+        let held_out = pieces.fall(friction[0], region, usual)?;
+        Ok(Some(Slip { friction, region, gain: nowhere - least_loss, held_out }))
+    }
+
+    /// Where feet stood, in all windows \[m\].
+    fn feet(&self, problem: &Problem) -> Vec<[f64; 2]> {
+        const ALL: [f64; 4] = [f64::NEG_INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY];
+        self.pieces(problem, |_| true, ALL).0.iter().flat_map(|p| standing_feet(problem, p)).collect()
     }
 
     fn slippery(&self, problem: &Problem, group: usize, mu: f64, region: [f64; 4]) -> Setting {
@@ -125,6 +140,8 @@ struct Pieces<'p, 's, 'a> {
     problem: &'p Problem<'a>,
     group: usize,
     scales: Vec<f64>,
+    /// Where feet stood \[m\].
+    feet: Vec<[f64; 2]>,
 }
 
 impl Pieces<'_, '_, '_> {
@@ -141,10 +158,9 @@ impl Pieces<'_, '_, '_> {
         Ok(residuals.iter().map(|of_point| of_point.iter().map(|r| loss(r, &self.scales)).collect()).collect())
     }
 
-    /// Edges of the region by a pattern search, from the start and from stripes along either axis.
+    /// Edges of the region by a pattern search, from the start, from stripes along either axis, and from halves of those.
     fn outline(&self, all: &[Window], mu: f64, start: [f64; 4]) -> Result<([f64; 4], f64), GapError> {
-        let [x0, x1, y0, y1] = start;
-        let starts = [start, [x0, x1, y0 - FAR, y1 + FAR], [x0 - FAR, x1 + FAR, y0, y1]];
+        let starts = starts(&self.feet, start);
         let points: Vec<(f64, [f64; 4])> = starts.iter().map(|r| (mu, *r)).collect();
         let losses = self.losses(all, &points)?;
         let first = (0..starts.len()).min_by(|&a, &b| losses[a].total_cmp(&losses[b])).unwrap_or(0);
@@ -174,6 +190,14 @@ impl Pieces<'_, '_, '_> {
         Ok((at, loss))
     }
 
+    /// The region with its edges where feet tell them, if that is no worse.
+    fn between_feet(&self, all: &[Window], mu: f64, region: [f64; 4]) -> Result<[f64; 4], GapError> {
+        let settled = told_by_feet(&self.feet, region);
+        let losses = self.losses(all, &[(mu, region), (mu, settled)])?;
+        let is_all = never_left(self.search.study, region);
+        Ok(if losses[1] < losses[0] + RISE && !is_all { settled } else { region })
+    }
+
     /// The fall in windows that no fit has seen; `usual` is the loss of a piece elsewhere.
     fn fall(&self, mu: f64, region: [f64; 4], usual: f64) -> Result<Fall, GapError> {
         let (inside, _) = self.search.pieces(self.problem, |seen| held_out(seen) > 0.0, region);
@@ -188,6 +212,57 @@ impl Pieces<'_, '_, '_> {
         let closed = if excess > 0.0 { (falls.iter().sum::<f64>() / excess).clamp(0.0, 1.0) } else { 0.0 };
         Ok(Fall { mean, error: (variance / count).sqrt(), closed })
     }
+}
+
+/// Where the search for an outline begins. Steps from an edge that lies beyond all feet change nothing: edges begin at the feet.
+fn starts(feet: &[[f64; 2]], start: [f64; 4]) -> Vec<[f64; 4]> {
+    let [x0, x1, y0, y1] = start;
+    let wide = [start, [x0, x1, y0 - FAR, y1 + FAR], [x0 - FAR, x1 + FAR, y0, y1]].map(|r| up_to_feet(feet, r));
+    let [_, along_y, along_x] = wide;
+    let half = |r: [f64; 4], edge: usize| {
+        let axis = edge / 2;
+        let mut half = r;
+        half[edge] = 0.5 * (r[2 * axis] + r[2 * axis + 1]);
+        half
+    };
+    let halves = [half(along_y, 2), half(along_y, 3), half(along_x, 0), half(along_x, 1)];
+    wide.into_iter().chain(halves).collect()
+}
+
+fn inside(feet: &[[f64; 2]], region: [f64; 4]) -> Vec<[f64; 2]> {
+    let is_inside = |p: &&[f64; 2]| (region[0]..=region[1]).contains(&p[0]) && (region[2]..=region[3]).contains(&p[1]);
+    feet.iter().filter(is_inside).copied().collect()
+}
+
+/// The region without what lies beyond the feet that stood in it, about which nothing is known.
+fn up_to_feet(feet: &[[f64; 2]], region: [f64; 4]) -> [f64; 4] {
+    let inside = inside(feet, region);
+    if inside.is_empty() {
+        return region;
+    }
+    let least = |axis: usize| inside.iter().map(|p| p[axis]).fold(f64::INFINITY, f64::min) - BEYOND_FEET;
+    let most = |axis: usize| inside.iter().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max) + BEYOND_FEET;
+    [region[0].max(least(0)), region[1].min(most(0)), region[2].max(least(1)), region[3].min(most(1))]
+}
+
+/// The region with each edge midway between the outermost foot inside and the next one outside: anywhere between them it explains as much.
+/// Where no foot stood outside, it ends at the feet inside.
+fn told_by_feet(feet: &[[f64; 2]], region: [f64; 4]) -> [f64; 4] {
+    let within = up_to_feet(feet, region);
+    let inside = inside(feet, region);
+    let mut told = within;
+    for edge in 0..4 {
+        let axis = edge / 2;
+        let (sign, other) = (if edge % 2 == 0 { -1.0 } else { 1.0 }, 1 - axis);
+        let span = within[2 * other]..=within[2 * other + 1];
+        let farthest = inside.iter().map(|p| sign * p[axis]).fold(f64::NEG_INFINITY, f64::max);
+        let beyond = feet.iter().filter(|p| span.contains(&p[other]) && sign * p[axis] > sign * region[edge]);
+        let nearest = beyond.map(|p| sign * p[axis]).fold(f64::INFINITY, f64::min);
+        if nearest.is_finite() && farthest.is_finite() {
+            told[edge] = sign * 0.5 * (farthest + nearest);
+        }
+    }
+    told
 }
 
 /// Residuals of pieces under settings, shape `[settings][pieces][features]`; empty where a simulation ran away.
