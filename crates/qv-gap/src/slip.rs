@@ -190,12 +190,15 @@ impl Pieces<'_, '_, '_> {
         Ok((at, loss))
     }
 
-    /// The region with its edges where feet tell them, if that is no worse.
+    /// The region with its edges where feet tell them, if that is no worse. Ground that the robot never left goes on.
     fn between_feet(&self, all: &[Window], mu: f64, region: [f64; 4]) -> Result<[f64; 4], GapError> {
+        let [x0, x1, y0, y1] = region;
+        if never_left(self.search.study, region) {
+            return Ok([x0 - FAR, x1 + FAR, y0 - FAR, y1 + FAR]);
+        }
         let settled = told_by_feet(&self.feet, region);
         let losses = self.losses(all, &[(mu, region), (mu, settled)])?;
-        let is_all = never_left(self.search.study, region);
-        Ok(if losses[1] < losses[0] + RISE && !is_all { settled } else { region })
+        Ok(if losses[1] < losses[0] + RISE { settled } else { region })
     }
 
     /// The fall in windows that no fit has seen; `usual` is the loss of a piece elsewhere.
@@ -319,6 +322,20 @@ mod tests {
         let (mu, deviation) = least(&frictions, &losses).unwrap();
         assert!((mu - 0.2).abs() < 1e-6, "{mu}");
         assert!((0.01..0.05).contains(&deviation), "{deviation}");
+    }
+
+    #[test]
+    fn edges_lie_midway_between_feet_and_end_where_none_stood() {
+        // Two rows of feet, 0.1 m to either side of a way along x.
+        let feet: Vec<[f64; 2]> = (0..20).flat_map(|k| [[0.1 * k as f64, -0.1], [0.1 * k as f64, 0.1]]).collect();
+        let near = |a: [f64; 4], b: [f64; 4]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9);
+        let stripe = told_by_feet(&feet, [0.52, 0.93, -4.0, 4.0]);
+        assert!(near(stripe, [0.55, 0.95, -0.15, 0.15]), "{stripe:?}");
+        let half = told_by_feet(&feet, [0.52, 0.93, 0.07, 4.0]);
+        assert!(near(half, [0.55, 0.95, 0.0, 0.15]), "{half:?}");
+        let nobody = [5.0, 6.0, 0.0, 1.0];
+        assert_eq!(told_by_feet(&feet, nobody), nobody);
+        assert!(starts(&feet, [0.52, 0.93, -0.02, 4.0]).iter().any(|s| near(*s, [0.52, 0.93, 0.0, 0.15])));
     }
 
     #[test]
