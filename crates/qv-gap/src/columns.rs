@@ -266,6 +266,10 @@ impl Columns {
         for suspect in suspects {
             let group = &self.groups[suspect.group];
             if let Some(Extent::Region([x0, x1, y0, y1])) = suspect.extent {
+                // Nowhere: a patch that is given stays.
+                if [x0, x1, y0, y1] == [0.0; 4] {
+                    continue;
+                }
                 let of_patch =
                     [("x_min", x0), ("x_max", x1), ("y_min", y0), ("y_max", y1), ("friction", suspect.values[0])];
                 fixed.extend(of_patch.map(|(name, value)| (format!("terrain.patch.{name}"), value)));

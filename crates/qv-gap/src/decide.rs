@@ -7,6 +7,7 @@ use crate::columns::{Extent, Suspect};
 use crate::evidence::{Marginal, Normal, Sums};
 use crate::local::place;
 use crate::problem::Setting;
+use crate::regions::REACH;
 use crate::search::{Fit, Search, fitted, held_out};
 use crate::study::{Seen, Study};
 use nalgebra::DVector;
@@ -136,7 +137,6 @@ pub fn level_outside(study: &Study, regions: &[[f64; 4]]) -> Result<Level, GapEr
     let inside = |seen: &Seen| {
         let [x, y] = place(&seen.window);
         // Feet reach farther than the trunk.
-        const REACH: f64 = 0.35;
         regions.iter().any(|r| (r[0] - REACH..r[1] + REACH).contains(&x) && (r[2] - REACH..r[3] + REACH).contains(&y))
     };
     let outside = study.seen.iter().filter(|s| fitted(s) > 0.0 && !inside(s)).count();

@@ -4,6 +4,7 @@
 //! cannot imitate where no engine has a part: in the law of the actuators, and in what another effect of the same joints asks for.
 
 use crate::GapError;
+use crate::closure::{Closure, mean};
 use crate::columns::{Extent, Group, Suspect};
 use crate::constancy::{self, Dependence};
 use crate::decide::{Level, NO_GAP, Round, SURE_EVENT, is_trifle};
@@ -53,8 +54,8 @@ pub const MOST_LEFT: f64 = 0.5;
 
 /// Mean square that is left in windows that no fit has seen, in units of the floor, from which on a cause must have closed half of what there
 /// was. Right ones that closed less left up to 6 (a restitution in another engine's bounces once 8), impostors 7 to 12.
-pub const LARGE_GAP: f64 = 7.0;
-pub const HALF: f64 = 0.5;
+const LARGE_GAP: f64 = 7.0;
+const HALF: f64 = 0.5;
 
 /// How far from the vertical a weight may seem to pull (cosine of 30 degrees).
 const VERTICAL: f64 = 0.866;
@@ -155,6 +156,16 @@ pub fn doubt(nominal: &Study, study: &mut Study, judged: &Judged) -> Result<Opti
     Ok(another(study, judged, after)?.map(|(evidence, name)| {
         format!("{name} of the same joints is asked for beside it, with log evidence {evidence:.0}")
     }))
+}
+
+/// What is left in windows that no fit has seen, if causes that close less than half of the gap leave a large one. `by_law` is whether they
+/// take most of what the law of their actuators leaves.
+pub fn leaves_too_much(closure: &Closure, by_law: bool) -> Option<String> {
+    let (left, share) = (mean(&closure.after) / closure.floor, closure.closed());
+    (left > LARGE_GAP && share < HALF && !by_law).then(|| {
+        let closes = 100.0 * share;
+        format!("it closes {closes:.0} % of the gap in windows that no fit has seen, and leaves {left:.0} times the floor of noise")
+    })
 }
 
 /// Forces of their own in several long pieces are one that changes: a cable, or wind.
@@ -282,6 +293,22 @@ mod tests {
         assert_eq!(law_left(&impacts[..1], &impacts), None);
         assert_eq!(law_left(&impacts, &impacts), Some(&impacts[1]));
         assert_eq!(law_left(&[left(1, 2.4, 1.2)], &impacts), Some(&left(1, 2.4, 1.2)));
+    }
+
+    #[test]
+    fn a_large_gap_that_is_left_held_out_is_told() {
+        let closure = |before: f64, after: f64| Closure {
+            windows: vec![0, 1],
+            before: vec![before; 2],
+            after_raw: Vec::new(),
+            after: vec![after; 2],
+            floor: 0.8,
+        };
+        let told = leaves_too_much(&closure(9.0, 6.8), false).unwrap();
+        assert!(told.contains("27 %") && told.contains("8 times the floor"), "{told}");
+        assert_eq!(leaves_too_much(&closure(9.0, 6.8), true), None, "no contact has a part in the law of an actuator");
+        assert_eq!(leaves_too_much(&closure(2.0, 1.9), false), None, "a small gap");
+        assert_eq!(leaves_too_much(&closure(40.0, 6.8), false), None, "most of a large one is closed");
     }
 
     #[test]

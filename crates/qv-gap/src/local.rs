@@ -5,8 +5,10 @@ use crate::GapError;
 use crate::columns::{Column, Extent, Suspect};
 use crate::evidence::Normal;
 use crate::problem::Setting;
-use crate::regions::{around, overlap, rectangles, whole_and_halves};
+use crate::regions::{Outline, around, overlap, rectangles, up_to_feet, whole_and_halves};
 use crate::search::{Base, Fit, RAN_AWAY, Search, direction, fitted};
+use crate::shares::never_left;
+use crate::slip::feet;
 use crate::study::{EXTRA, Seen};
 use nalgebra::{DMatrix, DVector};
 
@@ -18,6 +20,8 @@ const WORTH_A_LOOK: f64 = 12.0;
 const MOST_GAIN: f64 = 40.0;
 /// Most regions of a scan that the simulator is asked for.
 const MOST_SCANNED: usize = 12;
+/// Share of the evidence of a region that it must keep with the outline that pieces of windows show.
+const AS_GOOD: f64 = 0.5;
 /// Most events that are looked for in one recording.
 const MOST_EVENTS: usize = 8;
 /// Rounds of the pattern search; an event touches few windows, and takes little for each.
@@ -51,14 +55,26 @@ impl Search<'_, '_> {
     /// the search, where they do in the end.
     fn by_pieces(&mut self, base: &Base, fit: Fit) -> Result<Fit, GapError> {
         let Some(Extent::Region(region)) = fit.suspect.extent else { return Ok(fit) };
-        let Some(slip) = self.slip(fit.suspect.group, region)?.filter(|s| s.gain > 0.0) else { return Ok(fit) };
+        let slip = self.slip(fit.suspect.group, region)?.filter(|s| s.gain > 0.0);
+        let Some(slip) = slip else { return Ok(self.ended_at_feet(fit, region)) };
         let [friction, deviation] = slip.friction;
-        let suspect = Suspect { values: vec![friction], extent: Some(Extent::Region(slip.region)), ..fit.suspect };
-        let deviations: Vec<f64> = std::iter::once(deviation).chain(fit.deviations.iter().skip(1).copied()).collect();
+        let Outline { region: outline, deviations: of_edges } = slip.outline;
+        let suspect = Suspect { values: vec![friction], extent: Some(Extent::Region(outline)), ..fit.suspect.clone() };
+        let deviations: Vec<f64> = std::iter::once(deviation).chain(of_edges).collect();
         let loss = self.loss_at(base, std::slice::from_ref(&suspect))?[0];
         let told = Fit { held_out: Some(slip.held_out), ..self.weighed(base, suspect, loss, deviations)? };
-        let is_better = told.loss.is_finite() && told.evidence > fit.evidence;
-        Ok(if is_better { told } else { Fit { loss: fit.loss, evidence: fit.evidence, ..told } })
+        // What whole windows deny is no better an outline.
+        let is_as_good = told.loss.is_finite() && told.evidence > AS_GOOD * fit.evidence;
+        Ok(if is_as_good { told } else { self.ended_at_feet(fit, region) })
+    }
+
+    /// The same fit without ground on which nobody stood.
+    fn ended_at_feet(&self, mut fit: Fit, region: [f64; 4]) -> Fit {
+        let feet = if fit.evidence > 0.0 { feet(self.study) } else { Vec::new() };
+        if !never_left(self.study, &feet, region) {
+            fit.suspect.extent = Some(Extent::Region(up_to_feet(&feet, region)));
+        }
+        fit
     }
 
     /// Deviations, in columns, that the windows with no more than the usual loss ask for; and the loss per number that
@@ -203,6 +219,10 @@ impl Search<'_, '_> {
         };
         let windows = self.windows.clone();
         let places: Vec<[f64; 2]> = windows.iter().map(|&w| place(&self.study.seen[w].window)).collect();
+        // Without poses nobody knows where a region is.
+        if places.iter().flatten().all(|x| !x.is_finite()) {
+            return Ok(Vec::new());
+        }
         let grounds = whole_and_halves(&places);
         let asked = grounds.iter().flat_map(|ground| FRICTIONS.map(|mu| (mu, *ground)));
         let asked: Vec<(f64, [f64; 4])> = std::iter::once((FRICTIONS[0], [0.0; 4])).chain(asked).collect();

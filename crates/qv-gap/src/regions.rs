@@ -1,4 +1,4 @@
-//! Rectangles of the ground to begin a search from, by what each window gains there.
+//! Rectangles of the ground: where a search for them begins, by what each window gains there, and what feet tell of their edges.
 
 use crate::columns::{Extent, Suspect};
 
@@ -12,7 +12,7 @@ pub fn whole_and_halves(places: &[[f64; 2]]) -> Vec<[f64; 4]> {
         all
     };
     let [x, y] = [along(0), along(1)];
-    if x.is_empty() {
+    if x.is_empty() || y.is_empty() {
         return vec![whole];
     }
     let length = |all: &[f64]| all[all.len() - 1] - all[0];
@@ -97,6 +97,78 @@ fn interval(places: &[[f64; 2]], gains: &[f64], axis: usize, of: &[usize]) -> Op
     Some((gain, [low, high]))
 }
 
+/// How far feet reach beyond the trunk's middle \[m\].
+pub const REACH: f64 = 0.35;
+/// How far beyond the outermost foot that stood in a region its edges lie at most \[m\]: simulated feet slip a little farther.
+const BEYOND_FEET: f64 = 0.05;
+/// Smallest standard deviation of an edge \[m\]: feet slide.
+const LEAST_DEVIATION: f64 = 0.02;
+/// Names of the edges.
+pub const EDGES: [&str; 4] = ["x_min", "x_max", "y_min", "y_max"];
+
+/// A region with the standard deviations of its edges.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outline {
+    /// x from and to, y from and to \[m\].
+    pub region: [f64; 4],
+    /// Of each edge \[m\], if the ground does not go on where no foot stood.
+    pub deviations: [f64; 4],
+}
+
+fn inside(feet: &[[f64; 2]], region: [f64; 4]) -> Vec<[f64; 2]> {
+    let is_inside = |p: &&[f64; 2]| (region[0]..=region[1]).contains(&p[0]) && (region[2]..=region[3]).contains(&p[1]);
+    feet.iter().filter(is_inside).copied().collect()
+}
+
+/// The region without what lies beyond the feet that stood in it, about which nothing is known.
+pub fn up_to_feet(feet: &[[f64; 2]], region: [f64; 4]) -> [f64; 4] {
+    let inside = inside(feet, region);
+    if inside.is_empty() {
+        return region;
+    }
+    let least = |axis: usize| inside.iter().map(|p| p[axis]).fold(f64::INFINITY, f64::min) - BEYOND_FEET;
+    let most = |axis: usize| inside.iter().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max) + BEYOND_FEET;
+    [region[0].max(least(0)), region[1].min(most(0)), region[2].max(least(1)), region[3].min(most(1))]
+}
+
+/// How far out the nearest foot beyond an edge stood, beside which it goes along; infinite where none did.
+fn beyond(feet: &[[f64; 2]], region: [f64; 4], edge: usize) -> f64 {
+    let (axis, other, sign) = (edge / 2, 1 - edge / 2, outwards(edge));
+    let span = region[2 * other]..=region[2 * other + 1];
+    let out = feet.iter().filter(|p| span.contains(&p[other])).map(|p| sign * p[axis]);
+    out.filter(|out| *out > sign * region[edge]).fold(f64::INFINITY, f64::min)
+}
+
+fn outwards(edge: usize) -> f64 {
+    if edge % 2 == 0 { -1.0 } else { 1.0 }
+}
+
+/// The region with each edge midway between the outermost foot inside and the next one outside: anywhere between them it explains as much.
+/// Where no foot stood outside, it ends at the feet inside.
+pub fn told_by_feet(feet: &[[f64; 2]], region: [f64; 4]) -> Outline {
+    let within = up_to_feet(feet, region);
+    let inside = inside(feet, region);
+    let mut told = Outline { region: within, deviations: [BEYOND_FEET; 4] };
+    for edge in 0..4 {
+        let (axis, sign) = (edge / 2, outwards(edge));
+        let mut strip = within;
+        strip[edge] = region[edge];
+        let farthest = inside.iter().map(|p| sign * p[axis]).fold(f64::NEG_INFINITY, f64::max);
+        let nearest = beyond(feet, strip, edge);
+        if nearest.is_finite() && farthest.is_finite() {
+            told.region[edge] = sign * 0.5 * (farthest + nearest);
+            // Of what lies evenly between the two.
+            told.deviations[edge] = (0.5 * (nearest - farthest) / f64::sqrt(3.0)).max(LEAST_DEVIATION);
+        }
+    }
+    told
+}
+
+/// Names of the edges beyond which no foot stood: the ground may go on there.
+pub fn untested(feet: &[[f64; 2]], region: [f64; 4]) -> Vec<&'static str> {
+    (0..4).filter(|&edge| beyond(feet, region, edge).is_infinite()).map(|edge| EDGES[edge]).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -119,11 +191,11 @@ mod tests {
 
     #[test]
     fn halves_meet_in_the_middle_of_the_way() {
-        let places: Vec<[f64; 2]> = (0..41).map(|k| [0.05 * k as f64, 0.4 + 0.01 * (k % 3) as f64]).collect();
+        let places: Vec<[f64; 2]> = (0..41).map(|k| [0.05 * k as f64, 0.25 * (k % 3) as f64]).collect();
         let [whole, right, left] = whole_and_halves(&places)[..] else { panic!("three") };
         assert!(whole[2] < -100.0 && whole[3] > 100.0);
-        assert_eq!((right[2], left[3]), (0.41, 0.41), "the way goes along x");
-        assert_eq!(overlap(right, [0.0, 1.0, -1.0, 2.0]), [0.0, 1.0, 0.41, 2.0]);
+        assert_eq!((right[2], left[3]), (0.25, 0.25), "the way goes along x");
+        assert_eq!(overlap(right, [0.0, 1.0, -1.0, 2.0]), [0.0, 1.0, 0.25, 2.0]);
         assert_eq!(whole_and_halves(&[[f64::NAN; 2]; 3]).len(), 1);
     }
 
@@ -131,8 +203,28 @@ mod tests {
     fn a_region_is_moved_to_all_sides() {
         let suspect = Suspect { group: 0, values: vec![0.2], extent: Some(Extent::Region([0.0, 1.0, -1.0, 1.0])) };
         let all = around(&suspect);
-        assert_eq!(all.len(), 6);
-        assert!(all.contains(&Suspect { extent: Some(Extent::Region([-0.2, 1.2, -1.2, 1.2])), ..suspect.clone() }));
+        let regions: Vec<Option<Extent>> = all.iter().map(|s| s.extent).collect();
+        let moved = [[0.0, 1.0, -1.0, 1.0], [-0.2, 1.2, -1.2, 1.2], [0.2, 1.2, -1.0, 1.0], [-0.2, 0.8, -1.0, 1.0]];
+        let moved = [&moved[..], &[[0.0, 1.0, -0.8, 1.2], [0.0, 1.0, -1.2, 0.8]]].concat();
+        assert_eq!(regions, moved.into_iter().map(|r| Some(Extent::Region(r))).collect::<Vec<_>>());
+        assert!(all.iter().all(|s| s.values == [0.2]));
         assert!(around(&Suspect { extent: None, ..suspect }).is_empty());
+    }
+
+    #[test]
+    fn edges_lie_midway_between_feet_and_end_where_none_stood() {
+        // Two rows of feet, 0.1 m to either side of a way along x.
+        let feet: Vec<[f64; 2]> = (0..20).flat_map(|k| [[0.1 * k as f64, -0.1], [0.1 * k as f64, 0.1]]).collect();
+        let near = |a: [f64; 4], b: [f64; 4]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9);
+        let stripe = told_by_feet(&feet, [0.52, 0.93, -4.0, 4.0]);
+        assert!(near(stripe.region, [0.55, 0.95, -0.15, 0.15]), "{stripe:?}");
+        assert_eq!(untested(&feet, stripe.region), ["y_min", "y_max"]);
+        let half = told_by_feet(&feet, [0.52, 0.93, 0.07, 4.0]);
+        assert!(near(half.region, [0.55, 0.95, 0.0, 0.15]), "{half:?}");
+        assert!(near(half.deviations, [0.05 / 3f64.sqrt(), 0.05 / 3f64.sqrt(), 0.1 / 3f64.sqrt(), 0.05]), "{half:?}");
+        assert_eq!(untested(&feet, half.region), ["y_max"]);
+        let nobody = [5.0, 6.0, 0.0, 1.0];
+        assert_eq!(told_by_feet(&feet, nobody).region, nobody);
+        assert_eq!(told_by_feet(&[], nobody).region, nobody);
     }
 }

@@ -133,7 +133,8 @@ pub struct Cause {
     pub scope: Vec<String>,
     /// Its size.
     pub parameters: Vec<ParameterEstimate>,
-    /// Share of the gap that it closes alone, in windows that no fit has seen.
+    /// Share of the gap that it closes alone, in windows that no fit has seen; of a part of the floor where feet slip, share of what pieces of
+    /// 0.1 s have more there than elsewhere.
     pub closed_alone: f64,
     /// Effects that would look alike in this recording.
     pub confusable_with: Vec<String>,

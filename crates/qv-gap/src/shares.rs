@@ -1,14 +1,16 @@
 //! Where the gap lies: its shares by joint, leg, phase, time and place, and by interface.
 
 use crate::GapError;
-use crate::columns::Extent;
+use crate::columns::{Extent, Suspect};
 use crate::decide::{by_effect, of_ghosts};
 use crate::law;
 use crate::library::Interface;
 use crate::local::place;
 use crate::observe::{self, Channel};
+use crate::regions::REACH;
 use crate::report::{JointShare, RegionShare, Share, TimeShare, Where};
 use crate::search::{Search, fitted};
+use crate::slip::feet;
 use crate::study::{Seen, Study};
 use qv_sim::Shape;
 
@@ -16,6 +18,8 @@ use qv_sim::Shape;
 const ON_THE_GROUND: f64 = 0.006;
 /// Edge of a cell of the floor \[m\].
 const CELL: f64 = 0.5;
+/// Share of the places where feet stood that may lie outside of ground that the robot never left: it stands still at its ends.
+const MOST_OUTSIDE: f64 = 0.25;
 /// Share of the gap from which a cell is told.
 const WORTH_TELLING: f64 = 0.08;
 
@@ -151,9 +155,17 @@ pub fn interfaces(study: &mut Study) -> Result<Vec<(Interface, f64)>, GapError> 
     Ok(gains.map(|(i, g)| (i, if total > 0.0 { g / total } else { 0.25 })).to_vec())
 }
 
-/// Whether the robot was in a region in all windows.
-pub fn never_left(study: &Study, [x0, x1, y0, y1]: [f64; 4]) -> bool {
-    study.seen.iter().map(|s| place(&s.window)).all(|[x, y]| (x0..=x1).contains(&x) && (y0..=y1).contains(&y))
+/// Whether the robot was in a region in all windows, and its feet all but always.
+pub fn never_left(study: &Study, feet: &[[f64; 2]], [x0, x1, y0, y1]: [f64; 4]) -> bool {
+    let inside = |[x, y]: [f64; 2]| (x0..=x1).contains(&x) && (y0..=y1).contains(&y);
+    let outside = feet.iter().filter(|p| !inside(**p)).count() as f64;
+    outside <= MOST_OUTSIDE * feet.len() as f64 && study.seen.iter().all(|s| inside(place(&s.window)))
+}
+
+/// A suspect without its region if the robot never left that: it is all the ground there is.
+pub fn as_told(study: &Study, suspect: &Suspect) -> Suspect {
+    let is_all = matches!(suspect.extent, Some(Extent::Region(r)) if never_left(study, &feet(study), r));
+    Suspect { extent: suspect.extent.filter(|_| !is_all), ..suspect.clone() }
 }
 
 /// Regions that were found, and cells of the floor with more than their share.
@@ -161,14 +173,21 @@ pub fn regions(study: &Study, found: impl Iterator<Item = Extent>) -> Vec<Region
     let level = |seen: &Seen| (seen.residual.norm_squared() / seen.residual.len() as f64 - study.floor).max(0.0);
     let points: Vec<([f64; 2], f64)> = study.seen.iter().map(|s| (place(&s.window), level(s))).collect();
     let total: f64 = points.iter().map(|p| p.1).sum::<f64>().max(1e-300);
-    let share = |x: [f64; 2], y: [f64; 2]| {
-        let inside = |p: &[f64; 2]| (x[0]..x[1]).contains(&p[0]) && (y[0]..y[1]).contains(&p[1]);
+    // Feet stand away from the trunk, whose places these are.
+    let share = |x: [f64; 2], y: [f64; 2], reach: f64| {
+        let is_in = |at: f64, [low, high]: [f64; 2]| (low - reach..high + reach).contains(&at);
+        let inside = |p: &[f64; 2]| is_in(p[0], x) && is_in(p[1], y);
         points.iter().filter(|(p, _)| inside(p)).map(|p| p.1).sum::<f64>() / total
     };
     let mut all: Vec<RegionShare> = Vec::new();
     for extent in found {
         if let Extent::Region([x0, x1, y0, y1]) = extent {
-            all.push(RegionShare { name: "found".into(), x: [x0, x1], y: [y0, y1], share: share([x0, x1], [y0, y1]) });
+            all.push(RegionShare {
+                name: "found".into(),
+                x: [x0, x1],
+                y: [y0, y1],
+                share: share([x0, x1], [y0, y1], REACH),
+            });
         }
     }
     let mut cells: Vec<[i64; 2]> =
@@ -177,7 +196,7 @@ pub fn regions(study: &Study, found: impl Iterator<Item = Extent>) -> Vec<Region
     cells.dedup();
     for [i, j] in cells {
         let edge = |k: i64| [k as f64 * CELL, (k + 1) as f64 * CELL];
-        let of_cell = share(edge(i), edge(j));
+        let of_cell = share(edge(i), edge(j), 0.0);
         if of_cell > WORTH_TELLING {
             all.push(RegionShare { name: format!("cell {i}, {j}"), x: edge(i), y: edge(j), share: of_cell });
         }

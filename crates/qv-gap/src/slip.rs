@@ -9,9 +9,11 @@ use crate::columns::{Extent, Suspect};
 use crate::forward::{compare, standing_feet};
 use crate::local::place;
 use crate::problem::{Cut, Problem, Setting, Window};
+use crate::regions::{Outline, REACH, told_by_feet, up_to_feet};
 use crate::search::{Search, fitted, held_out};
 use crate::shares::never_left;
-use crate::study::Seen;
+use crate::study::{Seen, Study};
+use rayon::prelude::*;
 
 /// Pieces of a window.
 const PIECES: usize = 3;
@@ -20,12 +22,8 @@ const BINS: f64 = 4.0;
 /// Frictions asked for, evenly spread in the logarithm.
 const FRICTIONS: usize = 26;
 const RANGE: [f64; 2] = [0.05, 1.0];
-/// How far feet reach beyond the trunk's middle \[m\].
-const REACH: f64 = 0.35;
 /// How far a stripe reaches beyond the start of a search \[m\].
 const FAR: f64 = 5.0;
-/// How far beyond the outermost foot that stood in a region its edges lie at most \[m\]: simulated feet slip a little farther.
-const BEYOND_FEET: f64 = 0.05;
 /// First and last step of a region's edges \[m\].
 const FIRST_STEP: f64 = 0.24;
 const LAST_STEP: f64 = 0.02;
@@ -53,8 +51,8 @@ pub struct Fall {
 pub struct Slip {
     /// Friction and its standard deviation.
     pub friction: [f64; 2],
-    /// x from and to, y from and to \[m\].
-    pub region: [f64; 4],
+    /// Where it is.
+    pub outline: Outline,
     /// Fall of the log likelihood's negative in windows of the fit.
     pub gain: f64,
     /// The same in windows that no fit has seen.
@@ -68,50 +66,36 @@ impl<'a> Search<'_, 'a> {
     /// # Errors
     /// When a value means nothing.
     pub fn slip(&self, group: usize, start: [f64; 4]) -> Result<Option<Slip>, GapError> {
-        let problem = self.short();
+        let problem = short(&self.study.problem);
         let (inside, outside) = self.pieces(&problem, |seen| fitted(seen) > 0.0, start);
         if inside.len() < FEWEST || outside.len() < FEWEST {
             return Ok(None);
         }
         let sound = residuals(&problem, &outside, &[self.slippery(&problem, group, RANGE[1], [0.0; 4])])?.remove(0);
-        let feet = self.feet(&problem);
+        let feet = feet(self.study);
         let pieces = Pieces { search: self, group, scales: scales(&sound), problem: &problem, feet };
         let frictions: Vec<f64> =
             (0..FRICTIONS).map(|k| RANGE[0] * (RANGE[1] / RANGE[0]).powf(k as f64 / (FRICTIONS - 1) as f64)).collect();
         let at = |region: [f64; 4]| frictions.iter().map(|mu| (*mu, region)).collect::<Vec<_>>();
         let Some((rough, _)) = least(&frictions, &pieces.losses(&inside, &at(start))?) else { return Ok(None) };
         let all: Vec<Window> = inside.into_iter().chain(outside).collect();
-        let (mut region, mut least_loss, mut friction) = (start, f64::INFINITY, [rough, 0.0]);
+        let (mut region, mut friction) = (start, [rough, 0.0]);
         // The friction of a region that is too large is too high: once more with that of the outline.
         for _ in 0..2 {
-            (region, least_loss) = pieces.outline(&all, friction[0], region)?;
+            region = pieces.outline(&all, friction[0], region)?;
             let Some((mu, deviation)) = least(&frictions, &pieces.losses(&all, &at(region))?) else { return Ok(None) };
             friction = [mu, deviation];
         }
-        let region = pieces.between_feet(&all, friction[0], region)?;
-        let nowhere = pieces.losses(&all, &[(RANGE[1], [0.0; 4])])?[0];
+        let outline = pieces.between_feet(&all, friction[0], region)?;
+        let ends = pieces.losses(&all, &[(RANGE[1], [0.0; 4]), (friction[0], outline.region)])?;
         let usual = sound.iter().map(|r| loss(r, &pieces.scales)).sum::<f64>() / sound.len() as f64;
-        let held_out = pieces.fall(friction[0], region, usual)?;
-        Ok(Some(Slip { friction, region, gain: nowhere - least_loss, held_out }))
-    }
-
-    /// Where feet stood, in all windows \[m\].
-    fn feet(&self, problem: &Problem) -> Vec<[f64; 2]> {
-        const ALL: [f64; 4] = [f64::NEG_INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY];
-        self.pieces(problem, |_| true, ALL).0.iter().flat_map(|p| standing_feet(problem, p)).collect()
+        let held_out = pieces.fall(friction[0], outline.region, usual)?;
+        Ok(Some(Slip { friction, outline, gain: ends[0] - ends[1], held_out }))
     }
 
     fn slippery(&self, problem: &Problem, group: usize, mu: f64, region: [f64; 4]) -> Setting {
         let suspect = Suspect { group, values: vec![mu], extent: Some(Extent::Region(region)) };
         self.columns().setting_beside(problem, &self.deviant, &[suspect])
-    }
-
-    /// The problem with windows cut into pieces.
-    fn short(&self) -> Problem<'a> {
-        let mut problem = self.study.problem.clone();
-        let window = problem.cut.window / PIECES as f64;
-        problem.cut = Cut { window, bin: window / BINS, ..problem.cut };
-        problem
     }
 
     /// Pieces of some windows: those in which feet may stand in a region, and the others.
@@ -126,12 +110,33 @@ impl<'a> Search<'_, 'a> {
             let [x, y] = place(&seen.window);
             let reach = |low: f64, high: f64| low - REACH..high + REACH;
             let is_in = reach(region[0], region[1]).contains(&x) && reach(region[2], region[3]).contains(&y);
-            let starts = (0..PIECES).map(|k| seen.window.start + k as f64 * problem.cut.window);
-            let pieces = starts.filter_map(|start| problem.window(&seen.window.view, start, false));
+            let pieces = cut(problem, seen);
             if is_in { inside.extend(pieces) } else { outside.extend(pieces) }
         }
         (inside, outside)
     }
+}
+
+/// The problem with windows cut into pieces.
+fn short<'a>(problem: &Problem<'a>) -> Problem<'a> {
+    let mut problem = problem.clone();
+    let window = problem.cut.window / PIECES as f64;
+    problem.cut = Cut { window, bin: window / BINS, ..problem.cut };
+    problem
+}
+
+/// Pieces of a window, for a problem that is cut into them.
+fn cut(problem: &Problem, seen: &Seen) -> Vec<Window> {
+    let starts = (0..PIECES).map(|k| seen.window.start + k as f64 * problem.cut.window);
+    starts.filter_map(|start| problem.window(&seen.window.view, start, false)).collect()
+}
+
+/// Where feet stood at the starts of all pieces, x and y \[m\].
+pub fn feet(study: &Study) -> Vec<[f64; 2]> {
+    let problem = short(&study.problem);
+    let of_window = |seen: &Seen| cut(&problem, seen).iter().flat_map(|p| standing_feet(&problem, p)).collect();
+    // In order: the same on any number of threads.
+    study.seen.par_iter().map(of_window).collect::<Vec<Vec<[f64; 2]>>>().concat()
 }
 
 /// What losses of pieces take.
@@ -159,7 +164,7 @@ impl Pieces<'_, '_, '_> {
     }
 
     /// Edges of the region by a pattern search, from the start, from stripes along either axis, and from halves of those.
-    fn outline(&self, all: &[Window], mu: f64, start: [f64; 4]) -> Result<([f64; 4], f64), GapError> {
+    fn outline(&self, all: &[Window], mu: f64, start: [f64; 4]) -> Result<[f64; 4], GapError> {
         let starts = starts(&self.feet, start);
         let points: Vec<(f64, [f64; 4])> = starts.iter().map(|r| (mu, *r)).collect();
         let losses = self.losses(all, &points)?;
@@ -187,18 +192,18 @@ impl Pieces<'_, '_, '_> {
                 step *= 0.5;
             }
         }
-        Ok((at, loss))
+        Ok(at)
     }
 
-    /// The region with its edges where feet tell them, if that is no worse. Ground that the robot never left goes on.
-    fn between_feet(&self, all: &[Window], mu: f64, region: [f64; 4]) -> Result<[f64; 4], GapError> {
-        let [x0, x1, y0, y1] = region;
-        if never_left(self.search.study, region) {
-            return Ok([x0 - FAR, x1 + FAR, y0 - FAR, y1 + FAR]);
+    /// The region with its edges where feet tell them, if that is no worse. Ground that the robot never left has none.
+    fn between_feet(&self, all: &[Window], mu: f64, region: [f64; 4]) -> Result<Outline, GapError> {
+        let found = Outline { region, deviations: [LAST_STEP; 4] };
+        if never_left(self.search.study, &self.feet, region) {
+            return Ok(found);
         }
         let settled = told_by_feet(&self.feet, region);
-        let losses = self.losses(all, &[(mu, region), (mu, settled)])?;
-        Ok(if losses[1] < losses[0] + RISE { settled } else { region })
+        let losses = self.losses(all, &[(mu, region), (mu, settled.region)])?;
+        Ok(if losses[1] < losses[0] + RISE { settled } else { found })
     }
 
     /// The fall in windows that no fit has seen; `usual` is the loss of a piece elsewhere.
@@ -230,42 +235,6 @@ fn starts(feet: &[[f64; 2]], start: [f64; 4]) -> Vec<[f64; 4]> {
     };
     let halves = [half(along_y, 2), half(along_y, 3), half(along_x, 0), half(along_x, 1)];
     wide.into_iter().chain(halves).collect()
-}
-
-fn inside(feet: &[[f64; 2]], region: [f64; 4]) -> Vec<[f64; 2]> {
-    let is_inside = |p: &&[f64; 2]| (region[0]..=region[1]).contains(&p[0]) && (region[2]..=region[3]).contains(&p[1]);
-    feet.iter().filter(is_inside).copied().collect()
-}
-
-/// The region without what lies beyond the feet that stood in it, about which nothing is known.
-fn up_to_feet(feet: &[[f64; 2]], region: [f64; 4]) -> [f64; 4] {
-    let inside = inside(feet, region);
-    if inside.is_empty() {
-        return region;
-    }
-    let least = |axis: usize| inside.iter().map(|p| p[axis]).fold(f64::INFINITY, f64::min) - BEYOND_FEET;
-    let most = |axis: usize| inside.iter().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max) + BEYOND_FEET;
-    [region[0].max(least(0)), region[1].min(most(0)), region[2].max(least(1)), region[3].min(most(1))]
-}
-
-/// The region with each edge midway between the outermost foot inside and the next one outside: anywhere between them it explains as much.
-/// Where no foot stood outside, it ends at the feet inside.
-fn told_by_feet(feet: &[[f64; 2]], region: [f64; 4]) -> [f64; 4] {
-    let within = up_to_feet(feet, region);
-    let inside = inside(feet, region);
-    let mut told = within;
-    for edge in 0..4 {
-        let axis = edge / 2;
-        let (sign, other) = (if edge % 2 == 0 { -1.0 } else { 1.0 }, 1 - axis);
-        let span = within[2 * other]..=within[2 * other + 1];
-        let farthest = inside.iter().map(|p| sign * p[axis]).fold(f64::NEG_INFINITY, f64::max);
-        let beyond = feet.iter().filter(|p| span.contains(&p[other]) && sign * p[axis] > sign * region[edge]);
-        let nearest = beyond.map(|p| sign * p[axis]).fold(f64::INFINITY, f64::min);
-        if nearest.is_finite() && farthest.is_finite() {
-            told[edge] = sign * 0.5 * (farthest + nearest);
-        }
-    }
-    told
 }
 
 /// Residuals of pieces under settings, shape `[settings][pieces][features]`; empty where a simulation ran away.
@@ -325,17 +294,12 @@ mod tests {
     }
 
     #[test]
-    fn edges_lie_midway_between_feet_and_end_where_none_stood() {
-        // Two rows of feet, 0.1 m to either side of a way along x.
+    fn a_search_begins_at_feet_and_in_halves() {
         let feet: Vec<[f64; 2]> = (0..20).flat_map(|k| [[0.1 * k as f64, -0.1], [0.1 * k as f64, 0.1]]).collect();
-        let near = |a: [f64; 4], b: [f64; 4]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9);
-        let stripe = told_by_feet(&feet, [0.52, 0.93, -4.0, 4.0]);
-        assert!(near(stripe, [0.55, 0.95, -0.15, 0.15]), "{stripe:?}");
-        let half = told_by_feet(&feet, [0.52, 0.93, 0.07, 4.0]);
-        assert!(near(half, [0.55, 0.95, 0.0, 0.15]), "{half:?}");
-        let nobody = [5.0, 6.0, 0.0, 1.0];
-        assert_eq!(told_by_feet(&feet, nobody), nobody);
-        assert!(starts(&feet, [0.52, 0.93, -0.02, 4.0]).iter().any(|s| near(*s, [0.52, 0.93, 0.0, 0.15])));
+        let near = |a: &[f64; 4], b: [f64; 4]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9);
+        let all = starts(&feet, [0.52, 0.93, -0.02, 4.0]);
+        assert!(near(&all[0], [0.55, 0.93, 0.05, 0.15]), "{all:?}");
+        assert!(all.iter().any(|s| near(s, [0.55, 0.93, 0.0, 0.15])), "{all:?}");
     }
 
     #[test]

@@ -4,8 +4,10 @@ use crate::columns::Suspect;
 use crate::decide::Round;
 use crate::library::Effect;
 use crate::observe::{rotation_at, snippet};
+use crate::regions::{EDGES, untested};
 use crate::report::{Cause, Gap, Lead, ParameterEstimate, Ranked, RoundTold, SuspectTold, UNKNOWN, Verdict};
 use crate::search::{Fit, direction, fitted};
+use crate::slip::feet;
 use crate::study::Study;
 use qv_replay::Run;
 use qv_replay::run::FaultKind;
@@ -269,8 +271,16 @@ pub fn amount(estimate: &ParameterEstimate) -> String {
 /// Size of the first effect of a lead, and on what it acts.
 pub fn amounts(lead: &Lead) -> String {
     let amounts: Vec<String> = lead.parameters.iter().map(amount).collect();
-    let whom = if lead.scope == ["all"] { String::new() } else { format!(" at {}", lead.scope.join(", ")) };
-    format!("{}{whom}", amounts.join(", "))
+    format!("{}{}", amounts.join(", "), whereabouts(&lead.scope))
+}
+
+/// On what an effect acts, as a part of a sentence; nothing if it acts on all there is.
+fn whereabouts(scope: &[String]) -> String {
+    match scope {
+        [one] if one == "all" => String::new(),
+        [one] if one == "region" => " in a part of the floor".into(),
+        some => format!(" at {}", some.join(", ")),
+    }
 }
 
 /// A sentence with one mark at its end.
@@ -297,8 +307,7 @@ const NOTHING: f64 = 0.005;
 pub fn sentence(verdict: Verdict, causes: &[Cause], gap: &Gap, leads: &[Lead], ranking: &[Ranked]) -> String {
     let described = |c: &Cause| {
         let amounts: Vec<String> = c.parameters.iter().map(amount).collect();
-        let whom = if c.scope == ["all"] { String::new() } else { format!(" at {}", c.scope.join(", ")) };
-        format!("{}{whom} ({})", c.effect.replace('_', " "), amounts.join(", "))
+        format!("{}{} ({})", c.effect.replace('_', " "), whereabouts(&c.scope), amounts.join(", "))
     };
     let all: Vec<String> = causes.iter().map(described).collect();
     let closed = format!("{:.0} % of the gap in windows that no fit has seen", 100.0 * gap.closed);
@@ -417,6 +426,20 @@ pub fn dead_positions(runs: &[Run]) -> Vec<&str> {
     names
 }
 
+/// Edges of a slippery part of the floor that no foot came to.
+fn beyond_feet(cause: &Cause, study: &Study) -> Option<String> {
+    let edge = |name: &str| cause.parameters.iter().find(|p| p.name == name).map(|p| p.value);
+    let [x0, x1, y0, y1] = EDGES.map(edge);
+    let region = [x0?, x1?, y0?, y1?];
+    let untested = untested(&feet(study), region);
+    let which = if untested.is_empty() {
+        "Its edges lie".into()
+    } else {
+        format!("Beyond {} no foot stood: the ground may go on there. All edges lie", untested.join(", "))
+    };
+    Some(format!("{which} in the frame of this recording's poses: odometry that begins elsewhere moves them."))
+}
+
 /// What another recording would say of the corrections.
 fn once_more(verdict: Verdict, causes: &[Cause]) -> &'static str {
     let is_event = |c: &Cause| c.parameters.iter().any(|p| p.name == "start");
@@ -432,7 +455,7 @@ fn once_more(verdict: Verdict, causes: &[Cause]) -> &'static str {
 /// What to do next. `slips` is the share that a slippery region closes in pieces of windows.
 pub fn next(
     verdict: Verdict,
-    causes: &[Cause],
+    (causes, gap): (&[Cause], &Gap),
     leads: &[Lead],
     slips: Option<f64>,
     rounds: &[Round],
@@ -449,7 +472,15 @@ pub fn next(
     match verdict {
         Verdict::NoGap => next.push("Nothing to correct. For a sharper test record faster and larger motions.".into()),
         Verdict::Explained | Verdict::PartlyExplained => {
-            next.push("Use calibrated.toml (`qv replay --params`), or the corrections for MuJoCo, URDF and Isaac Lab beside it.".into());
+            next.push(if gap.after > gap.before {
+                format!(
+                    "Take what is in calibrated.toml as a finding: with it the loss of whole windows is {:.2}, without it {:.2}.",
+                    gap.after, gap.before
+                )
+            } else {
+                "Use calibrated.toml (`qv replay --params`), or the corrections for MuJoCo, URDF and Isaac Lab beside it.".into()
+            });
+            next.extend(causes.iter().filter_map(|c| beyond_feet(c, study)));
             next.push(once_more(verdict, causes).into());
             for cause in causes.iter().filter(|c| !c.confusable_with.is_empty()) {
                 let likes = cause.confusable_with.join(", ");

@@ -14,6 +14,7 @@ use crate::doubt::{self, Judged, Named};
 use crate::laws::{LawLeft, laws};
 use crate::library::{self, Effect};
 use crate::problem::{Cut, Event, Problem, Setting};
+use crate::regions::EDGES;
 use crate::report::{
     Cause, Correction, FORMAT, ParameterEstimate, Report, RoundTold, Stage, UNKNOWN, Unexplained, Verdict, Where,
 };
@@ -352,7 +353,8 @@ impl<'a> Session<'a> {
     fn accuse(&self, study: &mut Study, fit: Fit, before: &[Correction]) -> Result<Accused, GapError> {
         let group = study.columns.groups[fit.suspect.group].clone();
         let effect = study.columns.effects[group.effect].clone();
-        let setting = study.columns.setting_of(&study.problem, std::slice::from_ref(&fit.suspect));
+        let told = shares::as_told(study, &fit.suspect);
+        let setting = study.columns.setting_of(&study.problem, std::slice::from_ref(&told));
         let alone = closure(study, &setting)?;
         let corrections = setting
             .iter()
@@ -363,16 +365,14 @@ impl<'a> Session<'a> {
                 Correction { parameter: info.name.clone(), value, nominal, unit: info.unit.into() }
             })
             .collect();
-        // Ground that the robot never left is all the ground there is.
-        let everywhere = matches!(fit.suspect.extent, Some(Extent::Region(r)) if shares::never_left(study, r));
         let cause = Cause {
             effect: effect.name.clone(),
             probability: 0.0,
-            scope: match fit.suspect.extent {
-                Some(Extent::Region(_)) if !everywhere => vec!["region".into()],
+            scope: match told.extent {
+                Some(Extent::Region(_)) => vec!["region".into()],
                 _ => group.names.clone(),
             },
-            parameters: estimates(&effect, &fit, if everywhere { None } else { fit.suspect.extent }),
+            parameters: estimates(&effect, &fit, told.extent),
             closed_alone: fit.held_out.map_or_else(|| alone.closed(), |f| f.closed),
             confusable_with: telling::confusable(study, &fit.suspect),
             separating_experiment: effect.experiment.clone(),
@@ -399,7 +399,7 @@ fn estimates(effect: &Effect, fit: &Fit, extent: Option<Extent>) -> Vec<Paramete
         .collect();
     let of_extent: &[(&str, &str)] = match extent {
         Some(Extent::Time(_)) => &[("start", "s"), ("end", "s")],
-        Some(Extent::Region(_)) => &[("x_min", "m"), ("x_max", "m"), ("y_min", "m"), ("y_max", "m")],
+        Some(Extent::Region(_)) => &EDGES.map(|edge| (edge, "m")),
         None => &[],
     };
     names.extend(of_extent.iter().map(|(name, unit)| (name.to_string(), unit.to_string())));
@@ -555,14 +555,14 @@ impl Findings<'_> {
         };
         let mut place = std::mem::take(&mut self.opening.places);
         place.interfaces = self.interfaces(nominal, gap.closed)?;
-        let regions = self.accused.iter().filter_map(|a| a.fit.suspect.extent);
+        let regions = self.accused.iter().filter(|a| a.cause.scope == ["region"]).filter_map(|a| a.fit.suspect.extent);
         place.regions = shares::regions(nominal, regions);
         let causes: Vec<Cause> = self.accused.iter().map(|a| a.cause.clone()).collect();
         let sentence = telling::sentence(verdict, &causes, &gap, &leads, &ranking);
         let sentence = [Some(sentence), telling::as_good(nominal, &self.rounds, &causes)];
         let sentence = sentence.into_iter().flatten().collect::<Vec<_>>().join(" ");
         let slips = self.accused.iter().filter_map(|a| a.fit.held_out).map(|f| f.closed).next();
-        let mut next = telling::next(verdict, &causes, &leads, slips, &self.rounds, nominal);
+        let mut next = telling::next(verdict, (&causes, &gap), &leads, slips, &self.rounds, nominal);
         next.splice(0..0, telling::first_of_all(verdict, &gap, &session.runs));
         if let (Some(doubt), Some(effect)) = (&self.doubt, doubted) {
             next.push(format!("Not accused: {effect}: {doubt}."));

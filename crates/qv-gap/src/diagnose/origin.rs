@@ -33,7 +33,10 @@ pub(super) fn brought_near(
     runs.iter_mut().chain(&mut reference).for_each(|run| shift(run, [x, y]));
     Some((
         Some(reference),
-        format!("places are told from where the recording begins, ({x:.3}, {y:.3}) m in its own coordinates"),
+        format!(
+            "places are told from where the recording begins, ({x:.3}, {y:.3}) m in its own coordinates, in calibrated.toml, too: move its \
+             poses by that before you replay it with a part of the floor that was found"
+        ),
     ))
 }
 

@@ -2,7 +2,7 @@
 
 use super::{Findings, setting};
 use crate::GapError;
-use crate::closure::{Closure, closure, mean};
+use crate::closure::{closure, mean};
 use crate::decide::{self, NO_GAP};
 use crate::doubt;
 use crate::report::Verdict;
@@ -29,7 +29,7 @@ impl Findings<'_> {
         let closure = closure(nominal, &setting)?;
         // No contact has a part in the law of an actuator, where what is accused takes most of that.
         let by_law = decide::closes_law(closure.law(nominal, &setting));
-        self.doubt = self.leaves_too_much(&closure, by_law);
+        self.doubt = doubt::leaves_too_much(&closure, by_law);
         // Windows that are held out are few, and feet that bounce fall otherwise in each.
         let [before, after] = [self.opening.level.ratio, self.level_after.ratio];
         let is_settled = self.level_after.is_explained() && after - 1.0 < doubt::MOST_LEFT * (before - 1.0);
@@ -49,16 +49,6 @@ impl Findings<'_> {
             self.doubt = Some(format!("it closes {share:.0} % of the gap in windows that no fit has seen"));
         }
         Ok(())
-    }
-
-    /// What is left in windows that no fit has seen, if causes that close less than half of the gap leave a large one.
-    fn leaves_too_much(&self, closure: &Closure, by_law: bool) -> Option<String> {
-        let left = mean(&closure.after) / closure.floor;
-        let share = closure.closed();
-        (left > doubt::LARGE_GAP && share < doubt::HALF && !by_law).then(|| {
-            let closes = 100.0 * share;
-            format!("it closes {closes:.0} % of the gap in windows that no fit has seen, and leaves {left:.0} times what noise does")
-        })
     }
 
     pub(super) fn verdict(&self) -> Verdict {

@@ -47,7 +47,8 @@ fn cause(place: usize, c: &Cause, library: &[Effect]) -> String {
     if !c.scope.is_empty() {
         row("where", scope(c, library));
     }
-    row("closes alone", format!("{} of the gap", percent(c.closed_alone)));
+    let of_what = if c.scope == ["region"] { "what pieces of 0.1 s have more there" } else { "the gap" };
+    row("closes alone", format!("{} of {of_what}", percent(c.closed_alone)));
     if !c.confusable_with.is_empty() {
         let names: Vec<String> = c.confusable_with.iter().map(|n| escape(&words(n))).collect();
         row("looks like", names.join(", "));
