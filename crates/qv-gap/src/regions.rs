@@ -140,7 +140,7 @@ fn beyond(feet: &[[f64; 2]], region: [f64; 4], edge: usize) -> f64 {
 }
 
 fn outwards(edge: usize) -> f64 {
-    if edge % 2 == 0 { -1.0 } else { 1.0 }
+    if edge.is_multiple_of(2) { -1.0 } else { 1.0 }
 }
 
 /// The region with each edge midway between the outermost foot inside and the next one outside: anywhere between them it explains as much.
