@@ -7,7 +7,7 @@ use crate::columns::{Extent, Suspect};
 use crate::evidence::{Marginal, Normal, Sums};
 use crate::local::place;
 use crate::problem::Setting;
-use crate::regions::REACH;
+use crate::regions::is_within_reach;
 use crate::search::{Fit, Search, fitted, held_out};
 use crate::study::{Seen, Study};
 use nalgebra::DVector;
@@ -134,11 +134,7 @@ pub fn level(study: &Study) -> Result<Level, GapError> {
 /// # Errors
 /// When the normal equations are no good.
 pub fn level_outside(study: &Study, regions: &[[f64; 4]]) -> Result<Level, GapError> {
-    let inside = |seen: &Seen| {
-        let [x, y] = place(&seen.window);
-        // Feet reach farther than the trunk.
-        regions.iter().any(|r| (r[0] - REACH..r[1] + REACH).contains(&x) && (r[2] - REACH..r[3] + REACH).contains(&y))
-    };
+    let inside = |seen: &Seen| regions.iter().any(|r| is_within_reach(*r, place(&seen.window)));
     let outside = study.seen.iter().filter(|s| fitted(s) > 0.0 && !inside(s)).count();
     let loss = |seen: &Seen| seen.residual.norm_squared() / seen.residual.len() as f64;
     let mut losses: Vec<f64> = study.seen.iter().filter(|s| fitted(s) > 0.0).map(loss).collect();

@@ -99,6 +99,12 @@ fn interval(places: &[[f64; 2]], gains: &[f64], axis: usize, of: &[usize]) -> Op
 
 /// How far feet reach beyond the trunk's middle \[m\].
 pub const REACH: f64 = 0.35;
+/// Whether feet may stand in a region while the trunk is at a place, x and y \[m\].
+pub fn is_within_reach(region: [f64; 4], [x, y]: [f64; 2]) -> bool {
+    let reach = |low: f64, high: f64| low - REACH..high + REACH;
+    reach(region[0], region[1]).contains(&x) && reach(region[2], region[3]).contains(&y)
+}
+
 /// How far beyond the outermost foot that stood in a region its edges lie at most \[m\]: simulated feet slip a little farther.
 const BEYOND_FEET: f64 = 0.05;
 /// Smallest standard deviation of an edge \[m\]: feet slide.

@@ -9,7 +9,7 @@ use crate::columns::{Extent, Suspect};
 use crate::forward::{compare, standing_feet};
 use crate::local::place;
 use crate::problem::{Cut, Problem, Setting, Window};
-use crate::regions::{Outline, REACH, told_by_feet, up_to_feet};
+use crate::regions::{Outline, is_within_reach, told_by_feet, up_to_feet};
 use crate::search::{Search, fitted, held_out};
 use crate::shares::never_left;
 use crate::study::{Seen, Study};
@@ -107,9 +107,7 @@ impl<'a> Search<'_, 'a> {
     ) -> (Vec<Window>, Vec<Window>) {
         let (mut inside, mut outside) = (Vec::new(), Vec::new());
         for seen in self.study.seen.iter().filter(|s| wanted(s)) {
-            let [x, y] = place(&seen.window);
-            let reach = |low: f64, high: f64| low - REACH..high + REACH;
-            let is_in = reach(region[0], region[1]).contains(&x) && reach(region[2], region[3]).contains(&y);
+            let is_in = is_within_reach(region, place(&seen.window));
             let pieces = cut(problem, seen);
             if is_in { inside.extend(pieces) } else { outside.extend(pieces) }
         }
