@@ -1,10 +1,11 @@
 //! The simulated side of a comparison: windows under settings of the parameters, many side by side.
 
 use crate::GapError;
+use crate::commands::Commands;
 use crate::observe::{self, Channel, middle, middles, turn};
 use crate::problem::{Cut, Numerics, Problem, Role, Setting, Window};
 use glam::{DQuat, DVec3};
-use qv_replay::replay::{Command, SensorErrors};
+use qv_replay::replay::SensorErrors;
 use qv_sim::{Batch, Precision, Shape, State};
 use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
@@ -52,34 +53,6 @@ impl Kept {
     }
 }
 
-/// What a window's robot was told.
-struct Commands {
-    /// At each tick, and at the ticks before the first.
-    of_tick: Vec<Command>,
-    /// Whether each is another one than that before it.
-    is_new: Vec<bool>,
-    /// Number of ticks before the first.
-    past: usize,
-}
-
-impl Commands {
-    fn new(problem: &Problem, window: &Window, numerics: &Numerics, past: usize) -> Result<Self, GapError> {
-        let of_tick = problem.commands(window, numerics, past)?;
-        let is_new = (0..of_tick.len()).map(|k| k == 0 || of_tick[k] != of_tick[k - 1]).collect();
-        Ok(Self { of_tick, is_new, past })
-    }
-
-    /// The command that was in force `age` ticks before the first.
-    fn before(&self, age: usize) -> &Command {
-        &self.of_tick[self.past - age]
-    }
-
-    /// The command of a tick, if it is given there: at the first, and where it changes.
-    fn given_at(&self, tick: usize) -> Option<&Command> {
-        (tick == 0 || self.is_new[self.past + tick]).then(|| &self.of_tick[self.past + tick])
-    }
-}
-
 /// One simulation.
 struct Case {
     setting: usize,
@@ -100,8 +73,8 @@ pub fn compare(
     let (prepared, cases) = prepare(problem, windows, settings);
     let latency = settings.iter().map(|s| longest_latency(problem, s)).fold(0.0, f64::max);
     let past = (latency / numerics.timestep).ceil() as usize;
-    let commands: Vec<Commands> =
-        windows.par_iter().map(|w| Commands::new(problem, w, numerics, past)).collect::<Result<_, _>>()?;
+    let told = |w: &&Window| w.told.of_ticks(problem, w, numerics, past);
+    let commands: Vec<Arc<Commands>> = windows.par_iter().map(told).collect::<Result<_, _>>()?;
     let together = if cases.len() < FEW { FEW_TOGETHER } else { TOGETHER };
     let chunks: Vec<&[Case]> = cases.chunks(together).collect();
     let simulate = if is_near(problem, prepared.iter().flatten()) { simulate::<f32> } else { simulate::<f64> };
@@ -175,7 +148,7 @@ fn simulate<T: Precision>(
     numerics: &Numerics,
     windows: &[&Window],
     settings: &[Setting],
-    (prepared, commands): (&[Option<Arc<Prepared>>], &[Commands]),
+    (prepared, commands): (&[Option<Arc<Prepared>>], &[Arc<Commands>]),
     cases: &[Case],
 ) -> Result<Vec<Vec<f64>>, GapError> {
     let live: Vec<&Case> = cases.iter().filter(|c| prepared[c.prepared].is_some()).collect();

@@ -8,6 +8,7 @@ use crate::law;
 use crate::search::fitted;
 use crate::study::Study;
 use nalgebra::DVector;
+use rayon::prelude::*;
 
 /// What the law of a joint's actuator leaves in the windows of the fit.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,7 +25,8 @@ pub struct LawLeft {
 pub fn laws(study: &Study) -> Vec<LawLeft> {
     let Ok(marginal) = study.marginal(fitted) else { return Vec::new() };
     let here = squares(study, &marginal, &study.residuals());
-    let ghosts: Vec<Vec<f64>> = study.residuals_of_ghosts().map(|g| squares(study, &marginal, &g)).collect();
+    let ghosts: Vec<_> = study.residuals_of_ghosts().collect();
+    let ghosts: Vec<Vec<f64>> = ghosts.par_iter().map(|g| squares(study, &marginal, g)).collect();
     let left = |(k, &joint): (usize, &usize)| {
         let finite: Vec<f64> = ghosts.iter().map(|g| g[k]).filter(|x| x.is_finite()).collect();
         let mean = finite.iter().sum::<f64>() / finite.len().max(1) as f64;

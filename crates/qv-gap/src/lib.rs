@@ -7,6 +7,7 @@
 pub mod baselines;
 pub mod closure;
 pub mod columns;
+mod commands;
 pub mod constancy;
 pub mod decide;
 mod diagnose;

@@ -16,6 +16,9 @@ use nalgebra::{DMatrix, DVector};
 const FRICTIONS: [f64; 6] = [0.6, 0.45, 0.32, 0.22, 0.14, 0.08];
 /// Log evidence of a scan below which the simulator is not asked.
 const WORTH_A_LOOK: f64 = 12.0;
+/// Log evidence of a region in whole windows below which pieces of them are not asked: ground on which feet slip has thousands, what a
+/// search finds where there is none seldom as much, and pieces take as long as all else.
+const WORTH_PIECES: f64 = 30.0;
 /// Most that one window counts in a scan for regions: a foot that landed elsewhere outweighs all others otherwise.
 const MOST_GAIN: f64 = 40.0;
 /// Most regions of a scan that the simulator is asked for.
@@ -27,6 +30,8 @@ const MOST_EVENTS: usize = 8;
 /// Rounds of the pattern search; an event touches few windows, and takes little for each.
 const ROUNDS: usize = 9;
 const EVENT_ROUNDS: usize = 30;
+/// Rounds after which a region that is no better than none is left.
+const HOPELESS_ROUNDS: usize = 4;
 /// Share of the first steps of the search below which nothing is gained by smaller ones: a fraction of a millisecond, a ten thousandth of a range.
 const LEAST_STEP: f64 = 0.002;
 
@@ -43,8 +48,10 @@ impl Search<'_, '_> {
         for (evidence, suspect) in self.scan_regions(base, without)? {
             if evidence > WORTH_A_LOOK {
                 let found = self.refine(base, suspect)?;
-                let found = found.map(|fit| self.by_pieces(base, fit)).transpose()?;
-                fits.extend(found);
+                if let Some(fit) = found {
+                    let worth = fit.evidence > WORTH_PIECES;
+                    fits.push(if worth { self.by_pieces(base, fit)? } else { fit });
+                }
             }
         }
         self.deviant.clear();
@@ -275,12 +282,16 @@ impl Search<'_, '_> {
         };
         let first_steps = steps.clone();
         let mut loss = self.loss_at(base, &[as_suspect(&at)])?[0];
-        let rounds = if matches!(extent, Extent::Time(_)) { EVENT_ROUNDS } else { ROUNDS };
+        let of_none = self.loss_without(base, &as_suspect(&at))?;
+        let is_region = matches!(extent, Extent::Region(_));
+        let rounds = if is_region { ROUNDS } else { EVENT_ROUNDS };
         for round in 0..rounds {
-            if steps.iter().zip(&first_steps).all(|(s, first)| *s < LEAST_STEP * first) {
+            let is_settled = steps.iter().zip(&first_steps).all(|(s, first)| *s < LEAST_STEP * first);
+            let is_hopeless = is_region && round == HOPELESS_ROUNDS && loss > of_none;
+            if is_settled || is_hopeless {
                 break;
             }
-            if round % 3 == 1 && matches!(extent, Extent::Region(_)) {
+            if round % 3 == 1 && is_region {
                 // Whether a foot slips is a threshold: no slope leads from one side of it to the other.
                 (at, loss) = self.best_friction(base, at, loss, &as_suspect)?;
             }
@@ -333,20 +344,24 @@ impl Search<'_, '_> {
             |(k, d): (usize, &f64)| (d.max(1e-6 * range(k)) * std::f64::consts::TAU.sqrt() / range(k)).ln().min(0.0);
         let volume: f64 = deviations.iter().enumerate().map(cost).sum();
         let regional = matches!(suspect.extent, Some(Extent::Region(_)));
-        let before = if regional {
-            let nowhere = Suspect { extent: Some(Extent::Region([0.0; 4])), ..suspect.clone() };
-            let settings = self.settings(base, &[nowhere]);
-            let windows = self.windows.clone();
-            let normals = self.study.evaluate(&settings, &windows)?.remove(0);
-            self.robust_loss(&normals)
-        } else {
-            base.loss
-        };
+        let before = self.loss_without(base, &suspect)?;
         let temper = if regional { 1.0 } else { self.temper };
         let evidence = 0.5 * (before - loss) / temper + volume;
         // Told on the scale of the other fits.
         let loss = base.loss - (before - loss);
         Ok(Fit { suspect, deviations, loss, evidence, held_out: None })
+    }
+
+    /// Loss without a suspect that is confined to an extent.
+    fn loss_without(&mut self, base: &Base, suspect: &Suspect) -> Result<f64, GapError> {
+        if !matches!(suspect.extent, Some(Extent::Region(_))) {
+            return Ok(base.loss);
+        }
+        let nowhere = Suspect { extent: Some(Extent::Region([0.0; 4])), ..suspect.clone() };
+        let settings = self.settings(base, &[nowhere]);
+        let windows = self.windows.clone();
+        let normals = self.study.evaluate(&settings, &windows)?.remove(0);
+        Ok(self.robust_loss(&normals))
     }
 
     /// The friction of a grid, with the same region, that leaves least.

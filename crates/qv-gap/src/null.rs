@@ -14,6 +14,7 @@ use qv_replay::Run;
 use qv_replay::replay::{Command, HeldCommands};
 use qv_sim::{Batch, Precision, SensorReading};
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Standard deviations of white noise on each channel, as found in the recording.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -166,7 +167,7 @@ fn sensor_latency(problem: &Problem, setting: &Setting) -> f64 {
 /// Writes what the sensors of one environment see.
 struct Recorder {
     view: Run,
-    commands: HeldCommands,
+    commands: Arc<HeldCommands>,
     from: f64,
     to: f64,
     /// Next rows due of the state and pose streams: stamps of the recording.
@@ -218,7 +219,7 @@ impl Recorder {
         } else {
             batch.set_state(env, &state)?;
         }
-        let commands = HeldCommands::new(&window.view, &problem.columns)?;
+        let commands = window.told.held(problem, window)?;
         let mut command = Command::default();
         let dt = ghost.numerics.timestep;
         for age in (1..=(latency / dt).ceil() as usize).rev() {

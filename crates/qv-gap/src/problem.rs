@@ -1,14 +1,14 @@
 //! What is being diagnosed: a robot, the ground, and the windows of a recording, with all that is looked up once.
 
 use crate::GapError;
+use crate::commands::Told;
 use crate::forward::Kept;
 use crate::observe::{self, Channel};
 use qv_core::JointSeries;
 use qv_replay::faults::{FASTEST_BASE, jumped};
 use qv_replay::median_interval;
 use qv_replay::replay::{
-    Command, Feet, HeldCommands, Legs, SensorErrors, Starts, expand, feet_of, is_whole, joint_columns,
-    stated_parameters,
+    Command, Feet, Legs, SensorErrors, Starts, expand, feet_of, is_whole, joint_columns, stated_parameters,
 };
 use qv_replay::run::{ActuatorKind, FaultKind};
 use qv_replay::{ReplayError, Run};
@@ -141,6 +141,8 @@ pub struct Window {
     pub run: usize,
     /// Where its simulation starts, once that was asked for.
     pub(crate) start_kept: Kept,
+    /// What its robot was told, once that was asked for.
+    pub(crate) told: Told,
 }
 
 /// A robot, the ground and the channels that can be compared.
@@ -380,7 +382,16 @@ impl<'a> Problem<'a> {
         let starts = self.starts(&view, self.sensor_errors(&Vec::new())).ok()?;
         starts.at(start)?;
         let attitude = if self.free { observe::attitudes(self, &view, &starts, start)? } else { Vec::new() };
-        Some(Window { start, view, attitude, moving: true, held_out, run: 0, start_kept: Kept::default() })
+        Some(Window {
+            start,
+            view,
+            attitude,
+            moving: true,
+            held_out,
+            run: 0,
+            start_kept: Kept::default(),
+            told: Told::default(),
+        })
     }
 
     /// The command for each tick of a window, of ticks before it, and how many those are.
@@ -388,7 +399,7 @@ impl<'a> Problem<'a> {
     /// # Errors
     /// When the run has no commands.
     pub fn commands(&self, window: &Window, numerics: &Numerics, past: usize) -> Result<Vec<Command>, GapError> {
-        let held = HeldCommands::new(&window.view, &self.columns)?;
+        let held = window.told.held(self, window)?;
         let ticks = (self.cut.window / numerics.timestep).round() as usize;
         let at = |k: usize| {
             let mut command = Command::default();

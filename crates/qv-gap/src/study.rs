@@ -232,8 +232,9 @@ impl<'a> Study<'a> {
                 Some((!raw.is_empty()).then(|| whitener.residual(seen.index, raw)))
             };
             let residuals: Vec<Option<DVector<f64>>> = run.par_iter().zip(&seen).filter_map(residual).collect();
-            let here = seen.iter().flatten();
-            self.ghosts[k].extend(residuals.iter().zip(here).map(|(r, seen)| r.as_ref().map(|r| seen.normal_of(r))));
+            let here: Vec<&Seen> = seen.iter().flatten().collect();
+            let normal = |(r, seen): (&Option<DVector<f64>>, &&Seen)| r.as_ref().map(|r| seen.normal_of(r));
+            self.ghosts[k].par_extend(residuals.par_iter().zip(here.par_iter()).map(normal));
             self.ghost_residuals[k].extend(residuals);
         }
         let first = self.seen.len();
@@ -339,7 +340,8 @@ impl<'a> Study<'a> {
         residuals: &[Option<&DVector<f64>>],
         weight: impl Fn(&Seen) -> f64,
     ) -> Vec<Option<DVector<f64>>> {
-        let normals: Vec<_> = residuals.iter().zip(&self.seen).map(|(r, s)| r.map(|r| s.normal_of(r))).collect();
+        let normal = |(r, s): (&Option<&DVector<f64>>, &Seen)| r.map(|r| s.normal_of(r));
+        let normals: Vec<_> = residuals.par_iter().zip(&self.seen).map(normal).collect();
         let all: Vec<usize> = (0..self.seen.len()).collect();
         let best = marginal.deviations(&self.sums(&normals, &all, &weight));
         let left = |(r, s): (&Option<&DVector<f64>>, &Seen)| {

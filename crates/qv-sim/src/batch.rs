@@ -81,6 +81,8 @@ pub struct Batch<T: Precision> {
     engine: Box<dyn Engine>,
     /// Parameters that are not neutral, per environment.
     overrides: Vec<BTreeMap<usize, f64>>,
+    /// All parameters as they are when neutral; for as long as something is derived from them, those of one environment.
+    values: Vec<f64>,
     imu: Option<usize>,
     /// Tells snapshots of another model or other options.
     identity: u64,
@@ -118,6 +120,7 @@ impl<T: Precision> Batch<T> {
             catalogue,
             engine,
             overrides,
+            values: neutral,
             imu,
             identity: identity(model, options),
             precision: std::marker::PhantomData,
@@ -339,10 +342,12 @@ impl<T: Precision> Batch<T> {
         self.catalogue.check(id, value)?;
         self.check_sensor_latency(id, value)?;
         let before = self.overrides[env].insert(id, value);
-        let values = self.values(env);
         let slot = self.catalogue.infos[id].slot;
         let deriver = deriver(&self.model, &self.shared, &self.catalogue);
-        let result = self.engine.derive(&deriver, slot, &values, env);
+        // Not a copy of all: a setting of many parameters would spend its time on copies.
+        self.overrides[env].iter().for_each(|(&id, &value)| self.values[id] = value);
+        let result = self.engine.derive(&deriver, slot, &self.values, env);
+        self.overrides[env].keys().for_each(|&id| self.values[id] = self.catalogue.infos[id].neutral);
         if result.is_err() {
             match before {
                 Some(value) => self.overrides[env].insert(id, value),
@@ -371,7 +376,7 @@ impl<T: Precision> Batch<T> {
         self.check_index(env)?;
         self.overrides[env].clear();
         let deriver = deriver(&self.model, &self.shared, &self.catalogue);
-        self.engine.derive_all(&deriver, &self.catalogue.neutral(), env)
+        self.engine.derive_all(&deriver, &self.values, env)
     }
 
     /// Value of a parameter.
@@ -386,12 +391,6 @@ impl<T: Precision> Batch<T> {
 
     fn value(&self, env: usize, id: usize) -> f64 {
         self.overrides[env].get(&id).copied().unwrap_or(self.catalogue.infos[id].neutral)
-    }
-
-    fn values(&self, env: usize) -> Vec<f64> {
-        let mut values = self.catalogue.neutral();
-        self.overrides[env].iter().for_each(|(&id, &value)| values[id] = value);
-        values
     }
 
     /// What the robot's sensors report.

@@ -12,6 +12,7 @@ use super::Answer;
 use super::network::{Adam, HIDDEN, Network};
 use super::plain::Plain;
 use crate::GapError;
+use crate::commands::Told;
 use crate::forward::{Kept, compare, measured};
 use crate::law::{self, Law};
 use crate::observe::{self, Channel};
@@ -217,7 +218,7 @@ fn pushed(problem: &Problem, window: &Window, torques: &[f64]) -> Window {
     view.commands.torque = Some(JointSeries { time, values, joints: width });
     let attitude = window.attitude.clone();
     let Window { start, moving, held_out, run, .. } = *window;
-    Window { view, attitude, start, moving, held_out, run, start_kept: Kept::default() }
+    Window { view, attitude, start, moving, held_out, run, start_kept: Kept::default(), told: Told::default() }
 }
 
 /// Raw residual of a window under torques, empty when it runs away, and the steps that were simulated.

@@ -19,19 +19,19 @@ pub(crate) fn actuate<L: Real>(
 ) {
     for j in 0..topology.joints {
         let dof = topology.joint_dof(j);
-        let parameters = block.joints[j];
+        let parameters = &block.joints[j];
         let command = command(topology, block, j);
         let q = block.q[topology.base_positions + j];
         let dq = block.v[dof];
         let motor = block.motor[j].max(q - parameters.half_backlash).min(q + parameters.half_backlash);
         block.motor[j] = motor;
         let gain = parameters.kd_scale * command.kd * parameters.strength;
-        let demand = demand(&parameters, &command, motor + parameters.encoder_bias, dq);
+        let demand = demand(parameters, &command, motor + parameters.encoder_bias, dq);
         // A lag that was not watched before is taken to have settled.
         let approach = block.lagged[j] + parameters.lag_gain * (demand - block.lagged[j]);
         let lagged = L::select(block.fresh, demand, approach);
         block.lagged[j] = lagged;
-        let (least, most) = torque_limits(&parameters, dq);
+        let (least, most) = torque_limits(parameters, dq);
         let torque = lagged.max(least).min(most);
         block.torque[j] = torque;
         let viscous = block.viscous[dof];
@@ -88,16 +88,20 @@ fn command<L: Real>(topology: &Topology, block: &Block<L>, joint: usize) -> Comm
     delayed(topology, block, joint, newest)
 }
 
+/// Lanes with the same latency take one pass together.
 fn delayed<L: Real>(topology: &Topology, block: &Block<L>, joint: usize, newest: CommandLanes<L>) -> CommandLanes<L> {
     let slots = block.commands.len() / topology.joints;
+    let latency = block.joints[joint].latency;
     let mut out = newest;
     for lane in 0..L::LANES {
-        let steps = block.joints[joint].latency.lane(lane).to_f64();
-        if steps <= 0.0 {
+        let steps = latency.lane(lane).to_f64();
+        if steps <= 0.0 || (0..lane).any(|before| latency.lane(before).to_f64() == steps) {
             continue;
         }
+        let of_all = L::splat(steps);
+        let alike = latency.le(of_all) & of_all.le(latency);
         let whole = steps.floor();
-        let share = L::Scalar::from_f64(steps - whole);
+        let share = L::splat(steps - whole);
         let at = |age: usize| {
             // Not by the remainder, which takes longer than all else here.
             let slot = if age <= block.head { block.head - age } else { block.head + slots - age };
@@ -105,12 +109,12 @@ fn delayed<L: Real>(topology: &Topology, block: &Block<L>, joint: usize, newest:
         };
         let age = (whole as usize).min(slots - 1);
         let (young, old) = (at(age), at((age + 1).min(slots - 1)));
-        let mix = |a: L, b: L| a.lane(lane) + share * (b.lane(lane) - a.lane(lane));
-        out.q.set_lane(lane, mix(young.q, old.q));
-        out.dq.set_lane(lane, mix(young.dq, old.dq));
-        out.kp.set_lane(lane, mix(young.kp, old.kp));
-        out.kd.set_lane(lane, mix(young.kd, old.kd));
-        out.tau.set_lane(lane, mix(young.tau, old.tau));
+        let mix = |out: L, a: L, b: L| L::select(alike, a + share * (b - a), out);
+        out.q = mix(out.q, young.q, old.q);
+        out.dq = mix(out.dq, young.dq, old.dq);
+        out.kp = mix(out.kp, young.kp, old.kp);
+        out.kd = mix(out.kd, young.kd, old.kd);
+        out.tau = mix(out.tau, young.tau, old.tau);
     }
     out
 }
