@@ -11,14 +11,15 @@ use crate::shares::never_left;
 use crate::slip::feet;
 use crate::study::{EXTRA, Seen};
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 /// Frictions that the ground is asked for.
 const FRICTIONS: [f64; 6] = [0.6, 0.45, 0.32, 0.22, 0.14, 0.08];
 /// Log evidence of a scan below which the simulator is not asked.
 const WORTH_A_LOOK: f64 = 12.0;
-/// Log evidence of a region in whole windows below which pieces of them are not asked: ground on which feet slip has thousands, what a
-/// search finds where there is none seldom as much, and pieces take as long as all else.
-const WORTH_PIECES: f64 = 30.0;
+/// Log evidence in whole windows that a region needs to be told: ground on which feet slip has thousands, what a search finds where there is
+/// none seldom as much, and to ask pieces of windows takes as long as all else.
+const LEAST_REGIONAL: f64 = 30.0;
 /// Most that one window counts in a scan for regions: a foot that landed elsewhere outweighs all others otherwise.
 const MOST_GAIN: f64 = 40.0;
 /// Most regions of a scan that the simulator is asked for.
@@ -30,7 +31,7 @@ const MOST_EVENTS: usize = 8;
 /// Rounds of the pattern search; an event touches few windows, and takes little for each.
 const ROUNDS: usize = 9;
 const EVENT_ROUNDS: usize = 30;
-/// Rounds after which a region that is no better than none is left.
+/// Rounds after which the search leaves a region that is no better than none.
 const HOPELESS_ROUNDS: usize = 4;
 /// Share of the first steps of the search below which nothing is gained by smaller ones: a fraction of a millisecond, a ten thousandth of a range.
 const LEAST_STEP: f64 = 0.002;
@@ -47,19 +48,15 @@ impl Search<'_, '_> {
         self.deviant = self.sound_deviations(base);
         for (evidence, suspect) in self.scan_regions(base, without)? {
             if evidence > WORTH_A_LOOK {
-                let found = self.refine(base, suspect)?;
-                if let Some(fit) = found {
-                    let worth = fit.evidence > WORTH_PIECES;
-                    fits.push(if worth { self.by_pieces(base, fit)? } else { fit });
-                }
+                let found = self.refine(base, suspect)?.filter(|fit| fit.evidence > LEAST_REGIONAL);
+                fits.extend(found.map(|fit| self.by_pieces(base, fit)).transpose()?);
             }
         }
         self.deviant.clear();
         Ok(fits)
     }
 
-    /// The same fit with the friction and the outline that pieces of windows show. Whole windows may show nothing at the start of
-    /// the search, where they do in the end.
+    /// The same fit with the friction and the outline that pieces of windows show.
     fn by_pieces(&mut self, base: &Base, fit: Fit) -> Result<Fit, GapError> {
         let Some(Extent::Region(region)) = fit.suspect.extent else { return Ok(fit) };
         let slip = self.slip(fit.suspect.group, region)?.filter(|s| s.gain > 0.0);
@@ -77,7 +74,7 @@ impl Search<'_, '_> {
 
     /// The same fit without ground on which nobody stood.
     fn ended_at_feet(&self, mut fit: Fit, region: [f64; 4]) -> Fit {
-        let feet = if fit.evidence > 0.0 { feet(self.study) } else { Vec::new() };
+        let feet = feet(self.study);
         if !never_left(self.study, &feet, region) {
             fit.suspect.extent = Some(Extent::Region(up_to_feet(&feet, region)));
         }
@@ -133,10 +130,10 @@ impl Search<'_, '_> {
         let mut now = base.clone();
         let (mut found, mut others): (Vec<Fit>, Vec<Fit>) = (Vec::new(), Vec::new());
         while found.len() < MOST_EVENTS {
-            let mut fits = Vec::new();
-            for suspect in self.scan_times(&now, without, &found) {
-                fits.extend(self.refine(&now, suspect)?);
-            }
+            // Side by side: each touches few windows, and is too little for all threads.
+            let suspects = self.scan_times(&now, without, &found);
+            let refined = suspects.into_par_iter().map(|suspect| self.refine(&now, suspect));
+            let mut fits: Vec<Fit> = refined.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect();
             fits.sort_by(|a, b| a.loss.total_cmp(&b.loss));
             let rest = fits.split_off(1.min(fits.len()));
             let Some(best) = fits.pop().filter(|f| f.evidence > 0.0) else { break };
@@ -267,7 +264,7 @@ impl Search<'_, '_> {
 
     /// A pattern search over values and extent (Hooke and Jeeves, Journal of the ACM 8, 1961), all points of a round
     /// simulated together.
-    fn refine(&mut self, base: &Base, suspect: Suspect) -> Result<Option<Fit>, GapError> {
+    fn refine(&self, base: &Base, suspect: Suspect) -> Result<Option<Fit>, GapError> {
         let Some(extent) = suspect.extent else { return Ok(None) };
         let (group, columns) = (suspect.group, self.columns());
         let effect = columns.effects[columns.groups[group].effect].clone();
@@ -287,7 +284,7 @@ impl Search<'_, '_> {
         let rounds = if is_region { ROUNDS } else { EVENT_ROUNDS };
         for round in 0..rounds {
             let is_settled = steps.iter().zip(&first_steps).all(|(s, first)| *s < LEAST_STEP * first);
-            let is_hopeless = is_region && round == HOPELESS_ROUNDS && loss > of_none;
+            let is_hopeless = is_region && round == HOPELESS_ROUNDS && loss >= of_none;
             if is_settled || is_hopeless {
                 break;
             }
@@ -335,7 +332,7 @@ impl Search<'_, '_> {
     }
 
     /// A suspect that is confined to an extent, where that loses `loss`, with the evidence that it gains over none, less what its freedom costs.
-    fn weighed(&mut self, base: &Base, suspect: Suspect, loss: f64, deviations: Vec<f64>) -> Result<Fit, GapError> {
+    fn weighed(&self, base: &Base, suspect: Suspect, loss: f64, deviations: Vec<f64>) -> Result<Fit, GapError> {
         let axes = suspect.values.len();
         let columns = self.columns();
         let span = columns.effects[columns.groups[suspect.group].effect].span();
@@ -353,7 +350,7 @@ impl Search<'_, '_> {
     }
 
     /// Loss without a suspect that is confined to an extent.
-    fn loss_without(&mut self, base: &Base, suspect: &Suspect) -> Result<f64, GapError> {
+    fn loss_without(&self, base: &Base, suspect: &Suspect) -> Result<f64, GapError> {
         if !matches!(suspect.extent, Some(Extent::Region(_))) {
             return Ok(base.loss);
         }
@@ -366,7 +363,7 @@ impl Search<'_, '_> {
 
     /// The friction of a grid, with the same region, that leaves least.
     fn best_friction(
-        &mut self,
+        &self,
         base: &Base,
         at: Vec<f64>,
         loss: f64,
@@ -382,7 +379,7 @@ impl Search<'_, '_> {
     /// Loss of suspects beside the base, all confined to extents of one kind. Where feet slip, a window that the right
     /// model misses is missed by far: such windows count by the logarithm (as with Student's t), so that a few do not
     /// outweigh all others.
-    fn loss_at(&mut self, base: &Base, suspects: &[Suspect]) -> Result<Vec<f64>, GapError> {
+    fn loss_at(&self, base: &Base, suspects: &[Suspect]) -> Result<Vec<f64>, GapError> {
         let open: Vec<bool> = suspects.iter().map(|s| s.extent.is_none_or(|e| e.is_open())).collect();
         let settings = self.settings(base, suspects);
         let windows = self.windows.clone();
@@ -398,7 +395,7 @@ impl Search<'_, '_> {
 
     /// Normal equations under settings; of windows that no event touches, those of the base.
     fn evaluate_touched(
-        &mut self,
+        &self,
         base: &Base,
         suspects: &[Suspect],
         settings: &[Setting],
@@ -436,7 +433,7 @@ impl Search<'_, '_> {
     }
 
     /// Standard deviations of values and extent by the curvature of the loss on either side.
-    fn spreads(&mut self, base: &Base, at: &Suspect, loss: f64, last: &[f64]) -> Result<Vec<f64>, GapError> {
+    fn spreads(&self, base: &Base, at: &Suspect, loss: f64, last: &[f64]) -> Result<Vec<f64>, GapError> {
         let Some(extent) = at.extent else { return Ok(Vec::new()) };
         let numbers: Vec<f64> = at.values.iter().copied().chain(extent.numbers()).collect();
         let axes = at.values.len();

@@ -47,7 +47,7 @@ impl<'a> Study<'a> {
         let some: Vec<&Column> = moved.iter().map(|&k| &self.columns.columns[k]).collect();
         let mut steps = base.steps;
         let found = changes(&self.problem, &self.columns, &some, (&windows, &alignments, &raw), &mut steps)?;
-        self.steps += steps;
+        self.count(steps);
         if raw.iter().any(|r| r.is_empty()) || found.iter().flatten().any(Option::is_none) {
             return Ok(false);
         }

@@ -16,6 +16,7 @@ use crate::whiten::{Raw, Sample, Whitener};
 use nalgebra::{DMatrix, DVector};
 use qv_replay::Run;
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Columns that belong to no unit: torques may be out of step with the positions that they are reported with.
 pub const EXTRA: usize = 1;
@@ -99,7 +100,7 @@ pub struct Study<'a> {
     /// Mean square of residuals of noise and numerics alone.
     pub floor: f64,
     /// Steps simulated so far.
-    pub steps: usize,
+    pub(crate) steps: AtomicUsize,
     /// Whether the null is what reference recordings leave, pushes and blows among it.
     pub is_relative: bool,
 }
@@ -130,7 +131,7 @@ impl<'a> Study<'a> {
             forgotten: Vec::new(),
             at_rest: Vec::new(),
             floor: 0.0,
-            steps: 0,
+            steps: AtomicUsize::new(0),
             is_relative: !reference.is_empty(),
         };
         study.tolerance = study.tolerances();
@@ -162,7 +163,7 @@ impl<'a> Study<'a> {
             let windows = self.problem.windows(run)?;
             let all: Vec<&Window> = windows.iter().collect();
             let residuals = compare(&self.problem, &self.problem.numerics, &all, &[Setting::new()])?;
-            self.steps += residuals.steps;
+            self.count(residuals.steps);
             let alignments = vec![law::align(&self.problem, &all); all.len()];
             let raw = with_law(&self.problem, &alignments, &all, &[Setting::new()], residuals.values).remove(0);
             pool.extend(windows.iter().map(|w| w.moving).zip(raw).filter(|p| !p.1.is_empty()));
@@ -241,8 +242,17 @@ impl<'a> Study<'a> {
         self.seen.extend(seen.into_iter().flatten());
         self.seen[first..].iter_mut().filter(|_| !pool.is_empty()).for_each(Seen::weigh);
         self.parts.push(Part { whitener, noise, alignment });
-        self.steps += steps;
+        self.count(steps);
         Ok(())
+    }
+
+    /// Simulated steps so far.
+    pub fn steps(&self) -> usize {
+        self.steps.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn count(&self, steps: usize) {
+        self.steps.fetch_add(steps, Ordering::Relaxed);
     }
 
     /// Whether a group's effect is known, and could show here.
@@ -280,7 +290,7 @@ impl<'a> Study<'a> {
     ///
     /// # Errors
     /// When a setting has a value that means nothing.
-    pub fn evaluate(&mut self, settings: &[Setting], windows: &[usize]) -> Result<Vec<Vec<Option<Normal>>>, GapError> {
+    pub fn evaluate(&self, settings: &[Setting], windows: &[usize]) -> Result<Vec<Vec<Option<Normal>>>, GapError> {
         let mut all = Vec::new();
         for some in settings.chunks(AT_A_TIME) {
             let raw = self.raw(some, windows)?;
@@ -301,7 +311,7 @@ impl<'a> Study<'a> {
     /// When a setting has a value that means nothing.
     #[allow(clippy::type_complexity)]
     pub fn raw_vectors(
-        &mut self,
+        &self,
         settings: &[Setting],
         windows: &[usize],
     ) -> Result<Vec<Vec<Option<DVector<f64>>>>, GapError> {
@@ -316,11 +326,11 @@ impl<'a> Study<'a> {
     ///
     /// # Errors
     /// When a setting has a value that means nothing.
-    pub fn raw(&mut self, settings: &[Setting], windows: &[usize]) -> Result<Vec<Vec<Raw>>, GapError> {
+    pub fn raw(&self, settings: &[Setting], windows: &[usize]) -> Result<Vec<Vec<Raw>>, GapError> {
         let chosen: Vec<&Window> = windows.iter().map(|&w| &self.seen[w].window).collect();
         let numerics = self.problem.numerics;
         let residuals = compare(&self.problem, &numerics, &chosen, settings)?;
-        self.steps += residuals.steps;
+        self.count(residuals.steps);
         let alignments: Vec<law::Alignment> = chosen.iter().map(|w| self.parts[w.run].alignment).collect();
         let laws = windows.iter().map(|&w| &self.seen[w].raw.law[..]).collect();
         Ok(beside_law(&self.problem, &alignments, (&chosen, laws), settings, residuals.values))

@@ -116,9 +116,9 @@ fn a_study_that_is_moved_says_what_a_new_one_says() {
     };
     let (problem, columns) = late(&run, &model, 0.010, &library);
     let (before, mut anew) = (new(0.009), new(0.010));
-    let steps = before.steps;
+    let steps = before.steps();
     let mut moved = before.moved(problem, columns).unwrap().expect("the same columns");
-    assert!(moved.steps - steps < anew.steps / 2, "{} and {}", moved.steps - steps, anew.steps);
+    assert!(moved.steps() - steps < anew.steps() / 2, "{} and {}", moved.steps() - steps, anew.steps());
     assert_eq!(moved.tolerance, anew.tolerance);
     assert!(moved.seen.iter().zip(&anew.seen).all(|(a, b)| a.raw == b.raw));
     let levels = [&moved, &anew].map(|s| level(s).unwrap().ratio);

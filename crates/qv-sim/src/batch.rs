@@ -81,8 +81,9 @@ pub struct Batch<T: Precision> {
     engine: Box<dyn Engine>,
     /// Parameters that are not neutral, per environment.
     overrides: Vec<BTreeMap<usize, f64>>,
-    /// All parameters as they are when neutral; for as long as something is derived from them, those of one environment.
+    /// All parameters of one environment, `loaded`; neutral ones if there is none.
     values: Vec<f64>,
+    loaded: Option<usize>,
     imu: Option<usize>,
     /// Tells snapshots of another model or other options.
     identity: u64,
@@ -121,6 +122,7 @@ impl<T: Precision> Batch<T> {
             engine,
             overrides,
             values: neutral,
+            loaded: None,
             imu,
             identity: identity(model, options),
             precision: std::marker::PhantomData,
@@ -341,20 +343,35 @@ impl<T: Precision> Batch<T> {
         }
         self.catalogue.check(id, value)?;
         self.check_sensor_latency(id, value)?;
+        self.load(env);
         let before = self.overrides[env].insert(id, value);
+        self.values[id] = value;
         let slot = self.catalogue.infos[id].slot;
         let deriver = deriver(&self.model, &self.shared, &self.catalogue);
-        // Not a copy of all: a setting of many parameters would spend its time on copies.
-        self.overrides[env].iter().for_each(|(&id, &value)| self.values[id] = value);
         let result = self.engine.derive(&deriver, slot, &self.values, env);
-        self.overrides[env].keys().for_each(|&id| self.values[id] = self.catalogue.infos[id].neutral);
         if result.is_err() {
             match before {
                 Some(value) => self.overrides[env].insert(id, value),
                 None => self.overrides[env].remove(&id),
             };
+            self.values[id] = self.value(env, id);
         }
         result
+    }
+
+    /// Fills `values` with those of an environment: settings of many parameters go from one environment to the next.
+    fn load(&mut self, env: usize) {
+        if self.loaded != Some(env) {
+            self.unload();
+            self.overrides[env].iter().for_each(|(&id, &value)| self.values[id] = value);
+            self.loaded = Some(env);
+        }
+    }
+
+    /// Makes all `values` neutral.
+    fn unload(&mut self) {
+        let Some(env) = self.loaded.take() else { return };
+        self.overrides[env].keys().for_each(|&id| self.values[id] = self.catalogue.infos[id].neutral);
     }
 
     /// A latency of sensors must be within what the batch remembers.
@@ -374,6 +391,7 @@ impl<T: Precision> Batch<T> {
     /// When there is no such environment.
     pub fn reset_parameters(&mut self, env: usize) -> Result<(), SimError> {
         self.check_index(env)?;
+        self.unload();
         self.overrides[env].clear();
         let deriver = deriver(&self.model, &self.shared, &self.catalogue);
         self.engine.derive_all(&deriver, &self.values, env)
@@ -424,6 +442,7 @@ impl<T: Precision> Batch<T> {
         if !same || !self.engine.restore_blocks(&*snapshot.blocks) {
             return Err(SimError::Snapshot);
         }
+        self.unload();
         self.overrides.clone_from(&snapshot.overrides);
         Ok(())
     }

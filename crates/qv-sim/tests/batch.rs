@@ -140,6 +140,27 @@ fn an_environment_that_runs_away_is_named_and_harms_no_other() {
 }
 
 #[test]
+fn environments_with_parameters_of_their_own_are_as_alone() {
+    let latencies = [0.0, 0.0005, 0.0005, 0.0023, 0.01, 0.0023];
+    let set = |sim: &mut Batch<f32>, env: usize, latency: f64| {
+        for joint in ["left_hip", "right_knee"] {
+            sim.set_parameter(env, &format!("actuator.{joint}.command_latency"), latency).unwrap();
+        }
+        sim.set_parameter(env, "link.trunk.payload_mass", 300.0 * latency).unwrap();
+    };
+    let mut all = batch::<f32>(&wavy(), None, &[1; 6]);
+    latencies.iter().enumerate().for_each(|(env, &latency)| set(&mut all, env, latency));
+    drive(&mut all, 100, false);
+    for (env, &latency) in latencies.iter().enumerate() {
+        let mut alone = batch::<f32>(&wavy(), None, &[1]);
+        set(&mut alone, 0, latency);
+        drive(&mut alone, 100, false);
+        assert_eq!(bits(&all.state(env).unwrap()), bits(&alone.state(0).unwrap()), "latency {latency}");
+    }
+    assert_ne!(bits(&all.state(1).unwrap()), bits(&all.state(3).unwrap()));
+}
+
+#[test]
 fn a_million_triangles() {
     let side = 708;
     let mut mesh = TriangleMesh::default();

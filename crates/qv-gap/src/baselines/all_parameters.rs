@@ -118,8 +118,8 @@ fn search(plain: &mut Plain, knobs: &[Knob], start: &[f64], budget: usize, seed:
     let nominal = windows.iter().map(|&w| plain.nominal(w)).sum::<f64>() / windows.len().max(1) as f64;
     let (mut best, mut least) = (start.to_vec(), nominal);
     let mut cma = CmaEs::new(start, SIGMA, seed);
-    let until = plain.study.steps + budget;
-    while plain.study.steps < until && !windows.is_empty() {
+    let until = plain.study.steps() + budget;
+    while plain.study.steps() < until && !windows.is_empty() {
         let points = cma.ask();
         let inside: Vec<Vec<f64>> = points.iter().map(|x| x.iter().map(|u| u.clamp(0.0, 1.0)).collect()).collect();
         let settings: Vec<Setting> = inside.iter().map(|x| setting(plain, knobs, x)).collect();

@@ -122,10 +122,10 @@ fn timed<'a>(
 ) -> Result<Answer, GapError> {
     tell(options, stage);
     let now = || options.clock.map_or(0.0, |clock| clock());
-    let (since, steps) = (now(), plain.study.steps);
+    let (since, steps) = (now(), plain.study.steps());
     let mut answer = work(plain)?;
     answer.seconds = now() - since;
-    answer.steps = plain.study.steps - steps;
+    answer.steps = plain.study.steps() - steps;
     Ok(answer)
 }
 

@@ -84,7 +84,7 @@ pub fn answer(plain: &mut Plain, seed: u64) -> Result<Answer, GapError> {
     steps += raws.iter().map(|r| r.1).sum::<usize>();
     let after: Vec<Raw> = raws.into_iter().map(|r| r.0).collect();
     let closed = plain.closed_by(&after);
-    plain.study.steps += steps;
+    plain.study.count(steps);
     Ok(Answer::new("unnamed", Vec::new(), Vec::new(), closed))
 }
 

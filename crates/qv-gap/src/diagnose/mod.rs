@@ -216,7 +216,7 @@ impl<'a> Session<'a> {
         let seconds = self.now() - self.since;
         if let Some(stage) = self.stages.last_mut() {
             stage.seconds = seconds;
-            stage.steps = study.steps;
+            stage.steps = study.steps();
         }
     }
 

@@ -89,6 +89,7 @@ fn command<L: Real>(topology: &Topology, block: &Block<L>, joint: usize) -> Comm
 }
 
 /// Lanes with the same latency take one pass together.
+#[inline(always)]
 fn delayed<L: Real>(topology: &Topology, block: &Block<L>, joint: usize, newest: CommandLanes<L>) -> CommandLanes<L> {
     let slots = block.commands.len() / topology.joints;
     let latency = block.joints[joint].latency;
