@@ -24,8 +24,6 @@ const LEAST_REGIONAL: f64 = 30.0;
 const MOST_GAIN: f64 = 40.0;
 /// Most regions of a scan that the simulator is asked for.
 const MOST_SCANNED: usize = 12;
-/// Share of the evidence of a region that it must keep with the outline that pieces of windows show.
-const AS_GOOD: f64 = 0.5;
 /// Most events that are looked for in one recording.
 const MOST_EVENTS: usize = 8;
 /// Rounds of the pattern search; an event touches few windows, and takes little for each.
@@ -67,9 +65,12 @@ impl Search<'_, '_> {
         let deviations: Vec<f64> = std::iter::once(deviation).chain(of_edges).collect();
         let loss = self.loss_at(base, std::slice::from_ref(&suspect))?[0];
         let told = Fit { held_out: Some(slip.held_out), ..self.weighed(base, suspect, loss, deviations)? };
-        // What whole windows deny is no better an outline.
-        let is_as_good = told.loss.is_finite() && told.evidence > AS_GOOD * fit.evidence;
-        Ok(if is_as_good { told } else { self.ended_at_feet(fit, region) })
+        // Where feet slip whole windows are missed by the right friction, too, and a wrong one may fit them better: pieces have the last word.
+        if !told.loss.is_finite() {
+            return Ok(self.ended_at_feet(fit, region));
+        }
+        let is_better = told.evidence > fit.evidence;
+        Ok(if is_better { told } else { Fit { loss: fit.loss, evidence: fit.evidence, ..told } })
     }
 
     /// The same fit without ground on which nobody stood.
