@@ -13,16 +13,28 @@ pub(crate) struct Commands {
     is_new: Vec<bool>,
     /// Number of ticks before the first.
     past: usize,
-    /// Ticks that they are for.
-    timestep: f64,
+    /// The ticks that they are for.
+    ticks: Ticks,
+}
+
+/// Step and length of a window that is simulated \[s\].
+#[derive(PartialEq)]
+struct Ticks {
+    step: f64,
     length: f64,
+}
+
+impl Ticks {
+    fn new(problem: &Problem, numerics: &Numerics) -> Self {
+        Self { step: numerics.timestep, length: problem.cut.window }
+    }
 }
 
 impl Commands {
     fn new(problem: &Problem, window: &Window, numerics: &Numerics, past: usize) -> Result<Self, GapError> {
         let of_tick = problem.commands(window, numerics, past)?;
         let is_new = (0..of_tick.len()).map(|k| k == 0 || of_tick[k] != of_tick[k - 1]).collect();
-        Ok(Self { of_tick, is_new, past, timestep: numerics.timestep, length: problem.cut.window })
+        Ok(Self { of_tick, is_new, past, ticks: Ticks::new(problem, numerics) })
     }
 
     /// The command that was in force `age` ticks before the first.
@@ -61,8 +73,7 @@ impl Told {
         numerics: &Numerics,
         past: usize,
     ) -> Result<Arc<Commands>, GapError> {
-        let serves =
-            |c: &&Arc<Commands>| c.past >= past && c.timestep == numerics.timestep && c.length == problem.cut.window;
+        let serves = |c: &&Arc<Commands>| c.past >= past && c.ticks == Ticks::new(problem, numerics);
         let mut kept = self.of_ticks.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(commands) = kept.as_ref().filter(serves) {
             return Ok(commands.clone());

@@ -5,9 +5,10 @@ use crate::commands::Commands;
 use crate::observe::{self, Channel, middle, middles, turn};
 use crate::problem::{Cut, Numerics, Problem, Role, Setting, Window};
 use glam::{DQuat, DVec3};
-use qv_replay::replay::SensorErrors;
+use qv_replay::replay::{SensorErrors, Starts};
 use qv_sim::{Batch, Precision, Shape, State};
 use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
 /// Environments that one thread steps together: a few registers' worth of each window; one register's where there are few cases, so
@@ -42,11 +43,18 @@ pub(crate) struct Prepared {
 pub(crate) struct Kept(OnceLock<(SensorErrors, Cut, Option<Arc<Prepared>>)>);
 
 impl Kept {
-    fn get(&self, problem: &Problem, window: &Window, errors: &SensorErrors) -> Option<Arc<Prepared>> {
+    /// `others` are starts of the same window under other errors, some of which these may share; theirs are added.
+    fn get<'w>(
+        &self,
+        problem: &Problem,
+        window: &'w Window,
+        errors: &SensorErrors,
+        others: &mut Vec<Starts<'w>>,
+    ) -> Option<Arc<Prepared>> {
         if let Some((_, _, kept)) = self.0.get().filter(|k| k.0 == *errors && k.1 == problem.cut) {
             return kept.clone();
         }
-        let new = prepare_one(problem, window, errors).map(Arc::new);
+        let new = prepare_one(problem, window, errors, others).map(Arc::new);
         // Another thread may have been first, with the same or with other errors: its own stays.
         let _ = self.0.set((errors.clone(), problem.cut, new.clone()));
         new
@@ -105,10 +113,12 @@ fn prepare(problem: &Problem, windows: &[&Window], settings: &[Setting]) -> (Vec
             })
         })
         .collect();
-    let tasks: Vec<(usize, usize)> =
-        (0..windows.len()).flat_map(|w| (0..distinct.len()).map(move |d| (w, d))).collect();
-    let one = |&(w, d): &(usize, usize)| windows[w].start_kept.get(problem, windows[w], &distinct[d]);
-    let prepared = tasks.par_iter().map(one).collect();
+    let of_window = |window: &&Window| {
+        let mut others = Vec::new();
+        let one = |errors| window.start_kept.get(problem, window, errors, &mut others);
+        distinct.iter().map(one).collect::<Vec<_>>()
+    };
+    let prepared = windows.par_iter().flat_map_iter(of_window).collect();
     let mut cases = Vec::new();
     for window in 0..windows.len() {
         for (setting, errors) in of_setting.iter().enumerate() {
@@ -127,19 +137,32 @@ fn is_near<'p>(problem: &Problem, mut starts: impl Iterator<Item = &'p Arc<Prepa
 /// The same for windows as they were recorded.
 pub(crate) fn are_near(problem: &Problem, windows: &[Window]) -> bool {
     let errors = problem.sensor_errors(&Setting::new());
-    let starts: Vec<_> = windows.iter().filter_map(|w| w.start_kept.get(problem, w, &errors)).collect();
+    let starts: Vec<_> =
+        windows.iter().filter_map(|w| w.start_kept.get(problem, w, &errors, &mut Vec::new())).collect();
     is_near(problem, starts.iter())
 }
 
 /// Measured features of a window as they are, shape `[features]`; `None` where something is missing.
 pub fn measured(problem: &Problem, window: &Window) -> Option<Vec<f64>> {
-    prepare_one(problem, window, &problem.sensor_errors(&Setting::new())).map(|p| p.measured)
+    prepare_one(problem, window, &problem.sensor_errors(&Setting::new()), &mut Vec::new()).map(|p| p.measured)
 }
 
-fn prepare_one(problem: &Problem, window: &Window, errors: &SensorErrors) -> Option<Prepared> {
-    let starts = problem.starts(&window.view, errors.clone()).ok()?;
+fn prepare_one<'w>(
+    problem: &Problem,
+    window: &'w Window,
+    errors: &SensorErrors,
+    others: &mut Vec<Starts<'w>>,
+) -> Option<Prepared> {
+    let shared = others.iter().find_map(|other| other.with_errors(errors));
+    let (is_new, starts) = match shared {
+        Some(starts) => (false, starts),
+        None => (true, problem.starts(&window.view, errors.clone()).ok()?),
+    };
     let state = starts.at(window.start)?;
     let measured = observe::features(problem, window, &starts, errors);
+    if is_new {
+        others.push(starts);
+    }
     measured.iter().all(|x| x.is_finite()).then_some(Prepared { measured, state })
 }
 
@@ -178,10 +201,11 @@ fn simulate<T: Precision>(
     let ticks = (problem.cut.window / numerics.timestep).round() as usize;
     let every = (problem.cut.sample / numerics.timestep).round() as usize;
     let mut now = batch.state(0)?;
+    let of_windows = by_window(&live);
     for tick in 0..ticks {
-        for (env, case) in live.iter().enumerate() {
-            if let Some(command) = commands[case.window].given_at(tick) {
-                batch.set_command(env, &command.view())?;
+        for (window, environments) in &of_windows {
+            if let Some(command) = commands[*window].given_at(tick) {
+                batch.set_command_in(environments.clone(), &command.view())?;
             }
         }
         batch.step();
@@ -198,6 +222,17 @@ fn simulate<T: Precision>(
         }
     }
     Ok(out)
+}
+
+/// Runs of environments that are in one window, and which it is.
+fn by_window(live: &[&Case]) -> Vec<(usize, Range<usize>)> {
+    let mut first = 0;
+    let run = |cases: &[&Case]| {
+        let run = first..first + cases.len();
+        first = run.end;
+        (cases[0].window, run)
+    };
+    live.chunk_by(|a, b| a.window == b.window).map(run).collect()
 }
 
 /// Longest latency of commands under a setting \[s\].
@@ -251,7 +286,9 @@ pub fn standing_depth(problem: &Problem, window: &Window) -> Result<f64, GapErro
     if !problem.free || problem.terrain.is_none() || problem.feet.geoms.is_empty() {
         return Ok(0.0);
     }
-    let Some(start) = prepare_one(problem, window, &problem.sensor_errors(&nothing)) else { return Ok(0.0) };
+    let Some(start) = prepare_one(problem, window, &problem.sensor_errors(&nothing), &mut Vec::new()) else {
+        return Ok(0.0);
+    };
     let options = problem.numerics.options(longest_latency(problem, &nothing));
     let mut batch = Batch::<f64>::new(problem.model, &problem.terrain, &options, 1)?;
     let height = set(problem, &mut batch, 0, &nothing, window, &start.state)?;

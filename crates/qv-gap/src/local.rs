@@ -64,7 +64,8 @@ impl Search<'_, '_> {
         let suspect = Suspect { values: vec![friction], extent: Some(Extent::Region(outline)), ..fit.suspect.clone() };
         let deviations: Vec<f64> = std::iter::once(deviation).chain(of_edges).collect();
         let loss = self.loss_at(base, std::slice::from_ref(&suspect))?[0];
-        let told = Fit { held_out: Some(slip.held_out), ..self.weighed(base, suspect, loss, deviations)? };
+        let of_none = self.loss_without(base, &suspect)?;
+        let told = Fit { held_out: Some(slip.held_out), ..self.weighed(base, suspect, [of_none, loss], deviations) };
         // Where feet slip whole windows are missed by the right friction, too, and a wrong one may fit them better: pieces have the last word.
         if !told.loss.is_finite() {
             return Ok(self.ended_at_feet(fit, region));
@@ -123,7 +124,7 @@ impl Search<'_, '_> {
                 Normal { e: n.e - 2.0 * n.b.dot(&all) + moved.dot(&all), b: &n.b - moved, count: n.count }
             })
         };
-        base.normals.iter().zip(&self.windows).map(left).collect()
+        base.normals.par_iter().zip(&self.windows).map(left).collect()
     }
 
     /// Events, one after the other: each is looked for in what those before it leave.
@@ -184,26 +185,27 @@ impl Search<'_, '_> {
         let columns = self.columns();
         let length = self.study.problem.cut.window;
         let start = |k: usize| self.study.seen[self.windows[k]].window.start;
-        let mut found = Vec::new();
-        for (group, g) in columns.groups.iter().enumerate() {
+        let of_group = |group: usize| {
+            let g = &columns.groups[group];
             let effect = &columns.effects[g.effect];
             let taken = base.suspects.iter().any(|s| columns.groups[s.group].effect == g.effect);
             if !effect.local || without.contains(&g.effect) || taken {
-                continue;
+                return None;
             }
-            let Some(d) = direction(columns, group, 0) else { continue };
+            let d = direction(columns, group, 0)?;
             let wide: Vec<f64> = d.steps.iter().map(|s| (0.4 * effect.span() / s).abs()).collect();
             let part = |(n, &w): (&Option<Normal>, &usize)| {
                 let n = n.as_ref()?;
                 Some((d.d.tr_mul(&n.b) / temper, d.d.tr_mul(&(&self.study.seen[w].h * &d.d)) / temper))
             };
             let parts: Vec<_> = left.iter().zip(&self.windows).map(part).collect();
-            let Some((evidence, first, last, amounts)) = best_run(&parts, &wide) else { continue };
+            let (evidence, first, last, amounts) = best_run(&parts, &wide)?;
             let clamped = |(a, s): (&f64, &f64)| (a * s).clamp(effect.range[0], effect.range[1]);
             let values = amounts.iter().zip(&d.steps).map(clamped).collect();
             let extent = Some(Extent::Time([start(first), start(last) + length]));
-            found.push((evidence, first, last, Suspect { group, values, extent }));
-        }
+            Some((evidence, first, last, Suspect { group, values, extent }))
+        };
+        let mut found: Vec<_> = (0..columns.groups.len()).into_par_iter().filter_map(of_group).collect();
         found.sort_by(|a, b| b.0.total_cmp(&a.0));
         found
     }
@@ -328,12 +330,13 @@ impl Search<'_, '_> {
             }
         }
         let deviations = self.spreads(base, &as_suspect(&at), loss, &steps)?;
-        let fit = self.weighed(base, as_suspect(&at), loss, deviations)?;
+        let fit = self.weighed(base, as_suspect(&at), [of_none, loss], deviations);
         Ok(fit.loss.is_finite().then_some(fit))
     }
 
-    /// A suspect that is confined to an extent, where that loses `loss`, with the evidence that it gains over none, less what its freedom costs.
-    fn weighed(&self, base: &Base, suspect: Suspect, loss: f64, deviations: Vec<f64>) -> Result<Fit, GapError> {
+    /// A suspect that is confined to an extent, by the losses without it and with it: with the evidence that it gains, less what its freedom
+    /// costs.
+    fn weighed(&self, base: &Base, suspect: Suspect, [before, loss]: [f64; 2], deviations: Vec<f64>) -> Fit {
         let axes = suspect.values.len();
         let columns = self.columns();
         let span = columns.effects[columns.groups[suspect.group].effect].span();
@@ -342,12 +345,11 @@ impl Search<'_, '_> {
             |(k, d): (usize, &f64)| (d.max(1e-6 * range(k)) * std::f64::consts::TAU.sqrt() / range(k)).ln().min(0.0);
         let volume: f64 = deviations.iter().enumerate().map(cost).sum();
         let regional = matches!(suspect.extent, Some(Extent::Region(_)));
-        let before = self.loss_without(base, &suspect)?;
         let temper = if regional { 1.0 } else { self.temper };
         let evidence = 0.5 * (before - loss) / temper + volume;
         // Told on the scale of the other fits.
         let loss = base.loss - (before - loss);
-        Ok(Fit { suspect, deviations, loss, evidence, held_out: None })
+        Fit { suspect, deviations, loss, evidence, held_out: None }
     }
 
     /// Loss without a suspect that is confined to an extent.

@@ -177,7 +177,11 @@ struct Recorder {
     /// In force, and a place for the next.
     command: Command,
     upcoming: Command,
+    /// Stamp of the command after the one in force.
+    until: f64,
     columns: Vec<usize>,
+    /// A row that is written.
+    row: Vec<f64>,
 }
 
 impl Recorder {
@@ -232,7 +236,8 @@ impl Recorder {
         let random = Random::new(ghost.seed, stream);
         let columns = problem.columns.clone();
         let upcoming = command.clone();
-        Ok(Some(Self { view, commands, from, to: last, due, next, random, command, upcoming, columns }))
+        let (row, until) = (Vec::new(), f64::NEG_INFINITY);
+        Ok(Some(Self { view, commands, from, to: last, due, next, random, command, upcoming, until, columns, row }))
     }
 
     fn ticks(&self, timestep: f64) -> usize {
@@ -262,6 +267,10 @@ impl Recorder {
                 self.write_pose(time, &seen, noise);
             }
         }
+        if time + 0.5 * timestep < self.until {
+            return Ok(());
+        }
+        self.until = self.commands.until(time, timestep);
         self.commands.at(time, timestep, &mut self.upcoming);
         if tick == 0 || self.upcoming != self.command {
             std::mem::swap(&mut self.command, &mut self.upcoming);
@@ -271,14 +280,15 @@ impl Recorder {
     }
 
     fn write_state(&mut self, time: f64, seen: &SensorReading, noise: &Noise) {
-        let (random, columns) = (&mut self.random, &self.columns);
+        let (random, columns, row) = (&mut self.random, &self.columns, &mut self.row);
         let mut joints = |series: &mut Option<JointSeries>, values: &[f64], deviations: &[f64]| {
             if let Some(series) = series {
-                let mut row = vec![0.0; series.joints];
+                row.clear();
+                row.resize(series.joints, 0.0);
                 for (j, &c) in columns.iter().enumerate() {
                     row[c] = values[j] + random.normal(deviations[j]);
                 }
-                push(series, time, &row);
+                push(series, time, row);
             }
         };
         let m = &mut self.view.measured;

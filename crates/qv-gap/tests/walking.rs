@@ -255,6 +255,30 @@ fn a_run_that_is_too_short_is_refused_by_name() {
 }
 
 #[test]
+fn a_start_is_the_same_beside_other_errors() {
+    let run = recorded(synthetic::command_latency(0.012), 4);
+    let columns: Vec<usize> = (0..12).collect();
+    let none = Starts::new(&run, &columns, true, SensorErrors::default()).unwrap();
+    let of_joints = SensorErrors {
+        encoder_bias: vec![0.01; 12],
+        gyro_bias: [0.02, 0.0, -0.01],
+        encoder_latency: vec![0.004; 12],
+        ..SensorErrors::default()
+    };
+    let alone = Starts::new(&run, &columns, true, of_joints.clone()).unwrap();
+    let beside = none.with_errors(&of_joints).unwrap();
+    for time in [4.0, 5.3, 6.1] {
+        assert_eq!(beside.at(time).unwrap(), alone.at(time).unwrap());
+        assert_ne!(beside.at(time).unwrap(), none.at(time).unwrap());
+    }
+    let of_path = [
+        SensorErrors { pose_delay: 0.01, ..SensorErrors::default() },
+        SensorErrors { imu_tilt: [0.0, 0.02], ..SensorErrors::default() },
+    ];
+    assert!(of_path.iter().all(|errors| none.with_errors(errors).is_none()));
+}
+
+#[test]
 fn without_poses_a_robot_goes_where_its_legs_carry_it() {
     let model = go2();
     let posed = recorded(synthetic::command_latency(0.012), 4);

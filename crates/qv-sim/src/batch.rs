@@ -18,6 +18,8 @@ use crate::terrain::Terrain;
 use crate::{Precision, SimError};
 use lanes_of::Engine;
 use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::OnceLock;
 
 /// Positions and velocities of one environment.
 ///
@@ -85,8 +87,8 @@ pub struct Batch<T: Precision> {
     values: Vec<f64>,
     loaded: Option<usize>,
     imu: Option<usize>,
-    /// Tells snapshots of another model or other options.
-    identity: u64,
+    /// Tells snapshots of another model or other options; found when the first is taken.
+    identity: OnceLock<u64>,
     precision: std::marker::PhantomData<T>,
 }
 
@@ -124,7 +126,7 @@ impl<T: Precision> Batch<T> {
             values: neutral,
             loaded: None,
             imu,
-            identity: identity(model, options),
+            identity: OnceLock::new(),
             precision: std::marker::PhantomData,
         };
         let rest = batch.rest_state();
@@ -236,6 +238,17 @@ impl<T: Precision> Batch<T> {
     pub fn set_command(&mut self, env: usize, command: &JointCommand) -> Result<(), SimError> {
         self.check_command(env, command)?;
         self.engine.write_command(&self.shared, env, None, command);
+        Ok(())
+    }
+
+    /// [`Batch::set_command`] with one command for some environments that follow each other.
+    ///
+    /// # Errors
+    /// As [`Batch::set_command`], and when there are not that many environments.
+    pub fn set_command_in(&mut self, environments: Range<usize>, command: &JointCommand) -> Result<(), SimError> {
+        let Some(last) = environments.clone().next_back() else { return Ok(()) };
+        self.check_command(last, command)?;
+        environments.for_each(|env| self.engine.write_command(&self.shared, env, None, command));
         Ok(())
     }
 
@@ -428,7 +441,7 @@ impl<T: Precision> Batch<T> {
         Snapshot {
             blocks: self.engine.copy_blocks(),
             overrides: self.overrides.clone(),
-            identity: self.identity,
+            identity: self.identity(),
             precision,
         }
     }
@@ -438,13 +451,17 @@ impl<T: Precision> Batch<T> {
     /// # Errors
     /// When the snapshot is of another model, count, precision or other options.
     pub fn restore(&mut self, snapshot: &Snapshot<T>) -> Result<(), SimError> {
-        let same = snapshot.identity == self.identity && snapshot.overrides.len() == self.len();
+        let same = snapshot.identity == self.identity() && snapshot.overrides.len() == self.len();
         if !same || !self.engine.restore_blocks(&*snapshot.blocks) {
             return Err(SimError::Snapshot);
         }
         self.unload();
         self.overrides.clone_from(&snapshot.overrides);
         Ok(())
+    }
+
+    fn identity(&self) -> u64 {
+        *self.identity.get_or_init(|| identity(&self.model, &self.shared.options))
     }
 
     /// Accelerations of the last step, in the order of [`State::v`].

@@ -58,7 +58,8 @@ pub(crate) fn read(
         engine.read_past_state(env, age, &mut q, &mut v);
         Ok((q, v))
     };
-    let (q, v) = past(0.0, 0)?;
+    let (mut q, mut v) = (vec![0.0; model.nq()], vec![0.0; model.nv()]);
+    engine.read_state(env, &mut q, &mut v);
     let (positions, dofs) = (shared.topology.base_positions, shared.topology.base_dofs);
     let mut reading = SensorReading {
         q: q[positions..].to_vec(),
@@ -85,8 +86,11 @@ pub(crate) fn read(
     if model.base == BaseKind::Fixed {
         return Ok(reading);
     }
-    let (late, _) = past(world(WorldField::PoseDelay), catalogue.world_at + WorldField::PoseDelay as usize)?;
-    let reported = base_pose(&late);
+    let delay = world(WorldField::PoseDelay);
+    let reported = match delay > 0.0 {
+        true => base_pose(&past(delay, catalogue.world_at + WorldField::PoseDelay as usize)?.0),
+        false => base_pose(&q),
+    };
     reading.base_position = reported.position.to_array();
     reading.base_orientation = reported.wxyz();
     let base_from_imu =

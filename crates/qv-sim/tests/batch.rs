@@ -74,21 +74,28 @@ fn one_command_for_all_is_each_one_commanded() {
     let everyone: Vec<usize> = (0..11).collect();
     let mut each = batch::<f64>(&Terrain::plane(), None, &everyone);
     let mut all = batch::<f64>(&Terrain::plane(), None, &everyone);
+    let mut parts = batch::<f64>(&Terrain::plane(), None, &everyone);
     for step in 0..60 {
         if step == 30 {
-            each.set_state(4, &start(9)).unwrap();
-            all.set_state(4, &start(9)).unwrap();
+            [&mut each, &mut all, &mut parts].into_iter().for_each(|sim| sim.set_state(4, &start(9)).unwrap());
         }
         let q = [0.1, -0.3, 0.004 * f64::from(step), -0.2];
         let command = JointCommand { q: &q, dq: &[0.0; 4], kp: &[30.0; 4], kd: &[1.0; 4], tau: &[0.1; 4] };
         (0..11).for_each(|env| each.set_command(env, &command).unwrap());
         all.set_command_for_all(&command).unwrap();
+        parts.set_command_in(0..3, &command).unwrap();
+        parts.set_command_in(3..11, &command).unwrap();
         each.step();
+        parts.step();
         if step % 2 == 0 { all.step() } else { all.follow(&[command], step % 3 == 0).unwrap() }
     }
     for env in 0..11 {
         assert_eq!(bits(&each.state(env).unwrap()), bits(&all.state(env).unwrap()), "environment {env}");
+        assert_eq!(bits(&each.state(env).unwrap()), bits(&parts.state(env).unwrap()), "environment {env}");
     }
+    let command = JointCommand { q: &[0.0; 4], dq: &[0.0; 4], kp: &[0.0; 4], kd: &[0.0; 4], tau: &[0.0; 4] };
+    assert!(matches!(parts.set_command_in(9..12, &command), Err(SimError::Environment { index: 11, count: 11 })));
+    assert!(parts.set_command_in(3..3, &command).is_ok(), "nobody is commanded");
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! How a recorder stamps torques beside positions and commands, found from what the laws leave at each way it may do so.
 
-use super::{Alignment, Asked, Between, Channels, Law, Stamps, State, left, row_at};
+use super::{Alignment, Asked, Between, Channels, Law, Rows, Stamps, State, left, row_at};
 use crate::problem::{Problem, Setting, Window};
 use qv_core::JointSeries;
 use rayon::prelude::*;
@@ -86,9 +86,10 @@ fn squares(problem: &Problem, window: &Window, laws: &[Law], offsets: &[Offsets]
         let table = &tables[at].1;
         let asked: BTreeMap<i64, Vec<Asked>> = table.asked(&channels);
         let states: BTreeMap<i64, Vec<State>> = table.states(&channels);
+        let rows = Rows::new(problem, window, column, stamps);
         let of_offsets = |[command, state]: &Offsets| {
             let read = asked[command].iter().copied().zip(states[state].iter().copied());
-            left(problem, window, law, read, stamps).iter().map(|x| x * x).sum()
+            left(law, &rows, read).iter().map(|x| x * x).sum()
         };
         offsets.iter().map(of_offsets).collect()
     };

@@ -128,12 +128,11 @@ impl<'a> Channels<'a> {
         [self.q_des, self.dq_des, self.tau_ff, self.kp, self.kd]
     }
 
-    /// The command in force at a time.
-    fn asked(&self, t: f64) -> Asked {
-        let mut row = 0;
+    /// The command in force at a time, looked for near `row`, which is moved there.
+    fn asked(&self, t: f64, row: &mut usize) -> Asked {
         self.asked_in(|series| {
-            row = row_near(series, t, row);
-            row
+            *row = row_near(series, t, *row);
+            *row
         })
     }
 
@@ -148,10 +147,11 @@ impl<'a> Channels<'a> {
         Asked { q: next(), dq: next(), tau: next(), kp: next(), kd: next() }
     }
 
-    /// The state at a time.
-    fn state(&self, t: f64) -> State {
-        let q = Between::new(self.q, t, 0);
+    /// The state at a time, looked for near `row`, which is moved there.
+    fn state(&self, t: f64, row: &mut usize) -> State {
+        let q = Between::new(self.q, t, *row);
         let dq = Between::new(self.dq, t, q.row);
+        *row = dq.row;
         State { q: q.of(self.q, self.column), dq: dq.of(self.dq, self.column) }
     }
 }
@@ -161,10 +161,10 @@ fn row_at(series: &JointSeries, t: f64) -> usize {
     series.index_at(t).unwrap_or(0)
 }
 
-/// The same, looked for in one row first: channels of a recorder mostly share their stamps.
+/// The same, looked for in one row and the next first: channels of a recorder mostly share their stamps, and what is asked for comes in order.
 fn row_near(series: &JointSeries, t: f64, row: usize) -> usize {
-    let is_here = row + 1 < series.len() && series.time[row] <= t && t < series.time[row + 1];
-    if is_here { row } else { row_at(series, t) }
+    let is_in = |row: &usize| row + 1 < series.len() && series.time[*row] <= t && t < series.time[row + 1];
+    [row, row + 1].into_iter().find(is_in).unwrap_or_else(|| row_at(series, t))
 }
 
 /// A time between two rows of a series.
@@ -235,11 +235,13 @@ pub fn of_joint(problem: &Problem, window: &Window, law: &Law, alignment: Alignm
     let Some((channels, stamps)) = Channels::new(&window.view, column).zip(Stamps::new(problem, window, law)) else {
         return vec![f64::NAN; bins(problem)];
     };
+    let mut rows = [0; 2];
     let read = |t: f64| {
         let (late, seen) = (t - alignment.command - law.latency, t - alignment.state + law.seen_late);
-        (channels.asked(late), channels.state(seen))
+        (channels.asked(late, &mut rows[0]), channels.state(seen, &mut rows[1]))
     };
-    left(problem, window, law, stamps.times(window).map(read), stamps)
+    let rows = Rows::new(problem, window, column, stamps);
+    left(law, &rows, stamps.times(window).map(read))
 }
 
 /// Rows of measured torque that the law is compared with.
@@ -265,32 +267,52 @@ impl Stamps {
     }
 }
 
+/// Measured torques of one joint at their stamps, and the bins that they are in.
+struct Rows {
+    /// Stamp, torque, and bin: none where nothing was measured, and before the window.
+    of: Vec<(f64, f64, Option<usize>)>,
+    /// Torques in each bin.
+    counts: Vec<usize>,
+}
+
+impl Rows {
+    fn new(problem: &Problem, window: &Window, column: usize, stamps: Stamps) -> Self {
+        let torque = window.view.measured.torque.as_ref().expect("there are stamps of it");
+        let mut counts = vec![0; bins(problem)];
+        let row = |i: usize| {
+            let (time, measured) = (torque.time[i], torque.row(i)[column]);
+            let bin = (time - window.start) / BIN;
+            let is_counted = bin >= 0.0 && (bin as usize) < counts.len() && measured.is_finite();
+            let bin = is_counted.then_some(bin as usize);
+            bin.into_iter().for_each(|bin| counts[bin] += 1);
+            (time, measured, bin)
+        };
+        Self { of: (stamps.first..stamps.last).map(row).collect(), counts }
+    }
+}
+
 /// Mean of measured minus expected torque in each bin; `read` gives command and state at each of the stamps.
-fn left(
-    problem: &Problem,
-    window: &Window,
-    law: &Law,
-    read: impl Iterator<Item = (Asked, State)>,
-    stamps: Stamps,
-) -> Vec<f64> {
-    let (count, column) = (bins(problem), problem.columns[law.joint]);
-    let torque = window.view.measured.torque.as_ref().expect("there are stamps of it");
-    let (mut sums, mut counts) = (vec![0.0; count], vec![0usize; count]);
+fn left(law: &Law, rows: &Rows, read: impl Iterator<Item = (Asked, State)>) -> Vec<f64> {
+    let mut sums = vec![0.0; rows.counts.len()];
     let mut filter = Lag { time_constant: law.lag, state: None };
     let mut motor = None;
-    for (i, (asked, state)) in (stamps.first..stamps.last).zip(read) {
-        let t = torque.time[i];
-        let lagged = filter.next(t, law.demand(&asked, &state, &mut motor));
+    // The sum of the bin that is being filled stays in a register.
+    let (mut at, mut sum) = (0, 0.0);
+    for (&(time, measured, bin), (asked, state)) in rows.of.iter().zip(read) {
+        let lagged = filter.next(time, law.demand(&asked, &state, &mut motor));
         let expected = law.torque_scale * law.limited(state.dq, lagged);
-        let bin = (t - window.start) / BIN;
-        let measured = torque.row(i)[column];
-        if bin >= 0.0 && (bin as usize) < count && measured.is_finite() {
-            sums[bin as usize] += measured - expected;
-            counts[bin as usize] += 1;
+        let Some(bin) = bin else { continue };
+        if bin != at {
+            sums[at] = sum;
+            (at, sum) = (bin, sums[bin]);
         }
+        sum += measured - expected;
+    }
+    if let Some(last) = sums.get_mut(at) {
+        *last = sum;
     }
     // A bin without a sample of its own, in a slow recording, has nothing to say.
-    sums.iter().zip(counts).map(|(s, n)| if n == 0 { 0.0 } else { s / n as f64 }).collect()
+    sums.iter().zip(&rows.counts).map(|(s, &n)| if n == 0 { 0.0 } else { s / n as f64 }).collect()
 }
 
 /// A first-order lag on uneven stamps.

@@ -92,6 +92,16 @@ impl HeldCommands {
         fill(&self.torque, 0.0, &mut out.tau);
     }
 
+    /// Stamp \[s\] of the command that ends the one that [`Self::at`] gives: infinite where none follows.
+    pub fn until(&self, time: f64, step: f64) -> f64 {
+        let next = |series: &JointSeries| {
+            let row = series.index_at(time + 0.5 * step).map_or(0, |row| row + 1);
+            series.time.get(row).copied().unwrap_or(f64::INFINITY)
+        };
+        let all = [&self.position, &self.velocity, &self.kp, &self.kd, &self.torque];
+        all.into_iter().flatten().map(next).fold(f64::INFINITY, f64::min)
+    }
+
     /// The series that sets the pace, for gaps.
     pub fn pace(&self) -> Option<&JointSeries> {
         self.position.as_ref().or(self.torque.as_ref())
@@ -116,4 +126,35 @@ fn filled(series: &JointSeries, columns: &[usize]) -> JointSeries {
         }
     }
     JointSeries { time: series.time.clone(), values, joints }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_command_stays_until_it_is_said_to() {
+        let series = |time: &[f64]| Some(JointSeries { time: time.to_vec(), values: time.to_vec(), joints: 1 });
+        let held = HeldCommands {
+            position: series(&[0.5, 0.7, 0.9]),
+            velocity: None,
+            torque: None,
+            kp: series(&[0.6]),
+            kd: None,
+            fixed_kp: 0.0,
+            fixed_kd: 1.0,
+            joints: 1,
+        };
+        let (step, mut here, mut there) = (0.02, Command::default(), Command::default());
+        for k in 0..60 {
+            let time = 0.4 + 0.0113 * f64::from(k);
+            held.at(time, step, &mut here);
+            let until = held.until(time, step);
+            held.at(until - 0.5 * step - 1e-9, step, &mut there);
+            assert!(until == f64::INFINITY || here == there, "{time} until {until}");
+            held.at(until, step, &mut there);
+            assert!(until == f64::INFINITY || until <= 0.6 || here != there, "{time} until {until}");
+        }
+        assert_eq!(held.until(0.95, step), f64::INFINITY);
+    }
 }

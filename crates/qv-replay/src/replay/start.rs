@@ -14,6 +14,7 @@ use glam::{DQuat, DVec3};
 use qv_core::{GRAVITY, JointSeries, Pose};
 use qv_sim::State;
 use std::borrow::Cow;
+use std::sync::Arc;
 
 /// Half-width of the fit of the base's path \[s\].
 const BASE_HALF_WIDTH: f64 = 0.4;
@@ -48,6 +49,13 @@ pub struct Starts<'a> {
     tilt: DQuat,
     /// Poses of the base: measured, or by its legs.
     poses: Option<Cow<'a, JointSeries>>,
+    /// Shared by all errors that concern the joints and the gyroscope alone.
+    prepared: Arc<Prepared>,
+}
+
+/// What takes most of the time.
+#[derive(Default)]
+struct Prepared {
     /// Sine and cosine of the yaw from the IMU's world to that of each pose.
     yaws: Vec<Yaw>,
     derived_velocity: Option<JointSeries>,
@@ -115,35 +123,43 @@ impl<'a> Starts<'a> {
         if run.measured.position.is_none() {
             return Err(ReplayError::run("replay", "measured joint positions", "none"));
         }
+        let tilt = tilt_of(&errors);
+        let columns = columns.to_vec();
+        let free = poses.is_some();
+        let mut starts = Self { run, free, columns, tilt, errors, poses, prepared: Arc::default() };
         let derived_velocity = match run.measured.velocity {
             Some(_) => None,
             None => joint_velocity(run).map(|d| d.series),
         };
-        let mut starts = Self {
-            run,
-            free: poses.is_some(),
-            columns: columns.to_vec(),
-            tilt: tilt_of(&errors),
-            errors,
-            poses,
-            yaws: Vec::new(),
-            derived_velocity,
-            base_velocity: None,
-            base_rate: None,
-            path: None,
-        };
+        let mut prepared = Prepared { derived_velocity, ..Prepared::default() };
         if let Some(poses) = &starts.poses {
-            starts.yaws = starts.yaws();
-            starts.path = starts.imu_path();
+            prepared.yaws = starts.yaws();
+            prepared.path = starts.imu_path();
             // Derived from the poses only where no IMU tells better: differentiating costs more than all else here.
-            if starts.path.is_none() {
-                starts.base_velocity = base_velocity(poses).map(|d| d.series);
+            if prepared.path.is_none() {
+                prepared.base_velocity = base_velocity(poses).map(|d| d.series);
             }
             if run.measured.gyro.is_none() {
-                starts.base_rate = base_angular_velocity(poses).map(|d| d.series);
+                prepared.base_rate = base_angular_velocity(poses).map(|d| d.series);
             }
         }
+        starts.prepared = Arc::new(prepared);
         Ok(starts)
+    }
+
+    /// The same recording with other errors of the sensors, in a fraction of the time; `None` where they change the path of the base.
+    pub fn with_errors(&self, errors: &SensorErrors) -> Option<Self> {
+        let is_measured = matches!(self.poses, None | Some(Cow::Borrowed(_)));
+        let same_path = self.errors.imu_tilt == errors.imu_tilt && self.errors.pose_delay == errors.pose_delay;
+        (is_measured && same_path).then(|| Self {
+            run: self.run,
+            free: self.free,
+            columns: self.columns.clone(),
+            errors: errors.clone(),
+            tilt: self.tilt,
+            poses: self.poses.clone(),
+            prepared: self.prepared.clone(),
+        })
     }
 
     /// The smoothed state at `time` \[s\]; `None` where too little was measured near it.
@@ -191,7 +207,7 @@ impl<'a> Starts<'a> {
 
     /// Joint velocities to compare with \[rad/s\]: measured, else derived from positions.
     pub fn velocities(&self) -> Option<&JointSeries> {
-        self.run.measured.velocity.as_ref().or(self.derived_velocity.as_ref())
+        self.run.measured.velocity.as_ref().or(self.prepared.derived_velocity.as_ref())
     }
 
     /// Pose `world_from_base`, linear velocity in the world, angular velocity in the base.
@@ -200,7 +216,7 @@ impl<'a> Starts<'a> {
         let angular = self.angular(time)?;
         let poses = self.poses.as_deref()?;
         let late = time + self.errors.pose_delay;
-        let (position, velocity) = match &self.path {
+        let (position, velocity) = match &self.prepared.path {
             Some(path) => {
                 let (p, v) = path.fit(poses, time, self.errors.pose_delay, |t| self.imu_offset(t))?;
                 let arm = DVec3::from_array(self.run.imu_position);
@@ -209,7 +225,7 @@ impl<'a> Starts<'a> {
             None => {
                 let filter = LocalPolynomial { half_width: 0.1, degree: 3 };
                 let at = filter.at(poses, late);
-                let speed = filter.at(self.base_velocity.as_ref()?, late);
+                let speed = filter.at(self.prepared.base_velocity.as_ref()?, late);
                 (vector(&at, |s| s.value), vector(&speed, |s| s.value))
             }
         };
@@ -229,7 +245,7 @@ impl<'a> Starts<'a> {
                 Some(self.tilt() * measured)
             }
             None => {
-                let rate = self.base_rate.as_ref()?;
+                let rate = self.prepared.base_rate.as_ref()?;
                 let mut out = [0.0; 3];
                 rate.interpolate(time + self.errors.pose_delay, &mut out);
                 Some(DVec3::from_array(out))
@@ -267,7 +283,7 @@ impl<'a> Starts<'a> {
         let (mut sine, mut cosine) = (0.0, 0.0);
         let first = poses.time.partition_point(|&t| t < late - BASE_HALF_WIDTH);
         let last = poses.time.partition_point(|&t| t <= late + BASE_HALF_WIDTH);
-        for yaw in &self.yaws[first..last] {
+        for yaw in &self.prepared.yaws[first..last] {
             match yaw {
                 Yaw::Of(s, c) => (sine, cosine) = (sine + s, cosine + c),
                 Yaw::NoPose => {}
