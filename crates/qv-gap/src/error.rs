@@ -37,9 +37,13 @@ pub enum GapError {
 impl GapError {
     /// The same, with what is known to be wrong with the recordings.
     pub(crate) fn beside(self, known: &[String]) -> Self {
+        let with_known = |found: String| format!("{found} ({})", known.join("; "));
         match self {
             Self::Run { what, expected, found } if !known.is_empty() => {
-                Self::Run { what, expected, found: format!("{found} ({})", known.join("; ")) }
+                Self::Run { what, expected, found: with_known(found) }
+            }
+            Self::Replay(ReplayError::Run { what, expected, found }) if !known.is_empty() => {
+                Self::Replay(ReplayError::Run { what, expected, found: with_known(found) })
             }
             other => other,
         }

@@ -104,6 +104,8 @@ pub struct Study<'a> {
     pub floor: f64,
     /// Steps simulated so far.
     steps: AtomicUsize,
+    /// Those when they were asked for last.
+    steps_told: AtomicUsize,
     /// Whether the null is what reference recordings leave, pushes and blows among it.
     pub is_relative: bool,
 }
@@ -135,6 +137,7 @@ impl<'a> Study<'a> {
             at_rest: Vec::new(),
             floor: 0.0,
             steps: AtomicUsize::new(0),
+            steps_told: AtomicUsize::new(0),
             is_relative: !reference.is_empty(),
         };
         study.tolerance = study.tolerances();
@@ -252,6 +255,12 @@ impl<'a> Study<'a> {
     /// Simulated steps so far.
     pub fn steps(&self) -> usize {
         self.steps.load(Ordering::Relaxed)
+    }
+
+    /// Simulated steps since this was asked last.
+    pub(crate) fn steps_since(&self) -> usize {
+        let steps = self.steps();
+        steps - self.steps_told.swap(steps, Ordering::Relaxed)
     }
 
     pub(crate) fn count(&self, steps: usize) {
@@ -570,13 +579,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_product_of_one_row_is_the_library_s_to_the_bit() {
+    fn a_product_of_few_rows_is_the_library_s_to_the_bit() {
         let mut random = Random::new(5, 0);
         for (rows, columns) in [(1, 1), (7, 3), (40, 8), (129, 21)] {
             let matrix = DMatrix::from_fn(rows, columns, |_, _| random.normal(1.0));
-            let row = DVector::from_fn(rows, |_, _| random.normal(1.0));
-            let expected = DMatrix::from_columns(std::slice::from_ref(&row)).transpose() * &matrix;
-            assert_eq!(times_columns(row.as_slice(), &matrix), expected.row(0).transpose());
+            for count in 1..=FEW_ROWS {
+                let some: Vec<_> = (0..count).map(|_| DVector::from_fn(rows, |_, _| random.normal(1.0))).collect();
+                let expected = DMatrix::from_columns(&some).transpose() * &matrix;
+                for (row, expected) in some.iter().zip(expected.row_iter()) {
+                    assert_eq!(times_columns(row.as_slice(), &matrix), expected.transpose());
+                }
+            }
         }
     }
 }

@@ -255,6 +255,27 @@ fn a_run_that_is_too_short_is_refused_by_name() {
 }
 
 #[test]
+fn single_values_that_are_missing_cost_nothing() {
+    let mut run = recorded(synthetic::command_latency(0.012), 4);
+    let blank = |series: &mut Option<qv_core::JointSeries>, every: usize| {
+        series.iter_mut().for_each(|s| s.values.iter_mut().step_by(every).for_each(|x| *x = f64::NAN));
+    };
+    // Coprime to the number of columns: all of them, now and then.
+    blank(&mut run.commands.position, 101);
+    blank(&mut run.measured.position, 103);
+    blank(&mut run.measured.velocity, 107);
+    blank(&mut run.measured.torque, 109);
+    blank(&mut run.measured.base_pose, 113);
+    blank(&mut run.measured.gyro, 127);
+    let report = of(&run, &quick());
+    assert_eq!(report.verdict, Verdict::Explained, "{}", report.sentence);
+    assert_eq!(report.causes[0].effect, "command_latency");
+    let told = |what: &str| report.cannot_tell.iter().any(|t| t.contains(what));
+    assert!(told("single values of positions are missing") && told("of base pose"), "{:?}", report.cannot_tell);
+    assert!(!told("could be judged"), "all windows are there: {:?}", report.cannot_tell);
+}
+
+#[test]
 fn a_start_is_the_same_beside_other_errors() {
     let run = recorded(synthetic::command_latency(0.012), 4);
     let columns: Vec<usize> = (0..12).collect();

@@ -10,6 +10,7 @@ pub mod conventions;
 pub mod derive;
 mod error;
 pub mod faults;
+pub mod holes;
 pub mod images;
 pub mod mapping;
 pub mod plan;

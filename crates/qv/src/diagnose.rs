@@ -2,7 +2,7 @@
 
 use crate::camera::{RobotCamera, open_camera, open_images, photographs, to_toml};
 use crate::open::{
-    check_ground, file_error, lost_from, model_of, open_run, parameters, spinner, terrain_of, urdf_of, write_error,
+    check_ground, file_error, lost_from, model_of, open_run, parameters_of, spinner, terrain_of, urdf_of, write_error,
 };
 use crate::scene::open_scene;
 use crate::{Outcome, RunArguments, say};
@@ -124,13 +124,15 @@ impl Diagnose {
                 found: ground_error.to_string(),
             });
         }
+        // Before minutes are spent on what could not be written.
+        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let bar = spinner("reading");
         let clock = Instant::now();
         let seconds = || clock.elapsed().as_secs_f64();
         let told = |stage: &str| bar.set_message(stage.to_string());
         let options = Options {
             library,
-            given: parameters(self.params.as_deref())?,
+            given: parameters_of(self.params.as_deref(), &model, &terrain)?,
             reference: self.open(&self.reference)?,
             effort: qv_gap::study::Effort { seed: self.seed, ground_error, ..Default::default() },
             without: self.without.clone(),

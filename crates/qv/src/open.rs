@@ -5,10 +5,10 @@ use crate::mesh_file::vertices;
 use indicatif::{ProgressBar, ProgressStyle};
 use qv_mesh::files::glb;
 use qv_replay::mapping::Mapping;
-use qv_replay::replay::parameters_from_toml;
+use qv_replay::replay::{expand, parameters_from_toml};
 use qv_replay::run::{Base, Loss, Robot};
 use qv_replay::{BagFile, ReplayError, Run};
-use qv_sim::{BaseKind, Model, ModelOptions, Terrain};
+use qv_sim::{BaseKind, Batch, Model, ModelOptions, SimOptions, Terrain};
 use std::fs::{self, File};
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -230,6 +230,30 @@ pub fn parameters(path: Option<&Path>) -> Result<Vec<(String, f64)>, ReplayError
     let Some(path) = path else { return Ok(Vec::new()) };
     let text = fs::read_to_string(path).map_err(|e| file_error(path, "a parameter file", &e.to_string()))?;
     parameters_from_toml(&text)
+}
+
+/// The parameters of a `--params` file of a robot on some ground; none without one.
+///
+/// # Errors
+/// Names the file, and the first parameter that this robot lacks or whose value means nothing.
+pub fn parameters_of(path: Option<&Path>, model: &Model, terrain: &Terrain) -> Result<Vec<(String, f64)>, ReplayError> {
+    let given = parameters(path)?;
+    let (Some(path), false) = (path, given.is_empty()) else { return Ok(given) };
+    let wrong = |expected: &str, found: &dyn ToString| file_error(path, expected, &found.to_string());
+    let expected = "parameters of this robot";
+    let probe = Batch::<f32>::new(model, terrain, &SimOptions::default(), 1).map_err(|e| wrong(expected, &e))?;
+    for one in &given {
+        let named =
+            expand(model, terrain, std::slice::from_ref(one)).map_err(|_| wrong(expected, &format!("`{}`", one.0)))?;
+        for (name, value) in named {
+            let id = probe.parameter_index(&name).map_err(|e| wrong(expected, &e))?;
+            let least = probe.catalogue()[id].clamped(f64::NEG_INFINITY);
+            if value.is_nan() || value < least {
+                return Err(wrong(&format!("`{name}` of at least {least}"), &value));
+            }
+        }
+    }
+    Ok(given)
 }
 
 /// What was lost of a recording or could not be used as it is, a line each.

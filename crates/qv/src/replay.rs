@@ -1,7 +1,7 @@
 //! `qv replay`: how far the simulator is from the robot.
 
 use crate::numbers::within;
-use crate::open::{check_ground, lost_from, model_of, open_run, parameters, spinner, terrain_of, write_error};
+use crate::open::{check_ground, lost_from, model_of, open_run, parameters_of, spinner, terrain_of, write_error};
 use crate::{Outcome, RunArguments, say};
 use qv_replay::derive::joint_velocity;
 use qv_replay::replay::{Lag, ReplayOptions, to_html, to_json, verdict, write_mcap};
@@ -51,7 +51,7 @@ impl Replay {
         check_ground(&run, &terrain)?;
         let options = ReplayOptions {
             window: self.window,
-            parameters: parameters(self.params.as_deref())?,
+            parameters: parameters_of(self.params.as_deref(), &model, &terrain)?,
             ..Default::default()
         };
         let bar = spinner("simulating");

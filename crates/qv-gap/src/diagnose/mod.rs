@@ -21,7 +21,7 @@ use crate::report::{
 use crate::search::Fit;
 use crate::study::{Effort, Study};
 use crate::{leads, pictures, reference, rest, shares, telling};
-use qv_replay::{Run, conventions::read_in_ours, still::without_still};
+use qv_replay::{Run, conventions::read_in_ours, holes::without_holes, still::without_still};
 use qv_sim::{Model, Terrain};
 
 /// Most causes that are accused.
@@ -106,7 +106,7 @@ pub struct Diagnosis {
     pub without: Vec<(String, Report)>,
 }
 
-/// Diagnoses `runs` of one robot on one ground; and again without each of the `leave_out` most probable effects.
+/// Diagnoses `runs` of one robot on one ground, and again without each of the `leave_out` most probable effects.
 ///
 /// # Errors
 /// When there are no runs, they are not of this model, or they have too little.
@@ -119,8 +119,10 @@ pub fn diagnose(
 ) -> Result<Diagnosis, GapError> {
     let first = runs.first().ok_or_else(|| GapError::run("runs", "at least one", "none"))?;
     one_robot::check(first, runs.iter().chain(&options.reference))?;
-    let mended: Vec<Run> = runs.iter().map(|run| read_in_ours(without_still(run))).collect();
+    let (mended, holes): (Vec<Run>, Vec<Vec<String>>) =
+        runs.iter().map(|run| without_holes(read_in_ours(without_still(run)))).unzip();
     let mut cannot_tell = telling::faults(runs, &mended);
+    cannot_tell.extend(holes.into_iter().flatten());
     let (mut usable, fallen) = telling::upright(&mended);
     let moved = origin::brought_near(&mut usable, terrain, options);
     cannot_tell.extend(fallen.iter().chain(moved.as_ref().map(|m| &m.1)).cloned());
@@ -216,7 +218,7 @@ impl<'a> Session<'a> {
         let seconds = self.now() - self.since;
         if let Some(stage) = self.stages.last_mut() {
             stage.seconds = seconds;
-            stage.steps = study.steps();
+            stage.steps += study.steps_since();
         }
     }
 
@@ -558,11 +560,12 @@ impl Findings<'_> {
         let regions = self.accused.iter().filter(|a| a.cause.scope == ["region"]).filter_map(|a| a.fit.suspect.extent);
         place.regions = shares::regions(nominal, regions);
         let causes: Vec<Cause> = self.accused.iter().map(|a| a.cause.clone()).collect();
-        let sentence = telling::sentence(verdict, &causes, &gap, &leads, &ranking);
+        let dead = telling::dead_positions(&session.runs);
+        let sentence = telling::sentence(verdict, (&causes, &gap), (&leads, &dead), &ranking);
         let sentence = [Some(sentence), telling::as_good(nominal, &self.rounds, &causes)];
         let sentence = sentence.into_iter().flatten().collect::<Vec<_>>().join(" ");
         let slips = self.accused.iter().filter_map(|a| a.fit.held_out).map(|f| f.closed).next();
-        let mut next = telling::next(verdict, (&causes, &gap), &leads, slips, &self.rounds, nominal);
+        let mut next = telling::next(verdict, (&causes, &gap), (&leads, &dead), slips, &self.rounds, nominal);
         next.splice(0..0, telling::first_of_all(verdict, &gap, &session.runs));
         if let (Some(doubt), Some(effect)) = (&self.doubt, doubted) {
             next.push(format!("Not accused: {effect}: {doubt}."));
