@@ -38,10 +38,7 @@ pub(super) fn gap(gap: &Gap, verdict: Verdict, has_causes: bool) -> String {
     }
     bars += "</div>";
     let unit = if gap.unit.is_empty() { String::new() } else { format!("{}, ", escape(&gap.unit)) };
-    let _ = write!(
-        bars,
-        "<p class=\"soft small\">{unit}{seen}; the floor is what noise, numerics and tolerated deviations give</p>"
-    );
+    let _ = write!(bars, "<p class=\"soft small\">{unit}{seen}; the floor is what noise and numerics give</p>");
     format!(
         "<h2>How far it closes</h2><div class=\"grid even\" style=\"--min:360px\"><div class=\"card\"><h3>Gap</h3>{bars}</div>{}</div>",
         closed(gap, verdict, has_causes)
