@@ -15,6 +15,7 @@ use qv_gap::{Options, diagnose, law, library};
 use qv_go2::sealed::{EngineChoice, Plan, Recipe, Request, Section, Wanted};
 use qv_go2::{sealed, synthetic};
 use qv_replay::Run;
+use qv_replay::holes::without_holes;
 use qv_replay::replay::{Legs, SensorErrors, Starts, feet_of};
 use qv_replay::run::{Fault, FaultKind};
 use qv_sim::{Model, Terrain};
@@ -273,6 +274,21 @@ fn single_values_that_are_missing_cost_nothing() {
     let told = |what: &str| report.cannot_tell.iter().any(|t| t.contains(what));
     assert!(told("single values of positions are missing") && told("of base pose"), "{:?}", report.cannot_tell);
     assert!(!told("could be judged"), "all windows are there: {:?}", report.cannot_tell);
+}
+
+#[test]
+fn what_was_taken_out_as_wrong_is_not_filled_in() {
+    let mut run = recorded(synthetic::command_latency(0.012), 4);
+    let position = run.measured.position.as_mut().unwrap();
+    // One sample of the first two joints, the first of which jumped there.
+    position.values[100 * 12..100 * 12 + 2].fill(f64::NAN);
+    let channel = format!("position {}", run.joint_names[0]);
+    let detail = String::new();
+    run.faults.push(Fault { kind: FaultKind::Jump, channel, time: position.time[100], count: 1, detail });
+    let (mended, told) = without_holes(run);
+    let row = mended.measured.position.as_ref().unwrap().row(100);
+    assert!(row[0].is_nan() && row[1].is_finite());
+    assert!(told.len() == 1 && told[0].starts_with("1 single values of positions"), "{told:?}");
 }
 
 #[test]

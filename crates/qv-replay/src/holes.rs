@@ -1,6 +1,6 @@
 //! Single values that are missing: a message that was lost, a cell that is blank.
 
-use crate::run::Run;
+use crate::run::{FaultKind, Run};
 use qv_core::JointSeries;
 
 /// Most values on end that are filled.
@@ -13,10 +13,15 @@ const OF_POSES: f64 = 0.05;
 const ONE_SIGN: f64 = 0.5;
 
 /// The run with commands held where they are blank, and measured values in between where up to five on end are missing; and in words how many those
-/// are of each channel. Torques are left: nothing foretells them from those beside them.
+/// are of each channel. Where a joint's position jumped its values were taken out as wrong, and what was recorded with them may be: holes stay there. Torques are left: nothing foretells them from those beside them.
 pub fn without_holes(mut run: Run) -> (Run, Vec<String>) {
     let c = &mut run.commands;
     [&mut c.position, &mut c.velocity, &mut c.torque, &mut c.kp, &mut c.kd].into_iter().flatten().for_each(hold);
+    let jumps = run.faults.iter().filter(|f| f.kind == FaultKind::Jump);
+    let jumps: Vec<&str> = jumps.filter_map(|f| f.channel.strip_prefix("position ")).collect();
+    let is_sound = |name: &str, column: usize| {
+        name != "positions" || run.joint_names.get(column).is_none_or(|joint| !jumps.contains(&joint.as_str()))
+    };
     let m = &mut run.measured;
     let channels = [
         ("positions", &mut m.position, [OF_JOINTS, f64::INFINITY]),
@@ -28,7 +33,9 @@ pub fn without_holes(mut run: Run) -> (Run, Vec<String>) {
     ];
     let mut told = Vec::new();
     for (name, series, apart) in channels {
-        let filled = series.as_mut().map_or(0, |series| (0..series.joints).map(|c| fill(series, c, apart)).sum());
+        let filled = series.as_mut().map_or(0, |series| {
+            (0..series.joints).filter(|&c| is_sound(name, c)).map(|c| fill(series, c, apart)).sum()
+        });
         if filled > 0 {
             told.push(format!(
                 "{filled} single values of {name} are missing: they are taken to lie between those beside them"
