@@ -153,16 +153,17 @@ fn prepare_one<'w>(
     errors: &SensorErrors,
     others: &mut Vec<Starts<'w>>,
 ) -> Option<Prepared> {
-    let shared = others.iter().find_map(|other| other.with_errors(errors));
-    let (is_new, starts) = match shared {
-        Some(starts) => (false, starts),
-        None => (true, problem.starts(&window.view, errors.clone()).ok()?),
+    let starts = match others.iter().find_map(|other| other.with_errors(errors)) {
+        Some(starts) => starts,
+        None => {
+            let starts = problem.starts(&window.view, errors.clone()).ok()?;
+            // Nothing where none can be shared.
+            others.extend(starts.with_errors(errors));
+            starts
+        }
     };
     let state = starts.at(window.start)?;
     let measured = observe::features(problem, window, &starts, errors);
-    if is_new {
-        others.push(starts);
-    }
     measured.iter().all(|x| x.is_finite()).then_some(Prepared { measured, state })
 }
 

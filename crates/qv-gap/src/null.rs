@@ -174,10 +174,9 @@ struct Recorder {
     due: [Vec<f64>; 2],
     next: [usize; 2],
     random: Random,
-    /// In force, and a place for the next.
+    /// In force.
     command: Command,
-    upcoming: Command,
-    /// Stamp of the command after the one in force.
+    /// Stamp of the command after it.
     until: f64,
     columns: Vec<usize>,
     /// A row that is written.
@@ -235,9 +234,8 @@ impl Recorder {
         empty(&mut view);
         let random = Random::new(ghost.seed, stream);
         let columns = problem.columns.clone();
-        let upcoming = command.clone();
         let (row, until) = (Vec::new(), f64::NEG_INFINITY);
-        Ok(Some(Self { view, commands, from, to: last, due, next, random, command, upcoming, until, columns, row }))
+        Ok(Some(Self { view, commands, from, to: last, due, next, random, command, until, columns, row }))
     }
 
     fn ticks(&self, timestep: f64) -> usize {
@@ -271,11 +269,8 @@ impl Recorder {
             return Ok(());
         }
         self.until = self.commands.until(time, timestep);
-        self.commands.at(time, timestep, &mut self.upcoming);
-        if tick == 0 || self.upcoming != self.command {
-            std::mem::swap(&mut self.command, &mut self.upcoming);
-            batch.set_command(env, &self.command.view())?;
-        }
+        self.commands.at(time, timestep, &mut self.command);
+        batch.set_command(env, &self.command.view())?;
         Ok(())
     }
 

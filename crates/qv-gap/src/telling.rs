@@ -425,10 +425,9 @@ const HUGE: f64 = 200.0;
 /// The same where no effect explains it: a model with all masses times 3 makes 60 to 90, with half as much again 30.
 const LARGE: f64 = 25.0;
 
-/// What to look at before any effect: broken encoders, a model that is another robot's.
-pub fn first_of_all(verdict: Verdict, gap: &Gap, runs: &[Run]) -> Vec<String> {
+/// What to look at before any effect: broken encoders, `dead`, and a model that is another robot's.
+pub fn first_of_all(verdict: Verdict, gap: &Gap, dead: &[&str]) -> Vec<String> {
     let mut first = Vec::new();
-    let dead = dead_positions(runs);
     if !dead.is_empty() {
         first.push(format!(
             "Mend {} and record again: without a joint's position nothing near it can be simulated, and what is left may be due to that alone.",

@@ -13,7 +13,8 @@ const OF_POSES: f64 = 0.05;
 const ONE_SIGN: f64 = 0.5;
 
 /// The run with commands held where they are blank, and measured values in between where up to five on end are missing; and in words how many those
-/// are of each channel. Where a joint's position jumped its values were taken out as wrong, and what was recorded with them may be: holes stay there. Torques are left: nothing foretells them from those beside them.
+/// are of each channel. Where a joint's position jumped its values were taken out as wrong, and what was recorded with them may be: holes stay
+/// there. Torques are left: nothing foretells them from those beside them.
 pub fn without_holes(mut run: Run) -> (Run, Vec<String>) {
     let c = &mut run.commands;
     [&mut c.position, &mut c.velocity, &mut c.torque, &mut c.kp, &mut c.kd].into_iter().flatten().for_each(hold);
@@ -46,7 +47,7 @@ pub fn without_holes(mut run: Run) -> (Run, Vec<String>) {
 }
 
 /// Blank cells hold the value before, those before the first value the first.
-fn hold(series: &mut JointSeries) {
+pub(crate) fn hold(series: &mut JointSeries) {
     if series.values.iter().all(|x| x.is_finite()) {
         return;
     }

@@ -242,15 +242,15 @@ pub fn parameters_of(path: Option<&Path>, model: &Model, terrain: &Terrain) -> R
     let wrong = |expected: &str, found: &dyn ToString| file_error(path, expected, &found.to_string());
     let expected = "parameters of this robot";
     let probe = Batch::<f32>::new(model, terrain, &SimOptions::default(), 1).map_err(|e| wrong(expected, &e))?;
-    for one in &given {
-        let named =
-            expand(model, terrain, std::slice::from_ref(one)).map_err(|_| wrong(expected, &format!("`{}`", one.0)))?;
-        for (name, value) in named {
-            let id = probe.parameter_index(&name).map_err(|e| wrong(expected, &e))?;
-            let least = probe.catalogue()[id].clamped(f64::NEG_INFINITY);
-            if value.is_nan() || value < least {
-                return Err(wrong(&format!("`{name}` of at least {least}"), &value));
-            }
+    let named = expand(model, terrain, &given).map_err(|e| match e {
+        ReplayError::Run { expected, found, .. } => wrong(&expected, &found),
+        other => other,
+    })?;
+    for (name, value) in named {
+        let id = probe.parameter_index(&name).map_err(|e| wrong(expected, &e))?;
+        let least = probe.catalogue()[id].clamped(f64::NEG_INFINITY);
+        if value.is_nan() || value < least {
+            return Err(wrong(&format!("`{name}` of at least {least}"), &value));
         }
     }
     Ok(given)

@@ -542,8 +542,9 @@ impl Findings<'_> {
         let seed = session.options.effort.seed;
         let mut gap = after.gap(nominal, seed);
         gap.closed_in_fit = Some(closed);
+        let dead = telling::dead_positions(&session.runs);
         let leads = match (verdict, self.rounds.first()) {
-            (Verdict::Unexplained, Some(first)) if telling::dead_positions(&session.runs).is_empty() => {
+            (Verdict::Unexplained, Some(first)) if dead.is_empty() => {
                 leads::leads(nominal, &first.fits, seed, estimates_of)?
             }
             _ => Vec::new(),
@@ -560,13 +561,12 @@ impl Findings<'_> {
         let regions = self.accused.iter().filter(|a| a.cause.scope == ["region"]).filter_map(|a| a.fit.suspect.extent);
         place.regions = shares::regions(nominal, regions);
         let causes: Vec<Cause> = self.accused.iter().map(|a| a.cause.clone()).collect();
-        let dead = telling::dead_positions(&session.runs);
         let sentence = telling::sentence(verdict, (&causes, &gap), (&leads, &dead), &ranking);
         let sentence = [Some(sentence), telling::as_good(nominal, &self.rounds, &causes)];
         let sentence = sentence.into_iter().flatten().collect::<Vec<_>>().join(" ");
         let slips = self.accused.iter().filter_map(|a| a.fit.held_out).map(|f| f.closed).next();
         let mut next = telling::next(verdict, (&causes, &gap), (&leads, &dead), slips, &self.rounds, nominal);
-        next.splice(0..0, telling::first_of_all(verdict, &gap, &session.runs));
+        next.splice(0..0, telling::first_of_all(verdict, &gap, &dead));
         if let (Some(doubt), Some(effect)) = (&self.doubt, doubted) {
             next.push(format!("Not accused: {effect}: {doubt}."));
         }

@@ -1,6 +1,7 @@
 //! The recorded commands as the simulator's actuators take them.
 
 use crate::ReplayError;
+use crate::holes::hold;
 use crate::run::{ActuatorKind, Run};
 use qv_core::JointSeries;
 use qv_sim::JointCommand;
@@ -108,7 +109,7 @@ impl HeldCommands {
     }
 }
 
-/// Columns picked, and blanks filled with the value before (the first value before the first).
+/// Columns picked, and blanks filled with the value before (the first value before the first; 0 where there is none at all).
 fn filled(series: &JointSeries, columns: &[usize]) -> JointSeries {
     let joints = columns.len();
     let mut values = Vec::with_capacity(series.len() * joints);
@@ -116,16 +117,10 @@ fn filled(series: &JointSeries, columns: &[usize]) -> JointSeries {
         let row = series.row(i);
         values.extend(columns.iter().map(|&c| row[c]));
     }
-    let has_blanks = values.iter().any(|x| !x.is_finite());
-    for j in (0..joints).filter(|_| has_blanks) {
-        let first = (0..series.len()).map(|i| values[i * joints + j]).find(|x| x.is_finite());
-        let mut before = first.unwrap_or(0.0);
-        for i in 0..series.len() {
-            let x = &mut values[i * joints + j];
-            if x.is_finite() { before = *x } else { *x = before }
-        }
-    }
-    JointSeries { time: series.time.clone(), values, joints }
+    let mut picked = JointSeries { time: series.time.clone(), values, joints };
+    hold(&mut picked);
+    picked.values.iter_mut().filter(|x| !x.is_finite()).for_each(|x| *x = 0.0);
+    picked
 }
 
 #[cfg(test)]

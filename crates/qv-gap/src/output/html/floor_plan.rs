@@ -80,7 +80,7 @@ fn plan(
         );
     }
     for r in regions {
-        svg += &region(r, xs, ys, name == "before");
+        svg += &region(r, (name == "before").then(|| percent(r.share)), xs, ys);
     }
     let start = shown[0];
     let _ = write!(
@@ -122,20 +122,15 @@ fn grid(xs: Axis, ys: Axis, height: f64) -> String {
     svg
 }
 
-/// A part of the floor, with its share of the gap if that is `shared` there.
-fn region(r: &RegionShare, xs: Axis, ys: Axis, shared: bool) -> String {
+/// A part of the floor, with its share of the gap before anything is corrected.
+fn region(r: &RegionShare, share: Option<String>, xs: Axis, ys: Axis) -> String {
     let [left, right] = [xs.at(r.x[0].min(r.x[1])), xs.at(r.x[0].max(r.x[1]))];
     let [bottom, top] = [ys.at(r.y[0].min(r.y[1])), ys.at(r.y[0].max(r.y[1]))];
     // Regions lie side by side: each name stays inside its own, as far as it fits.
-    let share = percent(r.share);
-    let whole = if shared { format!("{}, {share}", r.name) } else { r.name.clone() };
+    let whole = share.as_ref().map_or(r.name.clone(), |share| format!("{}, {share}", r.name));
+    let title = if share.is_some() { format!("{whole} of the gap") } else { r.name.clone() };
     let fits = 6.2 * whole.chars().count() as f64 + 8.0 < right - left;
-    let label = match (fits, shared) {
-        (true, _) => whole.as_str(),
-        (false, true) => share.as_str(),
-        (false, false) => "",
-    };
-    let title = if shared { format!("{whole} of the gap") } else { whole.clone() };
+    let label = if fits { whole } else { share.unwrap_or_default() };
     format!(
         "<rect class=\"region\" x=\"{left:.1}\" y=\"{top:.1}\" width=\"{:.1}\" height=\"{:.1}\"/>\
          <text class=\"label halo\" x=\"{:.1}\" y=\"{:.1}\">{}<title>{}</title></text>",
@@ -143,7 +138,7 @@ fn region(r: &RegionShare, xs: Axis, ys: Axis, shared: bool) -> String {
         bottom - top,
         left + 4.0,
         top + 13.0,
-        escape(label),
+        escape(&label),
         escape(&title)
     )
 }
