@@ -5,13 +5,14 @@ use crate::workspace::{Package, Workspace};
 use std::path::Path;
 
 /// Layer of each crate; the table of docs/ARCHITECTURE.md. `qv` and `xtask` are above all and used by none.
-const LAYERS: [(&str, u8); 13] = [
+const LAYERS: [(&str, u8); 14] = [
     ("qv-core", 0),
     ("qv-sim", 1),
     ("qv-raster", 1),
     ("qv-mesh", 1),
     ("qv-splat", 2),
     ("qv-replay", 2),
+    ("qv-policy", 2),
     ("qv-go2", 3),
     ("qv-contact", 3),
     ("qv-residual", 3),

@@ -1,0 +1,1 @@
+//! Walking policies: networks, PPO, the velocity task, ONNX files written and read.
