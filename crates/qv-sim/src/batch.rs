@@ -1,7 +1,10 @@
 //! Many environments of one robot on one terrain: the public face of the engine.
 
+mod bulk;
 pub(crate) mod lanes_of;
+mod transfer;
 
+pub use bulk::{BatchCommand, ContactPoint, LaneState};
 pub use lanes_of::Dispatch;
 
 use crate::engine::block::{Block, Work};
@@ -89,6 +92,8 @@ pub struct Batch<T: Precision> {
     imu: Option<usize>,
     /// Tells snapshots of another model or other options; found when the first is taken.
     identity: OnceLock<u64>,
+    /// Where lanes pass through on their way to others.
+    passing: Vec<f64>,
     precision: std::marker::PhantomData<T>,
 }
 
@@ -127,6 +132,7 @@ impl<T: Precision> Batch<T> {
             loaded: None,
             imu,
             identity: OnceLock::new(),
+            passing: Vec::new(),
             precision: std::marker::PhantomData,
         };
         let rest = batch.rest_state();

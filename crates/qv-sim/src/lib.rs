@@ -31,7 +31,7 @@ pub mod second;
 mod sensors;
 mod terrain;
 
-pub use batch::{Batch, JointCommand, Snapshot, State};
+pub use batch::{Batch, BatchCommand, ContactPoint, JointCommand, LaneState, Snapshot, State};
 pub use error::SimError;
 pub use model::{BaseKind, Frame, Geom, Joint, JointKind, Link, Mechanics, MeshVertices, Model, ModelOptions, Shape};
 pub use options::SimOptions;

@@ -29,6 +29,8 @@ pub struct SimOptions {
     pub max_command_latency: f64,
     /// Longest `encoder_latency` and `pose.delay` that can be read \[s\]; states of that long are kept.
     pub max_sensor_latency: f64,
+    /// Whether the contacts of the last step are kept for [`crate::Batch::contacts`].
+    pub keep_contacts: bool,
     /// Widest register to use, in lanes (1, 4, 8 or 16); `None` picks it by processor and batch. The bits are the same.
     pub lanes: Option<usize>,
 }
@@ -47,6 +49,7 @@ impl Default for SimOptions {
             tolerance: None,
             max_command_latency: 0.0,
             max_sensor_latency: 0.0,
+            keep_contacts: false,
             lanes: None,
         }
     }

@@ -93,18 +93,58 @@ pub(crate) fn read(
     };
     reading.base_position = reported.position.to_array();
     reading.base_orientation = reported.wxyz();
-    let base_from_imu =
-        imu.map(|f| &model.frames[f]).filter(|f| f.link == Some(0)).map_or(Pose::IDENTITY, |f| f.link_from_frame);
+    let motion = BaseMotion::of(&q, &v, &engine.acceleration(env));
+    let seen = imu_reading(&motion, base_from_imu(model, imu), shared.options.gravity, world);
+    (reading.gyro, reading.acc, reading.imu_orientation) = (seen.gyro, seen.acc, seen.orientation);
+    Ok(reading)
+}
+
+/// How the base moves: positions, velocities and accelerations of its seven and six coordinates.
+pub(crate) struct BaseMotion {
+    pub q: [f64; 7],
+    pub v: [f64; 6],
+    pub a: [f64; 6],
+}
+
+impl BaseMotion {
+    fn of(q: &[f64], v: &[f64], a: &[f64]) -> Self {
+        let mut out = Self { q: [0.0; 7], v: [0.0; 6], a: [0.0; 6] };
+        out.q.copy_from_slice(&q[..7]);
+        out.v.copy_from_slice(&v[..6]);
+        out.a.copy_from_slice(&a[..6]);
+        out
+    }
+}
+
+/// What an IMU reports.
+pub(crate) struct ImuReading {
+    pub gyro: [f64; 3],
+    pub acc: [f64; 3],
+    /// World from IMU, w, x, y, z.
+    pub orientation: [f64; 4],
+}
+
+/// Pose of the IMU in the base; the base itself where the model has no IMU on it.
+pub(crate) fn base_from_imu(model: &Model, imu: Option<usize>) -> Pose {
+    imu.map(|f| &model.frames[f]).filter(|f| f.link == Some(0)).map_or(Pose::IDENTITY, |f| f.link_from_frame)
+}
+
+/// The IMU of a free base, with the environment's mounting error and biases.
+pub(crate) fn imu_reading(
+    motion: &BaseMotion,
+    base_from_imu: Pose,
+    gravity: [f64; 3],
+    world: impl Fn(WorldField) -> f64,
+) -> ImuReading {
+    let BaseMotion { q, v, a } = motion;
     let tilt =
         DQuat::from_rotation_y(world(WorldField::TiltPitch)) * DQuat::from_rotation_x(world(WorldField::TiltRoll));
     let imu_rotation = base_from_imu.rotation * tilt;
-    let world_from_base = base_pose(&q);
-    let acceleration = engine.acceleration(env);
+    let world_from_base = base_pose(q);
     let turning = DVec3::new(v[3], v[4], v[5]);
-    let turning_rate = DVec3::new(acceleration[3], acceleration[4], acceleration[5]);
+    let turning_rate = DVec3::new(a[3], a[4], a[5]);
     let arm = base_from_imu.position;
-    let moving =
-        DVec3::new(acceleration[0], acceleration[1], acceleration[2]) - DVec3::from_array(shared.options.gravity);
+    let moving = DVec3::new(a[0], a[1], a[2]) - DVec3::from_array(gravity);
     let specific_force_in_base =
         world_from_base.rotation.conjugate() * moving + turning_rate.cross(arm) + turning.cross(turning.cross(arm));
     let bias = |x, y, z| DVec3::new(world(x), world(y), world(z));
@@ -112,11 +152,12 @@ pub(crate) fn read(
         imu_rotation.conjugate() * turning + bias(WorldField::GyroBiasX, WorldField::GyroBiasY, WorldField::GyroBiasZ);
     let acc = imu_rotation.conjugate() * specific_force_in_base
         + bias(WorldField::AccBiasX, WorldField::AccBiasY, WorldField::AccBiasZ);
-    reading.gyro = gyro.to_array();
-    reading.acc = acc.to_array();
     let orientation = world_from_base.rotation * imu_rotation;
-    reading.imu_orientation = [orientation.w, orientation.x, orientation.y, orientation.z];
-    Ok(reading)
+    ImuReading {
+        gyro: gyro.to_array(),
+        acc: acc.to_array(),
+        orientation: [orientation.w, orientation.x, orientation.y, orientation.z],
+    }
 }
 
 fn base_pose(q: &[f64]) -> Pose {

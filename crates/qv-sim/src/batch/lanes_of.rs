@@ -1,13 +1,16 @@
 //! Picks the register width and hides it behind an object.
 
 use super::JointCommand;
+use super::bulk::{BatchCommand, ContactPoint, GeomMotion, Quantity};
+use super::transfer;
 use crate::SimError;
-use crate::engine::block::{Block, CommandLanes, Work};
+use crate::engine::block::{Block, CommandLanes, KeptContact, Work};
 use crate::engine::derive::Deriver;
 use crate::engine::step::{Shared, StepBlocks};
 use crate::lanes::{Real, Scalar};
 use crate::model::Model;
 use crate::parameters::Slot;
+use crate::sensors::BaseMotion;
 use rayon::prelude::*;
 use std::any::Any;
 
@@ -34,6 +37,16 @@ pub(crate) trait Engine: Send + Sync {
     fn faulty(&self, env: usize) -> bool;
     fn copy_blocks(&self) -> Box<dyn Any + Send + Sync>;
     fn restore_blocks(&mut self, blocks: &(dyn Any + Send + Sync)) -> bool;
+    fn read_bulk(&self, quantity: Quantity, count: usize, out: &mut [f32]);
+    fn base_motion(&self, env: usize) -> BaseMotion;
+    fn write_commands(&mut self, shared: &Shared, commands: &BatchCommand);
+    fn write_added_torques(&mut self, torques: &[f32]);
+    fn write_wrench(&mut self, env: usize, link: usize, wrench: [f64; 6]);
+    fn add_velocity(&mut self, env: usize, change: &[f64]);
+    fn read_geoms(&mut self, shared: &Shared, geoms: &[usize], out: GeomMotion);
+    fn contacts(&self, shared: &Shared, env: usize) -> Vec<ContactPoint>;
+    fn read_lane(&self, shared: &Shared, env: usize, values: &mut Vec<f64>);
+    fn write_lane(&mut self, shared: &Shared, env: usize, values: &[f64]);
 }
 
 /// Chooses an engine for a precision.
@@ -81,7 +94,10 @@ impl<L: Real> Lanes<L> {
         let options = &shared.options;
         let seen = if options.max_sensor_latency > 0.0 { options.ring(options.max_sensor_latency) } else { 0 };
         let commands = options.ring(options.max_command_latency);
-        let block = Block::new(model, &shared.topology, materials, commands, seen);
+        let mut block = Block::new(model, &shared.topology, materials, commands, seen);
+        if options.keep_contacts {
+            block.kept = vec![KeptContact::none(); shared.colliders.slots.len()];
+        }
         let blocks = vec![block; count.div_ceil(L::LANES)];
         let work = Work::new(&shared.topology, &shared.colliders.slots, options.contact_dimension);
         Self { blocks, works: vec![work], count }
@@ -100,11 +116,11 @@ fn lane_values<L: Real>(values: &[L], lane: usize) -> Vec<f64> {
     values.iter().map(|x| x.lane(lane).to_f64()).collect()
 }
 
-fn set<L: Real>(target: &mut L, lane: usize, value: f64) {
+pub(super) fn set<L: Real>(target: &mut L, lane: usize, value: f64) {
     target.set_lane(lane, L::Scalar::from_f64(value));
 }
 
-fn set_mask<L: Real>(mask: &mut L::Mask, lane: usize, value: bool) {
+pub(super) fn set_mask<L: Real>(mask: &mut L::Mask, lane: usize, value: bool) {
     // Masks of a register type have no lane access: make one by a comparison.
     let mut numbers = L::select(*mask, L::one(), L::zero());
     set(&mut numbers, lane, f64::from(value));
@@ -153,7 +169,11 @@ impl<L: Real> Engine for Lanes<L> {
         v.iter().zip(&mut block.v).for_each(|(&x, target)| set(target, lane, x));
         block.warm.iter_mut().chain(&mut block.acceleration).for_each(|x| set(x, lane, 0.0));
         block.torque.iter_mut().chain(&mut block.lagged).for_each(|x| set(x, lane, 0.0));
-        block.geom_force.iter_mut().for_each(|x| set(x, lane, 0.0));
+        block.geom_force.iter_mut().chain(&mut block.geom_push).for_each(|x| set(x, lane, 0.0));
+        block.added_torque.iter_mut().chain(block.wrench.iter_mut().flatten()).for_each(|x| set(x, lane, 0.0));
+        for kept in &mut block.kept {
+            set_mask::<L>(&mut kept.active, lane, false);
+        }
         for j in 0..topology.joints {
             set(&mut block.motor[j], lane, q[topology.base_positions + j]);
         }
@@ -277,6 +297,69 @@ impl<L: Real> Engine for Lanes<L> {
             }
             _ => false,
         }
+    }
+
+    fn read_bulk(&self, quantity: Quantity, count: usize, out: &mut [f32]) {
+        transfer::gather(&self.blocks, quantity, count, out);
+    }
+
+    fn base_motion(&self, env: usize) -> BaseMotion {
+        let (block, lane) = self.at(env);
+        let mut motion = BaseMotion { q: [0.0; 7], v: [0.0; 6], a: [0.0; 6] };
+        motion.q.iter_mut().zip(&block.q).for_each(|(target, x)| *target = x.lane(lane).to_f64());
+        motion.v.iter_mut().zip(&block.v).for_each(|(target, x)| *target = x.lane(lane).to_f64());
+        motion.a.iter_mut().zip(&block.acceleration).for_each(|(target, x)| *target = x.lane(lane).to_f64());
+        motion
+    }
+
+    fn write_commands(&mut self, shared: &Shared, commands: &BatchCommand) {
+        transfer::write_commands(&mut self.blocks, shared.topology.joints, self.count, commands);
+    }
+
+    fn write_added_torques(&mut self, torques: &[f32]) {
+        transfer::write_added_torques(&mut self.blocks, self.count, torques);
+    }
+
+    fn write_wrench(&mut self, env: usize, link: usize, wrench: [f64; 6]) {
+        let (block, lane) = self.at_mut(env);
+        block.any_wrench = true;
+        block.wrench[link].iter_mut().zip(wrench).for_each(|(target, x)| set(target, lane, x));
+    }
+
+    fn add_velocity(&mut self, env: usize, change: &[f64]) {
+        let (block, lane) = self.at_mut(env);
+        for (target, &change) in block.v.iter_mut().zip(change) {
+            let sum = target.lane(lane).to_f64() + change;
+            set(target, lane, sum);
+        }
+    }
+
+    fn read_geoms(&mut self, shared: &Shared, geoms: &[usize], out: GeomMotion) {
+        let body = transfer::ReadGeoms {
+            shared,
+            blocks: &self.blocks,
+            work: &mut self.works[0],
+            geoms,
+            count: self.count,
+            out,
+        };
+        // Values of a register type exist only where its features were detected (`Dispatch::engine`).
+        unsafe { L::with_features(body) }
+    }
+
+    fn contacts(&self, shared: &Shared, env: usize) -> Vec<ContactPoint> {
+        let (block, lane) = self.at(env);
+        transfer::contacts(block, lane, shared)
+    }
+
+    fn read_lane(&self, shared: &Shared, env: usize, values: &mut Vec<f64>) {
+        let (block, lane) = self.at(env);
+        transfer::read_lane(block, lane, &shared.topology, values);
+    }
+
+    fn write_lane(&mut self, shared: &Shared, env: usize, values: &[f64]) {
+        let (block, lane) = self.at_mut(env);
+        transfer::write_lane(block, lane, &shared.topology, values);
     }
 }
 

@@ -44,6 +44,11 @@ pub(crate) fn actuate<L: Real>(
         }
         work.implicit[dof] = damping;
     }
+    if block.any_added {
+        for j in 0..topology.joints {
+            work.smooth[topology.joint_dof(j)] += block.added_torque[j];
+        }
+    }
     for dof in 0..topology.base_dofs {
         work.smooth[dof] = -work.bias[dof];
         work.implicit[dof] = L::zero();

@@ -95,6 +95,14 @@ pub(crate) struct Block<L: Real> {
     pub seen_head: usize,
     /// Normal force of each shape on the ground \[N\].
     pub geom_force: Array<L>,
+    /// Force of the ground on each shape in the world \[N\], `[geom][3]`.
+    pub geom_push: Array<L>,
+    /// Torque that callers add to what each motor delivers \[N m\].
+    pub added_torque: Array<L>,
+    /// Torque, then force, that callers apply at each link's centre of mass, world axes.
+    pub wrench: Array<V6<L>>,
+    /// Contacts of the last step, one per slot; empty unless they are kept.
+    pub kept: Vec<KeptContact<L>>,
     /// Lanes that have not stepped since their state was set.
     pub fresh: L::Mask,
     /// Lanes whose numbers ran away.
@@ -118,6 +126,27 @@ pub(crate) struct Block<L: Real> {
     pub any_coulomb: bool,
     pub any_viscous: bool,
     pub any_latency: bool,
+    pub any_added: bool,
+    pub any_wrench: bool,
+}
+
+/// A contact as it was solved.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct KeptContact<L: Real> {
+    pub active: L::Mask,
+    pub normal: V3<L>,
+    /// In the world.
+    pub point: V3<L>,
+    pub distance: L,
+    /// On the robot, in the world.
+    pub force: V3<L>,
+}
+
+impl<L: Real> KeptContact<L> {
+    pub fn none() -> Self {
+        let zero = [L::zero(); 3];
+        Self { active: L::Mask::splat(false), normal: zero, point: zero, distance: L::zero(), force: zero }
+    }
 }
 
 /// One point at which a shape can touch something.
@@ -264,6 +293,10 @@ impl<L: Real> Block<L> {
             seen: vec![zero; seen * (topology.nq + nv)],
             seen_head: 0,
             geom_force: vec![zero; model.geoms.len()].into(),
+            geom_push: vec![zero; 3 * model.geoms.len()].into(),
+            added_torque: vec![zero; joints].into(),
+            wrench: vec![[zero; 6]; links].into(),
+            kept: Vec::new(),
             fresh: L::Mask::splat(true),
             faulty: L::Mask::splat(false),
             mass: vec![zero; links].into(),
@@ -280,6 +313,8 @@ impl<L: Real> Block<L> {
             any_coulomb: false,
             any_viscous: false,
             any_latency: false,
+            any_added: false,
+            any_wrench: false,
         }
     }
 
@@ -310,6 +345,10 @@ impl<L: Real> Block<L> {
             + 5 * self.commands.len()
             + self.seen.len()
             + self.geom_force.len()
+            + self.geom_push.len()
+            + self.added_torque.len()
+            + 6 * self.wrench.len()
+            + 10 * self.kept.len()
             + 10 * self.mass.len()
             + 3 * self.armature.len()
             + 12 * self.joints.len()

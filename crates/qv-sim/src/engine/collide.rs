@@ -81,6 +81,13 @@ impl Colliders {
         }
         Self { terrain: terrain.clone(), slots, geoms, inner_edges: options.inner_edges, pairs }
     }
+
+    /// The body that carries a shape, and the shape's centre relative to the base's origin. Needs the kinematics.
+    #[inline(always)]
+    pub fn centre<L: Real>(&self, geom: usize, block: &Block<L>, work: &Work<L>) -> (usize, V3<L>) {
+        let collider = &self.geoms[geom];
+        (collider.body, geom_centre(collider, block, work))
+    }
 }
 
 /// Fills `work.contacts` and `work.live`. Lanes from `used` on are padding and touch nothing.

@@ -520,3 +520,10 @@ fn constraint_curvature<L: Real, const D: usize>(
 pub(crate) fn normal_force<L: Real>(slot: usize, work: &Work<L>) -> L {
     work.newton.contact[slot].force[0]
 }
+
+/// Force of a live contact at the solution along its normal and its two tangents \[N\].
+#[inline(always)]
+pub(crate) fn contact_force<L: Real>(slot: usize, work: &Work<L>) -> [L; 3] {
+    let force = &work.newton.contact[slot].force;
+    [force[0], force[1], force[2]]
+}

@@ -1,12 +1,12 @@
 //! One time step of a block, from forces to new positions.
 
 use super::actuation::{actuate, external_share};
-use super::block::{Block, Work};
-use super::collide::{Colliders, collide};
+use super::block::{Block, KeptContact, Work};
+use super::collide::{Colliders, collide, origin};
 use super::constraint::{RowSettings, build_rows};
 use super::dynamics::{bias_forces, factor, mass_matrix, solve};
 use super::kinematics::kinematics;
-use super::newton::{NewtonSettings, newton, normal_force};
+use super::newton::{NewtonSettings, contact_force, newton, normal_force};
 use super::topology::Topology;
 use super::vector::*;
 use super::weights::Weights;
@@ -83,6 +83,7 @@ pub(crate) fn step<L: Real>(shared: &Shared, used: usize, block: &mut Block<L>, 
         newton::<L, 6>(&solver, block, work);
     }
     contact_forces(shared, block, work);
+    keep_contacts(shared, block, work);
     accelerate(shared, block, work);
     integrate(shared, block);
     remember(topology, block);
@@ -105,14 +106,64 @@ fn forces<L: Real>(shared: &Shared, block: &mut Block<L>, work: &mut Work<L>) {
             work.smooth[3 + k] += moment[k];
         }
     }
+    if block.any_wrench {
+        wrenches(topology, block, work);
+    }
+}
+
+/// Adds the wrenches that callers applied, as generalised forces.
+#[inline(always)]
+fn wrenches<L: Real>(topology: &Topology, block: &Block<L>, work: &mut Work<L>) {
+    for (index, body) in topology.bodies.iter().enumerate() {
+        let applied = &block.wrench[index];
+        let at = add(work.position[index], rotate(&work.rotation[index], block.com[index]));
+        let force = linear(applied);
+        let about_origin = join(add(angular(applied), cross(at, force)), force);
+        for &dof in body.path.iter() {
+            work.smooth[dof] += dot6(&work.subspace[dof], &about_origin);
+        }
+    }
 }
 
 #[inline(always)]
 fn contact_forces<L: Real>(shared: &Shared, block: &mut Block<L>, work: &mut Work<L>) {
     block.geom_force.fill(L::zero());
+    block.geom_push.fill(L::zero());
     for &slot in &work.live {
-        block.geom_force[shared.colliders.slots[slot].geom] += normal_force(slot, work);
+        let geom = shared.colliders.slots[slot].geom;
+        block.geom_force[geom] += normal_force(slot, work);
+        let push = force_in_world(slot, work);
+        for k in 0..3 {
+            block.geom_push[3 * geom + k] += push[k];
+        }
     }
+}
+
+/// Remembers each contact slot of the step, where the batch keeps them.
+#[inline(always)]
+fn keep_contacts<L: Real>(shared: &Shared, block: &mut Block<L>, work: &Work<L>) {
+    if block.kept.is_empty() {
+        return;
+    }
+    let origin = origin(&shared.topology, block);
+    for kept in &mut block.kept {
+        kept.active = L::Mask::splat(false);
+    }
+    for &slot in &work.live {
+        let contact = &work.contacts[slot];
+        let (point, force) = (add(origin, contact.point), force_in_world(slot, work));
+        let (active, normal, distance) = (contact.active, contact.normal, contact.distance);
+        block.kept[slot] = KeptContact { active, normal, point, distance, force };
+    }
+}
+
+/// Force of a live contact on the robot \[N\], world axes.
+#[inline(always)]
+fn force_in_world<L: Real>(slot: usize, work: &Work<L>) -> V3<L> {
+    let normal = work.contacts[slot].normal;
+    let (first, second) = tangents(normal);
+    let [along_normal, along_first, along_second] = contact_force(slot, work);
+    add(scale(normal, along_normal), add(scale(first, along_first), scale(second, along_second)))
 }
 
 /// The acceleration with damping taken at the end of the step (MuJoCo's implicitfast):
