@@ -1,0 +1,56 @@
+//! The error of this crate.
+
+use qv_sim::SimError;
+
+/// What can be wrong with a robot, a task, a policy or a training.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PolicyError {
+    /// The simulator refused something.
+    #[error(transparent)]
+    Sim(#[from] SimError),
+    /// A setting that means nothing.
+    #[error("{what}: expected {expected}, found {found}")]
+    Setting {
+        /// The setting.
+        what: String,
+        /// What is allowed.
+        expected: String,
+        /// What was given.
+        found: String,
+    },
+    /// A text that is not what it should be.
+    #[error("{what}: {reason}")]
+    Text {
+        /// The file or part of it.
+        what: String,
+        /// What is wrong, with the line where the parser tells it.
+        reason: String,
+    },
+    /// A training that ran away.
+    #[error("training stopped at iteration {iteration}: expected a finite {term}, found {found}")]
+    NotFinite {
+        /// Iterations done before.
+        iteration: u64,
+        /// The term of the reward, the loss or the network that is not finite.
+        term: String,
+        /// Its value.
+        found: f32,
+    },
+    /// A file of another robot, task or version.
+    #[error("{what}: expected {expected}, found {found}")]
+    Mismatch {
+        /// The file.
+        what: String,
+        /// What fits.
+        expected: String,
+        /// What it holds.
+        found: String,
+    },
+}
+
+impl PolicyError {
+    /// A setting that means nothing.
+    pub(crate) fn setting(what: &str, expected: &str, found: impl std::fmt::Display) -> Self {
+        Self::Setting { what: what.into(), expected: expected.into(), found: found.to_string() }
+    }
+}

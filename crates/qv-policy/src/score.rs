@@ -1,0 +1,120 @@
+//! How well a policy follows fixed commands: no noise, the mean action, every robot on its own seeded command.
+
+use crate::PolicyError;
+use crate::env::{End, VectorEnv};
+use crate::net::padded;
+use crate::ppo::{Ppo, scale_rows};
+use crate::random::Random;
+use crate::velocity::{Commands, VelocityTask};
+use serde::Serialize;
+
+/// Means over robots and time, from one second after the start on, of those that had not fallen.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Score {
+    /// Robots.
+    pub robots: usize,
+    /// Robots that fell.
+    pub fell: usize,
+    /// Length of the difference between velocity and command in the horizontal plane \[m/s\].
+    pub velocity_error: f32,
+    /// Its standard error over robots.
+    pub velocity_error_se: f32,
+    /// Size of the difference of the turning rate \[rad/s\].
+    pub turning_error: f32,
+    /// Its standard error over robots.
+    pub turning_error_se: f32,
+    /// Mean time of a swing \[s\].
+    pub swing_time: f32,
+    /// Mean highest point of a swing \[m\].
+    pub swing_height: f32,
+}
+
+/// What decides: targets for all robots from their observations.
+pub trait Decide {
+    /// Actions `[rows][actions]` for observations `[rows][observations]`, unscaled.
+    ///
+    /// # Errors
+    /// When an output is not finite.
+    fn decide(&mut self, rows: usize, observations: &[f32], actions: &mut [f32]) -> Result<(), PolicyError>;
+}
+
+impl Decide for &Ppo {
+    fn decide(&mut self, rows: usize, observations: &[f32], actions: &mut [f32]) -> Result<(), PolicyError> {
+        let (offset, scale) = self.observation_scaling();
+        let (width, acts) = (padded(offset.len()), actions.len() / rows);
+        let mut input = vec![0.0; rows * width];
+        scale_rows(observations, offset, scale, &mut input);
+        let mut tape = self.actor.tape(rows);
+        let out = self.actor.forward(&self.parameters, rows, &input, &mut tape);
+        for (row, out) in actions.chunks_exact_mut(acts).zip(out.chunks_exact(padded(acts))) {
+            row.copy_from_slice(&out[..acts]);
+        }
+        Ok(())
+    }
+}
+
+/// Runs all robots of `task` for `seconds` under commands drawn with `seed` from `commands`.
+///
+/// # Errors
+/// When a number is not finite or the simulator refuses something.
+pub fn score(
+    mut policy: impl Decide,
+    task: &mut VelocityTask,
+    commands: &Commands,
+    seconds: f32,
+    seed: u64,
+) -> Result<Score, PolicyError> {
+    task.judged = true;
+    task.restart(seed, 0)?;
+    let (count, joints) = (task.count(), task.actions());
+    let mut random = Random::of(seed, 21, 0);
+    for env in 0..count {
+        let command = [commands.vx, commands.vy, commands.wz].map(|[low, high]| random.between(low, high));
+        task.command(env, command);
+    }
+    let steps = (seconds * task.settings().rate) as usize;
+    let settle = task.settings().rate as usize;
+    let (mut observations, mut privileged) =
+        (vec![0.0; count * task.observations()], vec![0.0; count * task.privileged()]);
+    let (mut actions, mut rewards, mut ends) = (vec![0.0; count * joints], vec![0.0; count], vec![End::No; count]);
+    let mut fallen = vec![false; count];
+    let mut errors = vec![[0.0f64; 3]; count];
+    task.figures();
+    for step in 0..steps {
+        task.observe(&mut observations, &mut privileged);
+        policy.decide(count, &observations, &mut actions)?;
+        // Who fell lies still.
+        fallen.iter().enumerate().filter(|(_, f)| **f).for_each(|(env, _)| actions[env * joints..][..joints].fill(0.0));
+        task.step(&actions, &mut rewards, &mut ends)?;
+        for env in 0..count {
+            fallen[env] |= ends[env] == End::Failed;
+            if step < settle || fallen[env] {
+                continue;
+            }
+            let (q, v, _) = task.motion();
+            let q = &q[env * (7 + joints)..][..7];
+            let v = &v[env * (6 + joints)..][..6];
+            let [w, x, y, z] = [q[3], q[4], q[5], q[6]];
+            let (s, c) = (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z)).sin_cos();
+            let [vx, vy, wz] = task.walkers()[env].command;
+            let off = (c * v[0] + s * v[1] - vx).hypot(c * v[1] - s * v[0] - vy);
+            let sums = &mut errors[env];
+            *sums = [sums[0] + 1.0, sums[1] + f64::from(off), sums[2] + f64::from((v[5] - wz).abs())];
+        }
+    }
+    let figures = task.figures();
+    let figure = |name: &str| figures.iter().find(|(n, _)| *n == name).map_or(0.0, |(_, x)| *x);
+    let each = |k: usize| -> Vec<f64> { errors.iter().filter(|e| e[0] > 0.0).map(|e| e[k] / e[0]).collect() };
+    let ([velocity_error, velocity_error_se], [turning_error, turning_error_se]) = (mean(&each(1)), mean(&each(2)));
+    let fell = fallen.iter().filter(|f| **f).count();
+    let (swing_time, swing_height) = (figure("swing_time"), figure("swing_height"));
+    Ok(Score { robots: count, fell, velocity_error, velocity_error_se, turning_error, turning_error_se, swing_time, swing_height })
+}
+
+/// Mean and its standard error.
+fn mean(values: &[f64]) -> [f32; 2] {
+    let count = values.len().max(1) as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let variance = values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
+    [mean as f32, (variance / count).sqrt() as f32]
+}

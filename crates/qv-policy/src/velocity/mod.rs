@@ -1,0 +1,690 @@
+//! The velocity task: many robots on some ground, each to follow a commanded velocity.
+//!
+//! The policy sees what a robot's own sensors tell ([`OBSERVATION`]); it decides the targets of the joints around the stand. Rewards are
+//! those of legged_gym (Rudin et al. 2021, table 1 of its appendix) with terms for clearance, slip and timing of the feet.
+
+mod ground;
+mod randomise;
+mod reward;
+mod robot;
+mod settings;
+mod walker;
+
+pub use ground::Ground;
+pub use reward::TERMS;
+pub use robot::{PerJoint, RobotFile, TaskRobot};
+pub use settings::{Commands, Ends, Noise, Randomise, Reward, TaskSettings};
+pub use walker::Walker;
+
+use crate::PolicyError;
+use crate::env::{End, VectorEnv};
+use crate::random::Random;
+use qv_sim::{Batch, BatchCommand, SimOptions, State};
+use randomise::Draws;
+use rayon::prelude::*;
+use reward::{Measures, Seen, Terms, terms};
+
+/// Parts of an observation with their length; `0` stands for the number of joints. All in SI units, unscaled.
+pub const OBSERVATION: [(&str, usize); 6] = [
+    ("gyroscope, base axes [rad/s]", 3),
+    ("direction of gravity in the base", 3),
+    ("command: forwards, to the left [m/s], turning [rad/s]", 3),
+    ("joint angles [rad]", 0),
+    ("joint speeds [rad/s]", 0),
+    ("last targets [rad]", 0),
+];
+
+/// Force from which a shape counts as touching \[N\]: a thousandth of a small robot's weight, above the noise of single precision.
+const TOUCH: f32 = 0.1;
+
+/// Many robots that learn to follow commands.
+pub struct VelocityTask {
+    robot: TaskRobot,
+    settings: TaskSettings,
+    ground: Ground,
+    batch: Batch<f32>,
+    draws: Draws,
+    walkers: Vec<Walker>,
+    /// Fixed commands instead of drawn ones, and no noise: for scores.
+    pub judged: bool,
+    targets: Vec<f32>,
+    read: Readings,
+    sums: Sums,
+    /// Level of the curriculum of each robot, where the ground has levels.
+    levels: Vec<[usize; 2]>,
+    mount: [f32; 4],
+}
+
+/// Sums since figures were asked for.
+#[derive(Debug, Clone)]
+struct Sums {
+    steps: f64,
+    terms: [f64; TERMS.len()],
+    velocity_error: f64,
+    turning_error: f64,
+    /// Landings, time in the air, highest points.
+    feet: [f64; 3],
+}
+
+impl Sums {
+    fn new() -> Self {
+        Self { steps: 0.0, terms: [0.0; TERMS.len()], velocity_error: 0.0, turning_error: 0.0, feet: [0.0; 3] }
+    }
+}
+
+/// What the simulator said after the last step.
+#[derive(Debug, Clone, Default)]
+struct Readings {
+    q: Vec<f32>,
+    v: Vec<f32>,
+    torques: Vec<f32>,
+    forces: Vec<f32>,
+    feet: Vec<f32>,
+    feet_speed: Vec<f32>,
+    gyro: Vec<f32>,
+    acc: Vec<f32>,
+    orientation: Vec<f32>,
+    encoder_q: Vec<f32>,
+    encoder_dq: Vec<f32>,
+}
+
+/// What one robot did in a step, for the sums.
+#[derive(Debug, Clone, Copy)]
+struct Outcome {
+    terms: Terms,
+    velocity_error: f32,
+    turning_error: f32,
+    feet: [f32; 3],
+}
+
+impl VelocityTask {
+    /// `count` robots on some ground.
+    ///
+    /// # Errors
+    /// When a setting means nothing or the simulator refuses the robot.
+    pub fn new(robot: TaskRobot, ground: Ground, settings: TaskSettings, count: usize) -> Result<Self, PolicyError> {
+        settings.check()?;
+        let options = SimOptions {
+            timestep: settings.timestep(),
+            iterations: settings.iterations,
+            max_command_latency: Draws::longest_latency(&settings.randomise),
+            ..Default::default()
+        };
+        let batch = Batch::<f32>::new(&robot.model, &ground.terrain, &options, count)?;
+        let draws = Draws::new(&settings.randomise, &batch)?;
+        let (joints, feet, geoms) = (robot.joints(), robot.feet.len(), robot.model.geoms.len());
+        let read = Readings {
+            q: vec![0.0; count * (7 + joints)],
+            v: vec![0.0; count * (6 + joints)],
+            torques: vec![0.0; count * joints],
+            forces: vec![0.0; count * geoms * 3],
+            feet: vec![0.0; count * feet * 3],
+            feet_speed: vec![0.0; count * feet * 3],
+            gyro: vec![0.0; count * 3],
+            acc: vec![0.0; count * 3],
+            orientation: vec![0.0; count * 4],
+            encoder_q: vec![0.0; count * joints],
+            encoder_dq: vec![0.0; count * joints],
+        };
+        let mount = ["imu", "imu_link"].iter().find_map(|name| robot.model.frame(name)).filter(|f| f.link == Some(0));
+        let mount = mount.map_or([1.0, 0.0, 0.0, 0.0], |f| f.link_from_frame.wxyz());
+        let mut task = Self {
+            walkers: vec![Walker::new(joints, feet); count],
+            targets: vec![0.0; count * joints],
+            levels: vec![[0; 2]; count],
+            judged: false,
+            sums: Sums::new(),
+            mount: mount.map(|x| x as f32),
+            robot,
+            settings,
+            ground,
+            batch,
+            draws,
+            read,
+        };
+        task.restart(0, 0)?;
+        Ok(task)
+    }
+
+    /// The robot.
+    pub fn robot(&self) -> &TaskRobot {
+        &self.robot
+    }
+
+    /// The settings.
+    pub fn settings(&self) -> &TaskSettings {
+        &self.settings
+    }
+
+    /// The ground.
+    pub fn ground(&self) -> &Ground {
+        &self.ground
+    }
+
+    /// The simulator, to look at.
+    pub fn batch(&self) -> &Batch<f32> {
+        &self.batch
+    }
+
+    /// The simulator, to change parameters, or to add torques.
+    pub fn batch_mut(&mut self) -> &mut Batch<f32> {
+        &mut self.batch
+    }
+
+    /// What is remembered of each robot.
+    pub fn walkers(&self) -> &[Walker] {
+        &self.walkers
+    }
+
+    /// Commands one robot, until the task draws another (never, where it is judged).
+    pub fn command(&mut self, env: usize, command: [f32; 3]) {
+        self.walkers[env].command = command;
+    }
+
+    /// Joint targets in force, `[count][joints]` \[rad\].
+    pub fn targets(&self) -> &[f32] {
+        &self.targets
+    }
+
+    /// Positions `[count][7 + joints]`, velocities `[count][6 + joints]` and torques `[count][joints]` after the last step.
+    pub fn motion(&self) -> (&[f32], &[f32], &[f32]) {
+        (&self.read.q, &self.read.v, &self.read.torques)
+    }
+
+    /// Positions of the feet `[count][feet][3]` and forces on all shapes `[count][shapes][3]` after the last step, in the world.
+    pub fn feet(&self) -> (&[f32], &[f32]) {
+        (&self.read.feet, &self.read.forces)
+    }
+
+    /// Puts one robot onto its feet at its place, and forgets its past.
+    fn begin(&mut self, env: usize) -> Result<(), PolicyError> {
+        let walker = &mut self.walkers[env];
+        walker.begin();
+        let dt = self.settings.dt();
+        let judged = self.judged;
+        if !judged {
+            walker.draw_command(&self.settings.commands, dt);
+            self.draws.draw(env, &mut walker.random, &mut self.batch)?;
+            walker.push_steps = push_steps(&mut walker.random, &self.settings);
+        }
+        let random = &mut walker.random;
+        let places = &self.ground.places[self.levels[env][0] % self.ground.places.len()];
+        let place = match self.ground.has_levels() {
+            true => places[self.levels[env][1].min(places.len() - 1)],
+            false => places[random.below(places.len())],
+        };
+        walker.place = self.levels[env];
+        let around = self.ground.around;
+        let [x, y] = [0, 1].map(|k| place[k] + random.between(-around, around));
+        walker.start = [x, y];
+        let yaw = if judged { 0.0 } else { random.between(-std::f32::consts::PI, std::f32::consts::PI) };
+        let spread = if judged { 0.0 } else { self.settings.randomise.start_angle };
+        let speed = if judged { 0.0 } else { self.settings.randomise.start_speed };
+        let joints = self.robot.joints();
+        let mut q = vec![0.0f64; 7 + joints];
+        let ground = self.highest(x, y);
+        (q[0], q[1], q[2]) = (f64::from(x), f64::from(y), f64::from(ground + self.robot.height));
+        (q[3], q[6]) = ((0.5 * f64::from(yaw)).cos(), (0.5 * f64::from(yaw)).sin());
+        let random = &mut self.walkers[env].random;
+        for j in 0..joints {
+            let (low, high) = self.robot.limits(j);
+            q[7 + j] = f64::from((self.robot.stand[j] + random.between(-spread, spread)).clamp(low, high));
+        }
+        let mut v = vec![0.0f64; 6 + joints];
+        v[0] = f64::from(random.between(-speed, speed));
+        v[1] = f64::from(random.between(-speed, speed));
+        self.batch.set_state(env, &State { q, v })?;
+        self.targets[env * joints..][..joints].copy_from_slice(&self.robot.stand);
+        Ok(())
+    }
+
+    /// Highest ground under a robot that stands at (x, y): nothing of it begins inside the ground.
+    fn highest(&self, x: f32, y: f32) -> f32 {
+        if self.ground.is_plane() {
+            return 0.0;
+        }
+        let reach = self.robot.height;
+        let around = (0..25).map(|k| ((k % 5) as f32 * 0.5 - 1.0, (k / 5) as f32 * 0.5 - 1.0));
+        let heights = around.filter_map(|(i, j)| self.ground.height(x + i * reach, y + j * reach, f32::MAX));
+        heights.fold(f32::NEG_INFINITY, f32::max).max(-1e3)
+    }
+
+    /// Reads all that rewards and observations need.
+    fn look(&mut self) -> Result<(), PolicyError> {
+        let read = &mut self.read;
+        self.batch.read_positions(&mut read.q)?;
+        self.batch.read_velocities(&mut read.v)?;
+        self.batch.read_torques(&mut read.torques)?;
+        self.batch.read_geom_forces(&mut read.forces)?;
+        self.batch.read_imu(&mut read.gyro, &mut read.acc, &mut read.orientation)?;
+        self.batch.read_encoders(&mut read.encoder_q, &mut read.encoder_dq)?;
+        self.batch.read_geoms(&self.robot.feet, &mut read.feet, &mut read.feet_speed)?;
+        Ok(())
+    }
+
+    /// The next place of the curriculum after an episode: harder after half a place was crossed, easier after less than half of the
+    /// path that was asked for (Rudin et al. 2021, section 3).
+    fn promote(&mut self, env: usize) {
+        if !self.ground.has_levels() || self.judged {
+            return;
+        }
+        let walker = &mut self.walkers[env];
+        let at = &self.read.q[env * (7 + self.robot.joints())..];
+        let went = (at[0] - walker.start[0]).hypot(at[1] - walker.start[1]);
+        let last = self.ground.places[0].len() - 1;
+        let level = &mut self.levels[env][1];
+        if went > 0.8 * self.ground.reach {
+            *level = if *level == last { walker.random.below(last + 1) } else { *level + 1 };
+        } else if went < 0.5 * walker.asked && *level > 0 {
+            *level -= 1;
+        }
+        self.levels[env][0] = walker.random.below(self.ground.places.len());
+    }
+
+    fn push(&mut self) -> Result<(), PolicyError> {
+        let most = self.settings.randomise.push;
+        if most == 0.0 || self.judged {
+            return Ok(());
+        }
+        let mut change = vec![0.0; 6 + self.robot.joints()];
+        for (env, walker) in self.walkers.iter_mut().enumerate() {
+            walker.push_steps = walker.push_steps.saturating_sub(1);
+            if walker.push_steps == 0 {
+                walker.push_steps = push_steps(&mut walker.random, &self.settings);
+                (change[0], change[1]) = (
+                    f64::from(walker.random.between(-most, most)),
+                    f64::from(walker.random.between(-most, most)),
+                );
+                self.batch.add_velocity(env, &change)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Steps until the next push, exponentially distributed.
+fn push_steps(random: &mut Random, settings: &TaskSettings) -> u32 {
+    let time = -f64::from(1.0 - random.unit()).ln() * f64::from(settings.randomise.push_every);
+    ((time * f64::from(settings.rate)) as u32).max(1)
+}
+
+impl VectorEnv for VelocityTask {
+    fn count(&self) -> usize {
+        self.batch.len()
+    }
+
+    fn observations(&self) -> usize {
+        9 + 3 * self.robot.joints()
+    }
+
+    fn privileged(&self) -> usize {
+        self.observations() + 4 + self.robot.feet.len() + SCAN.len()
+    }
+
+    fn actions(&self) -> usize {
+        self.robot.joints()
+    }
+
+    fn observation_scaling(&self) -> (Vec<f32>, Vec<f32>) {
+        let joints = self.robot.joints();
+        let mut offset = vec![0.0; 9];
+        // Turning rates and commands of one, speeds of twenty are usual: legged_gym's scales.
+        let mut scale = vec![0.25, 0.25, 0.25, 1.0, 1.0, 1.0, 2.0, 2.0, 0.5];
+        offset.extend(&self.robot.stand);
+        scale.extend(vec![1.0; joints]);
+        offset.extend(vec![0.0; joints]);
+        scale.extend(vec![0.05; joints]);
+        offset.extend(&self.robot.stand);
+        scale.extend(self.robot.action_scale.iter().map(|s| 1.0 / s));
+        (offset, scale)
+    }
+
+    fn privileged_scaling(&self) -> (Vec<f32>, Vec<f32>) {
+        let (mut offset, mut scale) = self.observation_scaling();
+        offset.extend([0.0, 0.0, 0.0, self.robot.height]);
+        scale.extend([2.0, 2.0, 2.0, 5.0]);
+        offset.extend(vec![0.0; self.robot.feet.len()]);
+        scale.extend(vec![1.0; self.robot.feet.len()]);
+        offset.extend(SCAN.map(|_| 0.0));
+        scale.extend(SCAN.map(|_| 5.0));
+        (offset, scale)
+    }
+
+    fn observe(&mut self, observations: &mut [f32], privileged: &mut [f32]) {
+        let (seen, known, joints) = (self.observations(), self.privileged(), self.robot.joints());
+        let geoms = self.robot.model.geoms.len();
+        let (read, robot, ground, mount) = (&self.read, &self.robot, &self.ground, self.mount);
+        let noise = if self.judged { None } else { Some(&self.settings.noise) };
+        let targets = &self.targets;
+        let rows = observations.par_chunks_mut(seen).zip(privileged.par_chunks_mut(known));
+        rows.zip(&mut self.walkers).enumerate().with_min_len(16).for_each(|(env, ((row, all), walker))| {
+            let q = &read.q[env * (7 + joints)..][..7 + joints];
+            let v = &read.v[env * (6 + joints)..][..6 + joints];
+            let turn = [read.orientation[4 * env], read.orientation[4 * env + 1], read.orientation[4 * env + 2], read.orientation[4 * env + 3]];
+            let gyro = [read.gyro[3 * env], read.gyro[3 * env + 1], read.gyro[3 * env + 2]];
+            // From the IMU's axes to the base's, by the mounting that the model states.
+            let gravity = turned(mount, turned_back(turn, [0.0, 0.0, -1.0]));
+            let gyro = turned(mount, gyro);
+            row[..3].copy_from_slice(&gyro);
+            row[3..6].copy_from_slice(&gravity);
+            row[6..9].copy_from_slice(&walker.command);
+            row[9..9 + joints].copy_from_slice(&read.encoder_q[env * joints..][..joints]);
+            row[9 + joints..9 + 2 * joints].copy_from_slice(&read.encoder_dq[env * joints..][..joints]);
+            row[9 + 2 * joints..].copy_from_slice(&targets[env * joints..][..joints]);
+            // The critic knows the true state.
+            all[..3].copy_from_slice(&v[3..6]);
+            all[3..6].copy_from_slice(&turned_back([q[3], q[4], q[5], q[6]], [0.0, 0.0, -1.0]));
+            all[6..9].copy_from_slice(&walker.command);
+            all[9..9 + joints].copy_from_slice(&q[7..]);
+            all[9 + joints..9 + 2 * joints].copy_from_slice(&v[6..]);
+            all[9 + 2 * joints..seen].copy_from_slice(&targets[env * joints..][..joints]);
+            let rest = &mut all[seen..];
+            rest[..3].copy_from_slice(&turned_back([q[3], q[4], q[5], q[6]], [v[0], v[1], v[2]]));
+            rest[3] = q[2] - walker.ground;
+            for (k, &foot) in robot.feet.iter().enumerate() {
+                rest[4 + k] = f32::from(touches(&read.forces, geoms, env, foot));
+            }
+            let heading = heading([q[3], q[4], q[5], q[6]]);
+            for (k, [ahead, aside]) in SCAN.into_iter().enumerate() {
+                let [c, s] = heading;
+                let at = [q[0] + c * ahead - s * aside, q[1] + s * ahead + c * aside];
+                let height = if ground.is_plane() { Some(0.0) } else { ground.height(at[0], at[1], q[2]) };
+                rest[4 + robot.feet.len() + k] = height.map_or(0.0, |h| (h - walker.ground).clamp(-0.5, 0.5));
+            }
+            if let Some(noise) = noise {
+                let random = &mut walker.random;
+                let mut add = |part: &mut [f32], width: f32| {
+                    part.iter_mut().for_each(|x| *x += random.between(-width, width));
+                };
+                add(&mut row[..3], noise.gyro);
+                add(&mut row[3..6], noise.gravity);
+                add(&mut row[9..9 + joints], noise.position);
+                add(&mut row[9 + joints..9 + 2 * joints], noise.speed);
+            }
+        });
+    }
+
+    fn step(&mut self, actions: &[f32], rewards: &mut [f32], ends: &mut [End]) -> Result<(), PolicyError> {
+        let (joints, count) = (self.robot.joints(), self.count());
+        if let Some(bad) = actions.iter().find(|a| !a.is_finite()) {
+            return Err(PolicyError::NotFinite { iteration: 0, term: "action".into(), found: *bad });
+        }
+        for (env, targets) in self.targets.chunks_exact_mut(joints).enumerate() {
+            for (j, target) in targets.iter_mut().enumerate() {
+                let (low, high) = self.robot.limits(j);
+                let wanted = self.robot.stand[j] + self.robot.action_scale[j] * actions[env * joints + j];
+                *target = wanted.clamp(low, high);
+            }
+        }
+        self.push()?;
+        let command = BatchCommand { q: &self.targets, dq: None, kp: &self.robot.kp, kd: &self.robot.kd, tau: None };
+        self.batch.set_commands(&command)?;
+        self.batch.step_many_parallel(self.settings.substeps);
+        self.look()?;
+        let mut outcomes = vec![None; count];
+        let mut walkers = std::mem::take(&mut self.walkers);
+        let shared = Judge::new(self);
+        let parts = walkers.par_iter_mut().zip(rewards).zip(ends).zip(&mut outcomes);
+        parts.enumerate().with_min_len(16).for_each(|(env, (((walker, reward), end), outcome))| {
+            let action = &actions[env * joints..][..joints];
+            let (done, how) = shared.judge(env, action, walker);
+            *reward = done.terms.iter().sum::<f32>() * shared.settings.dt();
+            *end = how;
+            *outcome = Some(done);
+        });
+        self.walkers = walkers;
+        self.gather(outcomes.into_iter().flatten())
+    }
+
+    fn reset(&mut self, mask: &[bool]) -> Result<(), PolicyError> {
+        for env in (0..mask.len()).filter(|&env| mask[env]) {
+            self.promote(env);
+            self.begin(env)?;
+        }
+        self.look()?;
+        for env in (0..mask.len()).filter(|&env| mask[env]) {
+            let at = &self.read.q[env * (7 + self.robot.joints())..];
+            self.walkers[env].ground = self.ground.height(at[0], at[1], at[2]).unwrap_or(0.0);
+        }
+        Ok(())
+    }
+
+    fn restart(&mut self, seed: u64, epoch: u64) -> Result<(), PolicyError> {
+        let length = (self.settings.episode * self.settings.rate) as usize;
+        for env in 0..self.count() {
+            self.walkers[env].random = Random::of(seed ^ epoch.rotate_left(40), 4, env as u64);
+            if epoch == 0 {
+                self.levels[env] = [env % self.ground.places.len(), 0];
+            }
+            self.begin(env)?;
+            if !self.judged {
+                let walker = &mut self.walkers[env];
+                // Else all episodes would end together.
+                walker.steps = walker.random.below(length) as u32;
+                walker.command_steps = 1 + walker.random.below(walker.command_steps.max(1) as usize) as u32;
+            }
+        }
+        self.look()?;
+        for env in 0..self.count() {
+            let at = &self.read.q[env * (7 + self.robot.joints())..];
+            self.walkers[env].ground = self.ground.height(at[0], at[1], at[2]).unwrap_or(0.0);
+        }
+        Ok(())
+    }
+
+    fn figures(&mut self) -> Vec<(&'static str, f32)> {
+        let sums = std::mem::replace(&mut self.sums, Sums::new());
+        let mean = |sum: f64| if sums.steps > 0.0 { (sum / sums.steps) as f32 } else { 0.0 };
+        let mut out: Vec<(&'static str, f32)> = TERMS.iter().zip(sums.terms).map(|(name, sum)| (*name, mean(sum))).collect();
+        out.push(("velocity_error", mean(sums.velocity_error)));
+        out.push(("turning_error", mean(sums.turning_error)));
+        let landings = sums.feet[0].max(1.0);
+        out.push(("swing_time", (sums.feet[1] / landings) as f32));
+        out.push(("swing_height", (sums.feet[2] / landings) as f32));
+        let level: usize = self.levels.iter().map(|l| l[1]).sum();
+        out.push(("level", level as f32 / self.levels.len() as f32));
+        out
+    }
+
+    fn curriculum(&self) -> Vec<f32> {
+        self.levels.iter().flatten().map(|&l| l as f32).collect()
+    }
+
+    fn set_curriculum(&mut self, numbers: &[f32]) {
+        for (level, pair) in self.levels.iter_mut().zip(numbers.chunks_exact(2)) {
+            *level = [pair[0] as usize, pair[1] as usize];
+        }
+    }
+}
+
+impl VelocityTask {
+    /// Adds what robots did to the sums, and names a term that is not finite.
+    fn gather(&mut self, outcomes: impl Iterator<Item = Outcome>) -> Result<(), PolicyError> {
+        for outcome in outcomes {
+            self.sums.steps += 1.0;
+            for (k, &term) in outcome.terms.iter().enumerate() {
+                if !term.is_finite() {
+                    let term_name = format!("term `{}` of the reward", TERMS[k]);
+                    return Err(PolicyError::NotFinite { iteration: 0, term: term_name, found: term });
+                }
+                self.sums.terms[k] += f64::from(term);
+            }
+            self.sums.velocity_error += f64::from(outcome.velocity_error);
+            self.sums.turning_error += f64::from(outcome.turning_error);
+            self.sums.feet.iter_mut().zip(outcome.feet).for_each(|(sum, x)| *sum += f64::from(x));
+        }
+        Ok(())
+    }
+}
+
+/// What judging a robot reads, the same for all.
+struct Judge<'a> {
+    robot: &'a TaskRobot,
+    settings: &'a TaskSettings,
+    ground: &'a Ground,
+    batch: &'a Batch<f32>,
+    read: &'a Readings,
+    judged: bool,
+    torque: f32,
+    foot_radius: Vec<f32>,
+    length: u32,
+}
+
+impl<'a> Judge<'a> {
+    fn new(task: &'a VelocityTask) -> Self {
+        let reach = |&g: &usize| match &task.robot.model.geoms[g].shape {
+            qv_sim::Shape::Sphere(r) | qv_sim::Shape::Capsule { radius: r, .. } => *r as f32,
+            _ => 0.0,
+        };
+        Self {
+            robot: &task.robot,
+            settings: &task.settings,
+            ground: &task.ground,
+            batch: &task.batch,
+            read: &task.read,
+            judged: task.judged,
+            torque: task.robot.torque_scale(),
+            foot_radius: task.robot.feet.iter().map(reach).collect(),
+            length: (task.settings.episode * task.settings.rate) as u32,
+        }
+    }
+
+    /// Reward and end of one robot's step, and what it remembers of it.
+    fn judge(&self, env: usize, action: &[f32], walker: &mut Walker) -> (Outcome, End) {
+        let (joints, feet) = (self.robot.joints(), self.robot.feet.len());
+        let geoms = self.robot.model.geoms.len();
+        let dt = self.settings.dt();
+        let q = &self.read.q[env * (7 + joints)..][..7 + joints];
+        let v = &self.read.v[env * (6 + joints)..][..6 + joints];
+        let turn = [q[3], q[4], q[5], q[6]];
+        let ground = self.ground.height(q[0], q[1], q[2]);
+        walker.ground = ground.unwrap_or(walker.ground);
+        let height = q[2] - walker.ground;
+        let gravity = turned_back(turn, [0.0, 0.0, -1.0]);
+        let [c, s] = heading(turn);
+        let velocity = [c * v[0] + s * v[1], c * v[1] - s * v[0], v[2]];
+        let (mut touching, mut landed) = ([false; MOST_FEET], [-1.0f32; MOST_FEET]);
+        let (mut feet_height, mut feet_speed) = ([0.0f32; MOST_FEET], [0.0f32; MOST_FEET]);
+        let mut landings = [0.0f32; 3];
+        for (f, &geom) in self.robot.feet.iter().enumerate() {
+            let at = (env * feet + f) * 3;
+            let (p, speed) = (&self.read.feet[at..at + 3], &self.read.feet_speed[at..at + 3]);
+            let under = match self.ground.is_plane() {
+                true => 0.0,
+                false => self.ground.height(p[0], p[1], p[2]).unwrap_or(walker.ground),
+            };
+            feet_height[f] = p[2] - self.foot_radius[f] - under;
+            feet_speed[f] = speed[0].hypot(speed[1]);
+            touching[f] = touches(&self.read.forces, geoms, env, geom);
+            if touching[f] {
+                if walker.air[f] > 0.0 {
+                    landed[f] = walker.air[f];
+                    landings = [landings[0] + 1.0, landings[1] + walker.air[f], landings[2] + walker.peak[f]];
+                }
+                (walker.air[f], walker.peak[f]) = (0.0, 0.0);
+            } else {
+                walker.air[f] += dt;
+                walker.peak[f] = walker.peak[f].max(feet_height[f]);
+            }
+        }
+        let on = |shapes: &[usize]| shapes.iter().filter(|&&g| touches(&self.read.forces, geoms, env, g)).count();
+        let ends = &self.settings.ends;
+        let faulty = self.batch.is_faulty(env).unwrap_or(true);
+        let tilted = -gravity[2] < ends.tilt.cos();
+        let low = height < ends.height * self.robot.height;
+        let fell = faulty || tilted || low || (ends.trunk && on(&self.robot.trunk) > 0);
+        let seen = Seen {
+            velocity,
+            turning: [v[3], v[4], v[5]],
+            gravity,
+            height,
+            q: &q[7..],
+            dq: &v[6..],
+            torques: &self.read.torques[env * joints..][..joints],
+            action,
+            feet_height: &feet_height[..feet],
+            feet_speed: &feet_speed[..feet],
+            touching: &touching[..feet],
+            landed: &landed[..feet],
+            limbs: on(&self.robot.limbs),
+            fell,
+        };
+        let measures = Measures {
+            stand: &self.robot.stand,
+            sideways: &self.robot.sideways,
+            height: self.robot.height,
+            torque: self.torque,
+        };
+        let terms = terms(&self.settings.reward, &measures, &seen, walker, dt);
+        let [vx, vy, wz] = walker.command;
+        let outcome = Outcome {
+            terms,
+            velocity_error: (velocity[0] - vx).hypot(velocity[1] - vy),
+            turning_error: (v[5] - wz).abs(),
+            feet: landings,
+        };
+        walker.action_before.copy_from_slice(&walker.action);
+        walker.action.copy_from_slice(action);
+        walker.dq.copy_from_slice(&v[6..]);
+        walker.steps += 1;
+        walker.asked += vx.hypot(vy) * dt;
+        let end = if fell {
+            End::Failed
+        } else if walker.steps >= self.length || ground.is_none() {
+            // Who walks off the ground did not fall.
+            End::TimeOut
+        } else {
+            End::No
+        };
+        if !self.judged {
+            walker.command_steps = walker.command_steps.saturating_sub(1);
+            if walker.command_steps == 0 {
+                walker.draw_command(&self.settings.commands, dt);
+            }
+        }
+        (outcome, end)
+    }
+}
+
+/// More feet than any robot here has.
+const MOST_FEET: usize = 16;
+
+/// Points ahead and aside of the base at which the critic knows the height of the ground \[m\].
+const SCAN: [[f32; 2]; 9] = [
+    [0.4, 0.2],
+    [0.4, 0.0],
+    [0.4, -0.2],
+    [0.2, 0.0],
+    [-0.2, 0.0],
+    [-0.4, 0.2],
+    [-0.4, -0.2],
+    [0.0, 0.2],
+    [0.0, -0.2],
+];
+
+fn touches(forces: &[f32], geoms: usize, env: usize, geom: usize) -> bool {
+    let f = &forces[(env * geoms + geom) * 3..][..3];
+    f[0] * f[0] + f[1] * f[1] + f[2] * f[2] > TOUCH * TOUCH
+}
+
+/// Cosine and sine of the heading of a quaternion w, x, y, z.
+fn heading([w, x, y, z]: [f32; 4]) -> [f32; 2] {
+    let (c, s) = (1.0 - 2.0 * (y * y + z * z), 2.0 * (w * z + x * y));
+    let length = c.hypot(s).max(1e-6);
+    [c / length, s / length]
+}
+
+/// A vector turned by a quaternion w, x, y, z.
+fn turned([w, x, y, z]: [f32; 4], v: [f32; 3]) -> [f32; 3] {
+    let t = [2.0 * (y * v[2] - z * v[1]), 2.0 * (z * v[0] - x * v[2]), 2.0 * (x * v[1] - y * v[0])];
+    [
+        v[0] + w * t[0] + y * t[2] - z * t[1],
+        v[1] + w * t[1] + z * t[0] - x * t[2],
+        v[2] + w * t[2] + x * t[1] - y * t[0],
+    ]
+}
+
+/// A vector turned by the inverse of a quaternion.
+fn turned_back([w, x, y, z]: [f32; 4], v: [f32; 3]) -> [f32; 3] {
+    turned([w, -x, -y, -z], v)
+}

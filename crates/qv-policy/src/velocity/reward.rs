@@ -1,0 +1,139 @@
+//! The terms of the reward, one robot at a time.
+
+use super::settings::Reward;
+use super::walker::Walker;
+
+/// Names of the terms, in the order of [`Terms`].
+pub const TERMS: [&str; 19] = [
+    "velocity",
+    "turning",
+    "bounce",
+    "sway",
+    "tilt",
+    "height",
+    "torque",
+    "acceleration",
+    "action_rate",
+    "action_jerk",
+    "pose",
+    "air",
+    "clearance",
+    "slip",
+    "pairs",
+    "limbs",
+    "still",
+    "fall",
+    "cut",
+];
+
+/// Weighted terms of one step of one robot \[1/s\].
+pub type Terms = [f32; TERMS.len()];
+
+/// What the terms read of one robot after a step; world axes unless it says otherwise.
+pub struct Seen<'a> {
+    /// Velocity of the base, heading axes \[m/s\].
+    pub velocity: [f32; 3],
+    /// Angular velocity of the base, its axes \[rad/s\].
+    pub turning: [f32; 3],
+    /// Direction of gravity in the base.
+    pub gravity: [f32; 3],
+    /// Height of the base over the ground \[m\].
+    pub height: f32,
+    /// Joint angles \[rad\].
+    pub q: &'a [f32],
+    /// Joint speeds \[rad/s\].
+    pub dq: &'a [f32],
+    /// Joint torques \[N m\].
+    pub torques: &'a [f32],
+    /// The action of this step.
+    pub action: &'a [f32],
+    /// Heights of the feet's lowest points over the ground \[m\].
+    pub feet_height: &'a [f32],
+    /// Horizontal speeds of the feet \[m/s\].
+    pub feet_speed: &'a [f32],
+    /// Which feet touch.
+    pub touching: &'a [bool],
+    /// Feet that landed in this step, and how long they had been in the air \[s\]; -1 for others.
+    pub landed: &'a [f32],
+    /// Limbs that touch.
+    pub limbs: usize,
+    /// Whether the robot fell.
+    pub fell: bool,
+}
+
+/// The robot's own measures, see [`super::TaskRobot`].
+pub struct Measures<'a> {
+    /// Joint angles of the stand \[rad\].
+    pub stand: &'a [f32],
+    /// Joints that move legs sideways.
+    pub sideways: &'a [bool],
+    /// Height of the base in the stand \[m\].
+    pub height: f32,
+    /// \[N m\]
+    pub torque: f32,
+}
+
+fn squared(values: impl Iterator<Item = f32>) -> f32 {
+    values.map(|x| x * x).sum()
+}
+
+/// All terms of a step of `dt` seconds.
+pub fn terms(reward: &Reward, measures: &Measures, seen: &Seen, walker: &Walker, dt: f32) -> Terms {
+    let [vx, vy, wz] = walker.command;
+    let off = (seen.velocity[0] - vx).powi(2) + (seen.velocity[1] - vy).powi(2);
+    let turn_off = (seen.turning[2] - wz).powi(2);
+    let standing = walker.stands();
+    let pairs = seen.action.iter().zip(&walker.action);
+    let jerk = pairs.clone().zip(&walker.action_before).map(|((now, last), before)| now - 2.0 * last + before);
+    let pose = seen.q.iter().zip(measures.stand).zip(measures.sideways).map(|((q, stand), &sideways)| {
+        let weight = if sideways || standing { 1.0 } else { 0.2 };
+        weight * (q - stand) * (q - stand)
+    });
+    let air = seen.landed.iter().filter(|&&air| air >= 0.0);
+    // A landing counts once: per second it is one over the step.
+    let air: f32 = air.map(|air| (air.min(reward.air_most) - reward.air_least) / dt).sum();
+    let target = reward.clearance_height * measures.height;
+    let clearance = (0..seen.touching.len()).filter(|&f| !seen.touching[f]).map(|f| {
+        let miss = (seen.feet_height[f] - target) / measures.height;
+        miss * miss * seen.feet_speed[f]
+    });
+    let slip = (0..seen.touching.len()).filter(|&f| seen.touching[f]).map(|f| seen.feet_speed[f] * seen.feet_speed[f]);
+    let feet_up = seen.touching.iter().filter(|&&t| !t).count() as f32;
+    let still = feet_up + 0.02 * squared(seen.dq.iter().copied());
+    let moving = |x: f32| if standing { 0.0 } else { x };
+    let mut out = [
+        reward.velocity * (-off / reward.velocity_width).exp(),
+        reward.turning * (-turn_off / reward.turning_width).exp(),
+        -reward.bounce * seen.velocity[2] * seen.velocity[2],
+        -reward.sway * squared(seen.turning[..2].iter().copied()),
+        -reward.tilt * squared(seen.gravity[..2].iter().copied()),
+        -reward.height * (seen.height / measures.height - 1.0).powi(2),
+        -reward.torque * squared(seen.torques.iter().map(|t| t / measures.torque)),
+        -reward.acceleration * squared(seen.dq.iter().zip(&walker.dq).map(|(now, last)| (now - last) / dt)),
+        -reward.action_rate * squared(pairs.map(|(now, last)| now - last)),
+        -reward.action_jerk * squared(jerk),
+        -reward.pose * pose.sum::<f32>(),
+        reward.air * moving(air),
+        -reward.clearance * clearance.sum::<f32>(),
+        -reward.slip * slip.sum::<f32>(),
+        -reward.pairs * moving(apart(seen.touching)),
+        -reward.limbs * seen.limbs as f32,
+        if standing { -reward.still * still } else { 0.0 },
+        0.0,
+        0.0,
+    ];
+    let sum: f32 = out.iter().sum();
+    out[18] = (reward.least - sum).max(0.0);
+    if seen.fell {
+        out[17] = -reward.fall / dt;
+    }
+    out
+}
+
+/// Pairs of legs across (first and last, second and third) that are not together; none for robots without four legs.
+fn apart(touching: &[bool]) -> f32 {
+    match touching {
+        [a, b, c, d] => f32::from(a != d) + f32::from(b != c),
+        _ => 0.0,
+    }
+}

@@ -1,0 +1,250 @@
+//! The robot of a task: any four-legged (or otherwise footed) one, told by its model and a few lines of TOML.
+
+use crate::PolicyError;
+use qv_sim::{BaseKind, Geom, Model, ModelOptions};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+
+/// What a walking task must know of a robot.
+#[derive(Debug, Clone)]
+pub struct TaskRobot {
+    /// Its name, for files and pages.
+    pub name: String,
+    /// Its model, with armature, and with shapes for all that may touch the ground.
+    pub model: Model,
+    /// Joint angles of the stand \[rad\], `[joints]`.
+    pub stand: Vec<f32>,
+    /// Position gains \[N m/rad\], `[joints]`.
+    pub kp: Vec<f32>,
+    /// Velocity gains \[N m s/rad\], `[joints]`.
+    pub kd: Vec<f32>,
+    /// Radians by which a joint's target moves for an action of one, `[joints]`.
+    pub action_scale: Vec<f32>,
+    /// Shapes of the feet (indices into the model's), in the order of the legs.
+    pub feet: Vec<usize>,
+    /// Shapes that must not touch: an episode ends.
+    pub trunk: Vec<usize>,
+    /// All other shapes (thighs, shanks): touching costs.
+    pub limbs: Vec<usize>,
+    /// Joints that move legs sideways, `[joints]`: they stay near the stand.
+    pub sideways: Vec<bool>,
+    /// Height of the base over level ground in the stand \[m\].
+    pub height: f32,
+}
+
+/// The TOML that describes a robot beside its URDF.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RobotFile {
+    /// Its name.
+    pub name: String,
+    /// File name of the URDF, beside this file.
+    pub urdf: String,
+    /// Joint angles of the stand by joint name, or by the end of joint names \[rad\].
+    pub stand: BTreeMap<String, f32>,
+    /// Position gain \[N m/rad\], one for all or by joint name (or its end).
+    pub kp: PerJoint,
+    /// Velocity gain \[N m s/rad\].
+    pub kd: PerJoint,
+    /// Radians for an action of one; default 0.25.
+    #[serde(default = "quarter")]
+    pub action_scale: PerJoint,
+    /// Rotor inertia at each joint \[kg m²\], where the URDF tells none.
+    #[serde(default)]
+    pub armature: f64,
+    /// Feet: names of links or shapes, or their ends, in the order of the legs.
+    pub feet: Vec<String>,
+    /// Links or shapes (or the ends of their names) that must not touch the ground; default: those of the base.
+    #[serde(default)]
+    pub trunk: Vec<String>,
+    /// Joints that move legs sideways, by the ends of their names; default: those whose axis is x.
+    #[serde(default)]
+    pub sideways: Vec<String>,
+    /// Anything else that readers of other parts use.
+    #[serde(default)]
+    pub about: Option<String>,
+}
+
+fn quarter() -> PerJoint {
+    PerJoint::All(0.25)
+}
+
+/// One number for all joints, or one by name.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(untagged)]
+pub enum PerJoint {
+    /// For all.
+    All(f32),
+    /// By joint name, or by the end of joint names.
+    Named(BTreeMap<String, f32>),
+}
+
+impl PerJoint {
+    /// One number for each joint.
+    ///
+    /// # Errors
+    /// When a joint has none, or a number is not finite.
+    pub fn resolve(&self, what: &str, model: &Model) -> Result<Vec<f32>, PolicyError> {
+        let values = match self {
+            Self::All(value) => vec![*value; model.joints.len()],
+            Self::Named(named) => by_name(what, named, model)?,
+        };
+        match values.iter().find(|v| !v.is_finite()) {
+            Some(bad) => Err(PolicyError::setting(what, "finite numbers", bad)),
+            None => Ok(values),
+        }
+    }
+}
+
+/// Whether `pattern` names `name`: all of it, or its end.
+fn names(pattern: &str, name: &str) -> bool {
+    name.ends_with(pattern)
+}
+
+/// One value for each joint, by the longest pattern that names it.
+fn by_name(what: &str, named: &BTreeMap<String, f32>, model: &Model) -> Result<Vec<f32>, PolicyError> {
+    if let Some(unused) = named.keys().find(|key| !model.joint_names().iter().any(|name| names(key, name))) {
+        let expected = format!("the name, or the end of the name, of a joint: {}", model.joint_names().join(", "));
+        return Err(PolicyError::setting(what, &expected, unused));
+    }
+    let find = |name: &String| {
+        let longest = named.iter().filter(|(key, _)| names(key, name)).max_by_key(|(key, _)| key.len());
+        longest.map(|(_, value)| *value).ok_or_else(|| {
+            let keys = named.keys().cloned().collect::<Vec<_>>().join(", ");
+            PolicyError::setting(what, &format!("a value for joint `{name}`"), keys)
+        })
+    };
+    model.joint_names().iter().map(find).collect()
+}
+
+impl RobotFile {
+    /// # Errors
+    /// When the text is not such a file; the line is told.
+    pub fn parse(text: &str) -> Result<Self, PolicyError> {
+        toml::from_str(text).map_err(|e| PolicyError::Text { what: "robot file".into(), reason: e.to_string() })
+    }
+
+    /// The robot that this file and the text of its URDF describe.
+    ///
+    /// # Errors
+    /// When the URDF cannot be simulated, or a name or number of the file does not fit it.
+    pub fn robot(&self, urdf: &str) -> Result<TaskRobot, PolicyError> {
+        let options = ModelOptions { base: BaseKind::Floating, armature: self.armature, ..Default::default() };
+        self.robot_of(Model::from_urdf(urdf, &options)?)
+    }
+
+    fn robot_of(&self, model: Model) -> Result<TaskRobot, PolicyError> {
+        let stand = by_name("stand", &self.stand, &model)?;
+        let kp = self.kp.resolve("kp", &model)?;
+        let kd = self.kd.resolve("kd", &model)?;
+        let action_scale = self.action_scale.resolve("action_scale", &model)?;
+        let feet = shapes("feet", &self.feet, &model)?;
+        let trunk = match self.trunk.is_empty() {
+            true => (0..model.geoms.len()).filter(|&g| model.geoms[g].link == 0).collect(),
+            false => shapes("trunk", &self.trunk, &model)?,
+        };
+        let sideways = match self.sideways.is_empty() {
+            true => model.joints.iter().map(|j| j.axis.x.abs() > 0.9).collect(),
+            false => model.joint_names().iter().map(|n| self.sideways.iter().any(|s| names(s, n))).collect(),
+        };
+        TaskRobot::new(&self.name, model, [stand, kp, kd, action_scale], feet, trunk, sideways)
+    }
+}
+
+/// Shapes of a model by the names of shapes or links, or the ends of these.
+fn shapes(what: &str, wanted: &[String], model: &Model) -> Result<Vec<usize>, PolicyError> {
+    let fits = |pattern: &str, geom: &Geom| names(pattern, &geom.name) || names(pattern, &model.links[geom.link].name);
+    let mut found = Vec::new();
+    for pattern in wanted {
+        let fitting: Vec<usize> = (0..model.geoms.len()).filter(|&g| fits(pattern, &model.geoms[g])).collect();
+        if fitting.is_empty() {
+            let known = model.geoms.iter().map(|g| g.name.clone()).collect::<Vec<_>>().join(", ");
+            return Err(PolicyError::setting(what, &format!("a shape or link among {known}"), pattern));
+        }
+        found.extend(fitting);
+    }
+    let mut once = Vec::new();
+    found.into_iter().for_each(|g| if !once.contains(&g) { once.push(g) });
+    Ok(once)
+}
+
+impl TaskRobot {
+    /// A robot from its parts; `[stand, kp, kd, action_scale]` of `[joints]` each.
+    ///
+    /// # Errors
+    /// When a length is off, a number means nothing, or there are no feet.
+    pub fn new(
+        name: &str,
+        model: Model,
+        [stand, kp, kd, action_scale]: [Vec<f32>; 4],
+        feet: Vec<usize>,
+        trunk: Vec<usize>,
+        sideways: Vec<bool>,
+    ) -> Result<Self, PolicyError> {
+        let joints = model.joints.len();
+        if model.base != BaseKind::Floating || joints == 0 {
+            return Err(PolicyError::setting("robot", "a floating base and joints", format!("{joints} joints")));
+        }
+        for (what, values) in [("stand", &stand), ("kp", &kp), ("kd", &kd), ("action_scale", &action_scale)] {
+            if values.len() != joints {
+                return Err(PolicyError::setting(what, &format!("{joints} numbers"), values.len()));
+            }
+        }
+        for (what, values) in [("kp", &kp), ("action_scale", &action_scale)] {
+            if let Some(bad) = values.iter().find(|v| **v <= 0.0) {
+                return Err(PolicyError::setting(what, "more than 0", bad));
+            }
+        }
+        for ((joint, &angle), name) in model.joints.iter().zip(&stand).zip(model.joint_names()) {
+            if f64::from(angle) < joint.lower || f64::from(angle) > joint.upper {
+                let expected = format!("{} to {} (limits of the URDF)", joint.lower, joint.upper);
+                return Err(PolicyError::setting(&format!("stand of `{name}`"), &expected, angle));
+            }
+        }
+        if feet.is_empty() {
+            return Err(PolicyError::setting("feet", "at least one shape", "none"));
+        }
+        let limbs = (0..model.geoms.len()).filter(|g| !feet.contains(g) && !trunk.contains(g)).collect();
+        let height = standing_height(&model, &stand, &feet);
+        Ok(Self { name: name.into(), model, stand, kp, kd, action_scale, feet, trunk, limbs, sideways, height })
+    }
+
+    /// Number of joints.
+    pub fn joints(&self) -> usize {
+        self.stand.len()
+    }
+
+    /// Position limits of a joint \[rad\].
+    pub fn limits(&self, joint: usize) -> (f32, f32) {
+        let j = &self.model.joints[joint];
+        (j.lower as f32, j.upper as f32)
+    }
+
+    /// Torque by which terms of the reward are measured: a foot's share of the weight on a lever as long as the robot is high.
+    pub fn torque_scale(&self) -> f32 {
+        (self.model.mass() * qv_core::GRAVITY) as f32 * self.height / self.feet.len() as f32
+    }
+}
+
+/// Height of the base over level ground at which the lowest foot touches \[m\].
+fn standing_height(model: &Model, stand: &[f32], feet: &[usize]) -> f32 {
+    let mut q = vec![0.0; model.nq()];
+    q[3] = 1.0;
+    stand.iter().enumerate().for_each(|(j, &angle)| q[7 + j] = f64::from(angle));
+    let links = model.world_from_links(&q);
+    let lowest = |&g: &usize| {
+        let geom = &model.geoms[g];
+        (links[geom.link] * geom.link_from_geom).position.z - radius(geom)
+    };
+    -feet.iter().map(lowest).fold(f64::INFINITY, f64::min) as f32
+}
+
+/// How far a foot's shape reaches below its centre: its radius, or half its least extent.
+fn radius(geom: &Geom) -> f64 {
+    match &geom.shape {
+        qv_sim::Shape::Sphere(r) | qv_sim::Shape::Capsule { radius: r, .. } => *r,
+        qv_sim::Shape::Cylinder { radius, half_length } => radius.min(*half_length),
+        qv_sim::Shape::Box(half) => half.min_element(),
+        qv_sim::Shape::Hull(points) => points.iter().map(|p| -p.z).fold(0.0, f64::max),
+    }
+}

@@ -1,0 +1,288 @@
+//! Every number of the velocity task, readable and writable as TOML.
+
+use crate::PolicyError;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// The task: follow a commanded velocity.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TaskSettings {
+    /// Decisions a second \[Hz\].
+    pub rate: f32,
+    /// Physics steps of a decision.
+    pub substeps: usize,
+    /// Most Newton iterations of the contact solver: few, because all lanes of a register wait for the slowest.
+    pub iterations: usize,
+    /// Length of an episode \[s\].
+    pub episode: f32,
+    /// What is commanded.
+    pub commands: Commands,
+    /// What is rewarded.
+    pub reward: Reward,
+    /// When an episode ends early.
+    pub ends: Ends,
+    /// Half widths of the uniform noise on what the policy sees.
+    pub noise: Noise,
+    /// What differs from robot to robot.
+    pub randomise: Randomise,
+}
+
+impl Default for TaskSettings {
+    fn default() -> Self {
+        Self {
+            rate: 50.0,
+            substeps: 4,
+            iterations: 6,
+            episode: 20.0,
+            commands: Commands::default(),
+            reward: Reward::default(),
+            ends: Ends::default(),
+            noise: Noise::default(),
+            randomise: Randomise::default(),
+        }
+    }
+}
+
+/// Ranges of commands.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Commands {
+    /// Forwards \[m/s\].
+    pub vx: [f32; 2],
+    /// To the left \[m/s\].
+    pub vy: [f32; 2],
+    /// Turning to the left \[rad/s\].
+    pub wz: [f32; 2],
+    /// How long a command lasts \[s\].
+    pub every: f32,
+    /// Share of commands that say: stand.
+    pub stand: f32,
+}
+
+impl Default for Commands {
+    fn default() -> Self {
+        Self { vx: [-0.5, 1.0], vy: [-0.4, 0.4], wz: [-1.0, 1.0], every: 5.0, stand: 0.1 }
+    }
+}
+
+/// Weights of the terms, per second, and their shapes. Terms of torque and length are measured in the robot's own size.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Reward {
+    /// `exp(-|v error|² / velocity_width)` (legged_gym, Rudin et al. 2021).
+    pub velocity: f32,
+    /// \[m²/s²\].
+    pub velocity_width: f32,
+    /// `exp(-wz error² / turning_width)`.
+    pub turning: f32,
+    /// \[rad²/s²\].
+    pub turning_width: f32,
+    /// Squared vertical speed of the base.
+    pub bounce: f32,
+    /// Squared roll and pitch rates.
+    pub sway: f32,
+    /// Squared tilt (horizontal part of gravity's direction).
+    pub tilt: f32,
+    /// Squared difference from the height of the stand, in heights.
+    pub height: f32,
+    /// Squared torques, in the robot's own measure ([`super::TaskRobot::torque_scale`]).
+    pub torque: f32,
+    /// Squared joint accelerations \[rad²/s⁴\].
+    pub acceleration: f32,
+    /// Squared change of the action from step to step.
+    pub action_rate: f32,
+    /// Squared second difference of the action.
+    pub action_jerk: f32,
+    /// Squared distance from the stand: joints that move legs sideways in full, others a fifth.
+    pub pose: f32,
+    /// For each foot that lands: how long it was in the air beyond `air_least` \[s\], at most until `air_most`.
+    pub air: f32,
+    /// \[s\]
+    pub air_least: f32,
+    /// \[s\]
+    pub air_most: f32,
+    /// For each foot in the air: squared distance from `clearance_height`, in heights, times its horizontal speed \[m/s\].
+    pub clearance: f32,
+    /// Height of the foot's lowest point to swing at, as a share of the robot's height.
+    pub clearance_height: f32,
+    /// Squared horizontal speed of feet on the ground.
+    pub slip: f32,
+    /// For each pair of feet across (first and last leg, second and third) that are not together on or off the ground.
+    pub pairs: f32,
+    /// For each limb that touches the ground.
+    pub limbs: f32,
+    /// While the command says stand: for each foot off the ground, and squared speed of the joints (times 0.02).
+    pub still: f32,
+    /// Once, for a fall.
+    pub fall: f32,
+    /// Below this the sum of a step's terms is cut, so that early falls do not pay \[1/s\].
+    pub least: f32,
+}
+
+impl Default for Reward {
+    fn default() -> Self {
+        Self {
+            velocity: 1.5,
+            velocity_width: 0.25,
+            turning: 0.75,
+            turning_width: 0.25,
+            bounce: 2.0,
+            sway: 0.05,
+            tilt: 2.5,
+            height: 1.8,
+            torque: 0.025,
+            acceleration: 2.5e-7,
+            action_rate: 0.02,
+            action_jerk: 0.0,
+            pose: 0.3,
+            air: 1.0,
+            air_least: 0.25,
+            air_most: 0.45,
+            clearance: 0.0,
+            clearance_height: 0.25,
+            slip: 0.0,
+            pairs: 0.0,
+            limbs: 0.5,
+            still: 0.5,
+            fall: 0.5,
+            least: -0.2,
+        }
+    }
+}
+
+/// When an episode ends early.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Ends {
+    /// Tilt of the base \[rad\].
+    pub tilt: f32,
+    /// Height of the base over the ground, as a share of that of the stand.
+    pub height: f32,
+    /// Whether the trunk must not touch.
+    pub trunk: bool,
+}
+
+impl Default for Ends {
+    fn default() -> Self {
+        Self { tilt: 1.05, height: 0.5, trunk: true }
+    }
+}
+
+/// Half widths of uniform noise (those of unitree_rl_lab's Go2).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Noise {
+    /// \[rad/s\]
+    pub gyro: f32,
+    /// Of each component of gravity's direction.
+    pub gravity: f32,
+    /// \[rad\]
+    pub position: f32,
+    /// \[rad/s\]
+    pub speed: f32,
+}
+
+impl Default for Noise {
+    fn default() -> Self {
+        Self { gyro: 0.2, gravity: 0.05, position: 0.01, speed: 1.5 }
+    }
+}
+
+/// What differs from robot to robot, drawn anew with each episode.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Randomise {
+    /// Parameters of the simulator by name, `*` for any joint, link, shape or material: least and greatest value. Each one that a `*`
+    /// names is drawn by itself.
+    pub parameters: BTreeMap<String, [f64; 2]>,
+    /// The same, but all that a `*` names get one value.
+    pub together: BTreeMap<String, [f64; 2]>,
+    /// Greatest sudden change of the base's horizontal velocity \[m/s\].
+    pub push: f32,
+    /// Time from push to push, on average \[s\].
+    pub push_every: f32,
+    /// Half width of the joint angles at the start \[rad\].
+    pub start_angle: f32,
+    /// Half width of the base's horizontal velocity at the start \[m/s\].
+    pub start_speed: f32,
+}
+
+impl Default for Randomise {
+    fn default() -> Self {
+        Self {
+            parameters: BTreeMap::new(),
+            together: BTreeMap::new(),
+            push: 0.0,
+            push_every: 7.0,
+            start_angle: 0.1,
+            start_speed: 0.2,
+        }
+    }
+}
+
+impl Randomise {
+    /// What a robot outdoors should bear: friction 0.3 to 1.2, a trunk that is lighter or heavier, motors 15 % off, a late command,
+    /// encoders 20 mrad off, pushes of 0.5 m/s (ranges of unitree_rl_lab's Go2, and the mission of this project).
+    pub fn robust(base_link: &str) -> Self {
+        let mut parameters = BTreeMap::new();
+        let mut add = |name: &str, low: f64, high: f64| parameters.insert(name.to_owned(), [low, high]);
+        add("contact.friction", 0.3, 1.2);
+        add("material.*.friction", 0.3, 1.2);
+        add(&format!("link.{base_link}.mass_scale"), 0.85, 1.4);
+        add(&format!("link.{base_link}.com_x"), -0.03, 0.03);
+        add(&format!("link.{base_link}.com_y"), -0.03, 0.03);
+        add("actuator.*.kp_scale", 0.85, 1.15);
+        add("actuator.*.kd_scale", 0.85, 1.15);
+        add("actuator.*.strength", 0.85, 1.15);
+        add("sensor.*.encoder_bias", -0.02, 0.02);
+        let together = [("actuator.*.command_latency".to_owned(), [0.0, 0.015])].into();
+        Self { parameters, together, push: 0.5, ..Self::default() }
+    }
+}
+
+impl TaskSettings {
+    /// Time between decisions \[s\].
+    pub fn dt(&self) -> f32 {
+        1.0 / self.rate
+    }
+
+    /// Physics time step \[s\].
+    pub fn timestep(&self) -> f64 {
+        1.0 / (f64::from(self.rate) * self.substeps as f64)
+    }
+
+    /// # Errors
+    /// Names the first setting that means nothing.
+    pub fn check(&self) -> Result<(), PolicyError> {
+        let within = |what: &str, x: f32, low: f32, high: f32| {
+            let expected = format!("{low} to {high}");
+            if x >= low && x <= high { Ok(()) } else { Err(PolicyError::setting(what, &expected, x)) }
+        };
+        within("rate", self.rate, 1.0, 1000.0)?;
+        within("substeps", self.substeps as f32, 1.0, 1000.0)?;
+        within("iterations", self.iterations as f32, 1.0, 1000.0)?;
+        within("episode", self.episode, 2.0 / self.rate, 1e4)?;
+        within("commands.every", self.commands.every, 1.0 / self.rate, 1e4)?;
+        within("commands.stand", self.commands.stand, 0.0, 1.0)?;
+        for (what, [low, high]) in
+            [("commands.vx", self.commands.vx), ("commands.vy", self.commands.vy), ("commands.wz", self.commands.wz)]
+        {
+            within(what, low, -100.0, high)?;
+            within(what, high, low, 100.0)?;
+        }
+        let Reward { velocity_width, turning_width, .. } = self.reward;
+        within("reward.velocity_width", velocity_width, 1e-6, 1e6)?;
+        within("reward.turning_width", turning_width, 1e-6, 1e6)?;
+        within("randomise.push", self.randomise.push, 0.0, 100.0)?;
+        within("randomise.push_every", self.randomise.push_every, 1.0 / self.rate, 1e6)?;
+        let named = self.randomise.parameters.iter().chain(&self.randomise.together);
+        for (name, [low, high]) in named {
+            if !(low.is_finite() && high.is_finite() && low <= high) {
+                let what = format!("randomise `{name}`");
+                return Err(PolicyError::setting(&what, "a least and a greatest value", format!("{low} to {high}")));
+            }
+        }
+        Ok(())
+    }
+}

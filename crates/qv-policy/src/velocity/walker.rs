@@ -1,0 +1,82 @@
+//! What the task remembers of one robot.
+
+use super::settings::Commands;
+use crate::random::Random;
+
+/// One robot of the task.
+#[derive(Debug, Clone)]
+pub struct Walker {
+    /// Its random numbers.
+    pub random: Random,
+    /// Commanded velocity: forwards \[m/s\], to the left \[m/s\], turning \[rad/s\].
+    pub command: [f32; 3],
+    /// Steps until another command.
+    pub command_steps: u32,
+    /// Steps of the episode.
+    pub steps: u32,
+    /// Steps until a push.
+    pub push_steps: u32,
+    /// The last action and the one before.
+    pub action: Vec<f32>,
+    /// See `action`.
+    pub action_before: Vec<f32>,
+    /// Joint speeds a step ago \[rad/s\].
+    pub dq: Vec<f32>,
+    /// How long each foot has been in the air \[s\]; 0 on the ground.
+    pub air: Vec<f32>,
+    /// Highest point of each foot in its swing \[m\].
+    pub peak: Vec<f32>,
+    /// Place of the curriculum: kind of ground and level.
+    pub place: [usize; 2],
+    /// Where the episode began, x and y \[m\].
+    pub start: [f32; 2],
+    /// Path length that the commands of this episode asked for \[m\].
+    pub asked: f32,
+    /// Heights of ground under the base at the last step \[m\].
+    pub ground: f32,
+}
+
+impl Walker {
+    /// A robot of `joints` and `feet`.
+    pub fn new(joints: usize, feet: usize) -> Self {
+        Self {
+            random: Random::new(0),
+            command: [0.0; 3],
+            command_steps: 0,
+            steps: 0,
+            push_steps: 0,
+            action: vec![0.0; joints],
+            action_before: vec![0.0; joints],
+            dq: vec![0.0; joints],
+            air: vec![0.0; feet],
+            peak: vec![0.0; feet],
+            place: [0; 2],
+            start: [0.0; 2],
+            asked: 0.0,
+            ground: 0.0,
+        }
+    }
+
+    /// Whether the command says: stand.
+    pub fn stands(&self) -> bool {
+        self.command == [0.0; 3]
+    }
+
+    /// Draws a command.
+    pub fn draw_command(&mut self, commands: &Commands, dt: f32) {
+        self.command_steps = (commands.every / dt).round() as u32;
+        let random = &mut self.random;
+        let stand = random.unit() < commands.stand;
+        let drawn = [commands.vx, commands.vy, commands.wz].map(|[low, high]| random.between(low, high));
+        self.command = if stand { [0.0; 3] } else { drawn };
+    }
+
+    /// Forgets the last episode.
+    pub fn begin(&mut self) {
+        self.steps = 0;
+        self.asked = 0.0;
+        for list in [&mut self.action, &mut self.action_before, &mut self.dq, &mut self.air, &mut self.peak] {
+            list.fill(0.0);
+        }
+    }
+}
