@@ -41,7 +41,7 @@ fn the_shapes_are_named_after_their_links_and_weigh_nothing() {
     for (foot, other) in feet.iter().zip(&plain.geoms) {
         assert_eq!((foot.link, foot.link_from_geom, &foot.shape), (other.link, other.link_from_geom, &other.shape));
     }
-    assert_eq!((robot.links.len(), &robot.joint_names), (plain.links.len(), &plain.joint_names));
+    assert_eq!((robot.links.len(), robot.joint_names()), (plain.links.len(), plain.joint_names()));
     for (link, other) in robot.links.iter().zip(&plain.links) {
         assert_eq!((link.mass, link.com, link.inertia), (other.mass, other.com, other.inertia), "{}", link.name);
     }
