@@ -2,7 +2,7 @@
 //! in MuJoCo Menagerie).
 //!
 //! Link frames: x forward, y left, z up at the zero pose; the base frame is midway between the hip joints. Joint order
-//! is FL, FR, RL, RR × hip, thigh, calf. Only the feet collide.
+//! is FL, FR, RL, RR × hip, thigh, calf. In [`urdf`] only the feet collide, in [`urdf_with_shapes`] the rest does, too.
 
 use glam::{DMat3, DQuat, DVec3};
 use std::fmt::Write;
@@ -29,6 +29,9 @@ pub const JOINT_NAMES: [&str; 12] = [
 /// Links that carry a foot, in leg order: the foot sphere belongs to the calf.
 pub const FOOT_LINKS: [&str; 4] = ["FL_calf", "FR_calf", "RL_calf", "RR_calf"];
 
+/// Shapes of the feet in [`urdf_with_shapes`], in leg order. In [`urdf`] a foot is its calf's only shape and named after it.
+pub const FOOT_SHAPES: [&str; 4] = ["FL_foot", "FR_foot", "RL_foot", "RR_foot"];
+
 /// Joint angles of the stand \[rad\].
 pub const STAND: [f64; 12] = [0.1, 0.8, -1.5, -0.1, 0.8, -1.5, 0.1, 1.0, -1.5, -0.1, 1.0, -1.5];
 
@@ -53,6 +56,15 @@ const HIP_IN_BASE: [f64; 3] = [0.1934, 0.0465, 0.0];
 const ABDUCTION: f64 = 0.0955;
 /// Length of the thigh, hip pitch axis to knee axis \[m\].
 const THIGH_LENGTH: f64 = 0.213;
+
+/// Edges of the trunk's box about the base's origin, x, y, z \[m\].
+const TRUNK: [f64; 3] = [0.3762, 0.0935, 0.114];
+/// Radius of the hip's motor, and how far out from the hip joint its middle lies \[m\]; a sphere stands for it.
+const HIP_MOTOR: [f64; 2] = [0.046, 0.08];
+/// Wider half of the thigh's section \[m\]: radius of a capsule that is as long as the thigh.
+const THIGH_RADIUS: f64 = 0.017;
+/// Radius of the shank, how far it lies before the knee's axis, and how far below the knee it ends \[m\].
+const SHANK: [f64; 3] = [0.012, 0.008, 0.18];
 
 /// Mass properties as published: principal moments and the rotation of their axes.
 struct Inertial {
@@ -156,8 +168,27 @@ pub fn position_limits() -> [(f64, f64); 12] {
 ///
 /// Numbers are written with every digit, so that reading them back gives the same bits.
 pub fn urdf() -> String {
+    robot(false)
+}
+
+/// The robot of [`urdf`] with more to touch the ground: trunk (a box), hips (spheres), thighs and shanks (capsules, which
+/// have few points). Each is the only shape of its link and named after it: `base`, `<leg>_hip`, `<leg>_thigh`, `<leg>_calf`.
+/// The feet lie on links of their own without mass, [`FOOT_SHAPES`]. Mass and joints are the same.
+///
+/// Sizes are those of the published primitives; a thigh is a capsule instead of a box, and a shank a straight one instead
+/// of two cylinders. Shapes of one link, and of links that share a joint, overlap: that matters with `self_collision` only.
+pub fn urdf_with_shapes() -> String {
+    robot(true)
+}
+
+fn robot(shapes: bool) -> String {
     let mut text = String::from("<?xml version=\"1.0\"?>\n<robot name=\"go2\">\n");
-    push(&mut text, &format!("  <link name=\"base\">{}</link>\n", BASE.element(DVec3::ONE)));
+    let trunk = if shapes {
+        collision("base", DVec3::ZERO, &format!("<box size=\"{}\"/>", triple(DVec3::from_array(TRUNK))))
+    } else {
+        String::new()
+    };
+    push(&mut text, &format!("  <link name=\"base\">{}{trunk}</link>\n", BASE.element(DVec3::ONE)));
     push(&mut text, "  <link name=\"imu\"/>\n");
     let imu = triple(DVec3::from_array(IMU_IN_BASE));
     push(
@@ -168,26 +199,50 @@ pub fn urdf() -> String {
         ),
     );
     for leg in 0..4 {
-        push_leg(&mut text, leg);
+        push_leg(&mut text, leg, shapes);
     }
     text.push_str("</robot>\n");
     text
 }
 
+/// A `<collision>` element; origin in the link frame \[m\], its axes along the link's.
+fn collision(name: &str, origin: DVec3, geometry: &str) -> String {
+    let origin = triple(origin);
+    format!(
+        "<collision name=\"{name}\"><origin xyz=\"{origin}\" rpy=\"0 0 0\"/><geometry>{geometry}</geometry></collision>"
+    )
+}
+
+/// A capsule along z between two heights \[m\], rounded ends included.
+fn capsule(name: &str, x: f64, radius: f64, [low, high]: [f64; 2]) -> String {
+    let length = high - low - 2.0 * radius;
+    let middle = DVec3::new(x, 0.0, 0.5 * (low + high));
+    collision(name, middle, &format!("<capsule radius=\"{radius}\" length=\"{length}\"/>"))
+}
+
+/// Shapes of hip, thigh and calf in [`urdf_with_shapes`]; `side` is 1 on the left and -1 on the right.
+fn leg_shapes(name: &str, side: f64) -> [String; 3] {
+    let [radius, out] = HIP_MOTOR;
+    let hip =
+        collision(&format!("{name}_hip"), DVec3::new(0.0, side * out, 0.0), &format!("<sphere radius=\"{radius}\"/>"));
+    let thigh = capsule(&format!("{name}_thigh"), 0.0, THIGH_RADIUS, [-THIGH_LENGTH, 0.0]);
+    let [radius, before, end] = SHANK;
+    [hip, thigh, capsule(&format!("{name}_calf"), before, radius, [-end, 0.0])]
+}
+
 /// Links and joints of one leg.
-fn push_leg(text: &mut String, leg: usize) {
+fn push_leg(text: &mut String, leg: usize, shapes: bool) {
     let name = LEGS[leg];
     let (front, mirror) = (leg < 2, leg_reflection(leg));
     let sideways = DVec3::new(1.0, mirror.y, 1.0);
-    let foot = format!(
-        "<collision name=\"{name}_foot\"><origin xyz=\"{}\" rpy=\"0 0 0\"/>\
-         <geometry><sphere radius=\"{FOOT_RADIUS}\"/></geometry></collision>",
-        triple(DVec3::from_array(FOOT_IN_CALF))
-    );
+    let foot_in_calf = DVec3::from_array(FOOT_IN_CALF);
+    let foot = |origin| collision(&format!("{name}_foot"), origin, &format!("<sphere radius=\"{FOOT_RADIUS}\"/>"));
+    let [of_hip, of_thigh, of_calf] =
+        if shapes { leg_shapes(name, mirror.y) } else { [String::new(), String::new(), foot(foot_in_calf)] };
     let parts = [
-        ("hip", "base".to_string(), mirror * DVec3::from_array(HIP_IN_BASE), HIP.element(mirror), ""),
-        ("thigh", format!("{name}_hip"), DVec3::new(0.0, mirror.y * ABDUCTION, 0.0), THIGH.element(sideways), ""),
-        ("calf", format!("{name}_thigh"), DVec3::new(0.0, 0.0, -THIGH_LENGTH), CALF.element(sideways), foot.as_str()),
+        ("hip", "base".to_string(), mirror * DVec3::from_array(HIP_IN_BASE), HIP.element(mirror), of_hip),
+        ("thigh", format!("{name}_hip"), DVec3::new(0.0, mirror.y * ABDUCTION, 0.0), THIGH.element(sideways), of_thigh),
+        ("calf", format!("{name}_thigh"), DVec3::new(0.0, 0.0, -THIGH_LENGTH), CALF.element(sideways), of_calf),
     ];
     for (kind, (part, parent, origin, inertial, collision)) in parts.into_iter().enumerate() {
         let axis = if kind == 0 { "1 0 0" } else { "0 1 0" };
@@ -200,6 +255,17 @@ fn push_leg(text: &mut String, leg: usize) {
                  <child link=\"{name}_{part}\"/><origin xyz=\"{}\" rpy=\"0 0 0\"/><axis xyz=\"{axis}\"/>\
                  <limit lower=\"{lower}\" upper=\"{upper}\" effort=\"{effort}\" velocity=\"{velocity}\"/></joint>\n",
                 triple(origin)
+            ),
+        );
+    }
+    if shapes {
+        push(
+            text,
+            &format!(
+                "  <link name=\"{name}_foot\">{}</link>\n  <joint name=\"{name}_foot_joint\" type=\"fixed\">\
+                 <parent link=\"{name}_calf\"/><child link=\"{name}_foot\"/><origin xyz=\"{}\" rpy=\"0 0 0\"/></joint>\n",
+                foot(DVec3::ZERO),
+                triple(foot_in_calf)
             ),
         );
     }

@@ -140,6 +140,18 @@ fn geom_centre<L: Real>(collider: &Collider, block: &Block<L>, work: &Work<L>) -
 fn touch_plane<L: Real>(collider: &Collider, origin: V3<L>, block: &Block<L>, work: &mut Work<L>) {
     let skin = block.geoms[collider.index].radius_offset;
     let slot = collider.first_slot;
+    if collider.slots > 1 {
+        let centre = geom_centre(collider, block, work);
+        let world = add(origin, centre);
+        let height = dot(ground_normal(block), [world[0], world[1], world[2] - block.ground.height]);
+        let clear = L::splat(collider.reach)
+            + skin
+            + rounding([world[0], world[1], world[2].abs() + block.ground.height.abs()]);
+        if clear.lt(height).all() {
+            clear_slots(collider, work);
+            return;
+        }
+    }
     match &collider.geom.shape {
         Shape::Sphere(radius) => {
             let centre = geom_centre(collider, block, work);
@@ -187,6 +199,20 @@ fn touch_plane<L: Real>(collider: &Collider, origin: V3<L>, block: &Block<L>, wo
 fn ground_normal<L: Real>(block: &Block<L>) -> V3<L> {
     let tilt = &block.ground.tilt;
     [tilt[2], tilt[5], tilt[8]]
+}
+
+#[inline(always)]
+fn clear_slots<L: Real>(collider: &Collider, work: &mut Work<L>) {
+    for slot in collider.first_slot..collider.first_slot + collider.slots {
+        work.contacts[slot].active = L::Mask::splat(false);
+    }
+}
+
+/// More than a few roundings of numbers of this size can add up to: shapes nearer to touching than this are asked in full.
+#[inline(always)]
+fn rounding<L: Real>(position: V3<L>) -> L {
+    let size = position[0].abs() + position[1].abs() + position[2].abs() + L::one();
+    size * L::splat(64.0 / (2.0 / 3.0 * <L::Scalar as Scalar>::ROUNDER))
 }
 
 /// Contact of a point with a radius and the plane.
@@ -258,48 +284,182 @@ fn patched<L: Real>(ground: &GroundLanes<L>, x: L, y: L, otherwise: L) -> L {
     L::select(inside, ground.patch_friction, otherwise)
 }
 
+#[inline(always)]
 fn lane3<L: Real>(v: &V3<L>, lane: usize) -> DVec3 {
     DVec3::new(v[0].lane(lane).to_f64(), v[1].lane(lane).to_f64(), v[2].lane(lane).to_f64())
 }
 
 /// Row-major lanes to a matrix.
+#[inline(always)]
 fn lane9<L: Real>(m: &M3<L>, lane: usize) -> DMat3 {
     DMat3::from_cols_array(&m.map(|x| x.lane(lane).to_f64())).transpose()
 }
 
+/// The ground's placement in each environment.
+struct Placed<L: Real> {
+    origin: V3<L>,
+    /// No environment of the block has tilted ground.
+    level: bool,
+}
+
+impl<L: Real> Placed<L> {
+    #[inline(always)]
+    fn new(origin: V3<L>, block: &Block<L>) -> Self {
+        let mut level = true;
+        for (k, &entry) in block.ground.tilt.iter().enumerate() {
+            let flat = L::splat(if k % 4 == 0 { 1.0 } else { 0.0 });
+            level &= (entry.le(flat) & flat.le(entry)).all();
+        }
+        Self { origin, level }
+    }
+
+    /// A point of the work space in the terrain's coordinates, in lanes: rounded, for comparisons only.
+    #[inline(always)]
+    fn to_terrain(&self, point: V3<L>, block: &Block<L>) -> V3<L> {
+        let world = add(self.origin, point);
+        let raised = [world[0], world[1], world[2] - block.ground.height];
+        if self.level { raised } else { rotate_back(&block.ground.tilt, raised) }
+    }
+}
+
+/// The ground's placement in one environment.
+struct Lane {
+    lane: usize,
+    level: bool,
+    tilt: DMat3,
+    base: DVec3,
+    raised: DVec3,
+}
+
+impl Lane {
+    #[inline(always)]
+    fn new<L: Real>(lane: usize, placed: &Placed<L>, block: &Block<L>) -> Self {
+        let tilt = if placed.level { DMat3::IDENTITY } else { lane9(&block.ground.tilt, lane) };
+        let raised = DVec3::new(0.0, 0.0, block.ground.height.lane(lane).to_f64());
+        Self { lane, level: placed.level, tilt, base: lane3(&placed.origin, lane), raised }
+    }
+
+    #[inline(always)]
+    fn turned_back(&self, direction: DVec3) -> DVec3 {
+        if self.level { direction } else { self.tilt.transpose() * direction }
+    }
+
+    #[inline(always)]
+    fn turned(&self, direction: DVec3) -> DVec3 {
+        if self.level { direction } else { self.tilt * direction }
+    }
+
+    /// A point of the work space in the terrain's coordinates.
+    #[inline(always)]
+    fn to_terrain<L: Real>(&self, point: &V3<L>) -> DVec3 {
+        self.turned_back(lane3(point, self.lane) + self.base - self.raised)
+    }
+}
+
+#[inline(always)]
 fn touch_triangles<L: Real>(colliders: &Colliders, origin: V3<L>, used: usize, block: &Block<L>, work: &mut Work<L>) {
-    for (index, collider) in colliders.geoms.iter().enumerate() {
+    let placed = Placed::new(origin, block);
+    for collider in &colliders.geoms {
+        clear_slots(collider, work);
         let (rotation, centre) = geom_pose(collider, block, work);
-        for slot in collider.first_slot..collider.first_slot + collider.slots {
-            work.contacts[slot].active = L::Mask::splat(false);
+        let skin = block.geoms[collider.index].radius_offset;
+        let middle = placed.to_terrain(centre, block);
+        // How far a shape reaches down at most. A skin below nothing does not shrink what is searched.
+        let reach = match &collider.geom.shape {
+            Shape::Capsule { radius, half_length } => {
+                let axis = [rotation[2], rotation[5], rotation[8]];
+                let down = if placed.level { axis[2] } else { rotate_back(&block.ground.tilt, axis)[2] };
+                down.abs() * L::splat(*half_length) + L::splat(*radius)
+            }
+            _ => L::splat(collider.reach),
+        };
+        let reach = reach + skin.max(L::zero());
+        let bound = L::splat(colliders.terrain.top())
+            + reach
+            + rounding([middle[0], middle[1], middle[2].abs() + block.ground.height.abs()]);
+        let near = !bound.lt(middle[2]);
+        if !near.any() {
+            continue;
         }
         for lane in 0..used {
-            let tilt = lane9(&block.ground.tilt, lane);
-            let raised = DVec3::new(0.0, 0.0, block.ground.height.lane(lane).to_f64());
-            let base = lane3(&origin, lane);
-            let to_terrain = |p: DVec3| tilt.transpose() * (p + base - raised);
-            let pose = (tilt.transpose() * lane9(&rotation, lane), to_terrain(lane3(&centre, lane)));
-            let skin = block.geoms[index].radius_offset.lane(lane).to_f64();
-            find_contacts(colliders, collider, pose, skin, work);
-            for k in 0..work.found.len().min(collider.slots) {
-                let found = work.found[k];
-                let middle = found.on_terrain + found.normal * (0.5 * found.distance);
-                let friction = match found.material {
-                    Some(m) => block.materials[m as usize].lane(lane),
-                    None => block.ground.friction.lane(lane),
-                };
-                let patch = block.ground.patch.map(|x| x.lane(lane).to_f64());
-                let inside = patch[0] <= middle.x && middle.x < patch[1] && patch[2] <= middle.y && middle.y < patch[3];
-                let friction = if inside { block.ground.patch_friction.lane(lane) } else { friction };
-                let scale = block.geoms[index].friction_scale.lane(lane);
-                let point = tilt * middle + raised - base;
-                let contact = &mut work.contacts[collider.first_slot + k];
-                write(contact, lane, tilt * found.normal, point, found.distance, friction * scale);
+            if L::mask_lane(near, lane) {
+                let at = Lane::new(lane, &placed, block);
+                touch_lane(colliders, collider, &at, &rotation, &centre, block, work);
             }
         }
     }
 }
 
+/// Contacts of one shape in one environment.
+#[inline(always)]
+fn touch_lane<L: Real>(
+    colliders: &Colliders,
+    collider: &Collider,
+    at: &Lane,
+    rotation: &M3<L>,
+    centre: &V3<L>,
+    block: &Block<L>,
+    work: &mut Work<L>,
+) {
+    let lane = at.lane;
+    let skin = block.geoms[collider.index].radius_offset.lane(lane).to_f64();
+    let middle = at.to_terrain(centre);
+    work.found.clear();
+    if !middle.is_finite() {
+        return;
+    }
+    let (terrain, inner_edges) = (&colliders.terrain, colliders.inner_edges);
+    match &collider.geom.shape {
+        Shape::Sphere(radius) => {
+            let reach = collider.reach + skin.max(0.0);
+            terrain.ball_contacts(middle, radius + skin, reach, &mut work.triangles, &mut work.found);
+            SurfaceContact::sort_out(&mut work.found, 0, inner_edges, collider.slots);
+        }
+        Shape::Capsule { radius, half_length } => {
+            // Both ends as spheres; a ridge between them is not felt.
+            let axis = at.turned_back(lane3(&[rotation[2], rotation[5], rotation[8]], lane));
+            let reach = radius + skin.max(0.0);
+            for end in [-half_length, *half_length] {
+                let first = work.found.len();
+                terrain.ball_contacts(middle + axis * end, radius + skin, reach, &mut work.triangles, &mut work.found);
+                SurfaceContact::sort_out(&mut work.found, first, inner_edges, collider.slots / 2);
+            }
+        }
+        _ => {
+            let reach = DVec3::splat(collider.reach + skin.max(0.0));
+            terrain.triangles_in(middle - reach, middle + reach, &mut work.triangles);
+            if !work.triangles.is_empty() {
+                let rotation = at.tilt.transpose() * lane9(rotation, lane);
+                touch_solid(collider, rotation, middle, skin, &work.triangles, &mut work.found);
+            }
+        }
+    }
+    for k in 0..work.found.len().min(collider.slots) {
+        write_found(collider, k, at, block, work);
+    }
+}
+
+/// Writes the k-th contact found.
+#[inline(always)]
+fn write_found<L: Real>(collider: &Collider, k: usize, at: &Lane, block: &Block<L>, work: &mut Work<L>) {
+    let lane = at.lane;
+    let found = &work.found[k];
+    let middle = found.on_terrain + found.normal * (0.5 * found.distance);
+    let friction = match found.material {
+        Some(m) => block.materials[m as usize].lane(lane),
+        None => block.ground.friction.lane(lane),
+    };
+    let [x0, x1, y0, y1] = &block.ground.patch;
+    let within = |x: f64, low: &L, high: &L| low.lane(lane).to_f64() <= x && x < high.lane(lane).to_f64();
+    let inside = within(middle.x, x0, x1) && within(middle.y, y0, y1);
+    let friction = if inside { block.ground.patch_friction.lane(lane) } else { friction };
+    let scale = block.geoms[collider.index].friction_scale.lane(lane);
+    let point = at.turned(middle) + at.raised - at.base;
+    let contact = &mut work.contacts[collider.first_slot + k];
+    write(contact, lane, at.turned(found.normal), point, found.distance, friction * scale);
+}
+
+#[inline(always)]
 fn write<L: Real>(
     contact: &mut Contact<L>,
     lane: usize,
@@ -322,43 +482,6 @@ fn write<L: Real>(
     contact.distance.set_lane(lane, L::Scalar::from_f64(distance));
     contact.friction.set_lane(lane, friction);
     contact.active = contact.distance.lt(L::zero());
-}
-
-/// Contacts of one shape with the terrain's triangles, into `work.found`; pose in terrain coordinates.
-fn find_contacts<L: Real>(
-    colliders: &Colliders,
-    collider: &Collider,
-    (rotation, centre): (DMat3, DVec3),
-    skin: f64,
-    work: &mut Work<L>,
-) {
-    work.found.clear();
-    if !centre.is_finite() {
-        return;
-    }
-    let reach = DVec3::splat(collider.reach + skin.max(0.0));
-    let inner_edges = colliders.inner_edges;
-    colliders.terrain.triangles_in(centre - reach, centre + reach, &mut work.triangles);
-    match &collider.geom.shape {
-        Shape::Sphere(radius) => {
-            for triangle in &work.triangles {
-                work.found.extend(triangle.sphere_contact(centre, radius + skin));
-            }
-            SurfaceContact::sort_out(&mut work.found, inner_edges, collider.slots);
-        }
-        Shape::Capsule { radius, half_length } => {
-            // Both ends as spheres; a ridge between them is not felt.
-            for end in [-half_length, *half_length] {
-                let mut found = Vec::new();
-                for triangle in &work.triangles {
-                    found.extend(triangle.sphere_contact(centre + rotation.z_axis * end, radius + skin));
-                }
-                SurfaceContact::sort_out(&mut found, inner_edges, collider.slots / 2);
-                work.found.append(&mut found);
-            }
-        }
-        _ => touch_solid(collider, rotation, centre, skin, &work.triangles, &mut work.found),
-    }
 }
 
 /// A shape with a flat side. Its corners against the faces come first, so that it rests on all of them; triangles

@@ -1,15 +1,18 @@
 //! What the robot stands on: a plane, a height field or a triangle mesh, with friction by material.
 
+mod ground_mesh;
 mod height_field;
+mod roof;
 mod triangle;
 
 pub(crate) use triangle::{SurfaceContact, Triangle};
 
 use crate::SimError;
+use crate::batch::{finite, length};
 use glam::DVec3;
+use ground_mesh::GroundMesh;
 use height_field::HeightField;
 use parry3d_f64::bounding_volume::Aabb;
-use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy};
 use qv_core::TriangleMesh;
 use std::sync::Arc;
 
@@ -28,7 +31,7 @@ enum Surface {
     None,
     Plane,
     HeightField(HeightField),
-    Mesh { mesh: TriangleMesh, bvh: Bvh, materials: Vec<(String, f64)> },
+    Mesh { mesh: GroundMesh, materials: Vec<(String, f64)> },
 }
 
 impl Terrain {
@@ -77,11 +80,12 @@ impl Terrain {
         if kept.triangles.is_empty() {
             return Err(bad(format!("{} triangles, none with an area", mesh.triangles.len())));
         }
-        let boxes: Vec<Aabb> = (0..kept.triangles.len()).map(|t| bounds(&kept.corners(t))).collect();
-        let bvh = Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes);
         let materials =
             kept.materials.iter().map(|m| (m.name.clone(), m.friction.unwrap_or(DEFAULT_FRICTION))).collect();
-        Ok(Self { surface: Arc::new(Surface::Mesh { mesh: kept, bvh, materials }), friction: DEFAULT_FRICTION })
+        Ok(Self {
+            surface: Arc::new(Surface::Mesh { mesh: GroundMesh::new(kept), materials }),
+            friction: DEFAULT_FRICTION,
+        })
     }
 
     /// The same ground with another friction where it carries no material.
@@ -124,7 +128,7 @@ impl Terrain {
         match &*self.surface {
             Surface::None | Surface::Plane => 0,
             Surface::HeightField(field) => field.triangle_count(),
-            Surface::Mesh { mesh, .. } => mesh.triangles.len(),
+            Surface::Mesh { mesh, .. } => mesh.triangle_count(),
         }
     }
 
@@ -134,26 +138,67 @@ impl Terrain {
         match &*self.surface {
             Surface::None | Surface::Plane => {}
             Surface::HeightField(field) => field.triangles_in(low, high, out),
-            Surface::Mesh { mesh, bvh, .. } => {
-                let region = Aabb::new(low, high);
-                out.extend(bvh.intersect_aabb(&region).map(|t| Triangle {
-                    index: t,
-                    corners: mesh.corners(t as usize),
-                    material: mesh.labels.get(t as usize).copied(),
-                }));
-                out.sort_unstable_by_key(|t| t.index);
-            }
+            Surface::Mesh { mesh, .. } => mesh.triangles_in(low, high, out),
+        }
+    }
+
+    /// The greatest height of ground that has triangles \[m\]; infinite for what has none.
+    pub(crate) fn top(&self) -> f64 {
+        match &*self.surface {
+            Surface::None | Surface::Plane => f64::INFINITY,
+            Surface::HeightField(field) => field.top(),
+            Surface::Mesh { mesh, .. } => mesh.top(),
+        }
+    }
+
+    /// Adds the contacts of a ball with the triangles that a cube about it touches (half its edge is `reach`), in
+    /// increasing order of the triangles' index.
+    #[inline(always)]
+    pub(crate) fn ball_contacts(
+        &self,
+        centre: DVec3,
+        radius: f64,
+        reach: f64,
+        triangles: &mut Vec<Triangle>,
+        out: &mut Vec<SurfaceContact>,
+    ) {
+        match &*self.surface {
+            Surface::None | Surface::Plane => {}
+            Surface::HeightField(field) => field.ball_contacts(centre, radius, reach, out),
+            Surface::Mesh { mesh, .. } => mesh.ball_contacts(centre, radius, reach, triangles, out),
         }
     }
 
     /// Height of the ground above (x, y) \[m\], looking down from `z`; `None` where there is none below.
     pub fn height_below(&self, x: f64, y: f64, z: f64) -> Option<f64> {
-        if self.is_plane() {
-            return (z >= 0.0).then_some(0.0);
-        }
+        self.height_under([x, y, z], &mut Vec::new())
+    }
+
+    /// [`Terrain::height_below`] for many points (x, y, z) \[m\], `heights[i]` for `points[i]`. A height field is read where
+    /// the point lies, and nothing is allocated for it.
+    ///
+    /// # Errors
+    /// When there are not as many heights as points, or a coordinate is not a number; nothing is written then.
+    pub fn heights_below(&self, points: &[[f64; 3]], heights: &mut [Option<f64>]) -> Result<(), SimError> {
+        length("heights", points.len(), heights.len())?;
+        finite("coordinate", points.as_flattened())?;
         let mut triangles = Vec::new();
-        self.triangles_in(DVec3::new(x, y, -1e6), DVec3::new(x, y, z), &mut triangles);
-        triangles.iter().filter_map(|t| t.height_at(x, y)).filter(|&h| h <= z).max_by(f64::total_cmp)
+        for (&point, height) in points.iter().zip(heights) {
+            *height = self.height_under(point, &mut triangles);
+        }
+        Ok(())
+    }
+
+    fn height_under(&self, [x, y, z]: [f64; 3], triangles: &mut Vec<Triangle>) -> Option<f64> {
+        match &*self.surface {
+            Surface::None => None,
+            Surface::Plane => (z >= 0.0).then_some(0.0),
+            Surface::HeightField(field) => field.height_below(x, y, z),
+            Surface::Mesh { .. } => {
+                self.triangles_in(DVec3::new(x, y, -1e6), DVec3::new(x, y, z), triangles);
+                triangles.iter().filter_map(|t| t.height_at(x, y)).filter(|&h| h <= z).max_by(f64::total_cmp)
+            }
+        }
     }
 }
 
@@ -188,6 +233,34 @@ mod tests {
         let height = terrain.height_below(0.25, 0.75, 1.0).unwrap();
         assert!((height - 0.25).abs() < 1e-12, "{height}");
         assert_eq!(terrain.height_below(2.0, 0.0, 1.0), None);
+    }
+
+    #[test]
+    fn many_heights_are_those_of_single_points() {
+        let field =
+            Terrain::height_field([-1.0, -1.0], [0.5, 0.25], 5, 9, (0..45).map(|k| f64::from(k * 29 % 17)).collect());
+        for terrain in [Terrain::plane(), Terrain::none(), field.unwrap(), Terrain::from_mesh(&step()).unwrap()] {
+            let place = |k: i32| f64::from(k) * 0.125 - 1.25;
+            let points: Vec<[f64; 3]> =
+                (0..8820).map(|k| [place(k % 21), place(k / 21 % 21), f64::from(k / 441) - 1.0]).collect();
+            let mut heights = vec![None; points.len()];
+            terrain.heights_below(&points, &mut heights).unwrap();
+            for ([x, y, z], height) in points.iter().zip(&heights) {
+                assert_eq!(terrain.height_below(*x, *y, *z), *height, "{x} {y} {z}");
+                // As the search through the triangles finds it.
+                let mut triangles = Vec::new();
+                terrain.triangles_in(DVec3::new(*x, *y, -1e6), DVec3::new(*x, *y, *z), &mut triangles);
+                let searched =
+                    triangles.iter().filter_map(|t| t.height_at(*x, *y)).filter(|h| h <= z).max_by(f64::total_cmp);
+                assert!(terrain.triangle_count() == 0 || searched == *height, "{x} {y} {z}: {searched:?} {height:?}");
+            }
+            assert_eq!(heights.iter().any(Option::is_some), !terrain.is_none());
+            assert!(matches!(terrain.heights_below(&points, &mut heights[1..]), Err(SimError::Length { .. })));
+            assert!(matches!(
+                terrain.heights_below(&[[0.0, f64::NAN, 0.0]], &mut heights[..1]),
+                Err(SimError::Value { .. })
+            ));
+        }
     }
 
     #[test]

@@ -30,6 +30,13 @@ pub(crate) struct SurfaceContact {
 }
 
 impl Triangle {
+    /// Whether the heights of its corners overlap an interval \[m\].
+    #[inline(always)]
+    pub fn reaches(&self, low: f64, high: f64) -> bool {
+        let [a, b, c] = self.corners;
+        a.z.min(b.z).min(c.z) <= high && a.z.max(b.z).max(c.z) >= low
+    }
+
     /// Height of the triangle's plane above (x, y) when that lies within the triangle.
     pub fn height_at(&self, x: f64, y: f64) -> Option<f64> {
         let [a, b, c] = self.corners;
@@ -46,6 +53,7 @@ impl Triangle {
 
     /// Contact of a sphere when it penetrates. Ground is solid below its faces: a centre just under a face is pushed
     /// out along the face's normal.
+    #[inline(always)]
     pub fn sphere_contact(&self, centre: DVec3, radius: f64) -> Option<SurfaceContact> {
         let [a, b, c] = self.corners;
         let face_normal = (b - a).cross(c - a).normalize();
@@ -93,21 +101,39 @@ impl SurfaceContact {
         Self { distance, normal, on_terrain, material, in_face: true, triangle }
     }
 
-    /// Unless `inner_edges` are to be felt, drops contacts there: a rim contact is real only when no neighbour that shares the touched point is
-    /// nearer to the sphere. Of several contacts at one point (a ridge) the first stays. Then keeps the `most` deepest.
-    pub fn sort_out(contacts: &mut Vec<Self>, inner_edges: bool, most: usize) {
-        if !inner_edges && contacts.len() > 1 {
-            let all = contacts.clone();
-            let mut index = 0;
-            contacts.retain(|contact| {
-                let own = index;
-                index += 1;
-                contact.in_face || !all.iter().enumerate().any(|(i, other)| i != own && other.covers(contact, i < own))
-            });
+    /// Of the contacts from `first` on: unless `inner_edges` are to be felt, drops contacts there. A rim contact is real only
+    /// when no neighbour that shares the touched point is nearer to the sphere; of several contacts at one point (a
+    /// ridge) the first stays. Then keeps the `most` deepest.
+    #[inline(always)]
+    pub fn sort_out(contacts: &mut Vec<Self>, first: usize, inner_edges: bool, most: usize) {
+        if !inner_edges && contacts.len() > first + 1 {
+            Self::drop_inner_edges(contacts, first);
         }
-        if contacts.len() > most {
-            contacts.sort_by(|a, b| a.distance.total_cmp(&b.distance));
-            contacts.truncate(most);
+        if contacts.len() > first + most {
+            contacts[first..].sort_by(|a, b| a.distance.total_cmp(&b.distance));
+            contacts.truncate(first + most);
+        }
+    }
+
+    /// All are judged beside all others before any is dropped.
+    fn drop_inner_edges(contacts: &mut Vec<Self>, first: usize) {
+        let judged = &contacts[first..];
+        let inner = |own: usize| {
+            let contact = &judged[own];
+            let covered = |(i, other): (usize, &Self)| i != own && other.covers(contact, i < own);
+            !contact.in_face && judged.iter().enumerate().any(covered)
+        };
+        // As many as fit the bits of a number; more triangles at one ball are rare.
+        const FEW: usize = 64;
+        if judged.len() > FEW {
+            let drop: Vec<bool> = (0..judged.len()).map(inner).collect();
+            let mut drop = std::iter::repeat_n(false, first).chain(drop);
+            return contacts.retain(|_| drop.next() == Some(false));
+        }
+        let drop = (0..judged.len()).fold(0u64, |bits, own| bits | u64::from(inner(own)) << own);
+        if drop != 0 {
+            let mut index = 0..contacts.len();
+            contacts.retain(|_| index.next().is_some_and(|i| i < first || drop >> (i - first) & 1 == 0));
         }
     }
 
@@ -124,6 +150,7 @@ impl SurfaceContact {
 }
 
 /// Closest point of a triangle, and whether it lies inside the face (Ericson, Real-Time Collision Detection, 5.1.5).
+#[inline(always)]
 fn closest_point(p: DVec3, a: DVec3, b: DVec3, c: DVec3) -> (DVec3, bool) {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(ap), ac.dot(ap));
@@ -180,7 +207,7 @@ mod tests {
         let centre = DVec3::new(0.002, 0.4, 0.018);
         let mut contacts: Vec<_> = [flat(0.0), left].iter().filter_map(|t| t.sphere_contact(centre, 0.02)).collect();
         assert_eq!(contacts.len(), 2, "both are touched");
-        SurfaceContact::sort_out(&mut contacts, false, 4);
+        SurfaceContact::sort_out(&mut contacts, 0, false, 4);
         assert_eq!(contacts.len(), 1);
         assert!((contacts[0].normal - DVec3::Z).length() < 1e-12);
     }
