@@ -7,7 +7,7 @@
 //! Minibatches are cut into a fixed number of shards whose gradients are summed in order: the bits do not depend on threads.
 
 use crate::adam::Adam;
-use crate::distribution::{divergence, entropy, log_density};
+use crate::distribution::Spread;
 use crate::env::{End, VectorEnv};
 use crate::net::{Mlp, Tape, Turned, padded};
 use crate::random::Random;
@@ -348,7 +348,7 @@ impl Ppo {
         self.value(at, privileged);
         let (count, actions, acts) = (self.noise.len(), self.actions, padded(self.actions));
         let (inputs, width) = (self.actor.inputs(), padded(self.actor.inputs()));
-        let (parameters, log_std) = self.parameters.split_at(self.actor.len() + self.critic.len());
+        let (parameters, spread) = (&self.parameters, Spread::new(self.log_std()));
         let (actor, (offset, scale)) = (&self.actor, &self.scaling[0]);
         let samples = &mut self.samples;
         let rows = samples.observations[at * width..(at + count) * width].par_chunks_mut(ROWS * width);
@@ -365,9 +365,9 @@ impl Ppo {
                 for (i, noise) in noise.iter_mut().enumerate() {
                     let (mean, taken) = (&means[i * acts..][..actions], &mut taken[i * acts..][..actions]);
                     for k in 0..actions {
-                        taken[k] = mean[k] + log_std[k].exp() * noise.normal();
+                        taken[k] = mean[k] + spread.std[k] * noise.normal();
                     }
-                    densities[i] = log_density(taken, mean, log_std);
+                    densities[i] = spread.log_density(taken, mean);
                     chosen[i * actions..][..actions].copy_from_slice(taken);
                 }
             },
@@ -427,13 +427,13 @@ impl Ppo {
         let mut order: Vec<u32> = (0..total as u32).collect();
         let size = total.div_ceil(self.settings.minibatches);
         let mut updates = 0.0f32;
-        let old_log_std = self.log_std().to_vec();
+        let old = Spread::new(self.log_std());
         for _ in 0..self.settings.epochs {
             for i in (1..total).rev() {
                 order.swap(i, self.shuffle.below(i + 1));
             }
             for batch in order.chunks(size) {
-                let [surrogate, value, divergence] = self.gradient(batch, &old_log_std);
+                let [surrogate, value, divergence] = self.gradient(batch, &old);
                 for (term, found) in
                     [("surrogate loss", surrogate), ("value loss", value), ("divergence of the policy", divergence)]
                 {
@@ -459,7 +459,7 @@ impl Ppo {
         for mean in [&mut done.surrogate, &mut done.value, &mut done.divergence, &mut done.gradient] {
             *mean /= updates;
         }
-        done.entropy = entropy(self.log_std());
+        done.entropy = Spread::new(self.log_std()).entropy();
         done.std = self.log_std().iter().map(|s| s.exp()).sum::<f32>() / self.actions as f32;
         done.rate = self.rate;
         Ok(())
@@ -483,19 +483,19 @@ impl Ppo {
     }
 
     /// The gradient of a minibatch into the first shard; mean surrogate, value error and divergence.
-    fn gradient(&mut self, batch: &[u32], old_log_std: &[f32]) -> [f32; 3] {
+    fn gradient(&mut self, batch: &[u32], old: &Spread) -> [f32; 3] {
         let [turned_actor, turned_critic] = &mut self.turned;
         self.actor.turn(&self.parameters, turned_actor);
         self.critic.turn(&self.parameters[self.actor.len()..], turned_critic);
         let mut shards = std::mem::take(&mut self.shards);
         let share = batch.len().div_ceil(SHARDS).max(1);
-        let this = &*self;
+        let (this, spread) = (&*self, Spread::new(self.log_std()));
         shards.par_iter_mut().enumerate().for_each(|(k, shard)| {
             shard.gradient.fill(0.0);
             shard.sums = [0.0; 3];
             let part = batch.get(k * share..((k + 1) * share).min(batch.len())).unwrap_or(&[]);
             for rows in part.chunks(ROWS) {
-                this.rows(rows, batch.len(), old_log_std, shard);
+                this.rows(rows, batch.len(), (&spread, old), shard);
             }
         });
         let (first, others) = shards.split_at_mut(1);
@@ -512,7 +512,7 @@ impl Ppo {
     }
 
     /// Adds the gradient of some samples to a shard.
-    fn rows(&self, chosen: &[u32], batch: usize, old_log_std: &[f32], shard: &mut Shard) {
+    fn rows(&self, chosen: &[u32], batch: usize, (spread, old): (&Spread, &Spread), shard: &mut Shard) {
         let samples = &self.samples;
         let (actions, acts) = (self.actions, padded(self.actions));
         let gather = |from: &[f32], width: usize, to: &mut [f32]| {
@@ -522,8 +522,7 @@ impl Ppo {
         };
         gather(&samples.observations, padded(self.actor.inputs()), &mut shard.rows[0]);
         gather(&samples.privileged, padded(self.critic.inputs()), &mut shard.rows[1]);
-        let (networks, log_std) = self.parameters.split_at(self.actor.len() + self.critic.len());
-        let (actor, critic) = networks.split_at(self.actor.len());
+        let (actor, critic) = self.parameters.split_at(self.actor.len());
         let each = 1.0 / batch as f32;
         let [of_means, of_values] = &mut shard.of_output;
         let (networks_gradient, of_log_std) = shard.gradient.split_at_mut(self.actor.len() + self.critic.len());
@@ -531,7 +530,7 @@ impl Ppo {
         for (i, &sample) in chosen.iter().enumerate() {
             let sample = sample as usize;
             let (mean, action) = (&means[i * acts..][..actions], &samples.actions[sample * acts..][..actions]);
-            let density = log_density(action, mean, log_std);
+            let density = spread.log_density(action, mean);
             let (ratio, advantage) = ((density - samples.densities[sample]).exp(), samples.advantages[sample]);
             let limited = ratio.clamp(1.0 - self.settings.clip, 1.0 + self.settings.clip);
             let (free, held) = (ratio * advantage, limited * advantage);
@@ -539,12 +538,11 @@ impl Ppo {
             let slope = if free <= held { -free * each } else { 0.0 };
             let old_mean = &samples.means[sample * acts..][..actions];
             shard.sums[0] -= f64::from(free.min(held));
-            shard.sums[2] += f64::from(divergence(old_mean, old_log_std, mean, log_std));
+            shard.sums[2] += f64::from(spread.divergence(mean, old, old_mean));
             let of_mean = &mut of_means[i * acts..][..actions];
             for k in 0..actions {
-                let inverse = (-log_std[k]).exp();
-                let z = (action[k] - mean[k]) * inverse;
-                of_mean[k] = slope * z * inverse;
+                let z = (action[k] - mean[k]) * spread.inverse[k];
+                of_mean[k] = slope * z * spread.inverse[k];
                 of_log_std[k] += slope * (z * z - 1.0);
             }
         }

@@ -90,8 +90,7 @@ pub fn terms(reward: &Reward, measures: &Measures, seen: &Seen, walker: &Walker,
         weight * (q - stand) * (q - stand)
     });
     let air = seen.landed.iter().filter(|&&air| air >= 0.0);
-    // A landing counts once: per second it is one over the step.
-    let air: f32 = air.map(|air| (air.min(reward.air_most) - reward.air_least) / dt).sum();
+    let air: f32 = air.map(|air| air.min(reward.air_most) - reward.air_least).sum();
     let target = reward.clearance_height * measures.height;
     let clearance = (0..seen.touching.len()).filter(|&f| !seen.touching[f]).map(|f| {
         let miss = (seen.feet_height[f] - target) / measures.height;
