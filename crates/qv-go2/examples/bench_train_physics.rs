@@ -1,7 +1,7 @@
 //! Steps per second of CPU time of the physics that a walking policy is trained on: Go2 at 5 ms.
 //!
 //! `cargo run --release -p qv-go2 --example bench_train_physics -- [--scene stand|trot|noise] [--ground plane|field|mesh]
-//! [--iterations N] [--shapes yes|no] [--warm last|cheaper] [--line-search halving|apex] [--line-steps N] [--timestep S] [--scalar f32|f64] [--count N] [--seconds S]
+//! [--iterations N] [--shapes yes|no] [--warm last|cheaper] [--line-search halving|apex] [--line-steps N] [--tolerance X] [--timestep S] [--scalar f32|f64] [--count N] [--seconds S]
 //! [--error yes]`
 //! prints one line of JSON per case: without arguments the standing plane, the noisy plane at 30 and 6 iterations and the
 //! noisy field at 6, each without and with shapes.
@@ -45,6 +45,7 @@ struct Case {
     warm: String,
     line_search: String,
     line_steps: usize,
+    tolerance: Option<f64>,
     timestep: f64,
 }
 
@@ -65,6 +66,7 @@ fn arguments() -> Result<Arguments, String> {
         warm: "last".into(),
         line_search: "halving".into(),
         line_steps: SimOptions::default().line_search_iterations,
+        tolerance: None,
         timestep: 0.005,
     };
     let mut single = case("stand", "plane", 6);
@@ -81,6 +83,7 @@ fn arguments() -> Result<Arguments, String> {
             "--shapes" => single.shapes = value == "yes",
             "--line-search" => single.line_search = value,
             "--line-steps" => single.line_steps = number()? as usize,
+            "--tolerance" => single.tolerance = Some(number()?),
             "--warm" => single.warm = value,
             "--timestep" => single.timestep = number()?,
             "--scalar" => parsed.scalar = value,
@@ -117,7 +120,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 fn bench<T: Precision>(case: &Case, arguments: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
     let mut walk = Walk::<T>::new(case, arguments.count)?;
     if arguments.error {
-        let solved = Case { iterations: 200, line_steps: 50, ..case.clone() };
+        let solved = Case { iterations: 200, line_steps: 50, tolerance: Some(1e-9), ..case.clone() };
         walk.exact = Some(Box::new(Walk::<f64>::new(&solved, arguments.count)?.sim));
     }
     let rounds = |seconds: f64| (seconds / HELD).round() as usize;
@@ -228,6 +231,7 @@ impl<T: Precision> Walk<T> {
             line_search,
             line_search_iterations: case.line_steps,
             warm_start,
+            tolerance: case.tolerance,
             ..Default::default()
         };
         let mut sim = Batch::<T>::new(&robot, &terrain, &options, count)?;
