@@ -1,18 +1,24 @@
 //! Steps per second of CPU time of the physics that a walking policy is trained on: Go2 at 5 ms.
 //!
 //! `cargo run --release -p qv-go2 --example bench_train_physics -- [--scene stand|trot|noise] [--ground plane|field|mesh]
-//! [--iterations N] [--shapes yes|no] [--timestep S] [--scalar f32|f64] [--count N] [--seconds S]`
+//! [--iterations N] [--shapes yes|no] [--warm last|cheaper] [--line-search halving|apex] [--line-steps N] [--tolerance X] [--timestep S] [--scalar f32|f64] [--count N] [--seconds S]
+//! [--error yes]`
 //! prints one line of JSON per case: without arguments the standing plane, the noisy plane at 30 and 6 iterations and the
 //! noisy field at 6, each without and with shapes.
 //!
 //! `noise`: every 20 ms each joint gets a target from a normal distribution about the stand, as an untrained policy's
 //! exploration would give it; who falls starts again. One thread. Only the steps are timed, not commands and restarts.
+//! With `--error yes` every step is done again by a solve to the end in f64, from the same state: `base_error` \[m/s\] and
+//! `joint_error` \[rad/s\] are the root mean squares of what one step's speeds are off, `worst_joint` the greatest.
+//!
 //! `bits` is a hash of all end states: equal in two programs that compute the same.
 
 use qv_core::TriangleMesh;
 use qv_go2::gait::Trot;
 use qv_go2::model;
-use qv_sim::{BaseKind, Batch, JointCommand, Model, ModelOptions, Precision, SimOptions, State, Terrain};
+use qv_sim::{
+    BaseKind, Batch, JointCommand, LineSearch, Model, ModelOptions, Precision, SimOptions, State, Terrain, WarmStart,
+};
 use std::hash::{DefaultHasher, Hasher};
 use std::time::Instant;
 
@@ -36,6 +42,10 @@ struct Case {
     ground: String,
     iterations: usize,
     shapes: bool,
+    warm: String,
+    line_search: String,
+    line_steps: usize,
+    tolerance: Option<f64>,
     timestep: f64,
 }
 
@@ -44,6 +54,7 @@ struct Arguments {
     scalar: String,
     count: usize,
     seconds: f64,
+    error: bool,
 }
 
 fn arguments() -> Result<Arguments, String> {
@@ -52,23 +63,32 @@ fn arguments() -> Result<Arguments, String> {
         ground: ground.into(),
         iterations,
         shapes: false,
+        warm: "last".into(),
+        line_search: "halving".into(),
+        line_steps: SimOptions::default().line_search_iterations,
+        tolerance: None,
         timestep: 0.005,
     };
     let mut single = case("stand", "plane", 6);
-    let mut parsed = Arguments { cases: vec![], scalar: "f32".into(), count: 256, seconds: 3.0 };
+    let mut parsed = Arguments { cases: vec![], scalar: "f32".into(), count: 256, seconds: 3.0, error: false };
     let (mut named, mut rest) = (false, std::env::args().skip(1));
     while let Some(name) = rest.next() {
         let value = rest.next().ok_or(format!("{name}: expected a value"))?;
         let number = || value.parse::<f64>().map_err(|e| format!("{name} {value}: {e}"));
-        named |= !matches!(name.as_str(), "--scalar" | "--count" | "--seconds");
+        named |= !matches!(name.as_str(), "--scalar" | "--count" | "--seconds" | "--error");
         match name.as_str() {
             "--scene" => single.scene = value,
             "--ground" => single.ground = value,
             "--iterations" => single.iterations = number()? as usize,
             "--shapes" => single.shapes = value == "yes",
+            "--line-search" => single.line_search = value,
+            "--line-steps" => single.line_steps = number()? as usize,
+            "--tolerance" => single.tolerance = Some(number()?),
+            "--warm" => single.warm = value,
             "--timestep" => single.timestep = number()?,
             "--scalar" => parsed.scalar = value,
             "--count" => parsed.count = number()? as usize,
+            "--error" => parsed.error = value == "yes",
             "--seconds" => parsed.seconds = number()?,
             _ => return Err(format!("unknown argument {name}")),
         }
@@ -99,6 +119,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
 fn bench<T: Precision>(case: &Case, arguments: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
     let mut walk = Walk::<T>::new(case, arguments.count)?;
+    if arguments.error {
+        let solved = Case { iterations: 200, line_steps: 50, tolerance: Some(1e-9), ..case.clone() };
+        walk.exact = Some(Box::new(Walk::<f64>::new(&solved, arguments.count)?.sim));
+    }
     let rounds = |seconds: f64| (seconds / HELD).round() as usize;
     walk.run(rounds(SETTLE))?;
     walk.seconds = 0.0;
@@ -112,12 +136,16 @@ fn bench<T: Precision>(case: &Case, arguments: &Arguments) -> Result<(), Box<dyn
         }
     }
     let steps = periods * walk.held * arguments.count;
+    let error = walk.error.text();
     println!(
-        r#"{{"scene":"{}","ground":"{}","iterations":{},"shapes":{},"scalar":"{}","lanes":{},"environments":{},"steps_per_cpu_second":{:.0},"restarts":{},"bits":"{:016x}"}}"#,
+        r#"{{"scene":"{}","ground":"{}","iterations":{},"line_search":"{}","line_steps":{},"shapes":{},"warm":"{}","scalar":"{}","lanes":{},"environments":{},"steps_per_cpu_second":{:.0},"restarts":{},"bits":"{:016x}"{error}}}"#,
         case.scene,
         case.ground,
         case.iterations,
+        case.line_search,
+        case.line_steps,
         case.shapes,
+        case.warm,
         arguments.scalar,
         walk.sim.lanes(),
         arguments.count,
@@ -142,6 +170,38 @@ struct Walk<T: Precision> {
     /// CPU time of the steps.
     seconds: f64,
     bits: u64,
+    /// Does every step again to the end.
+    exact: Option<Box<Batch<f64>>>,
+    error: Errors,
+}
+
+/// Sums of squares of what speeds are off after one step, with their number, and the greatest.
+#[derive(Default)]
+struct Errors {
+    base: f64,
+    joints: f64,
+    worst: f64,
+    steps: usize,
+}
+
+impl Errors {
+    fn add(&mut self, found: &State, exact: &State) {
+        let off = |k: usize| (found.v[k] - exact.v[k]).powi(2);
+        self.base += (0..3).map(off).sum::<f64>();
+        self.joints += (6..18).map(off).sum::<f64>() / 12.0;
+        self.worst = (6..18).map(|k| off(k).sqrt()).fold(self.worst, f64::max);
+        self.steps += 1;
+    }
+
+    /// More fields for the line of JSON; none where nothing was compared.
+    fn text(&self) -> String {
+        let root = |sum: f64| (sum / self.steps as f64).sqrt();
+        if self.steps == 0 {
+            return String::new();
+        }
+        let (base, joints) = (root(self.base), root(self.joints));
+        format!(r#","base_error":{base:.2e},"joint_error":{joints:.2e},"worst_joint":{:.2e}"#, self.worst)
+    }
 }
 
 impl<T: Precision> Walk<T> {
@@ -155,8 +215,25 @@ impl<T: Precision> Walk<T> {
             "mesh" => Terrain::from_mesh(&mesh())?,
             other => return Err(format!("expected --ground plane, field or mesh, found {other}").into()),
         };
-        let (timestep, iterations) = (case.timestep, case.iterations);
-        let options = SimOptions { timestep, iterations, ..Default::default() };
+        let warm_start = match case.warm.as_str() {
+            "last" => WarmStart::Last,
+            "cheaper" => WarmStart::Cheaper,
+            other => return Err(format!("expected --warm last or cheaper, found {other}").into()),
+        };
+        let line_search = match case.line_search.as_str() {
+            "halving" => LineSearch::Halving,
+            "apex" => LineSearch::Apex,
+            other => return Err(format!("expected --line-search halving or apex, found {other}").into()),
+        };
+        let options = SimOptions {
+            timestep: case.timestep,
+            iterations: case.iterations,
+            line_search,
+            line_search_iterations: case.line_steps,
+            warm_start,
+            tolerance: case.tolerance,
+            ..Default::default()
+        };
         let mut sim = Batch::<T>::new(&robot, &terrain, &options, count)?;
         let side = (count as f64).sqrt().ceil() as usize;
         let mut starts = Vec::new();
@@ -171,14 +248,28 @@ impl<T: Precision> Walk<T> {
             starts.push(State { q, v: vec![0.0; 18] });
             sim.set_state(env, &starts[env])?;
         }
-        let held = (HELD / timestep).round() as usize;
+        let held = (HELD / case.timestep).round() as usize;
         let (scene, random) = (case.scene.clone(), Random(7));
-        Ok(Self { sim, scene, starts, held, step: 0, timestep, random, restarts: 0, seconds: 0.0, bits: 0 })
+        Ok(Self {
+            sim,
+            scene,
+            starts,
+            held,
+            step: 0,
+            timestep: case.timestep,
+            random,
+            restarts: 0,
+            seconds: 0.0,
+            bits: 0,
+            exact: None,
+            error: Errors::default(),
+        })
     }
 
     fn run(&mut self, periods: usize) -> Result<(), Box<dyn std::error::Error>> {
         let (kp, kd, zero) = ([KP; 12], [KD; 12], [0.0; 12]);
         let mut now = self.starts[0].clone();
+        let mut commands = vec![[0.0; 12]; self.sim.len()];
         for _ in 0..periods {
             for env in 0..self.sim.len() {
                 self.sim.read_state(env, &mut now)?;
@@ -188,7 +279,25 @@ impl<T: Precision> Walk<T> {
                     self.restarts += 1;
                 }
                 let q = self.target()?;
-                self.sim.set_command(env, &JointCommand { q: &q, dq: &zero, kp: &kp, kd: &kd, tau: &zero })?;
+                let command = JointCommand { q: &q, dq: &zero, kp: &kp, kd: &kd, tau: &zero };
+                self.sim.set_command(env, &command)?;
+                commands[env] = q;
+            }
+            if let Some(mut exact) = self.exact.take() {
+                for _ in 0..self.held {
+                    for (env, q) in commands.iter().enumerate() {
+                        exact.set_state(env, &self.sim.state(env)?)?;
+                        exact.set_command(env, &JointCommand { q, dq: &zero, kp: &kp, kd: &kd, tau: &zero })?;
+                    }
+                    (exact.step(), self.sim.step());
+                    for env in 0..commands.len() {
+                        self.error.add(&self.sim.state(env)?, &exact.state(env)?);
+                    }
+                }
+                // What such a run takes tells nothing.
+                (self.exact, self.seconds) = (Some(exact), f64::INFINITY);
+                self.step += self.held;
+                continue;
             }
             let clock = Clock::start();
             self.sim.step_many(self.held);

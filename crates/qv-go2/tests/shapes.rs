@@ -82,3 +82,27 @@ fn on_its_back_trunk_and_thighs_carry_it() {
     assert!(v.iter().all(|v| v.abs() < 0.02), "it still moves: {v:?}");
     assert!(q[2] > 0.03, "the base lies at {} m", q[2]);
 }
+
+#[test]
+fn on_bumps_shapes_in_the_air_change_no_bit() {
+    let heights: Vec<f64> = (0..41 * 41).map(|k| 0.03 * f64::from(k * 7919 % 101) / 100.0).collect();
+    let field = Terrain::height_field([-2.0; 2], [0.1; 2], 41, 41, heights).unwrap();
+    let mut start = at(model::touching_height(&STAND) + 0.03, [1.0, 0.0, 0.0, 0.0]);
+    let mut ends = Vec::new();
+    for text in [model::urdf(), model::urdf_with_shapes()] {
+        let robot = Model::from_urdf(&text, &OPTIONS).unwrap();
+        let options = SimOptions { timestep: 0.005, ..Default::default() };
+        let mut sim = Batch::<f32>::new(&robot, &field, &options, 20).unwrap();
+        let (zero, kp, kd) = ([0.0; 12], [DEFAULT_KP; 12], [DEFAULT_KD; 12]);
+        for env in 0..20 {
+            (start.q[0], start.q[1]) = (0.07 * env as f64 - 0.7, 0.5 - 0.05 * env as f64);
+            sim.set_state(env, &start).unwrap();
+            sim.set_command(env, &JointCommand { q: &STAND, dq: &zero, kp: &kp, kd: &kd, tau: &zero }).unwrap();
+        }
+        sim.step_many(200);
+        let forces = sim.sensors(0).unwrap().foot_force;
+        assert!(forces.iter().sum::<f64>() > 100.0, "it stands: {forces:?}");
+        ends.push((0..20).map(|env| sim.state(env).unwrap()).collect::<Vec<_>>());
+    }
+    assert_eq!(ends[0], ends[1]);
+}

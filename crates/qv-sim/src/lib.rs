@@ -34,7 +34,7 @@ mod terrain;
 pub use batch::{Batch, BatchCommand, ContactPoint, JointCommand, LaneState, Snapshot, State};
 pub use error::SimError;
 pub use model::{BaseKind, Frame, Geom, Joint, JointKind, Link, Mechanics, MeshVertices, Model, ModelOptions, Shape};
-pub use options::SimOptions;
+pub use options::{LineSearch, SimOptions, WarmStart};
 pub use parameters::ParameterInfo;
 pub use sensors::SensorReading;
 pub use terrain::{DEFAULT_FRICTION, Terrain};

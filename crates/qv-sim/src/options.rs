@@ -2,6 +2,25 @@
 
 use crate::SimError;
 
+/// Where a contact solve starts. It changes the work, and the result by what the solve leaves undone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WarmStart {
+    /// The acceleration of the last step.
+    Last,
+    /// That, or the acceleration without constraints, whichever costs less, as MuJoCo does.
+    Cheaper,
+}
+
+/// Where a line search of the contact solver looks when a Newton step would leave the bracket.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LineSearch {
+    /// In the bracket's middle.
+    Halving,
+    /// Where the sliding of a contact turns round, if that lies in the bracket: friction changes sign there within a short
+    /// step, which halving finds late. The solution is the same, found in fewer steps.
+    Apex,
+}
+
 /// How time, contact and memory are handled.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimOptions {
@@ -23,6 +42,12 @@ pub struct SimOptions {
     pub implicit_actuator_damping: bool,
     /// Most Newton iterations of the contact solver.
     pub iterations: usize,
+    /// Where a line search looks.
+    pub line_search: LineSearch,
+    /// Most steps of a line search (MuJoCo's ls_iterations). Lanes of a register wait for the slowest.
+    pub line_search_iterations: usize,
+    /// Where a contact solve starts.
+    pub warm_start: WarmStart,
     /// Ends a solve when the gradient is this small beside the forces; `None` picks it by precision.
     pub tolerance: Option<f64>,
     /// Longest `command_latency` that can be set \[s\]; commands of that long are kept.
@@ -46,6 +71,9 @@ impl Default for SimOptions {
             self_collision: false,
             implicit_actuator_damping: true,
             iterations: 30,
+            line_search: LineSearch::Halving,
+            line_search_iterations: 12,
+            warm_start: WarmStart::Last,
             tolerance: None,
             max_command_latency: 0.0,
             max_sensor_latency: 0.0,
@@ -71,6 +99,8 @@ impl SimOptions {
         let dimension = self.contact_dimension;
         value("contact_dimension", "3, 4 or 6", dimension as f64, matches!(dimension, 3 | 4 | 6))?;
         value("iterations", "1 to 1000", self.iterations as f64, (1..=1000).contains(&self.iterations))?;
+        let steps = self.line_search_iterations;
+        value("line_search_iterations", "1 to 100", steps as f64, (1..=100).contains(&steps))?;
         let tolerance = self.tolerance.unwrap_or(1e-8);
         value("tolerance", "1e-15 to 0.1", tolerance, within(tolerance, 1e-15, 0.1))?;
         for latency in [self.max_command_latency, self.max_sensor_latency] {

@@ -3,7 +3,7 @@
 mod robots;
 
 use qv_core::TriangleMesh;
-use qv_sim::{BaseKind, Batch, Model, ModelOptions, SimOptions, State, Terrain};
+use qv_sim::{BaseKind, Batch, LineSearch, Model, ModelOptions, SimError, SimOptions, State, Terrain, WarmStart};
 use robots::{biped_urdf, body, inertial, model, settle};
 
 fn at(z: f64) -> State {
@@ -158,4 +158,25 @@ fn legs_pass_through_each_other_unless_asked_not_to() {
         assert_eq!(self_collision, difference > 1e-3, "legs differ by {difference} rad");
     }
     assert_eq!(robot.joint_names().len(), 4);
+}
+
+#[test]
+fn ways_to_the_solution_do_not_change_it() {
+    let brick = body(SHAPES[1].0);
+    let mut start = at(0.09);
+    start.v = vec![1.5, -0.4, -0.5, 2.0, -3.0, 1.0];
+    let exact = SimOptions { iterations: 100, tolerance: Some(1e-12), ..Default::default() };
+    let end = settle(&brick, &Terrain::plane(), &exact, &start, 250);
+    assert!(end.q[0] > 0.05 && end.v[0].abs() < 1.4, "it landed and slid: {end:?}");
+    for (line_search, warm_start) in [(LineSearch::Apex, WarmStart::Last), (LineSearch::Halving, WarmStart::Cheaper)] {
+        let options = SimOptions { line_search, warm_start, ..exact.clone() };
+        let other = settle(&brick, &Terrain::plane(), &options, &start, 250);
+        for (a, b) in end.q.iter().chain(&end.v).zip(other.q.iter().chain(&other.v)) {
+            assert!((a - b).abs() < 1e-6, "{line_search:?} {warm_start:?}: {end:?} {other:?}");
+        }
+        assert_ne!(end, other, "{line_search:?} {warm_start:?} took the same way");
+    }
+    let none = SimOptions { line_search_iterations: 0, ..Default::default() };
+    let refused = Batch::<f64>::new(&brick, &Terrain::plane(), &none, 1);
+    assert!(matches!(refused.err(), Some(SimError::Value { .. })));
 }

@@ -8,8 +8,11 @@ use super::array::Array;
 use super::block::{Block, Slot, Work};
 use super::constraint::{ContactRows, LimitRow, Rows};
 use super::dynamics::{HEAD, factor, multiply_packed, plus, solve};
+use super::line_search::line_search;
+use super::start::start_cheaper;
 use super::topology::Topology;
-use crate::lanes::{Mask, Real, Scalar};
+use crate::lanes::{Mask, Real};
+use crate::options::{LineSearch, WarmStart};
 
 /// Vectors of the solver.
 #[derive(Debug, Clone)]
@@ -18,15 +21,15 @@ pub(crate) struct Scratch<L: Real> {
     pub a: Array<L>,
     /// Mass matrix times `a`.
     pub ma: Array<L>,
-    gradient: Array<L>,
-    search: Array<L>,
-    m_search: Array<L>,
+    pub gradient: Array<L>,
+    pub search: Array<L>,
+    pub m_search: Array<L>,
     /// `J a - a_ref` and `J search`, `[slot][6]`.
-    residual: Array<[L; 6]>,
-    along: Array<[L; 6]>,
+    pub residual: Array<[L; 6]>,
+    pub along: Array<[L; 6]>,
     /// Contact forces at the residuals and where those lie, and the same at a trial step.
-    contact: Array<Evaluated<L>>,
-    trial: Array<Evaluated<L>>,
+    pub(super) contact: Array<Evaluated<L>>,
+    pub(super) trial: Array<Evaluated<L>>,
 }
 
 impl<L: Real> Scratch<L> {
@@ -48,23 +51,23 @@ impl<L: Real> Scratch<L> {
 
 /// A contact at one residual: its force, and where the residual lies in the cone's cost (MuJoCo's zones).
 #[derive(Debug, Clone, Copy)]
-struct Evaluated<L: Real> {
+pub(super) struct Evaluated<L: Real> {
     /// Minus the gradient of the cost.
-    force: [L; 6],
+    pub force: [L; 6],
     /// Inside the polar cone: plain quadratic.
-    bottom: L::Mask,
+    pub bottom: L::Mask,
     /// On the cone.
-    middle: L::Mask,
+    pub middle: L::Mask,
     /// N = residual[0] * cone.
-    normal: L,
+    pub normal: L,
     /// One over the length of the scaled tangential residual where `middle`, else 1.
-    inverse: L,
+    pub inverse: L,
     /// Scaled tangential residual.
-    u: [L; 5],
+    pub u: [L; 5],
 }
 
 impl<L: Real> Evaluated<L> {
-    fn new() -> Self {
+    pub fn new() -> Self {
         let (zero, never) = (L::zero(), L::Mask::splat(false));
         let (force, u) = ([zero; 6], [zero; 5]);
         Self { force, bottom: never, middle: never, normal: zero, inverse: zero, u }
@@ -72,41 +75,40 @@ impl<L: Real> Evaluated<L> {
 }
 
 #[inline(always)]
-fn evaluate<L: Real, const D: usize>(rows: &ContactRows<L>, residual: &[L; 6]) -> Evaluated<L> {
+pub(super) fn evaluate<L: Real, const D: usize>(rows: &ContactRows<L>, residual: &[L; 6], out: &mut Evaluated<L>) {
     let zero = L::zero();
     let mu = rows.cone;
     let normal = residual[0] * mu;
-    let mut u = [zero; 5];
     let mut squared = zero;
     for k in 1..D {
-        u[k - 1] = residual[k] * rows.friction[k - 1];
-        squared += u[k - 1] * u[k - 1];
+        let u = residual[k] * rows.friction[k - 1];
+        out.u[k - 1] = u;
+        squared += u * u;
     }
     let tangent = squared.sqrt();
     let top = (mu * tangent).le(normal);
     let inside = (mu * normal + tangent).le(zero);
     let bottom = inside & !top & rows.active;
     let middle = !top & !inside & rows.active;
-    let mut force = [zero; 6];
     for k in 0..D {
-        force[k] = L::select(bottom, -(rows.weight[k] * residual[k]), zero);
+        out.force[k] = L::select(bottom, -(rows.weight[k] * residual[k]), zero);
     }
     let mut inverse = L::one();
     if middle.any() {
         inverse = L::one() / L::select(middle, tangent, L::one());
         let slide = rows.scale * mu * (normal - mu * tangent);
-        force[0] = L::select(middle, -slide, force[0]);
+        out.force[0] = L::select(middle, -slide, out.force[0]);
         for k in 1..D {
-            let sliding = slide * u[k - 1] * inverse * rows.friction[k - 1];
-            force[k] = L::select(middle, sliding, force[k]);
+            let sliding = slide * out.u[k - 1] * inverse * rows.friction[k - 1];
+            out.force[k] = L::select(middle, sliding, out.force[k]);
         }
     }
-    Evaluated { force, bottom, middle, normal, inverse, u }
+    (out.bottom, out.middle, out.normal, out.inverse) = (bottom, middle, normal, inverse);
 }
 
 /// The cost's Hessian for one contact, `[row][column]`, symmetric.
 #[inline(always)]
-fn contact_hessian<L: Real, const D: usize>(rows: &ContactRows<L>, z: &Evaluated<L>) -> [[L; 6]; 6] {
+pub(super) fn contact_hessian<L: Real, const D: usize>(rows: &ContactRows<L>, z: &Evaluated<L>) -> [[L; 6]; 6] {
     let zero = L::zero();
     let mut out = [[zero; 6]; 6];
     for i in 0..D {
@@ -141,14 +143,14 @@ fn contact_hessian<L: Real, const D: usize>(rows: &ContactRows<L>, z: &Evaluated
 
 /// Force of joint friction and whether it holds (is in its quadratic part).
 #[inline(always)]
-fn friction_force<L: Real>(weight: f64, most: L, residual: L) -> (L, L::Mask) {
+pub(super) fn friction_force<L: Real>(weight: f64, most: L, residual: L) -> (L, L::Mask) {
     let free = -(L::splat(weight) * residual);
     let holds = free.abs().lt(most);
     (free.max(-most).min(most), holds)
 }
 
 #[inline(always)]
-fn limit_force<L: Real>(row: &LimitRow<L>, acceleration: L) -> (L, L::Mask) {
+pub(super) fn limit_force<L: Real>(row: &LimitRow<L>, acceleration: L) -> (L, L::Mask) {
     let residual = row.sign * acceleration - row.reference;
     let pushes = residual.lt(L::zero()) & row.active;
     (L::select(pushes, -(row.weight * residual), L::zero()), pushes)
@@ -160,6 +162,10 @@ pub(crate) struct NewtonSettings<'a> {
     pub slots: &'a [Slot],
     pub iterations: usize,
     pub tolerance: f64,
+    pub line_search: LineSearch,
+    /// Most steps of a line search.
+    pub line_search_iterations: usize,
+    pub warm_start: WarmStart,
 }
 
 /// Solves for `work.newton.a`, starting from `block.warm`. On return `ma` is the mass matrix times it.
@@ -167,6 +173,9 @@ pub(crate) struct NewtonSettings<'a> {
 pub(crate) fn newton<L: Real, const D: usize>(settings: &NewtonSettings, block: &Block<L>, work: &mut Work<L>) {
     let topology = settings.topology;
     work.newton.a.copy_from_slice(&block.warm);
+    if settings.warm_start == WarmStart::Cheaper {
+        start_cheaper::<L, D>(settings, block, work);
+    }
     multiply_packed(topology, &work.mass_matrix, &work.newton.a, &mut work.newton.ma);
     start_residuals::<L, D>(settings, work);
     evaluate_contacts::<L, D>(work);
@@ -220,8 +229,8 @@ fn add_scaled<L: Real>(target: &mut Array<L>, factor: L, own: &Array<L>) {
 #[inline(always)]
 fn evaluate_contacts<L: Real, const D: usize>(work: &mut Work<L>) {
     for &slot in &work.live {
-        let rows = &work.rows.contacts[slot];
-        work.newton.contact[slot] = evaluate::<L, D>(rows, &work.newton.residual[slot]);
+        let scratch = &mut work.newton;
+        evaluate::<L, D>(&work.rows.contacts[slot], &scratch.residual[slot], &mut scratch.contact[slot]);
     }
 }
 
@@ -236,7 +245,12 @@ fn threshold<L: Real>(settings: &NewtonSettings, work: &Work<L>) -> L {
 }
 
 #[inline(always)]
-fn project<L: Real, const D: usize>(topology: &Topology, slot: &Slot, rows: &ContactRows<L>, x: &Array<L>) -> [L; 6] {
+pub(super) fn project<L: Real, const D: usize>(
+    topology: &Topology,
+    slot: &Slot,
+    rows: &ContactRows<L>,
+    x: &Array<L>,
+) -> [L; 6] {
     let columns = topology.force_columns(slot.body);
     let count = columns.len();
     let mut out = [L::zero(); 6];
@@ -393,126 +407,6 @@ fn add_contact<L: Real, const D: usize>(
             hessian[start + j] = sum;
         }
     }
-}
-
-/// Step length along the search direction: 1 where that is near the minimum, else the root of the derivative by
-/// bracketed Newton. Lanes that are done get 0. Also whether `trial` holds the contacts at that step in all lanes.
-#[inline(always)]
-fn line_search<L: Real, const D: usize>(
-    settings: &NewtonSettings,
-    done: L::Mask,
-    block: &Block<L>,
-    work: &mut Work<L>,
-) -> (L, bool) {
-    const STEPS: usize = 12;
-    let (mut slope, mut curvature, mut start) = (L::zero(), L::zero(), L::zero());
-    let scratch = &work.newton;
-    let forces = scratch.ma.iter().zip(work.smooth.iter()).zip(scratch.m_search.iter()).zip(scratch.gradient.iter());
-    for (&search, (((&ma, &smooth), &m_search), &gradient)) in scratch.search.iter().zip(forces) {
-        slope += search * (ma - smooth);
-        curvature += search * m_search;
-        start += search * gradient;
-    }
-    // A derivative this much smaller than at the start is close enough.
-    let enough = L::splat(1e-2) * start.abs();
-    let mut step = L::select(done, L::zero(), L::one());
-    let (mut low, mut high) = (L::zero(), L::splat(<L::Scalar as Scalar>::ROUNDER));
-    let mut settled = done;
-    for _ in 0..STEPS {
-        evaluate_trial::<L, D>(step, work);
-        let first = slope + step * curvature + constraint_slope::<L, D>(settings, step, block, work);
-        settled = settled | !enough.lt(first.abs());
-        if settled.all() {
-            return (step, true);
-        }
-        let second = curvature + constraint_curvature::<L, D>(settings, step, block, work);
-        let short = first.lt(L::zero());
-        low = L::select(short & !settled, step, low);
-        high = L::select(!short & !settled, step, high);
-        let newton = step - first / second;
-        let inside = low.lt(newton) & newton.lt(high);
-        let middle = (low + high.min(L::splat(4.0) * low + L::one())) * L::splat(0.5);
-        step = L::select(settled, step, L::select(inside, newton, middle));
-    }
-    (step, false)
-}
-
-#[inline(always)]
-fn evaluate_trial<L: Real, const D: usize>(step: L, work: &mut Work<L>) {
-    for &slot in &work.live {
-        let rows = &work.rows.contacts[slot];
-        let mut residual = work.newton.residual[slot];
-        for k in 0..D {
-            let change = step * work.newton.along[slot][k];
-            residual[k] += change;
-        }
-        work.newton.trial[slot] = evaluate::<L, D>(rows, &residual);
-    }
-}
-
-/// Derivative of the constraints' cost along the search direction, at the trial step.
-#[inline(always)]
-fn constraint_slope<L: Real, const D: usize>(
-    settings: &NewtonSettings,
-    step: L,
-    block: &Block<L>,
-    work: &Work<L>,
-) -> L {
-    let Rows { friction_reference, friction_weight, limits, .. } = &work.rows;
-    let scratch = &work.newton;
-    let mut sum = L::zero();
-    if block.any_coulomb {
-        for i in settings.topology.base_dofs..settings.topology.nv {
-            let residual = scratch.a[i] + step * scratch.search[i] - friction_reference[i];
-            sum -= friction_force(friction_weight[i], block.coulomb[i], residual).0 * scratch.search[i];
-        }
-    }
-    for row in limits {
-        let (force, _) = limit_force(row, scratch.a[row.dof] + step * scratch.search[row.dof]);
-        sum -= force * row.sign * scratch.search[row.dof];
-    }
-    for &slot in &work.live {
-        for k in 0..D {
-            sum -= scratch.trial[slot].force[k] * scratch.along[slot][k];
-        }
-    }
-    sum
-}
-
-/// Second derivative of the constraints' cost along the search direction, at the trial step.
-#[inline(always)]
-fn constraint_curvature<L: Real, const D: usize>(
-    settings: &NewtonSettings,
-    step: L,
-    block: &Block<L>,
-    work: &Work<L>,
-) -> L {
-    let Rows { contacts, friction_reference, friction_weight, limits, .. } = &work.rows;
-    let scratch = &work.newton;
-    let mut sum = L::zero();
-    if block.any_coulomb {
-        for i in settings.topology.base_dofs..settings.topology.nv {
-            let direction = scratch.search[i];
-            let residual = scratch.a[i] + step * direction - friction_reference[i];
-            let (_, holds) = friction_force(friction_weight[i], block.coulomb[i], residual);
-            sum += L::select(holds, L::splat(friction_weight[i]) * direction * direction, L::zero());
-        }
-    }
-    for row in limits {
-        let direction = scratch.search[row.dof];
-        let (_, pushes) = limit_force(row, scratch.a[row.dof] + step * direction);
-        sum += L::select(pushes, row.weight * direction * direction, L::zero());
-    }
-    for &slot in &work.live {
-        let along = &scratch.along[slot];
-        let hessian = contact_hessian::<L, D>(&contacts[slot], &scratch.trial[slot]);
-        for i in 0..D {
-            for j in 0..D {
-                sum += along[i] * hessian[i][j] * along[j];
-            }
-        }
-    }
-    sum
 }
 
 /// Normal force of a live contact at the solution \[N\].

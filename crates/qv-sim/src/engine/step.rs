@@ -74,6 +74,9 @@ pub(crate) fn step<L: Real>(shared: &Shared, used: usize, block: &mut Block<L>, 
         slots: &colliders.slots,
         iterations: options.iterations,
         tolerance: shared.tolerance,
+        line_search: options.line_search,
+        line_search_iterations: options.line_search_iterations,
+        warm_start: options.warm_start,
     };
     if options.contact_dimension == 3 {
         build_rows::<L, 3>(&rows, block, work);

@@ -56,15 +56,16 @@ impl Triangle {
     #[inline(always)]
     pub fn sphere_contact(&self, centre: DVec3, radius: f64) -> Option<SurfaceContact> {
         let [a, b, c] = self.corners;
-        let face_normal = (b - a).cross(c - a).normalize();
-        let height = (centre - a).dot(face_normal);
-        if height.abs() >= radius {
-            return None;
-        }
         let (point, in_face) = closest_point(centre, a, b, c);
         let offset = centre - point;
+        // Most triangles end here, without a root or a normal; the margin leaves those in doubt to the test below.
+        if offset.length_squared() > radius * radius * (1.0 + 1e-9) {
+            return None;
+        }
+        let face_normal = (b - a).cross(c - a).normalize();
+        let height = (centre - a).dot(face_normal);
         let length = offset.length();
-        if length >= radius {
+        if height.abs() >= radius || length >= radius {
             return None;
         }
         let (distance, normal) = if in_face {
