@@ -1,1 +1,3 @@
 //! Walking policies: networks, PPO, the velocity task, ONNX files written and read.
+
+pub mod onnx;
