@@ -4,8 +4,8 @@ use crate::{process, python, workspace::Workspace};
 use anyhow::Result;
 
 /// Python environments under `fixtures`, and the variables through which tests find them.
-const ENVIRONMENTS: [(&str, &str); 3] =
-    [("mcap", "QV_PYTHON"), ("mesh", "QV_PYTHON_MESH"), ("splat", "QV_PYTHON_SPLAT")];
+const ENVIRONMENTS: [(&str, &str); 4] =
+    [("mcap", "QV_PYTHON"), ("mesh", "QV_PYTHON_MESH"), ("onnx", "QV_PYTHON_ONNX"), ("splat", "QV_PYTHON_SPLAT")];
 
 /// Counts over all test programs.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]

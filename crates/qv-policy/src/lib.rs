@@ -5,6 +5,7 @@ pub mod distribution;
 pub mod env;
 mod error;
 pub mod net;
+pub mod onnx;
 pub mod ppo;
 pub mod random;
 pub mod score;
