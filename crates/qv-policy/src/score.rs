@@ -2,14 +2,12 @@
 
 use crate::PolicyError;
 use crate::env::{End, VectorEnv};
-use crate::net::padded;
-use crate::ppo::{Ppo, scale_rows};
 use crate::random::Random;
 use crate::velocity::{Commands, VelocityTask};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Means over robots and time, from one second after the start on, of those that had not fallen.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Score {
     /// Robots.
     pub robots: usize,
@@ -29,6 +27,13 @@ pub struct Score {
     pub swing_height: f32,
 }
 
+impl Score {
+    /// One number to compare policies by, less is better: errors in m/s and rad/s, and one for each robot in a hundred that fell.
+    pub fn cost(&self) -> f32 {
+        self.velocity_error + self.turning_error + 100.0 * self.fell as f32 / self.robots.max(1) as f32
+    }
+}
+
 /// What decides: targets for all robots from their observations.
 pub trait Decide {
     /// Actions `[rows][actions]` for observations `[rows][observations]`, unscaled.
@@ -36,21 +41,6 @@ pub trait Decide {
     /// # Errors
     /// When an output is not finite.
     fn decide(&mut self, rows: usize, observations: &[f32], actions: &mut [f32]) -> Result<(), PolicyError>;
-}
-
-impl Decide for &Ppo {
-    fn decide(&mut self, rows: usize, observations: &[f32], actions: &mut [f32]) -> Result<(), PolicyError> {
-        let (offset, scale) = self.observation_scaling();
-        let (width, acts) = (padded(offset.len()), actions.len() / rows);
-        let mut input = vec![0.0; rows * width];
-        scale_rows(observations, offset, scale, &mut input);
-        let mut tape = self.actor.tape(rows);
-        let out = self.actor.forward(&self.parameters, rows, &input, &mut tape);
-        for (row, out) in actions.chunks_exact_mut(acts).zip(out.chunks_exact(padded(acts))) {
-            row.copy_from_slice(&out[..acts]);
-        }
-        Ok(())
-    }
 }
 
 /// Runs all robots of `task` for `seconds` under commands drawn with `seed` from `commands`.

@@ -647,7 +647,7 @@ impl<'a> Judge<'a> {
 }
 
 /// More feet than any robot here has.
-const MOST_FEET: usize = 16;
+pub(crate) const MOST_FEET: usize = 16;
 
 /// Points ahead and aside of the base at which the critic knows the height of the ground \[m\].
 const SCAN: [[f32; 2]; 9] = [

@@ -32,15 +32,21 @@ pub struct TaskRobot {
     pub height: f32,
 }
 
-/// The TOML that describes a robot beside its URDF.
+/// The TOML that describes a robot beside its URDF. Joints are in the order of the URDF, depth first.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RobotFile {
-    /// Its name.
-    pub name: String,
+    /// Its name; default: that of the URDF.
+    pub name: Option<String>,
     /// File name of the URDF, beside this file.
     pub urdf: String,
-    /// Joint angles of the stand by joint name, or by the end of joint names \[rad\].
+    /// Names of the legs, which with `joints` give the order of the joints: `<leg>_<joint>`. A check, no more.
+    #[serde(default)]
+    pub legs: Vec<String>,
+    /// Names of a leg's joints, from the trunk outwards.
+    #[serde(default)]
+    pub joints: Vec<String>,
+    /// Joint angles of the stand by joint name, or by the end of joint names \[rad\]; the longest name wins.
     pub stand: BTreeMap<String, f32>,
     /// Position gain \[N m/rad\], one for all or by joint name (or its end).
     pub kp: PerJoint,
@@ -49,20 +55,18 @@ pub struct RobotFile {
     /// Radians for an action of one; default 0.25.
     #[serde(default = "quarter")]
     pub action_scale: PerJoint,
-    /// Rotor inertia at each joint \[kg m²\], where the URDF tells none.
+    /// Rotor inertia at each joint \[kg m²\].
     #[serde(default)]
     pub armature: f64,
-    /// Feet: names of links or shapes, or their ends, in the order of the legs.
+    /// Feet: names of shapes or links, or their ends, in the order of the legs.
     pub feet: Vec<String>,
-    /// Links or shapes (or the ends of their names) that must not touch the ground; default: those of the base.
+    /// Links or shapes (or the ends of their names) that must not touch the ground: an episode ends where one is of the base, touching
+    /// costs for others. Default: all but the feet.
     #[serde(default)]
-    pub trunk: Vec<String>,
+    pub must_not_touch: Vec<String>,
     /// Joints that move legs sideways, by the ends of their names; default: those whose axis is x.
     #[serde(default)]
     pub sideways: Vec<String>,
-    /// Anything else that readers of other parts use.
-    #[serde(default)]
-    pub about: Option<String>,
 }
 
 fn quarter() -> PerJoint {
@@ -134,20 +138,29 @@ impl RobotFile {
     }
 
     fn robot_of(&self, model: Model) -> Result<TaskRobot, PolicyError> {
+        let legs = self.legs.iter().flat_map(|leg| self.joints.iter().map(move |joint| format!("{leg}_{joint}")));
+        let named: Vec<String> = legs.collect();
+        if !named.is_empty() && named != model.joint_names() {
+            let expected = format!("the joints of the URDF in its order: {}", model.joint_names().join(", "));
+            return Err(PolicyError::setting("legs and joints", &expected, named.join(", ")));
+        }
         let stand = by_name("stand", &self.stand, &model)?;
         let kp = self.kp.resolve("kp", &model)?;
         let kd = self.kd.resolve("kd", &model)?;
         let action_scale = self.action_scale.resolve("action_scale", &model)?;
         let feet = shapes("feet", &self.feet, &model)?;
-        let trunk = match self.trunk.is_empty() {
-            true => (0..model.geoms.len()).filter(|&g| model.geoms[g].link == 0).collect(),
-            false => shapes("trunk", &self.trunk, &model)?,
+        let mut shy = match self.must_not_touch.is_empty() {
+            true => (0..model.geoms.len()).collect(),
+            false => shapes("must_not_touch", &self.must_not_touch, &model)?,
         };
+        shy.retain(|g| !feet.contains(g));
+        let (trunk, limbs) = shy.into_iter().partition(|&g: &usize| model.geoms[g].link == 0);
         let sideways = match self.sideways.is_empty() {
             true => model.joints.iter().map(|j| j.axis.x.abs() > 0.9).collect(),
             false => model.joint_names().iter().map(|n| self.sideways.iter().any(|s| names(s, n))).collect(),
         };
-        TaskRobot::new(&self.name, model, [stand, kp, kd, action_scale], feet, trunk, sideways)
+        let name = self.name.clone().unwrap_or_else(|| model.name.clone());
+        TaskRobot::new(&name, model, [stand, kp, kd, action_scale], [feet, trunk, limbs], sideways)
     }
 }
 
@@ -169,7 +182,7 @@ fn shapes(what: &str, wanted: &[String], model: &Model) -> Result<Vec<usize>, Po
 }
 
 impl TaskRobot {
-    /// A robot from its parts; `[stand, kp, kd, action_scale]` of `[joints]` each.
+    /// A robot from its parts; `[stand, kp, kd, action_scale]` of `[joints]` each, `[feet, trunk, limbs]` as indices of shapes.
     ///
     /// # Errors
     /// When a length is off, a number means nothing, or there are no feet.
@@ -177,8 +190,7 @@ impl TaskRobot {
         name: &str,
         model: Model,
         [stand, kp, kd, action_scale]: [Vec<f32>; 4],
-        feet: Vec<usize>,
-        trunk: Vec<usize>,
+        [feet, trunk, limbs]: [Vec<usize>; 3],
         sideways: Vec<bool>,
     ) -> Result<Self, PolicyError> {
         let joints = model.joints.len();
@@ -204,7 +216,15 @@ impl TaskRobot {
         if feet.is_empty() {
             return Err(PolicyError::setting("feet", "at least one shape", "none"));
         }
-        let limbs = (0..model.geoms.len()).filter(|g| !feet.contains(g) && !trunk.contains(g)).collect();
+        if feet.len() > super::MOST_FEET {
+            return Err(PolicyError::setting("feet", &format!("at most {}", super::MOST_FEET), feet.len()));
+        }
+        if sideways.len() != joints {
+            return Err(PolicyError::setting("sideways", &format!("{joints} answers"), sideways.len()));
+        }
+        if let Some(bad) = feet.iter().chain(&trunk).chain(&limbs).find(|&&g| g >= model.geoms.len()) {
+            return Err(PolicyError::setting("shape", &format!("an index below {}", model.geoms.len()), bad));
+        }
         let height = standing_height(&model, &stand, &feet);
         Ok(Self { name: name.into(), model, stand, kp, kd, action_scale, feet, trunk, limbs, sideways, height })
     }

@@ -1,0 +1,286 @@
+//! A whole training: iterations, scores, the best policy so far, checkpoints.
+//!
+//! Time is cut into epochs. At the end of each all episodes begin anew, with random numbers that depend on the seed and the number of the
+//! epoch alone; a checkpoint taken there holds networks, optimiser and curriculum, and no state of a simulator. So a training that
+//! is taken up again has the bits of one that was never stopped.
+
+use crate::PolicyError;
+use crate::env::VectorEnv;
+use crate::policy::Policy;
+use crate::ppo::{Iteration, Ppo, PpoSettings};
+use crate::score::{Score, score};
+use crate::velocity::{Ground, TaskRobot, TaskSettings, VelocityTask};
+use serde::{Deserialize, Serialize};
+
+/// What a training is told.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrainSettings {
+    /// Seed of everything.
+    pub seed: u64,
+    /// Robots at once.
+    pub robots: usize,
+    /// Iterations of an epoch.
+    pub epoch: u64,
+    /// Iterations from score to score.
+    pub score_every: u64,
+    /// Robots and seconds of a score.
+    pub score_robots: usize,
+    /// See `score_robots` \[s\].
+    pub score_seconds: f32,
+    /// The task.
+    pub task: TaskSettings,
+    /// The learner.
+    pub ppo: PpoSettings,
+}
+
+impl Default for TrainSettings {
+    fn default() -> Self {
+        Self {
+            seed: 0,
+            robots: 256,
+            epoch: 100,
+            score_every: 20,
+            score_robots: 64,
+            score_seconds: 6.0,
+            task: TaskSettings::default(),
+            ppo: PpoSettings::default(),
+        }
+    }
+}
+
+impl TrainSettings {
+    /// # Errors
+    /// Names the first setting that means nothing.
+    pub fn check(&self) -> Result<(), PolicyError> {
+        for (what, count) in [("robots", self.robots), ("score_robots", self.score_robots)] {
+            if count == 0 || count > 1 << 20 {
+                return Err(PolicyError::setting(what, "1 to 1048576", count));
+            }
+        }
+        if self.epoch == 0 || self.score_every == 0 {
+            return Err(PolicyError::setting("epoch and score_every", "at least 1", self.epoch.min(self.score_every)));
+        }
+        if !(self.score_seconds > 1.0 && self.score_seconds <= 1e4) {
+            return Err(PolicyError::setting("score_seconds", "more than 1, at most 10000", self.score_seconds));
+        }
+        self.task.check()?;
+        self.ppo.check()
+    }
+}
+
+/// One line of the metrics.
+#[derive(Debug, Clone, Serialize)]
+pub struct Line {
+    /// What the learner did.
+    #[serde(flatten)]
+    pub iteration: Iteration,
+    /// Samples so far.
+    pub samples: u64,
+    /// Figures of the task, by name.
+    pub figures: Vec<(&'static str, f32)>,
+    /// Score, in iterations that were scored.
+    pub score: Option<Score>,
+}
+
+/// A training that goes on as long as it is asked to.
+pub struct Training {
+    settings: TrainSettings,
+    env: VelocityTask,
+    judge: VelocityTask,
+    ppo: Ppo,
+    best: Option<(Score, Policy)>,
+    epoch: u64,
+    /// Networks, optimiser and curriculum when the epoch began.
+    kept: Checkpoint,
+}
+
+/// All that a training needs to go on from the beginning of an epoch.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Checkpoint {
+    /// Settings of the training.
+    pub settings: TrainSettings,
+    /// Epoch that begins.
+    pub epoch: u64,
+    /// Iterations done.
+    pub iterations: u64,
+    /// Steps of the optimiser.
+    pub steps: u64,
+    /// Learning rate.
+    pub rate: f32,
+    /// Networks and spreads.
+    pub parameters: Vec<f32>,
+    /// The optimiser's means.
+    pub first: Vec<f32>,
+    /// See `first`.
+    pub second: Vec<f32>,
+    /// Curriculum of the task.
+    pub curriculum: Vec<f32>,
+    /// Best policy so far and its score.
+    pub best: Option<(Score, Vec<f32>)>,
+}
+
+impl Training {
+    /// Begins a training.
+    ///
+    /// # Errors
+    /// When a setting means nothing or the simulator refuses the robot.
+    pub fn new(robot: &TaskRobot, ground: &Ground, settings: &TrainSettings) -> Result<Self, PolicyError> {
+        settings.check()?;
+        let env = VelocityTask::new(robot.clone(), ground.clone(), settings.task.clone(), settings.robots)?;
+        let judge = VelocityTask::new(robot.clone(), ground.clone(), settings.task.clone(), settings.score_robots)?;
+        let ppo = Ppo::new(&settings.ppo, &env, settings.seed)?;
+        let kept = Checkpoint {
+            settings: settings.clone(),
+            epoch: 0,
+            iterations: 0,
+            steps: 0,
+            rate: 0.0,
+            parameters: Vec::new(),
+            first: Vec::new(),
+            second: Vec::new(),
+            curriculum: Vec::new(),
+            best: None,
+        };
+        let mut training = Self { settings: settings.clone(), env, judge, ppo, best: None, epoch: 0, kept };
+        training.begin_epoch()?;
+        Ok(training)
+    }
+
+    /// Begins from the networks of another training, with fresh optimiser, such as one on easier ground.
+    ///
+    /// # Errors
+    /// When its networks have other sizes.
+    pub fn start_from(&mut self, other: &Checkpoint) -> Result<(), PolicyError> {
+        self.fits(other)?;
+        self.ppo.parameters.clone_from(&other.parameters);
+        self.ppo.rate = other.rate.min(self.settings.ppo.rate);
+        self.begin_epoch()
+    }
+
+    /// Goes on from a checkpoint of the same settings.
+    ///
+    /// # Errors
+    /// When it is of other settings or another robot.
+    pub fn resume(robot: &TaskRobot, ground: &Ground, kept: &Checkpoint) -> Result<Self, PolicyError> {
+        let mut training = Self::new(robot, ground, &kept.settings)?;
+        training.fits(kept)?;
+        let ppo = &mut training.ppo;
+        ppo.parameters.clone_from(&kept.parameters);
+        ppo.adam.first.clone_from(&kept.first);
+        ppo.adam.second.clone_from(&kept.second);
+        ppo.adam.steps = kept.steps;
+        ppo.rate = kept.rate;
+        ppo.iterations = kept.iterations;
+        training.epoch = kept.epoch;
+        training.env.set_curriculum(&kept.curriculum);
+        if let Some((score, parameters)) = &kept.best {
+            let policy = Policy { parameters: parameters.clone(), ..Policy::of(&training.ppo) };
+            training.best = Some((score.clone(), policy));
+        }
+        training.begin_epoch()?;
+        Ok(training)
+    }
+
+    fn fits(&self, kept: &Checkpoint) -> Result<(), PolicyError> {
+        let expected = self.ppo.parameters.len();
+        let sizes = [kept.parameters.len(), kept.first.len(), kept.second.len()];
+        if sizes.iter().all(|&size| size == expected) {
+            return Ok(());
+        }
+        let (expected, found) = (format!("networks of {expected} numbers"), format!("{sizes:?}"));
+        Err(PolicyError::Mismatch { what: "checkpoint".into(), expected, found })
+    }
+
+    fn begin_epoch(&mut self) -> Result<(), PolicyError> {
+        let kept = Checkpoint {
+            settings: self.settings.clone(),
+            epoch: self.epoch,
+            iterations: self.ppo.iterations,
+            steps: self.ppo.adam.steps,
+            rate: self.ppo.rate,
+            parameters: self.ppo.parameters.clone(),
+            first: self.ppo.adam.first.clone(),
+            second: self.ppo.adam.second.clone(),
+            curriculum: self.env.curriculum(),
+            best: self.best.as_ref().map(|(score, policy)| (score.clone(), policy.parameters.clone())),
+        };
+        self.kept = kept;
+        self.env.restart(self.settings.seed, self.epoch)?;
+        self.ppo.reseed(self.settings.seed, self.epoch, self.settings.robots);
+        Ok(())
+    }
+
+    /// The robot's task.
+    pub fn task(&self) -> &VelocityTask {
+        &self.env
+    }
+
+    /// The learner.
+    pub fn ppo(&self) -> &Ppo {
+        &self.ppo
+    }
+
+    /// The learner, to change its spread or rate before the first iteration.
+    pub fn ppo_mut(&mut self) -> &mut Ppo {
+        &mut self.ppo
+    }
+
+    /// The task that is trained on, to add what a compensator does.
+    pub fn task_mut(&mut self) -> &mut VelocityTask {
+        &mut self.env
+    }
+
+    /// Settings in force.
+    pub fn settings(&self) -> &TrainSettings {
+        &self.settings
+    }
+
+    /// The state at the beginning of the present epoch.
+    pub fn checkpoint(&self) -> &Checkpoint {
+        &self.kept
+    }
+
+    /// Best policy so far, by [`Score::cost`].
+    pub fn best(&self) -> Option<&(Score, Policy)> {
+        self.best.as_ref()
+    }
+
+    /// The present policy.
+    pub fn policy(&self) -> Policy {
+        Policy::of(&self.ppo)
+    }
+
+    /// One iteration, and a score where one is due.
+    ///
+    /// # Errors
+    /// When a number is not finite: which, and where.
+    pub fn advance(&mut self) -> Result<Line, PolicyError> {
+        let iteration = self.ppo.iterate(&mut self.env)?;
+        let done = self.ppo.iterations;
+        let samples = done * (self.settings.robots * self.settings.ppo.steps) as u64;
+        let mut line = Line { iteration, samples, figures: self.env.figures(), score: None };
+        if done.is_multiple_of(self.settings.score_every) {
+            line.score = Some(self.judge_now()?);
+        }
+        if done.is_multiple_of(self.settings.epoch) {
+            self.epoch += 1;
+            self.begin_epoch()?;
+        }
+        Ok(line)
+    }
+
+    /// Scores the present policy, and keeps it if it is the best.
+    ///
+    /// # Errors
+    /// When a number is not finite.
+    pub fn judge_now(&mut self) -> Result<Score, PolicyError> {
+        let policy = Policy::of(&self.ppo);
+        let commands = self.settings.task.commands.clone();
+        let found = score(&policy, &mut self.judge, &commands, self.settings.score_seconds, self.settings.seed)?;
+        if self.best.as_ref().is_none_or(|(best, _)| found.cost() < best.cost()) {
+            self.best = Some((found.clone(), policy));
+        }
+        Ok(found)
+    }
+}
