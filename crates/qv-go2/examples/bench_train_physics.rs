@@ -289,7 +289,8 @@ impl<T: Precision> Walk<T> {
                         exact.set_state(env, &self.sim.state(env)?)?;
                         exact.set_command(env, &JointCommand { q, dq: &zero, kp: &kp, kd: &kd, tau: &zero })?;
                     }
-                    (exact.step(), self.sim.step());
+                    exact.step();
+                    self.sim.step();
                     for env in 0..commands.len() {
                         self.error.add(&self.sim.state(env)?, &exact.state(env)?);
                     }
