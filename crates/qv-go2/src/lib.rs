@@ -6,4 +6,5 @@ pub mod messages;
 pub mod model;
 pub mod sealed;
 pub mod synthetic;
+pub mod walk;
 pub mod wire;

@@ -8,12 +8,18 @@ use std::time::Instant;
 fn robot() -> TaskRobot {
     let options = ModelOptions { base: BaseKind::Floating, armature: 0.01, ..Default::default() };
     let model = Model::from_urdf(&qv_go2::model::urdf_with_shapes(), &options).unwrap();
-    for g in &model.geoms { eprint!("{} ", g.name); }
+    for g in &model.geoms {
+        eprint!("{} ", g.name);
+    }
     let stand = qv_go2::model::STAND.map(|x| x as f32).to_vec();
-    let feet: Vec<usize> = ["FL", "FR", "RL", "RR"].iter().map(|l| model.geoms.iter().position(|g| g.name == format!("{l}_foot")).unwrap()).collect();
+    let feet: Vec<usize> = ["FL", "FR", "RL", "RR"]
+        .iter()
+        .map(|l| model.geoms.iter().position(|g| g.name == format!("{l}_foot")).unwrap())
+        .collect();
     let trunk = (0..model.geoms.len()).filter(|&g| model.geoms[g].link == 0).collect();
     let sideways = (0..12).map(|j| j % 3 == 0).collect();
-    TaskRobot::new("go2", model, [stand, vec![30.0; 12], vec![0.75; 12], vec![0.25; 12]], feet, trunk, sideways).unwrap()
+    TaskRobot::new("go2", model, [stand, vec![30.0; 12], vec![0.75; 12], vec![0.25; 12]], feet, trunk, sideways)
+        .unwrap()
 }
 
 fn cpu() -> f64 {

@@ -54,12 +54,12 @@ impl Checkpoint {
             return Err(bad(&format!("expected `{MAGIC}`, found `{}`", header.magic)));
         }
         let body = &bytes[end + 1..];
-        let wanted = header.lengths.iter().try_fold(0usize, |sum, &n| sum.checked_add(n)).and_then(|n| n.checked_mul(4));
+        let wanted =
+            header.lengths.iter().try_fold(0usize, |sum, &n| sum.checked_add(n)).and_then(|n| n.checked_mul(4));
         if wanted != Some(body.len()) {
             return Err(bad(&format!("expected {wanted:?} bytes of numbers, found {}", body.len())));
         }
-        let numbers: Vec<f32> =
-            body.chunks_exact(4).map(|c| f32::from_le_bytes([c[0], c[1], c[2], c[3]])).collect();
+        let numbers: Vec<f32> = body.chunks_exact(4).map(|c| f32::from_le_bytes([c[0], c[1], c[2], c[3]])).collect();
         if let Some(at) = numbers.iter().position(|x| !x.is_finite()) {
             return Err(bad(&format!("number {at} is {}", numbers[at])));
         }

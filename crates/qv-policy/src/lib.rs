@@ -7,6 +7,7 @@ pub mod env;
 mod error;
 pub mod net;
 pub mod onnx;
+pub mod play;
 pub mod policy;
 pub mod ppo;
 pub mod random;

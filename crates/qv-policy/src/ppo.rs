@@ -6,12 +6,12 @@
 //!
 //! Minibatches are cut into a fixed number of shards whose gradients are summed in order: the bits do not depend on threads.
 
+use crate::PolicyError;
 use crate::adam::Adam;
 use crate::distribution::Spread;
 use crate::env::{End, VectorEnv};
 use crate::net::{Mlp, Tape, Turned, padded};
 use crate::random::Random;
-use crate::PolicyError;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 

@@ -3,7 +3,7 @@
 use crate::PolicyError;
 use crate::env::{End, VectorEnv};
 use crate::random::Random;
-use crate::velocity::{Commands, VelocityTask};
+use crate::velocity::{Commands, VelocityTask, in_heading};
 use serde::{Deserialize, Serialize};
 
 /// Means over robots and time, from one second after the start on, of those that had not fallen.
@@ -84,10 +84,9 @@ pub fn score(
             let (q, v, _) = task.motion();
             let q = &q[env * (7 + joints)..][..7];
             let v = &v[env * (6 + joints)..][..6];
-            let [w, x, y, z] = [q[3], q[4], q[5], q[6]];
-            let (s, c) = (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z)).sin_cos();
+            let [ahead, aside, _] = in_heading([q[3], q[4], q[5], q[6]], [v[0], v[1], v[2]]);
             let [vx, vy, wz] = task.walkers()[env].command;
-            let off = (c * v[0] + s * v[1] - vx).hypot(c * v[1] - s * v[0] - vy);
+            let off = (ahead - vx).hypot(aside - vy);
             let sums = &mut errors[env];
             *sums = [sums[0] + 1.0, sums[1] + f64::from(off), sums[2] + f64::from((v[5] - wz).abs())];
         }
@@ -98,7 +97,16 @@ pub fn score(
     let ([velocity_error, velocity_error_se], [turning_error, turning_error_se]) = (mean(&each(1)), mean(&each(2)));
     let fell = fallen.iter().filter(|f| **f).count();
     let (swing_time, swing_height) = (figure("swing_time"), figure("swing_height"));
-    Ok(Score { robots: count, fell, velocity_error, velocity_error_se, turning_error, turning_error_se, swing_time, swing_height })
+    Ok(Score {
+        robots: count,
+        fell,
+        velocity_error,
+        velocity_error_se,
+        turning_error,
+        turning_error_se,
+        swing_time,
+        swing_height,
+    })
 }
 
 /// Mean and its standard error.

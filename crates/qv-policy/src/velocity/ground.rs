@@ -111,7 +111,10 @@ impl Ground {
                         heights[at] = shape(kind, hard, [x, y], [slope, step], side, rough[at]);
                     }
                 }
-                places[kind].push([origin + (i0 as f32 + 0.5 * cells as f32) * spacing, origin + (j0 as f32 + 0.5 * cells as f32) * spacing]);
+                places[kind].push([
+                    origin + (i0 as f32 + 0.5 * cells as f32) * spacing,
+                    origin + (j0 as f32 + 0.5 * cells as f32) * spacing,
+                ]);
             }
         }
         let kinds = kinds.map(String::from).to_vec();
@@ -138,17 +141,22 @@ impl Ground {
     ///
     /// # Errors
     /// When no such point is found.
-    pub fn of_terrain(
-        terrain: Terrain,
-        [low, high]: [[f64; 2]; 2],
-        room: f64,
-        seed: u64,
-    ) -> Result<Self, PolicyError> {
+    pub fn of_terrain(terrain: Terrain, [low, high]: [[f64; 2]; 2], room: f64, seed: u64) -> Result<Self, PolicyError> {
         let mut random = Random::of(seed, 13, 0);
         let mut places = Vec::new();
         for _ in 0..20_000 {
             let [x, y] = [0, 1].map(|k| low[k] + f64::from(random.unit()) * (high[k] - low[k]));
-            let ring = [(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)];
+            let ring = [
+                (0.0, 0.0),
+                (1.0, 0.0),
+                (-1.0, 0.0),
+                (0.0, 1.0),
+                (0.0, -1.0),
+                (1.0, 1.0),
+                (-1.0, -1.0),
+                (1.0, -1.0),
+                (-1.0, 1.0),
+            ];
             let heights = ring.map(|(i, j)| terrain.height_below(x + i * room, y + j * room, 1e6));
             let known: Vec<f64> = heights.into_iter().flatten().collect();
             let least = known.iter().copied().fold(f64::INFINITY, f64::min);
@@ -165,7 +173,14 @@ impl Ground {
             let expected = format!("ground with level places of {room} m");
             return Err(PolicyError::setting("terrain", &expected, "none in 20 000 tries"));
         }
-        Ok(Self { terrain, kinds: vec!["terrain".into()], places: vec![places], around: 0.0, reach: f32::INFINITY, grid: None })
+        Ok(Self {
+            terrain,
+            kinds: vec!["terrain".into()],
+            places: vec![places],
+            around: 0.0,
+            reach: f32::INFINITY,
+            grid: None,
+        })
     }
 
     /// Whether this is the plane, whose height is 0 everywhere.

@@ -291,10 +291,8 @@ impl VelocityTask {
             walker.push_steps = walker.push_steps.saturating_sub(1);
             if walker.push_steps == 0 {
                 walker.push_steps = push_steps(&mut walker.random, &self.settings);
-                (change[0], change[1]) = (
-                    f64::from(walker.random.between(-most, most)),
-                    f64::from(walker.random.between(-most, most)),
-                );
+                (change[0], change[1]) =
+                    (f64::from(walker.random.between(-most, most)), f64::from(walker.random.between(-most, most)));
                 self.batch.add_velocity(env, &change)?;
             }
         }
@@ -360,7 +358,12 @@ impl VectorEnv for VelocityTask {
         rows.zip(&mut self.walkers).enumerate().with_min_len(16).for_each(|(env, ((row, all), walker))| {
             let q = &read.q[env * (7 + joints)..][..7 + joints];
             let v = &read.v[env * (6 + joints)..][..6 + joints];
-            let turn = [read.orientation[4 * env], read.orientation[4 * env + 1], read.orientation[4 * env + 2], read.orientation[4 * env + 3]];
+            let turn = [
+                read.orientation[4 * env],
+                read.orientation[4 * env + 1],
+                read.orientation[4 * env + 2],
+                read.orientation[4 * env + 3],
+            ];
             let gyro = [read.gyro[3 * env], read.gyro[3 * env + 1], read.gyro[3 * env + 2]];
             // From the IMU's axes to the base's, by the mounting that the model states.
             let gravity = turned(mount, turned_back(turn, [0.0, 0.0, -1.0]));
@@ -475,7 +478,8 @@ impl VectorEnv for VelocityTask {
     fn figures(&mut self) -> Vec<(&'static str, f32)> {
         let sums = std::mem::replace(&mut self.sums, Sums::new());
         let mean = |sum: f64| if sums.steps > 0.0 { (sum / sums.steps) as f32 } else { 0.0 };
-        let mut out: Vec<(&'static str, f32)> = TERMS.iter().zip(sums.terms).map(|(name, sum)| (*name, mean(sum))).collect();
+        let mut out: Vec<(&'static str, f32)> =
+            TERMS.iter().zip(sums.terms).map(|(name, sum)| (*name, mean(sum))).collect();
         out.push(("velocity_error", mean(sums.velocity_error)));
         out.push(("turning_error", mean(sums.turning_error)));
         let landings = sums.feet[0].max(1.0);
@@ -561,8 +565,7 @@ impl<'a> Judge<'a> {
         walker.ground = ground.unwrap_or(walker.ground);
         let height = q[2] - walker.ground;
         let gravity = turned_back(turn, [0.0, 0.0, -1.0]);
-        let [c, s] = heading(turn);
-        let velocity = [c * v[0] + s * v[1], c * v[1] - s * v[0], v[2]];
+        let velocity = in_heading(turn, [v[0], v[1], v[2]]);
         let (mut touching, mut landed) = ([false; MOST_FEET], [-1.0f32; MOST_FEET]);
         let (mut feet_height, mut feet_speed) = ([0.0f32; MOST_FEET], [0.0f32; MOST_FEET]);
         let mut landings = [0.0f32; 3];
@@ -650,17 +653,8 @@ impl<'a> Judge<'a> {
 pub(crate) const MOST_FEET: usize = 16;
 
 /// Points ahead and aside of the base at which the critic knows the height of the ground \[m\].
-const SCAN: [[f32; 2]; 9] = [
-    [0.4, 0.2],
-    [0.4, 0.0],
-    [0.4, -0.2],
-    [0.2, 0.0],
-    [-0.2, 0.0],
-    [-0.4, 0.2],
-    [-0.4, -0.2],
-    [0.0, 0.2],
-    [0.0, -0.2],
-];
+const SCAN: [[f32; 2]; 9] =
+    [[0.4, 0.2], [0.4, 0.0], [0.4, -0.2], [0.2, 0.0], [-0.2, 0.0], [-0.4, 0.2], [-0.4, -0.2], [0.0, 0.2], [0.0, -0.2]];
 
 fn touches(forces: &[f32], geoms: usize, env: usize, geom: usize) -> bool {
     let f = &forces[(env * geoms + geom) * 3..][..3];
@@ -672,6 +666,12 @@ fn heading([w, x, y, z]: [f32; 4]) -> [f32; 2] {
     let (c, s) = (1.0 - 2.0 * (y * y + z * z), 2.0 * (w * z + x * y));
     let length = c.hypot(s).max(1e-6);
     [c / length, s / length]
+}
+
+/// A vector in the axes of the heading of a quaternion: forwards, to the left, up.
+pub(crate) fn in_heading(turn: [f32; 4], v: [f32; 3]) -> [f32; 3] {
+    let [c, s] = heading(turn);
+    [c * v[0] + s * v[1], c * v[1] - s * v[0], v[2]]
 }
 
 /// A vector turned by a quaternion w, x, y, z.

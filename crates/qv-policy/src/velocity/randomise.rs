@@ -51,13 +51,16 @@ fn fitting<T: Precision>(pattern: &str, batch: &Batch<T>) -> Result<Vec<usize>, 
     let Some((before, after)) = pattern.split_once('*') else {
         return Ok(vec![batch.parameter_index(pattern)?]);
     };
-    let fits = |name: &str| {
-        name.len() >= before.len() + after.len() && name.starts_with(before) && name.ends_with(after)
-    };
+    let fits =
+        |name: &str| name.len() >= before.len() + after.len() && name.starts_with(before) && name.ends_with(after);
     let found: Vec<usize> =
         batch.catalogue().iter().enumerate().filter(|(_, p)| fits(&p.name)).map(|(id, _)| id).collect();
     if found.is_empty() && !pattern.starts_with("material.") {
-        return Err(PolicyError::setting("randomise", "the name of a parameter (* for any joint, link, shape)", pattern));
+        return Err(PolicyError::setting(
+            "randomise",
+            "the name of a parameter (* for any joint, link, shape)",
+            pattern,
+        ));
     }
     Ok(found)
 }

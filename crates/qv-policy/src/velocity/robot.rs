@@ -177,7 +177,11 @@ fn shapes(what: &str, wanted: &[String], model: &Model) -> Result<Vec<usize>, Po
         found.extend(fitting);
     }
     let mut once = Vec::new();
-    found.into_iter().for_each(|g| if !once.contains(&g) { once.push(g) });
+    found.into_iter().for_each(|g| {
+        if !once.contains(&g) {
+            once.push(g)
+        }
+    });
     Ok(once)
 }
 
