@@ -2,24 +2,10 @@
 use qv_policy::env::VectorEnv;
 use qv_policy::ppo::{Ppo, PpoSettings};
 use qv_policy::velocity::*;
-use qv_sim::{BaseKind, Model, ModelOptions};
 use std::time::Instant;
 
 fn robot() -> TaskRobot {
-    let options = ModelOptions { base: BaseKind::Floating, armature: 0.01, ..Default::default() };
-    let model = Model::from_urdf(&qv_go2::model::urdf_with_shapes(), &options).unwrap();
-    for g in &model.geoms {
-        eprint!("{} ", g.name);
-    }
-    let stand = qv_go2::model::STAND.map(|x| x as f32).to_vec();
-    let feet: Vec<usize> = ["FL", "FR", "RL", "RR"]
-        .iter()
-        .map(|l| model.geoms.iter().position(|g| g.name == format!("{l}_foot")).unwrap())
-        .collect();
-    let trunk = (0..model.geoms.len()).filter(|&g| model.geoms[g].link == 0).collect();
-    let sideways = (0..12).map(|j| j % 3 == 0).collect();
-    TaskRobot::new("go2", model, [stand, vec![30.0; 12], vec![0.75; 12], vec![0.25; 12]], feet, trunk, sideways)
-        .unwrap()
+    qv_go2::walk::robot().unwrap()
 }
 
 fn cpu() -> f64 {
@@ -59,7 +45,7 @@ fn main() {
             if (k + 1) % 20 == 0 {
                 let figures = env.figures();
                 let c0 = cpu();
-                let s = qv_policy::score::score(&ppo, &mut judge, &settings.commands, 6.0, 7).unwrap();
+                let s = qv_policy::score::score(&qv_policy::policy::Policy::of(&ppo), &mut judge, &settings.commands, 6.0, 7).unwrap();
                 scoring += cpu() - c0;
                 println!("{k} {:.2}M wall {:.1} cpu {:.1} (score {:.1}) r {:.4} std {:.2} kl {:.4} lr {:.1e} ev {:.2} ends {:?} | fell {} v {:.3} w {:.3} swing {:.3}s {:.1}cm",
                     ((k + 1) * count * 24) as f64 / 1e6, begin.elapsed().as_secs_f64(), cpu() - start - scoring, scoring, it.reward, it.std, it.divergence, it.rate, it.explained, it.ends,

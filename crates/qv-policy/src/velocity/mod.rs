@@ -19,7 +19,7 @@ pub use walker::Walker;
 use crate::PolicyError;
 use crate::env::{End, VectorEnv};
 use crate::random::Random;
-use qv_sim::{Batch, BatchCommand, SimOptions, State};
+use qv_sim::{Batch, BatchCommand, LineSearch, SimOptions, State};
 use randomise::Draws;
 use rayon::prelude::*;
 use reward::{Measures, Seen, Terms, terms};
@@ -107,6 +107,10 @@ impl VelocityTask {
         let options = SimOptions {
             timestep: settings.timestep(),
             iterations: settings.iterations,
+            // Ends that reading docs/simulator.md, "Speed", recommends for training.
+            line_search: LineSearch::Apex,
+            line_search_iterations: 4,
+            tolerance: Some(1e-2),
             max_command_latency: Draws::longest_latency(&settings.randomise),
             ..Default::default()
         };

@@ -33,7 +33,7 @@ impl Default for TaskSettings {
         Self {
             rate: 50.0,
             substeps: 4,
-            iterations: 6,
+            iterations: 8,
             episode: 20.0,
             commands: Commands::default(),
             reward: Reward::default(),
