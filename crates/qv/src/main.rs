@@ -21,6 +21,8 @@ mod report;
 mod rgbd;
 mod scene;
 mod video;
+mod walk;
+mod whole;
 
 use clap::{Args, Parser, Subcommand};
 use qv_replay::ReplayError;
@@ -59,6 +61,9 @@ enum Command {
     /// Turns a scene of Gaussians, or depth images, into a watertight, labelled collision mesh
     #[command(after_help = mesh::EXAMPLE)]
     Mesh(Box<mesh::Mesh>),
+    /// Teaches a robot to walk after velocity commands, scores what it learnt, and shows it
+    #[command(after_help = walk::EXAMPLE)]
+    Walk(walk::Walk),
     /// Puts what reconstruction, contact, replay and diagnosis found on one page
     #[command(after_help = report::EXAMPLE)]
     Report(report::Report),
@@ -106,6 +111,7 @@ fn main() -> ExitCode {
         Command::Reconstruct(command) => command.execute(),
         Command::Render(command) => command.execute(),
         Command::Mesh(command) => command.execute(),
+        Command::Walk(command) => command.execute(),
         Command::Report(command) => command.execute(),
         Command::Fixture(command) => command.execute().map_err(Failure::from),
     };

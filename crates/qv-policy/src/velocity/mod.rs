@@ -47,6 +47,8 @@ pub struct VelocityTask {
     walkers: Vec<Walker>,
     /// Fixed commands instead of drawn ones, and no noise: for scores.
     pub judged: bool,
+    /// Whether robots differ and are pushed where they are judged, too.
+    pub varied: bool,
     targets: Vec<f32>,
     read: Readings,
     sums: Sums,
@@ -137,6 +139,7 @@ impl VelocityTask {
             targets: vec![0.0; count * joints],
             levels: vec![[0; 2]; count],
             judged: false,
+            varied: false,
             sums: Sums::new(),
             mount: mount.map(|x| x as f32),
             robot,
@@ -208,6 +211,8 @@ impl VelocityTask {
         let judged = self.judged;
         if !judged {
             walker.draw_command(&self.settings.commands, dt);
+        }
+        if !judged || self.varied {
             self.draws.draw(env, &mut walker.random, &mut self.batch)?;
             walker.push_steps = push_steps(&mut walker.random, &self.settings);
         }
@@ -287,7 +292,7 @@ impl VelocityTask {
 
     fn push(&mut self) -> Result<(), PolicyError> {
         let most = self.settings.randomise.push;
-        if most == 0.0 || self.judged {
+        if most == 0.0 || (self.judged && !self.varied) {
             return Ok(());
         }
         let mut change = vec![0.0; 6 + self.robot.joints()];

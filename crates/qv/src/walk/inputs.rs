@@ -1,0 +1,121 @@
+//! Robots, grounds and policies that the command line names.
+
+use crate::Failure;
+use crate::open::{file_error, terrain_of};
+use qv_mesh::files::glb;
+use qv_policy::onnx::OnnxPolicy;
+use qv_policy::policy::PolicyFile;
+use qv_policy::velocity::{Ground, RobotFile, TaskRobot};
+use std::fs;
+use std::path::Path;
+
+/// The robot that `--robot` names: go2, or a TOML file beside its URDF.
+pub fn robot_of(name: &str) -> Result<TaskRobot, Failure> {
+    if name == "go2" {
+        return Ok(qv_go2::walk::robot()?);
+    }
+    let path = Path::new(name);
+    let expected = "go2, or a .toml file that describes a robot";
+    let text = fs::read_to_string(path).map_err(|e| file_error(path, expected, &e.to_string()))?;
+    let file = RobotFile::parse(&text).map_err(|e| file_error(path, expected, &e.to_string()))?;
+    let urdf = path.parent().unwrap_or(Path::new("")).join(&file.urdf);
+    let text = fs::read_to_string(&urdf).map_err(|e| file_error(&urdf, "the robot's URDF", &e.to_string()))?;
+    Ok(file.robot(&text).map_err(|e| file_error(path, "a robot that fits its URDF", &e.to_string()))?)
+}
+
+/// The text of the URDF of the robot that `--robot` names.
+pub fn urdf_of(name: &str) -> Result<String, Failure> {
+    if name == "go2" {
+        return Ok(qv_go2::model::urdf_with_shapes());
+    }
+    let path = Path::new(name);
+    let text = fs::read_to_string(path).map_err(|e| file_error(path, "a robot file", &e.to_string()))?;
+    let urdf = path.parent().unwrap_or(Path::new("")).join(RobotFile::parse(&text)?.urdf);
+    Ok(fs::read_to_string(&urdf).map_err(|e| file_error(&urdf, "the robot's URDF", &e.to_string()))?)
+}
+
+/// Height of bumps \[m\], slope \[rad\] and steps \[m\] of the grounds that need no file: what issue-free outdoor ground has at most.
+const BUMPS: f32 = 0.04;
+const SLOPE: f32 = 0.262;
+const STEP: f32 = 0.10;
+
+/// The ground that `--ground` names.
+pub fn ground_of(name: &str, seed: u64) -> Result<Ground, Failure> {
+    match name {
+        "plane" => Ok(Ground::plane()),
+        "bumps" => Ok(Ground::bumps(BUMPS, seed)?),
+        "levels" => Ok(Ground::levels(SLOPE, STEP, seed)?),
+        file => {
+            let path = Path::new(file);
+            let expected = "plane, bumps, levels, or a .glb file";
+            let bytes = fs::read(path).map_err(|e| file_error(path, expected, &e.to_string()))?;
+            let mesh = glb::read(&bytes).map_err(|e| file_error(path, "a mesh in GLB", &e.to_string()))?;
+            let bound = |axis: usize, least: bool| {
+                let all = mesh.vertices.iter().map(|v| v[axis]);
+                if least { all.fold(f64::INFINITY, f64::min) } else { all.fold(f64::NEG_INFINITY, f64::max) }
+            };
+            let area = [[bound(0, true), bound(1, true)], [bound(0, false), bound(1, false)]];
+            let ground = Ground::of_terrain(terrain_of(file)?, area, 0.4, seed);
+            Ok(ground.map_err(|e| file_error(path, "ground that a robot can begin on", &e.to_string()))?)
+        }
+    }
+}
+
+/// A policy of ours: the network and what policy.toml beside it says.
+pub fn policy_of(path: &Path) -> Result<(OnnxPolicy, PolicyFile), Failure> {
+    let bytes = fs::read(path).map_err(|e| file_error(path, "a policy in ONNX", &e.to_string()))?;
+    let policy = OnnxPolicy::from_bytes(&bytes).map_err(|e| file_error(path, "a policy in ONNX", &e.to_string()))?;
+    let beside = path.with_file_name("policy.toml");
+    let expected = "what `qv walk train` wrote beside policy.onnx (for a policy of somebody else: `qv walk roll`)";
+    let text = fs::read_to_string(&beside).map_err(|e| file_error(&beside, expected, &e.to_string()))?;
+    let file = PolicyFile::parse(&text).map_err(|e| file_error(&beside, expected, &e.to_string()))?;
+    Ok((policy, file))
+}
+
+/// A robot with the gains, stand and scale of a policy's file, so that it is run as it was trained.
+pub fn as_trained(mut robot: TaskRobot, file: &PolicyFile) -> Result<TaskRobot, Failure> {
+    file.check(&robot)?;
+    robot.stand.clone_from(&file.stand);
+    robot.kp.clone_from(&file.kp);
+    robot.kd.clone_from(&file.kd);
+    robot.action_scale.clone_from(&file.action_scale);
+    Ok(robot)
+}
+
+/// Numbers of commands on the command line: `vx,vy,wz`.
+pub fn command(text: &str) -> Result<[f32; 3], String> {
+    crate::numbers::three(text, "VX,VY,WZ").map(|three| three.map(|x| x as f32))
+}
+
+/// Two numbers, the first not above the second: `LOW,HIGH`.
+pub fn range(text: &str) -> Result<[f32; 2], String> {
+    let found = || format!("expected two numbers LOW,HIGH, found `{text}`");
+    let numbers: Vec<f32> = text.split(',').map_while(|word| word.trim().parse().ok()).collect();
+    match numbers[..] {
+        [low, high] if low.is_finite() && high.is_finite() && low <= high => Ok([low, high]),
+        _ => Err(found()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_and_commands() {
+        assert_eq!(range("-0.5,1"), Ok([-0.5, 1.0]));
+        for odd in ["", "1", "2,1", "nan,1", "0,1,2", "a,b"] {
+            assert!(range(odd).unwrap_err().contains("LOW,HIGH"), "{odd}");
+        }
+        assert_eq!(command("0.5,0,-1"), Ok([0.5, 0.0, -1.0]));
+    }
+
+    #[test]
+    fn what_is_no_robot_or_ground_is_named() {
+        let said = |e: Failure| e.to_string();
+        assert!(said(robot_of("nobody.toml").unwrap_err()).contains("nobody.toml"));
+        assert!(said(ground_of("nowhere.glb", 0).unwrap_err()).contains("plane, bumps, levels"));
+        assert!(said(policy_of(Path::new("none.onnx")).unwrap_err()).contains("none.onnx"));
+        assert!(ground_of("plane", 0).unwrap().is_plane());
+    }
+}

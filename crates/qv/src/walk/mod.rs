@@ -1,0 +1,42 @@
+//! `qv walk`: a robot learns to walk, and what it has learnt is looked at.
+
+mod around;
+mod inputs;
+mod play;
+mod score;
+mod train;
+
+use crate::{Failure, Outcome};
+
+pub const EXAMPLE: &str = "Example:\n  qv walk train --out out/walk            a Go2 learns to follow velocity commands, in half a minute\n  \
+    qv walk score out/walk/policy.onnx      how well, on fixed commands\n  \
+    qv walk play out/walk/policy.onnx --out out/play   a recording for Foxglove and a page\n\n\
+    policy.onnx takes what a robot's own sensors tell, in SI units, and gives joint targets in radians; policy.toml beside it has\n\
+    rate, gains and order. docs/walking.md tells the rest.\n\n\
+    Exit codes: 0 done, 1 failed, 2 wrong usage.";
+
+#[derive(clap::Args)]
+pub struct Walk {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(clap::Subcommand)]
+enum Command {
+    /// Trains a policy: writes policy.onnx, policy.toml, checkpoint.bin, metrics.json and walk.html
+    Train(Box<train::Train>),
+    /// Runs a policy on fixed commands and prints its errors with their standard errors
+    Score(score::ScoreArguments),
+    /// Walks one robot under commands: replay.mcap for Foxglove, and a page
+    Play(play::Play),
+}
+
+impl Walk {
+    pub fn execute(&self) -> Result<Outcome, Failure> {
+        match &self.command {
+            Command::Train(command) => command.execute(),
+            Command::Score(command) => command.execute(),
+            Command::Play(command) => command.execute(),
+        }
+    }
+}

@@ -1,0 +1,73 @@
+//! `qv walk play`.
+
+use super::inputs::{as_trained, command, ground_of, policy_of, robot_of, urdf_of};
+use crate::open::write_error;
+use crate::whole::write_whole;
+use crate::{Failure, Outcome, say};
+use qv_policy::play::play;
+use qv_policy::policy::OnnxDecision;
+use qv_policy::velocity::{TaskSettings, VelocityTask};
+use std::fs;
+use std::path::PathBuf;
+
+/// Commands that pages show: from when \[s\], and vx, vy \[m/s\], wz \[rad/s\].
+pub const SHOWN: [(f32, [f32; 3]); 5] = [
+    (0.0, [0.0, 0.0, 0.0]),
+    (1.0, [0.5, 0.0, 0.0]),
+    (4.0, [0.8, 0.0, 0.6]),
+    (7.0, [0.0, 0.3, 0.0]),
+    (10.0, [0.0, 0.0, 0.0]),
+];
+
+#[derive(clap::Args)]
+pub struct Play {
+    /// policy.onnx of `qv walk train`, with policy.toml beside it
+    policy: PathBuf,
+    /// go2, or a TOML file that describes a robot beside its URDF
+    #[arg(long, default_value = "go2", value_name = "go2|FILE.toml")]
+    robot: String,
+    /// Where it walks
+    #[arg(long, default_value = "plane", value_name = "plane|bumps|levels|FILE.glb")]
+    ground: String,
+    /// Commands, held equally long one after the other; default: forwards, a curve, sideways, standing
+    #[arg(long, value_name = "VX,VY,WZ", value_parser = command, allow_hyphen_values = true)]
+    command: Vec<[f32; 3]>,
+    /// How long it walks, in seconds
+    #[arg(long, default_value_t = 12.0, value_name = "SECONDS", value_parser = crate::numbers::positive)]
+    seconds: f64,
+    /// Seed of the place
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    seed: u64,
+    /// Directory for replay.mcap, robot.urdf, play.json and walk.html; made if need be
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+impl Play {
+    pub fn execute(&self) -> Result<Outcome, Failure> {
+        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
+        let (mut policy, file) = policy_of(&self.policy)?;
+        let robot = as_trained(robot_of(&self.robot)?, &file)?;
+        let substeps = (1.0 / (f64::from(file.rate) * file.timestep)).round() as usize;
+        let settings = TaskSettings { rate: file.rate, substeps, episode: 1e4, ..Default::default() };
+        let mut task = VelocityTask::new(robot.clone(), ground_of(&self.ground, self.seed)?, settings, 1)?;
+        let seconds = self.seconds as f32;
+        let each = seconds / self.command.len().max(1) as f32;
+        let commands: Vec<(f32, [f32; 3])> = match self.command.is_empty() {
+            true => SHOWN.to_vec(),
+            false => self.command.iter().enumerate().map(|(k, &c)| (k as f32 * each, c)).collect(),
+        };
+        let played = play(OnnxDecision { policy: &mut policy, robot: &robot }, &mut task, &commands, seconds, self.seed)?;
+        let title = format!("{} on {}", file.robot, self.ground);
+        write_whole(&self.out.join("play.json"), format!("{}\n", serde_json::to_string(&played)?).as_bytes())?;
+        let page = super::page::page(&title, &[], None, &played, &file);
+        write_whole(&self.out.join("walk.html"), page.as_bytes())?;
+        super::recording::write_recording(&self.out.join("replay.mcap"), &played, &urdf_of(&self.robot)?)?;
+        let how = match played.fell {
+            Some(step) => format!("it fell after {:.1} s", step as f32 / played.rate),
+            None => format!("it walked for {seconds:.1} s"),
+        };
+        say(&format!("{how}; written to {}\n", self.out.display()))?;
+        Ok(Outcome::Done)
+    }
+}

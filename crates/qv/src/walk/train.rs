@@ -1,0 +1,244 @@
+//! `qv walk train`.
+
+use super::inputs::{ground_of, range, robot_of, urdf_of};
+use crate::open::{file_error, write_error};
+use crate::whole::write_whole;
+use crate::{Failure, Outcome, say};
+use indicatif::{ProgressBar, ProgressStyle};
+use qv_policy::play::play;
+use qv_policy::policy::PolicyFile;
+use qv_policy::train::{Checkpoint, Line, TrainSettings, Training};
+use qv_policy::velocity::{Ground, Randomise, TaskRobot, VelocityTask};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+#[derive(clap::Args)]
+pub struct Train {
+    /// go2, or a TOML file that describes a robot beside its URDF
+    #[arg(long, default_value = "go2", value_name = "go2|FILE.toml")]
+    robot: String,
+    /// plane; bumps of 4 cm; levels (slopes up to 15 degrees, stairs up to 10 cm, bumps); or a mesh that `qv mesh` made
+    #[arg(long, default_value = "plane", value_name = "plane|bumps|levels|FILE.glb")]
+    ground: String,
+    /// Iterations; each is 24 steps of all robots. Default: 400 on the plane, 800 on bumps and meshes or with --robust, 3000 on levels
+    #[arg(long, value_name = "N")]
+    iterations: Option<u64>,
+    /// Stop after so many seconds, if that comes first
+    #[arg(long, value_name = "SECONDS", value_parser = crate::numbers::positive)]
+    max_seconds: Option<f64>,
+    /// Stop as soon as a score has errors below these, and nobody falls: m/s, rad/s
+    #[arg(long, value_name = "V,W", value_parser = goal)]
+    until: Option<[f32; 2]>,
+    /// Robots that learn at once
+    #[arg(long, value_name = "N")]
+    robots: Option<usize>,
+    /// Seed of everything
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Friction, mass, gains, latency and encoders differ from robot to robot, and robots are pushed
+    #[arg(long)]
+    robust: bool,
+    /// What a diagnosis found (calibrated.toml): robots are drawn around it
+    #[arg(long, value_name = "FILE.toml")]
+    around: Option<PathBuf>,
+    /// Least and greatest command forwards, in m/s
+    #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true)]
+    vx: Option<[f32; 2]>,
+    /// Least and greatest command to the left, in m/s
+    #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true)]
+    vy: Option<[f32; 2]>,
+    /// Least and greatest command to turn, in rad/s
+    #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true)]
+    wz: Option<[f32; 2]>,
+    /// All settings (task, rewards, learner) as `settings.toml` in the results has them
+    #[arg(long, value_name = "FILE.toml")]
+    settings: Option<PathBuf>,
+    /// Goes on from checkpoint.bin in the results, with the bits of a training that was never stopped
+    #[arg(long, conflicts_with_all = ["settings", "seed", "robots", "start_from", "robust", "around", "vx", "vy", "wz"])]
+    resume: bool,
+    /// Begins with the networks of another training's checkpoint.bin
+    #[arg(long, value_name = "FILE")]
+    start_from: Option<PathBuf>,
+    /// Threads; default: all
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+    /// Directory for the results; made if need be
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+fn goal(text: &str) -> Result<[f32; 2], String> {
+    let numbers: Vec<f32> = text.split(',').map_while(|word| word.trim().parse().ok()).collect();
+    match numbers[..] {
+        [v, w] if v > 0.0 && w > 0.0 => Ok([v, w]),
+        _ => Err(format!("expected two numbers above 0 (m/s, rad/s), found `{text}`")),
+    }
+}
+
+impl Train {
+    pub fn execute(&self) -> Result<Outcome, Failure> {
+        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
+        let robot = robot_of(&self.robot)?;
+        let kept = self.kept()?;
+        let settings = match &kept {
+            Some(kept) => kept.settings.clone(),
+            None => self.settings(&robot)?,
+        };
+        let ground = ground_of(&self.ground, settings.seed)?;
+        let settings = match &self.around {
+            Some(file) => self.around(file, &robot, &ground, settings)?,
+            None => settings,
+        };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads.unwrap_or(0)).build()?;
+        pool.install(|| self.train(&robot, &ground, settings, kept))
+    }
+
+    /// The checkpoint to go on from.
+    fn kept(&self) -> Result<Option<Checkpoint>, Failure> {
+        let path = self.out.join("checkpoint.bin");
+        if !self.resume {
+            return Ok(None);
+        }
+        let bytes = fs::read(&path).map_err(|e| file_error(&path, "the checkpoint of a training", &e.to_string()))?;
+        let kept = Checkpoint::from_bytes(&bytes);
+        Ok(Some(kept.map_err(|e| file_error(&path, "the checkpoint of a training", &e.to_string()))?))
+    }
+
+    fn settings(&self, robot: &TaskRobot) -> Result<TrainSettings, Failure> {
+        let mut settings = match &self.settings {
+            None => TrainSettings::default(),
+            Some(path) => {
+                let expected = "settings of a training";
+                let text = fs::read_to_string(path).map_err(|e| file_error(path, expected, &e.to_string()))?;
+                toml::from_str(&text).map_err(|e| file_error(path, expected, &e.to_string()))?
+            }
+        };
+        if self.robust {
+            settings.task.randomise = Randomise::robust(&robot.model.links[0].name);
+        }
+        let commands = &mut settings.task.commands;
+        for (given, range) in
+            [(self.vx, &mut commands.vx), (self.vy, &mut commands.vy), (self.wz, &mut commands.wz)]
+        {
+            if let Some(given) = given {
+                *range = given;
+            }
+        }
+        settings.seed = self.seed.unwrap_or(settings.seed);
+        settings.robots = self.robots.unwrap_or(settings.robots);
+        settings.check()?;
+        Ok(settings)
+    }
+
+    fn around(
+        &self,
+        file: &Path,
+        robot: &TaskRobot,
+        ground: &Ground,
+        mut settings: TrainSettings,
+    ) -> Result<TrainSettings, Failure> {
+        let found = super::around::around(file, robot, &ground.terrain, &mut settings.task.randomise)?;
+        say(&format!("{found} parameters are drawn around {}\n", file.display()))?;
+        Ok(settings)
+    }
+
+    /// Iterations to do when nobody says how many: what brought trainings of each kind to where they change little.
+    fn iterations(&self) -> u64 {
+        self.iterations.unwrap_or(match self.ground.as_str() {
+            "levels" => 3000,
+            "plane" if !self.robust => 400,
+            _ => 800,
+        })
+    }
+
+    fn train(
+        &self,
+        robot: &TaskRobot,
+        ground: &Ground,
+        settings: TrainSettings,
+        kept: Option<Checkpoint>,
+    ) -> Result<Outcome, Failure> {
+        let mut training = match &kept {
+            Some(kept) => Training::resume(robot, ground, kept)?,
+            None => Training::new(robot, ground, &settings)?,
+        };
+        if let Some(path) = &self.start_from {
+            let bytes = fs::read(path).map_err(|e| file_error(path, "a checkpoint", &e.to_string()))?;
+            training.start_from(&Checkpoint::from_bytes(&bytes)?)?;
+        }
+        let done = self.run(&mut training)?;
+        let score = match training.best() {
+            Some((score, _)) => score.clone(),
+            None => training.judge_now()?,
+        };
+        let policy = training.best().map_or_else(|| training.policy(), |(_, policy)| policy.clone());
+        let file = PolicyFile::new(robot, &settings.task, &self.ground, Some(score.clone()));
+        let put = |name: &str, bytes: &[u8]| write_whole(&self.out.join(name), bytes);
+        put("policy.onnx", &policy.to_onnx(robot)?)?;
+        put("policy.toml", file.to_text()?.as_bytes())?;
+        put("settings.toml", toml::to_string(&settings)?.as_bytes())?;
+        put("checkpoint.bin", &training.checkpoint().to_bytes()?)?;
+        put("metrics.json", format!("{}\n", serde_json::to_string(&done.lines)?).as_bytes())?;
+        let mut task = VelocityTask::new(robot.clone(), ground.clone(), settings.task.clone(), 1)?;
+        let played = play(&policy, &mut task, &super::play::SHOWN, 12.0, settings.seed)?;
+        put("walk.html", super::page::page(&self.title(), &done.lines, Some(&score), &played, &file).as_bytes())?;
+        super::recording::write_recording(&self.out.join("replay.mcap"), &played, &urdf_of(&self.robot)?)?;
+        say(&format!(
+            "{}\n{} iterations, {:.2} million samples in {:.0} s; written to {}\n",
+            super::score::sentence(&score),
+            done.lines.len(),
+            done.lines.last().map_or(0.0, |l| l.samples as f64 / 1e6),
+            done.seconds,
+            self.out.display()
+        ))?;
+        Ok(Outcome::Done)
+    }
+
+    fn title(&self) -> String {
+        format!("{} on {}", Path::new(&self.robot).file_stem().map_or("robot".into(), |s| s.to_string_lossy()), self.ground)
+    }
+
+    fn run(&self, training: &mut Training) -> Result<Done, Failure> {
+        let stop = Arc::new(AtomicBool::new(false));
+        let flag = stop.clone();
+        // A second handler in one process is refused, which only means that Ctrl-C ends it at once.
+        _ = ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed));
+        let (clock, total) = (Instant::now(), self.iterations());
+        let bar = ProgressBar::new(total);
+        if let Ok(style) = ProgressStyle::with_template("{pos}/{len} {wide_bar} {msg} {eta} left") {
+            bar.set_style(style);
+        }
+        let mut lines: Vec<Line> = Vec::new();
+        let mut told = String::new();
+        while training.ppo().iterations < total {
+            let before = training.checkpoint().epoch;
+            let line = training.advance()?;
+            bar.set_position(training.ppo().iterations);
+            if let Some(score) = &line.score {
+                told = format!("{:.2} m/s {:.2} rad/s off, {} fell", score.velocity_error, score.turning_error, score.fell);
+            }
+            bar.set_message(format!("reward {:.3} {told}", line.iteration.reward));
+            let reached = line.score.as_ref().zip(self.until).is_some_and(|(score, [v, w])| {
+                score.velocity_error < v && score.turning_error < w && score.fell == 0
+            });
+            lines.push(line);
+            if training.checkpoint().epoch != before {
+                write_whole(&self.out.join("checkpoint.bin"), &training.checkpoint().to_bytes()?)?;
+            }
+            let late = self.max_seconds.is_some_and(|most| clock.elapsed().as_secs_f64() > most);
+            if reached || late || stop.load(Ordering::Relaxed) {
+                break;
+            }
+        }
+        bar.finish_and_clear();
+        Ok(Done { lines, seconds: clock.elapsed().as_secs_f64() })
+    }
+}
+
+struct Done {
+    lines: Vec<Line>,
+    seconds: f64,
+}
