@@ -189,6 +189,11 @@ fn what_is_wrong_in_a_description_is_named() {
     assert!(refused("scale = [1.0, 2.0, 3.0]", "scale = [1.0]").contains("observation.terms[1].scale"));
     assert!(refused("frequency = 2.0", "frequency = 0.0").contains("observation.terms[7].frequency"));
     assert!(refused("term = \"gyro\"", "term = \"gyros\"").contains("gyros"));
+    assert_eq!(
+        refused(r#""command" }"#, r#""command", scales = 2.0 }"#),
+        "description, `observation.terms[3]`: expected keys among term, scale, found scales"
+    );
+    assert!(refused("standing = -1.0", "stand = -1.0").contains("found stand"));
     assert!(refused("clip = 3.0", "clips = 3.0").contains("clips"));
     assert!(Description::from_toml("name = 3").unwrap_err().to_string().starts_with("description:"));
 }
@@ -199,6 +204,14 @@ fn what_goes_wrong_in_a_roll_is_named() {
     let model = model("rl_sar_go2");
     let start = standing(&model, &description, 0.32);
     let mut batch = batch(&model, &description);
+    let rolled = |batch: &mut Batch<f64>, command: [f64; 3], duration: f64| {
+        let zeros = |_: &[f32]| Ok::<_, RollError>(vec![0.0; 12]);
+        roll(batch, &description, &start, command, duration, zeros).unwrap_err().to_string()
+    };
+    let found = rolled(&mut batch, [0.0; 3], f64::INFINITY);
+    assert_eq!(found, "duration of a roll: expected 0 to 1e6 s, found inf");
+    let found = rolled(&mut batch, [0.0, f64::NAN, 0.0], 1.0);
+    assert_eq!(found, "commanded velocity: expected finite numbers, found NaN");
     let mut refused = |description: &Description, action: Result<Vec<f32>, String>| {
         roll(&mut batch, description, &start, [0.0; 3], 1.0, |_| action.clone()).unwrap_err().to_string()
     };
@@ -213,7 +226,7 @@ fn what_goes_wrong_in_a_roll_is_named() {
     let mut other = description.clone();
     other.joints[2] = "tail".into();
     assert!(refused(&other, Ok(vec![0.0; 12])).contains("found `tail`"));
-    let mut other = description;
+    let mut other = description.clone();
     other.simulation.timestep = 0.002;
     let expected = "description, `simulation.timestep`: expected that of the batch, 0.001 s, found 0.002";
     assert_eq!(refused(&other, Ok(vec![0.0; 12])), expected);

@@ -254,6 +254,7 @@ impl Description {
     /// Names the key: not TOML, unknown or missing, a list of the wrong length, a number that means nothing.
     pub fn from_toml(text: &str) -> Result<Self, RollError> {
         let description: Self = toml::from_str(text).map_err(|error| RollError::Toml(error.to_string()))?;
+        check_term_keys(text)?;
         description.check()?;
         Ok(description)
     }
@@ -353,6 +354,25 @@ impl Description {
         }
         Ok(())
     }
+}
+
+/// That terms have no unknown keys: serde does not look, where a structure is flattened into another.
+fn check_term_keys(text: &str) -> Result<(), RollError> {
+    let table: toml::Table = toml::from_str(text).map_err(|error| RollError::Toml(error.to_string()))?;
+    let terms = table.get("observation").and_then(|observation| observation.get("terms")).and_then(|t| t.as_array());
+    for (k, term) in terms.into_iter().flatten().filter_map(|term| term.as_table()).enumerate() {
+        let own: &[&str] = match term.get("term").and_then(|name| name.as_str()) {
+            Some("linear_velocity") => &["at"],
+            Some("clock") => &["frequency", "offsets", "form", "standing"],
+            _ => &[],
+        };
+        let known = |key: &&String| ["term", "scale"].contains(&key.as_str()) || own.contains(&key.as_str());
+        if let Some(key) = term.keys().find(|key| !known(key)) {
+            let expected = [&["term", "scale"], own].concat().join(", ");
+            return Err(value(&format!("observation.terms[{k}]"), format!("keys among {expected}"), key));
+        }
+    }
+    Ok(())
 }
 
 fn positive(key: &str, number: f64) -> Result<(), RollError> {

@@ -28,7 +28,7 @@ pub struct Rolled {
 /// description's.
 ///
 /// # Errors
-/// When a joint is not the robot's, the batch steps otherwise than the description says, the policy fails or gives an
+/// When duration or command mean nothing, a joint is not the robot's, the batch steps otherwise than the description says, the policy fails or gives an
 /// action of the wrong length or not finite, or the simulation runs away.
 pub fn roll<E: std::fmt::Display>(
     batch: &mut Batch<f64>,
@@ -38,6 +38,14 @@ pub fn roll<E: std::fmt::Display>(
     duration: f64,
     mut policy: impl FnMut(&[f32]) -> Result<Vec<f32>, E>,
 ) -> Result<Rolled, RollError> {
+    if !(0.0..=1e6).contains(&duration) {
+        let (what, expected) = ("duration of a roll".to_owned(), "0 to 1e6 s".to_owned());
+        return Err(SimError::Value { what, expected, found: duration }.into());
+    }
+    if let Some(&found) = command.iter().find(|x| !x.is_finite()) {
+        let (what, expected) = ("commanded velocity".to_owned(), "finite numbers".to_owned());
+        return Err(SimError::Value { what, expected, found }.into());
+    }
     let map = Map::new(batch.model(), description)?;
     set_up(batch, description, &map)?;
     batch.set_state(0, start)?;
