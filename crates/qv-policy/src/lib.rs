@@ -11,6 +11,7 @@ pub mod play;
 pub mod policy;
 pub mod ppo;
 pub mod random;
+pub mod roll;
 pub mod score;
 pub mod train;
 pub mod velocity;

@@ -91,7 +91,8 @@ impl GraphBuilder {
     /// # Errors
     /// When the name is empty or taken, `values` does not fill `shape`, or a value is not finite.
     pub fn constant(&mut self, name: &str, shape: &[usize], values: &[f32]) -> Result<Tensor, OnnxError> {
-        check(name, shape.iter().product(), values)?;
+        let expected = shape.iter().fold(1_usize, |product, &size| product.saturating_mul(size));
+        check(name, expected, values)?;
         let raw: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
         self.initialiser(name, FLOAT, shape, &raw)
     }

@@ -96,7 +96,7 @@ impl PolicyGraph<'_> {
                 let what = format!("inputs of layer {k}");
                 return Err(OnnxError::Length { what, expected: width, found: layer.inputs });
             }
-            let weights = layer.inputs.checked_mul(layer.outputs).unwrap_or(usize::MAX);
+            let weights = layer.inputs.saturating_mul(layer.outputs);
             check(&format!("weights of layer {k}"), weights, layer.weights)?;
             check(&format!("bias of layer {k}"), layer.outputs, layer.bias)?;
             width = layer.outputs;

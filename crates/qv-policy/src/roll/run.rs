@@ -1,0 +1,205 @@
+//! Runs a policy on a robot of the simulator under a constant command.
+
+use super::RollError;
+use super::description::{Description, Numbers};
+use super::observe::{Observer, Seen};
+use qv_sim::{Batch, JointCommand, Model, SimError, State};
+
+/// What a roll did: one sample at the start and one after every action, joints in the description's order.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Rolled {
+    /// Time since the start \[s\].
+    pub time: Vec<f64>,
+    /// Base in the world: x, y, z \[m\], quaternion w, x, y, z.
+    pub base: Vec<[f64; 7]>,
+    /// Joint angles \[rad\].
+    pub joints: Vec<Vec<f64>>,
+    /// Torques of the last physics step \[N m\]; zeros at the start.
+    pub torques: Vec<Vec<f64>>,
+    /// What the policy saw before each action.
+    pub observations: Vec<Vec<f32>>,
+    /// Actions, clipped.
+    pub actions: Vec<Vec<f64>>,
+}
+
+/// Rolls `policy` from `start` for `duration` \[s\] under `command`: forward, left \[m/s\], counter-clockwise \[rad/s\].
+/// Environment 0 of `batch` is the robot; others are stepped along. Torque limits and joint parameters of the
+/// description are set on it; the ground's friction and the time step are the batch's own, and the step must be the
+/// description's.
+///
+/// # Errors
+/// When duration or command mean nothing, a joint is not the robot's, the batch steps otherwise than the description says, the policy fails or gives an
+/// action of the wrong length or not finite, or the simulation runs away.
+pub fn roll<E: std::fmt::Display>(
+    batch: &mut Batch<f64>,
+    description: &Description,
+    start: &State,
+    command: [f64; 3],
+    duration: f64,
+    mut policy: impl FnMut(&[f32]) -> Result<Vec<f32>, E>,
+) -> Result<Rolled, RollError> {
+    if !(0.0..=1e6).contains(&duration) {
+        let (what, expected) = ("duration of a roll".to_owned(), "0 to 1e6 s".to_owned());
+        return Err(SimError::Value { what, expected, found: duration }.into());
+    }
+    if let Some(&found) = command.iter().find(|x| !x.is_finite()) {
+        let (what, expected) = ("commanded velocity".to_owned(), "finite numbers".to_owned());
+        return Err(SimError::Value { what, expected, found }.into());
+    }
+    let map = Map::new(batch.model(), description)?;
+    set_up(batch, description, &map)?;
+    batch.set_state(0, start)?;
+    let (mut observer, mut rolled) = (Observer::new(description), Rolled::default());
+    let count = description.joints.len();
+    let (mut last, mut state) = (vec![0.0; count], start.clone());
+    rolled.push(0.0, &start.q, map.joints(&start.q), vec![0.0; count]);
+    for k in 0..(duration * description.rate).round() as usize {
+        let time = k as f64 / description.rate;
+        let seen = Seen {
+            base: state.q[..7].try_into().unwrap_or([f64::NAN; 7]),
+            velocity: state.v[..6].try_into().unwrap_or([f64::NAN; 6]),
+            joints: &map.joints(&state.q),
+            speeds: &map.speeds(&state.v),
+            command,
+            last_action: &last,
+            actions: k,
+        };
+        let observation = observer.observe(&seen);
+        let raw = policy(&observation).map_err(|error| RollError::Policy { time, reason: error.to_string() })?;
+        let action = clipped(description, &raw, time)?;
+        map.command(batch, description, &action, &last)?;
+        batch.step_many(description.steps_per_action());
+        if batch.is_faulty(0)? {
+            return Err(RollError::RanAway { time: time + 1.0 / description.rate });
+        }
+        batch.read_state(0, &mut state)?;
+        let torques = map.pick(&batch.sensors(0)?.tau);
+        rolled.push((k + 1) as f64 / description.rate, &state.q, map.joints(&state.q), torques);
+        rolled.observations.push(observation);
+        rolled.actions.push(action.clone());
+        last = action;
+    }
+    Ok(rolled)
+}
+
+impl Rolled {
+    fn push(&mut self, time: f64, q: &[f64], joints: Vec<f64>, torques: Vec<f64>) {
+        self.time.push(time);
+        self.base.push(q[..7].try_into().unwrap_or([f64::NAN; 7]));
+        self.joints.push(joints);
+        self.torques.push(torques);
+    }
+}
+
+fn clipped(description: &Description, raw: &[f32], time: f64) -> Result<Vec<f64>, RollError> {
+    let expected = description.joints.len();
+    if raw.len() != expected {
+        return Err(RollError::Action { time, expected, found: format!("{} numbers", raw.len()) });
+    }
+    if let Some(found) = raw.iter().find(|x| !x.is_finite()) {
+        return Err(RollError::Action { time, expected, found: found.to_string() });
+    }
+    let clip = description.action_clip.unwrap_or(f64::INFINITY);
+    Ok(raw.iter().map(|&x| f64::from(x).clamp(-clip, clip)).collect())
+}
+
+/// Sets what the description says about the robot on environment 0.
+fn set_up(batch: &mut Batch<f64>, description: &Description, map: &Map) -> Result<(), RollError> {
+    let simulation = &description.simulation;
+    let step = batch.options().timestep;
+    if (step - simulation.timestep).abs() > 1e-12 {
+        return Err(RollError::Value {
+            key: "simulation.timestep".to_owned(),
+            expected: format!("that of the batch, {step} s"),
+            found: simulation.timestep.to_string(),
+        });
+    }
+    for (k, name) in description.joints.iter().enumerate() {
+        let mut set = |what: &str, value: f64| batch.set_parameter(0, &what.replace('*', name), value);
+        set("joint.*.armature", simulation.armature)?;
+        set("joint.*.viscous_friction", simulation.viscous_friction)?;
+        set("joint.*.coulomb_friction", simulation.coulomb_friction)?;
+        let limit = description.torque_limits.as_ref().map(|limits| limits.at(k));
+        if let Some(limit) = limit.or(Some(map.efforts[k]).filter(|effort| effort.is_finite())) {
+            set("actuator.*.torque_limit", limit)?;
+        }
+    }
+    Ok(())
+}
+
+/// From the model's joints to the description's.
+struct Map {
+    /// Index in the model of each joint.
+    model_joint: Vec<usize>,
+    efforts: Vec<f64>,
+    /// Position limits \[rad\].
+    limits: Vec<(f64, f64)>,
+    model_joints: usize,
+}
+
+impl Map {
+    fn new(model: &Model, description: &Description) -> Result<Self, RollError> {
+        if model.base_dofs() != 6 {
+            let (what, expected) = ("degrees of freedom of the base".to_owned(), "6: a free base".to_owned());
+            return Err(SimError::Value { what, expected, found: model.base_dofs() as f64 }.into());
+        }
+        let find = |joint: &String| {
+            model.joint_index(joint).ok_or_else(|| RollError::Joint {
+                robot: model.name.clone(),
+                joint: joint.clone(),
+                known: model.joint_names().join(", "),
+            })
+        };
+        let model_joint = description.joints.iter().map(find).collect::<Result<Vec<_>, _>>()?;
+        let joints = || model_joint.iter().map(|&j| &model.joints[j]);
+        let efforts = joints().map(|joint| joint.effort).collect();
+        let limits = joints().map(|joint| (joint.lower, joint.upper)).collect();
+        Ok(Self { model_joint, efforts, limits, model_joints: model.joints.len() })
+    }
+
+    /// Values of the description's joints from those of the model's.
+    fn pick(&self, values: &[f64]) -> Vec<f64> {
+        self.model_joint.iter().map(|&j| values[j]).collect()
+    }
+
+    fn joints(&self, q: &[f64]) -> Vec<f64> {
+        self.pick(&q[7..])
+    }
+
+    fn speeds(&self, v: &[f64]) -> Vec<f64> {
+        self.pick(&v[6..])
+    }
+
+    fn spread(&self, value: impl Fn(usize) -> f64) -> Vec<f64> {
+        let mut all = vec![0.0; self.model_joints];
+        self.model_joint.iter().enumerate().for_each(|(k, &j)| all[j] = value(k));
+        all
+    }
+
+    /// Hands the action to the motors. Joints that the description does not name go limp.
+    fn command(
+        &self,
+        batch: &mut Batch<f64>,
+        description: &Description,
+        action: &[f64],
+        last: &[f64],
+    ) -> Result<(), RollError> {
+        let share = description.action_share;
+        let target = |k: usize| {
+            let applied = share * action[k] + (1.0 - share) * last[k];
+            let target = description.stand[k] + description.action_scale.at(k) * applied;
+            let (lower, upper) = self.limits[k];
+            if description.clip_targets { target.clamp(lower, upper) } else { target }
+        };
+        let gain = |numbers: &Numbers| self.spread(|k| numbers.at(k));
+        let zeros = vec![0.0; self.model_joints];
+        let command = JointCommand {
+            q: &self.spread(target),
+            dq: &zeros,
+            kp: &gain(&description.kp),
+            kd: &gain(&description.kd),
+            tau: &zeros,
+        };
+        Ok(batch.set_command(0, &command)?)
+    }
+}
