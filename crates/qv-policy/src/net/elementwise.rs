@@ -79,7 +79,8 @@ fn exp(x: f32) -> f32 {
 fn elu_loop(values: &mut [f32]) {
     for value in values {
         let below = exp(if *value < 0.0 { *value } else { 0.0 }) - 1.0;
-        *value = if *value > 0.0 { *value } else { below };
+        // What is not a number stays so: it must be found, not hidden.
+        *value = if *value <= 0.0 { below } else { *value };
     }
 }
 
@@ -156,6 +157,9 @@ mod tests {
         elu(&mut values);
         assert_eq!(values[..2], [-1.0, -1.0]);
         assert!(values.iter().all(|x| x.is_finite()));
+        let mut values = [f32::NAN, 1.0];
+        elu(&mut values);
+        assert!(values[0].is_nan());
         let mut values = [-1e30, 1e30];
         tanh(&mut values);
         assert_eq!(values, [-1.0, 1.0]);

@@ -1,0 +1,176 @@
+//! Trainings: the same bits on any number of threads and after an interruption; what goes wrong is named; robots other than
+//! the Go2 train from their URDF and a few lines.
+
+use qv_policy::PolicyError;
+use qv_policy::env::{End, VectorEnv};
+use qv_policy::ppo::PpoSettings;
+use qv_policy::train::{Checkpoint, TrainSettings, Training};
+use qv_policy::velocity::{Ground, Randomise, RobotFile, TaskRobot, TaskSettings, VelocityTask};
+use std::path::Path;
+
+fn small(seed: u64) -> TrainSettings {
+    TrainSettings {
+        seed,
+        robots: 40,
+        epoch: 3,
+        score_every: 2,
+        score_robots: 8,
+        score_seconds: 1.5,
+        task: TaskSettings { randomise: Randomise::robust("base"), ..Default::default() },
+        ppo: PpoSettings { actor: vec![32], critic: vec![32], ..Default::default() },
+    }
+}
+
+fn go2() -> TaskRobot {
+    qv_go2::walk::robot().unwrap()
+}
+
+fn bits(training: &Training) -> Vec<u32> {
+    training.ppo().parameters.iter().map(|x| x.to_bits()).collect()
+}
+
+fn trained(threads: usize, iterations: usize, seed: u64) -> Vec<u32> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    pool.install(|| {
+        let ground = Ground::bumps(0.04, seed).unwrap();
+        let mut training = Training::new(&go2(), &ground, &small(seed)).unwrap();
+        (0..iterations).for_each(|_| drop(training.advance().unwrap()));
+        bits(&training)
+    })
+}
+
+#[test]
+fn same_bits_on_one_thread_and_on_three() {
+    let one = trained(1, 4, 5);
+    assert_eq!(one, trained(3, 4, 5));
+    assert_ne!(one, trained(1, 4, 6), "another seed");
+}
+
+#[test]
+fn a_training_that_is_taken_up_again_has_the_same_bits() {
+    let ground = Ground::levels(0.2, 0.08, 1).unwrap();
+    let mut whole = Training::new(&go2(), &ground, &small(9)).unwrap();
+    let mut kept = None;
+    for iteration in 0..8 {
+        whole.advance().unwrap();
+        if iteration == 4 {
+            // In mid-epoch the checkpoint is that of the epoch's beginning.
+            kept = Some(whole.checkpoint().to_bytes().unwrap());
+        }
+    }
+    let kept = Checkpoint::from_bytes(&kept.unwrap()).unwrap();
+    assert_eq!((kept.iterations, kept.epoch), (3, 1));
+    let mut again = Training::resume(&go2(), &ground, &kept).unwrap();
+    (0..5).for_each(|_| drop(again.advance().unwrap()));
+    assert_eq!(bits(&again), bits(&whole));
+    assert_eq!(again.checkpoint(), whole.checkpoint());
+    assert_eq!(again.best().unwrap().0, whole.best().unwrap().0);
+}
+
+#[test]
+fn damaged_checkpoints_are_named() {
+    let training = Training::new(&go2(), &Ground::plane(), &small(1)).unwrap();
+    let bytes = training.checkpoint().to_bytes().unwrap();
+    assert_eq!(&Checkpoint::from_bytes(&bytes).unwrap(), training.checkpoint());
+    let mut not_finite = bytes.clone();
+    let end = not_finite.len();
+    not_finite[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
+    for (damaged, said) in [
+        (&bytes[..bytes.len() - 3], "bytes of numbers"),
+        (&bytes[..20], "no line of JSON"),
+        (b"{}\n", "missing field"),
+        (&not_finite[..], "is NaN"),
+    ] {
+        let error = Checkpoint::from_bytes(damaged).unwrap_err().to_string();
+        assert!(error.contains("checkpoint") && error.contains(said), "{error}");
+    }
+    let other = TrainSettings { ppo: PpoSettings::default(), ..small(1) };
+    let mut kept = training.checkpoint().clone();
+    kept.settings = other;
+    assert!(matches!(Training::resume(&go2(), &Ground::plane(), &kept), Err(PolicyError::Mismatch { .. })));
+}
+
+#[test]
+fn what_is_not_finite_stops_a_training_with_its_name() {
+    let mut training = Training::new(&go2(), &Ground::plane(), &small(2)).unwrap();
+    training.advance().unwrap();
+    training.ppo_mut().parameters[0] = f32::NAN;
+    let error = training.advance().map(|_| ()).unwrap_err();
+    assert!(matches!(&error, PolicyError::NotFinite { iteration: 1, term, .. } if term == "action"), "{error}");
+
+    let mut settings = small(2);
+    settings.task.reward.torque = f32::INFINITY;
+    let mut training = Training::new(&go2(), &Ground::plane(), &settings).unwrap();
+    let error = training.advance().map(|_| ()).unwrap_err();
+    assert!(error.to_string().contains("term `torque` of the reward"), "{error}");
+}
+
+#[test]
+fn settings_that_mean_nothing_are_named() {
+    type Change = fn(&mut TrainSettings);
+    let changes: [(Change, &str); 8] = [
+        (|s| s.robots = 0, "robots"),
+        (|s| s.task.rate = f32::NAN, "rate"),
+        (|s| s.task.commands.vx = [1.0, 0.0], "commands.vx"),
+        (|s| s.ppo.clip = 0.0, "clip"),
+        (|s| s.ppo.actor = vec![0], "size of a layer"),
+        (|s| s.task.reward.velocity_width = 0.0, "velocity_width"),
+        (|s| drop(s.task.randomise.parameters.insert("contact.friction".into(), [1.0, 0.0])), "contact.friction"),
+        (|s| drop(s.task.randomise.parameters.insert("joint.*.magic".into(), [0.0, 1.0])), "joint.*.magic"),
+    ];
+    for (change, named) in changes {
+        let mut settings = small(0);
+        change(&mut settings);
+        let error = Training::new(&go2(), &Ground::plane(), &settings).map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains(named), "{named}: {error}");
+    }
+    let error = Ground::bumps(3.0, 0).map(|_| ()).unwrap_err().to_string();
+    assert!(error.contains("height of bumps") && error.contains('3'), "{error}");
+}
+
+#[test]
+fn other_robots_stand_on_their_feet_and_learn() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("robots");
+    for name in ["go1", "a1", "a2", "anymal_c"] {
+        let read = |file: &str| std::fs::read_to_string(folder.join(file)).unwrap();
+        let file = RobotFile::parse(&read(&format!("{name}.toml"))).unwrap();
+        let robot = file.robot(&read(&file.urdf)).unwrap();
+        assert_eq!((robot.feet.len(), robot.joints()), (4, 12), "{name}");
+        assert!(!robot.trunk.is_empty() && !robot.limbs.is_empty(), "{name}");
+        // At rest under its own gains: nothing but feet touches, and it neither falls nor sinks by more than a third (gains are soft).
+        let mut task = VelocityTask::new(robot.clone(), Ground::plane(), TaskSettings::default(), 2).unwrap();
+        task.judged = true;
+        task.restart(0, 0).unwrap();
+        let (mut rewards, mut ends) = ([0.0; 2], [End::No; 2]);
+        for _ in 0..100 {
+            task.step(&[0.0; 24], &mut rewards, &mut ends).unwrap();
+            assert_eq!(ends, [End::No; 2], "{name} falls");
+        }
+        let height = task.motion().0[2];
+        assert!((height / robot.height - 1.0).abs() < 0.34, "{name}: {height} m for {} m", robot.height);
+        let mut settings = small(3);
+        settings.task.randomise = Randomise::default();
+        let mut training = Training::new(&robot, &Ground::plane(), &settings).unwrap();
+        assert!(training.advance().unwrap().iteration.reward.is_finite(), "{name}");
+    }
+}
+
+#[test]
+fn robot_files_that_do_not_fit_are_named() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("robots");
+    let text = std::fs::read_to_string(folder.join("go1.toml")).unwrap();
+    let urdf = std::fs::read_to_string(folder.join("go1.urdf")).unwrap();
+    for (from, to, said) in [
+        ("hip_joint = 0.0", "hop_joint = 0.0", "hop_joint"),
+        ("\"FL_foot\"", "\"FL_hoof\"", "FL_hoof"),
+        ("kp = 35.0", "kp = -1.0", "kp"),
+        ("calf_joint = -1.8", "calf_joint = 3.0", "stand of `FL_calf_joint`"),
+        ("[\"FL\", \"FR\"", "[\"FR\", \"FL\"", "legs and joints"),
+        ("kp = 35.0", "kp = 35.0\nspeed = 3", "speed"),
+    ] {
+        let changed = text.replacen(from, to, 1);
+        assert_ne!(changed, text, "{from} is there");
+        let error = RobotFile::parse(&changed).and_then(|f| f.robot(&urdf)).map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains(said), "{said}: {error}");
+    }
+}
