@@ -20,7 +20,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let [forward, left, turn, seconds] = settings;
     let description = Description::from_toml(&std::fs::read_to_string(description)?)?;
     let urdf = if robot == "go2" { qv_go2::model::urdf() } else { std::fs::read_to_string(robot)? };
-    let model = Model::from_urdf(&urdf, &ModelOptions { armature: 0.01, ..Default::default() })?;
+    let model =
+        Model::from_urdf(&urdf, &ModelOptions { armature: description.simulation.armature, ..Default::default() })?;
     let terrain = Terrain::plane().with_friction(description.simulation.friction)?;
     // Tolerance and motors as in the reference: solved to the end, and torque that does not fall with speed.
     let options =
@@ -43,7 +44,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// At rest in the description's stand, level, the lowest sphere touching the ground.
+/// At rest in the description's stand, level, the lowest sphere 1 mm above the ground: whether one that just
+/// touches is a contact in the first step hangs on rounding.
 fn standing(model: &Model, description: &Description) -> State {
     let mut q = vec![0.0; model.nq()];
     q[3] = 1.0;
@@ -57,6 +59,6 @@ fn standing(model: &Model, description: &Description) -> State {
         qv_sim::Shape::Sphere(radius) => Some((poses[geom.link] * geom.link_from_geom).position.z - radius),
         _ => None,
     });
-    q[2] = -lowest.fold(f64::INFINITY, f64::min);
+    q[2] = 0.001 - lowest.fold(f64::INFINITY, f64::min);
     State { q, v: vec![0.0; model.nv()] }
 }
