@@ -2,7 +2,10 @@
 
 mod around;
 mod inputs;
+mod page;
 mod play;
+mod recording;
+mod roll;
 mod score;
 mod train;
 
@@ -29,6 +32,8 @@ enum Command {
     Score(score::ScoreArguments),
     /// Walks one robot under commands: replay.mcap for Foxglove, and a page
     Play(play::Play),
+    /// Runs somebody else's policy in our simulator, from a description of what it sees
+    Roll(roll::Roll),
 }
 
 impl Walk {
@@ -37,6 +42,7 @@ impl Walk {
             Command::Train(command) => command.execute(),
             Command::Score(command) => command.execute(),
             Command::Play(command) => command.execute(),
+            Command::Roll(command) => command.execute(),
         }
     }
 }

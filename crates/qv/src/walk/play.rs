@@ -57,7 +57,8 @@ impl Play {
             true => SHOWN.to_vec(),
             false => self.command.iter().enumerate().map(|(k, &c)| (k as f32 * each, c)).collect(),
         };
-        let played = play(OnnxDecision { policy: &mut policy, robot: &robot }, &mut task, &commands, seconds, self.seed)?;
+        let played =
+            play(OnnxDecision { policy: &mut policy, robot: &robot }, &mut task, &commands, seconds, self.seed)?;
         let title = format!("{} on {}", file.robot, self.ground);
         write_whole(&self.out.join("play.json"), format!("{}\n", serde_json::to_string(&played)?).as_bytes())?;
         let page = super::page::page(&title, &[], None, &played, &file);

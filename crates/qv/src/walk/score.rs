@@ -52,7 +52,8 @@ impl ScoreArguments {
         let robot = as_trained(robot_of(&self.robot)?, &file)?;
         let ground = ground_of(&self.ground, self.seed)?;
         let mut settings = TaskSettings { rate: file.rate, episode: 1e4, ..Default::default() };
-        settings.substeps = self.substeps.unwrap_or_else(|| (1.0 / (f64::from(file.rate) * file.timestep)).round() as usize);
+        settings.substeps =
+            self.substeps.unwrap_or_else(|| (1.0 / (f64::from(file.rate) * file.timestep)).round() as usize);
         if self.substeps.is_some() {
             settings.iterations = 30;
         }
@@ -60,9 +61,7 @@ impl ScoreArguments {
             settings.randomise = qv_policy::velocity::Randomise::robust(&robot.model.links[0].name);
         }
         let mut commands = file.commands.clone();
-        for (given, range) in
-            [(self.vx, &mut commands.vx), (self.vy, &mut commands.vy), (self.wz, &mut commands.wz)]
-        {
+        for (given, range) in [(self.vx, &mut commands.vx), (self.vy, &mut commands.vy), (self.wz, &mut commands.wz)] {
             *range = given.unwrap_or(*range);
         }
         let mut task = VelocityTask::new(robot.clone(), ground, settings, self.robots)?;

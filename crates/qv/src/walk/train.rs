@@ -93,7 +93,9 @@ impl Train {
             None => settings,
         };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads.unwrap_or(0)).build()?;
-        pool.install(|| self.train(&robot, &ground, settings, kept))
+        // Errors of the command line stay on their thread: this one crosses as its text.
+        let told = pool.install(|| self.train(&robot, &ground, settings, kept).map_err(|e| e.to_string()));
+        told.map_err(Failure::from)
     }
 
     /// The checkpoint to go on from.
@@ -120,9 +122,7 @@ impl Train {
             settings.task.randomise = Randomise::robust(&robot.model.links[0].name);
         }
         let commands = &mut settings.task.commands;
-        for (given, range) in
-            [(self.vx, &mut commands.vx), (self.vy, &mut commands.vy), (self.wz, &mut commands.wz)]
-        {
+        for (given, range) in [(self.vx, &mut commands.vx), (self.vy, &mut commands.vy), (self.wz, &mut commands.wz)] {
             if let Some(given) = given {
                 *range = given;
             }
@@ -198,7 +198,11 @@ impl Train {
     }
 
     fn title(&self) -> String {
-        format!("{} on {}", Path::new(&self.robot).file_stem().map_or("robot".into(), |s| s.to_string_lossy()), self.ground)
+        format!(
+            "{} on {}",
+            Path::new(&self.robot).file_stem().map_or("robot".into(), |s| s.to_string_lossy()),
+            self.ground
+        )
     }
 
     fn run(&self, training: &mut Training) -> Result<Done, Failure> {
@@ -218,12 +222,16 @@ impl Train {
             let line = training.advance()?;
             bar.set_position(training.ppo().iterations);
             if let Some(score) = &line.score {
-                told = format!("{:.2} m/s {:.2} rad/s off, {} fell", score.velocity_error, score.turning_error, score.fell);
+                told = format!(
+                    "{:.2} m/s {:.2} rad/s off, {} fell",
+                    score.velocity_error, score.turning_error, score.fell
+                );
             }
             bar.set_message(format!("reward {:.3} {told}", line.iteration.reward));
-            let reached = line.score.as_ref().zip(self.until).is_some_and(|(score, [v, w])| {
-                score.velocity_error < v && score.turning_error < w && score.fell == 0
-            });
+            let reached =
+                line.score.as_ref().zip(self.until).is_some_and(|(score, [v, w])| {
+                    score.velocity_error < v && score.turning_error < w && score.fell == 0
+                });
             lines.push(line);
             if training.checkpoint().epoch != before {
                 write_whole(&self.out.join("checkpoint.bin"), &training.checkpoint().to_bytes()?)?;

@@ -1,0 +1,119 @@
+//! `qv walk roll`: somebody else's policy in our simulator.
+
+use super::inputs::command;
+use crate::open::{file_error, terrain_of, write_error};
+use crate::whole::write_whole;
+use crate::{Failure, Outcome, say};
+use qv_policy::onnx::OnnxPolicy;
+use qv_policy::roll::{Description, roll};
+use qv_sim::{BaseKind, Batch, Model, ModelOptions, Shape, SimOptions, State};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+#[derive(clap::Args)]
+pub struct Roll {
+    /// A policy in ONNX, trained by anyone
+    policy: PathBuf,
+    /// What it sees and what its actions mean: rate, gains, joints, stand, terms of the observation (docs/walking.md)
+    #[arg(long, value_name = "FILE.toml")]
+    description: PathBuf,
+    /// go2, or a URDF file
+    #[arg(long, default_value = "go2", value_name = "go2|URDF")]
+    robot: String,
+    /// plane, or a mesh
+    #[arg(long, default_value = "plane", value_name = "plane|FILE.glb")]
+    terrain: String,
+    /// Commanded velocity: forwards, to the left (m/s), turning (rad/s)
+    #[arg(long, default_value = "0.5,0,0", value_name = "VX,VY,WZ", value_parser = command, allow_hyphen_values = true)]
+    command: [f32; 3],
+    /// How long, in seconds
+    #[arg(long, default_value_t = 4.0, value_name = "SECONDS", value_parser = crate::numbers::positive)]
+    seconds: f64,
+    /// Torque of motors falls with their speed as the URDF's limits say; without it motors are ideal, as in most simulators
+    #[arg(long)]
+    speed_limits: bool,
+    /// Directory for roll.json; made if need be
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+impl Roll {
+    pub fn execute(&self) -> Result<Outcome, Failure> {
+        let read = |path: &Path, expected: &str| fs::read(path).map_err(|e| file_error(path, expected, &e.to_string()));
+        let expected = "a description of a policy";
+        let text = String::from_utf8_lossy(&read(&self.description, expected)?).into_owned();
+        let description =
+            Description::from_toml(&text).map_err(|e| file_error(&self.description, expected, &e.to_string()))?;
+        let bytes = read(&self.policy, "a policy in ONNX")?;
+        let mut policy =
+            OnnxPolicy::from_bytes(&bytes).map_err(|e| file_error(&self.policy, "a policy in ONNX", &e.to_string()))?;
+        let model = self.model()?;
+        let terrain = terrain_of(&self.terrain)?;
+        let terrain =
+            if terrain.is_plane() { terrain.with_friction(description.simulation.friction)? } else { terrain };
+        let options = SimOptions { timestep: description.simulation.timestep, ..Default::default() };
+        let mut batch = Batch::<f64>::new(&model, &terrain, &options, 1)?;
+        for joint in description.joints.iter().filter(|_| !self.speed_limits) {
+            batch.set_parameter(0, &format!("actuator.{joint}.speed_knee"), 1e6)?;
+            batch.set_parameter(0, &format!("actuator.{joint}.speed_zero"), 2e6)?;
+        }
+        let ground = terrain.height_below(0.0, 0.0, 1e6).unwrap_or(0.0);
+        let start = standing(&model, &description, ground);
+        let wanted = self.command.map(f64::from);
+        let rolled = roll(&mut batch, &description, &start, wanted, self.seconds, |observation| {
+            let mut action = Vec::new();
+            policy.run(observation, &mut action).map(|()| action)
+        })?;
+        if let Some(out) = &self.out {
+            fs::create_dir_all(out).map_err(|e| write_error(out, &e))?;
+            let json = serde_json::json!({
+                "time": rolled.time, "base": rolled.base, "joints": rolled.joints, "torques": rolled.torques,
+                "joint_names": description.joints, "observations": rolled.observations, "actions": rolled.actions,
+            });
+            write_whole(&out.join("roll.json"), format!("{json}\n").as_bytes())?;
+        }
+        let end = rolled.base.last().ok_or("expected a sample after the start, found none")?;
+        let up = 1.0 - 2.0 * (end[4] * end[4] + end[5] * end[5]);
+        let state = if up > 0.5 { "upright" } else { "fallen over" };
+        say(&format!(
+            "{}: after {} s at x {:.3}, y {:.3}, z {:.3} m, {state}; the command asked for {:.3}, {:.3} m (without turning)\n",
+            description.name,
+            self.seconds,
+            end[0],
+            end[1],
+            end[2],
+            wanted[0] * self.seconds,
+            wanted[1] * self.seconds
+        ))?;
+        Ok(Outcome::Done)
+    }
+
+    fn model(&self) -> Result<Model, Failure> {
+        let path = Path::new(&self.robot);
+        let urdf = match self.robot.as_str() {
+            "go2" => qv_go2::model::urdf(),
+            _ => fs::read_to_string(path).map_err(|e| file_error(path, "go2, or a URDF file", &e.to_string()))?,
+        };
+        let options = ModelOptions { base: BaseKind::Floating, ..Default::default() };
+        Ok(Model::from_urdf(&urdf, &options).map_err(|e| file_error(path, "a robot", &e.to_string()))?)
+    }
+}
+
+/// At rest in the description's stand, level, the lowest ball touching the ground.
+fn standing(model: &Model, description: &Description, ground: f64) -> State {
+    let mut q = vec![0.0; model.nq()];
+    q[3] = 1.0;
+    for (name, angle) in description.joints.iter().zip(&description.stand) {
+        if let Some(joint) = model.joint_index(name) {
+            q[7 + joint] = *angle;
+        }
+    }
+    let poses = model.world_from_links(&q);
+    let lowest = model.geoms.iter().filter_map(|geom| match geom.shape {
+        Shape::Sphere(radius) => Some((poses[geom.link] * geom.link_from_geom).position.z - radius),
+        _ => None,
+    });
+    let lowest = lowest.fold(f64::INFINITY, f64::min);
+    q[2] = ground - if lowest.is_finite() { lowest } else { 0.0 };
+    State { q, v: vec![0.0; model.nv()] }
+}
