@@ -21,6 +21,8 @@ mod report;
 mod rgbd;
 mod scene;
 mod video;
+mod walk;
+mod whole;
 
 use clap::{Args, Parser, Subcommand};
 use qv_replay::ReplayError;
