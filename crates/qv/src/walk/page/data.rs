@@ -8,6 +8,9 @@ use serde_json::{Map, Value, json};
 /// Points of a learning curve: more cannot be seen.
 const POINTS: usize = 300;
 
+/// Points on each side over which ends of episodes are counted: few end within one.
+const AROUND: usize = 5;
+
 /// Figures of the task that are no terms of its reward.
 const NO_TERMS: [&str; 5] = ["velocity_error", "turning_error", "swing_time", "swing_height", "level"];
 
@@ -75,14 +78,18 @@ fn learning(lines: &[Line]) -> Value {
     };
     let figure = |name: &str, line: &Line| line.figures.iter().find(|(n, _)| *n == name).map_or(f32::NAN, |(_, x)| *x);
     let samples = chunks.iter().filter_map(|chunk| chunk.last()).map(|line| millions(line.samples));
-    let failed = chunks.iter().map(|chunk| {
-        let sum = |k: usize| chunk.iter().map(|line| line.iteration.ends[k]).sum::<usize>() as f32;
+    let failed = (0..chunks.len()).map(|at| {
+        let near = &chunks[at.saturating_sub(AROUND)..(at + AROUND + 1).min(chunks.len())];
+        let sum = |k: usize| near.iter().copied().flatten().map(|line| line.iteration.ends[k]).sum::<usize>() as f32;
         // No episode ended: nothing is known.
         sum(0) / (sum(0) + sum(1))
     });
     let mut terms = Map::new();
     for (name, _) in lines[0].figures.iter().filter(|(name, _)| !NO_TERMS.contains(name)) {
-        terms.insert((*name).into(), curve(&|line| figure(name, line), 4));
+        // A term that is switched off is no line.
+        if lines.iter().any(|line| figure(name, line) != 0.0) {
+            terms.insert((*name).into(), curve(&|line| figure(name, line), 4));
+        }
     }
     let scored: Vec<(u64, &qv_policy::score::Score)> =
         lines.iter().filter_map(|line| Some((line.samples, line.score.as_ref()?))).collect();
@@ -120,7 +127,8 @@ mod tests {
         assert_eq!(learning["reward"].as_array().unwrap().len(), 250);
         assert_eq!(learning["score"]["samples"].as_array().unwrap().len(), 50);
         assert_eq!(learning["terms"].as_object().unwrap().len(), 1);
-        assert!(learning["failed"][0].is_null() && learning["failed"][1].is_number());
+        assert_eq!(super::learning(&lines(3))["failed"][0], Value::Null);
+        assert!(learning["failed"][0] == json!(0.25));
     }
 
     #[test]

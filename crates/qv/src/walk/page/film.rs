@@ -13,8 +13,7 @@ const VIEW: [f32; 2] = [0.45, 0.2];
 /// What it shows in words, and the drawing; `None` of a play without decisions.
 pub fn film(played: &Played) -> Option<(String, String)> {
     let (what, steps) = chosen(played)?;
-    let size = reach(played, &steps);
-    let scale = 0.44 * CELL[0] / size.max(1e-6);
+    let scale = 0.46 * CELL[0] / reach(played, &steps).max(1e-6);
     let (width, height) = (CELL[0] * POSES as f32, CELL[1]);
     let mut svg = format!(
         "<div class=\"scroll\"><svg class=\"film\" viewBox=\"0 0 {width:.0} {height:.0}\" role=\"img\" aria-label=\"Eight poses\">"
@@ -75,11 +74,11 @@ fn seen([x, y, z]: [f32; 3], scale: f32) -> [f32; 2] {
     [scale * right, -scale * (z * down.cos() + deep * down.sin())]
 }
 
-/// Longest distance of a link or foot from the base, so that all poses fit.
+/// Longest way to the left or right of a link or foot from the base, so that all poses fit.
 fn reach(played: &Played, steps: &[usize]) -> f32 {
     let all = steps.iter().flat_map(|&step| {
         let pose = Pose::new(played, step);
-        pose.links.into_iter().chain(pose.feet).map(|[x, y, z]| (x * x + y * y + z * z).sqrt())
+        pose.links.into_iter().chain(pose.feet).map(|p| seen(p, 1.0)[0].abs())
     });
     all.filter(|x| x.is_finite()).fold(0.0, f32::max)
 }
@@ -89,6 +88,8 @@ struct Pose {
     links: Vec<[f32; 3]>,
     feet: Vec<[f32; 3]>,
     radii: Vec<f32>,
+    /// The base's upward axis.
+    up: [f32; 3],
 }
 
 impl Pose {
@@ -96,14 +97,13 @@ impl Pose {
         let q = &played.q[step];
         let [w, x, y, z] = [q[3], q[4], q[5], q[6]];
         let (s, c) = (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z)).sin_cos();
-        let turned = |p: &[f32; 3]| {
-            let [dx, dy, dz] = [p[0] - q[0], p[1] - q[1], p[2] - q[2]];
-            [c * dx + s * dy, c * dy - s * dx, dz]
-        };
+        let heading = |[x, y, z]: [f32; 3]| [c * x + s * y, c * y - s * x, z];
+        let turned = |p: &[f32; 3]| heading([p[0] - q[0], p[1] - q[1], p[2] - q[2]]);
         Self {
             links: played.link_positions[step].iter().map(turned).collect(),
             feet: played.foot_positions[step].iter().map(turned).collect(),
             radii: played.foot_radii.clone(),
+            up: heading([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)]),
         }
     }
 
@@ -148,17 +148,27 @@ impl Pose {
         out
     }
 
-    /// The polygon of the joints at the base; a line where there are two of them.
+    /// A box over the joints at the base, as thick as a fifth of its length: its sides, then its top.
     fn trunk(&self, played: &Played, place: &dyn Fn([f32; 3]) -> [f32; 2]) -> String {
         let mut corners: Vec<[f32; 3]> =
             (1..self.links.len()).filter(|&l| played.parents[l] == Some(0)).map(|l| self.links[l]).collect();
         corners.sort_by(|a, b| a[1].atan2(a[0]).total_cmp(&b[1].atan2(b[0])));
-        let mut path = String::new();
-        for (k, corner) in corners.iter().enumerate() {
-            let [x, y] = place(*corner);
-            _ = write!(path, "{}{x:.1} {y:.1}", if k == 0 { "M" } else { "L" });
-        }
-        if path.is_empty() { path } else { format!("<path class=\"trunk\" d=\"{path}Z\"/>") }
+        let long = corners.iter().map(|p| p[0].abs()).fold(0.0, f32::max);
+        let raised = |p: &[f32; 3], by: f32| [0, 1, 2].map(|k| p[k] + by * long * self.up[k]);
+        let low: Vec<[f32; 3]> = corners.iter().map(|p| raised(p, -0.1)).collect();
+        let top: Vec<[f32; 3]> = corners.iter().map(|p| raised(p, 0.3)).collect();
+        let face = |corners: &[[f32; 3]]| {
+            let places = corners.iter().map(|p| place(*p)).map(|[x, y]| format!("{x:.1} {y:.1}"));
+            format!("<path class=\"trunk\" d=\"M{}Z\"/>", places.collect::<Vec<_>>().join("L"))
+        };
+        // Sides from the far one to the near one: y is to the left, and the view is from the right.
+        let mut sides: Vec<[[f32; 3]; 4]> = (0..corners.len())
+            .map(|k| [k, (k + 1) % corners.len()])
+            .map(|[a, b]| [low[a], low[b], top[b], top[a]])
+            .collect();
+        sides.sort_by(|a, b| (b[0][1] + b[1][1]).total_cmp(&(a[0][1] + a[1][1])));
+        let sides: String = sides.iter().map(|side| face(side)).collect();
+        if corners.is_empty() { sides } else { sides + &face(&top) }
     }
 }
 
@@ -172,7 +182,7 @@ mod tests {
         let mut played = made_up(200);
         let (what, svg) = film(&played).unwrap();
         assert!(what.starts_with("One stride of 0.50 s"), "{what}");
-        assert_eq!((svg.matches("trunk").count(), svg.matches("<circle").count()), (8, 32));
+        assert_eq!((svg.matches("class=\"trunk\"").count(), svg.matches("<circle").count()), (40, 32));
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
         played.fell = Some(150);
         let (what, svg) = film(&played).unwrap();

@@ -20,6 +20,8 @@ pub struct Foot {
     pub swings: Vec<Swing>,
     /// Share of time on the ground; `None` where no command said: move.
     pub duty: Option<f32>,
+    /// Greatest force of the ground, upwards \[N\].
+    pub force: f32,
 }
 
 /// One joint.
@@ -63,6 +65,8 @@ pub struct Measures {
     pub off: Option<f32>,
     /// Mechanical cost of transport, see [`transport`]; `None` for less than a metre.
     pub transport: Option<f32>,
+    /// Share of the time with all feet on the ground where the command says: stand; without the first second of such a command.
+    pub stands: Option<f32>,
     /// Share of joint targets that zigzag, see [`zigzag`].
     pub zigzag: f32,
 }
@@ -76,6 +80,7 @@ impl Measures {
             off: off(&stretches),
             stretches,
             transport: transport(played),
+            stands: stands(played),
             zigzag: zigzag(played),
         }
     }
@@ -112,8 +117,9 @@ fn of_foot(played: &Played, foot: usize) -> Foot {
             _ => {}
         }
     }
+    let force = played.foot_forces.iter().map(|f| f[foot]).fold(0.0, f32::max);
     let moving = (0..played.foot_forces.len()).filter(|&step| moves(step));
-    Foot { swings, duty: mean(moving.map(|step| f32::from(u8::from(on(step))))) }
+    Foot { swings, duty: mean(moving.map(|step| f32::from(u8::from(on(step))))), force }
 }
 
 fn of_joint(played: &Played, joint: usize) -> Joint {
@@ -150,6 +156,15 @@ fn stretches(played: &Played) -> Vec<Stretch> {
         begin = end;
     }
     out
+}
+
+fn stands(played: &Played) -> Option<f32> {
+    let mut still = 0;
+    let settled = played.commands.iter().enumerate().filter_map(|(step, command)| {
+        still = if *command == [0.0; 3] { still + 1 } else { 0 };
+        (still > played.rate as usize).then_some(step)
+    });
+    mean(settled.map(|step| f32::from(u8::from(played.foot_forces[step].iter().all(|force| *force > 0.0)))))
 }
 
 /// Errors beside those of a robot that stands still, which are the commands; a turning rate in rad/s counts as a speed in m/s, as in
@@ -202,7 +217,7 @@ mod tests {
         for foot in &measures.feet {
             assert!(foot.swings.len() >= 18 && foot.swings.iter().all(|s| (s.time - 0.24).abs() < 1e-4));
             assert!(foot.swings.iter().all(|s| (s.height - 0.05).abs() < 1e-3));
-            assert!((foot.duty.unwrap() - 0.52).abs() < 0.02);
+            assert!((foot.duty.unwrap() - 0.52).abs() < 0.02 && foot.force == 75.0);
         }
         let stretch = measures.stretches[0];
         assert!((measures.stretches.len() == 1) && (stretch.to - 10.0).abs() < 1e-4);
@@ -215,7 +230,7 @@ mod tests {
         assert!((joint.high - 5.0).abs() < 0.05 && joint.limit == Some(23.7));
         // Amplitude x angular frequency / sqrt 2, a little less as a difference over 0.02 s.
         assert!((joint.change / (5.0 * 4.0 * std::f32::consts::PI / 2f32.sqrt()) - 1.0).abs() < 0.02);
-        assert_eq!(measures.zigzag, 0.0);
+        assert_eq!((measures.zigzag, measures.stands), (0.0, None));
     }
 
     #[test]
@@ -223,6 +238,11 @@ mod tests {
         let mut played = made_up(100);
         played.targets.iter_mut().enumerate().for_each(|(k, t)| t.fill(if k % 2 == 0 { 0.1 } else { -0.1 }));
         assert_eq!(Measures::new(&played).zigzag, 1.0);
+        played.commands.iter_mut().skip(10).for_each(|command| *command = [0.0; 3]);
+        // Of a cycle of 25 decisions, all feet are on the ground in one.
+        assert!(Measures::new(&played).stands.unwrap() < 0.1);
+        played.foot_forces.iter_mut().skip(60).for_each(|forces| forces.fill(40.0));
+        assert_eq!(Measures::new(&played).stands, Some(1.0));
         let empty = Measures::new(&made_up(0));
         assert!(empty.off.is_none() && empty.transport.is_none() && empty.swings().next().is_none());
         assert!(empty.feet.iter().all(|f| f.duty.is_none()) && empty.joints.iter().all(|j| j.high == 0.0));

@@ -34,7 +34,7 @@ pub fn page(title: &str, lines: &[Line], score: Option<&Score>, played: &Played,
         text += &view(played);
     }
     if !lines.is_empty() {
-        text += "<h2>Learning</h2><p class=\"soft\">Over samples in millions. Terms of the reward: click a name to switch it off or on.</p>\
+        text += "<h2>Learning</h2><p class=\"soft\">Over samples in millions. Terms of the reward: those that stay 0 are left out; click a name to switch it off or on.</p>\
                  <div class=\"plots\" id=\"learning\"></div>";
     }
     if !played.q.is_empty() {
@@ -110,8 +110,8 @@ fn tracking_table(measures: &Measures) -> String {
 
 fn feet_table(played: &Played, measures: &Measures) -> String {
     let mut text = String::from(
-        "<div class=\"scroll\"><table><tr><th>foot<th>swings<th colspan=\"3\">swing time [s]<th colspan=\"3\">height of a swing [cm]<th>duty factor</tr>\
-         <tr class=\"units\"><th><th><th>mean<th>least<th>most<th>mean<th>least<th>most<th>[%]</tr>",
+        "<div class=\"scroll\"><table><tr><th>foot<th>swings<th colspan=\"3\">swing time [s]<th colspan=\"3\">height of a swing [cm]<th>duty factor<th>greatest force</tr>\
+         <tr class=\"units\"><th><th><th>mean<th>least<th>most<th>mean<th>least<th>most<th>[%]<th>[N]</tr>",
     );
     for (name, foot) in played.feet.iter().zip(&measures.feet) {
         let times = || foot.swings.iter().map(|s| s.time);
@@ -120,12 +120,13 @@ fn feet_table(played: &Played, measures: &Measures) -> String {
         let three = |mean: Option<f32>, ends: Option<[f32; 2]>| [mean, ends.map(|e| e[0]), ends.map(|e| e[1])];
         three(mean(times()), ends(times())).iter().for_each(|x| _ = write!(text, "<td>{}", number(*x, 2)));
         three(mean(heights()), ends(heights())).iter().for_each(|x| _ = write!(text, "<td>{}", number(*x, 1)));
-        _ = write!(text, "<td>{}</tr>", number(foot.duty.map(|d| 100.0 * d), 0));
+        _ = write!(text, "<td>{}<td>{:.0}</tr>", number(foot.duty.map(|d| 100.0 * d), 0), foot.force);
     }
     let slowest = 1.0 / played.rate;
     text + &format!(
         "</table></div><p class=\"soft\">While a command says: move. Times are whole decisions of {slowest:.3} s. Duty factor: share of time on the ground. \
-         Cost of transport: <b>{}</b> = sum over joints of |torque × speed|, by weight and way; no gain from braking, no heat of motors.</p>",
+         The robot weighs {:.0} N. Cost of transport: <b>{}</b> = sum over joints of |torque × speed|, by weight and way; no gain from braking, no heat of motors.</p>",
+        played.mass * qv_core::GRAVITY as f32,
         number(measures.transport, 2)
     )
 }

@@ -25,6 +25,16 @@ function ticks([low, high], most) {
   return { at: out, digits: Math.max(0, -Math.floor(Math.log10(step) + 1e-9)) };
 }
 
+// Round numbers of ten on an axis of logarithms: 1, 2, 5 where there is room.
+function logTicks([low, high]) {
+  const out = [], parts = high - low > 2.5 ? [1] : [1, 2, 5];
+  for (let k = Math.floor(low); k <= high; k++) for (const m of parts) {
+    const y = k + Math.log10(m);
+    if (y >= low && y <= high) out.push([y, m * 10 ** k]);
+  }
+  return out;
+}
+
 function nearest(xs, x) {
   let [low, high] = [0, xs.length - 1];
   while (high - low > 1) {
@@ -75,8 +85,8 @@ function plot(host, o) {
     if (o.zero && ys[0] < 0 && Math.min(...shown.flatMap(l => l.y.filter(known))) >= 0) ys[0] = 0;
     const px = x => left + (x - xs[0]) / (xs[1] - xs[0]) * (width - left - right);
     const py = y => top + (ys[1] - y) / (ys[1] - ys[0]) * (height - top - bottom);
-    scales = { px, xs, width };
     const floor = height - bottom;
+    scales = { px, xs, width, floor };
     let text = "";
     const across = ticks(xs, Math.max(2, Math.min(10, width / 80)));
     for (const x of across.at) {
@@ -84,8 +94,8 @@ function plot(host, o) {
     }
     if (!o.rows) {
       const up = ticks(ys, 5);
-      for (const y of up.at) {
-        const name = o.log ? told(10 ** y) : y.toFixed(up.digits);
+      const marks = o.log ? logTicks(ys).map(([y, value]) => [y, told(value)]) : up.at.map(y => [y, y.toFixed(up.digits)]);
+      for (const [y, name] of marks) {
         text += `<path class="grid" d="M${left} ${py(y).toFixed(1)}H${width - right}"/><text x="${left - 5}" y="${(py(y) + 4).toFixed(1)}" text-anchor="end">${name}</text>`;
       }
     }
@@ -138,7 +148,7 @@ function plot(host, o) {
 
   function line(name, x) {
     const there = x !== null && x >= scales.xs[0] - 1e-9 && x <= scales.xs[1] + 1e-9;
-    svg.querySelector(name).setAttribute("d", there ? `M${scales.px(x).toFixed(1)} ${top}V999` : "");
+    svg.querySelector(name).setAttribute("d", there ? `M${scales.px(x).toFixed(1)} ${top}V${scales.floor}` : "");
   }
 
   function point(x) {

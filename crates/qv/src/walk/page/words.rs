@@ -12,6 +12,8 @@ const CLEARANCE: f32 = 0.04;
 const TORQUE: f32 = 0.9;
 /// Share of zigzag targets from which a motor shakes: a quarter of what noise alone gives, see [`super::measures`].
 const ZIGZAG: f32 = 0.1;
+/// Share of the time with all feet on the ground that is a stand: what is left allows for steps that correct it.
+const STAND: f32 = 0.9;
 /// Errors below this share of the commands are close to them.
 const CLOSE: f32 = 0.2;
 /// Errors above it are not following.
@@ -95,6 +97,10 @@ fn against(score: Option<&Score>, played: &Played, measures: &Measures) -> Vec<S
             out.push(format!("Feet are lifted too little: {found:.1} cm, wanted at least {wanted:.0} cm."));
         }
     }
+    if let Some(stands) = measures.stands.filter(|stands| *stands < STAND) {
+        let percent = 100.0 * stands;
+        out.push(format!("Told to stand, it steps: all feet are on the ground for {percent:.0} % of that time."));
+    }
     let share = |joint: usize| measures.joints[joint].limit.map(|limit| measures.joints[joint].high / limit);
     let worst = (0..measures.joints.len()).filter_map(|j| Some((share(j)?, j))).max_by(|a, b| a.0.total_cmp(&b.0));
     if let Some((share, joint)) = worst.filter(|(share, _)| *share > TORQUE) {
@@ -144,10 +150,12 @@ mod tests {
         let mut played = made_up(200);
         played.torques.iter_mut().for_each(|t| t[3] = 23.0);
         played.targets.iter_mut().enumerate().for_each(|(k, t)| t.fill(if k % 2 == 0 { 0.1 } else { -0.1 }));
+        played.commands.iter_mut().skip(100).for_each(|command| *command = [0.0; 3]);
         played.fell = Some(199);
         let said = verdict("go2", None, &played, &Measures::new(&played));
         assert_eq!(said.headline, "go2 falls after 4.0 s.");
-        assert!(said.against[0].contains("FR_hip_joint has more than 97 %"), "{:?}", said.against);
-        assert!(said.against[1].contains("Joints shake: 100 %"));
+        assert!(said.against[0].starts_with("Told to stand, it steps: all feet are on the ground for "));
+        assert!(said.against[1].contains("FR_hip_joint has more than 97 %"), "{:?}", said.against);
+        assert!(said.against[2].contains("Joints shake: 100 %"));
     }
 }
