@@ -137,7 +137,7 @@ pub fn play(
     Ok(out)
 }
 
-/// The ground around the way of the base, as far as about two robots' heights on each side.
+/// The ground around the way of the base, as far as four of its heights on each side.
 fn patch(ground: &Ground, q: &[Vec<f32>], height: f32) -> Option<Patch> {
     /// Most heights along a side: the way of a long play is drawn more coarsely.
     const MOST: f32 = 150.0;
@@ -146,7 +146,7 @@ fn patch(ground: &Ground, q: &[Vec<f32>], height: f32) -> Option<Patch> {
     }
     let ends = |k: usize| q.iter().fold((f32::MAX, f32::MIN), |(low, high), q| (low.min(q[k]), high.max(q[k])));
     let ([x0, x1], [y0, y1]) = ([ends(0).0, ends(0).1], [ends(1).0, ends(1).1]);
-    let margin = 2.0 * height;
+    let margin = 4.0 * height;
     let spacing = (0.2 * height).max((x1 - x0).max(y1 - y0) / MOST);
     let size = [x1 - x0, y1 - y0].map(|side| ((side + 2.0 * margin) / spacing) as usize + 1);
     let origin = [x0 - margin, y0 - margin];

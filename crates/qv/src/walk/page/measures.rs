@@ -16,7 +16,7 @@ pub struct Swing {
 /// One foot under commands to move.
 #[derive(Debug, Clone, Default)]
 pub struct Foot {
-    /// Whole swings.
+    /// Whole swings. A single decision without force is a bounce and no swing.
     pub swings: Vec<Swing>,
     /// Share of time on the ground; `None` where no command said: move.
     pub duty: Option<f32>,
@@ -85,6 +85,11 @@ impl Measures {
         }
     }
 
+    /// Whether every foot swings.
+    pub fn walks(&self) -> bool {
+        !self.feet.is_empty() && self.feet.iter().all(|foot| !foot.swings.is_empty())
+    }
+
     /// All swings of all feet.
     pub fn swings(&self) -> impl Iterator<Item = &Swing> {
         self.feet.iter().flat_map(|foot| &foot.swings)
@@ -109,6 +114,7 @@ fn of_foot(played: &Played, foot: usize) -> Foot {
     for step in 1..played.foot_forces.len() {
         match (on(step - 1), on(step), since) {
             (true, false, _) if moves(step) => since = Some(step),
+            (false, true, Some(from)) if step - from == 1 => since = None,
             (false, true, Some(from)) => {
                 let height = (from..step).map(|k| played.foot_heights[k][foot]).fold(0.0, f32::max);
                 swings.push(Swing { time: (step - from) as f32 / played.rate, height });

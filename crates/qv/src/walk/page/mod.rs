@@ -124,7 +124,7 @@ fn feet_table(played: &Played, measures: &Measures) -> String {
     }
     let slowest = 1.0 / played.rate;
     text + &format!(
-        "</table></div><p class=\"soft\">While a command says: move. Times are whole decisions of {slowest:.3} s. Duty factor: share of time on the ground. \
+        "</table></div><p class=\"soft\">While a command says: move. Times are whole decisions of {slowest:.3} s; one decision without force is a bounce and no swing. Duty factor: share of time on the ground. \
          The robot weighs {:.0} N. Cost of transport: <b>{}</b> = sum over joints of |torque × speed|, by weight and way; no gain from braking, no heat of motors.</p>",
         played.mass * qv_core::GRAVITY as f32,
         number(measures.transport, 2)

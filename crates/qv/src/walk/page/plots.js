@@ -6,8 +6,13 @@ const known = x => x !== null && x !== undefined && Number.isFinite(x);
 const colour = k => `var(--c${k % 8})`;
 const dash = k => ["", "6 3", "2 3"][Math.floor(k / 8) % 3];
 // Told of each moment that the view shows [s].
-const followers = [];
+let followers = [], moment = null;
 let showMoment = () => {};
+
+function follow(time) {
+  moment = time;
+  followers = followers.filter(one => one(time));
+}
 
 function told(x) {
   if (!known(x)) return "–";
@@ -110,7 +115,10 @@ function plot(host, o) {
     svg = drawing.firstChild;
     svg.onpointermove = event => point(whereX(event));
     svg.onpointerleave = () => point(null);
-    if (o.overTime) svg.onclick = event => showMoment(whereX(event));
+    if (o.overTime) {
+      svg.onclick = event => showMoment(whereX(event));
+      line(".moment", moment);
+    }
   }
 
   function bars(one, k, paint, px, py) {
@@ -167,7 +175,8 @@ function plot(host, o) {
   new ResizeObserver(() => {
     if (drawing.clientWidth !== seen) { seen = drawing.clientWidth; draw(); }
   }).observe(drawing);
-  if (o.overTime) followers.push(t => { if (svg.isConnected) line(".moment", t); });
+  // A plot that is gone follows no more.
+  if (o.overTime) followers.push(time => svg.isConnected && (line(".moment", time), true));
 }
 
 const TIMES = Array.from({ length: D.steps }, (_, k) => (k + 1) / D.rate);

@@ -187,7 +187,7 @@
     slider.value = k;
     const three = lists => lists.map(l => known(l[k]) ? l[k].toFixed(2) : "–").join(", ");
     now.textContent = `${time.toFixed(2)} s  asked ${three(D.commands)}  does ${three(D.done)}${D.fell === k ? "  fell" : ""}`;
-    followers.forEach(follow => follow(time));
+    follow(time);
   }
 
   function show(step) {

@@ -43,16 +43,15 @@ fn headline(robot: &str, played: &Played, measures: &Measures) -> String {
     if played.q.is_empty() {
         return "Nothing was played.".into();
     }
-    let walks = measures.swings().next().is_some();
+    let walks = measures.walks();
     let how = match measures.off {
         Some(off) if off < CLOSE => "follows its commands closely",
         Some(off) if off < ROUGH => "follows its commands roughly",
         Some(_) => "hardly follows its commands",
-        None if walks => return format!("{robot} steps, with no command to move."),
-        None => return format!("{robot} stands, as commanded."),
+        None => return format!("{robot} was told to stand, and does not fall."),
     };
-    let [does, joined] = if walks { ["walks", "and"] } else { ["takes no steps", "and"] };
-    format!("{robot} {does} {joined} {how}.")
+    let does = if walks { "walks" } else { "does not step with all its feet" };
+    format!("{robot} {does} and {how}.")
 }
 
 fn scored(score: &Score) -> String {
