@@ -3,7 +3,7 @@
 use crate::PolicyError;
 use crate::env::{End, VectorEnv};
 use crate::score::Decide;
-use crate::velocity::VelocityTask;
+use crate::velocity::{Ground, VelocityTask};
 use serde::Serialize;
 
 /// What a robot did, one entry per decision.
@@ -21,6 +21,12 @@ pub struct Played {
     pub parents: Vec<Option<usize>>,
     /// Link of each foot.
     pub foot_links: Vec<usize>,
+    /// Radius of each foot \[m\].
+    pub foot_radii: Vec<f32>,
+    /// Largest torque of each joint \[N m\]; `None` where the model states none.
+    pub efforts: Vec<Option<f32>>,
+    /// Mass of the robot \[kg\].
+    pub mass: f32,
     /// Commands: forwards, to the left \[m/s\], turning \[rad/s\].
     pub commands: Vec<[f32; 3]>,
     /// Base position \[m\] and quaternion w, x, y, z, then joint angles \[rad\].
@@ -39,10 +45,27 @@ pub struct Played {
     pub foot_forces: Vec<Vec<f32>>,
     /// Position of each foot's centre in the world \[m\].
     pub foot_positions: Vec<Vec<[f32; 3]>>,
+    /// Height of each foot's lowest point over the ground under it \[m\].
+    pub foot_heights: Vec<Vec<f32>>,
     /// Position of each link in the world \[m\].
     pub link_positions: Vec<Vec<[f32; 3]>>,
+    /// The ground around the way; `None` = the plane at height 0.
+    pub ground: Option<Patch>,
     /// Decision at which the robot fell.
     pub fell: Option<usize>,
+}
+
+/// Heights of a part of the ground on a square grid.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Patch {
+    /// x and y of the first height \[m\].
+    pub origin: [f32; 2],
+    /// Distance between neighbours \[m\].
+    pub spacing: f32,
+    /// Heights along x and along y.
+    pub size: [usize; 2],
+    /// Heights \[m\], `[size y][size x]`; `None` where there is no ground.
+    pub heights: Vec<Option<f32>>,
 }
 
 /// Runs the first robot of `task` under commands that begin at given times \[s\], until `seconds` or a fall.
@@ -70,6 +93,9 @@ pub fn play(
         links: robot.model.links.iter().map(|l| l.name.clone()).collect(),
         parents: robot.model.links.iter().map(|l| l.parent).collect(),
         foot_links: robot.feet.iter().map(|&g| robot.model.geoms[g].link).collect(),
+        foot_radii: robot.feet.iter().map(|&g| robot.foot_radius(g)).collect(),
+        efforts: robot.model.joints.iter().map(|j| Some(j.effort as f32).filter(|x| x.is_finite())).collect(),
+        mass: robot.model.mass() as f32,
         ..Default::default()
     };
     let (mut observations, mut privileged) =
@@ -97,14 +123,39 @@ pub fn play(
         out.torques.push(torques[..joints].to_vec());
         out.targets.push(task.targets()[..joints].to_vec());
         out.foot_forces.push(robot.feet.iter().map(|&g| forces[3 * g + 2]).collect());
-        out.foot_positions.push(feet[..3 * robot.feet.len()].chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect());
+        let feet: Vec<[f32; 3]> = feet[..3 * robot.feet.len()].chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
+        let under = |p: &[f32; 3]| task.ground().height(p[0], p[1], p[2]).unwrap_or(task.walkers()[0].ground);
+        out.foot_heights.push(feet.iter().zip(&out.foot_radii).map(|(p, radius)| p[2] - radius - under(p)).collect());
+        out.foot_positions.push(feet);
         debug_assert!(forces.len() == count * geoms * 3);
         if ends[0] == End::Failed {
             out.fell = Some(step);
             break;
         }
     }
+    out.ground = patch(task.ground(), &out.q, robot.height);
     Ok(out)
+}
+
+/// The ground around the way of the base, as far as four of its heights on each side.
+fn patch(ground: &Ground, q: &[Vec<f32>], height: f32) -> Option<Patch> {
+    /// Most heights along a side: the way of a long play is drawn more coarsely.
+    const MOST: f32 = 150.0;
+    if ground.is_plane() || q.is_empty() {
+        return None;
+    }
+    let ends = |k: usize| q.iter().fold((f32::MAX, f32::MIN), |(low, high), q| (low.min(q[k]), high.max(q[k])));
+    let ([x0, x1], [y0, y1]) = ([ends(0).0, ends(0).1], [ends(1).0, ends(1).1]);
+    let margin = 4.0 * height;
+    let spacing = (0.2 * height).max((x1 - x0).max(y1 - y0) / MOST);
+    let size = [x1 - x0, y1 - y0].map(|side| ((side + 2.0 * margin) / spacing) as usize + 1);
+    let origin = [x0 - margin, y0 - margin];
+    let top = q.iter().map(|q| q[2]).fold(f32::MIN, f32::max) + height;
+    let at = |k: usize| {
+        let [i, j] = [k % size[0], k / size[0]];
+        ground.height(origin[0] + i as f32 * spacing, origin[1] + j as f32 * spacing, top)
+    };
+    Some(Patch { origin, spacing, size, heights: (0..size[0] * size[1]).map(at).collect() })
 }
 
 impl Played {

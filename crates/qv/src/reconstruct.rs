@@ -7,6 +7,7 @@ use crate::colmap::poses_again;
 use crate::normals::{self, Colours, NormalModel};
 use crate::scene::about;
 use crate::video;
+use crate::whole::write_whole;
 use crate::{Failure, Outcome, say};
 use clap::ValueEnum;
 use qv_core::{Camera, GaussianCloud};
@@ -481,10 +482,7 @@ impl Reconstruct {
     }
 
     fn save(&self, model: &Model) -> Result<(), Failure> {
-        // Beside the old one first, so that a power cut leaves one of the two.
-        let (path, new) = (self.out.join("checkpoint.qvt"), self.out.join("checkpoint.new"));
-        let written = fs::write(&new, checkpoint::write(model)).and_then(|()| fs::rename(&new, &path));
-        written.map_err(|e| about(&path, format!("expected to write it, found {e}")))
+        write_whole(&self.out.join("checkpoint.qvt"), &checkpoint::write(model))
     }
 
     /// What of the capture was not used, a line each.

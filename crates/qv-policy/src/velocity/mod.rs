@@ -545,10 +545,6 @@ struct Judge<'a> {
 
 impl<'a> Judge<'a> {
     fn new(task: &'a VelocityTask) -> Self {
-        let reach = |&g: &usize| match &task.robot.model.geoms[g].shape {
-            qv_sim::Shape::Sphere(r) | qv_sim::Shape::Capsule { radius: r, .. } => *r as f32,
-            _ => 0.0,
-        };
         Self {
             robot: &task.robot,
             settings: &task.settings,
@@ -557,7 +553,7 @@ impl<'a> Judge<'a> {
             read: &task.read,
             judged: task.judged,
             torque: task.robot.torque_scale(),
-            foot_radius: task.robot.feet.iter().map(reach).collect(),
+            foot_radius: task.robot.feet.iter().map(|&g| task.robot.foot_radius(g)).collect(),
             length: (task.settings.episode * task.settings.rate) as u32,
         }
     }

@@ -244,6 +244,11 @@ impl TaskRobot {
         (j.lower as f32, j.upper as f32)
     }
 
+    /// How far below its centre a shape reaches \[m\]: its radius, where it has one.
+    pub fn foot_radius(&self, geom: usize) -> f32 {
+        radius(&self.model.geoms[geom]) as f32
+    }
+
     /// Torque by which terms of the reward are measured: a foot's share of the weight on a lever as long as the robot is high.
     pub fn torque_scale(&self) -> f32 {
         (self.model.mass() * qv_core::GRAVITY) as f32 * self.height / self.feet.len() as f32

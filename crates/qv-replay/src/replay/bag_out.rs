@@ -31,51 +31,133 @@ MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n\
 ================================================================================\n\
 MSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n";
 
+const TWIST: &str = "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular\n\
+================================================================================\n\
+MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n";
+
+/// One robot of a recording, on topics below `/<name>`. What is empty is not written.
+#[derive(Debug, Clone, Copy)]
+pub struct Recorded<'a> {
+    /// Name of the topics' first part.
+    pub name: &'a str,
+    /// Joint names, `[n]`.
+    pub joints: &'a [String],
+    /// Times, joints, base, and the force on each foot. The times of the first robot are those of all.
+    pub trace: &'a Trace,
+    /// Joint targets \[rad\], `[T, n]`: `/<name>/joint_targets`, a `JointState`.
+    pub targets: &'a [f64],
+    /// Commanded velocity: forwards, to the left \[m/s\], turning \[rad/s\], `[T]`: `/<name>/cmd_vel`, a `Twist`.
+    pub commands: &'a [[f64; 3]],
+    /// Names of the feet: with them `/<name>/foot_forces` holds the trace's forces as efforts of a `JointState`.
+    pub feet: &'a [String],
+    /// Frames in `/tf`; where there are none, the base is the frame `<name>_base`.
+    pub frames: &'a [FrameTrace],
+    /// Text of the URDF, once, on `/robot_description`.
+    pub urdf: Option<&'a str>,
+}
+
+/// A frame that moves.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrameTrace {
+    /// The frame's name.
+    pub name: String,
+    /// The frame that its poses are in.
+    pub parent: String,
+    /// `parent_from_frame` as x, y, z \[m\], w, x, y, z, shape `[T]`.
+    pub poses: Vec<[f64; 7]>,
+}
+
+impl<'a> Recorded<'a> {
+    /// Joint states and base alone.
+    pub fn new(name: &'a str, joints: &'a [String], trace: &'a Trace) -> Self {
+        Self { name, joints, trace, targets: &[], commands: &[], feet: &[], frames: &[], urdf: None }
+    }
+}
+
 /// Writes joint states, base poses and transforms of the recording and of the whole simulated run, on topics below
 /// `/recorded` and `/simulated`. `epoch` \[ns\] is the instant of time 0.
 ///
 /// # Errors
 /// When `out` cannot be written.
 pub fn write_mcap(replay: &Replay, epoch: u64, out: impl Write + Seek) -> Result<(), ReplayError> {
-    write(replay, epoch, out).map_err(|e| ReplayError::Write { what: "replay.mcap".into(), reason: e.to_string() })
+    let side = |name, trace| Recorded::new(name, &replay.joint_names, trace);
+    write_traces(&[side("recorded", &replay.recorded), side("simulated", &replay.whole)], epoch, out)
 }
 
+/// Writes robots beside each other, see [`Recorded`]. `epoch` \[ns\] is the instant of time 0. Same robots, same bytes.
+///
+/// # Errors
+/// When `out` cannot be written.
+pub fn write_traces(robots: &[Recorded], epoch: u64, out: impl Write + Seek) -> Result<(), ReplayError> {
+    write(robots, epoch, out).map_err(|e| ReplayError::Write { what: "replay.mcap".into(), reason: e.to_string() })
+}
+
+/// Channels of one robot; those of what it does not have are not there.
 struct Channels {
     joints: u16,
     pose: u16,
-    transform: u16,
+    targets: Option<u16>,
+    commands: Option<u16>,
+    feet: Option<u16>,
 }
 
-fn write(replay: &Replay, epoch: u64, out: impl Write + Seek) -> Result<(), mcap::McapError> {
-    // Single-threaded and without a library stamp of its own: the same replay gives the same bytes.
+impl Channels {
+    fn new<W: Write + Seek>(writer: &mut mcap::Writer<W>, robot: &Recorded) -> Result<Self, mcap::McapError> {
+        let [joint_state, pose] =
+            [("sensor_msgs/msg/JointState", JOINT_STATE), ("geometry_msgs/msg/PoseStamped", POSE_STAMPED)]
+                .map(|(name, text)| writer.add_schema(name, "ros2msg", format!("{text}{HEADER}").as_bytes()));
+        let (joint_state, pose) = (joint_state?, pose?);
+        let none = BTreeMap::new();
+        let mut add =
+            |schema: u16, what: &str| writer.add_channel(schema, &format!("/{}/{what}", robot.name), "cdr", &none);
+        let (joints, pose) = (add(joint_state, "joint_states")?, add(pose, "base_pose")?);
+        let mut states_of = |there: bool, what: &str| there.then(|| add(joint_state, what)).transpose();
+        let targets = states_of(!robot.targets.is_empty(), "joint_targets")?;
+        let feet = states_of(!robot.feet.is_empty(), "foot_forces")?;
+        let commands = match robot.commands.is_empty() {
+            true => None,
+            false => {
+                let twist = writer.add_schema("geometry_msgs/msg/Twist", "ros2msg", TWIST.as_bytes())?;
+                Some(writer.add_channel(twist, &format!("/{}/cmd_vel", robot.name), "cdr", &none)?)
+            }
+        };
+        Ok(Self { joints, pose, targets, commands, feet })
+    }
+}
+
+fn write(robots: &[Recorded], epoch: u64, out: impl Write + Seek) -> Result<(), mcap::McapError> {
+    // Single-threaded and without a library stamp of its own: the same robots give the same bytes.
     let options = mcap::WriteOptions::new().profile("ros2").compression(Some(mcap::Compression::Zstd));
     let options = options.compression_level(1).compression_threads(0);
     let mut writer = options.create(out)?;
-    let mut schema = |name: &str, text: &str| writer.add_schema(name, "ros2msg", format!("{text}{HEADER}").as_bytes());
-    let joint_state = schema("sensor_msgs/msg/JointState", JOINT_STATE)?;
-    let pose = schema("geometry_msgs/msg/PoseStamped", POSE_STAMPED)?;
-    let transform = schema("tf2_msgs/msg/TFMessage", TF_MESSAGE)?;
     let none = BTreeMap::new();
-    let transform = writer.add_channel(transform, "/tf", "cdr", &none)?;
-    let mut sides = Vec::new();
-    for (side, trace) in [("recorded", &replay.recorded), ("simulated", &replay.whole)] {
-        let joints = writer.add_channel(joint_state, &format!("/{side}/joint_states"), "cdr", &none)?;
-        let pose = writer.add_channel(pose, &format!("/{side}/base_pose"), "cdr", &none)?;
-        sides.push((side, trace, Channels { joints, pose, transform }));
-    }
+    let schema = writer.add_schema("tf2_msgs/msg/TFMessage", "ros2msg", format!("{TF_MESSAGE}{HEADER}").as_bytes())?;
+    let transform = writer.add_channel(schema, "/tf", "cdr", &none)?;
+    let channels: Vec<Channels> = robots.iter().map(|r| Channels::new(&mut writer, r)).collect::<Result<_, _>>()?;
+    let times = robots.first().map_or(&[][..], |r| &r.trace.time);
+    let stamp_of = |t: f64| epoch.saturating_add_signed((t * 1e9).round() as i64);
     let mut sequence = 0;
-    for (i, &t) in replay.recorded.time.iter().enumerate() {
-        let stamp = epoch.saturating_add_signed((t * 1e9).round() as i64);
-        for (side, trace, channels) in &sides {
-            let mut put = |channel: u16, data: Vec<u8>| {
-                sequence += 1;
-                let header = MessageHeader { channel_id: channel, sequence, log_time: stamp, publish_time: stamp };
-                writer.write_to_known_channel(&header, &data)
-            };
-            put(channels.joints, joint_state_bytes(stamp, &replay.joint_names, trace, i))?;
-            if let Some(base) = trace.base.get(i).filter(|b| b.iter().all(|x| x.is_finite())) {
-                put(channels.pose, pose_bytes(stamp, base))?;
-                put(channels.transform, transform_bytes(stamp, &format!("{side}_base"), base))?;
+    let mut put = |writer: &mut mcap::Writer<_>, channel: u16, stamp: u64, data: Vec<u8>| {
+        sequence += 1;
+        let header = MessageHeader { channel_id: channel, sequence, log_time: stamp, publish_time: stamp };
+        writer.write_to_known_channel(&header, &data)
+    };
+    if let (Some(urdf), Some(&t)) = (robots.iter().find_map(|r| r.urdf), times.first()) {
+        let schema = writer.add_schema("std_msgs/msg/String", "ros2msg", b"string data\n")?;
+        let channel = writer.add_channel(schema, "/robot_description", "cdr", &none)?;
+        let mut text = Writer::new();
+        text.string(urdf);
+        put(&mut writer, channel, stamp_of(t), text.finish())?;
+    }
+    for (i, &t) in times.iter().enumerate() {
+        let stamp = stamp_of(t);
+        for (robot, channels) in robots.iter().zip(&channels) {
+            for (channel, data) in messages(robot, channels, stamp, i) {
+                put(&mut writer, channel, stamp, data)?;
+            }
+            let frames = transforms(robot, i);
+            if !frames.is_empty() {
+                put(&mut writer, transform, stamp, transform_bytes(stamp, &frames))?;
             }
         }
     }
@@ -83,18 +165,57 @@ fn write(replay: &Replay, epoch: u64, out: impl Write + Seek) -> Result<(), mcap
     Ok(())
 }
 
+/// All but transforms of one robot at one instant.
+fn messages(robot: &Recorded, channels: &Channels, stamp: u64, i: usize) -> Vec<(u16, Vec<u8>)> {
+    let (trace, n) = (robot.trace, robot.trace.joints);
+    let states = [&trace.position, &trace.velocity, &trace.torque].map(|values| row(values, i, n));
+    let mut out = vec![(channels.joints, joint_state_bytes(stamp, robot.joints, states))];
+    if let Some(base) = finite(trace.base.get(i)) {
+        out.push((channels.pose, pose_bytes(stamp, base)));
+    }
+    if let Some(channel) = channels.targets {
+        out.push((channel, joint_state_bytes(stamp, robot.joints, [row(robot.targets, i, n), &[], &[]])));
+    }
+    if let Some(channel) = channels.feet {
+        let forces = row(&trace.foot_force, i, robot.feet.len());
+        out.push((channel, joint_state_bytes(stamp, robot.feet, [&[], &[], forces])));
+    }
+    if let (Some(channel), Some([vx, vy, wz])) = (channels.commands, robot.commands.get(i)) {
+        let mut w = Writer::new();
+        [*vx, *vy, 0.0, 0.0, 0.0, *wz].iter().for_each(|&x| {
+            w.f64(x);
+        });
+        out.push((channel, w.finish()));
+    }
+    out
+}
+
+/// Parent, child and pose of each frame of a robot at one instant.
+fn transforms<'a>(robot: &'a Recorded, i: usize) -> Vec<(String, String, &'a [f64; 7])> {
+    if robot.frames.is_empty() {
+        let base = finite(robot.trace.base.get(i));
+        return base.map(|base| ("world".into(), format!("{}_base", robot.name), base)).into_iter().collect();
+    }
+    let frame = |f: &'a FrameTrace| Some((f.parent.clone(), f.name.clone(), finite(f.poses.get(i))?));
+    robot.frames.iter().filter_map(frame).collect()
+}
+
+fn finite(pose: Option<&[f64; 7]>) -> Option<&[f64; 7]> {
+    pose.filter(|p| p.iter().all(|x| x.is_finite()))
+}
+
 fn row(values: &[f64], i: usize, n: usize) -> &[f64] {
     values.get(i * n..(i + 1) * n).unwrap_or(&[])
 }
 
-fn joint_state_bytes(stamp: u64, names: &[String], trace: &Trace, i: usize) -> Vec<u8> {
+fn joint_state_bytes(stamp: u64, names: &[String], states: [&[f64]; 3]) -> Vec<u8> {
     let mut w = Writer::new();
     w.time(stamp).string("").u32(names.len() as u32);
     names.iter().for_each(|n| {
         w.string(n);
     });
-    for values in [&trace.position, &trace.velocity, &trace.torque] {
-        w.f64_sequence(row(values, i, trace.joints));
+    for values in states {
+        w.f64_sequence(values);
     }
     w.finish()
 }
@@ -111,9 +232,12 @@ fn pose_bytes(stamp: u64, base: &[f64; 7]) -> Vec<u8> {
     w.finish()
 }
 
-fn transform_bytes(stamp: u64, child: &str, base: &[f64; 7]) -> Vec<u8> {
+fn transform_bytes(stamp: u64, frames: &[(String, String, &[f64; 7])]) -> Vec<u8> {
     let mut w = Writer::new();
-    w.u32(1).time(stamp).string("world").string(child);
-    quaternion(&mut w, base);
+    w.u32(frames.len() as u32);
+    for (parent, child, pose) in frames {
+        w.time(stamp).string(parent).string(child);
+        quaternion(&mut w, pose);
+    }
     w.finish()
 }

@@ -11,7 +11,7 @@ mod legs;
 mod start;
 mod verdict;
 
-pub use bag_out::write_mcap;
+pub use bag_out::{FrameTrace, Recorded, write_mcap, write_traces};
 pub use commands::{Command, HeldCommands};
 pub use engine::{
     Feet, ReplayOptions, Trace, Window, Windows, expand, feet_of, joint_columns, parameters_from_toml, sensor_errors,

@@ -1,6 +1,8 @@
 //! `qv walk`: a robot learns to walk, and what it has learnt is looked at.
 
 mod around;
+#[cfg(test)]
+mod example;
 mod inputs;
 mod page;
 mod play;
