@@ -144,7 +144,7 @@ impl Default for Reward {
             slip: 0.1,
             pairs: 0.4,
             limbs: 0.5,
-            still: 0.5,
+            still: 2.0,
             fall: 0.5,
             least: -0.2,
         }
