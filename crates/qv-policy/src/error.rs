@@ -1,5 +1,7 @@
 //! The error of this crate.
 
+use crate::onnx::OnnxError;
+use crate::roll::RollError;
 use qv_sim::SimError;
 
 /// What can be wrong with a robot, a task, a policy or a training.
@@ -8,6 +10,12 @@ pub enum PolicyError {
     /// The simulator refused something.
     #[error(transparent)]
     Sim(#[from] SimError),
+    /// An ONNX file could not be written, read or run.
+    #[error(transparent)]
+    Onnx(#[from] OnnxError),
+    /// A roll of somebody's policy went wrong.
+    #[error(transparent)]
+    Roll(#[from] RollError),
     /// A setting that means nothing.
     #[error("{what}: expected {expected}, found {found}")]
     Setting {

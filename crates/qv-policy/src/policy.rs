@@ -2,7 +2,7 @@
 
 use crate::PolicyError;
 use crate::net::{Mlp, padded};
-use crate::onnx::{Dense, OnnxError, PolicyGraph};
+use crate::onnx::{Dense, PolicyGraph};
 use crate::ppo::{Ppo, scale_rows};
 use crate::score::{Decide, Score};
 use crate::velocity::{Commands, OBSERVATION, Randomise, TaskRobot, TaskSettings};
@@ -33,7 +33,7 @@ impl Policy {
     ///
     /// # Errors
     /// When a number is not finite.
-    pub fn to_onnx(&self, robot: &TaskRobot) -> Result<Vec<u8>, OnnxError> {
+    pub fn to_onnx(&self, robot: &TaskRobot) -> Result<Vec<u8>, PolicyError> {
         let plain: Vec<_> = self.actor.layers.iter().map(|layer| layer.unpadded(&self.parameters)).collect();
         let last = plain.len() - 1;
         let layers: Vec<Dense> = self
@@ -57,7 +57,7 @@ impl Policy {
             text("joints", robot.model.joint_names().join(" ")),
             text("observation", OBSERVATION.map(|(what, _)| what).join("; ")),
         ];
-        PolicyGraph {
+        let graph = PolicyGraph {
             input: "observation",
             output: "targets",
             offset: &self.offset,
@@ -68,8 +68,8 @@ impl Policy {
             lower: &lower,
             upper: &upper,
             metadata: &metadata,
-        }
-        .to_bytes()
+        };
+        Ok(graph.to_bytes()?)
     }
 }
 
@@ -106,9 +106,8 @@ impl Decide for OnnxDecision<'_> {
     fn decide(&mut self, rows: usize, observations: &[f32], actions: &mut [f32]) -> Result<(), PolicyError> {
         let (width, joints) = (observations.len() / rows, self.robot.joints());
         let mut targets = Vec::new();
-        let bad = |e: OnnxError| PolicyError::Text { what: "policy.onnx".into(), reason: e.to_string() };
         for (row, observation) in actions.chunks_exact_mut(joints).zip(observations.chunks_exact(width)) {
-            self.policy.run(observation, &mut targets).map_err(bad)?;
+            self.policy.run(observation, &mut targets)?;
             if targets.len() != joints {
                 let (expected, found) = (format!("{joints} targets"), targets.len().to_string());
                 return Err(PolicyError::Mismatch { what: "policy.onnx".into(), expected, found });
