@@ -53,7 +53,7 @@ impl Random {
 
     /// Uniform among `0..count`.
     pub fn below(&mut self, count: usize) -> usize {
-        ((self.bits() >> 32) * count as u64 >> 32) as usize
+        (((self.bits() >> 32) * count as u64) >> 32) as usize
     }
 
     /// Standard normal (Box and Muller 1958, of whose two numbers one is used).

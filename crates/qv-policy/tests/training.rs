@@ -115,8 +115,8 @@ fn settings_that_mean_nothing_are_named() {
         (|s| s.ppo.clip = 0.0, "clip"),
         (|s| s.ppo.actor = vec![0], "size of a layer"),
         (|s| s.task.reward.velocity_width = 0.0, "velocity_width"),
-        (|s| drop(s.task.randomise.parameters.insert("contact.friction".into(), [1.0, 0.0])), "contact.friction"),
-        (|s| drop(s.task.randomise.parameters.insert("joint.*.magic".into(), [0.0, 1.0])), "joint.*.magic"),
+        (|s| s.task.randomise.parameters = [("contact.friction".into(), [1.0, 0.0])].into(), "contact.friction"),
+        (|s| s.task.randomise.parameters = [("joint.*.magic".into(), [0.0, 1.0])].into(), "joint.*.magic"),
     ];
     for (change, named) in changes {
         let mut settings = small(0);

@@ -4,25 +4,30 @@
 //! those of legged_gym (Rudin et al. 2021, table 1 of its appendix) with terms for clearance, slip and timing of the feet.
 
 mod ground;
+mod judge;
 mod randomise;
 mod reward;
 mod robot;
 mod settings;
+mod turns;
 mod walker;
 
 pub use ground::Ground;
+pub(crate) use judge::MOST_FEET;
 pub use reward::TERMS;
 pub use robot::{PerJoint, RobotFile, TaskRobot};
 pub use settings::{Commands, Ends, Noise, Randomise, Reward, TaskSettings};
+pub(crate) use turns::in_heading;
 pub use walker::Walker;
 
 use crate::PolicyError;
 use crate::env::{End, VectorEnv};
 use crate::random::Random;
+use judge::{Judge, Outcome, touches};
 use qv_sim::{Batch, BatchCommand, LineSearch, SimOptions, State};
 use randomise::Draws;
 use rayon::prelude::*;
-use reward::{Measures, Seen, Terms, terms};
+use turns::{heading, turned, turned_back};
 
 /// Parts of an observation with their length; `0` stands for the number of joints. All in SI units, unscaled.
 pub const OBSERVATION: [(&str, usize); 6] = [
@@ -33,9 +38,6 @@ pub const OBSERVATION: [(&str, usize); 6] = [
     ("joint speeds [rad/s]", 0),
     ("last targets [rad]", 0),
 ];
-
-/// Force from which a shape counts as touching \[N\]: a thousandth of a small robot's weight, above the noise of single precision.
-const TOUCH: f32 = 0.1;
 
 /// Many robots that learn to follow commands.
 pub struct VelocityTask {
@@ -88,15 +90,6 @@ struct Readings {
     orientation: Vec<f32>,
     encoder_q: Vec<f32>,
     encoder_dq: Vec<f32>,
-}
-
-/// What one robot did in a step, for the sums.
-#[derive(Debug, Clone, Copy)]
-struct Outcome {
-    terms: Terms,
-    velocity_error: f32,
-    turning_error: f32,
-    feet: [f32; 3],
 }
 
 impl VelocityTask {
@@ -530,166 +523,6 @@ impl VelocityTask {
     }
 }
 
-/// What judging a robot reads, the same for all.
-struct Judge<'a> {
-    robot: &'a TaskRobot,
-    settings: &'a TaskSettings,
-    ground: &'a Ground,
-    batch: &'a Batch<f32>,
-    read: &'a Readings,
-    judged: bool,
-    torque: f32,
-    foot_radius: Vec<f32>,
-    length: u32,
-}
-
-impl<'a> Judge<'a> {
-    fn new(task: &'a VelocityTask) -> Self {
-        Self {
-            robot: &task.robot,
-            settings: &task.settings,
-            ground: &task.ground,
-            batch: &task.batch,
-            read: &task.read,
-            judged: task.judged,
-            torque: task.robot.torque_scale(),
-            foot_radius: task.robot.feet.iter().map(|&g| task.robot.foot_radius(g)).collect(),
-            length: (task.settings.episode * task.settings.rate) as u32,
-        }
-    }
-
-    /// Reward and end of one robot's step, and what it remembers of it.
-    fn judge(&self, env: usize, action: &[f32], walker: &mut Walker) -> (Outcome, End) {
-        let (joints, feet) = (self.robot.joints(), self.robot.feet.len());
-        let geoms = self.robot.model.geoms.len();
-        let dt = self.settings.dt();
-        let q = &self.read.q[env * (7 + joints)..][..7 + joints];
-        let v = &self.read.v[env * (6 + joints)..][..6 + joints];
-        let turn = [q[3], q[4], q[5], q[6]];
-        let ground = self.ground.height(q[0], q[1], q[2]);
-        walker.ground = ground.unwrap_or(walker.ground);
-        let height = q[2] - walker.ground;
-        let gravity = turned_back(turn, [0.0, 0.0, -1.0]);
-        let velocity = in_heading(turn, [v[0], v[1], v[2]]);
-        let (mut touching, mut landed) = ([false; MOST_FEET], [-1.0f32; MOST_FEET]);
-        let (mut feet_height, mut feet_speed) = ([0.0f32; MOST_FEET], [0.0f32; MOST_FEET]);
-        let mut landings = [0.0f32; 3];
-        for (f, &geom) in self.robot.feet.iter().enumerate() {
-            let at = (env * feet + f) * 3;
-            let (p, speed) = (&self.read.feet[at..at + 3], &self.read.feet_speed[at..at + 3]);
-            let under = match self.ground.is_plane() {
-                true => 0.0,
-                false => self.ground.height(p[0], p[1], p[2]).unwrap_or(walker.ground),
-            };
-            feet_height[f] = p[2] - self.foot_radius[f] - under;
-            feet_speed[f] = speed[0].hypot(speed[1]);
-            touching[f] = touches(&self.read.forces, geoms, env, geom);
-            if touching[f] {
-                if walker.air[f] > 0.0 {
-                    landed[f] = walker.air[f];
-                    landings = [landings[0] + 1.0, landings[1] + walker.air[f], landings[2] + walker.peak[f]];
-                }
-                (walker.air[f], walker.peak[f]) = (0.0, 0.0);
-            } else {
-                walker.air[f] += dt;
-                walker.peak[f] = walker.peak[f].max(feet_height[f]);
-            }
-        }
-        let on = |shapes: &[usize]| shapes.iter().filter(|&&g| touches(&self.read.forces, geoms, env, g)).count();
-        let ends = &self.settings.ends;
-        let faulty = self.batch.is_faulty(env).unwrap_or(true);
-        let tilted = -gravity[2] < ends.tilt.cos();
-        let low = height < ends.height * self.robot.height;
-        let fell = faulty || tilted || low || (ends.trunk && on(&self.robot.trunk) > 0);
-        let seen = Seen {
-            velocity,
-            turning: [v[3], v[4], v[5]],
-            gravity,
-            height,
-            q: &q[7..],
-            dq: &v[6..],
-            torques: &self.read.torques[env * joints..][..joints],
-            action,
-            feet_height: &feet_height[..feet],
-            feet_speed: &feet_speed[..feet],
-            touching: &touching[..feet],
-            landed: &landed[..feet],
-            limbs: on(&self.robot.limbs),
-            fell,
-        };
-        let measures = Measures {
-            stand: &self.robot.stand,
-            sideways: &self.robot.sideways,
-            height: self.robot.height,
-            torque: self.torque,
-        };
-        let terms = terms(&self.settings.reward, &measures, &seen, walker, dt);
-        let [vx, vy, wz] = walker.command;
-        let outcome = Outcome {
-            terms,
-            velocity_error: (velocity[0] - vx).hypot(velocity[1] - vy),
-            turning_error: (v[5] - wz).abs(),
-            feet: landings,
-        };
-        walker.action_before.copy_from_slice(&walker.action);
-        walker.action.copy_from_slice(action);
-        walker.dq.copy_from_slice(&v[6..]);
-        walker.steps += 1;
-        walker.asked += vx.hypot(vy) * dt;
-        let end = if fell {
-            End::Failed
-        } else if walker.steps >= self.length || ground.is_none() {
-            // Who walks off the ground did not fall.
-            End::TimeOut
-        } else {
-            End::No
-        };
-        if !self.judged {
-            walker.command_steps = walker.command_steps.saturating_sub(1);
-            if walker.command_steps == 0 {
-                walker.draw_command(&self.settings.commands, dt);
-            }
-        }
-        (outcome, end)
-    }
-}
-
-/// More feet than any robot here has.
-pub(crate) const MOST_FEET: usize = 16;
-
 /// Points ahead and aside of the base at which the critic knows the height of the ground \[m\].
 const SCAN: [[f32; 2]; 9] =
     [[0.4, 0.2], [0.4, 0.0], [0.4, -0.2], [0.2, 0.0], [-0.2, 0.0], [-0.4, 0.2], [-0.4, -0.2], [0.0, 0.2], [0.0, -0.2]];
-
-fn touches(forces: &[f32], geoms: usize, env: usize, geom: usize) -> bool {
-    let f = &forces[(env * geoms + geom) * 3..][..3];
-    f[0] * f[0] + f[1] * f[1] + f[2] * f[2] > TOUCH * TOUCH
-}
-
-/// Cosine and sine of the heading of a quaternion w, x, y, z.
-fn heading([w, x, y, z]: [f32; 4]) -> [f32; 2] {
-    let (c, s) = (1.0 - 2.0 * (y * y + z * z), 2.0 * (w * z + x * y));
-    let length = c.hypot(s).max(1e-6);
-    [c / length, s / length]
-}
-
-/// A vector in the axes of the heading of a quaternion: forwards, to the left, up.
-pub(crate) fn in_heading(turn: [f32; 4], v: [f32; 3]) -> [f32; 3] {
-    let [c, s] = heading(turn);
-    [c * v[0] + s * v[1], c * v[1] - s * v[0], v[2]]
-}
-
-/// A vector turned by a quaternion w, x, y, z.
-fn turned([w, x, y, z]: [f32; 4], v: [f32; 3]) -> [f32; 3] {
-    let t = [2.0 * (y * v[2] - z * v[1]), 2.0 * (z * v[0] - x * v[2]), 2.0 * (x * v[1] - y * v[0])];
-    [
-        v[0] + w * t[0] + y * t[2] - z * t[1],
-        v[1] + w * t[1] + z * t[0] - x * t[2],
-        v[2] + w * t[2] + x * t[1] - y * t[0],
-    ]
-}
-
-/// A vector turned by the inverse of a quaternion.
-fn turned_back([w, x, y, z]: [f32; 4], v: [f32; 3]) -> [f32; 3] {
-    turned([w, -x, -y, -z], v)
-}
