@@ -68,7 +68,7 @@ pub fn lines(count: u64) -> Vec<Line> {
         },
         samples: 6144 * (k + 1),
         figures: vec![("velocity", 1.2), ("velocity_error", 0.2), ("turning_error", 0.3)],
-        score: ((k + 1) % 20 == 0).then(|| Score { robots: 64, velocity_error: 0.1, ..Default::default() }),
+        score: (k + 1).is_multiple_of(20).then(|| Score { robots: 64, velocity_error: 0.1, ..Default::default() }),
     };
     (0..count).map(line).collect()
 }

@@ -36,8 +36,8 @@ pub fn film(played: &Played) -> Option<(String, String)> {
     Some((what, svg + "</svg></div>"))
 }
 
-/// The last moments before a fall, else one stride (from touchdown to touchdown of the first foot) in the middle of the longest
-/// walk, else the whole play.
+/// The last moments before a fall, else one stride (from touchdown to touchdown of the first foot) in the middle of the
+/// command that asks for the longest way, else the whole play.
 fn chosen(played: &Played) -> Option<(String, Vec<usize>)> {
     let last = played.q.len().checked_sub(1)?;
     let spread = |from: usize, to: f32| -> Vec<usize> {
@@ -49,10 +49,11 @@ fn chosen(played: &Played) -> Option<(String, Vec<usize>)> {
     }
     let mut begin = 0;
     let walks = played.commands.chunk_by(|a, b| a == b).map(|chunk| {
+        let (from, [vx, vy, wz]) = (begin, chunk[0]);
         begin += chunk.len();
-        (begin - chunk.len(), begin, chunk[0] != [0.0; 3])
+        (from, begin, chunk.len() as f32 * (vx.hypot(vy) + wz.abs()))
     });
-    let (from, to, _) = walks.filter(|w| w.2).max_by_key(|w| w.1 - w.0).unwrap_or((0, 0, false));
+    let (from, to, _) = walks.filter(|w| w.2 > 0.0).max_by(|a, b| a.2.total_cmp(&b.2)).unwrap_or((0, 0, 0.0));
     let on = |step: usize| played.foot_forces[step].first().is_some_and(|force| *force > 0.0);
     let down: Vec<usize> = (from.max(1)..to).filter(|&step| on(step) && !on(step - 1)).collect();
     let stride = mean(down.windows(2).map(|w| (w[1] - w[0]) as f32));
