@@ -118,6 +118,7 @@ fn empty_run(mapping: &Mapping, epoch: u64, sources: Vec<Source>) -> Run {
         sources,
         faults: Vec::new(),
         lost: Vec::new(),
+        told: Vec::new(),
     }
 }
 

@@ -12,7 +12,7 @@ use std::ops::Range;
 const GAP_PERIODS: f64 = 5.0;
 
 /// No robot's joint turns faster \[rad/s\]: a larger step between samples is a jump.
-const FASTEST_JOINT: f64 = 100.0;
+pub(crate) const FASTEST_JOINT: f64 = 100.0;
 
 /// No walking robot's trunk moves faster \[m/s\].
 pub const FASTEST_BASE: f64 = 10.0;

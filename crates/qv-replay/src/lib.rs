@@ -12,6 +12,7 @@ mod error;
 pub mod faults;
 pub mod holes;
 pub mod images;
+pub mod limits;
 pub mod mapping;
 pub mod plan;
 pub mod replay;

@@ -54,6 +54,8 @@ pub struct JointParameters {
     pub viscous_friction: Option<f64>,
     /// Added to the model's angle to give the measured one \[rad\].
     pub position_offset: Option<f64>,
+    /// Clips the position and feed-forward part of its torque \[N m\], before [`Actuator::tau_max`].
+    pub tau_max: Option<f64>,
 }
 
 /// Commands, each on its own stamps, columns in the order of the joints; held until the next stamp.
@@ -248,6 +250,8 @@ pub struct Run {
     pub faults: Vec<Fault>,
     /// What could not be read.
     pub lost: Vec<Loss>,
+    /// How the recording was read where that is not as a matter of course, such as its unit of time; a sentence each.
+    pub told: Vec<String>,
 }
 
 impl Run {

@@ -138,6 +138,7 @@ pub fn read_table(
         sources: vec![source],
         faults,
         lost,
+        told: Vec::new(),
     };
     for (channel, first, width) in &layout.groups {
         *slot(&mut run, *channel) = columns(&samples, *first, *width);
@@ -185,6 +186,7 @@ fn joint_parameters(description: &Description, joints: &[String], lost: &mut Vec
             coulomb_friction: j.coulomb_friction,
             viscous_friction: j.viscous_friction,
             position_offset: j.position_offset,
+            tau_max: None,
         },
     };
     joints.iter().map(one).collect()

@@ -139,14 +139,20 @@ pub fn mapping_of(robot: &str) -> Option<Mapping> {
 /// When the name is unknown, the file cannot be read, or it holds no good URDF.
 pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, ReplayError> {
     let known = |name: &str| (name == "go2").then(qv_go2::model::urdf);
+    let mut told = Vec::new();
     let (name, urdf) = match (robot, &run.robot) {
         (Some(name), _) => {
             let read = || {
-                fs::read_to_string(name).map_err(|e| file_error(Path::new(name), "go2, or a URDF file", &e.to_string()))
+                let (text, note) = read_urdf(Path::new(name), "go2, or a URDF file")?;
+                told.extend(note);
+                Ok(text)
             };
             (name.to_string(), known(name).map_or_else(read, Ok)?)
         }
-        (None, Robot::Urdf(text)) => ("robot.urdf".to_string(), text.clone()),
+        (None, Robot::Urdf(text)) => {
+            let file = own_urdf(path).unwrap_or_else(|| PathBuf::from("robot.urdf"));
+            (file.display().to_string(), text.clone())
+        }
         (None, Robot::Named(name)) => {
             let expected = "a robot known by name (go2)".to_string();
             let unknown = || ReplayError::Run { what: "robot".into(), expected, found: name.clone() };
@@ -159,22 +165,50 @@ pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, Re
     };
     // URDF has no tag for rotor inertia: a named robot's is known, any other's comes with the recording.
     let armature = if name == "go2" { qv_go2::model::ARMATURE } else { 0.0 };
-    let beside = match robot {
-        Some(file) => Path::new(file).parent().unwrap_or(Path::new("")),
-        None if path.is_dir() => path,
-        None => path.parent().unwrap_or(Path::new("")),
-    };
+    // Meshes lie where the URDF does, wherever the recording is.
+    let beside = Path::new(&name).parent().unwrap_or(Path::new(""));
+    let beside = if beside.as_os_str().is_empty() { Path::new(".") } else { beside };
     let beside = beside.canonicalize().unwrap_or_else(|_| beside.to_path_buf());
     let meshes = |mesh: &str| vertices(&beside, mesh);
     let options = ModelOptions { base, armature, mesh_vertices: Some(&meshes) };
-    Model::from_urdf(&urdf, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))
+    let mut model =
+        Model::from_urdf(&urdf, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))?;
+    model.told.splice(0..0, told);
+    // What a robot that is built in can do is known; files often state less than their robots do.
+    if known(&name).is_none() {
+        let lifted = qv_replay::limits::lift(run, &mut model);
+        model.told.extend(lifted);
+    }
+    Ok(model)
+}
+
+/// The text of a URDF, and a sentence where some of it is not in its encoding.
+fn read_urdf(path: &Path, expected: &str) -> Result<(String, Option<String>), ReplayError> {
+    let bytes = fs::read(path).map_err(|e| file_error(path, expected, &e.to_string()))?;
+    qv_sim::urdf::decode(&bytes).map_err(|e| file_error(path, "a robot", &e.to_string()))
+}
+
+/// The description of the table at `path`, its CSV file or its directory.
+fn description_of(path: &Path) -> PathBuf {
+    if path.is_dir() {
+        return path.join("run.toml");
+    }
+    let own = path.with_extension("toml");
+    if own.exists() { own } else { path.parent().unwrap_or(Path::new("")).join("run.toml") }
+}
+
+/// The URDF that the description of a table names.
+fn own_urdf(path: &Path) -> Option<PathBuf> {
+    let description = description_of(path);
+    let robot = qv_replay::robot_of(&fs::read_to_string(&description).ok()?).ok()?;
+    Some(description.parent().unwrap_or(Path::new("")).join(robot))
 }
 
 /// The text of the URDF that [`model_of`] reads; `None` when it cannot be read.
 pub fn urdf_of(run: &Run, robot: Option<&str>) -> Option<String> {
     match (robot, &run.robot) {
         (Some("go2"), _) => Some(qv_go2::model::urdf()),
-        (Some(file), _) => fs::read_to_string(file).ok(),
+        (Some(file), _) => read_urdf(Path::new(file), "a URDF file").ok().map(|(text, _)| text),
         (None, Robot::Urdf(text)) => Some(text.clone()),
         (None, Robot::Named(name)) => (name == "go2").then(qv_go2::model::urdf),
     }
@@ -256,6 +290,11 @@ pub fn parameters_of(path: Option<&Path>, model: &Model, terrain: &Terrain) -> R
     Ok(given)
 }
 
+/// What is told of how a recording and its robot were read, a line each: nothing is lost by it.
+pub fn told_of(run: &Run, model: &Model) -> Vec<String> {
+    run.told.iter().chain(&model.told).cloned().collect()
+}
+
 /// What was lost of a recording or could not be used as it is, a line each.
 pub fn lost_from(run: &Run) -> Vec<String> {
     let mut lost: Vec<String> = run.lost.iter().map(|l| format!("lost from {}: {}", l.file, l.what)).collect();
@@ -266,18 +305,20 @@ pub fn lost_from(run: &Run) -> Vec<String> {
 
 fn open_table(csv: &Path) -> Result<Run, ReplayError> {
     let directory = csv.parent().unwrap_or(Path::new("."));
-    let toml_path = csv.with_extension("toml");
-    let toml_path = if toml_path.exists() { toml_path } else { directory.join("run.toml") };
+    let toml_path = description_of(csv);
     let toml_text =
         fs::read_to_string(&toml_path).map_err(|e| file_error(&toml_path, "a run description", &e.to_string()))?;
     let robot = qv_replay::robot_of(&toml_text)?;
     let mapping = mapping_of(&robot);
+    let mut told = Vec::new();
     let urdf = match &mapping {
         Some(_) => None,
         None => {
             let path = directory.join(&robot);
             let expected = "a robot known by name (go2), or a URDF file";
-            Some(fs::read_to_string(&path).map_err(|e| file_error(&path, expected, &e.to_string()))?)
+            let (text, note) = read_urdf(&path, expected)?;
+            told.extend(note);
+            Some(text)
         }
     };
     let file = File::open(csv).map_err(|e| file_error(csv, "a readable file", &e.to_string()))?;
@@ -285,7 +326,9 @@ fn open_table(csv: &Path) -> Result<Run, ReplayError> {
     let source = bar.wrap_read(BufReader::new(file));
     let run = qv_replay::read_table(source, &toml_text, urdf.as_deref(), mapping.as_ref());
     bar.finish_and_clear();
-    run
+    let mut run = run?;
+    run.told.extend(told);
+    Ok(run)
 }
 
 #[cfg(test)]
