@@ -1,4 +1,5 @@
-//! Limits of a URDF that the recording contradicts: a robot that did it can do it.
+//! Where a URDF and a recording of its robot differ: limits that the recording contradicts (a robot that did it can do it),
+//! joints that it says nothing of.
 
 use crate::faults;
 use crate::run::{FaultKind, Run};
@@ -25,6 +26,24 @@ pub fn lift(run: &Run, model: &mut Model) -> Vec<String> {
         lift_effort(run, column, joint, &mut told);
     }
     told
+}
+
+/// Joints of `model` that `run` has no position of, and where each is held: at its first command, else at the position
+/// within its limits that is nearest to zero \[rad or m\]. Empty where the run has no position of any joint.
+pub fn held(run: &Run, model: &Model) -> Vec<(String, f64)> {
+    let column = |name: &str| run.joint_names.iter().position(|n| n == name);
+    let first = |series: &Option<JointSeries>, column: usize| {
+        series.as_ref().and_then(|s| s.column(column).find(|x| x.is_finite()))
+    };
+    let is_measured = |joint: &&Joint| column(&joint.name).and_then(|c| first(&run.measured.position, c)).is_some();
+    if !model.joints.iter().any(|j| is_measured(&j)) {
+        return Vec::new();
+    }
+    let place = |joint: &Joint| {
+        let command = column(&joint.name).and_then(|c| first(&run.commands.position, c));
+        (joint.name.clone(), command.unwrap_or(0.0f64.max(joint.lower).min(joint.upper)))
+    };
+    model.joints.iter().filter(|j| !is_measured(j)).map(place).collect()
 }
 
 fn lift_velocity(run: &Run, column: usize, joint: &mut Joint, told: &mut Vec<String>) {

@@ -128,6 +128,10 @@ pub enum FaultKind {
     Convention,
     /// A channel that is expected but was not recorded.
     Missing,
+    /// Quaternions that are no rotation; those far from one are gaps, the others are read as the rotation nearest to them.
+    NoRotation,
+    /// A channel that lacks more values than it has.
+    Sparse,
 }
 
 impl FaultKind {
@@ -136,6 +140,7 @@ impl FaultKind {
         !matches!(
             self,
             Self::Drop | Self::Gap | Self::Repeat | Self::Jump | Self::BeyondEffort | Self::BeyondLimits | Self::Frozen
+                | Self::Sparse
         )
     }
 }
@@ -158,6 +163,8 @@ impl fmt::Display for FaultKind {
             Self::WrongRobot => "wrong robot",
             Self::Convention => "another convention",
             Self::Missing => "not recorded",
+            Self::NoRotation => "no rotation",
+            Self::Sparse => "mostly missing",
         })
     }
 }

@@ -170,9 +170,18 @@ pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, Re
     let beside = if beside.as_os_str().is_empty() { Path::new(".") } else { beside };
     let beside = beside.canonicalize().unwrap_or_else(|_| beside.to_path_buf());
     let meshes = |mesh: &str| vertices(&beside, mesh);
-    let options = ModelOptions { base, armature, mesh_vertices: Some(&meshes) };
-    let mut model =
-        Model::from_urdf(&urdf, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))?;
+    let read = |held: &[(String, f64)]| {
+        let options = ModelOptions { base, armature, mesh_vertices: Some(&meshes), held };
+        Model::from_urdf(&urdf, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))
+    };
+    let mut model = read(&[])?;
+    let held = if known(&name).is_none() { qv_replay::limits::held(run, &model) } else { Vec::new() };
+    if !held.is_empty() {
+        model = read(&held)?;
+        let one = |(name, position): &(String, f64)| format!("{name} at {position:.3}");
+        let names: Vec<String> = held.iter().map(one).collect();
+        told.push(format!("joints without positions in the recording are held [rad or m]: {}", names.join(", ")));
+    }
     model.told.splice(0..0, told);
     // What a robot that is built in can do is known; files often state less than their robots do.
     if known(&name).is_none() {

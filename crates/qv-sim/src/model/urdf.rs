@@ -21,6 +21,8 @@ pub struct ModelOptions<'a> {
     /// Reads collision meshes, which become convex hulls. Without it they are left out and listed in
     /// [`Model::left_out`].
     pub mesh_vertices: Option<&'a MeshVertices<'a>>,
+    /// Joints by name that do not move, with the positions \[rad or m\] that they are held at: as if they were fixed there.
+    pub held: &'a [(String, f64)],
 }
 
 impl Model {
@@ -247,12 +249,16 @@ impl Builder<'_> {
         if urdf.kind == JointType::Fixed || holds {
             return Ok(Visit { urdf_link, carrier, carrier_from_link: carrier_from_joint });
         }
+        let link = self.model.links.len();
+        let joint = read_joint(urdf, link, self.options.armature, &mut self.model.told)?;
+        if let Some((_, position)) = self.options.held.iter().find(|(name, _)| *name == urdf.name) {
+            return Ok(Visit { urdf_link, carrier, carrier_from_link: carrier_from_joint * joint.motion(*position) });
+        }
         if urdf.mimics {
             self.model.left_out.push(format!("mimic of joint `{}`: it moves by itself", urdf.name));
         }
-        let link = self.model.links.len();
         let index = self.model.joints.len();
-        self.model.joints.push(read_joint(urdf, link, self.options.armature, &mut self.model.told)?);
+        self.model.joints.push(joint);
         let name = &self.robot.links[urdf_link].name;
         self.model.links.push(new_link(name, carrier, Some(index), carrier_from_joint));
         Ok(Visit { urdf_link, carrier: Some(link), carrier_from_link: Pose::IDENTITY })
