@@ -6,12 +6,15 @@
 mod bag;
 pub mod cdr;
 mod clean;
+pub mod container;
 pub mod conventions;
+pub mod definitions;
 pub mod derive;
 mod error;
 pub mod faults;
 pub mod holes;
 pub mod images;
+pub mod imu;
 pub mod limits;
 pub mod mapping;
 pub mod plan;
@@ -20,6 +23,8 @@ pub mod run;
 pub mod schema;
 pub mod smooth;
 pub mod still;
+#[cfg(feature = "sqlite")]
+mod sqlite;
 pub mod stream;
 mod table;
 

@@ -4,7 +4,7 @@
 use crate::faults;
 use crate::run::{FaultKind, Run};
 use qv_core::JointSeries;
-use qv_sim::{Joint, Model};
+use qv_sim::{Joint, JointKind, Model};
 
 /// The simulator takes a motor's torque away between a speed limit and a tenth above it, and recorders' torques are estimates:
 /// less than a tenth contradicts nothing.
@@ -52,9 +52,10 @@ fn lift_velocity(run: &Run, column: usize, joint: &mut Joint, told: &mut Vec<Str
     let Some(position) = run.measured.position.as_ref().filter(|_| !is_foreign) else { return };
     if let Some(fastest) = beyond(&speeds(position, column), joint.velocity) {
         told.push(format!(
-            "joint `{}`: its URDF allows {} rad/s (m/s where it slides), the recording reaches {fastest:.2}: \
-             no limit on its speed is applied",
-            joint.name, joint.velocity
+            "joint `{}`: its URDF allows {} {}/s, the recording reaches {fastest:.2}: no limit on its speed is applied",
+            joint.name,
+            joint.velocity,
+            if joint.kind == JointKind::Revolute { "rad" } else { "m" }
         ));
         joint.velocity = f64::INFINITY;
     }
@@ -67,9 +68,10 @@ fn lift_effort(run: &Run, column: usize, joint: &mut Joint, told: &mut Vec<Strin
     let sizes: Vec<f64> = torque.column(column).map(f64::abs).filter(|x| x.is_finite()).collect();
     if let Some(largest) = beyond(&sizes, joint.effort) {
         told.push(format!(
-            "joint `{}`: its URDF allows {} N m (N where it slides), the recording reaches {largest:.2}: \
-             no limit on its torque is applied",
-            joint.name, joint.effort
+            "joint `{}`: its URDF allows {} {}, the recording reaches {largest:.2}: no limit on its torque is applied",
+            joint.name,
+            joint.effort,
+            if joint.kind == JointKind::Revolute { "N m" } else { "N" }
         ));
         joint.effort = f64::INFINITY;
     }

@@ -12,6 +12,7 @@ pub(super) struct Description {
     pub robot: String,
     base: Option<String>,
     actuator: Option<ActuatorTable>,
+    imu: Option<ImuTable>,
     #[serde(default)]
     joint: BTreeMap<String, JointTable>,
 }
@@ -31,6 +32,12 @@ struct ActuatorTable {
     kp: Option<Each>,
     kd: Option<Each>,
     tau_max: Option<Each>,
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+struct ImuTable {
+    /// Roll, pitch, yaw \[rad\].
+    rotation: Option<[f64; 3]>,
 }
 
 #[derive(Debug, Clone, Copy, Default, Deserialize)]
@@ -97,7 +104,8 @@ pub(super) fn parse_description(text: &str) -> Result<Description, ReplayError> 
     });
     let actuator = description.actuator.iter().flat_map(|a| [&a.kp, &a.kd, &a.tau_max].into_iter().flatten());
     let actuator = actuator.flat_map(Each::numbers);
-    for (name, x) in numbers.chain(actuator.map(|x| ("actuator".to_string(), x))) {
+    let imu = description.imu_rotation().into_iter().flatten().map(|x| ("imu".to_string(), x));
+    for (name, x) in numbers.chain(actuator.map(|x| ("actuator".to_string(), x))).chain(imu) {
         if !x.is_finite() {
             return Err(ReplayError::file("run.toml", format!("finite numbers in `{name}`"), x.to_string()));
         }
@@ -112,7 +120,10 @@ pub(super) fn unknown_keys(text: &str) -> Vec<String> {
     let mut check = |at: &str, table: &toml::Table, known: &[&str]| {
         unknown.extend(table.keys().filter(|k| !known.contains(&k.as_str())).map(|k| format!("{at}{k}")));
     };
-    check("", &table, &["robot", "base", "actuator", "joint"]);
+    check("", &table, &["robot", "base", "actuator", "imu", "joint"]);
+    if let Some(imu) = table.get("imu").and_then(toml::Value::as_table) {
+        check("imu.", imu, &["rotation"]);
+    }
     if let Some(actuator) = table.get("actuator").and_then(toml::Value::as_table) {
         check("actuator.", actuator, &OF_ACTUATORS);
     }
@@ -141,6 +152,11 @@ impl Gains {
 }
 
 impl Description {
+    /// Roll, pitch and yaw of the IMU on the base \[rad\], where they are stated.
+    pub(super) fn imu_rotation(&self) -> Option<[f64; 3]> {
+        self.imu.and_then(|imu| imu.rotation)
+    }
+
     pub(super) fn base(&self) -> Result<Option<Base>, ReplayError> {
         match self.base.as_deref() {
             Some("fixed") => Ok(Some(Base::Fixed)),

@@ -7,10 +7,13 @@ use crate::ReplayError;
 use crate::bag::{slot, source};
 use crate::clean::{Samples, columns, put_in_order};
 use crate::faults;
+use crate::imu;
 use crate::mapping::{Channel, Mapping};
 use crate::run::*;
 use description::{parse_description, unknown_keys};
 use dialect::Cells;
+use qv_core::Pose;
+use qv_sim::{Model, ModelOptions};
 use std::collections::BTreeMap;
 use std::io::Read;
 
@@ -100,7 +103,19 @@ pub fn read_table(
         run.faults.push(Fault { kind: FaultKind::Missing, channel: "commands".into(), time: 0.0, count: 1, detail });
     }
     faults::examine(&mut run, mapping);
+    turn_imu(&mut run, description.imu_rotation(), urdf);
     Ok(run)
+}
+
+/// Turns the channels of an IMU that is mounted at an angle, as `run.toml` or the URDF's link says.
+fn turn_imu(run: &mut Run, stated: Option<[f64; 3]>, urdf: Option<&str>) {
+    // What is wrong with a URDF is said where it is used.
+    let of_urdf = || Model::from_urdf(urdf?, &ModelOptions::default()).ok().as_ref().and_then(imu::mount_of);
+    let mount = stated.map(|rpy| Pose::from_xyz_rpy([0.0; 3], rpy).rotation);
+    if let Some(rotation) = mount.or_else(of_urdf).filter(|_| run.base == Base::Free) {
+        let told = imu::to_trunk(run, rotation, stated.is_some());
+        run.told.extend(told);
+    }
 }
 
 /// Which column of the file goes where.
