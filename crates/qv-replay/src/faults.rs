@@ -3,7 +3,7 @@
 use crate::clean::{median, median_interval};
 use crate::conventions;
 use crate::mapping::Mapping;
-use crate::run::{Fault, FaultKind, Run};
+use crate::run::{Clock, Fault, FaultKind, Run};
 use crate::still::still;
 use qv_core::JointSeries;
 use std::ops::Range;
@@ -223,7 +223,8 @@ fn rotations(name: &str, series: &mut JointSeries, first: usize, faults: &mut Ve
     }
 }
 
-/// Channels of which more values are missing than are there, without a hole that is told as a gap.
+/// Channels of which more values are missing than are there, without a hole that is told as a gap. Rows of a table that lack a
+/// whole channel are not in its series: they count by those of the positions.
 fn sparse(run: &Run, faults: &mut Vec<Fault>) {
     let m = &run.measured;
     let trunk = [
@@ -232,12 +233,16 @@ fn sparse(run: &Run, faults: &mut Vec<Fault>) {
         ("orientation", &m.orientation),
         ("base pose", &m.base_pose),
     ];
+    let is_table = run.sources.iter().any(|s| s.clock == Clock::Column);
+    let rows = m.position.as_ref().filter(|_| is_table).map_or(0, JointSeries::len);
     let mut look = |name: &str, series: &JointSeries, column: usize| {
-        let missing = series.column(column).filter(|x| x.is_nan()).count();
+        let known = series.column(column).filter(|x| !x.is_nan()).count();
+        let all = series.len().max(rows);
+        let missing = all - known;
         let is_told = faults.iter().any(|f| f.kind == FaultKind::Gap && f.channel == name);
         // A column without any value was not measured, which is no fault.
-        if 2 * missing > series.len() && missing < series.len() && !is_told {
-            let detail = format!("{missing} of {} values missing", series.len());
+        if 2 * missing > all && known > 0 && !is_told {
+            let detail = format!("{missing} of {all} values missing");
             faults.push(fault(FaultKind::Sparse, name, series.time[0], missing, detail));
         }
     };
