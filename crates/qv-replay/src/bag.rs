@@ -2,13 +2,13 @@
 
 use crate::ReplayError;
 use crate::clean::{Samples, columns, median, median_interval, put_in_order};
+use crate::container::read_messages;
 use crate::definitions::standard;
 use crate::faults;
 use crate::mapping::{Channel, ChannelFields, Mapping};
 use crate::plan::{Plan, Wanted};
 use crate::run::{Actuator, ActuatorKind, Base, Clock, Commands, Fault, FaultKind, Measurements, Robot, Run, Source};
 use crate::schema::Schema;
-use crate::container::read_messages;
 use crate::stream::{ChannelInfo, MessageSink};
 use std::collections::BTreeMap;
 use std::io::Read;

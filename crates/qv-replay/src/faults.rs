@@ -217,8 +217,10 @@ fn rotations(name: &str, series: &mut JointSeries, first: usize, faults: &mut Ve
         }
     }
     if let Some((time, length)) = found {
-        let detail =
-            format!("expected quaternions of length 1, found {length:.3}: {} made so, {gaps} kept as gaps", count - gaps);
+        let detail = format!(
+            "expected quaternions of length 1, found {length:.3}: {} made so, {gaps} kept as gaps",
+            count - gaps
+        );
         faults.push(fault(FaultKind::NoRotation, name, time, count, detail));
     }
 }

@@ -2,10 +2,10 @@
 
 use crate::bag::BagFile;
 use crate::cdr::{Value, decode};
-use crate::run::{Clock, Loss};
-use crate::schema::Schema;
 use crate::container::read_messages;
 use crate::definitions::standard;
+use crate::run::{Clock, Loss};
+use crate::schema::Schema;
 use crate::stream::{ChannelInfo, MessageSink};
 use std::collections::BTreeMap;
 use std::io::Read;

@@ -22,9 +22,9 @@ pub mod replay;
 pub mod run;
 pub mod schema;
 pub mod smooth;
-pub mod still;
 #[cfg(feature = "sqlite")]
 mod sqlite;
+pub mod still;
 pub mod stream;
 mod table;
 

@@ -139,7 +139,13 @@ impl FaultKind {
     pub fn is_partial(self) -> bool {
         !matches!(
             self,
-            Self::Drop | Self::Gap | Self::Repeat | Self::Jump | Self::BeyondEffort | Self::BeyondLimits | Self::Frozen
+            Self::Drop
+                | Self::Gap
+                | Self::Repeat
+                | Self::Jump
+                | Self::BeyondEffort
+                | Self::BeyondLimits
+                | Self::Frozen
                 | Self::Sparse
         )
     }

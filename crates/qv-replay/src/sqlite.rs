@@ -65,8 +65,7 @@ impl Reader<'_> {
     }
 
     fn messages(&mut self, database: &Connection, channels: &BTreeMap<i64, u16>) -> Result<(), Error> {
-        let mut select =
-            database.prepare("SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id")?;
+        let mut select = database.prepare("SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id")?;
         let mut rows = select.query([])?;
         let mut foreign = 0;
         while let Some(row) = rows.next()? {

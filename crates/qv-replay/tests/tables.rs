@@ -1,7 +1,7 @@
 //! Tables as other programs write them: all give the run of the plain one.
 
-use qv_replay::run::{FaultKind, Run};
 use qv_replay::read_table;
+use qv_replay::run::{FaultKind, Run};
 
 const URDF: &str = r#"<robot name="r"><link name="base"><inertial><mass value="3"/>
 <inertia ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -46,7 +46,8 @@ fn dialects_give_the_run_of_the_plain_table() {
     assert_eq!((right.told.len(), right.lost.len()), (0, 0), "{:?} {:?}", right.told, right.lost);
     let with_index = |name: &str| {
         let rows = plain.lines().enumerate();
-        let row = |(k, line): (usize, &str)| if k == 0 { format!("{name},{line}\n") } else { format!("{},{line}\n", k - 1) };
+        let row =
+            |(k, line): (usize, &str)| if k == 0 { format!("{name},{line}\n") } else { format!("{},{line}\n", k - 1) };
         rows.map(row).collect::<String>()
     };
     let line_ends = |end: &str| plain.lines().map(|l| format!("{l}{end}\n")).collect::<String>();
@@ -55,12 +56,25 @@ fn dialects_give_the_run_of_the_plain_table() {
     let cases: [(&str, String, &[&str]); 14] = [
         ("semicolons", table(";", seconds), &["semicolons"]),
         ("tabs", table("\t", seconds), &["tabs"]),
-        ("decimal commas", table(";", seconds).replacen("a/b c.d", "a/b c#d", 3).replace('.', ",").replace("c#d", "c.d")
-            .replace("cmd_pos,", "cmd_pos.").replace("pos,a", "pos.a").replace("vel,a", "vel.a"), &["semicolons", "decimal commas"]),
+        (
+            "decimal commas",
+            table(";", seconds)
+                .replacen("a/b c.d", "a/b c#d", 3)
+                .replace('.', ",")
+                .replace("c#d", "c.d")
+                .replace("cmd_pos,", "cmd_pos.")
+                .replace("pos,a", "pos.a")
+                .replace("vel,a", "vel.a"),
+            &["semicolons", "decimal commas"],
+        ),
         ("milliseconds", table(",", |k| (2 * k).to_string()), &["milliseconds"]),
         ("microseconds", table(",", |k| (2000 * k).to_string()), &["microseconds"]),
         ("nanoseconds", table(",", |k| (2_000_000 * k).to_string()), &["nanoseconds"]),
-        ("nanoseconds since the epoch", table(",", |k| (1_700_000_000_123_456_789_u64 + 2_000_000 * k as u64).to_string()), &["nanoseconds"]),
+        (
+            "nanoseconds since the epoch",
+            table(",", |k| (1_700_000_000_123_456_789_u64 + 2_000_000 * k as u64).to_string()),
+            &["nanoseconds"],
+        ),
         ("an index without a name", with_index(""), &["column 1 (no name)"]),
         ("an index of pandas", with_index("Unnamed: 0"), &["Unnamed: 0"]),
         ("an index with a name", with_index("index"), &["column 1 (index)"]),
@@ -79,7 +93,11 @@ fn dialects_give_the_run_of_the_plain_table() {
         }
         let (found, right) = (run.measured.position.unwrap(), right.measured.position.as_ref().unwrap());
         assert_eq!(found.values, right.values, "{what}");
-        assert!(found.time.iter().zip(&right.time).all(|(a, b)| (a - b).abs() < 1e-9), "{what}: {:?}", &found.time[..4]);
+        assert!(
+            found.time.iter().zip(&right.time).all(|(a, b)| (a - b).abs() < 1e-9),
+            "{what}: {:?}",
+            &found.time[..4]
+        );
     }
 }
 
@@ -110,7 +128,9 @@ fn what_a_table_lacks_is_told() {
         })
         .collect();
     let run = read(&sparse, TOML);
-    let found = run.faults.iter().find(|f| f.kind == FaultKind::Sparse).unwrap_or_else(|| panic!("two thirds of the velocities are missing: {:?} {:?}", run.faults, run.measured.velocity));
+    let found = run.faults.iter().find(|f| f.kind == FaultKind::Sparse).unwrap_or_else(|| {
+        panic!("two thirds of the velocities are missing: {:?} {:?}", run.faults, run.measured.velocity)
+    });
     assert!(found.channel == "velocity a/b c.d" && found.detail.contains("67 of 100"), "{found:?}");
     let one: String = plain.lines().take(2).map(|l| format!("{l}\n")).collect();
     let run = read(&one, TOML);
@@ -159,8 +179,20 @@ fn an_imu_at_any_angle_is_turned_into_the_trunk_once() {
         ("stated", mount, stated.as_str(), "0 0 0", "were turned"),
         ("stated against the link", mount, stated.as_str(), "3.1 0 0", "were turned"),
         ("by the link", mount, FREE, "0.4 -0.2 2", "were turned"),
-        ("upside down, in the sensor's axes", upside_down, FREE, "3.141592653589793 0 3.141592653589793", "were turned"),
-        ("upside down, in the trunk's axes", upright, FREE, "3.141592653589793 0 3.141592653589793", "attitude and gyroscope and acceleration are in the trunk's"),
+        (
+            "upside down, in the sensor's axes",
+            upside_down,
+            FREE,
+            "3.141592653589793 0 3.141592653589793",
+            "were turned",
+        ),
+        (
+            "upside down, in the trunk's axes",
+            upright,
+            FREE,
+            "3.141592653589793 0 3.141592653589793",
+            "attitude and gyroscope and acceleration are in the trunk's",
+        ),
     ];
     for (what, axes, toml, link, word) in cases {
         let run = read_table(walk(axes, 1.0).as_bytes(), toml, Some(&urdf(link)), None).unwrap();

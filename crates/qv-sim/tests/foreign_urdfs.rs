@@ -46,12 +46,32 @@ fn what_loads_and_what_is_told_of_it() {
         ("two materials", robot(two, &arm, LIMIT, ""), &[]),
         ("a frame with a mass of nothing", robot("", &arm, LIMIT, &fixed(&mass(1e-6, [0.0; 6]))), &[]),
         ("a frame without inertial", robot("", &arm, LIMIT, &fixed("")), &[]),
-        ("a frame with a singular inertia", robot("", &arm, LIMIT, &fixed(&mass(1e-6, [1e-6; 6]))), &["`camera`", "line 5"]),
-        ("a camera that no body is", robot("", &arm, LIMIT, &fixed(&mass(0.2, odd))), &["`camera`", "as they are", "`base`"]),
-        ("an arm that no body is", robot("", &mass(0.5, odd), LIMIT, ""), &["`arm`", "3.000e-3", "line 3", "as they are"]),
-        ("a negative moment", robot("", &mass(0.5, [1e-3, 0.0, 0.0, 1e-3, 0.0, -1e-3]), LIMIT, ""), &["`arm`", "nearest"]),
+        (
+            "a frame with a singular inertia",
+            robot("", &arm, LIMIT, &fixed(&mass(1e-6, [1e-6; 6]))),
+            &["`camera`", "line 5"],
+        ),
+        (
+            "a camera that no body is",
+            robot("", &arm, LIMIT, &fixed(&mass(0.2, odd))),
+            &["`camera`", "as they are", "`base`"],
+        ),
+        (
+            "an arm that no body is",
+            robot("", &mass(0.5, odd), LIMIT, ""),
+            &["`arm`", "3.000e-3", "line 3", "as they are"],
+        ),
+        (
+            "a negative moment",
+            robot("", &mass(0.5, [1e-3, 0.0, 0.0, 1e-3, 0.0, -1e-3]), LIMIT, ""),
+            &["`arm`", "nearest"],
+        ),
         ("limits upside down", robot("", &arm, r#"<limit lower="2" upper="-1"/>"#, ""), &["`j`", "2 to -1", "line 4"]),
-        ("no speed in limits", robot("", &arm, r#"<limit lower="-1" upper="2" effort="1"/>"#, ""), &["`j`", "`velocity`", "line 4"]),
+        (
+            "no speed in limits",
+            robot("", &arm, r#"<limit lower="-1" upper="2" effort="1"/>"#, ""),
+            &["`j`", "`velocity`", "line 4"],
+        ),
         (
             "a mass without inertia",
             robot("", "<inertial><mass value=\"0.5\"/></inertial>", LIMIT, ""),
@@ -121,18 +141,31 @@ fn a_floating_joint_below_the_world_is_the_free_base() {
 #[test]
 fn what_is_refused_says_where() {
     let arm = inertial(0.5, 0.001);
-    let floating = "<link name=\"b\"/><joint name=\"f\" type=\"floating\"><parent link=\"arm\"/><child link=\"b\"/></joint>";
+    let floating =
+        "<link name=\"b\"/><joint name=\"f\" type=\"floating\"><parent link=\"arm\"/><child link=\"b\"/></joint>";
     let cases: [(&str, String, &[&str]); 20] = [
         ("a moving link without mass", robot("", "", LIMIT, ""), &["`arm`", "positive mass", "line 3"]),
         ("a massless base", "<robot name=\"r\">\n<link name=\"b\"/></robot>".into(), &["`b`", "line 2"]),
-        ("a base without inertia", format!("<robot name=\"r\">\n<link name=\"b\">{}</link></robot>", mass(1.0, [0.0; 6])), &["`b`", "line 2"]),
+        (
+            "a base without inertia",
+            format!("<robot name=\"r\">\n<link name=\"b\">{}</link></robot>", mass(1.0, [0.0; 6])),
+            &["`b`", "line 2"],
+        ),
         ("no iyz", robot("", &arm.replace("iyz=\"0\"", ""), LIMIT, ""), &["`arm`", "`iyz`", "line 3"]),
         ("no mass", robot("", "<inertial/>", LIMIT, ""), &["`arm`", "<mass>", "line 3"]),
         ("a word for a mass", robot("", &arm.replace("0.5", "half"), LIMIT, ""), &["`arm`", "`half`", "line 3"]),
-        ("two origins", robot("<inertial><origin xyz=\"1 0 0\"/></inertial>", &arm, LIMIT, ""), &["`base`", "<inertial>", "line"]),
+        (
+            "two origins",
+            robot("<inertial><origin xyz=\"1 0 0\"/></inertial>", &arm, LIMIT, ""),
+            &["`base`", "<inertial>", "line"],
+        ),
         ("commas", robot("", &arm, "<origin xyz=\"1, 0, 0\"/>", ""), &["`j`", "`1, 0, 0`", "line 4"]),
         ("two numbers", robot("", &arm, "<origin rpy=\"1 0\"/>", ""), &["`j`", "3 numbers", "line 4"]),
-        ("no parent", robot("", &arm, LIMIT, "").replace("<parent link=\"base\"/>", ""), &["`j`", "<parent>", "line 4"]),
+        (
+            "no parent",
+            robot("", &arm, LIMIT, "").replace("<parent link=\"base\"/>", ""),
+            &["`j`", "<parent>", "line 4"],
+        ),
         ("no type", robot("", &arm, LIMIT, "").replace("type=\"revolute\"", ""), &["`j`", "`type`", "line 4"]),
         ("an unknown type", robot("", &arm, LIMIT, "").replace("revolute", "hinge"), &["`j`", "`hinge`", "line 4"]),
         ("a floating joint behind another", robot("", &arm, LIMIT, floating), &["`f`", "line 5"]),
@@ -141,7 +174,11 @@ fn what_is_refused_says_where() {
         ("MJCF", "<mujoco model=\"x\"><worldbody/></mujoco>".into(), &["MJCF"]),
         ("HTML", "<!DOCTYPE html><html><body>404: Not Found</body></html>".into(), &["web page"]),
         ("damaged HTML", "<!doctype html><html><br></html>".into(), &["web page"]),
-        ("xacro", "<robot xmlns:xacro=\"http://www.ros.org/wiki/xacro\"><xacro:include filename=\"a\"/></robot>".into(), &["xacro"]),
+        (
+            "xacro",
+            "<robot xmlns:xacro=\"http://www.ros.org/wiki/xacro\"><xacro:include filename=\"a\"/></robot>".into(),
+            &["xacro"],
+        ),
         ("a pointer", "version https://git-lfs.github.com/spec/v1\noid sha256:0".into(), &["Git LFS"]),
     ];
     for (what, urdf, words) in cases {

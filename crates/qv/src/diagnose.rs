@@ -2,7 +2,8 @@
 
 use crate::camera::{RobotCamera, open_camera, open_images, photographs, to_toml};
 use crate::open::{
-    check_ground, file_error, lost_from, model_of, open_run, parameters_of, spinner, terrain_of, told_of, urdf_of, write_error,
+    check_ground, file_error, lost_from, model_of, open_run, parameters_of, spinner, terrain_of, told_of, urdf_of,
+    write_error,
 };
 use crate::scene::open_scene;
 use crate::{Outcome, RunArguments, say};

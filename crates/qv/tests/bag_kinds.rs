@@ -87,7 +87,8 @@ fn damaged_databases_say_so() {
 #[test]
 fn parts_that_were_renamed_or_compressed_lose_nothing() {
     let messages = walk(3.0);
-    let part = |k: usize| write(&messages[k * messages.len() / 3..(k + 1) * messages.len() / 3], small_chunks(None), &[]);
+    let part =
+        |k: usize| write(&messages[k * messages.len() / 3..(k + 1) * messages.len() / 3], small_chunks(None), &[]);
     let yaml = "rosbag2_bagfile_information:\n  relative_file_paths:\n    - walk_0.mcap\n    - walk_1.mcap\n    - walk_2.mcap\n";
     let cases: [(&str, [&str; 3]); 4] = [
         ("letters", ["morning.mcap", "dusk.mcap", "evening.mcap"]),

@@ -98,8 +98,7 @@ pub(super) fn parse_description(text: &str) -> Result<Description, ReplayError> 
     let description: Description =
         toml::from_str(text).map_err(|e| ReplayError::file("run.toml", "a run description", found(e)))?;
     let numbers = description.joint.iter().flat_map(|(name, j)| {
-        let all =
-            [j.armature, j.coulomb_friction, j.viscous_friction, j.position_offset, j.kp, j.kd, j.tau_max];
+        let all = [j.armature, j.coulomb_friction, j.viscous_friction, j.position_offset, j.kp, j.kd, j.tau_max];
         all.into_iter().flatten().map(move |x| (name.clone(), x))
     });
     let actuator = description.actuator.iter().flat_map(|a| [&a.kp, &a.kd, &a.tau_max].into_iter().flatten());
@@ -145,9 +144,8 @@ pub(super) struct Gains {
 impl Gains {
     /// As commands that hold from `time` on.
     pub(super) fn series(self, time: f64) -> [Option<JointSeries>; 2] {
-        [self.kp, self.kd].map(|gains| {
-            gains.map(|values| JointSeries { time: vec![time], joints: values.len(), values })
-        })
+        [self.kp, self.kd]
+            .map(|gains| gains.map(|values| JointSeries { time: vec![time], joints: values.len(), values }))
     }
 }
 
@@ -162,9 +160,7 @@ impl Description {
             Some("fixed") => Ok(Some(Base::Fixed)),
             Some("free") => Ok(Some(Base::Free)),
             None => Ok(None),
-            Some(other) => {
-                Err(ReplayError::file("run.toml", "base = \"fixed\" or \"free\"", format!("`{other}`")))
-            }
+            Some(other) => Err(ReplayError::file("run.toml", "base = \"fixed\" or \"free\"", format!("`{other}`"))),
         }
     }
 

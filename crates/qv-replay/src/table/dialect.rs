@@ -122,7 +122,9 @@ mod tests {
     #[test]
     fn cells_become_numbers() {
         let mut cells = Cells::default();
-        for (cell, right) in [("1.5", Some(1.5)), (" -2e3 ", Some(-2e3)), ("", None), ("1.234,5", None), ("1,2,3", None)] {
+        for (cell, right) in
+            [("1.5", Some(1.5)), (" -2e3 ", Some(-2e3)), ("", None), ("1.234,5", None), ("1,2,3", None)]
+        {
             assert_eq!(cells.number(cell.as_bytes()), right, "{cell}");
         }
         assert_eq!((cells.number(b"0,25"), cells.commas), (Some(0.25), 1));

@@ -57,7 +57,13 @@ pub fn read_table(
     layout.report_names(mapping, &mut faults);
     if samples.time.len() == 1 {
         let detail = format!("expected rows at several times, found one ({unit})");
-        faults.push(Fault { kind: FaultKind::Missing, channel: "run.csv".into(), time: samples.time[0], count: 1, detail });
+        faults.push(Fault {
+            kind: FaultKind::Missing,
+            channel: "run.csv".into(),
+            time: samples.time[0],
+            count: 1,
+            detail,
+        });
     }
     let mut samples = put_in_order(samples, "run.csv", true, &mut faults);
     let start = samples.time.first().copied().unwrap_or(0.0);
@@ -255,7 +261,8 @@ fn read_rows(
     told: &mut Vec<String>,
 ) -> Result<(Samples, &'static str), ReplayError> {
     let mut cells = Cells::default();
-    let indices: Vec<usize> = (0..layout.names.len()).filter(|&c| c != layout.time && is_index(&layout.names[c])).collect();
+    let indices: Vec<usize> =
+        (0..layout.names.len()).filter(|&c| c != layout.time && is_index(&layout.names[c])).collect();
     let mut used = vec![false; indices.len()];
     let mut samples = Samples { width: layout.width, ..Default::default() };
     let mut record = csv::ByteRecord::new();

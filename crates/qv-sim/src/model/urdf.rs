@@ -405,19 +405,18 @@ fn mass_properties(link: &LinkElement) -> Result<MassProperties, SimError> {
     Ok(own.transformed(&origin_pose(link, &inertial.origin, line)?))
 }
 
-fn read_joint(
-    urdf: &JointElement,
-    link: usize,
-    armature: f64,
-    told: &mut Vec<String>,
-) -> Result<Joint, SimError> {
-    let wrong = |expected: &str, found: String| joint_error(&urdf.name, expected, format!("{found} (line {})", urdf.line));
+fn read_joint(urdf: &JointElement, link: usize, armature: f64, told: &mut Vec<String>) -> Result<Joint, SimError> {
+    let wrong =
+        |expected: &str, found: String| joint_error(&urdf.name, expected, format!("{found} (line {})", urdf.line));
     let (kind, limited) = match urdf.kind {
         JointType::Revolute => (JointKind::Revolute, true),
         JointType::Continuous => (JointKind::Revolute, false),
         JointType::Prismatic => (JointKind::Prismatic, true),
         JointType::Floating => {
-            return Err(wrong("fixed joints alone above a floating one (it is that of the free base)", "others".into()));
+            return Err(wrong(
+                "fixed joints alone above a floating one (it is that of the free base)",
+                "others".into(),
+            ));
         }
         other => return Err(wrong("fixed, revolute, continuous or prismatic", other.name().into())),
     };

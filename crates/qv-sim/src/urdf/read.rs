@@ -1,6 +1,8 @@
 //! An XML tree becomes links and joints.
 
-use super::{Collision, Dynamics, Geometry, Inertial, JointElement, JointType, Limit, LinkElement, Origin, Robot, kinds};
+use super::{
+    Collision, Dynamics, Geometry, Inertial, JointElement, JointType, Limit, LinkElement, Origin, Robot, kinds,
+};
 use crate::SimError;
 use roxmltree::{Document, Error as XmlError, Node, ParsingOptions};
 use std::borrow::Cow;
@@ -170,10 +172,11 @@ impl Reader {
         let name = self.name(node)?;
         let owner = Owner::Joint(&name);
         let kind = self.text(owner, node, "type")?.trim();
-        let kind = JointType::NAMES.iter().find(|(known, _)| *known == kind).map(|(_, kind)| *kind).ok_or_else(|| {
-            let known = JointType::NAMES.map(|(name, _)| name).join(", ");
-            owner.error(format!("a type of joint ({known})"), format!("`{kind}` (line {line})"))
-        })?;
+        let kind =
+            JointType::NAMES.iter().find(|(known, _)| *known == kind).map(|(_, kind)| *kind).ok_or_else(|| {
+                let known = JointType::NAMES.map(|(name, _)| name).join(", ");
+                owner.error(format!("a type of joint ({known})"), format!("`{kind}` (line {line})"))
+            })?;
         let end = |reader: &mut Self, role: &str| {
             let element = reader.only(owner, node, role)?;
             let element = element.ok_or_else(|| reader.missing(owner, node, &format!("a <{role}>")))?;
@@ -199,11 +202,8 @@ impl Reader {
     fn limit(&mut self, owner: Owner, joint: Node, kind: JointType) -> Result<Limit, SimError> {
         let Some(node) = self.only(owner, joint, "limit")? else { return Ok(Limit::default()) };
         // From version 1.2 on an absent limit is none; before, 0 is what exporters write for none.
-        let (lower, upper, rest) = if self.version >= (1, 2) {
-            (f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY)
-        } else {
-            (0.0, 0.0, 0.0)
-        };
+        let (lower, upper, rest) =
+            if self.version >= (1, 2) { (f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY) } else { (0.0, 0.0, 0.0) };
         if self.version < (1, 2) && kind != JointType::Fixed && node.attribute("velocity").is_none() {
             let line = self.lines.of(node);
             self.told.push(format!("{}: its <limit> states no `velocity` (line {line}): none is set", owner.words()));

@@ -23,7 +23,8 @@ pub fn decode(bytes: &[u8]) -> Result<(String, Option<String>), SimError> {
         },
     };
     // A file that declares UTF-16 in single bytes is not UTF-16: the declaration was copied.
-    let encoding = if [UTF_16LE, UTF_16BE].contains(&encoding) && bytes.starts_with(b"<?xml") { UTF_8 } else { encoding };
+    let encoding =
+        if [UTF_16LE, UTF_16BE].contains(&encoding) && bytes.starts_with(b"<?xml") { UTF_8 } else { encoding };
     let (text, _, malformed) = encoding.decode(bytes);
     let told = malformed.then(|| {
         let line = 1 + text.split('\u{fffd}').next().unwrap_or_default().matches('\n').count();
