@@ -31,6 +31,8 @@ pub enum Golden {
 
 /// The golden of sealed recordings, and who writes it.
 const BLIND: &str = "blind";
+/// The golden of a short training, and who writes it.
+const WALK: &str = "walk";
 
 /// `fixtures/manifest.toml`.
 #[derive(Debug, Clone, Deserialize)]
@@ -48,7 +50,7 @@ pub struct Manifest {
 #[serde(deny_unknown_fields)]
 pub struct Generator {
     /// A Python program relative to `fixtures/`, which takes `--out FOLDER` and names; or, without an environment,
-    /// `pipeline` for `cargo xtask pipeline`, `blind` for `cargo xtask blind`.
+    /// `pipeline` for `cargo xtask pipeline`, `blind` for `cargo xtask blind`, `walk` for a short training.
     pub command: String,
     /// Folder under `fixtures/` whose requirements.txt pins what a Python program needs.
     pub environment: Option<String>,
@@ -143,8 +145,14 @@ fn generate(workspace: &Workspace, generator: &Generator, out: &Path, entries: &
         if generator.command == BLIND {
             return blind::golden::write(workspace, out);
         }
+        if generator.command == WALK {
+            return entries.iter().try_for_each(|entry| walk(workspace, &entry.name, out));
+        }
         if generator.command != "pipeline" {
-            bail!("a generator without an environment: expected `pipeline` or `blind`, found {:?}", generator.command);
+            bail!(
+                "a generator without an environment: expected `pipeline`, `blind` or `walk`, found {:?}",
+                generator.command
+            );
         }
         return entries.iter().try_for_each(|entry| pipeline::write_golden(workspace, &entry.name, out));
     };
@@ -154,6 +162,14 @@ fn generate(workspace: &Workspace, generator: &Generator, out: &Path, entries: &
     // No byte code beside the sources.
     command.env("PYTHONDONTWRITEBYTECODE", "1").arg(program).arg("--out").arg(out);
     process::run(command.args(entries.iter().map(|entry| &entry.name)))
+}
+
+/// A short training, written by the example of the crate that trains.
+fn walk(workspace: &Workspace, name: &str, out: &Path) -> Result<()> {
+    fs::create_dir_all(out).with_context(|| format!("making {}", out.display()))?;
+    let mut cargo = process::cargo();
+    cargo.current_dir(&workspace.workspace_root).args(["run", "--release", "--package", "qv-policy"]);
+    process::run(cargo.args(["--example", "short_training", "--"]).arg(out.join(format!("{name}.json"))))
 }
 
 /// Whether the generators write today what is stored. MuJoCo promises the same bits on the same machine only, so this

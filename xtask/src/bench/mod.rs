@@ -2,6 +2,7 @@
 
 mod raster;
 mod sim;
+mod walk;
 
 use crate::process;
 use crate::workspace::Workspace;
@@ -20,6 +21,8 @@ pub enum Bench {
     Sim(sim::Sim),
     /// Images per second of the rasteriser, beside gsplat where there is one, and on the CPU
     Raster(raster::Raster),
+    /// Time that a policy takes to learn to walk, and the learner beside rsl_rl's
+    Walk(walk::Walk),
 }
 
 /// Runs a benchmark; false only when a gate is asked for and a goal is missed.
@@ -30,6 +33,7 @@ pub fn run(workspace: &Workspace, what: Bench) -> Result<bool> {
     match what {
         Bench::Sim(sim) => sim::run(workspace, sim),
         Bench::Raster(raster) => raster::run(workspace, &raster),
+        Bench::Walk(walk) => walk::run(workspace, &walk),
     }
 }
 

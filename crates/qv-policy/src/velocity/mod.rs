@@ -413,35 +413,9 @@ impl VectorEnv for VelocityTask {
     }
 
     fn step(&mut self, actions: &[f32], rewards: &mut [f32], ends: &mut [End]) -> Result<(), PolicyError> {
-        let (joints, count) = (self.robot.joints(), self.count());
-        if let Some(bad) = actions.iter().find(|a| !a.is_finite()) {
-            return Err(PolicyError::NotFinite { iteration: 0, term: "action".into(), found: *bad });
-        }
-        for (env, targets) in self.targets.chunks_exact_mut(joints).enumerate() {
-            for (j, target) in targets.iter_mut().enumerate() {
-                let (low, high) = self.robot.limits(j);
-                let wanted = self.robot.stand[j] + self.robot.action_scale[j] * actions[env * joints + j];
-                *target = wanted.clamp(low, high);
-            }
-        }
-        self.push()?;
-        let command = BatchCommand { q: &self.targets, dq: None, kp: &self.robot.kp, kd: &self.robot.kd, tau: None };
-        self.batch.set_commands(&command)?;
-        self.batch.step_many_parallel(self.settings.substeps);
-        self.look()?;
-        let mut outcomes = vec![None; count];
-        let mut walkers = std::mem::take(&mut self.walkers);
-        let shared = Judge::new(self);
-        let parts = walkers.par_iter_mut().zip(rewards).zip(ends).zip(&mut outcomes);
-        parts.enumerate().with_min_len(16).for_each(|(env, (((walker, reward), end), outcome))| {
-            let action = &actions[env * joints..][..joints];
-            let (done, how) = shared.judge(env, action, walker);
-            *reward = done.terms.iter().sum::<f32>() * shared.settings.dt();
-            *end = how;
-            *outcome = Some(done);
-        });
-        self.walkers = walkers;
-        self.gather(outcomes.into_iter().flatten())
+        self.aim(actions)?;
+        self.simulate();
+        self.judge(actions, rewards, ends)
     }
 
     fn reset(&mut self, mask: &[bool]) -> Result<(), PolicyError> {
@@ -508,6 +482,55 @@ impl VectorEnv for VelocityTask {
 }
 
 impl VelocityTask {
+    /// First part of a step: targets from actions, pushes, commands for the simulator.
+    ///
+    /// # Errors
+    /// When an action is not finite.
+    pub fn aim(&mut self, actions: &[f32]) -> Result<(), PolicyError> {
+        let joints = self.robot.joints();
+        if let Some(bad) = actions.iter().find(|a| !a.is_finite()) {
+            return Err(PolicyError::NotFinite { iteration: 0, term: "action".into(), found: *bad });
+        }
+        for (env, targets) in self.targets.chunks_exact_mut(joints).enumerate() {
+            for (j, target) in targets.iter_mut().enumerate() {
+                let (low, high) = self.robot.limits(j);
+                let wanted = self.robot.stand[j] + self.robot.action_scale[j] * actions[env * joints + j];
+                *target = wanted.clamp(low, high);
+            }
+        }
+        self.push()?;
+        let command = BatchCommand { q: &self.targets, dq: None, kp: &self.robot.kp, kd: &self.robot.kd, tau: None };
+        self.batch.set_commands(&command)?;
+        Ok(())
+    }
+
+    /// Second part of a step: physics alone.
+    pub fn simulate(&mut self) {
+        self.batch.step_many_parallel(self.settings.substeps);
+    }
+
+    /// Third part of a step: rewards and ends of all robots, from the state that the simulator is in.
+    ///
+    /// # Errors
+    /// When a term of the reward is not finite; it is named.
+    pub fn judge(&mut self, actions: &[f32], rewards: &mut [f32], ends: &mut [End]) -> Result<(), PolicyError> {
+        let (joints, count) = (self.robot.joints(), self.count());
+        self.look()?;
+        let mut outcomes = vec![None; count];
+        let mut walkers = std::mem::take(&mut self.walkers);
+        let shared = Judge::new(self);
+        let parts = walkers.par_iter_mut().zip(rewards).zip(ends).zip(&mut outcomes);
+        parts.enumerate().with_min_len(16).for_each(|(env, (((walker, reward), end), outcome))| {
+            let action = &actions[env * joints..][..joints];
+            let (done, how) = shared.judge(env, action, walker);
+            *reward = done.terms.iter().sum::<f32>() * shared.settings.dt();
+            *end = how;
+            *outcome = Some(done);
+        });
+        self.walkers = walkers;
+        self.gather(outcomes.into_iter().flatten())
+    }
+
     /// Adds what robots did to the sums, and names a term that is not finite.
     fn gather(&mut self, outcomes: impl Iterator<Item = Outcome>) -> Result<(), PolicyError> {
         for outcome in outcomes {
