@@ -99,7 +99,7 @@ fn speeds(position: &JointSeries, column: usize) -> Vec<f64> {
         let first = known[start];
         let time = position.time[end] - position.time[first];
         // Slower recordings are taken as they come; across a hole nothing is known.
-        if time >= SPAN && time < 5.0 * SPAN {
+        if (SPAN..5.0 * SPAN).contains(&time) {
             speeds.push((position.row(end)[column] - position.row(first)[column]).abs() / time);
         }
     }

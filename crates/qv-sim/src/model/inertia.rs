@@ -147,7 +147,7 @@ mod tests {
             assert!(is_of_a_body(&nearest), "{moments:?} -> {nearest}");
             let distance = |x: [f64; 3]| (0..3).map(|i| (x[i] - moments[i]).powi(2)).sum::<f64>().sqrt();
             let found = distance(principal_moments(&nearest));
-            let steps = 80;
+            let steps = 80_usize;
             let second = |i: usize| 3.0 * i as f64 / steps as f64;
             let mut best = f64::INFINITY;
             for (i, j, k) in (0..steps.pow(3)).map(|n| (n % steps, n / steps % steps, n / steps / steps)) {
