@@ -3,6 +3,7 @@
 //! Source: the published message definitions of unitree_ros2. Motors and feet are numbered FR, FL, RR, RL there; the
 //! channels come out FL, FR, RL, RR. Quaternions are w, x, y, z in `LowState` and x, y, z, w in poses.
 
+use crate::messages::{LOW_CMD, LOW_CMD_TYPE, LOW_STATE, LOW_STATE_TYPE};
 use crate::model;
 use qv_replay::mapping::{Channel, ChannelFields, Mapping, StreamMapping};
 use qv_replay::plan::Wanted;
@@ -33,6 +34,9 @@ pub fn mapping(pose_topic: Option<&str>) -> Mapping {
         effort_limits: model::effort_limits().to_vec(),
         foot_names: model::LEGS.map(String::from).to_vec(),
         imu_position: model::IMU_IN_BASE,
+        definitions: [(LOW_CMD_TYPE, LOW_CMD), (LOW_STATE_TYPE, LOW_STATE)]
+            .map(|(name, text)| (name.to_owned(), text.to_owned()))
+            .to_vec(),
         streams: vec![commands(), states(), poses(pose_topic)],
     }
 }

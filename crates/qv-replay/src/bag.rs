@@ -2,12 +2,14 @@
 
 use crate::ReplayError;
 use crate::clean::{Samples, columns, median, median_interval, put_in_order};
+use crate::container::read_messages;
+use crate::definitions::standard;
 use crate::faults;
 use crate::mapping::{Channel, ChannelFields, Mapping};
 use crate::plan::{Plan, Wanted};
 use crate::run::{Actuator, ActuatorKind, Base, Clock, Commands, Fault, FaultKind, Measurements, Robot, Run, Source};
 use crate::schema::Schema;
-use crate::stream::{ChannelInfo, MessageSink, read_messages};
+use crate::stream::{ChannelInfo, MessageSink};
 use std::collections::BTreeMap;
 use std::io::Read;
 
@@ -118,6 +120,7 @@ fn empty_run(mapping: &Mapping, epoch: u64, sources: Vec<Source>) -> Run {
         sources,
         faults: Vec::new(),
         lost: Vec::new(),
+        told: Vec::new(),
     }
 }
 
@@ -143,8 +146,20 @@ impl MessageSink for Collector<'_> {
     }
 }
 
+/// The channel with the definition that is built in, where the bag carries none.
+fn with_definition(info: &ChannelInfo, mapping: &Mapping) -> ChannelInfo {
+    let own = mapping.definitions.iter().find(|(name, _)| *name == info.schema_name).map(|(_, text)| text.clone());
+    match own.or_else(|| standard(&info.schema_name)) {
+        Some(text) if info.schema_text.is_empty() && !info.schema_name.is_empty() => {
+            ChannelInfo { schema_encoding: "ros2msg".into(), schema_text: text.into_bytes(), ..info.clone() }
+        }
+        _ => info.clone(),
+    }
+}
+
 impl Topic {
     fn new(info: &ChannelInfo, mapping: &Mapping) -> Self {
+        let info = &with_definition(info, mapping);
         let mut topic = Self {
             info: info.clone(),
             logged: Vec::new(),

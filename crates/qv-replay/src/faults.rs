@@ -3,7 +3,7 @@
 use crate::clean::{median, median_interval};
 use crate::conventions;
 use crate::mapping::Mapping;
-use crate::run::{Fault, FaultKind, Run};
+use crate::run::{Clock, Fault, FaultKind, Run};
 use crate::still::still;
 use qv_core::JointSeries;
 use std::ops::Range;
@@ -12,7 +12,7 @@ use std::ops::Range;
 const GAP_PERIODS: f64 = 5.0;
 
 /// No robot's joint turns faster \[rad/s\]: a larger step between samples is a jump.
-const FASTEST_JOINT: f64 = 100.0;
+pub(crate) const FASTEST_JOINT: f64 = 100.0;
 
 /// No walking robot's trunk moves faster \[m/s\].
 pub const FASTEST_BASE: f64 = 10.0;
@@ -23,6 +23,13 @@ const LARGEST_ANGLE: f64 = 20.0;
 /// Adds to `run.faults` what can be seen in the channels, and sorts all by time. The mapping's limits sharpen it.
 pub fn examine(run: &mut Run, mapping: Option<&Mapping>) {
     let mut faults = std::mem::take(&mut run.faults);
+    for (name, series, first) in
+        [("orientation", &mut run.measured.orientation, 0), ("base pose", &mut run.measured.base_pose, 3)]
+    {
+        if let Some(series) = series {
+            rotations(name, series, first, &mut faults);
+        }
+    }
     if let Some(position) = &mut run.measured.position {
         spikes(position, &run.joint_names, &mut faults);
     }
@@ -47,6 +54,7 @@ pub fn examine(run: &mut Run, mapping: Option<&Mapping>) {
             holes(name, series, &run.joint_names, &mut faults);
         }
     }
+    sparse(run, &mut faults);
     frozen(run, &mut faults);
     // Where positions are not radians, nothing can be judged by them.
     if faults.iter().all(|f| f.kind != FaultKind::DegreesSuspected) {
@@ -178,6 +186,77 @@ fn holes(name: &str, series: &JointSeries, names: &[String], faults: &mut Vec<Fa
             let (from, to) = (series.time[longest.start], series.time[longest.end - 1]);
             let detail = format!("{count} of {} values missing, most of them from {from:.3} to {to:.3} s", lacks.len());
             faults.push(fault(FaultKind::Gap, &format!("{name} {joint_name}"), from, count, detail));
+        }
+    }
+}
+
+/// Most that rounding and a sensor's own arithmetic take from the length of a unit quaternion.
+const OFF_UNIT: f64 = 0.02;
+
+/// Length below which a quaternion says nothing of a rotation.
+const NO_LENGTH: f64 = 0.1;
+
+/// Quaternions, in four columns from `first` on, whose length is not one: made so, or gaps where there is nothing to go by.
+fn rotations(name: &str, series: &mut JointSeries, first: usize, faults: &mut Vec<Fault>) {
+    let width = series.joints;
+    let mut found: Option<(f64, f64)> = None;
+    let (mut count, mut gaps) = (0, 0);
+    for (row, time) in series.values.chunks_exact_mut(width).zip(&series.time) {
+        let quaternion = &mut row[first..first + 4];
+        let length = quaternion.iter().map(|x| x * x).sum::<f64>().sqrt();
+        if !length.is_finite() || (length - 1.0).abs() <= OFF_UNIT {
+            continue;
+        }
+        found.get_or_insert((*time, length));
+        count += 1;
+        if length < NO_LENGTH {
+            quaternion.fill(f64::NAN);
+            gaps += 1;
+        } else {
+            quaternion.iter_mut().for_each(|x| *x /= length);
+        }
+    }
+    if let Some((time, length)) = found {
+        let detail = format!(
+            "expected quaternions of length 1, found {length:.3}: {} made so, {gaps} kept as gaps",
+            count - gaps
+        );
+        faults.push(fault(FaultKind::NoRotation, name, time, count, detail));
+    }
+}
+
+/// Channels of which more values are missing than are there, without a hole that is told as a gap. Rows of a table that lack a
+/// whole channel are not in its series: they count by those of the positions.
+fn sparse(run: &Run, faults: &mut Vec<Fault>) {
+    let m = &run.measured;
+    let trunk = [
+        ("gyro", &m.gyro),
+        ("acceleration", &m.acceleration),
+        ("orientation", &m.orientation),
+        ("base pose", &m.base_pose),
+    ];
+    let is_table = run.sources.iter().any(|s| s.clock == Clock::Column);
+    let rows = m.position.as_ref().filter(|_| is_table).map_or(0, JointSeries::len);
+    let mut look = |name: &str, series: &JointSeries, column: usize| {
+        let known = series.column(column).filter(|x| !x.is_nan()).count();
+        let all = series.len().max(rows);
+        let missing = all - known;
+        let is_told = faults.iter().any(|f| f.kind == FaultKind::Gap && f.channel == name);
+        // A column without any value was not measured, which is no fault.
+        if 2 * missing > all && known > 0 && !is_told {
+            let detail = format!("{missing} of {all} values missing");
+            faults.push(fault(FaultKind::Sparse, name, series.time[0], missing, detail));
+        }
+    };
+    for (name, series) in [("position", &m.position), ("velocity", &m.velocity), ("torque", &m.torque)] {
+        let Some(series) = series else { continue };
+        for (column, joint) in run.joint_names.iter().enumerate().take(series.joints) {
+            look(&format!("{name} {joint}"), series, column);
+        }
+    }
+    for (name, series) in trunk {
+        if let Some(series) = series {
+            look(name, series, 0);
         }
     }
 }

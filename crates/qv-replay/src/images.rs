@@ -2,9 +2,11 @@
 
 use crate::bag::BagFile;
 use crate::cdr::{Value, decode};
+use crate::container::read_messages;
+use crate::definitions::standard;
 use crate::run::{Clock, Loss};
 use crate::schema::Schema;
-use crate::stream::{ChannelInfo, MessageSink, read_messages};
+use crate::stream::{ChannelInfo, MessageSink};
 use std::collections::BTreeMap;
 use std::io::Read;
 
@@ -129,7 +131,9 @@ impl MessageSink for Collector {
         if !wanted || channel.message_encoding != "cdr" {
             return;
         }
-        let schema = Schema::parse(&channel.schema_name, &String::from_utf8_lossy(&channel.schema_text)).ok();
+        let own = String::from_utf8_lossy(&channel.schema_text).into_owned();
+        let definition = if own.is_empty() { standard(&channel.schema_name).unwrap_or(own) } else { own };
+        let schema = Schema::parse(&channel.schema_name, &definition).ok();
         if channel.schema_name == COMPRESSED_IMAGE {
             self.topics.entry(channel.topic.clone()).or_default();
         }

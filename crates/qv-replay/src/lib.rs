@@ -6,18 +6,24 @@
 mod bag;
 pub mod cdr;
 mod clean;
+pub mod container;
 pub mod conventions;
+pub mod definitions;
 pub mod derive;
 mod error;
 pub mod faults;
 pub mod holes;
 pub mod images;
+pub mod imu;
+pub mod limits;
 pub mod mapping;
 pub mod plan;
 pub mod replay;
 pub mod run;
 pub mod schema;
 pub mod smooth;
+#[cfg(feature = "sqlite")]
+mod sqlite;
 pub mod still;
 pub mod stream;
 mod table;

@@ -81,6 +81,8 @@ pub struct Mapping {
     pub foot_names: Vec<String>,
     /// IMU in the trunk frame \[m\].
     pub imu_position: [f64; 3],
+    /// Definitions of the robot's own message types, for bags that carry none: name and text.
+    pub definitions: Vec<(String, String)>,
     /// Streams; the one with [`Channel::Position`] gives time 0.
     pub streams: Vec<StreamMapping>,
 }

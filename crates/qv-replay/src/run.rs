@@ -54,6 +54,8 @@ pub struct JointParameters {
     pub viscous_friction: Option<f64>,
     /// Added to the model's angle to give the measured one \[rad\].
     pub position_offset: Option<f64>,
+    /// Clips the position and feed-forward part of its torque \[N m\], before [`Actuator::tau_max`].
+    pub tau_max: Option<f64>,
 }
 
 /// Commands, each on its own stamps, columns in the order of the joints; held until the next stamp.
@@ -126,6 +128,10 @@ pub enum FaultKind {
     Convention,
     /// A channel that is expected but was not recorded.
     Missing,
+    /// Quaternions that are no rotation; those far from one are gaps, the others are read as the rotation nearest to them.
+    NoRotation,
+    /// A channel that lacks more values than it has.
+    Sparse,
 }
 
 impl FaultKind {
@@ -133,7 +139,14 @@ impl FaultKind {
     pub fn is_partial(self) -> bool {
         !matches!(
             self,
-            Self::Drop | Self::Gap | Self::Repeat | Self::Jump | Self::BeyondEffort | Self::BeyondLimits | Self::Frozen
+            Self::Drop
+                | Self::Gap
+                | Self::Repeat
+                | Self::Jump
+                | Self::BeyondEffort
+                | Self::BeyondLimits
+                | Self::Frozen
+                | Self::Sparse
         )
     }
 }
@@ -156,6 +169,8 @@ impl fmt::Display for FaultKind {
             Self::WrongRobot => "wrong robot",
             Self::Convention => "another convention",
             Self::Missing => "not recorded",
+            Self::NoRotation => "no rotation",
+            Self::Sparse => "mostly missing",
         })
     }
 }
@@ -248,6 +263,8 @@ pub struct Run {
     pub faults: Vec<Fault>,
     /// What could not be read.
     pub lost: Vec<Loss>,
+    /// How the recording was read where that is not as a matter of course, such as its unit of time; a sentence each.
+    pub told: Vec<String>,
 }
 
 impl Run {

@@ -44,8 +44,8 @@ const RECORD_HEAD: usize = 9;
 /// A chunk record starts with times, sizes and checksum before the compression's name.
 const CHUNK_HEAD: usize = 40;
 
-/// Reads all messages of `source` into `sink` and returns what was lost.
-pub fn read_messages(file: &str, source: impl Read, sink: &mut dyn MessageSink) -> Vec<Loss> {
+/// Reads all messages of an MCAP file into `sink` and returns what was lost.
+pub(crate) fn read_mcap(file: &str, source: impl Read, sink: &mut dyn MessageSink) -> Vec<Loss> {
     let mut state = State {
         file,
         sink,

@@ -25,6 +25,7 @@ fn mapping() -> Mapping {
         effort_limits: vec![5.0; 2],
         foot_names: Vec::new(),
         imu_position: [0.0; 3],
+        definitions: Vec::new(),
         streams: vec![stream("/arm", vec![channel(Channel::Position, "q"), channel(Channel::Velocity, "motor[].dq")])],
     }
 }

@@ -30,6 +30,7 @@ mod parameters;
 pub mod second;
 mod sensors;
 mod terrain;
+pub mod urdf;
 
 pub use batch::{Batch, BatchCommand, ContactPoint, JointCommand, LaneState, Snapshot, State};
 pub use error::SimError;

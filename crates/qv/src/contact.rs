@@ -2,7 +2,7 @@
 
 use crate::ask::ask;
 use crate::numbers::within;
-use crate::open::{file_error, lost_from, model_of, open_run, parameters, progress, write_error};
+use crate::open::{file_error, lost_from, model_of, open_run, parameters, progress, told_of, write_error};
 use crate::{Outcome, RunArguments, say};
 use qv_contact::report::Status;
 use qv_contact::{ContactError, Ground, Options, Prior, Report, calibrate, html, prior};
@@ -98,7 +98,7 @@ impl Contact {
         } else {
             say(&format!("{}written to {}\n", summary(&report), self.out.display()))?;
         }
-        lost.iter().for_each(|what| eprintln!("qv: {what}"));
+        told_of(&runs[0], &model).iter().chain(&lost).for_each(|what| eprintln!("qv: {what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
 

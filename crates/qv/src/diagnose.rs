@@ -2,7 +2,8 @@
 
 use crate::camera::{RobotCamera, open_camera, open_images, photographs, to_toml};
 use crate::open::{
-    check_ground, file_error, lost_from, model_of, open_run, parameters_of, spinner, terrain_of, urdf_of, write_error,
+    check_ground, file_error, lost_from, model_of, open_run, parameters_of, spinner, terrain_of, told_of, urdf_of,
+    write_error,
 };
 use crate::scene::open_scene;
 use crate::{Outcome, RunArguments, say};
@@ -154,7 +155,10 @@ impl Diagnose {
         let mut lost: Vec<String> = runs.iter().flat_map(lost_from).collect();
         lost.extend(place.iter().flat_map(|p| p.notes.iter().cloned()));
         let urdf = urdf_of(&runs[0], self.robot.as_deref());
-        let robot = Robot::new(&runs[0], model.clone(), urdf, lost.clone());
+        lost.extend(model.left_out.iter().map(|part| format!("left out of the model: {part}")));
+        let told = told_of(&runs[0], &model);
+        let notes = told.iter().chain(&lost).cloned().collect();
+        let robot = Robot::new(&runs[0], model.clone(), urdf, notes);
         self.write(&self.out, &diagnosis.report, &robot)?;
         for (effect, report) in &diagnosis.without {
             self.write(&self.out.join("without").join(effect), report, &robot)?;
@@ -174,7 +178,7 @@ impl Diagnose {
         } else {
             say(&format!("{}written to {}\n", summary(report), self.out.display()))?;
         }
-        lost.iter().for_each(|what| eprintln!("qv: {what}"));
+        told.iter().chain(&lost).for_each(|what| eprintln!("qv: {what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
 

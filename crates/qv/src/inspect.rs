@@ -119,6 +119,9 @@ fn screen(run: &Run) -> String {
         text += &stream_line(s, width);
     }
     text += &channel_lines(&channels(run));
+    for told in &run.told {
+        text += &fold("  ", told);
+    }
     text += &findings(&run.faults, &run.lost, LINES.saturating_sub(text.lines().count() + 2).max(5));
     text
 }
@@ -255,6 +258,7 @@ fn to_json(run: &Run) -> Value {
         "channels": channels,
         "faults": run.faults,
         "lost": run.lost,
+        "told": run.told,
         "partial": run.is_partial(),
     })
 }

@@ -27,8 +27,13 @@ pub fn open_run(arguments: &RunArguments) -> Result<Run, ReplayError> {
         }
         (true, _) => open_split_bag(path, arguments),
         (false, "csv") => open_table(path),
-        (false, "mcap") => open_bag(std::slice::from_ref(path), arguments),
-        (false, _) => Err(file_error(path, "a .mcap or .csv file, or a directory", &format!("`.{extension}`"))),
+        (false, "bag") => open_bag(std::slice::from_ref(path), arguments),
+        (false, _) if is_bag(path) => open_bag(std::slice::from_ref(path), arguments),
+        (false, _) => Err(file_error(
+            path,
+            "a bag (.mcap, .db3, either with .zstd), a .csv file, or a directory",
+            &format!("`.{extension}`"),
+        )),
     }
 }
 
@@ -84,14 +89,30 @@ pub fn bag_files(path: &Path) -> Result<Vec<BagFile<BufReader<File>>>, ReplayErr
 fn open_split_bag(directory: &Path, arguments: &RunArguments) -> Result<Run, ReplayError> {
     let (present, absent) = split_files(directory)?;
     let mut run = open_bag(&present, arguments)?;
+    let mut lose = |name: String, what: String| run.lost.push(Loss { file: name, what, span: None });
     for name in absent {
-        let what = "listed in metadata.yaml, but not there".to_string();
-        run.lost.push(Loss { file: directory.join(name).display().to_string(), what, span: None });
+        lose(directory.join(name).display().to_string(), "listed in metadata.yaml, but not there".to_string());
+    }
+    for path in present {
+        let log = PathBuf::from(format!("{}-wal", path.display()));
+        if fs::metadata(&log).is_ok_and(|m| m.len() > 0) {
+            let what = "messages that sqlite3 has not moved into the bag yet: `PRAGMA wal_checkpoint` does".to_string();
+            lose(log.display().to_string(), what);
+        }
     }
     Ok(run)
 }
 
-/// The files that `metadata.yaml` lists, else all .mcap files, in the order of their numbers; and names that are listed and not there.
+/// Endings of the files of bags.
+const BAG_FILES: [&str; 4] = [".mcap", ".db3", ".mcap.zstd", ".db3.zstd"];
+
+fn is_bag(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+    BAG_FILES.iter().any(|ending| name.ends_with(ending))
+}
+
+/// The files of a bag in the order of time, and names that `metadata.yaml` lists and that are in no way there: a file that was
+/// renamed is there under another name.
 fn split_files(directory: &Path) -> Result<(Vec<PathBuf>, Vec<String>), ReplayError> {
     let listed = fs::read_to_string(directory.join("metadata.yaml")).map(|t| listed_files(&t)).unwrap_or_default();
     let (mut present, mut absent) = (Vec::new(), Vec::new());
@@ -99,32 +120,55 @@ fn split_files(directory: &Path) -> Result<(Vec<PathBuf>, Vec<String>), ReplayEr
         let path = directory.join(name);
         if path.exists() { present.push(path) } else { absent.push(name.clone()) }
     }
-    if present.is_empty() {
-        let entries =
-            fs::read_dir(directory).map_err(|e| file_error(directory, "a readable directory", &e.to_string()))?;
-        present = entries.flatten().map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "mcap")).collect();
-        present.sort_by_key(|p| (trailing_number(p), p.clone()));
+    if absent.is_empty() && !present.is_empty() {
+        return Ok((present, absent));
     }
-    if present.is_empty() {
+    let entries = fs::read_dir(directory).map_err(|e| file_error(directory, "a readable directory", &e.to_string()))?;
+    let all: Vec<PathBuf> = entries.flatten().map(|e| e.path()).filter(|p| is_bag(p)).collect();
+    // What lies there both compressed and not is one file.
+    let is_copy = |p: &PathBuf| p.extension().is_some_and(|e| e == "zstd") && all.contains(&p.with_extension(""));
+    let mut files: Vec<PathBuf> = all.iter().filter(|p| !is_copy(p)).cloned().collect();
+    if files.is_empty() {
         let found =
             if absent.is_empty() { "none of them".into() } else { format!("only the names {}", absent.join(", ")) };
-        return Err(file_error(directory, "run.csv, or .mcap files", &found));
+        return Err(file_error(directory, "run.csv, or the files of a bag (.mcap, .db3, .zstd)", &found));
     }
-    Ok((present, absent))
+    put_in_order(&mut files);
+    let renamed = files.len() - present.len().min(files.len());
+    Ok((files, absent.into_iter().skip(renamed).collect()))
+}
+
+/// By the numbers at the ends of names that are alike otherwise, else by the times of their first messages.
+fn put_in_order(files: &mut [PathBuf]) {
+    let numbered: Vec<(String, Option<u64>)> = files.iter().map(|p| numbered(p)).collect();
+    let mut numbers: Vec<Option<u64>> = numbered.iter().map(|(_, n)| *n).collect();
+    numbers.sort_unstable();
+    numbers.dedup();
+    let is_alike = numbered.iter().all(|(head, n)| *head == numbered[0].0 && n.is_some());
+    if is_alike && numbers.len() == files.len() {
+        return files.sort_by_key(|p| numbered_key(p));
+    }
+    let first = |p: &PathBuf| File::open(p).ok().and_then(qv_replay::container::first_log_time);
+    files.sort_by_cached_key(|p| (first(p).unwrap_or(u64::MAX), numbered_key(p), p.clone()));
+}
+
+fn numbered_key(path: &Path) -> u64 {
+    numbered(path).1.unwrap_or(0)
 }
 
 /// `relative_file_paths` of a bag's metadata.
 fn listed_files(yaml: &str) -> Vec<String> {
     let after = yaml.lines().map(str::trim).skip_while(|l| !l.starts_with("relative_file_paths:")).skip(1);
     let items = after.take_while(|l| l.starts_with('-'));
-    items.map(|l| l[1..].trim().trim_matches(['"', '\'']).to_string()).filter(|n| n.ends_with(".mcap")).collect()
+    items.map(|l| l[1..].trim().trim_matches(['"', '\'']).to_string()).filter(|n| is_bag(Path::new(n))).collect()
 }
 
-/// The number at the end of a file's stem, so that `bag_10` comes after `bag_9`.
-fn trailing_number(path: &Path) -> u64 {
-    let stem = path.file_stem().and_then(|s| s.to_str()).unwrap_or_default();
-    let digits = stem.len() - stem.trim_end_matches(|c: char| c.is_ascii_digit()).len();
-    stem[stem.len() - digits..].parse().unwrap_or(0)
+/// A file's name without its endings and the number before them, and that number: `bag_10` comes after `bag_9`.
+fn numbered(path: &Path) -> (String, Option<u64>) {
+    let name = path.file_name().and_then(|s| s.to_str()).unwrap_or_default();
+    let stem = BAG_FILES.iter().rev().find_map(|ending| name.strip_suffix(ending)).unwrap_or(name);
+    let head = stem.trim_end_matches(|c: char| c.is_ascii_digit());
+    (head.to_owned(), stem[head.len()..].parse().ok())
 }
 
 /// The mapping of a robot known by name.
@@ -139,14 +183,20 @@ pub fn mapping_of(robot: &str) -> Option<Mapping> {
 /// When the name is unknown, the file cannot be read, or it holds no good URDF.
 pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, ReplayError> {
     let known = |name: &str| (name == "go2").then(qv_go2::model::urdf);
+    let mut told = Vec::new();
     let (name, urdf) = match (robot, &run.robot) {
         (Some(name), _) => {
             let read = || {
-                fs::read_to_string(name).map_err(|e| file_error(Path::new(name), "go2, or a URDF file", &e.to_string()))
+                let (text, note) = read_urdf(Path::new(name), "go2, or a URDF file")?;
+                told.extend(note);
+                Ok(text)
             };
             (name.to_string(), known(name).map_or_else(read, Ok)?)
         }
-        (None, Robot::Urdf(text)) => ("robot.urdf".to_string(), text.clone()),
+        (None, Robot::Urdf(text)) => {
+            let file = own_urdf(path).unwrap_or_else(|| PathBuf::from("robot.urdf"));
+            (file.display().to_string(), text.clone())
+        }
         (None, Robot::Named(name)) => {
             let expected = "a robot known by name (go2)".to_string();
             let unknown = || ReplayError::Run { what: "robot".into(), expected, found: name.clone() };
@@ -159,22 +209,60 @@ pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, Re
     };
     // URDF has no tag for rotor inertia: a named robot's is known, any other's comes with the recording.
     let armature = if name == "go2" { qv_go2::model::ARMATURE } else { 0.0 };
-    let beside = match robot {
-        Some(file) => Path::new(file).parent().unwrap_or(Path::new("")),
-        None if path.is_dir() => path,
-        None => path.parent().unwrap_or(Path::new("")),
-    };
+    // Meshes lie where the URDF does, wherever the recording is.
+    let beside = Path::new(&name).parent().unwrap_or(Path::new(""));
+    let beside = if beside.as_os_str().is_empty() { Path::new(".") } else { beside };
     let beside = beside.canonicalize().unwrap_or_else(|_| beside.to_path_buf());
     let meshes = |mesh: &str| vertices(&beside, mesh);
-    let options = ModelOptions { base, armature, mesh_vertices: Some(&meshes) };
-    Model::from_urdf(&urdf, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))
+    let read = |held: &[(String, f64)]| {
+        let options = ModelOptions { base, armature, mesh_vertices: Some(&meshes), held };
+        Model::from_urdf(&urdf, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))
+    };
+    let mut model = read(&[])?;
+    let held = if known(&name).is_none() { qv_replay::limits::held(run, &model) } else { Vec::new() };
+    if !held.is_empty() {
+        model = read(&held)?;
+        let one = |(name, position): &(String, f64)| format!("{name} at {position:.3}");
+        let names: Vec<String> = held.iter().map(one).collect();
+        told.push(format!("joints without positions in the recording are held [rad or m]: {}", names.join(", ")));
+    }
+    model.told.splice(0..0, told);
+    qv_replay::imu::in_trunk_axes(&mut model);
+    // What a robot that is built in can do is known; files often state less than their robots do.
+    if known(&name).is_none() {
+        let lifted = qv_replay::limits::lift(run, &mut model);
+        model.told.extend(lifted);
+    }
+    Ok(model)
+}
+
+/// The text of a URDF, and a sentence where some of it is not in its encoding.
+fn read_urdf(path: &Path, expected: &str) -> Result<(String, Option<String>), ReplayError> {
+    let bytes = fs::read(path).map_err(|e| file_error(path, expected, &e.to_string()))?;
+    qv_sim::urdf::decode(&bytes).map_err(|e| file_error(path, "a robot", &e.to_string()))
+}
+
+/// The description of the table at `path`, its CSV file or its directory.
+fn description_of(path: &Path) -> PathBuf {
+    if path.is_dir() {
+        return path.join("run.toml");
+    }
+    let own = path.with_extension("toml");
+    if own.exists() { own } else { path.parent().unwrap_or(Path::new("")).join("run.toml") }
+}
+
+/// The URDF that the description of a table names.
+fn own_urdf(path: &Path) -> Option<PathBuf> {
+    let description = description_of(path);
+    let robot = qv_replay::robot_of(&fs::read_to_string(&description).ok()?).ok()?;
+    Some(description.parent().unwrap_or(Path::new("")).join(robot))
 }
 
 /// The text of the URDF that [`model_of`] reads; `None` when it cannot be read.
 pub fn urdf_of(run: &Run, robot: Option<&str>) -> Option<String> {
     match (robot, &run.robot) {
         (Some("go2"), _) => Some(qv_go2::model::urdf()),
-        (Some(file), _) => fs::read_to_string(file).ok(),
+        (Some(file), _) => read_urdf(Path::new(file), "a URDF file").ok().map(|(text, _)| text),
         (None, Robot::Urdf(text)) => Some(text.clone()),
         (None, Robot::Named(name)) => (name == "go2").then(qv_go2::model::urdf),
     }
@@ -256,6 +344,11 @@ pub fn parameters_of(path: Option<&Path>, model: &Model, terrain: &Terrain) -> R
     Ok(given)
 }
 
+/// What is told of how a recording and its robot were read, a line each: nothing is lost by it.
+pub fn told_of(run: &Run, model: &Model) -> Vec<String> {
+    run.told.iter().chain(&model.told).cloned().collect()
+}
+
 /// What was lost of a recording or could not be used as it is, a line each.
 pub fn lost_from(run: &Run) -> Vec<String> {
     let mut lost: Vec<String> = run.lost.iter().map(|l| format!("lost from {}: {}", l.file, l.what)).collect();
@@ -266,18 +359,20 @@ pub fn lost_from(run: &Run) -> Vec<String> {
 
 fn open_table(csv: &Path) -> Result<Run, ReplayError> {
     let directory = csv.parent().unwrap_or(Path::new("."));
-    let toml_path = csv.with_extension("toml");
-    let toml_path = if toml_path.exists() { toml_path } else { directory.join("run.toml") };
+    let toml_path = description_of(csv);
     let toml_text =
         fs::read_to_string(&toml_path).map_err(|e| file_error(&toml_path, "a run description", &e.to_string()))?;
     let robot = qv_replay::robot_of(&toml_text)?;
     let mapping = mapping_of(&robot);
+    let mut told = Vec::new();
     let urdf = match &mapping {
         Some(_) => None,
         None => {
             let path = directory.join(&robot);
             let expected = "a robot known by name (go2), or a URDF file";
-            Some(fs::read_to_string(&path).map_err(|e| file_error(&path, expected, &e.to_string()))?)
+            let (text, note) = read_urdf(&path, expected)?;
+            told.extend(note);
+            Some(text)
         }
     };
     let file = File::open(csv).map_err(|e| file_error(csv, "a readable file", &e.to_string()))?;
@@ -285,7 +380,9 @@ fn open_table(csv: &Path) -> Result<Run, ReplayError> {
     let source = bar.wrap_read(BufReader::new(file));
     let run = qv_replay::read_table(source, &toml_text, urdf.as_deref(), mapping.as_ref());
     bar.finish_and_clear();
-    run
+    let mut run = run?;
+    run.told.extend(told);
+    Ok(run)
 }
 
 #[cfg(test)]
@@ -296,6 +393,7 @@ mod tests {
     fn metadata_lists_files_and_numbers_sort() {
         let yaml = "rosbag2_bagfile_information:\n  version: 5\n  relative_file_paths:\n    - run_0.mcap\n    - \"run_1.mcap\"\n  files:\n    - path: x\n";
         assert_eq!(listed_files(yaml), ["run_0.mcap", "run_1.mcap"]);
-        assert!(trailing_number(Path::new("a/run_10.mcap")) > trailing_number(Path::new("a/run_9.mcap")));
+        assert_eq!(numbered(Path::new("a/run_10.mcap.zstd")), ("run_".to_string(), Some(10)));
+        assert_eq!(numbered(Path::new("a/part_b.db3")), ("part_b".to_string(), None));
     }
 }

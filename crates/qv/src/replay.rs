@@ -1,7 +1,9 @@
 //! `qv replay`: how far the simulator is from the robot.
 
 use crate::numbers::within;
-use crate::open::{check_ground, lost_from, model_of, open_run, parameters_of, spinner, terrain_of, write_error};
+use crate::open::{
+    check_ground, lost_from, model_of, open_run, parameters_of, spinner, terrain_of, told_of, write_error,
+};
 use crate::{Outcome, RunArguments, say};
 use qv_replay::derive::joint_velocity;
 use qv_replay::replay::{Lag, ReplayOptions, to_html, to_json, verdict, write_mcap};
@@ -62,22 +64,31 @@ impl Replay {
         let mut report = to_json(&replay, factor);
         let lost = lost(&run, &model, &replay);
         report["lost"] = lost.as_slice().into();
-        self.write(&run, &replay, &report)?;
+        let told = told_of(&run, &model);
+        report["told"] = told.as_slice().into();
+        let notes = notes(&run, &told, &replay);
+        self.write(&run, &replay, &report, &notes)?;
         if self.json {
             say(&format!("{report}\n"))?;
         } else {
-            say(&format!("{}written to {}\n", summary(&run, &replay, factor), self.out.display()))?;
+            say(&format!("{}written to {}\n", summary(&replay, &notes, factor), self.out.display()))?;
         }
         lost.iter().for_each(|what| eprintln!("qv: {what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
 
-    fn write(&self, run: &Run, replay: &qv_replay::replay::Replay, report: &Value) -> Result<(), ReplayError> {
+    fn write(
+        &self,
+        run: &Run,
+        replay: &qv_replay::replay::Replay,
+        report: &Value,
+        notes: &[String],
+    ) -> Result<(), ReplayError> {
         let failed = |name: &str, e: std::io::Error| write_error(&self.out.join(name), &e);
         fs::create_dir_all(&self.out).map_err(|e| failed("", e))?;
         fs::write(self.out.join("replay.json"), format!("{report:#}\n")).map_err(|e| failed("replay.json", e))?;
         let title = self.run.run.display().to_string();
-        let html = to_html(replay, &title, &notes(run, replay));
+        let html = to_html(replay, &title, notes);
         fs::write(self.out.join("replay.html"), html).map_err(|e| failed("replay.html", e))?;
         let file = fs::File::create(self.out.join("replay.mcap")).map_err(|e| failed("replay.mcap", e))?;
         write_mcap(replay, run.epoch, BufWriter::new(file))
@@ -101,8 +112,9 @@ fn lost(run: &Run, model: &Model, replay: &qv_replay::replay::Replay) -> Vec<Str
 }
 
 /// What a reader of the numbers should know: what was lost, derived, left out.
-fn notes(run: &Run, replay: &qv_replay::replay::Replay) -> Vec<String> {
-    let mut notes: Vec<String> = run.lost.iter().map(|l| format!("Lost from {}: {}.", l.file, l.what)).collect();
+fn notes(run: &Run, told: &[String], replay: &qv_replay::replay::Replay) -> Vec<String> {
+    let mut notes: Vec<String> = told.iter().map(|t| format!("{t}.")).collect();
+    notes.extend(run.lost.iter().map(|l| format!("Lost from {}: {}.", l.file, l.what)));
     notes.extend(
         run.faults.iter().take(8).map(|f| format!("{:.3} s: {} in {}: {}.", f.time, f.kind, f.channel, f.detail)),
     );
@@ -118,7 +130,7 @@ fn notes(run: &Run, replay: &qv_replay::replay::Replay) -> Vec<String> {
     notes
 }
 
-fn summary(run: &Run, replay: &qv_replay::replay::Replay, factor: f64) -> String {
+fn summary(replay: &qv_replay::replay::Replay, notes: &[String], factor: f64) -> String {
     let (whole, windows) = (&replay.errors, &replay.window_errors);
     let mut text = String::from(
         "                         position rms        velocity    torque     lag behind     lag behind\n\
@@ -152,7 +164,7 @@ fn summary(run: &Run, replay: &qv_replay::replay::Replay, factor: f64) -> String
     }
     let skipped = replay.windows.skipped;
     text += &format!("{count} windows of {} s ({skipped} left out), {factor:.0} x real time\n", replay.windows.length);
-    for note in notes(run, replay) {
+    for note in notes {
         text += &format!("{note}\n");
     }
     // One sentence a line.

@@ -239,9 +239,12 @@ fn empty_and_foreign_files() {
     let (code, _, err) = inspect(&bag("empty", b""));
     assert_eq!(code, 1);
     assert!(err.contains("the file is empty"), "{err}");
-    let (code, _, err) = inspect(&bag("foreign", b"SQLite format 3\0 and so on"));
+    let (code, _, err) = inspect(&bag("foreign", b"PK\x03\x04 and so on, a zip file"));
     assert_eq!(code, 1);
     assert!(err.contains("expected an MCAP file"), "{err}");
+    let (code, _, err) = inspect(&bag("no_database", b"SQLite format 3\0 and so on"));
+    assert_eq!(code, 1);
+    assert!(err.contains("sqlite3: file is not a database"), "{err}");
     let (code, _, err) = qv(&["inspect", "no_such_file.mcap"]);
     assert!(code == 1 && err.contains("no_such_file.mcap"), "{err}");
     let (code, _, _) = qv(&["inspect"]);

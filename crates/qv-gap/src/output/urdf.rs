@@ -8,7 +8,7 @@ use crate::report::Correction;
 use glam::{DMat3, DVec3};
 use qv_core::Pose;
 use qv_sim::Model;
-use urdf_rs::Robot;
+use qv_sim::urdf::{Inertial, Robot};
 
 /// Limit that means none, for a `<limit>` that must state both.
 const NO_LIMIT: f64 = 1e9;
@@ -27,7 +27,7 @@ pub fn to_urdf(
     model: &Model,
     corrections: &[Correction],
 ) -> Result<(String, Vec<String>), GapError> {
-    let robot = urdf_rs::read_from_string(original_urdf).map_err(|e| wrong("a robot", &e.to_string()))?;
+    let robot = Robot::parse(original_urdf).map_err(|e| wrong("a robot", &e.to_string()))?;
     let corrected = Corrected::new(model, corrections);
     let mut edits = Edits::default();
     for j in 0..model.joints.len() {
@@ -152,12 +152,13 @@ fn members(model: &Model, robot: &Robot, l: usize) -> Result<Vec<Member>, GapErr
     let member = |frame: &qv_sim::Frame| {
         let link = robot.links.iter().find(|link| link.name == frame.name);
         let link = link.ok_or_else(|| wrong(&format!("link `{}` of the model", frame.name), "none of that name"))?;
-        let own = &link.inertial;
-        let origin = Pose::from_xyz_rpy(*own.origin.xyz, *own.origin.rpy);
-        let i = &own.inertia;
-        let columns = [[i.ixx, i.ixy, i.ixz], [i.ixy, i.iyy, i.iyz], [i.ixz, i.iyz, i.izz]];
+        let none = Inertial { line: link.line, origin: Default::default(), mass: 0.0, inertia: [0.0; 6] };
+        let own = link.inertial.unwrap_or(none);
+        let origin = Pose::from_xyz_rpy(own.origin.xyz, own.origin.rpy);
+        let [xx, xy, xz, yy, yz, zz] = own.inertia;
+        let columns = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
         let [x, y, z] = columns.map(DVec3::from_array);
-        let body = Body { mass: own.mass.value, com: DVec3::ZERO, inertia: DMat3::from_cols(x, y, z) };
+        let body = Body { mass: own.mass, com: DVec3::ZERO, inertia: DMat3::from_cols(x, y, z) };
         let body = body.transformed(&origin).transformed(&frame.link_from_frame);
         Ok(Member { name: link.name.clone(), carrier_from_link: frame.link_from_frame, body })
     };

@@ -2,7 +2,7 @@
 
 use super::reward::{Measures, Seen, Terms, terms};
 use super::turns::{in_heading, turned_back};
-use super::{Ground, Readings, TaskRobot, TaskSettings, VelocityTask, Walker};
+use super::{Ground, Readings, Reward, TaskRobot, TaskSettings, VelocityTask, Walker};
 use crate::env::End;
 use qv_sim::Batch;
 
@@ -25,6 +25,7 @@ pub(super) struct Outcome {
 pub(super) struct Judge<'a> {
     robot: &'a TaskRobot,
     pub settings: &'a TaskSettings,
+    reward: &'a Reward,
     ground: &'a Ground,
     batch: &'a Batch<f32>,
     read: &'a Readings,
@@ -39,6 +40,7 @@ impl<'a> Judge<'a> {
         Self {
             robot: &task.robot,
             settings: &task.settings,
+            reward: &task.reward,
             ground: &task.ground,
             batch: &task.batch,
             read: &task.read,
@@ -114,7 +116,7 @@ impl<'a> Judge<'a> {
             height: self.robot.height,
             torque: self.torque,
         };
-        let terms = terms(&self.settings.reward, &measures, &seen, walker, dt);
+        let terms = terms(self.reward, &measures, &seen, walker, dt);
         let [vx, vy, wz] = walker.command;
         let outcome = Outcome {
             terms,

@@ -43,6 +43,8 @@ pub const OBSERVATION: [(&str, usize); 6] = [
 pub struct VelocityTask {
     robot: TaskRobot,
     settings: TaskSettings,
+    /// Weights of the present epoch.
+    reward: Reward,
     ground: Ground,
     batch: Batch<f32>,
     draws: Draws,
@@ -135,6 +137,7 @@ impl VelocityTask {
             varied: false,
             sums: Sums::new(),
             mount: mount.map(|x| x as f32),
+            reward: settings.reward.in_epoch(0),
             robot,
             settings,
             ground,
@@ -430,6 +433,7 @@ impl VectorEnv for VelocityTask {
 
     fn restart(&mut self, seed: u64, epoch: u64) -> Result<(), PolicyError> {
         let length = (self.settings.episode * self.settings.rate) as usize;
+        self.reward = self.settings.reward.in_epoch(epoch);
         for env in 0..self.count() {
             self.walkers[env].random = Random::of(seed ^ epoch.rotate_left(40), 4, env as u64);
             if epoch == 0 {

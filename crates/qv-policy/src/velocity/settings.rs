@@ -96,8 +96,13 @@ pub struct Reward {
     pub action_jerk: f32,
     /// Squared distance from the stand: joints that move legs sideways in full, others a fifth.
     pub pose: f32,
-    /// For each foot that lands: how long it was in the air beyond `air_least` \[s\], at most until `air_most`.
+    /// For each foot that lands: how long it was in the air beyond `air_least` \[s\], at most until `air_most`; in the first epoch of a
+    /// training. A weight that is large from the start holds some seeds on three legs.
     pub air: f32,
+    /// The same weight from epoch `air_epochs` on; linear between.
+    pub air_last: f32,
+    /// See `air_last`.
+    pub air_epochs: u64,
     /// \[s\]
     pub air_least: f32,
     /// \[s\]
@@ -120,6 +125,14 @@ pub struct Reward {
     pub least: f32,
 }
 
+impl Reward {
+    /// The weights in an epoch of a training.
+    pub fn in_epoch(&self, epoch: u64) -> Self {
+        let share = if epoch >= self.air_epochs { 1.0 } else { epoch as f32 / self.air_epochs as f32 };
+        Self { air: self.air + share * (self.air_last - self.air), ..self.clone() }
+    }
+}
+
 impl Default for Reward {
     fn default() -> Self {
         Self {
@@ -136,15 +149,17 @@ impl Default for Reward {
             action_rate: 0.02,
             action_jerk: 0.01,
             pose: 0.3,
-            air: 30.0,
+            air: 8.0,
+            air_last: 24.0,
+            air_epochs: 4,
             air_least: 0.25,
             air_most: 0.45,
             clearance: 3.0,
             clearance_height: 0.25,
             slip: 0.1,
-            pairs: 0.4,
+            pairs: 0.3,
             limbs: 0.5,
-            still: 2.0,
+            still: 1.0,
             fall: 0.5,
             least: -0.2,
         }

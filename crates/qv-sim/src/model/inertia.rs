@@ -52,6 +52,66 @@ pub(crate) fn positive_definite(m: &DMat3) -> bool {
     m.x_axis.x > 0.0 && minor > 0.0 && m.determinant() > 0.0
 }
 
+/// Whether a body can have this inertia: all zero (a point), or positive definite with no principal moment above the sum of
+/// the others, but for 2 % of rounding in files.
+pub(crate) fn is_of_a_body(m: &DMat3) -> bool {
+    if *m == DMat3::ZERO {
+        return true;
+    }
+    let trace = m.x_axis.x + m.y_axis.y + m.z_axis.z;
+    positive_definite(m) && positive_definite(&(DMat3::IDENTITY * (0.51 * trace) - *m))
+}
+
+/// Principal moments, least first.
+pub(crate) fn principal_moments(m: &DMat3) -> [f64; 3] {
+    principal(m).0
+}
+
+/// The inertia of a body that is nearest in the Frobenius norm, made positive definite: its axes stay, its principal moments
+/// are projected on those that meet the triangle inequality. Zero where the nearest is zero.
+pub(crate) fn nearest_of_a_body(m: &DMat3) -> DMat3 {
+    /// Of a rod, what its thickness adds: that of one a thousand times as long as it is thick.
+    const THICKNESS: f64 = 1e-6;
+    let ([a, b, c], axes) = principal(m);
+    let excess = ((c - a - b) / 3.0).max(0.0);
+    let face = [a + excess, b + excess, c - excess];
+    // Below a least moment of zero the nearest point lies on the edge of the cone: a rod along the first axis.
+    let mean = (0.5 * (b + c)).max(0.0);
+    let [a, b, c] = if face[0] >= 0.0 { face } else { [0.0, mean, mean] };
+    let thin = THICKNESS * (a + b + c);
+    let diagonal = if a > thin { DVec3::new(a, b, c) } else { DVec3::new(a + thin, b + thin, c + thin) };
+    let whole = axes * DMat3::from_diagonal(diagonal) * axes.transpose();
+    // Exactly symmetric, whatever rounding left.
+    (whole + whole.transpose()) * 0.5
+}
+
+/// Eigenvalues, least first, and eigenvectors as columns, of a symmetric matrix (Jacobi's rotations).
+fn principal(m: &DMat3) -> ([f64; 3], DMat3) {
+    // Each sweep squares what is left off the diagonal: a handful reaches the last bit.
+    const SWEEPS: usize = 16;
+    let mut a = *m;
+    let mut axes = DMat3::IDENTITY;
+    for _ in 0..SWEEPS {
+        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
+            let off = a.col(q)[p];
+            if off == 0.0 {
+                continue;
+            }
+            let angle = 0.5 * (2.0 * off).atan2(a.col(q)[q] - a.col(p)[p]);
+            let (sin, cos) = angle.sin_cos();
+            let mut turn = DMat3::IDENTITY;
+            (turn.col_mut(p)[p], turn.col_mut(q)[q]) = (cos, cos);
+            (turn.col_mut(q)[p], turn.col_mut(p)[q]) = (sin, -sin);
+            a = turn.transpose() * a * turn;
+            axes *= turn;
+        }
+    }
+    let mut order = [0, 1, 2];
+    order.sort_by(|&i, &j| a.col(i)[i].total_cmp(&a.col(j)[j]));
+    let [i, j, k] = order;
+    ([a.col(i)[i], a.col(j)[j], a.col(k)[k]], DMat3::from_cols(axes.col(i), axes.col(j), axes.col(k)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -63,6 +123,40 @@ mod tests {
         let both = ball.welded(&other);
         assert_eq!((both.mass, both.com), (2.0, DVec3::ZERO));
         assert_eq!(both.inertia, DMat3::from_diagonal(DVec3::new(0.0, 2.0, 2.0)));
+    }
+
+    #[test]
+    fn principal_axes_make_the_matrix_again() {
+        let turned = Pose::from_xyz_rpy([0.0; 3], [0.3, -0.7, 1.9]).matrix();
+        let m = turned * DMat3::from_diagonal(DVec3::new(3.0, -1.0, 2.0)) * turned.transpose();
+        let (moments, axes) = principal(&m);
+        for (found, right) in moments.iter().zip([-1.0, 2.0, 3.0]) {
+            assert!((found - right).abs() < 1e-14, "{moments:?}");
+        }
+        let again = axes * DMat3::from_diagonal(DVec3::from_array(moments)) * axes.transpose();
+        assert!((again - m).to_cols_array().iter().all(|x| x.abs() < 1e-14));
+    }
+
+    /// The nearest point of the cone, against a search over all of it.
+    #[test]
+    fn the_nearest_inertia_of_a_body() {
+        for moments in [[1.0, 1.0, 3.0], [-1.0, 2.0, 2.0], [-0.1, 1.0, 4.0], [0.0, 0.0, 3.0], [0.2, 0.5, 0.6]] {
+            let turned = Pose::from_xyz_rpy([0.0; 3], [1.0, 0.2, -0.4]).matrix();
+            let m = turned * DMat3::from_diagonal(DVec3::from_array(moments)) * turned.transpose();
+            let nearest = nearest_of_a_body(&m);
+            assert!(is_of_a_body(&nearest), "{moments:?} -> {nearest}");
+            let distance = |x: [f64; 3]| (0..3).map(|i| (x[i] - moments[i]).powi(2)).sum::<f64>().sqrt();
+            let found = distance(principal_moments(&nearest));
+            let steps = 80;
+            let second = |i: usize| 3.0 * i as f64 / steps as f64;
+            let mut best = f64::INFINITY;
+            for (i, j, k) in (0..steps.pow(3)).map(|n| (n % steps, n / steps % steps, n / steps / steps)) {
+                let (x, y, z) = (second(i), second(j), second(k));
+                best = best.min(distance([y + z, x + z, x + y]));
+            }
+            assert!(found < best + 1e-4, "{moments:?}: {found} against {best}");
+        }
+        assert_eq!(nearest_of_a_body(&-DMat3::IDENTITY), DMat3::ZERO);
     }
 
     #[test]

@@ -141,6 +141,8 @@ pub struct Model {
     pub frames: Vec<Frame>,
     /// Parts of the URDF that were left out, in words (collision meshes that nobody could read).
     pub left_out: Vec<String>,
+    /// What the URDF says that cannot be so, or leaves open, and how it was read, a sentence each. Nothing is lost by these.
+    pub told: Vec<String>,
     joint_names: Vec<String>,
 }
 

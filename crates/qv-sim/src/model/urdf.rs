@@ -1,8 +1,9 @@
 //! Reading a URDF: checks, merging of fixed joints, depth-first order.
 
-use super::inertia::{MassProperties, positive_definite};
+use super::inertia::{MassProperties, is_of_a_body, nearest_of_a_body, positive_definite, principal_moments};
 use super::{BaseKind, Frame, Geom, Joint, JointKind, Link, Model, Shape};
 use crate::SimError;
+use crate::urdf::{self, Geometry, JointElement, JointType, LinkElement, Origin};
 use glam::{DMat3, DVec3};
 use qv_core::Pose;
 use std::collections::HashMap;
@@ -20,26 +21,33 @@ pub struct ModelOptions<'a> {
     /// Reads collision meshes, which become convex hulls. Without it they are left out and listed in
     /// [`Model::left_out`].
     pub mesh_vertices: Option<&'a MeshVertices<'a>>,
+    /// Joints by name that do not move, with the positions \[rad or m\] that they are held at: as if they were fixed there.
+    pub held: &'a [(String, f64)],
 }
 
 impl Model {
-    /// Reads any URDF tree. Links behind fixed joints merge into the link that carries them.
+    /// Reads any URDF tree. Links behind fixed joints merge into the link that carries them; only then are masses and
+    /// inertias judged. What cannot be as the file says is told in [`Model::told`].
+    ///
+    /// A `floating` joint below the root, with fixed joints alone between them, leads to the free base: what the root carries
+    /// beside it is the world.
     ///
     /// # Errors
-    /// Names the link or joint: no or negative mass, inertia that is not positive definite, numbers that are not
-    /// finite, an unknown parent or child, two parents, a loop, several roots, a joint type that has not one degree
-    /// of freedom.
+    /// Names the link or joint, and the line: a moving link without mass, a free base without inertia, numbers that are not
+    /// finite, an unknown parent or child, two parents, a loop, several roots, a joint type that has not one degree of
+    /// freedom; and what [`urdf::Robot::parse`] refuses.
     pub fn from_urdf(xml: &str, options: &ModelOptions) -> Result<Self, SimError> {
-        let robot = urdf_rs::read_from_string(xml).map_err(|e| SimError::UrdfSyntax(e.to_string()))?;
+        let robot = urdf::Robot::parse(xml)?;
         let tree = Tree::new(&robot)?;
-        let mut builder = Builder { robot: &robot, tree: &tree, options, model: empty(&robot.name, options.base) };
+        let model = Model { told: robot.told.clone(), ..empty(&robot.name, options.base) };
+        let mut builder = Builder { robot: &robot, tree: &tree, options, model, impossible: Vec::new() };
         builder.root()?;
+        builder.judge()?;
         let mut model = builder.model;
         model.joint_names = model.joints.iter().map(|j| j.name.clone()).collect();
         if model.links.is_empty() {
             return Err(SimError::UrdfSyntax("no link that moves".into()));
         }
-        check_masses(&model)?;
         Ok(model)
     }
 }
@@ -53,6 +61,7 @@ fn empty(name: &str, base: BaseKind) -> Model {
         geoms: Vec::new(),
         frames: Vec::new(),
         left_out: Vec::new(),
+        told: Vec::new(),
         joint_names: Vec::new(),
     }
 }
@@ -73,11 +82,12 @@ struct Tree {
 }
 
 impl Tree {
-    fn new(robot: &urdf_rs::Robot) -> Result<Self, SimError> {
+    fn new(robot: &urdf::Robot) -> Result<Self, SimError> {
         let mut index = HashMap::new();
         for (i, link) in robot.links.iter().enumerate() {
             if index.insert(link.name.as_str(), i).is_some() {
-                return Err(link_error(&link.name, "a unique name", "two links of that name"));
+                let lines = lines(robot.links.iter().filter(|l| l.name == link.name).map(|l| l.line));
+                return Err(link_error(&link.name, "a unique name", format!("two links of that name ({lines})")));
             }
         }
         let mut children = vec![Vec::new(); robot.links.len()];
@@ -86,18 +96,21 @@ impl Tree {
         let mut names = HashMap::new();
         for (j, joint) in robot.joints.iter().enumerate() {
             let find = |name: &str, role: &str| {
-                index
-                    .get(name)
-                    .copied()
-                    .ok_or_else(|| joint_error(&joint.name, &format!("a {role} link that exists"), format!("`{name}`")))
+                index.get(name).copied().ok_or_else(|| {
+                    let found = format!("`{name}` (line {})", joint.line);
+                    joint_error(&joint.name, &format!("a {role} link that exists"), found)
+                })
             };
-            let (parent, child) = (find(&joint.parent.link, "parent")?, find(&joint.child.link, "child")?);
-            if names.insert(joint.name.as_str(), j).is_some() {
-                return Err(joint_error(&joint.name, "a unique name", "two joints of that name"));
+            let (parent, child) = (find(&joint.parent, "parent")?, find(&joint.child, "child")?);
+            if let Some(first) = names.insert(joint.name.as_str(), j) {
+                let lines = lines([robot.joints[first].line, joint.line].into_iter());
+                return Err(joint_error(&joint.name, "a unique name", format!("two joints of that name ({lines})")));
             }
             if let Some(other) = parent_joint[child].replace(j) {
-                let found = format!("`{}` and `{}`", robot.joints[other].name, joint.name);
-                return Err(link_error(&joint.child.link, "one parent joint", found));
+                let other = &robot.joints[other];
+                let lines = lines([other.line, joint.line].into_iter());
+                let found = format!("`{}` and `{}` ({lines})", other.name, joint.name);
+                return Err(link_error(&joint.child, "one parent joint", found));
             }
             children[parent].push(j);
             child_link.push(child);
@@ -112,7 +125,7 @@ impl Tree {
             return Err(link_error(
                 name,
                 "one root link",
-                format!("a second root beside `{}`", robot.links[root].name),
+                format!("a second root beside `{}` (line {})", robot.links[root].name, robot.links[other].line),
             ));
         }
         let tree = Self { children, child_link, root };
@@ -120,8 +133,30 @@ impl Tree {
         Ok(tree)
     }
 
+    /// The floating joint that leads to the free base: the one that fixed joints alone part from the root. `None` where the
+    /// root itself is the base.
+    fn free_joint(&self, robot: &urdf::Robot) -> Result<Option<usize>, SimError> {
+        let mut found: Option<usize> = None;
+        let mut stack = vec![self.root];
+        while let Some(link) = stack.pop() {
+            for &j in &self.children[link] {
+                match (robot.joints[j].kind, found) {
+                    (JointType::Fixed, _) => stack.push(self.child_link[j]),
+                    (JointType::Floating, None) => found = Some(j),
+                    (JointType::Floating, Some(other)) => {
+                        let (one, two) = (&robot.joints[other], &robot.joints[j]);
+                        let found = format!("`{}` as well ({})", one.name, lines([one.line, two.line].into_iter()));
+                        return Err(joint_error(&two.name, "one floating joint, that of the base", found));
+                    }
+                    _ => {}
+                }
+            }
+        }
+        Ok(found)
+    }
+
     /// With one root and one parent each, a link that the root does not reach lies on a loop.
-    fn check_reached(&self, robot: &urdf_rs::Robot) -> Result<(), SimError> {
+    fn check_reached(&self, robot: &urdf::Robot) -> Result<(), SimError> {
         let mut reached = vec![false; robot.links.len()];
         let mut stack = vec![self.root];
         while let Some(link) = stack.pop() {
@@ -136,10 +171,12 @@ impl Tree {
 }
 
 struct Builder<'a> {
-    robot: &'a urdf_rs::Robot,
+    robot: &'a urdf::Robot,
     tree: &'a Tree,
     options: &'a ModelOptions<'a>,
     model: Model,
+    /// Links of the URDF whose inertia no body can have, with the moving link that each is part of.
+    impossible: Vec<(usize, usize)>,
 }
 
 /// A URDF link with the moving link that carries it (`None` is the world).
@@ -151,26 +188,45 @@ struct Visit {
 
 impl Builder<'_> {
     fn root(&mut self) -> Result<(), SimError> {
-        let root = self.tree.root;
-        let carrier = match self.options.base {
-            BaseKind::Fixed => None,
-            BaseKind::Floating => {
-                self.model.links.push(new_link(&self.robot.links[root].name, None, None, Pose::IDENTITY));
-                Some(0)
-            }
+        let free = self.tree.free_joint(self.robot)?;
+        let base = match (self.options.base, free) {
+            (BaseKind::Fixed, _) => None,
+            (BaseKind::Floating, None) => Some(self.tree.root),
+            (BaseKind::Floating, Some(joint)) => Some(self.tree.child_link[joint]),
         };
-        let visit = Visit { urdf_link: root, carrier, carrier_from_link: Pose::IDENTITY };
+        // The base is link 0, wherever it stands in the file.
+        if let Some(base) = base {
+            self.model.links.push(new_link(&self.robot.links[base].name, None, None, Pose::IDENTITY));
+        }
+        let start = base.unwrap_or(self.tree.root);
+        self.all_below(Visit { urdf_link: start, carrier: base.map(|_| 0), carrier_from_link: Pose::IDENTITY })?;
+        if start != self.tree.root {
+            self.all_below(Visit { urdf_link: self.tree.root, carrier: None, carrier_from_link: Pose::IDENTITY })?;
+        }
+        Ok(())
+    }
+
+    fn all_below(&mut self, visit: Visit) -> Result<(), SimError> {
         self.absorb(&visit)?;
         // Joints still to be crossed, on a stack of our own: a URDF of a hundred thousand links in a row must not
         // overflow the program's.
         let mut pending = Vec::new();
         self.push_children(&visit, &mut pending);
         while let Some((joint, carrier, carrier_from_parent)) = pending.pop() {
+            if self.is_free_base(joint, carrier) {
+                continue;
+            }
             let visit = self.follow(joint, carrier, &carrier_from_parent)?;
             self.absorb(&visit)?;
             self.push_children(&visit, &mut pending);
         }
         Ok(())
+    }
+
+    /// Whether the free base hangs on this joint: it is read by itself.
+    fn is_free_base(&self, joint: usize, carrier: Option<usize>) -> bool {
+        let is_floating = self.robot.joints[joint].kind == JointType::Floating;
+        is_floating && carrier.is_none() && self.options.base == BaseKind::Floating
     }
 
     fn push_children(&self, visit: &Visit, pending: &mut Vec<(usize, Option<usize>, Pose)>) {
@@ -181,22 +237,28 @@ impl Builder<'_> {
     /// Crosses a joint: a fixed one keeps the carrier, any other makes a new moving link.
     fn follow(&mut self, joint: usize, carrier: Option<usize>, carrier_from_link: &Pose) -> Result<Visit, SimError> {
         let urdf = &self.robot.joints[joint];
-        let xyz = [urdf.origin.xyz[0], urdf.origin.xyz[1], urdf.origin.xyz[2]];
-        let rpy = [urdf.origin.rpy[0], urdf.origin.rpy[1], urdf.origin.rpy[2]];
+        let Origin { xyz, rpy } = urdf.origin;
         if xyz.iter().chain(&rpy).any(|x| !x.is_finite()) {
-            return Err(joint_error(&urdf.name, "a finite origin", format!("xyz {xyz:?} rpy {rpy:?}")));
+            let found = format!("xyz {xyz:?} rpy {rpy:?} (line {})", urdf.line);
+            return Err(joint_error(&urdf.name, "a finite origin", found));
         }
         let carrier_from_joint = *carrier_from_link * Pose::from_xyz_rpy(xyz, rpy);
         let urdf_link = self.tree.child_link[joint];
-        if urdf.joint_type == urdf_rs::JointType::Fixed {
+        // The joint of a free base holds it where the base is held.
+        let holds = urdf.kind == JointType::Floating && carrier.is_none();
+        if urdf.kind == JointType::Fixed || holds {
             return Ok(Visit { urdf_link, carrier, carrier_from_link: carrier_from_joint });
         }
-        if urdf.mimic.is_some() {
+        let link = self.model.links.len();
+        let joint = read_joint(urdf, link, self.options.armature, &mut self.model.told)?;
+        if let Some((_, position)) = self.options.held.iter().find(|(name, _)| *name == urdf.name) {
+            return Ok(Visit { urdf_link, carrier, carrier_from_link: carrier_from_joint * joint.motion(*position) });
+        }
+        if urdf.mimics {
             self.model.left_out.push(format!("mimic of joint `{}`: it moves by itself", urdf.name));
         }
-        let link = self.model.links.len();
         let index = self.model.joints.len();
-        self.model.joints.push(read_joint(urdf, link, self.options.armature)?);
+        self.model.joints.push(joint);
         let name = &self.robot.links[urdf_link].name;
         self.model.links.push(new_link(name, carrier, Some(index), carrier_from_joint));
         Ok(Visit { urdf_link, carrier: Some(link), carrier_from_link: Pose::IDENTITY })
@@ -210,15 +272,19 @@ impl Builder<'_> {
             link: visit.carrier,
             link_from_frame: visit.carrier_from_link,
         });
-        let own = mass_properties(urdf)?.transformed(&visit.carrier_from_link);
         let Some(carrier) = visit.carrier else { return Ok(()) };
+        let own = mass_properties(urdf)?;
+        if !is_of_a_body(&own.inertia) {
+            self.impossible.push((visit.urdf_link, carrier));
+        }
+        let own = own.transformed(&visit.carrier_from_link);
         let link = &mut self.model.links[carrier];
         let whole = MassProperties { mass: link.mass, com: link.com, inertia: link.inertia }.welded(&own);
         (link.mass, link.com, link.inertia) = (whole.mass, whole.com, whole.inertia);
-        for (k, collision) in urdf.collision.iter().enumerate() {
-            let name = if urdf.collision.len() == 1 { urdf.name.clone() } else { format!("{}.{k}", urdf.name) };
-            let link_from_geom = visit.carrier_from_link * origin_pose(&urdf.name, &collision.origin)?;
-            match self.read_shape(&urdf.name, &collision.geometry)? {
+        for (k, collision) in urdf.collisions.iter().enumerate() {
+            let name = if urdf.collisions.len() == 1 { urdf.name.clone() } else { format!("{}.{k}", urdf.name) };
+            let link_from_geom = visit.carrier_from_link * origin_pose(urdf, &collision.origin, collision.line)?;
+            match self.read_shape(collision) {
                 Ok(shape) => self.model.geoms.push(Geom { name, link: carrier, link_from_geom, shape }),
                 Err(reason) => self.model.left_out.push(format!("collision shape of link `{}`: {reason}", urdf.name)),
             }
@@ -226,38 +292,26 @@ impl Builder<'_> {
         Ok(())
     }
 
-    /// The shape; the inner error says why it is left out, the outer one why the file is wrong.
-    fn read_shape(&self, link: &str, geometry: &urdf_rs::Geometry) -> Result<Result<Shape, String>, SimError> {
-        let positive = |values: &[f64]| {
-            if values.iter().all(|v| v.is_finite() && *v > 0.0) {
-                Ok(())
-            } else {
-                Err(link_error(link, "collision shapes with positive, finite sizes", format!("{values:?}")))
-            }
+    /// The shape; the error says why it is left out.
+    fn read_shape(&self, collision: &urdf::Collision) -> Result<Shape, String> {
+        let geometry = collision.geometry.as_ref().map_err(Clone::clone)?;
+        let sizes: &[f64] = match geometry {
+            Geometry::Sphere(radius) => &[*radius],
+            Geometry::Box(size) => size,
+            Geometry::Cylinder { radius, length } | Geometry::Capsule { radius, length } => &[*radius, *length],
+            Geometry::Mesh { scale, .. } if scale.iter().all(|s| s.is_finite()) => &[],
+            Geometry::Mesh { scale, .. } => scale,
         };
-        let shape = match geometry {
-            urdf_rs::Geometry::Sphere { radius } => {
-                positive(&[*radius])?;
-                Shape::Sphere(*radius)
-            }
-            urdf_rs::Geometry::Box { size } => {
-                positive(&[size[0], size[1], size[2]])?;
-                Shape::Box(DVec3::new(size[0], size[1], size[2]) * 0.5)
-            }
-            urdf_rs::Geometry::Cylinder { radius, length } => {
-                positive(&[*radius, *length])?;
-                Shape::Cylinder { radius: *radius, half_length: length * 0.5 }
-            }
-            urdf_rs::Geometry::Capsule { radius, length } => {
-                positive(&[*radius, *length])?;
-                Shape::Capsule { radius: *radius, half_length: length * 0.5 }
-            }
-            urdf_rs::Geometry::Mesh { filename, scale } => {
-                let scale = scale.map_or(DVec3::ONE, |s| DVec3::new(s[0], s[1], s[2]));
-                return Ok(self.read_mesh(filename, scale));
-            }
-        };
-        Ok(Ok(shape))
+        if !sizes.iter().all(|v| v.is_finite() && *v > 0.0) {
+            return Err(format!("sizes {sizes:?} m, where positive ones are needed (line {})", collision.line));
+        }
+        Ok(match geometry {
+            Geometry::Sphere(radius) => Shape::Sphere(*radius),
+            Geometry::Box(size) => Shape::Box(DVec3::from_array(*size) * 0.5),
+            Geometry::Cylinder { radius, length } => Shape::Cylinder { radius: *radius, half_length: length * 0.5 },
+            Geometry::Capsule { radius, length } => Shape::Capsule { radius: *radius, half_length: length * 0.5 },
+            Geometry::Mesh { filename, scale } => return self.read_mesh(filename, DVec3::from_array(*scale)),
+        })
     }
 
     fn read_mesh(&self, filename: &str, scale: DVec3) -> Result<Shape, String> {
@@ -270,88 +324,125 @@ impl Builder<'_> {
             .map_err(|e| format!("mesh `{filename}` has no convex hull: {e}"))?;
         Ok(Shape::Hull(hull))
     }
+
+    /// Looks at the mass and inertia of every moving link, as merged.
+    fn judge(&mut self) -> Result<(), SimError> {
+        let robot = self.robot;
+        for l in 0..self.model.links.len() {
+            let own = self.impossible.iter().filter(|(_, carrier)| *carrier == l);
+            let members: Vec<&LinkElement> = own.map(|(urdf_link, _)| &robot.links[*urdf_link]).collect();
+            let link = &mut self.model.links[l];
+            let line = robot.links.iter().find(|u| u.name == link.name).map_or(0, |u| u.line);
+            if link.mass <= 0.0 {
+                let expected = "an inertial with a positive mass, on it or on a link fixed to it";
+                return Err(link_error(&link.name, expected, format!("none (line {line})")));
+            }
+            // What files say of links without a fault stays as it is, bit by bit.
+            let mut how = "used as they are";
+            if !members.is_empty() && !positive_definite(&link.inertia) {
+                link.inertia = nearest_of_a_body(&link.inertia);
+                how = "the nearest inertia of a body is used";
+            }
+            if link.joint.is_none() && !positive_definite(&link.inertia) {
+                let found = format!("{} (line {line})", link.inertia);
+                return Err(link_error(&link.name, "a positive definite inertia (it is the free base)", found));
+            }
+            if !members.is_empty() {
+                let told = told_of(&members, &link.name, how);
+                self.model.told.push(told);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What is told of links whose inertias no body can have.
+fn told_of(members: &[&LinkElement], carrier: &str, how: &str) -> String {
+    let one = |link: &&LinkElement| {
+        let [a, b, c] = link.inertial.map_or([0.0; 3], |i| principal_moments(&matrix(&i.inertia)));
+        format!("`{}` ({a:.3e}, {b:.3e}, {c:.3e} kg m², line {})", link.name, link.line)
+    };
+    let names: Vec<String> = members.iter().map(one).collect();
+    let within = if members.iter().all(|m| m.name == carrier) { String::new() } else { format!(" within `{carrier}`") };
+    format!("no body has the principal moments of link {}: {how}{within}", names.join(", "))
+}
+
+/// "line 3", "lines 3 and 7".
+fn lines(lines: impl Iterator<Item = usize>) -> String {
+    let all: Vec<String> = lines.map(|l| l.to_string()).collect();
+    format!("line{} {}", if all.len() == 1 { "" } else { "s" }, all.join(" and "))
 }
 
 fn new_link(name: &str, parent: Option<usize>, joint: Option<usize>, parent_from_link: Pose) -> Link {
     Link { name: name.to_owned(), parent, joint, parent_from_link, mass: 0.0, com: DVec3::ZERO, inertia: DMat3::ZERO }
 }
 
-fn origin_pose(link: &str, origin: &urdf_rs::Pose) -> Result<Pose, SimError> {
-    let xyz = [origin.xyz[0], origin.xyz[1], origin.xyz[2]];
-    let rpy = [origin.rpy[0], origin.rpy[1], origin.rpy[2]];
+fn origin_pose(link: &LinkElement, origin: &Origin, line: usize) -> Result<Pose, SimError> {
+    let Origin { xyz, rpy } = *origin;
     if xyz.iter().chain(&rpy).any(|x| !x.is_finite()) {
-        return Err(link_error(link, "finite origins", format!("xyz {xyz:?} rpy {rpy:?}")));
+        return Err(link_error(&link.name, "finite origins", format!("xyz {xyz:?} rpy {rpy:?} (line {line})")));
     }
     Ok(Pose::from_xyz_rpy(xyz, rpy))
 }
 
-fn mass_properties(link: &urdf_rs::Link) -> Result<MassProperties, SimError> {
-    let inertial = &link.inertial;
-    let mass = inertial.mass.value;
-    let i = &inertial.inertia;
-    let tensor = [i.ixx, i.ixy, i.ixz, i.iyy, i.iyz, i.izz];
-    if !mass.is_finite() || mass < 0.0 {
-        return Err(link_error(&link.name, "a finite mass of at least 0 kg", mass));
-    }
-    if tensor.iter().any(|x| !x.is_finite()) {
-        return Err(link_error(&link.name, "a finite inertia", format!("{tensor:?}")));
-    }
-    let inertia = DMat3::from_cols(
-        DVec3::new(i.ixx, i.ixy, i.ixz),
-        DVec3::new(i.ixy, i.iyy, i.iyz),
-        DVec3::new(i.ixz, i.iyz, i.izz),
-    );
-    let none = tensor.iter().all(|&x| x == 0.0);
-    if !none && !positive_definite(&inertia) {
-        return Err(link_error(&link.name, "a positive definite inertia", format!("{tensor:?}")));
-    }
-    if !none && !positive_definite(&(DMat3::IDENTITY * (0.51 * (i.ixx + i.iyy + i.izz)) - inertia)) {
-        // A principal moment above the sum of the others, with 2 % for rounding: no body has that.
-        return Err(link_error(&link.name, "an inertia that a body can have", format!("{tensor:?}")));
-    }
-    if mass == 0.0 && !none {
-        return Err(link_error(&link.name, "a mass that goes with its inertia", mass));
-    }
-    if mass == 0.0 {
-        return Ok(MassProperties::ZERO);
-    }
-    let own = MassProperties { mass, com: DVec3::ZERO, inertia };
-    Ok(own.transformed(&origin_pose(&link.name, &inertial.origin)?))
+fn matrix([xx, xy, xz, yy, yz, zz]: &[f64; 6]) -> DMat3 {
+    DMat3::from_cols(DVec3::new(*xx, *xy, *xz), DVec3::new(*xy, *yy, *yz), DVec3::new(*xz, *yz, *zz))
 }
 
-fn read_joint(urdf: &urdf_rs::Joint, link: usize, armature: f64) -> Result<Joint, SimError> {
-    use urdf_rs::JointType;
-    let (kind, limited) = match urdf.joint_type {
+fn mass_properties(link: &LinkElement) -> Result<MassProperties, SimError> {
+    let Some(inertial) = &link.inertial else { return Ok(MassProperties::ZERO) };
+    let (mass, tensor, line) = (inertial.mass, &inertial.inertia, inertial.line);
+    if !mass.is_finite() || mass < 0.0 {
+        return Err(link_error(&link.name, "a finite mass of at least 0 kg", format!("{mass} (line {line})")));
+    }
+    if tensor.iter().any(|x| !x.is_finite()) {
+        return Err(link_error(&link.name, "a finite inertia", format!("{tensor:?} (line {line})")));
+    }
+    if mass == 0.0 && tensor.iter().all(|&x| x == 0.0) {
+        return Ok(MassProperties::ZERO);
+    }
+    let own = MassProperties { mass, com: DVec3::ZERO, inertia: matrix(tensor) };
+    Ok(own.transformed(&origin_pose(link, &inertial.origin, line)?))
+}
+
+fn read_joint(urdf: &JointElement, link: usize, armature: f64, told: &mut Vec<String>) -> Result<Joint, SimError> {
+    let wrong =
+        |expected: &str, found: String| joint_error(&urdf.name, expected, format!("{found} (line {})", urdf.line));
+    let (kind, limited) = match urdf.kind {
         JointType::Revolute => (JointKind::Revolute, true),
         JointType::Continuous => (JointKind::Revolute, false),
         JointType::Prismatic => (JointKind::Prismatic, true),
-        ref other => {
-            return Err(joint_error(
-                &urdf.name,
-                "fixed, revolute, continuous or prismatic",
-                format!("{other:?}").to_lowercase(),
+        JointType::Floating => {
+            return Err(wrong(
+                "fixed joints alone above a floating one (it is that of the free base)",
+                "others".into(),
             ));
         }
+        other => return Err(wrong("fixed, revolute, continuous or prismatic", other.name().into())),
     };
-    let axis = DVec3::new(urdf.axis.xyz[0], urdf.axis.xyz[1], urdf.axis.xyz[2]);
+    let axis = DVec3::from_array(urdf.axis);
     if !axis.is_finite() || axis.length() < 1e-6 {
-        return Err(joint_error(&urdf.name, "a finite axis that is not zero", axis));
+        return Err(wrong("a finite axis that is not zero", axis.to_string()));
     }
     let limit = &urdf.limit;
     if [limit.lower, limit.upper, limit.effort, limit.velocity].iter().any(|x| x.is_nan()) {
-        return Err(joint_error(&urdf.name, "limits that are numbers", format!("{limit:?}")));
+        return Err(wrong("limits that are numbers", format!("{limit:?}")));
     }
     let (lower, upper) = if limited { (limit.lower, limit.upper) } else { (f64::NEG_INFINITY, f64::INFINITY) };
-    if lower > upper {
-        return Err(joint_error(&urdf.name, "a lower limit below the upper", format!("{lower} > {upper}")));
-    }
+    let (lower, upper) = if lower > upper {
+        let sentence = format!("limits {lower} to {upper} (line {}) are upside down: swapped", urdf.line);
+        told.push(format!("joint `{}`: {sentence}", urdf.name));
+        (upper, lower)
+    } else {
+        (lower, upper)
+    };
     // A joint whose limits are both zero is how exporters write "no limit given".
     let unlimited = lower == 0.0 && upper == 0.0;
     let (lower, upper) = if unlimited { (f64::NEG_INFINITY, f64::INFINITY) } else { (lower, upper) };
     let dynamics = urdf.dynamics.as_ref();
     let (viscous, coulomb) = (dynamics.map_or(0.0, |d| d.damping), dynamics.map_or(0.0, |d| d.friction));
     if !(viscous >= 0.0 && coulomb >= 0.0 && viscous.is_finite() && coulomb.is_finite()) {
-        return Err(joint_error(&urdf.name, "damping and friction of at least 0", format!("{viscous} and {coulomb}")));
+        return Err(wrong("damping and friction of at least 0", format!("{viscous} and {coulomb}")));
     }
     let stated = |x: f64| if x > 0.0 { x } else { f64::INFINITY };
     Ok(Joint {
@@ -367,21 +458,4 @@ fn read_joint(urdf: &urdf_rs::Joint, link: usize, armature: f64) -> Result<Joint
         viscous_friction: viscous,
         coulomb_friction: coulomb,
     })
-}
-
-/// Every moving link needs a mass of its own, or of links fixed to it.
-fn check_masses(model: &Model) -> Result<(), SimError> {
-    for link in &model.links {
-        if link.mass <= 0.0 {
-            return Err(link_error(
-                &link.name,
-                "an inertial with a positive mass, on it or on a link fixed to it",
-                "none",
-            ));
-        }
-        if link.joint.is_none() && !positive_definite(&link.inertia) {
-            return Err(link_error(&link.name, "a positive definite inertia (it is the free base)", link.inertia));
-        }
-    }
-    Ok(())
 }

@@ -56,7 +56,7 @@ pub fn walk(seconds: f64) -> Vec<Message> {
     messages
 }
 
-fn definition(topic: &str) -> (&'static str, &'static str) {
+pub fn definition(topic: &str) -> (&'static str, &'static str) {
     match topic {
         "/lowstate" => (LOW_STATE_TYPE, LOW_STATE),
         "/lowcmd" => (LOW_CMD_TYPE, LOW_CMD),

@@ -1,88 +1,28 @@
 //! Tidy tables become runs: `run.csv` with one column per channel and joint, `run.toml` with what is known of the robot.
 
+mod description;
+mod dialect;
+
 use crate::ReplayError;
 use crate::bag::{slot, source};
 use crate::clean::{Samples, columns, put_in_order};
 use crate::faults;
+use crate::imu;
 use crate::mapping::{Channel, Mapping};
 use crate::run::*;
-use serde::Deserialize;
+use description::{parse_description, unknown_keys};
+use dialect::Cells;
+use qv_core::Pose;
+use qv_sim::{Model, ModelOptions};
 use std::collections::BTreeMap;
 use std::io::Read;
 
-/// `run.toml`.
-#[derive(Debug, Clone, Deserialize)]
-struct Description {
-    robot: String,
-    base: Option<String>,
-    actuator: Option<ActuatorTable>,
-    #[serde(default)]
-    joint: BTreeMap<String, JointTable>,
-}
-
-#[derive(Debug, Clone, Deserialize)]
-struct ActuatorTable {
-    kind: String,
-    kp: Option<f64>,
-    kd: Option<f64>,
-    tau_max: Option<f64>,
-}
-
-#[derive(Debug, Clone, Copy, Deserialize)]
-struct JointTable {
-    armature: Option<f64>,
-    coulomb_friction: Option<f64>,
-    viscous_friction: Option<f64>,
-    position_offset: Option<f64>,
-}
-
-/// The name that `run.toml` gives for the robot: a name such as `go2`, or a file name ending in `.urdf`.
-///
-/// # Errors
-/// When the text is not TOML of the stated form.
-pub fn robot_of(toml_text: &str) -> Result<String, ReplayError> {
-    Ok(parse_description(toml_text)?.robot)
-}
-
-fn parse_description(text: &str) -> Result<Description, ReplayError> {
-    let found = |e: toml::de::Error| e.to_string().trim().replace('\n', " / ");
-    let description: Description =
-        toml::from_str(text).map_err(|e| ReplayError::file("run.toml", "a run description", found(e)))?;
-    let numbers = description.joint.iter().flat_map(|(name, j)| {
-        let all = [j.armature, j.coulomb_friction, j.viscous_friction, j.position_offset];
-        all.into_iter().flatten().map(move |x| (name.clone(), x))
-    });
-    let actuator = description.actuator.iter().flat_map(|a| [a.kp, a.kd, a.tau_max].into_iter().flatten());
-    for (name, x) in numbers.chain(actuator.map(|x| ("actuator".to_string(), x))) {
-        if !x.is_finite() {
-            return Err(ReplayError::file("run.toml", format!("finite numbers in `{name}`"), x.to_string()));
-        }
-    }
-    Ok(description)
-}
-
-/// Keys of `run.toml` that mean nothing here, such as misspelt ones.
-fn unknown_keys(text: &str) -> Vec<String> {
-    let Ok(table) = text.parse::<toml::Table>() else { return Vec::new() };
-    let mut unknown = Vec::new();
-    let mut check = |at: &str, table: &toml::Table, known: &[&str]| {
-        unknown.extend(table.keys().filter(|k| !known.contains(&k.as_str())).map(|k| format!("{at}{k}")));
-    };
-    check("", &table, &["robot", "base", "actuator", "joint"]);
-    if let Some(actuator) = table.get("actuator").and_then(toml::Value::as_table) {
-        check("actuator.", actuator, &["kind", "kp", "kd", "tau_max"]);
-    }
-    for (name, joint) in table.get("joint").and_then(toml::Value::as_table).into_iter().flatten() {
-        if let Some(joint) = joint.as_table() {
-            let known = ["armature", "coulomb_friction", "viscous_friction", "position_offset"];
-            check(&format!("joint.{name}."), joint, &known);
-        }
-    }
-    unknown
-}
+pub use description::robot_of;
 
 /// Reads a tidy table. `toml_text` is `run.toml`; `urdf` the text of the URDF that it names; `mapping` that of the
 /// robot that it names, for the order and limits of its joints. Blank cells are "not measured".
+///
+/// Separators (`,` `;` tab `|`), decimal commas and the unit of time are found by looking, and told.
 ///
 /// # Errors
 /// No `time` column, no position column, no row, an unknown word in `run.toml`. Bad cells and rows, and unknown
@@ -94,14 +34,15 @@ pub fn read_table(
     mapping: Option<&Mapping>,
 ) -> Result<Run, ReplayError> {
     let description = parse_description(toml_text)?;
-    let base = match description.base.as_deref() {
-        Some("fixed") => Some(Base::Fixed),
-        Some("free") => Some(Base::Free),
-        None => None,
-        Some(other) => return Err(ReplayError::file("run.toml", "base = \"fixed\" or \"free\"", format!("`{other}`"))),
-    };
-    let mut reader = csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).from_reader(csv);
+    let base = description.base()?;
+    let (separator, separator_name, csv) = dialect::separator(csv);
+    let mut reader =
+        csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).delimiter(separator).from_reader(csv);
     let header = reader.headers().map_err(|e| ReplayError::file("run.csv", "a header line", e.to_string()))?.clone();
+    let mut told = Vec::new();
+    if separator != b',' {
+        told.push(format!("run.csv: columns lie between {separator_name}"));
+    }
     let mut lost: Vec<Loss> = unknown_keys(toml_text)
         .into_iter()
         .map(|key| Loss {
@@ -111,9 +52,19 @@ pub fn read_table(
         })
         .collect();
     let layout = Layout::new(&header, mapping, &mut lost)?;
-    let samples = read_rows(&mut reader, &layout, &mut lost)?;
+    let (samples, unit) = read_rows(&mut reader, &layout, &mut lost, &mut told)?;
     let mut faults = Vec::new();
     layout.report_names(mapping, &mut faults);
+    if samples.time.len() == 1 {
+        let detail = format!("expected rows at several times, found one ({unit})");
+        faults.push(Fault {
+            kind: FaultKind::Missing,
+            channel: "run.csv".into(),
+            time: samples.time[0],
+            count: 1,
+            detail,
+        });
+    }
     let mut samples = put_in_order(samples, "run.csv", true, &mut faults);
     let start = samples.time.first().copied().unwrap_or(0.0);
     samples.time.iter_mut().for_each(|t| *t -= start);
@@ -123,14 +74,16 @@ pub fn read_table(
         Some(text) => Robot::Urdf(text.to_string()),
         None => Robot::Named(description.robot.clone()),
     };
-    let joint_parameters = joint_parameters(&description, &layout.joints, &mut lost);
+    let joint_parameters = description.joint_parameters(&layout.joints, &mut lost)?;
+    let (actuator, gains) = description.actuator(&layout.joints)?;
+    let [kp, kd] = gains.series(samples.time.first().copied().unwrap_or(0.0));
     let mut run = Run {
         robot,
         base: Base::Fixed,
         joint_names: layout.joints.clone(),
         foot_names: Vec::new(),
         imu_position: mapping.map_or([0.0; 3], |m| m.imu_position),
-        actuator: actuator(&description)?,
+        actuator,
         joint_parameters,
         commands: Commands::default(),
         measured: Measurements::default(),
@@ -138,6 +91,7 @@ pub fn read_table(
         sources: vec![source],
         faults,
         lost,
+        told,
     };
     for (channel, first, width) in &layout.groups {
         *slot(&mut run, *channel) = columns(&samples, *first, *width);
@@ -148,46 +102,26 @@ pub fn read_table(
     let m = &run.measured;
     let free = m.base_pose.is_some() || m.acceleration.is_some() || m.orientation.is_some();
     run.base = base.unwrap_or(if free { Base::Free } else { Base::Fixed });
-    if run.commands == Commands::default() {
+    let has_commands = run.commands != Commands::default();
+    (run.commands.kp, run.commands.kd) = (kp, kd);
+    if !has_commands {
         let detail = "expected columns cmd_pos.<joint> or cmd_tau.<joint>, found none".into();
         run.faults.push(Fault { kind: FaultKind::Missing, channel: "commands".into(), time: 0.0, count: 1, detail });
     }
     faults::examine(&mut run, mapping);
+    turn_imu(&mut run, description.imu_rotation(), urdf);
     Ok(run)
 }
 
-fn actuator(description: &Description) -> Result<Actuator, ReplayError> {
-    let Some(table) = &description.actuator else {
-        return Ok(Actuator { kind: ActuatorKind::Pd, kp: None, kd: None, tau_max: None });
-    };
-    let kind = match table.kind.as_str() {
-        "pd" => ActuatorKind::Pd,
-        "torque" => ActuatorKind::Torque,
-        other => {
-            return Err(ReplayError::file("run.toml", "actuator kind \"pd\" or \"torque\"", format!("`{other}`")));
-        }
-    };
-    Ok(Actuator { kind, kp: table.kp, kd: table.kd, tau_max: table.tau_max })
-}
-
-fn joint_parameters(description: &Description, joints: &[String], lost: &mut Vec<Loss>) -> Vec<JointParameters> {
-    for name in description.joint.keys().filter(|name| !joints.contains(name)) {
-        lost.push(Loss {
-            file: "run.toml".into(),
-            what: format!("[joint.{name}]: no such joint in run.csv"),
-            span: None,
-        });
+/// Turns the channels of an IMU that is mounted at an angle, as `run.toml` or the URDF's link says.
+fn turn_imu(run: &mut Run, stated: Option<[f64; 3]>, urdf: Option<&str>) {
+    // What is wrong with a URDF is said where it is used.
+    let of_urdf = || Model::from_urdf(urdf?, &ModelOptions::default()).ok().as_ref().and_then(imu::mount_of);
+    let mount = stated.map(|rpy| Pose::from_xyz_rpy([0.0; 3], rpy).rotation);
+    if let Some(rotation) = mount.or_else(of_urdf).filter(|_| run.base == Base::Free) {
+        let told = imu::to_trunk(run, rotation, stated.is_some());
+        run.told.extend(told);
     }
-    let one = |name: &String| match description.joint.get(name) {
-        None => JointParameters::default(),
-        Some(j) => JointParameters {
-            armature: j.armature,
-            coulomb_friction: j.coulomb_friction,
-            viscous_friction: j.viscous_friction,
-            position_offset: j.position_offset,
-        },
-    };
-    joints.iter().map(one).collect()
 }
 
 /// Which column of the file goes where.
@@ -282,7 +216,7 @@ impl Layout {
         let mut ignored = Vec::new();
         for (column, name) in self.names.iter().enumerate() {
             let place = places.get(name).copied().filter(|&p| !std::mem::replace(&mut taken[p], true));
-            if place.is_none() && column != self.time {
+            if place.is_none() && column != self.time && !is_index(name) {
                 ignored.push(name.as_str());
             }
             self.target.push(place);
@@ -314,11 +248,22 @@ impl Layout {
     }
 }
 
+/// Whether a column holds the numbers of rows, or nothing: without a name, or with one that programs give to such columns.
+fn is_index(name: &str) -> bool {
+    name.is_empty() || name.starts_with("Unnamed:") || ["index", "level_0"].contains(&name)
+}
+
+/// The rows, with stamps in seconds, and the unit of time that they are written in.
 fn read_rows(
     reader: &mut csv::Reader<impl Read>,
     layout: &Layout,
     lost: &mut Vec<Loss>,
-) -> Result<Samples, ReplayError> {
+    told: &mut Vec<String>,
+) -> Result<(Samples, &'static str), ReplayError> {
+    let mut cells = Cells::default();
+    let indices: Vec<usize> =
+        (0..layout.names.len()).filter(|&c| c != layout.time && is_index(&layout.names[c])).collect();
+    let mut used = vec![false; indices.len()];
     let mut samples = Samples { width: layout.width, ..Default::default() };
     let mut record = csv::ByteRecord::new();
     let mut bad = BadCells::default();
@@ -340,13 +285,16 @@ fn read_rows(
         if record.len() == 1 && record[0].is_empty() {
             continue;
         }
-        let Some(time) = record.get(layout.time).and_then(number).filter(|t| t.is_finite()) else {
+        let is_first = samples.time.is_empty();
+        let Some(time) = record.get(layout.time).and_then(|cell| cells.stamp(cell, is_first)) else {
             bad.rows
                 .get_or_insert((line, String::from_utf8_lossy(record.get(layout.time).unwrap_or(b"")).into_owned()));
             bad.row_count += 1;
             continue;
         };
-        if record.len() != layout.names.len() {
+        // What follows a separator at the end of a line is no cell.
+        let width = record.len() - record.iter().rev().take_while(|cell| cell.is_empty()).count();
+        if record.len() < layout.names.len() || width > layout.names.len() {
             bad.short.get_or_insert((line, record.len()));
             bad.short_count += 1;
         }
@@ -355,23 +303,34 @@ fn read_rows(
         samples.rows.resize(base + layout.width, f64::NAN);
         for (column, target) in layout.target.iter().enumerate() {
             let (Some(target), Some(cell)) = (target, record.get(column)) else { continue };
-            match number(cell) {
+            match cells.number(cell) {
                 Some(x) => samples.rows[base + target] = x,
                 None if cell.is_empty() => {}
                 None => bad.cell(line, &layout.names[column], cell),
             }
         }
+        for (used, &column) in used.iter_mut().zip(&indices) {
+            *used |= record.get(column).is_some_and(|cell| !cell.is_empty());
+        }
     }
     bad.report(layout, lost);
+    for (_, column) in used.iter().zip(&indices).filter(|(used, _)| **used) {
+        let name = if layout.names[*column].is_empty() { "no name" } else { &layout.names[*column] };
+        told.push(format!("run.csv: column {} ({name}) counts rows: it is not used", column + 1));
+    }
+    if cells.commas > 0 {
+        told.push(format!("run.csv: decimal commas, in {} cells", cells.commas));
+    }
     if samples.time.is_empty() {
         let found = if bad.row_count > 0 { format!("{} rows, none with a time", bad.row_count) } else { "none".into() };
         return Err(ReplayError::file("run.csv", "at least one row", found));
     }
-    Ok(samples)
-}
-
-fn number(cell: &[u8]) -> Option<f64> {
-    std::str::from_utf8(cell).ok()?.trim().parse().ok()
+    let (seconds, unit) = dialect::unit_of_time(cells.first_stamp(&samples.time), &samples.time);
+    if seconds != 1.0 {
+        told.push(format!("run.csv: stamps are {unit}, by their size"));
+        samples.time.iter_mut().for_each(|t| *t *= seconds);
+    }
+    Ok((samples, unit))
 }
 
 #[derive(Default)]

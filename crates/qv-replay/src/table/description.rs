@@ -1,0 +1,285 @@
+//! `run.toml`: what is known of the robot.
+
+use crate::ReplayError;
+use crate::run::{Actuator, ActuatorKind, Base, JointParameters, Loss};
+use qv_core::JointSeries;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+
+/// `run.toml`.
+#[derive(Debug, Clone, Deserialize)]
+pub(super) struct Description {
+    pub robot: String,
+    base: Option<String>,
+    actuator: Option<ActuatorTable>,
+    imu: Option<ImuTable>,
+    #[serde(default)]
+    joint: BTreeMap<String, JointTable>,
+}
+
+/// A number for all joints, one for each in the order of the columns, or one by name.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(untagged)]
+enum Each {
+    All(f64),
+    InOrder(Vec<f64>),
+    ByName(BTreeMap<String, f64>),
+}
+
+#[derive(Debug, Clone, Deserialize)]
+struct ActuatorTable {
+    kind: String,
+    kp: Option<Each>,
+    kd: Option<Each>,
+    tau_max: Option<Each>,
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+struct ImuTable {
+    /// Roll, pitch, yaw \[rad\].
+    rotation: Option<[f64; 3]>,
+}
+
+#[derive(Debug, Clone, Copy, Default, Deserialize)]
+struct JointTable {
+    armature: Option<f64>,
+    coulomb_friction: Option<f64>,
+    viscous_friction: Option<f64>,
+    position_offset: Option<f64>,
+    kp: Option<f64>,
+    kd: Option<f64>,
+    tau_max: Option<f64>,
+}
+
+const OF_ACTUATORS: [&str; 4] = ["kind", "kp", "kd", "tau_max"];
+const OF_JOINTS: [&str; 7] =
+    ["armature", "coulomb_friction", "viscous_friction", "position_offset", "kp", "kd", "tau_max"];
+
+/// The name that `run.toml` gives for the robot: a name such as `go2`, or a file name ending in `.urdf`.
+///
+/// # Errors
+/// When the text is not TOML of the stated form.
+pub fn robot_of(toml_text: &str) -> Result<String, ReplayError> {
+    Ok(parse_description(toml_text)?.robot)
+}
+
+impl Each {
+    fn numbers(&self) -> Vec<f64> {
+        match self {
+            Self::All(x) => vec![*x],
+            Self::InOrder(list) => list.clone(),
+            Self::ByName(map) => map.values().copied().collect(),
+        }
+    }
+
+    /// The number of each joint; `None` where it is not stated.
+    fn of(&self, key: &str, joints: &[String]) -> Result<Vec<Option<f64>>, ReplayError> {
+        match self {
+            Self::All(x) => Ok(vec![Some(*x); joints.len()]),
+            Self::InOrder(list) if list.len() == joints.len() => Ok(list.iter().copied().map(Some).collect()),
+            Self::InOrder(list) => {
+                let expected = format!("a number or {} of them as actuator `{key}`, one for each joint", joints.len());
+                Err(ReplayError::file("run.toml", expected, list.len().to_string()))
+            }
+            Self::ByName(map) => match map.keys().find(|name| !joints.contains(name)) {
+                Some(name) => {
+                    let expected = format!("joints of run.csv in actuator `{key}`");
+                    Err(ReplayError::file("run.toml", expected, format!("`{name}`")))
+                }
+                None => Ok(joints.iter().map(|j| map.get(j).copied()).collect()),
+            },
+        }
+    }
+}
+
+pub(super) fn parse_description(text: &str) -> Result<Description, ReplayError> {
+    let found = |e: toml::de::Error| e.to_string().trim().replace('\n', " / ");
+    let text = text.trim_start_matches('\u{feff}');
+    let description: Description =
+        toml::from_str(text).map_err(|e| ReplayError::file("run.toml", "a run description", found(e)))?;
+    let numbers = description.joint.iter().flat_map(|(name, j)| {
+        let all = [j.armature, j.coulomb_friction, j.viscous_friction, j.position_offset, j.kp, j.kd, j.tau_max];
+        all.into_iter().flatten().map(move |x| (name.clone(), x))
+    });
+    let actuator = description.actuator.iter().flat_map(|a| [&a.kp, &a.kd, &a.tau_max].into_iter().flatten());
+    let actuator = actuator.flat_map(Each::numbers);
+    let imu = description.imu_rotation().into_iter().flatten().map(|x| ("imu".to_string(), x));
+    for (name, x) in numbers.chain(actuator.map(|x| ("actuator".to_string(), x))).chain(imu) {
+        if !x.is_finite() {
+            return Err(ReplayError::file("run.toml", format!("finite numbers in `{name}`"), x.to_string()));
+        }
+    }
+    Ok(description)
+}
+
+/// Keys of `run.toml` that mean nothing here, such as misspelt ones.
+pub(super) fn unknown_keys(text: &str) -> Vec<String> {
+    let Ok(table) = text.trim_start_matches('\u{feff}').parse::<toml::Table>() else { return Vec::new() };
+    let mut unknown = Vec::new();
+    let mut check = |at: &str, table: &toml::Table, known: &[&str]| {
+        unknown.extend(table.keys().filter(|k| !known.contains(&k.as_str())).map(|k| format!("{at}{k}")));
+    };
+    check("", &table, &["robot", "base", "actuator", "imu", "joint"]);
+    if let Some(imu) = table.get("imu").and_then(toml::Value::as_table) {
+        check("imu.", imu, &["rotation"]);
+    }
+    if let Some(actuator) = table.get("actuator").and_then(toml::Value::as_table) {
+        check("actuator.", actuator, &OF_ACTUATORS);
+    }
+    for (name, joint) in table.get("joint").and_then(toml::Value::as_table).into_iter().flatten() {
+        if let Some(joint) = joint.as_table() {
+            check(&format!("joint.{name}."), joint, &OF_JOINTS);
+        }
+    }
+    unknown
+}
+
+/// Gains of the joints where they are not the same for all \[N m/rad and N m s/rad\], shape `[n]`.
+#[derive(Debug, Default, PartialEq)]
+pub(super) struct Gains {
+    kp: Option<Vec<f64>>,
+    kd: Option<Vec<f64>>,
+}
+
+impl Gains {
+    /// As commands that hold from `time` on.
+    pub(super) fn series(self, time: f64) -> [Option<JointSeries>; 2] {
+        [self.kp, self.kd]
+            .map(|gains| gains.map(|values| JointSeries { time: vec![time], joints: values.len(), values }))
+    }
+}
+
+impl Description {
+    /// Roll, pitch and yaw of the IMU on the base \[rad\], where they are stated.
+    pub(super) fn imu_rotation(&self) -> Option<[f64; 3]> {
+        self.imu.and_then(|imu| imu.rotation)
+    }
+
+    pub(super) fn base(&self) -> Result<Option<Base>, ReplayError> {
+        match self.base.as_deref() {
+            Some("fixed") => Ok(Some(Base::Fixed)),
+            Some("free") => Ok(Some(Base::Free)),
+            None => Ok(None),
+            Some(other) => Err(ReplayError::file("run.toml", "base = \"fixed\" or \"free\"", format!("`{other}`"))),
+        }
+    }
+
+    /// The law of all joints, and the gains of each where those differ.
+    pub(super) fn actuator(&self, joints: &[String]) -> Result<(Actuator, Gains), ReplayError> {
+        let own = |of: fn(&JointTable) -> Option<f64>| {
+            joints.iter().map(|j| self.joint.get(j).and_then(of)).collect::<Vec<_>>()
+        };
+        let (kp, kd, kind) = match &self.actuator {
+            None => (None, None, ActuatorKind::Pd),
+            Some(table) => {
+                let kind = match table.kind.as_str() {
+                    "pd" => ActuatorKind::Pd,
+                    "torque" => ActuatorKind::Torque,
+                    other => {
+                        let found = format!("`{other}`");
+                        return Err(ReplayError::file("run.toml", "actuator kind \"pd\" or \"torque\"", found));
+                    }
+                };
+                (table.kp.as_ref(), table.kd.as_ref(), kind)
+            }
+        };
+        let (kp, each_kp) = gain("kp", kp, &own(|j| j.kp), joints)?;
+        let (kd, each_kd) = gain("kd", kd, &own(|j| j.kd), joints)?;
+        let tau_max = match self.actuator.as_ref().and_then(|a| a.tau_max.as_ref()) {
+            Some(Each::All(x)) => Some(*x),
+            _ => None,
+        };
+        Ok((Actuator { kind, kp, kd, tau_max }, Gains { kp: each_kp, kd: each_kd }))
+    }
+
+    /// What is stated of each joint. Tables of joints that are not there are lost.
+    pub(super) fn joint_parameters(
+        &self,
+        joints: &[String],
+        lost: &mut Vec<Loss>,
+    ) -> Result<Vec<JointParameters>, ReplayError> {
+        for name in self.joint.keys().filter(|name| !joints.contains(name)) {
+            lost.push(Loss {
+                file: "run.toml".into(),
+                what: format!("[joint.{name}]: no such joint in run.csv"),
+                span: None,
+            });
+        }
+        let tau_max = match self.actuator.as_ref().and_then(|a| a.tau_max.as_ref()) {
+            // One for all stands in the actuator's law.
+            Some(Each::All(_)) | None => vec![None; joints.len()],
+            Some(each) => each.of("tau_max", joints)?,
+        };
+        let one = |(name, tau_max): (&String, Option<f64>)| {
+            let j = self.joint.get(name).copied().unwrap_or_default();
+            JointParameters {
+                armature: j.armature,
+                coulomb_friction: j.coulomb_friction,
+                viscous_friction: j.viscous_friction,
+                position_offset: j.position_offset,
+                tau_max: j.tau_max.or(tau_max),
+            }
+        };
+        Ok(joints.iter().zip(tau_max).map(one).collect())
+    }
+}
+
+/// One gain for all joints, or one for each: a joint's own holds before the actuator's.
+type OneOrEach = (Option<f64>, Option<Vec<f64>>);
+
+fn gain(key: &str, stated: Option<&Each>, own: &[Option<f64>], joints: &[String]) -> Result<OneOrEach, ReplayError> {
+    let is_one = own.iter().all(Option::is_none);
+    match stated {
+        Some(Each::All(x)) if is_one => return Ok((Some(*x), None)),
+        None if is_one => return Ok((None, None)),
+        _ => {}
+    }
+    let general = stated.map_or_else(|| Ok(vec![None; joints.len()]), |each| each.of(key, joints))?;
+    let each: Vec<Option<f64>> = own.iter().zip(&general).map(|(own, general)| own.or(*general)).collect();
+    // Gains of zero are a decision to be written down, not what a forgotten line means.
+    if let Some(j) = each.iter().position(Option::is_none) {
+        let expected = format!("`{key}` of every joint, or of none");
+        return Err(ReplayError::file("run.toml", expected, format!("none of `{}`", joints[j])));
+    }
+    Ok((None, Some(each.into_iter().flatten().collect())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const JOINTS: [&str; 2] = ["hip", "a.b/c d"];
+
+    fn gains(toml: &str) -> Result<(Actuator, Gains), String> {
+        let joints = JOINTS.map(String::from);
+        let text = format!("robot = \"r.urdf\"\n{toml}");
+        parse_description(&text).and_then(|d| d.actuator(&joints)).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn gains_of_all_and_of_each() {
+        let (law, each) = gains("[actuator]\nkind = \"pd\"\nkp = 20\nkd = 0.5").unwrap();
+        assert_eq!((law.kp, law.kd, each), (Some(20.0), Some(0.5), Gains::default()));
+        let (law, each) = gains("[actuator]\nkind = \"pd\"\nkp = [20, 30]\nkd = 1").unwrap();
+        assert_eq!((law.kp, law.kd, each.kp), (None, Some(1.0), Some(vec![20.0, 30.0])));
+        let by_name = "[actuator]\nkind = \"pd\"\nkp = { \"a.b/c d\" = 3, hip = 2 }";
+        assert_eq!(gains(by_name).unwrap().1.kp, Some(vec![2.0, 3.0]));
+        let own = "[actuator]\nkind = \"pd\"\nkp = 20\n[joint.hip]\nkp = 7\n[joint.\"a.b/c d\"]\ntau_max = 3";
+        assert_eq!(gains(own).unwrap().1.kp, Some(vec![7.0, 20.0]));
+    }
+
+    #[test]
+    fn gains_that_fit_no_joints_are_errors() {
+        for (toml, word) in [
+            ("[actuator]\nkind = \"pd\"\nkp = [20, 30, 40]", "2 of them"),
+            ("[actuator]\nkind = \"pd\"\nkp = { knee = 2 }", "`knee`"),
+            ("[actuator]\nkind = \"pd\"\nkp = { hip = 2 }", "none of `a.b/c d`"),
+            ("[joint.hip]\nkd = 2", "`kd` of every joint"),
+            ("[actuator]\nkind = \"pd\"\nkp = [20, inf]", "finite"),
+            ("[actuator]\nkind = \"pd\"\nkp = \"20\"", "run description"),
+        ] {
+            let error = gains(toml).unwrap_err();
+            assert!(error.contains(word), "{toml}: expected `{word}` in `{error}`");
+        }
+    }
+}

@@ -1,0 +1,158 @@
+//! How a table is written: separator, decimal commas, unit of time. Found by looking, and told.
+
+use crate::clean::median_interval;
+use std::io::{Chain, Cursor, Read};
+
+/// Bytes that are looked at for the header line.
+const HEAD: u64 = 1 << 20;
+
+/// Separators of columns, the usual one first.
+const SEPARATORS: [(u8, &str); 4] = [(b',', "commas"), (b';', "semicolons"), (b'\t', "tabs"), (b'|', "bars")];
+
+/// The separator of which the first line has most, with its name, and a reader that gives all bytes again. An error of reading
+/// comes with the bytes.
+pub(super) fn separator<R: Read>(mut csv: R) -> (u8, &'static str, Chain<Cursor<Vec<u8>>, R>) {
+    let mut head = Vec::new();
+    // What cannot be read here cannot be read again either: the rows end there, which is told then.
+    let _ = csv.by_ref().take(HEAD).read_to_end(&mut head);
+    let line = head.split(|b| *b == b'\n').find(|line| !line.trim_ascii().is_empty()).unwrap_or_default();
+    let count = |separator: u8| {
+        let mut quoted = false;
+        let mut is_outside = |b: &&u8| {
+            quoted ^= **b == b'"';
+            !quoted && **b == separator
+        };
+        line.iter().filter(|b| is_outside(b)).count()
+    };
+    // Of equal counts the first one holds.
+    let (separator, name) = SEPARATORS.into_iter().rev().max_by_key(|(byte, _)| count(*byte)).unwrap_or(SEPARATORS[0]);
+    (separator, name, Cursor::new(head).chain(csv))
+}
+
+/// Cells become numbers.
+#[derive(Debug, Default)]
+pub(super) struct Cells {
+    /// Cells with a decimal comma.
+    pub commas: usize,
+    /// The first stamp, where it is a whole number that a float cannot hold.
+    first: Option<i128>,
+}
+
+impl Cells {
+    /// A number with a decimal point, or with a single comma in its place.
+    pub(super) fn number(&mut self, cell: &[u8]) -> Option<f64> {
+        let text = std::str::from_utf8(cell).ok()?.trim();
+        if let Ok(number) = text.parse() {
+            return Some(number);
+        }
+        if text.matches(',').count() != 1 || text.contains('.') {
+            return None;
+        }
+        let number = text.replace(',', ".").parse().ok()?;
+        self.commas += 1;
+        Some(number)
+    }
+
+    /// A stamp. Where the first one is a whole number above 2^53, such as nanoseconds since the epoch, all count from it: as
+    /// floats they would be steps of a quarter of a microsecond.
+    pub(super) fn stamp(&mut self, cell: &[u8], is_first: bool) -> Option<f64> {
+        let whole = || std::str::from_utf8(cell).ok()?.trim().parse::<i128>().ok();
+        if is_first {
+            self.first = whole().filter(|t| t.abs() > 1 << 53);
+        }
+        match (self.first, self.first.and_then(|_| whole())) {
+            (Some(first), Some(stamp)) => Some((stamp - first) as f64),
+            (Some(first), None) => self.number(cell).map(|t| t - first as f64),
+            _ => self.number(cell),
+        }
+        .filter(|t| t.is_finite())
+    }
+
+    /// The first stamp as it stands in the file.
+    pub(super) fn first_stamp(&self, time: &[f64]) -> f64 {
+        self.first.map_or(time.first().copied().unwrap_or(0.0), |t| t as f64)
+    }
+}
+
+/// Seconds in a unit of time, and its name.
+pub(super) type Unit = (f64, &'static str);
+
+const UNITS: [Unit; 4] = [(1.0, "seconds"), (1e-3, "milliseconds"), (1e-6, "microseconds"), (1e-9, "nanoseconds")];
+
+/// Seconds since the epoch in the years 2001 to 2100.
+const EPOCH: std::ops::Range<f64> = 1e9..4.1e9;
+
+/// Longest interval of recordings of joints \[s\]: below five a second nothing can be derived of them.
+const SLOWEST: f64 = 0.2;
+
+/// The unit in which stamps are times of this century, where there is one; else the largest in which the typical interval
+/// is at most [`SLOWEST`].
+pub(super) fn unit_of_time(first: f64, time: &[f64]) -> Unit {
+    if let Some(unit) = UNITS.into_iter().find(|(seconds, _)| EPOCH.contains(&(first * seconds))) {
+        return unit;
+    }
+    let interval = median_interval(time);
+    // Of one row, or none that can be told apart, nothing is known.
+    let fits = |(seconds, _): &Unit| !interval.is_finite() || interval * seconds <= SLOWEST;
+    UNITS.into_iter().find(fits).unwrap_or(UNITS[0])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn separators_are_counted_outside_of_quotes() {
+        for (header, right) in [
+            ("time,pos.a", b','),
+            ("time;pos.a;pos.b\n1,5;2;3", b';'),
+            ("\n\ntime\tpos.a", b'\t'),
+            ("time|pos.a", b'|'),
+            ("time", b','),
+            ("\"a,b,c,d\";time", b';'),
+            ("", b','),
+        ] {
+            let (found, _, mut again) = separator(header.as_bytes());
+            let mut text = String::new();
+            again.read_to_string(&mut text).unwrap();
+            assert_eq!((found, text.as_str()), (right, header));
+        }
+    }
+
+    #[test]
+    fn cells_become_numbers() {
+        let mut cells = Cells::default();
+        for (cell, right) in
+            [("1.5", Some(1.5)), (" -2e3 ", Some(-2e3)), ("", None), ("1.234,5", None), ("1,2,3", None)]
+        {
+            assert_eq!(cells.number(cell.as_bytes()), right, "{cell}");
+        }
+        assert_eq!((cells.number(b"0,25"), cells.commas), (Some(0.25), 1));
+        assert_eq!(cells.stamp(b"1700000000000000001", true), Some(0.0));
+        assert_eq!(cells.stamp(b"1700000000000000003", false), Some(2.0));
+        assert_eq!(cells.first_stamp(&[0.0, 2.0]), 1.7e18);
+        assert_eq!(cells.stamp(b"nan", false), None);
+    }
+
+    #[test]
+    fn units_are_found_by_size() {
+        let from = |start: f64, step: f64| (0..50).map(|k| start + step * f64::from(k)).collect::<Vec<_>>();
+        for (start, step, right) in [
+            (0.0, 0.002, 1.0),
+            (0.0, 0.1, 1.0),
+            (1.7e9, 0.002, 1.0),
+            (1.7e9, 1.0, 1.0),
+            (0.0, 2.0, 1e-3),
+            (1.7e12, 2.0, 1e-3),
+            (0.0, 2000.0, 1e-6),
+            (5e5, 1e5, 1e-6),
+            (1.7e15, 2e3, 1e-6),
+            (0.0, 2e6, 1e-9),
+        ] {
+            let time = from(start, step);
+            assert_eq!(unit_of_time(time[0], &time).0, right, "from {start} by {step}");
+        }
+        assert_eq!(unit_of_time(3.0, &[3.0]).0, 1.0);
+        assert_eq!(unit_of_time(1.7e18, &[0.0, 2e6, 4e6]).0, 1e-9);
+    }
+}
