@@ -154,8 +154,7 @@ impl Golden {
     pub fn differences(&self, found: &Figures) -> Vec<String> {
         let pairs = self.figures.named().into_iter().zip(found.named()).zip(self.tolerance.named());
         pairs
-            // Written so that NaN differs.
-            .filter(|(((_, golden), (_, found)), (_, allowed))| !((found - golden).abs() <= *allowed))
+            .filter(|(((_, golden), (_, found)), (_, allowed))| found.is_nan() || (found - golden).abs() > *allowed)
             .map(|(((name, golden), (_, found)), (_, allowed))| {
                 format!("{name}: expected {golden}, found {found}, {:+} (allowed {allowed})", found - golden)
             })
