@@ -3,7 +3,7 @@
 use super::settings::Reward;
 use super::walker::Walker;
 
-/// Names of the terms, in the order of [`Terms`].
+/// Names of the terms, in the order in which a step has them.
 pub const TERMS: [&str; 19] = [
     "velocity",
     "turning",
