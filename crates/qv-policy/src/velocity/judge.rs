@@ -129,6 +129,7 @@ impl<'a> Judge<'a> {
         walker.dq.copy_from_slice(&v[6..]);
         walker.steps += 1;
         walker.asked += vx.hypot(vy) * dt;
+        walker.went += velocity[0].hypot(velocity[1]) * dt;
         let end = if fell {
             End::Failed
         } else if walker.steps >= self.length || ground.is_none() {

@@ -32,6 +32,8 @@ pub struct Walker {
     pub start: [f32; 2],
     /// Path length that the commands of this episode asked for \[m\].
     pub asked: f32,
+    /// Path length that it went in this episode \[m\].
+    pub went: f32,
     /// Heights of ground under the base at the last step \[m\].
     pub ground: f32,
 }
@@ -53,6 +55,7 @@ impl Walker {
             place: [0; 2],
             start: [0.0; 2],
             asked: 0.0,
+            went: 0.0,
             ground: 0.0,
         }
     }
@@ -75,6 +78,7 @@ impl Walker {
     pub fn begin(&mut self) {
         self.steps = 0;
         self.asked = 0.0;
+        self.went = 0.0;
         for list in [&mut self.action, &mut self.action_before, &mut self.dq, &mut self.air, &mut self.peak] {
             list.fill(0.0);
         }
