@@ -6,12 +6,13 @@ use crate::train::{Checkpoint, TrainSettings};
 use serde::{Deserialize, Serialize};
 
 /// First bytes of the file, with its version.
-const MAGIC: &str = "quadverse walk checkpoint 1";
+const MAGIC: &str = "quadverse walk checkpoint 2";
 
 #[derive(Serialize, Deserialize)]
 struct Header {
     magic: String,
     settings: TrainSettings,
+    identity: [String; 2],
     epoch: u64,
     iterations: u64,
     steps: u64,
@@ -33,6 +34,7 @@ impl Checkpoint {
         let header = Header {
             magic: MAGIC.into(),
             settings: self.settings.clone(),
+            identity: self.identity.clone(),
             epoch: self.epoch,
             iterations: self.iterations,
             steps: self.steps,
@@ -72,6 +74,7 @@ impl Checkpoint {
         let [rate, parameters, first, second, curriculum, best] = header.lengths.map(&mut take);
         Ok(Self {
             settings: header.settings,
+            identity: header.identity,
             epoch: header.epoch,
             iterations: header.iterations,
             steps: header.steps,

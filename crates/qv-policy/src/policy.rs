@@ -197,21 +197,47 @@ impl PolicyFile {
     }
 
     /// # Errors
-    /// When the policy is another robot's.
+    /// When the policy is another robot's, or a number or length of the file means nothing.
     pub fn check(&self, robot: &TaskRobot) -> Result<(), PolicyError> {
+        let mismatch = |expected: String, found: String| {
+            Err(PolicyError::Mismatch { what: "policy.toml".into(), expected, found })
+        };
         let names = robot.model.joint_names();
-        if self.joints == names {
-            return Ok(());
+        if self.robot != robot.name || self.joints != names {
+            let expected = format!("a policy of {} with joints {}", robot.name, names.join(" "));
+            return mismatch(expected, format!("one of {} with joints {}", self.robot, self.joints.join(" ")));
         }
-        let expected = format!("joints {}", names.join(" "));
-        let found = format!("those of {}: {}", self.robot, self.joints.join(" "));
-        Err(PolicyError::Mismatch { what: "policy.toml".into(), expected, found })
+        let lists = [
+            ("kp", &self.kp, 0.0),
+            ("kd", &self.kd, 0.0),
+            ("stand", &self.stand, f32::NEG_INFINITY),
+            ("action_scale", &self.action_scale, f32::MIN_POSITIVE),
+            ("lower", &self.lower, f32::NEG_INFINITY),
+            ("upper", &self.upper, f32::NEG_INFINITY),
+        ];
+        for (key, list, least) in lists {
+            if list.len() != names.len() || list.iter().any(|x| !(x.is_finite() && *x >= least)) {
+                let expected = format!("{} finite numbers of `{key}`, of at least {least}", names.len());
+                return mismatch(expected, format!("{list:?}"));
+            }
+        }
+        let times = [("rate", f64::from(self.rate), 1.0, 1000.0), ("timestep", self.timestep, 1e-5, 0.1)];
+        for (key, found, low, high) in times {
+            if !(low..=high).contains(&found) {
+                return mismatch(format!("`{key}` of {low} to {high}"), found.to_string());
+            }
+        }
+        Ok(())
     }
 }
 
 /// FNV-1a (64 bits) of the printed model: the same on every machine.
 pub fn model_hash(robot: &TaskRobot) -> String {
-    let text = format!("{:?}", robot.model);
+    hash_of(&format!("{:?}", robot.model))
+}
+
+/// FNV-1a of a text.
+pub(crate) fn hash_of(text: &str) -> String {
     let hash = text.bytes().fold(0xcbf2_9ce4_8422_2325u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x100_0000_01b3));
     format!("{hash:016x}")
 }

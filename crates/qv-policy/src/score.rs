@@ -6,7 +6,8 @@ use crate::random::Random;
 use crate::velocity::{Commands, VelocityTask, in_heading};
 use serde::{Deserialize, Serialize};
 
-/// Means over robots and time, from one second after the start on, of those that had not fallen.
+/// Means over robots of means over time, from one second after the start on, until a robot falls. One that falls before counts as one that
+/// lies still.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Score {
     /// Robots.
@@ -54,6 +55,15 @@ pub fn score(
     seconds: f32,
     seed: u64,
 ) -> Result<Score, PolicyError> {
+    let settle = task.settings().rate as usize;
+    if !((seconds * task.settings().rate) as usize > settle && seconds <= 1e4) {
+        return Err(PolicyError::setting("seconds of a score", "more than 1, at most 10000", seconds));
+    }
+    for (what, range) in [("vx", commands.vx), ("vy", commands.vy), ("wz", commands.wz)] {
+        if !range.iter().all(|x| x.abs() <= 100.0) {
+            return Err(PolicyError::setting(what, "-100 to 100", format!("{range:?}")));
+        }
+    }
     task.judged = true;
     task.restart(seed, 0)?;
     let (count, joints) = (task.count(), task.actions());
@@ -63,7 +73,6 @@ pub fn score(
         task.command(env, command);
     }
     let steps = (seconds * task.settings().rate) as usize;
-    let settle = task.settings().rate as usize;
     let (mut observations, mut privileged) =
         (vec![0.0; count * task.observations()], vec![0.0; count * task.privileged()]);
     let (mut actions, mut rewards, mut ends) = (vec![0.0; count * joints], vec![0.0; count], vec![End::No; count]);
@@ -93,7 +102,13 @@ pub fn score(
     }
     let figures = task.figures();
     let figure = |name: &str| figures.iter().find(|(n, _)| *n == name).map_or(0.0, |(_, x)| *x);
-    let each = |k: usize| -> Vec<f64> { errors.iter().filter(|e| e[0] > 0.0).map(|e| e[k] / e[0]).collect() };
+    // Who fell within the first second counts as one that lies still.
+    let lying = |env: usize, k: usize| {
+        let [vx, vy, wz] = task.walkers()[env].command;
+        f64::from(if k == 1 { vx.hypot(vy) } else { wz.abs() })
+    };
+    let of = |(env, e): (usize, &[f64; 3]), k: usize| if e[0] > 0.0 { e[k] / e[0] } else { lying(env, k) };
+    let each = |k: usize| -> Vec<f64> { errors.iter().enumerate().map(|pair| of(pair, k)).collect() };
     let ([velocity_error, velocity_error_se], [turning_error, turning_error_se]) = (mean(&each(1)), mean(&each(2)));
     let fell = fallen.iter().filter(|f| **f).count();
     let (swing_time, swing_height) = (figure("swing_time"), figure("swing_height"));

@@ -6,7 +6,7 @@
 
 use crate::PolicyError;
 use crate::env::VectorEnv;
-use crate::policy::Policy;
+use crate::policy::{Policy, hash_of, model_hash};
 use crate::ppo::{Iteration, Ppo, PpoSettings};
 use crate::score::{Score, score};
 use crate::velocity::{Ground, TaskRobot, TaskSettings, VelocityTask};
@@ -61,9 +61,11 @@ impl TrainSettings {
         if self.epoch == 0 || self.score_every == 0 {
             return Err(PolicyError::setting("epoch and score_every", "at least 1", self.epoch.min(self.score_every)));
         }
-        if !(self.score_seconds > 1.0 && self.score_seconds <= 1e4) {
-            return Err(PolicyError::setting("score_seconds", "more than 1, at most 10000", self.score_seconds));
+        // The first second does not count.
+        if !(2.0..=1e4).contains(&self.score_seconds) {
+            return Err(PolicyError::setting("score_seconds", "2 to 10000", self.score_seconds));
         }
+        finite(self)?;
         self.task.check()?;
         self.ppo.check()
     }
@@ -100,6 +102,8 @@ pub struct Training {
 pub struct Checkpoint {
     /// Settings of the training.
     pub settings: TrainSettings,
+    /// Robot and ground, see [`identity`].
+    pub identity: [String; 2],
     /// Epoch that begins.
     pub epoch: u64,
     /// Iterations done.
@@ -120,6 +124,14 @@ pub struct Checkpoint {
     pub best: Option<(Score, Vec<f32>)>,
 }
 
+/// Names of robot and ground that a training belongs to, with a hash of what they are made of.
+pub fn identity(robot: &TaskRobot, ground: &Ground) -> [String; 2] {
+    let numbers = format!("{:?} {:?} {:?} {:?}", robot.stand, robot.kp, robot.kd, robot.action_scale);
+    let robot = format!("the robot {} ({} {})", robot.name, model_hash(robot), hash_of(&numbers));
+    let places = hash_of(&format!("{:?} {}", ground.places, ground.terrain.triangle_count()));
+    [robot, format!("the ground {} ({places})", ground.kinds.join(", "))]
+}
+
 impl Training {
     /// Begins a training.
     ///
@@ -132,6 +144,7 @@ impl Training {
         let ppo = Ppo::new(&settings.ppo, &env, settings.seed)?;
         let kept = Checkpoint {
             settings: settings.clone(),
+            identity: identity(robot, ground),
             epoch: 0,
             iterations: 0,
             steps: 0,
@@ -153,6 +166,10 @@ impl Training {
     /// When its networks have other sizes.
     pub fn start_from(&mut self, other: &Checkpoint) -> Result<(), PolicyError> {
         self.fits(other)?;
+        if other.iterations == 0 {
+            let (expected, found) = ("one of a training that has learnt something".into(), "one of iteration 0".into());
+            return Err(PolicyError::Mismatch { what: "checkpoint".into(), expected, found });
+        }
         self.ppo.parameters.clone_from(&other.parameters);
         self.ppo.rate = other.rate.min(self.settings.ppo.rate);
         self.begin_epoch()
@@ -163,6 +180,12 @@ impl Training {
     /// # Errors
     /// When it is of other settings or another robot.
     pub fn resume(robot: &TaskRobot, ground: &Ground, kept: &Checkpoint) -> Result<Self, PolicyError> {
+        for (own, other) in identity(robot, ground).into_iter().zip(&kept.identity) {
+            if own != *other {
+                let (expected, found) = (format!("one of {own}"), format!("one of {other}"));
+                return Err(PolicyError::Mismatch { what: "checkpoint".into(), expected, found });
+            }
+        }
         let mut training = Self::new(robot, ground, &kept.settings)?;
         training.fits(kept)?;
         let ppo = &mut training.ppo;
@@ -195,6 +218,7 @@ impl Training {
     fn begin_epoch(&mut self) -> Result<(), PolicyError> {
         let kept = Checkpoint {
             settings: self.settings.clone(),
+            identity: self.kept.identity.clone(),
             epoch: self.epoch,
             iterations: self.ppo.iterations,
             steps: self.ppo.adam.steps,
@@ -282,5 +306,25 @@ impl Training {
             self.best = Some((found.clone(), policy));
         }
         Ok(found)
+    }
+}
+
+/// Looks at every number of the settings.
+fn finite(settings: &TrainSettings) -> Result<(), PolicyError> {
+    let text = |e: toml::ser::Error| PolicyError::Text { what: "settings".into(), reason: e.to_string() };
+    match odd("", &toml::Value::try_from(settings).map_err(text)?) {
+        Some((key, found)) => Err(PolicyError::setting(&key, "a finite number", found)),
+        None => Ok(()),
+    }
+}
+
+/// The first number that is not finite, with its key.
+fn odd(key: &str, value: &toml::Value) -> Option<(String, f64)> {
+    let below = |name: &str| if key.is_empty() { name.to_owned() } else { format!("{key}.{name}") };
+    match value {
+        toml::Value::Float(x) if !x.is_finite() => Some((key.to_owned(), *x)),
+        toml::Value::Array(list) => list.iter().find_map(|x| odd(key, x)),
+        toml::Value::Table(table) => table.iter().find_map(|(name, x)| odd(&below(name), x)),
+        _ => None,
     }
 }

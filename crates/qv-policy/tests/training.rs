@@ -3,9 +3,11 @@
 
 use qv_policy::PolicyError;
 use qv_policy::env::{End, VectorEnv};
+use qv_policy::policy::PolicyFile;
 use qv_policy::ppo::PpoSettings;
+use qv_policy::score::{Decide, score};
 use qv_policy::train::{Checkpoint, TrainSettings, Training};
-use qv_policy::velocity::{Ground, Randomise, RobotFile, TaskRobot, TaskSettings, VelocityTask};
+use qv_policy::velocity::{Commands, Ground, Randomise, RobotFile, TaskRobot, TaskSettings, VelocityTask};
 use std::path::Path;
 
 fn small(seed: u64) -> TrainSettings {
@@ -15,7 +17,7 @@ fn small(seed: u64) -> TrainSettings {
         epoch: 3,
         score_every: 2,
         score_robots: 8,
-        score_seconds: 1.5,
+        score_seconds: 2.0,
         task: TaskSettings { randomise: Randomise::robust("base"), ..Default::default() },
         ppo: PpoSettings { actor: vec![32], critic: vec![32], ..Default::default() },
     }
@@ -84,6 +86,15 @@ fn damaged_checkpoints_are_named() {
         let error = Checkpoint::from_bytes(damaged).unwrap_err().to_string();
         assert!(error.contains("checkpoint") && error.contains(said), "{error}");
     }
+    let bumps = Ground::bumps(0.04, 1).unwrap();
+    let error = Training::resume(&go2(), &bumps, training.checkpoint()).map(|_| ()).unwrap_err().to_string();
+    assert!(error.contains("ground bumps") && error.contains("ground plane"), "{error}");
+    let mut stiff = go2();
+    stiff.kp[0] *= 2.0;
+    assert!(Training::resume(&stiff, &Ground::plane(), training.checkpoint()).is_err(), "other gains");
+    let mut again = Training::new(&go2(), &Ground::plane(), &small(1)).unwrap();
+    let error = again.start_from(training.checkpoint()).unwrap_err().to_string();
+    assert!(error.contains("iteration 0"), "nothing is learnt there: {error}");
     let other = TrainSettings { ppo: PpoSettings::default(), ..small(1) };
     let mut kept = training.checkpoint().clone();
     kept.settings = other;
@@ -99,7 +110,7 @@ fn what_is_not_finite_stops_a_training_with_its_name() {
     assert!(matches!(&error, PolicyError::NotFinite { iteration: 1, term, .. } if term == "action"), "{error}");
 
     let mut settings = small(2);
-    settings.task.reward.torque = f32::INFINITY;
+    settings.task.reward.torque = f32::MAX;
     let mut training = Training::new(&go2(), &Ground::plane(), &settings).unwrap();
     let error = training.advance().map(|_| ()).unwrap_err();
     assert!(error.to_string().contains("term `torque` of the reward"), "{error}");
@@ -108,7 +119,11 @@ fn what_is_not_finite_stops_a_training_with_its_name() {
 #[test]
 fn settings_that_mean_nothing_are_named() {
     type Change = fn(&mut TrainSettings);
-    let changes: [(Change, &str); 8] = [
+    let changes: [(Change, &str); 12] = [
+        (|s| s.task.reward.least = f32::NEG_INFINITY, "task.reward.least"),
+        (|s| s.task.reward.fall = f32::NAN, "task.reward.fall"),
+        (|s| s.task.noise.gyro = -1.0, "half widths"),
+        (|s| s.score_seconds = 1.01, "score_seconds"),
         (|s| s.robots = 0, "robots"),
         (|s| s.task.rate = f32::NAN, "rate"),
         (|s| s.task.commands.vx = [1.0, 0.0], "commands.vx"),
@@ -167,10 +182,59 @@ fn robot_files_that_do_not_fit_are_named() {
         ("calf_joint = -1.8", "calf_joint = 3.0", "stand of `FL_calf_joint`"),
         ("[\"FL\", \"FR\"", "[\"FR\", \"FL\"", "legs and joints"),
         ("kp = 35.0", "kp = 35.0\nspeed = 3", "speed"),
+        ("kd = 0.5", "kd = -0.5", "kd"),
+        ("armature = 0.01", "armature = nan", "armature"),
+        ("\"FL_foot\"", "\"\"", "feet"),
+        ("\"FL_foot\"", "\"trunk\"", "feet"),
     ] {
         let changed = text.replacen(from, to, 1);
         assert_ne!(changed, text, "{from} is there");
         let error = RobotFile::parse(&changed).and_then(|f| f.robot(&urdf)).map(|_| ()).unwrap_err().to_string();
         assert!(error.contains(said), "{said}: {error}");
     }
+}
+
+#[test]
+fn policies_of_other_robots_and_damaged_files_are_named() {
+    let robot = go2();
+    let good = PolicyFile::new(&robot, &TaskSettings::default(), "plane", None);
+    assert_eq!(PolicyFile::parse(&good.to_text().unwrap()).unwrap(), good);
+    good.check(&robot).unwrap();
+    type Change = fn(&mut PolicyFile);
+    let changes: [(Change, &str); 5] = [
+        (|f| f.robot = "go1".into(), "one of go1"),
+        (|f| f.action_scale.clear(), "action_scale"),
+        (|f| f.kp[3] = f32::NAN, "kp"),
+        (|f| f.timestep = 0.0, "timestep"),
+        (|f| f.joints.swap(0, 1), "FR_hip_joint"),
+    ];
+    for (change, named) in changes {
+        let mut file = good.clone();
+        change(&mut file);
+        let error = file.check(&robot).unwrap_err().to_string();
+        assert!(error.contains("policy.toml") && error.contains(named), "{named}: {error}");
+    }
+}
+
+/// Holds the stand, or throws the robot over.
+struct Always(f32);
+
+impl Decide for Always {
+    fn decide(&mut self, _: usize, _: &[f32], actions: &mut [f32]) -> Result<(), PolicyError> {
+        actions.fill(self.0);
+        Ok(())
+    }
+}
+
+#[test]
+fn who_falls_at_once_scores_like_one_that_lies_still() {
+    let mut task = VelocityTask::new(go2(), Ground::plane(), TaskSettings::default(), 8).unwrap();
+    let commands = Commands { vx: [0.5, 0.5], vy: [0.0; 2], wz: [0.3, 0.3], ..Default::default() };
+    let still = score(Always(0.0), &mut task, &commands, 2.0, 0).unwrap();
+    assert_eq!(still.fell, 0);
+    assert!((still.velocity_error - 0.5).abs() < 0.05, "{still:?}");
+    let thrown = score(Always(8.0), &mut task, &commands, 2.0, 0).unwrap();
+    assert_eq!(thrown.fell, 8);
+    assert!((thrown.velocity_error - 0.5).abs() < 1e-6 && thrown.cost() > 100.0, "{thrown:?}");
+    assert!(score(Always(0.0), &mut task, &commands, 0.5, 0).is_err(), "the first second does not count");
 }

@@ -102,7 +102,7 @@ impl PerJoint {
 
 /// Whether `pattern` names `name`: all of it, or its end.
 fn names(pattern: &str, name: &str) -> bool {
-    name.ends_with(pattern)
+    !pattern.is_empty() && name.ends_with(pattern)
 }
 
 /// One value for each joint, by the longest pattern that names it.
@@ -133,6 +133,9 @@ impl RobotFile {
     /// # Errors
     /// When the URDF cannot be simulated, or a name or number of the file does not fit it.
     pub fn robot(&self, urdf: &str) -> Result<TaskRobot, PolicyError> {
+        if !(self.armature.is_finite() && self.armature >= 0.0) {
+            return Err(PolicyError::setting("armature", "a finite number of at least 0", self.armature));
+        }
         let options = ModelOptions { base: BaseKind::Floating, armature: self.armature, ..Default::default() };
         self.robot_of(Model::from_urdf(urdf, &options)?)
     }
@@ -216,6 +219,12 @@ impl TaskRobot {
                 let expected = format!("{} to {} (limits of the URDF)", joint.lower, joint.upper);
                 return Err(PolicyError::setting(&format!("stand of `{name}`"), &expected, angle));
             }
+        }
+        if let Some(bad) = kd.iter().find(|v| **v < 0.0) {
+            return Err(PolicyError::setting("kd", "at least 0", bad));
+        }
+        if feet.iter().any(|&g| model.geoms.get(g).is_some_and(|geom| geom.link == 0)) {
+            return Err(PolicyError::setting("feet", "shapes of legs", "one of the base"));
         }
         if feet.is_empty() {
             return Err(PolicyError::setting("feet", "at least one shape", "none"));

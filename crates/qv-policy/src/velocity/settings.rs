@@ -289,6 +289,10 @@ impl TaskSettings {
         let Reward { velocity_width, turning_width, .. } = self.reward;
         within("reward.velocity_width", velocity_width, 1e-6, 1e6)?;
         within("reward.turning_width", turning_width, 1e-6, 1e6)?;
+        let Noise { gyro, gravity, position, speed } = self.noise;
+        let Randomise { start_angle, start_speed, .. } = self.randomise;
+        let widths = [gyro, gravity, position, speed, start_angle, start_speed];
+        within("half widths of noise and of starts", widths.into_iter().fold(f32::INFINITY, f32::min), 0.0, 1e3)?;
         within("randomise.push", self.randomise.push, 0.0, 100.0)?;
         within("randomise.push_every", self.randomise.push_every, 1.0 / self.rate, 1e6)?;
         let named = self.randomise.parameters.iter().chain(&self.randomise.together);

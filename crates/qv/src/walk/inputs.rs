@@ -73,8 +73,10 @@ pub fn policy_of(path: &Path) -> Result<(OnnxPolicy, PolicyFile), Failure> {
 }
 
 /// A robot with the gains, stand and scale of a policy's file, so that it is run as it was trained.
-pub fn as_trained(mut robot: TaskRobot, file: &PolicyFile) -> Result<TaskRobot, Failure> {
-    file.check(&robot)?;
+pub fn as_trained(mut robot: TaskRobot, file: &PolicyFile, policy: &Path) -> Result<TaskRobot, Failure> {
+    let beside = policy.with_file_name("policy.toml");
+    let expected = "a policy of this robot (--robot names it)";
+    file.check(&robot).map_err(|e| file_error(&beside, expected, &e.to_string()))?;
     robot.stand.clone_from(&file.stand);
     robot.kp.clone_from(&file.kp);
     robot.kd.clone_from(&file.kd);
@@ -90,9 +92,9 @@ pub fn command(text: &str) -> Result<[f32; 3], String> {
 /// Two numbers, the first not above the second: `LOW,HIGH`.
 pub fn range(text: &str) -> Result<[f32; 2], String> {
     let found = || format!("expected two numbers LOW,HIGH, found `{text}`");
-    let numbers: Vec<f32> = text.split(',').map_while(|word| word.trim().parse().ok()).collect();
-    match numbers[..] {
-        [low, high] if low.is_finite() && high.is_finite() && low <= high => Ok([low, high]),
+    let numbers: Option<Vec<f32>> = text.split(',').map(|word| word.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[low, high]) if low.is_finite() && high.is_finite() && low <= high => Ok([low, high]),
         _ => Err(found()),
     }
 }
@@ -104,7 +106,7 @@ mod tests {
     #[test]
     fn ranges_and_commands() {
         assert_eq!(range("-0.5,1"), Ok([-0.5, 1.0]));
-        for odd in ["", "1", "2,1", "nan,1", "0,1,2", "a,b"] {
+        for odd in ["", "1", "2,1", "nan,1", "0,1,2", "0,1,x", "a,b"] {
             assert!(range(odd).unwrap_err().contains("LOW,HIGH"), "{odd}");
         }
         assert_eq!(command("0.5,0,-1"), Ok([0.5, 0.0, -1.0]));

@@ -33,7 +33,7 @@ pub struct Play {
     #[arg(long, value_name = "VX,VY,WZ", value_parser = command, allow_hyphen_values = true)]
     command: Vec<[f32; 3]>,
     /// How long it walks, in seconds
-    #[arg(long, default_value_t = 12.0, value_name = "SECONDS", value_parser = crate::numbers::positive)]
+    #[arg(long, default_value_t = 12.0, value_name = "SECONDS", value_parser = hour)]
     seconds: f64,
     /// Seed of the place
     #[arg(long, default_value_t = 0, value_name = "N")]
@@ -43,11 +43,15 @@ pub struct Play {
     out: PathBuf,
 }
 
+/// Every decision is kept in memory: an hour is enough to look at.
+fn hour(text: &str) -> Result<f64, String> {
+    crate::numbers::within(text, 0.02, 3600.0)
+}
+
 impl Play {
     pub fn execute(&self) -> Result<Outcome, Failure> {
-        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let (mut policy, file) = policy_of(&self.policy)?;
-        let robot = as_trained(robot_of(&self.robot)?, &file)?;
+        let robot = as_trained(robot_of(&self.robot)?, &file, &self.policy)?;
         let substeps = (1.0 / (f64::from(file.rate) * file.timestep)).round() as usize;
         let settings = TaskSettings { rate: file.rate, substeps, episode: 1e4, ..Default::default() };
         let mut task = VelocityTask::new(robot.clone(), ground_of(&self.ground, self.seed)?, settings, 1)?;
@@ -59,6 +63,7 @@ impl Play {
         };
         let played =
             play(OnnxDecision { policy: &mut policy, robot: &robot }, &mut task, &commands, seconds, self.seed)?;
+        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let title = format!("{} on {}", file.robot, self.ground);
         write_whole(&self.out.join("play.json"), format!("{}\n", serde_json::to_string(&played)?).as_bytes())?;
         let page = super::page::page(&title, &[], None, &played, &file);

@@ -48,6 +48,10 @@ impl Roll {
         let mut policy =
             OnnxPolicy::from_bytes(&bytes).map_err(|e| file_error(&self.policy, "a policy in ONNX", &e.to_string()))?;
         let model = self.model()?;
+        if let Some(unknown) = description.joints.iter().find(|joint| model.joint_index(joint).is_none()) {
+            let expected = format!("joints of {}: {}", model.name, model.joint_names().join(", "));
+            return Err(file_error(&self.description, &expected, unknown).into());
+        }
         let terrain = terrain_of(&self.terrain)?;
         let terrain =
             if terrain.is_plane() { terrain.with_friction(description.simulation.friction)? } else { terrain };

@@ -18,8 +18,8 @@ pub struct ScoreArguments {
     #[arg(long, default_value = "plane", value_name = "plane|bumps|levels|FILE.glb")]
     ground: String,
     /// Robots, each with its own command
-    #[arg(long, default_value_t = 64, value_name = "N")]
-    robots: usize,
+    #[arg(long, default_value_t = 64, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    robots: u32,
     /// How long each walks, in seconds
     #[arg(long, default_value_t = 8.0, value_name = "SECONDS", value_parser = crate::numbers::positive)]
     seconds: f64,
@@ -49,7 +49,7 @@ pub struct ScoreArguments {
 impl ScoreArguments {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let (mut policy, file) = policy_of(&self.policy)?;
-        let robot = as_trained(robot_of(&self.robot)?, &file)?;
+        let robot = as_trained(robot_of(&self.robot)?, &file, &self.policy)?;
         let ground = ground_of(&self.ground, self.seed)?;
         let mut settings = TaskSettings { rate: file.rate, episode: 1e4, ..Default::default() };
         settings.substeps =
@@ -64,7 +64,7 @@ impl ScoreArguments {
         for (given, range) in [(self.vx, &mut commands.vx), (self.vy, &mut commands.vy), (self.wz, &mut commands.wz)] {
             *range = given.unwrap_or(*range);
         }
-        let mut task = VelocityTask::new(robot.clone(), ground, settings, self.robots)?;
+        let mut task = VelocityTask::new(robot.clone(), ground, settings, self.robots as usize)?;
         task.varied = self.robust;
         let decision = OnnxDecision { policy: &mut policy, robot: &robot };
         let found = score(decision, &mut task, &commands, self.seconds as f32, self.seed)?;

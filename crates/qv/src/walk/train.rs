@@ -63,24 +63,23 @@ pub struct Train {
     #[arg(long, value_name = "FILE")]
     start_from: Option<PathBuf>,
     /// Threads; default: all
-    #[arg(long, value_name = "N")]
-    threads: Option<usize>,
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
     /// Directory for the results; made if need be
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 }
 
 fn goal(text: &str) -> Result<[f32; 2], String> {
-    let numbers: Vec<f32> = text.split(',').map_while(|word| word.trim().parse().ok()).collect();
-    match numbers[..] {
-        [v, w] if v > 0.0 && w > 0.0 => Ok([v, w]),
+    let numbers: Option<Vec<f32>> = text.split(',').map(|word| word.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[v, w]) if v > 0.0 && w > 0.0 => Ok([v, w]),
         _ => Err(format!("expected two numbers above 0 (m/s, rad/s), found `{text}`")),
     }
 }
 
 impl Train {
     pub fn execute(&self) -> Result<Outcome, Failure> {
-        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let robot = robot_of(&self.robot)?;
         let kept = self.kept()?;
         let settings = match &kept {
@@ -92,7 +91,8 @@ impl Train {
             Some(file) => self.around(file, &robot, &ground, settings)?,
             None => settings,
         };
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads.unwrap_or(0)).build()?;
+        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads.map_or(0, usize::from)).build()?;
         // Errors of the command line stay on their thread: this one crosses as its text.
         let told = pool.install(|| self.train(&robot, &ground, settings, kept).map_err(|e| e.to_string()));
         told.map_err(Failure::from)
@@ -141,6 +141,9 @@ impl Train {
         mut settings: TrainSettings,
     ) -> Result<TrainSettings, Failure> {
         let found = super::around::around(file, robot, &ground.terrain, &mut settings.task.randomise)?;
+        if found == 0 {
+            return Err(file_error(file, "parameters that a diagnosis corrects", "none").into());
+        }
         say(&format!("{found} parameters are drawn around {}\n", file.display()))?;
         Ok(settings)
     }
@@ -167,9 +170,21 @@ impl Train {
         };
         if let Some(path) = &self.start_from {
             let bytes = fs::read(path).map_err(|e| file_error(path, "a checkpoint", &e.to_string()))?;
-            training.start_from(&Checkpoint::from_bytes(&bytes)?)?;
+            let other = Checkpoint::from_bytes(&bytes).and_then(|other| training.start_from(&other));
+            other.map_err(|e| file_error(path, "a checkpoint to begin from", &e.to_string()))?;
+        }
+        if kept.is_some() && training.ppo().iterations >= self.iterations() {
+            let (done, asked) = (training.ppo().iterations, self.iterations());
+            return Err(format!(
+                "expected more iterations than the {done} that are done, found {asked} (--iterations)"
+            )
+            .into());
         }
         let done = self.run(&mut training)?;
+        if !training.ppo().iterations.is_multiple_of(settings.score_every) {
+            // What came after the last score may be the best.
+            training.judge_now()?;
+        }
         let score = match training.best() {
             Some((score, _)) => score.clone(),
             None => training.judge_now()?,
@@ -181,20 +196,35 @@ impl Train {
         put("policy.toml", file.to_text()?.as_bytes())?;
         put("settings.toml", toml::to_string(&settings)?.as_bytes())?;
         put("checkpoint.bin", &training.checkpoint().to_bytes()?)?;
-        put("metrics.json", format!("{}\n", serde_json::to_string(&done.lines)?).as_bytes())?;
+        put("metrics.json", self.metrics(kept.as_ref(), &done.lines)?.as_bytes())?;
         let mut task = VelocityTask::new(robot.clone(), ground.clone(), settings.task.clone(), 1)?;
         let played = play(&policy, &mut task, &super::play::SHOWN, 12.0, settings.seed)?;
         put("walk.html", super::page::page(&self.title(), &done.lines, Some(&score), &played, &file).as_bytes())?;
         super::recording::write_recording(&self.out.join("replay.mcap"), &played, &urdf_of(&self.robot)?)?;
         say(&format!(
-            "{}\n{} iterations, {:.2} million samples in {:.0} s; written to {}\n",
+            "{}\n{} iterations, {:.2} million samples in {:.0} s; written to {} (checkpoint.bin: iteration {})\n",
             super::score::sentence(&score),
-            done.lines.len(),
+            training.ppo().iterations,
             done.lines.last().map_or(0.0, |l| l.samples as f64 / 1e6),
             done.seconds,
-            self.out.display()
+            self.out.display(),
+            training.checkpoint().iterations
         ))?;
         Ok(Outcome::Done)
+    }
+
+    /// All lines of the training, those before it was taken up again among them.
+    fn metrics(&self, kept: Option<&Checkpoint>, lines: &[Line]) -> Result<String, Failure> {
+        let mut all: Vec<serde_json::Value> = Vec::new();
+        if let Some(kept) = kept {
+            let before = fs::read(self.out.join("metrics.json")).unwrap_or_default();
+            let before: Vec<serde_json::Value> = serde_json::from_slice(&before).unwrap_or_default();
+            all.extend(before.into_iter().filter(|l| l["index"].as_u64().is_some_and(|index| index < kept.iterations)));
+        }
+        for line in lines {
+            all.push(serde_json::to_value(line)?);
+        }
+        Ok(format!("{}\n", serde_json::to_string(&all)?))
     }
 
     fn title(&self) -> String {
