@@ -163,7 +163,7 @@ impl VectorEnv for Timed {
     fn step(&mut self, actions: &[f32], rewards: &mut [f32], ends: &mut [End]) -> Result<(), PolicyError> {
         self.timed(|task| task.aim(actions))?;
         let clock = ThreadTime::now();
-        self.task.simulate();
+        self.task.simulate()?;
         self.parts.physics += clock.elapsed();
         self.timed(|task| task.judge(actions, rewards, ends))
     }

@@ -22,6 +22,7 @@
 
 pub mod adam;
 mod checkpoint;
+pub mod compensate;
 pub mod distribution;
 pub mod env;
 mod error;

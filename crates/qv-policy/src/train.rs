@@ -124,6 +124,29 @@ pub struct Checkpoint {
     pub best: Option<(Score, Vec<f32>)>,
 }
 
+impl Checkpoint {
+    /// The best policy so far, else the last, for a robot.
+    ///
+    /// # Errors
+    /// When the checkpoint is another robot's.
+    pub fn best_policy(&self, robot: &TaskRobot) -> Result<Policy, PolicyError> {
+        let ground = Ground::plane();
+        let settings = TrainSettings { robots: 1, score_robots: 1, ..self.settings.clone() };
+        let own = identity(robot, &ground)[0].clone();
+        if own != self.identity[0] {
+            let (expected, found) = (format!("one of {own}"), format!("one of {}", self.identity[0]));
+            return Err(PolicyError::Mismatch { what: "checkpoint".into(), expected, found });
+        }
+        let training = Training::new(robot, &ground, &settings)?;
+        training.fits(self)?;
+        let mut policy = training.policy();
+        let actor = self.best.as_ref().map_or(&self.parameters, |(_, actor)| actor);
+        let count = policy.parameters.len();
+        policy.parameters.copy_from_slice(&actor[..count]);
+        Ok(policy)
+    }
+}
+
 /// Names of robot and ground that a training belongs to, with a hash of what they are made of.
 pub fn identity(robot: &TaskRobot, ground: &Ground) -> [String; 2] {
     let numbers = format!("{:?} {:?} {:?} {:?}", robot.stand, robot.kp, robot.kd, robot.action_scale);
@@ -253,6 +276,11 @@ impl Training {
     /// The task that is trained on, to add what a compensator does.
     pub fn task_mut(&mut self) -> &mut VelocityTask {
         &mut self.env
+    }
+
+    /// The task that scores, for the same.
+    pub fn judge_mut(&mut self) -> &mut VelocityTask {
+        &mut self.judge
     }
 
     /// Settings in force.

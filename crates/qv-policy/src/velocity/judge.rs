@@ -116,6 +116,9 @@ impl<'a> Judge<'a> {
             height: self.robot.height,
             torque: self.torque,
         };
+        let off = [velocity[0] - walker.command[0], velocity[1] - walker.command[1], v[5] - walker.command[2]];
+        let share = (dt / self.reward.steady_time).min(1.0);
+        (0..3).for_each(|k| walker.strayed[k] += share * (off[k] - walker.strayed[k]));
         let terms = terms(self.reward, &measures, &seen, walker, dt);
         let [vx, vy, wz] = walker.command;
         let outcome = Outcome {

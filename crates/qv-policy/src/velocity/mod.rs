@@ -21,11 +21,12 @@ pub(crate) use turns::in_heading;
 pub use walker::Walker;
 
 use crate::PolicyError;
+use crate::compensate::{Compensator, Seen};
 use crate::env::{End, VectorEnv};
 use crate::random::Random;
 use judge::{Judge, Outcome, touches};
 use qv_sim::{Batch, BatchCommand, LineSearch, SimOptions, State};
-use randomise::Draws;
+use randomise::{Draws, set_known};
 use rayon::prelude::*;
 use turns::{heading, turned, turned_back};
 
@@ -59,6 +60,10 @@ pub struct VelocityTask {
     /// Level of the curriculum of each robot, where the ground has levels.
     levels: Vec<[usize; 2]>,
     mount: [f32; 4],
+    compensator: Option<Box<dyn Compensator>>,
+    /// Targets as they are sent, with what the compensator adds.
+    sent: Vec<f32>,
+    added: Vec<f32>,
 }
 
 /// Sums since figures were asked for.
@@ -94,6 +99,12 @@ struct Readings {
     encoder_dq: Vec<f32>,
 }
 
+impl Readings {
+    fn seen<'a>(&'a self, targets: &'a [f32]) -> Seen<'a> {
+        Seen { q: &self.q, v: &self.v, torques: &self.torques, forces: &self.forces, targets }
+    }
+}
+
 impl VelocityTask {
     /// `count` robots on some ground.
     ///
@@ -108,10 +119,11 @@ impl VelocityTask {
             line_search: LineSearch::Apex,
             line_search_iterations: 4,
             tolerance: Some(1e-2),
-            max_command_latency: Draws::longest_latency(&settings.randomise),
+            max_command_latency: Draws::longest_latency(&settings),
             ..Default::default()
         };
-        let batch = Batch::<f32>::new(&robot.model, &ground.terrain, &options, count)?;
+        let mut batch = Batch::<f32>::new(&robot.model, &ground.terrain, &options, count)?;
+        set_known(&settings.parameters, &mut batch)?;
         let draws = Draws::new(&settings.randomise, &batch)?;
         let (joints, feet, geoms) = (robot.joints(), robot.feet.len(), robot.model.geoms.len());
         let read = Readings {
@@ -137,6 +149,9 @@ impl VelocityTask {
             varied: false,
             sums: Sums::new(),
             mount: mount.map(|x| x as f32),
+            compensator: None,
+            sent: vec![0.0; count * joints],
+            added: vec![0.0; count * joints],
             reward: settings.reward.in_epoch(0),
             robot,
             settings,
@@ -172,6 +187,11 @@ impl VelocityTask {
     /// The simulator, to change parameters, or to add torques.
     pub fn batch_mut(&mut self) -> &mut Batch<f32> {
         &mut self.batch
+    }
+
+    /// Puts a compensator between the policy and the simulator, or takes it away. It begins with the next episodes.
+    pub fn set_compensator(&mut self, compensator: Option<Box<dyn Compensator>>) {
+        self.compensator = compensator;
     }
 
     /// What is remembered of each robot.
@@ -239,6 +259,9 @@ impl VelocityTask {
         v[0] = f64::from(random.between(-speed, speed));
         v[1] = f64::from(random.between(-speed, speed));
         self.batch.set_state(env, &State { q, v })?;
+        if let Some(compensator) = &mut self.compensator {
+            compensator.begin(env);
+        }
         self.targets[env * joints..][..joints].copy_from_slice(&self.robot.stand);
         Ok(())
     }
@@ -415,7 +438,7 @@ impl VectorEnv for VelocityTask {
 
     fn step(&mut self, actions: &[f32], rewards: &mut [f32], ends: &mut [End]) -> Result<(), PolicyError> {
         self.aim(actions)?;
-        self.simulate();
+        self.simulate()?;
         self.judge(actions, rewards, ends)
     }
 
@@ -502,14 +525,35 @@ impl VelocityTask {
             }
         }
         self.push()?;
-        let command = BatchCommand { q: &self.targets, dq: None, kp: &self.robot.kp, kd: &self.robot.kd, tau: None };
+        self.sent.copy_from_slice(&self.targets);
+        if let Some(compensator) = &mut self.compensator {
+            compensator.move_targets(&self.read.seen(&self.targets), &mut self.sent);
+        }
+        let command = BatchCommand { q: &self.sent, dq: None, kp: &self.robot.kp, kd: &self.robot.kd, tau: None };
         self.batch.set_commands(&command)?;
         Ok(())
     }
 
-    /// Second part of a step: physics alone.
-    pub fn simulate(&mut self) {
-        self.batch.step_many_parallel(self.settings.substeps);
+    /// Second part of a step: physics alone, with what a compensator adds.
+    ///
+    /// # Errors
+    /// When an added torque is not finite.
+    pub fn simulate(&mut self) -> Result<(), PolicyError> {
+        let Some(compensator) = self.compensator.as_mut().filter(|c| c.adds_torques()) else {
+            self.batch.step_many_parallel(self.settings.substeps);
+            return Ok(());
+        };
+        for step in 0..self.settings.substeps {
+            if step > 0 {
+                self.batch.read_positions(&mut self.read.q)?;
+                self.batch.read_velocities(&mut self.read.v)?;
+                self.batch.read_torques(&mut self.read.torques)?;
+            }
+            compensator.add_torques(&self.read.seen(&self.sent), &mut self.added);
+            self.batch.set_added_torques(&self.added)?;
+            self.batch.step_parallel();
+        }
+        Ok(())
     }
 
     /// Third part of a step: rewards and ends of all robots, from the state that the simulator is in.

@@ -1,9 +1,10 @@
 //! Parameters of the simulator drawn anew for each episode.
 
-use super::settings::Randomise;
+use super::settings::{Randomise, TaskSettings};
 use crate::PolicyError;
 use crate::random::Random;
 use qv_sim::{Batch, Precision};
+use std::collections::BTreeMap;
 
 /// One parameter, or several that share a value.
 struct Draw {
@@ -27,10 +28,11 @@ impl Draws {
         Ok(Self(draws))
     }
 
-    /// Longest command latency that may be drawn \[s\].
-    pub fn longest_latency(settings: &Randomise) -> f64 {
-        let named = settings.parameters.iter().chain(&settings.together);
-        named.filter(|(name, _)| name.ends_with(".command_latency")).map(|(_, range)| range[1]).fold(0.0, f64::max)
+    /// Longest command latency that is known or may be drawn \[s\].
+    pub fn longest_latency(settings: &TaskSettings) -> f64 {
+        let drawn = settings.randomise.parameters.iter().chain(&settings.randomise.together);
+        let named = drawn.map(|(name, range)| (name, range[1])).chain(settings.parameters.iter().map(|(n, x)| (n, *x)));
+        named.filter(|(name, _)| name.ends_with(".command_latency")).map(|(_, most)| most).fold(0.0, f64::max)
     }
 
     /// Draws all for one environment.
@@ -44,6 +46,16 @@ impl Draws {
         }
         Ok(())
     }
+}
+
+/// Sets the parameters that hold for all environments.
+pub(super) fn set_known<T: Precision>(known: &BTreeMap<String, f64>, batch: &mut Batch<T>) -> Result<(), PolicyError> {
+    for (name, &value) in known {
+        for id in fitting(name, batch)? {
+            (0..batch.len()).try_for_each(|env| batch.set_parameter_at(env, id, value))?;
+        }
+    }
+    Ok(())
 }
 
 /// Indices of the parameters that a name with at most one `*` means.

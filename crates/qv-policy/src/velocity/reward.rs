@@ -4,7 +4,7 @@ use super::settings::Reward;
 use super::walker::Walker;
 
 /// Names of the terms, in the order in which a step has them.
-pub const TERMS: [&str; 19] = [
+pub const TERMS: [&str; 20] = [
     "velocity",
     "turning",
     "bounce",
@@ -22,6 +22,7 @@ pub const TERMS: [&str; 19] = [
     "pairs",
     "limbs",
     "still",
+    "steady",
     "fall",
     "cut",
 ];
@@ -99,6 +100,9 @@ pub fn terms(reward: &Reward, measures: &Measures, seen: &Seen, walker: &Walker,
     let slip = (0..seen.touching.len()).filter(|&f| seen.touching[f]).map(|f| seen.feet_speed[f] * seen.feet_speed[f]);
     let feet_up = seen.touching.iter().filter(|&&t| !t).count() as f32;
     let still = feet_up + 0.02 * squared(seen.dq.iter().copied());
+    let [ahead, aside, turn] = walker.strayed;
+    let near = |off: f32| 1.0 / (1.0 + off / (reward.steady_width * reward.steady_width));
+    let steady = near(ahead * ahead + aside * aside) + near(turn * turn);
     let moving = |x: f32| if standing { 0.0 } else { x };
     let mut out = [
         reward.velocity * (-off / reward.velocity_width).exp(),
@@ -118,13 +122,14 @@ pub fn terms(reward: &Reward, measures: &Measures, seen: &Seen, walker: &Walker,
         -reward.pairs * moving(apart(seen.touching)),
         -reward.limbs * seen.limbs as f32,
         if standing { -reward.still * still } else { 0.0 },
+        reward.steady * steady,
         0.0,
         0.0,
     ];
     let sum: f32 = out.iter().sum();
-    out[18] = (reward.least - sum).max(0.0);
+    out[19] = (reward.least - sum).max(0.0);
     if seen.fell {
-        out[17] = -reward.fall / dt;
+        out[18] = -reward.fall / dt;
     }
     out
 }

@@ -26,6 +26,9 @@ pub struct TaskSettings {
     pub noise: Noise,
     /// What differs from robot to robot.
     pub randomise: Randomise,
+    /// Parameters of the simulator that hold for all robots, also where they are scored: what is known of the real one. By name, with at
+    /// most one `*`.
+    pub parameters: BTreeMap<String, f64>,
 }
 
 impl Default for TaskSettings {
@@ -40,6 +43,7 @@ impl Default for TaskSettings {
             ends: Ends::default(),
             noise: Noise::default(),
             randomise: Randomise::default(),
+            parameters: BTreeMap::new(),
         }
     }
 }
@@ -119,6 +123,13 @@ pub struct Reward {
     pub limbs: f32,
     /// While the command says stand: for each foot off the ground, and squared speed of the joints (times 0.02).
     pub still: f32,
+    /// `1 / (1 + |mean v error|² / steady_width²)` and the same of the turning rate, where means are over the last `steady_time`: the sway of
+    /// a gait leaves them, and a drift off the commanded path does not.
+    pub steady: f32,
+    /// \[m/s, rad/s\]
+    pub steady_width: f32,
+    /// About two strides \[s\].
+    pub steady_time: f32,
     /// Once, for a fall.
     pub fall: f32,
     /// Below this the sum of a step's terms is cut, so that early falls do not pay \[1/s\].
@@ -160,6 +171,9 @@ impl Default for Reward {
             pairs: 0.3,
             limbs: 0.5,
             still: 1.0,
+            steady: 0.0,
+            steady_width: 0.05,
+            steady_time: 0.8,
             fall: 0.5,
             least: -0.2,
         }

@@ -34,6 +34,8 @@ pub struct Walker {
     pub asked: f32,
     /// Path length that it went in this episode \[m\].
     pub went: f32,
+    /// Mean difference from the command over the last `steady_time`, exponentially weighted: forwards, to the left \[m/s\], turning \[rad/s\].
+    pub strayed: [f32; 3],
     /// Heights of ground under the base at the last step \[m\].
     pub ground: f32,
 }
@@ -56,6 +58,7 @@ impl Walker {
             start: [0.0; 2],
             asked: 0.0,
             went: 0.0,
+            strayed: [0.0; 3],
             ground: 0.0,
         }
     }
@@ -79,6 +82,7 @@ impl Walker {
         self.steps = 0;
         self.asked = 0.0;
         self.went = 0.0;
+        self.strayed = [0.0; 3];
         for list in [&mut self.action, &mut self.action_before, &mut self.dq, &mut self.air, &mut self.peak] {
             list.fill(0.0);
         }

@@ -67,6 +67,9 @@ pub struct LaneState {
     values: Vec<f64>,
 }
 
+/// Numbers of a lane before its positions: whether it is fresh, whether it is faulty, its time.
+const LANE_HEAD: usize = 3;
+
 impl<T: Precision> Batch<T> {
     fn read_all(&self, quantity: Quantity, what: &'static str, width: usize, out: &mut [f32]) -> Result<(), SimError> {
         length(what, self.len() * width, out.len())?;
@@ -267,6 +270,25 @@ impl<T: Precision> Batch<T> {
         finite("velocity", change)?;
         self.engine.add_velocity(env, change);
         Ok(())
+    }
+
+    /// Sets positions and velocities and keeps all else: time, parameters, the state of the motors, kept commands and readings. So a
+    /// simulation that ran beside a recording begins anew from what was measured, its motors warm.
+    ///
+    /// # Errors
+    /// As [`Batch::set_state`].
+    pub fn move_to(&mut self, env: usize, state: &State) -> Result<(), SimError> {
+        let mut lane = std::mem::take(&mut self.passing);
+        let read = self.check_index(env).map(|()| self.engine.read_lane(&self.shared, env, &mut lane));
+        // Setting the state checks and normalises it; the rest of the lane is put back.
+        let done = read.and_then(|()| self.set_state(env, state)).and_then(|()| self.state(env));
+        if let Ok(now) = &done {
+            let moving = now.q.iter().chain(&now.v);
+            lane[LANE_HEAD..].iter_mut().zip(moving).for_each(|(kept, x)| *kept = *x);
+            self.engine.write_lane(&self.shared, env, &lane);
+        }
+        self.passing = lane;
+        done.map(|_| ())
     }
 
     /// [`Batch::set_state`] for all environments of which `mask` is true; `state(env)` tells the state of each.

@@ -1,0 +1,36 @@
+//! The error of this crate.
+
+use qv_policy::PolicyError;
+use qv_replay::ReplayError;
+use qv_sim::SimError;
+
+/// What can be wrong with recordings, compensators and their training.
+#[derive(Debug, thiserror::Error)]
+pub enum ResidualError {
+    /// The simulator refused something.
+    #[error(transparent)]
+    Sim(#[from] SimError),
+    /// A policy or its training.
+    #[error(transparent)]
+    Policy(#[from] PolicyError),
+    /// A recording.
+    #[error(transparent)]
+    Replay(#[from] ReplayError),
+    /// Input that does not serve.
+    #[error("{what}: expected {expected}, found {found}")]
+    Input {
+        /// The recording, file or setting.
+        what: String,
+        /// What serves.
+        expected: String,
+        /// What is there.
+        found: String,
+    },
+}
+
+impl ResidualError {
+    /// Input that does not serve.
+    pub fn input(what: impl Into<String>, expected: impl Into<String>, found: impl ToString) -> Self {
+        Self::Input { what: what.into(), expected: expected.into(), found: found.to_string() }
+    }
+}

@@ -1,0 +1,15 @@
+//! Closes the loop: learns from recordings what a simulator lacks of a robot, and trains the walking policy on under it.
+//!
+//! [`log`] cuts recordings to decisions of the policy; [`windows`] replays them in many lanes; [`identify`] fits parameters and
+//! [`basis`] torques. See `docs/tuning.md`.
+
+pub mod basis;
+mod error;
+pub mod hidden;
+pub mod identify;
+pub mod log;
+pub mod paths;
+pub mod tune;
+pub mod windows;
+
+pub use error::ResidualError;

@@ -1,0 +1,174 @@
+//! The policy trained on under what was learnt of the robot.
+
+use crate::ResidualError;
+use crate::paths::{PathScore, commands, walk};
+use qv_policy::compensate::Compensator;
+use qv_policy::policy::Policy;
+use qv_policy::train::{Checkpoint, Line, TrainSettings, Training};
+use qv_policy::velocity::{Ground, TaskRobot, TaskSettings, VelocityTask};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// How a policy is trained on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TuneSettings {
+    /// Iterations.
+    pub iterations: u64,
+    /// Robots at once.
+    pub robots: usize,
+    /// Learning rate at the start.
+    pub rate: f32,
+    /// Standard deviation of the actions at the start.
+    pub std: f32,
+    /// Weight of the entropy.
+    pub entropy: f32,
+    /// Posterior standard deviations within which robots differ.
+    pub spread: f64,
+    /// Iterations over which weights are averaged.
+    pub averaged: f32,
+    /// Weight of the reward for the mean of the velocity, see [`qv_policy::velocity::Reward::steady`].
+    pub steady: f32,
+    /// Walks by which the best iteration is chosen, in the corrected simulator.
+    pub walks: usize,
+    /// Seed.
+    pub seed: u64,
+}
+
+impl Default for TuneSettings {
+    fn default() -> Self {
+        Self {
+            iterations: 100,
+            robots: 512,
+            rate: 3e-4,
+            std: 0.25,
+            entropy: 0.001,
+            spread: 1.645,
+            averaged: 20.0,
+            steady: 2.0,
+            walks: 48,
+            seed: 0,
+        }
+    }
+}
+
+/// A simulator made like the robot.
+pub struct Corrected {
+    /// Parameters of the simulator.
+    pub parameters: BTreeMap<String, f64>,
+    /// Ranges within which robots differ in training.
+    pub ranges: BTreeMap<String, [f64; 2]>,
+    /// What it lacks beside them.
+    pub compensator: Option<Box<dyn Compensator>>,
+}
+
+impl Corrected {
+    /// The simulator as it is.
+    pub fn nominal() -> Self {
+        Self { parameters: BTreeMap::new(), ranges: BTreeMap::new(), compensator: None }
+    }
+
+    /// The task of a training, with these corrections.
+    pub fn task(&self, task: &TaskSettings) -> TaskSettings {
+        let mut task = task.clone();
+        task.parameters.extend(self.parameters.clone());
+        task.randomise.parameters.extend(self.ranges.clone());
+        task
+    }
+}
+
+/// Trains a policy on from a checkpoint's best networks, under corrections. `tell` hears of each iteration.
+///
+/// # Errors
+/// When the checkpoint is another robot's, or a number is not finite.
+pub fn train_on(
+    robot: &TaskRobot,
+    ground: &Ground,
+    start: &Checkpoint,
+    corrected: &Corrected,
+    settings: &TuneSettings,
+    mut tell: impl FnMut(&Line, Option<&PathScore>),
+) -> Result<Policy, ResidualError> {
+    let mut train = TrainSettings { seed: settings.seed, robots: settings.robots, ..start.settings.clone() };
+    train.task = corrected.task(&train.task);
+    // Weights that grow over a training are those of its end.
+    train.task.reward.air = train.task.reward.air_last;
+    train.task.reward.steady = settings.steady;
+    train.ppo.rate = settings.rate;
+    train.ppo.entropy = settings.entropy;
+    train.ppo.least_std = train.ppo.least_std.min(settings.std);
+    train.epoch = settings.iterations.max(1);
+    // The best is chosen by paths, below.
+    train.score_every = 1 << 40;
+    let mut training = Training::new(robot, ground, &train)?;
+    training.task_mut().set_compensator(corrected.compensator.as_ref().map(|c| c.for_count(settings.robots)));
+    training.start_from(&with_best(start))?;
+    training.ppo_mut().set_std(settings.std);
+    let mut judge = judge(robot, ground, &start.settings.task, corrected, settings.walks)?;
+    let commands = commands(&start.settings.task.commands, settings.walks, settings.seed ^ CHOOSING);
+    let mut mean = training.policy();
+    let mut best = (f32::INFINITY, training.policy());
+    let every = (settings.iterations / 10).max(1);
+    while training.ppo().iterations < settings.iterations {
+        let line = training.advance()?;
+        // The mean of the last iterations' weights (Polyak and Juditsky 1992) strays less than any of them.
+        let now = training.policy();
+        let share = 1.0 / (training.ppo().iterations as f32).min(settings.averaged);
+        mean.parameters.iter_mut().zip(&now.parameters).for_each(|(mean, x)| *mean += share * (x - *mean));
+        let mut found = None;
+        if training.ppo().iterations.is_multiple_of(every) {
+            let policy = mean.clone();
+            let score = score(&policy, &mut judge, &commands, settings.seed)?;
+            if score.cost() < best.0 {
+                best = (score.cost(), policy);
+            }
+            found = Some(score);
+        }
+        tell(&line, found.as_ref());
+    }
+    Ok(best.1)
+}
+
+/// Makes the commands by which an iteration is chosen others than those of scores.
+const CHOOSING: u64 = 0x7a11;
+/// Length of the walks of a score \[s\].
+pub const SECONDS: f32 = 8.0;
+
+/// Robots that walk in the corrected simulator for scores.
+///
+/// # Errors
+/// When the simulator refuses a correction.
+pub fn judge(
+    robot: &TaskRobot,
+    ground: &Ground,
+    task: &TaskSettings,
+    corrected: &Corrected,
+    walks: usize,
+) -> Result<VelocityTask, ResidualError> {
+    let mut judge = VelocityTask::new(robot.clone(), ground.clone(), corrected.task(task), walks)?;
+    judge.set_compensator(corrected.compensator.as_ref().map(|c| c.for_count(walks)));
+    Ok(judge)
+}
+
+/// Paths of a policy under commands.
+///
+/// # Errors
+/// When a number is not finite.
+pub fn score(
+    policy: &Policy,
+    judge: &mut VelocityTask,
+    commands: &[[f32; 3]],
+    seed: u64,
+) -> Result<PathScore, ResidualError> {
+    let walks = walk(policy, judge, commands, SECONDS, seed)?;
+    Ok(PathScore::of(&walks.iter().map(|(_, error)| *error).collect::<Vec<_>>()))
+}
+
+/// The checkpoint with its best actor in the place of its last.
+fn with_best(start: &Checkpoint) -> Checkpoint {
+    let mut start = start.clone();
+    if let Some((_, actor)) = &start.best {
+        start.parameters[..actor.len()].copy_from_slice(actor);
+    }
+    start
+}
