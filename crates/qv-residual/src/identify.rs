@@ -175,6 +175,33 @@ pub fn coordinates(
     Ok(all)
 }
 
+/// Coordinates that a short stretch of walking can tell: latency, strength and friction of all motors together, and of the ground.
+///
+/// # Errors
+/// When the simulator lacks a parameter.
+pub fn leading(replayer: &Replayer, prior: &Prior) -> Result<Vec<Coordinate>, ResidualError> {
+    let batch = replayer.batch(1)?;
+    let (robot, scale) = (replayer.robot, f64::from(replayer.robot.torque_scale()));
+    let joints = |before: &str, after: &str| {
+        robot.model.joint_names().iter().map(|n| format!("{before}.{n}.{after}")).collect::<Vec<_>>()
+    };
+    let feet = robot.feet.iter().map(|&g| format!("geom.{}.friction_scale", robot.model.geoms[g].name)).collect();
+    let lists = [
+        ("actuator.*.command_latency", joints("actuator", "command_latency"), prior.latency, replayer.longest_latency),
+        ("actuator.*.strength", joints("actuator", "strength"), prior.strength, 1e9),
+        ("joint.*.coulomb_friction", joints("joint", "coulomb_friction"), prior.coulomb * scale, 1e9),
+        ("joint.*.viscous_friction", joints("joint", "viscous_friction"), prior.viscous * scale, 1e9),
+        ("geom.*.friction_scale", feet, prior.friction, 1e9),
+    ];
+    let of = |(name, members, spread, most): (&str, Vec<String>, f64, f64)| {
+        let ids = members.iter().map(|n| batch.parameter_index(n)).collect::<Result<Vec<_>, _>>()?;
+        let info = &batch.catalogue()[ids[0]];
+        let (neutral, least) = (info.neutral, info.clamped(f64::MIN).max(-1e9));
+        Ok(Coordinate { name: name.into(), kind: Kind::Parameter, ids, neutral, spread, least, most, top: 0.0 })
+    };
+    lists.into_iter().map(of).collect()
+}
+
 /// What a point of the coordinates means to one lane.
 pub fn lane_of(coordinates: &[Coordinate], point: &[f64], window: usize, joints: usize) -> Lane {
     let mut lane = Lane { window, parameters: Vec::new(), bias: vec![0.0; joints] };
@@ -191,14 +218,10 @@ pub fn lane_of(coordinates: &[Coordinate], point: &[f64], window: usize, joints:
     lane
 }
 
-/// Parameters of the simulator at a point, by name; those that are neutral are left out.
-pub fn parameters_of(
-    coordinates: &[Coordinate],
-    point: &[f64],
-    catalogue: &[qv_sim::ParameterInfo],
-) -> Vec<(String, f64)> {
-    let lane = lane_of(coordinates, point, 0, coordinates.len());
-    lane.parameters.iter().map(|&(id, x)| (catalogue[id].name.clone(), x)).collect()
+/// Parameters of the simulator that a value of a coordinate means, by name; none for a torque's shape.
+pub fn values_of(c: &Coordinate, x: f64, catalogue: &[qv_sim::ParameterInfo]) -> Vec<(String, f64)> {
+    let value = if c.kind == Kind::Limit { c.top * (1.0 - x) } else { x };
+    c.ids.iter().map(|&id| (catalogue[id].name.clone(), value)).collect()
 }
 
 /// Numbers of the torque's shapes at a point, `[joints][shapes]`; empty where the coordinates have none.
@@ -345,21 +368,11 @@ impl Fitter<'_> {
         let mut costs = Vec::new();
         let mut deviations = self.coordinates.iter().map(|c| c.spread).collect::<Vec<_>>();
         for step in 0..self.settings.steps {
-            // One lane as it is, one for each number moved by a third of its prior deviation, away from the nearer bound.
-            let moves: Vec<f64> = self
-                .coordinates
-                .iter()
-                .zip(&point)
-                .map(|(c, x)| if x + c.spread / 3.0 <= c.most { c.spread / 3.0 } else { -c.spread / 3.0 })
-                .collect();
+            let moves = self.moves(&point);
             let mut points = vec![point.clone(); count + 1];
             (0..count).for_each(|k| points[k + 1][k] += moves[k]);
             let errors = self.errors(&points)?;
-            let here = Errors {
-                lanes: self.windows.len(),
-                values: (0..self.windows.len()).flat_map(|w| errors.lane(w * (count + 1)).to_vec()).collect(),
-                ..errors.clone()
-            };
+            let here = self.here(&errors, count);
             let spreads = spreads(&here);
             let normal = self.normal(&errors, &moves, &spreads);
             deviations = self.deviations(&normal);
@@ -381,6 +394,30 @@ impl Fitter<'_> {
             }
         }
         Ok(Fit { coordinates: self.coordinates.clone(), point, deviations, costs })
+    }
+
+    /// The normal equations at a point.
+    pub(crate) fn normal_at(&self, point: &[f64]) -> Result<Normal, ResidualError> {
+        let count = point.len();
+        let moves = self.moves(point);
+        let mut points = vec![point.to_vec(); count + 1];
+        (0..count).for_each(|k| points[k + 1][k] += moves[k]);
+        let errors = self.errors(&points)?;
+        let here = self.here(&errors, count);
+        Ok(self.normal(&errors, &moves, &spreads(&here)))
+    }
+
+    /// A third of each number's prior deviation, away from the nearer bound.
+    fn moves(&self, point: &[f64]) -> Vec<f64> {
+        let of =
+            |(c, x): (&Coordinate, &f64)| if x + c.spread / 3.0 <= c.most { c.spread / 3.0 } else { -c.spread / 3.0 };
+        self.coordinates.iter().zip(point).map(of).collect()
+    }
+
+    /// The errors at the point itself, one lane for each window.
+    fn here(&self, errors: &Errors, count: usize) -> Errors {
+        let values = (0..self.windows.len()).flat_map(|w| errors.lane(w * (count + 1)).to_vec()).collect();
+        Errors { lanes: self.windows.len(), values, ..errors.clone() }
     }
 
     fn normal(&self, errors: &Errors, moves: &[f64], spreads: &[f64]) -> Normal {
@@ -416,7 +453,7 @@ impl Fitter<'_> {
     }
 
     /// Where Gauss and Newton's step leads from a point, within the bounds: what leaves them is held at the bound, and the rest solved again.
-    fn solve(&self, normal: &Normal, point: &[f64]) -> Vec<f64> {
+    pub(crate) fn solve(&self, normal: &Normal, point: &[f64]) -> Vec<f64> {
         let count = point.len();
         let mut hessian = normal.hessian.clone();
         let mut gradient = normal.gradient.clone();
@@ -453,7 +490,7 @@ impl Fitter<'_> {
         to.iter().zip(&self.coordinates).map(|(x, c)| x.clamp(c.least, c.most)).collect()
     }
 
-    fn deviations(&self, normal: &Normal) -> Vec<f64> {
+    pub(crate) fn deviations(&self, normal: &Normal) -> Vec<f64> {
         let mut hessian = normal.hessian.clone();
         let mut spread = normal.spread.clone();
         for (k, c) in self.coordinates.iter().enumerate() {
@@ -469,11 +506,11 @@ impl Fitter<'_> {
 }
 
 /// Sums over windows.
-struct Normal {
-    hessian: DMatrix<f64>,
-    gradient: DVector<f64>,
+pub(crate) struct Normal {
+    pub hessian: DMatrix<f64>,
+    pub gradient: DVector<f64>,
     /// Sum of the windows' own gradients' outer products.
-    spread: DMatrix<f64>,
+    pub spread: DMatrix<f64>,
 }
 
 /// The shapes as a compensator, for a robot.

@@ -4,10 +4,13 @@
 //! [`basis`] torques. See `docs/tuning.md`.
 
 pub mod basis;
+pub mod close;
+pub mod compensation;
 mod error;
 pub mod hidden;
 pub mod identify;
 pub mod log;
+pub mod online;
 pub mod paths;
 pub mod tune;
 pub mod windows;

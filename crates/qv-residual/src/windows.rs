@@ -308,11 +308,6 @@ impl<'a> Running<'a> {
         }
     }
 
-    /// The recorded targets of the last decision, `[lanes][joints]`.
-    pub fn asked(&self) -> &[f32] {
-        &self.asked
-    }
-
     fn look(&mut self, batch: &Batch<f32>, forces: bool) -> Result<(), ResidualError> {
         batch.read_positions(&mut self.q)?;
         batch.read_velocities(&mut self.v)?;

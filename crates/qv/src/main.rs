@@ -20,6 +20,7 @@ mod replay;
 mod report;
 mod rgbd;
 mod scene;
+mod tune;
 mod video;
 mod walk;
 mod whole;
@@ -64,6 +65,9 @@ enum Command {
     /// Teaches a robot to walk after velocity commands, scores what it learnt, and shows it
     #[command(after_help = walk::EXAMPLE)]
     Walk(walk::Walk),
+    /// Trains a policy on under what recordings show of the robot's motors, and says by how much it strays less
+    #[command(after_help = tune::EXAMPLE)]
+    Tune(Box<tune::Tune>),
     /// Puts what reconstruction, contact, replay and diagnosis found on one page
     #[command(after_help = report::EXAMPLE)]
     Report(report::Report),
@@ -112,6 +116,7 @@ fn main() -> ExitCode {
         Command::Render(command) => command.execute(),
         Command::Mesh(command) => command.execute(),
         Command::Walk(command) => command.execute(),
+        Command::Tune(command) => command.execute(),
         Command::Report(command) => command.execute(),
         Command::Fixture(command) => command.execute().map_err(Failure::from),
     };

@@ -3,9 +3,10 @@
 mod around;
 #[cfg(test)]
 mod example;
-mod inputs;
+pub mod inputs;
 mod page;
 mod play;
+mod record;
 mod recording;
 mod roll;
 mod score;
@@ -34,6 +35,8 @@ enum Command {
     Score(score::ScoreArguments),
     /// Walks one robot under commands: replay.mcap for Foxglove, and a page
     Play(play::Play),
+    /// A made-up robot with hidden effects walks under a policy: recordings as tables, for `qv tune`
+    Record(record::Record),
     /// Runs somebody else's policy in our simulator, from a description of what it sees
     Roll(roll::Roll),
 }
@@ -44,6 +47,7 @@ impl Walk {
             Command::Train(command) => command.execute(),
             Command::Score(command) => command.execute(),
             Command::Play(command) => command.execute(),
+            Command::Record(command) => command.execute(),
             Command::Roll(command) => command.execute(),
         }
     }

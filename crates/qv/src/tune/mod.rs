@@ -1,0 +1,221 @@
+//! `qv tune`: recordings of a robot under its policy become a policy that follows its commands better.
+
+mod keep;
+mod page;
+mod recordings;
+
+use crate::open::{file_error, parameters_of, write_error};
+use crate::walk::inputs::{as_trained, ground_of, policy_of, robot_of};
+use crate::whole::write_whole;
+use crate::{Failure, Outcome, say};
+use indicatif::{ProgressBar, ProgressStyle};
+use keep::Folder;
+use qv_policy::policy::PolicyFile;
+use qv_policy::train::Checkpoint;
+use qv_policy::velocity::{Ground, TaskRobot};
+use qv_residual::close::{Event, Inputs, LoopSettings, Outcome as Closed, Report, close};
+use qv_residual::log::Log;
+use std::fmt::Write;
+use std::fs;
+use std::io::IsTerminal;
+use std::path::PathBuf;
+
+pub const EXAMPLE: &str = "Example:\n  qv walk train --iterations 1800 --out out/walk\n  \
+    qv walk record out/walk/policy.onnx --out out/log      a made-up robot with hidden effects, in the place of yours\n  \
+    qv tune out/log --policy out/walk/policy.onnx --out out/tuned\n\n\
+    policy.onnx in the results is the policy trained on under what the recordings show of the robot's motors; tune.html says by how\n\
+    much it strays less, and tune.json has all figures. docs/tuning.md tells the rest.\n\n\
+    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 part of the recordings could not be used.";
+
+#[derive(clap::Args)]
+pub struct Tune {
+    /// Recordings of the robot walking under its policy: bags, tables, or folders of these
+    #[arg(required = true, value_name = "RECORDING")]
+    recordings: Vec<PathBuf>,
+    /// policy.onnx of `qv walk train`, with policy.toml and checkpoint.bin beside it
+    #[arg(long, value_name = "FILE.onnx")]
+    policy: PathBuf,
+    /// go2, or a TOML file that describes a robot beside its URDF
+    #[arg(long, default_value = "go2", value_name = "go2|FILE.toml")]
+    robot: String,
+    /// Where it walked
+    #[arg(long, default_value = "plane", value_name = "plane|FILE.glb")]
+    terrain: String,
+    /// What a diagnosis found (calibrated.toml), as a candidate beside those that are fitted here
+    #[arg(long, value_name = "FILE.toml")]
+    calibrated: Option<PathBuf>,
+    /// All settings, as `settings.toml` in the results has them
+    #[arg(long, value_name = "FILE.toml")]
+    settings: Option<PathBuf>,
+    /// Iterations of each training; each is 24 steps of all robots
+    #[arg(long, value_name = "N")]
+    iterations: Option<u64>,
+    /// Seed of everything
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Topic of the base pose; default /Odometry, else whichever topic carries poses
+    #[arg(long, value_name = "TOPIC")]
+    pose_topic: Option<String>,
+    /// Threads; default: all
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Directory for the results; made if need be. Stages that are done there are not done again
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+impl Tune {
+    pub fn execute(&self) -> Result<Outcome, Failure> {
+        let settings = self.settings()?;
+        let (_, file) = policy_of(&self.policy)?;
+        let robot = as_trained(robot_of(&self.robot)?, &file, &self.policy)?;
+        let start = self.checkpoint(&robot)?;
+        let ground = ground_of(&self.terrain, settings.tune.seed)?;
+        let given = match &self.calibrated {
+            None => None,
+            Some(path) => Some(parameters_of(Some(path), &robot.model, &ground.terrain)?),
+        };
+        let (log, refused) =
+            recordings::read(&self.recordings, self.pose_topic.as_deref(), &robot, &start.settings.task)?;
+        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads.map_or(0, usize::from)).build()?;
+        let work =
+            Work { tune: self, robot: &robot, ground: &ground, start: &start, file: &file, given, log: &log, settings };
+        // Errors of the command line stay on their thread: this one crosses as its text.
+        let done = pool.install(|| work.run().map_err(|e| e.to_string()));
+        done?;
+        Ok(if refused > 0 { Outcome::Partial } else { Outcome::Done })
+    }
+
+    fn settings(&self) -> Result<LoopSettings, Failure> {
+        let mut settings = match &self.settings {
+            None => LoopSettings::default(),
+            Some(path) => {
+                let expected = "settings of `qv tune`";
+                let text = fs::read_to_string(path).map_err(|e| file_error(path, expected, &e.to_string()))?;
+                toml::from_str(&text).map_err(|e| file_error(path, expected, &e.to_string()))?
+            }
+        };
+        settings.tune.iterations = self.iterations.unwrap_or(settings.tune.iterations);
+        settings.tune.seed = self.seed.unwrap_or(settings.tune.seed);
+        settings.check()?;
+        Ok(settings)
+    }
+
+    fn checkpoint(&self, robot: &TaskRobot) -> Result<Checkpoint, Failure> {
+        let path = self.policy.with_file_name("checkpoint.bin");
+        let expected = "checkpoint.bin of `qv walk train` beside the policy: a training goes on from it";
+        let bytes = fs::read(&path).map_err(|e| file_error(&path, expected, &e.to_string()))?;
+        let start = Checkpoint::from_bytes(&bytes).map_err(|e| file_error(&path, expected, &e.to_string()))?;
+        let policy = start.best_policy(robot).map_err(|e| file_error(&path, expected, &e.to_string()))?;
+        let given = fs::read(&self.policy).map_err(|e| file_error(&self.policy, "a policy in ONNX", &e.to_string()))?;
+        if policy.to_onnx(robot)? != given {
+            let found =
+                "another policy than that of checkpoint.bin (a training of a whole number of epochs writes both alike)";
+            return Err(file_error(&self.policy, "the best policy of checkpoint.bin beside it", found).into());
+        }
+        Ok(start)
+    }
+}
+
+/// What the work needs.
+struct Work<'a> {
+    tune: &'a Tune,
+    robot: &'a TaskRobot,
+    ground: &'a Ground,
+    start: &'a Checkpoint,
+    file: &'a PolicyFile,
+    given: Option<Vec<(String, f64)>>,
+    log: &'a Log,
+    settings: LoopSettings,
+}
+
+impl Work<'_> {
+    fn run(&self) -> Result<(), Failure> {
+        let inputs = Inputs {
+            robot: self.robot,
+            ground: self.ground,
+            log: self.log,
+            start: self.start,
+            given: self.given.as_deref(),
+            settings: &self.settings,
+        };
+        let keep = Folder::new(&self.tune.out, &inputs)?;
+        let bar = bar();
+        let told = !std::io::stderr().is_terminal();
+        let mut stage = String::new();
+        let closed = close(&inputs, &keep, &mut |event| match event {
+            Event::Stage(name, number, count) => {
+                stage = format!("{number}/{count} {name}");
+                if told {
+                    eprintln!("{stage}");
+                }
+                bar.set_position(0);
+                bar.reset_eta();
+                bar.set_message(stage.clone());
+            }
+            Event::Progress(share, figure) => {
+                bar.set_position((1000.0 * share) as u64);
+                bar.set_message(format!("{stage}: {figure}"));
+            }
+        })?;
+        bar.finish_and_clear();
+        self.write(&closed)?;
+        say(&sentences(&closed.report))?;
+        say(&format!("Written to {}: policy.onnx, compensator.json, tune.json, tune.html\n", self.tune.out.display()))?;
+        Ok(())
+    }
+
+    fn write(&self, closed: &Closed) -> Result<(), Failure> {
+        let Report { chosen, candidates, .. } = &closed.report;
+        let put = |name: &str, bytes: &[u8]| write_whole(&self.tune.out.join(name), bytes);
+        let mut file = self.file.clone();
+        let onnx = match chosen {
+            None => fs::read(&self.tune.policy)?,
+            Some(_) => {
+                // The score of the training is of another policy.
+                file.score = None;
+                closed.policy.to_onnx(self.robot)?
+            }
+        };
+        put("policy.onnx", &onnx)?;
+        put("policy.toml", file.to_text()?.as_bytes())?;
+        let compensation = &candidates[chosen.unwrap_or(0)].compensation;
+        put("compensator.json", serde_json::to_string_pretty(compensation)?.as_bytes())?;
+        let mut text = String::from(
+            "# What `qv tune` found; for `qv replay --parameters` and `qv walk train --around`.\n[parameters]\n",
+        );
+        compensation.parameters.iter().for_each(|(name, x)| _ = writeln!(text, "\"{name}\" = {x:?}"));
+        put("calibrated.toml", text.as_bytes())?;
+        put("settings.toml", toml::to_string(&self.settings)?.as_bytes())?;
+        put("tune.json", serde_json::to_string_pretty(&closed.report)?.as_bytes())?;
+        put("tune.html", page::page(&closed.report).as_bytes())
+    }
+}
+
+fn bar() -> ProgressBar {
+    let bar = ProgressBar::new(1000);
+    if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {percent} % {eta} left") {
+        bar.set_style(style);
+    }
+    bar
+}
+
+/// What was found, in words.
+pub fn sentences(report: &Report) -> String {
+    let mut text = String::new();
+    for candidate in &report.candidates {
+        let held = &candidate.held_out;
+        _ = writeln!(
+            text,
+            "{:<24} joints are off by {:5.1} ± {:.1} mrad after {} s on held-out recordings{}",
+            candidate.compensation.kind,
+            1e3 * held.error,
+            1e3 * held.error_se,
+            report.settings.window,
+            if held.stays { "" } else { "; not better by more than chance: left out" }
+        );
+    }
+    _ = writeln!(text, "{}", report.why);
+    text
+}
