@@ -71,7 +71,7 @@ impl Keep for Memory {
 }
 
 fn small() -> LoopSettings {
-    let fit = FitSettings { windows: 40, steps: 4, ..Default::default() };
+    let fit = FitSettings { windows: 30, steps: 3, ..Default::default() };
     let tune = TuneSettings { iterations: 2, robots: 32, walks: 6, ..Default::default() };
     LoopSettings { walks: 6, fit, tune, ..Default::default() }
 }
@@ -114,7 +114,7 @@ fn a_robot_that_differs_is_trained_for_and_stages_that_are_kept_are_not_done_aga
     let again = close(&inputs, &memory, &mut |_| {}).unwrap();
     assert_eq!(memory.0.borrow().1, kept, "each stage was found");
     assert_eq!(again.policy.parameters, first.policy.parameters);
-    assert_eq!(serde_json::to_string(&again.report).unwrap(), serde_json::to_string(&first.report).unwrap());
+    assert!(again.report == first.report, "the same bits");
     let text = serde_json::to_string(&parameters.compensation).unwrap();
     assert_eq!(Compensation::parse(&text).unwrap(), parameters.compensation);
 }
