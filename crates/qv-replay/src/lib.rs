@@ -32,4 +32,4 @@ pub use bag::{BagFile, read_bag};
 pub use clean::{median, median_interval};
 pub use error::ReplayError;
 pub use run::Run;
-pub use table::{read_table, robot_of};
+pub use table::{read_table, robot_of, states_imu};

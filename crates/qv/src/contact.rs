@@ -31,8 +31,8 @@ pub struct Contact {
     /// Topic of the base pose; default /Odometry, else whichever topic carries poses
     #[arg(long, value_name = "TOPIC")]
     pose_topic: Option<String>,
-    /// go2, or a URDF file; default: what the recording says
-    #[arg(long, value_name = "go2|URDF")]
+    /// go2, or a URDF or MJCF file; default: what the recording says
+    #[arg(long, value_name = "go2|FILE")]
     robot: Option<String>,
     /// Parameters that are known already, as `qv diagnose` writes them
     #[arg(long, value_name = "FILE.toml")]

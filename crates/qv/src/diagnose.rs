@@ -35,8 +35,8 @@ pub struct Diagnose {
     /// Topic of the base pose; default /Odometry, else whichever topic carries poses
     #[arg(long, value_name = "TOPIC")]
     pose_topic: Option<String>,
-    /// go2, or a URDF file; default: what the recording says
-    #[arg(long, value_name = "go2|URDF")]
+    /// go2, or a URDF or MJCF file; default: what the recording says
+    #[arg(long, value_name = "go2|FILE")]
     robot: Option<String>,
     /// plane, or a mesh with a material per label, z up, in the frame of the poses
     #[arg(long, default_value = "plane", value_name = "plane|FILE.glb")]

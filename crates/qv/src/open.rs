@@ -8,7 +8,8 @@ use qv_replay::mapping::Mapping;
 use qv_replay::replay::{expand, parameters_from_toml};
 use qv_replay::run::{Base, Loss, Robot};
 use qv_replay::{BagFile, ReplayError, Run};
-use qv_sim::{BaseKind, Batch, Model, ModelOptions, SimOptions, Terrain};
+use qv_sim::mjcf::is_mjcf;
+use qv_sim::{BaseKind, Batch, Model, ModelOptions, SimError, SimOptions, Terrain};
 use std::fs::{self, File};
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -180,14 +181,14 @@ pub fn mapping_of(robot: &str) -> Option<Mapping> {
 /// are looked for beside the URDF; what cannot be read is in `Model::left_out`.
 ///
 /// # Errors
-/// When the name is unknown, the file cannot be read, or it holds no good URDF.
+/// When the name is unknown, the file cannot be read, or it holds no good URDF or MJCF.
 pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, ReplayError> {
     let known = |name: &str| (name == "go2").then(qv_go2::model::urdf);
     let mut told = Vec::new();
     let (name, urdf) = match (robot, &run.robot) {
         (Some(name), _) => {
             let read = || {
-                let (text, note) = read_urdf(Path::new(name), "go2, or a URDF file")?;
+                let (text, note) = read_urdf(Path::new(name), "go2, or a URDF or MJCF file")?;
                 told.extend(note);
                 Ok(text)
             };
@@ -216,7 +217,7 @@ pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, Re
     let meshes = |mesh: &str| vertices(&beside, mesh);
     let read = |held: &[(String, f64)]| {
         let options = ModelOptions { base, armature, mesh_vertices: Some(&meshes), held };
-        Model::from_urdf(&urdf, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))
+        read_model(&urdf, &beside, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))
     };
     let mut model = read(&[])?;
     let held = if known(&name).is_none() { qv_replay::limits::held(run, &model) } else { Vec::new() };
@@ -236,7 +237,33 @@ pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, Re
     Ok(model)
 }
 
-/// The text of a URDF, and a sentence where some of it is not in its encoding.
+/// The model of a URDF or an MJCF; the latter's <include>s are looked for in `beside`.
+///
+/// # Errors
+/// What is wrong with the text.
+pub fn read_model(text: &str, beside: &Path, options: &ModelOptions) -> Result<Model, SimError> {
+    if !is_mjcf(text) {
+        return Model::from_urdf(text, options);
+    }
+    let include = |name: &str| {
+        let bytes = fs::read(beside.join(name)).map_err(|e| e.to_string())?;
+        qv_sim::urdf::decode(&bytes).map(|(text, _)| text).map_err(|e| e.to_string())
+    };
+    Model::from_mjcf(text, options, &include)
+}
+
+/// Turns the channels of an IMU that the site of an MJCF says is mounted at an angle: a table alone cannot, as the site may be
+/// in an included file.
+fn turn_imu(run: &mut Run, text: &str, beside: &Path) {
+    // What is wrong with a robot is said where it is used.
+    let model = read_model(text, beside, &ModelOptions::default()).ok();
+    if let Some(rotation) = model.as_ref().and_then(qv_replay::imu::mount_of).filter(|_| run.base == Base::Free) {
+        let told = qv_replay::imu::to_trunk(run, rotation, false);
+        run.told.extend(told);
+    }
+}
+
+/// The text of a URDF or MJCF, and a sentence where some of it is not in its encoding.
 fn read_urdf(path: &Path, expected: &str) -> Result<(String, Option<String>), ReplayError> {
     let bytes = fs::read(path).map_err(|e| file_error(path, expected, &e.to_string()))?;
     qv_sim::urdf::decode(&bytes).map_err(|e| file_error(path, "a robot", &e.to_string()))
@@ -262,7 +289,7 @@ fn own_urdf(path: &Path) -> Option<PathBuf> {
 pub fn urdf_of(run: &Run, robot: Option<&str>) -> Option<String> {
     match (robot, &run.robot) {
         (Some("go2"), _) => Some(qv_go2::model::urdf()),
-        (Some(file), _) => read_urdf(Path::new(file), "a URDF file").ok().map(|(text, _)| text),
+        (Some(file), _) => read_urdf(Path::new(file), "a URDF or MJCF file").ok().map(|(text, _)| text),
         (None, Robot::Urdf(text)) => Some(text.clone()),
         (None, Robot::Named(name)) => (name == "go2").then(qv_go2::model::urdf),
     }
@@ -369,7 +396,7 @@ fn open_table(csv: &Path) -> Result<Run, ReplayError> {
         Some(_) => None,
         None => {
             let path = directory.join(&robot);
-            let expected = "a robot known by name (go2), or a URDF file";
+            let expected = "a robot known by name (go2), or a URDF or MJCF file";
             let (text, note) = read_urdf(&path, expected)?;
             told.extend(note);
             Some(text)
@@ -382,6 +409,11 @@ fn open_table(csv: &Path) -> Result<Run, ReplayError> {
     bar.finish_and_clear();
     let mut run = run?;
     run.told.extend(told);
+    if let Some(text) = urdf.filter(|text| is_mjcf(text))
+        && !qv_replay::states_imu(&toml_text)?
+    {
+        turn_imu(&mut run, &text, directory.join(&robot).parent().unwrap_or(directory));
+    }
     Ok(run)
 }
 

@@ -25,8 +25,8 @@ pub const EXAMPLE: &str = "Example:\n  qv replay walk.mcap --out out/walk\n  qv 
 pub struct Replay {
     #[command(flatten)]
     run: RunArguments,
-    /// go2, or a URDF file; default: what the recording says
-    #[arg(long, value_name = "go2|URDF")]
+    /// go2, or a URDF or MJCF file; default: what the recording says
+    #[arg(long, value_name = "go2|FILE")]
     robot: Option<String>,
     /// plane, or a mesh with a material per label, z up, in the frame of the poses
     #[arg(long, default_value = "plane", value_name = "plane|FILE.glb")]

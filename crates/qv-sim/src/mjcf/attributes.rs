@@ -14,11 +14,8 @@ pub(super) struct Classes {
 
 impl Classes {
     pub fn read(tree: &Tree) -> Result<Self, SimError> {
-        let mut classes = Self {
-            elements: vec![Vec::new()],
-            parents: vec![None],
-            names: HashMap::from([("main".to_owned(), 0)]),
-        };
+        let mut classes =
+            Self { elements: vec![Vec::new()], parents: vec![None], names: HashMap::from([("main".to_owned(), 0)]) };
         let mut pending = Vec::new();
         for top in tree.sections("default") {
             if let Some(name) = tree.attribute(top, "class") {

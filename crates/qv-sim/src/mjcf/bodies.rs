@@ -59,12 +59,7 @@ pub(super) struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    pub fn new(
-        tree: &'a Tree,
-        classes: &'a Classes,
-        compiler: &'a Compiler,
-        meshes: &'a Meshes<'a>,
-    ) -> Self {
+    pub fn new(tree: &'a Tree, classes: &'a Classes, compiler: &'a Compiler, meshes: &'a Meshes<'a>) -> Self {
         let names = HashSet::from([WORLD.to_owned()]);
         let name = tree.attribute(0, "model").unwrap_or("MuJoCo Model").to_owned();
         Self {
@@ -160,7 +155,9 @@ impl<'a> Reader<'a> {
             let place = self.tree.place(item.element);
             match geom.text("type") {
                 Some(kind @ ("plane" | "hfield")) => {
-                    self.robot.told.push(format!("the {kind} {place} is ground: the terrain is given apart from the robot"));
+                    self.robot
+                        .told
+                        .push(format!("the {kind} {place} is ground: the terrain is given apart from the robot"));
                 }
                 _ => others.push(place),
             }
@@ -220,7 +217,12 @@ impl<'a> Reader<'a> {
     }
 
     /// Makes the links of a body. Returns its link, its origin in that, and what is inside.
-    fn body(&mut self, body: &Item, parent: usize, parent_from_body: DVec3) -> Result<(usize, DVec3, Vec<Item>), SimError> {
+    fn body(
+        &mut self,
+        body: &Item,
+        parent: usize,
+        parent_from_body: DVec3,
+    ) -> Result<(usize, DVec3, Vec<Item>), SimError> {
         let class = self.classes.inside(self.tree, body.element, body.class)?;
         let items = self.items(body.element, class)?;
         let own = self.compiler.pose(&Attributes::plain(self.tree, body.element))?;
@@ -254,7 +256,8 @@ impl<'a> Reader<'a> {
         mut at: Pose,
     ) -> Result<(usize, DVec3), SimError> {
         let tags = ["joint", "freejoint"];
-        let own: Vec<&Item> = items.iter().filter(|i| tags.contains(&self.tree.element(i.element).tag.as_str())).collect();
+        let own: Vec<&Item> =
+            items.iter().filter(|i| tags.contains(&self.tree.element(i.element).tag.as_str())).collect();
         let line = self.tree.element(body).line;
         if own.is_empty() {
             let child = self.push_link(name, line);
@@ -316,7 +319,9 @@ impl<'a> Reader<'a> {
             let element = item.element;
             let link_from_frame = place * item.frame;
             match self.tree.element(element).tag.as_str() {
-                "inertial" => inertial = Some((element, self.inertial(&Attributes::plain(self.tree, element), link_from_frame)?)),
+                "inertial" => {
+                    inertial = Some((element, self.inertial(&Attributes::plain(self.tree, element), link_from_frame)?))
+                }
                 "geom" => {
                     let attributes = Attributes::new(self.tree, self.classes, element, item.class)?;
                     let mut geom = Geom::read(&attributes, self.compiler, self.meshes)?;
@@ -396,7 +401,8 @@ impl<'a> Reader<'a> {
         }
         let body = self.robot.links[link].name.clone();
         if let Ok(Shape::Ellipsoid(_)) = &geom.shape {
-            let told = format!("the ellipsoid of body `{body}` (line {}) is a hull of it, 2 % flatter at most", geom.line);
+            let told =
+                format!("the ellipsoid of body `{body}` (line {}) is a hull of it, 2 % flatter at most", geom.line);
             self.robot.told.push(told);
         }
         let geometry = match &geom.shape {

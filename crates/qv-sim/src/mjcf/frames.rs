@@ -62,7 +62,8 @@ impl Compiler {
         let changes = [("boundmass", "0"), ("boundinertia", "0"), ("settotalmass", "-1"), ("balanceinertia", "false")];
         for (name, neutral) in changes {
             if let Some(value) = compiler.text(name).filter(|v| *v != neutral) {
-                self.left_out.push(format!("{name}=\"{value}\" of <compiler> {}", compiler.tree.place(compiler.element())));
+                self.left_out
+                    .push(format!("{name}=\"{value}\" of <compiler> {}", compiler.tree.place(compiler.element())));
             }
         }
         Ok(())

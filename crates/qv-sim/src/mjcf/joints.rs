@@ -54,7 +54,9 @@ pub(super) fn free(joint: &Attributes, name: &str, at: Pose) -> Result<(JointEle
     let element = JointElement { kind: JointType::Floating, ..fixed(name, line, at) };
     let mut lost = Vec::new();
     // A <freejoint> has none of these.
-    for setting in ["damping", "armature", "frictionloss"].into_iter().filter(|_| tree.element(joint.element()).tag == "joint") {
+    for setting in
+        ["damping", "armature", "frictionloss"].into_iter().filter(|_| tree.element(joint.element()).tag == "joint")
+    {
         if joint.numbers(setting, 1, 8)?.is_some_and(|v| v.iter().any(|x| *x != 0.0)) {
             lost.push(setting);
         }

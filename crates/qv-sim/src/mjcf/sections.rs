@@ -74,7 +74,7 @@ pub(super) fn left_out(tree: &Tree, reader: &mut Reader) {
     let pairs: Vec<usize> = tree.section("contact");
     if let Some(&first) = pairs.first() {
         let count = pairs.len();
-        reader.left_out.push(format!("{count} elements of <contact>, from {} on", tree.place(first)));
+        reader.left_out.push(format!("<contact>, {count} pairs and exclusions {}", tree.place(first)));
     }
 }
 
@@ -114,4 +114,3 @@ pub(super) fn stand(tree: &Tree, reader: &Reader, model: &Model) -> Result<Optio
     };
     Ok(Some(Stand { base, joints: model.joint_names().iter().map(of).collect() }))
 }
-

@@ -95,7 +95,10 @@ impl<'a> Meshes<'a> {
                 }
             }
             (None, None) => {
-                return Ok(Err(format!("mesh `{name}` has neither a file nor vertices {}", self.tree.place(mesh.element()))));
+                return Ok(Err(format!(
+                    "mesh `{name}` has neither a file nor vertices {}",
+                    self.tree.place(mesh.element())
+                )));
             }
         };
         let scale = DVec3::from_array(mesh.vector("scale")?.unwrap_or([1.0; 3]));
@@ -285,4 +288,3 @@ fn hull_properties(points: &[DVec3]) -> Result<(f64, DVec3, DMat3), String> {
     let outer = DMat3::from_cols(com * com.x, com * com.y, com * com.z);
     Ok((volume, inside + com, moment(&(second - outer))))
 }
-

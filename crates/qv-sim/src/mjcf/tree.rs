@@ -47,8 +47,8 @@ impl Tree {
             },
         };
         let options = ParsingOptions { allow_dtd: true, ..Default::default() };
-        let document = Document::parse_with_options(xml, options)
-            .map_err(|e| within(kinds::of_text(xml, &e.to_string())))?;
+        let document =
+            Document::parse_with_options(xml, options).map_err(|e| within(kinds::of_text(xml, &e.to_string())))?;
         let root = document.root_element();
         match (root.tag_name().name(), file) {
             ("mujoco", _) => {}

@@ -373,8 +373,7 @@ fn hull(points: &[DVec3]) -> Result<Vec<DVec3>, String> {
     if points.len() < 4 || points.iter().any(|v| !v.is_finite()) {
         return Err("no four finite vertices".into());
     }
-    let (hull, _) =
-        parry3d_f64::transformation::try_convex_hull(points).map_err(|e| format!("no convex hull: {e}"))?;
+    let (hull, _) = parry3d_f64::transformation::try_convex_hull(points).map_err(|e| format!("no convex hull: {e}"))?;
     Ok(hull)
 }
 

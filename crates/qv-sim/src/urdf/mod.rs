@@ -74,7 +74,9 @@ impl Origin {
     pub fn pose(&self) -> Option<Pose> {
         match self.wxyz {
             Some(wxyz) => Pose::from_position_wxyz(self.xyz, wxyz),
-            None => self.xyz.iter().chain(&self.rpy).all(|x| x.is_finite()).then(|| Pose::from_xyz_rpy(self.xyz, self.rpy)),
+            None => {
+                self.xyz.iter().chain(&self.rpy).all(|x| x.is_finite()).then(|| Pose::from_xyz_rpy(self.xyz, self.rpy))
+            }
         }
     }
 }
