@@ -1,5 +1,7 @@
 //! A model read from MJCF against what MuJoCo makes of the same file (`fixtures/mjcf/generate.py`).
 
+#![allow(dead_code)]
+
 use qv_core::Pose;
 use qv_sim::mjcf::MjcfModel;
 use qv_sim::{BaseKind, Batch, JointCommand, SimOptions, State, Terrain};
