@@ -63,6 +63,7 @@ fn fit(
     q: &JointSeries,
     dq: Option<&JointSeries>,
     torque: &JointSeries,
+    counts_at_once: bool,
     joint: usize,
 ) -> Option<Fit> {
     let at = |series: &JointSeries, time: f64| series.index_at(time).map(|i| (series.time[i], series.row(i)[joint]));
@@ -73,7 +74,9 @@ fn fit(
         // Of the same instant: a position that is older would be another one.
         let position = at(q, time).filter(|(stamp, _)| *stamp == time).map(|(_, x)| x);
         let speed = dq.map_or(Some(0.0), |dq| at(dq, time).filter(|(stamp, _)| *stamp == time).map(|(_, x)| x));
-        let (Some(position), Some(speed), Some((_, target))) = (position, speed, at(target, time)) else { continue };
+        let before = target.index_at(time).filter(|&i| counts_at_once || target.time[i] < time);
+        let before = before.or_else(|| target.index_at(time)?.checked_sub(1)).map(|i| target.row(i)[joint]);
+        let (Some(position), Some(speed), Some(target)) = (position, speed, before) else { continue };
         let (error, speed) = (target - position, -speed);
         if !(error.is_finite() && speed.is_finite() && t.is_finite()) {
             continue;
