@@ -1,15 +1,20 @@
 //! ROS 2 bags become runs: streams chosen, clocks joined, channels filled.
 
 use crate::ReplayError;
+use crate::cdr::Cursor;
+use crate::choose::{Chosen, choose_robot, choose_streams, state_stream, stream_of};
 use crate::clean::{Samples, columns, median, median_interval, put_in_order};
 use crate::container::read_messages;
 use crate::definitions::standard;
-use crate::faults;
-use crate::mapping::{Channel, ChannelFields, Mapping};
+use crate::mapping::{Channel, ChannelFields, Mapping, MessageMapping};
+use crate::named::Named;
 use crate::plan::{Plan, Wanted};
-use crate::run::{Actuator, ActuatorKind, Base, Clock, Commands, Fault, FaultKind, Measurements, Robot, Run, Source};
+use crate::run::{
+    Actuator, ActuatorKind, Base, Clock, Commands, Fault, FaultKind, Loss, Measurements, Robot, Run, Source,
+};
 use crate::schema::Schema;
 use crate::stream::{ChannelInfo, MessageSink};
+use crate::{faults, gains, imu};
 use std::collections::BTreeMap;
 use std::io::Read;
 
@@ -29,27 +34,31 @@ const BACKWARD_JUMP: i64 = SECOND / 10;
 const FORWARD_JUMP: i64 = 3600 * SECOND;
 
 /// What was read of one topic.
-struct Topic {
-    info: ChannelInfo,
+pub(crate) struct Topic {
+    pub info: ChannelInfo,
     /// Logged at \[ns\], one per message.
-    logged: Vec<i64>,
+    pub logged: Vec<i64>,
     /// Place of each message in the bag; kept for streams in use only.
     order: Vec<u32>,
     /// Which stream of the mapping it could be, and which of the stream's types it has.
-    stream: Option<(usize, usize)>,
+    pub stream: Option<(usize, usize)>,
     plan: Option<Plan>,
-    refused: Option<String>,
+    /// In place of a plan where messages name their joints.
+    named: Option<Named>,
+    /// The text of a robot's description: `None` where the topic has none.
+    description: Option<Option<String>>,
+    pub refused: Option<String>,
     has_header: bool,
     stamps: Vec<i64>,
     rows: Vec<f64>,
     row: Vec<f64>,
     errors: usize,
-    first_error: Option<(i64, String)>,
+    pub first_error: Option<(i64, String)>,
 }
 
-struct Collector<'a> {
-    mapping: &'a Mapping,
-    topics: Vec<Topic>,
+pub(crate) struct Collector<'a> {
+    pub mapping: &'a Mapping,
+    pub topics: Vec<Topic>,
     by_name: BTreeMap<(String, String), usize>,
     by_id: BTreeMap<u16, usize>,
     messages: u32,
@@ -64,16 +73,35 @@ struct Collector<'a> {
 /// When nothing usable is there: no joint states, or a robot of another shape. Anything less is named in
 /// [`Run::lost`] and [`Run::faults`].
 pub fn read_bag<R: Read>(files: impl IntoIterator<Item = BagFile<R>>, mapping: &Mapping) -> Result<Run, ReplayError> {
-    let mut collector =
-        Collector { mapping, topics: Vec::new(), by_name: BTreeMap::new(), by_id: BTreeMap::new(), messages: 0 };
+    read_bag_of(files, std::slice::from_ref(mapping), None)
+}
+
+/// Reads a bag as the one of `mappings` says whose messages are in it; one of a certain robot is preferred to a generic one.
+/// `namespace` (such as `/robot1`) picks one of several robots whose topics lie below names of their own.
+///
+/// # Errors
+/// As [`read_bag`]; and when the bag has several robots, whose topics are named.
+pub fn read_bag_of<R: Read>(
+    files: impl IntoIterator<Item = BagFile<R>>,
+    mappings: &[Mapping],
+    namespace: Option<&str>,
+) -> Result<Run, ReplayError> {
+    let mut all = Collectors(mappings.iter().map(Collector::new).collect());
     let mut lost = Vec::new();
     for file in files {
-        collector.by_id.clear();
-        lost.extend(read_messages(&file.name, file.source, &mut collector));
+        all.0.iter_mut().for_each(|c| c.by_id.clear());
+        lost.extend(read_messages(&file.name, file.source, &mut all));
     }
+    let robot = choose_robot(&all.0, namespace, &lost)?;
+    run_of(all.0.swap_remove(robot), namespace, lost)
+}
+
+/// What was read of a bag becomes a run.
+fn run_of(mut collector: Collector, namespace: Option<&str>, lost: Vec<Loss>) -> Result<Run, ReplayError> {
+    let mapping = collector.mapping;
     let mut faults = Vec::new();
     let jumps = join_clocks(&mut collector.topics);
-    let chosen = choose_streams(&collector, &lost, &mut faults)?;
+    let Chosen { topics: chosen, namespace, told } = choose_streams(&collector, namespace, &lost, &mut faults)?;
     let clocks: Vec<Clock> = collector.topics.iter_mut().map(choose_clock).collect();
     let states = chosen[state_stream(mapping)?].expect("joint states were chosen or it is an error");
     let epoch = first_stamp(stamps_of(&collector.topics[states], clocks[states]));
@@ -84,25 +112,103 @@ pub fn read_bag<R: Read>(files: impl IntoIterator<Item = BagFile<R>>, mapping: &
     }
     let sources = sources(&collector.topics, &clocks, &chosen, epoch);
     let mut run = empty_run(mapping, epoch as u64, sources);
-    run.lost = lost;
+    (run.lost, run.told) = (lost, told);
+    if let Some(named) = collector.topics[states].named.as_ref().filter(|_| mapping.joint_names.is_empty()) {
+        run.joint_names = named.all_names();
+        run.joint_parameters = vec![Default::default(); run.joint_names.len()];
+    }
     for (stream, topic) in chosen.iter().enumerate() {
         if let Some(topic) = *topic {
-            let name = collector.topics[topic].info.topic.clone();
-            report_errors(&collector.topics[topic], epoch, &mut faults);
-            let fields = &mapping.streams[stream].types[collector.topics[topic].stream.expect("chosen by stream").1].1;
-            let samples = samples(&mut collector.topics[topic], clocks[topic], epoch);
-            let samples = put_in_order(samples, &name, false, &mut faults);
-            fill(&mut run, fields, &samples);
+            let clock = clocks[topic];
+            let topic = &mut collector.topics[topic];
+            report_errors(topic, epoch, &mut faults);
+            let message = &mapping.streams[stream].messages[topic.stream.expect("chosen by stream").1];
+            take(&mut run, topic, message, clock, epoch, &mut faults);
         }
+    }
+    if let Some(text) = description(&collector.topics, mapping, &namespace) {
+        run.robot = Robot::Urdf(text);
     }
     run.base =
         if run.measured.base_pose.is_some() || run.measured.acceleration.is_some() { Base::Free } else { Base::Fixed };
     if run.measured.position.is_none() {
         return Err(ReplayError::run("joint positions", "finite values", "none"));
     }
+    if let Some(rpy) = mapping.imu_rotation {
+        let told = imu::to_trunk(&mut run, qv_core::Pose::from_xyz_rpy([0.0; 3], rpy).rotation, true);
+        run.told.extend(told);
+    }
+    say_missing_commands(&run, mapping, &mut faults);
+    add_gains(&mut run, mapping);
     run.faults = faults;
     faults::examine(&mut run, Some(mapping));
     Ok(run)
+}
+
+/// Puts what a topic has into the channels of the run.
+fn take(run: &mut Run, topic: &mut Topic, message: &MessageMapping, clock: Clock, epoch: i64, faults: &mut Vec<Fault>) {
+    let name = topic.info.topic.clone();
+    let (samples, widths): (Samples, Vec<usize>) = match topic.named.take() {
+        Some(named) => {
+            let names = named.all_names();
+            let strange: Vec<&str> =
+                names.iter().filter(|n| !run.joint_names.contains(n)).map(String::as_str).collect();
+            if !strange.is_empty() {
+                run.told.push(format!("{name} has joints that are not read: {}", strange.join(" ")));
+            }
+            let samples = named.samples(seconds(topic, clock, epoch), &run.joint_names);
+            (put_in_order(samples, &name, true, faults), vec![run.joint_names.len(); message.fields.len()])
+        }
+        None => {
+            let samples = put_in_order(samples(topic, clock, epoch), &name, false, faults);
+            let width = |c: &ChannelFields| c.fields.iter().map(|f| f.elements.len()).sum();
+            (samples, message.fields.iter().map(width).collect())
+        }
+    };
+    let mut first = 0;
+    for (channel, width) in message.fields.iter().zip(widths) {
+        let own = columns(&samples, first, width);
+        first += width;
+        // Of two streams with one channel, the one that has it counts.
+        if own.is_some() || slot(run, channel.channel).is_none() {
+            *slot(run, channel.channel) = own;
+        }
+    }
+}
+
+/// The text of the robot's description: that of its own namespace, else any.
+fn description(topics: &[Topic], mapping: &Mapping, namespace: &str) -> Option<String> {
+    let own = format!("{namespace}{}", mapping.description_topic.as_deref()?);
+    let with_text = topics.iter().filter_map(|t| Some((t, t.description.as_ref()?.as_ref()?)));
+    with_text.max_by_key(|(t, _)| t.info.topic == own).map(|(_, text)| text.clone())
+}
+
+/// Where every stream of commands may be absent, one has to be there.
+fn say_missing_commands(run: &Run, mapping: &Mapping, faults: &mut Vec<Fault>) {
+    let is_of_commands = |c: &ChannelFields| c.channel.is_command();
+    let streams = mapping.streams.iter().filter(|s| s.messages.iter().any(|m| m.fields.iter().any(is_of_commands)));
+    let streams: Vec<&crate::mapping::StreamMapping> = streams.collect();
+    if run.commands == Commands::default() && !streams.is_empty() && streams.iter().all(|s| s.optional) {
+        let topics: Vec<&str> = streams.iter().map(|s| s.preferred_topic.as_str()).collect();
+        let detail = format!("expected commands (as on {}), found none", topics.join(" or "));
+        faults.push(Fault { kind: FaultKind::Missing, channel: "commands".into(), time: 0.0, count: 1, detail });
+    }
+}
+
+/// Gains of the mapping, or those that the torques tell, where no message has any.
+fn add_gains(run: &mut Run, mapping: &Mapping) {
+    let is_gain = |c: &ChannelFields| c.channel == Channel::CommandKp;
+    if mapping.streams.iter().any(|s| s.messages.iter().any(|m| m.fields.iter().any(is_gain))) {
+        return;
+    }
+    match &mapping.gains {
+        Some([kp, kd]) => {
+            let start = run.commands.position.as_ref().map_or(0.0, |s| s.time[0]);
+            let one = |row: &Vec<f64>| qv_core::JointSeries::new(vec![start], row.clone(), row.len()).ok();
+            (run.commands.kp, run.commands.kd) = (one(kp), one(kd));
+        }
+        None => gains::from_torques(run),
+    }
 }
 
 fn empty_run(mapping: &Mapping, epoch: u64, sources: Vec<Source>) -> Run {
@@ -121,6 +227,25 @@ fn empty_run(mapping: &Mapping, epoch: u64, sources: Vec<Source>) -> Run {
         faults: Vec::new(),
         lost: Vec::new(),
         told: Vec::new(),
+    }
+}
+
+/// All mappings see all messages.
+struct Collectors<'a>(Vec<Collector<'a>>);
+
+impl MessageSink for Collectors<'_> {
+    fn channel(&mut self, channel: &ChannelInfo) {
+        self.0.iter_mut().for_each(|c| c.channel(channel));
+    }
+
+    fn message(&mut self, channel: u16, log_time: u64, data: &[u8]) {
+        self.0.iter_mut().for_each(|c| c.message(channel, log_time, data));
+    }
+}
+
+impl<'a> Collector<'a> {
+    fn new(mapping: &'a Mapping) -> Self {
+        Self { mapping, topics: Vec::new(), by_name: BTreeMap::new(), by_id: BTreeMap::new(), messages: 0 }
     }
 }
 
@@ -166,6 +291,8 @@ impl Topic {
             order: Vec::new(),
             stream: None,
             plan: None,
+            named: None,
+            description: None,
             refused: None,
             has_header: false,
             stamps: Vec::new(),
@@ -174,23 +301,28 @@ impl Topic {
             errors: 0,
             first_error: None,
         };
-        for (s, stream) in mapping.streams.iter().enumerate() {
-            if stream.exact_topic && stream.preferred_topic != info.topic {
-                continue;
-            }
-            if let Some(t) = stream.types.iter().position(|(name, _)| *name == info.schema_name) {
-                topic.stream = Some((s, t));
-                if let Err(error) = topic.compile(&stream.types[t].1) {
-                    topic.refused = Some(error.to_string());
-                }
-            }
+        topic.stream = stream_of(mapping, &info.topic, &info.schema_name);
+        if let Some((s, m)) = topic.stream
+            && let Err(error) = topic.compile(&mapping.streams[s].messages[m])
+        {
+            topic.refused = Some(error.to_string());
+        }
+        let is_description = |name: &String| info.topic.ends_with(name.as_str());
+        if info.schema_name == "std_msgs/msg/String" && mapping.description_topic.as_ref().is_some_and(is_description) {
+            topic.description = Some(None);
         }
         // Only the plan needs the definition from here on.
         topic.info.schema_text = Vec::new();
         topic
     }
 
-    fn compile(&mut self, fields: &[ChannelFields]) -> Result<(), ReplayError> {
+    /// Whether its messages can be read, and there are some.
+    pub fn is_usable(&self) -> bool {
+        (self.plan.is_some() || self.named.is_some()) && !self.logged.is_empty()
+    }
+
+    fn compile(&mut self, message: &MessageMapping) -> Result<(), ReplayError> {
+        let fields = &message.fields;
         let found = |expected: &str, found: &str| ReplayError::Field {
             type_name: self.info.schema_name.clone(),
             expected: expected.to_string(),
@@ -203,6 +335,19 @@ impl Topic {
             return Err(found("schema encoding `ros2msg`", &self.info.schema_encoding));
         }
         let schema = Schema::parse(&self.info.schema_name, &String::from_utf8_lossy(&self.info.schema_text))?;
+        if let Some(names) = &message.names {
+            let paths = fields.iter().flat_map(|f| f.fields.iter().map(|w| w.path.clone())).collect();
+            self.named = Some(Named::new(schema, names, paths)?);
+            return Ok(());
+        }
+        if fields.iter().any(|f| f.channel.is_of_joints() && f.fields.iter().all(|w| w.elements.is_empty())) {
+            let expected = "a robot file whose `joints` say in which order they are: the message has no names";
+            return Err(ReplayError::Field {
+                type_name: self.info.schema_name.clone(),
+                expected: expected.into(),
+                found: "none".into(),
+            });
+        }
         self.has_header = schema.root().fields.first().is_some_and(|f| f.name == "header");
         let mut wanted: Vec<Wanted> = fields.iter().flat_map(|f| f.fields.iter().cloned()).collect();
         if self.has_header {
@@ -215,6 +360,25 @@ impl Topic {
     }
 
     fn message(&mut self, place: u32, logged: i64, data: &[u8]) {
+        if let Some(named) = &mut self.named {
+            match named.read(data) {
+                Err(error) => {
+                    self.errors += 1;
+                    self.first_error.get_or_insert((logged, error.to_string()));
+                }
+                Ok(stamp) => {
+                    self.logged.push(logged);
+                    self.order.push(place);
+                    self.stamps.extend(stamp.map(|(sec, nanosec)| sec as i64 * SECOND + nanosec as i64));
+                }
+            }
+            return;
+        }
+        if let Some(text @ None) = &mut self.description {
+            let mut cursor = Cursor::new(data).ok();
+            *text =
+                cursor.as_mut().and_then(|c| c.string("data").ok()).map(|s| String::from_utf8_lossy(s).into_owned());
+        }
         let Some(plan) = &self.plan else {
             self.logged.push(logged);
             self.order.push(place);
@@ -285,58 +449,6 @@ fn first_jump(logged: &[i64]) -> Option<usize> {
     })
 }
 
-/// The topic of each stream of the mapping.
-fn choose_streams(
-    collector: &Collector,
-    lost: &[crate::run::Loss],
-    faults: &mut Vec<Fault>,
-) -> Result<Vec<Option<usize>>, ReplayError> {
-    let mapping = collector.mapping;
-    let states = state_stream(mapping)?;
-    let mut chosen = Vec::new();
-    for (s, stream) in mapping.streams.iter().enumerate() {
-        let fits = |t: &&Topic| t.stream.is_some_and(|(of, _)| of == s);
-        let usable = |t: &&Topic| fits(t) && t.plan.is_some() && !t.logged.is_empty();
-        let best = collector
-            .topics
-            .iter()
-            .enumerate()
-            .filter(|(_, t)| usable(t))
-            .max_by_key(|(_, t)| (t.info.topic == stream.preferred_topic, t.logged.len()));
-        if best.is_none() {
-            let topic = collector.topics.iter().find(fits);
-            let reason = topic.and_then(|t| t.refused.clone().or(t.first_error.as_ref().map(|e| e.1.clone())));
-            let types: Vec<&str> = stream.types.iter().map(|t| t.0.as_str()).collect();
-            let expected = format!("messages of type {} (as on {})", types.join(" or "), stream.preferred_topic);
-            let found = reason.clone().unwrap_or_else(|| list_topics(&collector.topics, lost));
-            if s == states {
-                return Err(ReplayError::run(stream.role, expected, found));
-            }
-            let kind = if reason.is_some() { FaultKind::WrongRobot } else { FaultKind::Missing };
-            let detail = format!("expected {expected}, found {found}");
-            faults.push(Fault { kind, channel: stream.role.into(), time: 0.0, count: 1, detail });
-        }
-        chosen.push(best.map(|(index, _)| index));
-    }
-    Ok(chosen)
-}
-
-fn list_topics(topics: &[Topic], lost: &[crate::run::Loss]) -> String {
-    let name = |t: &Topic| format!("{} {} ({})", t.info.topic, t.info.schema_name, t.logged.len());
-    let names: Vec<String> = topics.iter().take(12).map(name).collect();
-    let found = if names.is_empty() { "no topic at all".to_string() } else { format!("topics {}", names.join(", ")) };
-    match lost.first() {
-        Some(loss) => format!("{found}; lost: {}: {}", loss.file, loss.what),
-        None => found,
-    }
-}
-
-fn state_stream(mapping: &Mapping) -> Result<usize, ReplayError> {
-    let has = |c: &ChannelFields| c.channel == Channel::Position;
-    let found = mapping.streams.iter().position(|s| s.types.iter().any(|t| t.1.iter().any(has)));
-    found.ok_or_else(|| ReplayError::run("mapping", "a stream with joint positions", "none"))
-}
-
 /// Header stamps when they stay within a second of the (joined) log, else the log.
 fn choose_clock(topic: &mut Topic) -> Clock {
     let agrees = topic.stamps.len() == topic.logged.len()
@@ -357,9 +469,13 @@ fn first_stamp(stamps: &[i64]) -> i64 {
     sorted.into_iter().find(|s| middle.saturating_sub(*s) < 12 * FORWARD_JUMP).unwrap_or(middle)
 }
 
-fn samples(topic: &mut Topic, clock: Clock, epoch: i64) -> Samples {
+fn seconds(topic: &Topic, clock: Clock, epoch: i64) -> Vec<f64> {
     let seconds = |ns: &i64| ns.saturating_sub(epoch) as f64 / SECOND as f64;
-    let time = stamps_of(topic, clock).iter().map(seconds).collect();
+    stamps_of(topic, clock).iter().map(seconds).collect()
+}
+
+fn samples(topic: &mut Topic, clock: Clock, epoch: i64) -> Samples {
+    let time = seconds(topic, clock, epoch);
     let width = topic.row.len() - if topic.has_header { 2 } else { 0 };
     Samples { time, rows: std::mem::take(&mut topic.rows), width }
 }
@@ -398,15 +514,6 @@ fn report_errors(topic: &Topic, epoch: i64, faults: &mut Vec<Fault>) {
         let detail = format!("{} messages could not be decoded, the first: {reason}", topic.errors);
         let kind = FaultKind::Missing;
         faults.push(Fault { kind, channel: topic.info.topic.clone(), time, count: topic.errors, detail });
-    }
-}
-
-fn fill(run: &mut Run, fields: &[ChannelFields], samples: &Samples) {
-    let mut first = 0;
-    for channel in fields {
-        let width = channel.fields.iter().map(|f| f.elements.len()).sum();
-        *slot(run, channel.channel) = columns(samples, first, width);
-        first += width;
     }
 }
 

@@ -3,7 +3,7 @@
 //! Source: common_interfaces and rcl_interfaces of ROS 2, without their comments. Only what is read here is listed.
 
 /// Types with their fields.
-const TYPES: [(&str, &str); 17] = [
+const TYPES: [(&str, &str); 24] = [
     ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n"),
     ("std_msgs/Header", "builtin_interfaces/Time stamp\nstring frame_id\n"),
     ("geometry_msgs/Point", "float64 x\nfloat64 y\nfloat64 z\n"),
@@ -33,6 +33,20 @@ const TYPES: [(&str, &str); 17] = [
     (
         "sensor_msgs/JointState",
         "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n",
+    ),
+    ("builtin_interfaces/Duration", "int32 sec\nuint32 nanosec\n"),
+    ("std_msgs/String", "string data\n"),
+    ("std_msgs/MultiArrayDimension", "string label\nuint32 size\nuint32 stride\n"),
+    ("std_msgs/MultiArrayLayout", "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset\n"),
+    ("std_msgs/Float64MultiArray", "std_msgs/MultiArrayLayout layout\nfloat64[] data\n"),
+    (
+        "trajectory_msgs/JointTrajectoryPoint",
+        "float64[] positions\nfloat64[] velocities\nfloat64[] accelerations\nfloat64[] effort\n\
+         builtin_interfaces/Duration time_from_start\n",
+    ),
+    (
+        "trajectory_msgs/JointTrajectory",
+        "std_msgs/Header header\nstring[] joint_names\ntrajectory_msgs/JointTrajectoryPoint[] points\n",
     ),
     (
         "sensor_msgs/Imu",

@@ -5,6 +5,7 @@
 
 mod bag;
 pub mod cdr;
+mod choose;
 mod clean;
 pub mod container;
 pub mod conventions;
@@ -12,13 +13,16 @@ pub mod definitions;
 pub mod derive;
 mod error;
 pub mod faults;
+mod gains;
 pub mod holes;
 pub mod images;
 pub mod imu;
 pub mod limits;
 pub mod mapping;
+mod named;
 pub mod plan;
 pub mod replay;
+pub mod robots;
 pub mod run;
 pub mod schema;
 pub mod smooth;
@@ -28,8 +32,8 @@ pub mod still;
 pub mod stream;
 mod table;
 
-pub use bag::{BagFile, read_bag};
+pub use bag::{BagFile, read_bag, read_bag_of};
 pub use clean::{median, median_interval};
 pub use error::ReplayError;
 pub use run::Run;
-pub use table::{read_table, robot_of};
+pub use table::{read_table, robot_of, states_imu};

@@ -1,4 +1,4 @@
-//! What a robot's topics mean: plain data that a robot's own crate fills in.
+//! What a robot's topics mean: plain data that a robot's file fills in ([`crate::robots`]).
 
 use crate::plan::Wanted;
 
@@ -49,29 +49,51 @@ impl Channel {
 pub struct ChannelFields {
     /// The channel.
     pub channel: Channel,
-    /// Fields, put out one after the other; together as many numbers as the channel has columns.
+    /// Fields, put out one after the other; together as many numbers as the channel has columns. Where the message names its
+    /// joints, one path of a list as long as that of the names, and no elements.
     pub fields: Vec<Wanted>,
 }
 
-/// A stream of messages that a run is made of.
+/// A type of message that a stream may have.
 #[derive(Debug, Clone, PartialEq)]
+pub struct MessageMapping {
+    /// Its name, such as `sensor_msgs/msg/JointState`.
+    pub name: String,
+    /// Field with the names of the joints, where the message has them.
+    pub names: Option<String>,
+    /// What is read of it.
+    pub fields: Vec<ChannelFields>,
+}
+
+/// A stream of messages that a run is made of.
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct StreamMapping {
     /// What it is, in words, such as `joint states`.
-    pub role: &'static str,
+    pub role: String,
     /// Topic taken when several carry a fitting type; otherwise the one with most messages is.
     pub preferred_topic: String,
     /// Whether no other topic will do.
     pub exact_topic: bool,
-    /// Message types and, for each, its fields.
-    pub types: Vec<(String, Vec<ChannelFields>)>,
+    /// How else the names of its topics may end; with the preferred one they tell a robot's namespace.
+    pub endings: Vec<String>,
+    /// Whether topics with other endings are no such stream.
+    pub only_endings: bool,
+    /// Topics that repeat it, so that they are no second robot.
+    pub copies: Vec<String>,
+    /// Whether a recording without it lacks nothing.
+    pub optional: bool,
+    /// Message types.
+    pub messages: Vec<MessageMapping>,
 }
 
 /// How the messages of one robot become a run.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Mapping {
     /// Name of the robot, such as `go2`.
     pub robot: String,
-    /// Joint names in the model's order.
+    /// Whether it fits any robot, so that a mapping of a certain robot is preferred.
+    pub generic: bool,
+    /// Joint names in the model's order; none where the messages name them.
     pub joint_names: Vec<String>,
     /// Position limits \[rad\], in the same order; used to suspect units and robots.
     pub position_limits: Vec<(f64, f64)>,
@@ -81,8 +103,27 @@ pub struct Mapping {
     pub foot_names: Vec<String>,
     /// IMU in the trunk frame \[m\].
     pub imu_position: [f64; 3],
+    /// Roll, pitch, yaw of the IMU on the trunk \[rad\], whose channels are in the sensor's axes then.
+    pub imu_rotation: Option<[f64; 3]>,
+    /// Gains of each joint, where no message has them: position \[N m/rad\] and velocity \[N m s/rad\].
+    pub gains: Option<[Vec<f64>; 2]>,
+    /// Topic with the text of the robot's URDF.
+    pub description_topic: Option<String>,
     /// Definitions of the robot's own message types, for bags that carry none: name and text.
     pub definitions: Vec<(String, String)>,
     /// Streams; the one with [`Channel::Position`] gives time 0.
     pub streams: Vec<StreamMapping>,
+}
+
+impl Mapping {
+    /// The same with the base pose from `topic` alone, where one is given.
+    pub fn with_pose_topic(mut self, topic: Option<&str>) -> Self {
+        let has_pose =
+            |s: &StreamMapping| s.messages.iter().any(|m| m.fields.iter().any(|f| f.channel == Channel::BasePose));
+        if let (Some(topic), Some(stream)) = (topic, self.streams.iter_mut().find(|s| has_pose(s))) {
+            topic.clone_into(&mut stream.preferred_topic);
+            stream.exact_topic = true;
+        }
+        self
+    }
 }

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use qv_replay::cdr::decode;
-use qv_replay::mapping::{Channel, ChannelFields, Mapping, StreamMapping};
+use qv_replay::mapping::{Channel, ChannelFields, Mapping, MessageMapping, StreamMapping};
 use qv_replay::plan::{Plan, Wanted};
 use qv_replay::schema::Schema;
 use qv_replay::{BagFile, read_bag, read_table};
@@ -13,20 +13,18 @@ fn mapping() -> Mapping {
     let wanted = |path: &str| vec![Wanted { path: path.into(), elements: vec![0, 1] }];
     let channel = |channel, path: &str| ChannelFields { channel, fields: wanted(path) };
     let stream = |topic: &str, fields| StreamMapping {
-        role: "test",
+        role: "test".into(),
         preferred_topic: topic.into(),
-        exact_topic: false,
-        types: vec![("p/msg/Arm".into(), fields)],
+        messages: vec![MessageMapping { name: "p/msg/Arm".into(), names: None, fields }],
+        ..Default::default()
     };
     Mapping {
         robot: "arm".into(),
         joint_names: vec!["a".into(), "b".into()],
         position_limits: vec![(-2.0, 2.0); 2],
         effort_limits: vec![5.0; 2],
-        foot_names: Vec::new(),
-        imu_position: [0.0; 3],
-        definitions: Vec::new(),
         streams: vec![stream("/arm", vec![channel(Channel::Position, "q"), channel(Channel::Velocity, "motor[].dq")])],
+        ..Default::default()
     }
 }
 

@@ -26,6 +26,16 @@ pub enum SimError {
         /// What the file says.
         found: String,
     },
+    /// An element of an MJCF that means nothing here.
+    #[error("MJCF {element}: expected {expected}, found {found}")]
+    Mjcf {
+        /// The element: its tag, its name where it has one; the body or joint that it makes.
+        element: String,
+        /// What the simulator needs.
+        expected: String,
+        /// What the file says, with the line, and the file where that is an included one.
+        found: String,
+    },
     /// A terrain that cannot be stood on.
     #[error("terrain: expected {expected}, found {found}")]
     Terrain {

@@ -1,6 +1,6 @@
 //! Articulated rigid bodies on terrain, one robot or thousands: model, contact, actuators, sensors.
 //!
-//! A [`Model`] is read from URDF and set on a [`Terrain`] as a [`Batch`] of environments, each with its own state and its
+//! A [`Model`] is read from URDF (or from MJCF, [`mjcf`]) and set on a [`Terrain`] as a [`Batch`] of environments, each with its own state and its
 //! own parameters. The contact model and integrator are MuJoCo's (elliptic cone, `implicitfast`), solved by Newton's
 //! method in reduced coordinates; vector lanes hold one environment each, and an environment's bits do not depend on
 //! its lane, the batch or the threads. See `docs/simulator.md` for the equations.
@@ -22,6 +22,7 @@ mod batch;
 mod engine;
 mod error;
 mod lanes;
+pub mod mjcf;
 mod model;
 mod names;
 mod options;

@@ -3,7 +3,7 @@
 use crate::ask::ask;
 use crate::numbers::within;
 use crate::open::{file_error, lost_from, model_of, open_run, parameters, progress, told_of, write_error};
-use crate::{Outcome, RunArguments, say};
+use crate::{Outcome, Reading, RunArguments, say};
 use qv_contact::report::Status;
 use qv_contact::{ContactError, Ground, Options, Prior, Report, calibrate, html, prior};
 use qv_core::TriangleMesh;
@@ -28,12 +28,8 @@ pub struct Contact {
     /// A mesh with a material per label
     #[arg(long, value_name = "FILE.glb")]
     terrain: PathBuf,
-    /// Topic of the base pose; default /Odometry, else whichever topic carries poses
-    #[arg(long, value_name = "TOPIC")]
-    pose_topic: Option<String>,
-    /// go2, or a URDF file; default: what the recording says
-    #[arg(long, value_name = "go2|URDF")]
-    robot: Option<String>,
+    #[command(flatten)]
+    reading: Reading,
     /// Parameters that are known already, as `qv diagnose` writes them
     #[arg(long, value_name = "FILE.toml")]
     params: Option<PathBuf>,
@@ -72,9 +68,9 @@ impl Contact {
         self.make_out()?;
         let ground = Ground::new(&mesh).map_err(|e| self.of_terrain(e))?;
         let priors = self.priors(&ground.labels())?;
-        let open = |path: &PathBuf| open_run(&RunArguments { run: path.clone(), pose_topic: self.pose_topic.clone() });
+        let open = |path: &PathBuf| open_run(&RunArguments { run: path.clone(), reading: self.reading.clone() });
         let runs: Vec<Run> = self.runs.iter().map(open).collect::<Result<_, _>>()?;
-        let model = model_of(&runs[0], &self.runs[0], self.robot.as_deref())?;
+        let model = model_of(&runs[0], &self.runs[0], self.reading.robot.as_deref())?;
         let bar = progress(1000, "simulating");
         let told = |share: f64| bar.set_position((1000.0 * share) as u64);
         let clock = Instant::now();

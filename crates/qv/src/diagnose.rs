@@ -6,7 +6,7 @@ use crate::open::{
     write_error,
 };
 use crate::scene::open_scene;
-use crate::{Outcome, RunArguments, say};
+use crate::{Outcome, Reading, RunArguments, say};
 use qv_core::{GaussianCloud, JointSeries};
 use qv_gap::baselines::{Baselines, CMA_ES_STEPS, baselines};
 use qv_gap::report::{Report, Stage, UNKNOWN};
@@ -32,12 +32,8 @@ pub struct Diagnose {
     /// Bags (.mcap files, or directories of split bags), or tables (run.csv, or their directories)
     #[arg(required = true, value_name = "RUN")]
     runs: Vec<PathBuf>,
-    /// Topic of the base pose; default /Odometry, else whichever topic carries poses
-    #[arg(long, value_name = "TOPIC")]
-    pose_topic: Option<String>,
-    /// go2, or a URDF file; default: what the recording says
-    #[arg(long, value_name = "go2|URDF")]
-    robot: Option<String>,
+    #[command(flatten)]
+    reading: Reading,
     /// plane, or a mesh with a material per label, z up, in the frame of the poses
     #[arg(long, default_value = "plane", value_name = "plane|FILE.glb")]
     terrain: String,
@@ -93,7 +89,7 @@ impl Diagnose {
             (Some(scene), Some(camera)) => Some(self.place(scene, camera, &runs[0])?),
             _ => None,
         };
-        let model = model_of(&runs[0], &self.runs[0], self.robot.as_deref())?;
+        let model = model_of(&runs[0], &self.runs[0], self.reading.robot.as_deref())?;
         let terrain = terrain_of(&self.terrain)?;
         runs.iter().try_for_each(|run| check_ground(run, &terrain))?;
         let mut library = library::built_in();
@@ -154,7 +150,7 @@ impl Diagnose {
         bar.finish_and_clear();
         let mut lost: Vec<String> = runs.iter().flat_map(lost_from).collect();
         lost.extend(place.iter().flat_map(|p| p.notes.iter().cloned()));
-        let urdf = urdf_of(&runs[0], self.robot.as_deref());
+        let urdf = urdf_of(&runs[0], &self.runs[0], self.reading.robot.as_deref());
         lost.extend(model.left_out.iter().map(|part| format!("left out of the model: {part}")));
         let told = told_of(&runs[0], &model);
         let notes = told.iter().chain(&lost).cloned().collect();
@@ -183,14 +179,14 @@ impl Diagnose {
     }
 
     fn open(&self, paths: &[PathBuf]) -> Result<Vec<Run>, ReplayError> {
-        let open = |path: &PathBuf| open_run(&RunArguments { run: path.clone(), pose_topic: self.pose_topic.clone() });
+        let open = |path: &PathBuf| open_run(&RunArguments { run: path.clone(), reading: self.reading.clone() });
         paths.iter().map(open).collect()
     }
 
     /// Scene, camera and images, checked.
     fn place(&self, scene: &Path, camera: &Path, run: &Run) -> Result<Place, ReplayError> {
         let file = open_scene(scene).map_err(|e| file_error(scene, "a splat file", &e.to_string()))?;
-        let arguments = RunArguments { run: self.runs[0].clone(), pose_topic: self.pose_topic.clone() };
+        let arguments = RunArguments { run: self.runs[0].clone(), reading: self.reading.clone() };
         let images = open_images(&arguments, run, self.image_topic.as_deref(), self.images)?;
         let camera = open_camera(camera, images.info.as_ref())?;
         let photographs = photographs(&images.images, &camera)?;

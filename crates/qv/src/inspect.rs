@@ -81,6 +81,7 @@ fn channels(run: &Run) -> Vec<Row> {
 fn robot_name(run: &Run) -> &str {
     match &run.robot {
         Robot::Named(name) => name,
+        Robot::Urdf(text) if qv_sim::mjcf::is_mjcf(text) => "MJCF",
         Robot::Urdf(_) => "URDF",
     }
 }

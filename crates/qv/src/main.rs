@@ -19,6 +19,7 @@ mod render;
 mod replay;
 mod report;
 mod rgbd;
+mod robots;
 mod scene;
 mod tune;
 mod video;
@@ -44,6 +45,9 @@ enum Command {
     /// What is in a recording: streams, rates, what was measured and what derived, gaps and faults
     #[command(after_help = inspect::EXAMPLE)]
     Inspect(inspect::Inspect),
+    /// The robots whose messages are known, with their topics
+    #[command(after_help = robots::EXAMPLE)]
+    Robots(robots::Robots),
     /// Replays a recording in the simulator and tells how far the two are apart, joint by joint
     #[command(after_help = replay::EXAMPLE)]
     Replay(replay::Replay),
@@ -81,9 +85,22 @@ enum Command {
 struct RunArguments {
     /// A bag (.mcap file, or the directory of a split bag), or a table (run.csv, or its directory)
     run: PathBuf,
-    /// Topic of the base pose; default /Odometry, else whichever topic carries poses
+    #[command(flatten)]
+    reading: Reading,
+}
+
+/// How a recording is read, the same for every command.
+#[derive(Args, Clone, Default)]
+struct Reading {
+    /// Topic of the base pose; default that of the robot (`qv robots`), else whichever topic carries poses
     #[arg(long, value_name = "TOPIC")]
     pose_topic: Option<String>,
+    /// A robot of `qv robots`, a robot file (.toml), or a URDF or MJCF file; default: what the recording says
+    #[arg(long, value_name = "NAME|FILE")]
+    robot: Option<String>,
+    /// First part of the topics of the robot that is read, where a recording has several
+    #[arg(long, value_name = "/NAME")]
+    namespace: Option<String>,
 }
 
 /// Why a command failed, in words for whoever typed it.
@@ -109,6 +126,7 @@ fn say(text: &str) -> Result<(), ReplayError> {
 fn main() -> ExitCode {
     let result: Result<Outcome, Failure> = match Cli::parse().command {
         Command::Inspect(command) => command.execute().map_err(Failure::from),
+        Command::Robots(command) => command.execute().map_err(Failure::from),
         Command::Replay(command) => command.execute().map_err(Failure::from),
         Command::Diagnose(command) => command.execute().map_err(Failure::from),
         Command::Contact(command) => command.execute().map_err(Failure::from),

@@ -6,9 +6,11 @@ use indicatif::{ProgressBar, ProgressStyle};
 use qv_mesh::files::glb;
 use qv_replay::mapping::Mapping;
 use qv_replay::replay::{expand, parameters_from_toml};
+use qv_replay::robots::{self, ModelSource, RobotFile};
 use qv_replay::run::{Base, Loss, Robot};
 use qv_replay::{BagFile, ReplayError, Run};
-use qv_sim::{BaseKind, Batch, Model, ModelOptions, SimOptions, Terrain};
+use qv_sim::mjcf::is_mjcf;
+use qv_sim::{BaseKind, Batch, Model, ModelOptions, SimError, SimOptions, Terrain};
 use std::fs::{self, File};
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -55,7 +57,14 @@ fn open_bag(paths: &[PathBuf], arguments: &RunArguments) -> Result<Run, ReplayEr
         let file = File::open(path).map_err(|e| file_error(path, "a readable file", &e.to_string()))?;
         files.push(BagFile { name: path.display().to_string(), source: Box::new(bar.wrap_read(file)) });
     }
-    let run = qv_replay::read_bag(files, &qv_go2::wire::mapping(arguments.pose_topic.as_deref()));
+    let reading = &arguments.reading;
+    let mappings = match reading.robot.as_deref().map(robot_file).transpose()?.flatten() {
+        Some(robot) => vec![robot.file.mapping],
+        None => robots::told_by_messages(),
+    };
+    let pose = reading.pose_topic.as_deref();
+    let mappings: Vec<Mapping> = mappings.into_iter().map(|m| m.with_pose_topic(pose)).collect();
+    let run = qv_replay::read_bag_of(files, &mappings, reading.namespace.as_deref());
     bar.finish_and_clear();
     run
 }
@@ -171,44 +180,100 @@ fn numbered(path: &Path) -> (String, Option<u64>) {
     (head.to_owned(), stem[head.len()..].parse().ok())
 }
 
-/// The mapping of a robot known by name.
-pub fn mapping_of(robot: &str) -> Option<Mapping> {
-    (robot == "go2").then(|| qv_go2::wire::mapping(None))
+/// The mapping of a built-in robot whose joints are known.
+fn mapping_of(robot: &str) -> Option<Mapping> {
+    robots::built_in(robot).map(|robot| robot.mapping).filter(|m| !m.joint_names.is_empty())
 }
+
+/// A robot file and the folder that its files lie in.
+struct FoundRobot {
+    file: RobotFile,
+    folder: PathBuf,
+}
+
+/// The robot file that a name stands for: a built-in one, or a `.toml`; `None` for what else a robot may be.
+fn robot_file(name: &str) -> Result<Option<FoundRobot>, ReplayError> {
+    if let Some(file) = robots::built_in(name) {
+        return Ok(Some(FoundRobot { file, folder: PathBuf::new() }));
+    }
+    let path = Path::new(name);
+    if path.extension().is_none_or(|e| e != "toml") {
+        return Ok(None);
+    }
+    let text = fs::read_to_string(path).map_err(|e| file_error(path, "a robot file", &e.to_string()))?;
+    let folder = path.parent().unwrap_or(Path::new("")).to_path_buf();
+    let beside = |file: &str| fs::read_to_string(folder.join(file)).map_err(|e| e.to_string());
+    let file = robots::parse(name, &text, &beside)?;
+    Ok(Some(FoundRobot { file, folder }))
+}
+
+/// The text of a robot's model.
+struct ModelText {
+    /// Its file, or what stands for it in messages.
+    name: String,
+    text: String,
+    /// Whether the program has it, so that all of the robot is known.
+    is_built_in: bool,
+    told: Option<String>,
+}
+
+/// The model that `robot` names, else that of the recording.
+fn model_text(run: &Run, path: &Path, robot: Option<&str>) -> Result<ModelText, ReplayError> {
+    let recorded = |text: &String| {
+        // A recording that carries its robot has it beside it, if anywhere, and its meshes.
+        let file = own_urdf(path).unwrap_or_else(|| path.with_file_name("robot.urdf"));
+        ModelText { name: file.display().to_string(), text: text.clone(), is_built_in: false, told: None }
+    };
+    let read = |file: &Path| {
+        let (text, told) = read_urdf(file, "a robot of `qv robots`, a robot file, or a URDF or MJCF file")?;
+        Ok(ModelText { name: file.display().to_string(), text, is_built_in: false, told })
+    };
+    let found = match (robot, &run.robot) {
+        (None, Robot::Urdf(text)) => return Ok(recorded(text)),
+        (Some(name), _) => match robot_file(name)? {
+            Some(found) => found,
+            None => return read(Path::new(name)),
+        },
+        (None, Robot::Named(name)) => robot_file(name)?.ok_or_else(|| {
+            let known: Vec<&str> = robots::names().collect();
+            let expected = format!("a robot known by name ({})", known.join(", "));
+            ReplayError::Run { what: "robot".into(), expected, found: name.clone() }
+        })?,
+    };
+    let name = &found.file.mapping.robot;
+    match (&found.file.model, &run.robot) {
+        (ModelSource::File(file), _) => read(&found.folder.join(file)),
+        (ModelSource::BuiltIn, _) if name == GO2 => {
+            Ok(ModelText { name: name.clone(), text: qv_go2::model::urdf(), is_built_in: true, told: None })
+        }
+        (_, Robot::Urdf(text)) => Ok(recorded(text)),
+        _ => Err(ReplayError::Run {
+            what: format!("model of `{name}`"),
+            expected: format!(
+                "`--robot FILE` with its URDF or MJCF, or with a robot file that has `like = \"{name}\"`, a `name` and `urdf = \"FILE\"`"
+            ),
+            found: "none: it is not built in".into(),
+        }),
+    }
+}
+
+/// The robot whose model is built in.
+const GO2: &str = "go2";
 
 /// The model to replay `run` (read from `path`) with: that of `robot` when it is given, else the recording's own. Meshes
 /// are looked for beside the URDF; what cannot be read is in `Model::left_out`.
 ///
 /// # Errors
-/// When the name is unknown, the file cannot be read, or it holds no good URDF.
+/// When the name is unknown, the file cannot be read, or it holds no good URDF or MJCF.
 pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, ReplayError> {
-    let known = |name: &str| (name == "go2").then(qv_go2::model::urdf);
-    let mut told = Vec::new();
-    let (name, urdf) = match (robot, &run.robot) {
-        (Some(name), _) => {
-            let read = || {
-                let (text, note) = read_urdf(Path::new(name), "go2, or a URDF file")?;
-                told.extend(note);
-                Ok(text)
-            };
-            (name.to_string(), known(name).map_or_else(read, Ok)?)
-        }
-        (None, Robot::Urdf(text)) => {
-            let file = own_urdf(path).unwrap_or_else(|| PathBuf::from("robot.urdf"));
-            (file.display().to_string(), text.clone())
-        }
-        (None, Robot::Named(name)) => {
-            let expected = "a robot known by name (go2)".to_string();
-            let unknown = || ReplayError::Run { what: "robot".into(), expected, found: name.clone() };
-            (name.clone(), known(name).ok_or_else(unknown)?)
-        }
-    };
+    let ModelText { name, text: urdf, is_built_in, told } = model_text(run, path, robot)?;
+    let mut told: Vec<String> = told.into_iter().collect();
     let base = match run.base {
         Base::Free => BaseKind::Floating,
         Base::Fixed => BaseKind::Fixed,
     };
     // URDF has no tag for rotor inertia: a named robot's is known, any other's comes with the recording.
-    let armature = if name == "go2" { qv_go2::model::ARMATURE } else { 0.0 };
+    let armature = if is_built_in { qv_go2::model::ARMATURE } else { 0.0 };
     // Meshes lie where the URDF does, wherever the recording is.
     let beside = Path::new(&name).parent().unwrap_or(Path::new(""));
     let beside = if beside.as_os_str().is_empty() { Path::new(".") } else { beside };
@@ -216,10 +281,10 @@ pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, Re
     let meshes = |mesh: &str| vertices(&beside, mesh);
     let read = |held: &[(String, f64)]| {
         let options = ModelOptions { base, armature, mesh_vertices: Some(&meshes), held };
-        Model::from_urdf(&urdf, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))
+        read_model(&urdf, &beside, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))
     };
     let mut model = read(&[])?;
-    let held = if known(&name).is_none() { qv_replay::limits::held(run, &model) } else { Vec::new() };
+    let held = if !is_built_in { qv_replay::limits::held(run, &model) } else { Vec::new() };
     if !held.is_empty() {
         model = read(&held)?;
         let one = |(name, position): &(String, f64)| format!("{name} at {position:.3}");
@@ -229,14 +294,40 @@ pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, Re
     model.told.splice(0..0, told);
     qv_replay::imu::in_trunk_axes(&mut model);
     // What a robot that is built in can do is known; files often state less than their robots do.
-    if known(&name).is_none() {
+    if !is_built_in {
         let lifted = qv_replay::limits::lift(run, &mut model);
         model.told.extend(lifted);
     }
     Ok(model)
 }
 
-/// The text of a URDF, and a sentence where some of it is not in its encoding.
+/// The model of a URDF or an MJCF; the latter's <include>s are looked for in `beside`.
+///
+/// # Errors
+/// What is wrong with the text.
+pub fn read_model(text: &str, beside: &Path, options: &ModelOptions) -> Result<Model, SimError> {
+    if !is_mjcf(text) {
+        return Model::from_urdf(text, options);
+    }
+    let include = |name: &str| {
+        let bytes = fs::read(beside.join(name)).map_err(|e| e.to_string())?;
+        qv_sim::urdf::decode(&bytes).map(|(text, _)| text).map_err(|e| e.to_string())
+    };
+    Model::from_mjcf(text, options, &include)
+}
+
+/// Turns the channels of an IMU that the site of an MJCF says is mounted at an angle: a table alone cannot, as the site may be
+/// in an included file.
+fn turn_imu(run: &mut Run, text: &str, beside: &Path) {
+    // What is wrong with a robot is said where it is used.
+    let model = read_model(text, beside, &ModelOptions::default()).ok();
+    if let Some(rotation) = model.as_ref().and_then(qv_replay::imu::mount_of).filter(|_| run.base == Base::Free) {
+        let told = qv_replay::imu::to_trunk(run, rotation, false);
+        run.told.extend(told);
+    }
+}
+
+/// The text of a URDF or MJCF, and a sentence where some of it is not in its encoding.
 fn read_urdf(path: &Path, expected: &str) -> Result<(String, Option<String>), ReplayError> {
     let bytes = fs::read(path).map_err(|e| file_error(path, expected, &e.to_string()))?;
     qv_sim::urdf::decode(&bytes).map_err(|e| file_error(path, "a robot", &e.to_string()))
@@ -259,13 +350,8 @@ fn own_urdf(path: &Path) -> Option<PathBuf> {
 }
 
 /// The text of the URDF that [`model_of`] reads; `None` when it cannot be read.
-pub fn urdf_of(run: &Run, robot: Option<&str>) -> Option<String> {
-    match (robot, &run.robot) {
-        (Some("go2"), _) => Some(qv_go2::model::urdf()),
-        (Some(file), _) => read_urdf(Path::new(file), "a URDF file").ok().map(|(text, _)| text),
-        (None, Robot::Urdf(text)) => Some(text.clone()),
-        (None, Robot::Named(name)) => (name == "go2").then(qv_go2::model::urdf),
-    }
+pub fn urdf_of(run: &Run, path: &Path, robot: Option<&str>) -> Option<String> {
+    model_text(run, path, robot).ok().map(|found| found.text)
 }
 
 /// The ground that `--terrain` names.
@@ -369,7 +455,7 @@ fn open_table(csv: &Path) -> Result<Run, ReplayError> {
         Some(_) => None,
         None => {
             let path = directory.join(&robot);
-            let expected = "a robot known by name (go2), or a URDF file";
+            let expected = "a robot known by name (go2), or a URDF or MJCF file";
             let (text, note) = read_urdf(&path, expected)?;
             told.extend(note);
             Some(text)
@@ -382,6 +468,11 @@ fn open_table(csv: &Path) -> Result<Run, ReplayError> {
     bar.finish_and_clear();
     let mut run = run?;
     run.told.extend(told);
+    if let Some(text) = urdf.filter(|text| is_mjcf(text))
+        && !qv_replay::states_imu(&toml_text)?
+    {
+        turn_imu(&mut run, &text, directory.join(&robot).parent().unwrap_or(directory));
+    }
     Ok(run)
 }
 

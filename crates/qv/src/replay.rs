@@ -25,9 +25,6 @@ pub const EXAMPLE: &str = "Example:\n  qv replay walk.mcap --out out/walk\n  qv 
 pub struct Replay {
     #[command(flatten)]
     run: RunArguments,
-    /// go2, or a URDF file; default: what the recording says
-    #[arg(long, value_name = "go2|URDF")]
-    robot: Option<String>,
     /// plane, or a mesh with a material per label, z up, in the frame of the poses
     #[arg(long, default_value = "plane", value_name = "plane|FILE.glb")]
     terrain: String,
@@ -48,7 +45,7 @@ pub struct Replay {
 impl Replay {
     pub fn execute(&self) -> Result<Outcome, ReplayError> {
         let run = open_run(&self.run)?;
-        let model = model_of(&run, &self.run.run, self.robot.as_deref())?;
+        let model = model_of(&run, &self.run.run, self.run.reading.robot.as_deref())?;
         let terrain = terrain_of(&self.terrain)?;
         check_ground(&run, &terrain)?;
         let options = ReplayOptions {

@@ -44,7 +44,8 @@ pub struct Recorded<'a> {
     pub joints: &'a [String],
     /// Times, joints, base, and the force on each foot. The times of the first robot are those of all.
     pub trace: &'a Trace,
-    /// Joint targets \[rad\], `[T, n]`: `/<name>/joint_targets`, a `JointState`.
+    /// Joint targets \[rad\], `[T, n]`, each in force until its time: `/<name>/joint_targets`, a `JointState` with the stamp of the
+    /// time before, from which on it holds.
     pub targets: &'a [f64],
     /// Commanded velocity: forwards, to the left \[m/s\], turning \[rad/s\], `[T]`: `/<name>/cmd_vel`, a `Twist`.
     pub commands: &'a [[f64; 3]],
@@ -142,6 +143,14 @@ fn write(robots: &[Recorded], epoch: u64, out: impl Write + Seek) -> Result<(), 
         let header = MessageHeader { channel_id: channel, sequence, log_time: stamp, publish_time: stamp };
         writer.write_to_known_channel(&header, &data)
     };
+    if let (Some(&first), Some(&second)) = (times.first(), times.get(1)) {
+        let stamp = stamp_of(first - (second - first));
+        for (robot, channels) in robots.iter().zip(&channels) {
+            if let Some((channel, data)) = targets(robot, channels, stamp, 0) {
+                put(&mut writer, channel, stamp, data)?;
+            }
+        }
+    }
     if let (Some(urdf), Some(&t)) = (robots.iter().find_map(|r| r.urdf), times.first()) {
         let schema = writer.add_schema("std_msgs/msg/String", "ros2msg", b"string data\n")?;
         let channel = writer.add_channel(schema, "/robot_description", "cdr", &none)?;
@@ -173,9 +182,7 @@ fn messages(robot: &Recorded, channels: &Channels, stamp: u64, i: usize) -> Vec<
     if let Some(base) = finite(trace.base.get(i)) {
         out.push((channels.pose, pose_bytes(stamp, base)));
     }
-    if let Some(channel) = channels.targets {
-        out.push((channel, joint_state_bytes(stamp, robot.joints, [row(robot.targets, i, n), &[], &[]])));
-    }
+    out.extend(targets(robot, channels, stamp, i + 1));
     if let Some(channel) = channels.feet {
         let forces = row(&trace.foot_force, i, robot.feet.len());
         out.push((channel, joint_state_bytes(stamp, robot.feet, [&[], &[], forces])));
@@ -188,6 +195,13 @@ fn messages(robot: &Recorded, channels: &Channels, stamp: u64, i: usize) -> Vec<
         out.push((channel, w.finish()));
     }
     out
+}
+
+/// The targets of row `i`, where there is one.
+fn targets(robot: &Recorded, channels: &Channels, stamp: u64, i: usize) -> Option<(u16, Vec<u8>)> {
+    let row = row(robot.targets, i, robot.trace.joints);
+    let data = || joint_state_bytes(stamp, robot.joints, [row, &[], &[]]);
+    channels.targets.filter(|_| !row.is_empty()).map(|channel| (channel, data()))
 }
 
 /// Parent, child and pose of each frame of a robot at one instant.

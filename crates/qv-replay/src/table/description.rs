@@ -55,12 +55,20 @@ const OF_ACTUATORS: [&str; 4] = ["kind", "kp", "kd", "tau_max"];
 const OF_JOINTS: [&str; 7] =
     ["armature", "coulomb_friction", "viscous_friction", "position_offset", "kp", "kd", "tau_max"];
 
-/// The name that `run.toml` gives for the robot: a name such as `go2`, or a file name ending in `.urdf`.
+/// The name that `run.toml` gives for the robot: a name such as `go2`, or the file of a URDF or MJCF.
 ///
 /// # Errors
 /// When the text is not TOML of the stated form.
 pub fn robot_of(toml_text: &str) -> Result<String, ReplayError> {
     Ok(parse_description(toml_text)?.robot)
+}
+
+/// Whether `run.toml` says how the IMU is mounted.
+///
+/// # Errors
+/// When the text is not TOML of the stated form.
+pub fn states_imu(toml_text: &str) -> Result<bool, ReplayError> {
+    Ok(parse_description(toml_text)?.imu_rotation().is_some())
 }
 
 impl Each {

@@ -17,10 +17,11 @@ use qv_sim::{Model, ModelOptions};
 use std::collections::BTreeMap;
 use std::io::Read;
 
-pub use description::robot_of;
+pub use description::{robot_of, states_imu};
 
 /// Reads a tidy table. `toml_text` is `run.toml`; `urdf` the text of the URDF that it names; `mapping` that of the
-/// robot that it names, for the order and limits of its joints. Blank cells are "not measured".
+/// robot that it names, for the order and limits of its joints. Blank cells are "not measured". The text may be an MJCF's; how an
+/// IMU is mounted is read from a URDF alone then, and left to the caller ([`states_imu`], [`imu::to_trunk`]).
 ///
 /// Separators (`,` `;` tab `|`), decimal commas and the unit of time are found by looking, and told.
 ///

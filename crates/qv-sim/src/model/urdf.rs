@@ -37,10 +37,17 @@ impl Model {
     /// finite, an unknown parent or child, two parents, a loop, several roots, a joint type that has not one degree of
     /// freedom; and what [`urdf::Robot::parse`] refuses.
     pub fn from_urdf(xml: &str, options: &ModelOptions) -> Result<Self, SimError> {
-        let robot = urdf::Robot::parse(xml)?;
-        let tree = Tree::new(&robot)?;
+        Self::from_robot(&urdf::Robot::parse(xml)?, options)
+    }
+
+    /// The model of a robot that was read from a file of any kind.
+    ///
+    /// # Errors
+    /// As [`Model::from_urdf`].
+    pub(crate) fn from_robot(robot: &urdf::Robot, options: &ModelOptions) -> Result<Self, SimError> {
+        let tree = Tree::new(robot)?;
         let model = Model { told: robot.told.clone(), ..empty(&robot.name, options.base) };
-        let mut builder = Builder { robot: &robot, tree: &tree, options, model, impossible: Vec::new() };
+        let mut builder = Builder { robot, tree: &tree, options, model, impossible: Vec::new() };
         builder.root()?;
         builder.judge()?;
         let mut model = builder.model;
@@ -237,12 +244,12 @@ impl Builder<'_> {
     /// Crosses a joint: a fixed one keeps the carrier, any other makes a new moving link.
     fn follow(&mut self, joint: usize, carrier: Option<usize>, carrier_from_link: &Pose) -> Result<Visit, SimError> {
         let urdf = &self.robot.joints[joint];
-        let Origin { xyz, rpy } = urdf.origin;
-        if xyz.iter().chain(&rpy).any(|x| !x.is_finite()) {
+        let parent_from_joint = urdf.origin.pose().ok_or_else(|| {
+            let Origin { xyz, rpy, .. } = urdf.origin;
             let found = format!("xyz {xyz:?} rpy {rpy:?} (line {})", urdf.line);
-            return Err(joint_error(&urdf.name, "a finite origin", found));
-        }
-        let carrier_from_joint = *carrier_from_link * Pose::from_xyz_rpy(xyz, rpy);
+            joint_error(&urdf.name, "a finite origin", found)
+        })?;
+        let carrier_from_joint = *carrier_from_link * parent_from_joint;
         let urdf_link = self.tree.child_link[joint];
         // The joint of a free base holds it where the base is held.
         let holds = urdf.kind == JointType::Floating && carrier.is_none();
@@ -282,7 +289,11 @@ impl Builder<'_> {
         let whole = MassProperties { mass: link.mass, com: link.com, inertia: link.inertia }.welded(&own);
         (link.mass, link.com, link.inertia) = (whole.mass, whole.com, whole.inertia);
         for (k, collision) in urdf.collisions.iter().enumerate() {
-            let name = if urdf.collisions.len() == 1 { urdf.name.clone() } else { format!("{}.{k}", urdf.name) };
+            let name = match &collision.name {
+                Some(name) => name.clone(),
+                None if urdf.collisions.len() == 1 => urdf.name.clone(),
+                None => format!("{}.{k}", urdf.name),
+            };
             let link_from_geom = visit.carrier_from_link * origin_pose(urdf, &collision.origin, collision.line)?;
             match self.read_shape(collision) {
                 Ok(shape) => self.model.geoms.push(Geom { name, link: carrier, link_from_geom, shape }),
@@ -300,6 +311,7 @@ impl Builder<'_> {
             Geometry::Box(size) => size,
             Geometry::Cylinder { radius, length } | Geometry::Capsule { radius, length } => &[*radius, *length],
             Geometry::Mesh { scale, .. } if scale.iter().all(|s| s.is_finite()) => &[],
+            Geometry::Points(_) => &[],
             Geometry::Mesh { scale, .. } => scale,
         };
         if !sizes.iter().all(|v| v.is_finite() && *v > 0.0) {
@@ -311,18 +323,17 @@ impl Builder<'_> {
             Geometry::Cylinder { radius, length } => Shape::Cylinder { radius: *radius, half_length: length * 0.5 },
             Geometry::Capsule { radius, length } => Shape::Capsule { radius: *radius, half_length: length * 0.5 },
             Geometry::Mesh { filename, scale } => return self.read_mesh(filename, DVec3::from_array(*scale)),
+            Geometry::Points(points) => {
+                let points: Vec<DVec3> = points.iter().copied().map(DVec3::from_array).collect();
+                return hull(&points).map(Shape::Hull).map_err(|e| format!("its points have {e}"));
+            }
         })
     }
 
     fn read_mesh(&self, filename: &str, scale: DVec3) -> Result<Shape, String> {
         let read = self.options.mesh_vertices.ok_or_else(|| format!("no reader for mesh `{filename}`"))?;
         let vertices: Vec<DVec3> = read(filename)?.into_iter().map(|v| v * scale).collect();
-        if vertices.len() < 4 || vertices.iter().any(|v| !v.is_finite()) {
-            return Err(format!("mesh `{filename}` has no four finite vertices"));
-        }
-        let (hull, _) = parry3d_f64::transformation::try_convex_hull(&vertices)
-            .map_err(|e| format!("mesh `{filename}` has no convex hull: {e}"))?;
-        Ok(Shape::Hull(hull))
+        hull(&vertices).map(Shape::Hull).map_err(|e| format!("mesh `{filename}` has {e}"))
     }
 
     /// Looks at the mass and inertia of every moving link, as merged.
@@ -333,7 +344,8 @@ impl Builder<'_> {
             let members: Vec<&LinkElement> = own.map(|(urdf_link, _)| &robot.links[*urdf_link]).collect();
             let link = &mut self.model.links[l];
             let line = robot.links.iter().find(|u| u.name == link.name).map_or(0, |u| u.line);
-            if link.mass <= 0.0 {
+            let is_between_joints = || robot.links.iter().any(|u| u.is_between_joints && u.name == link.name);
+            if link.mass <= 0.0 && !is_between_joints() {
                 let expected = "an inertial with a positive mass, on it or on a link fixed to it";
                 return Err(link_error(&link.name, expected, format!("none (line {line})")));
             }
@@ -354,6 +366,15 @@ impl Builder<'_> {
         }
         Ok(())
     }
+}
+
+/// Corners of the convex hull; the error says what the points lack.
+fn hull(points: &[DVec3]) -> Result<Vec<DVec3>, String> {
+    if points.len() < 4 || points.iter().any(|v| !v.is_finite()) {
+        return Err("no four finite vertices".into());
+    }
+    let (hull, _) = parry3d_f64::transformation::try_convex_hull(points).map_err(|e| format!("no convex hull: {e}"))?;
+    Ok(hull)
 }
 
 /// What is told of links whose inertias no body can have.
@@ -378,11 +399,9 @@ fn new_link(name: &str, parent: Option<usize>, joint: Option<usize>, parent_from
 }
 
 fn origin_pose(link: &LinkElement, origin: &Origin, line: usize) -> Result<Pose, SimError> {
-    let Origin { xyz, rpy } = *origin;
-    if xyz.iter().chain(&rpy).any(|x| !x.is_finite()) {
-        return Err(link_error(&link.name, "finite origins", format!("xyz {xyz:?} rpy {rpy:?} (line {line})")));
-    }
-    Ok(Pose::from_xyz_rpy(xyz, rpy))
+    let Origin { xyz, rpy, .. } = *origin;
+    let wrong = || link_error(&link.name, "finite origins", format!("xyz {xyz:?} rpy {rpy:?} (line {line})"));
+    origin.pose().ok_or_else(wrong)
 }
 
 fn matrix([xx, xy, xz, yy, yz, zz]: &[f64; 6]) -> DMat3 {
@@ -454,7 +473,7 @@ fn read_joint(urdf: &JointElement, link: usize, armature: f64, told: &mut Vec<St
         upper,
         effort: stated(limit.effort),
         velocity: stated(limit.velocity),
-        armature,
+        armature: urdf.armature.unwrap_or(armature),
         viscous_friction: viscous,
         coulomb_friction: coulomb,
     })

@@ -1,7 +1,7 @@
 //! What a file is that is no URDF.
 
 /// What a file is whose root element has this name.
-pub(super) fn of_root(name: &str) -> String {
+pub(crate) fn of_root(name: &str) -> String {
     let what = match name.to_ascii_lowercase().as_str() {
         "sdf" | "gazebo" => "SDF (Gazebo's format)",
         "mujoco" | "mujocoinclude" => "MJCF (MuJoCo's format)",
@@ -16,7 +16,7 @@ pub(super) fn of_root(name: &str) -> String {
 }
 
 /// What a text is that is no XML, as far as its beginning tells; `reason` is what the parser said.
-pub(super) fn of_text(xml: &str, reason: &str) -> String {
+pub(crate) fn of_text(xml: &str, reason: &str) -> String {
     let start = xml.trim_start();
     let begins = |with: &str| start.get(..with.len()).is_some_and(|s| s.eq_ignore_ascii_case(with));
     if start.is_empty() {

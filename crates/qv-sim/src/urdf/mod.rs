@@ -7,13 +7,14 @@
 //! Elements and attributes: <https://wiki.ros.org/urdf/XML>. `quat_xyzw` is read from version 1.1 on; from version 1.2 on, a
 //! limit that is absent is none.
 
-mod kinds;
-mod read;
+pub(crate) mod kinds;
+pub(crate) mod read;
 mod text;
 
 pub use text::decode;
 
 use crate::SimError;
+use qv_core::Pose;
 
 /// A robot as its URDF states it, before anything is merged or judged.
 #[derive(Debug, Clone, Default)]
@@ -39,6 +40,8 @@ pub struct LinkElement {
     pub inertial: Option<Inertial>,
     /// Shapes for contact.
     pub collisions: Vec<Collision>,
+    /// Whether it stands between two joints of one body, and needs no mass. No URDF says so.
+    pub is_between_joints: bool,
 }
 
 /// An `<inertial>`.
@@ -62,6 +65,26 @@ pub struct Origin {
     pub xyz: [f64; 3],
     /// Roll, pitch, yaw \[rad\], about fixed axes.
     pub rpy: [f64; 3],
+    /// The rotation as a quaternion w, x, y, z in place of `rpy`: other kinds of files state it so, and angles would round it.
+    pub wxyz: Option<[f64; 4]>,
+}
+
+impl Origin {
+    /// As a transform; `None` where a number is not finite, or a quaternion is zero.
+    pub fn pose(&self) -> Option<Pose> {
+        match self.wxyz {
+            Some(wxyz) => Pose::from_position_wxyz(self.xyz, wxyz),
+            None => {
+                self.xyz.iter().chain(&self.rpy).all(|x| x.is_finite()).then(|| Pose::from_xyz_rpy(self.xyz, self.rpy))
+            }
+        }
+    }
+}
+
+impl From<Pose> for Origin {
+    fn from(pose: Pose) -> Self {
+        Self { xyz: pose.position.to_array(), rpy: [0.0; 3], wxyz: Some(pose.wxyz()) }
+    }
 }
 
 /// A `<collision>`.
@@ -69,6 +92,8 @@ pub struct Origin {
 pub struct Collision {
     /// Line of the file, counted from 1.
     pub line: usize,
+    /// Its own name; `None` where it is named after its link.
+    pub name: Option<String>,
     /// Frame of the shape in the link's frame.
     pub origin: Origin,
     /// The shape, or why there is none that can be used.
@@ -103,6 +128,8 @@ pub enum Geometry {
         /// Factors along x, y, z.
         scale: [f64; 3],
     },
+    /// The convex hull of these points.
+    Points(Vec<[f64; 3]>),
 }
 
 /// A `<joint>`.
@@ -126,6 +153,8 @@ pub struct JointElement {
     pub limit: Limit,
     /// Damping \[N m s/rad\] and friction \[N m\], where they are stated.
     pub dynamics: Option<Dynamics>,
+    /// Rotor inertia \[kg m²\]; `None` where the file cannot say, as in a URDF.
+    pub armature: Option<f64>,
     /// Whether the joint follows another one.
     pub mimics: bool,
 }

@@ -63,14 +63,14 @@ fn version(attribute: Option<&str>) -> (u32, u32) {
 }
 
 /// Where lines begin.
-struct Lines(Vec<usize>);
+pub(crate) struct Lines(Vec<usize>);
 
 impl Lines {
-    fn new(text: &str) -> Self {
+    pub(crate) fn new(text: &str) -> Self {
         Self(std::iter::once(0).chain(text.match_indices('\n').map(|(at, _)| at + 1)).collect())
     }
 
-    fn of(&self, node: Node) -> usize {
+    pub(crate) fn of(&self, node: Node) -> usize {
         self.0.partition_point(|&start| start <= node.range().start)
     }
 }
@@ -117,9 +117,9 @@ impl Reader {
         for collision in node.children().filter(|n| n.has_tag_name("collision")) {
             let line = self.lines.of(collision);
             let origin = self.origin(owner, collision)?;
-            collisions.push(Collision { line, origin, geometry: self.geometry(owner, collision)? });
+            collisions.push(Collision { line, name: None, origin, geometry: self.geometry(owner, collision)? });
         }
-        Ok(LinkElement { name, line, inertial, collisions })
+        Ok(LinkElement { name, line, inertial, collisions, is_between_joints: false })
     }
 
     fn inertial(&mut self, owner: Owner, node: Node) -> Result<Inertial, SimError> {
@@ -196,7 +196,7 @@ impl Reader {
         };
         let (origin, limit) = (self.origin(owner, node)?, self.limit(owner, node, kind)?);
         let mimics = node.children().any(|n| n.has_tag_name("mimic"));
-        Ok(JointElement { line, kind, origin, parent, child, axis, limit, dynamics, mimics, name })
+        Ok(JointElement { line, kind, origin, parent, child, axis, limit, dynamics, armature: None, mimics, name })
     }
 
     fn limit(&mut self, owner: Owner, joint: Node, kind: JointType) -> Result<Limit, SimError> {
@@ -224,9 +224,9 @@ impl Reader {
         };
         let xyz = vector("xyz")?;
         if self.version >= (1, 1) && origin.attribute("quat_xyzw").is_some() && origin.attribute("rpy").is_none() {
-            return Ok(Origin { xyz, rpy: rpy_of(self.numbers(owner, origin, "quat_xyzw")?) });
+            return Ok(Origin { xyz, rpy: rpy_of(self.numbers(owner, origin, "quat_xyzw")?), wxyz: None });
         }
-        Ok(Origin { xyz, rpy: vector("rpy")? })
+        Ok(Origin { xyz, rpy: vector("rpy")?, wxyz: None })
     }
 
     /// The child of that name. A second one that says something else is an error: which of the two holds, no reader can know.

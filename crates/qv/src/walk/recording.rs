@@ -164,6 +164,25 @@ mod tests {
         }
     }
 
+    /// `qv inspect` and `qv replay` open it as any robot's, with targets from where they hold.
+    #[test]
+    fn what_is_written_is_a_run() {
+        let (played, urdf) = (made_up(100), qv_go2::model::urdf_with_shapes());
+        let bytes = recording(&played, &urdf).unwrap();
+        let file = qv_replay::BagFile { name: "replay.mcap".into(), source: &bytes[..] };
+        let run = qv_replay::read_bag_of([file], &qv_replay::robots::told_by_messages(), None).unwrap();
+        assert_eq!(run.robot, qv_replay::run::Robot::Urdf(urdf));
+        assert_eq!((run.joint_names.clone(), run.base), (played.joints.clone(), qv_replay::run::Base::Free));
+        let (position, target) = (run.measured.position.unwrap(), run.commands.position.unwrap());
+        assert_eq!((position.len(), target.len(), run.measured.base_pose.unwrap().len()), (100, 100, 100));
+        for k in [0, 42, 99] {
+            assert_eq!(position.row(k), wide(&[played.q[k][7..].to_vec()]), "sample {k}");
+            assert_eq!(target.row(k), wide(&[played.targets[k].clone()]), "sample {k}");
+            assert!((position.time[k] - target.time[k] - 0.02).abs() < 1e-9, "a target holds until its sample");
+        }
+        assert!(run.told.iter().any(|t| t.contains("the torques do not tell them")), "{:?}", run.told);
+    }
+
     #[test]
     fn another_robots_urdf_is_told() {
         let mut played = made_up(3);

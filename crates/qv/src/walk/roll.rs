@@ -1,7 +1,7 @@
 //! `qv walk roll`: somebody else's policy in our simulator.
 
 use super::inputs::command;
-use crate::open::{file_error, terrain_of, write_error};
+use crate::open::{file_error, read_model, terrain_of, write_error};
 use crate::whole::write_whole;
 use crate::{Failure, Outcome, say};
 use qv_policy::onnx::OnnxPolicy;
@@ -17,8 +17,8 @@ pub struct Roll {
     /// What it sees and what its actions mean: rate, gains, joints, stand, terms of the observation (docs/walking.md)
     #[arg(long, value_name = "FILE.toml")]
     description: PathBuf,
-    /// go2, or a URDF file
-    #[arg(long, default_value = "go2", value_name = "go2|URDF")]
+    /// go2, or a URDF or MJCF file
+    #[arg(long, default_value = "go2", value_name = "go2|FILE")]
     robot: String,
     /// plane, or a mesh
     #[arg(long, default_value = "plane", value_name = "plane|FILE.glb")]
@@ -96,10 +96,13 @@ impl Roll {
         let path = Path::new(&self.robot);
         let urdf = match self.robot.as_str() {
             "go2" => qv_go2::model::urdf(),
-            _ => fs::read_to_string(path).map_err(|e| file_error(path, "go2, or a URDF file", &e.to_string()))?,
+            _ => {
+                fs::read_to_string(path).map_err(|e| file_error(path, "go2, or a URDF or MJCF file", &e.to_string()))?
+            }
         };
         let options = ModelOptions { base: BaseKind::Floating, ..Default::default() };
-        Ok(Model::from_urdf(&urdf, &options).map_err(|e| file_error(path, "a robot", &e.to_string()))?)
+        let beside = path.parent().unwrap_or(Path::new(""));
+        Ok(read_model(&urdf, beside, &options).map_err(|e| file_error(path, "a robot", &e.to_string()))?)
     }
 }
 
