@@ -5,9 +5,10 @@ use crate::capture::{find_file, folders_of};
 use qv_splat::captures::rgbd_folders::{self, Folder, Layout};
 use qv_splat::captures::{Capture, cameras_json, colmap, json, nerfstudio, pictures, rgbd};
 use qv_splat::error_at;
-use qv_splat::files::{SplatFile, read_any};
+use qv_splat::files::{Format, SplatFile, ply, read_named};
 use std::collections::BTreeSet;
 use std::fs;
+use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
 /// Largest file of cameras that is read, bytes.
@@ -18,10 +19,35 @@ pub fn about(path: &Path, error: impl std::fmt::Display) -> Failure {
     format!("{}: {error}", path.display()).into()
 }
 
-/// Reads a scene of any format.
+/// Reads a scene of any format: a file, or the folder of a SOG. A PLY is read as it comes, so that no more than a mebibyte of it is in memory.
 pub fn open_scene(path: &Path) -> Result<SplatFile, Failure> {
-    let bytes = fs::read(path).map_err(|e| about(path, format!("expected a PLY, SPZ or GLB file, found {e}")))?;
-    read_any(&bytes).map_err(|e| about(path, e))
+    let inside = path.join("meta.json");
+    let path = if path.is_dir() && inside.is_file() { inside.as_path() } else { path };
+    let expected = "expected a scene (PLY, SPZ, GLB, glTF, .splat, .ksplat or SOG)";
+    let no_scene = |e: std::io::Error| about(path, format!("{expected}, found {e}"));
+    let mut file = fs::File::open(path).map_err(no_scene)?;
+    let length = file.metadata().map_err(no_scene)?.len();
+    let mut head = Vec::new();
+    file.by_ref().take(1 << 20).read_to_end(&mut head).map_err(no_scene)?;
+    let scene = if is_plain_ply(&head) {
+        ply::read_stream(&mut head.as_slice().chain(BufReader::new(file)), length)
+    } else {
+        file.read_to_end(&mut head).map_err(no_scene)?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        read_named(&head, &name, &mut |name| {
+            let beside = folder.join(name);
+            fs::read(&beside).map_err(|e| format!("{}: {e}", beside.display()))
+        })
+    };
+    let scene = scene.map_err(|e| about(path, e))?;
+    scene.told.iter().for_each(|what| eprintln!("qv: {}: {what}", path.display()));
+    Ok(scene)
+}
+
+/// Whether the beginning of a file is that of a PLY that can be read as it comes.
+fn is_plain_ply(head: &[u8]) -> bool {
+    head.starts_with(b"ply") && matches!(Format::of_content(head), Ok(Format::Ply) | Err(_))
 }
 
 /// Cameras as they were found.
