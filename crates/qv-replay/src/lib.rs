@@ -1,6 +1,6 @@
 //! Robot recordings become [`Run`]s; a run is replayed in the simulator; errors by joint, leg, phase and time.
 //!
-//! A recording is a ROS 2 bag ([`read_bag`]) or a tidy table ([`read_table`]). This crate opens no file: callers pass
+//! A recording is a ROS 2 bag ([`read_bag`]) or a tidy table ([`read_table`]), which those of other programs become ([`foreign`]). This crate opens no file: callers pass
 //! readers and text.
 
 mod bag;
@@ -12,6 +12,7 @@ pub mod definitions;
 pub mod derive;
 mod error;
 pub mod faults;
+pub mod foreign;
 pub mod holes;
 pub mod images;
 pub mod imu;

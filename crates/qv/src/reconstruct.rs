@@ -32,7 +32,7 @@ use words::{in_words, named};
 pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/yard\n  \
     qv reconstruct captures/yard/transforms.json --out out/yard --exposure --iterations 30000 --json\n\n\
     CAPTURE is nerfstudio's transforms.json or the folder that holds it, a COLMAP project (model and images), or a folder of\n\
-    RGB-D frames (FRAME.color.jpg, FRAME.depth.png, FRAME.pose.txt). points.ply beside it is where Gaussians begin.\n\
+    RGB-D frames (7-Scenes: FRAME.color.jpg, FRAME.depth.png, FRAME.pose.txt; TUM, Redwood, ScanNet). points.ply beside it is where Gaussians begin.\n\
     Of a video (.mp4, .mov, ...) ffmpeg takes frames and COLMAP, in a Python environment that is made once, finds their poses;\n\
     DIR/capture keeps both. Such a scene has no metres of its own: `qv mesh` takes --distance, --markers or --trajectory.\n\n\
     Writes scene.ply (3DGS), checkpoint.qvt, metrics.json, with --poses colmap, --refine-poses or --refine-lens cameras.json (for `qv mesh --cameras`),\n\

@@ -99,7 +99,7 @@ pub fn document(path: &Path) -> Result<serde_json::Value, Failure> {
 pub fn size_in(folders: &[PathBuf], image: &str) -> Result<[u32; 2], String> {
     let path = find_file(folders, image)?;
     let file = fs::File::open(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-    pictures::size(std::io::BufReader::new(file)).map_err(|e| format!("{}: {e}", path.display()))
+    pictures::size(BufReader::new(file)).map_err(|e| format!("{}: {e}", path.display()))
 }
 
 /// A directory with a COLMAP model, `transforms.json`, or frames of RGB-D.
