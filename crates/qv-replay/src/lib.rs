@@ -1,6 +1,6 @@
 //! Robot recordings become [`Run`]s; a run is replayed in the simulator; errors by joint, leg, phase and time.
 //!
-//! A recording is a ROS 2 bag ([`read_bag`]) or a tidy table ([`read_table`]). This crate opens no file: callers pass
+//! A recording is a ROS 2 bag ([`read_bag`]) or a tidy table ([`read_table`]), which those of other programs become ([`foreign`]). This crate opens no file: callers pass
 //! readers and text.
 
 mod bag;
@@ -14,6 +14,7 @@ pub mod derive;
 mod error;
 pub mod faults;
 mod gains;
+pub mod foreign;
 pub mod holes;
 pub mod images;
 pub mod imu;

@@ -1,7 +1,7 @@
 //! Captures on disk: cameras with photographs, and points to begin with.
 
 use crate::Failure;
-use crate::scene::{about, open_cameras};
+use crate::scene::{OpenCameras, about, document, find_cameras};
 use qv_splat::captures::{Capture, colmap_points};
 use qv_splat::files::{Points, points};
 use std::fs;
@@ -20,34 +20,32 @@ pub struct OpenCapture {
 
 /// Opens a `transforms.json`, a folder that holds one, a COLMAP project or an RGB-D folder.
 pub fn open_capture(path: &Path) -> Result<OpenCapture, Failure> {
-    let mut capture = open_cameras(path)?;
+    let OpenCameras { mut capture, model } = find_cameras(path)?;
     let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
+    let (points, lost) = points_of(path, folder, model.as_deref())?;
+    capture.lost.extend(lost);
+    Ok(OpenCapture { capture, folders: folders_of(folder), points: points.filter(|points| !points.places.is_empty()) })
+}
+
+/// Where the files of a capture in `folder` are looked for.
+pub fn folders_of(folder: &Path) -> Vec<PathBuf> {
     // A model that is opened from within its folder has folders above it, too.
     let whole = fs::canonicalize(if folder.as_os_str().is_empty() { Path::new(".") } else { folder });
     let folder = whole.as_deref().unwrap_or(folder);
-    let (points, lost) = points_of(path, folder)?;
-    capture.lost.extend(lost);
     // COLMAP's images lie in a folder beside the model.
     let above = folder.ancestors().take(3).map(|above| above.join("images"));
-    let folders = std::iter::once(folder.to_path_buf()).chain(above).collect();
-    Ok(OpenCapture { capture, folders, points: points.filter(|points| !points.places.is_empty()) })
+    std::iter::once(folder.to_path_buf()).chain(above).collect()
 }
 
-/// What `transforms.json` names as its points, `points.ply`, or the points of a COLMAP model where its cameras may be; and what of them is of no use.
-fn points_of(path: &Path, folder: &Path) -> Result<(Option<Points>, Option<String>), Failure> {
+/// What `transforms.json` names as its points, `points.ply`, or the points of the COLMAP model; and what of them is of no use.
+fn points_of(path: &Path, folder: &Path, model: Option<&Path>) -> Result<(Option<Points>, Option<String>), Failure> {
     let file = if path.is_dir() { folder.join("transforms.json") } else { path.to_path_buf() };
-    let document = fs::read(&file).ok().and_then(|bytes| serde_json::from_slice::<serde_json::Value>(&bytes).ok());
+    let document = file.is_file().then(|| document(&file).ok()).flatten();
     let named = document.as_ref().and_then(|document| document.get("ply_file_path")?.as_str());
-    let usual = [
-        "points.ply",
-        "points3D.bin",
-        "sparse/0/points3D.bin",
-        "sparse/points3D.bin",
-        "points3D.txt",
-        "sparse/0/points3D.txt",
-    ];
-    for place in named.into_iter().chain(usual) {
-        let path = folder.join(place);
+    let of_model = model.unwrap_or(folder);
+    let usual = ["points3D.bin", "points3D.txt"].map(|name| of_model.join(name));
+    let own = named.into_iter().chain(["points.ply"]).map(|name| folder.join(name));
+    for path in own.chain(usual) {
         let Ok(bytes) = fs::read(&path) else { continue };
         let points = match path.extension().and_then(|ending| ending.to_str()) {
             Some("ply") => points::read(&bytes),
@@ -66,18 +64,52 @@ fn points_of(path: &Path, folder: &Path) -> Result<(Option<Points>, Option<Strin
 impl OpenCapture {
     /// The contents of a file of the capture, or where it was looked for.
     pub fn read(&self, path: &str) -> Result<Vec<u8>, String> {
-        let plain = path.trim_start_matches("./");
-        for folder in &self.folders {
-            for ending in ENDINGS {
-                let candidate = folder.join(format!("{plain}{ending}"));
-                if candidate.is_file() {
-                    return fs::read(&candidate).map_err(|e| format!("{}: {e}", candidate.display()));
-                }
+        let found = find_file(&self.folders, path)?;
+        fs::read(&found).map_err(|e| format!("{}: {e}", found.display()))
+    }
+}
+
+/// A file of a capture as it is named, else with backslashes as slashes, an ending that was left out, letters of the other case; a path from
+/// another machine by its last parts.
+///
+/// # Errors
+/// Where it was looked for, in words.
+pub fn find_file(folders: &[PathBuf], path: &str) -> Result<PathBuf, String> {
+    let slashed = path.replace('\\', "/");
+    let names = [path.trim_start_matches("./"), slashed.trim_start_matches("./")];
+    let is_absolute = slashed.starts_with('/') || slashed.as_bytes().get(1) == Some(&b':');
+    let tails = || slashed.match_indices('/').map(|(at, _)| &slashed[at + 1..]);
+    let tails: Vec<&str> = if is_absolute { tails().collect() } else { vec![] };
+    for name in names.iter().take(if names[0] == names[1] { 1 } else { 2 }).chain(&tails) {
+        for folder in folders {
+            let there = ENDINGS.iter().map(|ending| folder.join(format!("{name}{ending}"))).find(|c| c.is_file());
+            if let Some(found) =
+                there.or_else(|| ENDINGS.iter().find_map(|e| other_case(folder, &format!("{name}{e}"))))
+            {
+                return Ok(found);
             }
         }
-        let mut there = self.folders.iter().filter(|folder| folder.is_dir()).map(|folder| folder.join(plain));
-        let first = there.next().unwrap_or_default();
-        let others: Vec<String> = there.map(|place| format!(" nor at {}", place.display())).collect();
-        Err(format!("none at {}{}", first.display(), others.concat()))
     }
+    let mut there = folders.iter().filter(|folder| folder.is_dir()).map(|folder| folder.join(names[1]));
+    let first = there.next().unwrap_or_default();
+    let others: Vec<String> = there.map(|place| format!(" nor at {}", place.display())).collect();
+    Err(format!("none at {}{}", first.display(), others.concat()))
+}
+
+/// The one file whose path differs from `name` in upper and lower case alone.
+fn other_case(folder: &Path, name: &str) -> Option<PathBuf> {
+    let mut place = folder.to_path_buf();
+    for part in name.split('/') {
+        if part == ".." || place.join(part).exists() {
+            place.push(part);
+            continue;
+        }
+        let entries = fs::read_dir(&place).ok()?.flatten().map(|entry| entry.file_name());
+        let mut alike = entries.filter(|entry| entry.to_string_lossy().eq_ignore_ascii_case(part));
+        match (alike.next(), alike.next()) {
+            (Some(one), None) => place.push(one),
+            _ => return None,
+        }
+    }
+    place.is_file().then_some(place)
 }

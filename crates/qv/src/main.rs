@@ -7,6 +7,7 @@ mod colmap;
 mod contact;
 mod diagnose;
 mod fixture;
+mod foreign;
 mod inspect;
 mod mesh;
 mod mesh_file;
@@ -83,7 +84,7 @@ enum Command {
 /// What recording to read, the same for every command.
 #[derive(Args)]
 struct RunArguments {
-    /// A bag (.mcap file, or the directory of a split bag), or a table (run.csv, or its directory)
+    /// A bag (.mcap or .db3 file, or the directory of a split bag), a table (run.csv, or its directory), a LeRobot dataset, or a SAGE folder
     run: PathBuf,
     #[command(flatten)]
     reading: Reading,

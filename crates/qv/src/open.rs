@@ -1,6 +1,7 @@
 //! Recordings on disk become runs.
 
 use crate::RunArguments;
+use crate::foreign;
 use crate::mesh_file::vertices;
 use indicatif::{ProgressBar, ProgressStyle};
 use qv_mesh::files::glb;
@@ -23,17 +24,22 @@ pub fn open_run(arguments: &RunArguments) -> Result<Run, ReplayError> {
     let path = &arguments.run;
     let metadata = fs::metadata(path).map_err(|e| file_error(path, "a recording", &e.to_string()))?;
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
+    // A table that somebody made of such a folder goes before it.
+    if !path.join("run.csv").exists()
+        && let Some(run) = foreign::open(path)
+    {
+        return run;
+    }
     match (metadata.is_dir(), extension) {
-        (true, _) if path.join("run.csv").exists() || path.join("run.toml").exists() => {
-            open_table(&path.join("run.csv"))
-        }
+        (true, _) if path.join("run.csv").exists() => open_table(&path.join("run.csv")),
+        (true, _) if path.join("run.toml").exists() => open_table(&path.join("run.csv")),
         (true, _) => open_split_bag(path, arguments),
         (false, "csv") => open_table(path),
         (false, "bag") => open_bag(std::slice::from_ref(path), arguments),
         (false, _) if is_bag(path) => open_bag(std::slice::from_ref(path), arguments),
         (false, _) => Err(file_error(
             path,
-            "a bag (.mcap, .db3, either with .zstd), a .csv file, or a directory",
+            "a bag (.mcap, .db3, either with .zstd), a .csv file, a .parquet file of a LeRobot dataset, or a directory",
             &format!("`.{extension}`"),
         )),
     }
@@ -334,7 +340,10 @@ fn read_urdf(path: &Path, expected: &str) -> Result<(String, Option<String>), Re
 }
 
 /// The description of the table at `path`, its CSV file or its directory.
-fn description_of(path: &Path) -> PathBuf {
+pub fn description_of(path: &Path) -> PathBuf {
+    if let Some(root) = foreign::root(path) {
+        return root.join("run.toml");
+    }
     if path.is_dir() {
         return path.join("run.toml");
     }
@@ -444,36 +453,42 @@ pub fn lost_from(run: &Run) -> Vec<String> {
 }
 
 fn open_table(csv: &Path) -> Result<Run, ReplayError> {
-    let directory = csv.parent().unwrap_or(Path::new("."));
+    if let Some(run) = foreign::open_lowstate(csv) {
+        return run;
+    }
     let toml_path = description_of(csv);
     let toml_text =
         fs::read_to_string(&toml_path).map_err(|e| file_error(&toml_path, "a run description", &e.to_string()))?;
-    let robot = qv_replay::robot_of(&toml_text)?;
-    let mapping = mapping_of(&robot);
-    let mut told = Vec::new();
-    let urdf = match &mapping {
-        Some(_) => None,
-        None => {
-            let path = directory.join(&robot);
-            let expected = "a robot known by name (go2), or a URDF or MJCF file";
-            let (text, note) = read_urdf(&path, expected)?;
-            told.extend(note);
-            Some(text)
-        }
-    };
     let file = File::open(csv).map_err(|e| file_error(csv, "a readable file", &e.to_string()))?;
     let bar = progress(file.metadata().map_or(0, |m| m.len()), "reading");
-    let source = bar.wrap_read(BufReader::new(file));
-    let run = qv_replay::read_table(source, &toml_text, urdf.as_deref(), mapping.as_ref());
+    let run = run_of_table(bar.wrap_read(BufReader::new(file)), &toml_path, &toml_text);
     bar.finish_and_clear();
-    let mut run = run?;
+    run
+}
+
+/// The run of a table with the text of its description, and where that lies.
+pub fn run_of_table(csv: impl Read, toml_path: &Path, toml_text: &str) -> Result<Run, ReplayError> {
+    let robot = qv_replay::robot_of(toml_text)?;
+    let mapping = mapping_of(&robot);
+    let (urdf, told) = match &mapping {
+        Some(_) => (None, None),
+        None => urdf_beside(toml_path, &robot).map(|(text, note)| (Some(text), note))?,
+    };
+    let mut run = qv_replay::read_table(csv, toml_text, urdf.as_deref(), mapping.as_ref())?;
     run.told.extend(told);
     if let Some(text) = urdf.filter(|text| is_mjcf(text))
-        && !qv_replay::states_imu(&toml_text)?
+        && !qv_replay::states_imu(toml_text)?
     {
-        turn_imu(&mut run, &text, directory.join(&robot).parent().unwrap_or(directory));
+        let path = toml_path.parent().unwrap_or(Path::new(".")).join(&robot);
+        turn_imu(&mut run, &text, path.parent().unwrap_or(Path::new(".")));
     }
     Ok(run)
+}
+
+/// The text of the URDF that a description names, and a sentence where some of it is not in its encoding.
+pub fn urdf_beside(toml_path: &Path, robot: &str) -> Result<(String, Option<String>), ReplayError> {
+    let path = toml_path.parent().unwrap_or(Path::new(".")).join(robot);
+    read_urdf(&path, "a robot known by name (go2), or a URDF or MJCF file")
 }
 
 #[cfg(test)]

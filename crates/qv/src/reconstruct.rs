@@ -1,6 +1,7 @@
 //! `qv reconstruct`: photographs with cameras become a scene of Gaussians.
 
 mod watch;
+mod words;
 
 use crate::capture::{OpenCapture, open_capture};
 use crate::colmap::poses_again;
@@ -26,11 +27,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use watch::Run;
+use words::{in_words, named};
 
 pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/yard\n  \
     qv reconstruct captures/yard/transforms.json --out out/yard --exposure --iterations 30000 --json\n\n\
     CAPTURE is nerfstudio's transforms.json or the folder that holds it, a COLMAP project (model and images), or a folder of\n\
-    RGB-D frames (FRAME.color.jpg, FRAME.depth.png, FRAME.pose.txt). points.ply beside it is where Gaussians begin.\n\
+    RGB-D frames (7-Scenes: FRAME.color.jpg, FRAME.depth.png, FRAME.pose.txt; TUM, Redwood, ScanNet). points.ply beside it is where Gaussians begin.\n\
     Of a video (.mp4, .mov, ...) ffmpeg takes frames and COLMAP, in a Python environment that is made once, finds their poses;\n\
     DIR/capture keeps both. Such a scene has no metres of its own: `qv mesh` takes --distance, --markers or --trajectory.\n\n\
     Writes scene.ply (3DGS), checkpoint.qvt, metrics.json, with --poses colmap, --refine-poses or --refine-lens cameras.json (for `qv mesh --cameras`),\n\
@@ -261,6 +263,8 @@ impl Reconstruct {
         fs::write(&path, format!("{metrics:#}\n"))
             .map_err(|e| about(&path, format!("expected to write it, found {e}")))?;
         self.tell(&metrics, [Score::mean(&held_out), Score::mean(&aligned)], &run, train_s, model.cloud.len())?;
+        opened.capture.told.iter().for_each(|what| eprintln!("qv: {what}"));
+        dataset.turned.iter().for_each(|(what, count)| eprintln!("qv: {count} images with {what}"));
         lost.extend_from_slice(&dataset.lost);
         lost.extend(self.lost(&dataset));
         lost.iter().for_each(|what| eprintln!("qv: {what}"));
@@ -464,7 +468,7 @@ impl Reconstruct {
         };
         let mut cameras: Vec<CaptureCamera> = all.map(camera).collect();
         cameras.sort_by(|a, b| a.name.cmp(&b.name));
-        let written = fs::write(&path, cameras_json::write(&Capture { cameras, lost: vec![] }));
+        let written = fs::write(&path, cameras_json::write(&Capture { cameras, ..Capture::default() }));
         written.map_err(|e| about(&path, format!("expected to write it, found {e}")))
     }
 
@@ -537,10 +541,7 @@ impl Reconstruct {
         }
         for (what, mean) in ["held out", "held out, cameras aligned on the left half"].iter().zip(means) {
             let Some(s) = mean else { continue };
-            text += &format!(
-                "{what}: PSNR {:.2} dB, SSIM {:.4}; right halves {:.2} dB, with the exposure of the left {:.2} dB, with its gains {:.2} dB\n",
-                s.psnr, s.ssim, s.psnr_right, s.psnr_right_fitted, s.psnr_right_gains
-            );
+            text += &format!("{what}: {}\n", in_words(&s));
         }
         for (name, ms) in run.mean_times() {
             text += &format!("  {name:18} {ms:7.3} ms\n");
@@ -567,12 +568,6 @@ fn refined(model: &Model, dataset: &Dataset) -> Vec<Value> {
             "own_motion_m": mean(&|(metres, _)| metres).sqrt(), "own_motion_deg": mean(&|(_, angle)| angle).sqrt().to_degrees()})
     };
     model.shared.iter().enumerate().map(one).collect()
-}
-
-fn named(name: &str, s: &Score) -> Value {
-    json!({"name": name, "psnr": s.psnr, "ssim": s.ssim, "psnr_right": s.psnr_right, "ssim_right": s.ssim_right,
-        "psnr_right_fitted": s.psnr_right_fitted, "ssim_right_fitted": s.ssim_right_fitted,
-        "psnr_right_gains": s.psnr_right_gains})
 }
 
 /// Writes a photograph and, to the right of it, what is drawn there, as `folder/name.png`.

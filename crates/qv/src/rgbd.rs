@@ -1,7 +1,8 @@
 //! Depth images on disk: folders of RGB-D frames, and captures whose `transforms.json` names depth images.
 
 use crate::Failure;
-use crate::scene::{about, open_cameras};
+use crate::capture::find_file;
+use crate::scene::{about, document, open_cameras, rgbd_layout};
 use image::DynamicImage;
 use indicatif::ProgressBar;
 use qv_core::{Camera, Pose};
@@ -28,17 +29,51 @@ pub struct DepthCapture {
 
 /// Whether a folder holds depth images in one of the ways that [`open`] reads.
 pub fn holds_depth(folder: &Path) -> bool {
-    folder.is_dir() && (!depth_files(folder).is_empty() || has_depth_paths(folder))
+    folder.is_dir() && (!depth_files(folder).is_empty() || has_depth_paths(folder) || rgbd_layout(folder).is_some())
 }
 
 /// Reads a folder: `frame-*.depth.png` (millimetres, 0 and 65535 none) with `frame-*.pose.txt` (`world_from_camera`, 4 x 4) and
 /// `camera-intrinsics.txt` (3 x 3, 585 px about the middle of 640 x 480 without it) as the 7-Scenes and redkitchen have them, or `transforms.json` whose frames have
-/// `depth_file_path` (16 bit, `depth_unit_scale_factor`, 0.001 when not given) and may have `label_file_path`.
+/// `depth_file_path` (16 bit, `depth_unit_scale_factor`, 0.001 when not given) and may have `label_file_path`; or the folders of TUM, Redwood and ScanNet.
 ///
 /// # Errors
 /// What all frames need is missing. Single frames that cannot be read are in `lost`.
 pub fn open(folder: &Path, bar: &ProgressBar) -> Result<DepthCapture, Failure> {
-    if has_depth_paths(folder) { open_transforms(folder, bar) } else { open_frames(folder, bar) }
+    if has_depth_paths(folder) {
+        open_transforms(folder, bar)
+    } else if depth_files(folder).is_empty() && rgbd_layout(folder).is_some() {
+        open_layout(folder, bar)
+    } else {
+        open_frames(folder, bar)
+    }
+}
+
+/// Depth of the folders of TUM, Redwood and ScanNet.
+fn open_layout(folder: &Path, bar: &ProgressBar) -> Result<DepthCapture, Failure> {
+    let capture = open_cameras(folder)?;
+    let mut out = DepthCapture { lost: capture.lost, ..Default::default() };
+    capture.told.iter().for_each(|what| eprintln!("qv: {}: {what}", folder.display()));
+    bar.set_length(capture.cameras.len() as u64);
+    let folders = [folder.to_path_buf()];
+    for one in capture.cameras {
+        bar.inc(1);
+        let Some(file) = one.attachments.depth else { continue };
+        let camera = file.camera.unwrap_or(one.camera);
+        let read = || {
+            let path = find_file(&folders, &file.path)?;
+            let (depth, size) = depth_image(&path, file.metres_per_unit)?;
+            if size != [camera.width, camera.height] {
+                let expected = format!("expected {} x {} pixels as its lens has", camera.width, camera.height);
+                return Err(about(&path, format!("{expected}, found {} x {}", size[0], size[1])));
+            }
+            Ok(DepthFrame { camera, depth, weight: vec![] })
+        };
+        match read() {
+            Ok(frame) => out.push(one.name, frame, None),
+            Err(error) => out.lost.push(error.to_string()),
+        }
+    }
+    Ok(out)
 }
 
 fn depth_files(folder: &Path) -> Vec<PathBuf> {
@@ -49,7 +84,7 @@ fn depth_files(folder: &Path) -> Vec<PathBuf> {
 }
 
 fn transforms(folder: &Path) -> Option<Value> {
-    serde_json::from_slice(&fs::read(folder.join("transforms.json")).ok()?).ok()
+    document(&folder.join("transforms.json")).ok()
 }
 
 fn has_depth_paths(folder: &Path) -> bool {

@@ -127,7 +127,7 @@ pub(super) fn unknown_keys(text: &str) -> Vec<String> {
     let mut check = |at: &str, table: &toml::Table, known: &[&str]| {
         unknown.extend(table.keys().filter(|k| !known.contains(&k.as_str())).map(|k| format!("{at}{k}")));
     };
-    check("", &table, &["robot", "base", "actuator", "imu", "joint"]);
+    check("", &table, &["robot", "base", "actuator", "imu", "joint", "dataset"]);
     if let Some(imu) = table.get("imu").and_then(toml::Value::as_table) {
         check("imu.", imu, &["rotation"]);
     }

@@ -75,7 +75,7 @@ impl Cells {
 }
 
 /// Seconds in a unit of time, and its name.
-pub(super) type Unit = (f64, &'static str);
+pub(crate) type Unit = (f64, &'static str);
 
 const UNITS: [Unit; 4] = [(1.0, "seconds"), (1e-3, "milliseconds"), (1e-6, "microseconds"), (1e-9, "nanoseconds")];
 
@@ -87,7 +87,7 @@ const SLOWEST: f64 = 0.2;
 
 /// The unit in which stamps are times of this century, where there is one; else the largest in which the typical interval
 /// is at most [`SLOWEST`].
-pub(super) fn unit_of_time(first: f64, time: &[f64]) -> Unit {
+pub(crate) fn unit_of_time(first: f64, time: &[f64]) -> Unit {
     if let Some(unit) = UNITS.into_iter().find(|(seconds, _)| EPOCH.contains(&(first * seconds))) {
         return unit;
     }

@@ -18,6 +18,7 @@ use std::collections::BTreeMap;
 use std::io::Read;
 
 pub use description::{robot_of, states_imu};
+pub(crate) use dialect::unit_of_time;
 
 /// Reads a tidy table. `toml_text` is `run.toml`; `urdf` the text of the URDF that it names; `mapping` that of the
 /// robot that it names, for the order and limits of its joints. Blank cells are "not measured". The text may be an MJCF's; how an
@@ -326,7 +327,7 @@ fn read_rows(
         let found = if bad.row_count > 0 { format!("{} rows, none with a time", bad.row_count) } else { "none".into() };
         return Err(ReplayError::file("run.csv", "at least one row", found));
     }
-    let (seconds, unit) = dialect::unit_of_time(cells.first_stamp(&samples.time), &samples.time);
+    let (seconds, unit) = unit_of_time(cells.first_stamp(&samples.time), &samples.time);
     if seconds != 1.0 {
         told.push(format!("run.csv: stamps are {unit}, by their size"));
         samples.time.iter_mut().for_each(|t| *t *= seconds);

@@ -3,6 +3,7 @@
 //! Poses are `camera_from_world` with OpenCV's axes; pixel centres lie at one half, as ours do. Points are not read.
 
 use super::distortion::Distortion;
+use super::pictures::Shown;
 use super::{Attachments, Capture, CaptureCamera, finish};
 use crate::SplatError;
 use crate::error::off;
@@ -147,7 +148,8 @@ fn join(cameras: BTreeMap<u32, Intrinsics>, mut images: Vec<Posed>, place: &str)
         let attachments = Attachments::default();
         Ok(CaptureCamera { name: String::new(), camera, distortion, image: Some(image.name), attachments })
     };
-    finish(images.into_iter().map(one).collect::<Result<_, SplatError>>()?, place)
+    let capture = finish(images.into_iter().map(one).collect::<Result<_, SplatError>>()?, place)?;
+    Ok(Capture { shown: Shown::Stored, ..capture })
 }
 
 #[cfg(test)]

@@ -6,8 +6,11 @@ mod colmap_binary;
 pub mod colmap_points;
 mod colmap_text;
 pub mod distortion;
+pub mod json;
 pub mod nerfstudio;
+pub mod pictures;
 pub mod rgbd;
+pub mod rgbd_folders;
 
 use crate::SplatError;
 use crate::error::off;
@@ -21,7 +24,14 @@ pub struct Capture {
     pub cameras: Vec<CaptureCamera>,
     /// What could not be used, a line each.
     pub lost: Vec<String>,
+    /// What was taken for granted or chosen, a line each; nothing is lost by it.
+    pub told: Vec<String>,
+    /// Which images the cameras are of, where EXIF tells to turn them.
+    pub shown: pictures::Shown,
 }
+
+/// Gives width and height of an image by its path, or says why not.
+pub type Sizes<'a> = &'a mut dyn FnMut(&str) -> Result<[u32; 2], String>;
 
 /// A camera with its image.
 #[derive(Debug, Clone, PartialEq)]
@@ -71,7 +81,7 @@ fn finish(mut cameras: Vec<CaptureCamera>, place: &str) -> Result<Capture, Splat
         one.distortion.check().map_err(|found| off(at(), "finite coefficients of distortion", found))?;
     }
     name(&mut cameras);
-    Ok(Capture { cameras, lost: vec![] })
+    Ok(Capture { cameras, ..Capture::default() })
 }
 
 /// Endings of images, which are no part of a name.

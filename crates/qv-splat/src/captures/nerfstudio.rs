@@ -5,7 +5,7 @@
 //! `depth_file_path` (16 bits, `depth_unit_scale_factor` metres per unit) are nerfstudio's; `normal_file_path` and `label_file_path` are ours.
 
 use super::distortion::Distortion;
-use super::{Attachments, Capture, CaptureCamera, DepthFile, finish};
+use super::{Attachments, Capture, CaptureCamera, DepthFile, Sizes, finish, json};
 use crate::SplatError;
 use crate::error::off;
 use glam::{DMat3, DQuat, DVec3};
@@ -16,29 +16,58 @@ const PLACE: &str = "transforms.json";
 /// Largest entry of R Rᵀ - 1 that passes as rounding of the file.
 const ORTHOGONAL: f64 = 1e-3;
 
-/// Reads the text of a file.
+/// Reads a file whose images are not there: it must say how large they are.
 ///
 /// # Errors
-/// Names the frame and the value that is off, and camera models other than the pinhole with OpenCV's distortion k1, k2, k3, p1, p2.
+/// As [`read_with`].
 pub fn read(text: &str) -> Result<Capture, SplatError> {
-    let document: Value = serde_json::from_str(text).map_err(|error| off(PLACE, "JSON", error))?;
-    read_value(&document)
+    read_value(&json::parse(text.as_bytes(), PLACE)?)
 }
 
-/// Reads a document. See [`read`].
+/// Reads a document whose images are not there. See [`read`].
 ///
 /// # Errors
-/// As [`read`].
+/// As [`read_with`].
 pub fn read_value(document: &Value) -> Result<Capture, SplatError> {
+    read_with(document, &mut |_| Err("none".into()))
+}
+
+/// Reads a document; where it has no `w` and `h`, as instant-ngp's and Blender's have none, `sizes` gives those of the images. What is
+/// null counts as not there. Frames whose pose is no rigid transform, or whose size is not known, are left out and named in `lost`.
+///
+/// # Errors
+/// Names the frame and the value that is off, and camera models other than the pinhole with OpenCV's distortion k1, k2, k3, p1, p2; no frame
+/// is left.
+pub fn read_with(document: &Value, sizes: Sizes) -> Result<Capture, SplatError> {
     let frames = document.get("frames").and_then(Value::as_array);
     let frames = frames.ok_or_else(|| off(PLACE, "a list `frames`", "none"))?;
-    let cameras = frames.iter().enumerate().map(|(index, frame)| camera(document, frame, index));
-    finish(cameras.collect::<Result<_, _>>()?, PLACE)
+    let (mut cameras, mut lost) = (vec![], vec![]);
+    for (index, frame) in frames.iter().enumerate() {
+        let place = format!("{PLACE}, frame {index}");
+        let values = Values { document, frame, place: &place };
+        match values.pose().and_then(|pose| Ok((pose, values.size(sizes)?))) {
+            Ok((pose, size)) => cameras.push(camera(&values, pose, size)?),
+            Err(Fault::Frame(error)) => lost.push(error),
+            Err(Fault::File(error)) => return Err(error),
+        }
+    }
+    if let (true, Some(error)) = (cameras.is_empty(), lost.first()) {
+        return Err(error.clone());
+    }
+    let lost = lost.iter().map(ToString::to_string).collect();
+    Ok(Capture { lost, ..finish(cameras, PLACE)? })
 }
 
-fn camera(document: &Value, frame: &Value, index: usize) -> Result<CaptureCamera, SplatError> {
-    let place = format!("{PLACE}, frame {index}");
-    let values = Values { document, frame, place: &place };
+/// What a fault costs.
+enum Fault {
+    /// This frame.
+    Frame(SplatError),
+    /// The file: the same is wrong with other frames, or means another lens.
+    File(SplatError),
+}
+
+fn camera(values: &Values, pose: Pose, [width, height]: [u32; 2]) -> Result<CaptureCamera, SplatError> {
+    let place = values.place;
     let model = values.get("camera_model").and_then(Value::as_str).unwrap_or("OPENCV");
     if !["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"].contains(&model) {
         let expected = "OPENCV, PINHOLE, SIMPLE_PINHOLE, SIMPLE_RADIAL or RADIAL";
@@ -55,10 +84,9 @@ fn camera(document: &Value, frame: &Value, index: usize) -> Result<CaptureCamera
     }
     let zero = |name: &str| values.number(name).map(|found| found.unwrap_or(0.0));
     let distortion = Distortion { k1: zero("k1")?, k2: zero("k2")?, k3: zero("k3")?, p1: zero("p1")?, p2: zero("p2")? };
-    let (width, height) = (values.side("w")?, values.side("h")?);
     let fx = values.focal("x", width)?;
     let fy = values.focal("y", height)?;
-    let fx = fx.or(fy).ok_or_else(|| off(&*place, "a focal length or an angle of view along x", "neither"))?;
+    let fx = fx.or(fy).ok_or_else(|| off(place, "a focal length or an angle of view along x", "neither"))?;
     let camera = Camera {
         fx,
         fy: fy.unwrap_or(fx),
@@ -66,11 +94,10 @@ fn camera(document: &Value, frame: &Value, index: usize) -> Result<CaptureCamera
         cy: values.number("cy")?.unwrap_or(0.5 * f64::from(height)),
         width,
         height,
-        camera_from_world: pose(frame, &place)?,
+        camera_from_world: pose,
     };
-    let image = frame.get("file_path").and_then(Value::as_str);
-    let image = image.ok_or_else(|| off(&*place, "file_path", "none"))?.to_string();
-    let attachments = attachments(&values)?;
+    let image = values.path().ok_or_else(|| off(place, "file_path", "none"))?.to_string();
+    let attachments = attachments(values)?;
     Ok(CaptureCamera { name: String::new(), camera, distortion, image: Some(image), attachments })
 }
 
@@ -97,9 +124,31 @@ struct Values<'a> {
     place: &'a str,
 }
 
-impl Values<'_> {
-    fn get(&self, name: &str) -> Option<&Value> {
-        self.frame.get(name).or_else(|| self.document.get(name))
+impl<'a> Values<'a> {
+    fn get(&self, name: &str) -> Option<&'a Value> {
+        let of = |value: &'a Value| value.get(name).filter(|found| !found.is_null());
+        of(self.frame).or_else(|| of(self.document))
+    }
+
+    /// The image as the file names it.
+    fn path(&self) -> Option<&str> {
+        self.frame.get("file_path").and_then(Value::as_str)
+    }
+
+    /// Width and height of the file, else of the image.
+    fn size(&self, sizes: Sizes) -> Result<[u32; 2], Fault> {
+        if let (Some(width), Some(height)) =
+            (self.side("w").map_err(Fault::File)?, self.side("h").map_err(Fault::File)?)
+        {
+            return Ok([width, height]);
+        }
+        let path = self.path().ok_or_else(|| Fault::File(off(self.place, "file_path", "none")))?;
+        let expected = "w and h, or an image to look at";
+        sizes(path).map_err(|found| Fault::Frame(off(self.place, expected, format!("neither: {found}"))))
+    }
+
+    fn pose(&self) -> Result<Pose, Fault> {
+        pose(self.frame, self.place).map_err(Fault::Frame)
     }
 
     fn number(&self, name: &str) -> Result<Option<f64>, SplatError> {
@@ -113,14 +162,12 @@ impl Values<'_> {
     }
 
     /// Width or height, which some files have as floats.
-    fn side(&self, name: &str) -> Result<u32, SplatError> {
-        let place = || format!("{}, {name}", self.place);
-        let expected = "a whole number of pixels";
-        let found = self.number(name)?.ok_or_else(|| off(place(), expected, "none"))?;
+    fn side(&self, name: &str) -> Result<Option<u32>, SplatError> {
+        let Some(found) = self.number(name)? else { return Ok(None) };
         if found < 1.0 || found > f64::from(u32::MAX) || found.fract() != 0.0 {
-            return Err(off(place(), expected, found));
+            return Err(off(format!("{}, {name}", self.place), "a whole number of pixels", found));
         }
-        Ok(found as u32)
+        Ok(Some(found as u32))
     }
 
     /// A focal length along an axis in pixels, `fl_x` or `fl_y`, else from the angle of view in radians.
@@ -213,10 +260,57 @@ mod tests {
         assert!(fault("frame.fl_x", json!("x")).contains("frame 1, fl_x: expected a number"));
         assert!(fault("frame.k4", json!(0.1)).contains("k4: expected 0"));
         assert!(fault("camera_model", json!("OPENCV_FISHEYE")).contains("found OPENCV_FISHEYE"));
-        assert!(fault("frame.transform_matrix", json!([[1, 0], [0, 1]])).contains("3 or 4 rows of 4 numbers"));
-        let mirrored = json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 0]]);
-        assert!(fault("frame.transform_matrix", mirrored).contains("expected a rotation and a position"));
         assert!(fault("frame.file_path", json!(1)).contains("expected file_path"));
         assert!(read("{").unwrap_err().to_string().contains("expected JSON"));
+    }
+
+    #[test]
+    fn a_frame_without_a_pose_is_left_out() {
+        let lost = |value: Value| {
+            let mut file = good();
+            file["frames"][1]["transform_matrix"] = value;
+            let capture = read_value(&file).unwrap();
+            assert_eq!((capture.cameras.len(), capture.lost.len()), (1, 1));
+            capture.lost[0].clone()
+        };
+        let mirrored = json!([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 0]]);
+        assert!(lost(mirrored.clone()).contains("frame 1, transform_matrix: expected a rotation and a position"));
+        assert!(lost(json!([[1, 0], [0, 1]])).contains("3 or 4 rows of 4 numbers"));
+        assert!(lost(Value::Null).contains("3 or 4 rows of 4 numbers"));
+        let mut none = good();
+        none["frames"] = json!([{"file_path": "a.png", "transform_matrix": mirrored}]);
+        assert!(read_value(&none).unwrap_err().to_string().contains("frame 0"));
+    }
+
+    #[test]
+    fn what_is_null_is_not_there_and_nan_is_no_number() {
+        let mut file = good();
+        file["k3"] = Value::Null;
+        file["frames"][1]["fl_x"] = Value::Null;
+        let capture = read_value(&file).unwrap();
+        assert_eq!((capture.cameras[1].camera.fx, capture.cameras[0].distortion.k3), (500.0, 0.0));
+        let text = file.to_string().replace("310.0", "NaN");
+        assert!(read(&text).unwrap_err().to_string().contains("cx: expected a number, found \"NaN\""));
+        let harmless = file.to_string().replace("\"k3\":null", "\"sharpness\":NaN");
+        assert_eq!(read(&harmless).unwrap(), capture);
+    }
+
+    #[test]
+    fn images_tell_their_size() {
+        let mut file = good();
+        let root = file.as_object_mut().unwrap();
+        for key in ["w", "h", "fl_x", "cx", "k1"] {
+            root.remove(key);
+        }
+        root.insert("camera_angle_x".into(), json!(2.0 * (48.0f64 / 90.0).atan()));
+        let mut sizes =
+            |path: &str| if path == "images/a.jpg" { Ok([96, 64]) } else { Err("no such file".to_string()) };
+        let capture = read_with(&file, &mut sizes).unwrap();
+        let c = &capture.cameras[0].camera;
+        assert_eq!(([c.width, c.height], [c.cx, c.cy], capture.cameras.len()), ([96, 64], [48.0, 32.0], 1));
+        assert!((c.fx - 90.0).abs() < 1e-9 && c.fx == c.fy);
+        let expected = "frame 1: expected w and h, or an image to look at, found neither: no such file";
+        assert!(capture.lost[0].contains(expected), "{:?}", capture.lost);
+        assert!(read_value(&file).unwrap_err().to_string().contains("w and h"));
     }
 }

@@ -1,9 +1,10 @@
-//! Accessors of glTF 2.0: numbers in the binary chunk, held against its length before they are read.
+//! Accessors of glTF 2.0: numbers in the buffers, held against its length before they are read.
 
 use crate::SplatError;
 use crate::cursor::f32_at;
 use crate::error::off;
 use serde_json::Value;
+use std::borrow::Cow;
 
 /// Types of items with one to four components.
 pub const TYPES: [&str; 4] = ["SCALAR", "VEC2", "VEC3", "VEC4"];
@@ -42,8 +43,8 @@ impl<'a> Accessor<'a> {
     /// Accessor `index` of `document`, whose items have `width` components.
     ///
     /// # Errors
-    /// Names what is off: index, type, data outside the file's own binary chunk, or beyond its end.
-    pub fn new(document: &Value, binary: &'a [u8], index: u64, width: usize) -> Result<Self, SplatError> {
+    /// Names what is off: index, type, data in no buffer, or beyond its end.
+    pub fn new(document: &Value, buffers: &'a [Cow<'a, [u8]>], index: u64, width: usize) -> Result<Self, SplatError> {
         let place = format!("glTF accessor {index}");
         let accessor = entry(document, "accessors", index)?;
         let expected = TYPES[width - 1];
@@ -65,9 +66,10 @@ impl<'a> Accessor<'a> {
         let view = get(accessor, "bufferView")?.ok_or_else(|| off(&*place, "a bufferView", "none"))?;
         let view = entry(document, "bufferViews", view)?;
         let buffer = get(view, "buffer")?.unwrap_or(0);
-        if buffer != 0 || entry(document, "buffers", 0)?.get("uri").is_some() {
-            return Err(off(place, "data in the file's own binary chunk", "data elsewhere"));
-        }
+        let binary: &[u8] = usize::try_from(buffer)
+            .ok()
+            .and_then(|at| buffers.get(at))
+            .ok_or_else(|| off(&*place, format!("a buffer below {}", buffers.len()), buffer))?;
         let item = (width * size) as u64;
         let count = get(accessor, "count")?.unwrap_or(0);
         let stride = get(view, "byteStride")?.unwrap_or(item);

@@ -6,7 +6,7 @@
 //! bits each. Element `sh`, when there is one, has a byte per coefficient of the others within ±4, red first, then green, then
 //! blue. Files of before 2024 have no colours in the chunks; their colours lie within 0 to 1.
 
-use super::ply_header::{Element, Header, Kind, Property};
+use super::ply_header::{Element, Header, Kind, Property, Remarks};
 use super::quantised::{SH_C0, from_smallest_three, logit_of_byte, opacity, pack_unit, smallest_three, unpack_unit};
 use super::sieve::{Sieve, Splat};
 use super::{Format, SplatFile, check};
@@ -119,6 +119,7 @@ struct Parts {
     words: [usize; 4],
     /// Coefficients of the harmonics beyond the constant one, per colour.
     rest: usize,
+    remarks: Remarks,
 }
 
 impl Parts {
@@ -139,7 +140,8 @@ impl Parts {
             None => 0,
             Some(sh) => harmonics(sh, vertex.count)?,
         };
-        Ok(Self { chunk, vertex, sh, ranges, words, rest })
+        let remarks = header.remarks_of(bytes);
+        Ok(Self { chunk, vertex, sh, ranges, words, rest, remarks })
     }
 
     fn chunk_of(&self, row: &[u8]) -> Chunk {
@@ -200,7 +202,8 @@ pub fn read(bytes: &[u8]) -> Result<SplatFile, SplatError> {
             features: &[],
         });
     }
-    Ok(sieve.finish(Format::CompressedPly, vec![]))
+    let Remarks { told, lost } = parts.remarks;
+    Ok(SplatFile { told, ..sieve.finish(Format::CompressedPly, lost) })
 }
 
 /// A file of a cloud. Gaussians are put in the order of [`curve_order`], so that those of a chunk are neighbours. Features are

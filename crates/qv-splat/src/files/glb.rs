@@ -1,12 +1,20 @@
 //! The container of glTF 2.0, GLB: a header and two chunks.
 
+use super::Beside;
 use crate::SplatError;
+use crate::captures::json;
 use crate::cursor::Cursor;
 use crate::error::off;
+use base64::Engine;
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use serde_json::Value;
+use std::borrow::Cow;
 
-/// The document and the binary chunk, which is empty when there is none.
+/// The document and the binary chunk, which is empty when there is none; of glTF as JSON, the document.
 pub fn open(bytes: &[u8]) -> Result<(Value, &[u8]), SplatError> {
+    if super::is_json(bytes) {
+        return Ok((json::parse(bytes, "glTF")?, &bytes[..0]));
+    }
     let mut cursor = Cursor::new(bytes, "GLB");
     if cursor.take(4, "header")? != b"glTF" {
         return Err(off("GLB header, byte 0", "glTF", "something else"));
@@ -36,6 +44,43 @@ pub fn open(bytes: &[u8]) -> Result<(Value, &[u8]), SplatError> {
     let document = document.ok_or_else(|| off("GLB", "a chunk JSON", "none"))?;
     Ok((document, binary))
 }
+
+/// Bytes of each buffer of a document: the chunk of a GLB, a `data:` URI's own, or a file's beside it.
+///
+/// # Errors
+/// A buffer has no bytes, no Base64, fewer bytes than the document says, or its file is missing.
+pub fn buffers<'a>(document: &Value, chunk: &'a [u8], beside: Beside) -> Result<Vec<Cow<'a, [u8]>>, SplatError> {
+    let list = document.get("buffers").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    let one = |(index, buffer): (usize, &Value)| {
+        let place = || format!("glTF buffer {index}");
+        let bytes = match buffer.get("uri").and_then(Value::as_str) {
+            // The chunk of a GLB is the first buffer, and only that (glTF 2.0, section 4.4.3.3).
+            None if index == 0 => Cow::Borrowed(chunk),
+            None => return Err(off(place(), "a uri", "none")),
+            Some(uri) => Cow::Owned(match uri.strip_prefix("data:") {
+                Some(data) => {
+                    let text = data.split_once(";base64,").map(|(_, text)| text);
+                    let text = text.ok_or_else(|| off(place(), "Base64 in its data: URI", "another encoding"))?;
+                    BASE64.decode(text.trim_end_matches('=')).map_err(|e| off(place(), "Base64", e))?
+                }
+                None => beside(uri).map_err(|found| off(place(), format!("file {uri}"), found))?,
+            }),
+        };
+        let length = buffer.get("byteLength").and_then(Value::as_u64).unwrap_or(0);
+        if (bytes.len() as u64) < length {
+            let found = bytes.len() as u64;
+            return Err(SplatError::CutOff { place: place(), byte: 0, expected: length, found });
+        }
+        Ok(bytes)
+    };
+    list.iter().enumerate().map(one).collect()
+}
+
+/// Base64 whose padding may be missing.
+const BASE64: GeneralPurpose = GeneralPurpose::new(
+    &base64::alphabet::STANDARD,
+    GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::RequireNone),
+);
 
 /// A file of both chunks, each padded to four bytes as the format demands.
 pub fn close(document: &Value, mut binary: Vec<u8>) -> Result<Vec<u8>, SplatError> {

@@ -1,4 +1,4 @@
-//! glTF 2.0 with `KHR_gaussian_splatting` (KhronosGroup/glTF, release candidate of 2026), in a GLB.
+//! glTF 2.0 with `KHR_gaussian_splatting` (KhronosGroup/glTF, release candidate of 2026), in a GLB or as JSON.
 //!
 //! Attributes of a primitive of points: `POSITION`; `KHR_gaussian_splatting:ROTATION`, x, y, z, w; `:SCALE`, standard
 //! deviations; `:OPACITY`, 0 to 1; `:SH_DEGREE_l_COEF_n`, coefficients with Condon-Shortley phase as in a cloud. Written as
@@ -8,13 +8,14 @@
 use super::accessor::{Accessor, TYPES, entry, number};
 use super::quantised::{logit, opacity};
 use super::sieve::{Sieve, Splat};
-use super::{Format, SplatFile, check, glb};
+use super::{Beside, Format, SplatFile, check, glb};
 use crate::SplatError;
 use crate::error::off;
 use crate::harmonics::{FUNCTIONS, rotation};
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use qv_core::GaussianCloud;
 use serde_json::{Value, json};
+use std::borrow::Cow;
 
 const EXTENSION: &str = "KHR_gaussian_splatting";
 /// A file has at least this many bytes per Gaussian; one with fewer places the same data again and again.
@@ -42,9 +43,18 @@ struct Placed<'a> {
 /// The container or the document is off, an attribute is missing or beyond the data, a kernel is none that is known, a
 /// transform shears or mirrors, or the same data is placed so often that the file would blow up.
 pub fn read(bytes: &[u8]) -> Result<SplatFile, SplatError> {
+    read_with(bytes, &mut |_| Err("not looked for".into()))
+}
+
+/// The same of a file whose buffers may be files beside it.
+///
+/// # Errors
+/// As [`read`], or a buffer is missing.
+pub fn read_with(bytes: &[u8], beside: Beside) -> Result<SplatFile, SplatError> {
     let (document, binary) = glb::open(bytes)?;
+    let buffers = glb::buffers(&document, binary, beside)?;
     let mut placed = Vec::new();
-    let mut walk = Walk { document: &document, binary, visited: 0, placed: &mut placed, other: 0 };
+    let mut walk = Walk { document: &document, buffers: &buffers, visited: 0, placed: &mut placed, other: 0 };
     let scene = number(&document, "scene", "glTF")?.unwrap_or(0);
     walk.children(entry(&document, "scenes", scene)?, "nodes", DMat4::IDENTITY, 0)?;
     let other = walk.other;
@@ -52,8 +62,9 @@ pub fn read(bytes: &[u8]) -> Result<SplatFile, SplatError> {
         return Err(off("glTF", format!("a primitive with {EXTENSION} in the scene"), "none"));
     }
     let count: usize = placed.iter().map(|one| one.accessors[0].count).fold(0, usize::saturating_add);
-    if count > bytes.len() / LEAST_BYTES {
-        let (limit, found) = ((bytes.len() / LEAST_BYTES) as u64, count as u64);
+    let there = buffers.iter().map(|buffer| buffer.len()).sum::<usize>().max(bytes.len());
+    if count > there / LEAST_BYTES {
+        let (limit, found) = ((there / LEAST_BYTES) as u64, count as u64);
         return Err(SplatError::TooLarge { place: "glTF, Gaussians in a file of its size".into(), limit, found });
     }
     let degree = placed.iter().map(|one| one.degree).max().unwrap_or(0);
@@ -69,7 +80,7 @@ pub fn read(bytes: &[u8]) -> Result<SplatFile, SplatError> {
 /// A walk through the nodes of a scene.
 struct Walk<'v, 'a> {
     document: &'v Value,
-    binary: &'a [u8],
+    buffers: &'a [Cow<'a, [u8]>],
     visited: usize,
     placed: &'v mut Vec<Placed<'a>>,
     /// Primitives without the extension.
@@ -138,7 +149,7 @@ impl<'a> Walk<'_, 'a> {
         let attribute = |name: &str| primitive.get("attributes").and_then(|attributes| attributes.get(name));
         let optional = |name: &str, width: usize| match attribute(name).map(|index| (index, index.as_u64())) {
             None => Ok(None),
-            Some((_, Some(index))) => Accessor::new(self.document, self.binary, index, width).map(Some),
+            Some((_, Some(index))) => Accessor::new(self.document, self.buffers, index, width).map(Some),
             Some((found, None)) => Err(off(format!("glTF attribute {name}"), "an index", found)),
         };
         let needed = |name: &str, width: usize| {

@@ -8,17 +8,22 @@ mod accessor;
 pub mod compressed_ply;
 mod glb;
 pub mod gltf;
+pub mod ksplat;
 pub mod ply;
 mod ply_header;
 pub mod points;
 mod quantised;
 mod sieve;
+pub mod sog;
+pub mod splat;
 pub mod spz;
 mod spz_container;
+mod zip;
 
 pub use points::Points;
 
 use crate::SplatError;
+use crate::captures::json;
 use crate::error::off;
 use qv_core::{CoreError, GaussianCloud};
 
@@ -36,12 +41,18 @@ pub enum Format {
     CompressedPly,
     /// Niantic's SPZ.
     Spz,
-    /// glTF 2.0 with `KHR_gaussian_splatting`, as GLB.
+    /// glTF 2.0 with `KHR_gaussian_splatting`, as GLB or as JSON.
     Gltf,
+    /// antimatter15's rows of 32 bytes; read only.
+    Splat,
+    /// mkkellogg's sections of buckets; read only.
+    Ksplat,
+    /// PlayCanvas' images of properties; read only.
+    Sog,
 }
 
 impl Format {
-    /// All of them.
+    /// Those that are written.
     pub const ALL: [Self; 4] = [Self::Ply, Self::CompressedPly, Self::Spz, Self::Gltf];
 
     /// What people call it.
@@ -51,24 +62,41 @@ impl Format {
             Self::CompressedPly => "compressed PLY",
             Self::Spz => "SPZ",
             Self::Gltf => "glTF KHR_gaussian_splatting",
+            Self::Splat => ".splat",
+            Self::Ksplat => ".ksplat",
+            Self::Sog => "SOG",
         }
     }
 
-    /// What a file's first bytes say.
+    /// What a file's first bytes say. `.splat` and `.ksplat` say nothing: their names do ([`read_named`]).
     ///
     /// # Errors
     /// None of the formats.
     pub fn of_content(bytes: &[u8]) -> Result<Self, SplatError> {
-        let expected = "a PLY, SPZ or GLB file";
+        let expected = "a PLY, SPZ, GLB, glTF or SOG file (.splat and .ksplat are known by name)";
         match bytes {
             [b'p', b'l', b'y', b'\n' | b'\r', ..] => {
-                let compressed = ply_header::Header::parse(bytes)?.find("chunk").is_some();
+                // Whether the rows are all there, the reader says.
+                let compressed = ply_header::Header::parse_head(bytes, u64::MAX)?.find("chunk").is_some();
                 Ok(if compressed { Self::CompressedPly } else { Self::Ply })
             }
             [0x1f, 0x8b, ..] | [b'N', b'G', b'S', b'P', ..] => Ok(Self::Spz),
             [b'g', b'l', b'T', b'F', ..] => Ok(Self::Gltf),
+            [b'P', b'K', 3, 4, ..] => Ok(Self::Sog),
             [] => Err(off("file", expected, "an empty one")),
-            [b'{', ..] => Err(off("file", expected, "JSON (glTF with its data in other files is not read)")),
+            _ if is_json(bytes) => {
+                let document = json::parse(bytes, "file")?;
+                let has = |key: &str| document.get(key).is_some();
+                match (has("asset") && has("buffers"), has("means") && has("quats")) {
+                    (true, _) => Ok(Self::Gltf),
+                    (false, true) => Ok(Self::Sog),
+                    (false, false) if has("lodLevels") => {
+                        Err(off("file", "a SOG's meta.json", "the index of a streamed SOG: each of its parts has one"))
+                    }
+                    _ => Err(off("file", expected, "other JSON")),
+                }
+            }
+            _ if bytes.starts_with(b"version https://git-lfs") => Err(off("file", expected, "a pointer of Git LFS")),
             _ => Err(off("file", expected, format!("{:02x?}", &bytes[..bytes.len().min(4)]))),
         }
     }
@@ -93,21 +121,50 @@ pub struct SplatFile {
     pub left_out: usize,
     /// What else the file holds and a cloud does not, a line each.
     pub lost: Vec<String>,
+    /// What was done with the file's numbers, or passed over, a line each; nothing is lost by it.
+    pub told: Vec<String>,
     /// Colour that the scene was made to be drawn over, 0 to 1, where the file tells one.
     pub background: Option<[f32; 3]>,
 }
 
-/// Reads a file of any format, which its content tells.
+/// Gives the contents of a file beside the one that is read, or says where it is missed.
+pub type Beside<'a> = &'a mut dyn FnMut(&str) -> Result<Vec<u8>, String>;
+
+/// Reads a file of any format that its content tells, and that needs no other file.
 ///
 /// # Errors
 /// The content is of no format, is cut off, or contradicts itself. See each format's `read`.
 pub fn read_any(bytes: &[u8]) -> Result<SplatFile, SplatError> {
-    match Format::of_content(bytes)? {
+    read_named(bytes, "", &mut |_| Err("not looked for".into()))
+}
+
+/// Reads a file of any format, which its content tells, or else its name; `beside` gives the files that it names.
+///
+/// # Errors
+/// As [`read_any`].
+pub fn read_named(bytes: &[u8], name: &str, beside: Beside) -> Result<SplatFile, SplatError> {
+    let name = name.to_lowercase();
+    let format = match Format::of_content(bytes) {
+        Err(_) if name.ends_with(".ksplat") => Format::Ksplat,
+        Err(_) if name.ends_with(".splat") => Format::Splat,
+        format => format?,
+    };
+    match format {
         Format::Ply => ply::read(bytes),
         Format::CompressedPly => compressed_ply::read(bytes),
         Format::Spz => spz::read(bytes),
-        Format::Gltf => gltf::read(bytes),
+        Format::Gltf => gltf::read_with(bytes, beside),
+        Format::Splat => splat::read(bytes),
+        Format::Ksplat => ksplat::read(bytes),
+        Format::Sog if is_json(bytes) => sog::read_folder(bytes, beside),
+        Format::Sog => sog::read(bytes),
     }
+}
+
+/// Whether the first byte that is no blank or mark begins an object.
+fn is_json(bytes: &[u8]) -> bool {
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'{')
 }
 
 /// A file of a format. All but compressed PLY keep the order of the Gaussians.
@@ -120,6 +177,9 @@ pub fn write(cloud: &GaussianCloud, format: Format) -> Result<Vec<u8>, SplatErro
         Format::CompressedPly => compressed_ply::write(cloud),
         Format::Spz => spz::write(cloud),
         Format::Gltf => gltf::write(cloud),
+        Format::Splat | Format::Ksplat | Format::Sog => {
+            Err(off(format.name(), "PLY, compressed PLY, SPZ or glTF to write", "a format that is only read"))
+        }
     }
 }
 

@@ -5,12 +5,14 @@
 //! Features, which that format does not know, are further properties `feature_0..`. The colour that a scene was made to be drawn over is a
 //! comment, `background R G B`, 0 to 1; other programs draw over what they like.
 
-use super::ply_header::{Element, Header, Property};
+use super::ply_header::{Element, Header, Property, head_of, is_blank};
+use super::quantised::{logit, opacity};
 use super::sieve::{Sieve, Splat};
 use super::{Format, SplatFile, check};
 use crate::SplatError;
 use crate::error::off;
 use qv_core::GaussianCloud;
+use std::io::{self, Read};
 
 /// What the comment with the background begins with.
 const BACKGROUND: &str = "background ";
@@ -28,7 +30,12 @@ struct Layout<'a> {
     rest_count: usize,
     degree: u8,
     features: Vec<&'a Property>,
+    /// Deviation of Mip-Splatting's filter.
+    filter: Option<&'a Property>,
 }
+
+/// Bytes of rows that are read at a time.
+const BLOCK: usize = 1 << 20;
 
 impl<'a> Layout<'a> {
     fn of(vertex: &'a Element) -> Result<Self, SplatError> {
@@ -57,6 +64,7 @@ impl<'a> Layout<'a> {
             rest,
             degree,
             features,
+            filter: vertex.properties.iter().find(|property| property.name.eq_ignore_ascii_case("filter_3D")),
         })
     }
 }
@@ -67,37 +75,104 @@ fn numbered<'a>(vertex: &'a Element, prefix: &str) -> Result<Vec<&'a Property>, 
     (0..count).map(|number| vertex.property(&format!("{prefix}{number}"))).collect()
 }
 
-/// Reads a file. Properties that are not of the format are passed over; of harmonics of degree 4, degrees 0 to 3 are read.
+/// Reads a file. Properties that are not of the format are passed over; of harmonics of degree 4, degrees 0 to 3 are read. The filter of
+/// Mip-Splatting, `filter_3D`, is applied.
 ///
 /// # Errors
 /// The header or its counts are off, or a property is missing.
 pub fn read(bytes: &[u8]) -> Result<SplatFile, SplatError> {
-    let header = Header::parse(bytes)?;
+    read_stream(&mut &bytes[..], bytes.len() as u64)
+}
+
+/// Reads a file of `length` bytes from a stream, of which no more than a mebibyte, or a row, is held beside the cloud.
+///
+/// # Errors
+/// As [`read`]; or the stream cannot be read.
+pub fn read_stream(source: &mut dyn Read, length: u64) -> Result<SplatFile, SplatError> {
+    let unread = |error: io::Error| off("PLY file", format!("{length} bytes that can be read"), error);
+    let head = head_of(source)?;
+    let header = Header::parse_head(&head, length)?;
     let vertex = header.element("vertex")?;
     let layout = Layout::of(vertex)?;
-    let functions = (layout.degree as usize + 1).pow(2);
+    let mut source = (&head[header.body..]).chain(source);
+    let before = (vertex.start - header.body) as u64;
+    io::copy(&mut source.by_ref().take(before), &mut io::sink()).map_err(unread)?;
     let mut sieve = Sieve::new(vertex.count, layout.degree, layout.features.len());
-    let mut sh = vec![[0.0; 3]; functions];
-    let mut features = vec![0.0; layout.features.len()];
-    for row in vertex.rows(bytes) {
-        sh[0] = layout.constant.map(|property| property.value(row));
-        for k in 1..functions {
-            sh[k] = std::array::from_fn(|c| layout.rest[c * layout.rest_count + k - 1].value(row));
+    let mut rows = Rows::of(&layout);
+    let at_once = (BLOCK / vertex.stride).clamp(1, vertex.count.max(1));
+    let mut block = vec![0; at_once * vertex.stride];
+    let mut left = vertex.count;
+    while left > 0 {
+        let count = left.min(at_once);
+        let block = &mut block[..count * vertex.stride];
+        source.read_exact(block).map_err(unread)?;
+        block.chunks_exact(vertex.stride).for_each(|row| rows.push(&layout, row, &mut sieve));
+        left -= count;
+    }
+    let mut blank = true;
+    loop {
+        match source.read(&mut block).map_err(unread)? {
+            0 => break,
+            count => blank &= is_blank(&block[..count]),
         }
-        for (feature, property) in features.iter_mut().zip(&layout.features) {
+    }
+    let mut remarks = header.remarks(blank);
+    if layout.rest_count > 15 {
+        remarks.lost.push("spherical harmonics of degree 4".to_string());
+    }
+    if layout.filter.is_some() {
+        remarks.told.push("filter_3D of Mip-Splatting is applied to scales and opacities".to_string());
+    }
+    let file = sieve.finish(Format::Ply, remarks.lost);
+    Ok(SplatFile { background: background(&header), told: remarks.told, ..file })
+}
+
+/// What rows are unpacked into.
+struct Rows {
+    sh: Vec<[f32; 3]>,
+    features: Vec<f32>,
+}
+
+impl Rows {
+    fn of(layout: &Layout) -> Self {
+        let functions = (layout.degree as usize + 1).pow(2);
+        Self { sh: vec![[0.0; 3]; functions], features: vec![0.0; layout.features.len()] }
+    }
+
+    fn push(&mut self, layout: &Layout, row: &[u8], sieve: &mut Sieve) {
+        self.sh[0] = layout.constant.map(|property| property.value(row));
+        for k in 1..self.sh.len() {
+            self.sh[k] = std::array::from_fn(|c| layout.rest[c * layout.rest_count + k - 1].value(row));
+        }
+        for (feature, property) in self.features.iter_mut().zip(&layout.features) {
             *feature = property.value(row);
         }
-        sieve.push(&Splat {
+        let mut splat = Splat {
             mean: layout.mean.map(|property| property.value(row)),
             log_scale: layout.log_scale.map(|property| property.value(row)),
             rotation: layout.rotation.map(|property| property.value(row)),
             opacity_logit: layout.opacity.value(row),
-            sh: &sh,
-            features: &features,
-        });
+            sh: &self.sh,
+            features: &self.features,
+        };
+        if let Some(filter) = layout.filter {
+            smooth(&mut splat, f64::from(filter.value(row)));
+        }
+        sieve.push(&splat);
     }
-    let lost = if layout.rest_count > 15 { vec!["spherical harmonics of degree 4".to_string()] } else { vec![] };
-    Ok(SplatFile { background: background(&header), ..sieve.finish(Format::Ply, lost) })
+}
+
+/// Mip-Splatting's filter (Yu et al., 2024, equation 9): the Gaussian is convolved with one of deviation `filter`, and its opacity shrinks as
+/// its volume grows, so that s becomes sqrt(s² + f²) and the opacity is multiplied by the product of s / sqrt(s² + f²) over the axes.
+fn smooth(splat: &mut Splat, filter: f64) {
+    let mut share = 1.0;
+    for log in &mut splat.log_scale {
+        let scale = f64::from(*log).exp();
+        let wide = scale.hypot(filter);
+        share *= if wide > 0.0 { scale / wide } else { 1.0 };
+        *log = wide.ln() as f32;
+    }
+    splat.opacity_logit = logit((f64::from(opacity(splat.opacity_logit)) * share) as f32);
 }
 
 /// The colour in the comments; none where there is none that means something.
@@ -155,4 +230,62 @@ pub fn write_over(cloud: &GaussianCloud, background: Option<[f32; 3]>) -> Result
         put(cloud.features_of(i));
     }
     Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A file of two Gaussians with further properties, little-endian floats.
+    fn file(extra: &str, values: &[f32]) -> Vec<u8> {
+        let names = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
+        let lines: String =
+            names.split(' ').chain(extra.split_whitespace()).map(|n| format!("property float {n}\n")).collect();
+        let mut out =
+            format!("ply\nformat binary_little_endian 1.0\nelement vertex 2\n{lines}end_header\n").into_bytes();
+        for k in 0..2 {
+            let row = [k as f32, 2.0, 3.0, 0.1, 0.2, 0.3, 0.0, -1.0, -2.0, f32::NEG_INFINITY, 1.0, 0.0, 0.0, 0.0];
+            row.iter().chain(values).for_each(|x| out.extend(x.to_le_bytes()));
+        }
+        out
+    }
+
+    #[test]
+    fn the_filter_of_mip_splatting_is_applied() {
+        let plain = read(&file("", &[])).unwrap();
+        let none = read(&file("filter_3D", &[0.0])).unwrap();
+        assert_eq!(none.cloud.log_scales[0][0], plain.cloud.log_scales[0][0]);
+        assert_eq!((plain.told.len(), none.told.len(), none.lost.len()), (0, 1, 0));
+        let filtered = read(&file("filter_3D", &[0.5])).unwrap().cloud;
+        let scales = [(-1.0f64).exp(), (-2.0f64).exp(), 0.0];
+        for k in 0..3 {
+            let expected = (scales[k] * scales[k] + 0.25).sqrt().ln();
+            assert!((f64::from(filtered.log_scales[0][k]) - expected).abs() < 1e-6);
+        }
+        // A disc without thickness that is made thick is thin in all directions: its opacity is spread over an infinite ratio.
+        assert!(filtered.opacity_logits[0] < -16.0);
+        let mut thick = file("filter_3D", &[0.5]);
+        let at = thick.len() - 15 * 4 + 9 * 4;
+        thick[at..at + 4].copy_from_slice(&0.0f32.to_le_bytes());
+        let cloud = read(&thick).unwrap().cloud;
+        let share: f64 = [scales[0], scales[1], 1.0].iter().map(|s| s / (s * s + 0.25).sqrt()).product();
+        assert!((f64::from(opacity(cloud.opacity_logits[1])) - 0.5 * share).abs() < 1e-6);
+        assert_eq!(read(&file("filter_3D", &[f32::NAN])).unwrap().left_out, 2);
+    }
+
+    #[test]
+    fn a_stream_gives_what_the_bytes_give() {
+        let bytes = file("filter_3D", &[0.1]);
+        // One byte at a time.
+        struct Slow<'a>(&'a [u8]);
+        impl Read for Slow<'_> {
+            fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+                let count = out.len().min(1);
+                self.0.read(&mut out[..count])
+            }
+        }
+        assert_eq!(read_stream(&mut Slow(&bytes), bytes.len() as u64), read(&bytes));
+        let error = read_stream(&mut Slow(&bytes[..bytes.len() - 3]), bytes.len() as u64).unwrap_err().to_string();
+        assert!(error.contains("bytes that can be read"), "{error}");
+    }
 }

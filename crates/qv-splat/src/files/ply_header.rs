@@ -3,6 +3,7 @@
 use crate::SplatError;
 use crate::cursor::{f32_at, u32_at};
 use crate::error::off;
+use std::io::Read;
 
 /// Longest header that is looked through for its end, bytes.
 const LONGEST_HEADER: usize = 1 << 20;
@@ -83,7 +84,9 @@ pub struct Element {
     /// Bytes of a row.
     pub stride: usize,
     /// Where its rows begin in the file, bytes.
-    start: usize,
+    pub start: usize,
+    /// Whether a property is a list: its rows have no length then, and none of them is read.
+    lists: bool,
 }
 
 impl Element {
@@ -122,19 +125,40 @@ impl Element {
 /// What a file holds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
+    /// Elements whose rows are in the file, up to the first with lists that has any.
     pub elements: Vec<Element>,
     /// Lines of comment, without that word.
     pub comments: Vec<String>,
+    /// Where the rows begin in the file, bytes.
+    pub body: usize,
+    /// Elements from the first with lists on that has rows, by name.
+    unread: Vec<String>,
+    /// Bytes behind the rows of `elements`.
+    rest: u64,
+}
+
+/// What is said of what follows the rows that are read.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Remarks {
+    pub told: Vec<String>,
+    pub lost: Vec<String>,
 }
 
 impl Header {
     /// Reads the header of a whole file.
     ///
     /// # Errors
-    /// Names the line that is off, ASCII and big-endian files, lists, and counts that do not fit the bytes that are there:
-    /// neither may bytes be missing, nor may there be more.
+    /// As [`Self::parse_head`].
     pub fn parse(file: &[u8]) -> Result<Self, SplatError> {
-        let (text, body) = split(file)?;
+        Self::parse_head(file, file.len() as u64)
+    }
+
+    /// Reads the header at the beginning of a file of `length` bytes, of which `head` has at least the header.
+    ///
+    /// # Errors
+    /// Names the line that is off, ASCII and big-endian files, and counts that need more bytes than are there.
+    pub fn parse_head(head: &[u8], length: u64) -> Result<Self, SplatError> {
+        let (text, body) = split(head)?;
         let mut elements: Vec<Element> = Vec::new();
         let (mut format, mut comments) = (None, Vec::new());
         for (number, line) in text.lines().enumerate() {
@@ -152,9 +176,12 @@ impl Header {
                 }
                 ["element", name, count] => {
                     let count = count.parse().map_err(|_| off(place(), "a number of rows", count))?;
-                    elements.push(Element { name: (*name).into(), count, properties: vec![], stride: 0, start: 0 });
+                    let (name, properties) = ((*name).into(), vec![]);
+                    elements.push(Element { name, count, properties, stride: 0, start: 0, lists: false });
                 }
-                ["property", "list", ..] => return Err(off(place(), "properties that are no lists", line)),
+                ["property", "list", ..] => {
+                    elements.last_mut().ok_or_else(|| off(place(), "an element first", line))?.lists = true;
+                }
                 ["property", kind, name] => {
                     let kind = Kind::of_name(kind).ok_or_else(|| off(place(), "a type of PLY", kind))?;
                     let element = elements.last_mut().ok_or_else(|| off(place(), "an element first", line))?;
@@ -165,8 +192,29 @@ impl Header {
             }
         }
         format.ok_or_else(|| off("PLY header", "a line with the format", "none"))?;
-        place_rows(&mut elements, body, file.len())?;
-        Ok(Self { elements, comments })
+        let known = elements.iter().position(|element| element.lists && element.count > 0).unwrap_or(elements.len());
+        let unread = elements.split_off(known).into_iter().map(|element| element.name).collect();
+        let end = place_rows(&mut elements, body, length)?;
+        Ok(Self { elements, comments, body, unread, rest: length - end })
+    }
+
+    /// What is behind the rows that are known: nothing, elements of which no cloud is made, or bytes that no line of the header speaks of.
+    /// `is_blank` says whether all of them are blanks, line breaks or zeros.
+    pub fn remarks(&self, is_blank: bool) -> Remarks {
+        let mut out = Remarks::default();
+        if !self.unread.is_empty() {
+            out.lost.push(format!("PLY elements {}: lists", self.unread.join(", ")));
+        } else if self.rest > 0 && is_blank {
+            out.told.push(format!("{} blank bytes after the data", self.rest));
+        } else if self.rest > 0 {
+            out.lost.push(format!("{} bytes after the data, of which the header says nothing", self.rest));
+        }
+        out
+    }
+
+    /// [`Self::remarks`] of a whole file.
+    pub fn remarks_of(&self, file: &[u8]) -> Remarks {
+        self.remarks(is_blank(&file[file.len() - self.rest as usize..]))
     }
 
     /// An element by name.
@@ -181,7 +229,8 @@ impl Header {
     pub fn element(&self, name: &str) -> Result<&Element, SplatError> {
         self.find(name).ok_or_else(|| {
             let names: Vec<&str> = self.elements.iter().map(|element| element.name.as_str()).collect();
-            off("PLY header", format!("element {name}"), names.join(", "))
+            let lists = if self.unread.iter().any(|unread| unread == name) { " before any with lists" } else { "" };
+            off("PLY header", format!("element {name}{lists}"), names.join(", "))
         })
     }
 }
@@ -201,23 +250,45 @@ fn split(file: &[u8]) -> Result<(&str, usize), SplatError> {
     Ok((text, body))
 }
 
-/// Sets where each element's rows begin.
-fn place_rows(elements: &mut [Element], body: usize, length: usize) -> Result<(), SplatError> {
-    let mut at = body;
+/// Sets where each element's rows begin; gives where the last ones end.
+fn place_rows(elements: &mut [Element], body: usize, length: u64) -> Result<u64, SplatError> {
+    let mut at = body as u64;
     for element in elements.iter_mut() {
         let claimed = element.count as u128 * element.stride as u128;
-        if claimed > (length - at) as u128 {
+        if claimed > u128::from(length - at) {
             let place = format!("PLY element {}, {} rows of {} bytes", element.name, element.count, element.stride);
             let expected = u64::try_from(claimed).unwrap_or(u64::MAX);
-            return Err(SplatError::CutOff { place, byte: at as u64, expected, found: (length - at) as u64 });
+            return Err(SplatError::CutOff { place, byte: at, expected, found: length - at });
         }
-        element.start = at;
-        at += claimed as usize;
+        element.start = at as usize;
+        at += claimed as u64;
     }
-    if at != length {
-        return Err(off(format!("PLY file, byte {at}"), "the end of the file", format!("{} bytes more", length - at)));
+    Ok(at)
+}
+
+/// Whether bytes say nothing.
+pub fn is_blank(bytes: &[u8]) -> bool {
+    bytes.iter().all(|byte| byte.is_ascii_whitespace() || *byte == 0)
+}
+
+/// Bytes of the header at the front of a stream, and what of the rows was read with it.
+///
+/// # Errors
+/// It cannot be read. Whether there is a header, [`Header::parse_head`] says.
+pub fn head_of(mut source: &mut dyn Read) -> Result<Vec<u8>, SplatError> {
+    const STEP: u64 = 4096;
+    let mut head = Vec::new();
+    loop {
+        let before = head.len();
+        let read = Read::take(&mut source, STEP).read_to_end(&mut head);
+        read.map_err(|error| off("PLY file", "bytes that can be read", error))?;
+        // The line break after the last line may come with the next bytes.
+        let from = before.saturating_sub(16);
+        let end = head[from..].windows(11).position(|window| window == b"\nend_header").map(|at| from + at);
+        if head.len() == before || head.len() > LONGEST_HEADER || end.is_some_and(|end| end + 13 <= head.len()) {
+            return Ok(head);
+        }
     }
-    Ok(())
 }
 
 /// A line as an error may show it.
@@ -265,12 +336,36 @@ mod tests {
         assert!(fault(begin, 9).contains("expected a line end_header"));
         assert!(fault(&format!("{begin}element v x\nend_header\n"), 0).contains("line 3: expected a number of rows"));
         assert!(fault(&format!("{begin}property int x\nend_header\n"), 0).contains("an element first"));
-        let list = format!("{begin}element face 1\nproperty list uchar int i\nend_header\n");
-        assert!(fault(&list, 0).contains("line 4: expected properties that are no lists"));
+        assert!(fault(&format!("{begin}property list uchar int i\nend_header\n"), 0).contains("an element first"));
         let huge = format!("{begin}element v 18446744073709551615\nproperty double x\nend_header\n");
         assert!(fault(&huge, 16).contains("from byte"), "{}", fault(&huge, 16));
         let one = format!("{begin}element v 1\nproperty int x\nend_header\n");
         assert!(fault(&one, 3).contains("expected 4 bytes from byte"));
-        assert!(fault(&one, 5).contains("expected the end of the file, found 1 bytes more"));
+    }
+
+    #[test]
+    fn what_follows_the_rows_is_said() {
+        let one = "ply\nformat binary_little_endian 1.0\nelement v 1\nproperty uchar x\n";
+        let list = "element face COUNT\nproperty list uchar int i\n";
+        let remarks = |middle: &str, body: &[u8]| {
+            let file = [format!("{one}{middle}end_header\n").as_bytes(), body].concat();
+            let header = Header::parse(&file).unwrap();
+            assert_eq!(header.elements[0].rows(&file).collect::<Vec<_>>(), [&body[..1]]);
+            let head = head_of(&mut &file[..]).unwrap();
+            assert_eq!(Header::parse_head(&head, file.len() as u64).unwrap(), header);
+            let Remarks { told, lost } = header.remarks_of(&file);
+            [told, lost].map(|lines| lines.join("; "))
+        };
+        let nothing = String::new;
+        assert_eq!(remarks(&list.replace("COUNT", "0"), &[7]), [nothing(), nothing()]);
+        assert_eq!(remarks(&list.replace("COUNT", "2"), &[7, 1, 2]), [nothing(), "PLY elements face: lists".into()]);
+        assert_eq!(remarks("", b"7 \n"), ["2 blank bytes after the data".into(), nothing()]);
+        assert!(remarks("", b"7x")[1].contains("1 bytes after the data"));
+        let first = format!(
+            "ply\nformat binary_little_endian 1.0\n{}element v 1\nproperty uchar x\nend_header\n",
+            list.replace("COUNT", "1")
+        );
+        let header = Header::parse(first.as_bytes()).unwrap();
+        assert!(header.element("v").unwrap_err().to_string().contains("element v before any with lists"));
     }
 }

@@ -28,6 +28,19 @@ pub fn logit(opacity: f32) -> f32 {
     ((p / (1.0 - p)).ln() as f32).clamp(-OPAQUE_LOGIT, OPAQUE_LOGIT)
 }
 
+/// IEEE 754 binary16.
+pub fn half_float(low: u8, high: u8) -> f32 {
+    let bits = u16::from_le_bytes([low, high]);
+    let (exponent, mantissa) = (i32::from(bits >> 10 & 31), f32::from(bits & 1023) / 1024.0);
+    let size = match exponent {
+        0 => mantissa * 2f32.powi(-14),
+        31 if mantissa == 0.0 => f32::INFINITY,
+        31 => f32::NAN,
+        _ => (1.0 + mantissa) * 2f32.powi(exponent - 15),
+    };
+    if bits >> 15 == 1 { -size } else { size }
+}
+
 /// Logit of an opacity in a byte. 0 and 255 stand for half a step, of which this is the middle.
 pub fn logit_of_byte(byte: u8) -> f32 {
     logit(f32::from(byte).clamp(0.25, 254.75) / 255.0)

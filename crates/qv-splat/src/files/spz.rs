@@ -6,7 +6,7 @@
 //! on); the other harmonics, coefficient times 128 plus 128, 8 bits, coefficient by coefficient with red, green, blue inside.
 //! The axes are x right, y up, z back; they are turned by half a turn about x (see [`files`](super)).
 
-use super::quantised::{from_smallest_three, logit_of_byte, opacity, smallest_three};
+use super::quantised::{from_smallest_three, half_float, logit_of_byte, opacity, smallest_three};
 use super::sieve::{Sieve, Splat};
 use super::spz_container::{Arrays, close, open, widths};
 use super::{Format, SplatFile, check};
@@ -140,19 +140,6 @@ fn half_turn_of([w, x, y, z]: [f32; 4]) -> [f32; 4] {
 fn fixed(bytes: &[u8], fractional_bits: u8) -> f32 {
     let number = i32::from_le_bytes([0, bytes[0], bytes[1], bytes[2]]) >> 8;
     number as f32 / (1u32 << fractional_bits) as f32
-}
-
-/// IEEE 754 binary16.
-fn half_float(low: u8, high: u8) -> f32 {
-    let bits = u16::from_le_bytes([low, high]);
-    let (exponent, mantissa) = (i32::from(bits >> 10 & 31), f32::from(bits & 1023) / 1024.0);
-    let size = match exponent {
-        0 => mantissa * 2f32.powi(-14),
-        31 if mantissa == 0.0 => f32::INFINITY,
-        31 => f32::NAN,
-        _ => (1.0 + mantissa) * 2f32.powi(exponent - 15),
-    };
-    if bits >> 15 == 1 { -size } else { size }
 }
 
 /// w, x, y, z from x, y, z.

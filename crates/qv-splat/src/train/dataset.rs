@@ -2,12 +2,13 @@
 
 use super::undistort::{Pixels, smaller, undistorted};
 use crate::SplatError;
+use crate::captures::pictures::{self, Shown};
 use crate::captures::{Capture, CaptureCamera, DepthFile};
 use crate::error::off;
 use glam::DVec3;
 use qv_core::Camera;
 use rayon::prelude::*;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A photograph without distortion.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,6 +56,8 @@ pub struct Dataset {
     pub background: [f32; 3],
     /// What of the capture could not be used, a line each.
     pub lost: Vec<String>,
+    /// What was done with images that EXIF tells to turn, and how many.
+    pub turned: BTreeMap<String, usize>,
 }
 
 /// How a capture is read.
@@ -98,14 +101,15 @@ impl Dataset {
             }
             is_new
         });
-        let read = |one: &&CaptureCamera| photograph(one, files, options.downscale);
+        let read = |one: &&CaptureCamera| photograph(one, files, options.downscale, capture.shown);
         let read: Vec<Result<_, SplatError>> = cameras.par_iter().map(read).collect();
-        let mut all = vec![];
+        let (mut all, mut turned) = (vec![], BTreeMap::new());
         for one in read {
             match one {
-                Ok((photograph, without)) => {
+                Ok((photograph, without, turn)) => {
                     all.push(photograph);
                     lost.extend(without.iter().map(ToString::to_string));
+                    turn.into_iter().for_each(|what| *turned.entry(what).or_insert(0) += 1);
                 }
                 Err(error) => lost.push(error.to_string()),
             }
@@ -116,7 +120,7 @@ impl Dataset {
                 let found = format!("{error}; {} lost; the first: {first}", lost.len());
                 Err(off("capture", "photographs that can be read and learned from", found))
             }
-            (dataset, _) => Ok(Self { lost, ..dataset? }),
+            (dataset, _) => Ok(Self { lost, turned, ..dataset? }),
         }
     }
 
@@ -136,7 +140,8 @@ impl Dataset {
             return Err(off("capture", "at least 2 photographs to learn from", found));
         }
         let background = mean_colour(&training);
-        let dataset = Self { training, held_out, extent: extent(&cameras), nearest: vec![], background, lost: vec![] };
+        let (lost, turned, extent) = (vec![], BTreeMap::new(), extent(&cameras));
+        let dataset = Self { training, held_out, extent, nearest: vec![], background, lost, turned };
         let count = dataset.training.len();
         if dataset.alone().len() == count {
             let expected = "two photographs that show the same place";
@@ -202,12 +207,15 @@ fn overlap(a: &Camera, b: &Camera) -> bool {
     })
 }
 
-/// A photograph, and what beside it cannot be read.
-fn photograph(one: &CaptureCamera, files: Files, downscale: u32) -> Result<(Photograph, Vec<SplatError>), SplatError> {
+/// A photograph, what beside it cannot be read, and how it was turned.
+type Read = (Photograph, Vec<SplatError>, Option<String>);
+
+fn photograph(one: &CaptureCamera, files: Files, downscale: u32, shown: Shown) -> Result<Read, SplatError> {
     let place = format!("camera {}", one.name);
     let path = one.image.as_deref().ok_or_else(|| off(&*place, "an image", "none"))?;
     let camera = &one.camera;
-    let decoded = decode(path, files, camera)?.into_rgba8();
+    let (decoded, turned) = decode_turned(path, files, camera, shown)?;
+    let decoded = decoded.into_rgba8();
     let (width, height) = (camera.width as usize, camera.height as usize);
     let mut pixels = Pixels { width, height, rgba: decoded.pixels().map(|p| p.0).collect() };
     let mask = one.attachments.mask.as_deref().map(|path| decode(path, files, camera)).transpose()?;
@@ -250,7 +258,7 @@ fn photograph(one: &CaptureCamera, files: Files, downscale: u32) -> Result<(Phot
     let mut without = vec![];
     let (depth, normals, labels) =
         (or_none(depth, &mut without), or_none(normals, &mut without), or_none(labels, &mut without));
-    Ok((Photograph { name: one.name.clone(), camera, pixels, depth, normals, labels }, without))
+    Ok((Photograph { name: one.name.clone(), camera, pixels, depth, normals, labels }, without, turned))
 }
 
 /// What was read, or nothing, and why.
@@ -267,15 +275,26 @@ fn normal(bytes: &[u8]) -> [f32; 3] {
     if n == glam::Vec3::ZERO { [0.0; 3] } else { unit.to_array() }
 }
 
+/// An image beside a photograph.
 fn decode(path: &str, files: Files, camera: &Camera) -> Result<image::DynamicImage, SplatError> {
+    Ok(decode_turned(path, files, camera, Shown::Turned)?.0)
+}
+
+fn decode_turned(
+    path: &str,
+    files: Files,
+    camera: &Camera,
+    shown: Shown,
+) -> Result<(image::DynamicImage, Option<String>), SplatError> {
     let bytes = files(path).map_err(|found| off(format!("image {path}"), "a file", found))?;
-    let image =
-        image::load_from_memory(&bytes).map_err(|found| off(format!("image {path}"), "a JPEG or PNG image", found))?;
-    if (image.width(), image.height()) != (camera.width, camera.height) {
+    let size = [camera.width, camera.height];
+    let (image, turned) = pictures::decode(&bytes, size, shown)
+        .map_err(|found| off(format!("image {path}"), "a JPEG or PNG image", found))?;
+    if [image.width(), image.height()] != size {
         let expected = format!("{} x {} pixels, as its camera has", camera.width, camera.height);
         return Err(off(format!("image {path}"), expected, format!("{} x {}", image.width(), image.height())));
     }
-    Ok(image)
+    Ok((image, turned))
 }
 
 fn depth_image(file: &DepthFile, files: Files, camera: &Camera) -> Result<Vec<u16>, SplatError> {
@@ -312,7 +331,7 @@ mod tests {
                 attachments: Attachments::default(),
             }
         };
-        Capture { cameras: (0..count).map(one).collect(), lost: vec![] }
+        Capture { cameras: (0..count).map(one).collect(), ..Capture::default() }
     }
 
     fn png(width: u32, height: u32, grey: u8) -> Vec<u8> {

@@ -9,7 +9,7 @@ use super::dataset::Photograph;
 use super::exposure::{exposed_image, fitted, fitted_gains};
 use super::loss::ssim_map;
 
-/// Scores of one image.
+/// Scores of one image. A part of which every pixel is masked has none: NaN, which means leave out and nothing prints.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Score {
     /// Peak signal to noise ratio of the whole image \[dB\].
@@ -29,9 +29,12 @@ pub struct Score {
 }
 
 impl Score {
-    /// Mean of each number; `None` of nothing.
+    /// Mean of each number over the images that have it; `None` of nothing.
     pub fn mean(scores: &[Self]) -> Option<Self> {
-        let mean = |of: fn(&Self) -> f64| scores.iter().map(of).sum::<f64>() / scores.len() as f64;
+        let mean = |of: fn(&Self) -> f64| {
+            let there: Vec<f64> = scores.iter().map(of).filter(|score| !score.is_nan()).collect();
+            there.iter().sum::<f64>() / there.len() as f64
+        };
         (!scores.is_empty()).then(|| Self {
             psnr: mean(|s| s.psnr),
             ssim: mean(|s| s.ssim),
@@ -92,5 +95,21 @@ mod tests {
         let found = score(&dim, photograph);
         assert!(found.psnr < 30.0 && found.psnr_right < 35.0 && found.psnr_right_fitted > 45.0, "{found:?}");
         assert_eq!(Score::mean(&[]), None);
+    }
+
+    #[test]
+    fn a_half_that_is_masked_counts_in_no_mean() {
+        let scene = tiny::scene(40, 3, 32);
+        let mut photograph = scene.dataset.training[0].clone();
+        let (image, width) = (vec![0.3; 3 * photograph.pixels.rgba.len()], photograph.pixels.width);
+        let whole = score(&image, &photograph);
+        for (index, pixel) in photograph.pixels.rgba.iter_mut().enumerate() {
+            pixel[3] = if index % width < width / 2 { 255 } else { 0 };
+        }
+        let half = score(&image, &photograph);
+        assert!(half.psnr.is_finite() && half.psnr_right.is_nan() && half.ssim_right.is_nan(), "{half:?}");
+        let mean = Score::mean(&[half, whole]).unwrap();
+        assert_eq!((mean.psnr_right, mean.psnr), (whole.psnr_right, 0.5 * (half.psnr + whole.psnr)));
+        assert!(Score::mean(&[half]).unwrap().psnr_right.is_nan());
     }
 }

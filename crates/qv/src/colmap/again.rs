@@ -167,7 +167,7 @@ mod tests {
     }
 
     fn open(cameras: Vec<CaptureCamera>) -> OpenCapture {
-        OpenCapture { capture: Capture { cameras, lost: vec![] }, folders: vec![], points: None }
+        OpenCapture { capture: Capture { cameras, ..Capture::default() }, folders: vec![], points: None }
     }
 
     #[test]

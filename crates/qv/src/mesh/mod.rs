@@ -269,8 +269,7 @@ impl Mesh {
         if self.rgbd || rgbd::holds_depth(&self.scene) {
             return self.read_depth(materials);
         }
-        let expected =
-            "expected a scene of Gaussians, or a folder with frame-*.depth.png or transforms.json with depth_file_path";
+        let expected = "expected a scene of Gaussians, or a folder with frame-*.depth.png, of TUM, Redwood or ScanNet, or transforms.json with depth_file_path";
         if self.scene.is_dir() {
             return Err(about(&self.scene, format!("{expected}, found a folder without depth")));
         }

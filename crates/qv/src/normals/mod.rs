@@ -168,7 +168,7 @@ mod tests {
             "position": [0, 0, 0], "rotation": [1, 0, 0, 0]}]}"#;
         let cameras: Vec<CaptureCamera> = cameras_json::read(text).unwrap().cameras;
         let open = || OpenCapture {
-            capture: Capture { cameras: cameras.clone(), lost: vec![] },
+            capture: Capture { cameras: cameras.clone(), ..Capture::default() },
             folders: vec![folder.clone()],
             points: None,
         };

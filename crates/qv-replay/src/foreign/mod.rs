@@ -1,0 +1,100 @@
+//! Recordings of other programs become tables, which [`crate::read_table`] makes runs of.
+//!
+//! | what | from |
+//! |---|---|
+//! | [`lerobot`] | LeRobot datasets, versions 2 and 3 (huggingface/lerobot, `meta/info.json` and Parquet files) |
+//! | [`sage`] | folders of SAGE (isaac-sim2real/sage, *Data Format*): `control.csv`, `state_motor.csv`, `joint_list.txt` |
+//! | [`lowstate`] | CSV files with the fields of Unitree's LowState as columns, in the spellings that loggers give them |
+//!
+//! What a table does not say, such as the robot, stands in `run.toml`; `[dataset]` in it says what the columns are ([`Settings`]).
+
+pub mod lerobot;
+pub mod lowstate;
+#[cfg(feature = "parquet")]
+mod parquet;
+pub mod sage;
+mod settings;
+
+pub use settings::Settings;
+
+use crate::run::Loss;
+use std::fmt::Write;
+
+/// A table as [`crate::read_table`] takes it, and how it was made.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Table {
+    /// The text of `run.csv`.
+    pub csv: String,
+    /// How the recording was read where that is not as a matter of course, a sentence each.
+    pub told: Vec<String>,
+    /// What could not be read.
+    pub lost: Vec<Loss>,
+}
+
+/// A channel of joints: the prefix of its columns, and a row of numbers for each stamp, NaN where there is none.
+pub(crate) struct Part {
+    pub prefix: &'static str,
+    pub time: Vec<f64>,
+    /// Shape `[T, joints]`.
+    pub values: Vec<f64>,
+}
+
+/// Joins channels, each on its own stamps \[s\], into one table. Joints without a name are left out.
+pub(crate) fn join(joints: &[String], parts: &[Part]) -> String {
+    let named: Vec<usize> = (0..joints.len()).filter(|j| !joints[*j].is_empty()).collect();
+    let mut csv = String::from("time");
+    for part in parts {
+        named.iter().for_each(|j| write!(csv, ",{}", quoted(&format!("{}{}", part.prefix, joints[*j]))).unwrap_or(()));
+    }
+    csv.push('\n');
+    let mut order: Vec<(f64, usize, usize)> = Vec::new();
+    for (p, part) in parts.iter().enumerate() {
+        order.extend(part.time.iter().enumerate().map(|(row, time)| (*time, row, p)));
+    }
+    // Rows of a channel that came out of order stay so, for the table to tell.
+    order.sort_by(|a, b| a.1.cmp(&b.1).then(a.2.cmp(&b.2)));
+    order.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut rest = &order[..];
+    while let Some((time, row, p)) = rest.first().copied() {
+        // Channels with the same stamp share a row.
+        let shared = rest[1..].iter().take_while(|next| next.0 == time && next.2 > p && next.1 == row).count();
+        let rows = &rest[..=shared];
+        write!(csv, "{time}").unwrap_or(());
+        for (k, part) in parts.iter().enumerate() {
+            let own = rows.iter().find(|one| one.2 == k).map(|one| one.1);
+            for j in &named {
+                csv.push(',');
+                if let Some(x) = own.map(|row| part.values[row * joints.len() + j]).filter(|x| !x.is_nan()) {
+                    write!(csv, "{x}").unwrap_or(());
+                }
+            }
+        }
+        csv.push('\n');
+        rest = &rest[shared + 1..];
+    }
+    csv
+}
+
+/// A cell of a header.
+pub(crate) fn quoted(name: &str) -> String {
+    if name.contains([',', '"', '\n']) { format!("\"{}\"", name.replace('"', "\"\"")) } else { name.to_string() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn channels_are_joined_by_their_stamps() {
+        let joints = ["a".to_string(), String::new(), "b,c".to_string()];
+        let part = |prefix, time: &[f64], values: &[f64]| Part { prefix, time: time.to_vec(), values: values.to_vec() };
+        let csv = join(
+            &joints,
+            &[
+                part("pos.", &[0.0, 1.0], &[1.0, 9.0, 2.0, 3.0, 9.0, f64::NAN]),
+                part("cmd_pos.", &[0.0, 0.5], &[0.25, 9.0, 5.0, 6.0, 9.0, 7.0]),
+            ],
+        );
+        assert_eq!(csv, "time,pos.a,\"pos.b,c\",cmd_pos.a,\"cmd_pos.b,c\"\n0,1,2,0.25,5\n0.5,,,6,7\n1,3,,,\n");
+    }
+}

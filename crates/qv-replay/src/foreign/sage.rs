@@ -1,0 +1,166 @@
+//! Folders of SAGE (isaac-sim2real/sage): `state_motor.csv` and `control.csv` with lists in their cells, radians; `joint_list.txt`.
+
+use super::{Part, Settings, Table, join};
+use crate::ReplayError;
+use crate::run::Loss;
+use crate::table::unit_of_time;
+
+/// Rows of one of the files.
+#[derive(Default)]
+struct Rows {
+    time: Vec<f64>,
+    /// Positions, velocities, torques, where there are columns of them; shape `[T, width]` each.
+    lists: [Vec<f64>; 3],
+    width: usize,
+    lost: Vec<String>,
+}
+
+const LISTS: [&str; 3] = ["positions", "velocities", "torques"];
+
+/// A table of the texts of `state_motor.csv`, `control.csv` and `joint_list.txt`, where the last two are there. Both files are on one clock; the
+/// unit of its stamps is found by their size.
+///
+/// # Errors
+/// A column is missing, no row has as many numbers as the first, or nothing names the joints.
+pub fn table(
+    state: &str,
+    control: Option<&str>,
+    joint_list: Option<&str>,
+    settings: &Settings,
+) -> Result<Table, ReplayError> {
+    let mut state = rows("state_motor.csv", state, None)?;
+    let own = joint_list.map(|text| {
+        let lines = text.trim_start_matches('\u{feff}').split(['\n', ',']).map(|name| name.trim().to_string());
+        lines.filter(|name| !name.is_empty()).collect()
+    });
+    let joints = settings.names(state.width, own, "joint_list.txt")?;
+    let (seconds, unit) = unit_of_time(state.time[0], &state.time);
+    let mut table = Table::default();
+    if seconds != 1.0 {
+        table.told.push(format!("state_motor.csv: stamps are {unit}, by their size"));
+    }
+    table.told.extend(settings.unit.as_ref().map(|unit| format!("positions are read as {unit}")));
+    let lose = |file: &str, lines: &[String]| {
+        lines.iter().map(|what| Loss { file: file.into(), what: what.clone(), span: None }).collect::<Vec<_>>()
+    };
+    table.lost = lose("state_motor.csv", &state.lost);
+    let mut parts = vec![];
+    for (k, prefix) in ["pos.", "vel.", "tau."].into_iter().enumerate() {
+        let mut values = std::mem::take(&mut state.lists[k]);
+        if values.is_empty() {
+            continue;
+        }
+        if k < 2 {
+            settings.convert(&joints, &mut values, k == 1);
+        }
+        parts.push(Part { prefix, time: state.time.iter().map(|t| t * seconds).collect(), values });
+    }
+    if let Some(text) = control {
+        let mut control = rows("control.csv", text, Some(joints.len()))?;
+        table.lost.extend(lose("control.csv", &control.lost));
+        let mut values = std::mem::take(&mut control.lists[0]);
+        settings.convert(&joints, &mut values, false);
+        parts.push(Part { prefix: "cmd_pos.", time: control.time.iter().map(|t| t * seconds).collect(), values });
+    }
+    table.csv = join(&joints, &parts);
+    Ok(table)
+}
+
+/// Rows with `width` numbers in each list, or as many as the first has.
+fn rows(file: &str, text: &str, width: Option<usize>) -> Result<Rows, ReplayError> {
+    let text = text.trim_start_matches('\u{feff}');
+    let mut reader = csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).from_reader(text.as_bytes());
+    let header = reader.headers().map_err(|e| ReplayError::file(file, "a header line", e.to_string()))?.clone();
+    let column = |name: &str| header.iter().position(|known| known.eq_ignore_ascii_case(name));
+    let missing = |name: &str| {
+        let found = header.iter().take(8).collect::<Vec<_>>().join(", ");
+        ReplayError::file(file, format!("a column `{name}`"), format!("columns {found}"))
+    };
+    let time = column("timestamp").or_else(|| column("time")).ok_or_else(|| missing("timestamp"))?;
+    let lists = LISTS.map(column);
+    if lists[0].is_none() {
+        return Err(missing(LISTS[0]));
+    }
+    let mut out = Rows { width: width.unwrap_or(0), ..Rows::default() };
+    let (mut bad, mut first_bad) = (0, None);
+    for (at, record) in reader.records().enumerate() {
+        let line = at + 2;
+        let record = record.map_err(|e| ReplayError::file(file, "rows of a table", e.to_string()))?;
+        let stamp = record.get(time).and_then(|cell| cell.parse::<f64>().ok()).filter(|t| t.is_finite());
+        let numbers = lists.map(|list| list.map(|list| record.get(list).and_then(list_of).unwrap_or_default()));
+        let positions = numbers[0].as_ref().map_or(0, Vec::len);
+        if out.width == 0 && stamp.is_some() {
+            out.width = positions;
+        }
+        let (Some(stamp), true) = (stamp, positions == out.width && positions > 0) else {
+            bad += 1;
+            first_bad.get_or_insert((line, positions));
+            continue;
+        };
+        out.time.push(stamp);
+        for (values, numbers) in out.lists.iter_mut().zip(numbers) {
+            let Some(mut numbers) = numbers else { continue };
+            // Of velocities and torques an empty list is "not measured".
+            if numbers.len() != out.width {
+                numbers = vec![f64::NAN; out.width];
+            }
+            values.append(&mut numbers);
+        }
+    }
+    if let Some((line, found)) = first_bad {
+        let expected = format!("a timestamp and {} positions", out.width);
+        out.lost.push(format!("line {line}: expected {expected}, found {found} ({bad} such rows)"));
+    }
+    match (out.time.is_empty(), out.lost.first()) {
+        (true, why) => Err(ReplayError::file(file, "rows with positions", why.map_or("none", String::as_str))),
+        (false, _) => Ok(out),
+    }
+}
+
+/// Numbers of `[1, 2, 3]`, with commas or as NumPy prints them.
+fn list_of(cell: &str) -> Option<Vec<f64>> {
+    let inside = cell.trim().trim_start_matches(['[', '(']).trim_end_matches([']', ')']);
+    let words = inside.split(|c: char| c == ',' || c.is_whitespace()).filter(|word| !word.is_empty());
+    words.map(|word| word.parse().ok()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::read_table;
+
+    const STATE: &str = "type,timestamp,positions,velocities,torques,temperatures\n\
+        StateMotor,0,\"[0.1, 0.2]\",\"[1, 2]\",\"[3 4]\",\"[30, 30]\"\nStateMotor,20000.0,\"[0.3, 0.4]\",\"[]\",\"[5, 6]\",\nStateMotor,40000,\"[0.5]\",,,\n";
+    const CONTROL: &str = "type,timestamp,positions\nControl,100,\"[0.5, 0.6]\"\nControl,20000,\"[0.7, 0.8]\"\n";
+
+    #[test]
+    fn a_folder_becomes_a_run() {
+        let table = table(STATE, Some(CONTROL), Some("hip\nknee\n"), &Settings::default()).unwrap();
+        assert!(table.told[0].contains("stamps are"), "{:?}", table.told);
+        assert!(table.lost[0].what.contains("line 4: expected a timestamp and 2 positions, found 1"));
+        let run = read_table(table.csv.as_bytes(), "robot = \"r.urdf\"", Some("<robot/>"), None).unwrap();
+        assert_eq!(run.joint_names, ["hip", "knee"]);
+        let position = run.measured.position.unwrap();
+        assert_eq!((position.time, position.values), (vec![0.0, 0.02], vec![0.1, 0.2, 0.3, 0.4]));
+        assert_eq!(run.measured.velocity.unwrap().values, [1.0, 2.0]);
+        assert_eq!(run.measured.torque.unwrap().values, [3.0, 4.0, 5.0, 6.0]);
+        let command = run.commands.position.unwrap();
+        assert_eq!((command.time, command.values), (vec![100.0 * 1e-6, 0.02], vec![0.5, 0.6, 0.7, 0.8]));
+    }
+
+    #[test]
+    fn each_fault_is_named() {
+        let fault = |state: &str, joints: Option<&str>| {
+            table(state, None, joints, &Settings::default()).unwrap_err().to_string()
+        };
+        assert!(fault(STATE, None).contains("joint_list.txt: expected names of 2 joints"));
+        assert!(fault(STATE, Some("a\nb\nc")).contains("found 3 names"));
+        assert!(fault("type,positions\n", None).contains("state_motor.csv: expected a column `timestamp`"));
+        assert!(fault("type,timestamp\n", None).contains("expected a column `positions`"));
+        assert!(fault("timestamp,positions\n", None).contains("expected rows with positions, found none"));
+        assert!(fault("timestamp,positions\n1,\"[x]\"\n", None).contains("found line 2"));
+        let error =
+            table(STATE, Some("timestamp,positions\n1,\"[1]\"\n"), Some("a,b"), &Settings::default()).unwrap_err();
+        assert!(error.to_string().contains("control.csv: expected rows with positions"), "{error}");
+    }
+}
