@@ -9,6 +9,7 @@ pub mod hidden;
 pub mod identify;
 pub mod log;
 pub mod paths;
+pub mod residual;
 pub mod tune;
 pub mod windows;
 
