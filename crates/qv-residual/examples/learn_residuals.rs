@@ -1,13 +1,14 @@
 //! Hidden Go2s walk, and each learned compensator is trained on what they recorded: held-out joint error over 1 s and CPU time.
 //!
 //! `learn_residuals CHECKPOINT.bin METHODS KIND:SEED ...`: METHODS are some of `position,torque,reinforce,both` (both: reinforced from the
-//! supervised net), KIND is `inside` or `outside`.
+//! supervised net), each with `/KEY=VALUE` for settings that differ; KIND is `inside` or `outside`.
 
 use qv_policy::train::Checkpoint;
 use qv_policy::velocity::{Ground, TaskRobot, TaskSettings};
 use qv_residual::hidden::{Engine, Hidden, Order, wander};
 use qv_residual::identify::{FitSettings, Fitter, coordinates, lane_of, tops};
 use qv_residual::log::Log;
+use qv_residual::residual::reinforce::{self, ReinforceSettings, Reinforced};
 use qv_residual::residual::supervised::{train_position, train_torque};
 use qv_residual::residual::{ResidualNet, SupervisedSettings};
 use qv_residual::windows::{Lane, Replayer, Window, windows};
@@ -89,9 +90,42 @@ fn train(method: &str, replayer: &Replayer, training: &[Window], lane: &Lane) ->
             println!("    {round:?}");
         }
     };
-    Ok(match method {
-        "position" => train_position(replayer, training, lane, &SupervisedSettings::default(), say)?,
-        "torque" => train_torque(replayer, training, lane, &SupervisedSettings::torque(), say)?,
+    let mut words = method.split('/');
+    let name = words.next().unwrap_or_default();
+    let mut settings = if name == "torque" { SupervisedSettings::torque() } else { SupervisedSettings::default() };
+    let mut reinforced = ReinforceSettings::default();
+    let hear = |r: &Reinforced| {
+        if std::env::var("TALK").is_ok() && r.iteration.index % 20 == 19 {
+            let i = &r.iteration;
+            println!(
+                "    {} {:.4} {:?} std {:.3} rate {:.5} {:?}",
+                i.index, i.reward, r.figures, i.std, i.rate, i.ends
+            );
+        }
+    };
+    for word in words {
+        let (key, value) = word.split_once('=').ok_or("KEY=VALUE after a method")?;
+        match key {
+            "rounds" => settings.rounds = value.parse()?,
+            "length" => settings.length = value.parse()?,
+            "windows" => settings.windows = value.parse()?,
+            "passes" => settings.passes = value.parse()?,
+            "error" => settings.error = value.parse()?,
+            "iterations" => reinforced.iterations = value.parse()?,
+            "std" => reinforced.std = value.parse()?,
+            "rate" => reinforced.ppo.rate = value.parse()?,
+            "pull" => settings.pull = value.parse()?,
+            other => return Err(format!("no setting `{other}`").into()),
+        }
+    }
+    Ok(match name {
+        "position" => train_position(replayer, training, lane, &settings, say)?,
+        "torque" => train_torque(replayer, training, lane, &settings, say)?,
+        "reinforce" => reinforce::train(replayer, training, lane, None, &reinforced, hear)?,
+        "both" => {
+            let start = train_position(replayer, training, lane, &settings, say)?;
+            reinforce::train(replayer, training, lane, Some(&start), &reinforced, hear)?
+        }
         other => return Err(format!("no method `{other}`").into()),
     })
 }

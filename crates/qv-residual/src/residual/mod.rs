@@ -2,7 +2,7 @@
 //!
 //! | net | acts on | learnt by |
 //! |---|---|---|
-//! | [`PositionResidual`] | joint targets, once a decision | [`supervised::train_position`] |
+//! | [`PositionResidual`] | joint targets, once a decision | [`supervised::train_position`] or [`reinforce::train`] |
 //! | [`TorqueResidual`] | joint torques behind latency and lag, each physics step | [`supervised::train_torque`] |
 //!
 //! Both are one plain [`ResidualNet`] in a file.
@@ -11,8 +11,8 @@ mod fit;
 mod inverse;
 mod net;
 mod position;
-//RF
-//RE
+pub mod reinforce;
+pub mod replay_env;
 mod stage;
 pub mod supervised;
 mod torque;
