@@ -114,6 +114,8 @@ fn train(method: &str, replayer: &Replayer, training: &[Window], lane: &Lane) ->
             "iterations" => reinforced.iterations = value.parse()?,
             "std" => reinforced.std = value.parse()?,
             "rate" => reinforced.ppo.rate = value.parse()?,
+            "ahead" => settings.ahead = value.parse()?,
+            "spread" => settings.spread = value.parse()?,
             "pull" => settings.pull = value.parse()?,
             other => return Err(format!("no setting `{other}`").into()),
         }

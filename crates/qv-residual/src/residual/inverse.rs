@@ -2,6 +2,7 @@
 //! each joint.
 
 use super::stage::{Acts, Stage};
+use super::supervised::SupervisedSettings;
 use crate::ResidualError;
 use crate::windows::{Lane, Replayer, Window};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
@@ -25,6 +26,8 @@ pub(super) struct Inverse<'a> {
     /// Weight of a correction's square: (error of a state / size of corrections) squared.
     weight: f64,
     pull: f32,
+    /// Decisions for which a correction is held before states are compared.
+    ahead: usize,
 }
 
 /// One lane's linear problem.
@@ -41,8 +44,7 @@ impl<'a> Inverse<'a> {
         count: usize,
         lane: &Lane,
         acts: Acts,
-        weight: f64,
-        pull: f32,
+        settings: &SupervisedSettings,
     ) -> Result<Self, ResidualError> {
         let group = replayer.log.joints + 1;
         Ok(Self {
@@ -51,8 +53,9 @@ impl<'a> Inverse<'a> {
             kept: LaneState::default(),
             bias: lane.bias.clone(),
             acts,
-            weight,
-            pull,
+            weight: (settings.error / settings.spread).powi(2),
+            pull: settings.pull,
+            ahead: settings.ahead,
         })
     }
 
@@ -63,7 +66,7 @@ impl<'a> Inverse<'a> {
         let stretch = &replayer.log.stretches[at.stretch];
         let ([real, speeds], [next, next_speeds]) = (
             <[&[f32]; 2]>::from(stretch.state(joints, at.decision)),
-            <[&[f32]; 2]>::from(stretch.state(joints, at.decision + 1)),
+            <[&[f32]; 2]>::from(stretch.state(joints, at.decision + self.ahead)),
         );
         let bias = |j: usize| self.bias.get(j).map_or(0.0, |b| *b as f32);
         let stay = 1.0 - self.pull;
@@ -88,7 +91,10 @@ impl<'a> Inverse<'a> {
                 moved[lane % group - 1] += PROBE;
             }
         }
-        self.probes.decide(self.acts, &moved, |lane| at[lane / group])?;
+        let later = |env: usize, k: usize| Window { decision: at[env].decision + k, ..at[env] };
+        for k in 0..self.ahead {
+            self.probes.decide(self.acts, &moved, |lane| later(lane / group, k))?;
+        }
         self.probes.batch.read_positions(&mut self.probes.q)?;
         self.probes.batch.read_velocities(&mut self.probes.v)?;
         let this = &*self;
@@ -98,7 +104,9 @@ impl<'a> Inverse<'a> {
         // Once more from there, along the same slopes.
         let first: Vec<f32> =
             solved.iter().flat_map(|s| s.as_ref().map_or_else(|| vec![0.0; joints], |s| s.found.clone())).collect();
-        self.trial.decide(self.acts, &first, |env| at[env])?;
+        for k in 0..self.ahead {
+            self.trial.decide(self.acts, &first, |env| later(env, k))?;
+        }
         self.trial.batch.read_positions(&mut self.trial.q)?;
         self.trial.batch.read_velocities(&mut self.trial.v)?;
         let this = &*self;

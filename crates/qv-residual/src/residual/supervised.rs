@@ -38,6 +38,8 @@ pub struct SupervisedSettings {
     pub spread: f64,
     /// Share of its distance from the recording that a correction makes up for in one decision: 1 = all.
     pub pull: f32,
+    /// Decisions for which a correction is held before it is judged: behind latency, one decision sees little of it.
+    pub ahead: usize,
     /// Seed.
     pub seed: u64,
 }
@@ -55,6 +57,7 @@ impl Default for SupervisedSettings {
             error: 0.005,
             spread: 0.05,
             pull: 1.0,
+            ahead: 1,
             seed: 0,
         }
     }
@@ -81,6 +84,7 @@ impl SupervisedSettings {
         within("clip", f64::from(self.clip), 1e-3, f64::from(MOST))?;
         within("error", self.error, 1e-6, 1.0)?;
         within("spread", self.spread, 1e-6, 10.0)?;
+        within("ahead", self.ahead as f64, 1.0, 20.0)?;
         within("pull", f64::from(self.pull), 0.0, 1.0)?;
         self.hidden.iter().try_for_each(|&size| within("size of a hidden layer", size as f64, 1.0, 4096.0))
     }
@@ -175,7 +179,7 @@ impl Teacher<'_> {
     ) -> Result<ResidualNet, ResidualError> {
         let settings = self.settings;
         settings.check()?;
-        let windows = spread(self.replayer, windows, settings.length, settings.windows)?;
+        let windows = spread(self.replayer, windows, settings.length + settings.ahead - 1, settings.windows)?;
         let sizes: Vec<usize> =
             std::iter::once(inputs).chain(settings.hidden.iter().copied()).chain([outputs]).collect();
         let net = Mlp::new(&sizes);
@@ -213,8 +217,7 @@ impl Teacher<'_> {
         let lanes: Vec<Lane> = (0..windows.len()).map(|window| Lane { window, ..self.lane.clone() }).collect();
         let mut stage = Stage::new(self.replayer, windows.len(), self.lane)?;
         self.replayer.begin(&mut stage.batch, windows, &lanes, &mut None)?;
-        let weight = (self.settings.error / self.settings.spread).powi(2);
-        let inverse = Inverse::new(self.replayer, windows.len(), self.lane, self.acts, weight, self.settings.pull)?;
+        let inverse = Inverse::new(self.replayer, windows.len(), self.lane, self.acts, self.settings)?;
         Ok((stage, inverse))
     }
 
