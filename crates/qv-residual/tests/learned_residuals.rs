@@ -85,7 +85,7 @@ impl Case {
 
 /// The same on one thread and on three.
 fn on_threads<T: PartialEq + std::fmt::Debug + Send>(run: impl Fn() -> T + Sync) -> T {
-    let with = |threads: usize| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| run());
+    let with = |threads: usize| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(&run);
     let one = with(1);
     assert_eq!(one, with(3), "bits depend on threads");
     one

@@ -1,7 +1,7 @@
 //! The file of a learned compensator: sizes and weights.
 
 use crate::ResidualError;
-use qv_policy::net::{Dense, Mlp, padded};
+use qv_policy::net::{Mlp, padded};
 use qv_policy::onnx::{self, PolicyGraph};
 use qv_policy::velocity::TaskRobot;
 use serde::{Deserialize, Serialize};
@@ -108,18 +108,17 @@ impl ResidualNet {
         let (net, parameters) = self.layers();
         let plain: Vec<_> = net.layers.iter().map(|layer| layer.unpadded(&parameters)).collect();
         let last = plain.len() - 1;
-        let dense = |(k, (layer, (weights, bias))): (usize, (&Dense, &'_ (Vec<f32>, Vec<f32>)))| {
-            (k, layer.inputs, layer.outputs, weights.clone(), bias.clone())
-        };
-        let parts: Vec<_> = net.layers.iter().zip(&plain).enumerate().map(dense).collect();
-        let layers: Vec<onnx::Dense> = parts
+        let layers: Vec<onnx::Dense> = net
+            .layers
             .iter()
-            .map(|(k, inputs, outputs, weights, bias)| onnx::Dense {
+            .zip(&plain)
+            .enumerate()
+            .map(|(k, (layer, (weights, bias)))| onnx::Dense {
                 weights,
                 bias,
-                inputs: *inputs,
-                outputs: *outputs,
-                elu: *k < last,
+                inputs: layer.inputs,
+                outputs: layer.outputs,
+                elu: k < last,
             })
             .collect();
         let (offset, scale) = super::position::scaling(robot);

@@ -250,7 +250,9 @@ impl VectorEnv for ReplayEnv<'_> {
         for env in 0..self.count() {
             let off = self.off(env);
             // Not so where the angle is no number: a robot that ran away has failed.
-            let is_near = off.most < LOST && off.speeds.is_finite() && off.base.iter().all(|x| x.is_finite());
+            let numbers = [off.angles, off.speeds];
+            let is_finite = numbers.iter().chain(&off.base).all(|x| x.is_finite());
+            let is_near = is_finite && off.most < LOST;
             rewards[env] = if is_near { self.reward(env, &off) } else { 0.0 };
             ends[env] = match (is_near, self.left[env] == 0) {
                 (false, _) => End::Failed,

@@ -233,7 +233,8 @@ impl Teacher<'_> {
         let joints = self.replayer.log.joints;
         let (real, _) = self.replayer.log.stretches[at.stretch].state(joints, at.decision);
         let sim = &stage.q[env * (7 + joints)..][..7 + joints];
-        (7..7 + joints).any(|k| !((sim[k] - real[k]).abs() < LOST))
+        let is_near = |k: usize| (sim[k] - real[k]).abs() < LOST;
+        !(7..7 + joints).all(is_near)
     }
 
     /// Samples of windows: corrections, under a net or along the recording.
