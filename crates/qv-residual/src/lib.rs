@@ -12,6 +12,7 @@ pub mod identify;
 pub mod log;
 pub mod online;
 pub mod paths;
+pub mod residual;
 pub mod tune;
 pub mod windows;
 
