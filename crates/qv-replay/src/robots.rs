@@ -59,7 +59,7 @@ pub fn told_by_messages() -> Vec<Mapping> {
 /// A file that built-in robots name.
 fn built_in_definition(path: &str) -> Result<String, String> {
     let is_it = |name: &&str| path.strip_prefix("messages/") == Some(*name);
-    let found = DEFINITIONS.iter().find(|(name, _)| is_it(&name)).map(|(_, text)| (*text).to_owned());
+    let found = DEFINITIONS.iter().find(|(name, _)| is_it(name)).map(|(_, text)| (*text).to_owned());
     found.ok_or_else(|| "no such file".to_owned())
 }
 
@@ -273,7 +273,7 @@ impl File {
                 return Err(ReplayError::file(file, expected, length.to_string()));
             }
         }
-        if self.feet_on_wire.len() > 0 && self.feet_on_wire.len() != self.feet.len() {
+        if !self.feet_on_wire.is_empty() && self.feet_on_wire.len() != self.feet.len() {
             let expected = format!("{} numbers as `feet_on_wire`, one for each of `feet`", self.feet.len());
             return Err(ReplayError::file(file, expected, self.feet_on_wire.len().to_string()));
         }

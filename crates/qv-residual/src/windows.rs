@@ -234,7 +234,7 @@ impl<'a> Replayer<'a> {
                 let (before, now) = values.split_at_mut(decision * channels);
                 let sim = &q[env * (7 + self.log.joints)..][..7 + self.log.joints];
                 self.compare(windows[lane.window], decision + 1, sim, start, &lane.bias, &mut now[..channels]);
-                let is_lost = now[..channels].iter().any(|x| !(x.abs() < 10.0));
+                let is_lost = now[..channels].iter().any(|x| x.is_nan() || x.abs() >= 10.0);
                 if is_lost && decision > 0 {
                     now[..channels].copy_from_slice(&before[(decision - 1) * channels..]);
                 } else if is_lost {

@@ -187,7 +187,7 @@ fn numbered(path: &Path) -> (String, Option<u64>) {
 }
 
 /// The mapping of a built-in robot whose joints are known.
-fn mapping_of(robot: &str) -> Option<Mapping> {
+pub fn mapping_of(robot: &str) -> Option<Mapping> {
     robots::built_in(robot).map(|robot| robot.mapping).filter(|m| !m.joint_names.is_empty())
 }
 

@@ -73,7 +73,7 @@ fn guises_of_a_capture_give_what_the_plain_one_gives() {
     };
     same("guise_no_size", &|_, mut document| {
         let root = document.as_object_mut().unwrap();
-        ["w", "h", "fl_x"].map(|key| root.remove(key));
+        ["w", "h", "fl_x"].iter().for_each(|key| drop(root.remove(*key)));
         root.insert("camera_angle_x".into(), json!(2.0 * 0.5f64.atan()));
         each(document, &|k| format!("./images/{k}"))
     });

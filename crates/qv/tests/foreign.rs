@@ -136,7 +136,9 @@ fn a_folder_of_sage_and_a_csv_of_lowstate_are_inspected() {
 
     let folder = directory("lowstate");
     let mut csv = "timestamp".to_string();
-    (0..12).for_each(|k| csv += &format!(",motor_state[{k}].q,motor_state[{k}].dq,motor_state[{k}].temperature"));
+    (0..12).for_each(|k| {
+        csv += &format!(",motor_state[{k}].q,motor_state[{k}].dq,motor_state[{k}].temperature,motor_cmd[{k}].q")
+    });
     csv += ",imu_state.quaternion[0],imu_state.quaternion[1],imu_state.quaternion[2],imu_state.quaternion[3],crc\n";
     for row in 0..200 {
         csv += &format!("{:.3}", 0.002 * f64::from(row));

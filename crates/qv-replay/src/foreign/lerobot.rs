@@ -120,7 +120,7 @@ fn episode(
     let own = settings.episode.map(|number| format!("episode_{number:06}.parquet"));
     let is_own = |name: &&String| own.as_ref().is_none_or(|own| !name.contains("episode_") || name.ends_with(own));
     for name in names.iter().filter(is_own) {
-        let read = file(name).and_then(|bytes| parquet::columns(bytes, &columns));
+        let read = file(name).and_then(|bytes| parquet::columns(&bytes, &columns));
         let read =
             read.map_err(|found| ReplayError::file(name, "a Parquet file with the columns of the dataset", found))?;
         let (time, episodes) = (&read[columns.len() - 2], &read[columns.len() - 1]);

@@ -17,7 +17,7 @@ pub struct Motors {
 impl Motors {
     /// Those of a robot's messages.
     pub fn of(mapping: &Mapping) -> Self {
-        let fields = mapping.streams.iter().flat_map(|stream| &stream.types).flat_map(|(_, fields)| fields);
+        let fields = mapping.streams.iter().flat_map(|stream| &stream.messages).flat_map(|message| &message.fields);
         let positions = fields.filter(|field| field.channel == Channel::Position);
         let wire =
             positions.flat_map(|field| &field.fields).find(|wanted| wanted.elements.len() == mapping.joint_names.len());

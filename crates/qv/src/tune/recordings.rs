@@ -1,7 +1,7 @@
 //! Recordings and folders of recordings become one log.
 
 use crate::open::{file_error, open_run};
-use crate::{Failure, RunArguments};
+use crate::{Failure, Reading, RunArguments};
 use qv_policy::velocity::{TaskRobot, TaskSettings};
 use qv_residual::log::Log;
 use std::fs;
@@ -21,7 +21,10 @@ pub fn read(
     let mut log = Log::new(robot, task);
     let mut refused = Vec::new();
     for path in &all {
-        let arguments = RunArguments { run: path.clone(), pose_topic: pose_topic.map(str::to_owned) };
+        let arguments = RunArguments {
+            run: path.clone(),
+            reading: Reading { pose_topic: pose_topic.map(str::to_owned), ..Default::default() },
+        };
         let name = path.display().to_string();
         let read = open_run(&arguments).map_err(|e| e.to_string());
         let added = read.and_then(|run| log.add(&name, &run, robot).map_err(|e| e.to_string()));
