@@ -306,14 +306,10 @@ impl Loop<'_, '_> {
         self.add(&mut candidates, &mut best, self.compensation("parameters and torques", &torques)?, length)?;
         let policy = start.best_policy(robot)?;
         let staying: Vec<usize> = (1..candidates.len()).filter(|&k| candidates[k].held_out.stays).collect();
-        self.begin(3);
-        let is_rich = staying.last().is_some_and(|&k| !candidates[k].compensation.shapes.is_empty());
-        let judge_fit = match is_rich {
-            true => self.fit("judge torques", true, Some(&parameters), is_held)?,
-            false => self.fit("judge", false, None, is_held)?,
+        let judging = match staying.last() {
+            None => Compensation::nominal(robot),
+            Some(&last) => self.judging(&parameters, !candidates[last].compensation.shapes.is_empty(), is_held)?,
         };
-        let judging =
-            if staying.is_empty() { Compensation::nominal(robot) } else { self.compensation("judge", &judge_fit)? };
         let mut scored = Scored::new(self.inputs, &judging)?;
         let before = scored.score(&policy)?;
         let mut report = Report {
@@ -371,6 +367,21 @@ impl Loop<'_, '_> {
         }
         report.paths = scored.pairs(&policy, &chosen.1)?;
         Ok(Outcome { policy: chosen.1, report })
+    }
+
+    /// A simulator fitted to the held-out stretches alone, as rich as the richest candidate that stays.
+    fn judging(
+        &mut self,
+        parameters: &Fit,
+        with_torques: bool,
+        is_held: &dyn Fn(usize) -> bool,
+    ) -> Result<Compensation, ResidualError> {
+        self.begin(3);
+        let fit = match with_torques {
+            true => self.fit("judge torques", true, Some(parameters), is_held)?,
+            false => self.fit("judge", false, None, is_held)?,
+        };
+        self.compensation("judge", &fit)
     }
 
     fn errors(&self, compensation: &Compensation, length: usize) -> Result<Errors, ResidualError> {

@@ -3,6 +3,7 @@
 use super::reward::{Measures, Seen, Terms, terms};
 use super::turns::{in_heading, turned_back};
 use super::{Ground, Readings, Reward, TaskRobot, TaskSettings, VelocityTask, Walker};
+use crate::compensate;
 use crate::env::End;
 use qv_sim::Batch;
 
@@ -11,6 +12,13 @@ const TOUCH: f32 = 0.1;
 
 /// More feet than any robot here has.
 pub(crate) const MOST_FEET: usize = 16;
+
+impl Readings {
+    /// As a compensator sees the robots.
+    pub(super) fn seen<'a>(&'a self, targets: &'a [f32]) -> compensate::Seen<'a> {
+        compensate::Seen { q: &self.q, v: &self.v, torques: &self.torques, forces: &self.forces, targets }
+    }
+}
 
 /// What one robot did in a step, for the sums.
 #[derive(Debug, Clone, Copy)]

@@ -21,7 +21,7 @@ pub(crate) use turns::in_heading;
 pub use walker::Walker;
 
 use crate::PolicyError;
-use crate::compensate::{Compensator, Seen};
+use crate::compensate::Compensator;
 use crate::env::{End, VectorEnv};
 use crate::random::Random;
 use judge::{Judge, Outcome, touches};
@@ -97,12 +97,6 @@ struct Readings {
     orientation: Vec<f32>,
     encoder_q: Vec<f32>,
     encoder_dq: Vec<f32>,
-}
-
-impl Readings {
-    fn seen<'a>(&'a self, targets: &'a [f32]) -> Seen<'a> {
-        Seen { q: &self.q, v: &self.v, torques: &self.torques, forces: &self.forces, targets }
-    }
 }
 
 impl VelocityTask {
