@@ -118,5 +118,5 @@ fn a_robot_file_brings_mapping_and_model() {
 }
 
 fn write_bag(messages: &[Message]) -> Vec<u8> {
-    bags::write(messages, small_chunks(None), &[])
+    write(messages, small_chunks(None), &[])
 }
