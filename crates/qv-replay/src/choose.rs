@@ -142,6 +142,10 @@ pub(crate) fn choose_streams(
             let expected = format!("messages of type {} (as on {})", types.join(" or "), stream.preferred_topic);
             let found = reason.clone().unwrap_or_else(|| list_topics(&collector.topics, lost));
             if s == states {
+                let found = match topic.filter(|_| reason.is_some()) {
+                    Some(t) => format!("{} {}: {found}", t.info.topic, t.info.schema_name),
+                    None => found,
+                };
                 return Err(ReplayError::run(stream.role.as_str(), expected, found));
             }
             let kind = if reason.is_some() { FaultKind::WrongRobot } else { FaultKind::Missing };

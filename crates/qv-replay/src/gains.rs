@@ -20,14 +20,15 @@ pub(crate) fn from_torques(run: &mut Run) {
     if states_gains || run.actuator.kind != ActuatorKind::Pd {
         return;
     }
-    let velocity = run.measured.velocity.as_ref();
-    let all = |counts_at_once: bool| -> Vec<Option<Fit>> {
-        (0..run.joint_names.len()).map(|j| fit(target, position, velocity, torque, counts_at_once, j)).collect()
+    // A command with the stamp of a torque may be what made it or what follows from it: what explains more is so.
+    let fits = |counts_at_once: bool| -> Vec<Option<Fit>> {
+        let speed = run.measured.velocity.as_ref();
+        let one = |j| fit(target, position, speed, torque, counts_at_once, j);
+        (0..run.joint_names.len()).map(one).collect()
     };
-    // A target that is stamped like a torque was set before it or after it, as the recorder has it: what explains more is right.
-    let least = |fits: &[Option<Fit>]| fits.iter().map(|f| f.map_or(-1.0, |f| f.explained)).fold(1.0, f64::min);
-    let (before, at_once) = (all(false), all(true));
-    let fits = if least(&at_once) > least(&before) { at_once } else { before };
+    let explained = |fits: &[Option<Fit>]| fits.iter().map(|f| f.map_or(0.0, |f| f.explained)).sum::<f64>();
+    let (at_once, later) = (fits(true), fits(false));
+    let fits = if explained(&later) > explained(&at_once) { later } else { at_once };
     let Some(start) = target.time.first().copied() else { return };
     let good = |f: &Option<Fit>| f.filter(|f| f.explained >= EXPLAINED && f.kp > 0.0 && f.kd >= 0.0);
     let Some(all) = fits.iter().map(good).collect::<Option<Vec<Fit>>>() else {

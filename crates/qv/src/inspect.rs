@@ -132,7 +132,11 @@ fn channel_lines(rows: &[Row]) -> String {
     let mut text = String::from("\nchannels\n");
     let mut lines: Vec<(String, Vec<&str>)> = Vec::new();
     for row in rows.iter().filter(|r| r.derived.is_none()) {
-        let key = format!("{:>8} samples at {:>6.1} Hz", row.count, row.rate);
+        // What stands once has no rate.
+        let key = match row.rate.is_finite() {
+            true => format!("{:>8} samples at {:>6.1} Hz", row.count, row.rate),
+            false => format!("{:>8} samples{:13}", row.count, ""),
+        };
         match lines.iter_mut().find(|(k, _)| *k == key) {
             Some((_, names)) => names.push(row.name),
             None => lines.push((key, vec![row.name])),

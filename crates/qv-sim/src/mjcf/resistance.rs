@@ -23,7 +23,9 @@ pub(super) fn apparent_inertias(model: &Model, joints: &[f64]) -> Vec<f64> {
             let dot: f64 = (dof..i).map(|k| factor[i * n + k] * x[k]).sum();
             x[i] = (f64::from(u8::from(i == dof)) - dot) / factor[i * n + i];
         }
-        1.0 / x.iter().map(|x| x * x).sum::<f64>()
+        let apparent = 1.0 / x.iter().map(|x| x * x).sum::<f64>();
+        // A joint that moves no inertia, such as a point on its axis, resists nothing.
+        if apparent.is_finite() { apparent } else { 0.0 }
     };
     (0..model.joints.len()).map(|j| apparent(free + j)).collect()
 }
