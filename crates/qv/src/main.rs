@@ -3,6 +3,7 @@
 mod ask;
 mod camera;
 mod capture;
+mod check;
 mod colmap;
 mod contact;
 mod diagnose;
@@ -44,6 +45,9 @@ enum Command {
     /// What is in a recording: streams, rates, what was measured and what derived, gaps and faults
     #[command(after_help = inspect::EXAMPLE)]
     Inspect(inspect::Inspect),
+    /// Says what any file is, what of it is used, and what is missing for which command
+    #[command(after_help = check::EXAMPLE)]
+    Check(check::Check),
     /// Replays a recording in the simulator and tells how far the two are apart, joint by joint
     #[command(after_help = replay::EXAMPLE)]
     Replay(replay::Replay),
@@ -106,6 +110,7 @@ fn say(text: &str) -> Result<(), ReplayError> {
 fn main() -> ExitCode {
     let result: Result<Outcome, Failure> = match Cli::parse().command {
         Command::Inspect(command) => command.execute().map_err(Failure::from),
+        Command::Check(command) => command.execute(),
         Command::Replay(command) => command.execute().map_err(Failure::from),
         Command::Diagnose(command) => command.execute().map_err(Failure::from),
         Command::Contact(command) => command.execute().map_err(Failure::from),

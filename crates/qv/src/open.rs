@@ -243,7 +243,7 @@ pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, Re
 }
 
 /// The text of a URDF, and a sentence where some of it is not in its encoding.
-fn read_urdf(path: &Path, expected: &str) -> Result<(String, Option<String>), ReplayError> {
+pub fn read_urdf(path: &Path, expected: &str) -> Result<(String, Option<String>), ReplayError> {
     let bytes = fs::read(path).map_err(|e| file_error(path, expected, &e.to_string()))?;
     qv_sim::urdf::decode(&bytes).map_err(|e| file_error(path, "a robot", &e.to_string()))
 }
