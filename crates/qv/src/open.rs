@@ -367,7 +367,7 @@ pub fn lost_from(run: &Run) -> Vec<String> {
 }
 
 fn open_table(csv: &Path) -> Result<Run, ReplayError> {
-    if let Some(run) = foreign::open_lowstate(csv) {
+    if let Some(run) = foreign::open_motor_csv(csv) {
         return run;
     }
     let toml_path = description_of(csv);
