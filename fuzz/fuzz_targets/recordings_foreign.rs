@@ -1,8 +1,8 @@
-//! A Parquet file of a LeRobot dataset; and the same bytes, cut at a byte 255, as SAGE's two files and as a CSV of LowState.
+//! A Parquet file of a LeRobot dataset; and the same bytes, cut at a byte 255, as SAGE's two files and as a CSV of motors.
 #![no_main]
 use libfuzzer_sys::fuzz_target;
-use qv_replay::foreign::lowstate::Motors;
-use qv_replay::foreign::{Settings, Table, lerobot, lowstate, sage};
+use qv_replay::foreign::motor_csv::Motors;
+use qv_replay::foreign::{Settings, Table, lerobot, motor_csv, sage};
 use qv_replay::read_table;
 
 const INFO: &str = "{\"codebase_version\": \"v3.0\", \"total_episodes\": 2, \"features\": {\"observation.state\": \
@@ -30,7 +30,7 @@ fuzz_target!(|data: &[u8]| {
         check(&table);
     }
     let motors = Motors { joints: vec!["FR_hip_joint".into(), "FR_thigh_joint".into()], wire: Some(vec![1, 0]) };
-    if let Ok(table) = lowstate::table(&first, &motors) {
+    if let Ok(table) = motor_csv::table(&first, &motors) {
         check(&table);
     }
     let _ = Settings::of(&first);

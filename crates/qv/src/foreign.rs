@@ -2,8 +2,8 @@
 
 use crate::open::{description_of, file_error, mapping_of, run_of_table, urdf_beside};
 use qv_replay::foreign::lerobot::Info;
-use qv_replay::foreign::lowstate::{Motors, is_lowstate};
-use qv_replay::foreign::{Settings, Table, lerobot, lowstate, sage};
+use qv_replay::foreign::motor_csv::{Motors, is_motor_csv};
+use qv_replay::foreign::{Settings, Table, lerobot, motor_csv, sage};
 use qv_replay::{ReplayError, Run};
 use qv_sim::{Model, ModelOptions};
 use std::fs;
@@ -98,17 +98,19 @@ fn parquet_files(folder: &Path, depth: usize) -> Vec<PathBuf> {
 }
 
 /// Reads a CSV file whose columns are those of LowState; `None` where they are not, or nothing says which robot it is of.
-pub fn open_lowstate(csv: &Path) -> Option<Result<Run, ReplayError>> {
+pub fn open_motor_csv(csv: &Path) -> Option<Result<Run, ReplayError>> {
     let description = description_of(csv);
     let toml = fs::read_to_string(&description).ok()?;
     let mut header = Vec::new();
     BufReader::new(fs::File::open(csv).ok()?).take(LONGEST_HEADER).read_until(b'\n', &mut header).ok()?;
     let motors = motors(&description, &toml)?;
-    if !is_lowstate(&String::from_utf8_lossy(&header), &motors) {
+    if !is_motor_csv(&String::from_utf8_lossy(&header), &motors) {
         return None;
     }
     Some(
-        text(csv).and_then(|text| lowstate::table(&text, &motors)).and_then(|table| finish(table, &description, &toml)),
+        text(csv)
+            .and_then(|text| motor_csv::table(&text, &motors))
+            .and_then(|table| finish(table, &description, &toml)),
     )
 }
 

@@ -3,6 +3,7 @@
 mod ask;
 mod camera;
 mod capture;
+mod check;
 mod colmap;
 mod contact;
 mod diagnose;
@@ -49,6 +50,9 @@ enum Command {
     /// The robots whose messages are known, with their topics
     #[command(after_help = robots::EXAMPLE)]
     Robots(robots::Robots),
+    /// Says what any file is, what of it is used, and what is missing for which command
+    #[command(after_help = check::EXAMPLE)]
+    Check(check::Check),
     /// Replays a recording in the simulator and tells how far the two are apart, joint by joint
     #[command(after_help = replay::EXAMPLE)]
     Replay(replay::Replay),
@@ -128,6 +132,7 @@ fn main() -> ExitCode {
     let result: Result<Outcome, Failure> = match Cli::parse().command {
         Command::Inspect(command) => command.execute().map_err(Failure::from),
         Command::Robots(command) => command.execute().map_err(Failure::from),
+        Command::Check(command) => command.execute(),
         Command::Replay(command) => command.execute().map_err(Failure::from),
         Command::Diagnose(command) => command.execute().map_err(Failure::from),
         Command::Contact(command) => command.execute().map_err(Failure::from),

@@ -334,7 +334,7 @@ fn turn_imu(run: &mut Run, text: &str, beside: &Path) {
 }
 
 /// The text of a URDF or MJCF, and a sentence where some of it is not in its encoding.
-fn read_urdf(path: &Path, expected: &str) -> Result<(String, Option<String>), ReplayError> {
+pub fn read_urdf(path: &Path, expected: &str) -> Result<(String, Option<String>), ReplayError> {
     let bytes = fs::read(path).map_err(|e| file_error(path, expected, &e.to_string()))?;
     qv_sim::urdf::decode(&bytes).map_err(|e| file_error(path, "a robot", &e.to_string()))
 }
@@ -453,7 +453,7 @@ pub fn lost_from(run: &Run) -> Vec<String> {
 }
 
 fn open_table(csv: &Path) -> Result<Run, ReplayError> {
-    if let Some(run) = foreign::open_lowstate(csv) {
+    if let Some(run) = foreign::open_motor_csv(csv) {
         return run;
     }
     let toml_path = description_of(csv);

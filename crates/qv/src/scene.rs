@@ -46,7 +46,7 @@ pub fn open_scene(path: &Path) -> Result<SplatFile, Failure> {
 }
 
 /// Whether the beginning of a file is that of a PLY that can be read as it comes.
-fn is_plain_ply(head: &[u8]) -> bool {
+pub fn is_plain_ply(head: &[u8]) -> bool {
     head.starts_with(b"ply") && matches!(Format::of_content(head), Ok(Format::Ply) | Err(_))
 }
 

@@ -145,8 +145,8 @@ fn a_folder_of_sage_and_a_csv_of_lowstate_are_inspected() {
         let swing = 0.05 * (0.1 * f64::from(row)).sin();
         // The wire has FR first, whose hip is at -0.1 in the stand.
         (0..12).for_each(|k| {
-            csv +=
-                &format!(",{:.6},{:.6},30", STAND[(k + 3) % 6 + k / 6 * 6] + swing, 2.5 * (0.1 * f64::from(row)).cos())
+            let stand = STAND[(k + 3) % 6 + k / 6 * 6];
+            csv += &format!(",{:.6},{:.6},30,{stand}", stand + swing, 2.5 * (0.1 * f64::from(row)).cos())
         });
         csv += ",1,0,0,0,77\n";
     }

@@ -1,7 +1,7 @@
 //! What is said of bad files of every kind: each message names what was expected and what was found.
 
-use qv_replay::foreign::lowstate::Motors;
-use qv_replay::foreign::{Settings, lerobot, lowstate, sage};
+use qv_replay::foreign::motor_csv::Motors;
+use qv_replay::foreign::{Settings, lerobot, motor_csv, sage};
 use qv_replay::{BagFile, read_bag, read_table};
 use qv_sim::{Model, ModelOptions};
 use qv_splat::captures::rgbd_folders::{self, Folder, Layout};
@@ -261,8 +261,13 @@ fn recordings() -> Vec<Row> {
             "expected rows with positions",
             of_sage("timestamp,positions\n0,[x]\n", Some("a")),
         ),
-        (kind, "LowState without times", "expected a column with the time", said(lowstate::table("q_0\n1\n", &motors))),
-        (kind, "LowState without motors", "such as motor_state[0].q", said(lowstate::table("time,x\n1,2\n", &motors))),
+        (
+            kind,
+            "LowState without times",
+            "expected a column with the time",
+            said(motor_csv::table("q_0\n1\n", &motors)),
+        ),
+        (kind, "LowState without motors", "such as motor_state[0].q", said(motor_csv::table("time,x\n1,2\n", &motors))),
     ]
 }
 

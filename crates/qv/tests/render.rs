@@ -192,7 +192,7 @@ fn bad_input_is_named() {
         path
     };
     assert!(fault(&folder.join("none.ply"), &cameras, &[]).contains("none.ply"));
-    assert!(fault(&other("noise.ply", b"noise"), &cameras, &[]).contains("a PLY, SPZ or GLB file"));
+    assert!(fault(&other("noise.ply", b"noise"), &cameras, &[]).contains("a PLY, SPZ, GLB, glTF or SOG file"));
     let cut = fs::read(&scene).unwrap();
     assert!(fault(&other("cut.ply", &cut[..cut.len() - 9]), &cameras, &[]).contains("PLY element vertex, 2 rows"));
     assert!(fault(&scene, &folder.join("none.json"), &[]).contains("none.json"));

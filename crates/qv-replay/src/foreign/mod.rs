@@ -4,12 +4,12 @@
 //! |---|---|
 //! | [`lerobot`] | LeRobot datasets, versions 2 and 3 (huggingface/lerobot, `meta/info.json` and Parquet files) |
 //! | [`sage`] | folders of SAGE (isaac-sim2real/sage, *Data Format*): `control.csv`, `state_motor.csv`, `joint_list.txt` |
-//! | [`lowstate`] | CSV files with the fields of Unitree's LowState as columns, in the spellings that loggers give them |
+//! | [`motor_csv`] | CSV files with the fields of a robot's own messages as columns, in the spellings that loggers give them |
 //!
 //! What a table does not say, such as the robot, stands in `run.toml`; `[dataset]` in it says what the columns are ([`Settings`]).
 
 pub mod lerobot;
-pub mod lowstate;
+pub mod motor_csv;
 #[cfg(feature = "parquet")]
 mod parquet;
 pub mod sage;

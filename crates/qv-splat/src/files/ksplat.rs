@@ -302,4 +302,20 @@ mod tests {
             assert!(read(&good[..length]).is_err(), "{length}");
         }
     }
+
+    #[test]
+    fn damaged_files_give_words_or_good_gaussians() {
+        for level in [1, 2] {
+            let good = packed(level);
+            let places = (0..64).chain(HEADER..HEADER + 64).chain(HEADER + SECTION..good.len());
+            for (at, bit) in places.flat_map(|at| (0..8).map(move |bit| (at, bit))) {
+                let mut bytes = good.clone();
+                bytes[at] ^= 1 << bit;
+                match read(&bytes) {
+                    Ok(file) => assert_eq!(file.cloud.check(), Ok(()), "byte {at}, bit {bit}"),
+                    Err(error) => assert!(error.to_string().contains("expected"), "{error}"),
+                }
+            }
+        }
+    }
 }

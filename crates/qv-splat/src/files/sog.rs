@@ -384,4 +384,17 @@ mod tests {
             assert!(read(&good[..length]).is_err(), "{length}");
         }
     }
+
+    #[test]
+    fn damaged_files_give_words_or_good_gaussians() {
+        let good = bundle(&meta(), true);
+        for at in 0..good.len() {
+            let mut bytes = good.clone();
+            bytes[at] ^= 1 << (at % 8);
+            match read(&bytes) {
+                Ok(file) => assert_eq!(file.cloud.check(), Ok(()), "byte {at}"),
+                Err(error) => assert!(error.to_string().contains("expected"), "{error}"),
+            }
+        }
+    }
 }

@@ -1,5 +1,5 @@
-//! CSV files with the fields of Unitree's LowState and LowCmd as columns, in whatever spelling their logger has: `motor_state[3].q`,
-//! `/lowstate/motor_state/3/dq`, `q_3`, `FR_hip_tau_est`, `imu_state.quaternion[0]`, `imu_gyro_x`, `motor_cmd_3_q`.
+//! CSV files whose columns are fields of a robot's own messages, motor by motor, in whatever spelling their logger has: `motor_state[3].q`,
+//! `/topic/motor_state/3/dq`, `q_3`, `FR_hip_tau_est`, `imu_state.quaternion[0]`, `imu_gyro_x`, `motor_cmd_3_q`.
 
 use super::{Table, quoted};
 use crate::ReplayError;
@@ -53,7 +53,7 @@ const FIELDS: [(&str, [&str; 2]); 10] = [
     ("q", ["pos.", "cmd_pos."]),
 ];
 /// Words that say that a column is a command.
-const COMMANDS: [&str; 8] = ["cmd", "motor_cmd", "lowcmd", "target", "des", "desired", "ref", "command"];
+const COMMANDS: [&str; 6] = ["cmd", "target", "des", "desired", "ref", "command"];
 /// Words of the IMU, with the group of columns that they are.
 const IMU: [(&str, &str); 9] = [
     ("quaternion", "imu.q"),
@@ -82,7 +82,7 @@ const TIMES: [&str; 12] = [
 ];
 
 /// Whether a header has motors' positions in one of those spellings, and a time.
-pub fn is_lowstate(header: &str, motors: &Motors) -> bool {
+pub fn is_motor_csv(header: &str, motors: &Motors) -> bool {
     let names: Vec<&str> = header.trim_start_matches('\u{feff}').split([',', ';', '\t']).collect();
     let is_table = names.iter().any(|name| name.trim().starts_with("pos."));
     !is_table
@@ -103,7 +103,9 @@ fn spelled(name: &str) -> String {
 /// The column of a table that a column of the file is.
 fn role(name: &str, motors: &Motors) -> Option<String> {
     let name = spelled(name);
-    if let Some(found) = imu(&name) {
+    // A logger's own words, such as the topic, come before those of the message.
+    let name = ["motor", "imu"].iter().find_map(|word| name.find(word).map(|at| &name[at..])).unwrap_or(&name);
+    if let Some(found) = imu(name) {
         return Some(found);
     }
     // `q3` is `q_3`.
@@ -118,8 +120,7 @@ fn role(name: &str, motors: &Motors) -> Option<String> {
     }
     let is_command = words.iter().any(|word| COMMANDS.contains(&word.as_str()));
     words.retain(|word| {
-        !COMMANDS.contains(&word.as_str())
-            && !["lowstate", "rt", "motor", "state", "motorstate"].contains(&word.as_str())
+        !COMMANDS.contains(&word.as_str()) && !["motor", "state", "motorstate"].contains(&word.as_str())
     });
     let indices: Vec<usize> = words.iter().filter_map(|word| word.parse().ok()).collect();
     let rest =
@@ -142,8 +143,7 @@ fn role(name: &str, motors: &Motors) -> Option<String> {
 }
 
 fn imu(name: &str) -> Option<String> {
-    let rest = name.trim_start_matches("rt_").trim_start_matches("lowstate_");
-    let rest = rest.strip_prefix("imu_").unwrap_or(rest);
+    let rest = name.strip_prefix("imu_").unwrap_or(name);
     let rest = rest.strip_prefix("state_").unwrap_or(rest);
     if let Some(axis) = ["qw", "qx", "qy", "qz"].iter().find(|axis| rest == **axis) {
         return Some(format!("imu.{axis}"));
@@ -161,7 +161,7 @@ fn imu(name: &str) -> Option<String> {
 /// # Errors
 /// No column is a time or a motor's position, or a row cannot be parsed as CSV.
 pub fn table(text: &str, motors: &Motors) -> Result<Table, ReplayError> {
-    let fault = |expected: &str, found: String| ReplayError::file("lowstate CSV", expected, found);
+    let fault = |expected: &str, found: String| ReplayError::file("CSV of motors", expected, found);
     let text = text.trim_start_matches('\u{feff}');
     let header_line = text.lines().next().unwrap_or_default();
     let separator =
@@ -193,7 +193,7 @@ pub fn table(text: &str, motors: &Motors) -> Result<Table, ReplayError> {
         csv.push('\n');
     }
     let mut told =
-        vec![format!("columns of Unitree's LowState: {} of {} are channels of a run", kept.len(), names.len())];
+        vec![format!("columns are fields of motors: {} of {} are channels of a run", kept.len(), names.len())];
     if !unused.is_empty() {
         let some = unused.iter().take(6).copied().collect::<Vec<_>>().join(", ");
         told.push(format!("not used: {some}{}", if unused.len() > 6 { ", ..." } else { "" }));
@@ -214,7 +214,7 @@ mod tests {
     fn columns_are_known_in_many_spellings() {
         for (name, expected) in [
             ("motor_state[0].q", "pos.FR_hip_joint"),
-            ("/lowstate/motor_state[3]/dq", "vel.FL_thigh_joint"),
+            ("/topic/motor_state[3]/dq", "vel.FL_thigh_joint"),
             ("motorState.2.tauEst", "tau.FL_hip_joint"),
             ("q_1", "pos.FR_thigh_joint"),
             ("q1", "pos.FR_thigh_joint"),
@@ -224,7 +224,7 @@ mod tests {
             ("dq_FL_hip_joint", "vel.FL_hip_joint"),
             ("motor_cmd[0].q", "cmd_pos.FR_hip_joint"),
             ("q_des_3", "cmd_pos.FL_thigh_joint"),
-            ("lowcmd.motor_cmd[1].tau", "cmd_tau.FR_thigh_joint"),
+            ("low.motor_cmd[1].tau", "cmd_tau.FR_thigh_joint"),
             ("imu_state.quaternion[0]", "imu.qw"),
             ("imu_qz", "imu.qz"),
             ("imu_gyro_x", "gyro.x"),
@@ -252,12 +252,12 @@ mod tests {
     #[test]
     fn a_file_becomes_a_table() {
         let text = "\u{feff}time_s;q_0;q_1;q_2;q_3;temp_0\n0;1;2;3;4;30\n0.1;1;2;3;\"5\";31\n";
-        assert!(is_lowstate(text.lines().next().unwrap(), &motors()));
+        assert!(is_motor_csv(text.lines().next().unwrap(), &motors()));
         let table = table(text, &motors()).unwrap();
         let header = "time,pos.FR_hip_joint,pos.FR_thigh_joint,pos.FL_hip_joint,pos.FL_thigh_joint";
         assert_eq!(table.csv, format!("{header}\n0,1,2,3,4\n0.1,1,2,3,5\n"));
         assert_eq!(table.told[1], "not used: temp_0");
-        assert!(!is_lowstate("time,pos.a,q_0", &motors()) && !is_lowstate("q_0,q_1", &motors()));
+        assert!(!is_motor_csv("time,pos.a,q_0", &motors()) && !is_motor_csv("q_0,q_1", &motors()));
         let error = |text: &str| super::table(text, &motors()).unwrap_err().to_string();
         assert!(error("q_0\n1\n").contains("expected a column with the time"));
         assert!(error("t,x\n1,2\n").contains("expected a column with the position of a motor"));
