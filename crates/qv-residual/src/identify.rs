@@ -396,17 +396,6 @@ impl Fitter<'_> {
         Ok(Fit { coordinates: self.coordinates.clone(), point, deviations, costs })
     }
 
-    /// The normal equations at a point.
-    pub(crate) fn normal_at(&self, point: &[f64]) -> Result<Normal, ResidualError> {
-        let count = point.len();
-        let moves = self.moves(point);
-        let mut points = vec![point.to_vec(); count + 1];
-        (0..count).for_each(|k| points[k + 1][k] += moves[k]);
-        let errors = self.errors(&points)?;
-        let here = self.here(&errors, count);
-        Ok(self.normal(&errors, &moves, &spreads(&here)))
-    }
-
     /// A third of each number's prior deviation, away from the nearer bound.
     fn moves(&self, point: &[f64]) -> Vec<f64> {
         let of =
@@ -453,7 +442,7 @@ impl Fitter<'_> {
     }
 
     /// Where Gauss and Newton's step leads from a point, within the bounds: what leaves them is held at the bound, and the rest solved again.
-    pub(crate) fn solve(&self, normal: &Normal, point: &[f64]) -> Vec<f64> {
+    fn solve(&self, normal: &Normal, point: &[f64]) -> Vec<f64> {
         let count = point.len();
         let mut hessian = normal.hessian.clone();
         let mut gradient = normal.gradient.clone();
@@ -490,7 +479,7 @@ impl Fitter<'_> {
         to.iter().zip(&self.coordinates).map(|(x, c)| x.clamp(c.least, c.most)).collect()
     }
 
-    pub(crate) fn deviations(&self, normal: &Normal) -> Vec<f64> {
+    fn deviations(&self, normal: &Normal) -> Vec<f64> {
         let mut hessian = normal.hessian.clone();
         let mut spread = normal.spread.clone();
         for (k, c) in self.coordinates.iter().enumerate() {
@@ -506,11 +495,11 @@ impl Fitter<'_> {
 }
 
 /// Sums over windows.
-pub(crate) struct Normal {
-    pub hessian: DMatrix<f64>,
-    pub gradient: DVector<f64>,
+struct Normal {
+    hessian: DMatrix<f64>,
+    gradient: DVector<f64>,
     /// Sum of the windows' own gradients' outer products.
-    pub spread: DMatrix<f64>,
+    spread: DMatrix<f64>,
 }
 
 /// The shapes as a compensator, for a robot.

@@ -1,13 +1,13 @@
-//! Parameters that follow a robot while it walks: recursive Gauss and Newton steps with exponential forgetting (Ljung 1999, section 11.2).
+//! Parameters that follow a robot while it walks: the most probable ones given the last seconds of a stream, each fit begun where the last
+//! one ended (a moving horizon, Rawlings and Mayne 2009, chapter 4, with the prior in the place of an arrival cost).
 //!
-//! Every push is a piece of the stream. What earlier pieces told is kept as information about the present point, and fades with the time
-//! constant of the memory; the prior does not fade, so that what the motion does not show goes back to it.
+//! A recursive filter that fades was tried first: after a change errors are large, their spread with them, and so what the new pieces tell
+//! weighs next to nothing. A horizon forgets what is older whole.
 
 use crate::ResidualError;
-use crate::identify::{Coordinate, FitSettings, Fitter, Normal, leading};
+use crate::identify::{Coordinate, FitSettings, Fitter, leading};
 use crate::log::Log;
 use crate::windows::{Replayer, windows};
-use nalgebra::{DMatrix, DVector};
 use qv_policy::velocity::{TaskRobot, TaskSettings};
 use qv_sim::Terrain;
 
@@ -28,19 +28,16 @@ pub struct Online<'a> {
     terrain: &'a Terrain,
     task: TaskSettings,
     settings: FitSettings,
-    /// Time constant of the memory \[s\].
+    /// Length of the horizon \[s\].
     memory: f64,
     coordinates: Vec<Coordinate>,
     point: Vec<f64>,
-    information: DMatrix<f64>,
-    spread: DMatrix<f64>,
+    /// The last pieces.
+    recent: Log,
 }
 
-/// Steps for each piece: the second begins where the first led.
-const STEPS: usize = 3;
-
 impl<'a> Online<'a> {
-    /// A robot of which nothing is known; `memory` is the time after which 1/e of what was told remains \[s\].
+    /// A robot of which nothing is known; what is older than `memory` \[s\] is forgotten.
     ///
     /// # Errors
     /// When the memory is no time, or the simulator lacks a parameter.
@@ -54,20 +51,10 @@ impl<'a> Online<'a> {
         if !(0.1..=1e6).contains(&memory) {
             return Err(ResidualError::input("memory", "0.1 to 1000000 s", memory));
         }
-        let log = Log::new(robot, task);
-        let coordinates = leading(&Replayer::new(&log, robot, terrain, task), &settings.prior)?;
-        let count = coordinates.len();
-        Ok(Self {
-            robot,
-            terrain,
-            task: task.clone(),
-            settings: settings.clone(),
-            memory,
-            point: coordinates.iter().map(|c| c.neutral).collect(),
-            coordinates,
-            information: DMatrix::zeros(count, count),
-            spread: DMatrix::zeros(count, count),
-        })
+        let recent = Log::new(robot, task);
+        let coordinates = leading(&Replayer::new(&recent, robot, terrain, task), &settings.prior)?;
+        let point = coordinates.iter().map(|c| c.neutral).collect();
+        Ok(Self { robot, terrain, task: task.clone(), settings: settings.clone(), memory, point, coordinates, recent })
     }
 
     /// Learns from what came in since the last push, and tells what holds now.
@@ -75,37 +62,20 @@ impl<'a> Online<'a> {
     /// # Errors
     /// When the piece is too short for a window, or the simulator refuses a number.
     pub fn push(&mut self, piece: &Log) -> Result<Vec<Estimate>, ResidualError> {
-        let replayer = Replayer::new(piece, self.robot, self.terrain, &self.task);
-        let all = windows(piece, self.settings.length, |_| true);
-        if all.is_empty() {
+        if windows(piece, self.settings.length, |_| true).is_empty() {
             let expected = format!("at least {} decisions", self.settings.length + crate::windows::WARM);
             return Err(ResidualError::input("piece of a stream", expected, format!("{:.2} s", piece.seconds())));
         }
-        let fading = (-piece.seconds() / self.memory).exp();
-        self.information *= fading;
-        self.spread *= fading;
+        self.recent.stretches.extend(piece.stretches.iter().cloned());
+        while self.recent.stretches.len() > piece.stretches.len() && self.recent.seconds() > self.memory {
+            self.recent.stretches.remove(0);
+        }
+        let replayer = Replayer::new(&self.recent, self.robot, self.terrain, &self.task);
+        let all = windows(&self.recent, self.settings.length, |_| true);
         let (coordinates, settings) = (self.coordinates.clone(), &self.settings);
-        let fitter = Fitter { replayer: &replayer, coordinates, windows: all, settings };
-        let known = DVector::from_vec(self.point.clone());
-        let mut told = None;
-        for _ in 0..STEPS {
-            let now = fitter.normal_at(&self.point)?;
-            // What was told before pulls to where the point was then.
-            let away = DVector::from_vec(self.point.clone()) - &known;
-            let both = Normal {
-                hessian: &now.hessian + &self.information,
-                gradient: &now.gradient + &self.information * away,
-                spread: &now.spread + &self.spread,
-            };
-            self.point = fitter.solve(&both, &self.point);
-            told = Some(both);
-        }
-        let mut deviations = self.coordinates.iter().map(|c| c.spread).collect();
-        if let Some(both) = told {
-            deviations = fitter.deviations(&both);
-            (self.information, self.spread) = (both.hessian, both.spread);
-        }
-        Ok(self.estimates(&deviations))
+        let fit = Fitter { replayer: &replayer, coordinates, windows: all, settings }.fit(&self.point, |_, _| {})?;
+        self.point = fit.point;
+        Ok(self.estimates(&fit.deviations))
     }
 
     fn estimates(&self, deviations: &[f64]) -> Vec<Estimate> {

@@ -48,6 +48,7 @@ impl Info {
     }
 
     /// Names of a column's numbers, in one of the forms that writers give them, without LeRobot's `.pos`.
+    #[cfg(feature = "parquet")]
     fn names(&self, column: &str) -> Option<Vec<String>> {
         let mut names = self.features.get(column)?.get("names")?;
         // {"motors": [...]}, [[...]]
