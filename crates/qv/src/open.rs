@@ -307,7 +307,7 @@ pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, Re
     Ok(model)
 }
 
-/// The model of a URDF or an MJCF; the latter's <include>s are looked for in `beside`.
+/// The model of a URDF or an MJCF; the latter's `<include>`s are looked for in `beside`.
 ///
 /// # Errors
 /// What is wrong with the text.
