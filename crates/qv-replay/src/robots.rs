@@ -273,7 +273,7 @@ impl File {
                 return Err(ReplayError::file(file, expected, length.to_string()));
             }
         }
-        if self.feet_on_wire.len() > 0 && self.feet_on_wire.len() != self.feet.len() {
+        if !self.feet_on_wire.is_empty() && self.feet_on_wire.len() != self.feet.len() {
             let expected = format!("{} numbers as `feet_on_wire`, one for each of `feet`", self.feet.len());
             return Err(ReplayError::file(file, expected, self.feet_on_wire.len().to_string()));
         }
