@@ -34,22 +34,8 @@ impl Policy {
     /// # Errors
     /// When a number is not finite.
     pub fn to_onnx(&self, robot: &TaskRobot) -> Result<Vec<u8>, PolicyError> {
-        let plain: Vec<_> = self.actor.layers.iter().map(|layer| layer.unpadded(&self.parameters)).collect();
-        let last = plain.len() - 1;
-        let layers: Vec<Dense> = self
-            .actor
-            .layers
-            .iter()
-            .zip(&plain)
-            .enumerate()
-            .map(|(k, (layer, (weights, bias)))| Dense {
-                weights,
-                bias,
-                inputs: layer.inputs,
-                outputs: layer.outputs,
-                elu: k < last,
-            })
-            .collect();
+        let plain = self.actor.unpadded(&self.parameters);
+        let layers = Dense::of(&self.actor, &plain);
         let (lower, upper): (Vec<f32>, Vec<f32>) = (0..robot.joints()).map(|j| finite_limits(robot.limits(j))).unzip();
         let text = |key: &str, value: String| (key.to_owned(), value);
         let metadata = [

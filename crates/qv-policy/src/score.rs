@@ -109,7 +109,8 @@ pub fn score(
     };
     let of = |(env, e): (usize, &[f64; 3]), k: usize| if e[0] > 0.0 { e[k] / e[0] } else { lying(env, k) };
     let each = |k: usize| -> Vec<f64> { errors.iter().enumerate().map(|pair| of(pair, k)).collect() };
-    let ([velocity_error, velocity_error_se], [turning_error, turning_error_se]) = (mean(&each(1)), mean(&each(2)));
+    let narrow = |k: usize| mean_with_error(&each(k)).map(|x| x as f32);
+    let ([velocity_error, velocity_error_se], [turning_error, turning_error_se]) = (narrow(1), narrow(2));
     let fell = fallen.iter().filter(|f| **f).count();
     let (swing_time, swing_height) = (figure("swing_time"), figure("swing_height"));
     Ok(Score {
@@ -124,10 +125,10 @@ pub fn score(
     })
 }
 
-/// Mean and its standard error.
-fn mean(values: &[f64]) -> [f32; 2] {
+/// Mean and its standard error, both zero of no values.
+pub fn mean_with_error(values: &[f64]) -> [f64; 2] {
     let count = values.len().max(1) as f64;
     let mean = values.iter().sum::<f64>() / count;
     let variance = values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
-    [mean as f32, (variance / count).sqrt() as f32]
+    [mean, (variance / count).sqrt()]
 }

@@ -13,6 +13,7 @@ use crate::paths::{Path, PathScore, commands, walk};
 use crate::tune::{SECONDS, TuneSettings, judge, train_on};
 use crate::windows::{Errors, Replayer, Window, windows};
 use qv_policy::policy::Policy;
+use qv_policy::score::mean_with_error;
 use qv_policy::train::Checkpoint;
 use qv_policy::velocity::{Ground, TaskRobot};
 use serde::{Deserialize, Serialize};
@@ -231,14 +232,6 @@ fn by_stretch(errors: &Errors, held: &[Window]) -> Vec<f64> {
     stretches.into_iter().map(of).collect()
 }
 
-/// Mean and its standard error.
-fn mean(values: &[f64]) -> [f64; 2] {
-    let count = values.len().max(1) as f64;
-    let mean = values.iter().sum::<f64>() / count;
-    let variance = values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
-    [mean, (variance / count).sqrt()]
-}
-
 /// What the stages share.
 struct Loop<'a, 'b> {
     inputs: &'a Inputs<'a>,
@@ -247,7 +240,6 @@ struct Loop<'a, 'b> {
     tops: Vec<f64>,
     keep: &'a dyn Keep,
     tell: &'b mut dyn FnMut(Event),
-    stage: usize,
 }
 
 /// Names of the stages.
@@ -278,13 +270,12 @@ pub fn close(inputs: &Inputs, keep: &dyn Keep, tell: &mut dyn FnMut(Event)) -> R
         return Err(ResidualError::input("recordings", "at least 15 stretches of 2 to 10 s of walking", found));
     }
     let tops = tops(&replayer);
-    let mut all = Loop { inputs, replayer, held, tops, keep, tell, stage: 0 };
+    let mut all = Loop { inputs, replayer, held, tops, keep, tell };
     all.run(length, &is_held)
 }
 
 impl Loop<'_, '_> {
     fn begin(&mut self, stage: usize) {
-        self.stage = stage;
         (self.tell)(Event::Stage(STAGES[stage], stage + 1, STAGES.len()));
     }
 
@@ -292,8 +283,7 @@ impl Loop<'_, '_> {
         let Inputs { robot, start, settings, .. } = *self.inputs;
         self.begin(0);
         let mut candidates: Vec<Candidate> = Vec::new();
-        let mut best = by_stretch(&self.errors(&Compensation::nominal(robot), length)?, &self.held);
-        let nominal = self.candidate(Compensation::nominal(robot), length, None)?;
+        let (nominal, mut best) = self.candidate(Compensation::nominal(robot), length, None)?;
         candidates.push(nominal);
         if let Some(given) = self.inputs.given {
             self.add(&mut candidates, &mut best, Compensation::given(robot, given), length)?;
@@ -384,24 +374,21 @@ impl Loop<'_, '_> {
         self.compensation("judge", &fit)
     }
 
-    fn errors(&self, compensation: &Compensation, length: usize) -> Result<Errors, ResidualError> {
-        compensation.replay(&self.replayer, &self.held, length)
-    }
-
+    /// A candidate on held-out windows, with its error on each stretch.
     fn candidate(
         &self,
         compensation: Compensation,
         length: usize,
         beat: Option<&[f64]>,
-    ) -> Result<Candidate, ResidualError> {
-        let errors = self.errors(&compensation, length)?;
+    ) -> Result<(Candidate, Vec<f64>), ResidualError> {
+        let errors = compensation.replay(&self.replayer, &self.held, length)?;
         let own = by_stretch(&errors, &self.held);
-        let [error, error_se] = mean(&own);
+        let [error, error_se] = mean_with_error(&own);
         let gains: Vec<f64> = beat.map_or_else(Vec::new, |beat| beat.iter().zip(&own).map(|(b, o)| b - o).collect());
-        let gain = mean(&gains);
+        let gain = mean_with_error(&gains);
         let stays = beat.is_none() || gain[0] > self.inputs.settings.errors * gain[1];
         let held_out = HeldOut { error, error_se, joints: errors.by_joint(), gain, stays };
-        Ok(Candidate { compensation, held_out, paths: None })
+        Ok((Candidate { compensation, held_out, paths: None }, own))
     }
 
     /// Tries a candidate against the best so far.
@@ -412,10 +399,9 @@ impl Loop<'_, '_> {
         compensation: Compensation,
         length: usize,
     ) -> Result<(), ResidualError> {
-        let errors = self.errors(&compensation, length)?;
-        let candidate = self.candidate(compensation, length, Some(best))?;
+        let (candidate, own) = self.candidate(compensation, length, Some(best))?;
         if candidate.held_out.stays {
-            *best = by_stretch(&errors, &self.held);
+            *best = own;
         }
         candidates.push(candidate);
         Ok(())

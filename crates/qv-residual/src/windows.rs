@@ -162,9 +162,10 @@ impl<'a> Replayer<'a> {
         if near.is_empty() { 0.0 } else { near.iter().sum::<f64>() / near.len() as f64 }
     }
 
-    fn targets(&self, window: Window, decision: usize, substep: usize) -> &[f32] {
-        let at = (decision * self.log.substeps + substep) * self.log.joints;
-        &self.log.stretches[window.stretch].targets[at..][..self.log.joints]
+    /// The recorded targets of a physics step, `[joints]` \[rad\].
+    pub(crate) fn targets(&self, at: Window, substep: usize) -> &'a [f32] {
+        let from = (at.decision * self.log.substeps + substep) * self.log.joints;
+        &self.log.stretches[at.stretch].targets[from..][..self.log.joints]
     }
 
     /// Sets parameters, states and past commands of all lanes at their windows' starts, and simulates the decisions before them.
@@ -190,7 +191,7 @@ impl<'a> Replayer<'a> {
             if let Some(compensator) = compensator {
                 compensator.begin(env);
             }
-            let q = wide(self.targets(window, window.decision - WARM, 0));
+            let q = wide(self.targets(Window { decision: window.decision - WARM, ..window }, 0));
             batch.set_command(env, &JointCommand { q: &q, dq: &zero, kp: &kp, kd: &kd, tau: &zero })?;
         }
         let mut run = Running::new(self, lanes.len());
@@ -333,7 +334,8 @@ impl<'a> Running<'a> {
         for substep in 0..replayer.log.substeps {
             for (lane, asked) in lanes.iter().zip(self.asked.chunks_exact_mut(joints)) {
                 let window = windows[lane.window];
-                asked.copy_from_slice(replayer.targets(window, window.decision + decision - before, substep));
+                let at = Window { decision: window.decision + decision - before, ..window };
+                asked.copy_from_slice(replayer.targets(at, substep));
             }
             self.sent.copy_from_slice(&self.asked);
             if let Some(compensator) = compensator {

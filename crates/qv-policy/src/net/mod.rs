@@ -229,6 +229,11 @@ impl Mlp {
         }
     }
 
+    /// Weights `[outputs][inputs]` and biases `[outputs]` of each layer, without padding.
+    pub fn unpadded(&self, parameters: &[f32]) -> Vec<(Vec<f32>, Vec<f32>)> {
+        self.layers.iter().map(|layer| layer.unpadded(parameters)).collect()
+    }
+
     /// The output for one row without padding: for deployment and tests, not for speed.
     pub fn evaluate(&self, parameters: &[f32], input: &[f32]) -> Vec<f32> {
         let mut row = vec![0.0; padded(self.inputs())];

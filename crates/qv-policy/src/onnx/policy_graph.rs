@@ -2,6 +2,7 @@
 
 use super::graph::check;
 use super::{GraphBuilder, OnnxError};
+use crate::net::Mlp;
 
 /// One layer: `y = W x + b`, then ELU where `elu` is set.
 #[derive(Debug, Clone, Copy)]
@@ -16,6 +17,23 @@ pub struct Dense<'a> {
     pub outputs: usize,
     /// Whether an exponential linear unit (alpha 1) follows.
     pub elu: bool,
+}
+
+impl<'a> Dense<'a> {
+    /// The layers of a network, given its numbers without padding ([`Mlp::unpadded`]): an exponential linear unit follows all but the last.
+    pub fn of(net: &Mlp, plain: &'a [(Vec<f32>, Vec<f32>)]) -> Vec<Self> {
+        let last = net.layers.len() - 1;
+        let pairs = net.layers.iter().zip(plain).enumerate();
+        pairs
+            .map(|(k, (layer, (weights, bias)))| Self {
+                weights,
+                bias,
+                inputs: layer.inputs,
+                outputs: layer.outputs,
+                elu: k < last,
+            })
+            .collect()
+    }
 }
 
 /// A policy: `clip(output_offset + output_scale · mlp((x - offset) · scale), lower, upper)`, element by element.

@@ -106,21 +106,8 @@ impl ResidualNet {
     pub fn to_onnx(&self, robot: &TaskRobot) -> Result<Vec<u8>, ResidualError> {
         self.check(robot, NetKind::Position)?;
         let (net, parameters) = self.layers();
-        let plain: Vec<_> = net.layers.iter().map(|layer| layer.unpadded(&parameters)).collect();
-        let last = plain.len() - 1;
-        let layers: Vec<onnx::Dense> = net
-            .layers
-            .iter()
-            .zip(&plain)
-            .enumerate()
-            .map(|(k, (layer, (weights, bias)))| onnx::Dense {
-                weights,
-                bias,
-                inputs: layer.inputs,
-                outputs: layer.outputs,
-                elu: k < last,
-            })
-            .collect();
+        let plain = net.unpadded(&parameters);
+        let layers = onnx::Dense::of(&net, &plain);
         let (offset, scale) = super::position::scaling(robot);
         let joints = robot.joints();
         let text = |key: &str, value: String| (key.to_owned(), value);

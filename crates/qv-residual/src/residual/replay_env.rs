@@ -2,7 +2,7 @@
 //! them.
 
 use super::position::{Look, Past, inputs, remember, scaling};
-use super::stage::{Stage, targets};
+use super::stage::Stage;
 use super::supervised::{LOST, spread};
 use super::{ResidualNet, UNIT};
 use crate::ResidualError;
@@ -91,7 +91,7 @@ impl<'a> ReplayEnv<'a> {
         let (window, state, _) = &self.starts[start];
         self.stage.batch.write_lane(env, state)?;
         let replayer = self.stage.replayer;
-        let ago = |k: usize| targets(replayer, Window { decision: window.decision - k, ..*window }, 0);
+        let ago = |k: usize| replayer.targets(Window { decision: window.decision - k, ..*window }, 0);
         self.past.set(env, ago(1), ago(2));
         Ok(())
     }
@@ -207,7 +207,7 @@ impl VectorEnv for ReplayEnv<'_> {
         let (joints, seen, known) = (self.actions(), self.observations(), self.privileged());
         for env in 0..self.count() {
             let place = self.place(env);
-            self.stage.asked[env * joints..][..joints].copy_from_slice(targets(self.stage.replayer, place, 0));
+            self.stage.asked[env * joints..][..joints].copy_from_slice(self.stage.replayer.targets(place, 0));
         }
         let this = &*self;
         let rows = observations.par_chunks_exact_mut(seen).zip(privileged.par_chunks_exact_mut(known));
@@ -240,7 +240,7 @@ impl VectorEnv for ReplayEnv<'_> {
         self.moved.iter_mut().zip(actions).for_each(|(moved, x)| *moved = (x * UNIT).clamp(-clip, clip));
         let places: Vec<Window> = (0..self.count()).map(|env| self.place(env)).collect();
         for (env, past) in self.past.numbers.chunks_exact_mut(3 * joints).enumerate() {
-            let first = targets(self.stage.replayer, places[env], 0);
+            let first = self.stage.replayer.targets(places[env], 0);
             remember(past, first, &self.moved[env * joints..][..joints]);
         }
         self.stage.decide(super::stage::Acts::Position, &self.moved, |env| places[env]).map_err(failed)?;

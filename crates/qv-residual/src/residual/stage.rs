@@ -27,13 +27,6 @@ pub(super) struct Stage<'a> {
     added: Vec<f32>,
 }
 
-/// The recorded targets of a physics step, `[joints]`.
-pub(super) fn targets<'a>(replayer: &Replayer<'a>, at: Window, substep: usize) -> &'a [f32] {
-    let log = replayer.log;
-    let from = (at.decision * log.substeps + substep) * log.joints;
-    &log.stretches[at.stretch].targets[from..][..log.joints]
-}
-
 impl<'a> Stage<'a> {
     /// Lanes with the parameters of one.
     pub fn new(replayer: &'a Replayer<'a>, count: usize, lane: &Lane) -> Result<Self, ResidualError> {
@@ -70,7 +63,7 @@ impl<'a> Stage<'a> {
     /// Reads the recorded targets of a physics step; `at` tells each lane's place.
     pub fn ask(&mut self, substep: usize, at: impl Fn(usize) -> Window) {
         for (env, asked) in self.asked.chunks_exact_mut(self.replayer.log.joints).enumerate() {
-            asked.copy_from_slice(targets(self.replayer, at(env), substep));
+            asked.copy_from_slice(self.replayer.targets(at(env), substep));
         }
     }
 

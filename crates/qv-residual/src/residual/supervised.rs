@@ -4,7 +4,7 @@
 use super::fit::{Samples, fit};
 use super::inverse::{Inverse, MOST};
 use super::position::{Look, Past, remember, scaling};
-use super::stage::{Acts, Stage, targets};
+use super::stage::{Acts, Stage};
 use super::torque::Watch;
 use super::{NetKind, PositionResidual, ResidualNet, TorqueResidual, UNIT};
 use crate::ResidualError;
@@ -250,7 +250,7 @@ impl Teacher<'_> {
         let mut past = Past::new(joints, windows.len());
         let mut driver = net.map(|net| PositionResidual::new(net, robot, windows.len())).transpose()?;
         for (env, w) in windows.iter().enumerate() {
-            let ago = |k: usize| targets(replayer, Window { decision: w.decision - k, ..*w }, 0);
+            let ago = |k: usize| replayer.targets(Window { decision: w.decision - k, ..*w }, 0);
             past.set(env, ago(1), ago(2));
             if let Some(driver) = &mut driver {
                 driver.set_past(env, ago(1), ago(2));
