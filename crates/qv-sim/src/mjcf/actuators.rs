@@ -1,4 +1,4 @@
-//! The <actuator> section: gains and limits of joints.
+//! The `<actuator>` section: gains and limits of joints.
 //!
 //! An actuator's force is `gain u + b0 + b1 l + b2 dl/dt`, with `l` the joint's position times the gear; the torque is the force
 //! times the gear: <https://mujoco.readthedocs.io/en/stable/computation/index.html#force-generation>.

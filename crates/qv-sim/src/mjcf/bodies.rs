@@ -1,4 +1,4 @@
-//! The <worldbody> becomes links and joints.
+//! The `<worldbody>` becomes links and joints.
 //!
 //! <https://mujoco.readthedocs.io/en/stable/XMLreference.html#world-body-r>
 

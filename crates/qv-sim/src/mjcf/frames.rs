@@ -1,4 +1,4 @@
-//! Angles, positions and orientations, as <compiler> has them written.
+//! Angles, positions and orientations, as `<compiler>` has them written.
 
 use super::attributes::Attributes;
 use super::tree::Tree;
@@ -6,14 +6,14 @@ use crate::SimError;
 use glam::{DMat3, DQuat, DVec3};
 use qv_core::Pose;
 
-/// What <compiler> says: <https://mujoco.readthedocs.io/en/stable/XMLreference.html#compiler>.
+/// What `<compiler>` says: <https://mujoco.readthedocs.io/en/stable/XMLreference.html#compiler>.
 pub(super) struct Compiler {
     degrees: bool,
     pub autolimits: bool,
     sequence: [char; 3],
     /// Folder of the meshes, with a slash at its end unless it is empty.
     pub mesh_folder: String,
-    /// `None` is "auto": where a body has no <inertial>.
+    /// `None` is "auto": where a body has no `<inertial>`.
     pub inertia_from_geoms: Option<bool>,
     pub groups: [f64; 2],
     /// Settings that change masses and are not followed, as they are written.

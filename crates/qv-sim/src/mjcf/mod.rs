@@ -1,6 +1,6 @@
 //! MJCF, MuJoCo's own format: the part of it that models of robots use becomes a [`Model`].
 //!
-//! Read: bodies with any orientation, <frame>s, default classes, <include>, <compiler> (angle, eulerseq, autolimits, meshdir,
+//! Read: bodies with any orientation, `<frame>`s, default classes, `<include>`, `<compiler>` (angle, eulerseq, autolimits, meshdir,
 //! inertiafromgeom, inertiagrouprange), inertials or the masses of geoms, hinge, slide and free joints (any anchor, several on
 //! one body), geoms for contact, sites as frames, position, velocity, motor and general actuators, the site of the IMU, the
 //! keyframe of the stance. What is left out is named in [`Model::left_out`], what is read in a way of our own in
@@ -25,7 +25,7 @@ use resistance::apparent_inertias;
 use shapes::Meshes;
 use tree::Tree;
 
-/// Gives the text of a file that <include> names, or says why it cannot.
+/// Gives the text of a file that `<include>` names, or says why it cannot.
 pub type Include<'a> = dyn Fn(&str) -> Result<String, String> + 'a;
 
 /// Name of the frame that the simulator takes for the IMU's.
@@ -40,7 +40,7 @@ pub struct MjcfModel {
     pub gains: Vec<Option<Gains>>,
     /// The stance of the keyframe `home`, else of the first one; `None` without any.
     pub stand: Option<Stand>,
-    /// Time step of <option> \[s\].
+    /// Time step of `<option>` \[s\].
     pub timestep: Option<f64>,
 }
 
@@ -62,7 +62,7 @@ pub struct Stand {
     pub joints: Vec<f64>,
 }
 
-/// Whether a text is MJCF: its first element is <mujoco>.
+/// Whether a text is MJCF: its first element is `<mujoco>`.
 pub fn is_mjcf(xml: &str) -> bool {
     let mut rest = xml.trim_start_matches('\u{feff}').trim_start();
     loop {
@@ -89,7 +89,7 @@ impl Model {
 
 impl MjcfModel {
     /// Reads the text of an MJCF. `options.mesh_vertices` is asked for mesh files by their names with `meshdir` before them,
-    /// `include` for the files of <include>. Rotor inertias are those of the file, not of `options`.
+    /// `include` for the files of `<include>`. Rotor inertias are those of the file, not of `options`.
     ///
     /// The file says whether the base is free: [`BaseKind::Floating`] holds for a body with a free joint alone, and any other
     /// robot is fixed in the world. [`BaseKind::Fixed`] holds a free base where the file has it.

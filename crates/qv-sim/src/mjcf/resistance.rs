@@ -1,4 +1,4 @@
-//! How a joint resists an actuator: what <position dampratio> needs.
+//! How a joint resists an actuator: what `<position dampratio>` needs.
 
 use crate::{BaseKind, JointKind, Model};
 use glam::DVec3;

@@ -1,4 +1,4 @@
-//! Geoms: their shapes for contact, and the masses that they give to bodies without an <inertial>.
+//! Geoms: their shapes for contact, and the masses that they give to bodies without an `<inertial>`.
 //!
 //! <https://mujoco.readthedocs.io/en/stable/XMLreference.html#body-geom>
 
