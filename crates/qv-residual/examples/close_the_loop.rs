@@ -8,7 +8,7 @@ use qv_residual::ResidualError;
 use qv_residual::close::{Event, Forget, Inputs, LoopSettings, close};
 use qv_residual::hidden::{Engine, Hidden, Order, wander};
 use qv_residual::log::Log;
-use qv_residual::paths::{PathScore, commands, error};
+use qv_residual::paths::{PathScore, SETTLING, commands, error, settled};
 use serde_json::json;
 use std::time::Instant;
 
@@ -103,10 +103,11 @@ fn score(
     let orders: Vec<Order> = timed
         .iter()
         .zip(0..)
-        .map(|(commands, k)| Order { commands, seconds: 8.0, place: [0.0; 2], seed: 5000 + k })
+        .map(|(commands, k)| Order { commands, seconds: 8.0 + SETTLING, place: [0.0; 2], seed: 5000 + k })
         .collect();
     let walks = hidden.walks(robot, ground, policy, task.rate, &orders)?;
-    let decisions = (8.0 * task.rate) as usize;
-    let errors: Vec<_> = walks.iter().zip(&fixed).map(|(w, c)| error(&w.path, *c, decisions, task.rate)).collect();
+    let [decisions, settling] = [8.0, SETTLING].map(|seconds| (seconds * task.rate) as usize);
+    let found = walks.iter().zip(&fixed);
+    let errors: Vec<_> = found.map(|(w, c)| error(&settled(&w.path, settling), *c, decisions, task.rate)).collect();
     Ok(PathScore::of(&errors))
 }

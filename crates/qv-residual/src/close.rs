@@ -10,7 +10,7 @@ use crate::compensation::Compensation;
 use crate::identify::{Coordinate, Fit, FitSettings, Fitter, coordinates, tops};
 use crate::log::Log;
 use crate::paths::{Path, PathScore, commands, walk};
-use crate::tune::{SECONDS, TuneSettings, judge, train_on};
+use crate::tune::{SECONDS, TuneSettings, judge_of, train_on};
 use crate::windows::{Errors, Replayer, Window, windows};
 use qv_policy::policy::Policy;
 use qv_policy::score::mean_with_error;
@@ -122,6 +122,8 @@ impl LoopSettings {
         within("tune.spread", tune.spread, 0.0, 10.0)?;
         within("tune.averaged", f64::from(tune.averaged), 1.0, 1e6)?;
         within("tune.steady", f64::from(tune.steady), 0.0, 1e3)?;
+        within("tune.steady_width", f64::from(tune.steady_width), 1e-4, 10.0)?;
+        within("tune.calibration", tune.calibration as f64, 0.0, 1e5)?;
         within("tune.walks", tune.walks as f64, 6.0, 1e5)?;
         let p = &fit.prior;
         let spreads = [
@@ -485,8 +487,8 @@ impl Scored {
         let (robot, task, walks) = (inputs.robot, &inputs.start.settings.task, inputs.settings.walks);
         let seed = inputs.settings.tune.seed ^ SCORING;
         Ok(Self {
-            task: judge(robot, inputs.ground, task, &judging.corrected(robot), walks)?,
-            nominal: judge(robot, inputs.ground, task, &Compensation::nominal(robot).corrected(robot), walks)?,
+            task: judge_of(robot, inputs.ground, task, &judging.corrected(robot), walks)?,
+            nominal: judge_of(robot, inputs.ground, task, &Compensation::nominal(robot).corrected(robot), walks)?,
             commands: commands(&task.commands, walks, seed),
             seed,
         })

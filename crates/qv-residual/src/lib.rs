@@ -4,6 +4,7 @@
 //! [`basis`] torques. See `docs/tuning.md`.
 
 pub mod basis;
+pub mod calibrate;
 pub mod close;
 pub mod compensation;
 mod error;

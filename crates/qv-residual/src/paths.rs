@@ -41,6 +41,10 @@ pub fn place([x, y, turn]: [f32; 3], time: f32) -> [f32; 3] {
     [time * (s * x - c * y), time * (c * x + s * y), angle]
 }
 
+/// How long a robot walks under a command before its path counts \[s\]: to get going from a stand takes every robot half a second, the one
+/// that its simulator describes rightly, too.
+pub const SETTLING: f32 = 1.0;
+
 /// A path: x, y \[m\] and heading \[rad\] at each decision, from the place and heading at the start.
 pub type Path = Vec<[f32; 3]>;
 
@@ -116,7 +120,21 @@ impl PathScore {
     }
 }
 
-/// Runs every robot of a task under its command for `seconds`; paths and errors.
+/// The path after the first `settling` decisions, from where the robot is then; empty when it fell before.
+pub fn settled(path: &[[f32; 3]], settling: usize) -> Path {
+    let Some((&start, rest)) = path.get(settling.saturating_sub(1)..).and_then(<[_]>::split_first) else {
+        return Path::new();
+    };
+    let [x0, y0, heading] = start;
+    let (s, c) = heading.sin_cos();
+    let from = |&[x, y, h]: &[f32; 3]| {
+        let [x, y, h] = [x - x0, y - y0, h - heading];
+        [c * x + s * y, c * y - s * x, h.sin().atan2(h.cos())]
+    };
+    rest.iter().map(from).collect()
+}
+
+/// Runs every robot of a task under its command for `seconds` beyond [`SETTLING`]; paths from there and their errors.
 ///
 /// # Errors
 /// When a number is not finite or the simulator refuses something.
@@ -135,13 +153,13 @@ pub fn walk(
     }
     commands.iter().enumerate().for_each(|(env, command)| task.command(env, *command));
     let rate = task.settings().rate;
-    let steps = (seconds * rate) as usize;
+    let (steps, settling) = ((seconds * rate) as usize, (SETTLING * rate) as usize);
     let width = 7 + joints;
     let starts = task.motion().0.to_vec();
     let mut seen = (vec![0.0; count * task.observations()], vec![0.0; count * task.privileged()]);
     let (mut actions, mut rewards, mut ends) = (vec![0.0; count * joints], vec![0.0; count], vec![End::No; count]);
     let (mut paths, mut fallen) = (vec![Path::new(); count], vec![false; count]);
-    for _ in 0..steps {
+    for _ in 0..settling + steps {
         task.observe(&mut seen.0, &mut seen.1);
         policy.decide(count, &seen.0, &mut actions)?;
         fallen.iter().enumerate().filter(|(_, f)| **f).for_each(|(env, _)| actions[env * joints..][..joints].fill(0.0));
@@ -158,6 +176,7 @@ pub fn walk(
         .into_iter()
         .zip(commands)
         .map(|(path, &c)| {
+            let path = settled(&path, settling);
             let e = error(&path, c, steps, rate);
             (path, e)
         })
@@ -183,6 +202,11 @@ mod tests {
         }
         let [ex, ey, _] = place(command, 8.0);
         assert!((x - f64::from(ex)).abs() < 1e-4 && (y - f64::from(ey)).abs() < 1e-4, "{x} {y} {ex} {ey}");
+        // From any moment on, the path of a command is the same.
+        let later = settled(&path, 50);
+        let found = error(&later, command, 350, 50.0);
+        assert!(later.len() == 350 && found.position < 1e-5 && found.heading < 1e-5 && !found.fell, "{found:?}");
+        assert!(settled(&path[..20], 50).is_empty());
         let found = error(&vec![[0.0; 3]], [0.5, 0.0, 0.0], 400, 50.0);
         assert!(found.fell && (found.position - 2.005).abs() < 1e-3, "{found:?}");
     }

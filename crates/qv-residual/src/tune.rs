@@ -1,6 +1,7 @@
 //! The policy trained on under what was learnt of the robot.
 
 use crate::ResidualError;
+use crate::calibrate::{calibrated, response};
 use crate::paths::{PathScore, commands, walk};
 use qv_policy::compensate::Compensator;
 use qv_policy::policy::Policy;
@@ -29,6 +30,10 @@ pub struct TuneSettings {
     pub averaged: f32,
     /// Weight of the reward for the mean of the velocity, see [`qv_policy::velocity::Reward::steady`].
     pub steady: f32,
+    /// Drift at which that reward has fallen to a half \[m/s, rad/s\], see [`qv_policy::velocity::Reward::steady_width`].
+    pub steady_width: f32,
+    /// Walks by which commands are calibrated in the end, see [`crate::calibrate`]; 0 = they are not.
+    pub calibration: usize,
     /// Walks by which the best iteration is chosen, in the corrected simulator.
     pub walks: usize,
     /// Seed.
@@ -46,6 +51,8 @@ impl Default for TuneSettings {
             spread: 1.645,
             averaged: 20.0,
             steady: 2.0,
+            steady_width: 0.02,
+            calibration: 192,
             walks: 48,
             seed: 0,
         }
@@ -94,6 +101,7 @@ pub fn train_on(
     // Weights that grow over a training are those of its end.
     train.task.reward.air = train.task.reward.air_last;
     train.task.reward.steady = settings.steady;
+    train.task.reward.steady_width = settings.steady_width;
     train.ppo.rate = settings.rate;
     train.ppo.entropy = settings.entropy;
     train.ppo.least_std = train.ppo.least_std.min(settings.std);
@@ -104,7 +112,7 @@ pub fn train_on(
     training.task_mut().set_compensator(corrected.compensator.as_ref().map(|c| c.for_count(settings.robots)));
     training.start_from(&with_best(start))?;
     training.ppo_mut().set_std(settings.std);
-    let mut judge = judge(robot, ground, &start.settings.task, corrected, settings.walks)?;
+    let mut judge = judge_of(robot, ground, &start.settings.task, corrected, settings.walks)?;
     let commands = commands(&start.settings.task.commands, settings.walks, settings.seed ^ CHOOSING);
     let mut mean = training.policy();
     let mut best = (f32::INFINITY, training.policy());
@@ -126,6 +134,17 @@ pub fn train_on(
         }
         tell(&line, found.as_ref());
     }
+    let task = &start.settings.task;
+    if settings.calibration > 0 {
+        let mut many = judge_of(robot, ground, task, corrected, settings.calibration)?;
+        let response = response(&best.1, &mut many, &task.commands, settings.seed)?;
+        if let Some(policy) = response.and_then(|response| calibrated(&best.1, &response)) {
+            let score = score(&policy, &mut judge, &commands, settings.seed)?;
+            if score.cost() < best.0 {
+                best.1 = policy;
+            }
+        }
+    }
     Ok(best.1)
 }
 
@@ -138,7 +157,7 @@ pub const SECONDS: f32 = 8.0;
 ///
 /// # Errors
 /// When the simulator refuses a correction.
-pub fn judge(
+pub fn judge_of(
     robot: &TaskRobot,
     ground: &Ground,
     task: &TaskSettings,

@@ -40,6 +40,9 @@ pub const OBSERVATION: [(&str, usize); 6] = [
     ("last targets [rad]", 0),
 ];
 
+/// Where the command begins in an observation.
+pub const COMMAND_AT: usize = 6;
+
 /// Many robots that learn to follow commands.
 pub struct VelocityTask {
     robot: TaskRobot,
@@ -393,14 +396,14 @@ impl VectorEnv for VelocityTask {
             let gyro = turned(mount, gyro);
             row[..3].copy_from_slice(&gyro);
             row[3..6].copy_from_slice(&gravity);
-            row[6..9].copy_from_slice(&walker.command);
+            row[COMMAND_AT..][..3].copy_from_slice(&walker.command);
             row[9..9 + joints].copy_from_slice(&read.encoder_q[env * joints..][..joints]);
             row[9 + joints..9 + 2 * joints].copy_from_slice(&read.encoder_dq[env * joints..][..joints]);
             row[9 + 2 * joints..].copy_from_slice(&targets[env * joints..][..joints]);
             // The critic knows the true state.
             all[..3].copy_from_slice(&v[3..6]);
             all[3..6].copy_from_slice(&turned_back([q[3], q[4], q[5], q[6]], [0.0, 0.0, -1.0]));
-            all[6..9].copy_from_slice(&walker.command);
+            all[COMMAND_AT..][..3].copy_from_slice(&walker.command);
             all[9..9 + joints].copy_from_slice(&q[7..]);
             all[9 + joints..9 + 2 * joints].copy_from_slice(&v[6..]);
             all[9 + 2 * joints..seen].copy_from_slice(&targets[env * joints..][..joints]);
