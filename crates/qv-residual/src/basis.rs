@@ -18,9 +18,9 @@ pub const SHAPES: [(&str, &str); 6] = [
 
 /// Speed within which a friction turns over \[rad/s\]: torques are held for a physics step of 5 ms, and a stiffer law would throw a light
 /// joint past rest.
-const TURN: f32 = 0.3;
+pub(crate) const TURN: f32 = 0.3;
 /// Speed to which friction near rest reaches \[rad/s\].
-const NEAR_REST: f32 = 1.5;
+pub(crate) const NEAR_REST: f32 = 1.5;
 
 /// Smooth sign.
 fn sign(x: f32) -> f32 {

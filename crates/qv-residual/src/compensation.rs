@@ -3,6 +3,7 @@
 use crate::ResidualError;
 use crate::basis::SHAPES;
 use crate::identify::{Coordinate, basis, shapes_of, values_of};
+use crate::residual::ResidualNet;
 use crate::tune::Corrected;
 use crate::windows::{Errors, Lane, Replayer, Window};
 use qv_policy::velocity::TaskRobot;
@@ -29,6 +30,9 @@ pub struct Compensation {
     /// Numbers of the torque's shapes, `[joints][shapes]`, see [`crate::basis`]; empty = none.
     #[serde(default)]
     pub shapes: Vec<f32>,
+    /// A net that was taught on replays; with it there are no shapes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub net: Option<ResidualNet>,
 }
 
 impl Compensation {
@@ -104,6 +108,12 @@ impl Compensation {
         if !self.shapes.is_empty() && self.shapes.len() != count {
             return Err(ResidualError::input("compensator.json", format!("{count} `shapes`"), self.shapes.len()));
         }
+        if let Some(net) = &self.net {
+            if !self.shapes.is_empty() {
+                return Err(ResidualError::input("compensator.json", "`shapes` or a `net`", "both"));
+            }
+            net.check(robot, net.kind)?;
+        }
         let numbers = self.parameters.values().chain(self.ranges.values().flatten()).copied();
         match numbers.chain(self.shapes.iter().map(|&x| f64::from(x))).find(|x| !x.is_finite()) {
             Some(bad) => Err(ResidualError::input("compensator.json", "finite numbers", bad)),
@@ -111,13 +121,29 @@ impl Compensation {
         }
     }
 
-    /// For the training of a policy.
-    pub fn corrected(&self, robot: &TaskRobot) -> Corrected {
-        Corrected {
-            parameters: self.parameters.clone(),
-            ranges: self.ranges.clone(),
-            compensator: (!self.shapes.is_empty()).then(|| basis(robot, self.shapes.clone())),
-        }
+    /// For the training of a policy at so many physics steps a decision.
+    ///
+    /// # Errors
+    /// When the net is another robot's.
+    pub fn corrected(&self, robot: &TaskRobot, substeps: usize) -> Result<Corrected, ResidualError> {
+        let compensator = match &self.net {
+            Some(net) => Some(net.compensator(robot, substeps, 1)?),
+            None => (!self.shapes.is_empty()).then(|| basis(robot, self.shapes.clone())),
+        };
+        Ok(Corrected { parameters: self.parameters.clone(), ranges: self.ranges.clone(), compensator })
+    }
+
+    /// A lane of replays with the parameters.
+    ///
+    /// # Errors
+    /// When the simulator does not know a name.
+    pub fn lane(&self, replayer: &Replayer) -> Result<Lane, ResidualError> {
+        let batch = replayer.batch(1)?;
+        let parameters: Result<Vec<(usize, f64)>, ResidualError> =
+            self.parameters.iter().map(|(name, x)| Ok((batch.parameter_index(name)?, *x))).collect();
+        let bias =
+            |joint: &String| self.parameters.get(&format!("sensor.{joint}.encoder_bias")).copied().unwrap_or(0.0);
+        Ok(Lane { window: 0, parameters: parameters?, bias: self.joints.iter().map(bias).collect() })
     }
 
     /// Replays windows with these corrections.
@@ -125,16 +151,10 @@ impl Compensation {
     /// # Errors
     /// When the simulator refuses a number.
     pub fn replay(&self, replayer: &Replayer, windows: &[Window], length: usize) -> Result<Errors, ResidualError> {
-        let batch = replayer.batch(1)?;
-        let parameters: Result<Vec<(usize, f64)>, ResidualError> =
-            self.parameters.iter().map(|(name, x)| Ok((batch.parameter_index(name)?, *x))).collect();
-        let parameters = parameters?;
-        let bias =
-            |joint: &String| self.parameters.get(&format!("sensor.{joint}.encoder_bias")).copied().unwrap_or(0.0);
-        let bias: Vec<f64> = self.joints.iter().map(bias).collect();
-        let lane = |window| Lane { window, parameters: parameters.clone(), bias: bias.clone() };
-        let lanes: Vec<Lane> = (0..windows.len()).map(lane).collect();
-        let compensator = self.corrected(replayer.robot).compensator.map(|c| c.for_count(lanes.len()));
+        let lane = self.lane(replayer)?;
+        let lanes: Vec<Lane> = (0..windows.len()).map(|window| Lane { window, ..lane.clone() }).collect();
+        let corrected = self.corrected(replayer.robot, replayer.log.substeps)?;
+        let compensator = corrected.compensator.map(|c| c.for_count(lanes.len()));
         replayer.replay(windows, &lanes, length, compensator)
     }
 }

@@ -8,6 +8,7 @@ pub mod calibrate;
 pub mod close;
 pub mod compensation;
 mod error;
+mod export;
 pub mod hidden;
 pub mod identify;
 pub mod log;

@@ -120,6 +120,21 @@ impl GraphBuilder {
         self.node("Add", &[a, b], &[])
     }
 
+    /// `a / b`.
+    pub fn div(&mut self, a: &Tensor, b: &Tensor) -> Tensor {
+        self.node("Div", &[a, b], &[])
+    }
+
+    /// Square root, element by element.
+    pub fn sqrt(&mut self, x: &Tensor) -> Tensor {
+        self.node("Sqrt", &[x], &[])
+    }
+
+    /// Size without sign, element by element.
+    pub fn abs(&mut self, x: &Tensor) -> Tensor {
+        self.node("Abs", &[x], &[])
+    }
+
     /// The larger of two, element by element.
     pub fn max(&mut self, a: &Tensor, b: &Tensor) -> Tensor {
         self.node("Max", &[a, b], &[])

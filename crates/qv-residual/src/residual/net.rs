@@ -98,30 +98,35 @@ impl ResidualNet {
         (net, parameters)
     }
 
-    /// The file `compensator.onnx` of a position net: input `state`, f32 `[n, inputs]` as [`super::PositionResidual`] lists it, unscaled; output
-    /// `correction`, f32 `[n, joints]` \[rad\].
+    /// As an ONNX graph with input `state` and output `correction`, both unscaled, see [`crate::compensation::Compensation::to_onnx`]; `more` is
+    /// kept in the file as text.
     ///
     /// # Errors
-    /// When the net is none of positions for this robot.
-    pub fn to_onnx(&self, robot: &TaskRobot) -> Result<Vec<u8>, ResidualError> {
-        self.check(robot, NetKind::Position)?;
+    /// When the net is another robot's.
+    pub fn to_onnx(&self, robot: &TaskRobot, more: &[(String, String)]) -> Result<Vec<u8>, ResidualError> {
+        self.check(robot, self.kind)?;
         let (net, parameters) = self.layers();
         let plain = net.unpadded(&parameters);
         let layers = onnx::Dense::of(&net, &plain);
-        let (offset, scale) = super::position::scaling(robot);
-        let joints = robot.joints();
+        let (offset, scale) = match self.kind {
+            NetKind::Position => super::position::scaling(robot),
+            NetKind::Torque => super::torque::scaling(robot),
+        };
+        let outputs = net.outputs();
         let text = |key: &str, value: String| (key.to_owned(), value);
+        let mut metadata = vec![text("robot", self.robot.clone()), text("joints", self.joints.join(" "))];
+        metadata.extend_from_slice(more);
         let graph = PolicyGraph {
             input: "state",
             output: "correction",
             offset: &offset,
             scale: &scale,
             layers: &layers,
-            output_scale: &vec![super::UNIT; joints],
-            output_offset: &vec![0.0; joints],
-            lower: &vec![-self.clip; joints],
-            upper: &vec![self.clip; joints],
-            metadata: &[text("robot", self.robot.clone()), text("joints", self.joints.join(" "))],
+            output_scale: &vec![super::UNIT; outputs],
+            output_offset: &vec![0.0; outputs],
+            lower: &vec![-self.clip; outputs],
+            upper: &vec![self.clip; outputs],
+            metadata: &metadata,
         };
         Ok(graph.to_bytes().map_err(qv_policy::PolicyError::from)?)
     }

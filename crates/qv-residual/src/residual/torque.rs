@@ -35,6 +35,16 @@ pub(super) fn inputs(robot: &TaskRobot) -> usize {
     INSTANTS * OF_INSTANT + kinds(robot).1
 }
 
+/// What brings an instant's numbers to the size of one: 0.25 rad, 5 rad/s, and the torque of 0.25 rad over the position gain.
+const SCALE: [f32; OF_INSTANT] = [4.0, 0.2, 4.0];
+
+/// Offset and scale of the input of one joint.
+pub(super) fn scaling(robot: &TaskRobot) -> (Vec<f32>, Vec<f32>) {
+    let mut scale: Vec<f32> = SCALE.repeat(INSTANTS);
+    scale.resize(inputs(robot), 1.0);
+    (vec![0.0; scale.len()], scale)
+}
+
 /// What is kept of each environment and how it becomes inputs.
 #[derive(Debug, Clone)]
 pub(super) struct Watch {
@@ -87,8 +97,8 @@ impl Watch {
             for j in 0..joints {
                 let off = seen.targets[env * joints + j] - seen.q[env * (7 + joints) + 7 + j];
                 let (speed, torque) = (seen.v[env * (6 + joints) + 6 + j], seen.torques[env * joints + j]);
-                // To the size of one: 0.25 rad, 5 rad/s, and the torque of 0.25 rad.
-                past[j * OF_INSTANT..][..OF_INSTANT].copy_from_slice(&[4.0 * off, 0.2 * speed, 4.0 * torque / kp[j]]);
+                let now = [SCALE[0] * off, SCALE[1] * speed, SCALE[2] * torque / kp[j]];
+                past[j * OF_INSTANT..][..OF_INSTANT].copy_from_slice(&now);
             }
             if std::mem::take(fresh) {
                 (1..width / row).for_each(|k| past.copy_within(0..row, k * row));
@@ -111,7 +121,8 @@ impl Watch {
 
 /// A net that adds a torque to each joint at each physics step, behind latency and lag, of at most its clip times the position gain.
 ///
-/// Its input, of one joint: target less angle, speed and the motor's torque, now and one and two decisions ago; and which kind of joint it is.
+/// Its input, of one joint: target less angle \[rad\], speed \[rad/s\] and the motor's torque over the position gain \[rad\], now and one and two
+/// decisions ago; and a one for the kind of joint it is.
 /// The weights are shared by all joints. A joint whose state is not finite has run away and gets nothing.
 #[derive(Debug, Clone)]
 pub struct TorqueResidual {

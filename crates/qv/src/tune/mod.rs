@@ -162,7 +162,7 @@ impl Work<'_> {
         bar.finish_and_clear();
         self.write(&closed)?;
         say(&sentences(&closed.report))?;
-        say(&format!("Written to {}: policy.onnx, compensator.json, tune.json, tune.html\n", self.tune.out.display()))?;
+        say(&format!("Written to {}: policy.onnx, compensator.onnx, tune.json, tune.html\n", self.tune.out.display()))?;
         Ok(())
     }
 
@@ -182,6 +182,7 @@ impl Work<'_> {
         put("policy.toml", file.to_text()?.as_bytes())?;
         let compensation = &candidates[chosen.unwrap_or(0)].compensation;
         put("compensator.json", serde_json::to_string_pretty(compensation)?.as_bytes())?;
+        put("compensator.onnx", &compensation.to_onnx(self.robot)?)?;
         let mut text = String::from(
             "# What `qv tune` found; for `qv replay --parameters` and `qv walk train --around`.\n[parameters]\n",
         );

@@ -1,0 +1,346 @@
+//! The stages, one after the other.
+
+use super::scored::Scored;
+use super::{Candidate, Event, HeldOut, Inputs, Keep, LoopSettings, Outcome, Report};
+use crate::ResidualError;
+use crate::compensation::Compensation;
+use crate::identify::{Coordinate, Fit, Fitter, coordinates};
+use crate::residual::{reinforce, supervised};
+use crate::tune::{Corrected, train_on};
+use crate::windows::{Errors, Lane, Replayer, Window, windows};
+use qv_policy::policy::Policy;
+use qv_policy::score::mean_with_error;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+/// Mean over stretches, one entry each.
+fn by_stretch(errors: &Errors, held: &[Window]) -> Vec<f64> {
+    let lanes = errors.by_lane();
+    let mut stretches: Vec<usize> = held.iter().map(|w| w.stretch).collect();
+    stretches.dedup();
+    let of = |stretch: usize| {
+        let own: Vec<f64> = held.iter().zip(&lanes).filter(|(w, _)| w.stretch == stretch).map(|(_, e)| *e).collect();
+        own.iter().sum::<f64>() / own.len() as f64
+    };
+    stretches.into_iter().map(of).collect()
+}
+
+/// Names of the stages.
+const STAGES: [&str; 10] = [
+    "held-out error of the simulator as it is",
+    "fitting parameters",
+    "fitting parameters and torques",
+    "teaching a net of torques on the parameters",
+    "teaching a net of targets on the simulator as it is",
+    "teaching a net of targets by reward",
+    "fitting to held-out recordings alone",
+    "training on in the simulator as it is",
+    "training on with what stayed",
+    "training on with all that stayed",
+];
+
+/// Whether a stretch is held out.
+pub fn is_held(settings: &LoopSettings, stretch: usize) -> bool {
+    stretch % settings.held_every == settings.held_every - 1
+}
+
+/// What the stages share.
+pub struct Loop<'a, 'b> {
+    pub inputs: &'a Inputs<'a>,
+    pub replayer: Replayer<'a>,
+    /// Windows by which candidates are compared, and their decisions.
+    pub held: Vec<Window>,
+    pub length: usize,
+    pub tops: Vec<f64>,
+    pub keep: &'a dyn Keep,
+    pub tell: &'b mut dyn FnMut(Event),
+}
+
+/// Candidates so far, and the errors on each stretch of the last that stayed.
+struct Tried {
+    candidates: Vec<Candidate>,
+    best: Vec<f64>,
+}
+
+impl Tried {
+    /// Indices of those that stay, beyond the simulator as it is.
+    fn staying(&self) -> Vec<usize> {
+        (1..self.candidates.len()).filter(|&k| self.candidates[k].held_out.stays).collect()
+    }
+}
+
+impl Loop<'_, '_> {
+    fn begin(&mut self, stage: usize) {
+        (self.tell)(Event::Stage(STAGES[stage], stage + 1, STAGES.len()));
+    }
+
+    pub fn run(mut self) -> Result<Outcome, ResidualError> {
+        let Inputs { robot, start, settings, log, .. } = *self.inputs;
+        let (tried, parameters) = self.try_all()?;
+        let staying = tried.staying();
+        let policy = start.best_policy(robot)?;
+        let judging = match staying.last() {
+            None => Compensation::nominal(robot),
+            Some(&last) => {
+                let compensation = &tried.candidates[last].compensation;
+                self.judging(&parameters, !compensation.shapes.is_empty() || compensation.net.is_some())?
+            }
+        };
+        let mut scored = Scored::new(self.inputs, &judging)?;
+        let before = scored.score(&policy)?;
+        let mut report = Report {
+            robot: robot.name.clone(),
+            seconds: log.seconds(),
+            told: log.told.clone(),
+            candidates: tried.candidates,
+            chosen: None,
+            why: String::new(),
+            before,
+            after: before,
+            control: None,
+            paths: Vec::new(),
+            settings: settings.clone(),
+        };
+        if staying.is_empty() {
+            report.why = format!(
+                "Nothing in these recordings differs from the simulator by more than {} standard errors: the policy is as it was.",
+                settings.errors
+            );
+            return Ok(Outcome { policy, report });
+        }
+        let tuned = self.train_all(&staying, &mut report, &mut scored)?;
+        let chosen = choose(&policy, tuned, &mut report);
+        report.paths = scored.pairs(&policy, &chosen)?;
+        Ok(Outcome { policy: chosen, report })
+    }
+
+    /// Each kind of candidate against the last that stayed; the fitted parameters beside.
+    fn try_all(&mut self) -> Result<(Tried, Fit), ResidualError> {
+        let Inputs { robot, settings, given, .. } = *self.inputs;
+        let for_fits = |k: usize| !is_held(settings, k);
+        self.begin(0);
+        let (nominal, best) = self.candidate(Compensation::nominal(robot), None)?;
+        let mut tried = Tried { candidates: vec![nominal], best };
+        if let Some(given) = given {
+            self.add(&mut tried, Compensation::given(robot, given))?;
+        }
+        self.begin(1);
+        let parameters = self.fit("parameters", false, None, &for_fits)?;
+        self.add(&mut tried, self.compensation("parameters", &parameters)?)?;
+        let base = tried.candidates[tried.staying().last().copied().unwrap_or(0)].compensation.clone();
+        self.begin(2);
+        let torques = self.fit("torques", true, Some(&parameters), &for_fits)?;
+        self.add(&mut tried, self.compensation("parameters and torques", &torques)?)?;
+        if settings.nets.tried {
+            self.try_nets(&mut tried, base)?;
+        }
+        Ok((tried, parameters))
+    }
+
+    /// Nets, on the best parameters and on the simulator as it is.
+    fn try_nets(&mut self, tried: &mut Tried, base: Compensation) -> Result<(), ResidualError> {
+        let Inputs { robot, settings, log, .. } = *self.inputs;
+        let nets = &settings.nets;
+        let training = windows(log, nets.length, |k| !is_held(settings, k));
+        self.begin(3);
+        let lane = base.lane(&self.replayer)?;
+        let net = self.kept("torque net", |this| {
+            let tell = progress(&mut *this.tell, nets.torque.rounds);
+            supervised::train_torque(&this.replayer, &training, &lane, &nets.torque, tell)
+        })?;
+        let kind = format!("{} and a net of torques", base.kind);
+        self.add(tried, Compensation { kind, net: Some(net), ..base })?;
+        self.begin(4);
+        let lane = Lane { window: 0, parameters: Vec::new(), bias: vec![0.0; robot.joints()] };
+        let net = self.kept("position net", |this| {
+            let tell = progress(&mut *this.tell, nets.position.rounds);
+            supervised::train_position(&this.replayer, &training, &lane, &nets.position, tell)
+        })?;
+        let with = |kind: &str, net| Compensation { kind: kind.into(), net: Some(net), ..Compensation::nominal(robot) };
+        self.add(tried, with("a net of targets", net))?;
+        self.begin(5);
+        let net = self.kept("reinforced net", |this| {
+            let (all, tell) = (nets.reinforced.iterations as f64, &mut *this.tell);
+            reinforce::train(&this.replayer, &training, &lane, None, &nets.reinforced, |line| {
+                let figure = line.figures.first().map_or(0.0, |(_, x)| f64::from(*x));
+                tell(Event::Progress((line.iteration.index as f64 + 1.0) / all, off(figure)));
+            })
+        })?;
+        self.add(tried, with("a net of targets, taught by reward", net))
+    }
+
+    /// The control, and policies trained on under the two richest candidates that stay: the best, if it is better than `report.before`.
+    fn train_all(
+        &mut self,
+        staying: &[usize],
+        report: &mut Report,
+        scored: &mut Scored,
+    ) -> Result<Option<Policy>, ResidualError> {
+        let Inputs { robot, start, .. } = *self.inputs;
+        self.begin(7);
+        let control = self.train("control", &Corrected::nominal())?;
+        report.control = Some(scored.score(&control)?);
+        let mut best = None;
+        let richest = &staying[staying.len().saturating_sub(2)..];
+        for (step, &k) in richest.iter().enumerate() {
+            self.begin(8 + step);
+            let corrected = report.candidates[k].compensation.corrected(robot, start.settings.task.substeps)?;
+            let tuned = self.train(&format!("policy {k}"), &corrected)?;
+            let found = scored.score(&tuned)?;
+            report.candidates[k].paths = Some(found);
+            if found.cost() < report.after.cost() {
+                report.chosen = Some(k);
+                report.after = found;
+                best = Some(tuned);
+            }
+        }
+        Ok(best)
+    }
+
+    /// A simulator fitted to the held-out stretches alone, with torques where the richest candidate that stays has more than parameters.
+    fn judging(&mut self, parameters: &Fit, with_torques: bool) -> Result<Compensation, ResidualError> {
+        self.begin(6);
+        let settings = self.inputs.settings;
+        let held = |k: usize| is_held(settings, k);
+        let fit = match with_torques {
+            true => self.fit("judge torques", true, Some(parameters), &held)?,
+            false => self.fit("judge", false, None, &held)?,
+        };
+        self.compensation("judge", &fit)
+    }
+
+    /// A candidate on held-out windows, with its error on each stretch.
+    fn candidate(
+        &self,
+        compensation: Compensation,
+        beat: Option<&[f64]>,
+    ) -> Result<(Candidate, Vec<f64>), ResidualError> {
+        let errors = compensation.replay(&self.replayer, &self.held, self.length)?;
+        let own = by_stretch(&errors, &self.held);
+        let [error, error_se] = mean_with_error(&own);
+        let gains: Vec<f64> = beat.map_or_else(Vec::new, |beat| beat.iter().zip(&own).map(|(b, o)| b - o).collect());
+        let gain = mean_with_error(&gains);
+        let stays = beat.is_none() || gain[0] > self.inputs.settings.errors * gain[1];
+        let held_out = HeldOut { error, error_se, joints: errors.by_joint(), gain, stays };
+        Ok((Candidate { compensation, held_out, paths: None }, own))
+    }
+
+    /// Tries a candidate against the best so far.
+    fn add(&self, tried: &mut Tried, compensation: Compensation) -> Result<(), ResidualError> {
+        let (candidate, own) = self.candidate(compensation, Some(&tried.best))?;
+        if candidate.held_out.stays {
+            tried.best = own;
+        }
+        tried.candidates.push(candidate);
+        Ok(())
+    }
+
+    fn compensation(&self, kind: &str, fit: &Fit) -> Result<Compensation, ResidualError> {
+        let spread = self.inputs.settings.tune.spread;
+        Compensation::of_fit(kind, &self.replayer, &fit.coordinates, &fit.point, &fit.deviations, spread)
+    }
+
+    /// What was kept under a name, or what `make` makes, which is then kept.
+    fn kept<T: Serialize + DeserializeOwned>(
+        &mut self,
+        name: &str,
+        make: impl FnOnce(&mut Self) -> Result<T, ResidualError>,
+    ) -> Result<T, ResidualError> {
+        if let Some(kept) = self.keep.get(name).and_then(|text| serde_json::from_str(&text).ok()) {
+            return Ok(kept);
+        }
+        let made = make(self)?;
+        self.keep.put(name, &serde_json::to_string(&made).unwrap_or_default())?;
+        Ok(made)
+    }
+
+    fn fit(
+        &mut self,
+        name: &str,
+        with_shapes: bool,
+        from: Option<&Fit>,
+        wanted: &dyn Fn(usize) -> bool,
+    ) -> Result<Fit, ResidualError> {
+        let settings = &self.inputs.settings.fit;
+        let coordinates = coordinates(&self.replayer, &settings.prior, &self.tops, with_shapes)?;
+        if let Some(kept) = self.keep.get(name).and_then(|text| kept_fit(&text, &coordinates)) {
+            return Ok(kept);
+        }
+        let all = windows(self.inputs.log, settings.length, wanted);
+        let every = (all.len() / settings.windows).max(1);
+        let chosen: Vec<Window> = all.into_iter().step_by(every).take(settings.windows).collect();
+        let mut start: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
+        if let Some(from) = from {
+            // The shapes come after all others.
+            start[..from.point.len()].copy_from_slice(&from.point);
+        }
+        let fitter = Fitter { replayer: &self.replayer, coordinates, windows: chosen, settings };
+        let (tell, steps) = (&mut self.tell, settings.steps as f64);
+        let fit = fitter.fit(&start, |step, cost| {
+            tell(Event::Progress((step as f64 + 1.0) / steps, format!("cost {cost:.0}")));
+        })?;
+        let text = serde_json::to_string(&(&fit.point, &fit.deviations, &fit.costs)).unwrap_or_default();
+        self.keep.put(name, &text)?;
+        Ok(fit)
+    }
+
+    fn train(&mut self, name: &str, corrected: &Corrected) -> Result<Policy, ResidualError> {
+        let Inputs { robot, ground, start, settings, .. } = *self.inputs;
+        let mut policy = start.best_policy(robot)?;
+        policy.parameters = self.kept(name, |this| {
+            let (tell, all) = (&mut *this.tell, settings.tune.iterations as f64);
+            let tuned = train_on(robot, ground, start, corrected, &settings.tune, |line, score| {
+                if let Some(score) = score {
+                    let share = (line.iteration.index as f64 + 1.0) / all;
+                    tell(Event::Progress(share, format!("{:.3} m off the commanded path", score.position)));
+                }
+            })?;
+            Ok(tuned.parameters)
+        })?;
+        Ok(policy)
+    }
+}
+
+fn off(error: f64) -> String {
+    format!("joints off by {:.1} mrad", 1e3 * error)
+}
+
+/// Tells of the rounds of a net: one along the recordings, and `rounds` more.
+fn progress<'a>(tell: &'a mut dyn FnMut(Event), rounds: usize) -> impl FnMut(&supervised::Round) + 'a {
+    let mut done = 0.0;
+    move |round| {
+        done += 1.0;
+        tell(Event::Progress(done / (rounds as f64 + 1.0), off(round.driven)));
+    }
+}
+
+/// The policy that is handed out, and why: the one trained on, when it is better by more than chance.
+fn choose(policy: &Policy, tuned: Option<Policy>, report: &mut Report) -> Policy {
+    let apart = (report.before.position_se.powi(2) + report.after.position_se.powi(2)).sqrt();
+    let gain = report.before.cost() - report.after.cost();
+    match (tuned, report.chosen) {
+        (Some(tuned), Some(k)) if gain >= report.settings.errors as f32 * apart => {
+            report.why = format!(
+                "The policy trained on with {} strays least where no training has been: {:.3} m from the commanded path over 8 s, \
+                 {:.3} m before.",
+                report.candidates[k].compensation.kind, report.after.position, report.before.position
+            );
+            tuned
+        }
+        _ => {
+            report.why = "No policy that was trained on follows its commands better than the one that was given, by more than chance: \
+                          the policy is as it was."
+                .into();
+            report.chosen = None;
+            report.after = report.before;
+            policy.clone()
+        }
+    }
+}
+
+/// A fit that was kept, if it is of these coordinates.
+fn kept_fit(text: &str, coordinates: &[Coordinate]) -> Option<Fit> {
+    let (point, deviations, costs): (Vec<f64>, Vec<f64>, Vec<f64>) = serde_json::from_str(text).ok()?;
+    let fits = point.len() == coordinates.len() && deviations.len() == point.len();
+    fits.then(|| Fit { coordinates: coordinates.to_vec(), point, deviations, costs })
+}
