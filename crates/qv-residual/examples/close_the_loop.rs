@@ -8,13 +8,14 @@ use qv_residual::ResidualError;
 use qv_residual::close::{Event, Forget, Inputs, LoopSettings, close};
 use qv_residual::hidden::{Engine, Hidden, Order, wander};
 use qv_residual::log::Log;
-use qv_residual::paths::{PathScore, SETTLING, commands, error, settled};
 use serde_json::json;
 use std::time::Instant;
 
 /// Walks of a recording, and how long each lasts \[s\].
 const WALKS: u64 = 30;
 const SECONDS: f32 = 20.0;
+/// Seconds and number of the walks that are scored.
+const SCORED: [f32; 2] = [8.0, 24.0];
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().collect();
@@ -36,8 +37,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let log = record(&hidden, &robot, &ground, &policy, &start, seed)?;
         let clock = Instant::now();
         let settings = LoopSettings::default();
-        let inputs =
-            Inputs { robot: &robot, ground: &ground, log: &log, start: &start, given: None, settings: &settings };
+        let inputs = Inputs {
+            robot: &robot,
+            ground: &ground,
+            train_on: &ground,
+            log: &log,
+            start: &start,
+            given: None,
+            settings: &settings,
+        };
         let outcome = close(&inputs, &Forget, &mut |event| match event {
             Event::Stage(name, number, count) => {
                 eprintln!("{:6.1} s {number}/{count} {name}", clock.elapsed().as_secs_f64())
@@ -45,7 +53,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             Event::Progress(share, figure) => eprintln!("         {:3.0} % {figure}", 100.0 * share),
         })?;
         let seconds = clock.elapsed().as_secs_f64();
-        let [before, after] = [&policy, &outcome.policy].map(|p| score(&hidden, &robot, &ground, p, &start));
+        let [before, after] =
+            [&policy, &outcome.policy].map(|p| hidden.score(&robot, &ground, p, &start.settings.task, SCORED));
         let (before, after) = (before?, after?);
         let report = &outcome.report;
         let held: Vec<_> = report
@@ -88,26 +97,4 @@ fn record(
         }
     }
     Ok(log)
-}
-
-fn score(
-    hidden: &Hidden,
-    robot: &TaskRobot,
-    ground: &Ground,
-    policy: &Policy,
-    start: &Checkpoint,
-) -> Result<PathScore, ResidualError> {
-    let task = &start.settings.task;
-    let fixed = commands(&task.commands, 24, 7);
-    let timed: Vec<Vec<(f32, [f32; 3])>> = fixed.iter().map(|c| vec![(0.0, *c)]).collect();
-    let orders: Vec<Order> = timed
-        .iter()
-        .zip(0..)
-        .map(|(commands, k)| Order { commands, seconds: 8.0 + SETTLING, place: [0.0; 2], seed: 5000 + k })
-        .collect();
-    let walks = hidden.walks(robot, ground, policy, task.rate, &orders)?;
-    let [decisions, settling] = [8.0, SETTLING].map(|seconds| (seconds * task.rate) as usize);
-    let found = walks.iter().zip(&fixed);
-    let errors: Vec<_> = found.map(|(w, c)| error(&settled(&w.path, settling), *c, decisions, task.rate)).collect();
-    Ok(PathScore::of(&errors))
 }

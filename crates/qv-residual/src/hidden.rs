@@ -6,12 +6,12 @@ mod drawn;
 pub use drawn::{Hidden, Outside};
 
 use crate::ResidualError;
-use crate::paths::{Path, from_start};
+use crate::paths::{Path, PathScore, SETTLING, commands, error, from_start, settled};
 use qv_core::JointSeries;
 use qv_policy::policy::Policy;
 use qv_policy::random::Random;
 use qv_policy::score::Decide;
-use qv_policy::velocity::{Commands, Ground, TaskRobot};
+use qv_policy::velocity::{Commands, Ground, TaskRobot, TaskSettings};
 use qv_replay::Run;
 use qv_replay::run::{Actuator, ActuatorKind, Base, JointParameters, Measurements, Robot};
 #[cfg(feature = "rapier")]
@@ -35,6 +35,9 @@ const SAMPLE: usize = 2;
 /// Standard deviations of a recording's noise: joint positions \[rad\], speeds \[rad/s\], gyroscope \[rad/s\], accelerometer \[m/s²\],
 /// poses \[m\]. The first two are what a Go2 that stands shows.
 const NOISE: [f32; 5] = [0.0004, 0.02, 0.01, 0.1, 0.001];
+
+/// Seed of the commands and the noise of scores.
+const SCORED: u64 = 5000;
 
 enum Plant {
     Ours(Box<Batch<f64>>),
@@ -164,6 +167,35 @@ impl Hidden {
         orders: &[Order],
     ) -> Result<Vec<Walk>, ResidualError> {
         orders.par_iter().map(|order| self.walk(robot, ground, policy, rate, order)).collect()
+    }
+
+    /// How far a policy strays from commanded paths of all six kinds over `seconds`, `count` walks.
+    ///
+    /// # Errors
+    /// When an engine refuses a number.
+    pub fn score(
+        &self,
+        robot: &TaskRobot,
+        ground: &Ground,
+        policy: &Policy,
+        task: &TaskSettings,
+        [seconds, count]: [f32; 2],
+    ) -> Result<PathScore, ResidualError> {
+        let wanted = commands(&task.commands, count as usize, SCORED);
+        let timed: Vec<[(f32, [f32; 3]); 1]> = wanted.iter().map(|c| [(0.0, *c)]).collect();
+        let places = &ground.places[0];
+        let order = |(k, commands)| Order {
+            commands,
+            seconds: seconds + SETTLING,
+            place: places[k % places.len()],
+            seed: SCORED + k as u64,
+        };
+        let orders: Vec<Order> = timed.iter().map(|c| c as &[_]).enumerate().map(order).collect();
+        let walks = self.walks(robot, ground, policy, task.rate, &orders)?;
+        let [decisions, settling] = [seconds, SETTLING].map(|seconds| (seconds * task.rate) as usize);
+        let errors = walks.iter().zip(&wanted);
+        let errors = errors.map(|(w, c)| error(&settled(&w.path, settling), *c, decisions, task.rate));
+        Ok(PathScore::of(&errors.collect::<Vec<_>>()))
     }
 
     fn walk(

@@ -9,6 +9,7 @@ pub mod close;
 pub mod compensation;
 mod error;
 mod export;
+pub mod footing;
 pub mod hidden;
 pub mod identify;
 pub mod log;

@@ -147,6 +147,12 @@ impl<'a> Replayer<'a> {
         State { q, v: v.iter().map(|&x| f64::from(x)).collect() }
     }
 
+    /// Height of the lowest feet over the ground \[m\] at a measured state.
+    pub(crate) fn gap_at(&self, at: Window) -> f64 {
+        let (q, _) = self.log.stretches[at.stretch].state(self.log.joints, at.decision);
+        self.gap(&q.iter().map(|&x| f64::from(x)).collect::<Vec<_>>())
+    }
+
     /// Height of the lowest feet over the ground \[m\]: the mean of those within 5 mm of the lowest, as qv-replay has it.
     fn gap(&self, q: &[f64]) -> f64 {
         let links = self.robot.model.world_from_links(q);

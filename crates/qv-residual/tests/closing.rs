@@ -89,7 +89,15 @@ fn nothing_wrong_leaves_the_policy_as_it_was() {
     let ground = Ground::plane();
     let training = Training::new(&robot, &ground, &TrainSettings { robots: 16, ..Default::default() }).unwrap();
     let (start, settings) = (training.checkpoint().clone(), small());
-    let inputs = Inputs { robot: &robot, ground: &ground, log: &log, start: &start, given: None, settings: &settings };
+    let inputs = Inputs {
+        robot: &robot,
+        ground: &ground,
+        train_on: &ground,
+        log: &log,
+        start: &start,
+        given: None,
+        settings: &settings,
+    };
     let outcome = close(&inputs, &Forget, &mut |_| {}).unwrap();
     assert_eq!(outcome.report.chosen, None);
     assert!(outcome.report.why.contains("as it was"), "{}", outcome.report.why);
@@ -107,8 +115,15 @@ fn a_robot_that_differs_is_trained_for_and_stages_that_are_kept_are_not_done_aga
     training.advance().unwrap();
     let (start, settings) = (training.checkpoint().clone(), small());
     let given = [("actuator.FL_hip_joint.strength".to_owned(), 0.75)];
-    let inputs =
-        Inputs { robot: &robot, ground: &ground, log: &log, start: &start, given: Some(&given), settings: &settings };
+    let inputs = Inputs {
+        robot: &robot,
+        ground: &ground,
+        train_on: &ground,
+        log: &log,
+        start: &start,
+        given: Some(&given),
+        settings: &settings,
+    };
     let memory = Memory::default();
     let first = close(&inputs, &memory, &mut |_| {}).unwrap();
     let kinds: Vec<&str> = first.report.candidates.iter().map(|c| c.compensation.kind.as_str()).collect();

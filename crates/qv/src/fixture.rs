@@ -1,7 +1,7 @@
 //! `qv fixture`: the made-up recording on which `cargo xtask pipeline` runs, so that it needs no robot and no download.
 
 use crate::numbers::{not_negative, three, within};
-use crate::open::{file_error, write_error};
+use crate::open::{file_error, set_friction, write_error};
 use crate::{Outcome, say};
 use glam::DVec3;
 use qv_core::{Material, TriangleMesh};
@@ -53,11 +53,7 @@ impl Fixture {
         }
         // Read back, so that the robot walks on what the file says in its 32-bit numbers.
         let mut mesh = glb::read(&glb).map_err(|e| file_error(&file, "a mesh in GLB", &e.to_string()))?;
-        for (label, friction) in &self.friction {
-            let material = mesh.materials.iter_mut().find(|material| material.name == *label);
-            material.ok_or_else(|| file_error(&file, &format!("the label {label}"), "none of that name"))?.friction =
-                Some(*friction);
-        }
+        set_friction(&mut mesh, &self.friction, &file)?;
         let terrain =
             Terrain::from_mesh(&mesh).map_err(|e| file_error(&file, "a mesh that can be walked on", &e.to_string()))?;
         let mut parameters = synthetic::small_differences(self.seed);
@@ -93,7 +89,7 @@ fn latency(text: &str) -> Result<f64, String> {
     within(text, 0.0, LATEST)
 }
 
-fn label_and_value(text: &str) -> Result<(String, f64), String> {
+pub fn label_and_value(text: &str) -> Result<(String, f64), String> {
     let (label, value) = text.split_once('=').ok_or("expected LABEL=VALUE")?;
     Ok((label.into(), not_negative(value)?))
 }

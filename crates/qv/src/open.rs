@@ -4,6 +4,7 @@ use crate::RunArguments;
 use crate::foreign;
 use crate::mesh_file::vertices;
 use indicatif::{ProgressBar, ProgressStyle};
+use qv_core::TriangleMesh;
 use qv_mesh::files::glb;
 use qv_replay::mapping::Mapping;
 use qv_replay::replay::{expand, parameters_from_toml};
@@ -361,6 +362,16 @@ fn own_urdf(path: &Path) -> Option<PathBuf> {
 /// The text of the URDF that [`model_of`] reads; `None` when it cannot be read.
 pub fn urdf_of(run: &Run, path: &Path, robot: Option<&str>) -> Option<String> {
     model_text(run, path, robot).ok().map(|found| found.text)
+}
+
+/// Frictions by label in the place of those of a mesh, which is that of `path`.
+pub fn set_friction(mesh: &mut TriangleMesh, friction: &[(String, f64)], path: &Path) -> Result<(), ReplayError> {
+    for (label, value) in friction {
+        let material = mesh.materials.iter_mut().find(|material| material.name == *label);
+        let expected = format!("the label {label}");
+        material.ok_or_else(|| file_error(path, &expected, "none of that name"))?.friction = Some(*value);
+    }
+    Ok(())
 }
 
 /// The ground that `--terrain` names.

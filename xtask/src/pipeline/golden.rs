@@ -42,7 +42,7 @@ const fn source(
 }
 
 /// All but frictions, which are taken by label.
-const SOURCES: [Source; 15] = [
+const SOURCES: [Source; 19] = [
     source(Stage::Yard, "focal length in pixels", "yard/transforms.json", "/fl_y", [1e-9, 0.0]),
     source(Stage::Recording, "seconds on tiles", "inspect/tiles.json", "/duration", [0.01, 0.0]),
     source(Stage::Recording, "seconds on gravel", "inspect/gravel.json", "/duration", [0.01, 0.0]),
@@ -58,7 +58,15 @@ const SOURCES: [Source; 15] = [
     source(Stage::Diagnose, "closed share", "diagnose/report.json", "/gap/closed", [0.07, 0.0]),
     source(Stage::Again, "friction of tiles", "again/contact.json", "/regions/2/friction", [FRICTION, 0.0]),
     source(Stage::Again, "base error, posterior", "again/contact.json", "/base_error/all/posterior", [0.005, 0.2]),
+    source(Stage::Tune, "joints off in rad, as it was", "tune/tune.json", JOINTS_BEFORE, [0.0, 0.25]),
+    source(Stage::Tune, "joints off in rad, parameters", "tune/tune.json", JOINTS_AFTER, [0.02, 0.0]),
+    source(Stage::Paths, "metres off the path, before", "paths/paths.json", "/policies/0/paths/position", [0.15, 0.0]),
+    source(Stage::Paths, "metres off the path, after", "paths/paths.json", "/policies/1/paths/position", [0.1, 0.0]),
 ];
+
+const JOINTS_BEFORE: &str = "/candidates/0/held_out/error";
+/// Of the parameters that were fitted, after the simulator as it was and what the diagnosis gave.
+const JOINTS_AFTER: &str = "/candidates/2/held_out/error";
 
 /// A friction may be off by so much.
 const FRICTION: f64 = 0.04;

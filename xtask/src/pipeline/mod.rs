@@ -177,6 +177,7 @@ fn conclude(folder: &Path) -> Result<()> {
         ("replay/replay.json", "verdict", "replay/replay.html"),
         ("diagnose/report.json", "sentence", "diagnose/report.html"),
         ("again/contact.json", "sentence", "again/contact.html"),
+        ("tune/tune.json", "why", "tune/tune.html"),
     ] {
         let path = folder.join(file);
         if path.is_file() {
@@ -187,6 +188,16 @@ fn conclude(folder: &Path) -> Result<()> {
             let with = if file.starts_with("again") { "With that taken into account: " } else { "" };
             println!("{with}{}\n{}", said.replace(". ", ".\n"), folder.join(page).display());
         }
+    }
+    let paths = folder.join("paths/paths.json");
+    if paths.is_file() {
+        let report = read_json(&paths)?;
+        let strayed = |k: usize| report["policies"][k]["paths"]["position"].as_f64().unwrap_or(f64::NAN);
+        println!(
+            "The made-up robot strays {:.3} m from the commanded path with the policy as it was, {:.3} m with the tuned one.",
+            strayed(0),
+            strayed(1)
+        );
     }
     let page = folder.join("report/report.html");
     if page.is_file() {
@@ -211,7 +222,8 @@ pub fn check_golden(workspace: &Workspace) -> Result<bool> {
 }
 
 /// Pages that a person reads.
-const PAGES: [&str; 4] = ["report/report.html", "contact/contact.html", "replay/replay.html", "diagnose/report.html"];
+const PAGES: [&str; 5] =
+    ["report/report.html", "contact/contact.html", "replay/replay.html", "diagnose/report.html", "tune/tune.html"];
 
 /// Whether a browser shows the pages as they should be; true, with a word, where no browser is there.
 fn look_at_pages(folder: &Path) -> Result<bool> {

@@ -27,6 +27,14 @@ pub enum Stage {
     Diagnose,
     /// Finds the friction once more, with the cause that was found taken into account
     Again,
+    /// Trains a walking policy
+    Walk,
+    /// A made-up robot with hidden effects walks over the yard under that policy
+    Record,
+    /// Corrects the simulator by those recordings and trains the policy on
+    Tune,
+    /// That robot walks after commands under both policies
+    Paths,
     /// Puts all of it on one page
     Report,
 }
@@ -75,6 +83,10 @@ impl Stage {
             Self::Replay => "replay",
             Self::Diagnose => "diagnose",
             Self::Again => "again",
+            Self::Walk => "walk",
+            Self::Record => "record",
+            Self::Tune => "tune",
+            Self::Paths => "paths",
             Self::Report => "report",
         }
     }
@@ -113,8 +125,17 @@ impl Stage {
         const AGAIN: [Call; 1] = [qv(
             "contact recording/tiles/run.mcap recording/gravel/run.mcap --terrain mesh/terrain.glb --params diagnose/calibrated.toml --out again --json",
         )];
+        const WALK: [Call; 1] = [qv("walk train --iterations 900 --out walk")];
+        // Short walks: the yard is 6 m wide, and has a wall.
+        const RECORD: [Call; 1] = [qv(
+            "walk record walk/policy.onnx --ground yard/truth.glb --friction tiles=0.18 --friction gravel=0.45 --seed 2 --room 1 --walk 4 --minutes 10 --out record",
+        )];
+        const TUNE: [Call; 1] = [qv(
+            "tune record --policy walk/policy.onnx --terrain again/terrain.glb --train-on plane --calibrated diagnose/calibrated.toml --out tune",
+        )];
+        const PATHS: [Call; 1] = [qv("walk paths walk/policy.onnx tune/policy.onnx --seed 2 --out paths/paths.json")];
         const REPORT: [Call; 1] = [qv(
-            "report --reconstruction reconstruct --mesh again/terrain.glb --contact again --replay replay --diagnosis diagnose --out report/report.html",
+            "report --reconstruction reconstruct --mesh again/terrain.glb --contact again --replay replay --diagnosis diagnose --tuning tune --paths paths/paths.json --out report/report.html",
         )];
         match self {
             Self::Yard => &YARD,
@@ -126,12 +147,17 @@ impl Stage {
             Self::Replay => &REPLAY,
             Self::Diagnose => &DIAGNOSE,
             Self::Again => &AGAIN,
+            Self::Walk => &WALK,
+            Self::Record => &RECORD,
+            Self::Tune => &TUNE,
+            Self::Paths => &PATHS,
             Self::Report => &REPORT,
         }
     }
 
     /// Files and folders that it reads, relative to the pipeline's folder.
     pub fn inputs(self) -> &'static [&'static str] {
+        const POLICY: [&str; 3] = ["walk/policy.onnx", "walk/policy.toml", "walk/checkpoint.bin"];
         const RUNS: [&str; 2] = ["recording/tiles/run.mcap", "recording/gravel/run.mcap"];
         match self {
             Self::Yard => &[],
@@ -142,7 +168,15 @@ impl Stage {
             Self::Contact => &[RUNS[0], RUNS[1], "mesh/terrain.glb"],
             Self::Replay | Self::Diagnose => &[RUNS[0], "contact/terrain.glb"],
             Self::Again => &[RUNS[0], RUNS[1], "mesh/terrain.glb", "diagnose/calibrated.toml"],
+            Self::Walk => &[],
+            Self::Record => &[POLICY[0], POLICY[1], POLICY[2], "yard/truth.glb"],
+            Self::Tune => &[POLICY[0], POLICY[1], POLICY[2], "record", "again/terrain.glb", "diagnose/calibrated.toml"],
+            Self::Paths => {
+                &[POLICY[0], POLICY[1], POLICY[2], "tune/policy.onnx", "tune/policy.toml", "tune/checkpoint.bin"]
+            }
             Self::Report => &[
+                "tune/tune.json",
+                "paths/paths.json",
                 "reconstruct/metrics.json",
                 "reconstruct/held_out",
                 "again/contact.json",
@@ -180,6 +214,17 @@ impl Stage {
             Self::Replay => &["replay/replay.json", "replay/replay.mcap", "replay/replay.html"],
             Self::Diagnose => &["diagnose/report.json", "diagnose/report.html", "diagnose/calibrated.toml"],
             Self::Again => &["again/contact.json", "again/contact.html", "again/calibrated.toml", "again/terrain.glb"],
+            Self::Walk => &["walk/policy.onnx", "walk/policy.toml", "walk/checkpoint.bin", "walk/walk.html"],
+            Self::Record => &["record/hidden.toml", "record/walk_000/run.csv", "record/walk_099/run.csv"],
+            Self::Tune => &[
+                "tune/policy.onnx",
+                "tune/policy.toml",
+                "tune/checkpoint.bin",
+                "tune/compensator.onnx",
+                "tune/tune.json",
+                "tune/tune.html",
+            ],
+            Self::Paths => &["paths/paths.json"],
             Self::Report => &["report/report.html"],
         }
     }

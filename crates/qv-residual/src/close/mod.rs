@@ -10,13 +10,14 @@ mod stages;
 
 use crate::ResidualError;
 use crate::compensation::Compensation;
+use crate::footing::Footing;
 use crate::identify::{FitSettings, tops};
 use crate::log::Log;
 use crate::paths::{Path, PathScore};
 use crate::residual::SupervisedSettings;
 use crate::residual::reinforce::ReinforceSettings;
 use crate::tune::TuneSettings;
-use crate::windows::{Replayer, windows};
+use crate::windows::{Replayer, Window, windows};
 use qv_policy::policy::Policy;
 use qv_policy::train::Checkpoint;
 use qv_policy::velocity::{Ground, TaskRobot};
@@ -30,6 +31,9 @@ pub struct LoopSettings {
     pub held_every: usize,
     /// Length of the windows by which candidates are compared \[s\].
     pub window: f32,
+    /// Most by which feet and a ground that is no plane may contradict each other in a window, see [`crate::footing`] \[m\]: about what a
+    /// reconstruction is off by where it is good.
+    pub footing: f64,
     /// Standard errors by which a candidate must be better.
     pub errors: f64,
     /// Walks by which policies are compared.
@@ -75,6 +79,7 @@ impl Default for LoopSettings {
         Self {
             held_every: 5,
             window: 1.0,
+            footing: 0.01,
             errors: 2.0,
             walks: 96,
             fit: FitSettings::default(),
@@ -144,6 +149,7 @@ impl LoopSettings {
         };
         within("held_every", self.held_every as f64, 2.0, 100.0)?;
         within("window", f64::from(self.window), 0.1, 4.0)?;
+        within("footing", self.footing, 1e-4, 1.0)?;
         within("errors", self.errors, 0.0, 100.0)?;
         within("walks", self.walks as f64, 6.0, 1e5)?;
         within("fit.windows", fit.windows as f64, 10.0, 1e5)?;
@@ -180,8 +186,10 @@ impl LoopSettings {
 pub struct Inputs<'a> {
     /// The robot.
     pub robot: &'a TaskRobot,
-    /// The ground that it walks on.
+    /// The ground of its recordings.
     pub ground: &'a Ground,
+    /// The ground that policies are trained on and compared on; often the same.
+    pub train_on: &'a Ground,
     /// Its recordings.
     pub log: &'a Log,
     /// Training of its policy.
@@ -200,9 +208,11 @@ impl Inputs<'_> {
         let bytes = words.iter().flat_map(|w| w.bytes().collect::<Vec<_>>());
         let numbers = self.log.stretches.iter().flat_map(|s| s.states.iter().chain(&s.targets));
         let numbers = numbers.chain(&self.start.parameters).flat_map(|x| x.to_bits().to_le_bytes());
-        let grounds = self.ground.places.iter().flatten().flatten().flat_map(|x| x.to_bits().to_le_bytes());
-        let all =
-            bytes.chain(numbers).chain(grounds).chain((self.ground.terrain.triangle_count() as u64).to_le_bytes());
+        let grounds = [self.ground, self.train_on];
+        let triangles = grounds.map(|g| (g.terrain.triangle_count() as u64).to_le_bytes());
+        let places = grounds.into_iter().flat_map(|g| g.places.iter().flatten().flatten());
+        let places = places.flat_map(|x| x.to_bits().to_le_bytes());
+        let all = bytes.chain(numbers).chain(places).chain(triangles.into_iter().flatten());
         let hash = all.fold(0xcbf2_9ce4_8422_2325u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x100_0000_01b3));
         format!("{hash:016x}")
     }
@@ -272,13 +282,39 @@ pub fn close(inputs: &Inputs, keep: &dyn Keep, tell: &mut dyn FnMut(Event)) -> R
     let settings = inputs.settings;
     let replayer = Replayer::new(inputs.log, inputs.robot, &inputs.ground.terrain, &inputs.start.settings.task);
     let length = (settings.window * inputs.log.rate).round().max(1.0) as usize;
-    let held = windows(inputs.log, length, |k| stages::is_held(settings, k));
+    let footing = (!inputs.ground.terrain.is_plane()).then(|| Footing::new(&replayer));
+    let picked = |wanted: &dyn Fn(usize) -> bool| picked(inputs, footing.as_ref(), length, wanted);
+    let held = picked(&|k| stages::is_held(settings, k));
     let mut stretches: Vec<usize> = held.iter().map(|w| w.stretch).collect();
     stretches.dedup();
-    if stretches.len() < 3 {
-        let found = format!("{:.0} s in {} stretches", inputs.log.seconds(), inputs.log.stretches.len());
-        return Err(ResidualError::input("recordings", "at least 15 stretches of 2 to 10 s of walking", found));
+    let (all, kept) = (windows(inputs.log, length, |_| true).len(), picked(&|_| true).len());
+    if stretches.len() < 3 || kept * 5 < all {
+        let found = format!(
+            "{:.0} s in {} stretches, and ground that agrees with the feet in {kept} of {all} windows",
+            inputs.log.seconds(),
+            inputs.log.stretches.len()
+        );
+        let expected = "at least 15 stretches of 2 to 10 s of walking on ground that is known to `footing`";
+        return Err(ResidualError::input("recordings", expected, found));
+    }
+    let mut told = inputs.log.told.clone();
+    if kept < all {
+        told.push(format!(
+            "{} of {all} windows of {} s are left out: feet and ground contradict each other by more than {} m in them",
+            all - kept,
+            settings.window,
+            settings.footing
+        ));
     }
     let tops = tops(&replayer);
-    stages::Loop { inputs, replayer, held, length, tops, keep, tell }.run()
+    stages::Loop { inputs, replayer, footing, told, held, length, tops, keep, tell }.run()
+}
+
+/// Windows in which feet and ground agree.
+fn picked(inputs: &Inputs, footing: Option<&Footing>, length: usize, wanted: &dyn Fn(usize) -> bool) -> Vec<Window> {
+    let mut all = windows(inputs.log, length, wanted);
+    if let Some(footing) = footing {
+        all.retain(|w| footing.contradiction(*w, length) <= inputs.settings.footing);
+    }
+    all
 }

@@ -23,8 +23,8 @@ impl Scored {
         let (robot, task, walks) = (inputs.robot, &inputs.start.settings.task, inputs.settings.walks);
         let seed = inputs.settings.tune.seed ^ SCORING;
         Ok(Self {
-            task: judge_of(robot, inputs.ground, task, &judging.corrected(robot, task.substeps)?, walks)?,
-            nominal: judge_of(robot, inputs.ground, task, &Corrected::nominal(), walks)?,
+            task: judge_of(robot, inputs.train_on, task, &judging.corrected(robot, task.substeps)?, walks)?,
+            nominal: judge_of(robot, inputs.train_on, task, &Corrected::nominal(), walks)?,
             commands: commands(&task.commands, walks, seed),
             seed,
         })

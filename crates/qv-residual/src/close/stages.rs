@@ -1,13 +1,14 @@
 //! The stages, one after the other.
 
 use super::scored::Scored;
-use super::{Candidate, Event, HeldOut, Inputs, Keep, LoopSettings, Outcome, Report};
+use super::{Candidate, Event, HeldOut, Inputs, Keep, LoopSettings, Outcome, Report, picked};
 use crate::ResidualError;
 use crate::compensation::Compensation;
+use crate::footing::Footing;
 use crate::identify::{Coordinate, Fit, Fitter, coordinates};
 use crate::residual::{reinforce, supervised};
 use crate::tune::{Corrected, train_on};
-use crate::windows::{Errors, Lane, Replayer, Window, windows};
+use crate::windows::{Errors, Lane, Replayer, Window};
 use qv_policy::policy::Policy;
 use qv_policy::score::mean_with_error;
 use serde::Serialize;
@@ -48,6 +49,10 @@ pub fn is_held(settings: &LoopSettings, stretch: usize) -> bool {
 pub struct Loop<'a, 'b> {
     pub inputs: &'a Inputs<'a>,
     pub replayer: Replayer<'a>,
+    /// Where the ground is known to be right; `None` = everywhere.
+    pub footing: Option<Footing>,
+    /// What was left out of the recordings.
+    pub told: Vec<String>,
     /// Windows by which candidates are compared, and their decisions.
     pub held: Vec<Window>,
     pub length: usize,
@@ -91,7 +96,7 @@ impl Loop<'_, '_> {
         let mut report = Report {
             robot: robot.name.clone(),
             seconds: log.seconds(),
-            told: log.told.clone(),
+            told: self.told.clone(),
             candidates: tried.candidates,
             chosen: None,
             why: String::new(),
@@ -139,9 +144,9 @@ impl Loop<'_, '_> {
 
     /// Nets, on the best parameters and on the simulator as it is.
     fn try_nets(&mut self, tried: &mut Tried, base: Compensation) -> Result<(), ResidualError> {
-        let Inputs { robot, settings, log, .. } = *self.inputs;
+        let Inputs { robot, settings, .. } = *self.inputs;
         let nets = &settings.nets;
-        let training = windows(log, nets.length, |k| !is_held(settings, k));
+        let training = picked(self.inputs, self.footing.as_ref(), nets.length, &|k| !is_held(settings, k));
         self.begin(3);
         let lane = base.lane(&self.replayer)?;
         let net = self.kept("torque net", |this| {
@@ -266,7 +271,7 @@ impl Loop<'_, '_> {
         if let Some(kept) = self.keep.get(name).and_then(|text| kept_fit(&text, &coordinates)) {
             return Ok(kept);
         }
-        let all = windows(self.inputs.log, settings.length, wanted);
+        let all = picked(self.inputs, self.footing.as_ref(), settings.length, wanted);
         let every = (all.len() / settings.windows).max(1);
         let chosen: Vec<Window> = all.into_iter().step_by(every).take(settings.windows).collect();
         let mut start: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
@@ -285,7 +290,7 @@ impl Loop<'_, '_> {
     }
 
     fn train(&mut self, name: &str, corrected: &Corrected) -> Result<Policy, ResidualError> {
-        let Inputs { robot, ground, start, settings, .. } = *self.inputs;
+        let Inputs { robot, train_on: ground, start, settings, .. } = *self.inputs;
         let mut policy = start.best_policy(robot)?;
         policy.parameters = self.kept(name, |this| {
             let (tell, all) = (&mut *this.tell, settings.tune.iterations as f64);

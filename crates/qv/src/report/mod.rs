@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 pub const EXAMPLE: &str = "Example:\n  qv report --reconstruction out/splats --mesh out/contact/terrain.glb --contact out/contact \\\n    \
     --replay out/replay --diagnosis out/why --out out/report.html\n\n\
     One file without network: photographs beside what is drawn of the scene, the labelled ground from above with the robot's way,\n\
-    friction before and after, and the diagnosis. Each part is left out where its folder is not given.";
+    friction before and after, the diagnosis, and what a tuned policy gains. Each part is left out where its folder is not given.";
 
 /// Most photographs on the page.
 const PICTURES: usize = 6;
@@ -37,6 +37,12 @@ pub struct Report {
     /// What `qv diagnose` wrote
     #[arg(long, value_name = "DIR")]
     diagnosis: Option<PathBuf>,
+    /// What `qv tune` wrote
+    #[arg(long, value_name = "DIR")]
+    tuning: Option<PathBuf>,
+    /// What `qv walk paths` wrote of the policy before and after the tuning, in this order
+    #[arg(long, value_name = "FILE.json")]
+    paths: Option<PathBuf>,
     /// The page to write
     #[arg(long, value_name = "FILE.html")]
     out: PathBuf,
@@ -51,14 +57,17 @@ struct Parts {
     contact: Option<Value>,
     replay: Option<Value>,
     diagnosis: Option<Value>,
+    tuning: Option<Value>,
+    paths: Option<Value>,
 }
 
 impl Report {
     pub fn execute(&self) -> Result<Outcome, Failure> {
-        let given =
-            [&self.reconstruction, &self.mesh, &self.contact, &self.replay, &self.diagnosis].map(Option::is_some);
-        if !given.contains(&true) {
-            return Err("expected at least one of --reconstruction, --mesh, --contact, --replay, --diagnosis".into());
+        let all = [&self.reconstruction, &self.mesh, &self.contact, &self.replay, &self.diagnosis, &self.tuning];
+        if all.iter().all(|part| part.is_none()) {
+            let expected =
+                "expected at least one of --reconstruction, --mesh, --contact, --replay, --diagnosis, --tuning";
+            return Err(expected.into());
         }
         let json = |folder: &Option<PathBuf>, name: &str, key: &str| {
             folder.as_ref().map(|dir| read_json(&dir.join(name), key)).transpose()
@@ -70,6 +79,8 @@ impl Report {
             contact: json(&self.contact, "contact.json", "regions")?,
             replay: json(&self.replay, "replay.json", "windows")?,
             diagnosis: json(&self.diagnosis, "report.json", "sentence")?,
+            tuning: json(&self.tuning, "tune.json", "candidates")?,
+            paths: self.paths.as_ref().map(|file| read_json(file, "policies")).transpose()?,
         };
         let page = page::to_html(&parts)?;
         if let Some(folder) = self.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {

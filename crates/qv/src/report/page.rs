@@ -48,7 +48,48 @@ pub fn to_html(parts: &Parts) -> Result<String, Failure> {
     if let Some(diagnosis) = &parts.diagnosis {
         text += &causes(diagnosis);
     }
+    if let Some(tuning) = &parts.tuning {
+        text += &tuned(tuning, parts.paths.as_ref());
+    }
     Ok(text + "</html>\n")
+}
+
+/// Paths of the policy before and after.
+fn strayed(paths: &Value) -> Option<[&Value; 2]> {
+    match list(&paths["policies"]) {
+        [before, after] => Some([&before["paths"], &after["paths"]]),
+        _ => None,
+    }
+}
+
+/// Joints of each simulator on held-out recordings, and how far policies stray.
+fn tuned(tuning: &Value, paths: Option<&Value>) -> String {
+    let mut text = String::from(
+        "<h2>The policy, trained on in the corrected simulator</h2><div class=\"card\"><table><tr><th>simulator</th>\
+         <th>joints off on held-out recordings [mrad]</th><th>stays</th></tr>",
+    );
+    for candidate in list(&tuning["candidates"]) {
+        let held = &candidate["held_out"];
+        let milli = |value: &Value| value.as_f64().map_or("–".into(), |x| format!("{:.1}", 1e3 * x));
+        _ = write!(
+            text,
+            "<tr><td>{}</td><td>{} ± {}</td><td>{}</td></tr>",
+            escape(candidate["compensation"]["kind"].as_str().unwrap_or("–")),
+            milli(&held["error"]),
+            milli(&held["error_se"]),
+            if held["stays"] == true { "yes" } else { "no" }
+        );
+    }
+    text += "</table></div><div class=\"card\"><table><tr><th>distance from the commanded path over 8 s [m]</th><th>before</th><th>after</th></tr>";
+    let mut row = |name: &str, before: &Value, after: &Value| {
+        let cell = |score: &Value| format!("{} ± {}", number(&score["position"], 3), number(&score["position_se"], 3));
+        _ = write!(text, "<tr><td>{name}</td><td>{}</td><td>{}</td></tr>", cell(before), cell(after));
+    };
+    row("expected, in a simulator fitted to held-out recordings", &tuning["before"], &tuning["after"]);
+    if let Some([before, after]) = paths.and_then(strayed) {
+        row("<b>on the made-up robot itself</b>", before, after);
+    }
+    text + "</table></div>"
 }
 
 /// A number of a report, or a dash.
@@ -78,6 +119,14 @@ fn summary(parts: &Parts) -> String {
     }
     for (part, key) in [(&parts.contact, "sentence"), (&parts.replay, "verdict"), (&parts.diagnosis, "sentence")] {
         said.extend(part.as_ref().and_then(|report| report[key].as_str()).map(escape));
+    }
+    said.extend(parts.tuning.as_ref().and_then(|report| report["why"].as_str()).map(escape));
+    if let Some([before, after]) = parts.paths.as_ref().and_then(strayed) {
+        said.push(format!(
+            "The made-up robot strays {} m from the commanded path with the policy as it was, and {} m with the tuned one.",
+            number(&before["position"], 3),
+            number(&after["position"], 3)
+        ));
     }
     let items: Vec<String> = said.iter().map(|sentence| format!("<li>{sentence}</li>")).collect();
     format!("<div class=\"card\"><ul class=\"lead\">{}</ul></div>", items.concat())

@@ -41,6 +41,9 @@ pub struct Tune {
     /// Where it walked
     #[arg(long, default_value = "plane", value_name = "plane|FILE.glb")]
     terrain: String,
+    /// Where policies are trained and compared; default: where it walked. A small place has no room for walks of 8 s
+    #[arg(long, value_name = "plane|bumps|levels|FILE.glb")]
+    train_on: Option<String>,
     /// What a diagnosis found (calibrated.toml), as a candidate beside those that are fitted here
     #[arg(long, value_name = "FILE.toml")]
     calibrated: Option<PathBuf>,
@@ -71,6 +74,7 @@ impl Tune {
         let robot = as_trained(robot_of(&self.robot)?, &file, &self.policy)?;
         let start = self.checkpoint(&robot)?;
         let ground = ground_of(&self.terrain, settings.tune.seed)?;
+        let train_on = ground_of(self.train_on.as_ref().unwrap_or(&self.terrain), settings.tune.seed)?;
         let given = match &self.calibrated {
             None => None,
             Some(path) => Some(parameters_of(Some(path), &robot.model, &ground.terrain)?),
@@ -79,8 +83,16 @@ impl Tune {
             recordings::read(&self.recordings, self.pose_topic.as_deref(), &robot, &start.settings.task)?;
         fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads.map_or(0, usize::from)).build()?;
-        let work =
-            Work { tune: self, robot: &robot, ground: &ground, start: &start, file: &file, given, log: &log, settings };
+        let work = Work {
+            tune: self,
+            robot: &robot,
+            grounds: [&ground, &train_on],
+            start: &start,
+            file: &file,
+            given,
+            log: &log,
+            settings,
+        };
         // Errors of the command line stay on their thread: this one crosses as its text.
         let done = pool.install(|| work.run().map_err(|e| e.to_string()));
         done?;
@@ -122,7 +134,8 @@ impl Tune {
 struct Work<'a> {
     tune: &'a Tune,
     robot: &'a TaskRobot,
-    ground: &'a Ground,
+    /// Of the recordings, and of the training.
+    grounds: [&'a Ground; 2],
     start: &'a Checkpoint,
     file: &'a PolicyFile,
     given: Option<Vec<(String, f64)>>,
@@ -134,7 +147,8 @@ impl Work<'_> {
     fn run(&self) -> Result<(), Failure> {
         let inputs = Inputs {
             robot: self.robot,
-            ground: self.ground,
+            ground: self.grounds[0],
+            train_on: self.grounds[1],
             log: self.log,
             start: self.start,
             given: self.given.as_deref(),
@@ -180,6 +194,15 @@ impl Work<'_> {
         };
         put("policy.onnx", &onnx)?;
         put("policy.toml", file.to_text()?.as_bytes())?;
+        // So that the policy can be tuned again, on what the robot records under it.
+        let start = match (chosen, &self.start.best) {
+            (None, _) => self.start.clone(),
+            (Some(_), best) => {
+                let score = best.as_ref().map(|(score, _)| score.clone()).unwrap_or_default();
+                Checkpoint { best: Some((score, closed.policy.parameters.clone())), ..self.start.clone() }
+            }
+        };
+        put("checkpoint.bin", &start.to_bytes()?)?;
         let compensation = &candidates[chosen.unwrap_or(0)].compensation;
         put("compensator.json", serde_json::to_string_pretty(compensation)?.as_bytes())?;
         put("compensator.onnx", &compensation.to_onnx(self.robot)?)?;

@@ -1,11 +1,12 @@
 //! Robots, grounds and policies that the command line names.
 
 use crate::Failure;
-use crate::open::{file_error, terrain_of};
+use crate::open::{file_error, set_friction};
 use qv_mesh::files::glb;
 use qv_policy::onnx::OnnxPolicy;
 use qv_policy::policy::PolicyFile;
 use qv_policy::velocity::{Ground, RobotFile, TaskRobot};
+use qv_sim::Terrain;
 use std::fs;
 use std::path::Path;
 
@@ -45,20 +46,29 @@ pub fn ground_of(name: &str, seed: u64) -> Result<Ground, Failure> {
         "plane" => Ok(Ground::plane()),
         "bumps" => Ok(Ground::bumps(BUMPS, seed)?),
         "levels" => Ok(Ground::levels(SLOPE, STEP, seed)?),
-        file => {
-            let path = Path::new(file);
-            let expected = "plane, bumps, levels, or a .glb file";
-            let bytes = fs::read(path).map_err(|e| file_error(path, expected, &e.to_string()))?;
-            let mesh = glb::read(&bytes).map_err(|e| file_error(path, "a mesh in GLB", &e.to_string()))?;
-            let bound = |axis: usize, least: bool| {
-                let all = mesh.vertices.iter().map(|v| v[axis]);
-                if least { all.fold(f64::INFINITY, f64::min) } else { all.fold(f64::NEG_INFINITY, f64::max) }
-            };
-            let area = [[bound(0, true), bound(1, true)], [bound(0, false), bound(1, false)]];
-            let ground = Ground::of_terrain(terrain_of(file)?, area, 0.4, seed);
-            Ok(ground.map_err(|e| file_error(path, "ground that a robot can begin on", &e.to_string()))?)
-        }
+        file => of_mesh(file, &[], ROOM, seed),
     }
+}
+
+/// Level ground that a robot begins on, unless somebody says otherwise [m].
+pub const ROOM: f64 = 0.4;
+
+/// A mesh with frictions by label in the place of the file's, and so much level ground around each place where a robot begins.
+pub fn of_mesh(file: &str, friction: &[(String, f64)], room: f64, seed: u64) -> Result<Ground, Failure> {
+    let path = Path::new(file);
+    let expected = "plane, bumps, levels, or a .glb file";
+    let bytes = fs::read(path).map_err(|e| file_error(path, expected, &e.to_string()))?;
+    let mut mesh = glb::read(&bytes).map_err(|e| file_error(path, "a mesh in GLB", &e.to_string()))?;
+    set_friction(&mut mesh, friction, path)?;
+    let bound = |axis: usize, least: bool| {
+        let all = mesh.vertices.iter().map(|v| v[axis]);
+        if least { all.fold(f64::INFINITY, f64::min) } else { all.fold(f64::NEG_INFINITY, f64::max) }
+    };
+    let area = [[bound(0, true), bound(1, true)], [bound(0, false), bound(1, false)]];
+    let terrain = Terrain::from_mesh(&mesh);
+    let terrain = terrain.map_err(|e| file_error(path, "a mesh that can be walked on", &e.to_string()))?;
+    let ground = Ground::of_terrain(terrain, area, room, seed);
+    Ok(ground.map_err(|e| file_error(path, "ground that a robot can begin on", &e.to_string()))?)
 }
 
 /// A policy of ours: the network and what policy.toml beside it says.

@@ -4,7 +4,9 @@ mod around;
 #[cfg(test)]
 mod example;
 pub mod inputs;
+mod made_up;
 mod page;
+mod paths;
 mod play;
 mod record;
 mod recording;
@@ -37,6 +39,8 @@ enum Command {
     Play(play::Play),
     /// A made-up robot with hidden effects walks under a policy: recordings as tables, for `qv tune`
     Record(record::Record),
+    /// How far such a robot strays from the paths that its commands describe, under one policy or several
+    Paths(paths::Paths),
     /// Runs somebody else's policy in our simulator, from a description of what it sees
     Roll(roll::Roll),
 }
@@ -48,6 +52,7 @@ impl Walk {
             Command::Score(command) => command.execute(),
             Command::Play(command) => command.execute(),
             Command::Record(command) => command.execute(),
+            Command::Paths(command) => command.execute(),
             Command::Roll(command) => command.execute(),
         }
     }

@@ -1,51 +1,30 @@
 //! `qv walk record`: what a robot with hidden effects records under a policy.
 
-use super::inputs::{as_trained, ground_of, policy_of, robot_of, urdf_of};
-use crate::open::{file_error, write_error};
+use super::inputs::urdf_of;
+use super::made_up::MadeUp;
+use crate::open::write_error;
 use crate::whole::write_whole;
 use crate::{Failure, Outcome, say};
 use qv_core::JointSeries;
-use qv_policy::policy::Policy;
-use qv_policy::train::Checkpoint;
 use qv_policy::velocity::TaskRobot;
 use qv_replay::Run;
-use qv_residual::hidden::{Engine, Hidden, Order, wander};
+use qv_residual::hidden::{Order, wander};
 use std::fmt::Write;
 use std::fs;
 use std::path::PathBuf;
-
-/// Longest walk of a recording \[s\]: a robot is taken back to its start now and then.
-const WALK: f32 = 20.0;
-
-#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Effects {
-    /// Effects that the simulator's parameters describe: latency, lag, friction, strength; joints that differ for odd seeds
-    Inside,
-    /// Latency, lag and one effect that no parameter describes: Stribeck, load, heat, elasticity or ripple, by the seed
-    Outside,
-    /// None
-    Nothing,
-}
 
 #[derive(clap::Args)]
 pub struct Record {
     /// policy.onnx of `qv walk train`, with policy.toml and checkpoint.bin beside it
     policy: PathBuf,
-    /// go2, or a TOML file that describes a robot beside its URDF
-    #[arg(long, default_value = "go2", value_name = "go2|FILE.toml")]
-    robot: String,
-    /// Where it walks
-    #[arg(long, default_value = "plane", value_name = "plane|bumps|levels|FILE.glb")]
-    ground: String,
-    /// What is hidden in the robot
-    #[arg(long, default_value = "inside")]
-    effects: Effects,
+    #[command(flatten)]
+    made_up: MadeUp,
     /// Minutes of all walks together
     #[arg(long, default_value_t = 10.0, value_name = "MINUTES", value_parser = crate::numbers::positive)]
     minutes: f64,
-    /// Seed of the effects, the commands and the noise
-    #[arg(long, default_value_t = 0, value_name = "N")]
-    seed: u64,
+    /// Length of a walk, which begins at another place [s]: a robot is taken back now and then
+    #[arg(long, default_value_t = 20.0, value_name = "SECONDS", value_parser = crate::numbers::positive)]
+    walk: f64,
     /// Directory for the recordings, one folder for each walk; made if need be
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -53,60 +32,57 @@ pub struct Record {
 
 impl Record {
     pub fn execute(&self) -> Result<Outcome, Failure> {
-        let (_, file) = policy_of(&self.policy)?;
-        let robot = as_trained(robot_of(&self.robot)?, &file, &self.policy)?;
-        let policy = self.policy(&robot)?;
-        let ground = ground_of(&self.ground, self.seed)?;
-        let hidden = match self.effects {
-            Effects::Inside => Hidden::inside(&robot, Engine::Ours, self.seed),
-            Effects::Outside => Hidden::outside(&robot, Engine::Ours, self.seed),
-            Effects::Nothing => Hidden::nothing(Engine::Ours),
-        };
+        let walked = self.made_up.under(&self.policy)?;
+        let (robot, ground, hidden, seed) = (&walked.robot, &walked.ground, &walked.hidden, self.made_up.seed);
         if self.minutes > 600.0 {
             return Err(format!("--minutes: expected at most 600, found {}", self.minutes).into());
         }
-        let count = (60.0 * self.minutes / f64::from(WALK)).ceil().max(1.0) as u64;
-        let drawn: Vec<_> = (0..count).map(|k| wander(&file.commands, WALK, self.seed * 1000 + k)).collect();
+        if self.walk > 600.0 {
+            return Err(format!("--walk: expected at most 600, found {}", self.walk).into());
+        }
+        let seconds = self.walk as f32;
+        let count = (60.0 * self.minutes / self.walk).ceil().max(1.0) as u64;
+        let commands = &walked.task.commands;
+        let drawn: Vec<_> = (0..count).map(|k| wander(commands, seconds, seed * 1000 + k)).collect();
         let places = &ground.places[0];
         let orders: Vec<Order> = drawn
             .iter()
             .zip(0u64..)
             .map(|(commands, k)| Order {
                 commands,
-                seconds: WALK,
+                seconds,
                 place: places[k as usize % places.len()],
-                seed: self.seed * 1000 + k,
+                seed: seed * 1000 + k,
             })
             .collect();
         fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
-        let urdf = urdf_of(&self.robot)?;
+        let urdf = urdf_of(&self.made_up.robot)?;
         let bar = crate::open::progress(count, "walking");
         // A few at a time: recordings are large.
-        for (part, orders) in orders.chunks(8).enumerate() {
-            for (k, walk) in hidden.walks(&robot, &ground, &policy, file.rate, orders)?.iter().enumerate() {
-                let folder = self.out.join(format!("walk_{:03}", 8 * part + k));
+        let (mut written, decisions) = (0u64, (seconds * walked.task.rate) as usize);
+        for orders in orders.chunks(8) {
+            for walk in hidden.walks(robot, ground, &walked.policy, walked.task.rate, orders)? {
+                bar.inc(1);
+                // Who lets a robot walk catches it when it falls, and begins again.
+                if walk.path.len() < decisions {
+                    continue;
+                }
+                let folder = self.out.join(format!("walk_{written:03}"));
+                written += 1;
                 fs::create_dir_all(&folder).map_err(|e| write_error(&folder, &e))?;
                 write_whole(&folder.join("run.csv"), table(&walk.run)?.as_bytes())?;
-                write_whole(&folder.join("run.toml"), description(&robot).as_bytes())?;
+                write_whole(&folder.join("run.toml"), description(robot).as_bytes())?;
                 write_whole(&folder.join("robot.urdf"), urdf.as_bytes())?;
-                bar.inc(1);
             }
         }
         bar.finish_and_clear();
-        let mut text = String::from("# What is hidden in the robot that walked.\n[parameters]\n");
-        hidden.parameters.iter().for_each(|(name, x)| _ = writeln!(text, "\"{name}\" = {x:?}"));
-        hidden.outside.iter().for_each(|effect| _ = writeln!(text, "# beside them: {effect:?}"));
-        write_whole(&self.out.join("hidden.toml"), text.as_bytes())?;
-        say(&format!("{count} walks of {WALK} s; written to {} (hidden.toml has the answer)\n", self.out.display()))?;
+        write_whole(&self.out.join("hidden.toml"), walked.answer().as_bytes())?;
+        say(&format!(
+            "{written} walks of {seconds} s, {} more ended in a fall; written to {} (hidden.toml has the answer)\n",
+            count - written,
+            self.out.display()
+        ))?;
         Ok(Outcome::Done)
-    }
-
-    fn policy(&self, robot: &TaskRobot) -> Result<Policy, Failure> {
-        let path = self.policy.with_file_name("checkpoint.bin");
-        let expected = "checkpoint.bin of `qv walk train` beside the policy";
-        let bytes = fs::read(&path).map_err(|e| file_error(&path, expected, &e.to_string()))?;
-        let policy = Checkpoint::from_bytes(&bytes).and_then(|start| start.best_policy(robot));
-        Ok(policy.map_err(|e| file_error(&path, expected, &e.to_string()))?)
     }
 }
 

@@ -1,0 +1,88 @@
+//! A made-up robot with hidden effects, in the place of a real one.
+
+use super::inputs::{ROOM, as_trained, ground_of, of_mesh, policy_of, robot_of};
+use crate::Failure;
+use crate::fixture::label_and_value;
+use crate::open::file_error;
+use qv_policy::policy::Policy;
+use qv_policy::train::Checkpoint;
+use qv_policy::velocity::{Ground, TaskRobot, TaskSettings};
+use qv_residual::hidden::{Engine, Hidden};
+use std::fmt::Write;
+use std::fs;
+use std::path::Path;
+
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Effects {
+    /// Effects that the simulator's parameters describe: latency, lag, friction, strength; joints that differ for odd seeds
+    Inside,
+    /// Latency, lag and one effect that no parameter describes: Stribeck, load, heat, elasticity or ripple, by the seed
+    Outside,
+    /// None
+    Nothing,
+}
+
+/// Which robot, and where.
+#[derive(clap::Args)]
+pub struct MadeUp {
+    /// go2, or a TOML file that describes a robot beside its URDF
+    #[arg(long, default_value = "go2", value_name = "go2|FILE.toml")]
+    pub robot: String,
+    /// Where it walks
+    #[arg(long, default_value = "plane", value_name = "plane|bumps|levels|FILE.glb")]
+    ground: String,
+    /// Friction of a label of the ground, in the place of the file's
+    #[arg(long, value_name = "LABEL=VALUE", value_parser = label_and_value)]
+    friction: Vec<(String, f64)>,
+    /// Level ground around each place where a walk begins, on a mesh [m]
+    #[arg(long, default_value_t = ROOM, value_name = "METRES", value_parser = crate::numbers::positive)]
+    room: f64,
+    /// What is hidden in the robot
+    #[arg(long, default_value = "inside")]
+    effects: Effects,
+    /// Seed of the effects, the commands and the noise
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pub seed: u64,
+}
+
+/// The robot and a policy of ours that moves it.
+pub struct Walked {
+    pub robot: TaskRobot,
+    pub ground: Ground,
+    pub hidden: Hidden,
+    pub policy: Policy,
+    pub task: TaskSettings,
+}
+
+impl MadeUp {
+    /// Under a `policy.onnx` with policy.toml and checkpoint.bin beside it.
+    pub fn under(&self, path: &Path) -> Result<Walked, Failure> {
+        let (_, file) = policy_of(path)?;
+        let robot = as_trained(robot_of(&self.robot)?, &file, path)?;
+        let beside = path.with_file_name("checkpoint.bin");
+        let expected = "checkpoint.bin of `qv walk train` or `qv tune` beside the policy";
+        let wrong = |e: &dyn std::fmt::Display| file_error(&beside, expected, &e.to_string());
+        let start = Checkpoint::from_bytes(&fs::read(&beside).map_err(|e| wrong(&e))?).map_err(|e| wrong(&e))?;
+        let policy = start.best_policy(&robot).map_err(|e| wrong(&e))?;
+        let ground = match Path::new(&self.ground).extension() {
+            None if self.friction.is_empty() => ground_of(&self.ground, self.seed)?,
+            _ => of_mesh(&self.ground, &self.friction, self.room, self.seed)?,
+        };
+        let hidden = match self.effects {
+            Effects::Inside => Hidden::inside(&robot, Engine::Ours, self.seed),
+            Effects::Outside => Hidden::outside(&robot, Engine::Ours, self.seed),
+            Effects::Nothing => Hidden::nothing(Engine::Ours),
+        };
+        Ok(Walked { robot, ground, hidden, policy, task: start.settings.task })
+    }
+}
+
+impl Walked {
+    /// What is hidden, as a file.
+    pub fn answer(&self) -> String {
+        let mut text = String::from("# What is hidden in the robot that walked.\n[parameters]\n");
+        self.hidden.parameters.iter().for_each(|(name, x)| _ = writeln!(text, "\"{name}\" = {x:?}"));
+        self.hidden.outside.iter().for_each(|effect| _ = writeln!(text, "# beside them: {effect:?}"));
+        text
+    }
+}

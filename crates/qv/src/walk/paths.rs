@@ -1,0 +1,63 @@
+//! `qv walk paths`: how far a robot with hidden effects strays from the paths that its commands describe.
+
+use super::made_up::MadeUp;
+use crate::open::write_error;
+use crate::whole::write_whole;
+use crate::{Failure, Outcome, say};
+use serde_json::json;
+use std::fs;
+use std::path::PathBuf;
+
+#[derive(clap::Args)]
+pub struct Paths {
+    /// policy.onnx of `qv walk train` or `qv tune`, with policy.toml and checkpoint.bin beside it; several are compared
+    #[arg(required = true, value_name = "POLICY.onnx")]
+    policies: Vec<PathBuf>,
+    #[command(flatten)]
+    made_up: MadeUp,
+    /// How long each walk lasts [s], after the second in which a robot gets going
+    #[arg(long, default_value_t = 8.0, value_name = "SECONDS", value_parser = crate::numbers::positive)]
+    seconds: f64,
+    /// Walks, over six kinds of command in turn
+    #[arg(long, default_value_t = 24, value_name = "N", value_parser = clap::value_parser!(u16).range(6..))]
+    walks: u16,
+    /// File for the figures
+    #[arg(long, value_name = "FILE.json")]
+    out: Option<PathBuf>,
+}
+
+impl Paths {
+    pub fn execute(&self) -> Result<Outcome, Failure> {
+        if self.seconds > 600.0 {
+            return Err(format!("--seconds: expected at most 600, found {}", self.seconds).into());
+        }
+        let mut rows = Vec::new();
+        let bar = crate::open::progress(self.policies.len() as u64, "walking");
+        for path in &self.policies {
+            let walked = self.made_up.under(path)?;
+            let size = [self.seconds as f32, f32::from(self.walks)];
+            let score = walked.hidden.score(&walked.robot, &walked.ground, &walked.policy, &walked.task, size)?;
+            bar.suspend(|| {
+                say(&format!(
+                    "{}: {:.3} ± {:.3} m from the commanded path over {} s, {} of {} walks fell\n",
+                    path.display(),
+                    score.position,
+                    score.position_se,
+                    self.seconds,
+                    score.fell,
+                    score.walks
+                ))
+            })?;
+            rows.push(json!({"policy": path, "robot": walked.hidden.name, "seconds": self.seconds, "paths": score}));
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        if let Some(file) = &self.out {
+            if let Some(folder) = file.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+                fs::create_dir_all(folder).map_err(|e| write_error(folder, &e))?;
+            }
+            write_whole(file, serde_json::to_string_pretty(&json!({ "policies": rows }))?.as_bytes())?;
+        }
+        Ok(Outcome::Done)
+    }
+}
