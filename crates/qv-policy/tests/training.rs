@@ -144,6 +144,24 @@ fn settings_that_mean_nothing_are_named() {
 }
 
 #[test]
+fn a_robot_whose_model_is_an_mjcf_takes_its_place() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/mjcf");
+    let text = "urdf = \"biped.xml\"\nlegs = [\"a\", \"b\"]\njoints = [\"roll\", \"pitch\", \"knee\"]\n\
+                feet = [\"a_foot\", \"b_foot\"]\nmust_not_touch = [\"thigh\"]\nkp = 30.0\nkd = 1.0\n\
+                stand = { roll = 0.0, pitch = 0.6, knee = -1.2 }\n";
+    let file = RobotFile::parse(text).unwrap();
+    let read = |name: &str| std::fs::read_to_string(folder.join(name)).map_err(|e| e.to_string());
+    let model = read(&file.urdf).unwrap();
+    let robot = file.robot_with(&model, &read).unwrap();
+    assert_eq!((robot.joints(), robot.feet.len()), (6, 2));
+    assert!(robot.height > 0.3 && robot.height < 0.6, "{} m", robot.height);
+    let mut task = VelocityTask::new(robot, Ground::plane(), TaskSettings::default(), 1).unwrap();
+    task.restart(0, 0).unwrap();
+    let alone = file.robot(&model).map(|_| ()).unwrap_err().to_string();
+    assert!(alone.contains("legs.xml"), "{alone}");
+}
+
+#[test]
 fn other_robots_stand_on_their_feet_and_learn() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("robots");
     for name in ["go1", "a1", "a2", "anymal_c"] {

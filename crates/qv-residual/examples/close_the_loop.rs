@@ -1,14 +1,16 @@
-//! Hidden Go2s walk ten minutes each, the loop is closed on their recordings, and the hidden robots walk again:
-//! `close_the_loop CHECKPOINT.bin inside|outside|nothing FIRST_SEED LAST_SEED`. One line of JSON for each.
+//! Hidden robots walk ten minutes each, the loop is closed on their recordings, and the hidden robots walk again. One line of JSON for each:
+//! `close_the_loop CHECKPOINT.bin inside|outside|nothing FIRST_SEED LAST_SEED [--robot FILE.toml] [--bumps METRES] [--flat] [--seed N]`.
+//! With `--bumps` they walk on bumps up to so high; with `--flat` replays are then on a plane nevertheless. `--seed` is that of the training.
 
 use qv_policy::policy::Policy;
 use qv_policy::train::Checkpoint;
-use qv_policy::velocity::{Ground, TaskRobot};
+use qv_policy::velocity::{Ground, RobotFile, TaskRobot};
 use qv_residual::ResidualError;
 use qv_residual::close::{Event, Forget, Inputs, LoopSettings, close};
 use qv_residual::hidden::{Engine, Hidden, Order, wander};
 use qv_residual::log::Log;
 use serde_json::json;
+use std::path::Path;
 use std::time::Instant;
 
 /// Walks of a recording, and how long each lasts \[s\].
@@ -17,15 +19,50 @@ const SECONDS: f32 = 20.0;
 /// Seconds and number of the walks that are scored.
 const SCORED: [f32; 2] = [8.0, 24.0];
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let arguments: Vec<String> = std::env::args().collect();
-    let [_, file, kind, first, last] = &arguments[..] else {
+type Failure = Box<dyn std::error::Error>;
+
+struct Arguments {
+    plain: Vec<String>,
+    robot: Option<String>,
+    bumps: Option<f32>,
+    is_flat: bool,
+    seed: u64,
+}
+
+fn arguments() -> Result<Arguments, Failure> {
+    let mut found = Arguments { plain: Vec::new(), robot: None, bumps: None, is_flat: false, seed: 0 };
+    let mut words = std::env::args().skip(1);
+    while let Some(word) = words.next() {
+        let mut value = || words.next().ok_or(format!("expected a value after {word}"));
+        match word.as_str() {
+            "--robot" => found.robot = Some(value()?),
+            "--bumps" => found.bumps = Some(value()?.parse()?),
+            "--seed" => found.seed = value()?.parse()?,
+            "--flat" => found.is_flat = true,
+            _ => found.plain.push(word),
+        }
+    }
+    Ok(found)
+}
+
+fn robot(file: Option<&String>) -> Result<TaskRobot, Failure> {
+    let Some(file) = file else { return Ok(qv_go2::walk::robot()?) };
+    let described = RobotFile::parse(&std::fs::read_to_string(file)?)?;
+    Ok(described.robot(&std::fs::read_to_string(Path::new(file).with_file_name(&described.urdf))?)?)
+}
+
+fn main() -> Result<(), Failure> {
+    let given = arguments()?;
+    let [file, kind, first, last] = &given.plain[..] else {
         return Err("expected CHECKPOINT.bin, inside, outside or nothing, and two seeds".into());
     };
     let start = Checkpoint::from_bytes(&std::fs::read(file)?)?;
-    let robot = qv_go2::walk::robot()?;
-    let ground = Ground::plane();
+    let robot = robot(given.robot.as_ref())?;
+    let mut settings = LoopSettings::default();
+    settings.tune.seed = given.seed;
     for seed in first.parse::<u64>()?..=last.parse()? {
+        let ground = given.bumps.map_or_else(|| Ok(Ground::plane()), |height| Ground::bumps(height, seed))?;
+        let plane = Ground::plane();
         // Half of the robots in each engine, both kinds of effect in both.
         let engine = if seed / 2 % 2 == 0 { Engine::Ours } else { Engine::Second };
         let hidden = match kind.as_str() {
@@ -36,10 +73,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let policy = start.best_policy(&robot)?;
         let log = record(&hidden, &robot, &ground, &policy, &start, seed)?;
         let clock = Instant::now();
-        let settings = LoopSettings::default();
         let inputs = Inputs {
             robot: &robot,
-            ground: &ground,
+            ground: if given.is_flat { &plane } else { &ground },
             train_on: &ground,
             log: &log,
             start: &start,
@@ -53,21 +89,19 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             Event::Progress(share, figure) => eprintln!("         {:3.0} % {figure}", 100.0 * share),
         })?;
         let seconds = clock.elapsed().as_secs_f64();
-        let [before, after] =
-            [&policy, &outcome.policy].map(|p| hidden.score(&robot, &ground, p, &start.settings.task, SCORED));
-        let (before, after) = (before?, after?);
+        let score = |policy: &Policy| hidden.score(&robot, &ground, policy, &start.settings.task, SCORED);
+        let (before, after) = (score(&policy)?, score(&outcome.policy)?);
         let report = &outcome.report;
-        let held: Vec<_> = report
-            .candidates
-            .iter()
-            .map(|c| json!([c.compensation.kind, c.held_out.error, c.held_out.gain, c.held_out.stays, c.paths]))
+        let candidates = report.candidates.iter();
+        let held: Vec<_> = candidates
+            .map(|c| json!({"kind": c.compensation.kind, "error": c.held_out.error, "stays": c.held_out.stays}))
             .collect();
         println!(
             "{}",
             json!({
-                "robot": hidden.name, "engine": format!("{engine:?}"), "seconds": seconds, "candidates": held,
-                "chosen": report.chosen, "before": before, "after": after, "ratio": after.position / before.position,
-                "predicted": [report.before, report.after], "control_predicted": report.control,
+                "robot": hidden.name, "engine": format!("{engine:?}"), "seed": given.seed, "seconds": seconds,
+                "candidates": held, "chosen": report.chosen, "before": before, "after": after,
+                "foretold": [report.before, report.after], "control": report.control, "told": report.told,
             })
         );
     }
@@ -84,10 +118,16 @@ fn record(
 ) -> Result<Log, ResidualError> {
     let task = &start.settings.task;
     let drawn: Vec<_> = (0..WALKS).map(|k| wander(&task.commands, SECONDS, seed * 100 + k)).collect();
+    let places = &ground.places[0];
     let orders: Vec<Order> = drawn
         .iter()
-        .zip(0..)
-        .map(|(commands, k)| Order { commands, seconds: SECONDS, place: [0.0; 2], seed: seed * 1000 + k })
+        .zip(0u64..)
+        .map(|(commands, k)| Order {
+            commands,
+            seconds: SECONDS,
+            place: places[k as usize % places.len()],
+            seed: seed * 1000 + k,
+        })
         .collect();
     let mut log = Log::new(robot, task);
     for (k, walk) in hidden.walks(robot, ground, policy, task.rate, &orders)?.iter().enumerate() {

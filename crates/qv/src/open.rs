@@ -316,11 +316,16 @@ pub fn read_model(text: &str, beside: &Path, options: &ModelOptions) -> Result<M
     if !is_mjcf(text) {
         return Model::from_urdf(text, options);
     }
-    let include = |name: &str| {
-        let bytes = fs::read(beside.join(name)).map_err(|e| e.to_string())?;
-        qv_sim::urdf::decode(&bytes).map(|(text, _)| text).map_err(|e| e.to_string())
-    };
-    Model::from_mjcf(text, options, &include)
+    Model::from_mjcf(text, options, &|name: &str| included(beside, name))
+}
+
+/// The text of a file that an MJCF in `beside` includes.
+///
+/// # Errors
+/// Why there is none.
+pub fn included(beside: &Path, name: &str) -> Result<String, String> {
+    let bytes = fs::read(beside.join(name)).map_err(|e| e.to_string())?;
+    qv_sim::urdf::decode(&bytes).map(|(text, _)| text).map_err(|e| e.to_string())
 }
 
 /// Turns the channels of an IMU that the site of an MJCF says is mounted at an angle: a table alone cannot, as the site may be

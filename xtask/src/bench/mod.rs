@@ -2,6 +2,7 @@
 
 mod raster;
 mod sim;
+mod tune;
 mod walk;
 
 use crate::process;
@@ -23,6 +24,8 @@ pub enum Bench {
     Raster(raster::Raster),
     /// Time that a policy takes to learn to walk, and the learner beside rsl_rl's
     Walk(walk::Walk),
+    /// How much less robots with hidden effects stray from their paths after `qv tune`
+    Tune(tune::Tune),
 }
 
 /// Runs a benchmark; false only when a gate is asked for and a goal is missed.
@@ -34,6 +37,7 @@ pub fn run(workspace: &Workspace, what: Bench) -> Result<bool> {
         Bench::Sim(sim) => sim::run(workspace, sim),
         Bench::Raster(raster) => raster::run(workspace, &raster),
         Bench::Walk(walk) => walk::run(workspace, &walk),
+        Bench::Tune(tune) => tune::run(workspace, &tune),
     }
 }
 

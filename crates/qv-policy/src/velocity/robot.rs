@@ -1,6 +1,7 @@
 //! The robot of a task: any four-legged (or otherwise footed) one, told by its model and a few lines of TOML.
 
 use crate::PolicyError;
+use qv_sim::mjcf::{Include, is_mjcf};
 use qv_sim::{BaseKind, Geom, Model, ModelOptions};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -38,7 +39,7 @@ pub struct TaskRobot {
 pub struct RobotFile {
     /// Its name; default: that of the URDF.
     pub name: Option<String>,
-    /// File name of the URDF, beside this file.
+    /// File name of the URDF or MJCF, beside this file.
     pub urdf: String,
     /// Names of the legs, which with `joints` give the order of the joints: `<leg>_<joint>`. A check, no more.
     #[serde(default)]
@@ -128,16 +129,27 @@ impl RobotFile {
         toml::from_str(text).map_err(|e| PolicyError::Text { what: "robot file".into(), reason: e.to_string() })
     }
 
-    /// The robot that this file and the text of its URDF describe.
+    /// The robot that this file and the text of its URDF describe, or of an MJCF that includes no other.
     ///
     /// # Errors
-    /// When the URDF cannot be simulated, or a name or number of the file does not fit it.
-    pub fn robot(&self, urdf: &str) -> Result<TaskRobot, PolicyError> {
+    /// When the model cannot be simulated, or a name or number of the file does not fit it.
+    pub fn robot(&self, model: &str) -> Result<TaskRobot, PolicyError> {
+        self.robot_with(model, &|name: &str| Err(format!("{name}: a model of one file is expected here")))
+    }
+
+    /// As [`RobotFile::robot`], with what gives the text of files that an MJCF includes.
+    ///
+    /// # Errors
+    /// As [`RobotFile::robot`].
+    pub fn robot_with(&self, model: &str, include: &Include) -> Result<TaskRobot, PolicyError> {
         if !(self.armature.is_finite() && self.armature >= 0.0) {
             return Err(PolicyError::setting("armature", "a finite number of at least 0", self.armature));
         }
         let options = ModelOptions { base: BaseKind::Floating, armature: self.armature, ..Default::default() };
-        self.robot_of(Model::from_urdf(urdf, &options)?)
+        self.robot_of(match is_mjcf(model) {
+            true => Model::from_mjcf(model, &options, include)?,
+            false => Model::from_urdf(model, &options)?,
+        })
     }
 
     fn robot_of(&self, model: Model) -> Result<TaskRobot, PolicyError> {
@@ -216,7 +228,7 @@ impl TaskRobot {
         }
         for ((joint, &angle), name) in model.joints.iter().zip(&stand).zip(model.joint_names()) {
             if f64::from(angle) < joint.lower || f64::from(angle) > joint.upper {
-                let expected = format!("{} to {} (limits of the URDF)", joint.lower, joint.upper);
+                let expected = format!("{} to {} (limits of the model)", joint.lower, joint.upper);
                 return Err(PolicyError::setting(&format!("stand of `{name}`"), &expected, angle));
             }
         }

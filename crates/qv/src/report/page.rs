@@ -300,9 +300,28 @@ mod tests {
             contact: Some(contact),
             replay: None,
             diagnosis: None,
+            tuning: Some(json!({
+                "why": "Better by far.",
+                "candidates": [{"compensation": {"kind": "a<net"}, "held_out": {"error": 0.0123, "error_se": 0.001, "stays": true}}],
+                "before": {"position": 0.4, "position_se": 0.01}, "after": {"position": 0.2, "position_se": 0.01},
+            })),
+            paths: Some(
+                json!({"policies": [{"paths": {"position": 0.5, "position_se": 0.02}}, {"paths": {"position": 0.111}}]}),
+            ),
         };
         let page = to_html(&parts).unwrap();
-        for part in ["Slippery &lt;tiles&gt;.", "a&lt;b", "not touched", "0.200", "5.0 cm", "base64,AQID"] {
+        for part in
+            ["Slippery &lt;tiles&gt;.", "a&lt;b", "not touched", "0.200", "5.0 cm", "base64,AQID", "Better by far."]
+        {
+            assert!(page.contains(part), "{part}");
+        }
+        for part in [
+            "a&lt;net</td><td>12.3 ± 1.0",
+            "0.400 ± 0.010",
+            "0.500 ± 0.020",
+            "strays 0.500 m",
+            "0.111 m with the tuned",
+        ] {
             assert!(page.contains(part), "{part}");
         }
         assert!(!page.contains("What still makes") && !page.contains("NaN"));

@@ -1,7 +1,7 @@
 //! Robots, grounds and policies that the command line names.
 
 use crate::Failure;
-use crate::open::{file_error, set_friction};
+use crate::open::{file_error, included, set_friction};
 use qv_mesh::files::glb;
 use qv_policy::onnx::OnnxPolicy;
 use qv_policy::policy::PolicyFile;
@@ -19,9 +19,12 @@ pub fn robot_of(name: &str) -> Result<TaskRobot, Failure> {
     let expected = "go2, or a .toml file that describes a robot";
     let text = fs::read_to_string(path).map_err(|e| file_error(path, expected, &e.to_string()))?;
     let file = RobotFile::parse(&text).map_err(|e| file_error(path, expected, &e.to_string()))?;
-    let urdf = path.parent().unwrap_or(Path::new("")).join(&file.urdf);
-    let text = fs::read_to_string(&urdf).map_err(|e| file_error(&urdf, "the robot's URDF", &e.to_string()))?;
-    Ok(file.robot(&text).map_err(|e| file_error(path, "a robot that fits its URDF", &e.to_string()))?)
+    let beside = path.parent().unwrap_or(Path::new(""));
+    let model = beside.join(&file.urdf);
+    let text =
+        fs::read_to_string(&model).map_err(|e| file_error(&model, "the robot's URDF or MJCF", &e.to_string()))?;
+    let robot = file.robot_with(&text, &|name: &str| included(beside, name));
+    Ok(robot.map_err(|e| file_error(path, "a robot that fits its model", &e.to_string()))?)
 }
 
 /// The text of the URDF of the robot that `--robot` names.

@@ -1,0 +1,216 @@
+//! `cargo xtask bench tune`: robots with hidden effects record walks, `qv-residual` closes the loop on them, and the robots walk again.
+
+use super::{build, median};
+use crate::workspace::Workspace;
+use crate::{pipeline, process};
+use anyhow::{Result, bail};
+use clap::Args;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Options of the benchmark.
+#[derive(Args)]
+pub struct Tune {
+    /// One robot of each kind instead of ten, and no seeds and bumps
+    #[arg(long)]
+    quick: bool,
+    /// A checkpoint.bin of `qv walk train` to start from; default: one is trained
+    #[arg(long, value_name = "FILE.bin")]
+    checkpoint: Option<PathBuf>,
+    /// A robot file beside its URDF, which the checkpoint is of; default: the Go2
+    #[arg(long, value_name = "FILE.toml")]
+    robot: Option<PathBuf>,
+}
+
+/// Robots of each kind: half inside the catalogue of effects, half outside.
+const ROBOTS: u64 = 5;
+/// Robots that are tuned with more seeds, and those seeds.
+const MORE_SEEDS: ([(&str, u64); 3], [u64; 2]) = ([("inside", 0), ("inside", 1), ("outside", 1)], [1, 2]);
+/// Height of bumps \[m\].
+const BUMPS: &str = "0.04";
+
+/// A score of paths.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+struct Paths {
+    position: f64,
+    position_se: f64,
+    fell: u64,
+}
+
+#[derive(Debug, Clone, Deserialize, Serialize)]
+struct Candidate {
+    kind: String,
+    error: f64,
+    stays: bool,
+}
+
+/// What the example prints of a robot.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+struct Outcome {
+    robot: String,
+    engine: String,
+    seed: u64,
+    seconds: f64,
+    candidates: Vec<Candidate>,
+    before: Paths,
+    after: Paths,
+    control: Option<Paths>,
+}
+
+impl Outcome {
+    /// Joint error that is left of the simulator's as it was: of the best candidate that stays.
+    fn joints(&self) -> f64 {
+        let staying = self.candidates.iter().filter(|c| c.stays).map(|c| c.error);
+        staying.fold(f64::INFINITY, f64::min) / self.candidates.first().map_or(f64::NAN, |c| c.error)
+    }
+
+    fn paths(&self) -> f64 {
+        self.after.position / self.before.position
+    }
+
+    /// Whether the path is longer after than before by more than two standard errors.
+    fn is_worse(&self) -> bool {
+        let noise = self.before.position_se.hypot(self.after.position_se);
+        self.after.position - self.before.position > 2.0 * noise || self.after.fell > self.before.fell
+    }
+}
+
+/// All results.
+#[derive(Debug, Clone, Serialize)]
+struct Results {
+    robots: Vec<Outcome>,
+    seeds: Vec<Outcome>,
+    /// On bumps: replays on the bumps, and on a plane.
+    bumps: Vec<[Outcome; 2]>,
+}
+
+/// Runs the benchmark, which has no gate.
+///
+/// # Errors
+/// Our side cannot be built, or prints something unexpected.
+pub fn run(workspace: &Workspace, tune: &Tune) -> Result<bool> {
+    let program = build(workspace, "close_the_loop", &["rapier"])?;
+    let trained = match &tune.checkpoint {
+        Some(file) => file.clone(),
+        None => train(workspace, tune, "plane")?,
+    };
+    let one = |kind: &str, robot: u64, more: &[&str]| one(&program, &trained, tune, kind, robot, more);
+    let count = if tune.quick { 1 } else { ROBOTS };
+    let mut results = Results { robots: vec![], seeds: vec![], bumps: vec![] };
+    for kind in ["inside", "outside"] {
+        for robot in 0..count {
+            results.robots.push(one(kind, robot, &[])?);
+        }
+    }
+    if !tune.quick {
+        for (kind, robot) in MORE_SEEDS.0 {
+            for seed in MORE_SEEDS.1 {
+                results.seeds.push(one(kind, robot, &["--seed", &seed.to_string()])?);
+            }
+        }
+        let bumpy = train(workspace, tune, "bumps")?;
+        for robot in 0..2 * ROBOTS {
+            let on = |more: &[&str]| {
+                let all: Vec<&str> = ["--bumps", BUMPS].iter().chain(more).copied().collect();
+                self::one(&program, &bumpy, tune, "inside", robot, &all)
+            };
+            results.bumps.push([on(&[])?, on(&["--flat"])?]);
+        }
+    }
+    tell(&results);
+    super::write(workspace, "tune.json", &results)?;
+    Ok(true)
+}
+
+/// A policy to begin with.
+fn train(workspace: &Workspace, tune: &Tune, ground: &str) -> Result<PathBuf> {
+    let qv = pipeline::build(workspace)?;
+    let out = super::folder(workspace)?.join(format!("tune_{ground}"));
+    let mut command = Command::new(qv);
+    command.args(["walk", "train", "--iterations", if tune.quick { "600" } else { "1200" }, "--ground", ground]);
+    if let Some(robot) = &tune.robot {
+        command.arg("--robot").arg(robot);
+    }
+    process::run(command.arg("--out").arg(&out))?;
+    Ok(out.join("checkpoint.bin"))
+}
+
+fn one(program: &Path, checkpoint: &Path, tune: &Tune, kind: &str, robot: u64, more: &[&str]) -> Result<Outcome> {
+    eprintln!("{kind} {robot} {}", more.join(" "));
+    let mut command = Command::new(program);
+    command.arg(checkpoint).args([kind, &robot.to_string(), &robot.to_string()]).args(more);
+    if let Some(file) = &tune.robot {
+        command.arg("--robot").arg(file);
+    }
+    let found: Outcome = super::last_line(&mut command)?;
+    if found.candidates.is_empty() {
+        bail!("{kind} {robot}: expected candidates, found none");
+    }
+    Ok(found)
+}
+
+fn tell(results: &Results) {
+    println!(
+        "robot, engine: joint error left, path before and after [m], path left, control in the judging simulator [m], wall time [s]"
+    );
+    let row = |o: &Outcome| {
+        let control = o.control.as_ref().map_or("-".into(), |c| format!("{:.3}", c.position));
+        println!(
+            "{:<28} {:<7} seed {}: {:.2}, {:.3} ± {:.3}, {:.3} ± {:.3}, {:.2}, {control}, {:.0}",
+            o.robot,
+            o.engine,
+            o.seed,
+            o.joints(),
+            o.before.position,
+            o.before.position_se,
+            o.after.position,
+            o.after.position_se,
+            o.paths(),
+            o.seconds
+        );
+    };
+    results.robots.iter().chain(&results.seeds).for_each(row);
+    let shares: Vec<f64> = results.robots.iter().map(Outcome::paths).collect();
+    let (better, worse) =
+        (shares.iter().filter(|s| **s < 1.0).count(), results.robots.iter().filter(|o| o.is_worse()).count());
+    println!(
+        "path left: median {:.2}, better on {better} of {}, worse by more than noise on {worse}",
+        median(shares.clone()),
+        shares.len()
+    );
+    if !results.bumps.is_empty() {
+        println!("on bumps, first with replays on the bumps, then with replays on a plane:");
+        results.bumps.iter().flatten().for_each(row);
+        let better = results.bumps.iter().filter(|[bumps, flat]| bumps.after.position < flat.after.position).count();
+        println!("replays on the bumps left the shorter path on {better} of {}", results.bumps.len());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn outcome(before: f64, after: f64, errors: &[(f64, bool)]) -> Outcome {
+        let paths = |position| Paths { position, position_se: 0.01, fell: 0 };
+        let candidate = |&(error, stays): &(f64, bool)| Candidate { kind: String::new(), error, stays };
+        Outcome {
+            robot: String::new(),
+            engine: String::new(),
+            seed: 0,
+            seconds: 1.0,
+            candidates: errors.iter().map(candidate).collect(),
+            before: paths(before),
+            after: paths(after),
+            control: None,
+        }
+    }
+
+    #[test]
+    fn shares_and_what_is_worse() {
+        let good = outcome(0.4, 0.1, &[(0.08, true), (0.02, true), (0.01, false)]);
+        assert!((good.joints() - 0.25).abs() < 1e-12 && (good.paths() - 0.25).abs() < 1e-12 && !good.is_worse());
+        assert!(!outcome(0.1, 0.11, &[]).is_worse(), "within noise");
+        assert!(outcome(0.1, 0.2, &[]).is_worse());
+    }
+}
