@@ -138,7 +138,7 @@ impl Columns {
 
     fn add(&mut self, problem: &Problem, run: &Run, effect: &Effect, members: &[String]) -> Result<(), GapError> {
         let index = self.effects.len();
-        let effect = &of_robot(problem, effect);
+        let effect = &of_robot(problem, effect, members);
         for (member, name) in members.iter().enumerate() {
             for (axis, a) in effect.axes.iter().enumerate() {
                 let mut moves = Vec::new();
@@ -295,11 +295,21 @@ impl Columns {
     }
 }
 
-/// The effect as it is for a robot of this weight: tolerances of masses are those of a robot that walks, and at most a
-/// share of what this one weighs.
-fn of_robot(problem: &Problem, effect: &Effect) -> Effect {
+/// The effect as it is for a robot of this weight: tolerances of masses are those of a robot that walks, at most a share of what this one
+/// weighs, and so small that three of them lie within the parameter's range: the jaw of an arm may weigh less than a leg is off by.
+fn of_robot(problem: &Problem, effect: &Effect, members: &[String]) -> Effect {
+    if effect.unit != "kg" {
+        return effect.clone();
+    }
     let weight: f64 = problem.model.links.iter().map(|l| l.mass).sum();
-    let tolerance = if effect.unit == "kg" { effect.tolerance.min(MASS_TOLERANCE * weight) } else { effect.tolerance };
+    let moved = members.iter().flat_map(|name| {
+        effect.axes.iter().flat_map(|a| &a.moves).filter_map(|(pattern, factor)| {
+            let id = problem.parameter(&spell(pattern, name))?;
+            let room = (problem.nominal[id] - problem.catalogue[id].range.0) / factor.abs();
+            (room > 0.0).then_some(room / 3.0)
+        })
+    });
+    let tolerance = moved.fold(effect.tolerance.min(MASS_TOLERANCE * weight), f64::min);
     Effect { tolerance, ..effect.clone() }
 }
 

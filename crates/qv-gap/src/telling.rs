@@ -402,7 +402,7 @@ pub fn as_good(study: &Study, rounds: &[Round], causes: &[Cause]) -> Option<Stri
 pub fn round(study: &Study, round: &Round, estimates: impl Fn(&Study, &Fit) -> Vec<ParameterEstimate>) -> RoundTold {
     let group = |fit: &Fit| &study.columns.groups[fit.suspect.group];
     let effect = |fit: &Fit| study.columns.effects[group(fit).effect].name.clone();
-    let excess = (round.base - round.level.null * round.level.count).max(1e-9);
+    let excess = round.base - round.level.null * round.level.count;
     let mut suspects: Vec<SuspectTold> = Vec::new();
     for fit in &round.fits {
         if suspects.iter().all(|s| s.effect != effect(fit)) {
@@ -411,7 +411,8 @@ pub fn round(study: &Study, round: &Round, estimates: impl Fn(&Study, &Fit) -> V
                 scope: group(fit).names.clone(),
                 parameters: estimates(study, fit),
                 log_evidence: fit.evidence,
-                share: (round.base - fit.loss) / excess,
+                // Of nothing there is no share.
+                share: if excess > 0.0 { (round.base - fit.loss) / excess } else { 0.0 },
             });
         }
     }
