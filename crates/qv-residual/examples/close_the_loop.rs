@@ -89,7 +89,7 @@ fn main() -> Result<(), Failure> {
             Event::Progress(share, figure) => eprintln!("         {:3.0} % {figure}", 100.0 * share),
         })?;
         let seconds = clock.elapsed().as_secs_f64();
-        let score = |policy: &Policy| hidden.score(&robot, &ground, policy, &start.settings.task, SCORED);
+        let score = |policy: &Policy| hidden.score(&robot, &ground, policy, &start.settings.task, SCORED, seed);
         let (before, after) = (score(&policy)?, score(&outcome.policy)?);
         let report = &outcome.report;
         let candidates = report.candidates.iter();

@@ -27,7 +27,12 @@ impl Compensation {
             Some(net) => net.to_onnx(robot, &[parameters]),
             None => {
                 let text = |key: &str, value: String| (key.to_owned(), value);
-                let metadata = [text("robot", self.robot.clone()), text("joints", self.joints.join(" ")), parameters];
+                let metadata = [
+                    text("robot", self.robot.clone()),
+                    text("joints", self.joints.join(" ")),
+                    text("stand", format!("{:?}", robot.stand)),
+                    parameters,
+                ];
                 let zero = vec![0.0; robot.joints() * SHAPES.len()];
                 let numbers = if self.shapes.is_empty() { &zero } else { &self.shapes };
                 Ok(shapes(robot, numbers, &metadata).map_err(PolicyError::from)?)

@@ -20,7 +20,8 @@ impl Footing {
         let log = replayer.log;
         let of = |(stretch, s): (usize, &crate::log::Stretch)| {
             let decisions = 0..s.decisions(log.joints);
-            decisions.map(|decision| replayer.gap_at(Window { stretch, decision })).collect()
+            // Without ground below, feet and ground contradict each other as far as can be.
+            decisions.map(|decision| replayer.gap_at(Window { stretch, decision }).unwrap_or(f64::INFINITY)).collect()
         };
         let gaps = log.stretches.par_iter().enumerate().map(of).collect();
         Self { gaps, stance: (STANCE * f64::from(log.rate)).ceil().max(1.0) as usize }
@@ -32,6 +33,9 @@ impl Footing {
         let from = window.decision.saturating_sub(WARM);
         let all = &self.gaps[window.stretch];
         let own = &all[from.min(all.len())..(window.decision + length).min(all.len())];
+        if own.iter().any(|gap| !gap.is_finite()) {
+            return f64::INFINITY;
+        }
         let least = |part: &[f64]| part.iter().copied().fold(f64::INFINITY, f64::min);
         let steps = own.windows(self.stance.min(own.len()).max(1)).map(least);
         let [low, high] = steps.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| [low.min(x), high.max(x)]);
@@ -49,11 +53,14 @@ mod tests {
         let flat: Vec<f64> = (0..100).map(|k| if k % 10 < 8 { 0.03 } else { 0.045 }).collect();
         let mut step = flat.clone();
         step[50..].iter_mut().for_each(|gap| *gap += 0.02);
-        let footing = Footing { gaps: vec![flat, step], stance: 10 };
+        let mut hole = flat.clone();
+        hole[50] = f64::INFINITY;
+        let footing = Footing { gaps: vec![flat, step, hole], stance: 10 };
         let found = |stretch, decision| footing.contradiction(Window { stretch, decision }, 20);
         assert!(found(0, 40) < 1e-9);
         assert!((found(1, 40) - 0.02).abs() < 1e-9);
         assert!(found(1, 20) < 1e-9 && found(1, 60) < 1e-9, "before and after it");
         assert!(found(1, 95).is_finite(), "at the end");
+        assert!(found(2, 40).is_infinite() && found(2, 60) < 1e-9, "no ground");
     }
 }

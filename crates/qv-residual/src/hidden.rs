@@ -169,7 +169,7 @@ impl Hidden {
         orders.par_iter().map(|order| self.walk(robot, ground, policy, rate, order)).collect()
     }
 
-    /// How far a policy strays from commanded paths of all six kinds over `seconds`, `count` walks.
+    /// How far a policy strays from commanded paths of all six kinds over `seconds`, `count` walks; the seed draws commands and noise.
     ///
     /// # Errors
     /// When an engine refuses a number.
@@ -180,15 +180,16 @@ impl Hidden {
         policy: &Policy,
         task: &TaskSettings,
         [seconds, count]: [f32; 2],
+        seed: u64,
     ) -> Result<PathScore, ResidualError> {
-        let wanted = commands(&task.commands, count as usize, SCORED);
+        let wanted = commands(&task.commands, count as usize, SCORED + seed);
         let timed: Vec<[(f32, [f32; 3]); 1]> = wanted.iter().map(|c| [(0.0, *c)]).collect();
         let places = &ground.places[0];
         let order = |(k, commands)| Order {
             commands,
             seconds: seconds + SETTLING,
             place: places[k % places.len()],
-            seed: SCORED + k as u64,
+            seed: (SCORED + seed) * 1000 + k as u64,
         };
         let orders: Vec<Order> = timed.iter().map(|c| c as &[_]).enumerate().map(order).collect();
         let walks = self.walks(robot, ground, policy, task.rate, &orders)?;

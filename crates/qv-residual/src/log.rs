@@ -42,6 +42,8 @@ pub struct Log {
 const LONGEST: f64 = 10.0;
 /// Stretches that are shorter serve nothing \[s\].
 const SHORTEST: f64 = 2.0;
+/// Larger numbers of a state are no robot's \[m, rad, m/s, rad/s\].
+const FARTHEST: f32 = 1e6;
 /// A base that leans by more than this lies \[rad\].
 const LYING: f32 = 1.0;
 
@@ -117,30 +119,47 @@ impl Log {
         let position = run.measured.position.as_ref().expect("joint_columns asks for it");
         let first = commands.pace().and_then(|c| c.time.first().copied()).unwrap_or(from);
         from = from.max(first);
-        let (mut lost, mut fallen) = (0, 0);
+        let (mut lost, mut fallen, mut twice) = (0, 0, 0);
         while from + SHORTEST <= end {
             // Decisions begin where commands change.
             let step = self.timestep();
             let begin = commands.until(from, step).min(from + decision);
-            let count = ((LONGEST.min(end - begin)) / decision).floor() as usize;
-            let is_used = count as f64 * decision >= SHORTEST
-                && is_whole(position, begin, begin + count as f64 * decision)
-                && commands.pace().is_some_and(|c| is_whole(c, begin, begin + (count - 1) as f64 * decision));
+            let longest = ((LONGEST.min(end - begin)) / decision).floor() as usize;
+            // As far as the first hole.
+            let count = longest_whole(longest, |count| {
+                is_whole(position, begin, begin + count as f64 * decision)
+                    && commands.pace().is_some_and(|c| is_whole(c, begin, begin + (count - 1) as f64 * decision))
+            });
+            let is_used = count as f64 * decision >= SHORTEST;
             let stretch = is_used.then(|| self.stretch(name, begin, count, &starts, &commands)).flatten();
             match stretch {
-                Some(stretch) if self.stands(&stretch) => self.stretches.push(stretch),
-                Some(_) => fallen += 1,
-                None => lost += 1,
+                Some(stretch) if !self.stands(&stretch) => fallen += count,
+                Some(stretch) if stretch.states.iter().all(|x| x.abs() < FARTHEST) => {
+                    // A recording that is given twice would be held out from itself.
+                    if self.stretches.iter().any(|s| s.states == stretch.states) {
+                        twice += count;
+                    } else {
+                        self.stretches.push(stretch);
+                    }
+                }
+                _ => lost += count.max(1),
             }
             from = begin + count.max(1) as f64 * decision;
         }
-        for (count, why) in [(lost, "something is missing in them"), (fallen, "the robot lies in them")] {
-            if count > 0 {
-                self.told.push(format!("{name}: {count} stretches of {LONGEST} s left out, since {why}"));
-            }
+        let left_out = [
+            (lost, "something is missing or means nothing"),
+            (fallen, "the robot lies"),
+            (twice, "they were given already"),
+        ];
+        for (count, why) in left_out.into_iter().filter(|(count, _)| *count > 0) {
+            self.told.push(format!("{name}: {:.1} s left out: {why}", count as f64 * decision));
         }
         if self.stretches.iter().all(|s| s.recording != name) {
-            let why = if fallen > 0 { "a robot that lies" } else { "none" };
+            let why = match (fallen, twice) {
+                (0, 0) => "none",
+                (0, _) => "none that is not in another recording",
+                _ => "a robot that lies",
+            };
             return Err(ResidualError::input(name, "stretches of a robot that walks, 2 s and longer", why));
         }
         Ok(())
@@ -199,6 +218,19 @@ impl Log {
             1.0 - 2.0 * (q[4] * q[4] + q[5] * q[5]) > LYING.cos()
         })
     }
+}
+
+/// The largest count up to `most` for which `is_whole` holds, which it does for all below; 0 when for none.
+fn longest_whole(most: usize, is_whole: impl Fn(usize) -> bool) -> usize {
+    if most == 0 || is_whole(most) {
+        return most;
+    }
+    let (mut low, mut high) = (0, most);
+    while high - low > 1 {
+        let middle = (low + high) / 2;
+        if is_whole(middle) { low = middle } else { high = middle }
+    }
+    low
 }
 
 fn named(name: &str, found: &str) -> ResidualError {

@@ -104,6 +104,13 @@ impl PathScore {
         self.position + 100.0 * self.fell as f32 / self.walks.max(1) as f32
     }
 
+    /// Standard error of the cost: of the distance, and the binomial one of the share that fell.
+    pub fn cost_se(&self) -> f32 {
+        let walks = self.walks.max(1) as f32;
+        let share = self.fell as f32 / walks;
+        self.position_se.hypot(100.0 * (share * (1.0 - share) / walks).sqrt())
+    }
+
     /// Of some walks.
     pub fn of(errors: &[PathError]) -> Self {
         let count = errors.len().max(1) as f32;

@@ -143,18 +143,18 @@ impl<'a> Replayer<'a> {
         let (q, v) = stretch.state(self.log.joints, window.decision - offset);
         let mut q: Vec<f64> = q.iter().map(|&x| f64::from(x)).collect();
         q[7..].iter_mut().zip(bias).for_each(|(q, bias)| *q -= bias);
-        q[2] -= self.gap(&q);
+        q[2] -= self.gap(&q).unwrap_or(0.0);
         State { q, v: v.iter().map(|&x| f64::from(x)).collect() }
     }
 
-    /// Height of the lowest feet over the ground \[m\] at a measured state.
-    pub(crate) fn gap_at(&self, at: Window) -> f64 {
+    /// Height of the lowest feet over the ground \[m\] at a measured state; `None` where there is no ground.
+    pub(crate) fn gap_at(&self, at: Window) -> Option<f64> {
         let (q, _) = self.log.stretches[at.stretch].state(self.log.joints, at.decision);
         self.gap(&q.iter().map(|&x| f64::from(x)).collect::<Vec<_>>())
     }
 
     /// Height of the lowest feet over the ground \[m\]: the mean of those within 5 mm of the lowest, as qv-replay has it.
-    fn gap(&self, q: &[f64]) -> f64 {
+    fn gap(&self, q: &[f64]) -> Option<f64> {
         let links = self.robot.model.world_from_links(q);
         let gap = |&g: &usize| {
             let geom = &self.robot.model.geoms[g];
@@ -165,7 +165,7 @@ impl<'a> Replayer<'a> {
         let gaps: Vec<f64> = self.robot.feet.iter().filter_map(gap).collect();
         let lowest = gaps.iter().copied().fold(f64::INFINITY, f64::min);
         let near: Vec<f64> = gaps.into_iter().filter(|g| *g < lowest + 0.005).collect();
-        if near.is_empty() { 0.0 } else { near.iter().sum::<f64>() / near.len() as f64 }
+        (!near.is_empty()).then(|| near.iter().sum::<f64>() / near.len() as f64)
     }
 
     /// The recorded targets of a physics step, `[joints]` \[rad\].

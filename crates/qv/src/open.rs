@@ -445,14 +445,14 @@ pub fn parameters_of(path: Option<&Path>, model: &Model, terrain: &Terrain) -> R
         ReplayError::Run { expected, found, .. } => wrong(&expected, &found),
         other => other,
     })?;
-    for (name, value) in named {
-        let id = probe.parameter_index(&name).map_err(|e| wrong(expected, &e))?;
+    for (name, value) in &named {
+        let id = probe.parameter_index(name).map_err(|e| wrong(expected, &e))?;
         let least = probe.catalogue()[id].clamped(f64::NEG_INFINITY);
-        if value.is_nan() || value < least {
-            return Err(wrong(&format!("`{name}` of at least {least}"), &value));
+        if value.is_nan() || *value < least {
+            return Err(wrong(&format!("`{name}` of at least {least}"), value));
         }
     }
-    Ok(given)
+    Ok(named)
 }
 
 /// What is told of how a recording and its robot were read, a line each: nothing is lost by it.

@@ -3,9 +3,10 @@
 use super::{build, median};
 use crate::workspace::Workspace;
 use crate::{pipeline, process};
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use clap::Args;
 use serde::{Deserialize, Serialize};
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -127,8 +128,12 @@ pub fn run(workspace: &Workspace, tune: &Tune) -> Result<bool> {
 fn train(workspace: &Workspace, tune: &Tune, ground: &str) -> Result<PathBuf> {
     let qv = pipeline::build(workspace)?;
     let out = super::folder(workspace)?.join(format!("tune_{ground}"));
+    let settings = out.with_extension("toml");
+    // The policy to begin with keeps its mean velocity, so that what is measured afterwards is the robot.
+    fs::write(&settings, "[task.reward]\nsteady = 1.5\n").with_context(|| format!("writing {}", settings.display()))?;
     let mut command = Command::new(qv);
-    command.args(["walk", "train", "--iterations", if tune.quick { "600" } else { "1200" }, "--ground", ground]);
+    command.args(["walk", "train", "--iterations", if tune.quick { "600" } else { "1800" }, "--ground", ground]);
+    command.arg("--settings").arg(settings);
     if let Some(robot) = &tune.robot {
         command.arg("--robot").arg(robot);
     }

@@ -204,15 +204,22 @@ impl Inputs<'_> {
     /// A hash of all of it (FNV-1a, 64 bits): what was kept under another is of other inputs.
     pub fn key(&self) -> String {
         let text = serde_json::to_string(self.settings).unwrap_or_default();
-        let words = [text, format!("{:?}", self.start.identity), format!("{:?} {:?}", self.start.settings, self.given)];
+        let best = self.start.best.as_ref().map(|(_, actor)| actor.iter().map(|x| x.to_bits()).collect::<Vec<_>>());
+        let words = [
+            env!("CARGO_PKG_VERSION").to_owned(),
+            text,
+            format!("{:?}", self.start.identity),
+            format!("{:?} {:?} {best:?}", self.start.settings, self.given),
+            format!("{:?}", self.ground.terrain),
+            format!("{:?}", self.train_on.terrain),
+        ];
         let bytes = words.iter().flat_map(|w| w.bytes().collect::<Vec<_>>());
         let numbers = self.log.stretches.iter().flat_map(|s| s.states.iter().chain(&s.targets));
         let numbers = numbers.chain(&self.start.parameters).flat_map(|x| x.to_bits().to_le_bytes());
         let grounds = [self.ground, self.train_on];
-        let triangles = grounds.map(|g| (g.terrain.triangle_count() as u64).to_le_bytes());
         let places = grounds.into_iter().flat_map(|g| g.places.iter().flatten().flatten());
         let places = places.flat_map(|x| x.to_bits().to_le_bytes());
-        let all = bytes.chain(numbers).chain(places).chain(triangles.into_iter().flatten());
+        let all = bytes.chain(numbers).chain(places);
         let hash = all.fold(0xcbf2_9ce4_8422_2325u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x100_0000_01b3));
         format!("{hash:016x}")
     }
@@ -254,7 +261,7 @@ pub struct Report {
     pub chosen: Option<usize>,
     /// Why.
     pub why: String,
-    /// Paths of the policy as it was, in the simulator that no training has seen.
+    /// Paths of the policy as it was, in the simulator that no training has seen; walks that chose no policy, as those of `after` and `control`.
     pub before: PathScore,
     /// Paths of the policy that was chosen, there.
     pub after: PathScore,

@@ -18,6 +18,9 @@ pub(super) struct Scored {
 /// Makes the commands of scores others than those of the choice of iterations.
 const SCORING: u64 = 0x5c0e;
 
+/// Makes the commands of what is told others than those of the choice of policies.
+const AGAIN: u64 = 0xa9a1;
+
 impl Scored {
     pub fn new(inputs: &Inputs, judging: &Compensation) -> Result<Self, ResidualError> {
         let (robot, task, walks) = (inputs.robot, &inputs.start.settings.task, inputs.settings.walks);
@@ -28,6 +31,14 @@ impl Scored {
             commands: commands(&task.commands, walks, seed),
             seed,
         })
+    }
+
+    /// The same simulators with other walks.
+    pub fn again(&self, inputs: &Inputs, judging: &Compensation) -> Result<Self, ResidualError> {
+        let mut other = Self::new(inputs, judging)?;
+        other.seed ^= AGAIN;
+        other.commands = commands(&inputs.start.settings.task.commands, inputs.settings.walks, other.seed);
+        Ok(other)
     }
 
     pub fn score(&mut self, policy: &Policy) -> Result<PathScore, ResidualError> {

@@ -6,7 +6,8 @@ use crate::ResidualError;
 use crate::compensation::Compensation;
 use crate::footing::Footing;
 use crate::identify::{Coordinate, Fit, Fitter, coordinates};
-use crate::residual::{reinforce, supervised};
+use crate::paths::PathScore;
+use crate::residual::{NetKind, ResidualNet, reinforce, supervised};
 use crate::tune::{Corrected, train_on};
 use crate::windows::{Errors, Lane, Replayer, Window};
 use qv_policy::policy::Policy;
@@ -81,14 +82,14 @@ impl Loop<'_, '_> {
 
     pub fn run(mut self) -> Result<Outcome, ResidualError> {
         let Inputs { robot, start, settings, log, .. } = *self.inputs;
-        let (tried, parameters) = self.try_all()?;
+        let tried = self.try_all()?;
         let staying = tried.staying();
         let policy = start.best_policy(robot)?;
         let judging = match staying.last() {
             None => Compensation::nominal(robot),
             Some(&last) => {
                 let compensation = &tried.candidates[last].compensation;
-                self.judging(&parameters, !compensation.shapes.is_empty() || compensation.net.is_some())?
+                self.judging(!compensation.shapes.is_empty() || compensation.net.is_some())?
             }
         };
         let mut scored = Scored::new(self.inputs, &judging)?;
@@ -108,19 +109,26 @@ impl Loop<'_, '_> {
         };
         if staying.is_empty() {
             report.why = format!(
-                "Nothing in these recordings differs from the simulator by more than {} standard errors: the policy is as it was.",
+                "No correction brings the simulator nearer to these recordings by more than {} standard errors: the policy is as it was.",
                 settings.errors
             );
             return Ok(Outcome { policy, report });
         }
+        self.begin(7);
+        let control = self.train("control", &Corrected::nominal())?;
         let tuned = self.train_all(&staying, &mut report, &mut scored)?;
+        // The best of several is so by chance, too: what is told of it comes from walks that did not choose it.
+        let mut again = scored.again(self.inputs, &judging)?;
+        report.before = again.score(&policy)?;
+        report.after = tuned.as_ref().map_or(Ok(report.before), |tuned| again.score(tuned))?;
+        report.control = Some(again.score(&control)?);
         let chosen = choose(&policy, tuned, &mut report);
         report.paths = scored.pairs(&policy, &chosen)?;
         Ok(Outcome { policy: chosen, report })
     }
 
-    /// Each kind of candidate against the last that stayed; the fitted parameters beside.
-    fn try_all(&mut self) -> Result<(Tried, Fit), ResidualError> {
+    /// Each kind of candidate against the last that stayed.
+    fn try_all(&mut self) -> Result<Tried, ResidualError> {
         let Inputs { robot, settings, given, .. } = *self.inputs;
         let for_fits = |k: usize| !is_held(settings, k);
         self.begin(0);
@@ -139,17 +147,18 @@ impl Loop<'_, '_> {
         if settings.nets.tried {
             self.try_nets(&mut tried, base)?;
         }
-        Ok((tried, parameters))
+        Ok(tried)
     }
 
     /// Nets, on the best parameters and on the simulator as it is.
     fn try_nets(&mut self, tried: &mut Tried, base: Compensation) -> Result<(), ResidualError> {
         let Inputs { robot, settings, .. } = *self.inputs;
         let nets = &settings.nets;
+        let sound = |kind| move |net: &ResidualNet| net.check(robot, kind).is_ok();
         let training = picked(self.inputs, self.footing.as_ref(), nets.length, &|k| !is_held(settings, k));
         self.begin(3);
         let lane = base.lane(&self.replayer)?;
-        let net = self.kept("torque net", |this| {
+        let net = self.kept("torque net", sound(NetKind::Torque), |this| {
             let tell = progress(&mut *this.tell, nets.torque.rounds);
             supervised::train_torque(&this.replayer, &training, &lane, &nets.torque, tell)
         })?;
@@ -157,14 +166,14 @@ impl Loop<'_, '_> {
         self.add(tried, Compensation { kind, net: Some(net), ..base })?;
         self.begin(4);
         let lane = Lane { window: 0, parameters: Vec::new(), bias: vec![0.0; robot.joints()] };
-        let net = self.kept("position net", |this| {
+        let net = self.kept("position net", sound(NetKind::Position), |this| {
             let tell = progress(&mut *this.tell, nets.position.rounds);
             supervised::train_position(&this.replayer, &training, &lane, &nets.position, tell)
         })?;
         let with = |kind: &str, net| Compensation { kind: kind.into(), net: Some(net), ..Compensation::nominal(robot) };
         self.add(tried, with("a net of targets", net))?;
         self.begin(5);
-        let net = self.kept("reinforced net", |this| {
+        let net = self.kept("reinforced net", sound(NetKind::Position), |this| {
             let (all, tell) = (nets.reinforced.iterations as f64, &mut *this.tell);
             reinforce::train(&this.replayer, &training, &lane, None, &nets.reinforced, |line| {
                 let figure = line.figures.first().map_or(0.0, |(_, x)| f64::from(*x));
@@ -174,7 +183,7 @@ impl Loop<'_, '_> {
         self.add(tried, with("a net of targets, taught by reward", net))
     }
 
-    /// The control, and policies trained on under the two richest candidates that stay: the best, if it is better than `report.before`.
+    /// Policies trained on under the two richest candidates that stay: the best, if it is better than `report.before`.
     fn train_all(
         &mut self,
         staying: &[usize],
@@ -182,9 +191,6 @@ impl Loop<'_, '_> {
         scored: &mut Scored,
     ) -> Result<Option<Policy>, ResidualError> {
         let Inputs { robot, start, .. } = *self.inputs;
-        self.begin(7);
-        let control = self.train("control", &Corrected::nominal())?;
-        report.control = Some(scored.score(&control)?);
         let mut best = None;
         let richest = &staying[staying.len().saturating_sub(2)..];
         for (step, &k) in richest.iter().enumerate() {
@@ -203,13 +209,14 @@ impl Loop<'_, '_> {
     }
 
     /// A simulator fitted to the held-out stretches alone, with torques where the richest candidate that stays has more than parameters.
-    fn judging(&mut self, parameters: &Fit, with_torques: bool) -> Result<Compensation, ResidualError> {
+    fn judging(&mut self, with_torques: bool) -> Result<Compensation, ResidualError> {
         self.begin(6);
         let settings = self.inputs.settings;
         let held = |k: usize| is_held(settings, k);
+        let parameters = self.fit("judge", false, None, &held)?;
         let fit = match with_torques {
-            true => self.fit("judge torques", true, Some(parameters), &held)?,
-            false => self.fit("judge", false, None, &held)?,
+            true => self.fit("judge torques", true, Some(&parameters), &held)?,
+            false => parameters,
         };
         self.compensation("judge", &fit)
     }
@@ -245,13 +252,15 @@ impl Loop<'_, '_> {
         Compensation::of_fit(kind, &self.replayer, &fit.coordinates, &fit.point, &fit.deviations, spread)
     }
 
-    /// What was kept under a name, or what `make` makes, which is then kept.
+    /// What was kept under a name, if it is sound, or what `make` makes, which is then kept.
     fn kept<T: Serialize + DeserializeOwned>(
         &mut self,
         name: &str,
+        is_sound: impl FnOnce(&T) -> bool,
         make: impl FnOnce(&mut Self) -> Result<T, ResidualError>,
     ) -> Result<T, ResidualError> {
-        if let Some(kept) = self.keep.get(name).and_then(|text| serde_json::from_str(&text).ok()) {
+        let kept = self.keep.get(name).and_then(|text| serde_json::from_str(&text).ok());
+        if let Some(kept) = kept.filter(|kept| is_sound(kept)) {
             return Ok(kept);
         }
         let made = make(self)?;
@@ -292,7 +301,9 @@ impl Loop<'_, '_> {
     fn train(&mut self, name: &str, corrected: &Corrected) -> Result<Policy, ResidualError> {
         let Inputs { robot, train_on: ground, start, settings, .. } = *self.inputs;
         let mut policy = start.best_policy(robot)?;
-        policy.parameters = self.kept(name, |this| {
+        let count = policy.parameters.len();
+        let is_sound = |kept: &Vec<f32>| kept.len() == count && kept.iter().all(|x| x.is_finite());
+        policy.parameters = self.kept(name, is_sound, |this| {
             let (tell, all) = (&mut *this.tell, settings.tune.iterations as f64);
             let tuned = train_on(robot, ground, start, corrected, &settings.tune, |line, score| {
                 if let Some(score) = score {
@@ -321,10 +332,14 @@ fn progress<'a>(tell: &'a mut dyn FnMut(Event), rounds: usize) -> impl FnMut(&su
 
 /// The policy that is handed out, and why: the one trained on, when it is better by more than chance.
 fn choose(policy: &Policy, tuned: Option<Policy>, report: &mut Report) -> Policy {
-    let apart = (report.before.position_se.powi(2) + report.after.position_se.powi(2)).sqrt();
-    let gain = report.before.cost() - report.after.cost();
+    let after = report.after;
+    let gains = |than: PathScore| {
+        let noise = report.settings.errors as f32 * than.cost_se().hypot(after.cost_se());
+        than.cost() - after.cost() >= noise
+    };
+    let (than_before, than_control) = (gains(report.before), report.control.is_none_or(gains));
     match (tuned, report.chosen) {
-        (Some(tuned), Some(k)) if gain >= report.settings.errors as f32 * apart => {
+        (Some(tuned), Some(k)) if than_before && than_control => {
             report.why = format!(
                 "The policy trained on with {} strays least where no training has been: {:.3} m from the commanded path over 8 s, \
                  {:.3} m before.",
@@ -333,9 +348,13 @@ fn choose(policy: &Policy, tuned: Option<Policy>, report: &mut Report) -> Policy
             tuned
         }
         _ => {
-            report.why = "No policy that was trained on follows its commands better than the one that was given, by more than chance: \
-                          the policy is as it was."
-                .into();
+            report.why = match than_before {
+                false => "No policy that was trained on follows its commands better than the one that was given, by more than chance: \
+                          the policy is as it was.",
+                true => "Trained on in the simulator as it was the policy becomes as good as under corrections: what it gains is none of \
+                         theirs, and the policy is as it was. `qv walk train --resume` trains it further.",
+            }
+            .into();
             report.chosen = None;
             report.after = report.before;
             policy.clone()
@@ -346,6 +365,10 @@ fn choose(policy: &Policy, tuned: Option<Policy>, report: &mut Report) -> Policy
 /// A fit that was kept, if it is of these coordinates.
 fn kept_fit(text: &str, coordinates: &[Coordinate]) -> Option<Fit> {
     let (point, deviations, costs): (Vec<f64>, Vec<f64>, Vec<f64>) = serde_json::from_str(text).ok()?;
-    let fits = point.len() == coordinates.len() && deviations.len() == point.len();
+    let within = |(c, x): (&Coordinate, &f64)| (c.least..=c.most).contains(x);
+    let fits = point.len() == coordinates.len()
+        && deviations.len() == point.len()
+        && coordinates.iter().zip(&point).all(within)
+        && deviations.iter().all(|d| d.is_finite());
     fits.then(|| Fit { coordinates: coordinates.to_vec(), point, deviations, costs })
 }

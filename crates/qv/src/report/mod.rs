@@ -63,10 +63,10 @@ struct Parts {
 
 impl Report {
     pub fn execute(&self) -> Result<Outcome, Failure> {
-        let all = [&self.reconstruction, &self.mesh, &self.contact, &self.replay, &self.diagnosis, &self.tuning];
+        let all =
+            [&self.reconstruction, &self.mesh, &self.contact, &self.replay, &self.diagnosis, &self.tuning, &self.paths];
         if all.iter().all(|part| part.is_none()) {
-            let expected =
-                "expected at least one of --reconstruction, --mesh, --contact, --replay, --diagnosis, --tuning";
+            let expected = "expected at least one of --reconstruction, --mesh, --contact, --replay, --diagnosis, --tuning, --paths";
             return Err(expected.into());
         }
         let json = |folder: &Option<PathBuf>, name: &str, key: &str| {
@@ -82,6 +82,19 @@ impl Report {
             tuning: json(&self.tuning, "tune.json", "candidates")?,
             paths: self.paths.as_ref().map(|file| read_json(file, "policies")).transpose()?,
         };
+        if let (Some(paths), Some(file)) = (&parts.paths, &self.paths) {
+            let two = paths["policies"].as_array().filter(|list| list.len() == 2);
+            let has_all = |list: &Vec<Value>| list.iter().all(|p| p["paths"]["position"].is_number());
+            if !two.is_some_and(has_all) {
+                let expected = "two policies with `paths`, as `qv walk paths BEFORE AFTER` writes them";
+                return Err(about(file, format!("expected {expected}, found others")));
+            }
+        }
+        if let (Some(tuning), Some(folder)) = (&parts.tuning, &self.tuning)
+            && !tuning["candidates"].is_array()
+        {
+            return Err(about(&folder.join("tune.json"), "expected a list of candidates, found none"));
+        }
         let page = page::to_html(&parts)?;
         if let Some(folder) = self.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
             fs::create_dir_all(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;

@@ -5,7 +5,7 @@ mod page;
 mod recordings;
 
 use crate::open::{file_error, parameters_of, write_error};
-use crate::walk::inputs::{as_trained, ground_of, policy_of, robot_of};
+use crate::walk::inputs::{as_trained, checkpoint_of, ground_of, policy_of, robot_of};
 use crate::whole::write_whole;
 use crate::{Failure, Outcome, say};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -18,7 +18,7 @@ use qv_residual::log::Log;
 use std::fmt::Write;
 use std::fs;
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 pub const EXAMPLE: &str = "Example:\n  qv walk train --iterations 1800 --out out/walk\n  \
     qv walk record out/walk/policy.onnx --out out/log      a made-up robot with hidden effects, in the place of yours\n  \
@@ -72,7 +72,7 @@ impl Tune {
         let settings = self.settings()?;
         let (_, file) = policy_of(&self.policy)?;
         let robot = as_trained(robot_of(&self.robot)?, &file, &self.policy)?;
-        let start = self.checkpoint(&robot)?;
+        let start = checkpoint_of(&self.policy, &robot)?;
         let ground = ground_of(&self.terrain, settings.tune.seed)?;
         let train_on = ground_of(self.train_on.as_ref().unwrap_or(&self.terrain), settings.tune.seed)?;
         let given = match &self.calibrated {
@@ -81,6 +81,12 @@ impl Tune {
         };
         let (log, refused) =
             recordings::read(&self.recordings, self.pose_topic.as_deref(), &robot, &start.settings.task)?;
+        let own = self.policy.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let is_own = fs::canonicalize(&self.out).is_ok_and(|out| fs::canonicalize(own).is_ok_and(|own| own == out));
+        if is_own {
+            let found = "the folder of --policy, whose files would be written over";
+            return Err(file_error(&self.out, "another folder for --out", found).into());
+        }
         fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads.map_or(0, usize::from)).build()?;
         let work = Work {
@@ -96,7 +102,7 @@ impl Tune {
         // Errors of the command line stay on their thread: this one crosses as its text.
         let done = pool.install(|| work.run().map_err(|e| e.to_string()));
         done?;
-        Ok(if refused > 0 { Outcome::Partial } else { Outcome::Done })
+        Ok(if refused > 0 || !log.told.is_empty() { Outcome::Partial } else { Outcome::Done })
     }
 
     fn settings(&self) -> Result<LoopSettings, Failure> {
@@ -112,21 +118,6 @@ impl Tune {
         settings.tune.seed = self.seed.unwrap_or(settings.tune.seed);
         settings.check()?;
         Ok(settings)
-    }
-
-    fn checkpoint(&self, robot: &TaskRobot) -> Result<Checkpoint, Failure> {
-        let path = self.policy.with_file_name("checkpoint.bin");
-        let expected = "checkpoint.bin of `qv walk train` beside the policy: a training goes on from it";
-        let bytes = fs::read(&path).map_err(|e| file_error(&path, expected, &e.to_string()))?;
-        let start = Checkpoint::from_bytes(&bytes).map_err(|e| file_error(&path, expected, &e.to_string()))?;
-        let policy = start.best_policy(robot).map_err(|e| file_error(&path, expected, &e.to_string()))?;
-        let given = fs::read(&self.policy).map_err(|e| file_error(&self.policy, "a policy in ONNX", &e.to_string()))?;
-        if policy.to_onnx(robot)? != given {
-            let found =
-                "another policy than that of checkpoint.bin (a training of a whole number of epochs writes both alike)";
-            return Err(file_error(&self.policy, "the best policy of checkpoint.bin beside it", found).into());
-        }
-        Ok(start)
     }
 }
 
@@ -203,11 +194,13 @@ impl Work<'_> {
             }
         };
         put("checkpoint.bin", &start.to_bytes()?)?;
-        let compensation = &candidates[chosen.unwrap_or(0)].compensation;
+        // Corrections that stay are worth something to others, though no policy is better for them.
+        let staying = candidates.iter().rposition(|c| c.held_out.stays);
+        let compensation = &candidates[chosen.or(staying).unwrap_or(0)].compensation;
         put("compensator.json", serde_json::to_string_pretty(compensation)?.as_bytes())?;
         put("compensator.onnx", &compensation.to_onnx(self.robot)?)?;
         let mut text = String::from(
-            "# What `qv tune` found; for `qv replay --parameters` and `qv walk train --around`.\n[parameters]\n",
+            "# What `qv tune` found; for `qv replay --params` and `qv walk train --around`.\n[parameters]\n",
         );
         compensation.parameters.iter().for_each(|(name, x)| _ = writeln!(text, "\"{name}\" = {x:?}"));
         put("calibrated.toml", text.as_bytes())?;

@@ -5,6 +5,7 @@ use crate::open::{file_error, included, set_friction};
 use qv_mesh::files::glb;
 use qv_policy::onnx::OnnxPolicy;
 use qv_policy::policy::PolicyFile;
+use qv_policy::train::Checkpoint;
 use qv_policy::velocity::{Ground, RobotFile, TaskRobot};
 use qv_sim::Terrain;
 use std::fs;
@@ -83,6 +84,22 @@ pub fn policy_of(path: &Path) -> Result<(OnnxPolicy, PolicyFile), Failure> {
     let text = fs::read_to_string(&beside).map_err(|e| file_error(&beside, expected, &e.to_string()))?;
     let file = PolicyFile::parse(&text).map_err(|e| file_error(&beside, expected, &e.to_string()))?;
     Ok((policy, file))
+}
+
+/// The training that a `policy.onnx` comes from, beside it.
+pub fn checkpoint_of(path: &Path, robot: &TaskRobot) -> Result<Checkpoint, Failure> {
+    let beside = path.with_file_name("checkpoint.bin");
+    let expected = "checkpoint.bin of `qv walk train` or `qv tune` beside the policy";
+    let wrong = |e: &dyn std::fmt::Display| file_error(&beside, expected, &e.to_string());
+    let start = Checkpoint::from_bytes(&fs::read(&beside).map_err(|e| wrong(&e))?).map_err(|e| wrong(&e))?;
+    let policy = start.best_policy(robot).map_err(|e| wrong(&e))?;
+    let given = fs::read(path).map_err(|e| file_error(path, "a policy in ONNX", &e.to_string()))?;
+    if policy.to_onnx(robot)? != given {
+        let found =
+            "another policy than that of checkpoint.bin (a training of a whole number of epochs writes both alike)";
+        return Err(file_error(path, "the best policy of checkpoint.bin beside it", found).into());
+    }
+    Ok(start)
 }
 
 /// A robot with the gains, stand and scale of a policy's file, so that it is run as it was trained.

@@ -1,15 +1,12 @@
 //! A made-up robot with hidden effects, in the place of a real one.
 
-use super::inputs::{ROOM, as_trained, ground_of, of_mesh, policy_of, robot_of};
+use super::inputs::{ROOM, as_trained, checkpoint_of, ground_of, of_mesh, policy_of, robot_of};
 use crate::Failure;
 use crate::fixture::label_and_value;
-use crate::open::file_error;
 use qv_policy::policy::Policy;
-use qv_policy::train::Checkpoint;
 use qv_policy::velocity::{Ground, TaskRobot, TaskSettings};
 use qv_residual::hidden::{Engine, Hidden};
 use std::fmt::Write;
-use std::fs;
 use std::path::Path;
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -59,11 +56,8 @@ impl MadeUp {
     pub fn under(&self, path: &Path) -> Result<Walked, Failure> {
         let (_, file) = policy_of(path)?;
         let robot = as_trained(robot_of(&self.robot)?, &file, path)?;
-        let beside = path.with_file_name("checkpoint.bin");
-        let expected = "checkpoint.bin of `qv walk train` or `qv tune` beside the policy";
-        let wrong = |e: &dyn std::fmt::Display| file_error(&beside, expected, &e.to_string());
-        let start = Checkpoint::from_bytes(&fs::read(&beside).map_err(|e| wrong(&e))?).map_err(|e| wrong(&e))?;
-        let policy = start.best_policy(&robot).map_err(|e| wrong(&e))?;
+        let start = checkpoint_of(path, &robot)?;
+        let policy = start.best_policy(&robot)?;
         let ground = match Path::new(&self.ground).extension() {
             None if self.friction.is_empty() => ground_of(&self.ground, self.seed)?,
             _ => of_mesh(&self.ground, &self.friction, self.room, self.seed)?,

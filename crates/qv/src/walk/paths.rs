@@ -28,15 +28,22 @@ pub struct Paths {
 
 impl Paths {
     pub fn execute(&self) -> Result<Outcome, Failure> {
-        if self.seconds > 600.0 {
-            return Err(format!("--seconds: expected at most 600, found {}", self.seconds).into());
+        if !(1.0..=600.0).contains(&self.seconds) {
+            return Err(format!("--seconds: expected 1 to 600, found {}", self.seconds).into());
         }
         let mut rows = Vec::new();
         let bar = crate::open::progress(self.policies.len() as u64, "walking");
         for path in &self.policies {
             let walked = self.made_up.under(path)?;
             let size = [self.seconds as f32, f32::from(self.walks)];
-            let score = walked.hidden.score(&walked.robot, &walked.ground, &walked.policy, &walked.task, size)?;
+            let score = walked.hidden.score(
+                &walked.robot,
+                &walked.ground,
+                &walked.policy,
+                &walked.task,
+                size,
+                self.made_up.seed,
+            )?;
             bar.suspend(|| {
                 say(&format!(
                     "{}: {:.3} ± {:.3} m from the commanded path over {} s, {} of {} walks fell\n",

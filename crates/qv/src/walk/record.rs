@@ -40,6 +40,10 @@ impl Record {
         if self.walk > 600.0 {
             return Err(format!("--walk: expected at most 600, found {}", self.walk).into());
         }
+        if self.walk < 2.5 {
+            let expected = "--walk: expected at least 2.5 s, since `qv tune` takes stretches of 2 s and longer";
+            return Err(format!("{expected}, found {}", self.walk).into());
+        }
         let seconds = self.walk as f32;
         let count = (60.0 * self.minutes / self.walk).ceil().max(1.0) as u64;
         let commands = &walked.task.commands;
@@ -55,6 +59,11 @@ impl Record {
                 seed: seed * 1000 + k,
             })
             .collect();
+        let is_walk = |e: fs::DirEntry| e.file_name().to_string_lossy().starts_with("walk_");
+        if fs::read_dir(&self.out).is_ok_and(|list| list.flatten().any(is_walk)) {
+            let found = "walks of another robot or seed";
+            return Err(crate::open::file_error(&self.out, "a folder without walks for --out", found).into());
+        }
         fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let urdf = urdf_of(&self.made_up.robot)?;
         let bar = crate::open::progress(count, "walking");
@@ -88,10 +97,15 @@ impl Record {
 
 /// run.toml of a robot.
 fn description(robot: &TaskRobot) -> String {
-    format!(
+    let mut text = format!(
         "robot = \"robot.urdf\"\nbase = \"free\"\n[actuator]\nkind = \"pd\"\nkp = {:?}\nkd = {:?}\n",
         robot.kp, robot.kd
-    )
+    );
+    // No URDF says it.
+    for joint in &robot.model.joints {
+        _ = writeln!(text, "[joint.\"{}\"]\narmature = {:?}", joint.name, joint.armature);
+    }
+    text
 }
 
 /// run.csv of a run: one row for each sample of the joints; what has no sample then is blank.
