@@ -81,7 +81,7 @@ fn distance(score: PathScore) -> String {
 fn policies(report: &Report) -> String {
     let mut text = String::from(
         "<h2>What the robot gains</h2><p>Policies walk in a simulator that was fitted to the held-out recordings alone; no training has seen \
-         it. Distances are from the path that the commands describe, mean over 8 s; ± one standard error over walks. A robot that falls \
+         it, other walks than those by which the policy above was chosen. Distances are from the path that the commands describe, mean over 8 s; ± one standard error over walks. A robot that falls \
          counts as one that stays where it fell.</p><div class=\"scroll\"><table><tr><th>policy<th>distance [m]<th>heading [rad]<th>falls</tr>",
     );
     let mut row = |name: &str, score: &PathScore| {
