@@ -185,6 +185,36 @@ fn recordings_that_do_not_serve_are_named() {
 }
 
 #[test]
+fn a_hole_costs_what_is_missing_and_a_recording_counts_once() {
+    let robot = qv_go2::walk::robot().unwrap();
+    let task = TaskSettings::default();
+    let whole = standing(9.0);
+    let mut holed = whole.clone();
+    for series in [&mut holed.measured.position, &mut holed.measured.velocity] {
+        let series = series.as_mut().unwrap();
+        let is_kept: Vec<bool> = series.time.iter().map(|t| !(4.5..4.7).contains(t)).collect();
+        let rows = series.values.chunks_exact(series.joints).zip(&is_kept).filter(|(_, kept)| **kept);
+        series.values = rows.flat_map(|(row, _)| row.to_vec()).collect();
+        let mut kept = is_kept.iter();
+        series.time.retain(|_| *kept.next().unwrap());
+    }
+    let mut log = Log::new(&robot, &task);
+    log.add("holed", &holed, &robot).unwrap();
+    assert_eq!(log.stretches.len(), 2, "before and after the hole");
+    assert!(log.seconds() > 8.0 && log.seconds() < 8.9, "{} s", log.seconds());
+    assert!(log.told[0].contains("left out: something is missing"), "{:?}", log.told);
+    let mut log = Log::new(&robot, &task);
+    log.add("one", &whole, &robot).unwrap();
+    let again = log.add("two", &whole, &robot).unwrap_err().to_string();
+    assert!(again.contains("two") && again.contains("another recording"), "{again}");
+    let mut far = whole.clone();
+    far.measured.base_pose.as_mut().unwrap().values[0] = 1e300;
+    let mut log = Log::new(&robot, &task);
+    let far = log.add("far", &far, &robot).err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(log.stretches.iter().all(|s| s.states.iter().all(|x| x.is_finite())), "{far}");
+}
+
+#[test]
 fn settings_and_files_that_mean_nothing_are_named() {
     let said = |settings: LoopSettings| settings.check().unwrap_err().to_string();
     assert!(said(LoopSettings { held_every: 1, ..Default::default() }).contains("held_every"));
