@@ -128,10 +128,10 @@ impl Stage {
         const WALK: [Call; 1] = [qv("walk train --iterations 900 --out walk")];
         // Short walks: the yard is 6 m wide, and has a wall.
         const RECORD: [Call; 1] = [qv(
-            "walk record walk/policy.onnx --ground yard/truth.glb --friction tiles=0.18 --friction gravel=0.45 --seed 2 --room 1 --walk 4 --minutes 10 --out record",
+            "walk record walk/policy.onnx --ground yard/truth.glb --friction tiles=0.18 --friction gravel=0.45 --seed 2 --room 1 --walk 4 --minutes 10 --out record/walks",
         )];
         const TUNE: [Call; 1] = [qv(
-            "tune record --policy walk/policy.onnx --terrain again/terrain.glb --train-on plane --calibrated diagnose/calibrated.toml --out tune",
+            "tune record/walks --policy walk/policy.onnx --terrain again/terrain.glb --train-on plane --calibrated diagnose/calibrated.toml --out tune",
         )];
         const PATHS: [Call; 1] = [qv("walk paths walk/policy.onnx tune/policy.onnx --seed 2 --out paths/paths.json")];
         const REPORT: [Call; 1] = [qv(
@@ -170,7 +170,9 @@ impl Stage {
             Self::Again => &[RUNS[0], RUNS[1], "mesh/terrain.glb", "diagnose/calibrated.toml"],
             Self::Walk => &[],
             Self::Record => &[POLICY[0], POLICY[1], POLICY[2], "yard/truth.glb"],
-            Self::Tune => &[POLICY[0], POLICY[1], POLICY[2], "record", "again/terrain.glb", "diagnose/calibrated.toml"],
+            Self::Tune => {
+                &[POLICY[0], POLICY[1], POLICY[2], "record/walks", "again/terrain.glb", "diagnose/calibrated.toml"]
+            }
             Self::Paths => {
                 &[POLICY[0], POLICY[1], POLICY[2], "tune/policy.onnx", "tune/policy.toml", "tune/checkpoint.bin"]
             }
@@ -215,7 +217,7 @@ impl Stage {
             Self::Diagnose => &["diagnose/report.json", "diagnose/report.html", "diagnose/calibrated.toml"],
             Self::Again => &["again/contact.json", "again/contact.html", "again/calibrated.toml", "again/terrain.glb"],
             Self::Walk => &["walk/policy.onnx", "walk/policy.toml", "walk/checkpoint.bin", "walk/walk.html"],
-            Self::Record => &["record/hidden.toml", "record/walk_000/run.csv", "record/walk_099/run.csv"],
+            Self::Record => &["record/walks"],
             Self::Tune => &[
                 "tune/policy.onnx",
                 "tune/policy.toml",

@@ -470,9 +470,6 @@ struct Findings<'a> {
     closed: f64,
 }
 
-/// Share of the held-out gap from which on it counts as explained.
-const MOSTLY: f64 = 0.5;
-
 impl Findings<'_> {
     /// The same, with what speaks against it.
     fn doubted(mut self, nominal: &Study) -> Result<Self, GapError> {
@@ -522,23 +519,9 @@ impl Findings<'_> {
         self.accused.iter().filter_map(region).collect()
     }
 
-    /// Whether windows that no fit has seen show no more than the null, and all windows together hardly more. A gap is what exceeds the null: there
-    /// is none, whatever fits a part of the noise better.
-    fn is_within_null(&self, session: &Session, nominal: &mut Study) -> Result<bool, GapError> {
-        let gap = closure(nominal, &setting(nominal, &[]))?.gap(nominal, session.options.effort.seed);
-        Ok(gap.before <= gap.floor && self.opening.level.ratio < decide::NO_GAP)
-    }
-
     fn report(mut self, session: &mut Session, nominal: &mut Study, begun: f64) -> Result<Report, GapError> {
         self.doubt_closure(nominal)?;
-        let verdict = match self.verdict() {
-            Verdict::NoGap => Verdict::NoGap,
-            Verdict::Explained if closure(nominal, &setting(nominal, &self.corrections))?.closed() >= MOSTLY => {
-                Verdict::Explained
-            }
-            _ if self.is_within_null(session, nominal)? => Verdict::NoGap,
-            other => other,
-        };
+        let verdict = self.verdict_beyond_null(session.options.effort.seed, nominal)?;
         let beside = self.asked_beside()?;
         let ranking = self.ranking(verdict, beside);
         let doubted = self.accused.first().map(|a| a.cause.effect.clone());
@@ -567,8 +550,8 @@ impl Findings<'_> {
             _ => Vec::new(),
         };
         // What looks like nothing is left in the windows of the fit, and is there in those that no fit has seen.
-        let verdict =
-            if verdict == Verdict::Explained && gap.closed < MOSTLY { Verdict::PartlyExplained } else { verdict };
+        let is_left = verdict == Verdict::Explained && gap.closed < verdict::MOSTLY;
+        let verdict = if is_left { Verdict::PartlyExplained } else { verdict };
         let unexplained = Unexplained {
             share: if verdict == Verdict::NoGap || gap.before <= gap.floor * 1.02 { 0.0 } else { 1.0 - gap.closed },
             depends_on: rest::factors(self.later.as_ref().filter(|_| !self.accused.is_empty()).unwrap_or(nominal)),

@@ -18,7 +18,24 @@ const MOSTLY_CLOSED: f64 = 0.8;
 /// Level up to which a push is told of an arm that nothing else explains.
 const QUIET_ENOUGH: f64 = 4.0;
 
+/// Share of the held-out gap from which on it counts as explained.
+pub(super) const MOSTLY: f64 = 0.5;
+
 impl Findings<'_> {
+    /// The verdict, and no gap where windows that no fit has seen show no more than the null, and all windows together hardly more: a gap is
+    /// what exceeds the null, and there is none, whatever fits a part of the noise better.
+    pub(super) fn verdict_beyond_null(&self, seed: u64, nominal: &mut Study) -> Result<Verdict, GapError> {
+        let verdict = self.verdict();
+        let closed =
+            |study: &mut Study| Ok::<_, GapError>(closure(study, &setting(study, &self.corrections))?.closed());
+        if verdict == Verdict::NoGap || (verdict == Verdict::Explained && closed(nominal)? >= MOSTLY) {
+            return Ok(verdict);
+        }
+        let gap = closure(nominal, &setting(nominal, &[]))?.gap(nominal, seed);
+        let is_within_null = gap.before <= gap.floor && self.opening.level.ratio < NO_GAP;
+        Ok(if is_within_null { Verdict::NoGap } else { verdict })
+    }
+
     /// Doubts causes that act all the time and everywhere and close too little in windows that no fit has seen.
     pub(super) fn doubt_closure(&mut self, nominal: &mut Study) -> Result<(), GapError> {
         let is_local = self.accused.iter().any(|a| a.fit.suspect.extent.is_some());
@@ -51,7 +68,7 @@ impl Findings<'_> {
         Ok(())
     }
 
-    pub(super) fn verdict(&self) -> Verdict {
+    fn verdict(&self) -> Verdict {
         let explained = self.level_after.is_explained();
         if self.doubt.is_some() {
             return Verdict::Unexplained;
