@@ -54,7 +54,7 @@ pub fn ground_of(name: &str, seed: u64) -> Result<Ground, Failure> {
     }
 }
 
-/// Level ground that a robot begins on, unless somebody says otherwise [m].
+/// Level ground that a robot begins on, unless somebody says otherwise \[m\].
 pub const ROOM: f64 = 0.4;
 
 /// A mesh with frictions by label in the place of the file's, and so much level ground around each place where a robot begins.

@@ -31,7 +31,7 @@ pub struct MadeUp {
     /// Friction of a label of the ground, in the place of the file's
     #[arg(long, value_name = "LABEL=VALUE", value_parser = label_and_value)]
     friction: Vec<(String, f64)>,
-    /// Level ground around each place where a walk begins, on a mesh [m]
+    /// Level ground around each place where a walk begins, on a mesh, in metres
     #[arg(long, default_value_t = ROOM, value_name = "METRES", value_parser = crate::numbers::positive)]
     room: f64,
     /// What is hidden in the robot

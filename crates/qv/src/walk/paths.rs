@@ -15,7 +15,7 @@ pub struct Paths {
     policies: Vec<PathBuf>,
     #[command(flatten)]
     made_up: MadeUp,
-    /// How long each walk lasts [s], after the second in which a robot gets going
+    /// How long each walk lasts in seconds, after the second in which a robot gets going
     #[arg(long, default_value_t = 8.0, value_name = "SECONDS", value_parser = crate::numbers::positive)]
     seconds: f64,
     /// Walks, over six kinds of command in turn

@@ -22,7 +22,7 @@ pub struct Record {
     /// Minutes of all walks together
     #[arg(long, default_value_t = 10.0, value_name = "MINUTES", value_parser = crate::numbers::positive)]
     minutes: f64,
-    /// Length of a walk, which begins at another place [s]: a robot is taken back now and then
+    /// Length of a walk, which begins at another place, in seconds: a robot is taken back now and then
     #[arg(long, default_value_t = 20.0, value_name = "SECONDS", value_parser = crate::numbers::positive)]
     walk: f64,
     /// Directory for the recordings, one folder for each walk; made if need be
