@@ -6,7 +6,7 @@ mod drawn;
 pub use drawn::{Hidden, Outside};
 
 use crate::ResidualError;
-use crate::paths::{Path, PathScore, SETTLING, commands, error, from_start, settled};
+use crate::paths::{Path, PathScore, SETTLING, commands, from_start, measured};
 use qv_core::JointSeries;
 use qv_policy::policy::Policy;
 use qv_policy::random::Random;
@@ -193,9 +193,7 @@ impl Hidden {
         };
         let orders: Vec<Order> = timed.iter().map(|c| c as &[_]).enumerate().map(order).collect();
         let walks = self.walks(robot, ground, policy, task.rate, &orders)?;
-        let [decisions, settling] = [seconds, SETTLING].map(|seconds| (seconds * task.rate) as usize);
-        let errors = walks.iter().zip(&wanted);
-        let errors = errors.map(|(w, c)| error(&settled(&w.path, settling), *c, decisions, task.rate));
+        let errors = walks.iter().zip(&wanted).map(|(w, c)| measured(&w.path, *c, seconds, task.rate).1);
         Ok(PathScore::of(&errors.collect::<Vec<_>>()))
     }
 

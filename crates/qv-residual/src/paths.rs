@@ -141,6 +141,13 @@ pub fn settled(path: &[[f32; 3]], settling: usize) -> Path {
     rest.iter().map(from).collect()
 }
 
+/// The path of a walk beyond [`SETTLING`], which ought to last `seconds` from there, and its error.
+pub fn measured(path: &[[f32; 3]], command: [f32; 3], seconds: f32, rate: f32) -> (Path, PathError) {
+    let path = settled(path, (SETTLING * rate) as usize);
+    let error = error(&path, command, (seconds * rate) as usize, rate);
+    (path, error)
+}
+
 /// Runs every robot of a task under its command for `seconds` beyond [`SETTLING`]; paths from there and their errors.
 ///
 /// # Errors
@@ -179,15 +186,7 @@ pub fn walk(
             }
         }
     }
-    Ok(paths
-        .into_iter()
-        .zip(commands)
-        .map(|(path, &c)| {
-            let path = settled(&path, settling);
-            let e = error(&path, c, steps, rate);
-            (path, e)
-        })
-        .collect())
+    Ok(paths.into_iter().zip(commands).map(|(path, &c)| measured(&path, c, seconds, rate)).collect())
 }
 
 #[cfg(test)]

@@ -3,8 +3,8 @@
 mod squats;
 
 use qv_core::JointSeries;
-use qv_policy::train::{TrainSettings, Training};
-use qv_policy::velocity::{Ground, TaskSettings};
+use qv_policy::train::{Checkpoint, TrainSettings, Training};
+use qv_policy::velocity::{Ground, TaskRobot, TaskSettings};
 use qv_replay::Run;
 use qv_residual::ResidualError;
 use qv_residual::close::{Forget, Inputs, Keep, LoopSettings, NetsSettings, close};
@@ -82,6 +82,17 @@ fn small() -> LoopSettings {
     LoopSettings { walks: 6, fit, nets, tune, ..Default::default() }
 }
 
+/// Walks and trainings on one ground, and nothing known beforehand.
+fn plain<'a>(
+    robot: &'a TaskRobot,
+    ground: &'a Ground,
+    log: &'a Log,
+    start: &'a Checkpoint,
+    settings: &'a LoopSettings,
+) -> Inputs<'a> {
+    Inputs { robot, ground, train_on: ground, log, start, given: None, settings }
+}
+
 #[test]
 fn nothing_wrong_leaves_the_policy_as_it_was() {
     let robot = qv_go2::walk::robot().unwrap();
@@ -89,15 +100,7 @@ fn nothing_wrong_leaves_the_policy_as_it_was() {
     let ground = Ground::plane();
     let training = Training::new(&robot, &ground, &TrainSettings { robots: 16, ..Default::default() }).unwrap();
     let (start, settings) = (training.checkpoint().clone(), small());
-    let inputs = Inputs {
-        robot: &robot,
-        ground: &ground,
-        train_on: &ground,
-        log: &log,
-        start: &start,
-        given: None,
-        settings: &settings,
-    };
+    let inputs = plain(&robot, &ground, &log, &start, &settings);
     let outcome = close(&inputs, &Forget, &mut |_| {}).unwrap();
     assert_eq!(outcome.report.chosen, None);
     assert!(outcome.report.why.contains("as it was"), "{}", outcome.report.why);
@@ -115,15 +118,7 @@ fn a_robot_that_differs_is_trained_for_and_stages_that_are_kept_are_not_done_aga
     training.advance().unwrap();
     let (start, settings) = (training.checkpoint().clone(), small());
     let given = [("actuator.FL_hip_joint.strength".to_owned(), 0.75)];
-    let inputs = Inputs {
-        robot: &robot,
-        ground: &ground,
-        train_on: &ground,
-        log: &log,
-        start: &start,
-        given: Some(&given),
-        settings: &settings,
-    };
+    let inputs = Inputs { given: Some(&given), ..plain(&robot, &ground, &log, &start, &settings) };
     let memory = Memory::default();
     let first = close(&inputs, &memory, &mut |_| {}).unwrap();
     let kinds: Vec<&str> = first.report.candidates.iter().map(|c| c.compensation.kind.as_str()).collect();

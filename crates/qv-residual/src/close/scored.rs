@@ -4,13 +4,19 @@ use super::{Inputs, PathPair};
 use crate::ResidualError;
 use crate::compensation::Compensation;
 use crate::paths::{PathScore, commands, walk};
-use crate::tune::{Corrected, SECONDS, judge_of};
+use crate::tune::{Corrected, SECONDS, judge_of, score};
 use qv_policy::policy::Policy;
 
 /// Walks in the simulator that no training has seen.
 pub(super) struct Scored {
     task: qv_policy::velocity::VelocityTask,
     nominal: qv_policy::velocity::VelocityTask,
+    choosing: Walks,
+    telling: Walks,
+}
+
+/// Commands of walks, and the seed of what else differs in them.
+struct Walks {
     commands: Vec<[f32; 3]>,
     seed: u64,
 }
@@ -19,44 +25,44 @@ pub(super) struct Scored {
 const SCORING: u64 = 0x5c0e;
 
 /// Makes the commands of what is told others than those of the choice of policies.
-const AGAIN: u64 = 0xa9a1;
+const TELLING: u64 = 0xa9a1;
 
 impl Scored {
     pub fn new(inputs: &Inputs, judging: &Compensation) -> Result<Self, ResidualError> {
         let (robot, task, walks) = (inputs.robot, &inputs.start.settings.task, inputs.settings.walks);
         let seed = inputs.settings.tune.seed ^ SCORING;
+        let of = |seed| Walks { commands: commands(&task.commands, walks, seed), seed };
         Ok(Self {
             task: judge_of(robot, inputs.train_on, task, &judging.corrected(robot, task.substeps)?, walks)?,
             nominal: judge_of(robot, inputs.train_on, task, &Corrected::nominal(), walks)?,
-            commands: commands(&task.commands, walks, seed),
-            seed,
+            choosing: of(seed),
+            telling: of(seed ^ TELLING),
         })
     }
 
-    /// The same simulators with other walks.
-    pub fn again(&self, inputs: &Inputs, judging: &Compensation) -> Result<Self, ResidualError> {
-        let mut other = Self::new(inputs, judging)?;
-        other.seed ^= AGAIN;
-        other.commands = commands(&inputs.start.settings.task.commands, inputs.settings.walks, other.seed);
-        Ok(other)
+    /// A score to choose a policy by.
+    pub fn score(&mut self, policy: &Policy) -> Result<PathScore, ResidualError> {
+        score(policy, &mut self.task, &self.choosing.commands, self.choosing.seed)
     }
 
-    pub fn score(&mut self, policy: &Policy) -> Result<PathScore, ResidualError> {
-        crate::tune::score(policy, &mut self.task, &self.commands, self.seed)
+    /// A score to tell: the best of several is so by chance, too, and these walks did not choose it.
+    pub fn told(&mut self, policy: &Policy) -> Result<PathScore, ResidualError> {
+        score(policy, &mut self.task, &self.telling.commands, self.telling.seed)
     }
 
     /// One walk of each kind of command.
     pub fn pairs(&mut self, before: &Policy, after: &Policy) -> Result<Vec<PathPair>, ResidualError> {
-        let old = walk(before, &mut self.task, &self.commands, SECONDS, self.seed)?;
-        let new = walk(after, &mut self.task, &self.commands, SECONDS, self.seed)?;
-        let promised = walk(before, &mut self.nominal, &self.commands, SECONDS, self.seed)?;
+        let Walks { commands, seed } = &self.choosing;
+        let old = walk(before, &mut self.task, commands, SECONDS, *seed)?;
+        let new = walk(after, &mut self.task, commands, SECONDS, *seed)?;
+        let promised = walk(before, &mut self.nominal, commands, SECONDS, *seed)?;
         let kinds = crate::paths::KINDS.len();
         let pair = |k: usize| PathPair {
-            command: self.commands[k],
+            command: commands[k],
             before: old[k].0.clone(),
             after: new[k].0.clone(),
             promised: promised[k].0.clone(),
         };
-        Ok((0..kinds.min(self.commands.len())).map(pair).collect())
+        Ok((0..kinds.min(commands.len())).map(pair).collect())
     }
 }

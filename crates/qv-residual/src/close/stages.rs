@@ -117,11 +117,9 @@ impl Loop<'_, '_> {
         self.begin(7);
         let control = self.train("control", &Corrected::nominal())?;
         let tuned = self.train_all(&staying, &mut report, &mut scored)?;
-        // The best of several is so by chance, too: what is told of it comes from walks that did not choose it.
-        let mut again = scored.again(self.inputs, &judging)?;
-        report.before = again.score(&policy)?;
-        report.after = tuned.as_ref().map_or(Ok(report.before), |tuned| again.score(tuned))?;
-        report.control = Some(again.score(&control)?);
+        report.before = scored.told(&policy)?;
+        report.after = tuned.as_ref().map_or(Ok(report.before), |tuned| scored.told(tuned))?;
+        report.control = Some(scored.told(&control)?);
         let chosen = choose(&policy, tuned, &mut report);
         report.paths = scored.pairs(&policy, &chosen)?;
         Ok(Outcome { policy: chosen, report })
