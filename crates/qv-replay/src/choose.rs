@@ -103,7 +103,21 @@ fn none_of(collectors: &[Collector], namespace: Option<&str>, lost: &[Loss]) -> 
     let role = streams.first().map_or("joint states", |s| s.role.as_str());
     let expected = format!("messages of type {} (as on {})", types.join(" or "), topics.join(" or "));
     let found = collectors.first().map_or_else(String::new, |c| list_topics(&c.topics, lost));
-    ReplayError::run(role, expected, found)
+    let topics = collectors.iter().flat_map(|c| &c.topics).map(|t| t.info.schema_name.as_str());
+    match robots_with(&topics.collect::<Vec<_>>()) {
+        others if others.is_empty() => ReplayError::run(role, expected, found),
+        others => ReplayError::run(role, expected, format!("{found} (`--robot {}` reads these)", others.join(" or "))),
+    }
+}
+
+/// Built-in robots whose joint states come in messages of one of these types.
+fn robots_with(types: &[&str]) -> Vec<&'static str> {
+    let reads = |name: &&str| {
+        let mapping = crate::robots::built_in(name).map(|robot| robot.mapping);
+        let states = mapping.and_then(|m| Some(m.streams[state_stream(&m).ok()?].messages.clone()));
+        states.is_some_and(|messages| messages.iter().any(|m| types.contains(&m.name.as_str())))
+    };
+    crate::robots::names().filter(reads).collect()
 }
 
 /// The topic of each stream of the mapping, all of one robot.

@@ -1,7 +1,8 @@
 //! A message definition compiled into a plan that reads only the wanted numbers from the bytes.
 //!
 //! A path names a number field: `header.stamp.sec`, `imu_state.gyroscope` (all elements of the array), or
-//! `motor_state[].q` (that field of every element). Building no tree keeps the reader at tens of nanoseconds per field.
+//! `motor_state[].q` (that field of every element); case and underscores do not count. Building no tree keeps the
+//! reader at tens of nanoseconds per field.
 
 use crate::ReplayError;
 use crate::cdr::{Cursor, wstring};
@@ -215,6 +216,12 @@ fn too_short(type_name: &str, slot: &Slot, count: usize) -> ReplayError {
     }
 }
 
+/// Whether two paths name one field. ROS 1 has `tauEst` where ROS 2, which allows lower case alone, has `tau_est`.
+fn same_field(a: &str, b: &str) -> bool {
+    let letters = |path: &str| path.chars().filter(|c| *c != '_').map(|c| c.to_ascii_lowercase()).collect::<Vec<_>>();
+    a == b || letters(a) == letters(b)
+}
+
 fn names(schema: &Schema) -> String {
     schema.root().fields.iter().take(24).map(|f| f.name.as_str()).collect::<Vec<_>>().join(", ")
 }
@@ -326,7 +333,7 @@ impl Compiler<'_> {
             Arity::Array(n) => Count::Fixed(n),
             Arity::Sequence(bound) => Count::Sequence(bound),
         };
-        let is_wanted = |s: &Slot| s.path == path || s.path.strip_suffix("[]").is_some_and(|p| p == path);
+        let is_wanted = |s: &Slot| same_field(s.path.strip_suffix("[]").unwrap_or(&s.path), path);
         match (self.slots.iter().position(is_wanted), count) {
             // Two slots may not want the same path: the second is reported as missing.
             (Some(slot), _) => {

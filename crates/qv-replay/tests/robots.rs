@@ -102,28 +102,37 @@ fn motion(motor: usize, sample: u64) -> f64 {
     0.01 * motor as f64 + 0.2 * (0.05 * sample as f64 + motor as f64).sin()
 }
 
-/// A robot that speaks `package` (unitree_go, unitree_hg), below `namespace`.
+/// A path of unitree_legged_msgs (`motorState[3].tauEst`) as the later packages have it.
+fn in_later_words(path: &str) -> String {
+    let path =
+        path.chars().flat_map(|c| c.is_ascii_uppercase().then_some('_').into_iter().chain([c.to_ascii_lowercase()]));
+    path.collect::<String>().replace("._", ".").replace("imu.", "imu_state.")
+}
+
+/// A robot that speaks `package` (unitree_go, unitree_hg, unitree_legged_msgs), below `namespace`.
 fn unitree(package: &'static str, namespace: &str) -> Vec<Message> {
     let (cmd, state) = match package {
         "unitree_go" => ("unitree_go/msg/LowCmd", "unitree_go/msg/LowState"),
-        _ => ("unitree_hg/msg/LowCmd", "unitree_hg/msg/LowState"),
+        "unitree_hg" => ("unitree_hg/msg/LowCmd", "unitree_hg/msg/LowState"),
+        _ => ("unitree_legged_msgs/msg/LowCmd", "unitree_legged_msgs/msg/LowState"),
     };
     let mut all = Vec::new();
     for k in 0..SAMPLES {
         let time = START + 2_000_000 * k;
-        let states = message(state, &|path| match path {
+        let states = message(state, &|path| match in_later_words(path).as_str() {
             "imu_state.quaternion[0]" => 1.0,
             "imu_state.accelerometer[2]" => 9.81,
             "imu_state.gyroscope[1]" => 0.125,
-            _ => {
+            path => {
                 let motor = element(path, "motor_state", ".q").map(|m| motion(m, k));
                 let foot = || element(path, "foot_force", "").map(|foot| 10.0 + foot as f64);
                 motor.or_else(foot).unwrap_or(0.0)
             }
         });
         let commands = message(cmd, &|path| {
-            let q = element(path, "motor_cmd", ".q").map(|m| motion(m, k) + 0.05);
-            let kp = || element(path, "motor_cmd", ".kp").map(|m| 20.0 + m as f64);
+            let path = in_later_words(path);
+            let q = element(&path, "motor_cmd", ".q").map(|m| motion(m, k) + 0.05);
+            let kp = || element(&path, "motor_cmd", ".kp").map(|m| 20.0 + m as f64);
             q.or_else(kp).unwrap_or(0.0)
         });
         all.push(Message { topic: format!("{namespace}/lowstate"), type_name: state, time, data: states });
@@ -182,9 +191,10 @@ const G1_ON_WIRE: [&str; 29] = [
 
 #[test]
 fn every_robot_of_unitree_is_read_to_the_right_joints() {
-    let cases: [(&str, &str, &[&str]); 6] = [
+    let cases: [(&str, &str, &[&str]); 7] = [
         ("go2", "unitree_go", &LEGS_ON_WIRE),
         ("go1", "unitree_go", &LEGS_ON_WIRE),
+        ("go1", "unitree_legged_msgs", &LEGS_ON_WIRE),
         ("b2", "unitree_go", &LEGS_ON_WIRE),
         ("a2", "unitree_go", &LEGS_ON_WIRE),
         ("a2", "unitree_hg", &LEGS_ON_WIRE),
@@ -222,6 +232,9 @@ fn messages_tell_which_robot_it_is() {
         let run = read(&bag(&unitree(package, ""), false), &told_by_messages(), None).unwrap();
         assert_eq!(run.robot, Robot::Named(right.into()));
     }
+    // These could be of several robots; who reads them is named.
+    let error = read(&bag(&unitree("unitree_legged_msgs", ""), false), &told_by_messages(), None).unwrap_err();
+    assert!(error.to_string().contains("`--robot go1` reads these"), "{error}");
 }
 
 fn header(w: &mut Writer, time: u64) {

@@ -160,7 +160,7 @@ fn episode(
     Err(ReplayError::file("data", expected, found))
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "parquet"))]
 mod tests {
     use super::*;
 
