@@ -44,8 +44,10 @@ enum Chore {
     Bench(bench::Bench),
     /// Judge the diagnosis on recordings whose answers are sealed
     Blind(blind::Blind),
-    /// Run every fuzz target for a while (needs cargo-fuzz and a nightly toolchain)
+    /// Run the fuzz targets for a while (needs cargo-fuzz; a nightly toolchain adds the address sanitizer)
     Fuzz {
+        /// Targets; default: all
+        targets: Vec<String>,
         /// Seconds per target
         #[arg(long, default_value_t = 60)]
         seconds: u64,
@@ -61,7 +63,7 @@ fn run(chore: Chore) -> Result<bool> {
         Chore::Golden(golden) => golden::run(&workspace, golden),
         Chore::Bench(bench) => bench::run(&workspace, bench),
         Chore::Blind(blind) => blind::run(&workspace, &blind),
-        Chore::Fuzz { seconds } => fuzz::run(&workspace, seconds),
+        Chore::Fuzz { targets, seconds } => fuzz::run(&workspace, seconds, &targets),
     }
 }
 
