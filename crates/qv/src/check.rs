@@ -2,7 +2,7 @@
 
 use crate::capture::open_capture;
 use crate::mesh_file::vertices;
-use crate::open::{open_run, read_urdf};
+use crate::open::{open_run, read_model, read_urdf};
 use crate::scene::{about, is_plain_ply, open_scene, rgbd_layout};
 use crate::{Failure, Outcome, Reading, RunArguments, foreign, say};
 use qv_mesh::files::{glb, ply};
@@ -10,7 +10,8 @@ use qv_policy::onnx::OnnxPolicy;
 use qv_policy::onnx::reader::TensorInfo;
 use qv_replay::Run;
 use qv_replay::run::{Base, Robot};
-use qv_sim::{BaseKind, Model, ModelOptions};
+use qv_sim::mjcf::is_mjcf;
+use qv_sim::{BaseKind, ModelOptions};
 use qv_splat::files::Format;
 use serde_json::json;
 use std::fs;
@@ -191,14 +192,18 @@ fn missing_of(run: &Run) -> Vec<String> {
 }
 
 fn robot(path: &Path) -> Result<Found, Failure> {
-    let (text, note) = read_urdf(path, "a URDF file")?;
+    let (text, note) = read_urdf(path, "a URDF or MJCF file")?;
     let beside = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let beside = beside.canonicalize().unwrap_or_else(|_| beside.to_path_buf());
     let meshes = |mesh: &str| vertices(&beside, mesh);
-    let of = |base| Model::from_urdf(&text, &ModelOptions { base, mesh_vertices: Some(&meshes), ..Default::default() });
+    let of =
+        |base| read_model(&text, &beside, &ModelOptions { base, mesh_vertices: Some(&meshes), ..Default::default() });
     let held = of(BaseKind::Fixed).map_err(|e| about(path, e))?;
     let free = of(BaseKind::Floating).ok();
-    let mut missing = vec!["rotor inertia, which no URDF has: [joint.NAME] armature in run.toml".to_string()];
+    let mut missing = Vec::new();
+    if !is_mjcf(&text) {
+        missing.push("rotor inertia, which no URDF has: [joint.NAME] armature in run.toml".to_string());
+    }
     if free.is_none() {
         missing.push("mass and inertia of the root link, for a robot that is not held".into());
     }

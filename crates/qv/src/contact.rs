@@ -1,6 +1,7 @@
 //! `qv contact`: friction of each material of a labelled ground.
 
 use crate::ask::ask;
+use crate::ground::mesh_at;
 use crate::numbers::within;
 use crate::open::{file_error, lost_from, model_of, open_run, parameters, progress, told_of, write_error};
 use crate::{Outcome, Reading, RunArguments, say};
@@ -113,8 +114,7 @@ impl Contact {
     }
 
     fn mesh(&self) -> Result<TriangleMesh, ReplayError> {
-        let bytes = fs::read(&self.terrain).map_err(|e| file_error(&self.terrain, "a .glb file", &e.to_string()))?;
-        glb::read(&bytes).map_err(|e| file_error(&self.terrain, "a mesh in GLB", &e.to_string()))
+        mesh_at(&self.terrain, "a .glb file")
     }
 
     fn of_terrain(&self, error: ContactError) -> ReplayError {

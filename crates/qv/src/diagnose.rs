@@ -1,10 +1,8 @@
 //! `qv diagnose`: where the gap lies, what causes it, how far it shrinks.
 
 use crate::camera::{RobotCamera, open_camera, open_images, photographs, to_toml};
-use crate::open::{
-    check_ground, file_error, lost_from, model_of, open_run, parameters_of, spinner, terrain_of, told_of, urdf_of,
-    write_error,
-};
+use crate::ground::{check_ground, terrain_of};
+use crate::open::{file_error, lost_from, model_of, open_run, parameters_of, spinner, told_of, urdf_of, write_error};
 use crate::scene::open_scene;
 use crate::{Outcome, Reading, RunArguments, say};
 use qv_core::{GaussianCloud, JointSeries};

@@ -1,14 +1,14 @@
 //! `qv fixture`: the made-up recording on which `cargo xtask pipeline` runs, so that it needs no robot and no download.
 
+use crate::ground::{mesh_at, set_friction, terrain_at};
 use crate::numbers::{not_negative, three, within};
-use crate::open::{file_error, set_friction, write_error};
+use crate::open::write_error;
 use crate::{Outcome, say};
 use glam::DVec3;
 use qv_core::{Material, TriangleMesh};
 use qv_go2::synthetic::{self, Robot};
 use qv_mesh::files::glb;
 use qv_replay::ReplayError;
-use qv_sim::Terrain;
 use std::fs::{self, File};
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
@@ -42,20 +42,14 @@ impl Fixture {
     pub fn execute(&self) -> Result<Outcome, ReplayError> {
         let in_out = |name: &str| self.out.join(name);
         fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
-        let (file, glb) = match &self.ground {
-            Some(file) => {
-                (file.clone(), fs::read(file).map_err(|e| file_error(file, "a mesh in GLB", &e.to_string()))?)
-            }
-            None => (in_out("terrain.glb"), glb::write(&ground())),
-        };
+        let file = self.ground.clone().unwrap_or_else(|| in_out("terrain.glb"));
         if self.ground.is_none() {
-            write(&file, &glb)?;
+            write(&file, &glb::write(&ground()))?;
         }
         // Read back, so that the robot walks on what the file says in its 32-bit numbers.
-        let mut mesh = glb::read(&glb).map_err(|e| file_error(&file, "a mesh in GLB", &e.to_string()))?;
+        let mut mesh = mesh_at(&file, "a mesh in GLB")?;
         set_friction(&mut mesh, &self.friction, &file)?;
-        let terrain =
-            Terrain::from_mesh(&mesh).map_err(|e| file_error(&file, "a mesh that can be walked on", &e.to_string()))?;
+        let terrain = terrain_at(&file, &mesh)?;
         let mut parameters = synthetic::small_differences(self.seed);
         parameters.extend(synthetic::command_latency(self.latency));
         let robot = Robot { parameters, seed: self.seed, start: self.start };

@@ -9,6 +9,7 @@ mod contact;
 mod diagnose;
 mod fixture;
 mod foreign;
+mod ground;
 mod inspect;
 mod mesh;
 mod mesh_file;

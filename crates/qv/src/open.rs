@@ -4,8 +4,6 @@ use crate::RunArguments;
 use crate::foreign;
 use crate::mesh_file::vertices;
 use indicatif::{ProgressBar, ProgressStyle};
-use qv_core::TriangleMesh;
-use qv_mesh::files::glb;
 use qv_replay::mapping::Mapping;
 use qv_replay::replay::{expand, parameters_from_toml};
 use qv_replay::robots::{self, ModelSource, RobotFile};
@@ -367,61 +365,6 @@ fn own_urdf(path: &Path) -> Option<PathBuf> {
 /// The text of the URDF that [`model_of`] reads; `None` when it cannot be read.
 pub fn urdf_of(run: &Run, path: &Path, robot: Option<&str>) -> Option<String> {
     model_text(run, path, robot).ok().map(|found| found.text)
-}
-
-/// Frictions by label in the place of those of a mesh, which is that of `path`.
-pub fn set_friction(mesh: &mut TriangleMesh, friction: &[(String, f64)], path: &Path) -> Result<(), ReplayError> {
-    for (label, value) in friction {
-        let material = mesh.materials.iter_mut().find(|material| material.name == *label);
-        let expected = format!("the label {label}");
-        material.ok_or_else(|| file_error(path, &expected, "none of that name"))?.friction = Some(*value);
-    }
-    Ok(())
-}
-
-/// The ground that `--terrain` names.
-pub fn terrain_of(name: &str) -> Result<Terrain, ReplayError> {
-    if name == "plane" {
-        return Ok(Terrain::plane());
-    }
-    let path = Path::new(name);
-    let bytes = fs::read(path).map_err(|e| file_error(path, "plane, or a .glb file", &e.to_string()))?;
-    let mesh = glb::read(&bytes).map_err(|e| file_error(path, "a mesh in GLB", &e.to_string()))?;
-    Terrain::from_mesh(&mesh).map_err(|e| file_error(path, "a mesh that can be walked on", &e.to_string()))
-}
-
-/// Looks whether there is ground under the way of `run`: most of its poses lie above some.
-///
-/// # Errors
-/// When most do not: the mesh lies elsewhere, or on its side.
-pub fn check_ground(run: &Run, terrain: &Terrain) -> Result<(), ReplayError> {
-    const LOOKED_AT: usize = 200;
-    // Where a pose stream begins is its own affair: a little above or below the ground it is counted from.
-    const ABOVE: f64 = 1.0;
-    let Some(pose) = run.measured.base_pose.as_ref().filter(|p| !p.is_empty() && !terrain.is_plane()) else {
-        return Ok(());
-    };
-    let every = pose.len().div_ceil(LOOKED_AT);
-    let places: Vec<&[f64]> = (0..pose.len()).step_by(every).map(|i| &pose.row(i)[..3]).collect();
-    let is_bare =
-        |p: &&&[f64]| p.iter().all(|x| x.is_finite()) && terrain.height_below(p[0], p[1], p[2] + ABOVE).is_none();
-    let bare: Vec<&&[f64]> = places.iter().filter(is_bare).collect();
-    if 2 * bare.len() <= places.len() {
-        return Ok(());
-    }
-    let range = |axis: usize| {
-        let all = places.iter().map(|p| p[axis]).filter(|x| x.is_finite());
-        let (low, high) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
-        format!("{low:.2} to {high:.2}")
-    };
-    let way = format!("x {}, y {}, z {} m", range(0), range(1), range(2));
-    Err(ReplayError::Run {
-        what: "terrain".into(),
-        expected: format!(
-            "ground below the robot, whose poses have {way} (meshes are read with z up, in the frame of the poses)"
-        ),
-        found: format!("none below {} of {} poses", bare.len(), places.len()),
-    })
 }
 
 /// The parameters of a `--params` file; none without one.

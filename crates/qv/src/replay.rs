@@ -1,9 +1,8 @@
 //! `qv replay`: how far the simulator is from the robot.
 
+use crate::ground::{check_ground, terrain_of};
 use crate::numbers::within;
-use crate::open::{
-    check_ground, lost_from, model_of, open_run, parameters_of, spinner, terrain_of, told_of, write_error,
-};
+use crate::open::{lost_from, model_of, open_run, parameters_of, spinner, told_of, write_error};
 use crate::{Outcome, RunArguments, say};
 use qv_replay::derive::joint_velocity;
 use qv_replay::replay::{Lag, ReplayOptions, to_html, to_json, verdict, write_mcap};

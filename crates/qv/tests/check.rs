@@ -42,6 +42,11 @@ fn each_kind_of_file_is_told() {
     assert!(missing.contains("commands, for qv replay and qv diagnose"), "{missing}");
     let missing = of(&robot, "robot", "arm: 1 joints, 1 moving links of 2.00 kg", 0);
     assert!(missing.contains("collision shapes"), "{missing}");
+    let mjcf = "<mujoco model=\"swing\"><worldbody><body name=\"a\"><joint name=\"j\" armature=\"0.01\"/>\
+        <geom size=\"0.1\"/></body></worldbody></mujoco>";
+    let swing = write("swing.xml", mjcf.as_bytes());
+    let missing = of(&swing, "robot", "swing: 1 joints, 1 moving links of 4.19 kg", 0);
+    assert!(!missing.contains("rotor inertia"), "{missing}");
     let cloud = qv_core::GaussianCloud {
         means: vec![[1.0, 2.0, 3.0]],
         log_scales: vec![[-3.0; 3]],

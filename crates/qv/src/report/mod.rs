@@ -3,10 +3,10 @@
 mod ground;
 mod page;
 
+use crate::ground::mesh_at;
 use crate::scene::about;
 use crate::{Failure, Outcome, say};
 use qv_core::TriangleMesh;
-use qv_mesh::files::glb;
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -116,8 +116,7 @@ fn read_json(path: &Path, key: &str) -> Result<Value, Failure> {
 }
 
 fn read_mesh(path: &Path) -> Result<TriangleMesh, Failure> {
-    let bytes = fs::read(path).map_err(|e| about(path, format!("expected a mesh, found {e}")))?;
-    glb::read(&bytes).map_err(|e| about(path, e))
+    Ok(mesh_at(path, "a mesh")?)
 }
 
 /// Some of the PNG files of a folder, spread evenly over their names; none where there is no folder.

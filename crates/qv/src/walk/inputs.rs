@@ -1,13 +1,12 @@
 //! Robots, grounds and policies that the command line names.
 
 use crate::Failure;
-use crate::open::{file_error, included, set_friction};
-use qv_mesh::files::glb;
+use crate::ground::{mesh_at, set_friction, terrain_at};
+use crate::open::{file_error, included};
 use qv_policy::onnx::OnnxPolicy;
 use qv_policy::policy::PolicyFile;
 use qv_policy::train::Checkpoint;
 use qv_policy::velocity::{Ground, RobotFile, TaskRobot};
-use qv_sim::Terrain;
 use std::fs;
 use std::path::Path;
 
@@ -61,17 +60,14 @@ pub const ROOM: f64 = 0.4;
 pub fn of_mesh(file: &str, friction: &[(String, f64)], room: f64, seed: u64) -> Result<Ground, Failure> {
     let path = Path::new(file);
     let expected = "plane, bumps, levels, or a .glb file";
-    let bytes = fs::read(path).map_err(|e| file_error(path, expected, &e.to_string()))?;
-    let mut mesh = glb::read(&bytes).map_err(|e| file_error(path, "a mesh in GLB", &e.to_string()))?;
+    let mut mesh = mesh_at(path, expected)?;
     set_friction(&mut mesh, friction, path)?;
     let bound = |axis: usize, least: bool| {
         let all = mesh.vertices.iter().map(|v| v[axis]);
         if least { all.fold(f64::INFINITY, f64::min) } else { all.fold(f64::NEG_INFINITY, f64::max) }
     };
     let area = [[bound(0, true), bound(1, true)], [bound(0, false), bound(1, false)]];
-    let terrain = Terrain::from_mesh(&mesh);
-    let terrain = terrain.map_err(|e| file_error(path, "a mesh that can be walked on", &e.to_string()))?;
-    let ground = Ground::of_terrain(terrain, area, room, seed);
+    let ground = Ground::of_terrain(terrain_at(path, &mesh)?, area, room, seed);
     Ok(ground.map_err(|e| file_error(path, "ground that a robot can begin on", &e.to_string()))?)
 }
 

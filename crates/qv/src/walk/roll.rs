@@ -1,7 +1,8 @@
 //! `qv walk roll`: somebody else's policy in our simulator.
 
 use super::inputs::command;
-use crate::open::{file_error, read_model, terrain_of, write_error};
+use crate::ground::terrain_of;
+use crate::open::{file_error, read_model, write_error};
 use crate::whole::write_whole;
 use crate::{Failure, Outcome, say};
 use qv_policy::onnx::OnnxPolicy;
