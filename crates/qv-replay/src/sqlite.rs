@@ -95,7 +95,18 @@ fn open(source: impl Read) -> Result<Connection, String> {
     }
     let mut database = Connection::open_in_memory().map_err(|e| e.to_string())?;
     database.deserialize_read_exact("main", bytes.as_slice(), bytes.len(), true).map_err(|e| e.to_string())?;
+    only_tables(&database)?;
     Ok(database)
+}
+
+/// A view could count to infinity under the name of a table; rosbag2 makes none.
+fn only_tables(database: &Connection) -> Result<(), String> {
+    let view = "SELECT name FROM sqlite_schema WHERE type = 'view'";
+    match database.query_row(view, [], |row| row.get::<_, String>(0)) {
+        Ok(name) => Err(format!("expected tables, found the view `{name}`")),
+        Err(Error::QueryReturnedNoRows) => Ok(()),
+        Err(e) => Err(e.to_string()),
+    }
 }
 
 /// Encoding and text of the definition of each type; none in bags before Iron.
@@ -110,4 +121,18 @@ fn definitions(database: &Connection) -> BTreeMap<String, (String, String)> {
     // What says `unknown` says nothing.
     all.retain(|_, (encoding, text)| encoding.starts_with("ros2") && !text.is_empty());
     all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_view_is_no_table() {
+        let database = Connection::open_in_memory().unwrap();
+        assert_eq!(only_tables(&database), Ok(()));
+        let endless = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i, 1, i, x'00' FROM n";
+        database.execute_batch(&format!("CREATE VIEW messages(id, topic_id, timestamp, data) AS {endless}")).unwrap();
+        assert_eq!(only_tables(&database), Err("expected tables, found the view `messages`".into()));
+    }
 }
