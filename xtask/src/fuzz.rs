@@ -5,38 +5,16 @@ use anyhow::{Context, Result, bail};
 use std::fs;
 use std::process::Command;
 
-/// How the fuzzers are built: on nightly with the address sanitizer, else with the pinned compiler and none.
+/// `cargo fuzz WHAT` with the pinned compiler and no sanitizer.
 ///
-/// What libFuzzer needs of the compiler (coverage counters) is unstable, not missing, so `RUSTC_BOOTSTRAP` opens it on stable.
-/// The sanitizer's run time comes with nightly alone; our readers have no `unsafe` of their own, so little is lost without it.
-struct Fuzzer<'a> {
-    workspace: &'a Workspace,
-    nightly: bool,
-}
-
-impl Fuzzer<'_> {
-    fn cargo(&self) -> Command {
-        // `cargo` alone, not the pinned one that started this program: only rustup's front end understands `+nightly`.
-        let mut command = Command::new("cargo");
-        command.current_dir(&self.workspace.workspace_root);
-        command.env("CARGO_TARGET_DIR", self.workspace.target_directory.join("fuzz"));
-        if self.nightly {
-            command.arg("+nightly").env_remove("RUSTUP_TOOLCHAIN");
-        } else {
-            command.env("RUSTC_BOOTSTRAP", "1");
-        }
-        command
-    }
-
-    /// `cargo fuzz WHAT`, with the sanitizer that there is.
-    fn fuzz(&self, what: &str) -> Command {
-        let mut command = self.cargo();
-        command.args(["fuzz", what]);
-        if !self.nightly {
-            command.args(["-s", "none"]);
-        }
-        command
-    }
+/// The coverage counters that libFuzzer needs are unstable, not missing: `RUSTC_BOOTSTRAP` opens them on stable. The address sanitizer
+/// needs a nightly's run time; our readers have no `unsafe` of their own, so that it would look at other people's code alone.
+fn fuzz(workspace: &Workspace, what: &[&str]) -> Command {
+    let mut command = process::cargo();
+    command.current_dir(&workspace.workspace_root);
+    command.env("CARGO_TARGET_DIR", workspace.target_directory.join("fuzz")).env("RUSTC_BOOTSTRAP", "1");
+    command.arg("fuzz").args(what);
+    command
 }
 
 /// Runs the targets, or those that are named; true when none found anything.
@@ -48,17 +26,12 @@ pub fn run(workspace: &Workspace, seconds: u64, only: &[String]) -> Result<bool>
     if !folder.join("Cargo.toml").is_file() {
         bail!("expected fuzz targets in {}, found none", folder.display());
     }
-    let mut fuzzer = Fuzzer { workspace, nightly: true };
-    fuzzer.nightly = process::works(fuzzer.cargo().arg("--version"));
-    if !process::works(fuzzer.cargo().args(["fuzz", "--version"])) {
+    if !process::works(&mut fuzz(workspace, &["--version"])) {
         bail!("expected cargo-fuzz, found none (cargo install cargo-fuzz)");
     }
-    if !fuzzer.nightly {
-        println!("no nightly toolchain: the pinned compiler, without the address sanitizer");
-    }
-    let listed = process::output(fuzzer.cargo().args(["fuzz", "list"]))?;
+    let listed = process::output(&mut fuzz(workspace, &["list"]))?;
     let targets = chosen(&listed, only)?;
-    process::run(&mut fuzzer.fuzz("build"))?;
+    process::run(&mut fuzz(workspace, &["build", "-s", "none"]))?;
     let mut failed = Vec::new();
     for target in &targets {
         println!("{target}: {seconds} s");
@@ -66,13 +39,13 @@ pub fn run(workspace: &Workspace, seconds: u64, only: &[String]) -> Result<bool>
         let found = workspace.target_directory.join("fuzz-corpus").join(target);
         fs::create_dir_all(&found).with_context(|| format!("making {}", found.display()))?;
         let seeds = folder.join("corpus").join(target);
-        let mut fuzz = fuzzer.fuzz("run");
-        fuzz.arg(target).arg(&found);
+        let mut run = fuzz(workspace, &["run", "-s", "none", target]);
+        run.arg(&found);
         if seeds.is_dir() {
-            fuzz.arg(&seeds);
+            run.arg(&seeds);
         }
         // A reader that takes 10 s for a small file is a fault.
-        if process::run(fuzz.arg("--").arg(format!("-max_total_time={seconds}")).arg("-timeout=10")).is_err() {
+        if process::run(run.arg("--").arg(format!("-max_total_time={seconds}")).arg("-timeout=10")).is_err() {
             failed.push(*target);
         }
     }

@@ -44,7 +44,7 @@ enum Chore {
     Bench(bench::Bench),
     /// Judge the diagnosis on recordings whose answers are sealed
     Blind(blind::Blind),
-    /// Run the fuzz targets for a while (needs cargo-fuzz; a nightly toolchain adds the address sanitizer)
+    /// Run the fuzz targets for a while (needs cargo-fuzz)
     Fuzz {
         /// Targets; default: all
         targets: Vec<String>,
