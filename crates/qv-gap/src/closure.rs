@@ -34,6 +34,16 @@ pub fn closure(study: &mut Study, setting: &Setting) -> Result<Closure, GapError
     closure_in(study, setting, |seen| seen.window.held_out)
 }
 
+/// Mean loss of the robot as it is in the windows that no fit has seen.
+pub fn held_out_loss(study: &Study) -> f64 {
+    let loss = |seen: &Seen| {
+        let residual = study.whitener(seen).residual(seen.index, &seen.raw);
+        residual.norm_squared() / residual.len() as f64
+    };
+    let losses: Vec<f64> = study.seen.iter().filter(|s| s.window.held_out && !s.raw.is_empty()).map(loss).collect();
+    mean(&losses)
+}
+
 /// Share that a setting closes in the windows of the fit.
 ///
 /// # Errors

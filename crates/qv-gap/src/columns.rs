@@ -4,6 +4,7 @@ use crate::GapError;
 use crate::library::{Effect, LevelsOf, Scope};
 use crate::problem::{Problem, Setting};
 use qv_replay::Run;
+use serde::{Deserialize, Serialize};
 
 /// Share of a robot's mass by which masses are tolerated to differ, at most.
 const MASS_TOLERANCE: f64 = 0.02;
@@ -64,7 +65,8 @@ pub struct Columns {
 }
 
 /// A part of the recording that an effect is confined to.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Extent {
     /// From and until \[s\].
     Time([f64; 2]),

@@ -10,6 +10,7 @@ use crate::rest::mean_of;
 use crate::search::fitted;
 use crate::study::{EXTRA, Seen, Study};
 use nalgebra::DVector;
+use serde::{Deserialize, Serialize};
 
 /// What a joint asks for in a window.
 struct Asked {
@@ -22,10 +23,10 @@ struct Asked {
 }
 
 /// What the accused value depends on.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Dependence {
     /// Speed, nearness to rest, load or time.
-    pub on: &'static str,
+    pub on: String,
     /// Slope over its standard error.
     pub errors: f64,
     /// Change of the value over two standard deviations of the factor.
@@ -125,7 +126,7 @@ fn dependence(asked: &[Asked], factor: usize) -> Option<Dependence> {
     let slope = mean(&|a| z(a) * (a.change - middle));
     let left = |a: &Asked| a.change - middle - slope * z(a);
     let variance: f64 = asked.iter().map(|a| (a.weight * z(a) * left(a)).powi(2)).sum::<f64>() / (total * total);
-    let (on, change) = (FACTORS[factor], 2.0 * slope);
+    let (on, change) = (FACTORS[factor].to_owned(), 2.0 * slope);
     (variance > 0.0).then(|| Dependence { on, errors: slope / variance.sqrt(), change })
 }
 

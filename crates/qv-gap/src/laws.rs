@@ -3,21 +3,25 @@
 //! The level of all features together hardly shows what one actuator does wrong among hundreds of numbers that are right, and
 //! holds what engines differ in at contacts. The law of an actuator knows no contacts.
 
+use crate::decision::evidence::or_nan;
 use crate::evidence::Marginal;
 use crate::law;
 use crate::search::fitted;
 use crate::study::Study;
 use nalgebra::DVector;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 /// What the law of a joint's actuator leaves in the windows of the fit.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LawLeft {
     /// The joint.
     pub joint: usize,
     /// Mean square over that of simulated recordings without an effect.
+    #[serde(deserialize_with = "or_nan")]
     pub ratio: f64,
     /// The same of the simulated recording in which it is largest.
+    #[serde(deserialize_with = "or_nan")]
     pub by_chance: f64,
 }
 

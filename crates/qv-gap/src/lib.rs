@@ -1,18 +1,18 @@
 //! Diagnosis of the gap between a robot and its simulator: where it lies, what causes it, how far it shrinks.
 //!
 //! A recording is cut into windows, each simulated from its measured start; what is left is compared with what robots
-//! without an effect leave (`null`), suspects are ranked by joint fits (`evidence`, `search`, `local`), accused one at a
-//! time (`decide`), and judged in windows that no fit has seen (`closure`). See `docs/diagnosis.md`.
+//! without an effect leave (`null`), candidates are ranked by joint fits (`evidence`, `search`, `local`) and measured in windows that
+//! no fit has seen (`rounds`, `closure`). What is accused is decided from these figures alone (`decision`). See `docs/diagnosis.md`.
 
 pub mod baselines;
 pub mod closure;
 pub mod columns;
 mod commands;
 pub mod constancy;
-pub mod decide;
+pub mod decision;
 mod diagnose;
-mod doubt;
 mod error;
+mod estimates;
 pub mod evidence;
 pub mod excitation;
 mod forget;
@@ -33,13 +33,13 @@ mod reference;
 mod regions;
 pub mod report;
 mod rest;
+pub mod rounds;
 pub mod search;
 mod sensitivities;
 mod shares;
 pub mod slip;
 pub mod study;
 mod telling;
-mod twins;
 pub mod visual;
 pub mod whiten;
 

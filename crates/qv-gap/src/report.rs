@@ -1,7 +1,8 @@
 //! What a diagnosis found, as plain data: `report.json` is this, field by field.
 
+use crate::decision::Policy;
 use crate::visual::Sight;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// The format's name in `report.json`.
 pub const FORMAT: &str = "qv-diagnosis/1";
@@ -9,7 +10,7 @@ pub const FORMAT: &str = "qv-diagnosis/1";
 pub const UNKNOWN: &str = "unknown";
 
 /// The outcome in one word.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// Simulator and robot agree as well as noise and tolerances let them.
@@ -109,7 +110,7 @@ pub struct Where {
 }
 
 /// A value that was found.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ParameterEstimate {
     /// Last word of the simulator's parameter, such as `command_latency`.
     pub name: String,
@@ -324,4 +325,6 @@ pub struct Report {
     pub stages: Vec<Stage>,
     /// Seconds in all.
     pub runtime_s: f64,
+    /// The numbers that decided.
+    pub policy: Policy,
 }

@@ -2,13 +2,13 @@
 
 use crate::GapError;
 use crate::columns::{Extent, Suspect};
-use crate::decide::{by_effect, of_ghosts};
 use crate::law;
 use crate::library::Interface;
 use crate::local::place;
 use crate::observe::{self, Channel};
 use crate::regions::REACH;
 use crate::report::{JointShare, RegionShare, Share, TimeShare, Where};
+use crate::rounds::{by_effect, of_ghosts};
 use crate::search::{Search, fitted};
 use crate::slip::feet;
 use crate::study::{Seen, Study};

@@ -1,12 +1,13 @@
 //! What a diagnosis says in words: what it cannot tell and why, the verdict, what to do next.
 
 use crate::columns::Suspect;
-use crate::decide::Round;
+use crate::decision::evidence::Candidate;
 use crate::library::Effect;
 use crate::observe::{rotation_at, snippet};
 use crate::regions::{EDGES, untested};
 use crate::report::{Cause, Gap, Lead, ParameterEstimate, Ranked, RoundTold, SuspectTold, UNKNOWN, Verdict};
-use crate::search::{Fit, direction, fitted};
+use crate::rounds::Found;
+use crate::search::{direction, fitted};
 use crate::slip::feet;
 use crate::study::Study;
 use qv_replay::Run;
@@ -380,45 +381,42 @@ pub fn sentence(
 const NEARLY_AS_GOOD: f64 = 0.95;
 
 /// Steady effects that have nearly the evidence of the one that is accused, in words; `None` if there are none, or if more is accused.
-pub fn as_good(study: &Study, rounds: &[Round], causes: &[Cause]) -> Option<String> {
-    let ([cause], round) = (causes, rounds.first()?) else { return None };
-    let accused = &round.fits[round.accused?];
-    let effect = |fit: &Fit| &study.columns.effects[study.columns.groups[fit.suspect.group].effect].name;
-    let is_as_good = |fit: &&Fit| {
-        fit.suspect.extent.is_none() && *effect(fit) != cause.effect && fit.evidence > NEARLY_AS_GOOD * accused.evidence
+pub fn as_good(rounds: &[Found], causes: &[Cause]) -> Option<String> {
+    let ([cause], Found { round, .. }) = (causes, rounds.first()?) else { return None };
+    let accused = &round.candidates[*round.accused.first()?];
+    let is_as_good = |c: &&Candidate| {
+        let has_evidence = c.log_evidence > NEARLY_AS_GOOD * accused.log_evidence;
+        c.extent.is_none() && c.effect != cause.effect && has_evidence
     };
     let mut others: Vec<String> = Vec::new();
-    for other in round.fits.iter().filter(is_as_good).map(|f| effect(f).replace('_', " ")) {
+    for other in round.candidates.iter().filter(is_as_good).map(|c| c.effect.replace('_', " ")) {
         if !others.contains(&other) {
             others.push(other);
         }
     }
-    let is_steady = accused.suspect.extent.is_none();
+    let is_steady = accused.extent.is_none();
     (is_steady && !others.is_empty())
         .then(|| format!("In this recording {} would do nearly as well: take them as one group.", others.join(" or ")))
 }
 
-/// A round in words. `estimates` gives the values of a fit.
-pub fn round(study: &Study, round: &Round, estimates: impl Fn(&Study, &Fit) -> Vec<ParameterEstimate>) -> RoundTold {
-    let group = |fit: &Fit| &study.columns.groups[fit.suspect.group];
-    let effect = |fit: &Fit| study.columns.effects[group(fit).effect].name.clone();
-    let excess = round.base - round.level.null * round.level.count;
+/// A round in words.
+pub fn round(found: &Found) -> RoundTold {
+    let Found { round, reason, .. } = found;
     let mut suspects: Vec<SuspectTold> = Vec::new();
-    for fit in &round.fits {
-        if suspects.iter().all(|s| s.effect != effect(fit)) {
+    for candidate in &round.candidates {
+        if suspects.iter().all(|s| s.effect != candidate.effect) {
             suspects.push(SuspectTold {
-                effect: effect(fit),
-                scope: group(fit).names.clone(),
-                parameters: estimates(study, fit),
-                log_evidence: fit.evidence,
+                effect: candidate.effect.clone(),
+                scope: candidate.scope.clone(),
+                parameters: candidate.parameters.clone(),
+                log_evidence: candidate.log_evidence,
                 // Of nothing there is no share.
-                share: if excess > 0.0 { (round.base - fit.loss) / excess } else { 0.0 },
+                share: if round.excess > 0.0 { candidate.share } else { 0.0 },
             });
         }
     }
-    let accused = round.accused.iter().chain(&round.also).map(|&k| effect(&round.fits[k])).collect();
-    let reason = if round.accused.is_some() { String::new() } else { round.reason.clone() };
-    RoundTold { level: round.level.ratio, suspects, accused, reason }
+    let accused = round.accused.iter().map(|&k| round.candidates[k].effect.clone()).collect();
+    RoundTold { level: round.level.ratio, suspects, accused, reason: reason.clone() }
 }
 
 /// Gap over floor from which on it is more than effects of the library make: of 157 recordings of one or two of them the largest had 143.
@@ -506,7 +504,7 @@ pub fn next(
     (causes, gap): (&[Cause], &Gap),
     (leads, dead): (&[Lead], &[&str]),
     slips: Option<f64>,
-    rounds: &[Round],
+    rounds: &[Found],
     study: &Study,
 ) -> Vec<String> {
     let mut next = Vec::new();
@@ -554,7 +552,7 @@ pub fn next(
             }
         }
     }
-    if let Some(round) = rounds.last().filter(|r| r.accused.is_none() && !r.reason.is_empty()) {
+    if let Some(round) = rounds.last().filter(|r| r.round.accused.is_empty() && !r.reason.is_empty()) {
         next.push(format!("Not accused: {}.", round.reason));
     }
     next

@@ -73,7 +73,7 @@ fn a_weight_that_the_library_lacks_is_no_force() {
     let run = recorded(vec![("link.base.payload_mass".into(), 1.2)], 4);
     let diagnosis = diagnose(&[run], &go2(), &Terrain::plane(), &options, 1).unwrap();
     assert_eq!(diagnosis.report.causes.first().map(|c| c.effect.as_str()), Some("payload_mass"));
-    let (effect, without) = &diagnosis.without[0];
+    let (effect, without, _) = &diagnosis.without[0];
     assert_eq!(effect, "payload_mass");
     assert_eq!(without.verdict, Verdict::Unexplained, "{}", without.sentence);
 }

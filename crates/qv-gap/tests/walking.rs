@@ -4,11 +4,11 @@ mod recorded;
 
 use qv_gap::columns::{Columns, Group};
 use qv_gap::constancy::fading;
-use qv_gap::decide::level;
 use qv_gap::forward::compare;
 use qv_gap::library::Effect;
 use qv_gap::problem::{Cut, Problem};
 use qv_gap::report::{Report, UNKNOWN, Verdict};
+use qv_gap::rounds::level;
 use qv_gap::search::Search;
 use qv_gap::study::{Effort, Study};
 use qv_gap::{Options, diagnose, law, library};
@@ -197,7 +197,7 @@ fn an_effect_that_is_left_out_is_no_tolerated_deviation_either() {
     let run = recorded(vec![("sensor.imu.gyro_bias_y".into(), 0.09)], 4);
     let diagnosis = diagnose(&[run], &go2(), &Terrain::plane(), &quick(), 1).unwrap();
     assert_eq!(diagnosis.report.causes.first().map(|c| c.effect.as_str()), Some("gyro_bias"));
-    let (effect, without) = &diagnosis.without[0];
+    let (effect, without, _) = &diagnosis.without[0];
     assert_eq!((effect.as_str(), without.verdict), ("gyro_bias", Verdict::Unexplained), "{}", without.sentence);
     assert!(without.rounds[0].level > 1.5 * diagnosis.report.rounds[0].level);
     assert!(!without.ranking.iter().any(|r| r.effect == "gyro_bias"));

@@ -7,6 +7,7 @@ use crate::scene::open_scene;
 use crate::{Outcome, Reading, RunArguments, say};
 use qv_core::{GaussianCloud, JointSeries};
 use qv_gap::baselines::{Baselines, CMA_ES_STEPS, baselines};
+use qv_gap::decision::evidence::Evidence;
 use qv_gap::report::{Report, Stage, UNKNOWN};
 use qv_gap::visual::{EFFECTS, Footage, LookOptions, Photograph, check, join, look};
 use qv_gap::{GapError, Options, diagnose, library, output};
@@ -153,9 +154,9 @@ impl Diagnose {
         let told = told_of(&runs[0], &model);
         let notes = told.iter().chain(&lost).cloned().collect();
         let robot = Robot::new(&runs[0], model.clone(), urdf, notes);
-        self.write(&self.out, &diagnosis.report, &robot)?;
-        for (effect, report) in &diagnosis.without {
-            self.write(&self.out.join("without").join(effect), report, &robot)?;
+        self.write(&self.out, &diagnosis.report, &diagnosis.evidence, &robot)?;
+        for (effect, report, evidence) in &diagnosis.without {
+            self.write(&self.out.join("without").join(effect), report, evidence, &robot)?;
         }
         if let Some(camera) = &corrected {
             let path = self.out.join("calibrated_camera.toml");
@@ -226,12 +227,13 @@ impl Diagnose {
         Ok(RobotCamera { rig, ..place.camera })
     }
 
-    fn write(&self, directory: &Path, report: &Report, robot: &Robot) -> Result<(), ReplayError> {
+    fn write(&self, directory: &Path, report: &Report, evidence: &Evidence, robot: &Robot) -> Result<(), ReplayError> {
         fs::create_dir_all(directory).map_err(|e| write_error(directory, &e))?;
         let title: Vec<String> = self.runs.iter().map(|r| r.display().to_string()).collect();
         let urdf = robot.urdf.as_deref();
         let files = output::files(report, &robot.model, urdf, &title.join(", "), &robot.notes, &robot.kp, &robot.kd);
-        for (name, bytes) in files {
+        let evidence = serde_json::to_vec(evidence).expect("evidence is plain data");
+        for (name, bytes) in files.into_iter().chain([("evidence.json".into(), evidence)]) {
             let path = directory.join(name);
             fs::write(&path, bytes).map_err(|e| write_error(&path, &e))?;
         }

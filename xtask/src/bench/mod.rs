@@ -42,7 +42,7 @@ pub fn run(workspace: &Workspace, what: Bench) -> Result<bool> {
 }
 
 /// Builds an example, whichever crate has it, and gives its program.
-fn build(workspace: &Workspace, example: &str, features: &[&str]) -> Result<PathBuf> {
+pub fn build(workspace: &Workspace, example: &str, features: &[&str]) -> Result<PathBuf> {
     let owner = workspace.members().find(|package| package.has_example(example));
     let owner = owner.with_context(|| format!("expected a crate with the example {example}, found none"))?;
     let mut cargo = process::cargo();

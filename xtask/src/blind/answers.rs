@@ -1,11 +1,11 @@
 //! The answers: what each sealed recording really is.
 
 use anyhow::{Context, Result, bail};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// The document that the generator of sealed recordings prints.
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, Deserialize, Serialize)]
 pub struct Answers {
     format: String,
     /// Names of the robot's joints.
@@ -16,7 +16,7 @@ pub struct Answers {
 }
 
 /// What kind of recording it is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Case {
     /// Nothing but small differences.
@@ -30,7 +30,7 @@ pub enum Case {
 }
 
 /// One recording.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 pub struct Answer {
     /// Its kind.
     pub case: Case,
@@ -42,7 +42,7 @@ pub struct Answer {
 }
 
 /// One effect.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 pub struct Effect {
     /// Its name.
     pub effect: String,
@@ -67,7 +67,7 @@ pub struct Effect {
 }
 
 /// A rectangle of the floor \[m\].
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 pub struct Region {
     /// Least and greatest x.
     pub x: [f64; 2],
@@ -78,7 +78,7 @@ pub struct Region {
 }
 
 /// One size.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 pub struct Parameter {
     /// Its name.
     pub name: String,

@@ -5,6 +5,7 @@
 
 mod answers;
 mod contact;
+mod decide;
 mod diagnose;
 mod figures;
 mod generate;
@@ -20,7 +21,7 @@ use crate::pipeline;
 use crate::workspace::Workspace;
 use answers::Answers;
 use anyhow::{Context, Result};
-use clap::{ArgGroup, Args, FromArgMatches};
+use clap::{ArgGroup, Args, FromArgMatches, Subcommand};
 use diagnose::Diagnoses;
 use figures::Figures;
 use generate::Set;
@@ -31,7 +32,10 @@ use std::time::Duration;
 /// What to judge.
 #[derive(Args)]
 #[command(group(ArgGroup::new("what").required(true).args(["full", "subset", "reports_only", "contact"])))]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Blind {
+    #[command(subcommand)]
+    chore: Option<Chore>,
     /// All effects, ten recordings of each, with two at once, withheld ones and none
     #[arg(long)]
     full: bool,
@@ -79,6 +83,13 @@ pub struct Blind {
     gate: bool,
 }
 
+/// What needs no diagnosis.
+#[derive(Subcommand)]
+enum Chore {
+    /// Score what a policy makes of evidence that is stored
+    Decide(decide::Decide),
+}
+
 impl Blind {
     /// What the command line makes of `words`.
     fn of(words: &[&str]) -> Result<Self> {
@@ -92,6 +103,9 @@ impl Blind {
 /// # Errors
 /// Something does not build, the generator or a program fails to run, the seal is broken, or files cannot be written.
 pub fn run(workspace: &Workspace, blind: &Blind) -> Result<bool> {
+    if let Some(Chore::Decide(decide)) = &blind.chore {
+        return decide::run(workspace, decide).map(|()| true);
+    }
     let folder = workspace.target_directory.join("blind");
     if let Some(count) = blind.contact {
         return contact::run(workspace, blind, count, &folder);
@@ -153,6 +167,9 @@ fn diagnosed(workspace: &Workspace, blind: &Blind, set: &Set, folder: &Path) -> 
     diagnoses.run(&names, &generated.recordings, &reports)?;
     seal.open(&generated.sealed_text())?;
     println!("seal opened: {all} answers are those that were sealed");
+    // From now on these recordings are burnt: rules may be tried on their evidence.
+    let opened = folder.join("answers.json");
+    fs::write(&opened, serde_json::to_string(&answers)?).with_context(|| format!("writing {}", opened.display()))?;
     answers.recordings.retain(|name, _| reports.join(name).is_dir());
     if !skipped.is_empty() {
         println!("{} of {all} left out, the first in the order of their names", skipped.len());

@@ -1,33 +1,27 @@
 //! The whole diagnosis: from runs to a report.
 
+mod corrected;
+mod interfaces;
 mod one_robot;
 mod origin;
-mod ranking;
 mod refine;
-mod verdict;
 
 use crate::GapError;
-use crate::closure::{closed_in_fit, closure};
-use crate::columns::{Columns, Extent, Group, Suspect};
-use crate::decide::{self, Level, Round};
-use crate::doubt::{self, Judged, Named};
+use crate::closure::{closed_in_fit, closure, held_out_loss};
+use crate::columns::{Columns, Extent, Group};
+use crate::decision::evidence::{After, Evidence, Level};
+use crate::decision::{Decided, Decision, Policy, decide, is_much_left};
+use crate::estimates::{estimates, estimates_of};
 use crate::laws::{LawLeft, laws};
 use crate::library::{self, Effect};
 use crate::problem::{Cut, Event, Problem, Setting};
-use crate::regions::EDGES;
-use crate::report::{
-    Cause, Correction, FORMAT, ParameterEstimate, Report, RoundTold, Stage, UNKNOWN, Unexplained, Verdict, Where,
-};
+use crate::report::{Cause, Correction, FORMAT, Report, RoundTold, Stage, UNKNOWN, Unexplained, Verdict, Where};
+use crate::rounds::{self, Found};
 use crate::search::Fit;
 use crate::study::{Effort, Study};
 use crate::{leads, pictures, reference, rest, shares, telling};
 use qv_replay::{Run, conventions::read_in_ours, holes::without_holes, still::without_still};
 use qv_sim::{Model, Terrain};
-
-/// Most causes that are accused.
-const MOST_CAUSES: usize = 3;
-/// Most rounds, in each of which there may be several events.
-const MOST_ROUNDS: usize = 4;
 
 /// How to diagnose.
 pub struct Options<'a> {
@@ -41,6 +35,8 @@ pub struct Options<'a> {
     pub cut: Cut,
     /// How much is done.
     pub effort: Effort,
+    /// What decides.
+    pub policy: Policy,
     /// Effects of the library that may not be accused.
     pub without: Vec<String>,
     /// Seconds since some instant, for the report; libraries read no clock.
@@ -57,6 +53,7 @@ impl Default for Options<'_> {
             reference: Vec::new(),
             cut: Cut::default(),
             effort: Effort::default(),
+            policy: Policy::default(),
             without: Vec::new(),
             clock: None,
             progress: None,
@@ -66,6 +63,8 @@ impl Default for Options<'_> {
 
 /// A cause with all that the report says of it.
 struct Accused {
+    /// Round that it was accused in, and which of its candidates it is.
+    found: [usize; 2],
     fit: Fit,
     /// On what it acts.
     group: Group,
@@ -84,12 +83,6 @@ impl Accused {
         }
     }
 
-    /// The same as what a doubt is about.
-    fn named(&self) -> Named {
-        let Suspect { values, extent, .. } = self.fit.suspect.clone();
-        Named { effect: self.cause.effect.clone(), group: self.group.clone(), values, extent }
-    }
-
     /// The same as something that acts on the robot of a study.
     fn event(&self, study: &Study) -> Option<Event> {
         let time = self.time()?;
@@ -102,8 +95,10 @@ impl Accused {
 pub struct Diagnosis {
     /// The diagnosis.
     pub report: Report,
+    /// What it was decided by.
+    pub evidence: Evidence,
     /// Effect left out, and the diagnosis without it.
-    pub without: Vec<(String, Report)>,
+    pub without: Vec<(String, Report, Evidence)>,
 }
 
 /// Diagnoses `runs` of one robot on one ground, and again without each of the `leave_out` most probable effects.
@@ -146,10 +141,10 @@ pub fn diagnose(
     let opening = Opening::new(&nominal)?;
     session.begin("search");
     let closed_to = closed_to(&nominal, &options.without);
-    let round = decide::round(&mut nominal, &closed_to, true)?;
+    let round = rounds::round(&mut nominal, &closed_to, true, &options.policy)?;
     session.end(&nominal);
     let findings = session.follow(&mut nominal, round, &options.without, &opening, &cannot_tell)?;
-    let mut report = findings.report(&mut session, &mut nominal, begun)?;
+    let (mut report, evidence) = findings.report(&mut session, &mut nominal, begun)?;
     if nominal.problem.on_legs {
         let beside = telling::beside_verdict(&report.causes);
         report.sentence = [vec![report.sentence], beside].concat().join(" ");
@@ -161,10 +156,10 @@ pub fn diagnose(
     let ranked: Vec<String> =
         report.ranking.iter().map(|r| r.effect.clone()).filter(|e| e != UNKNOWN).take(leave_out).collect();
     for effect in ranked {
-        let report = session.without(&mut nominal, &effect, &cannot_tell)?;
-        without.push((effect, report));
+        let (report, evidence) = session.without(&mut nominal, &effect, &cannot_tell)?;
+        without.push((effect, report, evidence));
     }
-    Ok(Diagnosis { report, without })
+    Ok(Diagnosis { report, evidence, without })
 }
 
 /// Effects of a study by name.
@@ -177,12 +172,15 @@ fn closed_to(study: &Study, names: &[String]) -> Vec<usize> {
 struct Opening {
     level: Level,
     laws: Vec<LawLeft>,
+    /// Mean loss in windows that no fit has seen, and what noise alone gives.
+    held_out: [f64; 2],
     places: Where,
 }
 
 impl Opening {
     fn new(study: &Study) -> Result<Self, GapError> {
-        Ok(Self { level: decide::level(study)?, laws: laws(study), places: shares::places(study) })
+        let held_out = [held_out_loss(study), study.floor];
+        Ok(Self { level: rounds::level(study)?, laws: laws(study), held_out, places: shares::places(study) })
     }
 }
 
@@ -279,33 +277,31 @@ impl<'a> Session<'a> {
     fn follow(
         &mut self,
         nominal: &mut Study<'a>,
-        first: Round,
+        first: Found,
         without: &[String],
         opening: &Opening,
         cannot_tell: &[String],
     ) -> Result<Findings<'a>, GapError> {
         let mut findings = Findings {
             accused: Vec::new(),
-            told: vec![telling::round(nominal, &first, estimates_of)],
+            told: vec![telling::round(&first)],
             rounds: vec![first],
             corrections: Vec::new(),
             events: Vec::new(),
             on_feet: nominal.problem.free,
             opening: opening.clone(),
-            level_after: opening.level,
             cannot_tell: cannot_tell.to_vec(),
             later: None,
-            doubt: None,
-            closed: 0.0,
         };
         loop {
-            let round = findings.rounds.last().expect("there is a first");
-            let Some(accused) = round.accused else { return findings.doubted(nominal) };
-            let fits: Vec<Fit> =
-                std::iter::once(accused).chain(round.also.iter().copied()).map(|k| round.fits[k].clone()).collect();
+            let (round, number) = (findings.rounds.last().expect("there is a first"), findings.rounds.len() - 1);
+            if round.round.accused.is_empty() {
+                return Ok(findings);
+            }
+            let fits: Vec<(usize, Fit)> = round.round.accused.iter().map(|&k| (k, round.fits[k].clone())).collect();
             let study = findings.later.as_mut().unwrap_or(nominal);
-            for fit in fits {
-                let one = self.accuse(study, fit, &findings.corrections)?;
+            for (candidate, fit) in fits {
+                let one = self.accuse(study, [number, candidate], fit, &findings.corrections)?;
                 match one.event(study) {
                     Some(event) => findings.events.push(event),
                     None => merge(&mut findings.corrections, &one.corrections),
@@ -316,33 +312,40 @@ impl<'a> Session<'a> {
             if findings.on_feet {
                 next = self.refined(next, &mut findings)?;
             }
-            findings.level_after = decide::level_outside(&next, &findings.regions())?;
-            let full = findings.effects().len() >= MOST_CAUSES || findings.rounds.len() >= MOST_ROUNDS;
-            if !full && decide::is_much_left(&mut next, &findings.level_after)? {
-                self.begin("search");
-                let names: Vec<String> = findings.settled().into_iter().chain(without.iter().cloned()).collect();
-                let closed = closed_to(&next, &names);
-                let round = decide::round(&mut next, &closed, false)?;
-                self.end(&next);
-                findings.told.push(telling::round(&next, &round, estimates_of));
-                findings.rounds.push(round);
+            let level = rounds::level_outside(&next, &findings.regions())?;
+            let after = After { level, held_out: [held_out_loss(&next), next.floor] };
+            findings.rounds[number].round.after = Some(after);
+            let policy = &self.options.policy;
+            let full = findings.effects().len() >= policy.most_causes || findings.rounds.len() >= policy.most_rounds;
+            if full || !is_much_left(policy, &level, after.held_out) {
                 findings.later = Some(next);
-            } else {
-                findings.later = Some(next);
-                return findings.doubted(nominal);
+                return Ok(findings);
             }
+            self.begin("search");
+            let names: Vec<String> = findings.settled().into_iter().chain(without.iter().cloned()).collect();
+            let closed = closed_to(&next, &names);
+            let round = rounds::round(&mut next, &closed, false, policy)?;
+            self.end(&next);
+            findings.told.push(telling::round(&round));
+            findings.rounds.push(round);
+            findings.later = Some(next);
         }
     }
 
     /// The diagnosis that a library would have come to that has never heard of an effect.
-    fn without(&mut self, nominal: &mut Study<'a>, effect: &str, cannot_tell: &[String]) -> Result<Report, GapError> {
+    fn without(
+        &mut self,
+        nominal: &mut Study<'a>,
+        effect: &str,
+        cannot_tell: &[String],
+    ) -> Result<(Report, Evidence), GapError> {
         let begun = self.now();
         self.forgotten = vec![effect.into()];
         let kept = nominal.forget(&closed_to(nominal, &self.forgotten));
         let opening = Opening::new(nominal)?;
         self.begin("search");
         let left_out = [&self.options.without[..], &self.forgotten[..]].concat();
-        let round = decide::round(nominal, &closed_to(nominal, &left_out), true)?;
+        let round = rounds::round(nominal, &closed_to(nominal, &left_out), true, &self.options.policy)?;
         self.end(nominal);
         let findings = self.follow(nominal, round, &left_out, &opening, cannot_tell)?;
         let report = findings.report(self, nominal, begun)?;
@@ -352,7 +355,13 @@ impl<'a> Session<'a> {
     }
 
     /// All that a report says of a cause.
-    fn accuse(&self, study: &mut Study, fit: Fit, before: &[Correction]) -> Result<Accused, GapError> {
+    fn accuse(
+        &self,
+        study: &mut Study,
+        found: [usize; 2],
+        fit: Fit,
+        before: &[Correction],
+    ) -> Result<Accused, GapError> {
         let group = study.columns.groups[fit.suspect.group].clone();
         let effect = study.columns.effects[group.effect].clone();
         let told = shares::as_told(study, &fit.suspect);
@@ -379,47 +388,8 @@ impl<'a> Session<'a> {
             confusable_with: telling::confusable(study, &fit.suspect),
             separating_experiment: effect.experiment.clone(),
         };
-        Ok(Accused { fit, group, cause, corrections, is_refined: false })
+        Ok(Accused { found, fit, group, cause, corrections, is_refined: false })
     }
-}
-
-/// Values of a fit of a study.
-fn estimates_of(study: &Study, fit: &Fit) -> Vec<ParameterEstimate> {
-    let effect = &study.columns.effects[study.columns.groups[fit.suspect.group].effect];
-    estimates(effect, fit, fit.suspect.extent)
-}
-
-/// Values of a fit by name, with intervals, and those of the extent that is told.
-fn estimates(effect: &Effect, fit: &Fit, extent: Option<Extent>) -> Vec<ParameterEstimate> {
-    let mut names: Vec<(String, String)> = effect
-        .axes
-        .iter()
-        .map(|axis| {
-            let parameter = axis.moves.keys().next().map_or(axis.name.as_str(), |p| p.rsplit('.').next().unwrap_or(p));
-            (parameter.to_string(), effect.unit.clone())
-        })
-        .collect();
-    let of_extent: &[(&str, &str)] = match extent {
-        Some(Extent::Time(_)) => &[("start", "s"), ("end", "s")],
-        Some(Extent::Region(_)) => &EDGES.map(|edge| (edge, "m")),
-        None => &[],
-    };
-    names.extend(of_extent.iter().map(|(name, unit)| (name.to_string(), unit.to_string())));
-    let length = fit.suspect.values.iter().map(|v| v * v).sum::<f64>().sqrt();
-    let numbers = fit.suspect.values.iter().copied().chain(extent.iter().flat_map(Extent::numbers));
-    names
-        .into_iter()
-        .zip(numbers)
-        .enumerate()
-        .map(|(k, ((name, unit), value))| {
-            // What engines differ in moves a value farther than noise does: a share of it is added, in any direction.
-            let deviation = fit.deviations.get(k).copied().filter(|d| d.is_finite()).unwrap_or(0.0);
-            let own =
-                if k < effect.axes.len() { (effect.engine_error * length).max(0.7 * effect.tolerance) } else { 0.05 };
-            let half = 1.96 * deviation.hypot(own);
-            ParameterEstimate { name, value, ci95: [value - half, value + half], unit }
-        })
-        .collect()
 }
 
 /// Corrections after those of a reference, which are what is nominal for them.
@@ -452,7 +422,7 @@ fn setting(study: &Study, corrections: &[Correction]) -> Setting {
 /// All that was found.
 struct Findings<'a> {
     accused: Vec<Accused>,
-    rounds: Vec<Round>,
+    rounds: Vec<Found>,
     /// The same in words.
     told: Vec<RoundTold>,
     corrections: Vec<Correction>,
@@ -460,33 +430,12 @@ struct Findings<'a> {
     /// Whether the base is free.
     on_feet: bool,
     opening: Opening,
-    level_after: Level,
     cannot_tell: Vec<String>,
     /// The robot with all that is accused.
     later: Option<Study<'a>>,
-    /// Why what is accused does not explain the recording all the same.
-    doubt: Option<String>,
-    /// Share of the held-out gap that is closed by what acts all the time and everywhere, if nothing else is accused.
-    closed: f64,
 }
 
 impl Findings<'_> {
-    /// The same, with what speaks against it.
-    fn doubted(mut self, nominal: &Study) -> Result<Self, GapError> {
-        let Some(study) = self.later.as_mut().filter(|_| self.on_feet && !self.accused.is_empty()) else {
-            return Ok(self);
-        };
-        let judged = Judged {
-            levels: [self.opening.level, self.level_after],
-            opening: &self.opening.laws,
-            accused: self.accused.iter().map(Accused::named).collect(),
-            evidence: self.accused.iter().map(|a| a.fit.evidence).fold(0.0, f64::max),
-            round: self.rounds.last().filter(|r| r.accused.is_none()),
-        };
-        self.doubt = doubt::doubt(nominal, study, &judged)?;
-        Ok(self)
-    }
-
     /// Names of the accused effects.
     fn effects(&self) -> Vec<String> {
         let mut names: Vec<String> = self.accused.iter().map(|a| a.cause.effect.clone()).collect();
@@ -519,18 +468,24 @@ impl Findings<'_> {
         self.accused.iter().filter_map(region).collect()
     }
 
-    fn report(mut self, session: &mut Session, nominal: &mut Study, begun: f64) -> Result<Report, GapError> {
-        self.doubt_closure(nominal)?;
-        let verdict = self.verdict_beyond_null(session.options.effort.seed, nominal)?;
-        let beside = self.asked_beside()?;
-        let ranking = self.ranking(verdict, beside);
+    fn report(
+        mut self,
+        session: &mut Session,
+        nominal: &mut Study,
+        begun: f64,
+    ) -> Result<(Report, Evidence), GapError> {
+        session.begin("closure");
+        let evidence = self.evidence(nominal)?;
+        let Decided::Decision(decision) = decide(&evidence, &session.options.policy) else {
+            unreachable!("what was measured was measured under this policy")
+        };
+        let Decision { verdict, doubt, ranking } = decision;
         let doubted = self.accused.first().map(|a| a.cause.effect.clone());
         if verdict == Verdict::Unexplained || verdict == Verdict::NoGap {
             self.accused.clear();
             self.corrections.clear();
             self.events.clear();
         }
-        session.begin("closure");
         let setting = setting(nominal, &self.corrections);
         let before = std::mem::replace(&mut nominal.problem.events, self.events.clone());
         let (after, closed) = (closure(nominal, &setting)?, closed_in_fit(nominal, &setting)?);
@@ -549,9 +504,6 @@ impl Findings<'_> {
             }
             _ => Vec::new(),
         };
-        // What looks like nothing is left in the windows of the fit, and is there in those that no fit has seen.
-        let is_left = verdict == Verdict::Explained && gap.closed < verdict::MOSTLY;
-        let verdict = if is_left { Verdict::PartlyExplained } else { verdict };
         let unexplained = Unexplained {
             share: if verdict == Verdict::NoGap || gap.before <= gap.floor * 1.02 { 0.0 } else { 1.0 - gap.closed },
             depends_on: rest::factors(self.later.as_ref().filter(|_| !self.accused.is_empty()).unwrap_or(nominal)),
@@ -562,12 +514,12 @@ impl Findings<'_> {
         place.regions = shares::regions(nominal, regions);
         let causes: Vec<Cause> = self.accused.iter().map(|a| a.cause.clone()).collect();
         let sentence = telling::sentence(verdict, (&causes, &gap), (&leads, &dead), &ranking);
-        let sentence = [Some(sentence), telling::as_good(nominal, &self.rounds, &causes)];
+        let sentence = [Some(sentence), telling::as_good(&self.rounds, &causes)];
         let sentence = sentence.into_iter().flatten().collect::<Vec<_>>().join(" ");
         let slips = self.accused.iter().filter_map(|a| a.fit.held_out).map(|f| f.closed).next();
         let mut next = telling::next(verdict, (&causes, &gap), (&leads, &dead), slips, &self.rounds, nominal);
         next.splice(0..0, telling::first_of_all(verdict, &gap, &dead));
-        if let (Some(doubt), Some(effect)) = (&self.doubt, doubted) {
+        if let (Some(doubt), Some(effect)) = (&doubt, doubted) {
             next.push(format!("Not accused: {effect}: {doubt}."));
         }
         let (heat_map, floor_plan, curves) = pictures::all(nominal, &setting)?;
@@ -575,7 +527,7 @@ impl Findings<'_> {
         self.keep_largest_event();
         self.corrections = merged(&session.calibrated, &self.corrections);
         let runtime_s = session.now() - begun;
-        Ok(Report {
+        let report = Report {
             format: FORMAT.into(),
             verdict,
             sentence,
@@ -595,6 +547,8 @@ impl Findings<'_> {
             curves,
             stages: session.stages.clone(),
             runtime_s,
-        })
+            policy: session.options.policy.clone(),
+        };
+        Ok((report, evidence))
     }
 }

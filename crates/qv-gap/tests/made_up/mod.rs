@@ -59,6 +59,7 @@ pub fn empty() -> Report {
         floor_plan: Vec::new(),
         curves: Vec::new(),
         stages: Vec::new(),
+        policy: Default::default(),
         runtime_s: 0.0,
     }
 }
@@ -111,6 +112,7 @@ pub fn report() -> Report {
             .chain([("search", 9.8, 1_120_000), ("held out and where", 1.6, 160_000)])
             .map(|(name, seconds, steps)| Stage { name: name.into(), seconds, steps })
             .collect(),
+        policy: Default::default(),
         runtime_s: 17.1,
         ..empty()
     }

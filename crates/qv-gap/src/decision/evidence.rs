@@ -1,0 +1,254 @@
+//! What a diagnosis measured, as far as decisions ask for it: plain data, written beside `report.json` as `evidence.json`.
+
+use crate::columns::Extent;
+use crate::constancy::Dependence;
+use crate::laws::LawLeft;
+use crate::report::ParameterEstimate;
+use serde::{Deserialize, Deserializer, Serialize};
+use std::collections::BTreeMap;
+
+/// The format's name in `evidence.json`.
+pub const FORMAT: &str = "qv-evidence/1";
+
+/// Losses per number in the windows of the fit, tolerated deviations at their best, over the mean of the null.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Level {
+    /// Of the recording.
+    #[serde(deserialize_with = "or_nan")]
+    pub ratio: f64,
+    /// The same in the quieter windows: feet that met the ground otherwise are in the others.
+    #[serde(deserialize_with = "or_nan")]
+    pub quiet: f64,
+    /// Mean loss per number of the null.
+    #[serde(deserialize_with = "or_nan")]
+    pub null: f64,
+    /// Numbers, weighted.
+    pub count: f64,
+}
+
+/// What an effect acts on, as far as decisions tell that apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ActsOn {
+    /// Joints.
+    Joints,
+    /// Moving links.
+    Links,
+    /// Anything else.
+    Other,
+}
+
+/// An effect that was looked for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct EffectFacts {
+    /// Name.
+    pub name: String,
+    /// On what it acts.
+    pub acts_on: ActsOn,
+    /// Whether it multiplies what a joint does by one number, of which the value is the deviation from 1.
+    pub is_factor: bool,
+    /// Whether it moves parameters of links alone.
+    pub is_of_links: bool,
+    /// Whether it is a mass that is carried.
+    pub is_payload: bool,
+    /// Which of its values is a force upwards.
+    pub upwards: Option<usize>,
+    /// Whether it could be accused; one that is withheld could not.
+    pub is_known: bool,
+}
+
+/// How a candidate does in windows that no fit has seen.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct HeldOut {
+    /// Closed share of the gap.
+    pub closed: f64,
+    /// How much lower the loss is, and the standard error of that over windows.
+    pub fall: [f64; 2],
+    /// The same of the logarithm of the loss.
+    pub fall_of_logarithm: [f64; 2],
+    /// The same of pieces of windows, where these told the candidate.
+    pub fall_of_pieces: Option<[f64; 2]>,
+    /// What the law of those actuators leaves that it changes, in units of the null, before and after.
+    pub law: [f64; 2],
+    /// Log of how much likelier it makes these windows, tolerated deviations integrated out over them; `None` for what is confined.
+    pub log_evidence: Option<f64>,
+    /// Relative fall of the loss in each window, of an event; empty for others.
+    pub falls: Vec<f64>,
+}
+
+/// An effect at its best values, on something, perhaps for a while or somewhere.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Candidate {
+    /// Name of the effect.
+    pub effect: String,
+    /// Names of what it acts on.
+    pub scope: Vec<String>,
+    /// Indices of these.
+    pub members: Vec<usize>,
+    /// What it is confined to.
+    pub extent: Option<Extent>,
+    /// Value of each axis.
+    pub values: Vec<f64>,
+    /// The same with names and intervals.
+    pub parameters: Vec<ParameterEstimate>,
+    /// Log evidence over that of nothing more, tempered.
+    #[serde(deserialize_with = "or_nan")]
+    pub log_evidence: f64,
+    /// Largest log evidence of the effect in recordings without one.
+    pub by_chance: f64,
+    /// Log evidence that the library states for it.
+    pub least_evidence: Option<f64>,
+    /// Deviation from absent, in tolerances; not finite for effects of which nothing is tolerated.
+    #[serde(deserialize_with = "or_nan")]
+    pub size: f64,
+    /// Distance of the nearest value from the edge of its range, as a share of the range; of a limit, half the share of the edge.
+    #[serde(deserialize_with = "or_nan")]
+    pub from_edge: f64,
+    /// Share of the excess over the null that it takes away.
+    #[serde(deserialize_with = "or_nan")]
+    pub share: f64,
+    /// In windows that no fit has seen; `None` if it was not looked at there.
+    pub held_out: Option<HeldOut>,
+}
+
+impl Candidate {
+    /// From and until, if it is confined to that \[s\].
+    pub fn time(&self) -> Option<[f64; 2]> {
+        match self.extent {
+            Some(Extent::Time(time)) => Some(time),
+            _ => None,
+        }
+    }
+}
+
+/// A round: one robot, as it is said to be so far, and what was found in it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Round {
+    /// Level before the round's causes.
+    pub level: Level,
+    /// Loss beyond that of the null.
+    pub excess: f64,
+    /// Whether nothing was accused before.
+    pub is_first: bool,
+    /// All candidates, best first.
+    pub candidates: Vec<Candidate>,
+    /// Those that were accused when this was measured; what follows was measured of the robot with them.
+    pub accused: Vec<usize>,
+    /// What followed; `None` if nothing was accused.
+    pub after: Option<After>,
+}
+
+/// The robot after a round's accusations.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct After {
+    /// Level outside of the accused regions.
+    pub level: Level,
+    /// Mean loss in windows that no fit has seen, and what noise alone gives.
+    pub held_out: [f64; 2],
+}
+
+/// What was accused in the end, with the sizes that it has in the corrected robot.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Accused {
+    /// Round that it was accused in.
+    pub round: usize,
+    /// Which of its candidates.
+    pub candidate: usize,
+    /// Values in the corrected robot.
+    pub values: Vec<f64>,
+    /// The same with names and intervals.
+    pub parameters: Vec<ParameterEstimate>,
+    /// How it changes while it lasts, of an event.
+    pub fading: Option<Dependence>,
+    /// What the value depends on, of a steady effect of joints.
+    pub depends_on: Vec<Dependence>,
+}
+
+/// An effect that the corrected robot asks for by one linear step.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Asked {
+    /// Name.
+    pub effect: String,
+    /// Indices of what it acts on.
+    pub members: Vec<usize>,
+    /// Log evidence over the level of the corrected robot.
+    pub log_evidence: f64,
+    /// Size in tolerances; see [`Candidate::size`].
+    #[serde(deserialize_with = "or_nan")]
+    pub size: f64,
+}
+
+/// All that is accused, in windows that no fit has seen.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Closed {
+    /// Mean loss before and after.
+    pub loss: [f64; 2],
+    /// What noise alone gives.
+    pub floor: f64,
+    /// Closed share of the gap, by what acts all the time.
+    pub share: f64,
+    /// The same, by events, too.
+    pub share_with_events: f64,
+    /// How much lower the loss is, and the standard error of that over windows.
+    pub fall: [f64; 2],
+    /// See [`HeldOut::law`].
+    pub law: [f64; 2],
+    /// See [`HeldOut::log_evidence`].
+    pub log_evidence: f64,
+}
+
+/// What was measured of the robot with all that was accused.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Corrected {
+    /// What was accused.
+    pub accused: Vec<Accused>,
+    /// What the laws of the actuators leave.
+    pub laws: Vec<LawLeft>,
+    /// Other effects of the accused joints that are asked for, best first.
+    pub same_joints: Vec<Asked>,
+    /// Log evidence of every effect that is not accused, by one linear step.
+    pub beside: BTreeMap<String, f64>,
+    /// How far the gap shrinks.
+    pub closed: Closed,
+}
+
+/// All of a diagnosis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Evidence {
+    /// [`FORMAT`].
+    pub format: String,
+    /// Whether the base is free.
+    pub is_free: bool,
+    /// Names of the joints.
+    pub joints: Vec<String>,
+    /// Effects that were looked for.
+    pub effects: Vec<EffectFacts>,
+    /// Level before anything is accused.
+    pub level: Level,
+    /// What the laws of the actuators leave then.
+    pub laws: Vec<LawLeft>,
+    /// Mean loss in windows that no fit has seen, and what noise alone gives.
+    pub held_out: [f64; 2],
+    /// What was found, round by round.
+    pub rounds: Vec<Round>,
+    /// What was measured in the end; `None` if nothing was accused.
+    pub corrected: Option<Corrected>,
+}
+
+impl Evidence {
+    /// What is known of an effect.
+    pub fn effect(&self, name: &str) -> Option<&EffectFacts> {
+        self.effects.iter().find(|e| e.name == name)
+    }
+
+    /// What was accused, as it was found.
+    pub fn accused(&self) -> impl Iterator<Item = (&Accused, &Candidate)> {
+        let all = self.corrected.iter().flat_map(|c| &c.accused);
+        all.map(|a| (a, &self.rounds[a.round].candidates[a.candidate]))
+    }
+}
+
+/// JSON has no infinity: it was written as null.
+pub(crate) fn or_nan<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::NAN))
+}

@@ -1,0 +1,222 @@
+//! Which candidates of a round are accused.
+
+use super::evidence::{Candidate, Round};
+use super::policy::Policy;
+use crate::columns::Extent;
+
+/// What a round comes to.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Judgement {
+    /// The accused candidate, and other events that stand beside an accused event.
+    pub accused: Vec<usize>,
+    /// Why the best was not accused; empty if it was.
+    pub reason: String,
+}
+
+/// A round, judged by a policy.
+pub struct Judge<'j> {
+    policy: &'j Policy,
+    round: &'j Round,
+    /// Whether the base is free.
+    is_free: bool,
+}
+
+impl<'j> Judge<'j> {
+    /// Judges a round of a robot whose base is free or not.
+    pub fn new(policy: &'j Policy, round: &'j Round, is_free: bool) -> Self {
+        Self { policy, round, is_free }
+    }
+
+    /// Accuses the best candidate to which there is no objection. A better one that is no cause does not make a worse one
+    /// a cause, unless it is a trifle, or chance alone reaches as much for it.
+    pub fn judge(&self) -> Judgement {
+        let Policy { sure_event, least_share, most_judged, .. } = *self.policy;
+        let mut reason = String::new();
+        let mut judged = 0;
+        for (k, candidate) in self.round.candidates.iter().enumerate() {
+            // Blows of the contact stand beside any cause.
+            let (is_blow, is_event) = (self.is_too_short(candidate), candidate.time().is_some());
+            let has_evidence = candidate.log_evidence >= self.needed(candidate);
+            judged += usize::from(!is_blow && (has_evidence || !is_event));
+            if judged > most_judged {
+                break;
+            }
+            let Some(objection) = self.any_objection(candidate) else {
+                return Judgement { accused: self.with_other_events(k), reason: String::new() };
+            };
+            if reason.is_empty() {
+                reason = format!("{}: {objection}", candidate.effect);
+            }
+            // Nor does a faint push that was looked at: stumbles look like pushes beside any cause.
+            let is_stumble =
+                self.is_free && is_event && candidate.log_evidence < sure_event && candidate.share < least_share;
+            if has_evidence && !is_blow && !is_stumble && !self.is_trifle(candidate.size) {
+                break;
+            }
+        }
+        Judgement { accused: Vec::new(), reason }
+    }
+
+    /// Whether something steady has far more evidence than a cause needs.
+    pub fn is_suspicious(&self) -> bool {
+        let is_one = |c: &Candidate| c.extent.is_none() && c.log_evidence > self.policy.suspicious * self.needed(c);
+        self.round.candidates.iter().any(is_one)
+    }
+
+    /// Whether a candidate is steady, larger than what any robot has, and has more evidence than a cause needs.
+    pub fn speaks_for(&self, candidate: &Candidate) -> bool {
+        let has_evidence = candidate.log_evidence > self.needed(candidate);
+        candidate.extent.is_none() && has_evidence && !self.is_trifle(candidate.size)
+    }
+
+    /// Whether a size \[tolerances\] is no more than any robot may deviate by.
+    pub fn is_trifle(&self, size: f64) -> bool {
+        size < self.policy.least_size
+    }
+
+    /// Log evidence that a candidate of its kind needs.
+    fn needed(&self, candidate: &Candidate) -> f64 {
+        let policy = self.policy;
+        let least = match candidate.extent {
+            None => self.own_least(candidate).unwrap_or(policy.least_evidence),
+            Some(Extent::Region(_)) => policy.least_local_evidence,
+            Some(Extent::Time(_)) if self.is_free => policy.least_event_evidence,
+            Some(Extent::Time(_)) => policy.least_held_event_evidence,
+        };
+        least.max(policy.over_null * candidate.by_chance)
+    }
+
+    /// Log evidence that the library states for an effect of a robot on its feet.
+    fn own_least(&self, candidate: &Candidate) -> Option<f64> {
+        candidate.least_evidence.filter(|_| self.is_free && candidate.extent.is_none())
+    }
+
+    /// Whether a candidate is an event too short to be a push.
+    fn is_too_short(&self, candidate: &Candidate) -> bool {
+        let least = match self.is_free {
+            true if candidate.log_evidence < self.policy.sure_event => self.policy.least_push,
+            true => self.policy.least_event,
+            false => self.policy.least_held_event,
+        };
+        candidate.time().is_some_and(|[from, until]| until - from < least)
+    }
+
+    /// Whether a candidate of a robot on its feet is steady and has too little evidence, or too small a size, for a cause that closes little.
+    fn is_faint(&self, candidate: &Candidate) -> bool {
+        let Policy { least_size, least_faint_evidence, least_faint_size, over_null, .. } = *self.policy;
+        let lacks = candidate.log_evidence < self.needed(candidate) || candidate.size < least_size;
+        let enough = candidate.log_evidence >= least_faint_evidence.max(over_null * candidate.by_chance)
+            && candidate.size >= least_faint_size;
+        self.is_free && candidate.extent.is_none() && candidate.size.is_finite() && lacks && enough
+    }
+
+    fn any_objection(&self, candidate: &Candidate) -> Option<String> {
+        if self.round.is_first && self.is_faint(candidate) {
+            return self.faint_objection(candidate);
+        }
+        self.objection(candidate).or_else(|| self.held_out_objection(candidate))
+    }
+
+    /// What speaks against a faint cause: it closes little of a gap that no fit has seen.
+    fn faint_objection(&self, candidate: &Candidate) -> Option<String> {
+        let Some(held_out) = &candidate.held_out else { return Some(NOT_SEEN.into()) };
+        let [fall, error] = held_out.fall;
+        let is_much = held_out.closed > self.policy.faint_closed && fall > self.policy.sure_errors * error;
+        (!is_much).then(|| {
+            format!(
+                "log evidence {:.0} of a size of {:.1} tolerances, which closes {:.0} % held out",
+                candidate.log_evidence,
+                candidate.size,
+                100.0 * held_out.closed
+            )
+        })
+    }
+
+    /// What speaks against a candidate without a look at other windows.
+    fn objection(&self, candidate: &Candidate) -> Option<String> {
+        if let (Some([from, until]), true) = (candidate.time(), self.is_too_short(candidate)) {
+            return Some(format!("an event of {:.0} ms is a blow of the contact, or noise", 1e3 * (until - from)));
+        }
+        let (evidence, needed) = (candidate.log_evidence, self.needed(candidate));
+        if evidence < needed {
+            return Some(format!("log evidence {evidence:.0} of the {needed:.0} that a cause of its kind needs"));
+        }
+        if self.is_trifle(candidate.size) {
+            return Some(format!("a size of {:.1} tolerances", candidate.size));
+        }
+        let at_edge = candidate.extent.is_none() && candidate.from_edge < self.policy.edge;
+        at_edge.then(|| "its value lies at the edge of its range".into())
+    }
+
+    /// Objections that take windows which no fit has seen.
+    fn held_out_objection(&self, candidate: &Candidate) -> Option<String> {
+        let policy = self.policy;
+        let Some(held_out) = &candidate.held_out else { return Some(NOT_SEEN.into()) };
+        let later = !(self.round.is_first || (candidate.time().is_some() && !self.is_free));
+        let (share, is_steady) = (candidate.share, candidate.extent.is_none());
+        let too_little = || {
+            let [share, closed] = [share, held_out.closed].map(|x| 100.0 * x);
+            format!(
+                "as a further cause it explains {share:.0} % of the excess and closes {closed:.0} % of what is left held out"
+            )
+        };
+        if candidate.time().is_some() {
+            // An event may lie between the windows that are held out, or touch the edge of one: nothing is said then.
+            let seen: Vec<f64> = held_out.falls.iter().copied().filter(|c| c.abs() > policy.changed).collect();
+            if seen.len() >= policy.changed_windows && seen.iter().sum::<f64>() < 0.0 {
+                return Some(format!("it makes {} windows that no fit has seen worse", seen.len()));
+            }
+            let least = if later { policy.least_later_share } else { policy.least_share };
+            let is_sure = !later && (candidate.log_evidence > policy.sure_event || !self.is_free);
+            return (share < least && !is_sure).then(too_little);
+        }
+        let by_law = is_steady && policy.closes_law(held_out.law);
+        if later && by_law {
+            return None;
+        }
+        if later && share < policy.least_later_share && held_out.closed < policy.least_later_closed {
+            return Some(too_little());
+        }
+        let has_own = self.own_least(candidate).is_some();
+        let has_much = share >= policy.least_share || candidate.log_evidence > policy.sure_evidence || has_own;
+        let asked_for = held_out.log_evidence.is_some_and(|e| e > policy.sure_held_out);
+        if !later && is_steady && has_much && asked_for {
+            return None;
+        }
+        // Tolerated deviations can take most of a small effect upon them: what it closes without them counts, too. Most of the
+        // excess of feet that slip is left by the right friction.
+        let [in_logarithms, its_error] = held_out.fall_of_logarithm;
+        let falls_all_over = in_logarithms > policy.sure_errors * its_error;
+        if is_steady && share < policy.least_share && held_out.closed < policy.least_closed && !falls_all_over {
+            return Some(format!("it explains {:.0} % of the excess", 100.0 * share));
+        }
+        // Windows in which feet slip are missed by the right friction, too: few of them must not hide the others.
+        let in_windows = if is_steady { held_out.fall } else { held_out.fall_of_logarithm };
+        let [fall, error] = held_out.fall_of_pieces.unwrap_or(in_windows);
+        let needed = if is_steady { policy.least_errors } else { policy.least_local_errors };
+        // A few windows in which a foot missed a step make the mean fall uncertain, where nearly all windows fall.
+        let nearly_all = is_steady && fall > 0.0 && falls_all_over;
+        let is_sure = candidate.log_evidence > policy.sure_evidence && share > policy.sure_share && fall > -error;
+        (fall < needed * error && !nearly_all && !by_law && !is_sure)
+            .then(|| format!("the held-out loss falls by {fall:.3} only, with error {error:.3}"))
+    }
+
+    /// A candidate, and if it is an event, those at other times than it and than better ones.
+    fn with_other_events(&self, first: usize) -> Vec<usize> {
+        let candidates = &self.round.candidates;
+        let mut accused = vec![first];
+        let Some(time) = candidates[first].time() else { return accused };
+        let mut taken = vec![time];
+        for (k, candidate) in candidates.iter().enumerate() {
+            let Some([from, until]) = candidate.time() else { continue };
+            let apart = taken.iter().all(|t| until <= t[0] || from >= t[1]);
+            if apart && self.objection(candidate).is_none() {
+                taken.push([from, until]);
+                accused.push(k);
+            }
+        }
+        accused
+    }
+}
+
+const NOT_SEEN: &str = "it was not looked at in windows that no fit has seen";

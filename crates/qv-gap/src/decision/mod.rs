@@ -1,0 +1,17 @@
+//! Deciding: from what was measured (`evidence`) by numbers that are all printed (`policy`) to a verdict (`verdict`), without a simulation.
+//!
+//! Each round's candidates are judged (`judge`); what is accused in the end is checked for signs that it stands for something
+//! else (`checks`, `twins`).
+
+mod checks;
+pub mod evidence;
+mod judge;
+mod policy;
+#[cfg(test)]
+mod tests;
+mod twins;
+mod verdict;
+
+pub use judge::{Judge, Judgement};
+pub use policy::Policy;
+pub use verdict::{Decided, Decision, decide, is_much_left};

@@ -1,0 +1,244 @@
+use super::checks::{Checks, law_left};
+use super::evidence::*;
+use super::twins::twins;
+use super::*;
+use crate::columns::Extent;
+use crate::laws::LawLeft;
+use crate::report::Verdict;
+use std::collections::BTreeMap;
+
+fn level(ratio: f64) -> Level {
+    Level { ratio, quiet: ratio, null: 1.0, count: 1000.0 }
+}
+
+/// A good candidate with that evidence.
+fn candidate(effect: &str, log_evidence: f64) -> Candidate {
+    Candidate {
+        effect: effect.into(),
+        scope: vec!["all".into()],
+        members: vec![0, 3, 6],
+        extent: None,
+        values: vec![0.2],
+        parameters: vec![],
+        log_evidence,
+        by_chance: 4.0,
+        least_evidence: None,
+        size: 10.0,
+        from_edge: 0.3,
+        share: 0.9,
+        held_out: Some(HeldOut {
+            closed: 0.9,
+            fall: [8.0, 1.0],
+            fall_of_logarithm: [2.0, 0.2],
+            fall_of_pieces: None,
+            law: [4.0, 1.1],
+            log_evidence: Some(80.0),
+            falls: vec![],
+        }),
+    }
+}
+
+fn facts(name: &str) -> EffectFacts {
+    EffectFacts {
+        name: name.into(),
+        acts_on: ActsOn::Joints,
+        is_factor: name.starts_with("motor_gain") || name == "motor_strength",
+        is_of_links: false,
+        is_payload: false,
+        upwards: None,
+        is_known: true,
+    }
+}
+
+fn round(candidates: Vec<Candidate>, accused: &[usize]) -> Round {
+    let after = After { level: level(1.1), held_out: [1.0, 0.8] };
+    let after = (!accused.is_empty()).then_some(after);
+    let (level, excess, is_first, accused) = (level(9.0), 8000.0, true, accused.to_vec());
+    Round { level, excess, is_first, candidates, accused, after }
+}
+
+/// A robot with a latency, which is accused, and nothing left.
+fn latency() -> Evidence {
+    let rounds = vec![round(vec![candidate("command_latency", 900.0), candidate("actuator_lag", 700.0)], &[0])];
+    let accused =
+        Accused { round: 0, candidate: 0, values: vec![0.01], parameters: vec![], fading: None, depends_on: vec![] };
+    let closed = Closed {
+        loss: [9.0, 1.1],
+        floor: 0.8,
+        share: 0.96,
+        share_with_events: 0.96,
+        fall: [8.0, 1.0],
+        law: [4.0, 1.1],
+        log_evidence: 300.0,
+    };
+    let corrected = Corrected {
+        accused: vec![accused],
+        laws: vec![LawLeft { joint: 0, ratio: 1.1, by_chance: 1.2 }],
+        same_joints: vec![],
+        beside: BTreeMap::from([("actuator_lag".to_owned(), 3.0)]),
+        closed,
+    };
+    Evidence {
+        format: FORMAT.into(),
+        is_free: true,
+        joints: vec!["hip".into(), "knee".into()],
+        effects: ["command_latency", "actuator_lag"].map(facts).to_vec(),
+        level: level(9.0),
+        laws: vec![LawLeft { joint: 0, ratio: 60.0, by_chance: 1.2 }],
+        held_out: [9.0, 0.8],
+        rounds,
+        corrected: Some(corrected),
+    }
+}
+
+fn decided(evidence: &Evidence, policy: &Policy) -> Decision {
+    match decide(evidence, policy) {
+        Decided::Decision(decision) => decision,
+        Decided::Parts(round) => panic!("parts in round {round}"),
+    }
+}
+
+#[test]
+fn what_closes_the_gap_is_accused_and_ranks_first() {
+    let decision = decided(&latency(), &Policy::default());
+    assert_eq!((decision.verdict, &decision.doubt), (Verdict::Explained, &None));
+    assert_eq!(decision.ranking[0].effect, "command_latency");
+    assert!(decision.ranking[0].probability > 0.8, "{:?}", decision.ranking);
+}
+
+#[test]
+fn evidence_is_the_same_after_it_was_written_and_read() {
+    let mut evidence = latency();
+    evidence.rounds[0].candidates[1].size = f64::INFINITY;
+    let read: Evidence = serde_json::from_str(&serde_json::to_string(&evidence).unwrap()).unwrap();
+    assert!(read.rounds[0].candidates[1].size.is_nan(), "JSON has no infinity");
+    assert_eq!(decide(&read, &Policy::default()), decide(&evidence, &Policy::default()));
+}
+
+#[test]
+fn another_policy_is_followed_as_far_as_was_measured() {
+    // It accuses nothing, and what was measured of the corrected robot does not count.
+    let strict = Policy { least_evidence: 1000.0, least_faint_evidence: 1000.0, ..Policy::default() };
+    let decision = decided(&latency(), &strict);
+    assert_eq!((decision.verdict, decision.doubt), (Verdict::Unexplained, None));
+    // It accuses the other one, of which no corrected robot was simulated.
+    let mut evidence = latency();
+    evidence.rounds[0].candidates[0].size = 4.0;
+    let large = Policy { least_size: 5.0, least_faint_size: 5.0, ..Policy::default() };
+    assert_eq!(decide(&evidence, &large), Decided::Parts(0));
+    // It would look for one more.
+    let thorough = Policy { no_gap: 1.05, ..Policy::default() };
+    assert_eq!(decide(&latency(), &thorough), Decided::Parts(1));
+}
+
+#[test]
+fn what_was_not_looked_at_held_out_is_not_accused() {
+    let mut first = candidate("command_latency", 900.0);
+    first.held_out = None;
+    let round = round(vec![first], &[]);
+    let judgement = Judge::new(&Policy::default(), &round, true).judge();
+    assert!(judgement.accused.is_empty() && judgement.reason.contains("was not looked at"), "{judgement:?}");
+}
+
+#[test]
+fn events_at_other_times_stand_beside_an_event() {
+    let push = |from: f64, evidence| {
+        let mut push = candidate("external_push", evidence);
+        push.extent = Some(Extent::Time([from, from + 0.5]));
+        push.held_out.as_mut().unwrap().falls = vec![0.4, 0.3];
+        push
+    };
+    let candidates = vec![push(2.0, 900.0), push(2.2, 800.0), push(6.0, 700.0), push(9.0, 20.0)];
+    let policy = Policy::default();
+    let judge = |candidates: Vec<Candidate>| Judge::new(&policy, &round(candidates, &[]), true).judge();
+    assert_eq!(judge(candidates.clone()).accused, [0, 2]);
+    let mut worse = candidates;
+    worse[0].held_out.as_mut().unwrap().falls = vec![-0.4, -0.3];
+    let judgement = judge(worse);
+    assert!(judgement.reason.contains("makes 2 windows that no fit has seen worse"), "{judgement:?}");
+}
+
+#[test]
+fn a_law_that_leaves_more_than_noise_and_a_share_of_what_it_left_is_told() {
+    let left = |joint, ratio, by_chance| LawLeft { joint, ratio, by_chance };
+    let policy = Policy::default();
+    let told = |now: &[LawLeft], opening: &[LawLeft]| law_left(&policy, now, opening).cloned();
+    let opening = [left(0, 1.0, 1.1), left(1, 60.0, 1.2), left(2, 3.0, 1.1)];
+    let nothing = [left(0, 1.6, 1.1), left(1, 2.9, 1.2), left(2, 2.4, 1.9)];
+    assert_eq!(told(&nothing, &opening), None);
+    let two = [left(0, 2.2, 1.1), left(1, 9.0, 1.2), left(2, 1.1, 1.1)];
+    assert_eq!(told(&two, &opening), Some(left(1, 9.0, 1.2)));
+    assert_eq!(told(&opening[2..], &[]), Some(opening[2].clone()));
+    // What nothing accused has a part in: impacts leave as much.
+    let impacts = [left(0, 2.4, 1.1), left(1, 4.0, 1.2)];
+    assert_eq!(told(&impacts[..1], &impacts), None);
+    assert_eq!(told(&impacts, &impacts), Some(impacts[1].clone()));
+    assert_eq!(told(&[left(1, 2.4, 1.2)], &impacts), Some(left(1, 2.4, 1.2)));
+}
+
+#[test]
+fn a_large_gap_that_is_left_held_out_is_told() {
+    let doubt = |before: f64, after: f64, law: [f64; 2]| {
+        let mut evidence = latency();
+        let share = (before - after) / (before - 0.8);
+        let corrected = evidence.corrected.as_mut().unwrap();
+        corrected.closed = Closed { loss: [before, after], share, law, ..corrected.closed };
+        let policy = Policy::default();
+        let checks = Checks {
+            policy: &policy,
+            evidence: &evidence,
+            corrected: evidence.corrected.as_ref().unwrap(),
+            level: level(1.1),
+        };
+        checks.closes_too_little()
+    };
+    let told = doubt(9.0, 6.8, [1.0; 2]).unwrap();
+    assert!(told.contains("27 %") && told.contains("8 times the floor"), "{told}");
+    assert_eq!(doubt(9.0, 6.8, [4.0, 1.1]), None, "no contact has a part in the law of an actuator");
+    assert_eq!(doubt(2.0, 1.9, [1.0; 2]), None, "a small gap");
+    assert_eq!(doubt(40.0, 6.8, [1.0; 2]), None, "most of a large one is closed");
+}
+
+#[test]
+fn a_cable_is_no_row_of_pushes() {
+    let doubt = |times: &[[f64; 2]]| {
+        let mut evidence = latency();
+        let events =
+            times.iter().map(|&t| Candidate { extent: Some(Extent::Time(t)), ..candidate("external_push", 900.0) });
+        evidence.rounds[0].candidates = events.collect();
+        let one = evidence.corrected.as_ref().unwrap().accused[0].clone();
+        let all = (0..times.len()).map(|candidate| Accused { candidate, ..one.clone() });
+        evidence.corrected.as_mut().unwrap().accused = all.collect();
+        let policy = Policy::default();
+        let checks = Checks {
+            policy: &policy,
+            evidence: &evidence,
+            corrected: evidence.corrected.as_ref().unwrap(),
+            level: level(1.1),
+        };
+        checks.doubt()
+    };
+    assert_eq!(doubt(&[[1.0, 9.0]]), None);
+    assert_eq!(doubt(&[[1.0, 1.6], [4.0, 5.2]]), None);
+    assert!(doubt(&[[13.2, 19.9], [8.6, 13.0]]).unwrap().contains("11.1 s"));
+}
+
+#[test]
+fn factors_that_are_equal_or_inverse_are_one_cause() {
+    let of = |effect: &str, members: &[usize]| Candidate { members: members.to_vec(), ..candidate(effect, 900.0) };
+    let told = |a: (Candidate, f64), b: (Candidate, f64)| {
+        twins(Policy::default().alike, |effect| facts(effect).is_factor, &[(&a.0, a.1), (&b.0, b.1)])
+    };
+    let legs = [0, 3, 6];
+    let weak = told((of("motor_gain_kp", &legs), -0.26), (of("motor_gain_kd", &[6, 3, 0]), -0.23));
+    assert!(weak.unwrap().contains("motor gain kp and motor gain kd of the same joints are off by the same share"));
+    let inverse = told((of("motor_gain_kd", &legs), 0.31), (of("motor_strength", &legs), -0.183));
+    assert!(inverse.unwrap().contains("undo each other"));
+    // Two sizes, other joints, a friction of the same number.
+    assert_eq!(told((of("motor_gain_kp", &legs), -0.26), (of("motor_gain_kd", &legs), -0.1)), None);
+    assert_eq!(told((of("motor_gain_kp", &legs), -0.26), (of("motor_gain_kd", &[0]), -0.26)), None);
+    assert_eq!(told((of("motor_gain_kp", &legs), 0.2), (of("joint_coulomb_friction", &legs), 0.2)), None);
+    // What acts for a while is no factor.
+    let hot = Candidate { extent: Some(Extent::Time([2.0, 5.0])), ..of("motor_strength", &[0]) };
+    assert_eq!(told((hot, -0.2), (of("motor_gain_kp", &[0]), -0.2)), None);
+}

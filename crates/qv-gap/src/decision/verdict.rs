@@ -1,0 +1,240 @@
+//! The verdict and the ranking, from what was measured.
+
+use super::checks::{Checks, law_left};
+use super::evidence::{Candidate, Corrected, Evidence, Level, Round};
+use super::judge::Judge;
+use super::policy::Policy;
+use crate::report::{Ranked, UNKNOWN, Verdict};
+use std::collections::BTreeMap;
+
+/// What a diagnosis comes to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Decision {
+    /// The outcome.
+    pub verdict: Verdict,
+    /// Why what was accused does not explain the recording all the same.
+    pub doubt: Option<String>,
+    /// Effects and `unknown` by probability.
+    pub ranking: Vec<Ranked>,
+}
+
+/// What a policy makes of what was measured under the same policy, or under another one.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Decided {
+    /// What it comes to.
+    Decision(Decision),
+    /// In this round it would have accused something else than what was measured: what follows is not known.
+    Parts(usize),
+}
+
+/// Decides. Nothing is simulated, and the same evidence and policy give the same decision.
+pub fn decide(evidence: &Evidence, policy: &Policy) -> Decided {
+    match path(evidence, policy) {
+        Some(round) if round == 0 && judge(evidence, policy, 0).is_empty() => {
+            // Whatever was measured of a robot that this policy would not have corrected says nothing.
+            let first = evidence.rounds.first().map(|r| Round { accused: Vec::new(), after: None, ..r.clone() });
+            let alone = Evidence { rounds: first.into_iter().collect(), corrected: None, ..evidence.clone() };
+            Decided::Decision(decision(&alone, policy))
+        }
+        Some(round) => Decided::Parts(round),
+        None => Decided::Decision(decision(evidence, policy)),
+    }
+}
+
+fn judge(evidence: &Evidence, policy: &Policy, round: usize) -> Vec<usize> {
+    Judge::new(policy, &evidence.rounds[round], evidence.is_free).judge().accused
+}
+
+/// The first round in which the policy goes another way than the one that was measured.
+fn path(evidence: &Evidence, policy: &Policy) -> Option<usize> {
+    let mut effects: Vec<&str> = Vec::new();
+    for (k, round) in evidence.rounds.iter().enumerate() {
+        let accused = judge(evidence, policy, k);
+        if accused != round.accused {
+            return Some(k);
+        }
+        effects.extend(accused.iter().map(|&c| round.candidates[c].effect.as_str()));
+        effects.sort_unstable();
+        effects.dedup();
+        let goes_on = round.after.as_ref().is_some_and(|after| {
+            let is_full = effects.len() >= policy.most_causes || k + 1 >= policy.most_rounds;
+            !is_full && is_much_left(policy, &after.level, after.held_out)
+        });
+        if goes_on != (k + 1 < evidence.rounds.len()) {
+            return Some(k + 1);
+        }
+    }
+    None
+}
+
+/// Whether the corrected robot is far enough from the recording to look for one more cause.
+pub fn is_much_left(policy: &Policy, level: &Level, [held_out, floor]: [f64; 2]) -> bool {
+    level.ratio >= policy.no_gap || held_out >= policy.much_left * floor
+}
+
+fn decision(evidence: &Evidence, policy: &Policy) -> Decision {
+    let case = Case { evidence, policy };
+    let doubt = evidence.corrected.as_ref().and_then(|corrected| case.doubt(corrected));
+    let (verdict, decided_by) = case.verdict(doubt.is_some());
+    let ranking = case.ranking(decided_by, doubt.is_some());
+    Decision { verdict, doubt, ranking }
+}
+
+struct Case<'c> {
+    evidence: &'c Evidence,
+    policy: &'c Policy,
+}
+
+impl Case<'_> {
+    /// Level with all that is accused.
+    fn level(&self) -> Level {
+        let after = self.evidence.rounds.iter().rev().find_map(|r| r.after);
+        after.map_or(self.evidence.level, |a| a.level)
+    }
+
+    fn accused(&self) -> impl Iterator<Item = &Candidate> {
+        self.evidence.accused().map(|(_, candidate)| candidate)
+    }
+
+    fn doubt(&self, corrected: &Corrected) -> Option<String> {
+        if !self.evidence.is_free {
+            return None;
+        }
+        let checks = Checks { policy: self.policy, evidence: self.evidence, corrected, level: self.level() };
+        let is_local = self.accused().any(|c| c.extent.is_some());
+        checks.doubt().or_else(|| if is_local { None } else { checks.closes_too_little() })
+    }
+
+    /// The verdict, and what it is before windows that no fit has seen are asked whether most of the gap is closed there: the ranking goes by
+    /// that.
+    fn verdict(&self, is_doubted: bool) -> (Verdict, Verdict) {
+        let verdict = self.beyond_null(is_doubted);
+        let closed = self.evidence.corrected.as_ref().map_or(0.0, |c| c.closed.share_with_events);
+        // What looks like nothing is left in the windows of the fit, and is there in those that no fit has seen.
+        let is_left = verdict == Verdict::Explained && closed < self.policy.mostly;
+        (if is_left { Verdict::PartlyExplained } else { verdict }, verdict)
+    }
+
+    /// No gap where windows that no fit has seen show no more than the null, and all windows together hardly more: a gap is
+    /// what exceeds the null, and there is none, whatever fits a part of the noise better.
+    fn beyond_null(&self, is_doubted: bool) -> Verdict {
+        let verdict = self.by_level(is_doubted);
+        let closed = self.evidence.corrected.as_ref().map_or(0.0, |c| c.closed.share);
+        if verdict == Verdict::NoGap || (verdict == Verdict::Explained && closed >= self.policy.mostly) {
+            return verdict;
+        }
+        let [before, floor] = self.evidence.held_out;
+        let is_within_null = before <= floor && self.evidence.level.ratio < self.policy.no_gap;
+        if is_within_null { Verdict::NoGap } else { verdict }
+    }
+
+    fn by_level(&self, is_doubted: bool) -> Verdict {
+        let Evidence { is_free, corrected, level, laws, rounds, .. } = self.evidence;
+        if is_doubted {
+            return Verdict::Unexplained;
+        }
+        let laws_agree = !is_free || law_left(self.policy, laws, &[]).is_none();
+        let suspicious = |round: &Round| Judge::new(self.policy, round, *is_free).is_suspicious();
+        let is_suspicious = *is_free && rounds.first().is_some_and(suspicious);
+        match (corrected.is_none(), self.policy.is_explained(&self.level())) {
+            (true, _) if level.ratio < self.policy.no_gap && laws_agree && !is_suspicious => Verdict::NoGap,
+            (true, _) => Verdict::Unexplained,
+            (false, true) => Verdict::Explained,
+            (false, false) => self.partly(),
+        }
+    }
+
+    /// Several effects can be there and one unknown: what was found stays only if it took nearly all of the excess. What
+    /// pushed an arm at one time is told whatever the arm lacks at all others.
+    fn partly(&self) -> Verdict {
+        let policy = self.policy;
+        let now = self.level().ratio;
+        if !self.evidence.is_free && self.accused().all(|c| c.time().is_some()) {
+            return if now < policy.quiet_enough { Verdict::PartlyExplained } else { Verdict::Unexplained };
+        }
+        let (before, after) = (self.evidence.level.ratio - 1.0, now - 1.0);
+        let nearly_all = after < policy.nearly_all * before && now < policy.unexplained_beside;
+        let is_local = self.accused().any(|c| c.extent.is_some());
+        let closed = match &self.evidence.corrected {
+            Some(corrected) if self.evidence.is_free && !is_local => corrected.closed.share,
+            _ => 0.0,
+        };
+        if nearly_all || (closed > policy.mostly_closed && now < policy.unexplained_beside) {
+            Verdict::PartlyExplained
+        } else {
+            Verdict::Unexplained
+        }
+    }
+
+    /// Probability of `unknown` by what is left.
+    fn unknown_by_level(&self) -> f64 {
+        1.0 / (1.0 + (-(self.level().ratio - self.policy.unexplained) / 0.1).exp())
+    }
+
+    /// Probabilities of the effects and of `unknown`.
+    fn ranking(&self, verdict: Verdict, is_doubted: bool) -> Vec<Ranked> {
+        let best = self.rivals(verdict);
+        let most = best.values().copied().fold(0.0, f64::max);
+        let weight = |evidence: f64| ((evidence - most) / self.policy.nats).exp();
+        let total: f64 = best.values().map(|e| weight(*e)).sum::<f64>().max(1e-300);
+        let unknown = match verdict {
+            // What is there may be too small to be seen.
+            Verdict::NoGap => 0.5 / (1.0 + (-(self.level().ratio - self.policy.no_gap) / 0.15).exp()),
+            Verdict::Unexplained if is_doubted => 0.8,
+            // What is nearest was not good enough to be accused.
+            Verdict::Unexplained => self.unknown_by_level().max(0.5),
+            _ => self.unknown_by_level(),
+        };
+        // Something is accused beside what is unknown.
+        let unknown = if verdict == Verdict::PartlyExplained { unknown.min(0.4) } else { unknown };
+        let known = if verdict == Verdict::NoGap { 0.05 } else { 1.0 - unknown };
+        let accused: Vec<&str> = self.accused().map(|c| c.effect.as_str()).collect();
+        let mut ranking: Vec<Ranked> = best
+            .iter()
+            .map(|(effect, evidence)| {
+                let share = known * weight(*evidence) / total;
+                // One that was found in a later round has no rival left in the first; what is asked for beside it and was not
+                // accused is no more than even.
+                let probability = match accused.contains(effect) {
+                    true => share.max(0.9 * known),
+                    false if !accused.is_empty() => share.min(0.5 * known),
+                    false => share,
+                };
+                Ranked { effect: effect.to_string(), probability }
+            })
+            .collect();
+        ranking.push(Ranked { effect: UNKNOWN.into(), probability: unknown });
+        // Thousands of nats below the best all probabilities are 0, and evidence still tells.
+        let evidence = |r: &Ranked| best.get(r.effect.as_str()).copied().unwrap_or(f64::NEG_INFINITY);
+        ranking.sort_by(|a, b| b.probability.total_cmp(&a.probability).then(evidence(b).total_cmp(&evidence(a))));
+        ranking
+    }
+
+    /// Log evidence of the effects by name. Beside causes that explain the recording counts what the corrected robot asks for: a
+    /// rival that imitates them had much evidence before, and a second effect has some now. Where they do not, their rivals count.
+    fn rivals(&self, verdict: Verdict) -> BTreeMap<&str, f64> {
+        let rounds = &self.evidence.rounds;
+        let Some(corrected) = &self.evidence.corrected else { return best_of(rounds.first()) };
+        let explains = matches!(verdict, Verdict::Explained | Verdict::PartlyExplained);
+        let mut best = match explains {
+            true => corrected.beside.iter().map(|(effect, evidence)| (effect.as_str(), *evidence)).collect(),
+            false => best_of(rounds.first()),
+        };
+        best.extend(best_of(rounds.last().filter(|r| r.accused.is_empty())));
+        for candidate in self.accused() {
+            let evidence = best.entry(&candidate.effect).or_insert(candidate.log_evidence);
+            *evidence = evidence.max(candidate.log_evidence);
+        }
+        best
+    }
+}
+
+/// The best log evidence of each effect in a round.
+fn best_of(round: Option<&Round>) -> BTreeMap<&str, f64> {
+    let mut best = BTreeMap::new();
+    for candidate in round.iter().flat_map(|r| &r.candidates) {
+        // Candidates come best first.
+        best.entry(candidate.effect.as_str()).or_insert(candidate.log_evidence);
+    }
+    best
+}

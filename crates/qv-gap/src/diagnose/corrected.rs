@@ -1,0 +1,126 @@
+//! What is measured of the robot with all that is accused, and all of the evidence.
+
+use super::{Accused, Findings, setting};
+use crate::GapError;
+use crate::closure::{closure, mean};
+use crate::constancy;
+use crate::decision::evidence::{self, ActsOn, Asked, Closed, Corrected, EffectFacts, Evidence};
+use crate::library::{Effect, Scope};
+use crate::rounds::{held_out_evidence, size};
+use crate::search::Search;
+use crate::study::Study;
+use std::collections::BTreeMap;
+
+/// Other effects of the accused joints that are kept, the best first.
+const MOST_ASKED: usize = 20;
+
+impl Findings<'_> {
+    /// All that decisions go by.
+    pub(super) fn evidence(&mut self, nominal: &mut Study) -> Result<Evidence, GapError> {
+        let effects = &nominal.columns.effects;
+        let effects = effects.iter().enumerate().map(|(e, effect)| facts(effect, !nominal.forgotten.contains(&e)));
+        Ok(Evidence {
+            format: evidence::FORMAT.into(),
+            is_free: self.on_feet,
+            joints: nominal.problem.model.joint_names().to_vec(),
+            effects: effects.collect(),
+            level: self.opening.level,
+            laws: self.opening.laws.clone(),
+            held_out: self.opening.held_out,
+            corrected: self.corrected(nominal)?,
+            rounds: self.rounds.iter().map(|r| r.round.clone()).collect(),
+        })
+    }
+
+    fn corrected(&mut self, nominal: &mut Study) -> Result<Option<Corrected>, GapError> {
+        let closed = self.closed(nominal)?;
+        let level = self.rounds.iter().rev().find_map(|r| r.round.after).map_or(1.0, |after| after.level.ratio);
+        let Some(study) = self.later.as_mut() else { return Ok(None) };
+        let accused = self.accused.iter().map(|a| accused(nominal, study, a)).collect();
+        let laws = crate::laws::laws(study);
+        let (same_joints, beside) = asked(study, &self.accused, level.max(1.0))?;
+        Ok(Some(Corrected { accused, laws, same_joints, beside, closed }))
+    }
+
+    /// How far the gap shrinks in windows that no fit has seen.
+    fn closed(&self, nominal: &mut Study) -> Result<Closed, GapError> {
+        let setting = setting(nominal, &self.corrections);
+        let alone = closure(nominal, &setting)?;
+        let log_evidence = held_out_evidence(nominal, &setting)?;
+        let before = std::mem::replace(&mut nominal.problem.events, self.events.clone());
+        let with_events = if self.events.is_empty() { alone.closed() } else { closure(nominal, &setting)?.closed() };
+        nominal.problem.events = before;
+        let (fall, error) = alone.fall(false);
+        Ok(Closed {
+            loss: [mean(&alone.before), mean(&alone.after)],
+            floor: alone.floor,
+            share: alone.closed(),
+            share_with_events: with_events,
+            fall: [fall, error],
+            law: alone.law(nominal, &setting),
+            log_evidence,
+        })
+    }
+}
+
+/// What decisions may ask of an effect of the library.
+fn facts(effect: &Effect, is_known: bool) -> EffectFacts {
+    let moves = || effect.axes.iter().flat_map(|a| a.moves.keys());
+    EffectFacts {
+        name: effect.name.clone(),
+        acts_on: match effect.scope {
+            Scope::Joints => ActsOn::Joints,
+            Scope::Links => ActsOn::Links,
+            _ => ActsOn::Other,
+        },
+        is_factor: effect.scope == Scope::Joints && effect.unit == "1" && !effect.absolute && effect.axes.len() == 1,
+        is_of_links: moves().all(|m| m.starts_with("link.")),
+        is_payload: moves().any(|m| m.ends_with(".payload_mass")),
+        upwards: effect.axes.iter().position(|a| a.moves.contains_key("external.force_z")),
+        is_known,
+    }
+}
+
+fn accused(nominal: &Study, study: &Study, accused: &Accused) -> evidence::Accused {
+    let Accused { found: [round, candidate], fit, group, cause, .. } = accused;
+    let values = fit.suspect.values.clone();
+    let is_of_joints = study.columns.effects.iter().any(|e| e.name == cause.effect && e.scope == Scope::Joints);
+    let is_steady = fit.suspect.extent.is_none();
+    // One event takes the place of any other in the simulator, so that it is asked of the robot without it.
+    let fading = accused.time().and_then(|t| constancy::fading(nominal, &cause.effect, group, &values, t));
+    let depends_on = match is_steady && is_of_joints {
+        true => constancy::dependences(study, &cause.effect, group),
+        false => Vec::new(),
+    };
+    let parameters = cause.parameters.clone();
+    evidence::Accused { round: *round, candidate: *candidate, values, parameters, fading, depends_on }
+}
+
+/// Effects that are not accused and that the corrected robot asks for by one linear step, over its `level`: those of the accused joints, and the
+/// most of every one.
+fn asked(study: &mut Study, accused: &[Accused], level: f64) -> Result<(Vec<Asked>, BTreeMap<String, f64>), GapError> {
+    let mut search = Search::new(study, 1.0)?;
+    let base = search.base(&[])?;
+    let linear = search.linear(&base.sums);
+    let columns = &study.columns;
+    let of_joints = |a: &&Accused| columns.effects.iter().any(|e| e.name == a.cause.effect && e.scope == Scope::Joints);
+    let (mut same_joints, mut beside) = (Vec::new(), BTreeMap::new());
+    for (evidence, suspect) in linear {
+        let group = &columns.groups[suspect.group];
+        let effect = &columns.effects[group.effect];
+        if !evidence.is_finite() || accused.iter().any(|a| a.cause.effect == effect.name) {
+            continue;
+        }
+        let log_evidence = evidence / level;
+        let most = beside.entry(effect.name.clone()).or_insert(f64::NEG_INFINITY);
+        *most = log_evidence.max(*most);
+        let shares = |a: &Accused| a.group.members.iter().any(|m| group.members.contains(m));
+        if effect.scope == Scope::Joints && accused.iter().filter(of_joints).any(shares) {
+            let (members, size) = (group.members.clone(), size(study, &suspect));
+            same_joints.push(Asked { effect: effect.name.clone(), members, log_evidence, size });
+        }
+    }
+    same_joints.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
+    same_joints.truncate(MOST_ASKED);
+    Ok((same_joints, beside))
+}
