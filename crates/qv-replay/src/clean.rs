@@ -92,6 +92,9 @@ fn keep(samples: &mut Samples, good: impl Fn(&Samples, usize) -> bool) {
 /// Some columns of ordered samples as a series; `None` when there is no sample, or nothing but gaps.
 /// Rows that are gaps in all of these columns are left out.
 pub(crate) fn columns(samples: &Samples, first: usize, count: usize) -> Option<JointSeries> {
+    if count == 0 {
+        return None;
+    }
     let mut time = Vec::with_capacity(samples.time.len());
     let mut values = Vec::with_capacity(samples.time.len() * count);
     for (t, row) in samples.time.iter().zip(samples.rows.chunks_exact(samples.width)) {

@@ -117,7 +117,7 @@ pub fn open_motor_csv(csv: &Path) -> Option<Result<Run, ReplayError>> {
 /// The motors of the robot that `run.toml` names: in the order that it states, else in that of its messages, else in the model's.
 fn motors(description: &Path, toml: &str) -> Option<Motors> {
     if let Some(joints) = Settings::of(toml).ok()?.joints {
-        return Some(Motors { joints, wire: None });
+        return Some(Motors { joints, wire: None, first: None });
     }
     let robot = qv_replay::robot_of(toml).ok()?;
     if let Some(mapping) = mapping_of(&robot) {
@@ -125,5 +125,5 @@ fn motors(description: &Path, toml: &str) -> Option<Motors> {
     }
     let (urdf, _) = urdf_beside(description, &robot).ok()?;
     let model = Model::from_urdf(&urdf, &ModelOptions::default()).ok()?;
-    Some(Motors { joints: model.joint_names().to_vec(), wire: None })
+    Some(Motors { joints: model.joint_names().to_vec(), wire: None, first: None })
 }

@@ -215,7 +215,7 @@ fn captures() -> Vec<Row> {
 }
 
 fn recordings() -> Vec<Row> {
-    let (kind, motors) = ("recording", Motors { joints: vec!["a".into()], wire: None });
+    let (kind, motors) = ("recording", Motors { joints: vec!["a".into()], wire: None, first: None });
     let settings = |text: &str| said(Settings::of(text));
     let of_sage = |state: &str, joints| said(sage::table(state, None, joints, &Settings::default()));
     vec![

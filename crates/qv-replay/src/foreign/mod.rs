@@ -18,6 +18,7 @@ mod settings;
 pub use settings::Settings;
 
 use crate::run::Loss;
+use std::collections::HashMap;
 use std::fmt::Write;
 
 /// A table as [`crate::read_table`] takes it, and how it was made.
@@ -42,26 +43,26 @@ pub(crate) struct Part {
 /// Joins channels, each on its own stamps \[s\], into one table. Joints without a name are left out.
 pub(crate) fn join(joints: &[String], parts: &[Part]) -> String {
     let named: Vec<usize> = (0..joints.len()).filter(|j| !joints[*j].is_empty()).collect();
-    let mut csv = String::from("time");
+    let mut csv = String::from("time_s");
     for part in parts {
         named.iter().for_each(|j| write!(csv, ",{}", quoted(&format!("{}{}", part.prefix, joints[*j]))).unwrap_or(()));
     }
     csv.push('\n');
-    let mut order: Vec<(f64, usize, usize)> = Vec::new();
+    // Channels with the same stamp share a row; a stamp that a channel has again makes one more.
+    let mut order: Vec<(f64, usize, usize, usize)> = Vec::new();
     for (p, part) in parts.iter().enumerate() {
-        order.extend(part.time.iter().enumerate().map(|(row, time)| (*time, row, p)));
+        let mut again: HashMap<u64, usize> = HashMap::new();
+        for (row, time) in part.time.iter().enumerate() {
+            let turn = again.entry(time.to_bits()).or_default();
+            order.push((*time, *turn, p, row));
+            *turn += 1;
+        }
     }
-    // Rows of a channel that came out of order stay so, for the table to tell.
-    order.sort_by(|a, b| a.1.cmp(&b.1).then(a.2.cmp(&b.2)));
-    order.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut rest = &order[..];
-    while let Some((time, row, p)) = rest.first().copied() {
-        // Channels with the same stamp share a row.
-        let shared = rest[1..].iter().take_while(|next| next.0 == time && next.2 > p && next.1 == row).count();
-        let rows = &rest[..=shared];
-        write!(csv, "{time}").unwrap_or(());
+    order.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+    for rows in order.chunk_by(|a, b| a.0 == b.0 && a.1 == b.1) {
+        write!(csv, "{}", rows[0].0).unwrap_or(());
         for (k, part) in parts.iter().enumerate() {
-            let own = rows.iter().find(|one| one.2 == k).map(|one| one.1);
+            let own = rows.iter().find(|one| one.2 == k).map(|one| one.3);
             for j in &named {
                 csv.push(',');
                 if let Some(x) = own.map(|row| part.values[row * joints.len() + j]).filter(|x| !x.is_nan()) {
@@ -70,7 +71,6 @@ pub(crate) fn join(joints: &[String], parts: &[Part]) -> String {
             }
         }
         csv.push('\n');
-        rest = &rest[shared + 1..];
     }
     csv
 }
@@ -85,6 +85,13 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_slower_channel_shares_the_rows_of_its_stamps() {
+        let part = |prefix, time: &[f64]| Part { prefix, time: time.to_vec(), values: time.to_vec() };
+        let csv = join(&["a".into()], &[part("pos.", &[0.0, 0.1, 0.2, 0.2]), part("cmd_pos.", &[0.0, 0.2])]);
+        assert_eq!(csv, "time_s,pos.a,cmd_pos.a\n0,0,0\n0.1,0.1,\n0.2,0.2,0.2\n0.2,0.2,\n");
+    }
+
+    #[test]
     fn channels_are_joined_by_their_stamps() {
         let joints = ["a".to_string(), String::new(), "b,c".to_string()];
         let part = |prefix, time: &[f64], values: &[f64]| Part { prefix, time: time.to_vec(), values: values.to_vec() };
@@ -95,6 +102,6 @@ mod tests {
                 part("cmd_pos.", &[0.0, 0.5], &[0.25, 9.0, 5.0, 6.0, 9.0, 7.0]),
             ],
         );
-        assert_eq!(csv, "time,pos.a,\"pos.b,c\",cmd_pos.a,\"cmd_pos.b,c\"\n0,1,2,0.25,5\n0.5,,,6,7\n1,3,,,\n");
+        assert_eq!(csv, "time_s,pos.a,\"pos.b,c\",cmd_pos.a,\"cmd_pos.b,c\"\n0,1,2,0.25,5\n0.5,,,6,7\n1,3,,,\n");
     }
 }

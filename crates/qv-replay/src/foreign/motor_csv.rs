@@ -12,6 +12,8 @@ pub struct Motors {
     pub joints: Vec<String>,
     /// Index of each on the wire, where it is known.
     pub wire: Option<Vec<usize>>,
+    /// Number of the first motor in the file, where it is not 0.
+    pub first: Option<usize>,
 }
 
 impl Motors {
@@ -21,10 +23,25 @@ impl Motors {
         let positions = fields.filter(|field| field.channel == Channel::Position);
         let wire =
             positions.flat_map(|field| &field.fields).find(|wanted| wanted.elements.len() == mapping.joint_names.len());
-        Self { joints: mapping.joint_names.clone(), wire: wire.map(|wanted| wanted.elements.clone()) }
+        Self { joints: mapping.joint_names.clone(), wire: wire.map(|wanted| wanted.elements.clone()), first: None }
+    }
+
+    /// The same for a file that counts its motors from 1: it has one with the number of motors, and none with 0.
+    fn counted_in(&self, names: &[&str]) -> Self {
+        let has = |index: usize| {
+            let one = Self { joints: vec!["joint".into(); index + 1], ..Self::default() };
+            let others = Self { joints: vec!["joint".into(); index], ..Self::default() };
+            // It is known with a motor of that number, and is not without.
+            names
+                .iter()
+                .any(|name| role(name, &one).is_some_and(|r| r.starts_with("pos.")) && role(name, &others).is_none())
+        };
+        let from_one = !has(0) && has(self.joints.len());
+        Self { first: from_one.then_some(1), ..self.clone() }
     }
 
     fn at(&self, index: usize) -> Option<&str> {
+        let index = index.checked_sub(self.first.unwrap_or(0))?;
         let joint = match &self.wire {
             Some(wire) => wire.iter().position(|one| *one == index)?,
             None => index,
@@ -83,8 +100,10 @@ const TIMES: [&str; 12] = [
 
 /// Whether a header has motors' positions in one of those spellings, and a time.
 pub fn is_motor_csv(header: &str, motors: &Motors) -> bool {
-    let names: Vec<&str> = header.trim_start_matches('\u{feff}').split([',', ';', '\t']).collect();
-    let is_table = names.iter().any(|name| name.trim().starts_with("pos."));
+    let bare = |name: &'_ str| name.trim().trim_matches('"').trim_start_matches(['#', ' ']).to_string();
+    let names: Vec<String> = header.trim_start_matches('\u{feff}').split([',', ';', '\t']).map(bare).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let is_table = names.iter().any(|name| name.get(..4).is_some_and(|start| start.eq_ignore_ascii_case("pos.")));
     !is_table
         && time_of(&names).is_some()
         && names.iter().any(|name| role(name, motors).is_some_and(|r| r.starts_with("pos.")))
@@ -173,7 +192,10 @@ pub fn table(text: &str, motors: &Motors) -> Result<Table, ReplayError> {
     let names: Vec<&str> = header.iter().collect();
     let shown = || format!("columns {}", names.iter().take(8).copied().collect::<Vec<_>>().join(", "));
     let time = time_of(&names).ok_or_else(|| fault("a column with the time (time, timestamp, t, tick)", shown()))?;
-    let (mut kept, mut unused) = (vec![(time, "time".to_string())], vec![]);
+    // A unit in the name holds.
+    let unit = ["_s", "_ms", "_us", "_ns"].into_iter().find(|unit| spelled(names[time]).ends_with(unit));
+    let motors = &motors.counted_in(&names);
+    let (mut kept, mut unused) = (vec![(time, format!("time{}", unit.unwrap_or_default()))], vec![]);
     for (column, name) in names.iter().enumerate().filter(|(column, _)| *column != time) {
         match role(name, motors).filter(|role| !kept.iter().any(|(_, known)| known == role)) {
             Some(role) => kept.push((column, role)),
@@ -192,8 +214,8 @@ pub fn table(text: &str, motors: &Motors) -> Result<Table, ReplayError> {
         csv.push_str(&cells.join(","));
         csv.push('\n');
     }
-    let mut told =
-        vec![format!("columns are fields of motors: {} of {} are channels of a run", kept.len(), names.len())];
+    let mut told: Vec<String> = motors.first.iter().map(|first| format!("motors are counted from {first}")).collect();
+    told.push(format!("columns are fields of motors: {} of {} are channels of a run", kept.len(), names.len()));
     if !unused.is_empty() {
         let some = unused.iter().take(6).copied().collect::<Vec<_>>().join(", ");
         told.push(format!("not used: {some}{}", if unused.len() > 6 { ", ..." } else { "" }));
@@ -207,7 +229,7 @@ mod tests {
 
     fn motors() -> Motors {
         let joints = ["FL_hip_joint", "FL_thigh_joint", "FR_hip_joint", "FR_thigh_joint"].map(String::from).to_vec();
-        Motors { joints, wire: Some(vec![2, 3, 0, 1]) }
+        Motors { joints, wire: Some(vec![2, 3, 0, 1]), first: None }
     }
 
     #[test]
@@ -254,7 +276,7 @@ mod tests {
         let text = "\u{feff}time_s;q_0;q_1;q_2;q_3;temp_0\n0;1;2;3;4;30\n0.1;1;2;3;\"5\";31\n";
         assert!(is_motor_csv(text.lines().next().unwrap(), &motors()));
         let table = table(text, &motors()).unwrap();
-        let header = "time,pos.FR_hip_joint,pos.FR_thigh_joint,pos.FL_hip_joint,pos.FL_thigh_joint";
+        let header = "time_s,pos.FR_hip_joint,pos.FR_thigh_joint,pos.FL_hip_joint,pos.FL_thigh_joint";
         assert_eq!(table.csv, format!("{header}\n0,1,2,3,4\n0.1,1,2,3,5\n"));
         assert_eq!(table.told[1], "not used: temp_0");
         assert!(!is_motor_csv("time,pos.a,q_0", &motors()) && !is_motor_csv("q_0,q_1", &motors()));

@@ -17,8 +17,8 @@ struct Rows {
 
 const LISTS: [&str; 3] = ["positions", "velocities", "torques"];
 
-/// A table of the texts of `state_motor.csv`, `control.csv` and `joint_list.txt`, where the last two are there. Both files are on one clock; the
-/// unit of its stamps is found by their size.
+/// A table of the texts of `state_motor.csv`, `control.csv` and `joint_list.txt`, where the last two are there. The unit of stamps is found by
+/// their size, for each file; that both are on one clock is looked at.
 ///
 /// # Errors
 /// A column is missing, no row has as many numbers as the first, or nothing names the joints.
@@ -34,11 +34,8 @@ pub fn table(
         lines.filter(|name| !name.is_empty()).collect()
     });
     let joints = settings.names(state.width, own, "joint_list.txt")?;
-    let (seconds, unit) = unit_of_time(state.time[0], &state.time);
     let mut table = Table::default();
-    if seconds != 1.0 {
-        table.told.push(format!("state_motor.csv: stamps are {unit}, by their size"));
-    }
+    in_seconds("state_motor.csv", &mut state.time, &mut table.told);
     table.told.extend(settings.unit.as_ref().map(|unit| format!("positions are read as {unit}")));
     let lose = |file: &str, lines: &[String]| {
         lines.iter().map(|what| Loss { file: file.into(), what: what.clone(), span: None }).collect::<Vec<_>>()
@@ -53,17 +50,44 @@ pub fn table(
         if k < 2 {
             settings.convert(&joints, &mut values, k == 1);
         }
-        parts.push(Part { prefix, time: state.time.iter().map(|t| t * seconds).collect(), values });
+        parts.push(Part { prefix, time: state.time.clone(), values });
     }
     if let Some(text) = control {
         let mut control = rows("control.csv", text, Some(joints.len()))?;
         table.lost.extend(lose("control.csv", &control.lost));
+        in_seconds("control.csv", &mut control.time, &mut table.told);
         let mut values = std::mem::take(&mut control.lists[0]);
         settings.convert(&joints, &mut values, false);
-        parts.push(Part { prefix: "cmd_pos.", time: control.time.iter().map(|t| t * seconds).collect(), values });
+        match apart(&state.time, &control.time) {
+            Some(what) => table.lost.push(Loss { file: "control.csv".into(), what, span: None }),
+            None => parts.push(Part { prefix: "cmd_pos.", time: control.time, values }),
+        }
     }
     table.csv = join(&joints, &parts);
     Ok(table)
+}
+
+/// Stamps in seconds, and a sentence where they were written in another unit.
+fn in_seconds(file: &str, time: &mut [f64], told: &mut Vec<String>) {
+    let (seconds, unit) = unit_of_time(time[0], time);
+    if seconds != 1.0 {
+        told.push(format!("{file}: stamps are {unit}, by their size"));
+        time.iter_mut().for_each(|t| *t *= seconds);
+    }
+}
+
+/// Why commands are not those of the states: no stamp of theirs lies in the time of the states.
+fn apart(states: &[f64], commands: &[f64]) -> Option<String> {
+    let span = |time: &[f64]| {
+        let least = time.iter().copied().fold(f64::INFINITY, f64::min);
+        [least, time.iter().copied().fold(f64::NEG_INFINITY, f64::max)]
+    };
+    let ([from, until], [first, last]) = (span(states), span(commands));
+    (first > until || last < from).then(|| {
+        format!(
+            "expected stamps on the clock of state_motor.csv, {from:.3} to {until:.3} s, found {first:.3} to {last:.3} s: its commands are left out"
+        )
+    })
 }
 
 /// Rows with `width` numbers in each list, or as many as the first has.

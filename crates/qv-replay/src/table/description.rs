@@ -1,5 +1,6 @@
 //! `run.toml`: what is known of the robot.
 
+use super::dialect::{Unit, stated_unit};
 use crate::ReplayError;
 use crate::run::{Actuator, ActuatorKind, Base, JointParameters, Loss};
 use qv_core::JointSeries;
@@ -11,6 +12,8 @@ use std::collections::BTreeMap;
 pub(super) struct Description {
     pub robot: String,
     base: Option<String>,
+    /// `s`, `ms`, `us` or `ns`; found by the size of stamps where it is not stated.
+    time_unit: Option<String>,
     actuator: Option<ActuatorTable>,
     imu: Option<ImuTable>,
     #[serde(default)]
@@ -127,7 +130,7 @@ pub(super) fn unknown_keys(text: &str) -> Vec<String> {
     let mut check = |at: &str, table: &toml::Table, known: &[&str]| {
         unknown.extend(table.keys().filter(|k| !known.contains(&k.as_str())).map(|k| format!("{at}{k}")));
     };
-    check("", &table, &["robot", "base", "actuator", "imu", "joint", "dataset"]);
+    check("", &table, &["robot", "base", "time_unit", "actuator", "imu", "joint", "dataset"]);
     if let Some(imu) = table.get("imu").and_then(toml::Value::as_table) {
         check("imu.", imu, &["rotation"]);
     }
@@ -161,6 +164,14 @@ impl Description {
     /// Roll, pitch and yaw of the IMU on the base \[rad\], where they are stated.
     pub(super) fn imu_rotation(&self) -> Option<[f64; 3]> {
         self.imu.and_then(|imu| imu.rotation)
+    }
+
+    /// The unit of time, where it is stated.
+    pub(super) fn time_unit(&self) -> Result<Option<Unit>, ReplayError> {
+        let Some(word) = &self.time_unit else { return Ok(None) };
+        let unit = stated_unit(word);
+        let wrong = || ReplayError::file("run.toml", "time_unit s, ms, us or ns", format!("`{word}`"));
+        unit.map(Some).ok_or_else(wrong)
     }
 
     pub(super) fn base(&self) -> Result<Option<Base>, ReplayError> {

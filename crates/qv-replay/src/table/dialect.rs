@@ -15,6 +15,14 @@ pub(super) fn separator<R: Read>(mut csv: R) -> (u8, &'static str, Chain<Cursor<
     let mut head = Vec::new();
     // What cannot be read here cannot be read again either: the rows end there, which is told then.
     let _ = csv.by_ref().take(HEAD).read_to_end(&mut head);
+    // Excel's way to say it, in a line of its own.
+    let said = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&head).strip_prefix(b"sep=");
+    let said = said.and_then(|rest| Some((*rest.first()?, rest.iter().position(|b| *b == b'\n')? + 1, rest.len())));
+    if let Some((separator, end, length)) = said {
+        let name = SEPARATORS.iter().find(|(byte, _)| *byte == separator).map_or("a separator of its own", |s| s.1);
+        let rest = head.split_off(head.len() - length + end);
+        return (separator, name, Cursor::new(rest).chain(csv));
+    }
     let line = head.split(|b| *b == b'\n').find(|line| !line.trim_ascii().is_empty()).unwrap_or_default();
     let count = |separator: u8| {
         let mut quoted = false;
@@ -85,16 +93,38 @@ const EPOCH: std::ops::Range<f64> = 1e9..4.1e9;
 /// Longest interval of recordings of joints \[s\]: below five a second nothing can be derived of them.
 const SLOWEST: f64 = 0.2;
 
-/// The unit in which stamps are times of this century, where there is one; else the largest in which the typical interval
-/// is at most [`SLOWEST`].
+/// The largest unit in which the typical interval is at most [`SLOWEST`]; of several such, the one in which stamps are times of this
+/// century. A clock that counts microseconds since the robot was switched on passes through this century's seconds, too, but
+/// not in steps of hours.
 pub(crate) fn unit_of_time(first: f64, time: &[f64]) -> Unit {
-    if let Some(unit) = UNITS.into_iter().find(|(seconds, _)| EPOCH.contains(&(first * seconds))) {
-        return unit;
-    }
     let interval = median_interval(time);
     // Of one row, or none that can be told apart, nothing is known.
     let fits = |(seconds, _): &Unit| !interval.is_finite() || interval * seconds <= SLOWEST;
-    UNITS.into_iter().find(fits).unwrap_or(UNITS[0])
+    let is_of_this_century = |(seconds, _): &Unit| EPOCH.contains(&(first * seconds));
+    let mut all = UNITS.into_iter().filter(fits);
+    let largest = all.clone().next();
+    all.find(is_of_this_century).or(largest).unwrap_or(UNITS[0])
+}
+
+/// The unit that somebody states: `s`, `ms`, `us` or `ns`.
+pub(super) fn stated_unit(word: &str) -> Option<Unit> {
+    ["s", "ms", "us", "ns"].iter().position(|known| *known == word).map(|k| UNITS[k])
+}
+
+/// Text in UTF-16, which spreadsheets write, as UTF-8; everything else as it is.
+pub(super) fn in_utf8<R: Read>(mut csv: R) -> Result<Chain<Cursor<Vec<u8>>, R>, String> {
+    let mut bytes = Vec::new();
+    csv.by_ref().take(2).read_to_end(&mut bytes).map_err(|e| e.to_string())?;
+    let of: fn([u8; 2]) -> u16 = match bytes[..] {
+        [0xff, 0xfe] => u16::from_le_bytes,
+        [0xfe, 0xff] => u16::from_be_bytes,
+        _ => return Ok(Cursor::new(bytes).chain(csv)),
+    };
+    let mut rest = Vec::new();
+    csv.read_to_end(&mut rest).map_err(|e| e.to_string())?;
+    let units = rest.chunks_exact(2).map(|pair| of([pair[0], pair[1]]));
+    let text: String = char::decode_utf16(units).map(|c| c.unwrap_or(char::REPLACEMENT_CHARACTER)).collect();
+    Ok(Cursor::new(text.into_bytes()).chain(csv))
 }
 
 #[cfg(test)]
@@ -111,11 +141,30 @@ mod tests {
             ("time", b','),
             ("\"a,b,c,d\";time", b';'),
             ("", b','),
+            ("time;pos.a,b,c,d\n", b','),
         ] {
             let (found, _, mut again) = separator(header.as_bytes());
             let mut text = String::new();
             again.read_to_string(&mut text).unwrap();
             assert_eq!((found, text.as_str()), (right, header));
+        }
+    }
+
+    #[test]
+    fn a_line_that_says_the_separator_is_no_header() {
+        let (found, name, mut rest) = separator(&b"\xef\xbb\xbfsep=;\r\ntime;pos.a,b,c\n"[..]);
+        let mut text = String::new();
+        rest.read_to_string(&mut text).unwrap();
+        assert_eq!((found, name, text.as_str()), (b';', "semicolons", "time;pos.a,b,c\n"));
+    }
+
+    #[test]
+    fn utf_16_becomes_utf_8() {
+        let little: Vec<u8> = "\u{feff}time\u{e4}".encode_utf16().flat_map(u16::to_le_bytes).collect();
+        for (bytes, right) in [(&little[..], "time\u{e4}"), (b"time", "time"), (b"", "")] {
+            let mut text = String::new();
+            in_utf8(bytes).unwrap().read_to_string(&mut text).unwrap();
+            assert_eq!(text, right);
         }
     }
 
@@ -141,7 +190,10 @@ mod tests {
             (0.0, 0.002, 1.0),
             (0.0, 0.1, 1.0),
             (1.7e9, 0.002, 1.0),
-            (1.7e9, 1.0, 1.0),
+            // Time since the robot was switched on: 20 minutes, 30 minutes, 14 days.
+            (1.2e9, 2000.0, 1e-6),
+            (1.8e12, 2e6, 1e-9),
+            (1.2096e9, 2.0, 1e-3),
             (0.0, 2.0, 1e-3),
             (1.7e12, 2.0, 1e-3),
             (0.0, 2000.0, 1e-6),

@@ -11,7 +11,7 @@ use crate::imu;
 use crate::mapping::{Channel, Mapping};
 use crate::run::*;
 use description::{parse_description, unknown_keys};
-use dialect::Cells;
+use dialect::{Cells, Unit};
 use qv_core::Pose;
 use qv_sim::{Model, ModelOptions};
 use std::collections::BTreeMap;
@@ -37,6 +37,7 @@ pub fn read_table(
 ) -> Result<Run, ReplayError> {
     let description = parse_description(toml_text)?;
     let base = description.base()?;
+    let csv = dialect::in_utf8(csv).map_err(|e| ReplayError::file("run.csv", "a readable file", e))?;
     let (separator, separator_name, csv) = dialect::separator(csv);
     let mut reader =
         csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).delimiter(separator).from_reader(csv);
@@ -54,7 +55,8 @@ pub fn read_table(
         })
         .collect();
     let layout = Layout::new(&header, mapping, &mut lost)?;
-    let (samples, unit) = read_rows(&mut reader, &layout, &mut lost, &mut told)?;
+    let unit = description.time_unit()?.or(layout.unit);
+    let (samples, unit) = read_rows(&mut reader, &layout, unit, &mut lost, &mut told)?;
     let mut faults = Vec::new();
     layout.report_names(mapping, &mut faults);
     if samples.time.len() == 1 {
@@ -133,6 +135,8 @@ struct Layout {
     strange: Vec<String>,
     absent: Vec<String>,
     time: usize,
+    /// Unit of time, where the column's name says it.
+    unit: Option<Unit>,
     /// Target of each file column.
     target: Vec<Option<usize>>,
     /// Channel, first target column, width.
@@ -159,9 +163,14 @@ const VECTOR_CHANNELS: [(&str, Channel, &[&str]); 4] = [
 
 impl Layout {
     fn new(header: &csv::StringRecord, mapping: Option<&Mapping>, lost: &mut Vec<Loss>) -> Result<Self, ReplayError> {
-        let names: Vec<String> = header.iter().map(|h| h.trim_start_matches('\u{feff}').trim().to_string()).collect();
+        let names: Vec<String> = header.iter().map(plain).collect();
         let found = || names.iter().take(8).cloned().collect::<Vec<_>>().join(", ");
-        let Some(time) = names.iter().position(|n| n == "time") else {
+        let with_unit = || {
+            let unit = |n: &String| dialect::stated_unit(n.strip_prefix("time_")?);
+            names.iter().enumerate().find_map(|(column, name)| Some((column, unit(name)?)))
+        };
+        let plain_time = names.iter().position(|n| n == "time").map(|column| (column, None));
+        let Some((time, unit)) = plain_time.or_else(|| with_unit().map(|(column, unit)| (column, Some(unit)))) else {
             return Err(ReplayError::file("run.csv", "a column `time`", format!("columns {}", found())));
         };
         let mut seen: Vec<String> = Vec::new();
@@ -189,7 +198,7 @@ impl Layout {
             return Err(ReplayError::file("run.csv", expected, format!("joints {}", seen.join(", "))));
         }
         let mut layout =
-            Self { joints, strange, absent, time, target: Vec::new(), groups: Vec::new(), width: 0, names };
+            Self { joints, strange, absent, time, unit, target: Vec::new(), groups: Vec::new(), width: 0, names };
         layout.assign(lost);
         Ok(layout)
     }
@@ -250,6 +259,27 @@ impl Layout {
     }
 }
 
+/// The name of a column as it is looked for: without what programs put before a header, channels in lower case.
+fn plain(name: &str) -> String {
+    let name = name.trim_start_matches('\u{feff}').trim();
+    // NumPy writes headers as comments.
+    let name = name.strip_prefix('#').map_or(name, str::trim);
+    let lower = name.to_ascii_lowercase();
+    let is_whole = |n: &str| {
+        let of_vector = |(prefix, _, parts): &(&str, Channel, &[&str])| {
+            n.strip_prefix(prefix).is_some_and(|part| parts.contains(&part))
+        };
+        n == "time" || VECTOR_CHANNELS.iter().any(of_vector)
+    };
+    if is_whole(&lower) {
+        return lower;
+    }
+    match JOINT_CHANNELS.iter().find(|(prefix, _)| lower.starts_with(prefix)) {
+        Some((prefix, _)) => format!("{prefix}{}", &name[prefix.len()..]),
+        None => name.to_string(),
+    }
+}
+
 /// Whether a column holds the numbers of rows, or nothing: without a name, or with one that programs give to such columns.
 fn is_index(name: &str) -> bool {
     name.is_empty() || name.starts_with("Unnamed:") || ["index", "level_0"].contains(&name)
@@ -259,6 +289,7 @@ fn is_index(name: &str) -> bool {
 fn read_rows(
     reader: &mut csv::Reader<impl Read>,
     layout: &Layout,
+    stated: Option<Unit>,
     lost: &mut Vec<Loss>,
     told: &mut Vec<String>,
 ) -> Result<(Samples, &'static str), ReplayError> {
@@ -324,12 +355,18 @@ fn read_rows(
         told.push(format!("run.csv: decimal commas, in {} cells", cells.commas));
     }
     if samples.time.is_empty() {
-        let found = if bad.row_count > 0 { format!("{} rows, none with a time", bad.row_count) } else { "none".into() };
+        let found = match &bad.rows {
+            Some((line, cell)) => format!("{} rows, none with a time (`{cell}` in line {line})", bad.row_count),
+            None => "none".into(),
+        };
         return Err(ReplayError::file("run.csv", "at least one row", found));
     }
-    let (seconds, unit) = unit_of_time(cells.first_stamp(&samples.time), &samples.time);
+    let by_size = || unit_of_time(cells.first_stamp(&samples.time), &samples.time);
+    let (seconds, unit) = stated.unwrap_or_else(by_size);
     if seconds != 1.0 {
-        told.push(format!("run.csv: stamps are {unit}, by their size"));
+        if stated.is_none() {
+            told.push(format!("run.csv: stamps are {unit}, by their size (time_unit in run.toml says otherwise)"));
+        }
         samples.time.iter_mut().for_each(|t| *t *= seconds);
     }
     Ok((samples, unit))
