@@ -141,6 +141,10 @@ fn run_of(mut collector: Collector, namespace: Option<&str>, lost: Vec<Loss>) ->
     say_missing_commands(&run, mapping, &mut faults);
     add_gains(&mut run, mapping);
     run.faults = faults;
+    if let Some(one) = run.measured.position.as_ref().filter(|p| p.len() == 1) {
+        let (channel, detail) = ("position".into(), "expected samples at several times, found one".into());
+        run.faults.push(Fault { kind: FaultKind::Missing, channel, time: one.time[0], count: 1, detail });
+    }
     faults::examine(&mut run, Some(mapping));
     Ok(run)
 }

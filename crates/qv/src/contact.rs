@@ -4,6 +4,7 @@ use crate::ask::ask;
 use crate::ground::mesh_at;
 use crate::numbers::within;
 use crate::open::{file_error, lost_from, model_of, open_run, parameters, progress, told_of, write_error};
+use crate::whole::put;
 use crate::{Outcome, Reading, RunArguments, say};
 use qv_contact::report::Status;
 use qv_contact::{ContactError, Ground, Options, Prior, Report, calibrate, html, prior};
@@ -158,7 +159,7 @@ impl Contact {
         ];
         for (name, bytes) in files {
             let path = self.out.join(name);
-            fs::write(&path, bytes).map_err(|e| write_error(&path, &e))?;
+            put(&path, bytes).map_err(|e| write_error(&path, &e))?;
         }
         Ok(())
     }

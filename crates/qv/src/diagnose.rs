@@ -4,6 +4,7 @@ use crate::camera::{RobotCamera, open_camera, open_images, photographs, to_toml}
 use crate::ground::{check_ground, terrain_of};
 use crate::open::{file_error, lost_from, model_of, open_run, parameters_of, spinner, told_of, urdf_of, write_error};
 use crate::scene::open_scene;
+use crate::whole::put;
 use crate::{Outcome, Reading, RunArguments, say};
 use qv_core::{GaussianCloud, JointSeries};
 use qv_gap::baselines::{Baselines, CMA_ES_STEPS, baselines};
@@ -161,7 +162,7 @@ impl Diagnose {
         if let Some(camera) = &corrected {
             let path = self.out.join("calibrated_camera.toml");
             let said = diagnosis.report.visual.as_ref().map_or("", |v| &v.sentence);
-            fs::write(&path, to_toml(camera, said)).map_err(|e| write_error(&path, &e))?;
+            put(&path, to_toml(camera, said)).map_err(|e| write_error(&path, &e))?;
         }
         if let Some(rivals) = &rivals {
             write_baselines(&self.out, rivals)?;
@@ -235,7 +236,7 @@ impl Diagnose {
         let evidence = serde_json::to_vec(evidence).expect("evidence is plain data");
         for (name, bytes) in files.into_iter().chain([("evidence.json".into(), evidence)]) {
             let path = directory.join(name);
-            fs::write(&path, bytes).map_err(|e| write_error(&path, &e))?;
+            put(&path, bytes).map_err(|e| write_error(&path, &e))?;
         }
         Ok(())
     }
@@ -266,7 +267,7 @@ impl Place {
 fn write_baselines(directory: &Path, rivals: &Baselines) -> Result<(), ReplayError> {
     let path = directory.join("baselines.json");
     let text = serde_json::to_string_pretty(rivals).expect("answers are plain data") + "\n";
-    fs::write(&path, text).map_err(|e| write_error(&path, &e))
+    put(&path, text).map_err(|e| write_error(&path, &e))
 }
 
 /// What the outputs need to know of the robot.

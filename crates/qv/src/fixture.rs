@@ -3,14 +3,14 @@
 use crate::ground::{mesh_at, set_friction, terrain_at};
 use crate::numbers::{not_negative, three, within};
 use crate::open::write_error;
+use crate::whole::{put, stream};
 use crate::{Outcome, say};
 use glam::DVec3;
 use qv_core::{Material, TriangleMesh};
 use qv_go2::synthetic::{self, Robot};
 use qv_mesh::files::glb;
 use qv_replay::ReplayError;
-use std::fs::{self, File};
-use std::io::BufWriter;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 pub const EXAMPLE: &str = "Example:\n  qv fixture --out out/fixture && qv replay out/fixture/run.mcap --terrain out/fixture/terrain.glb --out out/replay\n\n\
@@ -54,8 +54,8 @@ impl Fixture {
         parameters.extend(synthetic::command_latency(self.latency));
         let robot = Robot { parameters, seed: self.seed, start: self.start };
         let messages = synthetic::record(&terrain, &robot)?;
-        let file = File::create(in_out("run.mcap")).map_err(|e| write_error(&in_out("run.mcap"), &e))?;
-        synthetic::write_bag(&messages, BufWriter::new(file))?;
+        let bag = in_out("run.mcap");
+        stream(&bag, |e| write_error(&bag, &e), |file| synthetic::write_bag(&messages, file))?;
         write(&in_out("truth.json"), format!("{:#}\n", self.truth(&robot)).as_bytes())?;
         say(&format!("{} messages, {} s, written to {}\n", messages.len(), synthetic::DURATION, self.out.display()))?;
         Ok(Outcome::Done)
@@ -89,7 +89,7 @@ pub fn label_and_value(text: &str) -> Result<(String, f64), String> {
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), ReplayError> {
-    fs::write(path, bytes).map_err(|e| write_error(path, &e))
+    put(path, bytes).map_err(|e| write_error(path, &e))
 }
 
 /// The ground: concrete, from x = 0.6 m on tiles, which rise from x = 0.9 to 1.4 m by 3 cm and stay there.

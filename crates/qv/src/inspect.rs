@@ -179,11 +179,16 @@ fn stream_line(s: &Source, width: usize) -> String {
     }
     let [from, to] = s.span;
     format!(
-        "  {name:<width$} {:>8} {:>7.1} {:>9.3} {from:>8.2} {to:>8.2}  {clock}{unused}\n",
+        "  {name:<width$} {:>8} {:>7} {:>9} {from:>8.2} {to:>8.2}  {clock}{unused}\n",
         s.count,
-        s.rate,
-        1e3 * s.jitter
+        known(s.rate, 1),
+        known(1e3 * s.jitter, 3)
     )
+}
+
+/// What is not known, such as the rate of one message, is a dash.
+pub fn known(x: f64, digits: usize) -> String {
+    if x.is_finite() { format!("{x:.digits$}") } else { "-".into() }
 }
 
 /// What is wrong, in at most about `most` lines; losses are all told.

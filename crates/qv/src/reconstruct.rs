@@ -8,6 +8,7 @@ use crate::colmap::poses_again;
 use crate::normals::{self, Colours, NormalModel};
 use crate::scene::about;
 use crate::video;
+use crate::whole::put;
 use crate::whole::write_whole;
 use crate::{Failure, Outcome, say};
 use clap::ValueEnum;
@@ -260,8 +261,7 @@ impl Reconstruct {
         });
         self.save_cameras(&model, &dataset, &looked_at)?;
         let path = self.out.join("metrics.json");
-        fs::write(&path, format!("{metrics:#}\n"))
-            .map_err(|e| about(&path, format!("expected to write it, found {e}")))?;
+        put(&path, format!("{metrics:#}\n")).map_err(|e| about(&path, format!("expected to write it, found {e}")))?;
         self.tell(&metrics, [Score::mean(&held_out), Score::mean(&aligned)], &run, train_s, model.cloud.len())?;
         opened.capture.told.iter().for_each(|what| eprintln!("qv: {what}"));
         dataset.turned.iter().for_each(|(what, count)| eprintln!("qv: {count} images with {what}"));
@@ -468,13 +468,13 @@ impl Reconstruct {
         };
         let mut cameras: Vec<CaptureCamera> = all.map(camera).collect();
         cameras.sort_by(|a, b| a.name.cmp(&b.name));
-        let written = fs::write(&path, cameras_json::write(&Capture { cameras, ..Capture::default() }));
+        let written = put(&path, cameras_json::write(&Capture { cameras, ..Capture::default() }));
         written.map_err(|e| about(&path, format!("expected to write it, found {e}")))
     }
 
     fn save_scene(&self, cloud: &GaussianCloud, dataset: &Dataset) -> Result<(), Failure> {
         let path = self.out.join("scene.ply");
-        fs::write(&path, ply::write_over(cloud, Some(dataset.background))?)
+        put(&path, ply::write_over(cloud, Some(dataset.background))?)
             .map_err(|e| about(&path, format!("expected to write it, found {e}")))
     }
 

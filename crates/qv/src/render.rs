@@ -3,6 +3,7 @@
 use crate::numbers::three;
 use crate::open::progress;
 use crate::scene::{about, open_cameras, open_scene};
+use crate::whole::put;
 use crate::{Failure, Outcome, say};
 use image::{ExtendedColorType, ImageFormat};
 use qv_core::GaussianCloud;
@@ -196,7 +197,7 @@ impl Render {
         png(&next(), &image.colour_u8(), size, ExtendedColorType::Rgb8)?;
         if self.depth {
             let path = next();
-            fs::write(&path, npy(&image.depth, size)).map_err(|e| about(&path, unwritable(e)))?;
+            put(&path, npy(&image.depth, size)).map_err(|e| about(&path, unwritable(e)))?;
         }
         if self.normals {
             png(&next(), &normals(image), size, ExtendedColorType::Rgb8)?;

@@ -1,8 +1,10 @@
 //! `qv replay`: how far the simulator is from the robot.
 
 use crate::ground::{check_ground, terrain_of};
+use crate::inspect::known;
 use crate::numbers::within;
-use crate::open::{lost_from, model_of, open_run, parameters_of, spinner, told_of, write_error};
+use crate::open::{file_error, lost_from, model_of, open_run, parameters_of, spinner, told_of, write_error};
+use crate::whole::{put, stream};
 use crate::{Outcome, RunArguments, say};
 use qv_replay::derive::joint_velocity;
 use qv_replay::replay::{Lag, ReplayOptions, to_html, to_json, verdict, write_mcap};
@@ -10,7 +12,6 @@ use qv_replay::{ReplayError, Run};
 use qv_sim::Model;
 use serde_json::Value;
 use std::fs;
-use std::io::BufWriter;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -82,12 +83,13 @@ impl Replay {
     ) -> Result<(), ReplayError> {
         let failed = |name: &str, e: std::io::Error| write_error(&self.out.join(name), &e);
         fs::create_dir_all(&self.out).map_err(|e| failed("", e))?;
-        fs::write(self.out.join("replay.json"), format!("{report:#}\n")).map_err(|e| failed("replay.json", e))?;
+        put(&self.out.join("replay.json"), format!("{report:#}\n")).map_err(|e| failed("replay.json", e))?;
         let title = self.run.run.display().to_string();
         let html = to_html(replay, &title, notes);
-        fs::write(self.out.join("replay.html"), html).map_err(|e| failed("replay.html", e))?;
-        let file = fs::File::create(self.out.join("replay.mcap")).map_err(|e| failed("replay.mcap", e))?;
-        write_mcap(replay, run.epoch, BufWriter::new(file))
+        put(&self.out.join("replay.html"), html).map_err(|e| failed("replay.html", e))?;
+        let path = self.out.join("replay.mcap");
+        let told = |e: ReplayError| file_error(&path, "room for the whole of it", &e.to_string());
+        stream(&path, |e| failed("replay.mcap", e), |file| write_mcap(replay, run.epoch, file).map_err(told))
     }
 }
 
@@ -138,24 +140,26 @@ fn summary(replay: &qv_replay::replay::Replay, notes: &[String], factor: f64) ->
         let lag = |lags: &[Lag]| lags.iter().find(|l| l.joint == *name).map_or(f64::NAN, |l| 1e3 * l.lag);
         text += &format!(
             "{name:<20} {:>10} {:>10} {:>10} {:>9} {:>14} {:>14}\n",
-            number(1e3 * w.position, 2),
-            number(1e3 * e.position, 2),
-            number(w.velocity, 3),
-            number(w.torque, 3),
-            number(lag(&replay.command_lags), 1),
-            number(lag(&replay.model_lags), 1)
+            known(1e3 * w.position, 2),
+            known(1e3 * e.position, 2),
+            known(w.velocity, 3),
+            known(w.torque, 3),
+            known(lag(&replay.command_lags), 1),
+            known(lag(&replay.model_lags), 1)
         );
     }
     let (mean, count) = (1e3 * windows.position_mean(), replay.windows.windows.len());
-    text += &format!("{:<20} {:>10} {:>10}\n", "mean", number(mean, 2), number(1e3 * whole.position_mean(), 2));
+    text += &format!("{:<20} {:>10} {:>10}\n", "mean", known(mean, 2), known(1e3 * whole.position_mean(), 2));
     for p in &windows.phases {
-        let (rms, share) = (number(1e3 * p.position, 2), 100.0 * p.share);
+        let (rms, share) = (known(1e3 * p.position, 2), 100.0 * p.share);
         text += &format!("{:<20} {rms:>10}   {share:.0} % of the time\n", p.phase.name());
     }
     if let Some(b) = whole.base {
         text += &format!(
-            "base, open loop: {:.3} m mean, {:.3} m and {:.3} rad of yaw at the end\n",
-            b.position_mean, b.position_final, b.yaw_final
+            "base, open loop: {} m mean, {} m and {} rad of yaw at the end\n",
+            known(b.position_mean, 3),
+            known(b.position_final, 3),
+            known(b.yaw_final, 3)
         );
     }
     let skipped = replay.windows.skipped;
@@ -169,9 +173,4 @@ fn summary(replay: &qv_replay::replay::Replay, notes: &[String], factor: f64) ->
 
 fn window_length(text: &str) -> Result<f64, String> {
     within(text, 0.01, 1000.0)
-}
-
-/// What is not known is a dash, not NaN.
-fn number(x: f64, digits: usize) -> String {
-    if x.is_finite() { format!("{x:.digits$}") } else { "-".into() }
 }

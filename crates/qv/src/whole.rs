@@ -2,19 +2,41 @@
 
 use crate::Failure;
 use crate::scene::about;
-use std::fs;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
 /// Writes a file beside its place and renames it, so that a power cut leaves the old one or the new one.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    put(path, bytes).map_err(|e| about(path, format!("expected to write it, found {e}")))
+}
+
+/// The same, with the error as it is.
+pub fn put(path: &Path, bytes: impl AsRef<[u8]>) -> io::Result<()> {
+    stream(path, |e| e, |file| file.write_all(bytes.as_ref()))
+}
+
+/// The same for what is written piece by piece; an error of `write` leaves nothing. `failed` makes the caller's error of one of the file.
+pub fn stream<E>(
+    path: &Path,
+    failed: impl Fn(io::Error) -> E,
+    write: impl FnOnce(&mut BufWriter<File>) -> Result<(), E>,
+) -> Result<(), E> {
     let mut name = path.file_name().unwrap_or_default().to_os_string();
     name.push(".new");
     let new = path.with_file_name(name);
-    let written = fs::write(&new, bytes).and_then(|()| fs::rename(&new, path));
-    written.map_err(|e| {
+    let all = || {
+        let mut file = BufWriter::new(File::create(&new).map_err(&failed)?);
+        write(&mut file)?;
+        file.flush().map_err(&failed)?;
+        drop(file);
+        fs::rename(&new, path).map_err(&failed)
+    };
+    let written = all();
+    if written.is_err() {
         fs::remove_file(&new).ok();
-        about(path, format!("expected to write it, found {e}"))
-    })
+    }
+    written
 }
 
 #[cfg(test)]
@@ -30,6 +52,9 @@ mod tests {
         write_whole(&path, b"two").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"two");
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 1);
+        let failed = stream(&path, |e| e, |file| file.write_all(b"half").and(Err(io::Error::other("no space"))));
+        assert_eq!((failed.unwrap_err().to_string(), fs::read(&path).unwrap()), ("no space".into(), b"two".to_vec()));
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), 1, "nothing of what failed");
         let error = write_whole(&folder.join("no/such.txt"), b"x").unwrap_err().to_string();
         assert!(error.contains("such.txt") && error.contains("expected to write it"), "{error}");
         fs::remove_dir_all(&folder).unwrap();

@@ -212,7 +212,7 @@ impl Checks<'_> {
         let steady = last.iter().flat_map(|r| &r.candidates).filter(|c| c.extent.is_none() && self.is_rival(c));
         let followed = steady.map(|c| (c.log_evidence, c.size, &c.effect));
         let has_evidence =
-            |(evidence, size, _): &(f64, f64, &String)| *evidence > least && !(*size < self.policy.least_size);
+            |(evidence, size, _): &(f64, f64, &String)| *evidence > least && !self.policy.is_trifle(*size);
         let most = linear.chain(followed).filter(has_evidence).max_by(|a, b| a.0.total_cmp(&b.0))?;
         let (evidence, name) = (most.0, most.2.replace('_', " "));
         Some(format!("{name} of the same joints is asked for beside it, with log evidence {evidence:.0}"))

@@ -50,7 +50,7 @@ impl<'j> Judge<'j> {
             // Nor does a faint push that was looked at: stumbles look like pushes beside any cause.
             let is_stumble =
                 self.is_free && is_event && candidate.log_evidence < sure_event && candidate.share < least_share;
-            if has_evidence && !is_blow && !is_stumble && !self.is_trifle(candidate.size) {
+            if has_evidence && !is_blow && !is_stumble && !self.policy.is_trifle(candidate.size) {
                 break;
             }
         }
@@ -66,12 +66,7 @@ impl<'j> Judge<'j> {
     /// Whether a candidate is steady, larger than what any robot has, and has more evidence than a cause needs.
     pub fn speaks_for(&self, candidate: &Candidate) -> bool {
         let has_evidence = candidate.log_evidence > self.needed(candidate);
-        candidate.extent.is_none() && has_evidence && !self.is_trifle(candidate.size)
-    }
-
-    /// Whether a size \[tolerances\] is no more than any robot may deviate by.
-    pub fn is_trifle(&self, size: f64) -> bool {
-        size < self.policy.least_size
+        candidate.extent.is_none() && has_evidence && !self.policy.is_trifle(candidate.size)
     }
 
     /// Log evidence that a candidate of its kind needs.
@@ -141,7 +136,7 @@ impl<'j> Judge<'j> {
         if evidence < needed {
             return Some(format!("log evidence {evidence:.0} of the {needed:.0} that a cause of its kind needs"));
         }
-        if self.is_trifle(candidate.size) {
+        if self.policy.is_trifle(candidate.size) {
             return Some(format!("a size of {:.1} tolerances", candidate.size));
         }
         let at_edge = candidate.extent.is_none() && candidate.from_edge < self.policy.edge;

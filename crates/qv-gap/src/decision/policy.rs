@@ -241,6 +241,11 @@ impl Policy {
         level.ratio < self.unexplained || but_for_contacts
     }
 
+    /// Whether a size \[tolerances\] is no more than any robot may deviate by; what has none is no trifle.
+    pub fn is_trifle(&self, size: f64) -> bool {
+        size < self.least_size
+    }
+
     /// Whether a correction takes away most of what the law of its actuators leaves, `before` and after. No contact has a part in that, so
     /// that what engines differ in is no excuse.
     pub fn closes_law(&self, [before, after]: [f64; 2]) -> bool {

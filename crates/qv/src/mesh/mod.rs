@@ -7,6 +7,7 @@ use crate::numbers::{not_negative, positive};
 use crate::open::{progress, spinner};
 use crate::rgbd::{self, DepthCapture};
 use crate::scene::{about, open_cameras, open_scene};
+use crate::whole::put;
 use crate::{Failure, Outcome, say};
 use align::{Up, of_distance};
 use glam::DVec3;
@@ -209,7 +210,7 @@ impl Mesh {
         }
         let surface_s = clock.elapsed().as_secs_f64() - fuse_s;
         sign.finish_and_clear();
-        fs::write(&self.out, write(&mesh)).map_err(|e| about(&self.out, format!("expected to write it, found {e}")))?;
+        put(&self.out, write(&mesh)).map_err(|e| about(&self.out, format!("expected to write it, found {e}")))?;
         // The mesh is there whatever becomes of comparing it.
         let likeness = likeness?;
         let seconds = [read_s, fuse_s, surface_s];

@@ -4,6 +4,7 @@ use crate::Failure;
 use crate::capture::OpenCapture;
 use crate::python::{Environment, said};
 use crate::scene::about;
+use crate::whole::put;
 use clap::ValueEnum;
 use serde::Deserialize;
 use serde_json::json;
@@ -76,7 +77,7 @@ pub fn add_normals(model: &NormalModel, opened: &mut OpenCapture, out: &Path) ->
         let ending = Path::new(&image).extension().map_or("png".into(), |e| e.to_string_lossy().into_owned());
         let (photograph, name) =
             (folder.join(format!("{index:06}.photograph.{ending}")), format!("{FOLDER}/{index:06}.png"));
-        fs::write(&photograph, bytes).map_err(|e| written(&photograph, e))?;
+        put(&photograph, bytes).map_err(|e| written(&photograph, e))?;
         pairs.push([photograph, out.join(&name)]);
         opened.capture.cameras[index].attachments.normals = Some(name);
     }
@@ -84,7 +85,7 @@ pub fn add_normals(model: &NormalModel, opened: &mut OpenCapture, out: &Path) ->
     let axes: Vec<&str> = model.axes.split(',').collect();
     let task = folder.join("task.json");
     let text = json!({"images": pairs, "axes": axes, "colours": colours}).to_string();
-    fs::write(&task, text).map_err(|e| written(&task, e))?;
+    put(&task, text).map_err(|e| written(&task, e))?;
     let wrong = |found: String| about(model.file, format!("expected normals from it, found {found}"));
     let last =
         said(&PYTHON, PROGRAM, &folder.join("normals.py"), &[model.file, &task]).map_err(|e| wrong(e.to_string()))?;

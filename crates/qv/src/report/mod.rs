@@ -5,6 +5,7 @@ mod page;
 
 use crate::ground::mesh_at;
 use crate::scene::about;
+use crate::whole::put;
 use crate::{Failure, Outcome, say};
 use qv_core::TriangleMesh;
 use serde_json::Value;
@@ -99,7 +100,7 @@ impl Report {
         if let Some(folder) = self.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
             fs::create_dir_all(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
         }
-        fs::write(&self.out, page).map_err(|e| about(&self.out, format!("expected to write it, found {e}")))?;
+        put(&self.out, page).map_err(|e| about(&self.out, format!("expected to write it, found {e}")))?;
         say(&format!("written to {}\n", self.out.display()))?;
         Ok(Outcome::Done)
     }
