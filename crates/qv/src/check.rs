@@ -2,7 +2,7 @@
 
 use crate::capture::open_capture;
 use crate::mesh_file::vertices;
-use crate::open::{open_run, read_model, read_urdf};
+use crate::open::{model_of, open_run, read_model, read_urdf};
 use crate::scene::{about, is_plain_ply, open_scene, rgbd_layout};
 use crate::{Failure, Outcome, Reading, RunArguments, foreign, say};
 use qv_mesh::files::{glb, ply};
@@ -157,7 +157,16 @@ fn recording(path: &Path) -> Result<Found, Failure> {
     let mut lost: Vec<String> = run.lost.iter().map(|loss| format!("{}: {}", loss.file, loss.what)).collect();
     let partial = run.faults.iter().filter(|fault| fault.kind.is_partial());
     lost.extend(partial.map(|fault| format!("{}: {}, {}", fault.channel, fault.kind, fault.detail)));
-    Ok(Found { kind: "recording", used, missing: missing_of(&run), told: run.told, lost })
+    let mut missing = missing_of(&run);
+    match (model_of(&run, path, None), &run.robot) {
+        (Ok(_), _) => {}
+        // Of a robot that is known by name alone the model comes with --robot.
+        (Err(_), Robot::Named(name)) => {
+            missing.push(format!("the model of {name}, for qv replay and qv diagnose (--robot)"))
+        }
+        (Err(error), Robot::Urdf(_)) => lost.push(format!("its robot: {error}")),
+    }
+    Ok(Found { kind: "recording", used, missing, told: run.told, lost })
 }
 
 fn channels(run: &Run) -> Vec<&'static str> {
@@ -257,10 +266,18 @@ fn capture(path: &Path) -> Result<Found, Failure> {
     let cameras = &opened.capture.cameras;
     let there =
         cameras.iter().filter(|one| one.image.as_deref().is_some_and(|image| opened.read(image).is_ok())).count();
-    let depths = cameras.iter().filter(|one| one.attachments.depth.is_some()).count();
+    let named: Vec<&str> =
+        cameras.iter().filter_map(|one| Some(one.attachments.depth.as_ref()?.path.as_str())).collect();
+    let depths = named.iter().filter(|depth| opened.read(depth).is_ok()).count();
     let points = opened.points.as_ref().map_or(0, |points| points.places.len());
     let used = format!("{} cameras, {there} images, {depths} depth images, {points} points", cameras.len());
     let mut missing = vec![];
+    if cameras.is_empty() {
+        missing.push("cameras, for qv reconstruct and qv mesh".into());
+    }
+    if depths < named.len() {
+        missing.push(format!("{} depth images that are named, for qv mesh", named.len() - depths));
+    }
     if there < cameras.len() {
         missing.push(format!("{} images, for qv reconstruct", cameras.len() - there));
     }

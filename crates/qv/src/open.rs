@@ -71,7 +71,18 @@ fn open_bag(paths: &[PathBuf], arguments: &RunArguments) -> Result<Run, ReplayEr
     let mappings: Vec<Mapping> = mappings.into_iter().map(|m| m.with_pose_topic(pose)).collect();
     let run = qv_replay::read_bag_of(files, &mappings, reading.namespace.as_deref());
     bar.finish_and_clear();
-    run
+    let what = "messages that sqlite3 has not moved into the bag yet: `PRAGMA wal_checkpoint` does";
+    let log = |path: &PathBuf| PathBuf::from(format!("{}-wal", path.display()));
+    let logs: Vec<PathBuf> = paths.iter().map(log).filter(|log| fs::metadata(log).is_ok_and(|m| m.len() > 0)).collect();
+    match (run, logs.first()) {
+        // All that the bag has may be in there.
+        (Err(error), Some(log)) => Err(file_error(log, "an empty log beside the bag", &format!("{what} ({error})"))),
+        (run, _) => run.map(|mut run| {
+            let lost = |log: &PathBuf| Loss { file: log.display().to_string(), what: what.into(), span: None };
+            run.lost.extend(logs.iter().map(lost));
+            run
+        }),
+    }
 }
 
 /// A bar on standard error; indicatif hides it where that is no terminal.
@@ -106,13 +117,6 @@ fn open_split_bag(directory: &Path, arguments: &RunArguments) -> Result<Run, Rep
     let mut lose = |name: String, what: String| run.lost.push(Loss { file: name, what, span: None });
     for name in absent {
         lose(directory.join(name).display().to_string(), "listed in metadata.yaml, but not there".to_string());
-    }
-    for path in present {
-        let log = PathBuf::from(format!("{}-wal", path.display()));
-        if fs::metadata(&log).is_ok_and(|m| m.len() > 0) {
-            let what = "messages that sqlite3 has not moved into the bag yet: `PRAGMA wal_checkpoint` does".to_string();
-            lose(log.display().to_string(), what);
-        }
     }
     Ok(run)
 }

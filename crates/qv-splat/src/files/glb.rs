@@ -63,7 +63,7 @@ pub fn buffers<'a>(document: &Value, chunk: &'a [u8], beside: Beside) -> Result<
                     let text = text.ok_or_else(|| off(place(), "Base64 in its data: URI", "another encoding"))?;
                     BASE64.decode(text.trim_end_matches('=')).map_err(|e| off(place(), "Base64", e))?
                 }
-                None => beside(uri).map_err(|found| off(place(), format!("file {uri}"), found))?,
+                None => beside(&plain_name(uri)).map_err(|found| off(place(), format!("file {uri}"), found))?,
             }),
         };
         let length = buffer.get("byteLength").and_then(Value::as_u64).unwrap_or(0);
@@ -100,4 +100,22 @@ pub fn close(document: &Value, mut binary: Vec<u8>) -> Result<Vec<u8>, SplatErro
         out.extend(chunk);
     }
     Ok(out)
+}
+/// The name that a relative URI means: `%20` is a blank (RFC 3986, section 2.1). What is no escape stays as it is.
+fn plain_name(uri: &str) -> String {
+    let digit = |b: Option<&u8>| b.and_then(|b| char::from(*b).to_digit(16));
+    let (all, mut name, mut k) = (uri.as_bytes(), Vec::new(), 0);
+    while let Some(&byte) = all.get(k) {
+        match (byte, digit(all.get(k + 1)), digit(all.get(k + 2))) {
+            (b'%', Some(high), Some(low)) => {
+                name.push((16 * high + low) as u8);
+                k += 3;
+            }
+            _ => {
+                name.push(byte);
+                k += 1;
+            }
+        }
+    }
+    String::from_utf8(name).unwrap_or_else(|_| uri.to_string())
 }
