@@ -156,6 +156,10 @@ fn take(run: &mut Run, topic: &mut Topic, message: &MessageMapping, clock: Clock
             if !strange.is_empty() {
                 run.told.push(format!("{name} has joints that are not read: {}", strange.join(" ")));
             }
+            for twice in named.names_twice() {
+                let what = format!("joint {twice} is named more than once in a message: its last value there is read");
+                run.lost.push(Loss { file: name.clone(), what, span: None });
+            }
             let samples = named.samples(seconds(topic, clock, epoch), &run.joint_names);
             (put_in_order(samples, &name, true, faults), vec![run.joint_names.len(); message.fields.len()])
         }

@@ -81,6 +81,26 @@ fn what_is_wrong_with_an_mjcf_names_file_and_line() {
 }
 
 #[test]
+fn a_joint_that_the_model_has_is_not_said_to_be_absent() {
+    let folder = biped("robots_blank_joint");
+    let csv = std::fs::read_to_string(folder.join("run.csv")).unwrap();
+    let header: Vec<&str> = csv.lines().next().unwrap().split(',').collect();
+    let blank: Vec<usize> = (0..header.len()).filter(|i| header[*i].ends_with(".a_knee")).collect();
+    assert_eq!(blank.len(), 3, "{header:?}");
+    let row = |line: &str| {
+        let cells = line.split(',').enumerate().map(|(i, cell)| if blank.contains(&i) { "" } else { cell });
+        cells.collect::<Vec<_>>().join(",") + "\n"
+    };
+    let rows: String = csv.lines().skip(1).map(row).collect();
+    std::fs::write(folder.join("run.csv"), header.join(",") + "\n" + &rows).unwrap();
+    let out = folder.join("out");
+    let (code, said, err) = qv(&["replay", folder.to_str().unwrap(), "--out", out.to_str().unwrap()]);
+    assert_eq!(code, 3, "{said}{err}");
+    assert!(err.contains("joint a_knee of the recording: none of its positions is a number"), "{err}");
+    assert!(!err.contains("none of that name"), "{err}");
+}
+
+#[test]
 fn robots_are_listed_with_their_topics() {
     let (code, out, _) = qv(&["robots"]);
     assert_eq!(code, 0);
