@@ -208,7 +208,9 @@ fn add_gains(run: &mut Run, mapping: &Mapping) {
     match &mapping.gains {
         Some([kp, kd]) => {
             let start = run.commands.position.as_ref().map_or(0.0, |s| s.time[0]);
-            let one = |row: &Vec<f64>| qv_core::JointSeries::new(vec![start], row.clone(), row.len()).ok();
+            let n = run.joint_names.len();
+            let row = |row: &Vec<f64>| if let [all] = row[..] { vec![all; n] } else { row.clone() };
+            let one = |gains: &Vec<f64>| qv_core::JointSeries::new(vec![start], row(gains), n).ok();
             (run.commands.kp, run.commands.kd) = (one(kp), one(kd));
         }
         None => gains::from_torques(run),

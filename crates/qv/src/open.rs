@@ -251,8 +251,8 @@ fn model_text(run: &Run, path: &Path, robot: Option<&str>) -> Result<ModelText, 
     let name = &found.file.mapping.robot;
     match (&found.file.model, &run.robot) {
         (ModelSource::File(file), _) => read(&found.folder.join(file)),
-        (ModelSource::BuiltIn, _) if name == GO2 => {
-            Ok(ModelText { name: name.clone(), text: qv_go2::model::urdf(), is_built_in: true, told: None })
+        (ModelSource::BuiltIn(owner), _) if owner == GO2 => {
+            Ok(ModelText { name: owner.clone(), text: qv_go2::model::urdf(), is_built_in: true, told: None })
         }
         (_, Robot::Urdf(text)) => Ok(recorded(text)),
         _ => Err(ReplayError::Run {
@@ -301,6 +301,16 @@ pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, Re
     }
     model.told.splice(0..0, told);
     qv_replay::imu::in_trunk_axes(&mut model);
+    let known = qv_replay::replay::feet_of(run, &model).names;
+    let absent: Vec<&str> = run.foot_names.iter().filter(|f| !known.contains(f)).map(String::as_str).collect();
+    if !absent.is_empty() {
+        let links: Vec<String> = absent.iter().map(|f| format!("{f}_")).collect();
+        model.told.push(format!(
+            "feet {} are not in the model: no sphere is on a link whose name begins with {}",
+            absent.join(" "),
+            links.join(" or ")
+        ));
+    }
     // What a robot that is built in can do is known; files often state less than their robots do.
     if !is_built_in {
         let lifted = qv_replay::limits::lift(run, &mut model);

@@ -127,6 +127,20 @@ fn a_robot_file_brings_mapping_and_model() {
     assert!(said.starts_with("dog base free, 12 joints"), "{code} {said}{err}");
     let (code, said, err) = qv(&["replay", path, "--robot", file.to_str().unwrap(), "--out", out.to_str().unwrap()]);
     assert!(code == 0 && said.contains("windows of 0.3 s"), "{code} {said}{err}");
+    // What is like a robot whose model is built in has that model, whatever its name.
+    let mine = folder.join("mine.toml");
+    std::fs::write(&mine, "like = \"go2\"\nname = \"mine\"\n").unwrap();
+    let replay = |robot: &Path| {
+        qv(&["replay", path, "--json", "--robot", robot.to_str().unwrap(), "--out", out.to_str().unwrap()])
+    };
+    let (code, said, err) = replay(&mine);
+    assert!(code == 0 && !said.contains("not in the model"), "{code} {said}{err}");
+    std::fs::write(&mine, "like = \"go2\"\nname = \"mine\"\nfeet = [\"AA\", \"FR\", \"CC\", \"RR\"]\n").unwrap();
+    let (code, said, err) = replay(&mine);
+    assert!(code == 0 && said.contains("feet AA CC are not in the model"), "{code} {said}{err}");
+    std::fs::write(&mine, "like = \"go2\"\nname = \"mine\"\nkp = -1\n").unwrap();
+    let (code, _, err) = replay(&mine);
+    assert!(code == 1 && err.contains("mine.toml") && err.contains("`kp`") && err.contains("-1"), "{code} {err}");
     // A built-in robot without a model says what to do.
     let (code, _, err) = qv(&["replay", path, "--robot", "b2", "--out", out.to_str().unwrap()]);
     assert!(code == 1 && err.contains("like = \"b2\"") && err.contains("urdf ="), "{code} {err}");
