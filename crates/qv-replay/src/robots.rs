@@ -173,8 +173,8 @@ impl Channel {
 /// Reads the text of a robot file; `file` names it in messages, `beside` gives the files that it names.
 ///
 /// # Errors
-/// [`ReplayError::File`]: no TOML of the form, a key that is none, lists of different lengths, a robot to be like that is not
-/// built in, a file that is not there.
+/// [`ReplayError::File`]: no TOML of the form, a key that is none, lists of different lengths or with an entry twice, gains
+/// below 0 or not finite, a robot to be like that is not built in, a file that is not there.
 pub fn parse(file: &str, text: &str, beside: &Beside) -> Result<RobotFile, ReplayError> {
     let wrong = |expected: &str, found: String| ReplayError::file(file, expected, found);
     let mut table: Table = toml::from_str(text.trim_start_matches('\u{feff}'))

@@ -59,6 +59,8 @@ pub(super) struct Reader<'a> {
     contacts: Vec<String>,
     /// Links with geoms whose mass is not known, and why.
     without_mass: Vec<(String, String)>,
+    /// Bodies whose weight the file takes away, in words.
+    weightless: Vec<String>,
 }
 
 impl<'a> Reader<'a> {
@@ -82,6 +84,7 @@ impl<'a> Reader<'a> {
             shape_names: HashSet::new(),
             contacts: Vec::new(),
             without_mass: Vec::new(),
+            weightless: Vec::new(),
         }
     }
 
@@ -103,6 +106,9 @@ impl<'a> Reader<'a> {
             pending.extend(bodies.map(|b| (b, link, own)));
         }
         self.say_contacts();
+        if !self.weightless.is_empty() {
+            self.left_out.push(format!("gravcomp {}: all of the weight counts here", self.weightless.join(", ")));
+        }
         Ok(())
     }
 
@@ -234,9 +240,7 @@ impl<'a> Reader<'a> {
         let name = self.body_name(body.element)?;
         let compensated = Attributes::plain(self.tree, body.element).number_or("gravcomp", 0.0)?;
         if compensated != 0.0 {
-            let place = self.tree.place(body.element);
-            self.left_out
-                .push(format!("gravcomp {compensated} of body `{name}`: all of its weight counts here {place}"));
+            self.weightless.push(format!("{compensated} of body `{name}` {}", self.tree.place(body.element)));
         }
         let (link, link_from_body) = self.joints(&name, body.element, &items, parent, at)?;
         if link_from_body != DVec3::ZERO {
