@@ -160,6 +160,10 @@ fn take(run: &mut Run, topic: &mut Topic, message: &MessageMapping, clock: Clock
             if !strange.is_empty() {
                 run.told.push(format!("{name} has joints that are not read: {}", strange.join(" ")));
             }
+            for twice in named.names_twice() {
+                let what = format!("joint {twice} is named more than once in a message: its last value there is read");
+                run.lost.push(Loss { file: name.clone(), what, span: None });
+            }
             let samples = named.samples(seconds(topic, clock, epoch), &run.joint_names);
             (put_in_order(samples, &name, true, faults), vec![run.joint_names.len(); message.fields.len()])
         }
@@ -208,7 +212,9 @@ fn add_gains(run: &mut Run, mapping: &Mapping) {
     match &mapping.gains {
         Some([kp, kd]) => {
             let start = run.commands.position.as_ref().map_or(0.0, |s| s.time[0]);
-            let one = |row: &Vec<f64>| qv_core::JointSeries::new(vec![start], row.clone(), row.len()).ok();
+            let n = run.joint_names.len();
+            let row = |row: &Vec<f64>| if let [all] = row[..] { vec![all; n] } else { row.clone() };
+            let one = |gains: &Vec<f64>| qv_core::JointSeries::new(vec![start], row(gains), n).ok();
             (run.commands.kp, run.commands.kd) = (one(kp), one(kd));
         }
         None => gains::from_torques(run),

@@ -14,14 +14,19 @@ const LEAST: usize = 5;
 /// Time over which a speed is a difference of positions \[s\]: noise of a milliradian is a twentieth of a radian a second then.
 const SPAN: f64 = 0.02;
 
-/// Takes those limits on speed and torque from the joints of `model` that `run` went beyond, and tells of each: both numbers.
+/// How far beyond a limit a position is before it contradicts it \[rad, m\]: stops yield, and zeros of encoders are off by a degree.
+const BEYOND_STOP: [f64; 2] = [0.02, 0.002];
+
+/// Takes those limits on position, speed and torque from the joints of `model` that `run` went beyond, and tells of each: both
+/// numbers.
 ///
-/// Speeds are slopes of the measured positions over 20 ms, so that no convention of another sensor counts. Torques are used
+/// Positions that may be degrees contradict nothing. Speeds are slopes of the measured positions over 20 ms, so that no convention of another sensor counts. Torques are used
 /// where they are measured in this crate's convention.
 pub fn lift(run: &Run, model: &mut Model) -> Vec<String> {
     let mut told = Vec::new();
     for joint in &mut model.joints {
         let Some(column) = run.joint_names.iter().position(|n| *n == joint.name) else { continue };
+        lift_position(run, column, joint, &mut told);
         lift_velocity(run, column, joint, &mut told);
         lift_effort(run, column, joint, &mut told);
     }
@@ -46,13 +51,33 @@ pub fn held(run: &Run, model: &Model) -> Vec<(String, f64)> {
     model.joints.iter().filter(|j| !is_measured(j)).map(place).collect()
 }
 
+/// The measured positions, where they are in the model's unit.
+fn positions(run: &Run) -> Option<&JointSeries> {
+    let is_foreign = run.faults.iter().any(|f| f.kind == FaultKind::DegreesSuspected);
+    run.measured.position.as_ref().filter(|_| !is_foreign)
+}
+
+fn lift_position(run: &Run, column: usize, joint: &mut Joint, told: &mut Vec<String>) {
+    let Some(position) = positions(run) else { return };
+    let known: Vec<f64> = position.column(column).filter(|x| x.is_finite()).collect();
+    let (margin, unit) = match joint.kind {
+        JointKind::Revolute => (BEYOND_STOP[0], "rad"),
+        JointKind::Prismatic => (BEYOND_STOP[1], "m"),
+    };
+    if let Some(farthest) = beyond_stops(&known, joint.lower, joint.upper, margin) {
+        told.push(format!(
+            "joint `{}`: its file allows {:.3} to {:.3} {unit}, the recording reaches {farthest:.3}: no limit on its position is applied",
+            joint.name, joint.lower, joint.upper
+        ));
+        (joint.lower, joint.upper) = (f64::NEG_INFINITY, f64::INFINITY);
+    }
+}
+
 fn lift_velocity(run: &Run, column: usize, joint: &mut Joint, told: &mut Vec<String>) {
-    let fault = |kind| move |f: &crate::run::Fault| f.kind == kind;
-    let is_foreign = run.faults.iter().any(fault(FaultKind::DegreesSuspected));
-    let Some(position) = run.measured.position.as_ref().filter(|_| !is_foreign) else { return };
+    let Some(position) = positions(run) else { return };
     if let Some(fastest) = beyond(&speeds(position, column), joint.velocity) {
         told.push(format!(
-            "joint `{}`: its URDF allows {} {}/s, the recording reaches {fastest:.2}: no limit on its speed is applied",
+            "joint `{}`: its file allows {} {}/s, the recording reaches {fastest:.2}: no limit on its speed is applied",
             joint.name,
             joint.velocity,
             if joint.kind == JointKind::Revolute { "rad" } else { "m" }
@@ -68,7 +93,7 @@ fn lift_effort(run: &Run, column: usize, joint: &mut Joint, told: &mut Vec<Strin
     let sizes: Vec<f64> = torque.column(column).map(f64::abs).filter(|x| x.is_finite()).collect();
     if let Some(largest) = beyond(&sizes, joint.effort) {
         told.push(format!(
-            "joint `{}`: its URDF allows {} {}, the recording reaches {largest:.2}: no limit on its torque is applied",
+            "joint `{}`: its file allows {} {}, the recording reaches {largest:.2}: no limit on its torque is applied",
             joint.name,
             joint.effort,
             if joint.kind == JointKind::Revolute { "N m" } else { "N" }
@@ -81,6 +106,14 @@ fn lift_effort(run: &Run, column: usize, joint: &mut Joint, told: &mut Vec<Strin
 fn beyond(values: &[f64], limit: f64) -> Option<f64> {
     let above = values.iter().filter(|v| **v > BEYOND * limit).count();
     (above >= LEAST).then(|| values.iter().fold(0.0, |a: f64, &b| a.max(b)))
+}
+
+/// The value that is farthest outside, where enough of them contradict the limits.
+fn beyond_stops(values: &[f64], lower: f64, upper: f64, margin: f64) -> Option<f64> {
+    let depth = |x: f64| (lower - x).max(x - upper);
+    let outside = values.iter().filter(|x| depth(**x) > margin).count();
+    let farthest = values.iter().copied().max_by(|a, b| depth(*a).total_cmp(&depth(*b)));
+    farthest.filter(|_| outside >= LEAST)
 }
 
 /// Sizes of speeds, without those of jumps between samples.
@@ -136,5 +169,18 @@ mod tests {
         values[4] = 2.0;
         assert_eq!(beyond(&values, 1.0), Some(3.0));
         assert_eq!(beyond(&values, f64::INFINITY), None);
+    }
+
+    #[test]
+    fn stops_hold_until_positions_are_clearly_beyond() {
+        let mut values = vec![0.0; 100];
+        values[..50].fill(0.11);
+        assert_eq!(beyond_stops(&values, -0.1, 0.1, 0.02), None);
+        values[..4].fill(-0.5);
+        assert_eq!(beyond_stops(&values, -0.1, 0.1, 0.02), None);
+        values[4] = 0.3;
+        assert_eq!(beyond_stops(&values, -0.1, 0.1, 0.02), Some(-0.5));
+        assert_eq!(beyond_stops(&values, f64::NEG_INFINITY, f64::INFINITY, 0.02), None);
+        assert_eq!(beyond_stops(&[], -0.1, 0.1, 0.02), None);
     }
 }

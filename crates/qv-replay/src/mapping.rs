@@ -105,7 +105,8 @@ pub struct Mapping {
     pub imu_position: [f64; 3],
     /// Roll, pitch, yaw of the IMU on the trunk \[rad\], whose channels are in the sensor's axes then.
     pub imu_rotation: Option<[f64; 3]>,
-    /// Gains of each joint, where no message has them: position \[N m/rad\] and velocity \[N m s/rad\].
+    /// Gains of each joint, where no message has them: position \[N m/rad\] and velocity \[N m s/rad\]. One of each holds for all
+    /// joints where the messages name them.
     pub gains: Option<[Vec<f64>; 2]>,
     /// Topic with the text of the robot's URDF.
     pub description_topic: Option<String>,

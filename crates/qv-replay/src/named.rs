@@ -81,6 +81,19 @@ impl Named {
         all
     }
 
+    /// Names that a list has more than once: the last value of each counts.
+    pub fn names_twice(&self) -> Vec<String> {
+        let mut twice: Vec<String> = Vec::new();
+        for list in &self.lists {
+            for (at, name) in list.iter().enumerate() {
+                if list[..at].contains(name) && !twice.contains(name) {
+                    twice.push(name.clone());
+                }
+            }
+        }
+        twice
+    }
+
     /// The messages as rows: each channel with a column for each of `joints`, NaN where a message does not have it.
     pub fn samples(&self, time: Vec<f64>, joints: &[String]) -> Samples {
         let n = joints.len();

@@ -29,8 +29,8 @@ pub struct RobotFile {
 /// Where the model of a robot comes from.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ModelSource {
-    /// The program has it.
-    BuiltIn,
+    /// The program has it, as that of the built-in robot of this name.
+    BuiltIn(String),
     /// Nobody has said.
     Nowhere,
     /// A topic of the recording.
@@ -173,13 +173,14 @@ impl Channel {
 /// Reads the text of a robot file; `file` names it in messages, `beside` gives the files that it names.
 ///
 /// # Errors
-/// [`ReplayError::File`]: no TOML of the form, a key that is none, lists of different lengths, a robot to be like that is not
-/// built in, a file that is not there.
+/// [`ReplayError::File`]: no TOML of the form, a key that is none, lists of different lengths or with an entry twice, gains
+/// below 0 or not finite, a robot to be like that is not built in, a file that is not there.
 pub fn parse(file: &str, text: &str, beside: &Beside) -> Result<RobotFile, ReplayError> {
     let wrong = |expected: &str, found: String| ReplayError::file(file, expected, found);
     let mut table: Table = toml::from_str(text.trim_start_matches('\u{feff}'))
         .map_err(|e| wrong("a robot in TOML", e.to_string().trim().replace('\n', " / ")))?;
     let like = table.remove("like");
+    let mut owner = like.as_ref().and_then(|v| v.as_str()).map(str::to_owned);
     let own_definitions = table.contains_key("definitions");
     let mut whole = match &like {
         None => Table::new(),
@@ -195,6 +196,9 @@ pub fn parse(file: &str, text: &str, beside: &Beside) -> Result<RobotFile, Repla
     if let Some(base) = whole.remove("like").and_then(|v| v.as_str().map(str::to_owned)) {
         let text = FILES.iter().find(|(known, _)| *known == base).map_or("", |(_, text)| text);
         let mut below: Table = toml::from_str(text).unwrap_or_else(|e| unreachable!("{e}"));
+        if !whole.contains_key("urdf") {
+            owner = Some(base);
+        }
         below.extend(whole);
         whole = below;
     }
@@ -205,11 +209,12 @@ pub fn parse(file: &str, text: &str, beside: &Beside) -> Result<RobotFile, Repla
         .try_into()
         .map_err(|e: toml::de::Error| wrong("the keys of a robot file", e.to_string().trim().replace('\n', " / ")))?;
     let texts: &Beside = if own_definitions { beside } else { &built_in_definition };
-    own.robot(file, texts)
+    own.robot(file, owner, texts)
 }
 
 impl File {
-    fn robot(self, file: &str, beside: &Beside) -> Result<RobotFile, ReplayError> {
+    /// `owner` is the built-in robot below it, whose model it may have.
+    fn robot(self, file: &str, owner: Option<String>, beside: &Beside) -> Result<RobotFile, ReplayError> {
         self.check(file)?;
         let wrong = |expected: String, found: String| ReplayError::file(file, expected, found);
         let mut definitions = Vec::new();
@@ -218,7 +223,8 @@ impl File {
             definitions.push((name.clone(), text));
         }
         let streams = self.stream.iter().map(|s| self.stream(file, s)).collect::<Result<_, _>>()?;
-        let n = self.joints.len();
+        // Where the messages have the names, one number stands for all.
+        let n = self.joints.len().max(1);
         let spread = |each: &Each| match each {
             Each::All(x) => vec![*x; n],
             Each::InOrder(list) => list.clone(),
@@ -229,7 +235,7 @@ impl File {
         };
         let (model, description_topic) = match self.urdf.as_deref() {
             None | Some("none") => (ModelSource::Nowhere, None),
-            Some("built in") => (ModelSource::BuiltIn, None),
+            Some("built in") => (ModelSource::BuiltIn(owner.unwrap_or_else(|| self.name.clone())), None),
             Some(topic) if topic.starts_with('/') && !topic.contains('.') => {
                 (ModelSource::Recorded, Some(topic.to_owned()))
             }
@@ -252,8 +258,32 @@ impl File {
         Ok(RobotFile { about: self.about, model, told_by_messages: self.told_by_messages, mapping })
     }
 
+    /// Gains are one number, or a list that goes by `joints`, of numbers that gains can be.
+    fn check_gains(&self, file: &str) -> Result<(), ReplayError> {
+        for (key, each) in [("kp", &self.kp), ("kd", &self.kd)] {
+            let numbers = match each {
+                Some(Each::All(x)) => std::slice::from_ref(x),
+                Some(Each::InOrder(list)) if self.joints.is_empty() => {
+                    let expected = format!("one number as `{key}`, or `joints` that a list goes by");
+                    return Err(ReplayError::file(file, expected, format!("a list of {}", list.len())));
+                }
+                Some(Each::InOrder(list)) => list,
+                None => continue,
+            };
+            if let Some(odd) = numbers.iter().find(|x| !x.is_finite() || **x < 0.0) {
+                return Err(ReplayError::file(
+                    file,
+                    format!("finite numbers of at least 0 as `{key}`"),
+                    odd.to_string(),
+                ));
+            }
+        }
+        Ok(())
+    }
+
     /// Lists that belong together are as long as each other.
     fn check(&self, file: &str) -> Result<(), ReplayError> {
+        self.check_gains(file)?;
         let n = self.joints.len();
         let of = |each: &Option<Each>| match each {
             Some(Each::InOrder(list)) => list.len(),
@@ -277,8 +307,10 @@ impl File {
             let expected = format!("{} numbers as `feet_on_wire`, one for each of `feet`", self.feet.len());
             return Err(ReplayError::file(file, expected, self.feet_on_wire.len().to_string()));
         }
-        if (self.kp.is_some() || self.kd.is_some()) && n == 0 {
-            return Err(ReplayError::file(file, "`joints` where there are gains", "none"));
+        for (key, list) in [("on_wire", &self.on_wire), ("feet_on_wire", &self.feet_on_wire)] {
+            if let Some((_, twice)) = list.iter().enumerate().find(|(i, x)| list[..*i].contains(x)) {
+                return Err(ReplayError::file(file, format!("each of `{key}` once"), format!("{twice} twice")));
+            }
         }
         for (what, list) in [("joints", &self.joints), ("feet", &self.feet)] {
             if let Some(twice) = list.iter().enumerate().find(|(i, x)| list[..*i].contains(x)) {
@@ -410,16 +442,33 @@ mod tests {
     }
 
     #[test]
+    fn a_model_and_gains_go_with_a_new_name() {
+        let none = |_: &str| Err("there is none".to_owned());
+        let read = |text: &str| parse("mine.toml", text, &none).unwrap();
+        assert_eq!(built_in("go2").unwrap().model, ModelSource::BuiltIn("go2".into()));
+        assert_eq!(read("like = \"go2\"\nname = \"x\"").model, ModelSource::BuiltIn("go2".into()));
+        assert_eq!(read("like = \"b2\"\nname = \"x\"").model, ModelSource::Nowhere);
+        assert_eq!(read("like = \"b2\"\nname = \"x\"\nurdf = \"built in\"").model, ModelSource::BuiltIn("b2".into()));
+        let arm = read("like = \"ros2_control\"\nname = \"arm\"\nkp = 50");
+        assert_eq!(arm.mapping.gains, Some([vec![50.0], vec![0.0]]));
+    }
+
+    #[test]
     fn what_is_wrong_with_a_file_is_named() {
         let none = |_: &str| Err("there is none".to_owned());
-        let cases: [(&str, &[&str]); 11] = [
+        let cases: [(&str, &[&str]); 16] = [
             ("name = ", &["mine.toml", "TOML"]),
             ("like = \"spot\"\nname = \"x\"", &["`like`", "go2", "spot"]),
             ("about = \"x\"", &["`name`"]),
             ("name = \"x\"\ncolour = 1", &["`colour`"]),
             ("name = \"x\"\njoints = [\"a\", \"b\"]\non_wire = [0]", &["2 numbers as `on_wire`", "found 1"]),
             ("name = \"x\"\njoints = [\"a\", \"a\"]", &["`joints` once", "`a` twice"]),
-            ("name = \"x\"\nkp = 3.0", &["`joints`", "gains"]),
+            ("name = \"x\"\nkp = [3.0]", &["one number as `kp`", "`joints`", "a list of 1"]),
+            ("name = \"x\"\nkp = -3", &["`kp`", "at least 0", "found -3"]),
+            ("like = \"go2\"\nname = \"x\"\nkd = nan", &["`kd`", "finite", "found NaN"]),
+            ("name = \"x\"\njoints = [\"a\", \"b\"]\nkp = [1, inf]", &["`kp`", "found inf"]),
+            ("name = \"x\"\njoints = [\"a\", \"b\"]\non_wire = [1, 1]", &["`on_wire` once", "1 twice"]),
+            ("name = \"x\"\nfeet = [\"a\", \"b\"]\nfeet_on_wire = [0, 0]", &["`feet_on_wire` once", "0 twice"]),
             ("name = \"x\"\nlower = [1]\njoints = [\"a\"]", &["`upper`", "found 0"]),
             ("name = \"x\"\nfeet = [\"a\"]\nfeet_on_wire = [0, 1]", &["`feet_on_wire`", "found 2"]),
             ("name = \"x\"\n[definitions]\n\"a/msg/B\" = \"b.msg\"", &["a/msg/B", "`b.msg`", "there is none"]),

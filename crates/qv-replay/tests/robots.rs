@@ -2,6 +2,7 @@
 
 use qv_replay::cdr::Writer;
 use qv_replay::mapping::Mapping;
+use qv_replay::replay::HeldCommands;
 use qv_replay::robots::{built_in, names, parse, told_by_messages};
 use qv_replay::run::{Base, FaultKind, Robot};
 use qv_replay::schema::{Arity, Element, Primitive, Schema};
@@ -382,6 +383,34 @@ fn commands_that_cannot_be_read_rightly_are_named() {
     assert!(run.told.iter().any(|t| t.contains("/joint_commands") && t.contains("gripper")), "{:?}", run.told);
     let target = run.commands.position.unwrap();
     assert!(target.row(0)[1] == 0.5 && target.row(0)[0].is_nan(), "{:?}", target.row(0));
+}
+
+#[test]
+fn one_gain_holds_for_whatever_joints_the_messages_name() {
+    let none = |_: &str| Err("there is none".to_owned());
+    let own = parse("arm.toml", "like = \"ros2_control\"\nname = \"arm\"\nkp = 30", &none).unwrap().mapping;
+    let bytes = bag(&ros2("", "sensor_msgs/msg/JointState", "/joint_commands"), false);
+    let mut run = read(&bytes, &[own], None).unwrap();
+    let gains = [&run.commands.kp, &run.commands.kd].map(|s| s.as_ref().unwrap().row(0).to_vec());
+    assert_eq!(gains, [vec![30.0; 3], vec![0.0; 3]]);
+    HeldCommands::new(&run, &[0, 1, 2]).unwrap();
+    // Where there are none, the word is about files that a bag can have.
+    run.commands.kp = None;
+    let error = HeldCommands::new(&run, &[0, 1, 2]).unwrap_err().to_string();
+    assert!(error.contains("robot file") && !error.contains("run.toml"), "{error}");
+}
+
+#[test]
+fn a_joint_that_a_message_names_twice_is_told() {
+    let mut all = ros2("", "sensor_msgs/msg/JointState", "/joint_commands");
+    for message in all.iter_mut().filter(|m| m.topic == "/joint_states") {
+        message.data = joint_state(message.time, &["elbow", "wrist", "elbow"], [&[0.1, 0.2, 0.3], &[], &[]]);
+    }
+    let run = read(&bag(&all, false), &told_by_messages(), None).unwrap();
+    assert_eq!(run.lost.len(), 1, "{:?}", run.lost);
+    assert_eq!(run.lost[0].file, "/joint_states");
+    assert!(run.lost[0].what.contains("joint elbow is named more than once"), "{:?}", run.lost);
+    assert_eq!(run.measured.position.unwrap().row(0), [0.3, 0.2]);
 }
 
 #[test]

@@ -1,7 +1,9 @@
 //! Tables as other programs write them: all give the run of the plain one.
 
+use qv_replay::limits::lift;
 use qv_replay::read_table;
 use qv_replay::run::{FaultKind, Run};
+use qv_sim::{BaseKind, Model, ModelOptions};
 
 const URDF: &str = r#"<robot name="r"><link name="base"><inertial><mass value="3"/>
 <inertia ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -98,6 +100,24 @@ fn dialects_give_the_run_of_the_plain_table() {
             "{what}: {:?}",
             &found.time[..4]
         );
+    }
+}
+
+#[test]
+fn stops_that_the_recording_went_beyond_are_told_and_not_applied() {
+    let run = read(&table(",", seconds), TOML);
+    // It swings to 0.363 rad.
+    for (upper, is_beyond) in [("1", false), ("0.36", false), ("0.3", true)] {
+        let text = urdf("0 0 0").replace("upper=\"1\"", &format!("upper=\"{upper}\""));
+        let options = ModelOptions { base: BaseKind::Fixed, ..Default::default() };
+        let mut model = Model::from_urdf(&text, &options).unwrap();
+        let told = lift(&run, &mut model).join("; ");
+        assert_eq!((told.is_empty(), model.joints[0].upper.is_infinite()), (!is_beyond, is_beyond), "{upper}: {told}");
+        if is_beyond {
+            for word in ["joint `a/b c.d`", "-1.000 to 0.300 rad", "reaches 0.36", "no limit on its position"] {
+                assert!(told.contains(word), "expected {word} in {told}");
+            }
+        }
     }
 }
 

@@ -97,8 +97,29 @@ fn read(xml: &str) -> Result<MjcfModel, String> {
 
 #[test]
 fn what_is_left_out_is_named() {
-    let cases: [(&str, String, &[&str]); 12] = [
+    let cases: [(&str, String, &[&str]); 17] = [
         ("nothing", robot(JOINT, ""), &[]),
+        (
+            "no weight",
+            robot(JOINT, "").replace("<body name=\"arm\"", "<body name=\"arm\" gravcomp=\"0.5\""),
+            &["gravcomp 0.5 of body `arm`", "line 3"],
+        ),
+        (
+            "a misspelt element",
+            robot(&format!("{JOINT}<sight name=\"s\"/>"), ""),
+            &["sight `s` in body `arm` (line 4)"],
+        ),
+        ("a misspelt section", robot(JOINT, "<actuators><motor joint=\"j\"/></actuators>"), &["<actuators>", "line 5"]),
+        (
+            "a misspelt attribute",
+            robot("<joint name=\"j\" axsi=\"0 1 0\"/><joint axsi=\"0 1 0\"/><geom size=\"0.1\"/>", ""),
+            &["attribute `axsi` of joint `j` (line 4) and 1 more"],
+        ),
+        (
+            "a misspelt default",
+            robot(JOINT, "<default>\n<geom frictoin=\"1\"/></default>"),
+            &["attribute `frictoin` of <geom> (line 6): MuJoCo's <geom> has none"],
+        ),
         (
             "a spring",
             robot("<joint name=\"j\" stiffness=\"3\"/><geom size=\"0.1\"/>", ""),
@@ -150,7 +171,40 @@ fn what_is_left_out_is_named() {
 
 #[test]
 fn what_is_refused_says_where() {
-    let cases: [(&str, String, &[&str]); 22] = [
+    let fitted = "<joint/><geom type=\"box\" mesh=\"m\"/>";
+    let heavy = "<joint/><geom type=\"mesh\" mesh=\"m\"/>";
+    let world = |inside: &str| format!("<mujoco><worldbody>\n{inside}</worldbody></mujoco>");
+    let cases: [(&str, String, &[&str]); 28] = [
+        (
+            "a primitive that a mesh gives",
+            robot(fitted, "<asset><mesh name=\"m\" file=\"m.obj\"/></asset>"),
+            &["body `arm`", "positive mass", "a box that MuJoCo fits to mesh `m`", "line 4"],
+        ),
+        (
+            "a mass that a mesh gives",
+            robot(heavy, "<asset><mesh name=\"m\" file=\"m.obj\"/></asset>"),
+            &["body `arm`", "positive mass", "(line 4)", "mesh `m` (line 5)", "no reader for mesh `m.obj`"],
+        ),
+        (
+            "bodies of another element",
+            world("<replicate count=\"2\"><body><joint/><geom size=\"1\"/></body></replicate>"),
+            &["<body>", "<replicate> (line 2) is not followed"],
+        ),
+        (
+            "a body of another file",
+            world("<body name=\"a\"><attach model=\"m\"/></body>"),
+            &["no link that moves", "<attach> (line 2) is not followed"],
+        ),
+        (
+            "a mass of another element",
+            robot("<joint/><frame><composite/><flexcomp name=\"f\"/></frame>", ""),
+            &["body `arm`", "<composite> (line 4) is not", "<flexcomp> `f` (line 4) is not"],
+        ),
+        (
+            "a misspelt joint",
+            world("<body name=\"a\"><jiont name=\"j\"/><geom size=\"1\"/></body>"),
+            &["no link that moves", "jiont `j` in body `a` (line 2)"],
+        ),
         ("URDF", "<robot name=\"r\"/>".into(), &["<robot>"]),
         ("cut off", "<mujoco>".into(), &["MJCF"]),
         ("empty", "<mujoco/>".into(), &["<body>", "line 1"]),

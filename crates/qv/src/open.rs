@@ -211,7 +211,10 @@ fn robot_file(name: &str) -> Result<Option<FoundRobot>, ReplayError> {
     }
     let text = fs::read_to_string(path).map_err(|e| file_error(path, "a robot file", &e.to_string()))?;
     let folder = path.parent().unwrap_or(Path::new("")).to_path_buf();
-    let beside = |file: &str| fs::read_to_string(folder.join(file)).map_err(|e| e.to_string());
+    let beside = |file: &str| {
+        let bytes = named_by_another(&folder.join(file))?;
+        String::from_utf8(bytes).map_err(|e| e.to_string())
+    };
     let file = robots::parse(name, &text, &beside)?;
     Ok(Some(FoundRobot { file, folder }))
 }
@@ -252,8 +255,8 @@ fn model_text(run: &Run, path: &Path, robot: Option<&str>) -> Result<ModelText, 
     let name = &found.file.mapping.robot;
     match (&found.file.model, &run.robot) {
         (ModelSource::File(file), _) => read(&found.folder.join(file)),
-        (ModelSource::BuiltIn, _) if name == GO2 => {
-            Ok(ModelText { name: name.clone(), text: qv_go2::model::urdf(), is_built_in: true, told: None })
+        (ModelSource::BuiltIn(owner), _) if owner == GO2 => {
+            Ok(ModelText { name: owner.clone(), text: qv_go2::model::urdf(), is_built_in: true, told: None })
         }
         (_, Robot::Urdf(text)) => Ok(recorded(text)),
         _ => Err(ReplayError::Run {
@@ -302,6 +305,16 @@ pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, Re
     }
     model.told.splice(0..0, told);
     qv_replay::imu::in_trunk_axes(&mut model);
+    let known = qv_replay::replay::feet_of(run, &model).names;
+    let absent: Vec<&str> = run.foot_names.iter().filter(|f| !known.contains(f)).map(String::as_str).collect();
+    if !absent.is_empty() {
+        let links: Vec<String> = absent.iter().map(|f| format!("{f}_")).collect();
+        model.told.push(format!(
+            "feet {} are not in the model: no sphere is on a link whose name begins with {}",
+            absent.join(" "),
+            links.join(" or ")
+        ));
+    }
     // What a robot that is built in can do is known; files often state less than their robots do.
     if !is_built_in {
         let lifted = qv_replay::limits::lift(run, &mut model);
@@ -321,12 +334,34 @@ pub fn read_model(text: &str, beside: &Path, options: &ModelOptions) -> Result<M
     Model::from_mjcf(text, options, &|name: &str| included(beside, name))
 }
 
-/// The text of a file that an MJCF in `beside` includes.
+/// Bytes of a file that is text: those of robots have a thousandth of it.
+const MOST_TEXT: u64 = 64 << 20;
+
+/// The bytes of a file that should be text, which may be a pipe without an end.
+fn bounded(path: &Path) -> Result<Vec<u8>, String> {
+    let file = File::open(path).map_err(|e| e.to_string())?;
+    let mut bytes = Vec::new();
+    file.take(MOST_TEXT + 1).read_to_end(&mut bytes).map_err(|e| e.to_string())?;
+    match bytes.len() as u64 > MOST_TEXT {
+        true => Err(format!("more than {} MiB", MOST_TEXT >> 20)),
+        false => Ok(bytes),
+    }
+}
+
+/// The bytes of a file that another one names: a regular one, as nobody chose to wait for it.
+fn named_by_another(path: &Path) -> Result<Vec<u8>, String> {
+    match fs::metadata(path).map_err(|e| e.to_string())?.is_file() {
+        true => bounded(path),
+        false => Err("no regular file".into()),
+    }
+}
+
+/// The text of a file that an MJCF in `beside` includes: a regular one, of 64 MiB at most.
 ///
 /// # Errors
 /// Why there is none.
 pub fn included(beside: &Path, name: &str) -> Result<String, String> {
-    let bytes = fs::read(beside.join(name)).map_err(|e| e.to_string())?;
+    let bytes = named_by_another(&beside.join(name))?;
     qv_sim::urdf::decode(&bytes).map(|(text, _)| text).map_err(|e| e.to_string())
 }
 
@@ -343,7 +378,7 @@ fn turn_imu(run: &mut Run, text: &str, beside: &Path) {
 
 /// The text of a URDF or MJCF, and a sentence where some of it is not in its encoding.
 pub fn read_urdf(path: &Path, expected: &str) -> Result<(String, Option<String>), ReplayError> {
-    let bytes = fs::read(path).map_err(|e| file_error(path, expected, &e.to_string()))?;
+    let bytes = bounded(path).map_err(|e| file_error(path, expected, &e))?;
     qv_sim::urdf::decode(&bytes).map_err(|e| file_error(path, "a robot", &e.to_string()))
 }
 
@@ -457,6 +492,27 @@ pub fn urdf_beside(toml_path: &Path, robot: &str) -> Result<(String, Option<Stri
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[cfg(unix)]
+    #[test]
+    fn a_file_that_another_one_names_is_a_regular_one_of_a_size() {
+        let folder = std::env::temp_dir().join(format!("qv-included-{}", std::process::id()));
+        fs::create_dir_all(folder.join("folder.xml")).unwrap();
+        fs::write(folder.join("good.xml"), "<mujoco/>").unwrap();
+        // Without blocks on the disk.
+        File::create(folder.join("large.xml")).unwrap().set_len(MOST_TEXT + 1).unwrap();
+        assert_eq!(included(&folder, "good.xml").unwrap(), "<mujoco/>");
+        for (name, word) in
+            [("/dev/zero", "no regular file"), ("folder.xml", "no regular file"), ("large.xml", "more than 64 MiB")]
+        {
+            let error = included(&folder, name).unwrap_err();
+            assert!(error.contains(word), "{name}: {error}");
+        }
+        // A robot that somebody names may come through a pipe, but it ends.
+        let error = read_urdf(Path::new("/dev/zero"), "a robot").unwrap_err().to_string();
+        assert!(error.contains("more than 64 MiB"), "{error}");
+        fs::remove_dir_all(folder).unwrap();
+    }
 
     #[test]
     fn metadata_lists_files_and_numbers_sort() {

@@ -96,8 +96,8 @@ impl Replay {
 /// Every part of the input that the replay did without.
 fn lost(run: &Run, model: &Model, replay: &qv_replay::replay::Replay) -> Vec<String> {
     let mut lost = lost_from(run);
-    let unknown = run.joint_names.iter().filter(|name| !model.joint_names().contains(name));
-    lost.extend(unknown.map(|name| format!("joint {name} of the recording: the model has none of that name")));
+    let others = run.joint_names.iter().enumerate().filter(|(_, name)| !model.joint_names().contains(name));
+    lost.extend(others.map(|(j, name)| format!("joint {name} of the recording: {}", why_unused(run, j, model))));
     lost.extend(model.left_out.iter().map(|part| format!("left out of the model: {part}")));
     lost.extend(replay.ran_away.map(|time| format!("the simulation of the whole run ran away at {time:.3} s")));
     if replay.windows.ran_away > 0 {
@@ -107,6 +107,16 @@ fn lost(run: &Run, model: &Model, replay: &qv_replay::replay::Replay) -> Vec<Str
         lost.push("no window could be compared".into());
     }
     lost
+}
+
+/// Why the model has no moving joint for a joint of the recording.
+fn why_unused(run: &Run, joint: usize, model: &Model) -> &'static str {
+    let is_measured = |s: &qv_core::JointSeries| s.column(joint).any(f64::is_finite);
+    match model.still.contains(&run.joint_names[joint]) {
+        false => "the model has none of that name",
+        true if run.measured.position.as_ref().is_some_and(is_measured) => "the model has it as one that does not move",
+        true => "none of its positions is a number: the model's is held",
+    }
 }
 
 /// What a reader of the numbers should know: what was lost, derived, left out.

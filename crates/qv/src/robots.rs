@@ -31,7 +31,7 @@ impl Robots {
 
 fn model(robot: &RobotFile) -> String {
     match &robot.model {
-        ModelSource::BuiltIn => "model built in".into(),
+        ModelSource::BuiltIn(_) => "model built in".into(),
         ModelSource::Nowhere => "its URDF or MJCF is yours to give".into(),
         ModelSource::Recorded => "model in the recording".into(),
         ModelSource::File(file) => format!("model {file}"),

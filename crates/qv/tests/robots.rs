@@ -81,6 +81,26 @@ fn what_is_wrong_with_an_mjcf_names_file_and_line() {
 }
 
 #[test]
+fn a_joint_that_the_model_has_is_not_said_to_be_absent() {
+    let folder = biped("robots_blank_joint");
+    let csv = std::fs::read_to_string(folder.join("run.csv")).unwrap();
+    let header: Vec<&str> = csv.lines().next().unwrap().split(',').collect();
+    let blank: Vec<usize> = (0..header.len()).filter(|i| header[*i].ends_with(".a_knee")).collect();
+    assert_eq!(blank.len(), 3, "{header:?}");
+    let row = |line: &str| {
+        let cells = line.split(',').enumerate().map(|(i, cell)| if blank.contains(&i) { "" } else { cell });
+        cells.collect::<Vec<_>>().join(",") + "\n"
+    };
+    let rows: String = csv.lines().skip(1).map(row).collect();
+    std::fs::write(folder.join("run.csv"), header.join(",") + "\n" + &rows).unwrap();
+    let out = folder.join("out");
+    let (code, said, err) = qv(&["replay", folder.to_str().unwrap(), "--out", out.to_str().unwrap()]);
+    assert_eq!(code, 3, "{said}{err}");
+    assert!(err.contains("joint a_knee of the recording: none of its positions is a number"), "{err}");
+    assert!(!err.contains("none of that name"), "{err}");
+}
+
+#[test]
 fn robots_are_listed_with_their_topics() {
     let (code, out, _) = qv(&["robots"]);
     assert_eq!(code, 0);
@@ -107,6 +127,20 @@ fn a_robot_file_brings_mapping_and_model() {
     assert!(said.starts_with("dog base free, 12 joints"), "{code} {said}{err}");
     let (code, said, err) = qv(&["replay", path, "--robot", file.to_str().unwrap(), "--out", out.to_str().unwrap()]);
     assert!(code == 0 && said.contains("windows of 0.3 s"), "{code} {said}{err}");
+    // What is like a robot whose model is built in has that model, whatever its name.
+    let mine = folder.join("mine.toml");
+    std::fs::write(&mine, "like = \"go2\"\nname = \"mine\"\n").unwrap();
+    let replay = |robot: &Path| {
+        qv(&["replay", path, "--json", "--robot", robot.to_str().unwrap(), "--out", out.to_str().unwrap()])
+    };
+    let (code, said, err) = replay(&mine);
+    assert!(code == 0 && !said.contains("not in the model"), "{code} {said}{err}");
+    std::fs::write(&mine, "like = \"go2\"\nname = \"mine\"\nfeet = [\"AA\", \"FR\", \"CC\", \"RR\"]\n").unwrap();
+    let (code, said, err) = replay(&mine);
+    assert!(code == 0 && said.contains("feet AA CC are not in the model"), "{code} {said}{err}");
+    std::fs::write(&mine, "like = \"go2\"\nname = \"mine\"\nkp = -1\n").unwrap();
+    let (code, _, err) = replay(&mine);
+    assert!(code == 1 && err.contains("mine.toml") && err.contains("`kp`") && err.contains("-1"), "{code} {err}");
     // A built-in robot without a model says what to do.
     let (code, _, err) = qv(&["replay", path, "--robot", "b2", "--out", out.to_str().unwrap()]);
     assert!(code == 1 && err.contains("like = \"b2\"") && err.contains("urdf ="), "{code} {err}");

@@ -2,7 +2,7 @@
 
 use crate::ReplayError;
 use crate::holes::hold;
-use crate::run::{ActuatorKind, Run};
+use crate::run::{ActuatorKind, Clock, Run};
 use qv_core::JointSeries;
 use qv_sim::JointCommand;
 
@@ -68,7 +68,12 @@ impl HeldCommands {
                 }
                 // Gains of zero are a decision to be written down, not what a forgotten line means.
                 if held.kp.is_none() && run.actuator.kp.is_none() {
-                    return missing("a position gain kp, in the commands or in run.toml");
+                    let is_table = run.sources.iter().any(|s| s.clock == Clock::Column);
+                    return missing(if is_table {
+                        "a position gain kp, in the commands or in run.toml"
+                    } else {
+                        "a position gain kp, in the commands or as `kp` (and `kd`) of a robot file (--robot FILE.toml)"
+                    });
                 }
             }
         }

@@ -120,6 +120,7 @@ pub(super) fn parse_description(text: &str) -> Result<Description, ReplayError> 
             return Err(ReplayError::file("run.toml", format!("finite numbers in `{name}`"), x.to_string()));
         }
     }
+    description.check_signs()?;
     Ok(description)
 }
 
@@ -161,6 +162,29 @@ impl Gains {
 }
 
 impl Description {
+    /// Gains, limits, friction and rotor inertias are at least 0; an offset may be less.
+    fn check_signs(&self) -> Result<(), ReplayError> {
+        let of_all = self.actuator.iter().flat_map(|a| [("kp", &a.kp), ("kd", &a.kd), ("tau_max", &a.tau_max)]);
+        let of_all = of_all.flat_map(|(key, each)| {
+            each.iter().flat_map(Each::numbers).map(move |x| (format!("`{key}` of [actuator]"), x))
+        });
+        let of_joints = self.joint.iter().flat_map(|(name, j)| {
+            let own = [
+                ("armature", j.armature),
+                ("coulomb_friction", j.coulomb_friction),
+                ("viscous_friction", j.viscous_friction),
+                ("kp", j.kp),
+                ("kd", j.kd),
+                ("tau_max", j.tau_max),
+            ];
+            own.into_iter().filter_map(move |(key, x)| Some((format!("`{key}` of [joint.{name}]"), x?)))
+        });
+        match of_all.chain(of_joints).find(|(_, x)| *x < 0.0) {
+            Some((key, x)) => Err(ReplayError::file("run.toml", format!("{key} of at least 0"), x.to_string())),
+            None => Ok(()),
+        }
+    }
+
     /// Roll, pitch and yaw of the IMU on the base \[rad\], where they are stated.
     pub(super) fn imu_rotation(&self) -> Option<[f64; 3]> {
         self.imu.and_then(|imu| imu.rotation)
@@ -296,6 +320,9 @@ mod tests {
             ("[joint.hip]\nkd = 2", "`kd` of every joint"),
             ("[actuator]\nkind = \"pd\"\nkp = [20, inf]", "finite"),
             ("[actuator]\nkind = \"pd\"\nkp = \"20\"", "run description"),
+            ("[actuator]\nkind = \"pd\"\nkp = -20", "`kp` of [actuator] of at least 0, found -20"),
+            ("[actuator]\nkind = \"pd\"\nkd = { hip = -1 }", "`kd` of [actuator]"),
+            ("[joint.hip]\nkp = -2", "`kp` of [joint.hip] of at least 0, found -2"),
         ] {
             let error = gains(toml).unwrap_err();
             assert!(error.contains(word), "{toml}: expected `{word}` in `{error}`");

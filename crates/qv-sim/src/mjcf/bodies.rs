@@ -5,6 +5,7 @@
 use super::attributes::{Attributes, Classes};
 use super::frames::Compiler;
 use super::joints;
+use super::schema::MAKERS;
 use super::shapes::{Geom, Meshes, Shape};
 use super::tree::Tree;
 use crate::SimError;
@@ -56,6 +57,10 @@ pub(super) struct Reader<'a> {
     shape_names: HashSet<String>,
     /// Elements that had their say, by tag.
     contacts: Vec<String>,
+    /// Links with geoms whose mass is not known, and why.
+    without_mass: Vec<(String, String)>,
+    /// Bodies whose weight the file takes away, in words.
+    weightless: Vec<String>,
 }
 
 impl<'a> Reader<'a> {
@@ -78,6 +83,8 @@ impl<'a> Reader<'a> {
             names,
             shape_names: HashSet::new(),
             contacts: Vec::new(),
+            without_mass: Vec::new(),
+            weightless: Vec::new(),
         }
     }
 
@@ -99,6 +106,9 @@ impl<'a> Reader<'a> {
             pending.extend(bodies.map(|b| (b, link, own)));
         }
         self.say_contacts();
+        if !self.weightless.is_empty() {
+            self.left_out.push(format!("gravcomp {}: all of the weight counts here", self.weightless.join(", ")));
+        }
         Ok(())
     }
 
@@ -165,8 +175,7 @@ impl<'a> Reader<'a> {
         if !others.is_empty() {
             self.left_out.push(format!("geoms that are fixed in the world {}", others.join(", ")));
         }
-        let odd = ["composite", "flexcomp", "replicate", "attach"];
-        for item in top.iter().filter(|i| odd.contains(&self.tree.element(i.element).tag.as_str())) {
+        for item in top.iter().filter(|i| MAKERS.contains(&self.tree.element(i.element).tag.as_str())) {
             self.left_out.push(format!("{} {}", self.tree.label(item.element), self.tree.place(item.element)));
         }
         Ok(())
@@ -229,6 +238,10 @@ impl<'a> Reader<'a> {
         let mut at = body.frame * own;
         at.position += parent_from_body;
         let name = self.body_name(body.element)?;
+        let compensated = Attributes::plain(self.tree, body.element).number_or("gravcomp", 0.0)?;
+        if compensated != 0.0 {
+            self.weightless.push(format!("{compensated} of body `{name}` {}", self.tree.place(body.element)));
+        }
         let (link, link_from_body) = self.joints(&name, body.element, &items, parent, at)?;
         if link_from_body != DVec3::ZERO {
             self.frames.push(BodyFrame { name, link_from_body });
@@ -336,7 +349,7 @@ impl<'a> Reader<'a> {
                         self.sites.push((link, name.to_owned(), pose));
                     }
                 }
-                "composite" | "flexcomp" | "replicate" | "attach" | "plugin" => {
+                tag if tag == "plugin" || MAKERS.contains(&tag) => {
                     self.left_out.push(format!("{} {}", self.tree.label(element), self.tree.place(element)));
                 }
                 _ => {}
@@ -376,7 +389,9 @@ impl<'a> Reader<'a> {
                 Ok(own) => whole = whole.welded(&own),
                 Err(reason) => {
                     let name = &self.robot.links[link].name;
-                    self.left_out.push(format!("the mass of a geom of body `{name}` (line {}): {reason}", geom.line));
+                    let lost = format!("the mass of a geom of body `{name}` (line {}): {reason}", geom.line);
+                    self.without_mass.push((name.clone(), lost.clone()));
+                    self.left_out.push(lost);
                 }
             }
             if let (Ok(Shape::Points(_)), true) = (&geom.shape, geom.weighs) {
@@ -393,6 +408,19 @@ impl<'a> Reader<'a> {
             mass: whole.mass,
             inertia: [m.x_axis.x, m.x_axis.y, m.x_axis.z, m.y_axis.y, m.y_axis.z, m.z_axis.z],
         })
+    }
+
+    /// Why geoms of a body, or of those that are fixed to it, give it no mass.
+    pub fn reasons_without_mass(&self, body: &str) -> Vec<String> {
+        let carrier = |link: &str| {
+            let mut link = link;
+            let fixed = |link: &str| self.robot.joints.iter().find(|j| j.child == link && j.kind == JointType::Fixed);
+            while let Some(joint) = fixed(link) {
+                link = &joint.parent;
+            }
+            link.to_owned()
+        };
+        self.without_mass.iter().filter(|(link, _)| carrier(link) == body).map(|(_, reason)| reason.clone()).collect()
     }
 
     fn collision(&mut self, link: usize, geom: Geom) {

@@ -12,6 +12,7 @@ mod bodies;
 mod frames;
 mod joints;
 mod resistance;
+mod schema;
 mod sections;
 mod shapes;
 mod tree;
@@ -103,25 +104,27 @@ impl MjcfModel {
         let compiler = Compiler::read(&tree)?;
         let meshes = Meshes::new(&tree, &classes, &compiler, options.mesh_vertices)?;
         let mut reader = Reader::new(&tree, &classes, &compiler, &meshes);
-        reader.world()?;
+        reader.world().map_err(|e| with_reasons(e, &reader))?;
         let actuators = actuators::read(&tree, &classes, &compiler, &mut reader.left_out)?;
         limit_efforts(&mut reader, &actuators);
         sections::sites(&tree, &mut reader);
         sections::left_out(&tree, &mut reader);
+        reader.left_out.extend(schema::strange(&tree));
         let timestep = sections::option(&tree, &mut reader)?;
         let base = if reader.base_place.is_some() { options.base } else { BaseKind::Fixed };
         if base != options.base {
             reader.robot.told.push("no body has a free joint: the robot is fixed in the world".into());
         }
         let inner = ModelOptions { base, armature: 0.0, mesh_vertices: options.mesh_vertices, held: options.held };
-        let mut model = Model::from_robot(&reader.robot, &inner).map_err(in_words_of_mjcf)?;
+        let mut model =
+            Model::from_robot(&reader.robot, &inner).map_err(|e| with_reasons(in_words_of_mjcf(e), &reader))?;
         for frame in &reader.frames {
             let own = model.frames.iter_mut().find(|f| f.name == frame.name);
             if let Some(own) = own {
                 own.link_from_frame.position += own.link_from_frame.rotation * frame.link_from_body;
             }
         }
-        let stand = sections::stand(&tree, &reader, &model)?;
+        let stand = sections::stand(&tree, &reader, &model).map_err(|e| with_reasons(e, &reader))?;
         let gains = gains(&model, &reader, &actuators);
         model.left_out.splice(0..0, reader.left_out);
         say_gains(&mut model, &gains);
@@ -182,6 +185,22 @@ fn say_gains(model: &mut Model, gains: &[Option<Gains>]) {
     if !all.is_empty() {
         model.told.push(format!("the file's gains: {}", all.join("; ")));
     }
+}
+
+/// Adds what is not followed of the file, where its lack may be the reason: bodies that an element would have made, joints with
+/// misspelt names, geoms whose shape is not known.
+fn with_reasons(error: SimError, reader: &Reader) -> SimError {
+    let SimError::Mjcf { element, expected, mut found } = error else { return error };
+    // Other faults name their own line.
+    if found.starts_with("none") || found.starts_with("no link") || element.starts_with("<key>") {
+        let body = element.strip_prefix("body `").and_then(|rest| rest.strip_suffix('`'));
+        let own = body.map_or_else(Vec::new, |body| reader.reasons_without_mass(body));
+        let makers = schema::makers(reader.tree).into_iter().map(|what| format!("{what} is not followed"));
+        for reason in own.into_iter().chain(makers).chain(schema::strange(reader.tree)) {
+            found += &format!("; {reason}");
+        }
+    }
+    SimError::Mjcf { element, expected, found }
 }
 
 /// What is wrong with the links and joints of a robot, said of bodies.

@@ -91,7 +91,9 @@ impl<'a> Meshes<'a> {
                 let read = self.read.map(|read| read(&file));
                 match read.unwrap_or_else(|| Err(format!("no reader for mesh `{file}`"))) {
                     Ok(points) => points,
-                    Err(reason) => return Ok(Err(reason)),
+                    Err(reason) => {
+                        return Ok(Err(format!("mesh `{name}` {}: {reason}", self.tree.place(mesh.element()))));
+                    }
                 }
             }
             (None, None) => {
@@ -139,11 +141,14 @@ impl Geom {
         let shape = match kind {
             "mesh" if !collides && !has_mass => Err("a visual".into()),
             "mesh" => meshes.vertices(geom)?.map(Shape::Points),
-            _ if geom.text("mesh").is_some() && collides => {
-                Err(format!("a {kind} to be fitted to a mesh {}", geom.tree.place(geom.element())))
-            }
-            _ if geom.text("mesh").is_some() => Err("a visual".into()),
-            _ => shape(geom, kind, half)?,
+            _ => match geom.text("mesh") {
+                Some(mesh) if collides || has_mass => {
+                    let place = geom.tree.place(geom.element());
+                    Err(format!("a {kind} that MuJoCo fits to mesh `{mesh}`, which is not done here {place}"))
+                }
+                Some(_) => Err("a visual".into()),
+                None => shape(geom, kind, half)?,
+            },
         };
         Ok(Self {
             name: geom.tree.attribute(geom.element(), "name").map(str::to_owned),

@@ -143,6 +143,8 @@ pub struct Model {
     pub left_out: Vec<String>,
     /// What the URDF says that cannot be so, or leaves open, and how it was read, a sentence each. Nothing is lost by these.
     pub told: Vec<String>,
+    /// Joints of the file that do not move here: fixed ones, and those that the options hold.
+    pub still: Vec<String>,
     joint_names: Vec<String>,
 }
 

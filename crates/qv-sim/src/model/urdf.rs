@@ -69,6 +69,7 @@ fn empty(name: &str, base: BaseKind) -> Model {
         frames: Vec::new(),
         left_out: Vec::new(),
         told: Vec::new(),
+        still: Vec::new(),
         joint_names: Vec::new(),
     }
 }
@@ -254,11 +255,13 @@ impl Builder<'_> {
         // The joint of a free base holds it where the base is held.
         let holds = urdf.kind == JointType::Floating && carrier.is_none();
         if urdf.kind == JointType::Fixed || holds {
+            self.model.still.push(urdf.name.clone());
             return Ok(Visit { urdf_link, carrier, carrier_from_link: carrier_from_joint });
         }
         let link = self.model.links.len();
         let joint = read_joint(urdf, link, self.options.armature, &mut self.model.told)?;
         if let Some((_, position)) = self.options.held.iter().find(|(name, _)| *name == urdf.name) {
+            self.model.still.push(urdf.name.clone());
             return Ok(Visit { urdf_link, carrier, carrier_from_link: carrier_from_joint * joint.motion(*position) });
         }
         if urdf.mimics {
