@@ -157,7 +157,8 @@ fn one(
     let robot = robot.to_string();
     let mut words: Vec<String> = [kind, &robot, &robot].iter().chain(more).map(|w| w.to_string()).collect();
     words.extend(tune.no_nets.then(|| "--no-nets".into()));
-    let read: Vec<PathBuf> = [program, checkpoint].into_iter().chain(tune.robot.as_deref()).map(Path::to_path_buf).collect();
+    let read: Vec<PathBuf> =
+        [program, checkpoint].into_iter().chain(tune.robot.as_deref()).map(Path::to_path_buf).collect();
     let file = kept.join(format!("{:016x}.json", pipeline::hash(&words, &read)?));
     if let Ok(text) = fs::read_to_string(&file) {
         eprintln!("{} (kept)", words.join(" "));
