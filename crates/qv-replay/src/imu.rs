@@ -12,6 +12,9 @@ use qv_sim::Model;
 const APART: f64 = 0.5;
 /// A trunk that stands leans less than this \[rad\].
 const LEAN: f64 = 0.8;
+/// Angle up to which an attitude is that of the poses, and from which on it is another \[rad\]: a mount that is turned by less cannot be told.
+const SAME: f64 = 0.1;
+const ANOTHER: f64 = 0.3;
 /// Turning (root of mean square) from which on axes of a gyroscope can be told \[rad/s\].
 const LEAST_TURNING: f64 = 0.05;
 
@@ -54,8 +57,9 @@ pub fn to_trunk(run: &mut Run, base_from_imu: DQuat, stated: bool) -> Vec<String
         Some(seen) if !stated => axes_of(seen, up, base_from_imu),
         _ => Some(Axes::Sensor),
     };
-    let attitude = axes(run.measured.orientation.as_ref().and_then(up_of_attitude));
-    let acceleration = axes(run.measured.acceleration.as_ref().and_then(mean));
+    let by_poses = if stated { Some(Axes::Sensor) } else { axes_of_attitude(run, base_from_imu) };
+    let attitude = by_poses.or_else(|| axes(run.measured.orientation.as_ref().and_then(up_of_attitude)));
+    let acceleration = axes(run.measured.acceleration.as_ref().and_then(mean)).or(attitude);
     let gyro = if stated { Some(Axes::Sensor) } else { axes_of_gyro(run, base_from_imu) };
     let gyro = gyro.or(acceleration.filter(|_| run.measured.acceleration.is_some())).or(attitude);
     let m = &mut run.measured;
@@ -133,6 +137,28 @@ fn mean(series: &JointSeries) -> Option<DVec3> {
 fn axes_of(seen: DVec3, up: DVec3, base_from_imu: DQuat) -> Option<Axes> {
     let (as_sensor, as_trunk) = ((base_from_imu * seen).angle_between(up), seen.angle_between(up));
     ((as_sensor - as_trunk).abs() > APART).then_some(if as_sensor < as_trunk { Axes::Sensor } else { Axes::Trunk })
+}
+
+/// Which axes the attitude is in, where one of the two is that of the poses. Both may count yaw from a place of their own; then nothing is said.
+fn axes_of_attitude(run: &Run, base_from_imu: DQuat) -> Option<Axes> {
+    let attitude = run.measured.orientation.as_ref().filter(|series| !series.is_empty())?;
+    let pose = run.measured.base_pose.as_ref()?;
+    let quaternion = |q: &[f64]| DQuat::from_xyzw(q[1], q[2], q[3], q[0]);
+    let (mut as_sensor, mut as_trunk, mut count) = (0.0, 0.0, 0);
+    for i in 0..pose.len() {
+        let (right, seen) = (quaternion(&pose.row(i)[3..7]), quaternion(attitude.hold(pose.time[i])));
+        if right.is_finite() && seen.is_finite() {
+            as_sensor += (seen * base_from_imu.conjugate()).angle_between(right);
+            as_trunk += seen.angle_between(right);
+            count += 1;
+        }
+    }
+    let [as_sensor, as_trunk] = [as_sensor, as_trunk].map(|sum| sum / f64::from(count.max(1)));
+    match (count > 0, as_sensor, as_trunk) {
+        (true, near, far) if near < SAME && far > ANOTHER => Some(Axes::Sensor),
+        (true, far, near) if near < SAME && far > ANOTHER => Some(Axes::Trunk),
+        _ => None,
+    }
 }
 
 /// Which axes the gyroscope is in, by the turning of the poses, else of the attitude in the trunk's axes.

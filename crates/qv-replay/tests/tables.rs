@@ -55,7 +55,9 @@ fn dialects_give_the_run_of_the_plain_table() {
     let line_ends = |end: &str| plain.lines().map(|l| format!("{l}{end}\n")).collect::<String>();
     let rows_alone = plain.replacen('\n', "\r", 1).replace('\n', ",\n").replacen('\r', "\n", 1);
     // What, the table, words of what is told.
-    let cases: [(&str, String, &[&str]); 14] = [
+    let quoted = |line: &str| line.split(',').map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(",");
+    let header = plain.lines().next().unwrap();
+    let cases: [(&str, String, &[&str]); 22] = [
         ("semicolons", table(";", seconds), &["semicolons"]),
         ("tabs", table("\t", seconds), &["tabs"]),
         (
@@ -84,6 +86,18 @@ fn dialects_give_the_run_of_the_plain_table() {
         ("separators at the ends of rows", rows_alone, &[]),
         ("three separators at all ends", line_ends(",,,"), &[]),
         ("a mark", format!("\u{feff}{plain}"), &[]),
+        ("microseconds since boot", table(",", |k| (1_200_000_000 + 2000 * k).to_string()), &["microseconds"]),
+        (
+            "nanoseconds since boot",
+            table(",", |k| (1_800_000_000_000_u64 + 2_000_000 * k as u64).to_string()),
+            &["nanoseconds"],
+        ),
+        ("milliseconds since boot", table(",", |k| (1_209_600_000 + 2 * k).to_string()), &["milliseconds"]),
+        ("a unit in the name", table(",", |k| (2 * k).to_string()).replacen("time", "time_ms", 1), &[]),
+        ("a header in quotes", plain.replacen(header, &quoted(header), 1), &[]),
+        ("a header in capitals", plain.replacen("time,cmd_pos", "TIME,CMD_POS", 1).replacen("pos.a", "Pos.a", 2), &[]),
+        ("a header of NumPy", format!("# {plain}"), &[]),
+        ("Excel's separator", format!("sep=;\n{}", table(";", seconds)), &["semicolons"]),
     ];
     for (what, csv, words) in cases {
         let run = read(&csv, TOML);
@@ -101,6 +115,24 @@ fn dialects_give_the_run_of_the_plain_table() {
             &found.time[..4]
         );
     }
+}
+
+#[test]
+fn a_stated_unit_of_time_holds() {
+    // Four rows a second look like milliseconds.
+    let slow = table(",", |k| format!("{}", 0.25 * k as f64));
+    let of = |toml: &str| read(&slow, toml).measured.position.unwrap().time[4];
+    assert_eq!(of(TOML), 0.001);
+    assert_eq!(of(&format!("time_unit = \"s\"\n{TOML}")), 1.0);
+    let error = read_table(slow.as_bytes(), &format!("time_unit = \"min\"\n{TOML}"), None, None).unwrap_err();
+    assert!(error.to_string().contains("time_unit s, ms, us or ns, found `min`"), "{error}");
+}
+
+#[test]
+fn text_in_utf_16_is_read() {
+    let bytes: Vec<u8> = format!("\u{feff}{}", table(",", seconds)).encode_utf16().flat_map(u16::to_le_bytes).collect();
+    let run = read_table(bytes.as_slice(), TOML, Some(&urdf("0 0 0")), None).unwrap();
+    assert_eq!((run.lost.len(), run.measured.position), (0, read(&table(",", seconds), TOML).measured.position));
 }
 
 #[test]
@@ -190,6 +222,7 @@ fn an_imu_at_any_angle_is_turned_into_the_trunk_once() {
     let rpy = [0.4, -0.2, 2.0];
     let mount = qv_core::Pose::from_xyz_rpy([0.0; 3], rpy).rotation;
     let upside_down = qv_core::Pose::from_xyz_rpy([0.0; 3], [std::f64::consts::PI, 0.0, std::f64::consts::PI]).rotation;
+    let quarter = glam::DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2);
     let plain = read_table(walk(glam::DQuat::IDENTITY, 1.0).as_bytes(), FREE, Some(&urdf("0 0 0")), None).unwrap();
     assert!(plain.told.is_empty(), "{:?}", plain.told);
     let stated = format!("{FREE}[imu]\nrotation = [0.4, -0.2, 2.0]\n");
@@ -213,6 +246,15 @@ fn an_imu_at_any_angle_is_turned_into_the_trunk_once() {
             "3.141592653589793 0 3.141592653589793",
             "attitude and gyroscope and acceleration are in the trunk's",
         ),
+        // Gravity does not tell these two apart; the poses do.
+        (
+            "a quarter turn, in the trunk's axes",
+            upright,
+            FREE,
+            "0 0 1.5707963267948966",
+            "attitude and gyroscope and acceleration are in the trunk's",
+        ),
+        ("a quarter turn, in the sensor's axes", quarter, FREE, "0 0 1.5707963267948966", "were turned"),
     ];
     for (what, axes, toml, link, word) in cases {
         let run = read_table(walk(axes, 1.0).as_bytes(), toml, Some(&urdf(link)), None).unwrap();

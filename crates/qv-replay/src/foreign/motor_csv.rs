@@ -272,6 +272,16 @@ mod tests {
     }
 
     #[test]
+    fn motors_may_be_counted_from_one() {
+        let table = table("time,q_1,q_2,q_3,q_4\n0,1,2,3,4\n", &motors()).unwrap();
+        let header = "time,pos.FR_hip_joint,pos.FR_thigh_joint,pos.FL_hip_joint,pos.FL_thigh_joint";
+        assert_eq!(
+            (table.csv.as_str(), table.told[0].as_str()),
+            (&*format!("{header}\n0,1,2,3,4\n"), "motors are counted from 1")
+        );
+    }
+
+    #[test]
     fn a_file_becomes_a_table() {
         let text = "\u{feff}time_s;q_0;q_1;q_2;q_3;temp_0\n0;1;2;3;4;30\n0.1;1;2;3;\"5\";31\n";
         assert!(is_motor_csv(text.lines().next().unwrap(), &motors()));
@@ -279,6 +289,7 @@ mod tests {
         let header = "time_s,pos.FR_hip_joint,pos.FR_thigh_joint,pos.FL_hip_joint,pos.FL_thigh_joint";
         assert_eq!(table.csv, format!("{header}\n0,1,2,3,4\n0.1,1,2,3,5\n"));
         assert_eq!(table.told[1], "not used: temp_0");
+        assert!(!is_motor_csv("\"time\",\"POS.a\",\"q_0\"", &motors()), "a table in quotes is a table");
         assert!(!is_motor_csv("time,pos.a,q_0", &motors()) && !is_motor_csv("q_0,q_1", &motors()));
         let error = |text: &str| super::table(text, &motors()).unwrap_err().to_string();
         assert!(error("q_0\n1\n").contains("expected a column with the time"));

@@ -187,4 +187,17 @@ mod tests {
             table(STATE, Some("timestamp,positions\n1,\"[1]\"\n"), Some("a,b"), &Settings::default()).unwrap_err();
         assert!(error.to_string().contains("control.csv: expected rows with positions"), "{error}");
     }
+
+    #[test]
+    fn commands_on_another_clock_are_told_and_left_out() {
+        let state = "timestamp,positions\n0.0,[1]\n0.01,[1]\n0.02,[2]\n";
+        let read = |control: &str| table(state, Some(control), Some("a"), &Settings::default()).unwrap();
+        let good = read("timestamp,positions\n0.0,[3]\n0.02,[3]\n");
+        assert_eq!((good.lost.len(), good.csv.as_str()), (0, "time_s,pos.a,cmd_pos.a\n0,1,3\n0.01,1,\n0.02,2,3\n"));
+        // The same in microseconds.
+        assert_eq!(read("timestamp,positions\n0,[3]\n20000,[3]\n").csv, good.csv);
+        let other = read("timestamp,positions\n1000.0,[3]\n1000.02,[3]\n");
+        assert!(other.lost[0].what.contains("found 1000.000 to 1000.020 s: its commands are left out"), "{other:?}");
+        assert!(!other.csv.contains("cmd_pos"));
+    }
 }
