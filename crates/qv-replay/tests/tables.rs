@@ -129,6 +129,23 @@ fn a_stated_unit_of_time_holds() {
 }
 
 #[test]
+fn degrees_become_radians_where_they_are_stated() {
+    let right = read(&table(",", seconds), TOML).measured.position.unwrap();
+    let in_degrees = |cell: &str| cell.parse::<f64>().unwrap().to_degrees().to_string();
+    let line = |line: &str| match line.split_once(',') {
+        Some((time, rest)) if time != "time" => {
+            format!("{time},{}\n", rest.split(',').map(in_degrees).collect::<Vec<_>>().join(","))
+        }
+        _ => format!("{line}\n"),
+    };
+    let csv: String = table(",", seconds).lines().map(line).collect();
+    let found = read(&csv, &format!("position_unit = \"deg\"\n{TOML}"));
+    assert_eq!(found.lost, []);
+    let found = found.measured.position.unwrap();
+    assert!(found.values.iter().zip(&right.values).all(|(a, b)| (a - b).abs() < 1e-12));
+}
+
+#[test]
 fn text_in_utf_16_is_read() {
     let bytes: Vec<u8> = format!("\u{feff}{}", table(",", seconds)).encode_utf16().flat_map(u16::to_le_bytes).collect();
     let run = read_table(bytes.as_slice(), TOML, Some(&urdf("0 0 0")), None).unwrap();

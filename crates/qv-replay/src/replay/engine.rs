@@ -190,8 +190,10 @@ fn check(run: &Run, model: &Model, options: &ReplayOptions) -> Result<(Vec<usize
             format!("{} s", options.window),
         ));
     }
-    if run.faults.iter().any(|f| f.kind == crate::run::FaultKind::DegreesSuspected) {
-        return Err(ReplayError::run("positions", "radians", "values that fit degrees"));
+    if let Some(fault) = run.faults.iter().find(|f| f.kind == crate::run::FaultKind::DegreesSuspected) {
+        // A table can say so; a bag's messages are in radians by their definitions.
+        let found = format!("{}: {} (position_unit = \"deg\" in run.toml, where they are)", fault.channel, fault.detail);
+        return Err(ReplayError::run("positions", "radians", found));
     }
     let mut columns = Vec::new();
     for name in model.joint_names() {

@@ -14,6 +14,8 @@ pub(super) struct Description {
     base: Option<String>,
     /// `s`, `ms`, `us` or `ns`; found by the size of stamps where it is not stated.
     time_unit: Option<String>,
+    /// `rad` or `deg`, of all joints.
+    position_unit: Option<String>,
     actuator: Option<ActuatorTable>,
     imu: Option<ImuTable>,
     #[serde(default)]
@@ -131,7 +133,7 @@ pub(super) fn unknown_keys(text: &str) -> Vec<String> {
     let mut check = |at: &str, table: &toml::Table, known: &[&str]| {
         unknown.extend(table.keys().filter(|k| !known.contains(&k.as_str())).map(|k| format!("{at}{k}")));
     };
-    check("", &table, &["robot", "base", "time_unit", "actuator", "imu", "joint", "dataset"]);
+    check("", &table, &["robot", "base", "time_unit", "position_unit", "actuator", "imu", "joint", "dataset"]);
     if let Some(imu) = table.get("imu").and_then(toml::Value::as_table) {
         check("imu.", imu, &["rotation"]);
     }
@@ -188,6 +190,15 @@ impl Description {
     /// Roll, pitch and yaw of the IMU on the base \[rad\], where they are stated.
     pub(super) fn imu_rotation(&self) -> Option<[f64; 3]> {
         self.imu.and_then(|imu| imu.rotation)
+    }
+
+    /// Whether positions, speeds and their commands are in degrees.
+    pub(super) fn is_in_degrees(&self) -> Result<bool, ReplayError> {
+        match self.position_unit.as_deref() {
+            None | Some("rad") => Ok(false),
+            Some("deg") => Ok(true),
+            Some(word) => Err(ReplayError::file("run.toml", "position_unit rad or deg", format!("`{word}`"))),
+        }
     }
 
     /// The unit of time, where it is stated.

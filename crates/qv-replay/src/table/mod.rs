@@ -97,8 +97,13 @@ pub fn read_table(
         lost,
         told,
     };
+    let in_degrees = description.is_in_degrees()?;
     for (channel, first, width) in &layout.groups {
-        *slot(&mut run, *channel) = columns(&samples, *first, *width);
+        let mut series = columns(&samples, *first, *width);
+        if let (Some(series), true) = (&mut series, in_degrees && OF_ANGLES.contains(channel)) {
+            series.values.iter_mut().for_each(|x| *x = x.to_radians());
+        }
+        *slot(&mut run, *channel) = series;
     }
     if run.measured.position.is_none() {
         return Err(ReplayError::run("run.csv", "at least one row with a `pos.<joint>` value", "none"));
@@ -153,6 +158,10 @@ const JOINT_CHANNELS: [(&str, Channel); 6] = [
     ("vel.", Channel::Velocity),
     ("tau.", Channel::Torque),
 ];
+
+/// Channels that `position_unit` is of.
+const OF_ANGLES: [Channel; 4] =
+    [Channel::Position, Channel::Velocity, Channel::CommandPosition, Channel::CommandVelocity];
 
 const VECTOR_CHANNELS: [(&str, Channel, &[&str]); 4] = [
     ("base.", Channel::BasePose, &["x", "y", "z", "qw", "qx", "qy", "qz"]),
