@@ -56,7 +56,7 @@ fn report(evidence: &Evidence, decision: &Decision) -> Value {
     };
     let causes = evidence.accused().filter(|_| is_told).map(|(accused, candidate)| {
         let scope = match candidate.extent {
-            Some(qv_gap::columns::Extent::Region(_)) => vec!["region".to_owned()],
+            Some(qv_gap::problem::columns::Extent::Region(_)) => vec!["region".to_owned()],
             _ => candidate.scope.clone(),
         };
         json!({

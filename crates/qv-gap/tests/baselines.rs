@@ -2,10 +2,11 @@
 
 mod recorded;
 
+use qv_gap::Options;
 use qv_gap::baselines::{Baselines, baselines};
+use qv_gap::inference::study::Effort;
 use qv_gap::problem::Cut;
-use qv_gap::study::Effort;
-use qv_gap::{Options, library};
+use qv_gap::problem::library;
 use qv_go2::synthetic;
 use qv_replay::Run;
 use qv_sim::Terrain;
@@ -79,6 +80,6 @@ fn runs_that_are_missing_or_too_short_are_refused_by_name() {
         baselines(runs, &go2(), &Terrain::plane(), &quick(), FEW_STEPS).err().map(|e| e.to_string()).unwrap()
     };
     assert!(refused(&[]).contains("at least one"));
-    let short = qv_gap::observe::snippet(&recorded(Vec::new(), 5), 0.0, 1.5);
+    let short = qv_gap::problem::features::snippet(&recorded(Vec::new(), 5), 0.0, 1.5);
     assert!(refused(&[short]).contains("at least 8 windows"));
 }

@@ -3,9 +3,9 @@
 mod recorded;
 
 use qv_core::JointSeries;
+use qv_gap::inference::study::Effort;
 use qv_gap::problem::Cut;
 use qv_gap::report::Verdict;
-use qv_gap::study::Effort;
 use qv_gap::{Options, diagnose};
 use qv_replay::Run;
 use qv_replay::faults::examine;

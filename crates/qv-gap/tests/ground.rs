@@ -2,9 +2,9 @@
 
 mod recorded;
 
+use qv_gap::inference::study::Effort;
 use qv_gap::problem::Cut;
 use qv_gap::report::{Report, Verdict};
-use qv_gap::study::Effort;
 use qv_gap::{Options, diagnose};
 use qv_replay::Run;
 use qv_sim::Terrain;

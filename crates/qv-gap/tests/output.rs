@@ -3,7 +3,7 @@
 mod made_up;
 
 use made_up::{correction, empty, go2, report};
-use qv_gap::output::{files, to_html, to_isaac_lab, to_json, to_mjcf, to_toml, to_urdf};
+use qv_gap::export::{files, to_html, to_isaac_lab, to_json, to_mjcf, to_toml, to_urdf};
 use qv_gap::report::*;
 use qv_replay::replay::parameters_from_toml;
 use qv_sim::{BaseKind, Model, ModelOptions};

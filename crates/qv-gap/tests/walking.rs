@@ -2,16 +2,18 @@
 
 mod recorded;
 
-use qv_gap::columns::{Columns, Group};
-use qv_gap::constancy::fading;
-use qv_gap::forward::compare;
-use qv_gap::library::Effect;
+use qv_gap::checks::stationarity::fading;
+use qv_gap::inference::level::level;
+use qv_gap::inference::search::Search;
+use qv_gap::inference::study::{Effort, Study};
+use qv_gap::problem::columns::{Columns, Group};
+use qv_gap::problem::library;
+use qv_gap::problem::library::Effect;
 use qv_gap::problem::{Cut, Problem};
 use qv_gap::report::{Report, UNKNOWN, Verdict};
-use qv_gap::rounds::level;
-use qv_gap::search::Search;
-use qv_gap::study::{Effort, Study};
-use qv_gap::{Options, diagnose, law, library};
+use qv_gap::rollout::law;
+use qv_gap::rollout::windows::compare;
+use qv_gap::{Options, diagnose};
 use qv_go2::sealed::{EngineChoice, Plan, Recipe, Request, Section, Wanted};
 use qv_go2::{sealed, synthetic};
 use qv_replay::Run;
@@ -249,7 +251,7 @@ fn a_pose_that_jumps_costs_the_windows_it_jumps_in() {
 #[test]
 fn a_run_that_is_too_short_is_refused_by_name() {
     let run = recorded(Vec::new(), 5);
-    let short = qv_gap::observe::snippet(&run, 0.0, 1.5);
+    let short = qv_gap::problem::features::snippet(&run, 0.0, 1.5);
     let error = diagnose(&[short], &go2(), &Terrain::plane(), &quick(), 0).err().unwrap().to_string();
     assert!(error.contains("at least 8 windows"), "{error}");
     assert!(diagnose(&[], &go2(), &Terrain::plane(), &quick(), 0).is_err());

@@ -9,9 +9,10 @@ use crate::{Outcome, Reading, RunArguments, say};
 use qv_core::{GaussianCloud, JointSeries};
 use qv_gap::baselines::{Baselines, CMA_ES_STEPS, baselines};
 use qv_gap::decision::evidence::Evidence;
+use qv_gap::problem::library;
 use qv_gap::report::{Report, Stage, UNKNOWN};
 use qv_gap::visual::{EFFECTS, Footage, LookOptions, Photograph, check, join, look};
-use qv_gap::{GapError, Options, diagnose, library, output};
+use qv_gap::{GapError, Options, diagnose, export};
 use qv_replay::{ReplayError, Run, median};
 use qv_sim::Model;
 use std::fs;
@@ -131,7 +132,7 @@ impl Diagnose {
             library,
             given: parameters_of(self.params.as_deref(), &model, &terrain)?,
             reference: self.open(&self.reference)?,
-            effort: qv_gap::study::Effort { seed: self.seed, ground_error, ..Default::default() },
+            effort: qv_gap::inference::study::Effort { seed: self.seed, ground_error, ..Default::default() },
             without: self.without.clone(),
             clock: Some(&seconds),
             progress: Some(&told),
@@ -232,7 +233,7 @@ impl Diagnose {
         fs::create_dir_all(directory).map_err(|e| write_error(directory, &e))?;
         let title: Vec<String> = self.runs.iter().map(|r| r.display().to_string()).collect();
         let urdf = robot.urdf.as_deref();
-        let files = output::files(report, &robot.model, urdf, &title.join(", "), &robot.notes, &robot.kp, &robot.kd);
+        let files = export::files(report, &robot.model, urdf, &title.join(", "), &robot.notes, &robot.kp, &robot.kd);
         let evidence = serde_json::to_vec(evidence).expect("evidence is plain data");
         for (name, bytes) in files.into_iter().chain([("evidence.json".into(), evidence)]) {
             let path = directory.join(name);

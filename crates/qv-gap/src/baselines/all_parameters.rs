@@ -6,8 +6,8 @@ use super::one_at_a_time::{absent, largest};
 use super::plain::Plain;
 use super::{Answer, Size, sizes};
 use crate::GapError;
-use crate::columns::{Columns, Suspect};
 use crate::problem::Setting;
+use crate::problem::columns::{Columns, Suspect};
 
 /// Windows of each evaluation: fewer windows make more generations of the same budget.
 const WINDOWS: usize = 12;

@@ -9,10 +9,11 @@ mod one_at_a_time;
 mod plain;
 mod residual_network;
 
-use crate::columns::{Columns, Suspect};
+use crate::inference::study::Study;
 use crate::problem::Problem;
-use crate::study::Study;
-use crate::{GapError, Options, telling};
+use crate::problem::columns::{Columns, Suspect};
+use crate::report::narrative;
+use crate::{GapError, Options};
 use plain::Plain;
 use qv_replay::Run;
 use qv_sim::{Model, Terrain};
@@ -92,7 +93,7 @@ pub fn baselines(
         return Err(GapError::run("runs", "at least one", "none"));
     }
     tell(options, "baselines: windows and yardstick");
-    let (runs, _) = telling::upright(runs);
+    let (runs, _) = narrative::upright(runs);
     let problem = Problem::new(&runs[0], model, terrain, &options.given, options.cut)?;
     let columns = Columns::new(&problem, &runs[0], &options.library)?;
     let mut plain = Plain::new(Study::new(problem, columns, &runs, &options.reference, &options.effort)?);
@@ -133,7 +134,7 @@ fn timed<'a>(
 fn sizes(columns: &Columns, suspect: &Suspect) -> Vec<Size> {
     let group = &columns.groups[suspect.group];
     let effect = &columns.effects[group.effect];
-    let one = |(axis, value): (&crate::library::Axis, &f64)| Size {
+    let one = |(axis, value): (&crate::problem::library::Axis, &f64)| Size {
         effect: effect.name.clone(),
         name: axis.name.clone(),
         scope: group.names.clone(),

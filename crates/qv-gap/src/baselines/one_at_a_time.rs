@@ -5,9 +5,9 @@
 use super::plain::Plain;
 use super::{Answer, Size, sizes};
 use crate::GapError;
-use crate::closure::mean;
-use crate::columns::{Columns, Suspect};
+use crate::inference::study::mean;
 use crate::problem::Setting;
+use crate::problem::columns::{Columns, Suspect};
 use nalgebra::{DMatrix, DVector};
 
 /// Windows looked at while groups and starts are chosen.

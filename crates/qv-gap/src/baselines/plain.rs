@@ -2,13 +2,13 @@
 //! effects any robot has.
 
 use crate::GapError;
-use crate::closure::Closure;
-use crate::law;
+use crate::checks::held_out::Closure;
+use crate::inference::study::Study;
 use crate::null::Noise;
-use crate::observe::{self, Channel};
 use crate::problem::Setting;
-use crate::study::Study;
-use crate::whiten::Raw;
+use crate::problem::features::{self, Channel};
+use crate::rollout::law;
+use crate::rollout::windows::Raw;
 use nalgebra::DVector;
 use qv_core::JointSeries;
 use qv_replay::median_interval;
@@ -113,7 +113,7 @@ impl<'a> Plain<'a> {
     /// # Errors
     /// When a setting has a value that means nothing.
     pub fn closed(&mut self, setting: &Setting) -> Result<f64, GapError> {
-        Ok(crate::closure::closure(&mut self.study, setting)?.closed())
+        Ok(crate::checks::held_out::closure(&mut self.study, setting)?.closed())
     }
 
     /// The same of residuals of the held-out windows; empty ones are left out.
@@ -151,7 +151,7 @@ fn scales(study: &Study, run: usize) -> Vec<f64> {
     let noise = &study.parts[run].noise;
     let mut all = Vec::with_capacity(first.raw.motion.len() + first.raw.law.len());
     for &channel in &problem.channels {
-        let width = observe::width(channel, problem.cut.bins());
+        let width = features::width(channel, problem.cut.bins());
         let series = match channel {
             Channel::Position(_) => &m.position,
             Channel::Velocity(_) => &m.velocity,
@@ -196,7 +196,7 @@ fn root_count(series: &Option<JointSeries>, bin: f64) -> f64 {
 
 fn at_least_a_share_of_the_residual(study: &Study, run: usize, deviations: &mut [f64]) {
     let (bins, law_bins) = (study.problem.cut.bins(), law::bins(&study.problem));
-    let widths = study.problem.channels.iter().map(|&c| observe::width(c, bins));
+    let widths = study.problem.channels.iter().map(|&c| features::width(c, bins));
     let widths: Vec<usize> = widths.chain(study.problem.law_joints.iter().map(|_| law_bins)).collect();
     let mut first = 0;
     for width in widths {

@@ -12,14 +12,15 @@ use super::Answer;
 use super::network::{Adam, HIDDEN, Network};
 use super::plain::Plain;
 use crate::GapError;
-use crate::commands::Told;
-use crate::forward::{Kept, compare, measured};
-use crate::law::{self, Law};
-use crate::observe::{self, Channel};
+use crate::inference::study::{Seen, Study};
+use crate::problem::command_cache::Told;
+use crate::problem::features::{self, Channel};
+use crate::problem::start_cache::{Kept, measured};
 use crate::problem::{Problem, Setting, Window};
 use crate::random::Random;
-use crate::study::{Seen, Study};
-use crate::whiten::Raw;
+use crate::rollout::law::{self, Law};
+use crate::rollout::windows::Raw;
+use crate::rollout::windows::compare;
 use nalgebra::{DMatrix, DVector};
 use qv_core::JointSeries;
 use rayon::prelude::*;
@@ -96,14 +97,14 @@ fn pieces(problem: &Problem) -> usize {
 /// Simulated positions and speeds at the middle of each bin, shape `[joints][bins]`: measured less residual.
 fn simulated(problem: &Problem, seen: &Seen) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
     let bins = problem.cut.bins();
-    let features: usize = problem.channels.iter().map(|&c| observe::width(c, bins)).sum();
+    let features: usize = problem.channels.iter().map(|&c| features::width(c, bins)).sum();
     // Windows of a study could be prepared once already.
     let measured = measured(problem, &seen.window).unwrap_or_else(|| vec![f64::NAN; features]);
     let mut position = vec![vec![f64::NAN; bins]; problem.columns.len()];
     let mut speed = position.clone();
     let mut first = 0;
     for &channel in &problem.channels {
-        let width = observe::width(channel, bins);
+        let width = features::width(channel, bins);
         let values = || (first..first + width).map(|i| measured[i] - seen.raw.motion[i]).collect();
         match channel {
             Channel::Position(j) => position[j] = values(),

@@ -7,8 +7,8 @@ use super::evidence::{Accused, ActsOn, Candidate, Corrected, Evidence, Level};
 use super::judge::Judge;
 use super::policy::Policy;
 use super::twins::twins;
-use crate::constancy::{Dependence, TIME};
-use crate::laws::LawLeft;
+use crate::checks::actuator_residual::LawLeft;
+use crate::checks::stationarity::{Dependence, TIME};
 
 /// The corrected robot, and what it is judged by.
 pub struct Checks<'c> {

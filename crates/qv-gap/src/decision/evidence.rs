@@ -1,30 +1,15 @@
 //! What a diagnosis measured, as far as decisions ask for it: plain data, written beside `report.json` as `evidence.json`.
 
-use crate::columns::Extent;
-use crate::constancy::Dependence;
-use crate::laws::LawLeft;
-use crate::report::ParameterEstimate;
-use serde::{Deserialize, Deserializer, Serialize};
+use crate::checks::actuator_residual::LawLeft;
+use crate::checks::stationarity::Dependence;
+pub use crate::findings::Level;
+use crate::findings::{ParameterEstimate, or_nan};
+use crate::problem::columns::Extent;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// The format's name in `evidence.json`.
 pub const FORMAT: &str = "qv-evidence/1";
-
-/// Losses per number in the windows of the fit, tolerated deviations at their best, over the mean of the null.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Level {
-    /// Of the recording.
-    #[serde(deserialize_with = "or_nan")]
-    pub ratio: f64,
-    /// The same in the quieter windows: feet that met the ground otherwise are in the others.
-    #[serde(deserialize_with = "or_nan")]
-    pub quiet: f64,
-    /// Mean loss per number of the null.
-    #[serde(deserialize_with = "or_nan")]
-    pub null: f64,
-    /// Numbers, weighted.
-    pub count: f64,
-}
 
 /// What an effect acts on, as far as decisions tell that apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -246,9 +231,4 @@ impl Evidence {
         let all = self.corrected.iter().flat_map(|c| &c.accused);
         all.map(|a| (a, &self.rounds[a.round].candidates[a.candidate]))
     }
-}
-
-/// JSON has no infinity: it was written as null.
-pub(crate) fn or_nan<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
-    Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::NAN))
 }

@@ -2,7 +2,7 @@
 
 use super::evidence::{Candidate, Round};
 use super::policy::Policy;
-use crate::columns::Extent;
+use crate::problem::columns::Extent;
 
 /// What a round comes to.
 #[derive(Debug, Clone, Default, PartialEq)]

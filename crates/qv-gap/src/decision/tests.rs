@@ -2,9 +2,9 @@ use super::checks::{Checks, law_left};
 use super::evidence::*;
 use super::twins::twins;
 use super::*;
-use crate::columns::Extent;
-use crate::laws::LawLeft;
-use crate::report::Verdict;
+use crate::checks::actuator_residual::LawLeft;
+use crate::findings::Verdict;
+use crate::problem::columns::Extent;
 use std::collections::BTreeMap;
 
 fn level(ratio: f64) -> Level {

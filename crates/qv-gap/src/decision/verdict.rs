@@ -4,7 +4,7 @@ use super::checks::{Checks, law_left};
 use super::evidence::{Candidate, Corrected, Evidence, Level, Round};
 use super::judge::Judge;
 use super::policy::Policy;
-use crate::report::{Ranked, UNKNOWN, Verdict};
+use crate::findings::{Ranked, UNKNOWN, Verdict};
 use std::collections::BTreeMap;
 
 /// What a diagnosis comes to.

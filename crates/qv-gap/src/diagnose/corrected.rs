@@ -2,13 +2,13 @@
 
 use super::{Accused, Findings, setting};
 use crate::GapError;
-use crate::closure::{closure, mean};
-use crate::constancy;
+use crate::checks::held_out::{closure, held_out_evidence};
+use crate::checks::stationarity;
 use crate::decision::evidence::{self, ActsOn, Asked, Closed, Corrected, EffectFacts, Evidence};
-use crate::library::{Effect, Scope};
-use crate::rounds::{held_out_evidence, size};
-use crate::search::Search;
-use crate::study::Study;
+use crate::inference::linear_scores::size;
+use crate::inference::search::Search;
+use crate::inference::study::{Study, mean};
+use crate::problem::library::{Effect, Scope};
 use std::collections::BTreeMap;
 
 /// Other effects of the accused joints that are kept, the best first.
@@ -37,7 +37,7 @@ impl Findings<'_> {
         let level = self.rounds.iter().rev().find_map(|r| r.round.after).map_or(1.0, |after| after.level.ratio);
         let Some(study) = self.later.as_mut() else { return Ok(None) };
         let accused = self.accused.iter().map(|a| accused(nominal, study, a)).collect();
-        let laws = crate::laws::laws(study);
+        let laws = crate::checks::actuator_residual::laws(study);
         let (same_joints, beside) = asked(study, &self.accused, level.max(1.0))?;
         Ok(Some(Corrected { accused, laws, same_joints, beside, closed }))
     }
@@ -87,9 +87,9 @@ fn accused(nominal: &Study, study: &Study, accused: &Accused) -> evidence::Accus
     let is_of_joints = study.columns.effects.iter().any(|e| e.name == cause.effect && e.scope == Scope::Joints);
     let is_steady = fit.suspect.extent.is_none();
     // One event takes the place of any other in the simulator, so that it is asked of the robot without it.
-    let fading = accused.time().and_then(|t| constancy::fading(nominal, &cause.effect, group, &values, t));
+    let fading = accused.time().and_then(|t| stationarity::fading(nominal, &cause.effect, group, &values, t));
     let depends_on = match is_steady && is_of_joints {
-        true => constancy::dependences(study, &cause.effect, group),
+        true => stationarity::dependences(study, &cause.effect, group),
         false => Vec::new(),
     };
     let parameters = cause.parameters.clone();

@@ -2,15 +2,15 @@
 
 use super::Findings;
 use crate::GapError;
-use crate::library;
+use crate::inference::study::Study;
+use crate::problem::library;
 use crate::report::Share;
-use crate::shares;
-use crate::study::Study;
+use crate::report::attribution;
 
 impl Findings<'_> {
     /// Shares of the interfaces: those of the causes by what they close, the rest by what speaks for each interface.
     pub(super) fn interfaces(&self, study: &mut Study, closed: f64) -> Result<Vec<Share>, GapError> {
-        let shares = shares::interfaces(study)?;
+        let shares = attribution::interfaces(study)?;
         let total: f64 = self.accused.iter().map(|a| a.cause.closed_alone.max(0.01)).sum();
         let share = |(interface, share): &(library::Interface, f64)| {
             let of_causes: f64 = self

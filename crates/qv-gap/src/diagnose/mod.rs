@@ -2,24 +2,26 @@
 
 mod corrected;
 mod interfaces;
-mod one_robot;
-mod origin;
 mod refine;
+mod rounds;
+
+use rounds::Found;
 
 use crate::GapError;
-use crate::closure::{closed_in_fit, closure, held_out_loss};
-use crate::columns::{Columns, Extent, Group};
+use crate::checks::actuator_residual::{LawLeft, laws};
+use crate::checks::held_out::{closed_in_fit, closure, held_out_loss};
 use crate::decision::evidence::{After, Evidence, Level};
 use crate::decision::{Decided, Decision, Policy, decide, is_much_left};
-use crate::estimates::{estimates, estimates_of};
-use crate::laws::{LawLeft, laws};
-use crate::library::{self, Effect};
-use crate::problem::{Cut, Event, Problem, Setting};
+use crate::inference::intervals::{estimates, estimates_of};
+use crate::inference::level::{level, level_outside};
+use crate::inference::search::Fit;
+use crate::inference::study::{Effort, Study};
+use crate::null::reference;
+use crate::problem::columns::{Columns, Extent, Group};
+use crate::problem::library::{self, Effect};
+use crate::problem::{Cut, Event, Problem, Setting, one_robot, origin};
 use crate::report::{Cause, Correction, FORMAT, Report, RoundTold, Stage, UNKNOWN, Unexplained, Verdict, Where};
-use crate::rounds::{self, Found};
-use crate::search::Fit;
-use crate::study::{Effort, Study};
-use crate::{leads, pictures, reference, rest, shares, telling};
+use crate::report::{attribution, figures, leads, narrative, residual_factors};
 use qv_replay::{Run, conventions::read_in_ours, holes::without_holes, still::without_still};
 use qv_sim::{Model, Terrain};
 
@@ -116,9 +118,9 @@ pub fn diagnose(
     one_robot::check(first, runs.iter().chain(&options.reference))?;
     let (mended, holes): (Vec<Run>, Vec<Vec<String>>) =
         runs.iter().map(|run| without_holes(read_in_ours(without_still(run)))).unzip();
-    let mut cannot_tell = telling::faults(runs, &mended);
+    let mut cannot_tell = narrative::faults(runs, &mended);
     cannot_tell.extend(holes.into_iter().flatten());
-    let (mut usable, fallen) = telling::upright(&mended);
+    let (mut usable, fallen) = narrative::upright(&mended);
     let moved = origin::brought_near(&mut usable, terrain, options);
     cannot_tell.extend(fallen.iter().chain(moved.as_ref().map(|m| &m.1)).cloned());
     let mut session = Session {
@@ -137,7 +139,7 @@ pub fn diagnose(
     columns.check(&problem)?;
     session.calibrate()?;
     let mut nominal = session.study(&[], &[]).map_err(|e| e.beside(&cannot_tell))?;
-    cannot_tell.extend(telling::missing(&nominal, first, &options.library));
+    cannot_tell.extend(narrative::missing(&nominal, first, &options.library));
     let opening = Opening::new(&nominal)?;
     session.begin("search");
     let closed_to = closed_to(&nominal, &options.without);
@@ -146,7 +148,7 @@ pub fn diagnose(
     let findings = session.follow(&mut nominal, round, &options.without, &opening, &cannot_tell)?;
     let (mut report, evidence) = findings.report(&mut session, &mut nominal, begun)?;
     if nominal.problem.on_legs {
-        let beside = telling::beside_verdict(&report.causes);
+        let beside = narrative::beside_verdict(&report.causes);
         report.sentence = [vec![report.sentence], beside].concat().join(" ");
     }
     if let Some(fall) = fallen.first() {
@@ -180,7 +182,7 @@ struct Opening {
 impl Opening {
     fn new(study: &Study) -> Result<Self, GapError> {
         let held_out = [held_out_loss(study), study.floor];
-        Ok(Self { level: rounds::level(study)?, laws: laws(study), held_out, places: shares::places(study) })
+        Ok(Self { level: level(study)?, laws: laws(study), held_out, places: attribution::places(study) })
     }
 }
 
@@ -284,7 +286,7 @@ impl<'a> Session<'a> {
     ) -> Result<Findings<'a>, GapError> {
         let mut findings = Findings {
             accused: Vec::new(),
-            told: vec![telling::round(&first)],
+            told: vec![narrative::round(&first.round, &first.reason)],
             rounds: vec![first],
             corrections: Vec::new(),
             events: Vec::new(),
@@ -312,7 +314,7 @@ impl<'a> Session<'a> {
             if findings.on_feet {
                 next = self.refined(next, &mut findings)?;
             }
-            let level = rounds::level_outside(&next, &findings.regions())?;
+            let level = level_outside(&next, &findings.regions())?;
             let after = After { level, held_out: [held_out_loss(&next), next.floor] };
             findings.rounds[number].round.after = Some(after);
             let policy = &self.options.policy;
@@ -326,7 +328,7 @@ impl<'a> Session<'a> {
             let closed = closed_to(&next, &names);
             let round = rounds::round(&mut next, &closed, false, policy)?;
             self.end(&next);
-            findings.told.push(telling::round(&round));
+            findings.told.push(narrative::round(&round.round, &round.reason));
             findings.rounds.push(round);
             findings.later = Some(next);
         }
@@ -364,7 +366,7 @@ impl<'a> Session<'a> {
     ) -> Result<Accused, GapError> {
         let group = study.columns.groups[fit.suspect.group].clone();
         let effect = study.columns.effects[group.effect].clone();
-        let told = shares::as_told(study, &fit.suspect);
+        let told = attribution::as_told(study, &fit.suspect);
         let setting = study.columns.setting_of(&study.problem, std::slice::from_ref(&told));
         let alone = closure(study, &setting)?;
         let corrections = setting
@@ -385,7 +387,7 @@ impl<'a> Session<'a> {
             },
             parameters: estimates(&effect, &fit, told.extent),
             closed_alone: fit.held_out.map_or_else(|| alone.closed(), |f| f.closed),
-            confusable_with: telling::confusable(study, &fit.suspect),
+            confusable_with: narrative::confusable(study, &fit.suspect),
             separating_experiment: effect.experiment.clone(),
         };
         Ok(Accused { found, fit, group, cause, corrections, is_refined: false })
@@ -497,7 +499,7 @@ impl Findings<'_> {
         let seed = session.options.effort.seed;
         let mut gap = after.gap(nominal, seed);
         gap.closed_in_fit = Some(closed);
-        let dead = telling::dead_positions(&session.runs);
+        let dead = narrative::dead_positions(&session.runs);
         let leads = match (verdict, self.rounds.first()) {
             (Verdict::Unexplained, Some(first)) if dead.is_empty() => {
                 leads::leads(nominal, &first.fits, seed, estimates_of)?
@@ -506,23 +508,28 @@ impl Findings<'_> {
         };
         let unexplained = Unexplained {
             share: if verdict == Verdict::NoGap || gap.before <= gap.floor * 1.02 { 0.0 } else { 1.0 - gap.closed },
-            depends_on: rest::factors(self.later.as_ref().filter(|_| !self.accused.is_empty()).unwrap_or(nominal)),
+            depends_on: residual_factors::factors(
+                self.later.as_ref().filter(|_| !self.accused.is_empty()).unwrap_or(nominal),
+            ),
         };
         let mut place = std::mem::take(&mut self.opening.places);
         place.interfaces = self.interfaces(nominal, gap.closed)?;
         let regions = self.accused.iter().filter(|a| a.cause.scope == ["region"]).filter_map(|a| a.fit.suspect.extent);
-        place.regions = shares::regions(nominal, regions);
+        place.regions = attribution::regions(nominal, regions);
         let causes: Vec<Cause> = self.accused.iter().map(|a| a.cause.clone()).collect();
-        let sentence = telling::sentence(verdict, (&causes, &gap), (&leads, &dead), &ranking);
-        let sentence = [Some(sentence), telling::as_good(&self.rounds, &causes)];
+        let sentence = narrative::sentence(verdict, (&causes, &gap), (&leads, &dead), &ranking);
+        let sentence = [Some(sentence), narrative::as_good(self.rounds.first().map(|r| &r.round), &causes)];
         let sentence = sentence.into_iter().flatten().collect::<Vec<_>>().join(" ");
         let slips = self.accused.iter().filter_map(|a| a.fit.held_out).map(|f| f.closed).next();
-        let mut next = telling::next(verdict, (&causes, &gap), (&leads, &dead), slips, &self.rounds, nominal);
-        next.splice(0..0, telling::first_of_all(verdict, &gap, &dead));
+        let best = self.rounds.first().and_then(|r| r.round.candidates.first());
+        let last = self.rounds.last().filter(|r| r.round.accused.is_empty() && !r.reason.is_empty());
+        let why = (best, last.map(|r| r.reason.as_str()));
+        let mut next = narrative::next(verdict, (&causes, &gap), (&leads, &dead), slips, why, nominal);
+        next.splice(0..0, narrative::first_of_all(verdict, &gap, &dead));
         if let (Some(doubt), Some(effect)) = (&doubt, doubted) {
             next.push(format!("Not accused: {effect}: {doubt}."));
         }
-        let (heat_map, floor_plan, curves) = pictures::all(nominal, &setting)?;
+        let (heat_map, floor_plan, curves) = figures::all(nominal, &setting)?;
         nominal.problem.events = before;
         self.keep_largest_event();
         self.corrections = merged(&session.calibrated, &self.corrections);

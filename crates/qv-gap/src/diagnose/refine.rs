@@ -3,9 +3,9 @@
 
 use super::{Accused, Findings, estimates, merge};
 use crate::GapError;
+use crate::inference::search::{Fit, Search};
+use crate::inference::study::Study;
 use crate::report::Correction;
-use crate::search::{Fit, Search};
-use crate::study::Study;
 
 /// Log evidence from which on a size is moved.
 const LEAST_GAIN: f64 = 8.0;

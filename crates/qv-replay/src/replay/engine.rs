@@ -192,7 +192,8 @@ fn check(run: &Run, model: &Model, options: &ReplayOptions) -> Result<(Vec<usize
     }
     if let Some(fault) = run.faults.iter().find(|f| f.kind == crate::run::FaultKind::DegreesSuspected) {
         // A table can say so; a bag's messages are in radians by their definitions.
-        let found = format!("{}: {} (position_unit = \"deg\" in run.toml, where they are)", fault.channel, fault.detail);
+        let found =
+            format!("{}: {} (position_unit = \"deg\" in run.toml, where they are)", fault.channel, fault.detail);
         return Err(ReplayError::run("positions", "radians", found));
     }
     let mut columns = Vec::new();

@@ -1,0 +1,176 @@
+//! Whether what is accused of joints is the same at all speeds, loads and times. A friction that fades with speed is Coulomb friction
+//! of no one size: each window, asked for itself, wants another.
+//!
+//! Each window and joint asks for a change of the accused value, `(b - H d) / h` with the deviations `d` at their best over all
+//! windows. These are regressed on speed, nearness to rest, load and time with weights `h`; the error of the slope is that of White (1980,
+//! Econometrica 48, 817), robust against windows that nothing explains.
+
+use crate::inference::search::fitted;
+use crate::inference::study::{EXTRA, Seen, Study};
+use crate::problem::columns::Group;
+use nalgebra::DVector;
+use qv_core::JointSeries;
+use serde::{Deserialize, Serialize};
+
+/// What a joint asks for in a window.
+struct Asked {
+    /// Change of the value.
+    change: f64,
+    /// Weight.
+    weight: f64,
+    /// What it may depend on, in the order of [`FACTORS`].
+    known: [f64; 4],
+}
+
+/// What the accused value depends on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Dependence {
+    /// Speed, nearness to rest, load or time.
+    pub on: String,
+    /// Slope over its standard error.
+    pub errors: f64,
+    /// Change of the value over two standard deviations of the factor.
+    pub change: f64,
+}
+
+/// The last of the factors.
+pub const TIME: &str = "time";
+const FACTORS: [&str; 4] = ["speed", "nearness to rest", "load", TIME];
+/// Windows from which a slope and its error are told.
+const LEAST_WINDOWS: usize = 8;
+/// Speed below which a joint is nearly at rest, where friction fades fastest \[rad/s\].
+const SLOW: f64 = 1.0;
+
+/// How the value of an effect of joints that was accused depends on each factor, in the study of the corrected robot.
+pub fn dependences(study: &Study, name: &str, group: &Group) -> Vec<Dependence> {
+    let asked = asked(study, name, group);
+    (0..FACTORS.len()).filter_map(|f| dependence(&asked, f)).collect()
+}
+
+/// How what acts for a while changes in that while, as a share of itself. `study` is that of the robot without it: one event
+/// takes the place of any other in the simulator, so that nothing can be asked beside it. Windows that no fit has seen are asked, too.
+pub fn fading(study: &Study, name: &str, group: &Group, values: &[f64], time: [f64; 2]) -> Option<Dependence> {
+    let columns = &study.columns;
+    let effect = columns.effects.iter().position(|e| e.name == name)?;
+    let of_group = Group { effect, ..group.clone() };
+    // The whole of it, in steps of the columns.
+    let mut along = DVector::zeros(EXTRA + columns.columns.len());
+    for (axis, value) in values.iter().enumerate() {
+        for unit in columns.units_of(&of_group, axis) {
+            let column = columns.column(unit, 0)?;
+            along[EXTRA + column] = value / (columns.columns[column].value - columns.units[unit].absent);
+        }
+    }
+    let window = study.problem.cut.window;
+    let is_beside = |s: &Seen| s.window.start >= time[1] || s.window.start + window <= time[0];
+    let is_inside = |s: &&Seen| s.window.start >= time[0] && s.window.start + window <= time[1];
+    let beside = |s: &Seen| if is_beside(s) { fitted(s) } else { 0.0 };
+    let deviations = study.marginal(beside).ok()?.deviations(&study.nominal(beside));
+    let ask = |seen: &Seen| {
+        let across = seen.h.columns(0, deviations.len());
+        let weight = along.dot(&(&seen.h * &along));
+        let change = along.dot(&(seen.nominal().b - across * &deviations)) / weight;
+        // A robot that stands tells a force ten times as well as engines agree on it.
+        let weight = 1.0 / (1.0 / weight + columns.effects[effect].engine_error.powi(2));
+        (weight > 0.0).then_some(Asked { change, weight, known: [0.0, 0.0, 0.0, seen.window.start] })
+    };
+    let asked: Vec<Asked> = study.seen.iter().filter(is_inside).filter_map(ask).collect();
+    if asked.len() < LEAST_WINDOWS {
+        return None;
+    }
+    dependence(&asked, FACTORS.len() - 1)
+}
+
+fn asked(study: &Study, name: &str, group: &Group) -> Vec<Asked> {
+    let columns = &study.columns;
+    let Some(effect) = columns.effects.iter().position(|e| e.name == name) else { return Vec::new() };
+    let Ok(marginal) = study.marginal(fitted) else { return Vec::new() };
+    let deviations = marginal.deviations(&study.nominal(fitted));
+    let of_group = Group { effect, ..group.clone() };
+    let units: Vec<usize> = columns.units_of(&of_group, 0).filter(|&u| columns.units[u].absent.is_finite()).collect();
+    let mut all = Vec::new();
+    for seen in study.seen.iter().filter(|s| fitted(s) > 0.0) {
+        let asks = seen.nominal().b;
+        for &unit in &units {
+            let Some(column) = columns.column(unit, 0) else { continue };
+            let step = columns.columns[column].value - columns.units[unit].absent;
+            let (joint, column) = (columns.units[unit].member, EXTRA + column);
+            let weight = seen.h[(column, column)] / (step * step);
+            let across = seen.h.view((column, 0), (1, deviations.len()));
+            let force = asks[column] - (across * &deviations)[(0, 0)];
+            if weight > 0.0 {
+                all.push(Asked { change: force / step / weight, weight, known: known(study, seen, joint) });
+            }
+        }
+    }
+    all
+}
+
+fn known(study: &Study, seen: &Seen, joint: usize) -> [f64; 4] {
+    let measured = &seen.window.view.measured;
+    let mean = |series, of| mean_of(study, seen, joint, series, of);
+    let rest = mean(&measured.velocity, |v| SLOW * SLOW / (SLOW * SLOW + v * v));
+    [mean(&measured.velocity, f64::abs), rest, mean(&measured.torque, f64::abs), seen.window.start]
+}
+
+/// Mean over a window of what `of` makes of a joint's samples; 0 without any.
+pub fn mean_of(study: &Study, seen: &Seen, joint: usize, series: &Option<JointSeries>, of: fn(f64) -> f64) -> f64 {
+    let column = study.problem.columns[joint];
+    let Some(s) = series.as_ref().filter(|s| column < s.joints) else { return 0.0 };
+    let (from, to) = (seen.window.start, seen.window.start + study.problem.cut.window);
+    let (first, last) = (s.time.partition_point(|&t| t < from), s.time.partition_point(|&t| t <= to));
+    let all: Vec<f64> = (first..last).map(|i| s.values[i * s.joints + column]).filter(|x| x.is_finite()).collect();
+    all.iter().map(|x| of(*x)).sum::<f64>() / all.len().max(1) as f64
+}
+
+fn dependence(asked: &[Asked], factor: usize) -> Option<Dependence> {
+    let total: f64 = asked.iter().map(|a| a.weight).sum();
+    let mean = |of: &dyn Fn(&Asked) -> f64| asked.iter().map(|a| a.weight * of(a)).sum::<f64>() / total;
+    let centre = mean(&|a| a.known[factor]);
+    let middle = mean(&|a| a.change);
+    let spread = mean(&|a| (a.known[factor] - centre).powi(2)).sqrt();
+    if !(total > 0.0 && spread > 0.0) {
+        return None;
+    }
+    let z = |a: &Asked| (a.known[factor] - centre) / spread;
+    let slope = mean(&|a| z(a) * (a.change - middle));
+    let left = |a: &Asked| a.change - middle - slope * z(a);
+    let variance: f64 = asked.iter().map(|a| (a.weight * z(a) * left(a)).powi(2)).sum::<f64>() / (total * total);
+    let (on, change) = (FACTORS[factor].to_owned(), 2.0 * slope);
+    (variance > 0.0).then(|| Dependence { on, errors: slope / variance.sqrt(), change })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Random;
+
+    /// Eight hundred windows that ask for 0.1 per unit of speed and for nothing else, with noise.
+    fn asked(slope: f64) -> Vec<Asked> {
+        let mut random = Random::new(3, 1);
+        let mut one = || {
+            let known = [random.uniform(), random.uniform(), random.uniform(), random.uniform()];
+            let change = slope * known[0] + 0.1 * (random.uniform() - 0.5);
+            Asked { change, weight: 0.5 + random.uniform(), known }
+        };
+        (0..800).map(|_| one()).collect()
+    }
+
+    #[test]
+    fn a_value_that_changes_with_speed_is_told_and_no_other() {
+        let of = |asked: &[Asked]| -> Vec<Dependence> { (0..4).filter_map(|f| dependence(asked, f)).collect() };
+        let changing = of(&asked(0.1));
+        assert!(changing[0].errors > 10.0, "{changing:?}");
+        // Two standard deviations of what lies evenly between 0 and 1.
+        assert!((changing[0].change - 0.1 * 2.0 / 12f64.sqrt()).abs() < 0.01, "{changing:?}");
+        assert!(changing[1..].iter().all(|d| d.errors.abs() < 3.0), "{changing:?}");
+        assert!(of(&asked(0.0)).iter().all(|d| d.errors.abs() < 3.0));
+    }
+
+    #[test]
+    fn windows_that_are_all_alike_say_nothing() {
+        let alike: Vec<Asked> = (0..5).map(|_| Asked { change: 1.0, weight: 1.0, known: [2.0; 4] }).collect();
+        assert!((0..4).all(|f| dependence(&alike, f).is_none()));
+        assert_eq!(dependence(&[], 0), None);
+    }
+}

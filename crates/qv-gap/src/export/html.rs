@@ -1,0 +1,275 @@
+//! `report.html`: one file with its pictures inside, no script and no network, light or dark as the reader's screen is.
+
+mod axes;
+mod bars;
+mod causes;
+mod curves;
+mod floor_plan;
+mod heat_map;
+mod style;
+mod visual;
+mod words;
+
+use super::calibrated::cause_of;
+use crate::problem::library::{Effect, built_in};
+use crate::report::{Correction, Lead, Report, Stage, Unexplained, Verdict, Where};
+use bars::{joints, shares, track};
+use std::fmt::Write;
+use style::STYLE;
+use words::{amount, escape, fixed, percent, significant, words};
+
+/// The page. `title` names the recording; `notes` are said under the verdict, one paragraph each, such as what was lost.
+/// Parts of the report that are empty take no room; what is not finite is a dash.
+pub fn to_html(report: &Report, title: &str, notes: &[String]) -> String {
+    let mut page = format!(
+        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
+         <title>Diagnosis of {0}</title><style>{STYLE}</style><h1>Diagnosis of <b>{0}</b></h1>",
+        escape(title)
+    );
+    page += &verdict(report);
+    for note in notes {
+        let _ = write!(page, "<p class=\"soft\">{}</p>", escape(note));
+    }
+    page += &bars::gap(&report.gap, report.verdict, !report.causes.is_empty());
+    let library = built_in();
+    page += &causes::causes(report, &library);
+    page += &leads(&report.leads);
+    page += &sentences(report);
+    let shown = shown(report);
+    page += &place(&shown);
+    page += &curves::curves(&shown.curves);
+    page += &visual::visual(report.visual.as_ref());
+    page += &unexplained(&report.unexplained, report.verdict);
+    page += &corrections(report, &library);
+    page += &stages(&report.stages, report.runtime_s);
+    page += "</html>\n";
+    page
+}
+
+/// The report with what its pictures show: without a cause, after is before.
+fn shown(report: &Report) -> Report {
+    let mut shown = report.clone();
+    if report.causes.is_empty() {
+        shown.heat_map.after.clear();
+        shown.floor_plan.iter_mut().for_each(|p| p.after = f64::NAN);
+        shown.curves.iter_mut().for_each(|c| c.after.clear());
+    }
+    shown
+}
+
+fn verdict(report: &Report) -> String {
+    let (class, badge) = match report.verdict {
+        Verdict::NoGap => ("no_gap", "No gap"),
+        Verdict::Explained => ("explained", "Explained"),
+        Verdict::PartlyExplained => ("partly_explained", "Partly explained"),
+        Verdict::Unexplained => ("unexplained", "Unexplained"),
+    };
+    format!(
+        "<div class=\"card verdict {class}\"><span class=\"badge\">{badge}</span><div>{}</div></div>",
+        escape(&report.sentence)
+    )
+}
+
+/// Where to look when nothing is accused.
+fn leads(leads: &[Lead]) -> String {
+    if leads.is_empty() {
+        return String::new();
+    }
+    let mut text = "<h2>What it looks most like</h2><div class=\"card\"><p class=\"soft small\">None of these explains the gap; each \
+                    line holds effects that this recording cannot tell apart.</p>"
+        .to_string();
+    for lead in leads {
+        let names: Vec<String> = lead.effects.iter().map(|e| words(e)).collect();
+        let _ = write!(
+            text,
+            "<p><b>{}</b> ({}): would close {} of the gap, joints {} to {} mrad. To tell: {}.</p>",
+            escape(&names.join(", or ")),
+            escape(&crate::report::narrative::amounts(lead)),
+            percent(lead.closed),
+            significant(1e3 * lead.joint_rms[0], 3),
+            significant(1e3 * lead.joint_rms[1], 3),
+            escape(&lead.separating_experiment)
+        );
+    }
+    text + "</div>"
+}
+
+/// What to do next beside what cannot be told.
+fn sentences(report: &Report) -> String {
+    let list = |title: &str, sentences: &[String], tag: &str| {
+        if sentences.is_empty() {
+            return String::new();
+        }
+        let items: String = sentences.iter().map(|s| format!("<li>{}</li>", with_code(s))).collect();
+        format!("<div><h2>{title}</h2><div class=\"card\"><{tag}>{items}</{tag}></div></div>")
+    };
+    let next = list("What to do next", &report.next, "ol");
+    let cannot = list("What this recording cannot tell", &report.cannot_tell, "ul");
+    if next.is_empty() && cannot.is_empty() {
+        String::new()
+    } else {
+        format!("<div class=\"grid wide\">{next}{cannot}</div>")
+    }
+}
+
+/// What stands between backquotes is code.
+fn with_code(text: &str) -> String {
+    let parts: Vec<&str> = text.split('`').collect();
+    let is_paired = parts.len() % 2 == 1;
+    let part = |(i, part): (usize, &&str)| {
+        if i % 2 == 1 && is_paired { format!("<code>{}</code>", escape(part)) } else { escape(part) }
+    };
+    parts.iter().enumerate().map(part).collect::<Vec<_>>().join(if is_paired { "" } else { "`" })
+}
+
+fn place(report: &Report) -> String {
+    let Where { interfaces, joints: by_joint, legs, phases, times, regions } = &report.place;
+    let groups = [shares("Interface", interfaces), shares("Leg", legs), shares("Phase", phases)].concat();
+    let groups = if groups.is_empty() { groups } else { format!("<div class=\"stack\">{groups}</div>") };
+    let by_joint = joints(by_joint);
+    let mut parts = Vec::new();
+    if !groups.is_empty() || !by_joint.is_empty() {
+        parts.push(format!("<div class=\"grid wide\">{groups}{by_joint}</div>"));
+    }
+    parts.push(heat_map::heat_map(&report.heat_map));
+    parts.push(heat_map::times(times));
+    parts.push(floor_plan::floor_plan(&report.floor_plan, regions));
+    parts.retain(|part| !part.is_empty());
+    if parts.is_empty() {
+        return String::new();
+    }
+    format!(
+        "<h2>Where it lies</h2><div class=\"stack\">{}</div>",
+        parts.iter().map(|p| format!("<div>{p}</div>")).collect::<String>()
+    )
+}
+
+fn unexplained(left: &Unexplained, verdict: Verdict) -> String {
+    let share = if left.share.is_finite() && verdict != Verdict::NoGap {
+        format!("<p><b>{}</b> of the gap is not explained.</p>", percent(left.share))
+    } else {
+        String::new()
+    };
+    if share.is_empty() && left.depends_on.is_empty() {
+        return String::new();
+    }
+    let mut text = format!("<h2>What is left</h2><div class=\"card\">{share}");
+    if left.depends_on.is_empty() {
+        text += "<p class=\"soft\">It goes along with nothing that was looked at.</p>";
+    } else {
+        text += "<p class=\"soft small\">What it goes along with, and how much of its variance that foretells in windows that \
+                 were not fitted (R²):</p><div class=\"bars\">";
+        for f in &left.depends_on {
+            let (name, bar, value) = (escape(&f.factor), track(f.r2_heldout, "accent"), fixed(f.r2_heldout, 2));
+            let _ = write!(text, "<span class=\"name\">{name}</span>{bar}<span class=\"value\">{value}</span>");
+        }
+        text += "</div>";
+    }
+    text + "</div>"
+}
+
+/// Corrections of one kind, value and nominal value.
+struct Line<'a> {
+    first: &'a Correction,
+    names: Vec<String>,
+}
+
+fn corrections(report: &Report, library: &[Effect]) -> String {
+    if report.corrections.is_empty() {
+        return String::new();
+    }
+    let mut lines: Vec<Line> = Vec::new();
+    for c in &report.corrections {
+        let (kind, name) = kind_and_name(&c.parameter);
+        let same = |l: &&mut Line| {
+            let shown = |c: &Correction| [amount(&kind, c.value, &c.unit), amount(&kind, c.nominal, &c.unit)];
+            kind_and_name(&l.first.parameter).0 == kind && shown(l.first) == shown(c)
+        };
+        match lines.iter_mut().find(same) {
+            Some(line) => line.names.push(name),
+            None => lines.push(Line { first: c, names: vec![name] }),
+        }
+    }
+    let mut text = format!(
+        "<h2>Corrections</h2><div class=\"card\"><details><summary>{} parameters of the simulator, as in calibrated.toml\
+         </summary><div class=\"scroll\"><table><tr><th>parameter<th class=\"left\">of<th>was<th>is<th class=\"left\">cause</tr>",
+        report.corrections.len()
+    );
+    for line in &lines {
+        let c = line.first;
+        let kind = kind_and_name(&c.parameter).0;
+        let cause = cause_of(c, &report.causes, library).map(words).unwrap_or_default();
+        let _ = write!(
+            text,
+            "<tr><td><code>{}</code><td class=\"left\">{}<td class=\"number\">{}<td class=\"number\"><b>{}</b><td class=\"left\">{}</tr>",
+            escape(&kind),
+            escape(&line.names.join(", ")),
+            escape(&amount(&kind, c.nominal, &c.unit)),
+            escape(&amount(&kind, c.value, &c.unit)),
+            escape(&cause)
+        );
+    }
+    text + "</table></div></details></div>"
+}
+
+/// `actuator.*.lag` and `knee` of `actuator.knee.lag`; a name without a part is its own kind.
+fn kind_and_name(parameter: &str) -> (String, String) {
+    let parts = ["joint", "actuator", "sensor", "link", "geom", "material"];
+    let split = parameter.split_once('.').filter(|(kind, _)| parts.contains(kind));
+    let named = split.and_then(|(kind, rest)| {
+        let (name, field) = rest.rsplit_once('.')?;
+        let of_a_part = kind != "sensor" || !["imu", "pose", "foot_force"].contains(&name);
+        of_a_part.then(|| (format!("{kind}.*.{field}"), name.to_owned()))
+    });
+    named.unwrap_or_else(|| (parameter.to_owned(), String::new()))
+}
+
+fn stages(stages: &[Stage], runtime: f64) -> String {
+    let total = stages.iter().map(|s| s.seconds).filter(|s| s.is_finite()).sum::<f64>();
+    if stages.is_empty() && (runtime.is_nan() || runtime <= 0.0) {
+        return String::new();
+    }
+    let steps: usize = stages.iter().map(|s| s.steps).sum();
+    let mut text =
+        format!("<h2>Where the time went</h2><div class=\"card small\"><p>{} s in all", significant(runtime, 3));
+    if steps > 0 {
+        let _ = write!(text, ", {} million simulated steps", significant(1e-6 * steps as f64, 3));
+    }
+    text += "</p><div class=\"bars four\">";
+    for s in stages {
+        let seconds = if s.seconds > 0.0 { format!("{} s", significant(s.seconds, 2)) } else { "–".into() };
+        let steps =
+            if s.steps > 0 { format!("{} M steps", significant(1e-6 * s.steps as f64, 2)) } else { String::new() };
+        let _ = write!(
+            text,
+            "<span class=\"name\">{}</span>{}<span class=\"value\">{seconds}</span><span class=\"value soft\">{steps}</span>",
+            escape(&s.name),
+            track(s.seconds / total, "floor")
+        );
+    }
+    text + "</div></div>"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{kind_and_name, with_code};
+
+    #[test]
+    fn code_is_marked() {
+        assert_eq!(with_code("use `a < b`."), "use <code>a &lt; b</code>.");
+        assert_eq!(with_code("an odd ` one"), "an odd ` one");
+    }
+
+    #[test]
+    fn kinds_of_parameters() {
+        let of = |p: &str| {
+            let (kind, name) = kind_and_name(p);
+            format!("{kind} {name}")
+        };
+        assert_eq!(of("actuator.knee.lag"), "actuator.*.lag knee");
+        assert_eq!(of("geom.foot.1.radius_offset"), "geom.*.radius_offset foot.1");
+        assert_eq!(of("sensor.imu.tilt_roll"), "sensor.imu.tilt_roll ");
+        assert_eq!(of("terrain.patch.friction"), "terrain.patch.friction ");
+    }
+}

@@ -1,0 +1,87 @@
+//! What is accused: each cause with its size, place, and what speaks against it.
+
+use super::bars::{ranking, track};
+use super::words::{escape, percent, size, words};
+use crate::problem::library::{Effect, Scope};
+use crate::report::{Cause, Report, Verdict};
+use std::fmt::Write;
+
+/// Names of a scope that are shown.
+const NAMES: usize = 8;
+
+/// The section.
+pub(super) fn causes(report: &Report, library: &[Effect]) -> String {
+    let mut text = String::from("<h2>What causes it</h2>");
+    if report.causes.is_empty() {
+        let why = match report.verdict {
+            Verdict::NoGap => "Nothing is accused: there is no gap to explain.",
+            _ => {
+                "Nothing is accused: no effect that the diagnosis knows explains this gap. The runners-up are named so that \
+                  you know where it looked."
+            }
+        };
+        let _ = write!(text, "<p>{why}</p>");
+    }
+    for (place, c) in report.causes.iter().enumerate() {
+        text += &cause(place + 1, c, library);
+    }
+    text + &ranking(&report.ranking, &report.causes)
+}
+
+fn cause(place: usize, c: &Cause, library: &[Effect]) -> String {
+    let mut text = format!(
+        "<article class=\"card cause\"><header><span><span class=\"title\">{place}. {}</span> <code>{}</code></span>{}\
+         <span><b>{}</b> <span class=\"soft\">probable</span></span></header><dl>",
+        escape(&words(&c.effect)),
+        escape(&c.effect),
+        track(c.probability, "accent"),
+        percent(c.probability)
+    );
+    let mut row = |name: &str, value: String| {
+        let _ = write!(text, "<dt>{name}</dt><dd>{value}</dd>");
+    };
+    let sizes: Vec<String> = c.parameters.iter().map(|p| parameter(c, p)).collect();
+    if !sizes.is_empty() {
+        row("size", format!("{} <span class=\"soft small\">95 % interval</span>", sizes.join("<br>")));
+    }
+    if !c.scope.is_empty() {
+        row("where", scope(c, library));
+    }
+    let of_what = if c.scope == ["region"] { "what pieces of 0.1 s have more there" } else { "the gap" };
+    row("closes alone", format!("{} of {of_what}", percent(c.closed_alone)));
+    if !c.confusable_with.is_empty() {
+        let names: Vec<String> = c.confusable_with.iter().map(|n| escape(&words(n))).collect();
+        row("looks like", names.join(", "));
+    }
+    if !c.separating_experiment.is_empty() {
+        row("to tell them apart", escape(&c.separating_experiment));
+    }
+    text + "</dl></article>"
+}
+
+fn parameter(c: &Cause, p: &crate::report::ParameterEstimate) -> String {
+    let size = format!("<b>{}</b>", escape(&size(p)));
+    // One value needs no name beside the effect's.
+    if c.parameters.len() == 1 { size } else { format!("{} {size}", escape(&words(&p.name).to_lowercase())) }
+}
+
+fn scope(c: &Cause, library: &[Effect]) -> String {
+    // What an effect acts on says what all of it is.
+    let all = match library.iter().find(|e| e.name == c.effect).map(|e| e.scope) {
+        Some(Scope::Joints) => "all joints",
+        Some(Scope::Links) => "all links",
+        Some(Scope::Feet) => "all feet",
+        Some(Scope::Ground) => "the whole floor",
+        Some(Scope::Base | Scope::World) => "the whole robot",
+        None => "everywhere",
+    };
+    let names = &c.scope;
+    let mut text = String::new();
+    for name in names.iter().take(NAMES) {
+        let _ = write!(text, "<span class=\"chip\">{}</span>", escape(if name == "all" { all } else { name }));
+    }
+    if names.len() > NAMES {
+        let _ = write!(text, "<span class=\"soft\">and {} more</span>", names.len() - NAMES);
+    }
+    text
+}

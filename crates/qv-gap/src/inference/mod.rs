@@ -1,0 +1,14 @@
+//! From residuals and their sensitivities to candidates: which effect, where, when, how large, and how sure.
+
+pub mod ablation;
+pub mod gaussian_evidence;
+pub mod intervals;
+pub mod level;
+pub mod linear_scores;
+pub mod local;
+pub mod regions;
+pub mod relinearise;
+
+pub mod search;
+pub mod short_windows;
+pub mod study;

@@ -1,0 +1,76 @@
+//! A study of a robot that differs a little from that of another study: only what that changes is simulated anew.
+
+use crate::GapError;
+use crate::inference::study::{EXTRA, Seen, Study};
+use crate::problem::columns::{Column, Columns};
+use crate::problem::{Problem, Setting, Window};
+use crate::rollout::jacobian::{changes, with_law};
+use crate::rollout::law::Alignment;
+use crate::rollout::windows::compare;
+use nalgebra::DVector;
+
+impl<'a> Study<'a> {
+    /// The study of `problem`, whose robot is this one's but for the sizes of a few effects. Residuals and the sensitivities of these effects
+    /// are simulated anew; the null, the other sensitivities, the recorder's alignment and how deep feet sink in are kept, which such a step
+    /// hardly changes. `None` where that cannot be: a window can no longer be simulated, or the columns are others.
+    ///
+    /// # Errors
+    /// When the simulator refuses.
+    pub fn moved(mut self, mut problem: Problem<'a>, columns: Columns) -> Result<Option<Self>, GapError> {
+        let unit = |all: &Columns, c: &Column| {
+            let unit = &all.units[c.unit];
+            (unit.effect, unit.axis, unit.member, unit.moves.clone(), c.level)
+        };
+        let alike = |a: &Column, b: &Column| unit(&self.columns, a) == unit(&columns, b);
+        let same = self.columns.columns.len() == columns.columns.len()
+            && self.columns.columns.iter().zip(&columns.columns).all(|(a, b)| alike(a, b));
+        if !same {
+            return Ok(None);
+        }
+        problem.cut = self.problem.cut;
+        problem.depth = self.problem.depth;
+        let other = |id: usize| problem.nominal[id] != self.problem.nominal[id];
+        let is_moved = |c: &Column| columns.units[c.unit].moves.iter().any(|m| other(m.0));
+        let moved: Vec<usize> = (0..columns.columns.len()).filter(|&k| is_moved(&columns.columns[k])).collect();
+        (self.problem, self.columns) = (problem, columns);
+        self.tolerance = self.tolerances();
+        let whole = self.see_again(&moved)?;
+        Ok(whole.then_some(self))
+    }
+
+    /// Simulates the nominal robot and some of the columns anew. Returns whether every window can be simulated.
+    fn see_again(&mut self, moved: &[usize]) -> Result<bool, GapError> {
+        let windows: Vec<&Window> = self.seen.iter().map(|s| &s.window).collect();
+        let alignments: Vec<Alignment> = windows.iter().map(|w| self.parts[w.run].alignment).collect();
+        let base = compare(&self.problem, &self.problem.numerics, &windows, &[Setting::new()])?;
+        let raw = with_law(&self.problem, &alignments, &windows, &[Setting::new()], base.values).remove(0);
+        let some: Vec<&Column> = moved.iter().map(|&k| &self.columns.columns[k]).collect();
+        let mut steps = base.steps;
+        let found = changes(&self.problem, &self.columns, &some, (&windows, &alignments, &raw), &mut steps)?;
+        self.count(steps);
+        if raw.iter().any(|r| r.is_empty()) || found.iter().flatten().any(Option::is_none) {
+            return Ok(false);
+        }
+        let columns_of = |(seen, found): (&Seen, &Vec<_>)| -> Vec<DVector<f64>> {
+            let whitener = self.whitener(seen);
+            found.iter().flatten().map(|change| whitener.difference(seen.index, change)).collect()
+        };
+        let columns: Vec<Vec<DVector<f64>>> = self.seen.iter().zip(&found).map(columns_of).collect();
+        for ((seen, raw), columns) in self.seen.iter_mut().zip(raw).zip(columns) {
+            for (&k, column) in moved.iter().zip(&columns) {
+                seen.j.set_column(EXTRA + k, column);
+            }
+            seen.h = seen.j.transpose() * &seen.j;
+            seen.residual = self.parts[seen.window.run].whitener.residual(seen.index, &raw);
+            seen.raw = raw;
+            if self.is_relative {
+                seen.weigh();
+            }
+        }
+        for (normals, residuals) in self.ghosts.iter_mut().zip(&self.ghost_residuals) {
+            let normal = |(r, s): (&Option<DVector<f64>>, &Seen)| r.as_ref().map(|r| s.normal_of(r));
+            *normals = residuals.iter().zip(&self.seen).map(normal).collect();
+        }
+        Ok(true)
+    }
+}

@@ -1,0 +1,600 @@
+//! Which effect: suspects are ranked by a joint linear fit, then each is followed to its best value in the simulator.
+
+use crate::GapError;
+use crate::inference::gaussian_evidence::{Marginal, Normal, Sums, widen};
+use crate::inference::short_windows::Fall;
+use crate::inference::study::{EXTRA, Seen, Study};
+use crate::problem::Setting;
+use crate::problem::columns::{Columns, Suspect};
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Groups of one effect that are followed.
+const GROUPS_PER_EFFECT: usize = 3;
+/// Starts along the range of an effect of one axis, as shares of it.
+const STARTS: [f64; 6] = [0.06, 0.15, 0.3, 0.5, 0.75, 1.0];
+/// Rounds of Gauss-Newton.
+const ROUNDS: usize = 3;
+/// Steps tried in each round, as shares of the Gauss-Newton step.
+const STEPS: [f64; 4] = [1.0, 0.5, 0.25, 1.6];
+/// Loss per number of a window whose simulation ran away.
+pub(crate) const RAN_AWAY: f64 = 50.0;
+/// Windows looked at while starts are chosen; the share of them that all starts are tried in, and how many of a candidate's
+/// starts are tried in the others, too.
+const COARSE_WINDOWS: usize = 18;
+const FIRST_LOOK: usize = 3;
+const SECOND_LOOK: usize = 4;
+/// Fits that are followed after the first look: this many at least, and those that gain this share of the best.
+const FOLLOWED: usize = 8;
+const SHARE_OF_BEST: f64 = 0.3;
+/// Most fits that are followed.
+const MOST_FOLLOWED: usize = 16;
+/// Where a fit of one axis is looked round, as shares of the effect's range.
+const AROUND: [f64; 8] = [-0.08, -0.04, -0.02, -0.01, 0.01, 0.02, 0.04, 0.08];
+/// A round that lowers the loss by less was the last of a fit: half of it is a log evidence.
+const SETTLED: f64 = 1.0;
+/// After the first round, fits that gain less than this share of the best are left where they are.
+const HOPELESS: f64 = 0.1;
+
+/// Whitened residuals by window; `None` where the simulation ran away.
+type Residuals = Vec<Option<DVector<f64>>>;
+
+/// A suspect at its best values.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fit {
+    /// The group and its values.
+    pub suspect: Suspect,
+    /// Standard deviation of each value.
+    pub deviations: Vec<f64>,
+    /// Loss in the windows of the fit, tolerated deviations at their best.
+    pub loss: f64,
+    /// Log evidence over that of no effect, tempered.
+    pub evidence: f64,
+    /// Fall of the loss in windows that no fit has seen, where pieces of windows told it.
+    pub held_out: Option<Fall>,
+}
+
+/// A start of a candidate, given by its index, and what it leaves in a few windows.
+struct Look {
+    candidate: usize,
+    suspect: Suspect,
+    normals: Vec<Option<Normal>>,
+}
+
+/// What a search holds on to: effects accused so far, and the losses with them.
+#[derive(Clone)]
+pub struct Base {
+    /// Accused already.
+    pub suspects: Vec<Suspect>,
+    /// Normal equations by window.
+    pub normals: Vec<Option<Normal>>,
+    /// Their sums over the windows of the fit.
+    pub sums: Sums,
+    /// Loss in these windows.
+    pub loss: f64,
+}
+
+/// The windows of the fit and their weights.
+pub fn fitted(seen: &Seen) -> f64 {
+    if seen.window.held_out { 0.0 } else { seen.weight }
+}
+
+/// The windows that no fit sees and their weights.
+pub fn held_out(seen: &Seen) -> f64 {
+    if seen.window.held_out { seen.weight } else { 0.0 }
+}
+
+/// A search over the suspects of a study.
+pub struct Search<'s, 'a> {
+    pub(crate) study: &'s mut Study<'a>,
+    /// Deviations integrated out over the windows of the fit.
+    pub marginal: Marginal,
+    pub(crate) windows: Vec<usize>,
+    /// What losses are divided by.
+    pub temper: f64,
+    /// Units that deviate in all that is simulated.
+    pub(crate) deviant: Vec<(usize, f64)>,
+}
+
+impl<'s, 'a> Search<'s, 'a> {
+    /// A search in the windows that are not held out.
+    ///
+    /// # Errors
+    /// When the normal equations are no good.
+    pub fn new(study: &'s mut Study<'a>, temper: f64) -> Result<Self, GapError> {
+        let marginal = study.marginal(fitted)?;
+        let windows = (0..study.seen.len()).filter(|&w| fitted(&study.seen[w]) > 0.0).collect();
+        Ok(Self { study, marginal, windows, temper, deviant: Vec::new() })
+    }
+
+    pub(crate) fn columns(&self) -> &Columns {
+        &self.study.columns
+    }
+
+    /// The robot with `suspects` and nothing else.
+    ///
+    /// # Errors
+    /// When a value means nothing.
+    pub fn base(&mut self, suspects: &[Suspect]) -> Result<Base, GapError> {
+        let windows = self.windows.clone();
+        let normals = if suspects.is_empty() {
+            windows.iter().map(|&w| Some(self.study.seen[w].nominal())).collect()
+        } else {
+            let setting = self.columns().setting_of(&self.study.problem, suspects);
+            self.study.evaluate(&[setting], &windows)?.remove(0)
+        };
+        let sums = self.study.sums(&normals, &windows, fitted);
+        let loss = self.marginal.loss(&sums);
+        Ok(Base { suspects: suspects.to_vec(), normals, sums, loss })
+    }
+
+    /// All suspects but those of the effects named in `without`, followed to their best values, best first.
+    ///
+    /// # Errors
+    /// When a value means nothing.
+    pub fn suspects(&mut self, base: &Base, without: &[usize]) -> Result<Vec<Fit>, GapError> {
+        let candidates = self.candidates(base, without);
+        let mut fits = self.start(base, candidates)?;
+        let mut here = self.here(base, &fits)?;
+        let mut live: Vec<usize> = (0..fits.len()).collect();
+        for _ in 0..ROUNDS {
+            self.improve(base, &mut fits, &mut here, &mut live)?;
+            let most = fits.iter().map(|f| base.loss - f.loss).fold(0.0, f64::max);
+            live.retain(|&k| base.loss - fits[k].loss >= HOPELESS * most);
+        }
+        self.judge(base, &mut fits, &here)?;
+        let best = (0..fits.len()).max_by(|&a, &b| fits[a].evidence.total_cmp(&fits[b].evidence));
+        if let Some(best) = best
+            && self.polish(base, &mut fits[best], &mut here[best])?
+        {
+            self.judge(base, &mut fits[best..=best], &here[best..=best])?;
+        }
+        fits.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        Ok(fits)
+    }
+
+    /// Looks round the value of a fit of one axis for as long as that gains, and tells whether it moved. A latency needs it: commands
+    /// are held, so that the loss jumps wherever the latency passes a whole tick, and a slope says little of what lies behind.
+    fn polish(&mut self, base: &Base, fit: &mut Fit, here: &mut Residuals) -> Result<bool, GapError> {
+        let [value] = fit.suspect.values[..] else { return Ok(false) };
+        let effect = &self.columns().effects[self.columns().groups[fit.suspect.group].effect];
+        let ([low, high], span) = (effect.range, effect.span());
+        let windows = self.windows.clone();
+        for _ in 0..ROUNDS {
+            let at = |share: &f64| (fit.suspect.values[0] + share * span).clamp(low, high);
+            let tried: Vec<Suspect> =
+                AROUND.iter().map(|s| Suspect { values: vec![at(s)], ..fit.suspect.clone() }).collect();
+            let vectors = self.study.raw_vectors(&self.settings(base, &tried), &windows)?;
+            let before = fit.loss;
+            for (suspect, residuals) in tried.into_iter().zip(vectors) {
+                let loss = self.loss_of(&self.marginal, &self.normals(&residuals, &windows), &windows);
+                if loss < fit.loss {
+                    (fit.loss, fit.suspect, *here) = (loss, suspect, residuals);
+                }
+            }
+            if before - fit.loss <= SETTLED {
+                break;
+            }
+        }
+        Ok(fit.suspect.values[0] != value)
+    }
+
+    /// A group followed from what one linear step says; `None` where that says nothing, or it does not gain.
+    ///
+    /// # Errors
+    /// When a value means nothing.
+    pub fn refined(&mut self, base: &Base, group: usize) -> Result<Option<Fit>, GapError> {
+        let linear = self.linear(&base.sums).into_iter().find(|(_, s)| s.group == group);
+        let Some((evidence, mut suspect)) = linear else { return Ok(None) };
+        let [low, high] = self.columns().effects[self.columns().groups[group].effect].range;
+        suspect.values.iter_mut().for_each(|v| *v = v.clamp(low, high));
+        let mut fits = vec![Fit { suspect, deviations: Vec::new(), loss: f64::INFINITY, evidence, held_out: None }];
+        let mut here = self.here(base, &fits)?;
+        let mut live = vec![0];
+        for _ in 0..ROUNDS {
+            self.improve(base, &mut fits, &mut here, &mut live)?;
+        }
+        self.judge(base, &mut fits, &here)?;
+        Ok(fits.pop().filter(|f| f.loss < base.loss && f.evidence.is_finite()))
+    }
+
+    /// Log evidence ratio of each group at each level by one linear step, with the values that it asks for.
+    pub fn linear(&self, sums: &Sums) -> Vec<(f64, Suspect)> {
+        let force = self.marginal.force(sums);
+        let columns = self.columns();
+        let mut found = Vec::new();
+        let known = columns.groups.iter().enumerate().filter(|(_, g)| self.study.may_be(g));
+        for (index, group) in known {
+            let effect = &columns.effects[group.effect];
+            for level in 0..effect.levels.len() {
+                let Some(direction) = direction(columns, index, level) else { continue };
+                let wide: Vec<f64> = direction.steps.iter().map(|s| (0.4 * effect.span() / s).abs()).collect();
+                let step = widen(&self.marginal.curvature, &force, &direction.d, &wide, self.temper);
+                let Some((evidence, amounts)) = step else { continue };
+                let at = |(a, (step, absent)): (usize, (&f64, &f64))| {
+                    if absent.is_finite() { absent + amounts[a] * step } else { direction.levels[a] }
+                };
+                let values = direction.steps.iter().zip(&direction.absent).enumerate().map(at).collect();
+                found.push((evidence, Suspect::everywhere(index, values)));
+            }
+        }
+        found
+    }
+
+    /// The most telling groups of each effect.
+    fn candidates(&self, base: &Base, without: &[usize]) -> Vec<Suspect> {
+        let mut linear = self.linear(&base.sums);
+        linear.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let taken: Vec<usize> = base.suspects.iter().map(|s| s.group).collect();
+        let columns = self.columns();
+        let mut chosen: Vec<Suspect> = Vec::new();
+        for (effect, _) in columns.effects.iter().enumerate().filter(|(e, _)| !without.contains(e)) {
+            let mut groups: Vec<usize> = Vec::new();
+            for (_, suspect) in linear.iter().filter(|(_, s)| columns.groups[s.group].effect == effect) {
+                let group = suspect.group;
+                if groups.len() < GROUPS_PER_EFFECT && !groups.contains(&group) && !taken.contains(&group) {
+                    groups.push(group);
+                    chosen.push(suspect.clone());
+                }
+            }
+        }
+        chosen
+    }
+
+    /// The best of several starts for each candidate, by a look at some of the windows: all starts in a few, the best of
+    /// them in the others, too. Those candidates stay that promise most.
+    fn start(&mut self, base: &Base, candidates: Vec<Suspect>) -> Result<Vec<Fit>, GapError> {
+        let every = (self.windows.len() / COARSE_WINDOWS).max(1);
+        let some: Vec<usize> = self.windows.iter().copied().step_by(every).collect();
+        let few: Vec<usize> = some.iter().copied().step_by(FIRST_LOOK).collect();
+        let others: Vec<usize> = some.iter().copied().filter(|w| !few.contains(w)).collect();
+        let looks = self.first_look(base, &candidates, &few)?;
+        let mut fits = self.second_look(base, looks, [few, others])?;
+        fits.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        let most = fits.first().map_or(0.0, |f| f.evidence);
+        let mut kept = 0;
+        fits.retain(|f| {
+            kept += 1;
+            kept <= FOLLOWED || (kept <= MOST_FOLLOWED && f.evidence > SHARE_OF_BEST * most)
+        });
+        Ok(fits)
+    }
+
+    /// The starts of each candidate that lose least in a few windows, with what they leave there.
+    fn first_look(&mut self, base: &Base, candidates: &[Suspect], few: &[usize]) -> Result<Vec<Look>, GapError> {
+        let Some(marginal) = self.marginal_in(few) else { return Ok(Vec::new()) };
+        let of_candidate = |c: &Suspect| {
+            starts(self.columns(), c).into_iter().map(|v| Suspect::everywhere(c.group, v)).collect::<Vec<_>>()
+        };
+        let tried: Vec<Vec<Suspect>> = candidates.iter().map(of_candidate).collect();
+        let mut normals = self.normals_of(base, &tried.concat(), few)?.into_iter();
+        let mut looks = Vec::new();
+        for (candidate, suspects) in tried.into_iter().enumerate() {
+            let of_candidate = suspects.into_iter().zip(normals.by_ref());
+            let mut by_loss: Vec<(f64, Look)> = of_candidate
+                .map(|(suspect, normals)| {
+                    (self.penalised(&marginal, &normals, few), Look { candidate, suspect, normals })
+                })
+                .collect();
+            by_loss.sort_by(|a, b| a.0.total_cmp(&b.0));
+            looks.extend(by_loss.into_iter().take(SECOND_LOOK).map(|x| x.1));
+        }
+        Ok(looks)
+    }
+
+    /// The start of each candidate that loses least in all windows that are looked at, the few and the others.
+    fn second_look(
+        &mut self,
+        base: &Base,
+        looks: Vec<Look>,
+        [few, others]: [Vec<usize>; 2],
+    ) -> Result<Vec<Fit>, GapError> {
+        let suspects: Vec<Suspect> = looks.iter().map(|l| l.suspect.clone()).collect();
+        let normals = self.normals_of(base, &suspects, &others)?;
+        let all = [few, others].concat();
+        let Some(marginal) = self.marginal_in(&all) else { return Ok(Vec::new()) };
+        let of_base = self.loss_in(&marginal, base, &all);
+        let mut best: BTreeMap<usize, Fit> = BTreeMap::new();
+        for (Look { candidate, suspect, normals: first }, second) in looks.into_iter().zip(normals) {
+            let loss = self.loss_of(&marginal, &[first, second].concat(), &all);
+            if loss.is_finite() && best.get(&candidate).is_none_or(|b| loss < b.loss) {
+                let evidence = of_base - loss;
+                best.insert(candidate, Fit { suspect, deviations: Vec::new(), loss, evidence, held_out: None });
+            }
+        }
+        Ok(best.into_values().collect())
+    }
+
+    /// Loss of the base in some of the windows of the fit.
+    fn loss_in(&self, marginal: &Marginal, base: &Base, some: &[usize]) -> f64 {
+        let of = |w: &usize| base.normals[self.windows.iter().position(|x| x == w).expect("one of them")].clone();
+        self.loss_of(marginal, &some.iter().map(of).collect::<Vec<_>>(), some)
+    }
+
+    pub(crate) fn settings(&self, base: &Base, suspects: &[Suspect]) -> Vec<Setting> {
+        let beside = |s: &Suspect| [&base.suspects[..], std::slice::from_ref(s)].concat();
+        let of = |s| self.columns().setting_beside(&self.study.problem, &self.deviant, &beside(s));
+        suspects.iter().map(of).collect()
+    }
+
+    /// Normal equations of each suspect beside the base, in some windows.
+    fn normals_of(
+        &mut self,
+        base: &Base,
+        suspects: &[Suspect],
+        windows: &[usize],
+    ) -> Result<Vec<Vec<Option<Normal>>>, GapError> {
+        let settings = self.settings(base, suspects);
+        self.study.evaluate(&settings, windows)
+    }
+
+    /// Deviations integrated out over some of the windows of the fit.
+    fn marginal_in(&self, some: &[usize]) -> Option<Marginal> {
+        let is_one = |s: &Seen| some.iter().any(|&w| std::ptr::eq(&self.study.seen[w], s));
+        self.study.marginal(|s| if is_one(s) { fitted(s) } else { 0.0 }).ok()
+    }
+
+    /// A window whose simulation ran away counts as one that is missed by far; where many do, the loss is infinite.
+    pub(crate) fn loss_of(&self, marginal: &Marginal, normals: &[Option<Normal>], windows: &[usize]) -> f64 {
+        let missing = normals.iter().filter(|n| n.is_none()).count();
+        if 10 * missing > normals.len() { f64::INFINITY } else { self.penalised(marginal, normals, windows) }
+    }
+
+    /// The same however many windows are missed.
+    fn penalised(&self, marginal: &Marginal, normals: &[Option<Normal>], windows: &[usize]) -> f64 {
+        let lost = normals.iter().zip(windows).filter(|(n, _)| n.is_none());
+        let penalty: f64 = lost.map(|(_, &w)| self.penalty(w)).sum();
+        marginal.loss(&self.study.sums(normals, windows, fitted)) + penalty
+    }
+
+    /// What a window counts whose simulation ran away.
+    fn penalty(&self, window: usize) -> f64 {
+        let seen = &self.study.seen[window];
+        fitted(seen) * RAN_AWAY * seen.residual.len() as f64
+    }
+
+    /// Whitened residuals of each fit at its present values.
+    fn here(&mut self, base: &Base, fits: &[Fit]) -> Result<Vec<Residuals>, GapError> {
+        let suspects: Vec<Suspect> = fits.iter().map(|f| f.suspect.clone()).collect();
+        let settings = self.settings(base, &suspects);
+        self.study.raw_vectors(&settings, &self.windows)
+    }
+
+    /// One round of Gauss-Newton for the fits that are `live`, all of them simulated together. Those stay live that moved
+    /// by more than a trifle.
+    fn improve(
+        &mut self,
+        base: &Base,
+        fits: &mut [Fit],
+        here: &mut [Residuals],
+        live: &mut Vec<usize>,
+    ) -> Result<(), GapError> {
+        let windows = self.windows.clone();
+        let tangents = self.tangents(base, fits, here, live)?;
+        let mut tried = Vec::new();
+        for (&k, tangent) in live.iter().zip(&tangents) {
+            let fit = &mut fits[k];
+            fit.loss = tangent.loss;
+            fit.deviations = tangent.deviations(self.temper);
+            for share in STEPS {
+                let mut suspect = fit.suspect.clone();
+                let effect = &self.columns().effects[self.columns().groups[suspect.group].effect];
+                for (value, step) in suspect.values.iter_mut().zip(&tangent.step) {
+                    *value = (*value + share * step).clamp(effect.range[0], effect.range[1]);
+                }
+                tried.push(suspect);
+            }
+        }
+        // Taken by reference in turn: the marginal stays whole while the study simulates.
+        let settings = self.settings(base, &tried);
+        let mut vectors = self.study.raw_vectors(&settings, &windows)?.into_iter();
+        let mut tried = tried.into_iter();
+        let mut moved = Vec::new();
+        for (&k, tangent) in live.iter().zip(&tangents) {
+            for (trial, residuals) in tried.by_ref().zip(vectors.by_ref()).take(STEPS.len()) {
+                let loss = self.loss_of(&self.marginal, &self.normals(&residuals, &windows), &windows);
+                if loss < fits[k].loss {
+                    (fits[k].loss, fits[k].suspect, here[k]) = (loss, trial, residuals);
+                }
+            }
+            if tangent.loss - fits[k].loss > SETTLED {
+                moved.push(k);
+            }
+        }
+        *live = moved;
+        Ok(())
+    }
+
+    /// Normal equations of whitened residuals.
+    fn normals(&self, residuals: &Residuals, windows: &[usize]) -> Vec<Option<Normal>> {
+        let of = |(r, &w): (&Option<DVector<f64>>, &usize)| r.as_ref().map(|r| self.study.seen[w].normal_of(r));
+        residuals.par_iter().zip(windows).map(of).collect()
+    }
+
+    /// Losses and slopes of the fits that are `live` at their present values, where residuals are `here`.
+    fn tangents(
+        &mut self,
+        base: &Base,
+        fits: &[Fit],
+        here: &[Residuals],
+        live: &[usize],
+    ) -> Result<Vec<Tangent>, GapError> {
+        let windows = self.windows.clone();
+        let mut points = Vec::new();
+        for fit in live.iter().map(|&k| &fits[k]) {
+            let effect = &self.columns().effects[self.columns().groups[fit.suspect.group].effect];
+            let step = 0.04 * effect.span();
+            for axis in 0..fit.suspect.values.len() {
+                let mut moved = fit.suspect.clone();
+                let inwards = moved.values[axis] + step > effect.range[1];
+                moved.values[axis] += if inwards { -step } else { step };
+                points.push(moved);
+            }
+        }
+        let settings = self.settings(base, &points);
+        let raw = self.study.raw_vectors(&settings, &windows)?;
+        // Where the moved points of each fit begin.
+        let mut first = 0;
+        let mut begins = Vec::new();
+        for &k in live {
+            begins.push((k, first));
+            first += fits[k].suspect.values.len();
+        }
+        let tangent = |&(k, first): &(usize, usize)| {
+            let values = &fits[k].suspect.values;
+            let steps: Vec<f64> = (0..values.len()).map(|a| points[first + a].values[a] - values[a]).collect();
+            let moved = raw[first..first + steps.len()].iter();
+            let vectors: Vec<&Residuals> = std::iter::once(&here[k]).chain(moved).collect();
+            self.tangent(&vectors, &windows, &steps)
+        };
+        let tangents = begins.par_iter().map(tangent).collect();
+        Ok(tangents)
+    }
+
+    /// From residuals at the present values, and with each value moved by one of `steps`.
+    fn tangent(&self, vectors: &[&Residuals], windows: &[usize], steps: &[f64]) -> Tangent {
+        let axes = steps.len();
+        let width = self.study.width();
+        let mut gradient = DVector::zeros(axes);
+        let mut curvature = DMatrix::zeros(axes, axes);
+        let (mut b, mut along) = (DVector::zeros(width), vec![DVector::zeros(width); axes]);
+        let mut e = 0.0;
+        for (i, &w) in windows.iter().enumerate() {
+            let seen = &self.study.seen[w];
+            let weight = fitted(seen);
+            let of_window: Option<Vec<&DVector<f64>>> = vectors.iter().map(|v| v[i].as_ref()).collect();
+            let Some(of_window) = of_window else {
+                e += self.penalty(w);
+                continue;
+            };
+            let slopes: Vec<DVector<f64>> = (0..axes).map(|a| (of_window[0] - of_window[1 + a]) / steps[a]).collect();
+            e += weight * of_window[0].norm_squared();
+            b.axpy(weight, &seen.j.tr_mul(of_window[0]), 1.0);
+            for a in 0..axes {
+                along[a].axpy(weight, &seen.j.tr_mul(&slopes[a]), 1.0);
+                gradient[a] += weight * slopes[a].dot(of_window[0]);
+                for c in 0..axes {
+                    curvature[(a, c)] += weight * slopes[a].dot(&slopes[c]);
+                }
+            }
+        }
+        for a in 0..axes {
+            gradient[a] = self.marginal.inner(gradient[a], &along[a], &b);
+            for c in 0..axes {
+                curvature[(a, c)] = self.marginal.inner(curvature[(a, c)], &along[a], &along[c]);
+            }
+        }
+        let loss = self.marginal.loss(&Sums { b, e, count: 0.0 });
+        let step = curvature.clone().cholesky().map_or(DVector::zeros(axes), |c| c.solve(&gradient));
+        Tangent { loss, step: step.as_slice().to_vec(), curvature }
+    }
+
+    /// Evidence of each fit: what its loss gains, less what its freedom costs.
+    fn judge(&mut self, base: &Base, fits: &mut [Fit], here: &[Residuals]) -> Result<(), GapError> {
+        let all: Vec<usize> = (0..fits.len()).collect();
+        let tangents = self.tangents(base, fits, here, &all)?;
+        for (fit, tangent) in fits.iter_mut().zip(tangents) {
+            fit.deviations = tangent.deviations(self.temper);
+            let group = &self.columns().groups[fit.suspect.group];
+            let effect = &self.columns().effects[group.effect];
+            let groups = self.columns().groups.iter().filter(|g| g.effect == group.effect).count();
+            let range = effect.span();
+            let volume: f64 = fit
+                .deviations
+                .iter()
+                .map(|d| (d.max(1e-9 * range) * std::f64::consts::TAU.sqrt() / range).ln().min(0.0))
+                .sum();
+            let gain = 0.5 * (base.loss - fit.loss) / self.temper;
+            fit.evidence = gain + volume - (groups as f64).ln();
+        }
+        Ok(())
+    }
+}
+
+/// Slopes of the loss along the axes of a suspect.
+struct Tangent {
+    loss: f64,
+    step: Vec<f64>,
+    curvature: DMatrix<f64>,
+}
+
+impl Tangent {
+    fn deviations(&self, temper: f64) -> Vec<f64> {
+        let axes = self.step.len();
+        match self.curvature.clone().cholesky() {
+            Some(c) => c.inverse().diagonal().iter().map(|v| (temper * v).sqrt()).collect(),
+            None => vec![f64::INFINITY; axes],
+        }
+    }
+}
+
+/// A group at a level in terms of columns.
+pub struct Direction {
+    /// Shape `[columns, axes]`.
+    pub d: DMatrix<f64>,
+    /// From absent to the level, by axis; 1 for limits.
+    pub steps: Vec<f64>,
+    /// Value when absent, by axis.
+    pub absent: Vec<f64>,
+    /// The level, by axis.
+    pub levels: Vec<f64>,
+}
+
+/// `None` when a level of the group was not simulated.
+pub fn direction(columns: &Columns, group: usize, level: usize) -> Option<Direction> {
+    let group = &columns.groups[group];
+    let axes = columns.effects[group.effect].axes.len();
+    let width = EXTRA + columns.columns.len();
+    let mut direction =
+        Direction { d: DMatrix::zeros(width, axes), steps: Vec::new(), absent: Vec::new(), levels: Vec::new() };
+    for axis in 0..axes {
+        let mut levels = Vec::new();
+        let mut absent = 0.0;
+        for unit in columns.units_of(group, axis) {
+            let Some(column) = columns.column(unit, level) else { continue };
+            direction.d[(EXTRA + column, axis)] = 1.0;
+            levels.push(columns.columns[column].value);
+            absent = columns.units[unit].absent;
+        }
+        if levels.is_empty() {
+            return None;
+        }
+        let mean = levels.iter().sum::<f64>() / levels.len() as f64;
+        direction.steps.push(if absent.is_finite() { mean - absent } else { 1.0 });
+        direction.absent.push(absent);
+        direction.levels.push(mean);
+    }
+    Some(direction)
+}
+
+/// Values to start a candidate from: what the linear step says, and for a single axis points along the range.
+fn starts(columns: &Columns, candidate: &Suspect) -> Vec<Vec<f64>> {
+    let group = &columns.groups[candidate.group];
+    let effect = &columns.effects[group.effect];
+    let [low, high] = effect.range;
+    let clamped: Vec<f64> = candidate.values.iter().map(|v| v.clamp(low, high)).collect();
+    let mut starts = vec![clamped.clone()];
+    if candidate.values.len() > 1 {
+        starts.push(clamped.iter().map(|v| 0.5 * v).collect());
+        starts.push(clamped.iter().map(|v| (2.0 * v).clamp(low, high)).collect());
+        return starts;
+    }
+    let absent = columns.units_of(group, 0).next().map_or(0.0, |u| columns.units[u].absent);
+    if !absent.is_finite() {
+        let levels = columns.units_of(group, 0).flat_map(|u| columns.columns.iter().filter(move |c| c.unit == u));
+        let largest = levels.map(|c| c.value / effect.levels[c.level]).fold(0.0, f64::max);
+        starts.extend([0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.25, 0.12].map(|s| vec![(s * largest).clamp(low, high)]));
+        return starts;
+    }
+    for share in STARTS {
+        for end in [low, high] {
+            // Towards both ends of the range, as far as they are from absent.
+            let value = absent + share * (end - absent);
+            if (end - absent).abs() > 1e-9 * effect.span() {
+                starts.push(vec![value]);
+            }
+        }
+    }
+    starts
+}

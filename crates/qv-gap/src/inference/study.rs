@@ -1,0 +1,601 @@
+//! All that a diagnosis knows before it suspects anything: residuals, sensitivities, and what no effect looks like.
+
+use crate::GapError;
+use crate::inference::ablation::FORGOTTEN;
+use crate::inference::gaussian_evidence::{Marginal, Normal, Sums, sum};
+use crate::null::reference;
+use crate::null::whitening::{Sample, Whitener};
+use crate::null::{Ghost, Noise, record};
+use crate::problem::columns::{Column, Columns, Group};
+use crate::problem::excitation::{at_rest, is_unshown};
+use crate::problem::{Numerics, Problem, Setting, Window};
+use crate::random::Random;
+use crate::rollout::jacobian::{AT_A_TIME, beside_law, sensitivities, with_law};
+use crate::rollout::law;
+use crate::rollout::windows::Raw;
+use crate::rollout::windows::{compare, standing_depth};
+use nalgebra::{DMatrix, DVector};
+use qv_replay::Run;
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Columns that belong to no unit: torques may be out of step with the positions that they are reported with.
+pub const EXTRA: usize = 1;
+/// Tolerance of that step in columns.
+const SHIFT_TOLERANCE: f64 = 1.0;
+
+/// Share of the tolerances that is left where reference recordings show the same robot before a change.
+const UNCHANGED: f64 = 0.1;
+
+/// How many more recordings without an effect are simulated of a robot that is held: it costs a fraction of one that
+/// walks, and has the room to give each window a null of its own.
+pub const HELD: usize = 5;
+
+/// Rows of a product up to which it is not done in blocks.
+const FEW_ROWS: usize = 5;
+
+/// How much is done.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Effort {
+    /// Simulated recordings without an effect, of a robot with a free base; of one that is held [`HELD`] times as many.
+    pub ghosts: usize,
+    /// Seed of all that is random.
+    pub seed: u64,
+    /// Standard deviation of the ground's height under a foot, where the ground is a mesh that was reconstructed \[m\].
+    pub ground_error: f64,
+}
+
+impl Default for Effort {
+    fn default() -> Self {
+        Self { ghosts: 12, seed: 1, ground_error: 0.0 }
+    }
+}
+
+/// A window with its sensitivities in units of the null.
+pub struct Seen {
+    /// Its place among the windows of its run.
+    pub index: usize,
+    /// The window.
+    pub window: Window,
+    /// Sensitivities, shape `[features, columns]`.
+    pub j: DMatrix<f64>,
+    /// `J'J`.
+    pub h: DMatrix<f64>,
+    /// Raw residual of the nominal robot.
+    pub raw: Raw,
+    /// Whitened residual of the nominal robot.
+    pub residual: DVector<f64>,
+    /// Weight in sums: below 1 where nothing explains the window.
+    pub weight: f64,
+}
+
+/// What a run has of its own.
+pub struct Part {
+    /// The null.
+    pub whitener: Whitener,
+    /// Noise of the sensors.
+    pub noise: Noise,
+    /// How stamps of torques lie.
+    pub alignment: law::Alignment,
+}
+
+/// See the module.
+pub struct Study<'a> {
+    /// The robot and the ground.
+    pub problem: Problem<'a>,
+    /// What may be suspected.
+    pub columns: Columns,
+    /// The windows.
+    pub seen: Vec<Seen>,
+    /// What each run has of its own.
+    pub parts: Vec<Part>,
+    /// Normal equations of each simulated recording without an effect, by window.
+    pub ghosts: Vec<Vec<Option<Normal>>>,
+    /// Their residuals, by window.
+    pub ghost_residuals: Vec<Vec<Option<DVector<f64>>>>,
+    /// Their deviations, in the tolerated columns; empty where they are drawn from reference recordings.
+    pub ghost_deviations: Vec<Vec<f64>>,
+    /// Tolerance of the first columns.
+    pub tolerance: Vec<f64>,
+    /// Effects that the library is taken never to have heard of.
+    pub forgotten: Vec<usize>,
+    /// Joints that are at rest on average over the windows (indices, in the order of the model).
+    pub at_rest: Vec<usize>,
+    /// Mean square of residuals of noise and numerics alone.
+    pub floor: f64,
+    /// Steps simulated so far.
+    steps: AtomicUsize,
+    /// Those when they were asked for last.
+    steps_told: AtomicUsize,
+    /// Whether the null is what reference recordings leave, pushes and blows among it.
+    pub is_relative: bool,
+}
+
+impl<'a> Study<'a> {
+    /// Simulates what is needed to judge `runs`, which are of one robot on one ground. Where there are recordings of the
+    /// same robot without what is looked for, `reference`, what they leave is the null.
+    ///
+    /// # Errors
+    /// When the runs have too little, or the simulator refuses.
+    pub fn new(
+        problem: Problem<'a>,
+        columns: Columns,
+        runs: &[Run],
+        reference: &[Run],
+        effort: &Effort,
+    ) -> Result<Self, GapError> {
+        let ghosts = vec![Vec::new(); ghosts_of(problem.free, effort)];
+        let mut study = Self {
+            problem,
+            columns,
+            seen: Vec::new(),
+            parts: Vec::new(),
+            ghost_residuals: ghosts.iter().map(|_| Vec::new()).collect(),
+            ghosts,
+            ghost_deviations: Vec::new(),
+            tolerance: Vec::new(),
+            forgotten: Vec::new(),
+            at_rest: Vec::new(),
+            floor: 0.0,
+            steps: AtomicUsize::new(0),
+            steps_told: AtomicUsize::new(0),
+            is_relative: !reference.is_empty(),
+        };
+        study.tolerance = study.tolerances();
+        // More recordings share the windows that one has, down to a number that still tells something.
+        study.problem.cut.most = (study.problem.cut.most / runs.len().max(1)).max(24).min(study.problem.cut.most);
+        let pool = study.pool(reference)?;
+        for (index, run) in runs.iter().enumerate() {
+            study.add(run, index, &pool, effort)?;
+        }
+        study.floor /= runs.len().max(1) as f64;
+        study.at_rest = at_rest(&study.problem, study.seen.iter().map(|s| &s.window));
+        Ok(study)
+    }
+
+    /// Tolerance of the first columns.
+    pub(crate) fn tolerances(&self) -> Vec<f64> {
+        // The robot of the reference is this one: what did not change deviates as it did there.
+        let share = if self.is_relative { UNCHANGED } else { 1.0 };
+        let is_forgotten = |c: &Column| self.forgotten.contains(&self.columns.units[c.unit].effect);
+        let tolerance = |c: &Column| c.tolerance * if is_forgotten(c) { FORGOTTEN } else { share };
+        let tolerated = self.columns.columns.iter().take(self.columns.tolerated).map(tolerance);
+        std::iter::once(SHIFT_TOLERANCE).chain(tolerated).collect()
+    }
+
+    /// What the windows of reference recordings leave, with whether each moves.
+    fn pool(&mut self, reference: &[Run]) -> Result<Vec<(bool, Raw)>, GapError> {
+        let mut pool = Vec::new();
+        for run in reference {
+            let windows = self.problem.windows(run)?;
+            let all: Vec<&Window> = windows.iter().collect();
+            let residuals = compare(&self.problem, &self.problem.numerics, &all, &[Setting::new()])?;
+            self.count(residuals.steps);
+            let alignments = vec![law::align(&self.problem, &all); all.len()];
+            let raw = with_law(&self.problem, &alignments, &all, &[Setting::new()], residuals.values).remove(0);
+            pool.extend(windows.iter().map(|w| w.moving).zip(raw).filter(|p| !p.1.is_empty()));
+        }
+        reference::drop_outliers(&mut pool);
+        Ok(pool)
+    }
+
+    /// Adds the windows of one run, with its own noise, and its own null unless there is a pool for it.
+    fn add(&mut self, run: &Run, index: usize, pool: &[(bool, Raw)], effort: &Effort) -> Result<(), GapError> {
+        let mut windows = self.problem.windows(run)?;
+        if index == 0 {
+            // The stillest window is the first to look like standing.
+            let still = windows.iter().find(|w| !w.moving).unwrap_or(&windows[0]);
+            self.problem.depth = standing_depth(&self.problem, still)?;
+        }
+        let (problem, columns) = (&self.problem, &self.columns);
+        windows.iter_mut().for_each(|w| w.run = index);
+        let noise = Noise::of(run, &problem.columns);
+        let mut steps = 0;
+        let alignment = law::align(problem, &windows.iter().collect::<Vec<_>>());
+        let (raw, sensitivities) = sensitivities(problem, alignment, columns, &windows, &mut steps)?;
+        let good: Vec<bool> = raw.iter().zip(&sensitivities).map(|(r, s)| !r.is_empty() && !s.is_empty()).collect();
+        if good.iter().filter(|g| **g).count() < 8 {
+            return Err(GapError::run("simulation", "at least 8 windows that can be simulated", "fewer"));
+        }
+        let (ghost_raw, (samples, deviations)) = if pool.is_empty() {
+            let (raw, deviations) = ghosts(problem, columns, &windows, &noise, (effort, index), &mut steps)?;
+            let samples = samples(&windows, &sensitivities, &raw, &deviations);
+            (raw, (samples, deviations))
+        } else {
+            // Each stands for a window that moves as it does.
+            let alike = |moving| windows.iter().position(|w| w.moving == moving).unwrap_or(0);
+            let at = [alike(false), alike(true)];
+            let sample = |(moving, raw): &(bool, Raw)| Sample {
+                window: at[usize::from(*moving)],
+                moving: *moving,
+                raw: raw.clone(),
+            };
+            let drawn = reference::draw(&windows, pool, self.ghosts.len(), effort.seed.wrapping_add(index as u64));
+            (drawn, (pool.iter().map(sample).collect(), Vec::new()))
+        };
+        // The same robots in all runs.
+        self.ghost_deviations = deviations;
+        let moving: Vec<bool> = windows.iter().map(|w| w.moving).collect();
+        let few = || GapError::run("simulation without an effect", "windows that do not run away", "too few");
+        let whitener = Whitener::new(problem, &samples, &moving, pool.is_empty()).ok_or_else(few)?;
+        let of_sample = |sample: &Sample| {
+            let r = whitener.residual(sample.window, &sample.raw);
+            r.norm_squared() / r.len() as f64
+        };
+        // Summed in order: the same bits on any number of threads.
+        let floor: Vec<f64> = samples.par_iter().map(of_sample).collect();
+        self.floor += floor.iter().sum::<f64>() / samples.len() as f64;
+        let seen: Vec<Option<Seen>> = windows
+            .into_par_iter()
+            .enumerate()
+            .zip(raw)
+            .zip(sensitivities)
+            .map(|(((index, window), raw), sensitivity)| {
+                (!raw.is_empty() && !sensitivity.is_empty()).then(|| see(&whitener, (index, window), raw, &sensitivity))
+            })
+            .collect();
+        for (k, run) in ghost_raw.iter().enumerate() {
+            let residual = |(raw, seen): (&Raw, &Option<Seen>)| {
+                let seen = seen.as_ref()?;
+                Some((!raw.is_empty()).then(|| whitener.residual(seen.index, raw)))
+            };
+            let residuals: Vec<Option<DVector<f64>>> = run.par_iter().zip(&seen).filter_map(residual).collect();
+            let here: Vec<&Seen> = seen.iter().flatten().collect();
+            let normal = |(r, seen): (&Option<DVector<f64>>, &&Seen)| r.as_ref().map(|r| seen.normal_of(r));
+            self.ghosts[k].par_extend(residuals.par_iter().zip(here.par_iter()).map(normal));
+            self.ghost_residuals[k].extend(residuals);
+        }
+        let first = self.seen.len();
+        self.seen.extend(seen.into_iter().flatten());
+        self.seen[first..].iter_mut().filter(|_| !pool.is_empty()).for_each(Seen::weigh);
+        self.parts.push(Part { whitener, noise, alignment });
+        self.count(steps);
+        Ok(())
+    }
+
+    /// Simulated steps so far.
+    pub fn steps(&self) -> usize {
+        self.steps.load(Ordering::Relaxed)
+    }
+
+    /// Simulated steps since this was asked last.
+    pub(crate) fn steps_since(&self) -> usize {
+        let steps = self.steps();
+        steps - self.steps_told.swap(steps, Ordering::Relaxed)
+    }
+
+    pub(crate) fn count(&self, steps: usize) {
+        self.steps.fetch_add(steps, Ordering::Relaxed);
+    }
+
+    /// Whether a group's effect is known, and could show here.
+    pub fn may_be(&self, group: &Group) -> bool {
+        let joints = self.problem.columns.len();
+        !self.forgotten.contains(&group.effect) && !is_unshown(&self.columns, group, &self.at_rest, joints)
+    }
+
+    /// The null of a window's run.
+    pub fn whitener(&self, seen: &Seen) -> &Whitener {
+        &self.parts[seen.window.run].whitener
+    }
+
+    /// Number of columns, the extra ones included.
+    pub fn width(&self) -> usize {
+        EXTRA + self.columns.columns.len()
+    }
+
+    /// Deviations integrated out over the windows with `weight` above 0.
+    ///
+    /// # Errors
+    /// When the normal equations are no good.
+    pub fn marginal(&self, weight: impl Fn(&Seen) -> f64) -> Result<Marginal, GapError> {
+        let mut h = DMatrix::zeros(self.width(), self.width());
+        for seen in &self.seen {
+            let w = weight(seen);
+            if w > 0.0 {
+                h += &seen.h * w;
+            }
+        }
+        Marginal::new(h, &self.tolerance).ok_or_else(|| GapError::run("sensitivities", "finite numbers", "others"))
+    }
+
+    /// Normal equations of each window under each setting; `None` where the simulation ran away.
+    ///
+    /// # Errors
+    /// When a setting has a value that means nothing.
+    pub fn evaluate(&self, settings: &[Setting], windows: &[usize]) -> Result<Vec<Vec<Option<Normal>>>, GapError> {
+        let mut all = Vec::new();
+        for some in settings.chunks(AT_A_TIME) {
+            let raw = self.raw(some, windows)?;
+            let of_window = |(k, &w): (usize, &usize)| {
+                let all: Vec<&Raw> = raw.iter().map(|of_setting| &of_setting[k]).collect();
+                self.seen[w].normals(self.whitener(&self.seen[w]), &all)
+            };
+            let mut by_window: Vec<std::vec::IntoIter<Option<Normal>>> =
+                windows.par_iter().enumerate().map(of_window).map(Vec::into_iter).collect();
+            all.extend((0..some.len()).map(|_| by_window.iter_mut().map(|w| w.next().flatten()).collect()));
+        }
+        Ok(all)
+    }
+
+    /// Whitened residuals of windows under settings, shape `[settings][windows]`.
+    ///
+    /// # Errors
+    /// When a setting has a value that means nothing.
+    #[allow(clippy::type_complexity)]
+    pub fn raw_vectors(
+        &self,
+        settings: &[Setting],
+        windows: &[usize],
+    ) -> Result<Vec<Vec<Option<DVector<f64>>>>, GapError> {
+        let raw = self.raw(settings, windows)?;
+        let white = |(raw, &w): (&Raw, &usize)| {
+            (!raw.is_empty()).then(|| self.whitener(&self.seen[w]).residual(self.seen[w].index, raw))
+        };
+        Ok(raw.par_iter().map(|of_setting| of_setting.iter().zip(windows).map(white).collect()).collect())
+    }
+
+    /// Raw residuals of windows under settings, shape `[settings][windows]`.
+    ///
+    /// # Errors
+    /// When a setting has a value that means nothing.
+    pub fn raw(&self, settings: &[Setting], windows: &[usize]) -> Result<Vec<Vec<Raw>>, GapError> {
+        let chosen: Vec<&Window> = windows.iter().map(|&w| &self.seen[w].window).collect();
+        let numerics = self.problem.numerics;
+        let residuals = compare(&self.problem, &numerics, &chosen, settings)?;
+        self.count(residuals.steps);
+        let alignments: Vec<law::Alignment> = chosen.iter().map(|w| self.parts[w.run].alignment).collect();
+        let laws = windows.iter().map(|&w| &self.seen[w].raw.law[..]).collect();
+        Ok(beside_law(&self.problem, &alignments, (&chosen, laws), settings, residuals.values))
+    }
+
+    /// Sums over windows of one setting.
+    pub fn sums(&self, normals: &[Option<Normal>], windows: &[usize], weight: impl Fn(&Seen) -> f64) -> Sums {
+        let parts = normals.iter().zip(windows).filter_map(|(n, &w)| n.as_ref().map(|n| (n, weight(&self.seen[w]))));
+        sum(parts, self.width())
+    }
+
+    /// Residuals of a recording with the tolerated deviations at their best over its windows taken away; `None` where its
+    /// simulation ran away, and in windows of no weight.
+    pub fn without_deviations(
+        &self,
+        marginal: &Marginal,
+        residuals: &[Option<&DVector<f64>>],
+        weight: impl Fn(&Seen) -> f64,
+    ) -> Vec<Option<DVector<f64>>> {
+        let normal = |(r, s): (&Option<&DVector<f64>>, &Seen)| r.map(|r| s.normal_of(r));
+        let normals: Vec<_> = residuals.par_iter().zip(&self.seen).map(normal).collect();
+        let all: Vec<usize> = (0..self.seen.len()).collect();
+        let best = marginal.deviations(&self.sums(&normals, &all, &weight));
+        let left = |(r, s): (&Option<&DVector<f64>>, &Seen)| {
+            r.filter(|_| weight(s) > 0.0).map(|r| r - s.j.columns(0, best.len()) * &best)
+        };
+        residuals.iter().zip(&self.seen).map(left).collect()
+    }
+
+    /// The recording's residuals by window.
+    pub fn residuals(&self) -> Vec<Option<&DVector<f64>>> {
+        self.seen.iter().map(|s| Some(&s.residual)).collect()
+    }
+
+    /// Those of each simulated recording without an effect.
+    pub fn residuals_of_ghosts(&self) -> impl Iterator<Item = Vec<Option<&DVector<f64>>>> {
+        self.ghost_residuals.iter().map(|g| g.iter().map(Option::as_ref).collect())
+    }
+
+    /// Sums of the nominal robot.
+    pub fn nominal(&self, weight: impl Fn(&Seen) -> f64) -> Sums {
+        let normals: Vec<Normal> = self.seen.iter().map(Seen::nominal).collect();
+        let parts = normals.iter().zip(&self.seen).map(|(n, s)| (n, weight(s)));
+        sum(parts, self.width())
+    }
+}
+
+impl Seen {
+    /// Weighs it down where even reference recordings have nothing like it.
+    pub(crate) fn weigh(&mut self) {
+        let length = self.residual.norm_squared() / self.residual.len() as f64;
+        self.weight = (reference::OUTLIER / length).min(1.0);
+    }
+
+    /// Normal equations of raw residuals; `None` of empty ones.
+    fn normals(&self, whitener: &Whitener, raw: &[&Raw]) -> Vec<Option<Normal>> {
+        let whole: Vec<&&Raw> = raw.iter().filter(|r| !r.is_empty()).collect();
+        let residuals: Vec<DVector<f64>> = whole.iter().map(|r| whitener.residual(self.index, r)).collect();
+        if residuals.is_empty() {
+            return vec![None; raw.len()];
+        }
+        // One product: the sensitivities are read once for all.
+        let products = match residuals.len() {
+            1..=FEW_ROWS => residuals.iter().map(|r| times_columns(r.as_slice(), &self.j)).collect(),
+            _ => (DMatrix::from_columns(&residuals).transpose() * &self.j).row_iter().map(|b| b.transpose()).collect(),
+        };
+        let normal = |(r, b): (&DVector<f64>, DVector<f64>)| Normal { b, e: r.norm_squared(), count: r.len() };
+        let mut normals = residuals.iter().zip::<Vec<_>>(products).map(normal);
+        raw.iter().map(|r| if r.is_empty() { None } else { normals.next() }).collect()
+    }
+
+    /// Normal equations of the nominal robot.
+    pub fn nominal(&self) -> Normal {
+        self.normal_of(&self.residual)
+    }
+
+    /// Normal equations of a whitened residual.
+    pub fn normal_of(&self, r: &DVector<f64>) -> Normal {
+        Normal { b: self.j.tr_mul(r), e: r.norm_squared(), count: r.len() }
+    }
+}
+
+/// The same as the product of a few rows with a matrix, to the bit, in a fifth of the time: a blocked product begins at more rows than these,
+/// and below it one number after the other is waited for.
+fn times_columns(row: &[f64], matrix: &DMatrix<f64>) -> DVector<f64> {
+    const ABREAST: usize = 8;
+    let (rows, columns) = matrix.shape();
+    let values = matrix.as_slice();
+    let mut out = DVector::zeros(columns);
+    for first in (0..columns).step_by(ABREAST) {
+        // The last few columns are done twice rather than in a loop of their own.
+        let first = first.min(columns.saturating_sub(ABREAST));
+        let column = |k: usize| &values[(first + k).min(columns - 1) * rows..][..row.len()];
+        let of: [&[f64]; ABREAST] = std::array::from_fn(column);
+        let mut sums = [-0.0; ABREAST];
+        for (i, x) in row.iter().enumerate() {
+            for k in 0..ABREAST {
+                sums[k] += of[k][i] * x;
+            }
+        }
+        for k in 0..ABREAST.min(columns) {
+            out[first + k] = sums[k];
+        }
+    }
+    out
+}
+
+fn ghosts_of(free: bool, effort: &Effort) -> usize {
+    if free { effort.ghosts } else { HELD * effort.ghosts }
+}
+
+fn see(whitener: &Whitener, (index, window): (usize, Window), raw: Raw, sensitivity: &[Raw]) -> Seen {
+    let columns: Vec<DVector<f64>> = sensitivity.iter().map(|c| whitener.difference(index, c)).collect();
+    let j = DMatrix::from_columns(&columns);
+    let residual = whitener.residual(index, &raw);
+    // By the transposed copy: that is a blocked product, five times as fast as `tr_mul`.
+    Seen { h: j.transpose() * &j, j, residual, raw, index, window, weight: 1.0 }
+}
+
+/// Numbers that the simulators of ghosts have: what engines differ in.
+fn numerics(k: usize) -> Numerics {
+    let base = Numerics::default();
+    match k % 4 {
+        0 => base,
+        1 => Numerics { timestep: 0.0005, impratio: 1.0, ..base },
+        2 => Numerics { timestep: 0.00125, impratio: 100.0, implicit: false },
+        _ => Numerics { timestep: 0.0005, impratio: 3.0, implicit: false },
+    }
+}
+
+/// Raw residuals of windows recorded of ghosts, shape `[ghosts][windows]`, and their deviations in columns.
+#[allow(clippy::type_complexity)]
+fn ghosts(
+    problem: &Problem,
+    columns: &Columns,
+    windows: &[Window],
+    noise: &Noise,
+    (effort, run): (&Effort, usize),
+    steps: &mut usize,
+) -> Result<(Vec<Vec<Raw>>, Vec<Vec<f64>>), GapError> {
+    // What a ghost is, what it takes and what is left of it; side by side, as each alone is too little for all threads.
+    let one = |k: usize| -> Result<(Vec<Raw>, Vec<f64>, usize), GapError> {
+        let (mut setting, of_columns) = draw(problem, columns, effort.seed, k as u64);
+        other_contact(problem, &mut setting, effort.seed, k as u64);
+        // The robot is the same in all runs, the noise is not.
+        let seed = effort.seed.wrapping_add(977 * k as u64 + 31 * run as u64);
+        let ghost = Ghost { setting, numerics: numerics(k), seed, ground_error: effort.ground_error };
+        let recorded = record(problem, windows, noise, std::slice::from_ref(&ghost))?.remove(0);
+        let ticks = ((problem.cut.window + 2.0 * problem.cut.margin) / ghost.numerics.timestep) as usize;
+        let mut steps = windows.len() * ticks;
+        let (at, whole): (Vec<usize>, Vec<&Window>) =
+            recorded.iter().enumerate().filter_map(|(w, r)| r.as_ref().map(|r| (w, r))).unzip();
+        let mut raw = vec![Raw::default(); windows.len()];
+        if !whole.is_empty() {
+            let residuals = compare(problem, &problem.numerics, &whole, &[Setting::new()])?;
+            steps += residuals.steps;
+            let alignment = law::align(problem, &whole);
+            let found =
+                with_law(problem, &vec![alignment; whole.len()], &whole, &[Setting::new()], residuals.values).remove(0);
+            at.into_iter().zip(found).for_each(|(w, r)| raw[w] = r);
+        }
+        Ok((raw, of_columns, steps))
+    };
+    let found: Vec<_> =
+        (0..ghosts_of(problem.free, effort)).into_par_iter().map(one).collect::<Result<_, GapError>>()?;
+    let (mut all, mut deviations) = (Vec::new(), Vec::new());
+    for (raw, of_columns, taken) in found {
+        all.push(raw);
+        deviations.push(of_columns);
+        *steps += taken;
+    }
+    Ok((all, deviations))
+}
+
+/// Contact as other engines have it: what they call stiff differs by factors.
+fn other_contact(problem: &Problem, setting: &mut Setting, seed: u64, stream: u64) {
+    let mut random = Random::new(seed, 5000 + stream);
+    for (name, spread, range) in
+        [("contact.time_constant", 0.5, (0.003, 0.016)), ("contact.damping_ratio", 0.3, (0.4, 2.0))]
+    {
+        let factor = random.normal(spread).exp();
+        let Some(id) = problem.parameter(name).filter(|_| !problem.terrain.is_none()) else { continue };
+        setting.retain(|s| s.0 != id);
+        setting.push((id, (problem.nominal[id] * factor).clamp(range.0, range.1)));
+    }
+    setting.sort_by_key(|s| s.0);
+}
+
+/// Deviations that any robot has: a setting, and the same in columns.
+fn draw(problem: &Problem, columns: &Columns, seed: u64, stream: u64) -> (Setting, Vec<f64>) {
+    let mut random = Random::new(seed, 1 + stream);
+    let (mut values, mut of_columns) = (Vec::new(), Vec::new());
+    for column in &columns.columns[..columns.tolerated] {
+        let unit = &columns.units[column.unit];
+        let step = column.value - unit.absent;
+        let deviation = random.normal(column.tolerance) * step;
+        let effect = &columns.effects[unit.effect];
+        // A friction below none means nothing.
+        let one_sided = effect.range[0] >= unit.absent;
+        let deviation = if one_sided { deviation.abs() } else { deviation };
+        values.push((column.unit, unit.absent + deviation));
+        of_columns.push(deviation / step);
+    }
+    (columns.setting(problem, &values), of_columns)
+}
+
+/// Features of ghosts with what their deviations do taken away: noise and numerics alone.
+fn samples(
+    windows: &[Window],
+    sensitivities: &[Vec<Raw>],
+    ghosts: &[Vec<Raw>],
+    deviations: &[Vec<f64>],
+) -> Vec<Sample> {
+    let one = |(run, deviation): (&Vec<Raw>, &Vec<f64>)| -> Vec<Sample> {
+        let mut samples = Vec::new();
+        for (window, (raw, columns)) in run.iter().zip(sensitivities).enumerate() {
+            if raw.is_empty() || columns.is_empty() {
+                continue;
+            }
+            let mut left = raw.clone();
+            for (amount, column) in deviation.iter().zip(&columns[EXTRA..]) {
+                left.motion.iter_mut().zip(&column.motion).for_each(|(x, c)| *x -= amount * c);
+                left.law.iter_mut().zip(&column.law).for_each(|(x, c)| *x -= amount * c);
+            }
+            samples.push(Sample { window, moving: windows[window].moving, raw: left });
+        }
+        samples
+    };
+    ghosts.par_iter().zip(deviations).flat_map_iter(one).collect()
+}
+
+/// Mean; 0 of nothing.
+pub fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_product_of_few_rows_is_the_library_s_to_the_bit() {
+        let mut random = Random::new(5, 0);
+        for (rows, columns) in [(1, 1), (7, 3), (40, 8), (129, 21)] {
+            let matrix = DMatrix::from_fn(rows, columns, |_, _| random.normal(1.0));
+            for count in 1..=FEW_ROWS {
+                let some: Vec<_> = (0..count).map(|_| DVector::from_fn(rows, |_, _| random.normal(1.0))).collect();
+                let expected = DMatrix::from_columns(&some).transpose() * &matrix;
+                for (row, expected) in some.iter().zip(expected.row_iter()) {
+                    assert_eq!(times_columns(row.as_slice(), &matrix), expected.transpose());
+                }
+            }
+        }
+    }
+}

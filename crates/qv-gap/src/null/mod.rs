@@ -1,0 +1,374 @@
+//! Recordings of a simulated robot that has no effect: what noise, numerics and tolerated deviations alone look like.
+//!
+//! Each window is recorded anew: simulated from the measured state a little before it, seen by sensors with the noise of
+//! the recording, its start found again from what they saw. The same pipeline then gives the features of a robot that
+//! has nothing but what any robot has.
+
+pub mod reference;
+pub mod whitening;
+
+use crate::GapError;
+use crate::problem::{Numerics, Problem, Role, Setting, Window};
+use crate::random::Random;
+use crate::rollout::windows::{are_near, longest_latency};
+use glam::{DQuat, DVec3};
+use qv_core::JointSeries;
+use qv_replay::Run;
+use qv_replay::replay::{Command, HeldCommands};
+use qv_sim::{Batch, Precision, SensorReading};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Standard deviations of white noise on each channel, as found in the recording.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Noise {
+    pub(crate) position: Vec<f64>,
+    pub(crate) velocity: Vec<f64>,
+    pub(crate) torque: Vec<f64>,
+    pub(crate) gyro: f64,
+    acceleration: f64,
+    pub(crate) orientation: f64,
+    pub(crate) place: f64,
+    pub(crate) pose: f64,
+}
+
+impl Noise {
+    /// From what three smooth neighbours do not foretell: third differences, robustly.
+    pub fn of(run: &Run, columns: &[usize]) -> Self {
+        let m = &run.measured;
+        let joints = |s: &Option<JointSeries>| columns.iter().map(|&c| of_column(s, c)).collect();
+        let mean = |s: &Option<JointSeries>, from: usize, to: usize| {
+            (from..to).map(|c| of_column(s, c)).sum::<f64>() / (to - from) as f64
+        };
+        Self {
+            position: joints(&m.position),
+            velocity: joints(&m.velocity),
+            torque: joints(&m.torque),
+            gyro: mean(&m.gyro, 0, 3),
+            acceleration: mean(&m.acceleration, 0, 3),
+            // A quaternion holds half of each angle.
+            orientation: 2.0 * mean(&m.orientation, 0, 4),
+            place: mean(&m.base_pose, 0, 3),
+            pose: 2.0 * mean(&m.base_pose, 3, 7),
+        }
+    }
+}
+
+fn of_column(series: &Option<JointSeries>, column: usize) -> f64 {
+    let Some(series) = series.as_ref().filter(|s| s.len() > 8 && column < s.joints) else { return 0.0 };
+    let x: Vec<f64> = series.column(column).collect();
+    let third = |w: &[f64]| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]) / 20f64.sqrt();
+    let mut all: Vec<f64> = x.windows(4).map(third).map(f64::abs).filter(|d| d.is_finite()).collect();
+    if all.is_empty() {
+        return 0.0;
+    }
+    let rms = (all.iter().map(|d| d * d).sum::<f64>() / all.len() as f64).sqrt();
+    all.sort_by(f64::total_cmp);
+    // Coarse steps of an encoder leave most differences at zero: their mean square still tells.
+    let robust = 1.4826 * all[all.len() / 2];
+    if robust > 0.0 { robust } else { rms }
+}
+
+/// A robot to record windows of.
+pub struct Ghost {
+    /// What it is.
+    pub setting: Setting,
+    /// How it is simulated.
+    pub numerics: Numerics,
+    /// Of its noise.
+    pub seed: u64,
+    /// Standard deviation of the height of the ground under each foot, drawn anew for each window \[m\].
+    pub ground_error: f64,
+}
+
+/// Windows recorded of a ghost; `None` where it ran away.
+///
+/// # Errors
+/// When a parameter has a value that means nothing.
+pub fn record(
+    problem: &Problem,
+    windows: &[Window],
+    noise: &Noise,
+    ghosts: &[Ghost],
+) -> Result<Vec<Vec<Option<Window>>>, GapError> {
+    const TOGETHER: usize = 16;
+    let record_chunk = if are_near(problem, windows) { record_chunk::<f32> } else { record_chunk::<f64> };
+    ghosts
+        .iter()
+        .map(|ghost| {
+            let indexed: Vec<(usize, &Window)> = windows.iter().enumerate().collect();
+            let chunks: Vec<Vec<Option<Window>>> = indexed
+                .par_chunks(TOGETHER)
+                .map(|chunk| record_chunk(problem, chunk, noise, ghost))
+                .collect::<Result<_, GapError>>()?;
+            Ok(chunks.into_iter().flatten().collect())
+        })
+        .collect()
+}
+
+fn record_chunk<T: Precision>(
+    problem: &Problem,
+    windows: &[(usize, &Window)],
+    noise: &Noise,
+    ghost: &Ghost,
+) -> Result<Vec<Option<Window>>, GapError> {
+    let numerics = &ghost.numerics;
+    let latency = longest_latency(problem, &ghost.setting);
+    let mut options = numerics.options(latency);
+    options.max_sensor_latency = sensor_latency(problem, &ghost.setting);
+    let mut batch = Batch::<T>::new(problem.model, &problem.terrain, &options, windows.len())?;
+    let mut recorders = Vec::new();
+    for (env, (index, window)) in windows.iter().enumerate() {
+        recorders.push(Recorder::new(problem, &mut batch, env, window, ghost, latency, *index as u64)?);
+    }
+    let ticks = recorders.iter().flatten().map(|r| r.ticks(numerics.timestep)).max().unwrap_or(0);
+    for tick in 0..=ticks {
+        for (env, recorder) in recorders.iter_mut().enumerate() {
+            if let Some(recorder) = recorder {
+                recorder.advance(&mut batch, env, tick, numerics.timestep, noise)?;
+            }
+        }
+        batch.step();
+    }
+    let finish = |(env, recorder): (usize, Option<Recorder>)| {
+        let whole = !batch.is_faulty(env).unwrap_or(true);
+        let view = recorder.filter(|_| whole)?.view;
+        let (start, held_out) = (windows[env].1.start, windows[env].1.held_out);
+        let seen = problem.window(&view, start, held_out)?;
+        Some(Window { moving: windows[env].1.moving, ..seen })
+    };
+    Ok(recorders.into_iter().enumerate().map(finish).collect())
+}
+
+/// Ground that is a little higher or lower under each foot than the simulator's, as larger or smaller feet.
+fn uneven<T: Precision>(
+    problem: &Problem,
+    batch: &mut Batch<T>,
+    env: usize,
+    ghost: &Ghost,
+    stream: u64,
+) -> Result<(), GapError> {
+    if !(problem.free && ghost.ground_error > 0.0) {
+        return Ok(());
+    }
+    let mut random = Random::new(ghost.seed ^ 0x6775_6e64, stream);
+    for &geom in &problem.feet.geoms {
+        let name = format!("geom.{}.radius_offset", problem.model.geoms[geom].name);
+        if let Some(id) = problem.parameter(&name) {
+            let value = problem.value(&ghost.setting, id) + random.normal(ghost.ground_error);
+            batch.set_parameter_at(env, id, value)?;
+        }
+    }
+    Ok(())
+}
+
+fn sensor_latency(problem: &Problem, setting: &Setting) -> f64 {
+    let is_latency = |id: usize| matches!(problem.roles[id], Role::EncoderLatency(_) | Role::PoseDelay);
+    problem.stated.iter().chain(setting).filter(|s| is_latency(s.0)).map(|s| s.1).fold(0.0, f64::max)
+}
+
+/// Writes what the sensors of one environment see.
+struct Recorder {
+    view: Run,
+    commands: Arc<HeldCommands>,
+    from: f64,
+    to: f64,
+    /// Next rows due of the state and pose streams: stamps of the recording.
+    due: [Vec<f64>; 2],
+    next: [usize; 2],
+    random: Random,
+    /// In force.
+    command: Command,
+    /// Stamp of the command after it.
+    until: f64,
+    columns: Vec<usize>,
+    /// A row that is written.
+    row: Vec<f64>,
+}
+
+impl Recorder {
+    fn new<T: Precision>(
+        problem: &Problem,
+        batch: &mut Batch<T>,
+        env: usize,
+        window: &Window,
+        ghost: &Ghost,
+        latency: f64,
+        stream: u64,
+    ) -> Result<Option<Self>, GapError> {
+        let stamps = |s: &Option<JointSeries>| s.as_ref().map_or(Vec::new(), |s| s.time.clone());
+        let due = [stamps(&window.view.measured.position), stamps(&window.view.measured.base_pose)];
+        let first = due[0].first().copied().unwrap_or(window.start);
+        let last = due[0].last().copied().unwrap_or(window.start);
+        let from = (window.start - problem.cut.margin + 0.08).max(first);
+        // On a stamp, so that rows fall on steps.
+        let from = due[0].iter().copied().find(|&t| t >= from).unwrap_or(from);
+        let Ok(starts) = problem.starts(&window.view, problem.sensor_errors(&ghost.setting)) else {
+            return Ok(None);
+        };
+        let Some(state) = starts.at(from) else { return Ok(None) };
+        for (id, value) in problem.acting(&ghost.setting, window.start, window.start + problem.cut.window) {
+            match problem.roles[id] {
+                Role::ForceStart => batch.set_parameter_at(env, id, value - from)?,
+                _ => batch.set_parameter_at(env, id, value)?,
+            }
+        }
+        uneven(problem, batch, env, ghost, stream)?;
+        if let (true, Some(id)) = (problem.free, problem.parameter("terrain.height")) {
+            // The ghost's ground is where its feet are; where the ground is expected is seen through the pose.
+            let touching = crate::rollout::windows::ground_at(problem, &ghost.setting, &state.q);
+            let expected = problem.value(&ghost.setting, id);
+            let mut state = state.clone();
+            state.q[2] += expected - touching;
+            batch.set_parameter_at(env, id, expected)?;
+            batch.set_state(env, &state)?;
+        } else {
+            batch.set_state(env, &state)?;
+        }
+        let commands = window.told.held(problem, window)?;
+        let mut command = Command::default();
+        let dt = ghost.numerics.timestep;
+        for age in (1..=(latency / dt).ceil() as usize).rev() {
+            commands.at(from - age as f64 * dt, dt, &mut command);
+            batch.set_past_command(env, age, &command.view())?;
+        }
+        let next = due.each_ref().map(|d| d.partition_point(|&t| t < from - 1e-9));
+        let mut view = window.view.clone();
+        empty(&mut view);
+        let random = Random::new(ghost.seed, stream);
+        let columns = problem.columns.clone();
+        let (row, until) = (Vec::new(), f64::NEG_INFINITY);
+        Ok(Some(Self { view, commands, from, to: last, due, next, random, command, until, columns, row }))
+    }
+
+    fn ticks(&self, timestep: f64) -> usize {
+        ((self.to - self.from) / timestep).ceil() as usize
+    }
+
+    /// Reads the sensors where a row is due, and gives the next command.
+    fn advance<T: Precision>(
+        &mut self,
+        batch: &mut Batch<T>,
+        env: usize,
+        tick: usize,
+        timestep: f64,
+        noise: &Noise,
+    ) -> Result<(), GapError> {
+        let time = self.from + tick as f64 * timestep;
+        let is_due = |k: usize| self.due[k].get(self.next[k]).is_some_and(|&t| t <= time + 0.5 * timestep);
+        let (state, pose) = (is_due(0), is_due(1));
+        if state || pose {
+            let seen = batch.sensors(env)?;
+            if state {
+                self.next[0] += 1;
+                self.write_state(time, &seen, noise);
+            }
+            if pose {
+                self.next[1] += 1;
+                self.write_pose(time, &seen, noise);
+            }
+        }
+        if time + 0.5 * timestep < self.until {
+            return Ok(());
+        }
+        self.until = self.commands.until(time, timestep);
+        self.commands.at(time, timestep, &mut self.command);
+        batch.set_command(env, &self.command.view())?;
+        Ok(())
+    }
+
+    fn write_state(&mut self, time: f64, seen: &SensorReading, noise: &Noise) {
+        let (random, columns, row) = (&mut self.random, &self.columns, &mut self.row);
+        let mut joints = |series: &mut Option<JointSeries>, values: &[f64], deviations: &[f64]| {
+            if let Some(series) = series {
+                row.clear();
+                row.resize(series.joints, 0.0);
+                for (j, &c) in columns.iter().enumerate() {
+                    row[c] = values[j] + random.normal(deviations[j]);
+                }
+                push(series, time, row);
+            }
+        };
+        let m = &mut self.view.measured;
+        joints(&mut m.position, &seen.q, &noise.position);
+        joints(&mut m.velocity, &seen.dq, &noise.velocity);
+        joints(&mut m.torque, &seen.tau, &noise.torque);
+        let mut vector = |series: &mut Option<JointSeries>, values: [f64; 3], deviation: f64| {
+            if let Some(series) = series {
+                push(series, time, &values.map(|x| x + random.normal(deviation)));
+            }
+        };
+        vector(&mut m.gyro, seen.gyro, noise.gyro);
+        vector(&mut m.acceleration, seen.acc, noise.acceleration);
+        if let Some(series) = &mut m.orientation {
+            push(series, time, &turned(seen.imu_orientation, noise.orientation, random));
+        }
+    }
+
+    fn write_pose(&mut self, time: f64, seen: &SensorReading, noise: &Noise) {
+        let random = &mut self.random;
+        if let Some(series) = &mut self.view.measured.base_pose {
+            let place = seen.base_position.map(|x| x + random.normal(noise.place));
+            let turn = turned(seen.base_orientation, noise.pose, random);
+            push(series, time, &[&place[..], &turn[..]].concat());
+        }
+    }
+}
+
+/// Takes all measured rows out.
+fn empty(view: &mut Run) {
+    let m = &mut view.measured;
+    let all = [
+        &mut m.position,
+        &mut m.velocity,
+        &mut m.torque,
+        &mut m.gyro,
+        &mut m.acceleration,
+        &mut m.orientation,
+        &mut m.base_pose,
+    ];
+    for series in all.into_iter().flatten() {
+        series.time.clear();
+        series.values.clear();
+    }
+    m.foot_force = None;
+}
+
+fn push(series: &mut JointSeries, time: f64, row: &[f64]) {
+    // Two stamps nearer than a step fall on one: the first row stays.
+    if series.time.last().is_none_or(|&last| time > last) {
+        series.time.push(time);
+        series.values.extend_from_slice(row);
+    }
+}
+
+/// A quaternion w, x, y, z turned by noise about each of its axes.
+fn turned(wxyz: [f64; 4], deviation: f64, random: &mut Random) -> [f64; 4] {
+    let by = DVec3::new(random.normal(deviation), random.normal(deviation), random.normal(deviation));
+    let q = DQuat::from_xyzw(wxyz[1], wxyz[2], wxyz[3], wxyz[0]) * DQuat::from_scaled_axis(by);
+    [q.w, q.x, q.y, q.z]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn noisy(deviation: f64, step: f64) -> Option<JointSeries> {
+        let mut random = Random::new(3, 0);
+        let time: Vec<f64> = (0..4000).map(|k| 0.002 * k as f64).collect();
+        let value = |t: &f64| (5.0 * t).sin() + random.normal(deviation);
+        let values: Vec<f64> = time.iter().map(value).collect();
+        let values = values.into_iter().map(|x| if step > 0.0 { (x / step).round() * step } else { x }).collect();
+        Some(JointSeries { time, values, joints: 1 })
+    }
+
+    #[test]
+    fn noise_is_told_from_motion() {
+        assert!((of_column(&noisy(0.01, 0.0), 0) - 0.01).abs() < 0.001);
+        assert!(of_column(&noisy(0.0, 0.0), 0) < 1e-6);
+        // An encoder with steps of 5 mrad and no noise.
+        let coarse = of_column(&noisy(0.0, 0.005), 0);
+        assert!((0.0003..0.004).contains(&coarse), "{coarse}");
+        assert_eq!(of_column(&None, 0), 0.0);
+    }
+}

@@ -1,0 +1,420 @@
+//! The library spelt out for one robot: what can be moved, in which groups, and at which values the simulator is asked.
+
+use crate::GapError;
+use crate::problem::library::{Effect, LevelsOf, Scope};
+use crate::problem::{Problem, Setting};
+use qv_replay::Run;
+use serde::{Deserialize, Serialize};
+
+/// Share of a robot's mass by which masses are tolerated to differ, at most.
+const MASS_TOLERANCE: f64 = 0.02;
+/// Share of a range that is searched beyond either end of it.
+const MARGIN: f64 = 0.08;
+
+/// One axis of one member of an effect: the smallest thing that can be moved.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unit {
+    /// Index in the library.
+    pub effect: usize,
+    /// Index of the axis.
+    pub axis: usize,
+    /// Index of the member, such as a joint.
+    pub member: usize,
+    /// Parameters that it moves and by which factor.
+    pub moves: Vec<(usize, f64)>,
+    /// Value when the effect is absent; not finite for a limit that is not there.
+    pub absent: f64,
+}
+
+/// A unit at a value: a column of the sensitivities is the change that this makes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Column {
+    /// Index of the unit.
+    pub unit: usize,
+    /// Which of its levels.
+    pub level: usize,
+    /// The value.
+    pub value: f64,
+    /// Spread of the tolerated deviations, as a share of the step from absent to `value`; 0 = none tolerated.
+    pub tolerance: f64,
+}
+
+/// Members that an effect moves together.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Group {
+    /// Index in the library.
+    pub effect: usize,
+    /// Names in reports: `all`, or of joints, legs, feet.
+    pub names: Vec<String>,
+    /// Indices of the members.
+    pub members: Vec<usize>,
+}
+
+/// The library for one robot.
+pub struct Columns {
+    /// Effects that this robot can have.
+    pub effects: Vec<Effect>,
+    /// All units.
+    pub units: Vec<Unit>,
+    /// All columns; those with a tolerance first.
+    pub columns: Vec<Column>,
+    /// Number of columns with a tolerance.
+    pub tolerated: usize,
+    /// All groups.
+    pub groups: Vec<Group>,
+}
+
+/// A part of the recording that an effect is confined to.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Extent {
+    /// From and until \[s\].
+    Time([f64; 2]),
+    /// x from and to, y from and to \[m\].
+    Region([f64; 4]),
+}
+
+impl Extent {
+    /// Its numbers.
+    pub fn numbers(&self) -> Vec<f64> {
+        match self {
+            Self::Time(t) => t.to_vec(),
+            Self::Region(r) => r.to_vec(),
+        }
+    }
+
+    /// The same kind with other numbers.
+    pub fn with(&self, numbers: &[f64]) -> Self {
+        match self {
+            Self::Time(_) => Self::Time([numbers[0], numbers[1]]),
+            Self::Region(_) => Self::Region([numbers[0], numbers[1], numbers[2], numbers[3]]),
+        }
+    }
+
+    /// Whether it has an inside.
+    pub fn is_open(&self) -> bool {
+        match self {
+            Self::Time(t) => t[1] - t[0] > 0.02,
+            Self::Region(r) => r[1] - r[0] > 0.05 && r[3] - r[2] > 0.05,
+        }
+    }
+}
+
+/// A value for every axis of a group.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Suspect {
+    /// Index of the group.
+    pub group: usize,
+    /// Value of each axis.
+    pub values: Vec<f64>,
+    /// What it is confined to.
+    pub extent: Option<Extent>,
+}
+
+impl Suspect {
+    /// An effect that acts everywhere and always.
+    pub fn everywhere(group: usize, values: Vec<f64>) -> Self {
+        Self { group, values, extent: None }
+    }
+}
+
+impl Columns {
+    /// Spells out `library` for a robot. Effects whose parameters this robot lacks are left out.
+    ///
+    /// # Errors
+    /// When an effect names a parameter that the simulator does not have for any robot of this kind.
+    pub fn new(problem: &Problem, run: &Run, library: &[Effect]) -> Result<Self, GapError> {
+        let mut all =
+            Self { effects: Vec::new(), units: Vec::new(), columns: Vec::new(), tolerated: 0, groups: Vec::new() };
+        for effect in library {
+            let members = members(problem, effect);
+            if members.is_empty() || !is_observable(problem, effect) {
+                continue;
+            }
+            all.add(problem, run, effect, &members)?;
+        }
+        all.columns.sort_by_key(|c| c.tolerance == 0.0);
+        all.tolerated = all.columns.iter().filter(|c| c.tolerance > 0.0).count();
+        Ok(all)
+    }
+
+    fn add(&mut self, problem: &Problem, run: &Run, effect: &Effect, members: &[String]) -> Result<(), GapError> {
+        let index = self.effects.len();
+        let effect = &of_robot(problem, effect, members);
+        for (member, name) in members.iter().enumerate() {
+            for (axis, a) in effect.axes.iter().enumerate() {
+                let mut moves = Vec::new();
+                for (pattern, factor) in &a.moves {
+                    let parameter = spell(pattern, name);
+                    let unknown = || GapError::Library {
+                        file: effect.file.clone(),
+                        expected: format!("a parameter of the simulator in effect `{}`", effect.name),
+                        found: format!("`{parameter}`"),
+                    };
+                    let id = problem.parameter(&parameter).ok_or_else(unknown)?;
+                    moves.push((id, *factor));
+                }
+                let absent = if effect.absolute { problem.nominal[moves[0].0] / moves[0].1 } else { 0.0 };
+                let absent = if effect.levels_of.is_some() { f64::INFINITY } else { absent };
+                let scale = largest(problem, run, effect.levels_of, member);
+                let unit = self.units.len();
+                self.units.push(Unit { effect: index, axis, member, moves, absent });
+                for (level, share) in effect.levels.iter().enumerate().filter(|_| scale > 0.0) {
+                    let value = share * scale;
+                    let step = if absent.is_finite() { (value - absent).abs() } else { 1.0 };
+                    let tolerance = if level == 0 { effect.tolerance / step } else { 0.0 };
+                    if step > 0.0 {
+                        self.columns.push(Column { unit, level, value, tolerance });
+                    }
+                }
+            }
+        }
+        self.groups.extend(groups(problem, index, effect.scope, members));
+        self.effects.push(Effect { range: self.meaningful(problem, index, effect), ..effect.clone() });
+        Ok(())
+    }
+
+    /// The effect's range with a margin, since a true value may lie at its very end, and without what means nothing for
+    /// this robot, such as taking away more than a link weighs.
+    fn meaningful(&self, problem: &Problem, index: usize, effect: &Effect) -> [f64; 2] {
+        let mut range = effect.range;
+        let absent = self.units.iter().find(|u| u.effect == index).map_or(0.0, |u| u.absent);
+        let margin = MARGIN * effect.span();
+        if range[0] != absent && !effect.absolute {
+            range[0] -= margin;
+        }
+        if range[1] != absent {
+            range[1] += margin;
+        }
+        for unit in self.units.iter().filter(|u| u.effect == index && !effect.absolute) {
+            for &(id, factor) in &unit.moves {
+                let (info, nominal) = (&problem.catalogue[id], problem.nominal[id]);
+                if factor > 0.0 && info.range.0 < nominal {
+                    // As far beyond that end as beyond the others.
+                    let least = info.clamped(nominal + (1.0 + 2.0 * MARGIN) * (info.range.0 - nominal));
+                    range[0] = range[0].max((least - nominal) / factor);
+                }
+            }
+        }
+        range
+    }
+
+    /// Looks whether every level, and the ends of absolute ranges, give parameters of this robot values that mean something.
+    ///
+    /// # Errors
+    /// Names the first that does not, and its file.
+    pub fn check(&self, problem: &Problem) -> Result<(), GapError> {
+        for unit in &self.units {
+            let effect = &self.effects[unit.effect];
+            let levels = self.columns.iter().filter(|c| self.units[c.unit] == *unit).map(|c| c.value);
+            let ends = effect.range.into_iter().filter(|_| effect.absolute);
+            for (value, &(id, factor)) in levels.chain(ends).flat_map(|v| unit.moves.iter().map(move |m| (v, m))) {
+                let info = &problem.catalogue[id];
+                let moved = if effect.absolute { factor * value } else { problem.nominal[id] + factor * value };
+                if info.clamped(moved) != moved {
+                    return Err(GapError::Library {
+                        file: effect.file.clone(),
+                        expected: format!(
+                            "values of effect `{}` that leave `{}` at least {}",
+                            effect.name,
+                            info.name,
+                            info.clamped(moved)
+                        ),
+                        found: format!("{value}, which makes it {moved}"),
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Units of a group along an axis.
+    pub fn units_of(&self, group: &Group, axis: usize) -> impl Iterator<Item = usize> + '_ {
+        let (effect, members) = (group.effect, group.members.clone());
+        (0..self.units.len()).filter(move |&u| {
+            let unit = &self.units[u];
+            unit.effect == effect && unit.axis == axis && members.contains(&unit.member)
+        })
+    }
+
+    /// The column of a unit at a level.
+    pub fn column(&self, unit: usize, level: usize) -> Option<usize> {
+        self.columns.iter().position(|c| c.unit == unit && c.level == level)
+    }
+
+    /// The setting in which units have values.
+    pub fn setting(&self, problem: &Problem, values: &[(usize, f64)]) -> Setting {
+        let mut setting: std::collections::BTreeMap<usize, f64> = std::collections::BTreeMap::new();
+        for &(unit, value) in values {
+            let absolute = self.effects[self.units[unit].effect].absolute;
+            for &(id, factor) in &self.units[unit].moves {
+                let before = setting.get(&id).copied().unwrap_or(problem.nominal[id]);
+                let after = if absolute { factor * value } else { before + factor * value };
+                setting.insert(id, problem.catalogue[id].clamped(after));
+            }
+        }
+        setting.into_iter().collect()
+    }
+
+    /// The setting in which suspects have their values.
+    pub fn setting_of(&self, problem: &Problem, suspects: &[Suspect]) -> Setting {
+        self.setting_beside(problem, &[], suspects)
+    }
+
+    /// The same for a robot some of whose units deviate already.
+    pub fn setting_beside(&self, problem: &Problem, deviant: &[(usize, f64)], suspects: &[Suspect]) -> Setting {
+        let mut units = deviant.to_vec();
+        let mut fixed: Vec<(String, f64)> = Vec::new();
+        for suspect in suspects {
+            let group = &self.groups[suspect.group];
+            if let Some(Extent::Region([x0, x1, y0, y1])) = suspect.extent {
+                // Nowhere: a patch that is given stays.
+                if [x0, x1, y0, y1] == [0.0; 4] {
+                    continue;
+                }
+                let of_patch =
+                    [("x_min", x0), ("x_max", x1), ("y_min", y0), ("y_max", y1), ("friction", suspect.values[0])];
+                fixed.extend(of_patch.map(|(name, value)| (format!("terrain.patch.{name}"), value)));
+                continue;
+            }
+            if let Some(Extent::Time([from, until])) = suspect.extent {
+                fixed.push(("external.start".into(), from));
+                fixed.push(("external.duration".into(), (until - from).max(0.0)));
+            }
+            for (axis, &value) in suspect.values.iter().enumerate() {
+                units.extend(self.units_of(group, axis).map(|u| (u, value)));
+            }
+        }
+        let mut setting = self.setting(problem, &units);
+        for (name, value) in fixed {
+            if let Some(id) = problem.parameter(&name) {
+                setting.retain(|s| s.0 != id);
+                setting.push((id, problem.catalogue[id].clamped(value)));
+            }
+        }
+        setting.sort_by_key(|s| s.0);
+        setting
+    }
+}
+
+/// The effect as it is for a robot of this weight: tolerances of masses are those of a robot that walks, at most a share of what this one
+/// weighs, and so small that three of them lie within the parameter's range: the jaw of an arm may weigh less than a leg is off by.
+fn of_robot(problem: &Problem, effect: &Effect, members: &[String]) -> Effect {
+    if effect.unit != "kg" {
+        return effect.clone();
+    }
+    let weight: f64 = problem.model.links.iter().map(|l| l.mass).sum();
+    let moved = members.iter().flat_map(|name| {
+        effect.axes.iter().flat_map(|a| &a.moves).filter_map(|(pattern, factor)| {
+            let id = problem.parameter(&spell(pattern, name))?;
+            let room = (problem.nominal[id] - problem.catalogue[id].range.0) / factor.abs();
+            (room > 0.0).then_some(room / 3.0)
+        })
+    });
+    let tolerance = moved.fold(effect.tolerance.min(MASS_TOLERANCE * weight), f64::min);
+    Effect { tolerance, ..effect.clone() }
+}
+
+/// Names of what an effect acts on.
+fn members(problem: &Problem, effect: &Effect) -> Vec<String> {
+    let model = problem.model;
+    match effect.scope {
+        Scope::Joints => model.joint_names().to_vec(),
+        Scope::Links => model.links.iter().filter(|l| l.mass > 0.0).map(|l| l.name.clone()).collect(),
+        Scope::Base if problem.free => vec![model.links[0].name.clone()],
+        Scope::Base => model.links.iter().map(|l| l.name.clone()).collect(),
+        Scope::Feet => problem.feet.geoms.iter().map(|&g| model.geoms[g].name.clone()).collect(),
+        Scope::Ground if problem.terrain.is_none() => Vec::new(),
+        Scope::Ground if problem.terrain.materials().is_empty() => vec!["contact".into()],
+        Scope::Ground => problem.terrain.materials().iter().map(|(name, _)| format!("material.{name}")).collect(),
+        Scope::World => vec!["all".into()],
+    }
+}
+
+/// Whether anything measured could show an effect: one that only moves the base, contacts or sensors of a free robot has
+/// no meaning for a robot that is held.
+fn is_observable(problem: &Problem, effect: &Effect) -> bool {
+    let moves = |prefix: &str| effect.axes.iter().flat_map(|a| a.moves.keys()).any(|p| p.starts_with(prefix));
+    let of_base = ["external.", "sensor.imu", "sensor.pose", "sensor.foot"];
+    let of_ground = ["contact.", "terrain.", "geom.", "material."];
+    if !problem.free && of_base.iter().any(|p| moves(p)) {
+        return false;
+    }
+    // Without poses nobody says how late they are, and how high the ground lies.
+    if problem.on_legs && ["sensor.pose", "terrain.height"].iter().any(|p| moves(p)) {
+        return false;
+    }
+    if problem.terrain.is_none() && of_ground.iter().any(|p| moves(p)) {
+        return false;
+    }
+    // The scale of the torque sensor shows in the torque alone.
+    !effect.axes.iter().flat_map(|a| a.moves.keys()).all(|p| p.ends_with(".torque_scale"))
+        || !problem.law_joints.is_empty()
+}
+
+fn spell(pattern: &str, member: &str) -> String {
+    ["{joint}", "{link}", "{base}", "{foot}", "{ground}"]
+        .iter()
+        .fold(pattern.to_string(), |p, slot| p.replace(slot, member))
+}
+
+/// What levels are shares of: 1 when they are none.
+fn largest(problem: &Problem, run: &Run, of: Option<LevelsOf>, joint: usize) -> f64 {
+    let column = problem.columns.get(joint).copied().unwrap_or(0);
+    let series = match of {
+        None => return 1.0,
+        Some(LevelsOf::Torque) => run.measured.torque.as_ref(),
+        Some(LevelsOf::Speed) => run.measured.velocity.as_ref(),
+    };
+    let Some(series) = series else { return 0.0 };
+    let mut all: Vec<f64> = series.column(column).map(f64::abs).filter(|x| x.is_finite()).collect();
+    all.sort_by(f64::total_cmp);
+    // A single outlier is no torque that the motor had.
+    all.get(all.len().saturating_sub(1 + all.len() / 500)).copied().unwrap_or(0.0)
+}
+
+fn groups(problem: &Problem, effect: usize, scope: Scope, members: &[String]) -> Vec<Group> {
+    let group = |names: Vec<String>, members: Vec<usize>| Group { effect, names, members };
+    let all = group(vec!["all".into()], (0..members.len()).collect());
+    if members.len() == 1 {
+        return vec![all];
+    }
+    let singles = members.iter().enumerate().map(|(m, name)| group(vec![name.clone()], vec![m]));
+    match scope {
+        Scope::Base => singles.collect(),
+        Scope::Joints | Scope::Links => {
+            let mut sets: Vec<Group> = vec![all];
+            for kind in kinds(problem, members) {
+                sets.push(group(kind.iter().map(|&m| members[m].clone()).collect(), kind));
+            }
+            for foot in &problem.feet.names {
+                let of_leg: Vec<usize> =
+                    (0..members.len()).filter(|&m| leg_of(problem, &members[m]) == Some(foot)).collect();
+                if of_leg.len() > 1 {
+                    sets.push(group(vec![foot.clone()], of_leg));
+                }
+            }
+            sets.extend(singles);
+            sets
+        }
+        _ => std::iter::once(all).chain(singles).collect(),
+    }
+}
+
+/// Leg whose name the member's begins with.
+fn leg_of<'a>(problem: &'a Problem, member: &str) -> Option<&'a String> {
+    problem.feet.names.iter().find(|foot| member.strip_prefix(foot.as_str()).is_some_and(|rest| rest.starts_with('_')))
+}
+
+/// Members of the same name on different legs.
+fn kinds(problem: &Problem, members: &[String]) -> Vec<Vec<usize>> {
+    let mut kinds: Vec<(&str, Vec<usize>)> = Vec::new();
+    for (m, name) in members.iter().enumerate() {
+        let Some(kind) = leg_of(problem, name).and_then(|leg| name.strip_prefix(leg.as_str())) else { continue };
+        match kinds.iter_mut().find(|(k, _)| *k == kind) {
+            Some((_, of_kind)) => of_kind.push(m),
+            None => kinds.push((kind, vec![m])),
+        }
+    }
+    kinds.into_iter().map(|(_, of_kind)| of_kind).filter(|k| k.len() > 1 && k.len() < members.len()).collect()
+}

@@ -1,0 +1,197 @@
+//! Where the gap lies: its shares by joint, leg, phase, time and place, and by interface.
+
+use crate::GapError;
+use crate::inference::linear_scores::{by_effect, of_ghosts};
+use crate::inference::local::place;
+use crate::inference::regions::REACH;
+use crate::inference::regions::never_left;
+use crate::inference::search::{Search, fitted};
+use crate::inference::short_windows::feet;
+use crate::inference::study::{Seen, Study};
+use crate::problem::columns::{Extent, Suspect};
+use crate::problem::features::{self, Channel};
+use crate::problem::library::Interface;
+use crate::report::{JointShare, RegionShare, Share, TimeShare, Where};
+use crate::rollout::law;
+use qv_sim::Shape;
+
+/// A foot this near to the ground counts as standing on it \[m\].
+const ON_THE_GROUND: f64 = 0.006;
+/// Edge of a cell of the floor \[m\].
+const CELL: f64 = 0.5;
+/// Share of the gap from which a cell is told.
+const WORTH_TELLING: f64 = 0.08;
+
+/// Shares of the nominal simulator's gap. Interfaces and found regions are filled in later.
+pub fn places(study: &Study) -> Where {
+    let problem = &study.problem;
+    let names = problem.model.joint_names();
+    let bins = problem.cut.bins();
+    let mut joints = vec![0.0; names.len()];
+    let mut squares = vec![(0.0, 0usize); names.len()];
+    let mut phases = [0.0; 3];
+    let mut times = Vec::new();
+    for seen in &study.seen {
+        let separate = study.whitener(seen).separate(seen.index, &seen.raw);
+        let phase = phases_of(study, seen);
+        let (mut first, mut total) = (0, 0.0);
+        for &channel in &problem.channels {
+            let width = features::width(channel, bins);
+            for k in 0..width {
+                // What noise alone gives is no gap.
+                let excess = (separate.motion[first + k].powi(2) - 1.0).max(0.0);
+                total += excess;
+                let Some(j) = channel.joint() else { continue };
+                joints[j] += excess;
+                if let (Some(foot), Some(phase)) = (problem.feet.of_joint[j], &phase) {
+                    phases[phase[foot][k]] += excess;
+                }
+                if matches!(channel, Channel::Position(_)) {
+                    squares[j].0 += seen.raw.motion[first + k].powi(2);
+                    squares[j].1 += 1;
+                }
+            }
+            first += width;
+        }
+        let of_law = law::bins(problem);
+        for (i, x) in separate.law.iter().enumerate() {
+            let excess = (x * x - 1.0).max(0.0) * bins as f64 / of_law as f64;
+            joints[problem.law_joints[i / of_law]] += excess;
+            total += excess;
+        }
+        let start = seen.window.start;
+        times.push(TimeShare { start, end: start + problem.cut.window, share: total });
+    }
+    let all: f64 = joints.iter().sum::<f64>().max(1e-300);
+    let legs = problem.feet.names.iter().enumerate().map(|(foot, name)| {
+        let of_leg = problem.feet.of_joint.iter().zip(&joints).filter(|(f, _)| **f == Some(foot));
+        Share { name: name.clone(), share: of_leg.map(|(_, e)| e / all).sum() }
+    });
+    let legs = legs.collect();
+    let of_joint = |(j, name): (usize, &String)| JointShare {
+        name: name.clone(),
+        share: joints[j] / all,
+        pos_rms: (squares[j].0 / squares[j].1.max(1) as f64).sqrt(),
+    };
+    let in_phases = phases.iter().sum::<f64>().max(1e-300);
+    let phases = if problem.feet.names.is_empty() || !problem.free {
+        Vec::new()
+    } else {
+        ["stance", "swing", "impact"]
+            .iter()
+            .zip(phases)
+            .map(|(name, e)| Share { name: (*name).into(), share: e / in_phases })
+            .collect()
+    };
+    let in_time = times.iter().map(|t| t.share).sum::<f64>().max(1e-300);
+    times.iter_mut().for_each(|t| t.share /= in_time);
+    Where {
+        interfaces: Vec::new(),
+        joints: names.iter().enumerate().map(of_joint).collect(),
+        legs,
+        phases,
+        times,
+        regions: Vec::new(),
+    }
+}
+
+/// Stance 0, swing 1 or impact 2 of each foot in each bin; `None` for a robot without feet on a ground.
+fn phases_of(study: &Study, seen: &Seen) -> Option<Vec<Vec<usize>>> {
+    let problem = &study.problem;
+    if !problem.free || problem.feet.geoms.is_empty() {
+        return None;
+    }
+    let starts = problem.starts(&seen.window.view, Default::default()).ok()?;
+    let bins = problem.cut.bins();
+    let heights: Vec<Option<Vec<f64>>> = (0..=bins)
+        .map(|b| {
+            let state = starts.at(seen.window.start + b as f64 * problem.cut.bin)?;
+            let poses = problem.model.world_from_links(&state.q);
+            let height = |g: &usize| {
+                let geom = &problem.model.geoms[*g];
+                let centre = poses[geom.link].transform_point(geom.link_from_geom.position);
+                let radius = if let Shape::Sphere(r) = geom.shape { r } else { 0.0 };
+                let ground = problem.terrain.height_below(centre.x, centre.y, centre.z + 1.0).unwrap_or(0.0);
+                centre.z - radius - ground
+            };
+            Some(problem.feet.geoms.iter().map(height).collect())
+        })
+        .collect();
+    let lowest = heights.iter().flatten().flatten().copied().fold(f64::INFINITY, f64::min);
+    let stands = |b: usize, foot: usize| heights[b].as_ref().is_none_or(|h| h[foot] < lowest + ON_THE_GROUND);
+    let of_foot = |foot: usize| {
+        let phase = |b: usize| match (stands(b, foot), stands(b + 1, foot)) {
+            (true, true) => 0,
+            (false, false) => 1,
+            _ => 2,
+        };
+        (0..bins).map(phase).collect()
+    };
+    Some((0..problem.feet.geoms.len()).map(of_foot).collect())
+}
+
+/// Shares of the log evidence for each interface: that of its likeliest effect by one linear step, beyond what that effect has in the
+/// median recording without one (contacts of another engine have much in nearly all).
+///
+/// # Errors
+/// When the normal equations are no good.
+pub fn interfaces(study: &mut Study) -> Result<Vec<(Interface, f64)>, GapError> {
+    let search = Search::new(study, 1.0)?;
+    let here = by_effect(&search, &search.study.nominal(fitted));
+    let ghosts = of_ghosts(&search);
+    let usual = |effect: usize| {
+        let mut of_effect: Vec<f64> = ghosts.iter().map(|g| g[effect].max(0.0)).collect();
+        of_effect.sort_by(f64::total_cmp);
+        of_effect.get(of_effect.len() / 2).copied().unwrap_or(0.0)
+    };
+    let effects = &search.study.columns.effects;
+    let gain = |interface: Interface| {
+        let of_interface = (0..effects.len()).filter(|&e| effects[e].interface == interface);
+        of_interface.map(|e| here[e] - usual(e)).fold(0.0, f64::max)
+    };
+    let gains = Interface::ALL.map(|i| (i, gain(i)));
+    let total: f64 = gains.iter().map(|g| g.1).sum();
+    Ok(gains.map(|(i, g)| (i, if total > 0.0 { g / total } else { 0.25 })).to_vec())
+}
+
+/// A suspect without its region if the robot never left that: it is all the ground there is.
+pub fn as_told(study: &Study, suspect: &Suspect) -> Suspect {
+    let is_all = matches!(suspect.extent, Some(Extent::Region(r)) if never_left(study, &feet(study), r));
+    Suspect { extent: suspect.extent.filter(|_| !is_all), ..suspect.clone() }
+}
+
+/// Regions that were found, and cells of the floor with more than their share.
+pub fn regions(study: &Study, found: impl Iterator<Item = Extent>) -> Vec<RegionShare> {
+    let level = |seen: &Seen| (seen.residual.norm_squared() / seen.residual.len() as f64 - study.floor).max(0.0);
+    let points: Vec<([f64; 2], f64)> = study.seen.iter().map(|s| (place(&s.window), level(s))).collect();
+    let total: f64 = points.iter().map(|p| p.1).sum::<f64>().max(1e-300);
+    // Feet stand away from the trunk, whose places these are.
+    let share = |x: [f64; 2], y: [f64; 2], reach: f64| {
+        let is_in = |at: f64, [low, high]: [f64; 2]| (low - reach..high + reach).contains(&at);
+        let inside = |p: &[f64; 2]| is_in(p[0], x) && is_in(p[1], y);
+        points.iter().filter(|(p, _)| inside(p)).map(|p| p.1).sum::<f64>() / total
+    };
+    let mut all: Vec<RegionShare> = Vec::new();
+    for extent in found {
+        if let Extent::Region([x0, x1, y0, y1]) = extent {
+            all.push(RegionShare {
+                name: "found".into(),
+                x: [x0, x1],
+                y: [y0, y1],
+                share: share([x0, x1], [y0, y1], REACH),
+            });
+        }
+    }
+    let mut cells: Vec<[i64; 2]> =
+        points.iter().filter(|(p, _)| p[0].is_finite()).map(|(p, _)| p.map(|c| (c / CELL).floor() as i64)).collect();
+    cells.sort_unstable();
+    cells.dedup();
+    for [i, j] in cells {
+        let edge = |k: i64| [k as f64 * CELL, (k + 1) as f64 * CELL];
+        let of_cell = share(edge(i), edge(j), 0.0);
+        if of_cell > WORTH_TELLING {
+            all.push(RegionShare { name: format!("cell {i}, {j}"), x: edge(i), y: edge(j), share: of_cell });
+        }
+    }
+    all
+}

@@ -1,0 +1,260 @@
+//! What a diagnosis found, as plain data: `report.json` is this, field by field.
+
+pub(crate) mod attribution;
+pub(crate) mod figures;
+pub(crate) mod leads;
+pub(crate) mod narrative;
+pub(crate) mod residual_factors;
+
+use crate::decision::Policy;
+pub use crate::findings::{Correction, Gap, ParameterEstimate, Ranked, UNKNOWN, Verdict};
+use crate::visual::Sight;
+use serde::Serialize;
+
+/// The format's name in `report.json`.
+pub const FORMAT: &str = "qv-diagnosis/1";
+/// A named share.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Share {
+    /// Of what.
+    pub name: String,
+    /// 0 to 1.
+    pub share: f64,
+}
+
+/// A joint's share.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct JointShare {
+    /// Joint.
+    pub name: String,
+    /// 0 to 1.
+    pub share: f64,
+    /// Root mean square error of its position in the windows \[rad\].
+    pub pos_rms: f64,
+}
+
+/// A stretch of time's share.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TimeShare {
+    /// \[s\]
+    pub start: f64,
+    /// \[s\]
+    pub end: f64,
+    /// 0 to 1.
+    pub share: f64,
+}
+
+/// A part of the floor's share.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RegionShare {
+    /// Name.
+    pub name: String,
+    /// \[m\]
+    pub x: [f64; 2],
+    /// \[m\]
+    pub y: [f64; 2],
+    /// 0 to 1.
+    pub share: f64,
+}
+
+/// Where the gap lies.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Where {
+    /// actuator, contact, inertial, sensing, visual.
+    pub interfaces: Vec<Share>,
+    /// By joint.
+    pub joints: Vec<JointShare>,
+    /// By leg.
+    pub legs: Vec<Share>,
+    /// stance, swing, impact.
+    pub phases: Vec<Share>,
+    /// By window.
+    pub times: Vec<TimeShare>,
+    /// By place.
+    pub regions: Vec<RegionShare>,
+}
+
+/// An effect that is accused.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Cause {
+    /// Name.
+    pub effect: String,
+    /// Probability that it is there, by what is known of the effects of the library and `unknown`. Several can be there at once: where more
+    /// than one is accused they do not sum to 1.
+    pub probability: f64,
+    /// `all`, or joints, legs, feet, a region.
+    pub scope: Vec<String>,
+    /// Its size.
+    pub parameters: Vec<ParameterEstimate>,
+    /// Share of the gap that it closes alone, in windows that no fit has seen; of a part of the floor where feet slip, share of what pieces of
+    /// 0.1 s have more there than elsewhere.
+    pub closed_alone: f64,
+    /// Effects that would look alike in this recording.
+    pub confusable_with: Vec<String>,
+    /// What would tell them apart.
+    pub separating_experiment: String,
+}
+
+/// What the remaining error goes along with.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Factor {
+    /// What.
+    pub factor: String,
+    /// Share of the remaining torque's variance that it foretells in windows that it was not fitted to.
+    pub r2_heldout: f64,
+}
+
+/// What a gap that nothing explains looks most like.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Lead {
+    /// Effects that this recording cannot tell apart, the one that closes most first.
+    pub effects: Vec<String>,
+    /// `all`, or joints, legs, feet, for the first of them.
+    pub scope: Vec<String>,
+    /// Size of the first.
+    pub parameters: Vec<ParameterEstimate>,
+    /// Share of the gap that the first closes in windows that no fit has seen.
+    pub closed: f64,
+    /// Its interval.
+    pub closed_ci95: [f64; 2],
+    /// Root mean square error of joint positions in these windows before and with it \[rad\].
+    pub joint_rms: [f64; 2],
+    /// What would tell them apart.
+    pub separating_experiment: String,
+}
+
+/// A round of the search: what it began with, and what it made of each effect.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RoundTold {
+    /// Loss over that of the null before the round, tolerated deviations at their best.
+    pub level: f64,
+    /// The best of each effect, likeliest first.
+    pub suspects: Vec<SuspectTold>,
+    /// Accused in this round.
+    pub accused: Vec<String>,
+    /// Why the best was not accused; empty if it was.
+    pub reason: String,
+}
+
+/// An effect at its best in a round.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SuspectTold {
+    /// Name.
+    pub effect: String,
+    /// `all`, or joints, legs, feet, a region.
+    pub scope: Vec<String>,
+    /// Its size.
+    pub parameters: Vec<ParameterEstimate>,
+    /// Log evidence over that of nothing more, tempered.
+    pub log_evidence: f64,
+    /// Share of the excess over the null that it takes away.
+    pub share: f64,
+}
+
+/// What is left.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Unexplained {
+    /// Share of the gap.
+    pub share: f64,
+    /// On what it depends.
+    pub depends_on: Vec<Factor>,
+}
+
+/// Joints by time: error of positions \[rad\] in each window.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct HeatMap {
+    /// Joints.
+    pub joints: Vec<String>,
+    /// Start of each window \[s\].
+    pub times: Vec<f64>,
+    /// Root mean square error before, shape `[joints][times]` \[rad\].
+    pub before: Vec<Vec<f64>>,
+    /// After.
+    pub after: Vec<Vec<f64>>,
+}
+
+/// The robot's place in a window, and the gap there in units of the null.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FloorPoint {
+    /// \[m\]
+    pub x: f64,
+    /// \[m\]
+    pub y: f64,
+    /// Before.
+    pub before: f64,
+    /// After.
+    pub after: f64,
+}
+
+/// A joint in a window that no fit has seen: measured, and simulated before and after.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Curve {
+    /// Joint.
+    pub joint: String,
+    /// \[s\]
+    pub time: Vec<f64>,
+    /// \[rad\]
+    pub measured: Vec<f64>,
+    /// \[rad\]
+    pub before: Vec<f64>,
+    /// \[rad\]
+    pub after: Vec<f64>,
+}
+
+/// A stage and what it took.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Stage {
+    /// Name.
+    pub name: String,
+    /// Wall clock \[s\]; 0 when the caller gave no clock.
+    pub seconds: f64,
+    /// Simulated steps.
+    pub steps: usize,
+}
+
+/// A diagnosis.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// [`FORMAT`].
+    pub format: String,
+    /// The outcome.
+    pub verdict: Verdict,
+    /// The outcome in a sentence.
+    pub sentence: String,
+    /// How large.
+    pub gap: Gap,
+    /// Where.
+    #[serde(rename = "where")]
+    pub place: Where,
+    /// What is accused, best first.
+    pub causes: Vec<Cause>,
+    /// All that was considered, best first, `unknown` among them.
+    pub ranking: Vec<Ranked>,
+    /// Where to look when nothing is accused; no accusation.
+    pub leads: Vec<Lead>,
+    /// How the causes were found, round by round.
+    pub rounds: Vec<RoundTold>,
+    /// What the camera says, when there are images and a scene.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub visual: Option<Sight>,
+    /// What is left.
+    pub unexplained: Unexplained,
+    /// What cannot be told from this recording, and why.
+    pub cannot_tell: Vec<String>,
+    /// What to do next.
+    pub next: Vec<String>,
+    /// The parameters with the causes.
+    pub corrections: Vec<Correction>,
+    /// Error by joint and time.
+    pub heat_map: HeatMap,
+    /// Gap by place.
+    pub floor_plan: Vec<FloorPoint>,
+    /// Examples.
+    pub curves: Vec<Curve>,
+    /// Where the time went.
+    pub stages: Vec<Stage>,
+    /// Seconds in all.
+    pub runtime_s: f64,
+    /// The numbers that decided.
+    pub policy: Policy,
+}

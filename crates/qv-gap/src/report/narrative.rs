@@ -1,0 +1,590 @@
+//! What a diagnosis says in words: what it cannot tell and why, the verdict, what to do next.
+
+use crate::decision::evidence::{Candidate, Round};
+use crate::inference::regions::{EDGES, untested};
+use crate::inference::search::{direction, fitted};
+use crate::inference::short_windows::feet;
+use crate::inference::study::Study;
+use crate::problem::columns::Suspect;
+use crate::problem::features::{rotation_at, snippet};
+use crate::problem::library::Effect;
+use crate::report::{Cause, Gap, Lead, ParameterEstimate, Ranked, RoundTold, SuspectTold, UNKNOWN, Verdict};
+use qv_replay::Run;
+use qv_replay::run::FaultKind;
+
+/// Cosine of the angle between sensitivities from which effects count as alike.
+const ALIKE: f64 = 0.75;
+/// A trunk tilted by more than this lies on the ground \[rad\].
+const FALLEN: f64 = 1.0;
+
+/// Samples on end whose lack is told.
+const MANY: usize = 50;
+
+/// What is broken in the recordings; `mended` are the same without what stood still for a part of the time.
+pub fn faults(runs: &[Run], mended: &[Run]) -> Vec<String> {
+    let lost = runs.iter().flat_map(|r| &r.lost).map(|loss| format!("lost of {}: {}", loss.file, loss.what));
+    let mut told: Vec<String> = lost.collect();
+    let both = runs.iter().zip(mended).flat_map(|(run, mended)| run.faults.iter().map(move |fault| (fault, mended)));
+    for (fault, mended) in both {
+        let line = match fault.kind {
+            FaultKind::Frozen if !mended.faults.contains(fault) => {
+                format!("{} {}: what was recorded then is left out", fault.channel, fault.detail)
+            }
+            FaultKind::Frozen => format!("{} stood still: nothing is accused on it ({})", fault.channel, fault.detail),
+            // What is left out costs no windows.
+            FaultKind::Gap
+                if mended.faults.iter().any(|f| f.kind == FaultKind::Convention && f.channel == fault.channel) =>
+            {
+                continue;
+            }
+            FaultKind::Gap if fault.count > MANY => {
+                format!("{}: {}; windows there are left out", fault.channel, fault.detail)
+            }
+            FaultKind::Convention if mended.faults.contains(fault) => {
+                format!("{}: {}; it is left out", fault.channel, fault.detail)
+            }
+            FaultKind::Convention => format!("{}: {}", fault.channel, fault.detail),
+            FaultKind::Missing => format!("{} was not recorded", fault.channel),
+            kind if kind.is_partial() => {
+                format!("{kind} in {} at {:.2} s: {}", fault.channel, fault.time, fault.detail)
+            }
+            _ => continue,
+        };
+        if !told.contains(&line) {
+            told.push(line);
+        }
+    }
+    told
+}
+
+/// The runs up to a fall, and what is said about falls.
+pub fn upright(runs: &[Run]) -> (Vec<Run>, Vec<String>) {
+    let mut told = Vec::new();
+    let cut = |run: &Run| match fall(run) {
+        Some(time) => {
+            told.push(format!("the robot fell at {time:.1} s: what comes after is left out"));
+            let whole = snippet(run, run.span()[0], time - 0.3);
+            Run { faults: run.faults.clone(), robot: run.robot.clone(), ..whole }
+        }
+        None => run.clone(),
+    };
+    (runs.iter().map(cut).collect(), told)
+}
+
+fn fall(run: &Run) -> Option<f64> {
+    let (series, first) = match (&run.measured.orientation, &run.measured.base_pose) {
+        (Some(imu), _) => (imu, 0),
+        (None, Some(pose)) => (pose, 3),
+        _ => return None,
+    };
+    let tilted = |i: &usize| {
+        let rotation = rotation_at(series, first, series.time[*i]);
+        rotation.is_some_and(|q| (q * glam::DVec3::Z).z < FALLEN.cos())
+    };
+    (0..series.len()).step_by(5).find(tilted).map(|i| series.time[i])
+}
+
+/// Effects that this recording cannot show, and channels whose lack is the reason.
+pub fn missing(study: &Study, run: &Run, library: &[Effect]) -> Vec<String> {
+    let m = &run.measured;
+    let mut told = Vec::new();
+    if study.problem.on_legs {
+        told.push(
+            "no poses of the base were measured: windows start where its legs and its IMU say that it is, feet that slip at the start of one go \
+             unnoticed, and where on the floor a cause lies cannot be told"
+                .to_string(),
+        );
+    }
+    if m.torque.is_none() {
+        told.push(
+            "joint torques were not measured: what the motors do cannot be told from what the legs do".to_string(),
+        );
+    }
+    if study.problem.free && m.orientation.is_none() {
+        told.push("there is no IMU orientation: tilt of the IMU and delay of the pose cannot be told".to_string());
+    }
+    let lacking: Vec<&str> = library
+        .iter()
+        .filter(|e| !study.columns.effects.iter().any(|s| s.name == e.name))
+        .map(|e| e.name.as_str())
+        .collect();
+    if !lacking.is_empty() {
+        told.push(format!("no channel or part of this robot could show {}", lacking.join(", ")));
+    }
+    told.extend(judged(study, run));
+    told.extend(strangers(study, run));
+    told.extend(resting(study));
+    if study.problem.free && m.gyro.is_none() {
+        told.push("there is no gyroscope: its bias cannot be told".to_string());
+    }
+    // What has no channel of its own lacks no excitation.
+    let is_measured = |effect: &String| match effect.as_str() {
+        "gyro_bias" => m.gyro.is_some(),
+        "imu_tilt" | "pose_delay" => m.orientation.is_some(),
+        _ => true,
+    };
+    let weak: Vec<String> = weak(study).into_iter().filter(is_measured).collect();
+    if !weak.is_empty() {
+        told.push(format!("too little excitation to tell {}", weak.join(", ")));
+    }
+    told
+}
+
+/// How much of the recording could be judged, where that is less than half.
+fn judged(study: &Study, run: &Run) -> Option<String> {
+    let cut = study.problem.cut;
+    let [first, last] = run.span();
+    let windows = study.seen.iter().filter(|s| s.window.run == 0);
+    let (count, [from, until]) = windows.fold((0, [f64::INFINITY, f64::NEG_INFINITY]), |(n, [from, until]), s| {
+        (n + 1, [from.min(s.window.start), until.max(s.window.start + cut.window)])
+    });
+    let whole = (((last - first) / cut.window) as usize).min(cut.most);
+    (2 * count < whole).then(|| {
+        format!(
+            "{count} of {whole} windows of {} s could be judged, from {from:.1} to {until:.1} s of {first:.1} to {last:.1} s: the others lack \
+             values of a channel or jump",
+            cut.window
+        )
+    })
+}
+
+/// Joints of the recording that the model lacks, and joints of the model that nothing commands: one name written in two ways makes both.
+fn strangers(study: &Study, run: &Run) -> Vec<String> {
+    let columns = &study.problem.columns;
+    let unknown =
+        run.joint_names.iter().enumerate().filter(|(k, _)| !columns.contains(k)).map(|(_, name)| name.as_str());
+    let unknown: Vec<&str> = unknown.collect();
+    let c = &run.commands;
+    let has_none =
+        |k: &&usize| [&c.position, &c.torque].into_iter().flatten().all(|s| !s.column(**k).any(f64::is_finite));
+    let silent: Vec<&str> = columns.iter().filter(has_none).map(|k| run.joint_names[*k].as_str()).collect();
+    let mut told = Vec::new();
+    if !unknown.is_empty() {
+        told.push(format!("joints of the recording that the model lacks are left out: {}", unknown.join(", ")));
+    }
+    if !silent.is_empty() {
+        told.push(format!("no commands were recorded of {}: they are taken for 0", silent.join(", ")));
+    }
+    told
+}
+
+/// Joints at rest, and what they cannot show.
+fn resting(study: &Study) -> Option<String> {
+    let names = study.problem.model.joint_names();
+    let resting: Vec<&str> = study.at_rest.iter().map(|&j| names[j].as_str()).collect();
+    let (whose, what) = match resting.len() {
+        0 => return None,
+        all if all == study.problem.columns.len() => ("no joint moves: no delay of the pose,".to_string(), ""),
+        _ => (format!("{} hardly move: no", resting.join(", ")), " of them"),
+    };
+    Some(format!("{whose} latency, lag, velocity gain, viscous friction or rotor inertia{what} is accused"))
+}
+
+/// Effects whose value this recording leaves open by more than half of their range.
+fn weak(study: &Study) -> Vec<String> {
+    let Ok(marginal) = study.marginal(fitted) else { return Vec::new() };
+    let mut weak: Vec<String> = Vec::new();
+    for (index, effect) in study.columns.effects.iter().enumerate() {
+        let group = study.columns.groups.iter().position(|g| g.effect == index);
+        let open = |level: usize| {
+            let Some(d) = group.and_then(|g| direction(&study.columns, g, level)) else { return true };
+            let h = d.d.transpose() * &marginal.curvature * &d.d;
+            // A limit that never bites has no curvature at any level.
+            (0..d.steps.len()).all(|a| {
+                h[(a, a)] < 1e-9 || d.steps[a].abs() / h[(a, a)].sqrt() > 0.25 * effect.span().max(d.steps[a].abs())
+            })
+        };
+        if (0..effect.levels.len()).all(open) {
+            weak.push(effect.name.clone());
+        }
+    }
+    weak
+}
+
+/// Effects whose sensitivities point nearly the same way as a suspect's.
+pub fn confusable(study: &Study, suspect: &Suspect) -> Vec<String> {
+    let columns = &study.columns;
+    let Some(own) = direction(columns, suspect.group, 0) else { return Vec::new() };
+    let mut h = nalgebra::DMatrix::zeros(study.width(), study.width());
+    study.seen.iter().for_each(|s| h += &s.h * fitted(s));
+    // Along the values that were found.
+    let mut along = nalgebra::DVector::zeros(study.width());
+    for (axis, value) in suspect.values.iter().enumerate() {
+        let absent = if own.absent[axis].is_finite() { own.absent[axis] } else { value - own.steps[axis] };
+        along.axpy((value - absent) / own.steps[axis], &own.d.column(axis), 1.0);
+    }
+    let length = along.dot(&(&h * &along)).sqrt();
+    let names = &columns.groups[suspect.group].names;
+    let mut alike: Vec<(f64, String)> = Vec::new();
+    for (index, group) in columns.groups.iter().enumerate() {
+        let effect = &columns.effects[group.effect];
+        if group.effect == columns.groups[suspect.group].effect || (group.names != *names && group.names != ["all"]) {
+            continue;
+        }
+        let Some(other) = direction(columns, index, 0) else { continue };
+        // The angle to the space that the other effect's axes span.
+        let hd = &h * &other.d;
+        let gram = other.d.tr_mul(&hd);
+        let projection = hd.tr_mul(&along);
+        let Some(factor) = gram.cholesky() else { continue };
+        let cosine = projection.dot(&factor.solve(&projection)).max(0.0).sqrt() / length.max(1e-300);
+        if cosine > ALIKE && !alike.iter().any(|(_, name)| *name == effect.name) {
+            alike.push((cosine, effect.name.clone()));
+        }
+    }
+    alike.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let own = &columns.effects[columns.groups[suspect.group].effect].name;
+    let mut names: Vec<String> = alike.into_iter().map(|a| a.1).collect();
+    for other in one_without_poses(own).filter(|_| study.problem.on_legs) {
+        if columns.effects.iter().any(|e| e.name == other) && !names.iter().any(|n| n == other) {
+            names.push(other.into());
+        }
+    }
+    names
+}
+
+/// Effects that nothing tells from each other where the base goes as its legs say: a tilted IMU walks on a slope, and a foot that slips or
+/// bounces makes a start that is wrong.
+const ONE_WITHOUT_POSES: [&[&str]; 2] =
+    [&["imu_tilt", "terrain_slope"], &["ground_friction", "contact_restitution", "contact_compliance"]];
+
+/// The others of an effect's set of those.
+fn one_without_poses(effect: &str) -> impl Iterator<Item = &'static str> {
+    let set = ONE_WITHOUT_POSES.into_iter().find(|set| set.contains(&effect)).unwrap_or_default();
+    set.iter().copied().filter(move |other| *other != effect)
+}
+
+/// What is to be said beside the verdict on a walk without poses.
+pub fn beside_verdict(causes: &[Cause]) -> Vec<String> {
+    let words = |cause: &Cause| {
+        let others: Vec<String> = one_without_poses(&cause.effect).map(|o| o.replace('_', " ")).collect();
+        let effect = cause.effect.replace('_', " ");
+        (!others.is_empty()).then(|| format!("Without poses {effect} cannot be told from {}.", others.join(" or ")))
+    };
+    causes.iter().filter_map(words).collect()
+}
+
+/// An amount in the unit that people use for it.
+pub fn amount(estimate: &ParameterEstimate) -> String {
+    let (factor, unit) = match estimate.unit.as_str() {
+        "s" if !["start", "end"].contains(&estimate.name.as_str()) => (1e3, "ms"),
+        "rad" => (1e3, "mrad"),
+        "m" if estimate.name == "radius_offset" => (1e3, "mm"),
+        "1" if estimate.name != "friction" && estimate.name != "restitution" => (100.0, "%"),
+        "1" => (1.0, ""),
+        unit => (1.0, unit),
+    };
+    format!("{} {:.3} {unit}", estimate.name.replace('_', " "), factor * estimate.value).trim_end().to_string()
+}
+
+/// Size of the first effect of a lead, and on what it acts.
+pub fn amounts(lead: &Lead) -> String {
+    let amounts: Vec<String> = lead.parameters.iter().map(amount).collect();
+    format!("{}{}", amounts.join(", "), whereabouts(&lead.scope))
+}
+
+/// On what an effect acts, as a part of a sentence; nothing if it acts on all there is.
+fn whereabouts(scope: &[String]) -> String {
+    match scope {
+        [one] if one == "all" => String::new(),
+        [one] if one == "region" => " in a part of the floor".into(),
+        some => format!(" at {}", some.join(", ")),
+    }
+}
+
+/// A sentence with one mark at its end.
+fn ended(sentence: &str) -> String {
+    if sentence.ends_with('?') { sentence.into() } else { format!("{sentence}.") }
+}
+
+/// What a gap that nothing explains looks most like.
+pub fn nearest(lead: &Lead) -> String {
+    let names: Vec<String> = lead.effects.iter().map(|e| e.replace('_', " ")).collect();
+    format!(
+        "Nearest, not accused: {} ({}), which would close {:.0} % of the gap. To tell: {}",
+        names.join(" or "),
+        amounts(lead),
+        100.0 * lead.closed,
+        ended(&lead.separating_experiment)
+    )
+}
+
+/// Share of the gap below which nothing is said to be closed.
+const NOTHING: f64 = 0.005;
+/// Share of the gap from which on an effect is not said to leave it unexplained.
+const MUCH: f64 = 0.5;
+
+/// The verdict in a sentence; `dead` are joints whose positions are not known.
+pub fn sentence(
+    verdict: Verdict,
+    (causes, gap): (&[Cause], &Gap),
+    (leads, dead): (&[Lead], &[&str]),
+    ranking: &[Ranked],
+) -> String {
+    let described = |c: &Cause| {
+        let amounts: Vec<String> = c.parameters.iter().map(amount).collect();
+        format!("{}{} ({})", c.effect.replace('_', " "), whereabouts(&c.scope), amounts.join(", "))
+    };
+    let all: Vec<String> = causes.iter().map(described).collect();
+    let closed = format!("{:.0} % of the gap in windows that no fit has seen", 100.0 * gap.closed);
+    match verdict {
+        Verdict::NoGap => {
+            "Simulator and robot agree as well as sensor noise and the tolerances of any robot let them.".into()
+        }
+        Verdict::Explained => {
+            let them = if all.len() > 1 { "them" } else { "it" };
+            format!("The gap is {}; with {them} the simulator closes {closed}.", all.join(" and "))
+        }
+        Verdict::PartlyExplained if gap.closed < NOTHING => {
+            let alone = causes.iter().filter(|c| c.scope == ["region"]).map(|c| c.closed_alone).fold(0.0, f64::max);
+            let pieces = if alone < NOTHING {
+                String::new()
+            } else {
+                // Feet that slip go their own way: two simulations of a window differ by more than the window from either.
+                format!(" (of pieces a third as long it closes {:.0} %)", 100.0 * alone)
+            };
+            let no_closer = "whole windows that no fit has seen come no closer with it";
+            format!(
+                "A part of the gap is {}, but {no_closer}{pieces}; something else is there, too.",
+                all.join(" and ")
+            )
+        }
+        Verdict::PartlyExplained => {
+            let part = if gap.closed < 0.5 { "A part" } else { "Most" };
+            format!("{part} of the gap is {}, which closes {closed}; something else is there, too.", all.join(" and "))
+        }
+        // Whatever is nearest may be due to that alone.
+        Verdict::Unexplained if !dead.is_empty() => format!(
+            "There is a gap, and {} stood still throughout: nothing can be told before that is mended.",
+            dead.join(", ")
+        ),
+        Verdict::Unexplained => {
+            let runner_up = ranking.iter().map(|r| &r.effect).find(|e| *e != UNKNOWN);
+            let nearest = match leads.first() {
+                Some(lead) if lead.closed > MUCH => Some(format!(
+                    " The nearest, {}, would close {:.0} % of it, but is not accused: why is said under what to do next.",
+                    lead.effects.first().map_or(String::new(), |e| e.replace('_', " ")),
+                    100.0 * lead.closed
+                )),
+                lead => lead
+                    .and_then(|l| l.effects.first())
+                    .or(runner_up)
+                    .map(|effect| format!(" The nearest, {}, does not explain it.", effect.replace('_', " "))),
+            };
+            format!("There is a gap that no single effect of the library explains.{}", nearest.unwrap_or_default())
+        }
+    }
+}
+
+/// Share of the evidence of what is accused from which on another effect does nearly as well.
+const NEARLY_AS_GOOD: f64 = 0.95;
+
+/// Steady effects that have nearly the evidence of the one that is accused, in words; `None` if there are none, or if more is accused.
+pub fn as_good(first: Option<&Round>, causes: &[Cause]) -> Option<String> {
+    let ([cause], round) = (causes, first?) else { return None };
+    let accused = &round.candidates[*round.accused.first()?];
+    let is_as_good = |c: &&Candidate| {
+        let has_evidence = c.log_evidence > NEARLY_AS_GOOD * accused.log_evidence;
+        c.extent.is_none() && c.effect != cause.effect && has_evidence
+    };
+    let mut others: Vec<String> = Vec::new();
+    for other in round.candidates.iter().filter(is_as_good).map(|c| c.effect.replace('_', " ")) {
+        if !others.contains(&other) {
+            others.push(other);
+        }
+    }
+    let is_steady = accused.extent.is_none();
+    (is_steady && !others.is_empty())
+        .then(|| format!("In this recording {} would do nearly as well: take them as one group.", others.join(" or ")))
+}
+
+/// A round in words; `reason` is why the best was not accused.
+pub fn round(round: &Round, reason: &str) -> RoundTold {
+    let mut suspects: Vec<SuspectTold> = Vec::new();
+    for candidate in &round.candidates {
+        if suspects.iter().all(|s| s.effect != candidate.effect) {
+            suspects.push(SuspectTold {
+                effect: candidate.effect.clone(),
+                scope: candidate.scope.clone(),
+                parameters: candidate.parameters.clone(),
+                log_evidence: candidate.log_evidence,
+                // Of nothing there is no share.
+                share: if round.excess > 0.0 { candidate.share } else { 0.0 },
+            });
+        }
+    }
+    let accused = round.accused.iter().map(|&k| round.candidates[k].effect.clone()).collect();
+    RoundTold { level: round.level.ratio, suspects, accused, reason: reason.to_owned() }
+}
+
+/// Gap over floor from which on it is more than effects of the library make: of 157 recordings of one or two of them the largest had 143.
+const HUGE: f64 = 200.0;
+/// The same where no effect explains it: a model with all masses times 3 makes 60 to 90, with half as much again 30.
+const LARGE: f64 = 25.0;
+
+/// What to look at before any effect: broken encoders, `dead`, and a model that is another robot's.
+pub fn first_of_all(verdict: Verdict, gap: &Gap, dead: &[&str]) -> Vec<String> {
+    let mut first = Vec::new();
+    if !dead.is_empty() {
+        first.push(format!(
+            "Mend {} and record again: without a joint's position nothing near it can be simulated, and what is left may be due to that alone.",
+            dead.join(", ")
+        ));
+    }
+    if verdict != Verdict::NoGap && gap.before > HUGE * gap.floor {
+        first.push(format!(
+            "The gap is {:.0} times what noise makes. Check the model before anything else: masses and lengths of the URDF, names and order of the \
+             joints, gains, units and signs of every channel.",
+            gap.before / gap.floor
+        ));
+    } else if verdict == Verdict::Unexplained && dead.is_empty() && gap.before > LARGE * gap.floor {
+        first.push(format!(
+            "The gap is {:.0} times what noise makes, and no effect explains it: it may be the model's. Weigh the robot, and check masses and lengths of \
+             the URDF, gains and units, before you look for what the robot does.",
+            gap.before / gap.floor
+        ));
+    }
+    first
+}
+
+/// Positions of joints that stood still all the time: `position NAME`.
+pub fn dead_positions(runs: &[Run]) -> Vec<&str> {
+    let faults = runs.iter().flat_map(|run| &run.faults);
+    let mut names: Vec<&str> = faults
+        .filter(|f| f.kind == FaultKind::Frozen && f.channel.starts_with("position "))
+        .map(|f| f.channel.as_str())
+        .collect();
+    names.dedup();
+    names
+}
+
+/// Edges of a slippery part of the floor that no foot came to.
+fn beyond_feet(cause: &Cause, study: &Study) -> Option<String> {
+    let edge = |name: &str| cause.parameters.iter().find(|p| p.name == name).map(|p| p.value);
+    let [x0, x1, y0, y1] = EDGES.map(edge);
+    let region = [x0?, x1?, y0?, y1?];
+    let untested = untested(&feet(study), region);
+    let which = if untested.is_empty() {
+        "Its edges lie".into()
+    } else {
+        format!("Beyond {} no foot stood: the ground may go on there. All edges lie", untested.join(", "))
+    };
+    Some(format!("{which} in the frame of this recording's poses: odometry that begins elsewhere moves them."))
+}
+
+/// What another recording would say of the corrections.
+fn once_more(verdict: Verdict, causes: &[Cause]) -> &'static str {
+    let is_event = |c: &Cause| c.parameters.iter().any(|p| p.name == "start");
+    if causes.iter().any(is_event) {
+        "What acted for a while belongs to this recording: take its external.* out of calibrated.toml before you use it for another one."
+    } else if verdict == Verdict::Explained {
+        "Record once more and diagnose with --params calibrated.toml: the verdict should be no_gap."
+    } else {
+        "Record once more and diagnose with --params calibrated.toml: what is left then is what is not known yet."
+    }
+}
+
+/// The experiment of a cause, and those of the first two effects that it looks like.
+fn apart(cause: &Cause, study: &Study) -> String {
+    let of = |name: &String| study.columns.effects.iter().find(|e| e.name == *name).map(|e| &e.experiment);
+    let mut all = vec![&cause.separating_experiment];
+    for other in cause.confusable_with.iter().take(2).filter_map(of) {
+        if !other.is_empty() && !all.contains(&other) {
+            all.push(other);
+        }
+    }
+    ended(&all.iter().map(|e| e.trim_end_matches(['.', '?'])).collect::<Vec<_>>().join("; or "))
+}
+
+/// What to do next. `dead` are joints whose positions are not known; `slips` is the share that a slippery region closes in pieces of windows;
+/// `best` the best candidate of the first round; `not_accused` why the last round accused nothing.
+pub fn next(
+    verdict: Verdict,
+    (causes, gap): (&[Cause], &Gap),
+    (leads, dead): (&[Lead], &[&str]),
+    slips: Option<f64>,
+    (best, not_accused): (Option<&Candidate>, Option<&str>),
+    study: &Study,
+) -> Vec<String> {
+    let mut next = Vec::new();
+    if let Some(closed) = slips {
+        next.push(format!(
+            "Where feet slip nobody foretells whole windows: a foot that lands a little earlier slips elsewhere. In pieces of 0.1 s \
+             this friction closes {:.0} % of what feet do there and nowhere else.",
+            100.0 * closed
+        ));
+    }
+    match verdict {
+        Verdict::NoGap => next.push("Nothing to correct. For a sharper test record faster and larger motions.".into()),
+        Verdict::Explained | Verdict::PartlyExplained => {
+            next.push(if gap.after > gap.before {
+                format!(
+                    "Take what is in calibrated.toml as a finding: with it the loss of whole windows is {:.2}, without it {:.2}.",
+                    gap.after, gap.before
+                )
+            } else {
+                "Use calibrated.toml (`qv replay --params`), or the corrections for MuJoCo, URDF and Isaac Lab beside it.".into()
+            });
+            next.extend(causes.iter().filter_map(|c| beyond_feet(c, study)));
+            next.push(once_more(verdict, causes).into());
+            for cause in causes.iter().filter(|c| !c.confusable_with.is_empty()) {
+                let likes = cause.confusable_with.join(", ");
+                next.push(format!(
+                    "{} looks like {likes} here. To tell them apart: {}",
+                    cause.effect,
+                    apart(cause, study)
+                ));
+            }
+        }
+        Verdict::Unexplained => {
+            next.push(
+                "Look at what is left and what it goes along with; add an effect of your own with --library.".into(),
+            );
+            if study.parts.len() > 1 {
+                next.push("Diagnose each recording by itself, too: one robot is looked for that explains all of them, and they may differ.".into());
+            }
+            next.extend(leads.first().map(nearest));
+            let is_blind = !dead.is_empty();
+            let of = |best: &Candidate| study.columns.effects.iter().find(|e| e.name == best.effect);
+            if let Some(effect) = best.filter(|_| leads.is_empty() && !is_blind).and_then(of) {
+                next.push(format!("To rule {} out or in: {}", effect.name, ended(&effect.experiment)));
+            }
+        }
+    }
+    next.extend(not_accused.map(|reason| format!("Not accused: {reason}.")));
+    next
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_closes_nothing_of_whole_windows_is_not_said_to_close_it() {
+        let cause = |closed_alone| Cause {
+            effect: "ground_friction".into(),
+            probability: 0.9,
+            scope: vec!["region".into()],
+            parameters: vec![],
+            closed_alone,
+            confusable_with: vec![],
+            separating_experiment: String::new(),
+        };
+        let gap = |closed| Gap {
+            before: 1.4,
+            after: 7.3,
+            floor: 0.8,
+            closed,
+            closed_ci95: [0.0, closed],
+            closed_in_fit: None,
+            unit: "1".into(),
+            heldout: true,
+            joint_rms: [0.007, 0.018],
+        };
+        let told = |alone, closed| sentence(Verdict::PartlyExplained, (&[cause(alone)], &gap(closed)), (&[], &[]), &[]);
+        let slips = told(0.24, 0.0);
+        assert!(slips.contains("come no closer with it (of pieces a third as long it closes 24 %)"), "{slips}");
+        assert!(!told(0.0, 0.0).contains('%') && !slips.contains("closes 0 %"));
+        assert!(told(0.24, 0.3).contains("closes 30 % of the gap in windows that no fit has seen"));
+    }
+}

@@ -1,0 +1,383 @@
+//! The simulated side of a comparison: windows under settings of the parameters, many side by side.
+
+use crate::GapError;
+use crate::problem::command_cache::Commands;
+use crate::problem::features::{Channel, middle, middles, turn};
+use crate::problem::start_cache::{Prepared, prepare_one};
+use crate::problem::{Numerics, Problem, Role, Setting, Window};
+use glam::{DQuat, DVec3};
+use qv_replay::replay::SensorErrors;
+use qv_sim::{Batch, Precision, Shape, State};
+use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Environments that one thread steps together: a few registers' worth of each window; one register's where there are few cases, so
+/// that all threads have some.
+const TOGETHER: usize = 32;
+const FEW_TOGETHER: usize = 16;
+const FEW: usize = 512;
+
+/// Up to this far from the origin \[m\] single precision, twice as fast, resolves how deep feet sink in: places to 1 µm.
+const NEAR: f64 = 16.0;
+
+/// Measured minus simulated features of windows under settings.
+pub struct Residuals {
+    /// For each setting and window, shape `[settings][windows][features]`; empty where the simulation ran away or the
+    /// recording has a hole.
+    pub values: Vec<Vec<Vec<f64>>>,
+    /// Simulated steps.
+    pub steps: usize,
+}
+
+/// One simulation.
+struct Case {
+    setting: usize,
+    window: usize,
+    prepared: usize,
+}
+
+/// Compares `windows` with simulations under each of `settings`.
+///
+/// # Errors
+/// When a parameter has a value that means nothing.
+pub fn compare(
+    problem: &Problem,
+    numerics: &Numerics,
+    windows: &[&Window],
+    settings: &[Setting],
+) -> Result<Residuals, GapError> {
+    let (prepared, cases) = prepare(problem, windows, settings);
+    let latency = settings.iter().map(|s| longest_latency(problem, s)).fold(0.0, f64::max);
+    let past = (latency / numerics.timestep).ceil() as usize;
+    let told = |w: &&Window| w.told.of_ticks(problem, w, numerics, past);
+    let commands: Vec<Arc<Commands>> = windows.par_iter().map(told).collect::<Result<_, _>>()?;
+    let together = if cases.len() < FEW { FEW_TOGETHER } else { TOGETHER };
+    let chunks: Vec<&[Case]> = cases.chunks(together).collect();
+    let simulate = if is_near(problem, prepared.iter().flatten()) { simulate::<f32> } else { simulate::<f64> };
+    let done: Vec<Vec<Vec<f64>>> = chunks
+        .par_iter()
+        .map(|chunk| simulate(problem, numerics, windows, settings, (&prepared, &commands), chunk))
+        .collect::<Result<_, GapError>>()?;
+    let mut values = vec![vec![Vec::new(); windows.len()]; settings.len()];
+    for (case, residual) in cases.iter().zip(done.into_iter().flatten()) {
+        if residual.iter().all(|x| x.is_finite()) {
+            values[case.setting][case.window] = residual;
+        }
+    }
+    let ticks = (problem.cut.window / numerics.timestep).round() as usize;
+    Ok(Residuals { values, steps: ticks * cases.len() })
+}
+
+/// Starts and measured features, once for each window and each distinct set of sensor errors; cases by window.
+fn prepare(problem: &Problem, windows: &[&Window], settings: &[Setting]) -> (Vec<Option<Arc<Prepared>>>, Vec<Case>) {
+    let mut distinct: Vec<SensorErrors> = Vec::new();
+    let of_setting: Vec<usize> = settings
+        .iter()
+        .map(|setting| {
+            let errors = problem.sensor_errors(setting);
+            distinct.iter().position(|e| *e == errors).unwrap_or_else(|| {
+                distinct.push(errors);
+                distinct.len() - 1
+            })
+        })
+        .collect();
+    let of_window = |window: &&Window| {
+        let mut others = Vec::new();
+        let one = |errors| window.start_kept.get(problem, window, errors, &mut others);
+        distinct.iter().map(one).collect::<Vec<_>>()
+    };
+    let prepared = windows.par_iter().flat_map_iter(of_window).collect();
+    let mut cases = Vec::new();
+    for window in 0..windows.len() {
+        for (setting, errors) in of_setting.iter().enumerate() {
+            cases.push(Case { setting, window, prepared: window * distinct.len() + errors });
+        }
+    }
+    (prepared, cases)
+}
+
+/// Whether single precision will do for windows of a robot with a free base that begin at `starts`: what noise does in them is a hundred
+/// times what rounding does. An arm is held for longer, and stands on its head, where rounding grows.
+fn is_near<'p>(problem: &Problem, mut starts: impl Iterator<Item = &'p Arc<Prepared>>) -> bool {
+    problem.free && starts.all(|p| DVec3::from_slice(&p.state.q).length() < NEAR)
+}
+
+/// The same for windows as they were recorded.
+pub(crate) fn are_near(problem: &Problem, windows: &[Window]) -> bool {
+    let errors = problem.sensor_errors(&Setting::new());
+    let starts: Vec<_> =
+        windows.iter().filter_map(|w| w.start_kept.get(problem, w, &errors, &mut Vec::new())).collect();
+    is_near(problem, starts.iter())
+}
+
+fn simulate<T: Precision>(
+    problem: &Problem,
+    numerics: &Numerics,
+    windows: &[&Window],
+    settings: &[Setting],
+    (prepared, commands): (&[Option<Arc<Prepared>>], &[Arc<Commands>]),
+    cases: &[Case],
+) -> Result<Vec<Vec<f64>>, GapError> {
+    let live: Vec<&Case> = cases.iter().filter(|c| prepared[c.prepared].is_some()).collect();
+    if live.is_empty() {
+        return Ok(vec![Vec::new(); cases.len()]);
+    }
+    let latency = live.iter().map(|c| longest_latency(problem, &settings[c.setting])).fold(0.0, f64::max);
+    let past = (latency / numerics.timestep).ceil() as usize;
+    let mut batch = Batch::<T>::new(problem.model, &problem.terrain, &numerics.options(latency), live.len())?;
+    let (mut tracks, mut refused) = (Vec::with_capacity(live.len()), vec![false; live.len()]);
+    for (env, case) in live.iter().enumerate() {
+        let start = prepared[case.prepared].as_ref().expect("live");
+        let (setting, window) = (&settings[case.setting], windows[case.window]);
+        // What a search tries may mean nothing to the simulator (a trunk of less than no mass): such a case says nothing.
+        let height = match set(problem, &mut batch, env, setting, window, &start.state) {
+            Err(GapError::Sim(_)) if !setting.is_empty() => {
+                refused[env] = true;
+                0.0
+            }
+            height => height?,
+        };
+        for age in (1..=past).rev() {
+            batch.set_past_command(env, age, &commands[case.window].before(age).view())?;
+        }
+        tracks.push(Track::new(problem, setting, window, height));
+    }
+    let ticks = (problem.cut.window / numerics.timestep).round() as usize;
+    let every = (problem.cut.sample / numerics.timestep).round() as usize;
+    let mut now = batch.state(0)?;
+    let of_windows = by_window(&live);
+    for tick in 0..ticks {
+        for (window, environments) in &of_windows {
+            if let Some(command) = commands[*window].given_at(tick) {
+                batch.set_command_in(environments.clone(), &command.view())?;
+            }
+        }
+        batch.step();
+        if (tick + 1) % every == 0 {
+            tracks.iter_mut().enumerate().try_for_each(|(env, track)| track.sample(&batch, env, &mut now))?;
+        }
+    }
+    let mut out = vec![Vec::new(); cases.len()];
+    let mut tracks = tracks.into_iter().zip(refused);
+    for (k, case) in cases.iter().enumerate() {
+        if let (Some(start), true) = (&prepared[case.prepared], prepared[case.prepared].is_some()) {
+            let (track, is_refused) = tracks.next().expect("one for each live case");
+            out[k] = if is_refused { Vec::new() } else { track.residual(problem, start) };
+        }
+    }
+    Ok(out)
+}
+
+/// Runs of environments that are in one window, and which it is.
+fn by_window(live: &[&Case]) -> Vec<(usize, Range<usize>)> {
+    let mut first = 0;
+    let run = |cases: &[&Case]| {
+        let run = first..first + cases.len();
+        first = run.end;
+        (cases[0].window, run)
+    };
+    live.chunk_by(|a, b| a.window == b.window).map(run).collect()
+}
+
+/// Longest latency of commands under a setting \[s\].
+pub fn longest_latency(problem: &Problem, setting: &Setting) -> f64 {
+    let is_latency = |id: usize| problem.catalogue[id].name.ends_with(".command_latency");
+    problem.stated.iter().chain(setting).filter(|(id, _)| is_latency(*id)).map(|s| s.1).fold(0.0, f64::max)
+}
+
+/// Puts an environment at the start of a window; returns the height at which the ground touches the feet there.
+fn set<T: Precision>(
+    problem: &Problem,
+    batch: &mut Batch<T>,
+    env: usize,
+    setting: &Setting,
+    window: &Window,
+    state: &State,
+) -> Result<f64, GapError> {
+    let until = window.start + problem.cut.window;
+    for (id, value) in problem.acting(setting, window.start, until) {
+        match problem.roles[id] {
+            // Freed of on the measured side.
+            Role::Tilt(_) | Role::GyroBias(_) | Role::PoseDelay | Role::EncoderLatency(_) | Role::Height => {}
+            Role::ForceStart => batch.set_parameter_at(env, id, value - window.start)?,
+            _ => batch.set_parameter_at(env, id, value)?,
+        }
+    }
+    let touching = if problem.free { ground_at(problem, setting, &state.q) } else { 0.0 };
+    if let (true, Some(id)) = (touching != 0.0, problem.parameter("terrain.height")) {
+        batch.set_parameter_at(env, id, touching)?;
+    }
+    batch.set_state(env, state)?;
+    Ok(touching)
+}
+
+/// How far the ground must rise \[m\] to carry the lowest feet at positions `q`: their mean height above it, those within
+/// 5 mm of the lowest, and the depth to which the robot's weight on that many feet sinks in. Feet that only touched
+/// would slide freely until they have sunk in.
+pub fn ground_at(problem: &Problem, setting: &Setting, q: &[f64]) -> f64 {
+    let (touching, feet) = gap_below(problem, setting, q);
+    if feet == 0 { 0.0 } else { touching + problem.depth * problem.feet.geoms.len() as f64 / feet as f64 }
+}
+
+/// Depth to which the feet sink in when the robot stands on all of them \[m\]: found by letting it settle at the start of a
+/// window.
+///
+/// # Errors
+/// When the simulator refuses.
+pub fn standing_depth(problem: &Problem, window: &Window) -> Result<f64, GapError> {
+    const SETTLING: f64 = 0.25;
+    let nothing = Setting::new();
+    if !problem.free || problem.terrain.is_none() || problem.feet.geoms.is_empty() {
+        return Ok(0.0);
+    }
+    let Some(start) = prepare_one(problem, window, &problem.sensor_errors(&nothing), &mut Vec::new()) else {
+        return Ok(0.0);
+    };
+    let options = problem.numerics.options(longest_latency(problem, &nothing));
+    let mut batch = Batch::<f64>::new(problem.model, &problem.terrain, &options, 1)?;
+    let height = set(problem, &mut batch, 0, &nothing, window, &start.state)?;
+    let commands = problem.commands(window, &problem.numerics, 0)?;
+    batch.set_command(0, &commands[0].view())?;
+    batch.step_many((SETTLING / problem.numerics.timestep) as usize);
+    let (gap, feet) = gap_below(problem, &nothing, &batch.state(0)?.q);
+    let depth = (height - gap) * feet as f64 / problem.feet.geoms.len() as f64;
+    // A robot that did not settle says nothing.
+    Ok(if batch.is_faulty(0)? || !(0.0..0.01).contains(&depth) { 0.0 } else { depth })
+}
+
+/// Mean height above the ground of the lowest feet, and how many those are.
+fn gap_below(problem: &Problem, setting: &Setting, q: &[f64]) -> (f64, usize) {
+    let near: Vec<f64> = lowest_feet(problem, setting, q).into_iter().map(|f| f.1).collect();
+    (if near.is_empty() { 0.0 } else { near.iter().sum::<f64>() / near.len() as f64 }, near.len())
+}
+
+/// Where the lowest feet are, within 5 mm, x and y, and their heights above the ground \[m\].
+fn lowest_feet(problem: &Problem, setting: &Setting, q: &[f64]) -> Vec<([f64; 2], f64)> {
+    let length = |link: usize| problem.lengths[link].map_or(1.0, |id| problem.value(setting, id));
+    let poses = problem.model.world_from_scaled_links(q, length);
+    let slope = |axis: &str| {
+        let id = problem.parameter(&format!("terrain.slope_{axis}"));
+        id.map_or(0.0, |id| problem.value(setting, id)).tan()
+    };
+    let (slope_x, slope_y) = (slope("x"), slope("y"));
+    let foot = |g: &usize| {
+        let geom = &problem.model.geoms[*g];
+        let centre = poses[geom.link].transform_point(length(geom.link) * geom.link_from_geom.position);
+        let Shape::Sphere(radius) = geom.shape else { return None };
+        let name = format!("geom.{}.radius_offset", geom.name);
+        let offset = problem.parameter(&name).map_or(0.0, |id| problem.value(setting, id));
+        let ground = problem.terrain.height_below(centre.x, centre.y, centre.z + 1.0)?;
+        let gap = centre.z - radius - offset - ground - slope_x * centre.x - slope_y * centre.y;
+        Some(([centre.x, centre.y], gap))
+    };
+    let mut feet: Vec<([f64; 2], f64)> = problem.feet.geoms.iter().filter_map(foot).collect();
+    let lowest = feet.iter().map(|f| f.1).fold(f64::INFINITY, f64::min);
+    feet.retain(|f| f.1 < lowest + 0.005);
+    feet
+}
+
+/// Where feet stand at the start of a window, x and y \[m\]; none where the start is not known.
+pub fn standing_feet(problem: &Problem, window: &Window) -> Vec<[f64; 2]> {
+    let nothing = Setting::new();
+    let start = problem.starts(&window.view, problem.sensor_errors(&nothing)).ok().and_then(|s| s.at(window.start));
+    start.map_or(Vec::new(), |s| lowest_feet(problem, &nothing, &s.q).into_iter().map(|f| f.0).collect())
+}
+
+/// What is kept of one simulation.
+struct Track<'a> {
+    problem: &'a Problem<'a>,
+    reference: &'a [DQuat],
+    bias: Vec<f64>,
+    /// Measured minus expected height of the ground.
+    ground: f64,
+    q: Vec<f64>,
+    v: Vec<f64>,
+    rates: Vec<DVec3>,
+    places: Vec<DVec3>,
+    turns: Vec<DVec3>,
+    broken: bool,
+}
+
+impl<'a> Track<'a> {
+    fn new(problem: &'a Problem, setting: &Setting, window: &'a Window, touching: f64) -> Self {
+        let errors = problem.sensor_errors(setting);
+        let expected = problem.parameter("terrain.height").map_or(0.0, |id| problem.value(setting, id));
+        Self {
+            problem,
+            reference: &window.attitude,
+            bias: errors.encoder_bias,
+            ground: touching - expected,
+            q: Vec::new(),
+            v: Vec::new(),
+            rates: Vec::new(),
+            places: Vec::new(),
+            turns: Vec::new(),
+            broken: false,
+        }
+    }
+
+    /// Keeps the state of its environment; `state` is one of this robot to read it into.
+    fn sample<T: Precision>(&mut self, batch: &Batch<T>, env: usize, state: &mut State) -> Result<(), GapError> {
+        self.broken |= batch.is_faulty(env)?;
+        batch.read_state(env, state)?;
+        let State { q, v } = &*state;
+        if self.problem.free {
+            self.places.push(DVec3::new(q[0], q[1], q[2]));
+            self.rates.push(DVec3::new(v[3], v[4], v[5]));
+            let rotation = DQuat::from_xyzw(q[4], q[5], q[6], q[3]);
+            self.turns.push(turn(rotation, self.reference[self.turns.len()]));
+        }
+        let joints = self.problem.columns.len();
+        self.q.extend(q[q.len() - joints..].iter().zip(&self.bias).map(|(q, b)| q + b));
+        self.v.extend(&v[v.len() - joints..]);
+        Ok(())
+    }
+
+    /// Measured minus simulated features; empty when the simulation ran away.
+    fn residual(self, problem: &Problem, start: &Prepared) -> Vec<f64> {
+        if self.broken {
+            return Vec::new();
+        }
+        let (bins, per_bin, joints) = (problem.cut.bins(), problem.cut.samples_per_bin(), problem.columns.len());
+        let of_joint = |values: &[f64], j: usize| -> Vec<f64> {
+            let at = |b: usize| middle((0..per_bin).map(|k| values[(b * per_bin + k) * joints + j]), per_bin);
+            (0..bins).map(at).collect()
+        };
+        let mut simulated = Vec::with_capacity(start.measured.len());
+        for &channel in &problem.channels {
+            match channel {
+                Channel::Position(j) => simulated.extend(of_joint(&self.q, j)),
+                Channel::Velocity(j) => simulated.extend(of_joint(&self.v, j)),
+                Channel::Gyro(axis) => simulated.extend(middles(&self.rates, axis, bins)),
+                Channel::Attitude(axis) => simulated.extend(middles(&self.turns, axis, bins)),
+                Channel::Base(axis) => simulated.extend(middles(&self.places, axis, bins)),
+                Channel::PoseAgainstImu(_) => simulated.extend(std::iter::repeat_n(0.0, bins)),
+                Channel::Ground => simulated.push(-self.ground),
+            }
+        }
+        start.measured.iter().zip(simulated).map(|(m, s)| m - s).collect()
+    }
+}
+
+/// Raw features of a window: simulated ones, then those of the actuator's law.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Raw {
+    /// Measured minus simulated, shape `[features]`.
+    pub motion: Vec<f64>,
+    /// Measured minus expected torque, shape `[law joints, bins]`.
+    pub law: Vec<f64>,
+}
+
+impl Raw {
+    /// Whether there is nothing.
+    pub fn is_empty(&self) -> bool {
+        self.motion.is_empty()
+    }
+
+    /// `self - other`.
+    pub fn minus(&self, other: &Self) -> Self {
+        let minus = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a - b).collect();
+        Self { motion: minus(&self.motion, &other.motion), law: minus(&self.law, &other.law) }
+    }
+}
