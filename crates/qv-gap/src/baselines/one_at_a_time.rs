@@ -5,7 +5,7 @@
 use super::plain::Plain;
 use super::{Answer, Size, sizes};
 use crate::GapError;
-use crate::inference::study::mean;
+use crate::inference::level::mean;
 use crate::problem::Setting;
 use crate::problem::columns::{Columns, Suspect};
 use nalgebra::{DMatrix, DVector};

@@ -3,8 +3,9 @@
 use crate::GapError;
 use crate::findings::Gap;
 use crate::inference::gaussian_evidence::Normal;
+use crate::inference::level::mean;
 use crate::inference::search::held_out;
-use crate::inference::study::{Seen, Study, mean};
+use crate::inference::study::{Seen, Study};
 use crate::problem::Setting;
 use crate::problem::features::Channel;
 use crate::random::Random;

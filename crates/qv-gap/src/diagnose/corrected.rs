@@ -5,9 +5,10 @@ use crate::GapError;
 use crate::checks::held_out::{closure, held_out_evidence};
 use crate::checks::stationarity;
 use crate::decision::evidence::{self, ActsOn, Asked, Closed, Corrected, EffectFacts, Evidence};
+use crate::inference::level::mean;
 use crate::inference::linear_scores::size;
 use crate::inference::search::Search;
-use crate::inference::study::{Study, mean};
+use crate::inference::study::Study;
 use crate::problem::library::{Effect, Scope};
 use std::collections::BTreeMap;
 

@@ -6,7 +6,6 @@ use crate::inference::gaussian_evidence::{Marginal, Sums};
 use crate::inference::local::place;
 use crate::inference::regions::is_within_reach;
 use crate::inference::search::fitted;
-use crate::inference::study::mean;
 use crate::inference::study::{Seen, Study};
 use nalgebra::DVector;
 
@@ -60,4 +59,9 @@ fn quiet(study: &Study, marginal: &Marginal, weight: impl Fn(&Seen) -> f64 + Cop
     };
     let null: Vec<f64> = study.residuals_of_ghosts().map(|g| of(&g)).filter(|x| x.is_finite()).collect();
     of(&study.residuals()) / mean(&null)
+}
+
+/// Mean; 0 of nothing.
+pub fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
 }

@@ -575,11 +575,6 @@ fn samples(
     ghosts.par_iter().zip(deviations).flat_map_iter(one).collect()
 }
 
-/// Mean; 0 of nothing.
-pub fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len().max(1) as f64
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
