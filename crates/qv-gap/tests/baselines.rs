@@ -4,8 +4,8 @@ mod recorded;
 
 use qv_gap::Options;
 use qv_gap::baselines::{Baselines, baselines};
-use qv_gap::inference::study::Effort;
-use qv_gap::problem::Cut;
+use qv_gap::inference::linearised::NullOptions;
+use qv_gap::problem::WindowOptions;
 use qv_gap::problem::library;
 use qv_go2::synthetic;
 use qv_replay::Run;
@@ -29,8 +29,8 @@ const FEW_STEPS: usize = 150_000;
 fn quick() -> Options<'static> {
     Options {
         library: library::built_in().into_iter().filter(|e| SOME.contains(&e.name.as_str())).collect(),
-        cut: Cut { most: 16, ..Default::default() },
-        effort: Effort { ghosts: 3, seed: 1, ..Default::default() },
+        cut: WindowOptions { most: 16, ..Default::default() },
+        effort: NullOptions { replicates: 3, seed: 1, ..Default::default() },
         ..Default::default()
     }
 }

@@ -3,8 +3,8 @@
 mod recorded;
 
 use qv_core::JointSeries;
-use qv_gap::inference::study::Effort;
-use qv_gap::problem::Cut;
+use qv_gap::inference::linearised::NullOptions;
+use qv_gap::problem::WindowOptions;
 use qv_gap::report::Verdict;
 use qv_gap::{Options, diagnose};
 use qv_replay::Run;
@@ -101,8 +101,8 @@ fn nothing_is_accused_on_a_channel_of_another_convention() {
     run.faults.clear();
     examine(&mut run, None);
     let options = Options {
-        cut: Cut { most: 32, ..Default::default() },
-        effort: Effort { ghosts: 6, ..Default::default() },
+        cut: WindowOptions { most: 32, ..Default::default() },
+        effort: NullOptions { replicates: 6, ..Default::default() },
         ..Default::default()
     };
     let report = diagnose(std::slice::from_ref(&run), &go2(), &Terrain::plane(), &options, 0).unwrap().report;

@@ -2,8 +2,8 @@
 
 mod recorded;
 
-use qv_gap::inference::study::Effort;
-use qv_gap::problem::Cut;
+use qv_gap::inference::linearised::NullOptions;
+use qv_gap::problem::WindowOptions;
 use qv_gap::report::{Report, Verdict};
 use qv_gap::{Options, diagnose};
 use qv_replay::Run;
@@ -11,7 +11,7 @@ use qv_sim::Terrain;
 use recorded::{go2, recorded};
 
 fn quick() -> Options<'static> {
-    Options { effort: Effort { ghosts: 6, ..Default::default() }, ..Default::default() }
+    Options { effort: NullOptions { replicates: 6, ..Default::default() }, ..Default::default() }
 }
 
 fn of(run: &Run, options: &Options) -> Report {
@@ -69,7 +69,7 @@ fn a_floor_that_is_slippery_everywhere_has_no_outline() {
 
 #[test]
 fn a_weight_that_the_library_lacks_is_no_force() {
-    let options = Options { cut: Cut { most: 32, ..Default::default() }, ..quick() };
+    let options = Options { cut: WindowOptions { most: 32, ..Default::default() }, ..quick() };
     let run = recorded(vec![("link.base.payload_mass".into(), 1.2)], 4);
     let diagnosis = diagnose(&[run], &go2(), &Terrain::plane(), &options, 1).unwrap();
     assert_eq!(diagnosis.report.causes.first().map(|c| c.effect.as_str()), Some("payload_mass"));

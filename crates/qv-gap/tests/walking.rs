@@ -4,14 +4,14 @@ mod recorded;
 
 use qv_gap::checks::stationarity::fading;
 use qv_gap::inference::level::level;
+use qv_gap::inference::linearised::{LinearisedProblem, NullOptions};
 use qv_gap::inference::search::Search;
-use qv_gap::inference::study::{Effort, Study};
 use qv_gap::problem::columns::{Columns, Group};
 use qv_gap::problem::library;
 use qv_gap::problem::library::Effect;
-use qv_gap::problem::{Cut, Problem};
+use qv_gap::problem::{Problem, WindowOptions};
 use qv_gap::report::{Report, UNKNOWN, Verdict};
-use qv_gap::rollout::law;
+use qv_gap::rollout::actuator_model;
 use qv_gap::rollout::windows::compare;
 use qv_gap::{Options, diagnose};
 use qv_go2::sealed::{EngineChoice, Plan, Recipe, Request, Section, Wanted};
@@ -26,8 +26,8 @@ use recorded::{go2, read, recorded};
 /// Fewer windows and simulated recordings than by default: these tests are run often.
 fn quick() -> Options<'static> {
     Options {
-        cut: Cut { most: 32, ..Default::default() },
-        effort: Effort { ghosts: 6, ..Default::default() },
+        cut: WindowOptions { most: 32, ..Default::default() },
+        effort: NullOptions { replicates: 6, ..Default::default() },
         ..Default::default()
     }
 }
@@ -71,9 +71,10 @@ fn half_a_tick_of_a_latency_is_not_taken_for_the_recorders() {
     let alignment = |latency: f64| {
         let run = recorded(synthetic::command_latency(latency), 4);
         let (model, plane) = (go2(), Terrain::plane());
-        let problem = Problem::new(&run, &model, &plane, &[], Cut { most: 12, ..Default::default() }).unwrap();
+        let problem =
+            Problem::new(&run, &model, &plane, &[], WindowOptions { most: 12, ..Default::default() }).unwrap();
         let windows = problem.windows(&run).unwrap();
-        law::align(&problem, &windows.iter().collect::<Vec<_>>())
+        actuator_model::align(&problem, &windows.iter().collect::<Vec<_>>())
     };
     assert_eq!(alignment(0.012), alignment(0.0));
     assert_eq!(alignment(0.0071), alignment(0.0));
@@ -89,7 +90,7 @@ fn late<'a>(run: &Run, model: &'a Model, latency: f64, library: &[Effect]) -> (P
 }
 
 /// What the search asks for beside the known command latency \[s\].
-fn asked_for(study: &mut Study) -> f64 {
+fn asked_for(study: &mut LinearisedProblem) -> f64 {
     let is_all = |g: &Group| study.columns.effects[g.effect].name == "command_latency" && g.members.len() == 12;
     let group = study.columns.groups.iter().position(is_all).unwrap();
     let mut search = Search::new(study, 1.0).unwrap();
@@ -104,7 +105,7 @@ fn a_size_that_stopped_short_is_completed_in_the_corrected_robot() {
     let (run, model) = (recorded(synthetic::command_latency(0.012), 4), go2());
     let Options { effort, library, .. } = quick();
     let (problem, columns) = late(&run, &model, 0.009, &library);
-    let mut study = Study::new(problem, columns, std::slice::from_ref(&run), &[], &effort).unwrap();
+    let mut study = LinearisedProblem::new(problem, columns, std::slice::from_ref(&run), &[], &effort).unwrap();
     let asked = asked_for(&mut study);
     assert!((asked - 0.003).abs() < 0.001, "{asked}");
 }
@@ -115,7 +116,7 @@ fn a_study_that_is_moved_says_what_a_new_one_says() {
     let Options { effort, library, .. } = quick();
     let new = |latency: f64| {
         let (problem, columns) = late(&run, &model, latency, &library);
-        Study::new(problem, columns, std::slice::from_ref(&run), &[], &effort).unwrap()
+        LinearisedProblem::new(problem, columns, std::slice::from_ref(&run), &[], &effort).unwrap()
     };
     let (problem, columns) = late(&run, &model, 0.010, &library);
     let (before, mut anew) = (new(0.009), new(0.010));
@@ -170,9 +171,9 @@ fn a_push_that_is_not_one_force_is_told() {
     let force = [("external.force_x", 9.0), ("external.start", 8.0), ("external.duration", 6.0)];
     let run = recorded(force.map(|(name, value)| (name.into(), value)).to_vec(), 4);
     let (model, Options { effort, library, .. }) = (go2(), quick());
-    let problem = Problem::new(&run, &model, &Terrain::plane(), &[], Cut::default()).unwrap();
+    let problem = Problem::new(&run, &model, &Terrain::plane(), &[], WindowOptions::default()).unwrap();
     let columns = Columns::new(&problem, &run, &library).unwrap();
-    let study = Study::new(problem, columns, std::slice::from_ref(&run), &[], &effort).unwrap();
+    let study = LinearisedProblem::new(problem, columns, std::slice::from_ref(&run), &[], &effort).unwrap();
     let is_force = |g: &&Group| study.columns.effects[g.effect].name == "external_force";
     let group = study.columns.groups.iter().find(is_force).unwrap();
     let fading = |from, until| fading(&study, "external_force", group, &[9.0, 0.0, 0.0], [from, until]);
@@ -229,7 +230,7 @@ fn a_robot_without_an_effect_is_not_accused_even_with_a_dead_encoder() {
 #[test]
 fn the_same_run_gives_the_same_report() {
     let run = recorded(Vec::new(), 6);
-    let options = Options { cut: Cut { most: 24, ..Default::default() }, ..quick() };
+    let options = Options { cut: WindowOptions { most: 24, ..Default::default() }, ..quick() };
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let (first, second) = (of(&run, &options), one.install(|| of(&run, &options)));
     assert_eq!(first, second);

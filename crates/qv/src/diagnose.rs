@@ -132,7 +132,7 @@ impl Diagnose {
             library,
             given: parameters_of(self.params.as_deref(), &model, &terrain)?,
             reference: self.open(&self.reference)?,
-            effort: qv_gap::inference::study::Effort { seed: self.seed, ground_error, ..Default::default() },
+            effort: qv_gap::inference::linearised::NullOptions { seed: self.seed, ground_error, ..Default::default() },
             without: self.without.clone(),
             clock: Some(&seconds),
             progress: Some(&told),

@@ -6,7 +6,7 @@ use super::one_at_a_time::{absent, largest};
 use super::plain::Plain;
 use super::{Answer, Size, sizes};
 use crate::GapError;
-use crate::problem::Setting;
+use crate::problem::Overrides;
 use crate::problem::columns::{Columns, Suspect};
 
 /// Windows of each evaluation: fewer windows make more generations of the same budget.
@@ -107,7 +107,7 @@ fn suspects(columns: &Columns, knobs: &[Knob], point: &[f64]) -> Vec<Suspect> {
     all
 }
 
-fn setting(plain: &Plain, knobs: &[Knob], point: &[f64]) -> Setting {
+fn setting(plain: &Plain, knobs: &[Knob], point: &[f64]) -> Overrides {
     let study = &plain.study;
     study.columns.setting_of(&study.problem, &suspects(&study.columns, knobs, point))
 }
@@ -122,7 +122,7 @@ fn search(plain: &mut Plain, knobs: &[Knob], start: &[f64], budget: usize, seed:
     while plain.study.steps() < until && !windows.is_empty() {
         let points = cma.ask();
         let inside: Vec<Vec<f64>> = points.iter().map(|x| x.iter().map(|u| u.clamp(0.0, 1.0)).collect()).collect();
-        let settings: Vec<Setting> = inside.iter().map(|x| setting(plain, knobs, x)).collect();
+        let settings: Vec<Overrides> = inside.iter().map(|x| setting(plain, knobs, x)).collect();
         let losses = plain.losses(&settings, &windows)?;
         let mut values = Vec::with_capacity(points.len());
         for ((x, inside), of_window) in points.iter().zip(&inside).zip(&losses) {

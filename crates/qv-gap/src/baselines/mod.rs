@@ -9,7 +9,7 @@ mod one_at_a_time;
 mod plain;
 mod residual_network;
 
-use crate::inference::study::Study;
+use crate::inference::linearised::LinearisedProblem;
 use crate::problem::Problem;
 use crate::problem::columns::{Columns, Suspect};
 use crate::report::narrative;
@@ -96,7 +96,7 @@ pub fn baselines(
     let (runs, _) = narrative::upright(runs);
     let problem = Problem::new(&runs[0], model, terrain, &options.given, options.cut)?;
     let columns = Columns::new(&problem, &runs[0], &options.library)?;
-    let mut plain = Plain::new(Study::new(problem, columns, &runs, &options.reference, &options.effort)?);
+    let mut plain = Plain::new(LinearisedProblem::new(problem, columns, &runs, &options.reference, &options.effort)?);
     let (without, seed) = (&options.without, options.effort.seed);
     let one_at_a_time =
         timed(&mut plain, options, "baselines: one effect at a time", |plain| one_at_a_time::answer(plain, without))?;

@@ -6,7 +6,7 @@ use super::plain::Plain;
 use super::{Answer, Size, sizes};
 use crate::GapError;
 use crate::inference::level::mean;
-use crate::problem::Setting;
+use crate::problem::Overrides;
 use crate::problem::columns::{Columns, Suspect};
 use nalgebra::{DMatrix, DVector};
 
@@ -66,7 +66,7 @@ pub fn answer(plain: &mut Plain, without: &[String]) -> Result<Answer, GapError>
     Ok(Answer::new(verdict, best.iter().map(name).collect(), of_best, closed))
 }
 
-fn settings(plain: &Plain, suspects: &[Suspect]) -> Vec<Setting> {
+fn settings(plain: &Plain, suspects: &[Suspect]) -> Vec<Overrides> {
     let study = &plain.study;
     suspects.iter().map(|s| study.columns.setting_of(&study.problem, std::slice::from_ref(s))).collect()
 }

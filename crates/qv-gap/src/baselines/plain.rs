@@ -3,11 +3,11 @@
 
 use crate::GapError;
 use crate::checks::held_out::Closure;
-use crate::inference::study::Study;
+use crate::inference::linearised::LinearisedProblem;
 use crate::null::Noise;
-use crate::problem::Setting;
+use crate::problem::Overrides;
 use crate::problem::features::{self, Channel};
-use crate::rollout::law;
+use crate::rollout::actuator_model;
 use crate::rollout::windows::Raw;
 use nalgebra::DVector;
 use qv_core::JointSeries;
@@ -23,7 +23,7 @@ const LEAST: f64 = 0.01;
 /// The windows of a study in units of the sensors' noise.
 pub struct Plain<'a> {
     /// The robot, the windows and the null; the null is for the yardstick only.
-    pub study: Study<'a>,
+    pub study: LinearisedProblem<'a>,
     /// Windows of the fits.
     pub fitted: Vec<usize>,
     /// Windows that no fit sees.
@@ -36,7 +36,7 @@ pub struct Plain<'a> {
 
 impl<'a> Plain<'a> {
     /// Scales the windows of a study.
-    pub fn new(study: Study<'a>) -> Self {
+    pub fn new(study: LinearisedProblem<'a>) -> Self {
         let (held_out, fitted) = (0..study.seen.len()).partition(|&w| study.seen[w].window.held_out);
         let scales = (0..study.parts.len()).map(|run| scales(&study, run)).collect();
         let mut plain = Self { study, fitted, held_out, scales, nominal: Vec::new() };
@@ -72,7 +72,7 @@ impl<'a> Plain<'a> {
     /// When a setting has a value that means nothing.
     pub fn vectors(
         &mut self,
-        settings: &[Setting],
+        settings: &[Overrides],
         windows: &[usize],
     ) -> Result<Vec<Vec<Option<DVector<f64>>>>, GapError> {
         let mut all = Vec::new();
@@ -91,7 +91,7 @@ impl<'a> Plain<'a> {
     ///
     /// # Errors
     /// When a setting has a value that means nothing.
-    pub fn losses(&mut self, settings: &[Setting], windows: &[usize]) -> Result<Vec<Vec<f64>>, GapError> {
+    pub fn losses(&mut self, settings: &[Overrides], windows: &[usize]) -> Result<Vec<Vec<f64>>, GapError> {
         let mut all = Vec::new();
         for some in settings.chunks(AT_A_TIME) {
             let vectors = self.vectors(some, windows)?;
@@ -112,7 +112,7 @@ impl<'a> Plain<'a> {
     ///
     /// # Errors
     /// When a setting has a value that means nothing.
-    pub fn closed(&mut self, setting: &Setting) -> Result<f64, GapError> {
+    pub fn closed(&mut self, setting: &Overrides) -> Result<f64, GapError> {
         Ok(crate::checks::held_out::closure(&mut self.study, setting)?.closed())
     }
 
@@ -134,7 +134,7 @@ impl<'a> Plain<'a> {
 }
 
 /// Mean square of a residual in units of the null.
-fn null_loss(study: &Study, window: usize, raw: &Raw) -> f64 {
+fn null_loss(study: &LinearisedProblem, window: usize, raw: &Raw) -> f64 {
     let seen = &study.seen[window];
     mean_square(&study.whitener(seen).residual(seen.index, raw))
 }
@@ -144,7 +144,7 @@ fn mean_square(v: &DVector<f64>) -> f64 {
 }
 
 /// Deviation of each number of a run's residuals that white noise of the sensors gives.
-fn scales(study: &Study, run: usize) -> Vec<f64> {
+fn scales(study: &LinearisedProblem, run: usize) -> Vec<f64> {
     let problem = &study.problem;
     let Some(first) = study.seen.iter().find(|s| s.window.run == run) else { return Vec::new() };
     let m = &first.window.view.measured;
@@ -163,8 +163,8 @@ fn scales(study: &Study, run: usize) -> Vec<f64> {
         all.extend(std::iter::repeat_n(deviation, width));
     }
     for &j in &problem.law_joints {
-        let deviation = noise.torque[j] / root_count(&m.torque, law::BIN);
-        all.extend(std::iter::repeat_n(deviation, law::bins(problem)));
+        let deviation = noise.torque[j] / root_count(&m.torque, actuator_model::BIN);
+        all.extend(std::iter::repeat_n(deviation, actuator_model::bins(problem)));
     }
     at_least_a_share_of_the_residual(study, run, &mut all);
     all
@@ -194,8 +194,8 @@ fn root_count(series: &Option<JointSeries>, bin: f64) -> f64 {
     if interval > 0.0 { (bin / interval).max(1.0).sqrt() } else { 1.0 }
 }
 
-fn at_least_a_share_of_the_residual(study: &Study, run: usize, deviations: &mut [f64]) {
-    let (bins, law_bins) = (study.problem.cut.bins(), law::bins(&study.problem));
+fn at_least_a_share_of_the_residual(study: &LinearisedProblem, run: usize, deviations: &mut [f64]) {
+    let (bins, law_bins) = (study.problem.cut.bins(), actuator_model::bins(&study.problem));
     let widths = study.problem.channels.iter().map(|&c| features::width(c, bins));
     let widths: Vec<usize> = widths.chain(study.problem.law_joints.iter().map(|_| law_bins)).collect();
     let mut first = 0;

@@ -12,13 +12,13 @@ use super::Answer;
 use super::network::{Adam, HIDDEN, Network};
 use super::plain::Plain;
 use crate::GapError;
-use crate::inference::study::{Seen, Study};
+use crate::inference::linearised::{LinearisedProblem, LinearisedWindow};
 use crate::problem::command_cache::Told;
 use crate::problem::features::{self, Channel};
 use crate::problem::start_cache::{Kept, measured};
-use crate::problem::{Problem, Setting, Window};
+use crate::problem::{Overrides, Problem, Window};
 use crate::random::Random;
-use crate::rollout::law::{self, Law};
+use crate::rollout::actuator_model::{self, ActuatorModel};
 use crate::rollout::windows::Raw;
 use crate::rollout::windows::compare;
 use nalgebra::{DMatrix, DVector};
@@ -63,7 +63,7 @@ pub fn answer(plain: &mut Plain, seed: u64) -> Result<Answer, GapError> {
     let mut examples: Vec<Example> = study.seen.par_iter().map(|seen| example(&study.problem, seen)).collect();
     let scales = torque_scales(&study.problem, &examples, &plain.fitted);
     standardise(&mut examples, &plain.fitted);
-    let fitted: Vec<&Seen> = plain.fitted.iter().map(|&w| &study.seen[w]).collect();
+    let fitted: Vec<&LinearisedWindow> = plain.fitted.iter().map(|&w| &study.seen[w]).collect();
     let found: Vec<(Option<Quadratic>, usize)> =
         fitted.iter().map(|seen| quadratic(study, seen, &scales)).collect::<Result<_, GapError>>()?;
     let mut steps: usize = found.iter().map(|f| f.1).sum();
@@ -95,7 +95,7 @@ fn pieces(problem: &Problem) -> usize {
 }
 
 /// Simulated positions and speeds at the middle of each bin, shape `[joints][bins]`: measured less residual.
-fn simulated(problem: &Problem, seen: &Seen) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
+fn simulated(problem: &Problem, seen: &LinearisedWindow) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
     let bins = problem.cut.bins();
     let features: usize = problem.channels.iter().map(|&c| features::width(c, bins)).sum();
     // Windows of a study could be prepared once already.
@@ -134,7 +134,7 @@ fn between(middles: &[f64], at: f64) -> f64 {
 
 /// Of each joint in each piece: position, speed, error, older commands against the present one, commanded speed, the law's
 /// torque, how the trunk leans, and which joint it is. What a recording lacks is 0.
-fn example(problem: &Problem, seen: &Seen) -> Example {
+fn example(problem: &Problem, seen: &LinearisedWindow) -> Example {
     let (position, speed) = simulated(problem, seen);
     let (run, window) = (&seen.window.view, &seen.window);
     let c = &run.commands;
@@ -223,19 +223,23 @@ fn pushed(problem: &Problem, window: &Window, torques: &[f64]) -> Window {
 }
 
 /// Raw residual of a window under torques, empty when it runs away, and the steps that were simulated.
-fn under(study: &Study, seen: &Seen, torques: &[f64]) -> Result<(Raw, usize), GapError> {
+fn under(study: &LinearisedProblem, seen: &LinearisedWindow, torques: &[f64]) -> Result<(Raw, usize), GapError> {
     let problem = &study.problem;
     let window = pushed(problem, &seen.window, torques);
-    let mut found = compare(problem, &problem.numerics, &[&window], &[Setting::new()])?;
+    let mut found = compare(problem, &problem.numerics, &[&window], &[Overrides::new()])?;
     let motion = std::mem::take(&mut found.values[0][0]);
-    let law = law::residual(problem, &window, &Setting::new(), study.parts[window.run].alignment);
+    let law = actuator_model::residual(problem, &window, &Overrides::new(), study.parts[window.run].alignment);
     let whole = !motion.is_empty() && law.iter().all(|x| x.is_finite());
     Ok((if whole { Raw { motion, law } } else { Raw::default() }, found.steps))
 }
 
 /// The loss of a window in its torques, shape `[pieces, joints]` in units of `scales`, by finite differences; `None` when one
 /// of them runs away. And the steps that were simulated.
-fn quadratic(study: &Study, seen: &Seen, scales: &[f64]) -> Result<(Option<Quadratic>, usize), GapError> {
+fn quadratic(
+    study: &LinearisedProblem,
+    seen: &LinearisedWindow,
+    scales: &[f64],
+) -> Result<(Option<Quadratic>, usize), GapError> {
     let problem = &study.problem;
     let (count, joints) = (pieces(problem), problem.columns.len());
     let push = |k: usize| {
@@ -245,13 +249,14 @@ fn quadratic(study: &Study, seen: &Seen, scales: &[f64]) -> Result<(Option<Quadr
     };
     let windows: Vec<Window> = (0..count * joints).into_par_iter().map(push).collect();
     let all: Vec<&Window> = windows.iter().collect();
-    let found = compare(problem, &problem.numerics, &all, &[Setting::new()])?;
+    let found = compare(problem, &problem.numerics, &all, &[Overrides::new()])?;
     let alignment = study.parts[seen.window.run].alignment;
-    let laws: Vec<Law> = problem.law_joints.iter().map(|&j| Law::new(problem, &Setting::new(), j)).collect();
+    let laws: Vec<ActuatorModel> =
+        problem.law_joints.iter().map(|&j| ActuatorModel::new(problem, &Overrides::new(), j)).collect();
     let column = |(k, motion): (usize, &Vec<f64>)| {
         let mut law = seen.raw.law.clone();
         if let Some(at) = problem.law_joints.iter().position(|&j| j == k % joints) {
-            let of_joint = law::of_joint(problem, &windows[k], &laws[at], alignment);
+            let of_joint = actuator_model::of_joint(problem, &windows[k], &laws[at], alignment);
             law[at * of_joint.len()..(at + 1) * of_joint.len()].copy_from_slice(&of_joint);
         }
         let whole = !motion.is_empty() && law.iter().all(|x| x.is_finite());

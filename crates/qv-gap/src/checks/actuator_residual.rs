@@ -5,16 +5,16 @@
 
 use crate::findings::or_nan;
 use crate::inference::gaussian_evidence::Marginal;
+use crate::inference::linearised::LinearisedProblem;
 use crate::inference::search::fitted;
-use crate::inference::study::Study;
-use crate::rollout::law;
+use crate::rollout::actuator_model;
 use nalgebra::DVector;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// What the law of a joint's actuator leaves in the windows of the fit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct LawLeft {
+pub struct ActuatorResidual {
     /// The joint.
     pub joint: usize,
     /// Mean square over that of simulated recordings without an effect.
@@ -26,23 +26,23 @@ pub struct LawLeft {
 }
 
 /// Of all actuators whose torque was measured; none where the normal equations are no good.
-pub fn laws(study: &Study) -> Vec<LawLeft> {
+pub fn actuator_residuals(study: &LinearisedProblem) -> Vec<ActuatorResidual> {
     let Ok(marginal) = study.marginal(fitted) else { return Vec::new() };
     let here = squares(study, &marginal, &study.residuals());
-    let ghosts: Vec<_> = study.residuals_of_ghosts().collect();
-    let ghosts: Vec<Vec<f64>> = ghosts.par_iter().map(|g| squares(study, &marginal, g)).collect();
+    let replicates: Vec<_> = study.residuals_of_replicates().collect();
+    let replicates: Vec<Vec<f64>> = replicates.par_iter().map(|g| squares(study, &marginal, g)).collect();
     let left = |(k, &joint): (usize, &usize)| {
-        let finite: Vec<f64> = ghosts.iter().map(|g| g[k]).filter(|x| x.is_finite()).collect();
+        let finite: Vec<f64> = replicates.iter().map(|g| g[k]).filter(|x| x.is_finite()).collect();
         let mean = finite.iter().sum::<f64>() / finite.len().max(1) as f64;
         let most = finite.iter().copied().fold(0.0, f64::max);
-        LawLeft { joint, ratio: here[k] / mean, by_chance: most / mean }
+        ActuatorResidual { joint, ratio: here[k] / mean, by_chance: most / mean }
     };
     study.problem.law_joints.iter().enumerate().map(left).collect()
 }
 
 /// Mean squares of the laws' residuals of a recording by joint, with its own best deviations.
-fn squares(study: &Study, marginal: &Marginal, residuals: &[Option<&DVector<f64>>]) -> Vec<f64> {
-    let bins = law::bins(&study.problem);
+fn squares(study: &LinearisedProblem, marginal: &Marginal, residuals: &[Option<&DVector<f64>>]) -> Vec<f64> {
+    let bins = actuator_model::bins(&study.problem);
     let joints = study.problem.law_joints.len();
     let (mut sums, mut count) = (vec![0.0; joints], 0.0);
     for left in study.without_deviations(marginal, residuals, fitted).iter().flatten() {

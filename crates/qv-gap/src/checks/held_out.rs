@@ -4,12 +4,12 @@ use crate::GapError;
 use crate::findings::Gap;
 use crate::inference::gaussian_evidence::Normal;
 use crate::inference::level::mean;
+use crate::inference::linearised::{LinearisedProblem, LinearisedWindow};
 use crate::inference::search::held_out;
-use crate::inference::study::{Seen, Study};
-use crate::problem::Setting;
+use crate::problem::Overrides;
 use crate::problem::features::Channel;
 use crate::random::Random;
-use crate::rollout::law;
+use crate::rollout::actuator_model;
 use crate::rollout::windows::Raw;
 
 /// Resamplings of the interval.
@@ -33,13 +33,13 @@ pub struct Closure {
 ///
 /// # Errors
 /// When a value means nothing.
-pub fn closure(study: &mut Study, setting: &Setting) -> Result<Closure, GapError> {
+pub fn closure(study: &mut LinearisedProblem, setting: &Overrides) -> Result<Closure, GapError> {
     closure_in(study, setting, |seen| seen.window.held_out)
 }
 
 /// Mean loss of the robot as it is in the windows that no fit has seen.
-pub fn held_out_loss(study: &Study) -> f64 {
-    let loss = |seen: &Seen| {
+pub fn held_out_loss(study: &LinearisedProblem) -> f64 {
+    let loss = |seen: &LinearisedWindow| {
         let residual = study.whitener(seen).residual(seen.index, &seen.raw);
         residual.norm_squared() / residual.len() as f64
     };
@@ -51,7 +51,7 @@ pub fn held_out_loss(study: &Study) -> f64 {
 ///
 /// # Errors
 /// When a value means nothing.
-pub fn closed_in_fit(study: &mut Study, setting: &Setting) -> Result<f64, GapError> {
+pub fn closed_in_fit(study: &mut LinearisedProblem, setting: &Overrides) -> Result<f64, GapError> {
     Ok(closure_in(study, setting, |seen| !seen.window.held_out)?.closed())
 }
 
@@ -60,7 +60,7 @@ pub fn closed_in_fit(study: &mut Study, setting: &Setting) -> Result<f64, GapErr
 ///
 /// # Errors
 /// When a value means nothing.
-pub fn held_out_evidence(study: &mut Study, setting: &Setting) -> Result<f64, GapError> {
+pub fn held_out_evidence(study: &mut LinearisedProblem, setting: &Overrides) -> Result<f64, GapError> {
     let windows: Vec<usize> = (0..study.seen.len()).filter(|&w| held_out(&study.seen[w]) > 0.0).collect();
     let marginal = study.marginal(held_out)?;
     let under = study.evaluate(std::slice::from_ref(setting), &windows)?.remove(0);
@@ -75,7 +75,11 @@ pub fn held_out_evidence(study: &mut Study, setting: &Setting) -> Result<f64, Ga
     Ok(0.5 * (marginal.loss(&before) - marginal.loss(&after)) / level.max(1.0))
 }
 
-fn closure_in(study: &mut Study, setting: &Setting, is_meant: fn(&Seen) -> bool) -> Result<Closure, GapError> {
+fn closure_in(
+    study: &mut LinearisedProblem,
+    setting: &Overrides,
+    is_meant: fn(&LinearisedWindow) -> bool,
+) -> Result<Closure, GapError> {
     let windows: Vec<usize> = (0..study.seen.len()).filter(|&w| is_meant(&study.seen[w])).collect();
     let after_raw = study.raw(std::slice::from_ref(setting), &windows)?.remove(0);
     let floor = study.floor;
@@ -114,10 +118,11 @@ impl Closure {
     }
 
     /// What the law of those actuators leaves that a setting changes, in units of the null, before and under it.
-    pub fn law(&self, study: &Study, setting: &Setting) -> [f64; 2] {
+    pub fn actuator_residual(&self, study: &LinearisedProblem, setting: &Overrides) -> [f64; 2] {
         let joints = &study.problem.law_joints;
-        let concerned: Vec<bool> = joints.iter().map(|&j| law::concerns(&study.problem, setting, j)).collect();
-        let bins = law::bins(&study.problem);
+        let concerned: Vec<bool> =
+            joints.iter().map(|&j| actuator_model::concerns(&study.problem, setting, j)).collect();
+        let bins = actuator_model::bins(&study.problem);
         let squares = |w: usize, raw: &Raw| {
             let seen = &study.seen[w];
             let all = study.whitener(seen).separate(seen.index, raw).law.into_iter().enumerate();
@@ -129,7 +134,7 @@ impl Closure {
     }
 
     /// The figures of a report.
-    pub fn gap(&self, study: &Study, seed: u64) -> Gap {
+    pub fn gap(&self, study: &LinearisedProblem, seed: u64) -> Gap {
         let mut random = Random::new(seed, 77);
         let count = self.before.len();
         let mut shares: Vec<f64> = (0..RESAMPLINGS)
@@ -166,7 +171,7 @@ fn share(before: f64, after: f64, floor: f64) -> f64 {
 }
 
 /// Root mean square of the positions' residuals \[rad\].
-fn joint_rms(study: &Study, raws: &mut dyn Iterator<Item = &Raw>) -> f64 {
+fn joint_rms(study: &LinearisedProblem, raws: &mut dyn Iterator<Item = &Raw>) -> f64 {
     let bins = study.problem.cut.bins();
     let (mut sum, mut count) = (0.0, 0usize);
     for raw in raws {

@@ -5,8 +5,8 @@
 //! windows. These are regressed on speed, nearness to rest, load and time with weights `h`; the error of the slope is that of White (1980,
 //! Econometrica 48, 817), robust against windows that nothing explains.
 
+use crate::inference::linearised::{EXTRA, LinearisedProblem, LinearisedWindow};
 use crate::inference::search::fitted;
-use crate::inference::study::{EXTRA, Seen, Study};
 use crate::problem::columns::Group;
 use nalgebra::DVector;
 use qv_core::JointSeries;
@@ -42,14 +42,20 @@ const LEAST_WINDOWS: usize = 8;
 const SLOW: f64 = 1.0;
 
 /// How the value of an effect of joints that was accused depends on each factor, in the study of the corrected robot.
-pub fn dependences(study: &Study, name: &str, group: &Group) -> Vec<Dependence> {
+pub fn dependences(study: &LinearisedProblem, name: &str, group: &Group) -> Vec<Dependence> {
     let asked = asked(study, name, group);
     (0..FACTORS.len()).filter_map(|f| dependence(&asked, f)).collect()
 }
 
 /// How what acts for a while changes in that while, as a share of itself. `study` is that of the robot without it: one event
 /// takes the place of any other in the simulator, so that nothing can be asked beside it. Windows that no fit has seen are asked, too.
-pub fn fading(study: &Study, name: &str, group: &Group, values: &[f64], time: [f64; 2]) -> Option<Dependence> {
+pub fn fading(
+    study: &LinearisedProblem,
+    name: &str,
+    group: &Group,
+    values: &[f64],
+    time: [f64; 2],
+) -> Option<Dependence> {
     let columns = &study.columns;
     let effect = columns.effects.iter().position(|e| e.name == name)?;
     let of_group = Group { effect, ..group.clone() };
@@ -62,11 +68,11 @@ pub fn fading(study: &Study, name: &str, group: &Group, values: &[f64], time: [f
         }
     }
     let window = study.problem.cut.window;
-    let is_beside = |s: &Seen| s.window.start >= time[1] || s.window.start + window <= time[0];
-    let is_inside = |s: &&Seen| s.window.start >= time[0] && s.window.start + window <= time[1];
-    let beside = |s: &Seen| if is_beside(s) { fitted(s) } else { 0.0 };
+    let is_beside = |s: &LinearisedWindow| s.window.start >= time[1] || s.window.start + window <= time[0];
+    let is_inside = |s: &&LinearisedWindow| s.window.start >= time[0] && s.window.start + window <= time[1];
+    let beside = |s: &LinearisedWindow| if is_beside(s) { fitted(s) } else { 0.0 };
     let deviations = study.marginal(beside).ok()?.deviations(&study.nominal(beside));
-    let ask = |seen: &Seen| {
+    let ask = |seen: &LinearisedWindow| {
         let across = seen.h.columns(0, deviations.len());
         let weight = along.dot(&(&seen.h * &along));
         let change = along.dot(&(seen.nominal().b - across * &deviations)) / weight;
@@ -81,7 +87,7 @@ pub fn fading(study: &Study, name: &str, group: &Group, values: &[f64], time: [f
     dependence(&asked, FACTORS.len() - 1)
 }
 
-fn asked(study: &Study, name: &str, group: &Group) -> Vec<Asked> {
+fn asked(study: &LinearisedProblem, name: &str, group: &Group) -> Vec<Asked> {
     let columns = &study.columns;
     let Some(effect) = columns.effects.iter().position(|e| e.name == name) else { return Vec::new() };
     let Ok(marginal) = study.marginal(fitted) else { return Vec::new() };
@@ -106,7 +112,7 @@ fn asked(study: &Study, name: &str, group: &Group) -> Vec<Asked> {
     all
 }
 
-fn known(study: &Study, seen: &Seen, joint: usize) -> [f64; 4] {
+fn known(study: &LinearisedProblem, seen: &LinearisedWindow, joint: usize) -> [f64; 4] {
     let measured = &seen.window.view.measured;
     let mean = |series, of| mean_of(study, seen, joint, series, of);
     let rest = mean(&measured.velocity, |v| SLOW * SLOW / (SLOW * SLOW + v * v));
@@ -114,7 +120,13 @@ fn known(study: &Study, seen: &Seen, joint: usize) -> [f64; 4] {
 }
 
 /// Mean over a window of what `of` makes of a joint's samples; 0 without any.
-pub fn mean_of(study: &Study, seen: &Seen, joint: usize, series: &Option<JointSeries>, of: fn(f64) -> f64) -> f64 {
+pub fn mean_of(
+    study: &LinearisedProblem,
+    seen: &LinearisedWindow,
+    joint: usize,
+    series: &Option<JointSeries>,
+    of: fn(f64) -> f64,
+) -> f64 {
     let column = study.problem.columns[joint];
     let Some(s) = series.as_ref().filter(|s| column < s.joints) else { return 0.0 };
     let (from, to) = (seen.window.start, seen.window.start + study.problem.cut.window);

@@ -7,7 +7,7 @@ use super::evidence::{Accused, ActsOn, Candidate, Corrected, Evidence, Level};
 use super::judge::Judge;
 use super::policy::Policy;
 use super::twins::twins;
-use crate::checks::actuator_residual::LawLeft;
+use crate::checks::actuator_residual::ActuatorResidual;
 use crate::checks::stationarity::{Dependence, TIME};
 
 /// The corrected robot, and what it is judged by.
@@ -23,13 +23,17 @@ pub struct Checks<'c> {
 }
 
 /// The actuator whose law leaves most, if that is more than noise and tolerances make of it.
-pub fn law_left<'l>(policy: &Policy, now: &'l [LawLeft], opening: &[LawLeft]) -> Option<&'l LawLeft> {
-    let excess = |left: &&LawLeft| {
+pub fn residual_left<'l>(
+    policy: &Policy,
+    now: &'l [ActuatorResidual],
+    opening: &[ActuatorResidual],
+) -> Option<&'l ActuatorResidual> {
+    let excess = |left: &&ActuatorResidual| {
         let before = opening.iter().find(|o| o.joint == left.joint).map_or(0.0, |o| o.ratio - 1.0);
         let untouched = before > 0.0 && left.ratio - 1.0 > (1.0 - policy.touched) * before;
-        let most = if untouched { policy.law_left_untouched } else { policy.law_left };
-        let by_chance = policy.law_over_chance * left.by_chance;
-        left.ratio > most.max(by_chance) && left.ratio - 1.0 > policy.law_share * before
+        let most = if untouched { policy.actuator_left_untouched } else { policy.residual_left };
+        let by_chance = policy.actuator_over_chance * left.by_chance;
+        left.ratio > most.max(by_chance) && left.ratio - 1.0 > policy.actuator_share * before
     };
     now.iter().filter(excess).max_by(|a, b| a.ratio.total_cmp(&b.ratio))
 }
@@ -43,7 +47,7 @@ impl Checks<'_> {
             .or_else(|| self.weight())
             .or_else(|| self.too_little_of_the_excess())
             .or_else(|| self.rises())
-            .or_else(|| self.law())
+            .or_else(|| self.actuator_residual())
             .or_else(|| self.changing())
             .or_else(|| self.beside_trunk())
             .or_else(|| self.another())
@@ -54,7 +58,7 @@ impl Checks<'_> {
         let (policy, closed) = (self.policy, &self.corrected.closed);
         let [before, after] = closed.loss;
         // No contact has a part in the law of an actuator, where what is accused takes most of that.
-        let by_law = policy.closes_law(closed.law);
+        let by_law = policy.closes_actuator_residual(closed.actuator_residual);
         let left = after / closed.floor;
         if left > policy.large_gap && closed.share < policy.large_gap_closed && !by_law {
             let closes = 100.0 * closed.share;
@@ -158,8 +162,8 @@ impl Checks<'_> {
             .then(|| format!("the loss in its own windows rises from {before:.2} to {after:.2} times the null"))
     }
 
-    fn law(&self) -> Option<String> {
-        let left = law_left(self.policy, &self.corrected.laws, &self.evidence.laws)?;
+    fn actuator_residual(&self) -> Option<String> {
+        let left = residual_left(self.policy, &self.corrected.actuator_residuals, &self.evidence.actuator_residuals)?;
         let joint = &self.evidence.joints[left.joint];
         Some(format!("the actuator's law at {joint} still leaves {:.1} times what noise does", left.ratio))
     }

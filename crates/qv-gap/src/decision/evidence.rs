@@ -1,6 +1,6 @@
 //! What a diagnosis measured, as far as decisions ask for it: plain data, written beside `report.json` as `evidence.json`.
 
-use crate::checks::actuator_residual::LawLeft;
+use crate::checks::actuator_residual::ActuatorResidual;
 use crate::checks::stationarity::Dependence;
 pub use crate::findings::Level;
 use crate::findings::{ParameterEstimate, or_nan};
@@ -54,7 +54,7 @@ pub struct HeldOut {
     /// The same of pieces of windows, where these told the candidate.
     pub fall_of_pieces: Option<[f64; 2]>,
     /// What the law of those actuators leaves that it changes, in units of the null, before and after.
-    pub law: [f64; 2],
+    pub actuator_residual: [f64; 2],
     /// Log of how much likelier it makes these windows, tolerated deviations integrated out over them; `None` for what is confined.
     pub log_evidence: Option<f64>,
     /// Relative fall of the loss in each window, of an event; empty for others.
@@ -76,7 +76,7 @@ pub struct Candidate {
     pub values: Vec<f64>,
     /// The same with names and intervals.
     pub parameters: Vec<ParameterEstimate>,
-    /// Log evidence over that of nothing more, tempered.
+    /// Log evidence over that of nothing more, divided by the dispersion.
     #[serde(deserialize_with = "or_nan")]
     pub log_evidence: f64,
     /// Largest log evidence of the effect in recordings without one.
@@ -177,7 +177,7 @@ pub struct Closed {
     /// How much lower the loss is, and the standard error of that over windows.
     pub fall: [f64; 2],
     /// See [`HeldOut::law`].
-    pub law: [f64; 2],
+    pub actuator_residual: [f64; 2],
     /// See [`HeldOut::log_evidence`].
     pub log_evidence: f64,
 }
@@ -188,7 +188,7 @@ pub struct Corrected {
     /// What was accused.
     pub accused: Vec<Accused>,
     /// What the laws of the actuators leave.
-    pub laws: Vec<LawLeft>,
+    pub actuator_residuals: Vec<ActuatorResidual>,
     /// Other effects of the accused joints that are asked for, best first.
     pub same_joints: Vec<Asked>,
     /// Log evidence of every effect that is not accused, by one linear step.
@@ -211,7 +211,7 @@ pub struct Evidence {
     /// Level before anything is accused.
     pub level: Level,
     /// What the laws of the actuators leave then.
-    pub laws: Vec<LawLeft>,
+    pub actuator_residuals: Vec<ActuatorResidual>,
     /// Mean loss in windows that no fit has seen, and what noise alone gives.
     pub held_out: [f64; 2],
     /// What was found, round by round.

@@ -165,7 +165,7 @@ impl<'j> Judge<'j> {
             let is_sure = !later && (candidate.log_evidence > policy.sure_event || !self.is_free);
             return (share < least && !is_sure).then(too_little);
         }
-        let by_law = is_steady && policy.closes_law(held_out.law);
+        let by_law = is_steady && policy.closes_actuator_residual(held_out.actuator_residual);
         if later && by_law {
             return None;
         }

@@ -79,9 +79,9 @@ pub struct Policy {
     /// lower what is left there without them.
     pub sure_held_out: f64,
     /// What the law of an actuator must leave beyond the null, for a further cause that takes little of the whole excess,
-    pub least_law_excess: f64,
+    pub least_actuator_excess: f64,
     /// and the share of it that this must take away.
-    pub least_law_closed: f64,
+    pub least_actuator_closed: f64,
     /// Candidates that are judged in a round, the best first.
     pub most_judged: usize,
     /// Held-out gap over the floor from which on one more cause is looked for.
@@ -92,15 +92,15 @@ pub struct Policy {
     pub most_rounds: usize,
 
     /// What the law of an actuator may leave, over the null,
-    pub law_left: f64,
+    pub residual_left: f64,
     /// over what chance makes of it,
-    pub law_over_chance: f64,
+    pub actuator_over_chance: f64,
     /// and as a share of what there was.
-    pub law_share: f64,
+    pub actuator_share: f64,
     /// The same of an actuator of which nothing that is accused takes away the share `touched`: what an impostor imitates it changes.
     /// Impacts alone, between two stamps, make twice of it.
-    pub law_left_untouched: f64,
-    /// See `law_left_untouched`.
+    pub actuator_left_untouched: f64,
+    /// See `actuator_left_untouched`.
     pub touched: f64,
     /// Log evidence of another effect of the accused joints from which on the accused one does not tell all of them,
     pub evidence_left: f64,
@@ -194,16 +194,16 @@ impl Default for Policy {
             least_local_errors: 0.5,
             sure_errors: 3.0,
             sure_held_out: 5.0,
-            least_law_excess: 0.5,
-            least_law_closed: 0.5,
+            least_actuator_excess: 0.5,
+            least_actuator_closed: 0.5,
             most_judged: 4,
             much_left: 2.0,
             most_causes: 3,
             most_rounds: 4,
-            law_left: 2.0,
-            law_over_chance: 1.3,
-            law_share: 0.1,
-            law_left_untouched: 3.0,
+            residual_left: 2.0,
+            actuator_over_chance: 1.3,
+            actuator_share: 0.1,
+            actuator_left_untouched: 3.0,
             touched: 0.2,
             evidence_left: 80.0,
             evidence_share: 0.01,
@@ -248,7 +248,7 @@ impl Policy {
 
     /// Whether a correction takes away most of what the law of its actuators leaves, `before` and after. No contact has a part in that, so
     /// that what engines differ in is no excuse.
-    pub fn closes_law(&self, [before, after]: [f64; 2]) -> bool {
-        before > 1.0 + self.least_law_excess && after - 1.0 < (1.0 - self.least_law_closed) * (before - 1.0)
+    pub fn closes_actuator_residual(&self, [before, after]: [f64; 2]) -> bool {
+        before > 1.0 + self.least_actuator_excess && after - 1.0 < (1.0 - self.least_actuator_closed) * (before - 1.0)
     }
 }

@@ -1,8 +1,8 @@
-use super::checks::{Checks, law_left};
+use super::checks::{Checks, residual_left};
 use super::evidence::*;
 use super::twins::twins;
 use super::*;
-use crate::checks::actuator_residual::LawLeft;
+use crate::checks::actuator_residual::ActuatorResidual;
 use crate::findings::Verdict;
 use crate::problem::columns::Extent;
 use std::collections::BTreeMap;
@@ -31,7 +31,7 @@ fn candidate(effect: &str, log_evidence: f64) -> Candidate {
             fall: [8.0, 1.0],
             fall_of_logarithm: [2.0, 0.2],
             fall_of_pieces: None,
-            law: [4.0, 1.1],
+            actuator_residual: [4.0, 1.1],
             log_evidence: Some(80.0),
             falls: vec![],
         }),
@@ -68,12 +68,12 @@ fn latency() -> Evidence {
         share: 0.96,
         share_with_events: 0.96,
         fall: [8.0, 1.0],
-        law: [4.0, 1.1],
+        actuator_residual: [4.0, 1.1],
         log_evidence: 300.0,
     };
     let corrected = Corrected {
         accused: vec![accused],
-        laws: vec![LawLeft { joint: 0, ratio: 1.1, by_chance: 1.2 }],
+        actuator_residuals: vec![ActuatorResidual { joint: 0, ratio: 1.1, by_chance: 1.2 }],
         same_joints: vec![],
         beside: BTreeMap::from([("actuator_lag".to_owned(), 3.0)]),
         closed,
@@ -84,7 +84,7 @@ fn latency() -> Evidence {
         joints: vec!["hip".into(), "knee".into()],
         effects: ["command_latency", "actuator_lag"].map(facts).to_vec(),
         level: level(9.0),
-        laws: vec![LawLeft { joint: 0, ratio: 60.0, by_chance: 1.2 }],
+        actuator_residuals: vec![ActuatorResidual { joint: 0, ratio: 60.0, by_chance: 1.2 }],
         held_out: [9.0, 0.8],
         rounds,
         corrected: Some(corrected),
@@ -160,9 +160,9 @@ fn events_at_other_times_stand_beside_an_event() {
 
 #[test]
 fn a_law_that_leaves_more_than_noise_and_a_share_of_what_it_left_is_told() {
-    let left = |joint, ratio, by_chance| LawLeft { joint, ratio, by_chance };
+    let left = |joint, ratio, by_chance| ActuatorResidual { joint, ratio, by_chance };
     let policy = Policy::default();
-    let told = |now: &[LawLeft], opening: &[LawLeft]| law_left(&policy, now, opening).cloned();
+    let told = |now: &[ActuatorResidual], opening: &[ActuatorResidual]| residual_left(&policy, now, opening).cloned();
     let opening = [left(0, 1.0, 1.1), left(1, 60.0, 1.2), left(2, 3.0, 1.1)];
     let nothing = [left(0, 1.6, 1.1), left(1, 2.9, 1.2), left(2, 2.4, 1.9)];
     assert_eq!(told(&nothing, &opening), None);
@@ -182,7 +182,7 @@ fn a_large_gap_that_is_left_held_out_is_told() {
         let mut evidence = latency();
         let share = (before - after) / (before - 0.8);
         let corrected = evidence.corrected.as_mut().unwrap();
-        corrected.closed = Closed { loss: [before, after], share, law, ..corrected.closed };
+        corrected.closed = Closed { loss: [before, after], share, actuator_residual: law, ..corrected.closed };
         let policy = Policy::default();
         let checks = Checks {
             policy: &policy,

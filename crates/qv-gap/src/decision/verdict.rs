@@ -1,6 +1,6 @@
 //! The verdict and the ranking, from what was measured.
 
-use super::checks::{Checks, law_left};
+use super::checks::{Checks, residual_left};
 use super::evidence::{Candidate, Corrected, Evidence, Level, Round};
 use super::judge::Judge;
 use super::policy::Policy;
@@ -129,15 +129,15 @@ impl Case<'_> {
     }
 
     fn by_level(&self, is_doubted: bool) -> Verdict {
-        let Evidence { is_free, corrected, level, laws, rounds, .. } = self.evidence;
+        let Evidence { is_free, corrected, level, actuator_residuals, rounds, .. } = self.evidence;
         if is_doubted {
             return Verdict::Unexplained;
         }
-        let laws_agree = !is_free || law_left(self.policy, laws, &[]).is_none();
+        let actuators_agree = !is_free || residual_left(self.policy, actuator_residuals, &[]).is_none();
         let suspicious = |round: &Round| Judge::new(self.policy, round, *is_free).is_suspicious();
         let is_suspicious = *is_free && rounds.first().is_some_and(suspicious);
         match (corrected.is_none(), self.policy.is_explained(&self.level())) {
-            (true, _) if level.ratio < self.policy.no_gap && laws_agree && !is_suspicious => Verdict::NoGap,
+            (true, _) if level.ratio < self.policy.no_gap && actuators_agree && !is_suspicious => Verdict::NoGap,
             (true, _) => Verdict::Unexplained,
             (false, true) => Verdict::Explained,
             (false, false) => self.partly(),

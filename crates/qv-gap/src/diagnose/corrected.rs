@@ -7,8 +7,8 @@ use crate::checks::stationarity;
 use crate::decision::evidence::{self, ActsOn, Asked, Closed, Corrected, EffectFacts, Evidence};
 use crate::inference::level::mean;
 use crate::inference::linear_scores::size;
+use crate::inference::linearised::LinearisedProblem;
 use crate::inference::search::Search;
-use crate::inference::study::Study;
 use crate::problem::library::{Effect, Scope};
 use std::collections::BTreeMap;
 
@@ -17,34 +17,34 @@ const MOST_ASKED: usize = 20;
 
 impl Findings<'_> {
     /// All that decisions go by.
-    pub(super) fn evidence(&mut self, nominal: &mut Study) -> Result<Evidence, GapError> {
+    pub(super) fn evidence(&mut self, nominal: &mut LinearisedProblem) -> Result<Evidence, GapError> {
         let effects = &nominal.columns.effects;
-        let effects = effects.iter().enumerate().map(|(e, effect)| facts(effect, !nominal.forgotten.contains(&e)));
+        let effects = effects.iter().enumerate().map(|(e, effect)| facts(effect, !nominal.ablated.contains(&e)));
         Ok(Evidence {
             format: evidence::FORMAT.into(),
             is_free: self.on_feet,
             joints: nominal.problem.model.joint_names().to_vec(),
             effects: effects.collect(),
             level: self.opening.level,
-            laws: self.opening.laws.clone(),
+            actuator_residuals: self.opening.actuator_residuals.clone(),
             held_out: self.opening.held_out,
             corrected: self.corrected(nominal)?,
             rounds: self.rounds.iter().map(|r| r.round.clone()).collect(),
         })
     }
 
-    fn corrected(&mut self, nominal: &mut Study) -> Result<Option<Corrected>, GapError> {
+    fn corrected(&mut self, nominal: &mut LinearisedProblem) -> Result<Option<Corrected>, GapError> {
         let closed = self.closed(nominal)?;
         let level = self.rounds.iter().rev().find_map(|r| r.round.after).map_or(1.0, |after| after.level.ratio);
         let Some(study) = self.later.as_mut() else { return Ok(None) };
         let accused = self.accused.iter().map(|a| accused(nominal, study, a)).collect();
-        let laws = crate::checks::actuator_residual::laws(study);
+        let actuator_residuals = crate::checks::actuator_residual::actuator_residuals(study);
         let (same_joints, beside) = asked(study, &self.accused, level.max(1.0))?;
-        Ok(Some(Corrected { accused, laws, same_joints, beside, closed }))
+        Ok(Some(Corrected { accused, actuator_residuals, same_joints, beside, closed }))
     }
 
     /// How far the gap shrinks in windows that no fit has seen.
-    fn closed(&self, nominal: &mut Study) -> Result<Closed, GapError> {
+    fn closed(&self, nominal: &mut LinearisedProblem) -> Result<Closed, GapError> {
         let setting = setting(nominal, &self.corrections);
         let alone = closure(nominal, &setting)?;
         let log_evidence = held_out_evidence(nominal, &setting)?;
@@ -58,7 +58,7 @@ impl Findings<'_> {
             share: alone.closed(),
             share_with_events: with_events,
             fall: [fall, error],
-            law: alone.law(nominal, &setting),
+            actuator_residual: alone.actuator_residual(nominal, &setting),
             log_evidence,
         })
     }
@@ -82,7 +82,7 @@ fn facts(effect: &Effect, is_known: bool) -> EffectFacts {
     }
 }
 
-fn accused(nominal: &Study, study: &Study, accused: &Accused) -> evidence::Accused {
+fn accused(nominal: &LinearisedProblem, study: &LinearisedProblem, accused: &Accused) -> evidence::Accused {
     let Accused { found: [round, candidate], fit, group, cause, .. } = accused;
     let values = fit.suspect.values.clone();
     let is_of_joints = study.columns.effects.iter().any(|e| e.name == cause.effect && e.scope == Scope::Joints);
@@ -99,7 +99,11 @@ fn accused(nominal: &Study, study: &Study, accused: &Accused) -> evidence::Accus
 
 /// Effects that are not accused and that the corrected robot asks for by one linear step, over its `level`: those of the accused joints, and the
 /// most of every one.
-fn asked(study: &mut Study, accused: &[Accused], level: f64) -> Result<(Vec<Asked>, BTreeMap<String, f64>), GapError> {
+fn asked(
+    study: &mut LinearisedProblem,
+    accused: &[Accused],
+    level: f64,
+) -> Result<(Vec<Asked>, BTreeMap<String, f64>), GapError> {
     let mut search = Search::new(study, 1.0)?;
     let base = search.base(&[])?;
     let linear = search.linear(&base.sums);

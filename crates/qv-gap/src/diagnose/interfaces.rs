@@ -2,14 +2,14 @@
 
 use super::Findings;
 use crate::GapError;
-use crate::inference::study::Study;
+use crate::inference::linearised::LinearisedProblem;
 use crate::problem::library;
 use crate::report::Share;
 use crate::report::attribution;
 
 impl Findings<'_> {
     /// Shares of the interfaces: those of the causes by what they close, the rest by what speaks for each interface.
-    pub(super) fn interfaces(&self, study: &mut Study, closed: f64) -> Result<Vec<Share>, GapError> {
+    pub(super) fn interfaces(&self, study: &mut LinearisedProblem, closed: f64) -> Result<Vec<Share>, GapError> {
         let shares = attribution::interfaces(study)?;
         let total: f64 = self.accused.iter().map(|a| a.cause.closed_alone.max(0.01)).sum();
         let share = |(interface, share): &(library::Interface, f64)| {

@@ -8,19 +8,19 @@ mod rounds;
 use rounds::Found;
 
 use crate::GapError;
-use crate::checks::actuator_residual::{LawLeft, laws};
+use crate::checks::actuator_residual::{ActuatorResidual, actuator_residuals};
 use crate::checks::held_out::{closed_in_fit, closure, held_out_loss};
 use crate::decision::evidence::{After, Evidence, Level};
 use crate::decision::{Decided, Decision, Policy, decide, is_much_left};
 use crate::inference::intervals::{estimates, estimates_of};
 use crate::inference::level::{level, level_outside};
+use crate::inference::linearised::{LinearisedProblem, NullOptions};
 use crate::inference::search::Fit;
-use crate::inference::study::{Effort, Study};
 use crate::null::reference;
 use crate::problem::columns::{Columns, Extent, Group};
 use crate::problem::library::{self, Effect};
-use crate::problem::{Cut, Event, Problem, Setting, one_robot, origin};
-use crate::report::{Cause, Correction, FORMAT, Report, RoundTold, Stage, UNKNOWN, Unexplained, Verdict, Where};
+use crate::problem::{Event, Overrides, Problem, WindowOptions, one_robot, origin};
+use crate::report::{Cause, Correction, FORMAT, Report, RoundSummary, Stage, UNKNOWN, Unexplained, Verdict, Where};
 use crate::report::{attribution, figures, leads, narrative, residual_factors};
 use qv_replay::{Run, conventions::read_in_ours, holes::without_holes, still::without_still};
 use qv_sim::{Model, Terrain};
@@ -34,9 +34,9 @@ pub struct Options<'a> {
     /// Recordings of the same robot without what is looked for; may be none.
     pub reference: Vec<Run>,
     /// How windows are cut.
-    pub cut: Cut,
+    pub cut: WindowOptions,
     /// How much is done.
-    pub effort: Effort,
+    pub effort: NullOptions,
     /// What decides.
     pub policy: Policy,
     /// Effects of the library that may not be accused.
@@ -53,8 +53,8 @@ impl Default for Options<'_> {
             library: library::built_in(),
             given: Vec::new(),
             reference: Vec::new(),
-            cut: Cut::default(),
-            effort: Effort::default(),
+            cut: WindowOptions::default(),
+            effort: NullOptions::default(),
             policy: Policy::default(),
             without: Vec::new(),
             clock: None,
@@ -86,7 +86,7 @@ impl Accused {
     }
 
     /// The same as something that acts on the robot of a study.
-    fn event(&self, study: &Study) -> Option<Event> {
+    fn event(&self, study: &LinearisedProblem) -> Option<Event> {
         let time = self.time()?;
         let setting = study.columns.setting_of(&study.problem, std::slice::from_ref(&self.fit.suspect));
         Some(Event { setting, time })
@@ -130,7 +130,7 @@ pub fn diagnose(
         terrain,
         options,
         calibrated: Vec::new(),
-        forgotten: Vec::new(),
+        ablated: Vec::new(),
         stages: Vec::new(),
         since: 0.0,
     };
@@ -165,7 +165,7 @@ pub fn diagnose(
 }
 
 /// Effects of a study by name.
-fn closed_to(study: &Study, names: &[String]) -> Vec<usize> {
+fn closed_to(study: &LinearisedProblem, names: &[String]) -> Vec<usize> {
     (0..study.columns.effects.len()).filter(|&e| names.contains(&study.columns.effects[e].name)).collect()
 }
 
@@ -173,16 +173,21 @@ fn closed_to(study: &Study, names: &[String]) -> Vec<usize> {
 #[derive(Clone)]
 struct Opening {
     level: Level,
-    laws: Vec<LawLeft>,
+    actuator_residuals: Vec<ActuatorResidual>,
     /// Mean loss in windows that no fit has seen, and what noise alone gives.
     held_out: [f64; 2],
     places: Where,
 }
 
 impl Opening {
-    fn new(study: &Study) -> Result<Self, GapError> {
+    fn new(study: &LinearisedProblem) -> Result<Self, GapError> {
         let held_out = [held_out_loss(study), study.floor];
-        Ok(Self { level: level(study)?, laws: laws(study), held_out, places: attribution::places(study) })
+        Ok(Self {
+            level: level(study)?,
+            actuator_residuals: actuator_residuals(study),
+            held_out,
+            places: attribution::places(study),
+        })
     }
 }
 
@@ -196,7 +201,7 @@ struct Session<'a> {
     /// What the reference recordings say of actuators and sensors.
     calibrated: Vec<Correction>,
     /// Effects that the library is taken never to have heard of.
-    forgotten: Vec<String>,
+    ablated: Vec<String>,
     stages: Vec<Stage>,
     since: f64,
 }
@@ -214,7 +219,7 @@ impl<'a> Session<'a> {
         self.stages.push(Stage { name: stage.into(), seconds: 0.0, steps: 0 });
     }
 
-    fn end(&mut self, study: &Study) {
+    fn end(&mut self, study: &LinearisedProblem) {
         let seconds = self.now() - self.since;
         if let Some(stage) = self.stages.last_mut() {
             stage.seconds = seconds;
@@ -235,20 +240,24 @@ impl<'a> Session<'a> {
     }
 
     /// A study of the robot as it is said to be so far, with what is said to have acted on it.
-    fn study(&mut self, corrections: &[Correction], events: &[Event]) -> Result<Study<'a>, GapError> {
+    fn study(&mut self, corrections: &[Correction], events: &[Event]) -> Result<LinearisedProblem<'a>, GapError> {
         self.begin("sensitivities and null");
         let (problem, columns) = self.robot(corrections, events)?;
         let effort = &self.options.effort;
-        let mut study = Study::new(problem, columns, &self.runs, self.reference, effort)?;
-        if !self.forgotten.is_empty() {
-            study.forget(&closed_to(&study, &self.forgotten));
+        let mut study = LinearisedProblem::new(problem, columns, &self.runs, self.reference, effort)?;
+        if !self.ablated.is_empty() {
+            study.ablate(&closed_to(&study, &self.ablated));
         }
         self.end(&study);
         Ok(study)
     }
 
     /// The same study, or one of the robot with the sizes that it asks for.
-    fn refined(&mut self, mut study: Study<'a>, findings: &mut Findings) -> Result<Study<'a>, GapError> {
+    fn refined(
+        &mut self,
+        mut study: LinearisedProblem<'a>,
+        findings: &mut Findings,
+    ) -> Result<LinearisedProblem<'a>, GapError> {
         self.begin("sizes");
         let is_moved = findings.refine(&mut study)?;
         self.end(&study);
@@ -278,7 +287,7 @@ impl<'a> Session<'a> {
     /// Accuses what the first round found, puts the calibrated simulator through the test again, and so on.
     fn follow(
         &mut self,
-        nominal: &mut Study<'a>,
+        nominal: &mut LinearisedProblem<'a>,
         first: Found,
         without: &[String],
         opening: &Opening,
@@ -337,29 +346,29 @@ impl<'a> Session<'a> {
     /// The diagnosis that a library would have come to that has never heard of an effect.
     fn without(
         &mut self,
-        nominal: &mut Study<'a>,
+        nominal: &mut LinearisedProblem<'a>,
         effect: &str,
         cannot_tell: &[String],
     ) -> Result<(Report, Evidence), GapError> {
         let begun = self.now();
-        self.forgotten = vec![effect.into()];
-        let kept = nominal.forget(&closed_to(nominal, &self.forgotten));
+        self.ablated = vec![effect.into()];
+        let kept = nominal.ablate(&closed_to(nominal, &self.ablated));
         let opening = Opening::new(nominal)?;
         self.begin("search");
-        let left_out = [&self.options.without[..], &self.forgotten[..]].concat();
+        let left_out = [&self.options.without[..], &self.ablated[..]].concat();
         let round = rounds::round(nominal, &closed_to(nominal, &left_out), true, &self.options.policy)?;
         self.end(nominal);
         let findings = self.follow(nominal, round, &left_out, &opening, cannot_tell)?;
         let report = findings.report(self, nominal, begun)?;
-        nominal.remember(kept);
-        self.forgotten.clear();
+        nominal.restore(kept);
+        self.ablated.clear();
         Ok(report)
     }
 
     /// All that a report says of a cause.
     fn accuse(
         &self,
-        study: &mut Study,
+        study: &mut LinearisedProblem,
         found: [usize; 2],
         fit: Fit,
         before: &[Correction],
@@ -414,8 +423,8 @@ fn merge(all: &mut Vec<Correction>, new: &[Correction]) {
 }
 
 /// Corrections as the setting of a study.
-fn setting(study: &Study, corrections: &[Correction]) -> Setting {
-    let mut setting: Setting =
+fn setting(study: &LinearisedProblem, corrections: &[Correction]) -> Overrides {
+    let mut setting: Overrides =
         corrections.iter().filter_map(|c| study.problem.parameter(&c.parameter).map(|id| (id, c.value))).collect();
     setting.sort_by_key(|s| s.0);
     setting
@@ -426,7 +435,7 @@ struct Findings<'a> {
     accused: Vec<Accused>,
     rounds: Vec<Found>,
     /// The same in words.
-    told: Vec<RoundTold>,
+    told: Vec<RoundSummary>,
     corrections: Vec<Correction>,
     events: Vec<Event>,
     /// Whether the base is free.
@@ -434,7 +443,7 @@ struct Findings<'a> {
     opening: Opening,
     cannot_tell: Vec<String>,
     /// The robot with all that is accused.
-    later: Option<Study<'a>>,
+    later: Option<LinearisedProblem<'a>>,
 }
 
 impl Findings<'_> {
@@ -473,7 +482,7 @@ impl Findings<'_> {
     fn report(
         mut self,
         session: &mut Session,
-        nominal: &mut Study,
+        nominal: &mut LinearisedProblem,
         begun: f64,
     ) -> Result<(Report, Evidence), GapError> {
         session.begin("closure");

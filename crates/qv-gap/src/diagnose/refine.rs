@@ -3,8 +3,8 @@
 
 use super::{Accused, Findings, estimates, merge};
 use crate::GapError;
+use crate::inference::linearised::LinearisedProblem;
 use crate::inference::search::{Fit, Search};
-use crate::inference::study::Study;
 use crate::report::Correction;
 
 /// Log evidence from which on a size is moved.
@@ -13,16 +13,16 @@ const LEAST_GAIN: f64 = 8.0;
 impl Findings<'_> {
     /// Moves the accused size that the corrected robot of `study` asks most to be moved, of those that were not yet: two that imitate each
     /// other would go on along what neither is told by. Returns whether there is one.
-    pub(super) fn refine(&mut self, study: &mut Study) -> Result<bool, GapError> {
+    pub(super) fn refine(&mut self, study: &mut LinearisedProblem) -> Result<bool, GapError> {
         let steady = self.accused.iter().enumerate().filter(|(_, a)| a.fit.suspect.extent.is_none() && !a.is_refined);
         let groups: Vec<(usize, usize)> = steady.filter_map(|(k, a)| Some((k, a.group_in(study)?))).collect();
         let mut search = Search::new(study, 1.0)?;
         let base = search.base(&[])?;
-        let temper = (base.loss / base.sums.count.max(1.0)).max(1.0);
+        let dispersion = (base.loss / base.sums.count.max(1.0)).max(1.0);
         let mut best: Option<(f64, usize, Fit)> = None;
         for (k, group) in groups {
             let Some(fit) = search.refined(&base, group)? else { continue };
-            let gain = 0.5 * (base.loss - fit.loss) / temper;
+            let gain = 0.5 * (base.loss - fit.loss) / dispersion;
             if gain > LEAST_GAIN && best.as_ref().is_none_or(|b| gain > b.0) {
                 best = Some((gain, k, fit));
             }
@@ -36,7 +36,7 @@ impl Findings<'_> {
 
 impl Accused {
     /// The same group in another study.
-    fn group_in(&self, study: &Study) -> Option<usize> {
+    fn group_in(&self, study: &LinearisedProblem) -> Option<usize> {
         let columns = &study.columns;
         columns.groups.iter().position(|g| {
             let effect = &columns.effects[g.effect];
@@ -45,7 +45,7 @@ impl Accused {
     }
 
     /// Takes over what a fit found in the study of the robot that is corrected by this.
-    fn follow(&mut self, study: &Study, fit: &Fit) {
+    fn follow(&mut self, study: &LinearisedProblem, fit: &Fit) {
         self.is_refined = true;
         let effect = study.columns.effects[study.columns.groups[fit.suspect.group].effect].clone();
         for (value, found) in self.fit.suspect.values.iter_mut().zip(&fit.suspect.values) {

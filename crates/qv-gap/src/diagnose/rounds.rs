@@ -9,8 +9,8 @@ use crate::decision::{Judge, Policy};
 use crate::inference::intervals::estimates_of;
 use crate::inference::level::level;
 use crate::inference::linear_scores::{by_chance, size};
+use crate::inference::linearised::LinearisedProblem;
 use crate::inference::search::{Fit, Search};
-use crate::inference::study::Study;
 use crate::problem::columns::Extent;
 
 /// Candidates that are looked at in windows that no fit has seen: so many of the best that are no events, and so many events.
@@ -30,7 +30,12 @@ pub struct Found {
 ///
 /// # Errors
 /// When a value means nothing.
-pub fn round(study: &mut Study, without: &[usize], is_first: bool, policy: &Policy) -> Result<Found, GapError> {
+pub fn round(
+    study: &mut LinearisedProblem,
+    without: &[usize],
+    is_first: bool,
+    policy: &Policy,
+) -> Result<Found, GapError> {
     let level = level(study)?;
     let mut search = Search::new(study, 1.0)?;
     let by_chance = by_chance(&search);
@@ -38,12 +43,12 @@ pub fn round(study: &mut Study, without: &[usize], is_first: bool, policy: &Poli
     let mut fits = search.suspects(&base, without)?;
     let best = fits.iter().map(|f| f.loss).fold(base.loss, f64::min);
     // What even the best leaves is the measure of what chance does in this recording.
-    let temper = (best / (level.null * level.count)).max(1.0);
-    search.temper = (base.loss / (level.null * level.count)).max(1.0);
-    fits.iter_mut().for_each(|f| f.evidence /= temper);
+    let dispersion = (best / (level.null * level.count)).max(1.0);
+    search.dispersion = (base.loss / (level.null * level.count)).max(1.0);
+    fits.iter_mut().for_each(|f| f.evidence /= dispersion);
     let mut local = search.local_suspects(&base, without)?;
     let regional = |f: &&mut Fit| matches!(f.suspect.extent, Some(Extent::Region(_)));
-    local.iter_mut().filter(regional).for_each(|f| f.evidence *= search.temper / temper);
+    local.iter_mut().filter(regional).for_each(|f| f.evidence *= search.dispersion / dispersion);
     fits.extend(local);
     // Nothing is said of a suspect under which most simulations run away.
     fits.retain(|f| f.evidence.is_finite());
@@ -61,7 +66,7 @@ pub fn round(study: &mut Study, without: &[usize], is_first: bool, policy: &Poli
     Ok(Found { round, fits, reason: judgement.reason })
 }
 
-fn candidate(study: &Study, fit: &Fit, by_chance: f64, share: f64) -> Candidate {
+fn candidate(study: &LinearisedProblem, fit: &Fit, by_chance: f64, share: f64) -> Candidate {
     let group = &study.columns.groups[fit.suspect.group];
     let effect = &study.columns.effects[group.effect];
     // Limits are searched from next to nothing to far beyond what any motion reaches: a share of that is a large limit.
@@ -85,7 +90,12 @@ fn candidate(study: &Study, fit: &Fit, by_chance: f64, share: f64) -> Candidate 
 }
 
 /// Looks at the best candidates in windows that no fit has seen.
-fn look(study: &mut Study, fits: &[Fit], candidates: &mut [Candidate], policy: &Policy) -> Result<(), GapError> {
+fn look(
+    study: &mut LinearisedProblem,
+    fits: &[Fit],
+    candidates: &mut [Candidate],
+    policy: &Policy,
+) -> Result<(), GapError> {
     let least = if study.problem.free { policy.least_event } else { policy.least_held_event };
     let mut looked_at = [0; 2];
     for (fit, candidate) in fits.iter().zip(candidates) {
@@ -101,7 +111,7 @@ fn look(study: &mut Study, fits: &[Fit], candidates: &mut [Candidate], policy: &
     Ok(())
 }
 
-fn held_out_of(study: &mut Study, fit: &Fit) -> Result<HeldOut, GapError> {
+fn held_out_of(study: &mut LinearisedProblem, fit: &Fit) -> Result<HeldOut, GapError> {
     let setting = study.columns.setting_of(&study.problem, std::slice::from_ref(&fit.suspect));
     let closure = closure(study, &setting)?;
     let pair = |(fall, error): (f64, f64)| [fall, error];
@@ -112,7 +122,7 @@ fn held_out_of(study: &mut Study, fit: &Fit) -> Result<HeldOut, GapError> {
         fall: pair(closure.fall(false)),
         fall_of_logarithm: pair(closure.fall(true)),
         fall_of_pieces: fit.held_out.map(|f| [f.mean, f.error]),
-        law: closure.law(study, &setting),
+        actuator_residual: closure.actuator_residual(study, &setting),
         log_evidence: fit.suspect.extent.is_none().then(|| held_out_evidence(study, &setting)).transpose()?,
         falls: if is_event { falls.collect() } else { Vec::new() },
     })

@@ -1,56 +1,56 @@
 //! A study without some of the library's effects: what a diagnosis would say that has never heard of the right one.
 
 use crate::inference::gaussian_evidence::Normal;
-use crate::inference::study::{EXTRA, Study};
+use crate::inference::linearised::{EXTRA, LinearisedProblem};
 use nalgebra::DVector;
 
 /// Share of a tolerance that is as good as none.
 pub(crate) const FORGOTTEN: f64 = 1e-3;
 
 /// What a study knew before it forgot some effects.
-pub struct Forgotten {
-    ghosts: Vec<Vec<Option<Normal>>>,
+pub struct Ablated {
+    replicates: Vec<Vec<Option<Normal>>>,
     ghost_residuals: Vec<Vec<Option<DVector<f64>>>>,
     ghost_deviations: Vec<Vec<f64>>,
     tolerance: Vec<f64>,
-    forgotten: Vec<usize>,
+    ablated: Vec<usize>,
 }
 
-impl Study<'_> {
+impl LinearisedProblem<'_> {
     /// The same study of a library that has never heard of some effects: they are not suspected, no robot deviates in them, and
     /// the simulated ones do not, to first order. What is given back undoes it.
-    pub fn forget(&mut self, effects: &[usize]) -> Forgotten {
-        let kept = Forgotten {
-            ghosts: self.ghosts.clone(),
+    pub fn ablate(&mut self, effects: &[usize]) -> Ablated {
+        let kept = Ablated {
+            replicates: self.replicates.clone(),
             ghost_residuals: self.ghost_residuals.clone(),
             ghost_deviations: self.ghost_deviations.clone(),
             tolerance: self.tolerance.clone(),
-            forgotten: self.forgotten.clone(),
+            ablated: self.ablated.clone(),
         };
-        self.forgotten.extend_from_slice(effects);
+        self.ablated.extend_from_slice(effects);
         let columns = &self.columns;
         let is_of = |c: &usize| effects.contains(&columns.units[columns.columns[*c].unit].effect);
-        let forgotten: Vec<usize> = (0..columns.tolerated).filter(is_of).collect();
+        let ablated: Vec<usize> = (0..columns.tolerated).filter(is_of).collect();
         self.tolerance = self.tolerances();
         for ((residuals, normals), deviations) in
-            self.ghost_residuals.iter_mut().zip(&mut self.ghosts).zip(&mut self.ghost_deviations)
+            self.ghost_residuals.iter_mut().zip(&mut self.replicates).zip(&mut self.ghost_deviations)
         {
             for ((residual, normal), seen) in residuals.iter_mut().zip(normals).zip(&self.seen) {
                 let Some(residual) = residual else { continue };
-                forgotten.iter().for_each(|&c| residual.axpy(-deviations[c], &seen.j.column(EXTRA + c), 1.0));
+                ablated.iter().for_each(|&c| residual.axpy(-deviations[c], &seen.j.column(EXTRA + c), 1.0));
                 *normal = Some(seen.normal_of(residual));
             }
-            forgotten.iter().for_each(|&c| deviations[c] = 0.0);
+            ablated.iter().for_each(|&c| deviations[c] = 0.0);
         }
         kept
     }
 
-    /// Undoes what [`Self::forget`] did.
-    pub fn remember(&mut self, kept: Forgotten) {
-        self.ghosts = kept.ghosts;
+    /// Undoes what [`Self::ablate`] did.
+    pub fn restore(&mut self, kept: Ablated) {
+        self.replicates = kept.replicates;
         self.ghost_residuals = kept.ghost_residuals;
         self.ghost_deviations = kept.ghost_deviations;
         self.tolerance = kept.tolerance;
-        self.forgotten = kept.forgotten;
+        self.ablated = kept.ablated;
     }
 }

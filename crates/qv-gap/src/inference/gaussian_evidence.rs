@@ -89,13 +89,13 @@ impl Marginal {
 }
 
 /// Log evidence ratio of giving the directions `d` (shape `[columns, k]`) a prior of deviations `wide`, against not; and
-/// the values along them. Losses are divided by `temper`.
+/// the values along them. Losses are divided by `dispersion`.
 pub fn widen(
     curvature: &DMatrix<f64>,
     force: &DVector<f64>,
     d: &DMatrix<f64>,
     wide: &[f64],
-    temper: f64,
+    dispersion: f64,
 ) -> Option<(f64, DVector<f64>)> {
     let k = wide.len();
     // Hardly any of some hundred columns is part of a direction.
@@ -104,8 +104,8 @@ pub fn widen(
     let product = |a: &[(usize, f64)], b: &[(usize, f64)]| -> f64 {
         a.iter().map(|&(i, x)| x * b.iter().map(|&(j, y)| curvature[(i, j)] * y).sum::<f64>()).sum()
     };
-    let h = DMatrix::from_fn(k, k, |a, b| product(&parts[a], &parts[b]) / temper);
-    let g = DVector::from_fn(k, |a, _| parts[a].iter().map(|&(i, x)| x * force[i]).sum::<f64>() / temper);
+    let h = DMatrix::from_fn(k, k, |a, b| product(&parts[a], &parts[b]) / dispersion);
+    let g = DVector::from_fn(k, |a, _| parts[a].iter().map(|&(i, x)| x * force[i]).sum::<f64>() / dispersion);
     let mut a = h.clone();
     (0..k).for_each(|i| a[(i, i)] += 1.0 / (wide[i] * wide[i]));
     let factor = a.cholesky()?;

@@ -1,14 +1,14 @@
 //! Sizes with names, units and intervals.
 
 use crate::findings::ParameterEstimate;
+use crate::inference::linearised::LinearisedProblem;
 use crate::inference::regions::EDGES;
 use crate::inference::search::Fit;
-use crate::inference::study::Study;
 use crate::problem::columns::Extent;
 use crate::problem::library::Effect;
 
 /// Values of a fit of a study.
-pub fn estimates_of(study: &Study, fit: &Fit) -> Vec<ParameterEstimate> {
+pub fn estimates_of(study: &LinearisedProblem, fit: &Fit) -> Vec<ParameterEstimate> {
     let effect = &study.columns.effects[study.columns.groups[fit.suspect.group].effect];
     estimates(effect, fit, fit.suspect.extent)
 }

@@ -1,22 +1,22 @@
 //! What one linear step says of each effect, in the recording and in those without an effect.
 
 use crate::inference::gaussian_evidence::Sums;
+use crate::inference::linearised::LinearisedProblem;
 use crate::inference::search::{Search, fitted};
-use crate::inference::study::Study;
 use crate::problem::columns::Suspect;
 
 /// Largest log evidence of each effect in recordings without one, 0 at least.
 pub fn by_chance(search: &Search) -> Vec<f64> {
     let most = vec![0.0; search.study.columns.effects.len()];
-    let larger = |most: Vec<f64>, ghost: Vec<f64>| most.iter().zip(ghost).map(|(m, e)| e.max(*m)).collect();
-    of_ghosts(search).into_iter().fold(most, larger)
+    let larger = |most: Vec<f64>, replicate: Vec<f64>| most.iter().zip(replicate).map(|(m, e)| e.max(*m)).collect();
+    of_replicates(search).into_iter().fold(most, larger)
 }
 
-/// Log evidence of each effect by one linear step, its best group's, in each recording without one: shape `[ghosts][effects]`.
-pub fn of_ghosts(search: &Search) -> Vec<Vec<f64>> {
+/// Log evidence of each effect by one linear step, its best group's, in each recording without one: shape `[replicates][effects]`.
+pub fn of_replicates(search: &Search) -> Vec<Vec<f64>> {
     let study = &search.study;
     let all: Vec<usize> = (0..study.seen.len()).collect();
-    study.ghosts.iter().map(|ghost| by_effect(search, &study.sums(ghost, &all, fitted))).collect()
+    study.replicates.iter().map(|replicate| by_effect(search, &study.sums(replicate, &all, fitted))).collect()
 }
 
 /// Log evidence of each effect by one linear step, its best group's; minus infinity of one that may not be.
@@ -31,7 +31,7 @@ pub fn by_effect(search: &Search, sums: &Sums) -> Vec<f64> {
 }
 
 /// Deviation of a fit from absent, in tolerances; infinite for effects of which nothing is tolerated.
-pub fn size(study: &Study, suspect: &Suspect) -> f64 {
+pub fn size(study: &LinearisedProblem, suspect: &Suspect) -> f64 {
     let group = &study.columns.groups[suspect.group];
     let effect = &study.columns.effects[group.effect];
     if effect.tolerance == 0.0 {

@@ -3,12 +3,12 @@
 
 use crate::GapError;
 use crate::inference::gaussian_evidence::Normal;
+use crate::inference::linearised::{EXTRA, LinearisedWindow};
 use crate::inference::regions::never_left;
 use crate::inference::regions::{Outline, around, overlap, rectangles, up_to_feet, whole_and_halves};
 use crate::inference::search::{Base, Fit, RAN_AWAY, Search, direction, fitted};
 use crate::inference::short_windows::feet;
-use crate::inference::study::{EXTRA, Seen};
-use crate::problem::Setting;
+use crate::problem::Overrides;
 use crate::problem::columns::{Column, Extent, Suspect};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -92,7 +92,7 @@ impl Search<'_, '_> {
         sorted.sort_by(f64::total_cmp);
         let most = 1.5 * sorted[sorted.len() / 2];
         let sound = |w: usize| self.windows.iter().position(|&x| x == w).is_some_and(|k| of[k] <= most);
-        let weight = |s: &Seen| {
+        let weight = |s: &LinearisedWindow| {
             let w = self.study.seen.iter().position(|x| std::ptr::eq(x, s));
             if w.is_some_and(sound) { fitted(s) } else { 0.0 }
         };
@@ -147,9 +147,9 @@ impl Search<'_, '_> {
             others.extend(rest);
         }
         // What all of them leave is the measure of what chance does.
-        let temper = (self.temper * now.loss / base.loss).max(1.0);
+        let dispersion = (self.dispersion * now.loss / base.loss).max(1.0);
         found.extend(others);
-        found.iter_mut().for_each(|f| f.evidence *= self.temper / temper);
+        found.iter_mut().for_each(|f| f.evidence *= self.dispersion / dispersion);
         Ok(found)
     }
 
@@ -157,7 +157,7 @@ impl Search<'_, '_> {
     fn scan_times(&self, base: &Base, without: &[usize], found: &[Fit]) -> Vec<Suspect> {
         // What acts for a while must not be mistaken for what any robot deviates by, nor for what nothing explains.
         let Some((deviations, share)) = self.sound(base) else { return Vec::new() };
-        let temper = (self.temper * share).max(1.0);
+        let dispersion = (self.dispersion * share).max(1.0);
         let mut left = self.left(base, &deviations);
         let length = self.study.problem.cut.window;
         for (part, &w) in left.iter_mut().zip(&self.windows) {
@@ -168,7 +168,7 @@ impl Search<'_, '_> {
                 *part = None;
             }
         }
-        let runs = self.runs(base, &left, temper, without);
+        let runs = self.runs(base, &left, dispersion, without);
         let Some(&(_, first, last, _)) = runs.first() else { return Vec::new() };
         let alike = |r: &&(f64, usize, usize, Suspect)| r.0 > WORTH_A_LOOK && r.1 <= last && r.2 >= first;
         runs.iter().filter(alike).take(2).map(|r| r.3.clone()).collect()
@@ -179,7 +179,7 @@ impl Search<'_, '_> {
         &self,
         base: &Base,
         left: &[Option<Normal>],
-        temper: f64,
+        dispersion: f64,
         without: &[usize],
     ) -> Vec<(f64, usize, usize, Suspect)> {
         let columns = self.columns();
@@ -196,7 +196,7 @@ impl Search<'_, '_> {
             let wide: Vec<f64> = d.steps.iter().map(|s| (0.4 * effect.span() / s).abs()).collect();
             let part = |(n, &w): (&Option<Normal>, &usize)| {
                 let n = n.as_ref()?;
-                Some((d.d.tr_mul(&n.b) / temper, d.d.tr_mul(&(&self.study.seen[w].h * &d.d)) / temper))
+                Some((d.d.tr_mul(&n.b) / dispersion, d.d.tr_mul(&(&self.study.seen[w].h * &d.d)) / dispersion))
             };
             let parts: Vec<_> = left.iter().zip(&self.windows).map(part).collect();
             let (evidence, first, last, amounts) = best_run(&parts, &wide)?;
@@ -234,7 +234,7 @@ impl Search<'_, '_> {
         let asked = grounds.iter().flat_map(|ground| FRICTIONS.map(|mu| (mu, *ground)));
         let asked: Vec<(f64, [f64; 4])> = std::iter::once((FRICTIONS[0], [0.0; 4])).chain(asked).collect();
         let all: Vec<Suspect> = asked.iter().map(|&(mu, region)| in_region(mu, region)).collect();
-        let settings: Vec<Setting> = self.settings(base, &all);
+        let settings: Vec<Overrides> = self.settings(base, &all);
         let mut normals = self.study.evaluate(&settings, &windows)?;
         let before = normals.remove(0);
         let mut found: Vec<(f64, Suspect)> = Vec::new();
@@ -345,8 +345,8 @@ impl Search<'_, '_> {
             |(k, d): (usize, &f64)| (d.max(1e-6 * range(k)) * std::f64::consts::TAU.sqrt() / range(k)).ln().min(0.0);
         let volume: f64 = deviations.iter().enumerate().map(cost).sum();
         let regional = matches!(suspect.extent, Some(Extent::Region(_)));
-        let temper = if regional { 1.0 } else { self.temper };
-        let evidence = 0.5 * (before - loss) / temper + volume;
+        let dispersion = if regional { 1.0 } else { self.dispersion };
+        let evidence = 0.5 * (before - loss) / dispersion + volume;
         // Told on the scale of the other fits.
         let loss = base.loss - (before - loss);
         Fit { suspect, deviations, loss, evidence, held_out: None }
@@ -401,7 +401,7 @@ impl Search<'_, '_> {
         &self,
         base: &Base,
         suspects: &[Suspect],
-        settings: &[Setting],
+        settings: &[Overrides],
     ) -> Result<Vec<Vec<Option<Normal>>>, GapError> {
         let length = self.study.problem.cut.window;
         let touches = |s: &Suspect, start: f64| match s.extent {
@@ -468,7 +468,8 @@ impl Search<'_, '_> {
         let losses = self.loss_at(base, &points)?;
         let spread = |k: usize| {
             let rise = 0.5 * (losses[2 * k] + losses[2 * k + 1]) - loss;
-            let flat = if rise.is_finite() && rise > 0.0 { steps[k] * (self.temper / rise).sqrt() } else { steps[k] };
+            let flat =
+                if rise.is_finite() && rise > 0.0 { steps[k] * (self.dispersion / rise).sqrt() } else { steps[k] };
             flat.min(4.0 * steps[k])
         };
         Ok((0..numbers.len()).map(spread).collect())

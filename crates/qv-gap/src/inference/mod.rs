@@ -9,6 +9,6 @@ pub mod local;
 pub mod regions;
 pub mod relinearise;
 
+pub mod linearised;
 pub mod search;
 pub mod short_windows;
-pub mod study;

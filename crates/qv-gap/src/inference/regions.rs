@@ -1,7 +1,7 @@
 //! Rectangles of the ground: where a search for them begins, by what each window gains there, and what feet tell of their edges.
 
+use crate::inference::linearised::LinearisedProblem;
 use crate::inference::local::place;
-use crate::inference::study::Study;
 use crate::problem::columns::{Extent, Suspect};
 
 /// All of the ground, and what lies to the left and to the right of the way: the feet of one side alone may stand on it.
@@ -181,7 +181,7 @@ pub fn untested(feet: &[[f64; 2]], region: [f64; 4]) -> Vec<&'static str> {
 const MOST_OUTSIDE: f64 = 0.25;
 
 /// Whether the robot was in a region in all windows, and its feet all but always.
-pub fn never_left(study: &Study, feet: &[[f64; 2]], [x0, x1, y0, y1]: [f64; 4]) -> bool {
+pub fn never_left(study: &LinearisedProblem, feet: &[[f64; 2]], [x0, x1, y0, y1]: [f64; 4]) -> bool {
     let inside = |[x, y]: [f64; 2]| (x0..=x1).contains(&x) && (y0..=y1).contains(&y);
     let outside = feet.iter().filter(|p| !inside(**p)).count() as f64;
     outside <= MOST_OUTSIDE * feet.len() as f64 && study.seen.iter().all(|s| inside(place(&s.window)))

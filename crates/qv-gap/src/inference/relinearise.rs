@@ -1,15 +1,15 @@
 //! A study of a robot that differs a little from that of another study: only what that changes is simulated anew.
 
 use crate::GapError;
-use crate::inference::study::{EXTRA, Seen, Study};
+use crate::inference::linearised::{EXTRA, LinearisedProblem, LinearisedWindow};
 use crate::problem::columns::{Column, Columns};
-use crate::problem::{Problem, Setting, Window};
+use crate::problem::{Overrides, Problem, Window};
+use crate::rollout::actuator_model::Alignment;
 use crate::rollout::jacobian::{changes, with_law};
-use crate::rollout::law::Alignment;
 use crate::rollout::windows::compare;
 use nalgebra::DVector;
 
-impl<'a> Study<'a> {
+impl<'a> LinearisedProblem<'a> {
     /// The study of `problem`, whose robot is this one's but for the sizes of a few effects. Residuals and the sensitivities of these effects
     /// are simulated anew; the null, the other sensitivities, the recorder's alignment and how deep feet sink in are kept, which such a step
     /// hardly changes. `None` where that cannot be: a window can no longer be simulated, or the columns are others.
@@ -42,8 +42,8 @@ impl<'a> Study<'a> {
     fn see_again(&mut self, moved: &[usize]) -> Result<bool, GapError> {
         let windows: Vec<&Window> = self.seen.iter().map(|s| &s.window).collect();
         let alignments: Vec<Alignment> = windows.iter().map(|w| self.parts[w.run].alignment).collect();
-        let base = compare(&self.problem, &self.problem.numerics, &windows, &[Setting::new()])?;
-        let raw = with_law(&self.problem, &alignments, &windows, &[Setting::new()], base.values).remove(0);
+        let base = compare(&self.problem, &self.problem.numerics, &windows, &[Overrides::new()])?;
+        let raw = with_law(&self.problem, &alignments, &windows, &[Overrides::new()], base.values).remove(0);
         let some: Vec<&Column> = moved.iter().map(|&k| &self.columns.columns[k]).collect();
         let mut steps = base.steps;
         let found = changes(&self.problem, &self.columns, &some, (&windows, &alignments, &raw), &mut steps)?;
@@ -51,7 +51,7 @@ impl<'a> Study<'a> {
         if raw.iter().any(|r| r.is_empty()) || found.iter().flatten().any(Option::is_none) {
             return Ok(false);
         }
-        let columns_of = |(seen, found): (&Seen, &Vec<_>)| -> Vec<DVector<f64>> {
+        let columns_of = |(seen, found): (&LinearisedWindow, &Vec<_>)| -> Vec<DVector<f64>> {
             let whitener = self.whitener(seen);
             found.iter().flatten().map(|change| whitener.difference(seen.index, change)).collect()
         };
@@ -67,8 +67,8 @@ impl<'a> Study<'a> {
                 seen.weigh();
             }
         }
-        for (normals, residuals) in self.ghosts.iter_mut().zip(&self.ghost_residuals) {
-            let normal = |(r, s): (&Option<DVector<f64>>, &Seen)| r.as_ref().map(|r| s.normal_of(r));
+        for (normals, residuals) in self.replicates.iter_mut().zip(&self.ghost_residuals) {
+            let normal = |(r, s): (&Option<DVector<f64>>, &LinearisedWindow)| r.as_ref().map(|r| s.normal_of(r));
             *normals = residuals.iter().zip(&self.seen).map(normal).collect();
         }
         Ok(true)

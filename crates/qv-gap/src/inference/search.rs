@@ -2,9 +2,9 @@
 
 use crate::GapError;
 use crate::inference::gaussian_evidence::{Marginal, Normal, Sums, widen};
+use crate::inference::linearised::{EXTRA, LinearisedProblem, LinearisedWindow};
 use crate::inference::short_windows::Fall;
-use crate::inference::study::{EXTRA, Seen, Study};
-use crate::problem::Setting;
+use crate::problem::Overrides;
 use crate::problem::columns::{Columns, Suspect};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -49,7 +49,7 @@ pub struct Fit {
     pub deviations: Vec<f64>,
     /// Loss in the windows of the fit, tolerated deviations at their best.
     pub loss: f64,
-    /// Log evidence over that of no effect, tempered.
+    /// Log evidence over that of no effect, divided by the dispersion.
     pub evidence: f64,
     /// Fall of the loss in windows that no fit has seen, where pieces of windows told it.
     pub held_out: Option<Fall>,
@@ -76,23 +76,23 @@ pub struct Base {
 }
 
 /// The windows of the fit and their weights.
-pub fn fitted(seen: &Seen) -> f64 {
+pub fn fitted(seen: &LinearisedWindow) -> f64 {
     if seen.window.held_out { 0.0 } else { seen.weight }
 }
 
 /// The windows that no fit sees and their weights.
-pub fn held_out(seen: &Seen) -> f64 {
+pub fn held_out(seen: &LinearisedWindow) -> f64 {
     if seen.window.held_out { seen.weight } else { 0.0 }
 }
 
 /// A search over the suspects of a study.
 pub struct Search<'s, 'a> {
-    pub(crate) study: &'s mut Study<'a>,
+    pub(crate) study: &'s mut LinearisedProblem<'a>,
     /// Deviations integrated out over the windows of the fit.
     pub marginal: Marginal,
     pub(crate) windows: Vec<usize>,
     /// What losses are divided by.
-    pub temper: f64,
+    pub dispersion: f64,
     /// Units that deviate in all that is simulated.
     pub(crate) deviant: Vec<(usize, f64)>,
 }
@@ -102,10 +102,10 @@ impl<'s, 'a> Search<'s, 'a> {
     ///
     /// # Errors
     /// When the normal equations are no good.
-    pub fn new(study: &'s mut Study<'a>, temper: f64) -> Result<Self, GapError> {
+    pub fn new(study: &'s mut LinearisedProblem<'a>, dispersion: f64) -> Result<Self, GapError> {
         let marginal = study.marginal(fitted)?;
         let windows = (0..study.seen.len()).filter(|&w| fitted(&study.seen[w]) > 0.0).collect();
-        Ok(Self { study, marginal, windows, temper, deviant: Vec::new() })
+        Ok(Self { study, marginal, windows, dispersion, deviant: Vec::new() })
     }
 
     pub(crate) fn columns(&self) -> &Columns {
@@ -210,7 +210,7 @@ impl<'s, 'a> Search<'s, 'a> {
             for level in 0..effect.levels.len() {
                 let Some(direction) = direction(columns, index, level) else { continue };
                 let wide: Vec<f64> = direction.steps.iter().map(|s| (0.4 * effect.span() / s).abs()).collect();
-                let step = widen(&self.marginal.curvature, &force, &direction.d, &wide, self.temper);
+                let step = widen(&self.marginal.curvature, &force, &direction.d, &wide, self.dispersion);
                 let Some((evidence, amounts)) = step else { continue };
                 let at = |(a, (step, absent)): (usize, (&f64, &f64))| {
                     if absent.is_finite() { absent + amounts[a] * step } else { direction.levels[a] }
@@ -312,7 +312,7 @@ impl<'s, 'a> Search<'s, 'a> {
         self.loss_of(marginal, &some.iter().map(of).collect::<Vec<_>>(), some)
     }
 
-    pub(crate) fn settings(&self, base: &Base, suspects: &[Suspect]) -> Vec<Setting> {
+    pub(crate) fn settings(&self, base: &Base, suspects: &[Suspect]) -> Vec<Overrides> {
         let beside = |s: &Suspect| [&base.suspects[..], std::slice::from_ref(s)].concat();
         let of = |s| self.columns().setting_beside(&self.study.problem, &self.deviant, &beside(s));
         suspects.iter().map(of).collect()
@@ -331,7 +331,7 @@ impl<'s, 'a> Search<'s, 'a> {
 
     /// Deviations integrated out over some of the windows of the fit.
     fn marginal_in(&self, some: &[usize]) -> Option<Marginal> {
-        let is_one = |s: &Seen| some.iter().any(|&w| std::ptr::eq(&self.study.seen[w], s));
+        let is_one = |s: &LinearisedWindow| some.iter().any(|&w| std::ptr::eq(&self.study.seen[w], s));
         self.study.marginal(|s| if is_one(s) { fitted(s) } else { 0.0 }).ok()
     }
 
@@ -376,7 +376,7 @@ impl<'s, 'a> Search<'s, 'a> {
         for (&k, tangent) in live.iter().zip(&tangents) {
             let fit = &mut fits[k];
             fit.loss = tangent.loss;
-            fit.deviations = tangent.deviations(self.temper);
+            fit.deviations = tangent.deviations(self.dispersion);
             for share in STEPS {
                 let mut suspect = fit.suspect.clone();
                 let effect = &self.columns().effects[self.columns().groups[suspect.group].effect];
@@ -495,7 +495,7 @@ impl<'s, 'a> Search<'s, 'a> {
         let all: Vec<usize> = (0..fits.len()).collect();
         let tangents = self.tangents(base, fits, here, &all)?;
         for (fit, tangent) in fits.iter_mut().zip(tangents) {
-            fit.deviations = tangent.deviations(self.temper);
+            fit.deviations = tangent.deviations(self.dispersion);
             let group = &self.columns().groups[fit.suspect.group];
             let effect = &self.columns().effects[group.effect];
             let groups = self.columns().groups.iter().filter(|g| g.effect == group.effect).count();
@@ -505,7 +505,7 @@ impl<'s, 'a> Search<'s, 'a> {
                 .iter()
                 .map(|d| (d.max(1e-9 * range) * std::f64::consts::TAU.sqrt() / range).ln().min(0.0))
                 .sum();
-            let gain = 0.5 * (base.loss - fit.loss) / self.temper;
+            let gain = 0.5 * (base.loss - fit.loss) / self.dispersion;
             fit.evidence = gain + volume - (groups as f64).ln();
         }
         Ok(())
@@ -520,10 +520,10 @@ struct Tangent {
 }
 
 impl Tangent {
-    fn deviations(&self, temper: f64) -> Vec<f64> {
+    fn deviations(&self, dispersion: f64) -> Vec<f64> {
         let axes = self.step.len();
         match self.curvature.clone().cholesky() {
-            Some(c) => c.inverse().diagonal().iter().map(|v| (temper * v).sqrt()).collect(),
+            Some(c) => c.inverse().diagonal().iter().map(|v| (dispersion * v).sqrt()).collect(),
             None => vec![f64::INFINITY; axes],
         }
     }

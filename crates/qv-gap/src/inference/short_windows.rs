@@ -5,13 +5,13 @@
 //! feet that stand go on standing are met by the right friction alone, and the others count little by their logarithm.
 
 use crate::GapError;
+use crate::inference::linearised::{LinearisedProblem, LinearisedWindow};
 use crate::inference::local::place;
 use crate::inference::regions::never_left;
 use crate::inference::regions::{Outline, is_within_reach, told_by_feet, up_to_feet};
 use crate::inference::search::{Search, fitted, held_out};
-use crate::inference::study::{Seen, Study};
 use crate::problem::columns::{Extent, Suspect};
-use crate::problem::{Cut, Problem, Setting, Window};
+use crate::problem::{Overrides, Problem, Window, WindowOptions};
 use crate::rollout::windows::{compare, standing_feet};
 use rayon::prelude::*;
 
@@ -93,7 +93,7 @@ impl<'a> Search<'_, 'a> {
         Ok(Some(Slip { friction, outline, gain: ends[0] - ends[1], held_out }))
     }
 
-    fn slippery(&self, problem: &Problem, group: usize, mu: f64, region: [f64; 4]) -> Setting {
+    fn slippery(&self, problem: &Problem, group: usize, mu: f64, region: [f64; 4]) -> Overrides {
         let suspect = Suspect { group, values: vec![mu], extent: Some(Extent::Region(region)) };
         self.columns().setting_beside(problem, &self.deviant, &[suspect])
     }
@@ -102,7 +102,7 @@ impl<'a> Search<'_, 'a> {
     fn pieces(
         &self,
         problem: &Problem,
-        wanted: impl Fn(&Seen) -> bool,
+        wanted: impl Fn(&LinearisedWindow) -> bool,
         region: [f64; 4],
     ) -> (Vec<Window>, Vec<Window>) {
         let (mut inside, mut outside) = (Vec::new(), Vec::new());
@@ -119,20 +119,21 @@ impl<'a> Search<'_, 'a> {
 fn short<'a>(problem: &Problem<'a>) -> Problem<'a> {
     let mut problem = problem.clone();
     let window = problem.cut.window / PIECES as f64;
-    problem.cut = Cut { window, bin: window / BINS, ..problem.cut };
+    problem.cut = WindowOptions { window, bin: window / BINS, ..problem.cut };
     problem
 }
 
 /// Pieces of a window, for a problem that is cut into them.
-fn cut(problem: &Problem, seen: &Seen) -> Vec<Window> {
+fn cut(problem: &Problem, seen: &LinearisedWindow) -> Vec<Window> {
     let starts = (0..PIECES).map(|k| seen.window.start + k as f64 * problem.cut.window);
     starts.filter_map(|start| problem.window(&seen.window.view, start, false)).collect()
 }
 
 /// Where feet stood at the starts of all pieces, x and y \[m\].
-pub fn feet(study: &Study) -> Vec<[f64; 2]> {
+pub fn feet(study: &LinearisedProblem) -> Vec<[f64; 2]> {
     let problem = short(&study.problem);
-    let of_window = |seen: &Seen| cut(&problem, seen).iter().flat_map(|p| standing_feet(&problem, p)).collect();
+    let of_window =
+        |seen: &LinearisedWindow| cut(&problem, seen).iter().flat_map(|p| standing_feet(&problem, p)).collect();
     // In order: the same on any number of threads.
     study.seen.par_iter().map(of_window).collect::<Vec<Vec<[f64; 2]>>>().concat()
 }
@@ -156,7 +157,7 @@ impl Pieces<'_, '_, '_> {
     /// The same by piece, shape `[points][pieces]`.
     fn each(&self, pieces: &[Window], points: &[(f64, [f64; 4])]) -> Result<Vec<Vec<f64>>, GapError> {
         let setting = |&(mu, region): &(f64, [f64; 4])| self.search.slippery(self.problem, self.group, mu, region);
-        let settings: Vec<Setting> = points.iter().map(setting).collect();
+        let settings: Vec<Overrides> = points.iter().map(setting).collect();
         let residuals = residuals(self.problem, pieces, &settings)?;
         Ok(residuals.iter().map(|of_point| of_point.iter().map(|r| loss(r, &self.scales)).collect()).collect())
     }
@@ -236,7 +237,7 @@ fn starts(feet: &[[f64; 2]], start: [f64; 4]) -> Vec<[f64; 4]> {
 }
 
 /// Residuals of pieces under settings, shape `[settings][pieces][features]`; empty where a simulation ran away.
-fn residuals(problem: &Problem, pieces: &[Window], settings: &[Setting]) -> Result<Vec<Vec<Vec<f64>>>, GapError> {
+fn residuals(problem: &Problem, pieces: &[Window], settings: &[Overrides]) -> Result<Vec<Vec<Vec<f64>>>, GapError> {
     let pieces: Vec<&Window> = pieces.iter().collect();
     Ok(compare(problem, &problem.numerics, &pieces, settings)?.values)
 }

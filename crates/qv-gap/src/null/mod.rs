@@ -8,7 +8,7 @@ pub mod reference;
 pub mod whitening;
 
 use crate::GapError;
-use crate::problem::{Numerics, Problem, Role, Setting, Window};
+use crate::problem::{Numerics, Overrides, Problem, Role, Window};
 use crate::random::Random;
 use crate::rollout::windows::{are_near, longest_latency};
 use glam::{DQuat, DVec3};
@@ -70,9 +70,9 @@ fn of_column(series: &Option<JointSeries>, column: usize) -> f64 {
 }
 
 /// A robot to record windows of.
-pub struct Ghost {
+pub struct Replicate {
     /// What it is.
-    pub setting: Setting,
+    pub setting: Overrides,
     /// How it is simulated.
     pub numerics: Numerics,
     /// Of its noise.
@@ -81,7 +81,7 @@ pub struct Ghost {
     pub ground_error: f64,
 }
 
-/// Windows recorded of a ghost; `None` where it ran away.
+/// Windows recorded of a replicate; `None` where it ran away.
 ///
 /// # Errors
 /// When a parameter has a value that means nothing.
@@ -89,17 +89,17 @@ pub fn record(
     problem: &Problem,
     windows: &[Window],
     noise: &Noise,
-    ghosts: &[Ghost],
+    replicates: &[Replicate],
 ) -> Result<Vec<Vec<Option<Window>>>, GapError> {
     const TOGETHER: usize = 16;
     let record_chunk = if are_near(problem, windows) { record_chunk::<f32> } else { record_chunk::<f64> };
-    ghosts
+    replicates
         .iter()
-        .map(|ghost| {
+        .map(|replicate| {
             let indexed: Vec<(usize, &Window)> = windows.iter().enumerate().collect();
             let chunks: Vec<Vec<Option<Window>>> = indexed
                 .par_chunks(TOGETHER)
-                .map(|chunk| record_chunk(problem, chunk, noise, ghost))
+                .map(|chunk| record_chunk(problem, chunk, noise, replicate))
                 .collect::<Result<_, GapError>>()?;
             Ok(chunks.into_iter().flatten().collect())
         })
@@ -110,16 +110,16 @@ fn record_chunk<T: Precision>(
     problem: &Problem,
     windows: &[(usize, &Window)],
     noise: &Noise,
-    ghost: &Ghost,
+    replicate: &Replicate,
 ) -> Result<Vec<Option<Window>>, GapError> {
-    let numerics = &ghost.numerics;
-    let latency = longest_latency(problem, &ghost.setting);
+    let numerics = &replicate.numerics;
+    let latency = longest_latency(problem, &replicate.setting);
     let mut options = numerics.options(latency);
-    options.max_sensor_latency = sensor_latency(problem, &ghost.setting);
+    options.max_sensor_latency = sensor_latency(problem, &replicate.setting);
     let mut batch = Batch::<T>::new(problem.model, &problem.terrain, &options, windows.len())?;
     let mut recorders = Vec::new();
     for (env, (index, window)) in windows.iter().enumerate() {
-        recorders.push(Recorder::new(problem, &mut batch, env, window, ghost, latency, *index as u64)?);
+        recorders.push(Recorder::new(problem, &mut batch, env, window, replicate, latency, *index as u64)?);
     }
     let ticks = recorders.iter().flatten().map(|r| r.ticks(numerics.timestep)).max().unwrap_or(0);
     for tick in 0..=ticks {
@@ -145,24 +145,24 @@ fn uneven<T: Precision>(
     problem: &Problem,
     batch: &mut Batch<T>,
     env: usize,
-    ghost: &Ghost,
+    replicate: &Replicate,
     stream: u64,
 ) -> Result<(), GapError> {
-    if !(problem.free && ghost.ground_error > 0.0) {
+    if !(problem.free && replicate.ground_error > 0.0) {
         return Ok(());
     }
-    let mut random = Random::new(ghost.seed ^ 0x6775_6e64, stream);
+    let mut random = Random::new(replicate.seed ^ 0x6775_6e64, stream);
     for &geom in &problem.feet.geoms {
         let name = format!("geom.{}.radius_offset", problem.model.geoms[geom].name);
         if let Some(id) = problem.parameter(&name) {
-            let value = problem.value(&ghost.setting, id) + random.normal(ghost.ground_error);
+            let value = problem.value(&replicate.setting, id) + random.normal(replicate.ground_error);
             batch.set_parameter_at(env, id, value)?;
         }
     }
     Ok(())
 }
 
-fn sensor_latency(problem: &Problem, setting: &Setting) -> f64 {
+fn sensor_latency(problem: &Problem, setting: &Overrides) -> f64 {
     let is_latency = |id: usize| matches!(problem.roles[id], Role::EncoderLatency(_) | Role::PoseDelay);
     problem.stated.iter().chain(setting).filter(|s| is_latency(s.0)).map(|s| s.1).fold(0.0, f64::max)
 }
@@ -192,7 +192,7 @@ impl Recorder {
         batch: &mut Batch<T>,
         env: usize,
         window: &Window,
-        ghost: &Ghost,
+        replicate: &Replicate,
         latency: f64,
         stream: u64,
     ) -> Result<Option<Self>, GapError> {
@@ -203,21 +203,21 @@ impl Recorder {
         let from = (window.start - problem.cut.margin + 0.08).max(first);
         // On a stamp, so that rows fall on steps.
         let from = due[0].iter().copied().find(|&t| t >= from).unwrap_or(from);
-        let Ok(starts) = problem.starts(&window.view, problem.sensor_errors(&ghost.setting)) else {
+        let Ok(starts) = problem.starts(&window.view, problem.sensor_errors(&replicate.setting)) else {
             return Ok(None);
         };
         let Some(state) = starts.at(from) else { return Ok(None) };
-        for (id, value) in problem.acting(&ghost.setting, window.start, window.start + problem.cut.window) {
+        for (id, value) in problem.acting(&replicate.setting, window.start, window.start + problem.cut.window) {
             match problem.roles[id] {
                 Role::ForceStart => batch.set_parameter_at(env, id, value - from)?,
                 _ => batch.set_parameter_at(env, id, value)?,
             }
         }
-        uneven(problem, batch, env, ghost, stream)?;
+        uneven(problem, batch, env, replicate, stream)?;
         if let (true, Some(id)) = (problem.free, problem.parameter("terrain.height")) {
-            // The ghost's ground is where its feet are; where the ground is expected is seen through the pose.
-            let touching = crate::rollout::windows::ground_at(problem, &ghost.setting, &state.q);
-            let expected = problem.value(&ghost.setting, id);
+            // The replicate's ground is where its feet are; where the ground is expected is seen through the pose.
+            let touching = crate::rollout::windows::ground_at(problem, &replicate.setting, &state.q);
+            let expected = problem.value(&replicate.setting, id);
             let mut state = state.clone();
             state.q[2] += expected - touching;
             batch.set_parameter_at(env, id, expected)?;
@@ -227,7 +227,7 @@ impl Recorder {
         }
         let commands = window.told.held(problem, window)?;
         let mut command = Command::default();
-        let dt = ghost.numerics.timestep;
+        let dt = replicate.numerics.timestep;
         for age in (1..=(latency / dt).ceil() as usize).rev() {
             commands.at(from - age as f64 * dt, dt, &mut command);
             batch.set_past_command(env, age, &command.view())?;
@@ -235,7 +235,7 @@ impl Recorder {
         let next = due.each_ref().map(|d| d.partition_point(|&t| t < from - 1e-9));
         let mut view = window.view.clone();
         empty(&mut view);
-        let random = Random::new(ghost.seed, stream);
+        let random = Random::new(replicate.seed, stream);
         let columns = problem.columns.clone();
         let (row, until) = (Vec::new(), f64::NEG_INFINITY);
         Ok(Some(Self { view, commands, from, to: last, due, next, random, command, until, columns, row }))

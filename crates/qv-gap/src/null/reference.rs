@@ -7,7 +7,7 @@ use crate::GapError;
 use crate::findings::Correction;
 use crate::problem::columns::Columns;
 use crate::problem::library::{Effect, Interface};
-use crate::problem::{Problem, Setting, Window};
+use crate::problem::{Overrides, Problem, Window};
 use crate::random::Random;
 use crate::rollout::windows::Raw;
 use crate::rollout::windows::compare;
@@ -90,14 +90,14 @@ impl<'p> Fit<'p> {
         Ok(fit)
     }
 
-    fn setting(&self, values: &[f64]) -> Setting {
+    fn setting(&self, values: &[f64]) -> Overrides {
         let units = |(&c, &v): (&usize, &f64)| (self.columns.columns[c].unit, v);
         let values: Vec<(usize, f64)> = self.units.iter().zip(values).map(units).collect();
         self.columns.setting(self.problem, &values)
     }
 
     fn simulate(&self, points: &[Vec<f64>]) -> Result<Vec<Vec<Vec<f64>>>, GapError> {
-        let settings: Vec<Setting> = points.iter().map(|p| self.setting(p)).collect();
+        let settings: Vec<Overrides> = points.iter().map(|p| self.setting(p)).collect();
         let windows: Vec<&Window> = self.windows.iter().collect();
         Ok(compare(self.problem, &self.problem.numerics, &windows, &settings)?.values)
     }

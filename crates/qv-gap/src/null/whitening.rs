@@ -1,7 +1,7 @@
 //! What the features of a robot without an effect look like, and features in units of that.
 
 use crate::problem::Problem;
-use crate::rollout::law;
+use crate::rollout::actuator_model;
 use crate::rollout::windows::Raw;
 use nalgebra::{DMatrix, DVector};
 
@@ -56,7 +56,7 @@ impl Whitener {
     /// window far beyond what it does when it hangs.
     pub fn new(problem: &Problem, samples: &[Sample], moving: &[bool], are_of_windows: bool) -> Option<Self> {
         let windows = moving.len();
-        let law_bins = law::bins(problem);
+        let law_bins = actuator_model::bins(problem);
         let of = |moving: bool| {
             let some: Vec<&Sample> = samples.iter().filter(|s| s.moving == moving).collect();
             let all: Vec<&Sample> = samples.iter().collect();

@@ -2,7 +2,7 @@
 
 use crate::GapError;
 use crate::problem::library::{Effect, LevelsOf, Scope};
-use crate::problem::{Problem, Setting};
+use crate::problem::{Overrides, Problem};
 use qv_replay::Run;
 use serde::{Deserialize, Serialize};
 
@@ -243,7 +243,7 @@ impl Columns {
     }
 
     /// The setting in which units have values.
-    pub fn setting(&self, problem: &Problem, values: &[(usize, f64)]) -> Setting {
+    pub fn setting(&self, problem: &Problem, values: &[(usize, f64)]) -> Overrides {
         let mut setting: std::collections::BTreeMap<usize, f64> = std::collections::BTreeMap::new();
         for &(unit, value) in values {
             let absolute = self.effects[self.units[unit].effect].absolute;
@@ -257,12 +257,12 @@ impl Columns {
     }
 
     /// The setting in which suspects have their values.
-    pub fn setting_of(&self, problem: &Problem, suspects: &[Suspect]) -> Setting {
+    pub fn setting_of(&self, problem: &Problem, suspects: &[Suspect]) -> Overrides {
         self.setting_beside(problem, &[], suspects)
     }
 
     /// The same for a robot some of whose units deviate already.
-    pub fn setting_beside(&self, problem: &Problem, deviant: &[(usize, f64)], suspects: &[Suspect]) -> Setting {
+    pub fn setting_beside(&self, problem: &Problem, deviant: &[(usize, f64)], suspects: &[Suspect]) -> Overrides {
         let mut units = deviant.to_vec();
         let mut fixed: Vec<(String, f64)> = Vec::new();
         for suspect in suspects {

@@ -25,14 +25,14 @@ use qv_sim::{Batch, Model, ParameterInfo, SimOptions, Terrain};
 use std::collections::HashMap;
 
 /// Values of parameters that are not nominal: index in the catalogue, value; sorted by index.
-pub type Setting = Vec<(usize, f64)>;
+pub type Overrides = Vec<(usize, f64)>;
 
 /// Fewest samples in a bin of a shortened window.
 const FEWEST_SAMPLES: f64 = 5.0;
 
 /// How windows are cut and compared.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Cut {
+pub struct WindowOptions {
     /// Length of a window \[s\].
     pub window: f64,
     /// Length of a bin, within which a channel becomes one number \[s\].
@@ -49,18 +49,18 @@ pub struct Cut {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Event {
     /// Its forces or torques, start and duration.
-    pub setting: Setting,
+    pub setting: Overrides,
     /// From and until \[s\].
     pub time: [f64; 2],
 }
 
-impl Default for Cut {
+impl Default for WindowOptions {
     fn default() -> Self {
         Self { window: 0.3, bin: 0.05, sample: 0.005, margin: 0.5, most: 72 }
     }
 }
 
-impl Cut {
+impl WindowOptions {
     /// The same for a robot that is held and measured every `period` \[s\]: half as long where there are samples enough.
     /// Nothing bounds how fast an arm falls, as feet on the ground do, so that errors in the start soon are all there is.
     fn held(self, period: f64) -> Self {
@@ -174,7 +174,7 @@ pub struct Problem<'a> {
     /// Value of each parameter before the diagnosis.
     pub nominal: Vec<f64>,
     /// Parameters whose nominal value is not the catalogue's.
-    pub stated: Setting,
+    pub stated: Overrides,
     /// Meaning of each parameter.
     pub roles: Vec<Role>,
     /// Channels, in the order of the features.
@@ -184,7 +184,7 @@ pub struct Problem<'a> {
     /// Parameter that says how long each link is, shape `[links]`.
     pub lengths: Vec<Option<usize>>,
     /// How windows are cut.
-    pub cut: Cut,
+    pub cut: WindowOptions,
     /// Numbers of the simulator.
     pub numerics: Numerics,
     /// What has been found to act for a while, from outside.
@@ -204,7 +204,7 @@ impl<'a> Problem<'a> {
         model: &'a Model,
         terrain: &Terrain,
         given: &[(String, f64)],
-        cut: Cut,
+        cut: WindowOptions,
     ) -> Result<Self, GapError> {
         let (columns, free) = joint_columns(run, model)?;
         let terrain = if !free && terrain.is_plane() { Terrain::none() } else { terrain.clone() };
@@ -261,12 +261,12 @@ impl<'a> Problem<'a> {
     }
 
     /// Value of a parameter under a setting.
-    pub fn value(&self, setting: &Setting, id: usize) -> f64 {
+    pub fn value(&self, setting: &Overrides, id: usize) -> f64 {
         setting.binary_search_by_key(&id, |s| s.0).map_or(self.nominal[id], |i| setting[i].1)
     }
 
     /// Value under a setting of the parameter of a joint, such as `actuator.*.lag`.
-    pub fn joint_value(&self, setting: &Setting, pattern: &str, joint: usize) -> f64 {
+    pub fn joint_value(&self, setting: &Overrides, pattern: &str, joint: usize) -> f64 {
         let name = pattern.replace('*', &self.model.joint_names()[joint]);
         self.parameter(&name).map_or(0.0, |id| self.value(setting, id))
     }
@@ -281,7 +281,7 @@ impl<'a> Problem<'a> {
     /// what is stated, what is tried, and the event between two times unless one is tried.
     pub fn acting<'p>(
         &'p self,
-        setting: &'p Setting,
+        setting: &'p Overrides,
         from: f64,
         until: f64,
     ) -> impl Iterator<Item = (usize, f64)> + 'p {
@@ -291,7 +291,7 @@ impl<'a> Problem<'a> {
     }
 
     /// The errors of the sensors under a setting.
-    pub fn sensor_errors(&self, setting: &Setting) -> SensorErrors {
+    pub fn sensor_errors(&self, setting: &Overrides) -> SensorErrors {
         let joints = self.columns.len();
         let mut errors =
             SensorErrors { encoder_bias: vec![0.0; joints], encoder_latency: vec![0.0; joints], ..Default::default() };

@@ -1,7 +1,7 @@
 //! The start of a window, kept for all settings with the same sensor errors: smoothing it takes as long as some hundred steps.
 
 use crate::problem::features;
-use crate::problem::{Cut, Problem, Setting, Window};
+use crate::problem::{Overrides, Problem, Window, WindowOptions};
 use qv_replay::replay::{SensorErrors, Starts};
 use qv_sim::State;
 use std::sync::{Arc, OnceLock};
@@ -17,7 +17,7 @@ pub(crate) struct Prepared {
 /// What a window looks like under the sensor errors that were asked for first, which are those of nearly all settings: smoothing the start
 /// takes as long as some hundred steps.
 #[derive(Default)]
-pub(crate) struct Kept(OnceLock<(SensorErrors, Cut, Option<Arc<Prepared>>)>);
+pub(crate) struct Kept(OnceLock<(SensorErrors, WindowOptions, Option<Arc<Prepared>>)>);
 
 impl Kept {
     /// `others` are starts of the same window under other errors, some of which these may share; theirs are added.
@@ -40,7 +40,7 @@ impl Kept {
 
 /// Measured features of a window as they are, shape `[features]`; `None` where something is missing.
 pub fn measured(problem: &Problem, window: &Window) -> Option<Vec<f64>> {
-    prepare_one(problem, window, &problem.sensor_errors(&Setting::new()), &mut Vec::new()).map(|p| p.measured)
+    prepare_one(problem, window, &problem.sensor_errors(&Overrides::new()), &mut Vec::new()).map(|p| p.measured)
 }
 
 pub(crate) fn prepare_one<'w>(

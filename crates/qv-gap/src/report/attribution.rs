@@ -1,18 +1,18 @@
 //! Where the gap lies: its shares by joint, leg, phase, time and place, and by interface.
 
 use crate::GapError;
-use crate::inference::linear_scores::{by_effect, of_ghosts};
+use crate::inference::linear_scores::{by_effect, of_replicates};
+use crate::inference::linearised::{LinearisedProblem, LinearisedWindow};
 use crate::inference::local::place;
 use crate::inference::regions::REACH;
 use crate::inference::regions::never_left;
 use crate::inference::search::{Search, fitted};
 use crate::inference::short_windows::feet;
-use crate::inference::study::{Seen, Study};
 use crate::problem::columns::{Extent, Suspect};
 use crate::problem::features::{self, Channel};
 use crate::problem::library::Interface;
 use crate::report::{JointShare, RegionShare, Share, TimeShare, Where};
-use crate::rollout::law;
+use crate::rollout::actuator_model;
 use qv_sim::Shape;
 
 /// A foot this near to the ground counts as standing on it \[m\].
@@ -23,7 +23,7 @@ const CELL: f64 = 0.5;
 const WORTH_TELLING: f64 = 0.08;
 
 /// Shares of the nominal simulator's gap. Interfaces and found regions are filled in later.
-pub fn places(study: &Study) -> Where {
+pub fn places(study: &LinearisedProblem) -> Where {
     let problem = &study.problem;
     let names = problem.model.joint_names();
     let bins = problem.cut.bins();
@@ -53,7 +53,7 @@ pub fn places(study: &Study) -> Where {
             }
             first += width;
         }
-        let of_law = law::bins(problem);
+        let of_law = actuator_model::bins(problem);
         for (i, x) in separate.law.iter().enumerate() {
             let excess = (x * x - 1.0).max(0.0) * bins as f64 / of_law as f64;
             joints[problem.law_joints[i / of_law]] += excess;
@@ -96,7 +96,7 @@ pub fn places(study: &Study) -> Where {
 }
 
 /// Stance 0, swing 1 or impact 2 of each foot in each bin; `None` for a robot without feet on a ground.
-fn phases_of(study: &Study, seen: &Seen) -> Option<Vec<Vec<usize>>> {
+fn phases_of(study: &LinearisedProblem, seen: &LinearisedWindow) -> Option<Vec<Vec<usize>>> {
     let problem = &study.problem;
     if !problem.free || problem.feet.geoms.is_empty() {
         return None;
@@ -135,12 +135,12 @@ fn phases_of(study: &Study, seen: &Seen) -> Option<Vec<Vec<usize>>> {
 ///
 /// # Errors
 /// When the normal equations are no good.
-pub fn interfaces(study: &mut Study) -> Result<Vec<(Interface, f64)>, GapError> {
+pub fn interfaces(study: &mut LinearisedProblem) -> Result<Vec<(Interface, f64)>, GapError> {
     let search = Search::new(study, 1.0)?;
     let here = by_effect(&search, &search.study.nominal(fitted));
-    let ghosts = of_ghosts(&search);
+    let replicates = of_replicates(&search);
     let usual = |effect: usize| {
-        let mut of_effect: Vec<f64> = ghosts.iter().map(|g| g[effect].max(0.0)).collect();
+        let mut of_effect: Vec<f64> = replicates.iter().map(|g| g[effect].max(0.0)).collect();
         of_effect.sort_by(f64::total_cmp);
         of_effect.get(of_effect.len() / 2).copied().unwrap_or(0.0)
     };
@@ -155,14 +155,15 @@ pub fn interfaces(study: &mut Study) -> Result<Vec<(Interface, f64)>, GapError> 
 }
 
 /// A suspect without its region if the robot never left that: it is all the ground there is.
-pub fn as_told(study: &Study, suspect: &Suspect) -> Suspect {
+pub fn as_told(study: &LinearisedProblem, suspect: &Suspect) -> Suspect {
     let is_all = matches!(suspect.extent, Some(Extent::Region(r)) if never_left(study, &feet(study), r));
     Suspect { extent: suspect.extent.filter(|_| !is_all), ..suspect.clone() }
 }
 
 /// Regions that were found, and cells of the floor with more than their share.
-pub fn regions(study: &Study, found: impl Iterator<Item = Extent>) -> Vec<RegionShare> {
-    let level = |seen: &Seen| (seen.residual.norm_squared() / seen.residual.len() as f64 - study.floor).max(0.0);
+pub fn regions(study: &LinearisedProblem, found: impl Iterator<Item = Extent>) -> Vec<RegionShare> {
+    let level =
+        |seen: &LinearisedWindow| (seen.residual.norm_squared() / seen.residual.len() as f64 - study.floor).max(0.0);
     let points: Vec<([f64; 2], f64)> = study.seen.iter().map(|s| (place(&s.window), level(s))).collect();
     let total: f64 = points.iter().map(|p| p.1).sum::<f64>().max(1e-300);
     // Feet stand away from the trunk, whose places these are.

@@ -1,9 +1,9 @@
 //! What a report shows: errors by joint and time, the gap by place, curves before and after.
 
 use crate::GapError;
+use crate::inference::linearised::LinearisedProblem;
 use crate::inference::local::place;
-use crate::inference::study::Study;
-use crate::problem::Setting;
+use crate::problem::Overrides;
 use crate::problem::features::{self, Channel};
 use crate::report::{Curve, FloorPoint, HeatMap};
 use crate::rollout::windows::Raw;
@@ -15,14 +15,17 @@ const CURVES: usize = 4;
 ///
 /// # Errors
 /// When a value means nothing.
-pub fn all(study: &mut Study, setting: &Setting) -> Result<(HeatMap, Vec<FloorPoint>, Vec<Curve>), GapError> {
+pub fn all(
+    study: &mut LinearisedProblem,
+    setting: &Overrides,
+) -> Result<(HeatMap, Vec<FloorPoint>, Vec<Curve>), GapError> {
     let every: Vec<usize> = (0..study.seen.len()).collect();
     let after = study.raw(std::slice::from_ref(setting), &every)?.remove(0);
     Ok((heat_map(study, &after), floor_plan(study, &after), curves(study, &after)))
 }
 
 /// The positions' residuals of a joint in a window.
-fn of_joint<'r>(study: &Study, raw: &'r Raw, joint: usize) -> &'r [f64] {
+fn of_joint<'r>(study: &LinearisedProblem, raw: &'r Raw, joint: usize) -> &'r [f64] {
     let bins = study.problem.cut.bins();
     let mut first = 0;
     for &channel in &study.problem.channels {
@@ -39,7 +42,7 @@ fn rms(values: &[f64]) -> f64 {
     if values.is_empty() { 0.0 } else { (values.iter().map(|x| x * x).sum::<f64>() / values.len() as f64).sqrt() }
 }
 
-fn heat_map(study: &Study, after: &[Raw]) -> HeatMap {
+fn heat_map(study: &LinearisedProblem, after: &[Raw]) -> HeatMap {
     let names = study.problem.model.joint_names();
     let row = |raws: &mut dyn Iterator<Item = &Raw>, j: usize| raws.map(|raw| rms(of_joint(study, raw, j))).collect();
     HeatMap {
@@ -50,7 +53,7 @@ fn heat_map(study: &Study, after: &[Raw]) -> HeatMap {
     }
 }
 
-fn floor_plan(study: &Study, after: &[Raw]) -> Vec<FloorPoint> {
+fn floor_plan(study: &LinearisedProblem, after: &[Raw]) -> Vec<FloorPoint> {
     if !study.problem.free {
         return Vec::new();
     }
@@ -69,7 +72,7 @@ fn floor_plan(study: &Study, after: &[Raw]) -> Vec<FloorPoint> {
 }
 
 /// The joints with the largest error, each in the held-out window where it is largest.
-fn curves(study: &Study, after: &[Raw]) -> Vec<Curve> {
+fn curves(study: &LinearisedProblem, after: &[Raw]) -> Vec<Curve> {
     let mut worst: Vec<(f64, usize, usize)> = Vec::new();
     for j in 0..study.problem.columns.len() {
         let held_out = (0..study.seen.len()).filter(|&w| study.seen[w].window.held_out && !after[w].is_empty());
@@ -80,7 +83,7 @@ fn curves(study: &Study, after: &[Raw]) -> Vec<Curve> {
     worst.iter().take(CURVES).filter_map(|&(_, j, w)| curve(study, &after[w], j, w)).collect()
 }
 
-fn curve(study: &Study, after: &Raw, joint: usize, window: usize) -> Option<Curve> {
+fn curve(study: &LinearisedProblem, after: &Raw, joint: usize, window: usize) -> Option<Curve> {
     let seen = &study.seen[window];
     let (cut, column) = (study.problem.cut, study.problem.columns[joint]);
     let position = seen.window.view.measured.position.as_ref()?;

@@ -3,8 +3,8 @@
 
 use crate::GapError;
 use crate::checks::held_out::closure;
+use crate::inference::linearised::LinearisedProblem;
 use crate::inference::search::Fit;
-use crate::inference::study::Study;
 use crate::report::narrative;
 use crate::report::{Lead, ParameterEstimate};
 
@@ -29,10 +29,10 @@ struct Alone {
 /// # Errors
 /// When a value means nothing.
 pub fn leads(
-    study: &mut Study,
+    study: &mut LinearisedProblem,
     fits: &[Fit],
     seed: u64,
-    estimates: impl Fn(&Study, &Fit) -> Vec<ParameterEstimate>,
+    estimates: impl Fn(&LinearisedProblem, &Fit) -> Vec<ParameterEstimate>,
 ) -> Result<Vec<Lead>, GapError> {
     let mut all = Vec::new();
     for fit in one_of_each(study, fits) {
@@ -57,7 +57,7 @@ pub fn leads(
 }
 
 /// The best fit of each effect, by what it leaves in its own windows.
-fn one_of_each<'f>(study: &Study, fits: &'f [Fit]) -> Vec<&'f Fit> {
+fn one_of_each<'f>(study: &LinearisedProblem, fits: &'f [Fit]) -> Vec<&'f Fit> {
     let mut sorted: Vec<&Fit> = fits.iter().filter(|f| f.loss.is_finite()).collect();
     sorted.sort_by(|a, b| a.loss.total_cmp(&b.loss));
     let mut seen = Vec::new();

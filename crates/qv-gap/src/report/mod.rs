@@ -125,11 +125,11 @@ pub struct Lead {
 
 /// A round of the search: what it began with, and what it made of each effect.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct RoundTold {
+pub struct RoundSummary {
     /// Loss over that of the null before the round, tolerated deviations at their best.
     pub level: f64,
     /// The best of each effect, likeliest first.
-    pub suspects: Vec<SuspectTold>,
+    pub suspects: Vec<SuspectSummary>,
     /// Accused in this round.
     pub accused: Vec<String>,
     /// Why the best was not accused; empty if it was.
@@ -138,14 +138,14 @@ pub struct RoundTold {
 
 /// An effect at its best in a round.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct SuspectTold {
+pub struct SuspectSummary {
     /// Name.
     pub effect: String,
     /// `all`, or joints, legs, feet, a region.
     pub scope: Vec<String>,
     /// Its size.
     pub parameters: Vec<ParameterEstimate>,
-    /// Log evidence over that of nothing more, tempered.
+    /// Log evidence over that of nothing more, divided by the dispersion.
     pub log_evidence: f64,
     /// Share of the excess over the null that it takes away.
     pub share: f64,
@@ -233,7 +233,7 @@ pub struct Report {
     /// Where to look when nothing is accused; no accusation.
     pub leads: Vec<Lead>,
     /// How the causes were found, round by round.
-    pub rounds: Vec<RoundTold>,
+    pub rounds: Vec<RoundSummary>,
     /// What the camera says, when there are images and a scene.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub visual: Option<Sight>,

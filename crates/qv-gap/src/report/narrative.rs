@@ -1,14 +1,14 @@
 //! What a diagnosis says in words: what it cannot tell and why, the verdict, what to do next.
 
 use crate::decision::evidence::{Candidate, Round};
+use crate::inference::linearised::LinearisedProblem;
 use crate::inference::regions::{EDGES, untested};
 use crate::inference::search::{direction, fitted};
 use crate::inference::short_windows::feet;
-use crate::inference::study::Study;
 use crate::problem::columns::Suspect;
 use crate::problem::features::{rotation_at, snippet};
 use crate::problem::library::Effect;
-use crate::report::{Cause, Gap, Lead, ParameterEstimate, Ranked, RoundTold, SuspectTold, UNKNOWN, Verdict};
+use crate::report::{Cause, Gap, Lead, ParameterEstimate, Ranked, RoundSummary, SuspectSummary, UNKNOWN, Verdict};
 use qv_replay::Run;
 use qv_replay::run::FaultKind;
 
@@ -85,7 +85,7 @@ fn fall(run: &Run) -> Option<f64> {
 }
 
 /// Effects that this recording cannot show, and channels whose lack is the reason.
-pub fn missing(study: &Study, run: &Run, library: &[Effect]) -> Vec<String> {
+pub fn missing(study: &LinearisedProblem, run: &Run, library: &[Effect]) -> Vec<String> {
     let m = &run.measured;
     let mut told = Vec::new();
     if study.problem.on_legs {
@@ -131,7 +131,7 @@ pub fn missing(study: &Study, run: &Run, library: &[Effect]) -> Vec<String> {
 }
 
 /// How much of the recording could be judged, where that is less than half.
-fn judged(study: &Study, run: &Run) -> Option<String> {
+fn judged(study: &LinearisedProblem, run: &Run) -> Option<String> {
     let cut = study.problem.cut;
     let [first, last] = run.span();
     let windows = study.seen.iter().filter(|s| s.window.run == 0);
@@ -149,7 +149,7 @@ fn judged(study: &Study, run: &Run) -> Option<String> {
 }
 
 /// Joints of the recording that the model lacks, and joints of the model that nothing commands: one name written in two ways makes both.
-fn strangers(study: &Study, run: &Run) -> Vec<String> {
+fn strangers(study: &LinearisedProblem, run: &Run) -> Vec<String> {
     let columns = &study.problem.columns;
     let unknown =
         run.joint_names.iter().enumerate().filter(|(k, _)| !columns.contains(k)).map(|(_, name)| name.as_str());
@@ -169,7 +169,7 @@ fn strangers(study: &Study, run: &Run) -> Vec<String> {
 }
 
 /// Joints at rest, and what they cannot show.
-fn resting(study: &Study) -> Option<String> {
+fn resting(study: &LinearisedProblem) -> Option<String> {
     let names = study.problem.model.joint_names();
     let resting: Vec<&str> = study.at_rest.iter().map(|&j| names[j].as_str()).collect();
     let (whose, what) = match resting.len() {
@@ -181,7 +181,7 @@ fn resting(study: &Study) -> Option<String> {
 }
 
 /// Effects whose value this recording leaves open by more than half of their range.
-fn weak(study: &Study) -> Vec<String> {
+fn weak(study: &LinearisedProblem) -> Vec<String> {
     let Ok(marginal) = study.marginal(fitted) else { return Vec::new() };
     let mut weak: Vec<String> = Vec::new();
     for (index, effect) in study.columns.effects.iter().enumerate() {
@@ -202,7 +202,7 @@ fn weak(study: &Study) -> Vec<String> {
 }
 
 /// Effects whose sensitivities point nearly the same way as a suspect's.
-pub fn confusable(study: &Study, suspect: &Suspect) -> Vec<String> {
+pub fn confusable(study: &LinearisedProblem, suspect: &Suspect) -> Vec<String> {
     let columns = &study.columns;
     let Some(own) = direction(columns, suspect.group, 0) else { return Vec::new() };
     let mut h = nalgebra::DMatrix::zeros(study.width(), study.width());
@@ -399,11 +399,11 @@ pub fn as_good(first: Option<&Round>, causes: &[Cause]) -> Option<String> {
 }
 
 /// A round in words; `reason` is why the best was not accused.
-pub fn round(round: &Round, reason: &str) -> RoundTold {
-    let mut suspects: Vec<SuspectTold> = Vec::new();
+pub fn round(round: &Round, reason: &str) -> RoundSummary {
+    let mut suspects: Vec<SuspectSummary> = Vec::new();
     for candidate in &round.candidates {
         if suspects.iter().all(|s| s.effect != candidate.effect) {
-            suspects.push(SuspectTold {
+            suspects.push(SuspectSummary {
                 effect: candidate.effect.clone(),
                 scope: candidate.scope.clone(),
                 parameters: candidate.parameters.clone(),
@@ -414,7 +414,7 @@ pub fn round(round: &Round, reason: &str) -> RoundTold {
         }
     }
     let accused = round.accused.iter().map(|&k| round.candidates[k].effect.clone()).collect();
-    RoundTold { level: round.level.ratio, suspects, accused, reason: reason.to_owned() }
+    RoundSummary { level: round.level.ratio, suspects, accused, reason: reason.to_owned() }
 }
 
 /// Gap over floor from which on it is more than effects of the library make: of 157 recordings of one or two of them the largest had 143.
@@ -459,7 +459,7 @@ pub fn dead_positions(runs: &[Run]) -> Vec<&str> {
 }
 
 /// Edges of a slippery part of the floor that no foot came to.
-fn beyond_feet(cause: &Cause, study: &Study) -> Option<String> {
+fn beyond_feet(cause: &Cause, study: &LinearisedProblem) -> Option<String> {
     let edge = |name: &str| cause.parameters.iter().find(|p| p.name == name).map(|p| p.value);
     let [x0, x1, y0, y1] = EDGES.map(edge);
     let region = [x0?, x1?, y0?, y1?];
@@ -485,7 +485,7 @@ fn once_more(verdict: Verdict, causes: &[Cause]) -> &'static str {
 }
 
 /// The experiment of a cause, and those of the first two effects that it looks like.
-fn apart(cause: &Cause, study: &Study) -> String {
+fn apart(cause: &Cause, study: &LinearisedProblem) -> String {
     let of = |name: &String| study.columns.effects.iter().find(|e| e.name == *name).map(|e| &e.experiment);
     let mut all = vec![&cause.separating_experiment];
     for other in cause.confusable_with.iter().take(2).filter_map(of) {
@@ -504,7 +504,7 @@ pub fn next(
     (leads, dead): (&[Lead], &[&str]),
     slips: Option<f64>,
     (best, not_accused): (Option<&Candidate>, Option<&str>),
-    study: &Study,
+    study: &LinearisedProblem,
 ) -> Vec<String> {
     let mut next = Vec::new();
     if let Some(closed) = slips {

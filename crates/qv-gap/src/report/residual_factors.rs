@@ -4,7 +4,7 @@
 //! then regressed on factors of the window, one factor at a time, and judged on windows that the regression has not seen.
 
 use crate::checks::stationarity::mean_of;
-use crate::inference::study::{EXTRA, Seen, Study};
+use crate::inference::linearised::{EXTRA, LinearisedProblem, LinearisedWindow};
 use crate::report::Factor;
 use nalgebra::{DMatrix, DVector};
 use qv_core::JointSeries;
@@ -43,7 +43,7 @@ const FACTORS: [Terms; 11] = [
 ];
 
 /// Factors that foretell what is left of a study, best first.
-pub fn factors(study: &Study) -> Vec<Factor> {
+pub fn factors(study: &LinearisedProblem) -> Vec<Factor> {
     let Some(asked) = asked(study) else { return Vec::new() };
     let joints = study.problem.columns.len();
     let known: Vec<Vec<Known>> = study.seen.iter().map(|s| (0..joints).map(|j| known(study, s, j)).collect()).collect();
@@ -57,7 +57,7 @@ pub fn factors(study: &Study) -> Vec<Factor> {
 }
 
 /// Outside torque that each window asks for at each joint \[N m\]; `None` without such an effect.
-fn asked(study: &Study) -> Option<Vec<Vec<f64>>> {
+fn asked(study: &LinearisedProblem) -> Option<Vec<Vec<f64>>> {
     let columns = &study.columns;
     let effect = columns
         .effects
@@ -67,7 +67,7 @@ fn asked(study: &Study) -> Option<Vec<Vec<f64>>> {
     let of: Vec<(usize, f64)> =
         units.iter().filter_map(|&u| columns.column(u, 0).map(|c| (EXTRA + c, columns.columns[c].value))).collect();
     let span = columns.effects[effect].span();
-    let ask = |seen: &Seen| {
+    let ask = |seen: &LinearisedWindow| {
         let b = seen.j.tr_mul(&seen.residual);
         let n = of.len();
         let mut h = DMatrix::from_fn(n, n, |i, j| seen.h[(of[i].0, of[j].0)]);
@@ -79,7 +79,7 @@ fn asked(study: &Study) -> Option<Vec<Vec<f64>>> {
     Some(study.seen.iter().map(ask).collect())
 }
 
-fn known(study: &Study, seen: &Seen, joint: usize) -> Known {
+fn known(study: &LinearisedProblem, seen: &LinearisedWindow, joint: usize) -> Known {
     let (view, column) = (&seen.window.view, study.problem.columns[joint]);
     let (from, to) = (seen.window.start, seen.window.start + study.problem.cut.window);
     let mean = |series, of| mean_of(study, seen, joint, series, of);

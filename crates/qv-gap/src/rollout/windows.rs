@@ -4,7 +4,7 @@ use crate::GapError;
 use crate::problem::command_cache::Commands;
 use crate::problem::features::{Channel, middle, middles, turn};
 use crate::problem::start_cache::{Prepared, prepare_one};
-use crate::problem::{Numerics, Problem, Role, Setting, Window};
+use crate::problem::{Numerics, Overrides, Problem, Role, Window};
 use glam::{DQuat, DVec3};
 use qv_replay::replay::SensorErrors;
 use qv_sim::{Batch, Precision, Shape, State};
@@ -45,7 +45,7 @@ pub fn compare(
     problem: &Problem,
     numerics: &Numerics,
     windows: &[&Window],
-    settings: &[Setting],
+    settings: &[Overrides],
 ) -> Result<Residuals, GapError> {
     let (prepared, cases) = prepare(problem, windows, settings);
     let latency = settings.iter().map(|s| longest_latency(problem, s)).fold(0.0, f64::max);
@@ -70,7 +70,7 @@ pub fn compare(
 }
 
 /// Starts and measured features, once for each window and each distinct set of sensor errors; cases by window.
-fn prepare(problem: &Problem, windows: &[&Window], settings: &[Setting]) -> (Vec<Option<Arc<Prepared>>>, Vec<Case>) {
+fn prepare(problem: &Problem, windows: &[&Window], settings: &[Overrides]) -> (Vec<Option<Arc<Prepared>>>, Vec<Case>) {
     let mut distinct: Vec<SensorErrors> = Vec::new();
     let of_setting: Vec<usize> = settings
         .iter()
@@ -105,7 +105,7 @@ fn is_near<'p>(problem: &Problem, mut starts: impl Iterator<Item = &'p Arc<Prepa
 
 /// The same for windows as they were recorded.
 pub(crate) fn are_near(problem: &Problem, windows: &[Window]) -> bool {
-    let errors = problem.sensor_errors(&Setting::new());
+    let errors = problem.sensor_errors(&Overrides::new());
     let starts: Vec<_> =
         windows.iter().filter_map(|w| w.start_kept.get(problem, w, &errors, &mut Vec::new())).collect();
     is_near(problem, starts.iter())
@@ -115,7 +115,7 @@ fn simulate<T: Precision>(
     problem: &Problem,
     numerics: &Numerics,
     windows: &[&Window],
-    settings: &[Setting],
+    settings: &[Overrides],
     (prepared, commands): (&[Option<Arc<Prepared>>], &[Arc<Commands>]),
     cases: &[Case],
 ) -> Result<Vec<Vec<f64>>, GapError> {
@@ -181,7 +181,7 @@ fn by_window(live: &[&Case]) -> Vec<(usize, Range<usize>)> {
 }
 
 /// Longest latency of commands under a setting \[s\].
-pub fn longest_latency(problem: &Problem, setting: &Setting) -> f64 {
+pub fn longest_latency(problem: &Problem, setting: &Overrides) -> f64 {
     let is_latency = |id: usize| problem.catalogue[id].name.ends_with(".command_latency");
     problem.stated.iter().chain(setting).filter(|(id, _)| is_latency(*id)).map(|s| s.1).fold(0.0, f64::max)
 }
@@ -191,7 +191,7 @@ fn set<T: Precision>(
     problem: &Problem,
     batch: &mut Batch<T>,
     env: usize,
-    setting: &Setting,
+    setting: &Overrides,
     window: &Window,
     state: &State,
 ) -> Result<f64, GapError> {
@@ -215,7 +215,7 @@ fn set<T: Precision>(
 /// How far the ground must rise \[m\] to carry the lowest feet at positions `q`: their mean height above it, those within
 /// 5 mm of the lowest, and the depth to which the robot's weight on that many feet sinks in. Feet that only touched
 /// would slide freely until they have sunk in.
-pub fn ground_at(problem: &Problem, setting: &Setting, q: &[f64]) -> f64 {
+pub fn ground_at(problem: &Problem, setting: &Overrides, q: &[f64]) -> f64 {
     let (touching, feet) = gap_below(problem, setting, q);
     if feet == 0 { 0.0 } else { touching + problem.depth * problem.feet.geoms.len() as f64 / feet as f64 }
 }
@@ -227,7 +227,7 @@ pub fn ground_at(problem: &Problem, setting: &Setting, q: &[f64]) -> f64 {
 /// When the simulator refuses.
 pub fn standing_depth(problem: &Problem, window: &Window) -> Result<f64, GapError> {
     const SETTLING: f64 = 0.25;
-    let nothing = Setting::new();
+    let nothing = Overrides::new();
     if !problem.free || problem.terrain.is_none() || problem.feet.geoms.is_empty() {
         return Ok(0.0);
     }
@@ -247,13 +247,13 @@ pub fn standing_depth(problem: &Problem, window: &Window) -> Result<f64, GapErro
 }
 
 /// Mean height above the ground of the lowest feet, and how many those are.
-fn gap_below(problem: &Problem, setting: &Setting, q: &[f64]) -> (f64, usize) {
+fn gap_below(problem: &Problem, setting: &Overrides, q: &[f64]) -> (f64, usize) {
     let near: Vec<f64> = lowest_feet(problem, setting, q).into_iter().map(|f| f.1).collect();
     (if near.is_empty() { 0.0 } else { near.iter().sum::<f64>() / near.len() as f64 }, near.len())
 }
 
 /// Where the lowest feet are, within 5 mm, x and y, and their heights above the ground \[m\].
-fn lowest_feet(problem: &Problem, setting: &Setting, q: &[f64]) -> Vec<([f64; 2], f64)> {
+fn lowest_feet(problem: &Problem, setting: &Overrides, q: &[f64]) -> Vec<([f64; 2], f64)> {
     let length = |link: usize| problem.lengths[link].map_or(1.0, |id| problem.value(setting, id));
     let poses = problem.model.world_from_scaled_links(q, length);
     let slope = |axis: &str| {
@@ -279,7 +279,7 @@ fn lowest_feet(problem: &Problem, setting: &Setting, q: &[f64]) -> Vec<([f64; 2]
 
 /// Where feet stand at the start of a window, x and y \[m\]; none where the start is not known.
 pub fn standing_feet(problem: &Problem, window: &Window) -> Vec<[f64; 2]> {
-    let nothing = Setting::new();
+    let nothing = Overrides::new();
     let start = problem.starts(&window.view, problem.sensor_errors(&nothing)).ok().and_then(|s| s.at(window.start));
     start.map_or(Vec::new(), |s| lowest_feet(problem, &nothing, &s.q).into_iter().map(|f| f.0).collect())
 }
@@ -300,7 +300,7 @@ struct Track<'a> {
 }
 
 impl<'a> Track<'a> {
-    fn new(problem: &'a Problem, setting: &Setting, window: &'a Window, touching: f64) -> Self {
+    fn new(problem: &'a Problem, setting: &Overrides, window: &'a Window, touching: f64) -> Self {
         let errors = problem.sensor_errors(setting);
         let expected = problem.parameter("terrain.height").map_or(0.0, |id| problem.value(setting, id));
         Self {

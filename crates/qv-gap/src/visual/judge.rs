@@ -4,7 +4,7 @@ use super::align::{self, NUMBERS, Offsets};
 use super::model::{BLUR, DELAY, FOCAL, Fit, GAIN, MOUNTING, PLACE, SHARED, Sighting, TOLERANCE, Together};
 use super::path::{Path, pose_of};
 use super::sight::{Looks, Noise, Sight, VisualGap};
-use super::{Footage, LookOptions, Rig, Seen, plus, stated};
+use super::{Footage, LinearisedWindow, LookOptions, Rig, plus, stated};
 use crate::GapError;
 use crate::random::Random;
 use crate::report::{Cause, ParameterEstimate, Ranked, Verdict};
@@ -83,13 +83,18 @@ const SHOWN: usize = 3;
 struct Judge<'a> {
     footage: &'a Footage<'a>,
     together: Together<'a>,
-    seen: &'a [Seen],
+    seen: &'a [LinearisedWindow],
     stated: Offsets,
     width: usize,
 }
 
 /// Judges what the photographs are off by.
-pub fn judge(footage: &Footage, path: &Path, seen: &[Seen], options: &LookOptions) -> Result<Sight, GapError> {
+pub fn judge(
+    footage: &Footage,
+    path: &Path,
+    seen: &[LinearisedWindow],
+    options: &LookOptions,
+) -> Result<Sight, GapError> {
     let rig = footage.rig;
     let sightings: Vec<Sighting> = seen.iter().map(|s| s.sighting.clone()).collect();
     let no_good = || GapError::run("images", "photographs that agree with the scene somewhere", "none");
@@ -218,7 +223,7 @@ impl Judge<'_> {
     /// Disagreement of each photograph with these effects as the other photographs have them.
     fn unseen(&self, effects: &[usize], all: &Fit) -> Result<Vec<f64>, GapError> {
         let fits: Vec<Option<Fit>> = (0..FOLDS).map(|fold| self.fit(effects, all, |i| i % FOLDS != fold)).collect();
-        let one = |(i, seen): (usize, &Seen)| {
+        let one = |(i, seen): (usize, &LinearisedWindow)| {
             let Some(fit) = &fits[i % FOLDS] else { return Ok(seen.before.loss) };
             let offsets = self.foretold(effects, &fit.shared, seen.sighting.time);
             Ok(align::disagreement(self.footage.cloud, &seen.target, &offsets, seen.target.levels() - 1)?.loss)
@@ -416,7 +421,7 @@ impl Judge<'_> {
     fn looks(&self, effects: &[usize], best: &Fit) -> Result<Vec<Looks>, GapError> {
         let count = self.seen.len().min(SHOWN);
         let shown = (0..count).map(|k| &self.seen[(2 * k + 1) * self.seen.len() / (2 * count)]);
-        let one = |seen: &Seen| {
+        let one = |seen: &LinearisedWindow| {
             let fine = seen.target.pictures.last().expect("a level");
             let size = (fine.width, fine.height);
             let measured = self.drawn(seen, &self.stated, size)?;
@@ -447,7 +452,7 @@ impl Judge<'_> {
     }
 
     /// What the scene shows with offsets, shape `[height, width, 3]`.
-    fn drawn(&self, seen: &Seen, offsets: &Offsets, size: (usize, usize)) -> Result<Vec<f32>, GapError> {
+    fn drawn(&self, seen: &LinearisedWindow, offsets: &Offsets, size: (usize, usize)) -> Result<Vec<f32>, GapError> {
         let drawn = align::draw(self.footage.cloud, &seen.target, offsets, size)?;
         let channel = |c: usize| {
             let values = drawn.colour.iter().skip(c).step_by(3).copied().collect();

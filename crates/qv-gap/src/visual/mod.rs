@@ -167,7 +167,7 @@ fn out_of_view(share: f64) -> GapError {
 }
 
 /// A photograph with what came of its alignment.
-struct Seen {
+struct LinearisedWindow {
     target: Target,
     /// As stated.
     before: align::Disagreement,
@@ -197,7 +197,12 @@ fn chosen<'a>(footage: &Footage<'a>, path: &Path, most: usize) -> Result<Vec<&'a
 }
 
 /// Aligns all photographs: coarsely from where they should be, then finely from what they say together.
-fn see(footage: &Footage, path: &Path, chosen: &[&Photograph], options: &LookOptions) -> Result<Vec<Seen>, GapError> {
+fn see(
+    footage: &Footage,
+    path: &Path,
+    chosen: &[&Photograph],
+    options: &LookOptions,
+) -> Result<Vec<LinearisedWindow>, GapError> {
     let rig = &footage.rig;
     let stated = stated(rig, options.width);
     let count = std::sync::atomic::AtomicUsize::new(0);
@@ -244,10 +249,10 @@ fn see(footage: &Footage, path: &Path, chosen: &[&Photograph], options: &LookOpt
         let start = best.map_or(stated, |b| b.1);
         let aligned = align::align(footage.cloud, &target, start, middle..target.levels())?;
         told();
-        Ok(sighting(time, &aligned, &stated).map(|sighting| Seen { target, before, aligned, sighting }))
+        Ok(sighting(time, &aligned, &stated).map(|sighting| LinearisedWindow { target, before, aligned, sighting }))
     });
-    let seen: Vec<Option<Seen>> = seen.collect::<Result<_, GapError>>()?;
-    let seen: Vec<Seen> = seen.into_iter().flatten().collect();
+    let seen: Vec<Option<LinearisedWindow>> = seen.collect::<Result<_, GapError>>()?;
+    let seen: Vec<LinearisedWindow> = seen.into_iter().flatten().collect();
     if seen.len() < FEWEST {
         let expected =
             format!("at least {FEWEST} images in which the scene fills {:.0} % of the pixels", 100.0 * ENOUGH);

@@ -1,7 +1,7 @@
 //! How a recorder stamps torques beside positions and commands, found from what the laws leave at each way it may do so.
 
-use super::{Alignment, Asked, Between, Channels, Law, Rows, Stamps, State, left, row_at};
-use crate::problem::{Problem, Setting, Window};
+use super::{ActuatorModel, Alignment, Asked, Between, Channels, Rows, Stamps, State, left, row_at};
+use crate::problem::{Overrides, Problem, Window};
 use qv_core::JointSeries;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
@@ -59,8 +59,12 @@ fn losses(
     offsets: Vec<Offsets>,
     half_tick: f64,
 ) -> BTreeMap<Offsets, Vec<f64>> {
-    let of_joint = |&joint: &usize| Law { latency: 0.0, seen_late: 0.0, ..Law::new(problem, &Setting::new(), joint) };
-    let laws: Vec<Law> = problem.law_joints.iter().map(of_joint).collect();
+    let of_joint = |&joint: &usize| ActuatorModel {
+        latency: 0.0,
+        seen_late: 0.0,
+        ..ActuatorModel::new(problem, &Overrides::new(), joint)
+    };
+    let laws: Vec<ActuatorModel> = problem.law_joints.iter().map(of_joint).collect();
     let of_windows: Vec<Vec<Vec<f64>>> =
         windows.par_iter().map(|w| squares(problem, w, &laws, &offsets, half_tick)).collect();
     let sum = |k: usize, j: usize| of_windows.iter().map(|w| w[j][k]).filter(|x| x.is_finite()).sum();
@@ -70,9 +74,15 @@ fn losses(
 
 /// Those of one window, shape `[laws][offsets]`. A row is looked for once for all joints, and read once for all offsets
 /// with the same one of the command or the state.
-fn squares(problem: &Problem, window: &Window, laws: &[Law], offsets: &[Offsets], half_tick: f64) -> Vec<Vec<f64>> {
+fn squares(
+    problem: &Problem,
+    window: &Window,
+    laws: &[ActuatorModel],
+    offsets: &[Offsets],
+    half_tick: f64,
+) -> Vec<Vec<f64>> {
     let mut tables: Vec<(Stamps, Table)> = Vec::new();
-    let of_law = |law: &Law| {
+    let of_law = |law: &ActuatorModel| {
         let column = problem.columns[law.joint];
         let Some((channels, stamps)) = Channels::new(&window.view, column).zip(Stamps::new(problem, window, law))
         else {

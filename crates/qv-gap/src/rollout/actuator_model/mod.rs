@@ -7,7 +7,7 @@ mod align;
 
 pub use align::align;
 
-use crate::problem::{Problem, Setting, Window};
+use crate::problem::{Overrides, Problem, Window};
 use qv_core::JointSeries;
 use qv_replay::run::Run;
 
@@ -15,7 +15,7 @@ use qv_replay::run::Run;
 pub const BIN: f64 = 0.01;
 
 /// What of a joint's actuator and sensors enters the law under a setting.
-pub struct Law {
+pub struct ActuatorModel {
     joint: usize,
     strength: f64,
     kp: f64,
@@ -31,9 +31,9 @@ pub struct Law {
     play: f64,
 }
 
-impl Law {
+impl ActuatorModel {
     /// That of a joint of the model.
-    pub fn new(problem: &Problem, setting: &Setting, joint: usize) -> Self {
+    pub fn new(problem: &Problem, setting: &Overrides, joint: usize) -> Self {
         let value = |pattern: &str| problem.joint_value(setting, pattern, joint);
         Self {
             joint,
@@ -209,13 +209,13 @@ pub struct Alignment {
 }
 
 /// Measured minus expected torque in each bin, one joint after the other, shape `[law joints, bins]` \[N m\].
-pub fn residual(problem: &Problem, window: &Window, setting: &Setting, alignment: Alignment) -> Vec<f64> {
-    let of = |&j: &usize| of_joint(problem, window, &Law::new(problem, setting, j), alignment);
+pub fn residual(problem: &Problem, window: &Window, setting: &Overrides, alignment: Alignment) -> Vec<f64> {
+    let of = |&j: &usize| of_joint(problem, window, &ActuatorModel::new(problem, setting, j), alignment);
     problem.law_joints.iter().flat_map(of).collect()
 }
 
 /// Whether a setting changes the law of a joint.
-pub fn concerns(problem: &Problem, setting: &Setting, joint: usize) -> bool {
+pub fn concerns(problem: &Problem, setting: &Overrides, joint: usize) -> bool {
     let name = &problem.model.joint_names()[joint];
     let about = |id: usize| {
         let (of, rest) = problem.catalogue[id].name.split_once('.').unwrap_or(("", ""));
@@ -230,7 +230,7 @@ pub fn concerns(problem: &Problem, setting: &Setting, joint: usize) -> bool {
 }
 
 /// [`residual`] of one joint, shape `[bins]`.
-pub fn of_joint(problem: &Problem, window: &Window, law: &Law, alignment: Alignment) -> Vec<f64> {
+pub fn of_joint(problem: &Problem, window: &Window, law: &ActuatorModel, alignment: Alignment) -> Vec<f64> {
     let column = problem.columns[law.joint];
     let Some((channels, stamps)) = Channels::new(&window.view, column).zip(Stamps::new(problem, window, law)) else {
         return vec![f64::NAN; bins(problem)];
@@ -252,7 +252,7 @@ struct Stamps {
 }
 
 impl Stamps {
-    fn new(problem: &Problem, window: &Window, law: &Law) -> Option<Self> {
+    fn new(problem: &Problem, window: &Window, law: &ActuatorModel) -> Option<Self> {
         let torque = window.view.measured.torque.as_ref()?;
         // Lags of up to a few time constants before the window matter, and on which side of its play the motor was.
         let past = if law.play > 0.0 { problem.cut.margin } else { 5.0 * law.lag };
@@ -292,7 +292,7 @@ impl Rows {
 }
 
 /// Mean of measured minus expected torque in each bin; `read` gives command and state at each of the stamps.
-fn left(law: &Law, rows: &Rows, read: impl Iterator<Item = (Asked, State)>) -> Vec<f64> {
+fn left(law: &ActuatorModel, rows: &Rows, read: impl Iterator<Item = (Asked, State)>) -> Vec<f64> {
     let mut sums = vec![0.0; rows.counts.len()];
     let mut filter = Lag { time_constant: law.lag, state: None };
     let mut motor = None;

@@ -5,13 +5,13 @@ use crate::inference::ablation::FORGOTTEN;
 use crate::inference::gaussian_evidence::{Marginal, Normal, Sums, sum};
 use crate::null::reference;
 use crate::null::whitening::{Sample, Whitener};
-use crate::null::{Ghost, Noise, record};
+use crate::null::{Noise, Replicate, record};
 use crate::problem::columns::{Column, Columns, Group};
 use crate::problem::excitation::{at_rest, is_unshown};
-use crate::problem::{Numerics, Problem, Setting, Window};
+use crate::problem::{Numerics, Overrides, Problem, Window};
 use crate::random::Random;
+use crate::rollout::actuator_model;
 use crate::rollout::jacobian::{AT_A_TIME, beside_law, sensitivities, with_law};
-use crate::rollout::law;
 use crate::rollout::windows::Raw;
 use crate::rollout::windows::{compare, standing_depth};
 use nalgebra::{DMatrix, DVector};
@@ -36,23 +36,23 @@ const FEW_ROWS: usize = 5;
 
 /// How much is done.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Effort {
+pub struct NullOptions {
     /// Simulated recordings without an effect, of a robot with a free base; of one that is held [`HELD`] times as many.
-    pub ghosts: usize,
+    pub replicates: usize,
     /// Seed of all that is random.
     pub seed: u64,
     /// Standard deviation of the ground's height under a foot, where the ground is a mesh that was reconstructed \[m\].
     pub ground_error: f64,
 }
 
-impl Default for Effort {
+impl Default for NullOptions {
     fn default() -> Self {
-        Self { ghosts: 12, seed: 1, ground_error: 0.0 }
+        Self { replicates: 12, seed: 1, ground_error: 0.0 }
     }
 }
 
 /// A window with its sensitivities in units of the null.
-pub struct Seen {
+pub struct LinearisedWindow {
     /// Its place among the windows of its run.
     pub index: usize,
     /// The window.
@@ -76,21 +76,21 @@ pub struct Part {
     /// Noise of the sensors.
     pub noise: Noise,
     /// How stamps of torques lie.
-    pub alignment: law::Alignment,
+    pub alignment: actuator_model::Alignment,
 }
 
 /// See the module.
-pub struct Study<'a> {
+pub struct LinearisedProblem<'a> {
     /// The robot and the ground.
     pub problem: Problem<'a>,
     /// What may be suspected.
     pub columns: Columns,
     /// The windows.
-    pub seen: Vec<Seen>,
+    pub seen: Vec<LinearisedWindow>,
     /// What each run has of its own.
     pub parts: Vec<Part>,
     /// Normal equations of each simulated recording without an effect, by window.
-    pub ghosts: Vec<Vec<Option<Normal>>>,
+    pub replicates: Vec<Vec<Option<Normal>>>,
     /// Their residuals, by window.
     pub ghost_residuals: Vec<Vec<Option<DVector<f64>>>>,
     /// Their deviations, in the tolerated columns; empty where they are drawn from reference recordings.
@@ -98,7 +98,7 @@ pub struct Study<'a> {
     /// Tolerance of the first columns.
     pub tolerance: Vec<f64>,
     /// Effects that the library is taken never to have heard of.
-    pub forgotten: Vec<usize>,
+    pub ablated: Vec<usize>,
     /// Joints that are at rest on average over the windows (indices, in the order of the model).
     pub at_rest: Vec<usize>,
     /// Mean square of residuals of noise and numerics alone.
@@ -111,7 +111,7 @@ pub struct Study<'a> {
     pub is_relative: bool,
 }
 
-impl<'a> Study<'a> {
+impl<'a> LinearisedProblem<'a> {
     /// Simulates what is needed to judge `runs`, which are of one robot on one ground. Where there are recordings of the
     /// same robot without what is looked for, `reference`, what they leave is the null.
     ///
@@ -122,19 +122,19 @@ impl<'a> Study<'a> {
         columns: Columns,
         runs: &[Run],
         reference: &[Run],
-        effort: &Effort,
+        effort: &NullOptions,
     ) -> Result<Self, GapError> {
-        let ghosts = vec![Vec::new(); ghosts_of(problem.free, effort)];
+        let replicates = vec![Vec::new(); ghosts_of(problem.free, effort)];
         let mut study = Self {
             problem,
             columns,
             seen: Vec::new(),
             parts: Vec::new(),
-            ghost_residuals: ghosts.iter().map(|_| Vec::new()).collect(),
-            ghosts,
+            ghost_residuals: replicates.iter().map(|_| Vec::new()).collect(),
+            replicates,
             ghost_deviations: Vec::new(),
             tolerance: Vec::new(),
-            forgotten: Vec::new(),
+            ablated: Vec::new(),
             at_rest: Vec::new(),
             floor: 0.0,
             steps: AtomicUsize::new(0),
@@ -157,7 +157,7 @@ impl<'a> Study<'a> {
     pub(crate) fn tolerances(&self) -> Vec<f64> {
         // The robot of the reference is this one: what did not change deviates as it did there.
         let share = if self.is_relative { UNCHANGED } else { 1.0 };
-        let is_forgotten = |c: &Column| self.forgotten.contains(&self.columns.units[c.unit].effect);
+        let is_forgotten = |c: &Column| self.ablated.contains(&self.columns.units[c.unit].effect);
         let tolerance = |c: &Column| c.tolerance * if is_forgotten(c) { FORGOTTEN } else { share };
         let tolerated = self.columns.columns.iter().take(self.columns.tolerated).map(tolerance);
         std::iter::once(SHIFT_TOLERANCE).chain(tolerated).collect()
@@ -169,10 +169,10 @@ impl<'a> Study<'a> {
         for run in reference {
             let windows = self.problem.windows(run)?;
             let all: Vec<&Window> = windows.iter().collect();
-            let residuals = compare(&self.problem, &self.problem.numerics, &all, &[Setting::new()])?;
+            let residuals = compare(&self.problem, &self.problem.numerics, &all, &[Overrides::new()])?;
             self.count(residuals.steps);
-            let alignments = vec![law::align(&self.problem, &all); all.len()];
-            let raw = with_law(&self.problem, &alignments, &all, &[Setting::new()], residuals.values).remove(0);
+            let alignments = vec![actuator_model::align(&self.problem, &all); all.len()];
+            let raw = with_law(&self.problem, &alignments, &all, &[Overrides::new()], residuals.values).remove(0);
             pool.extend(windows.iter().map(|w| w.moving).zip(raw).filter(|p| !p.1.is_empty()));
         }
         reference::drop_outliers(&mut pool);
@@ -180,7 +180,7 @@ impl<'a> Study<'a> {
     }
 
     /// Adds the windows of one run, with its own noise, and its own null unless there is a pool for it.
-    fn add(&mut self, run: &Run, index: usize, pool: &[(bool, Raw)], effort: &Effort) -> Result<(), GapError> {
+    fn add(&mut self, run: &Run, index: usize, pool: &[(bool, Raw)], effort: &NullOptions) -> Result<(), GapError> {
         let mut windows = self.problem.windows(run)?;
         if index == 0 {
             // The stillest window is the first to look like standing.
@@ -191,14 +191,14 @@ impl<'a> Study<'a> {
         windows.iter_mut().for_each(|w| w.run = index);
         let noise = Noise::of(run, &problem.columns);
         let mut steps = 0;
-        let alignment = law::align(problem, &windows.iter().collect::<Vec<_>>());
+        let alignment = actuator_model::align(problem, &windows.iter().collect::<Vec<_>>());
         let (raw, sensitivities) = sensitivities(problem, alignment, columns, &windows, &mut steps)?;
         let good: Vec<bool> = raw.iter().zip(&sensitivities).map(|(r, s)| !r.is_empty() && !s.is_empty()).collect();
         if good.iter().filter(|g| **g).count() < 8 {
             return Err(GapError::run("simulation", "at least 8 windows that can be simulated", "fewer"));
         }
         let (ghost_raw, (samples, deviations)) = if pool.is_empty() {
-            let (raw, deviations) = ghosts(problem, columns, &windows, &noise, (effort, index), &mut steps)?;
+            let (raw, deviations) = replicates(problem, columns, &windows, &noise, (effort, index), &mut steps)?;
             let samples = samples(&windows, &sensitivities, &raw, &deviations);
             (raw, (samples, deviations))
         } else {
@@ -210,7 +210,7 @@ impl<'a> Study<'a> {
                 moving: *moving,
                 raw: raw.clone(),
             };
-            let drawn = reference::draw(&windows, pool, self.ghosts.len(), effort.seed.wrapping_add(index as u64));
+            let drawn = reference::draw(&windows, pool, self.replicates.len(), effort.seed.wrapping_add(index as u64));
             (drawn, (pool.iter().map(sample).collect(), Vec::new()))
         };
         // The same robots in all runs.
@@ -225,7 +225,7 @@ impl<'a> Study<'a> {
         // Summed in order: the same bits on any number of threads.
         let floor: Vec<f64> = samples.par_iter().map(of_sample).collect();
         self.floor += floor.iter().sum::<f64>() / samples.len() as f64;
-        let seen: Vec<Option<Seen>> = windows
+        let seen: Vec<Option<LinearisedWindow>> = windows
             .into_par_iter()
             .enumerate()
             .zip(raw)
@@ -235,19 +235,19 @@ impl<'a> Study<'a> {
             })
             .collect();
         for (k, run) in ghost_raw.iter().enumerate() {
-            let residual = |(raw, seen): (&Raw, &Option<Seen>)| {
+            let residual = |(raw, seen): (&Raw, &Option<LinearisedWindow>)| {
                 let seen = seen.as_ref()?;
                 Some((!raw.is_empty()).then(|| whitener.residual(seen.index, raw)))
             };
             let residuals: Vec<Option<DVector<f64>>> = run.par_iter().zip(&seen).filter_map(residual).collect();
-            let here: Vec<&Seen> = seen.iter().flatten().collect();
-            let normal = |(r, seen): (&Option<DVector<f64>>, &&Seen)| r.as_ref().map(|r| seen.normal_of(r));
-            self.ghosts[k].par_extend(residuals.par_iter().zip(here.par_iter()).map(normal));
+            let here: Vec<&LinearisedWindow> = seen.iter().flatten().collect();
+            let normal = |(r, seen): (&Option<DVector<f64>>, &&LinearisedWindow)| r.as_ref().map(|r| seen.normal_of(r));
+            self.replicates[k].par_extend(residuals.par_iter().zip(here.par_iter()).map(normal));
             self.ghost_residuals[k].extend(residuals);
         }
         let first = self.seen.len();
         self.seen.extend(seen.into_iter().flatten());
-        self.seen[first..].iter_mut().filter(|_| !pool.is_empty()).for_each(Seen::weigh);
+        self.seen[first..].iter_mut().filter(|_| !pool.is_empty()).for_each(LinearisedWindow::weigh);
         self.parts.push(Part { whitener, noise, alignment });
         self.count(steps);
         Ok(())
@@ -271,11 +271,11 @@ impl<'a> Study<'a> {
     /// Whether a group's effect is known, and could show here.
     pub fn may_be(&self, group: &Group) -> bool {
         let joints = self.problem.columns.len();
-        !self.forgotten.contains(&group.effect) && !is_unshown(&self.columns, group, &self.at_rest, joints)
+        !self.ablated.contains(&group.effect) && !is_unshown(&self.columns, group, &self.at_rest, joints)
     }
 
     /// The null of a window's run.
-    pub fn whitener(&self, seen: &Seen) -> &Whitener {
+    pub fn whitener(&self, seen: &LinearisedWindow) -> &Whitener {
         &self.parts[seen.window.run].whitener
     }
 
@@ -288,7 +288,7 @@ impl<'a> Study<'a> {
     ///
     /// # Errors
     /// When the normal equations are no good.
-    pub fn marginal(&self, weight: impl Fn(&Seen) -> f64) -> Result<Marginal, GapError> {
+    pub fn marginal(&self, weight: impl Fn(&LinearisedWindow) -> f64) -> Result<Marginal, GapError> {
         let mut h = DMatrix::zeros(self.width(), self.width());
         for seen in &self.seen {
             let w = weight(seen);
@@ -303,7 +303,7 @@ impl<'a> Study<'a> {
     ///
     /// # Errors
     /// When a setting has a value that means nothing.
-    pub fn evaluate(&self, settings: &[Setting], windows: &[usize]) -> Result<Vec<Vec<Option<Normal>>>, GapError> {
+    pub fn evaluate(&self, settings: &[Overrides], windows: &[usize]) -> Result<Vec<Vec<Option<Normal>>>, GapError> {
         let mut all = Vec::new();
         for some in settings.chunks(AT_A_TIME) {
             let raw = self.raw(some, windows)?;
@@ -325,7 +325,7 @@ impl<'a> Study<'a> {
     #[allow(clippy::type_complexity)]
     pub fn raw_vectors(
         &self,
-        settings: &[Setting],
+        settings: &[Overrides],
         windows: &[usize],
     ) -> Result<Vec<Vec<Option<DVector<f64>>>>, GapError> {
         let raw = self.raw(settings, windows)?;
@@ -339,18 +339,23 @@ impl<'a> Study<'a> {
     ///
     /// # Errors
     /// When a setting has a value that means nothing.
-    pub fn raw(&self, settings: &[Setting], windows: &[usize]) -> Result<Vec<Vec<Raw>>, GapError> {
+    pub fn raw(&self, settings: &[Overrides], windows: &[usize]) -> Result<Vec<Vec<Raw>>, GapError> {
         let chosen: Vec<&Window> = windows.iter().map(|&w| &self.seen[w].window).collect();
         let numerics = self.problem.numerics;
         let residuals = compare(&self.problem, &numerics, &chosen, settings)?;
         self.count(residuals.steps);
-        let alignments: Vec<law::Alignment> = chosen.iter().map(|w| self.parts[w.run].alignment).collect();
+        let alignments: Vec<actuator_model::Alignment> = chosen.iter().map(|w| self.parts[w.run].alignment).collect();
         let laws = windows.iter().map(|&w| &self.seen[w].raw.law[..]).collect();
         Ok(beside_law(&self.problem, &alignments, (&chosen, laws), settings, residuals.values))
     }
 
     /// Sums over windows of one setting.
-    pub fn sums(&self, normals: &[Option<Normal>], windows: &[usize], weight: impl Fn(&Seen) -> f64) -> Sums {
+    pub fn sums(
+        &self,
+        normals: &[Option<Normal>],
+        windows: &[usize],
+        weight: impl Fn(&LinearisedWindow) -> f64,
+    ) -> Sums {
         let parts = normals.iter().zip(windows).filter_map(|(n, &w)| n.as_ref().map(|n| (n, weight(&self.seen[w]))));
         sum(parts, self.width())
     }
@@ -361,13 +366,13 @@ impl<'a> Study<'a> {
         &self,
         marginal: &Marginal,
         residuals: &[Option<&DVector<f64>>],
-        weight: impl Fn(&Seen) -> f64,
+        weight: impl Fn(&LinearisedWindow) -> f64,
     ) -> Vec<Option<DVector<f64>>> {
-        let normal = |(r, s): (&Option<&DVector<f64>>, &Seen)| r.map(|r| s.normal_of(r));
+        let normal = |(r, s): (&Option<&DVector<f64>>, &LinearisedWindow)| r.map(|r| s.normal_of(r));
         let normals: Vec<_> = residuals.par_iter().zip(&self.seen).map(normal).collect();
         let all: Vec<usize> = (0..self.seen.len()).collect();
         let best = marginal.deviations(&self.sums(&normals, &all, &weight));
-        let left = |(r, s): (&Option<&DVector<f64>>, &Seen)| {
+        let left = |(r, s): (&Option<&DVector<f64>>, &LinearisedWindow)| {
             r.filter(|_| weight(s) > 0.0).map(|r| r - s.j.columns(0, best.len()) * &best)
         };
         residuals.iter().zip(&self.seen).map(left).collect()
@@ -379,19 +384,19 @@ impl<'a> Study<'a> {
     }
 
     /// Those of each simulated recording without an effect.
-    pub fn residuals_of_ghosts(&self) -> impl Iterator<Item = Vec<Option<&DVector<f64>>>> {
+    pub fn residuals_of_replicates(&self) -> impl Iterator<Item = Vec<Option<&DVector<f64>>>> {
         self.ghost_residuals.iter().map(|g| g.iter().map(Option::as_ref).collect())
     }
 
     /// Sums of the nominal robot.
-    pub fn nominal(&self, weight: impl Fn(&Seen) -> f64) -> Sums {
-        let normals: Vec<Normal> = self.seen.iter().map(Seen::nominal).collect();
+    pub fn nominal(&self, weight: impl Fn(&LinearisedWindow) -> f64) -> Sums {
+        let normals: Vec<Normal> = self.seen.iter().map(LinearisedWindow::nominal).collect();
         let parts = normals.iter().zip(&self.seen).map(|(n, s)| (n, weight(s)));
         sum(parts, self.width())
     }
 }
 
-impl Seen {
+impl LinearisedWindow {
     /// Weighs it down where even reference recordings have nothing like it.
     pub(crate) fn weigh(&mut self) {
         let length = self.residual.norm_squared() / self.residual.len() as f64;
@@ -451,19 +456,19 @@ fn times_columns(row: &[f64], matrix: &DMatrix<f64>) -> DVector<f64> {
     out
 }
 
-fn ghosts_of(free: bool, effort: &Effort) -> usize {
-    if free { effort.ghosts } else { HELD * effort.ghosts }
+fn ghosts_of(free: bool, effort: &NullOptions) -> usize {
+    if free { effort.replicates } else { HELD * effort.replicates }
 }
 
-fn see(whitener: &Whitener, (index, window): (usize, Window), raw: Raw, sensitivity: &[Raw]) -> Seen {
+fn see(whitener: &Whitener, (index, window): (usize, Window), raw: Raw, sensitivity: &[Raw]) -> LinearisedWindow {
     let columns: Vec<DVector<f64>> = sensitivity.iter().map(|c| whitener.difference(index, c)).collect();
     let j = DMatrix::from_columns(&columns);
     let residual = whitener.residual(index, &raw);
     // By the transposed copy: that is a blocked product, five times as fast as `tr_mul`.
-    Seen { h: j.transpose() * &j, j, residual, raw, index, window, weight: 1.0 }
+    LinearisedWindow { h: j.transpose() * &j, j, residual, raw, index, window, weight: 1.0 }
 }
 
-/// Numbers that the simulators of ghosts have: what engines differ in.
+/// Numbers that the simulators of replicates have: what engines differ in.
 fn numerics(k: usize) -> Numerics {
     let base = Numerics::default();
     match k % 4 {
@@ -474,35 +479,35 @@ fn numerics(k: usize) -> Numerics {
     }
 }
 
-/// Raw residuals of windows recorded of ghosts, shape `[ghosts][windows]`, and their deviations in columns.
+/// Raw residuals of windows recorded of replicates, shape `[replicates][windows]`, and their deviations in columns.
 #[allow(clippy::type_complexity)]
-fn ghosts(
+fn replicates(
     problem: &Problem,
     columns: &Columns,
     windows: &[Window],
     noise: &Noise,
-    (effort, run): (&Effort, usize),
+    (effort, run): (&NullOptions, usize),
     steps: &mut usize,
 ) -> Result<(Vec<Vec<Raw>>, Vec<Vec<f64>>), GapError> {
-    // What a ghost is, what it takes and what is left of it; side by side, as each alone is too little for all threads.
+    // What a replicate is, what it takes and what is left of it; side by side, as each alone is too little for all threads.
     let one = |k: usize| -> Result<(Vec<Raw>, Vec<f64>, usize), GapError> {
         let (mut setting, of_columns) = draw(problem, columns, effort.seed, k as u64);
         other_contact(problem, &mut setting, effort.seed, k as u64);
         // The robot is the same in all runs, the noise is not.
         let seed = effort.seed.wrapping_add(977 * k as u64 + 31 * run as u64);
-        let ghost = Ghost { setting, numerics: numerics(k), seed, ground_error: effort.ground_error };
-        let recorded = record(problem, windows, noise, std::slice::from_ref(&ghost))?.remove(0);
-        let ticks = ((problem.cut.window + 2.0 * problem.cut.margin) / ghost.numerics.timestep) as usize;
+        let replicate = Replicate { setting, numerics: numerics(k), seed, ground_error: effort.ground_error };
+        let recorded = record(problem, windows, noise, std::slice::from_ref(&replicate))?.remove(0);
+        let ticks = ((problem.cut.window + 2.0 * problem.cut.margin) / replicate.numerics.timestep) as usize;
         let mut steps = windows.len() * ticks;
         let (at, whole): (Vec<usize>, Vec<&Window>) =
             recorded.iter().enumerate().filter_map(|(w, r)| r.as_ref().map(|r| (w, r))).unzip();
         let mut raw = vec![Raw::default(); windows.len()];
         if !whole.is_empty() {
-            let residuals = compare(problem, &problem.numerics, &whole, &[Setting::new()])?;
+            let residuals = compare(problem, &problem.numerics, &whole, &[Overrides::new()])?;
             steps += residuals.steps;
-            let alignment = law::align(problem, &whole);
-            let found =
-                with_law(problem, &vec![alignment; whole.len()], &whole, &[Setting::new()], residuals.values).remove(0);
+            let alignment = actuator_model::align(problem, &whole);
+            let found = with_law(problem, &vec![alignment; whole.len()], &whole, &[Overrides::new()], residuals.values)
+                .remove(0);
             at.into_iter().zip(found).for_each(|(w, r)| raw[w] = r);
         }
         Ok((raw, of_columns, steps))
@@ -519,7 +524,7 @@ fn ghosts(
 }
 
 /// Contact as other engines have it: what they call stiff differs by factors.
-fn other_contact(problem: &Problem, setting: &mut Setting, seed: u64, stream: u64) {
+fn other_contact(problem: &Problem, setting: &mut Overrides, seed: u64, stream: u64) {
     let mut random = Random::new(seed, 5000 + stream);
     for (name, spread, range) in
         [("contact.time_constant", 0.5, (0.003, 0.016)), ("contact.damping_ratio", 0.3, (0.4, 2.0))]
@@ -533,7 +538,7 @@ fn other_contact(problem: &Problem, setting: &mut Setting, seed: u64, stream: u6
 }
 
 /// Deviations that any robot has: a setting, and the same in columns.
-fn draw(problem: &Problem, columns: &Columns, seed: u64, stream: u64) -> (Setting, Vec<f64>) {
+fn draw(problem: &Problem, columns: &Columns, seed: u64, stream: u64) -> (Overrides, Vec<f64>) {
     let mut random = Random::new(seed, 1 + stream);
     let (mut values, mut of_columns) = (Vec::new(), Vec::new());
     for column in &columns.columns[..columns.tolerated] {
@@ -550,11 +555,11 @@ fn draw(problem: &Problem, columns: &Columns, seed: u64, stream: u64) -> (Settin
     (columns.setting(problem, &values), of_columns)
 }
 
-/// Features of ghosts with what their deviations do taken away: noise and numerics alone.
+/// Features of replicates with what their deviations do taken away: noise and numerics alone.
 fn samples(
     windows: &[Window],
     sensitivities: &[Vec<Raw>],
-    ghosts: &[Vec<Raw>],
+    replicates: &[Vec<Raw>],
     deviations: &[Vec<f64>],
 ) -> Vec<Sample> {
     let one = |(run, deviation): (&Vec<Raw>, &Vec<f64>)| -> Vec<Sample> {
@@ -572,7 +577,7 @@ fn samples(
         }
         samples
     };
-    ghosts.par_iter().zip(deviations).flat_map_iter(one).collect()
+    replicates.par_iter().zip(deviations).flat_map_iter(one).collect()
 }
 
 #[cfg(test)]
