@@ -227,6 +227,27 @@ fn calibrated_parameters_come_back_bit_by_bit() {
 }
 
 #[test]
+fn a_finding_that_makes_things_worse_is_applied_by_no_file() {
+    let mut found = report();
+    found.corrections_apply = false;
+    (found.gap.before, found.gap.after) = (1.4, 7.3);
+    let text = to_toml(&found);
+    assert_eq!(parameters_from_toml(&text).unwrap(), []);
+    for correction in &found.corrections {
+        assert!(text.contains(&format!("# \"{}\" = ", correction.parameter)), "{text}");
+    }
+    assert!(text.contains("the loss is 7.30 with it and 1.40 without"), "{text}");
+    assert!(to_html(&found, "walk", &[]).contains("Not a correction"));
+    let model = go2();
+    let of = |report: &Report| files(report, &model, None, "walk", &[], &KP, &KD);
+    let nothing = Report { corrections: vec![], ..found.clone() };
+    for name in ["mjcf_fragment.xml", "isaac_lab_actuators.py"] {
+        let text = |report: &Report| of(report).into_iter().find(|f| f.0 == name).unwrap().1;
+        assert_eq!(text(&found), text(&nothing), "{name}");
+    }
+}
+
+#[test]
 fn calibrated_parameters_may_be_none_or_doubled() {
     assert!(parameters_from_toml(&to_toml(&empty())).unwrap().is_empty());
     let mut r = empty();

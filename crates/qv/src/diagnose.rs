@@ -176,7 +176,12 @@ impl Diagnose {
             say(&format!("{}written to {}\n", summary(report), self.out.display()))?;
         }
         told.iter().chain(&lost).for_each(|what| eprintln!("qv: {what}"));
-        Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
+        if !report.corrections_apply {
+            eprintln!(
+                "qv: what was found makes windows that no fit has seen worse: it is a finding, and no file applies it"
+            );
+        }
+        Ok(if lost.is_empty() && report.corrections_apply { Outcome::Done } else { Outcome::Partial })
     }
 
     fn open(&self, paths: &[PathBuf]) -> Result<Vec<Run>, ReplayError> {

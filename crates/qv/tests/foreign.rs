@@ -39,7 +39,7 @@ fn both_versions_of_a_dataset_are_the_same_numbers() {
         let (two, three) = (of_fixture("v2", &toml).unwrap(), of_fixture("v3", &toml).unwrap());
         assert_eq!(two.csv, three.csv);
         let mut lines = two.csv.lines();
-        let header = "time,pos.shoulder_pan,pos.elbow_flex,cmd_pos.shoulder_pan,cmd_pos.elbow_flex";
+        let header = "time_s,pos.shoulder_pan,pos.elbow_flex,cmd_pos.shoulder_pan,cmd_pos.elbow_flex";
         assert_eq!(lines.next(), Some(header));
         let cells: Vec<f64> = lines.nth(5).unwrap().split(',').map(|cell| cell.parse().unwrap()).collect();
         let angle = 0.2 * std::f64::consts::PI;
@@ -56,7 +56,7 @@ fn both_versions_of_a_dataset_are_the_same_numbers() {
     let left_out =
         of_fixture("v2", "[dataset]\njoints = [\"\", \"elbow\"]\n[dataset.joint.elbow]\nscale = 2\noffset = 1")
             .unwrap();
-    assert!(left_out.csv.starts_with("time,pos.elbow,cmd_pos.elbow\n0,40.2"), "{}", &left_out.csv[..60]);
+    assert!(left_out.csv.starts_with("time_s,pos.elbow,cmd_pos.elbow\n0,40.2"), "{}", &left_out.csv[..62]);
 }
 
 #[test]

@@ -302,6 +302,7 @@ impl<'a> Session<'a> {
             on_feet: nominal.problem.free,
             opening: opening.clone(),
             cannot_tell: cannot_tell.to_vec(),
+            cannot_show: narrative::cannot_show(nominal, &self.runs[0], &self.options.library),
             later: None,
         };
         loop {
@@ -442,6 +443,7 @@ struct Findings<'a> {
     on_feet: bool,
     opening: Opening,
     cannot_tell: Vec<String>,
+    cannot_show: Vec<String>,
     /// The robot with all that is accused.
     later: Option<LinearisedProblem<'a>>,
 }
@@ -543,6 +545,7 @@ impl Findings<'_> {
         self.keep_largest_event();
         self.corrections = merged(&session.calibrated, &self.corrections);
         let runtime_s = session.now() - begun;
+        let corrections_apply = self.accused.is_empty() || gap.after <= gap.before;
         let report = Report {
             format: FORMAT.into(),
             verdict,
@@ -558,6 +561,8 @@ impl Findings<'_> {
             cannot_tell: self.cannot_tell,
             next,
             corrections: self.corrections,
+            corrections_apply,
+            cannot_show: self.cannot_show,
             heat_map,
             floor_plan,
             curves,

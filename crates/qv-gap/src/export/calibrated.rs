@@ -14,6 +14,13 @@ pub fn to_toml(report: &Report) -> String {
     if report.corrections.is_empty() {
         text += "# There is nothing to correct.\n";
     }
+    if !report.corrections_apply {
+        let _ = writeln!(
+            text,
+            "# A finding, not a correction: in windows that no fit has seen the loss is {:.2} with it and {:.2} without.",
+            report.gap.after, report.gap.before
+        );
+    }
     text += "\n[parameters]\n";
     for (i, c) in report.corrections.iter().enumerate() {
         // TOML takes no key twice; of two corrections of one parameter the later holds.
@@ -26,7 +33,8 @@ pub fn to_toml(report: &Report) -> String {
             let why = if again { "corrected again below" } else { "not a finite value" };
             let _ = writeln!(text, "# {} = {}: {why}", one_line(&c.parameter), c.value);
         } else {
-            let _ = writeln!(text, "{} = {:?} # {}", quoted(&c.parameter), c.value, one_line(&comment));
+            let applied = if report.corrections_apply { "" } else { "# " };
+            let _ = writeln!(text, "{applied}{} = {:?} # {}", quoted(&c.parameter), c.value, one_line(&comment));
         }
     }
     text

@@ -65,10 +65,19 @@ fn verdict(report: &Report) -> String {
         Verdict::PartlyExplained => ("partly_explained", "Partly explained"),
         Verdict::Unexplained => ("unexplained", "Unexplained"),
     };
-    format!(
+    let mut text = format!(
         "<div class=\"card verdict {class}\"><span class=\"badge\">{badge}</span><div>{}</div></div>",
         escape(&report.sentence)
-    )
+    );
+    if !report.corrections_apply {
+        let _ = write!(
+            text,
+            "<div class=\"card verdict unexplained\"><span class=\"badge\">Not a correction</span><div>With what was found the error in windows \
+             that no fit has seen is higher: {:.2} instead of {:.2}, in units of the null. No file applies it.</div></div>",
+            report.gap.after, report.gap.before
+        );
+    }
+    text
 }
 
 /// Where to look when nothing is accused.

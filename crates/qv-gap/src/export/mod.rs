@@ -16,7 +16,7 @@ pub use isaac_lab::to_isaac_lab;
 pub use mjcf::to_mjcf;
 pub use urdf::to_urdf;
 
-use crate::report::Report;
+use crate::report::{Correction, Report};
 use qv_sim::Model;
 use std::fmt::Write;
 
@@ -38,7 +38,7 @@ pub fn files(
     kp: &[f64],
     kd: &[f64],
 ) -> Vec<(String, Vec<u8>)> {
-    let corrections = &report.corrections;
+    let corrections: &[Correction] = if report.corrections_apply { &report.corrections } else { &[] };
     let mut notes = notes.to_vec();
     let urdf = urdf_text.map(|text| to_urdf(text, model, corrections));
     if let Some(Err(error)) = &urdf {

@@ -245,6 +245,11 @@ pub struct Report {
     pub next: Vec<String>,
     /// The parameters with the causes.
     pub corrections: Vec<Correction>,
+    /// Whether they are for use: with them the loss in windows that no fit has seen is not higher than without. Else they are a finding, and no
+    /// file applies them.
+    pub corrections_apply: bool,
+    /// Effects that this recording could not show: a channel, a part of the robot or excitation is lacking.
+    pub cannot_show: Vec<String>,
     /// Error by joint and time.
     pub heat_map: HeatMap,
     /// Gap by place.

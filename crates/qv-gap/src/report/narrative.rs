@@ -103,11 +103,7 @@ pub fn missing(study: &LinearisedProblem, run: &Run, library: &[Effect]) -> Vec<
     if study.problem.free && m.orientation.is_none() {
         told.push("there is no IMU orientation: tilt of the IMU and delay of the pose cannot be told".to_string());
     }
-    let lacking: Vec<&str> = library
-        .iter()
-        .filter(|e| !study.columns.effects.iter().any(|s| s.name == e.name))
-        .map(|e| e.name.as_str())
-        .collect();
+    let lacking = lacking(study, library);
     if !lacking.is_empty() {
         told.push(format!("no channel or part of this robot could show {}", lacking.join(", ")));
     }
@@ -117,17 +113,39 @@ pub fn missing(study: &LinearisedProblem, run: &Run, library: &[Effect]) -> Vec<
     if study.problem.free && m.gyro.is_none() {
         told.push("there is no gyroscope: its bias cannot be told".to_string());
     }
-    // What has no channel of its own lacks no excitation.
+    let weak = weak_of_measured(study, run);
+    if !weak.is_empty() {
+        told.push(format!("too little excitation to tell {}", weak.join(", ")));
+    }
+    told
+}
+
+/// Effects that this recording cannot show, by name: no channel or part could, or there is too little excitation.
+pub fn cannot_show(study: &LinearisedProblem, run: &Run, library: &[Effect]) -> Vec<String> {
+    let mut names: Vec<String> = lacking(study, library).into_iter().map(str::to_owned).collect();
+    names.extend(weak_of_measured(study, run));
+    if !study.at_rest.is_empty() && study.at_rest.len() == study.problem.columns.len() {
+        names.push("pose_delay".into());
+    }
+    names.sort();
+    names.dedup();
+    names
+}
+
+fn lacking<'l>(study: &LinearisedProblem, library: &'l [Effect]) -> Vec<&'l str> {
+    let has = |e: &&Effect| study.columns.effects.iter().any(|s| s.name == e.name);
+    library.iter().filter(|e| !has(e)).map(|e| e.name.as_str()).collect()
+}
+
+/// Effects with too little excitation. What has no channel of its own lacks none.
+fn weak_of_measured(study: &LinearisedProblem, run: &Run) -> Vec<String> {
+    let m = &run.measured;
     let is_measured = |effect: &String| match effect.as_str() {
         "gyro_bias" => m.gyro.is_some(),
         "imu_tilt" | "pose_delay" => m.orientation.is_some(),
         _ => true,
     };
-    let weak: Vec<String> = weak(study).into_iter().filter(is_measured).collect();
-    if !weak.is_empty() {
-        told.push(format!("too little excitation to tell {}", weak.join(", ")));
-    }
-    told
+    weak(study).into_iter().filter(is_measured).collect()
 }
 
 /// How much of the recording could be judged, where that is less than half.
@@ -519,7 +537,7 @@ pub fn next(
         Verdict::Explained | Verdict::PartlyExplained => {
             next.push(if gap.after > gap.before {
                 format!(
-                    "Take what is in calibrated.toml as a finding: with it the loss of whole windows is {:.2}, without it {:.2}.",
+                    "Take what was found as a finding, not as a correction: with it the loss of whole windows is {:.2}, without it {:.2}. No file applies it.",
                     gap.after, gap.before
                 )
             } else {

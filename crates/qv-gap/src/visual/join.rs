@@ -63,8 +63,7 @@ pub fn join(report: &mut Report, sight: Sight) {
 fn excludes_pose_delay(report: &Report) -> bool {
     let judged = report.ranking.iter().any(|r| r.effect == "pose_delay");
     let accused = report.causes.iter().any(|c| c.effect == "pose_delay");
-    let weak = report.cannot_tell.iter().any(|l| l.contains("pose_delay") || l.contains("delay of the pose"));
-    judged && !accused && !weak
+    judged && !accused && !report.cannot_show.iter().any(|effect| effect == "pose_delay")
 }
 
 fn both(robot: Verdict, camera: Verdict) -> Verdict {

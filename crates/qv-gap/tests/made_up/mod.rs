@@ -60,6 +60,8 @@ pub fn empty() -> Report {
         curves: Vec::new(),
         stages: Vec::new(),
         policy: Default::default(),
+        corrections_apply: true,
+        cannot_show: vec![],
         runtime_s: 0.0,
     }
 }
@@ -113,6 +115,8 @@ pub fn report() -> Report {
             .map(|(name, seconds, steps)| Stage { name: name.into(), seconds, steps })
             .collect(),
         policy: Default::default(),
+        corrections_apply: true,
+        cannot_show: vec![],
         runtime_s: 17.1,
         ..empty()
     }
