@@ -5,12 +5,6 @@ use super::{Source, layers};
 use crate::workspace::{Package, Workspace};
 use std::path::Path;
 
-/// Longest file without a reason, and with one.
-const LONG: usize = 600;
-const TOO_LONG: usize = 1200;
-/// A long file gives its reason on a line of its header that starts so.
-const REASON: &str = "Long because";
-
 const VAGUE_NAMES: [&str; 6] = ["utils", "util", "common", "helpers", "helper", "misc"];
 /// Clock, environment and global random state: not in the libraries of layers 0 to 2.
 const AMBIENT: [&str; 14] = [
@@ -39,7 +33,6 @@ pub fn check(workspace: &Workspace, sources: &[Source]) -> Vec<String> {
     let mut found = Vec::new();
     for source in sources {
         found.extend(names(&source.path));
-        found.extend(length(source));
         found.extend(places(source));
         found.extend(unfinished(source));
         found.extend(shader_owner(&source.path));
@@ -65,24 +58,6 @@ fn names(path: &Path) -> Vec<String> {
         VAGUE_NAMES.contains(&stem)
     });
     if vague { vec![format!("{}: expected a name that says what is inside", path.display())] } else { Vec::new() }
-}
-
-fn length(source: &Source) -> Vec<String> {
-    if !is_code(&source.path) {
-        return Vec::new();
-    }
-    let lines = source.text.lines().count();
-    let reasoned =
-        source.text.lines().take(20).any(|line| line.trim_start_matches(['/', '!', '#', '*', ' ']).starts_with(REASON));
-    let limit = if reasoned { TOO_LONG } else { LONG };
-    if lines > limit {
-        return vec![format!("{}: expected at most {limit} lines, found {lines}", source.path.display())];
-    }
-    Vec::new()
-}
-
-fn is_code(path: &Path) -> bool {
-    path.extension().is_some_and(|e| ["rs", "wgsl", "py", "sh"].iter().any(|known| e == *known))
 }
 
 /// The repository must not know on which machine it was written, nor fetch from anywhere but crates.io.
@@ -200,16 +175,6 @@ mod tests {
         assert_eq!(names(Path::new("crates/qv-sim/src/utils.rs")).len(), 1);
         assert_eq!(names(Path::new("crates/qv-sim/src/common/pose.rs")).len(), 1);
         assert!(names(Path::new("crates/qv-sim/src/contact.rs")).is_empty());
-    }
-
-    #[test]
-    fn long_files_need_a_reason_and_an_end() {
-        let lines = |n: usize| "x\n".repeat(n);
-        assert!(length(&source("a.rs", &lines(600))).is_empty());
-        assert_eq!(length(&source("a.rs", &lines(601))).len(), 1);
-        assert!(length(&source("a.rs", &format!("//! {REASON} it is a table.\n{}", lines(700)))).is_empty());
-        assert_eq!(length(&source("a.rs", &format!("//! {REASON} it is a table.\n{}", lines(1300)))).len(), 1);
-        assert!(length(&source("a.json", &lines(5000))).is_empty());
     }
 
     #[test]

@@ -12,7 +12,7 @@ mod residual_network;
 use crate::inference::linearised::LinearisedProblem;
 use crate::problem::Problem;
 use crate::problem::columns::{Columns, Suspect};
-use crate::report::narrative;
+use crate::problem::data_quality;
 use crate::{GapError, Options};
 use plain::Plain;
 use qv_replay::Run;
@@ -93,7 +93,7 @@ pub fn baselines(
         return Err(GapError::run("runs", "at least one", "none"));
     }
     tell(options, "baselines: windows and yardstick");
-    let (runs, _) = narrative::upright(runs);
+    let (runs, _) = data_quality::upright(runs);
     let problem = Problem::new(&runs[0], model, terrain, &options.given, options.cut)?;
     let columns = Columns::new(&problem, &runs[0], &options.library)?;
     let mut plain = Plain::new(LinearisedProblem::new(problem, columns, &runs, &options.reference, &options.effort)?);

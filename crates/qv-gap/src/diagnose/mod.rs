@@ -19,7 +19,7 @@ use crate::inference::search::Fit;
 use crate::null::reference;
 use crate::problem::columns::{Columns, Extent, Group};
 use crate::problem::library::{self, Effect};
-use crate::problem::{Event, Overrides, Problem, WindowOptions, one_robot, origin};
+use crate::problem::{Event, Overrides, Problem, WindowOptions, data_quality, one_robot, origin};
 use crate::report::{Cause, Correction, FORMAT, Report, RoundSummary, Stage, UNKNOWN, Unexplained, Verdict, Where};
 use crate::report::{attribution, figures, leads, narrative, residual_factors};
 use qv_replay::{Run, conventions::read_in_ours, holes::without_holes, still::without_still};
@@ -118,9 +118,9 @@ pub fn diagnose(
     one_robot::check(first, runs.iter().chain(&options.reference))?;
     let (mended, holes): (Vec<Run>, Vec<Vec<String>>) =
         runs.iter().map(|run| without_holes(read_in_ours(without_still(run)))).unzip();
-    let mut cannot_tell = narrative::faults(runs, &mended);
+    let mut cannot_tell = data_quality::faults(runs, &mended);
     cannot_tell.extend(holes.into_iter().flatten());
-    let (mut usable, fallen) = narrative::upright(&mended);
+    let (mut usable, fallen) = data_quality::upright(&mended);
     let moved = origin::brought_near(&mut usable, terrain, options);
     cannot_tell.extend(fallen.iter().chain(moved.as_ref().map(|m| &m.1)).cloned());
     let mut session = Session {
@@ -510,7 +510,7 @@ impl Findings<'_> {
         let seed = session.options.effort.seed;
         let mut gap = after.gap(nominal, seed);
         gap.closed_in_fit = Some(closed);
-        let dead = narrative::dead_positions(&session.runs);
+        let dead = data_quality::dead_positions(&session.runs);
         let leads = match (verdict, self.rounds.first()) {
             (Verdict::Unexplained, Some(first)) if dead.is_empty() => {
                 leads::leads(nominal, &first.fits, seed, estimates_of)?

@@ -2,6 +2,7 @@
 
 pub mod columns;
 pub(crate) mod command_cache;
+pub(crate) mod data_quality;
 pub mod excitation;
 pub mod features;
 pub mod library;

@@ -6,83 +6,12 @@ use crate::inference::regions::{EDGES, untested};
 use crate::inference::search::{direction, fitted};
 use crate::inference::short_windows::feet;
 use crate::problem::columns::Suspect;
-use crate::problem::features::{rotation_at, snippet};
 use crate::problem::library::Effect;
 use crate::report::{Cause, Gap, Lead, ParameterEstimate, Ranked, RoundSummary, SuspectSummary, UNKNOWN, Verdict};
 use qv_replay::Run;
-use qv_replay::run::FaultKind;
 
 /// Cosine of the angle between sensitivities from which effects count as alike.
 const ALIKE: f64 = 0.75;
-/// A trunk tilted by more than this lies on the ground \[rad\].
-const FALLEN: f64 = 1.0;
-
-/// Samples on end whose lack is told.
-const MANY: usize = 50;
-
-/// What is broken in the recordings; `mended` are the same without what stood still for a part of the time.
-pub fn faults(runs: &[Run], mended: &[Run]) -> Vec<String> {
-    let lost = runs.iter().flat_map(|r| &r.lost).map(|loss| format!("lost of {}: {}", loss.file, loss.what));
-    let mut told: Vec<String> = lost.collect();
-    let both = runs.iter().zip(mended).flat_map(|(run, mended)| run.faults.iter().map(move |fault| (fault, mended)));
-    for (fault, mended) in both {
-        let line = match fault.kind {
-            FaultKind::Frozen if !mended.faults.contains(fault) => {
-                format!("{} {}: what was recorded then is left out", fault.channel, fault.detail)
-            }
-            FaultKind::Frozen => format!("{} stood still: nothing is accused on it ({})", fault.channel, fault.detail),
-            // What is left out costs no windows.
-            FaultKind::Gap
-                if mended.faults.iter().any(|f| f.kind == FaultKind::Convention && f.channel == fault.channel) =>
-            {
-                continue;
-            }
-            FaultKind::Gap if fault.count > MANY => {
-                format!("{}: {}; windows there are left out", fault.channel, fault.detail)
-            }
-            FaultKind::Convention if mended.faults.contains(fault) => {
-                format!("{}: {}; it is left out", fault.channel, fault.detail)
-            }
-            FaultKind::Convention => format!("{}: {}", fault.channel, fault.detail),
-            FaultKind::Missing => format!("{} was not recorded", fault.channel),
-            kind if kind.is_partial() => {
-                format!("{kind} in {} at {:.2} s: {}", fault.channel, fault.time, fault.detail)
-            }
-            _ => continue,
-        };
-        if !told.contains(&line) {
-            told.push(line);
-        }
-    }
-    told
-}
-
-/// The runs up to a fall, and what is said about falls.
-pub fn upright(runs: &[Run]) -> (Vec<Run>, Vec<String>) {
-    let mut told = Vec::new();
-    let cut = |run: &Run| match fall(run) {
-        Some(time) => {
-            told.push(format!("the robot fell at {time:.1} s: what comes after is left out"));
-            let whole = snippet(run, run.span()[0], time - 0.3);
-            Run { faults: run.faults.clone(), robot: run.robot.clone(), ..whole }
-        }
-        None => run.clone(),
-    };
-    (runs.iter().map(cut).collect(), told)
-}
-
-fn fall(run: &Run) -> Option<f64> {
-    let (series, first) = match (&run.measured.orientation, &run.measured.base_pose) {
-        (Some(imu), _) => (imu, 0),
-        (None, Some(pose)) => (pose, 3),
-        _ => return None,
-    };
-    let tilted = |i: &usize| {
-        let rotation = rotation_at(series, first, series.time[*i]);
-        rotation.is_some_and(|q| (q * glam::DVec3::Z).z < FALLEN.cos())
-    };
-    (0..series.len()).step_by(5).find(tilted).map(|i| series.time[i])
-}
 
 /// Effects that this recording cannot show, and channels whose lack is the reason.
 pub fn missing(study: &LinearisedProblem, run: &Run, library: &[Effect]) -> Vec<String> {
@@ -463,17 +392,6 @@ pub fn first_of_all(verdict: Verdict, gap: &Gap, dead: &[&str]) -> Vec<String> {
         ));
     }
     first
-}
-
-/// Positions of joints that stood still all the time: `position NAME`.
-pub fn dead_positions(runs: &[Run]) -> Vec<&str> {
-    let faults = runs.iter().flat_map(|run| &run.faults);
-    let mut names: Vec<&str> = faults
-        .filter(|f| f.kind == FaultKind::Frozen && f.channel.starts_with("position "))
-        .map(|f| f.channel.as_str())
-        .collect();
-    names.dedup();
-    names
 }
 
 /// Edges of a slippery part of the floor that no foot came to.
