@@ -23,7 +23,7 @@ pub struct Checks<'c> {
 }
 
 /// The actuator whose law leaves most, if that is more than noise and tolerances make of it.
-pub fn residual_left<'l>(
+pub fn actuator_left<'l>(
     policy: &Policy,
     now: &'l [ActuatorResidual],
     opening: &[ActuatorResidual],
@@ -31,7 +31,7 @@ pub fn residual_left<'l>(
     let excess = |left: &&ActuatorResidual| {
         let before = opening.iter().find(|o| o.joint == left.joint).map_or(0.0, |o| o.ratio - 1.0);
         let untouched = before > 0.0 && left.ratio - 1.0 > (1.0 - policy.touched) * before;
-        let most = if untouched { policy.actuator_left_untouched } else { policy.residual_left };
+        let most = if untouched { policy.actuator_left_untouched } else { policy.actuator_left };
         let by_chance = policy.actuator_over_chance * left.by_chance;
         left.ratio > most.max(by_chance) && left.ratio - 1.0 > policy.actuator_share * before
     };
@@ -163,7 +163,7 @@ impl Checks<'_> {
     }
 
     fn actuator_residual(&self) -> Option<String> {
-        let left = residual_left(self.policy, &self.corrected.actuator_residuals, &self.evidence.actuator_residuals)?;
+        let left = actuator_left(self.policy, &self.corrected.actuator_residuals, &self.evidence.actuator_residuals)?;
         let joint = &self.evidence.joints[left.joint];
         Some(format!("the actuator's law at {joint} still leaves {:.1} times what noise does", left.ratio))
     }

@@ -92,7 +92,7 @@ pub struct Policy {
     pub most_rounds: usize,
 
     /// What the law of an actuator may leave, over the null,
-    pub residual_left: f64,
+    pub actuator_left: f64,
     /// over what chance makes of it,
     pub actuator_over_chance: f64,
     /// and as a share of what there was.
@@ -200,7 +200,7 @@ impl Default for Policy {
             much_left: 2.0,
             most_causes: 3,
             most_rounds: 4,
-            residual_left: 2.0,
+            actuator_left: 2.0,
             actuator_over_chance: 1.3,
             actuator_share: 0.1,
             actuator_left_untouched: 3.0,

@@ -1,4 +1,4 @@
-use super::checks::{Checks, residual_left};
+use super::checks::{Checks, actuator_left};
 use super::evidence::*;
 use super::twins::twins;
 use super::*;
@@ -162,7 +162,7 @@ fn events_at_other_times_stand_beside_an_event() {
 fn a_law_that_leaves_more_than_noise_and_a_share_of_what_it_left_is_told() {
     let left = |joint, ratio, by_chance| ActuatorResidual { joint, ratio, by_chance };
     let policy = Policy::default();
-    let told = |now: &[ActuatorResidual], opening: &[ActuatorResidual]| residual_left(&policy, now, opening).cloned();
+    let told = |now: &[ActuatorResidual], opening: &[ActuatorResidual]| actuator_left(&policy, now, opening).cloned();
     let opening = [left(0, 1.0, 1.1), left(1, 60.0, 1.2), left(2, 3.0, 1.1)];
     let nothing = [left(0, 1.6, 1.1), left(1, 2.9, 1.2), left(2, 2.4, 1.9)];
     assert_eq!(told(&nothing, &opening), None);

@@ -1,6 +1,6 @@
 //! The verdict and the ranking, from what was measured.
 
-use super::checks::{Checks, residual_left};
+use super::checks::{Checks, actuator_left};
 use super::evidence::{Candidate, Corrected, Evidence, Level, Round};
 use super::judge::Judge;
 use super::policy::Policy;
@@ -133,7 +133,7 @@ impl Case<'_> {
         if is_doubted {
             return Verdict::Unexplained;
         }
-        let actuators_agree = !is_free || residual_left(self.policy, actuator_residuals, &[]).is_none();
+        let actuators_agree = !is_free || actuator_left(self.policy, actuator_residuals, &[]).is_none();
         let suspicious = |round: &Round| Judge::new(self.policy, round, *is_free).is_suspicious();
         let is_suspicious = *is_free && rounds.first().is_some_and(suspicious);
         match (corrected.is_none(), self.policy.is_explained(&self.level())) {
