@@ -113,6 +113,13 @@ fn evidence_is_the_same_after_it_was_written_and_read() {
     let read: Evidence = serde_json::from_str(&serde_json::to_string(&evidence).unwrap()).unwrap();
     assert!(read.rounds[0].candidates[1].size.is_nan(), "JSON has no infinity");
     assert_eq!(decide(&read, &Policy::default()), decide(&evidence, &Policy::default()));
+    // To the last bit.
+    for k in 1..2000 {
+        let x = 1e-5 * f64::from(k).sin() / f64::from(k);
+        evidence.rounds[0].excess = x;
+        let read: Evidence = serde_json::from_str(&serde_json::to_string(&evidence).unwrap()).unwrap();
+        assert_eq!(read.rounds[0].excess.to_bits(), x.to_bits());
+    }
 }
 
 #[test]
