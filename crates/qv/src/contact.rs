@@ -4,6 +4,7 @@ use crate::ask::ask;
 use crate::ground::mesh_at;
 use crate::numbers::within;
 use crate::open::{file_error, lost_from, model_of, open_run, parameters, progress, told_of, write_error};
+use crate::provenance::provenance;
 use crate::whole::put;
 use crate::{Outcome, Reading, RunArguments, say};
 use qv_contact::report::Status;
@@ -151,6 +152,8 @@ impl Contact {
         let mut value = serde_json::to_value(report).expect("a report is plain data");
         value["lost"] = lost.into();
         value["sentence"] = report.sentence().into();
+        let read = self.runs.iter().map(PathBuf::as_path).chain([self.terrain.as_path()]);
+        value["provenance"] = provenance(read.chain(self.materials.as_deref()).chain(self.reading.robot_file()));
         let files: [(&str, Vec<u8>); 4] = [
             ("contact.json", format!("{value:#}\n").into_bytes()),
             ("contact.html", html::to_html(report, ground, &title, lost).into_bytes()),

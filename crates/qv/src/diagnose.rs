@@ -3,6 +3,7 @@
 use crate::camera::{RobotCamera, open_camera, open_images, photographs, to_toml};
 use crate::ground::{check_ground, terrain_of};
 use crate::open::{file_error, lost_from, model_of, open_run, parameters_of, spinner, told_of, urdf_of, write_error};
+use crate::provenance::provenance;
 use crate::scene::open_scene;
 use crate::whole::put;
 use crate::{Outcome, Reading, RunArguments, say};
@@ -139,6 +140,12 @@ impl Diagnose {
             ..Default::default()
         };
         let mut diagnosis = diagnose(&runs, &model, &terrain, &options, self.leave_out).map_err(replay_error)?;
+        let read = self.runs.iter().chain(&self.reference).map(PathBuf::as_path).chain([Path::new(&self.terrain)]);
+        let read = read.chain(self.params.as_deref()).chain(self.library.as_deref()).chain(self.scene.as_deref());
+        let read = read.chain(self.camera.as_deref()).chain(self.reading.robot_file());
+        let provenance = provenance(read);
+        diagnosis.report.provenance = Some(provenance.clone());
+        diagnosis.without.iter_mut().for_each(|(_, report, _)| report.provenance = Some(provenance.clone()));
         let corrected = match &place {
             Some(place) => Some(self.look(place, &runs[0], &mut diagnosis.report, &seconds, &told)?),
             None => None,

@@ -16,6 +16,7 @@ mod mesh_file;
 mod normals;
 mod numbers;
 mod open;
+mod provenance;
 mod python;
 mod reconstruct;
 mod render;
@@ -32,7 +33,7 @@ mod whole;
 use clap::{Args, Parser, Subcommand};
 use qv_replay::ReplayError;
 use std::io::{ErrorKind, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Makes a legged robot's simulator agree with the robot.
@@ -107,6 +108,13 @@ struct Reading {
     /// First part of the topics of the robot that is read, where a recording has several
     #[arg(long, value_name = "/NAME")]
     namespace: Option<String>,
+}
+
+impl Reading {
+    /// What `--robot` names, where that is a file.
+    fn robot_file(&self) -> Option<&Path> {
+        self.robot.as_deref().map(Path::new).filter(|path| path.is_file())
+    }
 }
 
 /// Why a command failed, in words for whoever typed it.

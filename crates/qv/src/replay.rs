@@ -4,6 +4,7 @@ use crate::ground::{check_ground, terrain_of};
 use crate::inspect::known;
 use crate::numbers::within;
 use crate::open::{file_error, lost_from, model_of, open_run, parameters_of, spinner, told_of, write_error};
+use crate::provenance::provenance;
 use crate::whole::{put, stream};
 use crate::{Outcome, RunArguments, say};
 use qv_replay::derive::joint_velocity;
@@ -12,7 +13,7 @@ use qv_replay::{ReplayError, Run};
 use qv_sim::Model;
 use serde_json::Value;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 pub const EXAMPLE: &str = "Example:\n  qv replay walk.mcap --out out/walk\n  qv replay walk.mcap --robot go2 --terrain yard.glb \
@@ -63,6 +64,8 @@ impl Replay {
         report["lost"] = lost.as_slice().into();
         let told = told_of(&run, &model);
         report["told"] = told.as_slice().into();
+        let read = [Some(self.run.run.as_path()), Some(Path::new(&self.terrain)), self.params.as_deref()];
+        report["provenance"] = provenance(read.into_iter().chain([self.run.reading.robot_file()]).flatten());
         let notes = notes(&run, &told, &replay);
         self.write(&run, &replay, &report, &notes)?;
         if self.json {

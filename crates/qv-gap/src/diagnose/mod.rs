@@ -569,6 +569,7 @@ impl Findings<'_> {
             stages: session.stages.clone(),
             runtime_s,
             policy: session.options.policy.clone(),
+            provenance: None,
         };
         Ok((report, evidence))
     }

@@ -262,4 +262,7 @@ pub struct Report {
     pub runtime_s: f64,
     /// The numbers that decided.
     pub policy: Policy,
+    /// Program, arguments, and inputs with their hashes, where the caller says them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub provenance: Option<serde_json::Value>,
 }

@@ -60,6 +60,7 @@ pub fn empty() -> Report {
         curves: Vec::new(),
         stages: Vec::new(),
         policy: Default::default(),
+        provenance: None,
         corrections_apply: true,
         cannot_show: vec![],
         runtime_s: 0.0,
@@ -115,6 +116,7 @@ pub fn report() -> Report {
             .map(|(name, seconds, steps)| Stage { name: name.into(), seconds, steps })
             .collect(),
         policy: Default::default(),
+        provenance: None,
         corrections_apply: true,
         cannot_show: vec![],
         runtime_s: 17.1,
