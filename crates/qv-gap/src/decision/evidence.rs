@@ -176,7 +176,7 @@ pub struct Closed {
     pub share_with_events: f64,
     /// How much lower the loss is, and the standard error of that over windows.
     pub fall: [f64; 2],
-    /// See [`HeldOut::law`].
+    /// See [`HeldOut::actuator_residual`].
     pub actuator_residual: [f64; 2],
     /// See [`HeldOut::log_evidence`].
     pub log_evidence: f64,
