@@ -104,11 +104,22 @@ impl PathScore {
         self.position + 100.0 * self.fell as f32 / self.walks.max(1) as f32
     }
 
-    /// Standard error of the cost: of the distance, and the binomial one of the share that fell.
-    pub fn cost_se(&self) -> f32 {
-        let walks = self.walks.max(1) as f32;
-        let share = self.fell as f32 / walks;
-        self.position_se.hypot(100.0 * (share * (1.0 - share) / walks).sqrt())
+    /// By how many standard errors more walks of `self` fell than of `other`: the difference of two shares over its error, both being one share.
+    fn falls_more(&self, other: &Self) -> f32 {
+        let [own, others] = [self, other].map(|s| s.walks.max(1) as f32);
+        let both = (self.fell + other.fell) as f32 / (own + others);
+        let error = (both * (1.0 - both) * (1.0 / own + 1.0 / others)).sqrt();
+        if error > 0.0 { (self.fell as f32 / own - other.fell as f32 / others) / error } else { 0.0 }
+    }
+
+    /// Whether these walks are better than `other` ones by `errors` standard errors: fewer fell, or as far as can be told as many did, and they
+    /// lie nearer to the commanded path. A single fall of a hundred is chance, and decides nothing.
+    pub fn is_better(&self, other: &Self, errors: f32) -> bool {
+        let more = self.falls_more(other);
+        let noise = errors * self.position_se.hypot(other.position_se);
+        // Of no errors nothing is chance.
+        let limit = errors.max(1.96);
+        more < -limit || (more < limit && other.position - self.position > noise)
     }
 
     /// Of some walks.
@@ -192,6 +203,15 @@ pub fn walk(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_single_fall_is_chance_and_many_are_not() {
+        let of = |position: f32, fell: usize| PathScore { position, position_se: 0.02, heading: 0.0, fell, walks: 96 };
+        assert!(of(0.2, 1).is_better(&of(0.38, 0), 2.0), "one fall of 96 is chance");
+        assert!(!of(0.2, 6).is_better(&of(0.38, 0), 2.0), "six are not");
+        assert!(of(0.4, 0).is_better(&of(0.38, 6), 2.0), "falling less counts more than a path");
+        assert!(!of(0.35, 0).is_better(&of(0.38, 0), 2.0) && of(0.35, 0).is_better(&of(0.38, 0), 0.0), "within noise");
+    }
 
     #[test]
     fn a_path_on_command_has_no_error_and_one_that_stays_has_its_distance() {

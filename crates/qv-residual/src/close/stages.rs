@@ -197,7 +197,7 @@ impl Loop<'_, '_> {
             let tuned = self.train(&format!("policy {k}"), &corrected)?;
             let found = scored.score(&tuned)?;
             report.candidates[k].paths = Some(found);
-            if found.cost() < report.after.cost() {
+            if found.is_better(&report.after, 0.0) {
                 report.chosen = Some(k);
                 report.after = found;
                 best = Some(tuned);
@@ -331,10 +331,7 @@ fn progress<'a>(tell: &'a mut dyn FnMut(Event), rounds: usize) -> impl FnMut(&su
 /// The policy that is handed out, and why: the one trained on, when it is better by more than chance.
 fn choose(policy: &Policy, tuned: Option<Policy>, report: &mut Report) -> Policy {
     let after = report.after;
-    let gains = |than: PathScore| {
-        let noise = report.settings.errors as f32 * than.cost_se().hypot(after.cost_se());
-        than.cost() - after.cost() >= noise
-    };
+    let gains = |than: PathScore| after.is_better(&than, report.settings.errors as f32);
     let (than_before, than_control) = (gains(report.before), report.control.is_none_or(gains));
     match (tuned, report.chosen) {
         (Some(tuned), Some(k)) if than_before && than_control => {
