@@ -91,6 +91,11 @@ fn latency() -> Evidence {
     }
 }
 
+/// Checks of a robot that is all but explained.
+fn checks<'c>(evidence: &'c Evidence, policy: &'c Policy) -> Checks<'c> {
+    Checks { policy, evidence, corrected: evidence.corrected.as_ref().unwrap(), level: level(1.1) }
+}
+
 fn decided(evidence: &Evidence, policy: &Policy) -> Decision {
     match decide(evidence, policy) {
         Decided::Decision(decision) => decision,
@@ -190,14 +195,7 @@ fn a_large_gap_that_is_left_held_out_is_told() {
         let share = (before - after) / (before - 0.8);
         let corrected = evidence.corrected.as_mut().unwrap();
         corrected.closed = Closed { loss: [before, after], share, actuator_residual: law, ..corrected.closed };
-        let policy = Policy::default();
-        let checks = Checks {
-            policy: &policy,
-            evidence: &evidence,
-            corrected: evidence.corrected.as_ref().unwrap(),
-            level: level(1.1),
-        };
-        checks.closes_too_little()
+        checks(&evidence, &Policy::default()).closes_too_little()
     };
     let told = doubt(9.0, 6.8, [1.0; 2]).unwrap();
     assert!(told.contains("27 %") && told.contains("8 times the floor"), "{told}");
@@ -216,14 +214,7 @@ fn a_cable_is_no_row_of_pushes() {
         let one = evidence.corrected.as_ref().unwrap().accused[0].clone();
         let all = (0..times.len()).map(|candidate| Accused { candidate, ..one.clone() });
         evidence.corrected.as_mut().unwrap().accused = all.collect();
-        let policy = Policy::default();
-        let checks = Checks {
-            policy: &policy,
-            evidence: &evidence,
-            corrected: evidence.corrected.as_ref().unwrap(),
-            level: level(1.1),
-        };
-        checks.doubt()
+        checks(&evidence, &Policy::default()).doubt()
     };
     assert_eq!(doubt(&[[1.0, 9.0]]), None);
     assert_eq!(doubt(&[[1.0, 1.6], [4.0, 5.2]]), None);

@@ -34,6 +34,9 @@ impl Findings<'_> {
     }
 
     fn corrected(&mut self, nominal: &mut LinearisedProblem) -> Result<Option<Corrected>, GapError> {
+        if self.later.is_none() {
+            return Ok(None);
+        }
         let closed = self.closed(nominal)?;
         let level = self.rounds.iter().rev().find_map(|r| r.round.after).map_or(1.0, |after| after.level.ratio);
         let Some(study) = self.later.as_mut() else { return Ok(None) };

@@ -87,7 +87,7 @@ fn quoted(text: &str) -> String {
 }
 
 /// Text that stays within a comment.
-fn one_line(text: &str) -> String {
+pub(super) fn one_line(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 

@@ -1,6 +1,7 @@
 //! The corrections as actuators for Isaac Lab: Python that a robot's configuration can import.
 
 use super::advice::advice;
+use super::calibrated::one_line;
 use super::corrected::{Corrected, Entry, Part, short};
 use crate::report::Correction;
 use qv_sim::Model;
@@ -251,10 +252,6 @@ fn quoted(text: &str) -> String {
         }
     }
     out + "\""
-}
-
-fn one_line(text: &str) -> String {
-    text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
 #[cfg(test)]
