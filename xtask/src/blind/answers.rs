@@ -8,9 +8,12 @@ use std::collections::BTreeMap;
 #[derive(Debug, Clone, Default, Deserialize, Serialize)]
 pub struct Answers {
     format: String,
-    /// Names of the robot's joints.
+    /// What made them; the first generator says nothing.
+    #[serde(default = "rapier")]
+    origin: String,
+    /// Names of the robot's joints, where all are of one robot.
     #[serde(default)]
-    pub joints: Vec<String>,
+    joints: Vec<String>,
     /// By name of the recording.
     pub recordings: BTreeMap<String, Answer>,
 }
@@ -39,6 +42,16 @@ pub struct Answer {
     /// Draws that were no valid recordings.
     #[serde(default)]
     pub redraws: u64,
+    /// What made it: `rapier`, `mujoco walk`, `mujoco arm`.
+    #[serde(default)]
+    pub origin: String,
+    /// Names of the robot's joints.
+    #[serde(default)]
+    robot_joints: Vec<String>,
+}
+
+fn rapier() -> String {
+    "rapier".into()
 }
 
 /// One effect.
@@ -98,7 +111,7 @@ impl Answers {
     /// # Errors
     /// It is malformed, or holds nothing.
     pub fn read(text: &str) -> Result<Self> {
-        let answers: Self = serde_json::from_str(text).context("answers")?;
+        let mut answers: Self = serde_json::from_str(text).context("answers")?;
         if answers.format != "qv-sealed/1" {
             bail!("answers: expected the format qv-sealed/1, found {:?}", answers.format);
         }
@@ -113,6 +126,14 @@ impl Answers {
             };
             if answer.effects.len() != expected {
                 bail!("answer {name}: expected {expected} effects, found {}", answer.effects.len());
+            }
+        }
+        for answer in answers.recordings.values_mut() {
+            if answer.origin.is_empty() {
+                answer.origin.clone_from(&answers.origin);
+            }
+            if answer.robot_joints.is_empty() {
+                answer.robot_joints.clone_from(&answers.joints);
             }
         }
         Ok(answers)
@@ -138,13 +159,15 @@ impl Answers {
         }
         all.context("answers: expected at least one document, found none")
     }
+}
 
+impl Answer {
     /// The joints that words of a report's scope mean: `all`, a joint, or a part of joints' names such as a leg.
     pub fn joints_meant(&self, scope: &[String]) -> Vec<&String> {
         let meant = |joint: &&String| {
             scope.iter().any(|word| word == "all" || word == *joint || joint.split('_').any(|part| part == word))
         };
-        self.joints.iter().filter(meant).collect()
+        self.robot_joints.iter().filter(meant).collect()
     }
 }
 
@@ -170,8 +193,10 @@ mod tests {
     #[test]
     fn scopes_are_read_by_part() {
         let joints = ["FL_hip_joint", "FL_calf_joint", "RR_calf_joint"].map(String::from).to_vec();
-        let answers = Answers { joints, ..Default::default() };
-        let meant = |word: &str| answers.joints_meant(&[word.to_string()]).len();
+        let text = document("a").replace("\"recordings\"", &format!("\"joints\": {joints:?}, \"recordings\""));
+        let answer = &Answers::read(&text).unwrap().recordings["a"];
+        assert_eq!(answer.origin, "rapier");
+        let meant = |word: &str| answer.joints_meant(&[word.to_string()]).len();
         assert_eq!([meant("all"), meant("FL"), meant("calf"), meant("RR_calf_joint"), meant("nose")], [3, 2, 2, 1, 0]);
     }
 }

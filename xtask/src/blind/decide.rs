@@ -45,7 +45,7 @@ pub fn run(workspace: &Workspace, decide: &Decide) -> Result<()> {
         command.arg(&decide.evidence).arg(&out).args(policy);
         print!("{name}: {}", process::output(&mut command)?);
         let there = answers.recordings.iter().filter(|(name, _)| out.join(name).is_dir());
-        there.map(|(name, answer)| score(&answers, name, answer, &out.join(name))).collect()
+        there.map(|(name, answer)| score(name, answer, &out.join(name))).collect()
     };
     let own = decided("program", None)?;
     let Some(policy) = &decide.policy else {

@@ -83,7 +83,13 @@ impl Diagnoses<'_> {
         fs::create_dir_all(out).with_context(|| format!("making {}", out.display()))?;
         let log = File::create(out.join("log.txt")).with_context(|| format!("writing in {}", out.display()))?;
         let mut command = Command::new(self.qv);
-        command.arg("diagnose").arg(recording.join("run.mcap")).args(["--terrain", "plane", "--out"]).arg(out);
+        command.arg("diagnose");
+        // Tables are of arms, which stand on nothing.
+        match recording.join("run.mcap") {
+            bag if bag.is_file() => command.arg(bag).args(["--terrain", "plane"]),
+            _ => command.arg(recording),
+        };
+        command.arg("--out").arg(out);
         if leaves_out {
             command.args(["--leave-out", LEAVE_OUT]);
         }

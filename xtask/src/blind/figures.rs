@@ -76,12 +76,28 @@ pub struct Figures {
     /// What is there, and what was said, with counts. Two effects at once are left out.
     pub confusion: BTreeMap<String, BTreeMap<String, usize>>,
     pub baselines: Vec<BaselineRow>,
+    /// The same figures of the recordings of each origin; nothing where all are of one.
+    pub by_origin: BTreeMap<String, Vec<Figure>>,
     pub recordings: Vec<Scored>,
 }
 
 /// Counts all scores.
 pub fn figures(scored: Vec<Scored>) -> Figures {
-    let of = |case: Case| scored.iter().filter(|s| s.case == case).collect::<Vec<&Scored>>();
+    let everything: Vec<&Scored> = scored.iter().collect();
+    let single: Vec<&Scored> = scored.iter().filter(|s| s.case == Case::Single).collect();
+    let mut by_origin: BTreeMap<String, Vec<&Scored>> = BTreeMap::new();
+    for s in &scored {
+        by_origin.entry(s.origin.clone()).or_default().push(s);
+    }
+    let by_origin = if by_origin.len() > 1 { by_origin } else { BTreeMap::new() };
+    let by_origin = by_origin.into_iter().map(|(origin, of)| (origin, list(&of))).collect();
+    let (effects, confusion, baselines) = (effect_rows(&single), confusion(&scored), baseline_rows(&scored));
+    Figures { figures: list(&everything), effects, confusion, baselines, by_origin, recordings: scored }
+}
+
+/// The figures of some recordings.
+fn list(scored: &[&Scored]) -> Vec<Figure> {
+    let of = |case: Case| scored.iter().copied().filter(|s| s.case == case).collect::<Vec<&Scored>>();
     let (none, single, pair, withheld) = (of(Case::None), of(Case::Single), of(Case::Pair), of(Case::Withheld));
     let mut all = single_figures(&single);
     all.push(
@@ -95,9 +111,8 @@ pub fn figures(scored: Vec<Scored>) -> Figures {
             .goal(Goal::AtLeast(0.75)),
     );
     all.push(share("pair_accused", "two at once: both accused", &pair, |s| s.all_accused));
-    all.extend(time_figures(&scored));
-    let (effects, confusion, baselines) = (effect_rows(&single), confusion(&scored), baseline_rows(&scored));
-    Figures { figures: all, effects, confusion, baselines, recordings: scored }
+    all.extend(time_figures(scored));
+    all
 }
 
 impl Figure {
@@ -240,7 +255,7 @@ fn auroc(positive: &[f64], negative: &[f64]) -> Option<f64> {
     (pairs > 0).then(|| positive.iter().map(|p| wins(*p)).sum::<f64>() / pairs as f64)
 }
 
-fn time_figures(scored: &[Scored]) -> Vec<Figure> {
+fn time_figures(scored: &[&Scored]) -> Vec<Figure> {
     let times: Vec<f64> = scored.iter().filter_map(|s| s.runtime).collect();
     let longest = times.iter().copied().fold(None, |most: Option<f64>, t| Some(most.map_or(t, |m| m.max(t))));
     let count = times.len();

@@ -2,17 +2,31 @@
 
 use super::answers::Answers;
 use crate::workspace::Workspace;
-use crate::{pipeline, process};
+use crate::{pipeline, process, python};
 use anyhow::{Context, Result};
+use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+/// What makes recordings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Origin {
+    /// A Go2 in the second engine, rapier.
+    Rapier,
+    /// A Go2 in MuJoCo.
+    Walks,
+    /// Arms of many sizes in MuJoCo.
+    Arms,
+}
+
 /// What to record.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Set {
+    /// What makes them.
+    pub origin: Origin,
     /// Effects to record one at a time; `all` for the whole library.
     pub effects: Vec<&'static str>,
     /// Recordings of each.
@@ -28,14 +42,26 @@ const FEW: [&str; 6] =
     ["command_latency", "joint_coulomb_friction", "motor_strength", "payload_mass", "ground_friction", "imu_tilt"];
 
 impl Set {
-    /// All effects.
-    pub fn full(per_effect: usize) -> Self {
-        Self { effects: vec!["all"], per_effect, none: 20, withheld: 27, pairs: 20 }
+    /// All effects: half of the recordings are rapier's, the others MuJoCo's.
+    pub fn full(per_effect: usize) -> Vec<Self> {
+        let set = |origin, share: usize, none, withheld, pairs| {
+            let per_effect = (share * per_effect).div_ceil(10);
+            Self { origin, effects: vec!["all"], per_effect, none, withheld, pairs }
+        };
+        vec![set(Origin::Rapier, 5, 10, 18, 10), set(Origin::Walks, 3, 6, 14, 8), set(Origin::Arms, 5, 10, 9, 6)]
     }
 
     /// A few effects, for a quick look.
-    pub fn subset(per_effect: usize) -> Self {
-        Self { effects: FEW.to_vec(), per_effect, none: 2, withheld: 2, pairs: 0 }
+    pub fn subset(per_effect: usize) -> Vec<Self> {
+        let set = |origin, effects: &[&'static str]| Self {
+            origin,
+            effects: effects.to_vec(),
+            per_effect,
+            none: 2,
+            withheld: 2,
+            pairs: 0,
+        };
+        vec![set(Origin::Rapier, &FEW), set(Origin::Walks, &FEW), set(Origin::Arms, &FEW[..4])]
     }
 
     /// Arguments of the generator, one list for each part that is made and kept on its own.
@@ -77,7 +103,48 @@ impl Generated {
     }
 }
 
-/// Builds the generator, whichever crate has it.
+/// A program that makes recordings and prints their answers.
+pub struct Generator {
+    command: Vec<PathBuf>,
+    options: Vec<String>,
+    /// What it is made of.
+    pub files: Vec<PathBuf>,
+}
+
+impl Generator {
+    /// Builds or installs it.
+    ///
+    /// # Errors
+    /// It does not build, or its Python environment cannot be made.
+    pub fn of(workspace: &Workspace, origin: Origin, engine: &str) -> Result<Self> {
+        let script = match origin {
+            Origin::Rapier => {
+                let program = build(workspace)?;
+                let options = vec!["--engine".into(), engine.into()];
+                return Ok(Self { command: vec![program.clone()], options, files: vec![program] });
+            }
+            Origin::Walks => "walks.py",
+            Origin::Arms => "arms.py",
+        };
+        let python = python::environment(workspace, "sealed")?;
+        let folder = workspace.workspace_root.join("fixtures/sealed");
+        let entries = fs::read_dir(&folder).with_context(|| format!("reading {}", folder.display()))?;
+        let mut files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
+        files.retain(|file| file.is_file());
+        files.push(workspace.workspace_root.join("fixtures/mujoco/go2_mjcf.py"));
+        files.sort();
+        Ok(Self { command: vec![python, folder.join(script)], options: Vec::new(), files })
+    }
+
+    fn command(&self) -> Command {
+        let mut command = Command::new(&self.command[0]);
+        // What Python keeps of its modules would lie beside the sources.
+        command.args(&self.command[1..]).args(&self.options).env("PYTHONDONTWRITEBYTECODE", "1");
+        command
+    }
+}
+
+/// Builds rapier's generator, whichever crate has it.
 ///
 /// # Errors
 /// No crate has it, or it does not build.
@@ -96,7 +163,7 @@ pub fn build(workspace: &Workspace) -> Result<PathBuf> {
 ///
 /// # Errors
 /// The generator fails, or the folder cannot be written.
-pub fn generate(generator: &Path, set: &Set, seed: u64, engine: &str, jobs: usize, folder: &Path) -> Result<Generated> {
+pub fn generate(generators: &[Generator], sets: &[Set], seed: u64, jobs: usize, folder: &Path) -> Result<Generated> {
     let recordings = folder.join("recordings");
     fs::create_dir_all(&recordings).with_context(|| format!("making {}", recordings.display()))?;
     let kept = folder.join("redraws.json");
@@ -104,16 +171,17 @@ pub fn generate(generator: &Path, set: &Set, seed: u64, engine: &str, jobs: usiz
         Ok(text) => serde_json::from_str(&text).with_context(|| format!("in {}", kept.display()))?,
         Err(_) => BTreeMap::new(),
     };
-    let parts = set.parts();
+    let of_set = |(generator, set): (_, &Set)| set.parts().into_iter().map(move |part| (generator, part));
+    let parts: Vec<(&Generator, Vec<String>)> = generators.iter().zip(sets).flat_map(of_set).collect();
     let bar = bar(parts.len(), "recording");
     let mut documents = Vec::new();
-    for part in &parts {
+    for (generator, part) in &parts {
         fs::write(&kept, serde_json::to_string(&redraws)?).with_context(|| format!("writing {}", kept.display()))?;
         // A seed of its own for each part, so that no two make the same names.
         let own = pipeline::hash(&[vec![seed.to_string()], part.clone()].concat(), &[])?;
-        let mut command = Command::new(generator);
+        let mut command = generator.command();
         command.arg("--out").arg(&recordings).arg("--redraws").arg(&kept).args(part);
-        command.args(["--seed", &own.to_string(), "--engine", engine, "--jobs", &jobs.to_string()]);
+        command.args(["--seed", &own.to_string(), "--jobs", &jobs.to_string()]);
         let document = process::output(&mut command)?;
         let answers = Answers::read(&document)?;
         redraws.extend(answers.recordings.iter().map(|(name, answer)| (name.clone(), answer.redraws)));
@@ -141,7 +209,8 @@ mod tests {
 
     #[test]
     fn each_part_asks_for_something_of_its_own() {
-        let parts = Set { effects: vec!["a", "b"], per_effect: 2, none: 1, withheld: 0, pairs: 3 }.parts();
+        let origin = Origin::Rapier;
+        let parts = Set { origin, effects: vec!["a", "b"], per_effect: 2, none: 1, withheld: 0, pairs: 3 }.parts();
         assert_eq!(parts.len(), 4);
         assert_eq!(parts[0], ["--effects", "a,b", "--per-effect", "1", "--first-turn", "0"]);
         assert_eq!(parts[3], ["--pairs", "3"]);

@@ -1,7 +1,7 @@
 //! A few sealed recordings whose diagnoses are a golden: what is said of each, how far its size is off, what it closes.
 
 use super::answers::Case;
-use super::generate::Set;
+use super::generate::{Origin, Set};
 use super::score::{Scored, score};
 use super::{Blind, diagnosed};
 use crate::pipeline::{Figure, differences, read_golden};
@@ -20,7 +20,7 @@ const SIZE: f64 = 0.05;
 const CLOSED: f64 = 0.1;
 
 fn set() -> Set {
-    Set { effects: EFFECTS.to_vec(), per_effect: 1, none: 1, withheld: 1, pairs: 0 }
+    Set { origin: Origin::Rapier, effects: EFFECTS.to_vec(), per_effect: 1, none: 1, withheld: 1, pairs: 0 }
 }
 
 /// Makes and diagnoses the recordings and compares with the golden; true when all agree.
@@ -65,10 +65,10 @@ pub fn read(root: &Path) -> Result<Vec<Figure>> {
 
 fn figures(workspace: &Workspace) -> Result<Vec<Figure>> {
     let blind = Blind::of(&["--subset", "--seed", &SEED.to_string()])?;
-    let (answers, reports) = diagnosed(workspace, &blind, &set(), &workspace.target_directory.join("blind"))?;
+    let (answers, reports) = diagnosed(workspace, &blind, &[set()], &workspace.target_directory.join("blind"))?;
     let mut all = Vec::new();
     for (name, answer) in &answers.recordings {
-        all.extend(of(&score(&answers, name, answer, &reports.join(name))?));
+        all.extend(of(&score(name, answer, &reports.join(name))?));
     }
     all.sort_by(|a, b| (&a.stage, &a.figure).cmp(&(&b.stage, &b.figure)));
     Ok(all)

@@ -24,7 +24,7 @@ use anyhow::{Context, Result};
 use clap::{ArgGroup, Args, FromArgMatches, Subcommand};
 use diagnose::Diagnoses;
 use figures::Figures;
-use generate::Set;
+use generate::{Generator, Origin, Set};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -60,7 +60,10 @@ pub struct Blind {
     /// Seed of the recordings
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Engine of the recordings
+    /// What makes the recordings: all three for the full set, rapier for the small one
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "NAMES")]
+    origins: Vec<Origin>,
+    /// Engine of those of rapier's generator
     #[arg(long, default_value = "second", value_parser = ["second", "ours", "both"])]
     engine: String,
     /// Diagnoses at a time
@@ -136,24 +139,33 @@ pub fn run(workspace: &Workspace, blind: &Blind) -> Result<bool> {
 }
 
 fn diagnose_all(workspace: &Workspace, blind: &Blind, folder: &Path) -> Result<Figures> {
-    let set =
-        if blind.full { Set::full(blind.per_effect.unwrap_or(10)) } else { Set::subset(blind.per_effect.unwrap_or(1)) };
-    let (answers, reports) = diagnosed(workspace, blind, &set, folder)?;
+    let mut sets = match blind.full {
+        true => Set::full(blind.per_effect.unwrap_or(10)),
+        false => Set::subset(blind.per_effect.unwrap_or(1)),
+    };
+    match (blind.origins.is_empty(), blind.full) {
+        (true, true) => {}
+        (true, false) => sets.retain(|set| set.origin == Origin::Rapier),
+        (false, _) => sets.retain(|set| blind.origins.contains(&set.origin)),
+    }
+    let (answers, reports) = diagnosed(workspace, blind, &sets, folder)?;
     score_all(&answers, &reports)
 }
 
-/// Makes the recordings of a set, seals their answers, has the recordings diagnosed, and opens the seal: answers of what was
+/// Makes the recordings of all sets, seals their answers, has the recordings diagnosed, and opens the seal: answers of what was
 /// diagnosed, and the folder with the reports.
-fn diagnosed(workspace: &Workspace, blind: &Blind, set: &Set, folder: &Path) -> Result<(Answers, PathBuf)> {
-    let generator = generate::build(workspace)?;
+fn diagnosed(workspace: &Workspace, blind: &Blind, sets: &[Set], folder: &Path) -> Result<(Answers, PathBuf)> {
+    let generators = sets.iter().map(|set| Generator::of(workspace, set.origin, &blind.engine));
+    let generators = generators.collect::<Result<Vec<_>>>()?;
     let qv = pipeline::build(workspace)?;
     let at_most = blind.minutes.map(|minutes| Duration::from_secs_f64(60.0 * minutes.clamp(0.0, 1e6)));
     let diagnoses = Diagnoses { qv: &qv, baselines: blind.baselines, jobs: blind.jobs, at_most };
     diagnoses.check()?;
     // Another set, seed, engine or generator has a folder of its own.
-    let words = [format!("{set:?}"), blind.seed.to_string(), blind.engine.clone()];
-    let folder = folder.join(format!("{:016x}", pipeline::hash(&words, std::slice::from_ref(&generator))?));
-    let generated = generate::generate(&generator, set, blind.seed, &blind.engine, 2, &folder)?;
+    let words = [format!("{sets:?}"), blind.seed.to_string(), blind.engine.clone()];
+    let files: Vec<PathBuf> = generators.iter().flat_map(|g| g.files.clone()).collect();
+    let folder = folder.join(format!("{:016x}", pipeline::hash(&words, &files)?));
+    let generated = generate::generate(&generators, sets, blind.seed, 2, &folder)?;
     let seal_file = folder.join("seal.json");
     let seal = seal::Seal::place(&generated.sealed_text(), &seal_file)?;
     println!("answers sealed in {}: SHA-256 {}", seal_file.display(), seal.sha256());
@@ -182,6 +194,6 @@ fn diagnosed(workspace: &Workspace, blind: &Blind, set: &Set, folder: &Path) -> 
 
 fn score_all(answers: &Answers, reports: &Path) -> Result<Figures> {
     let all = answers.recordings.iter();
-    let scored = all.map(|(name, answer)| score::score(answers, name, answer, &reports.join(name)));
+    let scored = all.map(|(name, answer)| score::score(name, answer, &reports.join(name)));
     Ok(figures::figures(scored.collect::<Result<_>>()?))
 }

@@ -1,6 +1,6 @@
 //! One report against its answer.
 
-use super::answers::{Answer, Answers, Case, Effect, Parameter};
+use super::answers::{Answer, Case, Effect, Parameter};
 use super::report::{self, Baseline, Cause, Estimate, Report, Said};
 use anyhow::Result;
 use serde::Serialize;
@@ -17,6 +17,8 @@ pub struct Scored {
     pub name: String,
     #[serde(skip)]
     pub case: Case,
+    /// What made the recording.
+    pub origin: String,
     /// Effects that are there.
     pub truth: Vec<String>,
     /// `no_gap`, `unknown`, the effect accused first, or `failed`.
@@ -85,7 +87,7 @@ fn word(said: Said) -> String {
 ///
 /// # Errors
 /// `baselines.json` or a report without the effect is there and malformed.
-pub fn score(answers: &Answers, name: &str, answer: &Answer, folder: &Path) -> Result<Scored> {
+pub fn score(name: &str, answer: &Answer, folder: &Path) -> Result<Scored> {
     let truth: Vec<String> = answer.effects.iter().map(|effect| effect.effect.clone()).collect();
     let (report, failure) = match Report::read(&folder.join("report.json")) {
         Ok(report) => (report, None),
@@ -99,6 +101,7 @@ pub fn score(answers: &Answers, name: &str, answer: &Answer, folder: &Path) -> R
     let mut scored = Scored {
         name: name.into(),
         case: answer.case,
+        origin: answer.origin.clone(),
         named: truth.contains(&said),
         among_three: truth.iter().all(|effect| likeliest.contains(&effect.as_str())),
         all_accused: truth.iter().all(|effect| accused.contains(effect)),
@@ -122,7 +125,7 @@ pub fn score(answers: &Answers, name: &str, answer: &Answer, folder: &Path) -> R
     };
     for effect in &answer.effects {
         if let Some(cause) = report.causes.iter().find(|cause| cause.effect == effect.effect) {
-            compare(answers, effect, cause, &report, &mut scored);
+            compare(answer, effect, cause, &report, &mut scored);
         }
     }
     Ok(scored)
@@ -147,7 +150,7 @@ fn left_out(answer: &Answer, folder: &Path) -> Result<Option<LeftOut>> {
 }
 
 /// Sizes, joints and outline of an effect that is rightly accused.
-fn compare(answers: &Answers, effect: &Effect, cause: &Cause, report: &Report, scored: &mut Scored) {
+fn compare(answer: &Answer, effect: &Effect, cause: &Cause, report: &Report, scored: &mut Scored) {
     let asked: Vec<&Parameter> = effect.parameters.iter().filter(|p| p.asked).collect();
     for parameter in &asked {
         let Some([least, most]) = parameter.range else { continue };
@@ -164,7 +167,7 @@ fn compare(answers: &Answers, effect: &Effect, cause: &Cause, report: &Report, s
         scored.inside.extend(found.iter().filter_map(|estimate| inside(estimate, parameter.value)));
     }
     if !effect.joints.is_empty() {
-        let meant = answers.joints_meant(&cause.scope);
+        let meant = answer.joints_meant(&cause.scope);
         let right = meant.len() == effect.joints.len() && meant.iter().all(|joint| effect.joints.contains(joint));
         scored.scope = Some(right && scored.scope.unwrap_or(true));
     }

@@ -38,6 +38,9 @@ fn write_all(text: &mut String, figures: &Figures) -> std::fmt::Result {
         let (found, goal) = (number(figure.value), goal(figure));
         writeln!(text, "| {} | {found} | {interval} | {} | {goal} | {met} |", figure.what, figure.count)?;
     }
+    if !figures.by_origin.is_empty() {
+        write_origins(text, figures)?;
+    }
     if !figures.baselines.is_empty() {
         write_baselines(text, figures)?;
     }
@@ -53,6 +56,21 @@ fn write_all(text: &mut String, figures: &Figures) -> std::fmt::Result {
         said.sort_by(|a, b| b.1.cmp(a.1).then(a.0.cmp(b.0)));
         let said: Vec<String> = said.into_iter().map(|(name, count)| format!("{name} {count}")).collect();
         writeln!(text, "| {truth} | {} |", said.join(", "))?;
+    }
+    Ok(())
+}
+
+/// The same figures by what made the recordings, each with its count.
+fn write_origins(text: &mut String, figures: &Figures) -> std::fmt::Result {
+    let names: Vec<&str> = figures.by_origin.keys().map(String::as_str).collect();
+    writeln!(text, "\n| figure | {} |\n|---|{}", names.join(" | "), "---:|".repeat(names.len()))?;
+    for (row, figure) in figures.figures.iter().enumerate() {
+        let of = |list: &Vec<Figure>| match list[row].value {
+            Some(value) => format!("{value:.3} of {}", list[row].count),
+            None => "-".into(),
+        };
+        let cells: Vec<String> = figures.by_origin.values().map(of).collect();
+        writeln!(text, "| {} | {} |", figure.what, cells.join(" | "))?;
     }
     Ok(())
 }

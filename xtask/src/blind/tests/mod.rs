@@ -22,7 +22,7 @@ fn answers() -> Answers {
     let tether = json!({"effect": "tether", "relatives": ["external_force"]});
     let document = json!({"format": "qv-sealed/1", "joints": ["FL_hip_joint", "FR_hip_joint"], "recordings": {
         "none": {"case": "none", "effects": []},
-        "pair": {"case": "pair", "effects": [strength, slick]},
+        "pair": {"case": "pair", "origin": "mujoco walk", "effects": [strength, slick]},
         "slick": {"case": "single", "effects": [slick]},
         "tether": {"case": "withheld", "effects": [tether]},
         "weak": {"case": "single", "effects": [strength]},
@@ -98,6 +98,20 @@ fn perfect(folder: &Folder) {
     for (name, effect) in [("slick", "ground_friction"), ("weak", "motor_strength")] {
         folder.put(&format!("{name}/without/{effect}"), "report.json", &report("unexplained", &[], 0.8));
     }
+}
+
+#[test]
+fn each_origin_has_figures_of_its_own() {
+    let folder = Folder::new("origins");
+    perfect(&folder);
+    let figures = figures(&folder.0);
+    let of = |origin: &str, name: &str| figures.by_origin[origin].iter().find(|f| f.name == name).unwrap().value;
+    assert_eq!(figures.by_origin.len(), 2);
+    assert_eq!((of("rapier", "top_1"), of("rapier", "pair_accused")), (Some(1.0), None));
+    assert_eq!((of("mujoco walk", "top_1"), of("mujoco walk", "pair_accused")), (None, Some(1.0)));
+    let table = table::markdown(&figures);
+    assert!(table.contains("| figure | mujoco walk | rapier |"), "{table}");
+    assert!(table.contains("| two at once: both accused | 1.000 of 1 | - |"), "{table}");
 }
 
 #[test]
