@@ -2,7 +2,7 @@
 //! grows only with the logarithm of what is unusual.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
-use qv_replay::median;
+use qv_core::statistics::median;
 
 /// Degrees of freedom of Student's t: a window in which a foot lands elsewhere must not decide.
 const FREEDOM: f64 = 4.0;

@@ -1,5 +1,6 @@
 //! Types that every QuadVerse crate speaks: rigid [`Pose`]s between named frames, labelled [`TriangleMesh`]es,
-//! sampled [`JointSeries`], [`GaussianCloud`]s and the pinhole [`Camera`]s that see them.
+//! sampled [`JointSeries`], [`GaussianCloud`]s and the pinhole [`Camera`]s that see them; and what several of them draw
+//! and count with: seeded numbers ([`random`]) and the median ([`statistics`]).
 //!
 //! Conventions (all crates): SI units, radians, seconds; world right-handed with z up; quaternions are `w, x, y, z`
 //! at every boundary; a transform named `a_from_b` takes coordinates in frame `b` to coordinates in frame `a`.
@@ -9,7 +10,9 @@ mod error;
 mod gaussians;
 mod mesh;
 mod pose;
+pub mod random;
 mod series;
+pub mod statistics;
 
 pub use camera::Camera;
 pub use error::CoreError;

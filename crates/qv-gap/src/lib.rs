@@ -14,7 +14,6 @@ pub mod findings;
 pub mod inference;
 pub mod null;
 pub mod problem;
-mod random;
 pub mod report;
 pub mod rollout;
 pub mod visual;

@@ -14,6 +14,7 @@
 //! `bits` is a hash of all end states: equal in two programs that compute the same.
 
 use qv_core::TriangleMesh;
+use qv_core::random::SplitMix64;
 use qv_go2::gait::Trot;
 use qv_go2::model;
 use qv_sim::{
@@ -249,7 +250,7 @@ impl<T: Precision> Walk<T> {
             sim.set_state(env, &starts[env])?;
         }
         let held = (HELD / case.timestep).round() as usize;
-        let (scene, random) = (case.scene.clone(), Random(7));
+        let (scene, random) = (case.scene.clone(), Random(SplitMix64::new(7)));
         Ok(Self {
             sim,
             scene,
@@ -337,7 +338,7 @@ const POINTS: usize = 201;
 const BUMP: f64 = 0.04;
 
 fn bumps() -> Vec<f64> {
-    let mut random = Random(11);
+    let mut random = Random(SplitMix64::new(11));
     (0..POINTS * POINTS).map(|_| BUMP * random.uniform()).collect()
 }
 
@@ -358,17 +359,13 @@ fn mesh() -> TriangleMesh {
     mesh
 }
 
-/// SplitMix64 (Steele, Lea and Flood, 2014).
-struct Random(u64);
+/// Numbers in 0..1, and normal ones.
+struct Random(SplitMix64);
 
 impl Random {
     /// In 0..1.
     fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+        (self.0.bits() >> 11) as f64 / (1u64 << 53) as f64
     }
 
     /// Of deviation 1, by Box and Muller.

@@ -6,10 +6,10 @@
 //! same steps and the same sensors.
 
 use clap::Parser;
+use qv_core::random::Xoshiro256PlusPlus;
 use qv_go2::model::{FOOT_SHAPES, touching_height};
 use qv_policy::onnx::OnnxPolicy;
 use qv_policy::policy::PolicyFile;
-use qv_policy::random::Random;
 use qv_policy::velocity::TaskRobot;
 use qv_sim::second::{SecondEngine, SecondOptions};
 use qv_sim::{Batch, JointCommand, Model, SimError, SimOptions, State, Terrain};
@@ -143,7 +143,7 @@ fn feet_only(robot: &TaskRobot) -> Model {
 
 /// Even in the ranges of policy.toml: forwards, to the left \[m/s\], turning \[rad/s\].
 fn commands(file: &PolicyFile, runs: usize, seed: u64) -> Vec<[f32; 3]> {
-    let mut random = Random::of(seed, 31, 0);
+    let mut random = Xoshiro256PlusPlus::of(seed, 31, 0);
     let ranges = [file.commands.vx, file.commands.vy, file.commands.wz];
     (0..runs).map(|_| ranges.map(|[low, high]| random.between(low, high))).collect()
 }

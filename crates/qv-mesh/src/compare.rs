@@ -8,6 +8,7 @@ use crate::nearest::PointGrid;
 use crate::similarity::Similarity;
 use glam::DVec3;
 use qv_core::TriangleMesh;
+use qv_core::random::{GAMMA, scrambled};
 use rayon::prelude::*;
 
 /// How close a mesh is to a reference.
@@ -59,12 +60,10 @@ pub fn sample(mesh: &TriangleMesh, count: usize, seed: u64) -> Result<Vec<DVec3>
         .collect())
 }
 
-/// Uniform in 0 to 1 from a counter (splitmix64).
+/// Uniform in 0 to 1 from a counter (SplitMix64).
 fn uniform(seed: u64, counter: u64) -> f64 {
-    let mut x = seed.wrapping_mul(0xd134_2543_de82_ef95).wrapping_add(counter.wrapping_mul(0x9e37_79b9_7f4a_7c15));
-    x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((x ^ (x >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    let x = seed.wrapping_mul(0xd134_2543_de82_ef95).wrapping_add(counter.wrapping_mul(GAMMA));
+    (scrambled(x) >> 11) as f64 / (1u64 << 53) as f64
 }
 
 /// Compares points of a surface with points of a reference \[m\] at several distances \[m\]. For precision only `counted` count, those of `found`

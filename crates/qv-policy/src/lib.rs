@@ -31,7 +31,6 @@ pub mod onnx;
 pub mod play;
 pub mod policy;
 pub mod ppo;
-pub mod random;
 pub mod roll;
 pub mod score;
 pub mod train;

@@ -11,7 +11,7 @@ use crate::adam::Adam;
 use crate::distribution::Spread;
 use crate::env::{End, VectorEnv};
 use crate::net::{Mlp, Tape, Turned, padded};
-use crate::random::Random;
+use qv_core::random::Xoshiro256PlusPlus;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -188,8 +188,8 @@ pub struct Ppo {
     shards: Vec<Shard>,
     tapes: Vec<[Tape; 2]>,
     seen: [Vec<f32>; 2],
-    noise: Vec<Random>,
-    shuffle: Random,
+    noise: Vec<Xoshiro256PlusPlus>,
+    shuffle: Xoshiro256PlusPlus,
 }
 
 impl Ppo {
@@ -204,7 +204,7 @@ impl Ppo {
         };
         let actor = Mlp::new(&sizes(env.observations(), &settings.actor, env.actions()));
         let critic = Mlp::new(&sizes(env.privileged(), &settings.critic, 1));
-        let mut random = Random::of(seed, 1, 0);
+        let mut random = Xoshiro256PlusPlus::of(seed, 1, 0);
         // A policy that begins near its mean action and a critic that begins near zero.
         let mut parameters = actor.draw(0.1, &mut random);
         parameters.extend(critic.draw(1.0, &mut random));
@@ -230,7 +230,7 @@ impl Ppo {
             tapes: vec![[actor.tape(ROWS), critic.tape(ROWS)]; count.div_ceil(ROWS)],
             seen: [vec![0.0; count * env.observations()], vec![0.0; count * env.privileged()]],
             noise: Vec::new(),
-            shuffle: Random::new(0),
+            shuffle: Xoshiro256PlusPlus::new(0),
             actor,
             critic,
             parameters,
@@ -260,8 +260,9 @@ impl Ppo {
 
     /// Draws all random numbers from here on from `seed` and `epoch`.
     pub fn reseed(&mut self, seed: u64, epoch: u64, environments: usize) {
-        self.noise = (0..environments).map(|env| Random::of(seed ^ epoch.rotate_left(40), 2, env as u64)).collect();
-        self.shuffle = Random::of(seed ^ epoch.rotate_left(40), 3, 0);
+        self.noise =
+            (0..environments).map(|env| Xoshiro256PlusPlus::of(seed ^ epoch.rotate_left(40), 2, env as u64)).collect();
+        self.shuffle = Xoshiro256PlusPlus::of(seed ^ epoch.rotate_left(40), 3, 0);
     }
 
     /// One iteration: samples and updates.

@@ -2,8 +2,8 @@
 
 use crate::PolicyError;
 use crate::env::{End, VectorEnv};
-use crate::random::Random;
 use crate::velocity::{Commands, VelocityTask, in_heading};
+use qv_core::random::Xoshiro256PlusPlus;
 use serde::{Deserialize, Serialize};
 
 /// Means over robots of means over time, from one second after the start on, until a robot falls. One that falls before counts as one that
@@ -67,7 +67,7 @@ pub fn score(
     task.judged = true;
     task.restart(seed, 0)?;
     let (count, joints) = (task.count(), task.actions());
-    let mut random = Random::of(seed, 21, 0);
+    let mut random = Xoshiro256PlusPlus::of(seed, 21, 0);
     for env in 0..count {
         let command = [commands.vx, commands.vy, commands.wz].map(|[low, high]| random.between(low, high));
         task.command(env, command);

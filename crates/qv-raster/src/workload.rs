@@ -4,6 +4,7 @@
 //! Every number is a hash of a seed, a stream and an index, so that any language makes the same scene but for rounding.
 
 use glam::{DMat3, DVec2, DVec3};
+use qv_core::random::SplitMix64;
 use qv_core::{Camera, GaussianCloud, Pose};
 use std::f64::consts::PI;
 
@@ -12,11 +13,9 @@ const RADIUS: f64 = 15.0;
 const BOXES: usize = 28;
 const BUSHES: usize = 70;
 
-fn splitmix(x: u64) -> u64 {
-    let x = x.wrapping_add(0x9E37_79B9_7F4A_7C15);
-    let x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    let x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    x ^ (x >> 31)
+/// The first number of SplitMix64 from a seed.
+fn hash(x: u64) -> u64 {
+    SplitMix64::new(x).bits()
 }
 
 /// Numbers by stream and index.
@@ -28,8 +27,8 @@ struct Random {
 impl Random {
     /// Uniform in [0, 1).
     fn uniform(&self, stream: u64, index: usize) -> f64 {
-        let key = splitmix(self.seed.wrapping_mul(1_000_003).wrapping_add(stream));
-        (splitmix(index as u64 ^ key) >> 11) as f64 * 2f64.powi(-53)
+        let key = hash(self.seed.wrapping_mul(1_000_003).wrapping_add(stream));
+        (hash(index as u64 ^ key) >> 11) as f64 * 2f64.powi(-53)
     }
 
     /// Standard normal, from this stream and the next (Box and Muller).

@@ -3,7 +3,7 @@
 use crate::ReplayError;
 use crate::cdr::Cursor;
 use crate::choose::{Chosen, choose_robot, choose_streams, state_stream, stream_of};
-use crate::clean::{Samples, columns, median, median_interval, put_in_order};
+use crate::clean::{Samples, columns, median_interval, put_in_order};
 use crate::container::read_messages;
 use crate::definitions::standard;
 use crate::mapping::{Channel, ChannelFields, Mapping, MessageMapping};
@@ -15,6 +15,7 @@ use crate::run::{
 use crate::schema::Schema;
 use crate::stream::{ChannelInfo, MessageSink};
 use crate::{faults, gains, imu};
+use qv_core::statistics::median;
 use std::collections::BTreeMap;
 use std::io::Read;
 

@@ -2,6 +2,7 @@
 
 use crate::run::{Fault, FaultKind};
 use qv_core::JointSeries;
+use qv_core::statistics::median;
 
 /// Rows as they came, shape `[T, width]`, with their stamps \[s\].
 #[derive(Debug, Clone, Default)]
@@ -116,13 +117,4 @@ pub(crate) fn columns(samples: &Samples, first: usize, count: usize) -> Option<J
 pub fn median_interval(time: &[f64]) -> f64 {
     let mut steps: Vec<f64> = time.windows(2).map(|w| w[1] - w[0]).collect();
     median(&mut steps)
-}
-
-/// Median; NaN when empty. Reorders its input.
-pub fn median(values: &mut [f64]) -> f64 {
-    if values.is_empty() {
-        return f64::NAN;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }

@@ -4,12 +4,13 @@
 //! accelerations against gravity. Only what fits another convention well is told; a sensor that is merely bad is not. What can be read
 //! in that convention is ([`read_in_ours`]), the rest is left out, and so are channels that lack too much.
 
-use crate::clean::{median, median_interval};
+use crate::clean::median_interval;
 use crate::derive::{joint_filter, joint_velocity, shorter_turn};
 use crate::faults::FASTEST_BASE;
 use crate::run::{ActuatorKind, Fault, FaultKind, Run};
 use crate::still::replace;
 use glam::{DQuat, DVec3};
+use qv_core::statistics::median;
 use qv_core::{GRAVITY, JointSeries};
 use std::borrow::Cow;
 

@@ -1,11 +1,12 @@
 //! Finding what is wrong with a recording: missing, repeated and impossible samples.
 
-use crate::clean::{median, median_interval};
+use crate::clean::median_interval;
 use crate::conventions;
 use crate::mapping::Mapping;
 use crate::run::{Clock, Fault, FaultKind, Run};
 use crate::still::still;
 use qv_core::JointSeries;
+use qv_core::statistics::median;
 use std::ops::Range;
 
 /// A gap is longer than this many periods; a drop than one and a half.

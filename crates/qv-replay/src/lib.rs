@@ -34,7 +34,7 @@ pub mod stream;
 mod table;
 
 pub use bag::{BagFile, read_bag, read_bag_of};
-pub use clean::{median, median_interval};
+pub use clean::median_interval;
 pub use error::ReplayError;
 pub use run::Run;
 pub use table::{read_table, robot_of, states_imu};

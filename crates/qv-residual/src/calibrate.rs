@@ -4,10 +4,10 @@ use crate::ResidualError;
 use crate::paths::{Path, walk};
 use crate::tune::SECONDS;
 use nalgebra::{DMatrix, Matrix3, Vector3};
+use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::env::VectorEnv;
 use qv_policy::net::padded;
 use qv_policy::policy::Policy;
-use qv_policy::random::Random;
 use qv_policy::velocity::{COMMAND_AT, Commands, VelocityTask};
 
 /// Mean velocity as a function of the command, both forwards, to the left \[m/s\] and turning \[rad/s\]: `matrix` command + `offset`.
@@ -44,8 +44,10 @@ pub fn response(
     ranges: &Commands,
     seed: u64,
 ) -> Result<Option<Response>, ResidualError> {
-    let mut random = Random::of(seed, 61, 0);
-    let drawn = |random: &mut Random| [ranges.vx, ranges.vy, ranges.wz].map(|[low, high]| random.between(low, high));
+    let mut random = Xoshiro256PlusPlus::of(seed, 61, 0);
+    let drawn = |random: &mut Xoshiro256PlusPlus| {
+        [ranges.vx, ranges.vy, ranges.wz].map(|[low, high]| random.between(low, high))
+    };
     let commands: Vec<[f32; 3]> = (0..task.count()).map(|_| drawn(&mut random)).collect();
     let walks = walk(policy, task, &commands, SECONDS, seed)?;
     let rate = task.settings().rate;
@@ -108,9 +110,10 @@ mod tests {
     #[test]
     fn a_calibrated_policy_does_what_the_other_does_when_asked_otherwise() {
         let actor = Mlp::new(&[12, 16, 2]);
-        let mut random = Random::of(1, 2, 3);
+        let mut random = Xoshiro256PlusPlus::of(1, 2, 3);
         let parameters = actor.draw(1.0, &mut random);
-        let list = |low: f32, high: f32, random: &mut Random| (0..12).map(|_| random.between(low, high)).collect();
+        let list =
+            |low: f32, high: f32, random: &mut Xoshiro256PlusPlus| (0..12).map(|_| random.between(low, high)).collect();
         let (offset, scale) = (list(-0.3, 0.3, &mut random), list(0.5, 2.0, &mut random));
         let policy = Policy { actor, parameters, offset, scale };
         let response = Response {

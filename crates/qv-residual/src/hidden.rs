@@ -8,8 +8,8 @@ pub use drawn::{Hidden, Outside};
 use crate::ResidualError;
 use crate::paths::{Path, PathScore, SETTLING, commands, from_start, measured};
 use qv_core::JointSeries;
+use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::policy::Policy;
-use qv_policy::random::Random;
 use qv_policy::score::Decide;
 use qv_policy::velocity::{Commands, Ground, TaskRobot, TaskSettings};
 use qv_replay::Run;
@@ -146,7 +146,7 @@ pub struct Order<'a> {
 
 /// Commands of a recording: drawn anew every `commands.every` seconds from the ranges.
 pub fn wander(ranges: &Commands, seconds: f32, seed: u64) -> Vec<(f32, [f32; 3])> {
-    let mut random = Random::of(seed, 43, 0);
+    let mut random = Xoshiro256PlusPlus::of(seed, 43, 0);
     let count = (seconds / ranges.every).ceil() as usize;
     (0..count.max(1))
         .map(|k| (k as f32 * ranges.every, [ranges.vx, ranges.vy, ranges.wz].map(|[a, b]| random.between(a, b))))
@@ -206,7 +206,7 @@ impl Hidden {
         order: &Order,
     ) -> Result<Walk, ResidualError> {
         let joints = robot.joints();
-        let mut random = Random::of(order.seed, 47, 0);
+        let mut random = Xoshiro256PlusPlus::of(order.seed, 47, 0);
         let start = self.standing(robot, ground, order.place);
         let mut plant = Plant::new(self, &robot.model, ground, &start)?;
         let wide = |list: &[f32]| list.iter().map(|&x| f64::from(x)).collect::<Vec<_>>();
@@ -284,7 +284,7 @@ fn observation(
     sensed: &SensorReading,
     command: [f32; 3],
     targets: &[f32],
-    random: &mut Random,
+    random: &mut Xoshiro256PlusPlus,
 ) -> Vec<f32> {
     let mount = mount(robot);
     let [w, x, y, z] = sensed.imu_orientation;
@@ -344,7 +344,7 @@ impl Recorder {
         self.commands.values.extend(q);
     }
 
-    fn sample(&mut self, time: f64, sensed: &SensorReading, robot: &TaskRobot, random: &mut Random) {
+    fn sample(&mut self, time: f64, sensed: &SensorReading, robot: &TaskRobot, random: &mut Xoshiro256PlusPlus) {
         let mut put = |series: &mut JointSeries, values: &[f64], noise: f32| {
             series.time.push(time);
             series.values.extend(values.iter().map(|x| x + f64::from(noise * random.normal())));

@@ -9,6 +9,7 @@ use crate::ResidualError;
 use crate::basis::{BasisTorque, SHAPES};
 use crate::windows::{Errors, Lane, Replayer, Window};
 use nalgebra::{DMatrix, DVector};
+use qv_core::statistics::median;
 use qv_policy::compensate::Compensator;
 use qv_policy::velocity::TaskRobot;
 use rayon::prelude::*;
@@ -283,8 +284,7 @@ fn spreads(errors: &Errors) -> Vec<f64> {
             (squares.sum::<f64>() / errors.length as f64).sqrt()
         };
         let mut all: Vec<f64> = (0..errors.lanes).map(mean).collect();
-        all.sort_by(f64::total_cmp);
-        (all[all.len() / 2] / 0.6745f64.sqrt()).max(1e-6)
+        (median(&mut all) / 0.6745f64.sqrt()).max(1e-6)
     };
     (0..errors.channels).map(of).collect()
 }

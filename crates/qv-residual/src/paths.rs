@@ -2,8 +2,8 @@
 
 use crate::ResidualError;
 use crate::windows::yaw_of;
+use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::env::{End, VectorEnv};
-use qv_policy::random::Random;
 use qv_policy::score::Decide;
 use qv_policy::velocity::{Commands, VelocityTask};
 use serde::{Deserialize, Serialize};
@@ -20,7 +20,7 @@ pub const KINDS: [(&str, [f32; 3]); 6] = [
 
 /// Commands of `count` walks, all kinds in turn, each varied by up to a fifth.
 pub fn commands(ranges: &Commands, count: usize, seed: u64) -> Vec<[f32; 3]> {
-    let mut random = Random::of(seed, 41, 0);
+    let mut random = Xoshiro256PlusPlus::of(seed, 41, 0);
     let of =
         |share: f32, [low, high]: [f32; 2]| if share < 0.0 { -share * low.min(0.0) } else { share * high.max(0.0) };
     (0..count)

@@ -1,7 +1,7 @@
 //! `compensator.onnx` says what the compensator does.
 
+use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::onnx::OnnxPolicy;
-use qv_policy::random::Random;
 use qv_residual::basis::{SHAPES, shapes};
 use qv_residual::compensation::Compensation;
 
@@ -9,7 +9,7 @@ use qv_residual::compensation::Compensation;
 fn torques_of_known_shapes_come_out_of_the_file_as_they_are_added() {
     let robot = qv_go2::walk::robot().unwrap();
     let joints = robot.joints();
-    let mut random = Random::of(3, 1, 4);
+    let mut random = Xoshiro256PlusPlus::of(3, 1, 4);
     let mut learnt = Compensation::nominal(&robot);
     learnt.shapes = (0..joints * SHAPES.len()).map(|_| random.between(-0.5, 0.5)).collect();
     learnt.parameters.insert("base.mass_offset".into(), 1.5);

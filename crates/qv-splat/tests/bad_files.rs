@@ -103,7 +103,7 @@ fn cut_off_files_are_errors() {
 #[test]
 fn flipped_bits_never_panic() {
     for (name, bytes) in files(60) {
-        let mut n = Numbers(11);
+        let mut n = Numbers::new(11);
         for round in 0..400 {
             let mut damaged = bytes.clone();
             // Half of the rounds within the header, where there is more to break.

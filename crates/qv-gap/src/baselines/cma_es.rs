@@ -1,8 +1,8 @@
 //! Evolution strategy with covariance matrix adaptation: Hansen, The CMA Evolution Strategy: A Tutorial (2016,
 //! arXiv:1604.00772), figure 6 (eqs. 38 to 47) with the weights and constants of table 1; negative weights are left at 0.
 
-use crate::random::Random;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use qv_core::random::SplitMix64;
 
 /// Constants of a dimension (table 1).
 struct Constants {
@@ -58,7 +58,7 @@ pub struct CmaEs {
     /// `y` of the present generation.
     steps: Vec<DVector<f64>>,
     generation: i32,
-    random: Random,
+    random: SplitMix64,
 }
 
 impl CmaEs {
@@ -76,7 +76,7 @@ impl CmaEs {
             lengths: DVector::repeat(n, 1.0),
             steps: Vec::new(),
             generation: 0,
-            random: Random::new(seed, 4001),
+            random: SplitMix64::of(seed, 4001),
         }
     }
 

@@ -1,7 +1,7 @@
 //! A network of one hidden layer of tanh and one output, and the steps that train it: Adam, Kingma and Ba (ICLR 2015),
 //! algorithm 1 with its default rates of decay.
 
-use crate::random::Random;
+use qv_core::random::SplitMix64;
 
 /// Width of the hidden layer.
 pub const HIDDEN: usize = 32;
@@ -17,7 +17,7 @@ pub struct Network {
 impl Network {
     /// Random weights of a size that keeps the layer's sums near 1; the output is 0 at first.
     pub fn new(inputs: usize, seed: u64) -> Self {
-        let mut random = Random::new(seed, 4002);
+        let mut random = SplitMix64::of(seed, 4002);
         let deviation = (inputs.max(1) as f64).sqrt().recip();
         let mut weights: Vec<f64> = (0..HIDDEN * inputs).map(|_| random.normal(deviation)).collect();
         weights.resize(HIDDEN * (inputs + 2) + 1, 0.0);
@@ -83,7 +83,7 @@ mod tests {
     use super::*;
 
     fn examples(seed: u64, count: usize) -> Vec<(Vec<f64>, f64)> {
-        let mut random = Random::new(seed, 0);
+        let mut random = SplitMix64::of(seed, 0);
         let one = |_| {
             let x: Vec<f64> = (0..3).map(|_| 4.0 * random.uniform() - 2.0).collect();
             let y = 0.7 * (3.0 * x[0]).tanh() + 0.4 * x[1] * x[2];
@@ -115,7 +115,7 @@ mod tests {
     #[test]
     fn the_gradient_is_that_of_the_output() {
         let mut network = Network::new(2, 1);
-        let mut random = Random::new(9, 0);
+        let mut random = SplitMix64::of(9, 0);
         network.weights.iter_mut().for_each(|w| *w = random.normal(0.5));
         let (x, mut hidden) = ([0.4, -1.1], [0.0; HIDDEN]);
         network.output(&x, &mut hidden);

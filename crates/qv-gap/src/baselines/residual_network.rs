@@ -17,12 +17,12 @@ use crate::problem::command_cache::Told;
 use crate::problem::features::{self, Channel};
 use crate::problem::start_cache::{Kept, measured};
 use crate::problem::{Overrides, Problem, Window};
-use crate::random::Random;
 use crate::rollout::actuator_model::{self, ActuatorModel};
 use crate::rollout::windows::Raw;
 use crate::rollout::windows::compare;
 use nalgebra::{DMatrix, DVector};
 use qv_core::JointSeries;
+use qv_core::random::SplitMix64;
 use rayon::prelude::*;
 
 /// For so long a torque is held \[s\].
@@ -295,7 +295,7 @@ fn train(windows: &[(&Example, &Quadratic)], seed: u64) -> Network {
         aside.iter().map(of).sum::<f64>()
     };
     let (mut best, mut least) = (network.clone(), loss(&network));
-    let mut random = Random::new(seed, 4003);
+    let mut random = SplitMix64::of(seed, 4003);
     for _ in 0..EPOCHS {
         for k in (1..order.len()).rev() {
             order.swap(k, ((random.uniform() * (k + 1) as f64) as usize).min(k));
@@ -345,7 +345,7 @@ mod tests {
 
     /// Windows whose loss asks for the torque `tanh(2 x)` of the first input.
     fn windows(count: usize, seed: u64) -> Vec<(Example, Quadratic)> {
-        let mut random = Random::new(seed, 0);
+        let mut random = SplitMix64::of(seed, 0);
         let window = |_| {
             let inputs: Vec<Vec<f64>> = (0..6).map(|_| vec![random.normal(1.0), random.normal(1.0)]).collect();
             let b = DVector::from_iterator(6, inputs.iter().map(|x| (2.0 * x[0]).tanh()));

@@ -8,9 +8,9 @@ use crate::inference::linearised::{LinearisedProblem, LinearisedWindow};
 use crate::inference::search::held_out;
 use crate::problem::Overrides;
 use crate::problem::features::Channel;
-use crate::random::Random;
 use crate::rollout::actuator_model;
 use crate::rollout::windows::Raw;
+use qv_core::random::SplitMix64;
 
 /// Resamplings of the interval.
 const RESAMPLINGS: usize = 400;
@@ -135,7 +135,7 @@ impl Closure {
 
     /// The figures of a report.
     pub fn gap(&self, study: &LinearisedProblem, seed: u64) -> Gap {
-        let mut random = Random::new(seed, 77);
+        let mut random = SplitMix64::of(seed, 77);
         let count = self.before.len();
         let mut shares: Vec<f64> = (0..RESAMPLINGS)
             .map(|_| {

@@ -155,11 +155,11 @@ fn dependence(asked: &[Asked], factor: usize) -> Option<Dependence> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::Random;
+    use qv_core::random::SplitMix64;
 
     /// Eight hundred windows that ask for 0.1 per unit of speed and for nothing else, with noise.
     fn asked(slope: f64) -> Vec<Asked> {
-        let mut random = Random::new(3, 1);
+        let mut random = SplitMix64::of(3, 1);
         let mut one = || {
             let known = [random.uniform(), random.uniform(), random.uniform(), random.uniform()];
             let change = slope * known[0] + 0.1 * (random.uniform() - 0.5);

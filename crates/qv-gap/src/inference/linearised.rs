@@ -9,12 +9,12 @@ use crate::null::{Noise, Replicate, record};
 use crate::problem::columns::{Column, Columns, Group};
 use crate::problem::excitation::{at_rest, is_unshown};
 use crate::problem::{Numerics, Overrides, Problem, Window};
-use crate::random::Random;
 use crate::rollout::actuator_model;
 use crate::rollout::jacobian::{AT_A_TIME, beside_law, sensitivities, with_law};
 use crate::rollout::windows::Raw;
 use crate::rollout::windows::{compare, standing_depth};
 use nalgebra::{DMatrix, DVector};
+use qv_core::random::SplitMix64;
 use qv_replay::Run;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -525,7 +525,7 @@ fn replicates(
 
 /// Contact as other engines have it: what they call stiff differs by factors.
 fn other_contact(problem: &Problem, setting: &mut Overrides, seed: u64, stream: u64) {
-    let mut random = Random::new(seed, 5000 + stream);
+    let mut random = SplitMix64::of(seed, 5000 + stream);
     for (name, spread, range) in
         [("contact.time_constant", 0.5, (0.003, 0.016)), ("contact.damping_ratio", 0.3, (0.4, 2.0))]
     {
@@ -539,7 +539,7 @@ fn other_contact(problem: &Problem, setting: &mut Overrides, seed: u64, stream: 
 
 /// Deviations that any robot has: a setting, and the same in columns.
 fn draw(problem: &Problem, columns: &Columns, seed: u64, stream: u64) -> (Overrides, Vec<f64>) {
-    let mut random = Random::new(seed, 1 + stream);
+    let mut random = SplitMix64::of(seed, 1 + stream);
     let (mut values, mut of_columns) = (Vec::new(), Vec::new());
     for column in &columns.columns[..columns.tolerated] {
         let unit = &columns.units[column.unit];
@@ -586,7 +586,7 @@ mod tests {
 
     #[test]
     fn a_product_of_few_rows_is_the_library_s_to_the_bit() {
-        let mut random = Random::new(5, 0);
+        let mut random = SplitMix64::of(5, 0);
         for (rows, columns) in [(1, 1), (7, 3), (40, 8), (129, 21)] {
             let matrix = DMatrix::from_fn(rows, columns, |_, _| random.normal(1.0));
             for count in 1..=FEW_ROWS {

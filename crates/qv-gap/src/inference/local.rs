@@ -11,6 +11,7 @@ use crate::inference::short_windows::feet;
 use crate::problem::Overrides;
 use crate::problem::columns::{Column, Extent, Suspect};
 use nalgebra::{DMatrix, DVector};
+use qv_core::statistics::median;
 use rayon::prelude::*;
 
 /// Frictions that the ground is asked for.
@@ -88,9 +89,7 @@ impl Search<'_, '_> {
     fn sound(&self, base: &Base) -> Option<(DVector<f64>, f64)> {
         let of: Vec<f64> =
             base.normals.iter().map(|n| n.as_ref().map_or(f64::INFINITY, |n| n.e / n.count as f64)).collect();
-        let mut sorted = of.clone();
-        sorted.sort_by(f64::total_cmp);
-        let most = 1.5 * sorted[sorted.len() / 2];
+        let most = 1.5 * median(&mut of.clone());
         let sound = |w: usize| self.windows.iter().position(|&x| x == w).is_some_and(|k| of[k] <= most);
         let weight = |s: &LinearisedWindow| {
             let w = self.study.seen.iter().position(|x| std::ptr::eq(x, s));

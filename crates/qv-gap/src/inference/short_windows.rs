@@ -13,6 +13,7 @@ use crate::inference::search::{Search, fitted, held_out};
 use crate::problem::columns::{Extent, Suspect};
 use crate::problem::{Overrides, Problem, Window, WindowOptions};
 use crate::rollout::windows::{compare, standing_feet};
+use qv_core::statistics::median;
 use rayon::prelude::*;
 
 /// Pieces of a window.
@@ -248,9 +249,8 @@ fn scales(residuals: &[Vec<f64>]) -> Vec<f64> {
     let size = whole.first().map_or(0, |r| r.len());
     let of_feature = |i: usize| {
         let mut all: Vec<f64> = whole.iter().map(|r| r[i].abs()).collect();
-        all.sort_by(f64::total_cmp);
         // The median of a normal distribution's size is 0.674 of its deviation.
-        (all[all.len() / 2] / 0.674).max(1e-9)
+        (median(&mut all) / 0.674).max(1e-9)
     };
     (0..size).map(of_feature).collect()
 }

@@ -9,10 +9,11 @@ pub mod whitening;
 
 use crate::GapError;
 use crate::problem::{Numerics, Overrides, Problem, Role, Window};
-use crate::random::Random;
 use crate::rollout::windows::{are_near, longest_latency};
 use glam::{DQuat, DVec3};
 use qv_core::JointSeries;
+use qv_core::random::SplitMix64;
+use qv_core::statistics::median;
 use qv_replay::Run;
 use qv_replay::replay::{Command, HeldCommands};
 use qv_sim::{Batch, Precision, SensorReading};
@@ -63,9 +64,8 @@ fn of_column(series: &Option<JointSeries>, column: usize) -> f64 {
         return 0.0;
     }
     let rms = (all.iter().map(|d| d * d).sum::<f64>() / all.len() as f64).sqrt();
-    all.sort_by(f64::total_cmp);
     // Coarse steps of an encoder leave most differences at zero: their mean square still tells.
-    let robust = 1.4826 * all[all.len() / 2];
+    let robust = 1.4826 * median(&mut all);
     if robust > 0.0 { robust } else { rms }
 }
 
@@ -151,7 +151,7 @@ fn uneven<T: Precision>(
     if !(problem.free && replicate.ground_error > 0.0) {
         return Ok(());
     }
-    let mut random = Random::new(replicate.seed ^ 0x6775_6e64, stream);
+    let mut random = SplitMix64::of(replicate.seed ^ 0x6775_6e64, stream);
     for &geom in &problem.feet.geoms {
         let name = format!("geom.{}.radius_offset", problem.model.geoms[geom].name);
         if let Some(id) = problem.parameter(&name) {
@@ -176,7 +176,7 @@ struct Recorder {
     /// Next rows due of the state and pose streams: stamps of the recording.
     due: [Vec<f64>; 2],
     next: [usize; 2],
-    random: Random,
+    random: SplitMix64,
     /// In force.
     command: Command,
     /// Stamp of the command after it.
@@ -235,7 +235,7 @@ impl Recorder {
         let next = due.each_ref().map(|d| d.partition_point(|&t| t < from - 1e-9));
         let mut view = window.view.clone();
         empty(&mut view);
-        let random = Random::new(replicate.seed, stream);
+        let random = SplitMix64::of(replicate.seed, stream);
         let columns = problem.columns.clone();
         let (row, until) = (Vec::new(), f64::NEG_INFINITY);
         Ok(Some(Self { view, commands, from, to: last, due, next, random, command, until, columns, row }))
@@ -343,7 +343,7 @@ fn push(series: &mut JointSeries, time: f64, row: &[f64]) {
 }
 
 /// A quaternion w, x, y, z turned by noise about each of its axes.
-fn turned(wxyz: [f64; 4], deviation: f64, random: &mut Random) -> [f64; 4] {
+fn turned(wxyz: [f64; 4], deviation: f64, random: &mut SplitMix64) -> [f64; 4] {
     let by = DVec3::new(random.normal(deviation), random.normal(deviation), random.normal(deviation));
     let q = DQuat::from_xyzw(wxyz[1], wxyz[2], wxyz[3], wxyz[0]) * DQuat::from_scaled_axis(by);
     [q.w, q.x, q.y, q.z]
@@ -354,7 +354,7 @@ mod tests {
     use super::*;
 
     fn noisy(deviation: f64, step: f64) -> Option<JointSeries> {
-        let mut random = Random::new(3, 0);
+        let mut random = SplitMix64::of(3, 0);
         let time: Vec<f64> = (0..4000).map(|k| 0.002 * k as f64).collect();
         let value = |t: &f64| (5.0 * t).sin() + random.normal(deviation);
         let values: Vec<f64> = time.iter().map(value).collect();

@@ -8,10 +8,11 @@ use crate::findings::Correction;
 use crate::problem::columns::Columns;
 use crate::problem::library::{Effect, Interface};
 use crate::problem::{Overrides, Problem, Window};
-use crate::random::Random;
 use crate::rollout::windows::Raw;
 use crate::rollout::windows::compare;
 use nalgebra::{DMatrix, DVector};
+use qv_core::random::SplitMix64;
+use qv_core::statistics::median;
 use qv_replay::Run;
 
 /// Rounds of Gauss-Newton.
@@ -206,23 +207,19 @@ pub fn drop_outliers(pool: &mut Vec<(bool, Raw)>) {
     let numbers = |raw: &Raw| raw.motion.iter().chain(&raw.law).copied().collect::<Vec<f64>>();
     let Some(size) = pool.first().map(|p| numbers(&p.1).len()) else { return };
     let all: Vec<Vec<f64>> = pool.iter().map(|p| numbers(&p.1)).collect();
-    let typical: Vec<f64> = (0..size).map(|i| middle(all.iter().map(|x| x[i].abs()).collect()).max(1e-12)).collect();
+    let middle = |i: usize| median(&mut all.iter().map(|x| x[i].abs()).collect::<Vec<f64>>());
+    let typical: Vec<f64> = (0..size).map(|i| middle(i).max(1e-12)).collect();
     let length = |x: &Vec<f64>| x.iter().zip(&typical).map(|(x, t)| (x / t).powi(2)).sum::<f64>();
     let lengths: Vec<f64> = all.iter().map(length).collect();
-    let most = OUTLIER * middle(lengths.clone());
+    let most = OUTLIER * median(&mut lengths.clone());
     let mut lengths = lengths.into_iter();
     pool.retain(|_| lengths.next().is_some_and(|l| l <= most));
-}
-
-fn middle(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
 }
 
 /// For each of `windows` as many windows of the reference as there are recordings without an effect, drawn among those
 /// that move alike; `pool` says of each whether it moves.
 pub fn draw(windows: &[Window], pool: &[(bool, Raw)], recordings: usize, seed: u64) -> Vec<Vec<Raw>> {
-    let mut random = Random::new(seed, 9000);
+    let mut random = SplitMix64::of(seed, 9000);
     let mut one = |window: &Window| {
         let alike: Vec<&Raw> = pool.iter().filter(|p| p.0 == window.moving).map(|p| &p.1).collect();
         let from: Vec<&Raw> = if alike.is_empty() { pool.iter().map(|p| &p.1).collect() } else { alike };

@@ -4,6 +4,7 @@ use crate::problem::Problem;
 use crate::rollout::actuator_model;
 use crate::rollout::windows::Raw;
 use nalgebra::{DMatrix, DVector};
+use qv_core::statistics::median;
 
 /// Least and most share of a covariance that is taken from its diagonal: samples are few.
 const SHRINKAGE: [f64; 2] = [0.02, 0.2];
@@ -144,8 +145,7 @@ fn own_spread(samples: &[Sample], window: usize) -> Option<(DVector<f64>, DVecto
     let (mut middles, mut spreads) = (DVector::zeros(size), DVector::zeros(size));
     for i in 0..size {
         let mut all: Vec<f64> = own.iter().map(|s| s.raw.motion[i]).collect();
-        all.sort_by(f64::total_cmp);
-        middles[i] = all[all.len() / 2];
+        middles[i] = median(&mut all);
         all.iter_mut().for_each(|x| *x = (*x - middles[i]).abs());
         all.sort_by(f64::total_cmp);
         // Nine tenths of a normal distribution lie within 1.645 deviations; their root mean square is 0.789 of one.

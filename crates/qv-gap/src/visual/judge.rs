@@ -6,8 +6,9 @@ use super::path::{Path, pose_of};
 use super::sight::{Looks, Noise, Sight, VisualGap};
 use super::{Footage, LinearisedWindow, LookOptions, Rig, plus, stated};
 use crate::GapError;
-use crate::random::Random;
 use crate::report::{Cause, ParameterEstimate, Ranked, Verdict};
+use qv_core::random::SplitMix64;
+use qv_core::statistics::median;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -191,8 +192,7 @@ impl Judge<'_> {
     fn share_accounted_for(&self) -> f64 {
         let share = |d: &align::Disagreement| if d.blank > 0.0 { 1.0 - d.loss / d.blank } else { 0.0 };
         let mut shares: Vec<f64> = self.seen.iter().map(|s| share(&s.aligned.disagreement)).collect();
-        shares.sort_by(f64::total_cmp);
-        shares[shares.len() / 2]
+        median(&mut shares)
     }
 
     /// How far the scene lies off the poses' frame \[m, rad\], where there is evidence of that beside what is accused.
@@ -286,7 +286,7 @@ impl Judge<'_> {
 
     fn gap(&self, before: &[f64], after: &[f64], floor: &[f64], seed: u64) -> VisualGap {
         let root = |x: &[f64]| (x.iter().sum::<f64>() / x.len() as f64).sqrt();
-        let mut random = Random::new(seed, 71);
+        let mut random = SplitMix64::of(seed, 71);
         let n = before.len();
         let mut draws: Vec<f64> = (0..400)
             .map(|_| {
@@ -385,8 +385,7 @@ impl Judge<'_> {
                 .iter()
                 .map(|s| (of.clone().map(|i| s.sighting.covariance[(i, i)]).sum::<f64>() / of.len() as f64).sqrt())
                 .collect();
-            sizes.sort_by(f64::total_cmp);
-            self.together.scales[group] * sizes[sizes.len() / 2]
+            self.together.scales[group] * median(&mut sizes)
         };
         Noise {
             rotation: typical(3..6, 0),

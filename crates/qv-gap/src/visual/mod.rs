@@ -20,6 +20,7 @@ use crate::GapError;
 use align::{Aligned, Offsets, Target};
 use model::{Sighting, Together};
 use path::Path;
+use qv_core::statistics::median;
 use qv_core::{Camera, GaussianCloud, JointSeries, Pose};
 use qv_raster::RasterError;
 use rayon::prelude::*;
@@ -224,9 +225,9 @@ fn see(
     });
     let mut coarse: Vec<(f64, Target, align::Disagreement, Aligned)> = coarse.collect::<Result<_, GapError>>()?;
     let mut shares: Vec<f64> = coarse.iter().map(|c| c.2.seen).collect();
-    shares.sort_by(f64::total_cmp);
-    if shares[shares.len() / 2] < IN_VIEW {
-        return Err(out_of_view(shares[shares.len() / 2]));
+    let typical = median(&mut shares);
+    if typical < IN_VIEW {
+        return Err(out_of_view(typical));
     }
     coarse.retain(|c| c.2.seen >= ENOUGH);
     let sightings: Vec<Sighting> = coarse.iter().filter_map(|c| sighting(c.0, &c.3, &stated)).collect();

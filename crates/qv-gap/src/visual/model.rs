@@ -9,6 +9,7 @@ use super::align::{GEOMETRY, Information, NUMBERS, Offsets};
 use super::path::{Path, pose_of, twist_of};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use qv_core::Pose;
+use qv_core::statistics::median;
 
 /// Shared numbers: mounting of the camera (translation \[m\], rotation \[rad\], in camera axes), delay \[s\], logarithm of the gain, offset
 /// of displayed values, logarithm of the focal length, variance of a blur \[px²\], and the place of the scene in the world (translation
@@ -178,12 +179,10 @@ impl<'a> Together<'a> {
             let fitted = if group == 0 { 13.0 } else { 1.0 };
             let count = squares.len() as f64;
             let left = (count - fitted).max(0.4 * count);
-            let middle = squares.len() / 2;
             if squares.is_empty() {
                 continue;
             }
-            let median = *squares.select_nth_unstable_by(middle, f64::total_cmp).1;
-            self.scales[group] = (median / MEDIAN_SQUARE * count / left).sqrt().max(LEAST_SCALE);
+            self.scales[group] = (median(&mut squares) / MEDIAN_SQUARE * count / left).sqrt().max(LEAST_SCALE);
         }
     }
 

@@ -7,9 +7,10 @@ mod order;
 
 use clap::{Parser, ValueEnum};
 use order::Order;
+use qv_core::random::sub_seed;
 use qv_go2::model::JOINT_NAMES;
 use qv_go2::sealed::{self, Drawn, EngineChoice, Outcome, Request};
-use qv_go2::synthetic::{Message, sub_seed, write_bag};
+use qv_go2::synthetic::{Message, write_bag};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;

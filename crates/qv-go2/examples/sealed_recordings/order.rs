@@ -1,8 +1,8 @@
 //! Which recordings are asked for, in their fixed order.
 
 use crate::Arguments;
+use qv_core::random::{SplitMix64, sub_seed};
 use qv_go2::sealed::{EFFECTS, WITHHELD, Wanted, confusable_group};
-use qv_go2::synthetic::{Draws, sub_seed};
 
 /// One recording to make.
 pub struct Order {
@@ -35,7 +35,7 @@ pub fn list(arguments: &Arguments) -> Result<Vec<Order>, String> {
     // After all of them once, each comes with the other engine.
     orders.extend((0..arguments.withheld).map(|i| of("withheld", withheld(i), i)));
     let pool = if effects.is_empty() { EFFECTS.map(String::from).to_vec() } else { effects };
-    let mut draws = Draws(sub_seed(arguments.seed, u64::MAX));
+    let mut draws = SplitMix64::new(sub_seed(arguments.seed, u64::MAX));
     for turn in 0..arguments.pairs {
         let names = pair(&pool, &mut draws).ok_or("--pairs: expected two effects of different confusable groups")?;
         orders.push(of("pair", Wanted::Effects(names), turn));
@@ -47,7 +47,7 @@ pub fn list(arguments: &Arguments) -> Result<Vec<Order>, String> {
 }
 
 /// Two effects that are not known to be confused with each other.
-fn pair(pool: &[String], draws: &mut Draws) -> Option<Vec<String>> {
+fn pair(pool: &[String], draws: &mut SplitMix64) -> Option<Vec<String>> {
     let pairs: Vec<(&String, &String)> = pool
         .iter()
         .flat_map(|a| pool.iter().map(move |b| (a, b)))

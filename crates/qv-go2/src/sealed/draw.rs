@@ -6,7 +6,8 @@ use super::record::{Outcome, record};
 use super::scout::Scout;
 use super::sections::Plan;
 use super::withheld::{WITHHELD, Withheld};
-use crate::synthetic::{Deviations, Draws, Message, sub_seed};
+use crate::synthetic::{Deviations, Message};
+use qv_core::random::{SplitMix64, sub_seed};
 use qv_replay::ReplayError;
 
 /// Draws after which [`make`] gives up.
@@ -137,7 +138,7 @@ fn check(wanted: &Wanted) -> Result<(), ReplayError> {
 
 /// One recipe, or why there is none from this seed.
 fn draw(request: &Request, seed: u64) -> Result<Result<Drawn, Rejection>, ReplayError> {
-    let mut draws = Draws(seed);
+    let mut draws = SplitMix64::new(seed);
     let (engine, other_engine) = engine(request, &mut draws);
     let mut recipe = Recipe {
         seed: sub_seed(seed, 1),
@@ -170,7 +171,7 @@ fn draw(request: &Request, seed: u64) -> Result<Result<Drawn, Rejection>, Replay
     Ok(Ok(Drawn { recipe, other_engine }))
 }
 
-fn engine(request: &Request, draws: &mut Draws) -> (Engine, Option<String>) {
+fn engine(request: &Request, draws: &mut SplitMix64) -> (Engine, Option<String>) {
     let unseen = match &request.wanted {
         Wanted::Effects(names) => names.iter().find(|name| needs_our_engine(name)),
         _ => None,

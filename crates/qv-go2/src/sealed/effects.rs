@@ -3,7 +3,7 @@
 use super::record::SETTLING;
 use super::scout::Scout;
 use crate::model::{self, JOINT_NAMES, LEGS};
-use crate::synthetic::Draws;
+use qv_core::random::SplitMix64;
 
 /// Names of the effects that a diagnosis knows.
 pub const EFFECTS: [&str; 26] = [
@@ -141,7 +141,7 @@ struct Joints {
 }
 
 /// All joints, a kind, a leg, or one joint.
-fn some_joints(draws: &mut Draws, whole: f64) -> Joints {
+fn some_joints(draws: &mut SplitMix64, whole: f64) -> Joints {
     let (which, kind, leg, joint) = (draws.uniform(), draws.index(3), draws.index(4), draws.index(12));
     if which <= whole {
         return Joints { which: (0..12).collect(), scope: vec!["all".into()], few: false };
@@ -158,7 +158,7 @@ fn some_joints(draws: &mut Draws, whole: f64) -> Joints {
 }
 
 /// A size between `least` and `most`; from the upper half where few joints have to show it.
-fn size(draws: &mut Draws, few: bool, least: f64, most: f64) -> f64 {
+fn size(draws: &mut SplitMix64, few: bool, least: f64, most: f64) -> f64 {
     draws.between(if few { 0.5 * (least + most) } else { least }, most)
 }
 
@@ -172,7 +172,7 @@ fn beside(name: &'static str, value: f64, unit: &'static str, range: (f64, f64))
 
 impl Cause {
     /// Draws an effect; `None` for a name that is not in [`EFFECTS`], or when the motion does not bring it out.
-    pub(super) fn drawn(effect: &str, draws: &mut Draws, scout: &Scout, walking: [f64; 2]) -> Option<Self> {
+    pub(super) fn drawn(effect: &str, draws: &mut SplitMix64, scout: &Scout, walking: [f64; 2]) -> Option<Self> {
         let effect = EFFECTS.into_iter().find(|known| *known == effect)?;
         match effect {
             "torque_limit" => torque_limit(draws, scout),
@@ -194,7 +194,7 @@ impl Cause {
 }
 
 /// One parameter of each joint in scope. What is drawn is the deviation from the nominal robot.
-fn joint_effect(effect: &'static str, draws: &mut Draws) -> Option<Cause> {
+fn joint_effect(effect: &'static str, draws: &mut SplitMix64) -> Option<Cause> {
     let few_scopes = some_joints(draws, if effect == "encoder_bias" { 0.0 } else { 0.45 });
     let few = few_scopes.few;
     const RATIO: (f64, f64) = (-0.4, 0.25);
@@ -225,13 +225,13 @@ fn joint_effect(effect: &'static str, draws: &mut Draws) -> Option<Cause> {
 }
 
 /// How far a ratio of 0.6 to 1.25 is from 1, at least `away`.
-fn ratio(draws: &mut Draws, few: bool, away: f64) -> f64 {
+fn ratio(draws: &mut SplitMix64, few: bool, away: f64) -> f64 {
     let away = if few { 0.2 } else { away };
     draws.among(&[(-0.4, -away), (away, 0.25)])
 }
 
 /// A limit that clips 4 to 15 % of what the joints in scope give in this motion.
-fn torque_limit(draws: &mut Draws, scout: &Scout) -> Option<Cause> {
+fn torque_limit(draws: &mut SplitMix64, scout: &Scout) -> Option<Cause> {
     let Joints { which, scope, .. } = some_joints(draws, 0.3);
     let limit = scout.quantile(&scout.torque, &which, 1.0 - draws.between(0.04, 0.15));
     let most = scout.quantile(&scout.torque, &which, 0.998);
@@ -245,7 +245,7 @@ fn torque_limit(draws: &mut Draws, scout: &Scout) -> Option<Cause> {
 }
 
 /// A fall of torque with speed, as steep as the Go2's own (13.5 to 30.1 rad/s), that 1.5 to 8 % of what the joints in scope do in this motion run into.
-fn torque_speed_limit(draws: &mut Draws, scout: &Scout) -> Option<Cause> {
+fn torque_speed_limit(draws: &mut SplitMix64, scout: &Scout) -> Option<Cause> {
     let Joints { which, scope, .. } = some_joints(draws, 0.4);
     let fast = scout.quantile(&scout.speed, &which, 0.998);
     // Joints that hardly move have no speed to be limited by.
@@ -271,7 +271,7 @@ fn torque_speed_limit(draws: &mut Draws, scout: &Scout) -> Option<Cause> {
 }
 
 /// Low friction everywhere, or in a stripe or rectangle ahead of the feet.
-fn ground_friction(draws: &mut Draws, scout: &Scout) -> Option<Cause> {
+fn ground_friction(draws: &mut SplitMix64, scout: &Scout) -> Option<Cause> {
     const RANGE: (f64, f64) = (0.1, 1.2);
     if draws.chance(0.4) {
         let figures = vec![asked("friction", draws.between(0.15, 0.45), "1", RANGE)];
@@ -314,7 +314,7 @@ fn ground_friction(draws: &mut Draws, scout: &Scout) -> Option<Cause> {
 }
 
 /// A force on the trunk, all the time or for a while of the walk.
-fn external_force(draws: &mut Draws, walking: [f64; 2]) -> Cause {
+fn external_force(draws: &mut SplitMix64, walking: [f64; 2]) -> Cause {
     let push = draws.chance(0.6);
     let strength = if push { draws.between(12.0, 30.0) } else { draws.between(7.5, 22.0) };
     let heading = draws.between(0.0, std::f64::consts::TAU);
@@ -335,7 +335,7 @@ fn external_force(draws: &mut Draws, walking: [f64; 2]) -> Cause {
 }
 
 /// Masses and where they are.
-fn body_effect(effect: &'static str, draws: &mut Draws) -> Option<Cause> {
+fn body_effect(effect: &'static str, draws: &mut SplitMix64) -> Option<Cause> {
     let place = (-0.1, 0.1);
     match effect {
         "payload_mass" => {
@@ -379,7 +379,7 @@ fn body_effect(effect: &'static str, draws: &mut Draws) -> Option<Cause> {
 }
 
 /// Feet and floor.
-fn contact_effect(effect: &'static str, draws: &mut Draws) -> Option<Cause> {
+fn contact_effect(effect: &'static str, draws: &mut SplitMix64) -> Option<Cause> {
     match effect {
         "contact_compliance" => {
             let figures = vec![asked("time_constant", draws.between(0.02, 0.05), "s", (0.002, 0.05))];
@@ -416,7 +416,7 @@ fn contact_effect(effect: &'static str, draws: &mut Draws) -> Option<Cause> {
 }
 
 /// What sensors report.
-fn sensing_effect(effect: &'static str, draws: &mut Draws) -> Option<Cause> {
+fn sensing_effect(effect: &'static str, draws: &mut SplitMix64) -> Option<Cause> {
     match effect {
         "imu_tilt" => {
             const MOST: f64 = 0.0524;

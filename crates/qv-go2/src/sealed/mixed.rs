@@ -7,8 +7,9 @@ use super::record::{Outcome, record_seen};
 use super::sections::{Plan, Section};
 use crate::gait::Trot;
 use crate::model;
-use crate::synthetic::{Deviations, Draws, Message, sub_seed};
+use crate::synthetic::{Deviations, Message};
 use glam::{DQuat, DVec3};
+use qv_core::random::{SplitMix64, sub_seed};
 use qv_core::{Material, TriangleMesh};
 use qv_replay::ReplayError;
 use qv_sim::{SensorReading, State};
@@ -96,7 +97,7 @@ pub fn redraw_mixed(engine: EngineChoice, seed: u64, seconds: f64, redraws: u64)
 }
 
 fn draw(engine: EngineChoice, seed: u64, seconds: f64) -> MixedGround {
-    let mut draws = Draws(seed);
+    let mut draws = SplitMix64::new(seed);
     let engine = match engine {
         EngineChoice::Ours => Engine::ours(&mut draws),
         EngineChoice::Second => Engine::second(&mut draws),
@@ -120,7 +121,7 @@ fn draw(engine: EngineChoice, seed: u64, seconds: f64) -> MixedGround {
 }
 
 /// Four materials, two or three of them slippery, in a drawn order.
-fn materials(draws: &mut Draws) -> (Vec<Material>, Vec<&'static str>) {
+fn materials(draws: &mut SplitMix64) -> (Vec<Material>, Vec<&'static str>) {
     let count = 2 + draws.index(2);
     let slippery = pick(draws, &SLIPPERY, count);
     let grippy = pick(draws, &GRIPPY, 4 - count);
@@ -137,13 +138,13 @@ fn materials(draws: &mut Draws) -> (Vec<Material>, Vec<&'static str>) {
     (all, slippery.into_iter().map(|(name, _)| name).collect())
 }
 
-fn pick(draws: &mut Draws, from: &[(&'static str, f64)], count: usize) -> Vec<(&'static str, f64)> {
+fn pick(draws: &mut SplitMix64, from: &[(&'static str, f64)], count: usize) -> Vec<(&'static str, f64)> {
     let mut left = from.to_vec();
     (0..count).map(|_| left.swap_remove(draws.index(left.len()))).collect()
 }
 
 /// A friction away from the usual one, among those of slippery ground.
-fn away(draws: &mut Draws, usual: f64) -> f64 {
+fn away(draws: &mut SplitMix64, usual: f64) -> f64 {
     let [low, high] = SLIPPERY_RANGE;
     loop {
         let ratio = draws.between(AWAY[0], AWAY[1]);
@@ -173,7 +174,7 @@ fn patchwork(materials: Vec<Material>, cell: f64, origin: [f64; 2]) -> TriangleM
 }
 
 /// It stands, then walks in several gaits, straight and in turns either way, and stands again.
-fn walks(draws: &mut Draws, seconds: f64) -> Plan {
+fn walks(draws: &mut SplitMix64, seconds: f64) -> Plan {
     let standing = 1.0;
     let count = ((seconds - 2.0 * standing) / 8.0).round().max(1.0);
     let length = (seconds - 2.0 * standing) / count;
@@ -228,7 +229,7 @@ mod tests {
     #[test]
     fn frictions_lie_away_from_the_usual_ones_and_in_their_ranges() {
         for seed in 0..200 {
-            let (materials, slippery) = materials(&mut Draws(seed));
+            let (materials, slippery) = materials(&mut SplitMix64::new(seed));
             assert_eq!(materials.len(), 4);
             assert!((2..=3).contains(&slippery.len()));
             for material in &materials {

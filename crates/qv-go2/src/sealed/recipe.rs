@@ -4,8 +4,9 @@ use super::effects::Cause;
 use super::sections::Plan;
 use super::withheld::Withheld;
 use crate::model;
-use crate::synthetic::{self, Deviations, Draws};
+use crate::synthetic::{self, Deviations};
 use qv_core::TriangleMesh;
+use qv_core::random::{SplitMix64, sub_seed};
 use std::collections::BTreeMap;
 
 /// The engine that a recording is made with, and its numerics.
@@ -48,7 +49,7 @@ impl Engine {
     }
 
     /// qv-sim with numerics drawn from the seed.
-    pub fn ours(draws: &mut Draws) -> Self {
+    pub fn ours(draws: &mut SplitMix64) -> Self {
         Self::Ours {
             timestep: if draws.chance(0.5) { 0.0005 } else { 0.002 },
             impratio: draws.between(1.0, 10.0),
@@ -68,7 +69,7 @@ impl Engine {
     }
 
     /// The second engine with numerics drawn from the seed.
-    pub fn second(draws: &mut Draws) -> Self {
+    pub fn second(draws: &mut SplitMix64) -> Self {
         Self::Second { timestep: if draws.chance(0.5) { 0.0005 } else { 0.001 }, substeps: 2 + draws.index(3) }
     }
 }
@@ -134,7 +135,7 @@ fn together(name: &str, before: f64, value: f64) -> f64 {
 /// [`synthetic::small_differences`] and as small ones of friction, inertia, mounting and floor.
 pub(super) fn small_differences(seed: u64) -> Vec<(String, f64)> {
     let mut drawn = synthetic::small_differences(seed);
-    let mut draws = Draws(synthetic::sub_seed(seed, 1));
+    let mut draws = SplitMix64::new(sub_seed(seed, 1));
     for joint in model::JOINT_NAMES {
         drawn.push((format!("joint.{joint}.viscous_friction"), draws.normal(0.01).abs()));
         drawn.push((format!("sensor.{joint}.encoder_bias"), draws.normal(0.001)));

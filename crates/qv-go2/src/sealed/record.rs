@@ -5,7 +5,8 @@ use super::recipe::Recipe;
 use super::withheld::Disturbance;
 use crate::messages::{self, LowCmd};
 use crate::model;
-use crate::synthetic::{self, COMMAND_DELAY, Draws, INTERVAL, Message, START, STATES_PER_POSE, simulator};
+use crate::synthetic::{self, COMMAND_DELAY, INTERVAL, Message, START, STATES_PER_POSE, simulator};
+use qv_core::random::SplitMix64;
 use qv_replay::ReplayError;
 use qv_sim::{SensorReading, State};
 
@@ -47,7 +48,7 @@ pub(super) fn record_seen(
 ) -> Result<(Outcome, Vec<Message>), ReplayError> {
     let mut plant = Plant::on(&recipe.engine, recipe.ground.as_ref(), &recipe.parameters())?;
     let go2 = plant.model().clone();
-    let mut draws = Draws(recipe.seed);
+    let mut draws = SplitMix64::new(recipe.seed);
     let mut messages = Vec::new();
     let outcome = follow(recipe, &mut plant, |plant, k, seen, true_state| {
         see(plant, seen, true_state);

@@ -2,7 +2,7 @@
 
 use crate::gait::{Chirp, Squat, Trot};
 use crate::model::STAND;
-use crate::synthetic::Draws;
+use qv_core::random::SplitMix64;
 use std::f64::consts::TAU;
 
 /// One part of a motion; figures in its own terms, time from its own start.
@@ -129,7 +129,7 @@ impl Plan {
 
     /// A plan of 20 s: it stands, then squats, chirps and sways or leans in a drawn order, and walks for the rest of the
     /// time, in half of the plans in two gaits.
-    pub fn drawn(draws: &mut Draws) -> Self {
+    pub fn drawn(draws: &mut SplitMix64) -> Self {
         const LENGTH: f64 = 20.0;
         const STANDING: [f64; 2] = [1.2, 0.6];
         let mut still = vec![squat(draws), chirp(draws), swaying(draws)];
@@ -148,13 +148,13 @@ impl Plan {
     }
 }
 
-fn squat(draws: &mut Draws) -> (Section, f64) {
+fn squat(draws: &mut SplitMix64) -> (Section, f64) {
     let (frequency, count) = (draws.between(0.4, 0.8), 1 + draws.index(2));
     let squat = Squat { frequency, depth: draws.between(0.3, 0.6) };
     (Section::Squat(squat), count as f64 / frequency)
 }
 
-fn chirp(draws: &mut Draws) -> (Section, f64) {
+fn chirp(draws: &mut SplitMix64) -> (Section, f64) {
     let length = draws.between(3.0, 4.0);
     let chirp = Chirp {
         start: draws.between(0.5, 1.0),
@@ -167,7 +167,7 @@ fn chirp(draws: &mut Draws) -> (Section, f64) {
     (Section::Chirp(chirp), length)
 }
 
-fn swaying(draws: &mut Draws) -> (Section, f64) {
+fn swaying(draws: &mut SplitMix64) -> (Section, f64) {
     let (frequency, amplitude) = (draws.between(0.4, 1.0), draws.between(0.06, 0.12));
     let length = draws.between(2.5, 3.5);
     let section = if draws.chance(0.5) {
@@ -178,7 +178,7 @@ fn swaying(draws: &mut Draws) -> (Section, f64) {
     (section, length)
 }
 
-fn trot(draws: &mut Draws) -> Section {
+fn trot(draws: &mut SplitMix64) -> Section {
     let gait = Trot {
         frequency: draws.between(1.5, 2.8),
         swing: draws.between(0.14, 0.26),
@@ -196,8 +196,8 @@ mod tests {
     #[test]
     fn plans_repeat_last_twenty_seconds_and_have_no_jumps() {
         for seed in 0..20 {
-            let plan = Plan::drawn(&mut Draws(seed));
-            assert_eq!(plan, Plan::drawn(&mut Draws(seed)));
+            let plan = Plan::drawn(&mut SplitMix64::new(seed));
+            assert_eq!(plan, Plan::drawn(&mut SplitMix64::new(seed)));
             assert!((plan.duration() - 20.0).abs() < 1e-9, "{}", plan.duration());
             let names: Vec<_> = plan.sections.iter().map(|(section, _)| section.name()).collect();
             for name in ["stand", "squat", "chirp", "trot"] {
@@ -212,7 +212,7 @@ mod tests {
             let largest = largest.fold(0.0, f64::max);
             assert!(largest < 0.03, "seed {seed}: {largest} rad within a millisecond");
         }
-        assert_ne!(Plan::drawn(&mut Draws(1)), Plan::drawn(&mut Draws(2)));
+        assert_ne!(Plan::drawn(&mut SplitMix64::new(1)), Plan::drawn(&mut SplitMix64::new(2)));
     }
 
     #[test]
@@ -227,7 +227,7 @@ mod tests {
 
     #[test]
     fn before_and_after_it_stands() {
-        let plan = Plan::drawn(&mut Draws(5));
+        let plan = Plan::drawn(&mut SplitMix64::new(5));
         assert_eq!(plan.target(-1.0), STAND);
         assert_eq!(plan.target(plan.duration() + 1.0), STAND);
         assert_eq!(Plan { sections: vec![(Section::Stand, 2.0)] }.walking(), [0.0, 2.0]);

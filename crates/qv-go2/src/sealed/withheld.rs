@@ -4,7 +4,7 @@ use super::plant::Plant;
 use super::scout::Scout;
 use crate::messages::LowCmd;
 use crate::model::{JOINT_NAMES, STAND};
-use crate::synthetic::Draws;
+use qv_core::random::SplitMix64;
 use qv_sim::SimError;
 use std::f64::consts::TAU;
 
@@ -58,7 +58,7 @@ impl Withheld {
     }
 
     /// Draws the sizes; `None` for a name that is not in [`WITHHELD`], or when the motion does not bring the effect out.
-    pub(super) fn drawn(name: &str, draws: &mut Draws, scout: &Scout) -> Option<Self> {
+    pub(super) fn drawn(name: &str, draws: &mut SplitMix64, scout: &Scout) -> Option<Self> {
         let name = WITHHELD.into_iter().find(|known| *known == name)?;
         let on_trunk = matches!(name, "tether" | "periodic_side_force" | "dropped_commands");
         let joints = if on_trunk { Vec::new() } else { some_joints(draws) };
@@ -100,7 +100,7 @@ impl Withheld {
 }
 
 /// All joints, those of one kind, or those of one leg.
-fn some_joints(draws: &mut Draws) -> Vec<usize> {
+fn some_joints(draws: &mut SplitMix64) -> Vec<usize> {
     let (which, kind, leg) = (draws.uniform(), 1 + draws.index(2), draws.index(4));
     let within = |j: &usize| {
         if which < 0.6 {
@@ -118,7 +118,7 @@ fn some_joints(draws: &mut Draws) -> Vec<usize> {
 pub(super) struct Disturbance<'a> {
     effect: &'a Withheld,
     timestep: f64,
-    draws: Draws,
+    draws: SplitMix64,
     phases: [f64; 12],
     /// Catalogue indices of external torques, of strengths and of the external force.
     torques: Vec<usize>,
@@ -135,7 +135,7 @@ impl<'a> Disturbance<'a> {
     /// # Errors
     /// When the plant lacks a parameter that the effect acts through.
     pub fn new(effect: &'a Withheld, plant: &Plant, timestep: f64) -> Result<Self, SimError> {
-        let mut draws = Draws(effect.seed);
+        let mut draws = SplitMix64::new(effect.seed);
         let of_joints = |prefix: &str, end: &str| {
             let all = effect.joints.iter().map(|&j| plant.index(&format!("{prefix}.{}.{end}", JOINT_NAMES[j])));
             all.collect::<Result<Vec<_>, _>>()

@@ -5,11 +5,12 @@ mod bag;
 mod noise;
 
 pub use bag::{Message, write_bag};
-pub use noise::{Deviations, Draws, sub_seed};
+pub use noise::Deviations;
 
 use crate::gait::{Squat, Trot};
 use crate::messages::{self, LowCmd, LowState};
 use crate::model;
+use qv_core::random::SplitMix64;
 use qv_replay::ReplayError;
 use qv_sim::{BaseKind, Batch, JointCommand, Model, ModelOptions, SensorReading, SimError, SimOptions, State, Terrain};
 
@@ -57,7 +58,7 @@ pub fn motion(t: f64) -> [f64; 12] {
 /// The small ways in which any robot differs from its model and that nobody names: a few per cent of mass, gains and
 /// friction of the ground, millimetres of its centre of mass.
 pub fn small_differences(seed: u64) -> Vec<(String, f64)> {
-    let mut draws = Draws(seed);
+    let mut draws = SplitMix64::new(seed);
     let mut drawn = Vec::new();
     drawn.push(("link.base.mass_scale".to_string(), 1.0 + draws.normal(0.01)));
     for axis in ["x", "y", "z"] {
@@ -87,7 +88,7 @@ pub(crate) fn simulator(error: SimError) -> ReplayError {
 /// When a parameter means nothing, or the simulation runs away.
 pub fn record(terrain: &Terrain, robot: &Robot) -> Result<Vec<Message>, ReplayError> {
     let mut sim = simulation(terrain, robot).map_err(simulator)?;
-    let mut draws = Draws(robot.seed);
+    let mut draws = SplitMix64::new(robot.seed);
     let deviations = Deviations::NOMINAL;
     let mut recorded = Vec::new();
     send(&mut sim, &command_at(0.0)).map_err(simulator)?;
@@ -159,7 +160,7 @@ pub(crate) fn low_state(
     go2: &Model,
     tick: u32,
     deviations: &Deviations,
-    draws: &mut Draws,
+    draws: &mut SplitMix64,
 ) -> LowState {
     let joints = |values: &[f64]| std::array::from_fn(|j| values[j]);
     let foot = |link: &str| {
@@ -179,7 +180,7 @@ pub(crate) fn low_state(
 }
 
 /// The message of the base's pose at `time` \[ns\], with noise.
-pub(crate) fn pose(seen: &SensorReading, time: u64, deviations: &Deviations, draws: &mut Draws) -> Message {
+pub(crate) fn pose(seen: &SensorReading, time: u64, deviations: &Deviations, draws: &mut SplitMix64) -> Message {
     let position = draws.add(seen.base_position, deviations.pose_position);
     let orientation = turned(seen.base_orientation, draws.add([0.0; 3], deviations.pose_orientation));
     Message { topic: "/Odometry", time, data: messages::encode_odometry(time, position, orientation) }

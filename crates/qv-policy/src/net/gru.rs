@@ -7,7 +7,7 @@
 
 use super::elementwise::{sigmoid, tanh};
 use super::{Dense, padded};
-use crate::random::Random;
+use qv_core::random::Xoshiro256PlusPlus;
 
 /// Where the unit's numbers lie in a flat array: two dense layers onto three gates, r, z, n.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -51,7 +51,7 @@ impl Gru {
     }
 
     /// Random weights within one over the root of the state's length, PyTorch's default; those of padding are zero.
-    pub fn draw(&self, random: &mut Random, parameters: &mut [f32]) {
+    pub fn draw(&self, random: &mut Xoshiro256PlusPlus, parameters: &mut [f32]) {
         let bound = 1.0 / (self.hidden as f32).sqrt();
         for layer in [&self.from_input, &self.from_state] {
             for i in 0..layer.inputs {
@@ -170,7 +170,7 @@ mod tests {
     fn two_steps_and_their_slopes() {
         let unit = Gru::new(5, 7, 0);
         let (rows, width, steps) = (3, padded(7), 2);
-        let mut random = Random::new(2);
+        let mut random = Xoshiro256PlusPlus::new(2);
         let mut parameters = vec![0.0; unit.len()];
         unit.draw(&mut random, &mut parameters);
         let inputs: Vec<Vec<f32>> = (0..steps * rows).map(|_| (0..5).map(|_| random.normal()).collect()).collect();

@@ -11,9 +11,9 @@ mod simd;
 pub(crate) use elementwise::{AdamStep, adam};
 pub use gru::{Gru, GruTape};
 
-use crate::random::Random;
 use elementwise::{elu, elu_back};
 use product::{Strided, add_product};
+use qv_core::random::Xoshiro256PlusPlus;
 
 /// Length of a row of `count` numbers with its padding.
 pub const fn padded(count: usize) -> usize {
@@ -56,7 +56,7 @@ impl Dense {
     }
 
     /// Uniform within one over the root of the number of inputs, times `gain` (PyTorch's default for gain 1); no bias.
-    fn draw(&self, gain: f32, random: &mut Random, parameters: &mut [f32]) {
+    fn draw(&self, gain: f32, random: &mut Xoshiro256PlusPlus, parameters: &mut [f32]) {
         let bound = gain / (self.inputs as f32).sqrt();
         for i in 0..self.inputs {
             for o in 0..self.outputs {
@@ -158,7 +158,7 @@ impl Mlp {
     }
 
     /// Random weights; those of the last layer times `last_gain`.
-    pub fn draw(&self, last_gain: f32, random: &mut Random) -> Vec<f32> {
+    pub fn draw(&self, last_gain: f32, random: &mut Xoshiro256PlusPlus) -> Vec<f32> {
         let mut parameters = vec![0.0; self.len()];
         for (k, layer) in self.layers.iter().enumerate() {
             let gain = if k + 1 == self.layers.len() { last_gain } else { 1.0 };

@@ -150,7 +150,7 @@ unsafe fn block<V: Wide, const ROWS: usize, const COLUMNS: usize>(task: &Task, r
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::Random;
+    use qv_core::random::Xoshiro256PlusPlus;
 
     /// The definition, in the same order.
     fn chain(rows: usize, depth: usize, width: usize, a: Strided, b: &[f32], c: &mut [f32]) {
@@ -166,7 +166,7 @@ mod tests {
 
     #[test]
     fn every_register_gives_the_bits_of_the_definition() {
-        let mut random = Random::new(7);
+        let mut random = Xoshiro256PlusPlus::new(7);
         let mut numbers = |count: usize| (0..count).map(|_| random.normal()).collect::<Vec<f32>>();
         for (rows, depth, width) in [(1, 1, 16), (5, 3, 16), (9, 48, 64), (23, 17, 80), (13, 64, 112), (3, 5, 32)] {
             let (a, b, start) = (numbers(rows * depth), numbers(depth * width), numbers(rows * width));

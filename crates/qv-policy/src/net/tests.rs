@@ -15,7 +15,7 @@ fn slow(net: &Mlp, parameters: &[f32], input: &[f64]) -> Vec<f64> {
 }
 
 fn made_up(net: &Mlp, rows: usize) -> (Vec<f32>, Vec<Vec<f64>>, Vec<f32>) {
-    let mut random = Random::new(5);
+    let mut random = Xoshiro256PlusPlus::new(5);
     let mut parameters = net.draw(1.0, &mut random);
     for layer in &net.layers {
         // Biases are drawn as zeros: here they are not.
@@ -52,7 +52,7 @@ fn backward_is_the_slope_of_forward() {
     let net = Mlp::new(&[7, 20, 17, 5]);
     let rows = 9;
     let (parameters, inputs, flat) = made_up(&net, rows);
-    let mut random = Random::new(11);
+    let mut random = Xoshiro256PlusPlus::new(11);
     // A loss that is linear in the output.
     let mut of_output = vec![0.0; rows * padded(5)];
     (0..rows).for_each(|row| (0..5).for_each(|o| of_output[row * padded(5) + o] = random.normal()));

@@ -1,7 +1,7 @@
 //! What the robots learn to walk on, and where on it their episodes begin.
 
 use crate::PolicyError;
-use crate::random::Random;
+use qv_core::random::Xoshiro256PlusPlus;
 use qv_sim::Terrain;
 
 /// Ground with the places at which episodes begin.
@@ -71,7 +71,7 @@ impl Ground {
             return Err(PolicyError::setting("height of bumps", "0 to 0.5 m", height));
         }
         let (count, spacing) = (641, 0.1);
-        let mut random = Random::of(seed, 11, 0);
+        let mut random = Xoshiro256PlusPlus::of(seed, 11, 0);
         let heights: Vec<f32> = (0..count * count).map(|_| random.between(0.0, height)).collect();
         // Smoothed over neighbours, so that a foot meets slopes and not needles, then stretched to the height again.
         let heights = stretched(smoothed(&heights, count), height);
@@ -97,7 +97,7 @@ impl Ground {
         let count = cells * (levels + 2) + 1;
         let origin = -0.5 * side * (levels + 2) as f32;
         let mut heights = vec![0.0; count * count];
-        let mut random = Random::of(seed, 12, 0);
+        let mut random = Xoshiro256PlusPlus::of(seed, 12, 0);
         let rough = smoothed(&(0..count * count).map(|_| random.unit()).collect::<Vec<_>>(), count);
         let mut places = vec![Vec::new(); kinds.len()];
         for kind in 0..kinds.len() {
@@ -142,7 +142,7 @@ impl Ground {
     /// # Errors
     /// When no such point is found.
     pub fn of_terrain(terrain: Terrain, [low, high]: [[f64; 2]; 2], room: f64, seed: u64) -> Result<Self, PolicyError> {
-        let mut random = Random::of(seed, 13, 0);
+        let mut random = Xoshiro256PlusPlus::of(seed, 13, 0);
         let mut places = Vec::new();
         for _ in 0..20_000 {
             let [x, y] = [0, 1].map(|k| low[k] + f64::from(random.unit()) * (high[k] - low[k]));
@@ -248,7 +248,7 @@ mod tests {
     #[test]
     fn quick_heights_are_those_of_the_simulator() {
         let ground = Ground::levels(0.26, 0.1, 3).unwrap();
-        let mut random = Random::new(1);
+        let mut random = Xoshiro256PlusPlus::new(1);
         for _ in 0..2000 {
             let (x, y) = (random.between(-47.0, 47.0), random.between(-47.0, 47.0));
             let exact = ground.terrain.height_below(f64::from(x), f64::from(y), 10.0).unwrap();
@@ -272,7 +272,7 @@ mod tests {
     #[test]
     fn bumps_have_their_height_and_bad_numbers_are_named() {
         let ground = Ground::bumps(0.04, 5).unwrap();
-        let mut random = Random::new(2);
+        let mut random = Xoshiro256PlusPlus::new(2);
         let heights: Vec<f32> = (0..5000)
             .map(|_| ground.height(random.between(-30.0, 30.0), random.between(-30.0, 30.0), 1.0).unwrap())
             .collect();

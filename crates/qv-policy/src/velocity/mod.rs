@@ -23,8 +23,8 @@ pub use walker::Walker;
 use crate::PolicyError;
 use crate::compensate::Compensator;
 use crate::env::{End, VectorEnv};
-use crate::random::Random;
 use judge::{Judge, Outcome, touches};
+use qv_core::random::Xoshiro256PlusPlus;
 use qv_sim::{Batch, BatchCommand, LineSearch, SimOptions, State};
 use randomise::{Draws, set_known};
 use rayon::prelude::*;
@@ -327,7 +327,7 @@ impl VelocityTask {
 }
 
 /// Steps until the next push, exponentially distributed.
-fn push_steps(random: &mut Random, settings: &TaskSettings) -> u32 {
+fn push_steps(random: &mut Xoshiro256PlusPlus, settings: &TaskSettings) -> u32 {
     let time = -f64::from(1.0 - random.unit()).ln() * f64::from(settings.randomise.push_every);
     ((time * f64::from(settings.rate)) as u32).max(1)
 }
@@ -456,7 +456,7 @@ impl VectorEnv for VelocityTask {
         let length = (self.settings.episode * self.settings.rate) as usize;
         self.reward = self.settings.reward.in_epoch(epoch);
         for env in 0..self.count() {
-            self.walkers[env].random = Random::of(seed ^ epoch.rotate_left(40), 4, env as u64);
+            self.walkers[env].random = Xoshiro256PlusPlus::of(seed ^ epoch.rotate_left(40), 4, env as u64);
             if epoch == 0 {
                 // Scores are of the hardest places.
                 let level = if self.judged { self.ground.places[0].len() - 1 } else { 0 };

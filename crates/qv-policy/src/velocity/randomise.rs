@@ -2,7 +2,7 @@
 
 use super::settings::{Randomise, TaskSettings};
 use crate::PolicyError;
-use crate::random::Random;
+use qv_core::random::Xoshiro256PlusPlus;
 use qv_sim::{Batch, Precision};
 use std::collections::BTreeMap;
 
@@ -36,7 +36,12 @@ impl Draws {
     }
 
     /// Draws all for one environment.
-    pub fn draw<T: Precision>(&self, env: usize, random: &mut Random, batch: &mut Batch<T>) -> Result<(), PolicyError> {
+    pub fn draw<T: Precision>(
+        &self,
+        env: usize,
+        random: &mut Xoshiro256PlusPlus,
+        batch: &mut Batch<T>,
+    ) -> Result<(), PolicyError> {
         for draw in &self.0 {
             let share = f64::from(random.unit());
             let value = draw.range[0] + share * (draw.range[1] - draw.range[0]);

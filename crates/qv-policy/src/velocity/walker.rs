@@ -1,13 +1,13 @@
 //! What the task remembers of one robot.
 
 use super::settings::Commands;
-use crate::random::Random;
+use qv_core::random::Xoshiro256PlusPlus;
 
 /// One robot of the task.
 #[derive(Debug, Clone)]
 pub struct Walker {
     /// Its random numbers.
-    pub random: Random,
+    pub random: Xoshiro256PlusPlus,
     /// Commanded velocity: forwards \[m/s\], to the left \[m/s\], turning \[rad/s\].
     pub command: [f32; 3],
     /// Steps until another command.
@@ -44,7 +44,7 @@ impl Walker {
     /// A robot of `joints` and `feet`.
     pub fn new(joints: usize, feet: usize) -> Self {
         Self {
-            random: Random::new(0),
+            random: Xoshiro256PlusPlus::new(0),
             command: [0.0; 3],
             command_steps: 0,
             steps: 0,

@@ -1,6 +1,7 @@
 //! What a replay found, in one or two sentences.
 
 use crate::replay::{Lag, Replay};
+use qv_core::statistics::median;
 
 /// The finding in words, plain text: error in windows, the worst joint, the lag that the model does not explain, and the
 /// error of the whole run.
@@ -24,7 +25,7 @@ pub fn verdict(replay: &Replay) -> String {
         milliradians(error),
     );
     // Less is the spread of the estimate from joint to joint.
-    if let Some(lag) = median(&replay.model_lags).filter(|lag| lag.abs() >= 0.001) {
+    if let Some(lag) = median_lag(&replay.model_lags).filter(|lag| lag.abs() >= 0.001) {
         let side = if lag < 0.0 { "ahead of" } else { "behind" };
         text += &format!(" The robot's joints are {:.1} ms {side} the simulated ones.", 1e3 * lag.abs());
     }
@@ -40,10 +41,9 @@ pub fn verdict(replay: &Replay) -> String {
 }
 
 /// Median over the joints for which a lag was found \[s\].
-fn median(lags: &[Lag]) -> Option<f64> {
+fn median_lag(lags: &[Lag]) -> Option<f64> {
     let mut found: Vec<f64> = lags.iter().map(|l| l.lag).filter(|x| x.is_finite()).collect();
-    found.sort_by(f64::total_cmp);
-    found.get(found.len() / 2).copied()
+    (!found.is_empty()).then(|| median(&mut found))
 }
 
 fn milliradians(x: f64) -> String {
@@ -57,7 +57,7 @@ mod tests {
     #[test]
     fn the_median_ignores_what_is_unknown() {
         let lag = |lag: f64| Lag { joint: "a".into(), lag, before: 0.0, after: 0.0 };
-        assert_eq!(median(&[]), None);
-        assert_eq!(median(&[lag(f64::NAN), lag(0.003), lag(0.001), lag(0.002)]), Some(0.002));
+        assert_eq!(median_lag(&[]), None);
+        assert_eq!(median_lag(&[lag(f64::NAN), lag(0.003), lag(0.001), lag(0.002)]), Some(0.002));
     }
 }

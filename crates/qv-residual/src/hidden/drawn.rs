@@ -1,7 +1,7 @@
 //! What is hidden in a robot: parameters that the simulator knows, and effects that it lacks.
 
 use super::Engine;
-use qv_policy::random::Random;
+use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::velocity::TaskRobot;
 use qv_sim::{SensorReading, State};
 
@@ -42,7 +42,7 @@ impl Hidden {
     /// A robot whose actuators have effects of the catalogue: latency, lag, friction and strength always; for every other seed also
     /// encoder biases, play and joints that differ.
     pub fn inside(robot: &TaskRobot, engine: Engine, seed: u64) -> Self {
-        let mut random = Random::of(seed, 53, 0);
+        let mut random = Xoshiro256PlusPlus::of(seed, 53, 0);
         let mut between = |low: f64, high: f64| low + (high - low) * f64::from(random.unit());
         let scale = f64::from(robot.torque_scale());
         let is_mixed = seed % 2 == 1;
@@ -74,7 +74,7 @@ impl Hidden {
 
     /// A robot with latency and lag, and one effect that the catalogue lacks, in turn.
     pub fn outside(robot: &TaskRobot, engine: Engine, seed: u64) -> Self {
-        let mut random = Random::of(seed, 59, 0);
+        let mut random = Xoshiro256PlusPlus::of(seed, 59, 0);
         let mut between = |low: f64, high: f64| low + (high - low) * f64::from(random.unit());
         let scale = f64::from(robot.torque_scale());
         let (latency, lag) = (between(0.008, 0.015), between(0.004, 0.01));

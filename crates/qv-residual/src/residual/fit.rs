@@ -1,9 +1,9 @@
 //! A net fitted to samples by Adam on minibatches; a minibatch has a fixed number of shards, so that the bits do not depend on threads.
 
 use crate::ResidualError;
+use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::adam::Adam;
 use qv_policy::net::{Mlp, Tape, padded};
-use qv_policy::random::Random;
 use rayon::prelude::*;
 
 /// Inputs and outputs, padded rows.
@@ -47,7 +47,7 @@ pub(super) fn fit(
     samples: &Samples,
     passes: usize,
     rate: f32,
-    random: &mut Random,
+    random: &mut Xoshiro256PlusPlus,
 ) -> Result<f64, ResidualError> {
     if samples.count == 0 {
         return Err(ResidualError::input("samples of a net", "at least one", 0));

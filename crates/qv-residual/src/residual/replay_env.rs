@@ -7,9 +7,9 @@ use super::supervised::{LOST, spread};
 use super::{ResidualNet, UNIT};
 use crate::ResidualError;
 use crate::windows::{Lane, Replayer, Window, yaw_of};
+use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::PolicyError;
 use qv_policy::env::{End, VectorEnv};
-use qv_policy::random::Random;
 use qv_sim::LaneState;
 use rayon::prelude::*;
 
@@ -40,7 +40,7 @@ pub struct ReplayEnv<'a> {
     at: Vec<(usize, usize)>,
     /// Decisions until each robot's time is over.
     left: Vec<usize>,
-    random: Vec<Random>,
+    random: Vec<Xoshiro256PlusPlus>,
     moved: Vec<f32>,
     before: Vec<f32>,
     sums: [f64; 4],
@@ -71,7 +71,7 @@ impl<'a> ReplayEnv<'a> {
             clip,
             at: vec![(0, 0); count],
             left: vec![LENGTH - 1; count],
-            random: (0..count).map(|env| Random::of(0, 67, env as u64)).collect(),
+            random: (0..count).map(|env| Xoshiro256PlusPlus::of(0, 67, env as u64)).collect(),
             moved: vec![0.0; count * joints],
             before: vec![0.0; count * joints],
             sums: [0.0; 4],
@@ -278,7 +278,7 @@ impl VectorEnv for ReplayEnv<'_> {
 
     fn restart(&mut self, seed: u64, epoch: u64) -> Result<(), PolicyError> {
         for env in 0..self.count() {
-            self.random[env] = Random::of(seed ^ epoch.rotate_left(40), 67, env as u64);
+            self.random[env] = Xoshiro256PlusPlus::of(seed ^ epoch.rotate_left(40), 67, env as u64);
             // Ages are drawn, so that not all begin anew at once.
             let left = 1 + self.random[env].below(LENGTH - 1);
             self.begin(env, left)?;

@@ -9,9 +9,9 @@ use super::torque::Watch;
 use super::{NetKind, PositionResidual, ResidualNet, TorqueResidual, UNIT};
 use crate::ResidualError;
 use crate::windows::{Lane, Replayer, Window};
+use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::compensate::Compensator;
 use qv_policy::net::Mlp;
-use qv_policy::random::Random;
 use serde::{Deserialize, Serialize};
 
 /// How a net is taught.
@@ -183,7 +183,7 @@ impl Teacher<'_> {
         let sizes: Vec<usize> =
             std::iter::once(inputs).chain(settings.hidden.iter().copied()).chain([outputs]).collect();
         let net = Mlp::new(&sizes);
-        let mut random = Random::of(settings.seed, 61, 0);
+        let mut random = Xoshiro256PlusPlus::of(settings.seed, 61, 0);
         let mut parameters = net.draw(0.1, &mut random);
         let mut samples = Samples::default();
         let mut best: Option<(f64, ResidualNet)> = None;

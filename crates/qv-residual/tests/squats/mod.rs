@@ -1,6 +1,6 @@
 //! A Go2 that stands and moves all its joints, recorded from the simulator itself.
 
-use qv_policy::random::Random;
+use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::velocity::{TaskRobot, TaskSettings};
 use qv_residual::log::{Log, Stretch};
 use qv_residual::windows::Replayer;
@@ -12,7 +12,7 @@ pub fn log(robot: &TaskRobot, parameters: &[(&str, f64)], stretches: usize, nois
     let mut log = Log::new(robot, &task);
     let (joints, decisions, terrain) = (robot.joints(), 200, Terrain::plane());
     for k in 0..stretches {
-        let mut random = Random::of(3, 1, k as u64);
+        let mut random = Xoshiro256PlusPlus::of(3, 1, k as u64);
         let phases: Vec<f32> = (0..joints).map(|_| random.between(0.0, 6.0)).collect();
         let speed = random.between(6.0, 14.0);
         let mut stretch =

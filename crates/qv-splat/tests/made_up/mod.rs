@@ -1,18 +1,20 @@
 //! A made-up cloud for the tests of files.
 
 use qv_core::GaussianCloud;
+use qv_core::random::SplitMix64;
 
-/// Numbers within 0 to 1 that look random (splitmix64, Steele et al., 2014).
-pub struct Numbers(pub u64);
+/// Numbers within 0 to 1 that look random.
+pub struct Numbers(SplitMix64);
 
 impl Numbers {
+    /// Those of a seed.
+    pub fn new(seed: u64) -> Self {
+        Self(SplitMix64::new(seed))
+    }
+
     /// The next one.
     pub fn next(&mut self) -> f32 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut x = self.0;
-        x = (x ^ x >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        x = (x ^ x >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((x ^ x >> 31) >> 40) as f32 / (1u64 << 24) as f32
+        (self.0.bits() >> 40) as f32 / (1u64 << 24) as f32
     }
 
     /// The next one within a range.
@@ -23,7 +25,7 @@ impl Numbers {
 
 /// Gaussians within what all formats hold.
 pub fn cloud(count: usize, sh_degree: u8, feature_count: usize) -> GaussianCloud {
-    let mut n = Numbers(7);
+    let mut n = Numbers::new(7);
     let functions = (sh_degree as usize + 1).pow(2);
     let mut cloud = GaussianCloud { sh_degree, feature_count, ..Default::default() };
     for _ in 0..count {
