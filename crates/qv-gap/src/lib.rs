@@ -16,7 +16,6 @@ pub mod null;
 pub mod problem;
 pub mod report;
 pub mod rollout;
-pub mod visual;
 
 pub use diagnose::{Options, diagnose};
 pub use error::GapError;

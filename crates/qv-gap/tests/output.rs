@@ -73,7 +73,7 @@ fn corrections() -> Vec<Correction> {
 
 #[test]
 fn the_page_says_what_matters() {
-    let page = to_html(&report(), "walk.mcap", &["One message was lost.".into()]);
+    let page = to_html(&report(), "walk.mcap", &["One message was lost.".into()], &[]);
     for said in [
         "<title>Diagnosis of walk.mcap</title>",
         "The motors answer 10.1 ms late",
@@ -109,7 +109,7 @@ fn the_page_says_what_matters() {
 #[test]
 fn the_page_is_one_file_without_program_or_network() {
     for report in [report(), empty()] {
-        let page = to_html(&report, "run", &[]);
+        let page = to_html(&report, "run", &[], &[]);
         for never in ["<script", "http:", "https:", "src=", "<link", "@import", "url(", "NaN", "inf"] {
             assert!(!page.contains(never), "{never}");
         }
@@ -122,7 +122,7 @@ fn the_page_is_one_file_without_program_or_network() {
 
 #[test]
 fn what_is_not_there_takes_no_room() {
-    let page = to_html(&empty(), "run", &[]);
+    let page = to_html(&empty(), "run", &[], &[]);
     for absent in
         ["<svg", "What is left", "Where it lies", "What to do next", "cannot tell", "Where the time", "Corrections"]
     {
@@ -134,7 +134,7 @@ fn what_is_not_there_takes_no_room() {
     held.place.regions.clear();
     held.verdict = Verdict::Unexplained;
     held.causes.clear();
-    let page = to_html(&held, "arm", &[]);
+    let page = to_html(&held, "arm", &[], &[]);
     assert!(!page.contains("Where on the floor") && page.contains("no effect that the diagnosis knows"));
     assert!(!page.contains("95 % interval"), "nothing is closed without a cause");
     assert!(!page.contains(">after<") && !page.contains("l-after\""), "after is before");
@@ -164,7 +164,7 @@ fn text_of_others_stays_text() {
     r.stages[0].name = nasty.clone();
     r.corrections[0].parameter = format!("actuator.{nasty}.lag");
     r.corrections[0].unit = nasty.clone();
-    let page = to_html(&r, &nasty, std::slice::from_ref(&nasty));
+    let page = to_html(&r, &nasty, std::slice::from_ref(&nasty), &[]);
     assert!(!page.contains("<script") && page.matches("</style>").count() == 1);
     assert!(page.matches("&lt;script&gt;").count() > 15);
 }
@@ -201,7 +201,7 @@ fn numbers_that_are_none_leave_no_trace() {
     r.stages[0].seconds = none;
     r.corrections[0].value = none;
     r.runtime_s = none;
-    let everything = files(&r, &go2(), Some(&qv_go2::model::urdf()), "run", &[], &KP, &KD);
+    let everything = files(&r, &go2(), Some(&qv_go2::model::urdf()), "run", &[], &[], &KP, &KD);
     for (name, bytes) in everything {
         let text = String::from_utf8(bytes).unwrap();
         assert!(!text.contains("inf\"") && !text.contains(">inf") && !text.contains("-inf"), "{name}");
@@ -237,9 +237,9 @@ fn a_finding_that_makes_things_worse_is_applied_by_no_file() {
         assert!(text.contains(&format!("# \"{}\" = ", correction.parameter)), "{text}");
     }
     assert!(text.contains("the loss is 7.30 with it and 1.40 without"), "{text}");
-    assert!(to_html(&found, "walk", &[]).contains("Not a correction"));
+    assert!(to_html(&found, "walk", &[], &[]).contains("Not a correction"));
     let model = go2();
-    let of = |report: &Report| files(report, &model, None, "walk", &[], &KP, &KD);
+    let of = |report: &Report| files(report, &model, None, "walk", &[], &[], &KP, &KD);
     let nothing = Report { corrections: vec![], ..found.clone() };
     for name in ["mjcf_fragment.xml", "isaac_lab_actuators.py"] {
         let text = |report: &Report| of(report).into_iter().find(|f| f.0 == name).unwrap().1;
@@ -477,7 +477,7 @@ fn a_urdf_of_another_robot_is_refused() {
         assert!(error.contains(told), "{error}");
         let mut r = empty();
         r.corrections = vec![hip.clone()];
-        let written = files(&r, &go2(), Some(urdf), "run", &[], &KP, &KD);
+        let written = files(&r, &go2(), Some(urdf), "run", &[], &[], &KP, &KD);
         assert!(!written.iter().any(|(name, _)| name == "robot_calibrated.urdf"));
         let page = &written.iter().find(|(name, _)| name == "report.html").unwrap().1;
         assert!(String::from_utf8_lossy(page).contains("robot_calibrated.urdf was not written"));
@@ -556,7 +556,7 @@ fn python_reads_the_actuators() {
 
 #[test]
 fn all_files_are_written() {
-    let written = files(&report(), &go2(), Some(&qv_go2::model::urdf()), "run", &[], &KP, &KD);
+    let written = files(&report(), &go2(), Some(&qv_go2::model::urdf()), "run", &[], &[], &KP, &KD);
     let names: Vec<&str> = written.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(
         names,
@@ -577,9 +577,9 @@ fn all_files_are_written() {
     let read = read(text(4));
     assert_eq!(read.joints.len(), 12, "a URDF with a comment at its end is one still");
     assert!(text(4).contains("lag: all joints 0.0101235 s."));
-    let nothing = files(&empty(), &go2(), Some(&qv_go2::model::urdf()), "run", &[], &[], &[]);
+    let nothing = files(&empty(), &go2(), Some(&qv_go2::model::urdf()), "run", &[], &[], &[], &[]);
     assert_eq!(nothing.len(), 6);
     assert!(nothing[4].1.starts_with(qv_go2::model::urdf().as_bytes()), "nothing is changed");
-    assert_eq!(files(&empty(), &go2(), None, "run", &[], &[], &[]).len(), 5);
+    assert_eq!(files(&empty(), &go2(), None, "run", &[], &[], &[], &[]).len(), 5);
     assert!(to_json(&empty()).contains("\"closed\": null"));
 }

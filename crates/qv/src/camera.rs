@@ -2,8 +2,8 @@
 
 use crate::RunArguments;
 use crate::open::{bag_files, file_error};
+use qv_camera::{Intrinsics, Photograph, Rig};
 use qv_core::Pose;
-use qv_gap::visual::{Intrinsics, Photograph, Rig};
 use qv_replay::images::{CameraInfo, Images, read_images};
 use qv_replay::run::Clock;
 use qv_replay::{ReplayError, Run};
@@ -97,27 +97,8 @@ fn parse_camera(text: &str, info: Option<&CameraInfo>) -> Result<RobotCamera, (S
 
 /// A camera as the text that [`open_camera`] reads.
 pub fn to_toml(camera: &RobotCamera, sentence: &str) -> String {
-    let Rig { intrinsics: i, base_from_camera, delay, gain, blur } = &camera.rig;
     let d = &camera.distortion;
-    let list = |values: &[f64]| values.iter().map(|x| format!("{x:?}")).collect::<Vec<_>>().join(", ");
-    let distortion = match d.is_none() {
-        true => String::new(),
-        false => format!("distortion = [{}]\n", list(&[d.k1, d.k2, d.p1, d.p2, d.k3])),
-    };
-    format!(
-        "# The camera as a diagnosis corrects it, for --camera.\n# {}\nwidth = {}\nheight = {}\nfx = {:?}\nfy = {:?}\ncx = {:?}\ncy = {:?}\n\
-         {distortion}# Images are taken this long before their stamps [s].\ndelay = {delay:?}\n# Factor on displayed values of the scene.\n\
-         gain = {gain:?}\n# Deviation of a blur [px].\nblur = {blur:?}\n\n[base_from_camera]\nposition = [{}]\nquaternion = [{}]\n",
-        sentence.replace(['\n', '\r'], " "),
-        i.width,
-        i.height,
-        i.fx,
-        i.fy,
-        i.cx,
-        i.cy,
-        list(&base_from_camera.position.to_array()),
-        list(&base_from_camera.wxyz())
-    )
+    qv_camera::to_toml(&camera.rig, [d.k1, d.k2, d.p1, d.p2, d.k3], sentence)
 }
 
 /// Images of a run before they are decoded: stamps on the run's clock, and files.

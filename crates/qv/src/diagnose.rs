@@ -7,13 +7,13 @@ use crate::provenance::provenance;
 use crate::scene::open_scene;
 use crate::whole::put;
 use crate::{Outcome, Reading, RunArguments, say};
+use qv_camera::{CameraError, EFFECTS, Footage, LookOptions, Photograph, Sight, check, html, join, look};
 use qv_core::statistics::median;
 use qv_core::{GaussianCloud, JointSeries};
 use qv_gap::baselines::{Baselines, CMA_ES_STEPS, baselines};
 use qv_gap::decision::evidence::Evidence;
 use qv_gap::problem::library;
 use qv_gap::report::{Report, Stage, UNKNOWN};
-use qv_gap::visual::{EFFECTS, Footage, LookOptions, Photograph, check, join, look};
 use qv_gap::{GapError, Options, diagnose, export};
 use qv_replay::{ReplayError, Run};
 use qv_sim::Model;
@@ -147,7 +147,7 @@ impl Diagnose {
         let provenance = provenance(read);
         diagnosis.report.provenance = Some(provenance.clone());
         diagnosis.without.iter_mut().for_each(|(_, report, _)| report.provenance = Some(provenance.clone()));
-        let corrected = match &place {
+        let seen = match &place {
             Some(place) => Some(self.look(place, &runs[0], &mut diagnosis.report, &seconds, &told)?),
             None => None,
         };
@@ -164,14 +164,14 @@ impl Diagnose {
         let told = told_of(&runs[0], &model);
         let notes = told.iter().chain(&lost).cloned().collect();
         let robot = Robot::new(&runs[0], model.clone(), urdf, notes);
-        self.write(&self.out, &diagnosis.report, &diagnosis.evidence, &robot)?;
+        let sections: Vec<String> = seen.iter().map(|(_, sight)| html::section(sight)).collect();
+        self.write(&self.out, &diagnosis.report, &diagnosis.evidence, &sections, &robot)?;
         for (effect, report, evidence) in &diagnosis.without {
-            self.write(&self.out.join("without").join(effect), report, evidence, &robot)?;
+            self.write(&self.out.join("without").join(effect), report, evidence, &[], &robot)?;
         }
-        if let Some(camera) = &corrected {
+        if let Some((camera, sight)) = &seen {
             let path = self.out.join("calibrated_camera.toml");
-            let said = diagnosis.report.visual.as_ref().map_or("", |v| &v.sentence);
-            put(&path, to_toml(camera, said)).map_err(|e| write_error(&path, &e))?;
+            put(&path, to_toml(camera, &sight.sentence)).map_err(|e| write_error(&path, &e))?;
         }
         if let Some(rivals) = &rivals {
             write_baselines(&self.out, rivals)?;
@@ -207,11 +207,11 @@ impl Diagnose {
         let background = file.background.unwrap_or_default();
         let place = Place { cloud: file.cloud, background, camera, photographs, notes: images.notes };
         let options = LookOptions { most: self.images, ..Default::default() };
-        check(&place.footage(run.measured.base_pose.as_ref()), &options).map_err(replay_error)?;
+        check(&place.footage(run.measured.base_pose.as_ref()), &options).map_err(camera_error)?;
         Ok(place)
     }
 
-    /// Judges the camera, adds that to the report, and gives the camera as it should be.
+    /// Judges the camera, adds that to the report, and gives the camera as it should be beside what was seen.
     fn look(
         &self,
         place: &Place,
@@ -219,7 +219,7 @@ impl Diagnose {
         report: &mut Report,
         seconds: &dyn Fn() -> f64,
         told: &(dyn Fn(&str) + Sync),
-    ) -> Result<RobotCamera, ReplayError> {
+    ) -> Result<(RobotCamera, Sight), ReplayError> {
         let begun = seconds();
         // A pose that comes late is known by now: the camera is not accused of it.
         let late = report.corrections.iter().find(|c| c.parameter == "sensor.pose.delay").map_or(0.0, |c| c.value);
@@ -233,20 +233,28 @@ impl Diagnose {
             progress: Some(&progress),
             ..Default::default()
         };
-        let sight = look(&place.footage(poses.as_ref()), &options).map_err(replay_error)?;
+        let sight = look(&place.footage(poses.as_ref()), &options).map_err(camera_error)?;
         let rig = sight.corrected.unwrap_or(place.camera.rig);
-        join(report, sight);
+        join(report, &sight);
         let spent = seconds() - begun;
         report.stages.push(Stage { name: "images".into(), seconds: spent, steps: 0 });
         report.runtime_s += spent;
-        Ok(RobotCamera { rig, ..place.camera })
+        Ok((RobotCamera { rig, ..place.camera }, sight))
     }
 
-    fn write(&self, directory: &Path, report: &Report, evidence: &Evidence, robot: &Robot) -> Result<(), ReplayError> {
+    fn write(
+        &self,
+        directory: &Path,
+        report: &Report,
+        evidence: &Evidence,
+        sections: &[String],
+        robot: &Robot,
+    ) -> Result<(), ReplayError> {
         fs::create_dir_all(directory).map_err(|e| write_error(directory, &e))?;
         let title: Vec<String> = self.runs.iter().map(|r| r.display().to_string()).collect();
         let urdf = robot.urdf.as_deref();
-        let files = export::files(report, &robot.model, urdf, &title.join(", "), &robot.notes, &robot.kp, &robot.kd);
+        let (title, Robot { model, notes, kp, kd, .. }) = (title.join(", "), robot);
+        let files = export::files(report, model, urdf, &title, notes, sections, kp, kd);
         let evidence = serde_json::to_vec(evidence).expect("evidence is plain data");
         for (name, bytes) in files.into_iter().chain([("evidence.json".into(), evidence)]) {
             let path = directory.join(name);
@@ -328,6 +336,11 @@ fn replay_error(error: GapError) -> ReplayError {
             ReplayError::Run { what: "simulator".into(), expected: "a simulation".into(), found: error.to_string() }
         }
     }
+}
+
+fn camera_error(error: CameraError) -> ReplayError {
+    let CameraError::Input { what, expected, found } = error;
+    ReplayError::Run { what, expected, found }
 }
 
 fn summary(report: &Report) -> String {

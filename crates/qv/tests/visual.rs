@@ -1,16 +1,16 @@
 //! `qv diagnose --scene --camera`: a trotting Go2 with a camera in the yard, and every way to give it the wrong things.
 
 mod bags;
-#[path = "../../qv-gap/tests/footage/mod.rs"]
+#[path = "../../qv-camera/tests/footage/mod.rs"]
 mod footage;
 
 use bags::*;
 use footage::{Hidden, Truth, mounting, recording};
 use glam::{DQuat, DVec3};
 use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
+use qv_camera::path::Path as Way;
+use qv_camera::{Intrinsics, Rig};
 use qv_core::{GaussianCloud, JointSeries, Pose};
-use qv_gap::visual::path::Path as Way;
-use qv_gap::visual::{Intrinsics, Rig};
 use qv_go2::synthetic::{self, Robot};
 use qv_replay::cdr::Writer;
 use qv_replay::{BagFile, read_bag};

@@ -5,7 +5,7 @@ use crate::workspace::{Package, Workspace};
 use std::path::Path;
 
 /// Layer of each crate; the table of docs/ARCHITECTURE.md. `qv` and `xtask` are above all and used by none.
-const LAYERS: [(&str, u8); 14] = [
+const LAYERS: [(&str, u8); 15] = [
     ("qv-core", 0),
     ("qv-sim", 1),
     ("qv-raster", 1),
@@ -18,8 +18,9 @@ const LAYERS: [(&str, u8); 14] = [
     ("qv-residual", 3),
     ("qv-gap", 3),
     ("yard", 3),
-    ("qv", 4),
-    ("xtask", 4),
+    ("qv-camera", 4),
+    ("qv", 5),
+    ("xtask", 5),
 ];
 
 /// Layer of a crate of the workspace.

@@ -7,8 +7,7 @@ mod curves;
 mod floor_plan;
 mod heat_map;
 mod style;
-mod visual;
-mod words;
+pub mod words;
 
 use super::calibrated::cause_of;
 use crate::problem::library::{Effect, built_in};
@@ -19,8 +18,8 @@ use style::STYLE;
 use words::{amount, escape, fixed, percent, significant, words};
 
 /// The page. `title` names the recording; `notes` are said under the verdict, one paragraph each, such as what was lost.
-/// Parts of the report that are empty take no room; what is not finite is a dash.
-pub fn to_html(report: &Report, title: &str, notes: &[String]) -> String {
+/// `sections` are HTML that the caller made, after the curves. Parts of the report that are empty take no room; what is not finite is a dash.
+pub fn to_html(report: &Report, title: &str, notes: &[String], sections: &[String]) -> String {
     let mut page = format!(
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">\
          <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
@@ -39,7 +38,7 @@ pub fn to_html(report: &Report, title: &str, notes: &[String]) -> String {
     let shown = shown(report);
     page += &place(&shown);
     page += &curves::curves(&shown.curves);
-    page += &visual::visual(report.visual.as_ref());
+    sections.iter().for_each(|section| page += section);
     page += &unexplained(&report.unexplained, report.verdict);
     page += &corrections(report, &library);
     page += &stages(&report.stages, report.runtime_s);

@@ -11,7 +11,7 @@ mod urdf;
 mod xml;
 
 pub use calibrated::to_toml;
-pub use html::to_html;
+pub use html::{to_html, words};
 pub use isaac_lab::to_isaac_lab;
 pub use mjcf::to_mjcf;
 pub use urdf::to_urdf;
@@ -28,13 +28,14 @@ pub const ISAAC_LAB_DT: f64 = 0.005;
 ///
 /// `title` names the recording; `notes` are said under the verdict of the page. `kp` \[N m/rad\] and `kd` \[N m s/rad\] are the
 /// gains of the recording, shape `[joints]` in the model's order, zero for motors that take torques; empty when they are not known.
-/// A URDF that cannot be edited is left out, and a note on the page says why.
+/// A URDF that cannot be edited is left out, and a note on the page says why. `sections` are for [`to_html`].
 pub fn files(
     report: &Report,
     model: &Model,
     urdf_text: Option<&str>,
     title: &str,
     notes: &[String],
+    sections: &[String],
     kp: &[f64],
     kd: &[f64],
 ) -> Vec<(String, Vec<u8>)> {
@@ -46,7 +47,7 @@ pub fn files(
     }
     let mut files = vec![
         ("report.json", to_json(report)),
-        ("report.html", to_html(report, title, &notes)),
+        ("report.html", to_html(report, title, &notes, sections)),
         ("calibrated.toml", to_toml(report)),
         ("mjcf_fragment.xml", to_mjcf(model, corrections, kp, kd)),
     ];

@@ -8,8 +8,8 @@ pub(crate) mod residual_factors;
 
 use crate::decision::Policy;
 pub use crate::findings::{Correction, Gap, ParameterEstimate, Ranked, UNKNOWN, Verdict};
-use crate::visual::Sight;
 use serde::Serialize;
+use serde_json::value::RawValue;
 
 /// The format's name in `report.json`.
 pub const FORMAT: &str = "qv-diagnosis/1";
@@ -212,6 +212,26 @@ pub struct Stage {
     pub steps: usize,
 }
 
+/// What another crate adds to a report: its JSON, with keys in the order of its own fields.
+#[derive(Debug, Clone, Serialize)]
+#[serde(transparent)]
+pub struct Part(Box<RawValue>);
+
+impl Part {
+    /// Of plain data.
+    pub fn new(of: &impl Serialize) -> Self {
+        // Indented as the fields of a report are.
+        let text = serde_json::to_string_pretty(of).expect("plain data").replace('\n', "\n  ");
+        Self(RawValue::from_string(text).expect("it was written as JSON"))
+    }
+}
+
+impl PartialEq for Part {
+    fn eq(&self, other: &Self) -> bool {
+        self.0.get() == other.0.get()
+    }
+}
+
 /// A diagnosis.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
@@ -234,9 +254,9 @@ pub struct Report {
     pub leads: Vec<Lead>,
     /// How the causes were found, round by round.
     pub rounds: Vec<RoundSummary>,
-    /// What the camera says, when there are images and a scene.
+    /// What the camera says, where another crate looked.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub visual: Option<Sight>,
+    pub visual: Option<Part>,
     /// What is left.
     pub unexplained: Unexplained,
     /// What cannot be told from this recording, and why.
@@ -265,4 +285,34 @@ pub struct Report {
     /// Program, arguments, and inputs with their hashes, where the caller says them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub provenance: Option<serde_json::Value>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Keys that are not in the order of the alphabet, and numbers that JSON lacks.
+    #[derive(Serialize)]
+    struct Own {
+        size: f64,
+        parts: Vec<Share>,
+        after: f64,
+    }
+
+    #[derive(Serialize)]
+    struct Whole<T> {
+        first: u8,
+        visual: T,
+        last: u8,
+    }
+
+    #[test]
+    fn a_part_reads_as_if_it_were_a_field() {
+        let own = Own { size: 0.1, parts: vec![Share { name: "a\nb".into(), share: 1.0 }], after: f64::NAN };
+        let part = Part::new(&own);
+        let as_part = serde_json::to_string_pretty(&Whole { first: 1, visual: part.clone(), last: 2 }).unwrap();
+        let value = serde_json::to_value(&part).unwrap();
+        assert_eq!((value["size"].as_f64(), value["after"].is_null()), (Some(0.1), true), "{value}");
+        assert_eq!(as_part, serde_json::to_string_pretty(&Whole { first: 1, visual: own, last: 2 }).unwrap());
+    }
 }

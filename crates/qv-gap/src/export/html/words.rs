@@ -1,7 +1,7 @@
 //! Numbers, units and names as people read them.
 
 use crate::report::{ParameterEstimate, UNKNOWN};
-pub(super) use qv_replay::replay::escape;
+pub use qv_replay::replay::escape;
 
 /// With this many decimals; a dash for what is not finite.
 pub(super) fn fixed(x: f64, decimals: usize) -> String {
@@ -15,7 +15,7 @@ pub(super) fn fixed(x: f64, decimals: usize) -> String {
 }
 
 /// With this many digits that count, as long as that needs neither an exponent nor many zeros.
-pub(super) fn significant(x: f64, digits: i32) -> String {
+pub fn significant(x: f64, digits: i32) -> String {
     if !x.is_finite() {
         return "–".into();
     }
@@ -30,7 +30,7 @@ pub(super) fn significant(x: f64, digits: i32) -> String {
 }
 
 /// A share in percent.
-pub(super) fn percent(share: f64) -> String {
+pub fn percent(share: f64) -> String {
     match 100.0 * share {
         p if !p.is_finite() => "–".into(),
         p if p > 0.0 && p < 0.95 => "< 1 %".into(),
@@ -108,7 +108,7 @@ pub(super) fn amount(name: &str, value: f64, unit: &str) -> String {
 }
 
 /// An effect's or parameter's name as words.
-pub(super) fn words(name: &str) -> String {
+pub fn words(name: &str) -> String {
     if name == UNKNOWN {
         return "None of the library".into();
     }

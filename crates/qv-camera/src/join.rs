@@ -1,14 +1,14 @@
 //! The camera's part of a report.
 
-use super::Sight;
-use crate::report::{Gap, Ranked, Report, Share, Verdict};
+use crate::Sight;
+use qv_gap::report::{Gap, Part, Ranked, Report, Share, Verdict};
 
 /// Adds what the camera says to what the rest of the robot says.
 ///
 /// The two are independent evidence: images say nothing of motors, and joints nothing of a camera. Each keeps its causes and their
 /// probabilities; the verdict is that of both, and `where` has the camera's share of what both exceed their null by. The gap
 /// that is told is that of the robot, or the camera's when the robot has none.
-pub fn join(report: &mut Report, sight: Sight) {
+pub fn join(report: &mut Report, sight: &Sight) {
     let robot = if report.verdict == Verdict::NoGap { 0.0 } else { (report.gap.before - report.gap.floor).max(1e-3) };
     let camera = if sight.verdict == Verdict::NoGap { 0.0 } else { (sight.level[0] - 1.0).max(1e-3) };
     let share = if robot + camera > 0.0 { camera / (robot + camera) } else { 0.0 };
@@ -56,7 +56,7 @@ pub fn join(report: &mut Report, sight: Sight) {
     if !sight.causes.is_empty() {
         report.next.push("Use `calibrated_camera.toml` as the camera, and diagnose again.".into());
     }
-    report.visual = Some(sight);
+    report.visual = Some(Part::new(sight));
 }
 
 /// Whether the rest of the robot could have shown a late pose, and did not.

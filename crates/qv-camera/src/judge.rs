@@ -1,14 +1,14 @@
 //! Which effect of the camera: accuse or abstain.
 
-use super::align::{self, NUMBERS, Offsets};
-use super::model::{BLUR, DELAY, FOCAL, Fit, GAIN, MOUNTING, PLACE, SHARED, Sighting, TOLERANCE, Together};
-use super::path::{Path, pose_of};
-use super::sight::{Looks, Noise, Sight, VisualGap};
-use super::{Footage, LinearisedWindow, LookOptions, Rig, plus, stated};
-use crate::GapError;
-use crate::report::{Cause, ParameterEstimate, Ranked, Verdict};
+use crate::CameraError;
+use crate::align::{self, NUMBERS, Offsets};
+use crate::model::{BLUR, DELAY, FOCAL, Fit, GAIN, MOUNTING, PLACE, SHARED, Sighting, TOLERANCE, Together};
+use crate::path::{Path, pose_of};
+use crate::sight::{Looks, Noise, Sight, VisualGap};
+use crate::{Footage, LinearisedWindow, LookOptions, Rig, plus, stated};
 use qv_core::random::SplitMix64;
 use qv_core::statistics::median;
+use qv_gap::report::{Cause, ParameterEstimate, Ranked, Verdict};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -95,10 +95,10 @@ pub fn judge(
     path: &Path,
     seen: &[LinearisedWindow],
     options: &LookOptions,
-) -> Result<Sight, GapError> {
+) -> Result<Sight, CameraError> {
     let rig = footage.rig;
     let sightings: Vec<Sighting> = seen.iter().map(|s| s.sighting.clone()).collect();
-    let no_good = || GapError::run("images", "photographs that agree with the scene somewhere", "none");
+    let no_good = || CameraError::new("images", "photographs that agree with the scene somewhere", "none");
     let together = Together::new(path, rig.base_from_camera, rig.delay, &sightings).ok_or_else(no_good)?;
     let judge = Judge { footage, together, seen, stated: stated(&rig, options.width), width: options.width };
     let shows_another_place = judge.share_accounted_for() < ALIKE_AT_BEST;
@@ -221,7 +221,7 @@ impl Judge<'_> {
     }
 
     /// Disagreement of each photograph with these effects as the other photographs have them.
-    fn unseen(&self, effects: &[usize], all: &Fit) -> Result<Vec<f64>, GapError> {
+    fn unseen(&self, effects: &[usize], all: &Fit) -> Result<Vec<f64>, CameraError> {
         let fits: Vec<Option<Fit>> = (0..FOLDS).map(|fold| self.fit(effects, all, |i| i % FOLDS != fold)).collect();
         let one = |(i, seen): (usize, &LinearisedWindow)| {
             let Some(fit) = &fits[i % FOLDS] else { return Ok(seen.before.loss) };
@@ -231,7 +231,7 @@ impl Judge<'_> {
         self.seen.par_iter().enumerate().map(one).collect()
     }
 
-    fn told(&self, found: &Found, options: &LookOptions) -> Result<Sight, GapError> {
+    fn told(&self, found: &Found, options: &LookOptions) -> Result<Sight, CameraError> {
         let Found { accused, confusable, first, none, best, all, before, after, left } = found;
         let floor: Vec<f64> = self.seen.iter().map(|s| s.aligned.disagreement.loss).collect();
         let gap = self.gap(before, after, &floor, options.seed);
@@ -417,7 +417,7 @@ impl Judge<'_> {
     }
 
     /// Photographs beside the scene, spread over those with a typical gap.
-    fn looks(&self, effects: &[usize], best: &Fit) -> Result<Vec<Looks>, GapError> {
+    fn looks(&self, effects: &[usize], best: &Fit) -> Result<Vec<Looks>, CameraError> {
         let count = self.seen.len().min(SHOWN);
         let shown = (0..count).map(|k| &self.seen[(2 * k + 1) * self.seen.len() / (2 * count)]);
         let one = |seen: &LinearisedWindow| {
@@ -430,7 +430,7 @@ impl Judge<'_> {
                 let pairs = fine.values.iter().zip(shown.chunks_exact(3));
                 pairs
                     .flat_map(|(p, c)| {
-                        let d = p - super::picture::brightness([c[0], c[1], c[2]]);
+                        let d = p - crate::picture::brightness([c[0], c[1], c[2]]);
                         grey(if d.is_finite() { 0.5 + d } else { 0.5 })
                     })
                     .collect()
@@ -451,11 +451,11 @@ impl Judge<'_> {
     }
 
     /// What the scene shows with offsets, shape `[height, width, 3]`.
-    fn drawn(&self, seen: &LinearisedWindow, offsets: &Offsets, size: (usize, usize)) -> Result<Vec<f32>, GapError> {
+    fn drawn(&self, seen: &LinearisedWindow, offsets: &Offsets, size: (usize, usize)) -> Result<Vec<f32>, CameraError> {
         let drawn = align::draw(self.footage.cloud, &seen.target, offsets, size)?;
         let channel = |c: usize| {
             let values = drawn.colour.iter().skip(c).step_by(3).copied().collect();
-            super::picture::Picture { width: size.0, height: size.1, values }.blurred(offsets.blur).values
+            crate::picture::Picture { width: size.0, height: size.1, values }.blurred(offsets.blur).values
         };
         let channels = [channel(0), channel(1), channel(2)];
         let gain = offsets.gain.exp() as f32;

@@ -1,12 +1,11 @@
-//! Photographs beside what the scene shows.
+//! Photographs beside what the scene shows, for report.html.
 
-use super::words::{escape, percent, significant, words};
-use crate::visual::{Looks, Sight};
+use crate::{Looks, Sight};
+use qv_gap::export::words::{escape, percent, significant, words};
 use std::fmt::Write;
 
-/// A section with pictures inside; empty without a camera.
-pub(super) fn visual(sight: Option<&Sight>) -> String {
-    let Some(sight) = sight else { return String::new() };
+/// A section with pictures inside, in the classes of the report's own style sheet.
+pub fn section(sight: &Sight) -> String {
     let gap = &sight.gap;
     let mut text = format!(
         "<h2>What the camera sees</h2><div class=\"card\"><p>{}</p><p class=\"soft small\">{} images; brightness differs by {} as \

@@ -1,8 +1,8 @@
 //! Hides something in the camera of recordings, diagnoses them, and scores the answers.
 //!
 //! ```text
-//! cargo run --release -p qv-gap --example sealed_cameras -- yard 5 1000
-//! cargo run --release -p qv-gap --example sealed_cameras -- rgbd ../shared/scenes/redkitchen 5 1000 [scene.ply|TRAINING_STEPS [SAVE.ply]]
+//! cargo run --release -p qv-camera --example sealed_cameras -- yard 5 1000
+//! cargo run --release -p qv-camera --example sealed_cameras -- rgbd ../shared/scenes/redkitchen 5 1000 [scene.ply|TRAINING_STEPS [SAVE.ply]]
 //! ```
 //! The numbers are recordings for each effect (and as many with none), and the seed. For an RGB-D folder the scene must have been
 //! learned without every 2nd image from the first on (`--hold-out N` for every Nth); without a file it is learned here, at half the
@@ -13,8 +13,8 @@
 mod footage;
 
 use footage::{Hidden, Truth, error, recording, through, yard};
+use qv_camera::{Intrinsics, LookOptions, look};
 use qv_core::Pose;
-use qv_gap::visual::{Intrinsics, LookOptions, look};
 use qv_splat::captures::rgbd;
 use qv_splat::files::{Format, points, read_any, write};
 use qv_splat::train::{CpuEngine, Dataset, Engine, Model, ReadOptions, TrainOptions, of_points, train};

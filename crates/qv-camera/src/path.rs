@@ -3,7 +3,7 @@
 //! Measured poses scatter by millimetres from one to the next, which as a velocity is as large as that of a walk: a delay would be fitted to
 //! the noise. Each pose is the value at its stamp of a parabola through its neighbours within 50 ms (Savitzky and Golay, 1964).
 
-use crate::GapError;
+use crate::CameraError;
 use glam::{DMat3, DQuat, DVec3};
 use qv_core::{JointSeries, Pose};
 
@@ -26,12 +26,12 @@ impl Path {
     ///
     /// # Errors
     /// Fewer than two poses.
-    pub fn new(stream: Option<&JointSeries>) -> Result<Self, GapError> {
+    pub fn new(stream: Option<&JointSeries>) -> Result<Self, CameraError> {
         let (mut time, mut poses) = (Vec::new(), Vec::new());
         for i in 0..stream.map_or(0, JointSeries::len) {
             let row = stream.expect("has rows").row(i);
             let [x, y, z, qw, qx, qy, qz] = row[..] else {
-                return Err(GapError::run("base pose", "7 columns", row.len().to_string()));
+                return Err(CameraError::new("base pose", "7 columns", row.len().to_string()));
             };
             if let Some(pose) = Pose::from_position_wxyz([x, y, z], [qw, qx, qy, qz]) {
                 time.push(stream.expect("has rows").time[i]);
@@ -40,7 +40,7 @@ impl Path {
         }
         if time.len() < 2 {
             let expected = "a stream of base poses, to know what the camera should see";
-            return Err(GapError::run("base pose", expected, format!("{} poses", time.len())));
+            return Err(CameraError::new("base pose", expected, format!("{} poses", time.len())));
         }
         let smoothed: Vec<(Pose, Twist)> = (0..time.len()).map(|i| smoothed(&time, &poses, i)).collect();
         let (poses, velocity) = smoothed.into_iter().unzip();

@@ -1,7 +1,7 @@
 //! What was seen, as plain data: `visual` in `report.json`.
 
-use super::Rig;
-use crate::report::{Cause, ParameterEstimate, Ranked, Verdict};
+use crate::Rig;
+use qv_gap::report::{Cause, ParameterEstimate, Ranked, Verdict};
 use serde::Serialize;
 
 /// Scatter from photograph to photograph about what all share.

@@ -6,9 +6,9 @@
 #![allow(dead_code)]
 
 use glam::{DQuat, DVec3};
+use qv_camera::path::{pose_of, twist_of};
+use qv_camera::{Footage, Intrinsics, Photograph, Rig};
 use qv_core::{Camera, GaussianCloud, JointSeries, Pose};
-use qv_gap::visual::path::{pose_of, twist_of};
-use qv_gap::visual::{Footage, Intrinsics, Photograph, Rig};
 use std::f64::consts::TAU;
 use yard::noise::Random;
 use yard::{Photo, Yard};

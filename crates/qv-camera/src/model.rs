@@ -5,8 +5,8 @@
 //! scatter from photograph to photograph. Models differ in which numbers have a wide prior, and are compared by Laplace's
 //! approximation of the evidence, -E - ln|P|/2 - ln|H|/2, as the other effects are (`evidence`).
 
-use super::align::{GEOMETRY, Information, NUMBERS, Offsets};
-use super::path::{Path, pose_of, twist_of};
+use crate::align::{GEOMETRY, Information, NUMBERS, Offsets};
+use crate::path::{Path, pose_of, twist_of};
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use qv_core::Pose;
 use qv_core::statistics::median;

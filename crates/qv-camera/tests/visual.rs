@@ -3,9 +3,9 @@
 mod footage;
 
 use footage::{Hidden, Recording, Truth, error, recording, yard};
+use qv_camera::{Footage, LookOptions, Sight, check, look};
 use qv_core::{GaussianCloud, JointSeries};
 use qv_gap::report::Verdict;
-use qv_gap::visual::{Footage, LookOptions, Sight, check, look};
 use std::sync::OnceLock;
 
 /// Small, so that it takes seconds without optimisation: `examples/sealed_cameras.rs` has the real sizes.

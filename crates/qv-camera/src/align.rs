@@ -5,10 +5,10 @@
 //! from the drawn picture and its depth, not from a derivative of the rasteriser: where they are wrong, at occlusions, the steps get
 //! longer or shorter, and the weights leave those pixels out.
 
-use super::path::{Twist, pose_of, twist_of};
-use super::picture::Picture;
-use super::{Intrinsics, raster_error};
-use crate::GapError;
+use crate::CameraError;
+use crate::path::{Twist, pose_of, twist_of};
+use crate::picture::Picture;
+use crate::{Intrinsics, raster_error};
 use nalgebra::{SMatrix, SVector};
 use qv_core::{Camera, GaussianCloud, Pose};
 use qv_raster::{Outputs, Scene, Settings, View, render};
@@ -95,7 +95,7 @@ impl Target {
     pub fn new(rgba: &[[u8; 4]], intrinsics: &Intrinsics, camera: Camera, width: usize) -> Self {
         let colour = |p: &[u8; 4]| match p[3] {
             0 => f32::NAN,
-            _ => super::picture::brightness([p[0], p[1], p[2]].map(|c| f32::from(c) / 255.0)),
+            _ => crate::picture::brightness([p[0], p[1], p[2]].map(|c| f32::from(c) / 255.0)),
         };
         let whole = Picture {
             width: intrinsics.width as usize,
@@ -152,7 +152,7 @@ pub fn draw(
     target: &Target,
     offsets: &Offsets,
     size: (usize, usize),
-) -> Result<Drawn, GapError> {
+) -> Result<Drawn, CameraError> {
     let camera = &target.camera;
     let (width, height) = (size.0 as u32 * FINER, size.1 as u32 * FINER);
     let (x, y) = (f64::from(width) / f64::from(camera.width), f64::from(height) / f64::from(camera.height));
@@ -202,7 +202,7 @@ pub fn disagreement(
     target: &Target,
     offsets: &Offsets,
     level: usize,
-) -> Result<Disagreement, GapError> {
+) -> Result<Disagreement, CameraError> {
     let wanted = &target.pictures[level];
     let drawn = draw(cloud, target, offsets, (wanted.width, wanted.height))?;
     Ok(loss(wanted, &drawn, offsets, scale(target, level), FOREIGN))
@@ -263,7 +263,7 @@ pub fn align(
     target: &Target,
     start: Offsets,
     levels: std::ops::Range<usize>,
-) -> Result<Aligned, GapError> {
+) -> Result<Aligned, CameraError> {
     let mut offsets = start;
     let mut information = Information::identity();
     let mut disagreement = Disagreement { loss: f64::INFINITY, blank: 0.0, seen: 0.0 };
@@ -278,7 +278,7 @@ fn on_level(
     target: &Target,
     start: Offsets,
     level: usize,
-) -> Result<(Offsets, Information, Disagreement), GapError> {
+) -> Result<(Offsets, Information, Disagreement), CameraError> {
     let wanted = &target.pictures[level];
     let size = (wanted.width, wanted.height);
     let small = scale(target, level);

@@ -1,10 +1,13 @@
-//! The visual interface: what the robot's camera sees against what a splat of the place shows at the measured pose.
+//! The camera in the diagnosis: what it sees against what a splat of the place shows at the measured pose.
 //!
 //! Stage one aligns each photograph with the scene and gets what it is off by (`align`); stage two asks which effect of the
 //! camera all photographs share (`model`), accuses or abstains (`judge`), and tells how far photographs and scene agree in
-//! photographs that the fit has not seen. See `docs/visual.md`.
+//! photographs that the fit has not seen. [`join`] adds that to the report of the rest of the robot. See `docs/visual.md`.
 
 pub mod align;
+mod calibrated;
+mod error;
+pub mod html;
 mod join;
 mod judge;
 pub mod model;
@@ -12,11 +15,12 @@ pub mod path;
 pub mod picture;
 mod sight;
 
+pub use calibrated::to_toml;
+pub use error::CameraError;
 pub use join::join;
 pub use judge::{CameraEffect, EFFECTS};
 pub use sight::{Looks, Noise, Sight, VisualGap};
 
-use crate::GapError;
 use align::{Aligned, Offsets, Target};
 use model::{Sighting, Together};
 use path::Path;
@@ -70,13 +74,14 @@ impl Rig {
         Camera { fx, fy, cx, cy, width, height, camera_from_world }
     }
 
-    fn check(&self) -> Result<(), GapError> {
-        let off = |e: qv_core::CoreError| GapError::run("camera", "intrinsics and mounting of a camera", e.to_string());
+    fn check(&self) -> Result<(), CameraError> {
+        let off =
+            |e: qv_core::CoreError| CameraError::new("camera", "intrinsics and mounting of a camera", e.to_string());
         self.camera(self.base_from_camera).check().map_err(off)?;
         let numbers =
             [("delay", self.delay, -1.0..=1.0), ("gain", self.gain, 0.05..=20.0), ("blur", self.blur, 0.0..=50.0)];
         match numbers.iter().find(|(_, value, range)| !range.contains(value)) {
-            Some((name, value, range)) => Err(GapError::run(
+            Some((name, value, range)) => Err(CameraError::new(
                 format!("camera {name}"),
                 format!("{} to {}", range.start(), range.end()),
                 value.to_string(),
@@ -135,7 +140,7 @@ impl Default for LookOptions<'_> {
 ///
 /// # Errors
 /// Too few photographs or poses, an image whose size is not that of the intrinsics, a scene that is nowhere in view.
-pub fn look(footage: &Footage, options: &LookOptions) -> Result<Sight, GapError> {
+pub fn look(footage: &Footage, options: &LookOptions) -> Result<Sight, CameraError> {
     footage.rig.check()?;
     let path = Path::new(footage.poses)?;
     let chosen = chosen(footage, &path, options.most)?;
@@ -147,7 +152,7 @@ pub fn look(footage: &Footage, options: &LookOptions) -> Result<Sight, GapError>
 ///
 /// # Errors
 /// As [`look`], but a scene out of view is found in three photographs only.
-pub fn check(footage: &Footage, options: &LookOptions) -> Result<(), GapError> {
+pub fn check(footage: &Footage, options: &LookOptions) -> Result<(), CameraError> {
     footage.rig.check()?;
     let path = Path::new(footage.poses)?;
     let chosen = chosen(footage, &path, options.most)?;
@@ -162,9 +167,9 @@ pub fn check(footage: &Footage, options: &LookOptions) -> Result<(), GapError> {
     if most < IN_VIEW { Err(out_of_view(most)) } else { Ok(()) }
 }
 
-fn out_of_view(share: f64) -> GapError {
+fn out_of_view(share: f64) -> CameraError {
     let expected = "a scene that the camera sees from the measured poses (same frame, metres, camera axes x right, y down, z forward)";
-    GapError::run("scene", expected, format!("{:.0} % of the pixels in view", 100.0 * share))
+    CameraError::new("scene", expected, format!("{:.0} % of the pixels in view", 100.0 * share))
 }
 
 /// A photograph with what came of its alignment.
@@ -178,20 +183,20 @@ struct LinearisedWindow {
 }
 
 /// Photographs within the path, evenly spread.
-fn chosen<'a>(footage: &Footage<'a>, path: &Path, most: usize) -> Result<Vec<&'a Photograph>, GapError> {
+fn chosen<'a>(footage: &Footage<'a>, path: &Path, most: usize) -> Result<Vec<&'a Photograph>, CameraError> {
     let Intrinsics { width, height, .. } = footage.rig.intrinsics;
     let [first, last] = path.span();
     let pixels = width as usize * height as usize;
     if let Some(odd) = footage.photographs.iter().find(|p| p.rgba.len() != pixels) {
         let found = format!("{} pixels at {:.3} s", odd.rgba.len(), odd.time);
-        return Err(GapError::run("image size", format!("{width} x {height} pixels as the camera says"), found));
+        return Err(CameraError::new("image size", format!("{width} x {height} pixels as the camera says"), found));
     }
     let within: Vec<&Photograph> =
         footage.photographs.iter().filter(|p| p.time >= first && p.time <= last && p.time.is_finite()).collect();
     if within.len() < FEWEST {
         let found = format!("{} of {} images", within.len(), footage.photographs.len());
         let expected = format!("at least {FEWEST} images between {first:.3} and {last:.3} s, while there are poses");
-        return Err(GapError::run("images", expected, found));
+        return Err(CameraError::new("images", expected, found));
     }
     let count = within.len().min(most.max(FEWEST));
     Ok((0..count).map(|k| within[(2 * k + 1) * within.len() / (2 * count)]).collect())
@@ -203,7 +208,7 @@ fn see(
     path: &Path,
     chosen: &[&Photograph],
     options: &LookOptions,
-) -> Result<Vec<LinearisedWindow>, GapError> {
+) -> Result<Vec<LinearisedWindow>, CameraError> {
     let rig = &footage.rig;
     let stated = stated(rig, options.width);
     let count = std::sync::atomic::AtomicUsize::new(0);
@@ -223,7 +228,7 @@ fn see(
         told();
         Ok((photograph.time, target, before, aligned))
     });
-    let mut coarse: Vec<(f64, Target, align::Disagreement, Aligned)> = coarse.collect::<Result<_, GapError>>()?;
+    let mut coarse: Vec<(f64, Target, align::Disagreement, Aligned)> = coarse.collect::<Result<_, CameraError>>()?;
     let mut shares: Vec<f64> = coarse.iter().map(|c| c.2.seen).collect();
     let typical = median(&mut shares);
     if typical < IN_VIEW {
@@ -252,12 +257,12 @@ fn see(
         told();
         Ok(sighting(time, &aligned, &stated).map(|sighting| LinearisedWindow { target, before, aligned, sighting }))
     });
-    let seen: Vec<Option<LinearisedWindow>> = seen.collect::<Result<_, GapError>>()?;
+    let seen: Vec<Option<LinearisedWindow>> = seen.collect::<Result<_, CameraError>>()?;
     let seen: Vec<LinearisedWindow> = seen.into_iter().flatten().collect();
     if seen.len() < FEWEST {
         let expected =
             format!("at least {FEWEST} images in which the scene fills {:.0} % of the pixels", 100.0 * ENOUGH);
-        return Err(GapError::run("images", expected, seen.len().to_string()));
+        return Err(CameraError::new("images", expected, seen.len().to_string()));
     }
     Ok(seen)
 }
@@ -283,6 +288,6 @@ fn plus(offsets: &Offsets, stated: &Offsets) -> Offsets {
     Offsets { gain: offsets.gain + stated.gain, blur: offsets.blur + stated.blur, ..*offsets }
 }
 
-fn raster_error(error: RasterError) -> GapError {
-    GapError::run("scene", "Gaussians that can be drawn", error.to_string())
+fn raster_error(error: RasterError) -> CameraError {
+    CameraError::new("scene", "Gaussians that can be drawn", error.to_string())
 }
