@@ -14,12 +14,12 @@ use qv_gap::report::{Report, UNKNOWN, Verdict};
 use qv_gap::rollout::actuator_model;
 use qv_gap::rollout::windows::compare;
 use qv_gap::{Options, diagnose};
-use qv_go2::sealed::{EngineChoice, Plan, Recipe, Request, Section, Wanted};
-use qv_go2::{sealed, synthetic};
+use qv_go2::synthetic;
 use qv_replay::Run;
 use qv_replay::holes::without_holes;
 use qv_replay::replay::{Legs, SensorErrors, Starts, feet_of};
 use qv_replay::run::{Fault, FaultKind};
+use qv_sealed::{EngineChoice, Plan, Recipe, Request, Section, Wanted};
 use qv_sim::{Model, Terrain};
 use recorded::{go2, read, recorded};
 
@@ -60,9 +60,9 @@ fn a_latency_is_named_with_its_size_and_closes_the_gap() {
 #[test]
 fn sealed_answers_and_the_library_mean_the_same_interface() {
     let effects = library::built_in();
-    let known = effects.iter().filter_map(|e| Some((e, sealed::interface(&e.name)?)));
+    let known = effects.iter().filter_map(|e| Some((e, qv_sealed::interface(&e.name)?)));
     let pairs: Vec<(String, &str, &str)> = known.map(|(e, said)| (e.name.clone(), e.interface.name(), said)).collect();
-    assert_eq!(pairs.len(), sealed::EFFECTS.len());
+    assert_eq!(pairs.len(), qv_sealed::EFFECTS.len());
     pairs.iter().for_each(|(name, ours, said)| assert_eq!(ours, said, "{name}"));
 }
 
@@ -415,8 +415,8 @@ fn without_poses_a_slope_may_be_a_tilted_imu() {
 fn a_robot_that_only_stands_is_accused_of_nothing() {
     let request = Request { engine: EngineChoice::Ours, wanted: Wanted::Nothing };
     let plan = Plan { sections: vec![(Section::Stand, 10.0)] };
-    let recipe = Recipe { plan, ..sealed::redraw(&request, 7, 0).unwrap().recipe };
-    let run = read(&sealed::record(&recipe).unwrap().1);
+    let recipe = Recipe { plan, ..qv_sealed::redraw(&request, 7, 0).unwrap().recipe };
+    let run = read(&qv_sealed::record(&recipe).unwrap().1);
     let report = of(&run, &quick());
     // Noise alone asks for a lag, a weaker kd and a late pose there.
     assert_eq!(report.verdict, Verdict::NoGap, "{}", report.sentence);

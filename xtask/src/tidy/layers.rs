@@ -5,7 +5,7 @@ use crate::workspace::{Package, Workspace};
 use std::path::Path;
 
 /// Layer of each crate; the table of docs/ARCHITECTURE.md. `qv` and `xtask` are above all and used by none.
-const LAYERS: [(&str, u8); 15] = [
+const LAYERS: [(&str, u8); 16] = [
     ("qv-core", 0),
     ("qv-sim", 1),
     ("qv-raster", 1),
@@ -19,6 +19,7 @@ const LAYERS: [(&str, u8); 15] = [
     ("qv-gap", 3),
     ("yard", 3),
     ("qv-camera", 4),
+    ("qv-sealed", 4),
     ("qv", 5),
     ("xtask", 5),
 ];

@@ -25,7 +25,9 @@ const AMBIENT: [&str; 14] = [
 ];
 /// Only binaries print.
 const PRINTING: [&str; 6] = ["println!", "print!", "eprintln!", "eprint!", "dbg!", "stdout()"];
-/// What only the Go2's own crate may speak of.
+/// Crates that know the Go2: its own, and the one that simulates it with something wrong.
+const KNOW_THE_ROBOT: [&str; 2] = ["qv-go2", "qv-sealed"];
+/// What only they may speak of.
 const ROBOT: [&str; 8] = ["go2", "unitree", "lowcmd", "lowstate", "\"fl_", "\"fr_", "\"rl_", "\"rr_"];
 
 /// All findings about files.
@@ -136,13 +138,13 @@ fn library_rules(package: &Package, source: &Source) -> Vec<String> {
             complain(number, "only binaries to print", what);
         }
     }
-    if package.name != "qv-go2" {
+    if !KNOW_THE_ROBOT.contains(&package.name.as_str()) {
         // Lines that the tests occupy are blank in `bare`; names may sit in strings, so those are looked at, too.
         let spoken = code(&source.text, Strings::Keep);
         for (number, (line, bare_line)) in spoken.lines().zip(bare.lines()).enumerate() {
             let lower = line.to_lowercase();
             if let Some(what) = ROBOT.iter().find(|what| !bare_line.trim().is_empty() && lower.contains(*what)) {
-                complain(number, "only qv-go2 to know the Go2", what);
+                complain(number, "only qv-go2 and qv-sealed to know the Go2", what);
             }
         }
     }
@@ -208,6 +210,7 @@ mod tests {
         let name = source("a.rs", "let foot = \"FL_foot\";");
         assert_eq!(library_rules(&package("qv-sim"), &name).len(), 1);
         assert!(library_rules(&package("qv-go2"), &name).is_empty());
+        assert!(library_rules(&package("qv-sealed"), &name).is_empty());
         let test = source("a.rs", "#[cfg(test)]\nmod tests {\n    const ROBOT: &str = \"go2\";\n}\n");
         assert!(library_rules(&package("qv-sim"), &test).is_empty());
     }

@@ -20,12 +20,12 @@ pub const DURATION: f64 = 18.0;
 pub const START: u64 = 1_700_000_000_000_000_000;
 /// A standing robot settles this long before the recording starts \[s\].
 const SETTLING: f64 = 0.5;
-/// Two simulation steps of 1 ms between states.
-pub(crate) const INTERVAL: u64 = 2_000_000;
+/// Two simulation steps of 1 ms between states \[ns\].
+pub const INTERVAL: u64 = 2_000_000;
 /// States between two poses.
-pub(crate) const STATES_PER_POSE: u64 = 10;
+pub const STATES_PER_POSE: u64 = 10;
 /// A command leaves this long after the state that it answers \[ns\].
-pub(crate) const COMMAND_DELAY: u64 = 50_000;
+pub const COMMAND_DELAY: u64 = 50_000;
 
 /// What the recorded robot is: its departures from the model, and the seed of its noise.
 #[derive(Debug, Clone, PartialEq)]
@@ -78,7 +78,8 @@ pub fn command_latency(seconds: f64) -> Vec<(String, f64)> {
     model::JOINT_NAMES.iter().map(|joint| (format!("actuator.{joint}.command_latency"), seconds)).collect()
 }
 
-pub(crate) fn simulator(error: SimError) -> ReplayError {
+/// What a simulator says, as the error of a recording.
+pub fn simulator(error: SimError) -> ReplayError {
     ReplayError::Run { what: "synthetic robot".into(), expected: "a simulation".into(), found: error.to_string() }
 }
 
@@ -147,7 +148,7 @@ fn send(sim: &mut Batch<f64>, command: &LowCmd) -> Result<(), SimError> {
 }
 
 /// Hands on the command as its 32-bit message has it.
-pub(crate) fn as_sent<T>(command: &LowCmd, to: impl FnOnce(&JointCommand) -> T) -> T {
+pub fn as_sent<T>(command: &LowCmd, to: impl FnOnce(&JointCommand) -> T) -> T {
     let narrow = |values: &[f64; 12]| values.map(|x| f64::from(x as f32));
     let (q, dq, tau) = (narrow(&command.q), narrow(&command.dq), narrow(&command.tau));
     let (kp, kd) = (narrow(&command.kp), narrow(&command.kd));
@@ -155,7 +156,7 @@ pub(crate) fn as_sent<T>(command: &LowCmd, to: impl FnOnce(&JointCommand) -> T) 
 }
 
 /// What the robot's computer hears of a reading, with noise.
-pub(crate) fn low_state(
+pub fn low_state(
     seen: &SensorReading,
     go2: &Model,
     tick: u32,
@@ -180,7 +181,7 @@ pub(crate) fn low_state(
 }
 
 /// The message of the base's pose at `time` \[ns\], with noise.
-pub(crate) fn pose(seen: &SensorReading, time: u64, deviations: &Deviations, draws: &mut SplitMix64) -> Message {
+pub fn pose(seen: &SensorReading, time: u64, deviations: &Deviations, draws: &mut SplitMix64) -> Message {
     let position = draws.add(seen.base_position, deviations.pose_position);
     let orientation = turned(seen.base_orientation, draws.add([0.0; 3], deviations.pose_orientation));
     Message { topic: "/Odometry", time, data: messages::encode_odometry(time, position, orientation) }

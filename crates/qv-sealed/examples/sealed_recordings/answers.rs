@@ -1,7 +1,7 @@
 //! The answer to one recording, as JSON.
 
 use qv_go2::model::JOINT_NAMES;
-use qv_go2::sealed::{self, Cause, Drawn, Engine, MixedGround, Section, Withheld};
+use qv_sealed::{Cause, Drawn, Engine, MixedGround, Section, Withheld};
 use serde_json::{Map, Value, json};
 
 /// Everything about one recording.
@@ -53,8 +53,8 @@ fn cause(cause: &Cause) -> Value {
     json!({
         "effect": cause.effect,
         "joints": JOINT_NAMES.iter().copied().filter(|joint| of_joint(joint)).collect::<Vec<_>>(),
-        "interface": sealed::interface(cause.effect),
-        "group": sealed::confusable_group(cause.effect),
+        "interface": qv_sealed::interface(cause.effect),
+        "group": qv_sealed::confusable_group(cause.effect),
         "scope": cause.scope,
         "region": cause.region.map(|r| json!({"x": r.x, "y": r.y, "met": r.met})),
         "parameters": figures.collect::<Vec<_>>(),

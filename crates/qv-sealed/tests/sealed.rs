@@ -1,17 +1,17 @@
 //! Sealed recordings: the same seed gives the same bytes, robots stay on their feet, and each effect is there to be seen.
 
 use qv_core::JointSeries;
-use qv_go2::sealed::{
-    self, ATTEMPTS, EFFECTS, Engine, EngineChoice, Made, Outcome, Recipe, Request, WITHHELD, Wanted, confusable_group,
-    interface,
-};
 use qv_go2::synthetic::{Deviations, Message, write_bag};
 use qv_go2::wire;
 use qv_replay::{BagFile, Run, read_bag};
+use qv_sealed::{
+    ATTEMPTS, EFFECTS, Engine, EngineChoice, Made, Outcome, Recipe, Request, WITHHELD, Wanted, confusable_group,
+    interface,
+};
 use std::io::Cursor;
 
 fn made(engine: EngineChoice, wanted: Wanted, seed: u64) -> Made {
-    sealed::make(&Request { engine, wanted }, seed).unwrap()
+    qv_sealed::make(&Request { engine, wanted }, seed).unwrap()
 }
 
 fn single(effect: &str) -> Wanted {
@@ -58,7 +58,7 @@ fn difference(a: &[Message], b: &[Message], d: &Deviations) -> f64 {
 }
 
 fn recorded(recipe: &Recipe) -> Vec<Message> {
-    let (outcome, messages) = sealed::record(recipe).unwrap();
+    let (outcome, messages) = qv_sealed::record(recipe).unwrap();
     assert!(matches!(outcome, Outcome::Stood { .. }), "{outcome:?}");
     messages
 }
@@ -72,7 +72,7 @@ fn the_same_seed_gives_the_same_recording() {
     assert_ne!(first.messages, other.messages);
     let request = Request { engine: EngineChoice::Ours, wanted: single("motor_strength") };
     let redraws = first.rejected.len() as u64;
-    assert_eq!(sealed::redraw(&request, 5, redraws).unwrap(), first.drawn);
+    assert_eq!(qv_sealed::redraw(&request, 5, redraws).unwrap(), first.drawn);
     let span = run(&first.messages).span();
     assert!((span[1] - span[0] - 20.0).abs() < 0.01, "{span:?}");
 }
@@ -137,7 +137,7 @@ fn each_withheld_effect_shows_and_is_logged_as_the_robot_would() {
 #[test]
 fn what_is_asked_for_is_checked() {
     for wanted in [single("motor_strenght"), Wanted::Withheld("payload_mass".into())] {
-        let error = sealed::make(&Request { engine: EngineChoice::Ours, wanted }, 1).unwrap_err().to_string();
+        let error = qv_sealed::make(&Request { engine: EngineChoice::Ours, wanted }, 1).unwrap_err().to_string();
         assert!(error.contains("motor_strength") || error.contains("tether"), "{error}");
     }
 }
@@ -197,7 +197,7 @@ mod in_the_second_engine {
 #[test]
 fn an_engine_that_is_not_built_in_is_named() {
     let request = Request { engine: EngineChoice::Second, wanted: Wanted::Nothing };
-    assert!(sealed::make(&request, 1).unwrap_err().to_string().contains("rapier"));
+    assert!(qv_sealed::make(&request, 1).unwrap_err().to_string().contains("rapier"));
     let ours = made(EngineChoice::Ours, Wanted::Nothing, 1).drawn.recipe;
     assert!(matches!(ours.engine, Engine::Ours { .. }));
 }

@@ -1,35 +1,35 @@
 //! Either engine behind the few questions that a recorder asks.
 
-use super::recipe::Engine;
-use crate::messages::LowCmd;
-use crate::synthetic::simulator;
-use crate::{model, synthetic};
+use crate::recipe::Engine;
 use qv_core::TriangleMesh;
+use qv_go2::messages::LowCmd;
+use qv_go2::synthetic::simulator;
+use qv_go2::{model, synthetic};
 use qv_replay::ReplayError;
 #[cfg(feature = "rapier")]
 use qv_sim::second::{SecondEngine, SecondOptions};
 use qv_sim::{BaseKind, Batch, Model, ModelOptions, SensorReading, SimError, SimOptions, State, Terrain};
 
 /// A simulated Go2 on the nominal floor.
-pub(super) enum Plant {
+pub(crate) enum Plant {
     Ours(Box<Batch<f64>>),
     #[cfg(feature = "rapier")]
     Second(Box<SecondEngine>),
 }
 
 /// The robot of the model.
-pub(super) fn nominal() -> Result<Model, SimError> {
+pub(crate) fn nominal() -> Result<Model, SimError> {
     let options = ModelOptions { base: BaseKind::Floating, armature: model::ARMATURE, ..Default::default() };
     Model::from_urdf(&model::urdf(), &options)
 }
 
 /// The floor that recordings are made on.
-pub(super) fn floor() -> Result<Terrain, SimError> {
+pub(crate) fn floor() -> Result<Terrain, SimError> {
     Terrain::plane().with_friction(model::FLOOR_FRICTION)
 }
 
 /// On its feet at rest, just above a floor that `parameters` raise, tilt, or meet with larger feet.
-pub(super) fn standing(parameters: &[(String, f64)]) -> State {
+pub(crate) fn standing(parameters: &[(String, f64)]) -> State {
     let of = |name: &str| parameters.iter().find(|(n, _)| n == name).map_or(0.0, |(_, value)| *value);
     let swollen = parameters.iter().filter(|(n, _)| n.ends_with(".radius_offset")).map(|(_, v)| *v).fold(0.0, f64::max);
     // Feet stand up to 0.3 m from the origin about which the floor tilts.
@@ -41,7 +41,7 @@ pub(super) fn standing(parameters: &[(String, f64)]) -> State {
 }
 
 /// The floor of a recording: labelled ground, or the nominal one.
-pub(super) fn ground_of(ground: Option<&TriangleMesh>) -> Result<Terrain, SimError> {
+pub(crate) fn ground_of(ground: Option<&TriangleMesh>) -> Result<Terrain, SimError> {
     ground.map_or_else(floor, Terrain::from_mesh)
 }
 

@@ -1,10 +1,10 @@
 //! Effects that no library has: outside forces and torques, fading motors, lost commands.
 
-use super::plant::Plant;
-use super::scout::Scout;
-use crate::messages::LowCmd;
-use crate::model::{JOINT_NAMES, STAND};
+use crate::plant::Plant;
+use crate::scout::Scout;
 use qv_core::random::SplitMix64;
+use qv_go2::messages::LowCmd;
+use qv_go2::model::{JOINT_NAMES, STAND};
 use qv_sim::SimError;
 use std::f64::consts::TAU;
 
@@ -58,7 +58,7 @@ impl Withheld {
     }
 
     /// Draws the sizes; `None` for a name that is not in [`WITHHELD`], or when the motion does not bring the effect out.
-    pub(super) fn drawn(name: &str, draws: &mut SplitMix64, scout: &Scout) -> Option<Self> {
+    pub(crate) fn drawn(name: &str, draws: &mut SplitMix64, scout: &Scout) -> Option<Self> {
         let name = WITHHELD.into_iter().find(|known| *known == name)?;
         let on_trunk = matches!(name, "tether" | "periodic_side_force" | "dropped_commands");
         let joints = if on_trunk { Vec::new() } else { some_joints(draws) };
@@ -115,7 +115,7 @@ fn some_joints(draws: &mut SplitMix64) -> Vec<usize> {
 }
 
 /// A withheld effect at work on a plant.
-pub(super) struct Disturbance<'a> {
+pub(crate) struct Disturbance<'a> {
     effect: &'a Withheld,
     timestep: f64,
     draws: SplitMix64,
@@ -243,7 +243,7 @@ impl<'a> Disturbance<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sealed::recipe::Engine;
+    use crate::recipe::Engine;
 
     fn effect(name: &'static str, sizes: &[(&'static str, f64)]) -> Withheld {
         let sizes = sizes.iter().map(|(name, value)| (*name, *value, "")).collect();

@@ -1,8 +1,8 @@
 //! Motions of several sections, each from the stand and back to it.
 
-use crate::gait::{Chirp, Squat, Trot};
-use crate::model::STAND;
 use qv_core::random::SplitMix64;
+use qv_go2::gait::{Chirp, Squat, Trot};
+use qv_go2::model::STAND;
 use std::f64::consts::TAU;
 
 /// One part of a motion; figures in its own terms, time from its own start.

@@ -1,12 +1,12 @@
 //! All that one recording is made of.
 
-use super::effects::Cause;
-use super::sections::Plan;
-use super::withheld::Withheld;
-use crate::model;
-use crate::synthetic::{self, Deviations};
+use crate::effects::Cause;
+use crate::sections::Plan;
+use crate::withheld::Withheld;
 use qv_core::TriangleMesh;
 use qv_core::random::{SplitMix64, sub_seed};
+use qv_go2::model;
+use qv_go2::synthetic::{self, Deviations};
 use std::collections::BTreeMap;
 
 /// The engine that a recording is made with, and its numerics.
@@ -59,7 +59,7 @@ impl Engine {
     }
 
     /// The same with steps of at most 1 ms.
-    pub(super) fn with_short_steps(self) -> Self {
+    pub(crate) fn with_short_steps(self) -> Self {
         match self {
             Self::Ours { timestep, impratio, contact_dimension, time_constant } => {
                 Self::Ours { timestep: timestep.min(0.001), impratio, contact_dimension, time_constant }
@@ -133,7 +133,7 @@ fn together(name: &str, before: f64, value: f64) -> f64 {
 }
 
 /// [`synthetic::small_differences`] and as small ones of friction, inertia, mounting and floor.
-pub(super) fn small_differences(seed: u64) -> Vec<(String, f64)> {
+pub(crate) fn small_differences(seed: u64) -> Vec<(String, f64)> {
     let mut drawn = synthetic::small_differences(seed);
     let mut draws = SplitMix64::new(sub_seed(seed, 1));
     for joint in model::JOINT_NAMES {

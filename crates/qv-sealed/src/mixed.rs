@@ -1,16 +1,16 @@
 //! Recordings on ground of several labelled materials, whose frictions only the answers tell.
 
-use super::draw::{ATTEMPTS, EngineChoice, Rejection};
-use super::plant::Plant;
-use super::recipe::{self, Engine, Recipe};
-use super::record::{Outcome, record_seen};
-use super::sections::{Plan, Section};
-use crate::gait::Trot;
-use crate::model;
-use crate::synthetic::{Deviations, Message};
+use crate::draw::{ATTEMPTS, EngineChoice, Rejection};
+use crate::plant::Plant;
+use crate::recipe::{self, Engine, Recipe};
+use crate::record::{Outcome, record_seen};
+use crate::sections::{Plan, Section};
 use glam::{DQuat, DVec3};
 use qv_core::random::{SplitMix64, sub_seed};
 use qv_core::{Material, TriangleMesh};
+use qv_go2::gait::Trot;
+use qv_go2::model;
+use qv_go2::synthetic::{Deviations, Message};
 use qv_replay::ReplayError;
 use qv_sim::{SensorReading, State};
 

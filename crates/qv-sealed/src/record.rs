@@ -1,12 +1,12 @@
 //! A recipe carried out.
 
-use super::plant::Plant;
-use super::recipe::Recipe;
-use super::withheld::Disturbance;
-use crate::messages::{self, LowCmd};
-use crate::model;
-use crate::synthetic::{self, COMMAND_DELAY, INTERVAL, Message, START, STATES_PER_POSE, simulator};
+use crate::plant::Plant;
+use crate::recipe::Recipe;
+use crate::withheld::Disturbance;
 use qv_core::random::SplitMix64;
+use qv_go2::messages::{self, LowCmd};
+use qv_go2::model;
+use qv_go2::synthetic::{self, COMMAND_DELAY, INTERVAL, Message, START, STATES_PER_POSE, simulator};
 use qv_replay::ReplayError;
 use qv_sim::{SensorReading, State};
 
@@ -42,7 +42,7 @@ pub fn record(recipe: &Recipe) -> Result<(Outcome, Vec<Message>), ReplayError> {
 }
 
 /// The same, with the true reading and state of each 2 ms shown to `see`.
-pub(super) fn record_seen(
+pub(crate) fn record_seen(
     recipe: &Recipe,
     mut see: impl FnMut(&Plant, &SensorReading, &State),
 ) -> Result<(Outcome, Vec<Message>), ReplayError> {
@@ -71,7 +71,7 @@ fn command(recipe: &Recipe, k: u64) -> LowCmd {
 }
 
 /// Moves the plant through the motion and shows index, reading and true state of each 2 ms before its command is sent.
-pub(super) fn follow(
+pub(crate) fn follow(
     recipe: &Recipe,
     plant: &mut Plant,
     mut see: impl FnMut(&Plant, u64, &SensorReading, &State),
@@ -155,7 +155,7 @@ mod tests {
 
     #[test]
     fn a_robot_on_its_side_or_its_belly_has_fallen() {
-        let upright = super::super::plant::standing(&[]);
+        let upright = crate::plant::standing(&[]);
         assert!(!has_fallen(&upright, 0.0) && has_fallen(&upright, 0.2));
         let mut lying = upright.clone();
         (lying.q[3], lying.q[4]) = (0.8, 0.6);

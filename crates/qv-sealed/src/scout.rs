@@ -1,12 +1,12 @@
 //! A run ahead without effects in our engine: which torques, speeds and places a motion really uses.
 
-use super::plant::Plant;
-use super::recipe::{Engine, Recipe};
-use super::record::{Outcome, follow};
+use crate::plant::Plant;
+use crate::recipe::{Engine, Recipe};
+use crate::record::{Outcome, follow};
 use qv_replay::ReplayError;
 
 /// What a motion uses when nothing is wrong, at 500 Hz.
-pub(super) struct Scout {
+pub(crate) struct Scout {
     /// Torques \[N m\] in joint order.
     pub torque: Vec<[f64; 12]>,
     /// Speeds \[rad/s\] in joint order.

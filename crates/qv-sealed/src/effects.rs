@@ -1,9 +1,9 @@
 //! The named effects: how large, on which part of the robot or floor, and through which parameters of the simulator.
 
-use super::record::SETTLING;
-use super::scout::Scout;
-use crate::model::{self, JOINT_NAMES, LEGS};
+use crate::record::SETTLING;
+use crate::scout::Scout;
 use qv_core::random::SplitMix64;
+use qv_go2::model::{self, JOINT_NAMES, LEGS};
 
 /// Names of the effects that a diagnosis knows.
 pub const EFFECTS: [&str; 26] = [
@@ -172,7 +172,7 @@ fn beside(name: &'static str, value: f64, unit: &'static str, range: (f64, f64))
 
 impl Cause {
     /// Draws an effect; `None` for a name that is not in [`EFFECTS`], or when the motion does not bring it out.
-    pub(super) fn drawn(effect: &str, draws: &mut SplitMix64, scout: &Scout, walking: [f64; 2]) -> Option<Self> {
+    pub(crate) fn drawn(effect: &str, draws: &mut SplitMix64, scout: &Scout, walking: [f64; 2]) -> Option<Self> {
         let effect = EFFECTS.into_iter().find(|known| *known == effect)?;
         match effect {
             "torque_limit" => torque_limit(draws, scout),

@@ -2,7 +2,7 @@
 
 use crate::Arguments;
 use qv_core::random::{SplitMix64, sub_seed};
-use qv_go2::sealed::{EFFECTS, WITHHELD, Wanted, confusable_group};
+use qv_sealed::{EFFECTS, WITHHELD, Wanted, confusable_group};
 
 /// One recording to make.
 pub struct Order {

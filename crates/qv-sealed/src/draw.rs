@@ -1,13 +1,13 @@
 //! Recipes drawn until one of them is a valid recording.
 
-use super::effects::{Cause, EFFECTS, needs_our_engine};
-use super::recipe::{self, Engine, Recipe};
-use super::record::{Outcome, record};
-use super::scout::Scout;
-use super::sections::Plan;
-use super::withheld::{WITHHELD, Withheld};
-use crate::synthetic::{Deviations, Message};
+use crate::effects::{Cause, EFFECTS, needs_our_engine};
+use crate::recipe::{self, Engine, Recipe};
+use crate::record::{Outcome, record};
+use crate::scout::Scout;
+use crate::sections::Plan;
+use crate::withheld::{WITHHELD, Withheld};
 use qv_core::random::{SplitMix64, sub_seed};
+use qv_go2::synthetic::{Deviations, Message};
 use qv_replay::ReplayError;
 
 /// Draws after which [`make`] gives up.

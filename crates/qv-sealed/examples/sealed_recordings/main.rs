@@ -1,5 +1,5 @@
 //! Recordings whose cause is known to whoever holds the answers, which go to standard output as one JSON document:
-//! `cargo run --release -p qv-go2 --features rapier --example sealed_recordings -- --out DIR --seed 7 --effects
+//! `cargo run --release -p qv-sealed --features rapier --example sealed_recordings -- --out DIR --seed 7 --effects
 //! motor_strength,payload_mass --per-effect 2 --none 2 --withheld 3 > answers.json`.
 
 mod answers;
@@ -9,8 +9,8 @@ use clap::{Parser, ValueEnum};
 use order::Order;
 use qv_core::random::sub_seed;
 use qv_go2::model::JOINT_NAMES;
-use qv_go2::sealed::{self, Drawn, EngineChoice, Outcome, Request};
 use qv_go2::synthetic::{Message, write_bag};
+use qv_sealed::{Drawn, EngineChoice, Outcome, Request};
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -116,9 +116,9 @@ fn carry_out(
     let at = |name: &str| arguments.out.join(name);
     let is_there = |name: &str| at(name).join("run.mcap").is_file();
     let (drawn, redraws) = match known.get(&name) {
-        Some(&redraws) if is_there(&name) => (sealed::redraw(&request, seed, redraws)?, redraws),
+        Some(&redraws) if is_there(&name) => (qv_sealed::redraw(&request, seed, redraws)?, redraws),
         _ => {
-            let made = sealed::make(&request, seed)?;
+            let made = qv_sealed::make(&request, seed)?;
             write(&at(&name), &made.messages)?;
             (made.drawn, made.rejected.len() as u64)
         }
@@ -128,7 +128,7 @@ fn carry_out(
         return Ok(vec![(name, answer)]);
     }
     let plain = Drawn { recipe: drawn.recipe.without_effects(), ..drawn };
-    let (outcome, messages) = sealed::record(&plain.recipe)?;
+    let (outcome, messages) = qv_sealed::record(&plain.recipe)?;
     if matches!(outcome, Outcome::Fell { .. }) {
         // Friction may keep a robot up that falls without it: then there is no twin.
         return Ok(vec![(name, answer)]);
@@ -155,11 +155,11 @@ fn carry_out_mixed(
         Some(&redraws) if folder.join("run.mcap").is_file() && folder.join("terrain.glb").is_file() => {
             return Ok((
                 name,
-                answers::of_mixed(&sealed::redraw_mixed(engine, seed, arguments.seconds, redraws), redraws),
+                answers::of_mixed(&qv_sealed::redraw_mixed(engine, seed, arguments.seconds, redraws), redraws),
             ));
         }
         _ => {
-            let (mixed, messages) = sealed::make_mixed(engine, seed, arguments.seconds)?;
+            let (mixed, messages) = qv_sealed::make_mixed(engine, seed, arguments.seconds)?;
             fs::create_dir_all(&folder)?;
             fs::write(folder.join("terrain.glb"), qv_mesh::files::glb::write(&mixed.labelled()))?;
             write(&folder, &messages)?;
