@@ -4,7 +4,6 @@
 //! without an effect leave (`null`), candidates are ranked by joint fits (`inference`) and measured in windows that
 //! no fit has seen (`diagnose/rounds`, `checks`). What is accused is decided from these figures alone (`decision`). See `docs/diagnosis.md`.
 
-pub mod baselines;
 pub mod checks;
 pub mod decision;
 mod diagnose;

@@ -10,7 +10,6 @@ use crate::{Outcome, Reading, RunArguments, say};
 use qv_camera::{CameraError, EFFECTS, Footage, LookOptions, Photograph, Sight, check, html, join, look};
 use qv_core::statistics::median;
 use qv_core::{GaussianCloud, JointSeries};
-use qv_gap::baselines::{Baselines, CMA_ES_STEPS, baselines};
 use qv_gap::decision::evidence::Evidence;
 use qv_gap::problem::library;
 use qv_gap::report::{Report, Stage, UNKNOWN};
@@ -55,9 +54,6 @@ pub struct Diagnose {
     /// Diagnose again without each of the N most probable effects, into DIR/without/EFFECT
     #[arg(long, default_value_t = 0, value_name = "N")]
     leave_out: usize,
-    /// Also let three rivals judge (one effect at a time, CMA-ES, a residual network), into DIR/baselines.json
-    #[arg(long)]
-    baselines: bool,
     /// How far off the ground may be under a foot, in metres (standard deviation); default 0.003 for a mesh, 0 for a plane
     #[arg(long, value_name = "METRES")]
     ground_error: Option<f64>,
@@ -151,11 +147,6 @@ impl Diagnose {
             Some(place) => Some(self.look(place, &runs[0], &mut diagnosis.report, &seconds, &told)?),
             None => None,
         };
-        let rivals = if self.baselines {
-            Some(baselines(&runs, &model, &terrain, &options, CMA_ES_STEPS).map_err(replay_error)?)
-        } else {
-            None
-        };
         bar.finish_and_clear();
         let mut lost: Vec<String> = runs.iter().flat_map(lost_from).collect();
         lost.extend(place.iter().flat_map(|p| p.notes.iter().cloned()));
@@ -172,9 +163,6 @@ impl Diagnose {
         if let Some((camera, sight)) = &seen {
             let path = self.out.join("calibrated_camera.toml");
             put(&path, to_toml(camera, &sight.sentence)).map_err(|e| write_error(&path, &e))?;
-        }
-        if let Some(rivals) = &rivals {
-            write_baselines(&self.out, rivals)?;
         }
         let report = &diagnosis.report;
         if self.json {
@@ -284,12 +272,6 @@ impl Place {
             photographs: &self.photographs,
         }
     }
-}
-
-fn write_baselines(directory: &Path, rivals: &Baselines) -> Result<(), ReplayError> {
-    let path = directory.join("baselines.json");
-    let text = serde_json::to_string_pretty(rivals).expect("answers are plain data") + "\n";
-    put(&path, text).map_err(|e| write_error(&path, &e))
 }
 
 /// What the outputs need to know of the robot.

@@ -13,8 +13,8 @@ use std::time::{Duration, Instant};
 pub struct Diagnoses<'a> {
     /// The program.
     pub qv: &'a Path,
-    /// Whether the baselines run, too.
-    pub baselines: bool,
+    /// The rivals' program, where they run, too.
+    pub rivals: Option<&'a Path>,
     /// How many at a time.
     pub jobs: usize,
     /// After so long no other is begun.
@@ -83,31 +83,40 @@ impl Diagnoses<'_> {
         fs::create_dir_all(out).with_context(|| format!("making {}", out.display()))?;
         let log = File::create(out.join("log.txt")).with_context(|| format!("writing in {}", out.display()))?;
         let mut command = Command::new(self.qv);
-        command.arg("diagnose");
-        // Tables are of arms, which stand on nothing.
-        match recording.join("run.mcap") {
-            bag if bag.is_file() => command.arg(bag).args(["--terrain", "plane"]),
-            _ => command.arg(recording),
-        };
-        command.arg("--out").arg(out);
+        from_to(command.arg("diagnose"), recording, out);
         if leaves_out {
             command.args(["--leave-out", LEAVE_OUT]);
         }
-        if self.baselines {
-            command.arg("--baselines");
+        let mut commands = vec![command];
+        if let Some(rivals) = self.rivals {
+            let mut command = Command::new(rivals);
+            from_to(&mut command, recording, out);
+            commands.push(command);
         }
-        command.stdin(Stdio::null()).stdout(log.try_clone()?).stderr(log);
         let clock = Instant::now();
-        let status = command.status().with_context(|| format!("cannot start {command:?}"))?;
-        // 3 is done with part of the input lost.
-        if !matches!(status.code(), Some(0 | 3)) {
-            eprintln!("{}: {status}, see {}", recording.display(), out.join("log.txt").display());
-            return Ok(());
+        for command in &mut commands {
+            command.stdin(Stdio::null()).stdout(log.try_clone()?).stderr(log.try_clone()?);
+            let status = command.status().with_context(|| format!("cannot start {command:?}"))?;
+            // 3 is done with part of the input lost.
+            if !matches!(status.code(), Some(0 | 3)) {
+                eprintln!("{}: {status}, see {}", recording.display(), out.join("log.txt").display());
+                return Ok(());
+            }
         }
         let seconds = clock.elapsed().as_secs_f64();
         fs::write(&stamp, format!("{{\"seconds\": {seconds:.2}}}\n"))
             .with_context(|| format!("writing {}", stamp.display()))
     }
+}
+
+/// Says what to read and where to write.
+fn from_to(command: &mut Command, recording: &Path, out: &Path) {
+    // Tables are of arms, which stand on nothing.
+    match recording.join("run.mcap") {
+        bag if bag.is_file() => command.arg(bag).args(["--terrain", "plane"]),
+        _ => command.arg(recording),
+    };
+    command.arg("--out").arg(out);
 }
 
 /// Where the reports of this program on these recordings lie.
@@ -135,7 +144,7 @@ mod tests {
         let qv = folder.join("qv");
         fs::write(&qv, PROGRAM).unwrap();
         fs::set_permissions(&qv, fs::Permissions::from_mode(0o755)).unwrap();
-        let diagnoses = Diagnoses { qv: &qv, baselines: false, jobs: 2, at_most: None };
+        let diagnoses = Diagnoses { qv: &qv, rivals: None, jobs: 2, at_most: None };
         diagnoses.check().unwrap();
         let names = ["a", "b", "c"].map(String::from);
         let names: Vec<&String> = names.iter().collect();
@@ -147,10 +156,19 @@ mod tests {
         assert!(reports.join("a/done.json").is_file() && !reports.join("b/done.json").exists());
         diagnoses.run(&names, &recordings, &reports).unwrap();
         assert_eq!(runs(), 4, "only what failed is run again");
-        let late = Diagnoses { qv: &qv, baselines: false, jobs: 1, at_most: Some(Duration::ZERO) };
+        let late = Diagnoses { qv: &qv, rivals: None, jobs: 1, at_most: Some(Duration::ZERO) };
         late.run(&names, &recordings, &reports_folder(&recordings, 8)).unwrap();
         assert!(runs() == 4 && !reports_folder(&recordings, 8).join("a").exists(), "no time is left");
-        let missing = Diagnoses { qv: &folder.join("no-qv"), baselines: false, jobs: 1, at_most: None };
+        // The rivals are called after the diagnosis, with the same recording and folder.
+        let rivals = folder.join("rivals");
+        fs::write(&rivals, "#!/bin/sh\n[ -s \"$5/report.json\" ] && cp \"$1\" \"$5/baselines.json\"\n").unwrap();
+        fs::set_permissions(&rivals, fs::Permissions::from_mode(0o755)).unwrap();
+        let beside = Diagnoses { qv: &qv, rivals: Some(&rivals), jobs: 1, at_most: None };
+        let reports = reports_folder(&recordings, 9);
+        beside.run(&names, &recordings, &reports).unwrap();
+        assert_eq!(fs::read_to_string(reports.join("c/baselines.json")).unwrap(), "C");
+        assert!(!reports.join("b/baselines.json").exists());
+        let missing = Diagnoses { qv: &folder.join("no-qv"), rivals: None, jobs: 1, at_most: None };
         assert!(missing.check().unwrap_err().to_string().contains("no-qv"));
         fs::remove_dir_all(&folder).unwrap();
     }

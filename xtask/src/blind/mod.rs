@@ -17,8 +17,8 @@ mod table;
 #[cfg(test)]
 mod tests;
 
-use crate::pipeline;
 use crate::workspace::Workspace;
+use crate::{bench, pipeline};
 use answers::Answers;
 use anyhow::{Context, Result};
 use clap::{ArgGroup, Args, FromArgMatches, Subcommand};
@@ -159,7 +159,8 @@ fn diagnosed(workspace: &Workspace, blind: &Blind, sets: &[Set], folder: &Path) 
     let generators = generators.collect::<Result<Vec<_>>>()?;
     let qv = pipeline::build(workspace)?;
     let at_most = blind.minutes.map(|minutes| Duration::from_secs_f64(60.0 * minutes.clamp(0.0, 1e6)));
-    let diagnoses = Diagnoses { qv: &qv, baselines: blind.baselines, jobs: blind.jobs, at_most };
+    let rivals = if blind.baselines { Some(bench::build(workspace, "rivals", &[])?) } else { None };
+    let diagnoses = Diagnoses { qv: &qv, rivals: rivals.as_deref(), jobs: blind.jobs, at_most };
     diagnoses.check()?;
     // Another set, seed, engine or generator has a folder of its own.
     let words = [format!("{sets:?}"), blind.seed.to_string(), blind.engine.clone()];
@@ -171,7 +172,8 @@ fn diagnosed(workspace: &Workspace, blind: &Blind, sets: &[Set], folder: &Path) 
     println!("answers sealed in {}: SHA-256 {}", seal_file.display(), seal.sha256());
     let mut answers = generated.answers()?;
     let words = [format!("baselines {}", blind.baselines)];
-    let reports = diagnose::reports_folder(&generated.recordings, pipeline::hash(&words, std::slice::from_ref(&qv))?);
+    let programs: Vec<PathBuf> = std::iter::once(qv.clone()).chain(rivals.clone()).collect();
+    let reports = diagnose::reports_folder(&generated.recordings, pipeline::hash(&words, &programs)?);
     let all = answers.recordings.len();
     let skipped: Vec<String> = answers.recordings.keys().take(blind.skip).cloned().collect();
     answers.recordings.retain(|name, _| !skipped.contains(name));

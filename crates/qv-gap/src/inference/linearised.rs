@@ -264,7 +264,8 @@ impl<'a> LinearisedProblem<'a> {
         steps - self.steps_told.swap(steps, Ordering::Relaxed)
     }
 
-    pub(crate) fn count(&self, steps: usize) {
+    /// Adds steps that were simulated elsewhere.
+    pub fn count(&self, steps: usize) {
         self.steps.fetch_add(steps, Ordering::Relaxed);
     }
 

@@ -23,14 +23,21 @@ use std::sync::Arc;
 /// Standard deviations of white noise on each channel, as found in the recording.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Noise {
-    pub(crate) position: Vec<f64>,
-    pub(crate) velocity: Vec<f64>,
-    pub(crate) torque: Vec<f64>,
-    pub(crate) gyro: f64,
+    /// Of joint positions \[rad\], shape `[joints]`.
+    pub position: Vec<f64>,
+    /// Of joint speeds \[rad/s\], shape `[joints]`.
+    pub velocity: Vec<f64>,
+    /// Of joint torques \[N m\], shape `[joints]`.
+    pub torque: Vec<f64>,
+    /// Of the gyroscope \[rad/s\].
+    pub gyro: f64,
     acceleration: f64,
-    pub(crate) orientation: f64,
-    pub(crate) place: f64,
-    pub(crate) pose: f64,
+    /// Of the IMU's orientation \[rad\].
+    pub orientation: f64,
+    /// Of the base's place \[m\].
+    pub place: f64,
+    /// Of the base's measured orientation \[rad\].
+    pub pose: f64,
 }
 
 impl Noise {

@@ -2,7 +2,7 @@
 
 pub mod columns;
 pub(crate) mod command_cache;
-pub(crate) mod data_quality;
+pub mod data_quality;
 pub mod excitation;
 pub mod features;
 pub mod library;
@@ -13,6 +13,7 @@ pub(crate) mod start_cache;
 use crate::GapError;
 use crate::problem::command_cache::Told;
 use crate::problem::start_cache::Kept;
+pub use crate::problem::start_cache::measured;
 use features::Channel;
 use qv_core::JointSeries;
 use qv_replay::faults::{FASTEST_BASE, jumped};
@@ -153,6 +154,15 @@ pub struct Window {
     pub(crate) start_kept: Kept,
     /// What its robot was told, once that was asked for.
     pub(crate) told: Told,
+}
+
+impl Window {
+    /// The same stretch where something else was recorded.
+    pub fn seen_as(&self, view: Run) -> Self {
+        let Self { start, moving, held_out, run, .. } = *self;
+        let attitude = self.attitude.clone();
+        Self { start, view, attitude, moving, held_out, run, start_kept: Kept::default(), told: Told::default() }
+    }
 }
 
 /// A robot, the ground and the channels that can be compared.

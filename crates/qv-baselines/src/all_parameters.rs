@@ -1,13 +1,13 @@
 //! All global parameters of the library at once, by CMA-ES. What moved farthest is named: the way in which a robot is
 //! calibrated as a whole, and then looked at.
 
-use super::cma_es::CmaEs;
-use super::one_at_a_time::{absent, largest};
-use super::plain::Plain;
-use super::{Answer, Size, sizes};
-use crate::GapError;
-use crate::problem::Overrides;
-use crate::problem::columns::{Columns, Suspect};
+use crate::cma_es::CmaEs;
+use crate::one_at_a_time::{absent, largest};
+use crate::plain::Plain;
+use crate::{Answer, Size, sizes};
+use qv_gap::GapError;
+use qv_gap::problem::Overrides;
+use qv_gap::problem::columns::{Columns, Suspect};
 
 /// Windows of each evaluation: fewer windows make more generations of the same budget.
 const WINDOWS: usize = 12;

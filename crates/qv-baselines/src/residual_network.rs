@@ -8,21 +8,19 @@
 //! starts from the measured state and then sees commands only: what was measured later cannot leak in. The torques are added
 //! to the commanded feed-forward torque, so that the law of the actuator sees them, too.
 
-use super::Answer;
-use super::network::{Adam, HIDDEN, Network};
-use super::plain::Plain;
-use crate::GapError;
-use crate::inference::linearised::{LinearisedProblem, LinearisedWindow};
-use crate::problem::command_cache::Told;
-use crate::problem::features::{self, Channel};
-use crate::problem::start_cache::{Kept, measured};
-use crate::problem::{Overrides, Problem, Window};
-use crate::rollout::actuator_model::{self, ActuatorModel};
-use crate::rollout::windows::Raw;
-use crate::rollout::windows::compare;
+use crate::Answer;
+use crate::network::{Adam, HIDDEN, Network};
+use crate::plain::Plain;
 use nalgebra::{DMatrix, DVector};
 use qv_core::JointSeries;
 use qv_core::random::SplitMix64;
+use qv_gap::GapError;
+use qv_gap::inference::linearised::{LinearisedProblem, LinearisedWindow};
+use qv_gap::problem::features::{self, Channel};
+use qv_gap::problem::{Overrides, Problem, Window, measured};
+use qv_gap::rollout::actuator_model::{self, ActuatorModel};
+use qv_gap::rollout::windows::Raw;
+use qv_gap::rollout::windows::compare;
 use rayon::prelude::*;
 
 /// For so long a torque is held \[s\].
@@ -217,9 +215,7 @@ fn pushed(problem: &Problem, window: &Window, torques: &[f64]) -> Window {
     }
     let mut view = window.view.clone();
     view.commands.torque = Some(JointSeries { time, values, joints: width });
-    let attitude = window.attitude.clone();
-    let Window { start, moving, held_out, run, .. } = *window;
-    Window { view, attitude, start, moving, held_out, run, start_kept: Kept::default(), told: Told::default() }
+    window.seen_as(view)
 }
 
 /// Raw residual of a window under torques, empty when it runs away, and the steps that were simulated.

@@ -2,13 +2,13 @@
 //! windows that no fit saw is named. This is what identification of one parameter does; all other deviations that a robot
 //! has are not known to it.
 
-use super::plain::Plain;
-use super::{Answer, Size, sizes};
-use crate::GapError;
-use crate::inference::level::mean;
-use crate::problem::Overrides;
-use crate::problem::columns::{Columns, Suspect};
+use crate::plain::Plain;
+use crate::{Answer, Size, sizes};
 use nalgebra::{DMatrix, DVector};
+use qv_gap::GapError;
+use qv_gap::inference::level::mean;
+use qv_gap::problem::Overrides;
+use qv_gap::problem::columns::{Columns, Suspect};
 
 /// Windows looked at while groups and starts are chosen.
 const COARSE_WINDOWS: usize = 12;

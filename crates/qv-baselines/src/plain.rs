@@ -1,16 +1,16 @@
 //! The least squares of the rivals: residuals in units of the sensors' noise, and nothing known of a null or of what other
 //! effects any robot has.
 
-use crate::GapError;
-use crate::checks::held_out::Closure;
-use crate::inference::linearised::LinearisedProblem;
-use crate::null::Noise;
-use crate::problem::Overrides;
-use crate::problem::features::{self, Channel};
-use crate::rollout::actuator_model;
-use crate::rollout::windows::Raw;
 use nalgebra::DVector;
 use qv_core::JointSeries;
+use qv_gap::GapError;
+use qv_gap::checks::held_out::Closure;
+use qv_gap::inference::linearised::LinearisedProblem;
+use qv_gap::null::Noise;
+use qv_gap::problem::Overrides;
+use qv_gap::problem::features::{self, Channel};
+use qv_gap::rollout::actuator_model;
+use qv_gap::rollout::windows::Raw;
 use qv_replay::median_interval;
 
 /// Loss of a window whose simulation ran away, over that of the nominal robot.
@@ -113,7 +113,7 @@ impl<'a> Plain<'a> {
     /// # Errors
     /// When a setting has a value that means nothing.
     pub fn closed(&mut self, setting: &Overrides) -> Result<f64, GapError> {
-        Ok(crate::checks::held_out::closure(&mut self.study, setting)?.closed())
+        Ok(qv_gap::checks::held_out::closure(&mut self.study, setting)?.closed())
     }
 
     /// The same of residuals of the held-out windows; empty ones are left out.

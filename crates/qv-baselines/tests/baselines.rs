@@ -1,9 +1,10 @@
 //! The rivals of the diagnosis on recordings of a simulated Go2 whose cause is known.
 
+#[path = "../../qv-gap/tests/recorded/mod.rs"]
 mod recorded;
 
+use qv_baselines::{Baselines, baselines};
 use qv_gap::Options;
-use qv_gap::baselines::{Baselines, baselines};
 use qv_gap::inference::linearised::NullOptions;
 use qv_gap::problem::WindowOptions;
 use qv_gap::problem::library;

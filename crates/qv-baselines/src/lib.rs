@@ -1,6 +1,8 @@
-//! Three rivals that are run beside the diagnosis, on the same windows of the same recordings: one effect at a time, all
-//! parameters by CMA-ES, and a network of residual torques. None knows the null or what else any robot has; how far
-//! they close the gap is measured by the diagnosis' own yardstick, in windows that none of them saw.
+//! Three rivals of the diagnosis, on the same windows of the same recordings: one effect at a time, all parameters by CMA-ES,
+//! and a network of residual torques. They are for judging the diagnosis, not for users.
+//!
+//! None knows the null or what else any robot has; how far they close the gap is measured by the diagnosis' own yardstick, in
+//! windows that none of them saw. Errors are those of `qv-gap`.
 
 mod all_parameters;
 mod cma_es;
@@ -9,12 +11,12 @@ mod one_at_a_time;
 mod plain;
 mod residual_network;
 
-use crate::inference::linearised::LinearisedProblem;
-use crate::problem::Problem;
-use crate::problem::columns::{Columns, Suspect};
-use crate::problem::data_quality;
-use crate::{GapError, Options};
 use plain::Plain;
+use qv_gap::inference::linearised::LinearisedProblem;
+use qv_gap::problem::Problem;
+use qv_gap::problem::columns::{Columns, Suspect};
+use qv_gap::problem::data_quality;
+use qv_gap::{GapError, Options};
 use qv_replay::Run;
 use qv_sim::{Model, Terrain};
 use serde::Serialize;
@@ -78,7 +80,7 @@ pub struct Baselines {
 }
 
 /// Lets the rivals judge `runs` of one robot on one ground; CMA-ES simulates `cma_es_steps`. Of the options all but the
-/// null's effort count as in [`crate::diagnose`]; the seed is that of the effort.
+/// null's effort count as in [`qv_gap::diagnose`]; the seed is that of the effort.
 ///
 /// # Errors
 /// When there are no runs, they are not of this model, or they have too little.
@@ -90,7 +92,8 @@ pub fn baselines(
     cma_es_steps: usize,
 ) -> Result<Baselines, GapError> {
     if runs.is_empty() {
-        return Err(GapError::run("runs", "at least one", "none"));
+        let [what, expected, found] = ["runs", "at least one", "none"].map(String::from);
+        return Err(GapError::Run { what, expected, found });
     }
     tell(options, "baselines: windows and yardstick");
     let (runs, _) = data_quality::upright(runs);
@@ -134,7 +137,7 @@ fn timed<'a>(
 fn sizes(columns: &Columns, suspect: &Suspect) -> Vec<Size> {
     let group = &columns.groups[suspect.group];
     let effect = &columns.effects[group.effect];
-    let one = |(axis, value): (&crate::problem::library::Axis, &f64)| Size {
+    let one = |(axis, value): (&qv_gap::problem::library::Axis, &f64)| Size {
         effect: effect.name.clone(),
         name: axis.name.clone(),
         scope: group.names.clone(),
