@@ -3,7 +3,7 @@
 use crate::ground::Ground;
 use crate::report::{Region, Report, Status};
 use qv_core::label_colour;
-use qv_replay::replay::escape;
+use qv_page::escape;
 use std::fmt::Write;
 
 const STYLE: &str = ":root{color-scheme:light dark;--ink:#1d2329;--soft:#5d6872;--line:#d8dee4;--card:#fff;--page:#f4f6f8;\

@@ -18,7 +18,7 @@ pub use engine::{
     simulate, stated_parameters,
 };
 pub use errors::{BaseErrors, Errors, JointErrors, Phase, PhaseErrors, TimeErrors};
-pub use html::{escape, to_html};
+pub use html::to_html;
 pub use json::to_json;
 pub use lag::{Lag, lags_behind, lags_behind_command};
 pub use legs::Legs;

@@ -7,7 +7,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use image::ImageEncoder as _;
 use qv_core::{Material, TriangleMesh, label_colour};
-use qv_replay::replay::escape;
+use qv_page::escape;
 use serde_json::Value;
 use std::fmt::Write;
 

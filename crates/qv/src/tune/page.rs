@@ -1,6 +1,6 @@
 //! `tune.html`: what the tuning found, on one page without network.
 
-use qv_replay::replay::escape;
+use qv_page::escape;
 use qv_residual::close::{PathPair, Report};
 use qv_residual::paths::{KINDS, Path, PathScore, place};
 use std::fmt::Write;

@@ -1,7 +1,7 @@
 //! Numbers, units and names as people read them.
 
 use crate::report::{ParameterEstimate, UNKNOWN};
-pub(super) use qv_replay::replay::escape;
+pub(super) use qv_page::escape;
 
 /// With this many decimals; a dash for what is not finite.
 pub(super) fn fixed(x: f64, decimals: usize) -> String {

@@ -1,7 +1,7 @@
 //! What the policy is and what it was trained under, as a table.
 
 use qv_policy::policy::PolicyFile;
-use qv_replay::replay::escape;
+use qv_page::escape;
 use std::fmt::{Display, Write};
 
 /// The section.

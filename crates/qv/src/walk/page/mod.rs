@@ -14,7 +14,7 @@ use qv_policy::play::Played;
 use qv_policy::policy::PolicyFile;
 use qv_policy::score::Score;
 use qv_policy::train::Line;
-use qv_replay::replay::escape;
+use qv_page::escape;
 use std::fmt::Write;
 
 const STYLE: &str = include_str!("style.css");
