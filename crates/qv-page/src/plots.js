@@ -274,7 +274,7 @@ const qvPlots = (() => {
       c.beginPath();
       c.rect(LEFT, TOP, width - LEFT - RIGHT, floor - TOP);
       c.clip();
-      for (const band of panel.bands) {
+      for (const band of panel.bands.filter(one => one.x.every(known))) {
         const [from, to] = band.x.map(x => px(flat(x)));
         c.globalAlpha = 0.15;
         c.fillStyle = tone(band.tone);

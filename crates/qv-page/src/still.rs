@@ -47,15 +47,21 @@ struct Drawn<'a> {
 }
 
 fn drawing(board: &Board, panel: &Panel) -> String {
+    let begin = board.begin.and_then(|k| board.stretches.get(k)).map(|stretch| stretch.x);
     let level = |log: bool, x: f64| if log { x.log10() } else { x };
     let drawn = |line| {
-        let (x, y) = board.points(line);
+        let (x, mut y) = board.points(line);
+        // Nothing beside what is shown at first.
+        if let Some([from, to]) = begin {
+            y.iter_mut().zip(&x).filter(|(_, x)| **x < from || **x > to).for_each(|(y, _)| *y = f64::NAN);
+        }
         let log = panel.log && line.look != Look::Bar;
         let levels = |log, values: Vec<f64>| values.into_iter().map(|v| level(log, v)).collect();
         Drawn { line, x: levels(board.log, x), y: levels(log, y) }
     };
     let lines: Vec<Drawn> = panel.lines.iter().map(drawn).collect();
     let of_x = range(lines.iter().flat_map(|l| l.x.iter().copied()));
+    let of_x = begin.map(|x| x.map(|x| level(board.log, x))).or(of_x);
     let Some(across) = of_x.filter(|[low, high]| high > low) else {
         return "<p class=\"soft\">nothing to draw</p>".into();
     };
