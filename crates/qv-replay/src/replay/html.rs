@@ -1,38 +1,21 @@
 //! `replay.html`: one file with its plots inside, no network, light or dark as the reader's screen is.
 
 use crate::replay::errors::Errors;
+use crate::replay::joint_board::{TIME_STEP, joint_board, numbers_of_an_instant};
 use crate::replay::verdict::verdict;
 use crate::replay::{Lag, Replay, Trace};
 use qv_page::parts::{self, Mood, Table, key};
 use qv_page::picture::{Axis, axes, map, padded, path, range};
-use qv_page::{Board, Choice, Column, Line, Look, Page, Panel, Stretch, escape, fixed};
+use qv_page::{Board, Line, Look, Page, Panel, Stretch, escape, fixed};
 
 /// Name of what moves together on the page: everything over time.
 const LINK: &str = "time";
-/// Smallest difference of times that is kept \[s\].
-const TIME_STEP: f64 = 1e-5;
 /// Numbers of joints that a page holds: 20 s at 500 Hz of twelve joints, three channels, three lines. More make a file that nobody sends.
 const MOST: usize = 1_100_000;
 /// Lines of a joint's channel.
 const SERIES: usize = 3;
 /// Length of a stretch that one can go to \[s\].
 const STRETCH: f64 = 2.0;
-
-/// A channel of joints: name, unit, the smallest difference that is kept, factor and unit of errors.
-struct Channel {
-    name: &'static str,
-    unit: &'static str,
-    step: f64,
-    factor: f64,
-    error_unit: &'static str,
-    of: fn(&Trace) -> &[f64],
-}
-
-const CHANNELS: [Channel; 3] = [
-    Channel { name: "position", unit: "rad", step: 1e-5, factor: 1e3, error_unit: "mrad", of: |t| &t.position },
-    Channel { name: "velocity", unit: "rad/s", step: 1e-3, factor: 1.0, error_unit: "rad/s", of: |t| &t.velocity },
-    Channel { name: "torque", unit: "N m", step: 1e-3, factor: 1.0, error_unit: "N m", of: |t| &t.torque },
-];
 
 /// The page. `title` names the recording; `notes` are said under the verdict, one paragraph each, such as what was lost.
 pub fn to_html(replay: &Replay, title: &str, notes: &[String]) -> String {
@@ -124,28 +107,18 @@ fn error_over_time(replay: &Replay) -> String {
 /// Every joint, recorded and simulated, with what lies between; of position, velocity and torque those that were recorded.
 fn joints(replay: &Replay) -> String {
     let recorded = &replay.recorded;
-    let is_there = |channel: &&Channel| (channel.of)(recorded).iter().any(|x| x.is_finite());
-    let channels: Vec<&Channel> = CHANNELS.iter().filter(is_there).collect();
     let all = stretches(&replay.window_errors);
-    let (stretches, instants) = shown(replay, &all, SERIES * channels.len() * replay.joint_names.len());
-    let mut board = Board::new("time [s]");
-    board.link = LINK.into();
-    let times: Vec<f64> = instants.iter().map(|i| recorded.time[i.at]).collect();
-    let time = board.column(&times, TIME_STEP);
-    let mut drawing = Drawing { board, replay, instants: &instants, time };
-    for joint in 0..replay.joint_names.len() {
-        for (k, channel) in channels.iter().enumerate() {
-            let found = panels(&mut drawing, channel, joint, &[vec![joint], vec![k, channels.len()]]);
-            drawing.board.panels.extend(found);
-        }
-    }
-    let mut board = drawing.board;
-    let names = channels.iter().map(|c| c.name.to_string());
-    let names = names.chain((channels.len() > 1).then(|| "all".to_string())).collect();
-    board.choices = vec![
-        Choice { name: "joint".into(), options: replay.joint_names.clone(), first: replay.window_errors.worst() },
-        Choice { name: "channel".into(), options: names, first: 0 },
+    let (stretches, instants) = shown(replay, &all, numbers_of_an_instant(recorded, SERIES));
+    let window = |[window, k]: [usize; 2]| (&replay.windows.windows[window].trace, k);
+    let [recorded, restarted, whole] = [
+        picked(&instants, recorded, |i| Some((recorded, i.at))),
+        picked(&instants, recorded, |i| i.window.map(window)),
+        picked(&instants, recorded, |i| Some((&replay.whole, i.at))),
     ];
+    let simulated = [("restarted", "c0", &restarted), ("whole run", "c1", &whole)];
+    let first = replay.window_errors.worst();
+    let mut board = joint_board(&replay.joint_names, ("recorded", "measured", &recorded), &simulated, first);
+    board.link = LINK.into();
     let left_out = if stretches.len() < all.len() {
         format!(" Of this long recording the {} s with the largest errors are shown.", STRETCH * stretches.len() as f64)
     } else {
@@ -160,48 +133,26 @@ fn joints(replay: &Replay) -> String {
     )
 }
 
-/// What the joints' panels are made of.
-struct Drawing<'a> {
-    board: Board,
-    replay: &'a Replay,
-    instants: &'a [Instant],
-    time: Column,
-}
-
-impl Drawing<'_> {
-    /// A line of a joint's values, `of` an instant; `None` where nothing is known.
-    fn line(&mut self, name: &str, tone: &str, step: f64, of: impl Fn(&Instant) -> f64) -> Option<Line> {
-        let values: Vec<f64> = self.instants.iter().map(of).collect();
-        let is_known = values.iter().any(|x| x.is_finite());
-        is_known.then(|| Line::new(name, tone, self.time, self.board.column(&values, step)))
-    }
-}
-
-/// A joint's channel, and what its simulations are off.
-fn panels(drawing: &mut Drawing, channel: &Channel, joint: usize, when: &[Vec<usize>]) -> Vec<Panel> {
-    let replay = drawing.replay;
-    let value =
-        |trace: &Trace, i: usize| (channel.of)(trace).get(i * trace.joints + joint).copied().unwrap_or(f64::NAN);
-    let restarted =
-        |i: &Instant| i.window.map_or(f64::NAN, |[window, k]| value(&replay.windows.windows[window].trace, k));
-    let recorded = drawing.line("recorded", "measured", channel.step, |i| value(&replay.recorded, i.at));
-    let Some(recorded) = recorded else { return Vec::new() };
-    let simulated = [
-        drawing.line("restarted", "c0", channel.step, restarted),
-        drawing.line("whole run", "c1", channel.step, |i| value(&replay.whole, i.at)),
-    ];
-    let simulated: Vec<Line> = simulated.into_iter().flatten().collect();
-    let errors = simulated.iter().map(|line| line.clone().minus(recorded.y, channel.factor)).collect();
-    let lines = std::iter::once(recorded.looking(Look::Wide)).chain(simulated).collect();
-    let panel = |title: String, unit: &str, lines: Vec<Line>| Panel {
-        title,
-        unit: unit.into(),
-        when: when.to_vec(),
-        lines,
-        ..Panel::default()
+/// The joints at some instants, from the trace and the row in it that `from` names; NaN where there is none.
+fn picked<'t>(instants: &[Instant], recorded: &Trace, from: impl Fn(&Instant) -> Option<(&'t Trace, usize)>) -> Trace {
+    let channel = |of: fn(&Trace) -> &[f64]| -> Vec<f64> {
+        let value = |from: Option<(&Trace, usize)>, j: usize| {
+            from.and_then(|(trace, row)| of(trace).get(row * trace.joints + j)).copied().unwrap_or(f64::NAN)
+        };
+        let row = |i| {
+            let from = from(i);
+            (0..recorded.joints).map(move |j| value(from, j))
+        };
+        instants.iter().flat_map(row).collect()
     };
-    let error = format!("{}: simulated − recorded", channel.name);
-    vec![panel(channel.name.into(), channel.unit, lines), panel(error, channel.error_unit, errors)]
+    Trace {
+        time: instants.iter().map(|i| recorded.time[i.at]).collect(),
+        position: channel(|t| &t.position),
+        velocity: channel(|t| &t.velocity),
+        torque: channel(|t| &t.torque),
+        joints: recorded.joints,
+        ..Trace::default()
+    }
 }
 
 /// An instant that is drawn.
