@@ -363,7 +363,7 @@ const qvPlots = (() => {
         c.font = "600 13px system-ui, sans-serif";
         c.textAlign = "left";
         c.fillStyle = tone("ink");
-        c.fillText([one.panel.title, ...about(), one.panel.unit && `[${one.panel.unit}]`].filter(Boolean).join(", "), 0, 12);
+        c.fillText(whose(one.panel).join(", ") + (one.panel.unit ? ` [${one.panel.unit}]` : ""), 0, 12);
         let at = 0;
         c.font = "12px system-ui, sans-serif";
         for (const line of one.panel.lines.filter(isOn)) {
@@ -381,6 +381,7 @@ const qvPlots = (() => {
 
     // Names of what is chosen.
     const about = () => B.choices.map((choice, k) => choice.options[chosen[k]]).filter(Boolean);
+    const whose = panel => [...about().filter(name => !panel.title.includes(name)), panel.title];
     const file = ending => [document.title, ...about()].join(" ").replace(/[^\p{L}\p{N}._-]+/gu, "_").slice(0, 90) + "." + ending;
 
     // All lines that are shown, in the part that is shown; lines of other times get rows of their own.
@@ -395,7 +396,7 @@ const qvPlots = (() => {
         }
       });
       const quoted = text => `"${text.replace(/"/g, '""')}"`, step = Math.min(...shown.map(({ line }) => packed(line.x).step));
-      const head = shown.map(({ panel, line }) => quoted([...about(), panel.title, line.name].join(", ") + (panel.unit ? ` [${panel.unit}]` : "")));
+      const head = shown.map(({ panel, line }) => quoted([...whose(panel), line.name].join(", ") + (panel.unit ? ` [${panel.unit}]` : "")));
       const digits = Math.max(4, Math.min(9, decimals(step) + 1));
       const body = [...rows].sort((p, q) => p[0] - q[0]).map(([x, cells]) => [round(x).toFixed(digits), ...cells].join(","));
       save(file("csv"), "text/csv", [[[quoted(B.x), ...head].join(","), ...body].join("\n") + "\n"]);

@@ -229,7 +229,7 @@ fn base_path(replay: &Replay) -> String {
     let (Some(x), Some(y)) = (ends(0), ends(1)) else { return String::new() };
     let (xs, ys, height) = map(padded(x), padded(y), 640.0, [170.0, 420.0], [62.0, 10.0]);
     let mut svg = format!(
-        "<svg viewBox=\"0 0 720 {:.0}\" role=\"img\" aria-label=\"path of the base from above\">{}",
+        "<svg class=\"long\" viewBox=\"0 0 720 {:.0}\" role=\"img\" aria-label=\"path of the base from above\">{}",
         height + 48.0,
         axes(xs, ys, "x [m]", "y [m]")
     );
@@ -237,7 +237,7 @@ fn base_path(replay: &Replay) -> String {
         svg += &way(name, tone, (x, y), xs, ys);
     }
     format!(
-        "<h2>Path of the base from above</h2><div class=\"card\"><p class=\"soft\">{}{}, open loop</p>{svg}</svg></div>",
+        "<h2>Path of the base from above</h2><div class=\"card\"><p class=\"soft\">{}{}, open loop</p><div class=\"scroll\">{svg}</svg></div></div>",
         key("measured", "recorded"),
         key("c1", "simulated")
     )

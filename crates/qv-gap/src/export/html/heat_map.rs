@@ -170,7 +170,9 @@ pub(super) fn times(times: &[TimeShare]) -> String {
     let (Some(first), true) = (known.first(), largest > 0.0) else { return String::new() };
     let last = known.iter().map(|t| t.end).fold(first.end, f64::max);
     let xs = Axis { from: [first.start, last], to: [44.0, 996.0] };
-    let mut svg = String::from("<svg viewBox=\"0 0 1000 112\" role=\"img\" aria-label=\"share of the gap over time\">");
+    let mut svg = String::from(
+        "<svg class=\"long\" viewBox=\"0 0 1000 112\" role=\"img\" aria-label=\"share of the gap over time\">",
+    );
     for share in [0.0, largest] {
         let y = 80.0 - 70.0 * share / largest;
         let _ = write!(svg, "<path class=\"axis\" d=\"M44 {y}H996\"/>");
@@ -204,8 +206,8 @@ pub(super) fn times(times: &[TimeShare]) -> String {
         let _ = write!(svg, "<text x=\"{:.1}\" y=\"96\" text-anchor=\"middle\">{label}</text>", xs.at(t));
     }
     format!(
-        "<div class=\"card\"><h3>When: share of the gap by window [%]</h3>{svg}\
-         <text x=\"996\" y=\"110\" text-anchor=\"end\">{label}</text></svg></div>"
+        "<div class=\"card\"><h3>When: share of the gap by window [%]</h3><div class=\"scroll\">{svg}\
+         <text x=\"996\" y=\"110\" text-anchor=\"end\">{label}</text></svg></div></div>"
     )
 }
 
