@@ -204,3 +204,72 @@ fn parameters(report: &Report) -> String {
         ))
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use qv_residual::close::{Candidate, HeldOut};
+    use qv_residual::compensation::Compensation;
+
+    fn made_up(nasty: &str) -> Report {
+        let score = |position: f32| PathScore { walks: 64, position, position_se: 0.01, heading: 0.1, fell: 2 };
+        let candidate = |kind: &str, error: f64| Candidate {
+            compensation: Compensation {
+                joints: vec![nasty.into(), "knee".into()],
+                kind: kind.into(),
+                parameters: [(format!("joint.{nasty}.armature"), 0.01)].into(),
+                ..Compensation::default()
+            },
+            held_out: HeldOut {
+                error,
+                error_se: 0.001,
+                joints: vec![error, f64::NAN],
+                gain: [0.002, 0.001],
+                stays: true,
+            },
+            paths: Some(score(error as f32)),
+        };
+        let path = |turn: f32| (1..200).map(|k| place([0.5, 0.0, turn], 0.04 * k as f32)).collect();
+        Report {
+            robot: nasty.into(),
+            seconds: 600.0,
+            told: vec![nasty.into()],
+            candidates: vec![candidate("as it was", 0.02), candidate(nasty, 0.01)],
+            chosen: Some(1),
+            why: "It strays least.".into(),
+            before: score(0.4),
+            after: score(0.2),
+            control: Some(score(0.39)),
+            paths: vec![PathPair {
+                command: [0.5, 0.0, 0.2],
+                before: path(0.1),
+                after: path(0.19),
+                promised: path(0.2),
+            }],
+            settings: Default::default(),
+        }
+    }
+
+    #[test]
+    fn candidates_policies_paths_and_joints_are_told_and_no_name_breaks_the_page() {
+        let nasty = "</style><script>alert(\"1\" & '2')</script>";
+        let text = page(&made_up(nasty));
+        for part in
+            ["stray 50 % less", "20.00 ± 1.00", "0.200 ± 0.010", "2 of 64", "(chosen)", "trained on: ends at", "0.0100"]
+        {
+            assert!(text.contains(part), "{part}");
+        }
+        for never in ["<script", "NaN", "inf", "http:", "https:", "src=", "url("] {
+            assert!(!text.contains(never), "{never}");
+        }
+        for tag in ["div", "table", "tr", "td", "th", "svg", "h2", "p", "figure", "details"] {
+            let opened = text.matches(&format!("<{tag}>")).count() + text.matches(&format!("<{tag} ")).count();
+            assert_eq!(opened, text.matches(&format!("</{tag}>")).count(), "{tag}");
+        }
+        let mut kept = made_up("go2");
+        (kept.chosen, kept.paths) = (None, vec![]);
+        let text = page(&kept);
+        assert!(text.contains("The policy is as it was.") && !text.contains("Paths from above"));
+        assert!(!text.contains("What was corrected"));
+    }
+}
