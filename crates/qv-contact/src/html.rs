@@ -128,10 +128,11 @@ fn of_region(k: usize, r: &Region) -> String {
     let friction = board.column(&r.curves.friction, 1e-5);
     let mut line = |name: &str, tone: &str, values: &[f64]| Line::new(name, tone, friction, board.column(values, 1e-4));
     let mut lines = vec![line("prior", "prior", &r.curves.prior)];
-    let mut bands = Vec::new();
+    let (mut bands, mut shaded) = (Vec::new(), "");
     if matches!(r.status, Status::Refined | Status::Grips) {
         lines.push(line("posterior", "after", &r.curves.posterior));
         bands.push(Band { x: r.posterior.interval90, tone: "after".into() });
+        shaded = "; the 90 % interval of the posterior is shaded";
     }
     let title = "probability, relative to the greatest".into();
     board.panels.push(Panel { title, lines, bands, zero: true, ..Panel::default() });
@@ -143,7 +144,7 @@ fn of_region(k: usize, r: &Region) -> String {
         board.panels.push(Panel { title, unit: "mm".into(), lines: vec![line], ..Panel::default() });
     }
     card(&format!(
-        "<p><b>{}</b>: {}, {}</p>{}<p class=\"soft small\">Prior {} ± {} ({}); the 90 % interval of the posterior is shaded. {} windows; {} \
+        "<p><b>{}</b>: {}, {}</p>{}<p class=\"soft small\">Prior {} ± {} ({}){shaded}. {} windows; {} \
          nats of information; a tenth more friction moves a window by {} of its usual deviation.</p>",
         labelled(k, &r.label),
         fixed(r.friction, 3),

@@ -142,9 +142,8 @@ const qvPlots = (() => {
     }
     const buttons = element("span", tools);
     const button = (textContent, title, onclick) => element("button", buttons, { type: "button", textContent, title, onclick });
-    button("‹", "the part before", () => step(-1));
-    button("›", "the part after", () => step(1));
-    button("whole", "all of it; so does a double click", () => axis.go(null));
+    const moves = [button("‹", "the part before", () => step(-1)), button("›", "the part after", () => step(1))];
+    const whole = button("whole", "all of it; so does a double click", () => axis.go(null));
     button("PNG", "what is shown as a picture", () => picture());
     button("CSV", "what is shown as a table", () => table());
 
@@ -408,6 +407,8 @@ const qvPlots = (() => {
         views.forEach(paintCanvas);
         const at = axis.range ? B.stretches.findIndex(one => one.x.every((x, k) => flat(x) === axis.range[k])) : -1;
         if (stretch) stretch.value = axis.range && at < 0 ? "" : at;
+        whole.disabled = !axis.range;
+        moves.forEach(move => { move.disabled = !axis.range && !stretch; });
       },
       mark: x => views.forEach(v => stand(v.moment, v.drawing, x)),
       point: x => views.forEach(one => {

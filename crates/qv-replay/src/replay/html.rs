@@ -227,9 +227,9 @@ fn base_path(replay: &Replay) -> String {
         .map(|(name, tone, trace)| (name, tone, [places(trace, 0), places(trace, 1)]));
     let ends = |axis: usize| range(paths.iter().flat_map(|p| &p.2[axis]).copied());
     let (Some(x), Some(y)) = (ends(0), ends(1)) else { return String::new() };
-    let (xs, ys, height) = map(padded(x), padded(y), 640.0, [170.0, 420.0], [62.0, 10.0]);
+    let (xs, ys, height) = map(padded(x), padded(y), 448.0, [150.0, 400.0], [62.0, 10.0]);
     let mut svg = format!(
-        "<svg class=\"long\" viewBox=\"0 0 720 {:.0}\" role=\"img\" aria-label=\"path of the base from above\">{}",
+        "<svg class=\"half\" viewBox=\"0 0 520 {:.0}\" role=\"img\" aria-label=\"path of the base from above\">{}",
         height + 48.0,
         axes(xs, ys, "x [m]", "y [m]")
     );
@@ -237,7 +237,7 @@ fn base_path(replay: &Replay) -> String {
         svg += &way(name, tone, (x, y), xs, ys);
     }
     format!(
-        "<h2>Path of the base from above</h2><div class=\"card\"><p class=\"soft\">{}{}, open loop</p><div class=\"scroll\">{svg}</svg></div></div>",
+        "<h2>Path of the base from above</h2><div class=\"card\"><p class=\"soft\">{}{}, open loop</p>{svg}</svg></div>",
         key("measured", "recorded"),
         key("c1", "simulated")
     )

@@ -87,7 +87,7 @@ fn tracking_table(measures: &Measures) -> String {
         &["", "vx [m/s]", "vy [m/s]", "wz [rad/s]", "vx", "vy", "wz", "velocity [m/s]", "turning [rad/s]"],
     );
     for s in &measures.stretches {
-        let time = format!("{} – {}", number(Some(s.from), 1), number(Some(s.to), 1));
+        let time = format!("{}&nbsp;–&nbsp;{}", number(Some(s.from), 1), number(Some(s.to), 1));
         let commanded = s.command.map(|x| number(Some(x), 2));
         let done = [0, 1, 2].map(|k| number(s.done.map(|done| done[k]), 2));
         let error = [0, 1].map(|k| number(s.error.map(|error| error[k]), 3));

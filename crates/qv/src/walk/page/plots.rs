@@ -162,7 +162,7 @@ pub fn feet(played: &Played) -> Board {
         coloured((0..count).map(line).collect::<Vec<_>>().into_iter())
     };
     let forces = of(0.1, &|k, f| played.foot_forces[k][f]);
-    let heights = of(1e-4, &|k, f| played.foot_heights[k][f]);
+    let heights = of(1e-5, &|k, f| played.foot_heights[k][f]);
     let gait = forces.iter().map(|line| line.clone().looking(Look::Bar)).collect();
     let heights = heights.into_iter().map(|line| line.times(100.0)).collect();
     let panel = |title, unit, lines| Panel { half: false, ..titled(title, unit, lines) };
