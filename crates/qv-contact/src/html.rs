@@ -1,22 +1,15 @@
-//! `contact.html`: one file with its pictures inside, no script and no network, light or dark as the reader's screen is.
+//! `contact.html`: one file with its pictures and plots inside, no network, light or dark as the reader's screen is.
 
 use crate::ground::Ground;
 use crate::report::{Region, Report, Status};
 use qv_core::label_colour;
-use qv_replay::replay::escape;
+use qv_page::parts::{self, Bars, card, grid, key, track};
+use qv_page::{Band, Board, Line, Look, Page, Panel, Table, escape, fixed, percent};
 use std::fmt::Write;
 
-const STYLE: &str = ":root{color-scheme:light dark;--ink:#1d2329;--soft:#5d6872;--line:#d8dee4;--card:#fff;--page:#f4f6f8;\
---prior:#8a94a0;--post:#0b6bcb;--grid:#c2571a;--slip:#c9184a}@media(prefers-color-scheme:dark){:root{--ink:#e6ebf0;\
---soft:#9aa6b2;--line:#333c46;--card:#1b2127;--page:#12161a;--prior:#7d8894;--post:#5aa9f5;--grid:#f0955a;--slip:#ff6f91}}\
-body{font:15px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--page);max-width:1080px;margin:2rem auto;\
-padding:0 1rem}h1{font-size:1.5rem;overflow-wrap:anywhere}h2{font-size:1.15rem;margin-top:2rem}.card{background:var(--card);border:1px solid \
-var(--line);border-radius:10px;padding:1rem;margin:.6rem 0}.grid{display:grid;gap:.8rem;grid-template-columns:repeat(\
-auto-fit,minmax(320px,1fr))}.grid .card{margin:0}.soft{color:var(--soft)}.small{font-size:.85rem}table{border-collapse:\
-collapse;width:100%}td,th{text-align:right;padding:.25rem .5rem;border-bottom:1px solid var(--line);font-variant-numeric:\
-tabular-nums}td:first-child,th:first-child{text-align:left}svg{width:100%;height:auto;display:block}svg text{fill:\
-var(--soft);font-size:11px;font-family:inherit}.dot{display:inline-block;width:.8em;height:.8em;border-radius:2px;\
-margin-right:.4em}.scroll{overflow-x:auto}";
+/// What this page has beside the style of all pages.
+const STYLE: &str =
+    ":root{--prior:#8a94a0;--slip:#c9184a}@media(prefers-color-scheme:dark){:root{--prior:#7d8894;--slip:#ff6f91}}";
 
 fn colour(label: usize) -> String {
     let [r, g, b] = label_colour(label);
@@ -25,62 +18,72 @@ fn colour(label: usize) -> String {
 
 /// The page. `title` names the recordings; `lost` is what of them could not be used.
 pub fn to_html(report: &Report, ground: &Ground, title: &str, lost: &[String]) -> String {
-    let mut page = format!(
-        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" \
-         content=\"width=device-width,initial-scale=1\"><title>Friction from {0}</title><style>{STYLE}</style>\
-         <h1>Friction of the ground from <b>{0}</b></h1>",
-        escape(title)
-    );
-    for note in lost {
-        let _ = write!(page, "<p class=\"soft\">{}</p>", escape(note));
-    }
-    page += &table(report);
-    page += "<h2>Error of the base in open-loop replay</h2>";
-    page += &base_error(report);
-    page += "<h2>What the recording says of each material</h2><div class=\"grid\">";
-    for (k, region) in report.regions.iter().enumerate() {
-        page += &card(k, region);
-    }
-    page += "</div><h2>Where the robot walked and slipped</h2>";
-    page += &plan(report, ground);
-    if !report.notes.is_empty() {
-        page += "<h2>What to know</h2><div class=\"card\"><ul>";
-        report.notes.iter().for_each(|n| page += &format!("<li>{}</li>", escape(n)));
-        page += "</ul></div>";
-    }
+    let notes = if report.notes.is_empty() {
+        String::new()
+    } else {
+        format!("<h2>What to know</h2>{}", card(&parts::list(&report.notes)))
+    };
+    let regions: String = report.regions.iter().enumerate().map(|(k, region)| of_region(k, region)).collect();
     let w = &report.windows;
-    let _ = writeln!(
-        page,
-        "<p class=\"soft small\">{} windows of {} s, {} of them for what is usual; {:.1} s.</p></html>",
-        w.count, w.length, w.background, report.runtime_s
-    );
-    page
+    let body = [
+        parts::notes(lost),
+        table(report),
+        "<h2>Error of the base in open-loop replay</h2>".into(),
+        base_error(report),
+        "<h2>What the recording says of each material</h2>".into(),
+        grid(420, &regions),
+        "<h2>Where the robot walked and slipped</h2>".into(),
+        plan(report, ground),
+        notes,
+        format!(
+            "<p class=\"soft small\">{} windows of {} s, {} of them for what is usual; {} s.</p>",
+            w.count,
+            w.length,
+            w.background,
+            fixed(report.runtime_s, 1)
+        ),
+    ];
+    let (title, heading) = (format!("Friction from {title}"), format!("Friction of the ground from {}", escape(title)));
+    Page { title: &title, heading: &heading, style: STYLE, body: &body.concat(), ..Page::default() }.to_html()
+}
+
+/// A label's colour before its name.
+fn labelled(k: usize, name: &str) -> String {
+    format!("<span class=\"swatch\" style=\"background:{}\"></span>{}", colour(k), escape(name))
 }
 
 fn table(report: &Report) -> String {
-    let mut text = String::from(
-        "<div class=\"card scroll\"><table><tr><th>material</th><th>prior</th><th>friction</th><th>90 % interval</th>\
-         <th>grid search</th><th>feet on it</th><th>slipping</th><th>evidence</th><th></th></tr>",
-    );
+    let heads = [
+        "material",
+        "prior",
+        "friction",
+        "90 % interval",
+        "grid search",
+        "feet on it",
+        "slipping",
+        "evidence",
+        "status",
+    ];
+    let mut table = Table::new(&heads);
     for (k, r) in report.regions.iter().enumerate() {
-        let [low, high] = r.used().interval90;
-        let _ = write!(
-            text,
-            "<tr><td><span class=\"dot\" style=\"background:{}\"></span>{}</td><td>{:.2}</td><td><b>{:.3}</b></td>\
-             <td>{low:.3} to {high:.3}</td><td>{}</td><td>{:.1} s</td><td>{:.0} %</td><td>{:.1}</td><td>{}</td></tr>",
-            colour(k),
-            escape(&r.label),
-            r.prior.mean,
-            r.friction,
-            r.grid.as_ref().map_or("-".into(), |g| format!("{:.3}", g.friction)),
-            r.contact_time,
-            100.0 * r.slip_share,
-            r.evidence,
-            r.status.words()
-        );
+        let [low, high] = r.used().interval90.map(|x| fixed(x, 3));
+        table.row(&[
+            labelled(k, &r.label),
+            fixed(r.prior.mean, 2),
+            format!("<b>{}</b>", fixed(r.friction, 3)),
+            format!("{low} to {high}"),
+            fixed(r.grid.as_ref().map_or(f64::NAN, |g| g.friction), 3),
+            format!("{} s", fixed(r.contact_time, 1)),
+            percent(r.slip_share),
+            fixed(r.evidence, 1),
+            r.status.words().into(),
+        ]);
     }
-    text + "</table><p class=\"soft small\">Evidence: log likelihood of the friction over that of the prior's mean, \
-            weighted as the posterior weighs it. Feet on it: summed over feet.</p></div>"
+    card(&format!(
+        "{}<p class=\"soft small\">Evidence: log likelihood of the friction over that of the prior's mean, weighted as the posterior \
+         weighs it. Feet on it: summed over feet.</p>",
+        table.to_html()
+    ))
 }
 
 fn base_error(report: &Report) -> String {
@@ -89,36 +92,27 @@ fn base_error(report: &Report) -> String {
         Some(e) => ("segments that no fit has seen", Some(e)),
         None => ("segments, none held out", base.all),
     }) else {
-        return "<div class=\"card\">The recording is too short for a segment.</div>".into();
+        return card("The recording is too short for a segment.");
     };
     let uniform = format!("{} everywhere", base.uniform_friction);
     let rows = [
-        (uniform.as_str(), e.uniform, "var(--prior)"),
-        ("prior", e.prior, "var(--prior)"),
-        ("grid search", e.grid, "var(--grid)"),
-        ("posterior", e.posterior, "var(--post)"),
+        (uniform.as_str(), e.uniform, "prior"),
+        ("prior", e.prior, "prior"),
+        ("grid search", e.grid, "before"),
+        ("posterior", e.posterior, "after"),
     ];
     let most = rows.iter().map(|r| r.1).fold(1e-9, f64::max);
-    let mut svg = String::from("<svg viewBox=\"0 0 640 118\" role=\"img\" aria-label=\"mean error of the base\">");
-    for (k, (name, error, fill)) in rows.iter().enumerate() {
-        let (y, width) = (6 + 28 * k, 440.0 * error / most);
-        let _ = write!(
-            svg,
-            "<text x=\"104\" y=\"{}\" text-anchor=\"end\">{name}</text><rect x=\"112\" y=\"{y}\" width=\"{width:.1}\" \
-             height=\"20\" rx=\"3\" fill=\"{fill}\"/><text x=\"{:.1}\" y=\"{}\">{:.1} mm</text>",
-            y + 14,
-            120.0 + width,
-            y + 14,
-            1e3 * error
-        );
-    }
-    format!(
-        "<div class=\"card\">{svg}</svg><p class=\"soft small\">Mean distance between simulated and measured base over \
-         {} s from a measured state, mean of {} {what}.{}</p></div>",
+    let mut bars = Bars::new();
+    rows.iter().for_each(|(name, error, tone)| {
+        bars.row(&escape(name), &track(error / most, tone), &format!("{} mm", fixed(1e3 * error, 1)));
+    });
+    card(&format!(
+        "{}<p class=\"soft small\">Mean distance between simulated and measured base over {} s from a measured state, mean of {} {what}.{}</p>",
+        bars.to_html(),
         base.segment,
         e.segments,
         unsearched(report)
-    )
+    ))
 }
 
 /// Which labels the grid search left at their priors.
@@ -127,93 +121,42 @@ fn unsearched(report: &Report) -> String {
     if left.is_empty() { String::new() } else { format!(" The grid search left {} at the prior.", left.join(", ")) }
 }
 
-/// A plot's frame in pixels, with logarithmic friction along x.
-const LEFT: f64 = 10.0;
-const RIGHT: f64 = 390.0;
-const TOP: f64 = 10.0;
-const BOTTOM: f64 = 130.0;
-
-fn x_of(friction: f64) -> f64 {
-    let [low, high] = crate::RANGE;
-    LEFT + (RIGHT - LEFT) * ((friction / low).ln() / (high / low).ln()).clamp(0.0, 1.0)
-}
-
-fn card(k: usize, r: &Region) -> String {
-    let curve = |values: &[f64]| {
-        let point =
-            |(mu, v): (&f64, &f64)| format!("{:.1},{:.1}", x_of(*mu), BOTTOM - (BOTTOM - TOP) * v.clamp(0.0, 1.0));
-        r.curves.friction.iter().zip(values).map(point).collect::<Vec<_>>().join(" ")
-    };
-    let mut svg = format!(
-        "<svg viewBox=\"0 0 400 150\" role=\"img\" aria-label=\"prior and posterior of {}\">\
-         <line x1=\"{LEFT}\" x2=\"{RIGHT}\" y1=\"{BOTTOM}\" y2=\"{BOTTOM}\" stroke=\"var(--line)\"/>",
-        escape(&r.label)
-    );
-    for tick in [0.05, 0.1, 0.2, 0.4, 0.8] {
-        let x = x_of(tick);
-        let _ = write!(
-            svg,
-            "<line x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{BOTTOM}\" y2=\"{:.1}\" stroke=\"var(--line)\"/>\
-             <text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{tick}</text>",
-            BOTTOM + 4.0,
-            BOTTOM + 16.0
-        );
-    }
-    if let Some(grid) = &r.grid {
-        let most = grid.curve.iter().map(|c| c[1]).fold(1e-12, f64::max);
-        let points: Vec<String> = grid
-            .curve
-            .iter()
-            .map(|[mu, d]| format!("{:.1},{:.1}", x_of(*mu), BOTTOM - 0.9 * (BOTTOM - TOP) * d / most))
-            .collect();
-        let _ = write!(
-            svg,
-            "<polyline points=\"{}\" fill=\"none\" stroke=\"var(--grid)\" stroke-width=\"1.5\" stroke-dasharray=\"4 3\"/>",
-            points.join(" ")
-        );
-    }
-    let _ = write!(
-        svg,
-        "<polyline points=\"{}\" fill=\"none\" stroke=\"var(--prior)\" stroke-width=\"2\"/>",
-        curve(&r.curves.prior)
-    );
+/// Probability by friction before and after, and what the grid search found.
+fn of_region(k: usize, r: &Region) -> String {
+    let mut board = Board::new("friction");
+    (board.link, board.log) = ("friction".into(), true);
+    let friction = board.column(&r.curves.friction, 1e-5);
+    let mut line = |name: &str, tone: &str, values: &[f64]| Line::new(name, tone, friction, board.column(values, 1e-4));
+    let mut lines = vec![line("prior", "prior", &r.curves.prior)];
+    let (mut bands, mut shaded) = (Vec::new(), "");
     if matches!(r.status, Status::Refined | Status::Grips) {
-        let [low, high] = r.posterior.interval90.map(x_of);
-        let _ = write!(
-            svg,
-            "<rect x=\"{low:.1}\" y=\"{TOP}\" width=\"{:.1}\" height=\"{:.1}\" fill=\"var(--post)\" opacity=\"0.15\"/>\
-             <polyline points=\"{}\" fill=\"none\" stroke=\"var(--post)\" stroke-width=\"2\"/>",
-            high - low,
-            BOTTOM - TOP,
-            curve(&r.curves.posterior)
-        );
+        lines.push(line("posterior", "after", &r.curves.posterior));
+        bands.push(Band { x: r.posterior.interval90, tone: "after".into() });
+        shaded = "; the 90 % interval of the posterior is shaded";
     }
-    let search = r.grid.as_ref().map_or(String::new(), |g| {
-        let least = g.curve.iter().map(|c| c[1]).fold(f64::INFINITY, f64::min);
-        let most = g.curve.iter().map(|c| c[1]).fold(0.0, f64::max);
-        format!(
-            " <span style=\"color:var(--grid)\">grid search</span> (base {:.0} to {:.0} mm).",
-            1e3 * least,
-            1e3 * most
-        )
-    });
-    format!(
-        "<div class=\"card\"><b><span class=\"dot\" style=\"background:{}\"></span>{}</b>: {:.3}, {}{}</svg>\
-         <p class=\"soft small\"><span style=\"color:var(--prior)\">prior</span> {:.2} &plusmn; {:.2} ({}), \
-         <span style=\"color:var(--post)\">posterior</span>, 90 % interval shaded.{search} {} windows; {:.1} nats of \
-         information; a tenth more friction moves a window by {:.2} of its usual deviation.</p></div>",
-        colour(k),
-        escape(&r.label),
-        r.friction,
+    let title = "probability, relative to the greatest".into();
+    board.panels.push(Panel { title, lines, bands, zero: true, ..Panel::default() });
+    if let Some(grid) = &r.grid {
+        let [at, off] = [0, 1].map(|k| grid.curve.iter().map(|c| c[k]).collect::<Vec<f64>>());
+        let (at, off) = (board.column(&at, 1e-5), board.column(&off, 1e-5));
+        let line = Line::new("grid search", "before", at, off).looking(Look::Dots).times(1e3);
+        let title = "error of the base".into();
+        board.panels.push(Panel { title, unit: "mm".into(), lines: vec![line], ..Panel::default() });
+    }
+    card(&format!(
+        "<p><b>{}</b>: {}, {}</p>{}<p class=\"soft small\">Prior {} ± {} ({}){shaded}. {} windows; {} \
+         nats of information; a tenth more friction moves a window by {} of its usual deviation.</p>",
+        labelled(k, &r.label),
+        fixed(r.friction, 3),
         r.status.words(),
-        svg,
-        r.prior.mean,
-        r.prior.sd,
+        board.to_html(),
+        fixed(r.prior.mean, 2),
+        fixed(r.prior.sd, 2),
         escape(&r.prior.source),
         r.windows,
-        r.information,
-        r.sensitivity[1]
-    )
+        fixed(r.information, 1),
+        fixed(r.sensitivity[1], 2)
+    ))
 }
 
 /// Squares along the longer side of the floor plan.
@@ -225,7 +168,7 @@ fn plan(report: &Report, ground: &Ground) -> String {
     let (x0, x1) = (bound(0, f64::INFINITY, f64::min) - 0.4, bound(0, f64::NEG_INFINITY, f64::max) + 0.4);
     let (y0, y1) = (bound(1, f64::INFINITY, f64::min) - 0.4, bound(1, f64::NEG_INFINITY, f64::max) + 0.4);
     if !(x1 > x0 && y1 > y0) {
-        return "<div class=\"card\">No path was measured.</div>".into();
+        return card("No path was measured.");
     }
     let scale = 900.0 / (x1 - x0).max(y1 - y0);
     let at = |p: [f64; 2]| (scale * (p[0] - x0), scale * (y1 - p[1]));
@@ -244,18 +187,27 @@ fn plan(report: &Report, ground: &Ground) -> String {
             .collect();
         let _ = write!(
             svg,
-            "<polyline points=\"{}\" fill=\"none\" stroke=\"var(--ink)\" stroke-width=\"2\"/>",
-            points.join(" ")
+            "<polyline points=\"{}\" fill=\"none\" stroke=\"var(--ink)\" stroke-width=\"2\"><title>path of the base, run {}</title></polyline>",
+            points.join(" "),
+            run + 1
         );
         if let Some(p) = report.path.iter().find(|p| p.run == run) {
             let (x, y) = at(p.at);
-            let _ = write!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"6\" fill=\"var(--ink)\"/>");
+            let start = format!("start of run {}", run + 1);
+            let _ = write!(
+                svg,
+                "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"6\" fill=\"var(--ink)\"><title>{start}</title></circle>"
+            );
         }
     }
     for slip in &report.slips {
         let (x, y) = at(slip.at);
         let r = (1.0 + 100.0 * slip.distance).min(5.0);
-        let _ = write!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{r:.1}\" fill=\"var(--slip)\" opacity=\"0.45\"/>");
+        let _ = write!(
+            svg,
+            "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{r:.1}\" fill=\"var(--slip)\" opacity=\"0.45\"><title>slipped {} mm</title></circle>",
+            fixed(1e3 * slip.distance, 0)
+        );
     }
     // A bar of half a metre.
     let y = scale * (y1 - y0) - 12.0;
@@ -266,20 +218,12 @@ fn plan(report: &Report, ground: &Ground) -> String {
         12.0 + 0.5 * scale,
         y - 6.0
     );
-    let mut legend = String::new();
-    for (k, r) in report.regions.iter().enumerate() {
-        let _ = write!(
-            legend,
-            "<span class=\"dot\" style=\"background:{}\"></span>{} {:.2} &nbsp; ",
-            colour(k),
-            escape(&r.label),
-            r.friction
-        );
-    }
-    format!(
-        "<div class=\"card\">{svg}<p class=\"small\">{legend}<span class=\"dot\" style=\"background:var(--slip)\"></span>\
-         a foot that stood slipped (larger: farther) &nbsp; line: path of the base from the dot</p></div>"
-    )
+    let label = |(k, r): (usize, &Region)| format!("{} {} &nbsp; ", labelled(k, &r.label), fixed(r.friction, 2));
+    let legend: String = report.regions.iter().enumerate().map(label).collect();
+    card(&format!(
+        "{svg}<p class=\"small\">{legend}{} (larger: farther) &nbsp; line: path of the base from the dot</p>",
+        key("slip", "a foot that stood slipped")
+    ))
 }
 
 /// The labels seen from above, as runs of equal squares in a row.

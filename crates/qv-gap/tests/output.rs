@@ -5,6 +5,7 @@ mod made_up;
 use made_up::{correction, empty, go2, report};
 use qv_gap::export::{files, to_html, to_isaac_lab, to_json, to_mjcf, to_toml, to_urdf};
 use qv_gap::report::*;
+use qv_page::read;
 use qv_replay::replay::parameters_from_toml;
 use qv_sim::{BaseKind, Model, ModelOptions};
 use std::path::PathBuf;
@@ -102,21 +103,47 @@ fn the_page_says_what_matters() {
     assert_eq!(
         page.matches("<svg").count(),
         2 + 1 + 1 + 2 + 1 + 2,
-        "two maps, two plans, two legends, times, two curves"
+        "two maps, two plans, two legends, times, a joint's positions and errors"
     );
 }
 
 #[test]
-fn the_page_is_one_file_without_program_or_network() {
+fn every_joint_is_on_the_page_at_the_recorded_rate() {
+    let page = to_html(&report(), "walk.mcap", &[], &[]);
+    let boards = read::boards(&page);
+    assert_eq!(boards.len(), 1);
+    let board = &boards[0];
+    assert_eq!(board.choices[0].options, qv_go2::model::JOINT_NAMES);
+    assert_eq!(board.choices[1].options, ["position", "velocity", "all"]);
+    assert_eq!((board.panels.len(), board.stretches.len()), (12 * 2 * 2, 4));
+    for panel in board.panels.iter().step_by(2) {
+        let names: Vec<&str> = panel.lines.iter().map(|l| l.name.as_str()).collect();
+        assert_eq!(names, ["measured", "before", "after"]);
+        for line in &panel.lines {
+            let (x, y) = board.points(line);
+            assert_eq!((x.len(), y.iter().filter(|y| y.is_finite()).count()), (4 * 151, 4 * 150));
+            assert!((x[1] - x[0] - 0.002).abs() < 1e-9);
+        }
+    }
+    let json = to_json(&report());
+    assert!(!json.contains("\"traces\"") && json.len() < 200_000, "{} bytes: they are for the page", json.len());
+    assert!(page.len() < 500_000, "{} bytes", page.len());
+}
+
+#[test]
+fn the_page_is_one_file_without_network() {
     for report in [report(), empty()] {
-        let page = to_html(&report, "run", &[], &[]);
-        for never in ["<script", "http:", "https:", "src=", "<link", "@import", "url(", "NaN", "inf"] {
+        let whole = to_html(&report, "run", &[], &[]);
+        let page = read::without_scripts(&whole);
+        for never in ["http:", "https:", "src=", "<link", "@import", "url(", "NaN", "inf"] {
             assert!(!page.contains(never), "{never}");
         }
-        for tag in ["div", "svg", "span", "table", "dl", "article", "h2", "h3", "p", "ul", "ol"] {
+        for tag in ["div", "svg", "span", "table", "dl", "article", "h2", "h3", "p", "ul", "ol", "title"] {
             let opened = page.matches(&format!("<{tag}>")).count() + page.matches(&format!("<{tag} ")).count();
             assert_eq!(opened, page.matches(&format!("</{tag}>")).count(), "{tag}");
         }
+        let has_plots = !report.traces.windows.is_empty();
+        assert_eq!(whole.matches("<script").count(), if has_plots { 2 } else { 0 });
     }
 }
 
@@ -137,7 +164,8 @@ fn what_is_not_there_takes_no_room() {
     let page = to_html(&held, "arm", &[], &[]);
     assert!(!page.contains("Where on the floor") && page.contains("no effect that the diagnosis knows"));
     assert!(!page.contains("95 % interval"), "nothing is closed without a cause");
-    assert!(!page.contains(">after<") && !page.contains("l-after\""), "after is before");
+    assert!(!page.contains(">after<"), "after is before");
+    assert!(read::boards(&page)[0].panels.iter().flat_map(|p| &p.lines).all(|l| l.name != "after"));
 }
 
 #[test]
@@ -159,13 +187,15 @@ fn text_of_others_stays_text() {
     r.place.joints[0].name = nasty.clone();
     r.place.regions[0].name = nasty.clone();
     r.heat_map.joints[0] = nasty.clone();
-    r.curves[0].joint = nasty.clone();
+    r.traces.joints[11] = nasty.clone();
+    r.traces.joints[0] = nasty.clone();
     r.unexplained.depends_on[0].factor = nasty.clone();
     r.stages[0].name = nasty.clone();
     r.corrections[0].parameter = format!("actuator.{nasty}.lag");
     r.corrections[0].unit = nasty.clone();
     let page = to_html(&r, &nasty, std::slice::from_ref(&nasty), &[]);
-    assert!(!page.contains("<script") && page.matches("</style>").count() == 1);
+    assert!(!page.contains("<script>alert") && page.matches("</style>").count() == 1);
+    assert_eq!(page.matches("</script>").count(), 2, "the plots' numbers, and what draws them");
     assert!(page.matches("&lt;script&gt;").count() > 15);
 }
 
@@ -195,7 +225,10 @@ fn numbers_that_are_none_leave_no_trace() {
     r.floor_plan[0].x = none;
     r.floor_plan[1].before = f64::INFINITY;
     r.curves[0].before[3] = none;
-    r.curves[1].measured.truncate(10);
+    r.traces.windows[0].before.position[3] = none;
+    r.traces.windows[1].measured.position.truncate(10);
+    r.traces.windows[2].after.velocity.clear();
+    r.traces.windows[3].measured.time.clear();
     r.unexplained.share = none;
     r.unexplained.depends_on[0].r2_heldout = none;
     r.stages[0].seconds = none;
@@ -203,7 +236,7 @@ fn numbers_that_are_none_leave_no_trace() {
     r.runtime_s = none;
     let everything = files(&r, &go2(), Some(&qv_go2::model::urdf()), "run", &[], &[], &KP, &KD);
     for (name, bytes) in everything {
-        let text = String::from_utf8(bytes).unwrap();
+        let text = read::without_scripts(&String::from_utf8(bytes).unwrap());
         assert!(!text.contains("inf\"") && !text.contains(">inf") && !text.contains("-inf"), "{name}");
         let allowed = if name == "calibrated.toml" { 1 } else { 0 };
         assert_eq!(text.matches("NaN").count(), allowed, "{name} (the table names the correction that it leaves out)");

@@ -3,6 +3,7 @@
 use qv_core::{Material, TriangleMesh};
 use qv_go2::synthetic::{self, Message, Robot};
 use qv_mesh::files::glb;
+use qv_page::read;
 use qv_sim::Terrain;
 use serde_json::Value;
 use std::fs;
@@ -81,7 +82,11 @@ fn ice_is_found_and_grass_keeps_its_prior() {
     assert!(out.lines().count() == 1 && report["lost"].as_array().unwrap().is_empty());
 
     let page = fs::read_to_string(folder.join("out/contact.html")).unwrap();
-    assert!(page.contains("<svg") && page.contains("not touched") && !page.contains("NaN") && !page.contains("http"));
+    let text = read::without_scripts(&page);
+    assert!(text.contains("<svg") && text.contains("not touched") && !text.contains("NaN") && !page.contains("http:"));
+    let boards = read::boards(&page);
+    assert_eq!(boards.len(), report["regions"].as_array().unwrap().len());
+    assert!(boards.iter().any(|b| b.panels[0].lines.iter().any(|l| l.name == "posterior") && b.panels.len() == 2));
     let written = glb::read(&fs::read(folder.join("out/terrain.glb")).unwrap()).unwrap();
     assert!((written.materials[0].friction.unwrap() - friction).abs() < 1e-6);
     let whole: Value = serde_json::from_str(&fs::read_to_string(folder.join("out/contact.json")).unwrap()).unwrap();

@@ -7,6 +7,7 @@ use qv_core::TriangleMesh;
 use qv_go2::messages::*;
 use qv_go2::model;
 use qv_mesh::files::glb;
+use qv_page::read;
 use qv_sim::{BaseKind, Batch, JointCommand, Model, ModelOptions, SimOptions, State, Terrain};
 use serde_json::Value;
 use std::fs;
@@ -110,8 +111,12 @@ fn the_simulator_replays_itself() {
     let written: Value = serde_json::from_str(&fs::read_to_string(out.join("replay.json")).unwrap()).unwrap();
     assert_eq!(written, report, "--json says what the file says");
     let html = fs::read_to_string(out.join("replay.html")).unwrap();
-    assert!(html.contains("FL_calf_joint") && html.contains("<svg") && !html.contains("NaN"));
-    assert!(!html.contains("http") && !html.contains("src="), "the page uses no network");
+    let text = read::without_scripts(&html);
+    assert!(text.contains("FL_calf_joint") && text.contains("<svg") && !text.contains("NaN"));
+    assert!(!html.contains("http:") && !text.contains("src="), "the page uses no network");
+    let boards = read::boards(&html);
+    assert_eq!((boards.len(), boards[1].choices[0].options.len()), (2, 12));
+    assert_eq!(boards[1].choices[1].options, ["position", "velocity", "torque", "all"]);
 }
 
 #[test]

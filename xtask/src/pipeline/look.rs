@@ -25,8 +25,8 @@ const found={\
 headings:all('h1,h2').map(e=>e.textContent.trim()),\
 images:all('img').length,\
 broken:all('img').filter(e=>!e.complete||e.naturalWidth===0||size(e)<100).length,\
-drawings:all('svg').length,\
-empty:all('svg').filter(e=>size(e)<100||e.children.length===0).length,\
+drawings:all('svg,canvas').length,\
+empty:all('svg,canvas').filter(e=>size(e)<100||e.tagName!=='CANVAS'&&e.children.length===0).length,\
 overflow:document.documentElement.scrollWidth-document.documentElement.clientWidth,\
 words:document.body.innerText.split(/\\s+/).length,\
 nonsense:[...new Set(document.body.innerText.match(/\\b(NaN|undefined|Infinity|inf)\\b/g)||[])]};\

@@ -21,7 +21,7 @@ use crate::problem::columns::{Columns, Extent, Group};
 use crate::problem::library::{self, Effect};
 use crate::problem::{Event, Overrides, Problem, WindowOptions, data_quality, one_robot, origin};
 use crate::report::{Cause, Correction, FORMAT, Report, RoundSummary, Stage, UNKNOWN, Unexplained, Verdict, Where};
-use crate::report::{attribution, figures, leads, narrative, residual_factors};
+use crate::report::{attribution, figures, figures::Figures, leads, narrative, residual_factors};
 use qv_replay::{Run, conventions::read_in_ours, holes::without_holes, still::without_still};
 use qv_sim::{Model, Terrain};
 
@@ -540,7 +540,7 @@ impl Findings<'_> {
         if let (Some(doubt), Some(effect)) = (&doubt, doubted) {
             next.push(format!("Not accused: {effect}: {doubt}."));
         }
-        let (heat_map, floor_plan, curves) = figures::all(nominal, &setting)?;
+        let Figures { heat_map, floor_plan, curves, traces } = figures::all(nominal, &setting)?;
         nominal.problem.events = before;
         self.keep_largest_event();
         self.corrections = merged(&session.calibrated, &self.corrections);
@@ -566,6 +566,7 @@ impl Findings<'_> {
             heat_map,
             floor_plan,
             curves,
+            traces,
             stages: session.stages.clone(),
             runtime_s,
             policy: session.options.policy.clone(),

@@ -1,18 +1,19 @@
-//! `report.html`: one file with its pictures inside, no script and no network, light or dark as the reader's screen is.
+//! `report.html`: one file with its pictures and plots inside, no network, light or dark as the reader's screen is.
 
-mod axes;
 mod bars;
 mod causes;
-mod curves;
 mod floor_plan;
 mod heat_map;
 mod style;
+mod traces;
 pub mod words;
 
 use super::calibrated::cause_of;
 use crate::problem::library::{Effect, built_in};
 use crate::report::{Correction, Lead, Report, Stage, Unexplained, Verdict, Where};
-use bars::{joints, shares, track};
+use bars::{joints, shares};
+use qv_page::parts::{self, Bars, Mood, track};
+use qv_page::{Page, Table};
 use std::fmt::Write;
 use style::STYLE;
 use words::{amount, escape, fixed, percent, significant, words};
@@ -20,30 +21,24 @@ use words::{amount, escape, fixed, percent, significant, words};
 /// The page. `title` names the recording; `notes` are said under the verdict, one paragraph each, such as what was lost.
 /// `sections` are HTML that the caller made, after the curves. Parts of the report that are empty take no room; what is not finite is a dash.
 pub fn to_html(report: &Report, title: &str, notes: &[String], sections: &[String]) -> String {
-    let mut page = format!(
-        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
-         <title>Diagnosis of {0}</title><style>{STYLE}</style><h1>Diagnosis of <b>{0}</b></h1>",
-        escape(title)
-    );
-    page += &verdict(report);
-    for note in notes {
-        let _ = write!(page, "<p class=\"soft\">{}</p>", escape(note));
-    }
-    page += &bars::gap(&report.gap, report.verdict, !report.causes.is_empty());
     let library = built_in();
-    page += &causes::causes(report, &library);
-    page += &leads(&report.leads);
-    page += &sentences(report);
     let shown = shown(report);
-    page += &place(&shown);
-    page += &curves::curves(&shown.curves);
-    sections.iter().for_each(|section| page += section);
-    page += &unexplained(&report.unexplained, report.verdict);
-    page += &corrections(report, &library);
-    page += &stages(&report.stages, report.runtime_s);
-    page += "</html>\n";
-    page
+    let body = [
+        verdict(report),
+        parts::notes(notes),
+        bars::gap(&report.gap, report.verdict, !report.causes.is_empty()),
+        causes::causes(report, &library),
+        leads(&report.leads),
+        sentences(report),
+        place(&shown),
+        traces::traces(&shown.traces),
+        sections.concat(),
+        unexplained(&report.unexplained, report.verdict),
+        corrections(report, &library),
+        stages(&report.stages, report.runtime_s),
+    ];
+    let (title, heading) = (format!("Diagnosis of {title}"), format!("Diagnosis of {}", escape(title)));
+    Page { title: &title, heading: &heading, style: STYLE, body: &body.concat(), ..Page::default() }.to_html()
 }
 
 /// The report with what its pictures show: without a cause, after is before.
@@ -52,29 +47,27 @@ fn shown(report: &Report) -> Report {
     if report.causes.is_empty() {
         shown.heat_map.after.clear();
         shown.floor_plan.iter_mut().for_each(|p| p.after = f64::NAN);
-        shown.curves.iter_mut().for_each(|c| c.after.clear());
+        shown.traces.windows.iter_mut().for_each(|w| w.after = Default::default());
     }
     shown
 }
 
 fn verdict(report: &Report) -> String {
-    let (class, badge) = match report.verdict {
-        Verdict::NoGap => ("no_gap", "No gap"),
-        Verdict::Explained => ("explained", "Explained"),
-        Verdict::PartlyExplained => ("partly_explained", "Partly explained"),
-        Verdict::Unexplained => ("unexplained", "Unexplained"),
+    let (mood, badge) = match report.verdict {
+        Verdict::NoGap => (Mood::Good, "No gap"),
+        Verdict::Explained => (Mood::Good, "Explained"),
+        Verdict::PartlyExplained => (Mood::Fair, "Partly explained"),
+        Verdict::Unexplained => (Mood::Bad, "Unexplained"),
     };
-    let mut text = format!(
-        "<div class=\"card verdict {class}\"><span class=\"badge\">{badge}</span><div>{}</div></div>",
-        escape(&report.sentence)
-    );
+    let mut text = parts::verdict(mood, badge, &escape(&report.sentence));
     if !report.corrections_apply {
-        let _ = write!(
-            text,
-            "<div class=\"card verdict unexplained\"><span class=\"badge\">Not a correction</span><div>With what was found the error in windows \
-             that no fit has seen is higher: {:.2} instead of {:.2}, in units of the null. No file applies it.</div></div>",
-            report.gap.after, report.gap.before
+        let why = format!(
+            "With what was found the error in windows that no fit has seen is higher: {} instead of {}, in units of the null. No file \
+             applies it.",
+            fixed(report.gap.after, 2),
+            fixed(report.gap.before, 2)
         );
+        text += &parts::verdict(Mood::Bad, "Not a correction", &why);
     }
     text
 }
@@ -167,12 +160,12 @@ fn unexplained(left: &Unexplained, verdict: Verdict) -> String {
         text += "<p class=\"soft\">It goes along with nothing that was looked at.</p>";
     } else {
         text += "<p class=\"soft small\">What it goes along with, and how much of its variance that foretells in windows that \
-                 were not fitted (R²):</p><div class=\"bars\">";
+                 were not fitted (R²):</p>";
+        let mut bars = Bars::new();
         for f in &left.depends_on {
-            let (name, bar, value) = (escape(&f.factor), track(f.r2_heldout, "accent"), fixed(f.r2_heldout, 2));
-            let _ = write!(text, "<span class=\"name\">{name}</span>{bar}<span class=\"value\">{value}</span>");
+            bars.row(&escape(&f.factor), &track(f.r2_heldout, "accent"), &fixed(f.r2_heldout, 2));
         }
-        text += "</div>";
+        text += &bars.to_html();
     }
     text + "</div>"
 }
@@ -199,26 +192,24 @@ fn corrections(report: &Report, library: &[Effect]) -> String {
             None => lines.push(Line { first: c, names: vec![name] }),
         }
     }
-    let mut text = format!(
-        "<h2>Corrections</h2><div class=\"card\"><details><summary>{} parameters of the simulator, as in calibrated.toml\
-         </summary><div class=\"scroll\"><table><tr><th>parameter<th class=\"left\">of<th>was<th>is<th class=\"left\">cause</tr>",
-        report.corrections.len()
-    );
+    let mut table = Table::with_left(&["parameter", "of", "was", "is", "cause"], &[1, 4]);
     for line in &lines {
         let c = line.first;
         let kind = kind_and_name(&c.parameter).0;
         let cause = cause_of(c, &report.causes, library).map(words).unwrap_or_default();
-        let _ = write!(
-            text,
-            "<tr><td><code>{}</code><td class=\"left\">{}<td class=\"number\">{}<td class=\"number\"><b>{}</b><td class=\"left\">{}</tr>",
-            escape(&kind),
+        table.row(&[
+            format!("<code>{}</code>", escape(&kind)),
             escape(&line.names.join(", ")),
             escape(&amount(&kind, c.nominal, &c.unit)),
-            escape(&amount(&kind, c.value, &c.unit)),
-            escape(&cause)
-        );
+            format!("<b>{}</b>", escape(&amount(&kind, c.value, &c.unit))),
+            escape(&cause),
+        ]);
     }
-    text + "</table></div></details></div>"
+    let (count, table) = (report.corrections.len(), table.to_html());
+    let html = format!(
+        "<details><summary>{count} parameters of the simulator, as in calibrated.toml</summary>{table}</details>"
+    );
+    format!("<h2>Corrections</h2>{}", parts::card(&html))
 }
 
 /// `actuator.*.lag` and `knee` of `actuator.knee.lag`; a name without a part is its own kind.
@@ -244,19 +235,15 @@ fn stages(stages: &[Stage], runtime: f64) -> String {
     if steps > 0 {
         let _ = write!(text, ", {} million simulated steps", significant(1e-6 * steps as f64, 3));
     }
-    text += "</p><div class=\"bars four\">";
+    text += "</p>";
+    let mut bars = Bars::new();
     for s in stages {
         let seconds = if s.seconds > 0.0 { format!("{} s", significant(s.seconds, 2)) } else { "–".into() };
         let steps =
             if s.steps > 0 { format!("{} M steps", significant(1e-6 * s.steps as f64, 2)) } else { String::new() };
-        let _ = write!(
-            text,
-            "<span class=\"name\">{}</span>{}<span class=\"value\">{seconds}</span><span class=\"value soft\">{steps}</span>",
-            escape(&s.name),
-            track(s.seconds / total, "floor")
-        );
+        bars.row_of_four(&escape(&s.name), &track(s.seconds / total, "floor"), &seconds, &steps);
     }
-    text + "</div></div>"
+    text + &bars.to_html() + "</div>"
 }
 
 #[cfg(test)]

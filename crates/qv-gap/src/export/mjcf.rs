@@ -5,7 +5,7 @@ use super::advice::advice;
 use super::corrected::{Corrected, Entry, Part, short};
 use crate::report::Correction;
 use glam::DQuat;
-use qv_replay::replay::escape;
+use qv_page::escape;
 use qv_sim::{Model, Shape, SimOptions};
 use std::fmt::Write;
 

@@ -10,12 +10,12 @@ use crate::problem::columns::{Column, Columns, Group};
 use crate::problem::excitation::{at_rest, is_unshown};
 use crate::problem::{Numerics, Overrides, Problem, Window};
 use crate::rollout::actuator_model;
-use crate::rollout::jacobian::{AT_A_TIME, beside_law, sensitivities, with_law};
-use crate::rollout::windows::Raw;
-use crate::rollout::windows::{compare, standing_depth};
+use crate::rollout::jacobian::{AT_A_TIME, Nominal, beside_law, sensitivities, with_law};
+use crate::rollout::windows::{Raw, Residuals, Traced, compare, compare_and_trace, standing_depth};
 use nalgebra::{DMatrix, DVector};
 use qv_core::random::SplitMix64;
 use qv_replay::Run;
+use qv_replay::replay::Trace;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -63,6 +63,8 @@ pub struct LinearisedWindow {
     pub h: DMatrix<f64>,
     /// Raw residual of the nominal robot.
     pub raw: Raw,
+    /// What joints of the nominal robot did at each step, where no fit sees the window.
+    pub trace: Option<Trace>,
     /// Whitened residual of the nominal robot.
     pub residual: DVector<f64>,
     /// Weight in sums: below 1 where nothing explains the window.
@@ -192,7 +194,8 @@ impl<'a> LinearisedProblem<'a> {
         let noise = Noise::of(run, &problem.columns);
         let mut steps = 0;
         let alignment = actuator_model::align(problem, &windows.iter().collect::<Vec<_>>());
-        let (raw, sensitivities) = sensitivities(problem, alignment, columns, &windows, &mut steps)?;
+        let (Nominal { raw, traces }, sensitivities) =
+            sensitivities(problem, alignment, columns, &windows, &mut steps)?;
         let good: Vec<bool> = raw.iter().zip(&sensitivities).map(|(r, s)| !r.is_empty() && !s.is_empty()).collect();
         if good.iter().filter(|g| **g).count() < 8 {
             return Err(GapError::run("simulation", "at least 8 windows that can be simulated", "fewer"));
@@ -228,10 +231,11 @@ impl<'a> LinearisedProblem<'a> {
         let seen: Vec<Option<LinearisedWindow>> = windows
             .into_par_iter()
             .enumerate()
-            .zip(raw)
+            .zip(raw.into_par_iter().zip(traces))
             .zip(sensitivities)
-            .map(|(((index, window), raw), sensitivity)| {
-                (!raw.is_empty() && !sensitivity.is_empty()).then(|| see(&whitener, (index, window), raw, &sensitivity))
+            .map(|(((index, window), (raw, trace)), sensitivity)| {
+                let is_whole = !raw.is_empty() && !sensitivity.is_empty();
+                is_whole.then(|| see(&whitener, (index, window), (raw, trace), &sensitivity))
             })
             .collect();
         for (k, run) in ghost_raw.iter().enumerate() {
@@ -342,12 +346,33 @@ impl<'a> LinearisedProblem<'a> {
     /// When a setting has a value that means nothing.
     pub fn raw(&self, settings: &[Overrides], windows: &[usize]) -> Result<Vec<Vec<Raw>>, GapError> {
         let chosen: Vec<&Window> = windows.iter().map(|&w| &self.seen[w].window).collect();
-        let numerics = self.problem.numerics;
-        let residuals = compare(&self.problem, &numerics, &chosen, settings)?;
+        let residuals = compare(&self.problem, &self.problem.numerics, &chosen, settings)?;
+        Ok(self.with_law(&chosen, windows, settings, residuals))
+    }
+
+    /// The same of one setting, and what joints did in the windows that no fit sees. It takes no more steps.
+    pub(crate) fn raw_and_traces(
+        &self,
+        setting: &Overrides,
+        windows: &[usize],
+    ) -> Result<(Vec<Raw>, Vec<Option<Trace>>), GapError> {
+        let chosen: Vec<&Window> = windows.iter().map(|&w| &self.seen[w].window).collect();
+        let settings = std::slice::from_ref(setting);
+        let Traced { residuals, traces } = compare_and_trace(&self.problem, &self.problem.numerics, &chosen, settings)?;
+        Ok((self.with_law(&chosen, windows, settings, residuals).remove(0), traces))
+    }
+
+    fn with_law(
+        &self,
+        chosen: &[&Window],
+        windows: &[usize],
+        settings: &[Overrides],
+        residuals: Residuals,
+    ) -> Vec<Vec<Raw>> {
         self.count(residuals.steps);
         let alignments: Vec<actuator_model::Alignment> = chosen.iter().map(|w| self.parts[w.run].alignment).collect();
         let laws = windows.iter().map(|&w| &self.seen[w].raw.law[..]).collect();
-        Ok(beside_law(&self.problem, &alignments, (&chosen, laws), settings, residuals.values))
+        beside_law(&self.problem, &alignments, (chosen, laws), settings, residuals.values)
     }
 
     /// Sums over windows of one setting.
@@ -461,12 +486,17 @@ fn ghosts_of(free: bool, effort: &NullOptions) -> usize {
     if free { effort.replicates } else { HELD * effort.replicates }
 }
 
-fn see(whitener: &Whitener, (index, window): (usize, Window), raw: Raw, sensitivity: &[Raw]) -> LinearisedWindow {
+fn see(
+    whitener: &Whitener,
+    (index, window): (usize, Window),
+    (raw, trace): (Raw, Option<Trace>),
+    sensitivity: &[Raw],
+) -> LinearisedWindow {
     let columns: Vec<DVector<f64>> = sensitivity.iter().map(|c| whitener.difference(index, c)).collect();
     let j = DMatrix::from_columns(&columns);
     let residual = whitener.residual(index, &raw);
     // By the transposed copy: that is a blocked product, five times as fast as `tr_mul`.
-    LinearisedWindow { h: j.transpose() * &j, j, residual, raw, index, window, weight: 1.0 }
+    LinearisedWindow { h: j.transpose() * &j, j, residual, raw, trace, index, window, weight: 1.0 }
 }
 
 /// Numbers that the simulators of replicates have: what engines differ in.

@@ -6,7 +6,7 @@ use crate::problem::columns::{Column, Columns};
 use crate::problem::{Overrides, Problem, Window};
 use crate::rollout::actuator_model::Alignment;
 use crate::rollout::jacobian::{changes, with_law};
-use crate::rollout::windows::compare;
+use crate::rollout::windows::{Traced, compare_and_trace};
 use nalgebra::DVector;
 
 impl<'a> LinearisedProblem<'a> {
@@ -42,7 +42,8 @@ impl<'a> LinearisedProblem<'a> {
     fn see_again(&mut self, moved: &[usize]) -> Result<bool, GapError> {
         let windows: Vec<&Window> = self.seen.iter().map(|s| &s.window).collect();
         let alignments: Vec<Alignment> = windows.iter().map(|w| self.parts[w.run].alignment).collect();
-        let base = compare(&self.problem, &self.problem.numerics, &windows, &[Overrides::new()])?;
+        let Traced { residuals: base, traces } =
+            compare_and_trace(&self.problem, &self.problem.numerics, &windows, &[Overrides::new()])?;
         let raw = with_law(&self.problem, &alignments, &windows, &[Overrides::new()], base.values).remove(0);
         let some: Vec<&Column> = moved.iter().map(|&k| &self.columns.columns[k]).collect();
         let mut steps = base.steps;
@@ -56,7 +57,8 @@ impl<'a> LinearisedProblem<'a> {
             found.iter().flatten().map(|change| whitener.difference(seen.index, change)).collect()
         };
         let columns: Vec<Vec<DVector<f64>>> = self.seen.iter().zip(&found).map(columns_of).collect();
-        for ((seen, raw), columns) in self.seen.iter_mut().zip(raw).zip(columns) {
+        for (((seen, raw), trace), columns) in self.seen.iter_mut().zip(raw).zip(traces).zip(columns) {
+            seen.trace = trace;
             for (&k, column) in moved.iter().zip(&columns) {
                 seen.j.set_column(EXTRA + k, column);
             }

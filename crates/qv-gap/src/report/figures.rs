@@ -1,27 +1,41 @@
-//! What a report shows: errors by joint and time, the gap by place, curves before and after.
+//! What a report shows: errors by joint and time, the gap by place, joints before and after.
 
 use crate::GapError;
 use crate::inference::linearised::LinearisedProblem;
 use crate::inference::local::place;
 use crate::problem::Overrides;
 use crate::problem::features::{self, Channel};
-use crate::report::{Curve, FloorPoint, HeatMap};
+use crate::report::{Curve, FloorPoint, HeatMap, Traces, traces};
 use crate::rollout::windows::Raw;
 
 /// Joints whose curves are shown.
 const CURVES: usize = 4;
 
+/// All of it.
+pub struct Figures {
+    /// Errors by joint and time.
+    pub heat_map: HeatMap,
+    /// The gap by place.
+    pub floor_plan: Vec<FloorPoint>,
+    /// Examples.
+    pub curves: Vec<Curve>,
+    /// Every joint.
+    pub traces: Traces,
+}
+
 /// All pictures of a study, with the corrections as `setting`.
 ///
 /// # Errors
 /// When a value means nothing.
-pub fn all(
-    study: &mut LinearisedProblem,
-    setting: &Overrides,
-) -> Result<(HeatMap, Vec<FloorPoint>, Vec<Curve>), GapError> {
+pub fn all(study: &mut LinearisedProblem, setting: &Overrides) -> Result<Figures, GapError> {
     let every: Vec<usize> = (0..study.seen.len()).collect();
-    let after = study.raw(std::slice::from_ref(setting), &every)?.remove(0);
-    Ok((heat_map(study, &after), floor_plan(study, &after), curves(study, &after)))
+    let (after, traces) = study.raw_and_traces(setting, &every)?;
+    Ok(Figures {
+        heat_map: heat_map(study, &after),
+        floor_plan: floor_plan(study, &after),
+        curves: curves(study, &after),
+        traces: traces::traces(study, setting, &traces),
+    })
 }
 
 /// The positions' residuals of a joint in a window.

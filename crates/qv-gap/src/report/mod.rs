@@ -5,9 +5,11 @@ pub(crate) mod figures;
 pub(crate) mod leads;
 pub(crate) mod narrative;
 pub(crate) mod residual_factors;
+pub(crate) mod traces;
 
 use crate::decision::Policy;
 pub use crate::findings::{Correction, Gap, ParameterEstimate, Ranked, UNKNOWN, Verdict};
+use qv_replay::replay::Trace;
 use serde::Serialize;
 use serde_json::value::RawValue;
 
@@ -201,6 +203,28 @@ pub struct Curve {
     pub after: Vec<f64>,
 }
 
+/// All joints in a window that no fit has seen, at the recorded instants; channels that were not recorded are empty.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct TracedWindow {
+    /// Which recording it is of, from 0.
+    pub run: usize,
+    /// Measured.
+    pub measured: Trace,
+    /// Simulated before, at the same times; empty channels where the simulation ran away.
+    pub before: Trace,
+    /// Simulated after, likewise.
+    pub after: Trace,
+}
+
+/// All joints in all windows that no fit has seen.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Traces {
+    /// Joints, in the order of the traces' columns.
+    pub joints: Vec<String>,
+    /// The windows, run after run, in the order of time.
+    pub windows: Vec<TracedWindow>,
+}
+
 /// A stage and what it took.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Stage {
@@ -276,6 +300,9 @@ pub struct Report {
     pub floor_plan: Vec<FloorPoint>,
     /// Examples.
     pub curves: Vec<Curve>,
+    /// Every joint at the recorded rate: for the page, too much for `report.json`.
+    #[serde(skip)]
+    pub traces: Traces,
     /// Where the time went.
     pub stages: Vec<Stage>,
     /// Seconds in all.

@@ -4,8 +4,8 @@ use crate::GapError;
 use crate::problem::columns::{Column, Columns};
 use crate::problem::{Overrides, Problem, Window};
 use crate::rollout::actuator_model::{self, ActuatorModel};
-use crate::rollout::windows::Raw;
-use crate::rollout::windows::{compare, longest_latency};
+use crate::rollout::windows::{Raw, Traced, compare, compare_and_trace, longest_latency};
+use qv_replay::replay::Trace;
 use rayon::prelude::*;
 
 /// Settings simulated at a time: their features are in memory together.
@@ -13,17 +13,26 @@ pub(crate) const AT_A_TIME: usize = 96;
 /// Change of the step between torques and positions whose effect is a column \[s\].
 const SHIFT: f64 = 0.0005;
 
-/// Raw residuals of the nominal robot and raw sensitivities, by window; empty where something ran away.
+/// The nominal robot in windows.
+pub(crate) struct Nominal {
+    /// Raw residuals, by window; empty where the simulation ran away.
+    pub raw: Vec<Raw>,
+    /// What joints did, by window; see [`compare_and_trace`].
+    pub traces: Vec<Option<Trace>>,
+}
+
+/// The nominal robot and raw sensitivities, by window; empty where something ran away.
 pub(crate) fn sensitivities(
     problem: &Problem,
     alignment: actuator_model::Alignment,
     columns: &Columns,
     windows: &[Window],
     steps: &mut usize,
-) -> Result<(Vec<Raw>, Vec<Vec<Raw>>), GapError> {
+) -> Result<(Nominal, Vec<Vec<Raw>>), GapError> {
     let chosen: Vec<&Window> = windows.iter().collect();
     let alignments = vec![alignment; chosen.len()];
-    let base = compare(problem, &problem.numerics, &chosen, &[Overrides::new()])?;
+    let Traced { residuals: base, traces } =
+        compare_and_trace(problem, &problem.numerics, &chosen, &[Overrides::new()])?;
     *steps += base.steps;
     let raw = with_law(problem, &alignments, &chosen, &[Overrides::new()], base.values).remove(0);
     let mut sensitivities: Vec<Vec<Raw>> =
@@ -36,7 +45,7 @@ pub(crate) fn sensitivities(
             None => all.clear(),
         }
     }
-    Ok((raw, sensitivities))
+    Ok((Nominal { raw, traces }, sensitivities))
 }
 
 /// What some columns change in windows with their alignments and raw residuals, shape `[windows][columns]`; `None` where something ran

@@ -6,7 +6,7 @@ use crate::problem::features::{Channel, middle, middles, turn};
 use crate::problem::start_cache::{Prepared, prepare_one};
 use crate::problem::{Numerics, Overrides, Problem, Role, Window};
 use glam::{DQuat, DVec3};
-use qv_replay::replay::SensorErrors;
+use qv_replay::replay::{SensorErrors, Trace};
 use qv_sim::{Batch, Precision, Shape, State};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -30,6 +30,14 @@ pub struct Residuals {
     pub steps: usize,
 }
 
+/// The same, and what joints did in the windows that no fit sees, under the first setting.
+pub(crate) struct Traced {
+    /// As [`compare`] has them.
+    pub residuals: Residuals,
+    /// Shape `[windows]`; `None` where a fit sees the window, or the simulation ran away.
+    pub traces: Vec<Option<Trace>>,
+}
+
 /// One simulation.
 struct Case {
     setting: usize,
@@ -47,6 +55,29 @@ pub fn compare(
     windows: &[&Window],
     settings: &[Overrides],
 ) -> Result<Residuals, GapError> {
+    Ok(compare_some(problem, numerics, windows, settings, false)?.residuals)
+}
+
+/// The same, and what joints did in the windows that no fit sees. It takes no more steps.
+///
+/// # Errors
+/// When a parameter has a value that means nothing.
+pub(crate) fn compare_and_trace(
+    problem: &Problem,
+    numerics: &Numerics,
+    windows: &[&Window],
+    settings: &[Overrides],
+) -> Result<Traced, GapError> {
+    compare_some(problem, numerics, windows, settings, true)
+}
+
+fn compare_some(
+    problem: &Problem,
+    numerics: &Numerics,
+    windows: &[&Window],
+    settings: &[Overrides],
+    traced: bool,
+) -> Result<Traced, GapError> {
     let (prepared, cases) = prepare(problem, windows, settings);
     let latency = settings.iter().map(|s| longest_latency(problem, s)).fold(0.0, f64::max);
     let past = (latency / numerics.timestep).ceil() as usize;
@@ -55,18 +86,20 @@ pub fn compare(
     let together = if cases.len() < FEW { FEW_TOGETHER } else { TOGETHER };
     let chunks: Vec<&[Case]> = cases.chunks(together).collect();
     let simulate = if is_near(problem, prepared.iter().flatten()) { simulate::<f32> } else { simulate::<f64> };
-    let done: Vec<Vec<Vec<f64>>> = chunks
+    let done: Vec<Vec<Done>> = chunks
         .par_iter()
-        .map(|chunk| simulate(problem, numerics, windows, settings, (&prepared, &commands), chunk))
+        .map(|chunk| simulate(problem, numerics, windows, settings, (&prepared, &commands), (chunk, traced)))
         .collect::<Result<_, GapError>>()?;
     let mut values = vec![vec![Vec::new(); windows.len()]; settings.len()];
-    for (case, residual) in cases.iter().zip(done.into_iter().flatten()) {
-        if residual.iter().all(|x| x.is_finite()) {
-            values[case.setting][case.window] = residual;
+    let mut traces = vec![None; windows.len()];
+    for (case, done) in cases.iter().zip(done.into_iter().flatten()) {
+        if done.residual.iter().all(|x| x.is_finite()) {
+            values[case.setting][case.window] = done.residual;
+            traces[case.window] = done.trace.or(traces[case.window].take());
         }
     }
     let ticks = (problem.cut.window / numerics.timestep).round() as usize;
-    Ok(Residuals { values, steps: ticks * cases.len() })
+    Ok(Traced { residuals: Residuals { values, steps: ticks * cases.len() }, traces })
 }
 
 /// Starts and measured features, once for each window and each distinct set of sensor errors; cases by window.
@@ -111,17 +144,24 @@ pub(crate) fn are_near(problem: &Problem, windows: &[Window]) -> bool {
     is_near(problem, starts.iter())
 }
 
+/// What is left of one simulation; nothing where it ran away.
+#[derive(Default, Clone)]
+struct Done {
+    residual: Vec<f64>,
+    trace: Option<Trace>,
+}
+
 fn simulate<T: Precision>(
     problem: &Problem,
     numerics: &Numerics,
     windows: &[&Window],
     settings: &[Overrides],
     (prepared, commands): (&[Option<Arc<Prepared>>], &[Arc<Commands>]),
-    cases: &[Case],
-) -> Result<Vec<Vec<f64>>, GapError> {
+    (cases, traced): (&[Case], bool),
+) -> Result<Vec<Done>, GapError> {
     let live: Vec<&Case> = cases.iter().filter(|c| prepared[c.prepared].is_some()).collect();
     if live.is_empty() {
-        return Ok(vec![Vec::new(); cases.len()]);
+        return Ok(vec![Done::default(); cases.len()]);
     }
     let latency = live.iter().map(|c| longest_latency(problem, &settings[c.setting])).fold(0.0, f64::max);
     let past = (latency / numerics.timestep).ceil() as usize;
@@ -141,8 +181,14 @@ fn simulate<T: Precision>(
         for age in (1..=past).rev() {
             batch.set_past_command(env, age, &commands[case.window].before(age).view())?;
         }
-        tracks.push(Track::new(problem, setting, window, height));
+        let mut track = Track::new(problem, setting, window, height);
+        if traced && case.setting == 0 && window.held_out {
+            track.begin_trace(&start.state);
+        }
+        tracks.push(track);
     }
+    let is_traced = tracks.iter().any(|track| track.trace.is_some());
+    let mut torques = vec![0.0; live.len() * problem.columns.len()];
     let ticks = (problem.cut.window / numerics.timestep).round() as usize;
     let every = (problem.cut.sample / numerics.timestep).round() as usize;
     let mut now = batch.state(0)?;
@@ -154,16 +200,26 @@ fn simulate<T: Precision>(
             }
         }
         batch.step();
+        if is_traced {
+            batch.read_torques(&mut torques)?;
+            let time = (tick + 1) as f64 * numerics.timestep;
+            let of_env = tracks.iter_mut().zip(torques.chunks_exact(problem.columns.len().max(1))).enumerate();
+            of_env.filter(|(_, (track, _))| track.trace.is_some()).try_for_each(|(env, (track, torques))| {
+                batch.read_state(env, &mut now)?;
+                track.note(time, &now, torques.iter().map(|&t| f64::from(t)));
+                Ok::<(), GapError>(())
+            })?;
+        }
         if (tick + 1) % every == 0 {
             tracks.iter_mut().enumerate().try_for_each(|(env, track)| track.sample(&batch, env, &mut now))?;
         }
     }
-    let mut out = vec![Vec::new(); cases.len()];
+    let mut out = vec![Done::default(); cases.len()];
     let mut tracks = tracks.into_iter().zip(refused);
     for (k, case) in cases.iter().enumerate() {
         if let (Some(start), true) = (&prepared[case.prepared], prepared[case.prepared].is_some()) {
             let (track, is_refused) = tracks.next().expect("one for each live case");
-            out[k] = if is_refused { Vec::new() } else { track.residual(problem, start) };
+            out[k] = if is_refused { Done::default() } else { track.done(problem, start) };
         }
     }
     Ok(out)
@@ -297,6 +353,9 @@ struct Track<'a> {
     places: Vec<DVec3>,
     turns: Vec<DVec3>,
     broken: bool,
+    /// Each step of the joints, where that is wanted; its times count from `start`.
+    trace: Option<Trace>,
+    start: f64,
 }
 
 impl<'a> Track<'a> {
@@ -314,7 +373,25 @@ impl<'a> Track<'a> {
             places: Vec::new(),
             turns: Vec::new(),
             broken: false,
+            trace: None,
+            start: window.start,
         }
+    }
+
+    /// Keeps each step from here on, beginning with the start, whose torque is not known yet.
+    fn begin_trace(&mut self, start: &State) {
+        let joints = self.problem.columns.len();
+        self.trace = Some(Trace { joints, ..Trace::default() });
+        self.note(0.0, start, std::iter::repeat_n(f64::NAN, joints));
+    }
+
+    /// Keeps a step \[s\] from the start: joints as encoders without a latency report them.
+    fn note(&mut self, time: f64, State { q, v }: &State, torques: impl Iterator<Item = f64>) {
+        let Some(trace) = &mut self.trace else { return };
+        trace.time.push(self.start + time);
+        trace.position.extend(q[q.len() - trace.joints..].iter().zip(&self.bias).map(|(q, b)| q + b));
+        trace.velocity.extend(&v[v.len() - trace.joints..]);
+        trace.torque.extend(torques);
     }
 
     /// Keeps the state of its environment; `state` is one of this robot to read it into.
@@ -334,11 +411,12 @@ impl<'a> Track<'a> {
         Ok(())
     }
 
-    /// Measured minus simulated features; empty when the simulation ran away.
-    fn residual(self, problem: &Problem, start: &Prepared) -> Vec<f64> {
+    /// Measured minus simulated features, and the trace; nothing when the simulation ran away.
+    fn done(mut self, problem: &Problem, start: &Prepared) -> Done {
         if self.broken {
-            return Vec::new();
+            return Done::default();
         }
+        let trace = self.trace.take();
         let (bins, per_bin, joints) = (problem.cut.bins(), problem.cut.samples_per_bin(), problem.columns.len());
         let of_joint = |values: &[f64], j: usize| -> Vec<f64> {
             let at = |b: usize| middle((0..per_bin).map(|k| values[(b * per_bin + k) * joints + j]), per_bin);
@@ -356,7 +434,7 @@ impl<'a> Track<'a> {
                 Channel::Ground => simulated.push(-self.ground),
             }
         }
-        start.measured.iter().zip(simulated).map(|(m, s)| m - s).collect()
+        Done { residual: start.measured.iter().zip(simulated).map(|(m, s)| m - s).collect(), trace }
     }
 }
 

@@ -2,6 +2,7 @@
 #![allow(dead_code)]
 
 use qv_gap::report::*;
+use qv_replay::replay::Trace;
 use qv_sim::{BaseKind, Model, ModelOptions};
 
 pub fn go2() -> Model {
@@ -58,6 +59,7 @@ pub fn empty() -> Report {
         heat_map: HeatMap::default(),
         floor_plan: Vec::new(),
         curves: Vec::new(),
+        traces: Traces::default(),
         stages: Vec::new(),
         policy: Default::default(),
         provenance: None,
@@ -110,6 +112,7 @@ pub fn report() -> Report {
         heat_map: heat_map(),
         floor_plan: (0..64).map(floor_point).collect(),
         curves: ["FL_calf_joint", "RR_thigh_joint"].iter().enumerate().map(|(k, joint)| curve(joint, k)).collect(),
+        traces: traces(),
         stages: [("read and cut windows", 0.4, 0), ("sensitivities", 3.1, 350_000), ("null", 2.2, 210_000)]
             .into_iter()
             .chain([("search", 9.8, 1_120_000), ("held out and where", 1.6, 160_000)])
@@ -241,4 +244,30 @@ fn curve(joint: &str, k: usize) -> Curve {
         after: time.iter().map(|&t| at(t, 0.01 - 0.006 * (t - 6.0).min(0.1))).collect(),
         time,
     }
+}
+
+/// Twelve joints in four windows of 0.3 s at 500 Hz; torques were not recorded.
+fn traces() -> Traces {
+    let joints: Vec<String> = qv_go2::model::JOINT_NAMES.iter().map(|n| (*n).to_string()).collect();
+    let window = |w: usize| {
+        let start = 6.0 + 1.2 * w as f64;
+        let trace = |late: f64, noise: f64| {
+            let time: Vec<f64> = (0..150).map(|i| start + 0.002 * i as f64).collect();
+            let at = |(i, t): (usize, f64), j: usize| {
+                let late = late * (t - start).min(0.1) / 0.1;
+                -1.5 + 0.25 * (12.0 * (t - late) + j as f64).sin() + noise * (chance(i + 7 * j) - 0.5)
+            };
+            let rows = || time.iter().copied().enumerate().flat_map(|row| (0..12).map(move |j| (row, j)));
+            Trace {
+                position: rows().map(|(row, j)| at(row, j)).collect(),
+                velocity: rows().map(|((i, t), j)| (at((i, t + 0.001), j) - at((i, t), j)) / 0.001).collect(),
+                joints: 12,
+                time,
+                ..Trace::default()
+            }
+        };
+        let [measured, before, after] = [(0.01, 0.0006), (0.004, 0.0), (0.0095, 0.0)].map(|(l, n)| trace(l, n));
+        TracedWindow { run: 0, measured, before, after }
+    };
+    Traces { joints, windows: (0..4).map(window).collect() }
 }

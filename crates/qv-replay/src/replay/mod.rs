@@ -5,6 +5,7 @@ mod commands;
 mod engine;
 mod errors;
 mod html;
+mod joint_board;
 mod json;
 mod lag;
 mod legs;
@@ -18,7 +19,8 @@ pub use engine::{
     simulate, stated_parameters,
 };
 pub use errors::{BaseErrors, Errors, JointErrors, Phase, PhaseErrors, TimeErrors};
-pub use html::{escape, to_html};
+pub use html::to_html;
+pub use joint_board::{Named, joint_board};
 pub use json::to_json;
 pub use lag::{Lag, lags_behind, lags_behind_command};
 pub use legs::Legs;

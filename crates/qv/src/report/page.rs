@@ -7,37 +7,23 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use image::ImageEncoder as _;
 use qv_core::{Material, TriangleMesh, label_colour};
-use qv_replay::replay::escape;
+use qv_page::number::DASH;
+use qv_page::parts::{Bars, card, grid, track};
+use qv_page::{Page, Table, escape, fixed, percent};
 use serde_json::Value;
-use std::fmt::Write;
 
-const STYLE: &str = "\
-:root{color-scheme:light dark;--ink:#1c2430;--soft:#5d6875;--paper:#f6f6f3;--card:#fff;--line:#dfe3e8;--accent:#1f6fb5;--before:#d9601a}\
-@media(prefers-color-scheme:dark){:root{--ink:#e6e9ee;--soft:#a3adb9;--paper:#14181d;--card:#1b2027;--line:#343d48;--accent:#6db3f2;--before:#ff9d5c}}\
-*{box-sizing:border-box}body{margin:0 auto;max-width:1080px;padding:26px 20px 60px;background:var(--paper);color:var(--ink);\
-font:15px/1.5 system-ui,-apple-system,'Segoe UI',sans-serif}\
-h1{font-size:22px;margin:0 0 14px}h2{font-size:18px;margin:34px 0 10px}p{margin:4px 0}.soft{color:var(--soft);font-size:13px}\
-.card{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:14px 18px;margin-bottom:14px;overflow-x:auto}\
-.lead li{margin:6px 0;font-size:16px}.grid{display:grid;gap:14px;grid-template-columns:repeat(auto-fit,minmax(min(100%,420px),1fr))}\
-figure{margin:0}figure img{width:100%;border-radius:6px;display:block}figcaption{color:var(--soft);font-size:13px}\
-svg{display:block;width:100%;height:auto;border-radius:6px}.walk{fill:none;stroke:#fff;stroke-width:5;stroke-linejoin:round;paint-order:stroke}\
-.walk.thin{stroke:#111;stroke-width:2}.slip{fill:#d5003c}\
-table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums;font-size:14px}\
-th,td{padding:4px 10px;text-align:right;border-top:1px solid var(--line)}th{color:var(--soft);font-weight:600;border-top:0}\
-th:first-child,td:first-child{text-align:left;padding-left:0}.key{display:inline-block;width:12px;height:12px;border-radius:3px;margin-right:6px}\
-.bar{display:inline-block;height:10px;border-radius:3px;background:var(--accent);vertical-align:middle}.bar.before{background:var(--before)}";
+/// What this page has beside the style of all pages.
+const STYLE: &str = ".lead li{margin:6px 0;font-size:16px}.walk{fill:none;stroke:#fff;stroke-width:5;stroke-linejoin:round;paint-order:stroke}\
+.walk.thin{stroke:#111;stroke-width:2}.slip{fill:#d5003c}svg{border-radius:6px}";
+/// The page's title.
+const TITLE: &str = "From place and robot to a simulator that agrees";
 
 /// The whole page.
 ///
 /// # Errors
 /// A picture cannot be encoded.
 pub fn to_html(parts: &Parts) -> Result<String, Failure> {
-    let mut text = format!(
-        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\
-         <title>From place and robot to a simulator that agrees</title><style>{STYLE}</style>\
-         <h1>From place and robot to a simulator that agrees</h1>{}",
-        summary(parts)
-    );
+    let mut text = summary(parts);
     text += &photographs(parts);
     if let Some(mesh) = &parts.mesh {
         text += &ground(mesh, parts.contact.as_ref())?;
@@ -51,7 +37,7 @@ pub fn to_html(parts: &Parts) -> Result<String, Failure> {
     if let Some(tuning) = &parts.tuning {
         text += &tuned(tuning, parts.paths.as_ref());
     }
-    Ok(text + "</html>\n")
+    Ok(Page { title: TITLE, style: STYLE, body: &text, ..Page::default() }.to_html())
 }
 
 /// Paths of the policy before and after.
@@ -64,37 +50,32 @@ fn strayed(paths: &Value) -> Option<[&Value; 2]> {
 
 /// Joints of each simulator on held-out recordings, and how far policies stray.
 fn tuned(tuning: &Value, paths: Option<&Value>) -> String {
-    let mut text = String::from(
-        "<h2>The policy, trained on in the corrected simulator</h2><div class=\"card\"><table><tr><th>simulator</th>\
-         <th>joints off on held-out recordings [mrad]</th><th>stays</th></tr>",
-    );
+    let mut simulators = Table::new(&["simulator", "joints off on held-out recordings [mrad]", "stays"]);
     for candidate in list(&tuning["candidates"]) {
         let held = &candidate["held_out"];
-        let milli = |value: &Value| value.as_f64().map_or("–".into(), |x| format!("{:.1}", 1e3 * x));
-        _ = write!(
-            text,
-            "<tr><td>{}</td><td>{} ± {}</td><td>{}</td></tr>",
-            escape(candidate["compensation"]["kind"].as_str().unwrap_or("–")),
-            milli(&held["error"]),
-            milli(&held["error_se"]),
-            if held["stays"] == true { "yes" } else { "no" }
-        );
+        let milli = |value: &Value| fixed(value.as_f64().map_or(f64::NAN, |x| 1e3 * x), 1);
+        simulators.row(&[
+            escape(candidate["compensation"]["kind"].as_str().unwrap_or(DASH)),
+            format!("{} ± {}", milli(&held["error"]), milli(&held["error_se"])),
+            if held["stays"] == true { "yes" } else { "no" }.into(),
+        ]);
     }
-    text += "</table></div><div class=\"card\"><table><tr><th>distance from the commanded path over 8 s [m]</th><th>before</th><th>after</th></tr>";
+    let mut strays = Table::new(&["distance from the commanded path over 8 s [m]", "before", "after"]);
     let mut row = |name: &str, before: &Value, after: &Value| {
         let cell = |score: &Value| format!("{} ± {}", number(&score["position"], 3), number(&score["position_se"], 3));
-        _ = write!(text, "<tr><td>{name}</td><td>{}</td><td>{}</td></tr>", cell(before), cell(after));
+        strays.row(&[name.to_string(), cell(before), cell(after)]);
     };
     row("expected, in a simulator fitted to held-out recordings", &tuning["before"], &tuning["after"]);
     if let Some([before, after]) = paths.and_then(strayed) {
         row("<b>on the made-up robot itself</b>", before, after);
     }
-    text + "</table></div>"
+    let cards = [card(&simulators.to_html()), card(&strays.to_html())].concat();
+    format!("<h2>The policy, trained on in the corrected simulator</h2>{cards}")
 }
 
 /// A number of a report, or a dash.
 fn number(value: &Value, digits: usize) -> String {
-    value.as_f64().map_or("–".into(), |x| format!("{x:.digits$}"))
+    fixed(value.as_f64().unwrap_or(f64::NAN), digits)
 }
 
 fn list(value: &Value) -> &[Value] {
@@ -129,7 +110,7 @@ fn summary(parts: &Parts) -> String {
         ));
     }
     let items: Vec<String> = said.iter().map(|sentence| format!("<li>{sentence}</li>")).collect();
-    format!("<div class=\"card\"><ul class=\"lead\">{}</ul></div>", items.concat())
+    card(&format!("<ul class=\"lead\">{}</ul>", items.concat()))
 }
 
 fn photographs(parts: &Parts) -> String {
@@ -146,8 +127,8 @@ fn photographs(parts: &Parts) -> String {
     let figures: Vec<String> = parts.pictures.iter().map(figure).collect();
     format!(
         "<h2>The place: photographs that were held out, and what is drawn there</h2>\
-         <p class=\"soft\">Left the photograph, right the scene of Gaussians from the same place.</p><div class=\"grid\">{}</div>",
-        figures.concat()
+         <p class=\"soft\">Left the photograph, right the scene of Gaussians from the same place.</p>{}",
+        grid(420, &figures.concat())
     )
 }
 
@@ -175,7 +156,7 @@ fn ground(mesh: &TriangleMesh, contact: Option<&Value>) -> Result<String, Failur
         .map(|(label, material)| {
             let [r, g, b] = label_colour(label);
             format!(
-                "<span class=\"key\" style=\"background:rgb({r},{g},{b})\"></span>{} &nbsp; ",
+                "<span class=\"swatch\" style=\"background:rgb({r},{g},{b})\"></span>{} &nbsp; ",
                 escape(&material.name)
             )
         })
@@ -192,51 +173,49 @@ fn ground(mesh: &TriangleMesh, contact: Option<&Value>) -> Result<String, Failur
 }
 
 fn friction(contact: &Value) -> String {
-    let mut text = String::from(
-        "<h2>Friction of each label</h2><div class=\"card\"><table><tr><th>label</th><th>before</th><th>after</th>\
-         <th>90 % interval</th><th></th><th>feet on it</th><th>slipping</th></tr>",
-    );
+    let mut table =
+        Table::with_left(&["label", "before", "after", "90 % interval", "status", "feet on it", "slipping"], &[4]);
     for region in list(&contact["regions"]) {
         let used = if region["status"] == "refined" { "posterior" } else { "prior_estimate" };
         let interval = &region[used]["interval90"];
-        _ = write!(
-            text,
-            "<tr><td>{}</td><td>{}</td><td><b>{}</b></td><td>{} to {}</td><td>{}</td><td>{} s</td><td>{} %</td></tr>",
-            escape(region["label"].as_str().unwrap_or("–")),
+        table.row(&[
+            escape(region["label"].as_str().unwrap_or(DASH)),
             number(&region["prior_estimate"]["mean"], 2),
-            number(&region["friction"], 3),
-            number(&interval[0], 2),
-            number(&interval[1], 2),
-            escape(&region["status"].as_str().unwrap_or("–").replace('_', " ")),
-            number(&region["contact_time"], 1),
-            region["slip_share"].as_f64().map_or("–".into(), |share| format!("{:.0}", 100.0 * share)),
-        );
+            format!("<b>{}</b>", number(&region["friction"], 3)),
+            format!("{} to {}", number(&interval[0], 2), number(&interval[1], 2)),
+            escape(&region["status"].as_str().unwrap_or(DASH).replace('_', " ")),
+            format!("{} s", number(&region["contact_time"], 1)),
+            share(&region["slip_share"]),
+        ]);
     }
-    text += "</table>";
+    format!("<h2>Friction of each label</h2>{}", card(&(table.to_html() + &base_error(contact))))
+}
+
+/// Error of the base with one friction everywhere, with the priors, and with what was found.
+fn base_error(contact: &Value) -> String {
     let held_out = &contact["base_error"]["held_out"];
     let errors = if held_out.is_object() { held_out } else { &contact["base_error"]["all"] };
     let most = ["uniform", "prior", "posterior"].iter().filter_map(|key| errors[key].as_f64()).fold(0.0, f64::max);
-    if most > 0.0 {
-        _ = write!(
-            text,
-            "<p class=\"soft\">Mean error of the base when {} s are replayed open loop</p><table>",
-            number(&contact["base_error"]["segment"], 1)
-        );
-        for (key, words) in
-            [("uniform", "one friction everywhere"), ("prior", "friction by label, before"), ("posterior", "after")]
-        {
-            let value = errors[key].as_f64().unwrap_or(0.0);
-            let kind = if key == "posterior" { "bar" } else { "bar before" };
-            _ = write!(
-                text,
-                "<tr><td>{words}</td><td style=\"text-align:left;width:60%\"><span class=\"{kind}\" style=\"width:{:.1}%\"></span></td><td>{:.1} cm</td></tr>",
-                90.0 * value / most,
-                100.0 * value
-            );
-        }
-        text += "</table>";
+    if most <= 0.0 {
+        return String::new();
     }
-    text + "</div>"
+    let mut bars = Bars::new();
+    let rows = [("uniform", "one friction everywhere"), ("prior", "friction by label, before"), ("posterior", "after")];
+    for (key, words) in rows {
+        let value = errors[key].as_f64().unwrap_or(0.0);
+        let tone = if key == "posterior" { "after" } else { "before" };
+        bars.row(words, &track(value / most, tone), &format!("{} cm", fixed(100.0 * value, 1)));
+    }
+    format!(
+        "<p class=\"soft\">Mean error of the base when {} s are replayed open loop</p>{}",
+        number(&contact["base_error"]["segment"], 1),
+        bars.to_html()
+    )
+}
+
+/// A share of a report in percent, or a dash.
+fn share(value: &Value) -> String {
+    percent(value.as_f64().unwrap_or(f64::NAN))
 }
 
 fn causes(diagnosis: &Value) -> String {
@@ -249,33 +228,31 @@ fn causes(diagnosis: &Value) -> String {
         number(&gap["after"], 2),
         number(&gap["floor"], 2)
     );
-    if !list(&diagnosis["causes"]).is_empty() {
-        text += "<table><tr><th>cause</th><th>probability</th><th>size</th><th>95 % interval</th><th>closes alone</th></tr>";
-    }
+    let heads = ["cause", "probability", "size", "95 % interval", "closes alone"];
+    let mut table = Table::new(&heads);
     for cause in list(&diagnosis["causes"]) {
         for (k, parameter) in list(&cause["parameters"]).iter().enumerate() {
             let first = |words: String| if k == 0 { words } else { String::new() };
-            let share = |value: &Value| value.as_f64().map_or("–".into(), |x| format!("{:.0} %", 100.0 * x));
-            _ = write!(
-                text,
-                "<tr><td>{}</td><td>{}</td><td>{} {} {}</td><td>{} to {}</td><td>{}</td></tr>",
-                first(escape(&cause["effect"].as_str().unwrap_or("–").replace('_', " "))),
+            table.row(&[
+                first(escape(&cause["effect"].as_str().unwrap_or(DASH).replace('_', " "))),
                 first(share(&cause["probability"])),
-                escape(parameter["name"].as_str().unwrap_or("")),
-                number(&parameter["value"], 4),
-                escape(parameter["unit"].as_str().unwrap_or("")),
-                number(&parameter["ci95"][0], 4),
-                number(&parameter["ci95"][1], 4),
+                format!(
+                    "{} {} {}",
+                    escape(parameter["name"].as_str().unwrap_or("")),
+                    number(&parameter["value"], 4),
+                    escape(parameter["unit"].as_str().unwrap_or(""))
+                ),
+                format!("{} to {}", number(&parameter["ci95"][0], 4), number(&parameter["ci95"][1], 4)),
                 first(share(&cause["closed_alone"])),
-            );
+            ]);
         }
     }
-    if !list(&diagnosis["causes"]).is_empty() {
-        text += "</table>";
+    if !table.is_empty() {
+        text += &table.to_html();
     }
     let shares: Vec<String> = list(&diagnosis["where"]["interfaces"])
         .iter()
-        .filter_map(|one| Some(format!("{} {:.0} %", escape(one["name"].as_str()?), 100.0 * one["share"].as_f64()?)))
+        .filter_map(|one| Some(format!("{} {}", escape(one["name"].as_str()?), percent(one["share"].as_f64()?))))
         .collect();
     text + &format!("<p class=\"soft\">Where the gap lies: {}.</p></div>", shares.join(", "))
 }

@@ -1,36 +1,34 @@
 //! `tune.html`: what the tuning found, on one page without network.
 
-use qv_replay::replay::escape;
+use qv_page::number::DASH;
+use qv_page::parts::{self, Mood, card, grid, key, track};
+use qv_page::{Page, Table, escape, fixed};
 use qv_residual::close::{PathPair, Report};
 use qv_residual::paths::{KINDS, Path, PathScore, place};
 use std::fmt::Write;
 
-const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;color:#222;background:#fff}\
-table{border-collapse:collapse}td,th{padding:.25rem .6rem;text-align:right;border-bottom:1px solid #8884}td:first-child,th:first-child{text-align:left}\
-.scroll{overflow-x:auto}.soft{opacity:.75}.verdict{border-left:6px solid #2a7;padding:.5rem 1rem;background:#2a71}.verdict.none{border-color:#888}\
-.paths{display:flex;flex-wrap:wrap;gap:1rem}.paths figure{margin:0;flex:1 1 18rem}svg{width:100%;height:auto;background:#8881}\
-.bar{display:inline-block;height:.7rem;vertical-align:middle}.a{background:#c63;stroke:#c63}.b{background:#27c;stroke:#27c}.c{stroke:#888}.d{stroke:#2a7}\
-path{fill:none;stroke-width:2;vector-effect:non-scaling-stroke}path.c{stroke-dasharray:6 4}path.d{stroke-dasharray:2 3}\
-@media (prefers-color-scheme:dark){body{color:#ddd;background:#181a1d}}";
+/// What this page has beside the style of all pages.
+const STYLE: &str = ".paths figure svg{background:var(--track);border-radius:6px}\
+.paths path{fill:none;stroke-width:2;vector-effect:non-scaling-stroke}path.commanded{stroke:var(--floor);stroke-dasharray:6 4}\
+path.promised{stroke:var(--good);stroke-dasharray:2 3}path.before{stroke:var(--before)}path.after{stroke:var(--after)}\
+td .track{min-width:140px;margin:3px 0}";
 
 /// The page.
 pub fn page(report: &Report) -> String {
-    let title = format!("Tuning of {}", escape(&report.robot));
-    let class = if report.chosen.is_some() { "verdict" } else { "verdict none" };
-    let mut text = format!(
-        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
-         <title>{title}</title><style>{STYLE}</style><h1>{title}</h1><div class=\"{class}\"><b>{}</b> {}</div>",
-        headline(report),
-        escape(&report.why)
-    );
-    _ = write!(text, "<p>{:.0} s of recordings were used.</p>", report.seconds);
-    text += &list(&report.told);
-    text += &candidates(report);
-    text += &policies(report);
-    text += &paths(&report.paths);
-    text += &joints(report);
-    text += &parameters(report);
-    text + "</html>\n"
+    let mood = if report.chosen.is_some() { Mood::Good } else { Mood::Plain };
+    let said = format!("<b>{}</b> {}", headline(report), escape(&report.why));
+    let body = [
+        parts::verdict(mood, "", &said),
+        format!("<p>{} s of recordings were used.</p>", fixed(report.seconds, 0)),
+        parts::list(&report.told),
+        candidates(report),
+        policies(report),
+        paths(&report.paths),
+        joints(report),
+        parameters(report),
+    ];
+    let title = format!("Tuning of {}", report.robot);
+    Page { title: &title, style: STYLE, body: &body.concat(), ..Page::default() }.to_html()
 }
 
 fn headline(report: &Report) -> String {
@@ -43,56 +41,50 @@ fn headline(report: &Report) -> String {
     }
 }
 
-fn list(told: &[String]) -> String {
-    let items: String = told.iter().map(|one| format!("<li>{}", escape(one))).collect();
-    if items.is_empty() { items } else { format!("<ul class=\"soft\">{items}</ul>") }
-}
-
 fn candidates(report: &Report) -> String {
-    let mut text = format!(
-        "<h2>What the recordings show</h2><p>Each row is a simulator. It replays {} s of held-out recordings at a time, from the measured \
-         state, under the recorded targets. A row stays when its joints are off by less than those of the last row that stayed, by {} \
-         standard errors.</p><div class=\"scroll\"><table><tr><th>simulator<th>joints off by [mrad]<th>gain over the last that stayed [mrad]<th>stays\
-         <th>policy trained on with it: distance from the commanded path [m]</tr>",
-        report.settings.window, report.settings.errors
-    );
+    let heads = [
+        "simulator",
+        "joints off by [mrad]",
+        "gain over the last that stayed [mrad]",
+        "stays",
+        "policy trained on with it: distance from the commanded path [m]",
+    ];
+    let mut table = Table::new(&heads);
     for (k, candidate) in report.candidates.iter().enumerate() {
         let held = &candidate.held_out;
-        let gain =
-            if k == 0 { "–".into() } else { format!("{:.2} ± {:.2}", 1e3 * held.gain[0], 1e3 * held.gain[1]) };
+        let gain = if k == 0 { DASH.into() } else { plus_minus(1e3 * held.gain[0], 1e3 * held.gain[1], 2) };
         let mark = if report.chosen == Some(k) { " (chosen)" } else { "" };
-        _ = write!(
-            text,
-            "<tr><td>{}{mark}<td>{:.2} ± {:.2}<td>{gain}<td>{}<td>{}</tr>",
-            escape(&candidate.compensation.kind),
-            1e3 * held.error,
-            1e3 * held.error_se,
-            if held.stays { "yes" } else { "no" },
-            candidate.paths.map_or("–".into(), distance)
-        );
+        table.row(&[
+            format!("{}{mark}", escape(&candidate.compensation.kind)),
+            plus_minus(1e3 * held.error, 1e3 * held.error_se, 2),
+            gain,
+            if held.stays { "yes" } else { "no" }.into(),
+            candidate.paths.map_or(DASH.into(), distance),
+        ]);
     }
-    text + "</table></div>"
+    format!(
+        "<h2>What the recordings show</h2><p>Each row is a simulator. It replays {} s of held-out recordings at a time, from the measured \
+         state, under the recorded targets. A row stays when its joints are off by less than those of the last row that stayed, by {} \
+         standard errors.</p>{}",
+        report.settings.window,
+        report.settings.errors,
+        card(&table.to_html())
+    )
+}
+
+fn plus_minus(value: f64, error: f64, decimals: usize) -> String {
+    format!("{} ± {}", fixed(value, decimals), fixed(error, decimals))
 }
 
 fn distance(score: PathScore) -> String {
-    format!("{:.3} ± {:.3}", score.position, score.position_se)
+    plus_minus(score.position.into(), score.position_se.into(), 3)
 }
 
 fn policies(report: &Report) -> String {
-    let mut text = String::from(
-        "<h2>What the robot gains</h2><p>Policies walk in a simulator that was fitted to the held-out recordings alone; no training has seen \
-         it, other walks than those by which the policy above was chosen. Distances are from the path that the commands describe, mean over 8 s; ± one standard error over walks. A robot that falls \
-         counts as one that stays where it fell.</p><div class=\"scroll\"><table><tr><th>policy<th>distance [m]<th>heading [rad]<th>falls</tr>",
-    );
+    let mut table = Table::new(&["policy", "distance [m]", "heading [rad]", "falls"]);
     let mut row = |name: &str, score: &PathScore| {
-        _ = write!(
-            text,
-            "<tr><td>{name}<td>{}<td>{:.3}<td>{} of {}</tr>",
-            distance(*score),
-            score.heading,
-            score.fell,
-            score.walks
-        );
+        let falls = format!("{} of {}", score.fell, score.walks);
+        table.row(&[name.to_string(), distance(*score), fixed(score.heading.into(), 3), falls]);
     };
     row("as it was", &report.before);
     if let Some(control) = &report.control {
@@ -101,21 +93,30 @@ fn policies(report: &Report) -> String {
     if report.chosen.is_some() {
         row("trained on under what was found", &report.after);
     }
-    text + "</table></div>"
+    format!(
+        "<h2>What the robot gains</h2><p>Policies walk in a simulator that was fitted to the held-out recordings alone; no training has seen \
+         it, other walks than those by which the policy above was chosen. Distances are from the path that the commands describe, mean over 8 s; ± one standard error over walks. A robot that falls \
+         counts as one that stays where it fell.</p>{}",
+        card(&table.to_html())
+    )
 }
 
 fn paths(pairs: &[PathPair]) -> String {
     if pairs.is_empty() {
         return String::new();
     }
-    let mut text = String::from(
-        "<h2>Paths from above</h2><p><span class=\"c\">- - -</span> grey: commanded. Green dots: what the simulator as it was promised. \
-         Orange: the policy as it was. Blue: trained on. 8 s each; hover for the end.</p><div class=\"paths\">",
-    );
-    for (k, pair) in pairs.iter().enumerate() {
-        text += &figure(KINDS[k % KINDS.len()].0, pair);
-    }
-    text + "</div>"
+    let figures: String =
+        pairs.iter().enumerate().map(|(k, pair)| card(&figure(KINDS[k % KINDS.len()].0, pair))).collect();
+    let keys = [("floor", "commanded (dashed)"), ("good", "promised by the simulator as it was (dots)")];
+    let keys: String = keys
+        .into_iter()
+        .chain([("before", "the policy as it was"), ("after", "trained on")])
+        .map(|(t, n)| key(t, n))
+        .collect();
+    format!(
+        "<h2>Paths from above</h2><p class=\"soft\">{keys}. 8 s each; hover for the end.</p><div class=\"paths\">{}</div>",
+        grid(280, &figures)
+    )
 }
 
 fn figure(name: &str, pair: &PathPair) -> String {
@@ -124,10 +125,10 @@ fn figure(name: &str, pair: &PathPair) -> String {
     let seconds = qv_residual::tune::SECONDS;
     let wanted: Path = (0..=count).map(|k| place(pair.command, seconds * k as f32 / count as f32)).collect();
     let all = [
-        ("c", "commanded", &wanted),
-        ("d", "promised", &pair.promised),
-        ("a", "as it was", &pair.before),
-        ("b", "trained on", &pair.after),
+        ("commanded", "commanded", &wanted),
+        ("promised", "promised", &pair.promised),
+        ("before", "as it was", &pair.before),
+        ("after", "trained on", &pair.after),
     ];
     let ends = |axis: usize| {
         let values = all.iter().flat_map(|(_, _, path)| path.iter().map(move |p| p[axis])).chain([0.0]);
@@ -167,39 +168,108 @@ fn joints(report: &Report) -> String {
         return String::new();
     };
     let most = first.held_out.joints.iter().copied().fold(1e-9, f64::max);
-    let mut text = format!(
-        "<h2>Each joint</h2><p>Mean size of the error on held-out recordings, in the simulator as it was and with {}.</p>\
-         <div class=\"scroll\"><table><tr><th>joint<th>as it was [mrad]<th>corrected [mrad]<th></tr>",
-        escape(&last.compensation.kind)
-    );
+    let mut table = Table::with_left(&["joint", "as it was [mrad]", "corrected [mrad]", ""], &[3]);
     for ((name, before), after) in
         first.compensation.joints.iter().zip(&first.held_out.joints).zip(&last.held_out.joints)
     {
-        let bar = |class: &str, x: f64| {
-            format!("<span class=\"bar {class}\" style=\"width:{:.1}rem\"></span>", 12.0 * x / most)
-        };
-        _ = write!(
-            text,
-            "<tr><td>{}<td>{:.1}<td>{:.1}<td style=\"text-align:left\">{}<br>{}</tr>",
+        table.row(&[
             escape(name),
-            1e3 * before,
-            1e3 * after,
-            bar("a", *before),
-            bar("b", *after)
-        );
+            fixed(1e3 * before, 1),
+            fixed(1e3 * after, 1),
+            track(before / most, "before") + &track(after / most, "after"),
+        ]);
     }
-    text + "</table></div>"
+    format!(
+        "<h2>Each joint</h2><p>Mean size of the error on held-out recordings, in the simulator as it was and with {}.</p>{}",
+        escape(&last.compensation.kind),
+        card(&table.to_html())
+    )
 }
 
 fn parameters(report: &Report) -> String {
     let Some(chosen) = report.chosen.map(|k| &report.candidates[k].compensation) else { return String::new() };
-    let mut text = String::from(
-        "<h2>What was corrected</h2><details><summary>parameters of the simulator, with the range within which robots differed in training\
-         </summary><div class=\"scroll\"><table><tr><th>parameter<th>value<th>range</tr>",
-    );
+    let mut table = Table::new(&["parameter", "value", "range"]);
     for (name, x) in &chosen.parameters {
-        let range = chosen.ranges.get(name).map_or("–".into(), |[low, high]| format!("{low:.4} to {high:.4}"));
-        _ = write!(text, "<tr><td>{}<td>{x:.4}<td>{range}</tr>", escape(name));
+        let range = chosen
+            .ranges
+            .get(name)
+            .map_or(DASH.into(), |[low, high]| format!("{} to {}", fixed(*low, 4), fixed(*high, 4)));
+        table.row(&[escape(name), fixed(*x, 4), range]);
     }
-    text + "</table></div></details>"
+    format!(
+        "<h2>What was corrected</h2>{}",
+        card(&format!(
+            "<details><summary>parameters of the simulator, with the range within which robots differed in training</summary>{}</details>",
+            table.to_html()
+        ))
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use qv_residual::close::{Candidate, HeldOut};
+    use qv_residual::compensation::Compensation;
+
+    fn made_up(nasty: &str) -> Report {
+        let score = |position: f32| PathScore { walks: 64, position, position_se: 0.01, heading: 0.1, fell: 2 };
+        let candidate = |kind: &str, error: f64| Candidate {
+            compensation: Compensation {
+                joints: vec![nasty.into(), "knee".into()],
+                kind: kind.into(),
+                parameters: [(format!("joint.{nasty}.armature"), 0.01)].into(),
+                ..Compensation::default()
+            },
+            held_out: HeldOut {
+                error,
+                error_se: 0.001,
+                joints: vec![error, f64::NAN],
+                gain: [0.002, 0.001],
+                stays: true,
+            },
+            paths: Some(score(error as f32)),
+        };
+        let path = |turn: f32| (1..200).map(|k| place([0.5, 0.0, turn], 0.04 * k as f32)).collect();
+        Report {
+            robot: nasty.into(),
+            seconds: 600.0,
+            told: vec![nasty.into()],
+            candidates: vec![candidate("as it was", 0.02), candidate(nasty, 0.01)],
+            chosen: Some(1),
+            why: "It strays least.".into(),
+            before: score(0.4),
+            after: score(0.2),
+            control: Some(score(0.39)),
+            paths: vec![PathPair {
+                command: [0.5, 0.0, 0.2],
+                before: path(0.1),
+                after: path(0.19),
+                promised: path(0.2),
+            }],
+            settings: Default::default(),
+        }
+    }
+
+    #[test]
+    fn candidates_policies_paths_and_joints_are_told_and_no_name_breaks_the_page() {
+        let nasty = "</style><script>alert(\"1\" & '2')</script>";
+        let text = page(&made_up(nasty));
+        for part in
+            ["stray 50 % less", "20.00 ± 1.00", "0.200 ± 0.010", "2 of 64", "(chosen)", "trained on: ends at", "0.0100"]
+        {
+            assert!(text.contains(part), "{part}");
+        }
+        for never in ["<script", "NaN", "inf", "http:", "https:", "src=", "url("] {
+            assert!(!text.contains(never), "{never}");
+        }
+        for tag in ["div", "table", "tr", "td", "th", "svg", "h2", "p", "figure", "details"] {
+            let opened = text.matches(&format!("<{tag}>")).count() + text.matches(&format!("<{tag} ")).count();
+            assert_eq!(opened, text.matches(&format!("</{tag}>")).count(), "{tag}");
+        }
+        let mut kept = made_up("go2");
+        (kept.chosen, kept.paths) = (None, vec![]);
+        let text = page(&kept);
+        assert!(text.contains("The policy is as it was.") && !text.contains("Paths from above"));
+        assert!(!text.contains("What was corrected"));
+    }
 }

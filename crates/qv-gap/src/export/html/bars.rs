@@ -1,42 +1,27 @@
 //! Bars: how far the gap closes, shares, the ranking.
 
-use super::words::{escape, fixed, percent, significant, width, words};
+use super::words::{escape, fixed, percent, significant, words};
 use crate::report::{Cause, Gap, JointShare, Ranked, Share, Verdict};
+use qv_page::parts::{Bars, card, titled_card, track, track_with_interval};
 use std::fmt::Write;
 
 /// Places of the ranking that are shown at least and at most; those between when there is something to see.
 const RANKS: [usize; 2] = [4, 8];
 
-/// A bar on a track; `share` of its width, 0 to 1.
-pub(super) fn track(share: f64, color: &str) -> String {
-    format!("<div class=\"track\" style=\"--fill:var(--{color})\"><i style=\"width:{:.1}%\"></i></div>", width(share))
-}
-
-/// The same with an interval.
-fn track_with_interval(share: f64, interval: [f64; 2], color: &str) -> String {
-    let [low, high] = interval.map(width);
-    let known = interval.iter().all(|x| x.is_finite()) && high >= low;
-    let whisker =
-        if known { format!("<u style=\"left:{low:.1}%;width:{:.1}%\"></u>", high - low) } else { String::new() };
-    let fill = format!("<i style=\"width:{:.1}%\"></i>", width(share));
-    format!("<div class=\"track\" style=\"--fill:var(--{color})\">{fill}{whisker}</div>")
-}
-
 /// Before, after and floor as bars; what share of the difference is closed.
 pub(super) fn gap(gap: &Gap, verdict: Verdict, has_causes: bool) -> String {
     let seen = if gap.heldout { "in windows that no fit has seen" } else { "in windows that the fits have seen" };
     let largest = [gap.before, gap.after, gap.floor].into_iter().filter(|x| x.is_finite()).fold(1e-300, f64::max);
-    let mut bars = String::from("<div class=\"bars\">");
+    let mut bars = Bars::new();
     for (name, value, color) in
         [("before", gap.before, "before"), ("after", gap.after, "after"), ("floor", gap.floor, "floor")]
     {
         if name == "after" && !has_causes {
             continue;
         }
-        let (bar, value) = (track(value / largest, color), significant(value, 3));
-        let _ = write!(bars, "<span class=\"name\">{name}</span>{bar}<span class=\"value\">{value}</span>");
+        bars.row(name, &track(value / largest, color), &significant(value, 3));
     }
-    bars += "</div>";
+    let mut bars = bars.to_html();
     let unit = if gap.unit.is_empty() { String::new() } else { format!("{}, ", escape(&gap.unit)) };
     let _ = write!(bars, "<p class=\"soft small\">{unit}{seen}; the floor is what noise and numerics give</p>");
     format!(
@@ -83,12 +68,11 @@ pub(super) fn shares(title: &str, shares: &[Share]) -> String {
     if shares.is_empty() {
         return String::new();
     }
-    let mut text = format!("<div class=\"card\"><h3>{title}</h3><div class=\"bars\">");
+    let mut bars = Bars::new();
     for s in shares {
-        let (name, bar, value) = (escape(&s.name), track(s.share, "accent"), percent(s.share));
-        let _ = write!(text, "<span class=\"name\">{name}</span>{bar}<span class=\"value\">{value}</span>");
+        bars.row(&escape(&s.name), &track(s.share, "accent"), &percent(s.share));
     }
-    text + "</div></div>"
+    titled_card(title, &bars.to_html())
 }
 
 /// Joints with their shares and errors; empty without any.
@@ -97,18 +81,12 @@ pub(super) fn joints(joints: &[JointShare]) -> String {
         return String::new();
     }
     let largest = joints.iter().map(|j| j.share).filter(|x| x.is_finite()).fold(1e-12, f64::max);
-    let mut text = String::from(
-        "<div class=\"card\"><h3>Joint: share of the gap, error before [mrad]</h3><div class=\"bars four\">",
-    );
+    let mut bars = Bars::new();
     for j in joints {
-        let (name, bar) = (escape(&j.name), track(j.share / largest, "accent"));
         let (share, rms) = (percent(j.share), fixed(1e3 * j.pos_rms, 1));
-        let _ = write!(
-            text,
-            "<span class=\"name\">{name}</span>{bar}<span class=\"value\">{share}</span><span class=\"value soft\">{rms}</span>"
-        );
+        bars.row_of_four(&escape(&j.name), &track(j.share / largest, "accent"), &share, &rms);
     }
-    text + "</div></div>"
+    titled_card("Joint: share of the gap, error before [mrad]", &bars.to_html())
 }
 
 /// All that was considered, best first, as far as it is worth reading; empty without any.
@@ -116,23 +94,23 @@ pub(super) fn ranking(ranking: &[Ranked], causes: &[Cause]) -> String {
     if ranking.is_empty() {
         return String::new();
     }
-    let mut text = String::from(
-        "<div class=\"card\"><h3>All that was considered, by probability</h3><p>Each for itself: several can be there at once.</p><div class=\"bars\">",
-    );
     let likely = ranking.iter().take_while(|r| r.probability >= 0.005).count();
     let shown = likely.clamp(RANKS[0], RANKS[1]).min(ranking.len());
+    let mut bars = Bars::new();
     for r in &ranking[..shown] {
         let accused = causes.iter().any(|c| c.effect == r.effect);
         let name = if accused { format!("<b>{}</b>", escape(&words(&r.effect))) } else { escape(&words(&r.effect)) };
         let bar = track(r.probability, if accused { "accent" } else { "floor" });
-        let value = percent(r.probability);
-        let _ = write!(text, "<span class=\"name\">{name}</span>{bar}<span class=\"value\">{value}</span>");
+        bars.row(&name, &bar, &percent(r.probability));
     }
-    text += "</div>";
+    let mut text = format!(
+        "<h3>All that was considered, by probability</h3><p>Each for itself: several can be there at once.</p>{}",
+        bars.to_html()
+    );
     if ranking.len() > shown {
         let rest: f64 = ranking[shown..].iter().map(|r| r.probability).filter(|p| p.is_finite()).sum();
         let _ =
             write!(text, "<p class=\"soft small\">{} more with {} together</p>", ranking.len() - shown, percent(rest));
     }
-    text + "</div>"
+    card(&text)
 }

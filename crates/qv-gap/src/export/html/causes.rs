@@ -1,9 +1,10 @@
 //! What is accused: each cause with its size, place, and what speaks against it.
 
-use super::bars::{ranking, track};
+use super::bars::ranking;
 use super::words::{escape, percent, size, words};
 use crate::problem::library::{Effect, Scope};
 use crate::report::{Cause, Report, Verdict};
+use qv_page::parts::track;
 use std::fmt::Write;
 
 /// Names of a scope that are shown.

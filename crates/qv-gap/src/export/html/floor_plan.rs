@@ -1,8 +1,8 @@
 //! The floor from above: the robot's way in the colours of the gap, and regions that were found.
 
-use super::axes::{Axis, legend, level, padded, range, ticks};
-use super::words::{escape, percent, significant};
+use super::words::{escape, fixed, percent, significant};
 use crate::report::{FloorPoint, RegionShare};
+use qv_page::picture::{Axis, axes, legend, level, map, padded, range};
 use std::fmt::Write;
 
 /// Points of a way: more cannot be seen.
@@ -38,15 +38,7 @@ fn frame(points: &[&FloorPoint], regions: &[&RegionShare]) -> (Axis, Axis, f64) 
     let ys = points.iter().map(|p| p.y).chain(regions.iter().flat_map(|r| r.y));
     let [x, y] = [range(xs), range(ys)].map(|r| padded(r.unwrap_or([0.0, 1.0])));
     let inner = WIDTH - EDGES[0] - EDGES[1];
-    // A straight walk needs no square.
-    let height = (inner * (y[1] - y[0]) / (x[1] - x[0])).clamp(150.0, 380.0);
-    let scale = ((x[1] - x[0]) / inner).max((y[1] - y[0]) / height).max(1e-4);
-    let widened = |r: [f64; 2], pixels: f64| {
-        let extra = 0.5 * (scale * pixels - (r[1] - r[0]));
-        [r[0] - extra, r[1] + extra]
-    };
-    let xs = Axis { from: widened(x, inner), to: [EDGES[0], EDGES[0] + inner] };
-    let ys = Axis { from: widened(y, height), to: [EDGES[2] + height, EDGES[2]] };
+    let (xs, ys, height) = map(x, y, inner, [150.0, 380.0], [EDGES[0], EDGES[2]]);
     (xs, ys, height + EDGES[2] + EDGES[3])
 }
 
@@ -62,7 +54,7 @@ fn plan(
         "<div class=\"card\"><h3>{name}</h3><svg class=\"half\" viewBox=\"0 0 {WIDTH} {height:.0}\" role=\"img\" \
          aria-label=\"gap on the floor, {name}\">"
     );
-    svg += &grid(xs, ys, height);
+    svg += &axes(xs, ys, "x [m]", "y [m]");
     let stride = points.len().div_ceil(POINTS).max(1);
     let shown: Vec<&FloorPoint> = points.iter().step_by(stride).copied().collect();
     let _ = write!(svg, "<path class=\"way\" d=\"{}\"/>", way(&shown, xs, ys));
@@ -74,9 +66,12 @@ fn plan(
         let class = level(value(p).max(1.0).ln() / most.ln() + 0.0 * value(p));
         let _ = write!(
             svg,
-            "<circle class=\"dot {class}\" cx=\"{:.1}\" cy=\"{:.1}\" r=\"{radius}\"/>",
+            "<circle class=\"dot {class}\" cx=\"{:.1}\" cy=\"{:.1}\" r=\"{radius}\"><title>{} m, {} m: {}</title></circle>",
             xs.at(p.x),
-            ys.at(p.y)
+            ys.at(p.y),
+            fixed(p.x, 2),
+            fixed(p.y, 2),
+            significant(value(p), 3)
         );
     }
     for r in regions {
@@ -101,25 +96,6 @@ fn way(points: &[&FloorPoint], xs: Axis, ys: Axis) -> String {
     let command = |i: usize| if i == 0 || step(i) > far { 'M' } else { 'L' };
     let at = |(i, p): (usize, &&FloorPoint)| format!("{}{:.1} {:.1}", command(i), xs.at(p.x), ys.at(p.y));
     points.iter().enumerate().map(at).collect()
-}
-
-fn grid(xs: Axis, ys: Axis, height: f64) -> String {
-    let mut svg = String::new();
-    let (left, right) = (EDGES[0], WIDTH - EDGES[1]);
-    let (top, bottom) = (EDGES[2], height - EDGES[3]);
-    for (x, label) in ticks(xs.from, 6.0) {
-        let at = xs.at(x);
-        let _ = write!(svg, "<path class=\"axis\" d=\"M{at:.1} {top}V{bottom:.1}\"/>");
-        let _ = write!(svg, "<text x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{label}</text>", bottom + 15.0);
-    }
-    for (y, label) in ticks(ys.from, (bottom - top) / 28.0) {
-        let at = ys.at(y);
-        let _ = write!(svg, "<path class=\"axis\" d=\"M{left} {at:.1}H{right}\"/>");
-        let _ = write!(svg, "<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{label}</text>", left - 5.0, at + 4.0);
-    }
-    let _ = write!(svg, "<text x=\"{right}\" y=\"{:.1}\" text-anchor=\"end\">x [m]</text>", height - 6.0);
-    let _ = write!(svg, "<text x=\"4\" y=\"{:.1}\">y [m]</text>", height - 6.0);
-    svg
 }
 
 /// A part of the floor, with its share of the gap before anything is corrected.
@@ -149,14 +125,6 @@ mod tests {
 
     fn point(x: f64, y: f64) -> FloorPoint {
         FloorPoint { x, y, before: 20.0, after: f64::NAN }
-    }
-
-    #[test]
-    fn one_scale_for_both_directions() {
-        let points = [point(0.0, 0.0), point(3.0, 0.1)];
-        let (xs, ys, _) = frame(&points.iter().collect::<Vec<_>>(), &[]);
-        let scale = |a: Axis| ((a.to[1] - a.to[0]) / (a.from[1] - a.from[0])).abs();
-        assert!((scale(xs) / scale(ys) - 1.0).abs() < 1e-9);
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! Errors on joints by time, before and after, and how the gap is spread over time.
 
-use super::axes::{Axis, legend, level, ticks, top};
-use super::words::{escape, fixed, shortened};
+use super::words::{escape, fixed, percent};
 use crate::report::{HeatMap, TimeShare};
+use qv_page::picture::{Axis, legend, level, shortened, ticks, top};
 use std::fmt::Write;
 
 /// Columns of a map: narrower ones cannot be seen.
@@ -90,7 +90,8 @@ fn one(map: &HeatMap, values: &[Vec<f64>], columns: &[Column], scale: f64, [name
             escape(&shortened(joint, 17)),
             escape(joint)
         );
-        svg += &row(values.get(j).map_or(&[], Vec::as_slice), columns, xs, y, scale);
+        let values = values.get(j).map_or(&[][..], Vec::as_slice);
+        svg += &row((joint, values), columns, xs, y, scale);
     }
     for (t, label) in ticks(xs.from, 6.0) {
         let x = xs.at(t);
@@ -101,29 +102,42 @@ fn one(map: &HeatMap, values: &[Vec<f64>], columns: &[Column], scale: f64, [name
     svg + "</svg>"
 }
 
+/// Columns beside each other in one colour.
+struct Cell {
+    class: String,
+    from: f64,
+    to: f64,
+    errors: Vec<f64>,
+}
+
 /// Cells of a joint; neighbours of one colour are one rectangle.
-fn row(values: &[f64], columns: &[Column], xs: Axis, y: f64, scale: f64) -> String {
-    let mut text = String::new();
-    let mut open: Option<(String, f64, f64)> = None;
-    let mut close = |cell: Option<(String, f64, f64)>| {
-        if let Some((class, start, end)) = cell {
-            let (x, width) = (xs.at(start), xs.at(end) - xs.at(start));
-            let _ = write!(
-                text,
-                "<rect class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{:.1}\"/>",
-                ROW - 1.0
-            );
-        }
-    };
+fn row((joint, values): (&str, &[f64]), columns: &[Column], xs: Axis, y: f64, scale: f64) -> String {
+    let mut cells: Vec<Cell> = Vec::new();
     for column in columns {
-        let class = level(rms(values, column) / scale);
-        match &mut open {
-            Some((same, _, end)) if *same == class && *end >= column.start => *end = column.end,
-            _ => close(open.replace((class, column.start, column.end))),
+        let error = rms(values, column);
+        let class = level(error / scale);
+        match cells.last_mut() {
+            Some(cell) if cell.class == class && cell.to >= column.start => {
+                cell.to = column.end;
+                cell.errors.push(error);
+            }
+            _ => cells.push(Cell { class, from: column.start, to: column.end, errors: vec![error] }),
         }
     }
-    close(open);
-    text
+    let rectangle = |cell: &Cell| {
+        let (x, width) = (xs.at(cell.from), xs.at(cell.to) - xs.at(cell.from));
+        let square = cell.errors.iter().map(|e| e * e).sum::<f64>() / cell.errors.len() as f64;
+        let [from, to] = [cell.from, cell.to].map(|x| fixed(x, 1));
+        format!(
+            "<rect class=\"{}\" x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{:.1}\"><title>{}, {from} to {to}: {} \
+             mrad</title></rect>",
+            cell.class,
+            ROW - 1.0,
+            escape(joint),
+            fixed(1e3 * square.sqrt(), 1)
+        )
+    };
+    cells.iter().map(rectangle).collect()
 }
 
 /// Of the windows of a column that are known.
@@ -131,6 +145,15 @@ fn rms(values: &[f64], column: &Column) -> f64 {
     let known = || column.windows.clone().filter_map(|w| values.get(w)).filter(|x| x.is_finite());
     let count = known().count();
     if count == 0 { f64::NAN } else { (known().map(|x| x * x).sum::<f64>() / count as f64).sqrt() }
+}
+
+/// Where a bar stands in the picture, and what it shows.
+struct Bar {
+    from: f64,
+    to: f64,
+    start: f64,
+    end: f64,
+    share: f64,
 }
 
 /// Shares of the gap over time as bars; empty without any.
@@ -147,7 +170,9 @@ pub(super) fn times(times: &[TimeShare]) -> String {
     let (Some(first), true) = (known.first(), largest > 0.0) else { return String::new() };
     let last = known.iter().map(|t| t.end).fold(first.end, f64::max);
     let xs = Axis { from: [first.start, last], to: [44.0, 996.0] };
-    let mut svg = String::from("<svg viewBox=\"0 0 1000 112\" role=\"img\" aria-label=\"share of the gap over time\">");
+    let mut svg = String::from(
+        "<svg class=\"long\" viewBox=\"0 0 1000 112\" role=\"img\" aria-label=\"share of the gap over time\">",
+    );
     for share in [0.0, largest] {
         let y = 80.0 - 70.0 * share / largest;
         let _ = write!(svg, "<path class=\"axis\" d=\"M44 {y}H996\"/>");
@@ -155,28 +180,34 @@ pub(super) fn times(times: &[TimeShare]) -> String {
         let _ = write!(svg, "<text x=\"38\" y=\"{}\" text-anchor=\"end\">{label}</text>", y + 4.0);
     }
     // One bar for what falls on the same place of the picture, as high as the highest there.
-    let mut heights: Vec<(f64, f64, f64)> = Vec::new();
+    let mut bars: Vec<Bar> = Vec::new();
     for t in known.iter().filter(|t| t.share.is_finite()) {
-        let (from, to, height) = (xs.at(t.start), xs.at(t.end), 70.0 * t.share.max(0.0) / largest);
-        match heights.last_mut() {
-            Some((start, end, tallest)) if to - *start < 2.5 => (*end, *tallest) = (to, tallest.max(height)),
-            _ => heights.push((from, to, height)),
+        let (from, to) = (xs.at(t.start), xs.at(t.end));
+        match bars.last_mut() {
+            Some(bar) if to - bar.from < 2.5 => {
+                (bar.to, bar.end, bar.share) = (to, t.end, bar.share.max(t.share));
+            }
+            _ => bars.push(Bar { from, to, start: t.start, end: t.end, share: t.share }),
         }
     }
-    for (from, to, height) in heights {
+    for Bar { from, to, start, end, share } in bars {
+        let height = 70.0 * share.max(0.0) / largest;
         let _ = write!(
             svg,
-            "<rect class=\"bar\" x=\"{from:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{height:.1}\"/>",
+            "<rect class=\"bar\" x=\"{from:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{height:.1}\"><title>{} to {}: {}</title></rect>",
             80.0 - height,
-            if to - from > 4.0 { to - from - 0.5 } else { to - from + 0.1 }
+            if to - from > 4.0 { to - from - 0.5 } else { to - from + 0.1 },
+            fixed(start, 1),
+            fixed(end, 1),
+            percent(share)
         );
     }
     for (t, label) in ticks(xs.from, 10.0) {
         let _ = write!(svg, "<text x=\"{:.1}\" y=\"96\" text-anchor=\"middle\">{label}</text>", xs.at(t));
     }
     format!(
-        "<div class=\"card\"><h3>When: share of the gap by window [%]</h3>{svg}\
-         <text x=\"996\" y=\"110\" text-anchor=\"end\">{label}</text></svg></div>"
+        "<div class=\"card\"><h3>When: share of the gap by window [%]</h3><div class=\"scroll\">{svg}\
+         <text x=\"996\" y=\"110\" text-anchor=\"end\">{label}</text></svg></div></div>"
     )
 }
 
@@ -207,8 +238,9 @@ mod tests {
     fn cells_of_one_colour_are_one() {
         let found = columns(&[0.0, 1.0, 2.0, 3.0]);
         let xs = Axis { from: [0.0, 4.0], to: [0.0, 400.0] };
-        let text = row(&[1.0, 1.0, 0.1, f64::NAN], &found, xs, 0.0, 1.0);
+        let text = row(("a<b", &[1.0, 1.0, 0.1, f64::NAN]), &found, xs, 0.0, 1.0);
         assert_eq!(text.matches("<rect").count(), 3);
+        assert!(text.contains("<title>a&lt;b, 0.0 to 2.0: 1000.0 mrad</title>") && text.contains(": – mrad"), "{text}");
         assert!(text.contains("class=\"h8\" x=\"0.0\" y=\"0.0\" width=\"200.0\"") && text.contains("hn"));
     }
 }

@@ -1,48 +1,7 @@
 //! Numbers, units and names as people read them.
 
 use crate::report::{ParameterEstimate, UNKNOWN};
-pub use qv_replay::replay::escape;
-
-/// With this many decimals; a dash for what is not finite.
-pub(super) fn fixed(x: f64, decimals: usize) -> String {
-    if !x.is_finite() {
-        return "–".into();
-    }
-    let text = format!("{x:.decimals$}");
-    let digits = text.trim_start_matches('-');
-    let is_zero = digits.chars().all(|c| c == '0' || c == '.');
-    if text.starts_with('-') && !is_zero { format!("−{digits}") } else { digits.to_owned() }
-}
-
-/// With this many digits that count, as long as that needs neither an exponent nor many zeros.
-pub fn significant(x: f64, digits: i32) -> String {
-    if !x.is_finite() {
-        return "–".into();
-    }
-    if x == 0.0 {
-        return "0".into();
-    }
-    let magnitude = x.abs().log10().floor() as i32;
-    if !(-6..9).contains(&magnitude) {
-        return format!("{x:.*e}", (digits - 1).max(0) as usize).replace('-', "−");
-    }
-    fixed(x, (digits - 1 - magnitude).clamp(0, 9) as usize)
-}
-
-/// A share in percent.
-pub fn percent(share: f64) -> String {
-    match 100.0 * share {
-        p if !p.is_finite() => "–".into(),
-        p if p > 0.0 && p < 0.95 => "< 1 %".into(),
-        p if p > 99.05 && p < 100.0 => "> 99 %".into(),
-        p => format!("{} %", fixed(p, 0)),
-    }
-}
-
-/// Width of a bar for a share, in percent of its track.
-pub(super) fn width(share: f64) -> f64 {
-    if share.is_finite() { (100.0 * share).clamp(0.0, 100.0) } else { 0.0 }
-}
+pub use qv_page::{escape, fixed, percent, significant};
 
 /// Factor and unit in which to show a quantity of this name, unit and size.
 pub(super) fn shown_in<'a>(name: &str, unit: &'a str, size: f64) -> (f64, &'a str) {
@@ -126,14 +85,6 @@ pub fn words(name: &str) -> String {
     letters.next().map(|first| first.to_uppercase().chain(letters).collect()).unwrap_or_default()
 }
 
-/// At most this many characters, the last an ellipsis where some are left out.
-pub(super) fn shortened(text: &str, most: usize) -> String {
-    if text.chars().count() <= most {
-        return text.to_owned();
-    }
-    text.chars().take(most.saturating_sub(1)).chain(['…']).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -158,17 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_without_surprises() {
-        assert_eq!(fixed(-0.001, 2), "0.00");
-        assert_eq!(fixed(-1.25, 1), "−1.2");
-        assert_eq!(fixed(f64::INFINITY, 1), "–");
-        assert_eq!(significant(0.000_123_456, 3), "0.000123");
-        assert_eq!(significant(123_456.0, 3), "123456");
-        assert_eq!(significant(-1.5e12, 2), "−1.5e12");
-        assert_eq!(percent(0.004), "< 1 %");
-        assert_eq!(percent(0.0), "0 %");
-        assert_eq!(percent(0.995), "> 99 %");
-        assert_eq!(percent(f64::NAN), "–");
+    fn amounts_have_units_that_fit() {
         assert_eq!(amount("lag", 0.0101, "s"), "10.1 ms");
         assert_eq!(amount("kp_scale", 0.75, "1"), "0.75");
         assert_eq!(amount("position_torque_limit", 1e9, "N m"), "no limit");
@@ -179,7 +120,5 @@ mod tests {
         assert_eq!(words("com_offset"), "Centre of mass offset");
         assert_eq!(words("imu_tilt"), "IMU tilt");
         assert_eq!(words(""), "");
-        assert_eq!(shortened("abcdef", 4), "abc…");
-        assert_eq!(escape("<a href='x'>&\""), "&lt;a href=&#39;x&#39;&gt;&amp;&quot;");
     }
 }

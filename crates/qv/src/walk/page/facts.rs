@@ -1,8 +1,9 @@
 //! What the policy is and what it was trained under, as a table.
 
+use qv_page::parts::card;
+use qv_page::{Table, escape};
 use qv_policy::policy::PolicyFile;
-use qv_replay::replay::escape;
-use std::fmt::{Display, Write};
+use std::fmt::Display;
 
 /// The section.
 pub fn table(policy: &PolicyFile) -> String {
@@ -44,9 +45,9 @@ pub fn table(policy: &PolicyFile) -> String {
         under.parameters.iter().map(|p| (p, "")).chain(under.together.iter().map(|p| (p, ", one value for all")));
     let drawn: Vec<String> = drawn.map(|((name, [low, high]), how)| format!("{name}: {low} to {high}{how}")).collect();
     rows.push(("differs from robot to robot", if drawn.is_empty() { "nothing".into() } else { drawn.join("; ") }));
-    let mut text = String::from("<h2>The policy</h2><div class=\"scroll\"><table class=\"facts\">");
-    rows.iter().for_each(|(what, is)| _ = write!(text, "<tr><td>{what}<td>{}</tr>", escape(is)));
-    text + "</table></div>"
+    let mut table = Table::default();
+    rows.iter().for_each(|(what, is)| _ = table.row(&[(*what).to_string(), escape(is)]));
+    format!("<h2>The policy</h2>{}", card(&table.to_html_as("facts")))
 }
 
 /// One number where all are the same, else all of them.

@@ -137,7 +137,7 @@ impl Pose {
         let [a, b] = [[-0.5, 0.5].map(|x| x * 0.8 * CELL[0]), [0.0; 2]];
         let level = place([0.0, 0.0, self.lowest()]);
         let mut out = format!(
-            "<path class=\"grid\" d=\"M{:.1} {:.1}H{:.1}\"/>",
+            "<path class=\"axis\" d=\"M{:.1} {:.1}H{:.1}\"/>",
             level[0] + a[0],
             level[1] + b[0],
             level[0] + a[1]

@@ -1,7 +1,10 @@
-// The walk: a stick figure on its ground, turned with the pointer, played at any speed.
+// The walk: a stick figure on its ground, turned with the pointer, played at any speed. The plots over time follow it, and a click
+// into one of them moves it.
 (function () {
+  const byId = id => document.getElementById(id), known = x => x !== null && Number.isFinite(x);
   const canvas = byId("view");
   if (!canvas) return;
+  const D = JSON.parse(byId("data").textContent);
   const draw2d = canvas.getContext("2d"), last = D.steps - 1;
   const [play, slider, speed, now] = ["play", "time", "speed", "now"].map(byId);
   slider.max = last;
@@ -30,7 +33,7 @@
 
   function colours() {
     const style = getComputedStyle(document.documentElement);
-    for (const name of ["ink", "soft", "line", "rec", "sim", "bar", "good"]) paint[name] = style.getPropertyValue("--" + name).trim();
+    for (const name of ["ink", "soft", "line", "rec", "sim", "body", "good"]) paint[name] = style.getPropertyValue("--" + name).trim();
   }
 
   function groundAt(x, y) {
@@ -146,7 +149,7 @@
       if (shadow.every(Boolean)) polygon(shadow, see, paint.ink, null, 0.13);
       const [top, low] = [0.13, -0.06].map(s => corners.map(p => plus(p, up, s * size)));
       const faces = [top, low].concat(corners.map((_, i) => { const n = (i + 1) % corners.length; return [top[i], top[n], low[n], low[i]]; }));
-      faces.forEach(face => parts.push([deep(face), () => polygon(face, see, paint.bar, paint.ink, 0.9)]));
+      faces.forEach(face => parts.push([deep(face), () => polygon(face, see, paint.body, paint.ink, 0.9)]));
       const nose = plus(base.slice(0, 3), up, 0.13 * size);
       parts.push([deep(top) - 0.01 * size, () => stroke([nose, plus(nose, ahead, 0.45 * size)], see, paint.ink, 3 * scale, 0.8)]);
     } else {
@@ -156,7 +159,7 @@
     feet.forEach((p, f) => parts.push([deep([p]) - 0.02 * size, () => {
       const s = see(p);
       if (!s) return;
-      draw2d.fillStyle = D.forces[f][k] > 0 ? paint.sim : paint.rec;
+      draw2d.fillStyle = D.down[f][k] ? paint.sim : paint.rec;
       draw2d.beginPath();
       draw2d.arc(s[0], s[1], 6 * scale, 0, 2 * Math.PI);
       draw2d.fill();
@@ -187,7 +190,7 @@
     slider.value = k;
     const three = lists => lists.map(l => known(l[k]) ? l[k].toFixed(2) : "–").join(", ");
     now.textContent = `${time.toFixed(2)} s  asked ${three(D.commands)}  does ${three(D.done)}${D.fell === k ? "  fell" : ""}`;
-    follow(time);
+    qvPlots.moment("time", time);
   }
 
   function show(step) {
@@ -215,7 +218,7 @@
 
   play.onclick = () => set(!playing);
   slider.oninput = () => { set(false); show(Number(slider.value)); };
-  showMoment = time => { set(false); show(Math.round(time * D.rate) - 1); };
+  document.addEventListener("qv-moment", event => { set(false); show(Math.round(event.detail * D.rate) - 1); });
   canvas.onpointerdown = event => canvas.setPointerCapture(event.pointerId);
   canvas.onpointermove = event => {
     if (!event.buttons) return;
