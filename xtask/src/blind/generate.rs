@@ -136,6 +136,11 @@ impl Generator {
         Ok(Self { command: vec![python, folder.join(script)], options: Vec::new(), files })
     }
 
+    /// What tells its seeds from those of the other generators; nothing of rapier's, whose recordings are older.
+    fn words(&self) -> Vec<String> {
+        self.command[1..].iter().filter_map(|file| Some(file.file_name()?.to_str()?.to_string())).collect()
+    }
+
     fn command(&self) -> Command {
         let mut command = Command::new(&self.command[0]);
         // What Python keeps of its modules would lie beside the sources.
@@ -178,7 +183,7 @@ pub fn generate(generators: &[Generator], sets: &[Set], seed: u64, jobs: usize, 
     for (generator, part) in &parts {
         fs::write(&kept, serde_json::to_string(&redraws)?).with_context(|| format!("writing {}", kept.display()))?;
         // A seed of its own for each part, so that no two make the same names.
-        let own = pipeline::hash(&[vec![seed.to_string()], part.clone()].concat(), &[])?;
+        let own = pipeline::hash(&[vec![seed.to_string()], generator.words(), part.clone()].concat(), &[])?;
         let mut command = generator.command();
         command.arg("--out").arg(&recordings).arg("--redraws").arg(&kept).args(part);
         command.args(["--seed", &own.to_string(), "--jobs", &jobs.to_string()]);
