@@ -233,7 +233,8 @@ fn the_same_run_gives_the_same_report() {
     let options = Options { cut: WindowOptions { most: 24, ..Default::default() }, ..quick() };
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let (first, second) = (of(&run, &options), one.install(|| of(&run, &options)));
-    assert_eq!(first, second);
+    // As text: traces have gaps, and a gap is not equal to itself.
+    assert!(format!("{first:?}") == format!("{second:?}"), "the reports differ");
 }
 
 #[test]
