@@ -268,7 +268,8 @@ impl<T: Precision> Batch<T> {
         Ok(())
     }
 
-    /// Sets the command that was in force `age` steps before the next one (0 is the present), for joints with latency.
+    /// Sets the command that was in force `age` steps before the next one (0 is the present), for joints with latency. After
+    /// [`Batch::set_state`]: where none is set, the first command counts as all earlier ones.
     ///
     /// # Errors
     /// As [`Batch::set_command`], and when `age` lies beyond `max_command_latency`.

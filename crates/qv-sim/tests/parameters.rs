@@ -3,7 +3,7 @@
 mod robots;
 
 use qv_core::{Material, TriangleMesh};
-use qv_sim::{BaseKind, Batch, ParameterInfo, SensorReading, SimOptions, Terrain};
+use qv_sim::{BaseKind, Batch, JointCommand, ParameterInfo, SensorReading, SimOptions, Terrain};
 use robots::{biped_state, biped_urdf, drive, model};
 
 /// Two large triangles with a material.
@@ -156,6 +156,46 @@ fn latency_below_a_step_is_felt_in_proportion() {
     let (none, quarter, half) = (moved(0.0), moved(0.00025), moved(0.0005));
     assert!((half - none).abs() > 1e-7);
     assert!(((half - none) / (quarter - none) - 2.0).abs() < 0.05, "{none} {quarter} {half}");
+}
+
+/// A simulation that is set into the middle of another one, with the commands before it, goes on as that one does: however its first command
+/// is given.
+#[test]
+fn commands_before_the_start_stay_when_the_first_one_is_given() {
+    type Give = fn(&mut Batch<f64>, &JointCommand);
+    let one: Give = |sim, command| sim.set_command(0, command).unwrap();
+    let some: Give = |sim, command| sim.set_command_in(0..1, command).unwrap();
+    let all: Give = |sim, command| sim.set_command_for_all(command).unwrap();
+    let asked = |step: usize| vec![0.4 * (0.05 * step as f64).sin(); 4];
+    let (kp, kd, zero) = (vec![30.0; 4], vec![1.0; 4], vec![0.0; 4]);
+    let late = |sim: &mut Batch<f64>| {
+        for joint in ["left_hip", "left_knee", "right_hip", "right_knee"] {
+            sim.set_parameter(0, &format!("actuator.{joint}.command_latency"), 0.0125).unwrap();
+        }
+    };
+    let rest = JointCommand { q: &zero, dq: &zero, kp: &kp, kd: &kd, tau: &zero };
+    let go_on = |sim: &mut Batch<f64>, from: usize, give: Give| {
+        for step in from..from + 60 {
+            give(sim, &JointCommand { q: &asked(step), ..rest });
+            sim.step();
+        }
+        sim.state(0).unwrap()
+    };
+    let mut whole = simulation(&Terrain::none());
+    late(&mut whole);
+    go_on(&mut whole, 0, one);
+    let (middle, end) = (whole.state(0).unwrap(), go_on(&mut whole, 60, one));
+    for give in [one, some, all] {
+        let mut part = simulation(&Terrain::none());
+        late(&mut part);
+        part.set_state(0, &middle).unwrap();
+        for age in 1..=20 {
+            part.set_past_command(0, age, &JointCommand { q: &asked(60 - age), ..rest }).unwrap();
+        }
+        let at = go_on(&mut part, 60, give);
+        let apart = at.q.iter().zip(&end.q).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(apart < 1e-12, "{apart}");
+    }
 }
 
 #[test]

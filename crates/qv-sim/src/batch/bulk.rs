@@ -67,8 +67,8 @@ pub struct LaneState {
     values: Vec<f64>,
 }
 
-/// Numbers of a lane before its positions: whether it is fresh, whether it is faulty, its time.
-const LANE_HEAD: usize = 3;
+/// Numbers of a lane before its positions: whether it is fresh, whether it knows no past, whether it is faulty, its time.
+const LANE_HEAD: usize = 4;
 
 impl<T: Precision> Batch<T> {
     fn read_all(&self, quantity: Quantity, what: &'static str, width: usize, out: &mut [f32]) -> Result<(), SimError> {

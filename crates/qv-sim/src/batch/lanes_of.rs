@@ -184,6 +184,7 @@ impl<L: Real> Engine for Lanes<L> {
             }
         }
         set_mask::<L>(&mut block.fresh, lane, true);
+        set_mask::<L>(&mut block.pastless, lane, true);
         set_mask::<L>(&mut block.faulty, lane, false);
         let width = topology.nq + topology.nv;
         for slot in block.seen.chunks_mut(width) {
@@ -230,9 +231,12 @@ impl<L: Real> Engine for Lanes<L> {
         let joints = shared.topology.joints;
         let (block, lane) = self.at_mut(env);
         let slots = (block.commands.len() / joints.max(1)).max(1);
+        if age.is_some_and(|age| age > 0) {
+            set_mask::<L>(&mut block.pastless, lane, false);
+        }
         let ages = match age {
             Some(age) => age..age + 1,
-            None if L::mask_lane(block.fresh, lane) => 0..slots,
+            None if L::mask_lane(block.pastless, lane) => 0..slots,
             None => 0..1,
         };
         for age in ages {

@@ -55,12 +55,11 @@ pub(super) fn write_commands<L: Real>(blocks: &mut [Block<L>], joints: usize, co
             for age in 1..slots {
                 let slot = (block.head + slots - age) % slots;
                 let old = &mut block.commands[slot * joints + j];
-                // A lane that has not stepped yet takes the command as all its earlier ones, too.
-                old.q = L::select(block.fresh, next.q, old.q);
-                old.dq = L::select(block.fresh, next.dq, old.dq);
-                old.kp = L::select(block.fresh, next.kp, old.kp);
-                old.kd = L::select(block.fresh, next.kd, old.kd);
-                old.tau = L::select(block.fresh, next.tau, old.tau);
+                old.q = L::select(block.pastless, next.q, old.q);
+                old.dq = L::select(block.pastless, next.dq, old.dq);
+                old.kp = L::select(block.pastless, next.kp, old.kp);
+                old.kd = L::select(block.pastless, next.kd, old.kd);
+                old.tau = L::select(block.pastless, next.tau, old.tau);
             }
         }
     }
@@ -134,6 +133,7 @@ pub(super) fn contacts<L: Real>(block: &Block<L>, lane: usize, shared: &Shared) 
 pub(super) fn read_lane<L: Real>(block: &Block<L>, lane: usize, topology: &Topology, values: &mut Vec<f64>) {
     values.clear();
     values.push(f64::from(L::mask_lane(block.fresh, lane)));
+    values.push(f64::from(L::mask_lane(block.pastless, lane)));
     values.push(f64::from(L::mask_lane(block.faulty, lane)));
     let mut take = |x: &L| values.push(x.lane(lane).to_f64());
     take(&block.time);
@@ -152,6 +152,7 @@ pub(super) fn write_lane<L: Real>(block: &mut Block<L>, lane: usize, topology: &
     let mut values = values.iter().copied();
     let mut next = || values.next().unwrap_or(0.0);
     set_mask::<L>(&mut block.fresh, lane, next() > 0.5);
+    set_mask::<L>(&mut block.pastless, lane, next() > 0.5);
     set_mask::<L>(&mut block.faulty, lane, next() > 0.5);
     let mut put = |x: &mut L| set(x, lane, next());
     put(&mut block.time);

@@ -105,6 +105,8 @@ pub(crate) struct Block<L: Real> {
     pub kept: Vec<KeptContact<L>>,
     /// Lanes that have not stepped since their state was set.
     pub fresh: L::Mask,
+    /// Those of them that were not told what was in force before: they take their first command as all earlier ones, too.
+    pub pastless: L::Mask,
     /// Lanes whose numbers ran away.
     pub faulty: L::Mask,
     // Parameters.
@@ -298,6 +300,7 @@ impl<L: Real> Block<L> {
             wrench: vec![[zero; 6]; links].into(),
             kept: Vec::new(),
             fresh: L::Mask::splat(true),
+            pastless: L::Mask::splat(true),
             faulty: L::Mask::splat(false),
             mass: vec![zero; links].into(),
             com: vec![[zero; 3]; links].into(),
@@ -321,10 +324,9 @@ impl<L: Real> Block<L> {
     /// Gives all lanes one command.
     pub fn command_all(&mut self, joints: usize, command: &JointCommand) {
         let slots = (self.commands.len() / joints.max(1)).max(1);
-        // A lane that has not stepped yet takes the command as all its earlier ones, too.
-        let ages = if self.fresh.any() { slots } else { 1 };
+        let ages = if self.pastless.any() { slots } else { 1 };
         for age in 0..ages {
-            let every = L::Mask::splat(age == 0) | self.fresh;
+            let every = L::Mask::splat(age == 0) | self.pastless;
             let slot = (self.head + slots - age) % slots;
             for j in 0..joints {
                 let target = &mut self.commands[slot * joints + j];

@@ -228,6 +228,7 @@ fn integrate<L: Real>(shared: &Shared, block: &mut Block<L>) {
     }
     block.time += step;
     block.fresh = L::Mask::splat(false);
+    block.pastless = L::Mask::splat(false);
 }
 
 /// `q * exp(turn / 2)`, turn in body axes \[rad\], normalised.
