@@ -284,6 +284,19 @@ impl<T: Precision> Batch<T> {
         Ok(())
     }
 
+    /// Sets the torques behind the lag of each joint \[N m\], before the limits of the motors, shape `[joints]`: a lag goes on
+    /// from there. After [`Batch::set_state`]: where none are set, lags are taken to have settled on what is asked for in the first step.
+    ///
+    /// # Errors
+    /// When there is no such environment, the length is off, or a number is not finite.
+    pub fn set_lagged_torques(&mut self, env: usize, torques: &[f64]) -> Result<(), SimError> {
+        self.check_index(env)?;
+        length("torques behind lags", self.model.joints.len(), torques.len())?;
+        finite("torque behind a lag", torques)?;
+        self.engine.write_lagged_torques(env, torques);
+        Ok(())
+    }
+
     fn check_command(&self, env: usize, command: &JointCommand) -> Result<(), SimError> {
         self.check_index(env)?;
         command.check(self.model.joints.len())

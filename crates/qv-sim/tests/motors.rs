@@ -93,6 +93,23 @@ fn a_lag_answers_a_step_exponentially() {
 }
 
 #[test]
+fn a_lag_goes_on_from_where_it_was() {
+    let mut sim = wheel(&explicit(), "");
+    sim.set_parameter(0, "actuator.axle.lag", 0.01).unwrap();
+    assert!(sim.set_lagged_torques(0, &[1.0, 2.0]).is_err() && sim.set_lagged_torques(0, &[f64::NAN]).is_err());
+    sim.set_lagged_torques(0, &[1.0]).unwrap();
+    command(&mut sim, Order::default());
+    sim.step_many(10);
+    near(sim.sensors(0).unwrap().tau[0], (-1.0f64).exp(), 1e-9);
+    // A new state forgets it.
+    let at_rest = State { q: vec![0.0], v: vec![0.0] };
+    sim.set_state(0, &at_rest).unwrap();
+    command(&mut sim, Order { tau: 1.0, ..Default::default() });
+    sim.step();
+    near(sim.sensors(0).unwrap().tau[0], 1.0, 1e-12);
+}
+
+#[test]
 fn all_of_a_command_is_late() {
     for late in [
         Order { tau: 1.0, ..Default::default() },

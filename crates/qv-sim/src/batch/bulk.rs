@@ -67,7 +67,7 @@ pub struct LaneState {
     values: Vec<f64>,
 }
 
-/// Numbers of a lane before its positions: whether it is fresh, whether it knows no past, whether it is faulty, its time.
+/// Numbers of a lane before its positions: whether its lags have settled, whether it knows no past, whether it is faulty, its time.
 const LANE_HEAD: usize = 4;
 
 impl<T: Precision> Batch<T> {

@@ -41,6 +41,7 @@ pub(crate) trait Engine: Send + Sync {
     fn base_motion(&self, env: usize) -> BaseMotion;
     fn write_commands(&mut self, shared: &Shared, commands: &BatchCommand);
     fn write_added_torques(&mut self, torques: &[f32]);
+    fn write_lagged_torques(&mut self, env: usize, torques: &[f64]);
     fn write_wrench(&mut self, env: usize, link: usize, wrench: [f64; 6]);
     fn add_velocity(&mut self, env: usize, change: &[f64]);
     fn read_geoms(&mut self, shared: &Shared, geoms: &[usize], out: GeomMotion);
@@ -183,7 +184,7 @@ impl<L: Real> Engine for Lanes<L> {
                 set(value, lane, 0.0);
             }
         }
-        set_mask::<L>(&mut block.fresh, lane, true);
+        set_mask::<L>(&mut block.settled, lane, true);
         set_mask::<L>(&mut block.pastless, lane, true);
         set_mask::<L>(&mut block.faulty, lane, false);
         let width = topology.nq + topology.nv;
@@ -322,6 +323,12 @@ impl<L: Real> Engine for Lanes<L> {
 
     fn write_added_torques(&mut self, torques: &[f32]) {
         transfer::write_added_torques(&mut self.blocks, self.count, torques);
+    }
+
+    fn write_lagged_torques(&mut self, env: usize, torques: &[f64]) {
+        let (block, lane) = self.at_mut(env);
+        block.lagged.iter_mut().zip(torques).for_each(|(target, &x)| set(target, lane, x));
+        set_mask::<L>(&mut block.settled, lane, false);
     }
 
     fn write_wrench(&mut self, env: usize, link: usize, wrench: [f64; 6]) {

@@ -132,7 +132,7 @@ pub(super) fn contacts<L: Real>(block: &Block<L>, lane: usize, shared: &Shared) 
 /// All that a lane's future depends on beside its parameters, in a fixed order; what is kept of the past by age.
 pub(super) fn read_lane<L: Real>(block: &Block<L>, lane: usize, topology: &Topology, values: &mut Vec<f64>) {
     values.clear();
-    values.push(f64::from(L::mask_lane(block.fresh, lane)));
+    values.push(f64::from(L::mask_lane(block.settled, lane)));
     values.push(f64::from(L::mask_lane(block.pastless, lane)));
     values.push(f64::from(L::mask_lane(block.faulty, lane)));
     let mut take = |x: &L| values.push(x.lane(lane).to_f64());
@@ -151,7 +151,7 @@ pub(super) fn read_lane<L: Real>(block: &Block<L>, lane: usize, topology: &Topol
 pub(super) fn write_lane<L: Real>(block: &mut Block<L>, lane: usize, topology: &Topology, values: &[f64]) {
     let mut values = values.iter().copied();
     let mut next = || values.next().unwrap_or(0.0);
-    set_mask::<L>(&mut block.fresh, lane, next() > 0.5);
+    set_mask::<L>(&mut block.settled, lane, next() > 0.5);
     set_mask::<L>(&mut block.pastless, lane, next() > 0.5);
     set_mask::<L>(&mut block.faulty, lane, next() > 0.5);
     let mut put = |x: &mut L| set(x, lane, next());

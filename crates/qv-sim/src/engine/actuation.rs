@@ -29,7 +29,7 @@ pub(crate) fn actuate<L: Real>(
         let demand = demand(parameters, &command, motor + parameters.encoder_bias, dq);
         // A lag that was not watched before is taken to have settled.
         let approach = block.lagged[j] + parameters.lag_gain * (demand - block.lagged[j]);
-        let lagged = L::select(block.fresh, demand, approach);
+        let lagged = L::select(block.settled, demand, approach);
         block.lagged[j] = lagged;
         let (least, most) = torque_limits(parameters, dq);
         let torque = lagged.max(least).min(most);

@@ -103,9 +103,9 @@ pub(crate) struct Block<L: Real> {
     pub wrench: Array<V6<L>>,
     /// Contacts of the last step, one per slot; empty unless they are kept.
     pub kept: Vec<KeptContact<L>>,
-    /// Lanes that have not stepped since their state was set.
-    pub fresh: L::Mask,
-    /// Those of them that were not told what was in force before: they take their first command as all earlier ones, too.
+    /// Lanes whose lags nobody watched since their state was set: they are taken to have settled.
+    pub settled: L::Mask,
+    /// Lanes that were not told what was in force before: they take their first command as all earlier ones, too.
     pub pastless: L::Mask,
     /// Lanes whose numbers ran away.
     pub faulty: L::Mask,
@@ -299,7 +299,7 @@ impl<L: Real> Block<L> {
             added_torque: vec![zero; joints].into(),
             wrench: vec![[zero; 6]; links].into(),
             kept: Vec::new(),
-            fresh: L::Mask::splat(true),
+            settled: L::Mask::splat(true),
             pastless: L::Mask::splat(true),
             faulty: L::Mask::splat(false),
             mass: vec![zero; links].into(),

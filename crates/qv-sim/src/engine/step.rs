@@ -227,7 +227,7 @@ fn integrate<L: Real>(shared: &Shared, block: &mut Block<L>) {
         *block.q.chunk_mut(3) = turned;
     }
     block.time += step;
-    block.fresh = L::Mask::splat(false);
+    block.settled = L::Mask::splat(false);
     block.pastless = L::Mask::splat(false);
 }
 
