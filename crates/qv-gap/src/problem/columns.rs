@@ -2,12 +2,12 @@
 
 use crate::GapError;
 use crate::problem::library::{Effect, LevelsOf, Scope};
+use crate::problem::sizes::Sizes;
+use crate::problem::torques::{largest_speeds, largest_torques};
 use crate::problem::{Overrides, Problem};
 use qv_replay::Run;
 use serde::{Deserialize, Serialize};
 
-/// Share of a robot's mass by which masses are tolerated to differ, at most.
-const MASS_TOLERANCE: f64 = 0.02;
 /// Share of a range that is searched beyond either end of it.
 const MARGIN: f64 = 0.08;
 
@@ -100,6 +100,28 @@ impl Extent {
     }
 }
 
+/// What the library is spelt out by.
+struct OfRobot<'p, 'a> {
+    problem: &'p Problem<'a>,
+    sizes: Sizes,
+    /// Largest torque of each joint \[N m\],
+    torques: Vec<f64>,
+    /// and largest speed \[rad/s\].
+    speeds: Vec<f64>,
+}
+
+impl OfRobot<'_, '_> {
+    /// What levels are shares of: 1 when they are none.
+    fn largest(&self, of: Option<LevelsOf>, joint: usize) -> f64 {
+        let all = match of {
+            None => return 1.0,
+            Some(LevelsOf::Torque) => &self.torques,
+            Some(LevelsOf::Speed) => &self.speeds,
+        };
+        all.get(joint).copied().unwrap_or(0.0)
+    }
+}
+
 /// A value for every axis of a group.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Suspect {
@@ -126,21 +148,27 @@ impl Columns {
     pub fn new(problem: &Problem, run: &Run, library: &[Effect]) -> Result<Self, GapError> {
         let mut all =
             Self { effects: Vec::new(), units: Vec::new(), columns: Vec::new(), tolerated: 0, groups: Vec::new() };
+        let of_robot = OfRobot {
+            problem,
+            sizes: Sizes::new(problem, run),
+            torques: largest_torques(problem, run),
+            speeds: largest_speeds(problem, run),
+        };
         for effect in library {
             let members = members(problem, effect);
             if members.is_empty() || !is_observable(problem, effect) {
                 continue;
             }
-            all.add(problem, run, effect, &members)?;
+            all.add(&of_robot, effect, &members)?;
         }
         all.columns.sort_by_key(|c| c.tolerance == 0.0);
         all.tolerated = all.columns.iter().filter(|c| c.tolerance > 0.0).count();
         Ok(all)
     }
 
-    fn add(&mut self, problem: &Problem, run: &Run, effect: &Effect, members: &[String]) -> Result<(), GapError> {
-        let index = self.effects.len();
-        let effect = &of_robot(problem, effect, members);
+    fn add(&mut self, of_robot: &OfRobot, effect: &Effect, members: &[String]) -> Result<(), GapError> {
+        let (problem, index) = (of_robot.problem, self.effects.len());
+        let effect = &of_robot.sizes.of(problem, effect, moved(problem, effect, members));
         for (member, name) in members.iter().enumerate() {
             for (axis, a) in effect.axes.iter().enumerate() {
                 let mut moves = Vec::new();
@@ -156,7 +184,7 @@ impl Columns {
                 }
                 let absent = if effect.absolute { problem.nominal[moves[0].0] / moves[0].1 } else { 0.0 };
                 let absent = if effect.levels_of.is_some() { f64::INFINITY } else { absent };
-                let scale = largest(problem, run, effect.levels_of, member);
+                let scale = of_robot.largest(effect.levels_of, member);
                 let unit = self.units.len();
                 self.units.push(Unit { effect: index, axis, member, moves, absent });
                 for (level, share) in effect.levels.iter().enumerate().filter(|_| scale > 0.0) {
@@ -186,13 +214,15 @@ impl Columns {
         if range[1] != absent {
             range[1] += margin;
         }
+        let is_wide = !problem.free && effect.held_range.is_some();
         for unit in self.units.iter().filter(|u| u.effect == index && !effect.absolute) {
             for &(id, factor) in &unit.moves {
                 let (info, nominal) = (&problem.catalogue[id], problem.nominal[id]);
                 if factor > 0.0 && info.range.0 < nominal {
-                    // As far beyond that end as beyond the others.
-                    let least = info.clamped(nominal + (1.0 + 2.0 * MARGIN) * (info.range.0 - nominal));
-                    range[0] = range[0].max((least - nominal) / factor);
+                    // As far beyond that end as beyond the others. What a robot that is held may be off by only its physics bounds.
+                    let beyond = nominal + (1.0 + 2.0 * MARGIN) * (info.range.0 - nominal);
+                    let end = if is_wide { f64::NEG_INFINITY } else { beyond };
+                    range[0] = range[0].max((info.clamped(end) - nominal) / factor);
                 }
             }
         }
@@ -297,24 +327,6 @@ impl Columns {
     }
 }
 
-/// The effect as it is for a robot of this weight: tolerances of masses are those of a robot that walks, at most a share of what this one
-/// weighs, and so small that three of them lie within the parameter's range: the jaw of an arm may weigh less than a leg is off by.
-fn of_robot(problem: &Problem, effect: &Effect, members: &[String]) -> Effect {
-    if effect.unit != "kg" {
-        return effect.clone();
-    }
-    let weight: f64 = problem.model.links.iter().map(|l| l.mass).sum();
-    let moved = members.iter().flat_map(|name| {
-        effect.axes.iter().flat_map(|a| &a.moves).filter_map(|(pattern, factor)| {
-            let id = problem.parameter(&spell(pattern, name))?;
-            let room = (problem.nominal[id] - problem.catalogue[id].range.0) / factor.abs();
-            (room > 0.0).then_some(room / 3.0)
-        })
-    });
-    let tolerance = moved.fold(effect.tolerance.min(MASS_TOLERANCE * weight), f64::min);
-    Effect { tolerance, ..effect.clone() }
-}
-
 /// Names of what an effect acts on.
 fn members(problem: &Problem, effect: &Effect) -> Vec<String> {
     let model = problem.model;
@@ -352,25 +364,19 @@ fn is_observable(problem: &Problem, effect: &Effect) -> bool {
         || !problem.law_joints.is_empty()
 }
 
+/// Parameters that an effect moves in its members.
+fn moved<'s>(problem: &'s Problem, effect: &'s Effect, members: &'s [String]) -> impl Iterator<Item = usize> + 's {
+    let of_member = move |name: &'s String| {
+        let patterns = effect.axes.iter().flat_map(|a| a.moves.keys());
+        patterns.filter_map(move |pattern| problem.parameter(&spell(pattern, name)))
+    };
+    members.iter().flat_map(of_member)
+}
+
 fn spell(pattern: &str, member: &str) -> String {
     ["{joint}", "{link}", "{base}", "{foot}", "{ground}"]
         .iter()
         .fold(pattern.to_string(), |p, slot| p.replace(slot, member))
-}
-
-/// What levels are shares of: 1 when they are none.
-fn largest(problem: &Problem, run: &Run, of: Option<LevelsOf>, joint: usize) -> f64 {
-    let column = problem.columns.get(joint).copied().unwrap_or(0);
-    let series = match of {
-        None => return 1.0,
-        Some(LevelsOf::Torque) => run.measured.torque.as_ref(),
-        Some(LevelsOf::Speed) => run.measured.velocity.as_ref(),
-    };
-    let Some(series) = series else { return 0.0 };
-    let mut all: Vec<f64> = series.column(column).map(f64::abs).filter(|x| x.is_finite()).collect();
-    all.sort_by(f64::total_cmp);
-    // A single outlier is no torque that the motor had.
-    all.get(all.len().saturating_sub(1 + all.len() / 500)).copied().unwrap_or(0.0)
 }
 
 fn groups(problem: &Problem, effect: usize, scope: Scope, members: &[String]) -> Vec<Group> {

@@ -8,7 +8,9 @@ pub mod features;
 pub mod library;
 pub(crate) mod one_robot;
 pub(crate) mod origin;
+pub(crate) mod sizes;
 pub(crate) mod start_cache;
+pub(crate) mod torques;
 
 use crate::GapError;
 use crate::problem::command_cache::Told;
@@ -16,6 +18,7 @@ use crate::problem::start_cache::Kept;
 pub use crate::problem::start_cache::measured;
 use features::Channel;
 use qv_core::JointSeries;
+use qv_core::random::SplitMix64;
 use qv_replay::faults::{FASTEST_BASE, jumped};
 use qv_replay::median_interval;
 use qv_replay::replay::{
@@ -31,6 +34,11 @@ pub type Overrides = Vec<(usize, f64)>;
 
 /// Fewest samples in a bin of a shortened window.
 const FEWEST_SAMPLES: f64 = 5.0;
+
+/// One window of so many on end is held out.
+const HELD_OUT: usize = 4;
+/// Seed of which one: the same recording is always divided alike.
+const DRAW_SEED: u64 = 0x6865_6c64;
 
 /// How windows are cut and compared.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -319,8 +327,8 @@ impl<'a> Problem<'a> {
         errors
     }
 
-    /// Windows of the run: whole ones, one after the other; of a long recording evenly spread ones. Every fourth is held
-    /// out.
+    /// Windows of the run: whole ones, one after the other; of a long recording evenly spread ones. Of each four one is held
+    /// out, drawn: every fourth could be in step with a gait or a motion that repeats.
     ///
     /// # Errors
     /// When there are fewer than eight whole ones.
@@ -339,8 +347,9 @@ impl<'a> Problem<'a> {
         if all > cut.most {
             starts = (0..cut.most).map(|k| starts[k * all / cut.most]).collect();
         }
+        let is_held_out = |k: usize| k % HELD_OUT == drawn(k / HELD_OUT);
         let mut windows: Vec<Window> =
-            starts.into_iter().enumerate().filter_map(|(k, start)| self.window(run, start, k % 4 == 3)).collect();
+            starts.into_iter().enumerate().filter_map(|(k, start)| self.window(run, start, is_held_out(k))).collect();
         if windows.len() < 8 {
             let expected = format!("at least 8 windows of {} s with all channels", cut.window);
             let found = format!("{} in {:.1} s{}", windows.len(), last - first, self.why_so_few(run));
@@ -429,6 +438,11 @@ impl<'a> Problem<'a> {
         };
         Ok((0..ticks + past).map(at).collect())
     }
+}
+
+/// Which of some windows on end is held out.
+fn drawn(some: usize) -> usize {
+    (SplitMix64::of(DRAW_SEED, some as u64).uniform() * HELD_OUT as f64) as usize
 }
 
 /// Whether a free base has no measured poses.

@@ -5,6 +5,7 @@ use crate::problem::command_cache::Commands;
 use crate::problem::features::{Channel, middle, middles, turn};
 use crate::problem::start_cache::{Prepared, prepare_one};
 use crate::problem::{Numerics, Overrides, Problem, Role, Window};
+use crate::rollout::actuator_model;
 use glam::{DQuat, DVec3};
 use qv_replay::replay::{SensorErrors, Trace};
 use qv_sim::{Batch, Precision, Shape, State};
@@ -180,6 +181,9 @@ fn simulate<T: Precision>(
         };
         for age in (1..=past).rev() {
             batch.set_past_command(env, age, &commands[case.window].before(age).view())?;
+        }
+        if let Some(torques) = actuator_model::lagged(problem, window, setting, numerics.timestep) {
+            batch.set_lagged_torques(env, &torques)?;
         }
         let mut track = Track::new(problem, setting, window, height);
         if traced && case.setting == 0 && window.held_out {

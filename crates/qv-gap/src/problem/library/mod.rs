@@ -90,6 +90,8 @@ pub struct Effect {
     pub absolute: bool,
     /// Values worth searching.
     pub range: [f64; 2],
+    /// The same for a robot that is held: its motors may be of any make, and nothing but they hides an effect.
+    pub held_range: Option<[f64; 2]>,
     /// Spread of the deviations that any robot has.
     pub tolerance: f64,
     /// Values at which the simulator is asked.
@@ -167,8 +169,10 @@ fn check(effect: &Effect, file: &str) -> Result<(), GapError> {
     if effect.name.is_empty() || effect.name == "unknown" {
         return wrong("a name other than `unknown`", format!("`{}`", effect.name));
     }
-    if !(effect.range[0] < effect.range[1] && effect.range.iter().all(|x| x.is_finite())) {
-        return wrong("a rising, finite range", format!("{:?}", effect.range));
+    for range in [Some(effect.range), effect.held_range].into_iter().flatten() {
+        if !(range[0] < range[1] && range.iter().all(|x| x.is_finite())) {
+            return wrong("a rising, finite range", format!("{range:?}"));
+        }
     }
     if !(effect.tolerance.is_finite() && effect.tolerance >= 0.0) {
         return wrong("a tolerance of at least 0", effect.tolerance.to_string());
@@ -213,6 +217,7 @@ mod tests {
         assert_eq!(parse(good, "mine.toml").unwrap()[0].name, "wind");
         for (from, to, told) in [
             ("[0, 9]", "[9, 0]", "rising"),
+            ("unit = 'N'\n", "unit = 'N'\nheld_range = [1, 1]\n", "rising"),
             ("levels = [1]", "levels = [0]", "not 0"),
             ("= 1.0 }", "= 0.0 }", "factor"),
             ("'wind'", "'unknown'", "other than"),

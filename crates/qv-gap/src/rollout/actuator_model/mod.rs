@@ -4,8 +4,10 @@
 //! first-order lag, limited (qv-sim's actuator); times the scale of the torque sensor. It sees what motors do apart from what legs do.
 
 mod align;
+mod past;
 
 pub use align::align;
+pub use past::lagged;
 
 use crate::problem::{Overrides, Problem, Window};
 use qv_core::JointSeries;

@@ -1,0 +1,78 @@
+//! Where the lags of motors stand when a window begins: commands and states before it brought them there.
+//!
+//! A lag that began settled on what is asked for at the start would show in the first few time constants only, and its size would come
+//! out too small.
+
+use super::{ActuatorModel, Asked, Between, Lag, State};
+use crate::problem::torques::slope;
+use crate::problem::{Overrides, Problem, Window};
+use qv_core::JointSeries;
+use qv_replay::replay::Command;
+use qv_sim::JointCommand;
+
+/// Time constants of a lag after which nothing is left of what was before.
+const REMEMBERED: f64 = 6.0;
+
+/// Torques behind the lags at the start of a window, before the motors' limits \[N m\], shape `[joints]`; `None` where no motor lags, or
+/// neither commands nor positions say where its lag stood. Steps are `timestep` \[s\] long.
+pub fn lagged(problem: &Problem, window: &Window, setting: &Overrides, timestep: f64) -> Option<Vec<f64>> {
+    let joints = problem.columns.len();
+    let lags = (0..joints).filter(|&j| problem.joint_value(setting, "actuator.*.lag", j) > 0.0);
+    let motors: Vec<ActuatorModel> = lags.map(|j| ActuatorModel::new(problem, setting, j)).collect();
+    let longest = motors.iter().map(|m| m.lag).fold(0.0, f64::max);
+    if longest <= 0.0 {
+        return None;
+    }
+    let held = window.told.held(problem, window).ok()?;
+    let position = window.view.measured.position.as_ref().filter(|p| !p.is_empty())?;
+    let velocity = window.view.measured.velocity.as_ref().filter(|v| !v.is_empty());
+    let mut lags: Vec<(Lag, Option<f64>)> =
+        motors.iter().map(|m| (Lag { time_constant: m.lag, state: None }, None)).collect();
+    let (mut command, mut rows) = (Command::default(), [0; 2]);
+    let mut torques = vec![0.0; joints];
+    for age in (1..=(REMEMBERED * longest / timestep).ceil() as usize).rev() {
+        let time = window.start - age as f64 * timestep;
+        // Most motors are late by the same time: they are told the same.
+        let mut told = f64::NAN;
+        for (motor, (lag, play)) in motors.iter().zip(&mut lags) {
+            if told != motor.latency {
+                told = motor.latency;
+                held.at(time - told, timestep, &mut command);
+            }
+            let state = state_at(position, velocity, problem.columns[motor.joint], time + motor.seen_late, &mut rows);
+            let demand = motor.demand(&asked(&command, motor.joint), &state, play);
+            // What was not measured there is waited for.
+            if demand.is_finite() {
+                torques[motor.joint] = lag.next(time, demand);
+            }
+        }
+    }
+    Some(torques)
+}
+
+fn asked(command: &Command, joint: usize) -> Asked {
+    let JointCommand { q, dq, kp, kd, tau } = command.view();
+    Asked { q: q[joint], dq: dq[joint], tau: tau[joint], kp: kp[joint], kd: kd[joint] }
+}
+
+/// The measured state at a time, looked for near `rows`, which are moved there. Where speeds were not measured they are the slope between
+/// two positions.
+fn state_at(
+    position: &JointSeries,
+    velocity: Option<&JointSeries>,
+    column: usize,
+    time: f64,
+    rows: &mut [usize; 2],
+) -> State {
+    let place = Between::new(position, time, rows[0]);
+    rows[0] = place.row;
+    let dq = match velocity {
+        Some(velocity) => {
+            let place = Between::new(velocity, time, rows[1]);
+            rows[1] = place.row;
+            place.of(velocity, column)
+        }
+        None => slope(position, column, place.row),
+    };
+    State { q: place.of(position, column), dq }
+}
