@@ -165,9 +165,9 @@ impl Closure {
     }
 }
 
-/// 0 where there is nothing to close.
+/// Below 0 where the loss rises; 0 where there is nothing to close.
 fn share(before: f64, after: f64, floor: f64) -> f64 {
-    if before <= floor * 1.02 { 0.0 } else { ((before - after) / (before - floor)).clamp(0.0, 1.0) }
+    if before <= floor * 1.02 { 0.0 } else { ((before - after) / (before - floor)).min(1.0) }
 }
 
 /// Root mean square of the positions' residuals \[rad\].

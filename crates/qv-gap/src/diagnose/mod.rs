@@ -518,7 +518,11 @@ impl Findings<'_> {
             _ => Vec::new(),
         };
         let unexplained = Unexplained {
-            share: if verdict == Verdict::NoGap || gap.before <= gap.floor * 1.02 { 0.0 } else { 1.0 - gap.closed },
+            share: if verdict == Verdict::NoGap || gap.before <= gap.floor * 1.02 {
+                0.0
+            } else {
+                (1.0 - gap.closed).min(1.0)
+            },
             depends_on: residual_factors::factors(
                 self.later.as_ref().filter(|_| !self.accused.is_empty()).unwrap_or(nominal),
             ),
