@@ -74,6 +74,11 @@ impl Marginal {
         self.factor.solve(&sums.b.rows(0, self.tolerated).into_owned())
     }
 
+    /// The same for `b`, shape `[columns]`, of any residual.
+    pub fn best(&self, b: &DVector<f64>) -> DVector<f64> {
+        self.factor.solve(&b.rows(0, self.tolerated).into_owned())
+    }
+
     /// Half the gradient of the loss, downwards, along all columns with the deviations free.
     pub fn force(&self, sums: &Sums) -> DVector<f64> {
         let best = self.deviations(sums);

@@ -37,7 +37,8 @@ pub fn estimates(effect: &Effect, fit: &Fit, extent: Option<Extent>) -> Vec<Para
         .enumerate()
         .map(|(k, ((name, unit), value))| {
             // What engines differ in moves a value farther than noise does: a share of it is added, in any direction.
-            let deviation = fit.deviations.get(k).copied().filter(|d| d.is_finite()).unwrap_or(0.0);
+            let finite = |all: &[f64]| all.get(k).copied().filter(|d| d.is_finite()).unwrap_or(0.0);
+            let deviation = finite(&fit.deviations).max(finite(&fit.scatter));
             let own =
                 if k < effect.axes.len() { (effect.engine_error * length).max(0.7 * effect.tolerance) } else { 0.05 };
             let half = 1.96 * deviation.hypot(own);

@@ -348,7 +348,7 @@ impl Search<'_, '_> {
         let evidence = 0.5 * (before - loss) / dispersion + volume;
         // Told on the scale of the other fits.
         let loss = base.loss - (before - loss);
-        Fit { suspect, deviations, loss, evidence, held_out: None }
+        Fit { suspect, deviations, scatter: Vec::new(), loss, evidence, held_out: None }
     }
 
     /// Loss without a suspect that is confined to an extent.

@@ -45,8 +45,11 @@ type Residuals = Vec<Option<DVector<f64>>>;
 pub struct Fit {
     /// The group and its values.
     pub suspect: Suspect,
-    /// Standard deviation of each value.
+    /// Standard deviation of each value, as the curvature of the loss has it.
     pub deviations: Vec<f64>,
+    /// The same as the scatter over windows has it (the sandwich: White, Econometrica 50, 1982, theorem 3.2); empty where it was not asked for.
+    /// Windows differ by more than noise does where something is not modelled, and the curvature knows nothing of that.
+    pub scatter: Vec<f64>,
     /// Loss in the windows of the fit, tolerated deviations at their best.
     pub loss: f64,
     /// Log evidence over that of no effect, divided by the dispersion.
@@ -189,7 +192,14 @@ impl<'s, 'a> Search<'s, 'a> {
         let Some((evidence, mut suspect)) = linear else { return Ok(None) };
         let [low, high] = self.columns().effects[self.columns().groups[group].effect].range;
         suspect.values.iter_mut().for_each(|v| *v = v.clamp(low, high));
-        let mut fits = vec![Fit { suspect, deviations: Vec::new(), loss: f64::INFINITY, evidence, held_out: None }];
+        let mut fits = vec![Fit {
+            suspect,
+            deviations: Vec::new(),
+            scatter: Vec::new(),
+            loss: f64::INFINITY,
+            evidence,
+            held_out: None,
+        }];
         let mut here = self.here(base, &fits)?;
         let mut live = vec![0];
         for _ in 0..ROUNDS {
@@ -300,7 +310,10 @@ impl<'s, 'a> Search<'s, 'a> {
             let loss = self.loss_of(&marginal, &[first, second].concat(), &all);
             if loss.is_finite() && best.get(&candidate).is_none_or(|b| loss < b.loss) {
                 let evidence = of_base - loss;
-                best.insert(candidate, Fit { suspect, deviations: Vec::new(), loss, evidence, held_out: None });
+                best.insert(
+                    candidate,
+                    Fit { suspect, deviations: Vec::new(), scatter: Vec::new(), loss, evidence, held_out: None },
+                );
             }
         }
         Ok(best.into_values().collect())
@@ -460,6 +473,7 @@ impl<'s, 'a> Search<'s, 'a> {
         let mut curvature = DMatrix::zeros(axes, axes);
         let (mut b, mut along) = (DVector::zeros(width), vec![DVector::zeros(width); axes]);
         let mut e = 0.0;
+        let mut parts = Vec::new();
         for (i, &w) in windows.iter().enumerate() {
             let seen = &self.study.seen[w];
             let weight = fitted(seen);
@@ -470,15 +484,18 @@ impl<'s, 'a> Search<'s, 'a> {
             };
             let slopes: Vec<DVector<f64>> = (0..axes).map(|a| (of_window[0] - of_window[1 + a]) / steps[a]).collect();
             e += weight * of_window[0].norm_squared();
-            b.axpy(weight, &seen.j.tr_mul(of_window[0]), 1.0);
+            let part = Part::new(weight, seen, of_window[0], &slopes);
+            b.axpy(weight, &part.b, 1.0);
             for a in 0..axes {
-                along[a].axpy(weight, &seen.j.tr_mul(&slopes[a]), 1.0);
+                along[a].axpy(weight, &part.along[a], 1.0);
                 gradient[a] += weight * slopes[a].dot(of_window[0]);
                 for c in 0..axes {
                     curvature[(a, c)] += weight * slopes[a].dot(&slopes[c]);
                 }
             }
+            parts.push((w, part));
         }
+        let scores = self.scores(&parts, &b, &along);
         for a in 0..axes {
             gradient[a] = self.marginal.inner(gradient[a], &along[a], &b);
             for c in 0..axes {
@@ -487,7 +504,27 @@ impl<'s, 'a> Search<'s, 'a> {
         }
         let loss = self.marginal.loss(&Sums { b, e, count: 0.0 });
         let step = curvature.clone().cholesky().map_or(DVector::zeros(axes), |c| c.solve(&gradient));
-        Tangent { loss, step: step.as_slice().to_vec(), curvature }
+        Tangent { loss, step: step.as_slice().to_vec(), curvature, scores }
+    }
+
+    /// Half the slope of each window's loss along each axis, tolerated deviations at their best, shape `[windows][axes]`.
+    fn scores(&self, parts: &[(usize, Part)], b: &DVector<f64>, along: &[DVector<f64>]) -> Vec<DVector<f64>> {
+        let best = self.marginal.best(b);
+        let answers: Vec<DVector<f64>> = along.iter().map(|a| self.marginal.best(a)).collect();
+        let tolerated = best.len();
+        let score = |(w, part): &(usize, Part)| {
+            let h = self.study.seen[*w].h.view((0, 0), (tolerated, tolerated));
+            let of_best = h * &best;
+            let b = part.b.rows(0, tolerated);
+            let of_axis = |a: usize, _| {
+                let along = part.along[a].rows(0, tolerated);
+                // (slope - J answer)' (r - J best), without J.
+                let left = part.products[a] - along.dot(&best) - answers[a].dot(&b) + answers[a].dot(&of_best);
+                part.weight * left
+            };
+            DVector::from_fn(along.len(), of_axis)
+        };
+        parts.iter().map(score).collect()
     }
 
     /// Evidence of each fit: what its loss gains, less what its freedom costs.
@@ -496,6 +533,7 @@ impl<'s, 'a> Search<'s, 'a> {
         let tangents = self.tangents(base, fits, here, &all)?;
         for (fit, tangent) in fits.iter_mut().zip(tangents) {
             fit.deviations = tangent.deviations(self.dispersion);
+            fit.scatter = tangent.scatter();
             let group = &self.columns().groups[fit.suspect.group];
             let effect = &self.columns().effects[group.effect];
             let groups = self.columns().groups.iter().filter(|g| g.effect == group.effect).count();
@@ -512,14 +550,52 @@ impl<'s, 'a> Search<'s, 'a> {
     }
 }
 
+/// What a window gives to the slopes of a suspect.
+struct Part {
+    weight: f64,
+    /// `J'r`.
+    b: DVector<f64>,
+    /// `J's` of the slope `s` along each axis.
+    along: Vec<DVector<f64>>,
+    /// `s'r`.
+    products: Vec<f64>,
+}
+
+impl Part {
+    fn new(weight: f64, seen: &LinearisedWindow, residual: &DVector<f64>, slopes: &[DVector<f64>]) -> Self {
+        Self {
+            weight,
+            b: seen.j.tr_mul(residual),
+            along: slopes.iter().map(|s| seen.j.tr_mul(s)).collect(),
+            products: slopes.iter().map(|s| s.dot(residual)).collect(),
+        }
+    }
+}
+
 /// Slopes of the loss along the axes of a suspect.
 struct Tangent {
     loss: f64,
     step: Vec<f64>,
     curvature: DMatrix<f64>,
+    /// Half the slope of the loss of each window, shape `[windows][axes]`.
+    scores: Vec<DVector<f64>>,
 }
 
 impl Tangent {
+    /// Standard deviation of each value by how much windows differ in what they ask for: `H^-1 S H^-1`, where `S` is the sum of the squares of
+    /// the scores about their mean.
+    fn scatter(&self) -> Vec<f64> {
+        let (axes, count) = (self.step.len(), self.scores.len() as f64);
+        let Some(inverse) = self.curvature.clone().cholesky().map(|c| c.inverse()).filter(|_| count > 1.0) else {
+            return vec![f64::INFINITY; axes];
+        };
+        let mean = self.scores.iter().fold(DVector::zeros(axes), |sum, s| sum + s) / count;
+        let square = |s: &DVector<f64>| (s - &mean) * (s - &mean).transpose();
+        let squares = self.scores.iter().fold(DMatrix::zeros(axes, axes), |sum, s| sum + square(s));
+        let variance = &inverse * squares * &inverse * (count / (count - 1.0));
+        variance.diagonal().iter().map(|v| v.max(0.0).sqrt()).collect()
+    }
+
     fn deviations(&self, dispersion: f64) -> Vec<f64> {
         let axes = self.step.len();
         match self.curvature.clone().cholesky() {
