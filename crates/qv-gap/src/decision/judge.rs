@@ -33,10 +33,11 @@ impl<'j> Judge<'j> {
         let Policy { sure_event, least_share, most_judged, .. } = *self.policy;
         let mut reason = String::new();
         let mut judged = 0;
-        for (k, candidate) in self.round.candidates.iter().enumerate() {
+        for k in self.by_evidence() {
+            let candidate = &self.round.candidates[k];
             // Blows of the contact stand beside any cause.
             let (is_blow, is_event) = (self.is_too_short(candidate), candidate.time().is_some());
-            let has_evidence = candidate.log_evidence >= self.needed(candidate);
+            let has_evidence = candidate.whole_evidence() >= self.needed(candidate);
             judged += usize::from(!is_blow && (has_evidence || !is_event));
             if judged > most_judged {
                 break;
@@ -57,15 +58,23 @@ impl<'j> Judge<'j> {
         Judgement { accused: Vec::new(), reason }
     }
 
+    /// Candidates by the evidence of the whole recording, the best first.
+    fn by_evidence(&self) -> Vec<usize> {
+        let candidates = &self.round.candidates;
+        let mut order: Vec<usize> = (0..candidates.len()).collect();
+        order.sort_by(|&a, &b| candidates[b].whole_evidence().total_cmp(&candidates[a].whole_evidence()));
+        order
+    }
+
     /// Whether something steady has far more evidence than a cause needs.
     pub fn is_suspicious(&self) -> bool {
-        let is_one = |c: &Candidate| c.extent.is_none() && c.log_evidence > self.policy.suspicious * self.needed(c);
+        let is_one = |c: &Candidate| c.extent.is_none() && c.whole_evidence() > self.policy.suspicious * self.needed(c);
         self.round.candidates.iter().any(is_one)
     }
 
     /// Whether a candidate is steady, larger than what any robot has, and has more evidence than a cause needs.
     pub fn speaks_for(&self, candidate: &Candidate) -> bool {
-        let has_evidence = candidate.log_evidence > self.needed(candidate);
+        let has_evidence = candidate.whole_evidence() > self.needed(candidate);
         candidate.extent.is_none() && has_evidence && !self.policy.is_trifle(candidate.size)
     }
 
@@ -73,7 +82,8 @@ impl<'j> Judge<'j> {
     fn needed(&self, candidate: &Candidate) -> f64 {
         let policy = self.policy;
         let least = match candidate.extent {
-            None => self.own_least(candidate).unwrap_or(policy.least_evidence),
+            None if self.is_free => self.own_least(candidate).unwrap_or(policy.least_evidence),
+            None => policy.least_held_evidence,
             Some(Extent::Region(_)) => policy.least_local_evidence,
             Some(Extent::Time(_)) if self.is_free => policy.least_event_evidence,
             Some(Extent::Time(_)) => policy.least_held_event_evidence,
@@ -96,35 +106,8 @@ impl<'j> Judge<'j> {
         candidate.time().is_some_and(|[from, until]| until - from < least)
     }
 
-    /// Whether a candidate of a robot on its feet is steady and has too little evidence, or too small a size, for a cause that closes little.
-    fn is_faint(&self, candidate: &Candidate) -> bool {
-        let Policy { least_size, least_faint_evidence, least_faint_size, over_null, .. } = *self.policy;
-        let lacks = candidate.log_evidence < self.needed(candidate) || candidate.size < least_size;
-        let enough = candidate.log_evidence >= least_faint_evidence.max(over_null * candidate.by_chance)
-            && candidate.size >= least_faint_size;
-        self.is_free && candidate.extent.is_none() && candidate.size.is_finite() && lacks && enough
-    }
-
     fn any_objection(&self, candidate: &Candidate) -> Option<String> {
-        if self.round.is_first && self.is_faint(candidate) {
-            return self.faint_objection(candidate);
-        }
         self.objection(candidate).or_else(|| self.held_out_objection(candidate))
-    }
-
-    /// What speaks against a faint cause: it closes little of a gap that no fit has seen.
-    fn faint_objection(&self, candidate: &Candidate) -> Option<String> {
-        let Some(held_out) = &candidate.held_out else { return Some(NOT_SEEN.into()) };
-        let [fall, error] = held_out.fall;
-        let is_much = held_out.closed > self.policy.faint_closed && fall > self.policy.sure_errors * error;
-        (!is_much).then(|| {
-            format!(
-                "log evidence {:.0} of a size of {:.1} tolerances, which closes {:.0} % held out",
-                candidate.log_evidence,
-                candidate.size,
-                100.0 * held_out.closed
-            )
-        })
     }
 
     /// What speaks against a candidate without a look at other windows.
@@ -132,7 +115,7 @@ impl<'j> Judge<'j> {
         if let (Some([from, until]), true) = (candidate.time(), self.is_too_short(candidate)) {
             return Some(format!("an event of {:.0} ms is a blow of the contact, or noise", 1e3 * (until - from)));
         }
-        let (evidence, needed) = (candidate.log_evidence, self.needed(candidate));
+        let (evidence, needed) = (candidate.whole_evidence(), self.needed(candidate));
         if evidence < needed {
             return Some(format!("log evidence {evidence:.0} of the {needed:.0} that a cause of its kind needs"));
         }
@@ -172,10 +155,8 @@ impl<'j> Judge<'j> {
         if later && share < policy.least_later_share && held_out.closed < policy.least_later_closed {
             return Some(too_little());
         }
-        let has_own = self.own_least(candidate).is_some();
-        let has_much = share >= policy.least_share || candidate.log_evidence > policy.sure_evidence || has_own;
         let asked_for = held_out.log_evidence.is_some_and(|e| e > policy.sure_held_out);
-        if !later && is_steady && has_much && asked_for {
+        if !later && is_steady && asked_for {
             return None;
         }
         // Tolerated deviations can take most of a small effect upon them: what it closes without them counts, too. Most of the
@@ -191,8 +172,7 @@ impl<'j> Judge<'j> {
         let needed = if is_steady { policy.least_errors } else { policy.least_local_errors };
         // A few windows in which a foot missed a step make the mean fall uncertain, where nearly all windows fall.
         let nearly_all = is_steady && fall > 0.0 && falls_all_over;
-        let is_sure = candidate.log_evidence > policy.sure_evidence && share > policy.sure_share && fall > -error;
-        (fall < needed * error && !nearly_all && !by_law && !is_sure)
+        (fall < needed * error && !nearly_all && !by_law)
             .then(|| format!("the held-out loss falls by {fall:.3} only, with error {error:.3}"))
     }
 

@@ -130,13 +130,13 @@ fn evidence_is_the_same_after_it_was_written_and_read() {
 #[test]
 fn another_policy_is_followed_as_far_as_was_measured() {
     // It accuses nothing, and what was measured of the corrected robot does not count.
-    let strict = Policy { least_evidence: 1000.0, least_faint_evidence: 1000.0, ..Policy::default() };
+    let strict = Policy { least_evidence: 1000.0, ..Policy::default() };
     let decision = decided(&latency(), &strict);
     assert_eq!((decision.verdict, decision.doubt), (Verdict::Unexplained, None));
     // It accuses the other one, of which no corrected robot was simulated.
     let mut evidence = latency();
     evidence.rounds[0].candidates[0].size = 4.0;
-    let large = Policy { least_size: 5.0, least_faint_size: 5.0, ..Policy::default() };
+    let large = Policy { least_size: 5.0, ..Policy::default() };
     assert_eq!(decide(&evidence, &large), Decided::Parts(0));
     // It would look for one more.
     let thorough = Policy { no_gap: 1.05, ..Policy::default() };

@@ -222,8 +222,8 @@ impl Case<'_> {
         };
         best.extend(best_of(rounds.last().filter(|r| r.accused.is_empty())));
         for candidate in self.accused() {
-            let evidence = best.entry(&candidate.effect).or_insert(candidate.log_evidence);
-            *evidence = evidence.max(candidate.log_evidence);
+            let evidence = best.entry(&candidate.effect).or_insert(candidate.whole_evidence());
+            *evidence = evidence.max(candidate.whole_evidence());
         }
         best
     }
@@ -231,10 +231,10 @@ impl Case<'_> {
 
 /// The best log evidence of each effect in a round.
 fn best_of(round: Option<&Round>) -> BTreeMap<&str, f64> {
-    let mut best = BTreeMap::new();
+    let mut best: BTreeMap<&str, f64> = BTreeMap::new();
     for candidate in round.iter().flat_map(|r| &r.candidates) {
-        // Candidates come best first.
-        best.entry(candidate.effect.as_str()).or_insert(candidate.log_evidence);
+        let evidence = best.entry(candidate.effect.as_str()).or_insert(f64::NEG_INFINITY);
+        *evidence = evidence.max(candidate.whole_evidence());
     }
     best
 }
