@@ -221,8 +221,9 @@ impl Columns {
                 if factor > 0.0 && info.range.0 < nominal {
                     // As far beyond that end as beyond the others. What a robot that is held may be off by only its physics bounds.
                     let beyond = nominal + (1.0 + 2.0 * MARGIN) * (info.range.0 - nominal);
-                    let end = if is_wide { f64::NEG_INFINITY } else { beyond };
-                    range[0] = range[0].max((info.clamped(end) - nominal) / factor);
+                    let least = info.clamped(f64::NEG_INFINITY);
+                    let end = if is_wide && least.is_finite() { least } else { info.clamped(beyond) };
+                    range[0] = range[0].max((end - nominal) / factor);
                 }
             }
         }
