@@ -67,12 +67,14 @@ fn two_pushes_are_told_with_their_times_and_torques() {
     let report = of(&[recorded(&[], &pushes, 5)], Vec::new());
     let found: Vec<_> = report.causes.iter().filter(|c| c.effect == "external_torque").collect();
     assert_eq!(found.len(), 2, "{} {:?} {:?}", report.sentence, report.causes, report.next);
+    // One window of four is held out: the fit does not see where in it a push begins or ends.
+    const WINDOW: f64 = 0.15;
     for push in pushes {
-        let near = found.iter().find(|c| (c.parameters[1].value - push.0).abs() < 0.1);
+        let near = found.iter().find(|c| (c.parameters[1].value - push.0).abs() < WINDOW + 0.01);
         let cause = near.unwrap_or_else(|| panic!("nothing at {} s: {found:?}", push.0));
         assert_eq!(cause.scope, ["elbow"]);
         assert!((cause.parameters[0].value - push.2).abs() < 0.2 * push.2.abs(), "{:?}", cause.parameters);
-        assert!((cause.parameters[2].value - push.1).abs() < 0.1, "{:?}", cause.parameters);
+        assert!((cause.parameters[2].value - push.1).abs() < WINDOW + 0.01, "{:?}", cause.parameters);
     }
     assert!(matches!(report.verdict, Verdict::Explained | Verdict::PartlyExplained), "{}", report.sentence);
 }

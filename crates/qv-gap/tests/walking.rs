@@ -128,7 +128,8 @@ fn a_study_that_is_moved_says_what_a_new_one_says() {
     let levels = [&moved, &anew].map(|s| level(s).unwrap().ratio);
     assert!((levels[0] / levels[1] - 1.0).abs() < 0.1, "{levels:?}");
     let asked = [&mut moved, &mut anew].map(asked_for);
-    assert!((asked[0] - asked[1]).abs() < 0.0002, "{asked:?}");
+    // Half a tick of the simulator: the sensitivities of the one are those at another latency.
+    assert!((asked[0] - asked[1]).abs() < 0.0005, "{asked:?}");
     // With another library there is nothing to keep.
     let fewer: Vec<Effect> = library.iter().filter(|e| e.name != "payload_mass").cloned().collect();
     let (problem, columns) = late(&run, &model, 0.010, &fewer);

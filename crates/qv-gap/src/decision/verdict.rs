@@ -203,6 +203,12 @@ impl Case<'_> {
                 Ranked { effect: effect.to_string(), probability }
             })
             .collect();
+        // What is accused takes most: the others share the rest.
+        let is_accused = |r: &Ranked| accused.contains(&r.effect.as_str());
+        let largest = ranking.iter().filter(|r| is_accused(r)).map(|r| r.probability).fold(0.0, f64::max);
+        let others: f64 = ranking.iter().filter(|r| !is_accused(r)).map(|r| r.probability).sum();
+        let rest = ((known - largest).max(0.0) / others.max(1e-300)).min(1.0);
+        ranking.iter_mut().filter(|r| !is_accused(r)).for_each(|r| r.probability *= rest);
         ranking.push(Ranked { effect: UNKNOWN.into(), probability: unknown });
         // Thousands of nats below the best all probabilities are 0, and evidence still tells.
         let evidence = |r: &Ranked| best.get(r.effect.as_str()).copied().unwrap_or(f64::NEG_INFINITY);

@@ -139,7 +139,7 @@ impl<'p> Fit<'p> {
         match effect.interface {
             // A bias of the encoder turns gravity about the joint: left free it would take upon itself what the load does.
             Interface::Sensing => SENSOR_TOLERANCES * effect.tolerance,
-            _ => 0.4 * effect.span(),
+            _ => 0.4 * effect.usual_span,
         }
     }
 

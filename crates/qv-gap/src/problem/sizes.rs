@@ -55,6 +55,7 @@ impl Sizes {
             _ => 1.0,
         };
         sized.tolerance *= factor;
+        sized.usual_span = effect.span() * factor;
         sized.range.iter_mut().for_each(|end| *end *= factor);
         if effect.levels_of.is_none() {
             sized.levels.iter_mut().for_each(|level| *level *= factor);

@@ -1,9 +1,6 @@
-//! Motors: from commands to joint torques, as the robot's motor drivers compute them.
-//!
-//! `tau = kp (q_des - q) + kd (dq_des - dq) + tau_ff` with delayed commands, the encoder's bias and the backlash in
-//! `q`, scaled, limited and lagged by the parameters of each joint.
+//! Motors: from commands to joint torques, as the robot's motor drivers compute them (`motor`), with delayed commands and the encoder's bias.
 
-use super::block::{Block, CommandLanes, JointLanes, Work};
+use super::block::{Block, CommandLanes, Work};
 use super::topology::Topology;
 use crate::lanes::{Real, Scalar};
 
@@ -23,15 +20,16 @@ pub(crate) fn actuate<L: Real>(
         let command = command(topology, block, j);
         let q = block.q[topology.base_positions + j];
         let dq = block.v[dof];
-        let motor = block.motor[j].max(q - parameters.half_backlash).min(q + parameters.half_backlash);
+        let law = &parameters.law;
+        let motor = law.within_play(block.motor[j], q);
         block.motor[j] = motor;
-        let gain = parameters.kd_scale * command.kd * parameters.strength;
-        let demand = demand(parameters, &command, motor + parameters.encoder_bias, dq);
+        let gain = law.kd_scale * command.kd * law.strength;
+        let demand = law.demand(&command, motor + parameters.encoder_bias, dq);
         // A lag that was not watched before is taken to have settled.
         let approach = block.lagged[j] + parameters.lag_gain * (demand - block.lagged[j]);
         let lagged = L::select(block.settled, demand, approach);
         block.lagged[j] = lagged;
-        let (least, most) = torque_limits(parameters, dq);
+        let (least, most) = law.limits(dq);
         let torque = lagged.max(least).min(most);
         block.torque[j] = torque;
         let viscous = block.viscous[dof];
@@ -63,24 +61,6 @@ pub(crate) fn external_share<L: Real>(block: &Block<L>, timestep: f64) -> L {
     let from = ground.force_start.max(block.time);
     let to = ground.force_end.min(block.time + step);
     ((to - from) / step).max(L::zero()).min(L::one())
-}
-
-/// Torque that the controller asks for.
-#[inline(always)]
-fn demand<L: Real>(p: &JointLanes<L>, command: &CommandLanes<L>, q: L, dq: L) -> L {
-    let position = p.kp_scale * command.kp * (command.q - q) + command.tau;
-    let clipped = position.max(-p.position_torque_limit).min(p.position_torque_limit);
-    p.strength * (clipped + p.kd_scale * command.kd * (command.dq - dq))
-}
-
-/// Least and greatest torque at this speed. Along the motion the limit is flat up to the knee and falls to zero; a motor
-/// that brakes keeps all of its torque.
-#[inline(always)]
-fn torque_limits<L: Real>(p: &JointLanes<L>, dq: L) -> (L, L) {
-    let fall = (dq.abs() - p.speed_knee) * p.speed_slope;
-    let along = p.torque_limit * (L::one() - fall).max(L::zero()).min(L::one());
-    let forward = L::zero().lt(dq);
-    (L::select(forward, -p.torque_limit, -along), L::select(forward, along, p.torque_limit))
 }
 
 /// The command that is in force, delayed by a time that need not be a whole number of steps.

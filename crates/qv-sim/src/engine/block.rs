@@ -6,23 +6,17 @@ use super::vector::{Inertia, M3, V3, V6};
 use crate::batch::JointCommand;
 use crate::lanes::{Mask, Real};
 use crate::model::{Model, Shape};
+pub(crate) use crate::motor::CommandLanes;
+use crate::motor::Law;
 
 /// Parameters of one joint in each environment, ready for use.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct JointLanes<L> {
-    pub strength: L,
-    pub kp_scale: L,
-    pub kd_scale: L,
-    pub torque_limit: L,
-    pub position_torque_limit: L,
-    pub speed_knee: L,
-    /// 1 / (speed_zero - speed_knee).
-    pub speed_slope: L,
+    pub law: Law<L>,
     /// Share of the way to the demanded torque in one step: 1 without lag.
     pub lag_gain: L,
     /// Command latency in steps.
     pub latency: L,
-    pub half_backlash: L,
     pub encoder_bias: L,
     pub external_torque: L,
 }
@@ -52,16 +46,6 @@ pub(crate) struct GroundLanes<L> {
 pub(crate) struct GeomLanes<L> {
     pub friction_scale: L,
     pub radius_offset: L,
-}
-
-/// One low-level command of one joint.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct CommandLanes<L> {
-    pub q: L,
-    pub dq: L,
-    pub kp: L,
-    pub kd: L,
-    pub tau: L,
 }
 
 impl<L: Real> CommandLanes<L> {
@@ -252,7 +236,7 @@ impl<L: Real> Block<L> {
         if topology.free_base {
             q[3] = L::one();
         }
-        let joint = JointLanes {
+        let law = Law {
             strength: zero,
             kp_scale: zero,
             kd_scale: zero,
@@ -260,12 +244,9 @@ impl<L: Real> Block<L> {
             position_torque_limit: zero,
             speed_knee: zero,
             speed_slope: zero,
-            lag_gain: zero,
-            latency: zero,
             half_backlash: zero,
-            encoder_bias: zero,
-            external_torque: zero,
         };
+        let joint = JointLanes { law, lag_gain: zero, latency: zero, encoder_bias: zero, external_torque: zero };
         let ground = GroundLanes {
             friction: zero,
             stiffness: zero,

@@ -6,6 +6,7 @@ use crate::SimError;
 use crate::lanes::{Real, Scalar};
 use crate::model::Model;
 use crate::model::inertia::{MassProperties, point_inertia};
+use crate::motor::{lag_gain, speed_slope};
 use crate::parameters::{Catalogue, GeomField, JointField, LinkField, Slot, UNLIMITED, WorldField};
 use glam::{DMat3, DVec3};
 
@@ -88,17 +89,17 @@ impl Deriver<'_> {
         set(&mut block.viscous[dof], lane, get(JointField::Viscous));
         set(&mut block.coulomb[dof], lane, get(JointField::Coulomb));
         let p = &mut block.joints[j];
-        set(&mut p.strength, lane, get(JointField::Strength));
-        set(&mut p.kp_scale, lane, get(JointField::KpScale));
-        set(&mut p.kd_scale, lane, get(JointField::KdScale));
-        set(&mut p.torque_limit, lane, get(JointField::TorqueLimit).min(UNLIMITED));
-        set(&mut p.position_torque_limit, lane, get(JointField::PositionTorqueLimit).min(UNLIMITED));
+        set(&mut p.law.strength, lane, get(JointField::Strength));
+        set(&mut p.law.kp_scale, lane, get(JointField::KpScale));
+        set(&mut p.law.kd_scale, lane, get(JointField::KdScale));
+        set(&mut p.law.torque_limit, lane, get(JointField::TorqueLimit).min(UNLIMITED));
+        set(&mut p.law.position_torque_limit, lane, get(JointField::PositionTorqueLimit).min(UNLIMITED));
         let knee = get(JointField::SpeedKnee).min(UNLIMITED);
-        set(&mut p.speed_knee, lane, knee);
-        set(&mut p.speed_slope, lane, 1.0 / (get(JointField::SpeedZero) - knee).max(1e-6));
+        set(&mut p.law.speed_knee, lane, knee);
+        set(&mut p.law.speed_slope, lane, speed_slope(knee, get(JointField::SpeedZero)));
         set(&mut p.lag_gain, lane, lag_gain(self.timestep, get(JointField::Lag)));
         set(&mut p.latency, lane, latency / self.timestep);
-        set(&mut p.half_backlash, lane, 0.5 * get(JointField::Backlash));
+        set(&mut p.law.half_backlash, lane, 0.5 * get(JointField::Backlash));
         set(&mut p.encoder_bias, lane, get(JointField::EncoderBias));
         set(&mut p.external_torque, lane, get(JointField::ExternalTorque));
         block.any_coulomb |= get(JointField::Coulomb) > 0.0;
@@ -191,11 +192,6 @@ fn set<L: Real>(target: &mut L, lane: usize, value: f64) {
     target.set_lane(lane, L::Scalar::from_f64(value));
 }
 
-/// Share of the way that a first-order lag covers in one step, exact for a held input.
-fn lag_gain(timestep: f64, time_constant: f64) -> f64 {
-    if time_constant <= 0.0 { 1.0 } else { 1.0 - (-timestep / time_constant).exp() }
-}
-
 /// Time constant and damping ratio in force: at least two steps long, and with the damping that gives the restitution
 /// at the same stiffness.
 fn contact_response(time_constant: f64, damping_ratio: f64, restitution: f64, timestep: f64) -> (f64, f64) {
@@ -232,12 +228,6 @@ fn damping_for_restitution(restitution: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn lag_of_nothing_is_immediate() {
-        assert_eq!(lag_gain(0.001, 0.0), 1.0);
-        assert!((lag_gain(0.001, 0.001) - (1.0 - (-1.0f64).exp())).abs() < 1e-15);
-    }
 
     #[test]
     fn damping_falls_with_restitution() {

@@ -113,6 +113,10 @@ pub struct Effect {
     /// Directions that belong together.
     #[serde(rename = "axis")]
     pub axes: Vec<Axis>,
+    /// Length of `range` in the sizes of the robot at hand, whatever its `held_range`: what is usual lies within a share of it. Set once a
+    /// robot is known.
+    #[serde(skip)]
+    pub usual_span: f64,
     /// File that it was read from, for errors.
     #[serde(skip)]
     pub file: String,

@@ -1,8 +1,9 @@
 //! How a recorder stamps torques beside positions and commands, found from what the laws leave at each way it may do so.
 
-use super::{ActuatorModel, Alignment, Asked, Between, Channels, Rows, Stamps, State, left, row_at};
+use super::{ActuatorModel, Alignment, Between, Channels, Rows, Stamps, State, left, row_at};
 use crate::problem::{Overrides, Problem, Window};
 use qv_core::JointSeries;
+use qv_sim::MotorCommand;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -94,7 +95,7 @@ fn squares(
             tables.len() - 1
         });
         let table = &tables[at].1;
-        let asked: BTreeMap<i64, Vec<Asked>> = table.asked(&channels);
+        let asked: BTreeMap<i64, Vec<MotorCommand>> = table.asked(&channels);
         let states: BTreeMap<i64, Vec<State>> = table.states(&channels);
         let rows = Rows::new(problem, window, column, stamps);
         let of_offsets = |[command, state]: &Offsets| {
@@ -130,7 +131,7 @@ impl Table {
     }
 
     /// The commands of one joint by offset.
-    fn asked(&self, channels: &Channels) -> BTreeMap<i64, Vec<Asked>> {
+    fn asked(&self, channels: &Channels) -> BTreeMap<i64, Vec<MotorCommand>> {
         let stamps = self.states.values().next().map_or(0, |places| places[0].len());
         let of = |(&halves, rows): (&i64, &Vec<Vec<usize>>)| {
             let at = |i: usize| {

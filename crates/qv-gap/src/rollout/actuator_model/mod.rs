@@ -1,7 +1,7 @@
 //! The actuator's law fed with what was measured, against the torque that was measured: no simulation, no contact.
 //!
-//! `tau = strength (clip(kp s_p (q_des - q) + tau_ff) + kd s_d (dq_des - dq))`, commands late by the latency, through a
-//! first-order lag, limited (qv-sim's actuator); times the scale of the torque sensor. It sees what motors do apart from what legs do.
+//! The law is that of `qv_sim::Motor`, commands late by the latency, through a first-order lag; times the scale of the torque sensor. It sees
+//! what motors do apart from what legs do.
 
 mod align;
 mod past;
@@ -12,6 +12,7 @@ pub use past::lagged;
 use crate::problem::{Overrides, Problem, Window};
 use qv_core::JointSeries;
 use qv_replay::run::Run;
+use qv_sim::{Motor, MotorCommand, lag_gain};
 
 /// Length of a bin of this comparison \[s\]: latencies of milliseconds show in what changes fast.
 pub const BIN: f64 = 0.01;
@@ -19,71 +20,44 @@ pub const BIN: f64 = 0.01;
 /// What of a joint's actuator and sensors enters the law under a setting.
 pub struct ActuatorModel {
     joint: usize,
-    strength: f64,
-    kp: f64,
-    kd: f64,
-    limit: f64,
-    position_limit: f64,
-    knee: f64,
-    zero: f64,
+    motor: Motor,
     lag: f64,
     latency: f64,
     seen_late: f64,
     torque_scale: f64,
-    play: f64,
 }
 
 impl ActuatorModel {
     /// That of a joint of the model.
     pub fn new(problem: &Problem, setting: &Overrides, joint: usize) -> Self {
         let value = |pattern: &str| problem.joint_value(setting, pattern, joint);
+        let motor = Motor {
+            strength: value("actuator.*.strength"),
+            kp_scale: value("actuator.*.kp_scale"),
+            kd_scale: value("actuator.*.kd_scale"),
+            torque_limit: value("actuator.*.torque_limit"),
+            position_torque_limit: value("actuator.*.position_torque_limit"),
+            speed_knee: value("actuator.*.speed_knee"),
+            speed_zero: value("actuator.*.speed_zero"),
+            backlash: value("actuator.*.backlash"),
+        };
         Self {
             joint,
-            strength: value("actuator.*.strength"),
-            kp: value("actuator.*.kp_scale"),
-            kd: value("actuator.*.kd_scale"),
-            limit: value("actuator.*.torque_limit"),
-            position_limit: value("actuator.*.position_torque_limit"),
-            knee: value("actuator.*.speed_knee"),
-            zero: value("actuator.*.speed_zero"),
+            motor,
             lag: value("actuator.*.lag"),
             latency: value("actuator.*.command_latency"),
             seen_late: value("sensor.*.encoder_latency"),
             torque_scale: value("sensor.*.torque_scale"),
-            play: value("actuator.*.backlash"),
         }
     }
 
     /// Torque that is asked for by a command and a state, of a motor that stood at `motor` before if there is play; it is
     /// moved along.
-    fn demand(&self, asked: &Asked, state: &State, motor: &mut Option<f64>) -> f64 {
-        let half = 0.5 * self.play;
-        let joint = state.q;
-        let q = if half > 0.0 { motor.unwrap_or(joint).max(joint - half).min(joint + half) } else { joint };
+    fn demand(&self, asked: &MotorCommand, state: &State, motor: &mut Option<f64>) -> f64 {
+        let q = self.motor.within_play(motor.unwrap_or(state.q), state.q);
         *motor = Some(q);
-        let p = self.kp * asked.kp * (asked.q - q) + asked.tau;
-        let d = self.kd * asked.kd * (asked.dq - state.dq);
-        self.strength * (p.clamp(-self.position_limit, self.position_limit) + d)
+        self.motor.demand(asked, q, state.dq)
     }
-
-    /// What is left of a torque by the limits of the motor.
-    fn limited(&self, dq: f64, torque: f64) -> f64 {
-        let mut most = self.limit;
-        if dq.abs() > self.knee && torque * dq > 0.0 {
-            most *= 1.0 - ((dq.abs() - self.knee) / (self.zero - self.knee).max(1e-6)).clamp(0.0, 1.0);
-        }
-        torque.clamp(-most, most)
-    }
-}
-
-/// A command of one joint.
-#[derive(Clone, Copy)]
-struct Asked {
-    q: f64,
-    dq: f64,
-    tau: f64,
-    kp: f64,
-    kd: f64,
 }
 
 /// Where a joint is measured to be.
@@ -131,7 +105,7 @@ impl<'a> Channels<'a> {
     }
 
     /// The command in force at a time, looked for near `row`, which is moved there.
-    fn asked(&self, t: f64, row: &mut usize) -> Asked {
+    fn asked(&self, t: f64, row: &mut usize) -> MotorCommand {
         self.asked_in(|series| {
             *row = row_near(series, t, *row);
             *row
@@ -139,14 +113,14 @@ impl<'a> Channels<'a> {
     }
 
     /// The command in the row that `row` gives of each series that there is, in the order of [`Self::commands`].
-    fn asked_in(&self, mut row: impl FnMut(&JointSeries) -> usize) -> Asked {
+    fn asked_in(&self, mut row: impl FnMut(&JointSeries) -> usize) -> MotorCommand {
         let absent = [0.0, 0.0, 0.0, self.fixed_kp, self.fixed_kd];
         let mut held = self.commands().into_iter().zip(absent).map(|(series, fixed)| match series {
             Some(series) => series.row(row(series))[self.column],
             None => fixed,
         });
         let mut next = || held.next().expect("five");
-        Asked { q: next(), dq: next(), tau: next(), kp: next(), kd: next() }
+        MotorCommand { q: next(), dq: next(), tau: next(), kp: next(), kd: next() }
     }
 
     /// The state at a time, looked for near `row`, which is moved there.
@@ -257,7 +231,7 @@ impl Stamps {
     fn new(problem: &Problem, window: &Window, law: &ActuatorModel) -> Option<Self> {
         let torque = window.view.measured.torque.as_ref()?;
         // Lags of up to a few time constants before the window matter, and on which side of its play the motor was.
-        let past = if law.play > 0.0 { problem.cut.margin } else { 5.0 * law.lag };
+        let past = if law.motor.backlash > 0.0 { problem.cut.margin } else { 5.0 * law.lag };
         let first = torque.time.partition_point(|&t| t < window.start - past);
         let last = torque.time.partition_point(|&t| t <= window.start + problem.cut.window);
         Some(Self { first, last: last.max(first) })
@@ -294,7 +268,7 @@ impl Rows {
 }
 
 /// Mean of measured minus expected torque in each bin; `read` gives command and state at each of the stamps.
-fn left(law: &ActuatorModel, rows: &Rows, read: impl Iterator<Item = (Asked, State)>) -> Vec<f64> {
+fn left(law: &ActuatorModel, rows: &Rows, read: impl Iterator<Item = (MotorCommand, State)>) -> Vec<f64> {
     let mut sums = vec![0.0; rows.counts.len()];
     let mut filter = Lag { time_constant: law.lag, state: None };
     let mut motor = None;
@@ -302,7 +276,7 @@ fn left(law: &ActuatorModel, rows: &Rows, read: impl Iterator<Item = (Asked, Sta
     let (mut at, mut sum) = (0, 0.0);
     for (&(time, measured, bin), (asked, state)) in rows.of.iter().zip(read) {
         let lagged = filter.next(time, law.demand(&asked, &state, &mut motor));
-        let expected = law.torque_scale * law.limited(state.dq, lagged);
+        let expected = law.torque_scale * law.motor.limited(lagged, state.dq);
         let Some(bin) = bin else { continue };
         if bin != at {
             sums[at] = sum;
@@ -327,7 +301,7 @@ impl Lag {
     fn next(&mut self, time: f64, input: f64) -> f64 {
         let output = match self.state {
             Some((before, y)) if self.time_constant > 0.0 => {
-                y + (input - y) * (1.0 - (-(time - before) / self.time_constant).exp())
+                y + (input - y) * lag_gain(time - before, self.time_constant)
             }
             _ => input,
         };

@@ -3,12 +3,12 @@
 //! A lag that began settled on what is asked for at the start would show in the first few time constants only, and its size would come
 //! out too small.
 
-use super::{ActuatorModel, Asked, Between, Lag, State};
+use super::{ActuatorModel, Between, Lag, State};
 use crate::problem::torques::slope;
 use crate::problem::{Overrides, Problem, Window};
 use qv_core::JointSeries;
 use qv_replay::replay::Command;
-use qv_sim::JointCommand;
+use qv_sim::{JointCommand, MotorCommand};
 
 /// Time constants of a lag after which nothing is left of what was before.
 const REMEMBERED: f64 = 6.0;
@@ -50,9 +50,9 @@ pub fn lagged(problem: &Problem, window: &Window, setting: &Overrides, timestep:
     Some(torques)
 }
 
-fn asked(command: &Command, joint: usize) -> Asked {
+fn asked(command: &Command, joint: usize) -> MotorCommand {
     let JointCommand { q, dq, kp, kd, tau } = command.view();
-    Asked { q: q[joint], dq: dq[joint], tau: tau[joint], kp: kp[joint], kd: kd[joint] }
+    MotorCommand { q: q[joint], dq: dq[joint], tau: tau[joint], kp: kp[joint], kd: kd[joint] }
 }
 
 /// The measured state at a time, looked for near `rows`, which are moved there. Where speeds were not measured they are the slope between

@@ -1,0 +1,158 @@
+//! The law of a motor driver, for lanes of environments and for whoever compares it with measured torques.
+//!
+//! `tau = strength (clip(kp s_p (q_des - q) + tau_ff) + kd s_d (dq_des - dq))`, then a first-order lag, then the limits of the motor. Along the
+//! motion the limit is flat up to a knee and falls to zero; a motor that brakes keeps all of its torque.
+
+use crate::lanes::Real;
+
+/// The parameters of the law in each lane, ready for use.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Law<L> {
+    pub strength: L,
+    pub kp_scale: L,
+    pub kd_scale: L,
+    pub torque_limit: L,
+    pub position_torque_limit: L,
+    pub speed_knee: L,
+    /// 1 / (speed_zero - speed_knee).
+    pub speed_slope: L,
+    pub half_backlash: L,
+}
+
+/// One low-level command of one joint.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct CommandLanes<L> {
+    pub q: L,
+    pub dq: L,
+    pub kp: L,
+    pub kd: L,
+    pub tau: L,
+}
+
+impl<L: Real> Law<L> {
+    /// Where the motor is when its joint is at `q`, of one that was at `motor`: play lets it stay.
+    #[inline(always)]
+    pub fn within_play(&self, motor: L, q: L) -> L {
+        motor.max(q - self.half_backlash).min(q + self.half_backlash)
+    }
+
+    /// Torque that the controller asks for; `q` is what the encoder of the motor says.
+    #[inline(always)]
+    pub fn demand(&self, command: &CommandLanes<L>, q: L, dq: L) -> L {
+        let position = self.kp_scale * command.kp * (command.q - q) + command.tau;
+        let clipped = position.max(-self.position_torque_limit).min(self.position_torque_limit);
+        self.strength * (clipped + self.kd_scale * command.kd * (command.dq - dq))
+    }
+
+    /// Least and greatest torque at a speed.
+    #[inline(always)]
+    pub fn limits(&self, dq: L) -> (L, L) {
+        let fall = (dq.abs() - self.speed_knee) * self.speed_slope;
+        let along = self.torque_limit * (L::one() - fall).max(L::zero()).min(L::one());
+        let forward = L::zero().lt(dq);
+        (L::select(forward, -self.torque_limit, -along), L::select(forward, along, self.torque_limit))
+    }
+}
+
+/// 1 over the speeds between the knee of the limit and zero torque.
+pub(crate) fn speed_slope(knee: f64, zero: f64) -> f64 {
+    1.0 / (zero - knee).max(1e-6)
+}
+
+/// One motor, by the parameters `actuator.*` of the catalogue.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motor {
+    /// Factor of all that is asked for.
+    pub strength: f64,
+    /// Factor of kp.
+    pub kp_scale: f64,
+    /// Factor of kd.
+    pub kd_scale: f64,
+    /// Largest torque \[N m\].
+    pub torque_limit: f64,
+    /// Largest torque of position and feed-forward parts together \[N m\].
+    pub position_torque_limit: f64,
+    /// Speed from which torque along the motion falls \[rad/s\].
+    pub speed_knee: f64,
+    /// Speed at which it reaches zero \[rad/s\].
+    pub speed_zero: f64,
+    /// Full width of the play between motor and joint \[rad\].
+    pub backlash: f64,
+}
+
+/// What a motor is told: target \[rad\], target speed \[rad/s\], gains, feed-forward torque \[N m\].
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(missing_docs)]
+pub struct MotorCommand {
+    pub q: f64,
+    pub dq: f64,
+    pub kp: f64,
+    pub kd: f64,
+    pub tau: f64,
+}
+
+impl Motor {
+    fn law(&self) -> Law<f64> {
+        Law {
+            strength: self.strength,
+            kp_scale: self.kp_scale,
+            kd_scale: self.kd_scale,
+            torque_limit: self.torque_limit,
+            position_torque_limit: self.position_torque_limit,
+            speed_knee: self.speed_knee,
+            speed_slope: speed_slope(self.speed_knee, self.speed_zero),
+            half_backlash: 0.5 * self.backlash,
+        }
+    }
+
+    /// Where the motor is \[rad\] when its joint is at `q`, of one that was at `before`.
+    pub fn within_play(&self, before: f64, q: f64) -> f64 {
+        self.law().within_play(before, q)
+    }
+
+    /// Torque \[N m\] that a command asks for when the motor's encoder says `q` \[rad\] and its speed is `dq` \[rad/s\].
+    pub fn demand(&self, command: &MotorCommand, q: f64, dq: f64) -> f64 {
+        let MotorCommand { q: target, dq: speed, kp, kd, tau } = *command;
+        self.law().demand(&CommandLanes { q: target, dq: speed, kp, kd, tau }, q, dq)
+    }
+
+    /// What its limits leave of a torque \[N m\] at a speed \[rad/s\].
+    pub fn limited(&self, torque: f64, dq: f64) -> f64 {
+        let (least, most) = self.law().limits(dq);
+        torque.max(least).min(most)
+    }
+}
+
+/// Share of the way to what is asked for that a first-order lag covers in a step, exact for a held input; both in seconds.
+pub fn lag_gain(step: f64, time_constant: f64) -> f64 {
+    if time_constant > 0.0 { 1.0 - (-step / time_constant).exp() } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lag_of_nothing_is_immediate() {
+        assert_eq!(lag_gain(0.001, 0.0), 1.0);
+        assert!((lag_gain(0.001, 0.001) - (1.0 - (-1.0f64).exp())).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_motor_that_brakes_keeps_its_torque() {
+        let motor = Motor {
+            strength: 0.5,
+            kp_scale: 1.0,
+            kd_scale: 1.0,
+            torque_limit: 4.0,
+            position_torque_limit: 3.0,
+            speed_knee: 1.0,
+            speed_zero: 3.0,
+            backlash: 0.2,
+        };
+        assert_eq!([motor.limited(9.0, 0.5), motor.limited(9.0, 2.0), motor.limited(-9.0, 2.0)], [4.0, 2.0, -4.0]);
+        let command = MotorCommand { q: 1.0, dq: 0.0, kp: 10.0, kd: 1.0, tau: 0.0 };
+        assert_eq!(motor.demand(&command, 0.0, 1.0), 0.5 * (3.0 - 1.0));
+        assert_eq!([motor.within_play(0.0, 0.05), motor.within_play(0.0, 0.5)], [0.0, 0.4]);
+    }
+}
