@@ -5,7 +5,7 @@ use crate::workspace::{Package, Workspace};
 use std::path::Path;
 
 /// Layer of each crate; the table of docs/ARCHITECTURE.md. `qv` and `xtask` are above all and used by none.
-const LAYERS: [(&str, u8); 18] = [
+const LAYERS: [(&str, u8); 19] = [
     ("qv-core", 0),
     ("qv-page", 0),
     ("qv-sim", 1),
@@ -21,6 +21,7 @@ const LAYERS: [(&str, u8); 18] = [
     ("yard", 3),
     ("qv-baselines", 4),
     ("qv-camera", 4),
+    ("qv-open", 4),
     ("qv-sealed", 4),
     ("qv", 5),
     ("xtask", 5),

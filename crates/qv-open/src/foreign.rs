@@ -1,6 +1,6 @@
 //! Recordings of other programs on disk: LeRobot datasets, SAGE folders, CSV files of Unitree's LowState.
 
-use crate::open::{description_of, file_error, mapping_of, run_of_table, urdf_beside};
+use crate::recording::{description_of, file_error, mapping_of, run_of_table, urdf_beside};
 use qv_replay::foreign::lerobot::Info;
 use qv_replay::foreign::motor_csv::{Motors, is_motor_csv};
 use qv_replay::foreign::{Settings, Table, lerobot, motor_csv, sage};

@@ -1,6 +1,6 @@
 //! The ground that commands are given: a plane, or the mesh of a GLB file.
 
-use crate::open::file_error;
+use crate::recording::file_error;
 use qv_core::TriangleMesh;
 use qv_mesh::files::glb;
 use qv_replay::{ReplayError, Run};
@@ -9,6 +9,9 @@ use std::fs;
 use std::path::Path;
 
 /// Frictions by label in the place of those of a mesh, which is that of `path`.
+///
+/// # Errors
+/// The mesh has no label of that name.
 pub fn set_friction(mesh: &mut TriangleMesh, friction: &[(String, f64)], path: &Path) -> Result<(), ReplayError> {
     for (label, value) in friction {
         let material = mesh.materials.iter_mut().find(|material| material.name == *label);

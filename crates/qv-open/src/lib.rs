@@ -1,0 +1,26 @@
+//! Recordings, robots and ground from files on disk: what the command line and Python share.
+//!
+//! [`open_run`] reads whatever a path is (a bag, a table, a dataset of another program), [`model_of`] finds the robot that
+//! was recorded, [`ground::terrain_of`] the ground. Nothing here prints; who waits is told how far reading is.
+//!
+//! ```no_run
+//! use qv_open::{Reading, ground, model_of, open_run};
+//! use std::path::Path;
+//! let path = Path::new("walk.mcap");
+//! let run = open_run(path, &Reading::default(), &|_, _| {})?;
+//! let model = model_of(&run, path, None)?;
+//! let terrain = ground::terrain_of("plane")?;
+//! ground::check_ground(&run, &terrain)?;
+//! println!("{} has {} joints", model.name, model.joints.len());
+//! # Ok::<(), qv_replay::ReplayError>(())
+//! ```
+
+pub mod foreign;
+pub mod ground;
+pub mod mesh_file;
+mod recording;
+
+pub use recording::{
+    Reading, bag_files, description_of, file_error, included, lost_from, mapping_of, model_of, open_run, parameters,
+    parameters_of, read_model, read_urdf, run_of_table, told_of, urdf_beside, urdf_of, write_error,
+};
