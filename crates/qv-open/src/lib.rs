@@ -19,8 +19,10 @@ pub mod foreign;
 pub mod ground;
 pub mod mesh_file;
 mod recording;
+mod robot;
 
 pub use recording::{
     Reading, bag_files, description_of, file_error, included, lost_from, mapping_of, model_of, open_run, parameters,
     parameters_of, read_model, read_urdf, run_of_table, told_of, urdf_beside, urdf_of, write_error,
 };
+pub use robot::robot_model;
