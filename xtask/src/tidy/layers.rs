@@ -5,7 +5,7 @@ use crate::workspace::{Package, Workspace};
 use std::path::Path;
 
 /// Layer of each crate; the table of docs/ARCHITECTURE.md. `qv` and `xtask` are above all and used by none.
-const LAYERS: [(&str, u8); 19] = [
+const LAYERS: [(&str, u8); 20] = [
     ("qv-core", 0),
     ("qv-page", 0),
     ("qv-sim", 1),
@@ -24,6 +24,7 @@ const LAYERS: [(&str, u8); 19] = [
     ("qv-open", 4),
     ("qv-sealed", 4),
     ("qv", 5),
+    ("qv-py", 5),
     ("xtask", 5),
 ];
 

@@ -1,0 +1,134 @@
+//! Replay and diagnosis. What they find goes to Python as the text of the JSON that the command line writes, so that both have
+//! the same fields.
+
+use crate::errors::{opening, value};
+use crate::recording::{Recording, table};
+use numpy::{PyArray1, PyArray2};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+use qv_gap::problem::library;
+use qv_gap::{Options, export};
+use qv_open::{ground, model_of, told_of, urdf_of};
+use qv_replay::ReplayError;
+use qv_replay::replay::{ReplayOptions, Trace, expand, to_html, to_json, verdict};
+use qv_sim::{Model, Terrain};
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Parameters by name.
+type Parameters = Vec<(String, f64)>;
+
+/// The robot of a recording and its ground.
+fn place(recording: &Recording, terrain: &str) -> Result<(Model, Terrain), ReplayError> {
+    let model = model_of(&recording.run, &recording.path, recording.robot.as_deref())?;
+    Ok((model, ground::terrain_of(terrain)?))
+}
+
+fn trace<'py>(py: Python<'py>, trace: &Trace) -> PyResult<Bound<'py, PyDict>> {
+    let (columns, rows) = (PyDict::new(py), trace.time.len());
+    columns.set_item("time", PyArray1::from_slice(py, &trace.time))?;
+    let channels = [("position", &trace.position), ("velocity", &trace.velocity), ("torque", &trace.torque)];
+    for (name, values) in channels.into_iter().chain([("foot_force", &trace.foot_force)]) {
+        if !values.is_empty() {
+            columns.set_item(name, table(py, values, rows)?)?;
+        }
+    }
+    if !trace.base.is_empty() {
+        let rows: Vec<Vec<f64>> = trace.base.iter().map(|pose| pose.to_vec()).collect();
+        columns.set_item("base", PyArray2::from_vec2(py, &rows).map_err(value)?)?;
+    }
+    Ok(columns)
+}
+
+/// The recording's commands in the simulator: `{"report": JSON, "verdict", "html", "recorded", "simulated"}`.
+#[pyfunction]
+pub fn replay<'py>(
+    py: Python<'py>,
+    recording: &Recording,
+    terrain: &str,
+    parameters: Parameters,
+    window: f64,
+) -> PyResult<Bound<'py, PyDict>> {
+    if !(0.01..=1000.0).contains(&window) {
+        return Err(value(format!("window: expected 0.01 to 1000 s, found {window}")));
+    }
+    let (replay, factor) = py
+        .detach(|| {
+            let (model, terrain) = place(recording, terrain)?;
+            ground::check_ground(&recording.run, &terrain)?;
+            let parameters = expand(&model, &terrain, &parameters)?;
+            let clock = Instant::now();
+            let options = ReplayOptions { window, parameters, ..Default::default() };
+            let replay = qv_replay::replay::replay(&recording.run, &model, &terrain, &options)?;
+            let factor = replay.simulated / clock.elapsed().as_secs_f64();
+            Ok((replay, factor))
+        })
+        .map_err(opening)?;
+    let found = PyDict::new(py);
+    found.set_item("report", to_json(&replay, factor).to_string())?;
+    found.set_item("verdict", verdict(&replay))?;
+    found.set_item("html", to_html(&replay, &recording.path.display().to_string(), &[]))?;
+    found.set_item("joint_names", replay.joint_names.clone())?;
+    found.set_item("recorded", trace(py, &replay.recorded)?)?;
+    found.set_item("simulated", trace(py, &replay.whole)?)?;
+    Ok(found)
+}
+
+/// The diagnosis of recordings of one robot: the names and bytes of its files, `report.json` among them.
+#[pyfunction]
+pub fn diagnose<'py>(
+    py: Python<'py>,
+    recordings: Vec<Py<Recording>>,
+    reference: Vec<Py<Recording>>,
+    terrain: &str,
+    parameters: Parameters,
+    without: Vec<String>,
+    library_file: Option<PathBuf>,
+    seed: u64,
+    ground_error: f64,
+) -> PyResult<Bound<'py, PyDict>> {
+    let (recordings, reference): (Vec<&Recording>, Vec<&Recording>) =
+        (recordings.iter().map(Py::get).collect(), reference.iter().map(Py::get).collect());
+    let Some(first) = recordings.first() else {
+        return Err(value("recordings: expected at least one, found none"));
+    };
+    if !(0.0..=0.05).contains(&ground_error) {
+        return Err(value(format!("ground_error: expected 0 to 0.05 m, found {ground_error}")));
+    }
+    let mut effects = library::built_in();
+    if let Some(path) = library_file {
+        let text = std::fs::read_to_string(&path)
+            .map_err(|e| opening(qv_open::file_error(&path, "a library of effects", &e.to_string())))?;
+        effects.extend(library::parse(&text, &path.display().to_string()).map_err(value)?);
+    }
+    if let Some(name) = without.iter().find(|name| !effects.iter().any(|e| e.name == **name)) {
+        return Err(value(format!("without: expected effects of the library, found `{name}`")));
+    }
+    let (model, terrain) = py.detach(|| place(first, terrain)).map_err(opening)?;
+    let diagnosis = py.detach(|| {
+        let runs: Vec<_> = recordings.iter().map(|r| r.run.clone()).collect();
+        runs.iter().try_for_each(|run| ground::check_ground(run, &terrain)).map_err(opening)?;
+        let clock = Instant::now();
+        let seconds = || clock.elapsed().as_secs_f64();
+        let options = Options {
+            library: effects,
+            given: expand(&model, &terrain, &parameters).map_err(opening)?,
+            reference: reference.iter().map(|r| r.run.clone()).collect(),
+            effort: qv_gap::inference::linearised::NullOptions { seed, ground_error, ..Default::default() },
+            without,
+            clock: Some(&seconds),
+            ..Default::default()
+        };
+        qv_gap::diagnose(&runs, &model, &terrain, &options, 0).map_err(value)
+    })?;
+    let title: Vec<String> = recordings.iter().map(|r| r.path.display().to_string()).collect();
+    let urdf = urdf_of(&first.run, &first.path, first.robot.as_deref());
+    let notes = told_of(&first.run, &model);
+    // Gains are not told to the files for other programs: those say that they are unknown.
+    let files = export::files(&diagnosis.report, &model, urdf.as_deref(), &title.join(", "), &notes, &[], &[], &[]);
+    let by_name = PyDict::new(py);
+    for (name, bytes) in files {
+        by_name.set_item(name, PyBytes::new(py, &bytes))?;
+    }
+    Ok(by_name)
+}

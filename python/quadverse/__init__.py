@@ -1,0 +1,36 @@
+"""A legged robot's simulator that agrees with the robot.
+
+Everything is loaded when it is first used, so that ``import quadverse`` takes no time.
+SI units, radians, seconds; z is up; quaternions are w, x, y, z.
+"""
+
+_HOME = {
+    "Batch": "batch",
+    "Parameters": "batch",
+    "Snapshot": "_quadverse",
+    "Recording": "recording",
+    "open": "recording",
+    "Replay": "report",
+    "Report": "report",
+    "diagnose": "report",
+    "replay": "report",
+    "VelocityTask": "_quadverse",
+    "VelocityEnv": "gym",
+    "__version__": "_quadverse",
+}
+
+__all__ = [name for name in _HOME if name not in ("VelocityEnv", "__version__")]
+
+
+def __getattr__(name):
+    if name not in _HOME:
+        raise AttributeError(f"quadverse has no {name!r}; it has {', '.join(sorted(_HOME))}")
+    from importlib import import_module
+
+    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__():
+    return sorted(_HOME)

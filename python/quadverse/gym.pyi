@@ -1,0 +1,17 @@
+from typing import Any
+
+from gymnasium.vector import VectorEnv
+from numpy import bool_, float32
+from numpy.typing import NDArray
+
+from ._quadverse import VelocityTask
+
+class VelocityEnv(VectorEnv):
+    task: VelocityTask
+    def __init__(self, num_envs: int, seed: int = 0) -> None: ...
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[float32], dict[str, Any]]: ...
+    def step(
+        self, actions: Any
+    ) -> tuple[NDArray[float32], NDArray[float32], NDArray[bool_], NDArray[bool_], dict[str, Any]]: ...

@@ -1,0 +1,51 @@
+"""A recorded arm whose commands come late: opened, replayed, diagnosed."""
+
+import numpy as np
+import pytest
+
+import quadverse
+
+
+def test_a_recording_has_columns(late_arm):
+    recording = quadverse.open(late_arm)
+    assert recording.joint_names == ["shoulder", "elbow"] and recording.base == "fixed"
+    time, position = recording["position"]
+    assert position.shape == (len(time), 2) and len(time) == 4000
+    assert "command.position" in recording and "gyro" not in recording
+    assert recording.lost == [] and isinstance(recording.faults, list)
+    with pytest.raises(KeyError, match="position"):
+        recording["gyro"]
+    frame = recording.to_pandas("position")
+    assert list(frame.columns) == ["shoulder", "elbow"]
+
+
+def test_what_is_no_recording_is_named(tmp_path):
+    with pytest.raises(OSError, match="nothing.mcap"):
+        quadverse.open(tmp_path / "nothing.mcap")
+
+
+def test_replay_is_closer_with_the_latency(late_arm):
+    recording = quadverse.open(late_arm)
+
+    def error(**options):
+        replay = quadverse.replay(recording, **options)
+        assert replay.sentence and "<html" in replay.html
+        difference = replay.simulated["position"] - replay.recorded["position"]
+        return np.sqrt(np.nanmean(difference**2))
+
+    assert error(parameters={"joint.*.command_latency": 0.012}) < 0.2 * error()
+
+
+def test_the_latency_is_accused(late_arm, tmp_path):
+    report = quadverse.diagnose(late_arm)
+    assert report.causes[0]["effect"] == "command_latency"
+    found = report.causes[0]["parameters"][0]
+    assert found["value"] == pytest.approx(0.012, abs=0.002)
+    assert "command_latency" in report._repr_html_() and "<html" in report.html
+    assert report.to_pandas()["effect"][0] == "command_latency"
+    assert any("command_latency" in name for name in report.calibrated)
+    report.save(tmp_path / "out")
+    assert {"report.json", "report.html", "calibrated.toml"} <= {f.name for f in (tmp_path / "out").iterdir()}
+    assert repr(report) == f"Report: {report.sentence}"
+    with pytest.raises(ValueError, match="no_such_effect"):
+        quadverse.diagnose(late_arm, without=["no_such_effect"])
