@@ -9,6 +9,7 @@ mod process;
 mod python;
 mod test;
 mod tidy;
+mod wheel;
 mod workspace;
 
 use anyhow::Result;
@@ -44,6 +45,8 @@ enum Chore {
     Bench(bench::Bench),
     /// Judge the diagnosis on recordings whose answers are sealed
     Blind(blind::Blind),
+    /// Build the wheel of the Python package, install it in an environment under target/, and run its tests
+    Python(wheel::Python),
     /// Run the fuzz targets for a while (needs cargo-fuzz)
     Fuzz {
         /// Targets; default: all
@@ -63,6 +66,7 @@ fn run(chore: Chore) -> Result<bool> {
         Chore::Golden(golden) => golden::run(&workspace, golden),
         Chore::Bench(bench) => bench::run(&workspace, bench),
         Chore::Blind(blind) => blind::run(&workspace, &blind),
+        Chore::Python(how) => wheel::run(&workspace, &how),
         Chore::Fuzz { targets, seconds } => fuzz::run(&workspace, seconds, &targets),
     }
 }

@@ -1,5 +1,6 @@
 //! `cargo xtask bench`: speed beside a pinned reference, in one interleaved run.
 
+mod python;
 mod raster;
 mod sim;
 mod tune;
@@ -26,6 +27,8 @@ pub enum Bench {
     Walk(walk::Walk),
     /// How much less robots with hidden effects stray from their paths after `qv tune`
     Tune(tune::Tune),
+    /// Steps of many robots from Python beside the same from Rust
+    Python(python::Python),
 }
 
 /// Runs a benchmark; false only when a gate is asked for and a goal is missed.
@@ -38,6 +41,7 @@ pub fn run(workspace: &Workspace, what: Bench) -> Result<bool> {
         Bench::Raster(raster) => raster::run(workspace, &raster),
         Bench::Walk(walk) => walk::run(workspace, &walk),
         Bench::Tune(tune) => tune::run(workspace, &tune),
+        Bench::Python(python) => python::run(workspace, &python),
     }
 }
 

@@ -1,0 +1,90 @@
+//! `cargo xtask python`: the wheel of the Python package, built, installed in an environment of its own, and tested.
+
+use crate::{process, python, workspace::Workspace};
+use anyhow::{Context, Result, bail};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// How to build and test.
+#[derive(clap::Args)]
+pub struct Python {
+    /// Build with all optimisation, as a wheel that is given away; else as `cargo test` does
+    #[arg(long)]
+    release: bool,
+    /// Only build the wheel and install it
+    #[arg(long)]
+    no_tests: bool,
+    /// Arguments for pytest
+    #[arg(last = true)]
+    pytest: Vec<String>,
+}
+
+/// Builds, installs, tests; false when a test fails.
+///
+/// # Errors
+/// No Python with `venv`, or the wheel cannot be built or installed.
+pub fn run(workspace: &Workspace, how: &Python) -> Result<bool> {
+    let python = installed(workspace, how.release)?;
+    if how.no_tests {
+        return Ok(true);
+    }
+    let tests = workspace.workspace_root.join("python/tests");
+    let mut pytest = Command::new(python);
+    // From a folder without the sources, so that what was installed is tested.
+    pytest.current_dir(&workspace.target_directory).env("PYTHONDONTWRITEBYTECODE", "1");
+    pytest.args(["-m", "pytest", "-q", "-p", "no:cacheprovider"]).arg(tests).args(&how.pytest);
+    Ok(pytest.status().with_context(|| format!("cannot start {pytest:?}"))?.success())
+}
+
+/// The Python of an environment that has the wheel of these sources.
+///
+/// # Errors
+/// As [`run`].
+pub fn installed(workspace: &Workspace, release: bool) -> Result<PathBuf> {
+    let python = python::environment(workspace, "python")?;
+    let wheels = workspace.target_directory.join("wheels");
+    if wheels.exists() {
+        fs::remove_dir_all(&wheels).with_context(|| format!("removing {}", wheels.display()))?;
+    }
+    let mut maturin = Command::new(&python);
+    maturin.current_dir(workspace.workspace_root.join("python")).args(["-m", "maturin", "build", "--locked"]);
+    maturin.args(["--profile", if release { "release" } else { "dev" }]).arg("--out").arg(&wheels);
+    // So that what cargo built before is not built again.
+    maturin.env("CARGO_TARGET_DIR", &workspace.target_directory);
+    process::run(&mut maturin)?;
+    let wheel = only_wheel(&wheels)?;
+    let mut pip = Command::new(&python);
+    pip.args(["-m", "pip", "install", "--quiet", "--no-deps", "--force-reinstall"]).arg(&wheel);
+    process::run(&mut pip)?;
+    println!("installed {}", wheel.display());
+    Ok(python)
+}
+
+fn only_wheel(folder: &Path) -> Result<PathBuf> {
+    let entries = fs::read_dir(folder).with_context(|| format!("reading {}", folder.display()))?;
+    let is_wheel = |path: &PathBuf| path.extension().is_some_and(|e| e == "whl");
+    let found: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).filter(is_wheel).collect();
+    match found.as_slice() {
+        [wheel] => Ok(wheel.clone()),
+        _ => bail!("{}: expected one wheel, found {}", folder.display(), found.len()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_wheel_is_found_and_two_are_not() {
+        let folder = std::env::temp_dir().join(format!("qv-wheels-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        assert!(only_wheel(&folder).unwrap_err().to_string().contains("found 0"));
+        fs::write(folder.join("a.whl"), "").unwrap();
+        fs::write(folder.join("note.txt"), "").unwrap();
+        assert_eq!(only_wheel(&folder).unwrap(), folder.join("a.whl"));
+        fs::write(folder.join("b.whl"), "").unwrap();
+        assert!(only_wheel(&folder).unwrap_err().to_string().contains("found 2"));
+        fs::remove_dir_all(folder).unwrap();
+    }
+}
