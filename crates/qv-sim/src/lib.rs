@@ -24,7 +24,7 @@ mod error;
 mod lanes;
 pub mod mjcf;
 mod model;
-mod names;
+pub mod names;
 mod options;
 mod parameters;
 #[cfg(feature = "rapier")]

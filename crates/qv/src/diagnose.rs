@@ -16,6 +16,7 @@ use qv_gap::report::{Report, Stage, UNKNOWN};
 use qv_gap::{GapError, Options, diagnose, export};
 use qv_replay::{ReplayError, Run};
 use qv_sim::Model;
+use qv_sim::names::unknown as unknown_name;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -105,10 +106,11 @@ impl Diagnose {
         let of_camera = |name: &str| EFFECTS.iter().any(|e| e.name == name);
         let unknown = self.without.iter().find(|name| !library.iter().any(|e| e.name == **name) && !of_camera(name));
         if let Some(name) = unknown {
+            let known = library.iter().map(|e| e.name.as_str()).chain(EFFECTS.iter().map(|e| e.name));
             return Err(ReplayError::Run {
                 what: "--without".into(),
-                expected: "an effect of the library".into(),
-                found: name.clone(),
+                expected: "an effect of `qv effects`".into(),
+                found: unknown_name("effect", name, known),
             });
         }
         let is_mesh = self.terrain != "plane";

@@ -13,6 +13,7 @@ mod ground;
 mod inspect;
 mod mesh;
 mod mesh_file;
+mod names;
 mod normals;
 mod numbers;
 mod open;
@@ -52,6 +53,12 @@ enum Command {
     /// The robots whose messages are known, with their topics
     #[command(after_help = robots::EXAMPLE)]
     Robots(robots::Robots),
+    /// The effects that a diagnosis knows: what each is, its unit and range
+    #[command(after_help = names::EFFECTS_EXAMPLE)]
+    Effects(names::Effects),
+    /// The names of a robot's simulation parameters, with unit, neutral value and range
+    #[command(after_help = names::PARAMS_EXAMPLE)]
+    Params(names::Params),
     /// Says what any file is, what of it is used, and what is missing for which command
     #[command(after_help = check::EXAMPLE)]
     Check(check::Check),
@@ -141,6 +148,8 @@ fn main() -> ExitCode {
     let result: Result<Outcome, Failure> = match Cli::parse().command {
         Command::Inspect(command) => command.execute().map_err(Failure::from),
         Command::Robots(command) => command.execute().map_err(Failure::from),
+        Command::Effects(command) => command.execute().map_err(Failure::from),
+        Command::Params(command) => command.execute().map_err(Failure::from),
         Command::Check(command) => command.execute(),
         Command::Replay(command) => command.execute().map_err(Failure::from),
         Command::Diagnose(command) => command.execute().map_err(Failure::from),
