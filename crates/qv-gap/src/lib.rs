@@ -16,5 +16,5 @@ pub mod problem;
 pub mod report;
 pub mod rollout;
 
-pub use diagnose::{Options, diagnose};
+pub use diagnose::{Diagnosis, Options, Progress, diagnose};
 pub use error::GapError;

@@ -17,6 +17,7 @@ mod names;
 mod normals;
 mod numbers;
 mod open;
+mod progress;
 mod provenance;
 mod python;
 mod reconstruct;
@@ -32,6 +33,7 @@ mod walk;
 mod whole;
 
 use clap::{Args, Parser, Subcommand};
+use progress::Level;
 use qv_replay::ReplayError;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -41,6 +43,12 @@ use std::process::ExitCode;
 #[derive(Parser)]
 #[command(name = "qv", version, arg_required_else_help = true)]
 struct Cli {
+    /// Tells nothing but results, errors and what was lost
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    quiet: bool,
+    /// Tells how long each stage took
+    #[arg(short, long, global = true)]
+    verbose: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -145,7 +153,13 @@ fn say(text: &str) -> Result<(), ReplayError> {
 }
 
 fn main() -> ExitCode {
-    let result: Result<Outcome, Failure> = match Cli::parse().command {
+    let cli = Cli::parse();
+    progress::set(match (cli.quiet, cli.verbose) {
+        (true, _) => Level::Quiet,
+        (_, true) => Level::Verbose,
+        _ => Level::Normal,
+    });
+    let result: Result<Outcome, Failure> = match cli.command {
         Command::Inspect(command) => command.execute().map_err(Failure::from),
         Command::Robots(command) => command.execute().map_err(Failure::from),
         Command::Effects(command) => command.execute().map_err(Failure::from),

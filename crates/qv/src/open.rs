@@ -3,6 +3,7 @@
 use crate::RunArguments;
 use crate::foreign;
 use crate::mesh_file::vertices;
+use crate::progress::{Level, tells};
 use indicatif::{ProgressBar, ProgressStyle};
 use qv_replay::mapping::Mapping;
 use qv_replay::replay::{expand, parameters_from_toml};
@@ -88,11 +89,15 @@ fn open_bag(paths: &[PathBuf], arguments: &RunArguments) -> Result<Run, ReplayEr
 /// A bar on standard error; indicatif hides it where that is no terminal.
 pub fn progress(total: u64, what: &'static str) -> ProgressBar {
     let style = ProgressStyle::with_template("{msg} {wide_bar} {percent} %").expect("the template is well formed");
-    ProgressBar::new(total).with_style(style).with_message(what)
+    let bar = if tells(Level::Normal) { ProgressBar::new(total) } else { ProgressBar::hidden() };
+    bar.with_style(style).with_message(what)
 }
 
 /// A sign of life for work without a known end.
 pub fn spinner(what: impl Into<std::borrow::Cow<'static, str>>) -> ProgressBar {
+    if !tells(Level::Normal) {
+        return ProgressBar::hidden();
+    }
     let bar = ProgressBar::new_spinner().with_message(what);
     bar.enable_steady_tick(std::time::Duration::from_millis(100));
     bar
