@@ -1,6 +1,8 @@
 //! The files of a diagnosis, read back by those who will read them: this crate, the simulator, MuJoCo, Python.
 
 mod made_up;
+#[path = "../../../fixtures/skipped.rs"]
+mod skipped;
 
 use made_up::{correction, empty, go2, report};
 use qv_gap::export::{files, to_html, to_isaac_lab, to_json, to_mjcf, to_toml, to_urdf};
@@ -8,6 +10,7 @@ use qv_gap::report::*;
 use qv_page::read;
 use qv_replay::replay::parameters_from_toml;
 use qv_sim::{BaseKind, Model, ModelOptions};
+use skipped::skipped;
 use std::path::PathBuf;
 use std::process::Command;
 
@@ -19,7 +22,7 @@ fn python_has(module: &str) -> bool {
     let found = Command::new("python3").args(["-c", &format!("import {module}")]).output();
     let has = found.is_ok_and(|o| o.status.success());
     if !has {
-        eprintln!("skipped: no python3 that imports {module}");
+        skipped(format!("no python3 that imports {module}"));
     }
     has
 }
