@@ -5,8 +5,13 @@ use anyhow::Result;
 use std::collections::BTreeSet;
 
 /// Python environments under `fixtures`, and the variables through which tests find them.
-const ENVIRONMENTS: [(&str, &str); 4] =
-    [("mcap", "QV_PYTHON"), ("mesh", "QV_PYTHON_MESH"), ("onnx", "QV_PYTHON_ONNX"), ("splat", "QV_PYTHON_SPLAT")];
+const ENVIRONMENTS: [(&str, &str); 5] = [
+    ("mcap", "QV_PYTHON"),
+    ("mesh", "QV_PYTHON_MESH"),
+    ("mujoco", "QV_PYTHON_MUJOCO"),
+    ("onnx", "QV_PYTHON_ONNX"),
+    ("splat", "QV_PYTHON_SPLAT"),
+];
 
 /// What a test says that skips (`fixtures/skipped.rs`): the name of its thread and the reason follow.
 const SKIPPED: &str = "skipped test: ";
