@@ -16,7 +16,7 @@ use qv_gap::inference::linearised::LinearisedProblem;
 use qv_gap::problem::Problem;
 use qv_gap::problem::columns::{Columns, Suspect};
 use qv_gap::problem::data_quality;
-use qv_gap::{GapError, Options};
+use qv_gap::{GapError, Options, Progress};
 use qv_replay::Run;
 use qv_sim::{Model, Terrain};
 use serde::Serialize;
@@ -95,25 +95,29 @@ pub fn baselines(
         let [what, expected, found] = ["runs", "at least one", "none"].map(String::from);
         return Err(GapError::Run { what, expected, found });
     }
-    tell(options, "baselines: windows and yardstick");
+    tell(options, 1, "baselines: windows and yardstick");
     let (runs, _) = data_quality::upright(runs);
     let problem = Problem::new(&runs[0], model, terrain, &options.given, options.cut)?;
     let columns = Columns::new(&problem, &runs[0], &options.library)?;
     let mut plain = Plain::new(LinearisedProblem::new(problem, columns, &runs, &options.reference, &options.effort)?);
     let (without, seed) = (&options.without, options.effort.seed);
-    let one_at_a_time =
-        timed(&mut plain, options, "baselines: one effect at a time", |plain| one_at_a_time::answer(plain, without))?;
-    let cma_es = timed(&mut plain, options, "baselines: CMA-ES", |plain| {
+    let one_at_a_time = timed(&mut plain, options, (2, "baselines: one effect at a time"), |plain| {
+        one_at_a_time::answer(plain, without)
+    })?;
+    let cma_es = timed(&mut plain, options, (3, "baselines: CMA-ES"), |plain| {
         all_parameters::answer(plain, without, cma_es_steps, seed)
     })?;
     let residual_network =
-        timed(&mut plain, options, "baselines: residual network", |plain| residual_network::answer(plain, seed))?;
+        timed(&mut plain, options, (4, "baselines: residual network"), |plain| residual_network::answer(plain, seed))?;
     Ok(Baselines { one_at_a_time, cma_es, residual_network })
 }
 
-fn tell(options: &Options, stage: &str) {
+/// What is answered after another, and the windows before that.
+const STAGES: usize = 4;
+
+fn tell(options: &Options, stage: usize, name: &str) {
     if let Some(progress) = options.progress {
-        progress(stage);
+        progress(&Progress { stage, stages: STAGES, name, done: (stage - 1) as f64 / STAGES as f64 });
     }
 }
 
@@ -121,10 +125,10 @@ fn tell(options: &Options, stage: &str) {
 fn timed<'a>(
     plain: &mut Plain<'a>,
     options: &Options,
-    stage: &str,
+    (stage, name): (usize, &str),
     work: impl FnOnce(&mut Plain<'a>) -> Result<Answer, GapError>,
 ) -> Result<Answer, GapError> {
-    tell(options, stage);
+    tell(options, stage, name);
     let now = || options.clock.map_or(0.0, |clock| clock());
     let (since, steps) = (now(), plain.study.steps());
     let mut answer = work(plain)?;

@@ -44,7 +44,7 @@ fn of(run: &Run, options: &Options) -> Baselines {
 fn a_latency_is_named_by_one_effect_at_a_time_and_the_same_on_any_number_of_threads() {
     let run = recorded(synthetic::command_latency(0.012), 4);
     let told = Mutex::new(Vec::new());
-    let tell = |stage: &str| told.lock().unwrap().push(stage.to_string());
+    let tell = |at: &qv_gap::Progress| told.lock().unwrap().push(at.name.to_string());
     let all = of(&run, &Options { progress: Some(&tell), ..quick() });
     let one = &all.one_at_a_time;
     assert_eq!((one.verdict.as_str(), one.effect.as_deref()), ("explained", Some("command_latency")), "{one:?}");

@@ -31,6 +31,7 @@ pub fn join(report: &mut Report, sight: &Sight) {
             unit: of.unit.clone(),
             heldout: of.heldout,
             joint_rms: report.gap.joint_rms,
+            joint_rms_apart: report.gap.joint_rms_apart,
         };
         report.unexplained.share = 1.0 - of.closed;
     }

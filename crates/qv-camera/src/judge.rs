@@ -17,10 +17,14 @@ use std::ops::Range;
 pub struct CameraEffect {
     /// Name in reports.
     pub name: &'static str,
+    /// What it is, in a few words.
+    pub about: &'static str,
+    /// Unit of its values.
+    pub unit: &'static str,
     /// Shared numbers that it moves.
     of: Range<usize>,
     /// Values that are believed.
-    range: [f64; 2],
+    pub range: [f64; 2],
     /// What would tell it from the effects that look like it.
     experiment: &'static str,
 }
@@ -29,30 +33,40 @@ pub struct CameraEffect {
 pub const EFFECTS: [CameraEffect; 5] = [
     CameraEffect {
         name: "camera_exposure",
+        about: "images are brighter or darker than the scene: logarithm of the gain",
+        unit: "1",
         of: GAIN..GAIN + 1,
         range: [-2.0, 2.0],
         experiment: "photograph a grey card with the exposure fixed",
     },
     CameraEffect {
         name: "camera_delay",
+        about: "images are stamped early or late",
+        unit: "s",
         of: DELAY..DELAY + 1,
         range: [-0.2, 0.3],
         experiment: "turn on the spot to and fro at two speeds: a delay moves the picture by the speed, a mounting does not",
     },
     CameraEffect {
         name: "camera_extrinsics",
+        about: "the camera sits elsewhere on the robot, or looks elsewhere",
+        unit: "m, rad",
         of: MOUNTING..MOUNTING + 6,
         range: [-0.5, 0.5],
         experiment: "stand still at several headings: a mounting is off in camera axes, the scene's place in those of the world",
     },
     CameraEffect {
         name: "camera_focal",
+        about: "the focal length is off: logarithm of its scale",
+        unit: "1",
         of: FOCAL..FOCAL + 1,
         range: [-0.4, 0.4],
         experiment: "photograph a board of known size at two distances",
     },
     CameraEffect {
         name: "camera_blur",
+        about: "images are blurred, by motion or focus: variance of the blur",
+        unit: "px²",
         of: BLUR..BLUR + 1,
         range: [0.0, 25.0],
         experiment: "stand still and photograph an edge: a lens out of focus blurs it, motion does not",

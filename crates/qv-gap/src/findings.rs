@@ -42,6 +42,42 @@ pub struct Gap {
     pub heldout: bool,
     /// Root mean square error of joint positions before and after in the same windows \[rad\].
     pub joint_rms: [f64; 2],
+    /// The same of windows where paths part and of those that agree; `None` where none part.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub joint_rms_apart: Option<JointRmsApart>,
+}
+
+/// Windows of two kinds: in most the corrected simulator stays near the recording, in some its path parts from it, as where a
+/// foot slips in one and not in the other.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct JointRmsApart {
+    /// Windows where paths part: their joints are off by more than [`PARTS`](Self::PARTS) times the median of all after correction.
+    pub apart: usize,
+    /// The other windows.
+    pub agree: usize,
+    /// Root mean square error of joint positions before and after in windows where paths part \[rad\].
+    pub rms_apart: [f64; 2],
+    /// The same in the other windows \[rad\].
+    pub rms_agree: [f64; 2],
+}
+
+impl JointRmsApart {
+    /// From how many medians on a window's path has parted.
+    pub const PARTS: f64 = 3.0;
+
+    /// Windows with these root mean squares before and after \[rad\], sorted into the two kinds; `None` where no path parts.
+    pub fn of(windows: &[[f64; 2]]) -> Option<Self> {
+        let mut after: Vec<f64> = windows.iter().map(|w| w[1]).filter(|x| x.is_finite()).collect();
+        let limit = Self::PARTS * qv_core::statistics::median(&mut after);
+        let (apart, agree): (Vec<[f64; 2]>, Vec<[f64; 2]>) =
+            windows.iter().filter(|w| w.iter().all(|x| x.is_finite())).partition(|w| w[1] > limit);
+        let rms = |all: &[[f64; 2]], k: usize| {
+            (all.iter().map(|w| w[k] * w[k]).sum::<f64>() / all.len().max(1) as f64).sqrt()
+        };
+        let both = |all: &[[f64; 2]]| [rms(all, 0), rms(all, 1)];
+        let found = Self { apart: apart.len(), agree: agree.len(), rms_apart: both(&apart), rms_agree: both(&agree) };
+        (found.apart > 0).then_some(found)
+    }
 }
 
 /// A value that was found.

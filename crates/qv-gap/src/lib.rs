@@ -3,6 +3,9 @@
 //! A recording is cut into windows, each simulated from its measured start; what is left is compared with what robots
 //! without an effect leave (`null`), candidates are ranked by joint fits (`inference`) and measured in windows that
 //! no fit has seen (`diagnose/rounds`, `checks`). What is accused is decided from these figures alone (`decision`). See `docs/diagnosis.md`.
+//!
+//! An example, which makes its recording itself:
+#![doc = concat!("```\n", include_str!("../examples/diagnose.rs"), "```")]
 
 pub mod checks;
 pub mod decision;
@@ -16,5 +19,5 @@ pub mod problem;
 pub mod report;
 pub mod rollout;
 
-pub use diagnose::{Options, diagnose};
+pub use diagnose::{Diagnosis, Options, Progress, diagnose};
 pub use error::GapError;

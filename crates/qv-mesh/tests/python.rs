@@ -5,7 +5,11 @@ use qv_core::{Camera, Pose, TriangleMesh};
 use qv_mesh::files::{glb, ply, stl};
 use qv_mesh::labels::LabelledPoints;
 use qv_mesh::{DepthFrame, FuseOptions, MeshOptions, Topology, reconstruct};
+#[path = "../../../fixtures/skipped.rs"]
+mod skipped;
+
 use serde_json::Value;
+use skipped::skipped;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -16,7 +20,7 @@ fn python() -> Option<PathBuf> {
     let works = Command::new(&candidate).args(["-c", "import numpy, mujoco"]).output();
     let found = works.ok().filter(|output| output.status.success()).map(|_| candidate);
     if found.is_none() {
-        println!("skipped: no Python with numpy and mujoco (cargo xtask test makes one)");
+        skipped("no Python with numpy and mujoco (cargo xtask test makes one)");
     }
     found
 }
@@ -89,7 +93,7 @@ fn corners(mesh: &TriangleMesh) -> Vec<f64> {
 #[test]
 fn blender_opens_what_we_write() {
     let Some(python) = std::env::var_os("QV_PYTHON_BLENDER").map(PathBuf::from) else {
-        println!("skipped: no Python with bpy in QV_PYTHON_BLENDER");
+        skipped("no Python with bpy in QV_PYTHON_BLENDER");
         return;
     };
     let mesh = solid();
@@ -119,7 +123,7 @@ fn python_reads_what_we_write() {
     for kind in ["glb", "ply", "stl", "mujoco"] {
         let part = &found[kind];
         if part.is_null() {
-            println!("skipped: no trimesh, so that {kind} is read by nobody");
+            println!("no trimesh, so that {kind} is read by nobody: MuJoCo reads the others");
             continue;
         }
         assert_eq!(part["faces"], mesh.triangles.len(), "{kind}");

@@ -247,7 +247,7 @@ struct ModelText {
 }
 
 /// The model that `robot` names, else that of the recording.
-fn model_text(run: &Run, path: &Path, robot: Option<&str>) -> Result<ModelText, ReplayError> {
+fn model_text(recorded_robot: &Robot, path: &Path, robot: Option<&str>) -> Result<ModelText, ReplayError> {
     let recorded = |text: &String| {
         // A recording that carries its robot has it beside it, if anywhere, and its meshes.
         let file = own_urdf(path).unwrap_or_else(|| path.with_file_name("robot.urdf"));
@@ -257,7 +257,7 @@ fn model_text(run: &Run, path: &Path, robot: Option<&str>) -> Result<ModelText, 
         let (text, told) = read_urdf(file, "a robot of `qv robots`, a robot file, or a URDF or MJCF file")?;
         Ok(ModelText { name: file.display().to_string(), text, is_built_in: false, told })
     };
-    let found = match (robot, &run.robot) {
+    let found = match (robot, recorded_robot) {
         (None, Robot::Urdf(text)) => return Ok(recorded(text)),
         (Some(name), _) => match robot_file(name)? {
             Some(found) => found,
@@ -270,7 +270,7 @@ fn model_text(run: &Run, path: &Path, robot: Option<&str>) -> Result<ModelText, 
         })?,
     };
     let name = &found.file.mapping.robot;
-    match (&found.file.model, &run.robot) {
+    match (&found.file.model, recorded_robot) {
         (ModelSource::File(file), _) => read(&found.folder.join(file)),
         (ModelSource::BuiltIn(owner), _) if owner == GO2 => {
             Ok(ModelText { name: owner.clone(), text: qv_go2::model::urdf(), is_built_in: true, told: None })
@@ -286,6 +286,19 @@ fn model_text(run: &Run, path: &Path, robot: Option<&str>) -> Result<ModelText, 
     }
 }
 
+/// The model of a robot without a recording of it: one of `qv robots` whose model is built in, a robot file, or a URDF or MJCF file.
+///
+/// # Errors
+/// As [`model_of`].
+pub fn model_named(name: &str, base: BaseKind) -> Result<Model, ReplayError> {
+    let ModelText { name, text, is_built_in, .. } = model_text(&Robot::Named(name.into()), Path::new(""), Some(name))?;
+    let armature = if is_built_in { qv_go2::model::ARMATURE } else { 0.0 };
+    let beside = Path::new(&name).parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let meshes = |mesh: &str| vertices(beside, mesh);
+    let options = ModelOptions { base, armature, mesh_vertices: Some(&meshes), held: &[] };
+    read_model(&text, beside, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))
+}
+
 /// The robot whose model is built in.
 const GO2: &str = "go2";
 
@@ -295,7 +308,7 @@ const GO2: &str = "go2";
 /// # Errors
 /// When the name is unknown, the file cannot be read, or it holds no good URDF or MJCF.
 pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, ReplayError> {
-    let ModelText { name, text: urdf, is_built_in, told } = model_text(run, path, robot)?;
+    let ModelText { name, text: urdf, is_built_in, told } = model_text(&run.robot, path, robot)?;
     let mut told: Vec<String> = told.into_iter().collect();
     let base = match run.base {
         Base::Free => BaseKind::Floating,
@@ -420,7 +433,7 @@ fn own_urdf(path: &Path) -> Option<PathBuf> {
 
 /// The text of the URDF that [`model_of`] reads; `None` when it cannot be read.
 pub fn urdf_of(run: &Run, path: &Path, robot: Option<&str>) -> Option<String> {
-    model_text(run, path, robot).ok().map(|found| found.text)
+    model_text(&run.robot, path, robot).ok().map(|found| found.text)
 }
 
 /// The parameters of a `--params` file; none without one.

@@ -1,5 +1,8 @@
 //! ONNX files that we write: read by a parser of the test's own, by the interpreter, and by onnxruntime.
 
+#[path = "../../../fixtures/skipped.rs"]
+mod skipped;
+
 use qv_policy::onnx::{Dense, OnnxError, PolicyGraph};
 use std::collections::HashMap;
 
@@ -297,7 +300,7 @@ mod python {
         let works = Command::new(&candidate).args(["-c", "import numpy, onnxruntime"]).output();
         let found = works.ok().filter(|output| output.status.success()).map(|_| candidate);
         if found.is_none() {
-            println!("skipped: no Python with numpy and onnxruntime (cargo xtask test makes one)");
+            super::skipped::skipped("no Python with numpy and onnxruntime (cargo xtask test makes one)");
         }
         found
     }

@@ -2,9 +2,13 @@
 //! in the folder that `QV_POLICIES` names, and says that it skips.
 #![cfg(feature = "onnx")]
 
+#[path = "../../../fixtures/skipped.rs"]
+mod skipped;
+
 use qv_policy::onnx::OnnxPolicy;
 use qv_policy::roll::{Description, roll};
 use qv_sim::{Batch, Model, ModelOptions, Shape, SimOptions, State, Terrain};
+use skipped::skipped;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -57,7 +61,7 @@ fn standing(model: &Model, description: &Description) -> State {
 #[test]
 fn they_walk_here_as_in_mujoco() {
     let Some(folder) = std::env::var_os("QV_POLICIES").map(PathBuf::from) else {
-        println!("skipped: QV_POLICIES does not name a folder with policies of others");
+        skipped("QV_POLICIES does not name a folder with policies of others");
         return;
     };
     let crate_folder = Path::new(env!("CARGO_MANIFEST_DIR"));

@@ -2,11 +2,14 @@
 //! MuJoCo and onnxruntime (`QV_PYTHON_ONNX`), and says that it skips without one.
 
 mod short;
+#[path = "../../../fixtures/skipped.rs"]
+mod skipped;
 
 use qv_policy::policy::PolicyFile;
 use qv_policy::score::score;
 use qv_policy::velocity::{Ground, TaskSettings, VelocityTask};
 use short::{ITERATIONS, settings, train};
+use skipped::skipped;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -24,7 +27,7 @@ fn python() -> Option<PathBuf> {
 #[test]
 fn a_short_training_walks_in_mujoco() {
     let Some(python) = python() else {
-        println!("skipped: no Python with mujoco and onnxruntime (cargo xtask test makes one)");
+        skipped("no Python with mujoco and onnxruntime (cargo xtask test makes one)");
         return;
     };
     let robot = qv_go2::walk::robot().unwrap();

@@ -1,20 +1,27 @@
 //! The graphics card against the CPU, stage by stage. Without an adapter the tests say that they skip.
 #![cfg(feature = "gpu")]
 
+#[path = "../../../fixtures/skipped.rs"]
+mod skipped;
+
 use qv_core::{Camera, GaussianCloud, Pose};
 use qv_raster::gpu::{Gpu, GpuCloud, GpuOptions, GpuRasteriser, GpuSettings, Stage};
 use qv_raster::stages::compose::compose;
 use qv_raster::stages::project::Projected;
 use qv_raster::{Frame, Image, Outputs, RasterError, Scene, Settings, View, workload};
+use skipped::skipped;
 
 /// A rasteriser without subgroups and one with; none without an adapter.
 fn rasterisers() -> Vec<GpuRasteriser> {
-    let mut out = vec![];
+    let (mut out, mut why) = (vec![], String::new());
     for without_subgroups in [true, false] {
         match Gpu::new(&GpuOptions { without_subgroups }) {
             Ok(gpu) => out.push(GpuRasteriser::new(gpu)),
-            Err(error) => println!("skipped: {error}"),
+            Err(error) => why = error.to_string(),
         }
+    }
+    if out.is_empty() {
+        skipped(why);
     }
     out
 }

@@ -65,7 +65,7 @@ pub enum SimError {
         found: f64,
     },
     /// A parameter name that the model does not have.
-    #[error("parameter `{name}`: not in the catalogue of this model; the nearest name is `{nearest}`")]
+    #[error("unknown parameter \"{name}\"; nearest: {nearest}")]
     UnknownParameter {
         /// The name that was asked for.
         name: String,

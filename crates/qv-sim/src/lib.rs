@@ -25,7 +25,7 @@ mod lanes;
 pub mod mjcf;
 mod model;
 mod motor;
-mod names;
+pub mod names;
 mod options;
 mod parameters;
 #[cfg(feature = "rapier")]

@@ -5,7 +5,7 @@
 
 use crate::SimError;
 use crate::model::{JointKind, Model, Shape};
-use crate::names::edit_distance;
+use crate::names::nearest;
 use crate::terrain::Terrain;
 use std::collections::HashMap;
 
@@ -175,11 +175,8 @@ impl Catalogue {
 
     pub fn find(&self, name: &str) -> Result<usize, SimError> {
         self.index.get(name).copied().ok_or_else(|| {
-            let nearest = self.infos.iter().min_by_key(|p| edit_distance(&p.name, name));
-            SimError::UnknownParameter {
-                name: name.to_owned(),
-                nearest: nearest.map(|p| p.name.clone()).unwrap_or_default(),
-            }
+            let nearest = nearest(name, self.infos.iter().map(|p| p.name.as_str())).unwrap_or_default().to_owned();
+            SimError::UnknownParameter { name: name.to_owned(), nearest }
         })
     }
 

@@ -1,5 +1,9 @@
 //! Real tosses of a cube, where the data is there, and the reader of their table.
 
+#[path = "../../../fixtures/skipped.rs"]
+mod skipped;
+
+use skipped::skipped;
 #[path = "../examples/cube_tosses/tosses.rs"]
 #[allow(dead_code)]
 mod tosses;
@@ -13,7 +17,7 @@ const CUBE: Cube = Cube { edge: 0.1048, mass: 0.37, inertia: 0.00081 };
 fn real_tosses_are_reproduced() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/real/cube_tosses/tosses.csv");
     let Ok(text) = std::fs::read_to_string(path) else {
-        println!("skipped: no {path}");
+        skipped("no ../shared/real/cube_tosses beside the workspace");
         return;
     };
     let tosses = parse(&text).unwrap();

@@ -1,6 +1,10 @@
 //! One trained scene, published as compressed PLY and as SPZ of version 4 (SuperSplat 2.7.1): both must be the same cloud.
 
+#[path = "../../../fixtures/skipped.rs"]
+mod skipped;
+
 use qv_splat::files::{Format, compressed_ply, read_any};
+use skipped::skipped;
 use std::fs;
 use std::path::Path;
 
@@ -8,7 +12,7 @@ fn shared(name: &str) -> Option<Vec<u8>> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/scenes/splat_files").join(name);
     let bytes = fs::read(&path).ok();
     if bytes.is_none() {
-        println!("skipped: no {}", path.display());
+        skipped(format!("no ../shared/scenes/splat_files/{name} beside the workspace"));
     }
     bytes
 }

@@ -1,12 +1,15 @@
 //! Our files, read by Python with packages that know nothing of ours (`fixtures/splat/read_splats.py`).
 
 mod made_up;
+#[path = "../../../fixtures/skipped.rs"]
+mod skipped;
 
 use made_up::cloud;
 use qv_core::GaussianCloud;
 use qv_splat::files::spz::{Version, write_version};
 use qv_splat::files::{Format, read_any, write};
 use serde_json::Value;
+use skipped::skipped;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -17,7 +20,7 @@ fn python() -> Option<PathBuf> {
     let works = Command::new(&candidate).args(["-c", "import numpy, plyfile, zstandard"]).output();
     let found = works.ok().filter(|output| output.status.success()).map(|_| candidate);
     if found.is_none() {
-        println!("skipped: no Python with numpy, plyfile and zstandard (cargo xtask test makes one)");
+        skipped("no Python with numpy, plyfile and zstandard (cargo xtask test makes one)");
     }
     found
 }

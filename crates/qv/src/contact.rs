@@ -3,7 +3,8 @@
 use crate::ask::ask;
 use crate::ground::mesh_at;
 use crate::numbers::within;
-use crate::open::{file_error, lost_from, model_of, open_run, parameters, progress, told_of, write_error};
+use crate::open::{file_error, lost_from, model_of, open_run, parameters, told_of, write_error};
+use crate::progress::{Stages, remark};
 use crate::provenance::provenance;
 use crate::whole::put;
 use crate::{Outcome, Reading, RunArguments, say};
@@ -22,6 +23,9 @@ pub const EXAMPLE: &str = "Example:\n  qv contact walk.mcap --terrain yard.glb -
     Writes contact.json, contact.html, calibrated.toml (for --params) and terrain.glb (the same mesh with the frictions).\n\
     A file for --friction-prior, as a language model answers: {\"grass\": {\"mean\": 0.5, \"sd\": 0.15, \"source\": \"..\"}}.\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
+
+/// Share of the time that simulations take.
+const SIMULATING: f64 = 0.98;
 
 #[derive(clap::Args)]
 pub struct Contact {
@@ -74,8 +78,9 @@ impl Contact {
         let open = |path: &PathBuf| open_run(&RunArguments { run: path.clone(), reading: self.reading.clone() });
         let runs: Vec<Run> = self.runs.iter().map(open).collect::<Result<_, _>>()?;
         let model = model_of(&runs[0], &self.runs[0], self.reading.robot.as_deref())?;
-        let bar = progress(1000, "simulating");
-        let told = |share: f64| bar.set_position((1000.0 * share) as u64);
+        let bar = Stages::new();
+        bar.begin(1, 2, "simulating", None);
+        let told = |share: f64| bar.at(SIMULATING * share, "");
         let clock = Instant::now();
         let seconds = || clock.elapsed().as_secs_f64();
         let options = Options {
@@ -88,16 +93,18 @@ impl Contact {
             ..Default::default()
         };
         let report = calibrate(&runs, &model, &mesh, &priors, &options).map_err(replay_error)?;
-        bar.finish_and_clear();
+        bar.begin(2, 2, "writing", Some(SIMULATING));
         let mut lost: Vec<String> = runs.iter().flat_map(lost_from).collect();
         lost.extend(model.left_out.iter().map(|part| format!("left out of the model: {part}")));
         self.write(&report, &ground, &lost)?;
+        bar.finish();
         if self.json {
             say(&format!("{}\n", line(&report, &lost)))?;
         } else {
             say(&format!("{}written to {}\n", summary(&report), self.out.display()))?;
         }
-        told_of(&runs[0], &model).iter().chain(&lost).for_each(|what| eprintln!("qv: {what}"));
+        told_of(&runs[0], &model).iter().for_each(|what| remark(what));
+        lost.iter().for_each(|what| eprintln!("qv: {what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
 

@@ -2,7 +2,8 @@
 
 use crate::camera::{RobotCamera, open_camera, open_images, photographs, to_toml};
 use crate::ground::{check_ground, terrain_of};
-use crate::open::{file_error, lost_from, model_of, open_run, parameters_of, spinner, told_of, urdf_of, write_error};
+use crate::open::{file_error, lost_from, model_of, open_run, parameters_of, told_of, urdf_of, write_error};
+use crate::progress::{Stages, remark};
 use crate::provenance::provenance;
 use crate::scene::open_scene;
 use crate::whole::put;
@@ -13,9 +14,10 @@ use qv_core::{GaussianCloud, JointSeries};
 use qv_gap::decision::evidence::Evidence;
 use qv_gap::problem::library;
 use qv_gap::report::{Report, Stage, UNKNOWN};
-use qv_gap::{GapError, Options, diagnose, export};
+use qv_gap::{GapError, Options, Progress, diagnose, export};
 use qv_replay::{ReplayError, Run};
 use qv_sim::Model;
+use qv_sim::names::unknown as unknown_name;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -105,10 +107,11 @@ impl Diagnose {
         let of_camera = |name: &str| EFFECTS.iter().any(|e| e.name == name);
         let unknown = self.without.iter().find(|name| !library.iter().any(|e| e.name == **name) && !of_camera(name));
         if let Some(name) = unknown {
+            let known = library.iter().map(|e| e.name.as_str()).chain(EFFECTS.iter().map(|e| e.name));
             return Err(ReplayError::Run {
                 what: "--without".into(),
-                expected: "an effect of the library".into(),
-                found: name.clone(),
+                expected: "an effect of `qv effects`".into(),
+                found: unknown_name("effect", name, known),
             });
         }
         let is_mesh = self.terrain != "plane";
@@ -122,10 +125,10 @@ impl Diagnose {
         }
         // Before minutes are spent on what could not be written.
         fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
-        let bar = spinner("reading");
+        let bar = Stages::new();
         let clock = Instant::now();
         let seconds = || clock.elapsed().as_secs_f64();
-        let told = |stage: &str| bar.set_message(stage.to_string());
+        let told = |at: &Progress| bar.begin(at.stage, at.stages, at.name, Some(at.done));
         let options = Options {
             library,
             given: parameters_of(self.params.as_deref(), &model, &terrain)?,
@@ -144,10 +147,10 @@ impl Diagnose {
         diagnosis.report.provenance = Some(provenance.clone());
         diagnosis.without.iter_mut().for_each(|(_, report, _)| report.provenance = Some(provenance.clone()));
         let seen = match &place {
-            Some(place) => Some(self.look(place, &runs[0], &mut diagnosis.report, &seconds, &told)?),
+            Some(place) => Some(self.look(place, &runs[0], &mut diagnosis.report, &seconds, &bar)?),
             None => None,
         };
-        bar.finish_and_clear();
+        bar.finish();
         let mut lost: Vec<String> = runs.iter().flat_map(lost_from).collect();
         lost.extend(place.iter().flat_map(|p| p.notes.iter().cloned()));
         let urdf = urdf_of(&runs[0], &self.runs[0], self.reading.robot.as_deref());
@@ -171,7 +174,8 @@ impl Diagnose {
         } else {
             say(&format!("{}written to {}\n", summary(report), self.out.display()))?;
         }
-        told.iter().chain(&lost).for_each(|what| eprintln!("qv: {what}"));
+        told.iter().for_each(|what| remark(what));
+        lost.iter().for_each(|what| eprintln!("qv: {what}"));
         if !report.corrections_apply {
             eprintln!(
                 "qv: what was found makes windows that no fit has seen worse: it is a finding, and no file applies it"
@@ -206,14 +210,21 @@ impl Diagnose {
         run: &Run,
         report: &mut Report,
         seconds: &dyn Fn() -> f64,
-        told: &(dyn Fn(&str) + Sync),
+        bar: &Stages,
     ) -> Result<(RobotCamera, Sight), ReplayError> {
         let begun = seconds();
         // A pose that comes late is known by now: the camera is not accused of it.
         let late = report.corrections.iter().find(|c| c.parameter == "sensor.pose.delay").map_or(0.0, |c| c.value);
         let mut poses = run.measured.base_pose.clone();
         poses.iter_mut().flat_map(|p| &mut p.time).for_each(|t| *t -= late);
-        let progress = |done: usize, all: usize| told(&format!("images {done} of {all}"));
+        let stages = report.stages.len() + 1;
+        bar.begin(stages, stages, "images", None);
+        // What lies behind took the time that its stages say; images cost about as much each.
+        let (from, to) = ((stages - 1) as f64 / stages as f64, 1.0);
+        let progress = |done: usize, all: usize| {
+            let share = from + (to - from) * done as f64 / all.max(1) as f64;
+            bar.at(share, &format!("image {done} of {all}"));
+        };
         let options = LookOptions {
             without: self.without.clone(),
             most: self.images,

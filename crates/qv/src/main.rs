@@ -10,9 +10,11 @@ mod diagnose;
 mod fixture;
 mod inspect;
 mod mesh;
+mod names;
 mod normals;
 mod numbers;
 mod open;
+mod progress;
 mod provenance;
 mod python;
 mod reconstruct;
@@ -28,6 +30,7 @@ mod walk;
 mod whole;
 
 use clap::{Args, Parser, Subcommand};
+use progress::Level;
 use qv_open::{foreign, ground, mesh_file};
 use qv_replay::ReplayError;
 use std::io::{ErrorKind, Write};
@@ -38,6 +41,12 @@ use std::process::ExitCode;
 #[derive(Parser)]
 #[command(name = "qv", version, arg_required_else_help = true)]
 struct Cli {
+    /// Tells nothing but results, errors and what was lost
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    quiet: bool,
+    /// Tells how long each stage took
+    #[arg(short, long, global = true)]
+    verbose: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -50,6 +59,12 @@ enum Command {
     /// The robots whose messages are known, with their topics
     #[command(after_help = robots::EXAMPLE)]
     Robots(robots::Robots),
+    /// The effects that a diagnosis knows: what each is, its unit and range
+    #[command(after_help = names::EFFECTS_EXAMPLE)]
+    Effects(names::Effects),
+    /// The names of a robot's simulation parameters, with unit, neutral value and range
+    #[command(after_help = names::PARAMS_EXAMPLE)]
+    Params(names::Params),
     /// Says what any file is, what of it is used, and what is missing for which command
     #[command(after_help = check::EXAMPLE)]
     Check(check::Check),
@@ -136,9 +151,17 @@ fn say(text: &str) -> Result<(), ReplayError> {
 }
 
 fn main() -> ExitCode {
-    let result: Result<Outcome, Failure> = match Cli::parse().command {
+    let cli = Cli::parse();
+    progress::set(match (cli.quiet, cli.verbose) {
+        (true, _) => Level::Quiet,
+        (_, true) => Level::Verbose,
+        _ => Level::Normal,
+    });
+    let result: Result<Outcome, Failure> = match cli.command {
         Command::Inspect(command) => command.execute().map_err(Failure::from),
         Command::Robots(command) => command.execute().map_err(Failure::from),
+        Command::Effects(command) => command.execute().map_err(Failure::from),
+        Command::Params(command) => command.execute().map_err(Failure::from),
         Command::Check(command) => command.execute(),
         Command::Replay(command) => command.execute().map_err(Failure::from),
         Command::Diagnose(command) => command.execute().map_err(Failure::from),

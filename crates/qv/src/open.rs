@@ -1,11 +1,12 @@
 //! Recordings on disk become runs, with a bar for who waits.
 
 use crate::RunArguments;
+use crate::progress::{Level, tells};
 use indicatif::{ProgressBar, ProgressStyle};
 use qv_open::Reading;
 pub use qv_open::{
-    bag_files, file_error, included, lost_from, model_of, parameters, parameters_of, read_model, read_urdf, told_of,
-    urdf_of, write_error,
+    bag_files, file_error, included, lost_from, model_named, model_of, parameters, parameters_of, read_model,
+    read_urdf, told_of, urdf_of, write_error,
 };
 use qv_replay::{ReplayError, Run};
 
@@ -29,11 +30,15 @@ pub fn open_run(arguments: &RunArguments) -> Result<Run, ReplayError> {
 /// A bar on standard error; indicatif hides it where that is no terminal.
 pub fn progress(total: u64, what: &'static str) -> ProgressBar {
     let style = ProgressStyle::with_template("{msg} {wide_bar} {percent} %").expect("the template is well formed");
-    ProgressBar::new(total).with_style(style).with_message(what)
+    let bar = if tells(Level::Normal) { ProgressBar::new(total) } else { ProgressBar::hidden() };
+    bar.with_style(style).with_message(what)
 }
 
 /// A sign of life for work without a known end.
 pub fn spinner(what: impl Into<std::borrow::Cow<'static, str>>) -> ProgressBar {
+    if !tells(Level::Normal) {
+        return ProgressBar::hidden();
+    }
     let bar = ProgressBar::new_spinner().with_message(what);
     bar.enable_steady_tick(std::time::Duration::from_millis(100));
     bar

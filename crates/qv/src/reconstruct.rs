@@ -6,6 +6,7 @@ mod words;
 use crate::capture::{OpenCapture, open_capture};
 use crate::colmap::poses_again;
 use crate::normals::{self, Colours, NormalModel};
+use crate::progress::{Stages, remark};
 use crate::scene::about;
 use crate::video;
 use crate::whole::put;
@@ -27,7 +28,7 @@ use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use watch::Run;
+use watch::{Run, TRAINING};
 use words::{in_words, named};
 
 pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/yard\n  \
@@ -189,6 +190,8 @@ pub struct Reconstruct {
 impl Reconstruct {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let clock = Instant::now();
+        let bar = Stages::new();
+        bar.begin(1, 3, "reading", None);
         let (mut opened, mut lost, found) = self.open()?;
         if let Some(file) = &self.normal_model {
             let model = NormalModel { file, axes: &self.normal_axes, colours: self.normal_colours };
@@ -199,7 +202,7 @@ impl Reconstruct {
         let reading = ReadOptions { downscale: self.downscale, hold_out: self.hold_out };
         if options.weights.geometry() && options.iterations <= options.geometry_from {
             let (from, last) = (options.geometry_from, options.iterations);
-            eprintln!("qv: terms of geometry count from step {from} on: with --iterations {last} they do nothing");
+            remark(&format!("terms of geometry count from step {from} on: with --iterations {last} they do nothing"));
         }
         let files = |path: &str| opened.read(path);
         let mut dataset = Dataset::new(&opened.capture, &files, &reading).map_err(|e| about(&self.capture, e))?;
@@ -214,7 +217,8 @@ impl Reconstruct {
         let (model, at_points) = self.begin(&opened, &dataset, &options)?;
         let read_s = clock.elapsed().as_secs_f64();
         let mut engine = self.engine(&dataset, &options, model)?;
-        let mut run = Run::new(self, &dataset);
+        bar.begin(2, 3, "training", Some(TRAINING[0]));
+        let mut run = Run::new(self, &dataset, &bar);
         let clock = Instant::now();
         let trained = train(
             engine.as_mut(),
@@ -227,7 +231,7 @@ impl Reconstruct {
         let finished = trained.or_else(|error| self.rescue(std::mem::take(&mut run.best), &dataset, error))?;
         let mut model = engine.model()?;
         let train_s = clock.elapsed().as_secs_f64();
-        run.bar.finish_and_clear();
+        bar.begin(3, 3, "scores", Some(TRAINING[1]));
         let clock = Instant::now();
         self.save(&model)?;
         let (stood_at, mut scene_of) = (model.iteration, model.iteration);
@@ -262,9 +266,10 @@ impl Reconstruct {
         self.save_cameras(&model, &dataset, &looked_at)?;
         let path = self.out.join("metrics.json");
         put(&path, format!("{metrics:#}\n")).map_err(|e| about(&path, format!("expected to write it, found {e}")))?;
+        bar.finish();
         self.tell(&metrics, [Score::mean(&held_out), Score::mean(&aligned)], &run, train_s, model.cloud.len())?;
-        opened.capture.told.iter().for_each(|what| eprintln!("qv: {what}"));
-        dataset.turned.iter().for_each(|(what, count)| eprintln!("qv: {count} images with {what}"));
+        opened.capture.told.iter().for_each(|what| remark(what));
+        dataset.turned.iter().for_each(|(what, count)| remark(&format!("{count} images with {what}")));
         lost.extend_from_slice(&dataset.lost);
         lost.extend(self.lost(&dataset));
         lost.iter().for_each(|what| eprintln!("qv: {what}"));

@@ -41,7 +41,7 @@ pub fn open_scene(path: &Path) -> Result<SplatFile, Failure> {
         })
     };
     let scene = scene.map_err(|e| about(path, e))?;
-    scene.told.iter().for_each(|what| eprintln!("qv: {}: {what}", path.display()));
+    scene.told.iter().for_each(|what| crate::progress::remark(&format!("{}: {what}", path.display())));
     Ok(scene)
 }
 

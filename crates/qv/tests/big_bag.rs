@@ -1,11 +1,14 @@
 //! Big bags are streamed: peak memory stays below four times the decoded run.
 
 mod bags;
+#[path = "../../../fixtures/skipped.rs"]
+mod skipped;
 
 use bags::*;
 use mcap::records::MessageHeader;
 use mcap::{WriteOptions, Writer};
 use qv_go2::messages::*;
+use skipped::skipped;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
@@ -78,7 +81,7 @@ fn peak_memory(path: &Path) -> (u64, u64) {
 
 fn check(name: &str, seconds: f64, bytes: usize) {
     if !Path::new("/proc/self/status").exists() {
-        println!("skipped: this system has no /proc to read peak memory from");
+        skipped("this system has no /proc to read peak memory from");
         return;
     }
     let path = directory(name).join("run.mcap");

@@ -37,7 +37,7 @@ fn plain(name: &str) -> (PathBuf, Value) {
     (folder, json!({"w": SIZE[0], "h": SIZE[1], "fl_x": 24.0, "frames": frames}))
 }
 
-/// Exit code, standard output and standard error of a few steps of training.
+/// Exit code, standard output and standard error, but for lines of stages, of a few steps of training.
 fn train(folder: &Path, text: Option<&str>, options: &[&str]) -> (i32, String, String) {
     if let Some(text) = text {
         fs::write(folder.join("transforms.json"), text).unwrap();
@@ -47,7 +47,9 @@ fn train(folder: &Path, text: Option<&str>, options: &[&str]) -> (i32, String, S
     command.args(["--iterations", "3", "--cap", "60", "--random-points", "40", "--hold-out", "3"]).args(options);
     let output = command.output().unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    (output.status.code().unwrap(), text(&output.stdout), text(&output.stderr))
+    let is_stage = |line: &&str| line.starts_with("qv: ") && line.contains(" of 3: ");
+    let err = text(&output.stderr).lines().filter(|line| !is_stage(line)).map(|line| format!("{line}\n")).collect();
+    (output.status.code().unwrap(), text(&output.stdout), err)
 }
 
 fn metrics(folder: &Path) -> Value {

@@ -1,11 +1,15 @@
 //! `qv mesh`: a scene of Gaussians, folders of depth images, and what it says of bad input.
 
+#[path = "../../../fixtures/skipped.rs"]
+mod skipped;
+
 use glam::DVec3;
 use qv_core::GaussianCloud;
 use qv_mesh::files::{glb, ply};
 use qv_mesh::{Topology, compare};
 use qv_splat::files::{Format, write};
 use serde_json::{Value, json};
+use skipped::skipped;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -274,7 +278,7 @@ fn bad_input_is_named() {
 fn redkitchen() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/scenes/redkitchen");
     if !folder.exists() {
-        println!("skipped: no ../shared beside the workspace");
+        skipped("no ../shared beside the workspace");
         return;
     }
     let out = directory("mesh_kitchen").join("kitchen.glb");

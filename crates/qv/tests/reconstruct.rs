@@ -153,3 +153,20 @@ fn bad_captures_are_named() {
     fs::remove_file(folder.join("transforms.json")).unwrap();
     assert!(fault(&[]).contains("expected a COLMAP model"));
 }
+
+#[test]
+fn stages_are_told_where_there_is_no_terminal_unless_it_is_to_be_quiet() {
+    let folder = capture("reconstruct_told", 6);
+    let told = |more: &[&str]| {
+        let (code, _, err) = reconstruct(&folder, &[&["--iterations", "60", "--hold-out", "3"], more].concat());
+        assert_eq!(code, 0, "{err}");
+        err
+    };
+    let normal = told(&[]);
+    let lines: Vec<&str> = normal.lines().filter(|l| l.contains(" of 3: ")).collect();
+    assert_eq!(lines.len(), 3, "{normal}");
+    assert!(lines[1].starts_with("qv: 2 of 3: training, 2 % done"), "{normal}");
+    assert!(lines[2].contains("scores, 95 % done, about 0 s left"), "{normal}");
+    assert!(told(&["--verbose"]).lines().any(|l| l.starts_with("qv: 2 of 3: training took ")));
+    assert_eq!(told(&["-q"]), "");
+}

@@ -1,8 +1,14 @@
 //! `qv render`: images, depths, normals and labels of made-up scenes, and what it says of bad input.
 
+#[cfg(feature = "gpu")]
+#[path = "../../../fixtures/skipped.rs"]
+mod skipped;
+
 use qv_core::GaussianCloud;
 use qv_splat::files::{Format, ply, write};
 use serde_json::{Value, json};
+#[cfg(feature = "gpu")]
+use skipped::skipped;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -105,7 +111,7 @@ fn the_card_draws_what_the_cpu_draws() {
     let (scene, cameras, out) = set_up("render_card", json!([camera("a")]));
     let (code, _, err) = render(&scene, &cameras, &out, &["--gpu", "--normals"]);
     if err.contains("graphics adapter: expected") {
-        println!("skipped: {err}");
+        skipped(&err);
         assert_eq!(code, 1);
         return;
     }

@@ -1,6 +1,8 @@
 //! `qv replay`: a robot that is the simulator itself, real recordings, and the files that come out.
 
 mod bags;
+#[path = "../../../fixtures/skipped.rs"]
+mod skipped;
 
 use bags::*;
 use qv_core::TriangleMesh;
@@ -10,6 +12,7 @@ use qv_mesh::files::glb;
 use qv_page::read;
 use qv_sim::{BaseKind, Batch, JointCommand, Model, ModelOptions, SimOptions, State, Terrain};
 use serde_json::Value;
+use skipped::skipped;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -224,7 +227,7 @@ fn python() -> Option<PathBuf> {
 #[test]
 fn python_reads_replay_mcap() {
     let Some(python) = python() else {
-        println!("skipped: no Python with mcap and mcap-ros2-support (cargo xtask test makes one)");
+        skipped("no Python with mcap and mcap-ros2-support (cargo xtask test makes one)");
         return;
     };
     let path = bag("replay_python", &write(&simulated_bag(1.0, 0.0, 0.3), small_chunks(None), &[]));
@@ -258,7 +261,7 @@ fn shared() -> Option<PathBuf> {
     if path.exists() {
         return Some(path);
     }
-    println!("skipped: no ../shared beside the workspace");
+    skipped("no ../shared beside the workspace");
     None
 }
 

@@ -1,8 +1,11 @@
 //! Tidy tables, good and bad.
 
 mod bags;
+#[path = "../../../fixtures/skipped.rs"]
+mod skipped;
 
 use bags::*;
+use skipped::skipped;
 use std::path::PathBuf;
 
 const TOML: &str = "robot = \"robot.urdf\"\nbase = \"fixed\"\n[actuator]\nkind = \"pd\"\nkp = 10.0\nkd = 0.5\n\
@@ -152,7 +155,7 @@ fn empty_tables_are_errors() {
 fn real_tables_read_in_full() {
     let real = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/real");
     if !real.exists() {
-        println!("skipped: no ../shared/real beside the workspace");
+        skipped("no ../shared/real beside the workspace");
         return;
     }
     let (code, report, err) = inspect(&real.join("go2_air"));

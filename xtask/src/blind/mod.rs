@@ -18,7 +18,7 @@ mod table;
 mod tests;
 
 use crate::workspace::Workspace;
-use crate::{bench, pipeline};
+use crate::{bench, pipeline, process};
 use answers::Answers;
 use anyhow::{Context, Result};
 use clap::{ArgGroup, Args, FromArgMatches, Subcommand};
@@ -27,6 +27,7 @@ use figures::Figures;
 use generate::{Generator, Origin, Set};
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::time::Duration;
 
 /// What to judge.
@@ -78,9 +79,9 @@ pub struct Blind {
     /// Also run the baselines: one effect at a time, CMA-ES, a residual network
     #[arg(long)]
     baselines: bool,
-    /// Write the tables into docs/diagnosis.md, between its markers
+    /// Write what was measured into docs/results.md, between its markers, with this command and the commit
     #[arg(long)]
-    docs: bool,
+    write_docs: bool,
     /// Fail when a goal is missed
     #[arg(long)]
     gate: bool,
@@ -130,12 +131,24 @@ pub fn run(workspace: &Workspace, blind: &Blind) -> Result<bool> {
         println!("written to {}", file.display());
     }
     print!("{tables}");
-    if blind.docs {
-        table::refresh(&workspace.workspace_root.join("docs/diagnosis.md"), &tables)?;
+    if blind.write_docs {
+        let root = &workspace.workspace_root;
+        let measured = format!("{}\n\n{tables}", table::how(std::env::args().skip(1), &commit(root), &figures));
+        table::refresh(&root.join("docs/results.md"), &measured)?;
     }
     let missed = figures.figures.iter().filter(|figure| figure.met() == Some(false)).count();
     println!("{missed} goals missed");
     Ok(missed == 0 || !blind.gate)
+}
+
+/// The commit that is checked out, and whether files differ from it.
+fn commit(root: &Path) -> String {
+    let git = |words: &[&str]| process::output(Command::new("git").current_dir(root).args(words));
+    let Ok(hash) = git(&["rev-parse", "--short=10", "HEAD"]) else { return "a commit that git does not tell".into() };
+    // The page itself may have been written before.
+    let changed = git(&["status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs"]);
+    let differs = changed.map_or(true, |list| !list.trim().is_empty());
+    format!("commit {}{}", hash.trim(), if differs { ", with changes that are not committed" } else { "" })
 }
 
 fn diagnose_all(workspace: &Workspace, blind: &Blind, folder: &Path) -> Result<Figures> {

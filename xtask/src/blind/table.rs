@@ -23,6 +23,14 @@ fn goal(figure: &Figure) -> String {
     }
 }
 
+/// How the tables were measured: the command after `cargo xtask`, the commit, and how many recordings.
+pub fn how(words: impl Iterator<Item = String>, commit: &str, figures: &Figures) -> String {
+    let command = words.collect::<Vec<_>>().join(" ");
+    let effects: usize = figures.effects.values().map(|row| row.count).sum();
+    let all: usize = figures.confusion.values().flat_map(|said| said.values()).sum();
+    format!("`cargo xtask {command}`, {commit}: {all} recordings, {effects} of them with one named effect.")
+}
+
 /// All tables.
 pub fn markdown(figures: &Figures) -> String {
     let mut text = String::new();
@@ -110,12 +118,23 @@ mod tests {
     use super::*;
 
     #[test]
+    fn the_page_says_how_it_was_measured() {
+        let words = ["blind", "--full", "--seed", "7"].map(String::from);
+        let told = how(words.into_iter(), "commit 0123456789", &super::super::figures::figures(Vec::new()));
+        let expected =
+            "`cargo xtask blind --full --seed 7`, commit 0123456789: 0 recordings, 0 of them with one named effect.";
+        assert_eq!(told, expected);
+    }
+
+    #[test]
     fn only_what_is_between_the_markers_changes() {
         let page = format!("before\n{BEGIN}\nold\n{END}\nafter\n");
         let fresh = between_markers(&page, "| new |\n").unwrap();
         assert_eq!(fresh, format!("before\n{BEGIN}\n\n| new |\n\n{END}\nafter\n"));
         assert_eq!(between_markers(&fresh, "| new |\n").unwrap(), fresh);
         assert_eq!(between_markers("no markers", "x"), None);
+        let page = include_str!("../../../docs/results.md");
+        assert!(between_markers(page, "| new |\n").is_some_and(|fresh| fresh.contains("| new |")));
         assert_eq!(between_markers(&format!("{END} {BEGIN}"), "x"), None);
     }
 }

@@ -121,12 +121,16 @@ fn measure(browser: &Path, page: &Path, width: u32) -> Result<Measured> {
 }
 
 #[cfg(test)]
+#[path = "../../../fixtures/skipped.rs"]
+mod skipped;
+
+#[cfg(test)]
 mod tests {
     use super::*;
 
     fn looked_at(name: &str, body: &str) -> Option<Vec<String>> {
         let Some(browser) = browser() else {
-            println!("skipped: no Chromium");
+            skipped::skipped("no Chromium");
             return None;
         };
         let folder = std::env::temp_dir().join(format!("qv-look-{}-{name}", std::process::id()));

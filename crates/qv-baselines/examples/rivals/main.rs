@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let ground_error = if terrain.is_plane() { 0.0 } else { open::GROUND_ERROR };
     let clock = Instant::now();
     let seconds = || clock.elapsed().as_secs_f64();
-    let told = |stage: &str| eprintln!("{stage}");
+    let told = |at: &qv_gap::Progress| eprintln!("{} of {}: {}", at.stage, at.stages, at.name);
     let options = Options {
         library: library::built_in(),
         effort: NullOptions { seed: arguments.seed, ground_error, ..Default::default() },

@@ -1,7 +1,7 @@
 //! How far the gap shrinks, in windows that no fit has seen.
 
 use crate::GapError;
-use crate::findings::Gap;
+use crate::findings::{Gap, JointRmsApart};
 use crate::inference::gaussian_evidence::Normal;
 use crate::inference::level::mean;
 use crate::inference::linearised::{LinearisedProblem, LinearisedWindow};
@@ -151,6 +151,9 @@ impl Closure {
         shares.sort_by(f64::total_cmp);
         let at = |q: f64| shares[((q * RESAMPLINGS as f64) as usize).min(RESAMPLINGS - 1)];
         let rms = |raws: &mut dyn Iterator<Item = &Raw>| joint_rms(study, raws);
+        let windows = self.windows.iter().zip(&self.after_raw);
+        let by_window: Vec<[f64; 2]> =
+            windows.map(|(&w, after)| [&study.seen[w].raw, after].map(|raw| rms(&mut std::iter::once(raw)))).collect();
         Gap {
             before: mean(&self.before),
             after: mean(&self.after),
@@ -161,6 +164,7 @@ impl Closure {
             unit: "mean square of residuals in units of the null".into(),
             heldout: true,
             joint_rms: [rms(&mut self.windows.iter().map(|&w| &study.seen[w].raw)), rms(&mut self.after_raw.iter())],
+            joint_rms_apart: JointRmsApart::of(&by_window),
         }
     }
 }

@@ -2,9 +2,12 @@
 
 mod corrected;
 mod interfaces;
+mod progress;
 mod refine;
 mod rounds;
 
+use progress::Plan;
+pub use progress::Progress;
 use rounds::Found;
 
 use crate::GapError;
@@ -44,7 +47,7 @@ pub struct Options<'a> {
     /// Seconds since some instant, for the report; libraries read no clock.
     pub clock: Option<&'a (dyn Fn() -> f64 + Sync)>,
     /// Told of each stage as it begins.
-    pub progress: Option<&'a (dyn Fn(&str) + Sync)>,
+    pub progress: Option<&'a (dyn Fn(&Progress) + Sync)>,
 }
 
 impl Default for Options<'_> {
@@ -132,6 +135,7 @@ pub fn diagnose(
         calibrated: Vec::new(),
         ablated: Vec::new(),
         stages: Vec::new(),
+        plan: Plan::new(!options.reference.is_empty(), leave_out),
         since: 0.0,
     };
     let begun = session.now();
@@ -141,7 +145,7 @@ pub fn diagnose(
     let mut nominal = session.study(&[], &[]).map_err(|e| e.beside(&cannot_tell))?;
     cannot_tell.extend(narrative::missing(&nominal, first, &options.library));
     let opening = Opening::new(&nominal)?;
-    session.begin("search");
+    session.begin(progress::SEARCH);
     let closed_to = closed_to(&nominal, &options.without);
     let round = rounds::round(&mut nominal, &closed_to, true, &options.policy)?;
     session.end(&nominal);
@@ -203,6 +207,8 @@ struct Session<'a> {
     /// Effects that the library is taken never to have heard of.
     ablated: Vec<String>,
     stages: Vec<Stage>,
+    /// The stages to come, for those who watch.
+    plan: Plan,
     since: f64,
 }
 
@@ -212,8 +218,9 @@ impl<'a> Session<'a> {
     }
 
     fn begin(&mut self, stage: &str) {
+        let at = self.plan.begin(stage);
         if let Some(progress) = self.options.progress {
-            progress(stage);
+            progress(&at);
         }
         self.since = self.now();
         self.stages.push(Stage { name: stage.into(), seconds: 0.0, steps: 0 });
@@ -231,7 +238,7 @@ impl<'a> Session<'a> {
     fn calibrate(&mut self) -> Result<(), GapError> {
         let (reference, Options { given, cut, library, .. }) = (self.reference, self.options);
         let Some(first) = reference.first() else { return Ok(()) };
-        self.begin("reference");
+        self.begin(progress::REFERENCE);
         let problem = Problem::new(first, self.model, self.terrain, given, *cut)?;
         self.calibrated = reference::calibrate(&problem, reference, library)?;
         let seconds = self.now() - self.since;
@@ -241,7 +248,7 @@ impl<'a> Session<'a> {
 
     /// A study of the robot as it is said to be so far, with what is said to have acted on it.
     fn study(&mut self, corrections: &[Correction], events: &[Event]) -> Result<LinearisedProblem<'a>, GapError> {
-        self.begin("sensitivities and null");
+        self.begin(progress::STUDY);
         let (problem, columns) = self.robot(corrections, events)?;
         let effort = &self.options.effort;
         let mut study = LinearisedProblem::new(problem, columns, &self.runs, self.reference, effort)?;
@@ -258,7 +265,7 @@ impl<'a> Session<'a> {
         mut study: LinearisedProblem<'a>,
         findings: &mut Findings,
     ) -> Result<LinearisedProblem<'a>, GapError> {
-        self.begin("sizes");
+        self.begin(progress::SIZES);
         let is_moved = findings.refine(&mut study)?;
         self.end(&study);
         if !is_moved {
@@ -270,7 +277,10 @@ impl<'a> Session<'a> {
                 self.end(&study);
                 Ok(study)
             }
-            None => self.study(&findings.corrections, &findings.events),
+            None => {
+                self.plan.add(&[progress::STUDY]);
+                self.study(&findings.corrections, &findings.events)
+            }
         }
     }
 
@@ -310,6 +320,7 @@ impl<'a> Session<'a> {
             if round.round.accused.is_empty() {
                 return Ok(findings);
             }
+            self.plan.add(if findings.on_feet { &[progress::STUDY, progress::SIZES] } else { &[progress::STUDY] });
             let fits: Vec<(usize, Fit)> = round.round.accused.iter().map(|&k| (k, round.fits[k].clone())).collect();
             let study = findings.later.as_mut().unwrap_or(nominal);
             for (candidate, fit) in fits {
@@ -333,7 +344,8 @@ impl<'a> Session<'a> {
                 findings.later = Some(next);
                 return Ok(findings);
             }
-            self.begin("search");
+            self.plan.add(&[progress::SEARCH]);
+            self.begin(progress::SEARCH);
             let names: Vec<String> = findings.settled().into_iter().chain(without.iter().cloned()).collect();
             let closed = closed_to(&next, &names);
             let round = rounds::round(&mut next, &closed, false, policy)?;
@@ -355,7 +367,7 @@ impl<'a> Session<'a> {
         self.ablated = vec![effect.into()];
         let kept = nominal.ablate(&closed_to(nominal, &self.ablated));
         let opening = Opening::new(nominal)?;
-        self.begin("search");
+        self.begin(progress::SEARCH);
         let left_out = [&self.options.without[..], &self.ablated[..]].concat();
         let round = rounds::round(nominal, &closed_to(nominal, &left_out), true, &self.options.policy)?;
         self.end(nominal);
@@ -487,7 +499,7 @@ impl Findings<'_> {
         nominal: &mut LinearisedProblem,
         begun: f64,
     ) -> Result<(Report, Evidence), GapError> {
-        session.begin("closure");
+        session.begin(progress::CLOSURE);
         let evidence = self.evidence(nominal)?;
         let Decided::Decision(decision) = decide(&evidence, &session.options.policy) else {
             unreachable!("what was measured was measured under this policy")

@@ -26,7 +26,7 @@ pub fn to_html(report: &Report, title: &str, notes: &[String], sections: &[Strin
     let body = [
         verdict(report),
         parts::notes(notes),
-        bars::gap(&report.gap, report.verdict, !report.causes.is_empty()),
+        bars::gap(report),
         causes::causes(report, &library),
         leads(&report.leads),
         sentences(report),

@@ -14,6 +14,8 @@ const JOINT: [(&str, &str); 3] =
     [("armature", "armature"), ("viscous_friction", "damping"), ("coulomb_friction", "frictionloss")];
 /// Fields of a motor that go into its class when its gains are known.
 const MOTOR: [&str; 4] = ["strength", "kp_scale", "kd_scale", "torque_limit"];
+/// Shortest time step that a delayed command is kept for \[s\]: MuJoCo keeps samples, one a step.
+const LEAST_STEP: f64 = 5e-4;
 /// Fields of the contact that go into the ground's class.
 const CONTACT: [&str; 4] =
     ["contact.friction", "contact.time_constant", "contact.damping_ratio", "contact.restitution"];
@@ -76,6 +78,11 @@ fn how_to(classes: &[String], grounds: &[String]) -> String {
                  class sets\n       from the elements themselves; where they have a class already, copy the attributes \
                  into it.\n";
     }
+    if classes.iter().any(|class| class.contains(" delay=")) {
+        text += &format!(
+            "       Delays of commands need MuJoCo 3.5 or later, and a time step of {LEAST_STEP} s or more.\n"
+        );
+    }
     if !grounds.is_empty() {
         text += "       Give the floor class=\"calibrated_ground\": its priority makes its contact parameters hold, \
                  whatever the feet say.\n";
@@ -99,7 +106,8 @@ fn joint_class(corrected: &Corrected, j: usize, gains: Option<(f64, f64)>) -> Op
 /// The motor's element: a position servo with the gains as they act, or a torque motor where both gains are zero.
 fn motor(corrected: &Corrected, j: usize, gains: Option<(f64, f64)>) -> Option<String> {
     let limit = corrected.joint(j, "torque_limit");
-    if !MOTOR.iter().any(|field| corrected.joint(j, field).is_some()) {
+    let delay = corrected.joint(j, "command_latency").filter(|x| *x > 0.0).map_or(String::new(), delay);
+    if delay.is_empty() && !MOTOR.iter().any(|field| corrected.joint(j, field).is_some()) {
         return None;
     }
     let scale = |field: &str| corrected.joint(j, field).unwrap_or(1.0);
@@ -107,15 +115,25 @@ fn motor(corrected: &Corrected, j: usize, gains: Option<(f64, f64)>) -> Option<S
         (scale("strength"), |x: f64| format!(" forcelimited=\"true\" forcerange=\"-{0} {0}\"", short(x)));
     let (kp, kd) = match gains {
         Some(gains) => gains,
-        None => return limit.map(|x| format!("      <general{}/>\n", range(x))),
+        None => {
+            let limited = limit.map_or(String::new(), range);
+            let is_said = !(limited.is_empty() && delay.is_empty());
+            return is_said.then(|| format!("      <general{limited}{delay}/>\n"));
+        }
     };
     if kp == 0.0 && kd == 0.0 {
         // The force is limited before the gear multiplies it.
         let range = limit.filter(|_| strength > 0.0).map_or(String::new(), |x| range(x / strength));
-        return Some(format!("      <motor gear=\"{}\"{range}/>\n", short(strength)));
+        return Some(format!("      <motor gear=\"{}\"{range}{delay}/>\n", short(strength)));
     }
     let (kp, kd) = (short(kp * scale("kp_scale") * strength), short(kd * scale("kd_scale") * strength));
-    Some(format!("      <position kp=\"{kp}\" kv=\"{kd}\"{}/>\n", limit.map_or(String::new(), range)))
+    Some(format!("      <position kp=\"{kp}\" kv=\"{kd}\"{}{delay}/>\n", limit.map_or(String::new(), range)))
+}
+
+/// A command that MuJoCo holds back, from 3.5 on: it keeps `nsample` of them, which must span the delay.
+fn delay(latency: f64) -> String {
+    let samples = (latency / LEAST_STEP).ceil() + 1.0;
+    format!(" delay=\"{}\" nsample=\"{samples}\" interp=\"zoh\"", short(latency))
 }
 
 fn ground_classes(corrected: &Corrected) -> Vec<String> {
@@ -231,7 +249,8 @@ fn is_said(corrected: &Corrected, entry: &Entry, gains: impl Fn(usize) -> Option
     match entry.part {
         Part::Joint(j) => {
             let limit = entry.field == "torque_limit";
-            let motor = MOTOR.contains(&entry.field) && (limit || gains(j).is_some());
+            let motor =
+                entry.field == "command_latency" || (MOTOR.contains(&entry.field) && (limit || gains(j).is_some()));
             JOINT.iter().any(|(field, _)| *field == entry.field) || motor
         }
         Part::Link(l) => corrected.body(l).is_some() && entry.field != "length_scale",

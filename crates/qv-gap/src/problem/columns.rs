@@ -1,7 +1,7 @@
 //! The library spelt out for one robot: what can be moved, in which groups, and at which values the simulator is asked.
 
 use crate::GapError;
-use crate::problem::library::{Effect, LevelsOf, Scope};
+use crate::problem::library::{Effect, LevelsOf, OF_BASE, OF_GROUND, Scope};
 use crate::problem::sizes::Sizes;
 use crate::problem::torques::{largest_speeds, largest_torques};
 use crate::problem::{Overrides, Problem};
@@ -177,7 +177,11 @@ impl Columns {
                     let unknown = || GapError::Library {
                         file: effect.file.clone(),
                         expected: format!("a parameter of the simulator in effect `{}`", effect.name),
-                        found: format!("`{parameter}`"),
+                        found: qv_sim::names::unknown(
+                            "parameter",
+                            &parameter,
+                            problem.catalogue.iter().map(|p| p.name.as_str()),
+                        ),
                     };
                     let id = problem.parameter(&parameter).ok_or_else(unknown)?;
                     moves.push((id, *factor));
@@ -348,16 +352,14 @@ fn members(problem: &Problem, effect: &Effect) -> Vec<String> {
 /// no meaning for a robot that is held.
 fn is_observable(problem: &Problem, effect: &Effect) -> bool {
     let moves = |prefix: &str| effect.axes.iter().flat_map(|a| a.moves.keys()).any(|p| p.starts_with(prefix));
-    let of_base = ["external.", "sensor.imu", "sensor.pose", "sensor.foot"];
-    let of_ground = ["contact.", "terrain.", "geom.", "material."];
-    if !problem.free && of_base.iter().any(|p| moves(p)) {
+    if !problem.free && OF_BASE.iter().any(|p| moves(p)) {
         return false;
     }
     // Without poses nobody says how late they are, and how high the ground lies.
     if problem.on_legs && ["sensor.pose", "terrain.height"].iter().any(|p| moves(p)) {
         return false;
     }
-    if problem.terrain.is_none() && of_ground.iter().any(|p| moves(p)) {
+    if problem.terrain.is_none() && OF_GROUND.iter().any(|p| moves(p)) {
         return false;
     }
     // The scale of the torque sensor shows in the torque alone.

@@ -234,7 +234,9 @@ impl<'a> Problem<'a> {
         let mut known = stated_parameters(run, model);
         known.extend(expand(model, &terrain, given)?);
         for (name, value) in known {
-            let found = || GapError::run("parameters", "a parameter of the simulator", format!("`{name}`"));
+            let known = || catalogue.iter().map(|p| p.name.as_str());
+            let unknown = || qv_sim::names::unknown("parameter", &name, known());
+            let found = || GapError::run("parameters", "a parameter of the simulator", unknown());
             nominal[*index.get(&name).ok_or_else(found)?] = value;
         }
         let stated =

@@ -8,7 +8,7 @@ pub(crate) mod residual_factors;
 pub(crate) mod traces;
 
 use crate::decision::Policy;
-pub use crate::findings::{Correction, Gap, ParameterEstimate, Ranked, UNKNOWN, Verdict};
+pub use crate::findings::{Correction, Gap, JointRmsApart, ParameterEstimate, Ranked, UNKNOWN, Verdict};
 use qv_replay::replay::Trace;
 use serde::Serialize;
 use serde_json::value::RawValue;

@@ -516,6 +516,7 @@ mod tests {
             unit: "1".into(),
             heldout: true,
             joint_rms: [0.007, 0.018],
+            joint_rms_apart: None,
         };
         let told = |alone, closed| sentence(Verdict::PartlyExplained, (&[cause(alone)], &gap(closed)), (&[], &[]), &[]);
         let slips = told(0.24, 0.0);

@@ -198,7 +198,11 @@ fn check(run: &Run, model: &Model, options: &ReplayOptions) -> Result<(Vec<usize
     }
     let mut columns = Vec::new();
     for name in model.joint_names() {
-        let found = || run.joint_names.join(", ");
+        let found = || {
+            let known = run.joint_names.iter().map(String::as_str);
+            let nearest = qv_sim::names::nearest(name, known).unwrap_or("none");
+            format!("{} (nearest: {nearest})", run.joint_names.join(", "))
+        };
         let column = run.joint_names.iter().position(|n| n == name);
         columns.push(column.ok_or_else(|| ReplayError::run("joints", format!("joint {name} of the model"), found()))?);
     }
@@ -307,7 +311,11 @@ pub fn expand(model: &Model, terrain: &Terrain, given: &[(String, f64)]) -> Resu
             let fits: Vec<String> =
                 probe.catalogue().iter().map(|p| p.name.clone()).filter(|n| matches(name, n)).collect();
             if fits.is_empty() {
-                return Err(ReplayError::run("parameters", format!("a parameter like `{name}`"), "none"));
+                // As names with a star are written: the member, between two dots, stands for all.
+                let mut known: Vec<String> = probe.catalogue().iter().filter_map(|p| with_star(&p.name)).collect();
+                known.dedup();
+                let found = qv_sim::names::unknown("parameter", name, known.iter().map(String::as_str));
+                return Err(ReplayError::run("parameters", "parameters of this robot", found));
             }
             all.extend(fits.into_iter().map(|n| (n, *value)));
         }
@@ -315,6 +323,12 @@ pub fn expand(model: &Model, terrain: &Terrain, given: &[(String, f64)]) -> Resu
         all.extend(given.iter().cloned());
     }
     Ok(all)
+}
+
+/// `joint.*.armature` for `joint.FL_calf_joint.armature`.
+fn with_star(name: &str) -> Option<String> {
+    let ((head, _), (_, tail)) = (name.split_once('.')?, name.rsplit_once('.')?);
+    Some(format!("{head}.*.{tail}"))
 }
 
 /// Whether `name` is `pattern` with any text without a dot for its `*`.

@@ -255,7 +255,10 @@ impl Description {
         for name in self.joint.keys().filter(|name| !joints.contains(name)) {
             lost.push(Loss {
                 file: "run.toml".into(),
-                what: format!("[joint.{name}]: no such joint in run.csv"),
+                what: format!(
+                    "[joint.{name}]: no such joint in run.csv: {}",
+                    qv_sim::names::unknown("joint", name, joints.iter().map(String::as_str))
+                ),
                 span: None,
             });
         }

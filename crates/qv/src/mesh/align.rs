@@ -69,7 +69,8 @@ impl Mesh {
             }
             let side = |first: usize| numbers.iter().map(|row| DVec3::from_slice(&row[first..])).collect::<Vec<_>>();
             let (similarity, error) = Similarity::from_points(&side(0), &side(3)).map_err(|e| about(path, e))?;
-            eprintln!("qv: {}: {} markers fit within {:.1} mm (rms)", path.display(), numbers.len(), 1e3 * error);
+            let fit = format!("{}: {} markers fit within {:.1} mm (rms)", path.display(), numbers.len(), 1e3 * error);
+            crate::progress::remark(&fit);
             similarity
         } else if let Some(path) = &self.trajectory {
             let (mut from, mut to) = (Vec::new(), Vec::new());

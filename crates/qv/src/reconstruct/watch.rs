@@ -2,7 +2,7 @@
 
 use super::{Reconstruct, beside};
 use crate::Failure;
-use indicatif::{ProgressBar, ProgressStyle};
+use crate::progress::Stages;
 use qv_splat::train::{Best, Dataset, Engine, Model, Progress, drawn};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,12 +13,15 @@ pub(super) const SAVE_EVERY: u32 = 5000;
 /// Steps from one preview to the next.
 const PREVIEW_EVERY: u32 = 1000;
 
+/// Shares of the work between which training lies: photographs are read before, scores are taken after it.
+pub(super) const TRAINING: [f64; 2] = [0.02, 0.95];
+
 /// What goes on while training runs.
 pub(super) struct Run<'a> {
     command: &'a Reconstruct,
     dataset: &'a Dataset,
     clock: Instant,
-    pub bar: ProgressBar,
+    bar: &'a Stages,
     stop: Arc<AtomicBool>,
     /// The last that was told, every hundred steps.
     pub loss: Option<f32>,
@@ -31,15 +34,11 @@ pub(super) struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    pub fn new(command: &'a Reconstruct, dataset: &'a Dataset) -> Self {
+    pub fn new(command: &'a Reconstruct, dataset: &'a Dataset, bar: &'a Stages) -> Self {
         let stop = Arc::new(AtomicBool::new(false));
         let flag = stop.clone();
         // A second handler in one process is refused, which only means that Ctrl-C ends it at once.
         _ = ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed));
-        let bar = ProgressBar::new(u64::from(command.iterations));
-        if let Ok(style) = ProgressStyle::with_template("{pos}/{len} {wide_bar} {msg} {eta} left") {
-            bar.set_style(style);
-        }
         Self {
             command,
             dataset,
@@ -57,9 +56,13 @@ impl<'a> Run<'a> {
     pub fn watch(&mut self, engine: &mut dyn Engine, progress: &Progress) -> Result<bool, Failure> {
         if let Some(loss) = progress.loss {
             self.loss = Some(loss);
-            self.bar.set_position(u64::from(progress.iteration));
             let psnr = self.psnr.map_or(String::new(), |psnr| format!(" PSNR {psnr:.2}"));
-            self.bar.set_message(format!("loss {loss:.4}{psnr} {} Gaussians", progress.splats));
+            let share = f64::from(progress.iteration) / f64::from(self.command.iterations);
+            let figure = format!(
+                "step {} of {}, loss {loss:.4}{psnr} {} Gaussians",
+                progress.iteration, self.command.iterations, progress.splats
+            );
+            self.bar.at(TRAINING[0] + share * (TRAINING[1] - TRAINING[0]), &figure);
             if self.command.times {
                 self.add_times(engine.times()?);
                 engine.time_next();

@@ -5,10 +5,10 @@ mod page;
 mod recordings;
 
 use crate::open::{file_error, parameters_of, write_error};
+use crate::progress::Stages;
 use crate::walk::inputs::{as_trained, checkpoint_of, ground_of, policy_of, robot_of};
 use crate::whole::write_whole;
 use crate::{Failure, Outcome, say};
-use indicatif::{ProgressBar, ProgressStyle};
 use keep::Folder;
 use qv_policy::policy::PolicyFile;
 use qv_policy::train::Checkpoint;
@@ -17,7 +17,6 @@ use qv_residual::close::{Event, Inputs, LoopSettings, Outcome as Closed, Report,
 use qv_residual::log::Log;
 use std::fmt::Write;
 use std::fs;
-use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
 pub const EXAMPLE: &str = "Example:\n  qv walk train --iterations 1800 --out out/walk\n  \
@@ -146,25 +145,20 @@ impl Work<'_> {
             settings: &self.settings,
         };
         let keep = Folder::new(&self.tune.out, &inputs)?;
-        let bar = bar();
-        let told = !std::io::stderr().is_terminal();
-        let mut stage = String::new();
+        let bar = Stages::new();
+        let mut at = (1, 1);
         let closed = close(&inputs, &keep, &mut |event| match event {
             Event::Stage(name, number, count) => {
-                stage = format!("{number}/{count} {name}");
-                if told {
-                    eprintln!("{stage}");
-                }
-                bar.set_position(0);
-                bar.reset_eta();
-                bar.set_message(stage.clone());
+                at = (number, count);
+                bar.begin(number, count, name.as_ref(), None);
             }
+            // Stages are taken to be of one length: those that train are, and there are few others.
             Event::Progress(share, figure) => {
-                bar.set_position((1000.0 * share) as u64);
-                bar.set_message(format!("{stage}: {figure}"));
+                let (number, count) = (at.0 as f64, at.1.max(1) as f64);
+                bar.at((number - 1.0 + share) / count, figure.as_ref());
             }
         })?;
-        bar.finish_and_clear();
+        bar.finish();
         self.write(&closed)?;
         say(&sentences(&closed.report))?;
         say(&format!("Written to {}: policy.onnx, compensator.onnx, tune.json, tune.html\n", self.tune.out.display()))?;
@@ -208,14 +202,6 @@ impl Work<'_> {
         put("tune.json", serde_json::to_string_pretty(&closed.report)?.as_bytes())?;
         put("tune.html", page::page(&closed.report).as_bytes())
     }
-}
-
-fn bar() -> ProgressBar {
-    let bar = ProgressBar::new(1000);
-    if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {percent} % {eta} left") {
-        bar.set_style(style);
-    }
-    bar
 }
 
 /// What was found, in words.

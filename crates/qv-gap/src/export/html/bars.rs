@@ -1,7 +1,7 @@
 //! Bars: how far the gap closes, shares, the ranking.
 
 use super::words::{escape, fixed, percent, significant, words};
-use crate::report::{Cause, Gap, JointShare, Ranked, Share, Verdict};
+use crate::report::{Cause, Gap, JointShare, Ranked, Report, Share, Verdict};
 use qv_page::parts::{Bars, card, titled_card, track, track_with_interval};
 use std::fmt::Write;
 
@@ -9,7 +9,8 @@ use std::fmt::Write;
 const RANKS: [usize; 2] = [4, 8];
 
 /// Before, after and floor as bars; what share of the difference is closed.
-pub(super) fn gap(gap: &Gap, verdict: Verdict, has_causes: bool) -> String {
+pub(super) fn gap(report: &Report) -> String {
+    let (gap, verdict, has_causes) = (&report.gap, report.verdict, !report.causes.is_empty());
     let seen = if gap.heldout { "in windows that no fit has seen" } else { "in windows that the fits have seen" };
     let largest = [gap.before, gap.after, gap.floor].into_iter().filter(|x| x.is_finite()).fold(1e-300, f64::max);
     let mut bars = Bars::new();
@@ -26,11 +27,11 @@ pub(super) fn gap(gap: &Gap, verdict: Verdict, has_causes: bool) -> String {
     let _ = write!(bars, "<p class=\"soft small\">{unit}{seen}; the floor is what noise and numerics give</p>");
     format!(
         "<h2>How far it closes</h2><div class=\"grid even\" style=\"--min:360px\"><div class=\"card\"><h3>Gap</h3>{bars}</div>{}</div>",
-        closed(gap, verdict, has_causes)
+        closed(gap, verdict, has_causes, report.policy.mostly)
     )
 }
 
-fn closed(gap: &Gap, verdict: Verdict, has_causes: bool) -> String {
+fn closed(gap: &Gap, verdict: Verdict, has_causes: bool, mostly: f64) -> String {
     let [before, after] = gap.joint_rms.map(|x| fixed(1e3 * x, 1));
     if verdict == Verdict::NoGap || !has_causes {
         let why = if verdict == Verdict::NoGap {
@@ -57,10 +58,60 @@ fn closed(gap: &Gap, verdict: Verdict, has_causes: bool) -> String {
         "<div class=\"card\"><h3>Closed, of what is above the floor</h3>\
          <div class=\"bars\" style=\"grid-template-columns:auto 1fr\"><span class=\"big\">{}</span>{}</div>\
          <p class=\"soft small\">{interval}{in_fit}</p>\
-         <p>Joint positions: <b style=\"color:var(--before)\">{before}</b> → <b style=\"color:var(--after)\">{after} mrad</b> rms</p></div>",
+         <p class=\"soft small\">This share decides: the gap counts as explained from {} on.</p>\
+         <p>Joint positions: <b style=\"color:var(--before)\">{before}</b> → <b style=\"color:var(--after)\">{after} mrad</b> rms</p>{}</div>",
         percent(gap.closed),
-        track_with_interval(gap.closed, gap.closed_ci95, "after")
+        track_with_interval(gap.closed, gap.closed_ci95, "after"),
+        percent(mostly),
+        falls(gap)
     )
+}
+
+/// Difference of the two falls from which on a reader needs to be told why.
+const CONTRADICTS: f64 = 0.15;
+
+/// Share by which a mean square falls; negative where it rises.
+fn fall(before: f64, after: f64) -> f64 {
+    1.0 - after / before
+}
+
+/// How far the error falls in plain words, and why joints and score say different things where they do.
+fn falls(gap: &Gap) -> String {
+    let [before, after] = gap.joint_rms;
+    let (score, joints) = (fall(gap.before, gap.after), fall(before * before, after * after));
+    // The camera's gap has another unit, and joints have no part in it.
+    if !(score.is_finite() && joints.is_finite()) || gap.closed_in_fit.is_none() {
+        return String::new();
+    }
+    let data = if gap.heldout { "held-out data" } else { "the data of the fit" };
+    let falls = |share: f64| match share < 0.0 {
+        true => format!("rises by {}", percent(-share)),
+        false => format!("falls {}", percent(share)),
+    };
+    let mrad = |[before, after]: [f64; 2]| format!("{} to {} mrad", fixed(1e3 * before, 1), fixed(1e3 * after, 1));
+    let mut text = format!(
+        "<p>Error on {data} {} (mean square of all channels, {} to {}); of the joints alone it {} ({}).</p>",
+        falls(score),
+        significant(gap.before, 3),
+        significant(gap.after, 3),
+        falls(joints),
+        mrad(gap.joint_rms)
+    );
+    if (score - joints).abs() > CONTRADICTS {
+        text += "<p>The two differ: the first counts every channel by its own noise, the second counts radians of joints alone.</p>";
+    }
+    let Some(of) = gap.joint_rms_apart else { return text };
+    let _ = write!(
+        text,
+        "<p>In {} of {} windows the paths of simulator and robot part, as where a foot slips in one alone: there joints go from {}. \
+         In the other {} they go from {}.</p>",
+        of.apart,
+        of.apart + of.agree,
+        mrad(of.rms_apart),
+        of.agree,
+        mrad(of.rms_agree)
+    );
+    text
 }
 
 /// A card of named shares; empty without any.

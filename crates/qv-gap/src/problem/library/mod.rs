@@ -6,6 +6,11 @@ use std::collections::BTreeMap;
 
 const BUILT_IN: &str = include_str!("effects.toml");
 
+/// Parameters, by the beginning of their names, that mean something for a free base only.
+pub(crate) const OF_BASE: [&str; 4] = ["external.", "sensor.imu", "sensor.pose", "sensor.foot"];
+/// Those of what a robot touches.
+pub(crate) const OF_GROUND: [&str; 4] = ["contact.", "terrain.", "geom.", "material."];
+
 /// A part of the simulator that a gap can lie in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -79,6 +84,9 @@ pub struct Axis {
 pub struct Effect {
     /// Name in reports.
     pub name: String,
+    /// What it is, in a few words.
+    #[serde(default)]
+    pub about: String,
     /// Where it belongs.
     pub interface: Interface,
     /// What it acts on.
@@ -123,6 +131,13 @@ pub struct Effect {
 }
 
 impl Effect {
+    /// Whether a robot whose base is held in the air can show it: what only moves a free base or what feet touch has no meaning there.
+    pub fn shows_on_held(&self) -> bool {
+        let mut moved = self.axes.iter().flat_map(|axis| axis.moves.keys());
+        let touches = matches!(self.scope, Scope::Ground | Scope::Feet);
+        !touches && !moved.any(|name| OF_BASE.iter().chain(&OF_GROUND).any(|prefix| name.starts_with(prefix)))
+    }
+
     /// Length of the range.
     pub fn span(&self) -> f64 {
         self.range[1] - self.range[0]
@@ -212,6 +227,15 @@ mod tests {
         {
             assert_eq!(names.iter().filter(|n| *n == name).count(), 1, "{name}");
         }
+    }
+
+    #[test]
+    fn each_effect_says_what_it_is_and_who_can_show_it() {
+        let all = built_in();
+        assert!(all.iter().all(|effect| !effect.about.is_empty()));
+        let held: Vec<&str> = all.iter().filter(|e| e.shows_on_held()).map(|e| e.name.as_str()).collect();
+        assert!(held.contains(&"backlash") && held.contains(&"payload_mass"), "{held:?}");
+        assert!(!held.contains(&"ground_friction") && !held.contains(&"imu_tilt"), "{held:?}");
     }
 
     #[test]

@@ -1,6 +1,10 @@
 //! The card against the CPU. Without an adapter the tests say that they skip.
 
 #[cfg(test)]
+#[path = "../../../../../fixtures/skipped.rs"]
+mod skipped;
+
+#[cfg(test)]
 mod against_the_cpu {
     use super::super::super::cpu::CpuEngine;
     use super::super::super::start::of_points;
@@ -15,7 +19,7 @@ mod against_the_cpu {
         match Gpu::new(&GpuOptions::default()) {
             Ok(gpu) => Some(GpuRasteriser::new(gpu)),
             Err(error) => {
-                println!("skipped: {error}");
+                super::skipped::skipped(error);
                 None
             }
         }
