@@ -1,6 +1,6 @@
 //! Recordings, robots and ground from files on disk: what the command line and Python share.
 //!
-//! [`open_run`] reads whatever a path is (a bag, a table, a dataset of another program), [`model_named, model_of`] finds the robot that
+//! [`open_run`] reads whatever a path is (a bag, a table, a dataset of another program), [`model_of`] finds the robot that
 //! was recorded, [`ground::terrain_of`] the ground. Nothing here prints; who waits is told how far reading is.
 //!
 //! ```no_run
@@ -22,7 +22,7 @@ mod recording;
 mod robot;
 
 pub use recording::{
-    Reading, bag_files, description_of, file_error, included, lost_from, mapping_of, model_of, open_run, parameters,
-    parameters_of, read_model, read_urdf, run_of_table, told_of, urdf_beside, urdf_of, write_error,
+    Reading, bag_files, description_of, file_error, included, lost_from, mapping_of, model_named, model_of, open_run,
+    parameters, parameters_of, read_model, read_urdf, run_of_table, told_of, urdf_beside, urdf_of, write_error,
 };
 pub use robot::robot_model;
