@@ -9,8 +9,10 @@ from . import _quadverse
 class Recording:
     """What a robot recorded. ``recording["position"]`` is ``(time, values)`` of shapes ``(T,)`` and ``(T, joints)``."""
 
-    def __init__(self, native):
+    def __init__(self, native, reading=None):
         self._native = native
+        # How it was opened, in the words of `open` and of the command line.
+        self.reading = reading or {}
 
     def __getattr__(self, name):
         if name.startswith("__") or name == "_native":
@@ -55,4 +57,5 @@ class Recording:
 def open(path, *, robot=None, pose_topic=None, namespace=None):
     """Reads a bag, a table, or a dataset of another program."""
     robot = None if robot is None else os.fspath(robot)
-    return Recording(_quadverse.open(os.fspath(path), robot, pose_topic, namespace))
+    reading = {"robot": robot, "pose_topic": pose_topic, "namespace": namespace}
+    return Recording(_quadverse.open(os.fspath(path), robot, pose_topic, namespace), reading)

@@ -15,6 +15,7 @@ class Recording:
     channels: list[str]
     lost: list[str]
     told: list[str]
+    reading: dict[str, str | None]
     @property
     def faults(self) -> list[dict[str, Any]]: ...
     def __getitem__(self, channel: str) -> tuple[NDArray[float64], NDArray[float64]]: ...

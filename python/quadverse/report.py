@@ -40,18 +40,34 @@ class Replay(_Fields):
         return f"Replay: {self.sentence}"
 
 
-class Report(_Fields):
-    """A diagnosis; ``fields`` are those of ``report.json`` (``place`` is its ``where``)."""
+class _Files(_Fields):
+    """The files of a command; the fields are those of one of them."""
 
-    def __init__(self, files):
-        self.files = files
-        self.fields = json.loads(files["report.json"])
-        self.fields["place"] = self.fields["where"]
+    def __init__(self, files, fields, page):
+        self.files, self._page = files, page
+        self.fields = json.loads(files[fields])
 
     @property
     def html(self):
         """The whole page."""
-        return self.files["report.html"].decode()
+        return self.files[self._page].decode()
+
+    def save(self, folder):
+        """Writes all files into ``folder``, each under another name first."""
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, content in self.files.items():
+            unfinished = folder / f".{name}.{os.getpid()}"
+            unfinished.write_bytes(content)
+            os.replace(unfinished, folder / name)
+
+
+class Report(_Files):
+    """A diagnosis; ``fields`` are those of ``report.json`` (``place`` is its ``where``)."""
+
+    def __init__(self, files):
+        super().__init__(files, "report.json", "report.html")
+        self.fields["place"] = self.fields["where"]
 
     @property
     def calibrated(self):
@@ -59,15 +75,6 @@ class Report(_Fields):
         if not self.fields["corrections_apply"]:
             return {}
         return {c["parameter"]: c["value"] for c in self.fields["corrections"]}
-
-    def save(self, folder):
-        """Writes all files of the diagnosis into ``folder``, each under another name first."""
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, content in self.files.items():
-            unfinished = folder / f".{name}.{os.getpid()}"
-            unfinished.write_bytes(content)
-            os.replace(unfinished, folder / name)
 
     def to_pandas(self):
         """The ranking of the effects as a DataFrame (needs pandas)."""
@@ -117,8 +124,13 @@ def diagnose(
     library=None,
     seed=1,
     ground_error=None,
+    progress=None,
 ):
-    """Says where the gap between robot and simulator lies, what causes it, and how far it shrinks."""
+    """Says where the gap between robot and simulator lies, what causes it, and how far it shrinks.
+
+    ``progress`` is called with each stage that begins: its number, how many there are, its name, the share that is done.
+    Ctrl-C, or what ``progress`` raises, ends it.
+    """
     terrain = os.fspath(terrain)
     if ground_error is None:
         ground_error = 0.0 if terrain == "plane" else 0.003
@@ -132,5 +144,6 @@ def diagnose(
             library,
             seed,
             ground_error,
+            progress,
         )
     )

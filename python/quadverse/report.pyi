@@ -1,4 +1,4 @@
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from typing import Any
 
@@ -18,7 +18,15 @@ class Replay:
     simulated: dict[str, NDArray[float64]]
     def __getattr__(self, name: str) -> Any: ...
 
-class Report:
+class _Files:
+    files: dict[str, bytes]
+    fields: dict[str, Any]
+    @property
+    def html(self) -> str: ...
+    def save(self, folder: str | PathLike[str]) -> None: ...
+    def __getattr__(self, name: str) -> Any: ...
+
+class Report(_Files):
     fields: dict[str, Any]
     files: dict[str, bytes]
     verdict: str
@@ -53,4 +61,5 @@ def diagnose(
     library: str | PathLike[str] | None = None,
     seed: int = 1,
     ground_error: float | None = None,
+    progress: Callable[[int, int, str, float], object] | None = None,
 ) -> Report: ...

@@ -28,7 +28,7 @@ def arm():
 def record(folder, latency, seconds=8.0):
     """Swings of an arm whose commands come ``latency`` seconds late, as a table with an encoder's noise."""
     batch = quadverse.Batch(ARM, 1, base="fixed", max_command_latency=0.05)
-    batch.expand("joint.*.command_latency")[:] = latency
+    batch.expand("actuator.*.command_latency")[:] = latency
     ctrl, kp, kd, qpos = (batch.bind(name) for name in ("ctrl", "kp", "kd", "qpos"))
     kp[:], kd[:] = 12.0, 0.4
     random, lines = np.random.default_rng(7), ["time,cmd_pos.shoulder,cmd_pos.elbow,pos.shoulder,pos.elbow"]

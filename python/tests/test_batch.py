@@ -52,6 +52,17 @@ def test_outputs_cannot_be_written_and_outlive_the_batch():
     assert qpos[0, 2] == height
 
 
+def test_outputs_go_to_other_libraries_without_a_copy():
+    batch = standing(2)
+    shared = np.from_dlpack(batch.bind("qpos", writable=True))
+    assert np.shares_memory(shared, batch.bind("qpos"))
+    before = shared.copy()
+    batch.step(50)
+    assert not np.array_equal(shared, before)
+    ctrl = np.from_dlpack(batch.bind("ctrl"))
+    assert np.shares_memory(ctrl, batch.bind("ctrl"))
+
+
 def test_parameters_by_name_and_environment(arm):
     batch = quadverse.Batch(arm, 2, base="fixed")
     friction = batch.expand("joint.*.viscous_friction")

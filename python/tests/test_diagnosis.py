@@ -1,5 +1,10 @@
 """A recorded arm whose commands come late: opened, replayed, diagnosed."""
 
+import os
+import signal
+import threading
+import time
+
 import numpy as np
 import pytest
 
@@ -33,7 +38,7 @@ def test_replay_is_closer_with_the_latency(late_arm):
         difference = replay.simulated["position"] - replay.recorded["position"]
         return np.sqrt(np.nanmean(difference**2))
 
-    assert error(parameters={"joint.*.command_latency": 0.012}) < 0.2 * error()
+    assert error(parameters={"actuator.*.command_latency": 0.012}) < 0.2 * error()
 
 
 def test_the_latency_is_accused(late_arm, tmp_path):
@@ -49,3 +54,30 @@ def test_the_latency_is_accused(late_arm, tmp_path):
     assert repr(report) == f"Report: {report.sentence}"
     with pytest.raises(ValueError, match="no_such_effect"):
         quadverse.diagnose(late_arm, without=["no_such_effect"])
+
+
+def test_stages_are_told_and_what_is_raised_ends_it(late_arm):
+    class Enough(Exception):
+        pass
+
+    seen = []
+
+    def progress(*stage):
+        seen.append(stage)
+        raise Enough
+
+    with pytest.raises(Enough):
+        quadverse.diagnose(late_arm, progress=progress)
+    stage, stages, name, share = seen[0]
+    assert stage == 1 and stages > 1 and name and 0 <= share < 1
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals are sent in another way there")
+def test_an_interrupt_ends_a_diagnosis(late_arm):
+    recording = quadverse.open(late_arm)
+    threading.Timer(0.3, os.kill, [os.getpid(), signal.SIGINT]).start()
+    begun = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt):
+        quadverse.diagnose([recording] * 4)
+    # The stage that it is in goes on for itself; the caller has its prompt again.
+    assert time.perf_counter() - begun < 2.0

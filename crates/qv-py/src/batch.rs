@@ -160,16 +160,18 @@ impl Batch {
         self.sim.model().told.iter().chain(&self.sim.model().left_out).cloned().collect()
     }
 
-    fn bind<'py>(&mut self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+    #[pyo3(signature = (name, *, writable = false))]
+    fn bind<'py>(&mut self, py: Python<'py>, name: &str, writable: bool) -> PyResult<Bound<'py, PyAny>> {
         let name = Name::of(name)?;
         let array = match self.find(name) {
             Some(array) => array.clone_ref(py),
             None => self.make(py, name)?,
         };
-        if name.is_input() {
+        if name.is_input() || writable {
             return Ok(array.into_bound(py).into_any());
         }
-        // A view that Python may not write to: what is written there would never reach the engine.
+        // A view that Python may not write to: what is written there would never reach the engine. Other libraries take no
+        // such views through DLPack.
         let view = array.bind(py).call_method0("view")?;
         let flags = PyDict::new(py);
         flags.set_item("write", false)?;

@@ -4,8 +4,10 @@
 mod batch;
 mod errors;
 mod recording;
+mod render;
 mod report;
 mod velocity;
+mod waiting;
 
 use pyo3::prelude::*;
 
@@ -16,8 +18,11 @@ fn _quadverse(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<batch::Batch>()?;
     module.add_class::<batch::Snapshot>()?;
     module.add_class::<recording::Recording>()?;
+    module.add_class::<render::Cloud>()?;
     module.add_class::<velocity::VelocityTask>()?;
     module.add_function(wrap_pyfunction!(recording::open, module)?)?;
+    module.add_function(wrap_pyfunction!(render::open_cloud, module)?)?;
+    module.add_function(wrap_pyfunction!(render::render, module)?)?;
     module.add_function(wrap_pyfunction!(report::replay, module)?)?;
     module.add_function(wrap_pyfunction!(report::diagnose, module)?)
 }

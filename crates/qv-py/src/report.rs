@@ -3,14 +3,15 @@
 
 use crate::errors::{opening, value};
 use crate::recording::{Recording, table};
+use crate::waiting::wait;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use qv_gap::problem::library;
-use qv_gap::{Options, export};
+use qv_gap::{Options, Progress, export};
 use qv_open::{ground, model_of, told_of, urdf_of};
-use qv_replay::ReplayError;
 use qv_replay::replay::{ReplayOptions, Trace, expand, to_html, to_json, verdict};
+use qv_replay::{ReplayError, Run};
 use qv_sim::{Model, Terrain};
 use std::path::PathBuf;
 use std::time::Instant;
@@ -74,7 +75,8 @@ pub fn replay<'py>(
     Ok(found)
 }
 
-/// The diagnosis of recordings of one robot: the names and bytes of its files, `report.json` among them.
+/// The diagnosis of recordings of one robot: the names and bytes of its files, `report.json` among them. `progress` is called with each stage that
+/// begins: its number, how many there are, its name, the share of all that is done.
 #[pyfunction]
 pub fn diagnose<'py>(
     py: Python<'py>,
@@ -86,6 +88,7 @@ pub fn diagnose<'py>(
     library_file: Option<PathBuf>,
     seed: u64,
     ground_error: f64,
+    progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let (recordings, reference): (Vec<&Recording>, Vec<&Recording>) =
         (recordings.iter().map(Py::get).collect(), reference.iter().map(Py::get).collect());
@@ -95,40 +98,49 @@ pub fn diagnose<'py>(
     if !(0.0..=0.05).contains(&ground_error) {
         return Err(value(format!("ground_error: expected 0 to 0.05 m, found {ground_error}")));
     }
+    let effects = effects(library_file)?;
+    if let Some(name) = without.iter().find(|name| !effects.iter().any(|e| e.name == **name)) {
+        return Err(value(format!("without: expected effects of the library, found `{name}`")));
+    }
+    let (model, terrain) = py.detach(|| place(first, terrain)).map_err(opening)?;
+    let title: Vec<String> = recordings.iter().map(|r| r.path.display().to_string()).collect();
+    let urdf = urdf_of(&first.run, &first.path, first.robot.as_deref());
+    let notes = told_of(&first.run, &model);
+    let runs: Vec<Run> = recordings.iter().map(|r| r.run.clone()).collect();
+    let reference: Vec<Run> = reference.iter().map(|r| r.run.clone()).collect();
+    let files = wait(py, progress.as_ref(), move |teller| {
+        runs.iter().try_for_each(|run| ground::check_ground(run, &terrain)).map_err(opening)?;
+        let clock = Instant::now();
+        let seconds = || clock.elapsed().as_secs_f64();
+        let told = |at: &Progress| teller.begin((at.stage, at.stages, at.name.into(), at.done));
+        let options = Options {
+            library: effects,
+            given: expand(&model, &terrain, &parameters).map_err(opening)?,
+            reference,
+            effort: qv_gap::inference::linearised::NullOptions { seed, ground_error, ..Default::default() },
+            without,
+            clock: Some(&seconds),
+            progress: Some(&told),
+            ..Default::default()
+        };
+        let diagnosis = qv_gap::diagnose(&runs, &model, &terrain, &options, 0).map_err(value)?;
+        // Gains are not told to the files for other programs: those say that they are unknown.
+        Ok(export::files(&diagnosis.report, &model, urdf.as_deref(), &title.join(", "), &notes, &[], &[], &[]))
+    })?;
+    let by_name = PyDict::new(py);
+    for (name, bytes) in files {
+        by_name.set_item(name, PyBytes::new(py, &bytes))?;
+    }
+    Ok(by_name)
+}
+
+/// The effects that can be accused: those that are built in, and those of a file.
+fn effects(library_file: Option<PathBuf>) -> PyResult<Vec<library::Effect>> {
     let mut effects = library::built_in();
     if let Some(path) = library_file {
         let text = std::fs::read_to_string(&path)
             .map_err(|e| opening(qv_open::file_error(&path, "a library of effects", &e.to_string())))?;
         effects.extend(library::parse(&text, &path.display().to_string()).map_err(value)?);
     }
-    if let Some(name) = without.iter().find(|name| !effects.iter().any(|e| e.name == **name)) {
-        return Err(value(format!("without: expected effects of the library, found `{name}`")));
-    }
-    let (model, terrain) = py.detach(|| place(first, terrain)).map_err(opening)?;
-    let diagnosis = py.detach(|| {
-        let runs: Vec<_> = recordings.iter().map(|r| r.run.clone()).collect();
-        runs.iter().try_for_each(|run| ground::check_ground(run, &terrain)).map_err(opening)?;
-        let clock = Instant::now();
-        let seconds = || clock.elapsed().as_secs_f64();
-        let options = Options {
-            library: effects,
-            given: expand(&model, &terrain, &parameters).map_err(opening)?,
-            reference: reference.iter().map(|r| r.run.clone()).collect(),
-            effort: qv_gap::inference::linearised::NullOptions { seed, ground_error, ..Default::default() },
-            without,
-            clock: Some(&seconds),
-            ..Default::default()
-        };
-        qv_gap::diagnose(&runs, &model, &terrain, &options, 0).map_err(value)
-    })?;
-    let title: Vec<String> = recordings.iter().map(|r| r.path.display().to_string()).collect();
-    let urdf = urdf_of(&first.run, &first.path, first.robot.as_deref());
-    let notes = told_of(&first.run, &model);
-    // Gains are not told to the files for other programs: those say that they are unknown.
-    let files = export::files(&diagnosis.report, &model, urdf.as_deref(), &title.join(", "), &notes, &[], &[], &[]);
-    let by_name = PyDict::new(py);
-    for (name, bytes) in files {
-        by_name.set_item(name, PyBytes::new(py, &bytes))?;
-    }
-    Ok(by_name)
+    Ok(effects)
 }

@@ -51,6 +51,12 @@ impl VelocityTask {
         self.task.settings().dt()
     }
 
+    /// Seconds until the time of an episode is over.
+    #[getter]
+    fn episode(&self) -> f32 {
+        self.task.settings().episode
+    }
+
     /// Parts of an observation and their lengths.
     #[getter]
     fn observation_parts(&self) -> Vec<(&'static str, usize)> {
@@ -61,6 +67,12 @@ impl VelocityTask {
     /// Offset and scale that bring observations to the size of one.
     fn scaling<'py>(&self, py: Python<'py>) -> (Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<f32>>) {
         let (offset, scale) = self.task.observation_scaling();
+        (PyArray1::from_vec(py, offset), PyArray1::from_vec(py, scale))
+    }
+
+    /// The same for what only a critic sees.
+    fn privileged_scaling<'py>(&self, py: Python<'py>) -> (Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<f32>>) {
+        let (offset, scale) = self.task.privileged_scaling();
         (PyArray1::from_vec(py, offset), PyArray1::from_vec(py, scale))
     }
 
@@ -82,6 +94,11 @@ impl VelocityTask {
         let Self { task, observations, privileged, .. } = self;
         py.detach(|| task.observe(observations, privileged));
         PyArray1::from_slice(py, observations).reshape([task.count(), task.observations()])
+    }
+
+    /// What only a critic should see, as it was when `observe` was called.
+    fn privileged<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        PyArray1::from_slice(py, &self.privileged).reshape([self.task.count(), self.task.privileged()])
     }
 
     /// One step: rewards, who failed, whose time is over. Nobody is reset.
