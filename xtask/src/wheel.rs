@@ -12,6 +12,9 @@ pub struct Python {
     /// Build with all optimisation, as a wheel that is given away; else as `cargo test` does
     #[arg(long)]
     release: bool,
+    /// Installs rsl_rl and torch (a few gigabytes), too, and so tests that rsl_rl learns
+    #[arg(long)]
+    rsl_rl: bool,
     /// Only build the wheel and install it
     #[arg(long)]
     no_tests: bool,
@@ -25,7 +28,12 @@ pub struct Python {
 /// # Errors
 /// No Python with `venv`, or the wheel cannot be built or installed.
 pub fn run(workspace: &Workspace, how: &Python) -> Result<bool> {
+    program(workspace, how.release)?;
     let python = installed(workspace, how.release)?;
+    if how.rsl_rl {
+        let pinned = workspace.workspace_root.join("fixtures/python/rsl_rl.txt");
+        process::run(Command::new(&python).args(["-m", "pip", "install", "--quiet", "-r"]).arg(&pinned))?;
+    }
     if how.no_tests {
         return Ok(true);
     }
@@ -33,11 +41,25 @@ pub fn run(workspace: &Workspace, how: &Python) -> Result<bool> {
     let mut pytest = Command::new(python);
     // From a folder without the sources, so that what was installed is tested.
     pytest.current_dir(&workspace.target_directory).env("PYTHONDONTWRITEBYTECODE", "1");
-    pytest.args(["-m", "pytest", "-q", "-p", "no:cacheprovider"]).arg(tests).args(&how.pytest);
+    pytest.args(["-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider"]).arg(tests).args(&how.pytest);
     Ok(pytest.status().with_context(|| format!("cannot start {pytest:?}"))?.success())
 }
 
-/// The Python of an environment that has the wheel of these sources.
+/// Builds `qv` and lays it where maturin takes scripts of the wheel from.
+fn program(workspace: &Workspace, release: bool) -> Result<()> {
+    let mut build = process::cargo();
+    build.args(["build", "--quiet", "--package", "qv", "--locked"]);
+    build.args(["--profile", if release { "release" } else { "dev" }]);
+    process::run(&mut build)?;
+    let name = format!("qv{}", std::env::consts::EXE_SUFFIX);
+    let built = workspace.target_directory.join(if release { "release" } else { "debug" }).join(&name);
+    let scripts = workspace.workspace_root.join("python/quadverse._quadverse.data/scripts");
+    fs::create_dir_all(&scripts).with_context(|| format!("making {}", scripts.display()))?;
+    fs::copy(&built, scripts.join(&name)).with_context(|| format!("copying {}", built.display()))?;
+    Ok(())
+}
+
+/// The Python of an environment that has the wheel of these sources, with `qv` where [`run`] built it before.
 ///
 /// # Errors
 /// As [`run`].
