@@ -1,5 +1,5 @@
-//! Seconds that steps of many Go2 take, for `cargo xtask bench python`: `bench_batch ENVIRONMENTS STEPS ROUNDS`. Prints the
-//! fastest round as JSON; `fixtures/python/bench.py` does the same from Python.
+//! Seconds that steps of many Go2 take, for `cargo xtask bench python`: `bench_batch ENVIRONMENTS STEPS ROUNDS MODEL`. Prints the
+//! fastest round as JSON; `fixtures/python/bench.py` does the same from Python, `fixtures/mujoco/many.py` with MuJoCo.
 
 use qv_open::robot_model;
 use qv_sim::{BaseKind, Batch, BatchCommand, SimOptions, State, Terrain};
@@ -8,9 +8,10 @@ use std::time::Instant;
 const STAND: [f32; 12] = [0.1, 0.8, -1.5, -0.1, 0.8, -1.5, 0.1, 1.0, -1.5, -0.1, 1.0, -1.5];
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let arguments: Vec<usize> = std::env::args().skip(1).map(|a| a.parse()).collect::<Result<_, _>>()?;
-    let [count, steps, rounds] = arguments.try_into().unwrap_or([64, 20, 1]);
-    let model = robot_model("go2", BaseKind::Floating)?;
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let numbers: Vec<usize> = words.iter().take(3).map(|a| a.parse()).collect::<Result<_, _>>()?;
+    let [count, steps, rounds] = numbers.try_into().unwrap_or([64, 20, 1]);
+    let model = robot_model(words.get(3).map_or("go2", String::as_str), BaseKind::Floating)?;
     let mut batch = Batch::<f32>::new(&model, &Terrain::plane(), &SimOptions::default(), count)?;
     let mut q = vec![0.0, 0.0, 0.34, 1.0, 0.0, 0.0, 0.0];
     q.extend(STAND.map(f64::from));

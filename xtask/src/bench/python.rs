@@ -1,10 +1,13 @@
-//! `cargo xtask bench python`: steps of many Go2 from Python beside the same from Rust, and the time of an import.
+//! `cargo xtask bench python`: steps of many Go2 from Python beside the same from Rust and MuJoCo's rollout, and the time of an import. All
+//! three read one model, that of MuJoCo's goldens, whose feet collide.
 
-use super::{build, last_line, median, write};
+use super::{build, folder, last_line, median, write};
 use crate::wheel;
 use crate::workspace::Workspace;
+use crate::{process, python};
 use anyhow::{Result, bail};
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 use std::process::Command;
 
 /// How to measure.
@@ -34,8 +37,12 @@ struct Figures {
     /// Medians over the rounds.
     rust_s: f64,
     python_s: f64,
+    /// `mujoco.rollout` on all cores, in 64-bit numbers.
+    mujoco_s: f64,
     /// Median of the ratios within a round.
     python_over_rust: f64,
+    /// Median of the ratios within a round: how many times as long MuJoCo takes.
+    mujoco_over_python: f64,
     /// Median, of the package alone, in a Python that has started.
     import_ms: f64,
 }
@@ -53,35 +60,50 @@ pub fn run(workspace: &Workspace, how: &Python) -> Result<bool> {
         bail!("expected at least one environment, step and round, found 0");
     }
     let python = wheel::installed(workspace, true)?;
+    let reference = python::environment(workspace, "mujoco")?;
     let ours = build(workspace, "bench_batch", &[])?;
-    let script = workspace.workspace_root.join("fixtures/python/bench.py");
+    let scripts = workspace.workspace_root.join("fixtures");
+    let script = |program: &Path, name: &str| {
+        let mut command = Command::new(program);
+        command.env("PYTHONDONTWRITEBYTECODE", "1").arg(scripts.join(name));
+        command
+    };
+    let model = folder(workspace)?.join("go2.xml");
+    process::run(script(&reference, "mujoco/many.py").arg("--write").arg(&model))?;
     let numbers = [how.environments, how.steps, 5].map(|n| n.to_string());
-    let (mut rust, mut from_python, mut import) = (Vec::new(), Vec::new(), Vec::new());
+    let seconds =
+        |command: &mut Command| -> Result<f64> { Ok(last_line::<Sample>(command.args(&numbers).arg(&model))?.seconds) };
+    let (mut rust, mut from_python, mut mujoco, mut import) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for _ in 0..how.rounds {
-        rust.push(last_line::<Sample>(Command::new(&ours).args(&numbers))?.seconds);
-        let mut steps = Command::new(&python);
-        steps.env("PYTHONDONTWRITEBYTECODE", "1").arg(&script).args(&numbers);
-        from_python.push(last_line::<Sample>(&mut steps)?.seconds);
+        rust.push(seconds(&mut Command::new(&ours))?);
+        from_python.push(seconds(&mut script(&python, "python/bench.py"))?);
+        mujoco.push(seconds(&mut script(&reference, "mujoco/many.py"))?);
         import.push(last_line::<Sample>(Command::new(&python).args(["-c", IMPORT]))?.seconds);
     }
-    let ratios = from_python.iter().zip(&rust).map(|(python, rust)| python / rust).collect();
+    let ratios = |of: &[f64], to: &[f64]| median(of.iter().zip(to).map(|(of, to)| of / to).collect());
     let figures = Figures {
         environments: how.environments,
         steps: how.steps,
+        python_over_rust: ratios(&from_python, &rust),
+        mujoco_over_python: ratios(&mujoco, &from_python),
         rust_s: median(rust),
         python_s: median(from_python),
-        python_over_rust: median(ratios),
+        mujoco_s: median(mujoco),
         import_ms: 1e3 * median(import),
     };
-    println!(
-        "{} environments, {} steps: Rust {:.4} s, Python {:.4} s, ratio {:.3}; import {:.1} ms",
-        figures.environments,
-        figures.steps,
-        figures.rust_s,
-        figures.python_s,
-        figures.python_over_rust,
-        figures.import_ms
-    );
+    print(&figures);
     write(workspace, "python.json", &figures)?;
     Ok(true)
+}
+
+fn print(figures: &Figures) {
+    let Figures { environments, steps, .. } = figures;
+    println!("{environments} environments, {steps} steps, medians of the rounds");
+    println!("{:<28} {:>9} {:>14}", "", "seconds", "steps/s");
+    let rows = [("Rust", figures.rust_s), ("Python", figures.python_s), ("mujoco.rollout (f64)", figures.mujoco_s)];
+    for (name, seconds) in rows {
+        println!("{name:<28} {seconds:>9.4} {:>14.0}", (environments * steps) as f64 / seconds);
+    }
+    println!("Python / Rust {:.3}, MuJoCo / Python {:.2}", figures.python_over_rust, figures.mujoco_over_python);
+    println!("import quadverse {:.1} ms", figures.import_ms);
 }
