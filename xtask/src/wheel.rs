@@ -15,6 +15,9 @@ pub struct Python {
     /// Installs rsl_rl and torch (a few gigabytes), too, and so tests that rsl_rl learns
     #[arg(long)]
     rsl_rl: bool,
+    /// Runs the tests that take minutes, too
+    #[arg(long)]
+    slow: bool,
     /// Only build the wheel and install it
     #[arg(long)]
     no_tests: bool,
@@ -41,7 +44,11 @@ pub fn run(workspace: &Workspace, how: &Python) -> Result<bool> {
     let mut pytest = Command::new(python);
     // From a folder without the sources, so that what was installed is tested.
     pytest.current_dir(&workspace.target_directory).env("PYTHONDONTWRITEBYTECODE", "1");
-    pytest.args(["-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider"]).arg(tests).args(&how.pytest);
+    pytest.args(["-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider"]).arg(tests);
+    if !how.slow {
+        pytest.args(["-m", "not slow"]);
+    }
+    pytest.args(&how.pytest);
     Ok(pytest.status().with_context(|| format!("cannot start {pytest:?}"))?.success())
 }
 
