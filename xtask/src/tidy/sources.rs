@@ -25,8 +25,8 @@ const AMBIENT: [&str; 14] = [
 ];
 /// Only binaries print.
 const PRINTING: [&str; 6] = ["println!", "print!", "eprintln!", "eprint!", "dbg!", "stdout()"];
-/// Crates that know the Go2: its own, and the one that simulates it with something wrong.
-const KNOW_THE_ROBOT: [&str; 2] = ["qv-go2", "qv-sealed"];
+/// Crates that know the Go2: its own, the one that simulates it with something wrong, and the one that gives its model to whoever names it.
+const KNOW_THE_ROBOT: [&str; 3] = ["qv-go2", "qv-sealed", "qv-open"];
 /// What only they may speak of.
 const ROBOT: [&str; 8] = ["go2", "unitree", "lowcmd", "lowstate", "\"fl_", "\"fr_", "\"rl_", "\"rr_"];
 
@@ -144,7 +144,7 @@ fn library_rules(package: &Package, source: &Source) -> Vec<String> {
         for (number, (line, bare_line)) in spoken.lines().zip(bare.lines()).enumerate() {
             let lower = line.to_lowercase();
             if let Some(what) = ROBOT.iter().find(|what| !bare_line.trim().is_empty() && lower.contains(*what)) {
-                complain(number, "only qv-go2 and qv-sealed to know the Go2", what);
+                complain(number, "only qv-go2, qv-sealed and qv-open to know the Go2", what);
             }
         }
     }
