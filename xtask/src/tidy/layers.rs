@@ -5,9 +5,10 @@ use crate::workspace::{Package, Workspace};
 use std::path::Path;
 
 /// Layer of each crate; the table of docs/ARCHITECTURE.md. `qv` and `xtask` are above all and used by none.
-const LAYERS: [(&str, u8); 20] = [
+const LAYERS: [(&str, u8); 21] = [
     ("qv-core", 0),
     ("qv-page", 0),
+    ("qv-fleet", 1),
     ("qv-sim", 1),
     ("qv-raster", 1),
     ("qv-mesh", 1),
