@@ -4,6 +4,9 @@ use crate::plan::Command;
 use serde::Serialize;
 use serde_json::Value;
 
+/// Cause, scope, parameter and unit of a size.
+pub type Key = (String, String, String, String);
+
 /// A size that was found, with its uncertainty.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Size {
@@ -23,7 +26,7 @@ pub struct Size {
 
 impl Size {
     /// What sizes of several units are compared by.
-    pub fn key(&self) -> (String, String, String, String) {
+    pub fn key(&self) -> Key {
         (self.cause.clone(), self.scope.clone(), self.parameter.clone(), self.unit.clone())
     }
 

@@ -1,6 +1,6 @@
 //! What all units say together. The same units give the same summary, in whichever order and by whomever they were done.
 
-use crate::finding::{Finding, Size, read};
+use crate::finding::{Finding, Key, Size, read};
 use crate::fit::{Estimate, OUTLIER, mean, robust_z, slope};
 use crate::plan::{Command, Plan, Refused, Repeated, Unit};
 use crate::state::Kind;
@@ -260,7 +260,7 @@ fn causes(lines: &[Line], robots: &[Robot]) -> Vec<Shared> {
 }
 
 /// Sizes of all lines by what they are of.
-fn by_key(lines: &[Line]) -> BTreeMap<(String, String, String, String), Vec<(usize, &Size)>> {
+fn by_key(lines: &[Line]) -> BTreeMap<Key, Vec<(usize, &Size)>> {
     let mut found: BTreeMap<_, Vec<(usize, &Size)>> = BTreeMap::new();
     for (k, line) in lines.iter().enumerate() {
         line.finding.sizes.iter().for_each(|size| found.entry(size.key()).or_default().push((k, size)));

@@ -91,7 +91,7 @@ pub fn snakemake(plan: &Plan, program: &str, folder: &str, resources: &Resources
         limits(resources)
     );
     for at in ["onsuccess", "onerror"] {
-        let _ = writeln!(text, "{at}:\n    shell(\"{{QV:q}} fleet gather {{FLEET:q}}\")\n");
+        let _ = writeln!(text, "{at}:\n    shell(\"{{QV:q}} fleet gather {{FLEET:q}} || [ $? -eq 3 ]\")\n");
     }
     text
 }
