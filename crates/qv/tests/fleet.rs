@@ -24,7 +24,7 @@ fn recording(folder: &Path, robot: &str, number: usize) {
         let (t, late) = (0.002 * k as f64, 0.002 * (k as f64 - 3.0));
         format!("{t:.3},{:.5},{:.6}\n", 0.3 * (3.0 * t).sin(), 0.3 * (3.0 * late).sin() + 1e-5 * number as f64)
     };
-    let rows: String = (0..600).map(row).collect();
+    let rows: String = (0..1000).map(row).collect();
     fs::write(folder.join("run.csv"), format!("time,cmd_pos.shaft,pos.shaft\n{rows}")).unwrap();
     fs::write(folder.join("run.toml"), TOML).unwrap();
     fs::write(folder.join("robot.urdf"), URDF.replace("NAME", robot)).unwrap();

@@ -214,7 +214,11 @@ impl Teller {
         self.bar.set_message(text);
     }
 
+    /// A failure; that of an only unit is told at the end.
     fn line(&self, text: &str) {
+        if self.total == 1 {
+            return;
+        }
         self.bar.suspend(|| eprintln!("qv: {text}"));
     }
 
