@@ -27,6 +27,7 @@ mod robots;
 mod scene;
 mod tune;
 mod video;
+mod view;
 mod walk;
 mod whole;
 
@@ -99,6 +100,9 @@ enum Command {
     /// Puts what reconstruction, contact, replay and diagnosis found on one page
     #[command(after_help = report::EXAMPLE)]
     Report(report::Report),
+    /// Makes one HTML file in which one looks around: place, ground, robot as recorded and simulated, slips, causes
+    #[command(after_help = view::EXAMPLE)]
+    View(view::View),
     /// Makes up a recording of the Go2 with a known cause, and the ground that it walked on
     #[command(hide = true, after_help = fixture::EXAMPLE)]
     Fixture(fixture::Fixture),
@@ -180,6 +184,7 @@ fn main() -> ExitCode {
         Command::Tune(command) => command.execute(),
         Command::Fleet(command) => command.execute(),
         Command::Report(command) => command.execute(),
+        Command::View(command) => command.execute(),
         Command::Fixture(command) => command.execute().map_err(Failure::from),
     };
     match result {

@@ -1,0 +1,92 @@
+//! `qv view`: one HTML file in which one looks around: the place, the ground, the robot as it was recorded and simulated, slips, causes.
+
+mod causes;
+mod motion;
+mod page;
+mod parts;
+mod place;
+
+use crate::open::lost_from;
+use crate::progress::remark;
+use crate::scene::about;
+use crate::whole::write_whole;
+use crate::{Failure, Outcome, Reading, say};
+use parts::Parts;
+use std::fs;
+use std::path::PathBuf;
+
+pub const EXAMPLE: &str = "Example:\n  qv view out/why out/contact out/splats --out out/view.html\n  \
+    qv view out/why --run walk.mcap --out out/view.html\n\n\
+    From each folder it takes what is there: scene.ply (qv reconstruct), terrain.glb (qv mesh, qv contact), contact.json, report.json and\n\
+    calibrated.toml (qv diagnose), replay.json. The recording is the one that those name, unless --run names another.\n\
+    The file uses no network. It needs a browser with WebGL 2.\n\n\
+    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
+
+#[derive(clap::Args)]
+pub struct View {
+    /// Folders that other commands wrote; of what is in several the first is taken
+    #[arg(required = true, value_name = "OUT")]
+    folders: Vec<PathBuf>,
+    /// The recording whose motion is shown; default: the one that the folders name
+    #[arg(long, value_name = "RUN")]
+    run: Option<PathBuf>,
+    #[command(flatten)]
+    reading: Reading,
+    /// Most Gaussians of the place: those that cover most are kept
+    #[arg(long, default_value_t = 150_000, value_name = "N")]
+    gaussians: usize,
+    /// The page to write
+    #[arg(long, value_name = "FILE.html")]
+    out: PathBuf,
+}
+
+impl View {
+    pub fn execute(&self) -> Result<Outcome, Failure> {
+        let parts = Parts::find(&self.folders, self.run.as_deref())?;
+        let (mut lost, mut told) = (Vec::new(), parts.told.clone());
+        let mesh = parts.mesh.as_deref().map(place::open_mesh).transpose()?;
+        let splat = match &parts.scene {
+            None => None,
+            Some(path) => Some(place::splat(path, self.gaussians, &mut told)?),
+        };
+        let motion = match &parts.run {
+            None => None,
+            Some(path) => {
+                let (motion, run) = motion::of(path, &self.reading, mesh.as_ref(), &parts, &mut told)?;
+                lost.extend(lost_from(&run));
+                Some(motion)
+            }
+        };
+        if mesh.is_none() && splat.is_none() && motion.is_none() {
+            let expected = "expected scene.ply, terrain.glb, or a report that names a recording, found none of them";
+            return Err(about(&self.folders[0], expected));
+        }
+        let causes = parts.diagnosis.as_ref().map(|report| causes::of(report, motion.as_ref())).unwrap_or_default();
+        let slips = parts.contact.as_ref().map(|c| place::slips(c, mesh.as_ref())).unwrap_or_default();
+        let data = page::Data {
+            parts: &parts,
+            mesh: mesh.as_ref(),
+            splat: splat.as_ref(),
+            motion: motion.as_ref(),
+            causes: &causes,
+            slips: &slips,
+        };
+        let html = data.to_html();
+        if let Some(folder) = self.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+            fs::create_dir_all(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
+        }
+        write_whole(&self.out, html.as_bytes())?;
+        let has = [
+            splat.as_ref().map(|s| format!("{} Gaussians", s.count)),
+            mesh.as_ref().map(|m| format!("{} triangles", m.triangles.len())),
+            motion.as_ref().map(|m| format!("{:.1} s of motion", m.seconds())),
+            (!slips.is_empty()).then(|| format!("{} slips", slips.len())),
+            (!causes.is_empty()).then(|| format!("{} causes", causes.len())),
+        ];
+        let has: Vec<String> = has.into_iter().flatten().collect();
+        say(&format!("{}; {:.1} MB written to {}\n", has.join(", "), html.len() as f64 / 1e6, self.out.display()))?;
+        told.iter().for_each(|what| remark(what));
+        lost.iter().for_each(|what| eprintln!("qv: {what}"));
+        Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
+    }
+}

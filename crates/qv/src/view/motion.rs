@@ -1,0 +1,200 @@
+//! The robot over time: as it was recorded, as the simulator has it, and with the corrections of a diagnosis.
+
+use super::parts::Parts;
+use crate::open::{model_of, open_run, parameters_of};
+use crate::{Failure, Reading, RunArguments};
+use glam::DVec3;
+use qv_core::TriangleMesh;
+use qv_replay::Run;
+use qv_replay::replay::{ReplayOptions, Trace, simulate};
+use qv_sim::{Model, Shape, Terrain};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Most pictures of a second, and of a recording.
+const RATE: f64 = 25.0;
+const MOST: usize = 1500;
+
+/// Half the height of a slab that stands for a trunk \[m\].
+const THICK: f64 = 0.05;
+/// A stick shorter than this is none \[m\].
+const SHORT: f64 = 0.01;
+
+/// A robot over time.
+pub struct Track {
+    pub name: &'static str,
+    /// x, y, z, quaternion x, y, z, w of each link in the world; NaN where it is not known. Shape `[T, links, 7]`.
+    pub poses: Vec<f32>,
+}
+
+/// All tracks, on one clock.
+pub struct Motion {
+    pub model: Model,
+    /// \[s\], shape `[T]`.
+    pub time: Vec<f64>,
+    pub tracks: Vec<Track>,
+}
+
+impl Motion {
+    /// How long it is.
+    pub fn seconds(&self) -> f64 {
+        self.time.last().unwrap_or(&0.0) - self.time.first().unwrap_or(&0.0)
+    }
+
+    /// Links that the joints of these names move; of `all` every one with a joint, of a leg those whose names begin with its.
+    pub fn links(&self, scope: &[String]) -> Vec<usize> {
+        let is_meant = |joint: &str| {
+            scope.iter().any(|name| name == "all" || joint == name || joint.starts_with(&format!("{name}_")))
+        };
+        let joints = self.model.joints.iter().filter(|joint| is_meant(&joint.name));
+        let mut links: Vec<usize> = joints.map(|joint| joint.link).collect();
+        // A trunk, or another link that is named itself.
+        let named = (0..self.model.links.len()).filter(|&k| scope.contains(&self.model.links[k].name));
+        links.extend(named);
+        links.sort_unstable();
+        links.dedup();
+        links
+    }
+
+    /// The shapes of all links, for the page.
+    pub fn shapes(&self) -> Vec<Value> {
+        let solid = self.model.geoms.iter().map(|geom| {
+            let pose = pose(&geom.link_from_geom);
+            let [kind, size] = match &geom.shape {
+                Shape::Sphere(radius) => [json!("sphere"), json!([radius])],
+                Shape::Box(half) => [json!("box"), json!([half.x, half.y, half.z])],
+                Shape::Capsule { radius, half_length } => [json!("capsule"), json!([radius, half_length])],
+                Shape::Cylinder { radius, half_length } => [json!("cylinder"), json!([radius, half_length])],
+                Shape::Hull(points) => {
+                    [json!("hull"), json!(points.iter().flat_map(|p| [p.x, p.y, p.z]).collect::<Vec<f64>>())]
+                }
+            };
+            json!({"link": geom.link, "kind": kind, "size": size, "pose": pose})
+        });
+        solid.chain(sticks(&self.model)).collect()
+    }
+}
+
+/// Sticks from each link to what hangs on it, and a slab between the links of a trunk: many models have shapes for feet alone.
+fn sticks(model: &Model) -> Vec<Value> {
+    let mut all = Vec::new();
+    for link in 0..model.links.len() {
+        let children = model.links.iter().filter(|child| child.parent == Some(link));
+        let mut ends: Vec<DVec3> = children.map(|child| child.parent_from_link.position).collect();
+        let own: Vec<DVec3> =
+            model.geoms.iter().filter(|geom| geom.link == link).map(|geom| geom.link_from_geom.position).collect();
+        if ends.len() >= 3 && own.is_empty() {
+            let both = |p: &DVec3| [-THICK, THICK].map(|z| [p.x, p.y, p.z + z]);
+            let points: Vec<f64> = ends.iter().flat_map(both).flatten().collect();
+            all.push(json!({"link": link, "kind": "hull", "size": points}));
+            continue;
+        }
+        if ends.is_empty() {
+            ends = own;
+        }
+        let sticks = ends.iter().filter(|end| end.length() > SHORT);
+        all.extend(sticks.map(|end| json!({"link": link, "kind": "stick", "size": [end.x, end.y, end.z]})));
+    }
+    all
+}
+
+/// x, y, z, quaternion x, y, z, w.
+fn pose(pose: &qv_core::Pose) -> [f64; 7] {
+    let ([w, x, y, z], p) = (pose.wxyz(), pose.position);
+    [p.x, p.y, p.z, x, y, z, w]
+}
+
+/// The motion of a recording; what could not be simulated is told.
+///
+/// # Errors
+/// The recording or its robot cannot be read.
+pub fn of(
+    path: &Path,
+    reading: &Reading,
+    mesh: Option<&TriangleMesh>,
+    parts: &Parts,
+    told: &mut Vec<String>,
+) -> Result<(Motion, Run), Failure> {
+    let run = open_run(&RunArguments { run: path.into(), reading: reading.clone() })?;
+    let model = model_of(&run, path, reading.robot.as_deref())?;
+    let terrain = match mesh {
+        None => Terrain::plane(),
+        Some(mesh) => Terrain::from_mesh(mesh)?,
+    };
+    let plain = ReplayOptions::default();
+    let simulated = simulate(&run, &model, &terrain, &plain)?;
+    let (kept, time) = kept(&simulated.recorded.time);
+    let track = |name, trace: &Trace| Track { name, poses: poses(&model, trace, &simulated.recorded, &kept) };
+    let mut tracks = vec![track("recorded", &simulated.recorded)];
+    match simulated.ran_away {
+        None => tracks.push(track("simulated", &simulated.whole)),
+        Some(at) => told.push(format!("the simulation ran away at {at:.1} s: it is not shown")),
+    }
+    if let Some(file) = &parts.calibrated {
+        let options = ReplayOptions { parameters: parameters_of(Some(file), &model, &terrain)?, ..plain };
+        let corrected = simulate(&run, &model, &terrain, &options)?;
+        match corrected.ran_away {
+            None => tracks.push(track("corrected", &corrected.whole)),
+            Some(at) => {
+                told.push(format!("with the corrections the simulation ran away at {at:.1} s: it is not shown"))
+            }
+        }
+    }
+    Ok((Motion { model, time, tracks }, run))
+}
+
+/// Indices of the instants that are shown, and their times.
+fn kept(time: &[f64]) -> (Vec<usize>, Vec<f64>) {
+    let span = time.last().unwrap_or(&0.0) - time.first().unwrap_or(&0.0);
+    let step = (1.0 / RATE).max(span / MOST as f64);
+    let (mut kept, mut next) = (Vec::new(), f64::NEG_INFINITY);
+    for (k, t) in time.iter().enumerate() {
+        if *t >= next {
+            kept.push(k);
+            next = t + step - 1e-9;
+        }
+    }
+    let times = kept.iter().map(|&k| time[k]).collect();
+    (kept, times)
+}
+
+/// Poses of all links at the instants `kept`. A robot that is held stands at the origin.
+fn poses(model: &Model, trace: &Trace, recorded: &Trace, kept: &[usize]) -> Vec<f32> {
+    let (n, links) = (model.joints.len(), model.links.len());
+    // A recorded position that is missing is where it was last: a robot without a leg tells less.
+    let (mut last, mut base) = (vec![0.0; n], None);
+    let mut all = Vec::with_capacity(kept.len() * links * 7);
+    for &k in kept {
+        let row = trace.position.get(k * n..(k + 1) * n).unwrap_or(&[]);
+        row.iter().zip(&mut last).filter(|(x, _)| x.is_finite()).for_each(|(x, last)| *last = *x);
+        let is_there = row.iter().any(|x| x.is_finite());
+        let mut q = Vec::with_capacity(model.nq());
+        if model.base_dofs() > 0 {
+            let here = trace.base.get(k).or(recorded.base.get(k)).filter(|pose| pose.iter().all(|x| x.is_finite()));
+            base = here.copied().or(base);
+            q.extend(base.unwrap_or([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]));
+        }
+        q.extend(&last);
+        if is_there && q.len() == model.nq() {
+            all.extend(model.world_from_links(&q).iter().flat_map(|link| pose(link).map(|x| x as f32)));
+        } else {
+            all.extend(std::iter::repeat_n(f32::NAN, links * 7));
+        }
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn instants_are_at_most_twenty_five_a_second() {
+        let time: Vec<f64> = (0..5000).map(|k| 0.002 * f64::from(k)).collect();
+        let (indices, times) = kept(&time);
+        assert_eq!((indices.len(), indices[1], times[1]), (250, 20, 0.04));
+        let long: Vec<f64> = (0..500_000).map(|k| 0.002 * f64::from(k)).collect();
+        assert!(kept(&long).0.len() <= MOST + 1);
+        assert!(kept(&[]).0.is_empty());
+    }
+}
