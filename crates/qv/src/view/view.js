@@ -139,7 +139,7 @@ if (data.splat && data.splat.count > 0) {
     object.renderOrder = 10;
     layer("place", object, 0x888888);
     splat = { count, places, which, material, buckets: new Uint32Array(65537), keys: new Uint16Array(count) };
-    if (data.splat.background) scene.background.setRGB(...data.splat.background);
+    if (data.splat.background) scene.background.setRGB(...data.splat.background, "srgb");
 }
 
 /** Puts Gaussians in order, the farthest first; a view that hardly turned keeps its order. */
