@@ -25,7 +25,7 @@ use crate::problem::library::{self, Effect};
 use crate::problem::{Event, Overrides, Problem, WindowOptions, data_quality, one_robot, origin};
 use crate::report::{Cause, Correction, FORMAT, Report, RoundSummary, Stage, UNKNOWN, Unexplained, Verdict, Where};
 use crate::report::{attribution, figures, figures::Figures, leads, narrative, residual_factors};
-use qv_replay::{Run, conventions::read_in_ours, holes::without_holes, still::without_still};
+use qv_replay::{Run, conventions::read_in_ours, frozen::without_frozen, gaps::without_gaps};
 use qv_sim::{Model, Terrain};
 
 /// How to diagnose.
@@ -120,7 +120,7 @@ pub fn diagnose(
     let first = runs.first().ok_or_else(|| GapError::run("runs", "at least one", "none"))?;
     one_robot::check(first, runs.iter().chain(&options.reference))?;
     let (mended, holes): (Vec<Run>, Vec<Vec<String>>) =
-        runs.iter().map(|run| without_holes(read_in_ours(without_still(run)))).unzip();
+        runs.iter().map(|run| without_gaps(read_in_ours(without_frozen(run)))).unzip();
     let mut cannot_tell = data_quality::faults(runs, &mended);
     cannot_tell.extend(holes.into_iter().flatten());
     let (mut usable, fallen) = data_quality::upright(&mended);
