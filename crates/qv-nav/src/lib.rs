@@ -1,0 +1,4 @@
+//! Visual navigation.
+pub mod net;
+mod error;
+pub use error::NavError;
