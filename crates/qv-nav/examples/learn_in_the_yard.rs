@@ -1,7 +1,6 @@
 //! A student learns to find cones in the yard of `fixtures/yard`, whose surfaces are sown with Gaussians, and says how often it does:
 //! `learn_in_the_yard [ROUNDS] [DECISIONS A ROUND]`.
 
-use qv_core::GaussianCloud;
 use qv_nav::dagger::{Student, TrainSettings};
 use qv_nav::eye::SplatEye;
 use qv_nav::legs::Follower;
@@ -11,7 +10,7 @@ use qv_nav::pilots::{BlobPilot, NetPilot, TeacherPilot};
 use qv_nav::roll::{Pilot, Stage, roll};
 use qv_nav::score::Row;
 use qv_nav::sight::Rig;
-use qv_nav::task::{EpisodeSettings, Limits};
+use qv_nav::task::{End, EpisodeSettings, Limits};
 use qv_nav::teacher::World;
 use std::time::Instant;
 use yard::layout::mesh_with;
@@ -35,14 +34,22 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let settings = TrainSettings { rounds, frames, ..Default::default() };
     let mut legs = Follower::new(&world.map, settings.robots, HEIGHT);
     let tests = EpisodeSettings::default().draw(&world, 96, 777)?;
-    let mut show = |name: &str, pilot: &mut dyn Pilot, legs: &mut Follower| -> Result<(), qv_nav::NavError> {
+    let show = |name: &str, pilot: &mut dyn Pilot, legs: &mut Follower| -> Result<(), qv_nav::NavError> {
         let clock = Instant::now();
         let trials: Vec<_> =
             roll(&stage, legs, &tests, pilot, |_| false, &mut |_| {})?.into_iter().map(|(trial, _)| trial).collect();
         let row = Row::of(&trials);
         let decisions: usize = trials.iter().map(|t| t.track.len()).sum();
         let seconds = clock.elapsed().as_secs_f64();
-        println!("{name}: {:.1} % {:?} ends {:?} time {:?} spl {:.2}; {decisions} decisions in {seconds:.0} s", 100.0 * row.success, row.interval, row.ends, row.time, row.spl);
+        let [low, high] = row.interval.map(|x| 100.0 * x);
+        let ends: Vec<String> = End::ALL.iter().zip(row.ends).map(|(end, n)| format!("{} {n}", end.name())).collect();
+        println!(
+            "{name}: {:.1} % ({low:.1} to {high:.1}), SPL {:.2}, {}",
+            100.0 * row.success,
+            row.spl,
+            ends.join(", ")
+        );
+        println!("    mean time {:.1} s; {decisions} decisions in {seconds:.0} s", row.time.unwrap_or(f64::NAN));
         Ok(())
     };
     show("teacher", &mut TeacherPilot { limits: world.limits }, &mut legs)?;

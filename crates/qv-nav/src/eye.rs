@@ -123,7 +123,9 @@ fn add_cone(cloud: &mut GaussianCloud, linear: [f64; 3]) -> usize {
             let light = 0.4 + 0.2 * normal.z + 0.7 * normal.dot(sun).max(0.0);
             let shown = linear.map(|c| (c * light).clamp(0.0, 1.0).powf(1.0 / 2.2));
             cloud.means.push((out * radius + DVec3::Z * (up * TALL)).as_vec3().to_array());
-            cloud.log_scales.push([(0.5 * TAU * radius / around as f64).max(0.004), 0.022, 0.002].map(|s| s.ln() as f32));
+            cloud
+                .log_scales
+                .push([(0.5 * TAU * radius / around as f64).max(0.004), 0.022, 0.002].map(|s| s.ln() as f32));
             cloud.rotations.push([turn.w, turn.x, turn.y, turn.z].map(|q| q as f32));
             cloud.opacity_logits.push(4.0);
             // The first harmonic is 1 / (2 sqrt(pi)).

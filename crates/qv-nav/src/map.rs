@@ -34,8 +34,8 @@ impl Default for MapSettings {
             spacing: 0.05,
             step: 0.06,
             slope: 0.45,
-            clearance: 0.30,
-            comfort: 0.50,
+            clearance: 0.32,
+            comfort: 0.60,
             ceiling: 2.0,
             dear: vec![("tiles".into(), 1.2)],
         }
@@ -81,10 +81,15 @@ impl Map {
         let (low, high) = corners().fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(a, b), p| (a.min(p), b.max(p)));
         let span = (high - low) / settings.spacing;
         if !(span.x >= 1.0 && span.y >= 1.0 && span.x * span.y < 4e7) {
-            return Err(NavError::value("extent of the mesh", "1 to 40 million cells of the map", format!("{}", high - low)));
+            return Err(NavError::value(
+                "extent of the mesh",
+                "1 to 40 million cells of the map",
+                format!("{}", high - low),
+            ));
         }
-        let size = [span.x.ceil() as usize + 2, span.y.ceil() as usize + 2];
-        let origin = low - DVec2::splat(0.5 * settings.spacing);
+        // Two cells around without ground: where the mesh ends is what blocks.
+        let size = [span.x.ceil() as usize + 4, span.y.ceil() as usize + 4];
+        let origin = low - DVec2::splat(1.75 * settings.spacing);
         let count = size[0] * size[1];
         let mut map = Self {
             origin,
@@ -107,7 +112,7 @@ impl Map {
             .collect();
         for cell in 0..count {
             let (room, clear, comfort) = (map.room[cell], settings.clearance as f32, settings.comfort as f32);
-            let narrow = 1.0 + 1.5 * ((comfort - room) / (comfort - clear).max(0.01)).clamp(0.0, 1.0);
+            let narrow = 1.0 + 2.5 * ((comfort - room) / (comfort - clear).max(0.01)).clamp(0.0, 1.0);
             let of_label = factors.get(labels[cell] as usize).copied().unwrap_or(1.0);
             map.slowness[cell] = match room {
                 r if r >= clear => narrow * of_label,
@@ -259,7 +264,7 @@ impl Map {
         let keep = |cell: usize| {
             let p = self.centre(cell);
             let near = avoid.iter().map(|a| a.distance(p)).fold(f64::INFINITY, f64::min);
-            if near < 0.55 { 1.0 + 10.0 * (0.55 - near) as f32 } else { 1.0 }
+            if near < 0.65 { 1.0 + 25.0 * (0.65 - near) as f32 } else { 1.0 }
         };
         let slow = |cell: usize| self.slowness[cell] * keep(cell);
         Field(self.cell(goal).map_or_else(Vec::new, |goal| self.march(&[(goal, 0.0)], slow)))
@@ -433,6 +438,7 @@ mod tests {
         let map = Map::new(&ring(), &MapSettings::default()).unwrap();
         let eye = DVec3::new(-2.0, 0.0, 0.4);
         assert!(!map.is_free(eye, DVec3::new(2.0, 0.0, 0.3)) && map.is_free(eye, DVec3::new(-2.0, 2.5, 0.1)));
+        assert!(map.room(DVec2::new(-2.99, 0.0)) < 0.1 && map.room(DVec2::new(2.99, 0.0)) < 0.1, "the rim blocks");
         let low = MapSettings { step: 0.6, slope: 1.5, ..Default::default() };
         assert!(Map::new(&ring(), &low).unwrap().is_within(DVec2::ZERO), "who climbs 0.6 m gets onto the box");
         assert!(Map::new(&ring(), &MapSettings { clearance: 5.0, ..Default::default() }).is_err());

@@ -438,8 +438,10 @@ mod tests {
         // The second sequence has three steps.
         let mut own = vec![0.0; HIDDEN];
         for sample in [1, 4, 7] {
-            let picture: Vec<f32> =
-                stretch.pictures[sample * net.picture_len()..][..net.picture_len()].iter().map(|&b| f32::from(b)).collect();
+            let picture: Vec<f32> = stretch.pictures[sample * net.picture_len()..][..net.picture_len()]
+                .iter()
+                .map(|&b| f32::from(b))
+                .collect();
             let state = &stretch.states[sample * STATE..][..STATE];
             let out = net.step(&parameters, &picture, state, &mut own, &mut scratch);
             let mut expected = pass.raw[sample * padded(OUTPUTS)..][..padded(OUTPUTS)].to_vec();
@@ -463,8 +465,7 @@ mod tests {
             let pass = net.forward(parameters, &stretch, &mut memory, &mut scratch);
             pass.raw.iter().zip(&of_raw).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
         };
-        let (mut back_scratch, mut memory, mut gradient) =
-            (net.scratch(), vec![0.1; 3 * HIDDEN], vec![0.0; net.len()]);
+        let (mut back_scratch, mut memory, mut gradient) = (net.scratch(), vec![0.1; 3 * HIDDEN], vec![0.0; net.len()]);
         let mut pass = net.forward(&parameters, &stretch, &mut memory, &mut back_scratch);
         let turned = net.turned(&parameters);
         net.backward(&parameters, &turned, &stretch, &mut pass, &of_raw, &mut back_scratch, &mut gradient);

@@ -136,7 +136,9 @@ fn roll_batch(
         let advice: Vec<Option<Advice>> = runs
             .par_iter_mut()
             .zip(&motions)
-            .map(|(run, motion)| (!run.over).then(|| advise(stage.world, run, &motion.world_from_base, motion.fell, step)))
+            .map(|(run, motion)| {
+                (!run.over).then(|| advise(stage.world, run, &motion.world_from_base, motion.fell, step))
+            })
             .collect();
         let live: Vec<usize> = (0..runs.len()).filter(|&env| !runs[env].over).collect();
         if live.is_empty() {

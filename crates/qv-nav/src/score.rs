@@ -99,15 +99,8 @@ mod tests {
 
     #[test]
     fn rows_count() {
-        let trial = |end, time, nearest| Trial {
-            end,
-            time,
-            length: 4.0,
-            shortest: 2.0,
-            nearest,
-            seen: None,
-            track: vec![],
-        };
+        let trial =
+            |end, time, nearest| Trial { end, time, length: 4.0, shortest: 2.0, nearest, seen: None, track: vec![] };
         let row = Row::of(&[trial(End::Reached, 10.0, 0.2), trial(End::Fell, 3.0, 0.2), trial(End::Slow, 25.0, 0.4)]);
         assert_eq!((row.reached, row.ends, row.time), (1, [1, 0, 0, 1, 0, 0, 1], Some(10.0)));
         assert!((row.spl - 0.5 / 3.0).abs() < 1e-12 && (row.time_with_failures - 20.0).abs() < 1e-12);

@@ -6,7 +6,7 @@
 
 use crate::map::{Field, Map};
 use crate::sight::{Cone, Rig, SEEN, free_rays, in_frustum};
-use crate::task::Limits;
+use crate::task::{Limits, PERIOD};
 use glam::{DVec2, DVec3};
 use qv_core::{Camera, Pose};
 use std::f64::consts::{PI, TAU};
@@ -43,7 +43,7 @@ const WORTH: f64 = 0.05;
 /// Seconds that a look round costs.
 const LOOK_ROUND: f64 = 3.0;
 /// Distance of the head from the cone at which the teacher stands \[m\].
-const STAND_OFF: f64 = 0.27;
+const STAND_OFF: f64 = 0.29;
 
 impl World {
     /// The map with its viewpoints.
@@ -87,6 +87,8 @@ pub struct Teacher {
     found: bool,
     to_goal: Option<Field>,
     viewpoint: Option<(usize, Field)>,
+    /// Decisions spent turning in place.
+    turns: usize,
 }
 
 impl Teacher {
@@ -98,6 +100,7 @@ impl Teacher {
             found: false,
             to_goal: None,
             viewpoint: None,
+            turns: 0,
         }
     }
 
@@ -144,9 +147,15 @@ impl Teacher {
         }
         if self.viewpoint.is_none() {
             let here = world.viewpoints.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
-            if here.is_some_and(|v| distance(v) < 0.8 && self.new_from(v) >= worth) {
-                return [0.0, 0.0, world.limits.turning];
+            if let Some(v) = here.filter(|v| distance(v) < 0.8 && self.new_from(v) >= worth) {
+                self.turns += 1;
+                if self.turns as f64 * PERIOD * world.limits.turning < TAU {
+                    return [0.0, 0.0, world.limits.turning];
+                }
+                // A whole turn showed what can be seen from here; the rest is for another viewpoint.
+                self.seen.iter_mut().zip(&v.shows).for_each(|(seen, shows)| *seen |= shows);
             }
+            self.turns = 0;
             self.choose(world, p);
         }
         match &self.viewpoint {
@@ -181,7 +190,7 @@ pub fn turn_to(yaw: f64, direction: DVec2) -> f64 {
 /// Follows a way.
 fn pursue(world: &World, field: &Field, base: &Pose) -> [f64; 3] {
     let p = base.position.truncate();
-    let Some(target) = world.map.ahead(field, p, 0.6) else { return [0.0; 3] };
+    let Some(target) = world.map.ahead(field, p, 0.4) else { return [0.0; 3] };
     if target.distance(p) < 0.02 {
         return [0.0; 3];
     }
@@ -190,7 +199,8 @@ fn pursue(world: &World, field: &Field, base: &Pose) -> [f64; 3] {
 
 /// Turns towards a direction, and goes once it is about ahead.
 fn steer(limits: &Limits, turn: f64, speed: f64) -> [f64; 3] {
-    let ahead = ((turn.cos() - 0.5) / 0.4).clamp(0.0, 1.0);
+    // Full speed within 20 degrees, none beyond 50: corners are not cut.
+    let ahead = ((turn.cos() - 0.64) / 0.3).clamp(0.0, 1.0);
     [speed * ahead, 0.0, (2.0 * turn).clamp(-limits.turning, limits.turning)]
 }
 
@@ -205,10 +215,10 @@ fn approach(world: &World, field: &Field, base: &Pose, goal: &Cone) -> [f64; 3] 
     let limits = &world.limits;
     // Close to it and turned away: back off rather than push it with the shoulder.
     if to.length() < world.rig.head + 0.15 {
-        let back = if turn.abs() > 0.5 { -0.2 } else { (1.2 * left).clamp(limits.forwards[0], 0.1) };
+        let back = if turn.abs() > 0.5 { -0.2 } else { (1.0 * left).clamp(limits.forwards[0], 0.1) };
         return [back, 0.0, (2.0 * turn).clamp(-limits.turning, limits.turning)];
     }
-    let speed = (1.2 * left).clamp(limits.forwards[0], limits.forwards[1]);
+    let speed = (1.0 * left).clamp(limits.forwards[0], limits.forwards[1]);
     let wanted = steer(limits, turn, speed.max(0.0));
     if left < 0.03 { [speed.min(0.0), 0.0, wanted[2]] } else { wanted }
 }

@@ -191,7 +191,14 @@ impl GraphBuilder {
     }
 
     /// Convolution of pictures `[n, channels, height, width]` with weights `[out][channels][side][side]` and bias `[out]`; `margin` zeros around.
-    pub fn conv(&mut self, x: &Tensor, [weights, bias]: [&Tensor; 2], side: usize, stride: usize, margin: usize) -> Tensor {
+    pub fn conv(
+        &mut self,
+        x: &Tensor,
+        [weights, bias]: [&Tensor; 2],
+        side: usize,
+        stride: usize,
+        margin: usize,
+    ) -> Tensor {
         let attributes = [
             Attribute::Integers("kernel_shape", vec![side as i64; 2]),
             Attribute::Integers("strides", vec![stride as i64; 2]),
