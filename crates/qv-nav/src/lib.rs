@@ -11,6 +11,7 @@ pub mod legs;
 pub mod lens;
 pub mod map;
 pub mod net;
+pub mod onnx;
 pub mod pilots;
 pub mod roll;
 pub mod score;

@@ -212,6 +212,11 @@ impl GraphBuilder {
         self.node("Flatten", &[x], &[Attribute::Integer("axis", 1)])
     }
 
+    /// The logistic function.
+    pub fn sigmoid(&mut self, x: &Tensor) -> Tensor {
+        self.node("Sigmoid", &[x], &[])
+    }
+
     /// Rows put side by side.
     pub fn concat(&mut self, parts: &[&Tensor]) -> Tensor {
         self.node("Concat", parts, &[Attribute::Integer("axis", 1)])
