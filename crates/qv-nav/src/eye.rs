@@ -62,7 +62,7 @@ impl SplatEye {
         let mut group_of = vec![0; cloud.len()];
         for colour in 0..COLOURS.len() {
             for (brightness, hue) in LOOKS {
-                let group = 1 + group_of.last().copied().unwrap_or(0).max(0);
+                let group = 1 + group_of.last().copied().unwrap_or(0);
                 let linear = LINEAR[colour];
                 let middle = if colour == 1 { 1 } else { 2 };
                 let shade = |k: usize| brightness * linear[k] * if k == middle { hue } else { 1.0 };

@@ -157,7 +157,7 @@ impl Legs for Follower<'_> {
                 yaw: start.yaw,
                 gains: [between(0.85, 1.1), between(0.8, 1.1), between(0.85, 1.1)],
                 lag: between(0.08, 0.25),
-                phase: between(0.0, 6.28),
+                phase: between(0.0, std::f32::consts::TAU),
                 ..One::default()
             };
             robot.past.begin(robot.pose(self.map, self.height));

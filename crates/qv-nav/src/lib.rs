@@ -18,5 +18,6 @@ pub mod score;
 pub mod sight;
 pub mod task;
 pub mod teacher;
+pub mod weights;
 
 pub use error::NavError;

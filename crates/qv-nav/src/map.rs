@@ -153,8 +153,7 @@ impl Map {
                     }
                     let z = ((wa * a.z + wb * b.z + wc * c.z) / (wa + wb + wc)) as f32;
                     let cell = j * self.size[0] + i;
-                    // Written so that a height replaces none.
-                    if !(self.heights[cell] >= z) {
+                    if self.heights[cell].is_nan() || self.heights[cell] < z {
                         self.heights[cell] = z;
                         labels[cell] = mesh.labels.get(t).copied().unwrap_or(u16::MAX);
                     }
