@@ -42,8 +42,8 @@ impl Default for TrainSettings {
         Self {
             rounds: 6,
             frames: 20_000,
-            epochs: 3,
-            batch: 32,
+            epochs: 6,
+            batch: 8,
             rate: [1e-3, 2e-4],
             taught: 0.2,
             cone_weight: 0.3,
