@@ -11,6 +11,7 @@ mod fixture;
 mod inspect;
 mod mesh;
 mod names;
+mod navigate;
 mod normals;
 mod numbers;
 mod open;
@@ -89,6 +90,9 @@ enum Command {
     /// Teaches a robot to walk after velocity commands, scores what it learnt, and shows it
     #[command(after_help = walk::EXAMPLE)]
     Walk(walk::Walk),
+    /// Teaches a network to reach a cone in a reconstructed place from what a camera sees, and tests it
+    #[command(after_help = navigate::EXAMPLE)]
+    Navigate(Box<navigate::Navigate>),
     /// Trains a policy on under what recordings show of the robot's motors, and says by how much it strays less
     #[command(after_help = tune::EXAMPLE)]
     Tune(Box<tune::Tune>),
@@ -170,6 +174,7 @@ fn main() -> ExitCode {
         Command::Render(command) => command.execute(),
         Command::Mesh(command) => command.execute(),
         Command::Walk(command) => command.execute(),
+        Command::Navigate(command) => command.execute(),
         Command::Tune(command) => command.execute(),
         Command::Report(command) => command.execute(),
         Command::Fixture(command) => command.execute().map_err(Failure::from),

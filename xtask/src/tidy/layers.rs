@@ -5,7 +5,7 @@ use crate::workspace::{Package, Workspace};
 use std::path::Path;
 
 /// Layer of each crate; the table of docs/ARCHITECTURE.md. `qv` and `xtask` are above all and used by none.
-const LAYERS: [(&str, u8); 20] = [
+const LAYERS: [(&str, u8); 21] = [
     ("qv-core", 0),
     ("qv-page", 0),
     ("qv-sim", 1),
@@ -18,6 +18,7 @@ const LAYERS: [(&str, u8); 20] = [
     ("qv-contact", 3),
     ("qv-residual", 3),
     ("qv-gap", 3),
+    ("qv-nav", 3),
     ("yard", 3),
     ("qv-baselines", 4),
     ("qv-camera", 4),
