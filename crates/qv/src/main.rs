@@ -2,6 +2,7 @@
 
 mod ask;
 mod camera;
+mod can_tell;
 mod capture;
 mod check;
 mod colmap;
