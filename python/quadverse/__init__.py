@@ -30,19 +30,23 @@ _HOME = {
     "VelocityEnv": "gym",
     "__version__": "_quadverse",
 }
+#: Modules that are loaded when they are first named.
+_MODULES = ("fleet",)
 
 __all__ = [name for name in _HOME if name not in ("VelocityEnv", "__version__")]
 
 
 def __getattr__(name):
-    if name not in _HOME:
-        raise AttributeError(f"quadverse has no {name!r}; it has {', '.join(sorted(_HOME))}")
     from importlib import import_module
 
+    if name in _MODULES:
+        return import_module(f"{__name__}.{name}")
+    if name not in _HOME:
+        raise AttributeError(f"quadverse has no {name!r}; it has {', '.join(__dir__())}")
     value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
     globals()[name] = value
     return value
 
 
 def __dir__():
-    return sorted(_HOME)
+    return sorted([*_HOME, *_MODULES])

@@ -14,3 +14,4 @@ from .gym import VelocityEnv as VelocityEnv
 from .view import Cloud as Cloud, cloud as cloud, open_cloud as open_cloud, render as render
 from .recording import Recording as Recording, open as open
 from .report import Replay as Replay, Report as Report, diagnose as diagnose, replay as replay
+from . import fleet as fleet

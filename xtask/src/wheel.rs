@@ -15,6 +15,9 @@ pub struct Python {
     /// Installs rsl_rl and torch (a few gigabytes), too, and so tests that rsl_rl learns
     #[arg(long)]
     rsl_rl: bool,
+    /// Installs Ray (a few hundred megabytes), too, and so tests fleets on it
+    #[arg(long)]
+    ray: bool,
     /// Runs the tests that take minutes, too
     #[arg(long)]
     slow: bool,
@@ -33,9 +36,11 @@ pub struct Python {
 pub fn run(workspace: &Workspace, how: &Python) -> Result<bool> {
     program(workspace, how.release)?;
     let python = installed(workspace, how.release)?;
-    if how.rsl_rl {
-        let pinned = workspace.workspace_root.join("fixtures/python/rsl_rl.txt");
-        process::run(Command::new(&python).args(["-m", "pip", "install", "--quiet", "-r"]).arg(&pinned))?;
+    for (wanted, file) in [(how.rsl_rl, "rsl_rl.txt"), (how.ray, "ray.txt")] {
+        if wanted {
+            let pinned = workspace.workspace_root.join("fixtures/python").join(file);
+            process::run(Command::new(&python).args(["-m", "pip", "install", "--quiet", "-r"]).arg(&pinned))?;
+        }
     }
     if how.no_tests {
         return Ok(true);

@@ -1,4 +1,4 @@
-//! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost.
+//! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost, 130 stopped (`qv fleet`).
 
 mod ask;
 mod camera;
@@ -9,6 +9,7 @@ mod colmap;
 mod contact;
 mod diagnose;
 mod fixture;
+mod fleet;
 mod inspect;
 mod mesh;
 mod names;
@@ -97,6 +98,9 @@ enum Command {
     /// Trains a policy on under what recordings show of the robot's motors, and says by how much it strays less
     #[command(after_help = tune::EXAMPLE)]
     Tune(Box<tune::Tune>),
+    /// Diagnoses (or calibrates, or tunes on) many recordings, each in a process of its own, and says what they share
+    #[command(after_help = fleet::EXAMPLE)]
+    Fleet(fleet::Fleet),
     /// Puts what reconstruction, contact, replay and diagnosis found on one page
     #[command(after_help = report::EXAMPLE)]
     Report(report::Report),
@@ -143,6 +147,8 @@ type Failure = Box<dyn std::error::Error>;
 enum Outcome {
     Done,
     Partial,
+    /// Somebody stopped it; it can go on.
+    Stopped,
 }
 
 /// Prints to standard output. A reader that left early, such as `head`, is no failure.
@@ -156,6 +162,7 @@ fn say(text: &str) -> Result<(), ReplayError> {
 }
 
 fn main() -> ExitCode {
+    fleet::end_with_parent();
     let cli = Cli::parse();
     progress::set(match (cli.quiet, cli.verbose) {
         (true, _) => Level::Quiet,
@@ -177,12 +184,14 @@ fn main() -> ExitCode {
         Command::Walk(command) => command.execute(),
         Command::Navigate(command) => command.execute(),
         Command::Tune(command) => command.execute(),
+        Command::Fleet(command) => command.execute(),
         Command::Report(command) => command.execute(),
         Command::Fixture(command) => command.execute().map_err(Failure::from),
     };
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Partial) => ExitCode::from(3),
+        Ok(Outcome::Stopped) => ExitCode::from(130),
         Err(error) => {
             eprintln!("qv: {error}");
             ExitCode::from(1)

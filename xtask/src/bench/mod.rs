@@ -1,5 +1,6 @@
 //! `cargo xtask bench`: speed beside a pinned reference, in one interleaved run.
 
+mod fleet;
 mod python;
 mod raster;
 mod sim;
@@ -29,6 +30,8 @@ pub enum Bench {
     Tune(tune::Tune),
     /// Steps of many robots from Python beside the same from Rust
     Python(python::Python),
+    /// What `qv fleet` costs for each unit
+    Fleet(fleet::Fleet),
 }
 
 /// Runs a benchmark; false only when a gate is asked for and a goal is missed.
@@ -42,6 +45,7 @@ pub fn run(workspace: &Workspace, what: Bench) -> Result<bool> {
         Bench::Walk(walk) => walk::run(workspace, &walk),
         Bench::Tune(tune) => tune::run(workspace, &tune),
         Bench::Python(python) => python::run(workspace, &python),
+        Bench::Fleet(fleet) => fleet::run(workspace, &fleet),
     }
 }
 

@@ -8,6 +8,7 @@ use std::path::Path;
 const LAYERS: [(&str, u8); 21] = [
     ("qv-core", 0),
     ("qv-page", 0),
+    ("qv-fleet", 1),
     ("qv-sim", 1),
     ("qv-raster", 1),
     ("qv-mesh", 1),
