@@ -19,5 +19,5 @@ pub mod problem;
 pub mod report;
 pub mod rollout;
 
-pub use diagnose::{Diagnosis, Options, Progress, diagnose};
+pub use diagnose::{Diagnosis, Options, Progress, can_tell, diagnose};
 pub use error::GapError;

@@ -16,7 +16,7 @@ use qv_gap::rollout::windows::compare;
 use qv_gap::{Options, diagnose};
 use qv_go2::synthetic;
 use qv_replay::Run;
-use qv_replay::holes::without_holes;
+use qv_replay::gaps::without_gaps;
 use qv_replay::replay::{Legs, SensorErrors, Starts, feet_of};
 use qv_replay::run::{Fault, FaultKind};
 use qv_sealed::{EngineChoice, Plan, Recipe, Request, Section, Wanted};
@@ -290,7 +290,7 @@ fn what_was_taken_out_as_wrong_is_not_filled_in() {
     let channel = format!("position {}", run.joint_names[0]);
     let detail = String::new();
     run.faults.push(Fault { kind: FaultKind::Jump, channel, time: position.time[100], count: 1, detail });
-    let (mended, told) = without_holes(run);
+    let (mended, told) = without_gaps(run);
     let row = mended.measured.position.as_ref().unwrap().row(100);
     assert!(row[0].is_nan() && row[1].is_finite());
     assert!(told.len() == 1 && told[0].starts_with("1 single values of positions"), "{told:?}");

@@ -3,7 +3,7 @@
 
 use qv_go2::gait::Trot;
 use qv_go2::model::{self, ARMATURE, DEFAULT_KD, DEFAULT_KP, STAND};
-use qv_sim::second::{Motion, compare_engines};
+use qv_sim::rapier::{Motion, compare_engines};
 use qv_sim::{BaseKind, Model, ModelOptions, SimError, SimOptions, State, Terrain};
 
 fn main() -> Result<(), SimError> {

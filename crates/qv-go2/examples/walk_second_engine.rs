@@ -11,7 +11,7 @@ use qv_go2::model::{FOOT_SHAPES, touching_height};
 use qv_policy::onnx::OnnxPolicy;
 use qv_policy::policy::PolicyFile;
 use qv_policy::velocity::TaskRobot;
-use qv_sim::second::{SecondEngine, SecondOptions};
+use qv_sim::rapier::{RapierEngine, RapierOptions};
 use qv_sim::{Batch, JointCommand, Model, SimError, SimOptions, State, Terrain};
 use serde_json::{Value, json};
 use std::error::Error;
@@ -48,7 +48,7 @@ const LEAST_HEIGHT: f64 = 0.16;
 
 /// An engine with one robot.
 enum Engine {
-    Second(Box<SecondEngine>),
+    Second(Box<RapierEngine>),
     Ours(Box<Batch<f64>>),
 }
 
@@ -118,7 +118,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let model = feet_only(&robot);
     let decisions = (arguments.seconds * f64::from(file.rate)).round() as usize;
     let walks = Walks { start: standing(&file), steps: period.round() as usize, decisions, robot, file };
-    let second = SecondEngine::new(&model, &terrain, &SecondOptions { timestep: TIMESTEP, ..Default::default() })?;
+    let second = RapierEngine::new(&model, &terrain, &RapierOptions { timestep: TIMESTEP, ..Default::default() })?;
     let mut engines = vec![("rapier", Engine::Second(Box::new(second)))];
     if arguments.both {
         let options = SimOptions { timestep: TIMESTEP, tolerance: Some(1e-12), ..Default::default() };

@@ -3,7 +3,7 @@
 use qv_core::{Material, TriangleMesh};
 use qv_go2::gait::Trot;
 use qv_go2::model::{self, ARMATURE, DEFAULT_KD, DEFAULT_KP, STAND};
-use qv_sim::second::{Motion, SecondEngine, SecondOptions, compare_engines};
+use qv_sim::rapier::{Motion, RapierEngine, RapierOptions, compare_engines};
 use qv_sim::{
     BaseKind, Batch, JointCommand, Model, ModelOptions, ParameterInfo, SensorReading, SimError, SimOptions, State,
     Terrain,
@@ -21,14 +21,14 @@ fn standing(height: f64) -> State {
     State { q, v: vec![0.0; 18] }
 }
 
-fn engine(terrain: &Terrain) -> SecondEngine {
-    let mut engine = SecondEngine::new(&go2(), terrain, &SecondOptions::default()).unwrap();
+fn engine(terrain: &Terrain) -> RapierEngine {
+    let mut engine = RapierEngine::new(&go2(), terrain, &RapierOptions::default()).unwrap();
     engine.set_state(&standing(0.0)).unwrap();
     engine
 }
 
 /// Steps with a target of each instant.
-fn drive(engine: &mut SecondEngine, steps: std::ops::Range<usize>, target: impl Fn(f64) -> [f64; 12]) {
+fn drive(engine: &mut RapierEngine, steps: std::ops::Range<usize>, target: impl Fn(f64) -> [f64; 12]) {
     for step in steps {
         let q = target(step as f64 * 0.001);
         let (kp, kd, zero) = ([DEFAULT_KP; 12], [DEFAULT_KD; 12], [0.0; 12]);
@@ -77,7 +77,7 @@ fn it_walks_the_trot_as_far() {
 #[test]
 fn it_falls_freely_and_keeps_its_momentum() {
     let robot = go2();
-    let mut falling = SecondEngine::new(&robot, &Terrain::none(), &SecondOptions::default()).unwrap();
+    let mut falling = RapierEngine::new(&robot, &Terrain::none(), &RapierOptions::default()).unwrap();
     let mut start = standing(1.0);
     start.v = vec![0.3, -0.2, 0.5, 1.0, -0.7, 0.4, 0.5, -1.0, 0.8, 0.3, 0.2, -0.6, 1.0, -0.4, 0.2, 0.1, 0.6, -0.2];
     falling.set_state(&start).unwrap();
@@ -106,7 +106,7 @@ fn pendulum() -> Model {
 
 #[test]
 fn a_pendulum_keeps_its_period_and_its_energy() {
-    let mut swinging = SecondEngine::new(&pendulum(), &Terrain::none(), &SecondOptions::default()).unwrap();
+    let mut swinging = RapierEngine::new(&pendulum(), &Terrain::none(), &RapierOptions::default()).unwrap();
     swinging.set_state(&State { q: vec![0.1], v: vec![0.0] }).unwrap();
     let (mut crossings, mut last, mut most) = (Vec::new(), 0.1, 0.0f64);
     for step in 1..=6000 {
@@ -129,14 +129,14 @@ fn a_pendulum_keeps_its_period_and_its_energy() {
 }
 
 /// A free body of 1 kg with one collision shape: no joints, hence no multibody inside.
-fn body(geometry: &str, ground: &Terrain, height: f64, speed: f64, set: &[(&str, f64)]) -> SecondEngine {
+fn body(geometry: &str, ground: &Terrain, height: f64, speed: f64, set: &[(&str, f64)]) -> RapierEngine {
     let urdf = format!(
         r#"<robot name="body"><link name="body"><inertial><origin xyz="0 0 0.01"/><mass value="1"/>
         <inertia ixx="0.002" iyy="0.002" izz="0.002" ixy="0" ixz="0" iyz="0"/></inertial>
         <collision><geometry>{geometry}</geometry></collision></link></robot>"#
     );
     let model = Model::from_urdf(&urdf, &ModelOptions::default()).unwrap();
-    let mut body = SecondEngine::new(&model, ground, &SecondOptions::default()).unwrap();
+    let mut body = RapierEngine::new(&model, ground, &RapierOptions::default()).unwrap();
     set.iter().for_each(|(name, value)| body.set_parameter(name, *value).unwrap());
     let q = vec![0.0, 0.0, height, 1.0, 0.0, 0.0, 0.0];
     body.set_state(&State { q, v: vec![speed, 0.0, 0.0, 0.0, 0.0, 0.0] }).unwrap();
@@ -388,7 +388,7 @@ fn a_parameter_set_to_neutral_in_mid_run_changes_nothing_but_the_solver_s_memory
 
 #[test]
 fn outside_forces_may_change_at_every_step() {
-    let set = |robot: &mut SecondEngine| {
+    let set = |robot: &mut RapierEngine| {
         robot.set_parameter("external.force_x", 6.0).unwrap();
         robot.set_parameter("joint.FL_calf_joint.external_torque", 0.5).unwrap();
     };
@@ -431,7 +431,7 @@ fn nonsense_is_refused_by_name() {
     let mut state = standing(0.0);
     state.v[4] = f64::INFINITY;
     named(robot.set_state(&state).unwrap_err(), "velocity 4");
-    let options = SecondOptions { substeps: 0, ..Default::default() };
-    assert!(SecondEngine::new(&go2(), &Terrain::plane(), &options).is_err());
+    let options = RapierOptions { substeps: 0, ..Default::default() };
+    assert!(RapierEngine::new(&go2(), &Terrain::plane(), &options).is_err());
     drive(&mut robot, 0..10, |_| STAND);
 }

@@ -7,8 +7,8 @@
 use crate::clean::median_interval;
 use crate::derive::{joint_filter, joint_velocity, shorter_turn};
 use crate::faults::FASTEST_BASE;
+use crate::frozen::replace;
 use crate::run::{ActuatorKind, Fault, FaultKind, Run};
-use crate::still::replace;
 use glam::{DQuat, DVec3};
 use qv_core::statistics::median;
 use qv_core::{GRAVITY, JointSeries};

@@ -2,9 +2,9 @@
 
 use crate::clean::median_interval;
 use crate::conventions;
+use crate::frozen::frozen_channels;
 use crate::mapping::Mapping;
 use crate::run::{Clock, Fault, FaultKind, Run};
-use crate::still::still;
 use qv_core::JointSeries;
 use qv_core::statistics::median;
 use std::ops::Range;
@@ -155,7 +155,7 @@ fn jumps(name: &str, series: &JointSeries, columns: Range<usize>, fastest: f64, 
 
 /// Channels that keep one value while joints move.
 fn frozen(run: &Run, faults: &mut Vec<Fault>) {
-    for one in still(run) {
+    for one in frozen_channels(run) {
         let time = |i: usize| one.channel.series.time[i];
         let first = &one.stretches[0];
         let (from, to) = (time(first.start), time(first.end - 1));

@@ -14,8 +14,9 @@ pub mod derive;
 mod error;
 pub mod faults;
 pub mod foreign;
+pub mod frozen;
 mod gains;
-pub mod holes;
+pub mod gaps;
 pub mod images;
 pub mod imu;
 pub mod limits;
@@ -29,7 +30,6 @@ pub mod schema;
 pub mod smooth;
 #[cfg(feature = "sqlite")]
 mod sqlite;
-pub mod still;
 pub mod stream;
 mod table;
 

@@ -15,7 +15,7 @@ use qv_policy::velocity::{Commands, Ground, TaskRobot, TaskSettings};
 use qv_replay::Run;
 use qv_replay::run::{Actuator, ActuatorKind, Base, JointParameters, Measurements, Robot};
 #[cfg(feature = "rapier")]
-use qv_sim::second::{SecondEngine, SecondOptions};
+use qv_sim::rapier::{RapierEngine, RapierOptions};
 use qv_sim::{Batch, JointCommand, Model, SensorReading, SimOptions, State};
 use rayon::prelude::*;
 
@@ -42,7 +42,7 @@ const SCORED: u64 = 5000;
 enum Plant {
     Ours(Box<Batch<f64>>),
     #[cfg(feature = "rapier")]
-    Second(Box<SecondEngine>),
+    Second(Box<RapierEngine>),
 }
 
 impl Plant {
@@ -58,7 +58,7 @@ impl Plant {
             #[cfg(feature = "rapier")]
             Engine::Second => {
                 let mut sim =
-                    SecondEngine::new(model, &ground.terrain, &SecondOptions { timestep: STEP, ..Default::default() })?;
+                    RapierEngine::new(model, &ground.terrain, &RapierOptions { timestep: STEP, ..Default::default() })?;
                 hidden.parameters.iter().try_for_each(|(name, value)| sim.set_parameter(name, *value))?;
                 sim.set_state(state)?;
                 Ok(Self::Second(Box::new(sim)))

@@ -7,14 +7,14 @@ use qv_go2::synthetic::simulator;
 use qv_go2::{model, synthetic};
 use qv_replay::ReplayError;
 #[cfg(feature = "rapier")]
-use qv_sim::second::{SecondEngine, SecondOptions};
+use qv_sim::rapier::{RapierEngine, RapierOptions};
 use qv_sim::{BaseKind, Batch, Model, ModelOptions, SensorReading, SimError, SimOptions, State, Terrain};
 
 /// A simulated Go2 on the nominal floor.
 pub(crate) enum Plant {
     Ours(Box<Batch<f64>>),
     #[cfg(feature = "rapier")]
-    Second(Box<SecondEngine>),
+    Second(Box<RapierEngine>),
 }
 
 /// The robot of the model.
@@ -69,11 +69,11 @@ fn ours(engine: &Engine, terrain: &Terrain, parameters: &[(String, f64)]) -> Res
 
 #[cfg(feature = "rapier")]
 fn second(engine: &Engine, terrain: &Terrain, parameters: &[(String, f64)]) -> Result<Plant, SimError> {
-    let mut options = SecondOptions { timestep: engine.timestep(), ..Default::default() };
+    let mut options = RapierOptions { timestep: engine.timestep(), ..Default::default() };
     if let Engine::Second { substeps, .. } = engine {
         options.substeps = *substeps;
     }
-    let mut sim = SecondEngine::new(&nominal()?, terrain, &options)?;
+    let mut sim = RapierEngine::new(&nominal()?, terrain, &options)?;
     for (name, value) in parameters {
         sim.set_parameter(name, *value)?;
     }

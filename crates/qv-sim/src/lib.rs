@@ -29,7 +29,7 @@ pub mod names;
 mod options;
 mod parameters;
 #[cfg(feature = "rapier")]
-pub mod second;
+pub mod rapier;
 mod sensors;
 mod terrain;
 pub mod urdf;

@@ -320,7 +320,7 @@ impl Robot {
     }
 }
 
-fn replay_error(error: GapError) -> ReplayError {
+pub fn replay_error(error: GapError) -> ReplayError {
     match error {
         GapError::Replay(error) => error,
         GapError::Library { file, expected, found } => ReplayError::File { file, expected, found },

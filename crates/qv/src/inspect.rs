@@ -1,5 +1,6 @@
 //! `qv inspect`: one screen about a recording.
 
+use crate::can_tell::Asked;
 use crate::open::open_run;
 use crate::{Outcome, RunArguments, say};
 use qv_core::JointSeries;
@@ -7,7 +8,7 @@ use qv_replay::run::{ActuatorKind, Base, Clock, Fault, Loss, Robot, Run, Source}
 use qv_replay::{ReplayError, derive, median_interval};
 use serde_json::{Value, json};
 
-pub const EXAMPLE: &str = "Example:\n  qv inspect walk.mcap\n  qv inspect recordings/walk_split --pose-topic /lio/odom --json\n\n\
+pub const EXAMPLE: &str = "Example:\n  qv inspect walk.mcap\n  qv inspect recordings/walk_split --pose-topic /lio/odom --json\n  qv inspect walk.mcap --can-tell\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
 
 #[derive(clap::Args)]
@@ -17,6 +18,12 @@ pub struct Inspect {
     /// One line of JSON instead of the screen
     #[arg(long)]
     json: bool,
+    /// Least size of each effect that `qv diagnose` would find in it with 90 % power (takes some seconds)
+    #[arg(long)]
+    can_tell: bool,
+    /// Ground for --can-tell: plane, or a .glb file
+    #[arg(long, default_value = "plane", value_name = "plane|FILE.glb", requires = "can_tell")]
+    terrain: String,
 }
 
 /// Columns and lines of a screen.
@@ -35,6 +42,11 @@ struct Row {
 impl Inspect {
     pub fn execute(&self) -> Result<Outcome, ReplayError> {
         let run = open_run(&self.run)?;
+        if self.can_tell {
+            let asked = Asked { run: &run, path: &self.run.run, reading: &self.run.reading, terrain: &self.terrain };
+            say(&asked.answer(self.json)?)?;
+            return Ok(if run.is_partial() { Outcome::Partial } else { Outcome::Done });
+        }
         say(&if self.json { format!("{}\n", to_json(&run)) } else { screen(&run) })?;
         Ok(if run.is_partial() { Outcome::Partial } else { Outcome::Done })
     }

@@ -2,6 +2,7 @@
 
 mod ask;
 mod camera;
+mod can_tell;
 mod capture;
 mod check;
 mod colmap;
@@ -12,6 +13,7 @@ mod fleet;
 mod inspect;
 mod mesh;
 mod names;
+mod navigate;
 mod normals;
 mod numbers;
 mod open;
@@ -91,6 +93,9 @@ enum Command {
     /// Teaches a robot to walk after velocity commands, scores what it learnt, and shows it
     #[command(after_help = walk::EXAMPLE)]
     Walk(walk::Walk),
+    /// Teaches a network to reach a cone in a reconstructed place from what a camera sees, and tests it
+    #[command(after_help = navigate::EXAMPLE)]
+    Navigate(Box<navigate::Navigate>),
     /// Trains a policy on under what recordings show of the robot's motors, and says by how much it strays less
     #[command(after_help = tune::EXAMPLE)]
     Tune(Box<tune::Tune>),
@@ -181,6 +186,7 @@ fn main() -> ExitCode {
         Command::Render(command) => command.execute(),
         Command::Mesh(command) => command.execute(),
         Command::Walk(command) => command.execute(),
+        Command::Navigate(command) => command.execute(),
         Command::Tune(command) => command.execute(),
         Command::Fleet(command) => command.execute(),
         Command::Report(command) => command.execute(),

@@ -19,6 +19,7 @@ const LAYERS: [(&str, u8); 21] = [
     ("qv-contact", 3),
     ("qv-residual", 3),
     ("qv-gap", 3),
+    ("qv-nav", 3),
     ("yard", 3),
     ("qv-baselines", 4),
     ("qv-camera", 4),

@@ -23,9 +23,9 @@ use crate::null::reference;
 use crate::problem::columns::{Columns, Extent, Group};
 use crate::problem::library::{self, Effect};
 use crate::problem::{Event, Overrides, Problem, WindowOptions, data_quality, one_robot, origin};
+use crate::report::{CanTell, attribution, can_tell, figures, figures::Figures, leads, narrative, residual_factors};
 use crate::report::{Cause, Correction, FORMAT, Report, RoundSummary, Stage, UNKNOWN, Unexplained, Verdict, Where};
-use crate::report::{attribution, figures, figures::Figures, leads, narrative, residual_factors};
-use qv_replay::{Run, conventions::read_in_ours, holes::without_holes, still::without_still};
+use qv_replay::{Run, conventions::read_in_ours, frozen::without_frozen, gaps::without_gaps};
 use qv_sim::{Model, Terrain};
 
 /// How to diagnose.
@@ -118,32 +118,13 @@ pub fn diagnose(
     leave_out: usize,
 ) -> Result<Diagnosis, GapError> {
     let first = runs.first().ok_or_else(|| GapError::run("runs", "at least one", "none"))?;
-    one_robot::check(first, runs.iter().chain(&options.reference))?;
-    let (mended, holes): (Vec<Run>, Vec<Vec<String>>) =
-        runs.iter().map(|run| without_holes(read_in_ours(without_still(run)))).unzip();
-    let mut cannot_tell = data_quality::faults(runs, &mended);
-    cannot_tell.extend(holes.into_iter().flatten());
-    let (mut usable, fallen) = data_quality::upright(&mended);
-    let moved = origin::brought_near(&mut usable, terrain, options);
-    cannot_tell.extend(fallen.iter().chain(moved.as_ref().map(|m| &m.1)).cloned());
-    let mut session = Session {
-        runs: usable,
-        reference: moved.as_ref().and_then(|m| m.0.as_ref()).unwrap_or(&options.reference),
-        model,
-        terrain,
-        options,
-        calibrated: Vec::new(),
-        ablated: Vec::new(),
-        stages: Vec::new(),
-        plan: Plan::new(!options.reference.is_empty(), leave_out),
-        since: 0.0,
-    };
+    let Prepared { usable, moved_reference, mut cannot_tell, fallen } = prepared(runs, terrain, options)?;
+    let reference = moved_reference.as_deref().unwrap_or(&options.reference);
+    let mut session = Session::new(usable, reference, (model, terrain), options, leave_out);
     let begun = session.now();
-    let (problem, columns) = session.robot(&[], &[]).map_err(|e| e.beside(&cannot_tell))?;
-    columns.check(&problem)?;
-    session.calibrate()?;
-    let mut nominal = session.study(&[], &[]).map_err(|e| e.beside(&cannot_tell))?;
+    let mut nominal = session.nominal(&cannot_tell)?;
     cannot_tell.extend(narrative::missing(&nominal, first, &options.library));
+    let can_tell = can_tell::can_tell(&nominal, &options.policy)?;
     let opening = Opening::new(&nominal)?;
     session.begin(progress::SEARCH);
     let closed_to = closed_to(&nominal, &options.without);
@@ -151,6 +132,7 @@ pub fn diagnose(
     session.end(&nominal);
     let findings = session.follow(&mut nominal, round, &options.without, &opening, &cannot_tell)?;
     let (mut report, evidence) = findings.report(&mut session, &mut nominal, begun)?;
+    report.can_tell = can_tell;
     if nominal.problem.on_legs {
         let beside = narrative::beside_verdict(&report.causes);
         report.sentence = [vec![report.sentence], beside].concat().join(" ");
@@ -166,6 +148,43 @@ pub fn diagnose(
         without.push((effect, report, evidence));
     }
     Ok(Diagnosis { report, evidence, without })
+}
+
+/// The least sizes of effects that `runs` would show, before anything is looked for in them.
+///
+/// # Errors
+/// As [`diagnose`].
+pub fn can_tell(runs: &[Run], model: &Model, terrain: &Terrain, options: &Options) -> Result<Vec<CanTell>, GapError> {
+    let Prepared { usable, moved_reference, cannot_tell, .. } = prepared(runs, terrain, options)?;
+    let reference = moved_reference.as_deref().unwrap_or(&options.reference);
+    let mut session = Session::new(usable, reference, (model, terrain), options, 0);
+    let nominal = session.nominal(&cannot_tell)?;
+    can_tell::can_tell(&nominal, &options.policy)
+}
+
+/// Recordings as they are judged.
+struct Prepared {
+    usable: Vec<Run>,
+    /// The reference recordings, where they were moved, too.
+    moved_reference: Option<Vec<Run>>,
+    /// What was broken in them, and what was done about it.
+    cannot_tell: Vec<String>,
+    /// Those of a robot that fell.
+    fallen: Vec<String>,
+}
+
+fn prepared(runs: &[Run], terrain: &Terrain, options: &Options) -> Result<Prepared, GapError> {
+    let first = runs.first().ok_or_else(|| GapError::run("runs", "at least one", "none"))?;
+    one_robot::check(first, runs.iter().chain(&options.reference))?;
+    let (mended, gaps): (Vec<Run>, Vec<Vec<String>>) =
+        runs.iter().map(|run| without_gaps(read_in_ours(without_frozen(run)))).unzip();
+    let mut cannot_tell = data_quality::faults(runs, &mended);
+    cannot_tell.extend(gaps.into_iter().flatten());
+    let (mut usable, fallen) = data_quality::upright(&mended);
+    let moved = origin::brought_near(&mut usable, terrain, options);
+    cannot_tell.extend(fallen.iter().chain(moved.as_ref().map(|m| &m.1)).cloned());
+    let moved_reference = moved.and_then(|m| m.0);
+    Ok(Prepared { usable, moved_reference, cannot_tell, fallen })
 }
 
 /// Effects of a study by name.
@@ -213,6 +232,36 @@ struct Session<'a> {
 }
 
 impl<'a> Session<'a> {
+    fn new(
+        runs: Vec<Run>,
+        reference: &'a [Run],
+        (model, terrain): (&'a Model, &'a Terrain),
+        options: &'a Options<'a>,
+        leave_out: usize,
+    ) -> Self {
+        Self {
+            runs,
+            reference,
+            model,
+            terrain,
+            options,
+            calibrated: Vec::new(),
+            ablated: Vec::new(),
+            stages: Vec::new(),
+            plan: Plan::new(!options.reference.is_empty(), leave_out),
+            since: 0.0,
+        }
+    }
+
+    /// The study of the robot of which nothing is said yet.
+    fn nominal(&mut self, cannot_tell: &[String]) -> Result<LinearisedProblem<'a>, GapError> {
+        let (problem, columns) = self.robot(&[], &[]).map_err(|e| e.beside(cannot_tell))?;
+        columns.check(&problem)?;
+        drop((problem, columns));
+        self.calibrate()?;
+        self.study(&[], &[]).map_err(|e| e.beside(cannot_tell))
+    }
+
     fn now(&self) -> f64 {
         self.options.clock.map_or(0.0, |clock| clock())
     }
@@ -579,6 +628,7 @@ impl Findings<'_> {
             corrections: self.corrections,
             corrections_apply,
             cannot_show: self.cannot_show,
+            can_tell: Vec::new(),
             heat_map,
             floor_plan,
             curves,

@@ -1,6 +1,7 @@
 //! What a diagnosis found, as plain data: `report.json` is this, field by field.
 
 pub(crate) mod attribution;
+pub(crate) mod can_tell;
 pub(crate) mod figures;
 pub(crate) mod leads;
 pub(crate) mod narrative;
@@ -9,6 +10,7 @@ pub(crate) mod traces;
 
 use crate::decision::Policy;
 pub use crate::findings::{Correction, Gap, JointRmsApart, ParameterEstimate, Ranked, UNKNOWN, Verdict};
+pub use can_tell::CanTell;
 use qv_replay::replay::Trace;
 use serde::Serialize;
 use serde_json::value::RawValue;
@@ -294,6 +296,8 @@ pub struct Report {
     pub corrections_apply: bool,
     /// Effects that this recording could not show: a channel, a part of the robot or excitation is lacking.
     pub cannot_show: Vec<String>,
+    /// The least sizes that this recording shows, by effect and part of the robot.
+    pub can_tell: Vec<CanTell>,
     /// Error by joint and time.
     pub heat_map: HeatMap,
     /// Gap by place.

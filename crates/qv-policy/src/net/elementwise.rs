@@ -3,9 +3,9 @@
 
 /// Compiles a loop for the widest registers that are there.
 macro_rules! vectorised {
-    ($(#[$doc:meta])* $name:ident, $avx512:ident, $avx2:ident, $body:ident, ($($arg:ident: $type:ty),*)) => {
+    ($(#[$doc:meta])* $visible:vis $name:ident, $avx512:ident, $avx2:ident, $body:ident, ($($arg:ident: $type:ty),*)) => {
         $(#[$doc])*
-        pub(crate) fn $name($($arg: $type),*) {
+        $visible fn $name($($arg: $type),*) {
             #[cfg(target_arch = "x86_64")]
             {
                 // The features that the calls need were found.
@@ -33,23 +33,23 @@ macro_rules! vectorised {
 
 vectorised!(
     /// The exponential linear unit in place: x above zero, exp(x) - 1 below (Clevert et al. 2015, alpha = 1).
-    elu, elu_avx512, elu_avx2, elu_loop, (values: &mut [f32])
+    pub elu, elu_avx512, elu_avx2, elu_loop, (values: &mut [f32])
 );
 vectorised!(
     /// Takes a gradient back through [`elu`], given what it put out.
-    elu_back, elu_back_avx512, elu_back_avx2, elu_back_loop, (gradient: &mut [f32], out: &[f32])
+    pub elu_back, elu_back_avx512, elu_back_avx2, elu_back_loop, (gradient: &mut [f32], out: &[f32])
 );
 vectorised!(
     /// The logistic function in place.
-    sigmoid, sigmoid_avx512, sigmoid_avx2, sigmoid_loop, (values: &mut [f32])
+    pub sigmoid, sigmoid_avx512, sigmoid_avx2, sigmoid_loop, (values: &mut [f32])
 );
 vectorised!(
     /// The hyperbolic tangent in place.
-    tanh, tanh_avx512, tanh_avx2, tanh_loop, (values: &mut [f32])
+    pub tanh, tanh_avx512, tanh_avx2, tanh_loop, (values: &mut [f32])
 );
 vectorised!(
     /// One step of Adam, see [`crate::adam`].
-    adam, adam_avx512, adam_avx2, adam_loop,
+    pub(crate) adam, adam_avx512, adam_avx2, adam_loop,
     (parameters: &mut [f32], first: &mut [f32], second: &mut [f32], gradient: &[f32], step: AdamStep)
 );
 

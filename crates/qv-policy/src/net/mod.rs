@@ -9,9 +9,9 @@ mod product;
 mod simd;
 
 pub(crate) use elementwise::{AdamStep, adam};
+pub use elementwise::{elu, elu_back, sigmoid, tanh};
 pub use gru::{Gru, GruTape};
 
-use elementwise::{elu, elu_back};
 use product::{Strided, add_product};
 use qv_core::random::Xoshiro256PlusPlus;
 
@@ -56,7 +56,7 @@ impl Dense {
     }
 
     /// Uniform within one over the root of the number of inputs, times `gain` (PyTorch's default for gain 1); no bias.
-    fn draw(&self, gain: f32, random: &mut Xoshiro256PlusPlus, parameters: &mut [f32]) {
+    pub fn draw(&self, gain: f32, random: &mut Xoshiro256PlusPlus, parameters: &mut [f32]) {
         let bound = gain / (self.inputs as f32).sqrt();
         for i in 0..self.inputs {
             for o in 0..self.outputs {
@@ -66,7 +66,7 @@ impl Dense {
     }
 
     /// `out = bias + input W`, both with padded rows.
-    fn forward(&self, parameters: &[f32], rows: usize, input: &[f32], out: &mut [f32]) {
+    pub fn forward(&self, parameters: &[f32], rows: usize, input: &[f32], out: &mut [f32]) {
         let (depth, width) = (padded(self.inputs), padded(self.outputs));
         let bias = &parameters[self.bias_at()..][..width];
         out[..rows * width].chunks_exact_mut(width).for_each(|row| row.copy_from_slice(bias));
@@ -76,7 +76,7 @@ impl Dense {
     }
 
     /// Adds to `gradient` what `of_out`, the gradient of the output, makes of weights and biases.
-    fn gradient(&self, rows: usize, input: &[f32], of_out: &[f32], gradient: &mut [f32]) {
+    pub fn gradient(&self, rows: usize, input: &[f32], of_out: &[f32], gradient: &mut [f32]) {
         let (depth, width) = (padded(self.inputs), padded(self.outputs));
         let bias = self.bias_at();
         let turned = Strided { values: input, steps: [1, depth] };
@@ -88,14 +88,15 @@ impl Dense {
     }
 
     /// `of_input = of_out Wᵀ`, with `turned` the weights as `[padded outputs][padded inputs]`.
-    fn back(&self, rows: usize, turned: &[f32], of_out: &[f32], of_input: &mut [f32]) {
+    pub fn back(&self, rows: usize, turned: &[f32], of_out: &[f32], of_input: &mut [f32]) {
         let (depth, width) = (padded(self.outputs), padded(self.inputs));
         of_input[..rows * width].fill(0.0);
         let of_out = Strided { values: of_out, steps: [depth, 1] };
         add_product(rows, self.outputs, width, of_out, turned, of_input);
     }
 
-    fn turn(&self, parameters: &[f32], turned: &mut [f32]) {
+    /// Fills `turned` with the weights as `[padded outputs][padded inputs]`.
+    pub fn turn(&self, parameters: &[f32], turned: &mut [f32]) {
         let (rows, columns) = (padded(self.inputs), padded(self.outputs));
         for (i, row) in parameters[self.start..][..rows * columns].chunks_exact(columns).enumerate() {
             row.iter().enumerate().for_each(|(o, &weight)| turned[o * rows + i] = weight);

@@ -13,6 +13,7 @@ const IR_VERSION: i64 = 8;
 const OPERATOR_SET: i64 = 13;
 /// `TensorProto.DataType`.
 const FLOAT: i64 = 1;
+const BYTE: i64 = 2;
 const INT64: i64 = 7;
 
 /// A tensor of a graph, by its name.
@@ -46,6 +47,7 @@ pub struct Gru<'a> {
 enum Attribute {
     Float(&'static str, f32),
     Integer(&'static str, i64),
+    Integers(&'static str, Vec<i64>),
 }
 
 /// A graph that grows node by node. Names that are not given are made up from the operator and a count.
@@ -71,7 +73,17 @@ impl GraphBuilder {
     /// When the name is empty or taken.
     pub fn input(&mut self, name: &str, width: usize) -> Result<Tensor, OnnxError> {
         let tensor = self.take(name)?;
-        self.inputs.push(value_info(name, width));
+        self.inputs.push(value_info(name, FLOAT, &[width]));
+        Ok(tensor)
+    }
+
+    /// An input of bytes of shape `[n, ...shape]`, such as pictures `[n, height, width, 3]`.
+    ///
+    /// # Errors
+    /// When the name is empty or taken.
+    pub fn input_bytes(&mut self, name: &str, shape: &[usize]) -> Result<Tensor, OnnxError> {
+        let tensor = self.take(name)?;
+        self.inputs.push(value_info(name, BYTE, shape));
         Ok(tensor)
     }
 
@@ -82,7 +94,7 @@ impl GraphBuilder {
     pub fn output(&mut self, tensor: &Tensor, name: &str, width: usize) -> Result<(), OnnxError> {
         let named = self.take(name)?;
         self.push("Identity", &[tensor.name()], &[named.name()], &[]);
-        self.outputs.push(value_info(name, width));
+        self.outputs.push(value_info(name, FLOAT, &[width]));
         Ok(())
     }
 
@@ -158,6 +170,51 @@ impl GraphBuilder {
     /// Hyperbolic tangent.
     pub fn tanh(&mut self, x: &Tensor) -> Tensor {
         self.node("Tanh", &[x], &[])
+    }
+
+    /// Bytes as numbers.
+    pub fn to_float(&mut self, x: &Tensor) -> Tensor {
+        self.node("Cast", &[x], &[Attribute::Integer("to", FLOAT)])
+    }
+
+    /// Dimensions in another order: `order[k]` is the one that becomes the `k`-th.
+    pub fn transpose(&mut self, x: &Tensor, order: &[usize]) -> Tensor {
+        let order = order.iter().map(|&k| k as i64).collect();
+        self.node("Transpose", &[x], &[Attribute::Integers("perm", order)])
+    }
+
+    /// Means of squares of `side` pixels of pictures `[n, channels, height, width]`.
+    pub fn average_pool(&mut self, x: &Tensor, side: usize) -> Tensor {
+        let square = || vec![side as i64; 2];
+        let attributes = [Attribute::Integers("kernel_shape", square()), Attribute::Integers("strides", square())];
+        self.node("AveragePool", &[x], &attributes)
+    }
+
+    /// Convolution of pictures `[n, channels, height, width]` with weights `[out][channels][side][side]` and bias `[out]`; `margin` zeros around.
+    pub fn conv(
+        &mut self,
+        x: &Tensor,
+        [weights, bias]: [&Tensor; 2],
+        side: usize,
+        stride: usize,
+        margin: usize,
+    ) -> Tensor {
+        let attributes = [
+            Attribute::Integers("kernel_shape", vec![side as i64; 2]),
+            Attribute::Integers("strides", vec![stride as i64; 2]),
+            Attribute::Integers("pads", vec![margin as i64; 4]),
+        ];
+        self.node("Conv", &[x, weights, bias], &attributes)
+    }
+
+    /// All dimensions but the first made one.
+    pub fn flatten(&mut self, x: &Tensor) -> Tensor {
+        self.node("Flatten", &[x], &[Attribute::Integer("axis", 1)])
+    }
+
+    /// The logistic function.
+    pub fn sigmoid(&mut self, x: &Tensor) -> Tensor {
+        self.node("Sigmoid", &[x], &[])
     }
 
     /// Rows put side by side.
@@ -277,15 +334,19 @@ impl GraphBuilder {
         node.bytes(4, operator.as_bytes());
         for attribute in attributes {
             let mut message = Message::default();
-            // 1 and 2 are `AttributeProto.FLOAT` and `INT`.
-            let (name, kind) = match *attribute {
-                Attribute::Float(name, value) => {
+            // 1, 2 and 7 are `AttributeProto.FLOAT`, `INT` and `INTS`.
+            let (name, kind) = match attribute {
+                &Attribute::Float(name, value) => {
                     message.float(2, value);
                     (name, 1)
                 }
-                Attribute::Integer(name, value) => {
+                &Attribute::Integer(name, value) => {
                     message.integer(3, value);
                     (name, 2)
+                }
+                Attribute::Integers(name, values) => {
+                    values.iter().for_each(|&value| message.integer(8, value));
+                    (*name, 7)
                 }
             };
             message.bytes(1, name.as_bytes());
@@ -307,16 +368,19 @@ pub(crate) fn check(what: &str, expected: usize, values: &[f32]) -> Result<(), O
     }
 }
 
-/// `ValueInfoProto` of floats of shape `[n, width]`.
-fn value_info(name: &str, width: usize) -> Message {
-    let (mut rows, mut columns) = (Message::default(), Message::default());
+/// `ValueInfoProto` of a kind of number and shape `[n, ...shape]`.
+fn value_info(name: &str, number: i64, sizes: &[usize]) -> Message {
+    let mut rows = Message::default();
     rows.bytes(2, b"n");
-    columns.integer(1, width as i64);
     let mut shape = Message::default();
     shape.message(1, &rows);
-    shape.message(1, &columns);
+    for &size in sizes {
+        let mut dimension = Message::default();
+        dimension.integer(1, size as i64);
+        shape.message(1, &dimension);
+    }
     let mut tensor = Message::default();
-    tensor.integer(1, FLOAT);
+    tensor.integer(1, number);
     tensor.message(2, &shape);
     let mut kind = Message::default();
     kind.message(1, &tensor);

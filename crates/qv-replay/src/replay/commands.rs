@@ -1,7 +1,7 @@
 //! The recorded commands as the simulator's actuators take them.
 
 use crate::ReplayError;
-use crate::holes::hold;
+use crate::gaps::hold;
 use crate::run::{ActuatorKind, Clock, Run};
 use qv_core::JointSeries;
 use qv_sim::JointCommand;

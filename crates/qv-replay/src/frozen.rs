@@ -23,14 +23,14 @@ pub struct Channel<'a> {
 }
 
 /// Samples in which a channel stood still while the robot moved.
-pub struct Still<'a> {
+pub struct FrozenChannel<'a> {
     /// The channel.
     pub channel: Channel<'a>,
     /// Stretches of samples.
     pub stretches: Vec<Range<usize>>,
 }
 
-impl Still<'_> {
+impl FrozenChannel<'_> {
     /// Samples in all of them.
     pub fn count(&self) -> usize {
         self.stretches.iter().map(ExactSizeIterator::len).sum()
@@ -43,7 +43,7 @@ impl Still<'_> {
 }
 
 /// All channels that stood still while the robot moved, which its joint positions tell.
-pub fn still(run: &Run) -> Vec<Still<'_>> {
+pub fn frozen_channels(run: &Run) -> Vec<FrozenChannel<'_>> {
     let m = &run.measured;
     let Some(position) = &m.position else { return vec![] };
     let mut found = vec![];
@@ -51,7 +51,7 @@ pub fn still(run: &Run) -> Vec<Still<'_>> {
         let channel = Channel { name, series, columns };
         let stretches = stretches(&channel, least, moves);
         if !stretches.is_empty() {
-            found.push(Still { channel, stretches });
+            found.push(FrozenChannel { channel, stretches });
         }
     };
     for (kind, series) in [("position", &m.position), ("velocity", &m.velocity), ("torque", &m.torque)] {
@@ -113,10 +113,10 @@ const LEAST_ALIVE: f64 = 4.0;
 
 /// The run without what stood still: stretches become gaps, a trunk's channel that hardly ever lives is taken out, velocities of such a joint
 /// are those of its positions. Faults stay for channels that are broken throughout; a joint's position that is has no replacement.
-pub fn without_still(run: &Run) -> Run {
+pub fn without_frozen(run: &Run) -> Run {
     let mut out = run.clone();
     let mut mended = vec![];
-    for one in still(run) {
+    for one in frozen_channels(run) {
         let Channel { name, columns, .. } = &one.channel;
         let kind = ["position", "velocity", "torque", "gyro", "orientation", "base pose"]
             .into_iter()
@@ -208,13 +208,14 @@ mod tests {
     #[test]
     fn what_stands_still_becomes_a_gap_or_goes() {
         let mut run = run();
-        assert!(still(&run).is_empty());
+        assert!(frozen_channels(&run).is_empty());
         freeze(&mut run.measured.torque, 1, 600);
         freeze(&mut run.measured.gyro, 0, 100);
         freeze(&mut run.measured.velocity, 0, 0);
-        let found: Vec<(String, usize)> = still(&run).iter().map(|s| (s.channel.name.clone(), s.count())).collect();
+        let found: Vec<(String, usize)> =
+            frozen_channels(&run).iter().map(|s| (s.channel.name.clone(), s.count())).collect();
         assert_eq!(found, [("velocity a".into(), 1000), ("torque b".into(), 400), ("gyro x".into(), 900)]);
-        let mended = without_still(&run).measured;
+        let mended = without_frozen(&run).measured;
         let torque = mended.torque.unwrap();
         assert!(torque.column(1).skip(600).all(f64::is_nan) && torque.column(1).take(600).all(f64::is_finite));
         assert!(torque.column(0).all(f64::is_finite) && mended.gyro.is_none());
@@ -227,7 +228,7 @@ mod tests {
         for (from, lives) in [(500, true), (300, false)] {
             let mut run = run();
             freeze(&mut run.measured.position, 0, from);
-            let position = without_still(&run).measured.position.unwrap();
+            let position = without_frozen(&run).measured.position.unwrap();
             assert_eq!(position.column(0).skip(from).all(f64::is_nan), lives, "{from}");
             assert!(position.column(0).take(from).chain(position.column(1)).all(f64::is_finite));
         }
@@ -241,6 +242,6 @@ mod tests {
         }
         freeze(&mut run.measured.torque, 1, 500);
         freeze(&mut run.measured.gyro, 0, 500);
-        assert!(still(&run).is_empty());
+        assert!(frozen_channels(&run).is_empty());
     }
 }

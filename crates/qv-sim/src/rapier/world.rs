@@ -1,6 +1,6 @@
 //! One robot as a rapier multibody on its ground.
 
-use super::SecondOptions;
+use super::RapierOptions;
 use super::geometry::{RapierPose, axis_frame, rapier_pose, shape};
 use super::ground::{ContactRules, GroundShape, world_from_terrain};
 use super::values::Values;
@@ -39,7 +39,7 @@ impl World {
         model: &Model,
         ground: &GroundShape,
         values: &Values,
-        options: &SecondOptions,
+        options: &RapierOptions,
         state: &State,
     ) -> Result<Self, SimError> {
         let bodies = (0..model.links.len()).map(|l| values.body(model, l)).collect::<Result<Vec<_>, _>>()?;
@@ -320,7 +320,7 @@ const IMPEDANCE: f64 = 0.95;
 /// Solver settings. A contact of the catalogue, of time constant T and damping ratio z, pushes back with stiffness
 /// k / (T z)² and damping 2 k / T per unit of mass, k = d / (1 - d) of its impedance d; rapier is given the spring and
 /// damper of the same two numbers, frequency √k / (T z) and damping ratio √k z.
-fn integration(values: &Values, options: &SecondOptions) -> IntegrationParameters {
+fn integration(values: &Values, options: &RapierOptions) -> IntegrationParameters {
     let (time_constant, ratio) = (values.world(WorldField::TimeConstant), values.world(WorldField::DampingRatio));
     let firmness = (IMPEDANCE / (1.0 - IMPEDANCE)).sqrt();
     let frequency = firmness / (std::f64::consts::TAU * time_constant * ratio);

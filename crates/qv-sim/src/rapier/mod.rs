@@ -29,7 +29,7 @@ pub const LONGEST_DELAY: f64 = 1.0;
 
 /// Settings of the second engine.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SecondOptions {
+pub struct RapierOptions {
     /// Time step of commands and sensors \[s\].
     pub timestep: f64,
     /// Gravity in the world \[m/s²\].
@@ -38,13 +38,13 @@ pub struct SecondOptions {
     pub substeps: usize,
 }
 
-impl Default for SecondOptions {
+impl Default for RapierOptions {
     fn default() -> Self {
         Self { timestep: 0.001, gravity: [0.0, 0.0, -qv_core::GRAVITY], substeps: 4 }
     }
 }
 
-impl SecondOptions {
+impl RapierOptions {
     fn check(&self) -> Result<(), SimError> {
         let error = |what: &str, expected: &str, found| {
             Err(SimError::Value { what: what.into(), expected: expected.into(), found })
@@ -60,10 +60,10 @@ impl SecondOptions {
 }
 
 /// One robot on one terrain in the second engine.
-pub struct SecondEngine {
+pub struct RapierEngine {
     model: Model,
     terrain: Terrain,
-    options: SecondOptions,
+    options: RapierOptions,
     catalogue: Catalogue,
     /// Parameters that are not neutral.
     overrides: BTreeMap<usize, f64>,
@@ -77,12 +77,12 @@ pub struct SecondEngine {
     world: Option<World>,
 }
 
-impl SecondEngine {
+impl RapierEngine {
     /// A robot at rest in the zero position, all parameters neutral.
     ///
     /// # Errors
     /// When an option means nothing, a link has no mass, or the ground's triangles cannot be used.
-    pub fn new(model: &Model, terrain: &Terrain, options: &SecondOptions) -> Result<Self, SimError> {
+    pub fn new(model: &Model, terrain: &Terrain, options: &RapierOptions) -> Result<Self, SimError> {
         options.check()?;
         if let Some(link) = model.links.iter().find(|link| link.mass <= 0.0) {
             let (expected, found) = ("a mass above 0 kg (second engine)".into(), format!("{} kg", link.mass));
@@ -120,7 +120,7 @@ impl SecondEngine {
     }
 
     /// The settings.
-    pub fn options(&self) -> &SecondOptions {
+    pub fn options(&self) -> &RapierOptions {
         &self.options
     }
 
@@ -184,7 +184,7 @@ impl SecondEngine {
         self.set_parameter_at(id, value)
     }
 
-    /// Index of a parameter in the catalogue, for [`SecondEngine::set_parameter_at`].
+    /// Index of a parameter in the catalogue, for [`RapierEngine::set_parameter_at`].
     ///
     /// # Errors
     /// When the name is unknown; the error suggests the nearest one.
@@ -195,7 +195,7 @@ impl SecondEngine {
     /// Sets a parameter by its index in the catalogue.
     ///
     /// # Errors
-    /// As [`SecondEngine::set_parameter`], and when there is no such index.
+    /// As [`RapierEngine::set_parameter`], and when there is no such index.
     pub fn set_parameter_at(&mut self, id: usize, value: f64) -> Result<(), SimError> {
         let Some(info) = self.catalogue.infos.get(id) else {
             return Err(SimError::Length { what: "catalogue", expected: self.catalogue.infos.len(), found: id });
@@ -244,7 +244,7 @@ impl SecondEngine {
         values.delays(&self.model)
     }
 
-    /// One time step. After a fault (see [`SecondEngine::is_faulty`]) nothing moves until the next state is set.
+    /// One time step. After a fault (see [`RapierEngine::is_faulty`]) nothing moves until the next state is set.
     ///
     /// # Errors
     /// When the world cannot be built from the parameters that are set.
@@ -279,7 +279,7 @@ impl SecondEngine {
         Ok(())
     }
 
-    /// Whether the numbers ran away; the robot then stays where it last was finite until [`SecondEngine::set_state`].
+    /// Whether the numbers ran away; the robot then stays where it last was finite until [`RapierEngine::set_state`].
     pub fn is_faulty(&self) -> bool {
         self.faulty
     }

@@ -15,7 +15,7 @@ const ONE_SIGN: f64 = 0.5;
 /// The run with commands held where they are blank, and measured values in between where up to five on end are missing; and in words how many those
 /// are of each channel. Where a joint's position jumped its values were taken out as wrong, and what was recorded with them may be: holes stay
 /// there. Torques are left: nothing foretells them from those beside them.
-pub fn without_holes(mut run: Run) -> (Run, Vec<String>) {
+pub fn without_gaps(mut run: Run) -> (Run, Vec<String>) {
     let c = &mut run.commands;
     [&mut c.position, &mut c.velocity, &mut c.torque, &mut c.kp, &mut c.kd].into_iter().flatten().for_each(hold);
     let jumps = run.faults.iter().filter(|f| f.kind == FaultKind::Jump);

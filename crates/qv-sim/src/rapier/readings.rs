@@ -1,7 +1,7 @@
 //! Sensors of the second engine, from the motion that it remembers.
 
 use super::values::Values;
-use super::{LONGEST_DELAY, SecondOptions};
+use super::{LONGEST_DELAY, RapierOptions};
 use crate::parameters::{JointField, WorldField};
 use crate::{BaseKind, Model, SensorReading, State};
 use glam::{DQuat, DVec3};
@@ -42,7 +42,7 @@ impl History {
     }
 
     /// What the sensors report now.
-    pub fn read(&self, model: &Model, values: &Values, options: &SecondOptions) -> SensorReading {
+    pub fn read(&self, model: &Model, values: &Values, options: &RapierOptions) -> SensorReading {
         let (positions, dofs) = (model.nq() - model.joints.len(), model.base_dofs());
         let mut reading = SensorReading {
             q: Vec::new(),
@@ -71,7 +71,7 @@ impl History {
     }
 
     /// Accelerometer and gyroscope: the velocity of the IMU's own point, differenced over the last step.
-    fn read_imu(&self, model: &Model, values: &Values, options: &SecondOptions, reading: &mut SensorReading) {
+    fn read_imu(&self, model: &Model, values: &Values, options: &RapierOptions, reading: &mut SensorReading) {
         use WorldField::*;
         let mounted = model.frame("imu").or(model.frame("imu_link")).filter(|frame| frame.link == Some(0));
         let base_from_imu = mounted.map_or(Pose::IDENTITY, |frame| frame.link_from_frame);

@@ -1,6 +1,6 @@
 //! The same motion in both engines.
 
-use super::{SecondEngine, SecondOptions};
+use super::{RapierEngine, RapierOptions};
 use crate::{BaseKind, Batch, JointCommand, Model, SimError, SimOptions, State, Terrain};
 use std::fmt;
 
@@ -56,8 +56,8 @@ pub fn compare_engines(
 ) -> Result<EngineDifference, SimError> {
     let mut first = Batch::<f64>::new(model, terrain, options, 1)?;
     first.set_state(0, motion.start)?;
-    let settings = SecondOptions { timestep: options.timestep, gravity: options.gravity, ..Default::default() };
-    let mut second = SecondEngine::new(model, terrain, &settings)?;
+    let settings = RapierOptions { timestep: options.timestep, gravity: options.gravity, ..Default::default() };
+    let mut second = RapierEngine::new(model, terrain, &settings)?;
     second.set_state(motion.start)?;
     for (name, value) in motion.parameters {
         first.set_parameter(0, name, *value)?;

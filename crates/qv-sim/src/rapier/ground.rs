@@ -1,7 +1,7 @@
 //! The ground of the second engine: its shape, and friction by place.
 
 use crate::parameters::{GeomField, WorldField};
-use crate::second::values::Values;
+use crate::rapier::values::Values;
 use crate::{SimError, Terrain};
 use glam::{DQuat, DVec3};
 use rapier3d_f64::geometry::{ColliderHandle, SharedShape, TriMeshFlags};

@@ -1,0 +1,40 @@
+//! The error of this crate.
+
+use qv_policy::PolicyError;
+use qv_policy::onnx::OnnxError;
+use qv_raster::RasterError;
+use qv_sim::SimError;
+
+/// Why navigation did not work.
+#[derive(Debug, thiserror::Error)]
+pub enum NavError {
+    /// A setting or an input means nothing.
+    #[error("{what}: expected {expected}, found {found}")]
+    Value {
+        /// Its name.
+        what: String,
+        /// What is allowed.
+        expected: String,
+        /// What was found.
+        found: String,
+    },
+    /// A picture could not be drawn.
+    #[error(transparent)]
+    Raster(#[from] RasterError),
+    /// The walking policy or its task failed.
+    #[error(transparent)]
+    Policy(#[from] PolicyError),
+    /// The file of the network could not be made.
+    #[error(transparent)]
+    Onnx(#[from] OnnxError),
+    /// A simulator failed.
+    #[error(transparent)]
+    Sim(#[from] SimError),
+}
+
+impl NavError {
+    /// An error of a value.
+    pub fn value(what: &str, expected: &str, found: impl std::fmt::Display) -> Self {
+        Self::Value { what: what.into(), expected: expected.into(), found: found.to_string() }
+    }
+}

@@ -1,0 +1,185 @@
+//! The camera model: what stands between what an eye draws and the bytes that a network sees.
+
+use crate::NavError;
+use crate::net::{HEIGHT, WIDTH};
+use crate::sight::Rig;
+use qv_core::random::Xoshiro256PlusPlus;
+use serde::{Deserialize, Serialize};
+
+/// How cameras differ from episode to episode. All are standard deviations about `middle`'s values unless they say otherwise.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LensSpread {
+    /// Logarithm of the factor on shown colours, mean and deviation.
+    pub gain: [f64; 2],
+    /// Logarithm of the same of single colours.
+    pub balance: f64,
+    /// Logarithm of the exponent.
+    pub gamma: f64,
+    /// Added to shown colours.
+    pub bias: f64,
+    /// Noise of a pixel of the network's picture: least and greatest.
+    pub noise: [f64; 2],
+    /// Age of a picture when it is used: least and greatest \[s\], at most 0.3.
+    pub delay: [f64; 2],
+    /// Place of the camera \[m\].
+    pub place: f64,
+    /// Roll, pitch, yaw of the camera \[rad\].
+    pub turn: f64,
+    /// Logarithm of the focal length.
+    pub focal: f64,
+    /// Blur, deviation in pixels of the network's picture: least and greatest.
+    pub blur: [f64; 2],
+}
+
+impl Default for LensSpread {
+    fn default() -> Self {
+        Self::none()
+    }
+}
+
+impl LensSpread {
+    /// A perfect camera.
+    pub fn none() -> Self {
+        Self {
+            gain: [0.0; 2],
+            balance: 0.0,
+            gamma: 0.0,
+            bias: 0.0,
+            noise: [0.0; 2],
+            delay: [0.0; 2],
+            place: 0.0,
+            turn: 0.0,
+            focal: 0.0,
+            blur: [0.0; 2],
+        }
+    }
+
+    /// Wide ranges, for when nothing was measured.
+    pub fn wide() -> Self {
+        Self {
+            gain: [0.0, 0.2],
+            balance: 0.04,
+            gamma: 0.1,
+            bias: 0.02,
+            noise: [0.0, 0.016],
+            delay: [0.02, 0.14],
+            place: 0.01,
+            turn: 0.03,
+            focal: 0.03,
+            blur: [0.0, 0.8],
+        }
+    }
+
+    /// Checks the numbers.
+    ///
+    /// # Errors
+    /// Names the first that means nothing.
+    pub fn check(&self) -> Result<(), NavError> {
+        let lists: [(&str, &[f64]); 5] = [
+            ("gain", &self.gain[1..]),
+            ("noise", &self.noise),
+            ("delay", &self.delay),
+            ("blur", &self.blur),
+            ("deviations", &[self.balance, self.gamma, self.bias, self.place, self.turn, self.focal]),
+        ];
+        for (what, numbers) in lists {
+            let most = if what == "delay" { 0.3 } else { 10.0 };
+            if let Some(bad) = numbers.iter().find(|x| !(0.0..=most).contains(*x)) {
+                return Err(NavError::value(&format!("camera, {what}"), &format!("0 to {most}"), bad));
+            }
+        }
+        if !(-3.0..=3.0).contains(&self.gain[0]) {
+            return Err(NavError::value("camera, gain", "-3 to 3", self.gain[0]));
+        }
+        Ok(())
+    }
+
+    /// One camera.
+    pub fn draw(&self, rig: &Rig, seed: u64) -> Lens {
+        let mut random = Xoshiro256PlusPlus::of(seed, 85, 0);
+        let gain = self.gain[0] + self.gain[1] * f64::from(random.normal());
+        let mut normal = |deviation: f64| deviation * f64::from(random.normal());
+        let balance = [0; 3].map(|_| (gain + normal(self.balance)).exp());
+        let gamma = normal(self.gamma).exp();
+        let bias = normal(self.bias);
+        let place = rig.place.map(|x| x + normal(self.place));
+        let turn = rig.turn.map(|x| x + normal(self.turn));
+        let focal = rig.focal * normal(self.focal).exp();
+        let mut between = |[low, high]: [f64; 2]| f64::from(random.between(low as f32, high as f32));
+        let (noise, delay, blur) = (between(self.noise), between(self.delay), between(self.blur));
+        Lens { rig: Rig { place, turn, focal, ..*rig }, balance, gamma, bias, noise, delay, blur, random }
+    }
+}
+
+/// The camera of one episode.
+#[derive(Debug, Clone)]
+pub struct Lens {
+    /// How it sits.
+    pub rig: Rig,
+    balance: [f64; 3],
+    gamma: f64,
+    bias: f64,
+    noise: f64,
+    /// Age of its pictures \[s\].
+    pub delay: f64,
+    blur: f64,
+    random: Xoshiro256PlusPlus,
+}
+
+impl Lens {
+    /// Bytes of a picture of 0 to 1.
+    pub fn bytes(&mut self, picture: &[f32]) -> Vec<u8> {
+        let blurred = if self.blur > 0.05 { blur(picture, self.blur) } else { picture.to_vec() };
+        let mut out = Vec::with_capacity(blurred.len());
+        for (k, &x) in blurred.iter().enumerate() {
+            let shown = f64::from(x.clamp(0.0, 1.0)).powf(self.gamma) * self.balance[k % 3] + self.bias;
+            let noisy = if self.noise > 0.0 { shown + self.noise * f64::from(self.random.normal()) } else { shown };
+            out.push((noisy * 255.0).round().clamp(0.0, 255.0) as u8);
+        }
+        out
+    }
+}
+
+/// Three taps along rows and columns, whose variance is that of the blur as far as three taps can have it.
+fn blur(picture: &[f32], deviation: f64) -> Vec<f32> {
+    let side = (0.5 * deviation * deviation).min(1.0 / 3.0) as f32;
+    let pass = |from: &[f32], step: usize, count: usize| -> Vec<f32> {
+        (0..from.len())
+            .map(|k| {
+                let at = k / step % count;
+                let before = if at > 0 { from[k - step] } else { from[k] };
+                let after = if at + 1 < count { from[k + step] } else { from[k] };
+                from[k] + side * (before + after - 2.0 * from[k])
+            })
+            .collect()
+    };
+    pass(&pass(picture, 3, WIDTH), 3 * WIDTH, HEIGHT)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_perfect_camera_changes_nothing() {
+        let picture: Vec<f32> = (0..WIDTH * HEIGHT * 3).map(|k| (k % 256) as f32 / 255.0).collect();
+        let mut lens = LensSpread::none().draw(&Rig::default(), 3);
+        let bytes = lens.bytes(&picture);
+        assert!(bytes.iter().enumerate().all(|(k, &b)| usize::from(b) == k % 256));
+        assert_eq!((lens.rig, lens.delay), (Rig::default(), 0.0));
+    }
+
+    #[test]
+    fn wide_cameras_differ_and_a_blur_keeps_the_sum() {
+        let spread = LensSpread::wide();
+        spread.check().unwrap();
+        let (a, b) = (spread.draw(&Rig::default(), 1), spread.draw(&Rig::default(), 2));
+        assert!(a.rig != b.rig && a.delay != b.delay && (0.02..=0.14).contains(&a.delay));
+        let mut dot = vec![0.0; WIDTH * HEIGHT * 3];
+        dot[3 * (20 * WIDTH + 30)] = 1.0;
+        let out = blur(&dot, 0.6);
+        assert!((out.iter().sum::<f32>() - 1.0).abs() < 1e-6 && out[3 * (20 * WIDTH + 30)] < 0.5);
+        assert!(LensSpread { delay: [0.0, 9.0], ..spread }.check().unwrap_err().to_string().contains("delay"));
+    }
+}

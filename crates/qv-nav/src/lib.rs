@@ -1,0 +1,23 @@
+//! Visual navigation: a network learns from pictures of a reconstructed place to reach a coloured cone. It knows no robot.
+//!
+//! [`map`] says where one can go on a labelled mesh; [`teacher`] plans, but uses the cone only once it could be seen; an [`eye::Eye`] draws what
+//! a camera on the robot sees, [`lens`] makes of it what a real camera would; [`legs::Legs`] carry it. [`dagger`] lets a [`net::Net`] drive
+//! and learn from what the teacher says. [`task`] draws episodes and judges them, [`score`] counts. See `docs/navigation.md`.
+
+pub mod dagger;
+mod error;
+pub mod eye;
+pub mod legs;
+pub mod lens;
+pub mod map;
+pub mod net;
+pub mod onnx;
+pub mod pilots;
+pub mod roll;
+pub mod score;
+pub mod sight;
+pub mod task;
+pub mod teacher;
+pub mod weights;
+
+pub use error::NavError;

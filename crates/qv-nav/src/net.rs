@@ -1,0 +1,491 @@
+//! The network: four convolutions, a dense layer, a gated recurrent unit, and a head that gives a command and what it knows of the cone.
+//!
+//! ```text
+//! picture 80 x 60 x 3 -> 5x5/2 16 -> 3x3/2 16 -> 3x3/2 16 -> 3x3/2 32 -> (with the state) dense 128 -> GRU 128 -> dense 64 -> 7
+//! ```
+//! ELU follows each layer but the last. Convolutions are products of patches with the weights of a [`Dense`] layer, so that all products are
+//! those of `qv_policy::net`, whose bits do not depend on the processor. Pictures lie as `[height][width][channels]`.
+
+use qv_core::random::Xoshiro256PlusPlus;
+use qv_policy::net::{Dense, Gru, GruTape, elu, elu_back, padded, sigmoid, tanh};
+
+/// Columns and rows of the picture that the network sees: an eighth of the camera's 640 x 480.
+pub const WIDTH: usize = 80;
+/// See [`WIDTH`].
+pub const HEIGHT: usize = 60;
+/// Numbers beside the picture: goal colour as one of three, direction of gravity in the base, gyroscope \[rad/s\], last command as shares of
+/// its limits.
+pub const STATE: usize = 12;
+/// Length of the memory.
+pub const HIDDEN: usize = 128;
+/// Numbers that come out: three of the command, then sine and cosine of the cone's bearing, its distance / 5 m, and whether it is in view.
+pub const OUTPUTS: usize = 7;
+/// How many of them are the command.
+pub const COMMAND: usize = 3;
+const DENSE: usize = 128;
+const HEAD: usize = 64;
+/// Side, stride and channels of each convolution.
+const CONVOLUTIONS: [(usize, usize, usize); 4] = [(5, 2, 16), (3, 2, 16), (3, 2, 16), (3, 2, 32)];
+
+/// One convolution.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Conv {
+    /// The weights: inputs are the patch, by rows, columns, channels.
+    pub dense: Dense,
+    /// Side of the patch; zeros of `side / 2` lie around the picture.
+    pub side: usize,
+    /// Pixels from one patch to the next.
+    pub stride: usize,
+    /// Rows, columns, channels that go in.
+    pub from: [usize; 3],
+    /// Rows, columns, channels that come out.
+    pub to: [usize; 3],
+}
+
+impl Conv {
+    fn new(from: [usize; 3], (side, stride, channels): (usize, usize, usize), start: usize) -> Self {
+        let to = [from[0].div_ceil(stride), from[1].div_ceil(stride), channels];
+        let dense = Dense { inputs: side * side * from[2], outputs: channels, start };
+        Self { dense, side, stride, from, to }
+    }
+
+    fn pixels(&self) -> usize {
+        self.to[0] * self.to[1]
+    }
+
+    /// Calls `f` with the row of patches, the first number in it and the first number of the picture, for each pixel of each patch that lies within
+    /// the picture.
+    fn each(&self, mut f: impl FnMut(usize, usize, usize)) {
+        let [rows, columns, channels] = self.from;
+        let margin = self.side / 2;
+        for y in 0..self.to[0] {
+            for x in 0..self.to[1] {
+                let patch = y * self.to[1] + x;
+                for ky in 0..self.side {
+                    let at_y = y * self.stride + ky;
+                    if at_y < margin || at_y - margin >= rows {
+                        continue;
+                    }
+                    for kx in 0..self.side {
+                        let at_x = x * self.stride + kx;
+                        if at_x < margin || at_x - margin >= columns {
+                            continue;
+                        }
+                        let pixel = (at_y - margin) * columns + at_x - margin;
+                        f(patch, (ky * self.side + kx) * channels, pixel * channels);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The picture cut into patches, padded rows.
+    fn patches(&self, picture: &[f32], out: &mut [f32]) {
+        let (width, channels) = (padded(self.dense.inputs), self.from[2]);
+        out[..self.pixels() * width].fill(0.0);
+        self.each(|patch, within, from| {
+            out[patch * width + within..][..channels].copy_from_slice(&picture[from..][..channels]);
+        });
+    }
+
+    /// Adds patches up to a picture: [`Conv::patches`] turned round.
+    fn gather(&self, patches: &[f32], picture: &mut [f32]) {
+        let (width, channels) = (padded(self.dense.inputs), self.from[2]);
+        picture.fill(0.0);
+        self.each(|patch, within, to| {
+            let part = &patches[patch * width + within..][..channels];
+            picture[to..][..channels].iter_mut().zip(part).for_each(|(sum, x)| *sum += x);
+        });
+    }
+}
+
+/// The network: where its numbers lie in one flat array.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Net {
+    /// The convolutions.
+    pub convolutions: Vec<Conv>,
+    /// From the last picture and the state.
+    pub dense: Dense,
+    /// The memory.
+    pub gru: Gru,
+    /// From the memory.
+    pub head: Dense,
+    /// The output.
+    pub last: Dense,
+}
+
+/// Room for patches and pictures on the way through the convolutions.
+#[derive(Debug, Clone)]
+pub struct Scratch {
+    patches: Vec<f32>,
+    pictures: Vec<Vec<f32>>,
+    of_patches: Vec<f32>,
+    of_pictures: [Vec<f32>; 2],
+    gru: GruTape,
+}
+
+/// Weights as the way back reads them.
+#[derive(Debug, Clone)]
+pub struct Turned {
+    convolutions: Vec<Vec<f32>>,
+    dense: Vec<f32>,
+    head: Vec<f32>,
+    last: Vec<f32>,
+}
+
+/// A stretch of sequences that begin together, the longest first, so that at each step those that still run come first.
+#[derive(Debug, Clone, Default)]
+pub struct Stretch {
+    /// Sequences at each step, never growing.
+    pub rows: Vec<usize>,
+    /// Pictures 0 to 255, `[samples][height][width][3]`; samples by step, then by sequence.
+    pub pictures: Vec<u8>,
+    /// `[samples][STATE]`.
+    pub states: Vec<f32>,
+}
+
+impl Stretch {
+    /// Pictures in it.
+    pub fn samples(&self) -> usize {
+        self.rows.iter().sum()
+    }
+}
+
+/// What a pass over a [`Stretch`] leaves for the way back.
+pub struct Pass {
+    /// Output of each convolution of each sample.
+    pictures: Vec<Vec<Vec<f32>>>,
+    dense_in: Vec<f32>,
+    dense_out: Vec<f32>,
+    /// Memory before each step.
+    before: Vec<Vec<f32>>,
+    tapes: Vec<GruTape>,
+    memory: Vec<f32>,
+    head: Vec<f32>,
+    /// `[samples][padded(OUTPUTS)]`, before tanh and the logistic function.
+    pub raw: Vec<f32>,
+}
+
+impl Default for Net {
+    fn default() -> Self {
+        Self::of_size(HEIGHT, WIDTH)
+    }
+}
+
+impl Net {
+    /// For pictures of another size: for tests.
+    pub fn of_size(height: usize, width: usize) -> Self {
+        let (mut from, mut start, mut convolutions) = ([height, width, 3], 0, Vec::new());
+        for shape in CONVOLUTIONS {
+            let conv = Conv::new(from, shape, start);
+            (from, start) = (conv.to, start + conv.dense.len());
+            convolutions.push(conv);
+        }
+        let dense = Dense { inputs: from.iter().product::<usize>() + STATE, outputs: DENSE, start };
+        let gru = Gru::new(DENSE, HIDDEN, start + dense.len());
+        let head = Dense { inputs: HIDDEN, outputs: HEAD, start: start + dense.len() + gru.len() };
+        let last = Dense { inputs: HEAD, outputs: OUTPUTS, start: head.start + head.len() };
+        Self { convolutions, dense, gru, head, last }
+    }
+
+    /// Numbers in the flat array.
+    pub fn len(&self) -> usize {
+        self.last.start + self.last.len()
+    }
+
+    /// Never true: a network has numbers.
+    pub fn is_empty(&self) -> bool {
+        false
+    }
+
+    /// Numbers of a picture.
+    pub fn picture_len(&self) -> usize {
+        self.convolutions[0].from.iter().product()
+    }
+
+    fn features(&self) -> usize {
+        self.dense.inputs - STATE
+    }
+
+    /// Random weights.
+    pub fn draw(&self, random: &mut Xoshiro256PlusPlus) -> Vec<f32> {
+        let mut parameters = vec![0.0; self.len()];
+        // Twice PyTorch's bound keeps the size of signals through ELU.
+        self.convolutions.iter().for_each(|c| c.dense.draw(2.0, random, &mut parameters));
+        self.dense.draw(2.0, random, &mut parameters);
+        self.gru.draw(random, &mut parameters);
+        self.head.draw(2.0, random, &mut parameters);
+        self.last.draw(0.3, random, &mut parameters);
+        parameters
+    }
+
+    /// Room for the way through the convolutions.
+    pub fn scratch(&self) -> Scratch {
+        let patches = self.convolutions.iter().map(|c| c.pixels() * padded(c.dense.inputs)).max().unwrap_or(0);
+        let largest = self.convolutions.iter().map(|c| c.from.iter().product::<usize>()).max().unwrap_or(0);
+        Scratch {
+            patches: vec![0.0; patches],
+            pictures: self.blank(),
+            of_patches: vec![0.0; patches],
+            of_pictures: [vec![0.0; largest], vec![0.0; largest]],
+            gru: self.gru.tape(1),
+        }
+    }
+
+    fn blank(&self) -> Vec<Vec<f32>> {
+        self.convolutions.iter().map(|c| vec![0.0; c.pixels() * padded(c.to[2])]).collect()
+    }
+
+    /// The weights as the way back reads them.
+    pub fn turned(&self, parameters: &[f32]) -> Turned {
+        let turn = |layer: &Dense| {
+            let mut out = vec![0.0; padded(layer.inputs) * padded(layer.outputs)];
+            layer.turn(parameters, &mut out);
+            out
+        };
+        Turned {
+            convolutions: self.convolutions.iter().map(|c| turn(&c.dense)).collect(),
+            dense: turn(&self.dense),
+            head: turn(&self.head),
+            last: turn(&self.last),
+        }
+    }
+
+    /// A picture of -1 to 1 through the convolutions.
+    fn see(&self, parameters: &[f32], picture: &[f32], patches: &mut [f32], outputs: &mut [Vec<f32>]) {
+        for (k, conv) in self.convolutions.iter().enumerate() {
+            let (before, after) = outputs.split_at_mut(k);
+            conv.patches(if k == 0 { picture } else { &before[k - 1] }, patches);
+            conv.dense.forward(parameters, conv.pixels(), patches, &mut after[0]);
+            elu(&mut after[0]);
+        }
+    }
+
+    /// One decision. `picture` holds 0 to 255 (`[height][width][3]`, fractions allowed), `state` [`STATE`] numbers; `memory`, [`HIDDEN`]
+    /// numbers that begin as zeros, becomes the next one. Gives [`OUTPUTS`] numbers, each within its range.
+    pub fn step(
+        &self,
+        parameters: &[f32],
+        picture: &[f32],
+        state: &[f32],
+        memory: &mut [f32],
+        scratch: &mut Scratch,
+    ) -> [f32; OUTPUTS] {
+        let scaled: Vec<f32> = picture.iter().map(|&x| scaled(x)).collect();
+        let Scratch { patches, pictures, gru, .. } = scratch;
+        self.see(parameters, &scaled, patches, pictures);
+        let mut input = vec![0.0; padded(self.dense.inputs)];
+        input[..self.features()].copy_from_slice(&pictures[pictures.len() - 1]);
+        input[self.features()..][..STATE].copy_from_slice(state);
+        let mut dense = vec![0.0; DENSE];
+        self.dense.forward(parameters, 1, &input, &mut dense);
+        elu(&mut dense);
+        self.gru.forward(parameters, 1, &dense, memory, gru);
+        let (mut head, mut out) = (vec![0.0; HEAD], vec![0.0; padded(OUTPUTS)]);
+        self.head.forward(parameters, 1, memory, &mut head);
+        elu(&mut head);
+        self.last.forward(parameters, 1, &head, &mut out);
+        finish(&mut out);
+        std::array::from_fn(|k| out[k])
+    }
+
+    /// A stretch of sequences; `memory` holds a row for each of them and becomes those after the stretch.
+    pub fn forward(&self, parameters: &[f32], stretch: &Stretch, memory: &mut [f32], scratch: &mut Scratch) -> Pass {
+        let samples = stretch.samples();
+        let (width, features) = (padded(self.dense.inputs), self.features());
+        let mut pass = Pass {
+            pictures: Vec::with_capacity(samples),
+            dense_in: vec![0.0; samples * width],
+            dense_out: vec![0.0; samples * DENSE],
+            before: Vec::new(),
+            tapes: Vec::new(),
+            memory: Vec::with_capacity(samples * HIDDEN),
+            head: vec![0.0; samples * HEAD],
+            raw: vec![0.0; samples * padded(OUTPUTS)],
+        };
+        for (sample, bytes) in stretch.pictures.chunks_exact(self.picture_len()).enumerate() {
+            let picture: Vec<f32> = bytes.iter().map(|&b| scaled(f32::from(b))).collect();
+            let mut outputs = self.blank();
+            self.see(parameters, &picture, &mut scratch.patches, &mut outputs);
+            let row = &mut pass.dense_in[sample * width..][..width];
+            row[..features].copy_from_slice(&outputs[outputs.len() - 1]);
+            row[features..][..STATE].copy_from_slice(&stretch.states[sample * STATE..][..STATE]);
+            pass.pictures.push(outputs);
+        }
+        self.dense.forward(parameters, samples, &pass.dense_in, &mut pass.dense_out);
+        elu(&mut pass.dense_out);
+        let mut first = 0;
+        for &rows in &stretch.rows {
+            let mut tape = self.gru.tape(rows);
+            pass.before.push(memory[..rows * HIDDEN].to_vec());
+            let input = &pass.dense_out[first * DENSE..][..rows * DENSE];
+            self.gru.forward(parameters, rows, input, memory, &mut tape);
+            pass.memory.extend_from_slice(&memory[..rows * HIDDEN]);
+            pass.tapes.push(tape);
+            first += rows;
+        }
+        self.head.forward(parameters, samples, &pass.memory, &mut pass.head);
+        elu(&mut pass.head);
+        self.last.forward(parameters, samples, &pass.head, &mut pass.raw);
+        pass
+    }
+
+    /// Adds the gradient of the parameters, given that of [`Pass::raw`] (padded rows).
+    pub fn backward(
+        &self,
+        parameters: &[f32],
+        turned: &Turned,
+        stretch: &Stretch,
+        pass: &mut Pass,
+        of_raw: &[f32],
+        scratch: &mut Scratch,
+        gradient: &mut [f32],
+    ) {
+        let samples = stretch.samples();
+        let mut of_head = vec![0.0; samples * HEAD];
+        self.last.gradient(samples, &pass.head, of_raw, gradient);
+        self.last.back(samples, &turned.last, of_raw, &mut of_head);
+        elu_back(&mut of_head, &pass.head);
+        let mut of_memory = vec![0.0; samples * HIDDEN];
+        self.head.gradient(samples, &pass.memory, &of_head, gradient);
+        self.head.back(samples, &turned.head, &of_head, &mut of_memory);
+        let mut of_dense = vec![0.0; samples * DENSE];
+        let most = stretch.rows.first().copied().unwrap_or(0);
+        // What later steps say of the memory after this one; nothing of sequences that had ended.
+        let mut later = vec![0.0; most * HIDDEN];
+        let mut first = samples;
+        for (step, &rows) in stretch.rows.iter().enumerate().rev() {
+            first -= rows;
+            let now = &of_memory[first * HIDDEN..][..rows * HIDDEN];
+            later.iter_mut().zip(now).for_each(|(sum, x)| *sum += x);
+            let range = first * DENSE..(first + rows) * DENSE;
+            let input = (&pass.dense_out[range.clone()], &pass.before[step][..]);
+            let tape = &mut pass.tapes[step];
+            self.gru.backward(parameters, rows, input, tape, &mut later, &mut of_dense[range], gradient);
+        }
+        elu_back(&mut of_dense, &pass.dense_out);
+        self.dense.gradient(samples, &pass.dense_in, &of_dense, gradient);
+        let width = padded(self.dense.inputs);
+        let mut of_in = vec![0.0; samples * width];
+        self.dense.back(samples, &turned.dense, &of_dense, &mut of_in);
+        for (sample, bytes) in stretch.pictures.chunks_exact(self.picture_len()).enumerate() {
+            let of_features = &of_in[sample * width..][..self.features()];
+            self.see_back(turned, bytes, &pass.pictures[sample], of_features, scratch, gradient);
+        }
+    }
+
+    fn see_back(
+        &self,
+        turned: &Turned,
+        bytes: &[u8],
+        outputs: &[Vec<f32>],
+        of_features: &[f32],
+        scratch: &mut Scratch,
+        gradient: &mut [f32],
+    ) {
+        let Scratch { patches, of_patches, of_pictures: [now, next], .. } = scratch;
+        now[..of_features.len()].copy_from_slice(of_features);
+        for (k, conv) in self.convolutions.iter().enumerate().rev() {
+            let count = outputs[k].len();
+            elu_back(&mut now[..count], &outputs[k]);
+            if k == 0 {
+                let picture: Vec<f32> = bytes.iter().map(|&b| scaled(f32::from(b))).collect();
+                conv.patches(&picture, patches);
+                conv.dense.gradient(conv.pixels(), patches, now, gradient);
+                break;
+            }
+            conv.patches(&outputs[k - 1], patches);
+            conv.dense.gradient(conv.pixels(), patches, now, gradient);
+            conv.dense.back(conv.pixels(), &turned.convolutions[k], now, of_patches);
+            let from = outputs[k - 1].len();
+            conv.gather(of_patches, &mut next[..from]);
+            std::mem::swap(now, next);
+        }
+    }
+}
+
+/// 0 to 255 as -1 to 1.
+fn scaled(byte: f32) -> f32 {
+    byte * (2.0 / 255.0) - 1.0
+}
+
+/// Brings the output into its ranges: tanh of the command, the logistic function of the visibility.
+pub fn finish(row: &mut [f32]) {
+    tanh(&mut row[..COMMAND]);
+    sigmoid(&mut row[OUTPUTS - 1..OUTPUTS]);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn made_up(net: &Net) -> (Vec<f32>, Stretch) {
+        let mut random = Xoshiro256PlusPlus::new(3);
+        let parameters = net.draw(&mut random);
+        let rows = vec![3, 3, 2, 1];
+        let samples: usize = rows.iter().sum();
+        let pictures = (0..samples * net.picture_len()).map(|_| random.below(256) as u8).collect();
+        let states = (0..samples * STATE).map(|_| random.normal()).collect();
+        (parameters, Stretch { rows, pictures, states })
+    }
+
+    #[test]
+    fn sequences_are_single_steps() {
+        let net = Net::of_size(20, 28);
+        let (parameters, stretch) = made_up(&net);
+        let (mut scratch, mut memory) = (net.scratch(), vec![0.0; 3 * HIDDEN]);
+        let pass = net.forward(&parameters, &stretch, &mut memory, &mut scratch);
+        // The second sequence has three steps.
+        let mut own = vec![0.0; HIDDEN];
+        for sample in [1, 4, 7] {
+            let picture: Vec<f32> = stretch.pictures[sample * net.picture_len()..][..net.picture_len()]
+                .iter()
+                .map(|&b| f32::from(b))
+                .collect();
+            let state = &stretch.states[sample * STATE..][..STATE];
+            let out = net.step(&parameters, &picture, state, &mut own, &mut scratch);
+            let mut expected = pass.raw[sample * padded(OUTPUTS)..][..padded(OUTPUTS)].to_vec();
+            finish(&mut expected);
+            assert_eq!(out[..], expected[..OUTPUTS], "sample {sample}");
+        }
+        assert_eq!(own, memory[HIDDEN..2 * HIDDEN]);
+    }
+
+    #[test]
+    fn backward_is_the_slope_of_forward() {
+        let net = Net::of_size(20, 28);
+        let (parameters, stretch) = made_up(&net);
+        let mut random = Xoshiro256PlusPlus::new(9);
+        let samples = stretch.samples();
+        let mut of_raw = vec![0.0; samples * padded(OUTPUTS)];
+        of_raw.chunks_exact_mut(padded(OUTPUTS)).for_each(|row| row[..OUTPUTS].fill_with(|| random.normal()));
+        let mut scratch = net.scratch();
+        let mut loss = |parameters: &[f32]| -> f64 {
+            let mut memory = vec![0.1; 3 * HIDDEN];
+            let pass = net.forward(parameters, &stretch, &mut memory, &mut scratch);
+            pass.raw.iter().zip(&of_raw).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
+        };
+        let (mut back_scratch, mut memory, mut gradient) = (net.scratch(), vec![0.1; 3 * HIDDEN], vec![0.0; net.len()]);
+        let mut pass = net.forward(&parameters, &stretch, &mut memory, &mut back_scratch);
+        let turned = net.turned(&parameters);
+        net.backward(&parameters, &turned, &stretch, &mut pass, &of_raw, &mut back_scratch, &mut gradient);
+        let mut layers: Vec<&Dense> = net.convolutions.iter().map(|c| &c.dense).collect();
+        layers.extend([&net.dense, &net.gru.from_input, &net.gru.from_state, &net.head, &net.last]);
+        for (k, layer) in layers.iter().enumerate() {
+            // Along the gradient of one layer, weights and biases: the slope is the gradient's length squared.
+            let range = layer.start..layer.start + layer.len();
+            let squared: f64 = gradient[range.clone()].iter().map(|g| f64::from(*g).powi(2)).sum();
+            assert!(squared > 0.0, "layer {k} has a gradient");
+            let size = 2e-3 / squared.sqrt();
+            let mut moved = |sign: f64| {
+                let mut moved = parameters.clone();
+                for at in range.clone() {
+                    moved[at] += (sign * size * f64::from(gradient[at])) as f32;
+                }
+                loss(&moved)
+            };
+            let slope = (moved(1.0) - moved(-1.0)) / (2.0 * size);
+            assert!((slope / squared - 1.0).abs() < 0.02, "layer {k}: {slope} for {squared}");
+        }
+    }
+}

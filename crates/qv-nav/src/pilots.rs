@@ -1,0 +1,149 @@
+//! Who decides: the network, the teacher, both in turn, and a follower of coloured blobs.
+
+use crate::net::{HEIGHT, HIDDEN, Net, OUTPUTS, Scratch, WIDTH};
+use crate::roll::{Pilot, Seen};
+use crate::task::{Episode, Limits};
+use qv_core::random::Xoshiro256PlusPlus;
+use rayon::prelude::*;
+
+/// The network.
+pub struct NetPilot<'a> {
+    net: &'a Net,
+    parameters: &'a [f32],
+    robots: Vec<(Vec<f32>, Scratch)>,
+    /// The output of the last decision of each robot.
+    pub outputs: Vec<[f32; OUTPUTS]>,
+}
+
+impl<'a> NetPilot<'a> {
+    /// For `count` robots.
+    pub fn new(net: &'a Net, parameters: &'a [f32], count: usize) -> Self {
+        let robots = (0..count).map(|_| (vec![0.0; HIDDEN], net.scratch())).collect();
+        Self { net, parameters, robots, outputs: vec![[0.0; OUTPUTS]; count] }
+    }
+}
+
+impl Pilot for NetPilot<'_> {
+    fn begin(&mut self, env: usize, _episode: &Episode) {
+        self.robots[env].0.fill(0.0);
+    }
+
+    fn decide(&mut self, seen: &[Seen]) -> Vec<[f32; 3]> {
+        let mut of_env: Vec<Option<&Seen>> = vec![None; self.robots.len()];
+        seen.iter().for_each(|s| of_env[s.env] = Some(s));
+        let (net, parameters) = (self.net, self.parameters);
+        let robots = self.robots.par_iter_mut().zip(&mut self.outputs).zip(of_env);
+        robots.for_each(|(((memory, scratch), out), seen)| {
+            if let Some(seen) = seen {
+                let picture: Vec<f32> = seen.picture.iter().map(|&b| f32::from(b)).collect();
+                *out = net.step(parameters, &picture, seen.state, memory, scratch);
+            }
+        });
+        seen.iter().map(|s| [0, 1, 2].map(|k| self.outputs[s.env][k])).collect()
+    }
+}
+
+/// The teacher itself.
+pub struct TeacherPilot {
+    /// Limits of commands.
+    pub limits: Limits,
+}
+
+impl Pilot for TeacherPilot {
+    fn begin(&mut self, _env: usize, _episode: &Episode) {}
+
+    fn decide(&mut self, seen: &[Seen]) -> Vec<[f32; 3]> {
+        seen.iter().map(|s| self.limits.shares(s.advice.command)).collect()
+    }
+}
+
+/// The network, and the teacher in a share of the episodes.
+pub struct MixedPilot<'a> {
+    /// The network.
+    pub student: NetPilot<'a>,
+    /// Limits of commands.
+    pub limits: Limits,
+    /// Share of episodes in which the teacher drives.
+    pub share: f32,
+    /// Whether it drives each robot now.
+    pub taught: Vec<bool>,
+}
+
+impl Pilot for MixedPilot<'_> {
+    fn begin(&mut self, env: usize, episode: &Episode) {
+        self.student.begin(env, episode);
+        self.taught[env] = is_taught(episode, self.share);
+    }
+
+    fn decide(&mut self, seen: &[Seen]) -> Vec<[f32; 3]> {
+        let mut out = if self.share >= 1.0 { vec![[0.0; 3]; seen.len()] } else { self.student.decide(seen) };
+        for (out, s) in out.iter_mut().zip(seen).filter(|(_, s)| self.taught[s.env]) {
+            *out = self.limits.shares(s.advice.command);
+        }
+        out
+    }
+}
+
+/// Whether the teacher drives an episode.
+pub fn is_taught(episode: &Episode, share: f32) -> bool {
+    Xoshiro256PlusPlus::of(episode.seed, 87, 0).unit() < share
+}
+
+/// Follows the largest patch of the wanted colour in the picture, and turns to the left while there is none: what needs no learning.
+pub struct BlobPilot {
+    /// Limits of commands.
+    pub limits: Limits,
+}
+
+/// Hue \[degrees\] of each colour.
+const HUES: [f64; 3] = [2.0, 225.0, 47.0];
+
+impl BlobPilot {
+    /// Number of pixels of a colour, their mean column, and the lowest row.
+    pub fn blob(picture: &[u8], colour: usize) -> (usize, f64, usize) {
+        let (mut count, mut sum, mut lowest) = (0, 0.0, 0);
+        for (k, p) in picture.chunks_exact(3).enumerate() {
+            let [r, g, b] = [p[0], p[1], p[2]].map(f64::from);
+            let (most, least) = (r.max(g).max(b), r.min(g).min(b));
+            let spread = most - least;
+            if most < 60.0 || spread < 0.55 * most {
+                continue;
+            }
+            let hue = if most == r {
+                60.0 * (g - b) / spread
+            } else if most == g {
+                60.0 * (b - r) / spread + 120.0
+            } else {
+                60.0 * (r - g) / spread + 240.0
+            };
+            let off = (hue - HUES[colour] + 180.0).rem_euclid(360.0) - 180.0;
+            if off.abs() < 12.0 {
+                count += 1;
+                sum += (k % WIDTH) as f64;
+                lowest = k / WIDTH;
+            }
+        }
+        (count, sum / (count.max(1) as f64), lowest)
+    }
+}
+
+impl Pilot for BlobPilot {
+    fn begin(&mut self, _env: usize, _episode: &Episode) {}
+
+    fn decide(&mut self, seen: &[Seen]) -> Vec<[f32; 3]> {
+        seen.iter()
+            .map(|s| {
+                let (count, column, lowest) = Self::blob(s.picture, s.colour);
+                let turn = (0.5 * WIDTH as f64 - column) / (0.5 * WIDTH as f64) * 0.48;
+                // A cone that fills this many pixels at the lower edge is about 0.3 m from the head.
+                let near = lowest + 1 == HEIGHT && count > 330;
+                let command = match count {
+                    0..3 => [0.0, 0.0, self.limits.turning],
+                    _ if near => [0.0, 0.0, turn],
+                    _ => [0.5 * (1.0 - turn.abs()), 0.0, 2.0 * turn],
+                };
+                self.limits.shares(command)
+            })
+            .collect()
+    }
+}

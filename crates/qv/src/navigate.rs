@@ -1,0 +1,212 @@
+//! `qv navigate`: a network learns from pictures of a place to reach a cone in it, and is tested.
+
+use crate::progress::{Stages, remark};
+use crate::scene::{about, open_scene};
+use crate::whole::write_whole;
+use crate::{Failure, Outcome, say};
+use qv_nav::dagger::{Student, TrainSettings};
+use qv_nav::eye::SplatEye;
+use qv_nav::legs::Follower;
+use qv_nav::lens::LensSpread;
+use qv_nav::map::{Map, MapSettings};
+use qv_nav::net::Net;
+use qv_nav::pilots::{BlobPilot, NetPilot, TeacherPilot};
+use qv_nav::roll::{Pilot, Stage, roll};
+use qv_nav::score::{Row, compared};
+use qv_nav::sight::Rig;
+use qv_nav::task::{End, Episode, EpisodeSettings, Limits, Trial};
+use qv_nav::teacher::World;
+use qv_nav::{onnx, weights};
+use qv_open::ground::mesh_at;
+use serde_json::json;
+use std::fs;
+use std::path::PathBuf;
+
+pub const EXAMPLE: &str = "Example:\n  qv navigate train --scene out/policy.ply --mesh out/mesh.glb --out out/nav\n  \
+    qv navigate test out/nav/weights.bin --scene out/policy.ply --mesh out/mesh.glb --out out/nav/results.json\n\n\
+    The scene should be small (qv reconstruct --downscale 4 --cap 20000), in metres, z up, in the mesh's frame. Legs are a\n\
+    follower of velocities without physics. docs/navigation.md tells the rest.\n\n\
+    Exit codes: 0 done, 1 failed, 2 wrong usage.";
+
+/// Height of the base over the ground \[m\]; most four-legged robots of this size have about that.
+const HEIGHT: f64 = 0.3;
+
+#[derive(clap::Args)]
+pub struct Navigate {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(clap::Subcommand)]
+enum Command {
+    /// Trains a policy: writes policy.onnx, weights.bin and metrics.json
+    Train(Train),
+    /// Tests weights on drawn episodes, beside the teacher and a follower of coloured blobs: writes results as JSON
+    Test(Test),
+}
+
+/// The place.
+#[derive(clap::Args)]
+struct Place {
+    /// A scene of Gaussians (PLY, SPZ, GLB, SOG …)
+    #[arg(long, value_name = "FILE")]
+    scene: PathBuf,
+    /// The labelled mesh of the same place
+    #[arg(long, value_name = "FILE.glb")]
+    mesh: PathBuf,
+    /// How much cameras differ: wide or none
+    #[arg(long, value_name = "wide|none", default_value = "wide", value_parser = spread)]
+    camera: LensSpread,
+    /// Of everything that is drawn
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+}
+
+#[derive(clap::Args)]
+struct Train {
+    #[command(flatten)]
+    place: Place,
+    /// Rounds of driving and learning
+    #[arg(long, default_value_t = TrainSettings::default().rounds)]
+    rounds: usize,
+    /// Decisions that a round gathers
+    #[arg(long, default_value_t = TrainSettings::default().frames)]
+    frames: usize,
+    /// Directory for the results; made if need be
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+#[derive(clap::Args)]
+struct Test {
+    /// weights.bin of `qv navigate train`
+    weights: PathBuf,
+    #[command(flatten)]
+    place: Place,
+    /// Episodes
+    #[arg(long, default_value_t = 200)]
+    episodes: usize,
+    /// File for the results
+    #[arg(long, value_name = "FILE.json")]
+    out: PathBuf,
+}
+
+fn spread(name: &str) -> Result<LensSpread, String> {
+    match name {
+        "wide" => Ok(LensSpread::wide()),
+        "none" => Ok(LensSpread::none()),
+        _ => Err(format!("expected wide or none, found `{name}`")),
+    }
+}
+
+impl Navigate {
+    pub fn execute(&self) -> Result<Outcome, Failure> {
+        match &self.command {
+            Command::Train(command) => command.execute(),
+            Command::Test(command) => command.execute(),
+        }
+    }
+}
+
+impl Place {
+    fn open(&self) -> Result<(World, SplatEye), Failure> {
+        let mesh = mesh_at(&self.mesh, "a labelled mesh in GLB")?;
+        let map = Map::new(&mesh, &MapSettings::default()).map_err(|e| about(&self.mesh, e))?;
+        let eye = SplatEye::new(&open_scene(&self.scene)?.cloud);
+        if eye.count() > 60_000 {
+            remark("the scene has many Gaussians: pictures of 80 x 60 are as good, and faster, from 20 000");
+        }
+        Ok((World::new(map, Rig::default(), Limits::default()), eye))
+    }
+}
+
+impl Train {
+    fn execute(&self) -> Result<Outcome, Failure> {
+        let (world, eye) = self.place.open()?;
+        fs::create_dir_all(&self.out).map_err(|e| about(&self.out, e))?;
+        let settings =
+            TrainSettings { rounds: self.rounds, frames: self.frames, seed: self.place.seed, ..Default::default() };
+        let stage = Stage { world: &world, eye: &eye, spread: self.place.camera };
+        let mut legs = Follower::new(&world.map, settings.robots, HEIGHT);
+        let mut student = Student::new(&settings)?;
+        let (stages, mut metrics) = (Stages::new(), Vec::new());
+        for round in 0..self.rounds {
+            let share = round as f64 / self.rounds as f64;
+            stages.begin(round + 1, self.rounds, "drive and learn", Some(share));
+            let told = student.round(&stage, &mut legs, &EpisodeSettings::default(), &mut |p| {
+                stages.at(p.share, &format!("{} decisions, loss {:.4}", p.frames, p.loss));
+            })?;
+            metrics.push(told);
+            // After each round, so that a training that is cut off leaves its last round.
+            write_whole(&self.out.join("weights.bin"), &weights::to_bytes(&student.parameters))?;
+            write_whole(&self.out.join("metrics.json"), &serde_json::to_vec_pretty(&metrics)?)?;
+        }
+        stages.finish();
+        let file = onnx::to_bytes(&student.net, &student.parameters, &world.limits)?;
+        write_whole(&self.out.join("policy.onnx"), &file)?;
+        say(&format!("{} decisions in {} rounds; written to {}\n", student.frames(), self.rounds, self.out.display()))?;
+        Ok(Outcome::Done)
+    }
+}
+
+impl Test {
+    fn execute(&self) -> Result<Outcome, Failure> {
+        let (world, eye) = self.place.open()?;
+        let net = Net::default();
+        let bytes = fs::read(&self.weights).map_err(|e| about(&self.weights, e))?;
+        let parameters = weights::from_bytes(&bytes, &net).map_err(|e| about(&self.weights, e))?;
+        let stage = Stage { world: &world, eye: &eye, spread: self.place.camera };
+        let episodes = EpisodeSettings::default().draw(&world, self.episodes, self.place.seed)?;
+        let count = episodes.len().clamp(1, 64);
+        let limits = world.limits;
+        let policy = trials(&stage, &episodes, &mut NetPilot::new(&net, &parameters, count), count)?;
+        let teacher = trials(&stage, &episodes, &mut TeacherPilot { limits }, count)?;
+        let blob = trials(&stage, &episodes, &mut BlobPilot { limits }, count)?;
+        let mut rows = Vec::new();
+        for (name, trials) in [("policy", &policy), ("teacher", &teacher), ("blob", &blob)] {
+            let row = Row::of(trials);
+            say(&line(name, &row, compared(&policy, trials)))?;
+            rows.push(
+                json!({"name": name, "row": row, "p_against_policy": compared(&policy, trials), "trials": trials}),
+            );
+        }
+        let results = json!({"legs": "velocity follower without physics", "eye": "splat", "seed": self.place.seed,
+            "episodes": episodes, "rows": rows});
+        write_whole(&self.out, &serde_json::to_vec(&results)?)?;
+        Ok(Outcome::Done)
+    }
+}
+
+fn trials(stage: &Stage, episodes: &[Episode], pilot: &mut dyn Pilot, count: usize) -> Result<Vec<Trial>, Failure> {
+    let mut legs = Follower::new(&stage.world.map, count, HEIGHT);
+    let rolled = roll(stage, &mut legs, episodes, pilot, |_| false, &mut |_| {})?;
+    Ok(rolled.into_iter().map(|(trial, _)| trial).collect())
+}
+
+/// Such as `policy   reached 92.0 % (87.4 to 95.0), SPL 0.80, 9.1 s; lost 3, slow 2`.
+fn line(name: &str, row: &Row, p: f64) -> String {
+    let [low, high] = row.interval.map(|x| 100.0 * x);
+    let time = row.time.map_or(String::new(), |t| format!(", {t:.1} s"));
+    let others = End::ALL.iter().zip(row.ends).skip(1).filter(|(_, n)| *n > 0);
+    let others: Vec<String> = others.map(|(end, n)| format!("{} {n}", end.name())).collect();
+    let beside = if name == "policy" { String::new() } else { format!(" (p = {p:.3} against the policy)") };
+    let share = 100.0 * row.success;
+    format!(
+        "{name:8} reached {share:.1} % ({low:.1} to {high:.1}), SPL {:.2}{time}; {}{beside}\n",
+        row.spl,
+        others.join(", ")
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cameras_and_lines() {
+        assert_eq!(spread("none"), Ok(LensSpread::none()));
+        assert!(spread("posterior").unwrap_err().contains("wide or none"));
+        let text = line("blob", &Row::of(&[]), 1.0);
+        assert!(text.starts_with("blob") && text.contains("0.0 to 100.0"), "{text}");
+    }
+}
