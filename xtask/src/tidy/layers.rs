@@ -5,7 +5,7 @@ use crate::workspace::{Package, Workspace};
 use std::path::Path;
 
 /// Layer of each crate; the table of docs/ARCHITECTURE.md. `qv` and `xtask` are above all and used by none.
-const LAYERS: [(&str, u8); 21] = [
+const LAYERS: &[(&str, u8)] = &[
     ("qv-core", 0),
     ("qv-page", 0),
     ("qv-fleet", 1),

@@ -30,6 +30,10 @@ fn look(path: &Path, without: Option<&Path>, seen: &mut BTreeSet<PathBuf>, found
     if !path.is_dir() || is_recording(path) {
         return found.push(path.to_path_buf());
     }
+    if fs::read_dir(path).is_err() {
+        // What cannot be looked into is told when it is opened.
+        return found.push(path.to_path_buf());
+    }
     let entries = entries(path);
     for entry in &entries {
         if entry.is_dir() || (is_bag(entry) && !is_copy(entry, &entries)) || is_table(entry) {
