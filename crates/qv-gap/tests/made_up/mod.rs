@@ -66,6 +66,7 @@ pub fn empty() -> Report {
         provenance: None,
         corrections_apply: true,
         cannot_show: vec![],
+        can_tell: vec![],
         runtime_s: 0.0,
     }
 }
@@ -124,6 +125,7 @@ pub fn report() -> Report {
         provenance: None,
         corrections_apply: true,
         cannot_show: vec![],
+        can_tell: vec![],
         runtime_s: 17.1,
         ..empty()
     }
