@@ -31,6 +31,7 @@ mod parameters;
 #[cfg(feature = "rapier")]
 pub mod rapier;
 mod sensors;
+pub mod servos;
 mod terrain;
 pub mod urdf;
 

@@ -1,6 +1,6 @@
 //! The law of a motor driver, for lanes of environments and for whoever compares it with measured torques.
 //!
-//! `tau = strength (clip(kp s_p (q_des - q) + tau_ff) + kd s_d (dq_des - dq))`, then a first-order lag, then the limits of the motor. Along the
+//! `tau = strength u + asymmetry |u|`, `u = clip(kp s_p (q_des - q) + tau_ff) + kd s_d (dq_des - dq)`, then a first-order lag, then the limits of the motor. Along the
 //! motion the limit is flat up to a knee and falls to zero; a motor that brakes keeps all of its torque.
 
 use crate::lanes::Real;
@@ -9,6 +9,7 @@ use crate::lanes::Real;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Law<L> {
     pub strength: L,
+    pub asymmetry: L,
     pub kp_scale: L,
     pub kd_scale: L,
     pub torque_limit: L,
@@ -41,7 +42,8 @@ impl<L: Real> Law<L> {
     pub fn demand(&self, command: &CommandLanes<L>, q: L, dq: L) -> L {
         let position = self.kp_scale * command.kp * (command.q - q) + command.tau;
         let clipped = position.max(-self.position_torque_limit).min(self.position_torque_limit);
-        self.strength * (clipped + self.kd_scale * command.kd * (command.dq - dq))
+        let asked = clipped + self.kd_scale * command.kd * (command.dq - dq);
+        self.strength * asked + self.asymmetry * asked.abs()
     }
 
     /// Least and greatest torque at a speed.
@@ -64,6 +66,8 @@ pub(crate) fn speed_slope(knee: f64, zero: f64) -> f64 {
 pub struct Motor {
     /// Factor of all that is asked for.
     pub strength: f64,
+    /// More of it where torque is positive, less where it is negative.
+    pub strength_asymmetry: f64,
     /// Factor of kp.
     pub kp_scale: f64,
     /// Factor of kd.
@@ -95,6 +99,7 @@ impl Motor {
     fn law(&self) -> Law<f64> {
         Law {
             strength: self.strength,
+            asymmetry: self.strength_asymmetry,
             kp_scale: self.kp_scale,
             kd_scale: self.kd_scale,
             torque_limit: self.torque_limit,
@@ -142,6 +147,7 @@ mod tests {
     fn a_motor_that_brakes_keeps_its_torque() {
         let motor = Motor {
             strength: 0.5,
+            strength_asymmetry: 0.0,
             kp_scale: 1.0,
             kd_scale: 1.0,
             torque_limit: 4.0,

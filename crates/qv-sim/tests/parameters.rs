@@ -55,6 +55,19 @@ const TIGHT: [(&str, f64); 12] = [
 ];
 
 /// What must be set beside a parameter for it to act.
+const STICKY: [(&str, f64); 4] = [
+    ("joint.left_hip.stribeck_friction", 0.5),
+    ("joint.left_knee.stribeck_friction", 0.5),
+    ("joint.right_hip.stribeck_friction", 0.5),
+    ("joint.right_knee.stribeck_friction", 0.5),
+];
+const SPRUNG: [(&str, f64); 4] = [
+    ("joint.left_hip.spring_stiffness", 3.0),
+    ("joint.left_knee.spring_stiffness", 3.0),
+    ("joint.right_hip.spring_stiffness", 3.0),
+    ("joint.right_knee.spring_stiffness", 3.0),
+];
+
 fn companions(name: &str) -> &'static [(&'static str, f64)] {
     match name {
         "terrain.patch.x_min" | "terrain.patch.x_max" | "terrain.patch.y_min" | "terrain.patch.y_max" => &[
@@ -71,6 +84,8 @@ fn companions(name: &str) -> &'static [(&'static str, f64)] {
             ("terrain.patch.y_max", 4.0),
         ],
         "external.start" | "external.duration" => &[("external.force_x", 10.0)],
+        name if name.ends_with("stribeck_speed") || name.ends_with("stribeck_exponent") => &STICKY,
+        name if name.ends_with("spring_rest") || name.ends_with("spring_slack") => &SPRUNG,
         name if name.ends_with("speed_knee") || name.ends_with("speed_zero") => &TIGHT,
         name if name.ends_with("payload_x") || name.ends_with("payload_y") || name.ends_with("payload_z") => {
             if name.contains("trunk") {

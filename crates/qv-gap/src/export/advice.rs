@@ -3,7 +3,7 @@
 use super::corrected::{Corrected, Entry, Part, short};
 
 /// What to do with a parameter, by the last word of its name, or its full name where it belongs to the world.
-const DEEDS: [(&str, &str); 46] = [
+const DEEDS: [(&str, &str); 61] = [
     ("armature", "add it as rotor inertia at the joint"),
     ("viscous_friction", "torque against the motion per speed at the joint"),
     ("coulomb_friction", "constant torque against the motion at the joint, which also holds it at rest"),
@@ -28,6 +28,33 @@ const DEEDS: [(&str, &str); 46] = [
     ("encoder_latency", "report joint angle and speed late by this time"),
     ("torque_scale", "multiply the torque that is reported by it; the motion stays as it is"),
     ("external_torque", "apply it at the joint from external.start for external.duration"),
+    (
+        "stribeck_friction",
+        "Coulomb friction at the joint beside the usual one, times exp(-(speed / stribeck_speed)^stribeck_exponent)",
+    ),
+    ("stribeck_speed", "speed in the exponential of stribeck_friction"),
+    ("stribeck_exponent", "power in the exponential of stribeck_friction"),
+    (
+        "load_friction_motor",
+        "Coulomb friction at the joint: |load_friction_motor times the motor's torque - load_friction_external times that from outside|",
+    ),
+    ("load_friction_external", "see load_friction_motor"),
+    ("stribeck_load_friction_motor", "as load_friction_motor, times the exponential of stribeck_friction"),
+    ("stribeck_load_friction_external", "see stribeck_load_friction_motor"),
+    (
+        "quadratic_load_friction_motor",
+        "Coulomb friction at rest per squared motor torque, while a larger torque from outside drives the motor back",
+    ),
+    (
+        "quadratic_load_friction_external",
+        "Coulomb friction at rest per squared torque from outside, while the motor drives against it",
+    ),
+    ("quadratic_drag", "torque against the motion per squared speed at the joint"),
+    ("constant_torque", "add it to the joint's torque at all times"),
+    ("spring_stiffness", "spring at the joint that pulls it to within spring_slack of spring_rest"),
+    ("spring_rest", "see spring_stiffness"),
+    ("spring_slack", "see spring_stiffness"),
+    ("strength_asymmetry", "add it times the size of what the motor law demands to the motor's torque"),
     ("mass_scale", "multiply mass and inertia of the link by it"),
     ("com_x", "shift the link's centre of mass by it along the link's axis"),
     ("com_y", "shift the link's centre of mass by it along the link's axis"),

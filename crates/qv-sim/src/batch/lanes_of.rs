@@ -171,6 +171,7 @@ impl<L: Real> Engine for Lanes<L> {
         block.warm.iter_mut().chain(&mut block.acceleration).for_each(|x| set(x, lane, 0.0));
         block.torque.iter_mut().chain(&mut block.lagged).for_each(|x| set(x, lane, 0.0));
         block.geom_force.iter_mut().chain(&mut block.geom_push).for_each(|x| set(x, lane, 0.0));
+        block.load.iter_mut().for_each(|x| set(x, lane, 0.0));
         block.added_torque.iter_mut().chain(block.wrench.iter_mut().flatten()).for_each(|x| set(x, lane, 0.0));
         for kept in &mut block.kept {
             set_mask::<L>(&mut kept.active, lane, false);

@@ -138,7 +138,8 @@ pub(super) fn read_lane<L: Real>(block: &Block<L>, lane: usize, topology: &Topol
     let mut take = |x: &L| values.push(x.lane(lane).to_f64());
     take(&block.time);
     block.q.iter().chain(&block.v).chain(&block.warm).chain(&block.acceleration).for_each(&mut take);
-    block.torque.iter().chain(&block.lagged).chain(&block.motor).chain(&block.added_torque).for_each(&mut take);
+    block.torque.iter().chain(&block.lagged).chain(&block.motor).for_each(&mut take);
+    block.load.iter().chain(&block.added_torque).for_each(&mut take);
     block.geom_force.iter().chain(&block.geom_push).chain(block.wrench.iter().flatten()).for_each(&mut take);
     for at in commands_by_age(block, topology) {
         let CommandLanes { q, dq, kp, kd, tau } = &block.commands[at];
@@ -159,7 +160,7 @@ pub(super) fn write_lane<L: Real>(block: &mut Block<L>, lane: usize, topology: &
     let moving = block.q.iter_mut().chain(&mut block.v).chain(&mut block.warm).chain(&mut block.acceleration);
     moving.for_each(&mut put);
     let motors = block.torque.iter_mut().chain(&mut block.lagged).chain(&mut block.motor);
-    motors.chain(&mut block.added_torque).for_each(&mut put);
+    motors.chain(&mut block.load).chain(&mut block.added_torque).for_each(&mut put);
     let forces = block.geom_force.iter_mut().chain(&mut block.geom_push).chain(block.wrench.iter_mut().flatten());
     forces.for_each(&mut put);
     for at in commands_by_age(block, topology) {

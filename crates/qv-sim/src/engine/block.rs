@@ -1,6 +1,7 @@
 //! Data of one block of environments, one per lane.
 
 use super::array::Array;
+use super::friction::{ServoFriction, SpringLanes};
 use super::topology::Topology;
 use super::vector::{Inertia, M3, V3, V6};
 use crate::batch::JointCommand;
@@ -19,6 +20,9 @@ pub(crate) struct JointLanes<L> {
     pub latency: L,
     pub encoder_bias: L,
     pub external_torque: L,
+    pub servo: ServoFriction<L>,
+    pub constant_torque: L,
+    pub spring: SpringLanes<L>,
 }
 
 /// Ground of each environment.
@@ -81,6 +85,8 @@ pub(crate) struct Block<L: Real> {
     pub geom_force: Array<L>,
     /// Force of the ground on each shape in the world \[N\], `[geom][3]`.
     pub geom_push: Array<L>,
+    /// Torque of contacts and limits on each joint in the last step, kept where friction grows with load \[N m\].
+    pub load: Array<L>,
     /// Torque that callers add to what each motor delivers \[N m\].
     pub added_torque: Array<L>,
     /// Torque, then force, that callers apply at each link's centre of mass, world axes.
@@ -111,6 +117,8 @@ pub(crate) struct Block<L: Real> {
     // Which of the costlier features any lane uses. They change the work, never the result.
     pub any_coulomb: bool,
     pub any_viscous: bool,
+    pub any_servo: bool,
+    pub any_spring: bool,
     pub any_latency: bool,
     pub any_added: bool,
     pub any_wrench: bool,
@@ -238,6 +246,7 @@ impl<L: Real> Block<L> {
         }
         let law = Law {
             strength: zero,
+            asymmetry: zero,
             kp_scale: zero,
             kd_scale: zero,
             torque_limit: zero,
@@ -246,7 +255,16 @@ impl<L: Real> Block<L> {
             speed_slope: zero,
             half_backlash: zero,
         };
-        let joint = JointLanes { law, lag_gain: zero, latency: zero, encoder_bias: zero, external_torque: zero };
+        let joint = JointLanes {
+            law,
+            lag_gain: zero,
+            latency: zero,
+            encoder_bias: zero,
+            external_torque: zero,
+            servo: ServoFriction::none(),
+            constant_torque: zero,
+            spring: SpringLanes::none(),
+        };
         let ground = GroundLanes {
             friction: zero,
             stiffness: zero,
@@ -277,6 +295,7 @@ impl<L: Real> Block<L> {
             seen_head: 0,
             geom_force: vec![zero; model.geoms.len()].into(),
             geom_push: vec![zero; 3 * model.geoms.len()].into(),
+            load: vec![zero; joints].into(),
             added_torque: vec![zero; joints].into(),
             wrench: vec![[zero; 6]; links].into(),
             kept: Vec::new(),
@@ -296,6 +315,8 @@ impl<L: Real> Block<L> {
             ground,
             any_coulomb: false,
             any_viscous: false,
+            any_servo: false,
+            any_spring: false,
             any_latency: false,
             any_added: false,
             any_wrench: false,
@@ -329,12 +350,13 @@ impl<L: Real> Block<L> {
             + self.seen.len()
             + self.geom_force.len()
             + self.geom_push.len()
+            + self.load.len()
             + self.added_torque.len()
             + 6 * self.wrench.len()
             + 10 * self.kept.len()
             + 10 * self.mass.len()
             + 3 * self.armature.len()
-            + 12 * self.joints.len()
+            + (size_of::<JointLanes<L>>() / size_of::<L>()) * self.joints.len()
             + 2 * self.geoms.len()
             + self.materials.len();
         lanes * size_of::<L>() + size_of::<Self>()

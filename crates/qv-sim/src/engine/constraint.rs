@@ -45,6 +45,8 @@ pub(crate) struct Rows<L: Real> {
     pub friction_reference: Array<L>,
     /// Inverse regularisation of joint friction, per degree of freedom.
     pub friction_weight: Array<f64>,
+    /// Largest friction of each degree of freedom in this step \[N m\].
+    pub friction_limit: Array<L>,
     pub limits: Vec<LimitRow<L>>,
 }
 
@@ -76,6 +78,7 @@ impl<L: Real> Rows<L> {
             contacts: slots.iter().map(contact).collect::<Vec<_>>().into(),
             friction_reference: vec![zero; topology.nv].into(),
             friction_weight: vec![0.0; topology.nv].into(),
+            friction_limit: vec![zero; topology.nv].into(),
             limits: Vec::with_capacity(topology.joints),
         }
     }

@@ -90,6 +90,7 @@ impl Deriver<'_> {
         set(&mut block.coulomb[dof], lane, get(JointField::Coulomb));
         let p = &mut block.joints[j];
         set(&mut p.law.strength, lane, get(JointField::Strength));
+        set(&mut p.law.asymmetry, lane, get(JointField::StrengthAsymmetry));
         set(&mut p.law.kp_scale, lane, get(JointField::KpScale));
         set(&mut p.law.kd_scale, lane, get(JointField::KdScale));
         set(&mut p.law.torque_limit, lane, get(JointField::TorqueLimit).min(UNLIMITED));
@@ -102,8 +103,31 @@ impl Deriver<'_> {
         set(&mut p.law.half_backlash, lane, 0.5 * get(JointField::Backlash));
         set(&mut p.encoder_bias, lane, get(JointField::EncoderBias));
         set(&mut p.external_torque, lane, get(JointField::ExternalTorque));
-        block.any_coulomb |= get(JointField::Coulomb) > 0.0;
-        block.any_viscous |= get(JointField::Viscous) > 0.0;
+        set(&mut p.constant_torque, lane, get(JointField::ConstantTorque));
+        set(&mut p.spring.stiffness, lane, get(JointField::SpringStiffness));
+        set(&mut p.spring.rest, lane, get(JointField::SpringRest));
+        set(&mut p.spring.slack, lane, get(JointField::SpringSlack));
+        block.any_spring |= get(JointField::SpringStiffness) != 0.0 || get(JointField::ConstantTorque) != 0.0;
+        let of_servo = [
+            (&mut p.servo.stribeck, JointField::StribeckFriction),
+            (&mut p.servo.load_motor, JointField::LoadMotor),
+            (&mut p.servo.load_external, JointField::LoadExternal),
+            (&mut p.servo.stribeck_load_motor, JointField::StribeckLoadMotor),
+            (&mut p.servo.stribeck_load_external, JointField::StribeckLoadExternal),
+            (&mut p.servo.quadratic_load_motor, JointField::QuadraticLoadMotor),
+            (&mut p.servo.quadratic_load_external, JointField::QuadraticLoadExternal),
+            (&mut p.servo.drag, JointField::QuadraticDrag),
+        ];
+        let mut any_servo = false;
+        for (target, field) in of_servo {
+            set(target, lane, get(field));
+            any_servo |= get(field) > 0.0;
+        }
+        set(&mut p.servo.speed, lane, get(JointField::StribeckSpeed));
+        set(&mut p.servo.exponent, lane, get(JointField::StribeckExponent));
+        block.any_servo |= any_servo;
+        block.any_coulomb |= get(JointField::Coulomb) > 0.0 || any_servo;
+        block.any_viscous |= get(JointField::Viscous) > 0.0 || get(JointField::QuadraticDrag) > 0.0;
         block.any_latency |= latency > 0.0;
         Ok(())
     }

@@ -95,13 +95,13 @@ fn constraint_slope<L: Real, const D: usize>(
     block: &Block<L>,
     work: &Work<L>,
 ) -> L {
-    let Rows { friction_reference, friction_weight, limits, .. } = &work.rows;
+    let Rows { friction_reference, friction_weight, friction_limit, limits, .. } = &work.rows;
     let scratch = &work.newton;
     let mut sum = L::zero();
     if block.any_coulomb {
         for i in settings.topology.base_dofs..settings.topology.nv {
             let residual = scratch.a[i] + step * scratch.search[i] - friction_reference[i];
-            sum -= friction_force(friction_weight[i], block.coulomb[i], residual).0 * scratch.search[i];
+            sum -= friction_force(friction_weight[i], friction_limit[i], residual).0 * scratch.search[i];
         }
     }
     for row in limits {
@@ -124,14 +124,14 @@ fn constraint_curvature<L: Real, const D: usize>(
     block: &Block<L>,
     work: &Work<L>,
 ) -> L {
-    let Rows { contacts, friction_reference, friction_weight, limits, .. } = &work.rows;
+    let Rows { contacts, friction_reference, friction_weight, friction_limit, limits, .. } = &work.rows;
     let scratch = &work.newton;
     let mut sum = L::zero();
     if block.any_coulomb {
         for i in settings.topology.base_dofs..settings.topology.nv {
             let direction = scratch.search[i];
             let residual = scratch.a[i] + step * direction - friction_reference[i];
-            let (_, holds) = friction_force(friction_weight[i], block.coulomb[i], residual);
+            let (_, holds) = friction_force(friction_weight[i], friction_limit[i], residual);
             sum += L::select(holds, L::splat(friction_weight[i]) * direction * direction, L::zero());
         }
     }

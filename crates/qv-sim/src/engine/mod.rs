@@ -1,6 +1,6 @@
 //! The simulator proper, written once over [`crate::lanes::Real`]: one block of lanes holds one environment per lane.
 //!
-//! A step runs the files here in this order: `actuation`, `kinematics`, `dynamics`, `collide`, `constraint`, `newton`,
+//! A step runs the files here in this order: `actuation` and `friction`, `kinematics`, `dynamics`, `collide`, `constraint`, `newton`,
 //! `step` (which also integrates). `derive` turns parameters into what these read.
 
 pub(crate) mod actuation;
@@ -10,6 +10,7 @@ pub(crate) mod collide;
 pub(crate) mod constraint;
 pub(crate) mod derive;
 pub(crate) mod dynamics;
+pub(crate) mod friction;
 pub(crate) mod kinematics;
 mod line_search;
 pub(crate) mod newton;

@@ -298,7 +298,7 @@ fn search_residuals<L: Real, const D: usize>(settings: &NewtonSettings, work: &m
 #[inline(always)]
 fn gradient<L: Real, const D: usize>(settings: &NewtonSettings, block: &Block<L>, work: &mut Work<L>) {
     let topology = settings.topology;
-    let Rows { contacts, friction_reference, friction_weight, limits, .. } = &work.rows;
+    let Rows { contacts, friction_reference, friction_weight, friction_limit, limits, .. } = &work.rows;
     let scratch = &mut work.newton;
     for ((gradient, &ma), &smooth) in scratch.gradient.iter_mut().zip(scratch.ma.iter()).zip(work.smooth.iter()) {
         *gradient = ma - smooth;
@@ -306,7 +306,7 @@ fn gradient<L: Real, const D: usize>(settings: &NewtonSettings, block: &Block<L>
     if block.any_coulomb {
         for i in topology.base_dofs..topology.nv {
             let residual = scratch.a[i] - friction_reference[i];
-            scratch.gradient[i] -= friction_force(friction_weight[i], block.coulomb[i], residual).0;
+            scratch.gradient[i] -= friction_force(friction_weight[i], friction_limit[i], residual).0;
         }
     }
     for row in limits {
@@ -343,11 +343,11 @@ fn hessian<L: Real, const D: usize>(settings: &NewtonSettings, block: &Block<L>,
     let topology = settings.topology;
     work.hessian.copy_from_slice(&work.mass_matrix);
     let diagonal = |i: usize| topology.row[i] + topology.columns[i].len() - 1;
-    let Rows { contacts, friction_reference, friction_weight, limits, .. } = &work.rows;
+    let Rows { contacts, friction_reference, friction_weight, friction_limit, limits, .. } = &work.rows;
     if block.any_coulomb {
         for i in topology.base_dofs..topology.nv {
             let residual = work.newton.a[i] - friction_reference[i];
-            let (_, holds) = friction_force(friction_weight[i], block.coulomb[i], residual);
+            let (_, holds) = friction_force(friction_weight[i], friction_limit[i], residual);
             work.hessian[diagonal(i)] += L::select(holds, L::splat(friction_weight[i]), L::zero());
         }
     }

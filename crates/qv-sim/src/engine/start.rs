@@ -38,14 +38,14 @@ fn constraint_cost<L: Real, const D: usize>(
     a: &Array<L>,
     work: &Work<L>,
 ) -> L {
-    let Rows { contacts, friction_reference, friction_weight, limits, .. } = &work.rows;
+    let Rows { contacts, friction_reference, friction_weight, friction_limit, limits, .. } = &work.rows;
     let (zero, half) = (L::zero(), L::splat(0.5));
     let mut sum = zero;
     if block.any_coulomb {
         for i in settings.topology.base_dofs..settings.topology.nv {
             // `1/2 f r` while it holds; beyond, the line that goes on from there.
             let residual = a[i] - friction_reference[i];
-            let (force, holds) = friction_force(friction_weight[i], block.coulomb[i], residual);
+            let (force, holds) = friction_force(friction_weight[i], friction_limit[i], residual);
             let weight = L::splat(friction_weight[i]);
             let beyond = -(force * residual) - half * force * force / weight;
             sum += L::select(holds, half * weight * residual * residual, beyond);

@@ -5,6 +5,7 @@ use super::block::{Block, KeptContact, Work};
 use super::collide::{Colliders, collide, origin};
 use super::constraint::{RowSettings, build_rows};
 use super::dynamics::{bias_forces, factor, mass_matrix, solve};
+use super::friction::{keep_loads, servo_friction, springs};
 use super::kinematics::kinematics;
 use super::newton::{NewtonSettings, contact_force, newton, normal_force};
 use super::topology::Topology;
@@ -85,6 +86,9 @@ pub(crate) fn step<L: Real>(shared: &Shared, used: usize, block: &mut Block<L>, 
         build_rows::<L, 6>(&rows, block, work);
         newton::<L, 6>(&solver, block, work);
     }
+    if block.any_servo {
+        keep_loads(topology, block, work);
+    }
     contact_forces(shared, block, work);
     keep_contacts(shared, block, work);
     accelerate(shared, block, work);
@@ -111,6 +115,15 @@ fn forces<L: Real>(shared: &Shared, block: &mut Block<L>, work: &mut Work<L>) {
     }
     if block.any_wrench {
         wrenches(topology, block, work);
+    }
+    if block.any_coulomb {
+        work.rows.friction_limit.copy_from_slice(&block.coulomb);
+    }
+    if block.any_spring {
+        springs(topology, block, work);
+    }
+    if block.any_servo {
+        servo_friction(topology, block, work);
     }
 }
 

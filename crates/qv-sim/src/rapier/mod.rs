@@ -295,6 +295,24 @@ fn lacking(slot: Slot) -> Option<&'static str> {
     match slot {
         Slot::World(WorldField::Torsional) => Some("contacts without torsional friction of a given length"),
         Slot::World(WorldField::Rolling) => Some("contacts without rolling friction"),
+        Slot::Joint(_, field) => {
+            use JointField::*;
+            let of_servo = matches!(
+                field,
+                StribeckFriction
+                    | LoadMotor
+                    | LoadExternal
+                    | StribeckLoadMotor
+                    | StribeckLoadExternal
+                    | QuadraticLoadMotor
+                    | QuadraticLoadExternal
+                    | QuadraticDrag
+            );
+            let beside = matches!(field, ConstantTorque | SpringStiffness);
+            of_servo
+                .then_some("joints without friction of geared servos")
+                .or(beside.then_some("joints without springs and constant torques"))
+        }
         _ => None,
     }
 }

@@ -94,7 +94,8 @@ fn wanted(values: &Values, joint: usize, order: &Order, q: f64, dq: f64) -> f64 
     let get = |field| values.joint(joint, field);
     let most = get(PositionTorqueLimit);
     let spring = (get(KpScale) * order.kp * (order.q - q) + order.tau).clamp(-most, most);
-    get(Strength) * (spring + get(KdScale) * order.kd * (order.dq - dq))
+    let asked = spring + get(KdScale) * order.kd * (order.dq - dq);
+    get(Strength) * asked + get(StrengthAsymmetry) * asked.abs()
 }
 
 /// Largest torque along the motion at a speed \[N m\]: constant up to the knee, falling to nothing at the zero.

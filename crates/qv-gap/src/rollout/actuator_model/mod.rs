@@ -33,6 +33,7 @@ impl ActuatorModel {
         let value = |pattern: &str| problem.joint_value(setting, pattern, joint);
         let motor = Motor {
             strength: value("actuator.*.strength"),
+            strength_asymmetry: value("actuator.*.strength_asymmetry"),
             kp_scale: value("actuator.*.kp_scale"),
             kd_scale: value("actuator.*.kd_scale"),
             torque_limit: value("actuator.*.torque_limit"),
