@@ -1,6 +1,7 @@
 //! A run: what a robot recorded, on one clock, as plain data.
 
 use qv_core::JointSeries;
+use std::collections::BTreeMap;
 use std::fmt;
 
 /// Which robot the recording is of.
@@ -44,7 +45,7 @@ pub struct Actuator {
 }
 
 /// What the recording states about one joint; `None` = not stated, the model's own value holds.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct JointParameters {
     /// Reflected rotor inertia \[kg m²\].
     pub armature: Option<f64>,
@@ -54,6 +55,8 @@ pub struct JointParameters {
     pub viscous_friction: Option<f64>,
     /// Added to the model's angle to give the measured one \[rad\].
     pub position_offset: Option<f64>,
+    /// Friction of a geared servo and springs: values of `joint.*.KEY` by [`qv_sim::servos::KEYS`].
+    pub servo: BTreeMap<String, f64>,
     /// Clips the position and feed-forward part of its torque \[N m\], before [`Actuator::tau_max`].
     pub tau_max: Option<f64>,
 }

@@ -294,6 +294,7 @@ pub fn stated_parameters(run: &Run, model: &Model) -> Vec<(String, f64)> {
         push(format!("joint.{name}.coulomb_friction"), stated.coulomb_friction);
         push(format!("joint.{name}.viscous_friction"), stated.viscous_friction);
         push(format!("sensor.{name}.encoder_bias"), stated.position_offset);
+        stated.servo.iter().for_each(|(key, value)| push(format!("joint.{name}.{key}"), Some(*value)));
         push(format!("actuator.{name}.position_torque_limit"), stated.tau_max.or(run.actuator.tau_max));
     }
     all

@@ -37,6 +37,9 @@ struct ActuatorTable {
     kp: Option<Each>,
     kd: Option<Each>,
     tau_max: Option<Each>,
+    /// A servo of `qv_sim::servos`, of all joints.
+    servo: Option<String>,
+    friction_model: Option<String>,
 }
 
 #[derive(Debug, Clone, Copy, Deserialize)]
@@ -45,7 +48,7 @@ struct ImuTable {
     rotation: Option<[f64; 3]>,
 }
 
-#[derive(Debug, Clone, Copy, Default, Deserialize)]
+#[derive(Debug, Clone, Default, Deserialize)]
 struct JointTable {
     armature: Option<f64>,
     coulomb_friction: Option<f64>,
@@ -54,11 +57,25 @@ struct JointTable {
     kp: Option<f64>,
     kd: Option<f64>,
     tau_max: Option<f64>,
+    servo: Option<String>,
+    friction_model: Option<String>,
+    /// Those of `qv_sim::servos::KEYS`; others are told as unknown.
+    #[serde(flatten)]
+    more: BTreeMap<String, toml::Value>,
 }
 
-const OF_ACTUATORS: [&str; 4] = ["kind", "kp", "kd", "tau_max"];
-const OF_JOINTS: [&str; 7] =
-    ["armature", "coulomb_friction", "viscous_friction", "position_offset", "kp", "kd", "tau_max"];
+const OF_ACTUATORS: [&str; 6] = ["kind", "kp", "kd", "tau_max", "servo", "friction_model"];
+const OF_JOINTS: [&str; 9] = [
+    "armature",
+    "coulomb_friction",
+    "viscous_friction",
+    "position_offset",
+    "kp",
+    "kd",
+    "tau_max",
+    "servo",
+    "friction_model",
+];
 
 /// The name that `run.toml` gives for the robot: a name such as `go2`, or the file of a URDF or MJCF.
 ///
@@ -142,7 +159,8 @@ pub(super) fn unknown_keys(text: &str) -> Vec<String> {
     }
     for (name, joint) in table.get("joint").and_then(toml::Value::as_table).into_iter().flatten() {
         if let Some(joint) = joint.as_table() {
-            check(&format!("joint.{name}."), joint, &OF_JOINTS);
+            let known: Vec<&str> = OF_JOINTS.into_iter().chain(qv_sim::servos::KEYS).collect();
+            check(&format!("joint.{name}."), joint, &known);
         }
     }
     unknown
@@ -179,7 +197,11 @@ impl Description {
                 ("kd", j.kd),
                 ("tau_max", j.tau_max),
             ];
-            own.into_iter().filter_map(move |(key, x)| Some((format!("`{key}` of [joint.{name}]"), x?)))
+            let may_be_less = ["constant_torque", "spring_rest"];
+            let number = |v: &toml::Value| v.as_float().or(v.as_integer().map(|x| x as f64));
+            let more = j.more.iter().filter(move |(key, _)| !may_be_less.contains(&key.as_str()));
+            let more = more.map(move |(key, v)| (key.as_str(), number(v)));
+            own.into_iter().chain(more).filter_map(move |(key, x)| Some((format!("`{key}` of [joint.{name}]"), x?)))
         });
         match of_all.chain(of_joints).find(|(_, x)| *x < 0.0) {
             Some((key, x)) => Err(ReplayError::file("run.toml", format!("{key} of at least 0"), x.to_string())),
@@ -268,16 +290,51 @@ impl Description {
             Some(each) => each.of("tau_max", joints)?,
         };
         let one = |(name, tau_max): (&String, Option<f64>)| {
-            let j = self.joint.get(name).copied().unwrap_or_default();
-            JointParameters {
-                armature: j.armature,
-                coulomb_friction: j.coulomb_friction,
-                viscous_friction: j.viscous_friction,
+            let own = JointTable::default();
+            let j = self.joint.get(name).unwrap_or(&own);
+            let mut servo = self.servo(name, j)?;
+            let mut of_servo = |key: &str| servo.remove(key);
+            Ok(JointParameters {
+                armature: j.armature.or(of_servo("armature")),
+                coulomb_friction: j.coulomb_friction.or(of_servo("coulomb_friction")),
+                viscous_friction: j.viscous_friction.or(of_servo("viscous_friction")),
                 position_offset: j.position_offset,
                 tau_max: j.tau_max.or(tau_max),
-            }
+                servo,
+            })
         };
-        Ok(joints.iter().zip(tau_max).map(one).collect())
+        joints.iter().zip(tau_max).map(one).collect()
+    }
+
+    /// Friction of a joint by the servo it is said to be, then by its own keys; what its friction model does not have is left out.
+    fn servo(&self, name: &str, own: &JointTable) -> Result<BTreeMap<String, f64>, ReplayError> {
+        let general = self.actuator.as_ref();
+        let servo = own.servo.as_ref().or(general.and_then(|a| a.servo.as_ref()));
+        let model = own.friction_model.as_ref().or(general.and_then(|a| a.friction_model.as_ref()));
+        let mut all = BTreeMap::new();
+        if let Some(servo) = servo {
+            let names = qv_sim::servos::SERVOS.map(|s| s.name);
+            let unknown = |_| {
+                let found = qv_sim::names::unknown("servo", servo, names.into_iter());
+                ReplayError::file("run.toml", format!("a servo of {}", names.join(", ")), found)
+            };
+            let known = qv_sim::servos::servo(servo).map_err(unknown)?;
+            all.extend(known.values.iter().map(|(key, value)| (key.to_string(), *value)));
+        }
+        for (key, value) in own.more.iter().filter(|(key, _)| qv_sim::servos::KEYS.contains(&key.as_str())) {
+            let number = value.as_float().or(value.as_integer().map(|x| x as f64)).filter(|x| x.is_finite());
+            let expected = || format!("a number as `{key}` of [joint.{name}]");
+            let wrong = || ReplayError::file("run.toml", expected(), value.to_string());
+            all.insert(key.clone(), number.ok_or_else(wrong)?);
+        }
+        if let Some(model) = model {
+            let wrong =
+                || ReplayError::file("run.toml", "friction_model m1, m2, m3, m4, m5 or m6", format!("`{model}`"));
+            let keys = qv_sim::servos::keys_of_model(model).ok_or_else(wrong)?;
+            let of_friction = qv_sim::servos::keys_of_model("m6").unwrap_or_default();
+            all.retain(|key, _| keys.contains(&key.as_str()) || !of_friction.contains(&key.as_str()));
+        }
+        Ok(all)
     }
 }
 
@@ -323,6 +380,32 @@ mod tests {
         assert_eq!(gains(by_name).unwrap().1.kp, Some(vec![2.0, 3.0]));
         let own = "[actuator]\nkind = \"pd\"\nkp = 20\n[joint.hip]\nkp = 7\n[joint.\"a.b/c d\"]\ntau_max = 3";
         assert_eq!(gains(own).unwrap().1.kp, Some(vec![7.0, 20.0]));
+    }
+
+    fn of_hip(toml: &str) -> Result<JointParameters, String> {
+        let text = format!("robot = \"r.urdf\"\n{toml}");
+        let of = |d: Description| d.joint_parameters(&JOINTS.map(String::from), &mut Vec::new());
+        parse_description(&text).and_then(of).map(|all| all[0].clone()).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn friction_of_a_servo_is_its_own_or_a_published_one() {
+        let own = of_hip("[joint.hip]\nstribeck_friction = 0.2\nconstant_torque = -1").unwrap();
+        assert_eq!((own.servo["stribeck_friction"], own.servo["constant_torque"]), (0.2, -1.0));
+        let published = of_hip("[actuator]\nkind = \"pd\"\nservo = \"mx106\"\n[joint.hip]\narmature = 0.5").unwrap();
+        assert_eq!((published.armature, published.viscous_friction), (Some(0.5), Some(0.05072)));
+        assert_eq!(published.servo["load_friction_motor"], 0.198);
+        let m2 = of_hip("[joint.hip]\nservo = \"mx106\"\nfriction_model = \"m2\"").unwrap();
+        assert_eq!(m2.servo.keys().collect::<Vec<_>>(), ["stribeck_exponent", "stribeck_friction", "stribeck_speed"]);
+        for (toml, word) in [
+            ("[joint.hip]\nservo = \"mx107\"", "mx106"),
+            ("[joint.hip]\nfriction_model = \"m9\"", "m6"),
+            ("[joint.hip]\nstribeck_speed = \"slow\"", "stribeck_speed"),
+            ("[joint.hip]\nquadratic_drag = -1", "quadratic_drag"),
+        ] {
+            let error = of_hip(toml).unwrap_err();
+            assert!(error.contains(word), "{error}");
+        }
     }
 
     #[test]
