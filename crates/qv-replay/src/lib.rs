@@ -30,6 +30,7 @@ pub mod schema;
 pub mod smooth;
 #[cfg(feature = "sqlite")]
 mod sqlite;
+pub mod stale;
 pub mod stream;
 mod table;
 

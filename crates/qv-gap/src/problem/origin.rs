@@ -8,13 +8,14 @@ use qv_sim::Terrain;
 /// by more than all else that is looked at.
 const FAR: f64 = 100.0;
 
-/// Moves recordings that begin far from the origin to it, where the ground is a plane, which looks the same everywhere; gives the references,
-/// moved as they are (`None` where nothing is moved), and what is to be said. `None` where nothing is far.
+/// Moves recordings that begin far from the origin to it, and their references along, where the ground is a plane, which looks the same
+/// everywhere; gives what is to be said. `None` where nothing is far.
 pub(crate) fn brought_near(
     runs: &mut [Run],
+    reference: &mut [Run],
     terrain: &Terrain,
     options: &Options,
-) -> Option<(Option<Vec<Run>>, String)> {
+) -> Option<String> {
     let pose = runs.first()?.measured.base_pose.as_ref()?;
     let [x, y] = [0, 1].map(|axis| pose.column(axis).find(|x| x.is_finite()).unwrap_or(0.0));
     if terrain.is_none() || x.hypot(y) < FAR {
@@ -27,16 +28,12 @@ pub(crate) fn brought_near(
              height cannot be told, nor what looks like them",
             x.hypot(y)
         );
-        return Some((None, told));
+        return Some(told);
     }
-    let mut reference = options.reference.clone();
-    runs.iter_mut().chain(&mut reference).for_each(|run| shift(run, [x, y]));
-    Some((
-        Some(reference),
-        format!(
-            "places are told from where the recording begins, ({x:.3}, {y:.3}) m in its own coordinates, in calibrated.toml, too: move its \
-             poses by that before you replay it with a part of the floor that was found"
-        ),
+    runs.iter_mut().chain(reference).for_each(|run| shift(run, [x, y]));
+    Some(format!(
+        "places are told from where the recording begins, ({x:.3}, {y:.3}) m in its own coordinates, in calibrated.toml, too: move its \
+         poses by that before you replay it with a part of the floor that was found"
     ))
 }
 
