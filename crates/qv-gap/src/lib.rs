@@ -14,6 +14,7 @@ mod error;
 pub mod export;
 pub mod findings;
 pub mod inference;
+pub mod next;
 pub mod null;
 pub mod problem;
 pub mod report;

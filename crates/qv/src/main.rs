@@ -14,6 +14,7 @@ mod inspect;
 mod mesh;
 mod names;
 mod navigate;
+mod next;
 mod normals;
 mod numbers;
 mod open;
@@ -78,6 +79,9 @@ enum Command {
     /// Says where the gap between simulator and robot lies, which effect causes it, and how far it shrinks
     #[command(after_help = diagnose::EXAMPLE)]
     Diagnose(diagnose::Diagnose),
+    /// Which motion to record next, so that the causes that a diagnosis leaves open are told apart
+    #[command(after_help = next::EXAMPLE)]
+    Next(next::Next),
     /// Finds the friction of each material of a labelled ground from recordings of a robot that walked on it
     #[command(after_help = contact::EXAMPLE)]
     Contact(contact::Contact),
@@ -181,6 +185,7 @@ fn main() -> ExitCode {
         Command::Check(command) => command.execute(),
         Command::Replay(command) => command.execute().map_err(Failure::from),
         Command::Diagnose(command) => command.execute().map_err(Failure::from),
+        Command::Next(command) => command.execute().map_err(Failure::from),
         Command::Contact(command) => command.execute().map_err(Failure::from),
         Command::Reconstruct(command) => command.execute(),
         Command::Render(command) => command.execute(),

@@ -31,7 +31,8 @@ pub struct Noise {
     pub torque: Vec<f64>,
     /// Of the gyroscope \[rad/s\].
     pub gyro: f64,
-    acceleration: f64,
+    /// Of the accelerometer \[m/s²\].
+    pub acceleration: f64,
     /// Of the IMU's orientation \[rad\].
     pub orientation: f64,
     /// Of the base's place \[m\].

@@ -1,0 +1,228 @@
+//! `qv next`: the motion that would tell the causes apart that a recording leaves open, as commands that a robot can play.
+
+use crate::diagnose::replay_error;
+use crate::ground::{check_ground, terrain_of};
+use crate::open::{file_error, model_of, open_run, parameters_of, write_error};
+use crate::progress::{Stages, remark};
+use crate::whole::{put, stream};
+use crate::{Outcome, RunArguments, say};
+use qv_gap::decision::evidence::Evidence;
+use qv_gap::next::{Hypothesis, Proposal, hypotheses, next};
+use qv_gap::{Options, Progress, diagnose};
+use qv_go2::synthetic::{Message, write_bag};
+use qv_replay::replay::{Recorded, Trace, write_traces};
+use qv_replay::run::Robot;
+use qv_replay::{ReplayError, Run};
+use qv_sim::{Model, Terrain};
+use serde_json::json;
+use std::fmt::Write;
+use std::fs;
+use std::path::PathBuf;
+
+pub const EXAMPLE: &str = "Example:\n  qv diagnose arm.mcap --out out/why\n  qv next arm.mcap --diagnosis out/why --out out/next\n\n\
+    Writes next.json (all motions, and how likely each decides), commands.csv and commands.mcap (the best one). Every motion stays within the\n\
+    postures and speeds that the recording has shown, and within the model's limits; look at it before a robot plays it.\n\n\
+    Exit codes: 0 done, 1 failed, 2 wrong usage.";
+
+/// Messages of a bag begin at this instant \[ns since the epoch\], so that the same motion is the same file.
+const EPOCH: u64 = 1_000_000_000;
+
+#[derive(clap::Args)]
+pub struct Next {
+    #[command(flatten)]
+    run: RunArguments,
+    /// plane, or a mesh with a material per label, z up, in the frame of the poses
+    #[arg(long, default_value = "plane", value_name = "plane|FILE.glb")]
+    terrain: String,
+    /// Parameters that are known already
+    #[arg(long, value_name = "FILE.toml")]
+    params: Option<PathBuf>,
+    /// What `qv diagnose --out` wrote of this recording; without it the recording is diagnosed first
+    #[arg(long, value_name = "DIR")]
+    diagnosis: Option<PathBuf>,
+    /// How many of the leading hypotheses are to be told apart
+    #[arg(long, default_value_t = 3, value_name = "N", value_parser = clap::value_parser!(u8).range(2..=8))]
+    hypotheses: u8,
+    /// Directory for the results; made if need be
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// One line of JSON instead of the table
+    #[arg(long)]
+    json: bool,
+}
+
+impl Next {
+    pub fn execute(&self) -> Result<Outcome, ReplayError> {
+        let run = open_run(&self.run)?;
+        let model = model_of(&run, &self.run.run, self.run.reading.robot.as_deref())?;
+        let terrain = terrain_of(&self.terrain)?;
+        check_ground(&run, &terrain)?;
+        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
+        let given = parameters_of(self.params.as_deref(), &model, &terrain)?;
+        let options = Options { given, ..Default::default() };
+        let evidence = self.evidence(&run, &model, &terrain, &options)?;
+        let all = hypotheses(&evidence, usize::from(self.hypotheses));
+        let bar = Stages::new();
+        let watch = |done: usize, count: usize| {
+            let share = done as f64 / count.max(1) as f64;
+            bar.begin(done + 1, count, "motion", Some(share));
+        };
+        let proposals = next(&run, &model, &terrain, &options, &all, &watch).map_err(replay_error)?;
+        bar.finish();
+        self.write(&proposals, &all)?;
+        if self.json {
+            say(&format!("{}\n", to_json(&proposals, &all)))?;
+        } else {
+            say(&format!("{}written to {}\n", table(&proposals, &all), self.out.display()))?;
+        }
+        Ok(Outcome::Done)
+    }
+
+    /// What a diagnosis measured of this recording.
+    fn evidence(
+        &self,
+        run: &Run,
+        model: &Model,
+        terrain: &Terrain,
+        options: &Options,
+    ) -> Result<Evidence, ReplayError> {
+        if let Some(directory) = &self.diagnosis {
+            let path = directory.join("evidence.json");
+            let expected = "what `qv diagnose` wrote";
+            let text = fs::read_to_string(&path).map_err(|e| file_error(&path, expected, &e.to_string()))?;
+            return serde_json::from_str(&text).map_err(|e| file_error(&path, expected, &e.to_string()));
+        }
+        remark("the recording is diagnosed first; --diagnosis DIR takes what is there");
+        let bar = Stages::new();
+        let told = |at: &Progress| bar.begin(at.stage, at.stages, at.name, Some(at.done));
+        let options = Options { given: options.given.clone(), progress: Some(&told), ..Default::default() };
+        let found = diagnose(std::slice::from_ref(run), model, terrain, &options, 0).map_err(replay_error)?;
+        bar.finish();
+        Ok(found.evidence)
+    }
+
+    fn write(&self, proposals: &[Proposal], all: &[Hypothesis]) -> Result<(), ReplayError> {
+        let Some(best) = proposals.first() else { return Ok(()) };
+        let at = |name: &str| self.out.join(name);
+        let [list, csv, bag] = ["next.json", "commands.csv", "commands.mcap"].map(at);
+        put(&list, format!("{}\n", to_json(proposals, all))).map_err(|e| write_error(&list, &e))?;
+        put(&csv, to_csv(&best.recording)).map_err(|e| write_error(&csv, &e))?;
+        stream(&bag, |e| write_error(&bag, &e), |file| to_bag(&best.recording, file))
+    }
+}
+
+fn to_json(proposals: &[Proposal], all: &[Hypothesis]) -> serde_json::Value {
+    let one = |p: &Proposal| {
+        json!({
+            "motion": p.motion.name,
+            "about": p.motion.about,
+            "seconds": p.motion.position.len() as f64 * p.motion.interval,
+            "gain": p.motion.gain,
+            "worth": p.worth,
+        })
+    };
+    json!({ "format": "qv-next/1", "hypotheses": all, "motions": proposals.iter().map(one).collect::<Vec<_>>() })
+}
+
+fn table(proposals: &[Proposal], all: &[Hypothesis]) -> String {
+    let mut text = String::from("To be told apart:\n");
+    for hypothesis in all {
+        let values: Vec<String> = hypothesis.values.iter().map(|v| format!("{v:.4}")).collect();
+        let _ = writeln!(
+            text,
+            "  {} on {}, size {}, evidence {:.1} nats so far",
+            hypothesis.effect,
+            hypothesis.scope.join(", "),
+            values.join(", "),
+            hypothesis.evidence
+        );
+    }
+    let _ = writeln!(text, "\ndecides  motion");
+    for proposal in proposals {
+        let _ = writeln!(
+            text,
+            "{:6.0} %  {}: {}",
+            100.0 * proposal.worth.decides,
+            proposal.motion.name,
+            proposal.motion.about
+        );
+    }
+    if let Some(best) = proposals.first() {
+        let hardest = best.worth.pairs.iter().min_by(|a, b| a.probability.total_cmp(&b.probability));
+        if let Some(pair) = hardest {
+            let _ = writeln!(
+                text,
+                "\nHardest with {}: {} from {}, {:.0} %.",
+                best.motion.name,
+                pair.truth,
+                pair.rival,
+                100.0 * pair.probability
+            );
+        }
+    }
+    text
+}
+
+/// Commands as the columns of a run.csv.
+fn to_csv(run: &Run) -> String {
+    let c = &run.commands;
+    let channels = [("cmd_pos", &c.position), ("cmd_kp", &c.kp), ("cmd_kd", &c.kd)];
+    let channels: Vec<_> = channels.into_iter().filter_map(|(name, s)| Some((name, s.as_ref()?))).collect();
+    let mut text = String::from("time");
+    for (name, _) in &channels {
+        run.joint_names.iter().for_each(|joint| text += &format!(",{name}.{joint}"));
+    }
+    text.push('\n');
+    let rows = c.position.as_ref().map_or(0, |s| s.len());
+    for row in 0..rows {
+        let time = c.position.as_ref().map_or(0.0, |s| s.time[row]);
+        let _ = write!(text, "{time:.6}");
+        for (_, series) in &channels {
+            series.row(row).iter().for_each(|x| {
+                let _ = write!(text, ",{x:.6}");
+            });
+        }
+        text.push('\n');
+    }
+    text
+}
+
+/// Commands as a bag: `/lowcmd` of a Go2, and for other robots a JointState with targets.
+fn to_bag(run: &Run, out: impl std::io::Write + std::io::Seek) -> Result<(), ReplayError> {
+    let Some(position) = &run.commands.position else { return Ok(()) };
+    let is_go2 = matches!(&run.robot, Robot::Named(name) if name == "go2");
+    if is_go2 && position.joints == 12 {
+        return write_bag(&low_commands(run), out);
+    }
+    let trace = Trace {
+        time: position.time.clone(),
+        position: position.values.clone(),
+        velocity: vec![0.0; position.values.len()],
+        torque: vec![0.0; position.values.len()],
+        foot_force: Vec::new(),
+        base: Vec::new(),
+        joints: position.joints,
+    };
+    write_traces(&[Recorded::new("command", &run.joint_names, &trace)], EPOCH, out)
+}
+
+fn low_commands(run: &Run) -> Vec<Message> {
+    let c = &run.commands;
+    let Some(position) = &c.position else { return Vec::new() };
+    let of = |series: &Option<qv_core::JointSeries>, fixed: f64, row: usize| -> [f64; 12] {
+        let values = series.as_ref().filter(|s| row < s.len()).map(|s| s.row(row));
+        std::array::from_fn(|j| values.map_or(fixed, |v| v[j]))
+    };
+    let one = |row: usize| {
+        let command = qv_go2::messages::LowCmd {
+            q: of(&c.position, 0.0, row),
+            dq: [0.0; 12],
+            tau: [0.0; 12],
+            kp: of(&c.kp, run.actuator.kp.unwrap_or(0.0), row),
+            kd: of(&c.kd, run.actuator.kd.unwrap_or(0.0), row),
+        };
+        let time = EPOCH + (position.time[row] * 1e9).round() as u64;
+        Message { topic: "/lowcmd", time, data: qv_go2::messages::encode_low_cmd(&command) }
+    };
+    (0..position.len()).map(one).collect()
+}
