@@ -240,3 +240,19 @@ fn factors_that_are_equal_or_inverse_are_one_cause() {
     let hot = Candidate { extent: Some(Extent::Time([2.0, 5.0])), ..of("motor_strength", &[0]) };
     assert_eq!(told((hot, -0.2), (of("motor_gain_kp", &[0]), -0.2)), None);
 }
+
+#[test]
+fn nothing_steady_is_accused_of_an_arm_that_is_nearer_than_the_null() {
+    let arm = |ratio: f64, extent: Option<Extent>| {
+        let mut evidence = latency();
+        (evidence.is_free, evidence.level) = (false, level(ratio));
+        evidence.rounds[0].candidates[0].extent = extent;
+        let held_out = evidence.rounds[0].candidates[0].held_out.as_mut().unwrap();
+        held_out.falls = vec![0.5; 3];
+        decided(&evidence, &Policy::default()).verdict
+    };
+    assert_eq!(arm(9.0, None), Verdict::Explained);
+    assert_eq!(arm(0.71, None), Verdict::NoGap);
+    // A push may be short: it is told all the same.
+    assert_ne!(arm(0.71, Some(Extent::Time([1.0, 1.4]))), Verdict::NoGap);
+}

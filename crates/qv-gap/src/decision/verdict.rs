@@ -119,6 +119,11 @@ impl Case<'_> {
     /// what exceeds the null, and there is none, whatever fits a part of the noise better.
     fn beyond_null(&self, is_doubted: bool) -> Verdict {
         let verdict = self.by_level(is_doubted);
+        // Nothing but its motors moves a robot that is held, and replicates without an effect are farther from the simulator than it is.
+        let is_steady = self.accused().all(|c| c.extent.is_none());
+        if !self.evidence.is_free && is_steady && self.evidence.level.ratio < 1.0 {
+            return Verdict::NoGap;
+        }
         let closed = self.evidence.corrected.as_ref().map_or(0.0, |c| c.closed.share);
         if verdict == Verdict::NoGap || (verdict == Verdict::Explained && closed >= self.policy.mostly) {
             return verdict;

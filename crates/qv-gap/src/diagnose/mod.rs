@@ -25,7 +25,7 @@ use crate::problem::library::{self, Effect};
 use crate::problem::{Event, Overrides, Problem, WindowOptions, data_quality, one_robot, origin};
 use crate::report::{CanTell, attribution, can_tell, figures, figures::Figures, leads, narrative, residual_factors};
 use crate::report::{Cause, Correction, FORMAT, Report, RoundSummary, Stage, UNKNOWN, Unexplained, Verdict, Where};
-use qv_replay::{Run, conventions::read_in_ours, frozen::without_frozen, gaps::without_gaps};
+use qv_replay::{Run, conventions::read_in_ours, frozen::without_frozen, gaps::without_gaps, stale::without_stale};
 use qv_sim::{Model, Terrain};
 
 /// How to diagnose.
@@ -118,9 +118,8 @@ pub fn diagnose(
     leave_out: usize,
 ) -> Result<Diagnosis, GapError> {
     let first = runs.first().ok_or_else(|| GapError::run("runs", "at least one", "none"))?;
-    let Prepared { usable, moved_reference, mut cannot_tell, fallen } = prepared(runs, terrain, options)?;
-    let reference = moved_reference.as_deref().unwrap_or(&options.reference);
-    let mut session = Session::new(usable, reference, (model, terrain), options, leave_out);
+    let Prepared { usable, reference, mut cannot_tell, fallen } = prepared(runs, terrain, options)?;
+    let mut session = Session::new(usable, &reference, (model, terrain), options, leave_out);
     let begun = session.now();
     let mut nominal = session.nominal(&cannot_tell)?;
     cannot_tell.extend(narrative::missing(&nominal, first, &options.library));
@@ -155,18 +154,27 @@ pub fn diagnose(
 /// # Errors
 /// As [`diagnose`].
 pub fn can_tell(runs: &[Run], model: &Model, terrain: &Terrain, options: &Options) -> Result<Vec<CanTell>, GapError> {
-    let Prepared { usable, moved_reference, cannot_tell, .. } = prepared(runs, terrain, options)?;
-    let reference = moved_reference.as_deref().unwrap_or(&options.reference);
-    let mut session = Session::new(usable, reference, (model, terrain), options, 0);
-    let nominal = session.nominal(&cannot_tell)?;
-    can_tell::can_tell(&nominal, &options.policy)
+    study(runs, model, terrain, options, |nominal| can_tell::can_tell(nominal, &options.policy))
+}
+
+/// Shows `look` the study of `runs` and of the robot of which nothing is said yet.
+pub(crate) fn study<T>(
+    runs: &[Run],
+    model: &Model,
+    terrain: &Terrain,
+    options: &Options,
+    look: impl FnOnce(&LinearisedProblem) -> Result<T, GapError>,
+) -> Result<T, GapError> {
+    let Prepared { usable, reference, cannot_tell, .. } = prepared(runs, terrain, options)?;
+    let mut session = Session::new(usable, &reference, (model, terrain), options, 0);
+    look(&session.nominal(&cannot_tell)?)
 }
 
 /// Recordings as they are judged.
 struct Prepared {
     usable: Vec<Run>,
-    /// The reference recordings, where they were moved, too.
-    moved_reference: Option<Vec<Run>>,
+    /// The reference recordings, likewise.
+    reference: Vec<Run>,
     /// What was broken in them, and what was done about it.
     cannot_tell: Vec<String>,
     /// Those of a robot that fell.
@@ -176,15 +184,22 @@ struct Prepared {
 fn prepared(runs: &[Run], terrain: &Terrain, options: &Options) -> Result<Prepared, GapError> {
     let first = runs.first().ok_or_else(|| GapError::run("runs", "at least one", "none"))?;
     one_robot::check(first, runs.iter().chain(&options.reference))?;
-    let (mended, gaps): (Vec<Run>, Vec<Vec<String>>) =
-        runs.iter().map(|run| without_gaps(read_in_ours(without_frozen(run)))).unzip();
+    let (mended, told): (Vec<Run>, Vec<Vec<String>>) = runs.iter().map(mended).unzip();
+    let mut reference: Vec<Run> = options.reference.iter().map(|run| self::mended(run).0).collect();
     let mut cannot_tell = data_quality::faults(runs, &mended);
-    cannot_tell.extend(gaps.into_iter().flatten());
+    cannot_tell.extend(told.into_iter().flatten());
     let (mut usable, fallen) = data_quality::upright(&mended);
-    let moved = origin::brought_near(&mut usable, terrain, options);
-    cannot_tell.extend(fallen.iter().chain(moved.as_ref().map(|m| &m.1)).cloned());
-    let moved_reference = moved.and_then(|m| m.0);
-    Ok(Prepared { usable, moved_reference, cannot_tell, fallen })
+    let moved = origin::brought_near(&mut usable, &mut reference, terrain, options);
+    cannot_tell.extend(fallen.iter().chain(&moved).cloned());
+    Ok(Prepared { usable, reference, cannot_tell, fallen })
+}
+
+/// A recording without what is broken in it, and in words what was done.
+fn mended(run: &Run) -> (Run, Vec<String>) {
+    let (run, mut told) = without_stale(read_in_ours(without_frozen(run)));
+    let (run, gaps) = without_gaps(run);
+    told.extend(gaps);
+    (run, told)
 }
 
 /// Effects of a study by name.

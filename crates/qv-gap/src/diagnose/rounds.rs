@@ -79,7 +79,7 @@ fn candidate(study: &LinearisedProblem, fit: &Fit, by_chance: f64, share: f64) -
         extent: fit.suspect.extent,
         values: fit.suspect.values.clone(),
         parameters: estimates_of(study, fit),
-        log_evidence: fit.evidence,
+        log_evidence: fit.evidence + effect.log_prior,
         by_chance,
         least_evidence: effect.least_evidence,
         size: size(study, &fit.suspect),

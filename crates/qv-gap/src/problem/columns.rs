@@ -351,6 +351,9 @@ fn members(problem: &Problem, effect: &Effect) -> Vec<String> {
 /// Whether anything measured could show an effect: one that only moves the base, contacts or sensors of a free robot has
 /// no meaning for a robot that is held.
 fn is_observable(problem: &Problem, effect: &Effect) -> bool {
+    if problem.free && effect.held_only {
+        return false;
+    }
     let moves = |prefix: &str| effect.axes.iter().flat_map(|a| a.moves.keys()).any(|p| p.starts_with(prefix));
     if !problem.free && OF_BASE.iter().any(|p| moves(p)) {
         return false;

@@ -50,7 +50,7 @@ impl Sizes {
             sized.range = effect.held_range.unwrap_or(effect.range);
         }
         let factor = match effect.unit.as_str() {
-            "N m" | "N m s/rad" | "kg m²" => self.torque,
+            "N m" | "N m/rad" | "N m s/rad" | "N m s²/rad²" | "kg m²" => self.torque,
             "kg" => self.mass,
             _ => 1.0,
         };

@@ -109,6 +109,12 @@ pub struct Effect {
     /// Log evidence that it needs as a first cause if it acts steadily, where it is known that other engines do not reach that without
     /// it; it need not take a share of the excess then.
     pub least_evidence: Option<f64>,
+    /// Added to its log evidence \[nats\]: below 0 for causes that are rarer than others.
+    #[serde(default)]
+    pub log_prior: f64,
+    /// Whether it is looked for in robots that are held alone.
+    #[serde(default)]
+    pub held_only: bool,
     /// Whether it may act for a part of the time only.
     #[serde(default)]
     pub local: bool,
@@ -202,6 +208,9 @@ fn check(effect: &Effect, file: &str) -> Result<(), GapError> {
     if effect.least_evidence.is_some_and(|e| !(e.is_finite() && e > 0.0)) {
         return wrong("a least evidence above 0", format!("{:?}", effect.least_evidence));
     }
+    if !(effect.log_prior.is_finite() && effect.log_prior <= 0.0) {
+        return wrong("a log prior of at most 0", effect.log_prior.to_string());
+    }
     if !(effect.engine_error.is_finite() && effect.engine_error >= 0.0) {
         return wrong("an engine error of at least 0", effect.engine_error.to_string());
     }
@@ -220,7 +229,7 @@ mod tests {
     fn the_library_has_every_name_of_the_report() {
         let names: Vec<String> = built_in().into_iter().map(|e| e.name).collect();
         for name in "command_latency observation_latency actuator_lag joint_coulomb_friction joint_viscous_friction \
-            joint_armature motor_strength motor_gain_kp motor_gain_kd torque_limit torque_speed_limit backlash \
+            joint_armature stribeck_friction load_friction quadratic_drag joint_spring constant_torque motor_strength motor_gain_kp motor_gain_kd torque_limit torque_speed_limit backlash \
             encoder_bias payload_mass com_offset link_inertia ground_friction contact_compliance contact_restitution \
             terrain_slope terrain_height foot_radius external_force imu_tilt gyro_bias pose_delay"
             .split_whitespace()
@@ -252,6 +261,7 @@ mod tests {
             ("unit = 'N'\n", "", "unit"),
             ("unit = 'N'\n", "unit = 'N'\nleast_evidence = -1\n", "above 0"),
             ("unit = 'N'\n", "unit = 'N'\nengine_error = nan\n", "at least 0"),
+            ("unit = 'N'\n", "unit = 'N'\nlog_prior = 1\n", "at most 0"),
         ] {
             let error = parse(&good.replace(from, to), "mine.toml").unwrap_err().to_string();
             assert!(error.contains(told) && error.contains("mine.toml"), "{error}");
