@@ -23,7 +23,8 @@ pub fn stream<E>(
     write: impl FnOnce(&mut BufWriter<File>) -> Result<(), E>,
 ) -> Result<(), E> {
     let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(".new");
+    // Two processes that write one file do not write into each other's.
+    name.push(format!(".{}.new", std::process::id()));
     let new = path.with_file_name(name);
     let all = || {
         let mut file = BufWriter::new(File::create(&new).map_err(&failed)?);
