@@ -199,9 +199,11 @@ fn conclude(folder: &Path) -> Result<()> {
             strayed(1)
         );
     }
-    let page = folder.join("report/report.html");
-    if page.is_file() {
-        println!("All of it on one page: {}", page.display());
+    for (file, words) in [("view/view.html", "To look around"), ("report/report.html", "All of it on one page")] {
+        let page = folder.join(file);
+        if page.is_file() {
+            println!("{words}: {}", page.display());
+        }
     }
     Ok(())
 }
