@@ -296,6 +296,22 @@ mod tests {
         typed.map(|line| line.split_whitespace().take_while(of_shell).map(String::from).collect()).collect()
     }
 
+    /// What prints a script or a page of a manual has nothing to say as JSON; the rehearsal is no command of users.
+    const WITHOUT_JSON: [&str; 6] = ["completions", "man", "slurm", "snakemake", "rehearse", "help"];
+
+    #[test]
+    fn every_command_speaks_json() {
+        fn each(command: &clap::Command) {
+            let mut inner = command.get_subcommands().peekable();
+            let is_leaf = inner.peek().is_none();
+            if is_leaf && !WITHOUT_JSON.contains(&command.get_name()) {
+                assert!(command.get_arguments().any(|arg| arg.get_long() == Some("json")), "{}", command.get_name());
+            }
+            inner.for_each(each);
+        }
+        each(&Cli::command());
+    }
+
     #[test]
     fn commands_of_the_docs_are_understood() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");

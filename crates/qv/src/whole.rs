@@ -6,7 +6,7 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-/// Writes a file beside its place and renames it, so that a power cut leaves the old one or the new one.
+/// Writes a file beside its place and renames it, so that a full disk or a kill leaves the old one.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     put(path, bytes).map_err(|e| about(path, format!("expected to write it, found {e}")))
 }

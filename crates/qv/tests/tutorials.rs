@@ -27,6 +27,14 @@ fn followed(name: &str) -> (PathBuf, Vec<String>) {
     (folder, said)
 }
 
+/// The line of JSON of a command.
+fn spoken(folder: &Path, words: &str) -> Value {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_qv"));
+    let output = command.current_dir(folder).args(words.split(' ')).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{words}: {}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
 fn json(path: &Path) -> Value {
     serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
 }
@@ -45,6 +53,13 @@ fn who_has_a_bag_finds_what_the_demo_hides() {
     assert!(is_told("Hidden: ") && is_told("Found:  "), "{}", said[0]);
     assert!(said[0].contains("The hidden effect was found"), "{}", said[0]);
     assert!(folder.join("out/demo/view.html").is_file() && folder.join("out/replay/replay.layout.json").is_file());
+    let view = spoken(&folder, "view out/demo/why --out out/view.html --json");
+    assert_eq!((&view["format"], &view["causes"]), (&"qv-view/1".into(), &1.into()), "{view}");
+    let report =
+        spoken(&folder, "report --diagnosis out/demo/why --view out/view.html --out out/page/report.html --json");
+    assert_eq!(report["format"], "qv-report/1");
+    let page = fs::read_to_string(folder.join("out/page/report.html")).unwrap();
+    assert!(page.contains("<a href=\"../view.html\">"), "the page links the view");
     // The corrections bring the simulator nearer.
     let off = |name: &str| number(&json(&folder.join(name).join("replay.json"))["windows"]["pos_rms_mean"]);
     assert!(off("out/after") < 0.5 * off("out/replay"), "{} of {}", off("out/after"), off("out/replay"));
@@ -57,4 +72,9 @@ fn who_trains_policies_gets_the_files() {
         assert!(folder.join("out/try").join(name).is_file(), "{name}");
     }
     assert!(said[1].contains("of 8 robots fell"), "{}", said[1]);
+    let play = spoken(&folder, "walk play out/try/policy.onnx --seconds 1 --out out/play --json");
+    assert_eq!((&play["format"], &play["seconds"]), (&"qv-walk-play/1".into(), &1.0.into()), "{play}");
+    let record = "walk record out/try/policy.onnx --minutes 0.1 --walk 3 --out out/log --json";
+    let record = spoken(&folder, record);
+    assert_eq!((&record["format"], &record["seconds"]), (&"qv-walk-record/1".into(), &3.0.into()), "{record}");
 }
