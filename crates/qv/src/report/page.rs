@@ -238,7 +238,7 @@ fn share(value: &Value) -> String {
 fn causes(diagnosis: &Value) -> String {
     let gap = &diagnosis["gap"];
     let mut text = format!(
-        "<h2>What still makes robot and simulator differ</h2><div class=\"card\"><p>{}</p>\
+        "<h2>What makes robot and simulator differ</h2><div class=\"card\"><p>{}</p>\
          <p class=\"soft\">Gap {} before, {} after, {} of noise alone.</p>",
         escape(diagnosis["sentence"].as_str().unwrap_or("–")),
         number(&gap["before"], 2),
@@ -343,7 +343,7 @@ mod tests {
             "Better by far",
             "strays 0.500",
             "Look around",
-            "What still makes",
+            "What makes",
             "Friction of",
             "The place: photo",
         ];
