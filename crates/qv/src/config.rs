@@ -142,7 +142,8 @@ impl<'c> Called<'c> {
     fn of(words: &[OsString], root: &'c Command) -> Option<Self> {
         let (mut commands, mut end) = (vec![root], 1);
         for (k, word) in words.iter().enumerate().skip(1) {
-            let word = word.to_str()?;
+            // What is no text names no command.
+            let Some(word) = word.to_str() else { break };
             // Options that stand before a command have no values.
             if word.starts_with('-') {
                 continue;
