@@ -26,3 +26,8 @@ pub use recording::{
     parameters, parameters_of, read_model, read_urdf, run_of_table, told_of, urdf_beside, urdf_of, write_error,
 };
 pub use robot::robot_model;
+
+/// Its code is compiled, so that it is not wrong one day.
+#[cfg(doctest)]
+#[doc = include_str!("../../../docs/tutorial_rust.md")]
+struct Tutorial;

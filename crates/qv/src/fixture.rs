@@ -2,12 +2,12 @@
 
 use crate::ground::{mesh_at, set_friction, terrain_at};
 use crate::numbers::{not_negative, three, within};
-use crate::open::write_error;
+use crate::open::{file_error, write_error};
 use crate::whole::{put, stream};
 use crate::{Outcome, say};
 use glam::DVec3;
 use qv_core::{Material, TriangleMesh};
-use qv_go2::synthetic::{self, Robot};
+use qv_go2::synthetic::{self, Message, Robot};
 use qv_mesh::files::glb;
 use qv_replay::ReplayError;
 use std::fs;
@@ -36,6 +36,9 @@ pub struct Fixture {
     /// The named effect: latency of all commands, in seconds
     #[arg(long, default_value_t = 0.008, value_name = "SECONDS", value_parser = latency)]
     latency: f64,
+    /// One line of JSON at the end instead of the summary
+    #[arg(long)]
+    json: bool,
 }
 
 impl Fixture {
@@ -55,8 +58,15 @@ impl Fixture {
         let robot = Robot { parameters, seed: self.seed, start: self.start };
         let messages = synthetic::record(&terrain, &robot)?;
         let bag = in_out("run.mcap");
-        stream(&bag, |e| write_error(&bag, &e), |file| synthetic::write_bag(&messages, file))?;
+        write_recording(&bag, &messages)?;
         write(&in_out("truth.json"), format!("{:#}\n", self.truth(&robot)).as_bytes())?;
+        if self.json {
+            let line = serde_json::json!({
+                "format": "qv-fixture/1", "messages": messages.len(), "seconds": synthetic::DURATION, "out": self.out,
+            });
+            say(&format!("{line}\n"))?;
+            return Ok(Outcome::Done);
+        }
         say(&format!("{} messages, {} s, written to {}\n", messages.len(), synthetic::DURATION, self.out.display()))?;
         Ok(Outcome::Done)
     }
@@ -70,6 +80,15 @@ impl Fixture {
             "seed": self.seed, "start": self.start, "parameters": parameters,
         })
     }
+}
+
+/// Writes a recording.
+///
+/// # Errors
+/// There is no room for the whole of it, or it cannot be written there.
+pub fn write_recording(path: &Path, messages: &[Message]) -> Result<(), ReplayError> {
+    let told = |e: ReplayError| file_error(path, "room for the whole of it", &e.to_string());
+    stream(path, |e| write_error(path, &e), |file| synthetic::write_bag(messages, file).map_err(told))
 }
 
 fn place(text: &str) -> Result<[f64; 3], String> {

@@ -1,4 +1,4 @@
-//! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost, 130 stopped (`qv fleet`).
+//! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost, 130 stopped (`qv fleet`, `qv reconstruct`).
 
 mod ask;
 mod camera;
@@ -6,11 +6,14 @@ mod can_tell;
 mod capture;
 mod check;
 mod colmap;
+mod config;
 mod contact;
+mod demo;
 mod diagnose;
 mod fixture;
 mod fleet;
 mod inspect;
+mod lock;
 mod mesh;
 mod names;
 mod navigate;
@@ -28,13 +31,15 @@ mod report;
 mod rgbd;
 mod robots;
 mod scene;
+mod shell;
 mod tune;
 mod video;
 mod view;
 mod walk;
 mod whole;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use lock::OutputFolder;
 use progress::Level;
 use qv_open::{foreign, ground, mesh_file};
 use qv_replay::ReplayError;
@@ -52,12 +57,18 @@ struct Cli {
     /// Tells how long each stage took
     #[arg(short, long, global = true)]
     verbose: bool,
+    /// Takes no options from qv.toml
+    #[arg(long, global = true)]
+    no_config: bool,
     #[command(subcommand)]
     command: Command,
 }
 
 #[derive(Subcommand)]
 enum Command {
+    /// Records a made-up robot that hides an effect, diagnoses it, and shows what was hidden beside what was found
+    #[command(after_help = demo::EXAMPLE)]
+    Demo(demo::Demo),
     /// What is in a recording: streams, rates, what was measured and what derived, gaps and faults
     #[command(after_help = inspect::EXAMPLE)]
     Inspect(inspect::Inspect),
@@ -112,6 +123,12 @@ enum Command {
     /// Makes one HTML file in which one looks around: place, ground, robot as recorded and simulated, slips, causes
     #[command(after_help = view::EXAMPLE)]
     View(view::View),
+    /// Prints what a shell needs to complete commands and options
+    #[command(after_help = shell::COMPLETIONS_EXAMPLE)]
+    Completions(shell::Completions),
+    /// Writes manual pages, one for each command
+    #[command(after_help = shell::MAN_EXAMPLE)]
+    Man(shell::Manuals),
     /// Makes up a recording of the Go2 with a known cause, and the ground that it walked on
     #[command(hide = true, after_help = fixture::EXAMPLE)]
     Fixture(fixture::Fixture),
@@ -169,15 +186,82 @@ fn say(text: &str) -> Result<(), ReplayError> {
     }
 }
 
-fn main() -> ExitCode {
-    fleet::end_with_parent();
-    let cli = Cli::parse();
+/// A command line that cannot be followed, as it is told.
+enum Misused {
+    Words(Box<clap::Error>, Option<String>),
+    Config(Failure),
+}
+
+/// The command that was typed, with the options of `qv.toml`, and the folder that it writes into.
+fn understood() -> Result<(Cli, Option<PathBuf>), Misused> {
+    let mut root = Cli::command();
+    root.build();
+    let typed = std::env::args_os().collect();
+    let words = match std::env::current_dir() {
+        Ok(folder) => config::with_file(typed, &folder, &root).map_err(Misused::Config)?,
+        Err(e) => return Err(Misused::Config(format!("expected a current folder, found {e}").into())),
+    };
+    words.keep();
+    let misused = |error: clap::Error| Misused::Words(Box::new(error), words.told());
+    let matches = Cli::command().try_get_matches_from(&words.all).map_err(misused)?;
+    let output = output_folder(&root, &matches);
+    let cli = Cli::from_arg_matches(&matches).map_err(misused)?;
     progress::set(match (cli.quiet, cli.verbose) {
         (true, _) => Level::Quiet,
         (_, true) => Level::Verbose,
         _ => Level::Normal,
     });
-    let result: Result<Outcome, Failure> = match cli.command {
+    words.told().iter().for_each(|what| progress::remark(what));
+    Ok((cli, output))
+}
+
+/// The folder of `--out DIR`. A fleet has locks of its own; other commands write one file, whole or not at all.
+fn output_folder(root: &clap::Command, matches: &ArgMatches) -> Option<PathBuf> {
+    let (mut command, mut matches) = (root, matches);
+    while let Some((name, inner)) = matches.subcommand() {
+        (command, matches) = (command.find_subcommand(name)?, inner);
+    }
+    let out = command.get_arguments().find(|arg| arg.get_id() == "out")?;
+    let is_folder = out.get_value_names().is_some_and(|names| names.iter().any(|name| name == "DIR"));
+    if is_folder { matches.get_one::<PathBuf>("out").cloned() } else { None }
+}
+
+fn main() -> ExitCode {
+    fleet::end_with_parent();
+    let (cli, output) = match understood() {
+        Ok(found) => found,
+        Err(Misused::Config(error)) => {
+            eprintln!("qv: {error}");
+            return ExitCode::from(2);
+        }
+        Err(Misused::Words(error, added)) => {
+            error.print().ok();
+            // Help and the version are no misuse.
+            if let Some(added) = added.filter(|_| error.use_stderr()) {
+                eprintln!("qv: {added}");
+            }
+            return ExitCode::from(error.exit_code() as u8);
+        }
+    };
+    let result = output.map(|folder| OutputFolder::take(&folder)).transpose().and_then(|lock| {
+        let ended = execute(cli.command);
+        drop(lock);
+        ended
+    });
+    match result {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Partial) => ExitCode::from(3),
+        Ok(Outcome::Stopped) => ExitCode::from(130),
+        Err(error) => {
+            eprintln!("qv: {error}");
+            ExitCode::from(1)
+        }
+    }
+}
+
+fn execute(command: Command) -> Result<Outcome, Failure> {
+    match command {
+        Command::Demo(command) => command.execute(),
         Command::Inspect(command) => command.execute().map_err(Failure::from),
         Command::Robots(command) => command.execute().map_err(Failure::from),
         Command::Effects(command) => command.execute().map_err(Failure::from),
@@ -196,15 +280,56 @@ fn main() -> ExitCode {
         Command::Fleet(command) => command.execute(),
         Command::Report(command) => command.execute(),
         Command::View(command) => command.execute(),
+        Command::Completions(command) => command.execute(),
+        Command::Man(command) => command.execute(),
         Command::Fixture(command) => command.execute().map_err(Failure::from),
-    };
-    match result {
-        Ok(Outcome::Done) => ExitCode::SUCCESS,
-        Ok(Outcome::Partial) => ExitCode::from(3),
-        Ok(Outcome::Stopped) => ExitCode::from(130),
-        Err(error) => {
-            eprintln!("qv: {error}");
-            ExitCode::from(1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    /// Commands of a page: lines of its blocks that begin with `$ qv` or `qv`, joined where they go on, without remarks and what a shell does.
+    fn commands(text: &str) -> Vec<Vec<String>> {
+        let blocks = text.split("\n```").skip(1).step_by(2);
+        let joined: Vec<String> = blocks.map(|block| block.replace("\\\n", " ")).collect();
+        let lines = joined.iter().flat_map(|block| block.lines());
+        let typed = lines.filter_map(|line| line.strip_prefix("$ ").or(Some(line)).filter(|l| l.starts_with("qv ")));
+        let of_shell = |word: &&str| !["#", "&&", ">", "|"].contains(word);
+        typed.map(|line| line.split_whitespace().take_while(of_shell).map(String::from).collect()).collect()
+    }
+
+    /// What prints a script or a page of a manual has nothing to say as JSON; the rehearsal is no command of users.
+    const WITHOUT_JSON: [&str; 6] = ["completions", "man", "slurm", "snakemake", "rehearse", "help"];
+
+    #[test]
+    fn every_command_speaks_json() {
+        fn each(command: &clap::Command) {
+            let mut inner = command.get_subcommands().peekable();
+            let is_leaf = inner.peek().is_none();
+            if is_leaf && !WITHOUT_JSON.contains(&command.get_name()) {
+                assert!(command.get_arguments().any(|arg| arg.get_long() == Some("json")), "{}", command.get_name());
+            }
+            inner.for_each(each);
         }
+        each(&Cli::command());
+    }
+
+    #[test]
+    fn commands_of_the_docs_are_understood() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+        let docs = fs::read_dir(root.join("docs")).unwrap().map(|entry| entry.unwrap().path());
+        let pages = docs.filter(|path| path.extension().is_some_and(|end| end == "md")).chain([root.join("README.md")]);
+        let mut count = 0;
+        for page in pages {
+            for words in commands(&fs::read_to_string(&page).unwrap()) {
+                let found = Cli::try_parse_from(&words);
+                assert!(found.is_ok(), "{}: {}\n{}", page.display(), words.join(" "), found.err().unwrap());
+                count += 1;
+            }
+        }
+        assert!(count > 40, "only {count} commands were found");
     }
 }

@@ -75,6 +75,9 @@ struct Train {
     /// Directory for the results; made if need be
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// One line of JSON at the end instead of the summary
+    #[arg(long)]
+    json: bool,
 }
 
 #[derive(clap::Args)]
@@ -89,6 +92,9 @@ struct Test {
     /// File for the results
     #[arg(long, value_name = "FILE.json")]
     out: PathBuf,
+    /// One line of JSON at the end instead of the summary
+    #[arg(long)]
+    json: bool,
 }
 
 fn spread(name: &str) -> Result<LensSpread, String> {
@@ -144,6 +150,13 @@ impl Train {
         stages.finish();
         let file = onnx::to_bytes(&student.net, &student.parameters, &world.limits)?;
         write_whole(&self.out.join("policy.onnx"), &file)?;
+        if self.json {
+            let line = json!({
+                "format": "qv-navigate-train/1", "decisions": student.frames(), "rounds": self.rounds, "out": self.out,
+            });
+            say(&format!("{line}\n"))?;
+            return Ok(Outcome::Done);
+        }
         say(&format!("{} decisions in {} rounds; written to {}\n", student.frames(), self.rounds, self.out.display()))?;
         Ok(Outcome::Done)
     }
@@ -165,7 +178,9 @@ impl Test {
         let mut rows = Vec::new();
         for (name, trials) in [("policy", &policy), ("teacher", &teacher), ("blob", &blob)] {
             let row = Row::of(trials);
-            say(&line(name, &row, compared(&policy, trials)))?;
+            if !self.json {
+                say(&line(name, &row, compared(&policy, trials)))?;
+            }
             rows.push(
                 json!({"name": name, "row": row, "p_against_policy": compared(&policy, trials), "trials": trials}),
             );
@@ -173,6 +188,9 @@ impl Test {
         let results = json!({"legs": "velocity follower without physics", "eye": "splat", "seed": self.place.seed,
             "episodes": episodes, "rows": rows});
         write_whole(&self.out, &serde_json::to_vec(&results)?)?;
+        if self.json {
+            say(&format!("{results}\n"))?;
+        }
         Ok(Outcome::Done)
     }
 }

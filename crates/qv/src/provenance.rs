@@ -13,7 +13,7 @@ pub fn provenance<'p>(paths: impl IntoIterator<Item = &'p Path>) -> Value {
     json!({
         "program": env!("CARGO_PKG_NAME"),
         "version": env!("CARGO_PKG_VERSION"),
-        "arguments": std::env::args().skip(1).collect::<Vec<String>>(),
+        "arguments": crate::config::arguments(),
         "inputs": inputs,
     })
 }

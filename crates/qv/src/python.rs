@@ -3,7 +3,7 @@
 use crate::Failure;
 use crate::open::spinner;
 use crate::scene::about;
-use std::fs;
+use crate::whole::write_whole;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -31,7 +31,7 @@ pub struct Environment {
 /// Python or its packages cannot be had, or the program fails: then the last line of its errors.
 pub fn said(environment: &Environment, text: &str, file: &Path, arguments: &[&Path]) -> Result<String, Failure> {
     let python = python(environment)?;
-    fs::write(file, text).map_err(|e| about(file, format!("expected to write it, found {e}")))?;
+    write_whole(file, text.as_bytes())?;
     let mut command = Command::new(&python);
     command.arg("-u").arg(file).args(arguments);
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());

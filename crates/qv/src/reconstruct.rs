@@ -7,10 +7,10 @@ use crate::capture::{OpenCapture, open_capture};
 use crate::colmap::poses_again;
 use crate::normals::{self, Colours, NormalModel};
 use crate::progress::{Stages, remark};
+use crate::render::png;
 use crate::scene::about;
 use crate::video;
-use crate::whole::put;
-use crate::whole::write_whole;
+use crate::whole::{put, write_whole};
 use crate::{Failure, Outcome, say};
 use clap::ValueEnum;
 use qv_core::{Camera, GaussianCloud};
@@ -41,7 +41,7 @@ pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/ya
     with --preview pictures beside photographs. Terms of geometry and labels count from step 1000 on. Built with --features gpu, --gpu\n\
     works on the graphics card. Ctrl-C stops and keeps the best\n\
     scene so far; --resume goes on from the checkpoint, which is where training stood.\n\n\
-    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
+    Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named), 130 stopped.";
 
 /// Steps from one report to the next.
 const REPORT_EVERY: u32 = 100;
@@ -229,6 +229,8 @@ impl Reconstruct {
             &mut |engine, at| run.watch(engine, at).map_err(|e| error_at("training", "files", &e.to_string())),
         );
         let finished = trained.or_else(|error| self.rescue(std::mem::take(&mut run.best), &dataset, error))?;
+        // A stop that comes later finds training done.
+        let is_stopped = !finished && run.is_stopped();
         let mut model = engine.model()?;
         let train_s = clock.elapsed().as_secs_f64();
         bar.begin(3, 3, "scores", Some(TRAINING[1]));
@@ -273,7 +275,22 @@ impl Reconstruct {
         lost.extend_from_slice(&dataset.lost);
         lost.extend(self.lost(&dataset));
         lost.iter().for_each(|what| eprintln!("qv: {what}"));
+        if is_stopped {
+            eprintln!("qv: {}", self.how_to_go_on(stood_at));
+            return Ok(Outcome::Stopped);
+        }
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
+    }
+
+    /// What to type after a stop: the same once more, which takes up the checkpoint.
+    fn how_to_go_on(&self, at: u32) -> String {
+        let mut words = crate::config::arguments();
+        if !self.resume {
+            words.push("--resume".into());
+        }
+        let quoted = |word: &String| if word.contains(' ') { format!("'{word}'") } else { word.clone() };
+        let words: Vec<String> = words.iter().map(quoted).collect();
+        format!("stopped at step {at} of {}; to go on: qv {}", self.iterations, words.join(" "))
     }
 
     /// The capture, what was lost on the way to it, and how COLMAP's poses are, where they were asked for.
@@ -587,6 +604,5 @@ fn beside(photograph: &Photograph, image: &Image, folder: &Path, name: &str) -> 
     }
     // A name may hold the folders of the capture.
     let path = folder.join(format!("{}.png", name.replace(['/', '\\'], "_")));
-    image::save_buffer(&path, &both, 2 * width as u32, height as u32, image::ExtendedColorType::Rgb8)
-        .map_err(|e| about(&path, format!("expected to write it, found {e}")))
+    png(&path, &both, [2 * width as u32, height as u32], image::ExtendedColorType::Rgb8)
 }

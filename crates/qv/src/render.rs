@@ -3,9 +3,10 @@
 use crate::numbers::three;
 use crate::open::progress;
 use crate::scene::{about, open_cameras, open_scene};
-use crate::whole::put;
+use crate::whole::{put, write_whole};
 use crate::{Failure, Outcome, say};
-use image::{ExtendedColorType, ImageFormat};
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder as _};
 use qv_core::GaussianCloud;
 use qv_raster::{Image, Outputs, Scene, Settings, View};
 use qv_splat::captures::CaptureCamera;
@@ -256,9 +257,11 @@ fn unwritable(error: impl std::fmt::Display) -> String {
     format!("expected to write it, found {error}")
 }
 
-fn png(path: &Path, bytes: &[u8], [width, height]: [u32; 2], kind: ExtendedColorType) -> Result<(), Failure> {
-    image::save_buffer_with_format(path, bytes, width, height, kind, ImageFormat::Png)
-        .map_err(|e| about(path, unwritable(e)))
+/// Writes a PNG.
+pub fn png(path: &Path, bytes: &[u8], [width, height]: [u32; 2], kind: ExtendedColorType) -> Result<(), Failure> {
+    let mut file = vec![];
+    PngEncoder::new(&mut file).write_image(bytes, width, height, kind).map_err(|e| about(path, unwritable(e)))?;
+    write_whole(path, &file)
 }
 
 /// NumPy's file of an array of 32-bit floats, shape `[height, width]` (format version 1.0: magic, length of the header, header

@@ -8,7 +8,7 @@ use crate::provenance::provenance;
 use crate::whole::{put, stream};
 use crate::{Outcome, RunArguments, say};
 use qv_replay::derive::joint_velocity;
-use qv_replay::replay::{Lag, ReplayOptions, to_html, to_json, verdict, write_mcap};
+use qv_replay::replay::{Lag, ReplayOptions, layout, to_html, to_json, verdict, write_mcap};
 use qv_replay::{ReplayError, Run};
 use qv_sim::Model;
 use serde_json::Value;
@@ -18,7 +18,7 @@ use std::time::Instant;
 
 pub const EXAMPLE: &str = "Example:\n  qv replay walk.mcap --out out/walk\n  qv replay walk.mcap --robot go2 --terrain yard.glb \
     --params out/diagnosis/calibrated.toml --out out/walk\n\n\
-    Writes replay.json, replay.mcap and replay.html. A parameter file holds numbers under parameter names, such as\n\
+    Writes replay.json, replay.mcap (for Foxglove and Rerun), replay.layout.json (for Foxglove) and replay.html. A parameter file holds numbers under parameter names, such as\n\
     \"joint.*.coulomb_friction\" = 0.2.\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
 
@@ -67,7 +67,7 @@ impl Replay {
         let read = [Some(self.run.run.as_path()), Some(Path::new(&self.terrain)), self.params.as_deref()];
         report["provenance"] = provenance(read.into_iter().chain([self.run.reading.robot_file()]).flatten());
         let notes = notes(&run, &told, &replay);
-        self.write(&run, &replay, &report, &notes)?;
+        self.write(&run, &model, &replay, &report, &notes)?;
         if self.json {
             say(&format!("{report}\n"))?;
         } else {
@@ -80,6 +80,7 @@ impl Replay {
     fn write(
         &self,
         run: &Run,
+        model: &Model,
         replay: &qv_replay::replay::Replay,
         report: &Value,
         notes: &[String],
@@ -92,7 +93,9 @@ impl Replay {
         put(&self.out.join("replay.html"), html).map_err(|e| failed("replay.html", e))?;
         let path = self.out.join("replay.mcap");
         let told = |e: ReplayError| file_error(&path, "room for the whole of it", &e.to_string());
-        stream(&path, |e| failed("replay.mcap", e), |file| write_mcap(replay, run.epoch, file).map_err(told))
+        stream(&path, |e| failed("replay.mcap", e), |file| write_mcap(replay, model, run.epoch, file).map_err(told))?;
+        let arranged = format!("{:#}\n", layout(replay));
+        put(&self.out.join("replay.layout.json"), arranged).map_err(|e| failed("replay.layout.json", e))
     }
 }
 

@@ -6,7 +6,7 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-/// Writes a file beside its place and renames it, so that a power cut leaves the old one or the new one.
+/// Writes a file beside its place and renames it, so that a full disk or a kill leaves the old one.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     put(path, bytes).map_err(|e| about(path, format!("expected to write it, found {e}")))
 }
@@ -23,7 +23,8 @@ pub fn stream<E>(
     write: impl FnOnce(&mut BufWriter<File>) -> Result<(), E>,
 ) -> Result<(), E> {
     let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(".new");
+    // Two processes that write one file do not write into each other's.
+    name.push(format!(".{}.new", std::process::id()));
     let new = path.with_file_name(name);
     let all = || {
         let mut file = BufWriter::new(File::create(&new).map_err(&failed)?);

@@ -134,6 +134,8 @@ fn bad_captures_are_named() {
     assert!(fault(&["--drop", "1"]).contains("share left out: expected 0 to 0.9, found 1"));
     let err = fault(&["--labels", "1"]);
     assert!(err.contains("expected label images"), "{err}");
+    assert!(!folder.join("out").exists(), "what failed made no folder");
+    fs::create_dir_all(folder.join("out")).unwrap();
     fs::write(folder.join("out/checkpoint.qvt"), b"nonsense").unwrap();
     assert!(fault(&["--resume"]).contains("checkpoint"), "a checkpoint that is none");
     image::save_buffer(folder.join("images/01.png"), &[0; 30], 5, 2, image::ExtendedColorType::Rgb8).unwrap();
@@ -169,4 +171,47 @@ fn stages_are_told_where_there_is_no_terminal_unless_it_is_to_be_quiet() {
     assert!(lines[2].contains("scores, 95 % done, about 0 s left"), "{normal}");
     assert!(told(&["--verbose"]).lines().any(|l| l.starts_with("qv: 2 of 3: training took ")));
     assert_eq!(told(&["-q"]), "");
+}
+
+/// Waits until a child has said so on standard error; the rest of what it says comes from the thread.
+#[cfg(unix)]
+fn said(child: &mut std::process::Child, what: &str) -> std::thread::JoinHandle<String> {
+    use std::io::{BufRead, BufReader};
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
+    assert!(lines.any(|line| line.contains(what)), "{what}");
+    std::thread::spawn(move || lines.collect::<Vec<_>>().join("\n"))
+}
+
+#[cfg(unix)]
+#[test]
+fn a_folder_has_one_writer_and_who_is_stopped_says_how_to_go_on() {
+    use std::process::Stdio;
+    let folder = capture("reconstruct stopped", 6);
+    let qv = || {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_qv"));
+        command.arg("reconstruct").arg(&folder).arg("--out").arg(folder.join("out")).args(["--hold-out", "0"]);
+        command
+    };
+    let mut first =
+        qv().args(["--iterations", "1000000"]).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+    let rest = said(&mut first, "2 of 3: training");
+    let second = qv().output().unwrap();
+    let err = String::from_utf8_lossy(&second.stderr).into_owned();
+    assert!(second.status.code() == Some(1) && err.contains(&format!("found process {} on ", first.id())), "{err}");
+    let killed = Command::new("kill").args(["-INT", &first.id().to_string()]).status().unwrap();
+    assert!(killed.success());
+    let (status, err) = (first.wait().unwrap(), rest.join().unwrap());
+    assert_eq!(status.code(), Some(130), "{err}");
+    let line = err.lines().last().unwrap();
+    assert!(
+        line.starts_with("qv: stopped at step ") && line.contains(" of 1000000; to go on: qv reconstruct '"),
+        "{err}"
+    );
+    assert!(line.ends_with("--iterations 1000000 --resume"), "{err}");
+    let stood: u32 = line["qv: stopped at step ".len()..].split(' ').next().unwrap().parse().unwrap();
+    let more = (stood + 5).to_string();
+    let on = qv().args(["--iterations", &more, "--resume", "--json"]).output().unwrap();
+    let metrics: Value = serde_json::from_slice(&on.stdout).unwrap();
+    assert_eq!((on.status.code(), &metrics["iterations"]), (Some(0), &json!(stood + 5)));
+    assert!(!folder.join("out/qv.lock").exists());
 }

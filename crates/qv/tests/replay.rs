@@ -10,6 +10,8 @@ use qv_go2::messages::*;
 use qv_go2::model;
 use qv_mesh::files::glb;
 use qv_page::read;
+use qv_replay::cdr::{self, Value as Decoded};
+use qv_replay::schema::Schema;
 use qv_sim::{BaseKind, Batch, JointCommand, Model, ModelOptions, SimOptions, State, Terrain};
 use serde_json::Value;
 use skipped::skipped;
@@ -154,6 +156,81 @@ fn replay_twice_gives_the_same_bytes() {
     assert!(read("first") == read("second"));
 }
 
+/// The elements of a field.
+fn list<'v>(value: &'v Decoded, field: &str) -> &'v [Decoded] {
+    match value.get(field) {
+        Some(Decoded::Array(elements)) => elements,
+        other => panic!("{field}: {other:?}"),
+    }
+}
+
+fn field(value: &Decoded, path: &str) -> f64 {
+    value.get(path).and_then(Decoded::as_f64).unwrap_or_else(|| panic!("{path} of {value:?}"))
+}
+
+/// Forces point up from the feet, slips are where feet are, errors are simulated minus recorded, and the layout names topics that are there.
+#[test]
+fn replay_mcap_shows_forces_slips_and_errors() {
+    let path = directory("replay_scene");
+    let fixture = path.join("fixture");
+    let (code, _, err) = qv(&["fixture", "--out", fixture.to_str().unwrap(), "--seed", "1"]);
+    assert_eq!(code, 0, "{err}");
+    let (out, ice) = (path.join("out"), path.join("ice.toml"));
+    fs::write(&ice, "\"contact.friction\" = 0.1\n").unwrap();
+    let (code, ..) = replay(&fixture.join("run.mcap"), &out, &["--params", ice.to_str().unwrap()]);
+    assert_eq!(code, 0);
+    let bytes = fs::read(out.join("replay.mcap")).unwrap();
+    let mut topics = std::collections::BTreeMap::<String, usize>::new();
+    let (mut arrows, mut slips, mut error) = (0, 0, f64::NAN);
+    for message in mcap::MessageStream::new(&bytes).unwrap() {
+        let message = message.unwrap();
+        let topic = message.channel.topic.clone();
+        *topics.entry(topic.clone()).or_default() += 1;
+        let wanted = topic == "/simulated/scene" || (topic == "/error/windows" && error.is_nan());
+        if !wanted {
+            continue;
+        }
+        let schema = message.channel.schema.as_ref().unwrap();
+        let definition = std::str::from_utf8(&schema.data).unwrap();
+        let value = cdr::decode(&Schema::parse(&schema.name, definition).unwrap(), &message.data).unwrap();
+        if topic == "/error/windows" {
+            let positions = value.get("position").unwrap();
+            let Decoded::Array(positions) = positions else { panic!("{positions:?}") };
+            error = positions[0].as_f64().unwrap();
+            continue;
+        }
+        assert_eq!(schema.name, "foxglove_msgs/msg/SceneUpdate");
+        for entity in list(&value, "entities") {
+            for arrow in list(entity, "arrows") {
+                let (length, lies) = (field(arrow, "shaft_length"), field(arrow, "pose.orientation.y"));
+                assert!((0.0..2.0).contains(&length) && (lies + 0.5_f64.sqrt()).abs() < 1e-9, "it points up");
+                arrows += 1;
+            }
+            for ball in list(entity, "spheres") {
+                let height = field(ball, "pose.position.z");
+                assert!(height.abs() < 0.1, "a foot that stands slips on the ground, {height}");
+                slips += 1;
+            }
+        }
+    }
+    assert!(error.abs() < 0.2, "{error}");
+    // Feet stand at nearly all of 20 pictures a second for 18 s, and a trot slips on ice.
+    assert!(arrows > 500 && slips > 0 && slips < arrows / 4, "{arrows} forces, {slips} slips");
+    for topic in ["/error/whole", "/error/windows", "/recorded/scene", "/recorded/foot_forces"] {
+        assert!(topics.contains_key(topic), "{topics:?}");
+    }
+    let layout: Value = serde_json::from_str(&fs::read_to_string(out.join("replay.layout.json")).unwrap()).unwrap();
+    let panels = layout["configById"].as_object().unwrap();
+    assert_eq!(panels.len(), 4, "a scene and three joints");
+    let shown = layout["layout"].to_string();
+    assert!(panels.keys().all(|panel| shown.contains(panel.as_str())), "{shown}");
+    let paths = panels.values().filter_map(|panel| panel["paths"].as_array()).flatten();
+    let plotted: Vec<String> =
+        paths.map(|path| path["value"].as_str().unwrap().split('.').next().unwrap().into()).collect();
+    let drawn = panels["3D!scene"]["topics"].as_object().unwrap().keys().cloned();
+    assert!(plotted.into_iter().chain(drawn).all(|topic| topics.contains_key(&topic)), "{topics:?}");
+}
+
 #[test]
 fn what_cannot_be_replayed_is_an_error() {
     let out = directory("replay_errors").join("out");
@@ -254,6 +331,8 @@ fn python_reads_replay_mcap() {
         assert!((pose["pose"][6].as_f64().unwrap() - 0.15f64.sin()).abs() < 0.01, "{pose}");
     }
     assert_eq!(found["topics"]["/tf"]["count"], 1000);
+    let scene = &found["topics"]["/simulated/scene"];
+    assert_eq!((&scene["type"], &scene["entities"]), (&"foxglove_msgs/msg/SceneUpdate".into(), &4.into()), "{found:#}");
 }
 
 fn shared() -> Option<PathBuf> {

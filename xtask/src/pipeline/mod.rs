@@ -129,7 +129,12 @@ fn run_stage(stage: Stage, programs: &[(Program, PathBuf)], folder: &Path, force
     let work = || {
         for call in stage.calls() {
             let mut command = Command::new(program(call.program)?);
-            let said = process::output(command.current_dir(folder).args(call.arguments()))?;
+            command.current_dir(folder).args(call.arguments());
+            if call.program == Program::Qv {
+                // Figures are not to depend on a qv.toml above this folder.
+                command.arg("--no-config");
+            }
+            let said = process::output(&mut command)?;
             if let Some(file) = call.said_in(folder) {
                 fs::write(&file, said).with_context(|| format!("writing {}", file.display()))?;
             }
@@ -199,9 +204,11 @@ fn conclude(folder: &Path) -> Result<()> {
             strayed(1)
         );
     }
-    let page = folder.join("report/report.html");
-    if page.is_file() {
-        println!("All of it on one page: {}", page.display());
+    for (file, words) in [("view/view.html", "To look around"), ("report/report.html", "All of it on one page")] {
+        let page = folder.join(file);
+        if page.is_file() {
+            println!("{words}: {}", page.display());
+        }
     }
     Ok(())
 }

@@ -35,6 +35,8 @@ pub enum Stage {
     Tune,
     /// That robot walks after commands under both policies
     Paths,
+    /// Makes the page in which one looks around
+    View,
     /// Puts all of it on one page
     Report,
 }
@@ -87,6 +89,7 @@ impl Stage {
             Self::Record => "record",
             Self::Tune => "tune",
             Self::Paths => "paths",
+            Self::View => "view",
             Self::Report => "report",
         }
     }
@@ -134,8 +137,9 @@ impl Stage {
             "tune record/walks --policy walk/policy.onnx --terrain again/terrain.glb --train-on plane --calibrated diagnose/calibrated.toml --out tune",
         )];
         const PATHS: [Call; 1] = [qv("walk paths walk/policy.onnx tune/policy.onnx --seed 2 --out paths/paths.json")];
+        const VIEW: [Call; 1] = [qv("view diagnose again reconstruct --out view/view.html")];
         const REPORT: [Call; 1] = [qv(
-            "report --reconstruction reconstruct --mesh again/terrain.glb --contact again --replay replay --diagnosis diagnose --tuning tune --paths paths/paths.json --out report/report.html",
+            "report --view view/view.html --reconstruction reconstruct --mesh again/terrain.glb --contact again --replay replay --diagnosis diagnose --tuning tune --paths paths/paths.json --out report/report.html",
         )];
         match self {
             Self::Yard => &YARD,
@@ -151,6 +155,7 @@ impl Stage {
             Self::Record => &RECORD,
             Self::Tune => &TUNE,
             Self::Paths => &PATHS,
+            Self::View => &VIEW,
             Self::Report => &REPORT,
         }
     }
@@ -176,7 +181,16 @@ impl Stage {
             Self::Paths => {
                 &[POLICY[0], POLICY[1], POLICY[2], "tune/policy.onnx", "tune/policy.toml", "tune/checkpoint.bin"]
             }
+            Self::View => &[
+                "diagnose/report.json",
+                "diagnose/calibrated.toml",
+                "again/contact.json",
+                "again/terrain.glb",
+                "reconstruct/scene.ply",
+                RUNS[0],
+            ],
             Self::Report => &[
+                "view/view.html",
                 "tune/tune.json",
                 "paths/paths.json",
                 "reconstruct/metrics.json",
@@ -227,6 +241,7 @@ impl Stage {
                 "tune/tune.html",
             ],
             Self::Paths => &["paths/paths.json"],
+            Self::View => &["view/view.html"],
             Self::Report => &["report/report.html"],
         }
     }

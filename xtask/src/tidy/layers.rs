@@ -88,11 +88,15 @@ fn gpu_gate(package: &Package) -> Vec<String> {
     found
 }
 
-/// Every library has an example, every crate a line in README.md and the licence of the workspace.
+/// Every library has a page of its own that says its layer and names an example, every crate a line in README.md and the licence of the workspace.
 fn completeness(package: &Package, root: &Path, sources: &[Source]) -> Vec<String> {
     let mut found = Vec::new();
     if package.has_target("lib") && !package.has_target("example") {
         found.push(format!("{}: expected a runnable example, found none", package.name));
+    }
+    // The native part of the Python package is a library for Python alone.
+    if package.has_target("lib") && package.name.starts_with("qv-") && package.name != "qv-py" {
+        found.extend(own_page(package, root, sources));
     }
     if package.license.as_deref() != Some("MIT OR Apache-2.0") {
         found.push(format!("{}: expected the licence MIT OR Apache-2.0, found {:?}", package.name, package.license));
@@ -108,6 +112,22 @@ fn completeness(package: &Package, root: &Path, sources: &[Source]) -> Vec<Strin
         found.push(format!("{}: expected it in crates/{}", package.name, package.name));
     }
     found
+}
+
+/// README.md of a library.
+fn own_page(package: &Package, root: &Path, sources: &[Source]) -> Option<String> {
+    let path = package.folder().strip_prefix(root).unwrap_or(package.folder()).join("README.md");
+    let Some(page) = sources.iter().find(|source| source.path == path) else {
+        return Some(format!("{}: expected a page that says what the crate is, found none", path.display()));
+    };
+    let says = format!("| layer | {} of 5", layer(&package.name)?);
+    if !page.text.contains(&says) {
+        return Some(format!("{}: expected `{says}`, found another layer or none", path.display()));
+    }
+    let example =
+        page.text.split("--example ").nth(1).and_then(|rest| rest.split_whitespace().next()).unwrap_or("none");
+    let found = || format!("{}: expected an example of the crate, found {example}", path.display());
+    (!package.has_example(example)).then(found)
 }
 
 #[cfg(test)]
@@ -156,6 +176,18 @@ mod tests {
     fn a_bare_crate_is_incomplete() {
         let readme = Source { path: "README.md".into(), text: "- `qv-sim`: ...".into() };
         let found = completeness(&package("qv-sim", &[]), Path::new("/top"), &[readme]);
-        assert_eq!(found.len(), 2, "no example, not in ARCHITECTURE.md: {found:?}");
+        assert_eq!(found.len(), 3, "no example, no page of its own, not in ARCHITECTURE.md: {found:?}");
+    }
+
+    #[test]
+    fn a_crates_page_says_its_layer_and_an_example() {
+        let mut sim = package("qv-sim", &[]);
+        sim.targets = vec![Target { name: "drop".into(), kind: vec!["example".into()] }];
+        let page = |text: &str| [Source { path: "crates/qv-sim/README.md".into(), text: text.into() }];
+        let found = |text: &str| own_page(&sim, Path::new("/top"), &page(text));
+        assert_eq!(found("cargo run -p qv-sim --example drop\n| layer | 1 of 5 |"), None);
+        assert!(found("--example drop\n| layer | 2 of 5 |").unwrap().contains("`| layer | 1 of 5`"));
+        assert!(found("--example fall\n| layer | 1 of 5 |").unwrap().ends_with("found fall"));
+        assert!(found("| layer | 1 of 5 |").unwrap().ends_with("found none"));
     }
 }

@@ -3,6 +3,7 @@
 mod goldens;
 mod layers;
 mod licences;
+mod links;
 mod rust_text;
 mod sources;
 
@@ -24,8 +25,8 @@ struct Source {
 /// Something that must be read cannot be read.
 fn findings(workspace: &Workspace) -> Result<Vec<String>> {
     let root = &workspace.workspace_root;
-    let mut texts = Vec::new();
-    for path in workspace.files()? {
+    let (mut texts, files) = (Vec::new(), workspace.files()?);
+    for path in files.clone() {
         let bytes = fs::read(root.join(&path)).with_context(|| format!("reading {}", path.display()))?;
         // What is not UTF-8 is not text, and no rule here speaks of it.
         if let Ok(text) = String::from_utf8(bytes) {
@@ -35,6 +36,7 @@ fn findings(workspace: &Workspace) -> Result<Vec<String>> {
     let mut found = layers::check(workspace, &texts);
     found.extend(licences::check(workspace)?);
     found.extend(sources::check(workspace, &texts));
+    found.extend(links::check(&texts, &files));
     found.extend(goldens::check(root, &texts)?);
     found.sort();
     Ok(found)

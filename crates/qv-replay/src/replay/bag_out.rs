@@ -2,8 +2,10 @@
 
 use crate::ReplayError;
 use crate::cdr::Writer;
+use crate::replay::scene_out::{self, Drawn};
 use crate::replay::{Replay, Trace};
 use mcap::records::MessageHeader;
+use qv_sim::Model;
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
 
@@ -75,14 +77,46 @@ impl<'a> Recorded<'a> {
     }
 }
 
-/// Writes joint states, base poses and transforms of the recording and of the whole simulated run, on topics below
-/// `/recorded` and `/simulated`. `epoch` \[ns\] is the instant of time 0.
+/// Colours of what is drawn of the recorded and of the simulated robot.
+const COLOURS: [[f64; 3]; 2] = [[0.95, 0.45, 0.1], [0.15, 0.5, 0.95]];
+
+/// What is written beside robots: topics, and the messages of a sample as the index of the topic and its bytes.
+struct Beside<'a> {
+    topics: Vec<(String, [&'static str; 2])>,
+    at: &'a dyn Fn(usize, u64) -> Vec<(usize, Vec<u8>)>,
+}
+
+/// Writes joint states, base poses and transforms of the recording and of the whole simulated run of `model`, on topics below
+/// `/recorded` and `/simulated`; below these also `scene`, forces on feet and slips as `foxglove.SceneUpdate`. `/error/whole` and
+/// `/error/windows` are simulated minus recorded, joint by joint. `epoch` \[ns\] is the instant of time 0.
 ///
 /// # Errors
 /// When `out` cannot be written.
-pub fn write_mcap(replay: &Replay, epoch: u64, out: impl Write + Seek) -> Result<(), ReplayError> {
-    let side = |name, trace| Recorded::new(name, &replay.joint_names, trace);
-    write_traces(&[side("recorded", &replay.recorded), side("simulated", &replay.whole)], epoch, out)
+pub fn write_mcap(replay: &Replay, model: &Model, epoch: u64, out: impl Write + Seek) -> Result<(), ReplayError> {
+    let side = |name, trace| Recorded { feet: &replay.feet.names, ..Recorded::new(name, &replay.joint_names, trace) };
+    let robots = [side("recorded", &replay.recorded), side("simulated", &replay.whole)].map(|robot| {
+        let is_known = robot.trace.foot_force.len() == robot.feet.len() * robot.trace.time.len();
+        if is_known { robot } else { Recorded { feet: &[], ..robot } }
+    });
+    let drawn = [0, 1].map(|k| Drawn::new(NAMES[k], COLOURS[k], robots[k].trace, &replay.feet, model));
+    let mut topics: Vec<(String, [&str; 2])> = ["/error/whole", "/error/windows"]
+        .map(|topic| (topic.into(), ["sensor_msgs/msg/JointState", JOINT_STATE]))
+        .into();
+    topics.extend(drawn.iter().flatten().map(|one| (one.topic(), [scene_out::NAME, scene_out::DEFINITION])));
+    let at = |i: usize, stamp: u64| {
+        let errors = [scene_out::whole_error(replay, i, stamp), scene_out::window_error(replay, i, stamp)];
+        let shown = drawn.iter().zip(&robots).filter_map(|(one, robot)| one.as_ref().map(|one| (one, robot)));
+        let scenes = shown.map(|(one, robot)| one.at(robot.trace, &replay.feet, i, stamp));
+        errors.into_iter().chain(scenes).enumerate().filter_map(|(topic, data)| Some((topic, data?))).collect()
+    };
+    finished(write(&robots, &Beside { topics, at: &at }, epoch, out))
+}
+
+/// First parts of the topics of a replay.
+const NAMES: [&str; 2] = ["recorded", "simulated"];
+
+fn finished(written: Result<(), mcap::McapError>) -> Result<(), ReplayError> {
+    written.map_err(|e| ReplayError::Write { what: "replay.mcap".into(), reason: e.to_string() })
 }
 
 /// Writes robots beside each other, see [`Recorded`]. `epoch` \[ns\] is the instant of time 0. Same robots, same bytes.
@@ -90,7 +124,7 @@ pub fn write_mcap(replay: &Replay, epoch: u64, out: impl Write + Seek) -> Result
 /// # Errors
 /// When `out` cannot be written.
 pub fn write_traces(robots: &[Recorded], epoch: u64, out: impl Write + Seek) -> Result<(), ReplayError> {
-    write(robots, epoch, out).map_err(|e| ReplayError::Write { what: "replay.mcap".into(), reason: e.to_string() })
+    finished(write(robots, &Beside { topics: vec![], at: &|_, _| vec![] }, epoch, out))
 }
 
 /// Channels of one robot; those of what it does not have are not there.
@@ -126,7 +160,7 @@ impl Channels {
     }
 }
 
-fn write(robots: &[Recorded], epoch: u64, out: impl Write + Seek) -> Result<(), mcap::McapError> {
+fn write(robots: &[Recorded], beside: &Beside, epoch: u64, out: impl Write + Seek) -> Result<(), mcap::McapError> {
     // Single-threaded and without a library stamp of its own: the same robots give the same bytes.
     let options = mcap::WriteOptions::new().profile("ros2").compression(Some(mcap::Compression::Zstd));
     let options = options.compression_level(1).compression_threads(0);
@@ -135,6 +169,13 @@ fn write(robots: &[Recorded], epoch: u64, out: impl Write + Seek) -> Result<(), 
     let schema = writer.add_schema("tf2_msgs/msg/TFMessage", "ros2msg", format!("{TF_MESSAGE}{HEADER}").as_bytes())?;
     let transform = writer.add_channel(schema, "/tf", "cdr", &none)?;
     let channels: Vec<Channels> = robots.iter().map(|r| Channels::new(&mut writer, r)).collect::<Result<_, _>>()?;
+    let mut others = Vec::new();
+    for (topic, [name, definition]) in &beside.topics {
+        // Definitions of messages with a header end with that of the header.
+        let ending = if *name == scene_out::NAME { "" } else { HEADER };
+        let schema = writer.add_schema(name, "ros2msg", format!("{definition}{ending}").as_bytes())?;
+        others.push(writer.add_channel(schema, topic, "cdr", &none)?);
+    }
     let times = robots.first().map_or(&[][..], |r| &r.trace.time);
     let stamp_of = |t: f64| epoch.saturating_add_signed((t * 1e9).round() as i64);
     let mut sequence = 0;
@@ -168,6 +209,9 @@ fn write(robots: &[Recorded], epoch: u64, out: impl Write + Seek) -> Result<(), 
             if !frames.is_empty() {
                 put(&mut writer, transform, stamp, transform_bytes(stamp, &frames))?;
             }
+        }
+        for (topic, data) in (beside.at)(i, stamp) {
+            put(&mut writer, others[topic], stamp, data)?;
         }
     }
     writer.finish()?;
@@ -218,11 +262,11 @@ fn finite(pose: Option<&[f64; 7]>) -> Option<&[f64; 7]> {
     pose.filter(|p| p.iter().all(|x| x.is_finite()))
 }
 
-fn row(values: &[f64], i: usize, n: usize) -> &[f64] {
+pub(super) fn row(values: &[f64], i: usize, n: usize) -> &[f64] {
     values.get(i * n..(i + 1) * n).unwrap_or(&[])
 }
 
-fn joint_state_bytes(stamp: u64, names: &[String], states: [&[f64]; 3]) -> Vec<u8> {
+pub(super) fn joint_state_bytes(stamp: u64, names: &[String], states: [&[f64]; 3]) -> Vec<u8> {
     let mut w = Writer::new();
     w.time(stamp).string("").u32(names.len() as u32);
     names.iter().for_each(|n| {

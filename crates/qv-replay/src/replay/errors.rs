@@ -213,7 +213,8 @@ fn phases(recorded: &Trace, simulated: Option<&Trace>, feet: usize) -> Vec<Vec<P
     (0..feet).map(|foot| foot_phases(&recorded.time, forces, foot, feet)).collect()
 }
 
-fn foot_phases(time: &[f64], forces: &[f64], foot: usize, feet: usize) -> Vec<Phase> {
+/// Phase of one of `feet` feet at each sample.
+pub(super) fn foot_phases(time: &[f64], forces: &[f64], foot: usize, feet: usize) -> Vec<Phase> {
     let mut sorted: Vec<f64> = forces.iter().skip(foot).step_by(feet).copied().filter(|f| f.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);
     let high = sorted.get(sorted.len() * 95 / 100).copied().unwrap_or(0.0);

@@ -284,6 +284,7 @@ mod tests {
         };
         Replay {
             joint_names: names.map(String::from).to_vec(),
+            feet: crate::replay::Feet::default(),
             recorded: trace(0, 100 * seconds, 0.0),
             whole: trace(0, 100 * seconds, 0.03),
             windows: Windows { length: 1.0, windows: (0..seconds).map(window).collect(), skipped: 0, ran_away: 0 },

@@ -8,7 +8,9 @@ mod html;
 mod joint_board;
 mod json;
 mod lag;
+mod layout;
 mod legs;
+mod scene_out;
 mod start;
 mod verdict;
 
@@ -23,6 +25,7 @@ pub use html::to_html;
 pub use joint_board::{Named, joint_board};
 pub use json::to_json;
 pub use lag::{Lag, lags_behind, lags_behind_command};
+pub use layout::layout;
 pub use legs::Legs;
 pub use start::{SensorErrors, Starts, is_whole};
 pub use verdict::verdict;
@@ -39,6 +42,8 @@ use qv_sim::{Model, Terrain};
 pub struct Replay {
     /// Joints in the model's order.
     pub joint_names: Vec<String>,
+    /// Feet of the robot, in the order of the traces' forces.
+    pub feet: Feet,
     /// What was measured, at the instants of `whole`: times, joints in the model's order.
     pub recorded: Trace,
     /// The whole run, open loop from the first smoothed state.
@@ -76,6 +81,7 @@ pub fn replay(run: &Run, model: &Model, terrain: &Terrain, options: &ReplayOptio
         joint_names: model.joint_names().to_vec(),
         command_lags: lags_behind_command(run, &simulated.columns),
         model_lags: model_lags(&simulated, model.joint_names()),
+        feet: simulated.feet,
         recorded: simulated.recorded,
         whole: simulated.whole,
         windows: simulated.windows,

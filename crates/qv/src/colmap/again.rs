@@ -7,6 +7,7 @@ use super::{Given, GivenCamera, Placed, find};
 use crate::Failure;
 use crate::capture::{OpenCapture, open_capture};
 use crate::scene::about;
+use crate::whole::{put, write_whole};
 use glam::DVec3;
 use qv_mesh::similarity::Similarity;
 use qv_splat::captures::CaptureCamera;
@@ -48,7 +49,7 @@ pub fn poses_again(
         None => {
             let placed = find(&folder.join("images"), folder, Some(&given))?;
             let text = serde_json::to_string(&Stamp { contents, placed: placed.clone() })?;
-            fs::write(&stamp, text).map_err(|e| about(&stamp, format!("expected to write it, found {e}")))?;
+            write_whole(&stamp, text.as_bytes())?;
             placed
         }
     };
@@ -87,7 +88,7 @@ fn copied(path: &Path, opened: &OpenCapture, folder: &Path) -> Result<(Given, u6
         let ending = Path::new(image).extension().map_or("png".into(), |e| e.to_string_lossy().to_lowercase());
         let name = format!("{group}/{index:06}.{ending}");
         let file = folder.join(&name);
-        let written = fs::create_dir_all(folder.join(group.to_string())).and_then(|()| fs::write(&file, &bytes));
+        let written = fs::create_dir_all(folder.join(group.to_string())).and_then(|()| put(&file, &bytes));
         written.map_err(|e| about(&file, format!("expected to write it, found {e}")))?;
         bytes.hash(&mut hasher);
         given.cameras[group].images.push(name);

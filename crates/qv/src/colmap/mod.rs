@@ -7,8 +7,8 @@ pub use again::poses_again;
 use crate::Failure;
 use crate::python::{Environment, said};
 use crate::scene::about;
+use crate::whole::write_whole;
 use serde::{Deserialize, Serialize};
-use std::fs;
 use std::path::Path;
 
 /// The program that calls COLMAP.
@@ -70,8 +70,7 @@ pub fn find(images: &Path, folder: &Path, given: Option<&Given>) -> Result<Place
     let lenses = folder.join("given.json");
     let mut arguments = vec![images, folder];
     if let Some(given) = given {
-        let written = fs::write(&lenses, serde_json::to_string(given)?);
-        written.map_err(|e| about(&lenses, format!("expected to write it, found {e}")))?;
+        write_whole(&lenses, serde_json::to_string(given)?.as_bytes())?;
         arguments.push(&lenses);
     }
     let wrong = |found: String| {

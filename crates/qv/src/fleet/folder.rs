@@ -1,7 +1,7 @@
 //! The folder of a fleet: its plan, and a folder for each unit.
 
-use super::lock::{Lock, Tried};
 use crate::Failure;
+use crate::lock::{Lock, Tried};
 use crate::scene::about;
 use qv_fleet::state::{Done, Failed};
 use qv_fleet::{Plan, Unit};

@@ -5,7 +5,6 @@ mod find;
 mod folder;
 mod gather;
 mod hash;
-mod lock;
 mod plan;
 mod rehearse;
 mod run;

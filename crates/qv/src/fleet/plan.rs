@@ -15,7 +15,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 /// Options that a fleet sets itself.
-const OWN: [&str; 2] = ["--out", "--json"];
+const OWN: [&str; 3] = ["--out", "--json", "--no-config"];
 /// Lines of what could not be opened that are printed.
 const TOLD: usize = 10;
 /// Digits of the hash by which robots of one name and different models are told apart.

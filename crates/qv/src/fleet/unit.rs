@@ -3,8 +3,8 @@
 use super::child::{self, End, Limits};
 use super::folder::Folder;
 use super::hash;
-use super::lock::Lock;
 use crate::Failure;
+use crate::lock::Lock;
 use crate::scene::about;
 use crate::whole::write_whole;
 use qv_fleet::state::{Cost, Done, Failed, Kind};
@@ -105,7 +105,8 @@ fn attempt(folder: &Folder, unit: &Unit, how: &How, lock: &Lock) -> Result<child
     let task = &folder.plan.task;
     let mut command = Command::new(program);
     command.current_dir(&task.folder);
-    command.args(task.command.words()).args(unit.recordings.iter().map(|r| &r.path));
+    // What a unit is done with stands in the plan, all of it.
+    command.args(task.command.words()).arg("--no-config").args(unit.recordings.iter().map(|r| &r.path));
     command.arg("--out").arg(out).args(&task.options);
     if let Some(threads) = how.threads.filter(|_| std::env::var_os(THREADS).is_none()) {
         command.env(THREADS, threads.to_string());

@@ -85,6 +85,11 @@ impl<'a> Run<'a> {
         Ok(!(late || self.stop.load(Ordering::Relaxed)))
     }
 
+    /// Whether somebody asked for a stop, by Ctrl-C or SIGTERM.
+    pub fn is_stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
     fn add_times(&mut self, times: Vec<(&'static str, f64)>) {
         self.times.1 += u32::from(!times.is_empty());
         for (name, ms) in times {

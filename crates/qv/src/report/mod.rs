@@ -8,14 +8,15 @@ use crate::scene::about;
 use crate::whole::put;
 use crate::{Failure, Outcome, say};
 use qv_core::TriangleMesh;
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 pub const EXAMPLE: &str = "Example:\n  qv report --reconstruction out/splats --mesh out/contact/terrain.glb --contact out/contact \\\n    \
     --replay out/replay --diagnosis out/why --out out/report.html\n\n\
-    One file without network: photographs beside what is drawn of the scene, the labelled ground from above with the robot's way,\n\
-    friction before and after, the diagnosis, and what a tuned policy gains. Each part is left out where its folder is not given.";
+    One file without network. What was found comes first: the cause, friction before and after, what a tuned policy gains; then the\n\
+    place: photographs beside what is drawn of the scene, the labelled ground from above with the\n\
+    robot's way. Each part is left out where its folder is not given.";
 
 /// Most photographs on the page.
 const PICTURES: usize = 6;
@@ -44,9 +45,15 @@ pub struct Report {
     /// What `qv walk paths` wrote of the policy before and after the tuning, in this order
     #[arg(long, value_name = "FILE.json")]
     paths: Option<PathBuf>,
+    /// What `qv view` wrote, to link to
+    #[arg(long, value_name = "FILE.html")]
+    view: Option<PathBuf>,
     /// The page to write
     #[arg(long, value_name = "FILE.html")]
     out: PathBuf,
+    /// One line of JSON at the end instead of the summary
+    #[arg(long)]
+    json: bool,
 }
 
 /// What the page is made of; `None` = not given.
@@ -60,6 +67,8 @@ struct Parts {
     diagnosis: Option<Value>,
     tuning: Option<Value>,
     paths: Option<Value>,
+    /// The page of `qv view`, as one gets there from this one.
+    view: Option<String>,
 }
 
 impl Report {
@@ -70,18 +79,19 @@ impl Report {
             let expected = "expected at least one of --reconstruction, --mesh, --contact, --replay, --diagnosis, --tuning, --paths";
             return Err(expected.into());
         }
-        let json = |folder: &Option<PathBuf>, name: &str, key: &str| {
+        let part = |folder: &Option<PathBuf>, name: &str, key: &str| {
             folder.as_ref().map(|dir| read_json(&dir.join(name), key)).transpose()
         };
         let parts = Parts {
-            scores: json(&self.reconstruction, "metrics.json", "held_out")?,
+            scores: part(&self.reconstruction, "metrics.json", "held_out")?,
             pictures: self.reconstruction.as_ref().map_or(Ok(vec![]), |dir| pictures(&dir.join("held_out")))?,
             mesh: self.mesh.as_ref().map(|path| read_mesh(path)).transpose()?,
-            contact: json(&self.contact, "contact.json", "regions")?,
-            replay: json(&self.replay, "replay.json", "windows")?,
-            diagnosis: json(&self.diagnosis, "report.json", "sentence")?,
-            tuning: json(&self.tuning, "tune.json", "candidates")?,
+            contact: part(&self.contact, "contact.json", "regions")?,
+            replay: part(&self.replay, "replay.json", "windows")?,
+            diagnosis: part(&self.diagnosis, "report.json", "sentence")?,
+            tuning: part(&self.tuning, "tune.json", "candidates")?,
             paths: self.paths.as_ref().map(|file| read_json(file, "policies")).transpose()?,
+            view: self.view.as_ref().map(|file| way_to(file, &self.out)).transpose()?,
         };
         if let (Some(paths), Some(file)) = (&parts.paths, &self.paths) {
             let two = paths["policies"].as_array().filter(|list| list.len() == 2);
@@ -101,7 +111,10 @@ impl Report {
             fs::create_dir_all(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
         }
         put(&self.out, page).map_err(|e| about(&self.out, format!("expected to write it, found {e}")))?;
-        say(&format!("written to {}\n", self.out.display()))?;
+        match self.json {
+            true => say(&format!("{}\n", json!({"format": "qv-report/1", "out": self.out})))?,
+            false => say(&format!("written to {}\n", self.out.display()))?,
+        }
         Ok(Outcome::Done)
     }
 }
@@ -114,6 +127,20 @@ fn read_json(path: &Path, key: &str) -> Result<Value, Failure> {
         Some(_) => Ok(value),
         None => Err(about(path, format!("expected a report with `{key}`, found none"))),
     }
+}
+
+/// The relative way from one page to another, as a link has it.
+fn way_to(file: &Path, from: &Path) -> Result<String, Failure> {
+    if !file.is_file() {
+        return Err(about(file, "expected a page of `qv view`, found none"));
+    }
+    let whole = |path: &Path| std::path::absolute(path).map_err(|e| about(path, e));
+    let (file, from) = (whole(file)?, whole(from)?);
+    let folder = from.parent().unwrap_or(&from);
+    let shared = folder.components().zip(file.components()).take_while(|(a, b)| a == b).count();
+    let up = folder.components().skip(shared).map(|_| "..".to_owned());
+    let down = file.components().skip(shared).map(|part| part.as_os_str().to_string_lossy().into_owned());
+    Ok(up.chain(down).collect::<Vec<_>>().join("/"))
 }
 
 fn read_mesh(path: &Path) -> Result<TriangleMesh, Failure> {

@@ -24,18 +24,19 @@ const TITLE: &str = "From place and robot to a simulator that agrees";
 /// A picture cannot be encoded.
 pub fn to_html(parts: &Parts) -> Result<String, Failure> {
     let mut text = summary(parts);
-    text += &photographs(parts);
-    if let Some(mesh) = &parts.mesh {
-        text += &ground(mesh, parts.contact.as_ref())?;
+    if let Some(diagnosis) = &parts.diagnosis {
+        text += &causes(diagnosis);
     }
     if let Some(contact) = &parts.contact {
         text += &friction(contact);
     }
-    if let Some(diagnosis) = &parts.diagnosis {
-        text += &causes(diagnosis);
-    }
     if let Some(tuning) = &parts.tuning {
         text += &tuned(tuning, parts.paths.as_ref());
+    }
+    text += &place(parts);
+    text += &photographs(parts);
+    if let Some(mesh) = &parts.mesh {
+        text += &ground(mesh, parts.contact.as_ref())?;
     }
     Ok(Page { title: TITLE, style: STYLE, body: &text, ..Page::default() }.to_html())
 }
@@ -82,8 +83,36 @@ fn list(value: &Value) -> &[Value] {
     value.as_array().map_or(&[], Vec::as_slice)
 }
 
-/// A sentence for each part.
+/// What was found, a sentence for each part: the cause, friction, what the tuned policy gains. What the place is comes after it.
 fn summary(parts: &Parts) -> String {
+    let mut said: Vec<String> = vec![];
+    for (part, key) in [(&parts.diagnosis, "sentence"), (&parts.contact, "sentence"), (&parts.tuning, "why")] {
+        said.extend(part.as_ref().and_then(|report| report[key].as_str()).map(escape));
+    }
+    if let Some([before, after]) = parts.paths.as_ref().and_then(strayed) {
+        said.push(format!(
+            "The made-up robot strays {} m from the commanded path with the policy as it was, and {} m with the tuned one.",
+            number(&before["position"], 3),
+            number(&after["position"], 3)
+        ));
+    }
+    said.extend(parts.replay.as_ref().and_then(|report| report["verdict"].as_str()).map(escape));
+    if let Some(view) = &parts.view {
+        said.push(format!(
+            "<a href=\"{}\">Look around in the place</a>: robot, slips and causes, in three dimensions.",
+            escape(view)
+        ));
+    }
+    sentences(&said)
+}
+
+fn sentences(said: &[String]) -> String {
+    let items: Vec<String> = said.iter().map(|sentence| format!("<li>{sentence}</li>")).collect();
+    if items.is_empty() { String::new() } else { card(&format!("<ul class=\"lead\">{}</ul>", items.concat())) }
+}
+
+/// What the place is made of; nothing where neither scene nor ground is given.
+fn place(parts: &Parts) -> String {
     let mut said: Vec<String> = vec![];
     if let Some(scores) = &parts.scores {
         said.push(format!(
@@ -98,19 +127,7 @@ fn summary(parts: &Parts) -> String {
         let names: Vec<&str> = used(mesh).map(|(_, material)| material.name.as_str()).collect();
         said.push(format!("The ground is {} triangles of {}.", mesh.triangles.len(), escape(&names.join(", "))));
     }
-    for (part, key) in [(&parts.contact, "sentence"), (&parts.replay, "verdict"), (&parts.diagnosis, "sentence")] {
-        said.extend(part.as_ref().and_then(|report| report[key].as_str()).map(escape));
-    }
-    said.extend(parts.tuning.as_ref().and_then(|report| report["why"].as_str()).map(escape));
-    if let Some([before, after]) = parts.paths.as_ref().and_then(strayed) {
-        said.push(format!(
-            "The made-up robot strays {} m from the commanded path with the policy as it was, and {} m with the tuned one.",
-            number(&before["position"], 3),
-            number(&after["position"], 3)
-        ));
-    }
-    let items: Vec<String> = said.iter().map(|sentence| format!("<li>{sentence}</li>")).collect();
-    card(&format!("<ul class=\"lead\">{}</ul>", items.concat()))
+    if said.is_empty() { String::new() } else { format!("<h2>The place</h2>{}", sentences(&said)) }
 }
 
 fn photographs(parts: &Parts) -> String {
@@ -221,7 +238,7 @@ fn share(value: &Value) -> String {
 fn causes(diagnosis: &Value) -> String {
     let gap = &diagnosis["gap"];
     let mut text = format!(
-        "<h2>What still makes robot and simulator differ</h2><div class=\"card\"><p>{}</p>\
+        "<h2>What makes robot and simulator differ</h2><div class=\"card\"><p>{}</p>\
          <p class=\"soft\">Gap {} before, {} after, {} of noise alone.</p>",
         escape(diagnosis["sentence"].as_str().unwrap_or("–")),
         number(&gap["before"], 2),
@@ -263,6 +280,23 @@ mod tests {
     use serde_json::json;
 
     #[test]
+    fn what_is_not_there_has_no_heading() {
+        let parts = Parts {
+            scores: None,
+            pictures: vec![],
+            mesh: None,
+            contact: None,
+            replay: Some(json!({"verdict": "Near."})),
+            diagnosis: None,
+            tuning: None,
+            paths: None,
+            view: None,
+        };
+        let page = to_html(&parts).unwrap();
+        assert!(page.contains("Near.") && !page.contains("<h2>"));
+    }
+
+    #[test]
     fn parts_that_are_there_are_told_and_no_name_breaks_the_page() {
         let contact = json!({
             "sentence": "Slippery <tiles>.",
@@ -276,7 +310,8 @@ mod tests {
             mesh: None,
             contact: Some(contact),
             replay: None,
-            diagnosis: None,
+            diagnosis: Some(json!({"sentence": "The gap is backlash.", "gap": {}})),
+            view: Some("../view/view.html".into()),
             tuning: Some(json!({
                 "why": "Better by far.",
                 "candidates": [{"compensation": {"kind": "a<net"}, "held_out": {"error": 0.0123, "error_se": 0.001, "stays": true}}],
@@ -301,6 +336,18 @@ mod tests {
         ] {
             assert!(page.contains(part), "{part}");
         }
-        assert!(!page.contains("What still makes") && !page.contains("NaN"));
+        assert!(!page.contains("NaN") && page.contains("<a href=\"../view/view.html\">"));
+        let order = [
+            "gap is backlash",
+            "Slippery",
+            "Better by far",
+            "strays 0.500",
+            "Look around",
+            "What makes",
+            "Friction of",
+            "The place: photo",
+        ];
+        let places: Vec<usize> = order.iter().map(|part| page.find(part).unwrap()).collect();
+        assert!(places.is_sorted(), "what was found comes first, then the place: {places:?}");
     }
 }

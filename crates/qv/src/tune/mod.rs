@@ -64,6 +64,9 @@ pub struct Tune {
     /// Directory for the results; made if need be. Stages that are done there are not done again
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// One line of JSON at the end instead of the summary
+    #[arg(long)]
+    json: bool,
 }
 
 impl Tune {
@@ -160,6 +163,10 @@ impl Work<'_> {
         })?;
         bar.finish();
         self.write(&closed)?;
+        if self.tune.json {
+            say(&format!("{}\n", serde_json::to_string(&closed.report)?))?;
+            return Ok(());
+        }
         say(&sentences(&closed.report))?;
         say(&format!("Written to {}: policy.onnx, compensator.onnx, tune.json, tune.html\n", self.tune.out.display()))?;
         Ok(())

@@ -5,6 +5,7 @@ mod frames;
 use crate::Failure;
 use crate::colmap;
 use crate::scene::about;
+use crate::whole::write_whole;
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -90,7 +91,7 @@ pub fn project(video: &Path, folder: &Path, frames: usize) -> Result<Vec<String>
     }
     lost.extend(placed.doubt(video));
     let text = serde_json::to_string(&Made { of: stamp, lost: lost.clone() })?;
-    fs::write(&stamp_file, text).map_err(|e| about(&stamp_file, format!("expected to write it, found {e}")))?;
+    write_whole(&stamp_file, text.as_bytes())?;
     Ok(lost)
 }
 

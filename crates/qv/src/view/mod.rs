@@ -12,6 +12,7 @@ use crate::scene::about;
 use crate::whole::write_whole;
 use crate::{Failure, Outcome, Reading, say};
 use parts::Parts;
+use serde_json::json;
 use std::fs;
 use std::path::PathBuf;
 
@@ -38,6 +39,9 @@ pub struct View {
     /// The page to write
     #[arg(long, value_name = "FILE.html")]
     out: PathBuf,
+    /// One line of JSON at the end instead of the summary
+    #[arg(long)]
+    json: bool,
 }
 
 impl View {
@@ -76,6 +80,18 @@ impl View {
             fs::create_dir_all(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
         }
         write_whole(&self.out, html.as_bytes())?;
+        told.iter().for_each(|what| remark(what));
+        lost.iter().for_each(|what| eprintln!("qv: {what}"));
+        let outcome = if lost.is_empty() { Outcome::Done } else { Outcome::Partial };
+        if self.json {
+            let line = json!({
+                "format": "qv-view/1", "gaussians": splat.as_ref().map(|s| s.count), "triangles": mesh.as_ref().map(|m| m.triangles.len()),
+                "seconds": motion.as_ref().map(|m| m.seconds()), "slips": slips.len(), "causes": causes.len(),
+                "bytes": html.len(), "out": self.out, "lost": lost,
+            });
+            say(&format!("{line}\n"))?;
+            return Ok(outcome);
+        }
         let has = [
             splat.as_ref().map(|s| format!("{} Gaussians", s.count)),
             mesh.as_ref().map(|m| format!("{} triangles", m.triangles.len())),
@@ -85,8 +101,6 @@ impl View {
         ];
         let has: Vec<String> = has.into_iter().flatten().collect();
         say(&format!("{}; {:.1} MB written to {}\n", has.join(", "), html.len() as f64 / 1e6, self.out.display()))?;
-        told.iter().for_each(|what| remark(what));
-        lost.iter().for_each(|what| eprintln!("qv: {what}"));
-        Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
+        Ok(outcome)
     }
 }

@@ -24,6 +24,9 @@ pub struct Paths {
     /// File for the figures
     #[arg(long, value_name = "FILE.json")]
     out: Option<PathBuf>,
+    /// One line of JSON at the end instead of the summary
+    #[arg(long)]
+    json: bool,
 }
 
 impl Paths {
@@ -44,26 +47,31 @@ impl Paths {
                 size,
                 self.made_up.seed,
             )?;
-            bar.suspend(|| {
-                say(&format!(
-                    "{}: {:.3} ± {:.3} m from the commanded path over {} s, {} of {} walks fell\n",
-                    path.display(),
-                    score.position,
-                    score.position_se,
-                    self.seconds,
-                    score.fell,
-                    score.walks
-                ))
-            })?;
+            let line = format!(
+                "{}: {:.3} ± {:.3} m from the commanded path over {} s, {} of {} walks fell\n",
+                path.display(),
+                score.position,
+                score.position_se,
+                self.seconds,
+                score.fell,
+                score.walks
+            );
+            if !self.json {
+                bar.suspend(|| say(&line))?;
+            }
             rows.push(json!({"policy": path, "robot": walked.hidden.name, "seconds": self.seconds, "paths": score}));
             bar.inc(1);
         }
         bar.finish_and_clear();
+        let figures = json!({ "policies": rows });
         if let Some(file) = &self.out {
             if let Some(folder) = file.parent().filter(|folder| !folder.as_os_str().is_empty()) {
                 fs::create_dir_all(folder).map_err(|e| write_error(folder, &e))?;
             }
-            write_whole(file, serde_json::to_string_pretty(&json!({ "policies": rows }))?.as_bytes())?;
+            write_whole(file, serde_json::to_string_pretty(&figures)?.as_bytes())?;
+        }
+        if self.json {
+            say(&format!("{figures}\n"))?;
         }
         Ok(Outcome::Done)
     }

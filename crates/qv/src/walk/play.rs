@@ -7,6 +7,7 @@ use crate::{Failure, Outcome, say};
 use qv_policy::play::play;
 use qv_policy::policy::OnnxDecision;
 use qv_policy::velocity::{TaskSettings, VelocityTask};
+use serde_json::json;
 use std::fs;
 use std::path::PathBuf;
 
@@ -41,6 +42,9 @@ pub struct Play {
     /// Directory for replay.mcap, robot.urdf, play.json and walk.html; made if need be
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// One line of JSON at the end instead of the summary
+    #[arg(long)]
+    json: bool,
 }
 
 /// Every decision is kept in memory: an hour is enough to look at.
@@ -69,8 +73,16 @@ impl Play {
         let page = super::page::page(&title, &[], None, &played, &file);
         write_whole(&self.out.join("walk.html"), page.as_bytes())?;
         super::recording::write_recording(&self.out.join("replay.mcap"), &played, &urdf_of(&self.robot)?)?;
-        let how = match played.fell {
-            Some(step) => format!("it fell after {:.1} s", step as f32 / played.rate),
+        let fell = played.fell.map(|step| step as f32 / played.rate);
+        if self.json {
+            say(&format!(
+                "{}\n",
+                json!({"format": "qv-walk-play/1", "seconds": seconds, "fell_at_s": fell, "out": self.out})
+            ))?;
+            return Ok(Outcome::Done);
+        }
+        let how = match fell {
+            Some(time) => format!("it fell after {time:.1} s"),
             None => format!("it walked for {seconds:.1} s"),
         };
         say(&format!("{how}; written to {}\n", self.out.display()))?;

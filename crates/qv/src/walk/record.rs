@@ -28,6 +28,9 @@ pub struct Record {
     /// Directory for the recordings, one folder for each walk; made if need be
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// One line of JSON at the end instead of the summary
+    #[arg(long)]
+    json: bool,
 }
 
 impl Record {
@@ -86,6 +89,13 @@ impl Record {
         }
         bar.finish_and_clear();
         write_whole(&self.out.join("hidden.toml"), walked.answer().as_bytes())?;
+        if self.json {
+            let line = serde_json::json!({
+                "format": "qv-walk-record/1", "walks": written, "seconds": seconds, "fell": count - written, "out": self.out,
+            });
+            say(&format!("{line}\n"))?;
+            return Ok(Outcome::Done);
+        }
         say(&format!(
             "{written} walks of {seconds} s, {} more ended in a fall; written to {} (hidden.toml has the answer)\n",
             count - written,

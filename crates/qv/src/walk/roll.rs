@@ -36,6 +36,9 @@ pub struct Roll {
     /// Directory for roll.json; made if need be
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// One line of JSON at the end instead of the summary
+    #[arg(long)]
+    json: bool,
 }
 
 impl Roll {
@@ -79,6 +82,14 @@ impl Roll {
         }
         let end = rolled.base.last().ok_or("expected a sample after the start, found none")?;
         let up = 1.0 - 2.0 * (end[4] * end[4] + end[5] * end[5]);
+        if self.json {
+            let line = serde_json::json!({
+                "format": "qv-walk-roll/1", "policy": description.name, "seconds": self.seconds, "position": end[..3],
+                "upright": up > 0.5, "asked": [wanted[0] * self.seconds, wanted[1] * self.seconds], "out": self.out,
+            });
+            say(&format!("{line}\n"))?;
+            return Ok(Outcome::Done);
+        }
         let state = if up > 0.5 { "upright" } else { "fallen over" };
         say(&format!(
             "{}: after {} s at x {:.3}, y {:.3}, z {:.3} m, {state}; the command asked for {:.3}, {:.3} m (without turning)\n",

@@ -2,6 +2,7 @@
 
 use super::inputs::{ground_of, range, robot_of, urdf_of};
 use crate::open::{file_error, write_error};
+use crate::progress::remark;
 use crate::whole::write_whole;
 use crate::{Failure, Outcome, say};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -68,6 +69,9 @@ pub struct Train {
     /// Directory for the results; made if need be
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// One line of JSON at the end instead of the summary
+    #[arg(long)]
+    json: bool,
 }
 
 fn goal(text: &str) -> Result<[f32; 2], String> {
@@ -144,7 +148,7 @@ impl Train {
         if found == 0 {
             return Err(file_error(file, "parameters that a diagnosis corrects", "none").into());
         }
-        say(&format!("{found} parameters are drawn around {}\n", file.display()))?;
+        remark(&format!("{found} parameters are drawn around {}", file.display()));
         Ok(settings)
     }
 
@@ -201,6 +205,14 @@ impl Train {
         let played = play(&policy, &mut task, &super::play::SHOWN, 12.0, settings.seed)?;
         put("walk.html", super::page::page(&self.title(), &done.lines, Some(&score), &played, &file).as_bytes())?;
         super::recording::write_recording(&self.out.join("replay.mcap"), &played, &urdf_of(&self.robot)?)?;
+        if self.json {
+            let line = serde_json::json!({
+                "format": "qv-walk-train/1", "score": score, "iterations": training.ppo().iterations, "seconds": done.seconds,
+                "samples": done.lines.last().map_or(0, |l| l.samples), "checkpoint": training.checkpoint().iterations, "out": self.out,
+            });
+            say(&format!("{line}\n"))?;
+            return Ok(Outcome::Done);
+        }
         say(&format!(
             "{}\n{} iterations, {:.2} million samples in {:.0} s; written to {} (checkpoint.bin: iteration {})\n",
             super::score::sentence(&score),

@@ -1,0 +1,60 @@
+//! What a shell and a reader of manuals want to know of the commands: `qv completions`, `qv man`.
+
+use crate::scene::about;
+use crate::whole::write_whole;
+use crate::{Cli, Failure, Outcome, say};
+use clap::{Command, CommandFactory};
+use clap_complete::Shell;
+use clap_mangen::Man;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+pub const COMPLETIONS_EXAMPLE: &str = "Example:\n  qv completions bash > ~/.local/share/bash-completion/completions/qv\n  \
+    qv completions zsh > ~/.zfunc/_qv          # with fpath+=~/.zfunc before compinit in ~/.zshrc\n  \
+    qv completions fish > ~/.config/fish/completions/qv.fish\n  qv completions powershell >> $PROFILE";
+pub const MAN_EXAMPLE: &str = "Example:\n  qv man ~/.local/share/man/man1 && man qv-diagnose";
+
+#[derive(clap::Args)]
+pub struct Completions {
+    /// bash, elvish, fish, powershell or zsh
+    #[arg(value_enum)]
+    shell: Shell,
+}
+
+impl Completions {
+    pub fn execute(&self) -> Result<Outcome, Failure> {
+        let mut text = vec![];
+        clap_complete::generate(self.shell, &mut Cli::command(), "qv", &mut text);
+        say(&String::from_utf8_lossy(&text))?;
+        Ok(Outcome::Done)
+    }
+}
+
+#[derive(clap::Args)]
+pub struct Manuals {
+    /// Directory for qv.1, qv-diagnose.1 and the others; made if need be
+    #[arg(value_name = "DIR")]
+    folder: PathBuf,
+}
+
+impl Manuals {
+    pub fn execute(&self) -> Result<Outcome, Failure> {
+        fs::create_dir_all(&self.folder).map_err(|e| about(&self.folder, format!("expected a folder, found {e}")))?;
+        let mut root = Cli::command();
+        root.build();
+        let count = page(root, &self.folder)?;
+        say(&format!("{count} pages written to {}\n", self.folder.display()))?;
+        Ok(Outcome::Done)
+    }
+}
+
+/// Writes the page of a command that was built, and those of the commands in it; gives how many.
+fn page(command: Command, folder: &Path) -> Result<usize, Failure> {
+    let name = command.get_display_name().unwrap_or(command.get_name()).to_owned();
+    let inner: Vec<Command> =
+        command.get_subcommands().filter(|c| !c.is_hide_set() && c.get_name() != "help").cloned().collect();
+    let mut text = vec![];
+    Man::new(command).render(&mut text)?;
+    write_whole(&folder.join(format!("{name}.1")), &text)?;
+    inner.into_iter().try_fold(1, |count, inner| Ok(count + page(inner, folder)?))
+}
