@@ -163,7 +163,7 @@ impl Student {
             progress.share = part(0.5 * (now as f64 / settings.frames as f64).min(1.0));
             tell(&progress);
         }
-        self.records.extend(gathered.into_iter().filter(|r| !r.is_empty()));
+        self.add(gathered);
         if !own.is_empty() {
             progress.success = Some(own.iter().filter(|t| t.reached()).count() as f64 / own.len() as f64);
         }
@@ -176,8 +176,16 @@ impl Student {
         Ok(progress)
     }
 
+    /// Adds episodes to what is learnt from.
+    pub fn add(&mut self, records: impl IntoIterator<Item = Record>) {
+        self.records.extend(records.into_iter().filter(|r| !r.is_empty()));
+    }
+
     /// Learns once from all records; gives the mean loss of a decision.
-    fn epoch(&mut self, epoch: usize) -> Result<f64, NavError> {
+    ///
+    /// # Errors
+    /// When a number of the network is not finite.
+    pub fn epoch(&mut self, epoch: usize) -> Result<f64, NavError> {
         let settings = &self.settings;
         let index = (self.rounds * settings.epochs + epoch) as u64;
         let mut random = Xoshiro256PlusPlus::of(settings.seed, 93, index);
@@ -274,7 +282,7 @@ impl<'a> Shard<'a> {
             self.loss += f64::from(loss(row, record, *step, cone_weight, &mut of_raw[at..][..OUTPUTS]));
         }
         self.samples = samples.len();
-        net.backward(parameters, turned, &stretch, &mut pass, &of_raw, &mut self.scratch, &mut self.gradient);
+        net.backward(turned, &stretch, &mut pass, &of_raw, &mut self.scratch, &mut self.gradient);
     }
 }
 

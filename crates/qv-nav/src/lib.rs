@@ -7,6 +7,7 @@
 pub mod dagger;
 mod error;
 pub mod eye;
+pub mod fit;
 pub mod legs;
 pub mod lens;
 pub mod map;

@@ -7,7 +7,7 @@
 //! those of `qv_policy::net`, whose bits do not depend on the processor. Pictures lie as `[height][width][channels]`.
 
 use qv_core::random::Xoshiro256PlusPlus;
-use qv_policy::net::{Dense, Gru, GruTape, elu, elu_back, padded, sigmoid, tanh};
+use qv_policy::net::{Dense, Gru, GruTape, GruTurned, elu, elu_back, padded, sigmoid, tanh};
 
 /// Columns and rows of the picture that the network sees: an eighth of the camera's 640 x 480.
 pub const WIDTH: usize = 80;
@@ -53,48 +53,87 @@ impl Conv {
         self.to[0] * self.to[1]
     }
 
-    /// Calls `f` with the row of patches, the first number in it and the first number of the picture, for each pixel of each patch that lies within
-    /// the picture.
-    fn each(&self, mut f: impl FnMut(usize, usize, usize)) {
+    /// Rows of the outcome that are worked on at once, so that their patches stay in the processor's first cache.
+    fn strip(&self) -> usize {
+        const NUMBERS: usize = 6000;
+        (NUMBERS / (self.to[1] * padded(self.dense.inputs))).clamp(1, self.to[0])
+    }
+
+    /// For each patch of the rows `y` of the outcome and each of its own rows: calls `f` with the first number of that row in the patches,
+    /// the first that lies within the picture, the first of the picture, and their count. Rows outside the picture have a count of 0.
+    fn each(&self, y: std::ops::Range<usize>, mut f: impl FnMut(usize, usize, usize, usize)) {
         let [rows, columns, channels] = self.from;
-        let margin = self.side / 2;
-        for y in 0..self.to[0] {
-            for x in 0..self.to[1] {
-                let patch = y * self.to[1] + x;
-                for ky in 0..self.side {
-                    let at_y = y * self.stride + ky;
-                    if at_y < margin || at_y - margin >= rows {
-                        continue;
-                    }
-                    for kx in 0..self.side {
-                        let at_x = x * self.stride + kx;
-                        if at_x < margin || at_x - margin >= columns {
-                            continue;
+        let (margin, width) = (self.side / 2, padded(self.dense.inputs));
+        for (k, y) in y.enumerate() {
+            for ky in 0..self.side {
+                let at_y = (y * self.stride + ky).checked_sub(margin).filter(|&at| at < rows);
+                for x in 0..self.to[1] {
+                    let at_x = x * self.stride;
+                    let (from, to) = (margin.saturating_sub(at_x), self.side.min(columns + margin - at_x));
+                    let row = (k * self.to[1] + x) * width + ky * self.side * channels;
+                    match at_y {
+                        Some(at_y) => {
+                            let picture = (at_y * columns + at_x + from - margin) * channels;
+                            f(row, row + from * channels, picture, (to - from) * channels);
                         }
-                        let pixel = (at_y - margin) * columns + at_x - margin;
-                        f(patch, (ky * self.side + kx) * channels, pixel * channels);
+                        None => f(row, row, 0, 0),
                     }
                 }
             }
         }
     }
 
-    /// The picture cut into patches, padded rows.
-    fn patches(&self, picture: &[f32], out: &mut [f32]) {
-        let (width, channels) = (padded(self.dense.inputs), self.from[2]);
-        out[..self.pixels() * width].fill(0.0);
-        self.each(|patch, within, from| {
-            out[patch * width + within..][..channels].copy_from_slice(&picture[from..][..channels]);
+    /// The picture cut into the patches of some rows of the outcome, padded rows; what lies outside is zero.
+    fn patches(&self, picture: &[f32], y: std::ops::Range<usize>, out: &mut [f32]) {
+        let long = self.side * self.from[2];
+        self.each(y, |row, first, from, count| {
+            if count < long {
+                out[row..][..long].fill(0.0);
+            }
+            out[first..][..count].copy_from_slice(&picture[from..][..count]);
         });
     }
 
     /// Adds patches up to a picture: [`Conv::patches`] turned round.
-    fn gather(&self, patches: &[f32], picture: &mut [f32]) {
-        let (width, channels) = (padded(self.dense.inputs), self.from[2]);
-        picture.fill(0.0);
-        self.each(|patch, within, to| {
-            let part = &patches[patch * width + within..][..channels];
-            picture[to..][..channels].iter_mut().zip(part).for_each(|(sum, x)| *sum += x);
+    fn gather(&self, patches: &[f32], y: std::ops::Range<usize>, picture: &mut [f32]) {
+        self.each(y, |_, first, to, count| {
+            let part = &patches[first..][..count];
+            picture[to..][..count].iter_mut().zip(part).for_each(|(sum, x)| *sum += x);
+        });
+    }
+
+    /// Calls `f` with the rows of each strip, their pixels and the first number of the outcome.
+    fn strips(&self, mut f: impl FnMut(std::ops::Range<usize>, usize, usize)) {
+        let strip = self.strip();
+        for first in (0..self.to[0]).step_by(strip) {
+            let rows = first..(first + strip).min(self.to[0]);
+            let (pixels, at) = (rows.len() * self.to[1], first * self.to[1] * padded(self.to[2]));
+            f(rows, pixels, at);
+        }
+    }
+
+    /// The outcome before ELU.
+    fn forward(&self, parameters: &[f32], picture: &[f32], patches: &mut [f32], out: &mut [f32]) {
+        self.strips(|rows, pixels, at| {
+            self.patches(picture, rows, patches);
+            self.dense.forward(parameters, pixels, patches, &mut out[at..]);
+        });
+    }
+
+    /// Adds the gradient of the weights.
+    fn gradient(&self, picture: &[f32], of_out: &[f32], patches: &mut [f32], gradient: &mut [f32]) {
+        self.strips(|rows, pixels, at| {
+            self.patches(picture, rows, patches);
+            self.dense.gradient(pixels, patches, &of_out[at..], gradient);
+        });
+    }
+
+    /// The gradient of the picture.
+    fn back(&self, turned: &[f32], of_out: &[f32], patches: &mut [f32], of_picture: &mut [f32]) {
+        of_picture.fill(0.0);
+        self.strips(|rows, pixels, at| {
+            self.dense.back(pixels, turned, &of_out[at..], patches);
+            self.gather(patches, rows, of_picture);
         });
     }
 }
@@ -119,7 +158,6 @@ pub struct Net {
 pub struct Scratch {
     patches: Vec<f32>,
     pictures: Vec<Vec<f32>>,
-    of_patches: Vec<f32>,
     of_pictures: [Vec<f32>; 2],
     gru: GruTape,
 }
@@ -129,6 +167,7 @@ pub struct Scratch {
 pub struct Turned {
     convolutions: Vec<Vec<f32>>,
     dense: Vec<f32>,
+    gru: GruTurned,
     head: Vec<f32>,
     last: Vec<f32>,
 }
@@ -221,12 +260,12 @@ impl Net {
 
     /// Room for the way through the convolutions.
     pub fn scratch(&self) -> Scratch {
-        let patches = self.convolutions.iter().map(|c| c.pixels() * padded(c.dense.inputs)).max().unwrap_or(0);
+        let strip = |c: &Conv| c.strip() * c.to[1] * padded(c.dense.inputs);
+        let patches = self.convolutions.iter().map(strip).max().unwrap_or(0);
         let largest = self.convolutions.iter().map(|c| c.from.iter().product::<usize>()).max().unwrap_or(0);
         Scratch {
             patches: vec![0.0; patches],
             pictures: self.blank(),
-            of_patches: vec![0.0; patches],
             of_pictures: [vec![0.0; largest], vec![0.0; largest]],
             gru: self.gru.tape(1),
         }
@@ -246,6 +285,7 @@ impl Net {
         Turned {
             convolutions: self.convolutions.iter().map(|c| turn(&c.dense)).collect(),
             dense: turn(&self.dense),
+            gru: self.gru.turned(parameters),
             head: turn(&self.head),
             last: turn(&self.last),
         }
@@ -255,8 +295,7 @@ impl Net {
     fn see(&self, parameters: &[f32], picture: &[f32], patches: &mut [f32], outputs: &mut [Vec<f32>]) {
         for (k, conv) in self.convolutions.iter().enumerate() {
             let (before, after) = outputs.split_at_mut(k);
-            conv.patches(if k == 0 { picture } else { &before[k - 1] }, patches);
-            conv.dense.forward(parameters, conv.pixels(), patches, &mut after[0]);
+            conv.forward(parameters, if k == 0 { picture } else { &before[k - 1] }, patches, &mut after[0]);
             elu(&mut after[0]);
         }
     }
@@ -333,7 +372,6 @@ impl Net {
     /// Adds the gradient of the parameters, given that of [`Pass::raw`] (padded rows).
     pub fn backward(
         &self,
-        parameters: &[f32],
         turned: &Turned,
         stretch: &Stretch,
         pass: &mut Pass,
@@ -361,7 +399,7 @@ impl Net {
             let range = first * DENSE..(first + rows) * DENSE;
             let input = (&pass.dense_out[range.clone()], &pass.before[step][..]);
             let tape = &mut pass.tapes[step];
-            self.gru.backward(parameters, rows, input, tape, &mut later, &mut of_dense[range], gradient);
+            self.gru.backward(&turned.gru, rows, input, tape, &mut later, &mut of_dense[range], gradient);
         }
         elu_back(&mut of_dense, &pass.dense_out);
         self.dense.gradient(samples, &pass.dense_in, &of_dense, gradient);
@@ -383,22 +421,19 @@ impl Net {
         scratch: &mut Scratch,
         gradient: &mut [f32],
     ) {
-        let Scratch { patches, of_patches, of_pictures: [now, next], .. } = scratch;
+        let Scratch { patches, of_pictures: [now, next], .. } = scratch;
         now[..of_features.len()].copy_from_slice(of_features);
         for (k, conv) in self.convolutions.iter().enumerate().rev() {
             let count = outputs[k].len();
             elu_back(&mut now[..count], &outputs[k]);
             if k == 0 {
                 let picture: Vec<f32> = bytes.iter().map(|&b| scaled(f32::from(b))).collect();
-                conv.patches(&picture, patches);
-                conv.dense.gradient(conv.pixels(), patches, now, gradient);
+                conv.gradient(&picture, now, patches, gradient);
                 break;
             }
-            conv.patches(&outputs[k - 1], patches);
-            conv.dense.gradient(conv.pixels(), patches, now, gradient);
-            conv.dense.back(conv.pixels(), &turned.convolutions[k], now, of_patches);
+            conv.gradient(&outputs[k - 1], now, patches, gradient);
             let from = outputs[k - 1].len();
-            conv.gather(of_patches, &mut next[..from]);
+            conv.back(&turned.convolutions[k], now, patches, &mut next[..from]);
             std::mem::swap(now, next);
         }
     }
@@ -468,7 +503,7 @@ mod tests {
         let (mut back_scratch, mut memory, mut gradient) = (net.scratch(), vec![0.1; 3 * HIDDEN], vec![0.0; net.len()]);
         let mut pass = net.forward(&parameters, &stretch, &mut memory, &mut back_scratch);
         let turned = net.turned(&parameters);
-        net.backward(&parameters, &turned, &stretch, &mut pass, &of_raw, &mut back_scratch, &mut gradient);
+        net.backward(&turned, &stretch, &mut pass, &of_raw, &mut back_scratch, &mut gradient);
         let mut layers: Vec<&Dense> = net.convolutions.iter().map(|c| &c.dense).collect();
         layers.extend([&net.dense, &net.gru.from_input, &net.gru.from_state, &net.head, &net.last]);
         for (k, layer) in layers.iter().enumerate() {

@@ -10,7 +10,7 @@ mod simd;
 
 pub(crate) use elementwise::{AdamStep, adam};
 pub use elementwise::{elu, elu_back, sigmoid, tanh};
-pub use gru::{Gru, GruTape};
+pub use gru::{Gru, GruTape, GruTurned};
 
 use product::{Strided, add_product};
 use qv_core::random::Xoshiro256PlusPlus;

@@ -1,0 +1,79 @@
+//! How well a network says what the teacher said, output by output, beside the best constant answer: whether it learns at all.
+
+use crate::net::{COMMAND, HIDDEN, Net, OUTPUTS};
+use crate::roll::Record;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Errors over decisions that were not learnt from (or were: then it is the fit).
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Fit {
+    /// Decisions.
+    pub decisions: usize,
+    /// Mean square error of the command (forwards, to the left, turning) in shares of its limits.
+    pub command: [f64; 3],
+    /// The same of the best constant answer: the variance of the teacher's command.
+    pub command_constant: [f64; 3],
+    /// Mean angle between the bearing said and the true one, over decisions at which the cone was in view \[rad\].
+    pub bearing: f64,
+    /// The same for decisions at which it had been seen before, but was not in view \[rad\].
+    pub bearing_remembered: f64,
+    /// Mean error of the distance of a cone in view \[m\].
+    pub distance: f64,
+    /// Share of decisions at which it is wrong about whether the cone is in view.
+    pub visible: f64,
+    /// The same of the best constant answer.
+    pub visible_constant: f64,
+}
+
+impl Fit {
+    /// Of a network over whole episodes, its memory running as it does when it drives.
+    pub fn of(net: &Net, parameters: &[f32], records: &[Record]) -> Self {
+        let outputs: Vec<Vec<[f32; OUTPUTS]>> = records.par_iter().map(|r| outputs(net, parameters, r)).collect();
+        let pairs = || outputs.iter().zip(records).flat_map(|(out, r)| out.iter().enumerate().map(move |(t, o)| (o, r, t)));
+        let decisions = pairs().count();
+        let mean = |sum: f64, count: usize| if count > 0 { sum / count as f64 } else { 0.0 };
+        let over_all = |f: &dyn Fn(&[f32; OUTPUTS], &Record, usize) -> f64| {
+            mean(pairs().map(|(o, r, t)| f(o, r, t)).sum(), decisions)
+        };
+        let means: [f64; COMMAND] = [0, 1, 2].map(|k| over_all(&|_, r, t| f64::from(r.commands[t][k])));
+        let error = |k: usize| over_all(&|o, r, t| f64::from(o[k] - r.commands[t][k]).powi(2));
+        let spread = |k: usize| over_all(&|_, r, t| (f64::from(r.commands[t][k]) - means[k]).powi(2));
+        let visible = |r: &Record, t: usize| r.cones[t][3] > 0.5;
+        let over = |of: &dyn Fn(&Record, usize) -> bool, f: &dyn Fn(&[f32; OUTPUTS], &[f32; 4]) -> f64| {
+            let chosen: Vec<f64> = pairs().filter(|(_, r, t)| of(r, *t)).map(|(o, r, t)| f(o, &r.cones[t])).collect();
+            mean(chosen.iter().sum(), chosen.len())
+        };
+        let in_view = over_all(&|_, r, t| if visible(r, t) { 1.0 } else { 0.0 });
+        Self {
+            decisions,
+            command: [0, 1, 2].map(error),
+            command_constant: [0, 1, 2].map(spread),
+            bearing: over(&visible, &off_bearing),
+            bearing_remembered: over(&|r, t| r.found[t] && !visible(r, t), &off_bearing),
+            distance: over(&visible, &|o, cone| 5.0 * f64::from((o[COMMAND + 2] - cone[2]).abs())),
+            visible: over_all(&|o, r, t| if (o[OUTPUTS - 1] > 0.5) == visible(r, t) { 0.0 } else { 1.0 }),
+            visible_constant: in_view.min(1.0 - in_view),
+        }
+    }
+}
+
+/// What the network says at each decision of an episode.
+fn outputs(net: &Net, parameters: &[f32], record: &Record) -> Vec<[f32; OUTPUTS]> {
+    let (mut scratch, mut memory) = (net.scratch(), vec![0.0; HIDDEN]);
+    let states = record.states.chunks_exact(crate::net::STATE);
+    let pictures = record.pictures.chunks_exact(net.picture_len());
+    pictures
+        .zip(states)
+        .map(|(bytes, state)| {
+            let picture: Vec<f32> = bytes.iter().map(|&b| f32::from(b)).collect();
+            net.step(parameters, &picture, state, &mut memory, &mut scratch)
+        })
+        .collect()
+}
+
+fn off_bearing(out: &[f32; OUTPUTS], cone: &[f32; 4]) -> f64 {
+    let (sine, cosine) = (f64::from(out[COMMAND]), f64::from(out[COMMAND + 1]));
+    let (s, c) = (f64::from(cone[0]), f64::from(cone[1]));
+    (sine * c - cosine * s).atan2(cosine * c + sine * s).abs()
+}
