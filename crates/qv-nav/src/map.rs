@@ -343,6 +343,14 @@ impl Map {
         self.cell(p).map_or(0.0, |c| f64::from(self.room[c]))
     }
 
+    /// Direction in which the room grows; none where it grows nowhere.
+    pub fn away(&self, p: DVec2) -> DVec2 {
+        // Over two cells each way: the room is that of a grid.
+        let step = 2.0 * self.spacing;
+        let slope = |along: DVec2| self.room(p + step * along) - self.room(p - step * along);
+        DVec2::new(slope(DVec2::X), slope(DVec2::Y)).normalize_or_zero()
+    }
+
     /// Whether a robot's middle may be here, in the place where all episodes are.
     pub fn is_within(&self, p: DVec2) -> bool {
         self.cell(p).is_some_and(|c| self.within[c])

@@ -65,7 +65,7 @@ const PUSHED: f64 = 0.15;
 /// The robot has collided when there is so little room at any place of that line \[m\].
 const STRUCK: f64 = 0.08;
 /// From the base's origin to the tail \[m\].
-const TAIL: f64 = 0.30;
+pub const TAIL: f64 = 0.30;
 
 /// Where the cone is at the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
