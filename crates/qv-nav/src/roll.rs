@@ -4,10 +4,11 @@ use crate::NavError;
 use crate::eye::{Eye, Shot};
 use crate::legs::{Legs, Start};
 use crate::lens::{Lens, LensSpread};
-use crate::net::STATE;
+use crate::net::{BEARINGS, KNOWN, STATE};
 use crate::sight::Cone;
 use crate::task::{DECISIONS, Episode, Judge, Trial};
 use crate::teacher::{Advice, Teacher, World};
+use glam::DVec2;
 use qv_core::Pose;
 use rayon::prelude::*;
 
@@ -57,6 +58,8 @@ pub struct Record {
     pub cones: Vec<[f32; 4]>,
     /// Whether the cone had been found, so that its bearing can be known.
     pub found: Vec<bool>,
+    /// See [`crate::net::KNOWN`]: the place on the map, the heading, the cone's place, and room along some bearings.
+    pub known: Vec<[f32; KNOWN]>,
 }
 
 impl Record {
@@ -155,8 +158,7 @@ fn roll_batch(
         let states: Vec<[f32; STATE]> = live
             .iter()
             .map(|&env| {
-                let shares = stage.world.limits.shares(runs[env].last);
-                state(runs[env].episode.goal.colour, &motions[env].world_from_base, motions[env].gyro, shares)
+                state(runs[env].episode.goal.colour, &motions[env].world_from_base)
             })
             .collect();
         let told: Vec<Advice> = live.iter().filter_map(|&env| advice[env]).collect();
@@ -175,7 +177,8 @@ fn roll_batch(
         let mut commands = vec![[0.0; 3]; runs.len()];
         for (k, &env) in live.iter().enumerate() {
             if keep(env) {
-                remember(&mut runs[env].record, &pictures[k], &states[k], &told[k], stage.world);
+                let known = known(stage.world, &motions[env].world_from_base, &runs[env].episode.goal);
+                remember(&mut runs[env].record, (&pictures[k], &states[k]), &told[k], known, stage.world);
             }
             let wanted = stage.world.limits.command(shares[k]);
             runs[env].last = stage.world.limits.limited(runs[env].last, wanted);
@@ -195,19 +198,41 @@ fn advise(world: &World, run: &mut Run, base: &Pose, fell: bool, step: usize) ->
 }
 
 /// Numbers beside the picture.
-pub fn state(colour: usize, base: &Pose, gyro: [f64; 3], last: [f32; 3]) -> [f32; STATE] {
+pub fn state(colour: usize, base: &Pose) -> [f32; STATE] {
     let gravity = base.rotation.conjugate() * glam::DVec3::NEG_Z;
     let mut out = [0.0; STATE];
     out[colour.min(2)] = 1.0;
     for k in 0..3 {
         out[3 + k] = gravity[k] as f32;
-        out[6 + k] = gyro[k] as f32;
-        out[9 + k] = last[k];
     }
     out
 }
 
-fn remember(record: &mut Record, picture: &[u8], state: &[f32], advice: &Advice, world: &World) {
+/// What a network says besides in training, see [`KNOWN`].
+fn known(world: &World, base: &Pose, goal: &Cone) -> [f32; KNOWN] {
+    const FAR: f64 = 3.0;
+    let [low, high] = world.map.bounds();
+    let share = |p: DVec2| (2.0 * p - low - high) / (high - low);
+    let p = base.position.truncate();
+    let (here, there) = (share(p), share(goal.axis()));
+    let (sine, cosine) = base.yaw().sin_cos();
+    let mut out = [0.0; KNOWN];
+    for (out, x) in out.iter_mut().zip([here.x, here.y, sine, cosine, there.x, there.y]) {
+        *out = x as f32;
+    }
+    for (out, bearing) in out[6..].iter_mut().zip(BEARINGS) {
+        *out = (world.map.clear(p, DVec2::from_angle(base.yaw() + bearing), FAR) / FAR) as f32;
+    }
+    out
+}
+
+fn remember(
+    record: &mut Record,
+    (picture, state): (&[u8], &[f32]),
+    advice: &Advice,
+    known: [f32; KNOWN],
+    world: &World,
+) {
     record.pictures.extend_from_slice(picture);
     record.states.extend_from_slice(state);
     record.commands.push(world.limits.shares(advice.command));
@@ -215,4 +240,5 @@ fn remember(record: &mut Record, picture: &[u8], state: &[f32], advice: &Advice,
     let visible = if advice.in_view { 1.0 } else { 0.0 };
     record.cones.push([sine as f32, cosine as f32, (advice.distance / 5.0) as f32, visible]);
     record.found.push(advice.found);
+    record.known.push(known);
 }
