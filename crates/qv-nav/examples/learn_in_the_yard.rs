@@ -1,6 +1,7 @@
 //! A student learns to find cones in the yard of `fixtures/yard`, whose surfaces are sown with Gaussians, and says how often it does:
 //! `learn_in_the_yard [KEY=VALUE ...]`. Keys are those of `TrainSettings` (numbers), `test` (episodes), `every` (rounds from one test to the
-//! next), and `out` (a directory for weights.bin, made if need be). All settings are printed.
+//! next), `out` (a directory for weights.bin, made if need be), and `from` (the weights.bin of an earlier training to go on from). All
+//! settings are printed.
 
 use qv_nav::dagger::{Student, TrainSettings};
 use qv_nav::eye::SplatEye;
@@ -36,22 +37,24 @@ struct Options {
     test: usize,
     every: usize,
     out: Option<PathBuf>,
+    from: Option<PathBuf>,
 }
 
 impl Options {
     fn of(arguments: impl Iterator<Item = String>) -> Fallible<Self> {
         let mut settings = serde_json::to_value(TrainSettings::default())?;
-        let (mut test, mut every, mut out) = (96, 1, None);
+        let (mut test, mut every, mut out, mut from) = (96, 1, None, None);
         for argument in arguments {
             let (key, value) = argument.split_once('=').ok_or_else(|| format!("{argument}: expected KEY=VALUE"))?;
             match key {
                 "test" => test = value.parse()?,
                 "every" => every = value.parse()?,
+                "from" => from = Some(PathBuf::from(value)),
                 "out" => out = Some(PathBuf::from(value)),
                 _ => settings[key] = serde_json::from_str(value)?,
             }
         }
-        Ok(Self { settings: serde_json::from_value(settings)?, test, every, out })
+        Ok(Self { settings: serde_json::from_value(settings)?, test, every, out, from })
     }
 }
 
@@ -74,6 +77,9 @@ fn main() -> Fallible<()> {
     let held = roll(&stage, &mut legs, &held, &mut TeacherPilot { limits }, |_| true, &mut |_| {})?;
     let held: Vec<Record> = held.into_iter().map(|(_, record)| record).collect();
     let mut student = Student::new(settings)?;
+    if let Some(from) = &options.from {
+        student.start_from(weights::from_bytes(&std::fs::read(from)?, &student.net)?)?;
+    }
     let clock = Instant::now();
     for round in 1..=settings.rounds {
         let (mut driven, began) = (None, Instant::now());

@@ -167,6 +167,18 @@ impl Student {
         Ok(Self { net, parameters, adam, settings: settings.clone(), records: Vec::new(), rounds: 0 })
     }
 
+    /// Goes on from the numbers of an earlier training, of which nothing else is kept.
+    ///
+    /// # Errors
+    /// When there are not as many as the network has.
+    pub fn start_from(&mut self, parameters: Vec<f32>) -> Result<(), NavError> {
+        if parameters.len() != self.net.len() {
+            return Err(NavError::value("numbers of the network", &self.net.len().to_string(), parameters.len()));
+        }
+        self.parameters = parameters;
+        Ok(())
+    }
+
     /// Decisions gathered.
     pub fn frames(&self) -> usize {
         self.records.iter().map(Record::len).sum()

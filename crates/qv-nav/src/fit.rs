@@ -1,6 +1,6 @@
 //! How well a network says what the teacher said, output by output, beside the best constant answer: whether it learns at all.
 
-use crate::net::{COMMAND, HIDDEN, Net, OUTPUTS};
+use crate::net::{COMMAND, HIDDEN, KNOWN, Net, OUTPUTS};
 use crate::roll::Record;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -24,23 +24,27 @@ pub struct Fit {
     pub visible: f64,
     /// The same of the best constant answer.
     pub visible_constant: f64,
+    /// Mean error of the place, in shares of the map's half sides.
+    pub place: f64,
+    /// Mean error of the heading \[rad\].
+    pub heading: f64,
 }
 
 impl Fit {
     /// Of a network over whole episodes, its memory running as it does when it drives.
     pub fn of(net: &Net, parameters: &[f32], records: &[Record]) -> Self {
-        let outputs: Vec<Vec<[f32; OUTPUTS]>> = records.par_iter().map(|r| outputs(net, parameters, r)).collect();
+        let outputs: Vec<Vec<[f32; OUTPUTS + KNOWN]>> = records.par_iter().map(|r| outputs(net, parameters, r)).collect();
         let pairs = || outputs.iter().zip(records).flat_map(|(out, r)| out.iter().enumerate().map(move |(t, o)| (o, r, t)));
         let decisions = pairs().count();
         let mean = |sum: f64, count: usize| if count > 0 { sum / count as f64 } else { 0.0 };
-        let over_all = |f: &dyn Fn(&[f32; OUTPUTS], &Record, usize) -> f64| {
+        let over_all = |f: &dyn Fn(&[f32; OUTPUTS + KNOWN], &Record, usize) -> f64| {
             mean(pairs().map(|(o, r, t)| f(o, r, t)).sum(), decisions)
         };
         let means: [f64; COMMAND] = [0, 1, 2].map(|k| over_all(&|_, r, t| f64::from(r.commands[t][k])));
         let error = |k: usize| over_all(&|o, r, t| f64::from(o[k] - r.commands[t][k]).powi(2));
         let spread = |k: usize| over_all(&|_, r, t| (f64::from(r.commands[t][k]) - means[k]).powi(2));
         let visible = |r: &Record, t: usize| r.cones[t][3] > 0.5;
-        let over = |of: &dyn Fn(&Record, usize) -> bool, f: &dyn Fn(&[f32; OUTPUTS], &[f32; 4]) -> f64| {
+        let over = |of: &dyn Fn(&Record, usize) -> bool, f: &dyn Fn(&[f32; OUTPUTS + KNOWN], &[f32; 4]) -> f64| {
             let chosen: Vec<f64> = pairs().filter(|(_, r, t)| of(r, *t)).map(|(o, r, t)| f(o, &r.cones[t])).collect();
             mean(chosen.iter().sum(), chosen.len())
         };
@@ -54,12 +58,19 @@ impl Fit {
             distance: over(&visible, &|o, cone| 5.0 * f64::from((o[COMMAND + 2] - cone[2]).abs())),
             visible: over_all(&|o, r, t| if (o[OUTPUTS - 1] > 0.5) == visible(r, t) { 0.0 } else { 1.0 }),
             visible_constant: in_view.min(1.0 - in_view),
+            place: over_all(&|o, r, t| {
+                let off = |k: usize| f64::from(o[OUTPUTS + k] - r.known[t][k]);
+                off(0).hypot(off(1))
+            }),
+            heading: over_all(&|o, r, t| {
+                between([o[OUTPUTS + 2], o[OUTPUTS + 3]], [r.known[t][2], r.known[t][3]])
+            }),
         }
     }
 }
 
 /// What the network says at each decision of an episode.
-fn outputs(net: &Net, parameters: &[f32], record: &Record) -> Vec<[f32; OUTPUTS]> {
+fn outputs(net: &Net, parameters: &[f32], record: &Record) -> Vec<[f32; OUTPUTS + KNOWN]> {
     let (mut scratch, mut memory) = (net.scratch(), vec![0.0; HIDDEN]);
     let states = record.states.chunks_exact(crate::net::STATE);
     let pictures = record.pictures.chunks_exact(net.picture_len());
@@ -67,13 +78,17 @@ fn outputs(net: &Net, parameters: &[f32], record: &Record) -> Vec<[f32; OUTPUTS]
         .zip(states)
         .map(|(bytes, state)| {
             let picture: Vec<f32> = bytes.iter().map(|&b| f32::from(b)).collect();
-            net.step(parameters, &picture, state, &mut memory, &mut scratch)
+            net.step_with_known(parameters, &picture, state, &mut memory, &mut scratch)
         })
         .collect()
 }
 
-fn off_bearing(out: &[f32; OUTPUTS], cone: &[f32; 4]) -> f64 {
-    let (sine, cosine) = (f64::from(out[COMMAND]), f64::from(out[COMMAND + 1]));
-    let (s, c) = (f64::from(cone[0]), f64::from(cone[1]));
+fn off_bearing(out: &[f32; OUTPUTS + KNOWN], cone: &[f32; 4]) -> f64 {
+    between([out[COMMAND], out[COMMAND + 1]], [cone[0], cone[1]])
+}
+
+/// Angle between two directions, each a sine and a cosine of any length.
+fn between(a: [f32; 2], b: [f32; 2]) -> f64 {
+    let ([sine, cosine], [s, c]) = (a.map(f64::from), b.map(f64::from));
     (sine * c - cosine * s).atan2(cosine * c + sine * s).abs()
 }

@@ -1,7 +1,7 @@
 //! The network: four convolutions, a dense layer, a gated recurrent unit, and a head that gives a command and what it knows of the cone.
 //!
 //! ```text
-//! picture 80 x 60 x 3 -> 5x5/2 16 -> 3x3/2 16 -> 3x3/2 16 -> 3x3/2 32 -> (with the state) dense 192 -> GRU 192 -> dense 128 -> 7 + 13
+//! picture 80 x 60 x 3 -> 3x3/2 16 -> 3x3/2 16 -> 3x3/2 32 -> 3x3/2 32 -> (with the state) dense 192 -> GRU 192 -> dense 128 -> 7 + 13
 //! ```
 //! ELU follows each layer but the last. The goal's colour shifts the outcome of the first two convolutions before it ([`Tint`]), so that one
 //! channel can be open for one colour alone. Convolutions are products of patches with the weights of a [`Dense`] layer, so that all products are
@@ -14,9 +14,9 @@ use qv_policy::net::{Dense, Gru, GruTape, GruTurned, elu, elu_back, padded, sigm
 pub const WIDTH: usize = 80;
 /// See [`WIDTH`].
 pub const HEIGHT: usize = 60;
-/// Numbers beside the picture: goal colour as one of three, direction of gravity in the base. Neither the last command nor the gyroscope
-/// is among them: a teacher's command is like its last one, and a student that sees that copies it and does not look (de Haan et al. 2019).
-pub const STATE: usize = 6;
+/// Numbers beside the picture: goal colour as one of three, direction of gravity in the base, sine and cosine of the heading since the start,
+/// which inertial units give. Neither the last command nor the turning rate is among them: a teacher's command is like its last one, and a student that sees that copies it and does not look (de Haan et al. 2019).
+pub const STATE: usize = 8;
 /// How many of them are the colour; they come first.
 pub const COLOUR: usize = 3;
 /// Length of the memory.
@@ -37,7 +37,7 @@ const HEAD: usize = 128;
 /// Convolutions that the goal's colour shifts.
 const TINTED: usize = 2;
 /// Side, stride and channels of each convolution.
-const CONVOLUTIONS: [(usize, usize, usize); 4] = [(5, 2, 16), (3, 2, 16), (3, 2, 16), (3, 2, 32)];
+const CONVOLUTIONS: [(usize, usize, usize); 4] = [(3, 2, 16), (3, 2, 16), (3, 2, 32), (3, 2, 32)];
 
 /// One convolution.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -374,6 +374,19 @@ impl Net {
         memory: &mut [f32],
         scratch: &mut Scratch,
     ) -> [f32; OUTPUTS] {
+        let out = self.step_with_known(parameters, picture, state, memory, scratch);
+        std::array::from_fn(|k| out[k])
+    }
+
+    /// The same with what a training says besides, [`KNOWN`].
+    pub fn step_with_known(
+        &self,
+        parameters: &[f32],
+        picture: &[f32],
+        state: &[f32],
+        memory: &mut [f32],
+        scratch: &mut Scratch,
+    ) -> [f32; OUTPUTS + KNOWN] {
         let scaled: Vec<f32> = picture.iter().map(|&x| scaled(x)).collect();
         let Scratch { patches, pictures, gru, .. } = scratch;
         self.see(parameters, (&scaled, state), patches, pictures);

@@ -3,7 +3,7 @@
 //! | name | type, shape | what |
 //! |---|---|---|
 //! | in `frame` | u8 `[n, 480, 640, 3]` | the camera's picture, red, green, blue |
-//! | in `state` | f32 `[n, 6]` | goal colour as one of three, direction of gravity in the base |
+//! | in `state` | f32 `[n, 8]` | goal colour as one of three, direction of gravity in the base, sine and cosine of the heading since the start |
 //! | in `memory` | f32 `[n, 192]` | zeros at first, then `next_memory` of the last decision |
 //! | out `command` | f32 `[n, 3]` | forwards, to the left \[m/s\], turning to the left \[rad/s\] |
 //! | out `shares` | f32 `[n, 3]` | the same as shares of the limits, -1 to 1 |

@@ -158,7 +158,7 @@ fn roll_batch(
         let states: Vec<[f32; STATE]> = live
             .iter()
             .map(|&env| {
-                state(runs[env].episode.goal.colour, &motions[env].world_from_base)
+                state(runs[env].episode, &motions[env].world_from_base)
             })
             .collect();
         let told: Vec<Advice> = live.iter().filter_map(|&env| advice[env]).collect();
@@ -197,14 +197,16 @@ fn advise(world: &World, run: &mut Run, base: &Pose, fell: bool, step: usize) ->
     advice
 }
 
-/// Numbers beside the picture.
-pub fn state(colour: usize, base: &Pose) -> [f32; STATE] {
+/// Numbers beside the picture, see [`STATE`].
+pub fn state(episode: &Episode, base: &Pose) -> [f32; STATE] {
     let gravity = base.rotation.conjugate() * glam::DVec3::NEG_Z;
     let mut out = [0.0; STATE];
-    out[colour.min(2)] = 1.0;
+    out[episode.goal.colour.min(2)] = 1.0;
     for k in 0..3 {
         out[3 + k] = gravity[k] as f32;
     }
+    let (sine, cosine) = (base.yaw() - episode.yaw).sin_cos();
+    (out[6], out[7]) = (sine as f32, cosine as f32);
     out
 }
 

@@ -52,8 +52,8 @@ pub struct TeacherSettings {
     pub too_near: f64,
     /// Distance of the head from the cone at which it stands \[m\].
     pub stand_off: f64,
-    /// Distance along the way that it steers to \[m\].
-    pub ahead: f64,
+    /// Distances along the way to whose mean it steers \[m\]: one alone jumps with the map's cells.
+    pub ahead: [f64; 3],
     /// Room at head, middle and tail below which it keeps away from what blocks \[m\].
     pub margin: f64,
     /// Speed away from what blocks where there is no room at all \[m/s\].
@@ -66,6 +66,12 @@ pub struct TeacherSettings {
     pub travel: f64,
     /// Cosines of the angles to the way within which it goes at full speed, and beyond which it turns in place.
     pub bends: [f64; 2],
+    /// The same near the cone: it goes there only while the cone is in the picture, for a student cannot judge a distance that it does not see.
+    pub near_bends: [f64; 2],
+    /// Distance of the head from the cone within which it is near \[m\].
+    pub near: f64,
+    /// Greatest speed there \[m/s\].
+    pub near_speed: f64,
 }
 
 impl Default for TeacherSettings {
@@ -76,14 +82,17 @@ impl Default for TeacherSettings {
             worth: 0.04,
             look_round: 2.0,
             too_near: 0.7,
-            stand_off: 0.29,
-            ahead: 0.4,
+            stand_off: 0.25,
+            ahead: [0.3, 0.45, 0.6],
             margin: 0.24,
             push: 0.5,
-            approach: 1.5,
+            approach: 1.2,
             geodesic: [2.5, 7.0],
             travel: 0.5,
             bends: [0.92, 0.45],
+            near_bends: [0.98, 0.91],
+            near: 0.9,
+            near_speed: 0.4,
         }
     }
 }
@@ -281,16 +290,20 @@ fn shorter_sense(bearings: &[f64]) -> f64 {
 /// Follows a way.
 fn pursue(world: &World, field: &Field, base: &Pose) -> [f64; 3] {
     let p = base.position.truncate();
-    let Some(target) = world.map.ahead(field, p, world.teacher.ahead) else { return [0.0; 3] };
+    let mut target = DVec2::ZERO;
+    for ahead in world.teacher.ahead {
+        let Some(point) = world.map.ahead(field, p, ahead) else { return [0.0; 3] };
+        target += point / world.teacher.ahead.len() as f64;
+    }
     if target.distance(p) < 0.02 {
         return [0.0; 3];
     }
-    steer(world, turn_to(base.yaw(), target - p), world.limits.forwards[1])
+    steer(world, turn_to(base.yaw(), target - p), world.limits.forwards[1], world.teacher.bends)
 }
 
 /// Turns towards a direction, and goes once it is about ahead.
-fn steer(world: &World, turn: f64, speed: f64) -> [f64; 3] {
-    let (limits, [full, none]) = (&world.limits, world.teacher.bends);
+fn steer(world: &World, turn: f64, speed: f64, [full, none]: [f64; 2]) -> [f64; 3] {
+    let limits = &world.limits;
     let ahead = ((turn.cos() - none) / (full - none)).clamp(0.0, 1.0);
     [speed * ahead, 0.0, (2.0 * turn).clamp(-limits.turning, limits.turning)]
 }
@@ -300,7 +313,7 @@ fn approach(world: &World, field: &Field, base: &Pose, goal: &Cone) -> [f64; 3] 
     let p = base.position.truncate();
     let to = goal.axis() - p;
     let straight = (1..=8).all(|k| world.map.room(p.lerp(goal.axis(), f64::from(k) / 8.0)) > world.teacher.margin);
-    if to.length() > world.rig.head + 0.7 || (to.length() > world.rig.head + 0.3 && !straight) {
+    if to.length() > world.rig.head + world.teacher.near || (to.length() > world.rig.head + 0.3 && !straight) {
         return pursue(world, field, base);
     }
     let turn = turn_to(base.yaw(), to);
@@ -311,8 +324,8 @@ fn approach(world: &World, field: &Field, base: &Pose, goal: &Cone) -> [f64; 3] 
         let back = if turn.abs() > 0.5 { -0.2 } else { (rate * left).clamp(limits.forwards[0], 0.1) };
         return [back, 0.0, (2.0 * turn).clamp(-limits.turning, limits.turning)];
     }
-    let speed = (rate * left).clamp(limits.forwards[0], limits.forwards[1]);
-    let wanted = steer(world, turn, speed.max(0.0));
+    let speed = (rate * left).clamp(limits.forwards[0], world.teacher.near_speed);
+    let wanted = steer(world, turn, speed.max(0.0), world.teacher.near_bends);
     if left < 0.03 { [speed.min(0.0), 0.0, wanted[2]] } else { wanted }
 }
 

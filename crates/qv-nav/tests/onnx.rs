@@ -16,7 +16,7 @@ import json, sys
 import numpy as np, onnxruntime
 session = onnxruntime.InferenceSession(sys.argv[1], providers=['CPUExecutionProvider'])
 frames = np.fromfile(sys.argv[2], np.uint8).reshape(-1, 1, 480, 640, 3)
-states = np.fromfile(sys.argv[3], np.float32).reshape(-1, 1, 6)
+states = np.fromfile(sys.argv[3], np.float32).reshape(-1, 1, 8)
 memory, rows = np.zeros((1, 192), np.float32), []
 for frame, state in zip(frames, states):
     command, shares, cone, memory = session.run(['command', 'shares', 'cone', 'next_memory'], dict(frame=frame, state=state, memory=memory))
