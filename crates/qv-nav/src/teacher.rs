@@ -60,6 +60,11 @@ pub struct TeacherSettings {
     pub push: f64,
     /// Speed to the cone for each metre that is left \[1/s\].
     pub approach: f64,
+    /// Angle that turning to the right must save for it to turn to the right in a search, and angle behind it, on the right, from which on it
+    /// turns to the left in pursuit \[rad\]: which of two ways is shorter by a little no student can tell.
+    pub left: [f64; 2],
+    /// Distance between viewpoints \[m\], and the room that they have \[m\].
+    pub viewpoints: [f64; 2],
     /// Shortest and longest way from the start to a cone that the task allows: elsewhere it does not look \[m\].
     pub geodesic: [f64; 2],
     /// Mean speed on the way to a viewpoint, for the choice among them \[m/s\].
@@ -87,6 +92,8 @@ impl Default for TeacherSettings {
             margin: 0.24,
             push: 0.5,
             approach: 1.2,
+            left: [2.5, 2.4],
+            viewpoints: [0.5, 0.45],
             geodesic: [2.5, 7.0],
             travel: 0.5,
             bends: [0.92, 0.45],
@@ -112,7 +119,7 @@ impl World {
             let shows = candidates.iter().map(|c| map.is_free(eye, *c + DVec3::Z * teacher.looked_for)).collect();
             Viewpoint { place: place.truncate(), shows }
         };
-        let mut places = map.places(0.7, 0.45);
+        let mut places = map.places(teacher.viewpoints[0], teacher.viewpoints[1]);
         if places.is_empty() {
             places = map.places(0.3, 0.0);
         }
@@ -236,7 +243,7 @@ impl Teacher {
         }
         let bearings = self.unseen_from_here(world, base, camera);
         if bearings.len() as f64 >= worth {
-            let (sense, turns) = self.turning.get_or_insert_with(|| (shorter_sense(&bearings), 0));
+            let (sense, turns) = self.turning.get_or_insert_with(|| (shorter_sense(&bearings, world.teacher.left[0]), 0));
             *turns += 1;
             if *turns as f64 * PERIOD * world.limits.turning < TAU {
                 return [0.0, 0.0, *sense * world.limits.turning];
@@ -280,11 +287,10 @@ pub fn turn_to(yaw: f64, direction: DVec2) -> f64 {
     (direction.y.atan2(direction.x) - yaw + PI).rem_euclid(TAU) - PI
 }
 
-/// 1 if turning to the left shows places at some bearings \[rad\] sooner than turning to the right, else -1; 1 if it hardly matters, so that
-/// a student need not know more than the teacher shows.
-fn shorter_sense(bearings: &[f64]) -> f64 {
+/// -1 if turning to the right shows places at some bearings \[rad\] at least `saved` \[rad\] sooner than turning to the left, else 1.
+fn shorter_sense(bearings: &[f64], saved: f64) -> f64 {
     let sweep = |sense: f64| bearings.iter().map(|b| (sense * b).rem_euclid(TAU)).fold(0.0, f64::max);
-    if sweep(-1.0) < sweep(1.0) - 0.5 { -1.0 } else { 1.0 }
+    if sweep(-1.0) < sweep(1.0) - saved { -1.0 } else { 1.0 }
 }
 
 /// Follows a way.
@@ -298,7 +304,10 @@ fn pursue(world: &World, field: &Field, base: &Pose) -> [f64; 3] {
     if target.distance(p) < 0.02 {
         return [0.0; 3];
     }
-    steer(world, turn_to(base.yaw(), target - p), world.limits.forwards[1], world.teacher.bends)
+    let turn = turn_to(base.yaw(), target - p);
+    // What is about behind is turned to on one side.
+    let turn = if turn < -world.teacher.left[1] { turn + TAU } else { turn };
+    steer(world, turn, world.limits.forwards[1], world.teacher.bends)
 }
 
 /// Turns towards a direction, and goes once it is about ahead.
