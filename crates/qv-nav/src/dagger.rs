@@ -470,6 +470,22 @@ mod tests {
     }
 
     #[test]
+    fn lanes_and_stretches_do_not_change_what_is_learnt_from() {
+        // At a rate that moves nothing, the mean loss is that of whole episodes from an empty memory, however they are cut.
+        let loss_of = |batch: usize, truncated: usize| {
+            let settings = TrainSettings { batch, truncated, rate: [1e-7; 2], ..Default::default() };
+            let mut student = Student::new(&settings).unwrap();
+            student.add((0..9).map(|k| made_up(k, 1 + 4 * k as usize)));
+            student.epoch(0).unwrap()
+        };
+        let whole = loss_of(9, 100);
+        for (batch, truncated) in [(1, 100), (2, 7), (20, 3), (9, 1)] {
+            let cut = loss_of(batch, truncated);
+            assert!((cut / whole - 1.0).abs() < 1e-3, "{batch} lanes of {truncated}: {cut} for {whole}");
+        }
+    }
+
+    #[test]
     fn settings_that_mean_nothing_are_named() {
         let bad = TrainSettings { rounds: 0, ..Default::default() };
         assert!(Student::new(&bad).err().unwrap().to_string().contains("rounds"));

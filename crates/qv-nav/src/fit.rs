@@ -92,3 +92,31 @@ fn between(a: [f32; 2], b: [f32; 2]) -> f64 {
     let ([sine, cosine], [s, c]) = (a.map(f64::from), b.map(f64::from));
     (sine * c - cosine * s).atan2(cosine * c + sine * s).abs()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::net::STATE;
+    use std::f32::consts::FRAC_PI_2;
+
+    #[test]
+    fn a_network_of_zeros_is_as_wrong_as_what_it_says() {
+        let net = Net::default();
+        let mut record = Record::default();
+        for step in 0..4 {
+            record.pictures.extend(std::iter::repeat_n(90, net.picture_len()));
+            record.states.extend([0.0; STATE]);
+            record.commands.push([1.0, 0.0, if step < 2 { 0.5 } else { -0.5 }]);
+            record.cones.push([FRAC_PI_2.sin(), FRAC_PI_2.cos(), 0.4, if step == 0 { 1.0 } else { 0.0 }]);
+            record.found.push(true);
+            record.known.push([0.3; KNOWN]);
+        }
+        let fit = Fit::of(&net, &vec![0.0; net.len()], &[record]);
+        assert_eq!(fit.decisions, 4);
+        assert!((fit.command[0] - 1.0).abs() < 1e-9 && (fit.command[2] - 0.25).abs() < 1e-9, "{fit:?}");
+        assert!(fit.command_constant[0] < 1e-12 && (fit.command_constant[2] - 0.25).abs() < 1e-9, "{fit:?}");
+        // A logistic function of 0 is not above a half: it says that nothing is in view, which is wrong once.
+        assert!((fit.visible - 0.25).abs() < 1e-9 && (fit.visible_constant - 0.25).abs() < 1e-9, "{fit:?}");
+        assert!((fit.distance - 2.0).abs() < 1e-6 && (fit.place - 0.3 * 2f64.sqrt()).abs() < 1e-6, "{fit:?}");
+    }
+}
