@@ -2,6 +2,7 @@
 //! all that was ever said.
 
 use crate::NavError;
+use crate::augment::{Change, Changes};
 use crate::legs::Legs;
 use crate::net::{COMMAND, HIDDEN, KNOWN, Net, OUTPUTS, RAW, STATE, Stretch, Turned};
 use crate::pilots::{MixedPilot, Mixture, NetPilot};
@@ -24,6 +25,10 @@ pub struct TrainSettings {
     pub epochs: usize,
     /// The same in the last round.
     pub last_epochs: usize,
+    /// Decisions that an epoch learns from at most: beyond them, it takes a part of the episodes, another one each time.
+    pub epoch_frames: usize,
+    /// How pictures are changed each time that they are learnt from.
+    pub changes: Changes,
     /// Episodes in a step of the optimiser.
     pub batch: usize,
     /// Decisions through which gradients go back.
@@ -57,6 +62,8 @@ impl Default for TrainSettings {
             frames: 20_000,
             epochs: 6,
             last_epochs: 12,
+            epoch_frames: 100_000,
+            changes: Changes::default(),
             batch: 16,
             truncated: 25,
             rate: [1e-3, 5e-5],
@@ -91,6 +98,7 @@ impl TrainSettings {
             ("frames", self.frames, 1),
             ("epochs", self.epochs, 1),
             ("last_epochs", self.last_epochs, 1),
+            ("epoch_frames", self.epoch_frames, 1),
             ("batch", self.batch, 1),
             ("truncated", self.truncated, 1),
             ("robots", self.robots, 1),
@@ -99,6 +107,7 @@ impl TrainSettings {
                 return Err(NavError::value(what, "1 to 100 million", found));
             }
         }
+        self.changes.check()?;
         for (what, mixture) in [("first", self.first), ("later", self.later)] {
             let Mixture { alone, taught, stray, stretch } = mixture;
             let shares = [alone, taught, stray, taught + stray].iter().all(|x| (0.0..=1.0001).contains(x));
@@ -253,11 +262,16 @@ impl Student {
         for k in (1..order.len()).rev() {
             order.swap(k, random.below(k + 1));
         }
-        let decisions = self.frames().max(1);
+        let mut decisions = 0;
+        order.retain(|&k| {
+            let within = decisions < settings.epoch_frames;
+            decisions += if within { self.records[k].len() } else { 0 };
+            within
+        });
         let mut shards: Vec<Shard> = (0..SHARDS.min(settings.batch))
             .map(|s| Shard::new(&self.net, (s..settings.batch).step_by(SHARDS).count()))
             .collect();
-        let mut queue = order.into_iter();
+        let mut queue = order.into_iter().map(|record| (record, settings.changes.draw(&mut random)));
         let (mut sum, mut count) = (0.0, 0);
         loop {
             // Lane by lane over all shards, so that the last episodes are spread over them.
@@ -268,7 +282,7 @@ impl Student {
             if shards.iter().all(Shard::is_idle) {
                 break;
             }
-            let within = (epoch as f32 + count as f32 / decisions as f32) / settings.epochs_of(self.rounds) as f32;
+            let within = (epoch as f32 + count as f32 / decisions.max(1) as f32) / settings.epochs_of(self.rounds) as f32;
             let rate = settings.rate_at((self.rounds as f32 + within) / settings.rounds as f32);
             let (loss, samples) = self.step(&mut shards, rate)?;
             (sum, count) = (sum + loss, count + samples);
@@ -301,10 +315,11 @@ impl Student {
 }
 
 /// An episode that is learnt from: its record, and the decision that comes next.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 struct Lane {
     record: usize,
     next: usize,
+    change: Change,
 }
 
 /// Some lanes of a batch. In each, one episode after the other is gone through, so that all are busy until the last episodes.
@@ -326,9 +341,9 @@ impl Shard {
     }
 
     /// Gives a lane the next episode if it has none left.
-    fn refill(&mut self, lane: usize, records: &[Record], queue: &mut impl Iterator<Item = usize>) {
-        if self.lanes[lane].is_none_or(|l| l.next >= records[l.record].len()) {
-            self.lanes[lane] = queue.next().map(|record| Lane { record, next: 0 });
+    fn refill(&mut self, lane: usize, records: &[Record], queue: &mut impl Iterator<Item = (usize, Change)>) {
+        if self.lanes[lane].as_ref().is_none_or(|l| l.next >= records[l.record].len()) {
+            self.lanes[lane] = queue.next().map(|(record, change)| Lane { record, next: 0, change });
             self.memory[lane * HIDDEN..][..HIDDEN].fill(0.0);
         }
     }
@@ -341,8 +356,8 @@ impl Shard {
     fn stretch(&mut self, net: &Net, parameters: &[f32], turned: &Turned, records: &[Record], settings: &TrainSettings) {
         (self.loss, self.samples) = (0.0, 0);
         let left = |l: &Lane| (records[l.record].len() - l.next).min(settings.truncated);
-        let mut order: Vec<(usize, Lane)> =
-            self.lanes.iter().enumerate().filter_map(|(k, l)| l.map(|l| (k, l))).collect();
+        let mut order: Vec<(usize, &Lane)> =
+            self.lanes.iter().enumerate().filter_map(|(k, l)| l.as_ref().map(|l| (k, l))).collect();
         order.sort_by_key(|(_, l)| std::cmp::Reverse(left(l)));
         if order.is_empty() {
             return;
@@ -350,12 +365,12 @@ impl Shard {
         self.gradient.fill(0.0);
         let (mut stretch, mut samples) = (Stretch::default(), Vec::new());
         let size = net.picture_len();
-        for step in 0..left(&order[0].1) {
+        for step in 0..left(order[0].1) {
             let running = order.iter().take_while(|(_, l)| left(l) > step);
             stretch.rows.push(running.clone().count());
             for (_, lane) in running {
                 let (record, at) = (&records[lane.record], lane.next + step);
-                stretch.pictures.extend_from_slice(&record.pictures[at * size..][..size]);
+                lane.change.add(&record.pictures[at * size..][..size], &mut stretch.pictures);
                 stretch.states.extend_from_slice(&record.states[at * STATE..][..STATE]);
                 samples.push((record, at));
             }
@@ -370,9 +385,11 @@ impl Shard {
         }
         self.samples = samples.len();
         net.backward(turned, &stretch, &mut pass, &of_raw, &mut self.scratch, &mut self.gradient);
-        for ((k, lane), row) in order.iter().zip(memory.chunks_exact(HIDDEN)) {
+        for ((k, _), row) in order.iter().zip(memory.chunks_exact(HIDDEN)) {
             self.memory[k * HIDDEN..][..HIDDEN].copy_from_slice(row);
-            self.lanes[*k] = Some(Lane { next: lane.next + left(lane), ..*lane });
+        }
+        for lane in self.lanes.iter_mut().flatten() {
+            lane.next += left(lane);
         }
     }
 }
@@ -454,7 +471,7 @@ mod tests {
 
     #[test]
     fn the_loss_falls_and_threads_do_not_matter() {
-        let settings = TrainSettings { rounds: 1, epochs: 12, batch: 10, ..Default::default() };
+        let settings = TrainSettings { rounds: 1, epochs: 12, batch: 10, changes: Changes::none(), ..Default::default() };
         let train = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
@@ -473,7 +490,8 @@ mod tests {
     fn lanes_and_stretches_do_not_change_what_is_learnt_from() {
         // At a rate that moves nothing, the mean loss is that of whole episodes from an empty memory, however they are cut.
         let loss_of = |batch: usize, truncated: usize| {
-            let settings = TrainSettings { batch, truncated, rate: [1e-7; 2], ..Default::default() };
+            let changes = Changes::none();
+            let settings = TrainSettings { batch, truncated, rate: [1e-7; 2], changes, ..Default::default() };
             let mut student = Student::new(&settings).unwrap();
             student.add((0..9).map(|k| made_up(k, 1 + 4 * k as usize)));
             student.epoch(0).unwrap()
