@@ -25,7 +25,7 @@ use yard::{Yard, sow};
 /// Height of a robot's base over the ground \[m\].
 const HEIGHT: f64 = 0.3;
 /// Distance between Gaussians \[m\].
-const SOWN: f64 = 0.05;
+const SOWN: f64 = 0.06;
 /// Seeds of the episodes that are tested, and of those whose fit is told: no training draws from them.
 const TESTED: u64 = 777;
 const HELD_OUT: u64 = 778;

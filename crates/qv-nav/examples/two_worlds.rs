@@ -21,7 +21,7 @@ use yard::{Things, Yard, objects, sow};
 
 /// As in `learn_in_the_yard`.
 const HEIGHT: f64 = 0.3;
-const SOWN: f64 = 0.05;
+const SOWN: f64 = 0.06;
 const TESTED: u64 = 777;
 /// Robots at once.
 const ROBOTS: usize = 50;

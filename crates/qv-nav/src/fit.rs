@@ -18,7 +18,7 @@ pub struct Fit {
     pub bearing: f64,
     /// The same for decisions at which it had been seen before, but was not in view \[rad\].
     pub bearing_remembered: f64,
-    /// Mean error of the distance of a cone in view \[m\].
+    /// Mean error of the logarithm of the distance of a cone in view: about the relative error.
     pub distance: f64,
     /// Share of decisions at which it is wrong about whether the cone is in view.
     pub visible: f64,
@@ -55,7 +55,7 @@ impl Fit {
             command_constant: [0, 1, 2].map(spread),
             bearing: over(&visible, &off_bearing),
             bearing_remembered: over(&|r, t| r.found[t] && !visible(r, t), &off_bearing),
-            distance: over(&visible, &|o, cone| 5.0 * f64::from((o[COMMAND + 2] - cone[2]).abs())),
+            distance: over(&visible, &|o, cone| f64::from((o[COMMAND + 2] - cone[2]).abs())),
             visible: over_all(&|o, r, t| if (o[OUTPUTS - 1] > 0.5) == visible(r, t) { 0.0 } else { 1.0 }),
             visible_constant: in_view.min(1.0 - in_view),
             place: over_all(&|o, r, t| {
@@ -117,6 +117,6 @@ mod tests {
         assert!(fit.command_constant[0] < 1e-12 && (fit.command_constant[2] - 0.25).abs() < 1e-9, "{fit:?}");
         // A logistic function of 0 is not above a half: it says that nothing is in view, which is wrong once.
         assert!((fit.visible - 0.25).abs() < 1e-9 && (fit.visible_constant - 0.25).abs() < 1e-9, "{fit:?}");
-        assert!((fit.distance - 2.0).abs() < 1e-6 && (fit.place - 0.3 * 2f64.sqrt()).abs() < 1e-6, "{fit:?}");
+        assert!((fit.distance - 0.4).abs() < 1e-6 && (fit.place - 0.3 * 2f64.sqrt()).abs() < 1e-6, "{fit:?}");
     }
 }

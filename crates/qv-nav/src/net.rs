@@ -21,7 +21,8 @@ pub const STATE: usize = 8;
 pub const COLOUR: usize = 3;
 /// Length of the memory.
 pub const HIDDEN: usize = 192;
-/// Numbers that come out: three of the command, then sine and cosine of the cone's bearing, its distance / 5 m, and whether it is in view.
+/// Numbers that come out: three of the command, then sine and cosine of the cone's bearing, the logarithm of its distance
+/// from the base \[m\], since near the cone centimetres count, and whether it is in view.
 pub const OUTPUTS: usize = 7;
 /// How many of them are the command.
 pub const COMMAND: usize = 3;

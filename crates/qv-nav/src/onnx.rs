@@ -7,7 +7,7 @@
 //! | in `memory` | f32 `[n, 192]` | zeros at first, then `next_memory` of the last decision |
 //! | out `command` | f32 `[n, 3]` | forwards, to the left \[m/s\], turning to the left \[rad/s\] |
 //! | out `shares` | f32 `[n, 3]` | the same as shares of the limits, -1 to 1 |
-//! | out `cone` | f32 `[n, 4]` | sine and cosine of its bearing, distance / 5 m, probability that it is in view |
+//! | out `cone` | f32 `[n, 4]` | sine and cosine of its bearing, logarithm of its distance from the base \[m\], probability that it is in view |
 //! | out `next_memory` | f32 `[n, 192]` | for the next decision, 0.2 s later |
 
 use crate::NavError;

@@ -54,7 +54,7 @@ pub struct Record {
     pub states: Vec<f32>,
     /// The teacher's command as shares of its limits.
     pub commands: Vec<[f32; 3]>,
-    /// Sine and cosine of the cone's bearing, its distance / 5 m, 1 if it is in view.
+    /// Sine and cosine of the cone's bearing, logarithm of its distance \[m\], 1 if it is in view.
     pub cones: Vec<[f32; 4]>,
     /// Whether the cone had been found, so that its bearing can be known.
     pub found: Vec<bool>,
@@ -240,7 +240,7 @@ fn remember(
     record.commands.push(world.limits.shares(advice.command));
     let (sine, cosine) = advice.bearing.sin_cos();
     let visible = if advice.in_view { 1.0 } else { 0.0 };
-    record.cones.push([sine as f32, cosine as f32, (advice.distance / 5.0) as f32, visible]);
+    record.cones.push([sine as f32, cosine as f32, advice.distance.max(0.05).ln() as f32, visible]);
     record.found.push(advice.found);
     record.known.push(known);
 }
