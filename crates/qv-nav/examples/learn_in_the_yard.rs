@@ -89,7 +89,12 @@ fn main() -> Fallible<()> {
             }
         })?;
         let seconds = (driven.unwrap_or(0.0), began.elapsed().as_secs_f64());
-        println!("{told:?}; drove {:.0} of {:.0} s; {:.0} s in all", seconds.0, seconds.1, clock.elapsed().as_secs_f64());
+        println!(
+            "{told:?}; drove {:.0} of {:.0} s; {:.0} s in all",
+            seconds.0,
+            seconds.1,
+            clock.elapsed().as_secs_f64()
+        );
         println!("    {:.3?}", Fit::of(&student.net, &student.parameters, &held));
         if round % options.every == 0 || round == settings.rounds {
             let mut pilot = NetPilot::new(&student.net, &student.parameters, settings.robots);

@@ -282,7 +282,8 @@ impl Student {
             if shards.iter().all(Shard::is_idle) {
                 break;
             }
-            let within = (epoch as f32 + count as f32 / decisions.max(1) as f32) / settings.epochs_of(self.rounds) as f32;
+            let within =
+                (epoch as f32 + count as f32 / decisions.max(1) as f32) / settings.epochs_of(self.rounds) as f32;
             let rate = settings.rate_at((self.rounds as f32 + within) / settings.rounds as f32);
             let (loss, samples) = self.step(&mut shards, rate)?;
             (sum, count) = (sum + loss, count + samples);
@@ -353,7 +354,14 @@ impl Shard {
     }
 
     /// Gradient and loss of the next decisions of all lanes.
-    fn stretch(&mut self, net: &Net, parameters: &[f32], turned: &Turned, records: &[Record], settings: &TrainSettings) {
+    fn stretch(
+        &mut self,
+        net: &Net,
+        parameters: &[f32],
+        turned: &Turned,
+        records: &[Record],
+        settings: &TrainSettings,
+    ) {
         (self.loss, self.samples) = (0.0, 0);
         let left = |l: &Lane| (records[l.record].len() - l.next).min(settings.truncated);
         let mut order: Vec<(usize, &Lane)> =
@@ -471,7 +479,8 @@ mod tests {
 
     #[test]
     fn the_loss_falls_and_threads_do_not_matter() {
-        let settings = TrainSettings { rounds: 1, epochs: 12, batch: 10, changes: Changes::none(), ..Default::default() };
+        let settings =
+            TrainSettings { rounds: 1, epochs: 12, batch: 10, changes: Changes::none(), ..Default::default() };
         let train = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {

@@ -33,8 +33,10 @@ pub struct Fit {
 impl Fit {
     /// Of a network over whole episodes, its memory running as it does when it drives.
     pub fn of(net: &Net, parameters: &[f32], records: &[Record]) -> Self {
-        let outputs: Vec<Vec<[f32; OUTPUTS + KNOWN]>> = records.par_iter().map(|r| outputs(net, parameters, r)).collect();
-        let pairs = || outputs.iter().zip(records).flat_map(|(out, r)| out.iter().enumerate().map(move |(t, o)| (o, r, t)));
+        let outputs: Vec<Vec<[f32; OUTPUTS + KNOWN]>> =
+            records.par_iter().map(|r| outputs(net, parameters, r)).collect();
+        let pairs =
+            || outputs.iter().zip(records).flat_map(|(out, r)| out.iter().enumerate().map(move |(t, o)| (o, r, t)));
         let decisions = pairs().count();
         let mean = |sum: f64, count: usize| if count > 0 { sum / count as f64 } else { 0.0 };
         let over_all = |f: &dyn Fn(&[f32; OUTPUTS + KNOWN], &Record, usize) -> f64| {
@@ -62,9 +64,7 @@ impl Fit {
                 let off = |k: usize| f64::from(o[OUTPUTS + k] - r.known[t][k]);
                 off(0).hypot(off(1))
             }),
-            heading: over_all(&|o, r, t| {
-                between([o[OUTPUTS + 2], o[OUTPUTS + 3]], [r.known[t][2], r.known[t][3]])
-            }),
+            heading: over_all(&|o, r, t| between([o[OUTPUTS + 2], o[OUTPUTS + 3]], [r.known[t][2], r.known[t][3]])),
         }
     }
 }

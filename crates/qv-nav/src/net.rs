@@ -354,7 +354,13 @@ impl Net {
     }
 
     /// A picture of -1 to 1 through the convolutions.
-    fn see(&self, parameters: &[f32], (picture, state): (&[f32], &[f32]), patches: &mut [f32], outputs: &mut [Vec<f32>]) {
+    fn see(
+        &self,
+        parameters: &[f32],
+        (picture, state): (&[f32], &[f32]),
+        patches: &mut [f32],
+        outputs: &mut [Vec<f32>],
+    ) {
         for (k, conv) in self.convolutions.iter().enumerate() {
             let (before, after) = outputs.split_at_mut(k);
             conv.forward(parameters, if k == 0 { picture } else { &before[k - 1] }, patches, &mut after[0]);

@@ -110,7 +110,8 @@ fn tint(
     state: &Tensor,
 ) -> Result<Tensor, OnnxError> {
     let rows = tint.of(parameters);
-    let weights: Vec<f32> = (0..tint.channels).flat_map(|o| (0..COLOUR).map(move |c| rows[c * tint.channels + o])).collect();
+    let weights: Vec<f32> =
+        (0..tint.channels).flat_map(|o| (0..COLOUR).map(move |c| rows[c * tint.channels + o])).collect();
     let colour = graph.slice(state, 0, COLOUR)?;
     let weights = graph.constant(&format!("tint_{k}.weights"), &[tint.channels, COLOUR], &weights)?;
     let bias = graph.constant(&format!("tint_{k}.bias"), &[tint.channels], &vec![0.0; tint.channels])?;

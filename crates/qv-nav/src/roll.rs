@@ -155,12 +155,8 @@ fn roll_batch(
         let mut lenses: Vec<&mut Run> = runs.iter_mut().filter(|run| !run.over).collect();
         let pictures: Vec<Vec<u8>> =
             lenses.par_iter_mut().zip(&drawn).map(|(run, picture)| run.lens.bytes(picture)).collect();
-        let states: Vec<[f32; STATE]> = live
-            .iter()
-            .map(|&env| {
-                state(runs[env].episode, &motions[env].world_from_base)
-            })
-            .collect();
+        let states: Vec<[f32; STATE]> =
+            live.iter().map(|&env| state(runs[env].episode, &motions[env].world_from_base)).collect();
         let told: Vec<Advice> = live.iter().filter_map(|&env| advice[env]).collect();
         let seen: Vec<Seen> = live
             .iter()

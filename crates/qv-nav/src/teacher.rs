@@ -243,7 +243,8 @@ impl Teacher {
         }
         let bearings = self.unseen_from_here(world, base, camera);
         if bearings.len() as f64 >= worth {
-            let (sense, turns) = self.turning.get_or_insert_with(|| (shorter_sense(&bearings, world.teacher.left[0]), 0));
+            let (sense, turns) =
+                self.turning.get_or_insert_with(|| (shorter_sense(&bearings, world.teacher.left[0]), 0));
             *turns += 1;
             if *turns as f64 * PERIOD * world.limits.turning < TAU {
                 return [0.0, 0.0, *sense * world.limits.turning];

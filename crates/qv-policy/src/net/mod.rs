@@ -100,7 +100,9 @@ impl Dense {
         let (rows, columns) = (padded(self.inputs), padded(self.outputs));
         let weights = &parameters[self.start..][..rows * columns];
         // By squares, so that both sides stay in the processor's cache; rows and columns are multiples of the side.
-        for (i0, o0) in (0..rows).step_by(simd::WIDTH).flat_map(|i| (0..columns).step_by(simd::WIDTH).map(move |o| (i, o))) {
+        for (i0, o0) in
+            (0..rows).step_by(simd::WIDTH).flat_map(|i| (0..columns).step_by(simd::WIDTH).map(move |o| (i, o)))
+        {
             for o in o0..o0 + simd::WIDTH {
                 for i in i0..i0 + simd::WIDTH {
                     turned[o * rows + i] = weights[i * columns + o];
