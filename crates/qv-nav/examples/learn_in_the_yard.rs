@@ -1,17 +1,22 @@
 //! A student learns to find cones in the yard of `fixtures/yard`, whose surfaces are sown with Gaussians, and says how often it does:
-//! `learn_in_the_yard [ROUNDS] [DECISIONS A ROUND]`.
+//! `learn_in_the_yard [KEY=VALUE ...]`. Keys are those of `TrainSettings` (numbers), `test` (episodes), `every` (rounds from one test to the
+//! next), `out` (a directory for weights.bin, made if need be), and `from` (the weights.bin of an earlier training to go on from). All
+//! settings are printed.
 
 use qv_nav::dagger::{Student, TrainSettings};
 use qv_nav::eye::SplatEye;
+use qv_nav::fit::Fit;
 use qv_nav::legs::Follower;
 use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
 use qv_nav::pilots::{BlobPilot, NetPilot, TeacherPilot};
-use qv_nav::roll::{Pilot, Stage, roll};
+use qv_nav::roll::{Pilot, Record, Stage, roll};
 use qv_nav::score::Row;
 use qv_nav::sight::Rig;
-use qv_nav::task::{End, EpisodeSettings, Limits};
+use qv_nav::task::{End, Episode, EpisodeSettings, Limits};
 use qv_nav::teacher::World;
+use qv_nav::weights;
+use std::path::PathBuf;
 use std::time::Instant;
 use yard::layout::mesh_with;
 use yard::objects::CRATES;
@@ -20,46 +25,101 @@ use yard::{Yard, sow};
 /// Height of a robot's base over the ground \[m\].
 const HEIGHT: f64 = 0.3;
 /// Distance between Gaussians \[m\].
-const SOWN: f64 = 0.08;
+const SOWN: f64 = 0.06;
+/// Seeds of the episodes that are tested, and of those whose fit is told: no training draws from them.
+const TESTED: u64 = 777;
+const HELD_OUT: u64 = 778;
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let numbers: Vec<usize> = std::env::args().skip(1).map(|a| a.parse()).collect::<Result<_, _>>()?;
-    let (rounds, frames) = (numbers.first().copied().unwrap_or(3), numbers.get(1).copied().unwrap_or(4000));
+type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
+
+struct Options {
+    settings: TrainSettings,
+    test: usize,
+    every: usize,
+    out: Option<PathBuf>,
+    from: Option<PathBuf>,
+}
+
+impl Options {
+    fn of(arguments: impl Iterator<Item = String>) -> Fallible<Self> {
+        let mut settings = serde_json::to_value(TrainSettings::default())?;
+        let (mut test, mut every, mut out, mut from) = (96, 1, None, None);
+        for argument in arguments {
+            let (key, value) = argument.split_once('=').ok_or_else(|| format!("{argument}: expected KEY=VALUE"))?;
+            match key {
+                "test" => test = value.parse()?,
+                "every" => every = value.parse()?,
+                "from" => from = Some(PathBuf::from(value)),
+                "out" => out = Some(PathBuf::from(value)),
+                _ => settings[key] = serde_json::from_str(value)?,
+            }
+        }
+        Ok(Self { settings: serde_json::from_value(settings)?, test, every, out, from })
+    }
+}
+
+fn main() -> Fallible<()> {
+    let options = Options::of(std::env::args().skip(1))?;
+    let settings = &options.settings;
+    println!("{}", serde_json::to_string(settings)?);
     let map = Map::new(&mesh_with(&CRATES), &MapSettings::default())?;
     let world = World::new(map, Rig::default(), Limits::default());
-    println!("{} places for cones", world.candidates.len());
+    println!("{:?}", world.teacher);
     let eye = SplatEye::new(&sow::cloud(&Yard::with_crates(&CRATES, Vec::new(), 1), SOWN));
-    println!("{} Gaussians", eye.count());
+    println!("{} Gaussians, {} places for cones", eye.count(), world.candidates.len());
     let stage = Stage { world: &world, eye: &eye, spread: LensSpread::wide() };
-    let settings = TrainSettings { rounds, frames, ..Default::default() };
     let mut legs = Follower::new(&world.map, settings.robots, HEIGHT);
-    let tests = EpisodeSettings::default().draw(&world, 96, 777)?;
-    let show = |name: &str, pilot: &mut dyn Pilot, legs: &mut Follower| -> Result<(), qv_nav::NavError> {
-        let clock = Instant::now();
-        let trials: Vec<_> =
-            roll(&stage, legs, &tests, pilot, |_| false, &mut |_| {})?.into_iter().map(|(trial, _)| trial).collect();
-        let row = Row::of(&trials);
-        let decisions: usize = trials.iter().map(|t| t.track.len()).sum();
-        let seconds = clock.elapsed().as_secs_f64();
-        let [low, high] = row.interval.map(|x| 100.0 * x);
-        let ends: Vec<String> = End::ALL.iter().zip(row.ends).map(|(end, n)| format!("{} {n}", end.name())).collect();
-        println!(
-            "{name}: {:.1} % ({low:.1} to {high:.1}), SPL {:.2}, {}",
-            100.0 * row.success,
-            row.spl,
-            ends.join(", ")
-        );
-        println!("    mean time {:.1} s; {decisions} decisions in {seconds:.0} s", row.time.unwrap_or(f64::NAN));
-        Ok(())
-    };
-    show("teacher", &mut TeacherPilot { limits: world.limits }, &mut legs)?;
-    show("blob", &mut BlobPilot { limits: world.limits }, &mut legs)?;
-    let mut student = Student::new(&settings)?;
-    let clock = Instant::now();
-    for _ in 0..rounds {
-        let told = student.round(&stage, &mut legs, &EpisodeSettings::default(), &mut |_| {})?;
-        println!("{told:?} after {:.0} s", clock.elapsed().as_secs_f64());
-        show("student", &mut NetPilot::new(&student.net, &student.parameters, settings.robots), &mut legs)?;
+    let tests = EpisodeSettings::default().draw(&world, options.test, TESTED)?;
+    let limits = world.limits;
+    show(&stage, "teacher", &mut TeacherPilot { limits }, &mut legs, &tests)?;
+    show(&stage, "blob", &mut BlobPilot { limits }, &mut legs, &tests)?;
+    let held = EpisodeSettings::default().draw(&world, 24, HELD_OUT)?;
+    let held = roll(&stage, &mut legs, &held, &mut TeacherPilot { limits }, |_| true, &mut |_| {})?;
+    let held: Vec<Record> = held.into_iter().map(|(_, record)| record).collect();
+    let mut student = Student::new(settings)?;
+    if let Some(from) = &options.from {
+        student.start_from(weights::from_bytes(&std::fs::read(from)?, &student.net)?)?;
     }
+    let clock = Instant::now();
+    for round in 1..=settings.rounds {
+        let (mut driven, began) = (None, Instant::now());
+        let told = student.round(&stage, &mut legs, &EpisodeSettings::default(), &mut |p| {
+            if p.loss.is_nan() {
+                driven = Some(began.elapsed().as_secs_f64());
+            }
+        })?;
+        let seconds = (driven.unwrap_or(0.0), began.elapsed().as_secs_f64());
+        println!(
+            "{told:?}; drove {:.0} of {:.0} s; {:.0} s in all",
+            seconds.0,
+            seconds.1,
+            clock.elapsed().as_secs_f64()
+        );
+        println!("    {:.3?}", Fit::of(&student.net, &student.parameters, &held));
+        if round % options.every == 0 || round == settings.rounds {
+            let mut pilot = NetPilot::new(&student.net, &student.parameters, settings.robots);
+            show(&stage, "student", &mut pilot, &mut legs, &tests)?;
+        }
+        if let Some(out) = &options.out {
+            std::fs::create_dir_all(out)?;
+            let (file, whole) = (out.join("weights.part"), out.join("weights.bin"));
+            std::fs::write(&file, weights::to_bytes(&student.parameters))?;
+            std::fs::rename(file, whole)?;
+        }
+    }
+    Ok(())
+}
+
+fn show(stage: &Stage, name: &str, pilot: &mut dyn Pilot, legs: &mut Follower, tests: &[Episode]) -> Fallible<()> {
+    let clock = Instant::now();
+    let trials: Vec<_> =
+        roll(stage, legs, tests, pilot, |_| false, &mut |_| {})?.into_iter().map(|(trial, _)| trial).collect();
+    let row = Row::of(&trials);
+    let decisions: usize = trials.iter().map(|t| t.track.len()).sum();
+    let [low, high] = row.interval.map(|x| 100.0 * x);
+    let ends: Vec<String> = End::ALL.iter().zip(row.ends).map(|(end, n)| format!("{} {n}", end.name())).collect();
+    println!("{name}: {:.1} % ({low:.1} to {high:.1}), SPL {:.2}, {}", 100.0 * row.success, row.spl, ends.join(", "));
+    let seconds = clock.elapsed().as_secs_f64();
+    println!("    mean time {:.1} s; {decisions} decisions in {seconds:.0} s", row.time.unwrap_or(f64::NAN));
     Ok(())
 }

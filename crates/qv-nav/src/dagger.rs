@@ -2,14 +2,14 @@
 //! all that was ever said.
 
 use crate::NavError;
+use crate::augment::{Change, Changes};
 use crate::legs::Legs;
-use crate::net::{COMMAND, HIDDEN, Net, OUTPUTS, STATE, Stretch, Turned};
-use crate::pilots::{MixedPilot, NetPilot, is_taught};
+use crate::net::{COMMAND, HIDDEN, KNOWN, Net, OUTPUTS, RAW, STATE, Stretch, Turned};
+use crate::pilots::{MixedPilot, Mixture, NetPilot};
 use crate::roll::{Record, Stage, roll};
 use crate::task::{EpisodeSettings, Trial};
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::adam::Adam;
-use qv_policy::net::padded;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -23,14 +23,32 @@ pub struct TrainSettings {
     pub frames: usize,
     /// Times that a round learns from all that was gathered.
     pub epochs: usize,
+    /// The same in the last round.
+    pub last_epochs: usize,
+    /// Decisions that an epoch learns from at most: beyond them, it takes a part of the episodes, another one each time.
+    pub epoch_frames: usize,
+    /// How pictures are changed each time that they are learnt from.
+    pub changes: Changes,
     /// Episodes in a step of the optimiser.
     pub batch: usize,
-    /// Learning rate at the beginning and at the end.
+    /// Decisions through which gradients go back.
+    pub truncated: usize,
+    /// Learning rate at the beginning and at the end; between them it falls as a half wave of the cosine.
     pub rate: [f32; 2],
-    /// Share of the episodes that the teacher drives after the first round, which it drives alone.
-    pub taught: f32,
-    /// Weight of what is said of the cone beside the command.
+    /// Who drives in the first round.
+    pub first: Mixture,
+    /// Who drives in later rounds.
+    pub later: Mixture,
+    /// Where the loss of a command becomes linear, in shares of its limits.
+    pub huber: f32,
+    /// Weight of the cone's bearing and distance beside the command.
     pub cone_weight: f32,
+    /// Weight of whether it is in view.
+    pub visible_weight: f32,
+    /// Weight of what else is known ([`crate::net::KNOWN`]).
+    pub known_weight: f32,
+    /// A gradient longer than this is shortened.
+    pub longest: f32,
     /// Robots at once.
     pub robots: usize,
     /// Of everything.
@@ -40,27 +58,82 @@ pub struct TrainSettings {
 impl Default for TrainSettings {
     fn default() -> Self {
         Self {
-            rounds: 6,
+            rounds: 8,
             frames: 20_000,
             epochs: 6,
-            batch: 8,
-            rate: [1e-3, 2e-4],
-            taught: 0.2,
-            cone_weight: 0.3,
-            robots: 48,
+            last_epochs: 12,
+            epoch_frames: 100_000,
+            changes: Changes::default(),
+            batch: 16,
+            truncated: 25,
+            rate: [1e-3, 5e-5],
+            first: Mixture { alone: 0.0, taught: 0.85, stray: 0.15, stretch: 10.0 },
+            later: Mixture { alone: 0.5, taught: 0.4, stray: 0.1, stretch: 10.0 },
+            huber: 0.3,
+            cone_weight: 0.5,
+            visible_weight: 0.2,
+            known_weight: 0.3,
+            longest: 1.0,
+            robots: 96,
             seed: 0,
         }
     }
 }
 
-/// Steps through which gradients go back.
-pub const TRUNCATED: usize = 25;
+impl TrainSettings {
+    /// Epochs of a round, from 0.
+    fn epochs_of(&self, round: usize) -> usize {
+        if round + 1 == self.rounds { self.last_epochs } else { self.epochs }
+    }
+
+    /// Learning rate when a share of the whole training is done.
+    pub fn rate_at(&self, share: f32) -> f32 {
+        let [from, to] = self.rate;
+        to + 0.5 * (from - to) * (1.0 + (share.clamp(0.0, 1.0) * std::f32::consts::PI).cos())
+    }
+
+    fn check(&self) -> Result<(), NavError> {
+        for (what, found, least) in [
+            ("rounds", self.rounds, 1),
+            ("frames", self.frames, 1),
+            ("epochs", self.epochs, 1),
+            ("last_epochs", self.last_epochs, 1),
+            ("epoch_frames", self.epoch_frames, 1),
+            ("batch", self.batch, 1),
+            ("truncated", self.truncated, 1),
+            ("robots", self.robots, 1),
+        ] {
+            if found < least || found > 100_000_000 {
+                return Err(NavError::value(what, "1 to 100 million", found));
+            }
+        }
+        self.changes.check()?;
+        for (what, mixture) in [("first", self.first), ("later", self.later)] {
+            let Mixture { alone, taught, stray, stretch } = mixture;
+            let shares = [alone, taught, stray, taught + stray].iter().all(|x| (0.0..=1.0001).contains(x));
+            if !(shares && (1.0..=1e6).contains(&stretch)) {
+                let expected = "shares of 0 to 1, taught and stray together at most 1, a stretch of at least 1";
+                return Err(NavError::value(what, expected, format!("{mixture:?}")));
+            }
+        }
+        let weights = [
+            ("rate", self.rate[0], 1e-7, 1.0),
+            ("rate", self.rate[1], 1e-7, 1.0),
+            ("huber", self.huber, 1e-3, 10.0),
+            ("cone_weight", self.cone_weight, 0.0, 10.0),
+            ("visible_weight", self.visible_weight, 0.0, 10.0),
+            ("known_weight", self.known_weight, 0.0, 10.0),
+            ("longest", self.longest, 1e-3, 1e6),
+        ];
+        match weights.into_iter().find(|(_, x, low, high)| !(low..=high).contains(&x)) {
+            Some((what, x, low, high)) => Err(NavError::value(what, &format!("{low} to {high}"), x)),
+            None => Ok(()),
+        }
+    }
+}
+
 /// Parts of a batch whose gradients are summed in order: so many, on any number of threads.
-const SHARDS: usize = 8;
-/// Where the loss of a command becomes linear, in shares of its limits.
-const HUBER: f32 = 0.3;
-/// A gradient longer than this is shortened.
-const LONGEST: f32 = 1.0;
+const SHARDS: usize = 16;
 
 /// How far a training is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -96,26 +169,23 @@ impl Student {
     /// # Errors
     /// When a setting means nothing.
     pub fn new(settings: &TrainSettings) -> Result<Self, NavError> {
-        for (what, found, least) in [
-            ("rounds", settings.rounds, 1),
-            ("frames", settings.frames, 1),
-            ("epochs", settings.epochs, 1),
-            ("batch", settings.batch, 1),
-            ("robots", settings.robots, 1),
-        ] {
-            if found < least || found > 100_000_000 {
-                return Err(NavError::value(what, "1 to 100 million", found));
-            }
-        }
-        let rates = settings.rate.iter().all(|r| (1e-7..=1.0).contains(r));
-        if !(rates && (0.0..=1.0).contains(&settings.taught) && (0.0..=10.0).contains(&settings.cone_weight)) {
-            let found = format!("{:?}, {}, {}", settings.rate, settings.taught, settings.cone_weight);
-            return Err(NavError::value("rate, taught, cone_weight", "rates of 1e-7 to 1, 0 to 1, 0 to 10", found));
-        }
+        settings.check()?;
         let net = Net::default();
         let parameters = net.draw(&mut Xoshiro256PlusPlus::of(settings.seed, 91, 0));
         let adam = Adam::new(net.len());
         Ok(Self { net, parameters, adam, settings: settings.clone(), records: Vec::new(), rounds: 0 })
+    }
+
+    /// Goes on from the numbers of an earlier training, of which nothing else is kept.
+    ///
+    /// # Errors
+    /// When there are not as many as the network has.
+    pub fn start_from(&mut self, parameters: Vec<f32>) -> Result<(), NavError> {
+        if parameters.len() != self.net.len() {
+            return Err(NavError::value("numbers of the network", &self.net.len().to_string(), parameters.len()));
+        }
+        self.parameters = parameters;
+        Ok(())
     }
 
     /// Decisions gathered.
@@ -136,7 +206,7 @@ impl Student {
     ) -> Result<Progress, NavError> {
         let settings = self.settings.clone();
         let before = self.frames();
-        let share = if self.rounds == 0 { 1.0 } else { settings.taught };
+        let mixture = if self.rounds == 0 { settings.first } else { settings.later };
         let rounds = self.rounds as f64;
         let part = |within: f64| (rounds + within) / settings.rounds as f64;
         let mut progress =
@@ -147,12 +217,11 @@ impl Student {
             let seed = Xoshiro256PlusPlus::of(settings.seed, 92 + self.rounds as u64 * 1000, batch).bits();
             let drawn = episodes.draw(stage.world, legs.count(), seed)?;
             let student = NetPilot::new(&self.net, &self.parameters, legs.count());
-            let taught = vec![false; legs.count()];
-            let mut pilot = MixedPilot { student, limits: stage.world.limits, share, taught };
+            let mut pilot = MixedPilot::new(student, stage.world.limits, mixture, legs.count());
             for (episode, (trial, record)) in
                 drawn.iter().zip(roll(stage, legs, &drawn, &mut pilot, |_| true, &mut |_| {})?)
             {
-                if !is_taught(episode, share) {
+                if mixture.is_alone(episode) {
                     own.push(trial);
                 }
                 gathered.push(record);
@@ -163,74 +232,101 @@ impl Student {
             progress.share = part(0.5 * (now as f64 / settings.frames as f64).min(1.0));
             tell(&progress);
         }
-        self.records.extend(gathered.into_iter().filter(|r| !r.is_empty()));
+        self.add(gathered);
         if !own.is_empty() {
             progress.success = Some(own.iter().filter(|t| t.reached()).count() as f64 / own.len() as f64);
         }
-        for epoch in 0..settings.epochs {
+        let epochs = settings.epochs_of(self.rounds);
+        for epoch in 0..epochs {
             progress.loss = self.epoch(epoch)?;
-            progress.share = part(0.5 + 0.5 * (epoch + 1) as f64 / settings.epochs as f64);
+            progress.share = part(0.5 + 0.5 * (epoch + 1) as f64 / epochs as f64);
             tell(&progress);
         }
         self.rounds += 1;
         Ok(progress)
     }
 
+    /// Adds episodes to what is learnt from.
+    pub fn add(&mut self, records: impl IntoIterator<Item = Record>) {
+        self.records.extend(records.into_iter().filter(|r| !r.is_empty()));
+    }
+
     /// Learns once from all records; gives the mean loss of a decision.
-    fn epoch(&mut self, epoch: usize) -> Result<f64, NavError> {
-        let settings = &self.settings;
-        let index = (self.rounds * settings.epochs + epoch) as u64;
-        let mut random = Xoshiro256PlusPlus::of(settings.seed, 93, index);
+    ///
+    /// # Errors
+    /// When a number of the network is not finite.
+    pub fn epoch(&mut self, epoch: usize) -> Result<f64, NavError> {
+        let settings = self.settings.clone();
+        let mut random = Xoshiro256PlusPlus::of(settings.seed, 93, (self.rounds * 1000 + epoch) as u64);
         let mut order: Vec<usize> = (0..self.records.len()).collect();
         for k in (1..order.len()).rev() {
             order.swap(k, random.below(k + 1));
         }
-        let whole = (settings.rounds * settings.epochs) as f32;
-        let (mut sum, mut count) = (0.0, 0usize);
-        let batches: Vec<Vec<usize>> = order.chunks(settings.batch).map(<[usize]>::to_vec).collect();
-        for (k, batch) in batches.iter().enumerate() {
-            let done = (index as f32 + k as f32 / batches.len() as f32) / whole;
-            let [from, to] = self.settings.rate;
-            let rate = from * (to / from).powf(done.min(1.0));
-            let (loss, samples) = self.learn(batch, rate)?;
+        let mut decisions = 0;
+        order.retain(|&k| {
+            let within = decisions < settings.epoch_frames;
+            decisions += if within { self.records[k].len() } else { 0 };
+            within
+        });
+        let mut shards: Vec<Shard> = (0..SHARDS.min(settings.batch))
+            .map(|s| Shard::new(&self.net, (s..settings.batch).step_by(SHARDS).count()))
+            .collect();
+        let mut queue = order.into_iter().map(|record| (record, settings.changes.draw(&mut random)));
+        let (mut sum, mut count) = (0.0, 0);
+        loop {
+            // Lane by lane over all shards, so that the last episodes are spread over them.
+            for lane in 0..settings.batch {
+                let shard = &mut shards[lane % SHARDS];
+                shard.refill(lane / SHARDS, &self.records, &mut queue);
+            }
+            if shards.iter().all(Shard::is_idle) {
+                break;
+            }
+            let within =
+                (epoch as f32 + count as f32 / decisions.max(1) as f32) / settings.epochs_of(self.rounds) as f32;
+            let rate = settings.rate_at((self.rounds as f32 + within) / settings.rounds as f32);
+            let (loss, samples) = self.step(&mut shards, rate)?;
             (sum, count) = (sum + loss, count + samples);
         }
         Ok(sum / count.max(1) as f64)
     }
 
-    /// Learns from some episodes, stretch by stretch; gives the summed loss and the number of decisions.
-    fn learn(&mut self, batch: &[usize], rate: f32) -> Result<(f64, usize), NavError> {
-        let mut shards: Vec<Shard> = (0..SHARDS.min(batch.len()))
-            .map(|s| Shard::new(&self.net, batch.iter().skip(s).step_by(SHARDS).map(|&r| &self.records[r]).collect()))
-            .collect();
-        let longest = batch.iter().map(|&r| self.records[r].len()).max().unwrap_or(0);
-        let least = 0.25 * (self.settings.batch * TRUNCATED) as f32;
-        let (mut sum, mut count) = (0.0, 0);
-        for first in (0..longest).step_by(TRUNCATED) {
-            let turned = self.net.turned(&self.parameters);
-            let (net, parameters, weight) = (&self.net, &self.parameters, self.settings.cone_weight);
-            shards.par_iter_mut().for_each(|shard| shard.stretch(net, parameters, &turned, first, weight));
-            let samples: usize = shards.iter().map(|s| s.samples).sum();
-            let mut gradient = vec![0.0; self.net.len()];
-            for shard in &shards {
-                gradient.iter_mut().zip(&shard.gradient).for_each(|(sum, x)| *sum += x);
-                sum += shard.loss;
+    /// One step of the optimiser over the next stretch of all lanes; gives the summed loss and the number of decisions.
+    fn step(&mut self, shards: &mut [Shard], rate: f32) -> Result<(f64, usize), NavError> {
+        let turned = self.net.turned(&self.parameters);
+        let (net, parameters, records, settings) = (&self.net, &self.parameters, &self.records, &self.settings);
+        shards.par_iter_mut().for_each(|shard| shard.stretch(net, parameters, &turned, records, settings));
+        let samples: usize = shards.iter().map(|s| s.samples).sum();
+        let least = 0.25 * (settings.batch * settings.truncated) as f32;
+        let scale = 1.0 / (samples as f32).max(least);
+        let mut gradient = vec![0.0; net.len()];
+        const PART: usize = 8192;
+        gradient.par_chunks_mut(PART).enumerate().for_each(|(k, part)| {
+            for shard in shards.iter().filter(|s| s.samples > 0) {
+                part.iter_mut().zip(&shard.gradient[k * PART..]).for_each(|(sum, x)| *sum += x);
             }
-            let scale = 1.0 / (samples as f32).max(least);
-            gradient.iter_mut().for_each(|g| *g *= scale);
-            let length = self.adam.step(&mut self.parameters, &gradient, rate, LONGEST);
-            if !length.is_finite() {
-                return Err(NavError::value("length of the gradient", "a finite number", length));
-            }
-            count += samples;
+            part.iter_mut().for_each(|g| *g *= scale);
+        });
+        let length = self.adam.step(&mut self.parameters, &gradient, rate, settings.longest);
+        if !length.is_finite() {
+            return Err(NavError::value("length of the gradient", "a finite number", length));
         }
-        Ok((sum, count))
+        Ok((shards.iter().map(|s| s.loss).sum(), samples))
     }
 }
 
-/// Some episodes of a batch, the longest first.
-struct Shard<'a> {
-    records: Vec<&'a Record>,
+/// An episode that is learnt from: its record, and the decision that comes next.
+#[derive(Debug, Clone)]
+struct Lane {
+    record: usize,
+    next: usize,
+    change: Change,
+}
+
+/// Some lanes of a batch. In each, one episode after the other is gone through, so that all are busy until the last episodes.
+struct Shard {
+    lanes: Vec<Option<Lane>>,
+    /// A row for each lane.
     memory: Vec<f32>,
     scratch: crate::net::Scratch,
     gradient: Vec<f32>,
@@ -238,68 +334,104 @@ struct Shard<'a> {
     samples: usize,
 }
 
-impl<'a> Shard<'a> {
-    fn new(net: &Net, mut records: Vec<&'a Record>) -> Self {
-        records.sort_by_key(|r| std::cmp::Reverse(r.len()));
-        let memory = vec![0.0; records.len() * HIDDEN];
-        Self { records, memory, scratch: net.scratch(), gradient: vec![0.0; net.len()], loss: 0.0, samples: 0 }
+impl Shard {
+    fn new(net: &Net, lanes: usize) -> Self {
+        let memory = vec![0.0; lanes * HIDDEN];
+        let (scratch, gradient) = (net.scratch(), vec![0.0; net.len()]);
+        Self { lanes: vec![None; lanes], memory, scratch, gradient, loss: 0.0, samples: 0 }
     }
 
-    /// Gradient and loss of the decisions from `first` on.
-    fn stretch(&mut self, net: &Net, parameters: &[f32], turned: &Turned, first: usize, cone_weight: f32) {
-        self.gradient.fill(0.0);
-        (self.loss, self.samples) = (0.0, 0);
-        let (mut stretch, mut samples) = (Stretch::default(), Vec::new());
-        let size = net.picture_len();
-        for step in first..first + TRUNCATED {
-            let running: Vec<&Record> = self.records.iter().copied().filter(|r| r.len() > step).collect();
-            if running.is_empty() {
-                break;
-            }
-            stretch.rows.push(running.len());
-            for record in running {
-                stretch.pictures.extend_from_slice(&record.pictures[step * size..][..size]);
-                stretch.states.extend_from_slice(&record.states[step * STATE..][..STATE]);
-                samples.push((record, step));
-            }
+    /// Gives a lane the next episode if it has none left.
+    fn refill(&mut self, lane: usize, records: &[Record], queue: &mut impl Iterator<Item = (usize, Change)>) {
+        if self.lanes[lane].as_ref().is_none_or(|l| l.next >= records[l.record].len()) {
+            self.lanes[lane] = queue.next().map(|(record, change)| Lane { record, next: 0, change });
+            self.memory[lane * HIDDEN..][..HIDDEN].fill(0.0);
         }
-        if samples.is_empty() {
+    }
+
+    fn is_idle(&self) -> bool {
+        self.lanes.iter().all(Option::is_none)
+    }
+
+    /// Gradient and loss of the next decisions of all lanes.
+    fn stretch(
+        &mut self,
+        net: &Net,
+        parameters: &[f32],
+        turned: &Turned,
+        records: &[Record],
+        settings: &TrainSettings,
+    ) {
+        (self.loss, self.samples) = (0.0, 0);
+        let left = |l: &Lane| (records[l.record].len() - l.next).min(settings.truncated);
+        let mut order: Vec<(usize, &Lane)> =
+            self.lanes.iter().enumerate().filter_map(|(k, l)| l.as_ref().map(|l| (k, l))).collect();
+        order.sort_by_key(|(_, l)| std::cmp::Reverse(left(l)));
+        if order.is_empty() {
             return;
         }
-        let mut pass = net.forward(parameters, &stretch, &mut self.memory, &mut self.scratch);
-        let mut of_raw = vec![0.0; samples.len() * padded(OUTPUTS)];
-        for (k, (record, step)) in samples.iter().enumerate() {
-            let at = k * padded(OUTPUTS);
-            let row = &pass.raw[at..][..OUTPUTS];
-            self.loss += f64::from(loss(row, record, *step, cone_weight, &mut of_raw[at..][..OUTPUTS]));
+        self.gradient.fill(0.0);
+        let (mut stretch, mut samples) = (Stretch::default(), Vec::new());
+        let size = net.picture_len();
+        for step in 0..left(order[0].1) {
+            let running = order.iter().take_while(|(_, l)| left(l) > step);
+            stretch.rows.push(running.clone().count());
+            for (_, lane) in running {
+                let (record, at) = (&records[lane.record], lane.next + step);
+                lane.change.add(&record.pictures[at * size..][..size], &mut stretch.pictures);
+                stretch.states.extend_from_slice(&record.states[at * STATE..][..STATE]);
+                samples.push((record, at));
+            }
+        }
+        let rows = order.iter().flat_map(|(k, _)| &self.memory[k * HIDDEN..][..HIDDEN]);
+        let mut memory: Vec<f32> = rows.copied().collect();
+        let mut pass = net.forward(parameters, &stretch, &mut memory, &mut self.scratch);
+        let mut of_raw = vec![0.0; samples.len() * RAW];
+        for (k, (record, at)) in samples.iter().enumerate() {
+            let row = &pass.raw[k * RAW..][..OUTPUTS + KNOWN];
+            self.loss += f64::from(loss(row, record, *at, settings, &mut of_raw[k * RAW..][..OUTPUTS + KNOWN]));
         }
         self.samples = samples.len();
-        net.backward(parameters, turned, &stretch, &mut pass, &of_raw, &mut self.scratch, &mut self.gradient);
+        net.backward(turned, &stretch, &mut pass, &of_raw, &mut self.scratch, &mut self.gradient);
+        for ((k, _), row) in order.iter().zip(memory.chunks_exact(HIDDEN)) {
+            self.memory[k * HIDDEN..][..HIDDEN].copy_from_slice(row);
+        }
+        for lane in self.lanes.iter_mut().flatten() {
+            lane.next += left(lane);
+        }
     }
 }
 
 /// Loss of one decision, and its gradient by what came out before tanh and the logistic function.
-fn loss(raw: &[f32], record: &Record, step: usize, cone_weight: f32, of_raw: &mut [f32]) -> f32 {
+fn loss(raw: &[f32], record: &Record, step: usize, settings: &TrainSettings, of_raw: &mut [f32]) -> f32 {
+    let TrainSettings { huber, cone_weight, visible_weight, known_weight, .. } = *settings;
     let mut sum = 0.0;
     for k in 0..COMMAND {
         let y = raw[k].tanh();
         let off = y - record.commands[step][k];
-        let near = off.abs() <= HUBER;
-        sum += if near { 0.5 * off * off } else { HUBER * (off.abs() - 0.5 * HUBER) };
-        of_raw[k] = off.clamp(-HUBER, HUBER) * (1.0 - y * y);
+        let near = off.abs() <= huber;
+        sum += if near { 0.5 * off * off } else { huber * (off.abs() - 0.5 * huber) };
+        of_raw[k] = off.clamp(-huber, huber) * (1.0 - y * y);
     }
-    let cone = &record.cones[step];
+    let mut squared = |k: usize, wanted: f32, weight: f32| {
+        let off = raw[k] - wanted;
+        of_raw[k] = weight * off;
+        sum += 0.5 * weight * off * off;
+    };
+    let (cone, known) = (&record.cones[step], &record.known[step]);
     if record.found[step] {
-        for k in 0..3 {
-            let off = raw[COMMAND + k] - cone[k];
-            sum += cone_weight * 0.5 * off * off;
-            of_raw[COMMAND + k] = cone_weight * off;
+        (0..3).for_each(|k| squared(COMMAND + k, cone[k], cone_weight));
+    }
+    for k in 0..KNOWN {
+        // Where the cone stands can be said only once it was seen.
+        if record.found[step] || !(4..6).contains(&k) {
+            squared(OUTPUTS + k, known[k], known_weight);
         }
     }
     let logit = raw[OUTPUTS - 1];
     // Cross entropy, written so that no logarithm of 0 occurs.
-    sum += 0.3 * cone_weight * (logit.max(0.0) - logit * cone[3] + (-logit.abs()).exp().ln_1p());
-    of_raw[OUTPUTS - 1] = 0.3 * cone_weight * (1.0 / (1.0 + (-logit).exp()) - cone[3]);
+    sum += visible_weight * (logit.max(0.0) - logit * cone[3] + (-logit.abs()).exp().ln_1p());
+    of_raw[OUTPUTS - 1] = visible_weight * (1.0 / (1.0 + (-logit).exp()) - cone[3]);
     sum
 }
 
@@ -318,7 +450,8 @@ mod tests {
             record.states.extend([0.0; STATE]);
             record.commands.push([0.5, 0.0, f32::from(level) / 128.0 - 1.0]);
             record.cones.push([0.0, 1.0, 0.5, (step % 2) as f32]);
-            record.found.push(true);
+            record.found.push(step % 3 != 0);
+            record.known.push([0.1; KNOWN]);
         }
         record
     }
@@ -326,23 +459,28 @@ mod tests {
     #[test]
     fn the_gradient_is_the_slope_of_the_loss() {
         let record = made_up(1, 3);
-        let raw = [0.3, -0.9, 1.2, 0.2, 0.7, 0.1, -0.4];
-        let mut gradient = [0.0; OUTPUTS];
-        loss(&raw, &record, 1, 0.3, &mut gradient);
-        for k in 0..OUTPUTS {
-            let at = |by: f32| {
-                let mut moved = raw;
-                moved[k] += by;
-                loss(&moved, &record, 1, 0.3, &mut [0.0; OUTPUTS])
-            };
-            let slope = (at(5e-3) - at(-5e-3)) / 1e-2;
-            assert!((slope - gradient[k]).abs() < 1e-3, "{k}: {slope} {}", gradient[k]);
+        let mut raw = [0.3; OUTPUTS + KNOWN];
+        raw[..OUTPUTS].copy_from_slice(&[0.3, -0.9, 1.2, 0.2, 0.7, 0.1, -0.4]);
+        let settings = TrainSettings::default();
+        for step in [0, 1] {
+            let mut gradient = [0.0; OUTPUTS + KNOWN];
+            loss(&raw, &record, step, &settings, &mut gradient);
+            for k in 0..OUTPUTS + KNOWN {
+                let at = |by: f32| {
+                    let mut moved = raw;
+                    moved[k] += by;
+                    loss(&moved, &record, step, &settings, &mut [0.0; OUTPUTS + KNOWN])
+                };
+                let slope = (at(5e-3) - at(-5e-3)) / 1e-2;
+                assert!((slope - gradient[k]).abs() < 1e-3, "{k}: {slope} {}", gradient[k]);
+            }
         }
     }
 
     #[test]
     fn the_loss_falls_and_threads_do_not_matter() {
-        let settings = TrainSettings { rounds: 1, epochs: 12, batch: 10, ..Default::default() };
+        let settings =
+            TrainSettings { rounds: 1, epochs: 12, batch: 10, changes: Changes::none(), ..Default::default() };
         let train = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
@@ -358,10 +496,30 @@ mod tests {
     }
 
     #[test]
+    fn lanes_and_stretches_do_not_change_what_is_learnt_from() {
+        // At a rate that moves nothing, the mean loss is that of whole episodes from an empty memory, however they are cut.
+        let loss_of = |batch: usize, truncated: usize| {
+            let changes = Changes::none();
+            let settings = TrainSettings { batch, truncated, rate: [1e-7; 2], changes, ..Default::default() };
+            let mut student = Student::new(&settings).unwrap();
+            student.add((0..9).map(|k| made_up(k, 1 + 4 * k as usize)));
+            student.epoch(0).unwrap()
+        };
+        let whole = loss_of(9, 100);
+        for (batch, truncated) in [(1, 100), (2, 7), (20, 3), (9, 1)] {
+            let cut = loss_of(batch, truncated);
+            assert!((cut / whole - 1.0).abs() < 1e-3, "{batch} lanes of {truncated}: {cut} for {whole}");
+        }
+    }
+
+    #[test]
     fn settings_that_mean_nothing_are_named() {
         let bad = TrainSettings { rounds: 0, ..Default::default() };
         assert!(Student::new(&bad).err().unwrap().to_string().contains("rounds"));
-        let bad = TrainSettings { taught: f32::NAN, ..Default::default() };
-        assert!(Student::new(&bad).err().unwrap().to_string().contains("taught"));
+        let later = Mixture { taught: f32::NAN, ..TrainSettings::default().later };
+        let bad = TrainSettings { later, ..Default::default() };
+        assert!(Student::new(&bad).err().unwrap().to_string().contains("later"));
+        let bad = TrainSettings { rate: [1e-3, f32::NAN], ..Default::default() };
+        assert!(Student::new(&bad).err().unwrap().to_string().contains("rate"));
     }
 }

@@ -6,6 +6,7 @@ use crate::task::PERIOD;
 use glam::DVec2;
 use qv_core::Pose;
 use qv_core::random::Xoshiro256PlusPlus;
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
 /// Where a robot begins.
@@ -80,12 +81,55 @@ impl Past {
     }
 }
 
+/// What legs have that a training did not know of; each number is drawn for an episode between two bounds.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Effects {
+    /// Time from a command until it acts \[s\], at most 0.2, to 20 ms.
+    pub latency: [f64; 2],
+    /// Factor on all velocities.
+    pub strength: [f64; 2],
+    /// Deviation of a velocity that comes and goes within half a second, forwards and to the left \[m/s\]; of the turning rate, twice as much
+    /// \[rad/s\].
+    pub slip: [f64; 2],
+}
+
+impl Default for Effects {
+    fn default() -> Self {
+        Self { latency: [0.0; 2], strength: [1.0; 2], slip: [0.0; 2] }
+    }
+}
+
+impl Effects {
+    /// Those of the second world.
+    pub fn hidden() -> Self {
+        Self { latency: [0.04, 0.12], strength: [0.75, 0.95], slip: [0.02, 0.06] }
+    }
+
+    /// Checks the numbers.
+    ///
+    /// # Errors
+    /// Names the first that means nothing.
+    pub fn check(&self) -> Result<(), NavError> {
+        for (what, bounds, most) in
+            [("latency", self.latency, 0.2), ("strength", self.strength, 2.0), ("slip", self.slip, 1.0)]
+        {
+            if !(0.0 <= bounds[0] && bounds[0] <= bounds[1] && bounds[1] <= most) {
+                let expected = format!("two numbers of 0 to {most}, the first not greater");
+                return Err(NavError::value(what, &expected, format!("{bounds:?}")));
+            }
+        }
+        Ok(())
+    }
+}
+
 /// Robots whose velocity follows the command as a first-order lag does, on the map's heights, with a sway as of walking. Nothing stops them
 /// but the judge: there is no physics in this.
 pub struct Follower<'a> {
     map: &'a Map,
     robots: Vec<One>,
     height: f64,
+    effects: Effects,
 }
 
 #[derive(Debug, Clone, Default)]
@@ -99,12 +143,29 @@ struct One {
     phase: f64,
     gyro: [f64; 3],
     past: Past,
+    /// Commands that wait, one for each tick of the latency.
+    waiting: VecDeque<[f64; 3]>,
+    /// Deviation of the slip, and the slip now.
+    slip: (f64, [f64; 3]),
+    random: Option<Xoshiro256PlusPlus>,
 }
+
+/// Time in which a slip is forgotten \[s\].
+const SLIP_TIME: f64 = 0.5;
 
 impl<'a> Follower<'a> {
     /// `count` robots whose base is `height` over the ground \[m\].
     pub fn new(map: &'a Map, count: usize, height: f64) -> Self {
-        Self { map, robots: vec![One::default(); count], height }
+        Self { map, robots: vec![One::default(); count], height, effects: Effects::default() }
+    }
+
+    /// The same with effects that a training did not know of.
+    ///
+    /// # Errors
+    /// When they mean nothing.
+    pub fn with_effects(map: &'a Map, count: usize, height: f64, effects: Effects) -> Result<Self, NavError> {
+        effects.check()?;
+        Ok(Self { effects, ..Self::new(map, count, height) })
     }
 }
 
@@ -122,14 +183,40 @@ impl One {
         Pose::from_xyz_rpy(position, [0.02 * sway, 0.015 * nod - rise, self.yaw])
     }
 
+    /// Draws the effects of an episode.
+    fn suffer(&mut self, effects: &Effects, seed: u64) {
+        // A stream of its own: without effects, all is as it was.
+        let mut random = Xoshiro256PlusPlus::of(seed, 84, 0);
+        let mut between = |[low, high]: [f64; 2]| f64::from(random.between(low as f32, high as f32));
+        let (latency, strength) = (between(effects.latency), between(effects.strength));
+        self.slip = (between(effects.slip), [0.0; 3]);
+        self.gains = self.gains.map(|gain| gain * strength);
+        self.waiting = std::iter::repeat_n([0.0; 3], (latency / TICK).round() as usize).collect();
+        self.random = Some(random);
+    }
+
+    /// The slip after a tick: noise of the first order whose deviation stays as it was drawn.
+    fn slide(&mut self) {
+        let Some(random) = self.random.as_mut().filter(|_| self.slip.0 > 0.0) else { return };
+        let kept = (-TICK / SLIP_TIME).exp();
+        for (k, slip) in self.slip.1.iter_mut().enumerate() {
+            let deviation = self.slip.0 * if k == 2 { 2.0 } else { 1.0 };
+            *slip = kept * *slip + (1.0 - kept * kept).sqrt() * deviation * f64::from(random.normal());
+        }
+    }
+
     fn tick(&mut self, map: &Map, height: f64, command: [f64; 3]) {
+        self.waiting.push_back(command);
+        let command = self.waiting.pop_front().unwrap_or(command);
         let share = 1.0 - (-TICK / self.lag).exp();
         for k in 0..3 {
             self.velocity[k] += share * (self.gains[k] * command[k] - self.velocity[k]);
         }
+        self.slide();
+        let [ahead, aside, turning] = std::array::from_fn(|k| self.velocity[k] + self.slip.1[k]);
         let before = self.past.ago(0.0);
-        self.yaw += TICK * self.velocity[2];
-        self.place += TICK * DVec2::from_angle(self.yaw).rotate(DVec2::new(self.velocity[0], self.velocity[1]));
+        self.yaw += TICK * turning;
+        self.place += TICK * DVec2::from_angle(self.yaw).rotate(DVec2::new(ahead, aside));
         // Steps twice a second, in place as well.
         self.phase += TICK * std::f64::consts::TAU * 2.0;
         let pose = self.pose(map, height);
@@ -160,6 +247,7 @@ impl Legs for Follower<'_> {
                 phase: between(0.0, std::f32::consts::TAU),
                 ..One::default()
             };
+            robot.suffer(&self.effects, start.seed);
             robot.past.begin(robot.pose(self.map, self.height));
         }
         Ok(())
@@ -181,5 +269,48 @@ impl Legs for Follower<'_> {
 
     fn past(&self, env: usize, ago: f64) -> Pose {
         self.robots[env].past.ago(ago)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::MapSettings;
+    use glam::DVec3;
+    use qv_core::TriangleMesh;
+
+    fn plane() -> Map {
+        let corners = [(-4.0, -4.0), (4.0, -4.0), (4.0, 4.0), (-4.0, 4.0)].map(|(x, y)| DVec3::new(x, y, 0.0));
+        let triangles = vec![[0, 1, 2], [0, 2, 3]];
+        let mesh = TriangleMesh { vertices: corners.to_vec(), triangles, ..Default::default() };
+        Map::new(&mesh, &MapSettings::default()).unwrap()
+    }
+
+    /// Way after a second of driving ahead \[m\], and place to the side.
+    fn driven(effects: Effects) -> [f64; 2] {
+        let map = plane();
+        let mut legs = Follower::with_effects(&map, 1, 0.3, effects).unwrap();
+        legs.begin(&[Start { place: [0.0; 2], yaw: 0.0, seed: 5 }]).unwrap();
+        for _ in 0..5 {
+            legs.step(&[[0.5, 0.0, 0.0]], &[true]).unwrap();
+        }
+        let p = legs.motion(0).world_from_base.position;
+        [p.x, p.y]
+    }
+
+    #[test]
+    fn effects_delay_weaken_and_push_aside() {
+        let plain = driven(Effects::default());
+        let mut weak = Effects { strength: [0.8; 2], ..Effects::default() };
+        assert!((driven(weak)[0] / plain[0] - 0.8).abs() < 1e-6 && plain[1] == 0.0);
+        weak = Effects { latency: [0.1; 2], ..Effects::default() };
+        // Five ticks late: at the end it went at about the full speed.
+        let late = plain[0] - driven(weak)[0];
+        assert!((0.035..0.056).contains(&late), "{late}");
+        let slipped = driven(Effects { slip: [0.05; 2], ..Effects::default() });
+        assert!(slipped[1].abs() > 1e-3 && slipped[1].abs() < 0.2, "{slipped:?}");
+        assert_eq!(slipped, driven(Effects { slip: [0.05; 2], ..Effects::default() }));
+        let bad = Effects { latency: [0.1, 9.0], ..Effects::default() };
+        assert!(bad.check().unwrap_err().to_string().contains("latency"));
     }
 }

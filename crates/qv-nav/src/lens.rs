@@ -131,14 +131,37 @@ impl Lens {
     /// Bytes of a picture of 0 to 1.
     pub fn bytes(&mut self, picture: &[f32]) -> Vec<u8> {
         let blurred = if self.blur > 0.05 { blur(picture, self.blur) } else { picture.to_vec() };
+        let curve = self.curve();
+        let noise = (255.0 * self.noise) as f32;
         let mut out = Vec::with_capacity(blurred.len());
         for (k, &x) in blurred.iter().enumerate() {
-            let shown = f64::from(x.clamp(0.0, 1.0)).powf(self.gamma) * self.balance[k % 3] + self.bias;
-            let noisy = if self.noise > 0.0 { shown + self.noise * f64::from(self.random.normal()) } else { shown };
-            out.push((noisy * 255.0).round().clamp(0.0, 255.0) as u8);
+            let (at, row) = (x.clamp(0.0, 1.0) * STEPS as f32, &curve[k % 3]);
+            let below = (at as usize).min(STEPS - 1);
+            let shown = row[below] + (at - below as f32) * (row[below + 1] - row[below]);
+            let noisy = if noise > 0.0 { shown + noise * about_normal(&mut self.random) } else { shown };
+            out.push((noisy + 0.5).clamp(0.0, 255.0) as u8);
         }
         out
     }
+
+    /// What each colour is shown as, 0 to 255 without noise, for values in steps of 0 to 1: powers are dear.
+    fn curve(&self) -> [Vec<f32>; 3] {
+        self.balance.map(|balance| {
+            let shown = |k: usize| (k as f64 / STEPS as f64).powf(self.gamma) * balance + self.bias;
+            (0..=STEPS).map(|k| (255.0 * shown(k)) as f32).collect()
+        })
+    }
+}
+
+/// Steps of a lens' curve.
+const STEPS: usize = 255;
+
+/// A number of mean 0 and deviation 1, of four uniform ones (Irwin and Hall): a pixel's noise needs no tails.
+fn about_normal(random: &mut Xoshiro256PlusPlus) -> f32 {
+    let bits = random.bits();
+    let sum: u64 = (0..4).map(|k| bits >> (16 * k) & 0xffff).sum();
+    // Each has a variance of 65536^2 / 12.
+    (sum as f32 - 131_070.0) * (1.732_050_8 / 65_536.0)
 }
 
 /// Three taps along rows and columns, whose variance is that of the blur as far as three taps can have it.
@@ -168,6 +191,18 @@ mod tests {
         let bytes = lens.bytes(&picture);
         assert!(bytes.iter().enumerate().all(|(k, &b)| usize::from(b) == k % 256));
         assert_eq!((lens.rig, lens.delay), (Rig::default(), 0.0));
+    }
+
+    #[test]
+    fn noise_has_its_deviation() {
+        let mut lens = LensSpread { noise: [0.016, 0.016], ..LensSpread::none() }.draw(&Rig::default(), 3);
+        let bytes = lens.bytes(&[0.5; WIDTH * HEIGHT * 3]);
+        let count = bytes.len() as f64;
+        let mean = bytes.iter().map(|&b| f64::from(b)).sum::<f64>() / count;
+        let deviation = (bytes.iter().map(|&b| (f64::from(b) - mean).powi(2)).sum::<f64>() / count).sqrt();
+        // Rounding to bytes adds a variance of 1/12.
+        let expected = ((0.016f64 * 255.0).powi(2) + 1.0 / 12.0).sqrt();
+        assert!((mean - 127.5).abs() < 0.2 && (deviation / expected - 1.0).abs() < 0.02, "{mean} {deviation}");
     }
 
     #[test]

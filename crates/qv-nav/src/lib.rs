@@ -4,9 +4,11 @@
 //! a camera on the robot sees, [`lens`] makes of it what a real camera would; [`legs::Legs`] carry it. [`dagger`] lets a [`net::Net`] drive
 //! and learn from what the teacher says. [`task`] draws episodes and judges them, [`score`] counts. See `docs/navigation.md`.
 
+pub mod augment;
 pub mod dagger;
 mod error;
 pub mod eye;
+pub mod fit;
 pub mod legs;
 pub mod lens;
 pub mod map;

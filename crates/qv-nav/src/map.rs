@@ -343,6 +343,21 @@ impl Map {
         self.cell(p).map_or(0.0, |c| f64::from(self.room[c]))
     }
 
+    /// Distance from a place along a direction to what blocks, at most `most` \[m\], to a cell.
+    pub fn clear(&self, from: DVec2, along: DVec2, most: f64) -> f64 {
+        let steps = (most / self.spacing).round() as usize;
+        let blocked = |k: &usize| self.room(from + *k as f64 * self.spacing * along) < self.spacing;
+        (0..steps).find(blocked).map_or(most, |k| k as f64 * self.spacing)
+    }
+
+    /// Direction in which the room grows; none where it grows nowhere.
+    pub fn away(&self, p: DVec2) -> DVec2 {
+        // Over two cells each way: the room is that of a grid.
+        let step = 2.0 * self.spacing;
+        let slope = |along: DVec2| self.room(p + step * along) - self.room(p - step * along);
+        DVec2::new(slope(DVec2::X), slope(DVec2::Y)).normalize_or_zero()
+    }
+
     /// Whether a robot's middle may be here, in the place where all episodes are.
     pub fn is_within(&self, p: DVec2) -> bool {
         self.cell(p).is_some_and(|c| self.within[c])

@@ -1,31 +1,44 @@
 //! The network: four convolutions, a dense layer, a gated recurrent unit, and a head that gives a command and what it knows of the cone.
 //!
 //! ```text
-//! picture 80 x 60 x 3 -> 5x5/2 16 -> 3x3/2 16 -> 3x3/2 16 -> 3x3/2 32 -> (with the state) dense 128 -> GRU 128 -> dense 64 -> 7
+//! picture 80 x 60 x 3 -> 3x3/2 16 -> 3x3/2 16 -> 3x3/2 32 -> 3x3/2 32 -> (with the state) dense 192 -> GRU 192 -> dense 128 -> 7 + 13
 //! ```
-//! ELU follows each layer but the last. Convolutions are products of patches with the weights of a [`Dense`] layer, so that all products are
+//! ELU follows each layer but the last. The goal's colour shifts the outcome of the first two convolutions before it ([`Tint`]), so that one
+//! channel can be open for one colour alone. Convolutions are products of patches with the weights of a [`Dense`] layer, so that all products are
 //! those of `qv_policy::net`, whose bits do not depend on the processor. Pictures lie as `[height][width][channels]`.
 
 use qv_core::random::Xoshiro256PlusPlus;
-use qv_policy::net::{Dense, Gru, GruTape, elu, elu_back, padded, sigmoid, tanh};
+use qv_policy::net::{Dense, Gru, GruTape, GruTurned, elu, elu_back, padded, sigmoid, tanh};
 
 /// Columns and rows of the picture that the network sees: an eighth of the camera's 640 x 480.
 pub const WIDTH: usize = 80;
 /// See [`WIDTH`].
 pub const HEIGHT: usize = 60;
-/// Numbers beside the picture: goal colour as one of three, direction of gravity in the base, gyroscope \[rad/s\], last command as shares of
-/// its limits.
-pub const STATE: usize = 12;
+/// Numbers beside the picture: goal colour as one of three, direction of gravity in the base, sine and cosine of the heading since the start,
+/// which inertial units give. Neither the last command nor the turning rate is among them: a teacher's command is like its last one, and a student that sees that copies it and does not look (de Haan et al. 2019).
+pub const STATE: usize = 8;
+/// How many of them are the colour; they come first.
+pub const COLOUR: usize = 3;
 /// Length of the memory.
-pub const HIDDEN: usize = 128;
-/// Numbers that come out: three of the command, then sine and cosine of the cone's bearing, its distance / 5 m, and whether it is in view.
+pub const HIDDEN: usize = 192;
+/// Numbers that come out: three of the command, then sine and cosine of the cone's bearing, the logarithm of its distance
+/// from the base \[m\], since near the cone centimetres count, and whether it is in view.
 pub const OUTPUTS: usize = 7;
 /// How many of them are the command.
 pub const COMMAND: usize = 3;
-const DENSE: usize = 128;
-const HEAD: usize = 64;
+/// Directions in which the network says how far it is to what blocks: bearings from the base's heading \[rad\].
+pub const BEARINGS: [f64; 7] = [-1.4, -0.8, -0.35, 0.0, 0.35, 0.8, 1.4];
+/// Numbers that it says besides, in training alone, so that it learns to see them: its place on the map (two shares of the map's half sides),
+/// sine and cosine of its heading, the cone's place likewise, and how far it is to what blocks along [`BEARINGS`] / 3 m.
+pub const KNOWN: usize = 6 + BEARINGS.len();
+/// Length of a row of what comes out, [`OUTPUTS`] and [`KNOWN`] first.
+pub const RAW: usize = padded(OUTPUTS + KNOWN);
+const DENSE: usize = 192;
+const HEAD: usize = 128;
+/// Convolutions that the goal's colour shifts.
+const TINTED: usize = 2;
 /// Side, stride and channels of each convolution.
-const CONVOLUTIONS: [(usize, usize, usize); 4] = [(5, 2, 16), (3, 2, 16), (3, 2, 16), (3, 2, 32)];
+const CONVOLUTIONS: [(usize, usize, usize); 4] = [(3, 2, 16), (3, 2, 16), (3, 2, 32), (3, 2, 32)];
 
 /// One convolution.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -53,49 +66,127 @@ impl Conv {
         self.to[0] * self.to[1]
     }
 
-    /// Calls `f` with the row of patches, the first number in it and the first number of the picture, for each pixel of each patch that lies within
-    /// the picture.
-    fn each(&self, mut f: impl FnMut(usize, usize, usize)) {
+    /// Rows of the outcome that are worked on at once, so that their patches stay in the processor's first cache.
+    fn strip(&self) -> usize {
+        const NUMBERS: usize = 6000;
+        (NUMBERS / (self.to[1] * padded(self.dense.inputs))).clamp(1, self.to[0])
+    }
+
+    /// For each patch of the rows `y` of the outcome and each of its own rows: calls `f` with the first number of that row in the patches,
+    /// the first that lies within the picture, the first of the picture, and their count. Rows outside the picture have a count of 0.
+    fn each(&self, y: std::ops::Range<usize>, mut f: impl FnMut(usize, usize, usize, usize)) {
         let [rows, columns, channels] = self.from;
-        let margin = self.side / 2;
-        for y in 0..self.to[0] {
-            for x in 0..self.to[1] {
-                let patch = y * self.to[1] + x;
-                for ky in 0..self.side {
-                    let at_y = y * self.stride + ky;
-                    if at_y < margin || at_y - margin >= rows {
-                        continue;
-                    }
-                    for kx in 0..self.side {
-                        let at_x = x * self.stride + kx;
-                        if at_x < margin || at_x - margin >= columns {
-                            continue;
+        let (margin, width) = (self.side / 2, padded(self.dense.inputs));
+        for (k, y) in y.enumerate() {
+            for ky in 0..self.side {
+                let at_y = (y * self.stride + ky).checked_sub(margin).filter(|&at| at < rows);
+                for x in 0..self.to[1] {
+                    let at_x = x * self.stride;
+                    let (from, to) = (margin.saturating_sub(at_x), self.side.min(columns + margin - at_x));
+                    let row = (k * self.to[1] + x) * width + ky * self.side * channels;
+                    match at_y {
+                        Some(at_y) => {
+                            let picture = (at_y * columns + at_x + from - margin) * channels;
+                            f(row, row + from * channels, picture, (to - from) * channels);
                         }
-                        let pixel = (at_y - margin) * columns + at_x - margin;
-                        f(patch, (ky * self.side + kx) * channels, pixel * channels);
+                        None => f(row, row, 0, 0),
                     }
                 }
             }
         }
     }
 
-    /// The picture cut into patches, padded rows.
-    fn patches(&self, picture: &[f32], out: &mut [f32]) {
-        let (width, channels) = (padded(self.dense.inputs), self.from[2]);
-        out[..self.pixels() * width].fill(0.0);
-        self.each(|patch, within, from| {
-            out[patch * width + within..][..channels].copy_from_slice(&picture[from..][..channels]);
+    /// The picture cut into the patches of some rows of the outcome, padded rows; what lies outside is zero.
+    fn patches(&self, picture: &[f32], y: std::ops::Range<usize>, out: &mut [f32]) {
+        let long = self.side * self.from[2];
+        self.each(y, |row, first, from, count| {
+            if count < long {
+                out[row..][..long].fill(0.0);
+            }
+            out[first..][..count].copy_from_slice(&picture[from..][..count]);
         });
     }
 
     /// Adds patches up to a picture: [`Conv::patches`] turned round.
-    fn gather(&self, patches: &[f32], picture: &mut [f32]) {
-        let (width, channels) = (padded(self.dense.inputs), self.from[2]);
-        picture.fill(0.0);
-        self.each(|patch, within, to| {
-            let part = &patches[patch * width + within..][..channels];
-            picture[to..][..channels].iter_mut().zip(part).for_each(|(sum, x)| *sum += x);
+    fn gather(&self, patches: &[f32], y: std::ops::Range<usize>, picture: &mut [f32]) {
+        self.each(y, |_, first, to, count| {
+            let part = &patches[first..][..count];
+            picture[to..][..count].iter_mut().zip(part).for_each(|(sum, x)| *sum += x);
         });
+    }
+
+    /// Calls `f` with the rows of each strip, their pixels and the first number of the outcome.
+    fn strips(&self, mut f: impl FnMut(std::ops::Range<usize>, usize, usize)) {
+        let strip = self.strip();
+        for first in (0..self.to[0]).step_by(strip) {
+            let rows = first..(first + strip).min(self.to[0]);
+            let (pixels, at) = (rows.len() * self.to[1], first * self.to[1] * padded(self.to[2]));
+            f(rows, pixels, at);
+        }
+    }
+
+    /// The outcome before ELU.
+    fn forward(&self, parameters: &[f32], picture: &[f32], patches: &mut [f32], out: &mut [f32]) {
+        self.strips(|rows, pixels, at| {
+            self.patches(picture, rows, patches);
+            self.dense.forward(parameters, pixels, patches, &mut out[at..]);
+        });
+    }
+
+    /// Adds the gradient of the weights.
+    fn gradient(&self, picture: &[f32], of_out: &[f32], patches: &mut [f32], gradient: &mut [f32]) {
+        self.strips(|rows, pixels, at| {
+            self.patches(picture, rows, patches);
+            self.dense.gradient(pixels, patches, &of_out[at..], gradient);
+        });
+    }
+
+    /// The gradient of the picture.
+    fn back(&self, turned: &[f32], of_out: &[f32], patches: &mut [f32], of_picture: &mut [f32]) {
+        of_picture.fill(0.0);
+        self.strips(|rows, pixels, at| {
+            self.dense.back(pixels, turned, &of_out[at..], patches);
+            self.gather(patches, rows, of_picture);
+        });
+    }
+}
+
+/// What the goal's colour adds to each pixel of a convolution's outcome: `[COLOUR][channels]`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Tint {
+    /// First number in the flat array.
+    pub start: usize,
+    /// Channels of the convolution.
+    pub channels: usize,
+}
+
+impl Tint {
+    /// Its numbers.
+    pub fn of<'a>(&self, parameters: &'a [f32]) -> &'a [f32] {
+        &parameters[self.start..][..COLOUR * self.channels]
+    }
+
+    /// Adds what a state's colour says to all pixels.
+    fn add(&self, parameters: &[f32], state: &[f32], out: &mut [f32]) {
+        let mut shift = vec![0.0; self.channels];
+        for (row, share) in self.of(parameters).chunks_exact(self.channels).zip(state) {
+            shift.iter_mut().zip(row).for_each(|(sum, x)| *sum += share * x);
+        }
+        for pixel in out.chunks_exact_mut(self.channels) {
+            pixel.iter_mut().zip(&shift).for_each(|(sum, x)| *sum += x);
+        }
+    }
+
+    /// Adds its gradient, given that of the outcome.
+    fn gradient(&self, state: &[f32], of_out: &[f32], gradient: &mut [f32]) {
+        let mut sums = vec![0.0; self.channels];
+        for pixel in of_out.chunks_exact(self.channels) {
+            sums.iter_mut().zip(pixel).for_each(|(sum, x)| *sum += x);
+        }
+        let rows = gradient[self.start..][..COLOUR * self.channels].chunks_exact_mut(self.channels);
+        for (row, share) in rows.zip(state) {
+            row.iter_mut().zip(&sums).for_each(|(sum, x)| *sum += share * x);
+        }
     }
 }
 
@@ -104,6 +195,8 @@ impl Conv {
 pub struct Net {
     /// The convolutions.
     pub convolutions: Vec<Conv>,
+    /// What the goal's colour adds to the first of them.
+    pub tints: Vec<Tint>,
     /// From the last picture and the state.
     pub dense: Dense,
     /// The memory.
@@ -119,7 +212,6 @@ pub struct Net {
 pub struct Scratch {
     patches: Vec<f32>,
     pictures: Vec<Vec<f32>>,
-    of_patches: Vec<f32>,
     of_pictures: [Vec<f32>; 2],
     gru: GruTape,
 }
@@ -129,6 +221,7 @@ pub struct Scratch {
 pub struct Turned {
     convolutions: Vec<Vec<f32>>,
     dense: Vec<f32>,
+    gru: GruTurned,
     head: Vec<f32>,
     last: Vec<f32>,
 }
@@ -162,7 +255,7 @@ pub struct Pass {
     tapes: Vec<GruTape>,
     memory: Vec<f32>,
     head: Vec<f32>,
-    /// `[samples][padded(OUTPUTS)]`, before tanh and the logistic function.
+    /// `[samples][RAW]`, before tanh and the logistic function.
     pub raw: Vec<f32>,
 }
 
@@ -184,13 +277,21 @@ impl Net {
         let dense = Dense { inputs: from.iter().product::<usize>() + STATE, outputs: DENSE, start };
         let gru = Gru::new(DENSE, HIDDEN, start + dense.len());
         let head = Dense { inputs: HIDDEN, outputs: HEAD, start: start + dense.len() + gru.len() };
-        let last = Dense { inputs: HEAD, outputs: OUTPUTS, start: head.start + head.len() };
-        Self { convolutions, dense, gru, head, last }
+        let last = Dense { inputs: HEAD, outputs: OUTPUTS + KNOWN, start: head.start + head.len() };
+        let mut start = last.start + last.len();
+        let mut tints = Vec::new();
+        for conv in &convolutions[..TINTED] {
+            // Rows of channels have no padding: all are multiples of sixteen.
+            tints.push(Tint { start, channels: conv.to[2] });
+            start += COLOUR * conv.to[2];
+        }
+        Self { convolutions, tints, dense, gru, head, last }
     }
 
     /// Numbers in the flat array.
     pub fn len(&self) -> usize {
-        self.last.start + self.last.len()
+        let ends = self.tints.iter().map(|t| t.start + COLOUR * t.channels);
+        ends.fold(self.last.start + self.last.len(), usize::max)
     }
 
     /// Never true: a network has numbers.
@@ -216,17 +317,20 @@ impl Net {
         self.gru.draw(random, &mut parameters);
         self.head.draw(2.0, random, &mut parameters);
         self.last.draw(0.3, random, &mut parameters);
+        for tint in &self.tints {
+            parameters[tint.start..][..COLOUR * tint.channels].fill_with(|| random.between(-0.5, 0.5));
+        }
         parameters
     }
 
     /// Room for the way through the convolutions.
     pub fn scratch(&self) -> Scratch {
-        let patches = self.convolutions.iter().map(|c| c.pixels() * padded(c.dense.inputs)).max().unwrap_or(0);
+        let strip = |c: &Conv| c.strip() * c.to[1] * padded(c.dense.inputs);
+        let patches = self.convolutions.iter().map(strip).max().unwrap_or(0);
         let largest = self.convolutions.iter().map(|c| c.from.iter().product::<usize>()).max().unwrap_or(0);
         Scratch {
             patches: vec![0.0; patches],
             pictures: self.blank(),
-            of_patches: vec![0.0; patches],
             of_pictures: [vec![0.0; largest], vec![0.0; largest]],
             gru: self.gru.tape(1),
         }
@@ -243,20 +347,26 @@ impl Net {
             layer.turn(parameters, &mut out);
             out
         };
-        Turned {
-            convolutions: self.convolutions.iter().map(|c| turn(&c.dense)).collect(),
-            dense: turn(&self.dense),
-            head: turn(&self.head),
-            last: turn(&self.last),
-        }
+        let (gru, (dense, head)) =
+            rayon::join(|| self.gru.turned(parameters), || (turn(&self.dense), turn(&self.head)));
+        let convolutions = self.convolutions.iter().map(|c| turn(&c.dense)).collect();
+        Turned { convolutions, dense, gru, head, last: turn(&self.last) }
     }
 
     /// A picture of -1 to 1 through the convolutions.
-    fn see(&self, parameters: &[f32], picture: &[f32], patches: &mut [f32], outputs: &mut [Vec<f32>]) {
+    fn see(
+        &self,
+        parameters: &[f32],
+        (picture, state): (&[f32], &[f32]),
+        patches: &mut [f32],
+        outputs: &mut [Vec<f32>],
+    ) {
         for (k, conv) in self.convolutions.iter().enumerate() {
             let (before, after) = outputs.split_at_mut(k);
-            conv.patches(if k == 0 { picture } else { &before[k - 1] }, patches);
-            conv.dense.forward(parameters, conv.pixels(), patches, &mut after[0]);
+            conv.forward(parameters, if k == 0 { picture } else { &before[k - 1] }, patches, &mut after[0]);
+            if let Some(tint) = self.tints.get(k) {
+                tint.add(parameters, state, &mut after[0]);
+            }
             elu(&mut after[0]);
         }
     }
@@ -271,9 +381,22 @@ impl Net {
         memory: &mut [f32],
         scratch: &mut Scratch,
     ) -> [f32; OUTPUTS] {
+        let out = self.step_with_known(parameters, picture, state, memory, scratch);
+        std::array::from_fn(|k| out[k])
+    }
+
+    /// The same with what a training says besides, [`KNOWN`].
+    pub fn step_with_known(
+        &self,
+        parameters: &[f32],
+        picture: &[f32],
+        state: &[f32],
+        memory: &mut [f32],
+        scratch: &mut Scratch,
+    ) -> [f32; OUTPUTS + KNOWN] {
         let scaled: Vec<f32> = picture.iter().map(|&x| scaled(x)).collect();
         let Scratch { patches, pictures, gru, .. } = scratch;
-        self.see(parameters, &scaled, patches, pictures);
+        self.see(parameters, (&scaled, state), patches, pictures);
         let mut input = vec![0.0; padded(self.dense.inputs)];
         input[..self.features()].copy_from_slice(&pictures[pictures.len() - 1]);
         input[self.features()..][..STATE].copy_from_slice(state);
@@ -281,7 +404,7 @@ impl Net {
         self.dense.forward(parameters, 1, &input, &mut dense);
         elu(&mut dense);
         self.gru.forward(parameters, 1, &dense, memory, gru);
-        let (mut head, mut out) = (vec![0.0; HEAD], vec![0.0; padded(OUTPUTS)]);
+        let (mut head, mut out) = (vec![0.0; HEAD], vec![0.0; padded(OUTPUTS + KNOWN)]);
         self.head.forward(parameters, 1, memory, &mut head);
         elu(&mut head);
         self.last.forward(parameters, 1, &head, &mut out);
@@ -301,15 +424,16 @@ impl Net {
             tapes: Vec::new(),
             memory: Vec::with_capacity(samples * HIDDEN),
             head: vec![0.0; samples * HEAD],
-            raw: vec![0.0; samples * padded(OUTPUTS)],
+            raw: vec![0.0; samples * RAW],
         };
         for (sample, bytes) in stretch.pictures.chunks_exact(self.picture_len()).enumerate() {
             let picture: Vec<f32> = bytes.iter().map(|&b| scaled(f32::from(b))).collect();
             let mut outputs = self.blank();
-            self.see(parameters, &picture, &mut scratch.patches, &mut outputs);
+            let state = &stretch.states[sample * STATE..][..STATE];
+            self.see(parameters, (&picture, state), &mut scratch.patches, &mut outputs);
             let row = &mut pass.dense_in[sample * width..][..width];
             row[..features].copy_from_slice(&outputs[outputs.len() - 1]);
-            row[features..][..STATE].copy_from_slice(&stretch.states[sample * STATE..][..STATE]);
+            row[features..][..STATE].copy_from_slice(state);
             pass.pictures.push(outputs);
         }
         self.dense.forward(parameters, samples, &pass.dense_in, &mut pass.dense_out);
@@ -333,7 +457,6 @@ impl Net {
     /// Adds the gradient of the parameters, given that of [`Pass::raw`] (padded rows).
     pub fn backward(
         &self,
-        parameters: &[f32],
         turned: &Turned,
         stretch: &Stretch,
         pass: &mut Pass,
@@ -361,7 +484,7 @@ impl Net {
             let range = first * DENSE..(first + rows) * DENSE;
             let input = (&pass.dense_out[range.clone()], &pass.before[step][..]);
             let tape = &mut pass.tapes[step];
-            self.gru.backward(parameters, rows, input, tape, &mut later, &mut of_dense[range], gradient);
+            self.gru.backward(&turned.gru, rows, input, tape, &mut later, &mut of_dense[range], gradient);
         }
         elu_back(&mut of_dense, &pass.dense_out);
         self.dense.gradient(samples, &pass.dense_in, &of_dense, gradient);
@@ -370,35 +493,36 @@ impl Net {
         self.dense.back(samples, &turned.dense, &of_dense, &mut of_in);
         for (sample, bytes) in stretch.pictures.chunks_exact(self.picture_len()).enumerate() {
             let of_features = &of_in[sample * width..][..self.features()];
-            self.see_back(turned, bytes, &pass.pictures[sample], of_features, scratch, gradient);
+            let seen = (bytes, &stretch.states[sample * STATE..][..STATE]);
+            self.see_back(turned, seen, &pass.pictures[sample], of_features, scratch, gradient);
         }
     }
 
     fn see_back(
         &self,
         turned: &Turned,
-        bytes: &[u8],
+        (bytes, state): (&[u8], &[f32]),
         outputs: &[Vec<f32>],
         of_features: &[f32],
         scratch: &mut Scratch,
         gradient: &mut [f32],
     ) {
-        let Scratch { patches, of_patches, of_pictures: [now, next], .. } = scratch;
+        let Scratch { patches, of_pictures: [now, next], .. } = scratch;
         now[..of_features.len()].copy_from_slice(of_features);
         for (k, conv) in self.convolutions.iter().enumerate().rev() {
             let count = outputs[k].len();
             elu_back(&mut now[..count], &outputs[k]);
+            if let Some(tint) = self.tints.get(k) {
+                tint.gradient(state, &now[..count], gradient);
+            }
             if k == 0 {
                 let picture: Vec<f32> = bytes.iter().map(|&b| scaled(f32::from(b))).collect();
-                conv.patches(&picture, patches);
-                conv.dense.gradient(conv.pixels(), patches, now, gradient);
+                conv.gradient(&picture, now, patches, gradient);
                 break;
             }
-            conv.patches(&outputs[k - 1], patches);
-            conv.dense.gradient(conv.pixels(), patches, now, gradient);
-            conv.dense.back(conv.pixels(), &turned.convolutions[k], now, of_patches);
+            conv.gradient(&outputs[k - 1], now, patches, gradient);
             let from = outputs[k - 1].len();
-            conv.gather(of_patches, &mut next[..from]);
+            conv.back(&turned.convolutions[k], now, patches, &mut next[..from]);
             std::mem::swap(now, next);
         }
     }
@@ -444,7 +568,7 @@ mod tests {
                 .collect();
             let state = &stretch.states[sample * STATE..][..STATE];
             let out = net.step(&parameters, &picture, state, &mut own, &mut scratch);
-            let mut expected = pass.raw[sample * padded(OUTPUTS)..][..padded(OUTPUTS)].to_vec();
+            let mut expected = pass.raw[sample * RAW..][..RAW].to_vec();
             finish(&mut expected);
             assert_eq!(out[..], expected[..OUTPUTS], "sample {sample}");
         }
@@ -457,8 +581,8 @@ mod tests {
         let (parameters, stretch) = made_up(&net);
         let mut random = Xoshiro256PlusPlus::new(9);
         let samples = stretch.samples();
-        let mut of_raw = vec![0.0; samples * padded(OUTPUTS)];
-        of_raw.chunks_exact_mut(padded(OUTPUTS)).for_each(|row| row[..OUTPUTS].fill_with(|| random.normal()));
+        let mut of_raw = vec![0.0; samples * RAW];
+        of_raw.chunks_exact_mut(RAW).for_each(|row| row[..OUTPUTS + KNOWN].fill_with(|| random.normal()));
         let mut scratch = net.scratch();
         let mut loss = |parameters: &[f32]| -> f64 {
             let mut memory = vec![0.1; 3 * HIDDEN];
@@ -468,12 +592,13 @@ mod tests {
         let (mut back_scratch, mut memory, mut gradient) = (net.scratch(), vec![0.1; 3 * HIDDEN], vec![0.0; net.len()]);
         let mut pass = net.forward(&parameters, &stretch, &mut memory, &mut back_scratch);
         let turned = net.turned(&parameters);
-        net.backward(&parameters, &turned, &stretch, &mut pass, &of_raw, &mut back_scratch, &mut gradient);
+        net.backward(&turned, &stretch, &mut pass, &of_raw, &mut back_scratch, &mut gradient);
         let mut layers: Vec<&Dense> = net.convolutions.iter().map(|c| &c.dense).collect();
         layers.extend([&net.dense, &net.gru.from_input, &net.gru.from_state, &net.head, &net.last]);
-        for (k, layer) in layers.iter().enumerate() {
+        let mut ranges: Vec<_> = layers.iter().map(|layer| layer.start..layer.start + layer.len()).collect();
+        ranges.extend(net.tints.iter().map(|t| t.start..t.start + COLOUR * t.channels));
+        for (k, range) in ranges.into_iter().enumerate() {
             // Along the gradient of one layer, weights and biases: the slope is the gradient's length squared.
-            let range = layer.start..layer.start + layer.len();
             let squared: f64 = gradient[range.clone()].iter().map(|g| f64::from(*g).powi(2)).sum();
             assert!(squared > 0.0, "layer {k} has a gradient");
             let size = 2e-3 / squared.sqrt();

@@ -3,15 +3,15 @@
 //! | name | type, shape | what |
 //! |---|---|---|
 //! | in `frame` | u8 `[n, 480, 640, 3]` | the camera's picture, red, green, blue |
-//! | in `state` | f32 `[n, 12]` | goal colour as one of three, direction of gravity in the base, gyroscope \[rad/s\], last `shares` as sent |
-//! | in `memory` | f32 `[n, 128]` | zeros at first, then `next_memory` of the last decision |
+//! | in `state` | f32 `[n, 8]` | goal colour as one of three, direction of gravity in the base, sine and cosine of the heading since the start |
+//! | in `memory` | f32 `[n, 192]` | zeros at first, then `next_memory` of the last decision |
 //! | out `command` | f32 `[n, 3]` | forwards, to the left \[m/s\], turning to the left \[rad/s\] |
 //! | out `shares` | f32 `[n, 3]` | the same as shares of the limits, -1 to 1 |
-//! | out `cone` | f32 `[n, 4]` | sine and cosine of its bearing, distance / 5 m, probability that it is in view |
-//! | out `next_memory` | f32 `[n, 128]` | for the next decision, 0.2 s later |
+//! | out `cone` | f32 `[n, 4]` | sine and cosine of its bearing, logarithm of its distance from the base \[m\], probability that it is in view |
+//! | out `next_memory` | f32 `[n, 192]` | for the next decision, 0.2 s later |
 
 use crate::NavError;
-use crate::net::{COMMAND, HEIGHT, HIDDEN, Net, OUTPUTS, STATE, WIDTH};
+use crate::net::{COLOUR, COMMAND, HEIGHT, HIDDEN, Net, OUTPUTS, STATE, Tint, WIDTH};
 use crate::sight::COLOURS;
 use crate::task::Limits;
 use qv_policy::net::Dense;
@@ -48,7 +48,14 @@ pub fn to_bytes(net: &Net, parameters: &[f32], limits: &Limits) -> Result<Vec<u8
             .collect();
         let weights = graph.constant(&format!("conv_{k}.weights"), &[outputs, channels, side, side], &turned)?;
         let bias = graph.constant(&format!("conv_{k}.bias"), &[outputs], &bias)?;
-        let y = graph.conv(&x, [&weights, &bias], side, conv.stride, side / 2);
+        let mut y = graph.conv(&x, [&weights, &bias], side, conv.stride, side / 2);
+        if let Some(tint) = net.tints.get(k) {
+            let shift = self::tint(&mut graph, k, tint, parameters, &state)?;
+            // Rows of channels last, so that the shift of each row of the batch meets its own picture.
+            let channels_last = graph.transpose(&y, &[2, 3, 0, 1]);
+            let shifted = graph.add(&channels_last, &shift);
+            y = graph.transpose(&shifted, &[2, 3, 0, 1]);
+        }
         x = graph.elu(&y);
     }
     let channels_last = graph.transpose(&x, &[0, 2, 3, 1]);
@@ -92,6 +99,23 @@ fn dense(
     let weights = graph.constant(&format!("{name}.weights"), &[layer.outputs, layer.inputs], &weights)?;
     let bias = graph.constant(&format!("{name}.bias"), &[layer.outputs], &bias)?;
     Ok(graph.gemm(x, &weights, &bias))
+}
+
+/// What the colour adds to each channel.
+fn tint(
+    graph: &mut GraphBuilder,
+    k: usize,
+    tint: &Tint,
+    parameters: &[f32],
+    state: &Tensor,
+) -> Result<Tensor, OnnxError> {
+    let rows = tint.of(parameters);
+    let weights: Vec<f32> =
+        (0..tint.channels).flat_map(|o| (0..COLOUR).map(move |c| rows[c * tint.channels + o])).collect();
+    let colour = graph.slice(state, 0, COLOUR)?;
+    let weights = graph.constant(&format!("tint_{k}.weights"), &[tint.channels, COLOUR], &weights)?;
+    let bias = graph.constant(&format!("tint_{k}.bias"), &[tint.channels], &vec![0.0; tint.channels])?;
+    Ok(graph.gemm(&colour, &weights, &bias))
 }
 
 /// Our gates are r, z, n; those of ONNX are z, r, n.

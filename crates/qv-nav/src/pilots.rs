@@ -5,6 +5,7 @@ use crate::roll::{Pilot, Seen};
 use crate::task::{Episode, Limits};
 use qv_core::random::Xoshiro256PlusPlus;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 /// The network.
 pub struct NetPilot<'a> {
@@ -57,36 +58,88 @@ impl Pilot for TeacherPilot {
     }
 }
 
-/// The network, and the teacher in a share of the episodes.
+/// Who drives when an episode is driven by several in turn: shares of the time.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mixture {
+    /// Share of the episodes that the network drives alone.
+    pub alone: f32,
+    /// Share of the time of the others in which the teacher drives.
+    pub taught: f32,
+    /// Share of their time in which a command drives that was drawn: it brings the robot where neither of the two would.
+    pub stray: f32,
+    /// Mean number of decisions until the driver changes.
+    pub stretch: f32,
+}
+
+/// Who drives now.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Driver {
+    Student,
+    Teacher,
+    Stray([f32; 3]),
+}
+
+/// The network, the teacher and drawn commands in turn.
 pub struct MixedPilot<'a> {
-    /// The network.
-    pub student: NetPilot<'a>,
-    /// Limits of commands.
-    pub limits: Limits,
-    /// Share of episodes in which the teacher drives.
-    pub share: f32,
-    /// Whether it drives each robot now.
-    pub taught: Vec<bool>,
+    student: NetPilot<'a>,
+    limits: Limits,
+    mixture: Mixture,
+    drivers: Vec<(Driver, bool, Xoshiro256PlusPlus)>,
+}
+
+impl<'a> MixedPilot<'a> {
+    /// For `count` robots.
+    pub fn new(student: NetPilot<'a>, limits: Limits, mixture: Mixture, count: usize) -> Self {
+        let drivers = (0..count).map(|_| (Driver::Teacher, false, Xoshiro256PlusPlus::new(0))).collect();
+        Self { student, limits, mixture, drivers }
+    }
+}
+
+impl Mixture {
+    fn draw(&self, random: &mut Xoshiro256PlusPlus) -> Driver {
+        let share = random.unit();
+        if share < self.taught {
+            Driver::Teacher
+        } else if share < self.taught + self.stray {
+            Driver::Stray([0; 3].map(|_| random.between(-1.0, 1.0)))
+        } else {
+            Driver::Student
+        }
+    }
+
+    /// Whether the network drives an episode alone.
+    pub fn is_alone(&self, episode: &Episode) -> bool {
+        Xoshiro256PlusPlus::of(episode.seed, 87, 0).unit() < self.alone
+    }
 }
 
 impl Pilot for MixedPilot<'_> {
     fn begin(&mut self, env: usize, episode: &Episode) {
         self.student.begin(env, episode);
-        self.taught[env] = is_taught(episode, self.share);
+        let mut random = Xoshiro256PlusPlus::of(episode.seed, 88, 0);
+        let alone = self.mixture.is_alone(episode);
+        let driver = if alone { Driver::Student } else { self.mixture.draw(&mut random) };
+        self.drivers[env] = (driver, alone, random);
     }
 
     fn decide(&mut self, seen: &[Seen]) -> Vec<[f32; 3]> {
-        let mut out = if self.share >= 1.0 { vec![[0.0; 3]; seen.len()] } else { self.student.decide(seen) };
-        for (out, s) in out.iter_mut().zip(seen).filter(|(_, s)| self.taught[s.env]) {
-            *out = self.limits.shares(s.advice.command);
+        // Without it, its memory is of no use either: a first round need not run the network.
+        let absent = self.mixture.alone <= 0.0 && self.mixture.taught + self.mixture.stray >= 1.0;
+        let mut out = if absent { vec![[0.0; 3]; seen.len()] } else { self.student.decide(seen) };
+        for (out, s) in out.iter_mut().zip(seen) {
+            let (driver, alone, random) = &mut self.drivers[s.env];
+            if !*alone && random.unit() * self.mixture.stretch < 1.0 {
+                *driver = self.mixture.draw(random);
+            }
+            match *driver {
+                Driver::Student => {}
+                Driver::Teacher => *out = self.limits.shares(s.advice.command),
+                Driver::Stray(command) => *out = command,
+            }
         }
         out
     }
-}
-
-/// Whether the teacher drives an episode.
-pub fn is_taught(episode: &Episode, share: f32) -> bool {
-    Xoshiro256PlusPlus::of(episode.seed, 87, 0).unit() < share
 }
 
 /// Follows the largest patch of the wanted colour in the picture, and turns to the left while there is none: what needs no learning.

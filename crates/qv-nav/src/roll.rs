@@ -4,10 +4,11 @@ use crate::NavError;
 use crate::eye::{Eye, Shot};
 use crate::legs::{Legs, Start};
 use crate::lens::{Lens, LensSpread};
-use crate::net::STATE;
+use crate::net::{BEARINGS, KNOWN, STATE};
 use crate::sight::Cone;
 use crate::task::{DECISIONS, Episode, Judge, Trial};
 use crate::teacher::{Advice, Teacher, World};
+use glam::DVec2;
 use qv_core::Pose;
 use rayon::prelude::*;
 
@@ -53,10 +54,12 @@ pub struct Record {
     pub states: Vec<f32>,
     /// The teacher's command as shares of its limits.
     pub commands: Vec<[f32; 3]>,
-    /// Sine and cosine of the cone's bearing, its distance / 5 m, 1 if it is in view.
+    /// Sine and cosine of the cone's bearing, logarithm of its distance \[m\], 1 if it is in view.
     pub cones: Vec<[f32; 4]>,
     /// Whether the cone had been found, so that its bearing can be known.
     pub found: Vec<bool>,
+    /// See [`crate::net::KNOWN`]: the place on the map, the heading, the cone's place, and room along some bearings.
+    pub known: Vec<[f32; KNOWN]>,
 }
 
 impl Record {
@@ -152,13 +155,8 @@ fn roll_batch(
         let mut lenses: Vec<&mut Run> = runs.iter_mut().filter(|run| !run.over).collect();
         let pictures: Vec<Vec<u8>> =
             lenses.par_iter_mut().zip(&drawn).map(|(run, picture)| run.lens.bytes(picture)).collect();
-        let states: Vec<[f32; STATE]> = live
-            .iter()
-            .map(|&env| {
-                let shares = stage.world.limits.shares(runs[env].last);
-                state(runs[env].episode.goal.colour, &motions[env].world_from_base, motions[env].gyro, shares)
-            })
-            .collect();
+        let states: Vec<[f32; STATE]> =
+            live.iter().map(|&env| state(runs[env].episode, &motions[env].world_from_base)).collect();
         let told: Vec<Advice> = live.iter().filter_map(|&env| advice[env]).collect();
         let seen: Vec<Seen> = live
             .iter()
@@ -175,7 +173,8 @@ fn roll_batch(
         let mut commands = vec![[0.0; 3]; runs.len()];
         for (k, &env) in live.iter().enumerate() {
             if keep(env) {
-                remember(&mut runs[env].record, &pictures[k], &states[k], &told[k], stage.world);
+                let known = known(stage.world, &motions[env].world_from_base, &runs[env].episode.goal);
+                remember(&mut runs[env].record, (&pictures[k], &states[k]), &told[k], known, stage.world);
             }
             let wanted = stage.world.limits.command(shares[k]);
             runs[env].last = stage.world.limits.limited(runs[env].last, wanted);
@@ -194,25 +193,50 @@ fn advise(world: &World, run: &mut Run, base: &Pose, fell: bool, step: usize) ->
     advice
 }
 
-/// Numbers beside the picture.
-pub fn state(colour: usize, base: &Pose, gyro: [f64; 3], last: [f32; 3]) -> [f32; STATE] {
+/// Numbers beside the picture, see [`STATE`].
+pub fn state(episode: &Episode, base: &Pose) -> [f32; STATE] {
     let gravity = base.rotation.conjugate() * glam::DVec3::NEG_Z;
     let mut out = [0.0; STATE];
-    out[colour.min(2)] = 1.0;
+    out[episode.goal.colour.min(2)] = 1.0;
     for k in 0..3 {
         out[3 + k] = gravity[k] as f32;
-        out[6 + k] = gyro[k] as f32;
-        out[9 + k] = last[k];
+    }
+    let (sine, cosine) = (base.yaw() - episode.yaw).sin_cos();
+    (out[6], out[7]) = (sine as f32, cosine as f32);
+    out
+}
+
+/// What a network says besides in training, see [`KNOWN`].
+fn known(world: &World, base: &Pose, goal: &Cone) -> [f32; KNOWN] {
+    const FAR: f64 = 3.0;
+    let [low, high] = world.map.bounds();
+    let share = |p: DVec2| (2.0 * p - low - high) / (high - low);
+    let p = base.position.truncate();
+    let (here, there) = (share(p), share(goal.axis()));
+    let (sine, cosine) = base.yaw().sin_cos();
+    let mut out = [0.0; KNOWN];
+    for (out, x) in out.iter_mut().zip([here.x, here.y, sine, cosine, there.x, there.y]) {
+        *out = x as f32;
+    }
+    for (out, bearing) in out[6..].iter_mut().zip(BEARINGS) {
+        *out = (world.map.clear(p, DVec2::from_angle(base.yaw() + bearing), FAR) / FAR) as f32;
     }
     out
 }
 
-fn remember(record: &mut Record, picture: &[u8], state: &[f32], advice: &Advice, world: &World) {
+fn remember(
+    record: &mut Record,
+    (picture, state): (&[u8], &[f32]),
+    advice: &Advice,
+    known: [f32; KNOWN],
+    world: &World,
+) {
     record.pictures.extend_from_slice(picture);
     record.states.extend_from_slice(state);
     record.commands.push(world.limits.shares(advice.command));
     let (sine, cosine) = advice.bearing.sin_cos();
     let visible = if advice.in_view { 1.0 } else { 0.0 };
-    record.cones.push([sine as f32, cosine as f32, (advice.distance / 5.0) as f32, visible]);
+    record.cones.push([sine as f32, cosine as f32, advice.distance.max(0.05).ln() as f32, visible]);
     record.found.push(advice.found);
+    record.known.push(known);
 }

@@ -50,8 +50,10 @@ pub struct Rig {
 }
 
 impl Default for Rig {
+    /// It looks down by 17 degrees. Level, a cone's foot leaves the picture a metre before it; its tip is about as high as the camera, so that what is
+    /// left of it looks the same at all distances, and nobody could tell when to stop.
     fn default() -> Self {
-        Self { place: [0.30, 0.0, 0.12], turn: [0.0, 0.05, 0.0], focal: 615.0, head: 0.33 }
+        Self { place: [0.30, 0.0, 0.12], turn: [0.0, 0.30, 0.0], focal: 615.0, head: 0.33 }
     }
 }
 
@@ -110,7 +112,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_camera_looks_ahead_and_a_little_down() {
+    fn a_cones_foot_is_seen_until_it_is_near() {
+        let rig = Rig::default();
+        let camera = rig.camera(&Pose::from_xyz_rpy([0.0, 0.0, 0.3], [0.0; 3]));
+        let at = |away: f64, up: f64| DVec3::new(rig.place[0] + away, 0.0, up);
+        // The head stops about 0.3 m before it; farther off, a tip as high as the camera is in the picture, too.
+        assert!(in_frustum(&camera, at(0.55, 0.0)) && in_frustum(&camera, at(3.0, 0.45)));
+        let level = Rig { turn: [0.0, 0.05, 0.0], ..rig }.camera(&Pose::from_xyz_rpy([0.0, 0.0, 0.3], [0.0; 3]));
+        assert!(!in_frustum(&level, at(0.9, 0.0)), "a level camera loses it a metre before");
+    }
+
+    #[test]
+    fn the_camera_looks_ahead_and_down() {
         let rig = Rig::default();
         let base = Pose::from_xyz_rpy([1.0, 2.0, 0.3], [0.0, 0.0, std::f64::consts::FRAC_PI_2]);
         let camera = rig.camera(&base);
@@ -118,7 +131,7 @@ mod tests {
         let eye = camera.camera_from_world.inverse();
         assert!((eye.position - DVec3::new(1.0, 2.3, 0.42)).length() < 1e-12);
         let ahead = eye.transform_vector(DVec3::Z);
-        assert!(ahead.y > 0.99 && (ahead.z + 0.05f64.sin()).abs() < 1e-12, "{ahead}");
+        assert!(ahead.y > 0.95 && (ahead.z + 0.30f64.sin()).abs() < 1e-12, "{ahead}");
         assert!(eye.transform_vector(DVec3::X).x > 0.99, "right is right");
         assert!(in_frustum(&camera, DVec3::new(1.0, 5.0, 0.2)) && !in_frustum(&camera, DVec3::new(1.0, 0.0, 0.2)));
         assert!((rig.head(&base) - DVec2::new(1.0, 2.33)).length() < 1e-12);

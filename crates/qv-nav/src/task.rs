@@ -65,7 +65,7 @@ const PUSHED: f64 = 0.15;
 /// The robot has collided when there is so little room at any place of that line \[m\].
 const STRUCK: f64 = 0.08;
 /// From the base's origin to the tail \[m\].
-const TAIL: f64 = 0.30;
+pub const TAIL: f64 = 0.30;
 
 /// Where the cone is at the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -123,16 +123,18 @@ pub struct EpisodeSettings {
     pub height: [f64; 2],
     /// Looks of each colour that the eye has.
     pub looks: usize,
+    /// Where the goal is at the start, in turn.
+    pub strata: Vec<Stratum>,
 }
 
 impl Default for EpisodeSettings {
     fn default() -> Self {
-        Self { geodesic: [2.5, 7.0], room: 0.5, height: [0.45, 0.05], looks: 4 }
+        Self { geodesic: [2.5, 7.0], room: 0.5, height: [0.45, 0.05], looks: 4, strata: Stratum::ALL.to_vec() }
     }
 }
 
 impl EpisodeSettings {
-    /// `count` episodes; each third is of one stratum, in turn. The first `n` are the same for every count.
+    /// `count` episodes, of each stratum in turn. The first `n` are the same for every count.
     ///
     /// # Errors
     /// When a range means nothing, or the place has no such episodes.
@@ -140,6 +142,9 @@ impl EpisodeSettings {
         let [least, most] = self.geodesic;
         if !(least > 0.0 && most > least) {
             return Err(NavError::value("geodesic", "two lengths, the first less", format!("{least}, {most}")));
+        }
+        if self.strata.is_empty() {
+            return Err(NavError::value("strata", "at least one", "none"));
         }
         let starts = world.map.places(0.1, self.room);
         if starts.is_empty() || world.candidates.is_empty() {
@@ -150,7 +155,7 @@ impl EpisodeSettings {
 
     fn one(&self, world: &World, starts: &[DVec2], index: usize, seed: u64) -> Result<Episode, NavError> {
         let mut random = Xoshiro256PlusPlus::of(seed, 81, index as u64);
-        let stratum = Stratum::ALL[index % 3];
+        let stratum = self.strata[index % self.strata.len()];
         for _ in 0..400 {
             let start = starts[random.below(starts.len())];
             let lengths = world.map.lengths(start);

@@ -6,16 +6,16 @@
 
 use crate::map::{Field, Map};
 use crate::sight::{Cone, Rig, SEEN, free_rays, in_frustum};
-use crate::task::{Limits, PERIOD};
+use crate::task::{Limits, PERIOD, TAIL};
 use glam::{DVec2, DVec3};
 use qv_core::{Camera, Pose};
+use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 
 /// A place from which much can be seen.
 #[derive(Debug, Clone)]
 struct Viewpoint {
     place: DVec2,
-    field: Field,
     /// Candidates that can be seen from it.
     shows: Vec<bool>,
 }
@@ -31,36 +31,100 @@ pub struct World {
     pub limits: Limits,
     /// Where a cone may stand: centres on the ground \[m\].
     pub candidates: Vec<DVec3>,
+    /// How the teacher drives.
+    pub teacher: TeacherSettings,
     viewpoints: Vec<Viewpoint>,
 }
 
-/// Height of a robot's camera over the ground, about \[m\].
-const EYE: f64 = 0.42;
-/// Height of the point of a cone that is looked for \[m\].
-const LOOKED_FOR: f64 = 0.3;
-/// Share of the candidates that must be new for a look round to be worth its time.
-const WORTH: f64 = 0.05;
-/// Seconds that a look round costs.
-const LOOK_ROUND: f64 = 3.0;
-/// Distance of the head from the cone at which the teacher stands \[m\].
-const STAND_OFF: f64 = 0.29;
+/// How the teacher drives.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TeacherSettings {
+    /// Height of a robot's camera over the ground, about \[m\].
+    pub eye: f64,
+    /// Height of the point of a cone that is looked for \[m\].
+    pub looked_for: f64,
+    /// Share of the candidates that must be new for a turn in place to be worth its time.
+    pub worth: f64,
+    /// Seconds that looking round at a viewpoint costs, for the choice among them.
+    pub look_round: f64,
+    /// Distance from the base within which there is no cone \[m\].
+    pub too_near: f64,
+    /// Distance of the head from the cone at which it stands \[m\].
+    pub stand_off: f64,
+    /// Distances along the way to whose mean it steers \[m\]: one alone jumps with the map's cells.
+    pub ahead: [f64; 3],
+    /// Room at head, middle and tail below which it keeps away from what blocks \[m\].
+    pub margin: f64,
+    /// Speed away from what blocks where there is no room at all \[m/s\].
+    pub push: f64,
+    /// Speed to the cone for each metre that is left \[1/s\].
+    pub approach: f64,
+    /// Angle that turning to the right must save for it to turn to the right in a search, and angle behind it, on the right, from which on it
+    /// turns to the left in pursuit \[rad\]: which of two ways is shorter by a little no student can tell.
+    pub left: [f64; 2],
+    /// Distance between viewpoints \[m\], and the room that they have \[m\].
+    pub viewpoints: [f64; 2],
+    /// Shortest and longest way from the start to a cone that the task allows: elsewhere it does not look \[m\].
+    pub geodesic: [f64; 2],
+    /// Mean speed on the way to a viewpoint, for the choice among them \[m/s\].
+    pub travel: f64,
+    /// Cosines of the angles to the way within which it goes at full speed, and beyond which it turns in place.
+    pub bends: [f64; 2],
+    /// The same near the cone: it goes there only while the cone is in the picture, for a student cannot judge a distance that it does not see.
+    pub near_bends: [f64; 2],
+    /// Distance of the head from the cone within which it is near \[m\].
+    pub near: f64,
+    /// Greatest speed there \[m/s\].
+    pub near_speed: f64,
+}
+
+impl Default for TeacherSettings {
+    fn default() -> Self {
+        Self {
+            eye: 0.42,
+            looked_for: 0.3,
+            worth: 0.04,
+            look_round: 2.0,
+            too_near: 0.7,
+            stand_off: 0.25,
+            ahead: [0.3, 0.45, 0.6],
+            margin: 0.24,
+            push: 0.5,
+            approach: 1.2,
+            left: [2.5, 2.4],
+            viewpoints: [0.5, 0.45],
+            geodesic: [2.5, 7.0],
+            travel: 0.5,
+            bends: [0.92, 0.45],
+            near_bends: [0.98, 0.91],
+            near: 0.9,
+            near_speed: 0.4,
+        }
+    }
+}
 
 impl World {
     /// The map with its viewpoints.
     pub fn new(map: Map, rig: Rig, limits: Limits) -> Self {
+        Self::with(map, rig, limits, TeacherSettings::default())
+    }
+
+    /// The same with a teacher that drives otherwise.
+    pub fn with(map: Map, rig: Rig, limits: Limits, teacher: TeacherSettings) -> Self {
         let on_ground = |p: DVec2| map.height(p).map(|z| p.extend(z));
         let candidates: Vec<DVec3> = map.places(0.3, 0.42).into_iter().filter_map(on_ground).collect();
         let viewpoint = |place: DVec3| {
-            let eye = place + DVec3::Z * EYE;
-            let shows = candidates.iter().map(|c| map.is_free(eye, *c + DVec3::Z * LOOKED_FOR)).collect();
-            Viewpoint { place: place.truncate(), field: map.field(place.truncate(), &[]), shows }
+            let eye = place + DVec3::Z * teacher.eye;
+            let shows = candidates.iter().map(|c| map.is_free(eye, *c + DVec3::Z * teacher.looked_for)).collect();
+            Viewpoint { place: place.truncate(), shows }
         };
-        let mut places = map.places(0.7, 0.45);
+        let mut places = map.places(teacher.viewpoints[0], teacher.viewpoints[1]);
         if places.is_empty() {
             places = map.places(0.3, 0.0);
         }
         let viewpoints = places.into_iter().filter_map(on_ground).map(viewpoint).collect();
-        Self { map, rig, limits, candidates, viewpoints }
+        Self { map, rig, limits, candidates, teacher, viewpoints }
     }
 }
 
@@ -84,11 +148,12 @@ pub struct Advice {
 pub struct Teacher {
     avoid: Vec<DVec2>,
     seen: Vec<bool>,
+    began: bool,
     found: bool,
     to_goal: Option<Field>,
     viewpoint: Option<(usize, Field)>,
-    /// Decisions spent turning in place.
-    turns: usize,
+    /// Sense in which it turns in place, 1 to the left, and for how many decisions, while it does.
+    turning: Option<(f64, usize)>,
 }
 
 impl Teacher {
@@ -97,16 +162,18 @@ impl Teacher {
         Self {
             avoid: others.iter().map(Cone::axis).collect(),
             seen: vec![false; world.candidates.len()],
+            began: false,
             found: false,
             to_goal: None,
             viewpoint: None,
-            turns: 0,
+            turning: None,
         }
     }
 
     /// What to do at a pose, and what can be seen of the goal.
     pub fn advise(&mut self, world: &World, base: &Pose, goal: &Cone) -> Advice {
         let camera = world.rig.camera(base);
+        self.leave_out(world, base.position.truncate());
         let in_view = free_rays(&world.map, &camera, goal, true) >= SEEN;
         self.found |= in_view;
         let p = base.position.truncate();
@@ -115,19 +182,35 @@ impl Teacher {
             let field = self.to_goal.get_or_insert_with(|| world.map.field(goal.axis(), &self.avoid));
             approach(world, field, base, goal)
         } else {
-            self.look(world, &camera);
-            self.search(world, base)
+            self.look(world, &camera, p);
+            self.search(world, base, &camera)
         };
+        let command = keep_away(world, base, &self.avoid, command);
         let bearing = turn_to(base.yaw(), to);
         Advice { command, found: self.found, in_view, bearing, distance: to.length() }
     }
 
+    /// Before the first decision: takes for seen what is too near to the start, or too far, to be looked for.
+    fn leave_out(&mut self, world: &World, start: DVec2) {
+        if std::mem::replace(&mut self.began, true) {
+            return;
+        }
+        let lengths = world.map.lengths(start);
+        let [least, most] = world.teacher.geodesic;
+        for (seen, candidate) in self.seen.iter_mut().zip(&world.candidates) {
+            *seen = !(least..=most).contains(&world.map.at(&lengths, candidate.truncate()));
+        }
+    }
+
     /// Marks the candidates that are in view.
-    fn look(&mut self, world: &World, camera: &Camera) {
+    fn look(&mut self, world: &World, camera: &Camera, base: DVec2) {
         let eye = camera.camera_from_world.inverse().position;
         for (seen, candidate) in self.seen.iter_mut().zip(&world.candidates) {
-            let point = *candidate + DVec3::Z * LOOKED_FOR;
-            *seen = *seen || (in_frustum(camera, point) && world.map.is_free(eye, point));
+            let point = *candidate + DVec3::Z * world.teacher.looked_for;
+            // What stands nearer than this is no place for a cone: the robot would stand on it.
+            *seen = *seen
+                || candidate.truncate().distance(base) < world.teacher.too_near
+                || (in_frustum(camera, point) && world.map.is_free(eye, point));
         }
     }
 
@@ -135,29 +218,46 @@ impl Teacher {
         viewpoint.shows.iter().zip(&self.seen).filter(|(shows, seen)| **shows && !**seen).count() as f64
     }
 
-    fn search(&mut self, world: &World, base: &Pose) -> [f64; 3] {
+    /// Bearings from the base's heading of the places that were not seen yet and could be from here.
+    fn unseen_from_here(&self, world: &World, base: &Pose, camera: &Camera) -> Vec<f64> {
+        let eye = camera.camera_from_world.inverse().position;
+        let unseen = self.seen.iter().zip(&world.candidates).filter(|(seen, _)| !**seen).map(|(_, c)| *c);
+        unseen
+            .filter(|c| world.map.is_free(eye, *c + DVec3::Z * world.teacher.looked_for))
+            .map(|c| turn_to(base.yaw(), c.truncate() - eye.truncate()))
+            .collect()
+    }
+
+    fn search(&mut self, world: &World, base: &Pose, camera: &Camera) -> [f64; 3] {
         let p = base.position.truncate();
-        let worth = WORTH * world.candidates.len() as f64;
-        let distance = |v: &Viewpoint| v.place.distance(p);
+        let worth = world.teacher.worth * world.candidates.len() as f64;
         if let Some((at, _)) = &self.viewpoint {
             let viewpoint = &world.viewpoints[*at];
-            if distance(viewpoint) < 0.3 || self.new_from(viewpoint) < 0.5 * worth {
+            let arrived = viewpoint.place.distance(p) < 0.3;
+            if arrived || self.new_from(viewpoint) < 0.5 * worth {
                 self.viewpoint = None;
+            } else if self.turning.is_none() {
+                let field = self.viewpoint.as_ref().map(|(_, field)| field);
+                return field.map_or([0.0; 3], |field| pursue(world, field, base));
             }
         }
-        if self.viewpoint.is_none() {
-            let here = world.viewpoints.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
-            if let Some(v) = here.filter(|v| distance(v) < 0.8 && self.new_from(v) >= worth) {
-                self.turns += 1;
-                if self.turns as f64 * PERIOD * world.limits.turning < TAU {
-                    return [0.0, 0.0, world.limits.turning];
-                }
-                // A whole turn showed what can be seen from here; the rest is for another viewpoint.
-                self.seen.iter_mut().zip(&v.shows).for_each(|(seen, shows)| *seen |= shows);
+        let bearings = self.unseen_from_here(world, base, camera);
+        if bearings.len() as f64 >= worth {
+            let (sense, turns) =
+                self.turning.get_or_insert_with(|| (shorter_sense(&bearings, world.teacher.left[0]), 0));
+            *turns += 1;
+            if *turns as f64 * PERIOD * world.limits.turning < TAU {
+                return [0.0, 0.0, *sense * world.limits.turning];
             }
-            self.turns = 0;
-            self.choose(world, p);
         }
+        self.turning = None;
+        // A turn showed what can be seen from here; the rest is for another viewpoint.
+        let distance = |v: &Viewpoint| v.place.distance(p);
+        let here = world.viewpoints.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        if let Some(v) = here.filter(|v| distance(v) < 0.4) {
+            self.seen.iter_mut().zip(&v.shows).for_each(|(seen, shows)| *seen |= shows);
+        }
+        self.choose(world, p);
         match &self.viewpoint {
             Some((_, field)) => pursue(world, field, base),
             None => [0.0, 0.0, world.limits.turning],
@@ -166,8 +266,9 @@ impl Teacher {
 
     /// The viewpoint that shows most for its time; all is forgotten when nothing is left to be seen.
     fn choose(&mut self, world: &World, p: DVec2) {
+        let lengths = world.map.lengths(p);
         let rate = |v: &Viewpoint| {
-            let time = world.map.at(&v.field, p) / world.limits.forwards[1] + LOOK_ROUND;
+            let time = world.map.at(&lengths, v.place) / world.teacher.travel + world.teacher.look_round;
             if time.is_finite() { self.new_from(v) / time } else { 0.0 }
         };
         let rates: Vec<f64> = world.viewpoints.iter().map(rate).collect();
@@ -187,38 +288,97 @@ pub fn turn_to(yaw: f64, direction: DVec2) -> f64 {
     (direction.y.atan2(direction.x) - yaw + PI).rem_euclid(TAU) - PI
 }
 
+/// -1 if turning to the right shows places at some bearings \[rad\] at least `saved` \[rad\] sooner than turning to the left, else 1.
+fn shorter_sense(bearings: &[f64], saved: f64) -> f64 {
+    let sweep = |sense: f64| bearings.iter().map(|b| (sense * b).rem_euclid(TAU)).fold(0.0, f64::max);
+    if sweep(-1.0) < sweep(1.0) - saved { -1.0 } else { 1.0 }
+}
+
 /// Follows a way.
 fn pursue(world: &World, field: &Field, base: &Pose) -> [f64; 3] {
     let p = base.position.truncate();
-    let Some(target) = world.map.ahead(field, p, 0.4) else { return [0.0; 3] };
+    let mut target = DVec2::ZERO;
+    for ahead in world.teacher.ahead {
+        let Some(point) = world.map.ahead(field, p, ahead) else { return [0.0; 3] };
+        target += point / world.teacher.ahead.len() as f64;
+    }
     if target.distance(p) < 0.02 {
         return [0.0; 3];
     }
-    steer(&world.limits, turn_to(base.yaw(), target - p), world.limits.forwards[1])
+    let turn = turn_to(base.yaw(), target - p);
+    // What is about behind is turned to on one side.
+    let turn = if turn < -world.teacher.left[1] { turn + TAU } else { turn };
+    steer(world, turn, world.limits.forwards[1], world.teacher.bends)
 }
 
 /// Turns towards a direction, and goes once it is about ahead.
-fn steer(limits: &Limits, turn: f64, speed: f64) -> [f64; 3] {
-    // Full speed within 20 degrees, none beyond 50: corners are not cut.
-    let ahead = ((turn.cos() - 0.64) / 0.3).clamp(0.0, 1.0);
+fn steer(world: &World, turn: f64, speed: f64, [full, none]: [f64; 2]) -> [f64; 3] {
+    let limits = &world.limits;
+    let ahead = ((turn.cos() - none) / (full - none)).clamp(0.0, 1.0);
     [speed * ahead, 0.0, (2.0 * turn).clamp(-limits.turning, limits.turning)]
 }
 
 /// Follows the way to the cone, and stands before it.
 fn approach(world: &World, field: &Field, base: &Pose, goal: &Cone) -> [f64; 3] {
-    let to = goal.axis() - base.position.truncate();
-    if to.length() > world.rig.head + 0.7 {
+    let p = base.position.truncate();
+    let to = goal.axis() - p;
+    let straight = (1..=8).all(|k| world.map.room(p.lerp(goal.axis(), f64::from(k) / 8.0)) > world.teacher.margin);
+    if to.length() > world.rig.head + world.teacher.near || (to.length() > world.rig.head + 0.3 && !straight) {
         return pursue(world, field, base);
     }
     let turn = turn_to(base.yaw(), to);
-    let left = world.rig.head(base).distance(goal.axis()) - STAND_OFF;
-    let limits = &world.limits;
+    let left = world.rig.head(base).distance(goal.axis()) - world.teacher.stand_off;
+    let (limits, rate) = (&world.limits, world.teacher.approach);
     // Close to it and turned away: back off rather than push it with the shoulder.
     if to.length() < world.rig.head + 0.15 {
-        let back = if turn.abs() > 0.5 { -0.2 } else { (1.0 * left).clamp(limits.forwards[0], 0.1) };
+        let back = if turn.abs() > 0.5 { -0.2 } else { (rate * left).clamp(limits.forwards[0], 0.1) };
         return [back, 0.0, (2.0 * turn).clamp(-limits.turning, limits.turning)];
     }
-    let speed = (1.0 * left).clamp(limits.forwards[0], limits.forwards[1]);
-    let wanted = steer(limits, turn, speed.max(0.0));
+    let speed = (rate * left).clamp(limits.forwards[0], world.teacher.near_speed);
+    let wanted = steer(world, turn, speed.max(0.0), world.teacher.near_bends);
     if left < 0.03 { [speed.min(0.0), 0.0, wanted[2]] } else { wanted }
+}
+
+/// Radius of a cone's foot, about \[m\].
+const FOOT: f64 = 0.08;
+
+/// Changes a command so that head, middle and tail get away from what blocks: none of them gets nearer than it should, and each is pushed
+/// off with a speed that grows as its room shrinks.
+fn keep_away(world: &World, base: &Pose, cones: &[DVec2], command: [f64; 3]) -> [f64; 3] {
+    let (TeacherSettings { margin, push, .. }, map) = (world.teacher, &world.map);
+    let heading = DVec2::from_angle(base.yaw());
+    let p = base.position.truncate();
+    let [mut ahead, mut aside, mut turning] = command;
+    for along in [world.rig.head, 0.0, -TAIL] {
+        let q = p + along * heading;
+        let cone = cones.iter().copied().min_by(|a, b| a.distance(q).total_cmp(&b.distance(q)));
+        let from_cone = cone.map_or(f64::INFINITY, |c| c.distance(q) - FOOT);
+        let room = map.room(q).min(from_cone);
+        if room >= margin {
+            continue;
+        }
+        // Away from what blocks, in base axes.
+        let out = cone.filter(|_| from_cone == room).map_or_else(|| map.away(q), |c| (q - c).normalize_or_zero());
+        let out = DVec2::new(out.dot(heading), out.dot(heading.perp()));
+        let share = (margin - room) / margin;
+        let speed = DVec2::new(ahead, aside + turning * along).dot(out);
+        // At least this speed away from it; its lack is made up along `out`, sideways by turning where there is a lever.
+        let lack = share * push - speed;
+        if lack > 0.0 {
+            ahead += lack * out.x;
+            let sideways = lack * out.y;
+            if along == 0.0 {
+                aside += sideways;
+            } else {
+                aside += 0.5 * sideways;
+                turning += 0.5 * sideways / along;
+            }
+        }
+    }
+    let limits = &world.limits;
+    [
+        ahead.clamp(limits.forwards[0], limits.forwards[1]),
+        aside.clamp(-limits.sideways, limits.sideways),
+        turning.clamp(-limits.turning, limits.turning),
+    ]
 }

@@ -16,8 +16,8 @@ import json, sys
 import numpy as np, onnxruntime
 session = onnxruntime.InferenceSession(sys.argv[1], providers=['CPUExecutionProvider'])
 frames = np.fromfile(sys.argv[2], np.uint8).reshape(-1, 1, 480, 640, 3)
-states = np.fromfile(sys.argv[3], np.float32).reshape(-1, 1, 12)
-memory, rows = np.zeros((1, 128), np.float32), []
+states = np.fromfile(sys.argv[3], np.float32).reshape(-1, 1, 8)
+memory, rows = np.zeros((1, 192), np.float32), []
 for frame, state in zip(frames, states):
     command, shares, cone, memory = session.run(['command', 'shares', 'cone', 'next_memory'], dict(frame=frame, state=state, memory=memory))
     rows.append([*command[0].tolist(), *shares[0].tolist(), *cone[0].tolist()])

@@ -1,29 +1,35 @@
-//! `qv navigate`: a network learns from pictures of a place to reach a cone in it, and is tested.
+//! `qv navigate`: a network learns from pictures of a place to reach a cone in it, is tested, and its results become a page.
+
+mod page;
 
 use crate::progress::{Stages, remark};
 use crate::scene::{about, open_scene};
 use crate::whole::write_whole;
 use crate::{Failure, Outcome, say};
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use image::ImageEncoder as _;
+use page::{FromAbove, Results, Strip, Tested};
 use qv_nav::dagger::{Student, TrainSettings};
 use qv_nav::eye::SplatEye;
 use qv_nav::legs::Follower;
 use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
-use qv_nav::net::Net;
+use qv_nav::net::{HEIGHT as ROWS, Net, WIDTH as COLUMNS};
 use qv_nav::pilots::{BlobPilot, NetPilot, TeacherPilot};
-use qv_nav::roll::{Pilot, Stage, roll};
+use qv_nav::roll::{Pilot, Record, Stage, roll};
 use qv_nav::score::{Row, compared};
 use qv_nav::sight::Rig;
-use qv_nav::task::{End, Episode, EpisodeSettings, Limits, Trial};
+use qv_nav::task::{End, Episode, EpisodeSettings, Limits, PERIOD, Trial};
 use qv_nav::teacher::World;
 use qv_nav::{onnx, weights};
 use qv_open::ground::mesh_at;
-use serde_json::json;
 use std::fs;
 use std::path::PathBuf;
 
 pub const EXAMPLE: &str = "Example:\n  qv navigate train --scene out/policy.ply --mesh out/mesh.glb --out out/nav\n  \
-    qv navigate test out/nav/weights.bin --scene out/policy.ply --mesh out/mesh.glb --out out/nav/results.json\n\n\
+    qv navigate test out/nav/weights.bin --scene out/policy.ply --mesh out/mesh.glb --out out/nav/results.json\n  \
+    qv navigate page out/nav/results.json --out out/nav/index.html\n\n\
     The scene should be small (qv reconstruct --downscale 4 --cap 20000), in metres, z up, in the mesh's frame. Legs are a\n\
     follower of velocities without physics. docs/navigation.md tells the rest.\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage.";
@@ -43,6 +49,17 @@ enum Command {
     Train(Train),
     /// Tests weights on drawn episodes, beside the teacher and a follower of coloured blobs: writes results as JSON
     Test(Test),
+    /// Makes one HTML file of the results of a test: shares, causes of failure, ways from above, what the policy saw
+    Page(ToPage),
+}
+
+#[derive(clap::Args)]
+struct ToPage {
+    /// results.json of `qv navigate test`
+    results: PathBuf,
+    /// File for the page
+    #[arg(long, value_name = "FILE.html")]
+    out: PathBuf,
 }
 
 /// The place.
@@ -110,6 +127,7 @@ impl Navigate {
         match &self.command {
             Command::Train(command) => command.execute(),
             Command::Test(command) => command.execute(),
+            Command::Page(command) => command.execute(),
         }
     }
 }
@@ -151,7 +169,7 @@ impl Train {
         let file = onnx::to_bytes(&student.net, &student.parameters, &world.limits)?;
         write_whole(&self.out.join("policy.onnx"), &file)?;
         if self.json {
-            let line = json!({
+            let line = serde_json::json!({
                 "format": "qv-navigate-train/1", "decisions": student.frames(), "rounds": self.rounds, "out": self.out,
             });
             say(&format!("{line}\n"))?;
@@ -172,27 +190,82 @@ impl Test {
         let episodes = EpisodeSettings::default().draw(&world, self.episodes, self.place.seed)?;
         let count = episodes.len().clamp(1, 64);
         let limits = world.limits;
-        let policy = trials(&stage, &episodes, &mut NetPilot::new(&net, &parameters, count), count)?;
+        let (policy, strips) = seen(&stage, &episodes, &mut NetPilot::new(&net, &parameters, count), count)?;
         let teacher = trials(&stage, &episodes, &mut TeacherPilot { limits }, count)?;
         let blob = trials(&stage, &episodes, &mut BlobPilot { limits }, count)?;
         let mut rows = Vec::new();
         for (name, trials) in [("policy", &policy), ("teacher", &teacher), ("blob", &blob)] {
             let row = Row::of(trials);
+            let p_against_policy = compared(&policy, trials);
             if !self.json {
-                say(&line(name, &row, compared(&policy, trials)))?;
+                say(&line(name, &row, p_against_policy))?;
             }
-            rows.push(
-                json!({"name": name, "row": row, "p_against_policy": compared(&policy, trials), "trials": trials}),
-            );
+            rows.push(Tested { name: name.into(), row, p_against_policy, trials: trials.clone() });
         }
-        let results = json!({"legs": "velocity follower without physics", "eye": "splat", "seed": self.place.seed,
-            "episodes": episodes, "rows": rows});
+        let spacing = MapSettings::default().spacing;
+        let bounds = world.map.bounds().map(|p| p.to_array());
+        let results = Results {
+            legs: "velocity follower without physics".into(),
+            eye: "splat".into(),
+            seed: self.place.seed,
+            episodes,
+            rows,
+            place: FromAbove { bounds, spacing, closed: world.map.closed_rows() },
+            strips,
+        };
         write_whole(&self.out, &serde_json::to_vec(&results)?)?;
         if self.json {
-            say(&format!("{results}\n"))?;
+            say(&format!("{}\n", serde_json::to_string(&results)?))?;
         }
         Ok(Outcome::Done)
     }
+}
+
+impl ToPage {
+    fn execute(&self) -> Result<Outcome, Failure> {
+        let bytes = fs::read(&self.results).map_err(|e| about(&self.results, e))?;
+        let results: Results = serde_json::from_slice(&bytes)
+            .map_err(|e| about(&self.results, format!("expected results of `qv navigate test`, found {e}")))?;
+        write_whole(&self.out, page::to_html(&results).as_bytes())?;
+        Ok(Outcome::Done)
+    }
+}
+
+/// Episodes of which the policy's pictures are kept, and pictures of each.
+const STRIPS: usize = 12;
+const PICTURES: usize = 10;
+
+/// The trials of the policy, and what it saw in the first episodes.
+fn seen(
+    stage: &Stage,
+    episodes: &[Episode],
+    pilot: &mut dyn Pilot,
+    count: usize,
+) -> Result<(Vec<Trial>, Vec<Strip>), Failure> {
+    let mut legs = Follower::new(&stage.world.map, count, HEIGHT);
+    let rolled = roll(stage, &mut legs, episodes, pilot, |k| k < STRIPS, &mut |_| {})?;
+    let kept = rolled.iter().enumerate().filter(|(_, (_, record))| !record.is_empty());
+    let strips = kept.map(|(episode, (_, record))| strip(episode, record)).collect::<Result<_, Failure>>()?;
+    Ok((rolled.into_iter().map(|(trial, _)| trial).collect(), strips))
+}
+
+/// Pictures at equal times, side by side.
+fn strip(episode: usize, record: &Record) -> Result<Strip, Failure> {
+    let last = record.len() - 1;
+    let count = PICTURES.min(record.len());
+    let steps: Vec<usize> = (0..count).map(|k| k * last / (count - 1).max(1)).collect();
+    let size = 3 * COLUMNS * ROWS;
+    let mut rgb = Vec::with_capacity(count * size);
+    for row in 0..ROWS {
+        for step in &steps {
+            rgb.extend_from_slice(&record.pictures[step * size + row * 3 * COLUMNS..][..3 * COLUMNS]);
+        }
+    }
+    let mut png = Vec::new();
+    let (width, height) = ((count * COLUMNS) as u32, ROWS as u32);
+    image::codecs::png::PngEncoder::new(&mut png).write_image(&rgb, width, height, image::ExtendedColorType::Rgb8)?;
+    let times = steps.iter().map(|step| *step as f64 * PERIOD).collect();
+    Ok(Strip { episode, times, png: STANDARD.encode(png) })
 }
 
 fn trials(stage: &Stage, episodes: &[Episode], pilot: &mut dyn Pilot, count: usize) -> Result<Vec<Trial>, Failure> {
@@ -219,6 +292,20 @@ fn line(name: &str, row: &Row, p: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_strip_shows_first_and_last_picture() {
+        let mut record = Record::default();
+        for step in 0..31u8 {
+            record.pictures.extend(std::iter::repeat_n(step, 3 * COLUMNS * ROWS));
+            record.commands.push([0.0; 3]);
+        }
+        let strip = strip(4, &record).unwrap();
+        assert_eq!((strip.episode, strip.times.len(), strip.times[0], strip.times[9]), (4, 10, 0.0, 6.0));
+        let image = image::load_from_memory(&STANDARD.decode(strip.png).unwrap()).unwrap().to_rgb8();
+        assert_eq!((image.width(), image.height()), (800, 60));
+        assert_eq!((image.get_pixel(79, 59).0, image.get_pixel(799, 0).0), ([0; 3], [30; 3]));
+    }
 
     #[test]
     fn cameras_and_lines() {

@@ -32,6 +32,13 @@ pub struct GruTape {
     of_state_gates: Vec<f32>,
 }
 
+/// Weights of a [`Gru`] by output, which the way back reads: made anew after each step of the optimiser.
+#[derive(Debug, Clone)]
+pub struct GruTurned {
+    from_input: Vec<f32>,
+    from_state: Vec<f32>,
+}
+
 impl Gru {
     /// A unit for `inputs` numbers with a state of `hidden`, whose numbers begin at `start` of a flat array.
     pub fn new(inputs: usize, hidden: usize, start: usize) -> Self {
@@ -99,11 +106,21 @@ impl Gru {
         }
     }
 
+    /// The weights as [`Gru::backward`] reads them.
+    pub fn turned(&self, parameters: &[f32]) -> GruTurned {
+        let turned = |layer: &Dense| {
+            let mut turned = vec![0.0; padded(layer.inputs) * layer.outputs];
+            layer.turn(parameters, &mut turned);
+            turned
+        };
+        GruTurned { from_input: turned(&self.from_input), from_state: turned(&self.from_state) }
+    }
+
     /// One step back. `of_state` is the gradient of the state after the step and becomes that of the state before, `before`; the
     /// gradient of the input is written to `of_input` (padded rows), that of the parameters is added.
     pub fn backward(
         &self,
-        parameters: &[f32],
+        turned: &GruTurned,
         rows: usize,
         (input, before): (&[f32], &[f32]),
         tape: &mut GruTape,
@@ -130,14 +147,9 @@ impl Gru {
         }
         self.from_input.gradient(rows, input, &tape.of_input_gates, gradient);
         self.from_state.gradient(rows, before, &tape.of_state_gates, gradient);
-        let turned = |layer: &Dense| {
-            let mut turned = vec![0.0; padded(layer.inputs) * layer.outputs];
-            layer.turn(parameters, &mut turned);
-            turned
-        };
-        self.from_input.back(rows, &turned(&self.from_input), &tape.of_input_gates, of_input);
+        self.from_input.back(rows, &turned.from_input, &tape.of_input_gates, of_input);
         let mut through = vec![0.0; rows * width];
-        self.from_state.back(rows, &turned(&self.from_state), &tape.of_state_gates, &mut through);
+        self.from_state.back(rows, &turned.from_state, &tape.of_state_gates, &mut through);
         of_state.iter_mut().zip(through).for_each(|(sum, x)| *sum += x);
     }
 }
@@ -209,10 +221,11 @@ mod tests {
         let mut of_state = vec![0.0; rows * width];
         (0..rows).for_each(|row| of_state[row * width..][..7].copy_from_slice(&weight));
         let (mut gradient, mut of_input) = (vec![0.0; unit.len()], vec![0.0; rows * padded(5)]);
+        let turned = unit.turned(&parameters);
         for step in (0..steps).rev() {
             let (input, before) = (flat(step), states[step].clone());
             let tape = &mut tapes[step];
-            unit.backward(&parameters, rows, (&input, &before), tape, &mut of_state, &mut of_input, &mut gradient);
+            unit.backward(&turned, rows, (&input, &before), tape, &mut of_state, &mut of_input, &mut gradient);
         }
         for (layer, i) in [(&unit.from_input, 2), (&unit.from_state, 3)] {
             for o in [1, width + 4, 2 * width + 6] {

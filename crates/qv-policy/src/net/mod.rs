@@ -10,7 +10,7 @@ mod simd;
 
 pub(crate) use elementwise::{AdamStep, adam};
 pub use elementwise::{elu, elu_back, sigmoid, tanh};
-pub use gru::{Gru, GruTape};
+pub use gru::{Gru, GruTape, GruTurned};
 
 use product::{Strided, add_product};
 use qv_core::random::Xoshiro256PlusPlus;
@@ -98,8 +98,16 @@ impl Dense {
     /// Fills `turned` with the weights as `[padded outputs][padded inputs]`.
     pub fn turn(&self, parameters: &[f32], turned: &mut [f32]) {
         let (rows, columns) = (padded(self.inputs), padded(self.outputs));
-        for (i, row) in parameters[self.start..][..rows * columns].chunks_exact(columns).enumerate() {
-            row.iter().enumerate().for_each(|(o, &weight)| turned[o * rows + i] = weight);
+        let weights = &parameters[self.start..][..rows * columns];
+        // By squares, so that both sides stay in the processor's cache; rows and columns are multiples of the side.
+        for (i0, o0) in
+            (0..rows).step_by(simd::WIDTH).flat_map(|i| (0..columns).step_by(simd::WIDTH).map(move |o| (i, o)))
+        {
+            for o in o0..o0 + simd::WIDTH {
+                for i in i0..i0 + simd::WIDTH {
+                    turned[o * rows + i] = weights[i * columns + o];
+                }
+            }
         }
     }
 }

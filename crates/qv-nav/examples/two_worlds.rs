@@ -1,0 +1,111 @@
+//! A student of `learn_in_the_yard` in two worlds, on the same episodes: eye (sown Gaussians, or the yard's ray caster) by legs (those it was
+//! trained on, or weaker, later and slipping ones): `two_worlds WEIGHTS.bin [EPISODES] [RESULTS.json]`.
+
+use qv_nav::eye::{BlindEye, Eye, FnEye, LINEAR, Shot, SplatEye};
+use qv_nav::legs::{Effects, Follower};
+use qv_nav::lens::LensSpread;
+use qv_nav::map::{Map, MapSettings};
+use qv_nav::net::Net;
+use qv_nav::pilots::{BlobPilot, NetPilot, TeacherPilot};
+use qv_nav::roll::{Pilot, Stage, roll};
+use qv_nav::score::{Row, compared};
+use qv_nav::sight::Rig;
+use qv_nav::task::{End, Episode, EpisodeSettings, Limits, Trial};
+use qv_nav::teacher::World;
+use qv_nav::weights;
+use std::path::PathBuf;
+use std::time::Instant;
+use yard::layout::mesh_with;
+use yard::objects::CRATES;
+use yard::{Things, Yard, objects, sow};
+
+/// As in `learn_in_the_yard`.
+const HEIGHT: f64 = 0.3;
+const SOWN: f64 = 0.06;
+const TESTED: u64 = 777;
+/// Robots at once.
+const ROBOTS: usize = 50;
+
+type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
+
+/// What the yard's ray caster shows, 0 to 1, without noise.
+fn cast(yard: &Yard, shot: &Shot) -> Vec<f32> {
+    let cone = |c: &qv_nav::sight::Cone| objects::Cone {
+        place: c.place.into(),
+        height: c.height,
+        radius: c.radius(),
+        colour: LINEAR[c.colour],
+    };
+    let cones: Vec<_> = shot.cones.iter().map(cone).collect();
+    let bytes = yard.photo_from(&shot.camera, &Things::new(&cones), [1.0; 3], 0.0, 0);
+    bytes.into_iter().map(|b| f32::from(b) / 255.0).collect()
+}
+
+struct Bench<'a> {
+    world: &'a World,
+    episodes: Vec<Episode>,
+    rows: Vec<(String, Vec<Trial>)>,
+}
+
+impl Bench<'_> {
+    fn row(&mut self, name: &str, eye: &dyn Eye, effects: Effects, pilot: &mut dyn Pilot) -> Fallible<()> {
+        let (stage, clock) = (Stage { world: self.world, eye, spread: LensSpread::wide() }, Instant::now());
+        let mut legs = Follower::with_effects(&self.world.map, ROBOTS, HEIGHT, effects)?;
+        let rolled = roll(&stage, &mut legs, &self.episodes, pilot, |_| false, &mut |_| {})?;
+        let trials: Vec<Trial> = rolled.into_iter().map(|(trial, _)| trial).collect();
+        let row = Row::of(&trials);
+        let [low, high] = row.interval.map(|x| 100.0 * x);
+        let p = self.rows.first().map_or(1.0, |(_, first)| compared(first, &trials));
+        let ends: Vec<String> =
+            End::ALL.iter().zip(row.ends).skip(1).map(|(end, n)| format!("{} {n}", end.name())).collect();
+        println!(
+            "{name}: {:.1} % ({low:.1} to {high:.1}), SPL {:.2}, {:.1} s, p = {p:.4}; {}; took {:.0} s",
+            100.0 * row.success,
+            row.spl,
+            row.time.unwrap_or(f64::NAN),
+            ends.join(", "),
+            clock.elapsed().as_secs_f64()
+        );
+        self.rows.push((name.into(), trials));
+        Ok(())
+    }
+}
+
+fn main() -> Fallible<()> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let file = arguments.first().ok_or("expected WEIGHTS.bin [EPISODES] [RESULTS.json]")?;
+    let count = arguments.get(1).map_or(Ok(200), |a| a.parse())?;
+    let net = Net::default();
+    let parameters = weights::from_bytes(&std::fs::read(file)?, &net)?;
+    let map = Map::new(&mesh_with(&CRATES), &MapSettings::default())?;
+    let world = World::new(map, Rig::default(), Limits::default());
+    let yard = Yard::with_crates(&CRATES, Vec::new(), 1);
+    let splat = SplatEye::new(&sow::cloud(&yard, SOWN));
+    let rays = FnEye(|shot: &Shot| cast(&yard, shot));
+    let (known, hidden, limits) = (Effects::default(), Effects::hidden(), world.limits);
+    println!("{count} episodes of seed {TESTED}; hidden effects of the legs: {hidden:?}");
+    let episodes = EpisodeSettings::default().draw(&world, count, TESTED)?;
+    let mut bench = Bench { world: &world, episodes, rows: Vec::new() };
+    let student = || NetPilot::new(&net, &parameters, ROBOTS);
+    bench.row("student, sown Gaussians, legs of training", &splat, known, &mut student())?;
+    bench.row("student, sown Gaussians, hidden effects", &splat, hidden, &mut student())?;
+    bench.row("student, ray caster, legs of training", &rays, known, &mut student())?;
+    bench.row("student, ray caster, hidden effects", &rays, hidden, &mut student())?;
+    bench.row("student whose picture is grey", &BlindEye, known, &mut student())?;
+    bench.row("teacher, legs of training", &BlindEye, known, &mut TeacherPilot { limits })?;
+    bench.row("teacher, hidden effects", &BlindEye, hidden, &mut TeacherPilot { limits })?;
+    bench.row("blob follower, sown Gaussians", &splat, known, &mut BlobPilot { limits })?;
+    bench.row("blob follower, ray caster, hidden effects", &rays, hidden, &mut BlobPilot { limits })?;
+    if let Some(out) = arguments.get(2).map(PathBuf::from) {
+        let rows: Vec<_> = bench
+            .rows
+            .iter()
+            .map(|(name, trials)| serde_json::json!({"name": name, "row": Row::of(trials), "trials": trials}))
+            .collect();
+        let results = serde_json::json!({"seed": TESTED, "episodes": bench.episodes, "rows": rows});
+        let part = out.with_extension("part");
+        std::fs::write(&part, serde_json::to_vec(&results)?)?;
+        std::fs::rename(part, out)?;
+    }
+    Ok(())
+}
