@@ -6,8 +6,9 @@ use crate::open::{file_error, lost_from, model_of, open_run, parameters_of, told
 use crate::progress::{Stages, remark};
 use crate::provenance::provenance;
 use crate::scene::open_scene;
+use crate::walk::trial::Tried;
 use crate::whole::put;
-use crate::{Outcome, Reading, RunArguments, say};
+use crate::{Failure, Outcome, Reading, RunArguments, say};
 use qv_camera::{CameraError, EFFECTS, Footage, LookOptions, Photograph, Sight, check, html, join, look};
 use qv_core::statistics::median;
 use qv_core::{GaussianCloud, JointSeries};
@@ -71,6 +72,12 @@ pub struct Diagnose {
     /// Most images that are compared
     #[arg(long, default_value_t = 40, value_name = "N", requires = "scene")]
     images: usize,
+    /// A policy in ONNX that is to walk: falls and tracking in the nominal and in the corrected simulator
+    #[arg(long, value_name = "POLICY.onnx", requires = "policy_description")]
+    policy: Option<PathBuf>,
+    /// What the policy sees and what its actions mean (docs/walking.md)
+    #[arg(long, value_name = "FILE.toml", requires = "policy")]
+    policy_description: Option<PathBuf>,
     /// Seed of the simulated recordings without an effect
     #[arg(long, default_value_t = 1, value_name = "N")]
     seed: u64,
@@ -123,6 +130,10 @@ impl Diagnose {
                 found: ground_error.to_string(),
             });
         }
+        let mut tried = match (&self.policy, &self.policy_description) {
+            (Some(policy), Some(description)) => Some(Tried::open(policy, description, &model).map_err(untold)?),
+            _ => None,
+        };
         // Before minutes are spent on what could not be written.
         fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let bar = Stages::new();
@@ -158,7 +169,17 @@ impl Diagnose {
         let told = told_of(&runs[0], &model);
         let notes = told.iter().chain(&lost).cloned().collect();
         let robot = Robot::new(&runs[0], model.clone(), urdf, notes);
-        let sections: Vec<String> = seen.iter().map(|(_, sight)| html::section(sight)).collect();
+        let mut sections: Vec<String> = seen.iter().map(|(_, sight)| html::section(sight)).collect();
+        let trial = match &mut tried {
+            Some(tried) => Some(tried.trial(&model, &terrain, &diagnosis.report.corrections).map_err(untold)?),
+            None => None,
+        };
+        if let Some(trial) = &trial {
+            sections.push(trial.section());
+            let path = self.out.join("policy.json");
+            let text = serde_json::to_string(trial).expect("a trial is plain data");
+            put(&path, text + "\n").map_err(|e| write_error(&path, &e))?;
+        }
         self.write(&self.out, &diagnosis.report, &diagnosis.evidence, &sections, &robot)?;
         for (effect, report, evidence) in &diagnosis.without {
             self.write(&self.out.join("without").join(effect), report, evidence, &[], &robot)?;
@@ -172,7 +193,8 @@ impl Diagnose {
             let line = serde_json::to_value(report).expect("a report is plain data");
             say(&format!("{line}\n"))?;
         } else {
-            say(&format!("{}written to {}\n", summary(report), self.out.display()))?;
+            let walks = trial.iter().map(|t| t.sentence() + "\n").collect::<String>();
+            say(&format!("{}{walks}written to {}\n", summary(report), self.out.display()))?;
         }
         told.iter().for_each(|what| remark(what));
         lost.iter().for_each(|what| eprintln!("qv: {what}"));
@@ -261,6 +283,12 @@ impl Diagnose {
         }
         Ok(())
     }
+}
+
+/// A policy's error as one of the run.
+fn untold(error: Failure) -> ReplayError {
+    let (what, expected) = ("--policy".into(), "a policy that the simulator can roll".into());
+    ReplayError::Run { what, expected, found: error.to_string() }
 }
 
 /// What the camera is judged with.

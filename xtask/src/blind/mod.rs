@@ -64,6 +64,9 @@ pub struct Blind {
     /// What makes the recordings: all three for the full set, rapier for the small one
     #[arg(long, value_enum, value_delimiter = ',', value_name = "NAMES")]
     origins: Vec<Origin>,
+    /// The arms alone, all effects: the same as --full --origins arms
+    #[arg(long, conflicts_with_all = ["origins", "subset", "contact"])]
+    arms: bool,
     /// Engine of those of rapier's generator
     #[arg(long, default_value = "second", value_parser = ["second", "ours", "both"])]
     engine: String,
@@ -152,11 +155,12 @@ fn commit(root: &Path) -> String {
 }
 
 fn diagnose_all(workspace: &Workspace, blind: &Blind, folder: &Path) -> Result<Figures> {
-    let mut sets = match blind.full {
+    let mut sets = match blind.full || blind.arms {
         true => Set::full(blind.per_effect.unwrap_or(10)),
         false => Set::subset(blind.per_effect.unwrap_or(1)),
     };
     match (blind.origins.is_empty(), blind.full) {
+        _ if blind.arms => sets.retain(|set| set.origin == Origin::Arms),
         (true, true) => {}
         (true, false) => sets.retain(|set| set.origin == Origin::Rapier),
         (false, _) => sets.retain(|set| blind.origins.contains(&set.origin)),

@@ -4,6 +4,7 @@ mod bars;
 mod causes;
 mod floor_plan;
 mod heat_map;
+mod sizes;
 mod style;
 mod traces;
 pub mod words;
@@ -30,6 +31,7 @@ pub fn to_html(report: &Report, title: &str, notes: &[String], sections: &[Strin
         causes::causes(report, &library),
         leads(&report.leads),
         sentences(report),
+        sizes::sizes(&report.can_tell),
         place(&shown),
         traces::traces(&shown.traces),
         sections.concat(),

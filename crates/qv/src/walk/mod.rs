@@ -13,6 +13,7 @@ mod recording;
 mod roll;
 mod score;
 mod train;
+pub mod trial;
 
 use crate::{Failure, Outcome};
 

@@ -119,7 +119,7 @@ impl Roll {
 }
 
 /// At rest in the description's stand, level, the lowest ball touching the ground.
-fn standing(model: &Model, description: &Description, ground: f64) -> State {
+pub(super) fn standing(model: &Model, description: &Description, ground: f64) -> State {
     let mut q = vec![0.0; model.nq()];
     q[3] = 1.0;
     for (name, angle) in description.joints.iter().zip(&description.stand) {
