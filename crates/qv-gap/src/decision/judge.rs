@@ -51,7 +51,9 @@ impl<'j> Judge<'j> {
             // Nor does a faint push that was looked at: stumbles look like pushes beside any cause.
             let is_stumble =
                 self.is_free && is_event && candidate.log_evidence < sure_event && candidate.share < least_share;
-            if has_evidence && !is_blow && !is_stumble && !self.policy.is_trifle(candidate.size) {
+            // Nor does one of a robot that is held whose size is none that is looked for: it stands in for something else.
+            let is_beyond = !self.is_free && self.is_at_edge(candidate);
+            if has_evidence && !is_blow && !is_stumble && !is_beyond && !self.policy.is_trifle(candidate.size) {
                 break;
             }
         }
@@ -122,8 +124,12 @@ impl<'j> Judge<'j> {
         if self.policy.is_trifle(candidate.size) {
             return Some(format!("a size of {:.1} tolerances", candidate.size));
         }
-        let at_edge = candidate.extent.is_none() && candidate.from_edge < self.policy.edge;
-        at_edge.then(|| "its value lies at the edge of its range".into())
+        self.is_at_edge(candidate).then(|| "its value lies at the edge of its range".into())
+    }
+
+    /// Whether a steady candidate would be larger than what is looked for.
+    fn is_at_edge(&self, candidate: &Candidate) -> bool {
+        candidate.extent.is_none() && candidate.from_edge < self.policy.edge
     }
 
     /// Objections that take windows which no fit has seen.

@@ -256,3 +256,14 @@ fn nothing_steady_is_accused_of_an_arm_that_is_nearer_than_the_null() {
     // A push may be short: it is told all the same.
     assert_ne!(arm(0.71, Some(Extent::Time([1.0, 1.4]))), Verdict::NoGap);
 }
+
+#[test]
+fn a_size_beyond_what_is_looked_for_bars_no_other_cause_of_an_arm() {
+    let mut first = candidate("joint_viscous_friction", 300.0);
+    first.from_edge = -1.0;
+    let mut round = round(vec![first, candidate("motor_gain_kp", 280.0)], &[]);
+    round.is_first = true;
+    let policy = Policy::default();
+    assert_eq!(Judge::new(&policy, &round, false).judge().accused, [1]);
+    assert_eq!(Judge::new(&policy, &round, true).judge().accused, Vec::<usize>::new());
+}
