@@ -95,7 +95,6 @@ fn main() -> Fallible<()> {
     bench.row("teacher, legs of training", &BlindEye, known, &mut TeacherPilot { limits })?;
     bench.row("teacher, hidden effects", &BlindEye, hidden, &mut TeacherPilot { limits })?;
     bench.row("blob follower, sown Gaussians", &splat, known, &mut BlobPilot { limits })?;
-    bench.row("blob follower, ray caster, hidden effects", &rays, hidden, &mut BlobPilot { limits })?;
     if let Some(out) = arguments.get(2).map(PathBuf::from) {
         let rows: Vec<_> = bench
             .rows
