@@ -315,7 +315,7 @@ impl Description {
         if let Some(servo) = servo {
             let names = qv_sim::servos::SERVOS.map(|s| s.name);
             let unknown = |_| {
-                let found = qv_sim::names::unknown("servo", servo, names.into_iter());
+                let found = qv_sim::names::unknown("servo", servo, names);
                 ReplayError::file("run.toml", format!("a servo of {}", names.join(", ")), found)
             };
             let known = qv_sim::servos::servo(servo).map_err(unknown)?;
