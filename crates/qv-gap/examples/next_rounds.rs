@@ -55,7 +55,10 @@ fn record(
     for step in 0..steps {
         let time = step as f64 * options.timestep;
         let target = &commands[((time / interval + 1e-9) as usize).min(commands.len() - 1)];
-        batch.set_command(0, &JointCommand { q: target, dq: &[0.0; 2], kp: &[12.0; 2], kd: &[0.4; 2], tau: &[0.0; 2] })?;
+        batch.set_command(
+            0,
+            &JointCommand { q: target, dq: &[0.0; 2], kp: &[12.0; 2], kd: &[0.4; 2], tau: &[0.0; 2] },
+        )?;
         if step % 10 == 0 {
             let q = batch.state(0)?.q;
             let [a, b] = [0, 1].map(|j| q[j] + random.normal(3e-4));
@@ -111,9 +114,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             100.0 * best.worth.decides
         );
     }
-    println!(
-        "{before} of {rounds} named by the first recording, {after} with the second; foretold {:.1}",
-        foretold
-    );
+    println!("{before} of {rounds} named by the first recording, {after} with the second; foretold {:.1}", foretold);
     Ok(())
 }

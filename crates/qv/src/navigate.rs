@@ -60,6 +60,9 @@ struct ToPage {
     /// File for the page
     #[arg(long, value_name = "FILE.html")]
     out: PathBuf,
+    /// One line of JSON at the end instead of the summary
+    #[arg(long)]
+    json: bool,
 }
 
 /// The place.
@@ -227,6 +230,10 @@ impl ToPage {
         let results: Results = serde_json::from_slice(&bytes)
             .map_err(|e| about(&self.results, format!("expected results of `qv navigate test`, found {e}")))?;
         write_whole(&self.out, page::to_html(&results).as_bytes())?;
+        match self.json {
+            true => say(&format!("{}\n", serde_json::json!({"format": "qv-navigate-page/1", "out": self.out})))?,
+            false => say(&format!("written to {}\n", self.out.display()))?,
+        }
         Ok(Outcome::Done)
     }
 }
