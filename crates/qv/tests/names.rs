@@ -54,8 +54,8 @@ fn misspelt_names_get_the_nearest() {
         assert_eq!(code, 1, "{err}");
         err
     };
-    let err = diagnose(&["--without", "frictoin"]);
-    assert!(err.contains("unknown effect \"frictoin\"; nearest: ground_friction"), "{err}");
+    let err = diagnose(&["--without", "ground_frictoin"]);
+    assert!(err.contains("unknown effect \"ground_frictoin\"; nearest: ground_friction"), "{err}");
     let params = folder.join("params.toml");
     for (name, nearest) in [
         ("actuator.FL_calf_joint.lagg", "actuator.FL_calf_joint.lag"),

@@ -77,8 +77,8 @@ mod tests {
             confusable_with: vec!["actuator_lag".into()],
         };
         let html = sizes(&[one("all", Some(0.005)), one("hip", Some(0.006)), one("knee", None)]);
-        assert_eq!(html.matches("command latency").count(), 1, "{html}");
-        assert!(html.contains("5 ms") && html.contains("6 ms, 1 none") && html.contains("actuator lag"), "{html}");
+        assert_eq!(html.matches("Command latency").count(), 1, "{html}");
+        assert!(html.contains("5 ms") && html.contains("6 ms, 1 none") && html.contains("Actuator lag"), "{html}");
         assert_eq!(sizes(&[]), "");
     }
 }
