@@ -75,7 +75,8 @@ fn a_student_learns_to_reach_cones_that_it_sees() {
     let teacher = reached(&stage, &mut TeacherPilot { limits: world.limits }, 32);
     println!("before {before:?}\nafter {after:?}\nteacher {teacher:?}");
     assert!(teacher.success >= 0.97, "{teacher:?}");
-    assert!(before.success < 0.1 && after.success >= 0.5, "{before:?} {after:?}");
+    // A network that knows nothing says 0: it drifts ahead at 0.2 m/s, which is slow enough to be counted where a cone stands ahead by chance.
+    assert!(before.success < 0.7 && after.success >= 0.85, "{before:?} {after:?}");
 }
 
 #[test]
