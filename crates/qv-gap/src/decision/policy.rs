@@ -142,8 +142,10 @@ pub struct Policy {
     /// Share of the held-out gap from which on causes are told up to that level, too: robots that stumble leave as much without an
     /// effect.
     pub mostly_closed: f64,
-    /// Level up to which a push is told of an arm that nothing else explains.
+    /// Level up to which a push is told of an arm that nothing else explains,
     pub quiet_enough: f64,
+    /// or share of the excess that pushes take at least: most of what is wrong is theirs then. Pushes of an arm without a gap need it, too.
+    pub pushes_take: f64,
     /// Share of the held-out gap from which on it counts as explained.
     pub mostly: f64,
     /// Nats in which evidence counts one step in the ranking: an odds ratio beyond any doubt about the model itself means nothing.
@@ -214,6 +216,7 @@ impl Default for Policy {
             unexplained_beside: 2.0,
             mostly_closed: 0.8,
             quiet_enough: 4.0,
+            pushes_take: 0.5,
             mostly: 0.5,
             nats: 10.0,
         }

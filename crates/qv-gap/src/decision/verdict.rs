@@ -138,6 +138,10 @@ impl Case<'_> {
         if is_doubted {
             return Verdict::Unexplained;
         }
+        let is_faint = |taken: f64| taken < self.policy.pushes_take && level.ratio < self.policy.no_gap;
+        if self.taken_by_pushes().is_some_and(is_faint) {
+            return Verdict::NoGap;
+        }
         let actuators_agree = !is_free || actuator_left(self.policy, actuator_residuals, &[]).is_none();
         let suspicious = |round: &Round| Judge::new(self.policy, round, *is_free).is_suspicious();
         let is_suspicious = *is_free && rounds.first().is_some_and(suspicious);
@@ -149,13 +153,22 @@ impl Case<'_> {
         }
     }
 
+    /// Share of the excess that pushes of a robot that is held take; `None` where something else is accused, or nothing.
+    fn taken_by_pushes(&self) -> Option<f64> {
+        let mut all = self.accused().peekable();
+        let are_pushes = !self.evidence.is_free && all.peek().is_some() && all.all(|c| c.time().is_some());
+        let before = self.evidence.level.ratio;
+        are_pushes.then(|| (before - self.level().ratio) / (before - 1.0).max(f64::MIN_POSITIVE))
+    }
+
     /// Several effects can be there and one unknown: what was found stays only if it took nearly all of the excess. What
     /// pushed an arm at one time is told whatever the arm lacks at all others.
     fn partly(&self) -> Verdict {
         let policy = self.policy;
         let now = self.level().ratio;
-        if !self.evidence.is_free && self.accused().all(|c| c.time().is_some()) {
-            return if now < policy.quiet_enough { Verdict::PartlyExplained } else { Verdict::Unexplained };
+        if let Some(taken) = self.taken_by_pushes() {
+            let is_told = now < policy.quiet_enough || taken >= policy.pushes_take;
+            return if is_told { Verdict::PartlyExplained } else { Verdict::Unexplained };
         }
         let (before, after) = (self.evidence.level.ratio - 1.0, now - 1.0);
         let nearly_all = after < policy.nearly_all * before && now < policy.unexplained_beside;
