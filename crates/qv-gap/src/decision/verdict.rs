@@ -120,8 +120,8 @@ impl Case<'_> {
     fn beyond_null(&self, is_doubted: bool) -> Verdict {
         let verdict = self.by_level(is_doubted);
         // Nothing but its motors moves a robot that is held, and replicates without an effect are farther from the simulator than it is.
-        let is_steady = self.accused().all(|c| c.extent.is_none());
-        if !self.evidence.is_free && is_steady && self.evidence.level.ratio < 1.0 {
+        let are_pushes = self.taken_by_pushes().is_some();
+        if !self.evidence.is_free && !are_pushes && self.evidence.level.ratio < 1.0 {
             return Verdict::NoGap;
         }
         let closed = self.evidence.corrected.as_ref().map_or(0.0, |c| c.closed.share);

@@ -63,7 +63,9 @@ pub fn cannot_show(study: &LinearisedProblem, run: &Run, library: &[Effect]) -> 
 
 fn lacking<'l>(study: &LinearisedProblem, library: &'l [Effect]) -> Vec<&'l str> {
     let has = |e: &&Effect| study.columns.effects.iter().any(|s| s.name == e.name);
-    library.iter().filter(|e| !has(e)).map(|e| e.name.as_str()).collect()
+    // What is looked for in other robots alone is no lack of this recording.
+    let is_sought = |e: &&Effect| !(study.problem.free && e.held_only);
+    library.iter().filter(|e| is_sought(e) && !has(e)).map(|e| e.name.as_str()).collect()
 }
 
 /// Effects with too little excitation. What has no channel of its own lacks none.
