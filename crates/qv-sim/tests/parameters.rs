@@ -61,6 +61,13 @@ const STICKY: [(&str, f64); 4] = [
     ("joint.right_hip.stribeck_friction", 0.5),
     ("joint.right_knee.stribeck_friction", 0.5),
 ];
+/// So hard that motors are driven back.
+const PUSHED: [(&str, f64); 4] = [
+    ("joint.left_hip.external_torque", -12.0),
+    ("joint.left_knee.external_torque", 12.0),
+    ("joint.right_hip.external_torque", 12.0),
+    ("joint.right_knee.external_torque", -12.0),
+];
 const SPRUNG: [(&str, f64); 4] = [
     ("joint.left_hip.spring_stiffness", 3.0),
     ("joint.left_knee.spring_stiffness", 3.0),
@@ -85,6 +92,7 @@ fn companions(name: &str) -> &'static [(&'static str, f64)] {
         ],
         "external.start" | "external.duration" => &[("external.force_x", 10.0)],
         name if name.ends_with("stribeck_speed") || name.ends_with("stribeck_exponent") => &STICKY,
+        name if name.ends_with(".quadratic_load_friction_motor") => &PUSHED,
         name if name.ends_with("spring_rest") || name.ends_with("spring_slack") => &SPRUNG,
         name if name.ends_with("speed_knee") || name.ends_with("speed_zero") => &TIGHT,
         name if name.ends_with("payload_x") || name.ends_with("payload_y") || name.ends_with("payload_z") => {

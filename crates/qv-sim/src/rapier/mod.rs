@@ -300,6 +300,8 @@ fn lacking(slot: Slot) -> Option<&'static str> {
             let of_servo = matches!(
                 field,
                 StribeckFriction
+                    | StribeckSpeed
+                    | StribeckExponent
                     | LoadMotor
                     | LoadExternal
                     | StribeckLoadMotor
@@ -308,7 +310,7 @@ fn lacking(slot: Slot) -> Option<&'static str> {
                     | QuadraticLoadExternal
                     | QuadraticDrag
             );
-            let beside = matches!(field, ConstantTorque | SpringStiffness);
+            let beside = matches!(field, ConstantTorque | SpringStiffness | SpringRest | SpringSlack);
             of_servo
                 .then_some("joints without friction of geared servos")
                 .or(beside.then_some("joints without springs and constant torques"))
