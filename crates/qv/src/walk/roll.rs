@@ -43,19 +43,9 @@ pub struct Roll {
 
 impl Roll {
     pub fn execute(&self) -> Result<Outcome, Failure> {
-        let read = |path: &Path, expected: &str| fs::read(path).map_err(|e| file_error(path, expected, &e.to_string()));
-        let expected = "a description of a policy";
-        let text = String::from_utf8_lossy(&read(&self.description, expected)?).into_owned();
-        let description =
-            Description::from_toml(&text).map_err(|e| file_error(&self.description, expected, &e.to_string()))?;
-        let bytes = read(&self.policy, "a policy in ONNX")?;
-        let mut policy =
-            OnnxPolicy::from_bytes(&bytes).map_err(|e| file_error(&self.policy, "a policy in ONNX", &e.to_string()))?;
+        let (mut policy, description) = opened(&self.policy, &self.description)?;
         let model = self.model()?;
-        if let Some(unknown) = description.joints.iter().find(|joint| model.joint_index(joint).is_none()) {
-            let expected = format!("joints of {}: {}", model.name, model.joint_names().join(", "));
-            return Err(file_error(&self.description, &expected, unknown).into());
-        }
+        check_joints(&description, &self.description, &model)?;
         let terrain = terrain_of(&self.terrain)?;
         let terrain =
             if terrain.is_plane() { terrain.with_friction(description.simulation.friction)? } else { terrain };
@@ -81,7 +71,7 @@ impl Roll {
             write_whole(&out.join("roll.json"), format!("{json}\n").as_bytes())?;
         }
         let end = rolled.base.last().ok_or("expected a sample after the start, found none")?;
-        let up = 1.0 - 2.0 * (end[4] * end[4] + end[5] * end[5]);
+        let up = upright(end);
         if self.json {
             let line = serde_json::json!({
                 "format": "qv-walk-roll/1", "policy": description.name, "seconds": self.seconds, "position": end[..3],
@@ -116,6 +106,31 @@ impl Roll {
         let beside = path.parent().unwrap_or(Path::new(""));
         Ok(read_model(&urdf, beside, &options).map_err(|e| file_error(path, "a robot", &e.to_string()))?)
     }
+}
+
+/// Cosine of the lean of a base x, y, z, w, x, y, z.
+pub(super) fn upright(base: &[f64; 7]) -> f64 {
+    1.0 - 2.0 * (base[4] * base[4] + base[5] * base[5])
+}
+
+/// A policy in ONNX, and what it sees.
+pub(super) fn opened(policy: &Path, description: &Path) -> Result<(OnnxPolicy, Description), Failure> {
+    let read = |path: &Path, expected: &str| fs::read(path).map_err(|e| file_error(path, expected, &e.to_string()));
+    let expected = "a description of a policy";
+    let text = String::from_utf8_lossy(&read(description, expected)?).into_owned();
+    let found = Description::from_toml(&text).map_err(|e| file_error(description, expected, &e.to_string()))?;
+    let bytes = read(policy, "a policy in ONNX")?;
+    let policy = OnnxPolicy::from_bytes(&bytes).map_err(|e| file_error(policy, "a policy in ONNX", &e.to_string()))?;
+    Ok((policy, found))
+}
+
+/// That all joints of a description, of the file `path`, are the model's.
+pub(super) fn check_joints(description: &Description, path: &Path, model: &Model) -> Result<(), Failure> {
+    let Some(unknown) = description.joints.iter().find(|joint| model.joint_index(joint).is_none()) else {
+        return Ok(());
+    };
+    let expected = format!("joints of {}: {}", model.name, model.joint_names().join(", "));
+    Err(file_error(path, &expected, unknown).into())
 }
 
 /// At rest in the description's stand, level, the lowest ball touching the ground.

@@ -1,8 +1,9 @@
 //! Whether a policy walks in a corrected simulator: falls and tracking on fixed commands, before and after.
 
-use super::roll::standing;
+use super::roll::{check_joints, opened, standing, upright};
 use crate::Failure;
-use crate::open::file_error;
+use glam::{DQuat, DVec3};
+use qv_core::Pose;
 use qv_gap::report::Correction;
 use qv_page::escape;
 use qv_policy::onnx::OnnxPolicy;
@@ -10,7 +11,6 @@ use qv_policy::roll::{Description, RollError, Rolled, roll};
 use qv_sim::{Batch, Model, SimOptions, Terrain};
 use serde::Serialize;
 use std::fmt::Write;
-use std::fs;
 use std::path::Path;
 
 /// Commanded velocities: forwards, to the left \[m/s\], turning \[rad/s\].
@@ -56,16 +56,8 @@ impl Tried {
     /// # Errors
     /// When either cannot be read, or a joint of the description is none of the model's.
     pub fn open(policy: &Path, description: &Path, model: &Model) -> Result<Self, Failure> {
-        let expected = "a description of a policy (docs/walking.md)";
-        let text = fs::read_to_string(description).map_err(|e| file_error(description, expected, &e.to_string()))?;
-        let read = Description::from_toml(&text).map_err(|e| file_error(description, expected, &e.to_string()))?;
-        if let Some(unknown) = read.joints.iter().find(|joint| model.joint_index(joint).is_none()) {
-            let expected = format!("joints of {}: {}", model.name, model.joint_names().join(", "));
-            return Err(file_error(description, &expected, unknown).into());
-        }
-        let bytes = fs::read(policy).map_err(|e| file_error(policy, "a policy in ONNX", &e.to_string()))?;
-        let policy =
-            OnnxPolicy::from_bytes(&bytes).map_err(|e| file_error(policy, "a policy in ONNX", &e.to_string()))?;
+        let (policy, read) = opened(policy, description)?;
+        check_joints(&read, description, model)?;
         Ok(Self { policy, description: read })
     }
 
@@ -116,7 +108,6 @@ impl Tried {
 }
 
 fn walked(command: [f64; 3], rolled: &Rolled) -> Walked {
-    let upright = |base: &[f64; 7]| 1.0 - 2.0 * (base[4] * base[4] + base[5] * base[5]);
     let fell = rolled.base.iter().position(|base| upright(base) < FALLEN).map(|k| rolled.time[k]);
     let until = fell.unwrap_or(f64::INFINITY);
     let counted: Vec<usize> =
@@ -142,8 +133,8 @@ fn walked(command: [f64; 3], rolled: &Rolled) -> Walked {
 }
 
 fn heading(base: &[f64; 7]) -> f64 {
-    let [w, x, y, z] = [base[3], base[4], base[5], base[6]];
-    (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z))
+    let [x, y, z, qw, qx, qy, qz] = *base;
+    Pose { position: DVec3::new(x, y, z), rotation: DQuat::from_xyzw(qx, qy, qz, qw) }.yaw()
 }
 
 impl Trial {
