@@ -37,6 +37,7 @@ pub mod urdf;
 
 pub use batch::{Batch, BatchCommand, ContactPoint, JointCommand, LaneState, Snapshot, State};
 pub use error::SimError;
+pub use model::inertia::{MassProperties, Payload};
 pub use model::{BaseKind, Frame, Geom, Joint, JointKind, Link, Mechanics, MeshVertices, Model, ModelOptions, Shape};
 pub use motor::{Motor, MotorCommand, lag_gain};
 pub use options::{LineSearch, SimOptions, WarmStart};

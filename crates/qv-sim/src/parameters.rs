@@ -106,7 +106,10 @@ fields!(LinkField {
     PayloadMass,
     PayloadX,
     PayloadY,
-    PayloadZ
+    PayloadZ,
+    PayloadMomentX,
+    PayloadMomentY,
+    PayloadMomentZ,
 });
 fields!(GeomField { FrictionScale, RadiusOffset });
 fields!(WorldField {
@@ -475,6 +478,7 @@ fn sliding_unit(unit: &'static str) -> &'static str {
 fn link_parameters(infos: &mut Vec<ParameterInfo>, model: &Model, index: usize) {
     use LinkField::*;
     let offset = (-0.1, 0.1);
+    let moment = (-1.0, 1.0);
     let rows: [Row<LinkField>; LinkField::COUNT] = [
         (MassScale, "link.*.mass_scale", "1", 1.0, (0.7, 1.3), 1e-3, "true over modelled mass (inertia scales along)"),
         (ComX, "link.*.com_x", "m", 0.0, offset, ANY, "shift of the centre of mass, link frame"),
@@ -526,6 +530,33 @@ fn link_parameters(infos: &mut Vec<ParameterInfo>, model: &Model, index: usize) 
             offset,
             ANY,
             "position of the payload from the modelled centre of mass",
+        ),
+        (
+            PayloadMomentX,
+            "link.*.payload_moment_x",
+            "kg m",
+            0.0,
+            moment,
+            ANY,
+            "first moment of the payload about its position",
+        ),
+        (
+            PayloadMomentY,
+            "link.*.payload_moment_y",
+            "kg m",
+            0.0,
+            moment,
+            ANY,
+            "first moment of the payload about its position",
+        ),
+        (
+            PayloadMomentZ,
+            "link.*.payload_moment_z",
+            "kg m",
+            0.0,
+            moment,
+            ANY,
+            "first moment of the payload about its position",
         ),
     ];
     push(infos, &model.links[index].name, &rows, |f| Slot::Link(index, f));

@@ -207,6 +207,30 @@ fn an_outside_force_acts_at_the_centre_of_mass() {
     near(sim.sensors(0).unwrap().acc[0], 2.0, 1e-9);
 }
 
+/// A payload's place may be said by its first moment, too; of no mass that is a shift of the centre of mass.
+#[test]
+fn the_moment_of_a_payload_is_its_place() {
+    let turned = |parameters: &[(&str, f64)]| {
+        let mut sim = satellite([0.0; 3]);
+        floating(&mut sim, [2.0, 1.0, 3.0]);
+        for (name, value) in parameters {
+            sim.set_parameter(0, &format!("link.hull.{name}"), *value).unwrap();
+        }
+        sim.set_parameter(0, "external.force_x", 4.0).unwrap();
+        sim.step_many(100);
+        sim.state(0).unwrap().v
+    };
+    let apart = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
+    let by_place = turned(&[("payload_mass", 1.5), ("payload_x", 0.3), ("payload_y", -0.1)]);
+    let by_moment = turned(&[("payload_mass", 1.5), ("payload_moment_x", 0.45), ("payload_moment_y", -0.15)]);
+    assert!(apart(&by_place, &by_moment) < 1e-9, "{by_place:?} {by_moment:?}");
+    assert!(apart(&by_place, &turned(&[("payload_mass", 1.5)])) > 0.1);
+    // The hull weighs 2 kg. What the moment adds to its inertia, as of 2 g at a metre, is a trifle.
+    let (shifted, moment) = (turned(&[("com_y", 0.001)]), turned(&[("payload_moment_y", 0.002)]));
+    assert!(apart(&shifted[..3], &moment[..3]) < 1e-4, "{shifted:?} {moment:?}");
+    assert!(apart(&shifted[3..], &moment[3..]) < 0.02, "{shifted:?} {moment:?}");
+}
+
 #[test]
 fn an_imu_on_a_body_that_begins_to_turn_feels_it() {
     let mut sim = satellite([0.0; 3]);

@@ -5,7 +5,7 @@ use super::topology::Topology;
 use crate::SimError;
 use crate::lanes::{Real, Scalar};
 use crate::model::Model;
-use crate::model::inertia::{MassProperties, point_inertia};
+use crate::model::inertia::{MassProperties, Payload};
 use crate::motor::{lag_gain, speed_slope};
 use crate::parameters::{Catalogue, GeomField, JointField, LinkField, Slot, UNLIMITED, WorldField};
 use glam::{DMat3, DVec3};
@@ -161,24 +161,18 @@ impl Deriver<'_> {
         let get = |field: LinkField| values[at + field as usize];
         let link = &self.model.links[l];
         let (scale, length) = (get(LinkField::MassScale), get(LinkField::LengthScale));
-        let shift = DVec3::new(get(LinkField::ComX), get(LinkField::ComY), get(LinkField::ComZ));
-        let payload_offset = DVec3::new(get(LinkField::PayloadX), get(LinkField::PayloadY), get(LinkField::PayloadZ));
+        let vector = |x, y, z| DVec3::new(get(x), get(y), get(z));
         let own = MassProperties {
             mass: link.mass * scale,
-            com: link.com * length + shift,
+            com: link.com * length + vector(LinkField::ComX, LinkField::ComY, LinkField::ComZ),
             inertia: link.inertia * (scale * get(LinkField::InertiaScale)),
         };
-        let payload_mass = get(LinkField::PayloadMass);
-        let mass = own.mass + payload_mass;
-        if payload_mass == 0.0 || mass <= 0.0 {
-            return MassProperties { mass, ..own };
-        }
-        let payload_at = link.com * length + payload_offset;
-        let com = (own.com * own.mass + payload_at * payload_mass) / mass;
-        // A negative payload takes away: the same parallel-axis terms with a minus.
-        let inertia: DMat3 =
-            own.inertia + point_inertia(own.mass, own.com - com) + point_inertia(payload_mass, payload_at - com);
-        MassProperties { mass, com, inertia }
+        let payload = Payload {
+            mass: get(LinkField::PayloadMass),
+            at: link.com * length + vector(LinkField::PayloadX, LinkField::PayloadY, LinkField::PayloadZ),
+            moment: vector(LinkField::PayloadMomentX, LinkField::PayloadMomentY, LinkField::PayloadMomentZ),
+        };
+        payload.on(&own)
     }
 
     fn world<L: Real>(&self, values: &[f64], lane: usize, block: &mut Block<L>) {

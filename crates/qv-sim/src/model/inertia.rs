@@ -5,17 +5,20 @@ use qv_core::Pose;
 
 /// Mass \[kg\], centre \[m\] and inertia about the centre \[kg m²\] in one frame.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct MassProperties {
+pub struct MassProperties {
+    /// \[kg\]
     pub mass: f64,
+    /// \[m\]
     pub com: DVec3,
+    /// \[kg m²\]
     pub inertia: DMat3,
 }
 
 impl MassProperties {
-    pub const ZERO: Self = Self { mass: 0.0, com: DVec3::ZERO, inertia: DMat3::ZERO };
+    pub(crate) const ZERO: Self = Self { mass: 0.0, com: DVec3::ZERO, inertia: DMat3::ZERO };
 
     /// The same body seen from frame `a`.
-    pub fn transformed(&self, a_from_b: &Pose) -> Self {
+    pub(crate) fn transformed(&self, a_from_b: &Pose) -> Self {
         let rotation = a_from_b.matrix();
         Self {
             mass: self.mass,
@@ -25,7 +28,7 @@ impl MassProperties {
     }
 
     /// Two bodies of one frame welded together (parallel-axis theorem).
-    pub fn welded(&self, other: &Self) -> Self {
+    pub(crate) fn welded(&self, other: &Self) -> Self {
         let mass = self.mass + other.mass;
         if mass <= 0.0 {
             return Self::ZERO;
@@ -37,6 +40,40 @@ impl MassProperties {
 
     fn about(&self, point: DVec3) -> DMat3 {
         self.inertia + point_inertia(self.mass, self.com - point)
+    }
+}
+
+/// A payload on a link.
+#[derive(Debug, Clone, Copy)]
+pub struct Payload {
+    /// \[kg\]; negative to take away.
+    pub mass: f64,
+    /// Where it is, in the link frame \[m\].
+    pub at: DVec3,
+    /// Its first moment about that place \[kg m\]: it lies at `at + moment / mass`. A place is linear in it where the mass is not known.
+    pub moment: DVec3,
+}
+
+/// A payload lies no farther from its place than this, whatever its moment \[m\]: with little mass a moment is a shift of the centre of mass,
+/// and the second moment `moment² / mass` would have no end.
+const REACH: f64 = 1.0;
+
+impl Payload {
+    /// The body welded to it. Second moments about any point add up: those of the body, and
+    /// `m d d' + d p' + p d' + p p' / m` for a mass m whose place is d and whose moment about that is p.
+    pub fn on(&self, body: &MassProperties) -> MassProperties {
+        let mass = body.mass + self.mass;
+        if mass <= 0.0 || (self.mass == 0.0 && self.moment == DVec3::ZERO) {
+            return MassProperties { mass, ..*body };
+        }
+        let com = (body.com * body.mass + self.at * self.mass + self.moment) / mass;
+        let (d, p) = (self.at - com, self.moment);
+        let mut inertia = body.about(com) + point_inertia(self.mass, d);
+        if p != DVec3::ZERO {
+            let spread = self.mass.max((p.length() / REACH).min(mass));
+            inertia += point_inertia(1.0, d + p) - point_inertia(1.0, d) + point_inertia(1.0 / spread - 1.0, p);
+        }
+        MassProperties { mass, com, inertia }
     }
 }
 

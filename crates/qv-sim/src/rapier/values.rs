@@ -1,6 +1,6 @@
 //! Parameter values by what they act on.
 
-use crate::model::inertia::{MassProperties, positive_definite};
+use crate::model::inertia::{MassProperties, Payload, positive_definite};
 use crate::parameters::{Catalogue, GeomField, JointField, LinkField, WorldField};
 use crate::rapier::LONGEST_DELAY;
 use crate::{Model, SimError};
@@ -68,18 +68,17 @@ impl<'a> Values<'a> {
             com: nominal.com * self.length(link) + vector(LinkField::ComX, LinkField::ComY, LinkField::ComZ),
             inertia: nominal.inertia * (scale * self.link(link, LinkField::InertiaScale)),
         };
-        let payload = MassProperties {
+        let payload = Payload {
             mass: self.link(link, LinkField::PayloadMass),
-            com: nominal.com * self.length(link)
-                + vector(LinkField::PayloadX, LinkField::PayloadY, LinkField::PayloadZ),
-            ..MassProperties::ZERO
+            at: nominal.com * self.length(link) + vector(LinkField::PayloadX, LinkField::PayloadY, LinkField::PayloadZ),
+            moment: vector(LinkField::PayloadMomentX, LinkField::PayloadMomentY, LinkField::PayloadMomentZ),
         };
         let what = |quantity: &str| format!("{quantity} of link `{}` with its payload", nominal.name);
         let mass = own.mass + payload.mass;
         if mass <= 0.0 {
             return Err(SimError::Value { what: what("mass"), expected: "more than 0 kg".into(), found: mass });
         }
-        let body = own.welded(&payload);
+        let body = payload.on(&own);
         if !positive_definite(&body.inertia) {
             let (expected, found) = ("positive in every direction".into(), body.inertia.determinant());
             return Err(SimError::Value { what: what("inertia (its determinant)"), expected, found });
