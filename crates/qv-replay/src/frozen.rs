@@ -57,8 +57,10 @@ pub fn frozen_channels(run: &Run) -> Vec<FrozenChannel<'_>> {
     for (kind, series) in [("position", &m.position), ("velocity", &m.velocity), ("torque", &m.torque)] {
         let Some(series) = series else { continue };
         for joint in 0..series.joints.min(run.joint_names.len()) {
-            let others =
-                |from: f64, to: f64| (0..position.joints).any(|j| j != joint && moved(position, j, from, to, MOVES));
+            let others = |from: f64, to: f64| {
+                let is_one = |j| j != joint && moved(position, j, from, to, MOVES);
+                !is_stuck(run, position, joint, [from, to]) && (0..position.joints).any(is_one)
+            };
             let itself = |from: f64, to: f64| moved(position, joint, from, to, MOVES_FAR);
             let (least, moves): (f64, &dyn Fn(f64, f64) -> bool) =
                 if kind == "torque" { (FROZEN_LONG, &itself) } else { (FROZEN, &others) };
@@ -96,6 +98,20 @@ fn stretches(channel: &Channel, least: f64, moves: &dyn Fn(f64, f64) -> bool) ->
         start = i;
     }
     out
+}
+
+/// Whether friction may hold a joint between two times, of which a sensor that reads in steps says one number for seconds: it is told to hold
+/// its place, or moves on from where it was. A reading that froze jumps when it lives again.
+fn is_stuck(run: &Run, position: &JointSeries, joint: usize, [from, to]: [f64; 2]) -> bool {
+    let asked = |least| run.commands.position.as_ref().is_some_and(|c| moved(c, joint, from, to, least));
+    if run.commands.position.is_some() && !asked(MOVES) {
+        return true;
+    }
+    let value = |t: f64| position.hold(t)[joint];
+    match position.time[position.time.partition_point(|&t| t <= to)..].iter().find(|&&t| !value(t).is_nan()) {
+        Some(&next) => (value(next) - value(from)).abs() < MOVES && !asked(MOVES_FAR),
+        None => false,
+    }
 }
 
 /// Whether a joint's position covers more than `least` \[rad\] between two times.
@@ -232,6 +248,34 @@ mod tests {
             assert_eq!(position.column(0).skip(from).all(f64::is_nan), lives, "{from}");
             assert!(position.column(0).take(from).chain(position.column(1)).all(f64::is_finite));
         }
+    }
+
+    #[test]
+    fn a_joint_that_is_told_to_hold_its_place_is_no_fault() {
+        let mut run = run();
+        freeze(&mut run.measured.position, 0, 500);
+        run.commands.position = run.measured.position.clone();
+        assert!(frozen_channels(&run).is_empty());
+        // The same with a command that swings on.
+        run.commands.position = self::run().measured.position;
+        assert_eq!(frozen_channels(&run).len(), 1);
+    }
+
+    /// Friction holds a joint while its command turns round; then it moves on from there.
+    #[test]
+    fn a_joint_that_sticks_is_no_fault() {
+        let mut run = run();
+        let position = run.measured.position.as_mut().unwrap();
+        for i in 0..1000 {
+            let q = 0.5 * (0.6 * position.time[i]).sin();
+            position.values[2 * i] = q.clamp(-0.45, 0.45);
+        }
+        let stuck = frozen_channels(&run);
+        assert!(stuck.is_empty(), "{}", stuck[0].channel.name);
+        // Frozen where it is fast, it jumps.
+        let position = run.measured.position.as_mut().unwrap();
+        (550..700).for_each(|i| position.values[2 * i] = position.values[2 * 550]);
+        assert_eq!(frozen_channels(&run).len(), 1);
     }
 
     #[test]
