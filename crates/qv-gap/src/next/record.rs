@@ -1,7 +1,7 @@
 //! A motion as the simulator would record it: commands, and what the sensors of the recording at hand would say, with its noise and rates.
 
 use super::motions::{Limits, Motion};
-use crate::null::Noise;
+use crate::null::{Noise, read};
 use crate::problem::Numerics;
 use crate::{GapError, Options};
 use glam::{DQuat, DVec3};
@@ -206,18 +206,28 @@ impl Recorder {
     fn take(&mut self, time: f64, seen: &SensorReading) {
         let is_due = [0, 1].map(|k| time >= self.due[k] - 1e-9);
         let (noise, random, m) = (&self.noise, &mut self.random, &mut self.measured);
+        let of = |all: &[f64], j: usize| all.get(j).copied().unwrap_or(0.0);
+        let mut joints = |series: &mut Option<JointSeries>, values: &[f64], deviations: &[f64], steps: &[f64]| {
+            if let Some(series) = series {
+                series.time.push(time);
+                let one = |(j, x): (usize, &f64)| read(x + random.normal(of(deviations, j)), of(steps, j));
+                series.values.extend(values.iter().enumerate().map(one));
+            }
+        };
+        let [q, dq, tau] = &noise.steps;
+        if is_due[0] {
+            joints(&mut m.position, &seen.q, &noise.position, q);
+            joints(&mut m.velocity, &seen.dq, &noise.velocity, dq);
+            joints(&mut m.torque, &seen.tau, &noise.torque, tau);
+        }
         let mut write = |series: &mut Option<JointSeries>, values: &[f64], deviation: &dyn Fn(usize) -> f64| {
             if let Some(series) = series {
                 series.time.push(time);
                 series.values.extend(values.iter().enumerate().map(|(j, x)| x + random.normal(deviation(j))));
             }
         };
-        let of = |all: &[f64], j: usize| all.get(j).copied().unwrap_or(0.0);
         if is_due[0] {
             self.due[0] += self.every[0];
-            write(&mut m.position, &seen.q, &|j| of(&noise.position, j));
-            write(&mut m.velocity, &seen.dq, &|j| of(&noise.velocity, j));
-            write(&mut m.torque, &seen.tau, &|j| of(&noise.torque, j));
             write(&mut m.gyro, &seen.gyro, &|_| noise.gyro);
             write(&mut m.acceleration, &seen.acc, &|_| noise.acceleration);
             write(&mut m.orientation, &seen.imu_orientation, &|_| 0.5 * noise.orientation);

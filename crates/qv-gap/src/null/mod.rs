@@ -29,6 +29,9 @@ pub struct Noise {
     pub velocity: Vec<f64>,
     /// Of joint torques \[N m\], shape `[joints]`.
     pub torque: Vec<f64>,
+    /// Steps that positions, speeds and torques are read in, each of shape `[joints]`; 0 where they are read as they are. Noise is what is
+    /// there beside them.
+    pub steps: [Vec<f64>; 3],
     /// Of the gyroscope \[rad/s\].
     pub gyro: f64,
     /// Of the accelerometer \[m/s²\].
@@ -45,7 +48,8 @@ impl Noise {
     /// From what three smooth neighbours do not foretell: third differences, robustly.
     pub fn of(run: &Run, columns: &[usize]) -> Self {
         let m = &run.measured;
-        let joints = |s: &Option<JointSeries>| columns.iter().map(|&c| of_column(s, c)).collect();
+        let joints = |s: &Option<JointSeries>| columns.iter().map(|&c| beside_steps(s, c)).collect();
+        let steps = |s: &Option<JointSeries>| columns.iter().map(|&c| step_of(s, c)).collect();
         let mean = |s: &Option<JointSeries>, from: usize, to: usize| {
             (from..to).map(|c| of_column(s, c)).sum::<f64>() / (to - from) as f64
         };
@@ -53,6 +57,7 @@ impl Noise {
             position: joints(&m.position),
             velocity: joints(&m.velocity),
             torque: joints(&m.torque),
+            steps: [steps(&m.position), steps(&m.velocity), steps(&m.torque)],
             gyro: mean(&m.gyro, 0, 3),
             acceleration: mean(&m.acceleration, 0, 3),
             // A quaternion holds half of each angle.
@@ -61,6 +66,44 @@ impl Noise {
             pose: 2.0 * mean(&m.base_pose, 3, 7),
         }
     }
+}
+
+/// What a sensor says that reads in steps; of 0, the value.
+pub(crate) fn read(value: f64, step: f64) -> f64 {
+    if step > 0.0 { (value / step).round() * step } else { value }
+}
+
+/// Noise beside that of the steps of a reading, whose error is uniform.
+fn beside_steps(series: &Option<JointSeries>, column: usize) -> f64 {
+    let (noise, step) = (of_column(series, column), step_of(series, column));
+    (noise * noise - step * step / 12.0).max(0.0).sqrt()
+}
+
+/// Changes of a reading that must be whole steps, as a share of all, and how near to whole.
+const WHOLE: f64 = 0.95;
+const NEARLY_WHOLE: f64 = 0.1;
+/// Steps of a usual change at most: of more, any change is nearly whole once the step is rounded.
+const USUAL: f64 = 30.0;
+
+/// The step in which a column is read: the least change from one sample to the next, if others are multiples of it; else 0.
+fn step_of(series: &Option<JointSeries>, column: usize) -> f64 {
+    let Some(series) = series.as_ref().filter(|s| s.len() > 8 && column < s.joints) else { return 0.0 };
+    let x: Vec<f64> = series.column(column).collect();
+    let mut changes: Vec<f64> = x.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|d| d.is_finite()).collect();
+    let size = x.iter().map(|x| x.abs()).filter(|x| x.is_finite()).fold(0.0, f64::max);
+    // Less is the rounding of a number.
+    changes.retain(|d| *d > 1e-9 * size);
+    if changes.len() < 8 {
+        return 0.0;
+    }
+    let usual = median(&mut changes);
+    let least = changes.iter().copied().fold(f64::INFINITY, f64::min);
+    // The least few say more exactly what one step is: text rounds them.
+    let single: Vec<f64> = changes.iter().copied().filter(|d| *d < 1.5 * least).collect();
+    let step = single.iter().sum::<f64>() / single.len() as f64;
+    let is_whole = |d: &&f64| (*d / step - (*d / step).round()).abs() < NEARLY_WHOLE;
+    let whole = changes.iter().filter(is_whole).count();
+    if usual <= USUAL * step && whole as f64 >= WHOLE * changes.len() as f64 { step } else { 0.0 }
 }
 
 fn of_column(series: &Option<JointSeries>, column: usize) -> f64 {
@@ -287,20 +330,21 @@ impl Recorder {
 
     fn write_state(&mut self, time: f64, seen: &SensorReading, noise: &Noise) {
         let (random, columns, row) = (&mut self.random, &self.columns, &mut self.row);
-        let mut joints = |series: &mut Option<JointSeries>, values: &[f64], deviations: &[f64]| {
+        let mut joints = |series: &mut Option<JointSeries>, values: &[f64], deviations: &[f64], steps: &[f64]| {
             if let Some(series) = series {
                 row.clear();
                 row.resize(series.joints, 0.0);
                 for (j, &c) in columns.iter().enumerate() {
-                    row[c] = values[j] + random.normal(deviations[j]);
+                    row[c] = read(values[j] + random.normal(deviations[j]), steps[j]);
                 }
                 push(series, time, row);
             }
         };
         let m = &mut self.view.measured;
-        joints(&mut m.position, &seen.q, &noise.position);
-        joints(&mut m.velocity, &seen.dq, &noise.velocity);
-        joints(&mut m.torque, &seen.tau, &noise.torque);
+        let [q, dq, tau] = &noise.steps;
+        joints(&mut m.position, &seen.q, &noise.position, q);
+        joints(&mut m.velocity, &seen.dq, &noise.velocity, dq);
+        joints(&mut m.torque, &seen.tau, &noise.torque, tau);
         let mut vector = |series: &mut Option<JointSeries>, values: [f64; 3], deviation: f64| {
             if let Some(series) = series {
                 push(series, time, &values.map(|x| x + random.normal(deviation)));
@@ -378,5 +422,18 @@ mod tests {
         let coarse = of_column(&noisy(0.0, 0.005), 0);
         assert!((0.0003..0.004).contains(&coarse), "{coarse}");
         assert_eq!(of_column(&None, 0), 0.0);
+    }
+
+    #[test]
+    fn the_steps_of_a_reading_are_told() {
+        for (noise, step) in [(0.0, 0.005), (0.01, 0.005), (0.001, 0.005)] {
+            let read = noisy(noise, step);
+            assert!((step_of(&read, 0) - step).abs() < 1e-6, "{noise} {}", step_of(&read, 0));
+            assert!((beside_steps(&read, 0) - noise).abs() < 0.3 * step, "{noise} {}", beside_steps(&read, 0));
+        }
+        for noise in [0.0, 0.01] {
+            assert_eq!(step_of(&noisy(noise, 0.0), 0), 0.0);
+        }
+        assert_eq!(step_of(&None, 0), 0.0);
     }
 }
