@@ -3,7 +3,7 @@
 use super::corrected::{Corrected, Entry, Part, short};
 
 /// What to do with a parameter, by the last word of its name, or its full name where it belongs to the world.
-const DEEDS: [(&str, &str); 61] = [
+const DEEDS: [(&str, &str); 64] = [
     ("armature", "add it as rotor inertia at the joint"),
     ("viscous_friction", "torque against the motion per speed at the joint"),
     ("coulomb_friction", "constant torque against the motion at the joint, which also holds it at rest"),
@@ -68,6 +68,9 @@ const DEEDS: [(&str, &str); 61] = [
     ("payload_x", "place of the payload from the link's modelled centre of mass"),
     ("payload_y", "place of the payload from the link's modelled centre of mass"),
     ("payload_z", "place of the payload from the link's modelled centre of mass"),
+    ("payload_moment_x", "move the payload from its place by this over its mass"),
+    ("payload_moment_y", "move the payload from its place by this over its mass"),
+    ("payload_moment_z", "move the payload from its place by this over its mass"),
     ("friction_scale", "multiply the friction of the ground under this shape by it"),
     ("radius_offset", "make the shape's radius larger by it"),
     ("friction", "Coulomb friction of the ground of this material"),

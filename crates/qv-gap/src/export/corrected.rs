@@ -3,7 +3,7 @@
 use crate::report::Correction;
 use glam::{DMat3, DVec3};
 use qv_core::Pose;
-use qv_sim::Model;
+use qv_sim::{MassProperties, Model, Payload};
 
 /// What a correction acts on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,18 +93,19 @@ impl<'a> Corrected<'a> {
         let vector = |names: [&str; 3]| DVec3::from_array(names.map(|name| get(name, 0.0)));
         let nominal = &self.model.links[link];
         let scale = get("mass_scale", 1.0);
-        let own = Body {
+        let own = MassProperties {
             mass: nominal.mass * scale,
             com: nominal.com + vector(["com_x", "com_y", "com_z"]),
             inertia: nominal.inertia * (scale * get("inertia_scale", 1.0)),
         };
-        let payload = Body {
+        let payload = Payload {
             mass: get("payload_mass", 0.0),
             // From the modelled centre of mass, wherever the true one is.
-            com: nominal.com + vector(["payload_x", "payload_y", "payload_z"]),
-            inertia: DMat3::ZERO,
+            at: nominal.com + vector(["payload_x", "payload_y", "payload_z"]),
+            moment: vector(["payload_moment_x", "payload_moment_y", "payload_moment_z"]),
         };
-        own.welded(&payload)
+        let MassProperties { mass, com, inertia } = payload.on(&own);
+        (mass > 0.0).then_some(Body { mass, com, inertia })
     }
 }
 
@@ -240,6 +241,7 @@ mod tests {
             correction("link.base.payload_mass", 1.5),
             correction("link.base.payload_y", -0.07),
             correction("link.base.payload_z", 0.09),
+            correction("link.base.payload_moment_x", 0.2),
             correction("link.FL_thigh.com_z", -0.02),
             correction("link.FL_thigh.payload_mass", -0.2),
             correction("link.FL_thigh.payload_x", 0.01),

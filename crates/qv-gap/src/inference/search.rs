@@ -12,6 +12,8 @@ use std::collections::BTreeMap;
 
 /// Groups of one effect that are followed.
 const GROUPS_PER_EFFECT: usize = 3;
+/// Deviation of the prior of a suspected value, as a share of its range.
+pub(crate) const WIDE: f64 = 0.4;
 /// Starts along the range of an effect of one axis, as shares of it.
 const STARTS: [f64; 6] = [0.06, 0.15, 0.3, 0.5, 0.75, 1.0];
 /// Rounds of Gauss-Newton.
@@ -38,7 +40,7 @@ const SETTLED: f64 = 1.0;
 const HOPELESS: f64 = 0.1;
 
 /// Whitened residuals by window; `None` where the simulation ran away.
-type Residuals = Vec<Option<DVector<f64>>>;
+pub(crate) type Residuals = Vec<Option<DVector<f64>>>;
 
 /// A suspect at its best values.
 #[derive(Debug, Clone, PartialEq)]
@@ -219,7 +221,7 @@ impl<'s, 'a> Search<'s, 'a> {
             let effect = &columns.effects[group.effect];
             for level in 0..effect.levels.len() {
                 let Some(direction) = direction(columns, index, level) else { continue };
-                let wide: Vec<f64> = direction.steps.iter().map(|s| (0.4 * effect.span() / s).abs()).collect();
+                let wide: Vec<f64> = direction.steps.iter().map(|s| (WIDE * effect.span() / s).abs()).collect();
                 let step = widen(&self.marginal.curvature, &force, &direction.d, &wide, self.dispersion);
                 let Some((evidence, amounts)) = step else { continue };
                 let at = |(a, (step, absent)): (usize, (&f64, &f64))| {
@@ -390,10 +392,11 @@ impl<'s, 'a> Search<'s, 'a> {
             let fit = &mut fits[k];
             fit.loss = tangent.loss;
             fit.deviations = tangent.deviations(self.dispersion);
+            let whole = tangent.step();
             for share in STEPS {
                 let mut suspect = fit.suspect.clone();
                 let effect = &self.columns().effects[self.columns().groups[suspect.group].effect];
-                for (value, step) in suspect.values.iter_mut().zip(&tangent.step) {
+                for (value, step) in suspect.values.iter_mut().zip(&whole) {
                     *value = (*value + share * step).clamp(effect.range[0], effect.range[1]);
                 }
                 tried.push(suspect);
@@ -420,7 +423,7 @@ impl<'s, 'a> Search<'s, 'a> {
     }
 
     /// Normal equations of whitened residuals.
-    fn normals(&self, residuals: &Residuals, windows: &[usize]) -> Vec<Option<Normal>> {
+    pub(crate) fn normals(&self, residuals: &Residuals, windows: &[usize]) -> Vec<Option<Normal>> {
         let of = |(r, &w): (&Option<DVector<f64>>, &usize)| r.as_ref().map(|r| self.study.seen[w].normal_of(r));
         residuals.par_iter().zip(windows).map(of).collect()
     }
@@ -459,14 +462,20 @@ impl<'s, 'a> Search<'s, 'a> {
             let steps: Vec<f64> = (0..values.len()).map(|a| points[first + a].values[a] - values[a]).collect();
             let moved = raw[first..first + steps.len()].iter();
             let vectors: Vec<&Residuals> = std::iter::once(&here[k]).chain(moved).collect();
-            self.tangent(&vectors, &windows, &steps)
+            let mut tangent = self.tangent(&vectors, &windows, &steps);
+            if values.len() > 1 {
+                // Of several axes one may show in nothing.
+                let effect = &self.columns().effects[self.columns().groups[fits[k].suspect.group].effect];
+                tangent.add_prior(values, &vec![WIDE * effect.span(); values.len()], self.dispersion);
+            }
+            tangent
         };
         let tangents = begins.par_iter().map(tangent).collect();
         Ok(tangents)
     }
 
     /// From residuals at the present values, and with each value moved by one of `steps`.
-    fn tangent(&self, vectors: &[&Residuals], windows: &[usize], steps: &[f64]) -> Tangent {
+    pub(crate) fn tangent(&self, vectors: &[&Residuals], windows: &[usize], steps: &[f64]) -> Tangent {
         let axes = steps.len();
         let width = self.study.width();
         let mut gradient = DVector::zeros(axes);
@@ -503,8 +512,7 @@ impl<'s, 'a> Search<'s, 'a> {
             }
         }
         let loss = self.marginal.loss(&Sums { b, e, count: 0.0 });
-        let step = curvature.clone().cholesky().map_or(DVector::zeros(axes), |c| c.solve(&gradient));
-        Tangent { loss, step: step.as_slice().to_vec(), curvature, scores }
+        Tangent { loss, gradient, curvature, scores }
     }
 
     /// Half the slope of each window's loss along each axis, tolerated deviations at their best, shape `[windows][axes]`.
@@ -573,19 +581,36 @@ impl Part {
 }
 
 /// Slopes of the loss along the axes of a suspect.
-struct Tangent {
+pub(crate) struct Tangent {
     loss: f64,
-    step: Vec<f64>,
-    curvature: DMatrix<f64>,
+    /// Half of the slope of the loss, downwards.
+    pub(crate) gradient: DVector<f64>,
+    /// Half of the curvature of the loss.
+    pub(crate) curvature: DMatrix<f64>,
     /// Half the slope of the loss of each window, shape `[windows][axes]`.
     scores: Vec<DVector<f64>>,
 }
 
 impl Tangent {
+    /// The Gauss-Newton step; none where an axis shows in nothing.
+    fn step(&self) -> Vec<f64> {
+        let step = self.curvature.clone().cholesky().map(|c| c.solve(&self.gradient));
+        step.map_or(vec![0.0; self.gradient.len()], |s| s.as_slice().to_vec())
+    }
+
+    /// Adds what normal priors about 0 of deviations `wide` say at `values`, for losses in units of `dispersion`.
+    pub(crate) fn add_prior(&mut self, values: &[f64], wide: &[f64], dispersion: f64) {
+        for (k, (value, wide)) in values.iter().zip(wide).enumerate() {
+            let weight = dispersion / (wide * wide);
+            self.gradient[k] -= weight * value;
+            self.curvature[(k, k)] += weight;
+        }
+    }
+
     /// Standard deviation of each value by how much windows differ in what they ask for: `H^-1 S H^-1`, where `S` is the sum of the squares of
     /// the scores about their mean.
-    fn scatter(&self) -> Vec<f64> {
-        let (axes, count) = (self.step.len(), self.scores.len() as f64);
+    pub(crate) fn scatter(&self) -> Vec<f64> {
+        let (axes, count) = (self.gradient.len(), self.scores.len() as f64);
         let Some(inverse) = self.curvature.clone().cholesky().map(|c| c.inverse()).filter(|_| count > 1.0) else {
             return vec![f64::INFINITY; axes];
         };
@@ -597,7 +622,7 @@ impl Tangent {
     }
 
     fn deviations(&self, dispersion: f64) -> Vec<f64> {
-        let axes = self.step.len();
+        let axes = self.gradient.len();
         match self.curvature.clone().cholesky() {
             Some(c) => c.inverse().diagonal().iter().map(|v| (dispersion * v).sqrt()).collect(),
             None => vec![f64::INFINITY; axes],

@@ -219,7 +219,9 @@ impl Columns {
             range[1] += margin;
         }
         let is_wide = !problem.free && effect.held_range.is_some();
-        for unit in self.units.iter().filter(|u| u.effect == index && !effect.absolute) {
+        // Of values in different units each parameter is held within its own bounds alone.
+        let is_alike = effect.axes.iter().all(|axis| axis.unit.is_none());
+        for unit in self.units.iter().filter(|u| u.effect == index && !effect.absolute && is_alike) {
             for &(id, factor) in &unit.moves {
                 let (info, nominal) = (&problem.catalogue[id], problem.nominal[id]);
                 if factor > 0.0 && info.range.0 < nominal {

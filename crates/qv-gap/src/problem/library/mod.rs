@@ -74,6 +74,8 @@ pub enum LevelsOf {
 pub struct Axis {
     /// Name in reports.
     pub name: String,
+    /// Unit of its parameter where that is not the effect's: values are searched in the effect's unit, and told as those of the parameter.
+    pub unit: Option<String>,
     /// Parameters that it moves, with the factor from the axis' value to each.
     pub moves: BTreeMap<String, f64>,
 }
@@ -217,6 +219,9 @@ fn check(effect: &Effect, file: &str) -> Result<(), GapError> {
     let moves = || effect.axes.iter().flat_map(|a| a.moves.values());
     if effect.axes.is_empty() || moves().count() == 0 || moves().any(|x| !x.is_finite() || *x == 0.0) {
         return wrong("at least one axis that moves a parameter by a finite factor", format!("{:?}", effect.axes));
+    }
+    if let Some(axis) = effect.axes.iter().find(|a| a.unit.is_some() && a.moves.len() != 1) {
+        return wrong("one parameter of an axis with a unit of its own", format!("{:?}", axis.moves));
     }
     Ok(())
 }
