@@ -1,5 +1,6 @@
 //! Recordings of a simulated arm whose cause is known, through the whole diagnosis.
 
+use qv_gap::decision::Policy;
 use qv_gap::report::{Report, Verdict};
 use qv_gap::{Options, diagnose};
 use qv_replay::Run;
@@ -99,4 +100,58 @@ fn against_a_reference_the_load_is_named_and_not_what_was_there_before() {
     assert!(lag.is_some_and(|lag| (lag - 0.012).abs() < 0.004), "{:?}", report.corrections);
     let same = of(&[recorded(&before, &[], 10)], vec![recorded(&before, &[], 9)]);
     assert_eq!(same.verdict, Verdict::NoGap, "{}", same.sentence);
+}
+
+/// A load beyond the end of the last link: where it is, and how heavy.
+#[test]
+fn a_load_is_found_where_it_hangs() {
+    let run = recorded(&[("link.lower.payload_mass", 0.3), ("link.lower.payload_z", -0.2)], &[], 11);
+    let report = of(&[run], Vec::new());
+    let cause = report.causes.first().unwrap_or_else(|| panic!("{} {:?}", report.sentence, report.next));
+    assert_eq!(
+        (cause.effect.as_str(), cause.scope[0].as_str()),
+        ("payload_off_centre", "lower"),
+        "{}",
+        report.sentence
+    );
+    let of = |name: &str| cause.parameters.iter().find(|p| p.name == name).unwrap();
+    let (mass, moment) = (of("payload_mass"), of("payload_moment_z"));
+    assert!((mass.ci95[0]..mass.ci95[1]).contains(&0.3), "{mass:?}");
+    assert!((moment.ci95[0]..moment.ci95[1]).contains(&-0.06) && moment.unit == "kg m", "{moment:?}");
+}
+
+/// Motors of three fifths of the stated gain, in joints that rub: taken one by one the first that fits takes over what belongs to the others.
+#[test]
+fn several_faults_at_once_are_sized_together() {
+    let both = |field: &str, value: f64| ["shoulder", "elbow"].map(|j| (field.replace('*', j), value));
+    let faults = [
+        both("actuator.*.kp_scale", 0.6),
+        both("joint.*.viscous_friction", 0.15),
+        both("joint.*.coulomb_friction", 0.08),
+    ]
+    .concat();
+    let faults: Vec<(&str, f64)> = faults.iter().map(|(name, value)| (name.as_str(), *value)).collect();
+    // Nothing is accused under this policy.
+    let policy = Policy { least_held_evidence: 1e9, ..Policy::default() };
+    let options = Options { policy, ..Default::default() };
+    let report = diagnose(&[recorded(&faults, &[], 12)], &model(), &Terrain::none(), &options, 0).unwrap().report;
+    let together = report.together.as_ref().unwrap_or_else(|| panic!("{}", report.sentence));
+    for (effect, truth) in [("motor_gain_kp", -0.4), ("joint_viscous_friction", 0.15), ("joint_coulomb_friction", 0.08)]
+    {
+        let found = together.effects.iter().find(|e| e.effect == effect);
+        let found = found.unwrap_or_else(|| panic!("no {effect} in {together:?}"));
+        let [low, high] = found.parameters[0].ci95;
+        assert!((low..high).contains(&truth), "{effect}: {found:?}");
+    }
+    assert!(together.closed > 0.95, "{together:?}");
+}
+
+/// Two recordings without a load and two with one.
+#[test]
+fn recordings_that_disagree_are_told_apart() {
+    let load = [("link.lower.payload_mass", 0.3)];
+    let runs = [recorded(&[], &[], 13), recorded(&[], &[], 14), recorded(&load, &[], 15), recorded(&load, &[], 16)];
+    let report = of(&runs, Vec::new());
+    assert!(report.sentence.contains("recordings 1, 2 ask for"), "{}", report.sentence);
+    assert!(report.sentence.contains("recordings 3, 4 for"), "{}", report.sentence);
 }

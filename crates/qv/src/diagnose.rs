@@ -399,6 +399,19 @@ fn summary(report: &Report) -> String {
             1e3 * lead.joint_rms[1]
         );
     }
+    for effect in report.together.iter().flat_map(|t| &t.effects) {
+        let names: Vec<&str> = std::iter::once(&effect.effect).chain(&effect.alike).map(String::as_str).collect();
+        let sizes = effect
+            .parameters
+            .iter()
+            .map(|p| format!("{} {:.4} ({:.4} to {:.4}) {}", p.name, p.value, p.ci95[0], p.ci95[1], p.unit));
+        text += &format!(
+            "fitted at once: {} of {}: {}\n",
+            names.join(" or "),
+            effect.scope.join(", "),
+            sizes.collect::<Vec<_>>().join(", ")
+        );
+    }
     report.cannot_tell.iter().for_each(|line| text += &format!("{line}\n"));
     text
 }

@@ -87,7 +87,20 @@ pub fn fading(
     dependence(&asked, FACTORS.len() - 1)
 }
 
-fn asked(study: &LinearisedProblem, name: &str, group: &Group) -> Vec<Asked> {
+/// A change of a value that a window asks for.
+pub(super) struct Ask {
+    /// Index of the window.
+    pub window: usize,
+    /// Index of the member, such as a joint.
+    pub member: usize,
+    /// In the unit of the effect's first axis.
+    pub change: f64,
+    /// Curvature of the loss along it.
+    pub weight: f64,
+}
+
+/// What the windows of the fit ask of the first axis of an effect, deviations at their best over all of them.
+pub(super) fn asks(study: &LinearisedProblem, name: &str, group: &Group) -> Vec<Ask> {
     let columns = &study.columns;
     let Some(effect) = columns.effects.iter().position(|e| e.name == name) else { return Vec::new() };
     let Ok(marginal) = study.marginal(fitted) else { return Vec::new() };
@@ -95,21 +108,27 @@ fn asked(study: &LinearisedProblem, name: &str, group: &Group) -> Vec<Asked> {
     let of_group = Group { effect, ..group.clone() };
     let units: Vec<usize> = columns.units_of(&of_group, 0).filter(|&u| columns.units[u].absent.is_finite()).collect();
     let mut all = Vec::new();
-    for seen in study.seen.iter().filter(|s| fitted(s) > 0.0) {
+    for (window, seen) in study.seen.iter().enumerate().filter(|(_, s)| fitted(s) > 0.0) {
         let asks = seen.nominal().b;
         for &unit in &units {
             let Some(column) = columns.column(unit, 0) else { continue };
             let step = columns.columns[column].value - columns.units[unit].absent;
-            let (joint, column) = (columns.units[unit].member, EXTRA + column);
+            let (member, column) = (columns.units[unit].member, EXTRA + column);
             let weight = seen.h[(column, column)] / (step * step);
             let across = seen.h.view((column, 0), (1, deviations.len()));
             let force = asks[column] - (across * &deviations)[(0, 0)];
             if weight > 0.0 {
-                all.push(Asked { change: force / step / weight, weight, known: known(study, seen, joint) });
+                all.push(Ask { window, member, change: force / step / weight, weight });
             }
         }
     }
     all
+}
+
+fn asked(study: &LinearisedProblem, name: &str, group: &Group) -> Vec<Asked> {
+    let of =
+        |a: Ask| Asked { change: a.change, weight: a.weight, known: known(study, &study.seen[a.window], a.member) };
+    asks(study, name, group).into_iter().map(of).collect()
 }
 
 fn known(study: &LinearisedProblem, seen: &LinearisedWindow, joint: usize) -> [f64; 4] {

@@ -12,6 +12,7 @@ use rounds::Found;
 
 use crate::GapError;
 use crate::checks::actuator_residual::{ActuatorResidual, actuator_residuals};
+use crate::checks::by_recording::by_recording;
 use crate::checks::held_out::{closed_in_fit, closure, held_out_loss};
 use crate::decision::evidence::{After, Evidence, Level};
 use crate::decision::{Decided, Decision, Policy, decide, is_much_left};
@@ -23,7 +24,9 @@ use crate::null::reference;
 use crate::problem::columns::{Columns, Extent, Group};
 use crate::problem::library::{self, Effect};
 use crate::problem::{Event, Overrides, Problem, WindowOptions, data_quality, one_robot, origin};
-use crate::report::{CanTell, attribution, can_tell, figures, figures::Figures, leads, narrative, residual_factors};
+use crate::report::{
+    CanTell, attribution, can_tell, figures, figures::Figures, leads, narrative, residual_factors, together,
+};
 use crate::report::{Cause, Correction, FORMAT, Report, RoundSummary, Stage, UNKNOWN, Unexplained, Verdict, Where};
 use qv_replay::{Run, conventions::read_in_ours, frozen::without_frozen, gaps::without_gaps, stale::without_stale};
 use qv_sim::{Model, Terrain};
@@ -86,6 +89,13 @@ impl Accused {
             Some(Extent::Time(time)) => Some(time),
             _ => None,
         }
+    }
+
+    /// What each recording asks of it; `later` is the robot with all that is accused.
+    fn tell_by_recording(&mut self, later: Option<&LinearisedProblem>) {
+        let (Some(study), None) = (later, self.time()) else { return };
+        let value = self.cause.parameters.first().map_or(0.0, |p| p.value);
+        self.cause.by_recording = by_recording(study, &self.cause.effect, &self.group, value);
     }
 
     /// The same as something that acts on the robot of a study.
@@ -475,6 +485,7 @@ impl<'a> Session<'a> {
             closed_alone: fit.held_out.map_or_else(|| alone.closed(), |f| f.closed),
             confusable_with: narrative::confusable(study, &fit.suspect),
             separating_experiment: effect.experiment.clone(),
+            by_recording: Vec::new(),
         };
         Ok(Accused { found, fit, group, cause, corrections, is_refined: false })
     }
@@ -580,6 +591,7 @@ impl Findings<'_> {
         let (after, closed) = (closure(nominal, &setting)?, closed_in_fit(nominal, &setting)?);
         session.end(nominal);
         for accused in &mut self.accused {
+            accused.tell_by_recording(self.later.as_ref());
             let of = ranking.iter().find(|r| r.effect == accused.cause.effect);
             accused.cause.probability = of.map_or(0.0, |r| r.probability);
         }
@@ -592,6 +604,12 @@ impl Findings<'_> {
                 leads::leads(nominal, &first.fits, seed, estimates_of)?
             }
             _ => Vec::new(),
+        };
+        let together = match (verdict, self.rounds.first()) {
+            (Verdict::Unexplained, Some(first)) if dead.is_empty() && !self.on_feet => {
+                together::together(nominal, &first.fits, seed)?
+            }
+            _ => None,
         };
         let unexplained = Unexplained {
             share: if verdict == Verdict::NoGap || gap.before <= gap.floor * 1.02 {
@@ -609,7 +627,9 @@ impl Findings<'_> {
         place.regions = attribution::regions(nominal, regions);
         let causes: Vec<Cause> = self.accused.iter().map(|a| a.cause.clone()).collect();
         let sentence = narrative::sentence(verdict, (&causes, &gap), (&leads, &dead), &ranking);
-        let sentence = [Some(sentence), narrative::as_good(self.rounds.first().map(|r| &r.round), &causes)];
+        let as_good = narrative::as_good(self.rounds.first().map(|r| &r.round), &causes);
+        let disagree = narrative::disagree(&causes, &leads, &session.options.policy);
+        let sentence = [Some(sentence), as_good, together.as_ref().map(narrative::together), disagree];
         let sentence = sentence.into_iter().flatten().collect::<Vec<_>>().join(" ");
         let slips = self.accused.iter().filter_map(|a| a.fit.held_out).map(|f| f.closed).next();
         let best = self.rounds.first().and_then(|r| r.round.candidates.first());
@@ -635,6 +655,7 @@ impl Findings<'_> {
             causes,
             ranking,
             leads,
+            together,
             rounds: self.told,
             visual: None,
             unexplained,

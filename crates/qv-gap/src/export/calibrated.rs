@@ -109,6 +109,7 @@ mod tests {
             closed_alone: 0.5,
             confusable_with: Vec::new(),
             separating_experiment: String::new(),
+            by_recording: Vec::new(),
         }
     }
 

@@ -6,6 +6,7 @@ mod floor_plan;
 mod heat_map;
 mod sizes;
 mod style;
+mod together;
 mod traces;
 pub mod words;
 
@@ -30,6 +31,7 @@ pub fn to_html(report: &Report, title: &str, notes: &[String], sections: &[Strin
         bars::gap(report),
         causes::causes(report, &library),
         leads(&report.leads),
+        report.together.as_ref().map_or(String::new(), together::together),
         sentences(report),
         sizes::sizes(&report.can_tell),
         place(&shown),

@@ -3,6 +3,7 @@
 pub mod ablation;
 pub mod gaussian_evidence;
 pub mod intervals;
+pub mod joint;
 pub mod level;
 pub mod linear_scores;
 pub mod local;

@@ -2,9 +2,11 @@
 //! experiment that tells those apart which this recording cannot.
 
 use crate::GapError;
+use crate::checks::by_recording::by_recording;
 use crate::checks::held_out::closure;
 use crate::inference::linearised::LinearisedProblem;
 use crate::inference::search::Fit;
+use crate::problem::columns::Group;
 use crate::report::narrative;
 use crate::report::{Lead, ParameterEstimate};
 
@@ -48,12 +50,18 @@ pub fn leads(
             closed_ci95: gap.closed_ci95,
             joint_rms: gap.joint_rms,
             separating_experiment: effect.experiment.clone(),
+            by_recording: by_recording(study, &effect.name, group, absent(study, group)),
         };
         all.push(Alone { effect: effect.name.clone(), alike: narrative::confusable(study, &fit.suspect), lead });
     }
     all.retain(|a| a.lead.closed >= LEAST_CLOSED);
     all.sort_by(|a, b| b.lead.closed.total_cmp(&a.lead.closed));
     Ok(grouped(all))
+}
+
+/// Value of an effect's first axis in the study's robot.
+fn absent(study: &LinearisedProblem, group: &Group) -> f64 {
+    study.columns.units_of(group, 0).next().map_or(0.0, |u| study.columns.units[u].absent)
 }
 
 /// The best fit of each effect, by what it leaves in its own windows.

@@ -6,14 +6,17 @@ pub(crate) mod figures;
 pub(crate) mod leads;
 pub(crate) mod narrative;
 pub(crate) mod residual_factors;
+pub(crate) mod together;
 pub(crate) mod traces;
 
+pub use crate::checks::by_recording::OfRecording;
 use crate::decision::Policy;
 pub use crate::findings::{Correction, Gap, JointRmsApart, ParameterEstimate, Ranked, UNKNOWN, Verdict};
 pub use can_tell::CanTell;
 use qv_replay::replay::Trace;
 use serde::Serialize;
 use serde_json::value::RawValue;
+pub use together::{Together, TogetherEffect};
 
 /// The format's name in `report.json`.
 pub const FORMAT: &str = "qv-diagnosis/1";
@@ -97,6 +100,9 @@ pub struct Cause {
     pub confusable_with: Vec<String>,
     /// What would tell them apart.
     pub separating_experiment: String,
+    /// Its first value by recording, where there are several, in the order of their dates.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub by_recording: Vec<OfRecording>,
 }
 
 /// What the remaining error goes along with.
@@ -125,6 +131,9 @@ pub struct Lead {
     pub joint_rms: [f64; 2],
     /// What would tell them apart.
     pub separating_experiment: String,
+    /// First value of the first by recording, where there are several, in the order of their dates; to first order.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub by_recording: Vec<OfRecording>,
 }
 
 /// A round of the search: what it began with, and what it made of each effect.
@@ -278,6 +287,8 @@ pub struct Report {
     pub ranking: Vec<Ranked>,
     /// Where to look when nothing is accused; no accusation.
     pub leads: Vec<Lead>,
+    /// Several effects fitted at once, where nothing is accused of a robot that is held; no accusation.
+    pub together: Option<Together>,
     /// How the causes were found, round by round.
     pub rounds: Vec<RoundSummary>,
     /// What the camera says, where another crate looked.

@@ -1,5 +1,7 @@
 //! What a diagnosis says in words: what it cannot tell and why, the verdict, what to do next.
 
+use crate::checks::by_recording::{OfRecording, change};
+use crate::decision::Policy;
 use crate::decision::evidence::{Candidate, Round};
 use crate::inference::linearised::LinearisedProblem;
 use crate::inference::regions::{EDGES, untested};
@@ -7,7 +9,10 @@ use crate::inference::search::{direction, fitted};
 use crate::inference::short_windows::feet;
 use crate::problem::columns::Suspect;
 use crate::problem::library::Effect;
-use crate::report::{Cause, Gap, Lead, ParameterEstimate, Ranked, RoundSummary, SuspectSummary, UNKNOWN, Verdict};
+use crate::report::{
+    Cause, Gap, Lead, ParameterEstimate, Ranked, RoundSummary, SuspectSummary, Together, TogetherEffect, UNKNOWN,
+    Verdict,
+};
 use qv_replay::Run;
 
 /// Cosine of the angle between sensitivities from which effects count as alike.
@@ -325,6 +330,53 @@ pub fn sentence(
     }
 }
 
+/// That recordings ask for different sizes of a cause, or else of the first lead; `None` where they agree.
+pub fn disagree(causes: &[Cause], leads: &[Lead], policy: &Policy) -> Option<String> {
+    let of_cause = |c: &Cause| (c.effect.clone(), c.parameters.first().cloned(), c.by_recording.clone());
+    let of_lead = |l: &Lead| (l.effects[0].clone(), l.parameters.first().cloned(), l.by_recording.clone());
+    let all = causes.iter().map(of_cause).chain(leads.iter().take(1).filter(|_| causes.is_empty()).map(of_lead));
+    all.filter_map(|(effect, parameter, of)| {
+        let change = change(&of, policy)?;
+        let with = |value: f64| {
+            parameter.as_ref().map_or(String::new(), |p| amount(&ParameterEstimate { value, ..p.clone() }))
+        };
+        let place = of.iter().position(|o| o.recording == change.since)?;
+        let numbers = |some: &[OfRecording]| {
+            let all: Vec<String> = some.iter().map(|o| (o.recording + 1).to_string()).collect();
+            all.join(", ")
+        };
+        let plural = |some: &[OfRecording]| if some.len() > 1 { "recordings" } else { "recording" };
+        let [before, after] = [&of[..place], &of[place..]];
+        Some(format!(
+            "The recordings disagree about {}: {} {} ask for {}, {} {} for {}.",
+            effect.replace('_', " "),
+            plural(before),
+            numbers(before),
+            with(change.values[0]),
+            plural(after),
+            numbers(after),
+            with(change.values[1])
+        ))
+    })
+    .next()
+}
+
+/// What several effects do together, in a sentence: no accusation.
+pub fn together(together: &Together) -> String {
+    let described = |e: &TogetherEffect| {
+        let amounts: Vec<String> = e.parameters.iter().map(amount).collect();
+        let names: Vec<String> =
+            std::iter::once(&e.effect).chain(&e.alike).map(|name| name.replace('_', " ")).collect();
+        format!("{}{} ({})", names.join(" or "), whereabouts(&e.scope), amounts.join(", "))
+    };
+    let all: Vec<String> = together.effects.iter().map(described).collect();
+    format!(
+        "Fitted at once, these would close {:.0} %: {}. None of them is accused.",
+        100.0 * together.closed,
+        all.join("; ")
+    )
+}
+
 /// Share of the evidence of what is accused from which on another effect does nearly as well.
 const NEARLY_AS_GOOD: f64 = 0.95;
 
@@ -507,6 +559,7 @@ mod tests {
             closed_alone,
             confusable_with: vec![],
             separating_experiment: String::new(),
+            by_recording: vec![],
         };
         let gap = |closed| Gap {
             before: 1.4,

@@ -51,6 +51,7 @@ pub fn empty() -> Report {
         causes: Vec::new(),
         ranking: Vec::new(),
         leads: Vec::new(),
+        together: None,
         rounds: Vec::new(),
         visual: None,
         unexplained: Unexplained::default(),
@@ -171,6 +172,7 @@ fn causes() -> Vec<Cause> {
         closed_alone: 0.71,
         confusable_with: vec!["command_latency".into(), "motor_gain_kd".into()],
         separating_experiment: "command steps of torque: a lag rounds them off, a latency only moves them".into(),
+        by_recording: Vec::new(),
     };
     let patch = Cause {
         effect: "ground_friction".into(),
@@ -184,6 +186,7 @@ fn causes() -> Vec<Cause> {
         closed_alone: 0.19,
         confusable_with: Vec::new(),
         separating_experiment: "pull the standing robot sideways with a spring balance until it slips".into(),
+        by_recording: Vec::new(),
     };
     vec![lag, patch]
 }

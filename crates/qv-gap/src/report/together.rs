@@ -1,0 +1,77 @@
+//! What a gap that no single effect explains looks like when several are fitted at once: no accusation. On real machines several things are
+//! off together, and the effect that fits best alone takes over what belongs to the others.
+
+use crate::GapError;
+use crate::checks::held_out::closure;
+use crate::findings::ParameterEstimate;
+use crate::inference::intervals::estimates_of;
+use crate::inference::level::level;
+use crate::inference::linearised::LinearisedProblem;
+use crate::inference::search::{Fit, Search};
+use crate::problem::columns::Suspect;
+use serde::Serialize;
+
+/// Several effects at their best beside each other.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Together {
+    /// Each of them, the one that is missed most first.
+    pub effects: Vec<TogetherEffect>,
+    /// Share of the gap that all of them close in windows that no fit has seen.
+    pub closed: f64,
+    /// Its interval.
+    pub closed_ci95: [f64; 2],
+    /// Root mean square error of joint positions in these windows before and with them \[rad\].
+    pub joint_rms: [f64; 2],
+    /// What is left in the windows of the fit over what the null leaves.
+    pub level: f64,
+}
+
+/// An effect beside others.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TogetherEffect {
+    /// Name.
+    pub effect: String,
+    /// `all`, or joints or links.
+    pub scope: Vec<String>,
+    /// Its size, with what the others leave open of it.
+    pub parameters: Vec<ParameterEstimate>,
+    /// Log likelihood ratio of having it, the others at their best without it, in units of what is left.
+    pub log_likelihood_ratio: f64,
+    /// Effects that this recording does not tell from it beside the others (correlation above 0.95).
+    pub alike: Vec<String>,
+}
+
+/// The best fits of a round taken together; `None` where fewer than two of them are needed.
+///
+/// # Errors
+/// When a value means nothing.
+pub fn together(study: &mut LinearisedProblem, fits: &[Fit], seed: u64) -> Result<Option<Together>, GapError> {
+    let level = level(study)?;
+    let null = level.null * level.count;
+    let mut search = Search::new(study, 1.0)?;
+    let Some(found) = search.together(fits, null)? else { return Ok(None) };
+    let suspects: Vec<Suspect> = found.fits.iter().map(|f| f.suspect.clone()).collect();
+    let setting = study.columns.setting_of(&study.problem, &suspects);
+    let gap = closure(study, &setting)?.gap(study, seed);
+    let name = |group: usize| study.columns.effects[study.columns.groups[group].effect].name.clone();
+    let mut effects: Vec<TogetherEffect> = Vec::new();
+    for fit in &found.fits {
+        let group = fit.suspect.group;
+        effects.push(TogetherEffect {
+            effect: name(group),
+            scope: study.columns.groups[group].names.clone(),
+            parameters: estimates_of(study, fit),
+            log_likelihood_ratio: fit.evidence,
+            alike: found.alike.iter().filter(|a| a[0] == group).map(|a| name(a[1])).collect(),
+        });
+    }
+    effects.sort_by(|a, b| b.log_likelihood_ratio.total_cmp(&a.log_likelihood_ratio));
+    let told = Together {
+        effects,
+        closed: gap.closed,
+        closed_ci95: gap.closed_ci95,
+        joint_rms: gap.joint_rms,
+        level: found.loss / null,
+    };
+    Ok((told.effects.len() > 1).then_some(told))
+}
