@@ -27,13 +27,15 @@ _HOME = {
     "open_cloud": "view",
     "render": "view",
     "VelocityTask": "_quadverse",
+    "NavigationTask": "_quadverse",
     "VelocityEnv": "gym",
+    "NavigationEnv": "gym",
     "__version__": "_quadverse",
 }
 #: Modules that are loaded when they are first named.
 _MODULES = ("fleet",)
 
-__all__ = [name for name in _HOME if name not in ("VelocityEnv", "__version__")]
+__all__ = [name for name in _HOME if name not in ("VelocityEnv", "NavigationEnv", "__version__")]
 
 
 def __getattr__(name):

@@ -168,7 +168,7 @@ fn generate(workspace: &Workspace, generator: &Generator, out: &Path, entries: &
 fn walk(workspace: &Workspace, name: &str, out: &Path) -> Result<()> {
     fs::create_dir_all(out).with_context(|| format!("making {}", out.display()))?;
     let mut cargo = process::cargo();
-    cargo.current_dir(&workspace.workspace_root).args(["run", "--release", "--package", "qv-policy"]);
+    cargo.current_dir(&workspace.workspace_root).args(["run", "--release", "--package", "quadverse-policy"]);
     process::run(cargo.args(["--example", "short_training", "--"]).arg(out.join(format!("{name}.json"))))
 }
 

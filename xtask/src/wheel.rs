@@ -60,7 +60,7 @@ pub fn run(workspace: &Workspace, how: &Python) -> Result<bool> {
 /// Builds `qv` and lays it where maturin takes scripts of the wheel from.
 fn program(workspace: &Workspace, release: bool) -> Result<()> {
     let mut build = process::cargo();
-    build.args(["build", "--quiet", "--package", "qv", "--locked"]);
+    build.args(["build", "--quiet", "--package", "quadverse", "--locked"]);
     build.args(["--profile", if release { "release" } else { "dev" }]);
     process::run(&mut build)?;
     let name = format!("qv{}", std::env::consts::EXE_SUFFIX);

@@ -39,6 +39,14 @@ pub struct Package {
     pub targets: Vec<Target>,
     /// Features and what each turns on.
     pub features: BTreeMap<String, Vec<String>>,
+    /// Registries that it may go to: `None` for all, empty for none.
+    pub publish: Option<Vec<String>>,
+    /// One sentence for a registry.
+    pub description: Option<String>,
+    /// Words that one searches a registry for.
+    pub keywords: Vec<String>,
+    /// Parts of a registry that it belongs to.
+    pub categories: Vec<String>,
 }
 
 /// One line of a dependency table.
@@ -62,6 +70,16 @@ pub struct Target {
 }
 
 impl Package {
+    /// What the crate is called in this workspace: see [`short`].
+    pub fn short(&self) -> String {
+        short(&self.name)
+    }
+
+    /// Whether it may go to a registry.
+    pub fn is_published(&self) -> bool {
+        self.publish.as_ref().is_none_or(|registries| !registries.is_empty())
+    }
+
     /// Folder of the package.
     pub fn folder(&self) -> &Path {
         self.manifest_path.parent().unwrap_or(&self.manifest_path)
@@ -75,6 +93,15 @@ impl Package {
     /// Whether it has an example of this name.
     pub fn has_example(&self, name: &str) -> bool {
         self.targets.iter().any(|target| target.name == name && target.kind.iter().any(|k| k == "example"))
+    }
+}
+
+/// What the crate of a package is called in code, docs and folders: `qv-sim` for the package `quadverse-sim`, `qv` for
+/// `quadverse`. Others keep their names. Registries have `qv` and `qv-core` of strangers.
+pub fn short(package: &str) -> String {
+    match package.strip_prefix("quadverse") {
+        Some(rest) if rest.is_empty() || rest.starts_with('-') => format!("qv{rest}"),
+        _ => package.into(),
     }
 }
 

@@ -1,8 +1,8 @@
 //! Hides something in the camera of recordings, diagnoses them, and scores the answers.
 //!
 //! ```text
-//! cargo run --release -p qv-camera --example sealed_cameras -- yard 5 1000
-//! cargo run --release -p qv-camera --example sealed_cameras -- rgbd ../shared/scenes/redkitchen 5 1000 [scene.ply|TRAINING_STEPS [SAVE.ply]]
+//! cargo run --release -p quadverse-camera --example sealed_cameras -- yard 5 1000
+//! cargo run --release -p quadverse-camera --example sealed_cameras -- rgbd ../shared/scenes/redkitchen 5 1000 [scene.ply|TRAINING_STEPS [SAVE.ply]]
 //! ```
 //! The numbers are recordings for each effect (and as many with none), and the seed. For an RGB-D folder the scene must have been
 //! learned without every 2nd image from the first on (`--hold-out N` for every Nth); without a file it is learned here, at half the

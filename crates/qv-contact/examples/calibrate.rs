@@ -1,5 +1,5 @@
 //! Calibrates the friction of a ground from a recording of a Go2 on it:
-//! `cargo run --release -p qv-contact --example calibrate -- run.mcap terrain.glb`; without arguments of one that it
+//! `cargo run --release -p quadverse-contact --example calibrate -- run.mcap terrain.glb`; without arguments of one that it
 //! makes up, a Go2 that trots on two materials.
 
 use qv_contact::{Ground, Options, calibrate, prior};

@@ -1,4 +1,4 @@
-//! Two frames and a point: `cargo run -p qv-core --example frames`.
+//! Two frames and a point: `cargo run -p quadverse-core --example frames`.
 use qv_core::Pose;
 
 fn main() {

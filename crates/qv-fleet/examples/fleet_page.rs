@@ -1,4 +1,4 @@
-//! Gathers made-up reports of three robots into a page: `cargo run -p qv-fleet --example fleet_page FILE.html`.
+//! Gathers made-up reports of three robots into a page: `cargo run -p quadverse-fleet --example fleet_page FILE.html`.
 
 use qv_fleet::gather::{State, gather};
 use qv_fleet::state::Kind;

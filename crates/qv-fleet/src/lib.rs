@@ -5,7 +5,7 @@
 //! use qv_fleet::{Command, InputFile, Plan, Recording, Task};
 //! let file = InputFile { path: "a/run.mcap".into(), bytes: 3, sha256: "0".repeat(64) };
 //! let run = Recording { path: "a/run.mcap".into(), robot: "arm".into(), start_ns: None, seconds: 20.0, files: vec![file] };
-//! let task = Task { version: "0.1.0".into(), command: Command::Diagnose, ..Task::default() };
+//! let task = Task { version: "0.2.0".into(), command: Command::Diagnose, ..Task::default() };
 //! let plan = Plan::new(task, vec![run.clone(), run], vec![], false);
 //! // The same contents twice are one unit.
 //! assert_eq!((plan.units.len(), plan.repeated.len()), (1, 1));

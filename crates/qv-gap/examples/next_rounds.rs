@@ -1,7 +1,7 @@
 //! Rounds with sealed effects: an arm is recorded and diagnosed, `next` proposes a motion, the arm with the same effect makes it, and the two
 //! recordings together are diagnosed. Prints how often the effect was named first before and after.
 //!
-//! `cargo run --release -p qv-gap --example next_rounds -- ROUNDS SEED`
+//! `cargo run --release -p quadverse-gap --example next_rounds -- ROUNDS SEED`
 
 use qv_core::random::SplitMix64;
 use qv_gap::next::{Proposal, hypotheses, next};

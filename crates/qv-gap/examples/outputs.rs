@@ -1,5 +1,5 @@
 //! Writes all files of a diagnosis (made up, of a robot with slow motors on a floor with a slick patch) to a folder:
-//! `cargo run -p qv-gap --example outputs -- FOLDER`.
+//! `cargo run -p quadverse-gap --example outputs -- FOLDER`.
 
 #[path = "../tests/made_up/mod.rs"]
 mod made_up;

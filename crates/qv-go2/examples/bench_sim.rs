@@ -1,6 +1,6 @@
 //! Steps per second of the simulator on the Go2's trot: the other side of `fixtures/mujoco/bench.py`.
 //!
-//! `cargo run --release -p qv-go2 --example bench_sim -- --case flat|friction|mesh --mode single|batch`; prints one line
+//! `cargo run --release -p quadverse-go2 --example bench_sim -- --case flat|friction|mesh --mode single|batch`; prints one line
 //! of JSON. `cargo xtask bench sim` runs both in turn.
 
 use qv_core::TriangleMesh;

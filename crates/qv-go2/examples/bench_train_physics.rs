@@ -1,6 +1,6 @@
 //! Steps per second of CPU time of the physics that a walking policy is trained on: Go2 at 5 ms.
 //!
-//! `cargo run --release -p qv-go2 --example bench_train_physics -- [--scene stand|trot|noise] [--ground plane|field|mesh]
+//! `cargo run --release -p quadverse-go2 --example bench_train_physics -- [--scene stand|trot|noise] [--ground plane|field|mesh]
 //! [--iterations N] [--shapes yes|no] [--warm last|cheaper] [--line-search halving|apex] [--line-steps N] [--tolerance X] [--timestep S] [--scalar f32|f64] [--count N] [--seconds S]
 //! [--error yes]`
 //! prints one line of JSON per case: without arguments the standing plane, the noisy plane at 30 and 6 iterations and the

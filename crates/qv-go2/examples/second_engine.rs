@@ -1,5 +1,5 @@
 //! The Go2's trot in qv-sim and in the second engine, and how far they are apart:
-//! `cargo run --release -p qv-go2 --features rapier --example second_engine`.
+//! `cargo run --release -p quadverse-go2 --features rapier --example second_engine`.
 
 use qv_go2::gait::Trot;
 use qv_go2::model::{self, ARMATURE, DEFAULT_KD, DEFAULT_KP, STAND};

@@ -1,6 +1,6 @@
 //! Writes a state of the Go2 as its wire has it, and reads it back through the mapping's field paths.
 //!
-//! `cargo run -p qv-go2 --example write_bag_message`
+//! `cargo run -p quadverse-go2 --example write_bag_message`
 
 use qv_go2::messages::{LOW_STATE, LOW_STATE_TYPE, LowState, encode_low_state};
 use qv_go2::{model, wire};

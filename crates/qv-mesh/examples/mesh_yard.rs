@@ -1,5 +1,5 @@
 //! Depth maps of the synthetic yard, with noise, to a labelled collision mesh; prints how good it is and how long it took:
-//! `cargo run --release -p qv-mesh --example mesh_yard -- [VOXEL] [NOISE] [OUT.glb] [ROUNDS OF SMOOTHING]`, in metres.
+//! `cargo run --release -p quadverse-mesh --example mesh_yard -- [VOXEL] [NOISE] [OUT.glb] [ROUNDS OF SMOOTHING]`, in metres.
 
 use qv_core::Material;
 use qv_mesh::close::close_to_solid;

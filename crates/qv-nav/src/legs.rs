@@ -3,11 +3,13 @@
 use crate::NavError;
 use crate::map::Map;
 use crate::task::PERIOD;
+use crate::teacher::World;
 use glam::DVec2;
 use qv_core::Pose;
 use qv_core::random::Xoshiro256PlusPlus;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 /// Where a robot begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -126,10 +128,25 @@ impl Effects {
 /// Robots whose velocity follows the command as a first-order lag does, on the map's heights, with a sway as of walking. Nothing stops them
 /// but the judge: there is no physics in this.
 pub struct Follower<'a> {
-    map: &'a Map,
+    ground: Ground<'a>,
     robots: Vec<One>,
     height: f64,
     effects: Effects,
+}
+
+/// Whose map a follower walks on.
+enum Ground<'a> {
+    Borrowed(&'a Map),
+    Shared(Arc<World>),
+}
+
+impl Ground<'_> {
+    fn map(&self) -> &Map {
+        match self {
+            Self::Borrowed(map) => map,
+            Self::Shared(world) => &world.map,
+        }
+    }
 }
 
 #[derive(Debug, Clone, Default)]
@@ -156,7 +173,11 @@ const SLIP_TIME: f64 = 0.5;
 impl<'a> Follower<'a> {
     /// `count` robots whose base is `height` over the ground \[m\].
     pub fn new(map: &'a Map, count: usize, height: f64) -> Self {
-        Self { map, robots: vec![One::default(); count], height, effects: Effects::default() }
+        Self::on(Ground::Borrowed(map), count, height)
+    }
+
+    fn on(ground: Ground<'a>, count: usize, height: f64) -> Self {
+        Self { ground, robots: vec![One::default(); count], height, effects: Effects::default() }
     }
 
     /// The same with effects that a training did not know of.
@@ -164,8 +185,23 @@ impl<'a> Follower<'a> {
     /// # Errors
     /// When they mean nothing.
     pub fn with_effects(map: &'a Map, count: usize, height: f64, effects: Effects) -> Result<Self, NavError> {
+        Self::new(map, count, height).suffering(effects)
+    }
+
+    /// These legs with effects.
+    ///
+    /// # Errors
+    /// When they mean nothing.
+    pub fn suffering(self, effects: Effects) -> Result<Self, NavError> {
         effects.check()?;
-        Ok(Self { effects, ..Self::new(map, count, height) })
+        Ok(Self { effects, ..self })
+    }
+}
+
+impl Follower<'static> {
+    /// As [`Follower::new`], for who keeps the world and the legs together.
+    pub fn shared(world: Arc<World>, count: usize, height: f64) -> Self {
+        Self::on(Ground::Shared(world), count, height)
     }
 }
 
@@ -248,7 +284,7 @@ impl Legs for Follower<'_> {
                 ..One::default()
             };
             robot.suffer(&self.effects, start.seed);
-            robot.past.begin(robot.pose(self.map, self.height));
+            robot.past.begin(robot.pose(self.ground.map(), self.height));
         }
         Ok(())
     }
@@ -256,7 +292,7 @@ impl Legs for Follower<'_> {
     fn step(&mut self, commands: &[[f64; 3]], active: &[bool]) -> Result<(), NavError> {
         for ((robot, command), _) in self.robots.iter_mut().zip(commands).zip(active).filter(|(_, active)| **active) {
             for _ in 0..(PERIOD / TICK).round() as usize {
-                robot.tick(self.map, self.height, *command);
+                robot.tick(self.ground.map(), self.height, *command);
             }
         }
         Ok(())

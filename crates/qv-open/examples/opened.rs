@@ -1,4 +1,4 @@
-//! Opens a recording and its robot, and says what they are: `cargo run -p qv-open --example opened -- walk.mcap`.
+//! Opens a recording and its robot, and says what they are: `cargo run -p quadverse-open --example opened -- walk.mcap`.
 
 use qv_open::{Reading, model_of, open_run, told_of};
 use qv_replay::ReplayError;

@@ -1,4 +1,4 @@
-//! Writes a page with two plots of two made-up joints, which zoom together: `cargo run -p qv-page --example two_plots FILE.html`.
+//! Writes a page with two plots of two made-up joints, which zoom together: `cargo run -p quadverse-page --example two_plots FILE.html`.
 
 use qv_page::{Board, Choice, Line, Look, Page, Panel, Stretch, Table, fixed, parts};
 

@@ -1,5 +1,5 @@
 //! The Go2 learns to follow velocity commands on the plane, and writes its policy:
-//! `cargo run --release -p qv-policy --example train -- policy.onnx`.
+//! `cargo run --release -p quadverse-policy --example train -- policy.onnx`.
 
 use qv_policy::PolicyError;
 use qv_policy::train::{TrainSettings, Training};

@@ -41,6 +41,13 @@ pub fn open_cloud(py: Python<'_>, path: PathBuf) -> PyResult<Cloud> {
     })
 }
 
+impl Cloud {
+    /// The Gaussians themselves.
+    pub fn gaussians(&self) -> &GaussianCloud {
+        &self.cloud
+    }
+}
+
 #[pymethods]
 impl Cloud {
     #[new]

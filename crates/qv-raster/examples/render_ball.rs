@@ -1,4 +1,4 @@
-//! Draws one Gaussian in letters: `cargo run -p qv-raster --example render_ball`.
+//! Draws one Gaussian in letters: `cargo run -p quadverse-raster --example render_ball`.
 use qv_core::{Camera, GaussianCloud, Pose};
 use qv_raster::{RasterError, Scene, Settings, View, render};
 

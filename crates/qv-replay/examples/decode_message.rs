@@ -1,6 +1,6 @@
 //! Decodes one CDR message by its ROS 2 definition: as a tree, and as the few numbers that are wanted.
 //!
-//! `cargo run -p qv-replay --example decode_message`
+//! `cargo run -p quadverse-replay --example decode_message`
 
 use qv_replay::cdr::{Writer, decode};
 use qv_replay::plan::{Plan, Wanted};

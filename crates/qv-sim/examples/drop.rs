@@ -1,4 +1,4 @@
-//! A thousand balls on a plane, each with its own restitution: `cargo run --release -p qv-sim --example drop`.
+//! A thousand balls on a plane, each with its own restitution: `cargo run --release -p quadverse-sim --example drop`.
 
 use qv_sim::{BaseKind, Batch, Model, ModelOptions, SimError, SimOptions, State, Terrain};
 

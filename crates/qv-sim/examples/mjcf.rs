@@ -1,4 +1,4 @@
-//! What is read of an MJCF: `cargo run --release --example mjcf -p qv-sim -- FILE.xml [GOLDEN.json]`. With a golden that
+//! What is read of an MJCF: `cargo run --release --example mjcf -p quadverse-sim -- FILE.xml [GOLDEN.json]`. With a golden that
 //! `fixtures/mjcf/generate.py --file FILE.xml` wrote, also how far the model is from MuJoCo's.
 
 #[path = "../tests/against_mujoco/mod.rs"]

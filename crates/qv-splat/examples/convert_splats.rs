@@ -1,4 +1,4 @@
-//! Converts one format of splats into another: `cargo run --release -p qv-splat --example convert_splats -- in.ply out.spz`.
+//! Converts one format of splats into another: `cargo run --release -p quadverse-splat --example convert_splats -- in.ply out.spz`.
 //!
 //! The input's format is told by its content, the output's by its name: .ply, .compressed.ply, .spz, .glb. `--spz-version 4`
 //! writes that version of SPZ. Without arguments a made-up Gaussian is converted through all of them.

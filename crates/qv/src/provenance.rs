@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 pub fn provenance<'p>(paths: impl IntoIterator<Item = &'p Path>) -> Value {
     let inputs: Vec<Value> = paths.into_iter().flat_map(files).filter_map(|path| input(&path)).collect();
     json!({
-        "program": env!("CARGO_PKG_NAME"),
+        "program": "qv",
         "version": env!("CARGO_PKG_VERSION"),
         "arguments": crate::config::arguments(),
         "inputs": inputs,

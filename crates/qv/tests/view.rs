@@ -33,6 +33,8 @@ const time = document.getElementById('time'); time.value = 2; time.dispatchEvent
 await see('slid');
 document.querySelector('input[name=place]').click();
 await see('without');
+document.querySelector('input[name=\"forces simulated\"]').click();
+await see('unforced');
 document.getElementById('play').click();
 for (let k = 0; k < 50 && qvView.state().time <= 2; k++) await wait(50);
 await see('playing');
@@ -130,7 +132,17 @@ fn one_looks_around_in_the_page() {
     assert!(seen["error"].is_null(), "{}", seen["error"]);
     let start = &seen["start"];
     let layers: Vec<&String> = start["layers"].as_object().unwrap().keys().collect();
-    for name in ["place", "ground", "recorded", "simulated", "corrected", "path recorded", "slips"] {
+    for name in [
+        "place",
+        "ground",
+        "recorded",
+        "simulated",
+        "corrected",
+        "path recorded",
+        "slips",
+        "forces recorded",
+        "forces simulated",
+    ] {
         assert!(layers.iter().any(|layer| *layer == name), "{name} {layers:?}");
     }
     assert_eq!((start["gaussians"].as_u64(), start["error"].as_u64()), (Some(400), Some(0)));
@@ -150,6 +162,19 @@ fn one_looks_around_in_the_page() {
     assert!(differs("cause", "slid", "base"), "the robot is elsewhere then");
     assert_eq!(seen["without"]["layers"]["place"], false);
     assert!(differs("slid", "without", "picture"));
+    // Four feet bear 15 kg, and none of them alone.
+    let forces = |step: &str, robot: &str| -> Vec<f64> {
+        let all = seen[step]["forces"][robot].as_array().unwrap();
+        all.iter().map(|force| force.as_f64().unwrap()).collect()
+    };
+    for robot in ["recorded", "simulated"] {
+        let (stand, total) = (forces("slid", robot), forces("slid", robot).iter().sum::<f64>());
+        assert!(stand.len() == 4 && total > 75.0 && total < 300.0, "{robot} {stand:?}");
+        assert!(stand.iter().all(|force| *force < 0.6 * total), "{robot} {stand:?}");
+        assert_ne!(stand, forces("cause", robot), "they change with time");
+    }
+    assert_eq!(seen["unforced"]["layers"]["forces simulated"], false);
+    assert!(differs("without", "unforced", "picture"), "arrows are drawn");
     assert!(seen["playing"]["time"].as_f64() > Some(2.0) && seen["playing"]["playing"] == true, "{}", seen["playing"]);
     assert!(differs("playing", "flown", "target"), "a key flies");
 }

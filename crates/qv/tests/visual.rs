@@ -142,7 +142,7 @@ fn trot(late: f64) -> (Vec<Message>, GaussianCloud) {
     (messages, cloud)
 }
 
-/// Slow without optimisation: `cargo test --release -p qv --test visual -- --ignored`.
+/// Slow without optimisation: `cargo test --release -p quadverse --test visual -- --ignored`.
 #[test]
 #[ignore = "three whole diagnoses, minutes even with --release"]
 fn a_late_camera_is_accused_and_nothing_else_and_the_corrected_one_is_not() {

@@ -72,7 +72,7 @@ struct Results {
 /// `qv` cannot be built or fails.
 pub fn run(workspace: &Workspace, options: &Fleet) -> Result<bool> {
     let profile = if options.dev { "dev" } else { "release" };
-    process::run(process::cargo().args(["build", "--package", "qv", "--locked", "--profile", profile]))?;
+    process::run(process::cargo().args(["build", "--package", "quadverse", "--locked", "--profile", profile]))?;
     let qv = workspace.target_directory.join(if options.dev { "debug" } else { "release" }).join("qv");
     let place = folder(workspace)?.join("fleet");
     if place.exists() {

@@ -71,7 +71,7 @@ fn folder(workspace: &Workspace) -> PathBuf {
 /// It does not build.
 pub fn build(workspace: &Workspace) -> Result<PathBuf> {
     let mut cargo = process::cargo();
-    cargo.current_dir(&workspace.workspace_root).args(["build", "--release", "--locked", "--package", "qv"]);
+    cargo.current_dir(&workspace.workspace_root).args(["build", "--release", "--locked", "--package", "quadverse"]);
     process::run(cargo.args(["--target-dir"]).arg(&workspace.target_directory))?;
     Ok(built(workspace, "qv"))
 }
@@ -85,9 +85,9 @@ fn built(workspace: &Workspace, name: &str) -> PathBuf {
 fn build_all(workspace: &Workspace) -> Result<Vec<(Program, PathBuf)>> {
     let mut cargo = process::cargo();
     cargo.current_dir(&workspace.workspace_root).args(["build", "--release", "--locked"]);
-    cargo.args(PROGRAMS.iter().flat_map(|(_, name)| ["--package", name]));
+    cargo.args(PROGRAMS.iter().flat_map(|(_, package, _)| ["--package", package]));
     process::run(cargo.args(["--target-dir"]).arg(&workspace.target_directory))?;
-    Ok(PROGRAMS.iter().map(|(program, name)| (*program, built(workspace, name))).collect())
+    Ok(PROGRAMS.iter().map(|(program, _, name)| (*program, built(workspace, name))).collect())
 }
 
 fn run_stage(stage: Stage, programs: &[(Program, PathBuf)], folder: &Path, forced: bool) -> Result<()> {

@@ -69,8 +69,8 @@ const fn told(words: &'static str, said: &'static str) -> Call {
     Call { program: Program::Qv, words, said: Some(said) }
 }
 
-/// The programs in the order in which they are built and passed on.
-pub const PROGRAMS: [(Program, &str); 2] = [(Program::Qv, "qv"), (Program::Yard, "yard")];
+/// The programs in the order in which they are built and passed on, each with its package and its name.
+pub const PROGRAMS: [(Program, &str, &str); 2] = [(Program::Qv, "quadverse", "qv"), (Program::Yard, "yard", "yard")];
 
 impl Stage {
     /// As on the command line, and the folder that it writes into.

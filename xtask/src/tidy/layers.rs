@@ -1,7 +1,7 @@
 //! Which crate may use which, and what each crate must have.
 
 use super::Source;
-use crate::workspace::{Package, Workspace};
+use crate::workspace::{Package, Workspace, short};
 use std::path::Path;
 
 /// Layer of each crate; the table of docs/ARCHITECTURE.md. `qv` and `xtask` are above all and used by none.
@@ -30,7 +30,7 @@ const LAYERS: &[(&str, u8)] = &[
     ("xtask", 5),
 ];
 
-/// Layer of a crate of the workspace.
+/// Layer of a crate of the workspace, by its short name.
 pub fn layer(name: &str) -> Option<u8> {
     LAYERS.iter().find(|(known, _)| *known == name).map(|(_, layer)| *layer)
 }
@@ -42,6 +42,7 @@ pub fn check(workspace: &Workspace, sources: &[Source]) -> Vec<String> {
         found.extend(directions(package));
         found.extend(gpu_gate(package));
         found.extend(completeness(package, &workspace.workspace_root, sources));
+        found.extend(for_a_registry(package));
     }
     found
 }
@@ -49,12 +50,12 @@ pub fn check(workspace: &Workspace, sources: &[Source]) -> Vec<String> {
 /// Dependencies must point to a lower layer. Those of tests and examples are free: the Go2 may walk in the tests of
 /// the simulator, which ships without it.
 fn directions(package: &Package) -> Vec<String> {
-    let Some(own) = layer(&package.name) else {
+    let Some(own) = layer(&package.short()) else {
         return vec![format!("{}: expected a crate of the layer table, found none of that name", package.name)];
     };
     let shipped = package.dependencies.iter().filter(|dependency| dependency.kind.as_deref() != Some("dev"));
     shipped
-        .filter_map(|dependency| Some((dependency, layer(&dependency.name)?)))
+        .filter_map(|dependency| Some((dependency, layer(&short(&dependency.name))?)))
         .filter(|(_, theirs)| *theirs >= own)
         .map(|(dependency, theirs)| {
             format!(
@@ -95,21 +96,47 @@ fn completeness(package: &Package, root: &Path, sources: &[Source]) -> Vec<Strin
         found.push(format!("{}: expected a runnable example, found none", package.name));
     }
     // The native part of the Python package is a library for Python alone.
-    if package.has_target("lib") && package.name.starts_with("qv-") && package.name != "qv-py" {
+    let name = package.short();
+    if package.has_target("lib") && name.starts_with("qv-") && name != "qv-py" {
         found.extend(own_page(package, root, sources));
     }
     if package.license.as_deref() != Some("MIT OR Apache-2.0") {
         found.push(format!("{}: expected the licence MIT OR Apache-2.0, found {:?}", package.name, package.license));
     }
-    let mentioned = format!("`{}`", package.name);
+    let mentioned = format!("`{name}`");
     for page in ["README.md", "docs/ARCHITECTURE.md"] {
         let text = sources.iter().find(|source| source.path == Path::new(page)).map(|source| source.text.as_str());
         if !text.is_some_and(|text| text.contains(&mentioned)) {
             found.push(format!("{page}: expected it to name the crate {mentioned}, found nothing"));
         }
     }
-    if package.name.starts_with("qv") && package.folder() != root.join("crates").join(&package.name) {
-        found.push(format!("{}: expected it in crates/{}", package.name, package.name));
+    if name.starts_with("qv") && package.folder() != root.join("crates").join(&name) {
+        found.push(format!("{}: expected it in crates/{name}", package.name));
+    }
+    found
+}
+
+/// What is published has a name that no stranger has, beside the short name in code, and says what it is.
+fn for_a_registry(package: &Package) -> Vec<String> {
+    if !package.is_published() {
+        return Vec::new();
+    }
+    let mut found = Vec::new();
+    let name = package.short();
+    if name == package.name {
+        found.push(format!("{name}: expected a published package to be named quadverse-*, found {name}"));
+    }
+    let in_code = name.replace('-', "_");
+    if !package.targets.iter().any(|target| target.name == in_code) {
+        found.push(format!("{}: expected it to build {in_code}, found nothing of that name", package.name));
+    }
+    let said = [
+        ("description", package.description.is_some()),
+        ("keywords", !package.keywords.is_empty()),
+        ("categories", !package.categories.is_empty()),
+    ];
+    for (what, _) in said.iter().filter(|(_, is_there)| !is_there) {
+        found.push(format!("{}: expected {what} in Cargo.toml, found none", package.name));
     }
     found
 }
@@ -120,7 +147,7 @@ fn own_page(package: &Package, root: &Path, sources: &[Source]) -> Option<String
     let Some(page) = sources.iter().find(|source| source.path == path) else {
         return Some(format!("{}: expected a page that says what the crate is, found none", path.display()));
     };
-    let says = format!("| layer | {} of 5", layer(&package.name)?);
+    let says = format!("| layer | {} of 5", layer(&package.short())?);
     if !page.text.contains(&says) {
         return Some(format!("{}: expected `{says}`, found another layer or none", path.display()));
     }
@@ -138,7 +165,7 @@ mod tests {
     fn package(name: &str, dependencies: &[(&str, Option<&str>)]) -> Package {
         Package {
             name: name.into(),
-            version: "0.1.0".into(),
+            version: "0.2.0".into(),
             id: name.into(),
             license: Some("MIT OR Apache-2.0".into()),
             manifest_path: format!("/top/crates/{name}/Cargo.toml").into(),
@@ -148,6 +175,10 @@ mod tests {
                 .collect(),
             targets: vec![Target { name: name.into(), kind: vec!["lib".into()] }],
             features: Default::default(),
+            publish: Some(Vec::new()),
+            description: None,
+            keywords: Vec::new(),
+            categories: Vec::new(),
         }
     }
 
@@ -159,6 +190,30 @@ mod tests {
         assert_eq!(directions(&package("qv-core", &[("xtask", Some("build"))])).len(), 1);
         assert!(directions(&package("qv-sim", &[("qv-go2", Some("dev"))])).is_empty());
         assert_eq!(directions(&package("qv-new", &[])).len(), 1);
+    }
+
+    #[test]
+    fn package_names_stand_for_crates() {
+        assert!(directions(&package("quadverse-replay", &[("quadverse-sim", None)])).is_empty());
+        assert_eq!(directions(&package("quadverse-sim", &[("quadverse-go2", None)])).len(), 1);
+        assert_eq!(short("quadverse"), "qv");
+        assert_eq!(short("quadversed"), "quadversed");
+    }
+
+    #[test]
+    fn what_is_published_has_our_name_and_the_crates() {
+        let mut sim = package("quadverse-sim", &[]);
+        assert!(for_a_registry(&sim).is_empty(), "it is not published");
+        sim.publish = None;
+        sim.targets[0].name = "qv_sim".into();
+        assert_eq!(for_a_registry(&sim).len(), 3, "nothing is said of it");
+        sim.description = Some("A simulator.".into());
+        (sim.keywords, sim.categories) = (vec!["robotics".into()], vec!["simulation".into()]);
+        assert!(for_a_registry(&sim).is_empty());
+        sim.targets[0].name = "quadverse_sim".into();
+        assert_eq!(for_a_registry(&sim).len(), 1, "code calls it qv_sim");
+        sim.name = "qv-sim".into();
+        assert_eq!(for_a_registry(&sim).len(), 2, "a stranger may have that name");
     }
 
     #[test]
@@ -185,7 +240,7 @@ mod tests {
         sim.targets = vec![Target { name: "drop".into(), kind: vec!["example".into()] }];
         let page = |text: &str| [Source { path: "crates/qv-sim/README.md".into(), text: text.into() }];
         let found = |text: &str| own_page(&sim, Path::new("/top"), &page(text));
-        assert_eq!(found("cargo run -p qv-sim --example drop\n| layer | 1 of 5 |"), None);
+        assert_eq!(found("cargo run -p quadverse-sim --example drop\n| layer | 1 of 5 |"), None);
         assert!(found("--example drop\n| layer | 2 of 5 |").unwrap().contains("`| layer | 1 of 5`"));
         assert!(found("--example fall\n| layer | 1 of 5 |").unwrap().ends_with("found fall"));
         assert!(found("| layer | 1 of 5 |").unwrap().ends_with("found none"));

@@ -129,7 +129,7 @@ fn library_rules(package: &Package, source: &Source) -> Vec<String> {
     let mut complain = |number: usize, expected: &str, what: &str| {
         found.push(format!("{}:{}: expected {expected}, found {what}", source.path.display(), number + 1));
     };
-    let low = layers::layer(&package.name).is_some_and(|layer| layer <= 2);
+    let low = layers::layer(&package.short()).is_some_and(|layer| layer <= 2);
     for (number, line) in bare.lines().enumerate() {
         if let Some(what) = AMBIENT.iter().find(|what| low && line.contains(*what)) {
             complain(number, "no clock, environment or global random state in layers 0 to 2", what);
@@ -138,7 +138,7 @@ fn library_rules(package: &Package, source: &Source) -> Vec<String> {
             complain(number, "only binaries to print", what);
         }
     }
-    if !KNOW_THE_ROBOT.contains(&package.name.as_str()) {
+    if !KNOW_THE_ROBOT.contains(&package.short().as_str()) {
         // Lines that the tests occupy are blank in `bare`; names may sit in strings, so those are looked at, too.
         let spoken = code(&source.text, Strings::Keep);
         for (number, (line, bare_line)) in spoken.lines().zip(bare.lines()).enumerate() {
@@ -169,6 +169,10 @@ mod tests {
             dependencies: Vec::new(),
             targets: Vec::new(),
             features: Default::default(),
+            publish: Some(Vec::new()),
+            description: None,
+            keywords: Vec::new(),
+            categories: Vec::new(),
         }
     }
 

@@ -1,6 +1,6 @@
 //! Measures the rasteriser on the yard of `qv_raster::workload`:
 //!
-//! `cargo run --release -p qv-raster --features gpu --example bench_raster -- 300000 0 128 [--depth] [--all] [--bytes] [--keep]
+//! `cargo run --release -p quadverse-raster --features gpu --example bench_raster -- 300000 0 128 [--depth] [--all] [--bytes] [--keep]
 //! [--width 640] [--height 480] [--frames 20] [--cpu] [--without-subgroups]
 //! [--check] [--backward] [--atomic] [--moving N] [--json] [--adapter] [--save FILE]`
 //!

@@ -27,6 +27,7 @@ pub use json::to_json;
 pub use lag::{Lag, lags_behind, lags_behind_command};
 pub use layout::layout;
 pub use legs::Legs;
+pub use scene_out::usual_force;
 pub use start::{SensorErrors, Starts, is_whole};
 pub use verdict::verdict;
 

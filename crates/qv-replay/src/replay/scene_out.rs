@@ -13,7 +13,7 @@ const TICK: f64 = 0.05;
 const SLIPPING: f64 = 0.006;
 /// Length of the arrow of a force at the largest that is usual for the feet of its robot \[m\].
 const LONGEST: f64 = 0.25;
-/// Share of the forces that are at most the largest that is usual: single impacts are far above it.
+/// Share of the forces that are at most the largest that is usual.
 const USUAL: f64 = 0.95;
 /// Diameters of an arrow's shaft and head, length of its head, diameter of a slip \[m\].
 const SHAFT: f64 = 0.008;
@@ -55,9 +55,7 @@ impl Drawn {
         if !is_known || model.base != BaseKind::Floating {
             return None;
         }
-        let mut sorted: Vec<f64> = forces.iter().copied().filter(|f| f.is_finite()).collect();
-        sorted.sort_by(f64::total_cmp);
-        let usual = sorted.get((USUAL * sorted.len() as f64) as usize).copied().filter(|f| *f > 0.0)?;
+        let usual = usual_force(forces)?;
         let soles: Vec<Vec<DVec3>> = (0..trace.time.len()).map(|i| soles(trace, feet, model, i)).collect();
         let foot = |k: usize| Foot {
             soles: soles.iter().map(|row| row[k]).collect(),
@@ -107,6 +105,14 @@ impl Drawn {
         let moved = (foot.soles[i] - foot.soles[before]).truncate().length();
         (stands && moved > SLIPPING).then_some(moved)
     }
+}
+
+/// The largest force that is usual on the feet of a robot \[N\]: 95 % of those that are known are at most this, single
+/// impacts are far above it. None where no force is known, or hardly any is above zero.
+pub fn usual_force(forces: &[f64]) -> Option<f64> {
+    let mut sorted: Vec<f64> = forces.iter().copied().filter(|f| f.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get((USUAL * sorted.len() as f64) as usize).copied().filter(|f| *f > 0.0)
 }
 
 /// Where each foot would touch ground below it.

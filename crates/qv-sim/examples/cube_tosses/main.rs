@@ -1,5 +1,5 @@
 //! Measured tosses of a box reproduced from their start states, and the friction that fits them best:
-//! `cargo run --release -p qv-sim --example cube_tosses -- TOSSES.csv [EDGE MASS INERTIA]` \[m, kg, kg m²\].
+//! `cargo run --release -p quadverse-sim --example cube_tosses -- TOSSES.csv [EDGE MASS INERTIA]` \[m, kg, kg m²\].
 
 mod interval;
 mod tosses;

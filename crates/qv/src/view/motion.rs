@@ -6,7 +6,7 @@ use crate::{Failure, Reading, RunArguments};
 use glam::DVec3;
 use qv_core::TriangleMesh;
 use qv_replay::Run;
-use qv_replay::replay::{ReplayOptions, Trace, simulate};
+use qv_replay::replay::{Feet, ReplayOptions, Trace, simulate, usual_force};
 use qv_sim::{Model, Shape, Terrain};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -25,6 +25,17 @@ pub struct Track {
     pub name: &'static str,
     /// x, y, z, quaternion x, y, z, w of each link in the world; NaN where it is not known. Shape `[T, links, 7]`.
     pub poses: Vec<f32>,
+    /// What the ground does to its feet, where that is known.
+    pub forces: Option<Forces>,
+}
+
+/// Normal forces on the feet of a robot over time.
+pub struct Forces {
+    /// Where the foot touches the ground in the world \[m\], and the force \[N, or what a sensor takes for it\]; NaN where
+    /// it is not known. Shape `[T, feet, 4]`.
+    pub feet: Vec<f32>,
+    /// The largest force that is usual, in the same unit.
+    pub usual: f64,
 }
 
 /// All tracks, on one clock.
@@ -124,7 +135,7 @@ pub fn of(
     let plain = ReplayOptions::default();
     let simulated = simulate(&run, &model, &terrain, &plain)?;
     let (kept, time) = kept(&simulated.recorded.time);
-    let track = |name, trace: &Trace| Track { name, poses: poses(&model, trace, &simulated.recorded, &kept) };
+    let track = |name, trace: &Trace| track(name, &model, &simulated.feet, [trace, &simulated.recorded], &kept);
     let mut tracks = vec![track("recorded", &simulated.recorded)];
     match simulated.ran_away {
         None => tracks.push(track("simulated", &simulated.whole)),
@@ -158,9 +169,12 @@ fn kept(time: &[f64]) -> (Vec<usize>, Vec<f64>) {
     (kept, times)
 }
 
-/// Poses of all links at the instants `kept`. A robot that is held stands at the origin.
-fn poses(model: &Model, trace: &Trace, recorded: &Trace, kept: &[usize]) -> Vec<f32> {
-    let (n, links) = (model.joints.len(), model.links.len());
+/// Poses of all links at the instants `kept`, and forces on feet. A robot that is held stands at the origin.
+fn track(name: &'static str, model: &Model, feet: &Feet, [trace, recorded]: [&Trace; 2], kept: &[usize]) -> Track {
+    let (n, links, count) = (model.joints.len(), model.links.len(), feet.geoms.len());
+    let is_known = count > 0 && trace.foot_force.len() == count * trace.time.len();
+    let usual = if is_known { usual_force(&trace.foot_force) } else { None };
+    let mut on_feet = Vec::new();
     // A recorded position that is missing is where it was last: a robot without a leg tells less.
     let (mut last, mut base) = (vec![0.0; n], None);
     let mut all = Vec::with_capacity(kept.len() * links * 7);
@@ -176,12 +190,26 @@ fn poses(model: &Model, trace: &Trace, recorded: &Trace, kept: &[usize]) -> Vec<
         }
         q.extend(&last);
         if is_there && q.len() == model.nq() {
-            all.extend(model.world_from_links(&q).iter().flat_map(|link| pose(link).map(|x| x as f32)));
+            let poses = model.world_from_links(&q);
+            all.extend(poses.iter().flat_map(|link| pose(link).map(|x| x as f32)));
+            if usual.is_some() {
+                let soles = feet.geoms.iter().map(|&geom| sole(model, &poses, geom));
+                let with_force = soles.zip(&trace.foot_force[k * count..]);
+                on_feet.extend(with_force.flat_map(|(at, force)| [at.x, at.y, at.z, *force].map(|x| x as f32)));
+            }
         } else {
             all.extend(std::iter::repeat_n(f32::NAN, links * 7));
+            on_feet.extend(std::iter::repeat_n(f32::NAN, if usual.is_some() { count * 4 } else { 0 }));
         }
     }
-    all
+    Track { name, poses: all, forces: usual.map(|usual| Forces { feet: on_feet, usual }) }
+}
+
+/// Where a foot would touch ground below it \[m\].
+fn sole(model: &Model, poses: &[qv_core::Pose], geom: usize) -> DVec3 {
+    let geom = &model.geoms[geom];
+    let radius = if let Shape::Sphere(radius) = geom.shape { radius } else { 0.0 };
+    poses[geom.link].transform_point(geom.link_from_geom.position) - radius * DVec3::Z
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The page: data, our script, and three.js within one file.
 
 use super::causes::Cause;
-use super::motion::Motion;
+use super::motion::{Forces, Motion, Track};
 use super::parts::Parts;
 use super::place::{Slip, Splat};
 use base64::Engine;
@@ -81,8 +81,9 @@ fn mesh(mesh: &TriangleMesh) -> Value {
 }
 
 fn motion(motion: &Motion) -> Value {
-    let tracks: Vec<Value> =
-        motion.tracks.iter().map(|t| json!({"name": t.name, "poses": floats(t.poses.iter().copied())})).collect();
+    let forces = |f: &Forces| json!({"feet": floats(f.feet.iter().copied()), "usual": f.usual});
+    let track = |t: &Track| json!({"name": t.name, "poses": floats(t.poses.iter().copied()), "forces": t.forces.as_ref().map(forces)});
+    let tracks: Vec<Value> = motion.tracks.iter().map(track).collect();
     json!({
         "links": motion.model.links.len(),
         "time": floats(motion.time.iter().map(|t| *t as f32)),

@@ -233,7 +233,39 @@ function robot(track, motion) {
     const line = new THREE.Line(new THREE.BufferGeometry().setFromPoints(way), new THREE.LineBasicMaterial({ color: TRACKS[track.name] }));
     layer(track.name, all, TRACKS[track.name]);
     layer("path " + track.name, line, TRACKS[track.name]);
-    robots.push({ name: track.name, poses, links, all });
+    robots.push({ name: track.name, poses, links, all, arrows: track.forces ? arrows(track) : null });
+}
+
+/** Arrows that stand on the ground at feet; at the largest force that is usual for its robot one is `LONGEST` m long. */
+const LONGEST = 0.25, HEAD = 0.04;
+function arrows(track) {
+    const all = new THREE.Group(), feet = floats(track.forces.feet), colour = TRACKS[track.name];
+    const count = feet.length / (4 * times.length), material = new THREE.MeshLambertMaterial({ color: colour });
+    const shaft = new THREE.CylinderGeometry(0.006, 0.006, 1, 10).rotateX(Math.PI / 2).translate(0, 0, 0.5);
+    const head = new THREE.CylinderGeometry(0, 0.016, HEAD, 14).rotateX(Math.PI / 2).translate(0, 0, HEAD / 2);
+    for (let k = 0; k < count; k++) {
+        const arrow = new THREE.Group();
+        arrow.add(new THREE.Mesh(shaft, material), new THREE.Mesh(head, material));
+        all.add(arrow);
+    }
+    layer("forces " + track.name, all, colour);
+    return { all, feet, scale: LONGEST / track.forces.usual, now: [] };
+}
+
+/** Puts the arrows of a robot where they are at an instant. */
+function push({ all, feet, scale, now: forces }, instant) {
+    all.children.forEach((arrow, foot) => {
+        const [x, y, z, force] = feet.subarray(4 * (instant * all.children.length + foot), 4 * (instant * all.children.length + foot) + 4);
+        const long = scale * force;
+        forces[foot] = Number.isFinite(force) ? force : null;
+        arrow.visible = Number.isFinite(x + y + z) && long > 0.002;
+        if (!arrow.visible) return;
+        const end = Math.min(HEAD, long), [shaft, head] = arrow.children;
+        arrow.position.set(x, y, z);
+        shaft.scale.z = Math.max(long - end, 1e-6);
+        head.position.z = long - end;
+        head.scale.setScalar(end / HEAD);
+    });
 }
 
 const times = data.motion ? floats(data.motion.time) : new Float32Array(0);
@@ -268,7 +300,8 @@ function show(time) {
     now = time;
     const k = instant(time), next = Math.min(k + 1, times.length - 1);
     const s = times[next] > times[k] ? Math.min(1, Math.max(0, (time - times[k]) / (times[next] - times[k]))) : 0;
-    for (const { poses, links } of robots) {
+    for (const { poses, links, arrows } of robots) {
+        if (arrows) push(arrows, k);
         links.forEach(({ group }, link) => {
             const a = 7 * (k * links.length + link), b = 7 * (next * links.length + link);
             group.visible = Number.isFinite(poses[a]);
@@ -341,7 +374,7 @@ for (const [name, { object, colour }] of Object.entries(layers)) {
     box.type = "checkbox";
     box.name = name;
     // What would hide the other at first: a splat shows the ground better than its mesh, three robots stand in each other.
-    box.checked = object.visible = !((name === "ground" && layers.place) || name === "corrected" && layers.simulated);
+    box.checked = object.visible = !((name === "ground" && layers.place) || name.endsWith("corrected") && !name.startsWith("path") && layers.simulated);
     element("span", label, "", "swatch").style.background = hex(colour);
     label.append(name);
     box.addEventListener("change", () => { object.visible = box.checked; dirty = true; });
@@ -478,6 +511,7 @@ globalThis.qvView = {
             layers: Object.fromEntries(Object.entries(layers).map(([name, { object }]) => [name, object.visible])),
             time: now, playing, chosen, camera: camera.position.toArray(), target: orbit.target.toArray(), picture: sum, colours: colours.size, red,
             gaussians: splat ? splat.count : 0, base: robots.length ? robots[0].links[0].group.position.toArray() : null,
+            forces: Object.fromEntries(robots.filter((one) => one.arrows).map((one) => [one.name, [...one.arrows.now]])),
             error: gl.getError(), triangles: renderer.info.render.triangles,
         };
     },
