@@ -270,6 +270,7 @@ impl Judge<'_> {
                 closed_alone: closed(before, &alone, &floor),
                 confusable_with,
                 separating_experiment: EFFECTS[effect].experiment.into(),
+                by_recording: Vec::new(),
             });
         }
         // Without causes the best fit is that of none.
