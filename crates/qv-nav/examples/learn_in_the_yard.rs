@@ -1,15 +1,17 @@
 //! A student learns to find cones in the yard of `fixtures/yard`, whose surfaces are sown with Gaussians, and says how often it does:
 //! `learn_in_the_yard [KEY=VALUE ...]`. Keys are those of `TrainSettings` (numbers), `test` (episodes), `every` (rounds from one test to the
-//! next), `out` (a directory for weights.bin, made if need be), and `from` (the weights.bin of an earlier training to go on from). All
+//! next), those of `Paints`, `out` (a directory for weights.bin, made if need be), and `from` (the weights.bin of an earlier training to go on from). All
 //! settings are printed.
 
 use qv_nav::dagger::{Student, TrainSettings};
-use qv_nav::eye::SplatEye;
+use qv_nav::eye::{Paints, SplatEye};
 use qv_nav::fit::Fit;
 use qv_nav::legs::Follower;
 use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
 use qv_nav::pilots::{BlobPilot, NetPilot, TeacherPilot};
+use qv_nav::recall::Drift;
+use qv_nav::reflex::Reflex;
 use qv_nav::roll::{Pilot, Record, Stage, roll};
 use qv_nav::score::Row;
 use qv_nav::sight::Rig;
@@ -38,11 +40,13 @@ struct Options {
     every: usize,
     out: Option<PathBuf>,
     from: Option<PathBuf>,
+    paints: Paints,
 }
 
 impl Options {
     fn of(arguments: impl Iterator<Item = String>) -> Fallible<Self> {
         let mut settings = serde_json::to_value(TrainSettings::default())?;
+        let mut paints = serde_json::to_value(Paints::default())?;
         let (mut test, mut every, mut out, mut from) = (96, 1, None, None);
         for argument in arguments {
             let (key, value) = argument.split_once('=').ok_or_else(|| format!("{argument}: expected KEY=VALUE"))?;
@@ -51,10 +55,12 @@ impl Options {
                 "every" => every = value.parse()?,
                 "from" => from = Some(PathBuf::from(value)),
                 "out" => out = Some(PathBuf::from(value)),
+                "count" | "grain" | "tint" => paints[key] = serde_json::from_str(value)?,
                 _ => settings[key] = serde_json::from_str(value)?,
             }
         }
-        Ok(Self { settings: serde_json::from_value(settings)?, test, every, out, from })
+        let paints = serde_json::from_value(paints)?;
+        Ok(Self { settings: serde_json::from_value(settings)?, test, every, out, from, paints })
     }
 }
 
@@ -65,16 +71,19 @@ fn main() -> Fallible<()> {
     let map = Map::new(&mesh_with(&CRATES), &MapSettings::default())?;
     let world = World::new(map, Rig::default(), Limits::default());
     println!("{:?}", world.teacher);
-    let eye = SplatEye::new(&sow::cloud(&Yard::with_crates(&CRATES, Vec::new(), 1), SOWN));
+    let sown = sow::cloud(&Yard::with_crates(&CRATES, Vec::new(), 1), SOWN);
+    let (eye, plain) = (SplatEye::painted(&sown, &options.paints, settings.seed), SplatEye::new(&sown));
     println!("{} Gaussians, {} places for cones", eye.count(), world.candidates.len());
-    let stage = Stage { world: &world, eye: &eye, spread: LensSpread::wide() };
+    let drift = Drift::default();
+    let stage = Stage { world: &world, eye: &eye, spread: LensSpread::wide(), drift, reflex: Reflex::default() };
+    let tested = Stage { world: &world, eye: &plain, spread: LensSpread::wide(), drift, reflex: Reflex::default() };
     let mut legs = Follower::new(&world.map, settings.robots, HEIGHT);
     let tests = EpisodeSettings::default().draw(&world, options.test, TESTED)?;
     let limits = world.limits;
-    show(&stage, "teacher", &mut TeacherPilot { limits }, &mut legs, &tests)?;
-    show(&stage, "blob", &mut BlobPilot { limits }, &mut legs, &tests)?;
+    show(&tested, "teacher", &mut TeacherPilot { limits }, &mut legs, &tests)?;
+    show(&tested, "blob", &mut BlobPilot { limits }, &mut legs, &tests)?;
     let held = EpisodeSettings::default().draw(&world, 24, HELD_OUT)?;
-    let held = roll(&stage, &mut legs, &held, &mut TeacherPilot { limits }, |_| true, &mut |_| {})?;
+    let held = roll(&tested, &mut legs, &held, &mut TeacherPilot { limits }, |_| true, &mut |_| {})?;
     let held: Vec<Record> = held.into_iter().map(|(_, record)| record).collect();
     let mut student = Student::new(settings)?;
     if let Some(from) = &options.from {
@@ -98,7 +107,7 @@ fn main() -> Fallible<()> {
         println!("    {:.3?}", Fit::of(&student.net, &student.parameters, &held));
         if round % options.every == 0 || round == settings.rounds {
             let mut pilot = NetPilot::new(&student.net, &student.parameters, settings.robots);
-            show(&stage, "student", &mut pilot, &mut legs, &tests)?;
+            show(&tested, "student", &mut pilot, &mut legs, &tests)?;
         }
         if let Some(out) = &options.out {
             std::fs::create_dir_all(out)?;

@@ -7,6 +7,8 @@ use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
 use qv_nav::net::Net;
 use qv_nav::pilots::{BlobPilot, NetPilot, TeacherPilot};
+use qv_nav::recall::Drift;
+use qv_nav::reflex::Reflex;
 use qv_nav::roll::{Pilot, Stage, roll};
 use qv_nav::score::{Row, compared};
 use qv_nav::sight::Rig;
@@ -43,13 +45,17 @@ fn cast(yard: &Yard, shot: &Shot) -> Vec<f32> {
 
 struct Bench<'a> {
     world: &'a World,
+    reflex: Reflex,
     episodes: Vec<Episode>,
     rows: Vec<(String, Vec<Trial>)>,
 }
 
 impl Bench<'_> {
     fn row(&mut self, name: &str, eye: &dyn Eye, effects: Effects, pilot: &mut dyn Pilot) -> Fallible<()> {
-        let (stage, clock) = (Stage { world: self.world, eye, spread: LensSpread::wide() }, Instant::now());
+        let (stage, clock) = (
+            Stage { world: self.world, eye, spread: LensSpread::wide(), drift: Drift::default(), reflex: self.reflex },
+            Instant::now(),
+        );
         let mut legs = Follower::with_effects(&self.world.map, ROBOTS, HEIGHT, effects)?;
         let rolled = roll(&stage, &mut legs, &self.episodes, pilot, |_| false, &mut |_| {})?;
         let trials: Vec<Trial> = rolled.into_iter().map(|(trial, _)| trial).collect();
@@ -85,12 +91,15 @@ fn main() -> Fallible<()> {
     let (known, hidden, limits) = (Effects::default(), Effects::hidden(), world.limits);
     println!("{count} episodes of seed {TESTED}; hidden effects of the legs: {hidden:?}");
     let episodes = EpisodeSettings::default().draw(&world, count, TESTED)?;
-    let mut bench = Bench { world: &world, episodes, rows: Vec::new() };
+    let mut bench = Bench { world: &world, reflex: Reflex::default(), episodes, rows: Vec::new() };
     let student = || NetPilot::new(&net, &parameters, ROBOTS);
     bench.row("student, sown Gaussians, legs of training", &splat, known, &mut student())?;
     bench.row("student, sown Gaussians, hidden effects", &splat, hidden, &mut student())?;
     bench.row("student, ray caster, legs of training", &rays, known, &mut student())?;
     bench.row("student, ray caster, hidden effects", &rays, hidden, &mut student())?;
+    bench.reflex = Reflex::none();
+    bench.row("student without its reflex, sown Gaussians, legs of training", &splat, known, &mut student())?;
+    bench.reflex = Reflex::default();
     bench.row("student whose picture is grey", &BlindEye, known, &mut student())?;
     bench.row("teacher, legs of training", &BlindEye, known, &mut TeacherPilot { limits })?;
     bench.row("teacher, hidden effects", &BlindEye, hidden, &mut TeacherPilot { limits })?;

@@ -18,18 +18,22 @@ pub struct Changes {
     pub gamma: f32,
     /// Greatest shift along rows and columns, in pixels of the network's picture.
     pub shift: usize,
+    /// Greatest share by which squares of one, two or four pixels are darker or brighter: texture that a small scene lacks.
+    pub texture: f32,
+    /// Greatest factor on what a pixel has over its neighbours: pictures that are sharper than those of a small scene.
+    pub sharpen: f32,
 }
 
 impl Default for Changes {
     fn default() -> Self {
-        Self { gain: 0.15, balance: 0.05, gamma: 0.15, shift: 1 }
+        Self { gain: 0.15, balance: 0.05, gamma: 0.15, shift: 1, texture: 0.4, sharpen: 1.0 }
     }
 }
 
 impl Changes {
     /// None.
     pub fn none() -> Self {
-        Self { gain: 0.0, balance: 0.0, gamma: 0.0, shift: 0 }
+        Self { gain: 0.0, balance: 0.0, gamma: 0.0, shift: 0, texture: 0.0, sharpen: 0.0 }
     }
 
     /// Checks the numbers.
@@ -37,7 +41,13 @@ impl Changes {
     /// # Errors
     /// Names the first that means nothing.
     pub fn check(&self) -> Result<(), NavError> {
-        for (what, x) in [("gain", self.gain), ("balance", self.balance), ("gamma", self.gamma)] {
+        for (what, x) in [
+            ("gain", self.gain),
+            ("balance", self.balance),
+            ("gamma", self.gamma),
+            ("texture", self.texture),
+            ("sharpen", self.sharpen),
+        ] {
             if !(0.0..=2.0).contains(&x) {
                 return Err(NavError::value(&format!("changes, {what}"), "0 to 2", x));
             }
@@ -59,7 +69,11 @@ impl Changes {
         });
         let span = 2 * self.shift + 1;
         let shift = [0; 2].map(|_| random.below(span) as isize - self.shift as isize);
-        Change { curves, shift }
+        // Half of the episodes keep their texture.
+        let mut share = || random.between(-1.0, 1.0).max(0.0);
+        let (texture, sharpen) = (self.texture * share(), self.sharpen * share());
+        let square = 1 << random.below(3);
+        Change { curves, shift, texture, square, sharpen, random: Xoshiro256PlusPlus::new(random.bits()) }
     }
 }
 
@@ -70,18 +84,59 @@ pub struct Change {
     curves: [Vec<u8>; 3],
     /// Rows down and columns to the right.
     shift: [isize; 2],
+    texture: f32,
+    /// Pixels of a square's side.
+    square: usize,
+    sharpen: f32,
+    random: Xoshiro256PlusPlus,
 }
 
 impl Change {
-    /// Adds a picture, changed, to `out`; at its edges, a shifted picture repeats its last pixels.
-    pub fn add(&self, picture: &[u8], out: &mut Vec<u8>) {
-        let height = picture.len() / (3 * WIDTH);
+    /// Adds a picture, changed, to `out`; at its edges, a shifted picture repeats its last pixels. Its texture is another one each time.
+    pub fn add(&mut self, picture: &[u8], out: &mut Vec<u8>) {
+        let (height, first) = (picture.len() / (3 * WIDTH), out.len());
         for y in 0..height {
             let from = y.saturating_add_signed(-self.shift[0]).min(height - 1) * WIDTH;
             for x in 0..WIDTH {
                 let at = 3 * (from + x.saturating_add_signed(-self.shift[1]).min(WIDTH - 1));
                 out.extend([0, 1, 2].map(|k| self.curves[k][usize::from(picture[at + k])]));
             }
+        }
+        if self.sharpen > 0.05 {
+            sharpen(&mut out[first..], self.sharpen);
+        }
+        if self.texture > 0.02 {
+            self.roughen(&mut out[first..]);
+        }
+    }
+
+    fn roughen(&mut self, picture: &mut [u8]) {
+        let across = WIDTH.div_ceil(self.square);
+        let (mut factors, mut bits) = (vec![1.0; across], 0);
+        for (y, row) in picture.chunks_exact_mut(3 * WIDTH).enumerate() {
+            if y % self.square == 0 {
+                for (k, factor) in factors.iter_mut().enumerate() {
+                    // Eight numbers from each draw.
+                    bits = if k % 8 == 0 { self.random.bits() } else { bits >> 8 };
+                    *factor = 1.0 + self.texture * ((bits & 0xff) as f32 / 127.5 - 1.0);
+                }
+            }
+            for (x, pixel) in row.chunks_exact_mut(3).enumerate() {
+                let factor = factors[x / self.square];
+                pixel.iter_mut().for_each(|c| *c = (f32::from(*c) * factor).min(255.0) as u8);
+            }
+        }
+    }
+}
+
+/// Adds to each pixel but those at the edges a share of its difference from the mean of its four neighbours.
+fn sharpen(picture: &mut [u8], share: f32) {
+    let (before, row) = (picture.to_vec(), 3 * WIDTH);
+    for k in row..picture.len().saturating_sub(row) {
+        if (3..row - 3).contains(&(k % row)) {
+            let around = [k - 3, k + 3, k - row, k + row].map(|n| f32::from(before[n])).iter().sum::<f32>();
+            let here = f32::from(before[k]);
+            picture[k] = (here + share * (here - 0.25 * around) + 0.5).clamp(0.0, 255.0) as u8;
         }
     }
 }
@@ -99,13 +154,25 @@ mod tests {
         let mut same = Vec::new();
         Changes::none().draw(&mut random).add(&picture, &mut same);
         assert_eq!(same, picture);
-        let change = Change { shift: [2, -3], ..Changes { shift: 0, ..Changes::default() }.draw(&mut random) };
+        let plain = Changes { shift: 0, texture: 0.0, sharpen: 0.0, ..Changes::default() };
+        let mut change = Change { shift: [2, -3], ..plain.draw(&mut random) };
         let mut out = Vec::new();
         change.add(&picture, &mut out);
         assert_eq!(out.len(), picture.len());
         let bright: Vec<usize> = (0..WIDTH * HEIGHT).filter(|&p| out[3 * p] > out[0]).collect();
         assert_eq!(bright, [22 * WIDTH + 27]);
         assert!(out[0] != 100 || out[1] != 100, "the curve moves colours");
+        let mut rough = Change { texture: 0.3, square: 2, sharpen: 1.0, ..Changes::none().draw(&mut random) };
+        let (mut a, mut b) = (Vec::new(), Vec::new());
+        rough.add(&picture, &mut a);
+        rough.add(&picture, &mut b);
+        assert!(a != b && a.len() == picture.len(), "another texture each time");
+        assert!(a[..6].iter().all(|c| *c == a[0]) && a.iter().any(|c| *c < 80) && a.iter().any(|c| *c > 120));
+        let at = 3 * (20 * WIDTH + 30);
+        let mut sharp = Change { texture: 0.0, sharpen: 0.5, ..rough };
+        let mut out = Vec::new();
+        sharp.add(&picture, &mut out);
+        assert_eq!((out[at], out[at - 3], out[0]), (250, 88, 100));
         assert!(Changes { gain: f32::NAN, ..Changes::default() }.check().unwrap_err().to_string().contains("gain"));
     }
 }

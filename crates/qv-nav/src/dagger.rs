@@ -4,8 +4,9 @@
 use crate::NavError;
 use crate::augment::{Change, Changes};
 use crate::legs::Legs;
-use crate::net::{COMMAND, HIDDEN, KNOWN, Net, OUTPUTS, RAW, STATE, Stretch, Turned};
+use crate::net::{COMMAND, HIDDEN, KNOWN, Net, OUTPUTS, RAW, RAW_SIGHT, SIGHT, STATE, Stretch, Turned};
 use crate::pilots::{MixedPilot, Mixture, NetPilot};
+use crate::recall::RECALL;
 use crate::roll::{Record, Stage, roll};
 use crate::task::{EpisodeSettings, Trial};
 use qv_core::random::Xoshiro256PlusPlus;
@@ -45,8 +46,10 @@ pub struct TrainSettings {
     pub cone_weight: f32,
     /// Weight of whether it is in view.
     pub visible_weight: f32,
-    /// Weight of what else is known ([`crate::net::KNOWN`]).
+    /// Weight of what else is known ([`crate::net::KNOWN`]), and of the place and heading of a picture.
     pub known_weight: f32,
+    /// Weight of the distances along the rays of a picture.
+    pub ray_weight: f32,
     /// A gradient longer than this is shortened.
     pub longest: f32,
     /// Robots at once.
@@ -58,23 +61,24 @@ pub struct TrainSettings {
 impl Default for TrainSettings {
     fn default() -> Self {
         Self {
-            rounds: 30,
-            frames: 13_000,
-            epochs: 1,
+            rounds: 18,
+            frames: 15_000,
+            epochs: 2,
             last_epochs: 3,
             epoch_frames: 150_000,
             changes: Changes::default(),
-            batch: 8,
+            batch: 16,
             truncated: 25,
             rate: [1e-3, 2e-5],
-            first: Mixture { alone: 0.0, taught: 0.85, stray: 0.15, stretch: 10.0 },
-            later: Mixture { alone: 0.6, taught: 0.35, stray: 0.05, stretch: 10.0 },
+            first: Mixture { alone: 0.0, taught: 0.85, stray: 0.15, stretch: 10.0, told: 1.0 },
+            later: Mixture { alone: 0.6, taught: 0.35, stray: 0.05, stretch: 10.0, told: 0.15 },
             huber: 0.3,
             cone_weight: 0.5,
             visible_weight: 0.15,
             known_weight: 0.15,
+            ray_weight: 0.2,
             longest: 1.0,
-            robots: 96,
+            robots: 192,
             seed: 0,
         }
     }
@@ -109,8 +113,8 @@ impl TrainSettings {
         }
         self.changes.check()?;
         for (what, mixture) in [("first", self.first), ("later", self.later)] {
-            let Mixture { alone, taught, stray, stretch } = mixture;
-            let shares = [alone, taught, stray, taught + stray].iter().all(|x| (0.0..=1.0001).contains(x));
+            let Mixture { alone, taught, stray, stretch, told } = mixture;
+            let shares = [alone, taught, stray, taught + stray, told].iter().all(|x| (0.0..=1.0001).contains(x));
             if !(shares && (1.0..=1e6).contains(&stretch)) {
                 let expected = "shares of 0 to 1, taught and stray together at most 1, a stretch of at least 1";
                 return Err(NavError::value(what, expected, format!("{mixture:?}")));
@@ -123,6 +127,7 @@ impl TrainSettings {
             ("cone_weight", self.cone_weight, 0.0, 10.0),
             ("visible_weight", self.visible_weight, 0.0, 10.0),
             ("known_weight", self.known_weight, 0.0, 10.0),
+            ("ray_weight", self.ray_weight, 0.0, 10.0),
             ("longest", self.longest, 1e-3, 1e6),
         ];
         match weights.into_iter().find(|(_, x, low, high)| !(low..=high).contains(&x)) {
@@ -364,8 +369,8 @@ impl Shard {
     ) {
         (self.loss, self.samples) = (0.0, 0);
         let left = |l: &Lane| (records[l.record].len() - l.next).min(settings.truncated);
-        let mut order: Vec<(usize, &Lane)> =
-            self.lanes.iter().enumerate().filter_map(|(k, l)| l.as_ref().map(|l| (k, l))).collect();
+        let mut order: Vec<(usize, &mut Lane)> =
+            self.lanes.iter_mut().enumerate().filter_map(|(k, l)| l.as_mut().map(|l| (k, l))).collect();
         order.sort_by_key(|(_, l)| std::cmp::Reverse(left(l)));
         if order.is_empty() {
             return;
@@ -374,12 +379,13 @@ impl Shard {
         let (mut stretch, mut samples) = (Stretch::default(), Vec::new());
         let size = net.picture_len();
         for step in 0..left(order[0].1) {
-            let running = order.iter().take_while(|(_, l)| left(l) > step);
-            stretch.rows.push(running.clone().count());
-            for (_, lane) in running {
+            let running = order.iter().take_while(|(_, l)| left(l) > step).count();
+            stretch.rows.push(running);
+            for (_, lane) in &mut order[..running] {
                 let (record, at) = (&records[lane.record], lane.next + step);
                 lane.change.add(&record.pictures[at * size..][..size], &mut stretch.pictures);
                 stretch.states.extend_from_slice(&record.states[at * STATE..][..STATE]);
+                stretch.recalls.extend_from_slice(&record.recalls[at * RECALL..][..RECALL]);
                 samples.push((record, at));
             }
         }
@@ -387,12 +393,15 @@ impl Shard {
         let mut memory: Vec<f32> = rows.copied().collect();
         let mut pass = net.forward(parameters, &stretch, &mut memory, &mut self.scratch);
         let mut of_raw = vec![0.0; samples.len() * RAW];
+        let mut of_sight = vec![0.0; samples.len() * RAW_SIGHT];
         for (k, (record, at)) in samples.iter().enumerate() {
             let row = &pass.raw[k * RAW..][..OUTPUTS + KNOWN];
             self.loss += f64::from(loss(row, record, *at, settings, &mut of_raw[k * RAW..][..OUTPUTS + KNOWN]));
+            let (row, of_row) = (&pass.sight[k * RAW_SIGHT..][..SIGHT], &mut of_sight[k * RAW_SIGHT..][..SIGHT]);
+            self.loss += f64::from(sight_loss(row, &record.sights[*at], settings, of_row));
         }
         self.samples = samples.len();
-        net.backward(turned, &stretch, &mut pass, &of_raw, &mut self.scratch, &mut self.gradient);
+        net.backward(turned, &stretch, &mut pass, [&of_raw, &of_sight], &mut self.scratch, &mut self.gradient);
         for ((k, _), row) in order.iter().zip(memory.chunks_exact(HIDDEN)) {
             self.memory[k * HIDDEN..][..HIDDEN].copy_from_slice(row);
         }
@@ -424,15 +433,34 @@ fn loss(raw: &[f32], record: &Record, step: usize, settings: &TrainSettings, of_
     }
     for k in 0..KNOWN {
         // Where the cone stands can be said only once it was seen.
-        if record.found[step] || !(4..6).contains(&k) {
+        if record.found[step] || k < 4 {
             squared(OUTPUTS + k, known[k], known_weight);
         }
     }
-    let logit = raw[OUTPUTS - 1];
-    // Cross entropy, written so that no logarithm of 0 occurs.
-    sum += visible_weight * (logit.max(0.0) - logit * cone[3] + (-logit.abs()).exp().ln_1p());
-    of_raw[OUTPUTS - 1] = visible_weight * (1.0 / (1.0 + (-logit).exp()) - cone[3]);
-    sum
+    sum + crossed(raw[OUTPUTS - 1], cone[3], visible_weight, &mut of_raw[OUTPUTS - 1])
+}
+
+/// The same of what is said of the picture alone.
+fn sight_loss(raw: &[f32], wanted: &[f32; SIGHT], settings: &TrainSettings, of_raw: &mut [f32]) -> f32 {
+    let TrainSettings { cone_weight, visible_weight, known_weight, ray_weight, .. } = *settings;
+    let mut sum = 0.0;
+    let mut squared = |k: usize, weight: f32| {
+        let off = raw[k] - wanted[k];
+        of_raw[k] = weight * off;
+        sum += 0.5 * weight * off * off;
+    };
+    if wanted[3] > 0.5 {
+        (0..3).for_each(|k| squared(k, cone_weight));
+    }
+    (4..8).for_each(|k| squared(k, known_weight));
+    (8..SIGHT).for_each(|k| squared(k, ray_weight));
+    sum + crossed(raw[3], wanted[3], visible_weight, &mut of_raw[3])
+}
+
+/// Cross entropy of a share before the logistic function, written so that no logarithm of 0 occurs, and its slope.
+fn crossed(logit: f32, wanted: f32, weight: f32, of_logit: &mut f32) -> f32 {
+    *of_logit = weight * (1.0 / (1.0 + (-logit).exp()) - wanted);
+    weight * (logit.max(0.0) - logit * wanted + (-logit.abs()).exp().ln_1p())
 }
 
 #[cfg(test)]
@@ -448,6 +476,8 @@ mod tests {
             let level = random.below(256) as u8;
             record.pictures.extend(std::iter::repeat_n(level, WIDTH * HEIGHT * 3));
             record.states.extend([0.0; STATE]);
+            record.recalls.extend([0.0; RECALL]);
+            record.sights.push([0.2; SIGHT]);
             record.commands.push([0.5, 0.0, f32::from(level) / 128.0 - 1.0]);
             record.cones.push([0.0, 1.0, 0.5, (step % 2) as f32]);
             record.found.push(step % 3 != 0);
@@ -470,6 +500,22 @@ mod tests {
                     let mut moved = raw;
                     moved[k] += by;
                     loss(&moved, &record, step, &settings, &mut [0.0; OUTPUTS + KNOWN])
+                };
+                let slope = (at(5e-3) - at(-5e-3)) / 1e-2;
+                assert!((slope - gradient[k]).abs() < 1e-3, "{k}: {slope} {}", gradient[k]);
+            }
+        }
+        let raw: [f32; SIGHT] = std::array::from_fn(|k| (k as f32).sin());
+        for visible in [0.0, 1.0] {
+            let mut wanted = [0.4; SIGHT];
+            wanted[3] = visible;
+            let mut gradient = [0.0; SIGHT];
+            sight_loss(&raw, &wanted, &settings, &mut gradient);
+            for k in 0..SIGHT {
+                let at = |by: f32| {
+                    let mut moved = raw;
+                    moved[k] += by;
+                    sight_loss(&moved, &wanted, &settings, &mut [0.0; SIGHT])
                 };
                 let slope = (at(5e-3) - at(-5e-3)) / 1e-2;
                 assert!((slope - gradient[k]).abs() < 1e-3, "{k}: {slope} {}", gradient[k]);

@@ -4,8 +4,10 @@ use crate::NavError;
 use crate::net::{HEIGHT, WIDTH};
 use crate::sight::{COLOURS, Cone};
 use glam::{DMat3, DQuat, DVec3};
+use qv_core::random::Xoshiro256PlusPlus;
 use qv_core::{Camera, GaussianCloud, Pose};
 use qv_raster::{Scene, Settings, View, render};
+use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
 /// One picture to be drawn.
@@ -15,6 +17,8 @@ pub struct Shot {
     pub camera: Camera,
     /// What stands in the place.
     pub cones: Vec<Cone>,
+    /// Of the episode, for an eye that looks different from one to the next.
+    pub seed: u64,
 }
 
 /// Draws pictures.
@@ -46,36 +50,66 @@ impl Eye for BlindEye {
 
 /// Linear colours of the cones, red, green, blue.
 pub const LINEAR: [[f64; 3]; 3] = [[0.70, 0.04, 0.03], [0.03, 0.10, 0.60], [0.80, 0.55, 0.02]];
-/// Looks of each colour in [`SplatEye`]: brightness, and the factor on the middle channel, which turns the hue by up to 5 degrees.
-const LOOKS: [(f64, f64); 4] = [(0.55, 1.0), (0.85, 1.3), (1.1, 0.75), (1.5, 1.0)];
+/// Looks of each colour in [`SplatEye`]: brightness, the factor on the middle channel, which turns the hue by up to 5 degrees, and the width.
+const LOOKS: [(f64, f64, f64); 4] = [(0.55, 1.0, 0.92), (0.85, 1.3, 1.0), (1.1, 0.75, 0.96), (1.5, 1.0, 0.96)];
 
 /// Draws a cloud of Gaussians with cones in it, on the CPU. Cones are Gaussians of their own which move as groups; they are all 0.45 m high.
 pub struct SplatEye {
-    cloud: GaussianCloud,
+    /// The place in several paints; an episode has one of them.
+    clouds: Vec<GaussianCloud>,
     group_of: Vec<u32>,
+}
+
+/// How the paints of a place differ, see [`SplatEye::painted`].
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Paints {
+    /// How many.
+    pub count: usize,
+    /// Greatest deviation of the logarithm of single Gaussians' brightness: texture that a small cloud does not have.
+    pub grain: f32,
+    /// Deviation of the logarithm of the brightness of single channels of all of them.
+    pub tint: f32,
+}
+
+impl Default for Paints {
+    fn default() -> Self {
+        Self { count: 8, grain: 0.35, tint: 0.08 }
+    }
 }
 
 impl SplatEye {
     /// Over the cloud of a place.
     pub fn new(place: &GaussianCloud) -> Self {
-        let mut cloud = place.clone();
+        Self::painted(place, &Paints { count: 1, grain: 0.0, tint: 0.0 }, 0)
+    }
+
+    /// The same with the place, not the cones, painted otherwise from episode to episode, so that a network does not take for granted how
+    /// smooth a small cloud is. The first paint is the cloud's own.
+    pub fn painted(place: &GaussianCloud, paints: &Paints, seed: u64) -> Self {
+        let own = Self::of(place.clone());
+        let clouds = (0..paints.count.max(1)).map(|k| paint(&own.clouds[0], place.len(), paints, (k, seed))).collect();
+        Self { clouds, ..own }
+    }
+
+    fn of(mut cloud: GaussianCloud) -> Self {
         let mut group_of = vec![0; cloud.len()];
         for colour in 0..COLOURS.len() {
-            for (brightness, hue) in LOOKS {
+            for (brightness, hue, wide) in LOOKS {
                 let group = 1 + group_of.last().copied().unwrap_or(0);
                 let linear = LINEAR[colour];
                 let middle = if colour == 1 { 1 } else { 2 };
                 let shade = |k: usize| brightness * linear[k] * if k == middle { hue } else { 1.0 };
-                let count = add_cone(&mut cloud, [shade(0), shade(1), shade(2)]);
+                let count = add_cone(&mut cloud, [shade(0), shade(1), shade(2)], wide);
                 group_of.extend(std::iter::repeat_n(group, count));
             }
         }
-        Self { cloud, group_of }
+        Self { clouds: vec![cloud], group_of }
     }
 
     /// Gaussians that are drawn, those of the cones included.
     pub fn count(&self) -> usize {
-        self.cloud.len()
+        self.clouds[0].len()
     }
 
     /// Poses of the cones by group.
@@ -92,28 +126,63 @@ impl SplatEye {
 
 impl Eye for SplatEye {
     fn look(&self, shots: &[Shot]) -> Result<Vec<Vec<f32>>, NavError> {
-        let environments: Vec<Vec<Option<Pose>>> = shots.iter().map(|s| Self::groups(&s.cones)).collect();
-        let scene = Scene { cloud: &self.cloud, group_of: &self.group_of, environments: &environments };
-        let views: Vec<View> =
-            shots.iter().enumerate().map(|(environment, s)| View { camera: s.camera, environment }).collect();
-        // Sky, where nothing is: what reconstructions leave empty is most often that.
-        let settings = Settings { background: [0.75, 0.82, 0.9], ..Default::default() };
-        let (images, _) = render(&scene, &views, &settings)?;
-        Ok(images.into_iter().map(|image| image.colour).collect())
+        let mut out = vec![Vec::new(); shots.len()];
+        for (k, cloud) in self.clouds.iter().enumerate() {
+            let paint = |seed: u64| (seed >> 8) as usize % self.clouds.len();
+            let chosen: Vec<usize> = (0..shots.len()).filter(|&s| paint(shots[s].seed) == k).collect();
+            if chosen.is_empty() {
+                continue;
+            }
+            let environments: Vec<Vec<Option<Pose>>> = chosen.iter().map(|&s| Self::groups(&shots[s].cones)).collect();
+            let scene = Scene { cloud, group_of: &self.group_of, environments: &environments };
+            let view = |(environment, &s): (usize, &usize)| View { camera: shots[s].camera, environment };
+            let views: Vec<View> = chosen.iter().enumerate().map(view).collect();
+            // Sky, where nothing is: what reconstructions leave empty is most often that.
+            let settings = Settings { background: [0.75, 0.82, 0.9], ..Default::default() };
+            let (images, _) = render(&scene, &views, &settings)?;
+            for (s, image) in chosen.into_iter().zip(images) {
+                out[s] = image.colour;
+            }
+        }
+        Ok(out)
     }
 }
 
+/// The first Gaussians of a cloud, those of the place, in another paint.
+fn paint(cloud: &GaussianCloud, place: usize, paints: &Paints, (index, seed): (usize, u64)) -> GaussianCloud {
+    let mut out = cloud.clone();
+    if index == 0 {
+        return out;
+    }
+    let mut random = Xoshiro256PlusPlus::of(seed, 95, index as u64);
+    let grain = paints.grain * index as f32 / (paints.count - 1) as f32;
+    let tint = [0; 3].map(|_| (paints.tint * random.normal()).exp());
+    let bands = out.sh_count();
+    for colour in out.sh.chunks_exact_mut(bands).take(place) {
+        let factor = (grain * random.normal()).exp();
+        for (c, tint) in colour[0].iter_mut().zip(tint) {
+            let shown = (0.5 + FIRST * *c).max(0.0) * factor * tint;
+            *c = (shown.min(1.0) - 0.5) / FIRST;
+        }
+    }
+    out
+}
+
+/// The first harmonic: 1 / (2 sqrt(pi)).
+const FIRST: f32 = 0.282_094_79;
+
 /// Adds a cone of 0.45 m as flat Gaussians, lit from one side; gives their number.
-fn add_cone(cloud: &mut GaussianCloud, linear: [f64; 3]) -> usize {
+fn add_cone(cloud: &mut GaussianCloud, linear: [f64; 3], wide: f64) -> usize {
     const TALL: f64 = 0.45;
     const WIDE: f64 = 0.10;
-    const ROWS: usize = 9;
+    const ROWS: usize = 16;
     let sun = DVec3::new(0.57, 0.0, 0.82);
     let before = cloud.len();
     for row in 0..ROWS {
-        let up = (row as f64 + 0.5) / ROWS as f64;
-        let radius = WIDE * (1.0 - up);
-        let around = (TAU * radius / 0.035).round().max(4.0) as usize;
+        // The lowest row is near the ground, so that the foot is where it should be.
+        let up = (row as f64 + 0.3) / ROWS as f64;
+        let radius = WIDE * wide * (1.0 - up);
+        let around = (TAU * radius / 0.02).round().max(4.0) as usize;
         for k in 0..around {
             let out = DVec3::new((TAU * k as f64 / around as f64).cos(), (TAU * k as f64 / around as f64).sin(), 0.0);
             let normal = (out * TALL + DVec3::Z * WIDE).normalize();
@@ -125,11 +194,10 @@ fn add_cone(cloud: &mut GaussianCloud, linear: [f64; 3]) -> usize {
             cloud.means.push((out * radius + DVec3::Z * (up * TALL)).as_vec3().to_array());
             cloud
                 .log_scales
-                .push([(0.5 * TAU * radius / around as f64).max(0.004), 0.022, 0.002].map(|s| s.ln() as f32));
+                .push([(0.5 * TAU * radius / around as f64).max(0.003), 0.012, 0.002].map(|s| s.ln() as f32));
             cloud.rotations.push([turn.w, turn.x, turn.y, turn.z].map(|q| q as f32));
             cloud.opacity_logits.push(4.0);
-            // The first harmonic is 1 / (2 sqrt(pi)).
-            cloud.sh.push(shown.map(|c| ((c - 0.5) / 0.282_094_79) as f32));
+            cloud.sh.push(shown.map(|c| (c as f32 - 0.5) / FIRST));
             cloud.sh.extend(std::iter::repeat_n([0.0; 3], cloud.sh_count() - 1));
             cloud.features.extend(std::iter::repeat_n(0.0, cloud.feature_count));
         }
@@ -141,6 +209,7 @@ fn add_cone(cloud: &mut GaussianCloud, linear: [f64; 3]) -> usize {
 mod tests {
     use super::*;
     use crate::sight::Rig;
+    use glam::DVec2;
 
     #[test]
     fn a_cone_is_drawn_where_it_stands_in_its_colour() {
@@ -149,7 +218,7 @@ mod tests {
         let camera = Rig::default().camera(&base);
         let cone = |colour, y| Cone { place: [1.5, y, 0.0], height: 0.45, colour, look: 1, turn: 1.0 };
         let shots = [vec![cone(0, 0.0)], vec![cone(1, 0.3)], vec![]];
-        let shots: Vec<Shot> = shots.into_iter().map(|cones| Shot { camera, cones }).collect();
+        let shots: Vec<Shot> = shots.into_iter().map(|cones| Shot { camera, cones, seed: 0 }).collect();
         let images = eye.look(&shots).unwrap();
         let like = |image: &[f32], test: fn(&[f32]) -> bool| -> Vec<usize> {
             image.chunks_exact(3).enumerate().filter(|(_, p)| test(p)).map(|(k, _)| k % WIDTH).collect()
@@ -161,5 +230,53 @@ mod tests {
         // To the left is a smaller column: 0.3 m at 1.2 m.
         assert!(blue.len() > 60 && (mean(&blue) - (39.5 - 76.9 * 0.25)).abs() < 2.0, "{} {}", blue.len(), mean(&blue));
         assert!(images[2].chunks_exact(3).all(|p| p == [0.75, 0.82, 0.9]));
+    }
+
+    #[test]
+    fn cones_are_as_large_as_they_should_be() {
+        let eye = SplatEye::new(&GaussianCloud::default());
+        let base = Pose::from_xyz_rpy([0.0, 0.0, 0.3], [0.0; 3]);
+        let camera = Rig::default().camera(&base);
+        // Drawing adds about a pixel at each side, which is a large share of a cone far away.
+        for (distance, most) in [(0.45, 1.15), (0.8, 1.4), (1.6, 1.5)] {
+            let cone = |look| Cone { place: [0.3 + distance, 0.0, 0.0], height: 0.45, colour: 0, look, turn: 0.0 };
+            let shots: Vec<Shot> = (0..4).map(|k| Shot { camera, cones: vec![cone(k)], seed: 0 }).collect();
+            // Pixels whose centre lies within the triangle of foot and tip.
+            let project = |x: f64, up: f64| {
+                let p = camera.camera_from_world.transform_point(DVec3::new(0.3 + distance, x, up));
+                DVec2::new(camera.fx * p.x / p.z + camera.cx, camera.fy * p.y / p.z + camera.cy)
+            };
+            let corners = [project(0.1, 0.0), project(-0.1, 0.0), project(0.0, 0.45)];
+            let inside = |p: DVec2| {
+                let side = |a: DVec2, b: DVec2| (b - a).perp_dot(p - a);
+                let sides = [side(corners[0], corners[1]), side(corners[1], corners[2]), side(corners[2], corners[0])];
+                sides.iter().all(|s| *s >= 0.0) || sides.iter().all(|s| *s <= 0.0)
+            };
+            let pixels = (0..WIDTH * HEIGHT).map(|k| DVec2::new((k % WIDTH) as f64 + 0.5, (k / WIDTH) as f64 + 0.5));
+            let expected = pixels.filter(|p| inside(*p)).count() as f64;
+            let red =
+                |image: &Vec<f32>| image.chunks_exact(3).filter(|p| p[0] > 1.8 * p[1] && p[0] > 1.8 * p[2]).count();
+            let found = eye.look(&shots).unwrap().iter().map(red).sum::<usize>() as f64 / 4.0;
+            let share = found / expected;
+            assert!((0.95..most).contains(&share), "{distance}: {found} for {expected}");
+        }
+    }
+
+    #[test]
+    fn paints_change_the_place_and_no_cone() {
+        let mut place = GaussianCloud::default();
+        add_cone(&mut place, [0.3; 3], 1.0);
+        let paints = Paints { count: 3, ..Paints::default() };
+        let (plain, painted) = (SplatEye::new(&place), SplatEye::painted(&place, &paints, 5));
+        assert_eq!(painted.clouds.len(), 3);
+        assert_eq!(painted.clouds[0], plain.clouds[0]);
+        for cloud in &painted.clouds[1..] {
+            let (own, cones) = cloud.sh.split_at(place.sh.len());
+            assert!(own != place.sh && *cones == plain.clouds[0].sh[place.sh.len()..]);
+        }
+        let base = Pose::from_xyz_rpy([-1.5, 0.0, 0.3], [0.0; 3]);
+        let shot = |seed| Shot { camera: Rig::default().camera(&base), cones: vec![], seed };
+        let images = painted.look(&[shot(0), shot(1 << 8), shot(3 << 8), shot(0)]).unwrap();
+        assert!(images[0] == images[2] && images[0] == images[3] && images[0] != images[1]);
     }
 }

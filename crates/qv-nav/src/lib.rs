@@ -16,6 +16,8 @@ pub mod map;
 pub mod net;
 pub mod onnx;
 pub mod pilots;
+pub mod recall;
+pub mod reflex;
 pub mod roll;
 pub mod score;
 pub mod sight;

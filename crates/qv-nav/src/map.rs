@@ -350,6 +350,21 @@ impl Map {
         (0..steps).find(blocked).map_or(most, |k| k as f64 * self.spacing)
     }
 
+    /// Distance from an eye along a direction within which something `tall` \[m\] on the ground can be seen, at most `most` \[m\], to a cell.
+    pub fn in_sight(&self, eye: DVec3, along: DVec2, tall: f64, most: f64) -> f64 {
+        let steps = (most / self.spacing).round() as usize;
+        let mut steepest = f64::NEG_INFINITY;
+        for k in 1..steps {
+            let distance = k as f64 * self.spacing;
+            let Some(ground) = self.height(eye.truncate() + distance * along) else { return distance };
+            if (ground + tall - eye.z) / distance < steepest {
+                return distance;
+            }
+            steepest = steepest.max((ground - eye.z) / distance);
+        }
+        most
+    }
+
     /// Direction in which the room grows; none where it grows nowhere.
     pub fn away(&self, p: DVec2) -> DVec2 {
         // Over two cells each way: the room is that of a grid.
@@ -452,6 +467,14 @@ mod tests {
         let map = Map::new(&ring(), &MapSettings::default()).unwrap();
         let eye = DVec3::new(-2.0, 0.0, 0.4);
         assert!(!map.is_free(eye, DVec3::new(2.0, 0.0, 0.3)) && map.is_free(eye, DVec3::new(-2.0, 2.5, 0.1)));
+        let sight = |along| map.in_sight(eye, along, 0.3, 6.0);
+        // A cone on the box would be seen, one behind it not; the other way the ground ends after a metre.
+        assert!(
+            (sight(DVec2::X) - 3.0).abs() < 0.11 && (sight(DVec2::NEG_X) - 1.0).abs() < 0.11,
+            "{}",
+            sight(DVec2::X)
+        );
+        assert!((sight(DVec2::Y) - 3.0).abs() < 0.11);
         assert!(map.room(DVec2::new(-2.99, 0.0)) < 0.1 && map.room(DVec2::new(2.99, 0.0)) < 0.1, "the rim blocks");
         let low = MapSettings { step: 0.6, slope: 1.5, ..Default::default() };
         assert!(Map::new(&ring(), &low).unwrap().is_within(DVec2::ZERO), "who climbs 0.6 m gets onto the box");

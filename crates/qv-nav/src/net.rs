@@ -1,12 +1,16 @@
-//! The network: four convolutions, a dense layer, a gated recurrent unit, and a head that gives a command and what it knows of the cone.
+//! The network: four convolutions and a dense layer that say what is in the picture, then a dense layer that also sees what the robot recalls,
+//! a gated recurrent unit, and a head that gives a command and what it knows of the cone.
 //!
 //! ```text
-//! picture 80 x 60 x 3 -> 3x3/2 16 -> 3x3/2 16 -> 3x3/2 32 -> 3x3/2 32 -> (with the state) dense 192 -> GRU 192 -> dense 128 -> 7 + 13
+//! picture 80 x 60 x 3 -> 3x3/2 16 -> 3x3/2 16 -> 3x3/2 32 -> 3x3/2 32 -> (with the state) dense 192 -> 32 of the picture
+//! dense 192 -> (with the recall) dense 192 -> GRU 192 -> dense 128 -> 7 + 6
 //! ```
+//! What it says of the picture comes from the picture alone, so that what a robot recalls of it ([`crate::recall`]) cannot confirm itself.
 //! ELU follows each layer but the last. The goal's colour shifts the outcome of the first two convolutions before it ([`Tint`]), so that one
 //! channel can be open for one colour alone. Convolutions are products of patches with the weights of a [`Dense`] layer, so that all products are
 //! those of `qv_policy::net`, whose bits do not depend on the processor. Pictures lie as `[height][width][channels]`.
 
+use crate::recall::RECALL;
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::net::{Dense, Gru, GruTape, GruTurned, elu, elu_back, padded, sigmoid, tanh};
 
@@ -14,9 +18,9 @@ use qv_policy::net::{Dense, Gru, GruTape, GruTurned, elu, elu_back, padded, sigm
 pub const WIDTH: usize = 80;
 /// See [`WIDTH`].
 pub const HEIGHT: usize = 60;
-/// Numbers beside the picture: goal colour as one of three, direction of gravity in the base, sine and cosine of the heading since the start,
-/// which inertial units give. Neither the last command nor the turning rate is among them: a teacher's command is like its last one, and a student that sees that copies it and does not look (de Haan et al. 2019).
-pub const STATE: usize = 8;
+/// Numbers beside the picture: goal colour as one of three, direction of gravity in the base. Neither the last command nor the turning rate is among
+/// them: a teacher's command is like its last one, and a student that sees that copies it and does not look (de Haan et al. 2019).
+pub const STATE: usize = 6;
 /// How many of them are the colour; they come first.
 pub const COLOUR: usize = 3;
 /// Length of the memory.
@@ -26,13 +30,20 @@ pub const HIDDEN: usize = 192;
 pub const OUTPUTS: usize = 7;
 /// How many of them are the command.
 pub const COMMAND: usize = 3;
-/// Directions in which the network says how far it is to what blocks: bearings from the base's heading \[rad\].
-pub const BEARINGS: [f64; 7] = [-1.4, -0.8, -0.35, 0.0, 0.35, 0.8, 1.4];
-/// Numbers that it says besides, in training alone, so that it learns to see them: its place on the map (two shares of the map's half sides),
-/// sine and cosine of its heading, the cone's place likewise, and how far it is to what blocks along [`BEARINGS`] / 3 m.
-pub const KNOWN: usize = 6 + BEARINGS.len();
+/// Numbers that it says besides, in training alone, so that it learns to know them: its place on the map (two shares of the map's half sides),
+/// sine and cosine of its heading, the cone's place likewise.
+pub const KNOWN: usize = 6;
 /// Length of a row of what comes out, [`OUTPUTS`] and [`KNOWN`] first.
 pub const RAW: usize = padded(OUTPUTS + KNOWN);
+/// Directions in which it says how far a picture is free, see [`crate::recall::ray`].
+pub const RAYS: usize = 12;
+/// Numbers that it says of the picture alone, at the moment at which it was taken: sine and cosine of the cone's bearing from the base, logarithm of
+/// its distance, whether it is in view; place on the map, sine and cosine of the heading; logarithms of the distance from the camera's foot to what
+/// blocks along each ray, and of that to where the view of a cone ends.
+pub const SIGHT: usize = 8 + 2 * RAYS;
+/// Length of a row of what it says of pictures.
+pub const RAW_SIGHT: usize = padded(SIGHT);
+const MIX: usize = 192;
 const DENSE: usize = 192;
 const HEAD: usize = 128;
 /// Convolutions that the goal's colour shifts.
@@ -199,6 +210,10 @@ pub struct Net {
     pub tints: Vec<Tint>,
     /// From the last picture and the state.
     pub dense: Dense,
+    /// What it says of the picture.
+    pub sight: Dense,
+    /// From the picture's dense layer and what the robot recalls.
+    pub mix: Dense,
     /// The memory.
     pub gru: Gru,
     /// From the memory.
@@ -221,9 +236,31 @@ pub struct Scratch {
 pub struct Turned {
     convolutions: Vec<Vec<f32>>,
     dense: Vec<f32>,
+    sight: Vec<f32>,
+    mix: Vec<f32>,
     gru: GruTurned,
     head: Vec<f32>,
     last: Vec<f32>,
+}
+
+/// What a network sees at a decision.
+#[derive(Debug, Clone, Copy)]
+pub struct Sees<'a> {
+    /// 0 to 255, `[height][width][3]`, fractions allowed.
+    pub picture: &'a [f32],
+    /// [`STATE`] numbers.
+    pub state: &'a [f32],
+    /// [`RECALL`] numbers.
+    pub recall: &'a [f32],
+}
+
+/// What it says, each number within its range.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Says {
+    /// [`OUTPUTS`] and [`KNOWN`].
+    pub out: [f32; OUTPUTS + KNOWN],
+    /// See [`SIGHT`].
+    pub sight: [f32; SIGHT],
 }
 
 /// A stretch of sequences that begin together, the longest first, so that at each step those that still run come first.
@@ -235,6 +272,8 @@ pub struct Stretch {
     pub pictures: Vec<u8>,
     /// `[samples][STATE]`.
     pub states: Vec<f32>,
+    /// `[samples][RECALL]`.
+    pub recalls: Vec<f32>,
 }
 
 impl Stretch {
@@ -250,6 +289,9 @@ pub struct Pass {
     pictures: Vec<Vec<Vec<f32>>>,
     dense_in: Vec<f32>,
     dense_out: Vec<f32>,
+    /// Rows of the picture's dense layer, then of what the robot recalls.
+    mix_in: Vec<f32>,
+    mix_out: Vec<f32>,
     /// Memory before each step.
     before: Vec<Vec<f32>>,
     tapes: Vec<GruTape>,
@@ -257,6 +299,8 @@ pub struct Pass {
     head: Vec<f32>,
     /// `[samples][RAW]`, before tanh and the logistic function.
     pub raw: Vec<f32>,
+    /// `[samples][padded SIGHT]`, before the logistic function.
+    pub sight: Vec<f32>,
 }
 
 impl Default for Net {
@@ -275,8 +319,10 @@ impl Net {
             convolutions.push(conv);
         }
         let dense = Dense { inputs: from.iter().product::<usize>() + STATE, outputs: DENSE, start };
-        let gru = Gru::new(DENSE, HIDDEN, start + dense.len());
-        let head = Dense { inputs: HIDDEN, outputs: HEAD, start: start + dense.len() + gru.len() };
+        let sight = Dense { inputs: DENSE, outputs: SIGHT, start: start + dense.len() };
+        let mix = Dense { inputs: DENSE + RECALL, outputs: MIX, start: sight.start + sight.len() };
+        let gru = Gru::new(MIX, HIDDEN, mix.start + mix.len());
+        let head = Dense { inputs: HIDDEN, outputs: HEAD, start: mix.start + mix.len() + gru.len() };
         let last = Dense { inputs: HEAD, outputs: OUTPUTS + KNOWN, start: head.start + head.len() };
         let mut start = last.start + last.len();
         let mut tints = Vec::new();
@@ -285,7 +331,7 @@ impl Net {
             tints.push(Tint { start, channels: conv.to[2] });
             start += COLOUR * conv.to[2];
         }
-        Self { convolutions, tints, dense, gru, head, last }
+        Self { convolutions, tints, dense, sight, mix, gru, head, last }
     }
 
     /// Numbers in the flat array.
@@ -314,6 +360,8 @@ impl Net {
         // Twice PyTorch's bound keeps the size of signals through ELU.
         self.convolutions.iter().for_each(|c| c.dense.draw(2.0, random, &mut parameters));
         self.dense.draw(2.0, random, &mut parameters);
+        self.sight.draw(0.3, random, &mut parameters);
+        self.mix.draw(2.0, random, &mut parameters);
         self.gru.draw(random, &mut parameters);
         self.head.draw(2.0, random, &mut parameters);
         self.last.draw(0.3, random, &mut parameters);
@@ -350,7 +398,15 @@ impl Net {
         let (gru, (dense, head)) =
             rayon::join(|| self.gru.turned(parameters), || (turn(&self.dense), turn(&self.head)));
         let convolutions = self.convolutions.iter().map(|c| turn(&c.dense)).collect();
-        Turned { convolutions, dense, gru, head, last: turn(&self.last) }
+        Turned {
+            convolutions,
+            dense,
+            sight: turn(&self.sight),
+            mix: turn(&self.mix),
+            gru,
+            head,
+            last: turn(&self.last),
+        }
     }
 
     /// A picture of -1 to 1 through the convolutions.
@@ -371,60 +427,50 @@ impl Net {
         }
     }
 
-    /// One decision. `picture` holds 0 to 255 (`[height][width][3]`, fractions allowed), `state` [`STATE`] numbers; `memory`, [`HIDDEN`]
-    /// numbers that begin as zeros, becomes the next one. Gives [`OUTPUTS`] numbers, each within its range.
-    pub fn step(
-        &self,
-        parameters: &[f32],
-        picture: &[f32],
-        state: &[f32],
-        memory: &mut [f32],
-        scratch: &mut Scratch,
-    ) -> [f32; OUTPUTS] {
-        let out = self.step_with_known(parameters, picture, state, memory, scratch);
-        std::array::from_fn(|k| out[k])
-    }
-
-    /// The same with what a training says besides, [`KNOWN`].
-    pub fn step_with_known(
-        &self,
-        parameters: &[f32],
-        picture: &[f32],
-        state: &[f32],
-        memory: &mut [f32],
-        scratch: &mut Scratch,
-    ) -> [f32; OUTPUTS + KNOWN] {
-        let scaled: Vec<f32> = picture.iter().map(|&x| scaled(x)).collect();
+    /// One decision. `memory`, [`HIDDEN`] numbers that begin as zeros, becomes the next one.
+    pub fn step(&self, parameters: &[f32], sees: &Sees, memory: &mut [f32], scratch: &mut Scratch) -> Says {
+        let picture: Vec<f32> = sees.picture.iter().map(|&x| scaled(x)).collect();
         let Scratch { patches, pictures, gru, .. } = scratch;
-        self.see(parameters, (&scaled, state), patches, pictures);
+        self.see(parameters, (&picture, sees.state), patches, pictures);
         let mut input = vec![0.0; padded(self.dense.inputs)];
         input[..self.features()].copy_from_slice(&pictures[pictures.len() - 1]);
-        input[self.features()..][..STATE].copy_from_slice(state);
-        let mut dense = vec![0.0; DENSE];
-        self.dense.forward(parameters, 1, &input, &mut dense);
-        elu(&mut dense);
-        self.gru.forward(parameters, 1, &dense, memory, gru);
-        let (mut head, mut out) = (vec![0.0; HEAD], vec![0.0; padded(OUTPUTS + KNOWN)]);
+        input[self.features()..][..STATE].copy_from_slice(sees.state);
+        let mut mix_in = vec![0.0; padded(self.mix.inputs)];
+        self.dense.forward(parameters, 1, &input, &mut mix_in[..DENSE]);
+        elu(&mut mix_in[..DENSE]);
+        let mut sight = vec![0.0; RAW_SIGHT];
+        self.sight.forward(parameters, 1, &mix_in[..DENSE], &mut sight);
+        finish_sight(&mut sight);
+        mix_in[DENSE..][..RECALL].copy_from_slice(sees.recall);
+        let mut mix = vec![0.0; MIX];
+        self.mix.forward(parameters, 1, &mix_in, &mut mix);
+        elu(&mut mix);
+        self.gru.forward(parameters, 1, &mix, memory, gru);
+        let (mut head, mut out) = (vec![0.0; HEAD], vec![0.0; RAW]);
         self.head.forward(parameters, 1, memory, &mut head);
         elu(&mut head);
         self.last.forward(parameters, 1, &head, &mut out);
         finish(&mut out);
-        std::array::from_fn(|k| out[k])
+        Says { out: std::array::from_fn(|k| out[k]), sight: std::array::from_fn(|k| sight[k]) }
     }
 
     /// A stretch of sequences; `memory` holds a row for each of them and becomes those after the stretch.
     pub fn forward(&self, parameters: &[f32], stretch: &Stretch, memory: &mut [f32], scratch: &mut Scratch) -> Pass {
         let samples = stretch.samples();
         let (width, features) = (padded(self.dense.inputs), self.features());
+        let mix_width = padded(self.mix.inputs);
         let mut pass = Pass {
             pictures: Vec::with_capacity(samples),
             dense_in: vec![0.0; samples * width],
-            dense_out: vec![0.0; samples * DENSE],
+            dense_out: Vec::new(),
+            mix_in: vec![0.0; samples * mix_width],
+            mix_out: vec![0.0; samples * MIX],
             before: Vec::new(),
             tapes: Vec::new(),
             memory: Vec::with_capacity(samples * HIDDEN),
             head: vec![0.0; samples * HEAD],
             raw: vec![0.0; samples * RAW],
+            sight: vec![0.0; samples * RAW_SIGHT],
         };
         for (sample, bytes) in stretch.pictures.chunks_exact(self.picture_len()).enumerate() {
             let picture: Vec<f32> = bytes.iter().map(|&b| scaled(f32::from(b))).collect();
@@ -436,13 +482,23 @@ impl Net {
             row[features..][..STATE].copy_from_slice(state);
             pass.pictures.push(outputs);
         }
-        self.dense.forward(parameters, samples, &pass.dense_in, &mut pass.dense_out);
-        elu(&mut pass.dense_out);
+        let mut dense = vec![0.0; samples * DENSE];
+        self.dense.forward(parameters, samples, &pass.dense_in, &mut dense);
+        elu(&mut dense);
+        self.sight.forward(parameters, samples, &dense, &mut pass.sight);
+        let parts = dense.chunks_exact(DENSE).zip(stretch.recalls.chunks_exact(RECALL));
+        for (row, (dense, recall)) in pass.mix_in.chunks_exact_mut(mix_width).zip(parts) {
+            row[..DENSE].copy_from_slice(dense);
+            row[DENSE..][..RECALL].copy_from_slice(recall);
+        }
+        self.mix.forward(parameters, samples, &pass.mix_in, &mut pass.mix_out);
+        elu(&mut pass.mix_out);
+        pass.dense_out = dense;
         let mut first = 0;
         for &rows in &stretch.rows {
             let mut tape = self.gru.tape(rows);
             pass.before.push(memory[..rows * HIDDEN].to_vec());
-            let input = &pass.dense_out[first * DENSE..][..rows * DENSE];
+            let input = &pass.mix_out[first * MIX..][..rows * MIX];
             self.gru.forward(parameters, rows, input, memory, &mut tape);
             pass.memory.extend_from_slice(&memory[..rows * HIDDEN]);
             pass.tapes.push(tape);
@@ -454,13 +510,13 @@ impl Net {
         pass
     }
 
-    /// Adds the gradient of the parameters, given that of [`Pass::raw`] (padded rows).
+    /// Adds the gradient of the parameters, given those of [`Pass::raw`] and [`Pass::sight`] (padded rows).
     pub fn backward(
         &self,
         turned: &Turned,
         stretch: &Stretch,
         pass: &mut Pass,
-        of_raw: &[f32],
+        [of_raw, of_sight]: [&[f32]; 2],
         scratch: &mut Scratch,
         gradient: &mut [f32],
     ) {
@@ -472,7 +528,7 @@ impl Net {
         let mut of_memory = vec![0.0; samples * HIDDEN];
         self.head.gradient(samples, &pass.memory, &of_head, gradient);
         self.head.back(samples, &turned.head, &of_head, &mut of_memory);
-        let mut of_dense = vec![0.0; samples * DENSE];
+        let mut of_mix = vec![0.0; samples * MIX];
         let most = stretch.rows.first().copied().unwrap_or(0);
         // What later steps say of the memory after this one; nothing of sequences that had ended.
         let mut later = vec![0.0; most * HIDDEN];
@@ -481,10 +537,21 @@ impl Net {
             first -= rows;
             let now = &of_memory[first * HIDDEN..][..rows * HIDDEN];
             later.iter_mut().zip(now).for_each(|(sum, x)| *sum += x);
-            let range = first * DENSE..(first + rows) * DENSE;
-            let input = (&pass.dense_out[range.clone()], &pass.before[step][..]);
+            let range = first * MIX..(first + rows) * MIX;
+            let input = (&pass.mix_out[range.clone()], &pass.before[step][..]);
             let tape = &mut pass.tapes[step];
-            self.gru.backward(&turned.gru, rows, input, tape, &mut later, &mut of_dense[range], gradient);
+            self.gru.backward(&turned.gru, rows, input, tape, &mut later, &mut of_mix[range], gradient);
+        }
+        elu_back(&mut of_mix, &pass.mix_out);
+        self.mix.gradient(samples, &pass.mix_in, &of_mix, gradient);
+        let mix_width = padded(self.mix.inputs);
+        let mut of_mix_in = vec![0.0; samples * mix_width];
+        self.mix.back(samples, &turned.mix, &of_mix, &mut of_mix_in);
+        let mut of_dense = vec![0.0; samples * DENSE];
+        self.sight.gradient(samples, &pass.dense_out, of_sight, gradient);
+        self.sight.back(samples, &turned.sight, of_sight, &mut of_dense);
+        for (sum, row) in of_dense.chunks_exact_mut(DENSE).zip(of_mix_in.chunks_exact(mix_width)) {
+            sum.iter_mut().zip(row).for_each(|(sum, x)| *sum += x);
         }
         elu_back(&mut of_dense, &pass.dense_out);
         self.dense.gradient(samples, &pass.dense_in, &of_dense, gradient);
@@ -539,6 +606,11 @@ pub fn finish(row: &mut [f32]) {
     sigmoid(&mut row[OUTPUTS - 1..OUTPUTS]);
 }
 
+/// The same for what it says of the picture.
+pub fn finish_sight(row: &mut [f32]) {
+    sigmoid(&mut row[3..4]);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -550,7 +622,8 @@ mod tests {
         let samples: usize = rows.iter().sum();
         let pictures = (0..samples * net.picture_len()).map(|_| random.below(256) as u8).collect();
         let states = (0..samples * STATE).map(|_| random.normal()).collect();
-        (parameters, Stretch { rows, pictures, states })
+        let recalls = (0..samples * RECALL).map(|_| random.normal()).collect();
+        (parameters, Stretch { rows, pictures, states, recalls })
     }
 
     #[test]
@@ -566,11 +639,15 @@ mod tests {
                 .iter()
                 .map(|&b| f32::from(b))
                 .collect();
-            let state = &stretch.states[sample * STATE..][..STATE];
-            let out = net.step(&parameters, &picture, state, &mut own, &mut scratch);
+            let (state, recall) =
+                (&stretch.states[sample * STATE..][..STATE], &stretch.recalls[sample * RECALL..][..RECALL]);
+            let says = net.step(&parameters, &Sees { picture: &picture, state, recall }, &mut own, &mut scratch);
             let mut expected = pass.raw[sample * RAW..][..RAW].to_vec();
             finish(&mut expected);
-            assert_eq!(out[..], expected[..OUTPUTS], "sample {sample}");
+            assert_eq!(says.out[..], expected[..OUTPUTS + KNOWN], "sample {sample}");
+            let mut expected = pass.sight[sample * RAW_SIGHT..][..RAW_SIGHT].to_vec();
+            finish_sight(&mut expected);
+            assert_eq!(says.sight[..], expected[..SIGHT], "sample {sample}");
         }
         assert_eq!(own, memory[HIDDEN..2 * HIDDEN]);
     }
@@ -583,18 +660,28 @@ mod tests {
         let samples = stretch.samples();
         let mut of_raw = vec![0.0; samples * RAW];
         of_raw.chunks_exact_mut(RAW).for_each(|row| row[..OUTPUTS + KNOWN].fill_with(|| random.normal()));
+        let of_sight: Vec<f32> = (0..samples * RAW_SIGHT).map(|_| 0.3 * random.normal()).collect();
         let mut scratch = net.scratch();
         let mut loss = |parameters: &[f32]| -> f64 {
             let mut memory = vec![0.1; 3 * HIDDEN];
             let pass = net.forward(parameters, &stretch, &mut memory, &mut scratch);
-            pass.raw.iter().zip(&of_raw).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
+            let pairs = pass.raw.iter().zip(&of_raw).chain(pass.sight.iter().zip(&of_sight));
+            pairs.map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
         };
         let (mut back_scratch, mut memory, mut gradient) = (net.scratch(), vec![0.1; 3 * HIDDEN], vec![0.0; net.len()]);
         let mut pass = net.forward(&parameters, &stretch, &mut memory, &mut back_scratch);
         let turned = net.turned(&parameters);
-        net.backward(&turned, &stretch, &mut pass, &of_raw, &mut back_scratch, &mut gradient);
+        net.backward(&turned, &stretch, &mut pass, [&of_raw, &of_sight], &mut back_scratch, &mut gradient);
         let mut layers: Vec<&Dense> = net.convolutions.iter().map(|c| &c.dense).collect();
-        layers.extend([&net.dense, &net.gru.from_input, &net.gru.from_state, &net.head, &net.last]);
+        layers.extend([
+            &net.dense,
+            &net.sight,
+            &net.mix,
+            &net.gru.from_input,
+            &net.gru.from_state,
+            &net.head,
+            &net.last,
+        ]);
         let mut ranges: Vec<_> = layers.iter().map(|layer| layer.start..layer.start + layer.len()).collect();
         ranges.extend(net.tints.iter().map(|t| t.start..t.start + COLOUR * t.channels));
         for (k, range) in ranges.into_iter().enumerate() {

@@ -3,15 +3,18 @@
 //! | name | type, shape | what |
 //! |---|---|---|
 //! | in `frame` | u8 `[n, 480, 640, 3]` | the camera's picture, red, green, blue |
-//! | in `state` | f32 `[n, 8]` | goal colour as one of three, direction of gravity in the base, sine and cosine of the heading since the start |
+//! | in `state` | f32 `[n, 6]` | goal colour as one of three, direction of gravity in the base |
+//! | in `recall` | f32 `[n, 398]` | what the robot recalls, see [`crate::recall::RECALL`]; made from odometry and earlier `sight` |
 //! | in `memory` | f32 `[n, 192]` | zeros at first, then `next_memory` of the last decision |
 //! | out `command` | f32 `[n, 3]` | forwards, to the left \[m/s\], turning to the left \[rad/s\] |
 //! | out `shares` | f32 `[n, 3]` | the same as shares of the limits, -1 to 1 |
 //! | out `cone` | f32 `[n, 4]` | sine and cosine of its bearing, logarithm of its distance from the base \[m\], probability that it is in view |
+//! | out `sight` | f32 `[n, 32]` | what it says of the picture alone, see [`crate::net::SIGHT`] |
 //! | out `next_memory` | f32 `[n, 192]` | for the next decision, 0.2 s later |
 
 use crate::NavError;
-use crate::net::{COLOUR, COMMAND, HEIGHT, HIDDEN, Net, OUTPUTS, STATE, Tint, WIDTH};
+use crate::net::{COLOUR, COMMAND, HEIGHT, HIDDEN, Net, OUTPUTS, SIGHT, STATE, Tint, WIDTH};
+use crate::recall::RECALL;
 use crate::sight::COLOURS;
 use crate::task::Limits;
 use qv_policy::net::Dense;
@@ -20,14 +23,15 @@ use qv_policy::onnx::{GraphBuilder, Gru, OnnxError, Tensor};
 /// Pixels of the camera along each side for one of the network.
 pub const POOL: usize = 8;
 
-/// The file.
+/// The file. `half_sides` are those of the map's bounds \[m\]: what a share of the place is, for who recalls it.
 ///
 /// # Errors
 /// When a number is not finite.
-pub fn to_bytes(net: &Net, parameters: &[f32], limits: &Limits) -> Result<Vec<u8>, NavError> {
+pub fn to_bytes(net: &Net, parameters: &[f32], limits: &Limits, half_sides: [f64; 2]) -> Result<Vec<u8>, NavError> {
     let mut graph = GraphBuilder::new();
     let frame = graph.input_bytes("frame", &[POOL * HEIGHT, POOL * WIDTH, 3])?;
     let state = graph.input("state", STATE)?;
+    let recall = graph.input("recall", RECALL)?;
     let memory = graph.input("memory", HIDDEN)?;
     let numbers = graph.to_float(&frame);
     let channels_first = graph.transpose(&numbers, &[0, 3, 1, 2]);
@@ -63,7 +67,16 @@ pub fn to_bytes(net: &Net, parameters: &[f32], limits: &Limits) -> Result<Vec<u8
     let both = graph.concat(&[&features, &state]);
     let dense = dense(&mut graph, "dense", &net.dense, parameters, &both)?;
     let dense = graph.elu(&dense);
-    let next = gru(&mut graph, net, parameters, &dense, &memory)?;
+    let sight_raw = self::dense(&mut graph, "sight", &net.sight, parameters, &dense)?;
+    let before = graph.slice(&sight_raw, 0, 3)?;
+    let logit = graph.slice(&sight_raw, 3, 4)?;
+    let after = graph.slice(&sight_raw, 4, SIGHT)?;
+    let spotted = graph.sigmoid(&logit);
+    let sight = graph.concat(&[&before, &spotted, &after]);
+    let both = graph.concat(&[&dense, &recall]);
+    let mix = self::dense(&mut graph, "mix", &net.mix, parameters, &both)?;
+    let mix = graph.elu(&mix);
+    let next = gru(&mut graph, net, parameters, &mix, &memory)?;
     let head = self::dense(&mut graph, "head", &net.head, parameters, &next)?;
     let head = graph.elu(&head);
     let raw = self::dense(&mut graph, "last", &net.last, parameters, &head)?;
@@ -82,8 +95,10 @@ pub fn to_bytes(net: &Net, parameters: &[f32], limits: &Limits) -> Result<Vec<u8
     graph.output(&command, "command", COMMAND)?;
     graph.output(&shares, "shares", COMMAND)?;
     graph.output(&cone, "cone", OUTPUTS - COMMAND)?;
+    graph.output(&sight, "sight", SIGHT)?;
     graph.output(&next, "next_memory", HIDDEN)?;
     graph.metadata("colours", &COLOURS.join(" "));
+    graph.metadata("half_sides", &half_sides.map(|x| x.to_string()).join(" "));
     graph.metadata("period", &crate::task::PERIOD.to_string());
     Ok(graph.finish())
 }

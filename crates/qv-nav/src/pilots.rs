@@ -1,7 +1,7 @@
 //! Who decides: the network, the teacher, both in turn, and a follower of coloured blobs.
 
-use crate::net::{HEIGHT, HIDDEN, Net, OUTPUTS, Scratch, WIDTH};
-use crate::roll::{Pilot, Seen};
+use crate::net::{HEIGHT, HIDDEN, KNOWN, Net, OUTPUTS, SIGHT, Says, Scratch, Sees, WIDTH};
+use crate::roll::{Decision, Pilot, Seen};
 use crate::task::{Episode, Limits};
 use qv_core::random::Xoshiro256PlusPlus;
 use rayon::prelude::*;
@@ -12,15 +12,15 @@ pub struct NetPilot<'a> {
     net: &'a Net,
     parameters: &'a [f32],
     robots: Vec<(Vec<f32>, Scratch)>,
-    /// The output of the last decision of each robot.
-    pub outputs: Vec<[f32; OUTPUTS]>,
+    /// What it said at the last decision of each robot.
+    pub said: Vec<Says>,
 }
 
 impl<'a> NetPilot<'a> {
     /// For `count` robots.
     pub fn new(net: &'a Net, parameters: &'a [f32], count: usize) -> Self {
         let robots = (0..count).map(|_| (vec![0.0; HIDDEN], net.scratch())).collect();
-        Self { net, parameters, robots, outputs: vec![[0.0; OUTPUTS]; count] }
+        Self { net, parameters, robots, said: vec![Says { out: [0.0; OUTPUTS + KNOWN], sight: [0.0; SIGHT] }; count] }
     }
 }
 
@@ -29,18 +29,22 @@ impl Pilot for NetPilot<'_> {
         self.robots[env].0.fill(0.0);
     }
 
-    fn decide(&mut self, seen: &[Seen]) -> Vec<[f32; 3]> {
+    fn decide(&mut self, seen: &[Seen]) -> Vec<Decision> {
         let mut of_env: Vec<Option<&Seen>> = vec![None; self.robots.len()];
         seen.iter().for_each(|s| of_env[s.env] = Some(s));
         let (net, parameters) = (self.net, self.parameters);
-        let robots = self.robots.par_iter_mut().zip(&mut self.outputs).zip(of_env);
+        let robots = self.robots.par_iter_mut().zip(&mut self.said).zip(of_env);
         robots.for_each(|(((memory, scratch), out), seen)| {
             if let Some(seen) = seen {
                 let picture: Vec<f32> = seen.picture.iter().map(|&b| f32::from(b)).collect();
-                *out = net.step(parameters, &picture, seen.state, memory, scratch);
+                let sees = Sees { picture: &picture, state: seen.state, recall: seen.recall };
+                *out = net.step(parameters, &sees, memory, scratch);
             }
         });
-        seen.iter().map(|s| [0, 1, 2].map(|k| self.outputs[s.env][k])).collect()
+        let says = |s: &Seen| &self.said[s.env];
+        seen.iter()
+            .map(|s| Decision { command: [0, 1, 2].map(|k| says(s).out[k]), sight: Some(says(s).sight) })
+            .collect()
     }
 }
 
@@ -53,8 +57,8 @@ pub struct TeacherPilot {
 impl Pilot for TeacherPilot {
     fn begin(&mut self, _env: usize, _episode: &Episode) {}
 
-    fn decide(&mut self, seen: &[Seen]) -> Vec<[f32; 3]> {
-        seen.iter().map(|s| self.limits.shares(s.advice.command)).collect()
+    fn decide(&mut self, seen: &[Seen]) -> Vec<Decision> {
+        seen.iter().map(|s| Decision { command: self.limits.shares(s.advice.command), sight: None }).collect()
     }
 }
 
@@ -70,6 +74,8 @@ pub struct Mixture {
     pub stray: f32,
     /// Mean number of decisions until the driver changes.
     pub stretch: f32,
+    /// Share of the episodes in which the robot recalls the truth with errors instead of what the network says of its pictures.
+    pub told: f32,
 }
 
 /// Who drives now.
@@ -85,13 +91,22 @@ pub struct MixedPilot<'a> {
     student: NetPilot<'a>,
     limits: Limits,
     mixture: Mixture,
-    drivers: Vec<(Driver, bool, Xoshiro256PlusPlus)>,
+    drivers: Vec<Drives>,
+}
+
+/// Who drives a robot: now, whether the network alone does, and whether it recalls the truth.
+struct Drives {
+    driver: Driver,
+    alone: bool,
+    told: bool,
+    random: Xoshiro256PlusPlus,
 }
 
 impl<'a> MixedPilot<'a> {
     /// For `count` robots.
     pub fn new(student: NetPilot<'a>, limits: Limits, mixture: Mixture, count: usize) -> Self {
-        let drivers = (0..count).map(|_| (Driver::Teacher, false, Xoshiro256PlusPlus::new(0))).collect();
+        let idle = |_| Drives { driver: Driver::Teacher, alone: false, told: true, random: Xoshiro256PlusPlus::new(0) };
+        let drivers = (0..count).map(idle).collect();
         Self { student, limits, mixture, drivers }
     }
 }
@@ -120,22 +135,28 @@ impl Pilot for MixedPilot<'_> {
         let mut random = Xoshiro256PlusPlus::of(episode.seed, 88, 0);
         let alone = self.mixture.is_alone(episode);
         let driver = if alone { Driver::Student } else { self.mixture.draw(&mut random) };
-        self.drivers[env] = (driver, alone, random);
+        let told = random.unit() < self.mixture.told;
+        self.drivers[env] = Drives { driver, alone, told, random };
     }
 
-    fn decide(&mut self, seen: &[Seen]) -> Vec<[f32; 3]> {
+    fn decide(&mut self, seen: &[Seen]) -> Vec<Decision> {
         // Without it, its memory is of no use either: a first round need not run the network.
-        let absent = self.mixture.alone <= 0.0 && self.mixture.taught + self.mixture.stray >= 1.0;
-        let mut out = if absent { vec![[0.0; 3]; seen.len()] } else { self.student.decide(seen) };
+        let Mixture { alone, taught, stray, told, stretch } = self.mixture;
+        let absent = alone <= 0.0 && taught + stray >= 1.0 && told >= 1.0;
+        let nothing = Decision { command: [0.0; 3], sight: None };
+        let mut out = if absent { vec![nothing; seen.len()] } else { self.student.decide(seen) };
         for (out, s) in out.iter_mut().zip(seen) {
-            let (driver, alone, random) = &mut self.drivers[s.env];
-            if !*alone && random.unit() * self.mixture.stretch < 1.0 {
-                *driver = self.mixture.draw(random);
+            let drives = &mut self.drivers[s.env];
+            if !drives.alone && drives.random.unit() * stretch < 1.0 {
+                drives.driver = self.mixture.draw(&mut drives.random);
             }
-            match *driver {
+            match drives.driver {
                 Driver::Student => {}
-                Driver::Teacher => *out = self.limits.shares(s.advice.command),
-                Driver::Stray(command) => *out = command,
+                Driver::Teacher => out.command = self.limits.shares(s.advice.command),
+                Driver::Stray(command) => out.command = command,
+            }
+            if drives.told {
+                out.sight = None;
             }
         }
         out
@@ -183,7 +204,7 @@ impl BlobPilot {
 impl Pilot for BlobPilot {
     fn begin(&mut self, _env: usize, _episode: &Episode) {}
 
-    fn decide(&mut self, seen: &[Seen]) -> Vec<[f32; 3]> {
+    fn decide(&mut self, seen: &[Seen]) -> Vec<Decision> {
         seen.iter()
             .map(|s| {
                 let (count, column, lowest) = Self::blob(s.picture, s.colour);
@@ -195,7 +216,7 @@ impl Pilot for BlobPilot {
                     _ if near => [0.0, 0.0, turn],
                     _ => [0.5 * (1.0 - turn.abs()), 0.0, 2.0 * turn],
                 };
-                self.limits.shares(command)
+                Decision { command: self.limits.shares(command), sight: None }
             })
             .collect()
     }

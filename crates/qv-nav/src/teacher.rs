@@ -1,15 +1,16 @@
 //! The seeing teacher: a planner that knows the map, but uses the cone's place only once it could have been seen.
 //!
-//! Before that it searches: it keeps in mind where a cone could still be, turns to the left while turning shows more of that, then goes to
-//! the viewpoint that shows most for the time that it costs. A teacher that knew all could not be imitated: the student would see nothing
-//! and average left and right.
+//! Before that it searches: it keeps in mind where a cone could still be, and turns in place or goes to a viewpoint, whichever shows most of that for
+//! its time. It decides anew each time, so that what it says depends on where the robot is and on what was seen, and on nothing that only a
+//! teacher keeps in mind. A teacher that knew all could not be imitated: the student would see nothing and average left and right.
 
 use crate::map::{Field, Map};
 use crate::sight::{Cone, Rig, SEEN, free_rays, in_frustum};
-use crate::task::{Limits, PERIOD, TAIL};
+use crate::task::{Limits, TAIL, standing};
 use glam::{DVec2, DVec3};
 use qv_core::{Camera, Pose};
 use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
 
 /// A place from which much can be seen.
@@ -18,6 +19,8 @@ struct Viewpoint {
     place: DVec2,
     /// Candidates that can be seen from it.
     shows: Vec<bool>,
+    /// The way to it.
+    field: Field,
 }
 
 /// What teachers of all episodes share.
@@ -48,6 +51,10 @@ pub struct TeacherSettings {
     pub worth: f64,
     /// Seconds that looking round at a viewpoint costs, for the choice among them.
     pub look_round: f64,
+    /// Factor on what a turn in place shows: above 1 it looks round before it goes on.
+    pub turns: f64,
+    /// Seconds that a turn in place takes beside the turn itself.
+    pub dawdle: f64,
     /// Distance from the base within which there is no cone \[m\].
     pub too_near: f64,
     /// Distance of the head from the cone at which it stands \[m\].
@@ -58,6 +65,8 @@ pub struct TeacherSettings {
     pub margin: f64,
     /// Speed away from what blocks where there is no room at all \[m/s\].
     pub push: f64,
+    /// Greatest speed where the head is at what blocks, and how much more for each metre that is free ahead of it \[m/s\], \[1/s\].
+    pub brake: [f64; 2],
     /// Speed to the cone for each metre that is left \[1/s\].
     pub approach: f64,
     /// Angle that turning to the right must save for it to turn to the right in a search, and angle behind it, on the right, from which on it
@@ -67,7 +76,7 @@ pub struct TeacherSettings {
     pub viewpoints: [f64; 2],
     /// Shortest and longest way from the start to a cone that the task allows: elsewhere it does not look \[m\].
     pub geodesic: [f64; 2],
-    /// Mean speed on the way to a viewpoint, for the choice among them \[m/s\].
+    /// Mean speed on the way to a viewpoint where there is room, for the choice among them \[m/s\].
     pub travel: f64,
     /// Cosines of the angles to the way within which it goes at full speed, and beyond which it turns in place.
     pub bends: [f64; 2],
@@ -85,13 +94,16 @@ impl Default for TeacherSettings {
             eye: 0.42,
             looked_for: 0.3,
             worth: 0.04,
-            look_round: 2.0,
+            look_round: 4.0,
+            turns: 1.5,
+            dawdle: 0.5,
             too_near: 0.7,
             stand_off: 0.25,
             ahead: [0.3, 0.45, 0.6],
-            margin: 0.24,
+            margin: 0.28,
             push: 0.5,
-            approach: 1.2,
+            brake: [0.1, 0.8],
+            approach: 1.0,
             left: [2.5, 2.4],
             viewpoints: [0.5, 0.45],
             geodesic: [2.5, 7.0],
@@ -99,7 +111,7 @@ impl Default for TeacherSettings {
             bends: [0.92, 0.45],
             near_bends: [0.98, 0.91],
             near: 0.9,
-            near_speed: 0.4,
+            near_speed: 0.35,
         }
     }
 }
@@ -117,7 +129,7 @@ impl World {
         let viewpoint = |place: DVec3| {
             let eye = place + DVec3::Z * teacher.eye;
             let shows = candidates.iter().map(|c| map.is_free(eye, *c + DVec3::Z * teacher.looked_for)).collect();
-            Viewpoint { place: place.truncate(), shows }
+            Viewpoint { place: place.truncate(), shows, field: map.field(place.truncate(), &[]) }
         };
         let mut places = map.places(teacher.viewpoints[0], teacher.viewpoints[1]);
         if places.is_empty() {
@@ -151,9 +163,8 @@ pub struct Teacher {
     began: bool,
     found: bool,
     to_goal: Option<Field>,
-    viewpoint: Option<(usize, Field)>,
-    /// Sense in which it turns in place, 1 to the left, and for how many decisions, while it does.
-    turning: Option<(f64, usize)>,
+    /// Ways to viewpoints past the other cones, once they were wanted.
+    ways: HashMap<usize, Field>,
 }
 
 impl Teacher {
@@ -165,8 +176,7 @@ impl Teacher {
             began: false,
             found: false,
             to_goal: None,
-            viewpoint: None,
-            turning: None,
+            ways: HashMap::new(),
         }
     }
 
@@ -183,7 +193,7 @@ impl Teacher {
             approach(world, field, base, goal)
         } else {
             self.look(world, &camera, p);
-            self.search(world, base, &camera)
+            self.search(world, base)
         };
         let command = keep_away(world, base, &self.avoid, command);
         let bearing = turn_to(base.yaw(), to);
@@ -218,68 +228,66 @@ impl Teacher {
         viewpoint.shows.iter().zip(&self.seen).filter(|(shows, seen)| **shows && !**seen).count() as f64
     }
 
-    /// Bearings from the base's heading of the places that were not seen yet and could be from here.
-    fn unseen_from_here(&self, world: &World, base: &Pose, camera: &Camera) -> Vec<f64> {
-        let eye = camera.camera_from_world.inverse().position;
+    /// Bearings from the base's heading of the places that were not seen yet and can be from here, once the camera is turned to them.
+    fn unseen_from_here(&self, world: &World, base: &Pose) -> Vec<f64> {
+        let p = base.position.truncate();
         let unseen = self.seen.iter().zip(&world.candidates).filter(|(seen, _)| !**seen).map(|(_, c)| *c);
         unseen
-            .filter(|c| world.map.is_free(eye, *c + DVec3::Z * world.teacher.looked_for))
-            .map(|c| turn_to(base.yaw(), c.truncate() - eye.truncate()))
+            .filter(|c| {
+                let to = c.truncate() - p;
+                let there =
+                    standing(&world.map, p, to.to_angle(), base.position.z - world.map.height(p).unwrap_or(0.0));
+                let (camera, point) = (world.rig.camera(&there), *c + DVec3::Z * world.teacher.looked_for);
+                in_frustum(&camera, point) && world.map.is_free(camera.camera_from_world.inverse().position, point)
+            })
+            .map(|c| turn_to(base.yaw(), c.truncate() - p))
             .collect()
     }
 
-    fn search(&mut self, world: &World, base: &Pose, camera: &Camera) -> [f64; 3] {
-        let p = base.position.truncate();
-        let worth = world.teacher.worth * world.candidates.len() as f64;
-        if let Some((at, _)) = &self.viewpoint {
-            let viewpoint = &world.viewpoints[*at];
-            let arrived = viewpoint.place.distance(p) < 0.3;
-            if arrived || self.new_from(viewpoint) < 0.5 * worth {
-                self.viewpoint = None;
-            } else if self.turning.is_none() {
-                let field = self.viewpoint.as_ref().map(|(_, field)| field);
-                return field.map_or([0.0; 3], |field| pursue(world, field, base));
-            }
-        }
-        let bearings = self.unseen_from_here(world, base, camera);
-        if bearings.len() as f64 >= worth {
-            let (sense, turns) =
-                self.turning.get_or_insert_with(|| (shorter_sense(&bearings, world.teacher.left[0]), 0));
-            *turns += 1;
-            if *turns as f64 * PERIOD * world.limits.turning < TAU {
-                return [0.0, 0.0, *sense * world.limits.turning];
-            }
-        }
-        self.turning = None;
-        // A turn showed what can be seen from here; the rest is for another viewpoint.
+    fn search(&mut self, world: &World, base: &Pose) -> [f64; 3] {
+        let (p, settings, limits) = (base.position.truncate(), &world.teacher, &world.limits);
+        let worth = settings.worth * world.candidates.len() as f64;
+        let bearings = self.unseen_from_here(world, base);
+        let sense = shorter_sense(&bearings, settings.left[0]);
+        let sweep = bearings.iter().map(|b| (sense * b).rem_euclid(TAU)).fold(0.0, f64::max);
+        let turning = bearings.len() as f64 * settings.turns / (sweep / limits.turning + settings.dawdle);
+        // A turn shows what can be seen from here; the rest is for another viewpoint.
         let distance = |v: &Viewpoint| v.place.distance(p);
-        let here = world.viewpoints.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
-        if let Some(v) = here.filter(|v| distance(v) < 0.4) {
-            self.seen.iter_mut().zip(&v.shows).for_each(|(seen, shows)| *seen |= shows);
+        if (bearings.len() as f64) < worth {
+            let here = world.viewpoints.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
+            if let Some(v) = here.filter(|v| distance(v) < 0.35) {
+                self.seen.iter_mut().zip(&v.shows).for_each(|(seen, shows)| *seen |= shows);
+            }
         }
-        self.choose(world, p);
-        match &self.viewpoint {
-            Some((_, field)) => pursue(world, field, base),
-            None => [0.0, 0.0, world.limits.turning],
+        let rates: Vec<f64> = world.viewpoints.iter().map(|v| self.rate(world, base, v)).collect();
+        let best = (0..rates.len()).max_by(|&a, &b| rates[a].total_cmp(&rates[b]));
+        let going = best.map_or(0.0, |b| rates[b]);
+        if bearings.len() as f64 >= worth && turning >= going {
+            return [0.0, 0.0, sense * limits.turning];
+        }
+        match best.filter(|_| going > 0.0) {
+            Some(best) => {
+                let (viewpoint, avoid) = (&world.viewpoints[best], &self.avoid);
+                let way = self.ways.entry(best).or_insert_with(|| world.map.field(viewpoint.place, avoid));
+                pursue(world, way, base)
+            }
+            None => {
+                self.seen.fill(false);
+                [0.0, 0.0, limits.turning]
+            }
         }
     }
 
-    /// The viewpoint that shows most for its time; all is forgotten when nothing is left to be seen.
-    fn choose(&mut self, world: &World, p: DVec2) {
-        let lengths = world.map.lengths(p);
-        let rate = |v: &Viewpoint| {
-            let time = world.map.at(&lengths, v.place) / world.teacher.travel + world.teacher.look_round;
-            if time.is_finite() { self.new_from(v) / time } else { 0.0 }
-        };
-        let rates: Vec<f64> = world.viewpoints.iter().map(rate).collect();
-        let best = (0..rates.len()).max_by(|&a, &b| rates[a].total_cmp(&rates[b]));
-        match best.filter(|&b| self.new_from(&world.viewpoints[b]) >= 1.0) {
-            Some(best) => {
-                let field = world.map.field(world.viewpoints[best].place, &self.avoid);
-                self.viewpoint = Some((best, field));
-            }
-            None => self.seen.fill(false),
+    /// What a viewpoint shows for the time that it takes to turn to it, to go there and to look round.
+    fn rate(&self, world: &World, base: &Pose, viewpoint: &Viewpoint) -> f64 {
+        let (new, settings, p) = (self.new_from(viewpoint), &world.teacher, base.position.truncate());
+        let way = world.map.at(&viewpoint.field, p);
+        if new < 1.0 || !way.is_finite() || viewpoint.place.distance(p) < 0.25 {
+            return 0.0;
         }
+        let towards = world.map.ahead(&viewpoint.field, p, settings.ahead[1]).unwrap_or(p);
+        let facing = turn_to(base.yaw(), towards - p).abs() / world.limits.turning;
+        new / (facing + way / settings.travel + settings.look_round)
     }
 }
 
@@ -349,6 +357,8 @@ fn keep_away(world: &World, base: &Pose, cones: &[DVec2], command: [f64; 3]) -> 
     let heading = DVec2::from_angle(base.yaw());
     let p = base.position.truncate();
     let [mut ahead, mut aside, mut turning] = command;
+    let free = map.clear(p + world.rig.head * heading, heading, 1.0);
+    ahead = ahead.min(world.teacher.brake[0] + world.teacher.brake[1] * free);
     for along in [world.rig.head, 0.0, -TAIL] {
         let q = p + along * heading;
         let cone = cones.iter().copied().min_by(|a, b| a.distance(q).total_cmp(&b.distance(q)));

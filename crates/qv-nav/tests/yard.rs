@@ -7,7 +7,9 @@ use qv_nav::legs::{Follower, Legs, Motion, Start};
 use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
 use qv_nav::pilots::TeacherPilot;
-use qv_nav::roll::{Pilot, Seen, Stage, roll};
+use qv_nav::recall::Drift;
+use qv_nav::reflex::Reflex;
+use qv_nav::roll::{Decision, Pilot, Seen, Stage, roll};
 use qv_nav::sight::Rig;
 use qv_nav::task::{End, Episode, EpisodeSettings, Limits, Stratum};
 use qv_nav::teacher::World;
@@ -36,7 +38,13 @@ fn episodes_are_what_they_say() {
 #[test]
 fn the_teacher_finds_cones_without_a_collision() {
     let world = world();
-    let stage = Stage { world: &world, eye: &BlindEye, spread: LensSpread::none() };
+    let stage = Stage {
+        world: &world,
+        eye: &BlindEye,
+        spread: LensSpread::none(),
+        drift: Drift::default(),
+        reflex: Reflex::default(),
+    };
     let episodes = EpisodeSettings::default().draw(&world, 48, 11).unwrap();
     let mut legs = Follower::new(&world.map, 16, 0.3);
     let mut pilot = TeacherPilot { limits: world.limits };
@@ -94,8 +102,8 @@ struct Constant([f32; 3]);
 
 impl Pilot for Constant {
     fn begin(&mut self, _env: usize, _episode: &Episode) {}
-    fn decide(&mut self, seen: &[Seen]) -> Vec<[f32; 3]> {
-        vec![self.0; seen.len()]
+    fn decide(&mut self, seen: &[Seen]) -> Vec<Decision> {
+        vec![Decision { command: self.0, sight: None }; seen.len()]
     }
 }
 
@@ -103,11 +111,17 @@ impl Pilot for Constant {
 #[test]
 fn what_a_student_sees_does_not_tell_its_last_command() {
     let world = world();
-    let stage = Stage { world: &world, eye: &BlindEye, spread: LensSpread::none() };
+    let stage = Stage {
+        world: &world,
+        eye: &BlindEye,
+        spread: LensSpread::none(),
+        drift: Drift::default(),
+        reflex: Reflex::default(),
+    };
     let episodes = EpisodeSettings::default().draw(&world, 4, 3).unwrap();
     let seen = |command| {
         let rolled = roll(&stage, &mut Rooted(Vec::new()), &episodes, &mut Constant(command), |_| true, &mut |_| {});
-        rolled.unwrap().into_iter().map(|(_, r)| (r.states, r.pictures)).collect::<Vec<_>>()
+        rolled.unwrap().into_iter().map(|(_, r)| (r.states, r.recalls, r.pictures)).collect::<Vec<_>>()
     };
     let still = seen([0.0; 3]);
     assert!(still[0].0.len() > 10 && still == seen([1.0, -1.0, 0.5]));

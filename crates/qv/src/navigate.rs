@@ -11,12 +11,14 @@ use base64::engine::general_purpose::STANDARD;
 use image::ImageEncoder as _;
 use page::{FromAbove, Results, Strip, Tested};
 use qv_nav::dagger::{Student, TrainSettings};
-use qv_nav::eye::SplatEye;
+use qv_nav::eye::{Paints, SplatEye};
 use qv_nav::legs::Follower;
 use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
 use qv_nav::net::{HEIGHT as ROWS, Net, WIDTH as COLUMNS};
 use qv_nav::pilots::{BlobPilot, NetPilot, TeacherPilot};
+use qv_nav::recall::Drift;
+use qv_nav::reflex::Reflex;
 use qv_nav::roll::{Pilot, Record, Stage, roll};
 use qv_nav::score::{Row, compared};
 use qv_nav::sight::Rig;
@@ -136,10 +138,11 @@ impl Navigate {
 }
 
 impl Place {
-    fn open(&self) -> Result<(World, SplatEye), Failure> {
+    /// The place; in a training, its Gaussians are painted otherwise from episode to episode.
+    fn open(&self, paints: &Paints) -> Result<(World, SplatEye), Failure> {
         let mesh = mesh_at(&self.mesh, "a labelled mesh in GLB")?;
         let map = Map::new(&mesh, &MapSettings::default()).map_err(|e| about(&self.mesh, e))?;
-        let eye = SplatEye::new(&open_scene(&self.scene)?.cloud);
+        let eye = SplatEye::painted(&open_scene(&self.scene)?.cloud, paints, self.seed);
         if eye.count() > 60_000 {
             remark("the scene has many Gaussians: pictures of 80 x 60 are as good, and faster, from 20 000");
         }
@@ -149,11 +152,17 @@ impl Place {
 
 impl Train {
     fn execute(&self) -> Result<Outcome, Failure> {
-        let (world, eye) = self.place.open()?;
+        let (world, eye) = self.place.open(&Paints::default())?;
         fs::create_dir_all(&self.out).map_err(|e| about(&self.out, e))?;
         let settings =
             TrainSettings { rounds: self.rounds, frames: self.frames, seed: self.place.seed, ..Default::default() };
-        let stage = Stage { world: &world, eye: &eye, spread: self.place.camera };
+        let stage = Stage {
+            world: &world,
+            eye: &eye,
+            spread: self.place.camera,
+            drift: Drift::default(),
+            reflex: Reflex::default(),
+        };
         let mut legs = Follower::new(&world.map, settings.robots, HEIGHT);
         let mut student = Student::new(&settings)?;
         let (stages, mut metrics) = (Stages::new(), Vec::new());
@@ -169,7 +178,9 @@ impl Train {
             write_whole(&self.out.join("metrics.json"), &serde_json::to_vec_pretty(&metrics)?)?;
         }
         stages.finish();
-        let file = onnx::to_bytes(&student.net, &student.parameters, &world.limits)?;
+        let [low, high] = world.map.bounds();
+        let half_sides = (0.5 * (high - low)).to_array();
+        let file = onnx::to_bytes(&student.net, &student.parameters, &world.limits, half_sides)?;
         write_whole(&self.out.join("policy.onnx"), &file)?;
         if self.json {
             let line = serde_json::json!({
@@ -185,11 +196,17 @@ impl Train {
 
 impl Test {
     fn execute(&self) -> Result<Outcome, Failure> {
-        let (world, eye) = self.place.open()?;
+        let (world, eye) = self.place.open(&Paints { count: 1, ..Paints::default() })?;
         let net = Net::default();
         let bytes = fs::read(&self.weights).map_err(|e| about(&self.weights, e))?;
         let parameters = weights::from_bytes(&bytes, &net).map_err(|e| about(&self.weights, e))?;
-        let stage = Stage { world: &world, eye: &eye, spread: self.place.camera };
+        let stage = Stage {
+            world: &world,
+            eye: &eye,
+            spread: self.place.camera,
+            drift: Drift::default(),
+            reflex: Reflex::default(),
+        };
         let episodes = EpisodeSettings::default().draw(&world, self.episodes, self.place.seed)?;
         let count = episodes.len().clamp(1, 64);
         let limits = world.limits;
