@@ -262,7 +262,8 @@ impl Lane {
     }
 
     fn shot(&self) -> Shot {
-        Shot { camera: self.lens.rig.camera(&self.legs.past(0, self.lens.delay)), cones: self.cones.clone() }
+        let camera = self.lens.rig.camera(&self.legs.past(0, self.lens.delay));
+        Shot { camera, cones: self.cones.clone(), seed: self.episode.seed }
     }
 
     /// See [`BESIDE`].
