@@ -3,7 +3,7 @@
 use glam::DVec3;
 use qv_core::{GaussianCloud, TriangleMesh};
 use qv_nav::dagger::{Student, TrainSettings};
-use qv_nav::eye::SplatEye;
+use qv_nav::eye::{BlindEye, SplatEye};
 use qv_nav::legs::Follower;
 use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
@@ -80,11 +80,15 @@ fn a_student_learns_to_reach_cones_that_it_sees() {
         student.round(&stage, &mut legs, &near_by(), &mut |_| {}).unwrap();
     }
     let after = reached(&stage, &mut NetPilot::new(&student.net, &student.parameters, 16), 32);
+    // The same network without pictures: what it would reach by driving ahead.
+    let grey = Stage { world: &world, eye: &BlindEye, ..stage };
+    let blind = reached(&grey, &mut NetPilot::new(&student.net, &student.parameters, 16), 32);
     let teacher = reached(&stage, &mut TeacherPilot { limits: world.limits }, 32);
-    println!("before {before:?}\nafter {after:?}\nteacher {teacher:?}");
+    println!("before {before:?}\nafter {after:?}\nblind {blind:?}\nteacher {teacher:?}");
     assert!(teacher.success >= 0.97, "{teacher:?}");
     // A network that knows nothing says 0: it drifts ahead at 0.2 m/s, which is slow enough to be counted where a cone stands ahead by chance.
     assert!(before.success < 0.7 && after.success >= 0.85, "{before:?} {after:?}");
+    assert!(after.success > blind.success + 0.3, "{after:?} {blind:?}");
 }
 
 #[test]

@@ -190,7 +190,7 @@ impl Search<'_, '_> {
                 continue;
             }
             seen.push(index);
-            let is_signed = effect.range[0] == -effect.range[1];
+            let is_signed = (effect.range[0] + effect.range[1]).abs() < 1e-9 * effect.span();
             // The group of all members comes first.
             let all = columns.groups.iter().position(|g| g.effect == index).expect("it has one");
             let on_all = effect.scope == Scope::Joints && !is_signed;
