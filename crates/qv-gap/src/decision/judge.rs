@@ -154,6 +154,15 @@ impl<'j> Judge<'j> {
             let is_sure = !later && (candidate.log_evidence > policy.sure_event || !self.is_free);
             return (share < least && !is_sure).then(too_little);
         }
+        // No contact hides a gap of a robot that is held: where there is hardly one, its cause closes it.
+        let is_slight = !self.is_free && !later && is_steady && self.round.level.ratio < policy.no_gap;
+        if is_slight && held_out.closed < policy.least_closed {
+            return Some(format!(
+                "it closes {:.0} % of a gap that is {:.2} times the null, as large as without an effect",
+                100.0 * held_out.closed,
+                self.round.level.ratio
+            ));
+        }
         let by_law = is_steady && policy.closes_actuator_residual(held_out.actuator_residual);
         if later && by_law {
             return None;

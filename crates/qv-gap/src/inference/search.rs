@@ -6,6 +6,7 @@ use crate::inference::linearised::{EXTRA, LinearisedProblem, LinearisedWindow};
 use crate::inference::short_windows::Fall;
 use crate::problem::Overrides;
 use crate::problem::columns::{Columns, Suspect};
+use crate::problem::library::{Effect, Scope};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -241,7 +242,10 @@ impl<'s, 'a> Search<'s, 'a> {
         let taken: Vec<usize> = base.suspects.iter().map(|s| s.group).collect();
         let columns = self.columns();
         let mut chosen: Vec<Suspect> = Vec::new();
-        for (effect, _) in columns.effects.iter().enumerate().filter(|(e, _)| !without.contains(e)) {
+        // What pushes an arm all the time is a constant torque, which the library has for robots that are held.
+        let is_steady = |e: &Effect| self.study.problem.free || !e.local || e.scope != Scope::Joints;
+        let sought = columns.effects.iter().enumerate().filter(|(e, x)| !without.contains(e) && is_steady(x));
+        for (effect, _) in sought {
             let mut groups: Vec<usize> = Vec::new();
             for (_, suspect) in linear.iter().filter(|(_, s)| columns.groups[s.group].effect == effect) {
                 let group = suspect.group;
