@@ -39,7 +39,8 @@ pub fn ask(url: &str, model: &str, labels: &[String]) -> Result<String, ContactE
 /// Whether a request may go to an address; a key goes by TLS, or stays on this machine.
 fn may_be_sent(url: &str, with_key: bool) -> Result<(), String> {
     if url.starts_with("https://") {
-        return Ok(());
+        let lacks = "https://, for which qv must be built with the feature tls";
+        return if cfg!(feature = "tls") { Ok(()) } else { Err(lacks.into()) };
     }
     let Some(rest) = url.strip_prefix("http://") else {
         return Err("an address that starts neither with https:// nor with http://".into());

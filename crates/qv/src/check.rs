@@ -6,8 +6,8 @@ use crate::open::{model_of, open_run, read_model, read_urdf};
 use crate::scene::{about, is_plain_ply, open_scene, rgbd_layout};
 use crate::{Failure, Outcome, Reading, RunArguments, foreign, say};
 use qv_mesh::files::{glb, ply};
-use qv_policy::onnx::OnnxPolicy;
-use qv_policy::onnx::reader::TensorInfo;
+#[cfg(feature = "learn")]
+use qv_policy::onnx::{OnnxPolicy, reader::TensorInfo};
 use qv_replay::Run;
 use qv_replay::run::{Base, Robot};
 use qv_sim::mjcf::is_mjcf;
@@ -290,6 +290,15 @@ fn capture(path: &Path) -> Result<Found, Failure> {
     Ok(Found { kind: "capture", used, told: opened.capture.told, lost: opened.capture.lost, missing })
 }
 
+#[cfg(not(feature = "learn"))]
+fn policy(path: &Path) -> Result<Found, Failure> {
+    Err(about(
+        path,
+        "expected a file that this qv reads, found a policy, for which it must be built with the feature learn",
+    ))
+}
+
+#[cfg(feature = "learn")]
 fn policy(path: &Path) -> Result<Found, Failure> {
     let bytes = fs::read(path).map_err(|e| about(path, format!("expected an ONNX file, found {e}")))?;
     let policy = OnnxPolicy::from_bytes(&bytes).map_err(|e| about(path, e))?;

@@ -6,9 +6,10 @@ use crate::open::{file_error, lost_from, model_of, open_run, parameters_of, told
 use crate::progress::{Stages, remark};
 use crate::provenance::provenance;
 use crate::scene::open_scene;
+#[cfg(feature = "learn")]
 use crate::walk::trial::Tried;
 use crate::whole::put;
-use crate::{Failure, Outcome, Reading, RunArguments, say};
+use crate::{Outcome, Reading, RunArguments, say};
 use qv_camera::{CameraError, EFFECTS, Footage, LookOptions, Photograph, Sight, check, html, join, look};
 use qv_core::statistics::median;
 use qv_core::{GaussianCloud, JointSeries};
@@ -72,12 +73,9 @@ pub struct Diagnose {
     /// Most images that are compared
     #[arg(long, default_value_t = 40, value_name = "N", requires = "scene")]
     images: usize,
-    /// A policy in ONNX that is to walk: falls and tracking in the nominal and in the corrected simulator
-    #[arg(long, value_name = "POLICY.onnx", requires = "policy_description")]
-    policy: Option<PathBuf>,
-    /// What the policy sees and what its actions mean (docs/walking.md)
-    #[arg(long, value_name = "FILE.toml", requires = "policy")]
-    policy_description: Option<PathBuf>,
+    #[cfg(feature = "learn")]
+    #[command(flatten)]
+    tried: PolicyArguments,
     /// Seed of the simulated recordings without an effect
     #[arg(long, default_value_t = 1, value_name = "N")]
     seed: u64,
@@ -87,6 +85,18 @@ pub struct Diagnose {
     /// One line of JSON at the end instead of the summary
     #[arg(long)]
     json: bool,
+}
+
+/// A policy that walks in the simulator before and after.
+#[cfg(feature = "learn")]
+#[derive(clap::Args)]
+struct PolicyArguments {
+    /// A policy in ONNX that is to walk: falls and tracking in the nominal and in the corrected simulator
+    #[arg(long, value_name = "POLICY.onnx", requires = "policy_description")]
+    policy: Option<PathBuf>,
+    /// What the policy sees and what its actions mean (docs/walking.md)
+    #[arg(long, value_name = "FILE.toml", requires = "policy")]
+    policy_description: Option<PathBuf>,
 }
 
 impl Diagnose {
@@ -130,7 +140,8 @@ impl Diagnose {
                 found: ground_error.to_string(),
             });
         }
-        let mut tried = match (&self.policy, &self.policy_description) {
+        #[cfg(feature = "learn")]
+        let mut tried = match (&self.tried.policy, &self.tried.policy_description) {
             (Some(policy), Some(description)) => Some(Tried::open(policy, description, &model).map_err(untold)?),
             _ => None,
         };
@@ -169,17 +180,14 @@ impl Diagnose {
         let told = told_of(&runs[0], &model);
         let notes = told.iter().chain(&lost).cloned().collect();
         let robot = Robot::new(&runs[0], model.clone(), urdf, notes);
-        let mut sections: Vec<String> = seen.iter().map(|(_, sight)| html::section(sight)).collect();
-        let trial = match &mut tried {
-            Some(tried) => Some(tried.trial(&model, &terrain, &diagnosis.report.corrections).map_err(untold)?),
-            None => None,
+        let sections: Vec<String> = seen.iter().map(|(_, sight)| html::section(sight)).collect();
+        #[cfg(feature = "learn")]
+        let (walks, sections) = match &mut tried {
+            Some(tried) => self.walked(tried, (&model, &terrain), &diagnosis.report, sections)?,
+            None => (String::new(), sections),
         };
-        if let Some(trial) = &trial {
-            sections.push(trial.section());
-            let path = self.out.join("policy.json");
-            let text = serde_json::to_string(trial).expect("a trial is plain data");
-            put(&path, text + "\n").map_err(|e| write_error(&path, &e))?;
-        }
+        #[cfg(not(feature = "learn"))]
+        let walks = "";
         self.write(&self.out, &diagnosis.report, &diagnosis.evidence, &sections, &robot)?;
         for (effect, report, evidence) in &diagnosis.without {
             self.write(&self.out.join("without").join(effect), report, evidence, &[], &robot)?;
@@ -193,7 +201,6 @@ impl Diagnose {
             let line = serde_json::to_value(report).expect("a report is plain data");
             say(&format!("{line}\n"))?;
         } else {
-            let walks = trial.iter().map(|t| t.sentence() + "\n").collect::<String>();
             say(&format!("{}{walks}written to {}\n", summary(report), self.out.display()))?;
         }
         told.iter().for_each(|what| remark(what));
@@ -283,10 +290,28 @@ impl Diagnose {
         }
         Ok(())
     }
+
+    /// Lets a policy walk before and after the corrections: writes policy.json, adds to the page, gives a line for the screen.
+    #[cfg(feature = "learn")]
+    fn walked(
+        &self,
+        tried: &mut Tried,
+        (model, terrain): (&Model, &qv_sim::Terrain),
+        report: &Report,
+        mut sections: Vec<String>,
+    ) -> Result<(String, Vec<String>), ReplayError> {
+        let trial = tried.trial(model, terrain, &report.corrections).map_err(untold)?;
+        sections.push(trial.section());
+        let path = self.out.join("policy.json");
+        let text = serde_json::to_string(&trial).expect("a trial is plain data");
+        put(&path, text + "\n").map_err(|e| write_error(&path, &e))?;
+        Ok((trial.sentence() + "\n", sections))
+    }
 }
 
 /// A policy's error as one of the run.
-fn untold(error: Failure) -> ReplayError {
+#[cfg(feature = "learn")]
+fn untold(error: crate::Failure) -> ReplayError {
     let (what, expected) = ("--policy".into(), "a policy that the simulator can roll".into());
     ReplayError::Run { what, expected, found: error.to_string() }
 }

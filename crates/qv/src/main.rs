@@ -16,6 +16,7 @@ mod inspect;
 mod lock;
 mod mesh;
 mod names;
+#[cfg(feature = "learn")]
 mod navigate;
 mod next;
 mod normals;
@@ -32,9 +33,11 @@ mod rgbd;
 mod robots;
 mod scene;
 mod shell;
+#[cfg(feature = "learn")]
 mod tune;
 mod video;
 mod view;
+#[cfg(feature = "learn")]
 mod walk;
 mod whole;
 
@@ -106,12 +109,15 @@ enum Command {
     #[command(after_help = mesh::EXAMPLE)]
     Mesh(Box<mesh::Mesh>),
     /// Teaches a robot to walk after velocity commands, scores what it learnt, and shows it
+    #[cfg(feature = "learn")]
     #[command(after_help = walk::EXAMPLE)]
     Walk(walk::Walk),
     /// Teaches a network to reach a cone in a reconstructed place from what a camera sees, and tests it
+    #[cfg(feature = "learn")]
     #[command(after_help = navigate::EXAMPLE)]
     Navigate(Box<navigate::Navigate>),
     /// Trains a policy on under what recordings show of the robot's motors, and says by how much it strays less
+    #[cfg(feature = "learn")]
     #[command(after_help = tune::EXAMPLE)]
     Tune(Box<tune::Tune>),
     /// Diagnoses (or calibrates, or tunes on) many recordings, each in a process of its own, and says what they share
@@ -274,8 +280,11 @@ fn execute(command: Command) -> Result<Outcome, Failure> {
         Command::Reconstruct(command) => command.execute(),
         Command::Render(command) => command.execute(),
         Command::Mesh(command) => command.execute(),
+        #[cfg(feature = "learn")]
         Command::Walk(command) => command.execute(),
+        #[cfg(feature = "learn")]
         Command::Navigate(command) => command.execute(),
+        #[cfg(feature = "learn")]
         Command::Tune(command) => command.execute(),
         Command::Fleet(command) => command.execute(),
         Command::Report(command) => command.execute(),

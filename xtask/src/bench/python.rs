@@ -1,5 +1,5 @@
-//! `cargo xtask bench python`: steps of many Go2 from Python beside the same from Rust and MuJoCo's rollout, and the time of an import. All
-//! three read one model, that of MuJoCo's goldens, whose feet collide.
+//! `cargo xtask bench python`: steps of many Go2 from Python beside the same from Rust, mjbatch and MuJoCo's rollout, and the time of an import. All
+//! read one model, that of MuJoCo's goldens, whose feet collide.
 
 use super::{build, folder, last_line, median, write};
 use crate::wheel;
@@ -39,10 +39,14 @@ struct Figures {
     python_s: f64,
     /// `mujoco.rollout` on all cores, in 64-bit numbers.
     mujoco_s: f64,
+    /// mjbatch on all cores, which is MuJoCo in 64-bit numbers, too.
+    mjbatch_s: f64,
     /// Median of the ratios within a round.
     python_over_rust: f64,
     /// Median of the ratios within a round: how many times as long MuJoCo takes.
     mujoco_over_python: f64,
+    /// Median of the ratios within a round: how many times as long mjbatch takes.
+    mjbatch_over_python: f64,
     /// Median, of the package alone, in a Python that has started.
     import_ms: f64,
 }
@@ -61,6 +65,7 @@ pub fn run(workspace: &Workspace, how: &Python) -> Result<bool> {
     }
     let python = wheel::installed(workspace, true)?;
     let reference = python::environment(workspace, "mujoco")?;
+    let batched = python::environment(workspace, "mjbatch")?;
     let ours = build(workspace, "bench_batch", &[])?;
     let scripts = workspace.workspace_root.join("fixtures");
     let script = |program: &Path, name: &str| {
@@ -73,11 +78,12 @@ pub fn run(workspace: &Workspace, how: &Python) -> Result<bool> {
     let numbers = [how.environments, how.steps, 5].map(|n| n.to_string());
     let seconds =
         |command: &mut Command| -> Result<f64> { Ok(last_line::<Sample>(command.args(&numbers).arg(&model))?.seconds) };
-    let (mut rust, mut from_python, mut mujoco, mut import) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let [mut rust, mut from_python, mut mujoco, mut mjbatch, mut import] = [const { Vec::new() }; 5];
     for _ in 0..how.rounds {
         rust.push(seconds(&mut Command::new(&ours))?);
         from_python.push(seconds(&mut script(&python, "python/bench.py"))?);
         mujoco.push(seconds(&mut script(&reference, "mujoco/many.py"))?);
+        mjbatch.push(seconds(&mut script(&batched, "mjbatch/many.py"))?);
         import.push(last_line::<Sample>(Command::new(&python).args(["-c", IMPORT]))?.seconds);
     }
     let ratios = |of: &[f64], to: &[f64]| median(of.iter().zip(to).map(|(of, to)| of / to).collect());
@@ -86,6 +92,8 @@ pub fn run(workspace: &Workspace, how: &Python) -> Result<bool> {
         steps: how.steps,
         python_over_rust: ratios(&from_python, &rust),
         mujoco_over_python: ratios(&mujoco, &from_python),
+        mjbatch_over_python: ratios(&mjbatch, &from_python),
+        mjbatch_s: median(mjbatch),
         rust_s: median(rust),
         python_s: median(from_python),
         mujoco_s: median(mujoco),
@@ -100,10 +108,17 @@ fn print(figures: &Figures) {
     let Figures { environments, steps, .. } = figures;
     println!("{environments} environments, {steps} steps, medians of the rounds");
     println!("{:<28} {:>9} {:>14}", "", "seconds", "steps/s");
-    let rows = [("Rust", figures.rust_s), ("Python", figures.python_s), ("mujoco.rollout (f64)", figures.mujoco_s)];
+    let rows = [
+        ("Rust", figures.rust_s),
+        ("Python", figures.python_s),
+        ("mujoco.rollout (f64)", figures.mujoco_s),
+        ("mjbatch (f64)", figures.mjbatch_s),
+    ];
     for (name, seconds) in rows {
         println!("{name:<28} {seconds:>9.4} {:>14.0}", (environments * steps) as f64 / seconds);
     }
-    println!("Python / Rust {:.3}, MuJoCo / Python {:.2}", figures.python_over_rust, figures.mujoco_over_python);
+    let [of_rust, mujoco, mjbatch] =
+        [figures.python_over_rust, figures.mujoco_over_python, figures.mjbatch_over_python];
+    println!("Python / Rust {of_rust:.3}, MuJoCo / Python {mujoco:.2}, mjbatch / Python {mjbatch:.2}");
     println!("import quadverse {:.1} ms", figures.import_ms);
 }

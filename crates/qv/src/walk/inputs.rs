@@ -2,7 +2,8 @@
 
 use crate::Failure;
 use crate::ground::{mesh_at, set_friction, terrain_at};
-use crate::open::{file_error, included};
+use crate::open::file_error;
+use qv_open::included;
 use qv_policy::onnx::OnnxPolicy;
 use qv_policy::policy::PolicyFile;
 use qv_policy::train::Checkpoint;
