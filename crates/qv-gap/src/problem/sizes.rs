@@ -19,6 +19,8 @@ const LEAST_USED: f64 = 0.2;
 pub struct Sizes {
     /// Those of torques, dampings and inertias of joints.
     pub torque: f64,
+    /// The same for the ends of ranges: what is usual in the strongest joint lies within them, too.
+    pub largest_torque: f64,
     /// Those of masses.
     pub mass: f64,
 }
@@ -27,7 +29,7 @@ impl Sizes {
     /// Those of a robot: of one that is held by its middle motor and the mass of what moves, of one that walks 1.
     pub fn new(problem: &Problem, run: &Run) -> Self {
         if problem.free {
-            return Self { torque: 1.0, mass: 1.0 };
+            return Self { torque: 1.0, largest_torque: 1.0, mass: 1.0 };
         }
         let used = largest_torques(problem, run);
         let limit = |joint: usize| match problem.parameter(&format!("actuator.{}.torque_limit", name(problem, joint))) {
@@ -40,7 +42,12 @@ impl Sizes {
         // Of two middle ones the smaller: nothing is hidden by a size that is too small.
         let middle = motors.get(motors.len().saturating_sub(1) / 2).copied().unwrap_or(MOTOR);
         let mass: f64 = problem.model.links.iter().skip(1).map(|l| l.mass).sum();
-        Self { torque: middle / MOTOR, mass: if mass > 0.0 { mass / WEIGHT } else { 1.0 } }
+        let largest = motors.last().copied().unwrap_or(MOTOR);
+        Self {
+            torque: middle / MOTOR,
+            largest_torque: largest / MOTOR,
+            mass: if mass > 0.0 { mass / WEIGHT } else { 1.0 },
+        }
     }
 
     /// The effect as it is for a robot of these sizes.
@@ -49,14 +56,14 @@ impl Sizes {
         if !problem.free {
             sized.range = effect.held_range.unwrap_or(effect.range);
         }
-        let factor = match effect.unit.as_str() {
-            "N m" | "N m/rad" | "N m s/rad" | "N m s²/rad²" | "kg m²" => self.torque,
-            "kg" => self.mass,
-            _ => 1.0,
+        let [factor, of_range] = match effect.unit.as_str() {
+            "N m" | "N m/rad" | "N m s/rad" | "N m s²/rad²" | "kg m²" => [self.torque, self.largest_torque],
+            "kg" => [self.mass; 2],
+            _ => [1.0; 2],
         };
         sized.tolerance *= factor;
         sized.usual_span = effect.span() * factor;
-        sized.range.iter_mut().for_each(|end| *end *= factor);
+        sized.range.iter_mut().for_each(|end| *end *= of_range);
         if effect.levels_of.is_none() {
             sized.levels.iter_mut().for_each(|level| *level *= factor);
         }
