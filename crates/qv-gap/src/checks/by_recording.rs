@@ -33,8 +33,19 @@ pub struct Change {
 const LEAST_WINDOWS: usize = 4;
 
 /// What each recording asks of an effect whose value in the study's robot is `value`, in the order of their dates; empty for a single recording.
-pub fn by_recording(study: &LinearisedProblem, name: &str, group: &Group, value: f64) -> Vec<OfRecording> {
-    let all = asks(study, name, group);
+/// A value that was fitted to all of them is that of their mean (`is_fitted`).
+pub fn by_recording(
+    study: &LinearisedProblem,
+    name: &str,
+    group: &Group,
+    (value, is_fitted): (f64, bool),
+) -> Vec<OfRecording> {
+    let mut all = asks(study, name, group);
+    if is_fitted {
+        let total: f64 = all.iter().map(|a| a.weight).sum();
+        let mean = all.iter().map(|a| a.weight * a.change).sum::<f64>() / total.max(f64::MIN_POSITIVE);
+        all.iter_mut().for_each(|a| a.change -= mean);
+    }
     let recordings = study.seen.iter().map(|s| s.window.run + 1).max().unwrap_or(0);
     if recordings < 2 {
         return Vec::new();
@@ -71,11 +82,15 @@ pub fn change(of: &[OfRecording], policy: &Policy) -> Option<Change> {
     let part = |some: &[OfRecording]| {
         let weight = |o: &OfRecording| (3.92 / (o.ci95[1] - o.ci95[0])).powi(2);
         let total: f64 = some.iter().map(weight).sum();
-        (some.iter().map(|o| weight(o) * o.value).sum::<f64>() / total, 1.0 / total)
+        let mean = some.iter().map(|o| weight(o) * o.value).sum::<f64>() / total;
+        (mean, 1.0 / total, some.iter().map(|o| (o.value - mean).powi(2)).sum::<f64>())
     };
     let compared = |at: usize| {
-        let ((before, v), (after, w)) = (part(&of[..at]), part(&of[at..]));
-        let errors = (after - before).abs() / (v + w).sqrt();
+        let ((before, v, a), (after, w, b)) = (part(&of[..at]), part(&of[at..]));
+        // Recordings may differ by more than their windows know: each motion is missed in its own way.
+        let between = if of.len() > 2 { (a + b) / (of.len() - 2) as f64 } else { 0.0 };
+        let variance = v.max(between / at as f64) + w.max(between / (of.len() - at) as f64);
+        let errors = (after - before).abs() / variance.sqrt();
         (Change { since: of[at].recording, values: [before, after] }, errors)
     };
     let most = (1..of.len()).map(compared).max_by(|a, b| a.1.total_cmp(&b.1));
@@ -102,6 +117,8 @@ mod tests {
         assert_eq!(found.since, 2);
         assert!((found.values[0] + 0.005).abs() < 1e-9 && (found.values[1] - 0.425).abs() < 1e-9, "{found:?}");
         assert_eq!(change(&of(&[0.4, 0.43, 0.41]), &policy), None);
+        // As far apart within the parts as between them.
+        assert_eq!(change(&of(&[0.1, 0.9, 0.2, 0.5, 1.2, 0.9]), &policy), None);
         assert_eq!(change(&of(&[0.4]), &policy), None);
         assert_eq!(change(&[], &policy), None);
     }

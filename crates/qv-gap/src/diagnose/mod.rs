@@ -95,7 +95,7 @@ impl Accused {
     fn tell_by_recording(&mut self, later: Option<&LinearisedProblem>) {
         let (Some(study), None) = (later, self.time()) else { return };
         let value = self.cause.parameters.first().map_or(0.0, |p| p.value);
-        self.cause.by_recording = by_recording(study, &self.cause.effect, &self.group, value);
+        self.cause.by_recording = by_recording(study, &self.cause.effect, &self.group, (value, true));
     }
 
     /// The same as something that acts on the robot of a study.

@@ -50,7 +50,7 @@ pub fn leads(
             closed_ci95: gap.closed_ci95,
             joint_rms: gap.joint_rms,
             separating_experiment: effect.experiment.clone(),
-            by_recording: by_recording(study, &effect.name, group, absent(study, group)),
+            by_recording: by_recording(study, &effect.name, group, (absent(study, group), false)),
         };
         all.push(Alone { effect: effect.name.clone(), alike: narrative::confusable(study, &fit.suspect), lead });
     }
