@@ -199,7 +199,8 @@ fn companions(name: &str) -> Vec<(String, f64)> {
         "external.start" | "external.duration" => owned(&[("external.force_x", 10.0)]),
         _ if name.contains(".speed_") => owned(&TIGHT),
         _ if name.contains(".payload_") && !name.ends_with("mass") => {
-            vec![(name[..name.len() - 1].to_owned() + "mass", 0.2)]
+            let link = name.split(".payload_").next().unwrap_or_default();
+            vec![(format!("{link}.payload_mass"), 0.2)]
         }
         _ => Vec::new(),
     }
@@ -215,6 +216,8 @@ fn far(info: &ParameterInfo) -> f64 {
         "external.duration" | "external.start" => 0.05,
         name if name.starts_with("terrain.patch") && name.ends_with("_min") => 3.9,
         name if name.starts_with("terrain.patch") && name.ends_with("_max") => -3.9,
+        // A quarter of a metre for the mass that goes with it.
+        name if name.contains(".payload_moment_") => 0.05,
         // Keeps a light link's mass positive.
         name if name.ends_with("payload_mass") => high,
         _ if (low - info.neutral).abs() > (high - info.neutral).abs() => low,
