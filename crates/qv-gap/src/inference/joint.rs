@@ -141,7 +141,7 @@ impl Search<'_, '_> {
             let layout = Layout::new(self.study, alone.clone());
             let point = match begun.take() {
                 Some(values) => self.descend(&layout, values, null)?,
-                None => self.from_several_starts(&layout, null)?,
+                None => self.best_of_starts(&layout, null)?,
             };
             let mut found = self.told(&layout, &point)?;
             let pair = layout.collinear(&found.correlation);
@@ -156,7 +156,7 @@ impl Search<'_, '_> {
     }
 
     /// The best of several fits, each begun from one of the first effects alone.
-    fn from_several_starts(&mut self, layout: &Layout, null: f64) -> Result<Point, GapError> {
+    fn best_of_starts(&mut self, layout: &Layout, null: f64) -> Result<Point, GapError> {
         let mut best: Option<Point> = None;
         for start in 0..layout.suspects.len().min(STARTS) {
             let of_start = |&[s, axis]: &[usize; 2]| if s == start { layout.suspects[s].values[axis] } else { 0.0 };
