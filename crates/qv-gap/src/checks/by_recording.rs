@@ -40,15 +40,15 @@ pub fn by_recording(
     group: &Group,
     (value, is_fitted): (f64, bool),
 ) -> Vec<OfRecording> {
+    let recordings = study.seen.iter().map(|s| s.window.run + 1).max().unwrap_or(0);
+    if recordings < 2 {
+        return Vec::new();
+    }
     let mut all = asks(study, name, group);
     if is_fitted {
         let total: f64 = all.iter().map(|a| a.weight).sum();
         let mean = all.iter().map(|a| a.weight * a.change).sum::<f64>() / total.max(f64::MIN_POSITIVE);
         all.iter_mut().for_each(|a| a.change -= mean);
-    }
-    let recordings = study.seen.iter().map(|s| s.window.run + 1).max().unwrap_or(0);
-    if recordings < 2 {
-        return Vec::new();
     }
     let mut order: Vec<usize> = (0..recordings).collect();
     let date = |run: usize| study.seen.iter().find(|s| s.window.run == run).map_or(0, |s| s.window.view.epoch);

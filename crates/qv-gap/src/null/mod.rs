@@ -48,16 +48,18 @@ impl Noise {
     /// From what three smooth neighbours do not foretell: third differences, robustly.
     pub fn of(run: &Run, columns: &[usize]) -> Self {
         let m = &run.measured;
-        let joints = |s: &Option<JointSeries>| columns.iter().map(|&c| beside_steps(s, c)).collect();
-        let steps = |s: &Option<JointSeries>| columns.iter().map(|&c| step_of(s, c)).collect();
+        let joints =
+            |s: &Option<JointSeries>| -> (Vec<f64>, Vec<f64>) { columns.iter().map(|&c| noise_and_step(s, c)).unzip() };
+        let [(position, of_position), (velocity, of_velocity), (torque, of_torque)] =
+            [joints(&m.position), joints(&m.velocity), joints(&m.torque)];
         let mean = |s: &Option<JointSeries>, from: usize, to: usize| {
             (from..to).map(|c| of_column(s, c)).sum::<f64>() / (to - from) as f64
         };
         Self {
-            position: joints(&m.position),
-            velocity: joints(&m.velocity),
-            torque: joints(&m.torque),
-            steps: [steps(&m.position), steps(&m.velocity), steps(&m.torque)],
+            position,
+            velocity,
+            torque,
+            steps: [of_position, of_velocity, of_torque],
             gyro: mean(&m.gyro, 0, 3),
             acceleration: mean(&m.acceleration, 0, 3),
             // A quaternion holds half of each angle.
@@ -73,10 +75,10 @@ pub(crate) fn read(value: f64, step: f64) -> f64 {
     if step > 0.0 { (value / step).round() * step } else { value }
 }
 
-/// Noise beside that of the steps of a reading, whose error is uniform.
-fn beside_steps(series: &Option<JointSeries>, column: usize) -> f64 {
+/// The step in which a column is read, and the noise beside its error, which is uniform; the noise first.
+fn noise_and_step(series: &Option<JointSeries>, column: usize) -> (f64, f64) {
     let (noise, step) = (of_column(series, column), step_of(series, column));
-    (noise * noise - step * step / 12.0).max(0.0).sqrt()
+    ((noise * noise - step * step / 12.0).max(0.0).sqrt(), step)
 }
 
 /// Changes of a reading that must be whole steps, as a share of all, and how near to whole.
@@ -429,7 +431,8 @@ mod tests {
         for (noise, step) in [(0.0, 0.005), (0.01, 0.005), (0.001, 0.005)] {
             let read = noisy(noise, step);
             assert!((step_of(&read, 0) - step).abs() < 1e-6, "{noise} {}", step_of(&read, 0));
-            assert!((beside_steps(&read, 0) - noise).abs() < 0.3 * step, "{noise} {}", beside_steps(&read, 0));
+            let (beside, _) = noise_and_step(&read, 0);
+            assert!((beside - noise).abs() < 0.3 * step, "{noise} {beside}");
         }
         for noise in [0.0, 0.01] {
             assert_eq!(step_of(&noisy(noise, 0.0), 0), 0.0);
