@@ -2,7 +2,7 @@
 //! the robot recalls and nothing else; on a robot it runs between the network and the legs.
 
 use crate::recall::{CELL, Recall};
-use crate::task::{Limits, TAIL};
+use crate::task::{Limits, TAIL, give_way};
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
@@ -37,36 +37,20 @@ impl Reflex {
     }
 
     /// The command that is followed instead (forwards, to the left \[m/s\], turning \[rad/s\]); `head` is its distance before the base \[m\].
-    pub fn apply(&self, recall: &Recall, head: f64, limits: &Limits, command: [f64; 3]) -> [f64; 3] {
-        let [mut ahead, mut aside, mut turning] = command;
+    pub fn apply(&self, recall: &Recall, head: f64, limits: &Limits, mut command: [f64; 3]) -> [f64; 3] {
         if let Some(cone) = recall.cone_now().filter(|c| c.x > 0.0 && c.y.abs() < 0.25 + 0.3 * c.x) {
             let left = cone.distance(DVec2::new(head, 0.0)) - self.stand_off;
             if self.approach.is_finite() {
-                ahead = ahead.min((self.approach * left).max(self.creep));
+                command[0] = command[0].min((self.approach * left).max(self.creep));
             }
         }
         for along in [head, 0.5 * head, 0.0, -TAIL] {
             let q = DVec2::new(along, 0.0);
             let Some((room, out)) = self.nearest(recall, q) else { continue };
-            // As the teacher does: at least this speed away from it; its lack is made up, sideways by turning where there is a lever.
-            let lack =
-                (self.margin - room) / self.margin * self.push - DVec2::new(ahead, aside + turning * along).dot(out);
-            if lack > 0.0 {
-                ahead += lack * out.x;
-                let sideways = lack * out.y;
-                if along == 0.0 {
-                    aside += sideways;
-                } else {
-                    aside += 0.5 * sideways;
-                    turning += 0.5 * sideways / along;
-                }
-            }
+            // As the teacher does.
+            command = give_way(command, along, out, (self.margin - room) / self.margin * self.push);
         }
-        [
-            ahead.clamp(limits.forwards[0], limits.forwards[1]),
-            aside.clamp(-limits.sideways, limits.sideways),
-            turning.clamp(-limits.turning, limits.turning),
-        ]
+        limits.clamped(command)
     }
 
     /// Room at a point of the body and the direction away from the nearest cell that blocks, if it is nearer than the margin.

@@ -64,6 +64,13 @@ pub struct Stage<'a> {
     pub reflex: Reflex,
 }
 
+impl<'a> Stage<'a> {
+    /// With odometry as it usually errs, and robots that keep away as they usually do.
+    pub fn new(world: &'a World, eye: &'a dyn Eye, spread: LensSpread) -> Self {
+        Self { world, eye, spread, drift: Drift::default(), reflex: Reflex::default() }
+    }
+}
+
 /// What a network can learn from an episode, one entry for each decision.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Record {

@@ -44,9 +44,33 @@ impl Limits {
         [0.5 * (low + high + a * (high - low)), b * self.sideways, c * self.turning]
     }
 
+    /// The nearest command within them.
+    pub fn clamped(&self, [ahead, aside, turning]: [f64; 3]) -> [f64; 3] {
+        [
+            ahead.clamp(self.forwards[0], self.forwards[1]),
+            aside.clamp(-self.sideways, self.sideways),
+            turning.clamp(-self.turning, self.turning),
+        ]
+    }
+
     /// The command that follows `last` when `wanted` is asked for.
     pub fn limited(&self, last: [f64; 3], wanted: [f64; 3]) -> [f64; 3] {
         std::array::from_fn(|k| wanted[k].clamp(last[k] - self.change[k], last[k] + self.change[k]))
+    }
+}
+
+/// A command (forwards, to the left \[m/s\], turning \[rad/s\]) under which a point `along` before the base \[m\] goes at `least` \[m/s\] along `out`, a
+/// unit vector in base axes. What is lacking is made up along `out`, sideways by turning where there is a lever.
+pub(crate) fn give_way([ahead, aside, turning]: [f64; 3], along: f64, out: DVec2, least: f64) -> [f64; 3] {
+    let lack = least - DVec2::new(ahead, aside + turning * along).dot(out);
+    if lack <= 0.0 {
+        return [ahead, aside, turning];
+    }
+    let (ahead, sideways) = (ahead + lack * out.x, lack * out.y);
+    if along == 0.0 {
+        [ahead, aside + sideways, turning]
+    } else {
+        [ahead, aside + 0.5 * sideways, turning + 0.5 * sideways / along]
     }
 }
 

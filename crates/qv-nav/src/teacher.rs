@@ -6,7 +6,7 @@
 
 use crate::map::{Field, Map};
 use crate::sight::{Cone, Rig, SEEN, free_rays, in_frustum};
-use crate::task::{Limits, TAIL, standing};
+use crate::task::{Limits, TAIL, give_way, standing};
 use glam::{DVec2, DVec3};
 use qv_core::{Camera, Pose};
 use serde::{Deserialize, Serialize};
@@ -356,9 +356,9 @@ fn keep_away(world: &World, base: &Pose, cones: &[DVec2], command: [f64; 3]) -> 
     let (TeacherSettings { margin, push, .. }, map) = (world.teacher, &world.map);
     let heading = DVec2::from_angle(base.yaw());
     let p = base.position.truncate();
-    let [mut ahead, mut aside, mut turning] = command;
+    let mut command = command;
     let free = map.clear(p + world.rig.head * heading, heading, 1.0);
-    ahead = ahead.min(world.teacher.brake[0] + world.teacher.brake[1] * free);
+    command[0] = command[0].min(world.teacher.brake[0] + world.teacher.brake[1] * free);
     for along in [world.rig.head, 0.0, -TAIL] {
         let q = p + along * heading;
         let cone = cones.iter().copied().min_by(|a, b| a.distance(q).total_cmp(&b.distance(q)));
@@ -370,25 +370,7 @@ fn keep_away(world: &World, base: &Pose, cones: &[DVec2], command: [f64; 3]) -> 
         // Away from what blocks, in base axes.
         let out = cone.filter(|_| from_cone == room).map_or_else(|| map.away(q), |c| (q - c).normalize_or_zero());
         let out = DVec2::new(out.dot(heading), out.dot(heading.perp()));
-        let share = (margin - room) / margin;
-        let speed = DVec2::new(ahead, aside + turning * along).dot(out);
-        // At least this speed away from it; its lack is made up along `out`, sideways by turning where there is a lever.
-        let lack = share * push - speed;
-        if lack > 0.0 {
-            ahead += lack * out.x;
-            let sideways = lack * out.y;
-            if along == 0.0 {
-                aside += sideways;
-            } else {
-                aside += 0.5 * sideways;
-                turning += 0.5 * sideways / along;
-            }
-        }
+        command = give_way(command, along, out, (margin - room) / margin * push);
     }
-    let limits = &world.limits;
-    [
-        ahead.clamp(limits.forwards[0], limits.forwards[1]),
-        aside.clamp(-limits.sideways, limits.sideways),
-        turning.clamp(-limits.turning, limits.turning),
-    ]
+    world.limits.clamped(command)
 }

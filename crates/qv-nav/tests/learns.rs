@@ -8,8 +8,6 @@ use qv_nav::legs::Follower;
 use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
 use qv_nav::pilots::{NetPilot, TeacherPilot};
-use qv_nav::recall::Drift;
-use qv_nav::reflex::Reflex;
 use qv_nav::roll::{Pilot, Stage, roll};
 use qv_nav::score::Row;
 use qv_nav::sight::Rig;
@@ -56,13 +54,7 @@ fn reached(stage: &Stage, pilot: &mut dyn Pilot, count: usize) -> Row {
 fn a_student_learns_to_reach_cones_that_it_sees() {
     let map = Map::new(&plane(), &MapSettings::default()).unwrap();
     let (world, eye) = (World::new(map, Rig::default(), Limits::default()), SplatEye::new(&ground()));
-    let stage = Stage {
-        world: &world,
-        eye: &eye,
-        spread: LensSpread::none(),
-        drift: Drift::default(),
-        reflex: Reflex::default(),
-    };
+    let stage = Stage::new(&world, &eye, LensSpread::none());
     let settings = TrainSettings {
         rounds: 3,
         frames: 2500,
@@ -95,13 +87,7 @@ fn a_student_learns_to_reach_cones_that_it_sees() {
 fn a_round_has_the_same_bits_on_any_number_of_threads() {
     let map = Map::new(&plane(), &MapSettings::default()).unwrap();
     let (world, eye) = (World::new(map, Rig::default(), Limits::default()), SplatEye::new(&ground()));
-    let stage = Stage {
-        world: &world,
-        eye: &eye,
-        spread: LensSpread::wide(),
-        drift: Drift::default(),
-        reflex: Reflex::default(),
-    };
+    let stage = Stage::new(&world, &eye, LensSpread::wide());
     let settings =
         TrainSettings { rounds: 2, frames: 150, epochs: 1, last_epochs: 1, batch: 6, robots: 5, ..Default::default() };
     let learnt = |threads: usize| {

@@ -7,8 +7,6 @@ use qv_nav::legs::{Follower, Legs, Motion, Start};
 use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
 use qv_nav::pilots::TeacherPilot;
-use qv_nav::recall::Drift;
-use qv_nav::reflex::Reflex;
 use qv_nav::roll::{Decision, Pilot, Seen, Stage, roll};
 use qv_nav::sight::Rig;
 use qv_nav::task::{End, Episode, EpisodeSettings, Limits, Stratum};
@@ -38,13 +36,7 @@ fn episodes_are_what_they_say() {
 #[test]
 fn the_teacher_finds_cones_without_a_collision() {
     let world = world();
-    let stage = Stage {
-        world: &world,
-        eye: &BlindEye,
-        spread: LensSpread::none(),
-        drift: Drift::default(),
-        reflex: Reflex::default(),
-    };
+    let stage = Stage::new(&world, &BlindEye, LensSpread::none());
     let episodes = EpisodeSettings::default().draw(&world, 48, 11).unwrap();
     let mut legs = Follower::new(&world.map, 16, 0.3);
     let mut pilot = TeacherPilot { limits: world.limits };
@@ -111,13 +103,7 @@ impl Pilot for Constant {
 #[test]
 fn what_a_student_sees_does_not_tell_its_last_command() {
     let world = world();
-    let stage = Stage {
-        world: &world,
-        eye: &BlindEye,
-        spread: LensSpread::none(),
-        drift: Drift::default(),
-        reflex: Reflex::default(),
-    };
+    let stage = Stage::new(&world, &BlindEye, LensSpread::none());
     let episodes = EpisodeSettings::default().draw(&world, 4, 3).unwrap();
     let seen = |command| {
         let rolled = roll(&stage, &mut Rooted(Vec::new()), &episodes, &mut Constant(command), |_| true, &mut |_| {});

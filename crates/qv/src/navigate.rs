@@ -17,8 +17,6 @@ use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
 use qv_nav::net::{HEIGHT as ROWS, Net, WIDTH as COLUMNS};
 use qv_nav::pilots::{BlobPilot, NetPilot, TeacherPilot};
-use qv_nav::recall::Drift;
-use qv_nav::reflex::Reflex;
 use qv_nav::roll::{Pilot, Record, Stage, roll};
 use qv_nav::score::{Row, compared};
 use qv_nav::sight::Rig;
@@ -156,13 +154,7 @@ impl Train {
         fs::create_dir_all(&self.out).map_err(|e| about(&self.out, e))?;
         let settings =
             TrainSettings { rounds: self.rounds, frames: self.frames, seed: self.place.seed, ..Default::default() };
-        let stage = Stage {
-            world: &world,
-            eye: &eye,
-            spread: self.place.camera,
-            drift: Drift::default(),
-            reflex: Reflex::default(),
-        };
+        let stage = Stage::new(&world, &eye, self.place.camera);
         let mut legs = Follower::new(&world.map, settings.robots, HEIGHT);
         let mut student = Student::new(&settings)?;
         let (stages, mut metrics) = (Stages::new(), Vec::new());
@@ -200,13 +192,7 @@ impl Test {
         let net = Net::default();
         let bytes = fs::read(&self.weights).map_err(|e| about(&self.weights, e))?;
         let parameters = weights::from_bytes(&bytes, &net).map_err(|e| about(&self.weights, e))?;
-        let stage = Stage {
-            world: &world,
-            eye: &eye,
-            spread: self.place.camera,
-            drift: Drift::default(),
-            reflex: Reflex::default(),
-        };
+        let stage = Stage::new(&world, &eye, self.place.camera);
         let episodes = EpisodeSettings::default().draw(&world, self.episodes, self.place.seed)?;
         let count = episodes.len().clamp(1, 64);
         let limits = world.limits;
