@@ -425,7 +425,7 @@ fn summary(report: &Report) -> String {
         );
     }
     for effect in report.together.iter().flat_map(|t| &t.effects) {
-        let names: Vec<&str> = std::iter::once(&effect.effect).chain(&effect.alike).map(String::as_str).collect();
+        let names: Vec<&str> = effect.names().collect();
         let sizes = effect
             .parameters
             .iter()

@@ -365,8 +365,7 @@ pub fn disagree(causes: &[Cause], leads: &[Lead], policy: &Policy) -> Option<Str
 pub fn together(together: &Together) -> String {
     let described = |e: &TogetherEffect| {
         let amounts: Vec<String> = e.parameters.iter().map(amount).collect();
-        let names: Vec<String> =
-            std::iter::once(&e.effect).chain(&e.alike).map(|name| name.replace('_', " ")).collect();
+        let names: Vec<String> = e.names().map(|name| name.replace('_', " ")).collect();
         format!("{}{} ({})", names.join(" or "), whereabouts(&e.scope), amounts.join(", "))
     };
     let all: Vec<String> = together.effects.iter().map(described).collect();

@@ -41,6 +41,13 @@ pub struct TogetherEffect {
     pub alike: Vec<String>,
 }
 
+impl TogetherEffect {
+    /// Its name, then those that are not told from it.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        std::iter::once(&self.effect).chain(&self.alike).map(String::as_str)
+    }
+}
+
 /// The best fits of a round taken together; `None` where fewer than two of them are needed.
 ///
 /// # Errors

@@ -23,7 +23,7 @@ pub fn together(together: &Together) -> String {
 }
 
 fn row(effect: &TogetherEffect) -> String {
-    let names: Vec<String> = std::iter::once(&effect.effect).chain(&effect.alike).map(|e| words(e)).collect();
+    let names: Vec<String> = effect.names().map(words).collect();
     let named = |p: &ParameterEstimate| format!("{} {}", escape(&words(&p.name)), escape(&size(p)));
     let sizes: Vec<String> = effect.parameters.iter().map(named).collect();
     let mut text = String::new();
