@@ -1,6 +1,6 @@
 //! `cargo xtask golden`: reference results under `fixtures/`, listed in `fixtures/manifest.toml`.
 
-use crate::{blind, pipeline, process, python, workspace::Workspace};
+use crate::{blind, pipeline, process, programs::Build, python, workspace::Workspace};
 use anyhow::{Context, Result, bail};
 use clap::Subcommand;
 use serde::Deserialize;
@@ -21,6 +21,9 @@ pub enum Golden {
         /// Also run the generators and compare their output with the files, byte by byte
         #[arg(long)]
         regenerate: bool,
+        /// With `stages` or `blind`: run the programs that `cargo xtask test` built, which are slower, and build none with optimisation
+        #[arg(long, requires = "what")]
+        test_build: bool,
     },
     /// Write goldens anew with their pinned generators
     Bless {
@@ -101,9 +104,12 @@ pub fn run(workspace: &Workspace, what: Golden) -> Result<bool> {
     let manifest = Manifest::read(&workspace.workspace_root)?;
     match what {
         Golden::Bless { names } => bless(workspace, &manifest, &names).map(|()| true),
-        Golden::Check { what: Some(what), .. } if what == BLIND => blind::golden::check(workspace),
-        Golden::Check { what: Some(_), .. } => pipeline::check_golden(workspace),
-        Golden::Check { what: None, regenerate } => {
+        Golden::Check { what: Some(what), test_build, .. } => {
+            let build = if test_build { Build::Tests } else { Build::Release };
+            let workspace = Workspace { build, ..workspace.clone() };
+            if what == BLIND { blind::golden::check(&workspace) } else { pipeline::check_golden(&workspace) }
+        }
+        Golden::Check { what: None, regenerate, .. } => {
             let tests = check_tests(workspace, &manifest)?;
             Ok(if regenerate { compare_regenerated(workspace, &manifest)? && tests } else { tests })
         }

@@ -6,6 +6,7 @@ mod fuzz;
 mod golden;
 mod pipeline;
 mod process;
+mod programs;
 mod python;
 mod test;
 mod tidy;

@@ -1,6 +1,6 @@
 //! What `cargo metadata` says of the workspace, and which files it has.
 
-use crate::process;
+use crate::{process, programs::Build};
 use anyhow::{Context, Result};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -18,6 +18,9 @@ pub struct Workspace {
     pub workspace_root: PathBuf,
     /// Folder that cargo builds into.
     pub target_directory: PathBuf,
+    /// How chores build the programs that they run; `cargo metadata` says nothing of it.
+    #[serde(skip)]
+    pub build: Build,
 }
 
 /// One package.

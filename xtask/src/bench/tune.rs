@@ -2,7 +2,7 @@
 
 use super::{build, median};
 use crate::workspace::Workspace;
-use crate::{pipeline, process};
+use crate::{pipeline, process, programs};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use serde::{Deserialize, Serialize};
@@ -130,7 +130,7 @@ pub fn run(workspace: &Workspace, tune: &Tune) -> Result<bool> {
 
 /// A policy to begin with.
 fn train(workspace: &Workspace, tune: &Tune, ground: &str) -> Result<PathBuf> {
-    let qv = pipeline::build(workspace)?;
+    let qv = programs::qv(workspace)?;
     let out = super::folder(workspace)?.join(format!("tune_{ground}"));
     let settings = out.with_extension("toml");
     // The policy to begin with keeps its mean velocity, so that what is measured afterwards is the robot.

@@ -3,7 +3,7 @@
 use super::generate::{self, bar};
 use super::{Blind, seal};
 use crate::workspace::Workspace;
-use crate::{pipeline, process};
+use crate::{pipeline, process, programs};
 use anyhow::{Context, Result, bail};
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -57,7 +57,7 @@ struct Scored {
 /// Something does not build or run, the seal is broken, or files cannot be written.
 pub fn run(workspace: &Workspace, blind: &Blind, count: usize, folder: &Path) -> Result<bool> {
     let generator = generate::build(workspace)?;
-    let qv = pipeline::build(workspace)?;
+    let qv = programs::qv(workspace)?;
     let words = [format!("contact {count} {}", blind.seconds), blind.seed.to_string(), blind.engine.clone()];
     let folder = folder.join(format!("{:016x}", pipeline::hash(&words, std::slice::from_ref(&generator))?));
     let (recordings, kept) = (folder.join("recordings"), folder.join("redraws.json"));

@@ -2,7 +2,7 @@
 
 use super::answers::Answers;
 use crate::workspace::Workspace;
-use crate::{pipeline, process, python};
+use crate::{pipeline, process, programs, python};
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -156,12 +156,9 @@ impl Generator {
 pub fn build(workspace: &Workspace) -> Result<PathBuf> {
     let owner = workspace.members().find(|package| package.has_example("sealed_recordings"));
     let owner = owner.context("expected a crate with the example sealed_recordings, found none")?;
-    let mut cargo = process::cargo();
-    cargo.current_dir(&workspace.workspace_root).args(["build", "--release", "--locked", "--package", &owner.name]);
-    cargo.args(["--features", "rapier", "--example", "sealed_recordings"]);
-    process::run(cargo.arg("--target-dir").arg(&workspace.target_directory))?;
-    let name = format!("sealed_recordings{}", std::env::consts::EXE_SUFFIX);
-    Ok(workspace.target_directory.join("release/examples").join(name))
+    let folder =
+        programs::build(workspace, &[&owner.name], &["--features", "rapier", "--example", "sealed_recordings"])?;
+    Ok(folder.join("examples").join(programs::file("sealed_recordings")))
 }
 
 /// Makes what is not there yet into `folder`.

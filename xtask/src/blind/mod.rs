@@ -18,7 +18,7 @@ mod table;
 mod tests;
 
 use crate::workspace::Workspace;
-use crate::{bench, pipeline, process};
+use crate::{bench, pipeline, process, programs};
 use answers::Answers;
 use anyhow::{Context, Result};
 use clap::{ArgGroup, Args, FromArgMatches, Subcommand};
@@ -174,7 +174,7 @@ fn diagnose_all(workspace: &Workspace, blind: &Blind, folder: &Path) -> Result<F
 fn diagnosed(workspace: &Workspace, blind: &Blind, sets: &[Set], folder: &Path) -> Result<(Answers, PathBuf)> {
     let generators = sets.iter().map(|set| Generator::of(workspace, set.origin, &blind.engine));
     let generators = generators.collect::<Result<Vec<_>>>()?;
-    let qv = pipeline::build(workspace)?;
+    let qv = programs::qv(workspace)?;
     let at_most = blind.minutes.map(|minutes| Duration::from_secs_f64(60.0 * minutes.clamp(0.0, 1e6)));
     let rivals = if blind.baselines { Some(bench::build(workspace, "rivals", &[])?) } else { None };
     let diagnoses = Diagnoses { qv: &qv, rivals: rivals.as_deref(), jobs: blind.jobs, at_most };

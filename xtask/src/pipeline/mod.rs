@@ -11,7 +11,7 @@ mod tests;
 pub use golden::{Figure, differences, read_file as read_golden};
 pub use stamp::hash;
 
-use crate::{process, workspace::Workspace};
+use crate::{process, programs, workspace::Workspace};
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use serde_json::{Map, Value, json};
@@ -65,29 +65,11 @@ fn folder(workspace: &Workspace) -> PathBuf {
     workspace.target_directory.join("pipeline")
 }
 
-/// Builds `qv` with optimisation and returns the program.
-///
-/// # Errors
-/// It does not build.
-pub fn build(workspace: &Workspace) -> Result<PathBuf> {
-    let mut cargo = process::cargo();
-    cargo.current_dir(&workspace.workspace_root).args(["build", "--release", "--locked", "--package", "quadverse"]);
-    process::run(cargo.args(["--target-dir"]).arg(&workspace.target_directory))?;
-    Ok(built(workspace, "qv"))
-}
-
-/// Where cargo puts a program.
-fn built(workspace: &Workspace, name: &str) -> PathBuf {
-    workspace.target_directory.join("release").join(format!("{name}{}", std::env::consts::EXE_SUFFIX))
-}
-
 /// Builds all programs of the stages.
 fn build_all(workspace: &Workspace) -> Result<Vec<(Program, PathBuf)>> {
-    let mut cargo = process::cargo();
-    cargo.current_dir(&workspace.workspace_root).args(["build", "--release", "--locked"]);
-    cargo.args(PROGRAMS.iter().flat_map(|(_, package, _)| ["--package", package]));
-    process::run(cargo.args(["--target-dir"]).arg(&workspace.target_directory))?;
-    Ok(PROGRAMS.iter().map(|(program, _, name)| (*program, built(workspace, name))).collect())
+    let packages = PROGRAMS.map(|(_, package, _)| package);
+    let folder = programs::build(workspace, &packages, &[])?;
+    Ok(PROGRAMS.iter().map(|(program, _, name)| (*program, folder.join(programs::file(name)))).collect())
 }
 
 fn run_stage(stage: Stage, programs: &[(Program, PathBuf)], folder: &Path, forced: bool) -> Result<()> {
@@ -286,7 +268,7 @@ const REPLAY: [&str; 2] = [
 fn write_replay(workspace: &Workspace, out: &Path) -> Result<()> {
     let folder = workspace.target_directory.join("pipeline-golden");
     fs::create_dir_all(&folder).with_context(|| format!("making {}", folder.display()))?;
-    let qv = build(workspace)?;
+    let qv = programs::qv(workspace)?;
     for words in REPLAY {
         process::output(Command::new(&qv).current_dir(&folder).args(words.split(' ')))?;
     }

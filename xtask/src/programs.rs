@@ -1,0 +1,50 @@
+//! Programs of the workspace that chores run: how they are built, and where they lie.
+
+use crate::{process, workspace::Workspace};
+use anyhow::Result;
+use std::path::PathBuf;
+
+/// How programs are built.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Build {
+    /// With optimisation.
+    #[default]
+    Release,
+    /// As `cargo xtask test` leaves them: a half slower, and nothing is built twice. Results are the same.
+    Tests,
+}
+
+/// Builds programs of packages and returns the folder that they lie in; examples lie in its `examples`.
+///
+/// # Errors
+/// They do not build.
+pub fn build(workspace: &Workspace, packages: &[&str], options: &[&str]) -> Result<PathBuf> {
+    let mut cargo = process::cargo();
+    cargo.current_dir(&workspace.workspace_root).args(["build", "--locked"]);
+    let folder = match workspace.build {
+        Build::Release => {
+            cargo.arg("--release").args(packages.iter().flat_map(|package| ["--package", package])).args(options);
+            "release"
+        }
+        // The very targets and features of the tests: with others dependencies would be built anew.
+        Build::Tests => {
+            cargo.args(["--workspace", "--all-features", "--bins", "--examples"]);
+            "debug"
+        }
+    };
+    process::run(cargo.args(["--target-dir"]).arg(&workspace.target_directory))?;
+    Ok(workspace.target_directory.join(folder))
+}
+
+/// Builds `qv` and returns the program.
+///
+/// # Errors
+/// It does not build.
+pub fn qv(workspace: &Workspace) -> Result<PathBuf> {
+    Ok(build(workspace, &["quadverse"], &[])?.join(file("qv")))
+}
+
+/// What the file of a program is called here.
+pub fn file(name: &str) -> String {
+    format!("{name}{}", std::env::consts::EXE_SUFFIX)
+}
