@@ -28,7 +28,7 @@ pub fn build(workspace: &Workspace, packages: &[&str], options: &[&str]) -> Resu
         }
         // The very targets and features of the tests: with others dependencies would be built anew.
         Build::Tests => {
-            cargo.args(["--workspace", "--all-features", "--bins", "--examples"]);
+            cargo.args(["--workspace", "--all-features", "--lib", "--bins", "--examples"]);
             "debug"
         }
     };

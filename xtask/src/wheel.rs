@@ -1,10 +1,15 @@
 //! `cargo xtask python`: the wheel of the Python package, built, installed in an environment of its own, and tested.
 
-use crate::{process, python, workspace::Workspace};
+use crate::{
+    process,
+    programs::{self, Build},
+    python,
+    workspace::Workspace,
+};
 use anyhow::{Context, Result, bail};
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::{env, fs};
 
 /// How to build and test.
 #[derive(clap::Args)]
@@ -24,6 +29,9 @@ pub struct Python {
     /// Only build the wheel and install it
     #[arg(long)]
     no_tests: bool,
+    /// Tests the package without making a wheel, with the program and the library that `cargo xtask test` built
+    #[arg(long, conflicts_with_all = ["release", "no_tests"])]
+    test_build: bool,
     /// Arguments for pytest
     #[arg(last = true)]
     pytest: Vec<String>,
@@ -34,8 +42,12 @@ pub struct Python {
 /// # Errors
 /// No Python with `venv`, or the wheel cannot be built or installed.
 pub fn run(workspace: &Workspace, how: &Python) -> Result<bool> {
-    program(workspace, how.release)?;
-    let python = installed(workspace, how.release)?;
+    let python = if how.test_build {
+        laid_out(workspace)?
+    } else {
+        program(workspace, how.release)?;
+        installed(workspace, how.release)?
+    };
     for (wanted, file) in [(how.rsl_rl, "rsl_rl.txt"), (how.ray, "ray.txt")] {
         if wanted {
             let pinned = workspace.workspace_root.join("fixtures/python").join(file);
@@ -49,6 +61,9 @@ pub fn run(workspace: &Workspace, how: &Python) -> Result<bool> {
     let mut pytest = Command::new(python);
     // From a folder without the sources, so that what was installed is tested.
     pytest.current_dir(&workspace.target_directory).env("PYTHONDONTWRITEBYTECODE", "1");
+    if how.test_build {
+        pytest.env("PYTHONPATH", workspace.target_directory.join(LAID_OUT));
+    }
     pytest.args(["-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider"]).arg(tests);
     if !how.slow {
         pytest.args(["-m", "not slow"]);
@@ -57,13 +72,43 @@ pub fn run(workspace: &Workspace, how: &Python) -> Result<bool> {
     Ok(pytest.status().with_context(|| format!("cannot start {pytest:?}"))?.success())
 }
 
+/// Folder of the package that is tested without a wheel, in the target folder.
+const LAID_OUT: &str = "python-package";
+
+/// Lays the package out as a wheel would, with the library that the tests' build has, and `qv` beside the Python that is returned.
+fn laid_out(workspace: &Workspace) -> Result<PathBuf> {
+    let python = python::environment(workspace, "python")?;
+    let built = programs::build(&Workspace { build: Build::Tests, ..workspace.clone() }, &[], &[])?;
+    let package = workspace.target_directory.join(LAID_OUT).join("quadverse");
+    if package.exists() {
+        fs::remove_dir_all(&package).with_context(|| format!("removing {}", package.display()))?;
+    }
+    fs::create_dir_all(&package).with_context(|| format!("making {}", package.display()))?;
+    let copy = |from: &Path, to: &Path| fs::copy(from, to).with_context(|| format!("copying {}", from.display()));
+    let sources = workspace.workspace_root.join("python/quadverse");
+    for entry in fs::read_dir(&sources).with_context(|| format!("reading {}", sources.display()))?.flatten() {
+        if entry.path().is_file() {
+            copy(&entry.path(), &package.join(entry.file_name()))?;
+        }
+    }
+    let library = [env::consts::DLL_PREFIX, "_quadverse", env::consts::DLL_SUFFIX].concat();
+    let native = if cfg!(windows) { "_quadverse.pyd" } else { "_quadverse.abi3.so" };
+    copy(&built.join(library), &package.join(native))?;
+    let scripts = python.parent().context("a Python lies in a folder")?;
+    let qv = scripts.join(programs::file("qv"));
+    // A program that runs cannot be written over, but replaced.
+    let _ = fs::remove_file(&qv);
+    copy(&built.join(programs::file("qv")), &qv)?;
+    Ok(python)
+}
+
 /// Builds `qv` and lays it where maturin takes scripts of the wheel from.
 fn program(workspace: &Workspace, release: bool) -> Result<()> {
     let mut build = process::cargo();
     build.args(["build", "--quiet", "--package", "quadverse", "--locked"]);
     build.args(["--profile", if release { "release" } else { "dev" }]);
     process::run(&mut build)?;
-    let name = format!("qv{}", std::env::consts::EXE_SUFFIX);
+    let name = programs::file("qv");
     let built = workspace.target_directory.join(if release { "release" } else { "debug" }).join(&name);
     let scripts = workspace.workspace_root.join("python/quadverse._quadverse.data/scripts");
     fs::create_dir_all(&scripts).with_context(|| format!("making {}", scripts.display()))?;
@@ -111,7 +156,7 @@ mod tests {
 
     #[test]
     fn one_wheel_is_found_and_two_are_not() {
-        let folder = std::env::temp_dir().join(format!("qv-wheels-{}", std::process::id()));
+        let folder = env::temp_dir().join(format!("qv-wheels-{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();
         assert!(only_wheel(&folder).unwrap_err().to_string().contains("found 0"));
         fs::write(folder.join("a.whl"), "").unwrap();
