@@ -4,6 +4,8 @@ use qv_gap::decision::Policy;
 use qv_gap::report::{Report, Verdict};
 use qv_gap::{Options, diagnose};
 use qv_replay::Run;
+use qv_replay::replay::find_gains;
+use qv_replay::run::Known;
 use qv_sim::{BaseKind, Batch, JointCommand, Model, ModelOptions, SimOptions, Terrain};
 use std::fmt::Write;
 
@@ -27,6 +29,10 @@ fn model() -> Model {
 
 /// Twelve seconds at 500 Hz of slow swings, positions with an encoder's noise.
 fn recorded(parameters: &[(&str, f64)], pushes: &[Push], seed: u64) -> Run {
+    read(&table(parameters, pushes, seed), SETTINGS)
+}
+
+fn table(parameters: &[(&str, f64)], pushes: &[Push], seed: u64) -> String {
     let options = SimOptions { timestep: 0.001, max_command_latency: 0.05, ..Default::default() };
     let mut batch = Batch::<f64>::new(&model(), &Terrain::none(), &options, 1).unwrap();
     parameters.iter().for_each(|(name, value)| batch.set_parameter(0, name, *value).unwrap());
@@ -54,7 +60,11 @@ fn recorded(parameters: &[(&str, f64)], pushes: &[Push], seed: u64) -> Run {
         batch.set_command(0, &JointCommand { q: &command, dq: &zero, kp: &kp, kd: &kd, tau: &zero }).unwrap();
         batch.step();
     }
-    qv_replay::read_table(csv.as_bytes(), SETTINGS, Some(ARM), None).unwrap()
+    csv
+}
+
+fn read(csv: &str, settings: &str) -> Run {
+    qv_replay::read_table(csv.as_bytes(), settings, Some(ARM), None).unwrap()
 }
 
 fn of(runs: &[Run], reference: Vec<Run>) -> Report {
@@ -154,4 +164,33 @@ fn recordings_that_disagree_are_told_apart() {
     let report = of(&runs, Vec::new());
     assert!(report.sentence.contains("recordings 1, 2 ask for"), "{}", report.sentence);
     assert!(report.sentence.contains("recordings 3, 4 for"), "{}", report.sentence);
+}
+
+/// Gains of a servo whose register nobody can read are found from the motion, and accused of nothing; what hides beside them is.
+#[test]
+fn unknown_gains_are_found_and_no_cause() {
+    let settings = SETTINGS.replace("kp = 12.0", "kp = \"unknown\"").replace("kd = 0.4", "kd = \"unknown\"");
+    let of = |parameters: &[(&str, f64)], seed| {
+        let mut runs = [read(&table(parameters, &[], seed), &settings)];
+        assert!(diagnose(&runs, &model(), &Terrain::none(), &Options::default(), 0).is_err(), "no gain is guessed");
+        find_gains(&mut runs, &model(), &Terrain::none(), &[]).unwrap();
+        let [run] = runs;
+        run
+    };
+    let run = of(&[], 21);
+    let gains = [run.actuator.kp.unwrap(), run.actuator.kd.unwrap()];
+    for (gain, (truth, known)) in gains.into_iter().zip([12.0, 0.4].into_iter().zip(run.actuator.gains)) {
+        let Known::Found(deviation) = known else { panic!("{known:?}") };
+        assert!((gain / truth - 1.0).abs() < 0.03 && deviation < 0.1, "{gain} {deviation}");
+    }
+    assert!(run.told.iter().any(|t| t.contains("kp is stated as unknown: 1")), "{:?}", run.told);
+    let report = diagnose(&[run], &model(), &Terrain::none(), &Options::default(), 0).unwrap().report;
+    assert_eq!(report.verdict, Verdict::NoGap, "{}", report.sentence);
+
+    let payload = [("link.lower.payload_mass", 0.25)];
+    let report = diagnose(&[of(&payload, 22)], &model(), &Terrain::none(), &Options::default(), 0).unwrap().report;
+    let named = report.ranking.iter().find(|r| r.effect.starts_with("motor_gain"));
+    assert!(named.is_none(), "{named:?}");
+    let cause = report.causes.first().unwrap_or_else(|| panic!("{} {:?}", report.sentence, report.leads));
+    assert!(cause.effect.starts_with("payload"), "{}", report.sentence);
 }

@@ -10,7 +10,7 @@ use pyo3::types::{PyBytes, PyDict};
 use qv_gap::problem::library;
 use qv_gap::{Options, Progress, export};
 use qv_open::{ground, model_of, told_of, urdf_of};
-use qv_replay::replay::{ReplayOptions, Trace, expand, to_html, to_json, verdict};
+use qv_replay::replay::{ReplayOptions, Trace, expand, find_gains, to_html, to_json, verdict};
 use qv_replay::{ReplayError, Run};
 use qv_sim::{Model, Terrain};
 use std::path::PathBuf;
@@ -58,9 +58,11 @@ pub fn replay<'py>(
             let (model, terrain) = place(recording, terrain)?;
             ground::check_ground(&recording.run, &terrain)?;
             let parameters = expand(&model, &terrain, &parameters)?;
+            let mut run = recording.run.clone();
+            find_gains(std::slice::from_mut(&mut run), &model, &terrain, &parameters)?;
             let clock = Instant::now();
             let options = ReplayOptions { window, parameters, ..Default::default() };
-            let replay = qv_replay::replay::replay(&recording.run, &model, &terrain, &options)?;
+            let replay = qv_replay::replay::replay(&run, &model, &terrain, &options)?;
             let factor = replay.simulated / clock.elapsed().as_secs_f64();
             Ok((replay, factor))
         })
@@ -105,17 +107,20 @@ pub fn diagnose<'py>(
     let (model, terrain) = py.detach(|| place(first, terrain)).map_err(opening)?;
     let title: Vec<String> = recordings.iter().map(|r| r.path.display().to_string()).collect();
     let urdf = urdf_of(&first.run, &first.path, first.robot.as_deref());
-    let notes = told_of(&first.run, &model);
-    let runs: Vec<Run> = recordings.iter().map(|r| r.run.clone()).collect();
-    let reference: Vec<Run> = reference.iter().map(|r| r.run.clone()).collect();
+    let count = recordings.len();
+    let mut runs: Vec<Run> = recordings.iter().chain(&reference).map(|r| r.run.clone()).collect();
     let files = wait(py, progress.as_ref(), move |teller| {
-        runs.iter().try_for_each(|run| ground::check_ground(run, &terrain)).map_err(opening)?;
+        runs[..count].iter().try_for_each(|run| ground::check_ground(run, &terrain)).map_err(opening)?;
+        let given = expand(&model, &terrain, &parameters).map_err(opening)?;
+        find_gains(&mut runs, &model, &terrain, &given).map_err(opening)?;
+        let reference = runs.split_off(count);
+        let notes = told_of(&runs[0], &model);
         let clock = Instant::now();
         let seconds = || clock.elapsed().as_secs_f64();
         let told = |at: &Progress| teller.begin((at.stage, at.stages, at.name.into(), at.done));
         let options = Options {
             library: effects,
-            given: expand(&model, &terrain, &parameters).map_err(opening)?,
+            given,
             reference,
             effort: qv_gap::inference::linearised::NullOptions { seed, ground_error, ..Default::default() },
             without,

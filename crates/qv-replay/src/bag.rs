@@ -10,7 +10,7 @@ use crate::mapping::{Channel, ChannelFields, Mapping, MessageMapping};
 use crate::named::Named;
 use crate::plan::{Plan, Wanted};
 use crate::run::{
-    Actuator, ActuatorKind, Base, Clock, Commands, Fault, FaultKind, Loss, Measurements, Robot, Run, Source,
+    Actuator, ActuatorKind, Base, Clock, Commands, Fault, FaultKind, Known, Loss, Measurements, Robot, Run, Source,
 };
 use crate::schema::Schema;
 use crate::stream::{ChannelInfo, MessageSink};
@@ -229,7 +229,7 @@ fn empty_run(mapping: &Mapping, epoch: u64, sources: Vec<Source>) -> Run {
         joint_names: mapping.joint_names.clone(),
         foot_names: mapping.foot_names.clone(),
         imu_position: mapping.imu_position,
-        actuator: Actuator { kind: ActuatorKind::Pd, kp: None, kd: None, tau_max: None },
+        actuator: Actuator { kind: ActuatorKind::Pd, kp: None, kd: None, tau_max: None, gains: [Known::Stated; 2] },
         joint_parameters: vec![Default::default(); mapping.joint_names.len()],
         commands: Commands::default(),
         measured: Measurements::default(),

@@ -31,6 +31,18 @@ pub enum ActuatorKind {
     Torque,
 }
 
+/// How a gain of all joints is known.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub enum Known {
+    /// By what is stated, of all joints or with each command.
+    #[default]
+    Stated,
+    /// Not at all: as of a servo whose gain is a number of its register.
+    Unknown,
+    /// By [`crate::replay::find_gains`], with this standard deviation as a share of it.
+    Found(f64),
+}
+
 /// The actuator law, where the recording states it; `None` = per command or not stated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Actuator {
@@ -42,6 +54,8 @@ pub struct Actuator {
     pub kd: Option<f64>,
     /// Clips the position and feed-forward part \[N m\].
     pub tau_max: Option<f64>,
+    /// How the position gain is known, and the velocity gain.
+    pub gains: [Known; 2],
 }
 
 /// What the recording states about one joint; `None` = not stated, the model's own value holds.

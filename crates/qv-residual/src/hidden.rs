@@ -13,7 +13,7 @@ use qv_policy::policy::Policy;
 use qv_policy::score::Decide;
 use qv_policy::velocity::{Commands, Ground, TaskRobot, TaskSettings};
 use qv_replay::Run;
-use qv_replay::run::{Actuator, ActuatorKind, Base, JointParameters, Measurements, Robot};
+use qv_replay::run::{Actuator, ActuatorKind, Base, JointParameters, Known, Measurements, Robot};
 #[cfg(feature = "rapier")]
 use qv_sim::rapier::{RapierEngine, RapierOptions};
 use qv_sim::{Batch, JointCommand, Model, SensorReading, SimOptions, State};
@@ -377,7 +377,7 @@ impl Recorder {
             joint_names: robot.model.joint_names().to_vec(),
             foot_names: Vec::new(),
             imu_position: frame.map_or([0.0; 3], |f| f.link_from_frame.position.to_array()),
-            actuator: Actuator { kind: ActuatorKind::Pd, kp: None, kd: None, tau_max: None },
+            actuator: Actuator { kind: ActuatorKind::Pd, kp: None, kd: None, tau_max: None, gains: [Known::Stated; 2] },
             joint_parameters: vec![JointParameters::default(); robot.joints()],
             commands: qv_replay::run::Commands {
                 position: kept(self.commands),

@@ -3,7 +3,7 @@
 use crate::Reading;
 use crate::diagnose::replay_error;
 use crate::ground::{check_ground, terrain_of};
-use crate::open::model_of;
+use crate::open::{find_gains, model_of};
 use qv_gap::report::CanTell;
 use qv_gap::{Options, can_tell};
 use qv_replay::{ReplayError, Run};
@@ -25,8 +25,9 @@ impl Asked<'_> {
         let model = model_of(self.run, self.path, self.reading.robot.as_deref())?;
         let terrain = terrain_of(self.terrain)?;
         check_ground(self.run, &terrain)?;
-        let sizes =
-            can_tell(std::slice::from_ref(self.run), &model, &terrain, &Options::default()).map_err(replay_error)?;
+        let mut runs = [self.run.clone()];
+        find_gains(&mut runs, &model, &terrain, &[])?;
+        let sizes = can_tell(&runs, &model, &terrain, &Options::default()).map_err(replay_error)?;
         Ok(match as_json {
             true => format!("{}\n", json!({ "format": "qv-can-tell/1", "power": 0.9, "can_tell": sizes })),
             false => table(&sizes),

@@ -2,7 +2,9 @@
 
 use crate::camera::{RobotCamera, open_camera, open_images, photographs, to_toml};
 use crate::ground::{check_ground, terrain_of};
-use crate::open::{file_error, lost_from, model_of, open_run, parameters_of, told_of, urdf_of, write_error};
+use crate::open::{
+    file_error, find_gains, lost_from, model_of, open_run, parameters_of, told_of, urdf_of, write_error,
+};
 use crate::progress::{Stages, remark};
 use crate::provenance::provenance;
 use crate::scene::open_scene;
@@ -101,7 +103,7 @@ struct PolicyArguments {
 
 impl Diagnose {
     pub fn execute(&self) -> Result<Outcome, ReplayError> {
-        let runs = self.open(&self.runs)?;
+        let mut runs = self.open(&self.runs)?;
         // What is wrong with it is said before minutes are spent on the rest.
         let place = match (&self.scene, &self.camera) {
             (Some(scene), Some(camera)) => Some(self.place(scene, camera, &runs[0])?),
@@ -147,14 +149,20 @@ impl Diagnose {
         };
         // Before minutes are spent on what could not be written.
         fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
+        let given = parameters_of(self.params.as_deref(), &model, &terrain)?;
+        // What no one states of the robot is the same in recordings before a change.
+        let count = runs.len();
+        runs.extend(self.open(&self.reference)?);
+        find_gains(&mut runs, &model, &terrain, &given)?;
+        let reference = runs.split_off(count);
         let bar = Stages::new();
         let clock = Instant::now();
         let seconds = || clock.elapsed().as_secs_f64();
         let told = |at: &Progress| bar.begin(at.stage, at.stages, at.name, Some(at.done));
         let options = Options {
             library,
-            given: parameters_of(self.params.as_deref(), &model, &terrain)?,
-            reference: self.open(&self.reference)?,
+            given,
+            reference,
             effort: qv_gap::inference::linearised::NullOptions { seed: self.seed, ground_error, ..Default::default() },
             without: self.without.clone(),
             clock: Some(&seconds),

@@ -2,7 +2,7 @@
 
 use crate::diagnose::replay_error;
 use crate::ground::{check_ground, terrain_of};
-use crate::open::{file_error, model_of, open_run, parameters_of, write_error};
+use crate::open::{file_error, find_gains, model_of, open_run, parameters_of, write_error};
 use crate::progress::{Stages, remark};
 use crate::whole::{put, stream};
 use crate::{Outcome, RunArguments, say};
@@ -16,8 +16,8 @@ use qv_replay::{ReplayError, Run};
 use qv_sim::{Model, Terrain};
 use serde_json::json;
 use std::fmt::Write;
-use std::fs;
 use std::path::PathBuf;
+use std::{fs, slice};
 
 pub const EXAMPLE: &str = "Example:\n  qv diagnose arm.mcap --out out/why\n  qv next arm.mcap --diagnosis out/why --out out/next\n\n\
     Writes next.json (all motions, and how likely each decides), commands.csv and commands.mcap (the best one). Every motion stays within the\n\
@@ -53,12 +53,13 @@ pub struct Next {
 
 impl Next {
     pub fn execute(&self) -> Result<Outcome, ReplayError> {
-        let run = open_run(&self.run)?;
+        let mut run = open_run(&self.run)?;
         let model = model_of(&run, &self.run.run, self.run.reading.robot.as_deref())?;
         let terrain = terrain_of(&self.terrain)?;
         check_ground(&run, &terrain)?;
         fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let given = parameters_of(self.params.as_deref(), &model, &terrain)?;
+        find_gains(slice::from_mut(&mut run), &model, &terrain, &given)?;
         let options = Options { given, ..Default::default() };
         let evidence = self.evidence(&run, &model, &terrain, &options)?;
         let all = hypotheses(&evidence, usize::from(self.hypotheses));
@@ -96,7 +97,7 @@ impl Next {
         let bar = Stages::new();
         let told = |at: &Progress| bar.begin(at.stage, at.stages, at.name, Some(at.done));
         let options = Options { given: options.given.clone(), progress: Some(&told), ..Default::default() };
-        let found = diagnose(std::slice::from_ref(run), model, terrain, &options, 0).map_err(replay_error)?;
+        let found = diagnose(slice::from_ref(run), model, terrain, &options, 0).map_err(replay_error)?;
         bar.finish();
         Ok(found.evidence)
     }

@@ -8,7 +8,9 @@ pub use qv_open::{
     bag_files, file_error, lost_from, model_named, model_of, parameters, parameters_of, read_model, read_urdf, told_of,
     urdf_of, write_error,
 };
+use qv_replay::run::Known;
 use qv_replay::{ReplayError, Run};
+use qv_sim::{Model, Terrain};
 
 /// Opens whatever `arguments.run` names.
 ///
@@ -32,6 +34,20 @@ pub fn progress(total: u64, what: &'static str) -> ProgressBar {
     let style = ProgressStyle::with_template("{msg} {wide_bar} {percent} %").expect("the template is well formed");
     let bar = if tells(Level::Normal) { ProgressBar::new(total) } else { ProgressBar::hidden() };
     bar.with_style(style).with_message(what)
+}
+
+/// Finds gains that are stated as unknown (see [`qv_replay::replay::find_gains`]), with a sign of life.
+pub fn find_gains(
+    runs: &mut [Run],
+    model: &Model,
+    terrain: &Terrain,
+    parameters: &[(String, f64)],
+) -> Result<(), ReplayError> {
+    let is_unknown = |run: &Run| run.actuator.gains.contains(&Known::Unknown);
+    let bar = runs.iter().any(is_unknown).then(|| spinner("finding the gains"));
+    qv_replay::replay::find_gains(runs, model, terrain, parameters)?;
+    bar.iter().for_each(ProgressBar::finish_and_clear);
+    Ok(())
 }
 
 /// A sign of life for work without a known end.

@@ -3,7 +3,9 @@
 use crate::ground::{check_ground, terrain_of};
 use crate::inspect::known;
 use crate::numbers::within;
-use crate::open::{file_error, lost_from, model_of, open_run, parameters_of, spinner, told_of, write_error};
+use crate::open::{
+    file_error, find_gains, lost_from, model_of, open_run, parameters_of, spinner, told_of, write_error,
+};
 use crate::provenance::provenance;
 use crate::whole::{put, stream};
 use crate::{Outcome, RunArguments, say};
@@ -12,9 +14,9 @@ use qv_replay::replay::{Lag, ReplayOptions, layout, to_html, to_json, verdict, w
 use qv_replay::{ReplayError, Run};
 use qv_sim::Model;
 use serde_json::Value;
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
+use std::{fs, slice};
 
 pub const EXAMPLE: &str = "Example:\n  qv replay walk.mcap --out out/walk\n  qv replay walk.mcap --robot go2 --terrain yard.glb \
     --params out/diagnosis/calibrated.toml --out out/walk\n\n\
@@ -45,7 +47,7 @@ pub struct Replay {
 
 impl Replay {
     pub fn execute(&self) -> Result<Outcome, ReplayError> {
-        let run = open_run(&self.run)?;
+        let mut run = open_run(&self.run)?;
         let model = model_of(&run, &self.run.run, self.run.reading.robot.as_deref())?;
         let terrain = terrain_of(&self.terrain)?;
         check_ground(&run, &terrain)?;
@@ -55,6 +57,7 @@ impl Replay {
             ..Default::default()
         };
         let bar = spinner("simulating");
+        find_gains(slice::from_mut(&mut run), &model, &terrain, &options.parameters)?;
         let clock = Instant::now();
         let replay = qv_replay::replay::replay(&run, &model, &terrain, &options)?;
         let factor = replay.simulated / clock.elapsed().as_secs_f64();

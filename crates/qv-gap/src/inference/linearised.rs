@@ -273,10 +273,12 @@ impl<'a> LinearisedProblem<'a> {
         self.steps.fetch_add(steps, Ordering::Relaxed);
     }
 
-    /// Whether a group's effect is known, and could show here.
+    /// Whether a group's effect is known, could show here, and is a cause.
     pub fn may_be(&self, group: &Group) -> bool {
         let joints = self.problem.columns.len();
-        !self.ablated.contains(&group.effect) && !is_unshown(&self.columns, group, &self.at_rest, joints)
+        !self.columns.effects[group.effect].nuisance
+            && !self.ablated.contains(&group.effect)
+            && !is_unshown(&self.columns, group, &self.at_rest, joints)
     }
 
     /// The null of a window's run.

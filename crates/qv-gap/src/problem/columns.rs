@@ -6,6 +6,7 @@ use crate::problem::sizes::Sizes;
 use crate::problem::torques::{largest_speeds, largest_torques};
 use crate::problem::{Overrides, Problem};
 use qv_replay::Run;
+use qv_replay::run::Known;
 use serde::{Deserialize, Serialize};
 
 /// Share of a range that is searched beyond either end of it.
@@ -108,9 +109,20 @@ struct OfRobot<'p, 'a> {
     torques: Vec<f64>,
     /// and largest speed \[rad/s\].
     speeds: Vec<f64>,
+    /// How its gains are known.
+    gains: [Known; 2],
 }
 
 impl OfRobot<'_, '_> {
+    /// Standard deviation, as a share, of the gain that an effect scales, where that gain was found and not stated.
+    fn deviation_of_found(&self, effect: &Effect) -> Option<f64> {
+        let scales = |end: &str| effect.axes.iter().flat_map(|a| a.moves.keys()).any(|name| name.ends_with(end));
+        self.gains.iter().zip([".kp_scale", ".kd_scale"]).find_map(|(known, end)| match known {
+            Known::Found(deviation) if scales(end) => Some(*deviation),
+            _ => None,
+        })
+    }
+
     /// What levels are shares of: 1 when they are none.
     fn largest(&self, of: Option<LevelsOf>, joint: usize) -> f64 {
         let all = match of {
@@ -153,6 +165,7 @@ impl Columns {
             sizes: Sizes::new(problem, run),
             torques: largest_torques(problem, run),
             speeds: largest_speeds(problem, run),
+            gains: run.actuator.gains,
         };
         for effect in library {
             let members = members(problem, effect);
@@ -168,7 +181,12 @@ impl Columns {
 
     fn add(&mut self, of_robot: &OfRobot, effect: &Effect, members: &[String]) -> Result<(), GapError> {
         let (problem, index) = (of_robot.problem, self.effects.len());
-        let effect = &of_robot.sizes.of(problem, effect, moved(problem, effect, members));
+        let mut sized = of_robot.sizes.of(problem, effect, moved(problem, effect, members));
+        if let Some(deviation) = of_robot.deviation_of_found(&sized) {
+            sized.nuisance = true;
+            sized.tolerance = sized.tolerance.max(deviation);
+        }
+        let effect = &sized;
         for (member, name) in members.iter().enumerate() {
             for (axis, a) in effect.axes.iter().enumerate() {
                 let mut moves = Vec::new();

@@ -13,6 +13,7 @@ use crate::report::{
     Cause, Gap, Lead, ParameterEstimate, Ranked, RoundSummary, SuspectSummary, Together, TogetherEffect, UNKNOWN,
     Verdict,
 };
+use qv_page::significant;
 use qv_replay::Run;
 
 /// Cosine of the angle between sensitivities from which effects count as alike.
@@ -370,8 +371,10 @@ pub fn together(together: &Together) -> String {
     };
     let all: Vec<String> = together.effects.iter().map(described).collect();
     format!(
-        "Fitted at once, these would close {:.0} %: {}. None of them is accused.",
+        "Fitted at once, these would close {:.0} % and take positions of joints from {} to {} mrad: {}. None of them is accused.",
         100.0 * together.closed,
+        significant(1e3 * together.joint_rms[0], 3),
+        significant(1e3 * together.joint_rms[1], 3),
         all.join("; ")
     )
 }

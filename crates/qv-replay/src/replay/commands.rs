@@ -2,7 +2,7 @@
 
 use crate::ReplayError;
 use crate::gaps::hold;
-use crate::run::{ActuatorKind, Clock, Run};
+use crate::run::{ActuatorKind, Clock, Known, Run};
 use qv_core::JointSeries;
 use qv_sim::JointCommand;
 
@@ -67,6 +67,11 @@ impl HeldCommands {
                     return missing("commands");
                 }
                 // Gains of zero are a decision to be written down, not what a forgotten line means.
+                if run.actuator.gains.contains(&Known::Unknown) {
+                    return missing(
+                        "gains as numbers (`qv replay`, `diagnose`, `next` and `view` find those called unknown)",
+                    );
+                }
                 if held.kp.is_none() && run.actuator.kp.is_none() {
                     let is_table = run.sources.iter().any(|s| s.clock == Clock::Column);
                     return missing(if is_table {

@@ -12,6 +12,7 @@ mod layout;
 mod legs;
 mod scene_out;
 mod start;
+mod unknown_gains;
 mod verdict;
 
 pub use bag_out::{FrameTrace, Recorded, write_mcap, write_traces};
@@ -29,6 +30,7 @@ pub use layout::layout;
 pub use legs::Legs;
 pub use scene_out::usual_force;
 pub use start::{SensorErrors, Starts, is_whole};
+pub use unknown_gains::find_gains;
 pub use verdict::verdict;
 
 use crate::ReplayError;

@@ -2,7 +2,7 @@
 
 use super::dialect::{Unit, stated_unit};
 use crate::ReplayError;
-use crate::run::{Actuator, ActuatorKind, Base, JointParameters, Loss};
+use crate::run::{Actuator, ActuatorKind, Base, JointParameters, Known, Loss};
 use qv_core::JointSeries;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -22,10 +22,18 @@ pub(super) struct Description {
     joint: BTreeMap<String, JointTable>,
 }
 
+/// The word for a number that is not known.
+#[derive(Debug, Clone, Copy, Deserialize)]
+enum Word {
+    #[serde(rename = "unknown")]
+    Unknown,
+}
+
 /// A number for all joints, one for each in the order of the columns, or one by name.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(untagged)]
 enum Each {
+    Unknown(Word),
     All(f64),
     InOrder(Vec<f64>),
     ByName(BTreeMap<String, f64>),
@@ -96,6 +104,7 @@ pub fn states_imu(toml_text: &str) -> Result<bool, ReplayError> {
 impl Each {
     fn numbers(&self) -> Vec<f64> {
         match self {
+            Self::Unknown(_) => Vec::new(),
             Self::All(x) => vec![*x],
             Self::InOrder(list) => list.clone(),
             Self::ByName(map) => map.values().copied().collect(),
@@ -105,6 +114,10 @@ impl Each {
     /// The number of each joint; `None` where it is not stated.
     fn of(&self, key: &str, joints: &[String]) -> Result<Vec<Option<f64>>, ReplayError> {
         match self {
+            Self::Unknown(_) => {
+                let expected = format!("numbers as actuator `{key}`; one that is unknown is that of all joints");
+                Err(ReplayError::file("run.toml", expected, "`unknown`"))
+            }
             Self::All(x) => Ok(vec![Some(*x); joints.len()]),
             Self::InOrder(list) if list.len() == joints.len() => Ok(list.iter().copied().map(Some).collect()),
             Self::InOrder(list) => {
@@ -265,7 +278,13 @@ impl Description {
             Some(Each::All(x)) => Some(*x),
             _ => None,
         };
-        Ok((Actuator { kind, kp, kd, tau_max }, Gains { kp: each_kp, kd: each_kd }))
+        let gains = [(kp, &each_kp), (kd, &each_kd)].map(|(of_all, each)| match (of_all, each) {
+            (Some(Gain::Unknown), None) => Known::Unknown,
+            _ => Known::Stated,
+        });
+        let number = |of_all: Option<Gain>| of_all.and_then(Gain::number);
+        let actuator = Actuator { kind, kp: number(kp), kd: number(kd), tau_max, gains };
+        Ok((actuator, Gains { kp: each_kp, kd: each_kd }))
     }
 
     /// What is stated of each joint. Tables of joints that are not there are lost.
@@ -338,13 +357,30 @@ impl Description {
     }
 }
 
+/// A gain of all joints.
+#[derive(Debug, Clone, Copy)]
+enum Gain {
+    Number(f64),
+    Unknown,
+}
+
+impl Gain {
+    fn number(self) -> Option<f64> {
+        match self {
+            Self::Number(x) => Some(x),
+            Self::Unknown => None,
+        }
+    }
+}
+
 /// One gain for all joints, or one for each: a joint's own holds before the actuator's.
-type OneOrEach = (Option<f64>, Option<Vec<f64>>);
+type OneOrEach = (Option<Gain>, Option<Vec<f64>>);
 
 fn gain(key: &str, stated: Option<&Each>, own: &[Option<f64>], joints: &[String]) -> Result<OneOrEach, ReplayError> {
     let is_one = own.iter().all(Option::is_none);
     match stated {
-        Some(Each::All(x)) if is_one => return Ok((Some(*x), None)),
+        Some(Each::All(x)) if is_one => return Ok((Some(Gain::Number(*x)), None)),
+        Some(Each::Unknown(_)) if is_one => return Ok((Some(Gain::Unknown), None)),
         None if is_one => return Ok((None, None)),
         _ => {}
     }

@@ -1,7 +1,7 @@
 //! The robot over time: as it was recorded, as the simulator has it, and with the corrections of a diagnosis.
 
 use super::parts::Parts;
-use crate::open::{model_of, open_run, parameters_of};
+use crate::open::{find_gains, model_of, open_run, parameters_of};
 use crate::{Failure, Reading, RunArguments};
 use glam::DVec3;
 use qv_core::TriangleMesh;
@@ -10,6 +10,7 @@ use qv_replay::replay::{Feet, ReplayOptions, Trace, simulate, usual_force};
 use qv_sim::{Model, Shape, Terrain};
 use serde_json::{Value, json};
 use std::path::Path;
+use std::slice;
 
 /// Most pictures of a second, and of a recording.
 const RATE: f64 = 25.0;
@@ -126,13 +127,14 @@ pub fn of(
     parts: &Parts,
     told: &mut Vec<String>,
 ) -> Result<(Motion, Run), Failure> {
-    let run = open_run(&RunArguments { run: path.into(), reading: reading.clone() })?;
+    let mut run = open_run(&RunArguments { run: path.into(), reading: reading.clone() })?;
     let model = model_of(&run, path, reading.robot.as_deref())?;
     let terrain = match mesh {
         None => Terrain::plane(),
         Some(mesh) => Terrain::from_mesh(mesh)?,
     };
     let plain = ReplayOptions::default();
+    find_gains(slice::from_mut(&mut run), &model, &terrain, &plain.parameters)?;
     let simulated = simulate(&run, &model, &terrain, &plain)?;
     let (kept, time) = kept(&simulated.recorded.time);
     let track = |name, trace: &Trace| track(name, &model, &simulated.feet, [trace, &simulated.recorded], &kept);

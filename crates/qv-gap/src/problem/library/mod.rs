@@ -133,6 +133,9 @@ pub struct Effect {
     /// robot is known.
     #[serde(skip)]
     pub usual_span: f64,
+    /// Of a gain that nobody states: it is fitted, and no cause. Set once a robot is known.
+    #[serde(skip)]
+    pub nuisance: bool,
     /// File that it was read from, for errors.
     #[serde(skip)]
     pub file: String,
