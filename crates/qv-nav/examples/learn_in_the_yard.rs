@@ -1,6 +1,6 @@
 //! A student learns to find cones in the yard of `fixtures/yard`, whose surfaces are sown with Gaussians, and says how often it does:
 //! `learn_in_the_yard [KEY=VALUE ...]`. Keys are those of `TrainSettings` (numbers), `test` (episodes), `every` (rounds from one test to the
-//! next), those of `Paints`, `out` (a directory for weights.bin, made if need be), and `from` (the weights.bin of an earlier training to go on from). All
+//! next), `sown` (metres between Gaussians), those of `Paints`, `out` (a directory for weights.bin, made if need be), and `from` (the weights.bin of an earlier training to go on from). All
 //! settings are printed.
 
 use qv_nav::dagger::{Student, TrainSettings};
@@ -26,8 +26,6 @@ use yard::{Yard, sow};
 
 /// Height of a robot's base over the ground \[m\].
 const HEIGHT: f64 = 0.3;
-/// Distance between Gaussians \[m\].
-const SOWN: f64 = 0.06;
 /// Seeds of the episodes that are tested, and of those whose fit is told: no training draws from them.
 const TESTED: u64 = 777;
 const HELD_OUT: u64 = 778;
@@ -41,17 +39,19 @@ struct Options {
     out: Option<PathBuf>,
     from: Option<PathBuf>,
     paints: Paints,
+    sown: f64,
 }
 
 impl Options {
     fn of(arguments: impl Iterator<Item = String>) -> Fallible<Self> {
         let mut settings = serde_json::to_value(TrainSettings::default())?;
         let mut paints = serde_json::to_value(Paints::default())?;
-        let (mut test, mut every, mut out, mut from) = (96, 1, None, None);
+        let (mut test, mut every, mut out, mut from, mut sown) = (96, 1, None, None, 0.06);
         for argument in arguments {
             let (key, value) = argument.split_once('=').ok_or_else(|| format!("{argument}: expected KEY=VALUE"))?;
             match key {
                 "test" => test = value.parse()?,
+                "sown" => sown = value.parse()?,
                 "every" => every = value.parse()?,
                 "from" => from = Some(PathBuf::from(value)),
                 "out" => out = Some(PathBuf::from(value)),
@@ -60,7 +60,7 @@ impl Options {
             }
         }
         let paints = serde_json::from_value(paints)?;
-        Ok(Self { settings: serde_json::from_value(settings)?, test, every, out, from, paints })
+        Ok(Self { settings: serde_json::from_value(settings)?, test, every, out, from, paints, sown })
     }
 }
 
@@ -71,7 +71,7 @@ fn main() -> Fallible<()> {
     let map = Map::new(&mesh_with(&CRATES), &MapSettings::default())?;
     let world = World::new(map, Rig::default(), Limits::default());
     println!("{:?}", world.teacher);
-    let sown = sow::cloud(&Yard::with_crates(&CRATES, Vec::new(), 1), SOWN);
+    let sown = sow::cloud(&Yard::with_crates(&CRATES, Vec::new(), 1), options.sown);
     let (eye, plain) = (SplatEye::painted(&sown, &options.paints, settings.seed), SplatEye::new(&sown));
     println!("{} Gaussians, {} places for cones", eye.count(), world.candidates.len());
     let drift = Drift::default();

@@ -1,5 +1,6 @@
 //! A student of `learn_in_the_yard` in two worlds, on the same episodes: eye (sown Gaussians, or the yard's ray caster) by legs (those it was
-//! trained on, or weaker, later and slipping ones): `two_worlds WEIGHTS.bin [EPISODES] [RESULTS.json]`.
+//! trained on, or weaker, later and slipping ones): `two_worlds WEIGHTS.bin [EPISODES] [SOWN] [RESULTS.json]`, where `SOWN` is
+//! the distance between Gaussians \[m\].
 
 use qv_nav::eye::{BlindEye, Eye, FnEye, LINEAR, Shot, SplatEye};
 use qv_nav::legs::{Effects, Follower};
@@ -23,7 +24,6 @@ use yard::{Things, Yard, objects, sow};
 
 /// As in `learn_in_the_yard`.
 const HEIGHT: f64 = 0.3;
-const SOWN: f64 = 0.06;
 const TESTED: u64 = 777;
 /// Robots at once.
 const ROBOTS: usize = 50;
@@ -79,14 +79,15 @@ impl Bench<'_> {
 
 fn main() -> Fallible<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let file = arguments.first().ok_or("expected WEIGHTS.bin [EPISODES] [RESULTS.json]")?;
+    let file = arguments.first().ok_or("expected WEIGHTS.bin [EPISODES] [SOWN] [RESULTS.json]")?;
     let count = arguments.get(1).map_or(Ok(200), |a| a.parse())?;
+    let sown = arguments.get(2).map_or(Ok(0.06), |a| a.parse())?;
     let net = Net::default();
     let parameters = weights::from_bytes(&std::fs::read(file)?, &net)?;
     let map = Map::new(&mesh_with(&CRATES), &MapSettings::default())?;
     let world = World::new(map, Rig::default(), Limits::default());
     let yard = Yard::with_crates(&CRATES, Vec::new(), 1);
-    let splat = SplatEye::new(&sow::cloud(&yard, SOWN));
+    let splat = SplatEye::new(&sow::cloud(&yard, sown));
     let rays = FnEye(|shot: &Shot| cast(&yard, shot));
     let (known, hidden, limits) = (Effects::default(), Effects::hidden(), world.limits);
     println!("{count} episodes of seed {TESTED}; hidden effects of the legs: {hidden:?}");
@@ -104,7 +105,7 @@ fn main() -> Fallible<()> {
     bench.row("teacher, legs of training", &BlindEye, known, &mut TeacherPilot { limits })?;
     bench.row("teacher, hidden effects", &BlindEye, hidden, &mut TeacherPilot { limits })?;
     bench.row("blob follower, sown Gaussians", &splat, known, &mut BlobPilot { limits })?;
-    if let Some(out) = arguments.get(2).map(PathBuf::from) {
+    if let Some(out) = arguments.get(3).map(PathBuf::from) {
         let rows: Vec<_> = bench
             .rows
             .iter()
