@@ -166,7 +166,8 @@ pub fn draw(
         height,
         camera_from_world: offsets.camera_from_nominal * camera.camera_from_world,
     };
-    let settings = Settings { outputs: Outputs { depth: true, ..Default::default() }, background: target.background };
+    let outputs = Outputs { depth: true, ..Default::default() };
+    let settings = Settings { outputs, background: target.background, ..Default::default() };
     let (images, _) = render(&Scene::still(cloud), &[View::of(camera)], &settings).map_err(raster_error)?;
     let image = &images[0];
     let shrunk =

@@ -18,6 +18,7 @@ use std::path::{Path, PathBuf};
 pub struct Cloud {
     cloud: GaussianCloud,
     background: [f32; 3],
+    antialias: bool,
     told: Vec<String>,
 }
 
@@ -37,7 +38,12 @@ pub fn open_cloud(py: Python<'_>, path: PathBuf) -> PyResult<Cloud> {
         if file.left_out > 0 {
             told.push(format!("{} Gaussians whose numbers are not finite were left out", file.left_out));
         }
-        Ok(Cloud { cloud: file.cloud, background: file.background.unwrap_or_default(), told })
+        Ok(Cloud {
+            cloud: file.cloud,
+            background: file.background.unwrap_or_default(),
+            antialias: file.antialias,
+            told,
+        })
     })
 }
 
@@ -131,7 +137,7 @@ pub fn render<'py>(
 ) -> PyResult<Vec<Bound<'py, PyDict>>> {
     let cameras = cameras_json::read(cameras).map_err(value)?.cameras;
     let outputs = Outputs { depth: true, ..Default::default() };
-    let settings = Settings { outputs, background: background.unwrap_or(cloud.background) };
+    let settings = Settings { outputs, background: background.unwrap_or(cloud.background), antialias: cloud.antialias };
     let images = py.detach(|| {
         let mut images = Vec::with_capacity(cameras.len());
         // One by one, so that no more than one is in memory twice.

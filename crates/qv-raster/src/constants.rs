@@ -8,6 +8,8 @@ pub const MIN_ALPHA: f32 = 1.0 / 255.0;
 pub const MIN_TRANSMITTANCE: f32 = 1e-4;
 /// Added to both variances of the projected Gaussian \[px²\].
 pub const LOW_PASS: f32 = 0.3;
+/// The same where [`crate::Settings::antialias`] is asked for: about the variance of a pixel's square, as in *Mip-Splatting* \[px²\].
+pub const ANTIALIAS_LOW_PASS: f32 = 0.1;
 /// A Gaussian is drawn when its centre is farther than this in front of the camera \[m\].
 pub const NEAR: f32 = 0.01;
 /// The projection is linearised no farther outside the image than this times half its width and height.

@@ -1,6 +1,7 @@
 //! What is drawn: a cloud, the groups of it that move, and the views.
 
 use crate::RasterError;
+use crate::constants::{ANTIALIAS_LOW_PASS, LOW_PASS};
 use qv_core::{Camera, GaussianCloud, Pose};
 
 /// A cloud that all environments share, with groups of Gaussians that move in each environment on their own.
@@ -104,6 +105,16 @@ pub struct Settings {
     pub outputs: Outputs,
     /// Colour behind all Gaussians.
     pub background: [f32; 3],
+    /// Gaussians that are made wider so as not to fall between pixels are made fainter by as much (the 2D filter of Yu et al.,
+    /// *Mip-Splatting*, CVPR 2024, eq. 12): images of a scene become right at any size, for a cloud that was trained so.
+    pub antialias: bool,
+}
+
+impl Settings {
+    /// What is added to both variances of a projected Gaussian \[px²\].
+    pub(crate) fn low_pass(&self) -> f32 {
+        if self.antialias { ANTIALIAS_LOW_PASS } else { LOW_PASS }
+    }
 }
 
 /// One image, row by row from the top. Arrays of outputs that were not asked for are empty.

@@ -75,6 +75,8 @@ pub struct Variant {
     pub keep: bool,
     /// Add up derivatives with atomics; only with subgroups.
     pub atomic: bool,
+    /// Make up for the low-pass.
+    pub antialias: bool,
     /// Most bits of a digit of the sort.
     pub digit: u32,
 }
@@ -90,6 +92,7 @@ impl Variant {
             "KEEP" => self.keep,
             "PACKED" => self.packed(),
             "ATOMIC" => self.atomic,
+            "ANTIALIAS" => self.antialias,
             _ => false,
         }
     }
@@ -197,7 +200,7 @@ fn constants(variant: &Variant) -> String {
         ("MAX_ALPHA", MAX_ALPHA),
         ("MIN_ALPHA", MIN_ALPHA),
         ("MIN_TRANSMITTANCE", MIN_TRANSMITTANCE),
-        ("LOW_PASS", LOW_PASS),
+        ("LOW_PASS", if variant.antialias { ANTIALIAS_LOW_PASS } else { LOW_PASS }),
         ("NEAR", NEAR),
         ("MIN_FACING", MIN_FACING),
         ("MIN_QUATERNION", MIN_QUATERNION),

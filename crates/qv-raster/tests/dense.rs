@@ -95,8 +95,8 @@ fn needles() -> GaussianCloud {
     cloud
 }
 
-fn settings() -> Settings {
-    Settings { outputs: Outputs::ALL, background: BACKGROUND }
+fn settings(antialias: bool) -> Settings {
+    Settings { outputs: Outputs::ALL, background: BACKGROUND, antialias }
 }
 
 /// Outputs of a pixel in the order of the reference.
@@ -109,10 +109,10 @@ fn pixel_of(image: &Image, pixel: usize) -> Vec<f32> {
     out
 }
 
-fn compare(name: &str, cloud: &GaussianCloud, camera: &Camera) {
-    let frame = Frame::new(&Scene::still(cloud), &[View::of(*camera)], &settings()).unwrap();
+fn compare(name: &str, cloud: &GaussianCloud, camera: &Camera, antialias: bool) {
+    let frame = Frame::new(&Scene::still(cloud), &[View::of(*camera)], &settings(antialias)).unwrap();
     let image = &frame.images()[0];
-    let parameters = Parameters::of(cloud);
+    let parameters = Parameters::of(cloud, antialias);
     let dense = decide(&parameters, camera);
     let expected = outputs(&sums(&parameters, camera, &dense.taken), camera, BACKGROUND.map(|c| c as f64));
     let (mut flips, mut worst, mut bias, mut flipped) = (0, 0.0f64, 0.0, 0.0f64);
@@ -146,15 +146,17 @@ fn compare(name: &str, cloud: &GaussianCloud, camera: &Camera) {
 
 #[test]
 fn images_are_those_of_the_dense_renderer() {
-    compare("crowd", &crowd(150, 3, 4, 1), &camera(67, 50));
-    compare("dense crowd", &crowd(600, 1, 0, 2), &camera(40, 30));
-    compare("odd", &odd_crowd(2, 16), &camera(40, 30));
-    compare("one pixel", &crowd(50, 0, 0, 3), &camera(1, 1));
+    for antialias in [false, true] {
+        compare("crowd", &crowd(150, 3, 4, 1), &camera(67, 50), antialias);
+        compare("dense crowd", &crowd(600, 1, 0, 2), &camera(40, 30), antialias);
+        compare("odd", &odd_crowd(2, 16), &camera(40, 30), antialias);
+        compare("one pixel", &crowd(50, 0, 0, 3), &camera(1, 1), antialias);
+    }
 }
 
-fn gradients_of(cloud: &GaussianCloud, camera: &Camera, weights: &[Vec<f64>]) -> Gradients {
+fn gradients_of(cloud: &GaussianCloud, camera: &Camera, weights: &[Vec<f64>], antialias: bool) -> Gradients {
     let scene = Scene::still(cloud);
-    let frame = Frame::new(&scene, &[View::of(*camera)], &settings()).unwrap();
+    let frame = Frame::new(&scene, &[View::of(*camera)], &settings(antialias)).unwrap();
     let mut by_image = frame.blank_images();
     let image = &mut by_image[0];
     for (pixel, weight) in weights.iter().enumerate() {
@@ -194,10 +196,9 @@ fn differences(parameters: &Parameters, camera: &Camera, weights: &[Vec<f64>]) -
 }
 
 /// Weights of a loss in which only some outputs count; none where a decision is close, or where plane depth is ill-conditioned.
-fn weights(cloud: &GaussianCloud, camera: &Camera, wanted: std::ops::Range<usize>) -> Vec<Vec<f64>> {
-    let parameters = Parameters::of(cloud);
-    let dense = decide(&parameters, camera);
-    let sums = sums(&parameters, camera, &dense.taken);
+fn weights(parameters: &Parameters, camera: &Camera, wanted: std::ops::Range<usize>) -> Vec<Vec<f64>> {
+    let dense = decide(parameters, camera);
+    let sums = sums(parameters, camera, &dense.taken);
     let out = outputs(&sums, camera, [0.0; 3]);
     let mut r = Random(99);
     let weight = |(pixel, out): (usize, &Vec<f64>)| {
@@ -233,10 +234,16 @@ fn flat(cloud: &GaussianCloud, g: &Gradients) -> Vec<f64> {
     out.iter().map(|&x| x as f64).collect()
 }
 
-fn check_gradients(name: &str, cloud: &GaussianCloud, camera: &Camera, wanted: std::ops::Range<usize>) {
-    let weights = weights(cloud, camera, wanted);
-    let found = gradients_of(cloud, camera, &weights);
-    let parameters = Parameters::of(cloud);
+fn check_gradients(
+    name: &str,
+    cloud: &GaussianCloud,
+    camera: &Camera,
+    wanted: std::ops::Range<usize>,
+    antialias: bool,
+) {
+    let parameters = Parameters::of(cloud, antialias);
+    let weights = weights(&parameters, camera, wanted);
+    let found = gradients_of(cloud, camera, &weights, antialias);
     let (expected, pose) = differences(&parameters, camera, &weights);
     let values = flat(cloud, &found);
     let stride = parameters.stride();
@@ -291,8 +298,47 @@ fn gradients_are_those_of_finite_differences() {
         ("normal", 6..9),
         ("features", 9..12),
     ] {
-        check_gradients(name, &cloud, &camera, wanted);
+        check_gradients(name, &cloud, &camera, wanted, false);
     }
-    check_gradients("needles", &needles(), &camera, 0..4);
-    check_gradients("all", &crowd(40, 3, 2, 11), &camera, 0..11);
+    for antialias in [false, true] {
+        check_gradients("needles", &needles(), &camera, 0..4, antialias);
+        check_gradients("all", &crowd(40, 3, 2, 11), &camera, 0..11, antialias);
+    }
+    check_gradients("antialias", &cloud, &camera, 0..4, true);
+    // Fine ones, of a tenth of a pixel to one, where most of the opacity is made up for.
+    let mut fine = crowd(60, 1, 2, 12);
+    fine.log_scales.iter_mut().flatten().for_each(|scale| *scale -= 1.5);
+    fine.opacity_logits.iter_mut().for_each(|logit| *logit += 2.0);
+    check_gradients("fine", &fine, &camera, 0..4, true);
+}
+
+/// Mean of squares of `by` x `by` pixels.
+fn averaged(image: &Image, by: usize) -> Vec<f32> {
+    let (width, height) = (image.width / by, image.height / by);
+    let mut out = vec![0.0; 3 * width * height];
+    for (at, colour) in image.colour.iter().enumerate() {
+        let (x, y) = (at / 3 % image.width / by, at / 3 / image.width / by);
+        out[3 * (y * width + x) + at % 3] += colour / (by * by) as f32;
+    }
+    out
+}
+
+#[test]
+fn a_small_image_is_the_average_of_a_large_one() {
+    // The figure that docs/rasteriser.md gives, with a tenth of the Gaussians.
+    let cloud = qv_raster::workload::cloud(30_000, 0, 1);
+    let large = qv_raster::workload::cameras(1, 1, 640, 480)[0];
+    let small = qv_raster::workload::cameras(1, 1, 80, 60)[0];
+    let psnr = [false, true].map(|antialias| {
+        let settings = Settings { outputs: Outputs::default(), ..settings(antialias) };
+        let draw = |camera: Camera| {
+            let (mut images, _) = qv_raster::render(&Scene::still(&cloud), &[View::of(camera)], &settings).unwrap();
+            images.remove(0)
+        };
+        let (wanted, found) = (averaged(&draw(large), 8), draw(small).colour);
+        let square: f32 = wanted.iter().zip(&found).map(|(a, b)| (a - b).powi(2)).sum();
+        -10.0 * (square / wanted.len() as f32).log10()
+    });
+    println!("without {:.2} dB, with {:.2} dB", psnr[0], psnr[1]);
+    assert!(psnr[1] > psnr[0] + 3.0, "{psnr:?}");
 }

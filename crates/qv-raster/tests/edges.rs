@@ -3,7 +3,7 @@
 use qv_core::{Camera, GaussianCloud, Pose};
 use qv_raster::{Frame, Image, Outputs, RasterError, Scene, Settings, View, render, workload};
 
-const SETTINGS: Settings = Settings { outputs: Outputs::ALL, background: [0.1, 0.2, 0.3] };
+const SETTINGS: Settings = Settings { outputs: Outputs::ALL, background: [0.1, 0.2, 0.3], antialias: false };
 
 fn camera(width: u32, height: u32) -> Camera {
     let (w, h) = (width as f64, height as f64);

@@ -53,10 +53,13 @@ fn workload_cloud(count: usize, degree: u8, features: usize) -> GaussianCloud {
     cloud
 }
 
-const SETTINGS: Settings = Settings { outputs: Outputs::ALL, background: [0.3, 0.4, 0.5] };
+const SETTINGS: Settings = Settings { outputs: Outputs::ALL, background: [0.3, 0.4, 0.5], antialias: false };
 
-const SETTINGS_PLAIN: Settings =
-    Settings { outputs: Outputs { depth: false, plane: false, features: false }, background: [0.0; 3] };
+const SETTINGS_PLAIN: Settings = Settings {
+    outputs: Outputs { depth: false, plane: false, features: false },
+    background: [0.0; 3],
+    antialias: false,
+};
 
 /// Largest difference outside a share of pixels that may flip.
 fn differ(a: &[f32], b: &[f32], flips: usize) -> f32 {
@@ -88,12 +91,19 @@ fn stages_and_images_are_those_of_the_cpu() {
     let scene = Scene::still(&cloud);
     let mut views = views_of(3, 120, 90);
     views[1].camera = workload::cameras(2, 1, 77, 50)[1];
-    let cpu = Frame::new(&scene, &views, &SETTINGS).unwrap();
+    for antialias in [false, true] {
+        let settings = Settings { antialias, ..SETTINGS };
+        stages_agree(&scene, &views, &settings);
+    }
+}
+
+fn stages_agree(scene: &Scene, views: &[View], settings: &Settings) {
+    let cpu = Frame::new(scene, views, settings).unwrap();
     for mut rasteriser in rasterisers() {
         println!("{} with subgroups of {}", rasteriser.gpu.info.name, rasteriser.gpu.subgroup);
-        let on_card = GpuCloud::new(&rasteriser.gpu, &scene).unwrap();
+        let on_card = GpuCloud::new(&rasteriser.gpu, scene).unwrap();
         let how = GpuSettings { keep: true, ..Default::default() };
-        let (images, counts) = rasteriser.render(&on_card, &scene, &views, &SETTINGS, &how).unwrap();
+        let (images, counts) = rasteriser.render(&on_card, scene, views, settings, &how).unwrap();
         let images = images.read().unwrap();
         let n = counts.candidates;
         let records = records_of(&rasteriser, n);
@@ -262,8 +272,13 @@ fn gradients_are_those_of_the_cpu_and_the_same_bits_again() {
     let cloud = workload_cloud(2500, 3, 2);
     let scene = Scene::still(&cloud);
     let views = views_of(3, 90, 60);
-    for outputs in [Outputs::default(), Outputs { depth: true, ..Default::default() }, Outputs::ALL] {
-        let settings = Settings { outputs, ..SETTINGS };
+    for (outputs, antialias) in [
+        (Outputs::default(), false),
+        (Outputs { depth: true, ..Default::default() }, false),
+        (Outputs::ALL, false),
+        (Outputs::ALL, true),
+    ] {
+        let settings = Settings { outputs, antialias, ..SETTINGS };
         let frame = Frame::new(&scene, &views, &settings).unwrap();
         let mut by_images = frame.blank_images();
         let wave = |values: &mut Vec<f32>| values.iter_mut().enumerate().for_each(|(i, x)| *x = (i as f32 * 0.7).sin());

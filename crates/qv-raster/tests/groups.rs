@@ -16,7 +16,7 @@ impl Numbers {
 
 const COUNT: usize = 40;
 const SETTINGS: Settings =
-    Settings { outputs: Outputs { depth: true, plane: false, features: true }, background: [0.2; 3] };
+    Settings { outputs: Outputs { depth: true, plane: false, features: true }, background: [0.2; 3], antialias: false };
 
 fn camera() -> Camera {
     Camera { fx: 60.0, fy: 64.0, cx: 32.0, cy: 24.0, width: 64, height: 48, camera_from_world: Pose::IDENTITY }

@@ -7,7 +7,7 @@ fn variants() -> Vec<Variant> {
     let mut out = vec![];
     for subgroup in [0, 8, 16, 32] {
         for (sh_count, features) in [(1, 0), (4, 1), (9, 0), (16, 16)] {
-            for flags in 0..16u32 {
+            for flags in 0..32u32 {
                 let on = |bit: u32| flags >> bit & 1 == 1;
                 out.push(Variant {
                     subgroup,
@@ -18,6 +18,7 @@ fn variants() -> Vec<Variant> {
                     bytes: on(2),
                     keep: on(3),
                     atomic: on(3) && subgroup > 0 && on(2),
+                    antialias: on(4),
                     digit: if subgroup == 0 { 8 } else { 5 + flags % 2 },
                 });
             }

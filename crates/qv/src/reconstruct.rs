@@ -1,5 +1,6 @@
 //! `qv reconstruct`: photographs with cameras become a scene of Gaussians.
 
+mod search;
 mod watch;
 mod words;
 
@@ -18,6 +19,7 @@ use qv_raster::Image;
 use qv_splat::captures::distortion::Distortion;
 use qv_splat::captures::{Attachments, Capture, CaptureCamera, cameras_json};
 use qv_splat::files::ply;
+use qv_splat::train::guide::Guide;
 use qv_splat::train::{
     AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Model, Photograph, ReadOptions, Score, Strategy,
     TrainOptions, Weights, at_depths, at_far, at_random, cameras, checkpoint, clear, drawn, neighbours_scores,
@@ -57,6 +59,13 @@ enum StrategyName {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum GuideName {
+    Opacity,
+    Error,
+    Views,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Background {
     Mean,
     Black,
@@ -84,6 +93,9 @@ pub struct Reconstruct {
     /// How Gaussians come and go
     #[arg(long, value_enum, default_value = "mcmc")]
     strategy: StrategyName,
+    /// Beside which Gaussians others are put with mcmc: those of high opacity, those in pixels that are drawn wrong, or that several photographs want better
+    #[arg(long, value_enum, value_name = "WHAT", default_value = "opacity")]
+    guide: GuideName,
     /// Learns an affine colour transform for each photograph
     #[arg(long)]
     exposure: bool,
@@ -114,6 +126,9 @@ pub struct Reconstruct {
     /// Holds out every Nth photograph, by name from the first on, to score with; 0 for none
     #[arg(long, value_name = "N", default_value_t = 8)]
     hold_out: usize,
+    /// With more than 7000 steps: puts every Nth photograph aside at first, to find how many steps help, up to those asked for; then learns from all (0, --resume and --max-seconds: no search)
+    #[arg(long, value_name = "N", default_value_t = 8)]
+    aside: usize,
     /// Stops after so many seconds
     #[arg(long, value_name = "S", value_parser = crate::numbers::not_negative)]
     max_seconds: Option<f64>,
@@ -159,6 +174,15 @@ pub struct Reconstruct {
     /// Leaves up to this share of the Gaussians out of each step, at random: fewer photographs are learned by heart
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     drop: f32,
+    /// Makes a scene whose small images are right, too: Gaussians no finer than what photographs sample, drawn with anti-aliasing (Mip-Splatting)
+    #[arg(long)]
+    antialias: bool,
+    /// What the rates of the Gaussians fall to in the last sixth of the steps
+    #[arg(long, value_name = "SHARE", default_value_t = 1.0, hide_short_help = true)]
+    settle: f32,
+    /// Weight of harmonics but the constant one
+    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0, hide_short_help = true)]
+    harmonics_weight: f32,
     /// Noise of the means with mcmc, in units of their rate
     #[arg(long, default_value_t = 5e5, hide_short_help = true)]
     noise: f32,
@@ -210,16 +234,29 @@ impl Reconstruct {
         if self.background == Background::Black {
             dataset.background = [0.0; 3];
         }
+        dataset.antialias = self.antialias;
         if let (Some(points), true) = (&opened.points, self.clear > 0.0) {
             dataset.nearest = clear::nearest(&dataset, &points.places);
         }
         fs::create_dir_all(&self.out).map_err(|e| about(&self.out, format!("expected a folder, found {e}")))?;
         let (model, at_points) = self.begin(&opened, &dataset, &options)?;
         let read_s = clock.elapsed().as_secs_f64();
-        let mut engine = self.engine(&dataset, &options, model)?;
         bar.begin(2, 3, "training", Some(TRAINING[0]));
         let mut run = Run::new(self, &dataset, &bar);
         let clock = Instant::now();
+        let searched = self.search(&dataset, &options, &model.cloud, &mut run)?;
+        if let Some(scene) = searched.as_ref().and_then(|found| found.stopped_with.as_ref()) {
+            self.save_scene(scene, &dataset)?;
+            self.save(&model)?;
+            eprintln!("qv: {}", self.how_to_go_on(0));
+            return Ok(Outcome::Stopped);
+        }
+        let options = TrainOptions {
+            iterations: searched.as_ref().map_or(options.iterations, |found| found.search.best()),
+            ..options
+        };
+        run.iterations = options.iterations;
+        let mut engine = self.engine(&dataset, &options, model)?;
         let trained = train(
             engine.as_mut(),
             dataset.training.len(),
@@ -244,13 +281,13 @@ impl Reconstruct {
         }
         let as_learned = |one: &Photograph| cameras::as_learned(&model, &dataset, one);
         let looked_at: Vec<Photograph> = dataset.held_out.iter().map(as_learned).collect();
-        let as_drawn = scores(&model.cloud, &looked_at, dataset.background)?;
+        let as_drawn = scores(&model.cloud, &looked_at, &dataset)?;
         let held_out = if self.exposure { neighbours_scores(&model, &dataset, &looked_at)? } else { as_drawn.clone() };
         let aligned = self.aligned(&model, &dataset, &looked_at)?;
         if self.preview {
             let folder = self.out.join("held_out");
             for photograph in &looked_at {
-                let image = drawn(&model.cloud, &photograph.camera, dataset.background)?;
+                let image = drawn(&model.cloud, &photograph.camera, &dataset)?;
                 beside(photograph, &image, &folder, &photograph.name)?;
             }
         }
@@ -263,7 +300,8 @@ impl Reconstruct {
             "held_out": dataset.held_out.iter().zip(&held_out).map(|(one, score)| named(&one.name, score)).collect::<Vec<_>>(),
             "mean": Score::mean(&held_out).map(|mean| named("mean", &mean)),
             "mean_identity": Score::mean(&as_drawn).map(|mean| named("mean", &mean)),
-            "mean_aligned": Score::mean(&aligned).map(|mean| named("mean", &mean)), "times_ms": run.mean_times(),
+            "mean_aligned": Score::mean(&aligned).map(|mean| named("mean", &mean)), "times_ms": run.mean_times(), "antialias": dataset.antialias, "steps_asked": self.iterations,
+            "aside": searched.as_ref().map(|found| json!({"photographs": found.photographs, "psnr": found.search.seen, "steps": found.search.best()})),
         });
         self.save_cameras(&model, &dataset, &looked_at)?;
         let path = self.out.join("metrics.json");
@@ -328,9 +366,16 @@ impl Reconstruct {
                 labels: self.labels,
                 opacity: self.opacity_weight,
                 scale: self.scale_weight,
+                harmonics: self.harmonics_weight,
                 ..Default::default()
             },
             noise: self.noise,
+            settle: self.settle,
+            guide: match self.guide {
+                GuideName::Opacity => Guide::Opacity,
+                GuideName::Error => Guide::Error,
+                GuideName::Views => Guide::Views,
+            },
             clear: self.clear,
             drop: self.drop,
             ..Default::default()
@@ -360,7 +405,13 @@ impl Reconstruct {
     fn check_background(&self, dataset: &Dataset) -> Result<(), Failure> {
         let path = self.out.join("scene.ply");
         let Ok(bytes) = fs::read(&path) else { return Ok(()) };
-        let before = ply::read(&bytes).map_err(|e| about(&path, e))?.background.unwrap_or_default();
+        let file = ply::read(&bytes).map_err(|e| about(&path, e))?;
+        if file.antialias != dataset.antialias {
+            let words = |antialias: bool| if antialias { "a scene made with --antialias" } else { "one made without" };
+            let found = format!("expected {}, found {}", words(dataset.antialias), words(file.antialias));
+            return Err(about(&path, found));
+        }
+        let before = file.background.unwrap_or_default();
         let now = dataset.background;
         // Told in decimals that give the same bits.
         if before == now {
@@ -468,7 +519,7 @@ impl Reconstruct {
             Ok(Photograph { camera, ..one.clone() })
         };
         let moved: Vec<Photograph> = held_out.iter().map(align).collect::<Result<_, Failure>>()?;
-        Ok(scores(&model.cloud, &moved, dataset.background)?)
+        Ok(scores(&model.cloud, &moved, dataset)?)
     }
 
     /// All cameras as they were learned; nothing when they are those of the capture.
@@ -496,7 +547,8 @@ impl Reconstruct {
 
     fn save_scene(&self, cloud: &GaussianCloud, dataset: &Dataset) -> Result<(), Failure> {
         let path = self.out.join("scene.ply");
-        put(&path, ply::write_over(cloud, Some(dataset.background))?)
+        let filter = dataset.antialias.then(|| dataset.sampling().deviations(&cloud.means));
+        put(&path, ply::write_filtered(cloud, Some(dataset.background), filter.as_deref())?)
             .map_err(|e| about(&path, format!("expected to write it, found {e}")))
     }
 
@@ -549,6 +601,10 @@ impl Reconstruct {
         }
         let loss = run.loss.map_or(String::new(), |loss| format!(", loss {loss:.5}"));
         let mut text = format!("{splats} Gaussians{loss}, {seconds:.1} s of training\n");
+        if let Some(steps) = metrics["aside"]["steps"].as_u64().filter(|steps| *steps < u64::from(self.iterations)) {
+            let asked = self.iterations;
+            text += &format!("{steps} steps of {asked}: more did not help photographs that were put aside\n");
+        }
         if metrics["scene_of_iteration"] != metrics["iterations"] {
             let [scene, stood] = ["scene_of_iteration", "iterations"].map(|key| &metrics[key]);
             text += &format!("stopped at step {stood}; the scene is that of step {scene}, which drew better\n");

@@ -91,7 +91,7 @@ impl Render {
         fs::create_dir_all(&self.out).map_err(|e| about(&self.out, format!("expected a directory, found {e}")))?;
         let clock = Instant::now();
         let background = self.background.or(file.background).unwrap_or_default();
-        let Drawn { written, seconds, skipped } = self.draw(&file.cloud, &cameras, background)?;
+        let Drawn { written, seconds, skipped } = self.draw(&file.cloud, &cameras, background, file.antialias)?;
         let total = clock.elapsed().as_secs_f64();
         if skipped > 0 {
             lost.push(format!("{skipped} times a Gaussian was left out of a view since its numbers overflow"));
@@ -118,9 +118,15 @@ impl Render {
     }
 
     /// Draws and writes all images.
-    fn draw(&self, cloud: &GaussianCloud, cameras: &[CaptureCamera], background: [f32; 3]) -> Result<Drawn, Failure> {
+    fn draw(
+        &self,
+        cloud: &GaussianCloud,
+        cameras: &[CaptureCamera],
+        background: [f32; 3],
+        antialias: bool,
+    ) -> Result<Drawn, Failure> {
         let outputs = Outputs { depth: self.depth, plane: self.normals, features: self.semantics };
-        let settings = Settings { outputs, background };
+        let settings = Settings { outputs, background, antialias };
         // All lenses first, so that a bad one is found before the work.
         let lens = |one: &CaptureCamera| {
             Distorter::new(&one.camera, &one.distortion)

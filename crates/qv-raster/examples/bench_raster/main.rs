@@ -68,7 +68,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         (true, _) => Outputs { features: false, ..Outputs::ALL },
         (_, depth) => Outputs { depth, ..Default::default() },
     };
-    let settings = Settings { outputs, background: [0.0; 3] };
+    let settings = Settings { outputs, background: [0.0; 3], antialias: false };
     let cloud = workload::cloud(count, degree as u8, 1);
     let cameras = workload::cameras(cameras, 1, width as u32, height as u32);
     if cameras.is_empty() {

@@ -101,6 +101,24 @@ impl GpuRasteriser {
     /// # Errors
     /// Nothing was drawn so that derivatives can be had.
     pub fn record_backward(&self, cloud: &GpuCloud, recorder: &mut Recorder) -> Result<(), RasterError> {
+        let frame = self.record_records_backward(cloud, recorder)?;
+        recorder.run("project backward", &frame.project_backward());
+        Ok(())
+    }
+
+    /// Of [`Self::record_backward`] the part that ends with the derivatives of records, in the buffer `record_gradients`.
+    ///
+    /// # Errors
+    /// As [`Self::record_backward`].
+    pub fn record_shares(&self, cloud: &GpuCloud, recorder: &mut Recorder) -> Result<(), RasterError> {
+        self.record_records_backward(cloud, recorder).map(|_| ())
+    }
+
+    fn record_records_backward<'a>(
+        &'a self,
+        cloud: &'a GpuCloud,
+        recorder: &mut Recorder,
+    ) -> Result<FrameSteps<'a>, RasterError> {
         self.check_cloud(cloud)?;
         let (buffers, batch) = self.kept()?;
         let Some(constants) = &self.constants else { return Err(nothing()) };
@@ -111,8 +129,11 @@ impl GpuRasteriser {
             recorder.encoder.clear_buffer(buffer, 0, None);
         }
         recorder.run("blend backward", &frame.blend_backward());
-        recorder.run("project backward", &frame.project_backward());
-        Ok(())
+        let sums = frame.sum_entries();
+        if !sums.is_empty() {
+            recorder.run("sum entries", &sums);
+        }
+        Ok(frame)
     }
 
     /// What [`Self::submit_backward`] found. Waits for the card.
@@ -215,19 +236,24 @@ impl<'a> FrameSteps<'a> {
         let blocks = Groups::Fixed(self.cloud.count.div_ceil(256) as u32, 1);
         let views = Groups::Fixed(self.batch.lenses.len() as u32, 1);
         let parts = vec![(11, &c.frame), (14, self.get("by_pose_parts")), (16, self.get("by_pose"))];
-        let mut steps = vec![];
-        if !self.buffers.sizes.variant.atomic {
-            let sum = vec![
-                (8, self.get("counts")),
-                (9, self.get("firsts")),
-                (17, self.get("entry_gradients")),
-                (18, self.get("record_gradients")),
-                (19, &self.buffers.state),
-            ];
-            steps.push(self.step("project_backward", "sum_entries", self.indirect(dispatch::BY_RECORDS), sum));
+        vec![
+            self.step("project_backward", "project_backward", blocks, buffers),
+            self.step("project_backward", "poses", views, parts),
+        ]
+    }
+
+    /// Sums of entries for each record; nothing to do where atomics made them.
+    fn sum_entries(&self) -> Vec<Step<'a>> {
+        if self.buffers.sizes.variant.atomic {
+            return vec![];
         }
-        steps.push(self.step("project_backward", "project_backward", blocks, buffers));
-        steps.push(self.step("project_backward", "poses", views, parts));
-        steps
+        let sum = vec![
+            (8, self.get("counts")),
+            (9, self.get("firsts")),
+            (17, self.get("entry_gradients")),
+            (18, self.get("record_gradients")),
+            (19, &self.buffers.state),
+        ];
+        vec![self.step("project_backward", "sum_entries", self.indirect(dispatch::BY_RECORDS), sum)]
     }
 }

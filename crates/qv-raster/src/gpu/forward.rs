@@ -235,6 +235,7 @@ impl GpuRasteriser {
                 && self.gpu.float_atomics
                 && self.gpu.subgroup > 0
                 && self.gpu.fits(batch.lenses.len()),
+            antialias: settings.antialias,
             digit: 0,
         };
         let mut sizes = Sizes::guess(&batch, capacity, variant);

@@ -29,8 +29,8 @@ impl<'a> FrameSteps<'a> {
             "project" => Variant { subgroup: 0, depth: false, bytes: all.packed(), keep: false, atomic: false, ..all },
             "sort" => Variant { subgroup: all.subgroup, ..Default::default() },
             "emit" => Variant { keep: all.keep, bytes: all.packed(), ..Default::default() },
-            "blend" => Variant { sh_count: 0, atomic: false, ..all },
-            "blend_backward" => Variant { sh_count: 0, bytes: false, ..all },
+            "blend" => Variant { sh_count: 0, atomic: false, antialias: false, ..all },
+            "blend_backward" => Variant { sh_count: 0, bytes: false, antialias: false, ..all },
             "project_backward" => Variant { subgroup: 0, bytes: false, atomic: false, ..all },
             _ => Variant::default(),
         };

@@ -2,11 +2,11 @@
 
 use super::emit::Entries;
 use super::project::Projections;
-use crate::Scene;
 use crate::channels::Channels;
 use crate::constants::{MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE, TILE, TILE_PIXELS};
 use crate::lanes::{LANES, Lanes, exp_negative, widest};
 use crate::lens::Batch;
+use crate::{Scene, Settings};
 use rayon::prelude::*;
 
 /// Sums of each pixel, tile by tile; a tile's pixels row by row. Pixels of a tile beyond the image are there, too.
@@ -37,6 +37,8 @@ pub struct Source<'a> {
     pub ranges: &'a [[u32; 2]],
     /// What is blended.
     pub channels: Channels,
+    /// How it is drawn.
+    pub settings: &'a Settings,
 }
 
 impl Source<'_> {

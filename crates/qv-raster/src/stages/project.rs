@@ -1,11 +1,11 @@
 //! Projection of the candidates: mean, inverse covariance, opacity, depth, colour, plane, and the number of tiles touched.
 
 use super::cull::{Candidate, logistic};
-use crate::constants::{LOW_PASS, MIN_ALPHA, MIN_QUATERNION};
+use crate::constants::{MIN_ALPHA, MIN_QUATERNION};
 use crate::ellipse::Ellipse;
 use crate::harmonics::basis;
 use crate::lens::{Batch, Lens, Motion};
-use crate::{Outputs, Scene};
+use crate::{Scene, Settings};
 use glam::{Mat3, Quat, Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -16,7 +16,7 @@ pub struct Projected {
     pub mean: [f32; 2],
     /// `u00, u01, u11` of the upper triangle U with `UᵀU` the inverse of the 2D covariance \[1/px\].
     pub factor: [f32; 3],
-    /// Opacity at the mean.
+    /// Opacity at the mean; with [`Settings::antialias`] what is left of it.
     pub opacity: f32,
     /// Depth of the mean along z of the camera \[m\].
     pub depth: f32,
@@ -53,7 +53,8 @@ pub struct Projections {
 }
 
 /// Projects all candidates.
-pub fn project(scene: &Scene, batch: &Batch, candidates: &[Candidate], outputs: Outputs) -> Projections {
+pub fn project(scene: &Scene, batch: &Batch, candidates: &[Candidate], settings: &Settings) -> Projections {
+    let outputs = settings.outputs;
     let mut out = Projections {
         records: vec![Projected::default(); candidates.len()],
         planes: vec![Plane::default(); if outputs.plane { candidates.len() } else { 0 }],
@@ -61,7 +62,7 @@ pub fn project(scene: &Scene, batch: &Batch, candidates: &[Candidate], outputs: 
         faulty: 0,
     };
     let one = |candidate: &Candidate, record: &mut Projected, count: &mut u32| -> (usize, Option<Plane>) {
-        let Some((projected, plane, tiles)) = project_one(scene, batch, *candidate, outputs.features) else {
+        let Some((projected, plane, tiles)) = project_one(scene, batch, *candidate, settings) else {
             return (1, None);
         };
         (*record, *count) = (projected, tiles);
@@ -87,13 +88,13 @@ fn project_one(
     scene: &Scene,
     batch: &Batch,
     candidate: Candidate,
-    with_features: bool,
+    settings: &Settings,
 ) -> Option<(Projected, Plane, u32)> {
     let (view, splat) = (candidate.view as usize, candidate.splat as usize);
     let lens = &batch.lenses[view];
     let motion = batch.motion(view, scene.group(splat));
-    let shape = Shape::new(scene, splat, lens, motion)?;
-    let opacity = logistic(scene.cloud.opacity_logits[splat]);
+    let shape = Shape::new(scene, splat, lens, motion, settings)?;
+    let opacity = shape.kept * logistic(scene.cloud.opacity_logits[splat]);
     let colour = colour(scene, splat, shape.direction(motion).0);
     let record = Projected {
         mean: shape.mean(lens).into(),
@@ -108,7 +109,7 @@ fn project_one(
     let plane = Plane { normal: normal.into(), distance: -normal.dot(shape.centre) };
     // Sums catch every number that is not finite: none cancels another into a finite one.
     let colour = colour.as_ref();
-    let features = if with_features { scene.cloud.features_of(splat) } else { &[] };
+    let features = if settings.outputs.features { scene.cloud.features_of(splat) } else { &[] };
     let all = record.mean.iter().chain(&record.factor).chain(colour).chain(features);
     // A direction cannot be told of a centre whose square overflows.
     let sum = all.map(|x| x.abs()).sum::<f32>() + record.opacity + shape.centre.length_squared();
@@ -153,13 +154,19 @@ pub(crate) struct Shape {
     pub covariance: [f32; 3],
     /// Determinant of the 2D covariance.
     pub determinant: f32,
+    /// What was added to the variances \[px²\].
+    pub low_pass: f32,
+    /// Cross product of the rows; its square is the determinant before the low-pass.
+    pub area: Vec3,
+    /// Share of the opacity that is kept: the root of the determinant's quotient with [`Settings::antialias`], else 1.
+    pub kept: f32,
     /// Index of the shortest axis.
     pub shortest: usize,
 }
 
 impl Shape {
     /// `None` when the quaternion has no direction.
-    pub fn new(scene: &Scene, splat: usize, lens: &Lens, motion: &Motion) -> Option<Self> {
+    pub fn new(scene: &Scene, splat: usize, lens: &Lens, motion: &Motion, settings: &Settings) -> Option<Self> {
         let [w, x, y, z] = scene.cloud.rotations[splat];
         let square = w * w + x * x + y * y + z * z;
         // Written so that NaN is refused, too.
@@ -182,14 +189,31 @@ impl Shape {
         let rows = [row(0), row(1)];
         let (xx, yy) = (rows[0].length_squared(), rows[1].length_squared());
         // Lagrange's identity instead of xx yy - xy²: nothing cancels when the Gaussian is seen edge on.
-        let determinant = rows[0].cross(rows[1]).length_squared() + LOW_PASS * (xx + yy) + LOW_PASS * LOW_PASS;
-        let covariance = [xx + LOW_PASS, rows[0].dot(rows[1]), yy + LOW_PASS];
+        let (low_pass, area) = (settings.low_pass(), rows[0].cross(rows[1]));
+        let determinant = area.length_squared() + low_pass * (xx + yy) + low_pass * low_pass;
+        let covariance = [xx + low_pass, rows[0].dot(rows[1]), yy + low_pass];
+        let kept = if settings.antialias { area.length() / determinant.sqrt() } else { 1.0 };
         let shortest = match scales {
             s if s.x <= s.y && s.x <= s.z => 0,
             s if s.y <= s.z => 1,
             _ => 2,
         };
-        Some(Self { centre, axes, length, scales, spread, rotation, slope, rows, covariance, determinant, shortest })
+        Some(Self {
+            centre,
+            axes,
+            length,
+            scales,
+            spread,
+            rotation,
+            slope,
+            rows,
+            covariance,
+            determinant,
+            low_pass,
+            area,
+            kept,
+            shortest,
+        })
     }
 
     fn mean(&self, lens: &Lens) -> Vec2 {
@@ -204,6 +228,18 @@ impl Shape {
         let [_, xy, yy] = self.covariance;
         let u00 = (yy / self.determinant).sqrt();
         [u00, -(xy / yy) * u00, 1.0 / yy.sqrt()]
+    }
+
+    /// Derivatives of the share of the opacity that is kept by the rows, zeros where that is none: with a = r_x x r_y, D the determinant and k
+    /// the share, (r_y x a/|a|) / √D - k (r_y x a + l r_x) / D by the first, as much by the other with a x r_x.
+    pub fn by_rows_of_kept(&self) -> [Vec3; 2] {
+        let unit = self.area.normalize_or_zero();
+        let of = |own: Vec3, turned: &dyn Fn(Vec3) -> Vec3| {
+            turned(unit) / self.determinant.sqrt()
+                - self.kept / self.determinant * (turned(self.area) + self.low_pass * own)
+        };
+        let [x, y] = self.rows;
+        [of(x, &|a| y.cross(a)), of(y, &|a| a.cross(x))]
     }
 
     /// Unit direction from the camera to the mean in the group's axes, and the distance \[m\].

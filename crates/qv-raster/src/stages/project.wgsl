@@ -39,10 +39,12 @@ fn project_one(index: u32, view: u32, splat: u32) -> bool {
     if !shape.good {
         return false;
     }
+    var opacity = logistic(scales[splat].w);
+//#if ANTIALIAS
+    opacity *= shape.kept;
+//#endif
 //#if PACKED
-    let opacity = unpack2x16unorm(pack2x16unorm(vec2<f32>(logistic(scales[splat].w), 0.0))).x;
-//#else
-    let opacity = logistic(scales[splat].w);
+    opacity = unpack2x16unorm(pack2x16unorm(vec2<f32>(opacity, 0.0))).x;
 //#endif
     let c = shape.centre;
     let at = lens.focal * (c.xy / c.z) + lens.centre;

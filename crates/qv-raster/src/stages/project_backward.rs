@@ -76,6 +76,19 @@ pub fn pulls(source: &Source, entry_gradients: &[f32]) -> Vec<[f32; 2]> {
     out
 }
 
+/// For each Gaussian the sum over views of the derivative by its red before that is cut off, shape `[N]`.
+pub fn red_sums(source: &Source, entry_gradients: &[f32]) -> Vec<f32> {
+    let width = SHAPE_GRADIENTS + source.channels.count();
+    let mut out = vec![0.0; source.scene.cloud.len()];
+    for (record, projected) in source.projections.records.iter().enumerate() {
+        let count = source.projections.counts[record] as usize;
+        let first = source.entries.first[record] as usize;
+        let entries = entry_gradients[first * width..(first + count) * width].chunks_exact(width);
+        out[projected.splat as usize] += entries.map(|entry| entry[SHAPE_GRADIENTS]).sum::<f32>();
+    }
+    out
+}
+
 fn sum_entries(source: &Source, entry_gradients: &[f32], record: usize) -> Vec<f32> {
     let width = SHAPE_GRADIENTS + source.channels.count();
     let first = source.entries.first[record] as usize;
@@ -115,11 +128,14 @@ fn record_backward(source: &Source, record: usize, sum: &[f32]) -> Option<Record
     let projected = &source.projections.records[record];
     let (view, splat) = (projected.view as usize, projected.splat as usize);
     let (lens, motion) = (&source.batch.lenses[view], source.batch.motion(view, scene.group(splat)));
-    let shape = Shape::new(scene, splat, lens, motion)?;
+    let shape = Shape::new(scene, splat, lens, motion, source.settings)?;
     let rotation = motion.rotation();
 
     let mut centre = mean_backward(&shape, lens, [sum[0], sum[1]]);
-    let (spread, log_scales, by_centre) = covariance_backward(&shape, lens, [sum[2], sum[3], sum[4]]);
+    let opacity = logistic(scene.cloud.opacity_logits[splat]);
+    // What is left of the opacity depends on the shape where the low-pass is made up for.
+    let by_kept = if source.settings.antialias { sum[5] * opacity } else { 0.0 };
+    let (spread, log_scales, by_centre) = covariance_backward(&shape, lens, [sum[2], sum[3], sum[4]], by_kept);
     centre += by_centre;
     let by_channel = &sum[SHAPE_GRADIENTS..];
     if let Some(depth) = source.channels.depth() {
@@ -145,7 +161,6 @@ fn record_backward(source: &Source, record: usize, sum: &[f32]) -> Option<Record
         *by_axes.col_mut(k) += shape.scales[k] * in_group.col(k);
     }
     let (by_colour, values, by_offset) = colour_backward(source, splat, &shape, motion, by_channel);
-    let opacity = logistic(scene.cloud.opacity_logits[splat]);
     let mut features = [0.0; qv_core::GaussianCloud::MAX_FEATURES];
     let range = source.channels.features();
     features[..range.len()].copy_from_slice(&by_channel[range]);
@@ -155,7 +170,7 @@ fn record_backward(source: &Source, record: usize, sum: &[f32]) -> Option<Record
         mean: rotation.transpose() * centre + by_offset,
         log_scales,
         rotation: quaternion_backward(scene.cloud.rotations[splat], shape.length, &by_axes),
-        opacity_logit: sum[5] * opacity * (1.0 - opacity),
+        opacity_logit: sum[5] * shape.kept * opacity * (1.0 - opacity),
         colour: by_colour,
         basis: values,
         features,
@@ -174,15 +189,22 @@ fn mean_backward(shape: &Shape, lens: &Lens, by_mean: [f32; 2]) -> Vec3 {
 
 /// With respect to W, to the log scales, and to the centre in camera axes, through the covariance C. `whitened` are the sums of
 /// G e eᵀ/2 with e = U δ, the mixed one of both places. With M their matrix the derivative by C is -Uᵀ M U, by the rows R of J W
-/// -2 Uᵀ M V with V = U R, and by log scale k -2 V_k·M V_k, in which nothing large cancels.
-fn covariance_backward(shape: &Shape, lens: &Lens, whitened: [f32; 3]) -> (Mat3, Vec3, Vec3) {
+/// -2 Uᵀ M V with V = U R, and by log scale k -2 V_k·M V_k, in which nothing large cancels. `by_kept` is the derivative by the share of the
+/// opacity that is kept.
+fn covariance_backward(shape: &Shape, lens: &Lens, whitened: [f32; 3], by_kept: f32) -> (Mat3, Vec3, Vec3) {
     let [u00, u01, u11] = shape.factor();
     let [row_x, row_y] = shape.rows;
     let v = [u00 * row_x + u01 * row_y, u11 * row_y];
     let [xx, xy, yy] = [-2.0 * whitened[0], -whitened[1], -2.0 * whitened[2]];
     let by_v = [xx * v[0] + xy * v[1], xy * v[0] + yy * v[1]];
-    let log_scales = v[0] * by_v[0] + v[1] * by_v[1];
-    let by_rows = [u00 * by_v[0], u01 * by_v[0] + u11 * by_v[1]];
+    let mut log_scales = v[0] * by_v[0] + v[1] * by_v[1];
+    let mut by_rows = [u00 * by_v[0], u01 * by_v[0] + u11 * by_v[1]];
+    if by_kept != 0.0 {
+        for (axis, by) in shape.by_rows_of_kept().into_iter().enumerate() {
+            by_rows[axis] += by_kept * by;
+            log_scales += by_kept * by * shape.rows[axis];
+        }
+    }
 
     let z = shape.centre.z;
     let along = shape.spread.transpose().z_axis;

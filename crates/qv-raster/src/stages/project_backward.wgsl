@@ -134,9 +134,25 @@ fn record_backward(view: u32, splat: u32, record: u32) -> Share {
     let v_y = factor.z * s.row_y;
     let by_v_x = -2.0 * sum[2] * v_x - sum[3] * v_y;
     let by_v_y = -sum[3] * v_x - 2.0 * sum[4] * v_y;
-    let by_log_scales = v_x * by_v_x + v_y * by_v_y;
-    let by_row_x = factor.x * by_v_x;
-    let by_row_y = factor.y * by_v_x + factor.z * by_v_y;
+    var by_log_scales = v_x * by_v_x + v_y * by_v_y;
+    var by_row_x = factor.x * by_v_x;
+    var by_row_y = factor.y * by_v_x + factor.z * by_v_y;
+    let opacity = logistic(scales[splat].w);
+    var by_opacity = sum[5];
+//#if ANTIALIAS
+    // As `by_rows_of_kept`.
+    let by_kept = sum[5] * opacity;
+    by_opacity *= s.kept;
+    let long = length(s.area);
+    let unit = select(s.area / long, vec3<f32>(0.0), long == 0.0);
+    let root = sqrt(s.determinant);
+    let share = s.kept / s.determinant;
+    let kept_x = by_kept * (cross(s.row_y, unit) / root - share * (cross(s.row_y, s.area) + LOW_PASS * s.row_x));
+    let kept_y = by_kept * (cross(unit, s.row_x) / root - share * (cross(s.area, s.row_x) + LOW_PASS * s.row_y));
+    by_row_x += kept_x;
+    by_row_y += kept_y;
+    by_log_scales += kept_x * s.row_x + kept_y * s.row_y;
+//#endif
     let by_spread = transpose(mat3x3<f32>(
         f.x * by_row_x, f.y * by_row_y, -f.x * s.slope.x * by_row_x - f.y * s.slope.y * by_row_y,
     ));
@@ -177,8 +193,7 @@ fn record_backward(view: u32, splat: u32, record: u32) -> Share {
     out.log_scales = by_log_scales;
     by_axes += mat3x3<f32>(s.scales.x * in_group[0], s.scales.y * in_group[1], s.scales.z * in_group[2]);
     out.rotation = quaternion_backward(quaternion, s.length, by_axes);
-    let opacity = logistic(scales[splat].w);
-    out.logit = sum[5] * opacity * (1.0 - opacity);
+    out.logit = by_opacity * opacity * (1.0 - opacity);
 
     let distance = length(p);
     let direction = transpose(s.rotation) * (p / distance);

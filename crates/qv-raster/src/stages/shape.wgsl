@@ -13,6 +13,11 @@ struct Shape {
     row_y: vec3<f32>,
     covariance: vec3<f32>,
     determinant: f32,
+//#if ANTIALIAS
+    area: vec3<f32>,
+    // Share of the opacity that is kept.
+    kept: f32,
+//#endif
     shortest: u32,
 }
 
@@ -45,6 +50,10 @@ fn shape_of(lens: Lens, m: Motion, mean: vec3<f32>, log_scales: vec3<f32>, quate
     let yy = dot(s.row_y, s.row_y);
     let area = cross(s.row_x, s.row_y);
     s.determinant = dot(area, area) + LOW_PASS * (xx + yy) + LOW_PASS * LOW_PASS;
+//#if ANTIALIAS
+    s.area = area;
+    s.kept = length(area) / sqrt(s.determinant);
+//#endif
     s.covariance = vec3<f32>(xx + LOW_PASS, dot(s.row_x, s.row_y), yy + LOW_PASS);
     s.shortest = 2u;
     if s.scales.x <= s.scales.y && s.scales.x <= s.scales.z {

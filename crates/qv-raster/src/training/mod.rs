@@ -9,12 +9,13 @@ use crate::gpu::Gpu;
 pub const FOLD: u32 = 32_768;
 
 /// The shaders with their entry points.
-pub const SHADERS: [(&str, &[&str]); 7] = [
-    ("loss", &["similar", "pull"]),
+pub const SHADERS: [(&str, &[&str]); 8] = [
+    ("loss", &["similar", "pull", "error"]),
     ("finish", &["finish"]),
     ("cameras", &["bend", "turn"]),
     ("drop", &["leave_out", "bring_back"]),
-    ("update", &["shape", "harmonics", "features", "gather"]),
+    ("filter", &["widen", "narrow"]),
+    ("update", &["shape", "harmonics", "features", "gather", "share"]),
     ("relocate", &["change", "copy"]),
     ("terms", &["planes", "consistent", "prior", "labels"]),
 ];
@@ -123,8 +124,8 @@ pub struct StepWords {
     pub focal: [f32; 2],
     /// Share of the Gaussians that the step leaves out.
     pub drop: f32,
-    /// Fills up the words.
-    pub unused: u32,
+    /// What harmonics but the constant one are pulled to 0 by.
+    pub shrink: f32,
 }
 
 /// The text of a shader. Lines between `//#taps` and `//#end` are repeated for each tap of the window, with its index for `$K` and its
@@ -135,6 +136,7 @@ pub fn text(name: &str) -> String {
         "finish" => include_str!("finish.wgsl"),
         "cameras" => include_str!("cameras.wgsl"),
         "drop" => include_str!("drop.wgsl"),
+        "filter" => include_str!("filter.wgsl"),
         "update" => include_str!("update.wgsl"),
         "relocate" => include_str!("relocate.wgsl"),
         _ => include_str!("terms.wgsl"),

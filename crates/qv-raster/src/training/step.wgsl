@@ -55,7 +55,8 @@ struct Step {
     focal: vec2<f32>,
     // Share of the Gaussians that the step leaves out.
     drop: f32,
-    unused: u32,
+    // What harmonics but the constant one are pulled to 0 by.
+    shrink: f32,
 }
 
 const BETA1: f32 = 0.9;

@@ -15,10 +15,12 @@ pub struct Parameters {
     pub count: usize,
     pub degree: u8,
     pub features: usize,
+    /// A smaller low-pass, and opacities that make up for it.
+    pub antialias: bool,
 }
 
 impl Parameters {
-    pub fn of(cloud: &GaussianCloud) -> Self {
+    pub fn of(cloud: &GaussianCloud, antialias: bool) -> Self {
         let mut values = vec![];
         for i in 0..cloud.len() {
             values.extend(cloud.means[i].map(|x| x as f64));
@@ -28,7 +30,7 @@ impl Parameters {
             values.extend(cloud.sh_of(i).iter().flatten().map(|&x| x as f64));
             values.extend(cloud.features_of(i).iter().map(|&x| x as f64));
         }
-        Self { values, count: cloud.len(), degree: cloud.sh_degree, features: cloud.feature_count }
+        Self { values, count: cloud.len(), degree: cloud.sh_degree, features: cloud.feature_count, antialias }
     }
 
     /// Numbers per Gaussian.
@@ -110,8 +112,10 @@ fn see(p: &Parameters, i: usize, camera: &Camera) -> Option<Seen> {
         DVec3::new(camera.fx / centre.z, 0.0, -camera.fx * x / centre.z),
         DVec3::new(0.0, camera.fy / centre.z, -camera.fy * y / centre.z),
     ];
-    let entry = |a: usize, b: usize| j[a].dot(local * j[b]) + if a == b { 0.3 } else { 0.0 };
-    let covariance = DMat2::from_cols_array(&[entry(0, 0), entry(0, 1), entry(1, 0), entry(1, 1)]);
+    let entry = |a: usize, b: usize| j[a].dot(local * j[b]);
+    let before = DMat2::from_cols_array(&[entry(0, 0), entry(0, 1), entry(1, 0), entry(1, 1)]);
+    let covariance = before + DMat2::from_diagonal(DVec2::splat(if p.antialias { 0.1 } else { 0.3 }));
+    let kept = if p.antialias { (before.determinant().max(0.0) / covariance.determinant()).sqrt() } else { 1.0 };
     let eye = camera.camera_from_world.inverse().position;
     let weights = basis(p.degree, (mean - eye).normalize());
     let mut numbers = vec![0.5; 3];
@@ -134,7 +138,7 @@ fn see(p: &Parameters, i: usize, camera: &Camera) -> Option<Seen> {
         index: i,
         mean: DVec2::new(camera.fx * centre.x / centre.z + camera.cx, camera.fy * centre.y / centre.z + camera.cy),
         inverse: covariance.inverse(),
-        opacity: 1.0 / (1.0 + (-v[10]).exp()),
+        opacity: kept / (1.0 + (-v[10]).exp()),
         numbers,
     })
 }

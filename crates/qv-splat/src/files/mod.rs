@@ -125,6 +125,8 @@ pub struct SplatFile {
     pub told: Vec<String>,
     /// Colour that the scene was made to be drawn over, 0 to 1, where the file tells one.
     pub background: Option<[f32; 3]>,
+    /// Whether the scene was made to be drawn with opacities that make up for the low-pass ([`qv_raster::Settings::antialias`]).
+    pub antialias: bool,
 }
 
 /// Gives the contents of a file beside the one that is read, or says where it is missed.

@@ -3,7 +3,8 @@
 //! blue; `opacity` before the logistic function; `scale_0..2`, natural logarithms; `rot_0..3`, w, x, y, z. Exact.
 //!
 //! Features, which that format does not know, are further properties `feature_0..`. The colour that a scene was made to be drawn over is a
-//! comment, `background R G B`, 0 to 1; other programs draw over what they like.
+//! comment, `background R G B`, 0 to 1; other programs draw over what they like. A property `filter_3D` is Mip-Splatting's: such a scene is to be
+//! drawn with anti-aliasing.
 
 use super::ply_header::{Element, Header, Property, head_of, is_blank};
 use super::quantised::{logit, opacity};
@@ -124,7 +125,7 @@ pub fn read_stream(source: &mut dyn Read, length: u64) -> Result<SplatFile, Spla
         remarks.told.push("filter_3D of Mip-Splatting is applied to scales and opacities".to_string());
     }
     let file = sieve.finish(Format::Ply, remarks.lost);
-    Ok(SplatFile { background: background(&header), told: remarks.told, ..file })
+    Ok(SplatFile { background: background(&header), antialias: layout.filter.is_some(), told: remarks.told, ..file })
 }
 
 /// What rows are unpacked into.
@@ -196,7 +197,26 @@ pub fn write(cloud: &GaussianCloud) -> Result<Vec<u8>, SplatError> {
 /// # Errors
 /// As [`write()`].
 pub fn write_over(cloud: &GaussianCloud, background: Option<[f32; 3]>) -> Result<Vec<u8>, SplatError> {
+    write_filtered(cloud, background, None)
+}
+
+/// The same of a scene that is drawn with anti-aliasing: `filter` is the deviation of Mip-Splatting's filter of each Gaussian, which whoever
+/// reads it applies to the scales and opacities, `filter_3D`.
+///
+/// # Errors
+/// As [`write()`]; or there are not as many filters as Gaussians, or one is not finite.
+pub fn write_filtered(
+    cloud: &GaussianCloud,
+    background: Option<[f32; 3]>,
+    filter: Option<&[f32]>,
+) -> Result<Vec<u8>, SplatError> {
     check(cloud)?;
+    if let Some(filter) = filter.filter(|filter| filter.len() != cloud.len()) {
+        return Err(off("filter_3D", format!("one for each of {} Gaussians", cloud.len()), filter.len()));
+    }
+    if let Some(odd) = filter.and_then(|filter| filter.iter().find(|width| !(width.is_finite() && **width >= 0.0))) {
+        return Err(off("filter_3D", "a finite number of at least 0", odd));
+    }
     let comment = background.map_or(String::new(), |[r, g, b]| format!("comment {BACKGROUND}{r} {g} {b}\n"));
     let rest = cloud.sh_count() - 1;
     let mut names: Vec<String> = ["x", "y", "z", "nx", "ny", "nz"].map(String::from).to_vec();
@@ -208,6 +228,7 @@ pub fn write_over(cloud: &GaussianCloud, background: Option<[f32; 3]>) -> Result
     some("scale_", 3);
     some("rot_", 4);
     some("feature_", cloud.feature_count);
+    names.extend(filter.map(|_| "filter_3D".to_string()));
     let properties: String = names.iter().map(|name| format!("property float {name}\n")).collect();
     let header = format!(
         "ply\nformat binary_little_endian 1.0\n{comment}element vertex {}\n{properties}end_header\n",
@@ -228,6 +249,9 @@ pub fn write_over(cloud: &GaussianCloud, background: Option<[f32; 3]>) -> Result
         put(&cloud.log_scales[i]);
         put(&cloud.rotations[i]);
         put(cloud.features_of(i));
+        if let Some(filter) = filter {
+            put(&[filter[i]]);
+        }
     }
     Ok(out)
 }
@@ -271,6 +295,20 @@ mod tests {
         let share: f64 = [scales[0], scales[1], 1.0].iter().map(|s| s / (s * s + 0.25).sqrt()).product();
         assert!((f64::from(opacity(cloud.opacity_logits[1])) - 0.5 * share).abs() < 1e-6);
         assert_eq!(read(&file("filter_3D", &[f32::NAN])).unwrap().left_out, 2);
+    }
+
+    #[test]
+    fn a_filter_that_is_written_is_applied_when_it_is_read() {
+        let cloud = read(&file("", &[])).unwrap().cloud;
+        let again = read(&write_filtered(&cloud, None, Some(&[0.5, 0.0])).unwrap()).unwrap();
+        let both = read(&file("filter_3D", &[0.5])).unwrap();
+        assert!(again.antialias && both.antialias && !read(&write(&cloud).unwrap()).unwrap().antialias);
+        assert_eq!(again.cloud.opacity_logits[0], both.cloud.opacity_logits[0]);
+        assert_eq!(again.cloud.log_scales[0][..2], both.cloud.log_scales[0][..2]);
+        assert_eq!(again.cloud.log_scales[1][..2], cloud.log_scales[1][..2]);
+        let error = write_filtered(&cloud, None, Some(&[0.5])).unwrap_err().to_string();
+        assert!(error.contains("one for each of 2 Gaussians"), "{error}");
+        assert!(write_filtered(&cloud, None, Some(&[0.5, f32::NAN])).is_err());
     }
 
     #[test]

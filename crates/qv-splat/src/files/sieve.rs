@@ -61,7 +61,15 @@ impl Sieve {
 
     /// What was collected.
     pub fn finish(self, format: Format, lost: Vec<String>) -> SplatFile {
-        SplatFile { cloud: self.cloud, format, left_out: self.left_out, lost, told: vec![], background: None }
+        SplatFile {
+            cloud: self.cloud,
+            format,
+            left_out: self.left_out,
+            lost,
+            told: vec![],
+            background: None,
+            antialias: false,
+        }
     }
 }
 

@@ -71,11 +71,12 @@ pub fn read(bytes: &[u8]) -> Result<SplatFile, SplatError> {
             features: &[],
         });
     }
+    let antialias = arrays.antialias;
     let mut lost = arrays.lost;
     if arrays.degree > GaussianCloud::MAX_SH_DEGREE {
         lost.push("spherical harmonics of degree 4".into());
     }
-    Ok(sieve.finish(Format::Spz, lost))
+    Ok(SplatFile { antialias, ..sieve.finish(Format::Spz, lost) })
 }
 
 /// A file of version 3, which every reader knows. See [`write_version`].
@@ -122,7 +123,15 @@ pub fn write_version(cloud: &GaussianCloud, version: Version) -> Result<Vec<u8>,
         let rest = cloud.sh_of(i).iter().zip(HALF_TURN_ABOUT_X).skip(1);
         rest.for_each(|(colour, sign)| data.extend(colour.map(|x| (sign * x * 128.0 + 128.0).round() as u8)));
     }
-    close(&Arrays { version, count: cloud.len(), degree: cloud.sh_degree, fractional_bits, data, lost: vec![] })
+    close(&Arrays {
+        version,
+        count: cloud.len(),
+        degree: cloud.sh_degree,
+        fractional_bits,
+        antialias: false,
+        data,
+        lost: vec![],
+    })
 }
 
 /// A point after half a turn of the world about x.

@@ -14,6 +14,8 @@ const HEADERS: [usize; 2] = [16, 32];
 /// Arrays that are decoded may be this many times the file's size; small files may be decoded to [`LEAST_LIMIT`] bytes anyhow.
 const LARGEST_RATIO: u64 = 64;
 const LEAST_LIMIT: u64 = 64 << 20;
+/// Flag of the header: the scene was trained with anti-aliasing.
+const ANTIALIASED: u8 = 1;
 /// Flag of the header: vendors' records follow.
 const HAS_EXTENSIONS: u8 = 2;
 /// Type of a vendor's record that names the axes that the file is in, and the number of ours: right, up, back.
@@ -31,6 +33,8 @@ pub struct Arrays {
     /// Degree of the harmonics, 0 to 4.
     pub degree: u8,
     pub fractional_bits: u8,
+    /// Whether the scene was trained with anti-aliasing.
+    pub antialias: bool,
     /// All arrays behind each other.
     pub data: Vec<u8>,
     pub lost: Vec<String>,
@@ -72,7 +76,8 @@ impl Arrays {
             return Err(off("SPZ header, byte 13", "0 to 24 fractional bits", fractional_bits));
         }
         let count = u32_at(bytes, 8) as usize;
-        Ok(Self { version, count, degree, fractional_bits, data: vec![], lost: vec![] })
+        let antialias = bytes[14] & ANTIALIASED != 0;
+        Ok(Self { version, count, degree, fractional_bits, antialias, data: vec![], lost: vec![] })
     }
 
     /// Bytes of all arrays, held against what a file of `length` bytes may decode to.

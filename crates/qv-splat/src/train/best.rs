@@ -89,7 +89,7 @@ fn judged(model: &Model, dataset: &Dataset) -> Result<f64, SplatError> {
     let count = dataset.training.len();
     let judges: Vec<usize> = (0..count.min(JUDGES)).map(|k| k * count / count.min(JUDGES)).collect();
     let psnr = |&k: &usize| {
-        let image = drawn(&model.cloud, &model.camera(dataset, k), dataset.background)?;
+        let image = drawn(&model.cloud, &model.camera(dataset, k), dataset)?;
         Ok(score(&exposed_image(&model.exposures[k], &image.colour), &dataset.training[k]).psnr)
     };
     let all: Vec<f64> = judges.iter().map(psnr).collect::<Result<_, SplatError>>()?;

@@ -156,7 +156,7 @@ mod tests {
         let off = Shared { lens: [0.02, 0.006, -0.004], ..Shared::NONE };
         let loss = |shared: &Shared| {
             let camera = shared.camera(&wanted.camera);
-            let image = drawn(&scene.cloud, &camera, scene.dataset.background).unwrap();
+            let image = drawn(&scene.cloud, &camera, &scene.dataset).unwrap();
             let (loss, by) = photometric(&image.colour, &colour, &valid, 64, 0.2);
             (loss, by_lens(&image.colour, &by, &camera))
         };
@@ -185,7 +185,7 @@ mod tests {
         let model = engine.model().unwrap();
         assert_eq!((model.shared.len(), model.shared[0].seen), (1, 900));
         let psnr = |one: &Photograph| {
-            crate::train::scores(&model.cloud, std::slice::from_ref(one), scene.dataset.background).unwrap()[0].psnr
+            crate::train::scores(&model.cloud, std::slice::from_ref(one), &scene.dataset).unwrap()[0].psnr
         };
         let both = [psnr(&held_out), psnr(&as_learned(&model, &scene.dataset, &held_out))];
         (model, both)

@@ -8,6 +8,8 @@ use super::dataset::{Dataset, Photograph};
 use super::drop::Drop;
 use super::engine::Engine;
 use super::exposure::{self, exposed_backward, exposed_image};
+use super::filter::{self, Sampling};
+use super::guide::{self, Guide};
 use super::loss::photometric;
 use super::mcmc::Relocation;
 use super::model::Model;
@@ -17,6 +19,7 @@ use super::terms::{depth_normal, labels, multi_view, priors};
 use crate::SplatError;
 use qv_core::{Camera, GaussianCloud};
 use qv_raster::{Frame, Image, Outputs, Scene, Settings, View, render};
+use std::borrow::Cow;
 
 /// Trains on the CPU. The same inputs give the same bits on any number of threads.
 #[derive(Debug)]
@@ -26,6 +29,8 @@ pub struct CpuEngine<'a> {
     model: Model,
     /// For each photograph those that are near it.
     partners: Vec<Vec<usize>>,
+    /// What photographs sample, with anti-aliasing.
+    sampling: Option<Sampling>,
     /// Sum of losses, and of how many steps, since they were asked for.
     losses: (f64, u32),
 }
@@ -41,20 +46,40 @@ impl<'a> CpuEngine<'a> {
         model.check(dataset)?;
         let cameras: Vec<Camera> = dataset.training.iter().map(|one| one.camera).collect();
         let partners = multi_view::partners(&cameras, dataset.extent);
-        Ok(Self { dataset, options: *options, model, partners, losses: (0.0, 0) })
+        let sampling = dataset.antialias.then(|| dataset.sampling());
+        Ok(Self { dataset, options: *options, model, partners, sampling, losses: (0.0, 0) })
+    }
+
+    /// Deviations of the filter of each Gaussian; none without anti-aliasing.
+    fn deviations(&self) -> Vec<f32> {
+        self.sampling.as_ref().map_or(vec![], |sampling| sampling.deviations(&self.model.cloud.means))
+    }
+
+    /// The Gaussians as they are drawn.
+    fn filtered(&self, deviations: &[f32]) -> Cow<'_, GaussianCloud> {
+        match deviations.is_empty() {
+            true => Cow::Borrowed(&self.model.cloud),
+            false => Cow::Owned(filter::seen(&self.model.cloud, deviations)),
+        }
+    }
+
+    fn settings(&self) -> Settings {
+        self.dataset.settings(outputs(&self.options, self.model.iteration))
     }
 
     /// One photograph: derivatives of everything but the Gaussians' regularisers, and those by the lens.
     fn look(&mut self, index: usize) -> Result<(qv_raster::Gradients, [f32; 3]), SplatError> {
         let camera = self.model.camera(self.dataset, index);
-        let outputs = outputs(&self.options, self.model.iteration);
-        let settings = Settings { outputs, background: self.dataset.background };
+        let settings = self.settings();
         let drop = Drop::of(&self.options, self.model.iteration);
+        let deviations = self.deviations();
+        let filtered = self.filtered(&deviations);
+        let whole: &GaussianCloud = &filtered;
         let thinned = drop.map(|drop| {
-            let opacity_logits = drop.seen(&self.model.cloud.opacity_logits);
-            GaussianCloud { opacity_logits, ..self.model.cloud.clone() }
+            let opacity_logits = drop.seen(&whole.opacity_logits);
+            GaussianCloud { opacity_logits, ..whole.clone() }
         });
-        let scene = Scene::still(thinned.as_ref().unwrap_or(&self.model.cloud));
+        let scene = Scene::still(thinned.as_ref().unwrap_or(whole));
         let frame = Frame::new(&scene, &[View::of(camera)], &settings)?;
         let image = frame.images().remove(0);
         let mut by_images = frame.blank_images();
@@ -64,7 +89,10 @@ impl<'a> CpuEngine<'a> {
         loss += self.terms(index, &camera, &image, &mut by_images[0])?;
         let (mut by, pulls) = frame.gradients_and_pulls(&scene, &by_images)?;
         if let Some(drop) = drop {
-            drop.back(&self.model.cloud.opacity_logits, &mut by.opacity_logits);
+            drop.back(&whole.opacity_logits, &mut by.opacity_logits);
+        }
+        if !deviations.is_empty() {
+            filter::back(&self.model.cloud, &deviations, &mut by);
         }
         for (sum, pull) in self.model.pulls.iter_mut().zip(pulls) {
             (0..2).for_each(|k| sum[k] += pull[k]);
@@ -134,8 +162,10 @@ impl<'a> CpuEngine<'a> {
         let partner = partners[word as usize % partners.len()];
         let other = &self.dataset.training[partner];
         let other_camera = self.model.camera(self.dataset, partner);
-        let settings = Settings { outputs: Outputs { plane: true, ..Default::default() }, ..Default::default() };
-        let (drawn, _) = render(&Scene::still(&self.model.cloud), &[View::of(other_camera)], &settings)?;
+        let outputs = Outputs { plane: true, ..Default::default() };
+        let settings = Settings { outputs, ..self.settings() };
+        let filtered = self.filtered(&self.deviations());
+        let (drawn, _) = render(&Scene::still(&filtered), &[View::of(other_camera)], &settings)?;
         let (grey, other_grey) = (multi_view::grey(&self.dataset.training[index]), multi_view::grey(other));
         let other = multi_view::Other::new(&other_camera, camera, &other_grey, &drawn[0].plane_depth);
         let random = [options.seed, iteration];
@@ -147,25 +177,62 @@ impl<'a> CpuEngine<'a> {
         self.model.iteration / self.dataset.training.len() as u32 + 1
     }
 
-    fn come_and_go(&mut self) {
-        let (options, iteration) = (&self.options, self.model.iteration);
+    /// What Gaussians are chosen by when others are put beside them; none where it is their opacity.
+    pub(super) fn guide_weights(&self) -> Result<Vec<f32>, SplatError> {
+        let options = &self.options;
+        if options.guide == Guide::Opacity {
+            return Ok(vec![]);
+        }
+        let mut sums = vec![[0.0; 2]; self.model.cloud.len()];
+        for photograph in guide::looked_at(self.dataset.training.len(), options.seed, self.model.iteration) {
+            guide::add(&mut sums, &self.errors(photograph)?);
+        }
+        Ok(options.guide.weights(&sums))
+    }
+
+    /// The error of a photograph, shared out among the Gaussians that are seen in it.
+    fn errors(&self, index: usize) -> Result<Vec<f32>, SplatError> {
+        let filtered = self.filtered(&self.deviations());
+        let scene = Scene::still(&filtered);
+        let settings = Settings { outputs: Outputs::default(), ..self.settings() };
+        let frame = Frame::new(&scene, &[View::of(self.model.camera(self.dataset, index))], &settings)?;
+        let image = frame.images().remove(0);
+        let drawn = match self.options.exposure {
+            true => exposed_image(&self.model.exposures[index], &image.colour),
+            false => image.colour,
+        };
+        let photograph = &self.dataset.training[index];
+        let both = drawn.chunks_exact(3).zip(photograph.pixels.rgba.iter());
+        let error = |(drawn, wanted): (&[f32], &[u8; 4])| {
+            let apart = (0..3).map(|c| (drawn[c] - f32::from(wanted[c]) / 255.0).abs()).sum::<f32>() / 3.0;
+            if wanted[3] > 0 { apart } else { 0.0 }
+        };
+        Ok(frame.shares(&scene, &[both.map(error).collect()])?)
+    }
+
+    fn come_and_go(&mut self) -> Result<(), SplatError> {
+        let (options, iteration) = (self.options, self.model.iteration);
         if options.refines(iteration) {
             match options.strategy {
                 Strategy::Mcmc => {
+                    let weights = self.guide_weights()?;
                     let model = &mut self.model;
                     let (means, logits) = (&model.cloud.means, &model.cloud.opacity_logits);
                     let logits = clear::cleared(self.dataset, means, logits, options.clear);
-                    Relocation::of_dead(&logits, options.seed, iteration).apply(model);
-                    Relocation::of_new(&model.cloud.opacity_logits, options.cap, options.seed, iteration).apply(model);
+                    let dead = Relocation::of_dead(&logits, &weights, options.seed, iteration);
+                    dead.apply(model);
+                    let (logits, weights) = (&model.cloud.opacity_logits, dead.shared_weights(weights));
+                    Relocation::of_new(logits, &weights, options.cap, options.seed, iteration).apply(model);
                 }
                 Strategy::Classic => {
                     classic::refine(&mut self.model, self.dataset.extent, options.cap, options.seed);
                 }
             }
         }
-        if options.resets(iteration) {
+        if self.options.resets(iteration) {
             classic::reset(&mut self.model);
         }
+        Ok(())
     }
 }
 
@@ -195,7 +262,7 @@ impl Engine for CpuEngine<'_> {
             let noise = self.options.noise_rate(iteration, self.dataset.extent);
             shake(&mut self.model, noise, self.options.seed);
         }
-        self.come_and_go();
+        self.come_and_go()?;
         self.model.iteration += 1;
         Ok(())
     }
@@ -259,7 +326,7 @@ mod tests {
     }
 
     fn psnr(engine: &mut CpuEngine, dataset: &Dataset) -> f64 {
-        let all = scores(&engine.model().unwrap().cloud, &dataset.training, dataset.background).unwrap();
+        let all = scores(&engine.model().unwrap().cloud, &dataset.training, dataset).unwrap();
         all.iter().map(|score| score.psnr).sum::<f64>() / all.len() as f64
     }
 
@@ -284,8 +351,9 @@ mod tests {
         // Photographs of the same scene over grey, learned over grey and over black.
         let mut scene = tiny::scene(60, 8, 48);
         let grey = [0.5, 0.4, 0.6];
+        let over = Dataset { background: grey, ..scene.dataset.clone() };
         for one in &mut scene.dataset.training {
-            let image = super::super::drawn(&scene.cloud, &one.camera, grey).unwrap();
+            let image = super::super::drawn(&scene.cloud, &one.camera, &over).unwrap();
             one.pixels = tiny::of_image(&image, &one.camera, &one.name).pixels;
         }
         let losses = [grey, [0.0; 3]].map(|background| {
@@ -299,9 +367,18 @@ mod tests {
 
     #[test]
     fn stopping_and_going_on_gives_the_same_bits_on_any_number_of_threads() {
-        let scene = tiny::scene(40, 4, 32);
+        let mut scene = tiny::scene(40, 4, 32);
         for strategy in [Strategy::Mcmc, Strategy::Classic] {
-            let options = TrainOptions { exposure: true, poses: true, lens: true, drop: 0.2, ..options(90, strategy) };
+            scene.dataset.antialias = strategy == Strategy::Mcmc;
+            let options = TrainOptions {
+                exposure: true,
+                poses: true,
+                lens: true,
+                drop: 0.2,
+                guide: Guide::Views,
+                settle: 0.1,
+                ..options(90, strategy)
+            };
             let whole = |threads: usize| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
                 pool.install(|| {

@@ -1,13 +1,16 @@
 //! Photographs with pinhole cameras, some of them held out to score what was learned from the others.
 
+use super::filter::{self, Sampling};
 use super::undistort::{Pixels, smaller, undistorted};
 use crate::SplatError;
 use crate::captures::pictures::{self, Shown};
 use crate::captures::{Capture, CaptureCamera, DepthFile};
 use crate::error::off;
 use glam::DVec3;
-use qv_core::Camera;
+use qv_core::{Camera, GaussianCloud};
+use qv_raster::{Outputs, Settings};
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A photograph without distortion.
@@ -54,6 +57,8 @@ pub struct Dataset {
     /// Colour behind all Gaussians when photographs are drawn, 0 to 1: the mean of those to learn from, so that what none of them
     /// shows is wrong by less than if it were black.
     pub background: [f32; 3],
+    /// Photographs are drawn with anti-aliasing: [`qv_raster::Settings::antialias`], and the filter of [`crate::train::filter`].
+    pub antialias: bool,
     /// What of the capture could not be used, a line each.
     pub lost: Vec<String>,
     /// What was done with images that EXIF tells to turn, and how many.
@@ -141,13 +146,32 @@ impl Dataset {
         }
         let background = mean_colour(&training);
         let (lost, turned, extent) = (vec![], BTreeMap::new(), extent(&cameras));
-        let dataset = Self { training, held_out, extent, nearest: vec![], background, lost, turned };
+        let dataset = Self { training, held_out, extent, nearest: vec![], background, antialias: false, lost, turned };
         let count = dataset.training.len();
         if dataset.alone().len() == count {
             let expected = "two photographs that show the same place";
             return Err(off("capture", expected, format!("no overlap between any of {count}")));
         }
         Ok(dataset)
+    }
+
+    /// What the photographs to learn from sample, with their cameras as they were given.
+    pub fn sampling(&self) -> Sampling {
+        let cameras: Vec<Camera> = self.training.iter().map(|one| one.camera).collect();
+        Sampling::of(&cameras)
+    }
+
+    /// The Gaussians as they are drawn: with anti-aliasing filtered.
+    pub fn filtered<'a>(&self, cloud: &'a GaussianCloud) -> Cow<'a, GaussianCloud> {
+        match self.antialias {
+            true => Cow::Owned(filter::seen(cloud, &self.sampling().deviations(&cloud.means))),
+            false => Cow::Borrowed(cloud),
+        }
+    }
+
+    /// How photographs are drawn.
+    pub fn settings(&self, outputs: Outputs) -> Settings {
+        Settings { outputs, background: self.background, antialias: self.antialias }
     }
 
     /// Whether all photographs to learn from were taken from one place, so that no two of them tell a depth.

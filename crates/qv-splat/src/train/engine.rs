@@ -8,7 +8,7 @@ use super::score::{Score, score};
 use crate::SplatError;
 use crate::error::off;
 use qv_core::{Camera, GaussianCloud};
-use qv_raster::{Image, Scene, Settings, View};
+use qv_raster::{Image, Outputs, Scene, View};
 
 /// What does the steps.
 pub trait Engine {
@@ -92,12 +92,8 @@ pub fn train(
 ///
 /// # Errors
 /// Drawing fails.
-pub fn scores(
-    cloud: &GaussianCloud,
-    photographs: &[Photograph],
-    background: [f32; 3],
-) -> Result<Vec<Score>, SplatError> {
-    photographs.iter().map(|one| Ok(score(&drawn(cloud, &one.camera, background)?.colour, one))).collect()
+pub fn scores(cloud: &GaussianCloud, photographs: &[Photograph], dataset: &Dataset) -> Result<Vec<Score>, SplatError> {
+    photographs.iter().map(|one| Ok(score(&drawn(cloud, &one.camera, dataset)?.colour, one))).collect()
 }
 
 /// As [`scores`] of photographs that were held out, with the exposure that the photographs before and after it by name have on average: nothing of the
@@ -107,7 +103,7 @@ pub fn scores(
 /// Drawing fails.
 pub fn neighbours_scores(model: &Model, dataset: &Dataset, held_out: &[Photograph]) -> Result<Vec<Score>, SplatError> {
     let one = |photograph: &Photograph| {
-        let image = drawn(&model.cloud, &photograph.camera, dataset.background)?;
+        let image = drawn(&model.cloud, &photograph.camera, dataset)?;
         let exposure = neighbours(&dataset.training, &model.exposures, &photograph.name);
         Ok(score(&exposed_image(&exposure, &image.colour), photograph))
     };
@@ -123,13 +119,14 @@ fn neighbours(training: &[Photograph], exposures: &[Exposure], name: &str) -> Ex
     out
 }
 
-/// Colour over a background, and alpha, as a camera sees them.
+/// Colour over the background of the photographs, and alpha, as a camera sees them.
 ///
 /// # Errors
 /// Drawing fails.
-pub fn drawn(cloud: &GaussianCloud, camera: &Camera, background: [f32; 3]) -> Result<Image, SplatError> {
-    let settings = Settings { background, ..Default::default() };
-    Ok(qv_raster::render(&Scene::still(cloud), &[View::of(*camera)], &settings)?.0.remove(0))
+pub fn drawn(cloud: &GaussianCloud, camera: &Camera, dataset: &Dataset) -> Result<Image, SplatError> {
+    let filtered = dataset.filtered(cloud);
+    let settings = dataset.settings(Outputs::default());
+    Ok(qv_raster::render(&Scene::still(&filtered), &[View::of(*camera)], &settings)?.0.remove(0))
 }
 
 #[cfg(test)]

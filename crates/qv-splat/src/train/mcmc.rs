@@ -36,26 +36,44 @@ pub struct Relocation {
 }
 
 impl Relocation {
-    /// Moves dead Gaussians to living ones.
-    pub fn of_dead(logits: &[f32], seed: u32, step: u32) -> Self {
-        let opacity = |logit: &f32| if logistic(*logit) > DEAD { logistic(*logit) } else { 0.0 };
-        let targets: Vec<u32> = (0..logits.len() as u32).filter(|&i| opacity(&logits[i as usize]) == 0.0).collect();
-        Self::new(logits, opacity, &targets, seed, 2 * step)
+    /// Moves dead Gaussians to living ones, chosen by their `weights`, or by opacity where there are none.
+    pub fn of_dead(logits: &[f32], weights: &[f32], seed: u32, step: u32) -> Self {
+        let lives = |logit: &f32| logistic(*logit) > DEAD;
+        let weight = |i: usize| if lives(&logits[i]) { weight_of(logits, weights, i) } else { 0.0 };
+        let targets: Vec<u32> = (0..logits.len() as u32).filter(|&i| !lives(&logits[i as usize])).collect();
+        Self::new(logits, weight, &targets, seed, 2 * step)
     }
 
-    /// Lets the number grow by [`GROWTH`], up to `cap`.
-    pub fn of_new(logits: &[f32], cap: usize, seed: u32, step: u32) -> Self {
+    /// Lets the number grow by [`GROWTH`], up to `cap`; they come to others as the dead do.
+    pub fn of_new(logits: &[f32], weights: &[f32], cap: usize, seed: u32, step: u32) -> Self {
         let wanted = cap.min(((1.0 + GROWTH) * logits.len() as f64) as usize).max(logits.len());
         let targets: Vec<u32> = (logits.len() as u32..wanted as u32).collect();
-        Self::new(logits, |logit| logistic(*logit), &targets, seed, 2 * step + 1)
+        Self::new(logits, |i| weight_of(logits, weights, i), &targets, seed, 2 * step + 1)
     }
 
-    fn new(logits: &[f32], weight: impl Fn(&f32) -> f32, targets: &[u32], seed: u32, step: u32) -> Self {
+    /// Weights after this: those that stand in the place of one share what it had.
+    pub fn shared_weights(&self, mut weights: Vec<f32>) -> Vec<f32> {
+        if weights.is_empty() {
+            return weights;
+        }
+        let mut together = vec![1u32; weights.len()];
+        self.copies.iter().for_each(|[_, source]| together[*source as usize] += 1);
+        weights.iter_mut().zip(&together).for_each(|(weight, together)| *weight /= *together as f32);
+        for [target, source] in &self.copies {
+            let weight = weights[*source as usize];
+            match weights.get_mut(*target as usize) {
+                Some(slot) => *slot = weight,
+                None => weights.push(weight),
+            }
+        }
+        weights
+    }
+
+    fn new(logits: &[f32], weight: impl Fn(usize) -> f32, targets: &[u32], seed: u32, step: u32) -> Self {
         let mut total = 0.0f64;
-        let sums: Vec<f64> = logits
-            .iter()
-            .map(|logit| {
-                let weight = weight(logit) as f64;
+        let sums: Vec<f64> = (0..logits.len())
+            .map(|i| {
+                let weight = weight(i) as f64;
                 total += if weight.is_finite() { weight } else { 0.0 };
                 total
             })
@@ -98,6 +116,10 @@ impl Relocation {
             model.copy(*target as usize, *source as usize);
         }
     }
+}
+
+fn weight_of(logits: &[f32], weights: &[f32], index: usize) -> f32 {
+    weights.get(index).copied().unwrap_or_else(|| logistic(logits[index]))
 }
 
 /// Opacity of each of `count` Gaussians in the place of one, and the factor of their scales.
@@ -145,16 +167,34 @@ mod tests {
     fn the_dead_move_and_the_number_grows() {
         let mut logits = vec![2.0f32; 100];
         logits[..30].fill(-8.0);
-        let dead = Relocation::of_dead(&logits, 5, 1);
+        let dead = Relocation::of_dead(&logits, &[], 5, 1);
         assert_eq!(dead.copies.len(), 30);
         assert!(dead.copies.iter().all(|[target, source]| *target < 30 && *source >= 30));
-        assert_eq!(dead, Relocation::of_dead(&logits, 5, 1));
-        assert_ne!(dead, Relocation::of_dead(&logits, 6, 1));
+        assert_eq!(dead, Relocation::of_dead(&logits, &[], 5, 1));
+        assert_ne!(dead, Relocation::of_dead(&logits, &[], 6, 1));
         assert!(dead.changes.iter().all(|change| change.logit < 2.0 && change.shift < 0.1));
-        let new = Relocation::of_new(&logits, 103, 5, 1);
+        let new = Relocation::of_new(&logits, &[], 103, 5, 1);
         let targets: Vec<u32> = new.copies.iter().map(|copy| copy[0]).collect();
         assert_eq!(targets, [100, 101, 102]);
-        assert_eq!(Relocation::of_dead(&[-9.0; 4], 1, 1), Relocation::default());
-        assert_eq!(Relocation::of_new(&[], 10, 1, 1), Relocation::default());
+        assert_eq!(Relocation::of_dead(&[-9.0; 4], &[], 1, 1), Relocation::default());
+        assert_eq!(Relocation::of_new(&[], &[], 10, 1, 1), Relocation::default());
+    }
+
+    #[test]
+    fn weights_decide_where_they_go_and_are_shared() {
+        let mut logits = vec![2.0f32; 400];
+        logits[..300].fill(-8.0);
+        let mut weights = vec![0.0; 400];
+        // Dead ones are no places to go to, whatever they weigh.
+        (weights[3], weights[350], weights[360]) = (9.0, 1.0, 2.0);
+        let dead = Relocation::of_dead(&logits, &weights, 5, 1);
+        let at = |wanted: u32| dead.copies.iter().filter(|[_, source]| *source == wanted).count();
+        assert!(at(350) + at(360) == 300 && at(350).abs_diff(100) < 30, "{} {}", at(350), at(360));
+        let shared = dead.shared_weights(weights.clone());
+        assert!((shared.iter().sum::<f32>() - 3.0).abs() < 1e-4, "{shared:?}");
+        assert_eq!(shared[350], 1.0 / (1 + at(350)) as f32);
+        let new = Relocation::of_new(&logits, &shared, 403, 5, 1);
+        assert_eq!(new.shared_weights(shared).len(), 403);
+        assert_eq!(dead.shared_weights(vec![]), Vec::<f32>::new());
     }
 }

@@ -4,6 +4,7 @@
 //! a file or looks at a clock.
 
 pub mod adam;
+pub mod aside;
 mod best;
 pub mod cameras;
 pub mod checkpoint;
@@ -14,8 +15,10 @@ mod dataset;
 pub mod drop;
 mod engine;
 pub mod exposure;
+pub mod filter;
 #[cfg(feature = "gpu")]
 pub mod gpu;
+pub mod guide;
 pub mod loss;
 pub mod mcmc;
 mod model;

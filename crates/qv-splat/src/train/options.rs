@@ -1,6 +1,7 @@
 //! What training is asked for. The numbers of `Default` are those of the papers' programs: Kerbl et al., *3D Gaussian Splatting* (2023),
 //! Kheradmand et al., *3D Gaussian Splatting as Markov Chain Monte Carlo* (2024), with the constants of gsplat 1.5.3.
 
+use super::guide::Guide;
 use crate::SplatError;
 use crate::error::off;
 
@@ -22,6 +23,8 @@ pub struct Weights {
     pub opacity: f32,
     /// Mean scale in units of the extent; with [`Strategy::Mcmc`] only.
     pub scale: f32,
+    /// Mean square of the harmonics but the constant one, once for all photographs: a step, which is of one of them, has its share.
+    pub harmonics: f32,
     /// Squared distance of exposures from identity.
     pub exposure: f32,
     /// Mean of the smallest scale in units of the extent (2D planar regularisation).
@@ -44,6 +47,7 @@ impl Default for Weights {
             ssim: 0.2,
             opacity: 0.01,
             scale: 0.01,
+            harmonics: 0.0,
             exposure: 0.01,
             flattening: 0.0,
             depth_normal: 0.0,
@@ -79,6 +83,8 @@ pub struct TrainOptions {
     pub cap: usize,
     /// How Gaussians come and go.
     pub strategy: Strategy,
+    /// Beside which Gaussians others are put, with [`Strategy::Mcmc`].
+    pub guide: Guide,
     /// Learn an affine colour transform for each photograph.
     pub exposure: bool,
     /// Refine the poses of the photographs, and the place of each camera on what its poses were measured of.
@@ -101,6 +107,9 @@ pub struct TrainOptions {
     pub noise: f32,
     /// Gaussians nearer to a camera than this share of the nearest points in its image are dead, with [`Strategy::Mcmc`]; 0 lets them be.
     pub clear: f32,
+    /// What the rates of Gaussians (but the means', which fall all the time) have fallen to by the end of the run, once Gaussians no longer
+    /// come and go; 1 leaves them.
+    pub settle: f32,
     /// Share of the Gaussians that a step leaves out, at the end of the run; it rises from 0. Helps with few photographs.
     pub drop: f32,
     /// The same seed gives the same bits on the CPU.
@@ -113,6 +122,7 @@ impl Default for TrainOptions {
             iterations: 7000,
             cap: 300_000,
             strategy: Strategy::Mcmc,
+            guide: Guide::Opacity,
             exposure: false,
             poses: false,
             lens: false,
@@ -124,6 +134,7 @@ impl Default for TrainOptions {
             weights: Weights::default(),
             noise: 5e5,
             clear: 0.0,
+            settle: 1.0,
             drop: 0.0,
             seed: 0,
         }
@@ -159,18 +170,25 @@ impl TrainOptions {
     /// Rates of a step. The means' rate goes with the extent of the cameras \[m\] and falls to a hundredth by the end.
     pub fn rates(&self, iteration: u32, extent: f32) -> Rates {
         let fall = 0.01f32.powf(iteration as f32 / self.iterations.max(1) as f32);
+        let settled = self.settle.powf(self.settling(iteration));
         Rates {
             means: 1.6e-4 * extent * fall,
-            log_scales: 5e-3,
-            rotations: 1e-3,
-            opacities: 5e-2,
-            colours: 2.5e-3,
-            harmonics: 2.5e-3 / 20.0,
-            features: 2.5e-3,
+            log_scales: 5e-3 * settled,
+            rotations: 1e-3 * settled,
+            opacities: 5e-2 * settled,
+            colours: 2.5e-3 * settled,
+            harmonics: 2.5e-3 / 20.0 * settled,
+            features: 2.5e-3 * settled,
             exposures: 5e-3 * fall.sqrt(),
             poses: 3e-4 * fall,
             lens: 5e-4 * fall,
         }
+    }
+
+    /// How much of the time is over in which no Gaussians come or go any more, 0 to 1.
+    fn settling(&self, iteration: u32) -> f32 {
+        let from = self.last_refinement();
+        iteration.saturating_sub(from) as f32 / self.iterations.saturating_sub(from).max(1) as f32
     }
 
     /// What scales the noise of the means in a step \[1/m\].
@@ -186,14 +204,18 @@ impl TrainOptions {
 
     /// Whether Gaussians come and go after a step. The last sixth of a run is left to settle, as 25 000 of 30 000 steps do.
     pub fn refines(&self, iteration: u32) -> bool {
-        let until = self.iterations - self.iterations / 6;
         iteration > self.refine_from
             && iteration.is_multiple_of(self.refine_every.max(1))
-            && iteration
-                <= until.min(match self.strategy {
-                    Strategy::Mcmc => 25_000,
-                    Strategy::Classic => 15_000,
-                })
+            && iteration <= self.last_refinement()
+    }
+
+    /// After which step Gaussians come and go no more.
+    fn last_refinement(&self) -> u32 {
+        let until = self.iterations - self.iterations / 6;
+        until.min(match self.strategy {
+            Strategy::Mcmc => 25_000,
+            Strategy::Classic => 15_000,
+        })
     }
 
     /// Whether opacities are cut down after a step.
@@ -220,12 +242,16 @@ impl TrainOptions {
         if !(0.0..=1.0).contains(&w.ssim) {
             return Err(off(place("share of SSIM"), "0 to 1", w.ssim));
         }
+        if !(self.settle > 0.0 && self.settle <= 1.0) {
+            return Err(off(place("rates at the end"), "a share above 0, at most 1", self.settle));
+        }
         if !(0.0..=MOST_DROPPED).contains(&self.drop) {
             return Err(off(place("share left out"), format!("0 to {MOST_DROPPED}"), self.drop));
         }
         for (name, weight) in [
             ("opacity", w.opacity),
             ("scale", w.scale),
+            ("harmonics", w.harmonics),
             ("exposure", w.exposure),
             ("flattening", w.flattening),
             ("depth-normal", w.depth_normal),

@@ -6,7 +6,7 @@ use super::loss::photometric;
 use crate::SplatError;
 use glam::{DQuat, DVec3};
 use qv_core::{Camera, GaussianCloud, Pose};
-use qv_raster::{Frame, Scene, Settings, View};
+use qv_raster::{Frame, Outputs, Scene, View};
 
 /// The camera of a photograph that was held out, moved to where a scene shows the left half of the photograph best, by `steps` steps of Adam
 /// in the twist. Where the poses of the others were refined, the frame of the scene has moved with them, and a held-out pose as it came
@@ -25,8 +25,9 @@ pub fn aligned(
     (0..valid.len()).filter(|pixel| pixel % width >= width / 2).for_each(|pixel| valid[pixel] = false);
     let mut camera = photograph.camera;
     let (mut first, mut second) = ([0.0f32; 6], [0.0f32; 6]);
-    let scene = Scene::still(cloud);
-    let settings = Settings { background: dataset.background, ..Default::default() };
+    let filtered = dataset.filtered(cloud);
+    let scene = Scene::still(&filtered);
+    let settings = dataset.settings(Outputs::default());
     for iteration in 0..steps {
         let frame = Frame::new(&scene, &[View::of(camera)], &settings)?;
         let mut by = frame.blank_images();

@@ -17,6 +17,8 @@ pub enum Purpose {
     Pair = 6,
     /// Which Gaussians a step leaves out.
     Drop = 7,
+    /// Which photographs are looked at when Gaussians come and go.
+    Look = 8,
 }
 
 /// Four words of a hash (Jarzynski and Olano, *Hash Functions for GPU Rendering*, 2020: pcg4d).

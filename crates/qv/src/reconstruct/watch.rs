@@ -20,6 +20,8 @@ pub(super) const TRAINING: [f64; 2] = [0.02, 0.95];
 pub(super) struct Run<'a> {
     command: &'a Reconstruct,
     dataset: &'a Dataset,
+    /// Steps that are taken.
+    pub iterations: u32,
     clock: Instant,
     bar: &'a Stages,
     stop: Arc<AtomicBool>,
@@ -42,6 +44,7 @@ impl<'a> Run<'a> {
         Self {
             command,
             dataset,
+            iterations: command.iterations,
             clock: Instant::now(),
             bar,
             stop,
@@ -57,10 +60,10 @@ impl<'a> Run<'a> {
         if let Some(loss) = progress.loss {
             self.loss = Some(loss);
             let psnr = self.psnr.map_or(String::new(), |psnr| format!(" PSNR {psnr:.2}"));
-            let share = f64::from(progress.iteration) / f64::from(self.command.iterations);
+            let share = f64::from(progress.iteration) / f64::from(self.iterations);
             let figure = format!(
                 "step {} of {}, loss {loss:.4}{psnr} {} Gaussians",
-                progress.iteration, self.command.iterations, progress.splats
+                progress.iteration, self.iterations, progress.splats
             );
             self.bar.at(TRAINING[0] + share * (TRAINING[1] - TRAINING[0]), &figure);
             if self.command.times {
@@ -70,7 +73,7 @@ impl<'a> Run<'a> {
         }
         let is_time = |every: u32| progress.iteration.is_multiple_of(every);
         let saves = is_time(SAVE_EVERY);
-        let judges = is_time(self.command.judge_every()) && progress.iteration < self.command.iterations;
+        let judges = is_time(self.command.judge_every()) && progress.iteration < self.iterations;
         let previews = self.command.preview && is_time(PREVIEW_EVERY);
         // All of it is fetched from the card at once, for whatever it is wanted.
         if saves || judges || previews {
@@ -83,6 +86,15 @@ impl<'a> Run<'a> {
         }
         let late = self.command.max_seconds.is_some_and(|most| self.clock.elapsed().as_secs_f64() > most);
         Ok(!(late || self.stop.load(Ordering::Relaxed)))
+    }
+
+    /// Tells how far the search for the number of steps is; false to stop.
+    pub fn searches(&self, progress: &Progress) -> bool {
+        if progress.loss.is_some() {
+            let figure = format!("how many steps help: step {}, {} Gaussians", progress.iteration, progress.splats);
+            self.bar.at(TRAINING[0], &figure);
+        }
+        !self.is_stopped()
     }
 
     /// Whether somebody asked for a stop, by Ctrl-C or SIGTERM.
@@ -107,7 +119,7 @@ impl<'a> Run<'a> {
     /// A photograph, held out if there is one, and beside it what is drawn.
     fn preview(&mut self, model: &Model) -> Result<(), Failure> {
         let Some(photograph) = self.dataset.held_out.first().or(self.dataset.training.first()) else { return Ok(()) };
-        let image = drawn(&model.cloud, &photograph.camera, self.dataset.background)?;
+        let image = drawn(&model.cloud, &photograph.camera, self.dataset)?;
         self.psnr = Some(qv_splat::train::score(&image.colour, photograph).psnr);
         let name = format!("{}_{:06}", photograph.name, model.iteration);
         beside(photograph, &image, &self.command.out.join("previews"), &name)

@@ -5,13 +5,14 @@ mod store;
 #[cfg(test)]
 mod tests;
 
-use super::adam::bias;
+use super::adam::{bias, harmonics_weight};
 use super::classic;
 use super::clear;
 use super::cpu::outputs;
 use super::dataset::{Dataset, Photograph};
 use super::drop::Drop;
 use super::engine::Engine;
+use super::guide::{self, ErrorSum, Guide};
 use super::mcmc::Relocation;
 use super::model::Model;
 use super::options::{Strategy, TrainOptions};
@@ -48,6 +49,9 @@ pub struct GpuEngine<'a> {
     list: wgpu::Buffer,
     /// Opacity logits while a step leaves some Gaussians out; none when that is not asked for.
     logits: Option<wgpu::Buffer>,
+    /// Log scales and logits as they are learned and the filter's squared deviations while a step draws filtered ones, and the cameras that
+    /// tell the filter; none without anti-aliasing.
+    filter: Option<(wgpu::Buffer, wgpu::Buffer, GpuCameras)>,
     /// Plane depths of each photograph as they were last drawn; none when no term asks for them.
     plane_depths: Vec<wgpu::Buffer>,
     /// Measured depths of each photograph; none when no term asks for them.
@@ -138,6 +142,14 @@ impl<'a> GpuEngine<'a> {
             report: gpu.filled("report", &[0.0f32; 4])?,
             list: gpu.buffer("list", 16 * (capacity as u64 + 1))?,
             logits: (options.drop > 0.0).then(|| gpu.buffer("logits", 4 * capacity as u64)).transpose()?,
+            filter: match dataset.antialias {
+                true => Some((
+                    gpu.buffer("learned", 16 * capacity as u64)?,
+                    gpu.buffer("squares", 4 * capacity as u64)?,
+                    GpuCameras::new(gpu, &cameras_as_given.iter().map(|camera| View::of(*camera)).collect::<Vec<_>>())?,
+                )),
+                false => None,
+            },
             store: Store::new(gpu, &model, capacity)?,
             kernels: Kernels::new(gpu),
             dataset,
@@ -151,8 +163,7 @@ impl<'a> GpuEngine<'a> {
     }
 
     fn settings(&self) -> Settings {
-        let outputs = outputs(&self.options, self.rest.iteration);
-        Settings { outputs, background: self.dataset.background }
+        self.dataset.settings(outputs(&self.options, self.rest.iteration))
     }
 
     /// Makes the rasteriser ready for a photograph's size.
@@ -243,7 +254,7 @@ impl<'a> GpuEngine<'a> {
             camera_bias: bias(self.rest.shared[group].seen + 1),
             focal: [camera.fx as f32, camera.fy as f32],
             drop: Drop::of(options, iteration).map_or(0.0, |drop| drop.share),
-            unused: 0,
+            shrink: harmonics_weight(self.store.cloud.count, self.dataset.training.len(), options),
         }
     }
 
@@ -328,6 +339,18 @@ impl<'a> GpuEngine<'a> {
         Ok(())
     }
 
+    /// Puts filtered Gaussians in the place of those that are learned, with anti-aliasing, or these back.
+    fn record_filter(&self, entry: &str, words: &StepWords, recorder: &mut Recorder) -> Result<(), SplatError> {
+        let Some((learned, squares, cameras)) = &self.filter else { return Ok(()) };
+        let mut buffers = vec![(0, &self.step), (2, &self.store.cloud.scales), (3, learned), (4, squares)];
+        match entry {
+            "widen" => buffers.extend([(1, &self.store.cloud.means), (6, &cameras.lenses), (7, &cameras.motions)]),
+            _ => buffers.push((5, self.buffer("by_shape")?)),
+        }
+        recorder.run_jobs("filter", &[self.job(entry, [words.count.div_ceil(256), 1], buffers)]);
+        Ok(())
+    }
+
     fn buffer(&self, name: &str) -> Result<&wgpu::Buffer, RasterError> {
         let missing = || RasterError::Device(format!("expected a buffer `{name}`, found none"));
         self.rasteriser.buffer(name).ok_or_else(missing)
@@ -339,6 +362,7 @@ impl<'a> GpuEngine<'a> {
         gpu.queue.write_buffer(&self.step, 0, bytemuck::bytes_of(&words));
         let mut recorder = Recorder::new(gpu, self.how.timed);
         self.rasteriser.aim(&self.cameras, photograph, &mut recorder)?;
+        self.record_filter("widen", &words, &mut recorder)?;
         self.record_drop("leave_out", &words, &mut recorder)?;
         self.rasteriser.record_forward(&self.store.cloud, &mut recorder)?;
         let get = |name: &str| self.buffer(name);
@@ -358,6 +382,7 @@ impl<'a> GpuEngine<'a> {
         self.record_terms(photograph, &words, &mut recorder)?;
         self.rasteriser.record_backward(&self.store.cloud, &mut recorder)?;
         self.record_drop("bring_back", &words, &mut recorder)?;
+        self.record_filter("narrow", &words, &mut recorder)?;
         let finish = vec![(0, &self.step), (1, &self.sums), (2, exposures), (3, &self.report), (4, state)];
         let mut last = vec![self.job("finish", [1, 1], finish)];
         if words.refines > 0 {
@@ -490,6 +515,62 @@ impl<'a> GpuEngine<'a> {
         Ok(())
     }
 
+    /// As on the CPU.
+    fn guide_weights(&mut self) -> Result<Vec<f32>, SplatError> {
+        let options = self.options;
+        if options.guide == Guide::Opacity {
+            return Ok(vec![]);
+        }
+        let mut encoder = self.rasteriser.gpu.device.create_command_encoder(&Default::default());
+        encoder.clear_buffer(&self.store.pulls, 0, None);
+        self.rasteriser.gpu.queue.submit([encoder.finish()]);
+        for photograph in guide::looked_at(self.dataset.training.len(), options.seed, self.rest.iteration) {
+            self.prepare(photograph)?;
+            self.add_errors(photograph)?;
+        }
+        let sums: Vec<ErrorSum> = self.rasteriser.gpu.read(&self.store.pulls, self.store.cloud.count)?;
+        Ok(options.guide.weights(&sums))
+    }
+
+    /// Shares the error of a photograph out among the Gaussians that are seen in it.
+    fn add_errors(&self, photograph: usize) -> Result<(), SplatError> {
+        let words = self.words(photograph);
+        let gpu = &self.rasteriser.gpu;
+        gpu.queue.write_buffer(&self.step, 0, bytemuck::bytes_of(&words));
+        let mut recorder = Recorder::new(gpu, false);
+        self.rasteriser.aim(&self.cameras, photograph, &mut recorder)?;
+        self.record_filter("widen", &words, &mut recorder)?;
+        self.rasteriser.record_forward(&self.store.cloud, &mut recorder)?;
+        // Of the derivatives by images only those by colours are filled anew; by others they would be of an earlier step.
+        for name in ["by_depths", "by_planes", "by_features"] {
+            if let Some(buffer) = self.rasteriser.buffer(name) {
+                recorder.encoder.clear_buffer(buffer, 0, None);
+            }
+        }
+        let error = vec![
+            (0, &self.step),
+            (1, self.buffer("colours")?),
+            (2, &self.photographs[photograph]),
+            (3, &self.store.exposures),
+            (5, self.buffer("by_colours")?),
+        ];
+        let image = [words.width.div_ceil(16), words.height.div_ceil(16)];
+        recorder.run_jobs("errors", &[self.job("error", image, error)]);
+        self.rasteriser.record_shares(&self.store.cloud, &mut recorder)?;
+        let share = vec![
+            (0, &self.step),
+            (11, self.buffer("state")?),
+            (12, self.buffer("records")?),
+            (13, self.buffer("counts")?),
+            (14, self.buffer("record_gradients")?),
+            (15, &self.store.pulls),
+        ];
+        recorder.run_jobs("errors", &[self.job("share", folded(words.count.div_ceil(256)), share)]);
+        self.record_filter("narrow", &words, &mut recorder)?;
+        recorder.submit();
+        Ok(())
+    }
+
     fn come_and_go(&mut self) -> Result<(), SplatError> {
         let (options, iteration) = (self.options, self.rest.iteration);
         let (refines, resets) = (options.refines(iteration), options.resets(iteration));
@@ -498,13 +579,15 @@ impl<'a> GpuEngine<'a> {
             if options.clear > 0.0 {
                 logits = clear::cleared(self.dataset, &self.store.means(&self.rasteriser.gpu)?, &logits, options.clear);
             }
-            let dead = Relocation::of_dead(&logits, options.seed, iteration);
+            let weights = self.guide_weights()?;
+            let dead = Relocation::of_dead(&logits, &weights, options.seed, iteration);
             self.relocate(&dead)?;
             dead.changes.iter().for_each(|change| logits[change.index as usize] = change.logit);
             for [target, source] in &dead.copies {
                 logits[*target as usize] = logits[*source as usize];
             }
-            self.relocate(&Relocation::of_new(&logits, options.cap, options.seed, iteration))?;
+            let weights = dead.shared_weights(weights);
+            self.relocate(&Relocation::of_new(&logits, &weights, options.cap, options.seed, iteration))?;
         } else if refines || resets {
             let mut model = self.model()?;
             if refines {

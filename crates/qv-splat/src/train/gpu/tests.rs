@@ -7,6 +7,7 @@ mod skipped;
 #[cfg(test)]
 mod against_the_cpu {
     use super::super::super::cpu::CpuEngine;
+    use super::super::super::filter;
     use super::super::super::start::of_points;
     use super::super::super::tiny;
     use super::super::*;
@@ -54,11 +55,14 @@ mod against_the_cpu {
         scene.dataset.training[1].labels = (0..2500).map(|i| (i % 4) as u8).collect();
         for strategy in [Strategy::Mcmc, Strategy::Classic] {
             for atomic in [true, false] {
+                scene.dataset.antialias = atomic;
                 let Some(rasteriser) = rasteriser() else { return };
                 let mut options =
                     TrainOptions { strategy, exposure: true, poses: true, lens: true, cap: 100, ..Default::default() };
                 (options.drop, options.iterations) = (0.5, 10);
                 options.weights.flattening = 10.0;
+                options.weights.harmonics = 50.0;
+                options.settle = 0.5;
                 options.weights.normal_prior = 0.1;
                 options.weights.labels = 0.5;
                 options.weights.depth_normal = 0.1;
@@ -78,10 +82,13 @@ mod against_the_cpu {
                 // What the other view shows is drawn anew on the CPU and kept from the last time on the card.
                 for (k, buffer) in gpu.plane_depths.iter().enumerate() {
                     let outputs = Outputs { plane: true, ..Default::default() };
-                    let settings = Settings { outputs, ..Default::default() };
+                    let settings = Settings { outputs, antialias: atomic, ..Default::default() };
                     let view = View::of(scene.dataset.training[k].camera);
-                    let (images, _) =
-                        render(&Scene::still(&begin(&scene, &options).cloud), &[view], &settings).unwrap();
+                    let mut cloud = begin(&scene, &options).cloud;
+                    if atomic {
+                        cloud = filter::seen(&cloud, &scene.dataset.sampling().deviations(&cloud.means));
+                    }
+                    let (images, _) = render(&Scene::still(&cloud), &[view], &settings).unwrap();
                     gpu.rasteriser.gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(&images[0].plane_depth));
                 }
                 cpu.step(1).unwrap();
@@ -118,6 +125,23 @@ mod against_the_cpu {
                     near("pulls", a.pulls.as_flattened(), b.pulls.as_flattened(), 1e-3);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn errors_are_shared_out_as_on_the_cpu() {
+        let mut scene = tiny::scene(70, 12, 50);
+        for antialias in [false, true] {
+            let Some(rasteriser) = rasteriser() else { return };
+            scene.dataset.antialias = antialias;
+            let options = TrainOptions { guide: Guide::Views, exposure: true, cap: 100, ..Default::default() };
+            let mut model = begin(&scene, &options);
+            model.iteration = 700;
+            let cpu = CpuEngine::new(&scene.dataset, &options, model.clone()).unwrap();
+            let mut gpu = GpuEngine::new(rasteriser, &scene.dataset, &options, model, Default::default()).unwrap();
+            let (a, b) = (cpu.guide_weights().unwrap(), gpu.guide_weights().unwrap());
+            near("weights", &a, &b, 1e-3);
+            assert!(a.iter().all(|weight| *weight >= 0.0) && a.iter().sum::<f32>() > 1.0, "{a:?}");
         }
     }
 
