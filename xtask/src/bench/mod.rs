@@ -3,6 +3,7 @@
 mod fleet;
 mod python;
 mod raster;
+mod reconstruct;
 mod sim;
 mod tune;
 mod walk;
@@ -24,6 +25,8 @@ pub enum Bench {
     Sim(sim::Sim),
     /// Images per second of the rasteriser, beside gsplat where there is one, and on the CPU
     Raster(raster::Raster),
+    /// Scenes that `qv reconstruct` learns, beside gsplat's where there is one
+    Reconstruct(reconstruct::Reconstruct),
     /// Time that a policy takes to learn to walk, and the learner beside rsl_rl's
     Walk(walk::Walk),
     /// How much less robots with hidden effects stray from their paths after `qv tune`
@@ -42,6 +45,7 @@ pub fn run(workspace: &Workspace, what: Bench) -> Result<bool> {
     match what {
         Bench::Sim(sim) => sim::run(workspace, sim),
         Bench::Raster(raster) => raster::run(workspace, &raster),
+        Bench::Reconstruct(what) => reconstruct::run(workspace, &what),
         Bench::Walk(walk) => walk::run(workspace, &walk),
         Bench::Tune(tune) => tune::run(workspace, &tune),
         Bench::Python(python) => python::run(workspace, &python),

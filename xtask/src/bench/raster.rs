@@ -190,7 +190,7 @@ pub fn run(workspace: &Workspace, raster: &Raster) -> Result<bool> {
 }
 
 /// gsplat's side.
-struct Rival {
+pub struct Rival {
     python: PathBuf,
     script: PathBuf,
     card: String,
@@ -212,7 +212,7 @@ impl Contest {
             println!("a software adapter: smaller clouds, {} cameras, {} frames, no gsplat", size.cameras, size.frames);
             None
         } else {
-            rival(workspace, &raster.python, card)?
+            rival(workspace, &raster.python, Some(card))?
         };
         Ok(Self { ours, size, peer, scene: folder(workspace)?.join("raster.scene") })
     }
@@ -282,14 +282,14 @@ fn python(python: &Path, script: &Path) -> Command {
     program
 }
 
-/// gsplat, when this Python has it; else says how to get it.
-fn rival(workspace: &Workspace, with: &Path, ours: &str) -> Result<Option<Rival>> {
+/// gsplat, when this Python has it; else says how to get it. `ours` is the name of the card that ours works on, where it is known.
+pub fn rival(workspace: &Workspace, with: &Path, ours: Option<&str>) -> Result<Option<Rival>> {
     let script = workspace.workspace_root.join("fixtures/gsplat/bench.py");
     let missing = if process::works(Command::new(with).arg("--version")) {
         match last_line(python(with, &script).arg("--probe"))? {
             Found::Card { name: card, .. } => {
                 println!("gsplat beside, on {card}");
-                if card != ours {
+                if ours.is_some_and(|ours| card != ours) {
                     println!("the cards' names differ: the ratios may compare cards, too");
                 }
                 return Ok(Some(Rival { python: with.into(), script, card }));

@@ -112,13 +112,20 @@ impl<'a> Recorder<'a> {
     }
 
     /// Submits what was recorded.
-    pub fn submit(mut self) -> Option<Stamps> {
+    pub fn submit(self) -> Option<Stamps> {
+        let queue = &self.gpu.queue;
+        let (commands, stamps) = self.finish();
+        queue.submit([commands]);
+        stamps
+    }
+
+    /// What was recorded, to be submitted with more.
+    pub fn finish(mut self) -> (wgpu::CommandBuffer, Option<Stamps>) {
         if let Some(stamps) = &self.stamps {
             let count = 2 * stamps.names.len() as u32;
             self.encoder.resolve_query_set(&stamps.set, 0..count, &stamps.buffer, 0);
         }
-        self.gpu.queue.submit([self.encoder.finish()]);
-        self.stamps
+        (self.encoder.finish(), self.stamps)
     }
 }
 

@@ -39,6 +39,10 @@ pub struct GpuEngine<'a> {
     photographs: Vec<wgpu::Buffer>,
     cameras: GpuCameras,
     step: wgpu::Buffer,
+    /// What the steps of a submission are told, one after the other.
+    told: wgpu::Buffer,
+    /// Steps that were recorded and not submitted.
+    recorded: Vec<wgpu::CommandBuffer>,
     maps: wgpu::Buffer,
     sums: wgpu::Buffer,
     /// Derivatives by the lens, of each workgroup.
@@ -81,6 +85,11 @@ impl Default for GpuTraining {
         Self { atomic: true }
     }
 }
+
+/// Bytes that a step is told.
+const WORDS: u64 = size_of::<StepWords>() as u64;
+/// Steps that are submitted at once: a submission costs the card a pause.
+const AT_ONCE: usize = 8;
 
 const WAITS: &str = "graphics device";
 
@@ -134,7 +143,9 @@ impl<'a> GpuEngine<'a> {
             labels: labels.collect::<Result<_, _>>()?,
             partners: multi_view::partners(&cameras_as_given, dataset.extent),
             cameras: cameras(&rasteriser, dataset, &model)?,
-            step: gpu.buffer("step", size_of::<StepWords>() as u64)?,
+            step: gpu.buffer("step", WORDS)?,
+            told: gpu.buffer("told", WORDS * AT_ONCE as u64)?,
+            recorded: vec![],
             maps: gpu.buffer("maps", 36 * pixels)?,
             sums: gpu.buffer("sums", 64 * groups)?,
             bends: gpu.buffer("bends", 16 * groups)?,
@@ -173,6 +184,7 @@ impl<'a> GpuEngine<'a> {
         if self.prepared == Some(size) {
             return Ok(());
         }
+        self.flush();
         let settings = self.settings();
         self.rasteriser.prepare_still(
             &self.store.cloud,
@@ -359,8 +371,11 @@ impl<'a> GpuEngine<'a> {
     fn look(&mut self, photograph: usize) -> Result<(), SplatError> {
         let words = self.words(photograph);
         let gpu = &self.rasteriser.gpu;
-        gpu.queue.write_buffer(&self.step, 0, bytemuck::bytes_of(&words));
+        // What is written goes before all that is submitted later, so each step of a submission has a place of its own.
+        let place = WORDS * self.recorded.len() as u64;
+        gpu.queue.write_buffer(&self.told, place, bytemuck::bytes_of(&words));
         let mut recorder = Recorder::new(gpu, self.how.timed);
+        recorder.encoder.copy_buffer_to_buffer(&self.told, place, &self.step, 0, WORDS);
         self.rasteriser.aim(&self.cameras, photograph, &mut recorder)?;
         self.record_filter("widen", &words, &mut recorder)?;
         self.record_drop("leave_out", &words, &mut recorder)?;
@@ -436,11 +451,21 @@ impl<'a> GpuEngine<'a> {
             rest.push(self.job("features", folded((words.count * words.feature_count).div_ceil(1024)), features));
         }
         recorder.run_jobs("adam harmonics", &rest);
-        if let Some(stamps) = recorder.submit() {
+        let (commands, stamps) = recorder.finish();
+        self.recorded.push(commands);
+        if let Some(stamps) = stamps {
             self.stamps = Some(stamps);
             self.how.timed = false;
         }
+        if self.recorded.len() == AT_ONCE {
+            self.flush();
+        }
         Ok(())
+    }
+
+    /// Submits the steps that were recorded: before anything else is asked of the card.
+    fn flush(&mut self) {
+        self.rasteriser.gpu.queue.submit(self.recorded.drain(..));
     }
 
     fn job<'b>(&'b self, entry: &str, groups: [u32; 2], buffers: Vec<(u32, &'b wgpu::Buffer)>) -> Job<'b> {
@@ -574,6 +599,9 @@ impl<'a> GpuEngine<'a> {
     fn come_and_go(&mut self) -> Result<(), SplatError> {
         let (options, iteration) = (self.options, self.rest.iteration);
         let (refines, resets) = (options.refines(iteration), options.resets(iteration));
+        if refines || resets {
+            self.flush();
+        }
         if refines && options.strategy == Strategy::Mcmc {
             let mut logits = self.store.logits(&self.rasteriser.gpu)?;
             if options.clear > 0.0 {
@@ -645,6 +673,7 @@ impl Engine for GpuEngine<'_> {
     }
 
     fn loss(&mut self) -> Result<f32, SplatError> {
+        self.flush();
         let gpu = &self.rasteriser.gpu;
         let report: Vec<f32> = gpu.read(&self.report, 4)?;
         gpu.queue.write_buffer(&self.report, 0, bytemuck::cast_slice(&[0.0f32; 4]));
@@ -656,6 +685,7 @@ impl Engine for GpuEngine<'_> {
     }
 
     fn model(&mut self) -> Result<Model, SplatError> {
+        self.flush();
         let mut model = self.rest.clone();
         self.store.read(&self.rasteriser.gpu, &mut model)?;
         if self.options.poses {
@@ -670,6 +700,7 @@ impl Engine for GpuEngine<'_> {
     }
 
     fn times(&mut self) -> Result<Vec<(&'static str, f64)>, SplatError> {
+        self.flush();
         Ok(self.stamps.take().map_or(Ok(vec![]), |stamps| stamps.read(&self.rasteriser.gpu))?)
     }
 }
