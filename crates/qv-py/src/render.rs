@@ -83,7 +83,7 @@ impl Cloud {
             features: Vec::new(),
         };
         cloud.check().map_err(value)?;
-        Ok(Self { cloud, background: [0.0; 3], told: Vec::new() })
+        Ok(Self { cloud, background: [0.0; 3], told: Vec::new(), antialias: false })
     }
 
     fn __len__(&self) -> usize {
