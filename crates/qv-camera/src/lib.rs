@@ -4,6 +4,9 @@
 //! camera all photographs share (`model`), accuses or abstains (`judge`), and tells how far photographs and scene agree in
 //! photographs that the fit has not seen. [`join`] adds that to the report of the rest of the robot. See `docs/visual.md`.
 
+/// Types of these stand in the interface of this crate.
+pub use {glam, qv_core};
+
 pub mod align;
 mod calibrated;
 mod error;

@@ -3,6 +3,9 @@
 //! [`calibrate`] takes runs, the robot's model, the labelled mesh and priors ([`prior`]); what it finds is plain data
 //! ([`report`]), drawn by [`html`]. See `docs/contact.md` for the equations.
 
+/// Types of these stand in the interface of this crate.
+pub use {glam, qv_core};
+
 mod calibrate;
 mod error;
 pub mod ground;

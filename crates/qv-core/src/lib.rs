@@ -5,6 +5,9 @@
 //! Conventions (all crates): SI units, radians, seconds; world right-handed with z up; quaternions are `w, x, y, z`
 //! at every boundary; a transform named `a_from_b` takes coordinates in frame `b` to coordinates in frame `a`.
 
+/// Types of this stand in the interface of this crate.
+pub use glam;
+
 mod camera;
 mod error;
 mod gaussians;

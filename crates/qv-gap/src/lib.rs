@@ -7,6 +7,9 @@
 //! An example, which makes its recording itself:
 #![doc = concat!("```\n", include_str!("../examples/diagnose.rs"), "```")]
 
+/// Types of these stand in the interface of this crate.
+pub use {glam, qv_core};
+
 pub mod checks;
 pub mod decision;
 mod diagnose;

@@ -8,6 +8,9 @@
 //!
 //! All of it is parallel where that pays, and gives the same bits on any number of threads. Nothing here opens a file.
 
+/// Types of these stand in the interface of this crate.
+pub use {glam, qv_core};
+
 pub mod agree;
 pub mod clean;
 pub mod close;

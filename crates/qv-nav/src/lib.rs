@@ -4,6 +4,9 @@
 //! a camera on the robot sees, [`lens`] makes of it what a real camera would; [`legs::Legs`] carry it. [`dagger`] lets a [`net::Net`] drive
 //! and learn from what the teacher says. [`task`] draws episodes and judges them, [`score`] counts. [`mod@env`] is the same for learners of other programs. See `docs/navigation.md`.
 
+/// Types of these stand in the interface of this crate.
+pub use {glam, qv_core};
+
 pub mod augment;
 pub mod dagger;
 pub mod env;

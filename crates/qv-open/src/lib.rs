@@ -15,6 +15,9 @@
 //! # Ok::<(), qv_replay::ReplayError>(())
 //! ```
 
+/// Types of these stand in the interface of this crate.
+pub use {glam, qv_core};
+
 pub mod foreign;
 pub mod ground;
 pub mod mesh_file;

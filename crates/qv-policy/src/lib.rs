@@ -20,6 +20,9 @@
 //! # Ok::<(), qv_policy::PolicyError>(())
 //! ```
 
+/// Types of these stand in the interface of this crate.
+pub use {glam, qv_core};
+
 pub mod adam;
 mod checkpoint;
 pub mod compensate;

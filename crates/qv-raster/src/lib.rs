@@ -23,6 +23,9 @@
 //! # Ok::<(), qv_raster::RasterError>(())
 //! ```
 
+/// Types of these stand in the interface of this crate.
+pub use {glam, qv_core};
+
 pub mod channels;
 pub mod constants;
 mod ellipse;

@@ -3,6 +3,9 @@
 //! A recording is a ROS 2 bag ([`read_bag`]) or a tidy table ([`read_table`]), which those of other programs become ([`foreign`]). This crate opens no file: callers pass
 //! readers and text.
 
+/// Types of these stand in the interface of this crate.
+pub use {glam, qv_core};
+
 mod bag;
 pub mod cdr;
 mod choose;

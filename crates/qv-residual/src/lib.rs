@@ -3,6 +3,9 @@
 //! [`log`] cuts recordings to decisions of the policy; [`windows`] replays them in many lanes; [`identify`] fits parameters and
 //! [`basis`] torques. See `docs/tuning.md`.
 
+/// Types of this stand in the interface of this crate.
+pub use qv_core;
+
 pub mod basis;
 pub mod calibrate;
 pub mod close;

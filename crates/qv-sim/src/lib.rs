@@ -18,6 +18,9 @@
 //! # Ok::<(), qv_sim::SimError>(())
 //! ```
 
+/// Types of these stand in the interface of this crate.
+pub use {glam, qv_core};
+
 mod batch;
 mod engine;
 mod error;

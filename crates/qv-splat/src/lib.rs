@@ -23,6 +23,9 @@
 //! # Ok::<(), qv_splat::SplatError>(())
 //! ```
 
+/// Types of these stand in the interface of this crate.
+pub use {glam, qv_core};
+
 pub mod captures;
 mod cursor;
 mod error;
