@@ -47,6 +47,11 @@ pub fn arguments() -> Vec<String> {
     words.into_iter().skip(1).collect()
 }
 
+/// Commands that take no option of a file.
+const OF_SHELLS: [&str; 3] = ["help", "completions", "man"];
+/// Words with which no file is read.
+const FILELESS: [&str; 5] = ["--no-config", "--help", "-h", "--version", "-V"];
+
 /// The words with the options of the nearest `qv.toml`, in `folder` or above it.
 ///
 /// # Errors
@@ -54,7 +59,9 @@ pub fn arguments() -> Vec<String> {
 pub fn with_file(typed: Vec<OsString>, folder: &Path, root: &Command) -> Result<Words, Failure> {
     let none = |all| Ok(Words { all, file: None, added: vec![] });
     let own = typed.iter().position(|word| word == "--").map_or(&typed[..], |end| &typed[..end]);
-    if own.iter().any(|word| word == "--no-config") {
+    // Help, and what a shell asks for, are given whatever stands in a file above.
+    let asks_nothing = own.get(1).is_some_and(|word| OF_SHELLS.iter().any(|known| word == known));
+    if asks_nothing || own.iter().any(|word| FILELESS.iter().any(|known| word == known)) {
         return none(typed);
     }
     let Some(file) = folder.ancestors().map(|folder| folder.join(FILE)).find(|file| file.is_file()) else {
