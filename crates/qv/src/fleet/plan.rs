@@ -81,6 +81,9 @@ pub struct Plan {
 impl Plan {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         self.check_options()?;
+        if let Some(folder) = self.folders.iter().find(|folder| !folder.exists()) {
+            return Err(format!("{}: expected a folder with recordings, found nothing", folder.display()).into());
+        }
         let _lock = Folder::lock(&self.out)?;
         let mut paths: Vec<(PathBuf, PathBuf)> = Vec::new();
         for folder in &self.folders {
@@ -125,7 +128,9 @@ impl Plan {
             Ok(_) => Ok(()),
             Err(error) => {
                 let text = error.to_string();
-                let first = text.lines().next().unwrap_or_default().trim_start_matches("error: ").to_owned();
+                // What is missing stands on lines of its own, up to an empty one.
+                let first: Vec<&str> = text.lines().map(str::trim).take_while(|line| !line.is_empty()).collect();
+                let first = first.join(" ").trim_start_matches("error: ").to_owned();
                 Err(format!(
                     "options after --: expected those of qv {}, found: {first}",
                     self.command.command().words().join(" ")
