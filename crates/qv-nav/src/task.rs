@@ -201,7 +201,9 @@ impl EpisodeSettings {
             }
         }
         let expected = format!("an episode with the cone {}", stratum.name());
-        Err(NavError::value("map", &expected, "none in 16 000 tries"))
+        let found = "none in 16 000 tries: leave this kind of goal out, or use a place with room for it (a goal is hidden by what is higher than \
+                     the camera)";
+        Err(NavError::value("map", &expected, found))
     }
 
     fn cone(&self, place: DVec3, colour: usize, random: &mut Xoshiro256PlusPlus) -> Cone {
