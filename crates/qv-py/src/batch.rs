@@ -11,6 +11,9 @@ use qv_sim::{BaseKind, BatchCommand, SimError, SimOptions, State};
 
 type Array = Py<PyArray2<f32>>;
 
+/// Bytes that an environment of the smallest robot takes.
+const LEAST_BYTES: usize = 1024;
+
 /// What an array can hold, and whether the engine reads it before a step or fills it after.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Name {
@@ -110,6 +113,11 @@ impl Batch {
             "fixed" => BaseKind::Fixed,
             other => return Err(value(format!("base: expected free or fixed, found `{other}`"))),
         };
+        // A number that no memory holds would end the program.
+        let least = n.checked_mul(LEAST_BYTES).is_some_and(|bytes| Vec::<u8>::new().try_reserve_exact(bytes).is_ok());
+        if !least {
+            return Err(value(format!("n: expected as many environments as the memory holds, found {n}")));
+        }
         let options =
             SimOptions { timestep, max_command_latency, keep_contacts, self_collision, ..SimOptions::default() };
         let sim = py.detach(|| {
