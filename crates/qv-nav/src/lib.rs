@@ -13,6 +13,7 @@ pub mod fit;
 pub mod legs;
 pub mod lens;
 pub mod map;
+pub mod measured;
 pub mod net;
 pub mod onnx;
 pub mod pilots;
