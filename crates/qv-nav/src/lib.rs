@@ -21,9 +21,12 @@ pub mod recall;
 pub mod reflex;
 pub mod roll;
 pub mod score;
+#[cfg(feature = "rapier")]
+pub mod second;
 pub mod sight;
 pub mod task;
 pub mod teacher;
+pub mod walkers;
 pub mod weights;
 
 pub use error::NavError;
