@@ -14,9 +14,9 @@ use std::process::Command;
 pub enum Golden {
     /// Run the test programs that the manifest names
     Check {
-        /// Instead of test programs: `stages` runs the pipeline, and names the first stage whose figures moved; `blind` has a few
-        /// sealed recordings diagnosed, and names those of which something else is said
-        #[arg(value_parser = ["stages", "blind"])]
+        /// Instead of test programs: `stages` runs the pipeline, and names the first stage whose figures moved; `navigate` the same with
+        /// its optional stage; `blind` has a few sealed recordings diagnosed, and names those of which something else is said
+        #[arg(value_parser = ["stages", "navigate", "blind"])]
         what: Option<String>,
         /// Also run the generators and compare their output with the files, byte by byte
         #[arg(long)]
@@ -102,7 +102,10 @@ pub fn run(workspace: &Workspace, what: Golden) -> Result<bool> {
     match what {
         Golden::Bless { names } => bless(workspace, &manifest, &names).map(|()| true),
         Golden::Check { what: Some(what), .. } if what == BLIND => blind::golden::check(workspace),
-        Golden::Check { what: Some(_), .. } => pipeline::check_golden(workspace),
+        Golden::Check { what: Some(what), .. } => {
+            let of = pipeline::Of::named(&what).with_context(|| format!("no golden {what:?} of the pipeline"))?;
+            pipeline::check_golden(workspace, of)
+        }
         Golden::Check { what: None, regenerate } => {
             let tests = check_tests(workspace, &manifest)?;
             Ok(if regenerate { compare_regenerated(workspace, &manifest)? && tests } else { tests })
