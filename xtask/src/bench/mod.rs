@@ -1,6 +1,7 @@
 //! `cargo xtask bench`: speed beside a pinned reference, in one interleaved run.
 
 mod fleet;
+mod navigate;
 mod python;
 mod raster;
 mod sim;
@@ -26,6 +27,8 @@ pub enum Bench {
     Raster(raster::Raster),
     /// Time that a policy takes to learn to walk, and the learner beside rsl_rl's
     Walk(walk::Walk),
+    /// What pictures, driving and learning of the visual navigation cost
+    Navigate(navigate::Navigate),
     /// How much less robots with hidden effects stray from their paths after `qv tune`
     Tune(tune::Tune),
     /// Steps of many robots from Python beside the same from Rust
@@ -43,6 +46,7 @@ pub fn run(workspace: &Workspace, what: Bench) -> Result<bool> {
         Bench::Sim(sim) => sim::run(workspace, sim),
         Bench::Raster(raster) => raster::run(workspace, &raster),
         Bench::Walk(walk) => walk::run(workspace, &walk),
+        Bench::Navigate(navigate) => navigate::run(workspace, &navigate),
         Bench::Tune(tune) => tune::run(workspace, &tune),
         Bench::Python(python) => python::run(workspace, &python),
         Bench::Fleet(fleet) => fleet::run(workspace, &fleet),
