@@ -14,14 +14,14 @@ use std::process::Command;
 pub enum Golden {
     /// Run the test programs that the manifest names
     Check {
-        /// Instead of test programs: `stages` runs the pipeline, and names the first stage whose figures moved; `blind` has a few
-        /// sealed recordings diagnosed, and names those of which something else is said
-        #[arg(value_parser = ["stages", "blind"])]
+        /// Instead of test programs: `stages` runs the pipeline, and names the first stage whose figures moved; `navigate` the same with
+        /// its optional stage; `blind` has a few sealed recordings diagnosed, and names those of which something else is said
+        #[arg(value_parser = ["stages", "navigate", "blind"])]
         what: Option<String>,
         /// Also run the generators and compare their output with the files, byte by byte
         #[arg(long)]
         regenerate: bool,
-        /// With `stages` or `blind`: run the programs that `cargo xtask test` built, which are slower, and build none with optimisation
+        /// With a word: run the programs that `cargo xtask test` built, which are slower, and build none with optimisation
         #[arg(long, requires = "what")]
         test_build: bool,
     },
@@ -107,7 +107,11 @@ pub fn run(workspace: &Workspace, what: Golden) -> Result<bool> {
         Golden::Check { what: Some(what), test_build, .. } => {
             let build = if test_build { Build::Tests } else { Build::Release };
             let workspace = Workspace { build, ..workspace.clone() };
-            if what == BLIND { blind::golden::check(&workspace) } else { pipeline::check_golden(&workspace) }
+            if what == BLIND {
+                return blind::golden::check(&workspace);
+            }
+            let of = pipeline::Of::named(&what).with_context(|| format!("no golden {what:?} of the pipeline"))?;
+            pipeline::check_golden(&workspace, of)
         }
         Golden::Check { what: None, regenerate, .. } => {
             let tests = check_tests(workspace, &manifest)?;

@@ -194,7 +194,8 @@ impl NavTask {
         let seeing = self.lanes.iter_mut().zip(rows).zip(mask).filter(|(_, wanted)| **wanted);
         let work: Vec<_> = seeing.map(|(one, _)| one).zip(drawn).collect();
         work.into_par_iter().for_each(|((lane, (picture, beside)), drawn)| {
-            picture.copy_from_slice(&lane.lens.bytes(&drawn));
+            let gyro = lane.legs.motion(0).gyro;
+            picture.copy_from_slice(&lane.lens.bytes(&drawn, gyro));
             beside.copy_from_slice(&lane.beside());
         });
         Ok(())

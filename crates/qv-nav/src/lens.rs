@@ -30,6 +30,8 @@ pub struct LensSpread {
     pub focal: f64,
     /// Blur, deviation in pixels of the network's picture: least and greatest.
     pub blur: [f64; 2],
+    /// Time that light is gathered \[s\], least and greatest: a camera that turns meanwhile smears along the turning.
+    pub exposure: [f64; 2],
 }
 
 impl Default for LensSpread {
@@ -52,6 +54,7 @@ impl LensSpread {
             turn: 0.0,
             focal: 0.0,
             blur: [0.0; 2],
+            exposure: [0.0; 2],
         }
     }
 
@@ -68,6 +71,7 @@ impl LensSpread {
             turn: 0.03,
             focal: 0.03,
             blur: [0.0, 0.8],
+            exposure: [0.0, 0.015],
         }
     }
 
@@ -76,7 +80,8 @@ impl LensSpread {
     /// # Errors
     /// Names the first that means nothing.
     pub fn check(&self) -> Result<(), NavError> {
-        let lists: [(&str, &[f64]); 5] = [
+        let lists: [(&str, &[f64]); 6] = [
+            ("exposure", &self.exposure),
             ("gain", &self.gain[1..]),
             ("noise", &self.noise),
             ("delay", &self.delay),
@@ -84,7 +89,7 @@ impl LensSpread {
             ("deviations", &[self.balance, self.gamma, self.bias, self.place, self.turn, self.focal]),
         ];
         for (what, numbers) in lists {
-            let most = if what == "delay" { 0.3 } else { 10.0 };
+            let most = if ["delay", "exposure"].contains(&what) { 0.3 } else { 10.0 };
             if let Some(bad) = numbers.iter().find(|x| !(0.0..=most).contains(*x)) {
                 return Err(NavError::value(&format!("camera, {what}"), &format!("0 to {most}"), bad));
             }
@@ -108,7 +113,9 @@ impl LensSpread {
         let focal = rig.focal * normal(self.focal).exp();
         let mut between = |[low, high]: [f64; 2]| f64::from(random.between(low as f32, high as f32));
         let (noise, delay, blur) = (between(self.noise), between(self.delay), between(self.blur));
-        Lens { rig: Rig { place, turn, focal, ..*rig }, balance, gamma, bias, noise, delay, blur, random }
+        // Drawn last: what was drawn before it stays what it was.
+        let exposure = between(self.exposure);
+        Lens { rig: Rig { place, turn, focal, ..*rig }, balance, gamma, bias, noise, delay, blur, exposure, random }
     }
 }
 
@@ -124,13 +131,16 @@ pub struct Lens {
     /// Age of its pictures \[s\].
     pub delay: f64,
     blur: f64,
+    exposure: f64,
     random: Xoshiro256PlusPlus,
 }
 
 impl Lens {
-    /// Bytes of a picture of 0 to 1.
-    pub fn bytes(&mut self, picture: &[f32]) -> Vec<u8> {
-        let blurred = if self.blur > 0.05 { blur(picture, self.blur) } else { picture.to_vec() };
+    /// Bytes of a picture of 0 to 1 that was taken while the base turned with `gyro` (base axes \[rad/s\]).
+    pub fn bytes(&mut self, picture: &[f32], gyro: [f64; 3]) -> Vec<u8> {
+        let variances = self.variances(gyro);
+        let is_sharp = variances.iter().all(|x| *x < 0.0025);
+        let blurred = if is_sharp { picture.to_vec() } else { blur(picture, variances) };
         let curve = self.curve();
         let noise = (255.0 * self.noise) as f32;
         let mut out = Vec::with_capacity(blurred.len());
@@ -142,6 +152,13 @@ impl Lens {
             out.push((noisy + 0.5).clamp(0.0, 255.0) as u8);
         }
         out
+    }
+
+    /// Variance of the blur along rows and along columns \[px²\]: that of the lens, and that of an even smear over the way of a pixel. About the
+    /// vertical all moves along rows, about the axis to the left along columns; a roll moves the middle nowhere.
+    fn variances(&self, [_, nod, turning]: [f64; 3]) -> [f64; 2] {
+        let focal = self.rig.focal * WIDTH as f64 / 640.0;
+        [turning, nod].map(|rate| self.blur * self.blur + (focal * rate * self.exposure).powi(2) / 12.0)
     }
 
     /// What each colour is shown as, 0 to 255 without noise, for values in steps of 0 to 1: powers are dear.
@@ -164,10 +181,10 @@ fn about_normal(random: &mut Xoshiro256PlusPlus) -> f32 {
     (sum as f32 - 131_070.0) * (1.732_050_8 / 65_536.0)
 }
 
-/// Three taps along rows and columns, whose variance is that of the blur as far as three taps can have it.
-fn blur(picture: &[f32], deviation: f64) -> Vec<f32> {
-    let side = (0.5 * deviation * deviation).min(1.0 / 3.0) as f32;
-    let pass = |from: &[f32], step: usize, count: usize| -> Vec<f32> {
+/// Three taps along rows and along columns, whose variances are as stated \[px²\] as far as three taps can have them.
+fn blur(picture: &[f32], variances: [f64; 2]) -> Vec<f32> {
+    let pass = |from: &[f32], step: usize, count: usize, variance: f64| -> Vec<f32> {
+        let side = (0.5 * variance).min(1.0 / 3.0) as f32;
         (0..from.len())
             .map(|k| {
                 let at = k / step % count;
@@ -177,7 +194,7 @@ fn blur(picture: &[f32], deviation: f64) -> Vec<f32> {
             })
             .collect()
     };
-    pass(&pass(picture, 3, WIDTH), 3 * WIDTH, HEIGHT)
+    pass(&pass(picture, 3, WIDTH, variances[0]), 3 * WIDTH, HEIGHT, variances[1])
 }
 
 #[cfg(test)]
@@ -188,7 +205,7 @@ mod tests {
     fn a_perfect_camera_changes_nothing() {
         let picture: Vec<f32> = (0..WIDTH * HEIGHT * 3).map(|k| (k % 256) as f32 / 255.0).collect();
         let mut lens = LensSpread::none().draw(&Rig::default(), 3);
-        let bytes = lens.bytes(&picture);
+        let bytes = lens.bytes(&picture, [1.0; 3]);
         assert!(bytes.iter().enumerate().all(|(k, &b)| usize::from(b) == k % 256));
         assert_eq!((lens.rig, lens.delay), (Rig::default(), 0.0));
     }
@@ -196,13 +213,28 @@ mod tests {
     #[test]
     fn noise_has_its_deviation() {
         let mut lens = LensSpread { noise: [0.016, 0.016], ..LensSpread::none() }.draw(&Rig::default(), 3);
-        let bytes = lens.bytes(&[0.5; WIDTH * HEIGHT * 3]);
+        let bytes = lens.bytes(&[0.5; WIDTH * HEIGHT * 3], [0.0; 3]);
         let count = bytes.len() as f64;
         let mean = bytes.iter().map(|&b| f64::from(b)).sum::<f64>() / count;
         let deviation = (bytes.iter().map(|&b| (f64::from(b) - mean).powi(2)).sum::<f64>() / count).sqrt();
         // Rounding to bytes adds a variance of 1/12.
         let expected = ((0.016f64 * 255.0).powi(2) + 1.0 / 12.0).sqrt();
         assert!((mean - 127.5).abs() < 0.2 && (deviation / expected - 1.0).abs() < 0.02, "{mean} {deviation}");
+    }
+
+    #[test]
+    fn turning_smears_along_rows() {
+        let mut lens = LensSpread { exposure: [0.015; 2], ..LensSpread::none() }.draw(&Rig::default(), 3);
+        let mut dot = vec![0.0; WIDTH * HEIGHT * 3];
+        let (at, row) = (3 * (20 * WIDTH + 30), 3 * WIDTH);
+        dot[at] = 1.0;
+        let still = lens.bytes(&dot, [0.0; 3]);
+        let turning = lens.bytes(&dot, [0.0, 0.0, 1.0]);
+        let nodding = lens.bytes(&dot, [0.0, -1.0, 0.0]);
+        // 76.9 px/rad * 1 rad/s * 15 ms = 1.15 px, whose even smear has a variance of 0.11 px²: a side has half of it.
+        assert_eq!((still[at], still[at + 3]), (255, 0));
+        assert_eq!((turning[at - 3], turning[at + 3], turning[at + row]), (14, 14, 0));
+        assert_eq!((nodding[at - row], nodding[at + row], nodding[at + 3]), (14, 14, 0));
     }
 
     #[test]
@@ -213,7 +245,7 @@ mod tests {
         assert!(a.rig != b.rig && a.delay != b.delay && (0.02..=0.14).contains(&a.delay));
         let mut dot = vec![0.0; WIDTH * HEIGHT * 3];
         dot[3 * (20 * WIDTH + 30)] = 1.0;
-        let out = blur(&dot, 0.6);
+        let out = blur(&dot, [0.36; 2]);
         assert!((out.iter().sum::<f32>() - 1.0).abs() < 1e-6 && out[3 * (20 * WIDTH + 30)] < 0.5);
         assert!(LensSpread { delay: [0.0, 9.0], ..spread }.check().unwrap_err().to_string().contains("delay"));
     }

@@ -16,6 +16,7 @@ pub mod fit;
 pub mod legs;
 pub mod lens;
 pub mod map;
+pub mod measured;
 pub mod net;
 pub mod onnx;
 pub mod pilots;
@@ -23,9 +24,12 @@ pub mod recall;
 pub mod reflex;
 pub mod roll;
 pub mod score;
+#[cfg(feature = "rapier")]
+pub mod second;
 pub mod sight;
 pub mod task;
 pub mod teacher;
+pub mod walkers;
 pub mod weights;
 
 pub use error::NavError;

@@ -192,8 +192,9 @@ fn roll_batch(
         };
         let drawn = stage.eye.look(&live.iter().map(shot).collect::<Vec<_>>())?;
         let mut lenses: Vec<&mut Run> = runs.iter_mut().filter(|run| !run.over).collect();
-        let pictures: Vec<Vec<u8>> =
-            lenses.par_iter_mut().zip(&drawn).map(|(run, picture)| run.lens.bytes(picture)).collect();
+        let gyros: Vec<[f64; 3]> = live.iter().map(|&env| motions[env].gyro).collect();
+        let work = lenses.par_iter_mut().zip(&drawn).zip(&gyros);
+        let pictures: Vec<Vec<u8>> = work.map(|((run, picture), gyro)| run.lens.bytes(picture, *gyro)).collect();
         let states: Vec<[f32; STATE]> =
             live.iter().map(|&env| state(runs[env].episode, &motions[env].world_from_base)).collect();
         let recalls: Vec<[f32; RECALL]> = runs

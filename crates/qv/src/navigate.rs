@@ -20,12 +20,12 @@ use qv_nav::pilots::{BlobPilot, NetPilot, TeacherPilot};
 use qv_nav::roll::{Pilot, Record, Stage, roll};
 use qv_nav::score::{Row, compared};
 use qv_nav::sight::Rig;
-use qv_nav::task::{End, Episode, EpisodeSettings, Limits, PERIOD, Trial};
+use qv_nav::task::{End, Episode, EpisodeSettings, Limits, PERIOD, Stratum, Trial};
 use qv_nav::teacher::World;
-use qv_nav::{onnx, weights};
+use qv_nav::{measured, onnx, weights};
 use qv_open::ground::mesh_at;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 pub const EXAMPLE: &str = "Example:\n  qv navigate train --scene out/policy.ply --mesh out/mesh.glb --out out/nav\n  \
     qv navigate test out/nav/weights.bin --scene out/policy.ply --mesh out/mesh.glb --out out/nav/results.json\n  \
@@ -74,13 +74,44 @@ struct Place {
     /// The labelled mesh of the same place
     #[arg(long, value_name = "FILE.glb")]
     mesh: PathBuf,
-    /// How much cameras differ: wide or none
-    #[arg(long, value_name = "wide|none", default_value = "wide", value_parser = spread)]
-    camera: LensSpread,
+    /// How much cameras differ: wide, none, or as report.json of `qv diagnose --scene` says of the robot's own
+    #[arg(long, value_name = "wide|none|report.json", default_value = "wide")]
+    camera: String,
+    /// Where cones are at the start, in turn; a place without anything high has no hidden ones
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = [Start::View, Start::Turned, Start::Hidden])]
+    starts: Vec<Start>,
+    /// Least and greatest length of the way to a cone [m]
+    #[arg(long, value_name = "M,M", default_value = "2.5,7", value_parser = lengths)]
+    distance: Lengths,
     /// Of everything that is drawn
     #[arg(long, default_value_t = 0)]
     seed: u64,
 }
+
+/// Where the cone is at the start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Start {
+    /// In the picture
+    View,
+    /// Beside or behind the robot
+    Turned,
+    /// Behind something
+    Hidden,
+}
+
+impl std::fmt::Display for Start {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::View => "view",
+            Self::Turned => "turned",
+            Self::Hidden => "hidden",
+        })
+    }
+}
+
+/// Two lengths \[m\].
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Lengths([f64; 2]);
 
 #[derive(clap::Args)]
 struct Train {
@@ -92,6 +123,15 @@ struct Train {
     /// Decisions that a round gathers
     #[arg(long, default_value_t = TrainSettings::default().frames)]
     frames: usize,
+    /// Robots that drive at once: a round has at least one episode of each
+    #[arg(long, default_value_t = TrainSettings::default().robots)]
+    robots: usize,
+    /// Times that a round learns from what was gathered
+    #[arg(long, default_value_t = TrainSettings::default().epochs)]
+    epochs: usize,
+    /// Episodes in a step of the optimiser
+    #[arg(long, default_value_t = TrainSettings::default().batch)]
+    batch: usize,
     /// Directory for the results; made if need be
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -117,11 +157,28 @@ struct Test {
     json: bool,
 }
 
-fn spread(name: &str) -> Result<LensSpread, String> {
+/// How cameras differ, and how the camera sits.
+fn camera(name: &str) -> Result<(LensSpread, Rig), Failure> {
     match name {
-        "wide" => Ok(LensSpread::wide()),
-        "none" => Ok(LensSpread::none()),
-        _ => Err(format!("expected wide or none, found `{name}`")),
+        "wide" => Ok((LensSpread::wide(), Rig::default())),
+        "none" => Ok((LensSpread::none(), Rig::default())),
+        _ if name.ends_with(".json") => {
+            let file = Path::new(name);
+            let text = fs::read_to_string(file).map_err(|e| about(file, e))?;
+            let report = serde_json::from_str(&text).map_err(|e| about(file, format!("expected JSON, found {e}")))?;
+            Ok(measured::camera(&report, &Rig::default()).map_err(|e| about(file, e))?)
+        }
+        _ => Err(format!("--camera: expected wide, none or a report.json, found `{name}`").into()),
+    }
+}
+
+fn lengths(text: &str) -> Result<Lengths, String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|x| x.trim().parse().ok()).collect();
+    match numbers[..] {
+        [least, most] if text.matches(',').count() == 1 && least > 0.0 && least < most && most.is_finite() => {
+            Ok(Lengths([least, most]))
+        }
+        _ => Err(format!("expected two lengths in metres, the first less, such as 2.5,7, found `{text}`")),
     }
 }
 
@@ -136,32 +193,61 @@ impl Navigate {
 }
 
 impl Place {
+    fn episodes(&self) -> EpisodeSettings {
+        let stratum = |start: &Start| match start {
+            Start::View => Stratum::InView,
+            Start::Turned => Stratum::Turned,
+            Start::Hidden => Stratum::Hidden,
+        };
+        let strata = self.starts.iter().map(stratum).collect();
+        EpisodeSettings { geodesic: self.distance.0, strata, ..Default::default() }
+    }
+
     /// The place; in a training, its Gaussians are painted otherwise from episode to episode.
-    fn open(&self, paints: &Paints) -> Result<(World, SplatEye), Failure> {
+    fn open(&self, paints: &Paints) -> Result<(World, SplatEye, LensSpread), Failure> {
+        let (spread, rig) = camera(&self.camera)?;
         let mesh = mesh_at(&self.mesh, "a labelled mesh in GLB")?;
         let map = Map::new(&mesh, &MapSettings::default()).map_err(|e| about(&self.mesh, e))?;
         let eye = SplatEye::painted(&open_scene(&self.scene)?.cloud, paints, self.seed);
         if eye.count() > 60_000 {
             remark("the scene has many Gaussians: pictures of 80 x 60 are as good, and faster, from 20 000");
         }
-        Ok((World::new(map, Rig::default(), Limits::default()), eye))
+        let world = World::new(map, rig, Limits::default());
+        self.episodes().draw(&world, self.starts.len(), self.seed).map_err(|e| {
+            about(
+                &self.mesh,
+                format!("{e}; --starts and --distance say which episodes there are, such as --starts view,turned"),
+            )
+        })?;
+        Ok((world, eye, spread))
     }
 }
 
 impl Train {
     fn execute(&self) -> Result<Outcome, Failure> {
-        let (world, eye) = self.place.open(&Paints::default())?;
+        let (world, eye, camera) = self.place.open(&Paints::default())?;
         fs::create_dir_all(&self.out).map_err(|e| about(&self.out, e))?;
-        let settings =
-            TrainSettings { rounds: self.rounds, frames: self.frames, seed: self.place.seed, ..Default::default() };
-        let stage = Stage::new(&world, &eye, self.place.camera);
+        let usual = TrainSettings::default();
+        let settings = TrainSettings {
+            rounds: self.rounds,
+            frames: self.frames,
+            robots: self.robots,
+            epochs: self.epochs,
+            // The last round learns once more, as usual.
+            last_epochs: self.epochs.saturating_add(usual.last_epochs - usual.epochs),
+            batch: self.batch,
+            seed: self.place.seed,
+            ..usual
+        };
+        let episodes = self.place.episodes();
+        let stage = Stage::new(&world, &eye, camera);
         let mut legs = Follower::new(&world.map, settings.robots, HEIGHT);
         let mut student = Student::new(&settings)?;
         let (stages, mut metrics) = (Stages::new(), Vec::new());
         for round in 0..self.rounds {
             let share = round as f64 / self.rounds as f64;
             stages.begin(round + 1, self.rounds, "drive and learn", Some(share));
-            let told = student.round(&stage, &mut legs, &EpisodeSettings::default(), &mut |p| {
+            let told = student.round(&stage, &mut legs, &episodes, &mut |p| {
                 stages.at(p.share, &format!("{} decisions, loss {:.4}", p.frames, p.loss));
             })?;
             metrics.push(told);
@@ -188,12 +274,12 @@ impl Train {
 
 impl Test {
     fn execute(&self) -> Result<Outcome, Failure> {
-        let (world, eye) = self.place.open(&Paints { count: 1, ..Paints::default() })?;
+        let (world, eye, camera) = self.place.open(&Paints { count: 1, ..Paints::default() })?;
         let net = Net::default();
         let bytes = fs::read(&self.weights).map_err(|e| about(&self.weights, e))?;
         let parameters = weights::from_bytes(&bytes, &net).map_err(|e| about(&self.weights, e))?;
-        let stage = Stage::new(&world, &eye, self.place.camera);
-        let episodes = EpisodeSettings::default().draw(&world, self.episodes, self.place.seed)?;
+        let stage = Stage::new(&world, &eye, camera);
+        let episodes = self.place.episodes().draw(&world, self.episodes, self.place.seed)?;
         let count = episodes.len().clamp(1, 64);
         let limits = world.limits;
         let (policy, strips) = seen(&stage, &episodes, &mut NetPilot::new(&net, &parameters, count), count)?;
@@ -319,8 +405,13 @@ mod tests {
 
     #[test]
     fn cameras_and_lines() {
-        assert_eq!(spread("none"), Ok(LensSpread::none()));
-        assert!(spread("posterior").unwrap_err().contains("wide or none"));
+        assert_eq!(camera("none").unwrap().0, LensSpread::none());
+        assert_eq!(lengths("1.2, 2.5"), Ok(Lengths([1.2, 2.5])));
+        for bad in ["", "3", "3,2", "1,2,3", "a,2", "1,inf", "-1,2"] {
+            assert!(lengths(bad).unwrap_err().contains("two lengths"), "{bad}");
+        }
+        assert!(camera("posterior").unwrap_err().to_string().contains("wide, none or a report.json"));
+        assert!(camera("no/report.json").unwrap_err().to_string().contains("no/report.json"));
         let text = line("blob", &Row::of(&[]), 1.0);
         assert!(text.starts_with("blob") && text.contains("0.0 to 100.0"), "{text}");
     }

@@ -1,6 +1,7 @@
 //! `cargo xtask bench`: speed beside a pinned reference, in one interleaved run.
 
 mod fleet;
+mod navigate;
 mod python;
 mod raster;
 mod reconstruct;
@@ -29,6 +30,8 @@ pub enum Bench {
     Reconstruct(reconstruct::Reconstruct),
     /// Time that a policy takes to learn to walk, and the learner beside rsl_rl's
     Walk(walk::Walk),
+    /// What pictures, driving and learning of the visual navigation cost
+    Navigate(navigate::Navigate),
     /// How much less robots with hidden effects stray from their paths after `qv tune`
     Tune(tune::Tune),
     /// Steps of many robots from Python beside the same from Rust
@@ -47,6 +50,7 @@ pub fn run(workspace: &Workspace, what: Bench) -> Result<bool> {
         Bench::Raster(raster) => raster::run(workspace, &raster),
         Bench::Reconstruct(what) => reconstruct::run(workspace, &what),
         Bench::Walk(walk) => walk::run(workspace, &walk),
+        Bench::Navigate(navigate) => navigate::run(workspace, &navigate),
         Bench::Tune(tune) => tune::run(workspace, &tune),
         Bench::Python(python) => python::run(workspace, &python),
         Bench::Fleet(fleet) => fleet::run(workspace, &fleet),

@@ -21,6 +21,39 @@ pub struct Figure {
     pub tolerance: f64,
 }
 
+/// What a golden is of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Of {
+    /// All stages but the optional one.
+    Stages,
+    /// The optional stage `navigate`.
+    Navigate,
+}
+
+impl Of {
+    /// By the name in the manifest.
+    pub fn named(name: &str) -> Option<Self> {
+        [Self::Stages, Self::Navigate].into_iter().find(|of| of.name() == name)
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Stages => "stages",
+            Self::Navigate => "navigate",
+        }
+    }
+
+    /// Its file beside the others.
+    pub fn file(self) -> String {
+        format!("{}.json", self.name())
+    }
+
+    /// Whether it has figures of a stage.
+    fn has(self, stage: Stage) -> bool {
+        stage.is_optional() == (self == Self::Navigate)
+    }
+}
+
 /// How a figure is taken from what a stage wrote.
 struct Source {
     stage: Stage,
@@ -42,7 +75,7 @@ const fn source(
 }
 
 /// All but frictions, which are taken by label.
-const SOURCES: [Source; 19] = [
+const SOURCES: [Source; 24] = [
     source(Stage::Yard, "focal length in pixels", "yard/transforms.json", "/fl_y", [1e-9, 0.0]),
     source(Stage::Recording, "seconds on tiles", "inspect/tiles.json", "/duration", [0.01, 0.0]),
     source(Stage::Recording, "seconds on gravel", "inspect/gravel.json", "/duration", [0.01, 0.0]),
@@ -62,7 +95,14 @@ const SOURCES: [Source; 19] = [
     source(Stage::Tune, "joints off in rad, parameters", "tune/tune.json", JOINTS_AFTER, [0.02, 0.0]),
     source(Stage::Paths, "metres off the path, before", "paths/paths.json", "/policies/0/paths/position", [0.15, 0.0]),
     source(Stage::Paths, "metres off the path, after", "paths/paths.json", "/policies/1/paths/position", [0.1, 0.0]),
+    source(Stage::Navigate, "share reached, policy", RESULTS, "/rows/0/row/success", [0.2, 0.0]),
+    source(Stage::Navigate, "share reached, teacher", RESULTS, "/rows/1/row/success", [0.07, 0.0]),
+    source(Stage::Navigate, "loss of the last round", "navigate/metrics.json", "/2/loss", [0.0, 0.15]),
+    source(Stage::Navigate, "decisions", "navigate/metrics.json", "/2/frames", [0.0, 0.15]),
+    source(Stage::Navigate, "who drives first", RESULTS, "/rows/0/name", [0.0, 0.0]),
 ];
+
+const RESULTS: &str = "navigate/results.json";
 
 const JOINTS_BEFORE: &str = "/candidates/0/held_out/error";
 /// Of the parameters that were fitted, after the simulator as it was and what the diagnosis gave.
@@ -71,13 +111,13 @@ const JOINTS_AFTER: &str = "/candidates/2/held_out/error";
 /// A friction may be off by so much.
 const FRICTION: f64 = 0.04;
 
-/// The figures of a finished run, in the order of the stages.
+/// The figures of a finished run that a golden is of, in the order of the stages.
 ///
 /// # Errors
 /// A file of a stage is missing, or lacks a figure.
-pub fn figures(folder: &Path) -> Result<Vec<Figure>> {
+pub fn figures(folder: &Path, of: Of) -> Result<Vec<Figure>> {
     let mut out = vec![];
-    for source in &SOURCES {
+    for source in SOURCES.iter().filter(|source| of.has(source.stage)) {
         let report = super::read_json(&folder.join(source.file))?;
         let value = report
             .pointer(source.pointer)
@@ -86,6 +126,9 @@ pub fn figures(folder: &Path) -> Result<Vec<Figure>> {
         let tolerance = absolute + relative * value.as_f64().unwrap_or(0.0).abs();
         let (stage, figure) = (source.stage.name().into(), source.figure.into());
         out.push(Figure { stage, figure, value: value.clone(), tolerance });
+    }
+    if of == Of::Navigate {
+        return Ok(out);
     }
     let contact = super::read_json(&folder.join("contact/contact.json"))?;
     let regions = contact["regions"].as_array().context("contact.json: expected regions")?;
@@ -132,12 +175,12 @@ fn moved<'a>(golden: &'a [Figure], found: &[Figure]) -> Vec<(&'a Figure, String)
         .collect()
 }
 
-/// The golden of the stages.
+/// The golden of the stages, or of the optional one.
 ///
 /// # Errors
 /// It is missing or malformed.
-pub fn read(root: &Path) -> Result<Vec<Figure>> {
-    read_file(&root.join("fixtures/pipeline/golden/stages.json"))
+pub fn read(root: &Path, of: Of) -> Result<Vec<Figure>> {
+    read_file(&root.join("fixtures/pipeline/golden").join(of.file()))
 }
 
 /// The figures of a golden.
@@ -153,15 +196,16 @@ pub fn read_file(file: &Path) -> Result<Vec<Figure>> {
 ///
 /// # Errors
 /// The run lacks a figure, or the file cannot be written.
-pub fn write(folder: &Path, file: &Path) -> Result<()> {
-    let calls = |stage: &Stage| stage.calls().iter().map(|call| call.arguments().join(" ")).collect::<Vec<_>>();
+pub fn write(folder: &Path, of: Of, file: &Path) -> Result<()> {
+    let calls = |stage: &Stage| stage.calls(false).iter().map(|call| call.arguments().join(" ")).collect::<Vec<_>>();
+    let stages = Stage::value_variants().iter().filter(|stage| of.has(**stage));
     let golden = json!({
-        "generator": "cargo xtask golden bless stages",
-        "name": "stages",
+        "generator": format!("cargo xtask golden bless {}", of.name()),
+        "name": of.name(),
         "seed": SEED,
-        "options": {"stages": Stage::value_variants().iter().flat_map(calls).collect::<Vec<_>>()},
+        "options": {"stages": stages.flat_map(calls).collect::<Vec<_>>()},
         "tolerance": "by figure; words are to be the same",
-        "figures": figures(folder)?,
+        "figures": figures(folder, of)?,
     });
     fs::write(file, format!("{golden:#}\n")).with_context(|| format!("writing {}", file.display()))
 }

@@ -8,7 +8,7 @@ mod stamp;
 #[cfg(test)]
 mod tests;
 
-pub use golden::{Figure, differences, read_file as read_golden};
+pub use golden::{Figure, Of, differences, read_file as read_golden};
 pub use stamp::hash;
 
 use crate::{process, programs, workspace::Workspace};
@@ -31,6 +31,12 @@ pub struct Pipeline {
     /// Run this stage and all later ones, whether or not something changed
     #[arg(long, value_name = "STAGE")]
     from: Option<Stage>,
+    /// Run this stage and those that it needs, where something changed
+    #[arg(long, value_name = "STAGE", conflicts_with_all = ["from", "only"])]
+    up_to: Option<Stage>,
+    /// Also let a network learn to reach cones in the reconstructed place
+    #[arg(long)]
+    navigate: bool,
     /// Folder for what the stages write; default target/pipeline
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -47,15 +53,30 @@ pub fn run(workspace: &Workspace, pipeline: &Pipeline) -> Result<bool> {
     };
     let programs = build_all(workspace)?;
     let clock = Instant::now();
-    for stage in Stage::value_variants() {
+    let navigate = pipeline.navigate || [pipeline.only, pipeline.from, pipeline.up_to].contains(&Some(Stage::Navigate));
+    let needed = pipeline.up_to.map(|last| needed(last, navigate));
+    for stage in Stage::value_variants().iter().filter(|stage| navigate || !stage.is_optional()) {
         let forced = pipeline.from.is_some_and(|from| *stage >= from) || pipeline.only == Some(*stage);
-        if pipeline.only.is_none_or(|only| only == *stage) {
-            run_stage(*stage, &programs, &folder, forced)?;
+        let wanted = needed.as_ref().is_none_or(|needed| needed.contains(stage));
+        if wanted && pipeline.only.is_none_or(|only| only == *stage) {
+            run_stage(*stage, navigate, &programs, &folder, forced)?;
         }
     }
     println!("{:<11} {:.1} s", "all", clock.elapsed().as_secs_f64());
     conclude(&folder)?;
     Ok(true)
+}
+
+/// A stage and all whose files it needs, directly or not.
+fn needed(last: Stage, navigate: bool) -> Vec<Stage> {
+    let mut found = vec![last];
+    for &stage in Stage::value_variants().iter().rev() {
+        let is_read = |file: &&str| found.iter().any(|later| later.inputs(navigate).contains(file));
+        if !found.contains(&stage) && stage.outputs().iter().any(is_read) {
+            found.push(stage);
+        }
+    }
+    found
 }
 
 /// File that says whose folder it is.
@@ -72,7 +93,7 @@ fn build_all(workspace: &Workspace) -> Result<Vec<(Program, PathBuf)>> {
     Ok(PROGRAMS.iter().map(|(program, _, name)| (*program, folder.join(programs::file(name)))).collect())
 }
 
-fn run_stage(stage: Stage, programs: &[(Program, PathBuf)], folder: &Path, forced: bool) -> Result<()> {
+fn run_stage(stage: Stage, navigate: bool, programs: &[(Program, PathBuf)], folder: &Path, forced: bool) -> Result<()> {
     let own = folder.join(stage.name());
     let stamp_file = own.join("stamp.json");
     let program = |wanted: Program| {
@@ -80,15 +101,15 @@ fn run_stage(stage: Stage, programs: &[(Program, PathBuf)], folder: &Path, force
         found.with_context(|| format!("{wanted:?} is not among the programs"))
     };
     let mut read: Vec<PathBuf> = vec![];
-    for call in stage.calls() {
+    for call in stage.calls(navigate) {
         read.push(program(call.program)?.clone());
     }
-    read.extend(stage.inputs().iter().map(|file| folder.join(file)));
+    read.extend(stage.inputs(navigate).iter().map(|file| folder.join(file)));
     if let Some(missing) = read.iter().find(|path| !path.exists()) {
         bail!("stage {}: expected {}, found nothing; run the stages before it", stage.name(), missing.display());
     }
     let written: Vec<PathBuf> = stage.outputs().iter().map(|file| folder.join(file)).collect();
-    let words: Vec<String> = stage.calls().iter().flat_map(stages::Call::arguments).collect();
+    let words: Vec<String> = stage.calls(navigate).iter().flat_map(stages::Call::arguments).collect();
     let inputs = hash(&words, &read)?;
     let fresh = written.iter().all(|path| path.exists())
         && Stamp::read(&stamp_file) == Some(Stamp { inputs, outputs: hash(&[], &written)? });
@@ -109,7 +130,7 @@ fn run_stage(stage: Stage, programs: &[(Program, PathBuf)], folder: &Path, force
     }
     let clock = Instant::now();
     let work = || {
-        for call in stage.calls() {
+        for call in stage.calls(navigate) {
             let mut command = Command::new(program(call.program)?);
             command.current_dir(folder).args(call.arguments());
             if call.program == Program::Qv {
@@ -186,6 +207,12 @@ fn conclude(folder: &Path) -> Result<()> {
             strayed(1)
         );
     }
+    let said = folder.join("navigate/said.txt");
+    if said.is_file() {
+        let rows = fs::read_to_string(&said).with_context(|| format!("reading {}", said.display()))?;
+        print!("Cones in the reconstructed place:\n{rows}");
+        println!("{}", folder.join("navigate/index.html").display());
+    }
     for (file, words) in [("view/view.html", "To look around"), ("report/report.html", "All of it on one page")] {
         let page = folder.join(file);
         if page.is_file() {
@@ -195,37 +222,53 @@ fn conclude(folder: &Path) -> Result<()> {
     Ok(())
 }
 
+/// The pipeline that a golden is of.
+fn whole(of: Of) -> Pipeline {
+    let up_to = (of == Of::Navigate).then_some(Stage::Navigate);
+    Pipeline { only: None, from: None, up_to, navigate: false, out: None }
+}
+
 /// Runs the stages that need it and compares their figures with the golden; true when all agree. Names the first stage that moved.
 ///
 /// # Errors
 /// As [`run`], or a figure or the golden is missing.
-pub fn check_golden(workspace: &Workspace) -> Result<bool> {
-    run(workspace, &Pipeline { only: None, from: None, out: None })?;
-    let (expected, found) = (golden::read(&workspace.workspace_root)?, golden::figures(&folder(workspace))?);
+pub fn check_golden(workspace: &Workspace, of: Of) -> Result<bool> {
+    run(workspace, &whole(of))?;
+    let (expected, found) = (golden::read(&workspace.workspace_root, of)?, golden::figures(&folder(workspace), of)?);
     let differences = differences(&expected, &found);
     match differences.first().and_then(|line| line.split(',').next()) {
         None => println!("{} figures of the pipeline are those of the golden", expected.len()),
         Some(stage) => println!("the first stage that moved is {stage}:\n  {}", differences.join("\n  ")),
     }
-    Ok(look_at_pages(&folder(workspace))? && differences.is_empty())
+    Ok(look_at_pages(&folder(workspace), pages(of))? && differences.is_empty())
 }
 
-/// Pages that a person reads.
-const PAGES: [&str; 5] =
-    ["report/report.html", "contact/contact.html", "replay/replay.html", "diagnose/report.html", "tune/tune.html"];
+/// Pages that a person reads, of the stages that a golden is of.
+fn pages(of: Of) -> &'static [&'static str] {
+    match of {
+        Of::Stages => &[
+            "report/report.html",
+            "contact/contact.html",
+            "replay/replay.html",
+            "diagnose/report.html",
+            "tune/tune.html",
+        ],
+        Of::Navigate => &["navigate/index.html"],
+    }
+}
 
 /// Whether a browser shows the pages as they should be; true, with a word, where no browser is there.
-fn look_at_pages(folder: &Path) -> Result<bool> {
+fn look_at_pages(folder: &Path, pages: &[&str]) -> Result<bool> {
     let Some(browser) = look::browser() else {
         println!("the pages were not looked at: no Chromium is there");
         return Ok(true);
     };
     let mut found = vec![];
-    for page in PAGES {
+    for page in pages {
         found.extend(look::faults(&browser, &folder.join(page))?);
     }
     match found.is_empty() {
-        true => println!("{} pages look as they should in a browser", PAGES.len()),
+        true => println!("{} pages look as they should in a browser", pages.len()),
         false => println!("pages in a browser:\n  {}", found.join("\n  ")),
     }
     Ok(found.is_empty())
@@ -236,7 +279,7 @@ fn read_json(file: &Path) -> Result<Value> {
     serde_json::from_str(&text).with_context(|| format!("in {}", file.display()))
 }
 
-/// Writes a golden into `out`: `replay`, or the figures of all `stages`.
+/// Writes a golden into `out`: `replay`, the figures of all `stages`, or those of the optional stage `navigate`.
 ///
 /// # Errors
 /// A program fails, a report has another shape, or the name is another one.
@@ -244,11 +287,13 @@ pub fn write_golden(workspace: &Workspace, name: &str, out: &Path) -> Result<()>
     fs::create_dir_all(out).with_context(|| format!("making {}", out.display()))?;
     match name {
         "replay" => write_replay(workspace, out),
-        "stages" => {
-            run(workspace, &Pipeline { only: None, from: None, out: None })?;
-            golden::write(&folder(workspace), &out.join("stages.json"))
-        }
-        other => bail!("expected the golden replay or stages, found {other:?}"),
+        other => match Of::named(other) {
+            Some(of) => {
+                run(workspace, &whole(of))?;
+                golden::write(&folder(workspace), of, &out.join(of.file()))
+            }
+            None => bail!("expected the golden replay, stages or navigate, found {other:?}"),
+        },
     }
 }
 

@@ -35,6 +35,8 @@ pub enum Stage {
     Tune,
     /// That robot walks after commands under both policies
     Paths,
+    /// Optional: a network learns in the reconstructed place to reach cones that it sees
+    Navigate,
     /// Makes the page in which one looks around
     View,
     /// Puts all of it on one page
@@ -89,13 +91,19 @@ impl Stage {
             Self::Record => "record",
             Self::Tune => "tune",
             Self::Paths => "paths",
+            Self::Navigate => "navigate",
             Self::View => "view",
             Self::Report => "report",
         }
     }
 
-    /// What is run, one after the other.
-    pub fn calls(self) -> &'static [Call] {
+    /// Whether it runs only when it is asked for.
+    pub fn is_optional(self) -> bool {
+        self == Self::Navigate
+    }
+
+    /// What is run, one after the other; `navigate` says whether the optional stage of that name is there.
+    pub fn calls(self, navigate: bool) -> &'static [Call] {
         const YARD: [Call; 1] = [Call { program: Program::Yard, words: "--out yard", said: None }];
         // The first walks from concrete onto tiles that are smoother than tiles are, the second from grass onto gravel.
         const RECORDING: [Call; 2] = [
@@ -137,9 +145,23 @@ impl Stage {
             "tune record/walks --policy walk/policy.onnx --terrain again/terrain.glb --train-on plane --calibrated diagnose/calibrated.toml --out tune",
         )];
         const PATHS: [Call; 1] = [qv("walk paths walk/policy.onnx tune/policy.onnx --seed 2 --out paths/paths.json")];
+        // The yard has nothing that hides a cone. Small: a minute or two on two cores.
+        const NAVIGATE: [Call; 3] = [
+            qv(
+                "navigate train --scene reconstruct/scene.ply --mesh mesh/terrain.glb --starts view --distance 1.2,2.5 --camera none --rounds 3 --frames 1500 --robots 32 --epochs 8 --batch 4 --seed 1 --out navigate --json",
+            ),
+            told(
+                "navigate test navigate/weights.bin --scene reconstruct/scene.ply --mesh mesh/terrain.glb --starts view --distance 1.2,2.5 --camera none --episodes 32 --seed 2 --out navigate/results.json",
+                "navigate/said.txt",
+            ),
+            qv("navigate page navigate/results.json --out navigate/index.html"),
+        ];
         const VIEW: [Call; 1] = [qv("view diagnose again reconstruct --out view/view.html")];
         const REPORT: [Call; 1] = [qv(
             "report --view view/view.html --reconstruction reconstruct --mesh again/terrain.glb --contact again --replay replay --diagnosis diagnose --tuning tune --paths paths/paths.json --out report/report.html",
+        )];
+        const REPORT_NAVIGATE: [Call; 1] = [qv(
+            "report --view view/view.html --reconstruction reconstruct --mesh again/terrain.glb --contact again --replay replay --diagnosis diagnose --tuning tune --paths paths/paths.json --navigation navigate --out report/report.html",
         )];
         match self {
             Self::Yard => &YARD,
@@ -155,13 +177,23 @@ impl Stage {
             Self::Record => &RECORD,
             Self::Tune => &TUNE,
             Self::Paths => &PATHS,
+            Self::Navigate => &NAVIGATE,
             Self::View => &VIEW,
+            Self::Report if navigate => &REPORT_NAVIGATE,
             Self::Report => &REPORT,
         }
     }
 
-    /// Files and folders that it reads, relative to the pipeline's folder.
-    pub fn inputs(self) -> &'static [&'static str] {
+    /// Files and folders that it reads, relative to the pipeline's folder; `navigate` as in [`Stage::calls`].
+    pub fn inputs(self, navigate: bool) -> Vec<&'static str> {
+        let mut all = self.usual_inputs().to_vec();
+        if navigate && self == Self::Report {
+            all.extend(["navigate/results.json", "navigate/index.html"]);
+        }
+        all
+    }
+
+    fn usual_inputs(self) -> &'static [&'static str] {
         const POLICY: [&str; 3] = ["walk/policy.onnx", "walk/policy.toml", "walk/checkpoint.bin"];
         const RUNS: [&str; 2] = ["recording/tiles/run.mcap", "recording/gravel/run.mcap"];
         match self {
@@ -181,6 +213,7 @@ impl Stage {
             Self::Paths => {
                 &[POLICY[0], POLICY[1], POLICY[2], "tune/policy.onnx", "tune/policy.toml", "tune/checkpoint.bin"]
             }
+            Self::Navigate => &["reconstruct/scene.ply", "mesh/terrain.glb"],
             Self::View => &[
                 "diagnose/report.json",
                 "diagnose/calibrated.toml",
@@ -241,6 +274,14 @@ impl Stage {
                 "tune/tune.html",
             ],
             Self::Paths => &["paths/paths.json"],
+            Self::Navigate => &[
+                "navigate/weights.bin",
+                "navigate/policy.onnx",
+                "navigate/metrics.json",
+                "navigate/said.txt",
+                "navigate/results.json",
+                "navigate/index.html",
+            ],
             Self::View => &["view/view.html"],
             Self::Report => &["report/report.html"],
         }

@@ -45,6 +45,9 @@ pub struct Report {
     /// What `qv walk paths` wrote of the policy before and after the tuning, in this order
     #[arg(long, value_name = "FILE.json")]
     paths: Option<PathBuf>,
+    /// What `qv navigate` wrote: results.json of its test, and index.html to link to
+    #[arg(long, value_name = "DIR")]
+    navigation: Option<PathBuf>,
     /// What `qv view` wrote, to link to
     #[arg(long, value_name = "FILE.html")]
     view: Option<PathBuf>,
@@ -67,16 +70,27 @@ struct Parts {
     diagnosis: Option<Value>,
     tuning: Option<Value>,
     paths: Option<Value>,
+    /// Results of `qv navigate test`, and the way to their page.
+    navigation: Option<(Value, String)>,
     /// The page of `qv view`, as one gets there from this one.
     view: Option<String>,
 }
 
 impl Report {
     pub fn execute(&self) -> Result<Outcome, Failure> {
-        let all =
-            [&self.reconstruction, &self.mesh, &self.contact, &self.replay, &self.diagnosis, &self.tuning, &self.paths];
+        let all = [
+            &self.reconstruction,
+            &self.mesh,
+            &self.contact,
+            &self.replay,
+            &self.diagnosis,
+            &self.tuning,
+            &self.paths,
+            &self.navigation,
+        ];
         if all.iter().all(|part| part.is_none()) {
-            let expected = "expected at least one of --reconstruction, --mesh, --contact, --replay, --diagnosis, --tuning, --paths";
+            let expected = "expected at least one of --reconstruction, --mesh, --contact, --replay, --diagnosis, --tuning, --paths, \
+                 --navigation";
             return Err(expected.into());
         }
         let part = |folder: &Option<PathBuf>, name: &str, key: &str| {
@@ -91,7 +105,8 @@ impl Report {
             diagnosis: part(&self.diagnosis, "report.json", "sentence")?,
             tuning: part(&self.tuning, "tune.json", "candidates")?,
             paths: self.paths.as_ref().map(|file| read_json(file, "policies")).transpose()?,
-            view: self.view.as_ref().map(|file| way_to(file, &self.out)).transpose()?,
+            navigation: self.navigation.as_ref().map(|dir| navigation(dir, &self.out)).transpose()?,
+            view: self.view.as_ref().map(|file| way_to(file, &self.out, "qv view")).transpose()?,
         };
         if let (Some(paths), Some(file)) = (&parts.paths, &self.paths) {
             let two = paths["policies"].as_array().filter(|list| list.len() == 2);
@@ -129,10 +144,21 @@ fn read_json(path: &Path, key: &str) -> Result<Value, Failure> {
     }
 }
 
+/// The results of `qv navigate test` in a folder, and the way to the page of them.
+fn navigation(folder: &Path, from: &Path) -> Result<(Value, String), Failure> {
+    let file = folder.join("results.json");
+    let results = read_json(&file, "rows")?;
+    let is_row = |tested: &Value| tested["name"].is_string() && tested["row"]["success"].is_number();
+    if !results["rows"].as_array().is_some_and(|rows| !rows.is_empty() && rows.iter().all(is_row)) {
+        return Err(about(&file, "expected rows with a name and a share of success, found others"));
+    }
+    Ok((results, way_to(&folder.join("index.html"), from, "qv navigate page")?))
+}
+
 /// The relative way from one page to another, as a link has it.
-fn way_to(file: &Path, from: &Path) -> Result<String, Failure> {
+fn way_to(file: &Path, from: &Path, maker: &str) -> Result<String, Failure> {
     if !file.is_file() {
-        return Err(about(file, "expected a page of `qv view`, found none"));
+        return Err(about(file, format!("expected a page of `{maker}`, found none")));
     }
     let whole = |path: &Path| std::path::absolute(path).map_err(|e| about(path, e));
     let (file, from) = (whole(file)?, whole(from)?);

@@ -97,6 +97,7 @@ fn summary(parts: &Parts) -> String {
         ));
     }
     said.extend(parts.replay.as_ref().and_then(|report| report["verdict"].as_str()).map(escape));
+    said.extend(parts.navigation.as_ref().map(|(results, page)| cones(results, page)));
     if let Some(view) = &parts.view {
         said.push(format!(
             "<a href=\"{}\">Look around in the place</a>: robot, slips and causes, in three dimensions.",
@@ -104,6 +105,21 @@ fn summary(parts: &Parts) -> String {
         ));
     }
     sentences(&said)
+}
+
+/// How often cones are found, with a link.
+fn cones(results: &Value, page: &str) -> String {
+    let reached = |tested: &Value| {
+        let share = percent(tested["row"]["success"].as_f64().unwrap_or(f64::NAN));
+        format!("{} {share}", escape(tested["name"].as_str().unwrap_or(DASH)))
+    };
+    let all: Vec<String> = list(&results["rows"]).iter().map(reached).collect();
+    let count = list(&results["episodes"]).len();
+    format!(
+        "Of {count} cones in the reconstructed place are reached: {} (<a href=\"{}\">what it saw, and its ways</a>).",
+        all.join(", "),
+        escape(page)
+    )
 }
 
 fn sentences(said: &[String]) -> String {
@@ -290,6 +306,7 @@ mod tests {
             diagnosis: None,
             tuning: None,
             paths: None,
+            navigation: None,
             view: None,
         };
         let page = to_html(&parts).unwrap();
@@ -312,6 +329,10 @@ mod tests {
             replay: None,
             diagnosis: Some(json!({"sentence": "The gap is backlash.", "gap": {}})),
             view: Some("../view/view.html".into()),
+            navigation: Some((
+                json!({"episodes": [{}, {}], "rows": [{"name": "po<licy", "row": {"success": 0.5}}]}),
+                "../navigate/index.html".into(),
+            )),
             tuning: Some(json!({
                 "why": "Better by far.",
                 "candidates": [{"compensation": {"kind": "a<net"}, "held_out": {"error": 0.0123, "error_se": 0.001, "stays": true}}],
@@ -322,6 +343,8 @@ mod tests {
             ),
         };
         let page = to_html(&parts).unwrap();
+        assert!(page.contains("Of 2 cones in the reconstructed place are reached: po&lt;licy 50"), "{page}");
+        assert!(page.contains("href=\"../navigate/index.html\""));
         for part in
             ["Slippery &lt;tiles&gt;.", "a&lt;b", "not touched", "0.200", "5.0 cm", "base64,AQID", "Better by far."]
         {

@@ -1,6 +1,6 @@
 //! Of the pipeline as data, and of its golden.
 
-use super::golden::{Figure, differences, read};
+use super::golden::{Figure, Of, differences, read};
 use super::stages::Stage;
 use crate::workspace::Workspace;
 use clap::ValueEnum;
@@ -12,14 +12,14 @@ use std::collections::BTreeMap;
 fn stages_fit_together() {
     let mut written: BTreeMap<&str, Stage> = BTreeMap::new();
     for &stage in Stage::value_variants() {
-        for file in stage.inputs() {
+        for file in stage.inputs(true) {
             assert!(written.get(file).is_some_and(|by| *by < stage), "{file}");
         }
         for file in stage.outputs() {
             assert!(file.starts_with(stage.name()), "{file} lies in the stage's own folder, which it empties");
             written.insert(file, stage);
         }
-        for call in stage.calls() {
+        for call in stage.calls(true) {
             assert!(call.said.is_none_or(|file| stage.outputs().contains(&file)), "{call:?}");
         }
     }
@@ -28,7 +28,8 @@ fn stages_fit_together() {
 /// The golden "stages" has figures of every stage that has any, and the first that moved is named first, with how far.
 #[test]
 fn the_first_stage_that_moved_is_named() {
-    let golden = read(&Workspace::load().unwrap().workspace_root).unwrap();
+    let root = Workspace::load().unwrap().workspace_root;
+    let golden = read(&root, Of::Stages).unwrap();
     assert!(differences(&golden, &golden).is_empty());
     let place =
         |figure: &Figure| Stage::value_variants().iter().position(|stage| stage.name() == figure.stage).unwrap();
@@ -49,6 +50,23 @@ fn the_first_stage_that_moved_is_named() {
     assert!(
         differences(&golden, &moved).iter().any(|line| line.starts_with("diagnose") && line.ends_with("found none"))
     );
+}
+
+/// The golden "navigate" has figures of the optional stage alone, "stages" has none of it.
+#[test]
+fn the_optional_stage_has_a_golden_of_its_own() {
+    let root = Workspace::load().unwrap().workspace_root;
+    let of = |of: Of| read(&root, of).unwrap();
+    assert!(of(Of::Stages).iter().all(|figure| figure.stage != "navigate"));
+    let navigate = of(Of::Navigate);
+    assert!(navigate.len() == 5 && navigate.iter().all(|figure| figure.stage == "navigate"));
+    let share = |k: usize| navigate[k].value.as_f64().unwrap();
+    assert!(share(0) > 0.6 && share(1) > 0.9, "a policy that learnt, and its teacher: {} {}", share(0), share(1));
+    assert!(Stage::Report.calls(true)[0].words.contains("--navigation") && Stage::Navigate.is_optional());
+    assert!(!Stage::Report.calls(false)[0].words.contains("--navigation"));
+    let needed = super::needed(Stage::Navigate, true);
+    assert_eq!(needed, [Stage::Navigate, Stage::Mesh, Stage::Reconstruct, Stage::Yard]);
+    assert!(super::needed(Stage::Report, false).iter().all(|stage| !stage.is_optional()));
 }
 
 /// A stage that fails leaves what the last good one wrote; one that was killed leaves it for the next.
