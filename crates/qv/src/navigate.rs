@@ -80,7 +80,7 @@ struct Place {
     /// Where cones are at the start, in turn; a place without anything high has no hidden ones
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = [Start::View, Start::Turned, Start::Hidden])]
     starts: Vec<Start>,
-    /// Least and greatest length of the way to a cone [m]
+    /// Least and greatest length of the way to a cone, in metres
     #[arg(long, value_name = "M,M", default_value = "2.5,7", value_parser = lengths)]
     distance: Lengths,
     /// Of everything that is drawn
