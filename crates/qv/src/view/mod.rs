@@ -66,7 +66,11 @@ impl View {
             return Err(about(&self.folders[0], expected));
         }
         let causes = parts.diagnosis.as_ref().map(|report| causes::of(report, motion.as_ref())).unwrap_or_default();
-        let slips = parts.contact.as_ref().map(|c| place::slips(c, mesh.as_ref())).unwrap_or_default();
+        let mut slips = parts.contact.as_ref().map(|c| place::slips(c, mesh.as_ref())).unwrap_or_default();
+        if !slips.is_empty() && place::are_of_two(parts.contact.as_ref(), parts.diagnosis.as_ref()) {
+            lost.push(format!("{} slips: of another recording than the diagnosis, left out", slips.len()));
+            slips.clear();
+        }
         let data = page::Data {
             parts: &parts,
             mesh: mesh.as_ref(),

@@ -73,6 +73,12 @@ fn thinned(cloud: &GaussianCloud, most: usize) -> GaussianCloud {
     }
 }
 
+/// Whether two reports say that the first recording of each is not the same file.
+pub fn are_of_two(one: Option<&Value>, other: Option<&Value>) -> bool {
+    let first = |report: Option<&Value>| report?.pointer("/provenance/inputs/0/sha256")?.as_str().map(str::to_owned);
+    matches!((first(one), first(other)), (Some(one), Some(other)) if one != other)
+}
+
 /// Slips of the first recording of a report of `qv contact`, on the ground.
 pub fn slips(contact: &Value, mesh: Option<&TriangleMesh>) -> Vec<Slip> {
     let terrain = mesh.and_then(|mesh| Terrain::from_mesh(mesh).ok());
@@ -105,6 +111,15 @@ mod tests {
         assert_eq!(kept.means, [[2.0; 3], [3.0; 3]]);
         assert_eq!((kept.sh_degree, kept.sh), (0, vec![[8.0; 3], [12.0; 3]]));
         assert_eq!(thinned(&cloud, 9).len(), 4);
+    }
+
+    #[test]
+    fn reports_of_two_recordings_are_told_apart() {
+        let report =
+            |hash: &str| serde_json::json!({"provenance": {"inputs": [{"sha256": hash}, {"sha256": "ground"}]}});
+        assert!(are_of_two(Some(&report("a")), Some(&report("b"))));
+        assert!(!are_of_two(Some(&report("a")), Some(&report("a"))));
+        assert!(!are_of_two(Some(&serde_json::json!({})), Some(&report("a"))) && !are_of_two(None, None));
     }
 
     #[test]
