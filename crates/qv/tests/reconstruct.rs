@@ -178,7 +178,7 @@ fn an_antialiased_scene_tells_it_and_goes_on_only_as_one() {
     let folder = capture("reconstruct_antialias", 12);
     let (code, line, err) = reconstruct(&folder, &["--iterations", "300", "--antialias", "--background", "black"]);
     assert_eq!((code, &line["antialias"], &line["aside"]), (0, &json!(true), &Value::Null), "{err}");
-    assert!(line["mean"]["psnr"].as_f64().unwrap() > 18.0, "{line}");
+    assert!(line["mean"]["psnr"].as_f64().unwrap() > 15.0, "{line}");
     let file = qv_splat::files::ply::read(&fs::read(folder.join("out/scene.ply")).unwrap()).unwrap();
     assert!(file.antialias && file.told.iter().any(|what| what.contains("filter_3D")), "{:?}", file.told);
     let (code, _, err) = reconstruct(&folder, &["--iterations", "310", "--resume", "--background", "black"]);
