@@ -126,7 +126,7 @@ pub struct Reconstruct {
     /// Holds out every Nth photograph, by name from the first on, to score with; 0 for none
     #[arg(long, value_name = "N", default_value_t = 8)]
     hold_out: usize,
-    /// With more than 7000 steps: puts every Nth photograph aside at first, to find how many steps help, up to those asked for; then learns from all (0, --resume and --max-seconds: no search)
+    /// With more than 7000 steps: puts every Nth photograph aside at first, to find how many steps help, up to those asked for; then learns from all (0, and --max-seconds: no search)
     #[arg(long, value_name = "N", default_value_t = 8)]
     aside: usize,
     /// Stops after so many seconds
@@ -251,12 +251,12 @@ impl Reconstruct {
             eprintln!("qv: {}", self.how_to_go_on(0));
             return Ok(Outcome::Stopped);
         }
-        let options = TrainOptions {
-            iterations: searched.as_ref().map_or(options.iterations, |found| found.search.best()),
-            ..options
-        };
+        let options =
+            TrainOptions { iterations: searched.as_ref().map_or(options.iterations, |found| found.steps), ..options };
+        let search_s = clock.elapsed().as_secs_f64();
         run.iterations = options.iterations;
         let mut engine = self.engine(&dataset, &options, model)?;
+        let clock = Instant::now();
         let trained = train(
             engine.as_mut(),
             dataset.training.len(),
@@ -294,20 +294,26 @@ impl Reconstruct {
         self.save_scene(&model.cloud, &dataset)?;
         let metrics = json!({
             "format": "qv-reconstruct/1", "capture": self.capture.display().to_string(), "iterations": stood_at, "scene_of_iteration": scene_of,
-            "finished": finished, "gaussians": model.cloud.len(), "loss": run.loss, "read_s": read_s, "train_s": train_s,
+            "finished": finished, "gaussians": model.cloud.len(), "loss": run.loss, "read_s": read_s, "search_s": search_s, "train_s": train_s,
             "write_s": clock.elapsed().as_secs_f64(), "photographs": dataset.training.len(), "began_at_points": at_points,
             "exposure": self.exposure, "poses_refined": self.refine_poses, "poses_found": found, "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
             "held_out": dataset.held_out.iter().zip(&held_out).map(|(one, score)| named(&one.name, score)).collect::<Vec<_>>(),
             "mean": Score::mean(&held_out).map(|mean| named("mean", &mean)),
             "mean_identity": Score::mean(&as_drawn).map(|mean| named("mean", &mean)),
             "mean_aligned": Score::mean(&aligned).map(|mean| named("mean", &mean)), "times_ms": run.mean_times(), "antialias": dataset.antialias, "steps_asked": self.iterations,
-            "aside": searched.as_ref().map(|found| json!({"photographs": found.photographs, "psnr": found.search.seen, "steps": found.search.best()})),
+            "aside": searched,
         });
         self.save_cameras(&model, &dataset, &looked_at)?;
         let path = self.out.join("metrics.json");
         put(&path, format!("{metrics:#}\n")).map_err(|e| about(&path, format!("expected to write it, found {e}")))?;
         bar.finish();
-        self.tell(&metrics, [Score::mean(&held_out), Score::mean(&aligned)], &run, train_s, model.cloud.len())?;
+        self.tell(
+            &metrics,
+            [Score::mean(&held_out), Score::mean(&aligned)],
+            &run,
+            search_s + train_s,
+            model.cloud.len(),
+        )?;
         opened.capture.told.iter().for_each(|what| remark(what));
         dataset.turned.iter().for_each(|(what, count)| remark(&format!("{count} images with {what}")));
         lost.extend_from_slice(&dataset.lost);
@@ -407,8 +413,11 @@ impl Reconstruct {
         let Ok(bytes) = fs::read(&path) else { return Ok(()) };
         let file = ply::read(&bytes).map_err(|e| about(&path, e))?;
         if file.antialias != dataset.antialias {
-            let words = |antialias: bool| if antialias { "a scene made with --antialias" } else { "one made without" };
-            let found = format!("expected {}, found {}", words(dataset.antialias), words(file.antialias));
+            let (expected, found) = match dataset.antialias {
+                true => ("a scene made with --antialias", "one made without"),
+                false => ("a scene made without --antialias", "one made with it"),
+            };
+            let found = format!("expected {expected}, found {found}");
             return Err(about(&path, found));
         }
         let before = file.background.unwrap_or_default();

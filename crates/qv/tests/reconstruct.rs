@@ -173,6 +173,32 @@ fn stages_are_told_where_there_is_no_terminal_unless_it_is_to_be_quiet() {
     assert_eq!(told(&["-q"]), "");
 }
 
+#[test]
+fn an_antialiased_scene_tells_it_and_goes_on_only_as_one() {
+    let folder = capture("reconstruct_antialias", 12);
+    let (code, line, err) = reconstruct(&folder, &["--iterations", "300", "--antialias", "--background", "black"]);
+    assert_eq!((code, &line["antialias"], &line["aside"]), (0, &json!(true), &Value::Null), "{err}");
+    assert!(line["mean"]["psnr"].as_f64().unwrap() > 15.0, "{line}");
+    let file = qv_splat::files::ply::read(&fs::read(folder.join("out/scene.ply")).unwrap()).unwrap();
+    assert!(file.antialias && file.told.iter().any(|what| what.contains("filter_3D")), "{:?}", file.told);
+    let (code, _, err) = reconstruct(&folder, &["--iterations", "310", "--resume", "--background", "black"]);
+    assert!(code == 1 && err.contains("expected a scene made without --antialias, found one made with it"), "{err}");
+}
+
+#[test]
+fn with_more_steps_than_usual_it_is_found_how_many_help() {
+    let folder = capture("reconstruct_aside", 5);
+    let (code, line, err) = reconstruct(&folder, &["--iterations", "7010", "--cap", "41"]);
+    assert_eq!(code, 0, "{err}");
+    let (aside, asked) = (&line["aside"], &line["aside"]["asked"]);
+    assert_eq!((&aside["photographs"], asked, &aside["psnr"][0][0]), (&json!(2), &json!(7010), &json!(7000)), "{line}");
+    // One number of steps was looked at before training ended.
+    assert_eq!((&aside["steps"], &line["iterations"]), (&json!(7000), &json!(7000)));
+    // Going on keeps to it.
+    let (code, line, err) = reconstruct(&folder, &["--iterations", "7010", "--cap", "41", "--resume"]);
+    assert_eq!((code, &line["aside"]["steps"], &line["iterations"]), (0, &json!(7000), &json!(7000)), "{err}");
+}
+
 /// Waits until a child has said so on standard error; the rest of what it says comes from the thread.
 #[cfg(unix)]
 fn said(child: &mut std::process::Child, what: &str) -> std::thread::JoinHandle<String> {

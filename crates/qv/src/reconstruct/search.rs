@@ -3,17 +3,28 @@
 use super::watch::Run;
 use super::{REPORT_EVERY, Reconstruct};
 use crate::Failure;
+use crate::scene::about;
+use crate::whole::put;
 use qv_core::GaussianCloud;
 use qv_splat::train::aside::{Search, judged, put_aside};
 use qv_splat::train::{Dataset, Model, TrainOptions, train};
+use serde::{Deserialize, Serialize};
+use std::fs;
 
-/// What the search found.
+/// What the search found: the file `aside.json` in the output folder, by which `--resume` goes on with as many steps.
+#[derive(Serialize, Deserialize)]
 pub(super) struct Searched {
-    /// What was seen after which numbers of steps.
-    pub search: Search,
+    /// Steps that were asked for.
+    asked: u32,
+    seed: u32,
     /// Photographs that were put aside.
-    pub photographs: usize,
+    photographs: usize,
+    /// Steps, and PSNR of those photographs after them \[dB\].
+    psnr: Vec<(u32, f64)>,
+    /// Steps that help most.
+    pub steps: u32,
     /// The scene so far, when somebody stopped it.
+    #[serde(skip)]
     pub stopped_with: Option<GaussianCloud>,
 }
 
@@ -26,8 +37,15 @@ impl Reconstruct {
         cloud: &GaussianCloud,
         run: &mut Run,
     ) -> Result<Option<Searched>, Failure> {
+        let path = self.out.join("aside.json");
+        if self.resume {
+            // What cannot be read, or is of another search, says nothing of this run.
+            let found = fs::read(&path).ok().and_then(|bytes| serde_json::from_slice::<Searched>(&bytes).ok());
+            return Ok(found.filter(|found| (found.asked, found.seed) == (self.iterations, self.seed)));
+        }
+        fs::remove_file(&path).ok();
         let usual = TrainOptions::default().iterations;
-        if options.iterations <= usual || self.resume || self.max_seconds.is_some() {
+        if options.iterations <= usual || self.max_seconds.is_some() {
             return Ok(None);
         }
         let Some(inner) = put_aside(dataset, self.aside) else { return Ok(None) };
@@ -48,7 +66,18 @@ impl Reconstruct {
                 Ok(search.see(at.iteration, psnr))
             },
         )?;
-        let stopped_with = if stopped { Some(engine.model()?.cloud) } else { None };
-        Ok(Some(Searched { search, photographs: inner.held_out.len(), stopped_with }))
+        let found = Searched {
+            asked: self.iterations,
+            seed: self.seed,
+            photographs: inner.held_out.len(),
+            steps: search.best(),
+            psnr: search.seen,
+            stopped_with: if stopped { Some(engine.model()?.cloud) } else { None },
+        };
+        if !stopped {
+            let text = serde_json::to_string_pretty(&found).map_err(|e| about(&path, e))?;
+            put(&path, text + "\n").map_err(|e| about(&path, format!("expected to write it, found {e}")))?;
+        }
+        Ok(Some(found))
     }
 }
