@@ -23,6 +23,9 @@ pub struct Python {
     /// Installs Ray (a few hundred megabytes), too, and so tests fleets on it
     #[arg(long)]
     ray: bool,
+    /// Installs Rerun (a hundred megabytes), too, and so tests that it reads what a replay writes
+    #[arg(long)]
+    rerun: bool,
     /// Runs the tests that take minutes, too
     #[arg(long)]
     slow: bool,
@@ -48,7 +51,7 @@ pub fn run(workspace: &Workspace, how: &Python) -> Result<bool> {
         program(workspace, how.release)?;
         installed(workspace, how.release)?
     };
-    for (wanted, file) in [(how.rsl_rl, "rsl_rl.txt"), (how.ray, "ray.txt")] {
+    for (wanted, file) in [(how.rsl_rl, "rsl_rl.txt"), (how.ray, "ray.txt"), (how.rerun, "rerun.txt")] {
         if wanted {
             let pinned = workspace.workspace_root.join("fixtures/python").join(file);
             process::run(Command::new(&python).args(["-m", "pip", "install", "--quiet", "-r"]).arg(&pinned))?;
