@@ -103,7 +103,7 @@ def follower(observation):
             continue
         column = np.nonzero(mask)[1].mean()
         turn = (40 - column) / 40
-        near = mask[-1].any() and mask.sum() > 1000
+        near = mask[-1].any() and mask.sum() > 800
         actions[env] = [-0.5 if near else 0.7 - abs(turn), 0.0, turn]
     return actions
 
