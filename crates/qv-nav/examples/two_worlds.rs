@@ -2,7 +2,9 @@
 //! trained on, or weaker, later and slipping ones): `two_worlds WEIGHTS.bin [EPISODES] [SOWN] [RESULTS.json]`, where `SOWN` is
 //! the distance between Gaussians \[m\].
 
-use qv_nav::eye::{BlindEye, Eye, FnEye, LINEAR, Shot, SplatEye};
+mod yard_eye;
+
+use qv_nav::eye::{BlindEye, Eye, FnEye, Shot, SplatEye};
 use qv_nav::legs::{Effects, Follower};
 use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
@@ -20,7 +22,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 use yard::layout::mesh_with;
 use yard::objects::CRATES;
-use yard::{Things, Yard, objects, sow};
+use yard::{Yard, sow};
 
 /// As in `learn_in_the_yard`.
 const HEIGHT: f64 = 0.3;
@@ -29,19 +31,6 @@ const TESTED: u64 = 777;
 const ROBOTS: usize = 50;
 
 type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
-
-/// What the yard's ray caster shows, 0 to 1, without noise.
-fn cast(yard: &Yard, shot: &Shot) -> Vec<f32> {
-    let cone = |c: &qv_nav::sight::Cone| objects::Cone {
-        place: c.place.into(),
-        height: c.height,
-        radius: c.radius(),
-        colour: LINEAR[c.colour],
-    };
-    let cones: Vec<_> = shot.cones.iter().map(cone).collect();
-    let bytes = yard.photo_from(&shot.camera, &Things::new(&cones), [1.0; 3], 0.0, 0);
-    bytes.into_iter().map(|b| f32::from(b) / 255.0).collect()
-}
 
 struct Bench<'a> {
     world: &'a World,
@@ -88,7 +77,7 @@ fn main() -> Fallible<()> {
     let world = World::new(map, Rig::default(), Limits::default());
     let yard = Yard::with_crates(&CRATES, Vec::new(), 1);
     let splat = SplatEye::new(&sow::cloud(&yard, sown));
-    let rays = FnEye(|shot: &Shot| cast(&yard, shot));
+    let rays = FnEye(|shot: &Shot| yard_eye::cast(&yard, shot));
     let (known, hidden, limits) = (Effects::default(), Effects::hidden(), world.limits);
     println!("{count} episodes of seed {TESTED}; hidden effects of the legs: {hidden:?}");
     let episodes = EpisodeSettings::default().draw(&world, count, TESTED)?;

@@ -5,8 +5,10 @@
 //! training that knew the hidden effects: one more row), `hidden` (other effects: NAME:VALUE,NAME:VALUE, or `no`), `simulator` (the same for
 //! the simulator), `timestep` of the second engine \[s\], `out`.
 
+mod yard_eye;
+
 use qv_go2::walk;
-use qv_nav::eye::{Eye, FnEye, LINEAR, Shot, SplatEye};
+use qv_nav::eye::{Eye, FnEye, Shot, SplatEye};
 use qv_nav::legs::{Follower, Legs};
 use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
@@ -31,7 +33,7 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 use yard::layout::mesh_with;
 use yard::objects::CRATES;
-use yard::{Things, Yard, objects, sow};
+use yard::{Yard, sow};
 
 /// As in `learn_in_the_yard`.
 const HEIGHT: f64 = 0.3;
@@ -73,19 +75,6 @@ fn effects(text: Option<&str>) -> Fallible<Vec<(String, f64)>> {
 
 fn walking(file: &str, robot: &TaskRobot) -> Fallible<Box<dyn Decide>> {
     Ok(Box::new(Owned(Checkpoint::from_bytes(&std::fs::read(file)?)?.best_policy(robot)?)))
-}
-
-/// What the yard's ray caster shows, 0 to 1, without noise.
-fn cast(yard: &Yard, shot: &Shot) -> Vec<f32> {
-    let cone = |c: &qv_nav::sight::Cone| objects::Cone {
-        place: c.place.into(),
-        height: c.height,
-        radius: c.radius(),
-        colour: LINEAR[c.colour],
-    };
-    let cones: Vec<_> = shot.cones.iter().map(cone).collect();
-    let bytes = yard.photo_from(&shot.camera, &Things::new(&cones), [1.0; 3], 0.0, 0);
-    bytes.into_iter().map(|b| f32::from(b) / 255.0).collect()
 }
 
 struct Bench<'a> {
@@ -135,7 +124,7 @@ fn main() -> Fallible<()> {
     let world = World::new(Map::new(&mesh, &MapSettings::default())?, Rig::default(), Limits::default());
     let yard = Yard::with_crates(&CRATES, Vec::new(), 1);
     let splat = SplatEye::new(&sow::cloud(&yard, sown));
-    let rays = FnEye(|shot: &Shot| cast(&yard, shot));
+    let rays = FnEye(|shot: &Shot| yard_eye::cast(&yard, shot));
     let (robot, terrain) = (walk::robot()?, Terrain::from_mesh(&mesh)?);
     let [low, high] = world.map.bounds().map(|p| p.to_array());
     let simulator = effects(Some(&key("simulator", "no")))?;

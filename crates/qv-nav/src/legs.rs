@@ -59,6 +59,8 @@ pub struct Past(VecDeque<Pose>);
 
 /// Seconds from one kept pose to the next.
 pub const TICK: f64 = 0.02;
+/// Ticks of a decision.
+pub(crate) const TICKS: usize = (PERIOD / TICK + 0.5) as usize;
 
 impl Past {
     /// Forgets all but one pose.
@@ -263,15 +265,24 @@ impl One {
     }
 }
 
+/// Whether there are robots for all starts.
+///
+/// # Errors
+/// There are more starts than robots.
+pub(crate) fn check_starts(starts: &[Start], robots: usize) -> Result<(), NavError> {
+    match starts.len() <= robots {
+        true => Ok(()),
+        false => Err(NavError::value("starts", &format!("at most {robots}"), starts.len())),
+    }
+}
+
 impl Legs for Follower<'_> {
     fn count(&self) -> usize {
         self.robots.len()
     }
 
     fn begin(&mut self, starts: &[Start]) -> Result<(), NavError> {
-        if starts.len() > self.robots.len() {
-            return Err(NavError::value("starts", &format!("at most {}", self.robots.len()), starts.len()));
-        }
+        check_starts(starts, self.robots.len())?;
         for (robot, start) in self.robots.iter_mut().zip(starts) {
             let mut random = Xoshiro256PlusPlus::of(start.seed, 83, 0);
             let mut between = |low: f32, high: f32| f64::from(random.between(low, high));
@@ -291,7 +302,7 @@ impl Legs for Follower<'_> {
 
     fn step(&mut self, commands: &[[f64; 3]], active: &[bool]) -> Result<(), NavError> {
         for ((robot, command), _) in self.robots.iter_mut().zip(commands).zip(active).filter(|(_, active)| **active) {
-            for _ in 0..(PERIOD / TICK).round() as usize {
+            for _ in 0..TICKS {
                 robot.tick(self.ground.map(), self.height, *command);
             }
         }

@@ -2,8 +2,7 @@
 //! policy sees the true state.
 
 use crate::NavError;
-use crate::legs::{Legs, Motion, Past, Start, TICK};
-use crate::task::PERIOD;
+use crate::legs::{Legs, Motion, Past, Start, TICK, TICKS, check_starts};
 use crate::walkers::{Trim, moving, pose, standing};
 use glam::DVec3;
 use qv_core::Pose;
@@ -150,9 +149,7 @@ impl Legs for SecondWalkers<'_> {
     }
 
     fn begin(&mut self, starts: &[Start]) -> Result<(), NavError> {
-        if starts.len() > self.robots.len() {
-            return Err(NavError::value("starts", &format!("at most {}", self.robots.len()), starts.len()));
-        }
+        check_starts(starts, self.robots.len())?;
         for (one, start) in self.robots.iter_mut().zip(starts) {
             let terrain = one.engine.terrain();
             let plane = terrain.is_plane();
@@ -168,7 +165,7 @@ impl Legs for SecondWalkers<'_> {
     }
 
     fn step(&mut self, commands: &[[f64; 3]], active: &[bool]) -> Result<(), NavError> {
-        (0..(PERIOD / TICK).round() as usize).try_for_each(|_| self.tick(commands, active))
+        (0..TICKS).try_for_each(|_| self.tick(commands, active))
     }
 
     fn motion(&self, env: usize) -> Motion {

@@ -2,8 +2,7 @@
 //! compensator are the caller's.
 
 use crate::NavError;
-use crate::legs::{Legs, Motion, Past, Start, TICK};
-use crate::task::PERIOD;
+use crate::legs::{Legs, Motion, Past, Start, TICK, TICKS, check_starts};
 use glam::{DQuat, DVec3};
 use qv_core::Pose;
 use qv_policy::env::{End, VectorEnv};
@@ -47,9 +46,6 @@ pub(crate) fn moving(base: &Pose, linear: DVec3, turning: DVec3) -> [f64; 3] {
     let linear = linear.truncate();
     [linear.dot(ahead), linear.dot(ahead.perp()), (base.rotation * turning).z]
 }
-
-/// Decisions of the walking policy in one of the navigation.
-const DECISIONS: usize = (PERIOD / TICK + 0.5) as usize;
 
 /// Simulated robots that walk under a policy. Their bits do not depend on the number of threads.
 pub struct Walkers<'a> {
@@ -134,9 +130,7 @@ impl Legs for Walkers<'_> {
     }
 
     fn begin(&mut self, starts: &[Start]) -> Result<(), NavError> {
-        if starts.len() > self.robots.len() {
-            return Err(NavError::value("starts", &format!("at most {}", self.robots.len()), starts.len()));
-        }
+        check_starts(starts, self.robots.len())?;
         self.task.restart(0, 0)?;
         for (env, start) in starts.iter().enumerate() {
             let ground = &self.task.ground();
@@ -156,7 +150,7 @@ impl Legs for Walkers<'_> {
         for (robot, (command, active)) in self.robots.iter_mut().zip(commands.iter().zip(active)) {
             robot.wanted = if *active { *command } else { [0.0; 3] };
         }
-        (0..DECISIONS).try_for_each(|_| self.tick())
+        (0..TICKS).try_for_each(|_| self.tick())
     }
 
     fn motion(&self, env: usize) -> Motion {
