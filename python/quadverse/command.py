@@ -12,6 +12,7 @@ import tempfile
 import threading
 from pathlib import Path
 
+from ._extras import need
 from .recording import Recording
 from .report import _Files
 
@@ -122,7 +123,7 @@ class Contact(_Files):
 
     def to_pandas(self):
         """A row per material: friction, prior, evidence, time on it (needs pandas)."""
-        import pandas
+        pandas = need("pandas")
 
         return pandas.DataFrame([{k: v for k, v in r.items() if k != "curves"} for r in self.fields["regions"]])
 
@@ -189,7 +190,7 @@ class Policy:
 
     def to_pandas(self):
         """The training, a row per iteration (needs pandas)."""
-        import pandas
+        pandas = need("pandas")
 
         return pandas.DataFrame(self.metrics)
 

@@ -11,6 +11,7 @@ import subprocess
 import time
 from pathlib import Path
 
+from ._extras import need
 from .command import QvError, _options, program, qv
 
 #: Seconds from a SIGTERM to the end of ``qv``, which stops its child first.
@@ -36,7 +37,7 @@ class Result:
 
     def to_pandas(self):
         """A row for each unit (needs pandas)."""
-        import pandas
+        pandas = need("pandas")
 
         return pandas.DataFrame(self.fields["units"])
 
@@ -99,7 +100,7 @@ def run(plan, address="auto", *, cpus=1, memory=None, timeout=None, retries=0, t
     run``; ``task_retries`` is how often a task is started again whose worker or machine is lost. ``program`` is ``qv`` on the workers;
     by default that of their package.
     """
-    import ray
+    ray = need("ray", "'ray>=2.50'")
 
     folder = Path(os.path.abspath(plan))
     units = [unit["id"] for unit in json.loads((folder / "plan.json").read_text())["units"]]

@@ -3,6 +3,10 @@
 import os
 
 import numpy as np
+
+from ._extras import need
+
+need("gymnasium")
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space

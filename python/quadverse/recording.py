@@ -4,6 +4,7 @@ import json
 import os
 
 from . import _quadverse
+from ._extras import need
 
 
 class Recording:
@@ -35,7 +36,7 @@ class Recording:
 
     def to_pandas(self, channel):
         """One channel as a DataFrame over time (needs pandas)."""
-        import pandas
+        pandas = need("pandas")
 
         time, values = self[channel]
         joints, feet = self.joint_names, self.foot_names

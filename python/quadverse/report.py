@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from . import _quadverse
+from ._extras import need
 from .recording import Recording, open
 
 
@@ -78,7 +79,7 @@ class Report(_Files):
 
     def to_pandas(self):
         """The ranking of the effects as a DataFrame (needs pandas)."""
-        import pandas
+        pandas = need("pandas")
 
         return pandas.DataFrame(self.fields["ranking"])
 

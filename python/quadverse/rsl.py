@@ -1,6 +1,11 @@
 """The velocity task as an environment of rsl_rl (``pip install quadverse[rsl]``)."""
 
 import numpy as np
+
+from ._extras import need
+
+need("torch")
+need("rsl_rl", "rsl-rl-lib")
 import torch
 from rsl_rl.env import VecEnv
 from tensordict import TensorDict

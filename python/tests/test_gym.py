@@ -1,6 +1,10 @@
 """The velocity task under gymnasium."""
 
+import subprocess
+import sys
+
 import numpy as np
+import pytest
 
 from quadverse import VelocityEnv
 
@@ -32,3 +36,20 @@ def test_a_seed_gives_the_same_bits():
 
     for one, other in zip(rolled(), rolled()):
         assert np.array_equal(one, other)
+
+
+def test_an_action_that_is_no_number_is_named():
+    env = VelocityEnv(3)
+    env.reset(seed=1)
+    actions = np.zeros(env.action_space.shape, np.float32)
+    actions[2, 5] = np.nan
+    with pytest.raises(ValueError, match=r"actions\[2, 5\]: expected a finite number, found NaN"):
+        env.step(actions)
+
+
+def test_a_package_that_is_not_there_is_named_with_how_to_get_it():
+    code = "import sys; sys.modules['gymnasium'] = None; import quadverse; quadverse.VelocityEnv"
+    # `None` makes an import fail as if there were no such package.
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert found.returncode == 1
+    assert "expected the package gymnasium (pip install gymnasium), found none" in found.stderr

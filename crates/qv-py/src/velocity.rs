@@ -108,6 +108,10 @@ impl VelocityTask {
             return Err(value(format!("actions: expected the shape {expected:?}, found {:?}", actions.shape())));
         }
         let actions: Vec<f32> = actions.as_array().iter().copied().collect();
+        if let Some(at) = actions.iter().position(|a| !a.is_finite()) {
+            let (row, column) = (at / expected[1], at % expected[1]);
+            return Err(value(format!("actions[{row}, {column}]: expected a finite number, found {}", actions[at])));
+        }
         let Self { task, rewards, ends, .. } = self;
         py.detach(|| task.step(&actions, rewards, ends)).map_err(value)?;
         let ended = |how: End| PyArray1::from_vec(py, ends.iter().map(|&end| end == how).collect());
