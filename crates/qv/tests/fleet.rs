@@ -126,8 +126,11 @@ fn wrong_plans_are_refused() {
     let (code, _, err) = qv(&["fleet", "run", &fleet]);
     assert!(code == 1 && err.contains("plan.json: expected a plan of `qv fleet plan`"), "{err}");
     fs::create_dir_all(root.join("empty")).unwrap();
-    let (code, _, err) = qv(&["fleet", "plan", root.join("empty").to_str().unwrap(), "--out", &fleet]);
+    let unmade = root.join("unmade");
+    let (code, _, err) =
+        qv(&["fleet", "plan", root.join("empty").to_str().unwrap(), "--out", unmade.to_str().unwrap()]);
     assert!(code == 1 && err.contains("expected recordings below it, found none"), "{err}");
+    assert!(!unmade.exists(), "a plan of nothing left something behind");
     rehearsed(&root, &fleet);
     let path = Path::new(&fleet).join("plan.json");
     let other = fs::read_to_string(&path).unwrap().replacen(env!("CARGO_PKG_VERSION"), "0.0.7", 1);

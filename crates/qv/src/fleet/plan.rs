@@ -84,7 +84,6 @@ impl Plan {
         if let Some(folder) = self.folders.iter().find(|folder| !folder.exists()) {
             return Err(format!("{}: expected a folder with recordings, found nothing", folder.display()).into());
         }
-        let _lock = Folder::lock(&self.out)?;
         let mut paths: Vec<(PathBuf, PathBuf)> = Vec::new();
         for folder in &self.folders {
             paths.extend(recordings(folder, &self.out).into_iter().map(|path| (folder.clone(), path)));
@@ -93,6 +92,8 @@ impl Plan {
             let folders: Vec<String> = self.folders.iter().map(|f| f.display().to_string()).collect();
             return Err(format!("{}: expected recordings below it, found none", folders.join(", ")).into());
         }
+        // Only now, so that a plan of nothing leaves nothing behind.
+        let _lock = Folder::lock(&self.out)?;
         let bar = progress(paths.len() as u64, "reading");
         let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(self.jobs)).build()?;
         let read = |(folder, path): &(PathBuf, PathBuf)| {

@@ -69,7 +69,11 @@ impl ScoreArguments {
         let decision = OnnxDecision { policy: &mut policy, robot: &robot };
         let found = score(decision, &mut task, &commands, self.seconds as f32, self.seed)?;
         match self.json {
-            true => say(&format!("{}\n", serde_json::to_string(&found)?))?,
+            true => {
+                let mut line = serde_json::to_value(&found)?;
+                line["format"] = "qv-walk-score/1".into();
+                say(&format!("{line}\n"))?
+            }
             false => say(&format!("{}\n", sentence(&found)))?,
         }
         Ok(Outcome::Done)
