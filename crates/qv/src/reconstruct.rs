@@ -21,9 +21,9 @@ use qv_splat::captures::{Attachments, Capture, CaptureCamera, cameras_json};
 use qv_splat::files::ply;
 use qv_splat::train::guide::Guide;
 use qv_splat::train::{
-    AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Model, Photograph, ReadOptions, Score, Strategy,
-    TrainOptions, Weights, at_depths, at_far, at_random, cameras, checkpoint, clear, drawn, neighbours_scores,
-    of_points, pose, scores, train,
+    AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Ground, GroundOptions, Model, Photograph, ReadOptions,
+    Score, Strategy, TrainOptions, Weights, at_depths, at_far, at_random, cameras, checkpoint, clear, drawn,
+    ground_scores, neighbours_scores, of_points, pose, scores, train,
 };
 use qv_splat::{SplatError, error_at};
 use serde_json::{Value, json};
@@ -284,6 +284,11 @@ impl Reconstruct {
         let as_drawn = scores(&model.cloud, &looked_at, &dataset)?;
         let held_out = if self.exposure { neighbours_scores(&model, &dataset, &looked_at)? } else { as_drawn.clone() };
         let aligned = self.aligned(&model, &dataset, &looked_at)?;
+        let ground = Ground::of(&model.cloud, &dataset, &GroundOptions::default())?;
+        let of_ground = match &ground {
+            Some(ground) => ground_scores(&model, &dataset, &looked_at, ground, self.exposure)?,
+            None => vec![],
+        };
         if self.preview {
             let folder = self.out.join("held_out");
             for photograph in &looked_at {
@@ -301,7 +306,7 @@ impl Reconstruct {
             "mean": Score::mean(&held_out).map(|mean| named("mean", &mean)),
             "mean_identity": Score::mean(&as_drawn).map(|mean| named("mean", &mean)),
             "mean_aligned": Score::mean(&aligned).map(|mean| named("mean", &mean)), "times_ms": run.mean_times(), "antialias": dataset.antialias, "steps_asked": self.iterations,
-            "aside": searched,
+            "aside": searched, "ground": words::of_ground(ground.as_ref(), &of_ground),
         });
         self.save_cameras(&model, &dataset, &looked_at)?;
         let path = self.out.join("metrics.json");
@@ -629,6 +634,9 @@ impl Reconstruct {
         for (what, mean) in ["held out", "held out, cameras aligned on the left half"].iter().zip(means) {
             let Some(s) = mean else { continue };
             text += &format!("{what}: {}\n", in_words(&s));
+        }
+        if let Some(ground) = words::ground_in_words(&metrics["ground"]) {
+            text += &format!("{ground}\n");
         }
         for (name, ms) in run.mean_times() {
             text += &format!("  {name:18} {ms:7.3} ms\n");

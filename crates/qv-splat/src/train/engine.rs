@@ -2,9 +2,10 @@
 
 use super::dataset::{Dataset, Photograph};
 use super::exposure::exposed_image;
+use super::ground::{Ground, with_depth};
 use super::model::{Exposure, Model};
 use super::random::shuffled;
-use super::score::{Score, score};
+use super::score::{GroundScore, Score, score, score_of};
 use crate::SplatError;
 use crate::error::off;
 use qv_core::{Camera, GaussianCloud};
@@ -108,6 +109,30 @@ pub fn neighbours_scores(model: &Model, dataset: &Dataset, held_out: &[Photograp
         Ok(score(&exposed_image(&exposure, &image.colour), photograph))
     };
     held_out.iter().map(one).collect()
+}
+
+/// Scores of what shows the ground alone, of the photographs in which it can be seen: pixels whose drawn depth lies on it. With `exposed` as
+/// [`neighbours_scores`], else as [`scores`].
+///
+/// # Errors
+/// Drawing fails.
+pub fn ground_scores(
+    model: &Model,
+    dataset: &Dataset,
+    held_out: &[Photograph],
+    ground: &Ground,
+    exposed: bool,
+) -> Result<Vec<GroundScore>, SplatError> {
+    let one = |photograph: &Photograph| {
+        let image = with_depth(&model.cloud, &photograph.camera, dataset)?;
+        let shown = ground.pixels(&image, &photograph.camera);
+        let colour = match exposed {
+            true => exposed_image(&neighbours(&dataset.training, &model.exposures, &photograph.name), &image.colour),
+            false => image.colour,
+        };
+        Ok(score_of(&colour, photograph, &shown))
+    };
+    held_out.iter().filter_map(|photograph| one(photograph).transpose()).collect()
 }
 
 fn neighbours(training: &[Photograph], exposures: &[Exposure], name: &str) -> Exposure {

@@ -65,6 +65,34 @@ pub fn score(image: &[f32], photograph: &Photograph) -> Score {
     Score { psnr, ssim, psnr_right, ssim_right, psnr_right_fitted, ssim_right_fitted, psnr_right_gains }
 }
 
+/// Scores of the pixels of a held-out photograph that show the ground.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GroundScore {
+    /// Peak signal to noise ratio \[dB\].
+    pub psnr: f64,
+    /// SSIM.
+    pub ssim: f64,
+    /// Share of the photograph's pixels.
+    pub share: f64,
+}
+
+impl GroundScore {
+    /// The mean over photographs, each weighed alike; `None` of nothing.
+    pub fn mean(scores: &[Self]) -> Option<Self> {
+        let mean = |of: fn(&Self) -> f64| scores.iter().map(of).sum::<f64>() / scores.len() as f64;
+        (!scores.is_empty()).then(|| Self { psnr: mean(|s| s.psnr), ssim: mean(|s| s.ssim), share: mean(|s| s.share) })
+    }
+}
+
+/// Scores the pixels for which `shown` is true and that are not masked; `None` where fewer than a hundredth of the image are.
+pub(super) fn score_of(image: &[f32], photograph: &Photograph, shown: &[bool]) -> Option<GroundScore> {
+    let (wanted, valid) = (photograph.colour(), photograph.valid());
+    let counts = |pixel: usize| valid[pixel] && shown[pixel];
+    let share = (0..valid.len()).filter(|pixel| counts(*pixel)).count() as f64 / valid.len() as f64;
+    let (psnr, ssim) = one(image, &wanted, &valid, photograph.pixels.width, &counts);
+    (share >= 0.01).then_some(GroundScore { psnr, ssim, share })
+}
+
 fn one(image: &[f32], wanted: &[f32], valid: &[bool], width: usize, counts: &dyn Fn(usize) -> bool) -> (f64, f64) {
     let cut: Vec<f32> =
         image.iter().enumerate().map(|(at, x)| if valid[at / 3] { x.clamp(0.0, 1.0) } else { wanted[at] }).collect();
@@ -95,6 +123,20 @@ mod tests {
         let found = score(&dim, photograph);
         assert!(found.psnr < 30.0 && found.psnr_right < 35.0 && found.psnr_right_fitted > 45.0, "{found:?}");
         assert_eq!(Score::mean(&[]), None);
+    }
+
+    #[test]
+    fn pixels_that_are_picked_are_scored_alone() {
+        let scene = tiny::scene(40, 3, 32);
+        let photograph = &scene.dataset.training[0];
+        let mut image = photograph.colour();
+        let lower: Vec<bool> = (0..32 * 32).map(|pixel| pixel >= 24 * 32).collect();
+        image[3 * 24 * 32..].iter_mut().for_each(|c| *c += if *c > 0.5 { -0.1 } else { 0.1 });
+        let found = score_of(&image, photograph, &lower).unwrap();
+        assert!((found.psnr - 20.0).abs() < 0.1 && found.share == 0.25, "{found:?}");
+        let upper: Vec<bool> = lower.iter().map(|is| !is).collect();
+        assert_eq!(score_of(&image, photograph, &upper).unwrap().psnr, 100.0);
+        assert_eq!(score_of(&image, photograph, &[false; 32 * 32]), None);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Scores as they are told.
 
-use qv_splat::train::Score;
+use qv_splat::train::{Ground, GroundScore, Score};
 use serde_json::{Value, json};
 
 /// Scores in words; where a half is masked in all photographs, or nothing is left of the other to fit to, it has none.
@@ -22,4 +22,17 @@ pub fn named(name: &str, s: &Score) -> Value {
     json!({"name": name, "psnr": s.psnr, "ssim": s.ssim, "psnr_right": s.psnr_right, "ssim_right": s.ssim_right,
         "psnr_right_fitted": s.psnr_right_fitted, "ssim_right_fitted": s.ssim_right_fitted,
         "psnr_right_gains": s.psnr_right_gains})
+}
+
+/// The ground and its scores for metrics.json: null where none was found or no held-out photograph shows it.
+pub fn of_ground(ground: Option<&Ground>, scores: &[GroundScore]) -> Value {
+    let (Some(ground), Some(mean)) = (ground, GroundScore::mean(scores)) else { return Value::Null };
+    json!({"normal": ground.normal.to_array(), "height": ground.height, "within": ground.within,
+        "photographs": scores.len(), "share": mean.share, "psnr": mean.psnr, "ssim": mean.ssim})
+}
+
+/// The same in words; nothing where it is null.
+pub fn ground_in_words(ground: &Value) -> Option<String> {
+    let [share, psnr, ssim] = ["share", "psnr", "ssim"].map(|key| ground[key].as_f64());
+    Some(format!("ground alone, {:.0} % of pixels: PSNR {:.2} dB, SSIM {:.4}", 100.0 * share?, psnr?, ssim?))
 }
