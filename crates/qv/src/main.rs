@@ -14,6 +14,7 @@ mod fixture;
 mod fleet;
 mod inspect;
 mod lock;
+mod memory;
 mod mesh;
 mod names;
 #[cfg(feature = "learn")]
@@ -233,6 +234,7 @@ fn output_folder(root: &clap::Command, matches: &ArgMatches) -> Option<PathBuf> 
 }
 
 fn main() -> ExitCode {
+    memory::keep();
     fleet::end_with_parent();
     let (cli, output) = match understood() {
         Ok(found) => found,
