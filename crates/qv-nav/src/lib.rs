@@ -8,6 +8,7 @@
 pub use {glam, qv_core};
 
 pub mod augment;
+pub mod bare;
 pub mod dagger;
 pub mod env;
 mod error;
