@@ -18,6 +18,8 @@ pub mod legs;
 pub mod lens;
 pub mod map;
 pub mod measured;
+#[cfg(feature = "onnx")]
+pub mod navigator;
 pub mod net;
 pub mod onnx;
 pub mod pilots;
