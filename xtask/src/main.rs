@@ -8,6 +8,7 @@ mod pipeline;
 mod process;
 mod programs;
 mod python;
+mod ros2;
 mod test;
 mod tidy;
 mod wheel;
@@ -48,6 +49,8 @@ enum Chore {
     Blind(blind::Blind),
     /// Build the wheel of the Python package, install it in an environment under target/, and run its tests
     Python(wheel::Python),
+    /// Build and test the node for ROS 2, which no other build knows
+    Ros2,
     /// Run the fuzz targets for a while (needs cargo-fuzz)
     Fuzz {
         /// Targets; default: all
@@ -68,6 +71,7 @@ fn run(chore: Chore) -> Result<bool> {
         Chore::Bench(bench) => bench::run(&workspace, bench),
         Chore::Blind(blind) => blind::run(&workspace, &blind),
         Chore::Python(how) => wheel::run(&workspace, &how),
+        Chore::Ros2 => ros2::run(&workspace),
         Chore::Fuzz { targets, seconds } => fuzz::run(&workspace, seconds, &targets),
     }
 }

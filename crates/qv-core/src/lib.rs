@@ -15,6 +15,7 @@ mod mesh;
 mod pose;
 pub mod random;
 mod series;
+mod sow;
 pub mod statistics;
 
 pub use camera::Camera;
@@ -23,6 +24,7 @@ pub use gaussians::GaussianCloud;
 pub use mesh::{Material, TriangleMesh, label_colour};
 pub use pose::Pose;
 pub use series::JointSeries;
+pub use sow::sow;
 
 /// Standard gravity used throughout \[m/s²\], along -z of the world.
 pub const GRAVITY: f64 = 9.81;

@@ -1,12 +1,14 @@
 //! A student learns to find cones in the yard of `fixtures/yard`, whose surfaces are sown with Gaussians, and says how often it does:
 //! `learn_in_the_yard [KEY=VALUE ...]`. Keys are those of `TrainSettings` (numbers), `test` (episodes), `every` (rounds from one test to the
-//! next), `sown` (metres between Gaussians), those of `Paints`, `out` (a directory for weights.bin, made if need be), and `from` (the weights.bin of an earlier training to go on from). All
-//! settings are printed.
+//! next), `sown` (metres between Gaussians), those of `Paints`, `out` (a directory for weights.bin, made if need be), and `from` (the weights.bin of
+//! an earlier training to go on from). `eye=bare` draws the collision geometry in flat colours instead: a training without a reconstruction.
+//! `legs=ideal` are legs that do at once what they are told: a training without the residual. All settings are printed.
 
+use qv_nav::bare::Bare;
 use qv_nav::dagger::{Student, TrainSettings};
 use qv_nav::eye::{Paints, SplatEye};
 use qv_nav::fit::Fit;
-use qv_nav::legs::Follower;
+use qv_nav::legs::{Follower, Response};
 use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
 use qv_nav::pilots::{BlobPilot, NetPilot, TeacherPilot};
@@ -40,6 +42,8 @@ struct Options {
     from: Option<PathBuf>,
     paints: Paints,
     sown: f64,
+    is_bare: bool,
+    response: Response,
 }
 
 impl Options {
@@ -47,6 +51,7 @@ impl Options {
         let mut settings = serde_json::to_value(TrainSettings::default())?;
         let mut paints = serde_json::to_value(Paints::default())?;
         let (mut test, mut every, mut out, mut from, mut sown) = (96, 1, None, None, 0.06);
+        let (mut is_bare, mut response) = (false, Response::default());
         for argument in arguments {
             let (key, value) = argument.split_once('=').ok_or_else(|| format!("{argument}: expected KEY=VALUE"))?;
             match key {
@@ -55,29 +60,61 @@ impl Options {
                 "every" => every = value.parse()?,
                 "from" => from = Some(PathBuf::from(value)),
                 "out" => out = Some(PathBuf::from(value)),
+                "eye" => is_bare = one_of(key, value, [("splat", false), ("bare", true)])?,
+                "legs" => {
+                    response = one_of(key, value, [("known", Response::default()), ("ideal", Response::ideal())])?
+                }
                 "count" | "grain" | "tint" => paints[key] = serde_json::from_str(value)?,
                 _ => settings[key] = serde_json::from_str(value)?,
             }
         }
         let paints = serde_json::from_value(paints)?;
-        Ok(Self { settings: serde_json::from_value(settings)?, test, every, out, from, paints, sown })
+        Ok(Self {
+            settings: serde_json::from_value(settings)?,
+            test,
+            every,
+            out,
+            from,
+            paints,
+            sown,
+            is_bare,
+            response,
+        })
     }
+
+    /// The eye that is learnt from, and that of the tests: the same with the first paint alone.
+    fn eyes(&self) -> Fallible<[SplatEye; 2]> {
+        let seed = self.settings.seed;
+        if self.is_bare {
+            let bare = |paints| SplatEye::bare(&mesh_with(&CRATES), &Bare { spacing: self.sown, paints }, seed);
+            return Ok([bare(self.paints.count)?, bare(1)?]);
+        }
+        let sown = sow::cloud(&Yard::with_crates(&CRATES, Vec::new(), 1), self.sown);
+        Ok([SplatEye::painted(&sown, &self.paints, seed), SplatEye::new(&sown)])
+    }
+}
+
+/// What a word of two stands for.
+fn one_of<T>(key: &str, word: &str, words: [(&str, T); 2]) -> Fallible<T> {
+    let names = words.each_ref().map(|(name, _)| *name);
+    let found = words.into_iter().find(|(name, _)| *name == word);
+    Ok(found.ok_or_else(|| format!("{key}: expected {}, found {word}", names.join(" or ")))?.1)
 }
 
 fn main() -> Fallible<()> {
     let options = Options::of(std::env::args().skip(1))?;
     let settings = &options.settings;
     println!("{}", serde_json::to_string(settings)?);
+    println!("eye {}, {:?}", if options.is_bare { "bare" } else { "splat" }, options.response);
     let map = Map::new(&mesh_with(&CRATES), &MapSettings::default())?;
     let world = World::new(map, Rig::default(), Limits::default());
     println!("{:?}", world.teacher);
-    let sown = sow::cloud(&Yard::with_crates(&CRATES, Vec::new(), 1), options.sown);
-    let (eye, plain) = (SplatEye::painted(&sown, &options.paints, settings.seed), SplatEye::new(&sown));
+    let [eye, plain] = options.eyes()?;
     println!("{} Gaussians, {} places for cones", eye.count(), world.candidates.len());
     let drift = Drift::default();
     let stage = Stage { world: &world, eye: &eye, spread: LensSpread::wide(), drift, reflex: Reflex::default() };
     let tested = Stage { world: &world, eye: &plain, spread: LensSpread::wide(), drift, reflex: Reflex::default() };
-    let mut legs = Follower::new(&world.map, settings.robots, HEIGHT);
+    let mut legs = Follower::new(&world.map, settings.robots, HEIGHT).responding(options.response)?;
     let tests = EpisodeSettings::default().draw(&world, options.test, TESTED)?;
     let limits = world.limits;
     show(&tested, "teacher", &mut TeacherPilot { limits }, &mut legs, &tests)?;

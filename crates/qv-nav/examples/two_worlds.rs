@@ -1,6 +1,7 @@
 //! A student of `learn_in_the_yard` in two worlds, on the same episodes: eye (sown Gaussians, or the yard's ray caster) by legs (those it was
-//! trained on, or weaker, later and slipping ones): `two_worlds WEIGHTS.bin [EPISODES] [SOWN] [RESULTS.json]`, where `SOWN` is
-//! the distance between Gaussians \[m\].
+//! trained on, or weaker, later and slipping ones): `two_worlds WEIGHTS.bin [EPISODES] [SOWN] [RESULTS.json] [NAME=WEIGHTS.bin ...]`, where
+//! `SOWN` is the distance between Gaussians \[m\]. With named students, such as those of trainings that lack a part, it tests them beside the
+//! first one where something is unknown; p is against the first one in the same world.
 
 mod yard_eye;
 
@@ -40,7 +41,20 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
+    /// A row of the table, beside the first of all.
     fn row(&mut self, name: &str, eye: &dyn Eye, effects: Effects, pilot: &mut dyn Pilot) -> Fallible<()> {
+        self.beside(0, name, eye, effects, pilot)
+    }
+
+    /// A row beside another one.
+    fn beside(
+        &mut self,
+        first: usize,
+        name: &str,
+        eye: &dyn Eye,
+        effects: Effects,
+        pilot: &mut dyn Pilot,
+    ) -> Fallible<()> {
         let (stage, clock) = (
             Stage { world: self.world, eye, spread: LensSpread::wide(), drift: Drift::default(), reflex: self.reflex },
             Instant::now(),
@@ -50,7 +64,7 @@ impl Bench<'_> {
         let trials: Vec<Trial> = rolled.into_iter().map(|(trial, _)| trial).collect();
         let row = Row::of(&trials);
         let [low, high] = row.interval.map(|x| 100.0 * x);
-        let p = self.rows.first().map_or(1.0, |(_, first)| compared(first, &trials));
+        let p = self.rows.get(first).map_or(1.0, |(_, first)| compared(first, &trials));
         let ends: Vec<String> =
             End::ALL.iter().zip(row.ends).skip(1).map(|(end, n)| format!("{} {n}", end.name())).collect();
         println!(
@@ -68,7 +82,8 @@ impl Bench<'_> {
 
 fn main() -> Fallible<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let file = arguments.first().ok_or("expected WEIGHTS.bin [EPISODES] [SOWN] [RESULTS.json]")?;
+    let file =
+        arguments.first().ok_or("expected WEIGHTS.bin [EPISODES] [SOWN] [RESULTS.json] [NAME=WEIGHTS.bin ...]")?;
     let count = arguments.get(1).map_or(Ok(200), |a| a.parse())?;
     let sown = arguments.get(2).map_or(Ok(0.06), |a| a.parse())?;
     let net = Net::default();
@@ -82,18 +97,26 @@ fn main() -> Fallible<()> {
     println!("{count} episodes of seed {TESTED}; hidden effects of the legs: {hidden:?}");
     let episodes = EpisodeSettings::default().draw(&world, count, TESTED)?;
     let mut bench = Bench { world: &world, reflex: Reflex::default(), episodes, rows: Vec::new() };
-    let student = || NetPilot::new(&net, &parameters, ROBOTS);
-    bench.row("student, sown Gaussians, legs of training", &splat, known, &mut student())?;
-    bench.row("student, sown Gaussians, hidden effects", &splat, hidden, &mut student())?;
-    bench.row("student, ray caster, legs of training", &rays, known, &mut student())?;
-    bench.row("student, ray caster, hidden effects", &rays, hidden, &mut student())?;
-    bench.reflex = Reflex::none();
-    bench.row("student without its reflex, sown Gaussians, legs of training", &splat, known, &mut student())?;
-    bench.reflex = Reflex::default();
-    bench.row("student whose picture is grey", &BlindEye, known, &mut student())?;
-    bench.row("teacher, legs of training", &BlindEye, known, &mut TeacherPilot { limits })?;
-    bench.row("teacher, hidden effects", &BlindEye, hidden, &mut TeacherPilot { limits })?;
-    bench.row("blob follower, sown Gaussians", &splat, known, &mut BlobPilot { limits })?;
+    let worlds: [(&str, &dyn Eye, Effects); 4] = [
+        ("ray caster, hidden effects", &rays, hidden),
+        ("sown Gaussians, hidden effects", &splat, hidden),
+        ("ray caster, legs of training", &rays, known),
+        ("sown Gaussians, legs of training", &splat, known),
+    ];
+    let others = others(arguments.get(4..).unwrap_or_default(), &net)?;
+    if others.is_empty() {
+        one_student(&mut bench, &worlds, &mut NetPilot::new(&net, &parameters, ROBOTS), limits)?;
+    } else {
+        for (world, eye, effects) in worlds {
+            let first = bench.rows.len();
+            for (name, parameters) in
+                std::iter::once(("first", &parameters)).chain(others.iter().map(|(n, p)| (n.as_str(), p)))
+            {
+                let mut pilot = NetPilot::new(&net, parameters, ROBOTS);
+                bench.beside(first, &format!("{name}: {world}"), eye, effects, &mut pilot)?;
+            }
+        }
+    }
     if let Some(out) = arguments.get(3).map(PathBuf::from) {
         let rows: Vec<_> = bench
             .rows
@@ -106,4 +129,34 @@ fn main() -> Fallible<()> {
         std::fs::rename(part, out)?;
     }
     Ok(())
+}
+
+/// Students by name.
+fn others(arguments: &[String], net: &Net) -> Fallible<Vec<(String, Vec<f32>)>> {
+    let one = |argument: &String| {
+        let (name, file) = argument.split_once('=').ok_or_else(|| format!("{argument}: expected NAME=WEIGHTS.bin"))?;
+        Ok((name.into(), weights::from_bytes(&std::fs::read(file)?, net)?))
+    };
+    arguments.iter().map(one).collect()
+}
+
+/// One student in all worlds, and who needs no network.
+fn one_student(
+    bench: &mut Bench,
+    worlds: &[(&str, &dyn Eye, Effects); 4],
+    student: &mut NetPilot,
+    limits: Limits,
+) -> Fallible<()> {
+    let (own, known, hidden) = (worlds[3].1, worlds[3].2, worlds[0].2);
+    for at in [3, 1, 2, 0] {
+        let (world, eye, effects) = worlds[at];
+        bench.row(&format!("student, {world}"), eye, effects, student)?;
+    }
+    bench.reflex = Reflex::none();
+    bench.row("student without its reflex, sown Gaussians, legs of training", own, known, student)?;
+    bench.reflex = Reflex::default();
+    bench.row("student whose picture is grey", &BlindEye, known, student)?;
+    bench.row("teacher, legs of training", &BlindEye, known, &mut TeacherPilot { limits })?;
+    bench.row("teacher, hidden effects", &BlindEye, hidden, &mut TeacherPilot { limits })?;
+    bench.row("blob follower, sown Gaussians", own, known, &mut BlobPilot { limits })
 }

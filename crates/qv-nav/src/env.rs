@@ -2,7 +2,7 @@
 
 use crate::NavError;
 use crate::eye::{Eye, Shot};
-use crate::legs::{Effects, Follower, Legs, Start};
+use crate::legs::{Effects, Follower, Legs, Response, Start};
 use crate::lens::{Lens, LensSpread};
 use crate::map::Field;
 use crate::net::{HEIGHT, WIDTH};
@@ -36,7 +36,9 @@ pub struct TaskSettings {
     pub height: f64,
     /// How cameras differ.
     pub spread: LensSpread,
-    /// What legs have.
+    /// How legs follow commands.
+    pub response: Response,
+    /// What legs have beside that.
     pub effects: Effects,
     /// How episodes are drawn.
     pub episodes: EpisodeSettings,
@@ -48,6 +50,7 @@ impl Default for TaskSettings {
             count: 1,
             height: 0.3,
             spread: LensSpread::wide(),
+            response: Response::default(),
             effects: Effects::default(),
             episodes: EpisodeSettings::default(),
         }
@@ -92,6 +95,7 @@ impl NavTask {
             return Err(NavError::value("robots", "at least one", 0));
         }
         settings.spread.check()?;
+        settings.response.check()?;
         settings.effects.check()?;
         let mut task = Self { world: Arc::new(world), eye, settings, seed, lanes: Vec::new() };
         task.restart(seed)?;
@@ -157,8 +161,9 @@ impl NavTask {
         };
         let settings = EpisodeSettings { strata: stratum, ..all.clone() };
         let episode = settings.draw(&self.world, 1, drawn)?.swap_remove(0);
-        let mut legs =
-            Follower::shared(Arc::clone(&self.world), 1, self.settings.height).suffering(self.settings.effects)?;
+        let mut legs = Follower::shared(Arc::clone(&self.world), 1, self.settings.height)
+            .responding(self.settings.response)?
+            .suffering(self.settings.effects)?;
         legs.begin(&[Start { place: episode.start, yaw: episode.yaw, seed: episode.seed }])?;
         let to_goal = self.world.map.lengths(episode.goal.axis());
         let mut lane = Lane {

@@ -87,12 +87,21 @@ impl SplatEye {
     /// The same with the place, not the cones, painted otherwise from episode to episode, so that a network does not take for granted how
     /// smooth a small cloud is. The first paint is the cloud's own.
     pub fn painted(place: &GaussianCloud, paints: &Paints, seed: u64) -> Self {
-        let own = Self::of(place.clone());
-        let clouds = (0..paints.count.max(1)).map(|k| paint(&own.clouds[0], place.len(), paints, (k, seed))).collect();
-        Self { clouds, ..own }
+        let paint = |k| paint(place, paints, (k, seed));
+        Self::over((0..paints.count.max(1)).map(paint).collect())
     }
 
-    fn of(mut cloud: GaussianCloud) -> Self {
+    /// Over the cloud of a place in several paints, of which an episode has one. They differ in colours alone.
+    pub(crate) fn over(mut clouds: Vec<GaussianCloud>) -> Self {
+        let mut group_of = Vec::new();
+        for cloud in &mut clouds {
+            group_of = Self::add_cones(cloud);
+        }
+        Self { clouds, group_of }
+    }
+
+    /// Adds all looks of all cones; says the group of each Gaussian.
+    fn add_cones(cloud: &mut GaussianCloud) -> Vec<u32> {
         let mut group_of = vec![0; cloud.len()];
         for colour in 0..COLOURS.len() {
             for (brightness, hue, wide) in LOOKS {
@@ -100,11 +109,11 @@ impl SplatEye {
                 let linear = LINEAR[colour];
                 let middle = if colour == 1 { 1 } else { 2 };
                 let shade = |k: usize| brightness * linear[k] * if k == middle { hue } else { 1.0 };
-                let count = add_cone(&mut cloud, [shade(0), shade(1), shade(2)], wide);
+                let count = add_cone(cloud, [shade(0), shade(1), shade(2)], wide);
                 group_of.extend(std::iter::repeat_n(group, count));
             }
         }
-        Self { clouds: vec![cloud], group_of }
+        group_of
     }
 
     /// Gaussians that are drawn, those of the cones included.
@@ -179,8 +188,8 @@ fn averaged(picture: &[f32], width: usize) -> Vec<f32> {
     out
 }
 
-/// The first Gaussians of a cloud, those of the place, in another paint.
-fn paint(cloud: &GaussianCloud, place: usize, paints: &Paints, (index, seed): (usize, u64)) -> GaussianCloud {
+/// The cloud of a place in another paint.
+fn paint(cloud: &GaussianCloud, paints: &Paints, (index, seed): (usize, u64)) -> GaussianCloud {
     let mut out = cloud.clone();
     if index == 0 {
         return out;
@@ -189,7 +198,7 @@ fn paint(cloud: &GaussianCloud, place: usize, paints: &Paints, (index, seed): (u
     let grain = paints.grain * index as f32 / (paints.count - 1) as f32;
     let tint = [0; 3].map(|_| (paints.tint * random.normal()).exp());
     let bands = out.sh_count();
-    for colour in out.sh.chunks_exact_mut(bands).take(place) {
+    for colour in out.sh.chunks_exact_mut(bands) {
         let factor = (grain * random.normal()).exp();
         for (c, tint) in colour[0].iter_mut().zip(tint) {
             let shown = (0.5 + FIRST * *c).max(0.0) * factor * tint;

@@ -9,6 +9,7 @@ use qv_core::Pose;
 use qv_core::random::Xoshiro256PlusPlus;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
+use std::f64::consts::TAU;
 use std::sync::Arc;
 
 /// Where a robot begins.
@@ -118,13 +119,55 @@ impl Effects {
         for (what, bounds, most) in
             [("latency", self.latency, 0.2), ("strength", self.strength, 2.0), ("slip", self.slip, 1.0)]
         {
-            if !(0.0 <= bounds[0] && bounds[0] <= bounds[1] && bounds[1] <= most) {
-                let expected = format!("two numbers of 0 to {most}, the first not greater");
-                return Err(NavError::value(what, &expected, format!("{bounds:?}")));
-            }
+            check_bounds(what, bounds, most)?;
         }
         Ok(())
     }
+}
+
+/// How the velocity of a [`Follower`] follows its command: as a first-order lag. Each number is drawn for an episode between two bounds.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Response {
+    /// What the velocities forwards, to the left and turning are multiplied with.
+    pub gains: [[f64; 2]; 3],
+    /// Time constant \[s\]; with 0 a command is motion at once.
+    pub lag: [f64; 2],
+}
+
+impl Default for Response {
+    /// As legs walk that are known within some bounds.
+    fn default() -> Self {
+        Self { gains: [[0.85, 1.1], [0.8, 1.1], [0.85, 1.1]], lag: [0.08, 0.25] }
+    }
+}
+
+impl Response {
+    /// That of ideal legs: they do at once what they are told.
+    pub fn ideal() -> Self {
+        Self { gains: [[1.0; 2]; 3], lag: [0.0; 2] }
+    }
+
+    /// Checks the numbers.
+    ///
+    /// # Errors
+    /// Names the first that means nothing.
+    pub fn check(&self) -> Result<(), NavError> {
+        let gains = ["forwards", "to the left", "turning"].map(|axis| format!("gain {axis}"));
+        for (what, bounds) in gains.iter().map(String::as_str).zip(self.gains).chain([("lag", self.lag)]) {
+            check_bounds(what, bounds, 2.0)?;
+        }
+        Ok(())
+    }
+}
+
+/// Whether two bounds are in order, from 0 to `most`.
+fn check_bounds(what: &str, bounds: [f64; 2], most: f64) -> Result<(), NavError> {
+    if 0.0 <= bounds[0] && bounds[0] <= bounds[1] && bounds[1] <= most {
+        return Ok(());
+    }
+    let expected = format!("two numbers of 0 to {most}, the first not greater");
+    Err(NavError::value(what, &expected, format!("{bounds:?}")))
 }
 
 /// Robots whose velocity follows the command as a first-order lag does, on the map's heights, with a sway as of walking. Nothing stops them
@@ -133,6 +176,7 @@ pub struct Follower<'a> {
     ground: Ground<'a>,
     robots: Vec<One>,
     height: f64,
+    response: Response,
     effects: Effects,
 }
 
@@ -179,7 +223,8 @@ impl<'a> Follower<'a> {
     }
 
     fn on(ground: Ground<'a>, count: usize, height: f64) -> Self {
-        Self { ground, robots: vec![One::default(); count], height, effects: Effects::default() }
+        let robots = vec![One::default(); count];
+        Self { ground, robots, height, response: Response::default(), effects: Effects::default() }
     }
 
     /// The same with effects that a training did not know of.
@@ -197,6 +242,15 @@ impl<'a> Follower<'a> {
     pub fn suffering(self, effects: Effects) -> Result<Self, NavError> {
         effects.check()?;
         Ok(Self { effects, ..self })
+    }
+
+    /// These legs, following commands in another way.
+    ///
+    /// # Errors
+    /// When it means nothing.
+    pub fn responding(self, response: Response) -> Result<Self, NavError> {
+        response.check()?;
+        Ok(Self { response, ..self })
     }
 }
 
@@ -256,7 +310,7 @@ impl One {
         self.yaw += TICK * turning;
         self.place += TICK * DVec2::from_angle(self.yaw).rotate(DVec2::new(ahead, aside));
         // Steps twice a second, in place as well.
-        self.phase += TICK * std::f64::consts::TAU * 2.0;
+        self.phase += TICK * TAU * 2.0;
         let pose = self.pose(map, height);
         let turn = before.rotation.conjugate() * pose.rotation;
         let half = if turn.w < 0.0 { -1.0 } else { 1.0 };
@@ -285,13 +339,13 @@ impl Legs for Follower<'_> {
         check_starts(starts, self.robots.len())?;
         for (robot, start) in self.robots.iter_mut().zip(starts) {
             let mut random = Xoshiro256PlusPlus::of(start.seed, 83, 0);
-            let mut between = |low: f32, high: f32| f64::from(random.between(low, high));
+            let mut between = |[low, high]: [f64; 2]| f64::from(random.between(low as f32, high as f32));
             *robot = One {
                 place: DVec2::from(start.place),
                 yaw: start.yaw,
-                gains: [between(0.85, 1.1), between(0.8, 1.1), between(0.85, 1.1)],
-                lag: between(0.08, 0.25),
-                phase: between(0.0, std::f32::consts::TAU),
+                gains: self.response.gains.map(&mut between),
+                lag: between(self.response.lag),
+                phase: between([0.0, TAU]),
                 ..One::default()
             };
             robot.suffer(&self.effects, start.seed);
@@ -359,5 +413,20 @@ mod tests {
         assert_eq!(slipped, driven(Effects { slip: [0.05; 2], ..Effects::default() }));
         let bad = Effects { latency: [0.1, 9.0], ..Effects::default() };
         assert!(bad.check().unwrap_err().to_string().contains("latency"));
+    }
+    #[test]
+    fn ideal_legs_do_at_once_what_they_are_told() {
+        let map = plane();
+        let mut legs = Follower::new(&map, 1, 0.3).responding(Response::ideal()).unwrap();
+        legs.begin(&[Start { place: [0.0; 2], yaw: 0.0, seed: 5 }]).unwrap();
+        legs.step(&[[0.5, -0.2, 0.0]], &[true]).unwrap();
+        let p = legs.motion(0).world_from_base.position;
+        assert!((p.x - 0.5 * PERIOD).abs() < 1e-9 && (p.y + 0.2 * PERIOD).abs() < 1e-9, "{p}");
+        legs.step(&[[0.0, 0.0, 1.0]], &[true]).unwrap();
+        let after = legs.motion(0).world_from_base;
+        assert!((after.position.x - p.x).abs() < 1e-9 && (after.yaw() - PERIOD).abs() < 1e-6, "{after:?}");
+        let bad = Response { lag: [0.3, 0.1], ..Response::default() };
+        let said = Follower::new(&map, 1, 0.3).responding(bad).err().unwrap().to_string();
+        assert!(said.contains("lag: expected two numbers of 0 to 2"), "{said}");
     }
 }

@@ -8,6 +8,7 @@
 pub use {glam, qv_core};
 
 pub mod augment;
+pub mod bare;
 pub mod dagger;
 pub mod env;
 mod error;
@@ -17,6 +18,8 @@ pub mod legs;
 pub mod lens;
 pub mod map;
 pub mod measured;
+#[cfg(feature = "onnx")]
+pub mod navigator;
 pub mod net;
 pub mod onnx;
 pub mod pilots;

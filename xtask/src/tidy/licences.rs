@@ -1,6 +1,6 @@
 //! Licences of everything that is linked, against the list in deny.toml.
 
-use crate::workspace::Workspace;
+use crate::workspace::{Package, Workspace};
 use anyhow::{Context, Result};
 use serde::Deserialize;
 use std::fs;
@@ -15,16 +15,16 @@ struct Licenses {
     allow: Vec<String>,
 }
 
-/// Packages whose licence is missing or not allowed.
+/// Those of some packages whose licence is missing or not allowed.
 ///
 /// # Errors
 /// deny.toml cannot be read.
-pub fn check(workspace: &Workspace) -> Result<Vec<String>> {
+pub fn check(workspace: &Workspace, packages: &[Package]) -> Result<Vec<String>> {
     let path = workspace.workspace_root.join("deny.toml");
     let text = fs::read_to_string(&path).with_context(|| format!("reading {}", path.display()))?;
     let deny: Deny = toml::from_str(&text).with_context(|| format!("in {}", path.display()))?;
     let mut found = Vec::new();
-    for package in &workspace.packages {
+    for package in packages {
         let (name, version) = (&package.name, &package.version);
         match &package.license {
             None => found.push(format!("{name} {version}: expected a licence, found none")),

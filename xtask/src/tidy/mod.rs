@@ -7,7 +7,7 @@ mod links;
 mod rust_text;
 mod sources;
 
-use crate::workspace::Workspace;
+use crate::workspace::{Package, Workspace};
 use anyhow::{Context, Result};
 use std::fs;
 use std::path::PathBuf;
@@ -34,12 +34,20 @@ fn findings(workspace: &Workspace) -> Result<Vec<String>> {
         }
     }
     let mut found = layers::check(workspace, &texts);
-    found.extend(licences::check(workspace)?);
+    found.extend(licences::check(workspace, &workspace.packages)?);
     found.extend(sources::check(workspace, &texts));
     found.extend(links::check(&texts, &files));
     found.extend(goldens::check(root, &texts)?);
     found.sort();
     Ok(found)
+}
+
+/// Those of some packages, of whatever workspace, whose licence deny.toml does not allow.
+///
+/// # Errors
+/// deny.toml cannot be read.
+pub fn licences(workspace: &Workspace, packages: &[Package]) -> Result<Vec<String>> {
+    licences::check(workspace, packages)
 }
 
 /// Prints what breaks an invariant; true when nothing does.

@@ -14,10 +14,8 @@
 
 use super::OnnxError;
 use super::graph::check;
-use super::scan::scan;
-use rten::{DataType, Dimension, Model, NodeId, RunOptions, ThreadPool, Value, ValueType, ValueView};
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
+use super::model::{OnnxModel, numbers};
+use rten::{DataType, Dimension, Model, NodeId, ValueType, ValueView};
 
 /// Name and shape of an input or output.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -42,14 +40,13 @@ const MOST_NUMBERS: usize = 1 << 24;
 /// and outputs are a recurrent state: the second output of one step is the second input of the next, and so on; they
 /// start at zero.
 pub struct OnnxPolicy {
-    model: Model,
+    model: OnnxModel,
     inputs: Vec<TensorInfo>,
     outputs: Vec<TensorInfo>,
     input_ids: Vec<NodeId>,
     output_ids: Vec<NodeId>,
     /// Inputs after the first one.
     state: Vec<Vec<f32>>,
-    threads: Arc<ThreadPool>,
 }
 
 impl std::fmt::Debug for OnnxPolicy {
@@ -65,22 +62,14 @@ impl OnnxPolicy {
     /// When the bytes are not an ONNX model, hold an operator that the interpreter lacks, or have inputs and outputs
     /// that are no policy's: none, other types than f32, or a state of which not every input has its output.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, OnnxError> {
-        if bytes.is_empty() {
-            return Err(OnnxError::Load("no bytes".to_owned()));
-        }
-        scan(bytes)?;
-        // The interpreter means not to panic on damaged files; this makes it sure.
-        let model = catch_unwind(|| Model::load(bytes.to_vec()))
-            .map_err(|_| OnnxError::Load("damage that made the interpreter panic".to_owned()))?
-            .map_err(|error| OnnxError::Load(error.to_string()))?;
+        let whole = OnnxModel::from_bytes(bytes)?;
+        let model = &whole.model;
         let (input_ids, output_ids) = (model.input_ids().to_vec(), model.output_ids().to_vec());
-        let infos = |ids: &[NodeId]| ids.iter().map(|&id| info(&model, id)).collect::<Result<Vec<_>, _>>();
+        let infos = |ids: &[NodeId]| ids.iter().map(|&id| info(model, id)).collect::<Result<Vec<_>, _>>();
         let (inputs, outputs) = (infos(&input_ids)?, infos(&output_ids)?);
         check_signature(&inputs, &outputs)?;
         let state = initial_state(&inputs)?;
-        // One thread: the matrices are small, and what a policy says must not depend on the machine.
-        let threads = Arc::new(ThreadPool::with_num_threads(1));
-        Ok(Self { model, inputs, outputs, input_ids, output_ids, state, threads })
+        Ok(Self { model: whole, inputs, outputs, input_ids, output_ids, state })
     }
 
     /// Inputs, the observation first.
@@ -112,12 +101,8 @@ impl OnnxPolicy {
             let shape = self.inputs[k + 1].shape.iter().map(|size| size.unwrap_or(1)).collect();
             inputs.push((self.input_ids[k + 1], view(shape, state)?.into()));
         }
-        let options = RunOptions::default().with_thread_pool(Some(self.threads.clone()));
-        let wanted = &self.output_ids[..=self.state.len()];
-        let results = catch_unwind(AssertUnwindSafe(|| self.model.run(inputs, wanted, Some(options))))
-            .map_err(|_| OnnxError::Run("the interpreter panicked".to_owned()))?
-            .map_err(|error| OnnxError::Run(error.to_string()))?;
-        let mut results = results.into_iter().zip(&self.outputs).map(|(value, info)| numbers(value, info));
+        let results = self.model.run_ids(inputs, &self.output_ids[..=self.state.len()])?;
+        let mut results = results.into_iter().zip(&self.outputs).map(|(value, info)| numbers(value, &info.name));
         let action = results.next().unwrap_or_else(|| Err(OnnxError::Run("no output".to_owned())))?;
         let state = results.collect::<Result<Vec<_>, _>>()?;
         for (k, (next, now)) in state.iter().zip(&self.state).enumerate() {
@@ -185,16 +170,4 @@ fn observation_shape(info: &TensorInfo, found: usize) -> Result<Vec<usize>, Onnx
 
 fn view(shape: Vec<usize>, data: &[f32]) -> Result<ValueView<'_>, OnnxError> {
     ValueView::from_shape(shape, data).map_err(|error| OnnxError::Run(error.to_string()))
-}
-
-/// The numbers of an output, row-major, all finite.
-fn numbers(value: Value, info: &TensorInfo) -> Result<Vec<f32>, OnnxError> {
-    let kind = value.dtype();
-    let Some(tensor) = value.into_tensor::<f32>() else {
-        let expected = format!("output `{}` of type f32", info.name);
-        return Err(OnnxError::Signature { expected, found: format!("{kind:?}") });
-    };
-    let data = tensor.into_data();
-    check(&format!("output `{}`", info.name), data.len(), &data)?;
-    Ok(data)
 }
