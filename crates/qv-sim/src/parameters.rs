@@ -95,6 +95,7 @@ fields!(JointField {
     SpringRest,
     SpringSlack,
     StrengthAsymmetry,
+    SeriesCompliance,
 });
 fields!(LinkField {
     MassScale,
@@ -450,6 +451,15 @@ fn joint_parameters(infos: &mut Vec<ParameterInfo>, model: &Model, index: usize)
             ANY,
             "delivered over demanded torque: more than strength where torque is positive, less where it is negative",
         ),
+        (
+            SeriesCompliance,
+            "actuator.*.series_compliance",
+            "rad/(N m)",
+            0.0,
+            (0.0, 0.02),
+            0.0,
+            "spring between motor and joint: the encoder, on the motor, is ahead of the joint by this times the torque",
+        ),
     ];
     let first = infos.len();
     push(infos, &joint.name, &rows, |f| Slot::Joint(index, f));
@@ -467,6 +477,7 @@ fn sliding_unit(unit: &'static str) -> &'static str {
         "N m s/rad" => "N s/m",
         "N m" => "N",
         "1/(N m)" => "1/N",
+        "rad/(N m)" => "m/N",
         "N m/rad" => "N/m",
         "N m s²/rad²" => "N s²/m²",
         "rad/s" => "m/s",

@@ -24,6 +24,9 @@ pub(super) fn gather<L: Real>(blocks: &[Block<L>], quantity: Quantity, count: us
                 Quantity::Accelerations => block.acceleration[k],
                 Quantity::Torques => block.torque[k],
                 Quantity::GeomForces => block.geom_push[k],
+                Quantity::JointPositions if block.any_compliance => {
+                    block.q[positions + k] + block.joints[k].encoder_bias + block.deflection(k)
+                }
                 Quantity::JointPositions => block.q[positions + k] + block.joints[k].encoder_bias,
                 Quantity::JointSpeeds => block.v[speeds + k],
             };

@@ -23,13 +23,21 @@ pub(crate) fn actuate<L: Real>(
         let law = &parameters.law;
         let motor = law.within_play(block.motor[j], q);
         block.motor[j] = motor;
-        let gain = law.kd_scale * command.kd * law.strength;
-        let demand = law.demand(&command, motor + parameters.encoder_bias, dq);
+        let mut gain = law.kd_scale * command.kd * law.strength;
+        let seen = motor + parameters.encoder_bias;
+        let demand = law.demand(&command, seen, dq);
         // A lag that was not watched before is taken to have settled.
         let approach = block.lagged[j] + parameters.lag_gain * (demand - block.lagged[j]);
-        let lagged = L::select(block.settled, demand, approach);
-        block.lagged[j] = lagged;
+        let mut lagged = L::select(block.settled, demand, approach);
         let (least, most) = law.limits(dq);
+        if block.any_compliance {
+            let share = L::select(block.settled, L::one(), parameters.lag_gain);
+            let sprung = law.sprung(&command, seen, dq, block.lagged[j], share, (least, most));
+            let has_spring = L::zero().lt(law.compliance);
+            lagged = L::select(has_spring, sprung.lagged, lagged);
+            gain = L::select(has_spring, gain * sprung.softening, gain);
+        }
+        block.lagged[j] = lagged;
         let torque = lagged.max(least).min(most);
         block.torque[j] = torque;
         let viscous = block.viscous[dof];

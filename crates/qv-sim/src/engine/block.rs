@@ -78,7 +78,7 @@ pub(crate) struct Block<L: Real> {
     /// Commands of the last steps, `[age slot][joint]`, newest at `head`.
     pub commands: Array<CommandLanes<L>>,
     pub head: usize,
-    /// Positions and velocities of the last steps, `[age slot][nq + nv]`, newest at `seen_head`.
+    /// Positions and velocities of the last steps, `[age slot][nq + nv]`, newest at `seen_head`; joints where the encoders of their motors are.
     pub seen: Vec<L>,
     pub seen_head: usize,
     /// Normal force of each shape on the ground \[N\].
@@ -120,6 +120,7 @@ pub(crate) struct Block<L: Real> {
     pub any_servo: bool,
     pub any_spring: bool,
     pub any_latency: bool,
+    pub any_compliance: bool,
     pub any_added: bool,
     pub any_wrench: bool,
 }
@@ -254,6 +255,7 @@ impl<L: Real> Block<L> {
             speed_knee: zero,
             speed_slope: zero,
             half_backlash: zero,
+            compliance: zero,
         };
         let joint = JointLanes {
             law,
@@ -318,9 +320,16 @@ impl<L: Real> Block<L> {
             any_servo: false,
             any_spring: false,
             any_latency: false,
+            any_compliance: false,
             any_added: false,
             any_wrench: false,
         }
+    }
+
+    /// How far the encoder of a motor is ahead of its joint, under the torque of the last step; nothing without a spring between them.
+    #[inline(always)]
+    pub fn deflection(&self, joint: usize) -> L {
+        self.joints[joint].law.compliance * self.torque[joint]
     }
 
     /// Gives all lanes one command.

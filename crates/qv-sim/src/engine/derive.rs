@@ -101,6 +101,7 @@ impl Deriver<'_> {
         set(&mut p.lag_gain, lane, lag_gain(self.timestep, get(JointField::Lag)));
         set(&mut p.latency, lane, latency / self.timestep);
         set(&mut p.law.half_backlash, lane, 0.5 * get(JointField::Backlash));
+        set(&mut p.law.compliance, lane, get(JointField::SeriesCompliance));
         set(&mut p.encoder_bias, lane, get(JointField::EncoderBias));
         set(&mut p.external_torque, lane, get(JointField::ExternalTorque));
         set(&mut p.constant_torque, lane, get(JointField::ConstantTorque));
@@ -129,6 +130,7 @@ impl Deriver<'_> {
         block.any_coulomb |= get(JointField::Coulomb) > 0.0 || any_servo;
         block.any_viscous |= get(JointField::Viscous) > 0.0 || get(JointField::QuadraticDrag) > 0.0;
         block.any_latency |= latency > 0.0;
+        block.any_compliance |= get(JointField::SeriesCompliance) > 0.0;
         Ok(())
     }
 

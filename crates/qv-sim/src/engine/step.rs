@@ -282,5 +282,11 @@ fn remember<L: Real>(topology: &Topology, block: &mut Block<L>) {
         let target = &mut block.seen[block.seen_head * width..][..width];
         target[..topology.nq].copy_from_slice(&block.q);
         target[topology.nq..].copy_from_slice(&block.v);
+        if block.any_compliance {
+            for j in 0..topology.joints {
+                let deflection = block.deflection(j);
+                block.seen[block.seen_head * width + topology.base_positions + j] += deflection;
+            }
+        }
     }
 }

@@ -274,7 +274,8 @@ impl RapierEngine {
         let force = world.ground_forces(self.model.geoms.len());
         self.state = state;
         self.time += self.options.timestep;
-        self.history.push(&self.state, self.options.timestep, reported, force);
+        let values = Values::new(&self.catalogue, &self.overrides);
+        self.history.push(&self.state, &values, self.options.timestep, reported, force);
         self.world = Some(world);
         Ok(())
     }

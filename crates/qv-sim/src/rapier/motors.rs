@@ -67,16 +67,20 @@ impl Motors {
                 let play = 0.5 * values.joint(j, Backlash);
                 self.rotor[j] = self.rotor[j].clamp(q[j] - play, q[j] + play);
                 let order = self.order(j, values.joint(j, CommandLatency) / timestep);
-                let wanted = wanted(values, j, &order, self.rotor[j] + values.joint(j, EncoderBias), dq[j]);
-                let lag = values.joint(j, Lag);
-                if fresh || lag <= 0.0 {
-                    self.lagged[j] = wanted;
-                } else {
-                    self.lagged[j] = wanted + (self.lagged[j] - wanted) * (-timestep / lag).exp();
-                }
+                let (lag, before) = (values.joint(j, Lag), self.lagged[j]);
+                let seen = self.rotor[j] + values.joint(j, EncoderBias);
+                let lagged = |deflection: f64| {
+                    let wanted = wanted(values, j, &order, seen + deflection, dq[j]);
+                    if fresh || lag <= 0.0 { wanted } else { wanted + (before - wanted) * (-timestep / lag).exp() }
+                };
                 // The speed takes torque along the motion, not from a motor that brakes.
                 let (full, along) = (values.joint(j, TorqueLimit), limit(values, j, dq[j]));
-                if dq[j] > 0.0 { self.lagged[j].clamp(-full, along) } else { self.lagged[j].clamp(-along, full) }
+                let limited = |t: f64| if dq[j] > 0.0 { t.clamp(-full, along) } else { t.clamp(-along, full) };
+                let compliance = values.joint(j, SeriesCompliance);
+                let deflection =
+                    if compliance > 0.0 { compliance * balance(|t| limited(lagged(compliance * t))) } else { 0.0 };
+                self.lagged[j] = lagged(deflection);
+                limited(self.lagged[j])
             })
             .collect()
     }
@@ -87,6 +91,17 @@ impl Motors {
         let whole = age.floor();
         at(whole as usize).mixed(at(whole as usize + 1), age - whole)
     }
+}
+
+/// The torque that is what a motor gives once its spring is twisted by it, where more twist never gives more: by halving.
+fn balance(given: impl Fn(f64) -> f64) -> f64 {
+    let (mut inner, mut outer) = (0.0, given(0.0));
+    for _ in 0..60 {
+        let middle = 0.5 * (inner + outer);
+        // On the side of nothing the motor gives more, in the direction of `outer`, than the spring bears.
+        if (given(middle) - middle) * outer > 0.0 { inner = middle } else { outer = middle }
+    }
+    0.5 * (inner + outer)
 }
 
 /// Torque that the controller asks of the motor \[N m\].

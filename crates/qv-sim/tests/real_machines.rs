@@ -1,0 +1,221 @@
+//! What real machines have and models leave out: springs between motors and joints. Against closed forms.
+
+mod robots;
+
+use qv_sim::{BaseKind, Batch, JointCommand, Model, Precision, SimOptions, State, Terrain};
+use robots::{inertial, model};
+
+/// Inertia of the wheel about its axis: its own and the rotor's that `robots::model` adds \[kg m²\].
+const INERTIA: f64 = 0.05 + 0.01;
+const STEP: f64 = 0.001;
+
+fn wheel() -> Model {
+    let urdf = format!(
+        r#"<robot name="wheel"><link name="bench"/><link name="wheel">{}</link>
+        <joint name="axle" type="continuous"><parent link="bench"/><child link="wheel"/><axis xyz="0 0 1"/></joint></robot>"#,
+        inertial(1.0, 0.05)
+    );
+    model(&urdf, BaseKind::Fixed)
+}
+
+fn turning<T: Precision>(implicit: bool, set: &[(&str, f64)]) -> Batch<T> {
+    let options = SimOptions { implicit_actuator_damping: implicit, max_sensor_latency: 0.02, ..Default::default() };
+    let mut sim = Batch::new(&wheel(), &Terrain::none(), &options, 1).unwrap();
+    set.iter().for_each(|(name, value)| sim.set_parameter(0, name, *value).unwrap());
+    sim
+}
+
+#[derive(Clone, Copy, Default)]
+struct Order {
+    q: f64,
+    dq: f64,
+    kp: f64,
+    kd: f64,
+    tau: f64,
+}
+
+fn command<T: Precision>(sim: &mut Batch<T>, o: Order) {
+    sim.set_command(0, &JointCommand { q: &[o.q], dq: &[o.dq], kp: &[o.kp], kd: &[o.kd], tau: &[o.tau] }).unwrap();
+}
+
+fn near(found: f64, expected: f64, tolerance: f64) {
+    assert!((found - expected).abs() <= tolerance, "found {found}, expected {expected} within {tolerance}");
+}
+
+fn torque<T: Precision>(sim: &Batch<T>) -> f64 {
+    sim.sensors(0).unwrap().tau[0]
+}
+
+#[test]
+fn a_spring_in_series_gives_way_by_its_compliance() {
+    let load = -2.0;
+    let set = [("actuator.axle.series_compliance", 0.01), ("joint.axle.external_torque", load)];
+    let mut sim = turning::<f64>(true, &set);
+    command(&mut sim, Order { q: 0.3, kp: 20.0, kd: 2.0, ..Default::default() });
+    sim.step_many(6000);
+    let seen = sim.sensors(0).unwrap();
+    near(seen.tau[0], -load, 1e-9);
+    near(sim.state(0).unwrap().q[0], 0.3 + load / 20.0 + 0.01 * load, 1e-9);
+    // The motor stands where its gain alone would let it stand.
+    near(seen.q[0], 0.3 + load / 20.0, 1e-9);
+    // The same of a reading that is late.
+    sim.set_parameter(0, "sensor.axle.encoder_latency", 0.005).unwrap();
+    near(sim.sensors(0).unwrap().q[0], 0.3 + load / 20.0, 1e-9);
+}
+
+#[test]
+fn encoders_of_all_environments_read_the_motors() {
+    let mut sim = Batch::<f64>::new(&wheel(), &Terrain::none(), &SimOptions::default(), 3).unwrap();
+    sim.set_parameter(1, "actuator.axle.series_compliance", 0.01).unwrap();
+    for env in 0..3 {
+        sim.set_command(env, &JointCommand { q: &[0.0], dq: &[0.0], kp: &[0.0], kd: &[0.0], tau: &[2.0] }).unwrap();
+    }
+    sim.step();
+    let (mut q, mut dq) = ([0.0; 3], [0.0; 3]);
+    sim.read_encoders(&mut q, &mut dq).unwrap();
+    assert_eq!(q[0], q[2]);
+    near(f64::from(q[1] - q[0]), 0.02, 1e-7);
+    assert_eq!(sim.state(0).unwrap(), sim.state(1).unwrap(), "a torque that is only fed forward is the same");
+}
+
+/// The torque that a motor gives which is what its spring is twisted by, by halving.
+fn balanced(order: Order, compliance: f64, before: f64, share: f64, limits: [f64; 2], dq: f64) -> [f64; 2] {
+    let lagged = |torque: f64| {
+        let p = (order.kp * (order.q - compliance * torque) + order.tau).clamp(-limits[0], limits[0]);
+        let u = p + order.kd * (order.dq - dq);
+        before + share * (0.9 * u + 0.1 * u.abs() - before)
+    };
+    let given = |torque: f64| lagged(torque).clamp(-limits[1], limits[1]);
+    let (mut low, mut high) = (-limits[1], limits[1]);
+    for _ in 0..80 {
+        let middle = 0.5 * (low + high);
+        if given(middle) > middle { low = middle } else { high = middle }
+    }
+    [low, lagged(low)]
+}
+
+#[test]
+fn clips_lag_and_asymmetry_act_through_the_spring() {
+    let orders = [
+        Order { q: 0.2, kp: 30.0, ..Default::default() },
+        Order { q: -0.4, kp: 30.0, dq: 1.0, kd: 2.0, tau: 0.3 },
+        Order { q: 1.0, kp: 80.0, dq: -1.0, kd: 2.0, tau: 0.0 },
+        Order { q: 0.01, kp: 200.0, dq: -1.5, kd: 1.0, tau: 0.0 },
+        Order { q: -3.0, kp: 300.0, ..Default::default() },
+    ];
+    let mut cases = [0; 3];
+    for compliance in [1e-4, 0.01, 1.0] {
+        for clip in [1e9, 4.0] {
+            let set = [
+                ("actuator.axle.series_compliance", compliance),
+                ("actuator.axle.position_torque_limit", clip),
+                ("actuator.axle.torque_limit", 6.0),
+                ("actuator.axle.lag", 0.003),
+                ("actuator.axle.strength", 0.9),
+                ("actuator.axle.strength_asymmetry", 0.1),
+            ];
+            let share = 1.0 - (-STEP / 0.003f64).exp();
+            for first in orders {
+                for second in orders {
+                    let mut sim = turning::<f64>(false, &set);
+                    command(&mut sim, first);
+                    sim.step();
+                    // What was not watched before has settled.
+                    let [given, lagged] = balanced(first, compliance, 0.0, 1.0, [clip, 6.0], 0.0);
+                    near(torque(&sim), given, 1e-9);
+                    command(&mut sim, second);
+                    let State { q, v } = sim.state(0).unwrap();
+                    sim.step();
+                    let moved = Order { q: second.q - q[0], ..second };
+                    let [given, next] = balanced(moved, compliance, lagged, share, [clip, 6.0], v[0]);
+                    near(torque(&sim), given, 1e-9);
+                    let soft = (moved.kp * (moved.q - compliance * given) + moved.tau).abs();
+                    cases[usize::from(soft > clip) + 2 * usize::from(next.abs() > 6.0 && soft <= clip)] += 1;
+                }
+            }
+        }
+    }
+    assert!(cases.iter().all(|&n| n > 10), "free, clipped, at the limit: {cases:?}");
+}
+
+#[test]
+fn a_spring_divides_both_gains_and_their_implicit_damping() {
+    for compliance in [0.002, 0.05, 2.0] {
+        let order = Order { q: 0.5, dq: 0.1, kp: 60.0, kd: 4.0, tau: 0.2 };
+        let mut sprung = turning::<f64>(true, &[("actuator.axle.series_compliance", compliance)]);
+        let mut rigid = turning::<f64>(true, &[]);
+        command(&mut sprung, order);
+        let soft = 1.0 / (1.0 + compliance * 60.0);
+        let gains = Order { kp: 60.0 * soft, kd: 4.0 * soft, tau: 0.2 * soft, ..order };
+        command(&mut rigid, gains);
+        for _ in 0..300 {
+            sprung.step();
+            rigid.step();
+            near(sprung.state(0).unwrap().q[0], rigid.state(0).unwrap().q[0], 1e-12);
+        }
+        assert!(rigid.state(0).unwrap().q[0].abs() > 1e-3);
+    }
+}
+
+#[test]
+fn a_gain_without_end_is_held_by_the_spring() {
+    // Without a spring this gain would throw the wheel about in steps of a millisecond.
+    let set = [("actuator.axle.series_compliance", 0.01)];
+    for kp in [1e4, 1e6] {
+        let mut sim = turning::<f32>(true, &set);
+        command(&mut sim, Order { q: 0.1, kp, kd: 0.02 * kp, ..Default::default() });
+        sim.step_many(3000);
+        near(sim.state(0).unwrap().q[0], 0.1, 1e-4);
+        // The spring is what is left of the gain: a push of 1 N m twists it by its compliance.
+        sim.set_parameter(0, "joint.axle.external_torque", 1.0).unwrap();
+        sim.step_many(3000);
+        near(sim.state(0).unwrap().q[0], 0.1 + 0.01 + 1.0 / kp, 1e-4);
+    }
+}
+
+#[test]
+fn an_environment_without_a_spring_keeps_its_bits_beside_one_with() {
+    let run = |neighbour: f64| {
+        let options = SimOptions { lanes: Some(8), ..Default::default() };
+        let mut sim = Batch::<f64>::new(&wheel(), &Terrain::none(), &options, 8).unwrap();
+        sim.set_parameter(3, "actuator.axle.series_compliance", neighbour).unwrap();
+        for env in 0..8 {
+            sim.set_command(env, &JointCommand { q: &[0.4], dq: &[0.0], kp: &[50.0], kd: &[1.0], tau: &[0.1] })
+                .unwrap();
+        }
+        sim.step_many(200);
+        [2, 3].map(|env| robots::bits(&sim.state(env).unwrap()))
+    };
+    let (without, with) = (run(0.0), run(0.01));
+    assert_eq!(without[0], with[0]);
+    assert_ne!(without[1], with[1]);
+}
+
+#[cfg(feature = "rapier")]
+#[test]
+fn the_second_engine_has_the_same_spring() {
+    use qv_sim::rapier::{Motion, RapierEngine, RapierOptions, compare_engines};
+    let robot = wheel();
+    let options = SimOptions { implicit_actuator_damping: false, ..Default::default() };
+    let run = |parameters| {
+        let start = State { q: vec![0.0], v: vec![0.0] };
+        let target = |t: f64| vec![0.3 * (15.0 * t).sin()];
+        let motion = Motion { start: &start, duration: 0.4, kp: 60.0, kd: 2.0, target: &target, parameters };
+        compare_engines(&robot, &Terrain::none(), &options, &motion).unwrap()
+    };
+    let set = [("actuator.axle.series_compliance", 0.02), ("actuator.axle.lag", 0.004)];
+    let found = run(&set);
+    // Of a swing of 0.3 rad: rapier takes its steps in four parts.
+    assert!(found.joint_rms < 2e-3, "{found}");
+    let rigid = run(&set[1..]);
+    let apart = (found.first.q[0] - rigid.first.q[0]).abs();
+    assert!(apart > 0.02, "the spring makes a difference of {apart} rad");
+
+    let mut engine = RapierEngine::new(&robot, &Terrain::none(), &RapierOptions::default()).unwrap();
+    engine.set_parameter("actuator.axle.series_compliance", 0.01).unwrap();
+    engine.set_parameter("sensor.axle.encoder_latency", 0.002).unwrap();
+    engine.set_command(&JointCommand { q: &[0.0], dq: &[0.0], kp: &[0.0], kd: &[0.0], tau: &[2.0] }).unwrap();
+    (0..5).for_each(|_| engine.step().unwrap());
+    let past = 0.5 * 2.0 / INERTIA * 0.003f64.powi(2);
+    near(engine.sensors().q[0], past + 0.02, 2e-4);
+}
