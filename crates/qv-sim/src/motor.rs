@@ -45,6 +45,12 @@ pub(crate) struct CommandLanes<L> {
 }
 
 impl<L: Real> Law<L> {
+    /// The law of a motor that gives `share` of its torque.
+    #[inline(always)]
+    pub fn weakened(&self, share: L) -> Self {
+        Self { strength: self.strength * share, asymmetry: self.asymmetry * share, ..*self }
+    }
+
     /// Where the motor is when its joint is at `q`, of one that was at `motor`: play lets it stay.
     #[inline(always)]
     pub fn within_play(&self, motor: L, q: L) -> L {
@@ -101,6 +107,17 @@ impl<L: Real> Law<L> {
         let forward = L::zero().lt(dq);
         (L::select(forward, -self.torque_limit, -along), L::select(forward, along, self.torque_limit))
     }
+}
+
+/// Share of its torque that a motor gives whose strength drifts, `time` after the run's start; both in seconds.
+#[inline(always)]
+pub(crate) fn drifted<L: Real>(drift: L, time: L) -> L {
+    (L::one() + drift * time).max(L::zero())
+}
+
+/// Share of its torque that a motor gives whose strength drifts by `drift` \[1/s\], `time` \[s\] after the run's start: `max(0, 1 + drift time)`.
+pub fn drift_share(drift: f64, time: f64) -> f64 {
+    drifted(drift, time)
 }
 
 /// 1 over the speeds between the knee of the limit and zero torque.

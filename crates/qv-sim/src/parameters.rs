@@ -96,6 +96,7 @@ fields!(JointField {
     SpringSlack,
     StrengthAsymmetry,
     SeriesCompliance,
+    StrengthDrift,
 });
 fields!(LinkField {
     MassScale,
@@ -143,6 +144,8 @@ fields!(WorldField {
     AccBiasZ,
     PoseDelay,
     FootForceScale,
+    RunStart,
+    SupplySag,
 });
 
 /// Stand-in for "no limit" that stays finite in arithmetic of either precision.
@@ -460,6 +463,15 @@ fn joint_parameters(infos: &mut Vec<ParameterInfo>, model: &Model, index: usize)
             0.0,
             "spring between motor and joint: the encoder, on the motor, is ahead of the joint by this times the torque",
         ),
+        (
+            StrengthDrift,
+            "actuator.*.strength_drift",
+            "1/s",
+            0.0,
+            (-0.02, 0.02),
+            ANY,
+            "change of the delivered torque per time since the run's start, as a share of it, down to none",
+        ),
     ];
     let first = infos.len();
     push(infos, &joint.name, &rows, |f| Slot::Joint(index, f));
@@ -757,6 +769,24 @@ fn world_parameters(infos: &mut Vec<ParameterInfo>, terrain: &Terrain) {
         (AccBiasZ, "sensor.imu.acc_bias_z", "m/s²", 0.0, (-0.5, 0.5), ANY, "constant error of the accelerometer"),
         (PoseDelay, "sensor.pose.delay", "s", 0.0, (0.0, 0.1), 0.0, "age of the reported base pose"),
         (FootForceScale, "sensor.foot_force.scale", "1", 1.0, (0.5, 1.5), 0.0, "reported over true foot force"),
+        (
+            RunStart,
+            "run.start",
+            "s",
+            0.0,
+            (0.0, 600.0),
+            ANY,
+            "time since the run's start at which the simulation begins: strength_drift counts from there",
+        ),
+        (
+            SupplySag,
+            "supply.sag",
+            "1/W",
+            0.0,
+            (0.0, 0.002),
+            0.0,
+            "share of all motors' torque that is lost per mechanical power that they gave in the step before",
+        ),
     ];
     push(infos, "", &rows, Slot::World);
 }

@@ -1,4 +1,4 @@
-//! What real machines have and models leave out: springs between motors and joints. Against closed forms.
+//! What real machines have and models leave out: springs between motors and joints, batteries that run down and sag. Against closed forms.
 
 mod robots;
 
@@ -189,6 +189,106 @@ fn an_environment_without_a_spring_keeps_its_bits_beside_one_with() {
     let (without, with) = (run(0.0), run(0.01));
     assert_eq!(without[0], with[0]);
     assert_ne!(without[1], with[1]);
+}
+
+#[test]
+fn strength_drifts_from_the_start_of_the_run() {
+    let set = [("actuator.axle.strength", 0.8), ("actuator.axle.strength_drift", -0.02)];
+    let mut sim = turning::<f64>(true, &set);
+    command(&mut sim, Order { tau: 2.0, ..Default::default() });
+    sim.step_many(10_000);
+    near(torque(&sim), 2.0 * 0.8 * (1.0 - 0.02 * 9.999), 1e-9);
+    // A part of the run that begins after a minute: nothing is left, and it does not turn round.
+    let again = State { q: vec![0.0], v: vec![0.0] };
+    for (start, left) in [(30.0, 0.4), (60.0, 0.0)] {
+        sim.set_parameter(0, "run.start", start).unwrap();
+        sim.set_state(0, &again).unwrap();
+        command(&mut sim, Order { tau: 2.0, ..Default::default() });
+        sim.step();
+        near(torque(&sim), 2.0 * 0.8 * left, 1e-9);
+    }
+    assert_eq!([qv_sim::drift_share(0.01, 10.0), qv_sim::drift_share(-0.2, 10.0)], [1.1, 0.0]);
+}
+
+#[test]
+fn gains_and_their_implicit_damping_drift_too() {
+    let order = Order { q: 0.5, dq: 0.1, kp: 60.0, kd: 4.0, tau: 0.2 };
+    let set = [("actuator.axle.strength_drift", -0.01), ("actuator.axle.series_compliance", 0.01), ("run.start", 50.0)];
+    let mut sim = turning::<f64>(true, &set);
+    command(&mut sim, order);
+    sim.step();
+    let mut plain = turning::<f64>(true, &[("actuator.axle.strength", 0.5), set[1]]);
+    command(&mut plain, order);
+    plain.step();
+    near(sim.state(0).unwrap().v[0], plain.state(0).unwrap().v[0], 1e-12);
+}
+
+/// Two wheels on one bench.
+fn wheels() -> Model {
+    let wheel = |name: &str| {
+        format!(
+            r#"<link name="{name}">{}</link><joint name="{name}_axle" type="continuous"><parent link="bench"/><child link="{name}"/>
+            <axis xyz="0 0 1"/></joint>"#,
+            inertial(1.0, 0.05)
+        )
+    };
+    model(
+        &format!(r#"<robot name="wheels"><link name="bench"/>{}{}</robot>"#, wheel("one"), wheel("two")),
+        BaseKind::Fixed,
+    )
+}
+
+#[test]
+fn the_power_of_all_motors_takes_from_each() {
+    let (sag, asked) = (0.004, [2.0, -3.0]);
+    let mut sim = Batch::<f64>::new(&wheels(), &Terrain::none(), &SimOptions::default(), 1).unwrap();
+    sim.set_parameter(0, "supply.sag", sag).unwrap();
+    // The second wheel is braked at first, which takes no power.
+    let (mut v, mut given) = ([1.0, 2.0], [0.0; 2]);
+    sim.set_state(0, &State { q: vec![0.0; 2], v: v.to_vec() }).unwrap();
+    sim.set_command(0, &JointCommand { q: &[0.0; 2], dq: &[0.0; 2], kp: &[0.0; 2], kd: &[0.0; 2], tau: &asked })
+        .unwrap();
+    let mut least = 1.0f64;
+    for _ in 0..1000 {
+        sim.step();
+        let power = (given[0] * v[0]).max(0.0) + (given[1] * v[1]).max(0.0);
+        let share = (1.0 - sag * power).max(0.0);
+        least = least.min(share);
+        for j in 0..2 {
+            given[j] = share * asked[j];
+            v[j] += STEP * given[j] / INERTIA;
+        }
+        let seen = sim.sensors(0).unwrap();
+        (0..2).for_each(|j| near(seen.tau[j], given[j], 1e-9));
+    }
+    assert!(least < 0.65 && least > 0.1, "the supply gave {least} at the least");
+}
+
+#[cfg(feature = "rapier")]
+#[test]
+fn the_second_engine_sags_and_drifts_alike() {
+    use qv_sim::rapier::{Motion, compare_engines};
+    fn run(parameters: &[(&str, f64)]) -> qv_sim::rapier::EngineDifference {
+        let robot = wheels();
+        let motion = Motion {
+            start: &State { q: vec![0.0; 2], v: vec![0.0; 2] },
+            duration: 0.5,
+            kp: 60.0,
+            kd: 2.0,
+            target: &|t: f64| vec![0.5 * (20.0 * t).sin(), 0.3 * (15.0 * t).sin()],
+            parameters,
+        };
+        let options = SimOptions { implicit_actuator_damping: false, ..Default::default() };
+        compare_engines(&robot, &Terrain::none(), &options, &motion).unwrap()
+    }
+    let plain = run(&[]);
+    for set in [[("supply.sag", 0.004)], [("actuator.one_axle.strength_drift", -1.0)]] {
+        let found = run(&set);
+        // Steps of other lengths part without any of it, too.
+        assert!(found.joint_rms < 1.5 * plain.joint_rms, "{set:?}: {found} (plain: {plain})");
+        let apart = (found.first.q[0] - plain.first.q[0]).abs();
+        assert!(apart > 0.01, "{set:?} makes a difference of {apart} rad");
+    }
 }
 
 #[cfg(feature = "rapier")]

@@ -3,6 +3,7 @@
 use super::block::{Block, CommandLanes, Work};
 use super::topology::Topology;
 use crate::lanes::{Real, Scalar};
+use crate::motor::drifted;
 
 /// Fills `block.torque`, `work.smooth` (all forces but those of constraints) and `work.implicit` (their damping).
 /// `outside` is the share of the step during which outside torques act.
@@ -14,13 +15,19 @@ pub(crate) fn actuate<L: Real>(
     block: &mut Block<L>,
     work: &mut Work<L>,
 ) {
+    let sagged = if block.any_fading { sagged(topology, block) } else { L::one() };
     for j in 0..topology.joints {
         let dof = topology.joint_dof(j);
         let parameters = &block.joints[j];
         let command = command(topology, block, j);
         let q = block.q[topology.base_positions + j];
         let dq = block.v[dof];
-        let law = &parameters.law;
+        let weakened;
+        let mut law = &parameters.law;
+        if block.any_fading {
+            weakened = law.weakened(sagged * drifted(parameters.drift, block.supply.start + block.time));
+            law = &weakened;
+        }
         let motor = law.within_play(block.motor[j], q);
         block.motor[j] = motor;
         let mut gain = law.kd_scale * command.kd * law.strength;
@@ -59,6 +66,17 @@ pub(crate) fn actuate<L: Real>(
         work.smooth[dof] = -work.bias[dof];
         work.implicit[dof] = L::zero();
     }
+}
+
+/// Share of their torque that the supply lets all motors give, under the power that they drew: the torques of the step before, still there, at
+/// the present speeds. Motors that brake draw none.
+#[inline(always)]
+fn sagged<L: Real>(topology: &Topology, block: &Block<L>) -> L {
+    let mut power = L::zero();
+    for j in 0..topology.joints {
+        power += (block.torque[j] * block.v[topology.joint_dof(j)]).max(L::zero());
+    }
+    (L::one() - block.supply.sag * power).max(L::zero())
 }
 
 /// Share of the coming step during which the outside force acts.

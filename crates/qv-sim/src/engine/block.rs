@@ -20,6 +20,8 @@ pub(crate) struct JointLanes<L> {
     pub latency: L,
     pub encoder_bias: L,
     pub external_torque: L,
+    /// Change of strength per time \[1/s\].
+    pub drift: L,
     pub servo: ServoFriction<L>,
     pub constant_torque: L,
     pub spring: SpringLanes<L>,
@@ -43,6 +45,15 @@ pub(crate) struct GroundLanes<L> {
     pub force: V3<L>,
     pub force_start: L,
     pub force_end: L,
+}
+
+/// What all motors of each environment are fed by.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SupplyLanes<L> {
+    /// Time of the run at which the block's time is 0.
+    pub start: L,
+    /// Share of torque lost per power \[1/W\].
+    pub sag: L,
 }
 
 /// Feet and other shapes of each environment.
@@ -114,6 +125,7 @@ pub(crate) struct Block<L: Real> {
     pub geoms: Array<GeomLanes<L>>,
     pub materials: Array<L>,
     pub ground: GroundLanes<L>,
+    pub supply: SupplyLanes<L>,
     // Which of the costlier features any lane uses. They change the work, never the result.
     pub any_coulomb: bool,
     pub any_viscous: bool,
@@ -121,6 +133,7 @@ pub(crate) struct Block<L: Real> {
     pub any_spring: bool,
     pub any_latency: bool,
     pub any_compliance: bool,
+    pub any_fading: bool,
     pub any_added: bool,
     pub any_wrench: bool,
 }
@@ -263,6 +276,7 @@ impl<L: Real> Block<L> {
             latency: zero,
             encoder_bias: zero,
             external_torque: zero,
+            drift: zero,
             servo: ServoFriction::none(),
             constant_torque: zero,
             spring: SpringLanes::none(),
@@ -315,12 +329,14 @@ impl<L: Real> Block<L> {
             geoms: vec![GeomLanes { friction_scale: zero, radius_offset: zero }; model.geoms.len()].into(),
             materials: vec![zero; materials].into(),
             ground,
+            supply: SupplyLanes { start: zero, sag: zero },
             any_coulomb: false,
             any_viscous: false,
             any_servo: false,
             any_spring: false,
             any_latency: false,
             any_compliance: false,
+            any_fading: false,
             any_added: false,
             any_wrench: false,
         }

@@ -104,6 +104,7 @@ impl Deriver<'_> {
         set(&mut p.law.compliance, lane, get(JointField::SeriesCompliance));
         set(&mut p.encoder_bias, lane, get(JointField::EncoderBias));
         set(&mut p.external_torque, lane, get(JointField::ExternalTorque));
+        set(&mut p.drift, lane, get(JointField::StrengthDrift));
         set(&mut p.constant_torque, lane, get(JointField::ConstantTorque));
         set(&mut p.spring.stiffness, lane, get(JointField::SpringStiffness));
         set(&mut p.spring.rest, lane, get(JointField::SpringRest));
@@ -130,6 +131,7 @@ impl Deriver<'_> {
         block.any_coulomb |= get(JointField::Coulomb) > 0.0 || any_servo;
         block.any_viscous |= get(JointField::Viscous) > 0.0 || get(JointField::QuadraticDrag) > 0.0;
         block.any_latency |= latency > 0.0;
+        block.any_fading |= get(JointField::StrengthDrift) != 0.0;
         block.any_compliance |= get(JointField::SeriesCompliance) > 0.0;
         Ok(())
     }
@@ -180,6 +182,9 @@ impl Deriver<'_> {
     fn world<L: Real>(&self, values: &[f64], lane: usize, block: &mut Block<L>) {
         use WorldField::*;
         let get = |field: WorldField| values[self.catalogue.world_at + field as usize];
+        set(&mut block.supply.start, lane, get(RunStart));
+        set(&mut block.supply.sag, lane, get(SupplySag));
+        block.any_fading |= get(SupplySag) > 0.0;
         let ground = &mut block.ground;
         set(&mut ground.friction, lane, get(Friction));
         let (time_constant, damping_ratio) =

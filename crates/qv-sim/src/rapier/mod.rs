@@ -259,7 +259,7 @@ impl RapierEngine {
         };
         let offset = self.model.nq() - self.model.joints.len();
         let (q, dq) = (&self.state.q[offset..], &self.state.v[self.model.base_dofs()..]);
-        let mut torque = self.motors.torques(&values, self.options.timestep, q, dq);
+        let mut torque = self.motors.torques(&values, self.time, self.options.timestep, q, dq);
         let reported = torque.clone();
         let share = values.external_share(self.time, self.options.timestep);
         values.add_external_torques(share, &mut torque);

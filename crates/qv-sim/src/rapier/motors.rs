@@ -4,6 +4,7 @@ use super::LONGEST_DELAY;
 use super::values::Values;
 use crate::JointCommand;
 use crate::parameters::JointField::*;
+use crate::parameters::WorldField;
 use std::collections::VecDeque;
 
 /// Command of one joint: position, speed, gains, feed-forward.
@@ -40,12 +41,20 @@ pub(super) struct Motors {
     rotor: Vec<f64>,
     /// Torque behind the lag \[N m\]; empty before the first step.
     lagged: Vec<f64>,
+    /// Torque of the last step \[N m\].
+    given: Vec<f64>,
 }
 
 impl Motors {
     /// Motors at rest at joint positions `q`, commanded nothing.
     pub fn new(q: &[f64]) -> Self {
-        Self { present: vec![Order::default(); q.len()], past: VecDeque::new(), rotor: q.to_vec(), lagged: Vec::new() }
+        Self {
+            present: vec![Order::default(); q.len()],
+            past: VecDeque::new(),
+            rotor: q.to_vec(),
+            lagged: Vec::new(),
+            given: vec![0.0; q.len()],
+        }
     }
 
     /// Holds a command from now on; lengths are the caller's to check.
@@ -56,21 +65,25 @@ impl Motors {
         }
     }
 
-    /// Torques \[N m\] of the coming step, at joint positions `q` and speeds `dq`.
-    pub fn torques(&mut self, values: &Values, timestep: f64, q: &[f64], dq: &[f64]) -> Vec<f64> {
+    /// Torques \[N m\] of the coming step, `time` after the state was set, at joint positions `q` and speeds `dq`.
+    pub fn torques(&mut self, values: &Values, time: f64, timestep: f64, q: &[f64], dq: &[f64]) -> Vec<f64> {
         self.past.push_front(self.present.clone());
         self.past.truncate((LONGEST_DELAY / timestep).ceil() as usize + 2);
         let fresh = self.lagged.is_empty();
         self.lagged.resize(q.len(), 0.0);
-        (0..q.len())
+        let power: f64 = self.given.iter().zip(dq).map(|(torque, speed)| (torque * speed).max(0.0)).sum();
+        let supply = (1.0 - values.world(WorldField::SupplySag) * power).max(0.0);
+        let given = (0..q.len())
             .map(|j| {
                 let play = 0.5 * values.joint(j, Backlash);
                 self.rotor[j] = self.rotor[j].clamp(q[j] - play, q[j] + play);
                 let order = self.order(j, values.joint(j, CommandLatency) / timestep);
                 let (lag, before) = (values.joint(j, Lag), self.lagged[j]);
                 let seen = self.rotor[j] + values.joint(j, EncoderBias);
+                let since = values.world(WorldField::RunStart) + time;
+                let share = supply * (1.0 + values.joint(j, StrengthDrift) * since).max(0.0);
                 let lagged = |deflection: f64| {
-                    let wanted = wanted(values, j, &order, seen + deflection, dq[j]);
+                    let wanted = share * wanted(values, j, &order, seen + deflection, dq[j]);
                     if fresh || lag <= 0.0 { wanted } else { wanted + (before - wanted) * (-timestep / lag).exp() }
                 };
                 // The speed takes torque along the motion, not from a motor that brakes.
@@ -82,7 +95,9 @@ impl Motors {
                 self.lagged[j] = lagged(deflection);
                 limited(self.lagged[j])
             })
-            .collect()
+            .collect();
+        self.given = given;
+        self.given.clone()
     }
 
     /// The order given `age` steps ago, between steps by interpolation; the first one also counts as all before it.
