@@ -146,6 +146,8 @@ fields!(WorldField {
     FootForceScale,
     RunStart,
     SupplySag,
+    FrictionDrop,
+    FrictionSpeed,
 });
 
 /// Stand-in for "no limit" that stays finite in arithmetic of either precision.
@@ -786,6 +788,24 @@ fn world_parameters(infos: &mut Vec<ParameterInfo>, terrain: &Terrain) {
             (0.0, 0.002),
             0.0,
             "share of all motors' torque that is lost per mechanical power that they gave in the step before",
+        ),
+        (
+            FrictionDrop,
+            "contact.friction_drop",
+            "1",
+            0.0,
+            (0.0, 0.8),
+            0.0,
+            "share of the ground's friction that is gone at speed: 1 - exp(-slip / friction_speed) of it",
+        ),
+        (
+            FrictionSpeed,
+            "contact.friction_speed",
+            "m/s",
+            0.1,
+            (0.01, 1.0),
+            1e-6,
+            "slip at which friction has lost 63 % of what it loses at speed",
         ),
     ];
     push(infos, "", &rows, Slot::World);

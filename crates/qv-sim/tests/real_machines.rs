@@ -1,9 +1,11 @@
-//! What real machines have and models leave out: springs between motors and joints, batteries that run down and sag. Against closed forms.
+//! What real machines have and models leave out: springs between motors and joints, batteries that run down and sag, ground on
+//! which feet slip better the faster they slip. Against closed forms.
 
 mod robots;
 
+use qv_core::TriangleMesh;
 use qv_sim::{BaseKind, Batch, JointCommand, Model, Precision, SimOptions, State, Terrain};
-use robots::{inertial, model};
+use robots::{body, inertial, model};
 
 /// Inertia of the wheel about its axis: its own and the rotor's that `robots::model` adds \[kg m²\].
 const INERTIA: f64 = 0.05 + 0.01;
@@ -262,6 +264,68 @@ fn the_power_of_all_motors_takes_from_each() {
         (0..2).for_each(|j| near(seen.tau[j], given[j], 1e-9));
     }
     assert!(least < 0.65 && least > 0.1, "the supply gave {least} at the least");
+}
+
+/// The plane as two triangles.
+fn tabletop() -> Terrain {
+    let corner = |x: f64, y: f64| glam::DVec3::new(x, y, 0.0);
+    let mesh = TriangleMesh {
+        vertices: vec![corner(-5.0, -5.0), corner(5.0, -5.0), corner(5.0, 5.0), corner(-5.0, 5.0)],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..Default::default()
+    };
+    Terrain::from_mesh(&mesh).unwrap()
+}
+
+/// Friction over normal force of a box that slides at a speed, over a few steps.
+fn sliding(terrain: &Terrain, speed: f64, set: &[(&str, f64)]) -> f64 {
+    let mut sim =
+        Batch::<f64>::new(&body(r#"<box size="0.4 0.4 0.02"/>"#), terrain, &SimOptions::default(), 1).unwrap();
+    set.iter().for_each(|(name, value)| sim.set_parameter(0, name, *value).unwrap());
+    let v = vec![speed, 0.0, 0.0, 0.0, 0.0, 0.0];
+    sim.set_state(0, &State { q: vec![0.0, 0.0, 0.0099, 1.0, 0.0, 0.0, 0.0], v }).unwrap();
+    sim.step_many(10);
+    let v = sim.state(0).unwrap().v;
+    // It chatters, so the normal impulse is taken from its vertical motion.
+    (speed - v[0]) / (9.81 * 0.01 + v[2])
+}
+
+#[test]
+fn friction_falls_with_slip() {
+    let weak = [("contact.friction_drop", 0.4), ("contact.friction_speed", 0.5)];
+    let patch = [
+        ("terrain.patch.x_min", -1.0),
+        ("terrain.patch.x_max", 1.0),
+        ("terrain.patch.y_min", -1.0),
+        ("terrain.patch.y_max", 1.0),
+        ("terrain.patch.friction", 0.2),
+    ];
+    let left = |speed: f64| 1.0 - 0.4 * (1.0 - (-speed / 0.5f64).exp());
+    for terrain in [Terrain::plane(), tabletop()] {
+        for speed in [0.5, 3.0] {
+            let plain = sliding(&terrain, speed, &[("contact.friction", 0.3)]);
+            near(plain, 0.3, 3e-3);
+            // Within the ten steps it loses a few hundredths of a metre per second.
+            near(
+                sliding(&terrain, speed, &[&[("contact.friction", 0.3)], &weak[..]].concat()),
+                0.3 * left(speed),
+                4e-3,
+            );
+            let of_patch = [&patch[..], &weak[..], &[("geom.body.friction_scale", 1.5)]].concat();
+            near(sliding(&terrain, speed, &of_patch), 0.2 * 1.5 * left(speed), 4e-3);
+        }
+    }
+}
+
+#[cfg(feature = "rapier")]
+#[test]
+fn the_second_engine_says_what_ground_it_lacks() {
+    use qv_sim::rapier::{RapierEngine, RapierOptions};
+    let mut engine = RapierEngine::new(&wheel(), &Terrain::plane(), &RapierOptions::default()).unwrap();
+    for (name, value) in [("contact.friction_drop", 0.3), ("contact.friction_speed", 0.3)] {
+        let refused = engine.set_parameter(name, value).unwrap_err().to_string();
+        assert!(refused.contains(name), "{refused}");
+    }
 }
 
 #[cfg(feature = "rapier")]

@@ -36,6 +36,10 @@ pub(crate) struct GroundLanes<L> {
     pub damping: L,
     pub torsional: L,
     pub rolling: L,
+    /// Share of friction that is gone at speed.
+    pub drop: L,
+    /// Slip at which 1 - 1/e of that is gone \[m/s\].
+    pub drop_speed: L,
     pub height: L,
     /// World from terrain rotation.
     pub tilt: M3<L>,
@@ -134,6 +138,7 @@ pub(crate) struct Block<L: Real> {
     pub any_latency: bool,
     pub any_compliance: bool,
     pub any_fading: bool,
+    pub any_weakening: bool,
     pub any_added: bool,
     pub any_wrench: bool,
 }
@@ -287,6 +292,8 @@ impl<L: Real> Block<L> {
             damping: zero,
             torsional: zero,
             rolling: zero,
+            drop: zero,
+            drop_speed: L::one(),
             height: zero,
             tilt: [zero; 9],
             patch: [zero; 4],
@@ -337,6 +344,7 @@ impl<L: Real> Block<L> {
             any_latency: false,
             any_compliance: false,
             any_fading: false,
+            any_weakening: false,
             any_added: false,
             any_wrench: false,
         }

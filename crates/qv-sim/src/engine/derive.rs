@@ -185,8 +185,11 @@ impl Deriver<'_> {
         set(&mut block.supply.start, lane, get(RunStart));
         set(&mut block.supply.sag, lane, get(SupplySag));
         block.any_fading |= get(SupplySag) > 0.0;
+        block.any_weakening |= get(FrictionDrop) > 0.0;
         let ground = &mut block.ground;
         set(&mut ground.friction, lane, get(Friction));
+        set(&mut ground.drop, lane, get(FrictionDrop));
+        set(&mut ground.drop_speed, lane, get(FrictionSpeed));
         let (time_constant, damping_ratio) =
             contact_response(get(TimeConstant), get(DampingRatio), get(Restitution), self.timestep);
         let most = super::constraint::IMPEDANCE_MAX;

@@ -296,6 +296,9 @@ fn lacking(slot: Slot) -> Option<&'static str> {
     match slot {
         Slot::World(WorldField::Torsional) => Some("contacts without torsional friction of a given length"),
         Slot::World(WorldField::Rolling) => Some("contacts without rolling friction"),
+        Slot::World(WorldField::FrictionDrop | WorldField::FrictionSpeed) => {
+            Some("contacts whose friction does not change with slip")
+        }
         Slot::Joint(_, field) => {
             use JointField::*;
             let of_servo = matches!(
