@@ -148,6 +148,8 @@ fields!(WorldField {
     SupplySag,
     FrictionDrop,
     FrictionSpeed,
+    YieldForce,
+    SinkRate,
 });
 
 /// Stand-in for "no limit" that stays finite in arithmetic of either precision.
@@ -806,6 +808,24 @@ fn world_parameters(infos: &mut Vec<ParameterInfo>, terrain: &Terrain) {
             (0.01, 1.0),
             1e-6,
             "slip at which friction has lost 63 % of what it loses at speed",
+        ),
+        (
+            YieldForce,
+            "contact.yield_force",
+            "N",
+            UNLIMITED,
+            (5.0, 200.0),
+            0.0,
+            "normal force of a shape beyond which the ground under it gives way for good, until the shape is out of its print",
+        ),
+        (
+            SinkRate,
+            "contact.sink_rate",
+            "m/(N s)",
+            0.001,
+            (0.0, 0.01),
+            0.0,
+            "speed at which a shape sinks in for good, per normal force beyond yield_force",
         ),
     ];
     push(infos, "", &rows, Slot::World);

@@ -1,5 +1,5 @@
 //! What real machines have and models leave out: springs between motors and joints, batteries that run down and sag, ground on
-//! which feet slip better the faster they slip. Against closed forms.
+//! which feet slip better the faster they slip, ground that gives way. Against closed forms.
 
 mod robots;
 
@@ -317,12 +317,104 @@ fn friction_falls_with_slip() {
     }
 }
 
+const BALL: &str = r#"<sphere radius="0.1"/>"#;
+
+/// A ball of 1 kg that lies on ground, settled.
+fn lying<T: Precision>(terrain: &Terrain, geometry: &str, height: f64, set: &[(&str, f64)]) -> Batch<T> {
+    let mut sim = Batch::<T>::new(&body(geometry), terrain, &SimOptions::default(), 2).unwrap();
+    set.iter().for_each(|(name, value)| sim.set_parameter(0, name, *value).unwrap());
+    for env in 0..2 {
+        let q = vec![0.3, 0.2, height - 0.0001, 1.0, 0.0, 0.0, 0.0];
+        sim.set_state(env, &State { q, v: vec![0.0; 6] }).unwrap();
+    }
+    sim.step_many(500);
+    sim
+}
+
+const WEIGHT: f64 = 9.81;
+
+#[test]
+fn what_presses_harder_than_the_ground_bears_sinks_for_good() {
+    let soft = [("contact.yield_force", 5.0), ("contact.sink_rate", 0.002)];
+    let speed = 0.002 * (WEIGHT - 5.0);
+    for terrain in [Terrain::plane(), tabletop()] {
+        for (geometry, height) in [(BALL, 0.1), (r#"<box size="0.2 0.3 0.1"/>"#, 0.05)] {
+            let mut sim = lying::<f64>(&terrain, geometry, height, &soft);
+            let (before, sunk) = (sim.state(0).unwrap().q[2], sim.sunk_depths(0).unwrap()[0]);
+            sim.step_many(500);
+            let after = sim.sunk_depths(0).unwrap()[0];
+            near(after - sunk, 0.5 * speed, 0.01 * speed);
+            near(before - sim.state(0).unwrap().q[2], after - sunk, 1e-4);
+            // Beside it hard ground bears the same body, which lies higher by what the other has sunk.
+            assert_eq!(sim.sunk_depths(1).unwrap(), [0.0]);
+            near(sim.state(1).unwrap().q[2] - sim.state(0).unwrap().q[2], after, 2e-4);
+            // Half out of its print it is still in it; above the ground as it was it has left it.
+            let up = |sim: &mut Batch<f64>, by: f64| {
+                let mut state = sim.state(0).unwrap();
+                (state.q[2], state.v) = (state.q[2] + by, vec![0.0; 6]);
+                sim.move_to(0, &state).unwrap();
+                sim.step();
+                sim.sunk_depths(0).unwrap()[0]
+            };
+            near(up(&mut sim, 0.5 * after), after, 2e-5);
+            assert_eq!(up(&mut sim, after), 0.0);
+        }
+    }
+}
+
+#[test]
+fn ground_that_bears_a_body_keeps_every_bit() {
+    let firm = [("contact.yield_force", 1e4), ("contact.sink_rate", 0.002)];
+    for terrain in [Terrain::plane(), tabletop()] {
+        let sim = lying::<f32>(&terrain, BALL, 0.1, &firm);
+        assert_eq!(robots::bits(&sim.state(0).unwrap()), robots::bits(&sim.state(1).unwrap()));
+        assert_eq!(sim.sunk_depths(0).unwrap(), [0.0]);
+    }
+}
+
+#[test]
+fn prints_go_with_their_environments() {
+    let soft = [("contact.yield_force", 5.0), ("contact.sink_rate", 0.002)];
+    let mut sim = lying::<f32>(&Terrain::plane(), BALL, 0.1, &soft);
+    let kept = sim.snapshot();
+    // Into an environment of hard ground, where the print soon stays as deep as it is.
+    sim.copy_lane(0, 1).unwrap();
+    let depth = sim.sunk_depths(0).unwrap()[0];
+    sim.step_many(100);
+    let deeper = sim.sunk_depths(0).unwrap()[0];
+    assert!(depth > 1e-3 && deeper > depth + 5e-4, "{depth} {deeper}");
+    near(sim.sunk_depths(1).unwrap()[0], depth, 1e-4);
+    near(sim.state(1).unwrap().q[2] - sim.state(0).unwrap().q[2], deeper - depth, 2e-4);
+    sim.restore(&kept).unwrap();
+    assert_eq!(sim.sunk_depths(0).unwrap(), [depth]);
+    sim.step_many(100);
+    assert_eq!(sim.sunk_depths(0).unwrap(), [deeper]);
+    // A new state is one on ground that nobody trod.
+    let state = sim.state(0).unwrap();
+    sim.set_state(0, &state).unwrap();
+    assert_eq!(sim.sunk_depths(0).unwrap(), [0.0]);
+}
+
+#[test]
+fn on_triangles_nothing_sinks_through() {
+    let soft = [("contact.yield_force", 0.0), ("contact.sink_rate", 0.01)];
+    let mut sim = lying::<f64>(&tabletop(), BALL, 0.1, &soft);
+    sim.step_many(5000);
+    assert_eq!(sim.sunk_depths(0).unwrap(), [0.1]);
+    near(sim.state(0).unwrap().q[2], 0.0, 2e-3);
+}
+
 #[cfg(feature = "rapier")]
 #[test]
 fn the_second_engine_says_what_ground_it_lacks() {
     use qv_sim::rapier::{RapierEngine, RapierOptions};
     let mut engine = RapierEngine::new(&wheel(), &Terrain::plane(), &RapierOptions::default()).unwrap();
-    for (name, value) in [("contact.friction_drop", 0.3), ("contact.friction_speed", 0.3)] {
+    for (name, value) in [
+        ("contact.friction_drop", 0.3),
+        ("contact.friction_speed", 0.3),
+        ("contact.yield_force", 30.0),
+        ("contact.sink_rate", 0.002),
+    ] {
         let refused = engine.set_parameter(name, value).unwrap_err().to_string();
         assert!(refused.contains(name), "{refused}");
     }

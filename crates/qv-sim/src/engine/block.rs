@@ -40,6 +40,9 @@ pub(crate) struct GroundLanes<L> {
     pub drop: L,
     /// Slip at which 1 - 1/e of that is gone \[m/s\].
     pub drop_speed: L,
+    /// Normal force beyond which a shape sinks in for good \[N\], and how fast \[m/(N s)\].
+    pub yield_force: L,
+    pub sink_rate: L,
     pub height: L,
     /// World from terrain rotation.
     pub tilt: M3<L>,
@@ -100,6 +103,10 @@ pub(crate) struct Block<L: Real> {
     pub geom_force: Array<L>,
     /// Force of the ground on each shape in the world \[N\], `[geom][3]`.
     pub geom_push: Array<L>,
+    /// How deep each shape has pressed the ground under it for good \[m\].
+    pub sunk: Array<L>,
+    /// How fast it does \[m/s\].
+    pub sinking: Array<L>,
     /// Torque of contacts and limits on each joint in the last step, kept where friction grows with load \[N m\].
     pub load: Array<L>,
     /// Torque that callers add to what each motor delivers \[N m\].
@@ -139,6 +146,7 @@ pub(crate) struct Block<L: Real> {
     pub any_compliance: bool,
     pub any_fading: bool,
     pub any_weakening: bool,
+    pub any_sinking: bool,
     pub any_added: bool,
     pub any_wrench: bool,
 }
@@ -206,6 +214,8 @@ pub(crate) struct Work<L: Real> {
     pub contacts: Array<Contact<L>>,
     /// Slots with a contact in any lane.
     pub live: Vec<usize>,
+    /// Of each shape, where ground may give way: its least distance from the ground as it was, then its normal force on the ground.
+    pub of_geom: Array<L>,
     pub rows: super::constraint::Rows<L>,
     pub newton: super::newton::Scratch<L>,
     pub triangles: Vec<crate::terrain::Triangle>,
@@ -213,7 +223,7 @@ pub(crate) struct Work<L: Real> {
 }
 
 impl<L: Real> Work<L> {
-    pub fn new(topology: &Topology, slots: &[Slot], dimension: usize) -> Self {
+    pub fn new(topology: &Topology, slots: &[Slot], geoms: usize, dimension: usize) -> Self {
         let zero = L::zero();
         let (bodies, nv) = (topology.bodies.len(), topology.nv);
         let none = Contact {
@@ -238,6 +248,7 @@ impl<L: Real> Work<L> {
             smooth: vec![zero; nv].into(),
             contacts: vec![none; slots.len()].into(),
             live: Vec::with_capacity(slots.len()),
+            of_geom: vec![zero; geoms].into(),
             rows: super::constraint::Rows::new(topology, slots, dimension),
             newton: super::newton::Scratch::new(topology, slots.len()),
             triangles: Vec::new(),
@@ -294,6 +305,8 @@ impl<L: Real> Block<L> {
             rolling: zero,
             drop: zero,
             drop_speed: L::one(),
+            yield_force: zero,
+            sink_rate: zero,
             height: zero,
             tilt: [zero; 9],
             patch: [zero; 4],
@@ -318,6 +331,8 @@ impl<L: Real> Block<L> {
             seen_head: 0,
             geom_force: vec![zero; model.geoms.len()].into(),
             geom_push: vec![zero; 3 * model.geoms.len()].into(),
+            sunk: vec![zero; model.geoms.len()].into(),
+            sinking: vec![zero; model.geoms.len()].into(),
             load: vec![zero; joints].into(),
             added_torque: vec![zero; joints].into(),
             wrench: vec![[zero; 6]; links].into(),
@@ -345,6 +360,7 @@ impl<L: Real> Block<L> {
             any_compliance: false,
             any_fading: false,
             any_weakening: false,
+            any_sinking: false,
             any_added: false,
             any_wrench: false,
         }
@@ -383,6 +399,7 @@ impl<L: Real> Block<L> {
             + self.seen.len()
             + self.geom_force.len()
             + self.geom_push.len()
+            + 2 * self.sunk.len()
             + self.load.len()
             + self.added_torque.len()
             + 6 * self.wrench.len()

@@ -223,6 +223,10 @@ fn contact_rows<L: Real, const D: usize>(settings: &RowSettings, index: usize, b
         }
     }
     let ground = &block.ground;
+    if block.any_sinking && slot.other.is_none() {
+        // The ground goes down under the shape.
+        velocity[0] += block.sinking[slot.geom];
+    }
     let imp = impedance(-contact.distance);
     let mut mu = contact.friction;
     if block.any_weakening && slot.other.is_none() {

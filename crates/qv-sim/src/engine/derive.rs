@@ -186,8 +186,11 @@ impl Deriver<'_> {
         set(&mut block.supply.sag, lane, get(SupplySag));
         block.any_fading |= get(SupplySag) > 0.0;
         block.any_weakening |= get(FrictionDrop) > 0.0;
+        block.any_sinking |= get(YieldForce) < UNLIMITED && get(SinkRate) > 0.0;
         let ground = &mut block.ground;
         set(&mut ground.friction, lane, get(Friction));
+        set(&mut ground.yield_force, lane, get(YieldForce));
+        set(&mut ground.sink_rate, lane, get(SinkRate));
         set(&mut ground.drop, lane, get(FrictionDrop));
         set(&mut ground.drop_speed, lane, get(FrictionSpeed));
         let (time_constant, damping_ratio) =

@@ -299,6 +299,7 @@ fn lacking(slot: Slot) -> Option<&'static str> {
         Slot::World(WorldField::FrictionDrop | WorldField::FrictionSpeed) => {
             Some("contacts whose friction does not change with slip")
         }
+        Slot::World(WorldField::YieldForce | WorldField::SinkRate) => Some("ground that does not give way for good"),
         Slot::Joint(_, field) => {
             use JointField::*;
             let of_servo = matches!(
