@@ -50,7 +50,7 @@ fn table(parameters: &[(&str, f64)], pushes: &[Push], seed: u64) -> String {
         let time = f64::from(tick) * 1e-3;
         let command = [0.6 * (2.1 * time).sin() + 0.2 * (5.3 * time).sin(), 0.5 * (3.1 * time).sin()];
         if tick % 2 == 0 {
-            let q = batch.state(0).unwrap().q;
+            let q = batch.sensors(0).unwrap().q;
             let (a, b) = (q[0] + noise(), q[1] + noise());
             writeln!(csv, "{time:.4},{:.6},{:.6},{a:.7},{b:.7}", command[0], command[1]).unwrap();
         }

@@ -67,6 +67,22 @@ fn a_floor_that_is_slippery_everywhere_has_no_outline() {
     assert!(report.place.regions.iter().all(|r| r.name != "found"), "{:?}", report.place.regions);
 }
 
+/// A floor of known friction that lets feet go once they slip.
+#[test]
+fn friction_that_falls_with_slip_is_named() {
+    let known = [("contact.friction".to_string(), 0.35)];
+    let weak = [("contact.friction_drop".to_string(), 0.6)];
+    let run = recorded([&known[..], &weak[..]].concat(), 4);
+    let cut = WindowOptions { most: 40, ..Default::default() };
+    let report = of(&run, &Options { given: known.to_vec(), cut, ..quick() });
+    let named = |cause: &qv_gap::report::Cause| {
+        let mut all = cause.confusable_with.iter().chain([&cause.effect]);
+        all.any(|effect| effect == "friction_drop")
+    };
+    let is_named = report.causes.first().is_some_and(named);
+    assert!(is_named, "{} {:?} {:?}", report.sentence, report.causes, report.leads);
+}
+
 #[test]
 fn a_weight_that_the_library_lacks_is_no_force() {
     let options = Options { cut: WindowOptions { most: 32, ..Default::default() }, ..quick() };

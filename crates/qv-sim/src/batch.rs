@@ -455,6 +455,15 @@ impl<T: Precision> Batch<T> {
         })
     }
 
+    /// How deep each shape has pressed the ground under it for good \[m\], shape `[geoms]` (see `contact.yield_force`).
+    ///
+    /// # Errors
+    /// When there is no such environment.
+    pub fn sunk_depths(&self, env: usize) -> Result<Vec<f64>, SimError> {
+        self.check_index(env)?;
+        Ok(self.engine.sunk(env))
+    }
+
     /// A copy of all states and parameters.
     pub fn snapshot(&self) -> Snapshot<T> {
         let precision = std::marker::PhantomData;
@@ -521,7 +530,7 @@ fn neutral_weights(
     let mut block = Block::<f64>::new(model, topology, catalogue.materials(), 1, 0);
     let deriver = Deriver { model, topology, catalogue, timestep: options.timestep, max_latency: 0.0 };
     deriver.apply_all(&catalogue.neutral(), 0, &mut block)?;
-    let mut work = Work::new(topology, &[], options.contact_dimension);
+    let mut work = Work::new(topology, &[], 0, options.contact_dimension);
     Ok(Weights::new(topology, &block, &mut work))
 }
 

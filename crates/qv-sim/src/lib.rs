@@ -42,7 +42,7 @@ pub use batch::{Batch, BatchCommand, ContactPoint, JointCommand, LaneState, Snap
 pub use error::SimError;
 pub use model::inertia::{MassProperties, Payload};
 pub use model::{BaseKind, Frame, Geom, Joint, JointKind, Link, Mechanics, MeshVertices, Model, ModelOptions, Shape};
-pub use motor::{Motor, MotorCommand, lag_gain};
+pub use motor::{Motor, MotorCommand, drift_share, lag_gain};
 pub use options::{LineSearch, SimOptions, WarmStart};
 pub use parameters::ParameterInfo;
 pub use sensors::SensorReading;

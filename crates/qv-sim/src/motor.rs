@@ -2,6 +2,10 @@
 //!
 //! `tau = strength u + asymmetry |u|`, `u = clip(kp s_p (q_des - q) + tau_ff) + kd s_d (dq_des - dq)`, then a first-order lag, then the limits of the motor. Along the
 //! motion the limit is flat up to a knee and falls to zero; a motor that brakes keeps all of its torque.
+//!
+//! A spring in series (compliance `c`) puts the motor and its encoder ahead of the joint by `c tau`, in balance at every instant: the rotor's
+//! inertia stays at the joint. The law is then an equation for `tau`, whose right side falls with `tau` in straight pieces, and is solved in
+//! closed form: a gain `kp` becomes `kp / (1 + c strength kp)`.
 
 use crate::lanes::Real;
 
@@ -18,6 +22,16 @@ pub(crate) struct Law<L> {
     /// 1 / (speed_zero - speed_knee).
     pub speed_slope: L,
     pub half_backlash: L,
+    /// Of the spring between motor and joint \[rad/(N m)\].
+    pub compliance: L,
+}
+
+/// A motor behind its spring.
+pub(crate) struct Sprung<L> {
+    /// Torque behind the lag.
+    pub lagged: L,
+    /// What the spring leaves of the velocity gain.
+    pub softening: L,
 }
 
 /// One low-level command of one joint.
@@ -31,6 +45,12 @@ pub(crate) struct CommandLanes<L> {
 }
 
 impl<L: Real> Law<L> {
+    /// The law of a motor that gives `share` of its torque.
+    #[inline(always)]
+    pub fn weakened(&self, share: L) -> Self {
+        Self { strength: self.strength * share, asymmetry: self.asymmetry * share, ..*self }
+    }
+
     /// Where the motor is when its joint is at `q`, of one that was at `motor`: play lets it stay.
     #[inline(always)]
     pub fn within_play(&self, motor: L, q: L) -> L {
@@ -46,6 +66,39 @@ impl<L: Real> Law<L> {
         self.strength * asked + self.asymmetry * asked.abs()
     }
 
+    /// The same through the spring in series, behind a lag: `q` is what the encoder would say without the spring, `before` the lagged torque of
+    /// the step before, `share` the way that the lag goes to what is asked for, `least` and `most` the limits.
+    #[inline(always)]
+    pub fn sprung(
+        &self,
+        command: &CommandLanes<L>,
+        q: L,
+        dq: L,
+        before: L,
+        share: L,
+        (least, most): (L, L),
+    ) -> Sprung<L> {
+        let (zero, one, limit) = (L::zero(), L::one(), self.position_torque_limit);
+        let kp = self.kp_scale * command.kp;
+        let damping = self.kd_scale * command.kd * (command.dq - dq);
+        let position = |torque: L| kp * (command.q - q - self.compliance * torque) + command.tau;
+        let clip = |position: L| position.max(-limit).min(limit);
+        let rest = (one - share) * before;
+        // More torque asks for less, so that the sign of what is asked for at `rest` is that of what is asked for at the solution.
+        let pushes = zero.lt(clip(position(rest)) + damping);
+        let strength = share * (self.strength + L::select(pushes, self.asymmetry, -self.asymmetry));
+        let softening = one / (one + (strength * kp * self.compliance).max(zero));
+        let free = (rest + strength * (position(zero) + damping)) * softening;
+        let clipped = clip(position(free));
+        let is_clipped = limit.lt(position(free).abs());
+        let torque = L::select(is_clipped, rest + strength * (clipped + damping), free);
+        // At its limit the motor stands still on the spring, and the lag goes on towards what is asked for there.
+        let delivered = torque.max(least).min(most);
+        let wound = rest + share * self.demand(command, q + self.compliance * delivered, dq);
+        let within = least.le(torque) & torque.le(most);
+        Sprung { lagged: L::select(within, torque, wound), softening: L::select(is_clipped, one, softening) }
+    }
+
     /// Least and greatest torque at a speed.
     #[inline(always)]
     pub fn limits(&self, dq: L) -> (L, L) {
@@ -54,6 +107,17 @@ impl<L: Real> Law<L> {
         let forward = L::zero().lt(dq);
         (L::select(forward, -self.torque_limit, -along), L::select(forward, along, self.torque_limit))
     }
+}
+
+/// Share of its torque that a motor gives whose strength drifts, `time` after the run's start; both in seconds.
+#[inline(always)]
+pub(crate) fn drifted<L: Real>(drift: L, time: L) -> L {
+    (L::one() + drift * time).max(L::zero())
+}
+
+/// Share of its torque that a motor gives whose strength drifts by `drift` \[1/s\], `time` \[s\] after the run's start: `max(0, 1 + drift time)`.
+pub fn drift_share(drift: f64, time: f64) -> f64 {
+    drifted(drift, time)
 }
 
 /// 1 over the speeds between the knee of the limit and zero torque.
@@ -107,6 +171,8 @@ impl Motor {
             speed_knee: self.speed_knee,
             speed_slope: speed_slope(self.speed_knee, self.speed_zero),
             half_backlash: 0.5 * self.backlash,
+            // What the encoder says is told to `demand`.
+            compliance: 0.0,
         }
     }
 

@@ -95,6 +95,8 @@ fields!(JointField {
     SpringRest,
     SpringSlack,
     StrengthAsymmetry,
+    SeriesCompliance,
+    StrengthDrift,
 });
 fields!(LinkField {
     MassScale,
@@ -142,6 +144,12 @@ fields!(WorldField {
     AccBiasZ,
     PoseDelay,
     FootForceScale,
+    RunStart,
+    SupplySag,
+    FrictionDrop,
+    FrictionSpeed,
+    YieldForce,
+    SinkRate,
 });
 
 /// Stand-in for "no limit" that stays finite in arithmetic of either precision.
@@ -450,6 +458,24 @@ fn joint_parameters(infos: &mut Vec<ParameterInfo>, model: &Model, index: usize)
             ANY,
             "delivered over demanded torque: more than strength where torque is positive, less where it is negative",
         ),
+        (
+            SeriesCompliance,
+            "actuator.*.series_compliance",
+            "rad/(N m)",
+            0.0,
+            (0.0, 0.02),
+            0.0,
+            "spring between motor and joint: the encoder, on the motor, is ahead of the joint by this times the torque",
+        ),
+        (
+            StrengthDrift,
+            "actuator.*.strength_drift",
+            "1/s",
+            0.0,
+            (-0.02, 0.02),
+            ANY,
+            "change of the delivered torque per time since the run's start, as a share of it, down to none",
+        ),
     ];
     let first = infos.len();
     push(infos, &joint.name, &rows, |f| Slot::Joint(index, f));
@@ -467,6 +493,7 @@ fn sliding_unit(unit: &'static str) -> &'static str {
         "N m s/rad" => "N s/m",
         "N m" => "N",
         "1/(N m)" => "1/N",
+        "rad/(N m)" => "m/N",
         "N m/rad" => "N/m",
         "N m s²/rad²" => "N s²/m²",
         "rad/s" => "m/s",
@@ -746,6 +773,60 @@ fn world_parameters(infos: &mut Vec<ParameterInfo>, terrain: &Terrain) {
         (AccBiasZ, "sensor.imu.acc_bias_z", "m/s²", 0.0, (-0.5, 0.5), ANY, "constant error of the accelerometer"),
         (PoseDelay, "sensor.pose.delay", "s", 0.0, (0.0, 0.1), 0.0, "age of the reported base pose"),
         (FootForceScale, "sensor.foot_force.scale", "1", 1.0, (0.5, 1.5), 0.0, "reported over true foot force"),
+        (
+            RunStart,
+            "run.start",
+            "s",
+            0.0,
+            (0.0, 600.0),
+            ANY,
+            "time since the run's start at which the simulation begins: strength_drift counts from there",
+        ),
+        (
+            SupplySag,
+            "supply.sag",
+            "1/W",
+            0.0,
+            (0.0, 0.002),
+            0.0,
+            "share of all motors' torque that is lost per mechanical power that they gave in the step before",
+        ),
+        (
+            FrictionDrop,
+            "contact.friction_drop",
+            "1",
+            0.0,
+            (0.0, 0.8),
+            0.0,
+            "share of the ground's friction that is gone at speed: 1 - exp(-slip / friction_speed) of it",
+        ),
+        (
+            FrictionSpeed,
+            "contact.friction_speed",
+            "m/s",
+            0.1,
+            (0.01, 1.0),
+            1e-6,
+            "slip at which friction has lost 63 % of what it loses at speed",
+        ),
+        (
+            YieldForce,
+            "contact.yield_force",
+            "N",
+            UNLIMITED,
+            (5.0, 200.0),
+            0.0,
+            "normal force of a shape beyond which the ground under it gives way for good, until the shape is out of its print",
+        ),
+        (
+            SinkRate,
+            "contact.sink_rate",
+            "m/(N s)",
+            0.001,
+            (0.0, 0.01),
+            0.0,
+            "speed at which a shape sinks in for good, per normal force beyond yield_force",
+        ),
     ];
     push(infos, "", &rows, Slot::World);
 }

@@ -12,7 +12,7 @@ use qv_core::Pose;
 /// it with their own seed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SensorReading {
-    /// Encoder positions \[rad\], shape `[joints]`.
+    /// Encoder positions \[rad\], shape `[joints]`: those of the motors, where a spring is between them and their joints.
     pub q: Vec<f64>,
     /// Encoder speeds \[rad/s\], shape `[joints]`.
     pub dq: Vec<f64>,
@@ -78,6 +78,8 @@ pub(crate) fn read(
             let age = age(latency, j * JointField::COUNT + JointField::EncoderLatency as usize)?;
             let sizes = [model.nq(), model.nv()];
             [reading.q[j], reading.dq[j]] = engine.past_joint(env, age, sizes, [positions + j, dofs + j]);
+        } else {
+            reading.q[j] += joint(j, JointField::SeriesCompliance) * reading.tau[j];
         }
         reading.q[j] += joint(j, JointField::EncoderBias);
         reading.tau[j] *= joint(j, JointField::TorqueScale);

@@ -3,7 +3,7 @@
 use super::corrected::{Corrected, Entry, Part, short};
 
 /// What to do with a parameter, by the last word of its name, or its full name where it belongs to the world.
-const DEEDS: [(&str, &str); 64] = [
+const DEEDS: [(&str, &str); 72] = [
     ("armature", "add it as rotor inertia at the joint"),
     ("viscous_friction", "torque against the motion per speed at the joint"),
     ("coulomb_friction", "constant torque against the motion at the joint, which also holds it at rest"),
@@ -55,6 +55,12 @@ const DEEDS: [(&str, &str); 64] = [
     ("spring_rest", "see spring_stiffness"),
     ("spring_slack", "see spring_stiffness"),
     ("strength_asymmetry", "add it times the size of what the motor law demands to the motor's torque"),
+    (
+        "series_compliance",
+        "put a spring of this compliance between motor and joint: the motor law and the log see a motor angle that is ahead \
+         of the joint's by this times the torque",
+    ),
+    ("strength_drift", "multiply the motor's torque by 1 plus this times the time since the run's start, 0 at least"),
     ("mass_scale", "multiply mass and inertia of the link by it"),
     ("com_x", "shift the link's centre of mass by it along the link's axis"),
     ("com_y", "shift the link's centre of mass by it along the link's axis"),
@@ -78,6 +84,10 @@ const DEEDS: [(&str, &str); 64] = [
     ("contact.time_constant", "time constant of the soft contact (first number of MuJoCo's solref)"),
     ("contact.damping_ratio", "damping ratio of the soft contact (second number of MuJoCo's solref)"),
     ("contact.restitution", "rebound speed over impact speed"),
+    ("contact.friction_drop", "multiply the ground's friction by 1 - this (1 - exp(-slip / contact.friction_speed))"),
+    ("contact.friction_speed", "see contact.friction_drop"),
+    ("contact.yield_force", "let a foot sink in for good while it presses with more, by contact.sink_rate"),
+    ("contact.sink_rate", "see contact.yield_force"),
     ("contact.torsional_friction", "torsional friction length"),
     ("contact.rolling_friction", "rolling friction length"),
     ("terrain.height", "raise the ground by it"),
@@ -93,6 +103,8 @@ const DEEDS: [(&str, &str); 64] = [
     ("sensor.imu.tilt_pitch", "turn the IMU's frame by it about its y axis"),
     ("sensor.pose.delay", "report the base's pose late by this time"),
     ("sensor.foot_force.scale", "multiply reported foot forces by it"),
+    ("supply.sag", "multiply all motors' torques by 1 - this times the mechanical power that they drew just before"),
+    ("run.start", "time of the run at which the simulation begins, from which strength_drift counts"),
     ("", "a parameter that this model does not have; nothing was done with it"),
 ];
 

@@ -16,7 +16,7 @@ pub(super) enum Part<'a> {
     Geom(usize),
     /// Name of a material of the ground.
     Material(&'a str),
-    /// Ground, outside forces, sensors of the base.
+    /// Ground, outside forces, sensors of the base, what feeds the motors.
     World,
     /// Nothing that this model has.
     Nothing,
@@ -162,7 +162,7 @@ fn is_positive_definite(m: &DMat3) -> bool {
 
 /// What a parameter of this name acts on, and what is left of the name. Names of joints and links may have dots.
 fn part<'a>(model: &Model, parameter: &'a str) -> (Part<'a>, &'a str) {
-    const WORLD: [&str; 5] = ["contact.", "terrain.", "external.", "sensor.imu.", "sensor.pose."];
+    const WORLD: [&str; 7] = ["contact.", "terrain.", "external.", "sensor.imu.", "sensor.pose.", "supply.", "run."];
     let inner = parameter.split_once('.').and_then(|(kind, rest)| {
         let (name, field) = rest.rsplit_once('.')?;
         Some((kind, name, field))

@@ -127,7 +127,9 @@ fn short<'a>(problem: &Problem<'a>) -> Problem<'a> {
 /// Pieces of a window, for a problem that is cut into them.
 fn cut(problem: &Problem, seen: &LinearisedWindow) -> Vec<Window> {
     let starts = (0..PIECES).map(|k| seen.window.start + k as f64 * problem.cut.window);
-    starts.filter_map(|start| problem.window(&seen.window.view, start, false)).collect()
+    let of_view = starts.filter_map(|start| problem.window(&seen.window.view, start, false));
+    // What is seen around a window begins later than the recording.
+    of_view.map(|w| Window { since: seen.window.since + (w.start - seen.window.start), ..w }).collect()
 }
 
 /// Where feet stood at the starts of all pieces, x and y \[m\].

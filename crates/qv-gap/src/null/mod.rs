@@ -188,7 +188,8 @@ fn record_chunk<T: Precision>(
         let view = recorder.filter(|_| whole)?.view;
         let (start, held_out) = (windows[env].1.start, windows[env].1.held_out);
         let seen = problem.window(&view, start, held_out)?;
-        Some(Window { moving: windows[env].1.moving, ..seen })
+        let Window { moving, since, .. } = *windows[env].1;
+        Some(Window { moving, since, ..seen })
     };
     Ok(recorders.into_iter().enumerate().map(finish).collect())
 }
@@ -259,19 +260,24 @@ impl Recorder {
         let Ok(starts) = problem.starts(&window.view, problem.sensor_errors(&replicate.setting)) else {
             return Ok(None);
         };
-        let Some(state) = starts.at(from) else { return Ok(None) };
+        let Some(seen) = starts.at(from) else { return Ok(None) };
+        let state = crate::rollout::windows::behind_springs(problem, window, &replicate.setting, &seen, from);
         for (id, value) in problem.acting(&replicate.setting, window.start, window.start + problem.cut.window) {
             match problem.roles[id] {
                 Role::ForceStart => batch.set_parameter_at(env, id, value - from)?,
+                Role::RunStart => {}
                 _ => batch.set_parameter_at(env, id, value)?,
             }
+        }
+        if let Some((id, start)) = problem.run_start(&replicate.setting, window.since + (from - window.start)) {
+            batch.set_parameter_at(env, id, start)?;
         }
         uneven(problem, batch, env, replicate, stream)?;
         if let (true, Some(id)) = (problem.free, problem.parameter("terrain.height")) {
             // The replicate's ground is where its feet are; where the ground is expected is seen through the pose.
             let touching = crate::rollout::windows::ground_at(problem, &replicate.setting, &state.q);
             let expected = problem.value(&replicate.setting, id);
-            let mut state = state.clone();
+            let mut state = state.clone().into_owned();
             state.q[2] += expected - touching;
             batch.set_parameter_at(env, id, expected)?;
             batch.set_state(env, &state)?;

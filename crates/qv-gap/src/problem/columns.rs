@@ -129,9 +129,15 @@ impl OfRobot<'_, '_> {
             None => return 1.0,
             Some(LevelsOf::Torque) => &self.torques,
             Some(LevelsOf::Speed) => &self.speeds,
+            Some(LevelsOf::Weight) => return weight(self.problem),
         };
         all.get(joint).copied().unwrap_or(0.0)
     }
+}
+
+/// What a robot weighs \[N\].
+fn weight(problem: &Problem) -> f64 {
+    qv_core::GRAVITY * problem.model.links.iter().map(|link| link.mass).sum::<f64>()
 }
 
 /// A value for every axis of a group.

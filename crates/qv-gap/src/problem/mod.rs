@@ -142,12 +142,20 @@ pub enum Role {
     Radius(usize),
     /// Start of outside forces, on the clock of the run.
     ForceStart,
+    /// Time since the start of the run at which it was recorded first: windows begin later.
+    RunStart,
+    /// Change of a motor's strength with time.
+    Drift,
+    /// Spring between the motor of a joint, on which its encoder sits, and the joint.
+    Compliance(usize),
 }
 
 /// A stretch of the recording that is simulated from its measured start.
 pub struct Window {
     /// Start on the clock of the run \[s\].
     pub start: f64,
+    /// Start since that of its recording \[s\]: [`Problem::window`] takes the run that it is given for all of that.
+    pub since: f64,
     /// What was recorded in and around it.
     pub view: Run,
     /// Attitude of the base at each sample, `world_from_base`, that small turns are counted from; empty with a fixed base.
@@ -167,9 +175,9 @@ pub struct Window {
 impl Window {
     /// The same stretch where something else was recorded.
     pub fn seen_as(&self, view: Run) -> Self {
-        let Self { start, moving, held_out, run, .. } = *self;
+        let Self { start, since, moving, held_out, run, .. } = *self;
         let attitude = self.attitude.clone();
-        Self { start, view, attitude, moving, held_out, run, start_kept: Kept::default(), told: Told::default() }
+        Self { start, since, view, attitude, moving, held_out, run, start_kept: Kept::default(), told: Told::default() }
     }
 }
 
@@ -311,6 +319,25 @@ impl<'a> Problem<'a> {
         self.stated.iter().chain(setting).chain(event.into_iter().flat_map(|e| &e.setting)).copied()
     }
 
+    /// How soft the springs between motors and joints are under a setting \[rad/(N m)\], shape `[joints]`; `None` where there are none.
+    pub fn compliances(&self, setting: &Overrides) -> Option<Vec<f64>> {
+        let mut all = vec![0.0; self.columns.len()];
+        for &(id, value) in self.stated.iter().chain(setting) {
+            if let Role::Compliance(joint) = self.roles[id] {
+                all[joint] = value;
+            }
+        }
+        all.iter().any(|c| *c > 0.0).then_some(all)
+    }
+
+    /// The parameter that says when in its run a simulation begins, and its value for one that begins `since` \[s\] the recording's start; `None`
+    /// where nothing depends on it.
+    pub fn run_start(&self, setting: &Overrides, since: f64) -> Option<(usize, f64)> {
+        let drifts = self.stated.iter().chain(setting).any(|s| self.roles[s.0] == Role::Drift && s.1 != 0.0);
+        let id = self.parameter("run.start").filter(|_| drifts)?;
+        Some((id, self.value(setting, id) + since))
+    }
+
     /// The errors of the sensors under a setting.
     pub fn sensor_errors(&self, setting: &Overrides) -> SensorErrors {
         let joints = self.columns.len();
@@ -415,6 +442,7 @@ impl<'a> Problem<'a> {
         let attitude = if self.free { features::attitudes(self, &view, &starts, start)? } else { Vec::new() };
         Some(Window {
             start,
+            since: start - run.span()[0],
             view,
             attitude,
             moving: true,
@@ -514,6 +542,9 @@ fn role(name: &str, model: &Model) -> Role {
         ["terrain", "slope_x"] => Role::Slope(0),
         ["terrain", "slope_y"] => Role::Slope(1),
         ["external", "start"] => Role::ForceStart,
+        ["run", "start"] => Role::RunStart,
+        ["actuator", _, "strength_drift"] => Role::Drift,
+        ["actuator", name, "series_compliance"] => joint(name).map_or(Role::Dynamic, Role::Compliance),
         ["geom", geom, "radius_offset"] => {
             model.geoms.iter().position(|g| g.name == geom).map_or(Role::Dynamic, Role::Radius)
         }

@@ -58,6 +58,8 @@ impl Sizes {
         }
         let [factor, of_range] = match effect.unit.as_str() {
             "N m" | "N m/rad" | "N m s/rad" | "N m s²/rad²" | "kg m²" => [self.torque, self.largest_torque],
+            // What yields to a torque, or is lost by one, is larger where motors are small.
+            "rad/(N m)" | "1/W" => [1.0 / self.torque; 2],
             "kg" => [self.mass; 2],
             _ => [1.0; 2],
         };

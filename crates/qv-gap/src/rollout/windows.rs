@@ -10,6 +10,7 @@ use glam::{DQuat, DVec3};
 use qv_replay::replay::{SensorErrors, Trace};
 use qv_sim::{Batch, Precision, Shape, State};
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -169,10 +170,11 @@ fn simulate<T: Precision>(
     let mut batch = Batch::<T>::new(problem.model, &problem.terrain, &numerics.options(latency), live.len())?;
     let (mut tracks, mut refused) = (Vec::with_capacity(live.len()), vec![false; live.len()]);
     for (env, case) in live.iter().enumerate() {
-        let start = prepared[case.prepared].as_ref().expect("live");
+        let seen = &prepared[case.prepared].as_ref().expect("live").state;
         let (setting, window) = (&settings[case.setting], windows[case.window]);
+        let start = behind_springs(problem, window, setting, seen, window.start);
         // What a search tries may mean nothing to the simulator (a trunk of less than no mass): such a case says nothing.
-        let height = match set(problem, &mut batch, env, setting, window, &start.state) {
+        let height = match set(problem, &mut batch, env, setting, window, &start) {
             Err(GapError::Sim(_)) if !setting.is_empty() => {
                 refused[env] = true;
                 0.0
@@ -187,12 +189,14 @@ fn simulate<T: Precision>(
         }
         let mut track = Track::new(problem, setting, window, height);
         if traced && case.setting == 0 && window.held_out {
-            track.begin_trace(&start.state);
+            track.begin_trace(&start);
         }
         tracks.push(track);
     }
     let is_traced = tracks.iter().any(|track| track.trace.is_some());
-    let mut torques = vec![0.0; live.len() * problem.columns.len()];
+    let is_sprung = tracks.iter().any(|track| track.compliances.is_some());
+    let joints = problem.columns.len();
+    let mut torques = vec![0.0; live.len() * joints];
     let ticks = (problem.cut.window / numerics.timestep).round() as usize;
     let every = (problem.cut.sample / numerics.timestep).round() as usize;
     let mut now = batch.state(0)?;
@@ -207,7 +211,7 @@ fn simulate<T: Precision>(
         if is_traced {
             batch.read_torques(&mut torques)?;
             let time = (tick + 1) as f64 * numerics.timestep;
-            let of_env = tracks.iter_mut().zip(torques.chunks_exact(problem.columns.len().max(1))).enumerate();
+            let of_env = tracks.iter_mut().zip(torques.chunks_exact(joints.max(1))).enumerate();
             of_env.filter(|(_, (track, _))| track.trace.is_some()).try_for_each(|(env, (track, torques))| {
                 batch.read_state(env, &mut now)?;
                 track.note(time, &now, torques.iter().map(|&t| f64::from(t)));
@@ -215,7 +219,13 @@ fn simulate<T: Precision>(
             })?;
         }
         if (tick + 1) % every == 0 {
-            tracks.iter_mut().enumerate().try_for_each(|(env, track)| track.sample(&batch, env, &mut now))?;
+            if is_sprung {
+                batch.read_torques(&mut torques)?;
+            }
+            let mut of_env = tracks.iter_mut().enumerate();
+            of_env.try_for_each(|(env, track)| {
+                track.sample(&batch, env, &mut now, &torques[env * joints..(env + 1) * joints])
+            })?;
         }
     }
     let mut out = vec![Done::default(); cases.len()];
@@ -246,6 +256,38 @@ pub fn longest_latency(problem: &Problem, setting: &Overrides) -> f64 {
     problem.stated.iter().chain(setting).filter(|(id, _)| is_latency(*id)).map(|s| s.1).fold(0.0, f64::max)
 }
 
+/// Either side of a time, within which the torque of a motor is differentiated \[s\].
+const BESIDE: f64 = 0.01;
+
+/// The state at a `time` near a window that the encoders on motors tell as `seen`: joints are behind the springs between them. Where speeds were
+/// not measured, those of `seen` are the motors', too.
+pub fn behind_springs<'s>(
+    problem: &Problem,
+    window: &Window,
+    setting: &Overrides,
+    seen: &'s State,
+    time: f64,
+) -> Cow<'s, State> {
+    if problem.compliances(setting).is_none() {
+        return Cow::Borrowed(seen);
+    }
+    let mut state = seen.clone();
+    let (first, first_speed) = (state.q.len() - problem.columns.len(), state.v.len() - problem.columns.len());
+    if window.view.measured.velocity.is_none()
+        && let Ok(starts) = problem.starts(&window.view, problem.sensor_errors(setting))
+    {
+        let leads = |time: f64| actuator_model::leads(problem, window, setting, &starts.at(time)?, time);
+        if let Some((before, after)) = leads(time - BESIDE).zip(leads(time + BESIDE)) {
+            let rates = before.iter().zip(after).map(|(before, after)| (after - before) / (2.0 * BESIDE));
+            state.v[first_speed..].iter_mut().zip(rates).for_each(|(v, rate)| *v -= rate);
+        }
+    }
+    if let Some(leads) = actuator_model::leads(problem, window, setting, &state, time) {
+        state.q[first..].iter_mut().zip(leads).for_each(|(q, lead)| *q -= lead);
+    }
+    Cow::Owned(state)
+}
+
 /// Puts an environment at the start of a window; returns the height at which the ground touches the feet there.
 fn set<T: Precision>(
     problem: &Problem,
@@ -261,8 +303,12 @@ fn set<T: Precision>(
             // Freed of on the measured side.
             Role::Tilt(_) | Role::GyroBias(_) | Role::PoseDelay | Role::EncoderLatency(_) | Role::Height => {}
             Role::ForceStart => batch.set_parameter_at(env, id, value - window.start)?,
+            Role::RunStart => {}
             _ => batch.set_parameter_at(env, id, value)?,
         }
+    }
+    if let Some((id, start)) = problem.run_start(setting, window.since) {
+        batch.set_parameter_at(env, id, start)?;
     }
     let touching = if problem.free { ground_at(problem, setting, &state.q) } else { 0.0 };
     if let (true, Some(id)) = (touching != 0.0, problem.parameter("terrain.height")) {
@@ -344,11 +390,22 @@ pub fn standing_feet(problem: &Problem, window: &Window) -> Vec<[f64; 2]> {
     start.map_or(Vec::new(), |s| lowest_feet(problem, &nothing, &s.q).into_iter().map(|f| f.0).collect())
 }
 
+/// How far encoders are ahead of their joints under some torques; not at all where there are no springs, or a torque is not known.
+fn lead<'c>(compliances: Option<&'c [f64]>, torques: impl Iterator<Item = f64> + 'c) -> impl Iterator<Item = f64> + 'c {
+    let of = move |(joint, torque): (usize, f64)| match compliances {
+        Some(compliances) if torque.is_finite() => compliances[joint] * torque,
+        _ => 0.0,
+    };
+    torques.enumerate().map(of)
+}
+
 /// What is kept of one simulation.
 struct Track<'a> {
     problem: &'a Problem<'a>,
     reference: &'a [DQuat],
     bias: Vec<f64>,
+    /// Of the springs between joints and encoders.
+    compliances: Option<Vec<f64>>,
     /// Measured minus expected height of the ground.
     ground: f64,
     q: Vec<f64>,
@@ -370,6 +427,7 @@ impl<'a> Track<'a> {
             problem,
             reference: &window.attitude,
             bias: errors.encoder_bias,
+            compliances: problem.compliances(setting),
             ground: touching - expected,
             q: Vec::new(),
             v: Vec::new(),
@@ -393,13 +451,23 @@ impl<'a> Track<'a> {
     fn note(&mut self, time: f64, State { q, v }: &State, torques: impl Iterator<Item = f64>) {
         let Some(trace) = &mut self.trace else { return };
         trace.time.push(self.start + time);
-        trace.position.extend(q[q.len() - trace.joints..].iter().zip(&self.bias).map(|(q, b)| q + b));
-        trace.velocity.extend(&v[v.len() - trace.joints..]);
+        let first = trace.torque.len();
         trace.torque.extend(torques);
+        let ahead = lead(self.compliances.as_deref(), trace.torque[first..].iter().copied());
+        let read = q[q.len() - trace.joints..].iter().zip(&self.bias).map(|(q, b)| q + b);
+        trace.position.extend(read.zip(ahead).map(|(q, ahead)| q + ahead));
+        trace.velocity.extend(&v[v.len() - trace.joints..]);
     }
 
     /// Keeps the state of its environment; `state` is one of this robot to read it into.
-    fn sample<T: Precision>(&mut self, batch: &Batch<T>, env: usize, state: &mut State) -> Result<(), GapError> {
+    /// `torques` are those of its motors, where they are behind springs.
+    fn sample<T: Precision>(
+        &mut self,
+        batch: &Batch<T>,
+        env: usize,
+        state: &mut State,
+        torques: &[f32],
+    ) -> Result<(), GapError> {
         self.broken |= batch.is_faulty(env)?;
         batch.read_state(env, state)?;
         let State { q, v } = &*state;
@@ -410,7 +478,9 @@ impl<'a> Track<'a> {
             self.turns.push(turn(rotation, self.reference[self.turns.len()]));
         }
         let joints = self.problem.columns.len();
-        self.q.extend(q[q.len() - joints..].iter().zip(&self.bias).map(|(q, b)| q + b));
+        let ahead = lead(self.compliances.as_deref(), torques.iter().map(|&t| f64::from(t)));
+        let read = q[q.len() - joints..].iter().zip(&self.bias).map(|(q, b)| q + b);
+        self.q.extend(read.zip(ahead).map(|(q, ahead)| q + ahead));
         self.v.extend(&v[v.len() - joints..]);
         Ok(())
     }

@@ -449,6 +449,11 @@ impl Drive<'_> {
             for (name, value) in self.parameters {
                 batch.set_parameter(env, name, *value).map_err(simulator)?;
             }
+            // A window begins later in the run than its first stretch: motors that drift have drifted.
+            if self.parameters.iter().any(|(name, value)| name.ends_with(".strength_drift") && *value != 0.0) {
+                let start = batch.parameter(env, "run.start").map_err(simulator)? + times[*first] - times[0];
+                batch.set_parameter(env, "run.start", start).map_err(simulator)?;
+            }
             if free && self.options.anchor_ground {
                 let height = batch.parameter(env, "terrain.height").map_err(simulator)? + self.ground(&state.q);
                 batch.set_parameter(env, "terrain.height", height).map_err(simulator)?;

@@ -119,7 +119,8 @@ impl<T: Precision> Batch<T> {
         self.read_all(Quantity::GeomForces, "forces on all shapes", 3 * self.model.geoms.len(), out)
     }
 
-    /// Positions and speeds as encoders report them, with each environment's encoder bias, `[environments][joints]`.
+    /// Positions and speeds as encoders report them, with each environment's encoder bias, `[environments][joints]`. Through a spring in series
+    /// positions are those of the motors; speeds are those of the joints.
     ///
     /// # Errors
     /// When a length is off, or the batch keeps past readings (`max_sensor_latency`), which [`Batch::sensors`] reads.

@@ -34,6 +34,7 @@ pub(crate) trait Engine: Send + Sync {
     fn torque(&self, env: usize) -> Vec<f64>;
     fn acceleration(&self, env: usize) -> Vec<f64>;
     fn geom_force(&self, env: usize) -> Vec<f64>;
+    fn sunk(&self, env: usize) -> Vec<f64>;
     fn faulty(&self, env: usize) -> bool;
     fn copy_blocks(&self) -> Box<dyn Any + Send + Sync>;
     fn restore_blocks(&mut self, blocks: &(dyn Any + Send + Sync)) -> bool;
@@ -100,7 +101,8 @@ impl<L: Real> Lanes<L> {
             block.kept = vec![KeptContact::none(); shared.colliders.slots.len()];
         }
         let blocks = vec![block; count.div_ceil(L::LANES)];
-        let work = Work::new(&shared.topology, &shared.colliders.slots, options.contact_dimension);
+        let geoms = model.geoms.len();
+        let work = Work::new(&shared.topology, &shared.colliders.slots, geoms, options.contact_dimension);
         Self { blocks, works: vec![work], count }
     }
 
@@ -171,7 +173,7 @@ impl<L: Real> Engine for Lanes<L> {
         block.warm.iter_mut().chain(&mut block.acceleration).for_each(|x| set(x, lane, 0.0));
         block.torque.iter_mut().chain(&mut block.lagged).for_each(|x| set(x, lane, 0.0));
         block.geom_force.iter_mut().chain(&mut block.geom_push).for_each(|x| set(x, lane, 0.0));
-        block.load.iter_mut().for_each(|x| set(x, lane, 0.0));
+        block.load.iter_mut().chain(&mut block.sunk).chain(&mut block.sinking).for_each(|x| set(x, lane, 0.0));
         block.added_torque.iter_mut().chain(block.wrench.iter_mut().flatten()).for_each(|x| set(x, lane, 0.0));
         for kept in &mut block.kept {
             set_mask::<L>(&mut kept.active, lane, false);
@@ -284,6 +286,11 @@ impl<L: Real> Engine for Lanes<L> {
     fn geom_force(&self, env: usize) -> Vec<f64> {
         let (block, lane) = self.at(env);
         lane_values(&block.geom_force, lane)
+    }
+
+    fn sunk(&self, env: usize) -> Vec<f64> {
+        let (block, lane) = self.at(env);
+        lane_values(&block.sunk, lane)
     }
 
     fn faulty(&self, env: usize) -> bool {

@@ -24,6 +24,9 @@ pub(super) fn gather<L: Real>(blocks: &[Block<L>], quantity: Quantity, count: us
                 Quantity::Accelerations => block.acceleration[k],
                 Quantity::Torques => block.torque[k],
                 Quantity::GeomForces => block.geom_push[k],
+                Quantity::JointPositions if block.any_compliance => {
+                    block.q[positions + k] + block.joints[k].encoder_bias + block.deflection(k)
+                }
                 Quantity::JointPositions => block.q[positions + k] + block.joints[k].encoder_bias,
                 Quantity::JointSpeeds => block.v[speeds + k],
             };
@@ -140,6 +143,7 @@ pub(super) fn read_lane<L: Real>(block: &Block<L>, lane: usize, topology: &Topol
     block.q.iter().chain(&block.v).chain(&block.warm).chain(&block.acceleration).for_each(&mut take);
     block.torque.iter().chain(&block.lagged).chain(&block.motor).for_each(&mut take);
     block.load.iter().chain(&block.added_torque).for_each(&mut take);
+    block.sunk.iter().chain(&block.sinking).for_each(&mut take);
     block.geom_force.iter().chain(&block.geom_push).chain(block.wrench.iter().flatten()).for_each(&mut take);
     for at in commands_by_age(block, topology) {
         let CommandLanes { q, dq, kp, kd, tau } = &block.commands[at];
@@ -161,6 +165,7 @@ pub(super) fn write_lane<L: Real>(block: &mut Block<L>, lane: usize, topology: &
     moving.for_each(&mut put);
     let motors = block.torque.iter_mut().chain(&mut block.lagged).chain(&mut block.motor);
     motors.chain(&mut block.load).chain(&mut block.added_torque).for_each(&mut put);
+    block.sunk.iter_mut().chain(&mut block.sinking).for_each(&mut put);
     let forces = block.geom_force.iter_mut().chain(&mut block.geom_push).chain(block.wrench.iter_mut().flatten());
     forces.for_each(&mut put);
     for at in commands_by_age(block, topology) {
@@ -173,6 +178,7 @@ pub(super) fn write_lane<L: Real>(block: &mut Block<L>, lane: usize, topology: &
     let is_set = |x: &L| x.lane(lane).to_f64() != 0.0;
     block.any_added |= block.added_torque.iter().any(is_set);
     block.any_wrench |= block.wrench.iter().flatten().any(is_set);
+    block.any_sinking |= block.sunk.iter().any(is_set);
 }
 
 /// Indices of the kept commands, newest first: rings of two blocks may begin at different slots.

@@ -3,6 +3,7 @@
 use super::block::{Block, CommandLanes, Work};
 use super::topology::Topology;
 use crate::lanes::{Real, Scalar};
+use crate::motor::drifted;
 
 /// Fills `block.torque`, `work.smooth` (all forces but those of constraints) and `work.implicit` (their damping).
 /// `outside` is the share of the step during which outside torques act.
@@ -14,22 +15,36 @@ pub(crate) fn actuate<L: Real>(
     block: &mut Block<L>,
     work: &mut Work<L>,
 ) {
+    let sagged = if block.any_fading { sagged(topology, block) } else { L::one() };
     for j in 0..topology.joints {
         let dof = topology.joint_dof(j);
         let parameters = &block.joints[j];
         let command = command(topology, block, j);
         let q = block.q[topology.base_positions + j];
         let dq = block.v[dof];
-        let law = &parameters.law;
+        let weakened;
+        let mut law = &parameters.law;
+        if block.any_fading {
+            weakened = law.weakened(sagged * drifted(parameters.drift, block.supply.start + block.time));
+            law = &weakened;
+        }
         let motor = law.within_play(block.motor[j], q);
         block.motor[j] = motor;
-        let gain = law.kd_scale * command.kd * law.strength;
-        let demand = law.demand(&command, motor + parameters.encoder_bias, dq);
+        let mut gain = law.kd_scale * command.kd * law.strength;
+        let seen = motor + parameters.encoder_bias;
+        let demand = law.demand(&command, seen, dq);
         // A lag that was not watched before is taken to have settled.
         let approach = block.lagged[j] + parameters.lag_gain * (demand - block.lagged[j]);
-        let lagged = L::select(block.settled, demand, approach);
-        block.lagged[j] = lagged;
+        let mut lagged = L::select(block.settled, demand, approach);
         let (least, most) = law.limits(dq);
+        if block.any_compliance {
+            let share = L::select(block.settled, L::one(), parameters.lag_gain);
+            let sprung = law.sprung(&command, seen, dq, block.lagged[j], share, (least, most));
+            let has_spring = L::zero().lt(law.compliance);
+            lagged = L::select(has_spring, sprung.lagged, lagged);
+            gain = L::select(has_spring, gain * sprung.softening, gain);
+        }
+        block.lagged[j] = lagged;
         let torque = lagged.max(least).min(most);
         block.torque[j] = torque;
         let viscous = block.viscous[dof];
@@ -51,6 +66,17 @@ pub(crate) fn actuate<L: Real>(
         work.smooth[dof] = -work.bias[dof];
         work.implicit[dof] = L::zero();
     }
+}
+
+/// Share of their torque that the supply lets all motors give, under the power that they drew: the torques of the step before, still there, at
+/// the present speeds. Motors that brake draw none.
+#[inline(always)]
+fn sagged<L: Real>(topology: &Topology, block: &Block<L>) -> L {
+    let mut power = L::zero();
+    for j in 0..topology.joints {
+        power += (block.torque[j] * block.v[topology.joint_dof(j)]).max(L::zero());
+    }
+    (L::one() - block.supply.sag * power).max(L::zero())
 }
 
 /// Share of the coming step during which the outside force acts.

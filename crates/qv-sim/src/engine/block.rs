@@ -20,6 +20,8 @@ pub(crate) struct JointLanes<L> {
     pub latency: L,
     pub encoder_bias: L,
     pub external_torque: L,
+    /// Change of strength per time \[1/s\].
+    pub drift: L,
     pub servo: ServoFriction<L>,
     pub constant_torque: L,
     pub spring: SpringLanes<L>,
@@ -34,6 +36,13 @@ pub(crate) struct GroundLanes<L> {
     pub damping: L,
     pub torsional: L,
     pub rolling: L,
+    /// Share of friction that is gone at speed.
+    pub drop: L,
+    /// Slip at which 1 - 1/e of that is gone \[m/s\].
+    pub drop_speed: L,
+    /// Normal force beyond which a shape sinks in for good \[N\], and how fast \[m/(N s)\].
+    pub yield_force: L,
+    pub sink_rate: L,
     pub height: L,
     /// World from terrain rotation.
     pub tilt: M3<L>,
@@ -43,6 +52,15 @@ pub(crate) struct GroundLanes<L> {
     pub force: V3<L>,
     pub force_start: L,
     pub force_end: L,
+}
+
+/// What all motors of each environment are fed by.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SupplyLanes<L> {
+    /// Time of the run at which the block's time is 0.
+    pub start: L,
+    /// Share of torque lost per power \[1/W\].
+    pub sag: L,
 }
 
 /// Feet and other shapes of each environment.
@@ -78,13 +96,17 @@ pub(crate) struct Block<L: Real> {
     /// Commands of the last steps, `[age slot][joint]`, newest at `head`.
     pub commands: Array<CommandLanes<L>>,
     pub head: usize,
-    /// Positions and velocities of the last steps, `[age slot][nq + nv]`, newest at `seen_head`.
+    /// Positions and velocities of the last steps, `[age slot][nq + nv]`, newest at `seen_head`; joints where the encoders of their motors are.
     pub seen: Vec<L>,
     pub seen_head: usize,
     /// Normal force of each shape on the ground \[N\].
     pub geom_force: Array<L>,
     /// Force of the ground on each shape in the world \[N\], `[geom][3]`.
     pub geom_push: Array<L>,
+    /// How deep each shape has pressed the ground under it for good \[m\].
+    pub sunk: Array<L>,
+    /// How fast it does \[m/s\].
+    pub sinking: Array<L>,
     /// Torque of contacts and limits on each joint in the last step, kept where friction grows with load \[N m\].
     pub load: Array<L>,
     /// Torque that callers add to what each motor delivers \[N m\].
@@ -114,12 +136,17 @@ pub(crate) struct Block<L: Real> {
     pub geoms: Array<GeomLanes<L>>,
     pub materials: Array<L>,
     pub ground: GroundLanes<L>,
+    pub supply: SupplyLanes<L>,
     // Which of the costlier features any lane uses. They change the work, never the result.
     pub any_coulomb: bool,
     pub any_viscous: bool,
     pub any_servo: bool,
     pub any_spring: bool,
     pub any_latency: bool,
+    pub any_compliance: bool,
+    pub any_fading: bool,
+    pub any_weakening: bool,
+    pub any_sinking: bool,
     pub any_added: bool,
     pub any_wrench: bool,
 }
@@ -187,6 +214,8 @@ pub(crate) struct Work<L: Real> {
     pub contacts: Array<Contact<L>>,
     /// Slots with a contact in any lane.
     pub live: Vec<usize>,
+    /// Of each shape, where ground may give way: its least distance from the ground as it was, then its normal force on the ground.
+    pub of_geom: Array<L>,
     pub rows: super::constraint::Rows<L>,
     pub newton: super::newton::Scratch<L>,
     pub triangles: Vec<crate::terrain::Triangle>,
@@ -194,7 +223,7 @@ pub(crate) struct Work<L: Real> {
 }
 
 impl<L: Real> Work<L> {
-    pub fn new(topology: &Topology, slots: &[Slot], dimension: usize) -> Self {
+    pub fn new(topology: &Topology, slots: &[Slot], geoms: usize, dimension: usize) -> Self {
         let zero = L::zero();
         let (bodies, nv) = (topology.bodies.len(), topology.nv);
         let none = Contact {
@@ -219,6 +248,7 @@ impl<L: Real> Work<L> {
             smooth: vec![zero; nv].into(),
             contacts: vec![none; slots.len()].into(),
             live: Vec::with_capacity(slots.len()),
+            of_geom: vec![zero; geoms].into(),
             rows: super::constraint::Rows::new(topology, slots, dimension),
             newton: super::newton::Scratch::new(topology, slots.len()),
             triangles: Vec::new(),
@@ -254,6 +284,7 @@ impl<L: Real> Block<L> {
             speed_knee: zero,
             speed_slope: zero,
             half_backlash: zero,
+            compliance: zero,
         };
         let joint = JointLanes {
             law,
@@ -261,6 +292,7 @@ impl<L: Real> Block<L> {
             latency: zero,
             encoder_bias: zero,
             external_torque: zero,
+            drift: zero,
             servo: ServoFriction::none(),
             constant_torque: zero,
             spring: SpringLanes::none(),
@@ -271,6 +303,10 @@ impl<L: Real> Block<L> {
             damping: zero,
             torsional: zero,
             rolling: zero,
+            drop: zero,
+            drop_speed: L::one(),
+            yield_force: zero,
+            sink_rate: zero,
             height: zero,
             tilt: [zero; 9],
             patch: [zero; 4],
@@ -295,6 +331,8 @@ impl<L: Real> Block<L> {
             seen_head: 0,
             geom_force: vec![zero; model.geoms.len()].into(),
             geom_push: vec![zero; 3 * model.geoms.len()].into(),
+            sunk: vec![zero; model.geoms.len()].into(),
+            sinking: vec![zero; model.geoms.len()].into(),
             load: vec![zero; joints].into(),
             added_torque: vec![zero; joints].into(),
             wrench: vec![[zero; 6]; links].into(),
@@ -313,14 +351,25 @@ impl<L: Real> Block<L> {
             geoms: vec![GeomLanes { friction_scale: zero, radius_offset: zero }; model.geoms.len()].into(),
             materials: vec![zero; materials].into(),
             ground,
+            supply: SupplyLanes { start: zero, sag: zero },
             any_coulomb: false,
             any_viscous: false,
             any_servo: false,
             any_spring: false,
             any_latency: false,
+            any_compliance: false,
+            any_fading: false,
+            any_weakening: false,
+            any_sinking: false,
             any_added: false,
             any_wrench: false,
         }
+    }
+
+    /// How far the encoder of a motor is ahead of its joint, under the torque of the last step; nothing without a spring between them.
+    #[inline(always)]
+    pub fn deflection(&self, joint: usize) -> L {
+        self.joints[joint].law.compliance * self.torque[joint]
     }
 
     /// Gives all lanes one command.
@@ -350,6 +399,7 @@ impl<L: Real> Block<L> {
             + self.seen.len()
             + self.geom_force.len()
             + self.geom_push.len()
+            + 2 * self.sunk.len()
             + self.load.len()
             + self.added_torque.len()
             + 6 * self.wrench.len()

@@ -4,11 +4,14 @@
 //! itself: those queries branch too much for lanes.
 
 use super::block::{Block, Contact, GroundLanes, Slot, Work, contact_points};
+use super::constraint::IMPEDANCE_MAX;
+use super::newton::normal_force;
 use super::topology::Topology;
 use super::vector::*;
 use crate::lanes::{Mask, Real, Scalar};
 use crate::model::{Geom, Model, Shape};
 use crate::options::SimOptions;
+use crate::parameters::UNLIMITED;
 use crate::terrain::{SurfaceContact, Terrain, Triangle};
 use glam::{DMat3, DQuat, DVec3};
 use parry3d_f64::query;
@@ -100,6 +103,9 @@ pub(crate) fn collide<L: Real>(
     work: &mut Work<L>,
 ) {
     let origin = origin(topology, block);
+    if block.any_sinking {
+        work.of_geom.fill(L::one());
+    }
     if colliders.terrain.is_plane() {
         for collider in &colliders.geoms {
             touch_plane(collider, origin, block, work);
@@ -122,6 +128,44 @@ pub(crate) fn collide<L: Real>(
 #[inline(always)]
 pub(crate) fn origin<L: Real>(topology: &Topology, block: &Block<L>) -> V3<L> {
     if topology.free_base { [block.q[0], block.q[1], block.q[2]] } else { [L::zero(); 3] }
+}
+
+/// Ground under shapes that are out of their prints is as it was.
+#[inline(always)]
+pub(crate) fn leave_prints<L: Real>(block: &mut Block<L>, work: &Work<L>) {
+    for (geom, &lowest) in work.of_geom.iter().enumerate() {
+        let is_out = L::zero().lt(lowest);
+        block.sunk[geom] = L::select(is_out, L::zero(), block.sunk[geom]);
+        block.sinking[geom] = L::select(is_out, L::zero(), block.sinking[geom]);
+    }
+}
+
+/// Shapes that press with more than the ground bears sink in for good. How fast they do follows their force with the time constant of the
+/// contact: at once, step by step, the two would chatter.
+#[inline(always)]
+pub(crate) fn sink<L: Real>(colliders: &Colliders, timestep: f64, block: &mut Block<L>, work: &mut Work<L>) {
+    work.of_geom.fill(L::zero());
+    for &slot in &work.live {
+        let Slot { geom, other, .. } = colliders.slots[slot];
+        if other.is_none() {
+            let force = normal_force(slot, work);
+            work.of_geom[geom] += force;
+        }
+    }
+    let step = L::splat(timestep);
+    // Of the contact's time constant, from its damping.
+    let rate = step * block.ground.damping * L::splat(0.5 * IMPEDANCE_MAX);
+    let share = rate / (L::one() + rate);
+    for (geom, collider) in colliders.geoms.iter().enumerate() {
+        // A mesh has no inside: on triangles no shape sinks deeper than it reaches.
+        let most = L::splat(if colliders.terrain.is_plane() { UNLIMITED } else { collider.reach });
+        let beyond = (work.of_geom[geom] - block.ground.yield_force).max(L::zero());
+        let before = block.sinking[geom];
+        let speed = before + share * (block.ground.sink_rate * beyond - before);
+        let sunk = block.sunk[geom] + step * speed;
+        block.sinking[geom] = L::select(sunk.lt(most), speed, L::zero());
+        block.sunk[geom] = sunk.min(most);
+    }
 }
 
 #[inline(always)]
@@ -229,12 +273,18 @@ fn point<L: Real>(
     let normal = ground_normal(block);
     let world = add(origin, centre);
     let height = dot(normal, [world[0], world[1], world[2] - block.ground.height]);
-    let distance = height - radius;
+    let mut distance = height - radius;
+    if block.any_sinking {
+        let lowest = &mut work.of_geom[collider.index];
+        *lowest = lowest.min(distance);
+        distance += block.sunk[collider.index];
+    }
     let active = distance.lt(L::zero());
     work.contacts[slot].active = active;
     if !active.any() {
         return;
     }
+    // Between the shape and the bottom of its print.
     let middle = radius + distance * L::splat(0.5);
     let friction = plane_friction(&block.ground, world) * block.geoms[collider.index].friction_scale;
     work.contacts[slot] = Contact { active, normal, point: sub(centre, scale(normal, middle)), distance, friction };
@@ -444,7 +494,15 @@ fn touch_lane<L: Real>(
 fn write_found<L: Real>(collider: &Collider, k: usize, at: &Lane, block: &Block<L>, work: &mut Work<L>) {
     let lane = at.lane;
     let found = &work.found[k];
-    let middle = found.on_terrain + found.normal * (0.5 * found.distance);
+    let mut distance = found.distance;
+    let mut middle = found.on_terrain + found.normal * (0.5 * found.distance);
+    if block.any_sinking {
+        let lowest = &mut work.of_geom[collider.index];
+        let sunk = block.sunk[collider.index].lane(lane).to_f64();
+        lowest.set_lane(lane, lowest.lane(lane).min(L::Scalar::from_f64(found.distance)));
+        distance += sunk;
+        middle -= found.normal * (0.5 * sunk);
+    }
     let friction = match found.material {
         Some(m) => block.materials[m as usize].lane(lane),
         None => block.ground.friction.lane(lane),
@@ -456,7 +514,7 @@ fn write_found<L: Real>(collider: &Collider, k: usize, at: &Lane, block: &Block<
     let scale = block.geoms[collider.index].friction_scale.lane(lane);
     let point = at.turned(middle) + at.raised - at.base;
     let contact = &mut work.contacts[collider.first_slot + k];
-    write(contact, lane, at.turned(found.normal), point, found.distance, friction * scale);
+    write(contact, lane, at.turned(found.normal), point, distance, friction * scale);
 }
 
 #[inline(always)]

@@ -4,10 +4,10 @@
 //! `-b v - k r` and a regularisation from its impedance `d(r)`.
 
 use super::array::Array;
-use super::block::{Block, Slot, Work};
+use super::block::{Block, GroundLanes, Slot, Work};
 use super::topology::Topology;
 use super::vector::*;
-use crate::lanes::{Mask, Real};
+use crate::lanes::{Mask, Real, Scalar};
 
 /// Impedance at zero and at full depth, and the depth \[m\] (MuJoCo's default solimp).
 const IMPEDANCE_MIN: f64 = 0.9;
@@ -160,6 +160,19 @@ fn limit_row<L: Real>(
     work.rows.limits.push(LimitRow { dof, sign, reference, weight, active });
 }
 
+/// How much of the ground's friction a slip leaves. Lane by lane, since registers have no exponential; from double precision in any lane, so
+/// that an environment gets the same bits in each.
+#[inline(always)]
+fn share_in_slip<L: Real>(ground: &GroundLanes<L>, slip: L) -> L {
+    let mut share = L::one();
+    for lane in 0..L::LANES {
+        let of = |x: L| x.lane(lane).to_f64();
+        let gone = 1.0 - (-of(slip) / of(ground.drop_speed)).exp();
+        share.set_lane(lane, L::Scalar::from_f64(1.0 - of(ground.drop) * gone));
+    }
+    share
+}
+
 #[inline(always)]
 fn contact_rows<L: Real, const D: usize>(settings: &RowSettings, index: usize, block: &Block<L>, work: &mut Work<L>) {
     let slot = &settings.slots[index];
@@ -210,8 +223,16 @@ fn contact_rows<L: Real, const D: usize>(settings: &RowSettings, index: usize, b
         }
     }
     let ground = &block.ground;
+    if block.any_sinking && slot.other.is_none() {
+        // The ground goes down under the shape.
+        velocity[0] += block.sinking[slot.geom];
+    }
     let imp = impedance(-contact.distance);
-    let mu = contact.friction.max(L::splat(LEAST_FRICTION));
+    let mut mu = contact.friction;
+    if block.any_weakening && slot.other.is_none() {
+        mu = mu * share_in_slip(ground, (velocity[1] * velocity[1] + velocity[2] * velocity[2]).sqrt());
+    }
+    let mu = mu.max(L::splat(LEAST_FRICTION));
     let normal_weight = imp / ((L::one() - imp) * L::splat(slot.weight));
     let tangent_weight = normal_weight * L::splat(settings.impratio);
     for k in 0..D {

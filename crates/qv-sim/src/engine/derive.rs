@@ -101,8 +101,10 @@ impl Deriver<'_> {
         set(&mut p.lag_gain, lane, lag_gain(self.timestep, get(JointField::Lag)));
         set(&mut p.latency, lane, latency / self.timestep);
         set(&mut p.law.half_backlash, lane, 0.5 * get(JointField::Backlash));
+        set(&mut p.law.compliance, lane, get(JointField::SeriesCompliance));
         set(&mut p.encoder_bias, lane, get(JointField::EncoderBias));
         set(&mut p.external_torque, lane, get(JointField::ExternalTorque));
+        set(&mut p.drift, lane, get(JointField::StrengthDrift));
         set(&mut p.constant_torque, lane, get(JointField::ConstantTorque));
         set(&mut p.spring.stiffness, lane, get(JointField::SpringStiffness));
         set(&mut p.spring.rest, lane, get(JointField::SpringRest));
@@ -129,6 +131,8 @@ impl Deriver<'_> {
         block.any_coulomb |= get(JointField::Coulomb) > 0.0 || any_servo;
         block.any_viscous |= get(JointField::Viscous) > 0.0 || get(JointField::QuadraticDrag) > 0.0;
         block.any_latency |= latency > 0.0;
+        block.any_fading |= get(JointField::StrengthDrift) != 0.0;
+        block.any_compliance |= get(JointField::SeriesCompliance) > 0.0;
         Ok(())
     }
 
@@ -178,8 +182,17 @@ impl Deriver<'_> {
     fn world<L: Real>(&self, values: &[f64], lane: usize, block: &mut Block<L>) {
         use WorldField::*;
         let get = |field: WorldField| values[self.catalogue.world_at + field as usize];
+        set(&mut block.supply.start, lane, get(RunStart));
+        set(&mut block.supply.sag, lane, get(SupplySag));
+        block.any_fading |= get(SupplySag) > 0.0;
+        block.any_weakening |= get(FrictionDrop) > 0.0;
+        block.any_sinking |= get(YieldForce) < UNLIMITED && get(SinkRate) > 0.0;
         let ground = &mut block.ground;
         set(&mut ground.friction, lane, get(Friction));
+        set(&mut ground.yield_force, lane, get(YieldForce));
+        set(&mut ground.sink_rate, lane, get(SinkRate));
+        set(&mut ground.drop, lane, get(FrictionDrop));
+        set(&mut ground.drop_speed, lane, get(FrictionSpeed));
         let (time_constant, damping_ratio) =
             contact_response(get(TimeConstant), get(DampingRatio), get(Restitution), self.timestep);
         let most = super::constraint::IMPEDANCE_MAX;

@@ -2,7 +2,7 @@
 
 use super::actuation::{actuate, external_share};
 use super::block::{Block, KeptContact, Work};
-use super::collide::{Colliders, collide, origin};
+use super::collide::{Colliders, collide, leave_prints, origin, sink};
 use super::constraint::{RowSettings, build_rows};
 use super::dynamics::{bias_forces, factor, mass_matrix, solve};
 use super::friction::{keep_loads, servo_friction, springs};
@@ -62,6 +62,9 @@ pub(crate) fn step<L: Real>(shared: &Shared, used: usize, block: &mut Block<L>, 
     kinematics(topology, block, work);
     forces(shared, block, work);
     collide(topology, colliders, used, block, work);
+    if block.any_sinking {
+        leave_prints(block, work);
+    }
     let rows = RowSettings {
         topology,
         slots: &colliders.slots,
@@ -90,6 +93,9 @@ pub(crate) fn step<L: Real>(shared: &Shared, used: usize, block: &mut Block<L>, 
         keep_loads(topology, block, work);
     }
     contact_forces(shared, block, work);
+    if block.any_sinking {
+        sink(colliders, options.timestep, block, work);
+    }
     keep_contacts(shared, block, work);
     accelerate(shared, block, work);
     integrate(shared, block);
@@ -282,5 +288,11 @@ fn remember<L: Real>(topology: &Topology, block: &mut Block<L>) {
         let target = &mut block.seen[block.seen_head * width..][..width];
         target[..topology.nq].copy_from_slice(&block.q);
         target[topology.nq..].copy_from_slice(&block.v);
+        if block.any_compliance {
+            for j in 0..topology.joints {
+                let deflection = block.deflection(j);
+                block.seen[block.seen_head * width + topology.base_positions + j] += deflection;
+            }
+        }
     }
 }

@@ -259,7 +259,7 @@ impl RapierEngine {
         };
         let offset = self.model.nq() - self.model.joints.len();
         let (q, dq) = (&self.state.q[offset..], &self.state.v[self.model.base_dofs()..]);
-        let mut torque = self.motors.torques(&values, self.options.timestep, q, dq);
+        let mut torque = self.motors.torques(&values, self.time, self.options.timestep, q, dq);
         let reported = torque.clone();
         let share = values.external_share(self.time, self.options.timestep);
         values.add_external_torques(share, &mut torque);
@@ -274,7 +274,8 @@ impl RapierEngine {
         let force = world.ground_forces(self.model.geoms.len());
         self.state = state;
         self.time += self.options.timestep;
-        self.history.push(&self.state, self.options.timestep, reported, force);
+        let values = Values::new(&self.catalogue, &self.overrides);
+        self.history.push(&self.state, &values, self.options.timestep, reported, force);
         self.world = Some(world);
         Ok(())
     }
@@ -295,6 +296,10 @@ fn lacking(slot: Slot) -> Option<&'static str> {
     match slot {
         Slot::World(WorldField::Torsional) => Some("contacts without torsional friction of a given length"),
         Slot::World(WorldField::Rolling) => Some("contacts without rolling friction"),
+        Slot::World(WorldField::FrictionDrop | WorldField::FrictionSpeed) => {
+            Some("contacts whose friction does not change with slip")
+        }
+        Slot::World(WorldField::YieldForce | WorldField::SinkRate) => Some("ground that does not give way for good"),
         Slot::Joint(_, field) => {
             use JointField::*;
             let of_servo = matches!(

@@ -12,6 +12,8 @@ use std::collections::VecDeque;
 #[derive(Debug, Clone)]
 pub(super) struct History {
     states: VecDeque<State>,
+    /// How far encoders are ahead of their joints in each of the states, shape `[joints]`; empty where no spring is in between.
+    ahead: VecDeque<Vec<f64>>,
     torque: Vec<f64>,
     force: Vec<f64>,
 }
@@ -20,15 +22,22 @@ impl History {
     pub fn new(state: &State, model: &Model) -> Self {
         Self {
             states: VecDeque::from([state.clone()]),
+            ahead: VecDeque::from([Vec::new()]),
             torque: vec![0.0; model.joints.len()],
             force: vec![0.0; model.geoms.len()],
         }
     }
 
     /// Remembers one step, and forgets what is older than any delay.
-    pub fn push(&mut self, state: &State, timestep: f64, torque: Vec<f64>, force: Vec<f64>) {
+    pub fn push(&mut self, state: &State, values: &Values, timestep: f64, torque: Vec<f64>, force: Vec<f64>) {
+        let kept = (LONGEST_DELAY / timestep).ceil() as usize + 2;
         self.states.push_front(state.clone());
-        self.states.truncate((LONGEST_DELAY / timestep).ceil() as usize + 2);
+        self.states.truncate(kept);
+        let compliance = |joint: usize| values.joint(joint, JointField::SeriesCompliance);
+        let is_sprung = (0..torque.len()).any(|joint| compliance(joint) > 0.0);
+        let ahead = torque.iter().enumerate().filter(|_| is_sprung).map(|(joint, t)| compliance(joint) * t);
+        self.ahead.push_front(ahead.collect());
+        self.ahead.truncate(kept);
         self.torque = torque;
         self.force = force;
     }
@@ -39,6 +48,13 @@ impl History {
         let (young, old) = (at(age.floor() as usize), at(age.floor() as usize + 1));
         let mix = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a + age.fract() * (b - a)).collect();
         State { q: mix(&young.q, &old.q), v: mix(&young.v, &old.v) }
+    }
+
+    /// How far the encoder of a joint was ahead of it `age` steps ago.
+    fn past_ahead(&self, joint: usize, age: f64) -> f64 {
+        let at = |steps: usize| self.ahead[steps.min(self.ahead.len() - 1)].get(joint).copied().unwrap_or(0.0);
+        let (young, old) = (at(age.floor() as usize), at(age.floor() as usize + 1));
+        young + age.fract() * (old - young)
     }
 
     /// What the sensors report now.
@@ -56,8 +72,9 @@ impl History {
             base_orientation: [1.0, 0.0, 0.0, 0.0],
         };
         for joint in 0..model.joints.len() {
-            let seen = self.past(values.joint(joint, JointField::EncoderLatency) / options.timestep);
-            reading.q.push(seen.q[positions + joint] + values.joint(joint, JointField::EncoderBias));
+            let age = values.joint(joint, JointField::EncoderLatency) / options.timestep;
+            let (seen, ahead) = (self.past(age), self.past_ahead(joint, age));
+            reading.q.push(seen.q[positions + joint] + values.joint(joint, JointField::EncoderBias) + ahead);
             reading.dq.push(seen.v[dofs + joint]);
             reading.tau.push(self.torque[joint] * values.joint(joint, JointField::TorqueScale));
         }

@@ -66,6 +66,8 @@ pub enum LevelsOf {
     Torque,
     /// Largest speed of the joint \[rad/s\].
     Speed,
+    /// What the robot weighs \[N\].
+    Weight,
 }
 
 /// A direction of an effect.
@@ -237,8 +239,8 @@ mod tests {
     fn the_library_has_every_name_of_the_report() {
         let names: Vec<String> = built_in().into_iter().map(|e| e.name).collect();
         for name in "command_latency observation_latency actuator_lag joint_coulomb_friction joint_viscous_friction \
-            joint_armature stribeck_friction load_friction quadratic_drag joint_spring constant_torque motor_strength motor_gain_kp motor_gain_kd torque_limit torque_speed_limit backlash \
-            encoder_bias payload_mass com_offset link_inertia ground_friction contact_compliance contact_restitution \
+            joint_armature stribeck_friction load_friction quadratic_drag joint_spring constant_torque series_compliance strength_drift supply_sag motor_strength motor_gain_kp motor_gain_kd torque_limit torque_speed_limit backlash \
+            encoder_bias payload_mass com_offset link_inertia ground_friction friction_drop ground_sinkage contact_compliance contact_restitution \
             terrain_slope terrain_height foot_radius external_force imu_tilt gyro_bias pose_delay"
             .split_whitespace()
         {

@@ -97,7 +97,7 @@ fn squares(
         let table = &tables[at].1;
         let asked: BTreeMap<i64, Vec<MotorCommand>> = table.asked(&channels);
         let states: BTreeMap<i64, Vec<State>> = table.states(&channels);
-        let rows = Rows::new(problem, window, column, stamps);
+        let rows = Rows::new(problem, window, law, stamps);
         let of_offsets = |[command, state]: &Offsets| {
             let read = asked[command].iter().copied().zip(states[state].iter().copied());
             left(law, &rows, read).iter().map(|x| x * x).sum()

@@ -1,18 +1,19 @@
 //! The actuator's law fed with what was measured, against the torque that was measured: no simulation, no contact.
 //!
 //! The law is that of `qv_sim::Motor`, commands late by the latency, through a first-order lag; times the scale of the torque sensor. It sees
-//! what motors do apart from what legs do.
+//! what motors do apart from what legs do. A spring between motor and joint does not enter: the encoder that was recorded is the one that the
+//! motor's controller sees.
 
 mod align;
 mod past;
 
 pub use align::align;
-pub use past::lagged;
+pub use past::{lagged, leads};
 
 use crate::problem::{Overrides, Problem, Window};
 use qv_core::JointSeries;
 use qv_replay::run::Run;
-use qv_sim::{Motor, MotorCommand, lag_gain};
+use qv_sim::{Motor, MotorCommand, drift_share, lag_gain};
 
 /// Length of a bin of this comparison \[s\]: latencies of milliseconds show in what changes fast.
 pub const BIN: f64 = 0.01;
@@ -25,6 +26,12 @@ pub struct ActuatorModel {
     latency: f64,
     seen_late: f64,
     torque_scale: f64,
+    drift: f64,
+    /// Time of the run at which its recording begins \[s\].
+    run_start: f64,
+    sag: f64,
+    /// Scales of the torque sensors of all joints, where the supply sags.
+    torque_scales: Vec<f64>,
 }
 
 impl ActuatorModel {
@@ -42,14 +49,45 @@ impl ActuatorModel {
             speed_zero: value("actuator.*.speed_zero"),
             backlash: value("actuator.*.backlash"),
         };
+        let world = |name: &str| problem.parameter(name).map_or(0.0, |id| problem.value(setting, id));
+        let sag = world("supply.sag");
+        let scales = |joint: usize| problem.joint_value(setting, "sensor.*.torque_scale", joint);
         Self {
             joint,
             motor,
+            drift: value("actuator.*.strength_drift"),
+            run_start: world("run.start"),
+            sag,
+            torque_scales: if sag > 0.0 { (0..problem.columns.len()).map(scales).collect() } else { Vec::new() },
             lag: value("actuator.*.lag"),
             latency: value("actuator.*.command_latency"),
             seen_late: value("sensor.*.encoder_latency"),
             torque_scale: value("sensor.*.torque_scale"),
         }
+    }
+
+    /// Share of its torque that the motor gives at a time \[s\] of a window's run, by how long that has run and by what all motors draw.
+    fn share(&self, problem: &Problem, window: &Window, time: f64) -> f64 {
+        if self.drift == 0.0 && self.sag == 0.0 {
+            return 1.0;
+        }
+        let since = self.run_start + window.since + (time - window.start);
+        let sagged = if self.sag > 0.0 { 1.0 - self.sag * self.power(problem, window, time) } else { 1.0 };
+        drift_share(self.drift, since) * sagged.max(0.0)
+    }
+
+    /// Mechanical power that all motors drew by the last row of torques before a time \[W\]; none where it was not measured.
+    fn power(&self, problem: &Problem, window: &Window, time: f64) -> f64 {
+        let m = &window.view.measured;
+        let (Some(torque), Some(velocity)) = (&m.torque, &m.velocity) else { return 0.0 };
+        let row = torque.time.partition_point(|&t| t < time);
+        if row == 0 || velocity.is_empty() {
+            return 0.0;
+        }
+        let place = Between::new(velocity, torque.time[row - 1], row - 1);
+        let of = |(&column, scale): (&usize, &f64)| torque.row(row - 1)[column] / scale * place.of(velocity, column);
+        let drawn = problem.columns.iter().zip(&self.torque_scales).map(of).filter(|power| power.is_finite());
+        drawn.map(|power| power.max(0.0)).sum()
     }
 
     /// Torque that is asked for by a command and a state, of a motor that stood at `motor` before if there is play; it is
@@ -198,7 +236,8 @@ pub fn concerns(problem: &Problem, setting: &Overrides, joint: usize) -> bool {
         let (of, rest) = problem.catalogue[id].name.split_once('.').unwrap_or(("", ""));
         let field = rest.strip_prefix(name.as_str()).and_then(|f| f.strip_prefix('.'));
         match (of, field) {
-            ("actuator", Some(_)) => true,
+            ("actuator", Some(field)) => field != "series_compliance",
+            ("supply" | "run", _) => true,
             ("sensor", Some(field)) => field != "encoder_bias",
             _ => false,
         }
@@ -217,7 +256,7 @@ pub fn of_joint(problem: &Problem, window: &Window, law: &ActuatorModel, alignme
         let (late, seen) = (t - alignment.command - law.latency, t - alignment.state + law.seen_late);
         (channels.asked(late, &mut rows[0]), channels.state(seen, &mut rows[1]))
     };
-    let rows = Rows::new(problem, window, column, stamps);
+    let rows = Rows::new(problem, window, law, stamps);
     left(law, &rows, stamps.times(window).map(read))
 }
 
@@ -246,14 +285,15 @@ impl Stamps {
 
 /// Measured torques of one joint at their stamps, and the bins that they are in.
 struct Rows {
-    /// Stamp, torque, and bin: none where nothing was measured, and before the window.
-    of: Vec<(f64, f64, Option<usize>)>,
+    /// Stamp, torque, share of it that the motor can give, and bin: none where nothing was measured, and before the window.
+    of: Vec<(f64, f64, f64, Option<usize>)>,
     /// Torques in each bin.
     counts: Vec<usize>,
 }
 
 impl Rows {
-    fn new(problem: &Problem, window: &Window, column: usize, stamps: Stamps) -> Self {
+    fn new(problem: &Problem, window: &Window, law: &ActuatorModel, stamps: Stamps) -> Self {
+        let column = problem.columns[law.joint];
         let torque = window.view.measured.torque.as_ref().expect("there are stamps of it");
         let mut counts = vec![0; bins(problem)];
         let row = |i: usize| {
@@ -262,7 +302,7 @@ impl Rows {
             let is_counted = bin >= 0.0 && (bin as usize) < counts.len() && measured.is_finite();
             let bin = is_counted.then_some(bin as usize);
             bin.into_iter().for_each(|bin| counts[bin] += 1);
-            (time, measured, bin)
+            (time, measured, law.share(problem, window, time), bin)
         };
         Self { of: (stamps.first..stamps.last).map(row).collect(), counts }
     }
@@ -275,8 +315,8 @@ fn left(law: &ActuatorModel, rows: &Rows, read: impl Iterator<Item = (MotorComma
     let mut motor = None;
     // The sum of the bin that is being filled stays in a register.
     let (mut at, mut sum) = (0, 0.0);
-    for (&(time, measured, bin), (asked, state)) in rows.of.iter().zip(read) {
-        let lagged = filter.next(time, law.demand(&asked, &state, &mut motor));
+    for (&(time, measured, share, bin), (asked, state)) in rows.of.iter().zip(read) {
+        let lagged = filter.next(time, share * law.demand(&asked, &state, &mut motor));
         let expected = law.torque_scale * law.motor.limited(lagged, state.dq);
         let Some(bin) = bin else { continue };
         if bin != at {

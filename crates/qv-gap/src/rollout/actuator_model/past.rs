@@ -40,7 +40,7 @@ pub fn lagged(problem: &Problem, window: &Window, setting: &Overrides, timestep:
                 held.at(time - told, timestep, &mut command);
             }
             let state = state_at(position, velocity, problem.columns[motor.joint], time + motor.seen_late, &mut rows);
-            let demand = motor.demand(&asked(&command, motor.joint), &state, play);
+            let demand = motor.demand(&asked(&command, motor.joint), &state, play) * motor.share(problem, window, time);
             // What was not measured there is waited for.
             if demand.is_finite() {
                 torques[motor.joint] = lag.next(time, demand);
@@ -48,6 +48,34 @@ pub fn lagged(problem: &Problem, window: &Window, setting: &Overrides, timestep:
         }
     }
     Some(torques)
+}
+
+/// How far the encoders of motors behind springs are ahead of their joints at a `time` near a window \[rad\], shape `[joints]`; `None` where there
+/// are no springs, or nothing says what the motors were asked for. `seen` is the state there, as the encoders tell it but for their bias: what a
+/// motor gives is told by what its own encoder says. A lag is taken to have settled.
+pub fn leads(
+    problem: &Problem,
+    window: &Window,
+    setting: &Overrides,
+    seen: &qv_sim::State,
+    time: f64,
+) -> Option<Vec<f64>> {
+    let compliances = problem.compliances(setting)?;
+    let held = window.told.held(problem, window).ok()?;
+    let errors = problem.sensor_errors(setting);
+    let (mut command, joints) = (Command::default(), compliances.len());
+    let (q, v) = (&seen.q[seen.q.len() - joints..], &seen.v[seen.v.len() - joints..]);
+    let lead = |joint: usize| {
+        if compliances[joint] <= 0.0 {
+            return 0.0;
+        }
+        let motor = ActuatorModel::new(problem, setting, joint);
+        held.at(time - motor.latency, 0.0, &mut command);
+        let state = State { q: q[joint] + errors.encoder_bias[joint], dq: v[joint] };
+        let demand = motor.demand(&asked(&command, joint), &state, &mut None) * motor.share(problem, window, time);
+        compliances[joint] * motor.motor.limited(demand, state.dq)
+    };
+    Some((0..joints).map(lead).collect())
 }
 
 fn asked(command: &Command, joint: usize) -> MotorCommand {
