@@ -25,12 +25,18 @@ const LOOK: Duration = Duration::from_millis(5);
 /// Time in which the last command leaves.
 const LEAVE: Duration = Duration::from_millis(300);
 
+/// Ports of a domain begin at 7400 + 250 times its number, and there are 65 535 of them.
+pub const LAST_DOMAIN: u16 = 232;
+
 /// Why there is no node.
 #[derive(Debug, thiserror::Error)]
 pub enum NodeError {
     /// The name of a topic or node is none.
     #[error("name: {0:?}")]
     Name(NameError),
+    /// A domain that has no ports.
+    #[error("domain: expected 0 to {LAST_DOMAIN}, found {0}")]
+    Domain(u16),
     /// No node could be made.
     #[error("node: {0:?}")]
     Node(NodeCreateError),
@@ -70,8 +76,11 @@ impl Topics {
     /// they arrived, as many drivers of cameras do.
     ///
     /// # Errors
-    /// When the network allows none.
+    /// When the domain has no ports, the name is none, or the network allows no node.
     pub fn new(name: &str, domain: u16, is_lossy: bool) -> Result<Self, NodeError> {
+        if domain > LAST_DOMAIN {
+            return Err(NodeError::Domain(domain));
+        }
         let context = Context::with_options(ContextOptions::new().domain_id(domain))?;
         let options = NodeOptions::new().start_parameter_services(false);
         let node = context.new_node(NodeName::new("/", name)?, options)?;
@@ -197,5 +206,17 @@ impl Drop for ConeNode {
         let _ = self.publish([0.0; 3]);
         // The command has to leave before the network is closed.
         thread::sleep(LEAVE);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bad_names_and_domains_are_refused() {
+        let said = |name: &str, domain| Topics::new(name, domain, false).err().unwrap().to_string();
+        assert_eq!(said("node", 233), "domain: expected 0 to 232, found 233");
+        assert!(said("no node", 199).contains("name"), "{}", said("no node", 199));
     }
 }
