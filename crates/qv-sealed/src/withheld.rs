@@ -1,4 +1,4 @@
-//! Effects that no library has: outside forces and torques, fading motors, lost commands.
+//! Effects that no library has as they are here: outside forces and torques, fading motors, lost commands.
 
 use crate::plant::Plant;
 use crate::scout::Scout;
@@ -41,7 +41,7 @@ fn relatives(name: &str) -> &'static [&'static str] {
         "stribeck_friction" | "load_friction" => &["joint_coulomb_friction", "external_torque"],
         "squared_drag" => &["joint_viscous_friction", "external_torque"],
         "torque_ripple" | "parallel_spring" => &["external_torque"],
-        "thermal_derating" => &["motor_strength"],
+        "thermal_derating" => &["motor_strength", "strength_drift", "supply_sag"],
         "dropped_commands" => &["command_latency"],
         _ => &[],
     }
