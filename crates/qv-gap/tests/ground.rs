@@ -73,7 +73,7 @@ fn friction_that_falls_with_slip_is_named() {
     let known = [("contact.friction".to_string(), 0.35)];
     let weak = [("contact.friction_drop".to_string(), 0.6)];
     let run = recorded([&known[..], &weak[..]].concat(), 4);
-    let cut = WindowOptions { most: 40, ..Default::default() };
+    let cut = WindowOptions { most: 32, ..Default::default() };
     let report = of(&run, &Options { given: known.to_vec(), cut, ..quick() });
     let named = |cause: &qv_gap::report::Cause| {
         let mut all = cause.confusable_with.iter().chain([&cause.effect]);
