@@ -22,6 +22,8 @@ pub struct Simulator<'a> {
     /// Index of each label's friction in the catalogue.
     frictions: Vec<usize>,
     height: usize,
+    /// Index of the time of the run at which a simulation begins, and the value \[s\] that it has at the start of a recording: motors may drift.
+    run_start: (usize, f64),
     /// Steps that a command may be late.
     past: usize,
     /// Depth to which the feet sink in when the robot stands on all of them \[m\].
@@ -74,10 +76,11 @@ impl<'a> Simulator<'a> {
         for (name, _) in named.iter().filter(|(n, _)| n.starts_with("sensor.")) {
             probe.parameter_index(name)?;
         }
+        let run_start = (probe.parameter_index("run.start")?, probe.parameter(0, "run.start")?);
         let past = (options.max_command_latency / TIMESTEP).ceil() as usize;
         let errors = sensor_errors(model, &named);
         let terrain = terrain.clone();
-        Ok(Self { model, terrain, options, known, frictions, height, past, depth: 0.0, errors })
+        Ok(Self { model, terrain, options, known, frictions, height, run_start, past, depth: 0.0, errors })
     }
 
     /// Finds how deep the feet sink in, by letting the robot settle at the first instant at which it stands on all feet.
@@ -131,6 +134,8 @@ impl<'a> Simulator<'a> {
         let (gap, feet) = instant.gap;
         let sunk = if feet == 0 { 0.0 } else { self.depth * instant.feet.len() as f64 / feet as f64 };
         batch.set_parameter_at(env, self.height, gap + sunk)?;
+        let (run_start, begins) = self.run_start;
+        batch.set_parameter_at(env, run_start, begins + recording.time(from) - recording.time(0))?;
         batch.set_state(env, &instant.state)?;
         for age in (1..=self.past).rev() {
             let command = self.command(recording, recording.time(from) - age as f64 * TIMESTEP);
