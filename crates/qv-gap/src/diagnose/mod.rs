@@ -643,7 +643,8 @@ impl Findings<'_> {
             next.push(format!("Not accused: {effect}: {doubt}."));
         }
         if let Some((level, effect)) = too_far {
-            let most = session.options.policy.unexplained_beside;
+            let policy = &session.options.policy;
+            let most = if nominal.problem.free { policy.unexplained_beside } else { policy.quiet_enough };
             next.push(format!(
                 "Not accused: {effect}: with it the recording is {level:.1} times as far from the simulator as noise and tolerances explain; \
                  beside something unknown a cause is told up to {most}."
