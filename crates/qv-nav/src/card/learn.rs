@@ -18,23 +18,34 @@ pub struct GpuLearner {
     gpu: Gpu,
     buffers: HashMap<&'static str, wgpu::Buffer>,
     dispatches: Vec<(wgpu::ComputePipeline, wgpu::BindGroup, [u32; 3])>,
-    lanes: Vec<Lane>,
+    lanes: usize,
     /// Decisions of a stretch.
     stretch: usize,
+    /// Bytes of a picture.
+    picture: usize,
     steps: i32,
 }
 
-/// An episode that is learnt from, and room for what the card is told of its next decisions.
+/// An episode that is learnt from.
 #[derive(Default)]
 struct Lane {
     episode: Option<(usize, Change)>,
     next: usize,
     /// Decisions of this stretch; 0 when there is no episode left.
     count: usize,
+    /// Its pictures, changed.
+    pictures: Vec<u8>,
+}
+
+/// What the card is told of the next decisions of all lanes, each with room for a whole stretch.
+struct Stretch {
     pictures: Vec<u8>,
     states: Vec<f32>,
     recalls: Vec<f32>,
     targets: Vec<f32>,
+    /// Whether a lane begins an episode, and how many decisions it has.
+    lanes: Vec<u32>,
+    samples: usize,
 }
 
 /// Steps of the optimiser that may wait on the card.
@@ -68,39 +79,42 @@ impl GpuLearner {
         if let Some(error) = pollster::block_on(scope.pop()) {
             return Err(RasterError::Device(error.to_string()).into());
         }
-        let lanes = (0..settings.batch).map(|_| Lane::default()).collect();
-        Ok(Self { gpu, buffers, dispatches, lanes, stretch: settings.truncated, steps: 0 })
+        let (lanes, stretch, picture) = (settings.batch, settings.truncated, net.picture_len());
+        Ok(Self { gpu, buffers, dispatches, lanes, stretch, picture, steps: 0 })
     }
 
     /// Learns once from episodes in a queue; gives the summed loss and the number of decisions. `rate` says the learning rate after so many.
     pub(crate) fn epoch(
         &mut self,
         records: &[Record],
-        queue: &mut impl Iterator<Item = (usize, Change)>,
+        queue: &mut (impl Iterator<Item = (usize, Change)> + Send),
         settings: &TrainSettings,
-        rate: impl Fn(usize) -> f32,
+        rate: impl Fn(usize) -> f32 + Sync,
         parameters: &mut [f32],
     ) -> Result<(f64, usize), NavError> {
-        let rows = self.lanes.len() * self.stretch;
+        let rows = self.lanes * self.stretch;
         self.gpu.queue.write_buffer(&self.buffers["parameters"], 0, bytemuck::cast_slice(parameters));
         self.gpu.queue.write_buffer(&self.buffers["losses"], 0, bytemuck::cast_slice(&vec![0.0f32; rows]));
         let (mut samples, mut waiting) = (0, VecDeque::new());
-        self.lanes.iter_mut().for_each(|lane| (lane.episode, lane.count) = (None, 0));
-        loop {
-            let fresh: Vec<bool> = self.lanes.iter_mut().map(|lane| lane.refill(records, queue)).collect();
-            if self.lanes.iter().all(|lane| lane.episode.is_none()) {
-                break;
-            }
-            let stretch = self.stretch;
-            self.lanes.par_iter_mut().for_each(|lane| lane.fill(records, stretch));
-            self.upload(&fresh);
-            let now: usize = self.lanes.iter().map(|lane| lane.count).sum();
-            self.hyper(settings, rate(samples), now);
-            waiting.push_back(self.submit());
+        let mut lanes: Vec<Lane> = (0..self.lanes).map(|_| Lane::default()).collect();
+        let mut pair = [(); 2].map(|()| Stretch::new(self.lanes, self.stretch, self.picture));
+        let mut is_there = pair[0].fill(&mut lanes, records, queue);
+        while is_there {
+            let [now, next] = &mut pair;
+            // The next stretch is gathered while this one goes to the card.
+            let submit = || {
+                self.upload(now);
+                self.hyper(settings, rate(samples), now.samples);
+                self.submit()
+            };
+            let (index, more) = rayon::join(submit, || next.fill(&mut lanes, records, queue));
+            waiting.push_back(index);
             if waiting.len() > WAITING {
                 self.wait(waiting.pop_front())?;
             }
-            samples += now;
+            samples += now.samples;
+            is_there = more;
+            pair.swap(0, 1);
         }
         let found: Vec<f32> = self.gpu.read(&self.buffers["parameters"], parameters.len())?;
         let losses: Vec<f32> = self.gpu.read(&self.buffers["losses"], rows)?;
@@ -111,23 +125,13 @@ impl GpuLearner {
         Ok((losses.iter().map(|&x| f64::from(x)).sum(), samples))
     }
 
-    fn upload(&self, fresh: &[bool]) {
-        let mut words = Vec::with_capacity(2 * self.lanes.len());
-        for (k, lane) in self.lanes.iter().enumerate() {
-            words.extend([u32::from(fresh[k]), lane.count as u32]);
-            let at = |each: usize| (k * self.stretch * each) as u64;
-            let picture = lane.pictures.len() / lane.count.max(1);
-            let write = |name: &str, offset: u64, bytes: &[u8]| {
-                if !bytes.is_empty() {
-                    self.gpu.queue.write_buffer(&self.buffers[name], offset, bytes);
-                }
-            };
-            write("pictures", at(picture), &lane.pictures);
-            write("states", at(4 * STATE), bytemuck::cast_slice(&lane.states));
-            write("recalls", at(4 * RECALL), bytemuck::cast_slice(&lane.recalls));
-            write("targets", at(4 * TARGET), bytemuck::cast_slice(&lane.targets));
-        }
-        self.gpu.queue.write_buffer(&self.buffers["lanes"], 0, bytemuck::cast_slice(&words));
+    fn upload(&self, stretch: &Stretch) {
+        let write = |name: &str, bytes: &[u8]| self.gpu.queue.write_buffer(&self.buffers[name], 0, bytes);
+        write("pictures", &stretch.pictures);
+        write("states", bytemuck::cast_slice(&stretch.states));
+        write("recalls", bytemuck::cast_slice(&stretch.recalls));
+        write("targets", bytemuck::cast_slice(&stretch.targets));
+        write("lanes", bytemuck::cast_slice(&stretch.lanes));
     }
 
     /// The numbers of a step of Adam, as `qv_policy::adam` has them.
@@ -170,25 +174,63 @@ impl Lane {
         true
     }
 
-    /// Gathers its next decisions.
-    fn fill(&mut self, records: &[Record], stretch: usize) {
+    /// Gathers its next decisions: pictures, states, recalls, targets.
+    fn fill(&mut self, records: &[Record], stretch: usize, room: [&mut [f32]; 3]) {
         self.pictures.clear();
-        [&mut self.states, &mut self.recalls, &mut self.targets].into_iter().for_each(Vec::clear);
         let Some((record, change)) = &mut self.episode else { return };
         let record = &records[*record];
         let size = record.pictures.len() / record.len();
         self.count = (record.len() - self.next).min(stretch);
-        let range = self.next..self.next + self.count;
-        for at in range.clone() {
+        let [states, recalls, targets] = room;
+        for (at, target) in (self.next..self.next + self.count).zip(targets.chunks_exact_mut(TARGET)) {
             change.add(&record.pictures[at * size..][..size], &mut self.pictures);
-            self.targets.extend(record.commands[at]);
-            self.targets.extend(record.cones[at]);
-            self.targets.push(f32::from(u8::from(record.found[at])));
-            self.targets.extend(record.known[at]);
-            self.targets.extend(record.sights[at]);
+            let found = [f32::from(u8::from(record.found[at]))];
+            let parts: [&[f32]; 5] =
+                [&record.commands[at], &record.cones[at], &found, &record.known[at], &record.sights[at]];
+            target.iter_mut().zip(parts.into_iter().flatten()).for_each(|(out, x)| *out = *x);
         }
-        self.states.extend_from_slice(&record.states[range.start * STATE..range.end * STATE]);
-        self.recalls.extend_from_slice(&record.recalls[range.start * RECALL..range.end * RECALL]);
+        states[..self.count * STATE].copy_from_slice(&record.states[self.next * STATE..][..self.count * STATE]);
+        recalls[..self.count * RECALL].copy_from_slice(&record.recalls[self.next * RECALL..][..self.count * RECALL]);
+    }
+}
+
+impl Stretch {
+    fn new(lanes: usize, stretch: usize, size: usize) -> Self {
+        let room = |each: usize| vec![0.0; lanes * stretch * each];
+        Self {
+            pictures: vec![0; lanes * stretch * size],
+            states: room(STATE),
+            recalls: room(RECALL),
+            targets: room(TARGET),
+            lanes: Vec::new(),
+            samples: 0,
+        }
+    }
+
+    /// Gathers the next decisions of all lanes, in parallel; false when there are none left.
+    fn fill(
+        &mut self,
+        lanes: &mut [Lane],
+        records: &[Record],
+        queue: &mut impl Iterator<Item = (usize, Change)>,
+    ) -> bool {
+        let fresh: Vec<bool> = lanes.iter_mut().map(|lane| lane.refill(records, queue)).collect();
+        let count = lanes.len();
+        let stretch = self.targets.len() / (TARGET * count);
+        let each = self.pictures.len() / count;
+        let pictures = self.pictures.par_chunks_exact_mut(each);
+        let numbers = self
+            .states
+            .par_chunks_exact_mut(stretch * STATE)
+            .zip(self.recalls.par_chunks_exact_mut(stretch * RECALL))
+            .zip(self.targets.par_chunks_exact_mut(stretch * TARGET));
+        lanes.par_iter_mut().zip(pictures).zip(numbers).for_each(|((lane, pictures), ((states, recalls), targets))| {
+            lane.fill(records, stretch, [states, recalls, targets]);
+            pictures[..lane.pictures.len()].copy_from_slice(&lane.pictures);
+        });
+        self.lanes = lanes.iter().zip(fresh).flat_map(|(lane, fresh)| [u32::from(fresh), lane.count as u32]).collect();
+        self.samples = lanes.iter().map(|lane| lane.count).sum();
+        self.samples > 0
     }
 }
 
