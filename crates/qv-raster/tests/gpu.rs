@@ -15,7 +15,7 @@ use skipped::skipped;
 fn rasterisers() -> Vec<GpuRasteriser> {
     let (mut out, mut why) = (vec![], String::new());
     for without_subgroups in [true, false] {
-        match Gpu::new(&GpuOptions { without_subgroups }) {
+        match Gpu::new(&GpuOptions { without_subgroups, adapter: None }) {
             Ok(gpu) => out.push(GpuRasteriser::new(gpu)),
             Err(error) => why = error.to_string(),
         }
@@ -540,5 +540,16 @@ fn four_thousand_and_ninety_six_views_are_one_batch_and_one_more_is_refused() {
         let error = rasteriser.render(&on_card, &scene, &views, &SETTINGS_PLAIN, &how).unwrap_err();
         assert!(matches!(error, RasterError::TooLarge { limit: 4096, found: 4097, .. }), "{error}");
         views.pop();
+    }
+}
+
+#[test]
+fn an_adapter_that_is_not_there_is_named() {
+    let asked = |adapter| Gpu::new(&GpuOptions { adapter: Some(adapter), ..Default::default() });
+    let said = asked(4096).err().unwrap().to_string();
+    assert!(said.contains("adapter 4096, counted from 0") && said.contains("adapters:"), "{said}");
+    match asked(0) {
+        Ok(gpu) => assert!(!gpu.info.name.is_empty()),
+        Err(error) => skipped(error),
     }
 }

@@ -142,7 +142,7 @@ fn card(
     settings: &Settings,
     arguments: &Arguments,
 ) -> Result<serde_json::Value, Box<dyn Error>> {
-    let gpu = Gpu::new(&GpuOptions { without_subgroups: arguments.has("--without-subgroups") })?;
+    let gpu = Gpu::new(&GpuOptions { without_subgroups: arguments.has("--without-subgroups"), adapter: None })?;
     println!("{} ({}), subgroups of {}", gpu.info.name, gpu.info.driver_info, gpu.subgroup);
     let scene = Scene::still(cloud);
     let on_card = GpuCloud::new(&gpu, &scene)?;

@@ -11,6 +11,9 @@ use wgpu::util::DeviceExt;
 pub struct GpuOptions {
     /// Do without subgroup operations even where the adapter has them.
     pub without_subgroups: bool,
+    /// Which adapter, by its number in the order of the drivers: on a machine with several cards, each process can have its own.
+    /// `None` is the one that wgpu prefers.
+    pub adapter: Option<usize>,
 }
 
 /// A graphics device with the pipelines that were made for it so far.
@@ -62,7 +65,7 @@ fn check_limits(limits: &wgpu::Limits) -> Result<(), RasterError> {
 }
 
 impl Gpu {
-    /// The adapter that wgpu prefers.
+    /// The adapter that was asked for, or that wgpu prefers.
     ///
     /// # Errors
     /// There is none, or it lacks what the shaders need.
@@ -70,8 +73,18 @@ impl Gpu {
         let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
         // No validation of indirect dispatches: it adds a dispatch to each, and the arguments are our own.
         descriptor.flags = wgpu::InstanceFlags::empty();
-        descriptor.backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
+        let backends = wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12;
+        descriptor.backends = backends;
         let instance = wgpu::Instance::new(descriptor);
+        if let Some(number) = options.adapter {
+            let all = pollster::block_on(instance.enumerate_adapters(backends));
+            let adapter = all.get(number).ok_or_else(|| {
+                let names: Vec<String> = all.iter().map(|adapter| adapter.get_info().name).collect();
+                let found = format!("{} adapters: {}", names.len(), names.join(", "));
+                RasterError::Adapter { expected: format!("adapter {number}, counted from 0"), found }
+            })?;
+            return Self::of_adapter(adapter, options);
+        }
         let preference = wgpu::RequestAdapterOptions {
             power_preference: wgpu::PowerPreference::HighPerformance,
             ..Default::default()
