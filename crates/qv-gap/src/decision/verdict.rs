@@ -167,7 +167,8 @@ impl Case<'_> {
         let policy = self.policy;
         let now = self.level().ratio;
         if let Some(taken) = self.taken_by_pushes() {
-            let is_told = now < policy.quiet_enough || taken >= policy.pushes_take;
+            let is_quiet = now < policy.quiet_enough && taken >= policy.least_closed;
+            let is_told = is_quiet || taken >= policy.pushes_take;
             return if is_told { Verdict::PartlyExplained } else { Verdict::Unexplained };
         }
         let (before, after) = (self.evidence.level.ratio - 1.0, now - 1.0);
