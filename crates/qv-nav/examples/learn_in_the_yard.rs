@@ -2,13 +2,16 @@
 //! `learn_in_the_yard [KEY=VALUE ...]`. Keys are those of `TrainSettings` (numbers), `test` (episodes), `every` (rounds from one test to the
 //! next), `sown` (metres between Gaussians), those of `Paints`, `out` (a directory for weights.bin, made if need be), and `from` (the weights.bin of
 //! an earlier training to go on from). `eye=bare` draws the collision geometry in flat colours instead: a training without a reconstruction.
-//! `legs=ideal` are legs that do at once what they are told: a training without the residual. All settings are printed.
+//! `legs=ideal` are legs that do at once what they are told: a training without the residual; `latency`, `strength` and `slip` are the bounds of
+//! [`Effects`] that legs suffer in training. `camera` is `wide`, `none`, or the report.json of a diagnosis. `within` is a time \[s\]: the number of
+//! rounds then is as many as fit. With the feature `gpu`, `gpu=N` draws and learns on adapter `N`, and `gpu=N learner=cpu` only draws on it.
+//! All settings are printed.
 
 use qv_nav::bare::Bare;
 use qv_nav::dagger::{Student, TrainSettings};
-use qv_nav::eye::{Paints, SplatEye};
+use qv_nav::eye::{Eye, Paints, SplatEye};
 use qv_nav::fit::Fit;
-use qv_nav::legs::{Follower, Response};
+use qv_nav::legs::{Effects, Follower, Response};
 use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
 use qv_nav::pilots::{BlobPilot, NetPilot, TeacherPilot};
@@ -19,7 +22,7 @@ use qv_nav::score::Row;
 use qv_nav::sight::Rig;
 use qv_nav::task::{End, Episode, EpisodeSettings, Limits};
 use qv_nav::teacher::World;
-use qv_nav::weights;
+use qv_nav::{measured, weights};
 use std::path::PathBuf;
 use std::time::Instant;
 use yard::layout::mesh_with;
@@ -44,6 +47,11 @@ struct Options {
     sown: f64,
     is_bare: bool,
     response: Response,
+    effects: Effects,
+    camera: String,
+    within: Option<f64>,
+    gpu: Option<usize>,
+    learns_on_card: bool,
 }
 
 impl Options {
@@ -51,7 +59,9 @@ impl Options {
         let mut settings = serde_json::to_value(TrainSettings::default())?;
         let mut paints = serde_json::to_value(Paints::default())?;
         let (mut test, mut every, mut out, mut from, mut sown) = (96, 1, None, None, 0.06);
-        let (mut is_bare, mut response) = (false, Response::default());
+        let mut effects = serde_json::to_value(Effects::default())?;
+        let (mut is_bare, mut response, mut camera) = (false, Response::default(), "wide".to_string());
+        let (mut within, mut gpu, mut learns_on_card) = (None, None, true);
         for argument in arguments {
             let (key, value) = argument.split_once('=').ok_or_else(|| format!("{argument}: expected KEY=VALUE"))?;
             match key {
@@ -64,6 +74,11 @@ impl Options {
                 "legs" => {
                     response = one_of(key, value, [("known", Response::default()), ("ideal", Response::ideal())])?
                 }
+                "camera" => camera = value.into(),
+                "within" => within = Some(value.parse()?),
+                "gpu" => gpu = Some(value.parse()?),
+                "learner" => learns_on_card = one_of(key, value, [("cpu", false), ("card", true)])?,
+                "latency" | "strength" | "slip" => effects[key] = serde_json::from_str(value)?,
                 "count" | "grain" | "tint" => paints[key] = serde_json::from_str(value)?,
                 _ => settings[key] = serde_json::from_str(value)?,
             }
@@ -79,6 +94,20 @@ impl Options {
             sown,
             is_bare,
             response,
+            effects: serde_json::from_value(effects)?,
+            camera,
+            within,
+            gpu,
+            learns_on_card,
+        })
+    }
+
+    /// How cameras differ, and how they sit.
+    fn spread(&self) -> Fallible<(LensSpread, Rig)> {
+        Ok(match self.camera.as_str() {
+            "wide" => (LensSpread::wide(), Rig::default()),
+            "none" => (LensSpread::none(), Rig::default()),
+            file => measured::camera(&serde_json::from_slice(&std::fs::read(file)?)?, &Rig::default())?,
         })
     }
 
@@ -94,6 +123,36 @@ impl Options {
     }
 }
 
+#[cfg(feature = "gpu")]
+fn gpu(adapter: usize) -> Fallible<qv_nav::card::Gpu> {
+    Ok(qv_nav::card::Gpu::new(&qv_nav::card::GpuOptions { adapter: Some(adapter), ..Default::default() })?)
+}
+
+/// The same eye on the card that was asked for, if any.
+fn placed(eye: SplatEye, options: &Options) -> Fallible<Box<dyn Eye>> {
+    match options.gpu {
+        None => Ok(Box::new(eye)),
+        #[cfg(feature = "gpu")]
+        Some(adapter) => {
+            let eye = qv_nav::card::GpuEye::new(&eye, gpu(adapter)?)?;
+            println!("pictures on {}, {} Gaussians there", eye.adapter(), eye.count());
+            Ok(Box::new(eye))
+        }
+        #[cfg(not(feature = "gpu"))]
+        Some(_) => Err("gpu: expected a build with the feature gpu, found one without".into()),
+    }
+}
+
+/// A student that learns on the card, if that was asked for.
+fn student(options: &Options) -> Fallible<Student> {
+    let student = Student::new(&options.settings)?;
+    #[cfg(feature = "gpu")]
+    if let Some(adapter) = options.gpu.filter(|_| options.learns_on_card) {
+        return Ok(student.on_card(gpu(adapter)?)?);
+    }
+    Ok(student)
+}
+
 /// What a word of two stands for.
 fn one_of<T>(key: &str, word: &str, words: [(&str, T); 2]) -> Fallible<T> {
     let names = words.each_ref().map(|(name, _)| *name);
@@ -105,16 +164,20 @@ fn main() -> Fallible<()> {
     let options = Options::of(std::env::args().skip(1))?;
     let settings = &options.settings;
     println!("{}", serde_json::to_string(settings)?);
-    println!("eye {}, {:?}", if options.is_bare { "bare" } else { "splat" }, options.response);
+    let eye_is = if options.is_bare { "bare" } else { "splat" };
+    println!("eye {eye_is}, {:?}, {:?}, camera {}", options.response, options.effects, options.camera);
     let map = Map::new(&mesh_with(&CRATES), &MapSettings::default())?;
-    let world = World::new(map, Rig::default(), Limits::default());
+    let (spread, rig) = options.spread()?;
+    let world = World::new(map, rig, Limits::default());
     println!("{:?}", world.teacher);
     let [eye, plain] = options.eyes()?;
     println!("{} Gaussians, {} places for cones", eye.count(), world.candidates.len());
+    let (eye, plain) = (placed(eye, &options)?, placed(plain, &options)?);
     let drift = Drift::default();
-    let stage = Stage { world: &world, eye: &eye, spread: LensSpread::wide(), drift, reflex: Reflex::default() };
-    let tested = Stage { world: &world, eye: &plain, spread: LensSpread::wide(), drift, reflex: Reflex::default() };
-    let mut legs = Follower::new(&world.map, settings.robots, HEIGHT).responding(options.response)?;
+    let stage = Stage { world: &world, eye: &*eye, spread, drift, reflex: Reflex::default() };
+    let tested = Stage { eye: &*plain, ..Stage::new(&world, &*plain, spread) };
+    let follower = Follower::new(&world.map, settings.robots, HEIGHT).responding(options.response)?;
+    let mut legs = follower.suffering(options.effects)?;
     let tests = EpisodeSettings::default().draw(&world, options.test, TESTED)?;
     let limits = world.limits;
     show(&tested, "teacher", &mut TeacherPilot { limits }, &mut legs, &tests)?;
@@ -122,12 +185,13 @@ fn main() -> Fallible<()> {
     let held = EpisodeSettings::default().draw(&world, 24, HELD_OUT)?;
     let held = roll(&tested, &mut legs, &held, &mut TeacherPilot { limits }, |_| true, &mut |_| {})?;
     let held: Vec<Record> = held.into_iter().map(|(_, record)| record).collect();
-    let mut student = Student::new(settings)?;
+    let mut student = student(&options)?;
     if let Some(from) = &options.from {
         student.start_from(weights::from_bytes(&std::fs::read(from)?, &student.net)?)?;
     }
-    let clock = Instant::now();
-    for round in 1..=settings.rounds {
+    let (clock, mut round) = (Instant::now(), 0);
+    while round < student.rounds_in_all() {
+        round += 1;
         let (mut driven, began) = (None, Instant::now());
         let told = student.round(&stage, &mut legs, &EpisodeSettings::default(), &mut |p| {
             if p.loss.is_nan() {
@@ -141,8 +205,13 @@ fn main() -> Fallible<()> {
             seconds.1,
             clock.elapsed().as_secs_f64()
         );
+        if let Some(within) = options.within {
+            // The last rounds say best how long one takes.
+            let left = (within - clock.elapsed().as_secs_f64()) / began.elapsed().as_secs_f64();
+            student.end_after(round + left.floor().max(0.0) as usize);
+        }
         println!("    {:.3?}", Fit::of(&student.net, &student.parameters, &held));
-        if round % options.every == 0 || round == settings.rounds {
+        if round % options.every == 0 || round == student.rounds_in_all() {
             let mut pilot = NetPilot::new(&student.net, &student.parameters, settings.robots);
             show(&tested, "student", &mut pilot, &mut legs, &tests)?;
         }

@@ -1,6 +1,6 @@
 //! A student of `learn_in_the_yard` in two worlds, on the same episodes: eye (sown Gaussians, or the yard's ray caster) by legs (those it was
 //! trained on, or weaker, later and slipping ones): `two_worlds WEIGHTS.bin [EPISODES] [SOWN] [RESULTS.json] [NAME=WEIGHTS.bin ...]`, where
-//! `SOWN` is the distance between Gaussians \[m\]. With named students, such as those of trainings that lack a part, it tests them beside the
+//! `SOWN` is the distance between Gaussians \[m\]; with `gpu=N` among the names they are drawn on adapter `N` (feature `gpu`). With named students, such as those of trainings that lack a part, it tests them beside the
 //! first one where something is unknown; p is against the first one in the same world.
 
 mod yard_eye;
@@ -29,7 +29,7 @@ use yard::{Yard, sow};
 const HEIGHT: f64 = 0.3;
 const TESTED: u64 = 777;
 /// Robots at once.
-const ROBOTS: usize = 50;
+const ROBOTS: usize = 100;
 
 type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
 
@@ -91,7 +91,9 @@ fn main() -> Fallible<()> {
     let map = Map::new(&mesh_with(&CRATES), &MapSettings::default())?;
     let world = World::new(map, Rig::default(), Limits::default());
     let yard = Yard::with_crates(&CRATES, Vec::new(), 1);
-    let splat = SplatEye::new(&sow::cloud(&yard, sown));
+    let (adapter, named): (Vec<&String>, Vec<&String>) =
+        arguments.iter().skip(4).partition(|argument| argument.starts_with("gpu="));
+    let splat = placed(SplatEye::new(&sow::cloud(&yard, sown)), adapter.first().map(|gpu| &gpu["gpu=".len()..]))?;
     let rays = FnEye(|shot: &Shot| yard_eye::cast(&yard, shot));
     let (known, hidden, limits) = (Effects::default(), Effects::hidden(), world.limits);
     println!("{count} episodes of seed {TESTED}; hidden effects of the legs: {hidden:?}");
@@ -99,11 +101,11 @@ fn main() -> Fallible<()> {
     let mut bench = Bench { world: &world, reflex: Reflex::default(), episodes, rows: Vec::new() };
     let worlds: [(&str, &dyn Eye, Effects); 4] = [
         ("ray caster, hidden effects", &rays, hidden),
-        ("sown Gaussians, hidden effects", &splat, hidden),
+        ("sown Gaussians, hidden effects", &*splat, hidden),
         ("ray caster, legs of training", &rays, known),
-        ("sown Gaussians, legs of training", &splat, known),
+        ("sown Gaussians, legs of training", &*splat, known),
     ];
-    let others = others(arguments.get(4..).unwrap_or_default(), &net)?;
+    let others = others(&named, &net)?;
     if others.is_empty() {
         one_student(&mut bench, &worlds, &mut NetPilot::new(&net, &parameters, ROBOTS), limits)?;
     } else {
@@ -131,9 +133,26 @@ fn main() -> Fallible<()> {
     Ok(())
 }
 
+/// The eye on an adapter, if one is named.
+#[cfg(feature = "gpu")]
+fn placed(eye: SplatEye, adapter: Option<&str>) -> Fallible<Box<dyn Eye>> {
+    use qv_nav::card::{Gpu, GpuEye, GpuOptions};
+    let Some(adapter) = adapter else { return Ok(Box::new(eye)) };
+    let options = GpuOptions { adapter: Some(adapter.parse()?), ..Default::default() };
+    Ok(Box::new(GpuEye::new(&eye, Gpu::new(&options)?)?))
+}
+
+#[cfg(not(feature = "gpu"))]
+fn placed(eye: SplatEye, adapter: Option<&str>) -> Fallible<Box<dyn Eye>> {
+    match adapter {
+        None => Ok(Box::new(eye)),
+        Some(_) => Err("gpu: expected a build with the feature gpu, found one without".into()),
+    }
+}
+
 /// Students by name.
-fn others(arguments: &[String], net: &Net) -> Fallible<Vec<(String, Vec<f32>)>> {
-    let one = |argument: &String| {
+fn others(arguments: &[&String], net: &Net) -> Fallible<Vec<(String, Vec<f32>)>> {
+    let one = |argument: &&String| {
         let (name, file) = argument.split_once('=').ok_or_else(|| format!("{argument}: expected NAME=WEIGHTS.bin"))?;
         Ok((name.into(), weights::from_bytes(&std::fs::read(file)?, net)?))
     };

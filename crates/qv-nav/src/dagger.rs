@@ -164,6 +164,8 @@ pub struct Student {
     adam: Adam,
     settings: TrainSettings,
     records: Vec<Record>,
+    #[cfg(feature = "gpu")]
+    card: Option<crate::card::GpuLearner>,
     /// Rounds that are behind it.
     pub rounds: usize,
 }
@@ -178,7 +180,26 @@ impl Student {
         let net = Net::default();
         let parameters = net.draw(&mut Xoshiro256PlusPlus::of(settings.seed, 91, 0));
         let adam = Adam::new(net.len());
-        Ok(Self { net, parameters, adam, settings: settings.clone(), records: Vec::new(), rounds: 0 })
+        Ok(Self {
+            net,
+            parameters,
+            adam,
+            settings: settings.clone(),
+            records: Vec::new(),
+            #[cfg(feature = "gpu")]
+            card: None,
+            rounds: 0,
+        })
+    }
+
+    /// The same, learning on a graphics card. It drives on the CPU.
+    ///
+    /// # Errors
+    /// When the card has no room, or refuses a shader.
+    #[cfg(feature = "gpu")]
+    pub fn on_card(self, gpu: crate::card::Gpu) -> Result<Self, NavError> {
+        let card = Some(crate::card::GpuLearner::new(gpu, &self.net, &self.settings)?);
+        Ok(Self { card, ..self })
     }
 
     /// Goes on from the numbers of an earlier training, of which nothing else is kept.
@@ -196,6 +217,17 @@ impl Student {
     /// Decisions gathered.
     pub fn frames(&self) -> usize {
         self.records.iter().map(Record::len).sum()
+    }
+
+    /// Rounds that the training has in all.
+    pub fn rounds_in_all(&self) -> usize {
+        self.settings.rounds
+    }
+
+    /// Ends the training after another number of rounds, for one that has a time; the learning rate falls accordingly. It is at least as many
+    /// as are behind it.
+    pub fn end_after(&mut self, rounds: usize) {
+        self.settings.rounds = rounds.max(self.rounds);
     }
 
     /// One round: drives until enough is gathered, then learns. `tell` hears how far it is.
@@ -273,10 +305,20 @@ impl Student {
             decisions += if within { self.records[k].len() } else { 0 };
             within
         });
+        let (rounds, epochs) = (self.rounds as f32, settings.epochs_of(self.rounds) as f32);
+        let rate = |count: usize| {
+            let within = (epoch as f32 + count as f32 / decisions.max(1) as f32) / epochs;
+            settings.rate_at((rounds + within) / settings.rounds as f32)
+        };
+        let mut queue = order.into_iter().map(|record| (record, settings.changes.draw(&mut random)));
+        #[cfg(feature = "gpu")]
+        if let Some(card) = &mut self.card {
+            let (sum, count) = card.epoch(&self.records, &mut queue, &settings, rate, &mut self.parameters)?;
+            return Ok(sum / count.max(1) as f64);
+        }
         let mut shards: Vec<Shard> = (0..SHARDS.min(settings.batch))
             .map(|s| Shard::new(&self.net, (s..settings.batch).step_by(SHARDS).count()))
             .collect();
-        let mut queue = order.into_iter().map(|record| (record, settings.changes.draw(&mut random)));
         let (mut sum, mut count) = (0.0, 0);
         loop {
             // Lane by lane over all shards, so that the last episodes are spread over them.
@@ -287,10 +329,7 @@ impl Student {
             if shards.iter().all(Shard::is_idle) {
                 break;
             }
-            let within =
-                (epoch as f32 + count as f32 / decisions.max(1) as f32) / settings.epochs_of(self.rounds) as f32;
-            let rate = settings.rate_at((self.rounds as f32 + within) / settings.rounds as f32);
-            let (loss, samples) = self.step(&mut shards, rate)?;
+            let (loss, samples) = self.step(&mut shards, rate(count))?;
             (sum, count) = (sum + loss, count + samples);
         }
         Ok(sum / count.max(1) as f64)
@@ -541,6 +580,33 @@ mod tests {
         assert!(train(3).1 == parameters, "the same bits on three threads");
     }
 
+    #[cfg(feature = "gpu")]
+    #[test]
+    fn the_card_learns_what_the_cpu_learns() {
+        let gpu = match crate::card::Gpu::new(&Default::default()) {
+            Ok(gpu) => gpu,
+            Err(why) => return crate::skipped::skipped(why),
+        };
+        println!("{}", gpu.info.name);
+        let settings = TrainSettings { rounds: 1, batch: 2, truncated: 3, ..Default::default() };
+        let student = || {
+            let mut student = Student::new(&settings).unwrap();
+            // Some end within a stretch, and the lanes end at different times.
+            student.add((0..4).map(|k| made_up(k, 2 + 2 * k as usize)));
+            student
+        };
+        let (mut cpu, mut card) = (student(), student().on_card(gpu).unwrap());
+        let before = cpu.parameters.clone();
+        for epoch in 0..2 {
+            let losses = [cpu.epoch(epoch).unwrap(), card.epoch(epoch).unwrap()];
+            let moved: f64 = cpu.parameters.iter().zip(&before).map(|(a, b)| f64::from(a - b).powi(2)).sum();
+            let apart: f64 = cpu.parameters.iter().zip(&card.parameters).map(|(a, b)| f64::from(a - b).powi(2)).sum();
+            println!("losses {losses:?}, apart {:e} of {:e}", apart.sqrt(), moved.sqrt());
+            assert!((losses[0] / losses[1] - 1.0).abs() < 1e-3, "{losses:?}");
+            assert!(apart < 1e-3 * moved, "{apart} of {moved}");
+        }
+    }
+
     #[test]
     fn lanes_and_stretches_do_not_change_what_is_learnt_from() {
         // At a rate that moves nothing, the mean loss is that of whole episodes from an empty memory, however they are cut.
@@ -555,6 +621,16 @@ mod tests {
         for (batch, truncated) in [(1, 100), (2, 7), (20, 3), (9, 1)] {
             let cut = loss_of(batch, truncated);
             assert!((cut / whole - 1.0).abs() < 1e-3, "{batch} lanes of {truncated}: {cut} for {whole}");
+        }
+    }
+
+    #[test]
+    fn a_training_can_end_sooner_but_not_in_the_past() {
+        let mut student = Student::new(&TrainSettings::default()).unwrap();
+        student.rounds = 5;
+        for (wanted, expected) in [(9, 9), (2, 5)] {
+            student.end_after(wanted);
+            assert_eq!(student.rounds_in_all(), expected);
         }
     }
 

@@ -7,6 +7,7 @@ use glam::{DMat3, DQuat, DVec3};
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_core::{Camera, GaussianCloud, Pose};
 use qv_raster::{Scene, Settings, View, render};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
@@ -35,7 +36,7 @@ pub struct FnEye<F>(pub F);
 
 impl<F: Fn(&Shot) -> Vec<f32> + Sync> Eye for FnEye<F> {
     fn look(&self, shots: &[Shot]) -> Result<Vec<Vec<f32>>, NavError> {
-        Ok(shots.iter().map(&self.0).collect())
+        Ok(shots.par_iter().map(&self.0).collect())
     }
 }
 
@@ -121,8 +122,19 @@ impl SplatEye {
         self.clouds[0].len()
     }
 
+    /// The place in its paints, cones behind it, and the group of each Gaussian.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn parts(&self) -> (&[GaussianCloud], &[u32]) {
+        (&self.clouds, &self.group_of)
+    }
+
+    /// Which of some paints the episode of a shot has.
+    pub(crate) fn paint_of(shot: &Shot, paints: usize) -> usize {
+        (shot.seed >> 8) as usize % paints
+    }
+
     /// Poses of the cones by group.
-    fn groups(cones: &[Cone]) -> Vec<Option<Pose>> {
+    pub(crate) fn groups(cones: &[Cone]) -> Vec<Option<Pose>> {
         let mut groups = vec![None; COLOURS.len() * LOOKS.len()];
         for cone in cones {
             let rotation = DQuat::from_rotation_z(cone.turn);
@@ -137,8 +149,8 @@ impl Eye for SplatEye {
     fn look(&self, shots: &[Shot]) -> Result<Vec<Vec<f32>>, NavError> {
         let mut out = vec![Vec::new(); shots.len()];
         for (k, cloud) in self.clouds.iter().enumerate() {
-            let paint = |seed: u64| (seed >> 8) as usize % self.clouds.len();
-            let chosen: Vec<usize> = (0..shots.len()).filter(|&s| paint(shots[s].seed) == k).collect();
+            let has = |s: &usize| Self::paint_of(&shots[*s], self.clouds.len()) == k;
+            let chosen: Vec<usize> = (0..shots.len()).filter(has).collect();
             if chosen.is_empty() {
                 continue;
             }
@@ -146,8 +158,7 @@ impl Eye for SplatEye {
             let scene = Scene { cloud, group_of: &self.group_of, environments: &environments };
             let view = |(environment, &s): (usize, &usize)| View { camera: finer(&shots[s].camera), environment };
             let views: Vec<View> = chosen.iter().enumerate().map(view).collect();
-            // Sky, where nothing is: what reconstructions leave empty is most often that.
-            let settings = Settings { background: [0.75, 0.82, 0.9], ..Default::default() };
+            let settings = Settings { background: SKY, ..Default::default() };
             let (images, _) = render(&scene, &views, &settings)?;
             for (s, image) in chosen.into_iter().zip(images) {
                 out[s] = averaged(&image.colour, shots[s].camera.width as usize);
@@ -157,11 +168,14 @@ impl Eye for SplatEye {
     }
 }
 
+/// Sky, where nothing is: what reconstructions leave empty is most often that.
+pub(crate) const SKY: [f32; 3] = [0.75, 0.82, 0.9];
+
 /// Rays of a pixel along rows and columns: a pixel of a camera is a mean over its area, and drawing widens a Gaussian by half a pixel.
 const FINER: usize = 2;
 
 /// The same camera with more pixels.
-fn finer(camera: &Camera) -> Camera {
+pub(crate) fn finer(camera: &Camera) -> Camera {
     let factor = FINER as f64;
     Camera {
         width: camera.width * FINER as u32,
@@ -183,6 +197,21 @@ fn averaged(picture: &[f32], width: usize) -> Vec<f32> {
             let first = k / 3 * 3 * FINER + k % 3;
             let square = (0..FINER * FINER).map(|j| rows[j / FINER * row + first + j % FINER * 3]);
             out.push(square.sum::<f32>() / (FINER * FINER) as f32);
+        }
+    }
+    out
+}
+
+/// The same of a picture of bytes with four channels, of which the last is left out.
+#[cfg(feature = "gpu")]
+pub(crate) fn averaged_bytes(picture: &[u8], width: usize) -> Vec<f32> {
+    let row = 4 * width * FINER;
+    let mut out = Vec::with_capacity(picture.len() * 3 / (4 * FINER * FINER));
+    for rows in picture.chunks_exact(row * FINER) {
+        for k in 0..3 * width {
+            let first = k / 3 * 4 * FINER + k % 3;
+            let square = (0..FINER * FINER).map(|j| u32::from(rows[j / FINER * row + first + j % FINER * 4]));
+            out.push(square.sum::<u32>() as f32 / (255 * FINER * FINER) as f32);
         }
     }
     out

@@ -9,6 +9,8 @@ pub use {glam, qv_core};
 
 pub mod augment;
 pub mod bare;
+#[cfg(feature = "gpu")]
+pub mod card;
 pub mod dagger;
 pub mod env;
 mod error;
@@ -34,5 +36,9 @@ pub mod task;
 pub mod teacher;
 pub mod walkers;
 pub mod weights;
+
+#[cfg(all(test, feature = "gpu"))]
+#[path = "../../../fixtures/skipped.rs"]
+mod skipped;
 
 pub use error::NavError;

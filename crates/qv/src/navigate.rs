@@ -11,7 +11,7 @@ use base64::engine::general_purpose::STANDARD;
 use image::ImageEncoder as _;
 use page::{FromAbove, Results, Strip, Tested};
 use qv_nav::dagger::{Student, TrainSettings};
-use qv_nav::eye::{Paints, SplatEye};
+use qv_nav::eye::{Eye, Paints, SplatEye};
 use qv_nav::legs::Follower;
 use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
@@ -138,6 +138,14 @@ struct Train {
     /// One line of JSON at the end instead of the summary
     #[arg(long)]
     json: bool,
+    /// Draws and learns on the graphics card
+    #[cfg(feature = "gpu")]
+    #[arg(long)]
+    gpu: bool,
+    /// Which card, where there are several, from 0
+    #[cfg(feature = "gpu")]
+    #[arg(long, value_name = "N", requires = "gpu")]
+    gpu_index: Option<usize>,
 }
 
 #[derive(clap::Args)]
@@ -240,9 +248,9 @@ impl Train {
             ..usual
         };
         let episodes = self.place.episodes();
-        let stage = Stage::new(&world, &eye, camera);
+        let (eye, mut student) = self.placed(eye, Student::new(&settings)?)?;
+        let stage = Stage::new(&world, &*eye, camera);
         let mut legs = Follower::new(&world.map, settings.robots, HEIGHT);
-        let mut student = Student::new(&settings)?;
         let (stages, mut metrics) = (Stages::new(), Vec::new());
         for round in 0..self.rounds {
             let share = round as f64 / self.rounds as f64;
@@ -269,6 +277,25 @@ impl Train {
         }
         say(&format!("{} decisions in {} rounds; written to {}\n", student.frames(), self.rounds, self.out.display()))?;
         Ok(Outcome::Done)
+    }
+}
+
+impl Train {
+    /// Eye and student on the card, where that was asked for.
+    #[cfg(feature = "gpu")]
+    fn placed(&self, eye: SplatEye, student: Student) -> Result<(Box<dyn Eye>, Student), Failure> {
+        use qv_nav::card::{Gpu, GpuEye, GpuOptions};
+        if !self.gpu {
+            return Ok((Box::new(eye), student));
+        }
+        // Each has a device of its own: neither waits for what the other has submitted.
+        let gpu = || Gpu::new(&GpuOptions { adapter: self.gpu_index, ..Default::default() });
+        Ok((Box::new(GpuEye::new(&eye, gpu()?)?), student.on_card(gpu()?)?))
+    }
+
+    #[cfg(not(feature = "gpu"))]
+    fn placed(&self, eye: SplatEye, student: Student) -> Result<(Box<dyn Eye>, Student), Failure> {
+        Ok((Box::new(eye), student))
     }
 }
 

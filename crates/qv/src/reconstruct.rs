@@ -24,7 +24,7 @@ use qv_splat::train::guide::Guide;
 use qv_splat::train::{
     AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Ground, GroundOptions, Model, Photograph, ReadOptions,
     Score, Strategy, TrainOptions, Weights, at_depths, at_far, at_random, cameras, checkpoint, clear, drawn,
-    ground_scores, neighbours_scores, of_points, pose, scores, train,
+    ground_scores, growing, neighbours_scores, of_points, pose, scores, train,
 };
 use qv_splat::{SplatError, error_at};
 use serde_json::{Value, json};
@@ -185,6 +185,9 @@ pub struct Reconstruct {
     /// Leaves up to this share of the Gaussians out of each step, at random: fewer photographs are learned by heart
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     drop: f32,
+    /// Learns from photographs of half the size for this share of the steps, of a quarter for its square, and so on
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = crate::numbers::share)]
+    small: f64,
     /// Makes a scene whose small images are right, too: Gaussians no finer than what photographs sample, drawn with anti-aliasing (Mip-Splatting)
     #[arg(long)]
     antialias: bool,
@@ -275,20 +278,10 @@ impl Reconstruct {
             TrainOptions { iterations: searched.as_ref().map_or(options.iterations, |found| found.steps), ..options };
         let search_s = clock.elapsed().as_secs_f64();
         run.iterations = options.iterations;
-        let mut engine = self.engine(&dataset, &options, model)?;
         let clock = Instant::now();
-        let trained = train(
-            engine.as_mut(),
-            dataset.training.len(),
-            options.iterations,
-            options.seed,
-            REPORT_EVERY,
-            &mut |engine, at| run.watch(engine, at).map_err(|e| error_at("training", "files", &e.to_string())),
-        );
-        let finished = trained.or_else(|error| self.rescue(std::mem::take(&mut run.best), &dataset, error))?;
+        let (mut model, finished) = self.train(&dataset, &options, model, &mut run)?;
         // A stop that comes later finds training done.
         let is_stopped = !finished && run.is_stopped();
-        let mut model = engine.model()?;
         let train_s = clock.elapsed().as_secs_f64();
         bar.begin(stages, stages, "scores", Some(TRAINING[1]));
         let clock = Instant::now();
@@ -506,6 +499,33 @@ impl Reconstruct {
             cloud.features = vec![0.0; most * cloud.len()];
         }
         Ok((Model::new(cloud, dataset), opened.points.is_some()))
+    }
+
+    /// Trains on photographs that grow; the model, and whether all steps were taken.
+    fn train(
+        &self,
+        dataset: &Dataset,
+        options: &TrainOptions,
+        mut model: Model,
+        run: &mut Run,
+    ) -> Result<(Model, bool), Failure> {
+        for (factor, until) in growing::stages(dataset, options.iterations, self.small) {
+            if model.iteration >= until && factor > 1 {
+                continue;
+            }
+            let small = (factor > 1).then(|| dataset.smaller(factor));
+            let mut engine = self.engine(small.as_ref().unwrap_or(dataset), options, model)?;
+            let trained =
+                train(engine.as_mut(), dataset.training.len(), until, options.seed, REPORT_EVERY, &mut |engine, at| {
+                    run.watch(engine, at).map_err(|e| error_at("training", "files", &e.to_string()))
+                });
+            let finished = trained.or_else(|error| self.rescue(std::mem::take(&mut run.best), dataset, error))?;
+            model = engine.model()?;
+            if !finished {
+                return Ok((model, false));
+            }
+        }
+        Ok((model, true))
     }
 
     fn judge_every(&self) -> u32 {

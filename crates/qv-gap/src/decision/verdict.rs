@@ -174,10 +174,12 @@ impl Case<'_> {
         let nearly_all = after < policy.nearly_all * before && now < policy.unexplained_beside;
         let is_local = self.accused().any(|c| c.extent.is_some());
         let closed = match &self.evidence.corrected {
-            Some(corrected) if self.evidence.is_free && !is_local => corrected.closed.share,
+            Some(corrected) if !is_local => corrected.closed.share,
             _ => 0.0,
         };
-        if nearly_all || (closed > policy.mostly_closed && now < policy.unexplained_beside) {
+        // No stumble leaves a level of its own in a robot that is held, but what its joints lack does.
+        let beside = if self.evidence.is_free { policy.unexplained_beside } else { policy.quiet_enough };
+        if nearly_all || (closed > policy.mostly_closed && now < beside) {
             Verdict::PartlyExplained
         } else {
             Verdict::Unexplained

@@ -19,6 +19,7 @@ pub mod filter;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 mod ground;
+pub mod growing;
 pub mod guide;
 pub mod loss;
 pub mod mcmc;

@@ -1,0 +1,161 @@
+//! The eye of [`SplatEye`] on a graphics card: all robots' pictures of a moment in one batch.
+
+use crate::NavError;
+use crate::eye::{Eye, SKY, Shot, SplatEye, averaged_bytes, finer};
+use qv_core::{GaussianCloud, Pose};
+use qv_raster::gpu::{Gpu, GpuCloud, GpuRasteriser, GpuSettings};
+use qv_raster::{RasterError, Scene, Settings, View};
+use rayon::prelude::*;
+use std::sync::{Mutex, PoisonError};
+
+/// Draws what a [`SplatEye`] draws. All paints of a place lie in one cloud: each is a group that does not move and that is there in the episodes
+/// which have this paint. So one batch has room for robots of all paints.
+pub struct GpuEye {
+    cloud: GaussianCloud,
+    group_of: Vec<u32>,
+    /// Groups of cones, which come first.
+    cones: usize,
+    paints: usize,
+    card: Mutex<(GpuRasteriser, GpuCloud)>,
+}
+
+impl GpuEye {
+    /// Copies an eye to a card.
+    ///
+    /// # Errors
+    /// The clouds are too large for the device.
+    pub fn new(eye: &SplatEye, gpu: Gpu) -> Result<Self, NavError> {
+        let (clouds, groups) = eye.parts();
+        let still = groups.iter().position(|group| *group > 0).unwrap_or(groups.len());
+        let cones = groups.last().map_or(0, |last| *last as usize);
+        let (mut cloud, mut group_of) = (part(&clouds[0], still..groups.len()), groups[still..].to_vec());
+        for (k, paint) in clouds.iter().enumerate() {
+            append(&mut cloud, &part(paint, 0..still));
+            group_of.extend(std::iter::repeat_n((1 + cones + k) as u32, still));
+        }
+        let environments = [vec![None; cones + clouds.len()]];
+        let scene = Scene { cloud: &cloud, group_of: &group_of, environments: &environments };
+        let copy = GpuCloud::new(&gpu, &scene)?;
+        let card = Mutex::new((GpuRasteriser::new(gpu), copy));
+        let paints = clouds.len();
+        Ok(Self { cloud, group_of, cones, paints, card })
+    }
+
+    /// Gaussians on the card: those of all paints and of the cones.
+    pub fn count(&self) -> usize {
+        self.cloud.len()
+    }
+
+    /// What the adapter is called.
+    pub fn adapter(&self) -> String {
+        let card = self.card.lock().unwrap_or_else(PoisonError::into_inner);
+        card.0.gpu.info.name.clone()
+    }
+
+    /// Poses of the cones and of the paints, by group.
+    fn groups(&self, shot: &Shot) -> Vec<Option<Pose>> {
+        let mut groups = SplatEye::groups(&shot.cones);
+        groups.resize(self.cones + self.paints, None);
+        groups[self.cones + SplatEye::paint_of(shot, self.paints)] = Some(Pose::IDENTITY);
+        groups
+    }
+}
+
+impl Eye for GpuEye {
+    fn look(&self, shots: &[Shot]) -> Result<Vec<Vec<f32>>, NavError> {
+        if shots.is_empty() {
+            return Ok(Vec::new());
+        }
+        let environments: Vec<_> = shots.iter().map(|shot| self.groups(shot)).collect();
+        let scene = Scene { cloud: &self.cloud, group_of: &self.group_of, environments: &environments };
+        let view = |(environment, shot): (usize, &Shot)| View { camera: finer(&shot.camera), environment };
+        let views: Vec<View> = shots.iter().enumerate().map(view).collect();
+        let settings = Settings { background: SKY, ..Default::default() };
+        let how = GpuSettings { bytes: true, ..Default::default() };
+        let mut card = self.card.lock().unwrap_or_else(PoisonError::into_inner);
+        let (rasteriser, copy) = &mut *card;
+        let mut out = vec![Vec::new(); shots.len()];
+        rasteriser.render_all(copy, &scene, &views, &settings, &how, |first, images, _| {
+            let bytes = images.read_bytes()?;
+            let mut rest = &bytes[..];
+            let mut pictures = Vec::new();
+            for view in &views[first..] {
+                let Some((picture, after)) = rest.split_at_checked(4 * view.camera.pixels()) else { break };
+                pictures.push(picture);
+                rest = after;
+            }
+            let widths = shots[first..].iter().map(|shot| shot.camera.width as usize);
+            let jobs: Vec<_> = out[first..].iter_mut().zip(pictures).zip(widths).collect();
+            jobs.into_par_iter().for_each(|((out, picture), width)| *out = averaged_bytes(picture, width));
+            Ok::<(), RasterError>(())
+        })?;
+        Ok(out)
+    }
+}
+
+/// Some Gaussians of a cloud.
+fn part(cloud: &GaussianCloud, range: std::ops::Range<usize>) -> GaussianCloud {
+    let (bands, features) = (cloud.sh_count(), cloud.feature_count);
+    GaussianCloud {
+        means: cloud.means[range.clone()].to_vec(),
+        log_scales: cloud.log_scales[range.clone()].to_vec(),
+        rotations: cloud.rotations[range.clone()].to_vec(),
+        opacity_logits: cloud.opacity_logits[range.clone()].to_vec(),
+        sh: cloud.sh[bands * range.start..bands * range.end].to_vec(),
+        features: cloud.features[features * range.start..features * range.end].to_vec(),
+        ..cloud.clone()
+    }
+}
+
+/// Adds the Gaussians of a cloud of the same kind.
+fn append(cloud: &mut GaussianCloud, other: &GaussianCloud) {
+    cloud.means.extend_from_slice(&other.means);
+    cloud.log_scales.extend_from_slice(&other.log_scales);
+    cloud.rotations.extend_from_slice(&other.rotations);
+    cloud.opacity_logits.extend_from_slice(&other.opacity_logits);
+    cloud.sh.extend_from_slice(&other.sh);
+    cloud.features.extend_from_slice(&other.features);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bare::Bare;
+    use crate::sight::{Cone, Rig};
+    use qv_core::TriangleMesh;
+    use qv_core::glam::DVec3;
+
+    #[test]
+    fn it_sees_what_the_eye_on_the_cpu_sees() {
+        let gpu = match Gpu::new(&Default::default()) {
+            Ok(gpu) => gpu,
+            Err(why) => return crate::skipped::skipped(why),
+        };
+        let floor = [(-4.0, -4.0), (4.0, -4.0), (4.0, 4.0), (-4.0, 4.0)].map(|(x, y)| DVec3::new(x, y, 0.0));
+        let wall = [(4.0, 0.0), (-4.0, 0.0), (-4.0, 2.0), (4.0, 2.0)].map(|(y, z)| DVec3::new(3.0, y, z));
+        let triangles = vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]];
+        let place = TriangleMesh { vertices: [floor, wall].concat(), triangles, ..Default::default() };
+        let cpu = SplatEye::bare(&place, &Bare { spacing: 0.1, paints: 3 }, 7).unwrap();
+        let card = GpuEye::new(&cpu, gpu).unwrap();
+        let shot = |k: u64| {
+            let base = Pose::from_xyz_rpy([0.1 * k as f64, 0.0, 0.3], [0.0, 0.0, 0.2 * k as f64]);
+            let cone = |colour, x| Cone { place: [x, 0.2, 0.0], height: 0.45, colour, look: k as usize, turn: 0.3 };
+            let cones = (0..k as usize % 4).map(|c| cone(c, 1.2 + 0.5 * c as f64)).collect();
+            Shot { camera: Rig::default().camera(&base), cones, seed: k << 8 }
+        };
+        let shots: Vec<Shot> = (0..7).map(shot).collect();
+        // Another number of shots after the first batch, as when episodes end.
+        for shots in [&shots[..], &shots[2..5], &[]] {
+            let (expected, found) = (cpu.look(shots).unwrap(), card.look(shots).unwrap());
+            assert_eq!(expected.len(), found.len());
+            let off = expected.iter().flatten().zip(found.iter().flatten()).map(|(a, b)| (a.clamp(0.0, 1.0) - b).abs());
+            let off: Vec<f32> = off.collect();
+            let (mean, most) =
+                (off.iter().sum::<f32>() / off.len().max(1) as f32, off.iter().fold(0.0, |m: f32, x| m.max(*x)));
+            println!("{} on {}: mean difference {mean:e}, greatest {most}", shots.len(), card.adapter());
+            assert_eq!(off.len(), shots.len() * 80 * 60 * 3);
+            // Bytes are rounded before four of them are averaged.
+            assert!(mean < 1.5e-3 && most < 0.02, "{mean} {most}");
+        }
+    }
+}
