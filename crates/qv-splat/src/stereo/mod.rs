@@ -63,7 +63,7 @@ impl Default for StereoOptions {
             small_jump: 0.08,
             large_jump: 0.4,
             edge: 0.04,
-            least_ncc: 0.5,
+            least_ncc: 0.3,
             agreeing: 2,
             within: 1.0,
         }
