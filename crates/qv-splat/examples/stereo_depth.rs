@@ -1,6 +1,8 @@
 //! How depth from several photographs compares with depth that was measured: `stereo_depth CAPTURE [CAMERAS.json] [OPTION=VALUE ...]` forgets the depth
 //! of a capture, measures it from the photographs, and tells how far both are from each other. CAPTURE is a folder with `transforms.json` or of
-//! RGB-D frames as 7-Scenes has them; CAMERAS.json, as `qv reconstruct --poses colmap` writes it, has other poses.
+//! RGB-D frames as 7-Scenes has them; CAMERAS.json, as `qv reconstruct --poses colmap` writes it, has other poses, for photographs whose lens does
+//! not distort.
+//! OPTION is a field of `StereoOptions`, `hold_out=N`, or `depths=DIR`: a capture with the measured depths is written there.
 
 use qv_splat::captures::{Capture, CaptureCamera, cameras_json, nerfstudio, rgbd};
 use qv_splat::error_at;

@@ -118,12 +118,6 @@ fn depth_of_planes_is_measured_and_that_of_what_is_plain_is_not() {
     off.sort_by(f32::total_cmp);
     let share = off.len() as f64 / f64::from(known);
     let (median, most) = (off[off.len() / 2], off[off.len() * 95 / 100]);
-    println!(
-        "{:.1} % measured, off by {:.2} % in the median, 95 % within {:.2} %; plain {plain:?}",
-        100.0 * share,
-        100.0 * median,
-        100.0 * most
-    );
     assert!(share > 0.8, "{share}");
     assert!(median < 0.004 && most < 0.03, "{median}, {most}");
     assert!(plain[0] > 100 && 20 * plain[1] < plain[0], "{plain:?}");
@@ -157,8 +151,7 @@ fn without_points_the_extent_of_the_cameras_gives_the_range() {
     let told = measure(&mut dataset, None, &StereoOptions::default(), &SILENT).unwrap();
     let both = dataset.training[2].depth.iter().zip(&truth[2]).filter(|(z, _)| **z > 0.0);
     let near = both.clone().filter(|(z, known)| (*z - *known).abs() < 0.03 * *known).count();
-    println!("{told:?}, {near} of {}", both.clone().count());
-    assert!(told.share > 0.3 && 10 * near > 9 * both.count(), "{told:?}");
+    assert!(told.share > 0.3 && 10 * near > 9 * both.count(), "{told:?}, {near}");
 }
 
 #[test]

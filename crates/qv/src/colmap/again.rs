@@ -93,7 +93,12 @@ pub fn better_poses(path: &Path, opened: OpenCapture, folder: &Path) -> Result<C
     };
     let explain = [placed.given_explain, placed.found_explain];
     match choice(&placed) {
-        Choice::Given(why) => Ok(Chosen { explain, ..Chosen::given(opened, why) }),
+        Choice::Given(why) => {
+            // What was found is remembered; copies of the photographs are of no more use.
+            fs::remove_dir_all(folder.join("images")).ok();
+            fs::remove_file(folder.join("database.db")).ok();
+            Ok(Chosen { explain, ..Chosen::given(opened, why) })
+        }
         Choice::Found(why) => with_found(path, opened, folder, &placed, why),
     }
 }
