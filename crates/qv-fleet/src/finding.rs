@@ -72,9 +72,15 @@ fn interval(value: &Value) -> Option<[f64; 2]> {
     Some([value[0].as_f64()?, value[1].as_f64()?])
 }
 
+/// What is a property of one recording, not of its robot: when something acted, in that recording's time.
+const OF_A_RECORDING: [&str; 3] = ["start", "end", "duration"];
+
 fn diagnosis(report: &Value) -> Finding {
     let causes = items(&report["causes"]);
     let size = |cause: &Value, parameter: &Value| {
+        if OF_A_RECORDING.iter().any(|name| parameter["name"] == *name) {
+            return None;
+        }
         let scope: Vec<String> = items(&cause["scope"]).iter().map(text).collect();
         Some(Size {
             cause: text(&cause["effect"]),

@@ -6,7 +6,7 @@ use crate::plan::{Command, Plan, Refused, Repeated, Unit};
 use crate::state::Kind;
 use serde::Serialize;
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// What the file says of its own form.
 const FORMAT: &str = "qv-fleet/1";
@@ -291,7 +291,7 @@ fn sizes(plan: &Plan, lines: &[Line]) -> Vec<SizeOf> {
                 scope: scope.clone(),
                 parameter: parameter.clone(),
                 unit: unit.clone(),
-                units: found.len(),
+                units: found.iter().map(|(k, _)| k).collect::<BTreeSet<_>>().len(),
                 mean,
                 per_day,
                 drifts: per_day.is_some_and(|slope| !slope.may_be_zero()),

@@ -1,5 +1,7 @@
 //! The law of motors against recorded torques, where a setting of the simulator says what was recorded, and what a diagnosis makes of it.
 
+mod two_links;
+
 use qv_core::random::SplitMix64;
 use qv_gap::inference::linearised::NullOptions;
 use qv_gap::problem::{Overrides, Problem, WindowOptions};
@@ -8,26 +10,14 @@ use qv_gap::rollout::actuator_model::{Alignment, concerns, residual};
 use qv_gap::rollout::windows::compare;
 use qv_gap::{Options, diagnose};
 use qv_replay::Run;
-use qv_sim::{BaseKind, Batch, JointCommand, Model, ModelOptions, SimOptions, Terrain};
+use qv_replay::faults::examine;
+use qv_replay::run::FaultKind;
+use qv_sim::{Batch, JointCommand, SimOptions, Terrain};
 use std::fmt::Write;
-
-const ARM: &str = r#"<robot name="arm">
-<link name="bench"/>
-<link name="upper"><inertial><origin xyz="0 0 -0.15"/><mass value="0.6"/><inertia ixx="0.004" iyy="0.004" izz="0.0005" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="lower"><inertial><origin xyz="0 0 -0.12"/><mass value="0.4"/><inertia ixx="0.002" iyy="0.002" izz="0.0003" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="shoulder" type="revolute"><parent link="bench"/><child link="upper"/><origin xyz="0 0 1"/><axis xyz="0 1 0"/><limit lower="-9" upper="9" effort="50" velocity="50"/></joint>
-<joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0 0 -0.3"/><axis xyz="0 1 0"/><limit lower="-9" upper="9" effort="50" velocity="50"/></joint>
-</robot>"#;
-
-const SETTINGS: &str =
-    "robot = \"arm.urdf\"\nbase = \"fixed\"\n[actuator]\nkind = \"pd\"\nkp = 12.0\nkd = 0.4\ntau_max = 20.0\n";
+use two_links::{ARM, SETTINGS, model};
 
 /// When the clock of the recorder stood as the run began \[s\].
 const BEGINS: f64 = 100.0;
-
-fn model() -> Model {
-    Model::from_urdf(ARM, &ModelOptions { base: BaseKind::Fixed, ..Default::default() }).unwrap()
-}
 
 /// Twelve seconds of positions, speeds and torques at 500 Hz, with so many times the noise of good sensors.
 fn recorded(set: &[(&str, f64)], noise: f64) -> Run {
@@ -80,6 +70,15 @@ fn left(set: &[(&str, f64)]) -> [[f64; 2]; 2] {
     let positions = 2 * problem.cut.bins();
     let of = |k: usize| rms(motion.values[k].iter().flat_map(|features| features[..positions].iter().copied()));
     [[law(&settings[0]), law(&settings[1])], [of(0), of(1)]]
+}
+
+#[test]
+fn without_recorded_velocities_the_law_has_its_damping() {
+    let mut run = recorded(&[], 1.0);
+    run.measured.velocity = None;
+    run.faults.clear();
+    examine(&mut run, None);
+    assert!(run.faults.iter().all(|fault| fault.kind != FaultKind::Convention), "{:?}", run.faults);
 }
 
 #[test]

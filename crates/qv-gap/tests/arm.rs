@@ -1,31 +1,19 @@
 //! Recordings of a simulated arm whose cause is known, through the whole diagnosis.
 
+mod two_links;
+
 use qv_gap::decision::Policy;
 use qv_gap::report::{Report, Verdict};
 use qv_gap::{Options, diagnose};
 use qv_replay::Run;
 use qv_replay::replay::find_gains;
 use qv_replay::run::Known;
-use qv_sim::{BaseKind, Batch, JointCommand, Model, ModelOptions, SimOptions, Terrain};
+use qv_sim::{Batch, JointCommand, SimOptions, Terrain};
 use std::fmt::Write;
-
-const ARM: &str = r#"<robot name="arm">
-<link name="bench"/>
-<link name="upper"><inertial><origin xyz="0 0 -0.15"/><mass value="0.6"/><inertia ixx="0.004" iyy="0.004" izz="0.0005" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="lower"><inertial><origin xyz="0 0 -0.12"/><mass value="0.4"/><inertia ixx="0.002" iyy="0.002" izz="0.0003" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="shoulder" type="revolute"><parent link="bench"/><child link="upper"/><origin xyz="0 0 1"/><axis xyz="0 1 0"/><limit lower="-9" upper="9" effort="50" velocity="50"/></joint>
-<joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0 0 -0.3"/><axis xyz="0 1 0"/><limit lower="-9" upper="9" effort="50" velocity="50"/></joint>
-</robot>"#;
-
-const SETTINGS: &str =
-    "robot = \"arm.urdf\"\nbase = \"fixed\"\n[actuator]\nkind = \"pd\"\nkp = 12.0\nkd = 0.4\ntau_max = 20.0\n";
+use two_links::{ARM, SETTINGS, model};
 
 /// From, until \[s\], and torque on the elbow \[N m\].
 type Push = (f64, f64, f64);
-
-fn model() -> Model {
-    Model::from_urdf(ARM, &ModelOptions { base: BaseKind::Fixed, ..Default::default() }).unwrap()
-}
 
 /// Twelve seconds at 500 Hz of slow swings, positions with an encoder's noise.
 fn recorded(parameters: &[(&str, f64)], pushes: &[Push], seed: u64) -> Run {

@@ -25,8 +25,9 @@ mod recording;
 mod robot;
 
 pub use recording::{
-    Reading, bag_files, description_of, file_error, included, lost_from, mapping_of, model_named, model_of, open_run,
-    parameters, parameters_of, read_model, read_urdf, run_of_table, told_of, urdf_beside, urdf_of, write_error,
+    Reading, bag_files, beyond_range, description_of, file_error, included, lost_from, mapping_of, model_named,
+    model_of, open_run, parameters, parameters_of, read_model, read_urdf, run_of_table, told_of, urdf_beside, urdf_of,
+    write_error,
 };
 pub use robot::robot_model;
 

@@ -334,6 +334,7 @@ pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, Re
         told.push(format!("joints without positions in the recording are held [rad or m]: {}", names.join(", ")));
     }
     model.told.splice(0..0, told);
+    qv_replay::replay::with_stated_rotors(run, &mut model);
     qv_replay::imu::in_trunk_axes(&mut model);
     let known = qv_replay::replay::feet_of(run, &model).names;
     let absent: Vec<&str> = run.foot_names.iter().filter(|f| !known.contains(f)).map(String::as_str).collect();
@@ -440,7 +441,10 @@ pub fn urdf_of(run: &Run, path: &Path, robot: Option<&str>) -> Option<String> {
 pub fn parameters(path: Option<&Path>) -> Result<Vec<(String, f64)>, ReplayError> {
     let Some(path) = path else { return Ok(Vec::new()) };
     let text = fs::read_to_string(path).map_err(|e| file_error(path, "a parameter file", &e.to_string()))?;
-    parameters_from_toml(&text)
+    parameters_from_toml(&text).map_err(|e| match e {
+        ReplayError::File { expected, found, .. } => file_error(path, &expected, &found),
+        other => other,
+    })
 }
 
 /// The parameters of a `--params` file of a robot on some ground; none without one.
@@ -465,6 +469,20 @@ pub fn parameters_of(path: Option<&Path>, model: &Model, terrain: &Terrain) -> R
         }
     }
     Ok(named)
+}
+
+/// Parameters outside the range that is worth searching, a line each. They are used as they are: many a one means something there, but a
+/// slip of the decimal point looks the same.
+pub fn beyond_range(parameters: &[(String, f64)], model: &Model, terrain: &Terrain) -> Vec<String> {
+    let Ok(probe) = Batch::<f32>::new(model, terrain, &SimOptions::default(), 1) else { return Vec::new() };
+    let outside = |(name, value): &(String, f64)| {
+        let info = &probe.catalogue()[probe.parameter_index(name).ok()?];
+        let (low, high) = info.range;
+        let usual = (low..=high).contains(value) || *value == info.neutral;
+        (!usual)
+            .then(|| format!("parameter {name} = {value} {} is outside its usual range, {low} to {high}", info.unit))
+    };
+    parameters.iter().filter_map(outside).collect()
 }
 
 /// What is told of how a recording and its robot were read, a line each: nothing is lost by it.

@@ -141,6 +141,7 @@ fn run_of(mut collector: Collector, namespace: Option<&str>, lost: Vec<Loss>) ->
     }
     say_missing_commands(&run, mapping, &mut faults);
     add_gains(&mut run, mapping);
+    run.tell_uncommanded();
     run.faults = faults;
     if let Some(one) = run.measured.position.as_ref().filter(|p| p.len() == 1) {
         let (channel, detail) = ("position".into(), "expected samples at several times, found one".into());

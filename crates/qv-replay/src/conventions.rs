@@ -290,11 +290,15 @@ fn of_torque(run: &Run, joint: usize) -> Option<(String, Reading)> {
         series.as_ref().filter(|s| !s.is_empty()).map(|s| s.hold(time)[joint])
     };
     let (mut q, mut v) = (vec![0.0; position.joints], vec![0.0; position.joints]);
+    let velocity = m.velocity.as_ref().filter(|v| !v.is_empty());
+    let filter = joint_filter(position);
     let law = |i: usize| {
         let time = torque.time[i];
         position.interpolate(time, &mut q);
-        if let Some(velocity) = m.velocity.as_ref().filter(|v| !v.is_empty()) {
-            velocity.interpolate(time, &mut v);
+        match velocity {
+            Some(velocity) => _ = velocity.interpolate(time, &mut v),
+            // Without its damping the law asks for another torque where a joint moves fast.
+            None => v[joint] = filter.at(position, time)[joint].slope,
         }
         let kp = held(&c.kp, time).or(run.actuator.kp).unwrap_or(f64::NAN);
         let kd = held(&c.kd, time).or(run.actuator.kd).unwrap_or(0.0);

@@ -106,7 +106,7 @@ struct File {
 
 /// One number for all joints, or one each.
 #[derive(Debug, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "expected a number for all joints, or one for each in a list")]
 enum Each {
     All(f64),
     InOrder(Vec<f64>),
@@ -132,7 +132,7 @@ struct Stream {
 
 /// A field, or several that are put out one after the other.
 #[derive(Debug, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "expected a field, or a list of them")]
 enum Paths {
     One(String),
     Several(Vec<String>),

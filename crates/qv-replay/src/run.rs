@@ -303,6 +303,23 @@ impl Run {
         !self.lost.is_empty() || self.faults.iter().any(|f| f.kind.is_partial())
     }
 
+    /// Joints of which no command was recorded, while there are commands of others: a name that is written in two ways makes some.
+    pub fn uncommanded(&self) -> Vec<&str> {
+        let recorded: Vec<&JointSeries> =
+            [&self.commands.position, &self.commands.torque].into_iter().flatten().filter(|s| !s.is_empty()).collect();
+        let has_none = |k: &usize| recorded.iter().all(|s| !s.column(*k).any(f64::is_finite));
+        let none: Vec<usize> = (0..self.joints()).filter(has_none).collect();
+        if none.len() == self.joints() { vec![] } else { none.iter().map(|&k| self.joint_names[k].as_str()).collect() }
+    }
+
+    /// Says which they are, in a line.
+    pub(crate) fn tell_uncommanded(&mut self) {
+        let names = self.uncommanded().join(", ");
+        if !names.is_empty() {
+            self.told.push(format!("no commands were recorded of {names}: they are taken for 0"));
+        }
+    }
+
     /// Size of the decoded series \[bytes\].
     pub fn bytes(&self) -> usize {
         let (c, m) = (&self.commands, &self.measured);

@@ -798,7 +798,7 @@ fn world_parameters(infos: &mut Vec<ParameterInfo>, terrain: &Terrain) {
             0.0,
             (0.0, 0.8),
             0.0,
-            "share of the ground's friction that is gone at speed: 1 - exp(-slip / friction_speed) of it",
+            "share of the ground's friction that is gone at speed, of which there is 1 - exp(-slip / friction_speed); above 1 counts as 1",
         ),
         (
             FrictionSpeed,
@@ -823,7 +823,7 @@ fn world_parameters(infos: &mut Vec<ParameterInfo>, terrain: &Terrain) {
             "contact.sink_rate",
             "m/(N s)",
             0.001,
-            (0.0, 0.01),
+            (0.0, 0.005),
             0.0,
             "speed at which a shape sinks in for good, per normal force beyond yield_force",
         ),

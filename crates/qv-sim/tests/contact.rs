@@ -2,23 +2,11 @@
 
 mod robots;
 
-use qv_core::TriangleMesh;
 use qv_sim::{BaseKind, Batch, LineSearch, Model, ModelOptions, SimError, SimOptions, State, Terrain, WarmStart};
-use robots::{biped_urdf, body, inertial, model, settle};
+use robots::{biped_urdf, body, inertial, model, settle, tabletop};
 
 fn at(z: f64) -> State {
     State { q: vec![0.0, 0.0, z, 1.0, 0.0, 0.0, 0.0], v: vec![0.0; 6] }
-}
-
-/// The plane as two triangles.
-fn tabletop() -> Terrain {
-    let corner = |x: f64, y: f64| glam::DVec3::new(x, y, 0.0);
-    let mesh = TriangleMesh {
-        vertices: vec![corner(-5.0, -5.0), corner(5.0, -5.0), corner(5.0, 5.0), corner(-5.0, 5.0)],
-        triangles: vec![[0, 1, 2], [0, 2, 3]],
-        ..Default::default()
-    };
-    Terrain::from_mesh(&mesh).unwrap()
 }
 
 const SHAPES: [(&str, f64); 4] = [

@@ -2,8 +2,8 @@
 
 mod robots;
 
-use qv_sim::{BaseKind, Batch, JointCommand, SimOptions, State, Terrain};
-use robots::{inertial, model};
+use qv_sim::{BaseKind, Batch, SimOptions, State, Terrain};
+use robots::{Order, command, inertial, model, near};
 
 /// Inertia of the wheel about its axis: its own and the rotor's that `robots::model` adds \[kg m²\].
 const INERTIA: f64 = 0.05 + 0.01;
@@ -25,23 +25,6 @@ fn explicit() -> SimOptions {
         max_sensor_latency: 0.02,
         ..Default::default()
     }
-}
-
-#[derive(Clone, Copy, Default)]
-struct Order {
-    q: f64,
-    dq: f64,
-    kp: f64,
-    kd: f64,
-    tau: f64,
-}
-
-fn command(sim: &mut Batch<f64>, o: Order) {
-    sim.set_command(0, &JointCommand { q: &[o.q], dq: &[o.dq], kp: &[o.kp], kd: &[o.kd], tau: &[o.tau] }).unwrap();
-}
-
-fn near(found: f64, expected: f64, tolerance: f64) {
-    assert!((found - expected).abs() <= tolerance, "found {found}, expected {expected} within {tolerance}");
 }
 
 /// Torque of the first step for one command at rest \[N m\].

@@ -3,9 +3,8 @@
 
 mod robots;
 
-use qv_core::TriangleMesh;
 use qv_sim::{BaseKind, Batch, JointCommand, Model, Precision, SimOptions, State, Terrain};
-use robots::{body, inertial, model};
+use robots::{Order, body, command, inertial, model, near, tabletop};
 
 /// Inertia of the wheel about its axis: its own and the rotor's that `robots::model` adds \[kg m²\].
 const INERTIA: f64 = 0.05 + 0.01;
@@ -25,23 +24,6 @@ fn turning<T: Precision>(implicit: bool, set: &[(&str, f64)]) -> Batch<T> {
     let mut sim = Batch::new(&wheel(), &Terrain::none(), &options, 1).unwrap();
     set.iter().for_each(|(name, value)| sim.set_parameter(0, name, *value).unwrap());
     sim
-}
-
-#[derive(Clone, Copy, Default)]
-struct Order {
-    q: f64,
-    dq: f64,
-    kp: f64,
-    kd: f64,
-    tau: f64,
-}
-
-fn command<T: Precision>(sim: &mut Batch<T>, o: Order) {
-    sim.set_command(0, &JointCommand { q: &[o.q], dq: &[o.dq], kp: &[o.kp], kd: &[o.kd], tau: &[o.tau] }).unwrap();
-}
-
-fn near(found: f64, expected: f64, tolerance: f64) {
-    assert!((found - expected).abs() <= tolerance, "found {found}, expected {expected} within {tolerance}");
 }
 
 fn torque<T: Precision>(sim: &Batch<T>) -> f64 {
@@ -267,16 +249,6 @@ fn the_power_of_all_motors_takes_from_each() {
 }
 
 /// The plane as two triangles.
-fn tabletop() -> Terrain {
-    let corner = |x: f64, y: f64| glam::DVec3::new(x, y, 0.0);
-    let mesh = TriangleMesh {
-        vertices: vec![corner(-5.0, -5.0), corner(5.0, -5.0), corner(5.0, 5.0), corner(-5.0, 5.0)],
-        triangles: vec![[0, 1, 2], [0, 2, 3]],
-        ..Default::default()
-    };
-    Terrain::from_mesh(&mesh).unwrap()
-}
-
 /// Friction over normal force of a box that slides at a speed, over a few steps.
 fn sliding(terrain: &Terrain, speed: f64, set: &[(&str, f64)]) -> f64 {
     let mut sim =

@@ -3,7 +3,7 @@
 mod robots;
 
 use qv_sim::{BaseKind, Batch, JointCommand, SimOptions, State, Terrain};
-use robots::{inertial, model};
+use robots::{inertial, model, near};
 
 /// Inertia of the wheel about its axis: its own and the rotor's that `robots::model` adds \[kg m²\].
 const INERTIA: f64 = 0.05 + 0.01;
@@ -35,10 +35,6 @@ fn speed(sim: &Batch<f64>) -> f64 {
 
 fn spin(sim: &mut Batch<f64>, speed: f64) {
     sim.set_state(0, &State { q: vec![0.0], v: vec![speed] }).unwrap();
-}
-
-fn near(found: f64, expected: f64, tolerance: f64) {
-    assert!((found - expected).abs() <= tolerance, "found {found}, expected {expected} within {tolerance}");
 }
 
 /// Torque against motion at a speed, from the loss of speed over a step; `tau` is the motor's.
@@ -220,4 +216,20 @@ fn a_servo_on_a_pendulum_moves_as_an_integrator_of_its_own_says() {
     }
     // The solver's friction is soft (MuJoCo's), and it creeps where the other sticks.
     assert!(farthest > 0.9 && worst < 0.012, "swings to {farthest}, off by {worst}");
+}
+
+#[test]
+fn a_rotor_that_is_stated_beside_the_model_holds_as_one_within_it() {
+    // MuJoCo's dry friction creeps at `0.001 w F` (w the joint's inverse inertia): 1 - 0.9 over 0.9 of it, by a damping of 2 / (0.95 x 0.02 s).
+    let creep = |set: &[(&str, f64)]| {
+        let mut sim = wheel(set);
+        push(&mut sim, 0.06);
+        sim.step_many(2000);
+        speed(&sim)
+    };
+    for armature in [0.01, 0.4, 2.0] {
+        let found = creep(&[("joint.axle.armature", armature), ("joint.axle.coulomb_friction", 0.09)]);
+        let expected = 0.06 / (0.05 + armature) * (0.1 / 0.9) / (2.0 / (0.95 * 0.02));
+        near(found / expected, 1.0, 0.02);
+    }
 }

@@ -32,6 +32,7 @@ mod error;
 pub mod files;
 mod harmonics;
 pub mod lens;
+pub mod stereo;
 pub mod train;
 
 pub use error::{SplatError, error_at};

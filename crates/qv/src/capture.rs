@@ -16,6 +16,8 @@ pub struct OpenCapture {
     pub folders: Vec<PathBuf>,
     /// Points to begin with, if there are any.
     pub points: Option<Points>,
+    /// Whether its poses come from COLMAP.
+    pub is_by_colmap: bool,
 }
 
 /// Opens a `transforms.json`, a folder that holds one, a COLMAP project or an RGB-D folder.
@@ -24,7 +26,20 @@ pub fn open_capture(path: &Path) -> Result<OpenCapture, Failure> {
     let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
     let (points, lost) = points_of(path, folder, model.as_deref())?;
     capture.lost.extend(lost);
-    Ok(OpenCapture { capture, folders: folders_of(folder), points: points.filter(|points| !points.places.is_empty()) })
+    Ok(OpenCapture {
+        capture,
+        folders: folders_of(folder),
+        points: points.filter(|points| !points.places.is_empty()),
+        is_by_colmap: model.is_some() || is_by_colmap(path, folder),
+    })
+}
+
+/// Whether a `transforms.json` was made from a COLMAP model: nerfstudio's and instant-ngp's converters write these keys, those of phones do not.
+fn is_by_colmap(path: &Path, folder: &Path) -> bool {
+    let file = if path.is_dir() { folder.join("transforms.json") } else { path.to_path_buf() };
+    let Some(document) = file.is_file().then(|| document(&file).ok()).flatten() else { return false };
+    let first = document.get("frames").and_then(|frames| frames.get(0));
+    first.is_some_and(|frame| ["colmap_im_id", "sharpness"].iter().any(|key| frame.get(key).is_some()))
 }
 
 /// Where the files of a capture in `folder` are looked for.

@@ -65,7 +65,7 @@ fn effect_json(effect: &Effect) -> Value {
         "unit": effect.unit,
         "group": effect.interface.name(),
         "absolute": effect.absolute,
-        "walking": effect.range,
+        "walking": (!effect.held_only).then_some(effect.range),
         "held": effect.shows_on_held().then_some(effect.held_range.unwrap_or(effect.range)),
         "moves": moves,
     })
@@ -75,10 +75,11 @@ fn effects_table(all: &[Effect]) -> String {
     let range = |[low, high]: [f64; 2]| format!("{low} to {high}");
     let mut rows = vec![["name", "group", "unit", "walking", "held", "what it is"].map(String::from)];
     rows.extend(all.iter().map(|effect| {
+        let walking = if effect.held_only { "-".into() } else { range(effect.range) };
         let held = if effect.shows_on_held() { range(effect.held_range.unwrap_or(effect.range)) } else { "-".into() };
         let kind = if effect.absolute { "value: " } else { "" };
         let about = format!("{kind}{}", effect.about);
-        [effect.name.clone(), effect.interface.name().into(), effect.unit.clone(), range(effect.range), held, about]
+        [effect.name.clone(), effect.interface.name().into(), effect.unit.clone(), walking, held, about]
     }));
     rows.extend(
         EFFECTS

@@ -66,7 +66,7 @@ impl Next {
         let bar = Stages::new();
         let watch = |done: usize, count: usize| {
             let share = done as f64 / count.max(1) as f64;
-            bar.begin(done + 1, count, "motion", Some(share));
+            bar.begin((done + 1).min(count), count, "motion", Some(share));
         };
         let proposals = next(&run, &model, &terrain, &options, &all, &watch).map_err(replay_error)?;
         bar.finish();
@@ -91,7 +91,14 @@ impl Next {
             let path = directory.join("evidence.json");
             let expected = "what `qv diagnose` wrote";
             let text = fs::read_to_string(&path).map_err(|e| file_error(&path, expected, &e.to_string()))?;
-            return serde_json::from_str(&text).map_err(|e| file_error(&path, expected, &e.to_string()));
+            let evidence: Evidence =
+                serde_json::from_str(&text).map_err(|e| file_error(&path, expected, &e.to_string()))?;
+            if evidence.joints != model.joint_names() {
+                let found = format!("one of {}", evidence.joints.join(", "));
+                let expected = format!("a diagnosis of a robot with the joints {}", model.joint_names().join(", "));
+                return Err(file_error(&path, &expected, &found));
+            }
+            return Ok(evidence);
         }
         remark("the recording is diagnosed first; --diagnosis DIR takes what is there");
         let bar = Stages::new();

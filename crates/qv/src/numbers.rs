@@ -6,6 +6,11 @@ pub fn within(text: &str, low: f64, high: f64) -> Result<f64, String> {
     text.parse().ok().filter(|x| (low..=high).contains(x)).ok_or_else(found)
 }
 
+/// A number from 0 to 1.
+pub fn share(text: &str) -> Result<f64, String> {
+    within(text, 0.0, 1.0)
+}
+
 /// A finite number above 0.
 pub fn positive(text: &str) -> Result<f64, String> {
     let found = || format!("expected a number above 0, found `{text}`");

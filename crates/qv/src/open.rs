@@ -5,8 +5,8 @@ use crate::progress::{Level, tells};
 use indicatif::{ProgressBar, ProgressStyle};
 use qv_open::Reading;
 pub use qv_open::{
-    bag_files, file_error, lost_from, model_named, model_of, parameters, parameters_of, read_model, read_urdf, told_of,
-    urdf_of, write_error,
+    bag_files, beyond_range, file_error, lost_from, model_named, model_of, parameters, parameters_of, read_model,
+    read_urdf, told_of, urdf_of, write_error,
 };
 use qv_replay::run::Known;
 use qv_replay::{ReplayError, Run};

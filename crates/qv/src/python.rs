@@ -25,6 +25,25 @@ pub struct Environment {
     pub purpose: &'static str,
 }
 
+impl Environment {
+    fn folder(&self) -> PathBuf {
+        std::env::var_os(self.variable).map_or_else(|| cache().join(self.name), PathBuf::from)
+    }
+
+    fn interpreter(&self) -> PathBuf {
+        self.folder().join(if cfg!(windows) { "Scripts/python.exe" } else { "bin/python" })
+    }
+
+    fn works(&self) -> bool {
+        ends_well(Command::new(self.interpreter()).args(["-c", self.import]))
+    }
+
+    /// Whether it was made already, with its packages.
+    pub fn is_there(&self) -> bool {
+        self.interpreter().is_file() && self.works()
+    }
+}
+
 /// Runs a program, showing each line that it says, and gives the last one. The text of the program goes to `file`.
 ///
 /// # Errors
@@ -58,15 +77,13 @@ pub fn said(environment: &Environment, text: &str, file: &Path, arguments: &[&Pa
 
 /// Python of an environment that has the packages; made if need be.
 fn python(environment: &Environment) -> Result<PathBuf, Failure> {
-    let Environment { name, packages, variable, purpose, .. } = environment;
-    let own = std::env::var_os(variable).map(PathBuf::from);
-    let folder = own.clone().unwrap_or_else(|| cache().join(name));
-    let python = folder.join(if cfg!(windows) { "Scripts/python.exe" } else { "bin/python" });
-    if ends_well(Command::new(&python).args(["-c", environment.import])) {
+    let Environment { packages, variable, purpose, .. } = environment;
+    let (folder, python) = (environment.folder(), environment.interpreter());
+    if environment.works() {
         return Ok(python);
     }
     let packages = packages.join(" ");
-    if own.is_some() {
+    if std::env::var_os(variable).is_some() {
         let expected = format!("expected a virtual environment with {packages} ({variable}), found none");
         return Err(about(&folder, expected));
     }

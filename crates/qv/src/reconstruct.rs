@@ -1,11 +1,12 @@
 //! `qv reconstruct`: photographs with cameras become a scene of Gaussians.
 
 mod search;
+mod stereo;
 mod watch;
 mod words;
 
 use crate::capture::{OpenCapture, open_capture};
-use crate::colmap::poses_again;
+use crate::colmap::{Chosen, better_poses, poses_again};
 use crate::normals::{self, Colours, NormalModel};
 use crate::progress::{Stages, remark};
 use crate::render::png;
@@ -23,7 +24,7 @@ use qv_splat::train::guide::Guide;
 use qv_splat::train::{
     AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Ground, GroundOptions, Model, Photograph, ReadOptions,
     Score, Strategy, TrainOptions, Weights, at_depths, at_far, at_random, cameras, checkpoint, clear, drawn,
-    ground_scores, neighbours_scores, of_points, pose, scores, train,
+    ground_scores, growing, neighbours_scores, of_points, pose, scores, train,
 };
 use qv_splat::{SplatError, error_at};
 use serde_json::{Value, json};
@@ -39,7 +40,7 @@ pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/ya
     RGB-D frames (7-Scenes: FRAME.color.jpg, FRAME.depth.png, FRAME.pose.txt; TUM, Redwood, ScanNet). points.ply beside it is where Gaussians begin.\n\
     Of a video (.mp4, .mov, ...) ffmpeg takes frames and COLMAP, in a Python environment that is made once, finds their poses;\n\
     DIR/capture keeps both. Such a scene has no metres of its own: `qv mesh` takes --distance, --markers or --trajectory.\n\n\
-    Writes scene.ply (3DGS), checkpoint.qvt, metrics.json, with --poses colmap, --refine-poses or --refine-lens cameras.json (for `qv mesh --cameras`),\n\
+    Writes scene.ply (3DGS), checkpoint.qvt, metrics.json, where poses are COLMAP's or refined cameras.json (for `qv mesh --cameras`),\n\
     with --preview pictures beside photographs. Terms of geometry and labels count from step 1000 on. Built with --features gpu, --gpu\n\
     works on the graphics card. Ctrl-C stops and keeps the best\n\
     scene so far; --resume goes on from the checkpoint, which is where training stood.\n\n\
@@ -73,7 +74,11 @@ enum Background {
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum PosesFrom {
+    /// COLMAP's where they explain the matches between photographs clearly better, and COLMAP is there
+    Auto,
+    /// The capture's
     Capture,
+    /// COLMAP's, brought to where the capture's are
     Colmap,
 }
 
@@ -105,8 +110,8 @@ pub struct Reconstruct {
     /// Refines focal length and principal point of each camera
     #[arg(long)]
     refine_lens: bool,
-    /// Whose poses and lenses: the capture's, or COLMAP's, brought to where the capture's are
-    #[arg(long, value_enum, value_name = "WHOSE", default_value = "capture")]
+    /// Whose poses and lenses
+    #[arg(long, value_enum, value_name = "WHOSE", default_value = "auto")]
     poses: PosesFrom,
     /// Most frames that are taken of a video
     #[arg(long, value_name = "N", default_value_t = 150, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(8..=2000))]
@@ -135,9 +140,15 @@ pub struct Reconstruct {
     /// Weight of flatness: the smallest scale of each Gaussian goes to 0
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
     flattening: f32,
-    /// Weight of measured depth
-    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
-    depth_prior: f32,
+    /// Weight of measured depth [default: 0, with --stereo 0.1]
+    #[arg(long, value_name = "WEIGHT")]
+    depth_prior: Option<f32>,
+    /// Measures depth from the photographs themselves where none was measured: multi-view stereo
+    #[arg(long)]
+    stereo: bool,
+    /// Longest side of the images that depth is measured from [px]
+    #[arg(long, value_name = "PX", requires = "stereo", hide_short_help = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
+    stereo_side: Option<u32>,
     /// Weight of the agreement of normals with depth
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
     depth_normal: f32,
@@ -174,6 +185,9 @@ pub struct Reconstruct {
     /// Leaves up to this share of the Gaussians out of each step, at random: fewer photographs are learned by heart
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     drop: f32,
+    /// Learns from photographs of half the size for this share of the steps, of a quarter for its square, and so on
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = crate::numbers::share)]
+    small: f64,
     /// Makes a scene whose small images are right, too: Gaussians no finer than what photographs sample, drawn with anti-aliasing (Mip-Splatting)
     #[arg(long)]
     antialias: bool,
@@ -205,6 +219,10 @@ pub struct Reconstruct {
     #[cfg(feature = "gpu")]
     #[arg(long)]
     gpu: bool,
+    /// Which card, by its number in the order of the drivers; the one that wgpu prefers unless told
+    #[cfg(feature = "gpu")]
+    #[arg(long, value_name = "N", requires = "gpu", hide_short_help = true)]
+    gpu_index: Option<usize>,
     /// Adds up in a fixed order on the card: slower, the same bits from run to run
     #[cfg(feature = "gpu")]
     #[arg(long)]
@@ -215,8 +233,11 @@ impl Reconstruct {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let clock = Instant::now();
         let bar = Stages::new();
-        bar.begin(1, 3, "reading", None);
-        let (mut opened, mut lost, found) = self.open()?;
+        bar.begin(1, if self.stereo { 4 } else { 3 }, "reading", None);
+        let chosen = self.open()?;
+        let poses = words::of_poses(&chosen);
+        let is_found = !chosen.is_given();
+        let Chosen { mut opened, mut lost, found, .. } = chosen;
         if let Some(file) = &self.normal_model {
             let model = NormalModel { file, axes: &self.normal_axes, colours: self.normal_colours };
             normals::add_normals(&model, &mut opened, &self.out)?;
@@ -230,6 +251,8 @@ impl Reconstruct {
         }
         let files = |path: &str| opened.read(path);
         let mut dataset = Dataset::new(&opened.capture, &files, &reading).map_err(|e| about(&self.capture, e))?;
+        let stages = if self.stereo { 4 } else { 3 };
+        let depths = self.add_depths(&mut dataset, opened.points.as_ref(), &bar)?;
         self.check_needs(&opened, &dataset)?;
         if self.background == Background::Black {
             dataset.background = [0.0; 3];
@@ -241,7 +264,7 @@ impl Reconstruct {
         fs::create_dir_all(&self.out).map_err(|e| about(&self.out, format!("expected a folder, found {e}")))?;
         let (model, at_points) = self.begin(&opened, &dataset, &options)?;
         let read_s = clock.elapsed().as_secs_f64();
-        bar.begin(2, 3, "training", Some(TRAINING[0]));
+        bar.begin(stages - 1, stages, "training", Some(self.training_from()));
         let mut run = Run::new(self, &dataset, &bar);
         let clock = Instant::now();
         let searched = self.search(&dataset, &options, &model.cloud, &mut run)?;
@@ -255,22 +278,12 @@ impl Reconstruct {
             TrainOptions { iterations: searched.as_ref().map_or(options.iterations, |found| found.steps), ..options };
         let search_s = clock.elapsed().as_secs_f64();
         run.iterations = options.iterations;
-        let mut engine = self.engine(&dataset, &options, model)?;
         let clock = Instant::now();
-        let trained = train(
-            engine.as_mut(),
-            dataset.training.len(),
-            options.iterations,
-            options.seed,
-            REPORT_EVERY,
-            &mut |engine, at| run.watch(engine, at).map_err(|e| error_at("training", "files", &e.to_string())),
-        );
-        let finished = trained.or_else(|error| self.rescue(std::mem::take(&mut run.best), &dataset, error))?;
+        let (mut model, finished) = self.train(&dataset, &options, model, &mut run)?;
         // A stop that comes later finds training done.
         let is_stopped = !finished && run.is_stopped();
-        let mut model = engine.model()?;
         let train_s = clock.elapsed().as_secs_f64();
-        bar.begin(3, 3, "scores", Some(TRAINING[1]));
+        bar.begin(stages, stages, "scores", Some(TRAINING[1]));
         let clock = Instant::now();
         self.save(&model)?;
         let (stood_at, mut scene_of) = (model.iteration, model.iteration);
@@ -301,14 +314,14 @@ impl Reconstruct {
             "format": "qv-reconstruct/1", "capture": self.capture.display().to_string(), "iterations": stood_at, "scene_of_iteration": scene_of,
             "finished": finished, "gaussians": model.cloud.len(), "loss": run.loss, "read_s": read_s, "search_s": search_s, "train_s": train_s,
             "write_s": clock.elapsed().as_secs_f64(), "photographs": dataset.training.len(), "began_at_points": at_points,
-            "exposure": self.exposure, "poses_refined": self.refine_poses, "poses_found": found, "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
+            "exposure": self.exposure, "poses_refined": self.refine_poses, "poses": poses, "poses_found": found, "stereo": stereo::named(depths.as_ref()), "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
             "held_out": dataset.held_out.iter().zip(&held_out).map(|(one, score)| named(&one.name, score)).collect::<Vec<_>>(),
             "mean": Score::mean(&held_out).map(|mean| named("mean", &mean)),
             "mean_identity": Score::mean(&as_drawn).map(|mean| named("mean", &mean)),
             "mean_aligned": Score::mean(&aligned).map(|mean| named("mean", &mean)), "times_ms": run.mean_times(), "antialias": dataset.antialias, "steps_asked": self.iterations,
             "aside": searched, "ground": words::of_ground(ground.as_ref(), &of_ground),
         });
-        self.save_cameras(&model, &dataset, &looked_at)?;
+        self.save_cameras(&model, &dataset, &looked_at, is_found)?;
         let path = self.out.join("metrics.json");
         put(&path, format!("{metrics:#}\n")).map_err(|e| about(&path, format!("expected to write it, found {e}")))?;
         bar.finish();
@@ -342,18 +355,19 @@ impl Reconstruct {
         format!("stopped at step {at} of {}; to go on: qv {}", self.iterations, words.join(" "))
     }
 
-    /// The capture, what was lost on the way to it, and how COLMAP's poses are, where they were asked for.
-    fn open(&self) -> Result<(OpenCapture, Vec<String>, Value), Failure> {
+    /// The capture with the poses that are taken.
+    fn open(&self) -> Result<Chosen, Failure> {
         let folder = self.out.join("capture");
-        if !video::is_video(&self.capture) {
-            let opened = open_capture(&self.capture).map_err(|e| video::or_video(&self.capture, e))?;
-            return match self.poses {
-                PosesFrom::Capture => Ok((opened, vec![], Value::Null)),
-                PosesFrom::Colmap => poses_again(&self.capture, opened, &folder),
-            };
+        if video::is_video(&self.capture) {
+            let lost = video::project(&self.capture, &folder, self.frames)?;
+            return Ok(Chosen { lost, ..Chosen::given(open_capture(&folder)?, "COLMAP found them") });
         }
-        let lost = video::project(&self.capture, &folder, self.frames)?;
-        Ok((open_capture(&folder)?, lost, Value::Null))
+        let opened = open_capture(&self.capture).map_err(|e| video::or_video(&self.capture, e))?;
+        match self.poses {
+            PosesFrom::Capture => Ok(Chosen::given(opened, "they were asked for")),
+            PosesFrom::Colmap => poses_again(&self.capture, opened, &folder),
+            PosesFrom::Auto => better_poses(&self.capture, opened, &folder),
+        }
     }
 
     fn options(&self) -> TrainOptions {
@@ -370,7 +384,7 @@ impl Reconstruct {
             seed: self.seed,
             weights: Weights {
                 flattening: self.flattening,
-                depth_prior: self.depth_prior,
+                depth_prior: self.depth_weight(),
                 depth_normal: self.depth_normal,
                 multi_view: self.multi_view,
                 normal_prior: self.normal_prior,
@@ -402,8 +416,8 @@ impl Reconstruct {
         ];
         let asked = [
             (self.clear > 0.0, "--clear", "points (points.ply)", opened.points.is_some()),
-            (self.depth_prior > 0.0, "--depth-prior", "depth images", depth),
-            (self.depth_points.is_some_and(|n| n > 0), "--depth-points", "depth images", depth),
+            (self.depth_weight() > 0.0, "--depth-prior", "depth images, or --stereo", depth),
+            (self.depth_points.is_some_and(|n| n > 0), "--depth-points", "depth images, or --stereo", depth),
             (self.normal_prior > 0.0, "--normal-prior", "normal images, or --normal-model", normals),
         ];
         match asked.iter().find(|(is_asked, _, _, there)| *is_asked && !there) {
@@ -439,7 +453,7 @@ impl Reconstruct {
     /// As many as there is room for beside `others`.
     fn usual_depth_points(&self, others: usize) -> usize {
         let room = self.cap.saturating_sub(others + self.far_points);
-        if self.depth_prior > 0.0 { AT_DEPTHS.min(self.cap / 2).min(room) } else { 0 }
+        if self.depth_weight() > 0.0 { AT_DEPTHS.min(self.cap / 2).min(room) } else { 0 }
     }
 
     /// A model to begin with, and whether it is at points of the capture.
@@ -487,6 +501,33 @@ impl Reconstruct {
         Ok((Model::new(cloud, dataset), opened.points.is_some()))
     }
 
+    /// Trains on photographs that grow; the model, and whether all steps were taken.
+    fn train(
+        &self,
+        dataset: &Dataset,
+        options: &TrainOptions,
+        mut model: Model,
+        run: &mut Run,
+    ) -> Result<(Model, bool), Failure> {
+        for (factor, until) in growing::stages(dataset, options.iterations, self.small) {
+            if model.iteration >= until && factor > 1 {
+                continue;
+            }
+            let small = (factor > 1).then(|| dataset.smaller(factor));
+            let mut engine = self.engine(small.as_ref().unwrap_or(dataset), options, model)?;
+            let trained =
+                train(engine.as_mut(), dataset.training.len(), until, options.seed, REPORT_EVERY, &mut |engine, at| {
+                    run.watch(engine, at).map_err(|e| error_at("training", "files", &e.to_string()))
+                });
+            let finished = trained.or_else(|error| self.rescue(std::mem::take(&mut run.best), dataset, error))?;
+            model = engine.model()?;
+            if !finished {
+                return Ok((model, false));
+            }
+        }
+        Ok((model, true))
+    }
+
     fn judge_every(&self) -> u32 {
         // Fetching a scene from the card and judging it takes as long as some hundred steps there.
         #[cfg(feature = "gpu")]
@@ -518,7 +559,7 @@ impl Reconstruct {
         if !self.gpu {
             return Ok(Box::new(CpuEngine::new(dataset, options, model)?));
         }
-        let rasteriser = GpuRasteriser::new(Gpu::new(&GpuOptions::default())?);
+        let rasteriser = GpuRasteriser::new(Gpu::new(&GpuOptions { adapter: self.gpu_index, ..Default::default() })?);
         let how = GpuTraining { atomic: !self.ordered };
         Ok(Box::new(GpuEngine::new(rasteriser, dataset, options, model, how)?))
     }
@@ -537,9 +578,15 @@ impl Reconstruct {
     }
 
     /// All cameras as they were learned; nothing when they are those of the capture.
-    fn save_cameras(&self, model: &Model, dataset: &Dataset, held_out: &[Photograph]) -> Result<(), Failure> {
+    fn save_cameras(
+        &self,
+        model: &Model,
+        dataset: &Dataset,
+        held_out: &[Photograph],
+        is_found: bool,
+    ) -> Result<(), Failure> {
         let path = self.out.join("cameras.json");
-        if !(self.refine_poses || self.refine_lens || self.poses == PosesFrom::Colmap) {
+        if !(self.refine_poses || self.refine_lens || is_found) {
             // Those of an earlier scene would be wrong for this one.
             fs::remove_file(&path).ok();
             return Ok(());
@@ -582,7 +629,7 @@ impl Reconstruct {
         let without = |has: fn(&Photograph) -> bool| dataset.training.iter().filter(|one| !has(one)).count();
         let mut lost = vec![];
         for (name, weight, missing) in [
-            ("depths", self.depth_prior, without(|one| !one.depth.is_empty())),
+            ("depths", self.depth_weight(), without(|one| !one.depth.is_empty())),
             ("normals", self.normal_prior, without(|one| !one.normals.is_empty())),
             ("labels", self.labels, without(|one| !one.labels.is_empty())),
         ] {
@@ -596,7 +643,7 @@ impl Reconstruct {
             let more = if alone.len() > 5 { ", ..." } else { "" };
             lost.push(format!("{} photographs show nothing that another shows: {names}{more}", alone.len()));
         }
-        if dataset.stands_still() && self.depth_prior == 0.0 {
+        if dataset.stands_still() && self.depth_weight() == 0.0 {
             lost.push("all photographs were taken from one place: nothing tells depth".into());
         }
         lost
@@ -623,6 +670,7 @@ impl Reconstruct {
             let [scene, stood] = ["scene_of_iteration", "iterations"].map(|key| &metrics[key]);
             text += &format!("stopped at step {stood}; the scene is that of step {scene}, which drew better\n");
         }
+        text += &words::poses_in_words(&metrics["poses"]);
         let found = &metrics["poses_found"];
         if let (Some(metres), Some(degrees)) = (found["from_given_m"].as_f64(), found["from_given_deg"].as_f64()) {
             let (placed, of) = (&found["placed"], &found["of"]);
@@ -630,6 +678,9 @@ impl Reconstruct {
                 "poses by COLMAP: {placed} of {of}, {:.0} mm and {degrees:.2} degrees (rms) from the capture's\n",
                 1e3 * metres
             );
+        }
+        if let Some(depths) = stereo::in_words(&metrics["stereo"]) {
+            text += &format!("{depths}\n");
         }
         for (what, mean) in ["held out", "held out, cameras aligned on the left half"].iter().zip(means) {
             let Some(s) = mean else { continue };

@@ -4,7 +4,7 @@ use crate::ground::{check_ground, terrain_of};
 use crate::inspect::known;
 use crate::numbers::within;
 use crate::open::{
-    file_error, find_gains, lost_from, model_of, open_run, parameters_of, spinner, told_of, write_error,
+    beyond_range, file_error, find_gains, lost_from, model_of, open_run, parameters_of, spinner, told_of, write_error,
 };
 use crate::provenance::provenance;
 use crate::whole::{put, stream};
@@ -65,7 +65,8 @@ impl Replay {
         let mut report = to_json(&replay, factor);
         let lost = lost(&run, &model, &replay);
         report["lost"] = lost.as_slice().into();
-        let told = told_of(&run, &model);
+        let mut told = told_of(&run, &model);
+        told.extend(beyond_range(&options.parameters, &model, &terrain));
         report["told"] = told.as_slice().into();
         let read = [Some(self.run.run.as_path()), Some(Path::new(&self.terrain)), self.params.as_deref()];
         report["provenance"] = provenance(read.into_iter().chain([self.run.reading.robot_file()]).flatten());

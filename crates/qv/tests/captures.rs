@@ -45,6 +45,7 @@ fn train(folder: &Path, text: Option<&str>, options: &[&str]) -> (i32, String, S
     let mut command = Command::new(env!("CARGO_BIN_EXE_qv"));
     command.arg("reconstruct").arg(folder).arg("--out").arg(folder.join("out"));
     command.args(["--iterations", "3", "--cap", "60", "--random-points", "40", "--hold-out", "3"]).args(options);
+    command.env("QV_COLMAP_VENV", folder.join("none"));
     let output = command.output().unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     let is_stage = |line: &&str| line.starts_with("qv: ") && line.contains(" of 3: ");

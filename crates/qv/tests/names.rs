@@ -22,6 +22,7 @@ fn effects_are_listed_with_unit_and_range() {
     // Drives of arms are slower than those of robots that walk.
     assert!(limit("command_latency", "held") > limit("command_latency", "walking"), "{all:#}");
     assert_eq!(of("ground_friction")["held"], Value::Null);
+    assert_eq!(of("series_compliance")["walking"], Value::Null, "it is looked for in held robots alone");
     assert_eq!(of("camera_blur")["group"], "camera");
     assert!(effects.iter().all(|e| e["about"].as_str().is_some_and(|s| !s.is_empty())), "{all:#}");
     let (code, table, _) = qv(&["effects"]);

@@ -67,6 +67,8 @@ fn capture(name: &str, views: usize) -> PathBuf {
 fn reconstruct(capture: &Path, options: &[&str]) -> (i32, Value, String) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_qv"));
     command.arg("reconstruct").arg(capture).arg("--out").arg(capture.join("out")).arg("--json").args(options);
+    // What is under the cache of whoever runs the tests makes no difference.
+    command.env("QV_COLMAP_VENV", capture.join("none"));
     let output = command.output().unwrap();
     let line = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
     (output.status.code().unwrap(), line, String::from_utf8_lossy(&output.stderr).into_owned())
@@ -84,6 +86,10 @@ fn a_capture_becomes_a_scene_and_goes_on_from_its_checkpoint() {
         (&line["format"], &line["finished"], &line["iterations"]),
         (&json!("qv-reconstruct/1"), &json!(true), &json!(1000))
     );
+    // COLMAP is not there to check the poses: they stay, and how to ask for it is told.
+    assert_eq!((&line["poses"]["taken"], &line["poses"]["given_explain"]), (&json!("capture"), &Value::Null));
+    let why = line["poses"]["why"].as_str().unwrap();
+    assert!(why.contains("--poses colmap fetches it"), "{why}");
     let names: Vec<&str> = line["held_out"].as_array().unwrap().iter().filter_map(|one| one["name"].as_str()).collect();
     assert_eq!(names, ["00", "08"]);
     let psnr = line["mean"]["psnr"].as_f64().unwrap();
@@ -171,6 +177,21 @@ fn stages_are_told_where_there_is_no_terminal_unless_it_is_to_be_quiet() {
     assert!(lines[2].contains("scores, 95 % done, about 0 s left"), "{normal}");
     assert!(told(&["--verbose"]).lines().any(|l| l.starts_with("qv: 2 of 3: training took ")));
     assert_eq!(told(&["-q"]), "");
+}
+
+#[test]
+fn depth_is_measured_from_the_photographs_where_it_is_asked_for() {
+    let folder = capture("reconstruct_stereo", 24);
+    let (code, line, err) = reconstruct(&folder, &["--iterations", "3", "--stereo"]);
+    assert_eq!((code, &line["stereo"]["photographs"]), (0, &json!(21)), "{err}");
+    let share = line["stereo"]["share"].as_f64().unwrap();
+    assert!(share > 0.02 && share < 1.0, "{share}");
+    // Gaussians begin there, beside the 40 points.
+    assert!(line["gaussians"].as_u64().unwrap() > 100, "{}", line["gaussians"]);
+    let stages: Vec<&str> = err.lines().filter(|line| line.contains(" of 4: ")).collect();
+    assert!(stages.len() == 4 && stages[1].contains("2 of 4: depth from photographs"), "{err}");
+    let (code, _, err) = reconstruct(&capture("reconstruct_two", 3), &["--hold-out", "3", "--stereo"]);
+    assert!(code == 1 && err.contains("stereo: expected at least 3 photographs to learn from"), "{err}");
 }
 
 #[test]

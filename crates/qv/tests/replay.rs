@@ -143,6 +143,16 @@ fn a_latency_is_seen_and_its_parameter_takes_it_away() {
     fs::write(&parameters, "\"actuator.*.latency\" = 0.012\n").unwrap();
     let (code, _, err) = replay(&path, &out, &["--params", parameters.to_str().unwrap()]);
     assert!(code == 1 && err.contains("actuator.*.latency"), "{err}");
+    fs::write(&parameters, "\"contact.friction\" = \"low\"\n").unwrap();
+    let (code, _, err) = replay(&path, &out, &["--params", parameters.to_str().unwrap()]);
+    assert!(code == 1 && err.contains("calibrated.toml") && err.contains("contact.friction"), "{err}");
+    fs::write(&parameters, "\"contact.friction_drop\" = 2\n").unwrap();
+    let (code, with, err) = replay(&path, &out, &["--params", parameters.to_str().unwrap()]);
+    let told = with["told"].as_array().unwrap().iter().filter_map(Value::as_str);
+    assert!(
+        code == 0 && told.clone().any(|t| t.contains("friction_drop = 2") && t.contains("0 to 0.8")),
+        "{err} {with:#}"
+    );
 }
 
 #[test]

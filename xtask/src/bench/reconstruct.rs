@@ -104,6 +104,10 @@ pub fn run(workspace: &Workspace, what: &Reconstruct) -> Result<bool> {
             let out = place.join(format!("qv_{seed}"));
             let mut program = Command::new(&ours);
             program.arg("reconstruct").arg(capture).arg("--out").arg(&out).args(["--gpu", "--json", "--quiet"]);
+            // Both learn from the poses of the capture, unless others are asked for.
+            if !what.options.iter().any(|option| option == "--poses") {
+                program.args(["--poses", "capture"]);
+            }
             let metrics: Metrics = last_line(with_options(&mut program, what, seed).args(&what.options))?;
             rows.push(row("qv", seed, metrics.train_s, &out.join("scene.ply"))?);
         }

@@ -119,7 +119,7 @@ impl Stage {
             told("inspect recording/gravel/run.mcap --json", "inspect/gravel.json"),
         ];
         const RECONSTRUCT: [Call; 1] = [qv(
-            "reconstruct yard --out reconstruct --background black --iterations 2000 --flattening 100 --depth-normal 0.05 --multi-view 0.15 --labels 0.05 --preview --json",
+            "reconstruct yard --out reconstruct --poses capture --background black --iterations 3000 --small 0.5 --flattening 100 --depth-normal 0.05 --multi-view 0.15 --labels 0.05 --preview --json",
         )];
         const MESH: [Call; 1] = [told(
             "mesh reconstruct/scene.ply --cameras yard/transforms.json --labels yard/labels.toml --triangles 40000 \

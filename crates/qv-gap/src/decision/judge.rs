@@ -127,9 +127,12 @@ impl<'j> Judge<'j> {
         self.is_at_edge(candidate).then(|| "its value lies at the edge of its range".into())
     }
 
-    /// Whether a steady candidate would be larger than what is looked for.
+    /// Whether a steady candidate would be larger than what is looked for. What lies just within and closes most of the gap of a robot that is
+    /// held, in windows that no fit has seen, stands in for nothing else.
     fn is_at_edge(&self, candidate: &Candidate) -> bool {
-        candidate.extent.is_none() && candidate.from_edge < self.policy.edge
+        let closes = candidate.held_out.as_ref().is_some_and(|h| h.closed > self.policy.mostly_closed);
+        let is_within = !self.is_free && candidate.from_edge > 0.0 && closes;
+        candidate.extent.is_none() && candidate.from_edge < self.policy.edge && !is_within
     }
 
     /// Objections that take windows which no fit has seen.

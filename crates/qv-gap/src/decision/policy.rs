@@ -140,9 +140,10 @@ pub struct Policy {
     /// Level up to which they are.
     pub unexplained_beside: f64,
     /// Share of the held-out gap from which on causes are told up to that level, too: robots that stumble leave as much without an
-    /// effect.
+    /// effect. Of a robot that is held they are told up to `quiet_enough` then, and a value at the edge of its range is a cause all the same.
     pub mostly_closed: f64,
-    /// Level up to which a push is told of an arm that nothing else explains,
+    /// Level up to which a push that takes `least_closed` of the excess is told of an arm that nothing else explains, and a cause that closes
+    /// `mostly_closed`,
     pub quiet_enough: f64,
     /// or share of the excess that pushes take at least: most of what is wrong is theirs then. Pushes of an arm without a gap need it, too.
     pub pushes_take: f64,

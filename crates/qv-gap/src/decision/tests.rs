@@ -266,4 +266,9 @@ fn a_size_beyond_what_is_looked_for_bars_no_other_cause_of_an_arm() {
     let policy = Policy::default();
     assert_eq!(Judge::new(&policy, &round, false).judge().accused, [1]);
     assert_eq!(Judge::new(&policy, &round, true).judge().accused, Vec::<usize>::new());
+    // Just within, and it closes most of what no fit has seen.
+    round.candidates[0].from_edge = 0.5 * policy.edge;
+    assert!(round.candidates[0].held_out.as_ref().is_some_and(|h| h.closed > policy.mostly_closed));
+    assert_eq!(Judge::new(&policy, &round, false).judge().accused, [0]);
+    assert_eq!(Judge::new(&policy, &round, true).judge().accused, Vec::<usize>::new());
 }

@@ -167,17 +167,20 @@ impl Case<'_> {
         let policy = self.policy;
         let now = self.level().ratio;
         if let Some(taken) = self.taken_by_pushes() {
-            let is_told = now < policy.quiet_enough || taken >= policy.pushes_take;
+            let is_quiet = now < policy.quiet_enough && taken >= policy.least_closed;
+            let is_told = is_quiet || taken >= policy.pushes_take;
             return if is_told { Verdict::PartlyExplained } else { Verdict::Unexplained };
         }
         let (before, after) = (self.evidence.level.ratio - 1.0, now - 1.0);
         let nearly_all = after < policy.nearly_all * before && now < policy.unexplained_beside;
         let is_local = self.accused().any(|c| c.extent.is_some());
         let closed = match &self.evidence.corrected {
-            Some(corrected) if self.evidence.is_free && !is_local => corrected.closed.share,
+            Some(corrected) if !is_local => corrected.closed.share,
             _ => 0.0,
         };
-        if nearly_all || (closed > policy.mostly_closed && now < policy.unexplained_beside) {
+        // No stumble leaves a level of its own in a robot that is held, but what its joints lack does.
+        let beside = if self.evidence.is_free { policy.unexplained_beside } else { policy.quiet_enough };
+        if nearly_all || (closed > policy.mostly_closed && now < beside) {
             Verdict::PartlyExplained
         } else {
             Verdict::Unexplained

@@ -581,6 +581,8 @@ impl Findings<'_> {
         };
         let Decision { verdict, doubt, ranking } = decision;
         let doubted = self.accused.first().map(|a| a.cause.effect.clone());
+        let left = evidence.rounds.iter().rev().find_map(|round| round.after).map(|after| after.level.ratio);
+        let too_far = left.filter(|_| verdict == Verdict::Unexplained && doubt.is_none()).zip(doubted.clone());
         if verdict == Verdict::Unexplained || verdict == Verdict::NoGap {
             self.accused.clear();
             self.corrections.clear();
@@ -639,6 +641,14 @@ impl Findings<'_> {
         next.splice(0..0, narrative::first_of_all(verdict, &gap, &dead));
         if let (Some(doubt), Some(effect)) = (&doubt, doubted) {
             next.push(format!("Not accused: {effect}: {doubt}."));
+        }
+        if let Some((level, effect)) = too_far {
+            let policy = &session.options.policy;
+            let most = if nominal.problem.free { policy.unexplained_beside } else { policy.quiet_enough };
+            next.push(format!(
+                "Not accused: {effect}: with it the recording is {level:.1} times as far from the simulator as noise and tolerances explain; \
+                 beside something unknown a cause is told up to {most}."
+            ));
         }
         let Figures { heat_map, floor_plan, curves, traces } = figures::all(nominal, &setting)?;
         nominal.problem.events = before;

@@ -60,7 +60,10 @@ const DEEDS: [(&str, &str); 72] = [
         "put a spring of this compliance between motor and joint: the motor law and the log see a motor angle that is ahead \
          of the joint's by this times the torque",
     ),
-    ("strength_drift", "multiply the motor's torque by 1 plus this times the time since the run's start, 0 at least"),
+    (
+        "strength_drift",
+        "multiply all that the motor law demands by 1 plus this times the time since the run's start, 0 at least",
+    ),
     ("mass_scale", "multiply mass and inertia of the link by it"),
     ("com_x", "shift the link's centre of mass by it along the link's axis"),
     ("com_y", "shift the link's centre of mass by it along the link's axis"),
@@ -103,7 +106,10 @@ const DEEDS: [(&str, &str); 72] = [
     ("sensor.imu.tilt_pitch", "turn the IMU's frame by it about its y axis"),
     ("sensor.pose.delay", "report the base's pose late by this time"),
     ("sensor.foot_force.scale", "multiply reported foot forces by it"),
-    ("supply.sag", "multiply all motors' torques by 1 - this times the mechanical power that they drew just before"),
+    (
+        "supply.sag",
+        "multiply all that motor laws demand by 1 - this times the mechanical power that they drew just before",
+    ),
     ("run.start", "time of the run at which the simulation begins, from which strength_drift counts"),
     ("", "a parameter that this model does not have; nothing was done with it"),
 ];

@@ -32,7 +32,7 @@ pub fn missing(study: &LinearisedProblem, run: &Run, library: &[Effect]) -> Vec<
     }
     if m.torque.is_none() {
         told.push(
-            "joint torques were not measured: what the motors do cannot be told from what the legs do".to_string(),
+            "joint torques were not measured: what the motors do cannot be told from what the links do".to_string(),
         );
     }
     if study.problem.free && m.orientation.is_none() {
@@ -109,10 +109,8 @@ fn strangers(study: &LinearisedProblem, run: &Run) -> Vec<String> {
     let unknown =
         run.joint_names.iter().enumerate().filter(|(k, _)| !columns.contains(k)).map(|(_, name)| name.as_str());
     let unknown: Vec<&str> = unknown.collect();
-    let c = &run.commands;
-    let has_none =
-        |k: &&usize| [&c.position, &c.torque].into_iter().flatten().all(|s| !s.column(**k).any(f64::is_finite));
-    let silent: Vec<&str> = columns.iter().filter(has_none).map(|k| run.joint_names[*k].as_str()).collect();
+    let is_used = |name: &&str| columns.iter().any(|k| run.joint_names[*k] == *name);
+    let silent: Vec<&str> = run.uncommanded().into_iter().filter(is_used).collect();
     let mut told = Vec::new();
     if !unknown.is_empty() {
         told.push(format!("joints of the recording that the model lacks are left out: {}", unknown.join(", ")));
@@ -317,7 +315,7 @@ pub fn sentence(
             let runner_up = ranking.iter().map(|r| &r.effect).find(|e| *e != UNKNOWN);
             let nearest = match leads.first() {
                 Some(lead) if lead.closed > MUCH => Some(format!(
-                    " The nearest, {}, would close {:.0} % of it, but is not accused: why is said under what to do next.",
+                    " The nearest, {}, would close {:.0} % of it, but is not accused: see what to do next.",
                     lead.effects.first().map_or(String::new(), |e| e.replace('_', " ")),
                     100.0 * lead.closed
                 )),

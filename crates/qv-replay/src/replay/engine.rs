@@ -283,6 +283,16 @@ fn all_parameters(
     Ok(all)
 }
 
+/// Gives the joints of a model the rotor inertias that the run states: the model is then that of the robot, and constraints are as soft as its
+/// inertias make them.
+pub fn with_stated_rotors(run: &Run, model: &mut Model) {
+    for joint in &mut model.joints {
+        let column = run.joint_names.iter().position(|name| *name == joint.name);
+        let stated = column.and_then(|column| run.joint_parameters[column].armature);
+        joint.armature = stated.unwrap_or(joint.armature);
+    }
+}
+
 /// What the run states about its joints, as parameters of the simulator.
 pub fn stated_parameters(run: &Run, model: &Model) -> Vec<(String, f64)> {
     let mut all = Vec::new();
@@ -326,9 +336,12 @@ pub fn expand(model: &Model, terrain: &Terrain, given: &[(String, f64)]) -> Resu
     Ok(all)
 }
 
-/// `joint.*.armature` for `joint.FL_calf_joint.armature`.
+/// `joint.*.armature` for `joint.FL_calf_joint.armature`; none for a name without a member.
 fn with_star(name: &str) -> Option<String> {
-    let ((head, _), (_, tail)) = (name.split_once('.')?, name.rsplit_once('.')?);
+    let ((head, rest), (_, tail)) = (name.split_once('.')?, name.rsplit_once('.')?);
+    if rest == tail {
+        return None;
+    }
     Some(format!("{head}.*.{tail}"))
 }
 

@@ -19,7 +19,7 @@ pub use bag_out::{FrameTrace, Recorded, write_mcap, write_traces};
 pub use commands::{Command, HeldCommands};
 pub use engine::{
     Feet, ReplayOptions, Trace, Window, Windows, expand, feet_of, joint_columns, parameters_from_toml, sensor_errors,
-    simulate, stated_parameters,
+    simulate, stated_parameters, with_stated_rotors,
 };
 pub use errors::{BaseErrors, Errors, JointErrors, Phase, PhaseErrors, TimeErrors};
 pub use html::to_html;

@@ -31,7 +31,10 @@ enum Word {
 
 /// A number for all joints, one for each in the order of the columns, or one by name.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(untagged)]
+#[serde(
+    untagged,
+    expecting = "expected a number, numbers in the order of the columns, numbers by joint, or \"unknown\""
+)]
 enum Each {
     Unknown(Word),
     All(f64),

@@ -119,6 +119,7 @@ pub fn read_table(
     }
     faults::examine(&mut run, mapping);
     turn_imu(&mut run, description.imu_rotation(), urdf);
+    run.tell_uncommanded();
     Ok(run)
 }
 

@@ -7,6 +7,7 @@ use super::array::Array;
 use super::block::{Block, GroundLanes, Slot, Work};
 use super::topology::Topology;
 use super::vector::*;
+use super::weights::{Weights, stiffer};
 use crate::lanes::{Mask, Real, Scalar};
 
 /// Impedance at zero and at full depth, and the depth \[m\] (MuJoCo's default solimp).
@@ -44,7 +45,7 @@ pub(crate) struct Rows<L: Real> {
     pub contacts: Array<ContactRows<L>>,
     pub friction_reference: Array<L>,
     /// Inverse regularisation of joint friction, per degree of freedom.
-    pub friction_weight: Array<f64>,
+    pub friction_weight: Array<L>,
     /// Largest friction of each degree of freedom in this step \[N m\].
     pub friction_limit: Array<L>,
     pub limits: Vec<LimitRow<L>>,
@@ -77,7 +78,7 @@ impl<L: Real> Rows<L> {
             dimension,
             contacts: slots.iter().map(contact).collect::<Vec<_>>().into(),
             friction_reference: vec![zero; topology.nv].into(),
-            friction_weight: vec![0.0; topology.nv].into(),
+            friction_weight: vec![zero; topology.nv].into(),
             friction_limit: vec![zero; topology.nv].into(),
             limits: Vec::with_capacity(topology.joints),
         }
@@ -93,8 +94,7 @@ pub(crate) fn stored_rows(dimension: usize) -> usize {
 pub(crate) struct RowSettings<'a> {
     pub topology: &'a Topology,
     pub slots: &'a [Slot],
-    /// Inverse weights per degree of freedom.
-    pub dof_weight: &'a [f64],
+    pub weights: &'a Weights,
     /// Position limits per joint.
     pub limits: &'a [(f64, f64)],
     pub impratio: f64,
@@ -112,7 +112,9 @@ pub(crate) fn build_rows<L: Real, const D: usize>(settings: &RowSettings, block:
     if block.any_coulomb {
         for dof in settings.topology.base_dofs..settings.topology.nv {
             work.rows.friction_reference[dof] = -(L::splat(damping) * block.v[dof]);
-            work.rows.friction_weight[dof] = IMPEDANCE_MIN / ((1.0 - IMPEDANCE_MIN) * settings.dof_weight[dof]);
+            let weight = IMPEDANCE_MIN / ((1.0 - IMPEDANCE_MIN) * settings.weights.dof[dof]);
+            let stiffer = stiffer(settings.weights, dof, block.armature[dof]);
+            work.rows.friction_weight[dof] = L::splat(weight) * stiffer;
         }
     }
     work.rows.limits.clear();
@@ -156,7 +158,8 @@ fn limit_row<L: Real>(
     let stiffness = L::splat(1.0 / (IMPEDANCE_MAX * time_constant * IMPEDANCE_MAX * time_constant));
     let damping = L::splat(2.0 / (IMPEDANCE_MAX * time_constant));
     let reference = -(damping * (sign * block.v[dof])) - stiffness * imp * distance;
-    let weight = imp / ((L::one() - imp) * L::splat(settings.dof_weight[dof]));
+    let weight = imp / ((L::one() - imp) * L::splat(settings.weights.dof[dof]));
+    let weight = weight * stiffer(settings.weights, dof, block.armature[dof]);
     work.rows.limits.push(LimitRow { dof, sign, reference, weight, active });
 }
 

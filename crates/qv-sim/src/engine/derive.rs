@@ -191,7 +191,8 @@ impl Deriver<'_> {
         set(&mut ground.friction, lane, get(Friction));
         set(&mut ground.yield_force, lane, get(YieldForce));
         set(&mut ground.sink_rate, lane, get(SinkRate));
-        set(&mut ground.drop, lane, get(FrictionDrop));
+        // No more than all of it can be gone.
+        set(&mut ground.drop, lane, get(FrictionDrop).min(1.0));
         set(&mut ground.drop_speed, lane, get(FrictionSpeed));
         let (time_constant, damping_ratio) =
             contact_response(get(TimeConstant), get(DampingRatio), get(Restitution), self.timestep);

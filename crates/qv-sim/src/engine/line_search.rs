@@ -132,7 +132,7 @@ fn constraint_curvature<L: Real, const D: usize>(
             let direction = scratch.search[i];
             let residual = scratch.a[i] + step * direction - friction_reference[i];
             let (_, holds) = friction_force(friction_weight[i], friction_limit[i], residual);
-            sum += L::select(holds, L::splat(friction_weight[i]) * direction * direction, L::zero());
+            sum += L::select(holds, friction_weight[i] * direction * direction, L::zero());
         }
     }
     for row in limits {

@@ -143,8 +143,8 @@ pub(super) fn contact_hessian<L: Real, const D: usize>(rows: &ContactRows<L>, z:
 
 /// Force of joint friction and whether it holds (is in its quadratic part).
 #[inline(always)]
-pub(super) fn friction_force<L: Real>(weight: f64, most: L, residual: L) -> (L, L::Mask) {
-    let free = -(L::splat(weight) * residual);
+pub(super) fn friction_force<L: Real>(weight: L, most: L, residual: L) -> (L, L::Mask) {
+    let free = -(weight * residual);
     let holds = free.abs().lt(most);
     (free.max(-most).min(most), holds)
 }
@@ -348,7 +348,7 @@ fn hessian<L: Real, const D: usize>(settings: &NewtonSettings, block: &Block<L>,
         for i in topology.base_dofs..topology.nv {
             let residual = work.newton.a[i] - friction_reference[i];
             let (_, holds) = friction_force(friction_weight[i], friction_limit[i], residual);
-            work.hessian[diagonal(i)] += L::select(holds, L::splat(friction_weight[i]), L::zero());
+            work.hessian[diagonal(i)] += L::select(holds, friction_weight[i], L::zero());
         }
     }
     for row in limits {

@@ -46,7 +46,7 @@ fn constraint_cost<L: Real, const D: usize>(
             // `1/2 f r` while it holds; beyond, the line that goes on from there.
             let residual = a[i] - friction_reference[i];
             let (force, holds) = friction_force(friction_weight[i], friction_limit[i], residual);
-            let weight = L::splat(friction_weight[i]);
+            let weight = friction_weight[i];
             let beyond = -(force * residual) - half * force * force / weight;
             sum += L::select(holds, half * weight * residual * residual, beyond);
         }

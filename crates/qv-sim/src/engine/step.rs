@@ -68,7 +68,7 @@ pub(crate) fn step<L: Real>(shared: &Shared, used: usize, block: &mut Block<L>, 
     let rows = RowSettings {
         topology,
         slots: &colliders.slots,
-        dof_weight: &shared.weights.dof,
+        weights: &shared.weights,
         limits: &shared.limits,
         impratio: options.impratio,
         timestep: options.timestep,

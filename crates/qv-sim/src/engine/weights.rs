@@ -1,19 +1,34 @@
 //! Inverse weights: the accelerations of bodies and joints per unit of force in the model's zero position.
 //!
 //! They scale the regularisation of constraints (MuJoCo documentation, Computation, eq. 10; `body_invweight0`,
-//! `dof_invweight0`), once per model.
+//! `dof_invweight0`), once per model. A joint's is that of its own rotor inertia, which is a parameter: see [`stiffer`].
 
 use super::array::Array;
 use super::block::{Block, Work};
 use super::dynamics::{factor, solve};
 use super::topology::Topology;
 use super::vector::{add, angular, cross, linear};
+use crate::lanes::Real;
 
 /// Per body (translation at the centre of mass, rotation) and per degree of freedom.
 #[derive(Debug, Clone)]
 pub(crate) struct Weights {
     pub body: Vec<[f64; 2]>,
     pub dof: Vec<f64>,
+    /// Rotor inertias that `dof` is of.
+    pub armature: Vec<f64>,
+}
+
+/// Least share of a joint's inertia that a smaller rotor leaves.
+const LEAST: f64 = 0.01;
+
+/// By how much a joint's inverse weight w is smaller with another rotor: (M + Δ e eᵀ)⁻¹ has w / (1 + Δ w) in its place (Sherman and Morrison,
+/// 1950). Exact for one joint; of several at once, what each does to the others is left out. Without it a joint whose rotor is stated
+/// beside its URDF would creep under dry friction as if it had none.
+#[inline(always)]
+pub(crate) fn stiffer<L: Real>(weights: &Weights, dof: usize, armature: L) -> L {
+    let more = (armature - L::splat(weights.armature[dof])) * L::splat(weights.dof[dof]);
+    (L::one() + more).max(L::splat(LEAST))
 }
 
 impl Weights {
@@ -59,6 +74,7 @@ impl Weights {
                 [(0..3).map(|k| mean(k, false)).sum::<f64>() / 3.0, (0..3).map(|k| mean(k, true)).sum::<f64>() / 3.0]
             })
             .collect();
-        Self { body, dof }
+        let armature = block.armature.iter().copied().collect();
+        Self { body, dof, armature }
     }
 }

@@ -1,6 +1,7 @@
 //! Small robots for the tests.
 #![allow(dead_code)]
 
+use qv_core::TriangleMesh;
 use qv_sim::{BaseKind, Batch, JointCommand, Model, ModelOptions, Precision, SimOptions, State, Terrain};
 
 pub fn inertial(mass: f64, moment: f64) -> String {
@@ -77,4 +78,33 @@ pub fn settle(model: &Model, terrain: &Terrain, options: &SimOptions, state: &St
     sim.step_many(steps);
     assert!(!sim.is_faulty(0).unwrap());
     sim.state(0).unwrap()
+}
+
+/// A command of one joint.
+#[derive(Clone, Copy, Default)]
+pub struct Order {
+    pub q: f64,
+    pub dq: f64,
+    pub kp: f64,
+    pub kd: f64,
+    pub tau: f64,
+}
+
+pub fn command<T: Precision>(sim: &mut Batch<T>, o: Order) {
+    sim.set_command(0, &JointCommand { q: &[o.q], dq: &[o.dq], kp: &[o.kp], kd: &[o.kd], tau: &[o.tau] }).unwrap();
+}
+
+pub fn near(found: f64, expected: f64, tolerance: f64) {
+    assert!((found - expected).abs() <= tolerance, "found {found}, expected {expected} within {tolerance}");
+}
+
+/// The plane as two triangles.
+pub fn tabletop() -> Terrain {
+    let corner = |x: f64, y: f64| glam::DVec3::new(x, y, 0.0);
+    let mesh = TriangleMesh {
+        vertices: vec![corner(-5.0, -5.0), corner(5.0, -5.0), corner(5.0, 5.0), corner(-5.0, 5.0)],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..Default::default()
+    };
+    Terrain::from_mesh(&mesh).unwrap()
 }

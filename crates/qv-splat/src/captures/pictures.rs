@@ -26,6 +26,14 @@ pub fn size(file: impl BufRead + Seek) -> Result<[u32; 2], String> {
     Ok(if swaps(turn) { [height, width] } else { [width, height] })
 }
 
+/// Whether EXIF tells a viewer to turn an image; not so where it is no image.
+pub fn is_turned(bytes: &[u8]) -> bool {
+    let reader = ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format();
+    let decoder = reader.ok().and_then(|reader| reader.into_decoder().ok());
+    let turn = decoder.and_then(|mut decoder| decoder.orientation().ok());
+    turn.is_some_and(|turn| turn != Orientation::NoTransforms)
+}
+
 /// An image of the size that its camera has, or as it is stored; and what was done with the orientation that EXIF tells, if it tells one.
 ///
 /// # Errors
@@ -95,6 +103,7 @@ mod tests {
         assert!(left(Shown::Turned) < 60 && left(Shown::Stored) > 200);
         assert_eq!(decode(&jpeg(1), [16, 8], Shown::Turned).unwrap().1, None);
         assert_eq!(decode(&jpeg(6), [9, 9], Shown::Turned).unwrap().1, None);
+        assert!(is_turned(&jpeg(6)) && is_turned(&upside_down) && !is_turned(&jpeg(1)) && !is_turned(&[1, 2]));
         assert!(decode(&[1, 2], [1, 1], Shown::Turned).is_err() && size(std::io::Cursor::new([1, 2])).is_err());
     }
 }

@@ -155,6 +155,13 @@ impl Dataset {
         Ok(dataset)
     }
 
+    /// All but the photographs.
+    pub(super) fn without_photographs(&self) -> Self {
+        let (nearest, lost, turned) = (self.nearest.clone(), self.lost.clone(), self.turned.clone());
+        let (extent, background, antialias) = (self.extent, self.background, self.antialias);
+        Self { training: vec![], held_out: vec![], extent, nearest, background, antialias, lost, turned }
+    }
+
     /// What the photographs to learn from sample, with their cameras as they were given.
     pub fn sampling(&self) -> Sampling {
         let cameras: Vec<Camera> = self.training.iter().map(|one| one.camera).collect();

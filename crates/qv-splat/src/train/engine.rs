@@ -2,7 +2,7 @@
 
 use super::dataset::{Dataset, Photograph};
 use super::exposure::exposed_image;
-use super::ground::{Ground, with_depth};
+use super::ground::{DEPTH, Ground};
 use super::model::{Exposure, Model};
 use super::random::shuffled;
 use super::score::{GroundScore, Score, score, score_of};
@@ -124,7 +124,7 @@ pub fn ground_scores(
     exposed: bool,
 ) -> Result<Vec<GroundScore>, SplatError> {
     let one = |photograph: &Photograph| {
-        let image = with_depth(&model.cloud, &photograph.camera, dataset)?;
+        let image = drawn_with(&model.cloud, &photograph.camera, dataset, DEPTH)?;
         let shown = ground.pixels(&image, &photograph.camera);
         let colour = match exposed {
             true => exposed_image(&neighbours(&dataset.training, &model.exposures, &photograph.name), &image.colour),
@@ -149,8 +149,18 @@ fn neighbours(training: &[Photograph], exposures: &[Exposure], name: &str) -> Ex
 /// # Errors
 /// Drawing fails.
 pub fn drawn(cloud: &GaussianCloud, camera: &Camera, dataset: &Dataset) -> Result<Image, SplatError> {
+    drawn_with(cloud, camera, dataset, Outputs::default())
+}
+
+/// As [`drawn`], with more than the colours.
+pub(super) fn drawn_with(
+    cloud: &GaussianCloud,
+    camera: &Camera,
+    dataset: &Dataset,
+    outputs: Outputs,
+) -> Result<Image, SplatError> {
     let filtered = dataset.filtered(cloud);
-    let settings = dataset.settings(Outputs::default());
+    let settings = dataset.settings(outputs);
     Ok(qv_raster::render(&Scene::still(&filtered), &[View::of(*camera)], &settings)?.0.remove(0))
 }
 

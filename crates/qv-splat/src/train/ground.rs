@@ -1,12 +1,13 @@
 //! The ground of a scene as a plane, so that it can be scored apart: for a robot that walks it counts most, and few photographs look at it.
 
 use super::dataset::Dataset;
+use super::engine::drawn_with;
 use super::random::{Purpose, unit, words};
 use crate::SplatError;
 use glam::{DMat3, DQuat, DVec3};
 use qv_core::statistics::median;
 use qv_core::{Camera, GaussianCloud};
-use qv_raster::{Image, Outputs, Scene, View, render};
+use qv_raster::{Image, Outputs};
 
 /// What is asked of a plane to be called the ground.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -81,12 +82,8 @@ fn up(camera: &Camera) -> DVec3 {
     camera.camera_from_world.rotation.inverse() * DVec3::NEG_Y
 }
 
-/// An image with depth, as a camera sees the cloud.
-pub(super) fn with_depth(cloud: &GaussianCloud, camera: &Camera, dataset: &Dataset) -> Result<Image, SplatError> {
-    let settings = dataset.settings(Outputs { depth: true, ..Default::default() });
-    let filtered = dataset.filtered(cloud);
-    Ok(render(&Scene::still(&filtered), &[View::of(*camera)], &settings)?.0.remove(0))
-}
+/// What is drawn to find pixels of the ground.
+pub(super) const DEPTH: Outputs = Outputs { depth: true, plane: false, features: false };
 
 /// The point in the world that a pixel shows, and its depth; none where little was drawn.
 fn point_of(image: &Image, camera: &Camera, pixel: usize) -> Option<(DVec3, f64)> {
@@ -108,7 +105,7 @@ fn seen(
 ) -> Result<(Vec<DVec3>, Vec<f64>), SplatError> {
     let (mut points, mut depths) = (Vec::new(), Vec::new());
     for camera in cameras.iter().step_by(cameras.len().div_ceil(how.photographs.max(1)).max(1)) {
-        let image = with_depth(cloud, camera, dataset)?;
+        let image = drawn_with(cloud, camera, dataset, DEPTH)?;
         // Steps along both sides, not along rows alone: else the points would lie on few columns.
         let step = ((image.alpha.len() as f64 / how.points.max(1) as f64).sqrt() as usize).max(1);
         for row in (0..image.height).step_by(step) {
@@ -204,7 +201,7 @@ mod tests {
             assert!(found.normal.angle_between(normal) < 0.02, "{found:?}");
             assert!((found.height + 0.5).abs() < 0.03, "{found:?}");
             let camera = dataset.training[0].camera;
-            let image = with_depth(&cloud, &camera, &dataset).unwrap();
+            let image = drawn_with(&cloud, &camera, &dataset, DEPTH).unwrap();
             let pixels = found.pixels(&image, &camera);
             let shown = pixels.iter().filter(|is| **is).count();
             assert!(shown > 100 && shown < pixels.len(), "{shown}");

@@ -19,6 +19,7 @@ pub mod filter;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 mod ground;
+pub mod growing;
 pub mod guide;
 pub mod loss;
 pub mod mcmc;
@@ -43,4 +44,4 @@ pub use model::{Exposure, Model, NEUTRAL};
 pub use options::{Rates, Strategy, TrainOptions, Weights};
 pub use score::{GroundScore, Score, score};
 pub use start::{AT_DEPTHS, AT_RANDOM, at_depths, at_far, at_random, of_points};
-pub use undistort::{Pixels, undistorted};
+pub use undistort::{Pixels, smaller, undistorted};

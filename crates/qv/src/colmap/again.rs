@@ -1,16 +1,17 @@
 //! Poses and lenses of a capture found again by COLMAP, in the frame and the metres of the poses that the capture has.
 //!
 //! Poses that a depth camera or a robot measured are good to centimetres and a degree, which is too little for what photographs show:
-//! depth from photographs a decimetre or three apart needs a few hundredths of a degree.
+//! depth from photographs a decimetre or three apart needs a few hundredths of a degree. Whether they are good enough is seen by the matches
+//! between photographs that COLMAP verifies without any poses: good poses explain nearly all of them.
 
-use super::{Given, GivenCamera, Placed, find};
+use super::{Given, GivenCamera, Placed, find, is_there};
 use crate::Failure;
 use crate::capture::{OpenCapture, open_capture};
 use crate::scene::about;
 use crate::whole::{put, write_whole};
 use glam::DVec3;
 use qv_mesh::similarity::Similarity;
-use qv_splat::captures::CaptureCamera;
+use qv_splat::captures::{CaptureCamera, pictures};
 use qv_splat::train::cameras::same_lens;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -24,6 +25,9 @@ const STAMP: &str = "poses.json";
 /// Largest part of the fewest photographs that must have a pose.
 const FEWEST: usize = 8;
 
+/// COLMAP's poses are taken where the given ones explain less than this share of the matches that COLMAP's explain.
+const AS_GOOD: f64 = 0.9;
+
 /// What poses were found of, so that they are not looked for twice.
 #[derive(Serialize, Deserialize)]
 struct Stamp {
@@ -31,47 +35,139 @@ struct Stamp {
     placed: Placed,
 }
 
-/// The capture with poses, lenses and points by COLMAP; what was lost; and how far they are from the given ones.
+/// A capture with the poses that were chosen for it.
+pub struct Chosen {
+    pub opened: OpenCapture,
+    /// What was lost, a line each.
+    pub lost: Vec<String>,
+    /// How COLMAP's poses are; null where those of the capture stay.
+    pub found: Value,
+    /// Whose poses were taken, and why, in words.
+    pub why: String,
+    /// Shares of the verified matches that the given poses and COLMAP's explain, where that is known.
+    pub explain: [Option<f64>; 2],
+}
+
+impl Chosen {
+    /// The capture as it is.
+    pub fn given(opened: OpenCapture, why: impl Into<String>) -> Self {
+        Self { opened, lost: vec![], found: Value::Null, why: why.into(), explain: [None; 2] }
+    }
+
+    pub fn is_given(&self) -> bool {
+        self.found.is_null()
+    }
+}
+
+/// The capture with poses, lenses and points by COLMAP.
 ///
 /// # Errors
 /// A photograph is missing, COLMAP cannot be had or fails, fewer than 8 photographs find a place, or their given places are on one line.
-pub fn poses_again(
+pub fn poses_again(path: &Path, opened: OpenCapture, folder: &Path) -> Result<Chosen, Failure> {
+    let placed = placed_again(path, &opened, folder, false)?;
+    with_found(path, opened, folder, &placed, "they were asked for".into())
+}
+
+/// The capture with its own poses, or with COLMAP's where those explain the verified matches better and COLMAP is there already.
+///
+/// # Errors
+/// A photograph is missing. Where COLMAP fails the given poses stay, and why is told.
+pub fn better_poses(path: &Path, opened: OpenCapture, folder: &Path) -> Result<Chosen, Failure> {
+    let photographs = opened.capture.cameras.iter().filter(|one| one.image.is_some()).count();
+    if opened.is_by_colmap || photographs < FEWEST {
+        let why = if opened.is_by_colmap { "COLMAP found them" } else { "there are too few photographs to check them" };
+        return Ok(Chosen::given(opened, why));
+    }
+    if !is_there() {
+        return Ok(Chosen::given(opened, UNCHECKED));
+    }
+    let is_turned = |one: &CaptureCamera| {
+        one.image.as_ref().is_some_and(|image| opened.read(image).is_ok_and(|bytes| pictures::is_turned(&bytes)))
+    };
+    if opened.capture.cameras.iter().any(is_turned) {
+        return Ok(Chosen::given(opened, "EXIF tells to turn photographs, which COLMAP takes as they are stored"));
+    }
+    let placed = match placed_again(path, &opened, folder, true) {
+        Ok(placed) => placed,
+        Err(error) => return Ok(Chosen::given(opened, format!("COLMAP could not check them: {error}"))),
+    };
+    let explain = [placed.given_explain, placed.found_explain];
+    match choice(&placed) {
+        Choice::Given(why) => Ok(Chosen { explain, ..Chosen::given(opened, why) }),
+        Choice::Found(why) => with_found(path, opened, folder, &placed, why),
+    }
+}
+
+/// Why given poses stay where COLMAP is not there.
+pub const UNCHECKED: &str =
+    "COLMAP, which could check them, is not there; --poses colmap fetches it (50 MB, once) and takes its poses";
+
+/// Whose poses explain the matches.
+#[derive(Debug, PartialEq)]
+enum Choice {
+    Given(String),
+    Found(String),
+}
+
+fn choice(placed: &Placed) -> Choice {
+    let Some(given) = placed.given_explain else {
+        return Choice::Given("COLMAP said nothing of them".into());
+    };
+    let in_words = |share: f64| format!("{:.0} %", 100.0 * share);
+    let Some(found) = placed.found_explain.filter(|_| placed.placed >= FEWEST.min(placed.frames)) else {
+        return Choice::Given(format!("they explain {} of the verified matches", in_words(given)));
+    };
+    let both = format!("{} of the verified matches, those by COLMAP {}", in_words(given), in_words(found));
+    match given < AS_GOOD * found {
+        true => Choice::Found(format!("those of the capture explain {both}")),
+        false => Choice::Given(format!("they explain {both}")),
+    }
+}
+
+/// What COLMAP makes of the photographs, or made of the same ones before. With `check` no model is made where the given poses are good.
+fn placed_again(path: &Path, opened: &OpenCapture, folder: &Path, check: bool) -> Result<Placed, Failure> {
+    let (mut given, contents) = copied(path, opened, &folder.join("images"))?;
+    given.check = check;
+    let stamp = folder.join(STAMP);
+    let known = fs::read_to_string(&stamp).ok().and_then(|text| serde_json::from_str::<Stamp>(&text).ok());
+    let is_enough = |known: &Stamp| {
+        let has_model = known.placed.placed > 0 && folder.join("sparse/0/images.bin").is_file();
+        known.contents == contents && (has_model || check && known.placed.given_explain.is_some())
+    };
+    if let Some(known) = known.filter(is_enough) {
+        return Ok(known.placed);
+    }
+    let placed = find(&folder.join("images"), folder, Some(&given))?;
+    let text = serde_json::to_string(&Stamp { contents, placed: placed.clone() })?;
+    write_whole(&stamp, text.as_bytes())?;
+    Ok(placed)
+}
+
+fn with_found(
     path: &Path,
     mut opened: OpenCapture,
     folder: &Path,
-) -> Result<(OpenCapture, Vec<String>, Value), Failure> {
-    let (given, contents) = copied(path, &opened, &folder.join("images"))?;
-    let stamp = folder.join(STAMP);
-    let known = fs::read_to_string(&stamp).ok().and_then(|text| serde_json::from_str::<Stamp>(&text).ok());
-    let placed = match known.filter(|known| known.contents == contents && folder.join("sparse/0/images.bin").is_file())
-    {
-        Some(known) => known.placed,
-        None => {
-            let placed = find(&folder.join("images"), folder, Some(&given))?;
-            let text = serde_json::to_string(&Stamp { contents, placed: placed.clone() })?;
-            write_whole(&stamp, text.as_bytes())?;
-            placed
-        }
-    };
+    placed: &Placed,
+    why: String,
+) -> Result<Chosen, Failure> {
     if placed.placed < FEWEST.min(placed.frames) {
         let expected = format!("expected places of at least {FEWEST} photographs by COLMAP");
         return Err(about(path, format!("{expected}, found {} of {}", placed.placed, placed.frames)));
     }
-    let found = open_capture(folder)?;
-    let told = adopted(&mut opened, found, &placed).map_err(|e| about(path, e))?;
+    let found = adopted(&mut opened, open_capture(folder)?, placed).map_err(|e| about(path, e))?;
     let mut lost = vec![];
     if placed.placed < placed.frames {
         let without = placed.frames - placed.placed;
         lost.push(format!("{}: {without} of {} photographs find no place", path.display(), placed.frames));
     }
     lost.extend(placed.doubt(path));
-    Ok((opened, lost, told))
+    Ok(Chosen { opened, lost, found, why, explain: [placed.given_explain, placed.found_explain] })
 }
 
 /// Copies photographs, a folder for each lens, and tells what the files hold.
 fn copied(path: &Path, opened: &OpenCapture, folder: &Path) -> Result<(Given, u64), Failure> {
     fs::remove_dir_all(folder).ok();
-    let mut given = Given { cameras: vec![] };
+    let mut given = Given { cameras: vec![], poses: BTreeMap::new(), check: false };
     let mut lenses: Vec<&CaptureCamera> = vec![];
     let mut hasher = DefaultHasher::new();
     for (index, one) in opened.capture.cameras.iter().enumerate() {
@@ -91,6 +187,10 @@ fn copied(path: &Path, opened: &OpenCapture, folder: &Path) -> Result<(Given, u6
         let written = fs::create_dir_all(folder.join(group.to_string())).and_then(|()| put(&file, &bytes));
         written.map_err(|e| about(&file, format!("expected to write it, found {e}")))?;
         bytes.hash(&mut hasher);
+        let pose = one.camera.camera_from_world;
+        let (turn, at) = (pose.matrix(), pose.position.to_array());
+        let row = |k: usize| turn.row(k).to_array().into_iter().chain([at[k]]);
+        given.poses.insert(name.clone(), (0..3).flat_map(row).collect());
         given.cameras[group].images.push(name);
     }
     serde_json::to_string(&given)?.hash(&mut hasher);
@@ -168,7 +268,32 @@ mod tests {
     }
 
     fn open(cameras: Vec<CaptureCamera>) -> OpenCapture {
-        OpenCapture { capture: Capture { cameras, ..Capture::default() }, folders: vec![], points: None }
+        OpenCapture {
+            capture: Capture { cameras, ..Capture::default() },
+            folders: vec![],
+            points: None,
+            is_by_colmap: false,
+        }
+    }
+
+    fn placed(frames: usize, placed: usize, given: Option<f64>, found: Option<f64>) -> Placed {
+        Placed { frames, placed, held: 0.9, given_explain: given, found_explain: found }
+    }
+
+    #[test]
+    fn poses_are_taken_from_colmap_only_where_they_explain_clearly_more() {
+        let of = |p: Placed| choice(&p);
+        let is_found = |p: Placed| matches!(of(p), Choice::Found(_));
+        assert!(is_found(placed(50, 50, Some(0.50), Some(0.95))));
+        assert!(is_found(placed(50, 40, Some(0.80), Some(0.90))));
+        // A good pose stays, and so does one that is as good as what was found.
+        assert!(!is_found(placed(50, 0, Some(0.97), None)));
+        assert!(!is_found(placed(50, 50, Some(0.85), Some(0.93))));
+        // A model of few photographs says nothing of the others.
+        assert!(!is_found(placed(50, 5, Some(0.30), Some(0.95))));
+        let why = of(placed(50, 50, Some(0.503), Some(0.952)));
+        let told = "those of the capture explain 50 % of the verified matches, those by COLMAP 95 %";
+        assert_eq!(why, Choice::Found(told.into()));
     }
 
     #[test]
@@ -188,7 +313,7 @@ mod tests {
         let place = found_from_given.transform_point(point).to_array().map(|x| x as f32);
         found.points = Some(Points { places: vec![place], colours: vec![[0.5; 3]], ..Default::default() });
         let wanted: Vec<Pose> = [0, 1, 3].map(|k| given.capture.cameras[k].camera.camera_from_world).to_vec();
-        let told = adopted(&mut given, found, &Placed { frames: 4, placed: 3, held: 0.9 }).unwrap();
+        let told = adopted(&mut given, found, &placed(4, 3, None, None)).unwrap();
         let cameras = &given.capture.cameras;
         assert_eq!(cameras.iter().map(|one| &*one.name).collect::<Vec<_>>(), ["a", "b", "d"]);
         for (camera, wanted) in cameras.iter().zip(&wanted) {

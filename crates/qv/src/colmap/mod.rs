@@ -2,13 +2,14 @@
 
 mod again;
 
-pub use again::poses_again;
+pub use again::{Chosen, better_poses, poses_again};
 
 use crate::Failure;
 use crate::python::{Environment, said};
 use crate::scene::about;
 use crate::whole::write_whole;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// The program that calls COLMAP.
@@ -33,6 +34,12 @@ pub struct Placed {
     pub placed: usize,
     /// Share of the verified matches that the model holds.
     pub held: f64,
+    /// Share of the verified matches that the given poses explain: those within 2 px of their epipolar lines.
+    #[serde(default)]
+    pub given_explain: Option<f64>,
+    /// The same of the poses of the model; none where none was made.
+    #[serde(default)]
+    pub found_explain: Option<f64>,
 }
 
 impl Placed {
@@ -49,6 +56,10 @@ impl Placed {
 pub struct Given {
     /// The lenses.
     pub cameras: Vec<GivenCamera>,
+    /// Poses `camera_from_world` by image: the first three rows of the matrix, row by row.
+    pub poses: BTreeMap<String, Vec<f64>>,
+    /// Poses are looked for only where the given ones do not explain nearly all verified matches.
+    pub check: bool,
 }
 
 /// A lens to begin with, and which images it took, relative to the folder of images.
@@ -60,6 +71,11 @@ pub struct GivenCamera {
     pub params: Vec<f64>,
     /// Images.
     pub images: Vec<String>,
+}
+
+/// Whether COLMAP is there: nothing is made for it.
+pub fn is_there() -> bool {
+    PYTHON.is_there()
 }
 
 /// Finds from where `images` were taken, and writes the model to `folder/sparse/0`. With nothing given all are of one unknown lens.

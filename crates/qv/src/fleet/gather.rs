@@ -70,7 +70,8 @@ impl Gather {
         for failure in &fleet.failures {
             let _ = writeln!(text, "{} failed, {}: {}", failure.units.len(), failure.kind.words(), failure.reason);
         }
-        let hours = cost["core_hours"].as_f64().unwrap_or(0.0);
+        // The sum of nothing is -0.
+        let hours = cost["core_hours"].as_f64().unwrap_or(0.0).abs();
         let _ = writeln!(text, "{hours:.4} core-hours; written to {}", self.folder.join("fleet.html").display());
         text
     }

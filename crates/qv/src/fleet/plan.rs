@@ -248,7 +248,7 @@ fn summary(plan: &Units, out: &Path) -> String {
         let _ = writeln!(text, "{}: the same as {}, done once", one.path, one.same_as);
     }
     for one in plan.refused.iter().take(TOLD) {
-        let _ = writeln!(text, "cannot be used: {}", one.reason);
+        let _ = writeln!(text, "{} cannot be used: {}", one.path, one.reason);
     }
     if plan.refused.len() > TOLD {
         let _ = writeln!(text, "and {} more, see plan.json", plan.refused.len() - TOLD);

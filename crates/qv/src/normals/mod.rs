@@ -172,6 +172,7 @@ mod tests {
             capture: Capture { cameras: cameras.clone(), ..Capture::default() },
             folders: vec![folder.clone()],
             points: None,
+            is_by_colmap: false,
         };
         let file = folder.join("model.onnx");
         fs::write(&file, constant_model([1.0, 0.0, 2.0])).unwrap();

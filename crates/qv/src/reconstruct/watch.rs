@@ -65,7 +65,8 @@ impl<'a> Run<'a> {
                 "step {} of {}, loss {loss:.4}{psnr} {} Gaussians",
                 progress.iteration, self.iterations, progress.splats
             );
-            self.bar.at(TRAINING[0] + share * (TRAINING[1] - TRAINING[0]), &figure);
+            let from = self.command.training_from();
+            self.bar.at(from + share * (TRAINING[1] - from), &figure);
             if self.command.times {
                 self.add_times(engine.times()?);
                 engine.time_next();
@@ -92,7 +93,7 @@ impl<'a> Run<'a> {
     pub fn searches(&self, progress: &Progress) -> bool {
         if progress.loss.is_some() {
             let figure = format!("how many steps help: step {}, {} Gaussians", progress.iteration, progress.splats);
-            self.bar.at(TRAINING[0], &figure);
+            self.bar.at(self.command.training_from(), &figure);
         }
         !self.is_stopped()
     }

@@ -1,7 +1,20 @@
 //! Scores as they are told.
 
+use crate::colmap::Chosen;
 use qv_splat::train::{Ground, GroundScore, Score};
 use serde_json::{Value, json};
+
+/// Whose poses were taken, and why, for metrics.json.
+pub fn of_poses(chosen: &Chosen) -> Value {
+    let taken = if chosen.is_given() { "capture" } else { "colmap" };
+    json!({"taken": taken, "why": chosen.why, "given_explain": chosen.explain[0], "colmap_explain": chosen.explain[1]})
+}
+
+/// The same in words: a line.
+pub fn poses_in_words(poses: &Value) -> String {
+    let whose = if poses["taken"] == "colmap" { "by COLMAP" } else { "of the capture" };
+    poses["why"].as_str().map_or(String::new(), |why| format!("poses {whose}: {why}\n"))
+}
 
 /// Scores in words; where a half is masked in all photographs, or nothing is left of the other to fit to, it has none.
 pub fn in_words(s: &Score) -> String {

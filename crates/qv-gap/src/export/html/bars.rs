@@ -103,7 +103,7 @@ fn falls(gap: &Gap) -> String {
     let Some(of) = gap.joint_rms_apart else { return text };
     let _ = write!(
         text,
-        "<p>In {} of {} windows the paths of simulator and robot part, as where a foot slips in one alone: there joints go from {}. \
+        "<p>In {} of {} windows the paths of simulator and robot part, as where one of them slips or hits a stop: there joints go from {}. \
          In the other {} they go from {}.</p>",
         of.apart,
         of.apart + of.agree,

@@ -1,0 +1,150 @@
+//! Depth from several photographs, where none was measured: multi-view stereo.
+//!
+//! For each photograph: a few others chosen by angle and overlap ([`views`]); normalised cross-correlation with them on planes that are
+//! uniform in inverse depth ([`sweep`]; Collins 1996), the better half of the others counting (Kang, Szeliski, Chai 2001); semi-global
+//! aggregation ([`aggregate`]; Hirschmüller 2008). A depth counts where depths of other photographs agree ([`agree`]; Merrell et al. 2007);
+//! everything else is not measured. `docs/reconstruction.md` has the equations.
+//!
+//! The same photographs give the same bits on any number of threads.
+
+mod aggregate;
+mod agree;
+mod sweep;
+#[cfg(test)]
+mod tests;
+mod views;
+
+use crate::SplatError;
+use crate::error::off;
+use crate::files::Points;
+use crate::train::Dataset;
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use views::View;
+
+/// How depth is measured. Lengths of images are in pixels of the images that are compared.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StereoOptions {
+    /// Longest side of the images that are compared \[px\]: sides of photographs are divided by the smallest whole number that gives it.
+    pub side: u32,
+    /// Most photographs that one is compared with.
+    pub neighbours: usize,
+    /// Half side of a patch less one half \[px\]: 3 for 7 x 7.
+    pub radius: usize,
+    /// Deviation of grey by noise, 0 to 1: patches that vary by less are alike by chance.
+    pub noise: f32,
+    /// What lies between two planes in the photographs compared, in the median \[px\].
+    pub plane_px: f64,
+    /// Fewest and most planes.
+    pub planes: [usize; 2],
+    /// Cost of one plane between two pixels side by side, in units of 1 - NCC (Hirschmüller's P1).
+    pub small_jump: f32,
+    /// Cost of more than one (P2), where grey does not change.
+    pub large_jump: f32,
+    /// Change of grey at which the large one costs half.
+    pub edge: f32,
+    /// Least correlation of a depth that counts.
+    pub least_ncc: f32,
+    /// Photographs that must agree.
+    pub agreeing: usize,
+    /// Difference of inverse depths that agree, in planes.
+    pub within: f32,
+}
+
+impl Default for StereoOptions {
+    fn default() -> Self {
+        Self {
+            side: 400,
+            neighbours: 8,
+            radius: 3,
+            noise: 2.0 / 255.0,
+            plane_px: 1.0,
+            planes: [32, 256],
+            small_jump: 0.08,
+            large_jump: 0.4,
+            edge: 0.04,
+            least_ncc: 0.3,
+            agreeing: 2,
+            within: 1.0,
+        }
+    }
+}
+
+/// What was measured.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Measured {
+    /// Photographs that had no depth, and were looked at.
+    pub photographs: usize,
+    /// Share of their pixels that have a depth now.
+    pub share: f64,
+    /// Median number of planes.
+    pub planes: usize,
+    /// Median distance of two planes, as a share of the depth in the middle of the range.
+    pub step: f64,
+}
+
+/// Fewest photographs to learn from: a depth of one must be confirmed by two others.
+const FEWEST: usize = 3;
+
+/// Measures depth of photographs to learn from that have none, and leaves that of others alone. `points` of the scene tell how far it
+/// reaches and which photographs show the same; without them the extent of the cameras does. `done` is told how many of how many
+/// photographs are compared.
+///
+/// # Errors
+/// There are fewer than three photographs to learn from, or none has enough others that show the same from another place.
+pub fn measure(
+    dataset: &mut Dataset,
+    points: Option<&Points>,
+    options: &StereoOptions,
+    done: &(dyn Fn(usize, usize) + Sync),
+) -> Result<Measured, SplatError> {
+    let place = "stereo";
+    let count = dataset.training.len();
+    let expected = || format!("at least {FEWEST} photographs to learn from that show the same from different places");
+    if count < FEWEST {
+        return Err(off(place, expected(), count));
+    }
+    let views: Vec<View> = views::all(dataset, points, options);
+    let usable = views.iter().filter(|view| view.neighbours.len() >= options.agreeing).count();
+    if usable < FEWEST {
+        return Err(off(place, expected(), format!("{usable} of {count}")));
+    }
+    let compared = AtomicUsize::new(0);
+    let one = |view: &View| {
+        let map = if view.neighbours.len() < options.agreeing {
+            vec![0.0; view.grey.len()]
+        } else {
+            let costs = sweep::costs(view, &views, options);
+            aggregate::winners(view, &costs, options)
+        };
+        done(compared.fetch_add(1, Ordering::Relaxed) + 1, count);
+        map
+    };
+    // In inverse depth, 0 where there is none. Each photograph is the work of one thread.
+    let maps: Vec<Vec<f32>> = views.par_iter().map(one).collect();
+    let agreed: Vec<Vec<f32>> =
+        (0..count).into_par_iter().map(|index| agree::agreed(index, &views, &maps, options)).collect();
+    let mut told = Measured::default();
+    let (mut measured, mut pixels) = (0, 0);
+    let (mut planes, mut steps) = (vec![], vec![]);
+    for ((photograph, view), map) in dataset.training.iter_mut().zip(&views).zip(agreed) {
+        if photograph.depth.iter().any(|z| *z > 0.0) {
+            continue;
+        }
+        photograph.depth = view.at_full_size(&map, photograph);
+        told.photographs += 1;
+        measured += photograph.depth.iter().filter(|z| **z > 0.0).count();
+        pixels += photograph.depth.len();
+        planes.push(view.planes);
+        steps.push(f64::from(view.step / view.inverse_depth(0.5 * (view.planes - 1) as f32)));
+    }
+    told.share = measured as f64 / pixels.max(1) as f64;
+    told.planes = median(&mut planes, |a, b| a.cmp(b)).unwrap_or(0);
+    told.step = median(&mut steps, f64::total_cmp).unwrap_or(0.0);
+    Ok(told)
+}
+
+fn median<T: Copy>(some: &mut [T], order: impl Fn(&T, &T) -> std::cmp::Ordering) -> Option<T> {
+    some.sort_by(order);
+    some.get(some.len() / 2).copied()
+}
