@@ -172,7 +172,7 @@ impl Eye for SplatEye {
 pub(crate) const SKY: [f32; 3] = [0.75, 0.82, 0.9];
 
 /// Rays of a pixel along rows and columns: a pixel of a camera is a mean over its area, and drawing widens a Gaussian by half a pixel.
-const FINER: usize = 2;
+pub(crate) const FINER: usize = 2;
 
 /// The same camera with more pixels.
 pub(crate) fn finer(camera: &Camera) -> Camera {
@@ -197,21 +197,6 @@ fn averaged(picture: &[f32], width: usize) -> Vec<f32> {
             let first = k / 3 * 3 * FINER + k % 3;
             let square = (0..FINER * FINER).map(|j| rows[j / FINER * row + first + j % FINER * 3]);
             out.push(square.sum::<f32>() / (FINER * FINER) as f32);
-        }
-    }
-    out
-}
-
-/// The same of a picture of bytes with four channels, of which the last is left out.
-#[cfg(feature = "gpu")]
-pub(crate) fn averaged_bytes(picture: &[u8], width: usize) -> Vec<f32> {
-    let row = 4 * width * FINER;
-    let mut out = Vec::with_capacity(picture.len() * 3 / (4 * FINER * FINER));
-    for rows in picture.chunks_exact(row * FINER) {
-        for k in 0..3 * width {
-            let first = k / 3 * 4 * FINER + k % 3;
-            let square = (0..FINER * FINER).map(|j| u32::from(rows[j / FINER * row + first + j % FINER * 4]));
-            out.push(square.sum::<u32>() as f32 / (255 * FINER * FINER) as f32);
         }
     }
     out

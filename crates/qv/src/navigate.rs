@@ -31,7 +31,8 @@ pub const EXAMPLE: &str = "Example:\n  qv navigate train --scene out/policy.ply 
     qv navigate test out/nav/weights.bin --scene out/policy.ply --mesh out/mesh.glb --out out/nav/results.json\n  \
     qv navigate page out/nav/results.json --out out/nav/index.html\n\n\
     The scene should be small (qv reconstruct --downscale 4 --cap 20000), in metres, z up, in the mesh's frame. Legs are a\n\
-    follower of velocities without physics. docs/navigation.md tells the rest.\n\n\
+    follower of velocities without physics. Built with --features gpu, train --gpu draws and learns on the graphics card.\n\
+    docs/navigation.md tells the rest.\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage.";
 
 /// Height of the base over the ground \[m\]; most four-legged robots of this size have about that.

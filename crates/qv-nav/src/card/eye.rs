@@ -1,9 +1,10 @@
 //! The eye of [`SplatEye`] on a graphics card: all robots' pictures of a moment in one batch.
 
 use crate::NavError;
-use crate::eye::{Eye, SKY, Shot, SplatEye, averaged_bytes, finer};
+use crate::eye::{Eye, FINER, SKY, Shot, SplatEye, finer};
+use crate::net::{HEIGHT, WIDTH};
 use qv_core::{GaussianCloud, Pose};
-use qv_raster::gpu::{Gpu, GpuCloud, GpuRasteriser, GpuSettings};
+use qv_raster::gpu::{Gpu, GpuCloud, GpuOptions, GpuRasteriser, GpuSettings};
 use qv_raster::{RasterError, Scene, Settings, View};
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
@@ -16,7 +17,14 @@ pub struct GpuEye {
     /// Groups of cones, which come first.
     cones: usize,
     paints: usize,
-    card: Mutex<(GpuRasteriser, GpuCloud)>,
+    card: Mutex<Card>,
+}
+
+/// What lies on the card.
+struct Card {
+    rasteriser: GpuRasteriser,
+    cloud: GpuCloud,
+    means: Means,
 }
 
 impl GpuEye {
@@ -36,7 +44,8 @@ impl GpuEye {
         let environments = [vec![None; cones + clouds.len()]];
         let scene = Scene { cloud: &cloud, group_of: &group_of, environments: &environments };
         let copy = GpuCloud::new(&gpu, &scene)?;
-        let card = Mutex::new((GpuRasteriser::new(gpu), copy));
+        let means = Means::new(&gpu)?;
+        let card = Mutex::new(Card { rasteriser: GpuRasteriser::new(gpu), cloud: copy, means });
         let paints = clouds.len();
         Ok(Self { cloud, group_of, cones, paints, card })
     }
@@ -49,7 +58,7 @@ impl GpuEye {
     /// What the adapter is called.
     pub fn adapter(&self) -> String {
         let card = self.card.lock().unwrap_or_else(PoisonError::into_inner);
-        card.0.gpu.info.name.clone()
+        card.means.gpu.info.name.clone()
     }
 
     /// Poses of the cones and of the paints, by group.
@@ -66,6 +75,10 @@ impl Eye for GpuEye {
         if shots.is_empty() {
             return Ok(Vec::new());
         }
+        let size = |shot: &Shot| (shot.camera.width as usize, shot.camera.height as usize);
+        if let Some((width, height)) = shots.iter().map(size).find(|size| *size != (WIDTH, HEIGHT)) {
+            return Err(NavError::value("picture", &format!("{WIDTH} x {HEIGHT}"), format!("{width} x {height}")));
+        }
         let environments: Vec<_> = shots.iter().map(|shot| self.groups(shot)).collect();
         let scene = Scene { cloud: &self.cloud, group_of: &self.group_of, environments: &environments };
         let view = |(environment, shot): (usize, &Shot)| View { camera: finer(&shot.camera), environment };
@@ -73,23 +86,80 @@ impl Eye for GpuEye {
         let settings = Settings { background: SKY, ..Default::default() };
         let how = GpuSettings { bytes: true, ..Default::default() };
         let mut card = self.card.lock().unwrap_or_else(PoisonError::into_inner);
-        let (rasteriser, copy) = &mut *card;
-        let mut out = vec![Vec::new(); shots.len()];
-        rasteriser.render_all(copy, &scene, &views, &settings, &how, |first, images, _| {
-            let bytes = images.read_bytes()?;
-            let mut rest = &bytes[..];
-            let mut pictures = Vec::new();
-            for view in &views[first..] {
-                let Some((picture, after)) = rest.split_at_checked(4 * view.camera.pixels()) else { break };
-                pictures.push(picture);
-                rest = after;
-            }
-            let widths = shots[first..].iter().map(|shot| shot.camera.width as usize);
-            let jobs: Vec<_> = out[first..].iter_mut().zip(pictures).zip(widths).collect();
-            jobs.into_par_iter().for_each(|((out, picture), width)| *out = averaged_bytes(picture, width));
+        let Card { rasteriser, cloud, means } = &mut *card;
+        let mut out = Vec::with_capacity(shots.len());
+        rasteriser.render_all(cloud, &scene, &views, &settings, &how, |first, images, _| {
+            // As many as the card had room for come at once.
+            let pixels = images.pixels() / (FINER * FINER);
+            let sums = means.sums(images.colour(), pixels / (WIDTH * HEIGHT))?;
+            debug_assert_eq!(out.len(), first);
+            out.par_extend(sums.par_chunks_exact(WIDTH * HEIGHT).map(shown));
             Ok::<(), RasterError>(())
         })?;
         Ok(out)
+    }
+}
+
+/// The mean of each square of a picture as shown, 0 to 1.
+fn shown(sums: &[u32]) -> Vec<f32> {
+    let share = |sum: u32| (sum & 1023) as f32 / (255 * FINER * FINER) as f32;
+    sums.iter().flat_map(|sum| [*sum, sum >> 10, sum >> 20].map(share)).collect()
+}
+
+/// Sums squares of pixels on the card, so that a quarter of the bytes comes back.
+struct Means {
+    gpu: Gpu,
+    pipeline: wgpu::ComputePipeline,
+    /// Room for the sums of so many pictures.
+    room: (usize, wgpu::Buffer),
+}
+
+/// Threads of a workgroup: two rows of a picture.
+const THREADS: usize = 2 * WIDTH;
+
+impl Means {
+    fn new(gpu: &Gpu) -> Result<Self, RasterError> {
+        let (width, height) = (FINER * WIDTH, FINER * HEIGHT);
+        // Four bytes add up to less than 1024: red, green and blue have room in one word.
+        let text = format!(
+            "@group(0) @binding(0) var<storage, read> fine: array<u32>;
+@group(0) @binding(1) var<storage, read_write> coarse: array<u32>;
+@compute @workgroup_size({THREADS})
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {{
+  let pixel = group.x * {THREADS}u + thread;
+  let corner = (group.y * {height}u + {FINER}u * (pixel / {WIDTH}u)) * {width}u + {FINER}u * (pixel % {WIDTH}u);
+  var sum = 0u;
+  for (var k = 0u; k < {square}u; k++) {{
+    let colour = fine[corner + (k / {FINER}u) * {width}u + k % {FINER}u];
+    sum += (colour & 255u) | (((colour >> 8u) & 255u) << 10u) | (((colour >> 16u) & 255u) << 20u);
+  }}
+  coarse[group.y * {pixels}u + pixel] = sum;
+}}
+",
+            square = FINER * FINER,
+            pixels = WIDTH * HEIGHT,
+        );
+        let device = gpu.device.clone();
+        let own = Gpu::of_device(device, gpu.queue.clone(), gpu.info.clone(), &GpuOptions::default())?;
+        let pipeline = super::pipeline(&own, "means", &text);
+        let room = (0, own.buffer("means", 0)?);
+        Ok(Self { gpu: own, pipeline, room })
+    }
+
+    /// Of the pictures that a buffer begins with: a word for each pixel, red in its lowest ten bits, then green, then blue.
+    fn sums(&mut self, pictures: &wgpu::Buffer, count: usize) -> Result<Vec<u32>, RasterError> {
+        if self.room.0 < count {
+            self.room = (count, self.gpu.buffer("means", 4 * (count * WIDTH * HEIGHT) as u64)?);
+        }
+        let group = super::bind(&self.gpu, &self.pipeline, &[pictures, &self.room.1]);
+        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
+        let mut pass = encoder.begin_compute_pass(&Default::default());
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, &group, &[]);
+        pass.dispatch_workgroups((WIDTH * HEIGHT / THREADS) as u32, count as u32, 1);
+        drop(pass);
+        self.gpu.queue.submit([encoder.finish()]);
+        self.gpu.read(&self.room.1, count * WIDTH * HEIGHT)
     }
 }
 

@@ -28,6 +28,11 @@ impl GpuRasteriser {
 }
 
 impl GpuImages<'_> {
+    /// Pixels of all views of the batch.
+    pub fn pixels(&self) -> usize {
+        self.batch.pixels
+    }
+
     /// Colour and alpha, four floats or four bytes per pixel, red first.
     pub fn colour(&self) -> &wgpu::Buffer {
         self.buffers.get("colours")
