@@ -29,6 +29,9 @@ pub enum Golden {
     Bless {
         /// Names in the manifest; all when none is given
         names: Vec<String>,
+        /// Run the programs that `cargo xtask test` built, which are slower, and build none with optimisation
+        #[arg(long)]
+        test_build: bool,
     },
 }
 
@@ -103,10 +106,9 @@ impl Manifest {
 pub fn run(workspace: &Workspace, what: Golden) -> Result<bool> {
     let manifest = Manifest::read(&workspace.workspace_root)?;
     match what {
-        Golden::Bless { names } => bless(workspace, &manifest, &names).map(|()| true),
+        Golden::Bless { names, test_build } => bless(&built(workspace, test_build), &manifest, &names).map(|()| true),
         Golden::Check { what: Some(what), test_build, .. } => {
-            let build = if test_build { Build::Tests } else { Build::Release };
-            let workspace = Workspace { build, ..workspace.clone() };
+            let workspace = built(workspace, test_build);
             if what == BLIND {
                 return blind::golden::check(&workspace);
             }
@@ -118,6 +120,12 @@ pub fn run(workspace: &Workspace, what: Golden) -> Result<bool> {
             Ok(if regenerate { compare_regenerated(workspace, &manifest)? && tests } else { tests })
         }
     }
+}
+
+/// The workspace with the programs of the tests, or optimised ones.
+fn built(workspace: &Workspace, test_build: bool) -> Workspace {
+    let build = if test_build { Build::Tests } else { Build::Release };
+    Workspace { build, ..workspace.clone() }
 }
 
 fn check_tests(workspace: &Workspace, manifest: &Manifest) -> Result<bool> {

@@ -296,7 +296,7 @@ fn of_torque(run: &Run, joint: usize) -> Option<(String, Reading)> {
         let time = torque.time[i];
         position.interpolate(time, &mut q);
         match velocity {
-            Some(velocity) => _ = velocity.interpolate(time, &mut v),
+            Some(velocity) => velocity.interpolate(time, &mut v),
             // Without its damping the law asks for another torque where a joint moves fast.
             None => v[joint] = filter.at(position, time)[joint].slope,
         }
