@@ -146,7 +146,7 @@ pub struct Reconstruct {
     /// Measures depth from the photographs themselves where none was measured: multi-view stereo
     #[arg(long)]
     stereo: bool,
-    /// Longest side of the images that depth is measured from [px]
+    /// Longest side of the images that depth is measured from, in pixels
     #[arg(long, value_name = "PX", requires = "stereo", hide_short_help = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
     stereo_side: Option<u32>,
     /// Weight of the agreement of normals with depth
