@@ -1,8 +1,8 @@
 //! Depth from several photographs, where none was measured: multi-view stereo.
 //!
-//! For each photograph: a few others chosen by angle and overlap ([`views`]); normalised cross-correlation with them on planes that are
-//! uniform in inverse depth ([`sweep`]; Collins 1996), the better half of the others counting (Kang, Szeliski, Chai 2001); semi-global
-//! aggregation ([`aggregate`]; Hirschmüller 2008). A depth counts where depths of other photographs agree ([`agree`]; Merrell et al. 2007);
+//! For each photograph: a few others chosen by angle and overlap (`views`); normalised cross-correlation with them on planes that are
+//! uniform in inverse depth (`sweep`; Collins 1996), the better half of the others counting (Kang, Szeliski, Chai 2001); semi-global
+//! aggregation (`aggregate`; Hirschmüller 2008). A depth counts where depths of other photographs agree (`agree`; Merrell et al. 2007);
 //! everything else is not measured. `docs/reconstruction.md` has the equations.
 //!
 //! The same photographs give the same bits on any number of threads.
