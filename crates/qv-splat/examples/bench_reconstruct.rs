@@ -3,9 +3,10 @@
 //! photographs that are held out and scores it. The last line of both is JSON. CAPTURE is a folder with `transforms.json`, or of RGB-D
 //! frames as 7-Scenes has them.
 
+mod captured;
+
+use captured::capture;
 use qv_raster::{Scene, Settings, View, render};
-use qv_splat::captures::{Capture, nerfstudio, rgbd};
-use qv_splat::error_at;
 use qv_splat::files::{Points, ply, points};
 use qv_splat::train::{Dataset, ReadOptions, Score, score};
 use serde_json::json;
@@ -25,16 +26,7 @@ fn main() -> Done<()> {
 }
 
 fn open(folder: &Path) -> Done<Dataset> {
-    let file = folder.join("transforms.json");
-    let capture: Capture = if file.is_file() {
-        nerfstudio::read(&fs::read_to_string(&file)?)?
-    } else {
-        let names = fs::read_dir(folder)?.map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned()));
-        let names = names.collect::<Result<Vec<_>, std::io::Error>>()?;
-        rgbd::read(&names, &mut |name| {
-            fs::read_to_string(folder.join(name)).map_err(|e| error_at(name, "a text", &e.to_string()))
-        })?
-    };
+    let capture = capture(folder)?;
     let read = |path: &str| fs::read(folder.join(path)).map_err(|e| format!("{path}: {e}"));
     Ok(Dataset::new(&capture, &read, &ReadOptions::default())?)
 }

@@ -4,8 +4,10 @@
 //! not distort.
 //! OPTION is a field of `StereoOptions`, `hold_out=N`, or `depths=DIR`: a capture with the measured depths is written there.
 
-use qv_splat::captures::{Capture, CaptureCamera, cameras_json, nerfstudio, rgbd};
-use qv_splat::error_at;
+mod captured;
+
+use captured::capture;
+use qv_splat::captures::{CaptureCamera, cameras_json};
 use qv_splat::files::{Points, points};
 use qv_splat::stereo::{StereoOptions, measure};
 use qv_splat::train::{Dataset, ReadOptions};
@@ -91,16 +93,7 @@ fn in_words(some: &[[f32; 2]]) -> String {
 }
 
 fn open(folder: &Path, cameras: Option<&Path>, hold_out: usize) -> Done<Dataset> {
-    let file = folder.join("transforms.json");
-    let mut capture: Capture = if file.is_file() {
-        nerfstudio::read(&fs::read_to_string(&file)?)?
-    } else {
-        let names = fs::read_dir(folder)?.map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned()));
-        let names = names.collect::<Result<Vec<_>, std::io::Error>>()?;
-        rgbd::read(&names, &mut |name| {
-            fs::read_to_string(folder.join(name)).map_err(|e| error_at(name, "a text", &e.to_string()))
-        })?
-    };
+    let mut capture = capture(folder)?;
     if let Some(path) = cameras {
         let found = cameras_json::read(&fs::read_to_string(path)?)?.cameras;
         let found: BTreeMap<String, CaptureCamera> = found.into_iter().map(|one| (one.name.clone(), one)).collect();

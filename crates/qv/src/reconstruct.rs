@@ -233,7 +233,8 @@ impl Reconstruct {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let clock = Instant::now();
         let bar = Stages::new();
-        bar.begin(1, if self.stereo { 4 } else { 3 }, "reading", None);
+        let stages = if self.stereo { 4 } else { 3 };
+        bar.begin(1, stages, "reading", None);
         let chosen = self.open()?;
         let poses = words::of_poses(&chosen);
         let is_found = !chosen.is_given();
@@ -251,7 +252,6 @@ impl Reconstruct {
         }
         let files = |path: &str| opened.read(path);
         let mut dataset = Dataset::new(&opened.capture, &files, &reading).map_err(|e| about(&self.capture, e))?;
-        let stages = if self.stereo { 4 } else { 3 };
         let depths = self.add_depths(&mut dataset, opened.points.as_ref(), &bar)?;
         self.check_needs(&opened, &dataset)?;
         if self.background == Background::Black {

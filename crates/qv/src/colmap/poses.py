@@ -53,6 +53,14 @@ def featured(database, images, camera):
     )
 
 
+def verified(database):
+    """Numbers of two images, and the matches between them that COLMAP verified, where there are enough."""
+    for pair, geometry in zip(*database.read_two_view_geometries()):
+        matches = geometry.inlier_matches
+        if len(matches) >= FEW:
+            yield pycolmap.pair_id_to_image_pair(pair), matches
+
+
 def held(database, model):
     """Share of the verified matches that the model holds: whose two features are one point of it.
 
@@ -60,12 +68,8 @@ def held(database, model):
     parts are what it lacks.
     """
     same, total = 0, 0
-    for pair, geometry in zip(*database.read_two_view_geometries()):
-        matches = geometry.inlier_matches
-        if len(matches) < FEW:
-            continue
+    for (a, b), matches in verified(database):
         total += len(matches)
-        a, b = pycolmap.pair_id_to_image_pair(pair)
         if a not in model.images or b not in model.images:
             continue
         first, second = ([p.point3D_id if p.has_point3D() else -1 for p in model.images[k].points2D] for k in (a, b))
@@ -80,12 +84,8 @@ def explained(database, camera_of, pose_of):
     images without a pose are not explained. Of two photographs from one place a match is explained where its ray is the same.
     """
     good, total = 0, 0
-    for pair, geometry in zip(*database.read_two_view_geometries()):
-        matches = geometry.inlier_matches
-        if len(matches) < FEW:
-            continue
+    for pair, matches in verified(database):
         total += len(matches)
-        pair = pycolmap.pair_id_to_image_pair(pair)
         if any(pose_of(k) is None for k in pair):
             continue
         rays = []
