@@ -56,6 +56,21 @@ impl GaussianCloud {
         &self.features[index * self.feature_count..(index + 1) * self.feature_count]
     }
 
+    /// The Gaussians for whose index `keep` is true, in their order.
+    pub fn filtered(&self, keep: impl Fn(usize) -> bool) -> Self {
+        let kept: Vec<usize> = (0..self.len()).filter(|&k| keep(k)).collect();
+        Self {
+            means: kept.iter().map(|&k| self.means[k]).collect(),
+            log_scales: kept.iter().map(|&k| self.log_scales[k]).collect(),
+            rotations: kept.iter().map(|&k| self.rotations[k]).collect(),
+            opacity_logits: kept.iter().map(|&k| self.opacity_logits[k]).collect(),
+            sh_degree: self.sh_degree,
+            sh: kept.iter().flat_map(|&k| self.sh_of(k)).copied().collect(),
+            feature_count: self.feature_count,
+            features: kept.iter().flat_map(|&k| self.features_of(k)).copied().collect(),
+        }
+    }
+
     /// Checks degree, feature count and the lengths of all arrays.
     ///
     /// # Errors
@@ -112,6 +127,15 @@ mod tests {
         assert_eq!(GaussianCloud::default().check(), Ok(()));
         assert_eq!(two().sh_of(1)[0], [4.0; 3]);
         assert_eq!(two().features_of(1), [3.0, 4.0, 5.0]);
+    }
+
+    #[test]
+    fn a_filtered_cloud_has_all_of_the_gaussians_that_stay() {
+        let second = two().filtered(|k| k == 1);
+        assert_eq!(second.check(), Ok(()));
+        assert_eq!((second.len(), second.sh_of(0), second.features_of(0)), (1, two().sh_of(1), two().features_of(1)));
+        assert_eq!(two().filtered(|_| true), two());
+        assert!(two().filtered(|_| false).is_empty());
     }
 
     #[test]

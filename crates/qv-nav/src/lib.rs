@@ -1,7 +1,7 @@
 //! Visual navigation: a network learns from pictures of a reconstructed place to reach a coloured cone. It knows no robot.
 //!
 //! [`map`] says where one can go on a labelled mesh; [`teacher`] plans, but uses the cone only once it could be seen; an [`eye::Eye`] draws what
-//! a camera on the robot sees, [`lens`] makes of it what a real camera would; [`legs::Legs`] carry it. [`dagger`] lets a [`net::Net`] drive
+//! a camera on the robot sees, [`veils`] leaves out what a reconstruction left hanging in the air, [`lens`] makes of it what a real camera would; [`legs::Legs`] carry it. [`dagger`] lets a [`net::Net`] drive
 //! and learn from what the teacher says. [`task`] draws episodes and judges them, [`score`] counts. [`mod@env`] is the same for learners of other programs. See `docs/navigation.md`.
 
 /// Types of these stand in the interface of this crate.
@@ -34,6 +34,7 @@ pub mod second;
 pub mod sight;
 pub mod task;
 pub mod teacher;
+pub mod veils;
 pub mod walkers;
 pub mod weights;
 

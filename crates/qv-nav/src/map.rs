@@ -64,7 +64,7 @@ pub struct Map {
 pub struct Field(Vec<f32>);
 
 /// Least room at which a robot that strayed can still go on \[m\].
-const SQUEEZE: f32 = 0.12;
+pub(crate) const SQUEEZE: f32 = 0.12;
 /// How dear it is there.
 const SQUEEZE_COST: f32 = 8.0;
 
@@ -426,7 +426,7 @@ impl Map {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
 
     /// Six by six metres with a box of 2 x 2 m and 0.5 m height in the middle.

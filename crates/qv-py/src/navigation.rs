@@ -14,6 +14,7 @@ use qv_nav::net::{HEIGHT, WIDTH};
 use qv_nav::sight::Rig;
 use qv_nav::task::{End, Limits, PERIOD, Stratum};
 use qv_nav::teacher::World;
+use qv_nav::veils::{Air, without_veils};
 use qv_open::ground::mesh_at;
 use std::path::PathBuf;
 
@@ -65,8 +66,9 @@ impl NavigationTask {
         let task = py.detach(|| {
             let mesh = mesh_at(&mesh, "a labelled mesh in GLB").map_err(opening)?;
             let map = Map::new(&mesh, &MapSettings::default()).map_err(value)?;
+            let eye = SplatEye::new(&without_veils(cloud.gaussians(), &map, &Air::default()));
             let world = World::new(map, Rig::default(), Limits::default());
-            NavTask::new(world, Box::new(SplatEye::new(cloud.gaussians())), settings, seed).map_err(value)
+            NavTask::new(world, Box::new(eye), settings, seed).map_err(value)
         })?;
         let (pictures, beside) = (vec![0; n * PICTURE], vec![0.0; n * BESIDE]);
         Ok(Self { task, pictures, beside, rewards: vec![0.0; n], ends: vec![None; n] })

@@ -22,6 +22,7 @@ use qv_nav::score::{Row, compared};
 use qv_nav::sight::Rig;
 use qv_nav::task::{End, Episode, EpisodeSettings, Limits, PERIOD, Stratum, Trial};
 use qv_nav::teacher::World;
+use qv_nav::veils::{Air, without_veils};
 use qv_nav::{measured, onnx, weights};
 use qv_open::ground::mesh_at;
 use std::fs;
@@ -84,6 +85,9 @@ struct Place {
     /// Least and greatest length of the way to a cone, in metres
     #[arg(long, value_name = "M,M", default_value = "2.5,7", value_parser = lengths)]
     distance: Lengths,
+    /// Leaves out Gaussians that hang more than so many metres over ground where the robot can get through; inf keeps all
+    #[arg(long, value_name = "M", default_value_t = Air::default().from, value_parser = height)]
+    air: f64,
     /// Of everything that is drawn
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -191,6 +195,12 @@ fn lengths(text: &str) -> Result<Lengths, String> {
     }
 }
 
+/// A height above the ground, from the command line \[m\].
+fn height(text: &str) -> Result<f64, String> {
+    let found = text.trim().parse::<f64>().ok().filter(|h| *h > 0.0);
+    found.ok_or_else(|| format!("expected a height above 0 in metres, or inf, found `{text}`"))
+}
+
 impl Navigate {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         match &self.command {
@@ -217,7 +227,17 @@ impl Place {
         let (spread, rig) = camera(&self.camera)?;
         let mesh = mesh_at(&self.mesh, "a labelled mesh in GLB")?;
         let map = Map::new(&mesh, &MapSettings::default()).map_err(|e| about(&self.mesh, e))?;
-        let eye = SplatEye::painted(&open_scene(&self.scene)?.cloud, paints, self.seed);
+        let scene = open_scene(&self.scene)?.cloud;
+        let cloud = without_veils(&scene, &map, &Air { from: self.air, ..Air::default() });
+        match scene.len() - cloud.len() {
+            0 => {}
+            hang => remark(&format!(
+                "{hang} of {} Gaussians hang more than {} m over free ground and are left out (--air)",
+                scene.len(),
+                self.air
+            )),
+        }
+        let eye = SplatEye::painted(&cloud, paints, self.seed);
         if eye.count() > 60_000 {
             remark("the scene has many Gaussians: pictures of 80 x 60 are as good, and faster, from 20 000");
         }
