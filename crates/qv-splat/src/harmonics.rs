@@ -63,6 +63,13 @@ pub fn rotation(new_from_old: DMat3) -> [[f64; FUNCTIONS]; FUNCTIONS] {
     out
 }
 
+/// Coefficients of three colours through such a matrix.
+pub fn mixed(matrix: &[[f64; FUNCTIONS]; FUNCTIONS], sh: &[[f32; 3]; FUNCTIONS]) -> [[f32; 3]; FUNCTIONS] {
+    std::array::from_fn(|i| {
+        std::array::from_fn(|c| (0..FUNCTIONS).map(|j| matrix[i][j] * f64::from(sh[j][c])).sum::<f64>() as f32)
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -32,7 +32,9 @@ mod error;
 pub mod files;
 mod harmonics;
 pub mod lens;
+mod moved;
 pub mod stereo;
 pub mod train;
 
 pub use error::{SplatError, error_at};
+pub use moved::moved;

@@ -11,7 +11,7 @@ use super::sieve::{Sieve, Splat};
 use super::{Beside, Format, SplatFile, check, glb};
 use crate::SplatError;
 use crate::error::off;
-use crate::harmonics::{FUNCTIONS, rotation};
+use crate::harmonics::{FUNCTIONS, mixed, rotation};
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use qv_core::GaussianCloud;
 use serde_json::{Value, json};
@@ -271,12 +271,6 @@ fn add(one: &Placed, degree: u8, feature_count: usize, sieve: &mut Sieve) -> Res
         });
     }
     Ok(())
-}
-
-fn mixed(matrix: &[[f64; FUNCTIONS]; FUNCTIONS], sh: &[[f32; 3]; FUNCTIONS]) -> [[f32; 3]; FUNCTIONS] {
-    std::array::from_fn(|i| {
-        std::array::from_fn(|c| (0..FUNCTIONS).map(|j| matrix[i][j] * f64::from(sh[j][c])).sum::<f64>() as f32)
-    })
 }
 
 /// A GLB of a cloud, all numbers floats, in a node without a transform. Positions, harmonics and features are exact.

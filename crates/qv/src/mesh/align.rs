@@ -57,8 +57,8 @@ fn flat_share(mesh: &TriangleMesh, distance: f64) -> f64 {
 }
 
 impl Mesh {
-    /// Brings frames and labelled points to metres; `distance` is what --distance says.
-    pub(super) fn align(&self, input: &mut Input, distance: Option<Similarity>) -> Result<(), Failure> {
+    /// Brings frames and labelled points to metres, and says how; `distance` is what --distance says.
+    pub(super) fn align(&self, input: &mut Input, distance: Option<Similarity>) -> Result<Similarity, Failure> {
         let metric_from_scene = if let Some(path) = &self.markers {
             let rows = rows(path)?;
             let numbers: Result<Vec<Vec<f64>>, _> =
@@ -103,20 +103,21 @@ impl Mesh {
         } else if let Some(similarity) = distance {
             similarity
         } else {
-            return Ok(());
+            return Ok(Similarity::IDENTITY);
         };
         input.capture.frames.iter_mut().for_each(|frame| metric_from_scene.apply_to_frame(frame));
         if let Some(points) = &mut input.points {
             points.points.iter_mut().for_each(|p| *p = metric_from_scene.transform_point(*p));
         }
-        Ok(())
+        Ok(metric_from_scene)
     }
 
-    /// Turns the mesh so that its largest plane that faces the cameras' up has that for z.
-    pub(super) fn level(&self, frames: &[DepthFrame], mesh: &mut TriangleMesh) -> Result<(), Failure> {
+    /// Turns the mesh so that its largest plane that faces the cameras' up has that for z, and says how.
+    pub(super) fn level(&self, frames: &[DepthFrame], mesh: &mut TriangleMesh) -> Result<Similarity, Failure> {
         // People hold cameras upright: the mean of the images' up is up, more or less.
         let held = |frame: &DepthFrame| frame.camera.camera_from_world.inverse().transform_vector(DVec3::NEG_Y);
-        Similarity::from_ground(mesh, frames.iter().map(held).sum(), self.voxel, 300)?.apply(mesh);
+        let level = Similarity::from_ground(mesh, frames.iter().map(held).sum(), self.voxel, 300)?;
+        level.apply(mesh);
         let share = flat_share(mesh, self.voxel);
         if share < LITTLE_GROUND {
             let share = 100.0 * share;
@@ -124,7 +125,7 @@ impl Mesh {
                 "qv: --up ground: the largest plane that faces up is {share:.1} % of the surface; is there ground in the pictures?"
             );
         }
-        Ok(())
+        Ok(level)
     }
 }
 

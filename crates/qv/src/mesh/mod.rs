@@ -10,7 +10,7 @@ use crate::scene::{about, open_cameras, open_scene};
 use crate::whole::put;
 use crate::{Failure, Outcome, say};
 use align::{Up, of_distance};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use labels::{fitting, materials};
 use qv_core::{GaussianCloud, Material, TriangleMesh};
 use qv_mesh::agree::{AgreeOptions, keep_agreeing};
@@ -19,9 +19,12 @@ use qv_mesh::compare::{Likeness, compare_points, measurable, register, sample};
 use qv_mesh::files::{glb, ply, stl};
 use qv_mesh::labels::LabelledPoints;
 use qv_mesh::planes::{Drawn, Laid, lay_on_planes};
+use qv_mesh::similarity::Similarity;
 use qv_mesh::{DepthFrame, FuseOptions, MeshOptions, MeshReport, Topology, fuse, surface};
 use qv_raster::{Outputs, Scene, Settings, View, render};
+use qv_splat::files::{Format, ply as splat_ply};
 use qv_splat::lens::Distorter;
+use qv_splat::moved;
 use serde_json::json;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -29,7 +32,8 @@ use std::time::Instant;
 
 pub const EXAMPLE: &str = "Example:\n  qv mesh scene.ply --cameras transforms.json --out mesh.glb\n  \
     qv mesh redkitchen --up ground --triangles 50000 --out kitchen.glb --json\n  \
-    qv mesh yard --labels yard/labels.toml --compare yard/truth.glb --out yard.glb\n\n\
+    qv mesh yard --labels yard/labels.toml --compare yard/truth.glb --out yard.glb\n  \
+    qv mesh scene.ply --cameras cameras.json --up ground --out mesh.glb --scene-out upright.ply\n\n\
     SCENE is a scene of Gaussians (then --cameras says from where its depth is drawn), a folder of RGB-D frames\n\
     (frame-*.depth.png in millimetres, frame-*.pose.txt, camera-intrinsics.txt), or a capture whose transforms.json names\n\
     depth images. Lengths are metres of the result: --markers, --trajectory and --distance come first.\n\n\
@@ -64,6 +68,10 @@ pub struct Mesh {
     /// The mesh to write: .glb, .ply or .stl
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    /// For a scene of Gaussians: the scene as --markers, --trajectory, --distance and --up have moved the mesh (.ply, .spz, .glb), which
+    /// `qv navigate`, `qv view` and `qv diagnose --scene` take beside the mesh
+    #[arg(long, value_name = "FILE", requires = "cameras")]
+    scene_out: Option<PathBuf>,
     /// Side of a voxel, in metres
     #[arg(long, value_name = "METRES", default_value_t = 0.02, value_parser = positive)]
     voxel: f64,
@@ -149,6 +157,35 @@ struct Input {
     materials: Vec<Material>,
 }
 
+/// What became of depths and frame.
+struct Moved {
+    result_from_scene: Similarity,
+    agreeing: f64,
+    laid: Option<Laid>,
+}
+
+fn wxyz(similarity: &Similarity) -> [f64; 4] {
+    let DQuat { x, y, z, w } = similarity.pose.rotation;
+    [w, x, y, z]
+}
+
+/// Writes a scene as its mesh was moved.
+fn write_moved(scene: &Path, result_from_scene: &Similarity, out: &Path) -> Result<(), Failure> {
+    let file = open_scene(scene)?;
+    let cloud = moved(&file.cloud, result_from_scene.scale, &result_from_scene.pose);
+    let bytes = match Format::of_name(&out.to_string_lossy()) {
+        Some(Format::Ply) => {
+            // Filters were applied when the scene was read; those of width 0 only say how it is drawn.
+            let filter = file.antialias.then(|| vec![0.0; cloud.len()]);
+            splat_ply::write_filtered(&cloud, file.background, filter.as_deref())
+        }
+        Some(format) => qv_splat::files::write(&cloud, format),
+        None => return Err(about(out, "expected a file ending in .ply, .spz or .glb, found another")),
+    };
+    let bytes = bytes.map_err(|e| about(out, e))?;
+    put(out, bytes).map_err(|e| about(out, format!("expected to write it, found {e}")))
+}
+
 impl Mesh {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let write = self.writer()?;
@@ -158,7 +195,7 @@ impl Mesh {
         let clock = Instant::now();
         let mut input = self.read()?;
         let mut lost = std::mem::take(&mut input.capture.lost);
-        self.align(&mut input, distance)?;
+        let metric_from_scene = self.align(&mut input, distance)?;
         let drawn = if self.planes { input.capture.drawn() } else { vec![] };
         let agreeing = self.keep_agreeing(&mut input.capture.frames)?;
         let laid = self.planes.then(|| self.lay_on_planes(&mut input.capture.frames, &drawn)).transpose()?;
@@ -193,11 +230,15 @@ impl Mesh {
                 "qv: --triangles {most}: {came_to} are left, fewer would move the surface by more than {error} m (--max-error)"
             );
         }
-        match up {
+        let level = match up {
             Some(Up::Ground) => self.level(&input.capture.frames, &mut mesh)?,
-            Some(Up::Along(level)) => level.apply(&mut mesh),
-            None => {}
-        }
+            Some(Up::Along(level)) => {
+                level.apply(&mut mesh);
+                level
+            }
+            None => Similarity::IDENTITY,
+        };
+        let result_from_scene = level.after(&metric_from_scene);
         let likeness = reference.as_ref().map_or(Ok(vec![]), |reference| self.likeness(&mesh, reference));
         if !self.open {
             report.rims = close_to_solid(&mut mesh, THICKNESS);
@@ -211,10 +252,14 @@ impl Mesh {
         let surface_s = clock.elapsed().as_secs_f64() - fuse_s;
         sign.finish_and_clear();
         put(&self.out, write(&mesh)).map_err(|e| about(&self.out, format!("expected to write it, found {e}")))?;
+        if let Some(path) = &self.scene_out {
+            write_moved(&self.scene, &result_from_scene, path)?;
+        }
         // The mesh is there whatever becomes of comparing it.
         let likeness = likeness?;
         let seconds = [read_s, fuse_s, surface_s];
-        self.tell(&mesh, &report, &likeness, input.capture.frames.len(), seconds, (agreeing, laid), &lost)?;
+        let how = Moved { result_from_scene, agreeing, laid };
+        self.tell(&mesh, &report, &likeness, input.capture.frames.len(), seconds, how, &lost)?;
         lost.iter().for_each(|what| eprintln!("qv: lost: {what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
@@ -439,7 +484,7 @@ impl Mesh {
         likeness: &[Likeness],
         frames: usize,
         [read_s, fuse_s, surface_s]: [f64; 3],
-        (agreeing, laid): (f64, Option<Laid>),
+        Moved { result_from_scene, agreeing, laid }: Moved,
         lost: &[String],
     ) -> Result<(), Failure> {
         let topology = &report.topology;
@@ -454,6 +499,7 @@ impl Mesh {
                 "pieces_dropped": report.dropped, "max_error": report.decimated.error, "blocks": report.blocks,
                 "volume_bytes": report.volume_bytes, "depth_confirmed": agreeing,
                 "planes": laid.as_ref().map(|laid| laid.planes.len()), "depth_on_planes": laid.as_ref().map(|laid| laid.share), "materials": areas(mesh), "likeness": likeness.collect::<Vec<_>>(),
+                "result_from_scene": {"scale": result_from_scene.scale, "position": result_from_scene.pose.position.to_array(), "rotation_wxyz": wxyz(&result_from_scene)},
                 "read_s": read_s, "fuse_s": fuse_s, "surface_s": surface_s, "lost": lost});
             return Ok(say(&format!("{line}\n"))?);
         }
