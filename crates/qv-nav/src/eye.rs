@@ -6,7 +6,7 @@ use crate::sight::{COLOURS, Cone};
 use glam::{DMat3, DQuat, DVec3};
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_core::{Camera, GaussianCloud, Pose};
-use qv_raster::{Scene, Settings, View, render};
+use qv_raster::{Outputs, Scene, Settings, View, render};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
@@ -117,6 +117,30 @@ impl SplatEye {
         group_of
     }
 
+    /// What of a shot's picture its cones are: their colours times their share of each pixel, then that share, shape `[HEIGHT, WIDTH, 4]`.
+    /// The place hides what is behind it.
+    ///
+    /// # Errors
+    /// When the picture cannot be drawn.
+    pub fn cones_of(&self, shot: &Shot) -> Result<Vec<f32>, NavError> {
+        let mut cloud = self.clouds[Self::paint_of(shot, self.clouds.len())].clone();
+        let bands = cloud.sh_count();
+        let colour = |k: usize| cloud.sh[k * bands].map(|c| (0.5 + FIRST * c).max(0.0));
+        let of = |(k, group): (usize, &u32)| match group {
+            0 => [0.0; 4],
+            _ => [colour(k)[0], colour(k)[1], colour(k)[2], 1.0],
+        };
+        cloud.features = self.group_of.iter().enumerate().flat_map(of).collect();
+        cloud.feature_count = 4;
+        let environments = [Self::groups(&shot.cones)];
+        let scene = Scene { cloud: &cloud, group_of: &self.group_of, environments: &environments };
+        let outputs = Outputs { features: true, ..Default::default() };
+        let settings = Settings { outputs, ..Default::default() };
+        let view = View { camera: finer(&shot.camera), environment: 0 };
+        let image = render(&scene, &[view], &settings)?.0.remove(0);
+        Ok(averaged(&image.features, shot.camera.width as usize, 4))
+    }
+
     /// Gaussians that are drawn, those of the cones included.
     pub fn count(&self) -> usize {
         self.clouds[0].len()
@@ -161,7 +185,7 @@ impl Eye for SplatEye {
             let settings = Settings { background: SKY, ..Default::default() };
             let (images, _) = render(&scene, &views, &settings)?;
             for (s, image) in chosen.into_iter().zip(images) {
-                out[s] = averaged(&image.colour, shots[s].camera.width as usize);
+                out[s] = averaged(&image.colour, shots[s].camera.width as usize, 3);
             }
         }
         Ok(out)
@@ -189,13 +213,13 @@ pub(crate) fn finer(camera: &Camera) -> Camera {
 }
 
 /// Means of squares of a picture that was drawn by a finer camera; `width` is that of the result.
-fn averaged(picture: &[f32], width: usize) -> Vec<f32> {
-    let row = 3 * width * FINER;
+fn averaged(picture: &[f32], width: usize, channels: usize) -> Vec<f32> {
+    let row = channels * width * FINER;
     let mut out = Vec::with_capacity(picture.len() / (FINER * FINER));
     for rows in picture.chunks_exact(row * FINER) {
-        for k in 0..3 * width {
-            let first = k / 3 * 3 * FINER + k % 3;
-            let square = (0..FINER * FINER).map(|j| rows[j / FINER * row + first + j % FINER * 3]);
+        for k in 0..channels * width {
+            let first = k / channels * channels * FINER + k % channels;
+            let square = (0..FINER * FINER).map(|j| rows[j / FINER * row + first + j % FINER * channels]);
             out.push(square.sum::<f32>() / (FINER * FINER) as f32);
         }
     }

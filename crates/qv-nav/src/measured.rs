@@ -4,7 +4,7 @@ use crate::NavError;
 use crate::lens::LensSpread;
 use crate::net::WIDTH;
 use crate::sight::Rig;
-use glam::{DMat3, DQuat, DVec3, EulerRot};
+use glam::{DQuat, DVec3};
 use qv_core::Pose;
 use serde_json::Value;
 use std::f64::consts::SQRT_2;
@@ -87,14 +87,9 @@ fn number(value: &Value, what: &str) -> Result<f64, NavError> {
 
 /// The rig whose camera sits where the diagnosis found it. `turn` and `place` are those of the stated camera in the true one's axes.
 fn moved(rig: &Rig, turn: DVec3, place: DVec3, focal: f64) -> Rig {
-    // Axes of a camera (right, down, ahead) in those of the mounting (ahead, left, up).
-    let level = DQuat::from_mat3(&DMat3::from_cols(DVec3::NEG_Y, DVec3::NEG_Z, DVec3::X));
-    let stated = Pose::from_xyz_rpy(rig.place, rig.turn);
-    let stated = Pose { rotation: stated.rotation * level, ..stated };
     let true_from_stated = Pose { position: place, rotation: DQuat::from_scaled_axis(turn) };
-    let found = stated * true_from_stated.inverse();
-    let (yaw, pitch, roll) = (found.rotation * level.inverse()).to_euler(EulerRot::ZYX);
-    Rig { place: found.position.to_array(), turn: [roll, pitch, yaw], focal: rig.focal * focal, ..*rig }
+    let found = rig.base_from_camera() * true_from_stated.inverse();
+    rig.mounted(&found, rig.focal * focal)
 }
 
 #[cfg(test)]

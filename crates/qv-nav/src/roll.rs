@@ -263,9 +263,14 @@ fn advise(world: &World, run: &mut Run, base: &Pose, fell: bool, step: usize) ->
 
 /// Numbers beside the picture, see [`STATE`].
 pub fn state(episode: &Episode, base: &Pose) -> [f32; STATE] {
+    state_of(episode.goal.colour, base)
+}
+
+/// The same for the colour of a goal.
+pub fn state_of(colour: usize, base: &Pose) -> [f32; STATE] {
     let gravity = base.rotation.conjugate() * glam::DVec3::NEG_Z;
     let mut out = [0.0; STATE];
-    out[episode.goal.colour.min(2)] = 1.0;
+    out[colour.min(2)] = 1.0;
     for k in 0..3 {
         out[3 + k] = gravity[k] as f32;
     }

@@ -2,7 +2,7 @@
 
 use crate::map::Map;
 use crate::net::{HEIGHT, WIDTH};
-use glam::{DMat3, DQuat, DVec2, DVec3};
+use glam::{DMat3, DQuat, DVec2, DVec3, EulerRot};
 use qv_core::{Camera, Pose};
 use serde::{Deserialize, Serialize};
 
@@ -57,13 +57,26 @@ impl Default for Rig {
     }
 }
 
+/// Axes of a camera (right, down, ahead) in those of a mounting (ahead, left, up).
+fn level() -> DQuat {
+    DQuat::from_mat3(&DMat3::from_cols(DVec3::NEG_Y, DVec3::NEG_Z, DVec3::X))
+}
+
 impl Rig {
+    /// The same robot with its camera at a pose in the base, with OpenCV's axes; `focal` in pixels of 640 columns.
+    pub fn mounted(&self, base_from_camera: &Pose, focal: f64) -> Self {
+        let (yaw, pitch, roll) = (base_from_camera.rotation * level().inverse()).to_euler(EulerRot::ZYX);
+        Self { place: base_from_camera.position.to_array(), turn: [roll, pitch, yaw], focal, ..*self }
+    }
+
+    /// Pose of the camera in the base, with OpenCV's axes: x to the right, y down, z ahead.
+    pub fn base_from_camera(&self) -> Pose {
+        let mounting = Pose::from_xyz_rpy(self.place, self.turn);
+        Pose { rotation: (mounting.rotation * level()).normalize(), ..mounting }
+    }
+
     /// The camera of the network's picture for a pose of the base.
     pub fn camera(&self, world_from_base: &Pose) -> Camera {
-        // The camera looks along its z; its x is to the right, its y down.
-        let level = DQuat::from_mat3(&DMat3::from_cols(DVec3::NEG_Y, DVec3::NEG_Z, DVec3::X));
-        let base_from_camera = Pose::from_xyz_rpy(self.place, self.turn);
-        let base_from_camera = Pose { rotation: (base_from_camera.rotation * level).normalize(), ..base_from_camera };
         let focal = self.focal * WIDTH as f64 / 640.0;
         Camera {
             fx: focal,
@@ -72,7 +85,7 @@ impl Rig {
             cy: 0.5 * HEIGHT as f64,
             width: WIDTH as u32,
             height: HEIGHT as u32,
-            camera_from_world: (*world_from_base * base_from_camera).inverse(),
+            camera_from_world: (*world_from_base * self.base_from_camera()).inverse(),
         }
     }
 
@@ -120,6 +133,14 @@ mod tests {
         assert!(in_frustum(&camera, at(0.55, 0.0)) && in_frustum(&camera, at(3.0, 0.45)));
         let level = Rig { turn: [0.0, 0.05, 0.0], ..rig }.camera(&Pose::from_xyz_rpy([0.0, 0.0, 0.3], [0.0; 3]));
         assert!(!in_frustum(&level, at(0.9, 0.0)), "a level camera loses it a metre before");
+    }
+
+    #[test]
+    fn a_mounting_is_its_pose() {
+        let rig = Rig { turn: [0.02, 0.4, -0.3], ..Rig::default() };
+        let again = Rig::default().mounted(&rig.base_from_camera(), rig.focal);
+        assert!((0..3).all(|k| (again.turn[k] - rig.turn[k]).abs() < 1e-12), "{again:?}");
+        assert_eq!((again.place, again.focal, again.head), (rig.place, rig.focal, rig.head));
     }
 
     #[test]

@@ -1,7 +1,9 @@
 //! `qv navigate`: a network learns from pictures of a place to reach a cone in it, is tested, and its results become a page.
 
+mod look;
 mod page;
 
+use crate::camera::open_camera;
 use crate::progress::{Stages, remark};
 use crate::scene::{about, open_scene};
 use crate::whole::write_whole;
@@ -21,7 +23,7 @@ use qv_nav::roll::{Pilot, Record, Stage, roll};
 use qv_nav::score::{Row, compared};
 use qv_nav::sight::Rig;
 use qv_nav::task::{End, Episode, EpisodeSettings, Limits, PERIOD, Stratum, Trial};
-use qv_nav::teacher::World;
+use qv_nav::teacher::{TeacherSettings, World};
 use qv_nav::veils::{Air, without_veils};
 use qv_nav::{measured, onnx, weights};
 use qv_open::ground::mesh_at;
@@ -30,7 +32,8 @@ use std::path::{Path, PathBuf};
 
 pub const EXAMPLE: &str = "Example:\n  qv navigate train --scene out/policy.ply --mesh out/mesh.glb --out out/nav\n  \
     qv navigate test out/nav/weights.bin --scene out/policy.ply --mesh out/mesh.glb --out out/nav/results.json\n  \
-    qv navigate page out/nav/results.json --out out/nav/index.html\n\n\
+    qv navigate page out/nav/results.json --out out/nav/index.html\n  \
+    qv navigate look out/nav/weights.bin --scene out/policy.ply --mesh out/mesh.glb --capture yard --out out/nav/look.html\n\n\
     The scene should be small (qv reconstruct --downscale 4 --cap 20000), in metres, z up, in the mesh's frame. Legs are a\n\
     follower of velocities without physics. Built with --features gpu, train --gpu draws and learns on the graphics card.\n\
     docs/navigation.md tells the rest.\n\n\
@@ -51,6 +54,8 @@ enum Command {
     Train(Train),
     /// Tests weights on drawn episodes, beside the teacher and a follower of coloured blobs: writes results as JSON
     Test(Test),
+    /// Says whether photographs of the place, with a cone laid into them, tell the policy the same as the drawn scene does: writes a page
+    Look(look::Look),
     /// Makes one HTML file of the results of a test: shares, causes of failure, ways from above, what the policy saw
     Page(ToPage),
 }
@@ -79,6 +84,9 @@ struct Place {
     /// How much cameras differ: wide, none, or as report.json of `qv diagnose --scene` says of the robot's own
     #[arg(long, value_name = "wide|none|report.json", default_value = "wide")]
     camera: String,
+    /// The robot's camera, a file as for `qv diagnose --camera`: focal length, and where it sits; the base is 0.3 m above the ground
+    #[arg(long, value_name = "FILE.toml")]
+    mount: Option<PathBuf>,
     /// Where cones are at the start, in turn; a place without anything high has no hidden ones
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = [Start::View, Start::Turned, Start::Hidden])]
     starts: Vec<Start>,
@@ -171,15 +179,15 @@ struct Test {
 }
 
 /// How cameras differ, and how the camera sits.
-fn camera(name: &str) -> Result<(LensSpread, Rig), Failure> {
+fn camera(name: &str, rig: &Rig) -> Result<(LensSpread, Rig), Failure> {
     match name {
-        "wide" => Ok((LensSpread::wide(), Rig::default())),
-        "none" => Ok((LensSpread::none(), Rig::default())),
+        "wide" => Ok((LensSpread::wide(), *rig)),
+        "none" => Ok((LensSpread::none(), *rig)),
         _ if name.ends_with(".json") => {
             let file = Path::new(name);
             let text = fs::read_to_string(file).map_err(|e| about(file, e))?;
             let report = serde_json::from_str(&text).map_err(|e| about(file, format!("expected JSON, found {e}")))?;
-            Ok(measured::camera(&report, &Rig::default()).map_err(|e| about(file, e))?)
+            Ok(measured::camera(&report, rig).map_err(|e| about(file, e))?)
         }
         _ => Err(format!("--camera: expected wide, none or a report.json, found `{name}`").into()),
     }
@@ -206,6 +214,7 @@ impl Navigate {
         match &self.command {
             Command::Train(command) => command.execute(),
             Command::Test(command) => command.execute(),
+            Command::Look(command) => command.execute(),
             Command::Page(command) => command.execute(),
         }
     }
@@ -224,7 +233,27 @@ impl Place {
 
     /// The place; in a training, its Gaussians are painted otherwise from episode to episode.
     fn open(&self, paints: &Paints) -> Result<(World, SplatEye, LensSpread), Failure> {
-        let (spread, rig) = camera(&self.camera)?;
+        let (world, eye, spread) = self.seen(paints)?;
+        self.episodes().draw(&world, self.starts.len(), self.seed).map_err(|e| {
+            about(
+                &self.mesh,
+                format!("{e}; --starts and --distance say which episodes there are, such as --starts view,turned"),
+            )
+        })?;
+        Ok((world, eye, spread))
+    }
+
+    /// How the stated camera sits.
+    fn rig(&self) -> Result<Rig, Failure> {
+        let Some(file) = &self.mount else { return Ok(Rig::default()) };
+        let camera = open_camera(file, None)?.rig;
+        let focal = camera.intrinsics.fx * 640.0 / f64::from(camera.intrinsics.width);
+        Ok(Rig::default().mounted(&camera.base_from_camera, focal))
+    }
+
+    /// The place, whether or not an episode can be drawn in it.
+    fn seen(&self, paints: &Paints) -> Result<(World, SplatEye, LensSpread), Failure> {
+        let (spread, rig) = camera(&self.camera, &self.rig()?)?;
         let mesh = mesh_at(&self.mesh, "a labelled mesh in GLB")?;
         let map = Map::new(&mesh, &MapSettings::default()).map_err(|e| about(&self.mesh, e))?;
         let scene = open_scene(&self.scene)?.cloud;
@@ -241,13 +270,10 @@ impl Place {
         if eye.count() > 60_000 {
             remark("the scene has many Gaussians: pictures of 80 x 60 are as good, and faster, from 20 000");
         }
-        let world = World::new(map, rig, Limits::default());
-        self.episodes().draw(&world, self.starts.len(), self.seed).map_err(|e| {
-            about(
-                &self.mesh,
-                format!("{e}; --starts and --distance say which episodes there are, such as --starts view,turned"),
-            )
-        })?;
+        let usual = TeacherSettings::default();
+        // A camera on a mast looks over what hides a cone from a dog.
+        let over = if self.mount.is_some() { HEIGHT + rig.place[2] } else { usual.eye };
+        let world = World::with(map, rig, Limits::default(), TeacherSettings { eye: over, ..usual });
         Ok((world, eye, spread))
     }
 }
@@ -324,8 +350,7 @@ impl Test {
     fn execute(&self) -> Result<Outcome, Failure> {
         let (world, eye, camera) = self.place.open(&Paints { count: 1, ..Paints::default() })?;
         let net = Net::default();
-        let bytes = fs::read(&self.weights).map_err(|e| about(&self.weights, e))?;
-        let parameters = weights::from_bytes(&bytes, &net).map_err(|e| about(&self.weights, e))?;
+        let parameters = weights_at(&self.weights, &net)?;
         let stage = Stage::new(&world, &eye, camera);
         let episodes = self.place.episodes().draw(&world, self.episodes, self.place.seed)?;
         let count = episodes.len().clamp(1, 64);
@@ -375,6 +400,11 @@ impl ToPage {
     }
 }
 
+fn weights_at(path: &Path, net: &Net) -> Result<Vec<f32>, Failure> {
+    let bytes = fs::read(path).map_err(|e| about(path, e))?;
+    weights::from_bytes(&bytes, net).map_err(|e| about(path, e))
+}
+
 /// Episodes of which the policy's pictures are kept, and pictures of each.
 const STRIPS: usize = 12;
 const PICTURES: usize = 10;
@@ -405,11 +435,16 @@ fn strip(episode: usize, record: &Record) -> Result<Strip, Failure> {
             rgb.extend_from_slice(&record.pictures[step * size + row * 3 * COLUMNS..][..3 * COLUMNS]);
         }
     }
-    let mut png = Vec::new();
-    let (width, height) = ((count * COLUMNS) as u32, ROWS as u32);
-    image::codecs::png::PngEncoder::new(&mut png).write_image(&rgb, width, height, image::ExtendedColorType::Rgb8)?;
     let times = steps.iter().map(|step| *step as f64 * PERIOD).collect();
-    Ok(Strip { episode, times, png: STANDARD.encode(png) })
+    Ok(Strip { episode, times, png: png_in_base64(&rgb, [count * COLUMNS, ROWS])? })
+}
+
+/// Red, green, blue of so many columns and rows as a PNG in base64.
+fn png_in_base64(rgb: &[u8], [width, height]: [usize; 2]) -> Result<String, Failure> {
+    let mut png = Vec::new();
+    let encoder = image::codecs::png::PngEncoder::new(&mut png);
+    encoder.write_image(rgb, width as u32, height as u32, image::ExtendedColorType::Rgb8)?;
+    Ok(STANDARD.encode(png))
 }
 
 fn trials(stage: &Stage, episodes: &[Episode], pilot: &mut dyn Pilot, count: usize) -> Result<Vec<Trial>, Failure> {
@@ -453,13 +488,14 @@ mod tests {
 
     #[test]
     fn cameras_and_lines() {
-        assert_eq!(camera("none").unwrap().0, LensSpread::none());
+        let rig = Rig::default();
+        assert_eq!(camera("none", &rig).unwrap().0, LensSpread::none());
         assert_eq!(lengths("1.2, 2.5"), Ok(Lengths([1.2, 2.5])));
         for bad in ["", "3", "3,2", "1,2,3", "a,2", "1,inf", "-1,2"] {
             assert!(lengths(bad).unwrap_err().contains("two lengths"), "{bad}");
         }
-        assert!(camera("posterior").unwrap_err().to_string().contains("wide, none or a report.json"));
-        assert!(camera("no/report.json").unwrap_err().to_string().contains("no/report.json"));
+        assert!(camera("posterior", &rig).unwrap_err().to_string().contains("wide, none or a report.json"));
+        assert!(camera("no/report.json", &rig).unwrap_err().to_string().contains("no/report.json"));
         let text = line("blob", &Row::of(&[]), 1.0);
         assert!(text.starts_with("blob") && text.contains("0.0 to 100.0"), "{text}");
     }

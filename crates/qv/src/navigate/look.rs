@@ -1,0 +1,258 @@
+//! `qv navigate look`: what a policy says of photographs beside what it says of the scene drawn from the same places.
+
+use super::{COLUMNS, Place, ROWS, png_in_base64, weights_at};
+use crate::capture::open_capture;
+use crate::numbers::positive;
+use crate::progress::remark;
+use crate::scene::about;
+use crate::whole::write_whole;
+use crate::{Failure, Outcome, say};
+use glam::DQuat;
+use qv_core::{Pose, statistics};
+use qv_mesh::similarity::Similarity;
+use qv_nav::eye::Paints;
+use qv_nav::net::Net;
+use qv_nav::photographs::{Agreement, Found, Pair, Photograph, agreement, pairs};
+use qv_nav::teacher::World;
+use qv_page::parts::{card, grid, titled_card, track_with_interval};
+use qv_page::{Page, Table, fixed, percent};
+use qv_splat::train::{Dataset, ReadOptions};
+use serde_json::{Value, json};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+#[derive(clap::Args)]
+pub struct Look {
+    /// weights.bin of `qv navigate train`
+    weights: PathBuf,
+    #[command(flatten)]
+    place: Place,
+    /// The capture that the scene was made of: transforms.json or its folder, a COLMAP project, RGB-D frames, or cameras.json of `qv reconstruct`
+    #[arg(long, value_name = "CAPTURE")]
+    capture: PathBuf,
+    /// Where its photographs are, if not beside it
+    #[arg(long, value_name = "DIR")]
+    images: Option<PathBuf>,
+    /// What `qv mesh --scene-out --json` printed, where that moved scene and mesh
+    #[arg(long, value_name = "FILE.json")]
+    moved: Option<PathBuf>,
+    /// Takes every Nth photograph, by name from the first on, as `qv reconstruct` held out; 1 for all
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
+    hold_out: usize,
+    /// Most cones for each photograph, each in a view of its own
+    #[arg(long, default_value_t = 4)]
+    cones: usize,
+    /// Height of the cameras that count at most, in metres above the ground below them
+    #[arg(long, value_name = "M", default_value_t = 3.0, value_parser = positive)]
+    highest: f64,
+    /// The page to write
+    #[arg(long, value_name = "FILE.html")]
+    out: PathBuf,
+    /// One line of JSON at the end instead of the summary
+    #[arg(long)]
+    json: bool,
+}
+
+/// Pairs that the page shows.
+const SHOWN: usize = 24;
+
+/// What was looked at, beside what came out.
+struct Looked {
+    pairs: Vec<Pair>,
+    photographs: usize,
+    /// Heights of their cameras above the ground \[m\], in order.
+    heights: Vec<f64>,
+}
+
+impl Look {
+    pub fn execute(&self) -> Result<Outcome, Failure> {
+        let (world, eye, _) = self.place.seen(&Paints { count: 1, ..Paints::default() })?;
+        let net = Net::default();
+        let parameters = weights_at(&self.weights, &net)?;
+        let (photographs, lost) = self.photographs()?;
+        let mut looked = Looked { pairs: vec![], photographs: 0, heights: vec![] };
+        let (mut narrow, mut high) = (0, 0);
+        for (k, photograph) in photographs.iter().enumerate() {
+            let Some(height) = above(&world, photograph).filter(|h| *h < self.highest) else {
+                high += 1;
+                continue;
+            };
+            let found = pairs(&world, &eye, photograph, self.cones, self.place.seed.wrapping_add(k as u64))?;
+            if found.is_empty() {
+                narrow += 1;
+                continue;
+            }
+            looked.photographs += 1;
+            looked.heights.push(height);
+            looked.pairs.extend(found);
+        }
+        if narrow > 0 {
+            remark(&format!(
+                "{narrow} photographs do not fill the view of the robot's camera (--mount) and are left out"
+            ));
+        }
+        if high > 0 {
+            let most = self.highest;
+            remark(&format!(
+                "{high} photographs were taken from over no ground, or over {most} m above it, and are left out"
+            ));
+        }
+        if looked.pairs.iter().all(|pair| pair.goal.is_none()) {
+            let found = format!("none in {} of {} photographs", looked.photographs, photographs.len());
+            return Err(about(
+                &self.capture,
+                format!("expected views in which a cone can stand on free ground, found {found}"),
+            ));
+        }
+        looked.heights.sort_by(f64::total_cmp);
+        let told = agreement(&world, &net, &parameters, &looked.pairs);
+        write_whole(&self.out, to_html(&told, &looked)?.as_bytes())?;
+        if self.json {
+            let line = json!({"format": "qv-navigate-look/1", "photographs": looked.photographs, "heights_m": looked.heights,
+                "agreement": told, "out": self.out, "lost": lost});
+            say(&format!("{line}\n"))?;
+        } else {
+            say(&summary(&told, &looked))?;
+        }
+        lost.iter().for_each(|what| eprintln!("qv: lost: {what}"));
+        Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
+    }
+
+    /// Photographs where scene and mesh have them, and what of the capture was lost.
+    fn photographs(&self) -> Result<(Vec<Photograph>, Vec<String>), Failure> {
+        let result_from_scene = self.moved.as_deref().map_or(Ok(Similarity::IDENTITY), similarity)?;
+        let mut opened = open_capture(&self.capture)?;
+        opened.folders.extend(self.images.clone());
+        let files = |path: &str| opened.read(path);
+        let reading = ReadOptions { hold_out: self.hold_out.max(2), ..ReadOptions::default() };
+        let data = Dataset::new(&opened.capture, &files, &reading).map_err(|e| about(&self.capture, e))?;
+        let others = if self.hold_out == 1 { data.training } else { vec![] };
+        let taken = data.held_out.into_iter().chain(others).map(|photograph| {
+            let (colours, valid) = (photograph.colour(), photograph.valid());
+            let mut camera = photograph.camera;
+            camera.camera_from_world = result_from_scene.of_camera(&camera.camera_from_world);
+            Photograph { camera, colours, valid }
+        });
+        Ok((taken.collect(), data.lost))
+    }
+}
+
+/// Height of a camera over the ground below it \[m\].
+fn above(world: &World, photograph: &Photograph) -> Option<f64> {
+    let eye = photograph.camera.camera_from_world.inverse().position;
+    world.map.height(eye.truncate()).map(|ground| eye.z - ground)
+}
+
+/// The move in what `qv mesh --json` printed.
+fn similarity(file: &Path) -> Result<Similarity, Failure> {
+    let text = fs::read_to_string(file).map_err(|e| about(file, e))?;
+    let line: Value = serde_json::from_str(&text).map_err(|e| about(file, format!("expected JSON, found {e}")))?;
+    let moved = &line["result_from_scene"];
+    let numbers = |key: &str| moved[key].as_array()?.iter().map(Value::as_f64).collect::<Option<Vec<f64>>>();
+    let parts = || Some((moved["scale"].as_f64()?, numbers("position")?, numbers("rotation_wxyz")?));
+    match parts() {
+        Some((scale, place, turn)) if scale > 0.0 && place.len() == 3 && turn.len() == 4 => {
+            let rotation = DQuat::from_xyzw(turn[1], turn[2], turn[3], turn[0]).normalize();
+            Ok(Similarity { scale, pose: Pose { position: glam::DVec3::from_slice(&place), rotation } })
+        }
+        _ => Err(about(file, format!("expected `result_from_scene` of `qv mesh --json`, found {moved}"))),
+    }
+}
+
+fn rows(told: &Agreement) -> [(&'static str, &Found); 2] {
+    [("drawn", &told.drawn), ("photographed", &told.photographed)]
+}
+
+/// Such as `12.3 deg`, or a dash.
+fn or_dash(value: Option<f64>, write: impl Fn(f64) -> String) -> String {
+    value.map_or_else(|| "–".into(), write)
+}
+
+fn bearing(found: &Found) -> String {
+    or_dash(found.bearing, |off| format!("{}°", fixed(off.to_degrees(), 1)))
+}
+
+fn distance(found: &Found) -> String {
+    or_dash(found.distance, |off| percent(off.exp_m1()))
+}
+
+fn heights(looked: &Looked) -> String {
+    let mut all = looked.heights.clone();
+    let (low, high) = (all[0], all[all.len() - 1]);
+    format!("{low:.2} to {high:.2} m above the ground, in the middle {:.2} m", statistics::median(&mut all))
+}
+
+fn summary(told: &Agreement, looked: &Looked) -> String {
+    let mut text = format!(
+        "{} photographs, {}: {} views with a cone, {} questions without\n",
+        looked.photographs,
+        heights(looked),
+        told.views,
+        told.questions
+    );
+    for (name, found) in rows(told) {
+        let [low, high] = found.interval.map(|x| 100.0 * x);
+        text += &format!(
+            "{name:13} cone found {:.1} % ({low:.1} to {high:.1}), bearing off {}, distance off {}, imagined {} times\n",
+            100.0 * found.share,
+            bearing(found),
+            distance(found),
+            found.imagined
+        );
+    }
+    text + &format!("p = {:.4} that photographs and drawings differ by chance alone\n", told.p)
+}
+
+const STYLE: &str = ".pair{width:100%;image-rendering:pixelated;border-radius:6px}";
+
+fn to_html(told: &Agreement, looked: &Looked) -> Result<String, Failure> {
+    let heads =
+        ["picture", "cone found", "", "95 % interval", "bearing off", "distance off", "found where there is none"];
+    let mut table = Table::with_left(&heads, &[2]);
+    for (name, found) in rows(told) {
+        table.row(&[
+            name.into(),
+            percent(found.share),
+            track_with_interval(found.share, found.interval, "measured"),
+            format!("{} to {}", percent(found.interval[0]), percent(found.interval[1])),
+            bearing(found),
+            distance(found),
+            format!("{} of {}", found.imagined, told.questions),
+        ]);
+    }
+    let note = format!(
+        "<p class=\"soft\">{} photographs, {}. {} views with a cone. The same cone is laid into the photograph and into the drawn scene. \
+         McNemar's exact test of what is found: p = {}. Errors are medians.</p>",
+        looked.photographs,
+        heights(looked),
+        told.views,
+        fixed(told.p, 4)
+    );
+    let step = looked.pairs.len().div_ceil(SHOWN).max(1);
+    let mut cards = String::new();
+    for (k, pair) in looked.pairs.iter().enumerate().step_by(step) {
+        let title = format!(
+            "{k}: {}",
+            pair.goal.map_or("no cone".into(), |goal| {
+                let away = pair.base.position.truncate().distance(goal.axis());
+                format!("{} cone, {} m", qv_nav::sight::COLOURS[goal.colour], fixed(away, 1))
+            })
+        );
+        let rows = pair.photographed.chunks_exact(3 * COLUMNS).zip(pair.drawn.chunks_exact(3 * COLUMNS));
+        let rgb: Vec<u8> = rows.flat_map(|(a, b)| [a, b].concat()).collect();
+        let png = png_in_base64(&rgb, [2 * COLUMNS, ROWS])?;
+        cards += &titled_card(&title, &format!("<img class=\"pair\" alt=\"\" src=\"data:image/png;base64,{png}\">"));
+    }
+    let body = format!(
+        "{}<h2>Photographed (left) and drawn (right)</h2>{}",
+        card(&(table.to_html() + &note)),
+        grid(300, &cards)
+    );
+    Ok(Page {
+        title: "Does the policy see photographs as it sees the scene?",
+        style: STYLE,
+        body: &body,
+        ..Page::default()
+    }
+    .to_html())
+}
