@@ -139,18 +139,23 @@ fn placed(eye: SplatEye, options: &Options) -> Fallible<Box<dyn Eye>> {
             Ok(Box::new(eye))
         }
         #[cfg(not(feature = "gpu"))]
-        Some(_) => Err("gpu: expected a build with the feature gpu, found one without".into()),
+        Some(_) => Err(WITHOUT_GPU.into()),
     }
 }
+
+#[cfg(not(feature = "gpu"))]
+const WITHOUT_GPU: &str = "gpu: expected a build with the feature gpu, found one without";
 
 /// A student that learns on the card, if that was asked for.
 fn student(options: &Options) -> Fallible<Student> {
     let student = Student::new(&options.settings)?;
-    #[cfg(feature = "gpu")]
-    if let Some(adapter) = options.gpu.filter(|_| options.learns_on_card) {
-        return Ok(student.on_card(gpu(adapter)?)?);
+    match options.gpu.filter(|_| options.learns_on_card) {
+        None => Ok(student),
+        #[cfg(feature = "gpu")]
+        Some(adapter) => Ok(student.on_card(gpu(adapter)?)?),
+        #[cfg(not(feature = "gpu"))]
+        Some(_) => Err(WITHOUT_GPU.into()),
     }
-    Ok(student)
 }
 
 /// What a word of two stands for.
