@@ -24,6 +24,9 @@ pub struct MapSettings {
     pub comfort: f64,
     /// Surfaces higher than this are no ground \[m\].
     pub ceiling: f64,
+    /// Height of the ground where the mesh has none, within its bounds \[m\]: for captures that show little of their floor. `None`: what was not
+    /// seen is no ground.
+    pub floor: Option<f64>,
     /// Factors on the way by name of label; 1 for all others.
     pub dear: Vec<(String, f64)>,
 }
@@ -37,6 +40,7 @@ impl Default for MapSettings {
             clearance: 0.32,
             comfort: 0.60,
             ceiling: 2.0,
+            floor: None,
             dear: vec![("tiles".into(), 1.2)],
         }
     }
@@ -102,6 +106,9 @@ impl Map {
             within: Vec::new(),
         };
         let labels = map.lay(mesh, settings);
+        if let Some(floor) = settings.floor {
+            map.fill(floor as f32);
+        }
         let blocked = map.blocked(settings);
         let sources: Vec<(usize, f32)> = (0..count).filter(|&c| blocked[c]).map(|c| (c, 0.0)).collect();
         map.room = map.march(&sources, |_| 1.0);
@@ -161,6 +168,16 @@ impl Map {
             }
         }
         labels
+    }
+
+    /// Gives cells without ground a height, but for the rim of two cells.
+    fn fill(&mut self, floor: f32) {
+        let [w, h] = self.size;
+        for cell in (2..h - 2).flat_map(|j| (2..w - 2).map(move |i| j * w + i)) {
+            if self.heights[cell].is_nan() {
+                self.heights[cell] = floor;
+            }
+        }
     }
 
     /// Cells without ground, at steps, or on slopes.
@@ -460,6 +477,22 @@ pub(crate) mod tests {
         assert!(p.distance(to) < 0.1, "{p}");
         let aside = map.field(to, &[DVec2::new(0.0, 1.7)]);
         assert!(map.ahead(&aside, DVec2::new(-2.0, 0.05), 1.5).unwrap().y < 0.0, "the other side is free");
+    }
+
+    #[test]
+    fn what_was_not_seen_is_floor_if_that_is_said() {
+        let mut mesh = ring();
+        // Of the floor two corners are left, of the box its top.
+        mesh.triangles = vec![[0, 1, 2], [4, 5, 6], [4, 6, 7]];
+        mesh.triangles[0] = [0, 1, 0];
+        assert!(
+            Map::new(&mesh, &MapSettings { clearance: 1.2, ..Default::default() }).is_err(),
+            "the box is too small"
+        );
+        let map = Map::new(&mesh, &MapSettings { floor: Some(0.0), ..Default::default() }).unwrap();
+        assert!(map.is_within(DVec2::new(-2.0, 0.0)) && !map.is_within(DVec2::ZERO));
+        assert_eq!((map.height(DVec2::new(-2.0, 0.0)), map.height(DVec2::ZERO)), (Some(0.0), Some(0.5)));
+        assert!(map.room(DVec2::new(-2.99, 0.0)) < 0.1, "the rim blocks");
     }
 
     #[test]

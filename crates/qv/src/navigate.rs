@@ -84,6 +84,9 @@ struct Place {
     /// How much cameras differ: wide, none, or as report.json of `qv diagnose --scene` says of the robot's own
     #[arg(long, value_name = "wide|none|report.json", default_value = "wide")]
     camera: String,
+    /// Height of the floor wherever the mesh shows none, within its bounds, in metres: for captures that show little of their floor
+    #[arg(long, value_name = "M", allow_hyphen_values = true, value_parser = finite)]
+    floor: Option<f64>,
     /// The robot's camera, a file as for `qv diagnose --camera`: focal length, and where it sits; the base is 0.3 m above the ground
     #[arg(long, value_name = "FILE.toml")]
     mount: Option<PathBuf>,
@@ -203,6 +206,12 @@ fn lengths(text: &str) -> Result<Lengths, String> {
     }
 }
 
+/// A height of the floor, from the command line \[m\].
+fn finite(text: &str) -> Result<f64, String> {
+    let found = text.trim().parse::<f64>().ok().filter(|h| h.is_finite());
+    found.ok_or_else(|| format!("expected a height in metres, found `{text}`"))
+}
+
 /// A height above the ground, from the command line \[m\].
 fn height(text: &str) -> Result<f64, String> {
     let found = text.trim().parse::<f64>().ok().filter(|h| *h > 0.0);
@@ -255,7 +264,8 @@ impl Place {
     fn seen(&self, paints: &Paints) -> Result<(World, SplatEye, LensSpread), Failure> {
         let (spread, rig) = camera(&self.camera, &self.rig()?)?;
         let mesh = mesh_at(&self.mesh, "a labelled mesh in GLB")?;
-        let map = Map::new(&mesh, &MapSettings::default()).map_err(|e| about(&self.mesh, e))?;
+        let map = Map::new(&mesh, &MapSettings { floor: self.floor, ..Default::default() })
+            .map_err(|e| about(&self.mesh, e))?;
         let scene = open_scene(&self.scene)?.cloud;
         let cloud = without_veils(&scene, &map, &Air { from: self.air, ..Air::default() });
         match scene.len() - cloud.len() {
