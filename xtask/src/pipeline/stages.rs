@@ -148,7 +148,7 @@ impl Stage {
         // The yard has nothing that hides a cone. Small: a minute or two on two cores.
         const NAVIGATE: [Call; 3] = [
             qv(
-                "navigate train --scene reconstruct/scene.ply --mesh mesh/terrain.glb --starts view --distance 1.2,2.5 --camera none --rounds 3 --frames 1500 --robots 32 --epochs 8 --batch 4 --seed 1 --out navigate --json",
+                "navigate train --scene reconstruct/scene.ply --mesh mesh/terrain.glb --starts view --distance 1.2,2.5 --camera none --rounds 3 --frames 1500 --robots 32 --epochs 8 --batch 2 --seed 1 --out navigate --json",
             ),
             told(
                 "navigate test navigate/weights.bin --scene reconstruct/scene.ply --mesh mesh/terrain.glb --starts view --distance 1.2,2.5 --camera none --episodes 32 --seed 2 --out navigate/results.json",
