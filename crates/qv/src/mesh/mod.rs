@@ -68,10 +68,13 @@ pub struct Mesh {
     /// The mesh to write: .glb, .ply or .stl
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// For a scene of Gaussians: the scene as --markers, --trajectory, --distance and --up have moved the mesh (.ply, .spz, .glb), which
-    /// `qv navigate`, `qv view` and `qv diagnose --scene` take beside the mesh
-    #[arg(long, value_name = "FILE", requires = "cameras")]
+    /// The scene of Gaussians as --markers, --trajectory, --distance and --up have moved the mesh (.ply, .spz, .glb), which `qv navigate`,
+    /// `qv view` and `qv diagnose --scene` take beside the mesh
+    #[arg(long, value_name = "FILE")]
     scene_out: Option<PathBuf>,
+    /// For depth images: the scene of Gaussians that --scene-out moves, in the frame of their cameras
+    #[arg(long, value_name = "SCENE.ply", requires = "scene_out")]
+    scene_in: Option<PathBuf>,
     /// Side of a voxel, in metres
     #[arg(long, value_name = "METRES", default_value_t = 0.02, value_parser = positive)]
     voxel: f64,
@@ -189,6 +192,13 @@ fn write_moved(scene: &Path, result_from_scene: &Similarity, out: &Path) -> Resu
 impl Mesh {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let write = self.writer()?;
+        // Without cameras these are depth images, and no scene.
+        if self.scene_out.is_some() && self.scene_in.is_none() && self.cameras.is_none() {
+            return Err(about(
+                &self.scene,
+                "--scene-out: expected a scene of Gaussians, or one as --scene-in, found neither",
+            ));
+        }
         let up = self.up.as_deref().map(Up::of).transpose()?;
         let distance = self.distance.as_deref().map(of_distance).transpose()?;
         let reference = self.reference()?;
@@ -253,7 +263,7 @@ impl Mesh {
         sign.finish_and_clear();
         put(&self.out, write(&mesh)).map_err(|e| about(&self.out, format!("expected to write it, found {e}")))?;
         if let Some(path) = &self.scene_out {
-            write_moved(&self.scene, &result_from_scene, path)?;
+            write_moved(self.scene_in.as_ref().unwrap_or(&self.scene), &result_from_scene, path)?;
         }
         // The mesh is there whatever becomes of comparing it.
         let likeness = likeness?;
