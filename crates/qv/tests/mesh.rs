@@ -7,7 +7,7 @@ use glam::DVec3;
 use qv_core::GaussianCloud;
 use qv_mesh::files::{glb, ply};
 use qv_mesh::{Topology, compare};
-use qv_splat::files::{Format, write};
+use qv_splat::files::{Format, read_any, write};
 use serde_json::{Value, json};
 use skipped::skipped;
 use std::fs;
@@ -89,6 +89,39 @@ fn gaussians_become_ground_with_friction() {
         wrong += if (found.labels[t] == 0) == ((a + b + c).x < 0.0) { 0.0 } else { part };
     }
     assert!(area > 6.0 && wrong < 0.03 * area, "{area} {wrong}");
+}
+
+/// The scene goes where the mesh goes: twice as large, and turned so that its x is up.
+#[test]
+fn the_scene_is_moved_with_the_mesh() {
+    let folder = directory("mesh_scene_out");
+    let (scene, cameras) = ground(&folder);
+    let (cameras, moved) = (cameras.to_str().unwrap().to_string(), folder.join("moved.ply"));
+    let out = moved.to_str().unwrap();
+    let common = ["--cameras", &cameras, "--agree", "0", "--open", "--scene-out", out];
+    let turned = [&common[..], &["--distance", "0,0,0,1,0,0,2", "--up", "1,0,0"]].concat();
+    let (code, line, err) = mesh(&scene, &folder.join("ground.ply"), &turned);
+    assert_eq!(code, 0, "{err}");
+    assert_eq!(line["result_from_scene"]["scale"], json!(2.0));
+    let cloud = read_any(&fs::read(&moved).unwrap()).unwrap().cloud;
+    // What was along x is along z, and the ground stands upright.
+    let highest = cloud.means.iter().map(|mean| mean[2]).fold(f32::MIN, f32::max);
+    assert!((highest - 3.0).abs() < 1e-5 && cloud.feature_count == 2, "{highest}");
+    assert!((cloud.log_scales[0][0] - (-3.2 + 2f32.ln())).abs() < 1e-6);
+    let found = ply::read(&fs::read(folder.join("ground.ply")).unwrap()).unwrap();
+    let distances = compare::compare_points(
+        &found.vertices,
+        &found.vertices,
+        &cloud.means.iter().map(|mean| DVec3::from(mean.map(f64::from))).collect::<Vec<_>>(),
+        &[0.05],
+    );
+    assert!(distances.unwrap()[0].precision > 0.99, "the mesh lies on the Gaussians");
+    let without = ["--scene-out", out];
+    let (code, _, err) = mesh(&folder, &folder.join("other.ply"), &without);
+    assert!(code == 1 && err.contains("--scene-in"), "{err}");
+    let bad = [&common[..5], &["--scene-out", "moved.txt"]].concat();
+    let (code, _, err) = mesh(&scene, &folder.join("other.ply"), &bad);
+    assert!(code == 1 && err.contains(".ply, .spz or .glb"), "{err}");
 }
 
 #[test]

@@ -4,11 +4,11 @@ use super::{COLUMNS, Place, ROWS, png_in_base64, weights_at};
 use crate::capture::open_capture;
 use crate::numbers::positive;
 use crate::progress::remark;
-use crate::scene::about;
+use crate::scene::{about, open_cameras};
 use crate::whole::write_whole;
 use crate::{Failure, Outcome, say};
 use glam::DQuat;
-use qv_core::{Pose, statistics};
+use qv_core::{Camera, Pose, statistics};
 use qv_mesh::similarity::Similarity;
 use qv_nav::eye::Paints;
 use qv_nav::net::Net;
@@ -16,6 +16,7 @@ use qv_nav::photographs::{Agreement, Found, Pair, Photograph, agreement, pairs};
 use qv_nav::teacher::World;
 use qv_page::parts::{card, grid, titled_card, track_with_interval};
 use qv_page::{Page, Table, fixed, percent};
+use qv_splat::captures::Capture;
 use qv_splat::train::{Dataset, ReadOptions};
 use serde_json::{Value, json};
 use std::fs;
@@ -27,12 +28,12 @@ pub struct Look {
     weights: PathBuf,
     #[command(flatten)]
     place: Place,
-    /// The capture that the scene was made of: transforms.json or its folder, a COLMAP project, RGB-D frames, or cameras.json of `qv reconstruct`
+    /// The capture that the scene was made of: transforms.json or its folder, a COLMAP project, RGB-D frames
     #[arg(long, value_name = "CAPTURE")]
     capture: PathBuf,
-    /// Where its photographs are, if not beside it
-    #[arg(long, value_name = "DIR")]
-    images: Option<PathBuf>,
+    /// cameras.json of `qv reconstruct`, where that took other poses than the capture's
+    #[arg(long, value_name = "FILE.json")]
+    cameras: Option<PathBuf>,
     /// What `qv mesh --scene-out --json` printed, where that moved scene and mesh
     #[arg(long, value_name = "FILE.json")]
     moved: Option<PathBuf>,
@@ -121,20 +122,36 @@ impl Look {
     /// Photographs where scene and mesh have them, and what of the capture was lost.
     fn photographs(&self) -> Result<(Vec<Photograph>, Vec<String>), Failure> {
         let result_from_scene = self.moved.as_deref().map_or(Ok(Similarity::IDENTITY), similarity)?;
-        let mut opened = open_capture(&self.capture)?;
-        opened.folders.extend(self.images.clone());
+        let opened = open_capture(&self.capture)?;
         let files = |path: &str| opened.read(path);
         let reading = ReadOptions { hold_out: self.hold_out.max(2), ..ReadOptions::default() };
         let data = Dataset::new(&opened.capture, &files, &reading).map_err(|e| about(&self.capture, e))?;
         let others = if self.hold_out == 1 { data.training } else { vec![] };
-        let taken = data.held_out.into_iter().chain(others).map(|photograph| {
+        let found = self.cameras.as_deref().map(open_cameras).transpose()?;
+        let (mut taken, mut lost) = (Vec::new(), data.lost);
+        for photograph in data.held_out.into_iter().chain(others) {
             let (colours, valid) = (photograph.colour(), photograph.valid());
-            let mut camera = photograph.camera;
+            let Some(mut camera) = found.as_ref().map_or(Some(photograph.camera), |f| adopted(f, &photograph)) else {
+                lost.push(format!("{}: expected it among the cameras of --cameras, found none", photograph.name));
+                continue;
+            };
             camera.camera_from_world = result_from_scene.of_camera(&camera.camera_from_world);
-            Photograph { camera, colours, valid }
-        });
-        Ok((taken.collect(), data.lost))
+            taken.push(Photograph { camera, colours, valid });
+        }
+        Ok((taken, lost))
     }
+}
+
+/// The camera of a photograph as another capture has it, which may be of smaller pictures.
+fn adopted(found: &Capture, photograph: &qv_splat::train::Photograph) -> Option<Camera> {
+    let camera = found.cameras.iter().find(|one| one.name == photograph.name)?.camera;
+    let [across, down] = [
+        f64::from(photograph.camera.width) / f64::from(camera.width),
+        f64::from(photograph.camera.height) / f64::from(camera.height),
+    ];
+    let Camera { width, height, .. } = photograph.camera;
+    let (fx, cx, fy, cy) = (camera.fx * across, camera.cx * across, camera.fy * down, camera.cy * down);
+    Some(Camera { fx, fy, cx, cy, width, height, ..camera })
 }
 
 /// Height of a camera over the ground below it \[m\].

@@ -1,0 +1,123 @@
+//! `qv navigate look`: photographs of a place beside the scene drawn from where they were taken, and what it says of bad input.
+
+use glam::{DQuat, DVec3};
+use qv_core::random::Xoshiro256PlusPlus;
+use qv_core::{Camera, GaussianCloud, Pose, TriangleMesh};
+use qv_mesh::files::glb;
+use qv_nav::net::Net;
+use qv_nav::sight::Rig;
+use qv_nav::weights;
+use qv_raster::{Scene, Settings, View, render};
+use qv_splat::files::{Format, write};
+use serde_json::{Value, json};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+const SIZE: [u32; 2] = [320, 240];
+
+/// Grey ground of 6 x 6 m, its mesh, photographs of it from where the robot's eye would be, all moved and scaled, and weights that know nothing.
+fn place(folder: &Path, moved: &Pose, scale: f64) {
+    let mut cloud = GaussianCloud::default();
+    for (i, j) in (0..60).flat_map(|i| (0..60).map(move |j| (i, j))) {
+        cloud.means.push([i as f32 * 0.1 - 2.95, j as f32 * 0.1 - 2.95, 0.0]);
+        cloud.log_scales.push([0.06f32.ln(), 0.06f32.ln(), 0.004f32.ln()]);
+        cloud.rotations.push([1.0, 0.0, 0.0, 0.0]);
+        cloud.opacity_logits.push(4.0);
+        cloud.sh.push([if (i / 4 + j / 4) % 2 == 0 { -0.8 } else { 0.4 }; 3]);
+    }
+    let corners = [(-3.0, -3.0), (3.0, -3.0), (3.0, 3.0), (-3.0, 3.0)];
+    let vertices = corners.map(|(x, y)| DVec3::new(x, y, 0.0)).to_vec();
+    let mesh = TriangleMesh { vertices, triangles: vec![[0, 1, 2], [0, 2, 3]], ..Default::default() };
+    fs::write(folder.join("mesh.glb"), glb::write(&mesh)).unwrap();
+    fs::write(folder.join("scene.ply"), write(&cloud, Format::Ply).unwrap()).unwrap();
+    let mut cameras = Vec::new();
+    for k in 0..4 {
+        let turn = f64::from(k) * 1.4;
+        let base = Pose::from_xyz_rpy([0.3 * turn - 0.6, 0.2, 0.3], [0.0, 0.0, turn]);
+        let world_from_camera = base * Rig::default().base_from_camera();
+        let [width, height] = SIZE;
+        let camera = Camera {
+            // As wide as the robot's eye and a little more.
+            fx: 300.0,
+            fy: 300.0,
+            cx: 160.0,
+            cy: 120.0,
+            width,
+            height,
+            camera_from_world: world_from_camera.inverse(),
+        };
+        let settings = Settings { background: [0.7, 0.8, 0.9], ..Default::default() };
+        let image = render(&Scene::still(&cloud), &[View::of(camera)], &settings).unwrap().0.remove(0);
+        let bytes: Vec<u8> = image.colour.iter().map(|c| (255.0 * c.clamp(0.0, 1.0)) as u8).collect();
+        image::save_buffer(folder.join(format!("{k}.png")), &bytes, width, height, image::ExtendedColorType::Rgb8)
+            .unwrap();
+        // The capture has a frame of its own.
+        let back = moved.inverse();
+        let position = back.transform_point(world_from_camera.position) / scale;
+        let DQuat { x, y, z, w } = (back.rotation * world_from_camera.rotation).normalize();
+        cameras.push(json!({"name": format!("{k}"), "image": format!("{k}.png"), "width": width, "height": height,
+            "fx": 300, "position": position.to_array(), "rotation": [w, x, y, z]}));
+    }
+    let DQuat { x, y, z, w } = moved.rotation;
+    let result_from_scene =
+        json!({"scale": scale, "position": moved.position.to_array(), "rotation_wxyz": [w, x, y, z]});
+    let text = json!({"format": "qv-cameras/1", "cameras": cameras}).to_string();
+    fs::write(folder.join("cameras.json"), text).unwrap();
+    fs::write(folder.join("moved.json"), json!({"result_from_scene": result_from_scene}).to_string()).unwrap();
+    let parameters = Net::default().draw(&mut Xoshiro256PlusPlus::new(1));
+    fs::write(folder.join("weights.bin"), weights::to_bytes(&parameters)).unwrap();
+}
+
+fn look(folder: &Path, options: &[&str]) -> (i32, Value, String) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_qv"));
+    command.current_dir(folder).args(["navigate", "look", "weights.bin", "--scene", "scene.ply", "--mesh", "mesh.glb"]);
+    command.args(["--capture", "cameras.json", "--hold-out", "1", "--out", "look.html", "--json"]).args(options);
+    let output = command.output().unwrap();
+    let line = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+    (output.status.code().unwrap(), line, String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+fn directory(name: &str) -> PathBuf {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = fs::remove_dir_all(&path);
+    fs::create_dir_all(&path).unwrap();
+    path
+}
+
+#[test]
+fn photographs_are_looked_at_from_where_they_were_taken() {
+    let folder = directory("navigate_look");
+    place(&folder, &Pose::from_xyz_rpy([0.4, -1.0, 2.0], [0.7, 0.2, -1.0]), 2.5);
+    let (code, line, err) = look(&folder, &["--moved", "moved.json"]);
+    assert_eq!(code, 0, "{err}");
+    let heights: Vec<f64> = serde_json::from_value(line["heights_m"].clone()).unwrap();
+    // The eye is 0.12 m above a base at 0.3 m.
+    assert!(heights.len() == 4 && heights.iter().all(|h| (h - 0.42).abs() < 0.02), "{heights:?}");
+    let told = &line["agreement"];
+    assert!(told["views"].as_u64() > Some(7) && told["questions"] == json!(12), "{told:#}");
+    let page = fs::read_to_string(folder.join("look.html")).unwrap();
+    assert!(page.contains("data:image/png;base64,") && page.contains("McNemar"), "pictures and the table");
+    // The capture's own frame is not the mesh's: no camera stands over the ground there.
+    let (code, _, err) = look(&folder, &[]);
+    assert!(code == 1 && err.contains("expected views in which a cone can stand"), "{code} {err}");
+}
+
+#[test]
+fn bad_input_is_named() {
+    let folder = directory("navigate_look_bad");
+    place(&folder, &Pose::IDENTITY, 1.0);
+    fs::write(folder.join("bad.json"), "{\"result_from_scene\": {\"scale\": 0}}").unwrap();
+    let (code, _, err) = look(&folder, &["--moved", "bad.json"]);
+    assert!(code == 1 && err.contains("bad.json") && err.contains("result_from_scene"), "{err}");
+    fs::write(folder.join("other.json"), "{\"format\": \"qv-cameras/1\", \"cameras\": []}").unwrap();
+    let (code, _, err) = look(&folder, &["--cameras", "other.json"]);
+    assert!(code == 1 && err.contains("expected views"), "{err}");
+    fs::write(folder.join("weights.bin"), "nothing").unwrap();
+    let (code, _, err) = look(&folder, &[]);
+    assert!(code == 1 && err.contains("weights.bin"), "{err}");
+    fs::write(folder.join("narrow.toml"), "width = 640\nheight = 480\nfx = 200.0\ncx = 320.0\ncy = 240.0\n[base_from_camera]\nposition = [0.3, 0.0, 0.12]\nquaternion = [0.5, -0.5, 0.5, -0.5]\n").unwrap();
+    place(&folder, &Pose::IDENTITY, 1.0);
+    let (code, _, err) = look(&folder, &["--mount", "narrow.toml"]);
+    assert!(code == 1 && err.contains("do not fill the view"), "{err}");
+}
