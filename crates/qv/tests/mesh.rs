@@ -113,7 +113,7 @@ fn the_scene_is_moved_with_the_mesh() {
         &found.vertices,
         &found.vertices,
         &cloud.means.iter().map(|mean| DVec3::from(mean.map(f64::from))).collect::<Vec<_>>(),
-        &[0.05],
+        &[0.1],
     );
     assert!(distances.unwrap()[0].precision > 0.99, "the mesh lies on the Gaussians");
     let without = ["--scene-out", out];
