@@ -33,7 +33,7 @@ fn place(folder: &Path, moved: &Pose, scale: f64) {
     fs::write(folder.join("scene.ply"), write(&cloud, Format::Ply).unwrap()).unwrap();
     let mut cameras = Vec::new();
     for k in 0..4 {
-        let turn = f64::from(k) * 1.4;
+        let turn = f64::from(k) * 0.4;
         let base = Pose::from_xyz_rpy([0.3 * turn - 0.6, 0.2, 0.3], [0.0, 0.0, turn]);
         let world_from_camera = base * Rig::default().base_from_camera();
         let [width, height] = SIZE;

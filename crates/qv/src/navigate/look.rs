@@ -124,12 +124,13 @@ impl Look {
         let result_from_scene = self.moved.as_deref().map_or(Ok(Similarity::IDENTITY), similarity)?;
         let opened = open_capture(&self.capture)?;
         let files = |path: &str| opened.read(path);
-        let reading = ReadOptions { hold_out: self.hold_out.max(2), ..ReadOptions::default() };
+        let is_all = self.hold_out == 1;
+        let reading = ReadOptions { hold_out: if is_all { 0 } else { self.hold_out }, ..ReadOptions::default() };
         let data = Dataset::new(&opened.capture, &files, &reading).map_err(|e| about(&self.capture, e))?;
-        let others = if self.hold_out == 1 { data.training } else { vec![] };
+        let chosen = if is_all { data.training } else { data.held_out };
         let found = self.cameras.as_deref().map(open_cameras).transpose()?;
         let (mut taken, mut lost) = (Vec::new(), data.lost);
-        for photograph in data.held_out.into_iter().chain(others) {
+        for photograph in chosen {
             let (colours, valid) = (photograph.colour(), photograph.valid());
             let Some(mut camera) = found.as_ref().map_or(Some(photograph.camera), |f| adopted(f, &photograph)) else {
                 lost.push(format!("{}: expected it among the cameras of --cameras, found none", photograph.name));
