@@ -55,6 +55,8 @@ pub struct Map {
     clearance: f64,
     /// Height of the ground \[m\], not a number where there is none.
     heights: Vec<f32>,
+    /// Whether the mesh shows it.
+    shown: Vec<bool>,
     /// Distance to what blocks \[m\].
     room: Vec<f32>,
     /// Time per metre, infinite where nobody gets through.
@@ -101,11 +103,13 @@ impl Map {
             size,
             clearance: settings.clearance,
             heights: vec![f32::NAN; count],
+            shown: Vec::new(),
             room: Vec::new(),
             slowness: vec![1.0; count],
             within: Vec::new(),
         };
         let labels = map.lay(mesh, settings);
+        map.shown = map.heights.iter().map(|height| !height.is_nan()).collect();
         if let Some(floor) = settings.floor {
             map.fill(floor as f32);
         }
@@ -355,6 +359,11 @@ impl Map {
         self.cell(p).map(|c| f64::from(self.heights[c])).filter(|h| !h.is_nan())
     }
 
+    /// Whether the mesh shows ground at a place, which is not taken for floor alone ([`MapSettings::floor`]).
+    pub fn is_shown(&self, p: DVec2) -> bool {
+        self.cell(p).is_some_and(|c| self.shown[c])
+    }
+
     /// Distance to what blocks \[m\]; 0 outside.
     pub fn room(&self, p: DVec2) -> f64 {
         self.cell(p).map_or(0.0, |c| f64::from(self.room[c]))
@@ -492,6 +501,7 @@ pub(crate) mod tests {
         assert!(map.is_within(DVec2::new(-2.0, 0.0)) && !map.is_within(DVec2::ZERO));
         assert_eq!((map.height(DVec2::new(-2.0, 0.0)), map.height(DVec2::ZERO)), (Some(0.0), Some(0.5)));
         assert!(map.room(DVec2::new(-2.99, 0.0)) < 0.1, "the rim blocks");
+        assert!(map.is_shown(DVec2::ZERO) && !map.is_shown(DVec2::new(-2.0, 0.0)) && !map.is_shown(DVec2::splat(9.0)));
     }
 
     #[test]

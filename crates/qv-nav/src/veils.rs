@@ -22,12 +22,13 @@ impl Default for Air {
     }
 }
 
-/// The cloud of a place without Gaussians whose middle hangs in the air, over ground of the map where a robot can get through.
+/// The cloud of a place without Gaussians whose middle hangs in the air, over ground where a robot can get through. Ground that the mesh does not
+/// show says nothing: there the scene may show what the mesh lacks.
 pub fn without_veils(place: &GaussianCloud, map: &Map, air: &Air) -> GaussianCloud {
     let hangs = |mean: [f32; 3]| {
         let p = DVec3::from(mean.map(f64::from));
         let over = map.height(p.truncate()).map_or(0.0, |ground| p.z - ground);
-        map.room(p.truncate()) > f64::from(SQUEEZE) && over > air.from && over < air.to
+        map.is_shown(p.truncate()) && map.room(p.truncate()) > f64::from(SQUEEZE) && over > air.from && over < air.to
     };
     place.filtered(|k| !hangs(place.means[k]))
 }
@@ -59,6 +60,11 @@ mod tests {
         assert_eq!(cleared.check(), Ok(()));
         assert_eq!(cleared.means[..surface.len()], surface);
         assert_eq!(cleared.len(), n - veils.len());
+        // The same with the ground taken for granted, where of the mesh the box is left.
+        let mut little = ring();
+        little.triangles = vec![[0, 2, 0], [4, 5, 6], [4, 6, 7]];
+        let filled = Map::new(&little, &MapSettings { floor: Some(0.0), ..Default::default() }).unwrap();
+        assert_eq!(without_veils(&cloud, &filled, &Air::default()).len(), n - 1, "over the box alone");
         let none = Air { from: f64::INFINITY, ..Air::default() };
         assert_eq!(without_veils(&cloud, &map, &none).len(), n);
     }

@@ -7,13 +7,12 @@ use crate::progress::remark;
 use crate::scene::{about, open_cameras};
 use crate::whole::write_whole;
 use crate::{Failure, Outcome, say};
-use glam::DQuat;
+use glam::{DQuat, DVec2};
 use qv_core::{Camera, Pose, statistics};
 use qv_mesh::similarity::Similarity;
 use qv_nav::eye::Paints;
 use qv_nav::net::Net;
 use qv_nav::photographs::{Agreement, Found, Pair, Photograph, agreement, pairs};
-use qv_nav::teacher::World;
 use qv_page::parts::{card, grid, titled_card, track_with_interval};
 use qv_page::{Page, Table, fixed, percent};
 use qv_splat::captures::Capture;
@@ -74,7 +73,8 @@ impl Look {
         let mut looked = Looked { pairs: vec![], photographs: 0, heights: vec![] };
         let (mut narrow, mut high) = (0, 0);
         for (k, photograph) in photographs.iter().enumerate() {
-            let Some(height) = above(&world, photograph).filter(|h| *h < self.highest) else {
+            let ground = |p| world.map.height(p).or(self.place.floor);
+            let Some(height) = above(photograph, ground).filter(|h| *h < self.highest) else {
                 high += 1;
                 continue;
             };
@@ -156,9 +156,9 @@ fn adopted(found: &Capture, photograph: &qv_splat::train::Photograph) -> Option<
 }
 
 /// Height of a camera over the ground below it \[m\].
-fn above(world: &World, photograph: &Photograph) -> Option<f64> {
+fn above(photograph: &Photograph, ground: impl Fn(DVec2) -> Option<f64>) -> Option<f64> {
     let eye = photograph.camera.camera_from_world.inverse().position;
-    world.map.height(eye.truncate()).map(|ground| eye.z - ground)
+    ground(eye.truncate()).map(|ground| eye.z - ground)
 }
 
 /// The move in what `qv mesh --json` printed.

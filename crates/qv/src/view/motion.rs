@@ -104,6 +104,10 @@ fn sticks(model: &Model) -> Vec<Value> {
         if ends.is_empty() {
             ends = own;
         }
+        if ends.is_empty() {
+            // Nothing hangs on it and nothing says its shape: an even rod ends as far beyond its centre of mass as it begins before it.
+            ends = vec![2.0 * model.links[link].com];
+        }
         let sticks = ends.iter().filter(|end| end.length() > SHORT);
         all.extend(sticks.map(|end| json!({"link": link, "kind": "stick", "size": [end.x, end.y, end.z]})));
     }
@@ -217,6 +221,28 @@ fn sole(model: &Model, poses: &[qv_core::Pose], geom: usize) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// An arm without shapes is drawn up to its end.
+    #[test]
+    fn each_link_of_an_arm_without_shapes_has_a_stick() {
+        let inertia = "<inertia ixx='0.001' iyy='0.001' izz='0.001' ixy='0' ixz='0' iyz='0'/>";
+        let link = |name: &str| {
+            format!(
+                "<link name='{name}'><inertial><origin xyz='0.1 0 0'/><mass value='0.2'/>{inertia}</inertial></link>"
+            )
+        };
+        let joint = |name: &str, from: &str, to: &str| {
+            format!(
+                "<joint name='{name}' type='revolute'><parent link='{from}'/><child link='{to}'/><origin xyz='0.15 0 0'/><axis xyz='0 1 0'/><limit lower='-1' upper='1' effort='9' velocity='9'/></joint>"
+            )
+        };
+        let (upper, lower) = (link("upper"), link("lower"));
+        let (shoulder, elbow) = (joint("shoulder", "base", "upper"), joint("elbow", "upper", "lower"));
+        let text = format!("<robot name='arm'><link name='base'/>{shoulder}{upper}{elbow}{lower}</robot>");
+        let model = Model::from_urdf(&text, &Default::default()).unwrap();
+        let ends: Vec<f64> = sticks(&model).iter().map(|stick| stick["size"][0].as_f64().unwrap()).collect();
+        assert_eq!(ends[ends.len() - 2..], [0.15, 0.2], "{:?}", sticks(&model));
+    }
 
     #[test]
     fn instants_are_at_most_twenty_five_a_second() {
