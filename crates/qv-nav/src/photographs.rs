@@ -50,8 +50,10 @@ pub struct Found {
     /// See `share`.
     pub interval: [f64; 2],
     /// Median of how far its bearing is off where it is seen \[rad\]; none where none is.
+    #[serde(rename = "bearing_rad")]
     pub bearing: Option<f64>,
-    /// Median of the absolute logarithm of its distance over the true one.
+    /// Median of the absolute natural logarithm of its distance over the true one.
+    #[serde(rename = "distance_log")]
     pub distance: Option<f64>,
     /// Questions for a colour in views without a cone to which it says that it sees one.
     pub imagined: usize,

@@ -39,6 +39,8 @@ pub const EXAMPLE: &str = "Example:\n  qv navigate train --scene out/policy.ply 
     docs/navigation.md tells the rest.\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage.";
 
+/// Farthest from the base that a camera may sit \[m\]: what is taller is no robot that walks among cones.
+const REACH: f64 = 5.0;
 /// Height of the base over the ground \[m\]; most four-legged robots of this size have about that.
 const HEIGHT: f64 = 0.3;
 
@@ -81,27 +83,34 @@ struct Place {
     /// The labelled mesh of the same place
     #[arg(long, value_name = "FILE.glb")]
     mesh: PathBuf,
-    /// How much cameras differ: wide, none, or as report.json of `qv diagnose --scene` says of the robot's own
-    #[arg(long, value_name = "wide|none|report.json", default_value = "wide")]
-    camera: String,
     /// Height of the floor wherever the mesh shows none, within its bounds, in metres: for captures that show little of their floor
     #[arg(long, value_name = "M", allow_hyphen_values = true, value_parser = finite)]
     floor: Option<f64>,
     /// The robot's camera, a file as for `qv diagnose --camera`: focal length, and where it sits; the base is 0.3 m above the ground
     #[arg(long, value_name = "FILE.toml")]
     mount: Option<PathBuf>,
-    /// Where cones are at the start, in turn; a place without anything high has no hidden ones
-    #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = [Start::View, Start::Turned, Start::Hidden])]
-    starts: Vec<Start>,
-    /// Least and greatest length of the way to a cone, in metres
-    #[arg(long, value_name = "M,M", default_value = "2.5,7", value_parser = lengths)]
-    distance: Lengths,
     /// Leaves out Gaussians that hang more than so many metres over ground where the robot can get through; inf keeps all
     #[arg(long, value_name = "M", default_value_t = Air::default().from, value_parser = height)]
     air: f64,
     /// Of everything that is drawn
     #[arg(long, default_value_t = 0)]
     seed: u64,
+}
+
+/// What is to be done in it.
+#[derive(clap::Args)]
+struct Task {
+    #[command(flatten)]
+    place: Place,
+    /// How much cameras differ: wide, none, or as report.json of `qv diagnose --scene` says of the robot's own
+    #[arg(long, value_name = "wide|none|report.json", default_value = "wide")]
+    camera: String,
+    /// Where cones are at the start, in turn; a place without anything high has no hidden ones
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = [Start::View, Start::Turned, Start::Hidden])]
+    starts: Vec<Start>,
+    /// Least and greatest length of the way to a cone, in metres
+    #[arg(long, value_name = "M,M", default_value = "2.5,7", value_parser = lengths)]
+    distance: Lengths,
 }
 
 /// Where the cone is at the start.
@@ -132,7 +141,7 @@ struct Lengths([f64; 2]);
 #[derive(clap::Args)]
 struct Train {
     #[command(flatten)]
-    place: Place,
+    task: Task,
     /// Rounds of driving and learning
     #[arg(long, default_value_t = TrainSettings::default().rounds)]
     rounds: usize,
@@ -169,7 +178,7 @@ struct Test {
     /// weights.bin of `qv navigate train`
     weights: PathBuf,
     #[command(flatten)]
-    place: Place,
+    task: Task,
     /// Episodes
     #[arg(long, default_value_t = 200)]
     episodes: usize,
@@ -208,8 +217,8 @@ fn lengths(text: &str) -> Result<Lengths, String> {
 
 /// A height of the floor, from the command line \[m\].
 fn finite(text: &str) -> Result<f64, String> {
-    let found = text.trim().parse::<f64>().ok().filter(|h| h.is_finite());
-    found.ok_or_else(|| format!("expected a height in metres, found `{text}`"))
+    let found = text.trim().parse::<f64>().ok().filter(|h| h.abs() < 1e4);
+    found.ok_or_else(|| format!("expected a height in metres, of less than 10 km, found `{text}`"))
 }
 
 /// A height above the ground, from the command line \[m\].
@@ -229,7 +238,7 @@ impl Navigate {
     }
 }
 
-impl Place {
+impl Task {
     fn episodes(&self) -> EpisodeSettings {
         let stratum = |start: &Start| match start {
             Start::View => Stratum::InView,
@@ -242,27 +251,37 @@ impl Place {
 
     /// The place; in a training, its Gaussians are painted otherwise from episode to episode.
     fn open(&self, paints: &Paints) -> Result<(World, SplatEye, LensSpread), Failure> {
-        let (world, eye, spread) = self.seen(paints)?;
-        self.episodes().draw(&world, self.starts.len(), self.seed).map_err(|e| {
+        let (spread, rig) = camera(&self.camera, &self.place.rig()?)?;
+        let (world, eye) = self.place.seen(rig, paints)?;
+        self.episodes().draw(&world, self.starts.len(), self.place.seed).map_err(|e| {
             about(
-                &self.mesh,
+                &self.place.mesh,
                 format!("{e}; --starts and --distance say which episodes there are, such as --starts view,turned"),
             )
         })?;
         Ok((world, eye, spread))
     }
+}
 
+impl Place {
     /// How the stated camera sits.
     fn rig(&self) -> Result<Rig, Failure> {
         let Some(file) = &self.mount else { return Ok(Rig::default()) };
         let camera = open_camera(file, None)?.rig;
         let focal = camera.intrinsics.fx * 640.0 / f64::from(camera.intrinsics.width);
+        if !(focal > 10.0 && focal < 1e4) {
+            return Err(about(file, format!("expected fx of 10 to 10000 px for 640 columns, found {focal}")));
+        }
+        let place = camera.base_from_camera.position;
+        if !(place.length() < REACH && place.z > -HEIGHT) {
+            let expected = format!("a camera above the ground, within {REACH} m of the base");
+            return Err(about(file, format!("base_from_camera: expected {expected}, found {place}")));
+        }
         Ok(Rig::default().mounted(&camera.base_from_camera, focal))
     }
 
     /// The place, whether or not an episode can be drawn in it.
-    fn seen(&self, paints: &Paints) -> Result<(World, SplatEye, LensSpread), Failure> {
-        let (spread, rig) = camera(&self.camera, &self.rig()?)?;
+    fn seen(&self, rig: Rig, paints: &Paints) -> Result<(World, SplatEye), Failure> {
         let mesh = mesh_at(&self.mesh, "a labelled mesh in GLB")?;
         let map = Map::new(&mesh, &MapSettings { floor: self.floor, ..Default::default() })
             .map_err(|e| about(&self.mesh, e))?;
@@ -283,14 +302,13 @@ impl Place {
         let usual = TeacherSettings::default();
         // A camera on a mast looks over what hides a cone from a dog.
         let over = if self.mount.is_some() { HEIGHT + rig.place[2] } else { usual.eye };
-        let world = World::with(map, rig, Limits::default(), TeacherSettings { eye: over, ..usual });
-        Ok((world, eye, spread))
+        Ok((World::with(map, rig, Limits::default(), TeacherSettings { eye: over, ..usual }), eye))
     }
 }
 
 impl Train {
     fn execute(&self) -> Result<Outcome, Failure> {
-        let (world, eye, camera) = self.place.open(&Paints::default())?;
+        let (world, eye, camera) = self.task.open(&Paints::default())?;
         fs::create_dir_all(&self.out).map_err(|e| about(&self.out, e))?;
         let usual = TrainSettings::default();
         let settings = TrainSettings {
@@ -301,10 +319,10 @@ impl Train {
             // The last round learns once more, as usual.
             last_epochs: self.epochs.saturating_add(usual.last_epochs - usual.epochs),
             batch: self.batch,
-            seed: self.place.seed,
+            seed: self.task.place.seed,
             ..usual
         };
-        let episodes = self.place.episodes();
+        let episodes = self.task.episodes();
         let (eye, mut student) = self.placed(eye, Student::new(&settings)?)?;
         let stage = Stage::new(&world, &*eye, camera);
         let mut legs = Follower::new(&world.map, settings.robots, HEIGHT);
@@ -358,11 +376,11 @@ impl Train {
 
 impl Test {
     fn execute(&self) -> Result<Outcome, Failure> {
-        let (world, eye, camera) = self.place.open(&Paints { count: 1, ..Paints::default() })?;
+        let (world, eye, camera) = self.task.open(&Paints { count: 1, ..Paints::default() })?;
         let net = Net::default();
         let parameters = weights_at(&self.weights, &net)?;
         let stage = Stage::new(&world, &eye, camera);
-        let episodes = self.place.episodes().draw(&world, self.episodes, self.place.seed)?;
+        let episodes = self.task.episodes().draw(&world, self.episodes, self.task.place.seed)?;
         let count = episodes.len().clamp(1, 64);
         let limits = world.limits;
         let (policy, strips) = seen(&stage, &episodes, &mut NetPilot::new(&net, &parameters, count), count)?;
@@ -382,7 +400,7 @@ impl Test {
         let results = Results {
             legs: "velocity follower without physics".into(),
             eye: "splat".into(),
-            seed: self.place.seed,
+            seed: self.task.place.seed,
             episodes,
             rows,
             place: FromAbove { bounds, spacing, closed: world.map.closed_rows() },

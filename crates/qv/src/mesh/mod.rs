@@ -5,6 +5,7 @@ mod labels;
 
 use crate::numbers::{not_negative, positive};
 use crate::open::{progress, spinner};
+use crate::progress::remark;
 use crate::rgbd::{self, DepthCapture};
 use crate::scene::{about, open_cameras, open_scene};
 use crate::whole::put;
@@ -33,7 +34,8 @@ use std::time::Instant;
 pub const EXAMPLE: &str = "Example:\n  qv mesh scene.ply --cameras transforms.json --out mesh.glb\n  \
     qv mesh redkitchen --up ground --triangles 50000 --out kitchen.glb --json\n  \
     qv mesh yard --labels yard/labels.toml --compare yard/truth.glb --out yard.glb\n  \
-    qv mesh scene.ply --cameras cameras.json --up ground --out mesh.glb --scene-out upright.ply\n\n\
+    qv mesh scene.ply --cameras cameras.json --up ground --out mesh.glb --scene-out upright.ply\n  \
+    qv mesh redkitchen --up ground --out kitchen.glb --scene-in scene.ply --scene-out upright.ply\n\n\
     SCENE is a scene of Gaussians (then --cameras says from where its depth is drawn), a folder of RGB-D frames\n\
     (frame-*.depth.png in millimetres, frame-*.pose.txt, camera-intrinsics.txt), or a capture whose transforms.json names\n\
     depth images. Lengths are metres of the result: --markers, --trajectory and --distance come first.\n\n\
@@ -68,12 +70,12 @@ pub struct Mesh {
     /// The mesh to write: .glb, .ply or .stl
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// The scene of Gaussians as --markers, --trajectory, --distance and --up have moved the mesh (.ply, .spz, .glb), which `qv navigate`,
-    /// `qv view` and `qv diagnose --scene` take beside the mesh
+    /// Writes the scene of Gaussians, moved as --markers, --trajectory, --distance and --up move the mesh (.ply, .compressed.ply, .spz, .glb):
+    /// `qv navigate`, `qv view` and `qv diagnose --scene` need both in one frame
     #[arg(long, value_name = "FILE")]
     scene_out: Option<PathBuf>,
     /// For depth images: the scene of Gaussians that --scene-out moves, in the frame of their cameras
-    #[arg(long, value_name = "SCENE.ply", requires = "scene_out")]
+    #[arg(long, value_name = "SCENE.ply", requires = "scene_out", conflicts_with = "cameras")]
     scene_in: Option<PathBuf>,
     /// Side of a voxel, in metres
     #[arg(long, value_name = "METRES", default_value_t = 0.02, value_parser = positive)]
@@ -173,32 +175,32 @@ fn wxyz(similarity: &Similarity) -> [f64; 4] {
 }
 
 /// Writes a scene as its mesh was moved.
-fn write_moved(scene: &Path, result_from_scene: &Similarity, out: &Path) -> Result<(), Failure> {
+fn write_moved(scene: &Path, result_from_scene: &Similarity, out: &Path, format: Format) -> Result<(), Failure> {
     let file = open_scene(scene)?;
     let cloud = moved(&file.cloud, result_from_scene.scale, &result_from_scene.pose);
-    let bytes = match Format::of_name(&out.to_string_lossy()) {
-        Some(Format::Ply) => {
-            // Filters were applied when the scene was read; those of width 0 only say how it is drawn.
-            let filter = file.antialias.then(|| vec![0.0; cloud.len()]);
-            splat_ply::write_filtered(&cloud, file.background, filter.as_deref())
+    let bytes = if format == Format::Ply {
+        // Filters were applied when the scene was read; those of width 0 only say how it is drawn.
+        let filter = file.antialias.then(|| vec![0.0; cloud.len()]);
+        splat_ply::write_filtered(&cloud, file.background, filter.as_deref())
+    } else {
+        if file.antialias || file.background.is_some_and(|colour| colour != [0.0; 3]) {
+            remark(&format!("{}: how it is drawn (background, anti-aliasing) is kept by .ply alone", out.display()));
         }
-        Some(format) => qv_splat::files::write(&cloud, format),
-        None => return Err(about(out, "expected a file ending in .ply, .spz or .glb, found another")),
+        qv_splat::files::write(&cloud, format)
     };
     let bytes = bytes.map_err(|e| about(out, e))?;
     put(out, bytes).map_err(|e| about(out, format!("expected to write it, found {e}")))
 }
 
+/// Whether two paths are of one file, which is there.
+fn is_same(a: &Path, b: &Path) -> bool {
+    fs::canonicalize(a).is_ok_and(|a| fs::canonicalize(b).is_ok_and(|b| a == b))
+}
+
 impl Mesh {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let write = self.writer()?;
-        // Without cameras these are depth images, and no scene.
-        if self.scene_out.is_some() && self.scene_in.is_none() && self.cameras.is_none() {
-            return Err(about(
-                &self.scene,
-                "--scene-out: expected a scene of Gaussians, or one as --scene-in, found neither",
-            ));
-        }
+        let scene_out = self.scene_out.as_deref().map(|path| self.scene_writer(path)).transpose()?;
         let up = self.up.as_deref().map(Up::of).transpose()?;
         let distance = self.distance.as_deref().map(of_distance).transpose()?;
         let reference = self.reference()?;
@@ -262,8 +264,9 @@ impl Mesh {
         let surface_s = clock.elapsed().as_secs_f64() - fuse_s;
         sign.finish_and_clear();
         put(&self.out, write(&mesh)).map_err(|e| about(&self.out, format!("expected to write it, found {e}")))?;
-        if let Some(path) = &self.scene_out {
-            write_moved(self.scene_in.as_ref().unwrap_or(&self.scene), &result_from_scene, path)?;
+        if let Some((path, format)) = scene_out {
+            write_moved(self.scene_in.as_ref().unwrap_or(&self.scene), &result_from_scene, path, format)?;
+            remark(&format!("written to {}", path.display()));
         }
         // The mesh is there whatever becomes of comparing it.
         let likeness = likeness?;
@@ -299,16 +302,7 @@ impl Mesh {
 
     /// What writes the file that `--out` names, known before the work begins, and its folder.
     fn writer(&self) -> Result<fn(&TriangleMesh) -> Vec<u8>, Failure> {
-        let inputs = [Some(&self.scene), self.compare.as_ref(), self.cameras.as_ref()];
-        let same = |path: &&PathBuf| {
-            fs::canonicalize(path).is_ok_and(|path| fs::canonicalize(&self.out).is_ok_and(|out| out == path))
-        };
-        if let Some(input) = inputs.into_iter().flatten().find(same) {
-            return Err(about(
-                &self.out,
-                format!("expected a file of its own to write, found {}, which is read", input.display()),
-            ));
-        }
+        self.is_own(&self.out)?;
         if let Some(folder) = self.out.parent() {
             fs::create_dir_all(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
         }
@@ -317,6 +311,39 @@ impl Mesh {
             Some("ply") => Ok(ply::write),
             Some("stl") => Ok(stl::write),
             _ => Err(about(&self.out, "expected a file ending in .glb, .ply or .stl, found another")),
+        }
+    }
+
+    /// The file of --scene-out and its format, known before the work begins, and its folder.
+    fn scene_writer<'a>(&self, path: &'a Path) -> Result<(&'a Path, Format), Failure> {
+        // Without cameras these are depth images, and no scene.
+        let Some(scene) = self.scene_in.as_ref().or(self.cameras.as_ref().map(|_| &self.scene)) else {
+            let expected = "--scene-out: expected a scene of Gaussians, or one as --scene-in, found neither";
+            return Err(about(&self.scene, expected));
+        };
+        if !scene.exists() {
+            return Err(about(scene, "expected a scene of Gaussians, found no such file"));
+        }
+        self.is_own(path)?;
+        if path == self.out || is_same(path, &self.out) {
+            return Err(about(path, "--scene-out: expected a file of its own, found that of --out"));
+        }
+        let folder = path.parent().unwrap_or(Path::new(""));
+        fs::create_dir_all(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
+        let format = Format::of_name(&path.to_string_lossy());
+        Ok((path, format.ok_or_else(|| about(path, "expected a file ending in .ply, .spz or .glb, found another"))?))
+    }
+
+    /// Refuses to write over what is read.
+    fn is_own(&self, out: &Path) -> Result<(), Failure> {
+        let others = [&self.scene_in, &self.cameras, &self.labels, &self.markers, &self.trajectory, &self.compare];
+        let mut inputs = others.into_iter().flatten().chain([&self.scene]);
+        match inputs.find(|input| is_same(input, out)) {
+            Some(input) => {
+                let found = format!("found {}, which is read", input.display());
+                Err(about(out, format!("expected a file of its own to write, {found}")))
+            }
+            None => Ok(()),
         }
     }
 

@@ -33,16 +33,16 @@ pub struct Look {
     /// cameras.json of `qv reconstruct`, where that took other poses than the capture's
     #[arg(long, value_name = "FILE.json")]
     cameras: Option<PathBuf>,
-    /// What `qv mesh --scene-out --json` printed, where that moved scene and mesh
+    /// The line that `qv mesh --scene-out ... --json` printed, if scene and mesh come from there
     #[arg(long, value_name = "FILE.json")]
     moved: Option<PathBuf>,
     /// Takes every Nth photograph, by name from the first on, as `qv reconstruct` held out; 1 for all
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..))]
     hold_out: usize,
     /// Most cones for each photograph, each in a view of its own
-    #[arg(long, default_value_t = 4)]
+    #[arg(long, default_value_t = 4, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=100))]
     cones: usize,
-    /// Height of the cameras that count at most, in metres above the ground below them
+    /// Leaves out photographs that were taken from higher than so many metres above the ground
     #[arg(long, value_name = "M", default_value_t = 3.0, value_parser = positive)]
     highest: f64,
     /// The page to write
@@ -66,7 +66,8 @@ struct Looked {
 
 impl Look {
     pub fn execute(&self) -> Result<Outcome, Failure> {
-        let (world, eye, _) = self.place.seen(&Paints { count: 1, ..Paints::default() })?;
+        self.is_own()?;
+        let (world, eye) = self.place.seen(self.place.rig()?, &Paints { count: 1, ..Paints::default() })?;
         let net = Net::default();
         let parameters = weights_at(&self.weights, &net)?;
         let (photographs, lost) = self.photographs()?;
@@ -95,7 +96,7 @@ impl Look {
         if high > 0 {
             let most = self.highest;
             remark(&format!(
-                "{high} photographs were taken from over no ground, or over {most} m above it, and are left out"
+                "{high} photographs were taken from where the mesh has no ground below them, or from higher than {most} m, and are left out"
             ));
         }
         if looked.pairs.iter().all(|pair| pair.goal.is_none()) {
@@ -117,6 +118,20 @@ impl Look {
         }
         lost.iter().for_each(|what| eprintln!("qv: lost: {what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
+    }
+
+    /// Refuses to write over what is read.
+    fn is_own(&self) -> Result<(), Failure> {
+        let others = [&self.cameras, &self.moved, &self.place.mount];
+        let inputs = [&self.weights, &self.place.scene, &self.place.mesh, &self.capture];
+        let whole = |path: &Path| fs::canonicalize(path).ok();
+        let Some(out) = whole(&self.out) else { return Ok(()) };
+        match inputs.into_iter().chain(others.into_iter().flatten()).find(|input| whole(input).as_ref() == Some(&out)) {
+            Some(input) => {
+                Err(about(&self.out, format!("expected a file of its own, found {}, which is read", input.display())))
+            }
+            None => Ok(()),
+        }
     }
 
     /// Photographs where scene and mesh have them, and what of the capture was lost.
@@ -161,6 +176,11 @@ fn above(photograph: &Photograph, ground: impl Fn(DVec2) -> Option<f64>) -> Opti
     ground(eye.truncate()).map(|ground| eye.z - ground)
 }
 
+/// Whether numbers are a quaternion.
+fn is_turn(numbers: &[f64]) -> bool {
+    numbers.len() == 4 && (numbers.iter().map(|x| x * x).sum::<f64>() - 1.0).abs() < 1e-3
+}
+
 /// The move in what `qv mesh --json` printed.
 fn similarity(file: &Path) -> Result<Similarity, Failure> {
     let text = fs::read_to_string(file).map_err(|e| about(file, e))?;
@@ -169,7 +189,7 @@ fn similarity(file: &Path) -> Result<Similarity, Failure> {
     let numbers = |key: &str| moved[key].as_array()?.iter().map(Value::as_f64).collect::<Option<Vec<f64>>>();
     let parts = || Some((moved["scale"].as_f64()?, numbers("position")?, numbers("rotation_wxyz")?));
     match parts() {
-        Some((scale, place, turn)) if scale > 0.0 && place.len() == 3 && turn.len() == 4 => {
+        Some((scale, place, turn)) if scale > 0.0 && place.len() == 3 && is_turn(&turn) => {
             let rotation = DQuat::from_xyzw(turn[1], turn[2], turn[3], turn[0]).normalize();
             Ok(Similarity { scale, pose: Pose { position: glam::DVec3::from_slice(&place), rotation } })
         }
@@ -218,7 +238,7 @@ fn summary(told: &Agreement, looked: &Looked) -> String {
             found.imagined
         );
     }
-    text + &format!("p = {:.4} that photographs and drawings differ by chance alone\n", told.p)
+    text + &format!("McNemar's exact test of what is found, photographed against drawn: p = {:.4}\n", told.p)
 }
 
 const STYLE: &str = ".pair{width:100%;image-rendering:pixelated;border-radius:6px}";
@@ -238,9 +258,17 @@ fn to_html(told: &Agreement, looked: &Looked) -> Result<String, Failure> {
             format!("{} of {}", found.imagined, told.questions),
         ]);
     }
+    let answer = match told.p {
+        p if p < 0.05 => {
+            "The policy does not see photographs as it sees the scene: it may do worse on the robot than here."
+        }
+        _ => "No difference between photographs and scene is beyond chance. With few views that is weak evidence.",
+    };
     let note = format!(
-        "<p class=\"soft\">{} photographs, {}. {} views with a cone. The same cone is laid into the photograph and into the drawn scene. \
-         McNemar's exact test of what is found: p = {}. Errors are medians.</p>",
+        "<p class=\"soft\">{} photographs, {}. {} views with a cone. The same cone is laid into the photograph and into the drawn scene, \
+         and the network is asked of each picture alone whether it sees a cone of that colour, in which direction, and how far away. \
+         Errors are medians over the cones that are found. Where there is no cone it is asked for each of the three colours. \
+         McNemar's exact test of what is found: p = {}.</p>",
         looked.photographs,
         heights(looked),
         told.views,
@@ -259,11 +287,16 @@ fn to_html(told: &Agreement, looked: &Looked) -> Result<String, Failure> {
         let rows = pair.photographed.chunks_exact(3 * COLUMNS).zip(pair.drawn.chunks_exact(3 * COLUMNS));
         let rgb: Vec<u8> = rows.flat_map(|(a, b)| [a, b].concat()).collect();
         let png = png_in_base64(&rgb, [2 * COLUMNS, ROWS])?;
-        cards += &titled_card(&title, &format!("<img class=\"pair\" alt=\"\" src=\"data:image/png;base64,{png}\">"));
+        cards += &titled_card(
+            &title,
+            &format!("<img class=\"pair\" alt=\"photographed and drawn\" src=\"data:image/png;base64,{png}\">"),
+        );
     }
     let body = format!(
-        "{}<h2>Photographed (left) and drawn (right)</h2>{}",
-        card(&(table.to_html() + &note)),
+        "{}<h2>Photographed (left) and drawn (right)</h2><p class=\"soft\">{} of {} views.</p>{}",
+        card(&(format!("<p>{answer}</p>") + &table.to_html() + &note)),
+        looked.pairs.len().div_ceil(step),
+        looked.pairs.len(),
         grid(300, &cards)
     );
     Ok(Page {
