@@ -221,6 +221,7 @@ fn sole(model: &Model, poses: &[qv_core::Pose], geom: usize) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use qv_sim::{BaseKind, ModelOptions};
 
     /// An arm without shapes is drawn up to its end.
     #[test]
@@ -239,7 +240,8 @@ mod tests {
         let (upper, lower) = (link("upper"), link("lower"));
         let (shoulder, elbow) = (joint("shoulder", "base", "upper"), joint("elbow", "upper", "lower"));
         let text = format!("<robot name='arm'><link name='base'/>{shoulder}{upper}{elbow}{lower}</robot>");
-        let model = Model::from_urdf(&text, &Default::default()).unwrap();
+        let options = ModelOptions { base: BaseKind::Fixed, ..Default::default() };
+        let model = Model::from_urdf(&text, &options).unwrap();
         let ends: Vec<f64> = sticks(&model).iter().map(|stick| stick["size"][0].as_f64().unwrap()).collect();
         assert_eq!(ends[ends.len() - 2..], [0.15, 0.2], "{:?}", sticks(&model));
     }
