@@ -57,10 +57,10 @@ fn a_student_learns_to_reach_cones_that_it_sees() {
     let stage = Stage::new(&world, &eye, LensSpread::none());
     let settings = TrainSettings {
         rounds: 3,
-        frames: 2500,
-        epochs: 10,
-        last_epochs: 10,
-        batch: 4,
+        frames: 1500,
+        epochs: 8,
+        last_epochs: 8,
+        batch: 2,
         truncated: 20,
         robots: 32,
         ..Default::default()
