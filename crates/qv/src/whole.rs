@@ -4,14 +4,30 @@ use crate::Failure;
 use crate::scene::about;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Writes a file beside its place and renames it, so that a full disk or a kill leaves the old one.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     put(path, bytes).map_err(|e| about(path, format!("expected to write it, found {e}")))
 }
 
-/// The same, with the error as it is.
+/// Whether two paths are of one file or folder, which is there.
+pub fn is_same(a: &Path, b: &Path) -> bool {
+    fs::canonicalize(a).is_ok_and(|a| fs::canonicalize(b).is_ok_and(|b| a == b))
+}
+
+/// Refuses to write over what is read.
+pub fn refuse_inputs<'a>(out: &Path, inputs: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), Failure> {
+    match inputs.into_iter().find(|input| is_same(input, out)) {
+        Some(input) => {
+            let found = format!("found {}, which is read", input.display());
+            Err(about(out, format!("expected a file of its own to write, {found}")))
+        }
+        None => Ok(()),
+    }
+}
+
+/// The same as [`write_whole`], with the error as it is.
 pub fn put(path: &Path, bytes: impl AsRef<[u8]>) -> io::Result<()> {
     stream(path, |e| e, |file| file.write_all(bytes.as_ref()))
 }

@@ -8,10 +8,10 @@ use crate::open::{progress, spinner};
 use crate::progress::remark;
 use crate::rgbd::{self, DepthCapture};
 use crate::scene::{about, open_cameras, open_scene};
-use crate::whole::put;
+use crate::whole::{is_same, refuse_inputs, write_whole};
 use crate::{Failure, Outcome, say};
 use align::{Up, of_distance};
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 use labels::{fitting, materials};
 use qv_core::{GaussianCloud, Material, TriangleMesh};
 use qv_mesh::agree::{AgreeOptions, keep_agreeing};
@@ -169,11 +169,6 @@ struct Moved {
     laid: Option<Laid>,
 }
 
-fn wxyz(similarity: &Similarity) -> [f64; 4] {
-    let DQuat { x, y, z, w } = similarity.pose.rotation;
-    [w, x, y, z]
-}
-
 /// Writes a scene as its mesh was moved.
 fn write_moved(scene: &Path, result_from_scene: &Similarity, out: &Path, format: Format) -> Result<(), Failure> {
     let file = open_scene(scene)?;
@@ -188,13 +183,7 @@ fn write_moved(scene: &Path, result_from_scene: &Similarity, out: &Path, format:
         }
         qv_splat::files::write(&cloud, format)
     };
-    let bytes = bytes.map_err(|e| about(out, e))?;
-    put(out, bytes).map_err(|e| about(out, format!("expected to write it, found {e}")))
-}
-
-/// Whether two paths are of one file, which is there.
-fn is_same(a: &Path, b: &Path) -> bool {
-    fs::canonicalize(a).is_ok_and(|a| fs::canonicalize(b).is_ok_and(|b| a == b))
+    write_whole(out, &bytes.map_err(|e| about(out, e))?)
 }
 
 impl Mesh {
@@ -263,7 +252,7 @@ impl Mesh {
         }
         let surface_s = clock.elapsed().as_secs_f64() - fuse_s;
         sign.finish_and_clear();
-        put(&self.out, write(&mesh)).map_err(|e| about(&self.out, format!("expected to write it, found {e}")))?;
+        write_whole(&self.out, &write(&mesh))?;
         if let Some((path, format)) = scene_out {
             write_moved(self.scene_in.as_ref().unwrap_or(&self.scene), &result_from_scene, path, format)?;
             remark(&format!("written to {}", path.display()));
@@ -337,14 +326,7 @@ impl Mesh {
     /// Refuses to write over what is read.
     fn is_own(&self, out: &Path) -> Result<(), Failure> {
         let others = [&self.scene_in, &self.cameras, &self.labels, &self.markers, &self.trajectory, &self.compare];
-        let mut inputs = others.into_iter().flatten().chain([&self.scene]);
-        match inputs.find(|input| is_same(input, out)) {
-            Some(input) => {
-                let found = format!("found {}, which is read", input.display());
-                Err(about(out, format!("expected a file of its own to write, {found}")))
-            }
-            None => Ok(()),
-        }
+        refuse_inputs(out, others.into_iter().flatten().chain([&self.scene]))
     }
 
     fn read(&self) -> Result<Input, Failure> {
@@ -536,7 +518,7 @@ impl Mesh {
                 "pieces_dropped": report.dropped, "max_error": report.decimated.error, "blocks": report.blocks,
                 "volume_bytes": report.volume_bytes, "depth_confirmed": agreeing,
                 "planes": laid.as_ref().map(|laid| laid.planes.len()), "depth_on_planes": laid.as_ref().map(|laid| laid.share), "materials": areas(mesh), "likeness": likeness.collect::<Vec<_>>(),
-                "result_from_scene": {"scale": result_from_scene.scale, "position": result_from_scene.pose.position.to_array(), "rotation_wxyz": wxyz(&result_from_scene)},
+                "result_from_scene": {"scale": result_from_scene.scale, "position": result_from_scene.pose.position.to_array(), "rotation_wxyz": result_from_scene.pose.wxyz()},
                 "read_s": read_s, "fuse_s": fuse_s, "surface_s": surface_s, "lost": lost});
             return Ok(say(&format!("{line}\n"))?);
         }

@@ -5,9 +5,9 @@ use crate::capture::open_capture;
 use crate::numbers::positive;
 use crate::progress::remark;
 use crate::scene::{about, open_cameras};
-use crate::whole::write_whole;
+use crate::whole::{refuse_inputs, write_whole};
 use crate::{Failure, Outcome, say};
-use glam::{DQuat, DVec2};
+use glam::DVec2;
 use qv_core::{Camera, Pose, statistics};
 use qv_mesh::similarity::Similarity;
 use qv_nav::eye::Paints;
@@ -17,6 +17,7 @@ use qv_page::parts::{card, grid, titled_card, track_with_interval};
 use qv_page::{Page, Table, fixed, percent};
 use qv_splat::captures::Capture;
 use qv_splat::train::{Dataset, ReadOptions};
+use serde::Deserialize;
 use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -66,7 +67,9 @@ struct Looked {
 
 impl Look {
     pub fn execute(&self) -> Result<Outcome, Failure> {
-        self.is_own()?;
+        let others = [&self.cameras, &self.moved, &self.place.mount].into_iter().flatten();
+        let inputs = [&self.weights, &self.place.scene, &self.place.mesh, &self.capture];
+        refuse_inputs(&self.out, others.chain(inputs))?;
         let (world, eye) = self.place.seen(self.place.rig()?, &Paints { count: 1, ..Paints::default() })?;
         let net = Net::default();
         let parameters = weights_at(&self.weights, &net)?;
@@ -120,20 +123,6 @@ impl Look {
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
 
-    /// Refuses to write over what is read.
-    fn is_own(&self) -> Result<(), Failure> {
-        let others = [&self.cameras, &self.moved, &self.place.mount];
-        let inputs = [&self.weights, &self.place.scene, &self.place.mesh, &self.capture];
-        let whole = |path: &Path| fs::canonicalize(path).ok();
-        let Some(out) = whole(&self.out) else { return Ok(()) };
-        match inputs.into_iter().chain(others.into_iter().flatten()).find(|input| whole(input).as_ref() == Some(&out)) {
-            Some(input) => {
-                Err(about(&self.out, format!("expected a file of its own, found {}, which is read", input.display())))
-            }
-            None => Ok(()),
-        }
-    }
-
     /// Photographs where scene and mesh have them, and what of the capture was lost.
     fn photographs(&self) -> Result<(Vec<Photograph>, Vec<String>), Failure> {
         let result_from_scene = self.moved.as_deref().map_or(Ok(Similarity::IDENTITY), similarity)?;
@@ -176,9 +165,12 @@ fn above(photograph: &Photograph, ground: impl Fn(DVec2) -> Option<f64>) -> Opti
     ground(eye.truncate()).map(|ground| eye.z - ground)
 }
 
-/// Whether numbers are a quaternion.
-fn is_turn(numbers: &[f64]) -> bool {
-    numbers.len() == 4 && (numbers.iter().map(|x| x * x).sum::<f64>() - 1.0).abs() < 1e-3
+/// As `qv mesh --json` prints it.
+#[derive(Deserialize)]
+struct Move {
+    scale: f64,
+    position: [f64; 3],
+    rotation_wxyz: [f64; 4],
 }
 
 /// The move in what `qv mesh --json` printed.
@@ -186,15 +178,15 @@ fn similarity(file: &Path) -> Result<Similarity, Failure> {
     let text = fs::read_to_string(file).map_err(|e| about(file, e))?;
     let line: Value = serde_json::from_str(&text).map_err(|e| about(file, format!("expected JSON, found {e}")))?;
     let moved = &line["result_from_scene"];
-    let numbers = |key: &str| moved[key].as_array()?.iter().map(Value::as_f64).collect::<Option<Vec<f64>>>();
-    let parts = || Some((moved["scale"].as_f64()?, numbers("position")?, numbers("rotation_wxyz")?));
-    match parts() {
-        Some((scale, place, turn)) if scale > 0.0 && place.len() == 3 && is_turn(&turn) => {
-            let rotation = DQuat::from_xyzw(turn[1], turn[2], turn[3], turn[0]).normalize();
-            Ok(Similarity { scale, pose: Pose { position: glam::DVec3::from_slice(&place), rotation } })
-        }
-        _ => Err(about(file, format!("expected `result_from_scene` of `qv mesh --json`, found {moved}"))),
-    }
+    let is_turn = |q: &[f64; 4]| (q.iter().map(|x| x * x).sum::<f64>() - 1.0).abs() < 1e-3;
+    Move::deserialize(moved)
+        .ok()
+        .filter(|found| found.scale > 0.0 && is_turn(&found.rotation_wxyz))
+        .and_then(|found| {
+            let pose = Pose::from_position_wxyz(found.position, found.rotation_wxyz)?;
+            Some(Similarity { scale: found.scale, pose })
+        })
+        .ok_or_else(|| about(file, format!("expected `result_from_scene` of `qv mesh --json`, found {moved}")))
 }
 
 fn rows(told: &Agreement) -> [(&'static str, &Found); 2] {

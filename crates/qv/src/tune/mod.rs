@@ -7,7 +7,7 @@ mod recordings;
 use crate::open::{file_error, parameters_of, write_error};
 use crate::progress::Stages;
 use crate::walk::inputs::{as_trained, checkpoint_of, ground_of, policy_of, robot_of};
-use crate::whole::write_whole;
+use crate::whole::{is_same, write_whole};
 use crate::{Failure, Outcome, say};
 use keep::Folder;
 use qv_policy::policy::PolicyFile;
@@ -84,8 +84,7 @@ impl Tune {
         let (log, refused) =
             recordings::read(&self.recordings, self.pose_topic.as_deref(), &robot, &start.settings.task)?;
         let own = self.policy.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let is_own = fs::canonicalize(&self.out).is_ok_and(|out| fs::canonicalize(own).is_ok_and(|own| own == out));
-        if is_own {
+        if is_same(&self.out, own) {
             let found = "the folder of --policy, whose files would be written over";
             return Err(file_error(&self.out, "another folder for --out", found).into());
         }

@@ -59,18 +59,11 @@ fn thinned(cloud: &GaussianCloud, most: usize) -> GaussianCloud {
     };
     let mut order: Vec<usize> = (0..cloud.len()).collect();
     order.sort_by(|a, b| covers(*b).total_cmp(&covers(*a)).then(a.cmp(b)));
-    order.truncate(most);
-    order.sort_unstable();
-    let per = (usize::from(cloud.sh_degree) + 1).pow(2);
-    GaussianCloud {
-        means: order.iter().map(|&k| cloud.means[k]).collect(),
-        log_scales: order.iter().map(|&k| cloud.log_scales[k]).collect(),
-        rotations: order.iter().map(|&k| cloud.rotations[k]).collect(),
-        opacity_logits: order.iter().map(|&k| cloud.opacity_logits[k]).collect(),
-        sh_degree: DEGREE,
-        sh: order.iter().map(|&k| cloud.sh[k * per]).collect(),
-        ..GaussianCloud::default()
-    }
+    let mut is_kept = vec![false; cloud.len()];
+    order.iter().take(most).for_each(|&k| is_kept[k] = true);
+    let kept = cloud.filtered(|k| is_kept[k]);
+    let sh = kept.sh.chunks_exact(kept.sh_count()).map(|bands| bands[0]).collect();
+    GaussianCloud { sh_degree: DEGREE, sh, feature_count: 0, features: vec![], ..kept }
 }
 
 /// Whether two reports say that the first recording of each is not the same file.
