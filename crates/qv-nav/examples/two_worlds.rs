@@ -1,6 +1,6 @@
 //! A student of `learn_in_the_yard` in two worlds, on the same episodes: eye (sown Gaussians, or the yard's ray caster) by legs (those it was
-//! trained on, or weaker, later and slipping ones): `two_worlds WEIGHTS.bin [EPISODES] [SOWN] [RESULTS.json] [NAME=WEIGHTS.bin ...]`, where
-//! `SOWN` is the distance between Gaussians \[m\]; with `gpu=N` among the names they are drawn on adapter `N` (feature `gpu`). With named students, such as those of trainings that lack a part, it tests them beside the
+//! trained on, or weaker, later and slipping ones): `two_worlds WEIGHTS.bin [EPISODES] [SOWN] [RESULTS.json] [camera=REPORT.json] [NAME=WEIGHTS.bin ...]`, where
+//! `SOWN` is the distance between Gaussians \[m\]; `camera` is that of a report of `qv diagnose --scene` instead of any wide one. With `gpu=N` among the names they are drawn on adapter `N` (feature `gpu`). With named students, such as those of trainings that lack a part, it tests them beside the
 //! first one where something is unknown; p is against the first one in the same world.
 
 mod yard_eye;
@@ -18,7 +18,7 @@ use qv_nav::score::{Row, compared};
 use qv_nav::sight::Rig;
 use qv_nav::task::{End, Episode, EpisodeSettings, Limits, Trial};
 use qv_nav::teacher::World;
-use qv_nav::weights;
+use qv_nav::{measured, weights};
 use std::path::PathBuf;
 use std::time::Instant;
 use yard::layout::mesh_with;
@@ -35,6 +35,7 @@ type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
 
 struct Bench<'a> {
     world: &'a World,
+    spread: LensSpread,
     reflex: Reflex,
     episodes: Vec<Episode>,
     rows: Vec<(String, Vec<Trial>)>,
@@ -56,7 +57,7 @@ impl Bench<'_> {
         pilot: &mut dyn Pilot,
     ) -> Fallible<()> {
         let (stage, clock) = (
-            Stage { world: self.world, eye, spread: LensSpread::wide(), drift: Drift::default(), reflex: self.reflex },
+            Stage { world: self.world, eye, spread: self.spread, drift: Drift::default(), reflex: self.reflex },
             Instant::now(),
         );
         let mut legs = Follower::with_effects(&self.world.map, ROBOTS, HEIGHT, effects)?;
@@ -89,16 +90,24 @@ fn main() -> Fallible<()> {
     let net = Net::default();
     let parameters = weights::from_bytes(&std::fs::read(file)?, &net)?;
     let map = Map::new(&mesh_with(&CRATES), &MapSettings::default())?;
-    let world = World::new(map, Rig::default(), Limits::default());
+    let (camera, words): (Vec<&String>, Vec<&String>) =
+        arguments.iter().skip(4).partition(|argument| argument.starts_with("camera="));
+    let (spread, rig) = match camera.first() {
+        None => (LensSpread::wide(), Rig::default()),
+        Some(file) => {
+            measured::camera(&serde_json::from_slice(&std::fs::read(&file["camera=".len()..])?)?, &Rig::default())?
+        }
+    };
+    let world = World::new(map, rig, Limits::default());
     let yard = Yard::with_crates(&CRATES, Vec::new(), 1);
     let (adapter, named): (Vec<&String>, Vec<&String>) =
-        arguments.iter().skip(4).partition(|argument| argument.starts_with("gpu="));
+        words.into_iter().partition(|argument| argument.starts_with("gpu="));
     let splat = placed(SplatEye::new(&sow::cloud(&yard, sown)), adapter.first().map(|gpu| &gpu["gpu=".len()..]))?;
     let rays = FnEye(|shot: &Shot| yard_eye::cast(&yard, shot));
     let (known, hidden, limits) = (Effects::default(), Effects::hidden(), world.limits);
     println!("{count} episodes of seed {TESTED}; hidden effects of the legs: {hidden:?}");
     let episodes = EpisodeSettings::default().draw(&world, count, TESTED)?;
-    let mut bench = Bench { world: &world, reflex: Reflex::default(), episodes, rows: Vec::new() };
+    let mut bench = Bench { world: &world, spread, reflex: Reflex::default(), episodes, rows: Vec::new() };
     let worlds: [(&str, &dyn Eye, Effects); 4] = [
         ("ray caster, hidden effects", &rays, hidden),
         ("sown Gaussians, hidden effects", &*splat, hidden),

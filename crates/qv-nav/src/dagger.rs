@@ -4,11 +4,13 @@
 use crate::NavError;
 use crate::augment::{Change, Changes};
 use crate::legs::Legs;
-use crate::net::{COMMAND, HIDDEN, KNOWN, Net, OUTPUTS, RAW, RAW_SIGHT, SIGHT, STATE, Stretch, Turned};
+use crate::loss::{loss, sight_loss};
+use crate::net::{HIDDEN, KNOWN, Net, OUTPUTS, RAW, RAW_SIGHT, SIGHT, STATE, Stretch, Turned};
 use crate::pilots::{MixedPilot, Mixture, NetPilot};
 use crate::recall::RECALL;
 use crate::roll::{Record, Stage, roll};
-use crate::task::{EpisodeSettings, Trial};
+use crate::task::{Episode, EpisodeSettings, Trial};
+use crate::tune::{Critic, PolicySettings};
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::adam::Adam;
 use rayon::prelude::*;
@@ -56,6 +58,8 @@ pub struct TrainSettings {
     pub robots: usize,
     /// Of everything.
     pub seed: u64,
+    /// With it the student learns by PPO from its own trials instead of from the teacher, see [`crate::tune`]; nobody else drives then.
+    pub policy: Option<PolicySettings>,
 }
 
 impl Default for TrainSettings {
@@ -80,6 +84,7 @@ impl Default for TrainSettings {
             longest: 1.0,
             robots: 192,
             seed: 0,
+            policy: None,
         }
     }
 }
@@ -112,6 +117,7 @@ impl TrainSettings {
             }
         }
         self.changes.check()?;
+        self.policy.map_or(Ok(()), |policy| policy.check())?;
         for (what, mixture) in [("first", self.first), ("later", self.later)] {
             let Mixture { alone, taught, stray, stretch, told } = mixture;
             let shares = [alone, taught, stray, taught + stray, told].iter().all(|x| (0.0..=1.0001).contains(x));
@@ -153,6 +159,22 @@ pub struct Progress {
     pub frames: usize,
     /// Share of the student's own episodes of this round that reached the cone, before it learnt from them; none in the first round.
     pub success: Option<f64>,
+    /// With PPO: what the round's episodes gained, and what the critic knew of it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gains: Option<crate::tune::Gains>,
+}
+
+/// An episode that was driven.
+pub(crate) struct Driven {
+    pub(crate) episode: Episode,
+    /// Whether the student drove alone.
+    pub(crate) alone: bool,
+    pub(crate) trial: Trial,
+    pub(crate) record: Record,
+}
+
+fn driven_frames(all: &[Driven]) -> usize {
+    all.iter().map(|driven| driven.record.len()).sum()
 }
 
 /// A student that learns.
@@ -162,8 +184,12 @@ pub struct Student {
     /// Its numbers.
     pub parameters: Vec<f32>,
     adam: Adam,
-    settings: TrainSettings,
+    pub(crate) settings: TrainSettings,
     records: Vec<Record>,
+    /// Decisions of all records that there ever were.
+    gathered: usize,
+    /// What values states, where PPO is asked for.
+    pub(crate) critic: Option<Critic>,
     #[cfg(feature = "gpu")]
     card: Option<crate::card::GpuLearner>,
     /// Rounds that are behind it.
@@ -186,6 +212,8 @@ impl Student {
             adam,
             settings: settings.clone(),
             records: Vec::new(),
+            gathered: 0,
+            critic: settings.policy.map(|_| Critic::new(settings.seed)),
             #[cfg(feature = "gpu")]
             card: None,
             rounds: 0,
@@ -216,7 +244,7 @@ impl Student {
 
     /// Decisions gathered.
     pub fn frames(&self) -> usize {
-        self.records.iter().map(Record::len).sum()
+        self.gathered
     }
 
     /// Rounds that the training has in all.
@@ -243,36 +271,34 @@ impl Student {
     ) -> Result<Progress, NavError> {
         let settings = self.settings.clone();
         let before = self.frames();
-        let mixture = if self.rounds == 0 { settings.first } else { settings.later };
         let rounds = self.rounds as f64;
         let part = |within: f64| (rounds + within) / settings.rounds as f64;
-        let mut progress =
-            Progress { round: self.rounds + 1, share: part(0.0), loss: f64::NAN, frames: before, success: None };
-        let (mut own, mut batch) = (Vec::<Trial>::new(), 0u64);
-        let mut gathered = Vec::new();
-        while gathered.iter().map(Record::len).sum::<usize>() < settings.frames {
+        let (round, share) = (self.rounds + 1, part(0.0));
+        let mut progress = Progress { round, share, loss: f64::NAN, frames: before, success: None, gains: None };
+        let (mut gathered, mut batch) = (Vec::<Driven>::new(), 0u64);
+        while driven_frames(&gathered) < settings.frames {
             let seed = Xoshiro256PlusPlus::of(settings.seed, 92 + self.rounds as u64 * 1000, batch).bits();
             let drawn = episodes.draw(stage.world, legs.count(), seed)?;
-            let student = NetPilot::new(&self.net, &self.parameters, legs.count());
-            let mut pilot = MixedPilot::new(student, stage.world.limits, mixture, legs.count());
-            for (episode, (trial, record)) in
-                drawn.iter().zip(roll(stage, legs, &drawn, &mut pilot, |_| true, &mut |_| {})?)
-            {
-                if mixture.is_alone(episode) {
-                    own.push(trial);
-                }
-                gathered.push(record);
-            }
+            gathered.extend(match &settings.policy {
+                None => self.drive(stage, legs, drawn)?,
+                Some(policy) => self.explore(policy, stage, legs, (drawn, seed))?,
+            });
             batch += 1;
-            let now = gathered.iter().map(Record::len).sum::<usize>();
+            let now = driven_frames(&gathered);
             progress.frames = before + now;
             progress.share = part(0.5 * (now as f64 / settings.frames as f64).min(1.0));
             tell(&progress);
         }
-        self.add(gathered);
-        if !own.is_empty() {
-            progress.success = Some(own.iter().filter(|t| t.reached()).count() as f64 / own.len() as f64);
+        let own = gathered.iter().filter(|d| d.alone).count();
+        if own > 0 {
+            let reached = gathered.iter().filter(|d| d.alone && d.trial.reached()).count();
+            progress.success = Some(reached as f64 / own as f64);
         }
+        if let Some(policy) = &settings.policy {
+            progress.gains = Some(self.weigh(policy, stage.world, &mut gathered)?);
+            self.records.clear();
+        }
+        self.add(gathered.into_iter().map(|driven| driven.record));
         let epochs = settings.epochs_of(self.rounds);
         for epoch in 0..epochs {
             progress.loss = self.epoch(epoch)?;
@@ -283,9 +309,23 @@ impl Student {
         Ok(progress)
     }
 
+    /// Episodes that student, teacher and drawn commands drive in turn.
+    fn drive(&self, stage: &Stage, legs: &mut dyn Legs, drawn: Vec<Episode>) -> Result<Vec<Driven>, NavError> {
+        let mixture = if self.rounds == 0 { self.settings.first } else { self.settings.later };
+        let student = NetPilot::new(&self.net, &self.parameters, legs.count());
+        let mut pilot = MixedPilot::new(student, stage.world.limits, mixture, legs.count());
+        let rolled = roll(stage, legs, &drawn, &mut pilot, |_| true, &mut |_| {})?;
+        let all = drawn.into_iter().zip(rolled);
+        Ok(all
+            .map(|(episode, (trial, record))| Driven { alone: mixture.is_alone(&episode), episode, trial, record })
+            .collect())
+    }
+
     /// Adds episodes to what is learnt from.
     pub fn add(&mut self, records: impl IntoIterator<Item = Record>) {
+        let before = self.records.len();
         self.records.extend(records.into_iter().filter(|r| !r.is_empty()));
+        self.gathered += self.records[before..].iter().map(Record::len).sum::<usize>();
     }
 
     /// Learns once from all records; gives the mean loss of a decision.
@@ -450,64 +490,12 @@ impl Shard {
     }
 }
 
-/// Loss of one decision, and its gradient by what came out before tanh and the logistic function.
-fn loss(raw: &[f32], record: &Record, step: usize, settings: &TrainSettings, of_raw: &mut [f32]) -> f32 {
-    let TrainSettings { huber, cone_weight, visible_weight, known_weight, .. } = *settings;
-    let mut sum = 0.0;
-    for k in 0..COMMAND {
-        let y = raw[k].tanh();
-        let off = y - record.commands[step][k];
-        let near = off.abs() <= huber;
-        sum += if near { 0.5 * off * off } else { huber * (off.abs() - 0.5 * huber) };
-        of_raw[k] = off.clamp(-huber, huber) * (1.0 - y * y);
-    }
-    let mut squared = |k: usize, wanted: f32, weight: f32| {
-        let off = raw[k] - wanted;
-        of_raw[k] = weight * off;
-        sum += 0.5 * weight * off * off;
-    };
-    let (cone, known) = (&record.cones[step], &record.known[step]);
-    if record.found[step] {
-        (0..3).for_each(|k| squared(COMMAND + k, cone[k], cone_weight));
-    }
-    for k in 0..KNOWN {
-        // Where the cone stands can be said only once it was seen.
-        if record.found[step] || k < 4 {
-            squared(OUTPUTS + k, known[k], known_weight);
-        }
-    }
-    sum + crossed(raw[OUTPUTS - 1], cone[3], visible_weight, &mut of_raw[OUTPUTS - 1])
-}
-
-/// The same of what is said of the picture alone.
-fn sight_loss(raw: &[f32], wanted: &[f32; SIGHT], settings: &TrainSettings, of_raw: &mut [f32]) -> f32 {
-    let TrainSettings { cone_weight, visible_weight, known_weight, ray_weight, .. } = *settings;
-    let mut sum = 0.0;
-    let mut squared = |k: usize, weight: f32| {
-        let off = raw[k] - wanted[k];
-        of_raw[k] = weight * off;
-        sum += 0.5 * weight * off * off;
-    };
-    if wanted[3] > 0.5 {
-        (0..3).for_each(|k| squared(k, cone_weight));
-    }
-    (4..8).for_each(|k| squared(k, known_weight));
-    (8..SIGHT).for_each(|k| squared(k, ray_weight));
-    sum + crossed(raw[3], wanted[3], visible_weight, &mut of_raw[3])
-}
-
-/// Cross entropy of a share before the logistic function, written so that no logarithm of 0 occurs, and its slope.
-fn crossed(logit: f32, wanted: f32, weight: f32, of_logit: &mut f32) -> f32 {
-    *of_logit = weight * (1.0 / (1.0 + (-logit).exp()) - wanted);
-    weight * (logit.max(0.0) - logit * wanted + (-logit.abs()).exp().ln_1p())
-}
-
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::net::{HEIGHT, WIDTH};
 
-    fn made_up(seed: u64, length: usize) -> Record {
+    pub(crate) fn made_up(seed: u64, length: usize) -> Record {
         let mut random = Xoshiro256PlusPlus::new(seed);
         let mut record = Record::default();
         for step in 0..length {
@@ -526,43 +514,6 @@ mod tests {
     }
 
     #[test]
-    fn the_gradient_is_the_slope_of_the_loss() {
-        let record = made_up(1, 3);
-        let mut raw = [0.3; OUTPUTS + KNOWN];
-        raw[..OUTPUTS].copy_from_slice(&[0.3, -0.9, 1.2, 0.2, 0.7, 0.1, -0.4]);
-        let settings = TrainSettings::default();
-        for step in [0, 1] {
-            let mut gradient = [0.0; OUTPUTS + KNOWN];
-            loss(&raw, &record, step, &settings, &mut gradient);
-            for k in 0..OUTPUTS + KNOWN {
-                let at = |by: f32| {
-                    let mut moved = raw;
-                    moved[k] += by;
-                    loss(&moved, &record, step, &settings, &mut [0.0; OUTPUTS + KNOWN])
-                };
-                let slope = (at(5e-3) - at(-5e-3)) / 1e-2;
-                assert!((slope - gradient[k]).abs() < 1e-3, "{k}: {slope} {}", gradient[k]);
-            }
-        }
-        let raw: [f32; SIGHT] = std::array::from_fn(|k| (k as f32).sin());
-        for visible in [0.0, 1.0] {
-            let mut wanted = [0.4; SIGHT];
-            wanted[3] = visible;
-            let mut gradient = [0.0; SIGHT];
-            sight_loss(&raw, &wanted, &settings, &mut gradient);
-            for k in 0..SIGHT {
-                let at = |by: f32| {
-                    let mut moved = raw;
-                    moved[k] += by;
-                    sight_loss(&moved, &wanted, &settings, &mut [0.0; SIGHT])
-                };
-                let slope = (at(5e-3) - at(-5e-3)) / 1e-2;
-                assert!((slope - gradient[k]).abs() < 1e-3, "{k}: {slope} {}", gradient[k]);
-            }
-        }
-    }
-
-    #[test]
     fn the_loss_falls_and_threads_do_not_matter() {
         let settings =
             TrainSettings { rounds: 1, epochs: 12, batch: 10, changes: Changes::none(), ..Default::default() };
@@ -570,7 +521,7 @@ mod tests {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
                 let mut student = Student::new(&settings).unwrap();
-                student.records = (0..10).map(|k| made_up(k, 5 + 3 * k as usize)).collect();
+                student.add((0..10).map(|k| made_up(k, 5 + 3 * k as usize)));
                 let losses: Vec<f64> = (0..3).map(|epoch| student.epoch(epoch).unwrap()).collect();
                 (losses, student.parameters)
             })
@@ -580,19 +531,40 @@ mod tests {
         assert!(train(3).1 == parameters, "the same bits on three threads");
     }
 
+    /// The same episode with what a student did: some decisions far from what it would say now, so that the objective is clipped.
+    #[cfg(feature = "gpu")]
+    fn acting(mut record: Record) -> Record {
+        let of = |k: usize| (0.7 * k as f32).sin();
+        record.acted = (0..record.len())
+            .map(|k| crate::tune::Acted {
+                action: [0.3 * of(k), 0.1, 0.2],
+                mean: [0.2 * of(k + 1), 0.0, 0.1],
+                advantage: of(3 * k),
+            })
+            .collect();
+        record
+    }
+
     #[cfg(feature = "gpu")]
     #[test]
     fn the_card_learns_what_the_cpu_learns() {
-        let gpu = match crate::card::Gpu::new(&Default::default()) {
-            Ok(gpu) => gpu,
-            Err(why) => return crate::skipped::skipped(why),
-        };
+        let taught = TrainSettings { rounds: 1, batch: 2, truncated: 3, ..Default::default() };
+        let trials = TrainSettings { rounds: 1, batch: 2, truncated: 3, ..TrainSettings::tuning() };
+        for settings in [taught, trials] {
+            match crate::card::Gpu::new(&Default::default()) {
+                Ok(gpu) => learns_alike(&settings, gpu),
+                Err(why) => return crate::skipped::skipped(why),
+            }
+        }
+    }
+
+    #[cfg(feature = "gpu")]
+    fn learns_alike(settings: &TrainSettings, gpu: crate::card::Gpu) {
         println!("{}", gpu.info.name);
-        let settings = TrainSettings { rounds: 1, batch: 2, truncated: 3, ..Default::default() };
         let student = || {
-            let mut student = Student::new(&settings).unwrap();
+            let mut student = Student::new(settings).unwrap();
             // Some end within a stretch, and the lanes end at different times.
-            student.add((0..4).map(|k| made_up(k, 2 + 2 * k as usize)));
+            student.add((0..4).map(|k| acting(made_up(k, 2 + 2 * k as usize))));
             student
         };
         let (mut cpu, mut card) = (student(), student().on_card(gpu).unwrap());

@@ -10,6 +10,7 @@ use crate::reflex::Reflex;
 use crate::sight::{Cone, SEEN, free_rays};
 use crate::task::{DECISIONS, Episode, Judge, PERIOD, Trial};
 use crate::teacher::{Advice, Teacher, World};
+use crate::tune::Acted;
 use glam::DVec2;
 use qv_core::Pose;
 use qv_core::random::Xoshiro256PlusPlus;
@@ -90,6 +91,8 @@ pub struct Record {
     pub found: Vec<bool>,
     /// See [`crate::net::KNOWN`]: the place on the map, the heading, the cone's place.
     pub known: Vec<[f32; KNOWN]>,
+    /// What the student did where it learns by PPO; empty otherwise.
+    pub acted: Vec<Acted>,
 }
 
 impl Record {

@@ -87,6 +87,11 @@ impl Recording {
 
 /// The recording of a truth with something hidden. Poses come at 50 Hz with noise of 2 mm and 1 mrad.
 pub fn recording(truth: &Truth, hidden: Hidden, seed: u64) -> Recording {
+    recording_of_all(truth, &[hidden], seed)
+}
+
+/// The same with several things hidden at once.
+pub fn recording_of_all(truth: &Truth, hidden: &[Hidden], seed: u64) -> Recording {
     let mut random = Random::new(seed, 77);
     let mut rig = Rig {
         intrinsics: truth.intrinsics,
@@ -96,14 +101,16 @@ pub fn recording(truth: &Truth, hidden: Hidden, seed: u64) -> Recording {
         blur: 0.0,
     };
     let mut late = 0.0;
-    match hidden {
-        Hidden::Delay(delay) => late = delay,
-        Hidden::Extrinsics(twist) => rig.base_from_camera = rig.base_from_camera * pose_of(&twist),
-        Hidden::Focal(scale) => {
-            rig.intrinsics.fx /= scale;
-            rig.intrinsics.fy /= scale;
+    for one in hidden {
+        match one {
+            Hidden::Delay(delay) => late = *delay,
+            Hidden::Extrinsics(twist) => rig.base_from_camera = rig.base_from_camera * pose_of(twist),
+            Hidden::Focal(scale) => {
+                rig.intrinsics.fx /= scale;
+                rig.intrinsics.fy /= scale;
+            }
+            _ => {}
         }
-        _ => {}
     }
     let (mut time, mut values) = (Vec::new(), Vec::new());
     for k in 0..=((truth.span[1] - truth.span[0]) * 50.0) as usize {
@@ -116,8 +123,8 @@ pub fn recording(truth: &Truth, hidden: Hidden, seed: u64) -> Recording {
         values.extend(pose.wxyz());
     }
     let size = [truth.intrinsics.width as usize, truth.intrinsics.height as usize];
-    let photographs =
-        truth.images.iter().map(|(t, rgba)| Photograph { time: t + late, rgba: developed(rgba, size, hidden) });
+    let shown = |rgba: &Vec<[u8; 4]>| hidden.iter().fold(rgba.clone(), |rgba, one| developed(&rgba, size, *one));
+    let photographs = truth.images.iter().map(|(t, rgba)| Photograph { time: t + late, rgba: shown(rgba) });
     Recording { rig, poses: JointSeries::new(time, values, 7).unwrap(), photographs: photographs.collect() }
 }
 

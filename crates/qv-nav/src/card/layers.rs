@@ -4,12 +4,17 @@
 
 use super::product::{Product, THREADS, Tile, declare};
 use crate::dagger::TrainSettings;
+use crate::loss::LONGEST;
 use crate::net::{COLOUR, COMMAND, Conv, HIDDEN, KNOWN, Net, OUTPUTS, RAW, RAW_SIGHT, SIGHT, STATE, Tint};
 use crate::recall::RECALL;
+use crate::tune::PolicySettings;
 use qv_policy::net::{Dense, padded};
 
-/// Numbers that a decision is judged by: command, cone, whether it was found, what else is known, what is said of the picture.
-pub(super) const TARGET: usize = COMMAND + 4 + 1 + KNOWN + SIGHT;
+/// Numbers that a decision is judged by: command, cone, whether it was found, what else is known, what is said of the picture; then what was done, its
+/// mean, and the advantage, for PPO.
+pub(super) const TARGET: usize = COMMAND + 4 + 1 + KNOWN + SIGHT + ACTED;
+/// How many of them are PPO's.
+pub(super) const ACTED: usize = 2 * COMMAND + 1;
 /// Numbers of a step: rate, unbias, scale of the gradient, its greatest length.
 pub(super) const HYPER: usize = 4;
 /// Partial sums of the gradient's square.
@@ -666,6 +671,10 @@ fn loss(settings: &TrainSettings) -> String {
     let (cone_at, found_at, known_at) = (COMMAND, COMMAND + 4, COMMAND + 5);
     let sight_at = known_at + KNOWN;
     let visible = OUTPUTS - 1;
+    let imitation = settings.policy.map_or(1.0, |policy| policy.imitation);
+    // What the gradient of a command has of PPO.
+    let own = settings.policy.map_or("", |_| " + slope * (targets[acted + k] - y)");
+    let surrogate = settings.policy.map_or_else(String::new, |policy| surrogate(&policy, sight_at + SIGHT));
     format!(
         "let raw_at = i * {RAW}u;
   let sight_at = i * {RAW_SIGHT}u;
@@ -674,11 +683,13 @@ fn loss(settings: &TrainSettings) -> String {
   for (var k = 0u; k < {RAW_SIGHT}u; k++) {{ of_sight[sight_at + k] = 0.0; }}
   if i % {truncated}u >= lanes[2u * (i / {truncated}u) + 1u] {{ return; }}
   var sum = 0.0;
+  {surrogate}
   for (var k = 0u; k < {COMMAND}u; k++) {{
     let y = 1.0 - 2.0 / (1.0 + exp(clamp(2.0 * raw[raw_at + k], -60.0, 60.0)));
     let off = y - targets[wanted + k];
-    sum += select({huber:?} * (abs(off) - 0.5 * {huber:?}), 0.5 * off * off, abs(off) <= {huber:?});
-    of_raw[raw_at + k] = clamp(off, -{huber:?}, {huber:?}) * (1.0 - y * y);
+    sum += {imitation:?} * select({huber:?} * (abs(off) - 0.5 * {huber:?}), 0.5 * off * off, abs(off) <= {huber:?});
+    let of_command = {imitation:?} * clamp(off, -{huber:?}, {huber:?}){own};
+    of_raw[raw_at + k] = of_command * (1.0 - y * y);
   }}
   let found = targets[wanted + {found_at}u] > 0.5;
   if found {{
@@ -715,5 +726,29 @@ fn loss(settings: &TrainSettings) -> String {
     sum += 0.5 * weight * off * off;
   }}
   losses[i] += sum;"
+    )
+}
+
+/// The clipped objective as in [`crate::loss`]: adds to `sum`, and leaves `acted` and `slope`.
+fn surrogate(policy: &PolicySettings, acted_at: usize) -> String {
+    let PolicySettings { deviation, clip, weight, .. } = policy;
+    let precision = 1.0 / (deviation * deviation);
+    format!(
+        "let acted = wanted + {acted_at}u;
+  var log_ratio = 0.0;
+  for (var k = 0u; k < {COMMAND}u; k++) {{
+    let y = 1.0 - 2.0 / (1.0 + exp(clamp(2.0 * raw[raw_at + k], -60.0, 60.0)));
+    let before = targets[acted + k] - targets[acted + {COMMAND}u + k];
+    let now = targets[acted + k] - y;
+    log_ratio += 0.5 * {precision:?} * (before * before - now * now);
+  }}
+  let advantage = targets[acted + {}u];
+  let ratio = exp(clamp(log_ratio, -{LONGEST:?}, {LONGEST:?}));
+  let clipped = clamp(ratio, {:?}, {:?}) * advantage;
+  sum -= {weight:?} * min(ratio * advantage, clipped);
+  let slope = select(-{weight:?} * advantage * ratio * {precision:?}, 0.0, clipped < ratio * advantage);",
+        2 * COMMAND,
+        1.0 - clip,
+        1.0 + clip,
     )
 }
