@@ -2,16 +2,20 @@
 //! `learn_in_the_yard [KEY=VALUE ...]`. Keys are those of `TrainSettings` (numbers), `test` (episodes), `every` (rounds from one test to the
 //! next), `sown` (metres between Gaussians), those of `Paints`, `out` (a directory for weights.bin, made if need be), and `from` (the weights.bin of
 //! an earlier training to go on from). `eye=bare` draws the collision geometry in flat colours instead: a training without a reconstruction.
-//! `legs=ideal` are legs that do at once what they are told: a training without the residual; `latency`, `strength` and `slip` are the bounds of
+//! `legs=ideal` are legs that do at once what they are told: a training without the residual; `legs=CHECKPOINT.bin` is a Go2 that walks in the
+//! simulator by what `qv walk train` wrote, and `simulator=NAME:VALUE,...` are corrections of it; `latency`, `strength` and `slip` are the bounds of
 //! [`Effects`] that legs suffer in training. `camera` is `wide`, `none`, or the report.json of a diagnosis. `within` is a time \[s\]: the number of
-//! rounds then is as many as fit. With the feature `gpu`, `gpu=N` draws and learns on adapter `N`, and `gpu=N learner=cpu` only draws on it.
+//! rounds then is as many as fit. `learn=trials` (with `from`) learns from its own trials, `policy={"deviation":0.2}` says how. With the feature `gpu`, `gpu=N` draws and learns on adapter `N`, and `gpu=N learner=cpu` only draws on it.
 //! All settings are printed.
 
+mod yard_legs;
+
+use qv_go2::walk;
 use qv_nav::bare::Bare;
 use qv_nav::dagger::{Student, TrainSettings};
 use qv_nav::eye::{Eye, Paints, SplatEye};
 use qv_nav::fit::Fit;
-use qv_nav::legs::{Effects, Follower, Response};
+use qv_nav::legs::{Effects, Follower, Legs, Response};
 use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
 use qv_nav::pilots::{BlobPilot, NetPilot, TeacherPilot};
@@ -23,6 +27,7 @@ use qv_nav::sight::Rig;
 use qv_nav::task::{End, Episode, EpisodeSettings, Limits};
 use qv_nav::teacher::World;
 use qv_nav::{measured, weights};
+use qv_sim::Terrain;
 use std::path::PathBuf;
 use std::time::Instant;
 use yard::layout::mesh_with;
@@ -48,6 +53,8 @@ struct Options {
     is_bare: bool,
     response: Response,
     effects: Effects,
+    walking: Option<String>,
+    simulator: Vec<(String, f64)>,
     camera: String,
     within: Option<f64>,
     gpu: Option<usize>,
@@ -56,12 +63,16 @@ struct Options {
 
 impl Options {
     fn of(arguments: impl Iterator<Item = String>) -> Fallible<Self> {
-        let mut settings = serde_json::to_value(TrainSettings::default())?;
+        let arguments: Vec<String> = arguments.collect();
+        let by_trials = arguments.iter().any(|argument| argument == "learn=trials");
+        let usual = if by_trials { TrainSettings::tuning() } else { TrainSettings::default() };
+        let mut settings = serde_json::to_value(usual)?;
         let mut paints = serde_json::to_value(Paints::default())?;
         let (mut test, mut every, mut out, mut from, mut sown) = (96, 1, None, None, 0.06);
         let mut effects = serde_json::to_value(Effects::default())?;
         let (mut is_bare, mut response, mut camera) = (false, Response::default(), "wide".to_string());
         let (mut within, mut gpu, mut learns_on_card) = (None, None, true);
+        let (mut walking, mut simulator) = (None, Vec::new());
         for argument in arguments {
             let (key, value) = argument.split_once('=').ok_or_else(|| format!("{argument}: expected KEY=VALUE"))?;
             match key {
@@ -71,9 +82,12 @@ impl Options {
                 "from" => from = Some(PathBuf::from(value)),
                 "out" => out = Some(PathBuf::from(value)),
                 "eye" => is_bare = one_of(key, value, [("splat", false), ("bare", true)])?,
+                "learn" => drop(one_of(key, value, [("trials", ()), ("teacher", ())])?),
+                "legs" if value.ends_with(".bin") => walking = Some(value.into()),
                 "legs" => {
                     response = one_of(key, value, [("known", Response::default()), ("ideal", Response::ideal())])?
                 }
+                "simulator" => simulator = value.split(',').map(named).collect::<Fallible<_>>()?,
                 "camera" => camera = value.into(),
                 "within" => within = Some(value.parse()?),
                 "gpu" => gpu = Some(value.parse()?),
@@ -95,6 +109,8 @@ impl Options {
             is_bare,
             response,
             effects: serde_json::from_value(effects)?,
+            walking,
+            simulator,
             camera,
             within,
             gpu,
@@ -158,6 +174,25 @@ fn student(options: &Options) -> Fallible<Student> {
     }
 }
 
+/// A parameter and its value, of NAME:VALUE.
+fn named(text: &str) -> Fallible<(String, f64)> {
+    let (name, value) = text.split_once(':').ok_or_else(|| format!("simulator: expected NAME:VALUE, found {text}"))?;
+    Ok((name.into(), value.parse()?))
+}
+
+/// Legs that the options ask for.
+fn legs<'a>(options: &Options, world: &'a World) -> Fallible<Box<dyn Legs + 'a>> {
+    let count = options.settings.robots;
+    let Some(file) = &options.walking else {
+        let follower = Follower::new(&world.map, count, HEIGHT).responding(options.response)?;
+        return Ok(Box::new(follower.suffering(options.effects)?));
+    };
+    let robot = walk::robot()?;
+    let terrain = Terrain::from_mesh(&mesh_with(&CRATES))?;
+    let policy = yard_legs::walking(file, &robot)?;
+    Ok(Box::new(yard_legs::simulated(&robot, policy, (&world.map, &terrain), &options.simulator, count)?))
+}
+
 /// What a word of two stands for.
 fn one_of<T>(key: &str, word: &str, words: [(&str, T); 2]) -> Fallible<T> {
     let names = words.each_ref().map(|(name, _)| *name);
@@ -170,7 +205,8 @@ fn main() -> Fallible<()> {
     let settings = &options.settings;
     println!("{}", serde_json::to_string(settings)?);
     let eye_is = if options.is_bare { "bare" } else { "splat" };
-    println!("eye {eye_is}, {:?}, {:?}, camera {}", options.response, options.effects, options.camera);
+    let walks = options.walking.as_deref().unwrap_or("no");
+    println!("eye {eye_is}, {:?}, {:?}, walks {walks}, camera {}", options.response, options.effects, options.camera);
     let map = Map::new(&mesh_with(&CRATES), &MapSettings::default())?;
     let (spread, rig) = options.spread()?;
     let world = World::new(map, rig, Limits::default());
@@ -181,14 +217,14 @@ fn main() -> Fallible<()> {
     let drift = Drift::default();
     let stage = Stage { world: &world, eye: &*eye, spread, drift, reflex: Reflex::default() };
     let tested = Stage { eye: &*plain, ..Stage::new(&world, &*plain, spread) };
-    let follower = Follower::new(&world.map, settings.robots, HEIGHT).responding(options.response)?;
-    let mut legs = follower.suffering(options.effects)?;
+    let mut legs = legs(&options, &world)?;
+    let legs = &mut *legs;
     let tests = EpisodeSettings::default().draw(&world, options.test, TESTED)?;
     let limits = world.limits;
-    show(&tested, "teacher", &mut TeacherPilot { limits }, &mut legs, &tests)?;
-    show(&tested, "blob", &mut BlobPilot { limits }, &mut legs, &tests)?;
+    show(&tested, "teacher", &mut TeacherPilot { limits }, legs, &tests)?;
+    show(&tested, "blob", &mut BlobPilot { limits }, legs, &tests)?;
     let held = EpisodeSettings::default().draw(&world, 24, HELD_OUT)?;
-    let held = roll(&tested, &mut legs, &held, &mut TeacherPilot { limits }, |_| true, &mut |_| {})?;
+    let held = roll(&tested, legs, &held, &mut TeacherPilot { limits }, |_| true, &mut |_| {})?;
     let held: Vec<Record> = held.into_iter().map(|(_, record)| record).collect();
     let mut student = student(&options)?;
     if let Some(from) = &options.from {
@@ -198,7 +234,7 @@ fn main() -> Fallible<()> {
     while round < student.rounds_in_all() {
         round += 1;
         let (mut driven, began) = (None, Instant::now());
-        let told = student.round(&stage, &mut legs, &EpisodeSettings::default(), &mut |p| {
+        let told = student.round(&stage, legs, &EpisodeSettings::default(), &mut |p| {
             if p.loss.is_nan() {
                 driven = Some(began.elapsed().as_secs_f64());
             }
@@ -218,7 +254,7 @@ fn main() -> Fallible<()> {
         println!("    {:.3?}", Fit::of(&student.net, &student.parameters, &held));
         if round % options.every == 0 || round == student.rounds_in_all() {
             let mut pilot = NetPilot::new(&student.net, &student.parameters, settings.robots);
-            show(&tested, "student", &mut pilot, &mut legs, &tests)?;
+            show(&tested, "student", &mut pilot, legs, &tests)?;
         }
         if let Some(out) = &options.out {
             std::fs::create_dir_all(out)?;
@@ -230,7 +266,7 @@ fn main() -> Fallible<()> {
     Ok(())
 }
 
-fn show(stage: &Stage, name: &str, pilot: &mut dyn Pilot, legs: &mut Follower, tests: &[Episode]) -> Fallible<()> {
+fn show(stage: &Stage, name: &str, pilot: &mut dyn Pilot, legs: &mut dyn Legs, tests: &[Episode]) -> Fallible<()> {
     let clock = Instant::now();
     let trials: Vec<_> =
         roll(stage, legs, tests, pilot, |_| false, &mut |_| {})?.into_iter().map(|(trial, _)| trial).collect();

@@ -6,6 +6,7 @@
 //! the simulator), `timestep` of the second engine \[s\], `out`.
 
 mod yard_eye;
+mod yard_legs;
 
 use qv_go2::walk;
 use qv_nav::eye::{Eye, FnEye, Shot, SplatEye};
@@ -20,13 +21,7 @@ use qv_nav::second::SecondWalkers;
 use qv_nav::sight::Rig;
 use qv_nav::task::{End, Episode, EpisodeSettings, Limits, Trial};
 use qv_nav::teacher::World;
-use qv_nav::walkers::Walkers;
 use qv_nav::weights;
-use qv_policy::PolicyError;
-use qv_policy::policy::Policy;
-use qv_policy::score::Decide;
-use qv_policy::train::Checkpoint;
-use qv_policy::velocity::{Ground, TaskRobot, TaskSettings, VelocityTask};
 use qv_sim::Terrain;
 use qv_sim::rapier::RapierOptions;
 use std::collections::BTreeMap;
@@ -34,6 +29,7 @@ use std::time::Instant;
 use yard::layout::mesh_with;
 use yard::objects::CRATES;
 use yard::{Yard, sow};
+use yard_legs::walking;
 
 /// As in `learn_in_the_yard`.
 const HEIGHT: f64 = 0.3;
@@ -51,15 +47,6 @@ const HIDDEN: [(&str, f64); 4] = [
 
 type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
 
-/// A walking policy that is owned.
-struct Owned(Policy);
-
-impl Decide for Owned {
-    fn decide(&mut self, rows: usize, observations: &[f32], actions: &mut [f32]) -> Result<(), PolicyError> {
-        (&mut &self.0).decide(rows, observations, actions)
-    }
-}
-
 /// Those of [`HIDDEN`], or others.
 fn effects(text: Option<&str>) -> Fallible<Vec<(String, f64)>> {
     let one = |part: &str| -> Fallible<(String, f64)> {
@@ -71,10 +58,6 @@ fn effects(text: Option<&str>) -> Fallible<Vec<(String, f64)>> {
         Some("no") => Ok(Vec::new()),
         Some(list) => list.split(',').map(one).collect(),
     }
-}
-
-fn walking(file: &str, robot: &TaskRobot) -> Fallible<Box<dyn Decide>> {
-    Ok(Box::new(Owned(Checkpoint::from_bytes(&std::fs::read(file)?)?.best_policy(robot)?)))
 }
 
 struct Bench<'a> {
@@ -126,15 +109,8 @@ fn main() -> Fallible<()> {
     let splat = SplatEye::new(&sow::cloud(&yard, sown));
     let rays = FnEye(|shot: &Shot| yard_eye::cast(&yard, shot));
     let (robot, terrain) = (walk::robot()?, Terrain::from_mesh(&mesh)?);
-    let [low, high] = world.map.bounds().map(|p| p.to_array());
     let simulator = effects(Some(&key("simulator", "no")))?;
-    let simulated = || -> Fallible<Walkers> {
-        let ground = Ground::of_terrain(terrain.clone(), [low, high], 0.3, 1)?;
-        let parameters = simulator.iter().cloned().collect();
-        let settings = TaskSettings { parameters, ..Default::default() };
-        let task = VelocityTask::new(robot.clone(), ground, settings, ROBOTS)?;
-        Ok(Walkers::new(task, walking(legs, &robot)?)?)
-    };
+    let simulated = || yard_legs::simulated(&robot, walking(legs, &robot)?, (&world.map, &terrain), &simulator, ROBOTS);
     let hidden = effects(keys.get("hidden").map(String::as_str))?;
     let timestep: f64 = key("timestep", "0.002").parse()?;
     let second = |legs: &str| -> Fallible<SecondWalkers> {

@@ -78,6 +78,12 @@ impl Decide for &Policy {
     }
 }
 
+impl Decide for Policy {
+    fn decide(&mut self, rows: usize, observations: &[f32], actions: &mut [f32]) -> Result<(), PolicyError> {
+        (&mut &*self).decide(rows, observations, actions)
+    }
+}
+
 /// Anyone's ONNX policy with our contract, as a decision.
 #[cfg(feature = "onnx")]
 pub struct OnnxDecision<'a> {
