@@ -65,7 +65,7 @@ impl Changes {
         let curves = [0; 3].map(|_| {
             let factor = (gain + self.balance * random.normal()).exp();
             let shown = |byte: usize| 255.0 * factor * (byte as f32 / 255.0).powf(gamma);
-            (0..256).map(|byte| shown(byte).round().clamp(0.0, 255.0) as u8).collect()
+            std::array::from_fn(|byte| shown(byte).round().clamp(0.0, 255.0) as u8)
         });
         let span = 2 * self.shift + 1;
         let shift = [0; 2].map(|_| random.below(span) as isize - self.shift as isize);
@@ -81,7 +81,7 @@ impl Changes {
 #[derive(Debug, Clone)]
 pub struct Change {
     /// What each byte of each colour becomes.
-    curves: [Vec<u8>; 3],
+    curves: [[u8; 256]; 3],
     /// Rows down and columns to the right.
     shift: [isize; 2],
     texture: f32,
@@ -95,11 +95,15 @@ impl Change {
     /// Adds a picture, changed, to `out`; at its edges, a shifted picture repeats its last pixels. Its texture is another one each time.
     pub fn add(&mut self, picture: &[u8], out: &mut Vec<u8>) {
         let (height, first) = (picture.len() / (3 * WIDTH), out.len());
-        for y in 0..height {
-            let from = y.saturating_add_signed(-self.shift[0]).min(height - 1) * WIDTH;
-            for x in 0..WIDTH {
-                let at = 3 * (from + x.saturating_add_signed(-self.shift[1]).min(WIDTH - 1));
-                out.extend([0, 1, 2].map(|k| self.curves[k][usize::from(picture[at + k])]));
+        out.resize(first + picture.len(), 0);
+        for (y, row) in out[first..].chunks_exact_mut(3 * WIDTH).enumerate() {
+            let from = y.saturating_add_signed(-self.shift[0]).min(height - 1);
+            let from = &picture[from * 3 * WIDTH..][..3 * WIDTH];
+            for (x, to) in row.chunks_exact_mut(3).enumerate() {
+                let at = 3 * x.saturating_add_signed(-self.shift[1]).min(WIDTH - 1);
+                for ((to, curve), byte) in to.iter_mut().zip(&self.curves).zip(&from[at..at + 3]) {
+                    *to = curve[usize::from(*byte)];
+                }
             }
         }
         if self.sharpen > 0.05 {
@@ -121,9 +125,8 @@ impl Change {
                     *factor = 1.0 + self.texture * ((bits & 0xff) as f32 / 127.5 - 1.0);
                 }
             }
-            for (x, pixel) in row.chunks_exact_mut(3).enumerate() {
-                let factor = factors[x / self.square];
-                pixel.iter_mut().for_each(|c| *c = (f32::from(*c) * factor).min(255.0) as u8);
+            for (square, factor) in row.chunks_mut(3 * self.square).zip(&factors) {
+                square.iter_mut().for_each(|c| *c = (f32::from(*c) * factor).min(255.0) as u8);
             }
         }
     }
@@ -131,12 +134,15 @@ impl Change {
 
 /// Adds to each pixel but those at the edges a share of its difference from the mean of its four neighbours.
 fn sharpen(picture: &mut [u8], share: f32) {
-    let (before, row) = (picture.to_vec(), 3 * WIDTH);
-    for k in row..picture.len().saturating_sub(row) {
-        if (3..row - 3).contains(&(k % row)) {
-            let around = [k - 3, k + 3, k - row, k + row].map(|n| f32::from(before[n])).iter().sum::<f32>();
-            let here = f32::from(before[k]);
-            picture[k] = (here + share * (here - 0.25 * around) + 0.5).clamp(0.0, 255.0) as u8;
+    const ROW: usize = 3 * WIDTH;
+    let before = picture.to_vec();
+    for y in 1..(picture.len() / ROW).saturating_sub(1) {
+        let [above, here, below] = [y - 1, y, y + 1].map(|y| &before[y * ROW..][..ROW]);
+        let row = &mut picture[y * ROW..][..ROW];
+        for k in 3..ROW - 3 {
+            let around = [here[k - 3], here[k + 3], above[k], below[k]].map(f32::from).iter().sum::<f32>();
+            let middle = f32::from(here[k]);
+            row[k] = (middle + share * (middle - 0.25 * around) + 0.5).clamp(0.0, 255.0) as u8;
         }
     }
 }

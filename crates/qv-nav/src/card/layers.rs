@@ -28,8 +28,6 @@ pub(super) struct Kernel {
     /// Names of buffers, in the order of their bindings.
     pub buffers: Vec<&'static str>,
     pub groups: [u32; 3],
-    /// The step of the stretch that the buffer `moment` says, for a kernel that reads it.
-    pub moment: Option<usize>,
 }
 
 /// Buffers by name and count of numbers, and what is dispatched in turn.
@@ -73,6 +71,7 @@ impl Plan {
         let count = net.len();
         self.buffers.extend(["parameters", "gradient", "first", "second"].map(|name| (name, count)));
         self.buffers.extend([("squares", PARTS), ("hyper", HYPER), ("lanes", 2 * lanes), ("past", lanes * HIDDEN)]);
+        self.buffers.push(("turned", 3 * HIDDEN * HIDDEN));
         let sizes = [
             ("pictures", net.picture_len() / 4),
             ("states", STATE),
@@ -93,7 +92,6 @@ impl Plan {
             ("of_memory", HIDDEN),
             ("of_input", 3 * HIDDEN),
             ("of_state", 3 * HIDDEN),
-            ("kept", HIDDEN),
             ("of_mix", net.mix.outputs),
             ("of_dense", net.dense.outputs),
         ];
@@ -110,7 +108,7 @@ impl Plan {
     fn product(&mut self, label: &str, product: &Product) {
         let buffers = product.reads.iter().chain(&product.writes).copied().collect();
         let (text, groups) = (product.text(), product.groups());
-        self.kernels.push(Kernel { label: label.into(), text, buffers, groups, moment: None });
+        self.kernels.push(Kernel { label: label.into(), text, buffers, groups });
     }
 
     /// A kernel with a thread for each of `count` things, `i`.
@@ -127,7 +125,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {{
         );
         let buffers = reads.iter().chain(writes).copied().collect();
         let groups = [count.div_ceil(THREADS) as u32, 1, 1];
-        self.kernels.push(Kernel { label: label.into(), text, buffers, groups, moment: None });
+        self.kernels.push(Kernel { label: label.into(), text, buffers, groups });
     }
 
     fn forwards(&mut self, net: &Net, lanes: usize, steps: usize) {
@@ -145,9 +143,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {{
         let after_recall = beside("dense", net.dense.outputs, "recalls", RECALL);
         self.dense("mix", &net.mix, rows, (&["dense", "recalls"], &after_recall), "mix", true);
         self.dense("gru", &net.gru.from_input, rows, (&["mix"], &row_of("mix", net.mix.outputs)), "gates", false);
-        for step in 0..steps {
-            self.remember(&net.gru.from_state, lanes, (steps, step));
-        }
+        self.remember(&net.gru.from_state, lanes, steps);
         self.dense("head", &net.head, rows, (&["memory"], &row_of("memory", HIDDEN)), "head", true);
         self.dense("last", &net.last, rows, (&["head"], &row_of("head", net.head.outputs)), "raw", false);
     }
@@ -215,75 +211,67 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {{
         );
     }
 
-    /// One step of the memory of all lanes.
-    fn remember(&mut self, layer: &Dense, lanes: usize, (steps, step): (usize, usize)) {
+    /// The memory of each lane through all its steps: one workgroup a lane, one thread a unit, so that a step waits for no dispatch.
+    fn remember(&mut self, layer: &Dense, lanes: usize, steps: usize) {
         let bias = layer.start + padded(layer.inputs) * padded(layer.outputs);
-        let (three, start) = (3 * HIDDEN, layer.start);
-        let (reads, writes) = (["parameters", "past", "moment"], ["gates", "candidates", "memory"]);
-        let text = format!(
-            "{declared}var<workgroup> before: array<f32, {tile}>;
-@compute @workgroup_size({THREADS})
-fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {{
-  let step = moment[0];
-  for (var i = thread; i < {tile}u; i += {THREADS}u) {{
-    let lane = group.y * 16u + i / {HIDDEN}u;
-    let k = i % {HIDDEN}u;
-    var value = 0.0;
-    if lane < {lanes}u {{
-      if step == 0u {{ value = past[lane * {HIDDEN}u + k]; }}
-      else {{ value = memory[(lane * {steps}u + step - 1u) * {HIDDEN}u + k]; }}
+        let (three, two, start) = (3 * HIDDEN, 2 * HIDDEN, layer.start);
+        let (reads, writes) = (["parameters", "past"], ["gates", "candidates", "memory"]);
+        let body = format!(
+            "  before[unit] = past[lane * {HIDDEN}u + unit];
+  let biases = vec3<f32>(parameters[{bias}u + unit], parameters[{bias}u + {HIDDEN}u + unit], parameters[{bias}u + {two}u + unit]);
+  for (var step = 0u; step < {steps}u; step++) {{
+    workgroupBarrier();
+    var sums = biases;
+    for (var k = 0u; k < {HIDDEN}u; k++) {{
+      let at = {start}u + k * {three}u + unit;
+      sums = fma(vec3<f32>(before[k]), vec3<f32>(parameters[at], parameters[at + {HIDDEN}u], parameters[at + {two}u]), sums);
     }}
-    before[i] = value;
+    let row = lane * {steps}u + step;
+    let at = row * {three}u + unit;
+    let r = 1.0 / (1.0 + exp(-clamp(gates[at] + sums.x, -60.0, 60.0)));
+    let z = 1.0 / (1.0 + exp(-clamp(gates[at + {HIDDEN}u] + sums.y, -60.0, 60.0)));
+    let n = 1.0 - 2.0 / (1.0 + exp(clamp(2.0 * (gates[at + {two}u] + r * sums.z), -60.0, 60.0)));
+    gates[at] = r;
+    gates[at + {HIDDEN}u] = z;
+    gates[at + {two}u] = n;
+    candidates[row * {HIDDEN}u + unit] = sums.z;
+    let now = (1.0 - z) * n + z * before[unit];
+    memory[row * {HIDDEN}u + unit] = now;
+    workgroupBarrier();
+    before[unit] = now;
   }}
-  workgroupBarrier();
-  let unit = group.x * 16u + thread % 16u;
-  let own = (thread / 16u) * {HIDDEN}u;
-  let lane = group.y * 16u + thread / 16u;
-  if lane >= {lanes}u || unit >= {HIDDEN}u {{ return; }}
-  var sums = vec3<f32>(parameters[{bias}u + unit], parameters[{bias}u + {HIDDEN}u + unit], parameters[{bias}u + {two}u + unit]);
-  for (var k = 0u; k < {HIDDEN}u; k++) {{
-    let at = {start}u + k * {three}u + unit;
-    sums = fma(vec3<f32>(before[own + k]), vec3<f32>(parameters[at], parameters[at + {HIDDEN}u], parameters[at + {two}u]), sums);
-  }}
-  let row = lane * {steps}u + step;
-  let at = row * {three}u + unit;
-  let r = 1.0 / (1.0 + exp(-clamp(gates[at] + sums.x, -60.0, 60.0)));
-  let z = 1.0 / (1.0 + exp(-clamp(gates[at + {HIDDEN}u] + sums.y, -60.0, 60.0)));
-  let n = 1.0 - 2.0 / (1.0 + exp(clamp(2.0 * (gates[at + {two}u] + r * sums.z), -60.0, 60.0)));
-  gates[at] = r;
-  gates[at + {HIDDEN}u] = z;
-  gates[at + {two}u] = n;
-  candidates[row * {HIDDEN}u + unit] = sums.z;
-  memory[row * {HIDDEN}u + unit] = (1.0 - z) * n + z * before[own + unit];
-}}
-",
-            declared = declare(&reads, &writes),
-            tile = 16 * HIDDEN,
-            two = 2 * HIDDEN,
+"
         );
-        self.at_a_moment("remember", text, (&reads, &writes), lanes, step);
+        self.by_lanes("remember", (&reads, &writes), ("before", HIDDEN), body, lanes);
     }
 
-    fn at_a_moment(
+    /// A kernel with a workgroup for each lane, `lane`, and a thread for each unit of the memory, `unit`; they share an array.
+    fn by_lanes(
         &mut self,
         label: &str,
-        text: String,
         (reads, writes): (&[&'static str], &[&'static str]),
+        (shared, count): (&str, usize),
+        body: String,
         lanes: usize,
-        step: usize,
     ) {
+        let text = format!(
+            "{}var<workgroup> {shared}: array<f32, {count}>;
+@compute @workgroup_size({HIDDEN})
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) unit: u32) {{
+  let lane = group.x;
+{body}}}
+",
+            declare(reads, writes)
+        );
         let buffers = reads.iter().chain(writes).copied().collect();
-        let groups = [HIDDEN.div_ceil(16) as u32, lanes.div_ceil(16) as u32, 1];
-        self.kernels.push(Kernel { label: label.into(), text, buffers, groups, moment: Some(step) });
+        self.kernels.push(Kernel { label: label.into(), text, buffers, groups: [lanes as u32, 1, 1] });
     }
 
     fn backwards(&mut self, net: &Net, lanes: usize, steps: usize) {
         let rows = lanes * steps;
         self.back("of_head", &net.last, rows, "of_raw", ("of_head", net.head.outputs), Some("head"));
         self.back("of_memory", &net.head, rows, "of_head", ("of_memory", HIDDEN), None);
-        for step in (0..steps).rev() {
-            self.forget(&net.gru.from_state, lanes, (steps, step));
-        }
+        self.forget(&net.gru.from_state, lanes, steps);
         self.back("of_mix", &net.gru.from_input, rows, "of_input", ("of_mix", net.mix.outputs), Some("mix"));
         self.back_to_dense(net, rows);
         let last = net.convolutions.len() - 1;
@@ -393,51 +381,52 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         );
     }
 
-    /// One step back through the memory of all lanes.
-    fn forget(&mut self, layer: &Dense, lanes: usize, (steps, step): (usize, usize)) {
+    /// The way back through the memory of each lane. It reads the weights by output, so that threads beside each other read what lies beside
+    /// each other.
+    fn forget(&mut self, layer: &Dense, lanes: usize, steps: usize) {
         let (three, two, start) = (3 * HIDDEN, 2 * HIDDEN, layer.start);
-        let reads = ["parameters", "past", "moment", "gates", "candidates", "memory", "of_memory"];
-        let writes = ["of_input", "of_state", "kept"];
-        let text = format!(
-            "{declared}@compute @workgroup_size({THREADS})
-fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {{
-  let step = moment[0];
-  let unit = group.x * 16u + thread % 16u;
-  let lane = group.y * 16u + thread / 16u;
-  if lane >= {lanes}u || unit >= {HIDDEN}u {{ return; }}
-  let row = lane * {steps}u + step;
-  let here = row * {HIDDEN}u + unit;
-  var after = of_memory[here];
-  if step + 1u < {steps}u {{
-    let next = (row + 1u) * {three}u;
-    let weights = {start}u + unit * {three}u;
-    var sum = kept[here + {HIDDEN}u];
-    for (var k = 0u; k < {three}u; k++) {{
-      sum = fma(of_state[next + k], parameters[weights + k], sum);
+        let turn = format!("turned[i] = parameters[{start}u + (i % {HIDDEN}u) * {three}u + i / {HIDDEN}u];");
+        self.add("turn", &["parameters"], &["turned"], three * HIDDEN, turn);
+        let reads = ["turned", "past", "gates", "candidates", "memory", "of_memory"];
+        let writes = ["of_input", "of_state"];
+        let body = format!(
+            "  var kept = 0.0;
+  for (var back = 0u; back < {steps}u; back++) {{
+    let row = lane * {steps}u + {steps}u - 1u - back;
+    let here = row * {HIDDEN}u + unit;
+    var after = of_memory[here];
+    if back > 0u {{
+      var sum = kept;
+      for (var k = 0u; k < {three}u; k++) {{
+        sum = fma(next[k], turned[k * {HIDDEN}u + unit], sum);
+      }}
+      after += sum;
     }}
-    after += sum;
+    var before = 0.0;
+    if back + 1u == {steps}u {{ before = past[lane * {HIDDEN}u + unit]; }} else {{ before = memory[here - {HIDDEN}u]; }}
+    let at = row * {three}u + unit;
+    let r = gates[at];
+    let z = gates[at + {HIDDEN}u];
+    let n = gates[at + {two}u];
+    let of_n = after * (1.0 - z) * (1.0 - n * n);
+    let of_z = after * (before - n) * z * (1.0 - z);
+    let of_r = of_n * candidates[here] * r * (1.0 - r);
+    of_input[at] = of_r;
+    of_input[at + {HIDDEN}u] = of_z;
+    of_input[at + {two}u] = of_n;
+    of_state[at] = of_r;
+    of_state[at + {HIDDEN}u] = of_z;
+    of_state[at + {two}u] = of_n * r;
+    workgroupBarrier();
+    next[unit] = of_r;
+    next[{HIDDEN}u + unit] = of_z;
+    next[{two}u + unit] = of_n * r;
+    kept = after * z;
+    workgroupBarrier();
   }}
-  var before = 0.0;
-  if step == 0u {{ before = past[lane * {HIDDEN}u + unit]; }} else {{ before = memory[here - {HIDDEN}u]; }}
-  let at = row * {three}u + unit;
-  let r = gates[at];
-  let z = gates[at + {HIDDEN}u];
-  let n = gates[at + {two}u];
-  let of_n = after * (1.0 - z) * (1.0 - n * n);
-  let of_z = after * (before - n) * z * (1.0 - z);
-  let of_r = of_n * candidates[here] * r * (1.0 - r);
-  of_input[at] = of_r;
-  of_input[at + {HIDDEN}u] = of_z;
-  of_input[at + {two}u] = of_n;
-  of_state[at] = of_r;
-  of_state[at + {HIDDEN}u] = of_z;
-  of_state[at + {two}u] = of_n * r;
-  kept[here] = after * z;
-}}
-",
-            declared = declare(&reads, &writes),
+"
         );
-        self.at_a_moment("forget", text, (&reads, &writes), lanes, step);
+        self.by_lanes("forget", (&reads, &writes), ("next", three), body, lanes);
     }
 
     fn gradients(&mut self, net: &Net, steps: usize, rows: usize) {
@@ -577,13 +566,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
             tree("sum")
         );
         let buffers = vec!["gradient", "hyper", "squares"];
-        self.kernels.push(Kernel {
-            label: "squares".into(),
-            text,
-            buffers,
-            groups: [PARTS as u32, 1, 1],
-            moment: None,
-        });
+        self.kernels.push(Kernel { label: "squares".into(), text, buffers, groups: [PARTS as u32, 1, 1] });
         let text = format!(
             "{}{head}
   {}
@@ -605,7 +588,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         );
         let buffers = vec!["gradient", "hyper", "squares", "parameters", "first", "second"];
         let groups = [count.div_ceil(THREADS) as u32, 1, 1];
-        self.kernels.push(Kernel { label: "adam".into(), text, buffers, groups, moment: None });
+        self.kernels.push(Kernel { label: "adam".into(), text, buffers, groups });
         let body = format!(
             "let count = lanes[2u * (i / {HIDDEN}u) + 1u];
   if count > 0u {{ past[i] = memory[((i / {HIDDEN}u) * {steps}u + count - 1u) * {HIDDEN}u + i % {HIDDEN}u]; }}"

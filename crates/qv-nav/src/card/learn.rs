@@ -63,18 +63,12 @@ impl GpuLearner {
         for (name, count) in &plan.buffers {
             buffers.insert(*name, gpu.buffer(name, 4 * *count as u64)?);
         }
-        let moments = (0..settings.truncated as u32).map(|step| gpu.filled("moment", &[step, 0, 0, 0]));
-        let moments = moments.collect::<Result<Vec<_>, RasterError>>()?;
         let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::Validation);
         let mut pipelines = HashMap::new();
         let mut dispatches = Vec::new();
         for kernel in &plan.kernels {
             let pipeline = pipelines.entry(&kernel.text).or_insert_with(|| pipeline(&gpu, &kernel.label, &kernel.text));
-            let buffer = |name: &&str| match (*name, kernel.moment) {
-                ("moment", Some(step)) => &moments[step],
-                _ => &buffers[*name],
-            };
-            let bound: Vec<&wgpu::Buffer> = kernel.buffers.iter().map(buffer).collect();
+            let bound: Vec<&wgpu::Buffer> = kernel.buffers.iter().map(|name| &buffers[name]).collect();
             dispatches.push((pipeline.clone(), bind(&gpu, pipeline, &bound), kernel.groups));
         }
         if let Some(error) = pollster::block_on(scope.pop()) {

@@ -158,7 +158,7 @@ pub(super) fn declare(reads: &[&str], writes: &[&str]) -> String {
     let mut out = String::new();
     let all = reads.iter().map(|name| (name, "read")).chain(writes.iter().map(|name| (name, "read_write")));
     for (k, (name, access)) in all.enumerate() {
-        let kind = if ["pictures", "lanes", "moment"].contains(name) { "u32" } else { "f32" };
+        let kind = if ["pictures", "lanes"].contains(name) { "u32" } else { "f32" };
         let _ = writeln!(out, "@group(0) @binding({k}) var<storage, {access}> {name}: array<{kind}>;");
     }
     out
