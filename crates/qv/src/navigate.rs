@@ -1,20 +1,21 @@
 //! `qv navigate`: a network learns from pictures of a place to reach a cone in it, is tested, and its results become a page.
 
+mod legs;
 mod look;
 mod page;
+mod train;
 
 use crate::camera::open_camera;
-use crate::progress::{Stages, remark};
+use crate::progress::remark;
 use crate::scene::{about, open_scene};
 use crate::whole::write_whole;
 use crate::{Failure, Outcome, say};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use image::ImageEncoder as _;
+use legs::{LegsArguments, Stable};
 use page::{FromAbove, Results, Strip, Tested};
-use qv_nav::dagger::{Student, TrainSettings};
-use qv_nav::eye::{Eye, Paints, SplatEye};
-use qv_nav::legs::Follower;
+use qv_nav::eye::{Paints, SplatEye};
 use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
 use qv_nav::net::{HEIGHT as ROWS, Net, WIDTH as COLUMNS};
@@ -25,7 +26,7 @@ use qv_nav::sight::Rig;
 use qv_nav::task::{End, Episode, EpisodeSettings, Limits, PERIOD, Stratum, Trial};
 use qv_nav::teacher::{TeacherSettings, World};
 use qv_nav::veils::{Air, without_veils};
-use qv_nav::{measured, onnx, weights};
+use qv_nav::{measured, weights};
 use qv_open::ground::mesh_at;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -35,7 +36,7 @@ pub const EXAMPLE: &str = "Example:\n  qv navigate train --scene out/policy.ply 
     qv navigate page out/nav/results.json --out out/nav/index.html\n  \
     qv navigate look out/nav/weights.bin --scene out/policy.ply --mesh out/mesh.glb --capture yard --out out/nav/look.html\n\n\
     The scene should be small (qv reconstruct --downscale 4 --cap 20000), in metres, z up, in the mesh's frame. Legs are a\n\
-    follower of velocities without physics. Built with --features gpu, train --gpu draws and learns on the graphics card.\n\
+    follower of velocities without physics; with --walk they are a robot that walks in the simulator. Built with --features gpu, train --gpu draws and learns on the graphics card.\n\
     docs/navigation.md tells the rest.\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage.";
 
@@ -53,7 +54,7 @@ pub struct Navigate {
 #[derive(clap::Subcommand)]
 enum Command {
     /// Trains a policy: writes policy.onnx, weights.bin and metrics.json
-    Train(Train),
+    Train(train::Train),
     /// Tests weights on drawn episodes, beside the teacher and a follower of coloured blobs: writes results as JSON
     Test(Test),
     /// Says whether photographs of the place, with a cone laid into them, tell the policy the same as the drawn scene does: writes a page
@@ -139,46 +140,13 @@ impl std::fmt::Display for Start {
 struct Lengths([f64; 2]);
 
 #[derive(clap::Args)]
-struct Train {
-    #[command(flatten)]
-    task: Task,
-    /// Rounds of driving and learning
-    #[arg(long, default_value_t = TrainSettings::default().rounds)]
-    rounds: usize,
-    /// Decisions that a round gathers
-    #[arg(long, default_value_t = TrainSettings::default().frames)]
-    frames: usize,
-    /// Robots that drive at once: a round has at least one episode of each
-    #[arg(long, default_value_t = TrainSettings::default().robots)]
-    robots: usize,
-    /// Times that a round learns from what was gathered
-    #[arg(long, default_value_t = TrainSettings::default().epochs)]
-    epochs: usize,
-    /// Episodes in a step of the optimiser
-    #[arg(long, default_value_t = TrainSettings::default().batch)]
-    batch: usize,
-    /// Directory for the results; made if need be
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
-    json: bool,
-    /// Draws and learns on the graphics card
-    #[cfg(feature = "gpu")]
-    #[arg(long)]
-    gpu: bool,
-    /// Which card, where there are several, from 0
-    #[cfg(feature = "gpu")]
-    #[arg(long, value_name = "N", requires = "gpu")]
-    gpu_index: Option<usize>,
-}
-
-#[derive(clap::Args)]
 struct Test {
     /// weights.bin of `qv navigate train`
     weights: PathBuf,
     #[command(flatten)]
     task: Task,
+    #[command(flatten)]
+    legs: LegsArguments,
     /// Episodes
     #[arg(long, default_value_t = 200)]
     episodes: usize,
@@ -306,86 +274,19 @@ impl Place {
     }
 }
 
-impl Train {
-    fn execute(&self) -> Result<Outcome, Failure> {
-        let (world, eye, camera) = self.task.open(&Paints::default())?;
-        fs::create_dir_all(&self.out).map_err(|e| about(&self.out, e))?;
-        let usual = TrainSettings::default();
-        let settings = TrainSettings {
-            rounds: self.rounds,
-            frames: self.frames,
-            robots: self.robots,
-            epochs: self.epochs,
-            // The last round learns once more, as usual.
-            last_epochs: self.epochs.saturating_add(usual.last_epochs - usual.epochs),
-            batch: self.batch,
-            seed: self.task.place.seed,
-            ..usual
-        };
-        let episodes = self.task.episodes();
-        let (eye, mut student) = self.placed(eye, Student::new(&settings)?)?;
-        let stage = Stage::new(&world, &*eye, camera);
-        let mut legs = Follower::new(&world.map, settings.robots, HEIGHT);
-        let (stages, mut metrics) = (Stages::new(), Vec::new());
-        for round in 0..self.rounds {
-            let share = round as f64 / self.rounds as f64;
-            stages.begin(round + 1, self.rounds, "drive and learn", Some(share));
-            let told = student.round(&stage, &mut legs, &episodes, &mut |p| {
-                stages.at(p.share, &format!("{} decisions, loss {:.4}", p.frames, p.loss));
-            })?;
-            metrics.push(told);
-            // After each round, so that a training that is cut off leaves its last round.
-            write_whole(&self.out.join("weights.bin"), &weights::to_bytes(&student.parameters))?;
-            write_whole(&self.out.join("metrics.json"), &serde_json::to_vec_pretty(&metrics)?)?;
-        }
-        stages.finish();
-        let [low, high] = world.map.bounds();
-        let half_sides = (0.5 * (high - low)).to_array();
-        let file = onnx::to_bytes(&student.net, &student.parameters, &world.limits, half_sides)?;
-        write_whole(&self.out.join("policy.onnx"), &file)?;
-        if self.json {
-            let line = serde_json::json!({
-                "format": "qv-navigate-train/1", "decisions": student.frames(), "rounds": self.rounds, "out": self.out,
-            });
-            say(&format!("{line}\n"))?;
-            return Ok(Outcome::Done);
-        }
-        say(&format!("{} decisions in {} rounds; written to {}\n", student.frames(), self.rounds, self.out.display()))?;
-        Ok(Outcome::Done)
-    }
-}
-
-impl Train {
-    /// Eye and student on the card, where that was asked for.
-    #[cfg(feature = "gpu")]
-    fn placed(&self, eye: SplatEye, student: Student) -> Result<(Box<dyn Eye>, Student), Failure> {
-        use qv_nav::card::{Gpu, GpuEye, GpuOptions};
-        if !self.gpu {
-            return Ok((Box::new(eye), student));
-        }
-        // Each has a device of its own: neither waits for what the other has submitted.
-        let gpu = || Gpu::new(&GpuOptions { adapter: self.gpu_index, ..Default::default() });
-        Ok((Box::new(GpuEye::new(&eye, gpu()?)?), student.on_card(gpu()?)?))
-    }
-
-    #[cfg(not(feature = "gpu"))]
-    fn placed(&self, eye: SplatEye, student: Student) -> Result<(Box<dyn Eye>, Student), Failure> {
-        Ok((Box::new(eye), student))
-    }
-}
-
 impl Test {
     fn execute(&self) -> Result<Outcome, Failure> {
         let (world, eye, camera) = self.task.open(&Paints { count: 1, ..Paints::default() })?;
         let net = Net::default();
         let parameters = weights_at(&self.weights, &net)?;
         let stage = Stage::new(&world, &eye, camera);
+        let stable = self.legs.open(&self.task.place)?;
         let episodes = self.task.episodes().draw(&world, self.episodes, self.task.place.seed)?;
         let count = episodes.len().clamp(1, 64);
         let limits = world.limits;
-        let (policy, strips) = seen(&stage, &episodes, &mut NetPilot::new(&net, &parameters, count), count)?;
-        let teacher = trials(&stage, &episodes, &mut TeacherPilot { limits }, count)?;
-        let blob = trials(&stage, &episodes, &mut BlobPilot { limits }, count)?;
+        let (policy, strips) = seen(&stage, &stable, &episodes, &mut NetPilot::new(&net, &parameters, count), count)?;
+        let teacher = trials(&stage, &stable, &episodes, &mut TeacherPilot { limits }, count)?;
+        let blob = trials(&stage, &stable, &episodes, &mut BlobPilot { limits }, count)?;
         let mut rows = Vec::new();
         for (name, trials) in [("policy", &policy), ("teacher", &teacher), ("blob", &blob)] {
             let row = Row::of(trials);
@@ -398,7 +299,7 @@ impl Test {
         let spacing = MapSettings::default().spacing;
         let bounds = world.map.bounds().map(|p| p.to_array());
         let results = Results {
-            legs: "velocity follower without physics".into(),
+            legs: stable.name().into(),
             eye: "splat".into(),
             seed: self.task.place.seed,
             episodes,
@@ -440,12 +341,13 @@ const PICTURES: usize = 10;
 /// The trials of the policy, and what it saw in the first episodes.
 fn seen(
     stage: &Stage,
+    stable: &Stable,
     episodes: &[Episode],
     pilot: &mut dyn Pilot,
     count: usize,
 ) -> Result<(Vec<Trial>, Vec<Strip>), Failure> {
-    let mut legs = Follower::new(&stage.world.map, count, HEIGHT);
-    let rolled = roll(stage, &mut legs, episodes, pilot, |k| k < STRIPS, &mut |_| {})?;
+    let mut legs = stable.legs(stage.world, count)?;
+    let rolled = roll(stage, &mut *legs, episodes, pilot, |k| k < STRIPS, &mut |_| {})?;
     let kept = rolled.iter().enumerate().filter(|(_, (_, record))| !record.is_empty());
     let strips = kept.map(|(episode, (_, record))| strip(episode, record)).collect::<Result<_, Failure>>()?;
     Ok((rolled.into_iter().map(|(trial, _)| trial).collect(), strips))
@@ -475,9 +377,15 @@ fn png_in_base64(rgb: &[u8], [width, height]: [usize; 2]) -> Result<String, Fail
     Ok(STANDARD.encode(png))
 }
 
-fn trials(stage: &Stage, episodes: &[Episode], pilot: &mut dyn Pilot, count: usize) -> Result<Vec<Trial>, Failure> {
-    let mut legs = Follower::new(&stage.world.map, count, HEIGHT);
-    let rolled = roll(stage, &mut legs, episodes, pilot, |_| false, &mut |_| {})?;
+fn trials(
+    stage: &Stage,
+    stable: &Stable,
+    episodes: &[Episode],
+    pilot: &mut dyn Pilot,
+    count: usize,
+) -> Result<Vec<Trial>, Failure> {
+    let mut legs = stable.legs(stage.world, count)?;
+    let rolled = roll(stage, &mut *legs, episodes, pilot, |_| false, &mut |_| {})?;
     Ok(rolled.into_iter().map(|(trial, _)| trial).collect())
 }
 

@@ -121,3 +121,78 @@ fn bad_input_is_named() {
     let (code, _, err) = look(&folder, &["--mount", "narrow.toml"]);
     assert!(code == 1 && err.contains("do not fill the view"), "{err}");
 }
+
+/// Runs `qv`; gives its exit code, the JSON of standard output, and what it says.
+fn qv(folder: &Path, arguments: &str) -> (i32, Value, String) {
+    let output =
+        Command::new(env!("CARGO_BIN_EXE_qv")).current_dir(folder).args(arguments.split(' ')).output().unwrap();
+    let line = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+    (output.status.code().unwrap(), line, String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+/// A place with a cone in view.
+const VIEW: &str = "--scene scene.ply --mesh mesh.glb --starts view,turned --distance 1.2,2.5";
+
+#[test]
+fn a_student_learns_from_the_teacher_then_from_trials_on_legs_that_walk() {
+    let folder = directory("navigate_walks");
+    place(&folder, &Pose::IDENTITY, 1.0);
+    let (code, _, err) = qv(&folder, "walk train --iterations 100 --robots 16 --out walk --json");
+    assert_eq!(code, 0, "{err}");
+    fs::write(folder.join("calibrated.toml"), "[parameters]\n\"actuator.*.strength\" = 0.8\n").unwrap();
+    let train = format!(
+        "navigate train {VIEW} --rounds 1 --trials 2 --frames 30 --robots 3 --out nav --json --walk walk/policy.onnx"
+    );
+    let (code, line, err) = qv(&folder, &format!("{train} --correction calibrated.toml"));
+    assert_eq!(code, 0, "{err}");
+    let metrics: Value = serde_json::from_slice(&fs::read(folder.join("nav/metrics.json")).unwrap()).unwrap();
+    let told = metrics.as_array().unwrap();
+    assert!(told.len() == 3 && line["rounds"] == json!(3) && line["decisions"] == told[2]["frames"], "{metrics:#}");
+    assert!(told[0]["gains"].is_null() && told[2]["gains"]["reward"].is_number(), "{metrics:#}");
+    assert!(told[2]["frames"].as_u64() > told[1]["frames"].as_u64() && told[2]["round"] == json!(3), "{metrics:#}");
+    let test = |more: &str| {
+        let (code, line, err) =
+            qv(&folder, &format!("navigate test nav/weights.bin {VIEW} --episodes 3 --out results.json --json{more}"));
+        assert_eq!(code, 0, "{err}");
+        line
+    };
+    let (walked, followed) = (test(" --walk walk/policy.onnx"), test(""));
+    assert!(walked["legs"].as_str().unwrap().starts_with("go2 in the simulator"), "{}", walked["legs"]);
+    assert!(followed["legs"].as_str().unwrap().contains("without physics"), "{}", followed["legs"]);
+    // The teacher goes otherwise on a Go2 that has hardly learnt to walk.
+    let tracks = |results: &Value| results["rows"][1]["trials"].clone();
+    assert!(results_differ(&tracks(&walked), &tracks(&followed)));
+}
+
+fn results_differ(a: &Value, b: &Value) -> bool {
+    !a.is_null() && !b.is_null() && a != b
+}
+
+#[test]
+fn what_a_training_cannot_use_is_named() {
+    let folder = directory("navigate_walks_bad");
+    place(&folder, &Pose::IDENTITY, 1.0);
+    let train = |more: &str| {
+        let (code, _, err) = qv(&folder, &format!("navigate train {VIEW} --frames 30 --robots 3 --out nav {more}"));
+        assert_eq!(code, 1, "{err}");
+        err
+    };
+    let err = train("--rounds 0 --trials 3");
+    assert!(err.contains("--from WEIGHTS.bin"), "{err}");
+    let err = train("--walk nowhere/policy.onnx");
+    assert!(err.contains("nowhere/policy.onnx"), "{err}");
+    let err = train("--walk policy.onnx --floor 0");
+    assert!(err.contains("a mesh that shows its floor"), "{err}");
+    let (code, _, err) = qv(&folder, "walk train --iterations 100 --robots 8 --out walk --json");
+    assert_eq!(code, 0, "{err}");
+    fs::write(
+        folder.join("compensator.json"),
+        "{\"version\": 1, \"robot\": \"spot\", \"joints\": [], \"kind\": \"nominal\", \"parameters\": {}}",
+    )
+    .unwrap();
+    let err = train("--walk walk/policy.onnx --correction compensator.json");
+    assert!(err.contains("compensator.json") && err.contains("go2"), "{err}");
+    fs::write(folder.join("calibrated.toml"), "[parameters]\n\"actuator.*.colour\" = 0.8\n").unwrap();
+    let err = train("--walk walk/policy.onnx --correction calibrated.toml");
+    assert!(err.contains("calibrated.toml") && err.contains("colour"), "{err}");
+}

@@ -1,0 +1,95 @@
+//! Legs that the command line asks for: a follower of velocities, or a robot that walks in the simulator.
+
+use super::{HEIGHT, Place};
+use crate::Failure;
+use crate::open::{file_error, parameters_of};
+use crate::walk::inputs::{as_trained, checkpoint_of, of_mesh, policy_of, robot_of};
+use qv_nav::legs::{Follower, Legs};
+use qv_nav::teacher::World;
+use qv_nav::walkers::Walkers;
+use qv_policy::policy::Policy;
+use qv_policy::velocity::{Ground, TaskRobot, TaskSettings};
+use qv_residual::compensation::Compensation;
+use qv_residual::tune::judge_of;
+use std::path::{Path, PathBuf};
+
+/// Room around a place where a robot begins \[m\]: what the task asks of its starts, and a little less for the grid of heights.
+const ROOM: f64 = 0.3;
+
+/// Who carries the camera.
+#[derive(clap::Args)]
+pub struct LegsArguments {
+    /// Legs that walk in the simulator by this policy of `qv walk train` or `qv tune`, instead of a follower of velocities without physics
+    #[arg(long, value_name = "POLICY.onnx")]
+    walk: Option<PathBuf>,
+    /// The robot that walks: go2, or a TOML file that describes a robot beside its URDF
+    #[arg(long, default_value = "go2", value_name = "go2|FILE.toml", requires = "walk")]
+    robot: String,
+    /// What the simulator lacks: calibrated.toml of a diagnosis, or compensator.json of `qv tune`
+    #[arg(long, value_name = "FILE", requires = "walk")]
+    correction: Option<PathBuf>,
+}
+
+/// A robot on its ground, ready to walk; or none, where a follower is asked for.
+pub struct Stable(Option<Walking>);
+
+struct Walking {
+    robot: TaskRobot,
+    policy: Policy,
+    ground: Ground,
+    correction: Compensation,
+    task: TaskSettings,
+    name: String,
+}
+
+impl LegsArguments {
+    /// Reads what was named. Nothing walks yet.
+    pub(super) fn open(&self, place: &Place) -> Result<Stable, Failure> {
+        let Some(path) = &self.walk else { return Ok(Stable(None)) };
+        if place.floor.is_some() {
+            return Err("--walk needs a mesh that shows its floor; found --floor, which says that it does not".into());
+        }
+        let (_, file) = policy_of(path)?;
+        let robot = as_trained(robot_of(&self.robot)?, &file, path)?;
+        let start = checkpoint_of(path, &robot)?;
+        let ground = of_mesh(&place.mesh.to_string_lossy(), &[], ROOM, place.seed)?;
+        let correction = match &self.correction {
+            None => Compensation::nominal(&robot),
+            Some(file) => correction(file, &robot, &ground)?,
+        };
+        let policy = start.best_policy(&robot)?;
+        let corrected = self.correction.as_ref().map_or(String::new(), |file| format!(", with {}", file.display()));
+        let name = format!("{} in the simulator, by {}{corrected}", robot.name, path.display());
+        Ok(Stable(Some(Walking { robot, policy, ground, correction, task: start.settings.task.clone(), name })))
+    }
+}
+
+/// What a file says that the simulator lacks.
+fn correction(file: &Path, robot: &TaskRobot, ground: &Ground) -> Result<Compensation, Failure> {
+    if file.extension().is_none_or(|end| end != "json") {
+        let given = parameters_of(Some(file), &robot.model, &ground.terrain)?;
+        return Ok(Compensation::given(robot, &given));
+    }
+    let expected = "compensator.json of `qv tune`";
+    let wrong = |found: &dyn std::fmt::Display| file_error(file, expected, &found.to_string());
+    let text = std::fs::read_to_string(file).map_err(|e| wrong(&e))?;
+    let found = Compensation::parse(&text).map_err(|e| wrong(&e))?;
+    found.check(robot).map_err(|e| wrong(&e))?;
+    Ok(found)
+}
+
+impl Stable {
+    /// So many legs in a place.
+    pub fn legs<'a>(&self, world: &'a World, count: usize) -> Result<Box<dyn Legs + 'a>, Failure> {
+        let Some(walking) = &self.0 else { return Ok(Box::new(Follower::new(&world.map, count, HEIGHT))) };
+        let Walking { robot, policy, ground, correction, task, .. } = walking;
+        let corrected = correction.corrected(robot, task.substeps)?;
+        let task = judge_of(robot, ground, task, &corrected, count)?;
+        Ok(Box::new(Walkers::new(task, Box::new(policy.clone()))?))
+    }
+
+    /// What carries the camera, in words.
+    pub fn name(&self) -> &str {
+        self.0.as_ref().map_or("velocity follower without physics", |walking| &walking.name)
+    }
+}

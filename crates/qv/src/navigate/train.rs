@@ -1,0 +1,193 @@
+//! `qv navigate train`: a student learns from the teacher, and then, if that is asked for, from its own trials.
+
+use super::legs::LegsArguments;
+use super::{Task, weights_at};
+use crate::progress::Stages;
+use crate::scene::about;
+use crate::whole::write_whole;
+use crate::{Failure, Outcome, say};
+use qv_nav::dagger::{Progress, Student, TrainSettings};
+use qv_nav::eye::{Eye, Paints, SplatEye};
+use qv_nav::legs::Legs;
+use qv_nav::net::Net;
+use qv_nav::roll::Stage;
+use qv_nav::{onnx, weights};
+use std::fs;
+use std::path::PathBuf;
+
+#[derive(clap::Args)]
+pub struct Train {
+    #[command(flatten)]
+    task: Task,
+    #[command(flatten)]
+    legs: LegsArguments,
+    /// Rounds of driving and learning from the teacher
+    #[arg(long, default_value_t = TrainSettings::default().rounds)]
+    rounds: usize,
+    /// Rounds of learning from its own trials (PPO), after those of the teacher
+    #[arg(long, default_value_t = 0)]
+    trials: usize,
+    /// Begins with the weights.bin of an earlier training; with --rounds 0 it learns from trials alone
+    #[arg(long, value_name = "WEIGHTS.bin")]
+    from: Option<PathBuf>,
+    /// Decisions that a round gathers
+    #[arg(long, default_value_t = TrainSettings::default().frames)]
+    frames: usize,
+    /// Robots that drive at once: a round has at least one episode of each
+    #[arg(long, default_value_t = TrainSettings::default().robots)]
+    robots: usize,
+    /// Times that a round learns from what was gathered; from trials it is twice
+    #[arg(long, default_value_t = TrainSettings::default().epochs)]
+    epochs: usize,
+    /// Episodes in a step of the optimiser
+    #[arg(long, default_value_t = TrainSettings::default().batch)]
+    batch: usize,
+    /// Directory for the results; made if need be
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// One line of JSON at the end instead of the summary
+    #[arg(long)]
+    json: bool,
+    /// Draws and learns on the graphics card
+    #[cfg(feature = "gpu")]
+    #[arg(long)]
+    gpu: bool,
+    /// Which card, where there are several, from 0
+    #[cfg(feature = "gpu")]
+    #[arg(long, value_name = "N", requires = "gpu")]
+    gpu_index: Option<usize>,
+}
+
+impl Train {
+    pub fn execute(&self) -> Result<Outcome, Failure> {
+        if self.rounds + self.trials == 0 || (self.rounds == 0 && self.from.is_none()) {
+            return Err("expected --rounds of at least 1, or --from WEIGHTS.bin with --trials of at least 1".into());
+        }
+        let start = self.from.as_ref().map(|file| weights_at(file, &Net::default())).transpose()?;
+        let (world, eye, camera) = self.task.open(&Paints::default())?;
+        let stable = self.legs.open(&self.task.place)?;
+        fs::create_dir_all(&self.out).map_err(|e| about(&self.out, e))?;
+        let eye = self.placed(eye)?;
+        let mut work = Work {
+            train: self,
+            stage: Stage::new(&world, &*eye, camera),
+            legs: stable.legs(&world, self.robots)?,
+            stages: Stages::new(),
+            metrics: Vec::new(),
+        };
+        let mut parameters = start;
+        for settings in [self.taught(), self.tried()].into_iter().filter(|settings| settings.rounds > 0) {
+            parameters = Some(work.learn(&settings, parameters)?);
+        }
+        let (metrics, parameters) = (work.finish(), parameters.unwrap_or_default());
+        let [low, high] = world.map.bounds();
+        let half_sides = (0.5 * (high - low)).to_array();
+        let file = onnx::to_bytes(&Net::default(), &parameters, &world.limits, half_sides)?;
+        write_whole(&self.out.join("policy.onnx"), &file)?;
+        let (decisions, rounds) = (metrics.last().map_or(0, |told| told.frames), metrics.len());
+        if self.json {
+            let line = serde_json::json!({
+                "format": "qv-navigate-train/1", "decisions": decisions, "rounds": rounds, "out": self.out,
+            });
+            say(&format!("{line}\n"))?;
+            return Ok(Outcome::Done);
+        }
+        say(&format!("{decisions} decisions in {rounds} rounds; written to {}\n", self.out.display()))?;
+        Ok(Outcome::Done)
+    }
+
+    /// Learning from the teacher.
+    fn taught(&self) -> TrainSettings {
+        let usual = TrainSettings::default();
+        TrainSettings {
+            rounds: self.rounds,
+            epochs: self.epochs,
+            // The last round learns once more, as usual.
+            last_epochs: self.epochs.saturating_add(usual.last_epochs - usual.epochs),
+            batch: self.batch,
+            ..self.driven(usual)
+        }
+    }
+
+    /// Learning from its own trials.
+    fn tried(&self) -> TrainSettings {
+        TrainSettings { rounds: self.trials, ..self.driven(TrainSettings::tuning()) }
+    }
+
+    fn driven(&self, usual: TrainSettings) -> TrainSettings {
+        TrainSettings { frames: self.frames, robots: self.robots, seed: self.task.place.seed, ..usual }
+    }
+
+    /// The eye, on the card where that was asked for.
+    #[cfg(feature = "gpu")]
+    fn placed(&self, eye: SplatEye) -> Result<Box<dyn Eye>, Failure> {
+        use qv_nav::card::GpuEye;
+        Ok(if self.gpu { Box::new(GpuEye::new(&eye, self.card()?)?) } else { Box::new(eye) })
+    }
+
+    #[cfg(not(feature = "gpu"))]
+    fn placed(&self, eye: SplatEye) -> Result<Box<dyn Eye>, Failure> {
+        Ok(Box::new(eye))
+    }
+
+    /// A student, likewise.
+    #[cfg(feature = "gpu")]
+    fn student(&self, settings: &TrainSettings) -> Result<Student, Failure> {
+        let student = Student::new(settings)?;
+        Ok(if self.gpu { student.on_card(self.card()?)? } else { student })
+    }
+
+    #[cfg(not(feature = "gpu"))]
+    fn student(&self, settings: &TrainSettings) -> Result<Student, Failure> {
+        Ok(Student::new(settings)?)
+    }
+
+    /// Eye and student have a device each: neither waits for what the other has submitted.
+    #[cfg(feature = "gpu")]
+    fn card(&self) -> Result<qv_nav::card::Gpu, Failure> {
+        use qv_nav::card::{Gpu, GpuOptions};
+        Ok(Gpu::new(&GpuOptions { adapter: self.gpu_index, ..Default::default() })?)
+    }
+}
+
+/// A training under way.
+struct Work<'a> {
+    train: &'a Train,
+    stage: Stage<'a>,
+    legs: Box<dyn Legs + 'a>,
+    stages: Stages,
+    metrics: Vec<Progress>,
+}
+
+impl Work<'_> {
+    /// All rounds of one way of learning, from some weights or from nothing; gives the weights.
+    fn learn(&mut self, settings: &TrainSettings, start: Option<Vec<f32>>) -> Result<Vec<f32>, Failure> {
+        let mut student = self.train.student(settings)?;
+        start.map_or(Ok(()), |parameters| student.start_from(parameters))?;
+        let episodes = self.train.task.episodes();
+        let all = self.train.rounds + self.train.trials;
+        let (before, gathered) = (self.metrics.len(), self.metrics.last().map_or(0, |told| told.frames));
+        let name = if settings.policy.is_some() { "drive and learn from trials" } else { "drive and learn" };
+        for round in before..before + settings.rounds {
+            self.stages.begin(round + 1, all, name, Some(round as f64 / all as f64));
+            let stages = &self.stages;
+            let mut told = student.round(&self.stage, &mut *self.legs, &episodes, &mut |p| {
+                let share = (before as f64 + p.share * settings.rounds as f64) / all as f64;
+                stages.at(share, &format!("{} decisions, loss {:.4}", gathered + p.frames, p.loss));
+            })?;
+            (told.round, told.frames) = (round + 1, gathered + told.frames);
+            told.share = (round + 1) as f64 / all as f64;
+            self.metrics.push(told);
+            // After each round, so that a training that is cut off leaves its last round.
+            let out = &self.train.out;
+            write_whole(&out.join("weights.bin"), &weights::to_bytes(&student.parameters))?;
+            write_whole(&out.join("metrics.json"), &serde_json::to_vec_pretty(&self.metrics)?)?;
+        }
+        Ok(student.parameters)
+    }
+
+    fn finish(self) -> Vec<Progress> {
+        self.stages.finish();
+        self.metrics
+    }
+}
