@@ -1,5 +1,6 @@
 //! `qv navigate`: a network learns from pictures of a place to reach a cone in it, is tested, and its results become a page.
 
+mod card;
 mod legs;
 mod look;
 mod page;
@@ -8,10 +9,11 @@ mod train;
 use crate::camera::open_camera;
 use crate::progress::remark;
 use crate::scene::{about, open_scene};
-use crate::whole::write_whole;
+use crate::whole::{refuse_inputs, write_whole};
 use crate::{Failure, Outcome, say};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
+use card::CardArguments;
 use image::ImageEncoder as _;
 use legs::{LegsArguments, Stable};
 use page::{FromAbove, Results, Strip, Tested};
@@ -67,6 +69,9 @@ enum Command {
 struct ToPage {
     /// results.json of `qv navigate test`
     results: PathBuf,
+    /// Other results of the same policy, such as on other legs: a row each
+    #[arg(long, value_name = "RESULTS.json", num_args = 1..)]
+    beside: Vec<PathBuf>,
     /// File for the page
     #[arg(long, value_name = "FILE.html")]
     out: PathBuf,
@@ -156,6 +161,8 @@ struct Test {
     /// One line of JSON at the end instead of the summary
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    card: CardArguments,
 }
 
 /// How cameras differ, and how the camera sits.
@@ -279,7 +286,8 @@ impl Test {
         let (world, eye, camera) = self.task.open(&Paints { count: 1, ..Paints::default() })?;
         let net = Net::default();
         let parameters = weights_at(&self.weights, &net)?;
-        let stage = Stage::new(&world, &eye, camera);
+        let eye = self.card.eye(eye)?;
+        let stage = Stage::new(&world, &*eye, camera);
         let stable = self.legs.open(&self.task.place)?;
         let episodes = self.task.episodes().draw(&world, self.episodes, self.task.place.seed)?;
         let count = episodes.len().clamp(1, 64);
@@ -317,16 +325,22 @@ impl Test {
 
 impl ToPage {
     fn execute(&self) -> Result<Outcome, Failure> {
-        let bytes = fs::read(&self.results).map_err(|e| about(&self.results, e))?;
-        let results: Results = serde_json::from_slice(&bytes)
-            .map_err(|e| about(&self.results, format!("expected results of `qv navigate test`, found {e}")))?;
-        write_whole(&self.out, page::to_html(&results).as_bytes())?;
+        let results = results_at(&self.results)?;
+        let beside = self.beside.iter().map(|file| results_at(file)).collect::<Result<Vec<_>, _>>()?;
+        refuse_inputs(&self.out, self.beside.iter().chain([&self.results]))?;
+        write_whole(&self.out, page::to_html(&results, &beside).as_bytes())?;
         match self.json {
             true => say(&format!("{}\n", serde_json::json!({"format": "qv-navigate-page/1", "out": self.out})))?,
             false => say(&format!("written to {}\n", self.out.display()))?,
         }
         Ok(Outcome::Done)
     }
+}
+
+fn results_at(path: &Path) -> Result<Results, Failure> {
+    let bytes = fs::read(path).map_err(|e| about(path, e))?;
+    let found = serde_json::from_slice(&bytes);
+    found.map_err(|e| about(path, format!("expected results of `qv navigate test`, found {e}")))
 }
 
 fn weights_at(path: &Path, net: &Net) -> Result<Vec<f32>, Failure> {

@@ -1,6 +1,6 @@
 //! The page of `qv navigate page`: shares with intervals, causes of failure, ways from above, and what the policy saw.
 
-use qv_nav::score::Row;
+use qv_nav::score::{Row, compared};
 use qv_nav::task::{End, Episode, Trial};
 use qv_page::parts::{Bars, card, grid, key, titled_card, track, track_with_interval};
 use qv_page::{Page, Table, escape, fixed, percent};
@@ -68,9 +68,10 @@ const CONES: [&str; 3] = ["#d33", "#36c", "#db2"];
 /// Ways that are drawn at most.
 const WAYS: usize = 24;
 
-/// The whole page.
-pub fn to_html(results: &Results) -> String {
+/// The whole page; `beside` are results of the same policy elsewhere.
+pub fn to_html(results: &Results, beside: &[Results]) -> String {
     let mut body = table(results);
+    body += &elsewhere(results, beside);
     body += &causes(results);
     body += &ways(results);
     body += &strips(results);
@@ -101,6 +102,32 @@ fn table(results: &Results) -> String {
         escape(&results.eye)
     );
     card(&(table.to_html() + &note))
+}
+
+/// The policy on other legs, before another eye or in another place. p is against its row above, where the episodes are the same.
+fn elsewhere(results: &Results, beside: &[Results]) -> String {
+    let heads = ["the policy with", "reached", "", "95 % interval", "SPL", "p"];
+    let mut table = Table::with_left(&heads, &[2]);
+    for other in std::iter::once(results).chain(beside) {
+        let (Some(own), Some(tested)) = (results.rows.first(), other.rows.first()) else { continue };
+        let row = &tested.row;
+        let p = match other.episodes == results.episodes {
+            true => fixed(compared(&own.trials, &tested.trials), 4),
+            false => "other episodes".into(),
+        };
+        table.row(&[
+            escape(&format!("{}; eye: {}", other.legs, other.eye)),
+            percent(row.success),
+            track_with_interval(row.success, row.interval, "measured"),
+            format!("{} to {}", percent(row.interval[0]), percent(row.interval[1])),
+            fixed(row.spl, 2),
+            if std::ptr::eq(other, results) { "–".into() } else { p },
+        ]);
+    }
+    match beside.is_empty() {
+        true => String::new(),
+        false => format!("<h2>The same policy elsewhere</h2>{}", card(&table.to_html())),
+    }
 }
 
 fn causes(results: &Results) -> String {
@@ -224,13 +251,21 @@ mod tests {
             place: FromAbove { bounds: [[-2.0; 2], [2.0; 2]], spacing: 0.05, closed: vec![[-1.0, 1.0, 0.5]] },
             strips: vec![Strip { episode: 0, times: vec![0.0, 2.0], png: "AAAA".into() }],
         };
-        let text = to_html(&results);
+        let text = to_html(&results, &[]);
         assert!(text.contains("50.0 %") || text.contains("50 %"), "the share");
         assert!(text.contains("&lt;b&gt;") && !text.contains("<b>"));
         assert_eq!(text.matches("<polyline").count(), 2);
         assert!(text.find("cone pushed, 4.0 s").unwrap() < text.find("reached, 4.0 s").unwrap(), "failures first");
         assert!(text.contains("data:image/png;base64,AAAA") && text.contains("seconds 0.0, 2.0"));
         let back: Results = serde_json::from_slice(&serde_json::to_vec(&results).unwrap()).unwrap();
-        assert_eq!(to_html(&back), text);
+        assert_eq!(to_html(&back, &[]), text);
+        // The same policy on other legs, and in other episodes.
+        assert!(!text.contains("The same policy elsewhere"));
+        let walked = Results { legs: "a <dog>".into(), ..results.clone() };
+        let mut moved = results.clone();
+        moved.episodes[0].yaw += 1.0;
+        let text = to_html(&results, &[walked, moved]);
+        assert!(text.contains("The same policy elsewhere") && text.contains("a &lt;dog&gt;; eye:"));
+        assert!(text.contains("1.0000") && text.matches("other episodes").count() == 1, "{text}");
     }
 }

@@ -1,13 +1,14 @@
 //! `qv navigate train`: a student learns from the teacher, and then, if that is asked for, from its own trials.
 
+use super::card::CardArguments;
 use super::legs::LegsArguments;
 use super::{Task, weights_at};
 use crate::progress::Stages;
 use crate::scene::about;
 use crate::whole::write_whole;
 use crate::{Failure, Outcome, say};
-use qv_nav::dagger::{Progress, Student, TrainSettings};
-use qv_nav::eye::{Eye, Paints, SplatEye};
+use qv_nav::dagger::{Progress, TrainSettings};
+use qv_nav::eye::Paints;
 use qv_nav::legs::Legs;
 use qv_nav::net::Net;
 use qv_nav::roll::Stage;
@@ -48,14 +49,8 @@ pub struct Train {
     /// One line of JSON at the end instead of the summary
     #[arg(long)]
     json: bool,
-    /// Draws and learns on the graphics card
-    #[cfg(feature = "gpu")]
-    #[arg(long)]
-    gpu: bool,
-    /// Which card, where there are several, from 0
-    #[cfg(feature = "gpu")]
-    #[arg(long, value_name = "N", requires = "gpu")]
-    gpu_index: Option<usize>,
+    #[command(flatten)]
+    card: CardArguments,
 }
 
 impl Train {
@@ -67,7 +62,7 @@ impl Train {
         let (world, eye, camera) = self.task.open(&Paints::default())?;
         let stable = self.legs.open(&self.task.place)?;
         fs::create_dir_all(&self.out).map_err(|e| about(&self.out, e))?;
-        let eye = self.placed(eye)?;
+        let eye = self.card.eye(eye)?;
         let mut work = Work {
             train: self,
             stage: Stage::new(&world, &*eye, camera),
@@ -117,37 +112,6 @@ impl Train {
     fn driven(&self, usual: TrainSettings) -> TrainSettings {
         TrainSettings { frames: self.frames, robots: self.robots, seed: self.task.place.seed, ..usual }
     }
-
-    /// The eye, on the card where that was asked for.
-    #[cfg(feature = "gpu")]
-    fn placed(&self, eye: SplatEye) -> Result<Box<dyn Eye>, Failure> {
-        use qv_nav::card::GpuEye;
-        Ok(if self.gpu { Box::new(GpuEye::new(&eye, self.card()?)?) } else { Box::new(eye) })
-    }
-
-    #[cfg(not(feature = "gpu"))]
-    fn placed(&self, eye: SplatEye) -> Result<Box<dyn Eye>, Failure> {
-        Ok(Box::new(eye))
-    }
-
-    /// A student, likewise.
-    #[cfg(feature = "gpu")]
-    fn student(&self, settings: &TrainSettings) -> Result<Student, Failure> {
-        let student = Student::new(settings)?;
-        Ok(if self.gpu { student.on_card(self.card()?)? } else { student })
-    }
-
-    #[cfg(not(feature = "gpu"))]
-    fn student(&self, settings: &TrainSettings) -> Result<Student, Failure> {
-        Ok(Student::new(settings)?)
-    }
-
-    /// Eye and student have a device each: neither waits for what the other has submitted.
-    #[cfg(feature = "gpu")]
-    fn card(&self) -> Result<qv_nav::card::Gpu, Failure> {
-        use qv_nav::card::{Gpu, GpuOptions};
-        Ok(Gpu::new(&GpuOptions { adapter: self.gpu_index, ..Default::default() })?)
-    }
 }
 
 /// A training under way.
@@ -162,7 +126,7 @@ struct Work<'a> {
 impl Work<'_> {
     /// All rounds of one way of learning, from some weights or from nothing; gives the weights.
     fn learn(&mut self, settings: &TrainSettings, start: Option<Vec<f32>>) -> Result<Vec<f32>, Failure> {
-        let mut student = self.train.student(settings)?;
+        let mut student = self.train.card.student(settings)?;
         start.map_or(Ok(()), |parameters| student.start_from(parameters))?;
         let episodes = self.train.task.episodes();
         let all = self.train.rounds + self.train.trials;

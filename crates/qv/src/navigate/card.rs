@@ -1,0 +1,52 @@
+//! Where pictures are drawn and what is learnt: on the CPU, or on a graphics card.
+
+use crate::Failure;
+use qv_nav::dagger::{Student, TrainSettings};
+use qv_nav::eye::{Eye, SplatEye};
+
+/// The graphics card, in a program that was built with the feature `gpu`.
+#[derive(clap::Args)]
+pub struct CardArguments {
+    /// Draws, and learns where something is learnt, on the graphics card
+    #[cfg(feature = "gpu")]
+    #[arg(long)]
+    gpu: bool,
+    /// Which card, where there are several, from 0
+    #[cfg(feature = "gpu")]
+    #[arg(long, value_name = "N", requires = "gpu")]
+    gpu_index: Option<usize>,
+}
+
+#[cfg(feature = "gpu")]
+impl CardArguments {
+    /// The eye where it was asked for.
+    pub fn eye(&self, eye: SplatEye) -> Result<Box<dyn Eye>, Failure> {
+        use qv_nav::card::GpuEye;
+        Ok(if self.gpu { Box::new(GpuEye::new(&eye, self.open()?)?) } else { Box::new(eye) })
+    }
+
+    /// A student, likewise.
+    pub fn student(&self, settings: &TrainSettings) -> Result<Student, Failure> {
+        let student = Student::new(settings)?;
+        Ok(if self.gpu { student.on_card(self.open()?)? } else { student })
+    }
+
+    /// Eye and student have a device each: neither waits for what the other has submitted.
+    fn open(&self) -> Result<qv_nav::card::Gpu, Failure> {
+        use qv_nav::card::{Gpu, GpuOptions};
+        Ok(Gpu::new(&GpuOptions { adapter: self.gpu_index, ..Default::default() })?)
+    }
+}
+
+#[cfg(not(feature = "gpu"))]
+impl CardArguments {
+    /// The eye.
+    pub fn eye(&self, eye: SplatEye) -> Result<Box<dyn Eye>, Failure> {
+        Ok(Box::new(eye))
+    }
+
+    /// A student.
+    pub fn student(&self, settings: &TrainSettings) -> Result<Student, Failure> {
+        Ok(Student::new(settings)?)
+    }
+}
