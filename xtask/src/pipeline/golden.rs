@@ -97,12 +97,14 @@ const SOURCES: [Source; 24] = [
     source(Stage::Paths, "metres off the path, after", "paths/paths.json", "/policies/1/paths/position", [0.1, 0.0]),
     source(Stage::Navigate, "share reached, policy", RESULTS, "/rows/0/row/success", [0.2, 0.0]),
     source(Stage::Navigate, "share reached, teacher", RESULTS, "/rows/1/row/success", [0.07, 0.0]),
+    source(Stage::Navigate, "share reached, policy on legs that walk", WALKED, "/rows/0/row/success", [0.25, 0.0]),
     source(Stage::Navigate, "loss of the last round", "navigate/metrics.json", "/2/loss", [0.0, 0.15]),
     source(Stage::Navigate, "decisions", "navigate/metrics.json", "/2/frames", [0.0, 0.15]),
     source(Stage::Navigate, "who drives first", RESULTS, "/rows/0/name", [0.0, 0.0]),
 ];
 
 const RESULTS: &str = "navigate/results.json";
+const WALKED: &str = "navigate/walked.json";
 
 const JOINTS_BEFORE: &str = "/candidates/0/held_out/error";
 /// Of the parameters that were fitted, after the simulator as it was and what the diagnosis gave.

@@ -207,11 +207,18 @@ fn conclude(folder: &Path) -> Result<()> {
             strayed(1)
         );
     }
-    let said = folder.join("navigate/said.txt");
-    if said.is_file() {
-        let rows = fs::read_to_string(&said).with_context(|| format!("reading {}", said.display()))?;
-        print!("Cones in the reconstructed place:\n{rows}");
-        println!("{}", folder.join("navigate/index.html").display());
+    let said = [
+        ("navigate/said.txt", "Cones in the reconstructed place"),
+        ("navigate/said_walked.txt", "The same on the tuned robot, which walks in the corrected simulator"),
+    ];
+    for (file, title) in said.map(|(file, title)| (folder.join(file), title)).iter().filter(|(file, _)| file.is_file())
+    {
+        let rows = fs::read_to_string(file).with_context(|| format!("reading {}", file.display()))?;
+        print!("{title}:\n{rows}");
+    }
+    let page = folder.join("navigate/index.html");
+    if page.is_file() {
+        println!("{}", page.display());
     }
     for (file, words) in [("view/view.html", "To look around"), ("report/report.html", "All of it on one page")] {
         let page = folder.join(file);

@@ -146,7 +146,7 @@ impl Stage {
         )];
         const PATHS: [Call; 1] = [qv("walk paths walk/policy.onnx tune/policy.onnx --seed 2 --out paths/paths.json")];
         // The yard has nothing that hides a cone. Small: a minute or two on two cores.
-        const NAVIGATE: [Call; 3] = [
+        const NAVIGATE: [Call; 4] = [
             qv(
                 "navigate train --scene reconstruct/scene.ply --mesh mesh/terrain.glb --starts view --distance 1.2,2.5 --camera none --rounds 3 --frames 1500 --robots 32 --epochs 8 --batch 2 --seed 1 --out navigate --json",
             ),
@@ -154,7 +154,12 @@ impl Stage {
                 "navigate test navigate/weights.bin --scene reconstruct/scene.ply --mesh mesh/terrain.glb --starts view --distance 1.2,2.5 --camera none --episodes 32 --seed 2 --out navigate/results.json",
                 "navigate/said.txt",
             ),
-            qv("navigate page navigate/results.json --out navigate/index.html"),
+            // The same policy on the tuned robot, in the simulator that was made like the recorded one.
+            told(
+                "navigate test navigate/weights.bin --scene reconstruct/scene.ply --mesh mesh/terrain.glb --starts view --distance 1.2,2.5 --camera none --episodes 32 --seed 2 --walk tune/policy.onnx --correction tune/compensator.json --out navigate/walked.json",
+                "navigate/said_walked.txt",
+            ),
+            qv("navigate page navigate/results.json --beside navigate/walked.json --out navigate/index.html"),
         ];
         const VIEW: [Call; 1] = [qv("view diagnose again reconstruct --out view/view.html")];
         const REPORT: [Call; 1] = [qv(
@@ -213,7 +218,14 @@ impl Stage {
             Self::Paths => {
                 &[POLICY[0], POLICY[1], POLICY[2], "tune/policy.onnx", "tune/policy.toml", "tune/checkpoint.bin"]
             }
-            Self::Navigate => &["reconstruct/scene.ply", "mesh/terrain.glb"],
+            Self::Navigate => &[
+                "reconstruct/scene.ply",
+                "mesh/terrain.glb",
+                "tune/policy.onnx",
+                "tune/policy.toml",
+                "tune/checkpoint.bin",
+                "tune/compensator.json",
+            ],
             Self::View => &[
                 "diagnose/report.json",
                 "diagnose/calibrated.toml",
@@ -280,6 +292,8 @@ impl Stage {
                 "navigate/metrics.json",
                 "navigate/said.txt",
                 "navigate/results.json",
+                "navigate/said_walked.txt",
+                "navigate/walked.json",
                 "navigate/index.html",
             ],
             Self::View => &["view/view.html"],
