@@ -21,9 +21,10 @@ use qv_splat::captures::distortion::Distortion;
 use qv_splat::captures::{Attachments, Capture, CaptureCamera, cameras_json};
 use qv_splat::files::ply;
 use qv_splat::train::guide::Guide;
+use qv_splat::train::shutter::fitted_scores;
 use qv_splat::train::{
     AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Ground, GroundOptions, Model, Photograph, ReadOptions,
-    Score, Strategy, TrainOptions, Weights, at_depths, at_far, at_random, cameras, checkpoint, clear, drawn,
+    Score, Shutter, Strategy, TrainOptions, Weights, at_depths, at_far, at_random, cameras, checkpoint, clear, drawn,
     ground_scores, growing, neighbours_scores, of_points, pose, scores, train,
 };
 use qv_splat::{SplatError, error_at};
@@ -110,6 +111,18 @@ pub struct Reconstruct {
     /// Refines focal length and principal point of each camera
     #[arg(long)]
     refine_lens: bool,
+    /// Learns how each camera moved while its shutter was open: a scene sharper than photographs with motion blur (on the CPU)
+    #[arg(long)]
+    shutter: bool,
+    /// Rolling shutter: the time from the first row's beginning to the last row's, as a share of that and a row's exposure together
+    #[arg(long, value_name = "SHARE", requires = "shutter", default_value_t = 0.0)]
+    readout: f32,
+    /// Poses that a photograph of a moving camera is drawn from
+    #[arg(long, value_name = "N", requires = "shutter", default_value_t = 5, hide_short_help = true)]
+    shutter_samples: usize,
+    /// Exponent from the photographs' colours to the light that a moving camera sums up
+    #[arg(long, value_name = "EXPONENT", requires = "shutter", default_value_t = 2.2, hide_short_help = true)]
+    gamma: f32,
     /// Whose poses and lenses
     #[arg(long, value_enum, value_name = "WHOSE", default_value = "auto")]
     poses: PosesFrom,
@@ -232,6 +245,7 @@ pub struct Reconstruct {
 impl Reconstruct {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let clock = Instant::now();
+        let shutter = self.how_exposed()?;
         let bar = Stages::new();
         let stages = if self.stereo { 4 } else { 3 };
         bar.begin(1, stages, "reading", None);
@@ -258,6 +272,7 @@ impl Reconstruct {
             dataset.background = [0.0; 3];
         }
         dataset.antialias = self.antialias;
+        dataset.shutter = shutter;
         if let (Some(points), true) = (&opened.points, self.clear > 0.0) {
             dataset.nearest = clear::nearest(&dataset, &points.places);
         }
@@ -297,6 +312,7 @@ impl Reconstruct {
         let as_drawn = scores(&model.cloud, &looked_at, &dataset)?;
         let held_out = if self.exposure { neighbours_scores(&model, &dataset, &looked_at)? } else { as_drawn.clone() };
         let aligned = self.aligned(&model, &dataset, &looked_at)?;
+        let moving = fitted_scores(&model.cloud, &looked_at, &dataset, self.refine_poses, ALIGN_STEPS)?;
         let ground = Ground::of(&model.cloud, &dataset, &GroundOptions::default())?;
         let of_ground = match &ground {
             Some(ground) => ground_scores(&model, &dataset, &looked_at, ground, self.exposure)?,
@@ -314,11 +330,12 @@ impl Reconstruct {
             "format": "qv-reconstruct/1", "capture": self.capture.display().to_string(), "iterations": stood_at, "scene_of_iteration": scene_of,
             "finished": finished, "gaussians": model.cloud.len(), "loss": run.loss, "read_s": read_s, "search_s": search_s, "train_s": train_s,
             "write_s": clock.elapsed().as_secs_f64(), "photographs": dataset.training.len(), "began_at_points": at_points,
-            "exposure": self.exposure, "poses_refined": self.refine_poses, "poses": poses, "poses_found": found, "stereo": stereo::named(depths.as_ref()), "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
+            "exposure": self.exposure, "poses_refined": self.refine_poses, "shutter": words::of_shutter(&model, &dataset)?, "poses": poses, "poses_found": found, "stereo": stereo::named(depths.as_ref()), "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
             "held_out": dataset.held_out.iter().zip(&held_out).map(|(one, score)| named(&one.name, score)).collect::<Vec<_>>(),
             "mean": Score::mean(&held_out).map(|mean| named("mean", &mean)),
             "mean_identity": Score::mean(&as_drawn).map(|mean| named("mean", &mean)),
-            "mean_aligned": Score::mean(&aligned).map(|mean| named("mean", &mean)), "times_ms": run.mean_times(), "antialias": dataset.antialias, "steps_asked": self.iterations,
+            "mean_aligned": Score::mean(&aligned).map(|mean| named("mean", &mean)),
+            "mean_moving": Score::mean(&moving).map(|mean| named("mean", &mean)), "times_ms": run.mean_times(), "antialias": dataset.antialias, "steps_asked": self.iterations,
             "aside": searched, "ground": words::of_ground(ground.as_ref(), &of_ground),
         });
         self.save_cameras(&model, &dataset, &looked_at, is_found)?;
@@ -327,7 +344,7 @@ impl Reconstruct {
         bar.finish();
         self.tell(
             &metrics,
-            [Score::mean(&held_out), Score::mean(&aligned)],
+            [Score::mean(&held_out), Score::mean(&aligned), Score::mean(&moving)],
             &run,
             search_s + train_s,
             model.cloud.len(),
@@ -405,6 +422,20 @@ impl Reconstruct {
             drop: self.drop,
             ..Default::default()
         }
+    }
+
+    /// How photographs are exposed; none where cameras are taken to be at rest.
+    fn how_exposed(&self) -> Result<Option<Shutter>, Failure> {
+        if !self.shutter {
+            return Ok(None);
+        }
+        #[cfg(feature = "gpu")]
+        if self.gpu {
+            return Err("--shutter: expected training on the CPU, found --gpu; leave --gpu out".into());
+        }
+        let shutter = Shutter { samples: self.shutter_samples, readout: self.readout, gamma: self.gamma };
+        shutter.check()?;
+        Ok(Some(shutter))
     }
 
     /// Options that do something only where the capture has what they need.
@@ -652,7 +683,7 @@ impl Reconstruct {
     fn tell(
         &self,
         metrics: &Value,
-        means: [Option<Score>; 2],
+        means: [Option<Score>; 3],
         run: &Run,
         seconds: f64,
         splats: usize,
@@ -679,10 +710,18 @@ impl Reconstruct {
                 1e3 * metres
             );
         }
+        if let Some(px) = metrics["shutter"]["motion_px"].as_f64() {
+            text += &format!("cameras moved by {px:.2} px (mean) during a photograph\n");
+        }
         if let Some(depths) = stereo::in_words(&metrics["stereo"]) {
             text += &format!("{depths}\n");
         }
-        for (what, mean) in ["held out", "held out, cameras aligned on the left half"].iter().zip(means) {
+        let told = [
+            "held out",
+            "held out, cameras aligned on the left half",
+            "held out, with the motion of the camera fitted to the left half",
+        ];
+        for (what, mean) in told.iter().zip(means) {
             let Some(s) = mean else { continue };
             text += &format!("{what}: {}\n", in_words(&s));
         }

@@ -15,6 +15,7 @@ use super::mcmc::Relocation;
 use super::model::Model;
 use super::options::{Strategy, TrainOptions};
 use super::random::{Purpose, words};
+use super::shutter::{self, Motion};
 use super::terms::{depth_normal, labels, multi_view, priors};
 use crate::SplatError;
 use qv_core::{Camera, GaussianCloud};
@@ -40,10 +41,14 @@ impl<'a> CpuEngine<'a> {
     ///
     /// # Errors
     /// Options are off, or the model is not of this many photographs.
-    pub fn new(dataset: &'a Dataset, options: &TrainOptions, model: Model) -> Result<Self, SplatError> {
+    pub fn new(dataset: &'a Dataset, options: &TrainOptions, mut model: Model) -> Result<Self, SplatError> {
         options.check()?;
         model.cloud.check()?;
         model.check(dataset)?;
+        if let Some(shutter) = &dataset.shutter {
+            shutter.check()?;
+            shutter::begin(&mut model, dataset, options.seed);
+        }
         let cameras: Vec<Camera> = dataset.training.iter().map(|one| one.camera).collect();
         let partners = multi_view::partners(&cameras, dataset.extent);
         let sampling = dataset.antialias.then(|| dataset.sampling());
@@ -67,8 +72,20 @@ impl<'a> CpuEngine<'a> {
         self.dataset.settings(outputs(&self.options, self.model.iteration))
     }
 
-    /// One photograph: derivatives of everything but the Gaussians' regularisers, and those by the lens.
-    fn look(&mut self, index: usize) -> Result<(qv_raster::Gradients, [f32; 3]), SplatError> {
+    /// The views that a photograph is drawn from, and which of them is at its pose.
+    fn views(&self, index: usize) -> (Vec<View>, usize) {
+        let camera = self.model.camera(self.dataset, index);
+        match &self.dataset.shutter {
+            None => (vec![View::of(camera)], 0),
+            Some(shutter) => {
+                let cameras = shutter.cameras(&camera, &self.model.motions[index]);
+                (cameras.into_iter().map(View::of).collect(), shutter.middle())
+            }
+        }
+    }
+
+    /// One photograph: derivatives of everything but the Gaussians' regularisers, and those by the lens and the motion of the camera.
+    fn look(&mut self, index: usize) -> Result<(qv_raster::Gradients, [f32; 3], Motion), SplatError> {
         let camera = self.model.camera(self.dataset, index);
         let settings = self.settings();
         let drop = Drop::of(&self.options, self.model.iteration);
@@ -80,14 +97,28 @@ impl<'a> CpuEngine<'a> {
             GaussianCloud { opacity_logits, ..whole.clone() }
         });
         let scene = Scene::still(thinned.as_ref().unwrap_or(whole));
-        let frame = Frame::new(&scene, &[View::of(camera)], &settings)?;
-        let image = frame.images().remove(0);
+        let (views, middle) = self.views(index);
+        let frame = Frame::new(&scene, &views, &settings)?;
+        let images = frame.images();
         let mut by_images = frame.blank_images();
-        let (mut loss, by_exposure) = self.photometric(index, &image, &mut by_images[0]);
+        let colour = match &self.dataset.shutter {
+            None => Cow::Borrowed(&images[0].colour),
+            Some(shutter) => Cow::Owned(shutter.exposed(&images)),
+        };
+        let (mut loss, by_colour, by_exposure) = self.photometric(index, &colour, images[0].width);
         let lens = self.options.lens;
-        let by_lens = if lens { cameras::by_lens(&image.colour, &by_images[0].colour, &camera) } else { [0.0; 3] };
-        loss += self.terms(index, &camera, &image, &mut by_images[0])?;
+        let by_lens = if lens { cameras::by_lens(&colour, &by_colour, &camera) } else { [0.0; 3] };
+        match &self.dataset.shutter {
+            None => by_images[0].colour = by_colour,
+            Some(shutter) => shutter.back(&images, &colour, &by_colour, &mut by_images),
+        }
+        loss += self.terms(index, &camera, &images[middle], &mut by_images[middle])?;
         let (mut by, pulls) = frame.gradients_and_pulls(&scene, &by_images)?;
+        let mut by_motion = [0.0; 6];
+        if let Some(shutter) = &self.dataset.shutter {
+            let [by_pose, of_motion] = shutter.by_pose_and_motion(&self.model.motions[index], &by.poses);
+            (by.poses, by_motion) = (vec![by_pose], of_motion);
+        }
         if let Some(drop) = drop {
             drop.back(&whole.opacity_logits, &mut by.opacity_logits);
         }
@@ -95,7 +126,9 @@ impl<'a> CpuEngine<'a> {
             filter::back(&self.model.cloud, &deviations, &mut by);
         }
         for (sum, pull) in self.model.pulls.iter_mut().zip(pulls) {
-            (0..2).for_each(|k| sum[k] += pull[k]);
+            // Samples of one photograph are one view: their weights, by which each pulls, sum up to 1.
+            sum[0] += pull[0];
+            sum[1] += pull[1] / views.len() as f32;
         }
         self.losses.0 += loss as f64;
         self.losses.1 += 1;
@@ -104,26 +137,23 @@ impl<'a> CpuEngine<'a> {
             let seen = self.seen();
             step_exposure(&mut self.model, index, &by, rates.exposures, seen);
         }
-        Ok((by, by_lens))
+        Ok((by, by_lens, by_motion))
     }
 
-    /// Loss of colour; its derivative goes into `by`.
-    fn photometric(&self, index: usize, image: &Image, by: &mut Image) -> (f32, Option<[f32; 12]>) {
+    /// Loss of colours, its derivative by them, and by the exposure where that is learned.
+    fn photometric(&self, index: usize, colour: &[f32], width: usize) -> (f32, Vec<f32>, Option<[f32; 12]>) {
         let photograph: &Photograph = &self.dataset.training[index];
         let (wanted, valid) = (photograph.colour(), photograph.valid());
         let share = self.options.weights.ssim;
         if !self.options.exposure {
-            let (loss, by_colour) = photometric(&image.colour, &wanted, &valid, image.width, share);
-            by.colour = by_colour;
-            return (loss, None);
+            let (loss, by_colour) = photometric(colour, &wanted, &valid, width, share);
+            return (loss, by_colour, None);
         }
         let exposure = &self.model.exposures[index];
-        let (loss, mut by_colour) =
-            photometric(&exposed_image(exposure, &image.colour), &wanted, &valid, image.width, share);
-        let mut by_exposure = exposed_backward(exposure, &image.colour, &mut by_colour);
+        let (loss, mut by_colour) = photometric(&exposed_image(exposure, colour), &wanted, &valid, width, share);
+        let mut by_exposure = exposed_backward(exposure, colour, &mut by_colour);
         exposure::regularise(exposure, self.options.weights.exposure, &mut by_exposure);
-        by.colour = by_colour;
-        (loss, Some(by_exposure))
+        (loss, by_colour, Some(by_exposure))
     }
 
     /// Terms of geometry and labels; their derivatives go into `by`.
@@ -195,11 +225,15 @@ impl<'a> CpuEngine<'a> {
         let filtered = self.filtered(&self.deviations());
         let scene = Scene::still(&filtered);
         let settings = Settings { outputs: Outputs::default(), ..self.settings() };
-        let frame = Frame::new(&scene, &[View::of(self.model.camera(self.dataset, index))], &settings)?;
-        let image = frame.images().remove(0);
+        let camera = self.model.camera(self.dataset, index);
+        let frame = Frame::new(&scene, &[View::of(camera)], &settings)?;
+        let colour = match &self.dataset.shutter {
+            None => frame.images().remove(0).colour,
+            Some(shutter) => shutter.drawn(&filtered, &camera, &self.model.motions[index], self.dataset)?,
+        };
         let drawn = match self.options.exposure {
-            true => exposed_image(&self.model.exposures[index], &image.colour),
-            false => image.colour,
+            true => exposed_image(&self.model.exposures[index], &colour),
+            false => colour,
         };
         let photograph = &self.dataset.training[index];
         let both = drawn.chunks_exact(3).zip(photograph.pixels.rgba.iter());
@@ -250,13 +284,17 @@ impl Engine for CpuEngine<'_> {
     fn step(&mut self, photograph: usize) -> Result<(), SplatError> {
         let iteration = self.model.iteration;
         self.model.raise_degree(self.options.degree(iteration));
-        let (mut by, by_lens) = self.look(photograph)?;
+        let (mut by, by_lens, by_motion) = self.look(photograph)?;
         let rates = self.options.rates(iteration, self.dataset.extent);
         regularise(&self.model, &self.options, self.dataset.extent, &mut by);
         step(&mut self.model, &by, &rates);
         if self.options.poses || self.options.lens {
             let (seen, extent) = (self.seen(), self.dataset.extent);
             cameras::step(&mut self.model, &self.options, photograph, &by.poses[0], &by_lens, extent, seen);
+        }
+        if self.dataset.shutter.is_some() {
+            let (seen, dataset) = (self.seen(), self.dataset);
+            shutter::step(&mut self.model, photograph, &by_motion, rates.motions, dataset, seen);
         }
         if self.options.strategy == Strategy::Mcmc {
             let noise = self.options.noise_rate(iteration, self.dataset.extent);
@@ -290,6 +328,7 @@ mod tests {
     use super::super::engine::train;
     use super::super::exposure::exposed_image;
     use super::super::model::NEUTRAL;
+    use super::super::shutter::Shutter;
     use super::super::start::of_points;
     use super::super::{checkpoint, scores, tiny};
     use super::*;
@@ -370,6 +409,8 @@ mod tests {
         let mut scene = tiny::scene(40, 4, 32);
         for strategy in [Strategy::Mcmc, Strategy::Classic] {
             scene.dataset.antialias = strategy == Strategy::Mcmc;
+            scene.dataset.shutter =
+                (strategy == Strategy::Mcmc).then(|| Shutter { samples: 3, readout: 0.4, ..Default::default() });
             let options = TrainOptions {
                 exposure: true,
                 poses: true,

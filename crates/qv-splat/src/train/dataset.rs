@@ -1,6 +1,7 @@
 //! Photographs with pinhole cameras, some of them held out to score what was learned from the others.
 
 use super::filter::{self, Sampling};
+use super::shutter::Shutter;
 use super::undistort::{Pixels, smaller, undistorted};
 use crate::SplatError;
 use crate::captures::pictures::{self, Shown};
@@ -59,6 +60,8 @@ pub struct Dataset {
     pub background: [f32; 3],
     /// Photographs are drawn with anti-aliasing: [`qv_raster::Settings::antialias`], and the filter of [`crate::train::filter`].
     pub antialias: bool,
+    /// Cameras moved while photographs were exposed; none: they are drawn as a camera at rest takes them.
+    pub shutter: Option<Shutter>,
     /// What of the capture could not be used, a line each.
     pub lost: Vec<String>,
     /// What was done with images that EXIF tells to turn, and how many.
@@ -146,7 +149,8 @@ impl Dataset {
         }
         let background = mean_colour(&training);
         let (lost, turned, extent) = (vec![], BTreeMap::new(), extent(&cameras));
-        let dataset = Self { training, held_out, extent, nearest: vec![], background, antialias: false, lost, turned };
+        let (nearest, antialias, shutter) = (vec![], false, None);
+        let dataset = Self { training, held_out, extent, nearest, background, antialias, shutter, lost, turned };
         let count = dataset.training.len();
         if dataset.alone().len() == count {
             let expected = "two photographs that show the same place";
@@ -158,8 +162,9 @@ impl Dataset {
     /// All but the photographs.
     pub(super) fn without_photographs(&self) -> Self {
         let (nearest, lost, turned) = (self.nearest.clone(), self.lost.clone(), self.turned.clone());
-        let (extent, background, antialias) = (self.extent, self.background, self.antialias);
-        Self { training: vec![], held_out: vec![], extent, nearest, background, antialias, lost, turned }
+        let (extent, background) = (self.extent, self.background);
+        let (antialias, shutter) = (self.antialias, self.shutter);
+        Self { training: vec![], held_out: vec![], extent, nearest, background, antialias, shutter, lost, turned }
     }
 
     /// What the photographs to learn from sample, with their cameras as they were given.

@@ -144,6 +144,16 @@ fn neighbours(training: &[Photograph], exposures: &[Exposure], name: &str) -> Ex
     out
 }
 
+/// A photograph to learn from as its camera took it, before its exposure: with its learned motion where motions are learned. Shape `[height,
+/// width, 3]`.
+pub(super) fn taken(model: &Model, dataset: &Dataset, photograph: usize) -> Result<Vec<f32>, SplatError> {
+    let camera = model.camera(dataset, photograph);
+    match &dataset.shutter {
+        None => Ok(drawn(&model.cloud, &camera, dataset)?.colour),
+        Some(shutter) => shutter.drawn(&dataset.filtered(&model.cloud), &camera, &model.motions[photograph], dataset),
+    }
+}
+
 /// Colour over the background of the photographs, and alpha, as a camera sees them.
 ///
 /// # Errors

@@ -86,7 +86,7 @@ fn up(camera: &Camera) -> DVec3 {
 pub(super) const DEPTH: Outputs = Outputs { depth: true, plane: false, features: false };
 
 /// The point in the world that a pixel shows, and its depth; none where little was drawn.
-fn point_of(image: &Image, camera: &Camera, pixel: usize) -> Option<(DVec3, f64)> {
+pub(super) fn point_of(image: &Image, camera: &Camera, pixel: usize) -> Option<(DVec3, f64)> {
     let depth = f64::from(image.depth[pixel]);
     if image.alpha[pixel] < 0.5 || !(depth > 0.0 && depth.is_finite()) {
         return None;

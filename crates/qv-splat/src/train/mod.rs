@@ -29,6 +29,7 @@ mod options;
 pub mod pose;
 pub mod random;
 mod score;
+pub mod shutter;
 mod start;
 pub mod terms;
 #[cfg(test)]
@@ -43,5 +44,6 @@ pub use ground::{Ground, GroundOptions};
 pub use model::{Exposure, Model, NEUTRAL};
 pub use options::{Rates, Strategy, TrainOptions, Weights};
 pub use score::{GroundScore, Score, score};
+pub use shutter::Shutter;
 pub use start::{AT_DEPTHS, AT_RANDOM, at_depths, at_far, at_random, of_points};
 pub use undistort::{Pixels, smaller, undistorted};

@@ -162,6 +162,8 @@ pub struct Rates {
     pub exposures: f32,
     /// Of twists: metres are in units of the extent.
     pub poses: f32,
+    /// Of motions during an exposure, in pixels at the depth of the extent.
+    pub motions: f32,
     /// Of the logarithm of focal lengths, and of principal points in units of them.
     pub lens: f32,
 }
@@ -181,6 +183,7 @@ impl TrainOptions {
             features: 2.5e-3 * settled,
             exposures: 5e-3 * fall.sqrt(),
             poses: 3e-4 * fall,
+            motions: 0.5 * fall.sqrt(),
             lens: 5e-4 * fall,
         }
     }

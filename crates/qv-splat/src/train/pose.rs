@@ -41,7 +41,7 @@ pub fn aligned(
 }
 
 /// Rate of [`aligned`], in units of the extent and in radians.
-const ALIGNING: f32 = 1e-3;
+pub(super) const ALIGNING: f32 = 1e-3;
 
 /// A step of Adam in the twist (v, w) on the left of `camera_from_world`; metres are in units of the extent. The running means are six each.
 pub fn twist(first: &mut [f32], second: &mut [f32], by: &[f32; 6], rate: f32, extent: f32, bias: [f32; 2]) -> [f32; 6] {

@@ -108,6 +108,10 @@ impl<'a> GpuEngine<'a> {
         options.check()?;
         model.cloud.check()?;
         model.check(dataset)?;
+        if dataset.shutter.is_some() {
+            let expected = "cameras at rest (the CPU learns motions during exposures)";
+            return Err(off("training on the graphics card", expected, "a shutter"));
+        }
         let w = &options.weights;
         let gpu = &rasteriser.gpu;
         let pixels = dataset.training.iter().map(|one| one.pixels.rgba.len()).max().unwrap_or(1) as u64;
