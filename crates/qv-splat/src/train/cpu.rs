@@ -1,7 +1,7 @@
 //! Steps on the CPU: the reference for those on the card.
 
 use super::adam::{regularise, shake, step, step_exposure};
-use super::cameras;
+use super::cameras::{self, ByCamera};
 use super::classic;
 use super::clear;
 use super::dataset::{Dataset, Photograph};
@@ -12,11 +12,12 @@ use super::filter::{self, Sampling};
 use super::guide::{self, Guide};
 use super::loss::photometric;
 use super::mcmc::Relocation;
-use super::model::Model;
+use super::model::{Exposure, Model};
 use super::options::{Strategy, TrainOptions};
 use super::random::{Purpose, words};
 use super::shutter::{self, Motion};
 use super::terms::{depth_normal, labels, multi_view, priors};
+use super::vignetting::{self, Vignetting, vignetted};
 use crate::SplatError;
 use qv_core::{Camera, GaussianCloud};
 use qv_raster::{Frame, Image, Outputs, Scene, Settings, View, render};
@@ -84,8 +85,8 @@ impl<'a> CpuEngine<'a> {
         }
     }
 
-    /// One photograph: derivatives of everything but the Gaussians' regularisers, and those by the lens and the motion of the camera.
-    fn look(&mut self, index: usize) -> Result<(qv_raster::Gradients, [f32; 3], Motion), SplatError> {
+    /// One photograph: derivatives of everything but the Gaussians' regularisers, those by the camera, and by its motion.
+    fn look(&mut self, index: usize) -> Result<(qv_raster::Gradients, ByCamera, Motion), SplatError> {
         let camera = self.model.camera(self.dataset, index);
         let settings = self.settings();
         let drop = Drop::of(&self.options, self.model.iteration);
@@ -105,7 +106,7 @@ impl<'a> CpuEngine<'a> {
             None => Cow::Borrowed(&images[0].colour),
             Some(shutter) => Cow::Owned(shutter.exposed(&images)),
         };
-        let (mut loss, by_colour, by_exposure) = self.photometric(index, &colour, images[0].width);
+        let (mut loss, by_colour, by_vignetting, by_exposure) = self.photometric(index, &colour, images[0].width);
         let lens = self.options.lens;
         let by_lens = if lens { cameras::by_lens(&colour, &by_colour, &camera) } else { [0.0; 3] };
         match &self.dataset.shutter {
@@ -114,10 +115,10 @@ impl<'a> CpuEngine<'a> {
         }
         loss += self.terms(index, &camera, &images[middle], &mut by_images[middle])?;
         let (mut by, pulls) = frame.gradients_and_pulls(&scene, &by_images)?;
+        let mut by_camera = ByCamera { pose: by.poses[0], lens: by_lens, vignetting: by_vignetting };
         let mut by_motion = [0.0; 6];
         if let Some(shutter) = &self.dataset.shutter {
-            let [by_pose, of_motion] = shutter.by_pose_and_motion(&self.model.motions[index], &by.poses);
-            (by.poses, by_motion) = (vec![by_pose], of_motion);
+            [by_camera.pose, by_motion] = shutter.by_pose_and_motion(&self.model.motions[index], &by.poses);
         }
         if let Some(drop) = drop {
             drop.back(&whole.opacity_logits, &mut by.opacity_logits);
@@ -137,23 +138,46 @@ impl<'a> CpuEngine<'a> {
             let seen = self.seen();
             step_exposure(&mut self.model, index, &by, rates.exposures, seen);
         }
-        Ok((by, by_lens, by_motion))
+        Ok((by, by_camera, by_motion))
     }
 
-    /// Loss of colours, its derivative by them, and by the exposure where that is learned.
-    fn photometric(&self, index: usize, colour: &[f32], width: usize) -> (f32, Vec<f32>, Option<[f32; 12]>) {
+    /// What the lens of a photograph makes of drawn colours, where that is learned.
+    fn through_lens<'c>(&self, index: usize, colour: &'c [f32]) -> Cow<'c, [f32]> {
+        match self.options.vignetting {
+            false => Cow::Borrowed(colour),
+            true => Cow::Owned(vignetted(self.vignetting(index), &self.dataset.training[index].camera, colour)),
+        }
+    }
+
+    fn vignetting(&self, index: usize) -> Vignetting {
+        self.model.shared[self.model.groups[index]].vignetting
+    }
+
+    /// Loss of colours, and its derivatives by them, by the lens's vignetting, and by the exposure where that is learned.
+    fn photometric(&self, index: usize, colour: &[f32], width: usize) -> (f32, Vec<f32>, Vignetting, Option<Exposure>) {
         let photograph: &Photograph = &self.dataset.training[index];
         let (wanted, valid) = (photograph.colour(), photograph.valid());
-        let share = self.options.weights.ssim;
-        if !self.options.exposure {
-            let (loss, by_colour) = photometric(colour, &wanted, &valid, width, share);
-            return (loss, by_colour, None);
-        }
-        let exposure = &self.model.exposures[index];
-        let (loss, mut by_colour) = photometric(&exposed_image(exposure, colour), &wanted, &valid, width, share);
-        let mut by_exposure = exposed_backward(exposure, colour, &mut by_colour);
-        exposure::regularise(exposure, self.options.weights.exposure, &mut by_exposure);
-        (loss, by_colour, Some(by_exposure))
+        let (options, exposure) = (&self.options, &self.model.exposures[index]);
+        let share = options.weights.ssim;
+        let through = self.through_lens(index, colour);
+        let (loss, mut by, by_exposure) = match options.exposure {
+            false => {
+                let (loss, by) = photometric(&through, &wanted, &valid, width, share);
+                (loss, by, None)
+            }
+            true => {
+                let seen = exposed_image(exposure, &through);
+                let (loss, mut by) = photometric(&seen, &wanted, &valid, width, share);
+                let mut by_exposure = exposed_backward(exposure, &through, &mut by);
+                exposure::regularise(exposure, options.weights.exposure, &mut by_exposure);
+                (loss, by, Some(by_exposure))
+            }
+        };
+        let by_lens = match options.vignetting {
+            false => vignetting::NONE,
+            true => vignetting::back(self.vignetting(index), &photograph.camera, colour, &mut by),
+        };
+        (loss, by, by_lens, by_exposure)
     }
 
     /// Terms of geometry and labels; their derivatives go into `by`.
@@ -232,8 +256,8 @@ impl<'a> CpuEngine<'a> {
             Some(shutter) => shutter.drawn(&filtered, &camera, &self.model.motions[index], self.dataset)?,
         };
         let drawn = match self.options.exposure {
-            true => exposed_image(&self.model.exposures[index], &colour),
-            false => colour,
+            true => exposed_image(&self.model.exposures[index], &self.through_lens(index, &colour)),
+            false => self.through_lens(index, &colour).into_owned(),
         };
         let photograph = &self.dataset.training[index];
         let both = drawn.chunks_exact(3).zip(photograph.pixels.rgba.iter());
@@ -284,13 +308,13 @@ impl Engine for CpuEngine<'_> {
     fn step(&mut self, photograph: usize) -> Result<(), SplatError> {
         let iteration = self.model.iteration;
         self.model.raise_degree(self.options.degree(iteration));
-        let (mut by, by_lens, by_motion) = self.look(photograph)?;
+        let (mut by, by_camera, by_motion) = self.look(photograph)?;
         let rates = self.options.rates(iteration, self.dataset.extent);
         regularise(&self.model, &self.options, self.dataset.extent, &mut by);
         step(&mut self.model, &by, &rates);
-        if self.options.poses || self.options.lens {
+        if self.options.poses || self.options.lens || self.options.vignetting {
             let (seen, extent) = (self.seen(), self.dataset.extent);
-            cameras::step(&mut self.model, &self.options, photograph, &by.poses[0], &by_lens, extent, seen);
+            cameras::step(&mut self.model, &self.options, photograph, &by_camera, extent, seen);
         }
         if self.dataset.shutter.is_some() {
             let (seen, dataset) = (self.seen(), self.dataset);
@@ -413,6 +437,7 @@ mod tests {
                 (strategy == Strategy::Mcmc).then(|| Shutter { samples: 3, readout: 0.4, ..Default::default() });
             let options = TrainOptions {
                 exposure: true,
+                vignetting: true,
                 poses: true,
                 lens: true,
                 drop: 0.2,

@@ -3,6 +3,7 @@
 use super::filter::{self, Sampling};
 use super::shutter::Shutter;
 use super::undistort::{Pixels, smaller, undistorted};
+use super::vignetting::{self, Vignetting};
 use crate::SplatError;
 use crate::captures::pictures::{self, Shown};
 use crate::captures::{Capture, CaptureCamera, DepthFile};
@@ -21,6 +22,8 @@ pub struct Photograph {
     pub name: String,
     /// How it was taken.
     pub camera: Camera,
+    /// How its lens darkened it: known of held-out photographs once that is learned ([`crate::train::cameras::as_learned`]).
+    pub vignetting: Vignetting,
     /// The photograph; masked where the mask is black or the lens shows nothing.
     pub pixels: Pixels,
     /// Measured depth along z \[m\], 0 where there is none, shape `[height, width]`; empty when not measured.
@@ -294,7 +297,8 @@ fn photograph(one: &CaptureCamera, files: Files, downscale: u32, shown: Shown) -
     let mut without = vec![];
     let (depth, normals, labels) =
         (or_none(depth, &mut without), or_none(normals, &mut without), or_none(labels, &mut without));
-    Ok((Photograph { name: one.name.clone(), camera, pixels, depth, normals, labels }, without, turned))
+    let (name, vignetting) = (one.name.clone(), vignetting::NONE);
+    Ok((Photograph { name, camera, vignetting, pixels, depth, normals, labels }, without, turned))
 }
 
 /// What was read, or nothing, and why.

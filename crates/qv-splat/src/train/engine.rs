@@ -6,6 +6,7 @@ use super::ground::{DEPTH, Ground};
 use super::model::{Exposure, Model};
 use super::random::shuffled;
 use super::score::{GroundScore, Score, score, score_of};
+use super::vignetting::vignetted;
 use crate::SplatError;
 use crate::error::off;
 use qv_core::{Camera, GaussianCloud};
@@ -94,7 +95,7 @@ pub fn train(
 /// # Errors
 /// Drawing fails.
 pub fn scores(cloud: &GaussianCloud, photographs: &[Photograph], dataset: &Dataset) -> Result<Vec<Score>, SplatError> {
-    photographs.iter().map(|one| Ok(score(&drawn(cloud, &one.camera, dataset)?.colour, one))).collect()
+    photographs.iter().map(|one| Ok(score(&through_lens(one, &drawn(cloud, &one.camera, dataset)?), one))).collect()
 }
 
 /// As [`scores`] of photographs that were held out, with the exposure that the photographs before and after it by name have on average: nothing of the
@@ -106,7 +107,7 @@ pub fn neighbours_scores(model: &Model, dataset: &Dataset, held_out: &[Photograp
     let one = |photograph: &Photograph| {
         let image = drawn(&model.cloud, &photograph.camera, dataset)?;
         let exposure = neighbours(&dataset.training, &model.exposures, &photograph.name);
-        Ok(score(&exposed_image(&exposure, &image.colour), photograph))
+        Ok(score(&exposed_image(&exposure, &through_lens(photograph, &image)), photograph))
     };
     held_out.iter().map(one).collect()
 }
@@ -126,9 +127,10 @@ pub fn ground_scores(
     let one = |photograph: &Photograph| {
         let image = drawn_with(&model.cloud, &photograph.camera, dataset, DEPTH)?;
         let shown = ground.pixels(&image, &photograph.camera);
+        let colour = through_lens(photograph, &image);
         let colour = match exposed {
-            true => exposed_image(&neighbours(&dataset.training, &model.exposures, &photograph.name), &image.colour),
-            false => image.colour,
+            true => exposed_image(&neighbours(&dataset.training, &model.exposures, &photograph.name), &colour),
+            false => colour,
         };
         Ok(score_of(&colour, photograph, &shown))
     };
@@ -148,10 +150,19 @@ fn neighbours(training: &[Photograph], exposures: &[Exposure], name: &str) -> Ex
 /// width, 3]`.
 pub(super) fn taken(model: &Model, dataset: &Dataset, photograph: usize) -> Result<Vec<f32>, SplatError> {
     let camera = model.camera(dataset, photograph);
-    match &dataset.shutter {
-        None => Ok(drawn(&model.cloud, &camera, dataset)?.colour),
-        Some(shutter) => shutter.drawn(&dataset.filtered(&model.cloud), &camera, &model.motions[photograph], dataset),
-    }
+    let colour = match &dataset.shutter {
+        None => drawn(&model.cloud, &camera, dataset)?.colour,
+        Some(shutter) => {
+            shutter.drawn(&dataset.filtered(&model.cloud), &camera, &model.motions[photograph], dataset)?
+        }
+    };
+    let given = &dataset.training[photograph].camera;
+    Ok(vignetted(model.shared[model.groups[photograph]].vignetting, given, &colour))
+}
+
+/// What the lens of a photograph makes of what is drawn of it.
+fn through_lens(photograph: &Photograph, image: &Image) -> Vec<f32> {
+    vignetted(photograph.vignetting, &photograph.camera, &image.colour)
 }
 
 /// Colour over the background of the photographs, and alpha, as a camera sees them.

@@ -35,6 +35,7 @@ pub mod terms;
 #[cfg(test)]
 pub(crate) mod tiny;
 mod undistort;
+pub mod vignetting;
 
 pub use best::{Best, Kept};
 pub use cpu::{CpuEngine, outputs};

@@ -17,6 +17,7 @@ use super::model::Model;
 use super::pose::{ALIGNING, turned, twist};
 use super::random::{Purpose, normals, words};
 use super::score::{Score, score};
+use super::vignetting::{self, vignetted};
 use crate::SplatError;
 use crate::error::off;
 use glam::{DQuat, DVec2, DVec3};
@@ -243,7 +244,9 @@ pub fn fitted(
         let frame = Frame::new(&scene, &views, &settings)?;
         let (images, mut by_images) = (frame.images(), frame.blank_images());
         let colour = shutter.exposed(&images);
-        let by = photometric(&colour, &wanted, &valid, width, 0.2).1;
+        let seen = vignetted(photograph.vignetting, &photograph.camera, &colour);
+        let mut by = photometric(&seen, &wanted, &valid, width, 0.2).1;
+        vignetting::back(photograph.vignetting, &photograph.camera, &colour, &mut by);
         shutter.back(&images, &colour, &by, &mut by_images);
         let [by_pose, by_motion] = shutter.by_pose_and_motion(&motion, &frame.gradients(&scene, &by_images)?.poses);
         let fall = 0.1f32.powf(iteration as f32 / steps as f32);
@@ -275,7 +278,8 @@ pub fn fitted_scores(
     let filtered = dataset.filtered(cloud);
     let one = |photograph: &Photograph| {
         let (camera, motion) = fitted(cloud, photograph, dataset, shutter, poses, steps)?;
-        Ok(score(&shutter.drawn(&filtered, &camera, &motion, dataset)?, photograph))
+        let colour = shutter.drawn(&filtered, &camera, &motion, dataset)?;
+        Ok(score(&vignetted(photograph.vignetting, &photograph.camera, &colour), photograph))
     };
     held_out.iter().map(one).collect()
 }
@@ -356,7 +360,7 @@ mod tests {
             let h = 2e-3;
             for k in 0..6 {
                 let by_step = |of: &dyn Fn(f32) -> (Camera, Motion)| {
-                    let [plus, minus] = [h, -h].map(|h| of(h)).map(|(camera, motion)| look(&camera, &motion).0);
+                    let [plus, minus] = [h, -h].map(of).map(|(camera, motion)| look(&camera, &motion).0);
                     ((plus - minus) / f64::from(2.0 * h)) as f32
                 };
                 let moved = |h: f32| {
