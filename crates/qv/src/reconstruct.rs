@@ -19,13 +19,13 @@ use qv_core::{Camera, GaussianCloud};
 use qv_raster::Image;
 use qv_splat::captures::distortion::Distortion;
 use qv_splat::captures::{Attachments, Capture, CaptureCamera, cameras_json};
-use qv_splat::files::ply;
+use qv_splat::files::{Points, ply};
 use qv_splat::train::guide::Guide;
 use qv_splat::train::shutter::fitted_scores;
 use qv_splat::train::{
     AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Ground, GroundOptions, Model, Photograph, ReadOptions,
     Score, Shutter, Strategy, TrainOptions, Weights, at_depths, at_far, at_random, cameras, checkpoint, clear, drawn,
-    ground_scores, growing, neighbours_scores, of_points, pose, scores, train,
+    ground_scores, growing, label_shares, neighbours_scores, of_points, pose, scores, train_in_proportion,
 };
 use qv_splat::{SplatError, error_at};
 use serde_json::{Value, json};
@@ -105,6 +105,9 @@ pub struct Reconstruct {
     /// Learns an affine colour transform for each photograph
     #[arg(long)]
     exposure: bool,
+    /// Learns how the lens of each camera darkens photographs towards their corners
+    #[arg(long)]
+    vignetting: bool,
     /// Refines the photographs' poses, and where each camera is on what its poses were measured of
     #[arg(long)]
     refine_poses: bool,
@@ -192,6 +195,12 @@ pub struct Reconstruct {
     /// Points to begin with far behind everything: for sky, and for what is too far to be triangulated
     #[arg(long, value_name = "N", default_value_t = 0)]
     far_points: usize,
+    /// Learns more often from photographs that show much ground: in proportion to 1 + S times its share of what each shows
+    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = crate::numbers::not_negative)]
+    ground_views: f64,
+    /// Labels of the ground in the label images; without them the plane that most points below the cameras lie on is the ground
+    #[arg(long, value_name = "N,N", value_delimiter = ',', requires = "ground_views", hide_short_help = true, value_parser = clap::value_parser!(u8).range(1..))]
+    ground_labels: Vec<u8>,
     /// Lets no Gaussian stay nearer to a camera than this share of the nearest points in its image (with mcmc; 0 lets them be)
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     clear: f32,
@@ -282,7 +291,7 @@ impl Reconstruct {
         bar.begin(stages - 1, stages, "training", Some(self.training_from()));
         let mut run = Run::new(self, &dataset, &bar);
         let clock = Instant::now();
-        let searched = self.search(&dataset, &options, &model.cloud, &mut run)?;
+        let searched = self.search(&dataset, &options, &model.cloud, opened.points.as_ref(), &mut run)?;
         if let Some(scene) = searched.as_ref().and_then(|found| found.stopped_with.as_ref()) {
             self.save_scene(scene, &dataset)?;
             self.save(&model)?;
@@ -294,7 +303,8 @@ impl Reconstruct {
         let search_s = clock.elapsed().as_secs_f64();
         run.iterations = options.iterations;
         let clock = Instant::now();
-        let (mut model, finished) = self.train(&dataset, &options, model, &mut run)?;
+        let weights = self.view_weights(&dataset, opened.points.as_ref())?;
+        let (mut model, finished) = self.train(&dataset, &options, model, &weights, &mut run)?;
         // A stop that comes later finds training done.
         let is_stopped = !finished && run.is_stopped();
         let train_s = clock.elapsed().as_secs_f64();
@@ -330,6 +340,7 @@ impl Reconstruct {
             "format": "qv-reconstruct/1", "capture": self.capture.display().to_string(), "iterations": stood_at, "scene_of_iteration": scene_of,
             "finished": finished, "gaussians": model.cloud.len(), "loss": run.loss, "read_s": read_s, "search_s": search_s, "train_s": train_s,
             "write_s": clock.elapsed().as_secs_f64(), "photographs": dataset.training.len(), "began_at_points": at_points,
+            "ground_views": words::of_views(self.ground_views, &weights), "vignetting": self.vignetting,
             "exposure": self.exposure, "poses_refined": self.refine_poses, "shutter": words::of_shutter(&model, &dataset)?, "poses": poses, "poses_found": found, "stereo": stereo::named(depths.as_ref()), "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
             "held_out": dataset.held_out.iter().zip(&held_out).map(|(one, score)| named(&one.name, score)).collect::<Vec<_>>(),
             "mean": Score::mean(&held_out).map(|mean| named("mean", &mean)),
@@ -396,6 +407,7 @@ impl Reconstruct {
                 StrategyName::Classic => Strategy::Classic,
             },
             exposure: self.exposure,
+            vignetting: self.vignetting,
             poses: self.refine_poses,
             lens: self.refine_lens,
             seed: self.seed,
@@ -538,6 +550,7 @@ impl Reconstruct {
         dataset: &Dataset,
         options: &TrainOptions,
         mut model: Model,
+        weights: &[f32],
         run: &mut Run,
     ) -> Result<(Model, bool), Failure> {
         for (factor, until) in growing::stages(dataset, options.iterations, self.small) {
@@ -547,7 +560,7 @@ impl Reconstruct {
             let small = (factor > 1).then(|| dataset.smaller(factor));
             let mut engine = self.engine(small.as_ref().unwrap_or(dataset), options, model)?;
             let trained =
-                train(engine.as_mut(), dataset.training.len(), until, options.seed, REPORT_EVERY, &mut |engine, at| {
+                train_in_proportion(engine.as_mut(), weights, until, options.seed, REPORT_EVERY, &mut |engine, at| {
                     run.watch(engine, at).map_err(|e| error_at("training", "files", &e.to_string()))
                 });
             let finished = trained.or_else(|error| self.rescue(std::mem::take(&mut run.best), dataset, error))?;
@@ -593,6 +606,26 @@ impl Reconstruct {
         let rasteriser = GpuRasteriser::new(Gpu::new(&GpuOptions { adapter: self.gpu_index, ..Default::default() })?);
         let how = GpuTraining { atomic: !self.ordered };
         Ok(Box::new(GpuEngine::new(rasteriser, dataset, options, model, how)?))
+    }
+
+    /// How often each photograph is learned from.
+    fn view_weights(&self, dataset: &Dataset, points: Option<&Points>) -> Result<Vec<f32>, Failure> {
+        if self.ground_views == 0.0 {
+            return Ok(vec![1.0; dataset.training.len()]);
+        }
+        let none = |expected: &str| about(&self.capture, format!("--ground-views: expected {expected}, found none"));
+        let shares = match self.ground_labels.is_empty() {
+            false => label_shares(&self.ground_labels, dataset),
+            true => {
+                let points = points.ok_or_else(|| none("points (points.ply), or --ground-labels"))?;
+                let ground = Ground::of_points(&points.places, dataset, &GroundOptions::default());
+                ground.ok_or_else(|| none("a plane below the cameras"))?.shares(&points.places, dataset)
+            }
+        };
+        if shares.iter().all(|share| *share == 0.0) {
+            return Err(none("photographs that show ground"));
+        }
+        Ok(shares.iter().map(|share| 1.0 + self.ground_views as f32 * share).collect())
     }
 
     /// Scores of held-out photographs with cameras that were moved to where they show the left half best; none when poses are as given.
@@ -735,7 +768,7 @@ impl Reconstruct {
     }
 }
 
-/// Each camera as it was learned: its lens, how far it moved, and the photographs' own motions (root mean square).
+/// Each camera as it was learned: its lens and the lens's vignetting, how far it moved, and the photographs' own motions (root mean square).
 fn refined(model: &Model, dataset: &Dataset) -> Vec<Value> {
     let one = |(group, shared): (usize, &cameras::Shared)| {
         let of = |k: &usize| model.groups[*k] == group;
@@ -747,7 +780,7 @@ fn refined(model: &Model, dataset: &Dataset) -> Vec<Value> {
             (own.position.length_squared(), own.rotation.to_scaled_axis().length_squared())
         };
         let mean = |of: &dyn Fn((f64, f64)) -> f64| taken.iter().map(|k| of(own(k))).sum::<f64>() / taken.len() as f64;
-        json!({"photographs": taken.len(), "fx": lens.fx, "fy": lens.fy, "cx": lens.cx, "cy": lens.cy,
+        json!({"photographs": taken.len(), "fx": lens.fx, "fy": lens.fy, "cx": lens.cx, "cy": lens.cy, "vignetting": shared.vignetting,
             "motion_m": shared.motion.position.to_array(),
             "motion_deg": shared.motion.rotation.to_scaled_axis().to_array().map(f64::to_degrees),
             "own_motion_m": mean(&|(metres, _)| metres).sqrt(), "own_motion_deg": mean(&|(_, angle)| angle).sqrt().to_degrees()})
