@@ -19,12 +19,13 @@ use qv_core::{Camera, GaussianCloud};
 use qv_raster::Image;
 use qv_splat::captures::distortion::Distortion;
 use qv_splat::captures::{Attachments, Capture, CaptureCamera, cameras_json};
-use qv_splat::files::ply;
+use qv_splat::files::{Points, ply};
 use qv_splat::train::guide::Guide;
+use qv_splat::train::shutter::fitted_scores;
 use qv_splat::train::{
     AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Ground, GroundOptions, Model, Photograph, ReadOptions,
-    Score, Strategy, TrainOptions, Weights, at_depths, at_far, at_random, cameras, checkpoint, clear, drawn,
-    ground_scores, growing, neighbours_scores, of_points, pose, scores, train,
+    Score, Shutter, Strategy, TrainOptions, Weights, at_depths, at_far, at_random, cameras, checkpoint, clear, drawn,
+    ground_scores, growing, label_shares, neighbours_scores, of_points, pose, scores, train_in_proportion,
 };
 use qv_splat::{SplatError, error_at};
 use serde_json::{Value, json};
@@ -104,12 +105,27 @@ pub struct Reconstruct {
     /// Learns an affine colour transform for each photograph
     #[arg(long)]
     exposure: bool,
+    /// Learns how the lens of each camera darkens photographs towards their corners
+    #[arg(long)]
+    vignetting: bool,
     /// Refines the photographs' poses, and where each camera is on what its poses were measured of
     #[arg(long)]
     refine_poses: bool,
     /// Refines focal length and principal point of each camera
     #[arg(long)]
     refine_lens: bool,
+    /// Learns how each camera moved while its shutter was open: a scene sharper than photographs with motion blur (on the CPU)
+    #[arg(long)]
+    shutter: bool,
+    /// Rolling shutter: the time from the first row's beginning to the last row's, as a share of that and a row's exposure together
+    #[arg(long, value_name = "SHARE", requires = "shutter", default_value_t = 0.0)]
+    readout: f32,
+    /// Poses that a photograph of a moving camera is drawn from
+    #[arg(long, value_name = "N", requires = "shutter", default_value_t = 5, hide_short_help = true)]
+    shutter_samples: usize,
+    /// Exponent from the photographs' colours to the light that a moving camera sums up
+    #[arg(long, value_name = "EXPONENT", requires = "shutter", default_value_t = 2.2, hide_short_help = true)]
+    gamma: f32,
     /// Whose poses and lenses
     #[arg(long, value_enum, value_name = "WHOSE", default_value = "auto")]
     poses: PosesFrom,
@@ -179,6 +195,12 @@ pub struct Reconstruct {
     /// Points to begin with far behind everything: for sky, and for what is too far to be triangulated
     #[arg(long, value_name = "N", default_value_t = 0)]
     far_points: usize,
+    /// Learns more often from photographs that show much ground: in proportion to 1 + S times its share of what each shows
+    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = crate::numbers::not_negative)]
+    ground_views: f64,
+    /// Labels of the ground in the label images; without them the plane that most points below the cameras lie on is the ground
+    #[arg(long, value_name = "N,N", value_delimiter = ',', requires = "ground_views", hide_short_help = true, value_parser = clap::value_parser!(u8).range(1..))]
+    ground_labels: Vec<u8>,
     /// Lets no Gaussian stay nearer to a camera than this share of the nearest points in its image (with mcmc; 0 lets them be)
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     clear: f32,
@@ -232,6 +254,7 @@ pub struct Reconstruct {
 impl Reconstruct {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let clock = Instant::now();
+        let shutter = self.how_exposed()?;
         let bar = Stages::new();
         let stages = if self.stereo { 4 } else { 3 };
         bar.begin(1, stages, "reading", None);
@@ -258,6 +281,7 @@ impl Reconstruct {
             dataset.background = [0.0; 3];
         }
         dataset.antialias = self.antialias;
+        dataset.shutter = shutter;
         if let (Some(points), true) = (&opened.points, self.clear > 0.0) {
             dataset.nearest = clear::nearest(&dataset, &points.places);
         }
@@ -267,7 +291,7 @@ impl Reconstruct {
         bar.begin(stages - 1, stages, "training", Some(self.training_from()));
         let mut run = Run::new(self, &dataset, &bar);
         let clock = Instant::now();
-        let searched = self.search(&dataset, &options, &model.cloud, &mut run)?;
+        let searched = self.search(&dataset, &options, &model.cloud, opened.points.as_ref(), &mut run)?;
         if let Some(scene) = searched.as_ref().and_then(|found| found.stopped_with.as_ref()) {
             self.save_scene(scene, &dataset)?;
             self.save(&model)?;
@@ -279,7 +303,8 @@ impl Reconstruct {
         let search_s = clock.elapsed().as_secs_f64();
         run.iterations = options.iterations;
         let clock = Instant::now();
-        let (mut model, finished) = self.train(&dataset, &options, model, &mut run)?;
+        let weights = self.view_weights(&dataset, opened.points.as_ref())?;
+        let (mut model, finished) = self.train(&dataset, &options, model, &weights, &mut run)?;
         // A stop that comes later finds training done.
         let is_stopped = !finished && run.is_stopped();
         let train_s = clock.elapsed().as_secs_f64();
@@ -297,6 +322,7 @@ impl Reconstruct {
         let as_drawn = scores(&model.cloud, &looked_at, &dataset)?;
         let held_out = if self.exposure { neighbours_scores(&model, &dataset, &looked_at)? } else { as_drawn.clone() };
         let aligned = self.aligned(&model, &dataset, &looked_at)?;
+        let moving = fitted_scores(&model.cloud, &looked_at, &dataset, self.refine_poses, ALIGN_STEPS)?;
         let ground = Ground::of(&model.cloud, &dataset, &GroundOptions::default())?;
         let of_ground = match &ground {
             Some(ground) => ground_scores(&model, &dataset, &looked_at, ground, self.exposure)?,
@@ -314,11 +340,13 @@ impl Reconstruct {
             "format": "qv-reconstruct/1", "capture": self.capture.display().to_string(), "iterations": stood_at, "scene_of_iteration": scene_of,
             "finished": finished, "gaussians": model.cloud.len(), "loss": run.loss, "read_s": read_s, "search_s": search_s, "train_s": train_s,
             "write_s": clock.elapsed().as_secs_f64(), "photographs": dataset.training.len(), "began_at_points": at_points,
-            "exposure": self.exposure, "poses_refined": self.refine_poses, "poses": poses, "poses_found": found, "stereo": stereo::named(depths.as_ref()), "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
+            "ground_views": words::of_views(self.ground_views, &weights), "vignetting": self.vignetting,
+            "exposure": self.exposure, "poses_refined": self.refine_poses, "shutter": words::of_shutter(&model, &dataset)?, "poses": poses, "poses_found": found, "stereo": stereo::named(depths.as_ref()), "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
             "held_out": dataset.held_out.iter().zip(&held_out).map(|(one, score)| named(&one.name, score)).collect::<Vec<_>>(),
             "mean": Score::mean(&held_out).map(|mean| named("mean", &mean)),
             "mean_identity": Score::mean(&as_drawn).map(|mean| named("mean", &mean)),
-            "mean_aligned": Score::mean(&aligned).map(|mean| named("mean", &mean)), "times_ms": run.mean_times(), "antialias": dataset.antialias, "steps_asked": self.iterations,
+            "mean_aligned": Score::mean(&aligned).map(|mean| named("mean", &mean)),
+            "mean_moving": Score::mean(&moving).map(|mean| named("mean", &mean)), "times_ms": run.mean_times(), "antialias": dataset.antialias, "steps_asked": self.iterations,
             "aside": searched, "ground": words::of_ground(ground.as_ref(), &of_ground),
         });
         self.save_cameras(&model, &dataset, &looked_at, is_found)?;
@@ -327,7 +355,7 @@ impl Reconstruct {
         bar.finish();
         self.tell(
             &metrics,
-            [Score::mean(&held_out), Score::mean(&aligned)],
+            [Score::mean(&held_out), Score::mean(&aligned), Score::mean(&moving)],
             &run,
             search_s + train_s,
             model.cloud.len(),
@@ -379,6 +407,7 @@ impl Reconstruct {
                 StrategyName::Classic => Strategy::Classic,
             },
             exposure: self.exposure,
+            vignetting: self.vignetting,
             poses: self.refine_poses,
             lens: self.refine_lens,
             seed: self.seed,
@@ -405,6 +434,20 @@ impl Reconstruct {
             drop: self.drop,
             ..Default::default()
         }
+    }
+
+    /// How photographs are exposed; none where cameras are taken to be at rest.
+    fn how_exposed(&self) -> Result<Option<Shutter>, Failure> {
+        if !self.shutter {
+            return Ok(None);
+        }
+        #[cfg(feature = "gpu")]
+        if self.gpu {
+            return Err("--shutter: expected training on the CPU, found --gpu; leave --gpu out".into());
+        }
+        let shutter = Shutter { samples: self.shutter_samples, readout: self.readout, gamma: self.gamma };
+        shutter.check()?;
+        Ok(Some(shutter))
     }
 
     /// Options that do something only where the capture has what they need.
@@ -507,6 +550,7 @@ impl Reconstruct {
         dataset: &Dataset,
         options: &TrainOptions,
         mut model: Model,
+        weights: &[f32],
         run: &mut Run,
     ) -> Result<(Model, bool), Failure> {
         for (factor, until) in growing::stages(dataset, options.iterations, self.small) {
@@ -516,7 +560,7 @@ impl Reconstruct {
             let small = (factor > 1).then(|| dataset.smaller(factor));
             let mut engine = self.engine(small.as_ref().unwrap_or(dataset), options, model)?;
             let trained =
-                train(engine.as_mut(), dataset.training.len(), until, options.seed, REPORT_EVERY, &mut |engine, at| {
+                train_in_proportion(engine.as_mut(), weights, until, options.seed, REPORT_EVERY, &mut |engine, at| {
                     run.watch(engine, at).map_err(|e| error_at("training", "files", &e.to_string()))
                 });
             let finished = trained.or_else(|error| self.rescue(std::mem::take(&mut run.best), dataset, error))?;
@@ -562,6 +606,26 @@ impl Reconstruct {
         let rasteriser = GpuRasteriser::new(Gpu::new(&GpuOptions { adapter: self.gpu_index, ..Default::default() })?);
         let how = GpuTraining { atomic: !self.ordered };
         Ok(Box::new(GpuEngine::new(rasteriser, dataset, options, model, how)?))
+    }
+
+    /// How often each photograph is learned from.
+    fn view_weights(&self, dataset: &Dataset, points: Option<&Points>) -> Result<Vec<f32>, Failure> {
+        if self.ground_views == 0.0 {
+            return Ok(vec![1.0; dataset.training.len()]);
+        }
+        let none = |expected: &str| about(&self.capture, format!("--ground-views: expected {expected}, found none"));
+        let shares = match self.ground_labels.is_empty() {
+            false => label_shares(&self.ground_labels, dataset),
+            true => {
+                let points = points.ok_or_else(|| none("points (points.ply), or --ground-labels"))?;
+                let ground = Ground::of_points(&points.places, dataset, &GroundOptions::default());
+                ground.ok_or_else(|| none("a plane below the cameras"))?.shares(&points.places, dataset)
+            }
+        };
+        if shares.iter().all(|share| *share == 0.0) {
+            return Err(none("photographs that show ground"));
+        }
+        Ok(shares.iter().map(|share| 1.0 + self.ground_views as f32 * share).collect())
     }
 
     /// Scores of held-out photographs with cameras that were moved to where they show the left half best; none when poses are as given.
@@ -652,7 +716,7 @@ impl Reconstruct {
     fn tell(
         &self,
         metrics: &Value,
-        means: [Option<Score>; 2],
+        means: [Option<Score>; 3],
         run: &Run,
         seconds: f64,
         splats: usize,
@@ -679,10 +743,18 @@ impl Reconstruct {
                 1e3 * metres
             );
         }
+        if let Some(px) = metrics["shutter"]["motion_px"].as_f64() {
+            text += &format!("cameras moved by {px:.2} px (mean) during a photograph\n");
+        }
         if let Some(depths) = stereo::in_words(&metrics["stereo"]) {
             text += &format!("{depths}\n");
         }
-        for (what, mean) in ["held out", "held out, cameras aligned on the left half"].iter().zip(means) {
+        let told = [
+            "held out",
+            "held out, cameras aligned on the left half",
+            "held out, with the motion of the camera fitted to the left half",
+        ];
+        for (what, mean) in told.iter().zip(means) {
             let Some(s) = mean else { continue };
             text += &format!("{what}: {}\n", in_words(&s));
         }
@@ -696,7 +768,7 @@ impl Reconstruct {
     }
 }
 
-/// Each camera as it was learned: its lens, how far it moved, and the photographs' own motions (root mean square).
+/// Each camera as it was learned: its lens and the lens's vignetting, how far it moved, and the photographs' own motions (root mean square).
 fn refined(model: &Model, dataset: &Dataset) -> Vec<Value> {
     let one = |(group, shared): (usize, &cameras::Shared)| {
         let of = |k: &usize| model.groups[*k] == group;
@@ -708,7 +780,7 @@ fn refined(model: &Model, dataset: &Dataset) -> Vec<Value> {
             (own.position.length_squared(), own.rotation.to_scaled_axis().length_squared())
         };
         let mean = |of: &dyn Fn((f64, f64)) -> f64| taken.iter().map(|k| of(own(k))).sum::<f64>() / taken.len() as f64;
-        json!({"photographs": taken.len(), "fx": lens.fx, "fy": lens.fy, "cx": lens.cx, "cy": lens.cy,
+        json!({"photographs": taken.len(), "fx": lens.fx, "fy": lens.fy, "cx": lens.cx, "cy": lens.cy, "vignetting": shared.vignetting,
             "motion_m": shared.motion.position.to_array(),
             "motion_deg": shared.motion.rotation.to_scaled_axis().to_array().map(f64::to_degrees),
             "own_motion_m": mean(&|(metres, _)| metres).sqrt(), "own_motion_deg": mean(&|(_, angle)| angle).sqrt().to_degrees()})

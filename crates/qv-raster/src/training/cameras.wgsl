@@ -1,5 +1,5 @@
 // Twin of cameras.rs. `bend` sums up the derivatives by the lens, a workgroup for each 16 x 16 pixels; `turn`, one workgroup, moves the pose
-// of the photograph, and lens and motion of its camera.
+// of the photograph, and lens, vignetting and motion of its camera.
 
 @group(0) @binding(0) var<storage, read> step: Step;
 @group(0) @binding(1) var<storage, read> drawn: array<vec4<f32>>;
@@ -13,10 +13,14 @@
 @group(0) @binding(6) var<storage, read_write> motions: array<vec4<f32>>;
 // Running means of derivatives by poses and of their squares, 12 for each photograph.
 @group(0) @binding(7) var<storage, read_write> pose_moments: array<f32>;
-// Of each camera, 36: running means (9 and 9), zoom, centre, three that are free, rows of its motion.
+// Of each camera, 48: running means (12 and 12), zoom, centre, coefficients of vignetting, two that are free, rows of its motion, four that are
+// free.
 @group(0) @binding(8) var<storage, read_write> cameras: array<f32>;
 // Camera of each photograph.
 @group(0) @binding(9) var<storage, read> groups: array<u32>;
+
+// Of each workgroup of `pull`: derivatives by the coefficients of vignetting.
+@group(0) @binding(10) var<storage, read> fades: array<vec4<f32>>;
 
 var<workgroup> parts: array<vec4<f32>, 256>;
 // Twists of the camera and of the photograph, the world's share of the latter; zoom and shift of the lens.
@@ -79,9 +83,9 @@ fn moved(first: f32, second: f32, by: f32, bias1: f32, bias2: f32) -> Moved {
 
 // The shift of a number of the camera.
 fn shared_shift(at: u32, by: f32) -> f32 {
-    let now = moved(cameras[at], cameras[at + 9u], by, step.camera_bias1, step.camera_bias2);
+    let now = moved(cameras[at], cameras[at + 12u], by, step.camera_bias1, step.camera_bias2);
     cameras[at] = now.first;
-    cameras[at + 9u] = now.second;
+    cameras[at + 12u] = now.second;
     return now.shift;
 }
 
@@ -94,13 +98,19 @@ fn own_shift(at: u32, by: f32) -> f32 {
 }
 
 // Steps of Adam; by one invocation.
-fn decide(by_lens: vec3<f32>) {
-    let camera = 36u * step.camera;
+fn decide(by_lens: vec3<f32>, by_fade: vec3<f32>) {
+    let camera = 48u * step.camera;
     bent = vec3<f32>(0.0);
     if (step.refines & 2u) != 0u {
         for (var k = 0u; k < 3u; k++) {
             bent[k] = step.lens_rate * shared_shift(camera + 6u + k, by_lens[k]);
-            cameras[camera + 18u + k] += bent[k];
+            cameras[camera + 24u + k] += bent[k];
+        }
+    }
+    if (step.refines & 4u) != 0u {
+        for (var k = 0u; k < 3u; k++) {
+            let by = by_fade[k] + 2.0 * step.vignetting_weight * cameras[camera + 27u + k];
+            cameras[camera + 27u + k] += step.vignetting_rate * shared_shift(camera + 9u + k, by);
         }
     }
     for (var k = 0u; k < 6u; k++) {
@@ -155,10 +165,17 @@ fn turn(@builtin(local_invocation_index) local: u32) {
         sum += bends[k];
     }
     sum_up(sum, local);
+    let by_lens = parts[0].xyz;
+    workgroupBarrier();
+    sum = vec4<f32>(0.0);
+    for (var k = local; k < step.groups && (step.refines & 4u) != 0u; k += 256u) {
+        sum += fades[k];
+    }
+    sum_up(sum, local);
     if local == 0u {
-        decide(parts[0].xyz);
+        decide(by_lens, parts[0].xyz);
         if (step.refines & 1u) != 0u {
-            let m = 36u * step.camera + 24u;
+            let m = 48u * step.camera + 32u;
             let before = Rigid(
                 vec3<f32>(cameras[m], cameras[m + 4u], cameras[m + 8u]),
                 vec3<f32>(cameras[m + 1u], cameras[m + 5u], cameras[m + 9u]),

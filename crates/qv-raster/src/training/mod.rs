@@ -114,7 +114,7 @@ pub struct StepWords {
     pub photographs: u32,
     /// The camera that took it.
     pub camera: u32,
-    /// 1: poses are learned, 2: lenses are, 3: both.
+    /// Sum of what is learned of cameras: 1 poses, 2 lenses, 4 vignetting.
     pub refines: u32,
     /// Rate of lenses.
     pub lens_rate: f32,
@@ -126,6 +126,18 @@ pub struct StepWords {
     pub drop: f32,
     /// What harmonics but the constant one are pulled to 0 by.
     pub shrink: f32,
+    /// Principal point as it was given \[px\].
+    pub centre: [f32; 2],
+    /// One over the square of half the diagonal \[1/px²\].
+    pub one_over_square: f32,
+    /// 1 when vignetting is learned.
+    pub vignettes: u32,
+    /// Rate of its coefficients.
+    pub vignetting_rate: f32,
+    /// Weight of their squares.
+    pub vignetting_weight: f32,
+    /// Nothing: words come in fours.
+    pub free: [f32; 2],
 }
 
 /// The text of a shader. Lines between `//#taps` and `//#end` are repeated for each tap of the window, with its index for `$K` and its

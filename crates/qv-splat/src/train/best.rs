@@ -3,10 +3,11 @@
 
 use super::cameras::Shared;
 use super::dataset::Dataset;
-use super::engine::drawn;
+use super::engine::taken;
 use super::exposure::exposed_image;
 use super::model::{Exposure, Model};
 use super::score::score;
+use super::shutter::Motion;
 use crate::SplatError;
 use qv_core::{GaussianCloud, Pose};
 
@@ -33,6 +34,7 @@ pub struct Kept {
     poses: Vec<Pose>,
     shared: Vec<Shared>,
     exposures: Vec<Exposure>,
+    motions: Vec<Motion>,
 }
 
 impl Kept {
@@ -44,6 +46,7 @@ impl Kept {
             poses: model.poses.clone(),
             shared: model.shared.clone(),
             exposures: model.exposures.clone(),
+            motions: model.motions.clone(),
         }
     }
 
@@ -51,6 +54,7 @@ impl Kept {
     pub fn put_into(self, model: &mut Model) {
         model.cloud = self.cloud;
         (model.poses, model.shared, model.exposures) = (self.poses, self.shared, self.exposures);
+        model.motions = self.motions;
     }
 }
 
@@ -89,8 +93,8 @@ fn judged(model: &Model, dataset: &Dataset) -> Result<f64, SplatError> {
     let count = dataset.training.len();
     let judges: Vec<usize> = (0..count.min(JUDGES)).map(|k| k * count / count.min(JUDGES)).collect();
     let psnr = |&k: &usize| {
-        let image = drawn(&model.cloud, &model.camera(dataset, k), dataset)?;
-        Ok(score(&exposed_image(&model.exposures[k], &image.colour), &dataset.training[k]).psnr)
+        let colour = taken(model, dataset, k)?;
+        Ok(score(&exposed_image(&model.exposures[k], &colour), &dataset.training[k]).psnr)
     };
     let all: Vec<f64> = judges.iter().map(psnr).collect::<Result<_, SplatError>>()?;
     Ok(all.iter().sum::<f64>() / all.len().max(1) as f64)

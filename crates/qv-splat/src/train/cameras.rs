@@ -9,6 +9,7 @@ use super::dataset::{Dataset, Photograph};
 use super::model::Model;
 use super::options::TrainOptions;
 use super::pose::{turned, twist};
+use super::vignetting::{self, Vignetting};
 use glam::{DQuat, DVec3};
 use qv_core::{Camera, Pose};
 
@@ -17,19 +18,28 @@ use qv_core::{Camera, Pose};
 pub struct Shared {
     /// Natural logarithm of the factor of both focal lengths; shift of the principal point in units of the focal lengths.
     pub lens: [f32; 3],
+    /// How the lens darkens photographs towards their corners.
+    pub vignetting: Vignetting,
     /// Motion of the camera in its own axes \[m\].
     pub motion: Pose,
-    /// Running means of derivatives by the motion (6) and the lens.
-    pub first: [f32; 9],
+    /// Running means of derivatives by the motion (6), the lens and its vignetting.
+    pub first: [f32; 12],
     /// Running means of their squares.
-    pub second: [f32; 9],
+    pub second: [f32; 12],
     /// How often one of the photographs was seen.
     pub seen: u32,
 }
 
 impl Shared {
     /// Nothing learned yet.
-    pub const NONE: Self = Self { lens: [0.0; 3], motion: Pose::IDENTITY, first: [0.0; 9], second: [0.0; 9], seen: 0 };
+    pub const NONE: Self = Self {
+        lens: [0.0; 3],
+        vignetting: vignetting::NONE,
+        motion: Pose::IDENTITY,
+        first: [0.0; 12],
+        second: [0.0; 12],
+        seen: 0,
+    };
 
     /// The lens of a camera as it was learned; its pose stays.
     pub fn camera(&self, given: &Camera) -> Camera {
@@ -58,12 +68,13 @@ pub fn same_lens(a: &Camera, b: &Camera) -> bool {
     Camera { camera_from_world: b.camera_from_world, ..*a } == *b
 }
 
-/// A held-out photograph with the lens and the motion that its camera was found to have.
+/// A held-out photograph with the lens, its vignetting and the motion that its camera was found to have.
 pub fn as_learned(model: &Model, dataset: &Dataset, held_out: &Photograph) -> Photograph {
     let photograph = dataset.training.iter().position(|one| same_lens(&one.camera, &held_out.camera));
     let shared = photograph.map_or(&Shared::NONE, |index| &model.shared[model.groups[index]]);
     let camera_from_world = shared.motion * held_out.camera.camera_from_world;
-    Photograph { camera: Camera { camera_from_world, ..shared.camera(&held_out.camera) }, ..held_out.clone() }
+    let camera = Camera { camera_from_world, ..shared.camera(&held_out.camera) };
+    Photograph { camera, vignetting: shared.vignetting, ..held_out.clone() }
 }
 
 /// Derivatives of the loss by the lens, from those by the drawn colours, both of shape `[height, width, 3]`: another focal length or
@@ -89,16 +100,19 @@ pub fn by_lens(colour: &[f32], by_colour: &[f32], camera: &Camera) -> [f32; 3] {
     sum.map(|x| x as f32)
 }
 
+/// Derivatives of the loss by the camera of a photograph.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ByCamera {
+    /// By a twist on the left of its pose.
+    pub pose: [f32; 6],
+    /// By the lens, as [`by_lens`] gives them.
+    pub lens: [f32; 3],
+    /// By the lens's vignetting.
+    pub vignetting: Vignetting,
+}
+
 /// One step of Adam for the camera of a photograph, that has been seen `seen` times, this one counted.
-pub fn step(
-    model: &mut Model,
-    options: &TrainOptions,
-    photograph: usize,
-    by_pose: &[f32; 6],
-    by_lens: &[f32; 3],
-    extent: f32,
-    seen: u32,
-) {
+pub fn step(model: &mut Model, options: &TrainOptions, photograph: usize, by: &ByCamera, extent: f32, seen: u32) {
     let rates = options.rates(model.iteration, extent);
     let group = model.groups[photograph];
     let shared = &mut model.shared[group];
@@ -107,16 +121,24 @@ pub fn step(
     if options.lens {
         let (first, second) = (&mut shared.first, &mut shared.second);
         for (k, value) in shared.lens.iter_mut().enumerate() {
-            moved(value, &mut first[6 + k], &mut second[6 + k], by_lens[k], rates.lens, shared_bias);
+            moved(value, &mut first[6 + k], &mut second[6 + k], by.lens[k], rates.lens, shared_bias);
+        }
+    }
+    if options.vignetting {
+        let (first, second) = (&mut shared.first, &mut shared.second);
+        for (k, value) in shared.vignetting.iter_mut().enumerate() {
+            let pull = 2.0 * options.weights.vignetting * *value;
+            let by = by.vignetting[k] + pull;
+            moved(value, &mut first[9 + k], &mut second[9 + k], by, rates.vignetting, shared_bias);
         }
     }
     if !options.poses {
         return;
     }
-    let both = twist(&mut shared.first[..6], &mut shared.second[..6], by_pose, rates.poses, extent, shared_bias);
+    let both = twist(&mut shared.first[..6], &mut shared.second[..6], &by.pose, rates.poses, extent, shared_bias);
     shared.motion = turned(&shared.motion, &both);
     let (first, second) = (&mut model.first.poses[photograph], &mut model.second.poses[photograph]);
-    let own = twist(first, second, by_pose, rates.poses, extent, bias(seen));
+    let own = twist(first, second, &by.pose, rates.poses, extent, bias(seen));
     let back = in_world(&model.poses[photograph], &own).map(|x| -x / model.poses.len() as f64);
     model.poses[photograph] = turned(&model.poses[photograph], &own);
     for (pose, of) in model.poses.iter_mut().zip(&model.groups) {
@@ -229,7 +251,8 @@ mod tests {
         let given = model.poses.clone();
         for k in 0..40 {
             let by = [1.0, -2.0, 0.5, 0.3, 0.1, -0.7].map(|x: f32| x * ((k * k) as f32 + x).sin());
-            step(&mut model, &options, k % 5, &by, &[0.0; 3], 3.0, k as u32 / 5 + 1);
+            let by = ByCamera { pose: by, ..Default::default() };
+            step(&mut model, &options, k % 5, &by, 3.0, k as u32 / 5 + 1);
         }
         let mut mean = DVec3::ZERO;
         for ((pose, given), group) in model.poses.iter().zip(&given).zip(&model.groups) {

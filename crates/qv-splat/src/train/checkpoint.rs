@@ -1,8 +1,8 @@
 //! A model as bytes and back: all that is needed to go on as if nothing had happened.
 //!
-//! Little-endian: the eight bytes `qvtrain2`; six counts of 32 bits (steps, Gaussians, degree, features, photographs, cameras); then floats: the
-//! cloud's means, log scales, rotations, logits, harmonics, features; the same of both running means; exposures and their running means;
-//! running means of poses; pulls; of each camera running means (9 and 9), lens; then as 32 bits each the camera of each photograph,
+//! Little-endian: the eight bytes `qvtrain3`; six counts of 32 bits (steps, Gaussians, degree, features, photographs, cameras); then floats: the
+//! cloud's means, log scales, rotations, logits, harmonics, features; the same of both running means, each with that of poses; exposures and their running means,
+//! motions during exposures and their running means; pulls; of each camera running means (12 and 12), lens, vignetting; then as 32 bits each the camera of each photograph,
 //! and how often each camera was seen; then poses of photographs and motions of cameras as seven doubles each, position and quaternion w, x, y, z.
 
 use super::cameras::Shared;
@@ -12,7 +12,7 @@ use crate::error::off;
 use qv_core::{GaussianCloud, Pose};
 use qv_raster::Gradients;
 
-const MAGIC: &[u8; 8] = b"qvtrain2";
+const MAGIC: &[u8; 8] = b"qvtrain3";
 const PLACE: &str = "checkpoint";
 
 /// Writes a model.
@@ -43,9 +43,12 @@ pub fn write(model: &Model) -> Vec<u8> {
     for exposures in [&model.exposures, &model.exposures_first, &model.exposures_second] {
         floats(exposures.as_flattened());
     }
+    for motions in [&model.motions, &model.motions_first, &model.motions_second] {
+        floats(motions.as_flattened());
+    }
     floats(model.pulls.as_flattened());
     for one in &model.shared {
-        [&one.first[..], &one.second, &one.lens].into_iter().for_each(&mut floats);
+        [&one.first[..], &one.second, &one.lens, &one.vignetting].into_iter().for_each(&mut floats);
     }
     let words = model.groups.iter().map(|group| *group as u32).chain(model.shared.iter().map(|one| one.seen));
     words.for_each(|word| out.extend(word.to_le_bytes()));
@@ -81,7 +84,7 @@ impl Rest<'_> {
 /// The bytes are none of a checkpoint, or their number is another than their counts say.
 pub fn read(bytes: &[u8]) -> Result<Model, SplatError> {
     if bytes.len() < 32 || &bytes[..8] != MAGIC {
-        return Err(off(PLACE, "the bytes `qvtrain2` and six counts", format!("{} bytes", bytes.len())));
+        return Err(off(PLACE, "the bytes `qvtrain3` and six counts", format!("{} bytes", bytes.len())));
     }
     let count = |k: usize| u32::from_le_bytes([0, 1, 2, 3].map(|i| bytes[8 + 4 * k + i])) as usize;
     let (n, degree, features, views, lenses) = (count(1), count(2), count(3), count(4), count(5));
@@ -92,7 +95,7 @@ pub fn read(bytes: &[u8]) -> Result<Model, SplatError> {
     let sh = (degree + 1).pow(2);
     let each = 11 + 3 * sh + features;
     let expected = 32
-        + 4 * (n as u128 * (3 * each + 2) as u128 + views as u128 * 49 + lenses as u128 * 22)
+        + 4 * (n as u128 * (3 * each + 2) as u128 + views as u128 * 67 + lenses as u128 * 31)
         + 56 * (views + lenses) as u128;
     if expected != bytes.len() as u128 {
         return Err(off(PLACE, format!("{expected} bytes for {n} Gaussians"), bytes.len()));
@@ -119,8 +122,9 @@ pub fn read(bytes: &[u8]) -> Result<Model, SplatError> {
     };
     let (first, second) = (moments(), moments());
     let (exposures, exposures_first, exposures_second) = (rest.rows(views), rest.rows(views), rest.rows(views));
+    let (motions, motions_first, motions_second) = (rest.rows(views), rest.rows(views), rest.rows(views));
     let pulls = rest.rows(n);
-    let learned: Vec<[f32; 21]> = rest.rows(lenses);
+    let learned: Vec<[f32; 30]> = rest.rows(lenses);
     let groups: Vec<usize> = rest.words(views).into_iter().map(|group| group as usize).collect();
     if let Some(group) = groups.iter().find(|group| **group >= lenses) {
         return Err(off(PLACE, format!("photographs of {lenses} cameras"), format!("one of camera {group}")));
@@ -132,11 +136,12 @@ pub fn read(bytes: &[u8]) -> Result<Model, SplatError> {
         rotation: glam::DQuat::from_xyzw(x[4], x[5], x[6], x[3]),
     };
     let all: Vec<Pose> = numbers.as_chunks().0.iter().map(pose).collect();
-    let (poses, motions) = all.split_at(views);
-    let shared = learned.iter().zip(seen).zip(motions).map(|((one, seen), motion)| Shared {
+    let (poses, mountings) = all.split_at(views);
+    let shared = learned.iter().zip(seen).zip(mountings).map(|((one, seen), motion)| Shared {
         first: std::array::from_fn(|k| one[k]),
-        second: std::array::from_fn(|k| one[9 + k]),
-        lens: [one[18], one[19], one[20]],
+        second: std::array::from_fn(|k| one[12 + k]),
+        lens: [one[24], one[25], one[26]],
+        vignetting: [one[27], one[28], one[29]],
         motion: *motion,
         seen,
     });
@@ -150,6 +155,9 @@ pub fn read(bytes: &[u8]) -> Result<Model, SplatError> {
         exposures,
         exposures_first,
         exposures_second,
+        motions,
+        motions_first,
+        motions_second,
         poses,
         groups,
         shared,
@@ -169,8 +177,16 @@ mod tests {
         model.raise_degree(2);
         model.iteration = 77;
         model.first.sh[3] = [1.0, 2.0, 3.0];
-        model.shared[0] =
-            Shared { lens: [0.1, 0.2, 0.3], second: [0.4; 9], seen: 5, motion: model.poses[1], ..Shared::NONE };
+        model.motions[1] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6];
+        model.motions_second[2][5] = 0.7;
+        model.shared[0] = Shared {
+            lens: [0.1, 0.2, 0.3],
+            vignetting: [0.7, 0.8, 0.9],
+            second: [0.4; 12],
+            seen: 5,
+            motion: model.poses[1],
+            ..Shared::NONE
+        };
         let bytes = write(&model);
         assert_eq!(read(&bytes), Ok(model));
         assert!(read(&bytes[..bytes.len() - 1]).unwrap_err().to_string().contains("bytes for 5 Gaussians"));

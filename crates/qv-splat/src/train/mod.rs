@@ -26,22 +26,26 @@ pub mod mcmc;
 mod model;
 mod neighbours;
 mod options;
+pub mod order;
 pub mod pose;
 pub mod random;
 mod score;
+pub mod shutter;
 mod start;
 pub mod terms;
 #[cfg(test)]
 pub(crate) mod tiny;
 mod undistort;
+pub mod vignetting;
 
 pub use best::{Best, Kept};
 pub use cpu::{CpuEngine, outputs};
 pub use dataset::{Dataset, Files, Photograph, ReadOptions};
-pub use engine::{Engine, Progress, drawn, ground_scores, neighbours_scores, scores, train};
-pub use ground::{Ground, GroundOptions};
+pub use engine::{Engine, Progress, drawn, ground_scores, neighbours_scores, scores, train, train_in_proportion};
+pub use ground::{Ground, GroundOptions, label_shares};
 pub use model::{Exposure, Model, NEUTRAL};
 pub use options::{Rates, Strategy, TrainOptions, Weights};
 pub use score::{GroundScore, Score, score};
+pub use shutter::Shutter;
 pub use start::{AT_DEPTHS, AT_RANDOM, at_depths, at_far, at_random, of_points};
 pub use undistort::{Pixels, smaller, undistorted};

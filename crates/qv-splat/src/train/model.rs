@@ -2,6 +2,7 @@
 
 use super::cameras::{self, Shared};
 use super::dataset::Dataset;
+use super::shutter::Motion;
 use crate::SplatError;
 use crate::error::off;
 use qv_core::{Camera, GaussianCloud, Pose};
@@ -35,6 +36,12 @@ pub struct Model {
     pub exposures_first: Vec<Exposure>,
     /// Running means of the squares.
     pub exposures_second: Vec<Exposure>,
+    /// How the camera of each photograph to learn from moved while it was exposed; zeros where that is not learned.
+    pub motions: Vec<Motion>,
+    /// Running means of their derivatives.
+    pub motions_first: Vec<Motion>,
+    /// Running means of the squares.
+    pub motions_second: Vec<Motion>,
     /// `camera_from_world` of each photograph to learn from.
     pub poses: Vec<Pose>,
     /// Which camera took each photograph.
@@ -59,6 +66,9 @@ impl Model {
             exposures: vec![NEUTRAL; views],
             exposures_first: vec![[0.0; 12]; views],
             exposures_second: vec![[0.0; 12]; views],
+            motions: vec![[0.0; 6]; views],
+            motions_first: vec![[0.0; 6]; views],
+            motions_second: vec![[0.0; 6]; views],
             poses: dataset.training.iter().map(|one| one.camera.camera_from_world).collect(),
             shared: vec![Shared::NONE; groups.iter().max().map_or(0, |last| last + 1)],
             groups,

@@ -3,6 +3,7 @@
 use super::adam::{bias, moved};
 use super::dataset::{Dataset, Photograph};
 use super::loss::photometric;
+use super::vignetting::{self, vignetted};
 use crate::SplatError;
 use glam::{DQuat, DVec3};
 use qv_core::{Camera, GaussianCloud, Pose};
@@ -31,7 +32,10 @@ pub fn aligned(
     for iteration in 0..steps {
         let frame = Frame::new(&scene, &[View::of(camera)], &settings)?;
         let mut by = frame.blank_images();
-        by[0].colour = photometric(&frame.images()[0].colour, &wanted, &valid, width, 0.2).1;
+        let drawn = frame.images().remove(0).colour;
+        let seen = vignetted(photograph.vignetting, &photograph.camera, &drawn);
+        by[0].colour = photometric(&seen, &wanted, &valid, width, 0.2).1;
+        vignetting::back(photograph.vignetting, &photograph.camera, &drawn, &mut by[0].colour);
         let by_pose = frame.gradients(&scene, &by)?.poses[0];
         let rate = ALIGNING * 0.1f32.powf(iteration as f32 / steps as f32);
         let twist = twist(&mut first, &mut second, &by_pose, rate, dataset.extent, bias(iteration + 1));
@@ -41,7 +45,7 @@ pub fn aligned(
 }
 
 /// Rate of [`aligned`], in units of the extent and in radians.
-const ALIGNING: f32 = 1e-3;
+pub(super) const ALIGNING: f32 = 1e-3;
 
 /// A step of Adam in the twist (v, w) on the left of `camera_from_world`; metres are in units of the extent. The running means are six each.
 pub fn twist(first: &mut [f32], second: &mut [f32], by: &[f32; 6], rate: f32, extent: f32, bias: [f32; 2]) -> [f32; 6] {

@@ -19,6 +19,8 @@ pub enum Purpose {
     Drop = 7,
     /// Which photographs are looked at when Gaussians come and go.
     Look = 8,
+    /// How cameras moved during an exposure, to begin with.
+    Shutter = 9,
 }
 
 /// Four words of a hash (Jarzynski and Olano, *Hash Functions for GPU Rendering*, 2020: pcg4d).

@@ -6,8 +6,9 @@ use crate::Failure;
 use crate::scene::about;
 use crate::whole::put;
 use qv_core::GaussianCloud;
+use qv_splat::files::Points;
 use qv_splat::train::aside::{Search, judged, put_aside};
-use qv_splat::train::{Dataset, Model, TrainOptions, train};
+use qv_splat::train::{Dataset, Model, TrainOptions, train_in_proportion};
 use serde::{Deserialize, Serialize};
 use std::fs;
 
@@ -35,6 +36,7 @@ impl Reconstruct {
         dataset: &Dataset,
         options: &TrainOptions,
         cloud: &GaussianCloud,
+        points: Option<&Points>,
         run: &mut Run,
     ) -> Result<Option<Searched>, Failure> {
         let path = self.out.join("aside.json");
@@ -51,9 +53,9 @@ impl Reconstruct {
         let Some(inner) = put_aside(dataset, self.aside) else { return Ok(None) };
         let mut engine = self.engine(&inner, options, Model::new(cloud.clone(), &inner))?;
         let (mut search, mut stopped) = (Search::new(usual), false);
-        train(
+        train_in_proportion(
             engine.as_mut(),
-            inner.training.len(),
+            &self.view_weights(&inner, points)?,
             options.iterations,
             options.seed,
             REPORT_EVERY,

@@ -18,6 +18,7 @@ use super::model::Model;
 use super::options::{Strategy, TrainOptions};
 use super::random::{Purpose, words};
 use super::terms::multi_view;
+use super::vignetting;
 use crate::SplatError;
 use crate::error::off;
 use qv_core::Camera;
@@ -47,6 +48,8 @@ pub struct GpuEngine<'a> {
     sums: wgpu::Buffer,
     /// Derivatives by the lens, of each workgroup.
     bends: wgpu::Buffer,
+    /// Derivatives by the coefficients of vignetting, of each workgroup.
+    fades: wgpu::Buffer,
     /// Camera of each photograph.
     groups: wgpu::Buffer,
     report: wgpu::Buffer,
@@ -108,6 +111,10 @@ impl<'a> GpuEngine<'a> {
         options.check()?;
         model.cloud.check()?;
         model.check(dataset)?;
+        if dataset.shutter.is_some() {
+            let expected = "cameras at rest (the CPU learns motions during exposures)";
+            return Err(off("training on the graphics card", expected, "a shutter"));
+        }
         let w = &options.weights;
         let gpu = &rasteriser.gpu;
         let pixels = dataset.training.iter().map(|one| one.pixels.rgba.len()).max().unwrap_or(1) as u64;
@@ -149,6 +156,7 @@ impl<'a> GpuEngine<'a> {
             maps: gpu.buffer("maps", 36 * pixels)?,
             sums: gpu.buffer("sums", 64 * groups)?,
             bends: gpu.buffer("bends", 16 * groups)?,
+            fades: gpu.buffer("fades", 16 * groups)?,
             groups: gpu.filled("cameras", &model.groups.iter().map(|group| *group as u32).collect::<Vec<_>>())?,
             report: gpu.filled("report", &[0.0f32; 4])?,
             list: gpu.buffer("list", 16 * (capacity as u64 + 1))?,
@@ -261,12 +269,18 @@ impl<'a> GpuEngine<'a> {
             feature_rate: rates.features,
             photographs: self.dataset.training.len() as u32,
             camera: group as u32,
-            refines: options.poses as u32 + 2 * options.lens as u32,
+            refines: options.poses as u32 + 2 * options.lens as u32 + 4 * options.vignetting as u32,
             lens_rate: rates.lens,
             camera_bias: bias(self.rest.shared[group].seen + 1),
             focal: [camera.fx as f32, camera.fy as f32],
             drop: Drop::of(options, iteration).map_or(0.0, |drop| drop.share),
             shrink: harmonics_weight(self.store.cloud.count, self.dataset.training.len(), options),
+            centre: [camera.cx as f32, camera.cy as f32],
+            one_over_square: vignetting::one_over_square(camera) as f32,
+            vignettes: options.vignetting as u32,
+            vignetting_rate: rates.vignetting,
+            vignetting_weight: weights.vignetting,
+            free: [0.0; 2],
         }
     }
 
@@ -385,9 +399,17 @@ impl<'a> GpuEngine<'a> {
         let image = [words.width.div_ceil(16), words.height.div_ceil(16)];
         let exposures = &self.store.exposures;
         let photo = &self.photographs[photograph];
-        let similar = vec![(0, &self.step), (1, colours), (2, photo), (3, exposures), (4, &self.maps), (6, &self.sums)];
+        let similar = vec![
+            (0, &self.step),
+            (1, colours),
+            (2, photo),
+            (3, exposures),
+            (4, &self.maps),
+            (6, &self.sums),
+            (7, &self.store.shared),
+        ];
         let mut pull = similar.clone();
-        pull.insert(5, (5, by_colours));
+        pull.extend([(5, by_colours), (8, &self.fades)]);
         recorder.run_jobs("loss", &[self.job("similar", image, similar), self.job("pull", image, pull)]);
         if self.options.lens {
             let bend =
@@ -410,6 +432,7 @@ impl<'a> GpuEngine<'a> {
                 (7, &self.store.pose_moments),
                 (8, &self.store.shared),
                 (9, &self.groups),
+                (10, &self.fades),
             ];
             last.push(self.job("turn", [1, 1], turn));
         }
@@ -578,6 +601,7 @@ impl<'a> GpuEngine<'a> {
             (2, &self.photographs[photograph]),
             (3, &self.store.exposures),
             (5, self.buffer("by_colours")?),
+            (7, &self.store.shared),
         ];
         let image = [words.width.div_ceil(16), words.height.div_ceil(16)];
         recorder.run_jobs("errors", &[self.job("error", image, error)]);

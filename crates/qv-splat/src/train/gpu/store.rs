@@ -30,7 +30,7 @@ pub struct Store {
     pub exposures: wgpu::Buffer,
     /// Running means for each pose, 12 floats.
     pub pose_moments: wgpu::Buffer,
-    /// What photographs of one camera share, 36 floats.
+    /// What photographs of one camera share, 48 floats.
     pub shared: wgpu::Buffer,
     /// Pulls at projected means, two floats for each Gaussian.
     pub pulls: wgpu::Buffer,
@@ -159,33 +159,35 @@ impl Store {
         model.exposures = exposures.iter().map(|all| all[0]).collect();
         model.exposures_first = exposures.iter().map(|all| all[1]).collect();
         model.exposures_second = exposures.iter().map(|all| all[2]).collect();
-        let shared: Vec<[f32; 36]> = gpu.read(&self.shared, model.shared.len())?;
+        let shared: Vec<[f32; 48]> = gpu.read(&self.shared, model.shared.len())?;
         model.shared.iter_mut().zip(&shared).for_each(|(one, floats)| *one = shared_of(floats, one.seen));
         model.pulls = gpu.read(&self.pulls, n)?;
         Ok(())
     }
 }
 
-fn floats_of(one: &Shared) -> [f32; 36] {
-    let mut out = [0.0; 36];
-    out[..9].copy_from_slice(&one.first);
-    out[9..18].copy_from_slice(&one.second);
-    out[18..21].copy_from_slice(&one.lens);
+fn floats_of(one: &Shared) -> [f32; 48] {
+    let mut out = [0.0; 48];
+    out[..12].copy_from_slice(&one.first);
+    out[12..24].copy_from_slice(&one.second);
+    out[24..27].copy_from_slice(&one.lens);
+    out[27..30].copy_from_slice(&one.vignetting);
     let matrix = one.motion.matrix();
     for row in 0..3 {
-        (0..3).for_each(|k| out[24 + 4 * row + k] = matrix.row(row)[k] as f32);
-        out[27 + 4 * row] = one.motion.position[row] as f32;
+        (0..3).for_each(|k| out[32 + 4 * row + k] = matrix.row(row)[k] as f32);
+        out[35 + 4 * row] = one.motion.position[row] as f32;
     }
     out
 }
 
-fn shared_of(floats: &[f32; 36], seen: u32) -> Shared {
-    let row = |k: usize| [0, 1, 2, 3].map(|i| floats[24 + 4 * k + i]);
+fn shared_of(floats: &[f32; 48], seen: u32) -> Shared {
+    let row = |k: usize| [0, 1, 2, 3].map(|i| floats[32 + 4 * k + i]);
     Shared {
-        lens: [floats[18], floats[19], floats[20]],
+        lens: [floats[24], floats[25], floats[26]],
+        vignetting: [floats[27], floats[28], floats[29]],
         motion: pose_of(&[row(0), row(1), row(2)]),
         first: std::array::from_fn(|k| floats[k]),
-        second: std::array::from_fn(|k| floats[9 + k]),
+        second: std::array::from_fn(|k| floats[12 + k]),
         seen,
     }
 }

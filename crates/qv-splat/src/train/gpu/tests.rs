@@ -59,6 +59,7 @@ mod against_the_cpu {
                 let Some(rasteriser) = rasteriser() else { return };
                 let mut options =
                     TrainOptions { strategy, exposure: true, poses: true, lens: true, cap: 100, ..Default::default() };
+                options.vignetting = true;
                 (options.drop, options.iterations) = (0.5, 10);
                 options.weights.flattening = 10.0;
                 options.weights.harmonics = 50.0;
@@ -76,6 +77,7 @@ mod against_the_cpu {
                 let mut model = Model::new(model.cloud, &scene.dataset);
                 // Half way, where a quarter of the Gaussians is left out.
                 model.iteration = 5;
+                model.shared[0].vignetting = [-0.2, 0.1, -0.05];
                 let mut cpu = CpuEngine::new(&scene.dataset, &options, model.clone()).unwrap();
                 let how = GpuTraining { atomic };
                 let mut gpu = GpuEngine::new(rasteriser, &scene.dataset, &options, model.clone(), how).unwrap();
@@ -119,6 +121,8 @@ mod against_the_cpu {
                 near("camera first", &shared.first, &found.first, 1e-3);
                 near("camera second", &shared.second, &found.second, 1e-3);
                 near("lens", &shared.lens, &found.lens, 1e-3);
+                near("vignetting", &shared.vignetting, &found.vignetting, 1e-3);
+                assert!(shared.first[9..].iter().all(|mean| *mean != 0.0), "{:?}", shared.first);
                 assert!(apart(&shared.motion, &found.motion) < 1e-5 && shared.seen == 1 && found.seen == 1);
                 near("noise and means", a.cloud.means.as_flattened(), b.cloud.means.as_flattened(), 1e-3);
                 if strategy == Strategy::Classic {
@@ -134,9 +138,11 @@ mod against_the_cpu {
         for antialias in [false, true] {
             let Some(rasteriser) = rasteriser() else { return };
             scene.dataset.antialias = antialias;
-            let options = TrainOptions { guide: Guide::Views, exposure: true, cap: 100, ..Default::default() };
+            let options =
+                TrainOptions { guide: Guide::Views, exposure: true, vignetting: true, cap: 100, ..Default::default() };
             let mut model = begin(&scene, &options);
             model.iteration = 700;
+            model.shared[0].vignetting = [-0.2, 0.1, -0.05];
             let cpu = CpuEngine::new(&scene.dataset, &options, model.clone()).unwrap();
             let mut gpu = GpuEngine::new(rasteriser, &scene.dataset, &options, model, Default::default()).unwrap();
             let (a, b) = (cpu.guide_weights().unwrap(), gpu.guide_weights().unwrap());
