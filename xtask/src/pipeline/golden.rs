@@ -75,7 +75,7 @@ const fn source(
 }
 
 /// All but frictions, which are taken by label.
-const SOURCES: [Source; 24] = [
+const SOURCES: [Source; 25] = [
     source(Stage::Yard, "focal length in pixels", "yard/transforms.json", "/fl_y", [1e-9, 0.0]),
     source(Stage::Recording, "seconds on tiles", "inspect/tiles.json", "/duration", [0.01, 0.0]),
     source(Stage::Recording, "seconds on gravel", "inspect/gravel.json", "/duration", [0.01, 0.0]),
