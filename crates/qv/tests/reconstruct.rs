@@ -195,6 +195,24 @@ fn depth_is_measured_from_the_photographs_where_it_is_asked_for() {
 }
 
 #[test]
+fn what_cameras_did_and_how_often_they_were_looked_at_is_told() {
+    let folder = capture("reconstruct_moving", 8);
+    let options = ["--iterations", "40", "--shutter", "--readout", "0.5", "--shutter-samples", "3", "--vignetting"];
+    let (code, out, error) = reconstruct(&folder, &options);
+    assert_eq!(code, 0, "{error}");
+    let (shutter, lens) = (&out["shutter"], &out["cameras"][0]["vignetting"]);
+    assert!(shutter["motion_px"].as_f64().unwrap() > 0.1 && shutter["readout"] == 0.5, "{out:#}");
+    assert!(lens.as_array().unwrap().iter().all(|x| x.as_f64().unwrap() != 0.0), "{out:#}");
+    assert!(out["mean_moving"]["psnr_right"].is_f64() && out["ground_views"].is_null(), "{out:#}");
+    let (code, out, _) = reconstruct(&folder, &["--iterations", "20"]);
+    assert_eq!((code, &out["shutter"], &out["mean_moving"]), (0, &Value::Null, &Value::Null));
+    let (code, _, error) = reconstruct(&folder, &["--shutter", "--shutter-samples", "4"]);
+    assert!(code == 1 && error.contains("samples: expected an odd number, 3 to 31, found 4"), "{error}");
+    let (code, _, error) = reconstruct(&folder, &["--ground-views", "2", "--ground-labels", "1"]);
+    assert!(code == 1 && error.contains("--ground-views: expected photographs that show ground"), "{error}");
+}
+
+#[test]
 fn an_antialiased_scene_tells_it_and_goes_on_only_as_one() {
     let folder = capture("reconstruct_antialias", 12);
     let (code, line, err) = reconstruct(&folder, &["--iterations", "300", "--antialias", "--background", "black"]);
