@@ -112,8 +112,10 @@ impl TrainSettings {
             ("truncated", self.truncated, 1),
             ("robots", self.robots, 1),
         ] {
-            if found < least || found > 100_000_000 {
-                return Err(NavError::value(what, "1 to 100 million", found));
+            // Each robot has room for pictures; all else are counts.
+            let most = if what == "robots" { 100_000 } else { 100_000_000 };
+            if found < least || found > most {
+                return Err(NavError::value(what, &format!("{least} to {most}"), found));
             }
         }
         self.changes.check()?;

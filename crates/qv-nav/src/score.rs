@@ -43,7 +43,8 @@ impl Row {
             interval: wilson(reached.len(), count),
             time: (!reached.is_empty()).then(|| sum / reached.len() as f64),
             time_with_failures: share(sum + most * (count - reached.len()) as f64),
-            spl: share(reached.iter().map(|t| t.shortest / t.length.max(t.shortest)).sum()),
+            // An empty sum of floats is -0.
+            spl: share(reached.iter().map(|t| t.shortest / t.length.max(t.shortest)).sum::<f64>() + 0.0),
             near: [near(0.25), near(0.50)],
             ends: End::ALL.map(|end| trials.iter().filter(|t| t.end == end).count()),
         }

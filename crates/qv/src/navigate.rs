@@ -30,6 +30,7 @@ use qv_nav::teacher::{TeacherSettings, World};
 use qv_nav::veils::{Air, without_veils};
 use qv_nav::{measured, weights};
 use qv_open::ground::mesh_at;
+use sha2::{Digest, Sha256};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -153,7 +154,7 @@ struct Test {
     #[command(flatten)]
     legs: LegsArguments,
     /// Episodes
-    #[arg(long, default_value_t = 200)]
+    #[arg(long, default_value_t = 200, value_parser = episodes)]
     episodes: usize,
     /// File for the results
     #[arg(long, value_name = "FILE.json")]
@@ -188,6 +189,12 @@ fn lengths(text: &str) -> Result<Lengths, String> {
         }
         _ => Err(format!("expected two lengths in metres, the first less, such as 2.5,7, found `{text}`")),
     }
+}
+
+/// Episodes of a test, from the command line.
+fn episodes(text: &str) -> Result<usize, String> {
+    let found = text.trim().parse::<usize>().ok().filter(|n| (1..=1_000_000).contains(n));
+    found.ok_or_else(|| format!("expected 1 to 1000000, found `{text}`"))
 }
 
 /// A height of the floor, from the command line \[m\].
@@ -255,6 +262,11 @@ impl Place {
         Ok(Rig::default().mounted(&camera.base_from_camera, focal))
     }
 
+    /// The files that are read.
+    fn files(&self) -> Vec<&PathBuf> {
+        [&self.scene, &self.mesh].into_iter().chain(&self.mount).collect()
+    }
+
     /// The place, whether or not an episode can be drawn in it.
     fn seen(&self, rig: Rig, paints: &Paints) -> Result<(World, SplatEye), Failure> {
         let mesh = mesh_at(&self.mesh, "a labelled mesh in GLB")?;
@@ -283,9 +295,14 @@ impl Place {
 
 impl Test {
     fn execute(&self) -> Result<Outcome, Failure> {
-        let (world, eye, camera) = self.task.open(&Paints { count: 1, ..Paints::default() })?;
+        let read = self.task.place.files().into_iter().chain(self.legs.files()).chain([&self.weights]);
+        refuse_inputs(&self.out, read)?;
+        let folder = self.out.parent().filter(|folder| !folder.as_os_str().is_empty());
+        // Now, and not when all has been driven.
+        folder.map_or(Ok(()), |folder| fs::create_dir_all(folder).map_err(|e| about(folder, e)))?;
         let net = Net::default();
         let parameters = weights_at(&self.weights, &net)?;
+        let (world, eye, camera) = self.task.open(&Paints { count: 1, ..Paints::default() })?;
         let eye = self.card.eye(eye)?;
         let stage = Stage::new(&world, &*eye, camera);
         let stable = self.legs.open(&self.task.place)?;
@@ -309,6 +326,8 @@ impl Test {
         let results = Results {
             legs: stable.name().into(),
             eye: "splat".into(),
+            camera: self.task.camera.clone(),
+            weights: fingerprint(&parameters),
             seed: self.task.place.seed,
             episodes,
             rows,
@@ -327,6 +346,11 @@ impl ToPage {
     fn execute(&self) -> Result<Outcome, Failure> {
         let results = results_at(&self.results)?;
         let beside = self.beside.iter().map(|file| results_at(file)).collect::<Result<Vec<_>, _>>()?;
+        for (file, other) in self.beside.iter().zip(&beside).filter(|(_, other)| other.weights != results.weights) {
+            let found =
+                format!("of {} where those of {} are {}", other.weights, self.results.display(), results.weights);
+            return Err(about(file, format!("--beside: expected results of the same weights, found those {found}")));
+        }
         refuse_inputs(&self.out, self.beside.iter().chain([&self.results]))?;
         write_whole(&self.out, page::to_html(&results, &beside).as_bytes())?;
         match self.json {
@@ -339,8 +363,20 @@ impl ToPage {
 
 fn results_at(path: &Path) -> Result<Results, Failure> {
     let bytes = fs::read(path).map_err(|e| about(path, e))?;
-    let found = serde_json::from_slice(&bytes);
-    found.map_err(|e| about(path, format!("expected results of `qv navigate test`, found {e}")))
+    let wrong = |found: String| about(path, format!("expected results of `qv navigate test`, found {found}"));
+    let results: Results = serde_json::from_slice(&bytes).map_err(|e| wrong(e.to_string()))?;
+    let count = results.episodes.len();
+    match results.rows.iter().find(|tested| tested.trials.len() != count) {
+        Some(cut) => Err(wrong(format!("{} trials of {count} episodes in row {}", cut.trials.len(), cut.name))),
+        None if results.rows.is_empty() => Err(wrong("no rows".into())),
+        None => Ok(results),
+    }
+}
+
+/// What weights are told apart by: the beginning of their SHA-256.
+fn fingerprint(parameters: &[f32]) -> String {
+    let hash = Sha256::digest(weights::to_bytes(parameters));
+    hash.iter().take(8).map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn weights_at(path: &Path, net: &Net) -> Result<Vec<f32>, Failure> {
@@ -409,13 +445,14 @@ fn line(name: &str, row: &Row, p: f64) -> String {
     let time = row.time.map_or(String::new(), |t| format!(", {t:.1} s"));
     let others = End::ALL.iter().zip(row.ends).skip(1).filter(|(_, n)| *n > 0);
     let others: Vec<String> = others.map(|(end, n)| format!("{} {n}", end.name())).collect();
-    let beside = if name == "policy" { String::new() } else { format!(" (p = {p:.3} against the policy)") };
-    let share = 100.0 * row.success;
-    format!(
-        "{name:8} reached {share:.1} % ({low:.1} to {high:.1}), SPL {:.2}{time}; {}{beside}\n",
-        row.spl,
-        others.join(", ")
-    )
+    let beside = if name == "policy" {
+        String::new()
+    } else {
+        format!(" (p {} against the policy)", if p < 0.0005 { "< 0.001".into() } else { format!("= {p:.3}") })
+    };
+    let (share, ends) = (100.0 * row.success, others.join(", "));
+    let ends = if ends.is_empty() { ends } else { format!("; {ends}") };
+    format!("{name:8} reached {share:.1} % ({low:.1} to {high:.1}), SPL {:.2}{time}{ends}{beside}\n", row.spl)
 }
 
 #[cfg(test)]

@@ -29,6 +29,7 @@ use qv_splat::train::{
 };
 use qv_splat::{SplatError, error_at};
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -493,6 +494,22 @@ impl Reconstruct {
         Err(about(&path, found))
     }
 
+    /// What was learned of cameras goes on being learned, or else it would neither be used nor be gone.
+    fn check_cameras(&self, model: &Model, path: &Path) -> Result<(), Failure> {
+        let vignetting = model.shared.iter().any(|one| one.vignetting != [0.0; 3]);
+        let moving = model.motions.iter().any(|motion| *motion != [0.0; 6]);
+        let both = [("--vignetting", vignetting, self.vignetting), ("--shutter", moving, self.shutter)];
+        match both.into_iter().find(|(_, there, asked)| model.iteration > 0 && there != asked) {
+            Some((option, true, _)) => {
+                Err(about(path, format!("--resume: expected {option}, with which it was begun, found none")))
+            }
+            Some((option, ..)) => {
+                Err(about(path, format!("--resume: expected a checkpoint begun with {option}, found one without")))
+            }
+            None => Ok(()),
+        }
+    }
+
     /// As many as there is room for beside `others`.
     fn usual_depth_points(&self, others: usize) -> usize {
         let room = self.cap.saturating_sub(others + self.far_points);
@@ -507,6 +524,7 @@ impl Reconstruct {
             let model = checkpoint::read(&bytes).and_then(|model| model.check_places(dataset).map(|()| model));
             let model = model.map_err(|e| about(&path, e))?;
             self.check_background(dataset)?;
+            self.check_cameras(&model, &path)?;
             if self.labels > 0.0 && model.cloud.feature_count == 0 {
                 let expected = "--labels: expected a checkpoint that was begun with labels, found one without";
                 return Err(about(&path, expected));
@@ -623,7 +641,15 @@ impl Reconstruct {
             }
         };
         if shares.iter().all(|share| *share == 0.0) {
-            return Err(none("photographs that show ground"));
+            let there: BTreeSet<u8> = dataset.training.iter().flat_map(|one| one.labels.iter().copied()).collect();
+            let expected = match self.ground_labels.is_empty() {
+                true => "photographs that show the plane".into(),
+                false => format!(
+                    "label images with one of {:?} (--ground-labels; `index` in labels.toml), those here have {there:?}",
+                    self.ground_labels
+                ),
+            };
+            return Err(none(&expected));
         }
         Ok(shares.iter().map(|share| 1.0 + self.ground_views as f32 * share).collect())
     }

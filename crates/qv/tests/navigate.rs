@@ -139,12 +139,16 @@ fn a_student_learns_from_the_teacher_then_from_trials_on_legs_that_walk() {
     place(&folder, &Pose::IDENTITY, 1.0);
     let (code, _, err) = qv(&folder, "walk train --iterations 100 --robots 16 --out walk --json");
     assert_eq!(code, 0, "{err}");
-    fs::write(folder.join("calibrated.toml"), "[parameters]\n\"actuator.*.strength\" = 0.8\n").unwrap();
+    fs::write(
+        folder.join("calibrated.toml"),
+        "[parameters]\n\"actuator.*.strength\" = 0.8\n\"sensor.*.encoder_latency\" = 0.02\n",
+    )
+    .unwrap();
     let train = format!(
         "navigate train {VIEW} --rounds 1 --trials 2 --frames 30 --robots 3 --out nav --json --walk walk/policy.onnx"
     );
     let (code, line, err) = qv(&folder, &format!("{train} --correction calibrated.toml"));
-    assert_eq!(code, 0, "{err}");
+    assert!(code == 0 && err.contains("encoder_latency is left out"), "{err}");
     let metrics: Value = serde_json::from_slice(&fs::read(folder.join("nav/metrics.json")).unwrap()).unwrap();
     let told = metrics.as_array().unwrap();
     assert!(told.len() == 3 && line["rounds"] == json!(3) && line["decisions"] == told[2]["frames"], "{metrics:#}");
@@ -159,6 +163,19 @@ fn a_student_learns_from_the_teacher_then_from_trials_on_legs_that_walk() {
     let (walked, followed) = (test(" --walk walk/policy.onnx"), test(""));
     assert!(walked["legs"].as_str().unwrap().starts_with("go2 in the simulator"), "{}", walked["legs"]);
     assert!(followed["legs"].as_str().unwrap().contains("without physics"), "{}", followed["legs"]);
+    // Results are read back; those of other weights are not the same policy's.
+    fs::write(folder.join("walked.json"), walked.to_string()).unwrap();
+    fs::write(folder.join("other.json"), walked.to_string().replace(walked["weights"].as_str().unwrap(), "0")).unwrap();
+    let page = |beside: &str| qv(&folder, &format!("navigate page results.json --beside {beside} --out page.html"));
+    assert_eq!(page("walked.json").0, 0);
+    let (code, _, err) = page("other.json");
+    assert!(code == 1 && err.contains("other.json: --beside: expected results of the same weights"), "{err}");
+    // Weights of a training that was cut off become a policy.
+    let (code, _, err) =
+        qv(&folder, &format!("navigate train {VIEW} --rounds 0 --from nav/weights.bin --out again --json"));
+    assert_eq!(code, 0, "{err}");
+    let [a, b] = ["nav", "again"].map(|out| fs::read(folder.join(out).join("policy.onnx")).unwrap());
+    assert!(a == b, "the same policy");
     // The teacher goes otherwise on a Go2 that has hardly learnt to walk.
     let tracks = |results: &Value| results["rows"][1]["trials"].clone();
     assert!(results_differ(&tracks(&walked), &tracks(&followed)));
@@ -179,6 +196,15 @@ fn what_a_training_cannot_use_is_named() {
     };
     let err = train("--rounds 0 --trials 3");
     assert!(err.contains("--from WEIGHTS.bin"), "{err}");
+    fs::create_dir(folder.join("nav")).unwrap();
+    fs::copy(folder.join("weights.bin"), folder.join("nav/weights.bin")).unwrap();
+    let err = train("--rounds 1 --from nav/weights.bin");
+    assert!(err.contains("found nav/weights.bin, which is read"), "{err}");
+    let (code, _, err) = qv(&folder, &format!("navigate test weights.bin {VIEW} --out scene.ply"));
+    assert!(code == 1 && err.contains("found scene.ply, which is read"), "{err}");
+    let (code, _, err) = qv(&folder, &format!("navigate train {VIEW} --robots 5000000 --out many"));
+    assert_eq!(code, 1, "{err}");
+    assert!(err.contains("robots: expected 1 to 100000"), "{err}");
     let err = train("--walk nowhere/policy.onnx");
     assert!(err.contains("nowhere/policy.onnx"), "{err}");
     let err = train("--walk policy.onnx --floor 0");
@@ -192,6 +218,9 @@ fn what_a_training_cannot_use_is_named() {
     .unwrap();
     let err = train("--walk walk/policy.onnx --correction compensator.json");
     assert!(err.contains("compensator.json") && err.contains("go2"), "{err}");
+    fs::write(folder.join("calibrated.toml"), "[parameters]\n").unwrap();
+    let err = train("--walk walk/policy.onnx --correction calibrated.toml");
+    assert!(err.contains("calibrated.toml: expected at least one parameter"), "{err}");
     fs::write(folder.join("calibrated.toml"), "[parameters]\n\"actuator.*.colour\" = 0.8\n").unwrap();
     let err = train("--walk walk/policy.onnx --correction calibrated.toml");
     assert!(err.contains("calibrated.toml") && err.contains("colour"), "{err}");

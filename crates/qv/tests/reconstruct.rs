@@ -209,7 +209,20 @@ fn what_cameras_did_and_how_often_they_were_looked_at_is_told() {
     let (code, _, error) = reconstruct(&folder, &["--shutter", "--shutter-samples", "4"]);
     assert!(code == 1 && error.contains("samples: expected an odd number, 3 to 31, found 4"), "{error}");
     let (code, _, error) = reconstruct(&folder, &["--ground-views", "2", "--ground-labels", "1"]);
-    assert!(code == 1 && error.contains("--ground-views: expected photographs that show ground"), "{error}");
+    assert!(code == 1 && error.contains("--ground-views: expected label images with one of [1]"), "{error}");
+}
+
+#[test]
+fn what_was_learned_of_cameras_goes_on_or_is_refused() {
+    let folder = capture("reconstruct_cameras_go_on", 8);
+    let (code, _, error) = reconstruct(&folder, &["--iterations", "20", "--vignetting"]);
+    assert_eq!(code, 0, "{error}");
+    let (code, _, error) = reconstruct(&folder, &["--iterations", "30", "--resume"]);
+    assert!(code == 1 && error.contains("--resume: expected --vignetting, with which it was begun"), "{error}");
+    let (code, _, error) = reconstruct(&folder, &["--iterations", "30", "--resume", "--vignetting", "--shutter"]);
+    assert!(code == 1 && error.contains("expected a checkpoint begun with --shutter"), "{error}");
+    let (code, out, error) = reconstruct(&folder, &["--iterations", "30", "--resume", "--vignetting"]);
+    assert!(code == 0 && out["vignetting"] == true, "{error}");
 }
 
 #[test]

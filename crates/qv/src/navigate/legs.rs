@@ -2,7 +2,8 @@
 
 use super::{HEIGHT, Place};
 use crate::Failure;
-use crate::open::{file_error, parameters_of};
+use crate::open::{beyond_range, file_error, parameters_of};
+use crate::progress::remark;
 use crate::walk::inputs::{as_trained, checkpoint_of, of_mesh, policy_of, robot_of};
 use qv_nav::legs::{Follower, Legs};
 use qv_nav::teacher::World;
@@ -43,6 +44,11 @@ struct Walking {
 }
 
 impl LegsArguments {
+    /// The files that are read.
+    pub(super) fn files(&self) -> impl Iterator<Item = &PathBuf> {
+        self.walk.iter().chain(&self.correction)
+    }
+
     /// Reads what was named. Nothing walks yet.
     pub(super) fn open(&self, place: &Place) -> Result<Stable, Failure> {
         let Some(path) = &self.walk else { return Ok(Stable(None)) };
@@ -64,10 +70,28 @@ impl LegsArguments {
     }
 }
 
-/// What a file says that the simulator lacks.
+/// Ends of names of what only delays what sensors say: robots that walk here by the hundred are read at once.
+const SENSED: [&str; 2] = [".encoder_latency", ".delay"];
+
+/// What a file says that the simulator lacks, without what these legs cannot have.
 fn correction(file: &Path, robot: &TaskRobot, ground: &Ground) -> Result<Compensation, Failure> {
+    let mut found = whole_correction(file, robot, ground)?;
+    let is_sensed = |name: &str| SENSED.iter().any(|end| name.ends_with(end));
+    for name in found.parameters.keys().filter(|name| is_sensed(name)) {
+        remark(&format!("{}: {name} is left out: robots that walk here are read without delay", file.display()));
+    }
+    found.parameters.retain(|name, _| !is_sensed(name));
+    found.ranges.retain(|name, _| !is_sensed(name));
+    Ok(found)
+}
+
+fn whole_correction(file: &Path, robot: &TaskRobot, ground: &Ground) -> Result<Compensation, Failure> {
     if file.extension().is_none_or(|end| end != "json") {
         let given = parameters_of(Some(file), &robot.model, &ground.terrain)?;
+        if given.is_empty() {
+            return Err(file_error(file, "at least one parameter under [parameters]", "none").into());
+        }
+        beyond_range(&given, &robot.model, &ground.terrain).iter().for_each(|line| remark(line));
         return Ok(Compensation::given(robot, &given));
     }
     let expected = "compensator.json of `qv tune`";

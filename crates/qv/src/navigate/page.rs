@@ -14,6 +14,12 @@ pub struct Results {
     pub legs: String,
     /// See `legs`.
     pub eye: String,
+    /// How cameras differed, as `--camera` says.
+    #[serde(default)]
+    pub camera: String,
+    /// The beginning of the SHA-256 of the policy's weights.
+    #[serde(default)]
+    pub weights: String,
     /// Of the episodes.
     pub seed: u64,
     /// The episodes, the same for all rows.
@@ -116,7 +122,7 @@ fn elsewhere(results: &Results, beside: &[Results]) -> String {
             false => "other episodes".into(),
         };
         table.row(&[
-            escape(&format!("{}; eye: {}", other.legs, other.eye)),
+            escape(&format!("{}; eye: {}; camera: {}", other.legs, other.eye, other.camera)),
             percent(row.success),
             track_with_interval(row.success, row.interval, "measured"),
             format!("{} to {}", percent(row.interval[0]), percent(row.interval[1])),
@@ -245,6 +251,8 @@ mod tests {
         let results = Results {
             legs: "follower".into(),
             eye: "splat".into(),
+            camera: "wide".into(),
+            weights: "00ff".into(),
             seed: 3,
             episodes: vec![episode; 2],
             rows: vec![tested("policy"), tested("<b>")],

@@ -5,7 +5,7 @@ use super::legs::LegsArguments;
 use super::{Task, weights_at};
 use crate::progress::Stages;
 use crate::scene::about;
-use crate::whole::write_whole;
+use crate::whole::{refuse_inputs, write_whole};
 use crate::{Failure, Outcome, say};
 use qv_nav::dagger::{Progress, TrainSettings};
 use qv_nav::eye::Paints;
@@ -22,13 +22,13 @@ pub struct Train {
     task: Task,
     #[command(flatten)]
     legs: LegsArguments,
-    /// Rounds of driving and learning from the teacher
-    #[arg(long, default_value_t = TrainSettings::default().rounds)]
+    /// Rounds of driving and learning from the teacher; 0, with --from and without --trials, writes policy.onnx of those weights
+    #[arg(long, default_value_t = TrainSettings::default().rounds, value_parser = count)]
     rounds: usize,
     /// Rounds of learning from its own trials (PPO), after those of the teacher
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, value_parser = count)]
     trials: usize,
-    /// Begins with the weights.bin of an earlier training; with --rounds 0 it learns from trials alone
+    /// Begins with the weights.bin of an earlier training; with --rounds 0 --trials N it learns from trials alone
     #[arg(long, value_name = "WEIGHTS.bin")]
     from: Option<PathBuf>,
     /// Decisions that a round gathers
@@ -53,11 +53,21 @@ pub struct Train {
     card: CardArguments,
 }
 
+/// Rounds of a training, from the command line.
+fn count(text: &str) -> Result<usize, String> {
+    let found = text.trim().parse::<usize>().ok().filter(|n| *n <= 1_000_000);
+    found.ok_or_else(|| format!("expected 0 to 1000000, found `{text}`"))
+}
+
 impl Train {
     pub fn execute(&self) -> Result<Outcome, Failure> {
-        if self.rounds + self.trials == 0 || (self.rounds == 0 && self.from.is_none()) {
-            return Err("expected --rounds of at least 1, or --from WEIGHTS.bin with --trials of at least 1".into());
+        if self.rounds == 0 && self.from.is_none() {
+            return Err("expected --rounds of at least 1, or --from WEIGHTS.bin to begin with".into());
         }
+        let outputs = ["weights.bin", "policy.onnx"].map(|name| self.out.join(name));
+        let read = self.task.place.files().into_iter().chain(self.legs.files()).chain(self.from.as_ref());
+        let read: Vec<&PathBuf> = read.collect();
+        outputs.iter().try_for_each(|out| refuse_inputs(out, read.iter().copied()))?;
         let start = self.from.as_ref().map(|file| weights_at(file, &Net::default())).transpose()?;
         let (world, eye, camera) = self.task.open(&Paints::default())?;
         let stable = self.legs.open(&self.task.place)?;
@@ -75,6 +85,10 @@ impl Train {
             parameters = Some(work.learn(&settings, parameters)?);
         }
         let (metrics, parameters) = (work.finish(), parameters.unwrap_or_default());
+        if metrics.is_empty() {
+            // Nothing was learnt: the files of the weights that were given.
+            write_whole(&self.out.join("weights.bin"), &weights::to_bytes(&parameters))?;
+        }
         let [low, high] = world.map.bounds();
         let half_sides = (0.5 * (high - low)).to_array();
         let file = onnx::to_bytes(&Net::default(), &parameters, &world.limits, half_sides)?;
