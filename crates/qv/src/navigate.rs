@@ -346,7 +346,8 @@ impl ToPage {
     fn execute(&self) -> Result<Outcome, Failure> {
         let results = results_at(&self.results)?;
         let beside = self.beside.iter().map(|file| results_at(file)).collect::<Result<Vec<_>, _>>()?;
-        for (file, other) in self.beside.iter().zip(&beside).filter(|(_, other)| other.weights != results.weights) {
+        let other = self.beside.iter().zip(&beside).find(|(_, other)| other.weights != results.weights);
+        if let Some((file, other)) = other {
             let found =
                 format!("of {} where those of {} are {}", other.weights, self.results.display(), results.weights);
             return Err(about(file, format!("--beside: expected results of the same weights, found those {found}")));
