@@ -281,6 +281,7 @@ impl Stage {
                 "tune/policy.onnx",
                 "tune/policy.toml",
                 "tune/checkpoint.bin",
+                "tune/compensator.json",
                 "tune/compensator.onnx",
                 "tune/tune.json",
                 "tune/tune.html",

@@ -1,6 +1,8 @@
 //! Vignetting: how a lens darkens a photograph towards its corners, by the same factor for all colours,
 //!
-//!     1 + a r² + b r⁴ + c r⁶
+//! ```text
+//! 1 + a r² + b r⁴ + c r⁶
+//! ```
 //!
 //! with r the distance from the principal point in half diagonals of the image (Goldman, *Vignette and Exposure Calibration and Compensation*,
 //! PAMI 2010). It belongs to the lens: all photographs of one camera share it, those that are held out as well. Light falls on the sensor before it
