@@ -190,7 +190,7 @@ pub struct Student {
     records: Vec<Record>,
     /// Decisions of all records that there ever were.
     gathered: usize,
-    /// What values states, where PPO is asked for.
+    /// What values states, once PPO has asked for it.
     pub(crate) critic: Option<Critic>,
     #[cfg(feature = "gpu")]
     card: Option<crate::card::GpuLearner>,
@@ -215,7 +215,7 @@ impl Student {
             settings: settings.clone(),
             records: Vec::new(),
             gathered: 0,
-            critic: settings.policy.map(|_| Critic::new(settings.seed)),
+            critic: None,
             #[cfg(feature = "gpu")]
             card: None,
             rounds: 0,

@@ -27,6 +27,15 @@ pub const REACHED: f32 = 5.0;
 /// What a collision, a pushed cone or a fall takes from them.
 pub const FAILED: f32 = 2.0;
 
+/// What an end adds to the metres of its decision.
+pub(crate) fn worth(end: End) -> f32 {
+    match end {
+        End::Reached => REACHED,
+        End::Collision | End::Pushed | End::Fell => -FAILED,
+        End::Slow | End::Lost | End::NeverSeen => 0.0,
+    }
+}
+
 /// How a task is made.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TaskSettings {
@@ -250,12 +259,7 @@ impl Lane {
             gained = self.left - left;
             self.left = left;
         }
-        let at_end = match self.end {
-            Some(End::Reached) => REACHED,
-            Some(End::Collision | End::Pushed | End::Fell) => -FAILED,
-            _ => 0.0,
-        };
-        Ok(gained as f32 + at_end)
+        Ok(gained as f32 + self.end.map_or(0.0, worth))
     }
 
     /// The judge's word.

@@ -193,8 +193,7 @@ fn lengths(text: &str) -> Result<Lengths, String> {
 
 /// Episodes of a test, from the command line.
 fn episodes(text: &str) -> Result<usize, String> {
-    let found = text.trim().parse::<usize>().ok().filter(|n| (1..=1_000_000).contains(n));
-    found.ok_or_else(|| format!("expected 1 to 1000000, found `{text}`"))
+    crate::numbers::count(text, 1, 1_000_000)
 }
 
 /// A height of the floor, from the command line \[m\].

@@ -6,6 +6,12 @@ pub fn within(text: &str, low: f64, high: f64) -> Result<f64, String> {
     text.parse().ok().filter(|x| (low..=high).contains(x)).ok_or_else(found)
 }
 
+/// A whole number from `low` to `high`.
+pub fn count(text: &str, low: usize, high: usize) -> Result<usize, String> {
+    let found = || format!("expected {low} to {high}, found `{text}`");
+    text.trim().parse().ok().filter(|n| (low..=high).contains(n)).ok_or_else(found)
+}
+
 /// A number from 0 to 1.
 pub fn share(text: &str) -> Result<f64, String> {
     within(text, 0.0, 1.0)
@@ -37,6 +43,7 @@ mod tests {
 
     #[test]
     fn what_is_no_such_number_is_told() {
+        assert_eq!((count(" 7", 1, 7), count("0", 1, 7)), (Ok(7), Err("expected 1 to 7, found `0`".into())));
         assert_eq!((within("0.5", 0.0, 1.0), positive("2"), not_negative("0")), (Ok(0.5), Ok(2.0), Ok(0.0)));
         assert_eq!(three("1, -2,3e1", "X,Y,YAW"), Ok([1.0, -2.0, 30.0]));
         for odd in ["nan", "2", "-0.1", "", "x"] {

@@ -1,6 +1,6 @@
 //! Learning on a graphics card: what [`crate::dagger`] does with its records, with gradients and Adam on the card.
 
-use super::layers::{ACTED, Plan, TARGET};
+use super::layers::{Plan, TARGET};
 use super::{bind, pipeline};
 use crate::NavError;
 use crate::augment::Change;
@@ -180,7 +180,7 @@ impl Lane {
         for (at, target) in (self.next..self.next + self.count).zip(targets.chunks_exact_mut(TARGET)) {
             change.add(&record.pictures[at * size..][..size], &mut self.pictures);
             let found = [f32::from(u8::from(record.found[at]))];
-            let acted = record.acted.get(at).map_or([0.0; ACTED], |acted| acted.numbers());
+            let acted = record.acted.get(at).copied().unwrap_or_default().numbers();
             let parts: [&[f32]; 6] =
                 [&record.commands[at], &record.cones[at], &found, &record.known[at], &record.sights[at], &acted];
             target.iter_mut().zip(parts.into_iter().flatten()).for_each(|(out, x)| *out = *x);

@@ -3,8 +3,8 @@
 use super::PolicySettings;
 use crate::NavError;
 use crate::dagger::Driven;
-use crate::env::{FAILED, REACHED};
-use crate::task::{DECISIONS, End, NEAR, PERIOD};
+use crate::env::worth;
+use crate::task::{DECISIONS, NEAR, PERIOD};
 use crate::teacher::World;
 use glam::DVec2;
 use qv_core::random::Xoshiro256PlusPlus;
@@ -99,16 +99,8 @@ impl Journey {
     }
 }
 
-fn worth(end: End) -> f32 {
-    match end {
-        End::Reached => REACHED,
-        End::Collision | End::Pushed | End::Fell => -FAILED,
-        _ => 0.0,
-    }
-}
-
 /// The critic.
-pub struct Critic {
+pub(crate) struct Critic {
     net: Mlp,
     parameters: Vec<f32>,
     adam: Adam,

@@ -8,7 +8,7 @@
 mod critic;
 mod explore;
 
-pub use critic::Critic;
+pub(crate) use critic::Critic;
 
 use crate::NavError;
 use crate::augment::Changes;
@@ -97,11 +97,14 @@ pub struct Acted {
     pub advantage: f32,
 }
 
+#[cfg(feature = "gpu")]
 impl Acted {
+    /// How many numbers it is.
+    pub(crate) const NUMBERS: usize = 2 * COMMAND + 1;
+
     /// One after the other.
-    #[cfg(feature = "gpu")]
-    pub(crate) fn numbers(&self) -> [f32; 2 * COMMAND + 1] {
-        let mut all = [self.advantage; 2 * COMMAND + 1];
+    pub(crate) fn numbers(&self) -> [f32; Self::NUMBERS] {
+        let mut all = [self.advantage; Self::NUMBERS];
         all[..COMMAND].copy_from_slice(&self.action);
         all[COMMAND..2 * COMMAND].copy_from_slice(&self.mean);
         all
@@ -149,16 +152,19 @@ impl Student {
             // One that knows nothing yet would make noise of all advantages.
             critic.learn(&journeys, &journeys.iter().map(|j| j.returns(policy.gamma)).collect::<Vec<_>>())?;
         }
-        let estimates: Vec<_> = journeys.iter().map(|j| j.estimate(&critic.values(j), policy)).collect();
-        let explained = explained(&estimates);
-        critic.learn(&journeys, &estimates.iter().map(|(_, returns)| returns.clone()).collect::<Vec<_>>())?;
-        let (mean, deviation) = moments(estimates.iter().flat_map(|(advantages, _)| advantages));
-        for (driven, (advantages, _)) in driven.iter_mut().zip(&estimates) {
+        let estimates = journeys.iter().map(|j| j.estimate(&critic.values(j), policy));
+        let (advantages, returns): (Vec<Vec<f32>>, Vec<Vec<f32>>) = estimates.unzip();
+        critic.learn(&journeys, &returns)?;
+        let (mean, deviation) = moments(advantages.iter().flatten());
+        let (_, spread) = moments(returns.iter().flatten());
+        for (driven, advantages) in driven.iter_mut().zip(&advantages) {
             for (acted, advantage) in driven.record.acted.iter_mut().zip(advantages) {
                 acted.advantage = ((f64::from(*advantage) - mean) / deviation.max(1e-6)) as f32;
             }
         }
         let gained: f64 = journeys.iter().flat_map(|j| &j.rewards).map(|&r| f64::from(r)).sum();
+        // What is not in the advantages.
+        let explained = 1.0 - (deviation / spread.max(1e-9)).powi(2);
         Ok(Gains { reward: gained / journeys.len().max(1) as f64, explained })
     }
 }
@@ -169,13 +175,6 @@ fn moments<'a>(all: impl Iterator<Item = &'a f32> + Clone) -> (f64, f64) {
     let mean = all.clone().map(|&x| f64::from(x)).sum::<f64>() / count;
     let variance = all.map(|&x| (f64::from(x) - mean).powi(2)).sum::<f64>() / count;
     (mean, variance.sqrt())
-}
-
-/// Share of the returns' variance that is not in the advantages.
-fn explained(estimates: &[(Vec<f32>, Vec<f32>)]) -> f64 {
-    let (_, unexplained) = moments(estimates.iter().flat_map(|(advantages, _)| advantages));
-    let (_, spread) = moments(estimates.iter().flat_map(|(_, returns)| returns));
-    1.0 - (unexplained / spread.max(1e-9)).powi(2)
 }
 
 #[cfg(test)]

@@ -55,8 +55,7 @@ pub struct Train {
 
 /// Rounds of a training, from the command line.
 fn count(text: &str) -> Result<usize, String> {
-    let found = text.trim().parse::<usize>().ok().filter(|n| *n <= 1_000_000);
-    found.ok_or_else(|| format!("expected 0 to 1000000, found `{text}`"))
+    crate::numbers::count(text, 0, 1_000_000)
 }
 
 impl Train {
