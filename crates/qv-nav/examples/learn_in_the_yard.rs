@@ -5,7 +5,7 @@
 //! `legs=ideal` are legs that do at once what they are told: a training without the residual; `legs=CHECKPOINT.bin` is a Go2 that walks in the
 //! simulator by what `qv walk train` wrote, and `simulator=NAME:VALUE,...` are corrections of it; `latency`, `strength` and `slip` are the bounds of
 //! [`Effects`] that legs suffer in training. `camera` is `wide`, `none`, or the report.json of a diagnosis. `within` is a time \[s\]: the number of
-//! rounds then is as many as fit. `learn=trials` (with `from`) learns from its own trials, `policy={"deviation":0.2}` says how. With the feature `gpu`, `gpu=N` draws and learns on adapter `N`, and `gpu=N learner=cpu` only draws on it.
+//! rounds then is as many as fit. `learn=trials` (with `from`) learns from its own trials, `policy={"deviation":[0.2,0.05]}` says how. With the feature `gpu`, `gpu=N` draws and learns on adapter `N`, and `gpu=N learner=cpu` only draws on it.
 //! All settings are printed.
 
 mod yard_legs;

@@ -541,6 +541,7 @@ pub(crate) mod tests {
             .map(|k| crate::tune::Acted {
                 action: [0.3 * of(k), 0.1, 0.2],
                 mean: [0.2 * of(k + 1), 0.0, 0.1],
+                deviation: 0.1 + 0.05 * (k % 3) as f32,
                 advantage: of(3 * k),
             })
             .collect();

@@ -40,9 +40,9 @@ pub(crate) fn loss(raw: &[f32], record: &Record, step: usize, settings: &TrainSe
 }
 
 /// What PPO loses by one decision, and its gradient by the commands that the network says now: the clipped objective (Schulman et al. 2017, eq. 7) of
-/// normal distributions about them, whose deviation is fixed.
+/// normal distributions about them, of the deviation that the command was drawn with.
 fn surrogate(policy: &PolicySettings, acted: &Acted, said: &[f32; COMMAND]) -> (f32, [f32; COMMAND]) {
-    let precision = 1.0 / (policy.deviation * policy.deviation);
+    let precision = 1.0 / (acted.deviation * acted.deviation);
     let log_ratio: f32 = (0..COMMAND)
         .map(|k| 0.5 * precision * ((acted.action[k] - acted.mean[k]).powi(2) - (acted.action[k] - said[k]).powi(2)))
         .sum();
@@ -126,12 +126,13 @@ mod tests {
 
     #[test]
     fn the_gradient_of_the_clipped_objective_is_its_slope() {
-        let policy = PolicySettings { deviation: 0.3, ..Default::default() };
+        let policy = PolicySettings::default();
         let mut flat = 0;
         for (k, advantage) in [0.7f32, -1.2, 2.0, -0.4].into_iter().enumerate() {
             for spread in [0.05, 0.25] {
                 let of = |n: usize| spread * ((3 * k + n) as f32).sin();
-                let acted = Acted { action: [of(1), of(2), of(3)], mean: [of(4), of(5), of(6)], advantage };
+                let (action, mean) = ([of(1), of(2), of(3)], [of(4), of(5), of(6)]);
+                let acted = Acted { action, mean, deviation: 0.3, advantage };
                 let said = [of(7), of(8), of(9)];
                 let (_, gradient) = surrogate(&policy, &acted, &said);
                 flat += usize::from(gradient == [0.0; COMMAND]);
@@ -152,7 +153,7 @@ mod tests {
         }
         assert!((1..8).contains(&flat), "some are clipped and some are not: {flat}");
         // Where nothing has changed, the ratio is one: the loss is the advantage.
-        let acted = Acted { action: [0.2, 0.0, 0.1], mean: [0.0; 3], advantage: 1.5 };
+        let acted = Acted { action: [0.2, 0.0, 0.1], deviation: 0.3, advantage: 1.5, ..Default::default() };
         let (loss, gradient) = surrogate(&policy, &acted, &[0.0; 3]);
         assert!((loss + 1.5 * policy.weight).abs() < 1e-6 && gradient[0] < 0.0, "{loss} {gradient:?}");
     }

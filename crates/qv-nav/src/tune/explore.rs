@@ -39,7 +39,7 @@ impl Pilot for Explorer<'_> {
             let (random, acted) = &mut self.robots[seen.env];
             let mean = decision.command;
             let action: [f32; COMMAND] = mean.map(|mean| mean + self.deviation * random.normal());
-            acted.push(Acted { action, mean, advantage: 0.0 });
+            acted.push(Acted { action, mean, deviation: self.deviation, advantage: 0.0 });
             decision.command = action;
         }
         decisions

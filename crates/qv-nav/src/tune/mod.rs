@@ -27,8 +27,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PolicySettings {
-    /// Standard deviation of commands about what the network says, in shares of their limits. It stays.
-    pub deviation: f32,
+    /// Standard deviation of commands about what the network says in the first round and in the last, in shares of their limits. From one round to
+    /// the next it changes by the same factor. What is learnt is the best for commands with noise, so the last rounds should have little.
+    pub deviation: [f32; 2],
     /// How far the ratio of densities may leave one before the objective is flat.
     pub clip: f32,
     /// Discount of a decision.
@@ -43,16 +44,24 @@ pub struct PolicySettings {
 
 impl Default for PolicySettings {
     fn default() -> Self {
-        Self { deviation: 0.2, clip: 0.2, gamma: 0.99, lambda: 0.95, weight: 0.1, imitation: 0.0 }
+        Self { deviation: [0.2, 0.05], clip: 0.2, gamma: 0.99, lambda: 0.95, weight: 0.1, imitation: 0.0 }
     }
 }
 
 impl PolicySettings {
+    /// Standard deviation of commands in a round, from 0, of so many.
+    pub fn deviation_at(&self, round: usize, rounds: usize) -> f32 {
+        let [first, last] = self.deviation;
+        let share = round as f32 / rounds.saturating_sub(1).max(1) as f32;
+        first * (last / first).powf(share.min(1.0))
+    }
+
     /// # Errors
     /// Names the first number that means nothing.
     pub(crate) fn check(&self) -> Result<(), NavError> {
         let all = [
-            ("deviation", self.deviation, 0.01, 1.0),
+            ("deviation", self.deviation[0], 0.01, 1.0),
+            ("deviation", self.deviation[1], 0.01, 1.0),
             ("clip", self.clip, 0.01, 1.0),
             ("gamma", self.gamma, 0.0, 1.0),
             ("lambda", self.lambda, 0.0, 1.0),
@@ -87,26 +96,36 @@ impl TrainSettings {
 }
 
 /// What a student did at a decision.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Acted {
     /// The command that it drew, in shares of its limits; beyond -1 to 1 it is cut off only by who carries it out.
     pub action: [f32; COMMAND],
     /// What the network said: the mean of the draw.
     pub mean: [f32; COMMAND],
+    /// The standard deviation of the draw.
+    pub deviation: f32,
     /// How much better it went on than the critic expected, over all decisions of a round with mean 0 and deviation 1.
     pub advantage: f32,
+}
+
+impl Default for Acted {
+    /// Nothing, of which nothing can be learnt.
+    fn default() -> Self {
+        Self { action: [0.0; COMMAND], mean: [0.0; COMMAND], deviation: 1.0, advantage: 0.0 }
+    }
 }
 
 #[cfg(feature = "gpu")]
 impl Acted {
     /// How many numbers it is.
-    pub(crate) const NUMBERS: usize = 2 * COMMAND + 1;
+    pub(crate) const NUMBERS: usize = 2 * COMMAND + 2;
 
     /// One after the other.
     pub(crate) fn numbers(&self) -> [f32; Self::NUMBERS] {
         let mut all = [self.advantage; Self::NUMBERS];
         all[..COMMAND].copy_from_slice(&self.action);
         all[COMMAND..2 * COMMAND].copy_from_slice(&self.mean);
+        all[2 * COMMAND] = self.deviation;
         all
     }
 }
@@ -129,7 +148,8 @@ impl Student {
         legs: &mut dyn Legs,
         (drawn, seed): (Vec<Episode>, u64),
     ) -> Result<Vec<Driven>, NavError> {
-        let mut pilot = Explorer::new(&self.net, &self.parameters, policy.deviation, (legs.count(), seed));
+        let deviation = policy.deviation_at(self.rounds, self.settings.rounds);
+        let mut pilot = Explorer::new(&self.net, &self.parameters, deviation, (legs.count(), seed));
         let rolled = roll(stage, legs, &drawn, &mut pilot, |_| true, &mut |_| {})?;
         let all = drawn.into_iter().zip(rolled).zip(pilot.into_acted());
         let driven = all.map(|((episode, (trial, mut record)), acted)| {

@@ -119,8 +119,17 @@ fn a_round_of_trials_has_the_same_bits_on_any_number_of_threads() {
 }
 
 #[test]
+fn noise_shrinks_by_the_same_factor_from_round_to_round() {
+    let policy = PolicySettings { deviation: [0.2, 0.05], ..Default::default() };
+    for (round, rounds, expected) in [(0, 9, 0.2), (4, 9, 0.1), (8, 9, 0.05), (12, 9, 0.05), (0, 1, 0.2)] {
+        let found = policy.deviation_at(round, rounds);
+        assert!((found - expected).abs() < 1e-6, "{round} of {rounds}: {found}");
+    }
+}
+
+#[test]
 fn settings_that_mean_nothing_are_named() {
-    let policy = Some(PolicySettings { deviation: 0.0, ..Default::default() });
+    let policy = Some(PolicySettings { deviation: [0.2, 0.0], ..Default::default() });
     let said = Student::new(&TrainSettings { policy, ..TrainSettings::tuning() }).err().unwrap().to_string();
     assert!(said.contains("policy, deviation: expected 0.01 to 1, found 0"), "{said}");
 }
