@@ -1,4 +1,4 @@
-//! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost, 130 stopped (`qv fleet`, `qv reconstruct`).
+//! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost, 130 stopped (`qv fleet`, `qv navigate train`, `qv reconstruct`).
 
 mod ask;
 mod camera;

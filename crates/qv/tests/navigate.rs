@@ -225,3 +225,27 @@ fn what_a_training_cannot_use_is_named() {
     let err = train("--walk walk/policy.onnx --correction calibrated.toml");
     assert!(err.contains("calibrated.toml") && err.contains("colour"), "{err}");
 }
+
+#[cfg(unix)]
+#[test]
+fn a_training_that_is_stopped_says_what_is_kept() {
+    let folder = directory("navigate_stopped");
+    place(&folder, &Pose::IDENTITY, 1.0);
+    let mut command = Command::new(env!("CARGO_BIN_EXE_qv"));
+    command.current_dir(&folder).args(["navigate", "train", "--scene", "scene.ply", "--mesh", "mesh.glb"]);
+    command.args(["--out", "nav", "--starts", "view", "--distance", "1.2,2", "--rounds", "100000"]);
+    command.args(["--frames", "20", "--robots", "2", "--epochs", "1", "--batch", "2"]);
+    let mut child = command.stderr(std::process::Stdio::piped()).spawn().unwrap();
+    // It is written after the weights.
+    while !folder.join("nav/metrics.json").exists() {
+        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    let output = child.wait_with_output().unwrap();
+    let err = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(130), "{err}");
+    let said = err.lines().last().unwrap();
+    assert!(said.contains("qv: stopped after ") && said.ends_with("--from nav/weights.bin"), "{err}");
+    weights::from_bytes(&fs::read(folder.join("nav/weights.bin")).unwrap(), &Net::default()).unwrap();
+}

@@ -14,7 +14,9 @@ use qv_nav::net::Net;
 use qv_nav::roll::Stage;
 use qv_nav::{onnx, weights};
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 #[derive(clap::Args)]
 pub struct Train {
@@ -78,6 +80,7 @@ impl Train {
             legs: stable.legs(&world, self.robots)?,
             stages: Stages::new(),
             metrics: Vec::new(),
+            learnt: stopped_with(&self.out.join("weights.bin"), self.rounds + self.trials),
         };
         let mut parameters = start;
         for settings in [self.taught(), self.tried()].into_iter().filter(|settings| settings.rounds > 0) {
@@ -127,6 +130,24 @@ impl Train {
     }
 }
 
+/// Says on Ctrl-C and SIGTERM what is kept, and ends with exit code 130. Gives where to count rounds whose weights are written.
+fn stopped_with(file: &Path, rounds: usize) -> Arc<AtomicUsize> {
+    let learnt = Arc::new(AtomicUsize::new(0));
+    let (done, file) = (learnt.clone(), file.display().to_string());
+    // A second handler in one process is refused, which only means that Ctrl-C ends it without a word.
+    _ = ctrlc::set_handler(move || {
+        match done.load(Ordering::Relaxed) {
+            0 => eprintln!("qv: stopped in the first of {rounds} rounds: nothing is kept"),
+            round => eprintln!(
+                "qv: stopped after {round} of {rounds} rounds, whose weights are kept; to go on, or with --rounds 0 to write policy.onnx: \
+                 the same command with --from {file}"
+            ),
+        }
+        std::process::exit(130);
+    });
+    learnt
+}
+
 /// A training under way.
 struct Work<'a> {
     train: &'a Train,
@@ -134,6 +155,8 @@ struct Work<'a> {
     legs: Box<dyn Legs + 'a>,
     stages: Stages,
     metrics: Vec<Progress>,
+    /// Rounds whose weights are written.
+    learnt: Arc<AtomicUsize>,
 }
 
 impl Work<'_> {
@@ -158,6 +181,7 @@ impl Work<'_> {
             // After each round, so that a training that is cut off leaves its last round.
             let out = &self.train.out;
             write_whole(&out.join("weights.bin"), &weights::to_bytes(&student.parameters))?;
+            self.learnt.store(round + 1, Ordering::Relaxed);
             write_whole(&out.join("metrics.json"), &serde_json::to_vec_pretty(&self.metrics)?)?;
         }
         Ok(student.parameters)
