@@ -716,19 +716,19 @@ fn surrogate(policy: &PolicySettings, acted_at: usize) -> String {
     format!(
         "let acted = wanted + {acted_at}u;
   let deviation = targets[acted + {}u];
-  let precision = 1.0 / (deviation * deviation);
+  let inverse_variance = 1.0 / (deviation * deviation);
   var log_ratio = 0.0;
   for (var k = 0u; k < {COMMAND}u; k++) {{
     let y = 1.0 - 2.0 / (1.0 + exp(clamp(2.0 * raw[raw_at + k], -60.0, 60.0)));
     let before = targets[acted + k] - targets[acted + {COMMAND}u + k];
     let now = targets[acted + k] - y;
-    log_ratio += 0.5 * precision * (before * before - now * now);
+    log_ratio += 0.5 * inverse_variance * (before * before - now * now);
   }}
   let advantage = targets[acted + {}u];
   let ratio = exp(clamp(log_ratio, -{LONGEST:?}, {LONGEST:?}));
   let clipped = clamp(ratio, {:?}, {:?}) * advantage;
   sum -= {weight:?} * min(ratio * advantage, clipped);
-  let slope = select(-{weight:?} * advantage * ratio * precision, 0.0, clipped < ratio * advantage);",
+  let slope = select(-{weight:?} * advantage * ratio * inverse_variance, 0.0, clipped < ratio * advantage);",
         2 * COMMAND,
         2 * COMMAND + 1,
         1.0 - clip,
