@@ -28,7 +28,8 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct PolicySettings {
     /// Standard deviation of commands about what the network says in the first round and in the last, in shares of their limits. From one round to
-    /// the next it changes by the same factor. What is learnt is the best for commands with noise, so the last rounds should have little.
+    /// the next it changes by the same factor. What is learnt is the best for commands with noise; whether less of it in the last rounds helps was not
+    /// measured, so it stays unless asked for.
     pub deviation: [f32; 2],
     /// How far the ratio of densities may leave one before the objective is flat.
     pub clip: f32,
@@ -44,7 +45,7 @@ pub struct PolicySettings {
 
 impl Default for PolicySettings {
     fn default() -> Self {
-        Self { deviation: [0.2, 0.05], clip: 0.2, gamma: 0.99, lambda: 0.95, weight: 0.1, imitation: 0.0 }
+        Self { deviation: [0.2, 0.2], clip: 0.2, gamma: 0.99, lambda: 0.95, weight: 0.1, imitation: 0.0 }
     }
 }
 
