@@ -47,6 +47,12 @@ pub fn arguments() -> Vec<String> {
     words.into_iter().skip(1).collect()
 }
 
+/// Words as one types them: those with a space in quotes.
+pub fn typed(words: &[String]) -> String {
+    let quoted = |word: &String| if word.contains(' ') { format!("'{word}'") } else { word.clone() };
+    words.iter().map(quoted).collect::<Vec<_>>().join(" ")
+}
+
 /// Commands that take no option of a file.
 const OF_SHELLS: [&str; 3] = ["help", "completions", "man"];
 /// Words with which no file is read.

@@ -34,6 +34,7 @@ mod rgbd;
 mod robots;
 mod scene;
 mod shell;
+mod stop;
 #[cfg(feature = "learn")]
 mod tune;
 mod video;

@@ -379,9 +379,7 @@ impl Reconstruct {
         if !self.resume {
             words.push("--resume".into());
         }
-        let quoted = |word: &String| if word.contains(' ') { format!("'{word}'") } else { word.clone() };
-        let words: Vec<String> = words.iter().map(quoted).collect();
-        format!("stopped at step {at} of {}; to go on: qv {}", self.iterations, words.join(" "))
+        format!("stopped at step {at} of {}; to go on: qv {}", self.iterations, crate::config::typed(&words))
     }
 
     /// The capture with the poses that are taken.

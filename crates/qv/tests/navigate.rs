@@ -197,9 +197,9 @@ fn what_a_training_cannot_use_is_named() {
     let err = train("--rounds 0 --trials 3");
     assert!(err.contains("--from WEIGHTS.bin"), "{err}");
     fs::create_dir(folder.join("nav")).unwrap();
-    fs::copy(folder.join("weights.bin"), folder.join("nav/weights.bin")).unwrap();
-    let err = train("--rounds 1 --from nav/weights.bin");
-    assert!(err.contains("found nav/weights.bin, which is read"), "{err}");
+    fs::copy(folder.join("weights.bin"), folder.join("nav/policy.onnx")).unwrap();
+    let err = train("--rounds 1 --from nav/policy.onnx");
+    assert!(err.contains("found nav/policy.onnx, which is read"), "{err}");
     let (code, _, err) = qv(&folder, &format!("navigate test weights.bin {VIEW} --out scene.ply"));
     assert!(code == 1 && err.contains("found scene.ply, which is read"), "{err}");
     let (code, _, err) = qv(&folder, &format!("navigate train {VIEW} --robots 5000000 --out many"));
@@ -226,26 +226,65 @@ fn what_a_training_cannot_use_is_named() {
     assert!(err.contains("calibrated.toml") && err.contains("colour"), "{err}");
 }
 
+/// A process that ends with the test.
+#[cfg(unix)]
+struct Guarded(std::process::Child);
+
+#[cfg(unix)]
+impl Drop for Guarded {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+    }
+}
+
+/// What a training says, and its exit code, that gets a signal once something is true.
+#[cfg(unix)]
+fn stopped(folder: &Path, arguments: &str, signal: &str, is_time: impl Fn(&Path) -> bool) -> (Option<i32>, String) {
+    use std::time::{Duration, Instant};
+    let log = folder.join("stderr");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_qv"));
+    command.current_dir(folder).args(arguments.split(' ')).stderr(fs::File::create(&log).unwrap());
+    let mut child = Guarded(command.spawn().unwrap());
+    let said = || fs::read_to_string(&log).unwrap();
+    let begun = Instant::now();
+    while !is_time(folder) {
+        assert!(child.0.try_wait().unwrap().is_none(), "it ended by itself: {}", said());
+        assert!(begun.elapsed() < Duration::from_secs(120), "{}", said());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    assert!(Command::new("kill").args([signal, &child.0.id().to_string()]).status().unwrap().success());
+    (child.0.wait().unwrap().code(), said())
+}
+
 #[cfg(unix)]
 #[test]
-fn a_training_that_is_stopped_says_what_is_kept() {
+fn a_training_that_is_stopped_says_how_to_go_on() {
     let folder = directory("navigate_stopped");
     place(&folder, &Pose::IDENTITY, 1.0);
-    let mut command = Command::new(env!("CARGO_BIN_EXE_qv"));
-    command.current_dir(&folder).args(["navigate", "train", "--scene", "scene.ply", "--mesh", "mesh.glb"]);
-    command.args(["--out", "nav", "--starts", "view", "--distance", "1.2,2", "--rounds", "100000"]);
-    command.args(["--frames", "20", "--robots", "2", "--epochs", "1", "--batch", "2"]);
-    let mut child = command.stderr(std::process::Stdio::piped()).spawn().unwrap();
-    // It is written after the weights.
-    while !folder.join("nav/metrics.json").exists() {
-        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
-        std::thread::sleep(std::time::Duration::from_millis(50));
-    }
-    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
-    let output = child.wait_with_output().unwrap();
-    let err = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(130), "{err}");
-    let said = err.lines().last().unwrap();
-    assert!(said.contains("qv: stopped after ") && said.ends_with("--from nav/weights.bin"), "{err}");
-    weights::from_bytes(&fs::read(folder.join("nav/weights.bin")).unwrap(), &Net::default()).unwrap();
+    let small = format!("navigate train {VIEW} --robots 2 --epochs 1 --batch 2");
+    let long = format!("{small} --out nav --frames 20 --rounds 100000 --trials=7");
+    // metrics.json is written after the weights of a round.
+    let (code, err) = stopped(&folder, &long, "-INT", |folder| folder.join("nav/metrics.json").exists());
+    assert_eq!(code, Some(130), "{err}");
+    let line = err.lines().last().unwrap();
+    let rest = line.strip_prefix("qv: stopped after ").unwrap_or_else(|| panic!("{err}"));
+    let rounds: usize = rest.split(' ').next().unwrap().parse().unwrap();
+    let (_, typed) = line.split_once("to go on, with the learning rate of a beginning: qv ").unwrap();
+    let left = format!(" --from nav/weights.bin --rounds {} --trials 7", 100_000 - rounds);
+    assert!(rounds > 0 && typed.ends_with(&left) && !typed.contains("--trials=7"), "{line}");
+    let kept = weights::from_bytes(&fs::read(folder.join("nav/weights.bin")).unwrap(), &Net::default()).unwrap();
+    assert!(folder.join("nav/policy.onnx").exists() && !folder.join("nav/qv.lock").exists());
+    // What it says can be typed; one round is enough here.
+    let (code, line, err) =
+        qv(&folder, &format!("{} --json", typed.replace(&left, " --from nav/weights.bin --rounds 1")));
+    assert!(code == 0 && line["rounds"] == json!(1), "{err}");
+    let now = weights::from_bytes(&fs::read(folder.join("nav/weights.bin")).unwrap(), &Net::default()).unwrap();
+    assert!(now != kept, "it learnt");
+    // In the first round there is nothing yet.
+    let (code, err) = stopped(&folder, &format!("{small} --frames 10000000 --out first"), "-TERM", |folder| {
+        fs::read_to_string(folder.join("stderr")).is_ok_and(|said| said.contains("drive and learn"))
+    });
+    assert_eq!(code, Some(130), "{err}");
+    assert!(err.lines().last().unwrap().ends_with("in the first of 18 rounds; nothing was written"), "{err}");
+    assert!(!folder.join("first/weights.bin").exists());
 }

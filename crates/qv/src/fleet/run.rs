@@ -10,8 +10,8 @@ use crate::{Failure, Outcome, say};
 use qv_fleet::Unit;
 use std::io::IsTerminal;
 use std::path::PathBuf;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 /// Seconds from one line about progress to the next, where standard error is no terminal.
@@ -84,10 +84,7 @@ impl Run {
                 }
             }
         }
-        let stop = Arc::new(AtomicBool::new(false));
-        let flag = stop.clone();
-        // A second handler in one process is refused, which only means that Ctrl-C ends it at once.
-        _ = ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed));
+        let stop = crate::stop::asked();
         let (begun, total) = (Instant::now(), all.len());
         let tally = self.work_on(&folder, &wanted, tally, total, &stop);
         if let Some(why) = &tally.broken {

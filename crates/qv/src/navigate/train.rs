@@ -8,15 +8,15 @@ use crate::scene::about;
 use crate::whole::{refuse_inputs, write_whole};
 use crate::{Failure, Outcome, say};
 use qv_nav::dagger::{Progress, TrainSettings};
-use qv_nav::eye::Paints;
+use qv_nav::eye::{Eye, Paints, Shot};
 use qv_nav::legs::Legs;
 use qv_nav::net::Net;
 use qv_nav::roll::Stage;
-use qv_nav::{onnx, weights};
+use qv_nav::{NavError, onnx, weights};
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 #[derive(clap::Args)]
 pub struct Train {
@@ -55,6 +55,23 @@ pub struct Train {
     card: CardArguments,
 }
 
+/// Words without some options and their values.
+fn without(words: Vec<String>, options: &[&str]) -> Vec<String> {
+    let mut words = words.into_iter();
+    let mut kept = Vec::new();
+    while let Some(word) = words.next() {
+        let named = options
+            .iter()
+            .find(|&&option| word.strip_prefix(option).is_some_and(|rest| matches!(rest, "") || rest.starts_with('=')));
+        match named {
+            None => kept.push(word),
+            Some(&option) if word == option => drop(words.next()),
+            Some(_) => {}
+        }
+    }
+    kept
+}
+
 /// Rounds of a training, from the command line.
 fn count(text: &str) -> Result<usize, String> {
     crate::numbers::count(text, 0, 1_000_000)
@@ -66,28 +83,35 @@ impl Train {
             return Err("expected --rounds of at least 1, or --from WEIGHTS.bin to begin with".into());
         }
         let outputs = ["weights.bin", "policy.onnx"].map(|name| self.out.join(name));
-        let read = self.task.place.files().into_iter().chain(self.legs.files()).chain(self.from.as_ref());
-        let read: Vec<&PathBuf> = read.collect();
+        // The weights to begin with may stand where the new ones go: they are read before the first round.
+        let read: Vec<&PathBuf> = self.task.place.files().into_iter().chain(self.legs.files()).collect();
         outputs.iter().try_for_each(|out| refuse_inputs(out, read.iter().copied()))?;
+        refuse_inputs(&outputs[1], &self.from)?;
         let start = self.from.as_ref().map(|file| weights_at(file, &Net::default())).transpose()?;
         let (world, eye, camera) = self.task.open(&Paints::default())?;
         let stable = self.legs.open(&self.task.place)?;
         fs::create_dir_all(&self.out).map_err(|e| about(&self.out, e))?;
-        let eye = self.card.eye(eye)?;
+        let stop = crate::stop::asked();
+        let eye = Watched { eye: self.card.eye(eye)?, stop: stop.clone() };
         let mut work = Work {
             train: self,
-            stage: Stage::new(&world, &*eye, camera),
+            stage: Stage::new(&world, &eye, camera),
             legs: stable.legs(&world, self.robots)?,
             stages: Stages::new(),
             metrics: Vec::new(),
-            learnt: stopped_with(&self.out.join("weights.bin"), self.rounds + self.trials),
+            stop,
         };
         let mut parameters = start;
         for settings in [self.taught(), self.tried()].into_iter().filter(|settings| settings.rounds > 0) {
             parameters = Some(work.learn(&settings, parameters)?);
         }
         let (metrics, parameters) = (work.finish(), parameters.unwrap_or_default());
-        if metrics.is_empty() {
+        let (rounds, all) = (metrics.len(), self.rounds + self.trials);
+        if rounds == 0 && all > 0 {
+            eprintln!("qv: stopped in the first of {all} rounds; nothing was written");
+            return Ok(Outcome::Stopped);
+        }
+        if rounds == 0 {
             // Nothing was learnt: the files of the weights that were given.
             write_whole(&self.out.join("weights.bin"), &weights::to_bytes(&parameters))?;
         }
@@ -95,7 +119,11 @@ impl Train {
         let half_sides = (0.5 * (high - low)).to_array();
         let file = onnx::to_bytes(&Net::default(), &parameters, &world.limits, half_sides)?;
         write_whole(&self.out.join("policy.onnx"), &file)?;
-        let (decisions, rounds) = (metrics.last().map_or(0, |told| told.frames), metrics.len());
+        if rounds < all {
+            eprintln!("qv: {}", self.how_to_go_on(rounds));
+            return Ok(Outcome::Stopped);
+        }
+        let decisions = metrics.last().map_or(0, |told| told.frames);
         if self.json {
             let line = serde_json::json!({
                 "format": "qv-navigate-train/1", "decisions": decisions, "rounds": rounds, "out": self.out,
@@ -105,6 +133,21 @@ impl Train {
         }
         say(&format!("{decisions} decisions in {rounds} rounds; written to {}\n", self.out.display()))?;
         Ok(Outcome::Done)
+    }
+
+    /// What to type after so many rounds: the same from the weights of the last one, for the rounds that are left.
+    fn how_to_go_on(&self, rounds: usize) -> String {
+        let taught = self.rounds.saturating_sub(rounds);
+        let tried = self.rounds + self.trials - rounds - taught;
+        let from = self.out.join("weights.bin").display().to_string();
+        let mut words = without(crate::config::arguments(), &["--from", "--rounds", "--trials"]);
+        words.extend(["--from".into(), from, "--rounds".into(), taught.to_string()]);
+        words.extend(["--trials".into(), tried.to_string()]);
+        format!(
+            "stopped after {rounds} of {} rounds, whose weights and policy are written; to go on, with the learning rate of a beginning: qv {}",
+            self.rounds + self.trials,
+            crate::config::typed(&words)
+        )
     }
 
     /// Learning from the teacher.
@@ -130,22 +173,19 @@ impl Train {
     }
 }
 
-/// Says on Ctrl-C and SIGTERM what is kept, and ends with exit code 130. Gives where to count rounds whose weights are written.
-fn stopped_with(file: &Path, rounds: usize) -> Arc<AtomicUsize> {
-    let learnt = Arc::new(AtomicUsize::new(0));
-    let (done, file) = (learnt.clone(), file.display().to_string());
-    // A second handler in one process is refused, which only means that Ctrl-C ends it without a word.
-    _ = ctrlc::set_handler(move || {
-        match done.load(Ordering::Relaxed) {
-            0 => eprintln!("qv: stopped in the first of {rounds} rounds: nothing is kept"),
-            round => eprintln!(
-                "qv: stopped after {round} of {rounds} rounds, whose weights are kept; to go on, or with --rounds 0 to write policy.onnx: \
-                 the same command with --from {file}"
-            ),
+/// An eye that sees nothing more once a stop was asked for, so that driving ends at the next picture.
+struct Watched {
+    eye: Box<dyn Eye>,
+    stop: Arc<AtomicBool>,
+}
+
+impl Eye for Watched {
+    fn look(&self, shots: &[Shot]) -> Result<Vec<Vec<f32>>, NavError> {
+        match self.stop.load(Ordering::Relaxed) {
+            true => Err(NavError::value("eye", "one that is not stopped", "one that is")),
+            false => self.eye.look(shots),
         }
-        std::process::exit(130);
-    });
-    learnt
+    }
 }
 
 /// A training under way.
@@ -155,8 +195,7 @@ struct Work<'a> {
     legs: Box<dyn Legs + 'a>,
     stages: Stages,
     metrics: Vec<Progress>,
-    /// Rounds whose weights are written.
-    learnt: Arc<AtomicUsize>,
+    stop: Arc<AtomicBool>,
 }
 
 impl Work<'_> {
@@ -169,22 +208,33 @@ impl Work<'_> {
         let (before, gathered) = (self.metrics.len(), self.metrics.last().map_or(0, |told| told.frames));
         let name = if settings.policy.is_some() { "drive and learn from trials" } else { "drive and learn" };
         for round in before..before + settings.rounds {
+            if self.is_stopped() {
+                break;
+            }
             self.stages.begin(round + 1, all, name, Some(round as f64 / all as f64));
             let stages = &self.stages;
-            let mut told = student.round(&self.stage, &mut *self.legs, &episodes, &mut |p| {
+            let learnt = student.round(&self.stage, &mut *self.legs, &episodes, &mut |p| {
                 let share = (before as f64 + p.share * settings.rounds as f64) / all as f64;
                 stages.at(share, &format!("{} decisions, loss {:.4}", gathered + p.frames, p.loss));
-            })?;
+            });
+            // Driving ends with an error of the eye; a round that is learning comes to its end.
+            let mut told = match learnt {
+                Err(_) if self.is_stopped() => break,
+                learnt => learnt?,
+            };
             (told.round, told.frames) = (round + 1, gathered + told.frames);
             told.share = (round + 1) as f64 / all as f64;
             self.metrics.push(told);
             // After each round, so that a training that is cut off leaves its last round.
             let out = &self.train.out;
             write_whole(&out.join("weights.bin"), &weights::to_bytes(&student.parameters))?;
-            self.learnt.store(round + 1, Ordering::Relaxed);
             write_whole(&out.join("metrics.json"), &serde_json::to_vec_pretty(&self.metrics)?)?;
         }
         Ok(student.parameters)
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
     }
 
     fn finish(self) -> Vec<Progress> {

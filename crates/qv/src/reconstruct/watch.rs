@@ -37,17 +37,13 @@ pub(super) struct Run<'a> {
 
 impl<'a> Run<'a> {
     pub fn new(command: &'a Reconstruct, dataset: &'a Dataset, bar: &'a Stages) -> Self {
-        let stop = Arc::new(AtomicBool::new(false));
-        let flag = stop.clone();
-        // A second handler in one process is refused, which only means that Ctrl-C ends it at once.
-        _ = ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed));
         Self {
             command,
             dataset,
             iterations: command.iterations,
             clock: Instant::now(),
             bar,
-            stop,
+            stop: crate::stop::asked(),
             loss: None,
             psnr: None,
             best: Best::default(),

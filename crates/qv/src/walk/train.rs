@@ -12,8 +12,7 @@ use qv_policy::train::{Checkpoint, Line, TrainSettings, Training};
 use qv_policy::velocity::{Ground, Randomise, TaskRobot, VelocityTask};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 #[derive(clap::Args)]
@@ -248,10 +247,7 @@ impl Train {
     }
 
     fn run(&self, training: &mut Training) -> Result<Done, Failure> {
-        let stop = Arc::new(AtomicBool::new(false));
-        let flag = stop.clone();
-        // A second handler in one process is refused, which only means that Ctrl-C ends it at once.
-        _ = ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed));
+        let stop = crate::stop::asked();
         let (clock, total) = (Instant::now(), self.iterations());
         let bar = ProgressBar::new(total);
         if let Ok(style) = ProgressStyle::with_template("{pos}/{len} {wide_bar} {msg} {eta} left") {
