@@ -254,7 +254,7 @@ impl Student {
         self.settings.rounds
     }
 
-    /// Ends the training after another number of rounds, for one that has a time; the learning rate falls accordingly. It is at least as many
+    /// Ends the training after another number of rounds, for one that has a time; the learning rate, and what noise there is, fall accordingly. It is at least as many
     /// as are behind it.
     pub fn end_after(&mut self, rounds: usize) {
         self.settings.rounds = rounds.max(self.rounds);

@@ -152,6 +152,12 @@ mod tests {
             }
         }
         assert!((1..8).contains(&flat), "some are clipped and some are not: {flat}");
+        // The ratio of normal densities of deviation 0.3: exp((0.1^2 - 0.05^2) / (2 0.3^2)), within what is clipped at.
+        let (action, mean) = ([0.1, 0.0, 0.0], [0.0; 3]);
+        let acted = Acted { action, mean, deviation: 0.3, advantage: 1.0 };
+        let (loss, _) = surrogate(&policy, &acted, &[0.05, 0.0, 0.0]);
+        let expected = -policy.weight * ((0.01f32 - 0.0025) / 0.18).exp();
+        assert!((loss - expected).abs() < 1e-6, "{loss} {expected}");
         // Where nothing has changed, the ratio is one: the loss is the advantage.
         let acted = Acted { action: [0.2, 0.0, 0.1], deviation: 0.3, advantage: 1.5, ..Default::default() };
         let (loss, gradient) = surrogate(&policy, &acted, &[0.0; 3]);

@@ -28,7 +28,7 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct PolicySettings {
     /// Standard deviation of commands about what the network says in the first round and in the last, in shares of their limits. From one round to
-    /// the next it changes by the same factor. What is learnt is the best for commands with noise; whether less of it in the last rounds helps was not
+    /// the next it changes by the same factor, where the number of rounds is known from the start. What is learnt is the best for commands with noise; whether less of it in the last rounds helps was not
     /// measured, so it stays unless asked for.
     pub deviation: [f32; 2],
     /// How far the ratio of densities may leave one before the objective is flat.
@@ -61,8 +61,8 @@ impl PolicySettings {
     /// Names the first number that means nothing.
     pub(crate) fn check(&self) -> Result<(), NavError> {
         let all = [
-            ("deviation", self.deviation[0], 0.01, 1.0),
-            ("deviation", self.deviation[1], 0.01, 1.0),
+            ("first deviation", self.deviation[0], 0.01, 1.0),
+            ("last deviation", self.deviation[1], 0.01, 1.0),
             ("clip", self.clip, 0.01, 1.0),
             ("gamma", self.gamma, 0.0, 1.0),
             ("lambda", self.lambda, 0.0, 1.0),

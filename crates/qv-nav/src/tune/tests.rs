@@ -125,11 +125,27 @@ fn noise_shrinks_by_the_same_factor_from_round_to_round() {
         let found = policy.deviation_at(round, rounds);
         assert!((found - expected).abs() < 1e-6, "{round} of {rounds}: {found}");
     }
+    // What a student draws with is that of its round.
+    let settings = TrainSettings { rounds: 2, robots: 4, policy: Some(policy), ..TrainSettings::tuning() };
+    let world = world();
+    let stage = Stage::new(&world, &BlindEye, LensSpread::none());
+    let mut student = Student::new(&settings).unwrap();
+    for (round, expected) in [(0, 0.2f32), (1, 0.05)] {
+        student.rounds = round;
+        let mut legs = Follower::new(&world.map, 4, 0.3);
+        let drawn = near_by().draw(&world, 4, 5).unwrap();
+        let driven = student.explore(&policy, &stage, &mut legs, (drawn, 5)).unwrap();
+        let acted: Vec<&Acted> = driven.iter().flat_map(|d| &d.record.acted).collect();
+        assert!(acted.iter().all(|acted| acted.deviation == expected) && acted.len() > 40);
+        let squares: f32 = acted.iter().map(|acted| (acted.action[0] - acted.mean[0]).powi(2)).sum();
+        let found = (squares / acted.len() as f32).sqrt();
+        assert!((found / expected - 1.0).abs() < 0.3, "{found} for {expected}");
+    }
 }
 
 #[test]
 fn settings_that_mean_nothing_are_named() {
     let policy = Some(PolicySettings { deviation: [0.2, 0.0], ..Default::default() });
     let said = Student::new(&TrainSettings { policy, ..TrainSettings::tuning() }).err().unwrap().to_string();
-    assert!(said.contains("policy, deviation: expected 0.01 to 1, found 0"), "{said}");
+    assert!(said.contains("policy, last deviation: expected 0.01 to 1, found 0"), "{said}");
 }
