@@ -254,8 +254,8 @@ impl Student {
         self.settings.rounds
     }
 
-    /// Ends the training after another number of rounds, for one that has a time; the learning rate, and what noise there is, fall accordingly. It is at least as many
-    /// as are behind it.
+    /// Ends the training after another number of rounds, for one that has a time; the learning rate, and the noise of trials if it shrinks, fall
+    /// accordingly. It is at least as many as are behind it.
     pub fn end_after(&mut self, rounds: usize) {
         self.settings.rounds = rounds.max(self.rounds);
     }

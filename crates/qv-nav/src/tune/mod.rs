@@ -28,8 +28,8 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct PolicySettings {
     /// Standard deviation of commands about what the network says in the first round and in the last, in shares of their limits. From one round to
-    /// the next it changes by the same factor, where the number of rounds is known from the start. What is learnt is the best for commands with noise; whether less of it in the last rounds helps was not
-    /// measured, so it stays unless asked for.
+    /// the next it changes by the same factor, where the number of rounds is known from the start. What is learnt is the best for commands with
+    /// noise; whether less of it in the last rounds helps was not measured, so it stays unless asked for.
     pub deviation: [f32; 2],
     /// How far the ratio of densities may leave one before the objective is flat.
     pub clip: f32,
@@ -50,7 +50,7 @@ impl Default for PolicySettings {
 }
 
 impl PolicySettings {
-    /// Standard deviation of commands in a round, from 0, of so many.
+    /// Standard deviation of commands, in shares of their limits, in a round (from 0) of so many; after the last it stays.
     pub fn deviation_at(&self, round: usize, rounds: usize) -> f32 {
         let [first, last] = self.deviation;
         let share = round as f32 / rounds.saturating_sub(1).max(1) as f32;
