@@ -53,6 +53,21 @@ pub fn typed(words: &[String]) -> String {
     words.iter().map(quoted).collect::<Vec<_>>().join(" ")
 }
 
+/// Words without some long options that take a value, and without their values.
+#[cfg(feature = "learn")]
+pub fn without(words: Vec<String>, options: &[&str]) -> Vec<String> {
+    let mut words = words.into_iter();
+    let mut kept = Vec::new();
+    while let Some(word) = words.next() {
+        if !long_of(&word).is_some_and(|long| options.contains(&long)) {
+            kept.push(word);
+        } else if !word.contains('=') {
+            words.next();
+        }
+    }
+    kept
+}
+
 /// Commands that take no option of a file.
 const OF_SHELLS: [&str; 3] = ["help", "completions", "man"];
 /// Words with which no file is read.
@@ -203,10 +218,15 @@ impl<'c> Called<'c> {
     }
 }
 
+/// The name of an option that a word is, with a value or without, if it is a long one.
+fn long_of(word: &str) -> Option<&str> {
+    word.strip_prefix("--").map(|long| long.split('=').next().unwrap_or(long))
+}
+
 /// Whether a word of the command line is this option, with a value or without.
 fn names(arg: &Arg, word: &str) -> bool {
-    if let Some(long) = word.strip_prefix("--") {
-        return arg.get_long() == Some(long.split('=').next().unwrap_or(long));
+    if let Some(long) = long_of(word) {
+        return arg.get_long() == Some(long);
     }
     let shorts = word.strip_prefix('-').unwrap_or("");
     arg.get_short().is_some_and(|short| shorts.contains(short)) && shorts.chars().all(char::is_alphabetic)

@@ -55,23 +55,6 @@ pub struct Train {
     card: CardArguments,
 }
 
-/// Words without some options and their values.
-fn without(words: Vec<String>, options: &[&str]) -> Vec<String> {
-    let mut words = words.into_iter();
-    let mut kept = Vec::new();
-    while let Some(word) = words.next() {
-        let named = options
-            .iter()
-            .find(|&&option| word.strip_prefix(option).is_some_and(|rest| matches!(rest, "") || rest.starts_with('=')));
-        match named {
-            None => kept.push(word),
-            Some(&option) if word == option => drop(words.next()),
-            Some(_) => {}
-        }
-    }
-    kept
-}
-
 /// Rounds of a training, from the command line.
 fn count(text: &str) -> Result<usize, String> {
     crate::numbers::count(text, 0, 1_000_000)
@@ -140,7 +123,7 @@ impl Train {
         let taught = self.rounds.saturating_sub(rounds);
         let tried = self.rounds + self.trials - rounds - taught;
         let from = self.out.join("weights.bin").display().to_string();
-        let mut words = without(crate::config::arguments(), &["--from", "--rounds", "--trials"]);
+        let mut words = crate::config::without(crate::config::arguments(), &["from", "rounds", "trials"]);
         words.extend(["--from".into(), from, "--rounds".into(), taught.to_string()]);
         words.extend(["--trials".into(), tried.to_string()]);
         format!(
