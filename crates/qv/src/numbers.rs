@@ -7,6 +7,7 @@ pub fn within(text: &str, low: f64, high: f64) -> Result<f64, String> {
 }
 
 /// A whole number from `low` to `high`.
+#[cfg(any(test, feature = "learn"))]
 pub fn count(text: &str, low: usize, high: usize) -> Result<usize, String> {
     let found = || format!("expected {low} to {high}, found `{text}`");
     text.trim().parse().ok().filter(|n| (low..=high).contains(n)).ok_or_else(found)
