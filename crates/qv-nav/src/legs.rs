@@ -7,6 +7,7 @@ use crate::teacher::World;
 use glam::DVec2;
 use qv_core::Pose;
 use qv_core::random::Xoshiro256PlusPlus;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -50,6 +51,10 @@ pub trait Legs {
     fn step(&mut self, commands: &[[f64; 3]], active: &[bool]) -> Result<(), NavError>;
     /// How one moves.
     fn motion(&self, env: usize) -> Motion;
+    /// Whether robots that are not active stay as they are, in time as well. Then some can go on while pictures of others are drawn.
+    fn are_apart(&self) -> bool {
+        false
+    }
     /// Where the base was `ago` seconds ago, at most 0.3 s, to 20 ms; at the start where it began.
     fn past(&self, env: usize, ago: f64) -> Pose;
 }
@@ -355,12 +360,14 @@ impl Legs for Follower<'_> {
     }
 
     fn step(&mut self, commands: &[[f64; 3]], active: &[bool]) -> Result<(), NavError> {
-        for ((robot, command), _) in self.robots.iter_mut().zip(commands).zip(active).filter(|(_, active)| **active) {
-            for _ in 0..TICKS {
-                robot.tick(self.ground.map(), self.height, *command);
-            }
-        }
+        let (map, height) = (self.ground.map(), self.height);
+        let work = self.robots.par_iter_mut().zip(commands).zip(active).filter(|(_, active)| **active);
+        work.for_each(|((robot, command), _)| (0..TICKS).for_each(|_| robot.tick(map, height, *command)));
         Ok(())
+    }
+
+    fn are_apart(&self) -> bool {
+        true
     }
 
     fn motion(&self, env: usize) -> Motion {

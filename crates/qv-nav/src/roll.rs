@@ -2,13 +2,13 @@
 
 use crate::NavError;
 use crate::eye::{Eye, Shot};
-use crate::legs::{Legs, Start};
+use crate::legs::{Legs, Motion, Start};
 use crate::lens::{Lens, LensSpread};
 use crate::net::{KNOWN, RAYS, SIGHT, STATE};
 use crate::recall::{CAMERA, Drift, FARTHEST, NEAREST, Odometer, Planar, RECALL, Recall, doubtful, ray};
 use crate::reflex::Reflex;
 use crate::sight::{Cone, SEEN, free_rays};
-use crate::task::{DECISIONS, Episode, Judge, PERIOD, Trial};
+use crate::task::{Episode, Judge, PERIOD, Trial};
 use crate::teacher::{Advice, Teacher, World};
 use crate::tune::Acted;
 use glam::DVec2;
@@ -109,6 +109,7 @@ impl Record {
 
 /// One robot on its way.
 struct Run<'a> {
+    env: usize,
     episode: &'a Episode,
     teacher: Teacher,
     judge: Judge,
@@ -118,8 +119,20 @@ struct Run<'a> {
     random: Xoshiro256PlusPlus,
     cones: Vec<Cone>,
     last: [f64; 3],
+    /// What it does now, and where it was when the picture was taken that it is to decide by.
+    motion: Motion,
+    past: Pose,
+    advice: Advice,
     over: bool,
+    keep: bool,
     record: Record,
+}
+
+/// What a robot has to decide by, see [`Seen`].
+struct Glimpse {
+    picture: Vec<u8>,
+    state: [f32; STATE],
+    recall: [f32; RECALL],
 }
 
 /// Rolls episodes, as many at once as there are legs. Gives what came out of each, and its record where `keep` says so.
@@ -153,115 +166,152 @@ fn roll_batch(
 ) -> Result<Vec<(Trial, Record)>, NavError> {
     let start = |e: &Episode| Start { place: e.start, yaw: e.yaw, seed: e.seed };
     legs.begin(&episodes.iter().map(start).collect::<Vec<_>>())?;
-    let [low, high] = stage.world.map.bounds();
-    let middle = 0.5 * (low + high);
-    let mut runs: Vec<Run> = episodes
-        .iter()
-        .enumerate()
-        .map(|(env, episode)| {
-            pilot.begin(env, episode);
-            Run {
-                episode,
-                teacher: Teacher::new(stage.world, &episode.others),
-                judge: Judge::new(stage.world, episode),
-                lens: stage.spread.draw(&stage.world.rig, episode.seed),
-                odometer: Odometer::new(&stage.drift, Planar::of(&legs.motion(env).world_from_base), episode.seed),
-                recall: Recall::new(high - middle),
-                random: Xoshiro256PlusPlus::of(episode.seed, 89, 0),
-                cones: std::iter::once(episode.goal).chain(episode.others.iter().copied()).collect(),
-                last: [0.0; 3],
-                over: false,
-                record: Record::default(),
-            }
-        })
-        .collect();
-    for step in 0..=DECISIONS {
-        let motions: Vec<_> = (0..runs.len()).map(|env| legs.motion(env)).collect();
-        let advice: Vec<Option<Advice>> = runs
-            .par_iter_mut()
-            .zip(&motions)
-            .map(|(run, motion)| {
-                (!run.over).then(|| advise(stage.world, run, &motion.world_from_base, motion.fell, step))
-            })
-            .collect();
-        let live: Vec<usize> = (0..runs.len()).filter(|&env| !runs[env].over).collect();
-        if live.is_empty() {
+    episodes.iter().enumerate().for_each(|(env, episode)| pilot.begin(env, episode));
+    let begin = |(env, episode)| (env, episode, legs.motion(env), keep(env));
+    let begun: Vec<_> = episodes.iter().enumerate().map(begin).collect();
+    let mut runs: Vec<Run> =
+        begun.into_par_iter().map(|(env, episode, motion, keep)| Run::new(stage, env, episode, motion, keep)).collect();
+    // While the pictures of one half are drawn, the other half decides.
+    let half = if legs.are_apart() { runs.len().div_ceil(2) } else { runs.len() };
+    let (first, second) = runs.split_at_mut(half);
+    let mut crews = [first, second];
+    crews.iter_mut().for_each(|crew| judge(stage, crew, legs, 0));
+    let mut pictures = look(stage, crews[0])?;
+    for turn in 0.. {
+        if crews.iter().all(|crew| crew.iter().all(|run| run.over)) {
             break;
         }
-        let pasts: Vec<Pose> = (0..runs.len()).map(|env| legs.past(env, runs[env].lens.delay)).collect();
-        let shot = |&env: &usize| {
-            let run = &runs[env];
-            Shot { camera: run.lens.rig.camera(&pasts[env]), cones: run.cones.clone(), seed: run.episode.seed }
-        };
-        let drawn = stage.eye.look(&live.iter().map(shot).collect::<Vec<_>>())?;
-        let mut lenses: Vec<&mut Run> = runs.iter_mut().filter(|run| !run.over).collect();
-        let gyros: Vec<[f64; 3]> = live.iter().map(|&env| motions[env].gyro).collect();
-        let work = lenses.par_iter_mut().zip(&drawn).zip(&gyros);
-        let pictures: Vec<Vec<u8>> = work.map(|((run, picture), gyro)| run.lens.bytes(picture, *gyro)).collect();
-        let states: Vec<[f32; STATE]> =
-            live.iter().map(|&env| state(runs[env].episode, &motions[env].world_from_base)).collect();
-        let recalls: Vec<[f32; RECALL]> = runs
-            .par_iter_mut()
-            .zip(&motions)
-            .filter(|(run, _)| !run.over)
-            .map(|(run, motion)| {
-                run.odometer.go(Planar::of(&motion.world_from_base), PERIOD);
-                run.recall.go(run.odometer.pose);
-                run.recall.features()
-            })
-            .collect();
-        let told: Vec<Advice> = live.iter().filter_map(|&env| advice[env]).collect();
-        let seen: Vec<Seen> = live
-            .iter()
-            .enumerate()
-            .map(|(k, &env)| Seen {
-                env,
-                picture: &pictures[k],
-                state: &states[k],
-                recall: &recalls[k],
-                colour: runs[env].episode.goal.colour,
-                advice: &told[k],
-            })
-            .collect();
-        let decisions = pilot.decide(&seen);
-        let mut commands = vec![[0.0; 3]; runs.len()];
-        let truth = |&env: &usize| sight(stage.world, &pasts[env], &runs[env].episode.goal, &runs[env].episode.others);
-        let truths: Vec<[f32; SIGHT]> = live.par_iter().map(truth).collect();
-        for (k, &env) in live.iter().enumerate() {
-            if keep(env) {
-                let known = known(stage.world, &motions[env].world_from_base, &runs[env].episode.goal);
-                let record = &mut runs[env].record;
-                record.pictures.extend_from_slice(&pictures[k]);
-                record.states.extend(states[k]);
-                record.recalls.extend(recalls[k]);
-                record.sights.push(truths[k]);
-                remember(record, &told[k], known, stage.world);
-            }
-            let mut wanted = stage.world.limits.command(decisions[k].command);
-            if decisions[k].sight.is_some() {
-                let head = stage.world.rig.head;
-                wanted = stage.reflex.apply(&runs[env].recall, head, &stage.world.limits, wanted);
-            }
-            runs[env].last = stage.world.limits.limited(runs[env].last, wanted);
-            commands[env] = runs[env].last;
-        }
-        let said: Vec<_> = decisions.iter().zip(&truths).collect();
-        let mut driven: Vec<&mut Run> = runs.iter_mut().filter(|run| !run.over).collect();
-        driven.par_iter_mut().zip(said).for_each(|(run, (decision, truth))| {
-            let sight = decision.sight.unwrap_or_else(|| doubtful(truth, &mut run.random));
-            run.recall.see(&sight);
-        });
-        let active: Vec<bool> = runs.iter().map(|run| !run.over).collect();
-        legs.step(&commands, &active)?;
+        let [crew, next] = &mut crews;
+        let (mut drawn, next) = (Ok(Vec::new()), &**next);
+        rayon::in_place_scope(|scope| {
+            scope.spawn(|_| drawn = look(stage, next));
+            decide(stage, crew, &pictures, (&mut *pilot, &mut *legs))?;
+            judge(stage, crew, legs, turn / 2 + 1);
+            Ok::<(), NavError>(())
+        })?;
+        pictures = drawn?;
+        crews.swap(0, 1);
     }
     Ok(runs.into_iter().map(|run| (run.judge.into_trial(), run.record)).collect())
 }
 
-/// The teacher's word, and the judge's.
-fn advise(world: &World, run: &mut Run, base: &Pose, fell: bool, step: usize) -> Advice {
-    let advice = run.teacher.advise(world, base, &run.episode.goal);
-    run.over = run.judge.look(world, run.episode, base, step, (advice.in_view, fell)).is_some();
-    advice
+/// The teacher's word on where robots are now, and the judge's: decision `step` of their episodes.
+fn judge(stage: &Stage, crew: &mut [Run], legs: &dyn Legs, step: usize) {
+    for run in crew.iter_mut().filter(|run| !run.over) {
+        (run.motion, run.past) = (legs.motion(run.env), legs.past(run.env, run.lens.delay));
+    }
+    crew.par_iter_mut().filter(|run| !run.over).for_each(|run| run.judge(stage.world, step));
+}
+
+/// Pictures of the robots that are under way.
+fn look(stage: &Stage, crew: &[Run]) -> Result<Vec<Vec<f32>>, NavError> {
+    let live = crew.iter().filter(|run| !run.over);
+    let shots: Vec<Shot> = live
+        .map(|run| Shot {
+            camera: run.lens.rig.camera(&run.past),
+            cones: run.cones.clone(),
+            seed: run.episode.seed,
+        })
+        .collect();
+    if shots.is_empty() { Ok(Vec::new()) } else { stage.eye.look(&shots) }
+}
+
+/// Robots that are under way decide by the pictures that were drawn, and go on.
+fn decide(
+    stage: &Stage,
+    crew: &mut [Run],
+    drawn: &[Vec<f32>],
+    (pilot, legs): (&mut dyn Pilot, &mut dyn Legs),
+) -> Result<(), NavError> {
+    let mut live: Vec<&mut Run> = crew.iter_mut().filter(|run| !run.over).collect();
+    if live.is_empty() {
+        return Ok(());
+    }
+    let glimpses: Vec<Glimpse> = live.par_iter_mut().zip(drawn).map(|(run, picture)| run.glimpse(picture)).collect();
+    let decisions = pilot.decide(&live.iter().zip(&glimpses).map(|(run, glimpse)| run.sees(glimpse)).collect::<Vec<_>>());
+    let (mut commands, mut active) = (vec![[0.0; 3]; legs.count()], vec![false; legs.count()]);
+    live.par_iter_mut().zip(&glimpses).zip(&decisions).for_each(|((run, glimpse), decision)| {
+        run.follow(stage, glimpse, decision);
+    });
+    for run in &live {
+        (commands[run.env], active[run.env]) = (run.last, true);
+    }
+    legs.step(&commands, &active)
+}
+
+impl<'a> Run<'a> {
+    fn new(stage: &Stage, env: usize, episode: &'a Episode, motion: Motion, keep: bool) -> Self {
+        let [low, high] = stage.world.map.bounds();
+        let nothing = Advice { command: [0.0; 3], found: false, in_view: false, bearing: 0.0, distance: 0.0 };
+        let mut teacher = Teacher::new(stage.world, &episode.others);
+        teacher.plan(stage.world, &episode.goal);
+        Self {
+            env,
+            episode,
+            teacher,
+            judge: Judge::new(stage.world, episode),
+            lens: stage.spread.draw(&stage.world.rig, episode.seed),
+            odometer: Odometer::new(&stage.drift, Planar::of(&motion.world_from_base), episode.seed),
+            recall: Recall::new(0.5 * (high - low)),
+            random: Xoshiro256PlusPlus::of(episode.seed, 89, 0),
+            cones: std::iter::once(episode.goal).chain(episode.others.iter().copied()).collect(),
+            last: [0.0; 3],
+            motion,
+            past: motion.world_from_base,
+            advice: nothing,
+            over: false,
+            keep,
+            record: Record::default(),
+        }
+    }
+
+    fn judge(&mut self, world: &World, step: usize) {
+        let base = &self.motion.world_from_base;
+        self.advice = self.teacher.advise(world, base, &self.episode.goal);
+        let told = (self.advice.in_view, self.motion.fell);
+        self.over = self.judge.look(world, self.episode, base, step, told).is_some();
+    }
+
+    /// What it has to decide by when this was drawn.
+    fn glimpse(&mut self, drawn: &[f32]) -> Glimpse {
+        let base = &self.motion.world_from_base;
+        self.odometer.go(Planar::of(base), PERIOD);
+        self.recall.go(self.odometer.pose);
+        let picture = self.lens.bytes(drawn, self.motion.gyro);
+        Glimpse { picture, state: state(self.episode, base), recall: self.recall.features() }
+    }
+
+    fn sees<'b>(&'b self, glimpse: &'b Glimpse) -> Seen<'b> {
+        Seen {
+            env: self.env,
+            picture: &glimpse.picture,
+            state: &glimpse.state,
+            recall: &glimpse.recall,
+            colour: self.episode.goal.colour,
+            advice: &self.advice,
+        }
+    }
+
+    /// Keeps what can be learnt, and does what was decided.
+    fn follow(&mut self, stage: &Stage, glimpse: &Glimpse, decision: &Decision) {
+        let (world, goal) = (stage.world, &self.episode.goal);
+        let truth = sight(world, &self.past, goal, &self.episode.others);
+        if self.keep {
+            let known = known(world, &self.motion.world_from_base, goal);
+            self.record.pictures.extend_from_slice(&glimpse.picture);
+            self.record.states.extend(glimpse.state);
+            self.record.recalls.extend(glimpse.recall);
+            self.record.sights.push(truth);
+            remember(&mut self.record, &self.advice, known, world);
+        }
+        let mut wanted = world.limits.command(decision.command);
+        if decision.sight.is_some() {
+            wanted = stage.reflex.apply(&self.recall, world.rig.head, &world.limits, wanted);
+        }
+        self.last = world.limits.limited(self.last, wanted);
+        let said = decision.sight.unwrap_or_else(|| doubtful(&truth, &mut self.random));
+        self.recall.see(&said);
+    }
 }
 
 /// Numbers beside the picture, see [`STATE`].

@@ -168,6 +168,10 @@ impl Legs for SecondWalkers<'_> {
         (0..TICKS).try_for_each(|_| self.tick(commands, active))
     }
 
+    fn are_apart(&self) -> bool {
+        true
+    }
+
     fn motion(&self, env: usize) -> Motion {
         let one = &self.robots[env];
         let gyro = std::array::from_fn(|k| one.state.v[3 + k]);

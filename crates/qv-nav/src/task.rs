@@ -7,6 +7,7 @@ use crate::teacher::World;
 use glam::{DVec2, DVec3};
 use qv_core::Pose;
 use qv_core::random::Xoshiro256PlusPlus;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
@@ -174,7 +175,8 @@ impl EpisodeSettings {
         if starts.is_empty() || world.candidates.is_empty() {
             return Err(NavError::value("map", "places to start and for cones", "none"));
         }
-        (0..count).map(|k| self.one(world, &starts, k, seed)).collect()
+        let drawn: Vec<_> = (0..count).into_par_iter().map(|k| self.one(world, &starts, k, seed)).collect();
+        drawn.into_iter().collect()
     }
 
     fn one(&self, world: &World, starts: &[DVec2], index: usize, seed: u64) -> Result<Episode, NavError> {

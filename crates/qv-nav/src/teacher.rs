@@ -180,6 +180,11 @@ impl Teacher {
         }
     }
 
+    /// Finds the ways to the goal now, and not once it is seen: a robot that stops to do so keeps all others waiting.
+    pub fn plan(&mut self, world: &World, goal: &Cone) {
+        self.to_goal = Some(world.map.field(goal.axis(), &self.avoid));
+    }
+
     /// What to do at a pose, and what can be seen of the goal.
     pub fn advise(&mut self, world: &World, base: &Pose, goal: &Cone) -> Advice {
         let camera = world.rig.camera(base);
@@ -268,6 +273,9 @@ impl Teacher {
         match best.filter(|_| going > 0.0) {
             Some(best) => {
                 let (viewpoint, avoid) = (&world.viewpoints[best], &self.avoid);
+                if avoid.is_empty() {
+                    return pursue(world, &viewpoint.field, base);
+                }
                 let way = self.ways.entry(best).or_insert_with(|| world.map.field(viewpoint.place, avoid));
                 pursue(world, way, base)
             }
