@@ -115,7 +115,8 @@ impl LensSpread {
         let (noise, delay, blur) = (between(self.noise), between(self.delay), between(self.blur));
         // Drawn last: what was drawn before it stays what it was.
         let exposure = between(self.exposure);
-        Lens { rig: Rig { place, turn, focal, ..*rig }, balance, gamma, bias, noise, delay, blur, exposure, random }
+        let curve = Box::new(balance.map(|balance| curve(balance, gamma, bias)));
+        Lens { rig: Rig { place, turn, focal, ..*rig }, curve, noise, delay, blur, exposure, random }
     }
 }
 
@@ -124,9 +125,8 @@ impl LensSpread {
 pub struct Lens {
     /// How it sits.
     pub rig: Rig,
-    balance: [f64; 3],
-    gamma: f64,
-    bias: f64,
+    /// That of red, green and blue.
+    curve: Box<[[f32; STEPS + 1]; 3]>,
     noise: f64,
     /// Age of its pictures \[s\].
     pub delay: f64,
@@ -140,16 +140,18 @@ impl Lens {
     pub fn bytes(&mut self, picture: &[f32], gyro: [f64; 3]) -> Vec<u8> {
         let variances = self.variances(gyro);
         let is_sharp = variances.iter().all(|x| *x < 0.0025);
-        let blurred = if is_sharp { picture.to_vec() } else { blur(picture, variances) };
-        let curve = self.curve();
+        let blurred = if is_sharp { None } else { Some(blur(picture, variances)) };
+        let picture = blurred.as_deref().unwrap_or(picture);
         let noise = (255.0 * self.noise) as f32;
-        let mut out = Vec::with_capacity(blurred.len());
-        for (k, &x) in blurred.iter().enumerate() {
-            let (at, row) = (x.clamp(0.0, 1.0) * STEPS as f32, &curve[k % 3]);
-            let below = (at as usize).min(STEPS - 1);
-            let shown = row[below] + (at - below as f32) * (row[below + 1] - row[below]);
-            let noisy = if noise > 0.0 { shown + noise * about_normal(&mut self.random) } else { shown };
-            out.push((noisy + 0.5).clamp(0.0, 255.0) as u8);
+        let mut out = vec![0; picture.len()];
+        for (shown, pixel) in out.chunks_exact_mut(3).zip(picture.chunks_exact(3)) {
+            for ((shown, x), row) in shown.iter_mut().zip(pixel).zip(self.curve.iter()) {
+                let at = x.clamp(0.0, 1.0) * STEPS as f32;
+                let below = (at as usize).min(STEPS - 1);
+                let sharp = row[below] + (at - below as f32) * (row[below + 1] - row[below]);
+                let noisy = if noise > 0.0 { sharp + noise * about_normal(&mut self.random) } else { sharp };
+                *shown = (noisy + 0.5).clamp(0.0, 255.0) as u8;
+            }
         }
         out
     }
@@ -160,18 +162,16 @@ impl Lens {
         let focal = self.rig.focal * WIDTH as f64 / 640.0;
         [turning, nod].map(|rate| self.blur * self.blur + (focal * rate * self.exposure).powi(2) / 12.0)
     }
-
-    /// What each colour is shown as, 0 to 255 without noise, for values in steps of 0 to 1: powers are dear.
-    fn curve(&self) -> [Vec<f32>; 3] {
-        self.balance.map(|balance| {
-            let shown = |k: usize| (k as f64 / STEPS as f64).powf(self.gamma) * balance + self.bias;
-            (0..=STEPS).map(|k| (255.0 * shown(k)) as f32).collect()
-        })
-    }
 }
 
 /// Steps of a lens' curve.
 const STEPS: usize = 255;
+
+/// What values in steps of 0 to 1 are shown as, 0 to 255 without noise: powers are dear.
+fn curve(balance: f64, gamma: f64, bias: f64) -> [f32; STEPS + 1] {
+    let shown = |k: usize| (k as f64 / STEPS as f64).powf(gamma) * balance + bias;
+    std::array::from_fn(|k| (255.0 * shown(k)) as f32)
+}
 
 /// A number of mean 0 and deviation 1, of four uniform ones (Irwin and Hall): a pixel's noise needs no tails.
 fn about_normal(random: &mut Xoshiro256PlusPlus) -> f32 {
@@ -181,20 +181,31 @@ fn about_normal(random: &mut Xoshiro256PlusPlus) -> f32 {
     (sum as f32 - 131_070.0) * (1.732_050_8 / 65_536.0)
 }
 
-/// Three taps along rows and along columns, whose variances are as stated \[px²\] as far as three taps can have them.
+/// Three taps along rows and along columns, whose variances are as stated \[px²\] as far as three taps can have them. The outermost pixels go on
+/// beyond the edges.
 fn blur(picture: &[f32], variances: [f64; 2]) -> Vec<f32> {
-    let pass = |from: &[f32], step: usize, count: usize, variance: f64| -> Vec<f32> {
-        let side = (0.5 * variance).min(1.0 / 3.0) as f32;
-        (0..from.len())
-            .map(|k| {
-                let at = k / step % count;
-                let before = if at > 0 { from[k - step] } else { from[k] };
-                let after = if at + 1 < count { from[k + step] } else { from[k] };
-                from[k] + side * (before + after - 2.0 * from[k])
-            })
-            .collect()
-    };
-    pass(&pass(picture, 3, WIDTH, variances[0]), 3 * WIDTH, HEIGHT, variances[1])
+    let [across, down] = variances.map(|variance| (0.5 * variance).min(1.0 / 3.0) as f32);
+    let mixed = |side: f32, before: f32, x: f32, after: f32| x + side * (before + after - 2.0 * x);
+    let long = 3 * WIDTH;
+    let mut rows = vec![0.0; picture.len()];
+    for (out, row) in rows.chunks_exact_mut(long).zip(picture.chunks_exact(long)) {
+        for k in 0..3 {
+            out[k] = mixed(across, row[k], row[k], row[k + 3]);
+            out[long - 3 + k] = mixed(across, row[long - 6 + k], row[long - 3 + k], row[long - 3 + k]);
+        }
+        let inner = row.iter().zip(&row[3..]).zip(&row[6..]);
+        out[3..]
+            .iter_mut()
+            .zip(inner)
+            .for_each(|(out, ((before, x), after))| *out = mixed(across, *before, *x, *after));
+    }
+    let row = |y: usize| &rows[y * long..][..long];
+    let mut out = Vec::with_capacity(picture.len());
+    for y in 0..HEIGHT {
+        let around = row(y.saturating_sub(1)).iter().zip(row(y)).zip(row((y + 1).min(HEIGHT - 1)));
+        out.extend(around.map(|((before, x), after)| mixed(down, *before, *x, *after)));
+    }
+    out
 }
 
 #[cfg(test)]

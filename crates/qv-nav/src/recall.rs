@@ -211,8 +211,12 @@ impl Recall {
         };
         let (walk, view) = (distances(walk), distances(view));
         const REACH: f64 = 5.0;
-        let low = (eye.place - REACH) / CELL + 0.5 * CELLS as f64;
-        let high = (eye.place + REACH) / CELL + 0.5 * CELLS as f64;
+        // Cells near enough, of which only a box around the fan of rays need be looked at: the triangle that touches its arc, and a cell more.
+        let half = 0.5 * RAYS as f64 * RAY_STEP;
+        let corners = [-half, half].map(|off| eye.place + REACH / half.cos() * DVec2::from_angle(eye.yaw + off));
+        let (low, high) = corners.iter().fold((eye.place, eye.place), |(low, high), p| (low.min(*p), high.max(*p)));
+        let low = (low - CELL).max(eye.place - REACH) / CELL + 0.5 * CELLS as f64;
+        let high = (high + CELL).min(eye.place + REACH) / CELL + 0.5 * CELLS as f64;
         let range = |low: f64, high: f64| low.clamp(0.0, CELLS as f64) as usize..high.clamp(0.0, CELLS as f64) as usize;
         for j in range(low.y, high.y) {
             for i in range(low.x, high.x) {

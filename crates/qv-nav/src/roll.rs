@@ -207,11 +207,7 @@ fn judge(stage: &Stage, crew: &mut [Run], legs: &dyn Legs, step: usize) {
 fn look(stage: &Stage, crew: &[Run]) -> Result<Vec<Vec<f32>>, NavError> {
     let live = crew.iter().filter(|run| !run.over);
     let shots: Vec<Shot> = live
-        .map(|run| Shot {
-            camera: run.lens.rig.camera(&run.past),
-            cones: run.cones.clone(),
-            seed: run.episode.seed,
-        })
+        .map(|run| Shot { camera: run.lens.rig.camera(&run.past), cones: run.cones.clone(), seed: run.episode.seed })
         .collect();
     if shots.is_empty() { Ok(Vec::new()) } else { stage.eye.look(&shots) }
 }
@@ -228,7 +224,8 @@ fn decide(
         return Ok(());
     }
     let glimpses: Vec<Glimpse> = live.par_iter_mut().zip(drawn).map(|(run, picture)| run.glimpse(picture)).collect();
-    let decisions = pilot.decide(&live.iter().zip(&glimpses).map(|(run, glimpse)| run.sees(glimpse)).collect::<Vec<_>>());
+    let decisions =
+        pilot.decide(&live.iter().zip(&glimpses).map(|(run, glimpse)| run.sees(glimpse)).collect::<Vec<_>>());
     let (mut commands, mut active) = (vec![[0.0; 3]; legs.count()], vec![false; legs.count()]);
     live.par_iter_mut().zip(&glimpses).zip(&decisions).for_each(|((run, glimpse), decision)| {
         run.follow(stage, glimpse, decision);
