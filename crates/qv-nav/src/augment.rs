@@ -77,6 +77,9 @@ impl Changes {
     }
 }
 
+/// Numbers for textures from each draw of 64 bits.
+const NUMBERS: usize = 8;
+
 /// The change of one episode.
 #[derive(Debug, Clone)]
 pub struct Change {
@@ -94,9 +97,15 @@ pub struct Change {
 impl Change {
     /// Adds a picture, changed, to `out`; at its edges, a shifted picture repeats its last pixels. Its texture is another one each time.
     pub fn add(&mut self, picture: &[u8], out: &mut Vec<u8>) {
-        let (height, first) = (picture.len() / (3 * WIDTH), out.len());
+        let first = out.len();
         out.resize(first + picture.len(), 0);
-        for (y, row) in out[first..].chunks_exact_mut(3 * WIDTH).enumerate() {
+        self.put(picture, &mut out[first..]);
+    }
+
+    /// The same into a place of the picture's size.
+    pub fn put(&mut self, picture: &[u8], out: &mut [u8]) {
+        let height = picture.len() / (3 * WIDTH);
+        for (y, row) in out.chunks_exact_mut(3 * WIDTH).enumerate() {
             let from = y.saturating_add_signed(-self.shift[0]).min(height - 1);
             let from = &picture[from * 3 * WIDTH..][..3 * WIDTH];
             for (x, to) in row.chunks_exact_mut(3).enumerate() {
@@ -107,21 +116,40 @@ impl Change {
             }
         }
         if self.sharpen > 0.05 {
-            sharpen(&mut out[first..], self.sharpen);
+            sharpen(out, self.sharpen);
         }
-        if self.texture > 0.02 {
-            self.roughen(&mut out[first..]);
+        if self.is_rough() {
+            self.roughen(out);
         }
     }
 
+    /// This change as it is for the next picture, of so many rows. Afterwards it is as if that picture had been changed, so that pictures of an
+    /// episode can be changed at the same time.
+    pub fn next(&mut self, height: usize) -> Self {
+        let now = self.clone();
+        if self.is_rough() {
+            for _ in 0..height.div_ceil(self.square) * self.across().div_ceil(NUMBERS) {
+                self.random.bits();
+            }
+        }
+        now
+    }
+
+    fn is_rough(&self) -> bool {
+        self.texture > 0.02
+    }
+
+    /// Squares in a row.
+    fn across(&self) -> usize {
+        WIDTH.div_ceil(self.square)
+    }
+
     fn roughen(&mut self, picture: &mut [u8]) {
-        let across = WIDTH.div_ceil(self.square);
-        let (mut factors, mut bits) = (vec![1.0; across], 0);
+        let (mut factors, mut bits) = (vec![1.0; self.across()], 0);
         for (y, row) in picture.chunks_exact_mut(3 * WIDTH).enumerate() {
             if y % self.square == 0 {
                 for (k, factor) in factors.iter_mut().enumerate() {
-                    // Eight numbers from each draw.
-                    bits = if k % 8 == 0 { self.random.bits() } else { bits >> 8 };
+                    bits = if k % NUMBERS == 0 { self.random.bits() } else { bits >> 8 };
                     *factor = 1.0 + self.texture * ((bits & 0xff) as f32 / 127.5 - 1.0);
                 }
             }
@@ -173,6 +201,16 @@ mod tests {
         rough.add(&picture, &mut a);
         rough.add(&picture, &mut b);
         assert!(a != b && a.len() == picture.len(), "another texture each time");
+        for square in [1, 2, 4] {
+            let mut one = Change { square, ..rough.clone() };
+            let (mut other, mut out) = (one.clone(), vec![vec![0; picture.len()]; 4]);
+            one.put(&picture, &mut out[0]);
+            one.put(&picture, &mut out[1]);
+            let mut first = other.next(HEIGHT);
+            other.put(&picture, &mut out[3]);
+            first.put(&picture, &mut out[2]);
+            assert!(out[0] == out[2] && out[1] == out[3] && out[0] != out[1], "in any order");
+        }
         assert!(a[..6].iter().all(|c| *c == a[0]) && a.iter().any(|c| *c < 80) && a.iter().any(|c| *c > 120));
         let at = 3 * (20 * WIDTH + 30);
         let mut sharp = Change { texture: 0.0, sharpen: 0.5, ..rough };

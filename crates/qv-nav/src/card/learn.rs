@@ -5,7 +5,7 @@ use super::{bind, pipeline};
 use crate::NavError;
 use crate::augment::Change;
 use crate::dagger::TrainSettings;
-use crate::net::{Net, STATE};
+use crate::net::{HEIGHT, Net, STATE};
 use crate::recall::RECALL;
 use crate::roll::Record;
 use qv_raster::RasterError;
@@ -34,8 +34,6 @@ struct Lane {
     next: usize,
     /// Decisions of this stretch; 0 when there is no episode left.
     count: usize,
-    /// Its pictures, changed.
-    pictures: Vec<u8>,
 }
 
 /// What the card is told of the next decisions of all lanes, each with room for a whole stretch.
@@ -170,15 +168,13 @@ impl Lane {
     }
 
     /// Gathers its next decisions: pictures, states, recalls, targets.
-    fn fill(&mut self, records: &[Record], stretch: usize, room: [&mut [f32]; 3]) {
-        self.pictures.clear();
+    fn fill(&mut self, records: &[Record], stretch: usize, pictures: &mut [u8], room: [&mut [f32]; 3]) {
         let Some((record, change)) = &mut self.episode else { return };
         let record = &records[*record];
         let size = record.pictures.len() / record.len();
         self.count = (record.len() - self.next).min(stretch);
         let [states, recalls, targets] = room;
         for (at, target) in (self.next..self.next + self.count).zip(targets.chunks_exact_mut(TARGET)) {
-            change.add(&record.pictures[at * size..][..size], &mut self.pictures);
             let found = [f32::from(u8::from(record.found[at]))];
             let acted = record.acted.get(at).copied().unwrap_or_default().numbers();
             let parts: [&[f32]; 6] =
@@ -187,6 +183,10 @@ impl Lane {
         }
         states[..self.count * STATE].copy_from_slice(&record.states[self.next * STATE..][..self.count * STATE]);
         recalls[..self.count * RECALL].copy_from_slice(&record.recalls[self.next * RECALL..][..self.count * RECALL]);
+        // Changing pictures is most of the work, and lanes are fewer than threads.
+        let changes: Vec<Change> = (0..self.count).map(|_| change.next(HEIGHT)).collect();
+        let work = pictures.par_chunks_exact_mut(size).zip(record.pictures[self.next * size..].par_chunks_exact(size));
+        work.zip(changes).for_each(|((out, picture), mut change)| change.put(picture, out));
     }
 }
 
@@ -221,8 +221,7 @@ impl Stretch {
             .zip(self.recalls.par_chunks_exact_mut(stretch * RECALL))
             .zip(self.targets.par_chunks_exact_mut(stretch * TARGET));
         lanes.par_iter_mut().zip(pictures).zip(numbers).for_each(|((lane, pictures), ((states, recalls), targets))| {
-            lane.fill(records, stretch, [states, recalls, targets]);
-            pictures[..lane.pictures.len()].copy_from_slice(&lane.pictures);
+            lane.fill(records, stretch, pictures, [states, recalls, targets]);
         });
         self.lanes = lanes.iter().zip(fresh).flat_map(|(lane, fresh)| [u32::from(fresh), lane.count as u32]).collect();
         self.samples = lanes.iter().map(|lane| lane.count).sum();
