@@ -1,12 +1,14 @@
 //! Teacher, task and judge in the yard with boxes.
 
 use qv_core::Pose;
+use qv_core::random::Xoshiro256PlusPlus;
 use qv_nav::NavError;
-use qv_nav::eye::BlindEye;
+use qv_nav::eye::{BlindEye, FnEye, Shot};
 use qv_nav::legs::{Follower, Legs, Motion, Start};
 use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
-use qv_nav::pilots::TeacherPilot;
+use qv_nav::net::Net;
+use qv_nav::pilots::{MixedPilot, Mixture, NetPilot, TeacherPilot};
 use qv_nav::roll::{Decision, Pilot, Seen, Stage, roll};
 use qv_nav::sight::Rig;
 use qv_nav::task::{End, Episode, EpisodeSettings, Limits, Stratum};
@@ -87,6 +89,52 @@ impl Legs for Rooted {
         let [x, y] = self.0[env].place;
         Pose::from_xyz_rpy([x, y, 0.3], [0.0, 0.0, self.0[env].yaw])
     }
+}
+
+/// A follower of which all robots must go on at once.
+struct Together<'a>(Follower<'a>);
+
+impl Legs for Together<'_> {
+    fn count(&self) -> usize {
+        self.0.count()
+    }
+    fn begin(&mut self, starts: &[Start]) -> Result<(), NavError> {
+        self.0.begin(starts)
+    }
+    fn step(&mut self, commands: &[[f64; 3]], active: &[bool]) -> Result<(), NavError> {
+        self.0.step(commands, active)
+    }
+    fn motion(&self, env: usize) -> Motion {
+        self.0.motion(env)
+    }
+    fn past(&self, env: usize, ago: f64) -> Pose {
+        self.0.past(env, ago)
+    }
+}
+
+/// Legs that are apart are driven in two halves; each robot does what it would have done beside all others.
+#[test]
+fn halves_drive_as_all_at_once() {
+    let world = world();
+    let eye = FnEye(|shot: &Shot| {
+        let at = shot.camera.camera_from_world.position;
+        (0..80 * 60 * 3).map(|k| (0.1 * (at.x + at.y + f64::from(k))).sin().abs() as f32).collect()
+    });
+    let stage = Stage::new(&world, &eye, LensSpread::wide());
+    let episodes = EpisodeSettings::default().draw(&world, 10, 21).unwrap();
+    let limits = world.limits;
+    let follower = || Follower::new(&world.map, 7, 0.3);
+    let driven = |legs: &mut dyn Legs| {
+        let net = Net::default();
+        let parameters = net.draw(&mut Xoshiro256PlusPlus::new(4));
+        let later = Mixture { alone: 0.3, taught: 0.6, stray: 0.1, stretch: 4.0, told: 0.5 };
+        let mut pilot = MixedPilot::new(NetPilot::new(&net, &parameters, 7), limits, later, 7);
+        roll(&stage, legs, &episodes, &mut pilot, |_| true, &mut |_| {}).unwrap()
+    };
+    let (halves, whole) = (driven(&mut follower()), driven(&mut Together(follower())));
+    let lengths: Vec<usize> = whole.iter().map(|(trial, _)| trial.track.len()).collect();
+    assert!(lengths.iter().any(|n| *n != lengths[0]), "episodes end at different times: {lengths:?}");
+    assert!(halves == whole);
 }
 
 /// Always the same.
