@@ -1,6 +1,6 @@
 //! A student learns to find cones in the yard of `fixtures/yard`, whose surfaces are sown with Gaussians, and says how often it does:
 //! `learn_in_the_yard [KEY=VALUE ...]`. Keys are those of `TrainSettings` (numbers), `test` (episodes), `every` (rounds from one test to the
-//! next), `sown` (metres between Gaussians), those of `Paints`, `out` (a directory for weights.bin, made if need be), and `from` (the weights.bin of
+//! next), `sown` (metres between Gaussians; of several, as in `[0.03,0.06]`, each episode has one, and tests have the first), those of `Paints`, `out` (a directory for weights.bin, made if need be), and `from` (the weights.bin of
 //! an earlier training to go on from). `eye=bare` draws the collision geometry in flat colours instead: a training without a reconstruction.
 //! `legs=ideal` are legs that do at once what they are told: a training without the residual; `legs=CHECKPOINT.bin` is a Go2 that walks in the
 //! simulator by what `qv walk train` wrote, and `simulator=NAME:VALUE,...` are corrections of it; `latency`, `strength` and `slip` are the bounds of
@@ -13,7 +13,7 @@ mod yard_legs;
 use qv_go2::walk;
 use qv_nav::bare::Bare;
 use qv_nav::dagger::{Student, TrainSettings};
-use qv_nav::eye::{Eye, Paints, SplatEye};
+use qv_nav::eye::{Eye, Paints, Several, SplatEye};
 use qv_nav::fit::Fit;
 use qv_nav::legs::{Effects, Follower, Legs, Response};
 use qv_nav::lens::LensSpread;
@@ -49,7 +49,7 @@ struct Options {
     out: Option<PathBuf>,
     from: Option<PathBuf>,
     paints: Paints,
-    sown: f64,
+    sown: Vec<f64>,
     is_bare: bool,
     response: Response,
     effects: Effects,
@@ -68,7 +68,7 @@ impl Options {
         let usual = if by_trials { TrainSettings::tuning() } else { TrainSettings::default() };
         let mut settings = serde_json::to_value(usual)?;
         let mut paints = serde_json::to_value(Paints::default())?;
-        let (mut test, mut every, mut out, mut from, mut sown) = (96, 1, None, None, 0.06);
+        let (mut test, mut every, mut out, mut from, mut sown) = (96, 1, None, None, vec![0.06]);
         let mut effects = serde_json::to_value(Effects::default())?;
         let (mut is_bare, mut response, mut camera) = (false, Response::default(), "wide".to_string());
         let (mut within, mut gpu, mut learns_on_card) = (None, None, true);
@@ -77,7 +77,8 @@ impl Options {
             let (key, value) = argument.split_once('=').ok_or_else(|| format!("{argument}: expected KEY=VALUE"))?;
             match key {
                 "test" => test = value.parse()?,
-                "sown" => sown = value.parse()?,
+                "sown" if value.starts_with('[') => sown = serde_json::from_str(value)?,
+                "sown" => sown = vec![value.parse()?],
                 "every" => every = value.parse()?,
                 "from" => from = Some(PathBuf::from(value)),
                 "out" => out = Some(PathBuf::from(value)),
@@ -127,15 +128,18 @@ impl Options {
         })
     }
 
-    /// The eye that is learnt from, and that of the tests: the same with the first paint alone.
-    fn eyes(&self) -> Fallible<[SplatEye; 2]> {
+    /// Eyes that are learnt from, and that of the tests: the first one with its first paint alone.
+    fn eyes(&self) -> Fallible<(Vec<SplatEye>, SplatEye)> {
         let seed = self.settings.seed;
+        let first = *self.sown.first().ok_or("sown: expected at least one distance, found none")?;
         if self.is_bare {
-            let bare = |paints| SplatEye::bare(&mesh_with(&CRATES), &Bare { spacing: self.sown, paints }, seed);
-            return Ok([bare(self.paints.count)?, bare(1)?]);
+            let bare = |paints, spacing| SplatEye::bare(&mesh_with(&CRATES), &Bare { spacing, paints }, seed);
+            let eyes = self.sown.iter().map(|&sown| bare(self.paints.count, sown)).collect::<Result<_, _>>()?;
+            return Ok((eyes, bare(1, first)?));
         }
-        let sown = sow::cloud(&Yard::with_crates(&CRATES, Vec::new(), 1), self.sown);
-        Ok([SplatEye::painted(&sown, &self.paints, seed), SplatEye::new(&sown)])
+        let yard = Yard::with_crates(&CRATES, Vec::new(), 1);
+        let eyes = self.sown.iter().map(|&sown| SplatEye::painted(&sow::cloud(&yard, sown), &self.paints, seed));
+        Ok((eyes.collect(), SplatEye::new(&sow::cloud(&yard, first))))
     }
 }
 
@@ -211,11 +215,13 @@ fn main() -> Fallible<()> {
     let (spread, rig) = options.spread()?;
     let world = World::new(map, rig, Limits::default());
     println!("{:?}", world.teacher);
-    let [eye, plain] = options.eyes()?;
-    println!("{} Gaussians, {} places for cones", eye.count(), world.candidates.len());
-    let (eye, plain) = (placed(eye, &options)?, placed(plain, &options)?);
+    let (eyes, plain) = options.eyes()?;
+    let counts: Vec<usize> = eyes.iter().map(SplatEye::count).collect();
+    println!("{counts:?} Gaussians, {} places for cones", world.candidates.len());
+    let eyes = eyes.into_iter().map(|eye| placed(eye, &options)).collect::<Fallible<_>>()?;
+    let (eye, plain) = (Several(eyes), placed(plain, &options)?);
     let drift = Drift::default();
-    let stage = Stage { world: &world, eye: &*eye, spread, drift, reflex: Reflex::default() };
+    let stage = Stage { world: &world, eye: &eye, spread, drift, reflex: Reflex::default() };
     let tested = Stage { eye: &*plain, ..Stage::new(&world, &*plain, spread) };
     let mut legs = legs(&options, &world)?;
     let legs = &mut *legs;

@@ -40,6 +40,34 @@ impl<F: Fn(&Shot) -> Vec<f32> + Sync> Eye for FnEye<F> {
     }
 }
 
+/// One of several eyes for each episode, such as reconstructions of a place that are not equally fine: what a policy takes for granted of one, the
+/// next one lacks.
+pub struct Several<'a>(pub Vec<Box<dyn Eye + 'a>>);
+
+impl Several<'_> {
+    /// Which eye an episode has. Paints are drawn from other bits of the seed.
+    fn of(&self, shot: &Shot) -> usize {
+        (shot.seed >> 32) as usize % self.0.len()
+    }
+}
+
+impl Eye for Several<'_> {
+    fn look(&self, shots: &[Shot]) -> Result<Vec<Vec<f32>>, NavError> {
+        if self.0.is_empty() {
+            return Err(NavError::value("eyes", "at least one", "none"));
+        }
+        let mut out = vec![Vec::new(); shots.len()];
+        for (k, eye) in self.0.iter().enumerate() {
+            let chosen: Vec<usize> = (0..shots.len()).filter(|&s| self.of(&shots[s]) == k).collect();
+            let own: Vec<Shot> = chosen.iter().map(|&s| shots[s].clone()).collect();
+            for (s, picture) in chosen.into_iter().zip(eye.look(&own)?) {
+                out[s] = picture;
+            }
+        }
+        Ok(out)
+    }
+}
+
 /// An eye that sees grey everywhere: for a policy that must do without.
 pub struct BlindEye;
 
@@ -308,6 +336,18 @@ mod tests {
         // To the left is a smaller column: 0.3 m at 1.2 m.
         assert!(blue.len() > 60 && (mean(&blue) - (39.5 - 76.9 * 0.25)).abs() < 2.0, "{} {}", blue.len(), mean(&blue));
         assert!(images[2].chunks_exact(3).all(|p| p == [0.75, 0.82, 0.9]));
+    }
+
+    #[test]
+    fn each_episode_has_one_of_several_eyes() {
+        let plain = |shade: f32| -> Box<dyn Eye> { Box::new(FnEye(move |shot: &Shot| vec![shade, shot.seed as f32])) };
+        let camera = Rig::default().camera(&Pose::IDENTITY);
+        let shots: Vec<Shot> = (0..6).map(|k| Shot { camera, cones: Vec::new(), seed: (k << 32) + 7 * k }).collect();
+        let seen = Several(vec![plain(0.1), plain(0.2), plain(0.3)]).look(&shots).unwrap();
+        let shades: Vec<f32> = seen.iter().map(|picture| picture[0]).collect();
+        assert_eq!(shades, [0.1, 0.2, 0.3, 0.1, 0.2, 0.3]);
+        assert!(seen.iter().zip(&shots).all(|(picture, shot)| picture[1] == shot.seed as f32), "each in its place");
+        assert!(Several(Vec::new()).look(&shots).is_err());
     }
 
     #[test]
