@@ -271,24 +271,34 @@ impl Place {
         let mesh = mesh_at(&self.mesh, "a labelled mesh in GLB")?;
         let map = Map::new(&mesh, &MapSettings { floor: self.floor, ..Default::default() })
             .map_err(|e| about(&self.mesh, e))?;
-        let scene = open_scene(&self.scene)?.cloud;
-        let cloud = without_veils(&scene, &map, &Air { from: self.air, ..Air::default() });
+        let eye = self.eye(&self.scene, &map, paints)?;
+        let usual = TeacherSettings::default();
+        // A camera on a mast looks over what hides a cone from a dog.
+        let over = if self.mount.is_some() { HEIGHT + rig.place[2] } else { usual.eye };
+        Ok((World::with(map, rig, Limits::default(), TeacherSettings { eye: over, ..usual }), eye))
+    }
+
+    /// A scene of the place as it is drawn.
+    fn eye(&self, file: &Path, map: &Map, paints: &Paints) -> Result<SplatEye, Failure> {
+        let scene = open_scene(file)?.cloud;
+        let cloud = without_veils(&scene, map, &Air { from: self.air, ..Air::default() });
         match scene.len() - cloud.len() {
             0 => {}
             hang => remark(&format!(
-                "{hang} of {} Gaussians hang more than {} m over free ground and are left out (--air)",
+                "{}: {hang} of {} Gaussians hang more than {} m over free ground and are left out (--air)",
+                file.display(),
                 scene.len(),
                 self.air
             )),
         }
         let eye = SplatEye::painted(&cloud, paints, self.seed);
-        if eye.count() > 60_000 {
-            remark("the scene has many Gaussians: pictures of 80 x 60 are as good, and faster, from 20 000");
+        if eye.count() > 200_000 {
+            remark(&format!(
+                "{}: with so many Gaussians pictures take long, and a graphics card holds them eight times",
+                file.display()
+            ));
         }
-        let usual = TeacherSettings::default();
-        // A camera on a mast looks over what hides a cone from a dog.
-        let over = if self.mount.is_some() { HEIGHT + rig.place[2] } else { usual.eye };
-        Ok((World::with(map, rig, Limits::default(), TeacherSettings { eye: over, ..usual }), eye))
+        Ok(eye)
     }
 }
 

@@ -8,7 +8,7 @@ use qv_nav::net::Net;
 use qv_nav::sight::Rig;
 use qv_nav::weights;
 use qv_raster::{Scene, Settings, View, render};
-use qv_splat::files::{Format, write};
+use qv_splat::files::{Format, read_any, write};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -183,6 +183,27 @@ fn a_student_learns_from_the_teacher_then_from_trials_on_legs_that_walk() {
 
 fn results_differ(a: &Value, b: &Value) -> bool {
     !a.is_null() && !b.is_null() && a != b
+}
+
+#[test]
+fn a_training_can_see_several_scenes_of_a_place() {
+    let folder = directory("navigate_also");
+    place(&folder, &Pose::IDENTITY, 1.0);
+    // The same ground, darker.
+    let mut dark = read_any(&fs::read(folder.join("scene.ply")).unwrap()).unwrap().cloud;
+    dark.sh.iter_mut().flatten().for_each(|c| *c -= 0.5);
+    fs::write(folder.join("dark.ply"), write(&dark, Format::Ply).unwrap()).unwrap();
+    let learnt = |also: &str| {
+        let arguments = format!("navigate train {VIEW} --rounds 1 --frames 30 --robots 6 --out nav --json{also}");
+        let (code, _, err) = qv(&folder, &arguments);
+        assert_eq!(code, 0, "{err}");
+        fs::read(folder.join("nav/weights.bin")).unwrap()
+    };
+    let one = learnt("");
+    assert!(one == learnt(" --also scene.ply"), "the same scene twice is one");
+    assert!(one != learnt(" --also dark.ply"));
+    let (code, _, err) = qv(&folder, &format!("navigate train {VIEW} --also none.ply --out nav"));
+    assert!(code == 1 && err.contains("none.ply"), "{err}");
 }
 
 #[test]

@@ -31,7 +31,7 @@ impl CardArguments {
         Ok(if self.gpu { student.on_card(self.open()?)? } else { student })
     }
 
-    /// Eye and student have a device each: neither waits for what the other has submitted.
+    /// Each eye and the student have a device of their own: none waits for what the other has submitted.
     fn open(&self) -> Result<qv_nav::card::Gpu, Failure> {
         use qv_nav::card::{Gpu, GpuOptions};
         Ok(Gpu::new(&GpuOptions { adapter: self.gpu_index, ..Default::default() })?)

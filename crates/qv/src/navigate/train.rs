@@ -8,7 +8,7 @@ use crate::scene::about;
 use crate::whole::{refuse_inputs, write_whole};
 use crate::{Failure, Outcome, say};
 use qv_nav::dagger::{Progress, TrainSettings};
-use qv_nav::eye::{Eye, Paints, Shot};
+use qv_nav::eye::{Eye, Paints, Several, Shot};
 use qv_nav::legs::Legs;
 use qv_nav::net::Net;
 use qv_nav::roll::Stage;
@@ -24,6 +24,9 @@ pub struct Train {
     task: Task,
     #[command(flatten)]
     legs: LegsArguments,
+    /// Another scene of the same place, in the same frame, such as a finer one; may be given again. Each episode is drawn in one of all scenes
+    #[arg(long, value_name = "FILE")]
+    also: Vec<PathBuf>,
     /// Rounds of driving and learning from the teacher; 0, with --from and without --trials, writes policy.onnx of those weights
     #[arg(long, default_value_t = TrainSettings::default().rounds, value_parser = count)]
     rounds: usize,
@@ -67,15 +70,21 @@ impl Train {
         }
         let outputs = ["weights.bin", "policy.onnx"].map(|name| self.out.join(name));
         // The weights to begin with may stand where the new ones go: they are read before the first round.
-        let read: Vec<&PathBuf> = self.task.place.files().into_iter().chain(self.legs.files()).collect();
+        let read: Vec<&PathBuf> =
+            self.task.place.files().into_iter().chain(self.legs.files()).chain(&self.also).collect();
         outputs.iter().try_for_each(|out| refuse_inputs(out, read.iter().copied()))?;
         refuse_inputs(&outputs[1], &self.from)?;
         let start = self.from.as_ref().map(|file| weights_at(file, &Net::default())).transpose()?;
-        let (world, eye, camera) = self.task.open(&Paints::default())?;
+        let paints = Paints::default();
+        let (world, eye, camera) = self.task.open(&paints)?;
+        let mut eyes = vec![self.card.eye(eye)?];
+        for scene in &self.also {
+            eyes.push(self.card.eye(self.task.place.eye(scene, &world.map, &paints)?)?);
+        }
         let stable = self.legs.open(&self.task.place)?;
         fs::create_dir_all(&self.out).map_err(|e| about(&self.out, e))?;
         let stop = crate::stop::asked();
-        let eye = Watched { eye: self.card.eye(eye)?, stop: stop.clone() };
+        let eye = Watched { eye: Several(eyes), stop: stop.clone() };
         let mut work = Work {
             train: self,
             stage: Stage::new(&world, &eye, camera),
@@ -158,7 +167,7 @@ impl Train {
 
 /// An eye that sees nothing more once a stop was asked for, so that driving ends at the next picture.
 struct Watched {
-    eye: Box<dyn Eye>,
+    eye: Several<'static>,
     stop: Arc<AtomicBool>,
 }
 
