@@ -104,6 +104,7 @@ impl Change {
 
     /// The same into a place of the picture's size.
     pub fn put(&mut self, picture: &[u8], out: &mut [u8]) {
+        debug_assert_eq!(picture.len(), out.len());
         let height = picture.len() / (3 * WIDTH);
         for (y, row) in out.chunks_exact_mut(3 * WIDTH).enumerate() {
             let from = y.saturating_add_signed(-self.shift[0]).min(height - 1);
@@ -125,7 +126,7 @@ impl Change {
 
     /// This change as it is for the next picture, of so many rows. Afterwards it is as if that picture had been changed, so that pictures of an
     /// episode can be changed at the same time.
-    pub fn next(&mut self, height: usize) -> Self {
+    pub fn take_next(&mut self, height: usize) -> Self {
         let now = self.clone();
         if self.is_rough() {
             for _ in 0..height.div_ceil(self.square) * self.across().div_ceil(NUMBERS) {
@@ -206,7 +207,7 @@ mod tests {
             let (mut other, mut out) = (one.clone(), vec![vec![0; picture.len()]; 4]);
             one.put(&picture, &mut out[0]);
             one.put(&picture, &mut out[1]);
-            let mut first = other.next(HEIGHT);
+            let mut first = other.take_next(HEIGHT);
             other.put(&picture, &mut out[3]);
             first.put(&picture, &mut out[2]);
             assert!(out[0] == out[2] && out[1] == out[3] && out[0] != out[1], "in any order");

@@ -22,7 +22,7 @@ pub struct Shot {
     pub seed: u64,
 }
 
-/// Draws pictures.
+/// Draws pictures. It may be asked to on any thread of rayon's pool, while robots decide and go on; so no lock may be held across work of the pool.
 pub trait Eye: Sync {
     /// For each shot red, green, blue as shown, 0 to 1, shape `[HEIGHT, WIDTH, 3]`; without what the camera model adds.
     ///
@@ -45,7 +45,7 @@ impl<F: Fn(&Shot) -> Vec<f32> + Sync> Eye for FnEye<F> {
 pub struct Several<'a>(pub Vec<Box<dyn Eye + 'a>>);
 
 impl Several<'_> {
-    /// Which eye an episode has. Paints are drawn from other bits of the seed.
+    /// Which eye an episode has.
     fn of(&self, shot: &Shot) -> usize {
         (shot.seed >> 32) as usize % self.0.len()
     }
@@ -59,6 +59,9 @@ impl Eye for Several<'_> {
         let mut out = vec![Vec::new(); shots.len()];
         for (k, eye) in self.0.iter().enumerate() {
             let chosen: Vec<usize> = (0..shots.len()).filter(|&s| self.of(&shots[s]) == k).collect();
+            if chosen.is_empty() {
+                continue;
+            }
             let own: Vec<Shot> = chosen.iter().map(|&s| shots[s].clone()).collect();
             for (s, picture) in chosen.into_iter().zip(eye.look(&own)?) {
                 out[s] = picture;

@@ -44,19 +44,21 @@ pub trait Legs {
     /// # Errors
     /// When there are too many, or a simulator refuses.
     fn begin(&mut self, starts: &[Start]) -> Result<(), NavError>;
-    /// Follows commands (forwards, to the left \[m/s\], turning \[rad/s\]) for [`PERIOD`]; robots that are not `active` may stand still.
+    /// Follows commands (forwards, to the left \[m/s\], turning \[rad/s\]) for [`PERIOD`]; robots that are not `active` may stand still. Both lists
+    /// have [`Legs::count`] entries.
     ///
     /// # Errors
     /// When a simulator fails.
     fn step(&mut self, commands: &[[f64; 3]], active: &[bool]) -> Result<(), NavError>;
     /// How one moves.
     fn motion(&self, env: usize) -> Motion;
-    /// Whether robots that are not active stay as they are, in time as well. Then some can go on while pictures of others are drawn.
+    /// Where the base was `ago` seconds ago, at most 0.3 s, to 20 ms; at the start where it began.
+    fn past(&self, env: usize, ago: f64) -> Pose;
+    /// Whether a step neither moves nor ages robots that are not active, and what an active one does does not depend on which others are. Then
+    /// some go on while pictures of others are drawn, and a step has about half of the robots.
     fn are_apart(&self) -> bool {
         false
     }
-    /// Where the base was `ago` seconds ago, at most 0.3 s, to 20 ms; at the start where it began.
-    fn past(&self, env: usize, ago: f64) -> Pose;
 }
 
 /// Poses of the last 0.3 s, every 20 ms.

@@ -248,6 +248,22 @@ mod tests {
         assert_eq!((nodding[at - row], nodding[at + row], nodding[at + 3]), (14, 14, 0));
     }
 
+    /// Each number as the formula has it, one after the other.
+    #[test]
+    fn a_blur_mixes_neighbours_and_repeats_the_edges() {
+        let mut random = Xoshiro256PlusPlus::new(2);
+        let picture: Vec<f32> = (0..WIDTH * HEIGHT * 3).map(|_| random.unit()).collect();
+        let plain = |from: &[f32], step: usize, count: usize, variance: f64| -> Vec<f32> {
+            let side = (0.5 * variance).min(1.0 / 3.0) as f32;
+            let at = |k: usize| k / step % count;
+            let before = |k: usize| from[if at(k) > 0 { k - step } else { k }];
+            let after = |k: usize| from[if at(k) + 1 < count { k + step } else { k }];
+            (0..from.len()).map(|k| from[k] + side * (before(k) + after(k) - 2.0 * from[k])).collect()
+        };
+        let expected = plain(&plain(&picture, 3, WIDTH, 0.3), 3 * WIDTH, HEIGHT, 0.1);
+        assert!(blur(&picture, [0.3, 0.1]) == expected);
+    }
+
     #[test]
     fn wide_cameras_differ_and_a_blur_keeps_the_sum() {
         let spread = LensSpread::wide();

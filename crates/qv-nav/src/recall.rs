@@ -418,6 +418,33 @@ mod tests {
         assert!(f[9] > 0.7 && (f[10] + 1.0).abs() < 1e-6 && (f[12] - 1.0 / 3.0).abs() < 1e-6);
     }
 
+    /// Only a box of cells is looked at. All of the grid that rays show lies in it.
+    #[test]
+    fn rays_are_laid_onto_all_cells_that_they_show() {
+        let mut random = Xoshiro256PlusPlus::new(8);
+        let far = [FARTHEST.ln() as f32; RAYS];
+        for _ in 0..300 {
+            let place = DVec2::new(f64::from(random.between(-9.0, 9.0)), f64::from(random.between(-9.0, 9.0)));
+            let then = Planar { place, yaw: f64::from(random.between(-7.0, 7.0)) };
+            let mut recall = Recall::new(DVec2::splat(3.0));
+            recall.lay(then, &far, &far);
+            let eye = Planar { place: then.out(DVec2::new(CAMERA, 0.0)), yaw: then.yaw };
+            let shown = |p: DVec2| {
+                let at = p.y.atan2(p.x) / RAY_STEP + 0.5 * (RAYS - 1) as f64;
+                p.x > 0.85 * p.length() && (-0.5..=RAYS as f64 - 0.5).contains(&at)
+            };
+            for cell in 0..CELLS * CELLS {
+                let p = eye.into_frame(centre(cell % CELLS, cell / CELLS));
+                // A cell at the far end may be left out where the grid is not in line with it.
+                if p.length() < 5.0 - CELL {
+                    assert_eq!(recall.looked[cell], shown(p), "{then:?} {p}");
+                } else if p.length() > 5.0 {
+                    assert!(!recall.looked[cell], "{then:?} {p}");
+                }
+            }
+        }
+    }
+
     #[test]
     fn numbers_that_are_none_do_not_break_it() {
         let mut recall = Recall::new(DVec2::splat(3.0));

@@ -4,7 +4,7 @@ use crate::NavError;
 use crate::eye::{Eye, Shot};
 use crate::legs::{Legs, Motion, Start};
 use crate::lens::{Lens, LensSpread};
-use crate::net::{KNOWN, RAYS, SIGHT, STATE};
+use crate::net::{HEIGHT, KNOWN, RAYS, SIGHT, STATE, WIDTH};
 use crate::recall::{CAMERA, Drift, FARTHEST, NEAREST, Odometer, Planar, RECALL, Recall, doubtful, ray};
 use crate::reflex::Reflex;
 use crate::sight::{Cone, SEEN, free_rays};
@@ -47,7 +47,9 @@ pub struct Decision {
 pub trait Pilot {
     /// A robot begins an episode.
     fn begin(&mut self, env: usize, episode: &Episode);
-    /// One for each of `seen`.
+    /// One for each of `seen`, which are some of the robots that are under way.
+    ///
+    /// [`roll`] panics when there are not as many.
     fn decide(&mut self, seen: &[Seen]) -> Vec<Decision>;
 }
 
@@ -175,7 +177,7 @@ fn roll_batch(
     let half = if legs.are_apart() { runs.len().div_ceil(2) } else { runs.len() };
     let (first, second) = runs.split_at_mut(half);
     let mut crews = [first, second];
-    crews.iter_mut().for_each(|crew| judge(stage, crew, legs, 0));
+    crews.iter_mut().for_each(|crew| look_round(stage, crew, legs, 0));
     let mut pictures = look(stage, crews[0])?;
     for turn in 0.. {
         if crews.iter().all(|crew| crew.iter().all(|run| run.over)) {
@@ -185,8 +187,8 @@ fn roll_batch(
         let (mut drawn, next) = (Ok(Vec::new()), &**next);
         rayon::in_place_scope(|scope| {
             scope.spawn(|_| drawn = look(stage, next));
-            decide(stage, crew, &pictures, (&mut *pilot, &mut *legs))?;
-            judge(stage, crew, legs, turn / 2 + 1);
+            decide(stage, crew, &pictures, &mut *pilot, &mut *legs)?;
+            look_round(stage, crew, legs, turn / 2 + 1);
             Ok::<(), NavError>(())
         })?;
         pictures = drawn?;
@@ -196,7 +198,7 @@ fn roll_batch(
 }
 
 /// The teacher's word on where robots are now, and the judge's: decision `step` of their episodes.
-fn judge(stage: &Stage, crew: &mut [Run], legs: &dyn Legs, step: usize) {
+fn look_round(stage: &Stage, crew: &mut [Run], legs: &dyn Legs, step: usize) {
     for run in crew.iter_mut().filter(|run| !run.over) {
         (run.motion, run.past) = (legs.motion(run.env), legs.past(run.env, run.lens.delay));
     }
@@ -209,7 +211,15 @@ fn look(stage: &Stage, crew: &[Run]) -> Result<Vec<Vec<f32>>, NavError> {
     let shots: Vec<Shot> = live
         .map(|run| Shot { camera: run.lens.rig.camera(&run.past), cones: run.cones.clone(), seed: run.episode.seed })
         .collect();
-    if shots.is_empty() { Ok(Vec::new()) } else { stage.eye.look(&shots) }
+    let drawn = if shots.is_empty() { Vec::new() } else { stage.eye.look(&shots)? };
+    let sizes = drawn.iter().map(Vec::len);
+    match drawn.len() == shots.len() && sizes.clone().all(|size| size == WIDTH * HEIGHT * 3) {
+        true => Ok(drawn),
+        false => {
+            let expected = format!("{} pictures of {WIDTH} x {HEIGHT} x 3 numbers", shots.len());
+            Err(NavError::value("eye", &expected, format!("{:?}", sizes.collect::<Vec<_>>())))
+        }
+    }
 }
 
 /// Robots that are under way decide by the pictures that were drawn, and go on.
@@ -217,7 +227,8 @@ fn decide(
     stage: &Stage,
     crew: &mut [Run],
     drawn: &[Vec<f32>],
-    (pilot, legs): (&mut dyn Pilot, &mut dyn Legs),
+    pilot: &mut dyn Pilot,
+    legs: &mut dyn Legs,
 ) -> Result<(), NavError> {
     let mut live: Vec<&mut Run> = crew.iter_mut().filter(|run| !run.over).collect();
     if live.is_empty() {
@@ -226,6 +237,7 @@ fn decide(
     let glimpses: Vec<Glimpse> = live.par_iter_mut().zip(drawn).map(|(run, picture)| run.glimpse(picture)).collect();
     let decisions =
         pilot.decide(&live.iter().zip(&glimpses).map(|(run, glimpse)| run.sees(glimpse)).collect::<Vec<_>>());
+    assert_eq!(decisions.len(), live.len(), "a pilot decides for all that it is asked for");
     let (mut commands, mut active) = (vec![[0.0; 3]; legs.count()], vec![false; legs.count()]);
     live.par_iter_mut().zip(&glimpses).zip(&decisions).for_each(|((run, glimpse), decision)| {
         run.follow(stage, glimpse, decision);

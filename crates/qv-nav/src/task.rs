@@ -175,8 +175,14 @@ impl EpisodeSettings {
         if starts.is_empty() || world.candidates.is_empty() {
             return Err(NavError::value("map", "places to start and for cones", "none"));
         }
-        let drawn: Vec<_> = (0..count).into_par_iter().map(|k| self.one(world, &starts, k, seed)).collect();
-        drawn.into_iter().collect()
+        // One of each kind first: what cannot be drawn takes long to find out.
+        let kinds = count.min(self.strata.len());
+        let mut drawn: Vec<_> = (0..kinds).map(|k| self.one(world, &starts, k, seed)).collect::<Result<_, _>>()?;
+        let rest: Vec<_> = (kinds..count).into_par_iter().map(|k| self.one(world, &starts, k, seed)).collect();
+        for episode in rest {
+            drawn.push(episode?);
+        }
+        Ok(drawn)
     }
 
     fn one(&self, world: &World, starts: &[DVec2], index: usize, seed: u64) -> Result<Episode, NavError> {

@@ -3,7 +3,7 @@
 use qv_core::Pose;
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_nav::NavError;
-use qv_nav::eye::{BlindEye, FnEye, Shot};
+use qv_nav::eye::{BlindEye, Eye, FnEye, Shot};
 use qv_nav::legs::{Follower, Legs, Motion, Start};
 use qv_nav::lens::LensSpread;
 use qv_nav::map::{Map, MapSettings};
@@ -13,6 +13,7 @@ use qv_nav::roll::{Decision, Pilot, Seen, Stage, roll};
 use qv_nav::sight::Rig;
 use qv_nav::task::{End, Episode, EpisodeSettings, Limits, Stratum};
 use qv_nav::teacher::World;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use yard::layout::mesh_with;
 use yard::objects::CRATES;
 
@@ -135,6 +136,67 @@ fn halves_drive_as_all_at_once() {
     let lengths: Vec<usize> = whole.iter().map(|(trial, _)| trial.track.len()).collect();
     assert!(lengths.iter().any(|n| *n != lengths[0]), "episodes end at different times: {lengths:?}");
     assert!(halves == whole);
+    // On one thread as well, where nothing can be done at the same time.
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    assert!(one.install(|| driven(&mut follower())) == whole);
+}
+
+/// A follower that stumbles at some step.
+struct Stumbles<'a>(Follower<'a>, usize);
+
+impl Legs for Stumbles<'_> {
+    fn count(&self) -> usize {
+        self.0.count()
+    }
+    fn begin(&mut self, starts: &[Start]) -> Result<(), NavError> {
+        self.0.begin(starts)
+    }
+    fn step(&mut self, commands: &[[f64; 3]], active: &[bool]) -> Result<(), NavError> {
+        self.1 = self.1.checked_sub(1).ok_or_else(|| NavError::value("legs", "legs that stand", "none"))?;
+        self.0.step(commands, active)
+    }
+    fn motion(&self, env: usize) -> Motion {
+        self.0.motion(env)
+    }
+    fn past(&self, env: usize, ago: f64) -> Pose {
+        self.0.past(env, ago)
+    }
+    fn are_apart(&self) -> bool {
+        true
+    }
+}
+
+/// An eye of which some look fails, or shows too little.
+struct Tires {
+    looks: AtomicUsize,
+    fails: bool,
+}
+
+impl Eye for Tires {
+    fn look(&self, shots: &[Shot]) -> Result<Vec<Vec<f32>>, NavError> {
+        let is_tired = self.looks.fetch_add(1, Ordering::Relaxed) >= 3;
+        match is_tired && self.fails {
+            true => Err(NavError::value("eye", "one that is awake", "none")),
+            false => Ok(vec![vec![0.5; 80 * 60 * 3]; shots.len() - usize::from(is_tired)]),
+        }
+    }
+}
+
+#[test]
+fn what_fails_on_the_way_is_told() {
+    let world = world();
+    let episodes = EpisodeSettings::default().draw(&world, 5, 2).unwrap();
+    let said = |eye: &dyn Eye, legs: &mut dyn Legs| {
+        let stage = Stage::new(&world, eye, LensSpread::none());
+        let mut pilot = TeacherPilot { limits: world.limits };
+        roll(&stage, legs, &episodes, &mut pilot, |_| true, &mut |_| {}).err().map(|e| e.to_string())
+    };
+    let follower = || Follower::new(&world.map, 5, 0.3);
+    let tires = |fails| Tires { looks: AtomicUsize::new(0), fails };
+    assert_eq!(said(&BlindEye, &mut Stumbles(follower(), 1000)), None);
+    assert!(said(&BlindEye, &mut Stumbles(follower(), 3)).unwrap().contains("legs that stand"));
+    assert!(said(&tires(true), &mut follower()).unwrap().contains("one that is awake"));
+    assert!(said(&tires(false), &mut follower()).unwrap().contains("pictures of 80 x 60 x 3 numbers"));
 }
 
 /// Always the same.

@@ -87,16 +87,17 @@ impl Eye for GpuEye {
         let how = GpuSettings { bytes: true, ..Default::default() };
         let mut card = self.card.lock().unwrap_or_else(PoisonError::into_inner);
         let Card { rasteriser, cloud, means } = &mut *card;
-        let mut out = Vec::with_capacity(shots.len());
+        let mut sums = Vec::with_capacity(shots.len() * WIDTH * HEIGHT);
         rasteriser.render_all(cloud, &scene, &views, &settings, &how, |first, images, _| {
             // As many as the card had room for come at once.
             let pixels = images.pixels() / (FINER * FINER);
-            let sums = means.sums(images.colour(), pixels / (WIDTH * HEIGHT))?;
-            debug_assert_eq!(out.len(), first);
-            out.par_extend(sums.par_chunks_exact(WIDTH * HEIGHT).map(shown));
+            debug_assert_eq!(sums.len(), first * WIDTH * HEIGHT);
+            sums.extend(means.sums(images.colour(), pixels / (WIDTH * HEIGHT))?);
             Ok::<(), RasterError>(())
         })?;
-        Ok(out)
+        // A thread that waits for others may take up any work, such as another look: it must not hold the card then.
+        drop(card);
+        Ok(sums.par_chunks_exact(WIDTH * HEIGHT).map(shown).collect())
     }
 }
 

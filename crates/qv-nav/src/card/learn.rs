@@ -5,7 +5,7 @@ use super::{bind, pipeline};
 use crate::NavError;
 use crate::augment::Change;
 use crate::dagger::TrainSettings;
-use crate::net::{HEIGHT, Net, STATE};
+use crate::net::{Net, STATE, WIDTH};
 use crate::recall::RECALL;
 use crate::roll::Record;
 use qv_raster::RasterError;
@@ -183,8 +183,8 @@ impl Lane {
         }
         states[..self.count * STATE].copy_from_slice(&record.states[self.next * STATE..][..self.count * STATE]);
         recalls[..self.count * RECALL].copy_from_slice(&record.recalls[self.next * RECALL..][..self.count * RECALL]);
-        // Changing pictures is most of the work, and lanes are fewer than threads.
-        let changes: Vec<Change> = (0..self.count).map(|_| change.next(HEIGHT)).collect();
+        // Changing pictures is most of the work, and lanes may be fewer than threads.
+        let changes: Vec<Change> = (0..self.count).map(|_| change.take_next(size / (3 * WIDTH))).collect();
         let work = pictures.par_chunks_exact_mut(size).zip(record.pictures[self.next * size..].par_chunks_exact(size));
         work.zip(changes).for_each(|((out, picture), mut change)| change.put(picture, out));
     }
