@@ -281,6 +281,17 @@ impl Place {
     /// A scene of the place as it is drawn.
     fn eye(&self, file: &Path, map: &Map, paints: &Paints) -> Result<SplatEye, Failure> {
         let scene = open_scene(file)?.cloud;
+        let [low, high] = map.bounds();
+        let is_over = |[x, y, _]: &[f32; 3]| {
+            (low.x..=high.x).contains(&f64::from(*x)) && (low.y..=high.y).contains(&f64::from(*y))
+        };
+        if !scene.means.iter().any(is_over) {
+            let expected = format!(
+                "Gaussians over the mesh, at x {:.1} to {:.1} m, y {:.1} to {:.1} m",
+                low.x, high.x, low.y, high.y
+            );
+            return Err(about(file, format!("expected {expected}, found none of {} there", scene.len())));
+        }
         let cloud = without_veils(&scene, map, &Air { from: self.air, ..Air::default() });
         match scene.len() - cloud.len() {
             0 => {}

@@ -204,6 +204,13 @@ fn a_training_can_see_several_scenes_of_a_place() {
     assert!(one != learnt(" --also dark.ply"));
     let (code, _, err) = qv(&folder, &format!("navigate train {VIEW} --also none.ply --out nav"));
     assert!(code == 1 && err.contains("none.ply"), "{err}");
+    // In another frame.
+    dark.means.iter_mut().for_each(|p| p[0] += 100.0);
+    fs::write(folder.join("far.ply"), write(&dark, Format::Ply).unwrap()).unwrap();
+    let (code, _, err) = qv(&folder, &format!("navigate train {VIEW} --also dark.ply far.ply --out nav"));
+    assert!(code == 1 && err.contains("far.ply: expected Gaussians over the mesh, at x -3.1 to 3.1 m"), "{err}");
+    let (code, _, err) = qv(&folder, &format!("navigate train {VIEW} --also nav/metrics.json --out nav"));
+    assert!(code == 1 && err.contains("metrics.json"), "{err}");
 }
 
 #[test]

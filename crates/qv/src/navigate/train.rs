@@ -24,8 +24,8 @@ pub struct Train {
     task: Task,
     #[command(flatten)]
     legs: LegsArguments,
-    /// Another scene of the same place, in the same frame, such as a finer one; may be given again. Each episode is drawn in one of all scenes
-    #[arg(long, value_name = "FILE")]
+    /// More scenes of the same place, in the same frame, such as a finer one. Each episode is drawn in one of all scenes, evenly
+    #[arg(long, value_name = "FILE", num_args = 1..)]
     also: Vec<PathBuf>,
     /// Rounds of driving and learning from the teacher; 0, with --from and without --trials, writes policy.onnx of those weights
     #[arg(long, default_value_t = TrainSettings::default().rounds, value_parser = count)]
@@ -68,13 +68,17 @@ impl Train {
         if self.rounds == 0 && self.from.is_none() {
             return Err("expected --rounds of at least 1, or --from WEIGHTS.bin to begin with".into());
         }
-        let outputs = ["weights.bin", "policy.onnx"].map(|name| self.out.join(name));
+        let outputs = ["weights.bin", "policy.onnx", "metrics.json"].map(|name| self.out.join(name));
         // The weights to begin with may stand where the new ones go: they are read before the first round.
         let read: Vec<&PathBuf> =
             self.task.place.files().into_iter().chain(self.legs.files()).chain(&self.also).collect();
         outputs.iter().try_for_each(|out| refuse_inputs(out, read.iter().copied()))?;
         refuse_inputs(&outputs[1], &self.from)?;
         let start = self.from.as_ref().map(|file| weights_at(file, &Net::default())).transpose()?;
+        // Before anything is read, which takes its time.
+        let missing = self.also.iter().find(|scene| !scene.exists());
+        missing.map_or(Ok(()), |scene| Err(about(scene, "expected a scene of Gaussians, found no such file")))?;
+        let stop = crate::stop::asked();
         let paints = Paints::default();
         let (world, eye, camera) = self.task.open(&paints)?;
         let mut eyes = vec![self.card.eye(eye)?];
@@ -83,7 +87,6 @@ impl Train {
         }
         let stable = self.legs.open(&self.task.place)?;
         fs::create_dir_all(&self.out).map_err(|e| about(&self.out, e))?;
-        let stop = crate::stop::asked();
         let eye = Watched { eye: Several(eyes), stop: stop.clone() };
         let mut work = Work {
             train: self,
