@@ -1,7 +1,7 @@
 //! A student learns to find cones in the yard of `fixtures/yard`, whose surfaces are sown with Gaussians, and says how often it does:
 //! `learn_in_the_yard [KEY=VALUE ...]`. Keys are those of `TrainSettings` (numbers), `test` (episodes), `every` (rounds from one test to the
-//! next), `sown` (metres between Gaussians; of several, as in `[0.03,0.06]`, each episode has one, and tests have the first), those of `Paints`, `out` (a directory for weights.bin, made if need be), and `from` (the weights.bin of
-//! an earlier training to go on from). `eye=bare` draws the collision geometry in flat colours instead: a training without a reconstruction.
+//! next), `sown` (metres between Gaussians; of several, as in `[0.03,0.06]`, each episode has one, and tests have the first), those of `Paints`, `out`
+//! (a directory for weights.bin, made if need be), and `from` (the weights.bin of an earlier training to go on from). `eye=bare` draws the collision geometry in flat colours instead: a training without a reconstruction.
 //! `legs=ideal` are legs that do at once what they are told: a training without the residual; `legs=CHECKPOINT.bin` is a Go2 that walks in the
 //! simulator by what `qv walk train` wrote, and `simulator=NAME:VALUE,...` are corrections of it; `latency`, `strength` and `slip` are the bounds of
 //! [`Effects`] that legs suffer in training. `camera` is `wide`, `none`, or the report.json of a diagnosis. `within` is a time \[s\]: the number of
@@ -138,8 +138,9 @@ impl Options {
             return Ok((eyes, bare(1, first)?));
         }
         let yard = Yard::with_crates(&CRATES, Vec::new(), 1);
-        let eyes = self.sown.iter().map(|&sown| SplatEye::painted(&sow::cloud(&yard, sown), &self.paints, seed));
-        Ok((eyes.collect(), SplatEye::new(&sow::cloud(&yard, first))))
+        let clouds: Vec<_> = self.sown.iter().map(|&sown| sow::cloud(&yard, sown)).collect();
+        let eyes = clouds.iter().map(|cloud| SplatEye::painted(cloud, &self.paints, seed));
+        Ok((eyes.collect(), SplatEye::new(&clouds[0])))
     }
 }
 

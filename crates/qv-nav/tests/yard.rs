@@ -92,24 +92,33 @@ impl Legs for Rooted {
     }
 }
 
-/// A follower of which all robots must go on at once.
-struct Together<'a>(Follower<'a>);
+/// A follower whose robots are apart or must all go on at once, and that stumbles once it has made some steps.
+struct Odd<'a> {
+    follower: Follower<'a>,
+    are_apart: bool,
+    steps_left: usize,
+}
 
-impl Legs for Together<'_> {
+impl Legs for Odd<'_> {
     fn count(&self) -> usize {
-        self.0.count()
+        self.follower.count()
     }
     fn begin(&mut self, starts: &[Start]) -> Result<(), NavError> {
-        self.0.begin(starts)
+        self.follower.begin(starts)
     }
     fn step(&mut self, commands: &[[f64; 3]], active: &[bool]) -> Result<(), NavError> {
-        self.0.step(commands, active)
+        let left = self.steps_left.checked_sub(1);
+        self.steps_left = left.ok_or_else(|| NavError::value("legs", "legs that stand", "none"))?;
+        self.follower.step(commands, active)
     }
     fn motion(&self, env: usize) -> Motion {
-        self.0.motion(env)
+        self.follower.motion(env)
     }
     fn past(&self, env: usize, ago: f64) -> Pose {
-        self.0.past(env, ago)
+        self.follower.past(env, ago)
+    }
+    fn are_apart(&self) -> bool {
+        self.are_apart
     }
 }
 
@@ -132,38 +141,14 @@ fn halves_drive_as_all_at_once() {
         let mut pilot = MixedPilot::new(NetPilot::new(&net, &parameters, 7), limits, later, 7);
         roll(&stage, legs, &episodes, &mut pilot, |_| true, &mut |_| {}).unwrap()
     };
-    let (halves, whole) = (driven(&mut follower()), driven(&mut Together(follower())));
+    let (halves, whole) =
+        (driven(&mut follower()), driven(&mut Odd { follower: follower(), are_apart: false, steps_left: usize::MAX }));
     let lengths: Vec<usize> = whole.iter().map(|(trial, _)| trial.track.len()).collect();
     assert!(lengths.iter().any(|n| *n != lengths[0]), "episodes end at different times: {lengths:?}");
     assert!(halves == whole);
     // On one thread as well, where nothing can be done at the same time.
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     assert!(one.install(|| driven(&mut follower())) == whole);
-}
-
-/// A follower that stumbles at some step.
-struct Stumbles<'a>(Follower<'a>, usize);
-
-impl Legs for Stumbles<'_> {
-    fn count(&self) -> usize {
-        self.0.count()
-    }
-    fn begin(&mut self, starts: &[Start]) -> Result<(), NavError> {
-        self.0.begin(starts)
-    }
-    fn step(&mut self, commands: &[[f64; 3]], active: &[bool]) -> Result<(), NavError> {
-        self.1 = self.1.checked_sub(1).ok_or_else(|| NavError::value("legs", "legs that stand", "none"))?;
-        self.0.step(commands, active)
-    }
-    fn motion(&self, env: usize) -> Motion {
-        self.0.motion(env)
-    }
-    fn past(&self, env: usize, ago: f64) -> Pose {
-        self.0.past(env, ago)
-    }
-    fn are_apart(&self) -> bool {
-        true
-    }
 }
 
 /// An eye of which some look fails, or shows too little.
@@ -192,9 +177,10 @@ fn what_fails_on_the_way_is_told() {
         roll(&stage, legs, &episodes, &mut pilot, |_| true, &mut |_| {}).err().map(|e| e.to_string())
     };
     let follower = || Follower::new(&world.map, 5, 0.3);
+    let stumbles = |steps_left| Odd { follower: follower(), are_apart: true, steps_left };
     let tires = |fails| Tires { looks: AtomicUsize::new(0), fails };
-    assert_eq!(said(&BlindEye, &mut Stumbles(follower(), 1000)), None);
-    assert!(said(&BlindEye, &mut Stumbles(follower(), 3)).unwrap().contains("legs that stand"));
+    assert_eq!(said(&BlindEye, &mut stumbles(1000)), None);
+    assert!(said(&BlindEye, &mut stumbles(3)).unwrap().contains("legs that stand"));
     assert!(said(&tires(true), &mut follower()).unwrap().contains("one that is awake"));
     assert!(said(&tires(false), &mut follower()).unwrap().contains("pictures of 80 x 60 x 3 numbers"));
 }

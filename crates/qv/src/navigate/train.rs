@@ -75,7 +75,7 @@ impl Train {
         outputs.iter().try_for_each(|out| refuse_inputs(out, read.iter().copied()))?;
         refuse_inputs(&outputs[1], &self.from)?;
         let start = self.from.as_ref().map(|file| weights_at(file, &Net::default())).transpose()?;
-        // Before anything is read, which takes its time.
+        // Now, and not once the first scene was opened and painted.
         let missing = self.also.iter().find(|scene| !scene.exists());
         missing.map_or(Ok(()), |scene| Err(about(scene, "expected a scene of Gaussians, found no such file")))?;
         let stop = crate::stop::asked();
