@@ -90,6 +90,9 @@ pub struct SplatEye {
     /// The place in several paints; an episode has one of them.
     clouds: Vec<GaussianCloud>,
     group_of: Vec<u32>,
+    /// What is behind everything.
+    background: [f32; 3],
+    antialias: bool,
 }
 
 /// How the paints of a place differ, see [`SplatEye::painted`].
@@ -129,7 +132,15 @@ impl SplatEye {
         for cloud in &mut clouds {
             group_of = Self::add_cones(cloud);
         }
-        Self { clouds, group_of }
+        Self { clouds, group_of, background: SKY, antialias: false }
+    }
+
+    /// The same, drawn as the scene of its place was made to be drawn: over its background (red, green, blue as shown, 0 to 1), and with
+    /// anti-aliasing or without. Where Gaussians let the background through, they have the right colour over that one alone. A scene that was made
+    /// over black, or does not say over what, stands before a sky: black is the colour of no place, and what is left empty is most often sky.
+    pub fn as_made(self, background: Option<[f32; 3]>, antialias: bool) -> Self {
+        let background = background.filter(|colour| *colour != [0.0; 3]).unwrap_or(SKY);
+        Self { background, antialias, ..self }
     }
 
     /// Adds all looks of all cones; says the group of each Gaussian.
@@ -166,7 +177,7 @@ impl SplatEye {
         let environments = [Self::groups(&shot.cones)];
         let scene = Scene { cloud: &cloud, group_of: &self.group_of, environments: &environments };
         let outputs = Outputs { features: true, ..Default::default() };
-        let settings = Settings { outputs, ..Default::default() };
+        let settings = Settings { outputs, antialias: self.antialias, ..Default::default() };
         let view = View { camera: finer(&shot.camera), environment: 0 };
         let image = render(&scene, &[view], &settings)?.0.remove(0);
         Ok(averaged(&image.features, shot.camera.width as usize, 4))
@@ -181,6 +192,11 @@ impl SplatEye {
     #[cfg(feature = "gpu")]
     pub(crate) fn parts(&self) -> (&[GaussianCloud], &[u32]) {
         (&self.clouds, &self.group_of)
+    }
+
+    /// How pictures are drawn.
+    pub(crate) fn settings(&self) -> Settings {
+        Settings { background: self.background, antialias: self.antialias, ..Default::default() }
     }
 
     /// Which of some paints the episode of a shot has.
@@ -213,7 +229,7 @@ impl Eye for SplatEye {
             let scene = Scene { cloud, group_of: &self.group_of, environments: &environments };
             let view = |(environment, &s): (usize, &usize)| View { camera: finer(&shots[s].camera), environment };
             let views: Vec<View> = chosen.iter().enumerate().map(view).collect();
-            let settings = Settings { background: SKY, ..Default::default() };
+            let settings = self.settings();
             let (images, _) = render(&scene, &views, &settings)?;
             for (s, image) in chosen.into_iter().zip(images) {
                 out[s] = averaged(&image.colour, shots[s].camera.width as usize, 3);
@@ -224,7 +240,7 @@ impl Eye for SplatEye {
 }
 
 /// Sky, where nothing is: what reconstructions leave empty is most often that.
-pub(crate) const SKY: [f32; 3] = [0.75, 0.82, 0.9];
+const SKY: [f32; 3] = [0.75, 0.82, 0.9];
 
 /// Rays of a pixel along rows and columns: a pixel of a camera is a mean over its area, and drawing widens a Gaussian by half a pixel.
 pub(crate) const FINER: usize = 2;
@@ -339,6 +355,32 @@ mod tests {
         // To the left is a smaller column: 0.3 m at 1.2 m.
         assert!(blue.len() > 60 && (mean(&blue) - (39.5 - 76.9 * 0.25)).abs() < 2.0, "{} {}", blue.len(), mean(&blue));
         assert!(images[2].chunks_exact(3).all(|p| p == [0.75, 0.82, 0.9]));
+    }
+
+    #[test]
+    fn a_scene_is_drawn_as_it_was_made() {
+        // A cone of one colour as the place, and a camera that sees more than it.
+        let mut place = GaussianCloud::default();
+        add_cone(&mut place, [0.3; 3], 1.0);
+        let camera = Rig::default().camera(&Pose::from_xyz_rpy([-1.5, 0.0, 0.3], [0.0; 3]));
+        let shot = Shot { camera, cones: vec![], seed: 0 };
+        let picture = |eye: SplatEye| eye.look(std::slice::from_ref(&shot)).unwrap().remove(0);
+        let plain = || SplatEye::new(&place);
+        let over = picture(plain().as_made(Some([0.2, 0.4, 0.6]), false));
+        assert_eq!(over[..3], [0.2, 0.4, 0.6]);
+        let sky = picture(plain());
+        assert_eq!(sky[..3], SKY);
+        assert!(
+            over.chunks_exact(3)
+                .zip(sky.chunks_exact(3))
+                .any(|(a, b)| a != [0.2, 0.4, 0.6] && (a[0] - b[0]).abs() < 0.01)
+        );
+        // Black is no colour of a place, and a file may say nothing.
+        assert!(picture(plain().as_made(Some([0.0; 3]), false)) == sky && picture(plain().as_made(None, false)) == sky);
+        // Far away a Gaussian is smaller than a pixel: without anti-aliasing it is drawn too large.
+        let drawn =
+            |antialias| picture(plain().as_made(Some([1.0; 3]), antialias)).iter().map(|x| 1.0 - x).sum::<f32>();
+        assert!(drawn(true) < drawn(false), "{} {}", drawn(true), drawn(false));
     }
 
     #[test]

@@ -66,7 +66,8 @@ impl NavigationTask {
         let task = py.detach(|| {
             let mesh = mesh_at(&mesh, "a labelled mesh in GLB").map_err(opening)?;
             let map = Map::new(&mesh, &MapSettings::default()).map_err(value)?;
-            let eye = SplatEye::new(&without_veils(cloud.gaussians(), &map, &Air::default()));
+            let place = without_veils(cloud.gaussians(), &map, &Air::default());
+            let eye = SplatEye::new(&place).as_made(Some(cloud.background()), cloud.is_antialiased());
             let world = World::new(map, Rig::default(), Limits::default());
             NavTask::new(world, Box::new(eye), settings, seed).map_err(value)
         })?;

@@ -52,6 +52,16 @@ impl Cloud {
     pub fn gaussians(&self) -> &GaussianCloud {
         &self.cloud
     }
+
+    /// What it was made to be drawn over, red, green, blue as shown, 0 to 1; black where nothing is known.
+    pub fn background(&self) -> [f32; 3] {
+        self.background
+    }
+
+    /// Whether it was made to be drawn with anti-aliasing.
+    pub fn is_antialiased(&self) -> bool {
+        self.antialias
+    }
 }
 
 #[pymethods]

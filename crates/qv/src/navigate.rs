@@ -280,7 +280,8 @@ impl Place {
 
     /// A scene of the place as it is drawn.
     fn eye(&self, file: &Path, map: &Map, paints: &Paints) -> Result<SplatEye, Failure> {
-        let scene = open_scene(file)?.cloud;
+        let opened = open_scene(file)?;
+        let scene = opened.cloud;
         let [low, high] = map.bounds();
         let is_over = |[x, y, _]: &[f32; 3]| {
             (low.x..=high.x).contains(&f64::from(*x)) && (low.y..=high.y).contains(&f64::from(*y))
@@ -302,7 +303,7 @@ impl Place {
                 self.air
             )),
         }
-        let eye = SplatEye::painted(&cloud, paints, self.seed);
+        let eye = SplatEye::painted(&cloud, paints, self.seed).as_made(opened.background, opened.antialias);
         if eye.count() > 200_000 {
             remark(&format!(
                 "{}: with so many Gaussians pictures take long, and a graphics card holds them eight times",

@@ -8,7 +8,7 @@ use qv_nav::net::Net;
 use qv_nav::sight::Rig;
 use qv_nav::weights;
 use qv_raster::{Scene, Settings, View, render};
-use qv_splat::files::{Format, read_any, write};
+use qv_splat::files::{Format, ply, read_any, write};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -202,6 +202,12 @@ fn a_training_can_see_several_scenes_of_a_place() {
     let one = learnt("");
     assert!(one == learnt(" --also scene.ply"), "the same scene twice is one");
     assert!(one != learnt(" --also dark.ply"));
+    // The same ground made over red is drawn over red, over black before a sky as what says nothing.
+    let ground = read_any(&fs::read(folder.join("scene.ply")).unwrap()).unwrap().cloud;
+    for (name, background) in [("red.ply", [0.8, 0.1, 0.1]), ("black.ply", [0.0; 3])] {
+        fs::write(folder.join(name), ply::write_over(&ground, Some(background)).unwrap()).unwrap();
+    }
+    assert!(one != learnt(" --also red.ply") && one == learnt(" --also black.ply"));
     let (code, _, err) = qv(&folder, &format!("navigate train {VIEW} --also none.ply --out nav"));
     assert!(code == 1 && err.contains("none.ply"), "{err}");
     // In another frame.

@@ -1,7 +1,7 @@
 //! The eye of [`SplatEye`] on a graphics card: all robots' pictures of a moment in one batch.
 
 use crate::NavError;
-use crate::eye::{Eye, FINER, SKY, Shot, SplatEye, finer};
+use crate::eye::{Eye, FINER, Shot, SplatEye, finer};
 use crate::net::{HEIGHT, WIDTH};
 use qv_core::{GaussianCloud, Pose};
 use qv_raster::gpu::{Gpu, GpuCloud, GpuOptions, GpuRasteriser, GpuSettings};
@@ -17,6 +17,7 @@ pub struct GpuEye {
     /// Groups of cones, which come first.
     cones: usize,
     paints: usize,
+    settings: Settings,
     card: Mutex<Card>,
 }
 
@@ -47,7 +48,7 @@ impl GpuEye {
         let means = Means::new(&gpu)?;
         let card = Mutex::new(Card { rasteriser: GpuRasteriser::new(gpu), cloud: copy, means });
         let paints = clouds.len();
-        Ok(Self { cloud, group_of, cones, paints, card })
+        Ok(Self { cloud, group_of, cones, paints, settings: eye.settings(), card })
     }
 
     /// Gaussians on the card: those of all paints and of the cones.
@@ -83,12 +84,11 @@ impl Eye for GpuEye {
         let scene = Scene { cloud: &self.cloud, group_of: &self.group_of, environments: &environments };
         let view = |(environment, shot): (usize, &Shot)| View { camera: finer(&shot.camera), environment };
         let views: Vec<View> = shots.iter().enumerate().map(view).collect();
-        let settings = Settings { background: SKY, ..Default::default() };
         let how = GpuSettings { bytes: true, ..Default::default() };
         let mut card = self.card.lock().unwrap_or_else(PoisonError::into_inner);
         let Card { rasteriser, cloud, means } = &mut *card;
         let mut sums = Vec::with_capacity(shots.len() * WIDTH * HEIGHT);
-        rasteriser.render_all(cloud, &scene, &views, &settings, &how, |first, images, _| {
+        rasteriser.render_all(cloud, &scene, &views, &self.settings, &how, |first, images, _| {
             // As many as the card had room for come at once.
             let pixels = images.pixels() / (FINER * FINER);
             debug_assert_eq!(sums.len(), first * WIDTH * HEIGHT);
@@ -207,6 +207,7 @@ mod tests {
         let triangles = vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]];
         let place = TriangleMesh { vertices: [floor, wall].concat(), triangles, ..Default::default() };
         let cpu = SplatEye::bare(&place, &Bare { spacing: 0.1, paints: 3 }, 7).unwrap();
+        let cpu = cpu.as_made(Some([0.9, 0.3, 0.1]), true);
         let card = GpuEye::new(&cpu, gpu).unwrap();
         let shot = |k: u64| {
             let base = Pose::from_xyz_rpy([0.1 * k as f64, 0.0, 0.3], [0.0, 0.0, 0.2 * k as f64]);
