@@ -1,7 +1,7 @@
 //! A student learns to find cones in the yard of `fixtures/yard`, whose surfaces are sown with Gaussians, and says how often it does:
 //! `learn_in_the_yard [KEY=VALUE ...]`. Keys are those of `TrainSettings` (numbers), `test` (episodes), `every` (rounds from one test to the
-//! next), `sown` (metres between Gaussians; of several, as in `[0.03,0.06]`, each episode has one, and tests have the first), those of `Paints`, `out`
-//! (a directory for weights.bin, made if need be), and `from` (the weights.bin of an earlier training to go on from). `eye=bare` draws the collision geometry in flat colours instead: a training without a reconstruction.
+//! next), `sown` (metres between Gaussians; of several, as in `[0.03,0.06]`, each episode has one, and tests have the first), those of `Paints`, `scene` (files of Gaussians, with commas between them: reconstructions of
+//! the yard with boxes, drawn besides; the first one has the tests; with `sown=[]` alone), `out` (a directory for weights.bin, made if need be), and `from` (the weights.bin of an earlier training to go on from). `eye=bare` draws the collision geometry in flat colours instead: a training without a reconstruction.
 //! `legs=ideal` are legs that do at once what they are told: a training without the residual; `legs=CHECKPOINT.bin` is a Go2 that walks in the
 //! simulator by what `qv walk train` wrote, and `simulator=NAME:VALUE,...` are corrections of it; `latency`, `strength` and `slip` are the bounds of
 //! [`Effects`] that legs suffer in training. `camera` is `wide`, `none`, or the report.json of a diagnosis. `within` is a time \[s\]: the number of
@@ -9,6 +9,7 @@
 //! All settings are printed.
 
 mod yard_legs;
+mod yard_scene;
 
 use qv_go2::walk;
 use qv_nav::bare::Bare;
@@ -33,6 +34,7 @@ use std::time::Instant;
 use yard::layout::mesh_with;
 use yard::objects::CRATES;
 use yard::{Yard, sow};
+use yard_scene::Place;
 
 /// Height of a robot's base over the ground \[m\].
 const HEIGHT: f64 = 0.3;
@@ -50,6 +52,7 @@ struct Options {
     from: Option<PathBuf>,
     paints: Paints,
     sown: Vec<f64>,
+    scenes: Vec<PathBuf>,
     is_bare: bool,
     response: Response,
     effects: Effects,
@@ -68,7 +71,8 @@ impl Options {
         let usual = if by_trials { TrainSettings::tuning() } else { TrainSettings::default() };
         let mut settings = serde_json::to_value(usual)?;
         let mut paints = serde_json::to_value(Paints::default())?;
-        let (mut test, mut every, mut out, mut from, mut sown) = (96, 1, None, None, vec![0.06]);
+        let (mut test, mut every, mut out, mut from) = (96, 1, None, None);
+        let (mut sown, mut scenes) = (vec![0.06], Vec::new());
         let mut effects = serde_json::to_value(Effects::default())?;
         let (mut is_bare, mut response, mut camera) = (false, Response::default(), "wide".to_string());
         let (mut within, mut gpu, mut learns_on_card) = (None, None, true);
@@ -80,6 +84,7 @@ impl Options {
                 "sown" if value.starts_with('[') => sown = serde_json::from_str(value)?,
                 "sown" => sown = vec![value.parse()?],
                 "every" => every = value.parse()?,
+                "scene" => scenes = value.split(',').map(PathBuf::from).collect(),
                 "from" => from = Some(PathBuf::from(value)),
                 "out" => out = Some(PathBuf::from(value)),
                 "eye" => is_bare = one_of(key, value, [("splat", false), ("bare", true)])?,
@@ -107,6 +112,7 @@ impl Options {
             from,
             paints,
             sown,
+            scenes,
             is_bare,
             response,
             effects: serde_json::from_value(effects)?,
@@ -129,18 +135,21 @@ impl Options {
     }
 
     /// Eyes that are learnt from, and that of the tests: the first one with its first paint alone.
-    fn eyes(&self) -> Fallible<(Vec<SplatEye>, SplatEye)> {
+    fn eyes(&self, map: &Map) -> Fallible<(Vec<SplatEye>, SplatEye)> {
         let seed = self.settings.seed;
-        let first = *self.sown.first().ok_or("sown: expected at least one distance, found none")?;
         if self.is_bare {
+            let first = *self.sown.first().ok_or("sown: expected at least one distance, found none")?;
             let bare = |paints, spacing| SplatEye::bare(&mesh_with(&CRATES), &Bare { spacing, paints }, seed);
             let eyes = self.sown.iter().map(|&sown| bare(self.paints.count, sown)).collect::<Result<_, _>>()?;
             return Ok((eyes, bare(1, first)?));
         }
         let yard = Yard::with_crates(&CRATES, Vec::new(), 1);
-        let clouds: Vec<_> = self.sown.iter().map(|&sown| sow::cloud(&yard, sown)).collect();
-        let eyes = clouds.iter().map(|cloud| SplatEye::painted(cloud, &self.paints, seed));
-        Ok((eyes.collect(), SplatEye::new(&clouds[0])))
+        let scenes = self.scenes.iter().map(|file| Place::read(file, map));
+        let sown = self.sown.iter().map(|&sown| Ok(Place::sown(sow::cloud(&yard, sown))));
+        let places: Vec<Place> = scenes.chain(sown).collect::<Fallible<_>>()?;
+        let first = places.first().ok_or("expected a distance of sown or a scene, found neither")?;
+        let painted = |place: &Place| place.eye(|cloud| SplatEye::painted(cloud, &self.paints, seed));
+        Ok((places.iter().map(painted).collect(), first.eye(SplatEye::new)))
     }
 }
 
@@ -216,7 +225,7 @@ fn main() -> Fallible<()> {
     let (spread, rig) = options.spread()?;
     let world = World::new(map, rig, Limits::default());
     println!("{:?}", world.teacher);
-    let (eyes, plain) = options.eyes()?;
+    let (eyes, plain) = options.eyes(&world.map)?;
     let counts: Vec<usize> = eyes.iter().map(SplatEye::count).collect();
     println!("{counts:?} Gaussians, {} places for cones", world.candidates.len());
     let eyes = eyes.into_iter().map(|eye| placed(eye, &options)).collect::<Fallible<_>>()?;

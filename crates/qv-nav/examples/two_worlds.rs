@@ -1,10 +1,13 @@
 //! A student of `learn_in_the_yard` in two worlds, on the same episodes: eye (sown Gaussians, or the yard's ray caster) by legs (those it was
-//! trained on, or weaker, later and slipping ones): `two_worlds WEIGHTS.bin [EPISODES] [SOWN] [RESULTS.json] [camera=REPORT.json] [NAME=WEIGHTS.bin ...]`, where
-//! `SOWN` is the distance between Gaussians \[m\]; `camera` is that of a report of `qv diagnose --scene` instead of any wide one. With `gpu=N` among the names they are drawn on adapter `N` (feature `gpu`). With named students, such as those of trainings that lack a part, it tests them beside the
+//! trained on, or weaker, later and slipping ones): `two_worlds WEIGHTS.bin [EPISODES] [SOWN] [RESULTS.json] [camera=REPORT.json] [scene=SCENE.ply] [NAME=WEIGHTS.bin ...]`,
+//! where `SOWN` is the distance between Gaussians \[m\]; `camera` is that of a report of `qv diagnose --scene` instead of any wide one; `scene` is a reconstruction, shown instead of sown Gaussians. With `gpu=N` among the names they are drawn on adapter `N` (feature `gpu`). With named students, such as those of trainings that lack a part, it tests them beside the
 //! first one where something is unknown; p is against the first one in the same world.
 
 mod yard_eye;
+mod yard_scene;
 
+use glam::DVec2;
+use qv_core::Pose;
 use qv_nav::eye::{BlindEye, Eye, FnEye, Shot, SplatEye};
 use qv_nav::legs::{Effects, Follower};
 use qv_nav::lens::LensSpread;
@@ -24,6 +27,7 @@ use std::time::Instant;
 use yard::layout::mesh_with;
 use yard::objects::CRATES;
 use yard::{Yard, sow};
+use yard_scene::Place;
 
 /// As in `learn_in_the_yard`.
 const HEIGHT: f64 = 0.3;
@@ -100,19 +104,29 @@ fn main() -> Fallible<()> {
     };
     let world = World::new(map, rig, Limits::default());
     let yard = Yard::with_crates(&CRATES, Vec::new(), 1);
-    let (adapter, named): (Vec<&String>, Vec<&String>) =
+    let (adapter, words): (Vec<&String>, Vec<&String>) =
         words.into_iter().partition(|argument| argument.starts_with("gpu="));
-    let splat = placed(SplatEye::new(&sow::cloud(&yard, sown)), adapter.first().map(|gpu| &gpu["gpu=".len()..]))?;
+    let (scene, named): (Vec<&String>, Vec<&String>) =
+        words.into_iter().partition(|argument| argument.starts_with("scene="));
+    let (place, own) = match scene.first() {
+        Some(file) => (Place::read(file["scene=".len()..].as_ref(), &world.map)?, "reconstruction"),
+        None => (Place::sown(sow::cloud(&yard, sown)), "sown Gaussians"),
+    };
+    let splat = placed(place.eye(SplatEye::new), adapter.first().map(|gpu| &gpu["gpu=".len()..]))?;
     let rays = FnEye(|shot: &Shot| yard_eye::cast(&yard, shot));
     let (known, hidden, limits) = (Effects::default(), Effects::hidden(), world.limits);
     println!("{count} episodes of seed {TESTED}; hidden effects of the legs: {hidden:?}");
     let episodes = EpisodeSettings::default().draw(&world, count, TESTED)?;
+    println!(
+        "pictures of both eyes at the starts of the episodes: PSNR {:.2} dB",
+        apart(&world, &*splat, &rays, &episodes)?
+    );
     let mut bench = Bench { world: &world, spread, reflex: Reflex::default(), episodes, rows: Vec::new() };
     let worlds: [(&str, &dyn Eye, Effects); 4] = [
         ("ray caster, hidden effects", &rays, hidden),
-        ("sown Gaussians, hidden effects", &*splat, hidden),
+        (&format!("{own}, hidden effects"), &*splat, hidden),
         ("ray caster, legs of training", &rays, known),
-        ("sown Gaussians, legs of training", &*splat, known),
+        (&format!("{own}, legs of training"), &*splat, known),
     ];
     let others = others(&named, &net)?;
     if others.is_empty() {
@@ -140,6 +154,21 @@ fn main() -> Fallible<()> {
         std::fs::rename(part, out)?;
     }
     Ok(())
+}
+
+/// How far the pictures of two eyes are from each other where episodes start: the peak signal-to-noise ratio \[dB\].
+fn apart(world: &World, a: &dyn Eye, b: &dyn Eye, episodes: &[Episode]) -> Fallible<f64> {
+    let shot = |episode: &Episode| {
+        let place = DVec2::from(episode.start);
+        let ground = world.map.height(place).unwrap_or(0.0);
+        let base = Pose::from_xyz_rpy([place.x, place.y, ground + HEIGHT], [0.0, 0.0, episode.yaw]);
+        let cones = std::iter::once(&episode.goal).chain(&episode.others).copied().collect();
+        Shot { camera: world.rig.camera(&base), cones, seed: episode.seed }
+    };
+    let shots: Vec<Shot> = episodes.iter().map(shot).collect();
+    let (a, b) = (a.look(&shots)?.concat(), b.look(&shots)?.concat());
+    let squares: f64 = a.iter().zip(&b).map(|(a, b)| f64::from(a - b).powi(2)).sum();
+    Ok(-10.0 * (squares / a.len() as f64).log10())
 }
 
 /// The eye on an adapter, if one is named.
@@ -181,10 +210,10 @@ fn one_student(
         bench.row(&format!("student, {world}"), eye, effects, student)?;
     }
     bench.reflex = Reflex::none();
-    bench.row("student without its reflex, sown Gaussians, legs of training", own, known, student)?;
+    bench.row(&format!("student without its reflex, {}", worlds[3].0), own, known, student)?;
     bench.reflex = Reflex::default();
     bench.row("student whose picture is grey", &BlindEye, known, student)?;
     bench.row("teacher, legs of training", &BlindEye, known, &mut TeacherPilot { limits })?;
     bench.row("teacher, hidden effects", &BlindEye, hidden, &mut TeacherPilot { limits })?;
-    bench.row("blob follower, sown Gaussians", own, known, &mut BlobPilot { limits })
+    bench.row(&format!("blob follower, {}", worlds[3].0), own, known, &mut BlobPilot { limits })
 }
