@@ -61,8 +61,8 @@ FINAL = ("reached", "collision", "cone pushed", "fell")
 class NavigationEnv(VectorEnv):
     """``num_envs`` robots, each to find a coloured cone in a reconstructed place, from pictures.
 
-    ``scene`` is a file of Gaussians or a ``Cloud``, ``mesh`` the labelled mesh of the same place (GLB). ``camera`` says how much
-    cameras differ from episode to episode: "wide" or "none". ``hidden_effects`` makes the legs late, weak and slippery.
+    ``scene`` is a file of Gaussians or a ``Cloud``, ``mesh`` the labelled mesh of the same place (GLB). A scene is drawn over what it was
+    made over; one that was made over black, or does not say over what, before a sky. ``camera`` says how much cameras differ from episode to episode: "wide" or "none". ``hidden_effects`` makes the legs late, weak and slippery.
     ``goals`` come in turn: in the picture at the start, beside it, behind an obstacle.
 
     An observation has ``picture`` (60, 80, 3) and ``state`` (8): the wanted colour as one of red, blue, yellow; the direction of

@@ -141,6 +141,27 @@ def test_a_follower_of_colours_reaches_goals_and_gains_reward(yard):
     assert ends.count("reached") >= 4 and paid > 20, ends
 
 
+def test_a_scene_is_drawn_over_what_it_was_made_over(yard, tmp_path):
+    several = {"f_dc": 3, "opacity": 0, "scale": 3, "rot": 4}
+    names = [*"xyz", *(f"{name}_{k}" if n else name for name, n in several.items() for k in range(max(n, 1)))]
+    # One small Gaussian, below the ground.
+    numbers = np.array([0, 0, -9, 0, 0, 0, 4, -3, -3, -3, 1, 0, 0, 0], "<f4")
+
+    def corner(background):
+        comment = f"comment background {background}\n" if background else ""
+        properties = "".join(f"property float {name}\n" for name in names)
+        header = f"ply\nformat binary_little_endian 1.0\n{comment}element vertex 1\n{properties}end_header\n"
+        path = tmp_path / "scene.ply"
+        path.write_bytes(header.encode() + numbers.tobytes())
+        env = NavigationEnv(2, path, yard[1], camera="none", goals=["in_view"])
+        return env.reset(seed=1)[0]["picture"][0, 0, 0].astype(int)
+
+    red, nothing, black = corner("0.8 0.2 0.1"), corner(""), corner("0 0 0")
+    assert np.abs(red - [204, 51, 26]).max() <= 2, red
+    # A sky.
+    assert np.array_equal(nothing, black) and nothing[2] > nothing[0] > 150, nothing
+
+
 def test_a_seed_gives_the_same_bits(yard):
     def rolled():
         env = NavigationEnv(3, *yard, hidden_effects=True)

@@ -137,9 +137,11 @@ impl SplatEye {
 
     /// The same, drawn as the scene of its place was made to be drawn: over its background (red, green, blue as shown, 0 to 1), and with
     /// anti-aliasing or without. Where Gaussians let the background through, they have the right colour over that one alone. A scene that was made
-    /// over black, or does not say over what, stands before a sky: black is the colour of no place, and what is left empty is most often sky.
+    /// over black, or does not say over what, stands before a sky: black is the colour of no place, and what is left empty is most often sky. So does
+    /// one whose background is no colour. Anti-aliasing draws the cones, too, a little smaller and fainter where they are far.
     pub fn as_made(self, background: Option<[f32; 3]>, antialias: bool) -> Self {
-        let background = background.filter(|colour| *colour != [0.0; 3]).unwrap_or(SKY);
+        let is_colour = |colour: &[f32; 3]| colour.iter().all(|c| (0.0..=1.0).contains(c)) && *colour != [0.0; 3];
+        let background = background.filter(is_colour).unwrap_or(SKY);
         Self { background, antialias, ..self }
     }
 
@@ -376,7 +378,9 @@ mod tests {
                 .any(|(a, b)| a != [0.2, 0.4, 0.6] && (a[0] - b[0]).abs() < 0.01)
         );
         // Black is no colour of a place, and a file may say nothing.
-        assert!(picture(plain().as_made(Some([0.0; 3]), false)) == sky && picture(plain().as_made(None, false)) == sky);
+        for background in [Some([0.0; 3]), None, Some([0.5, f32::NAN, 0.5]), Some([0.5, 2.0, 0.5])] {
+            assert!(picture(plain().as_made(background, false)) == sky, "{background:?}");
+        }
         // Far away a Gaussian is smaller than a pixel: without anti-aliasing it is drawn too large.
         let drawn =
             |antialias| picture(plain().as_made(Some([1.0; 3]), antialias)).iter().map(|x| 1.0 - x).sum::<f32>();
