@@ -1,11 +1,18 @@
-//! A student learns to find cones in the yard of `fixtures/yard`, whose surfaces are sown with Gaussians, and says how often it does:
-//! `learn_in_the_yard [KEY=VALUE ...]`. Keys are those of `TrainSettings` (numbers), `test` (episodes), `every` (rounds from one test to the
-//! next), `sown` (metres between Gaussians; of several, as in `[0.03,0.06]`, each episode has one, and tests have the first), those of `Paints`, `scene` (files of Gaussians, with commas between them: reconstructions of
-//! the yard with boxes, drawn besides; the first one has the tests; with `sown=[]` alone), `out` (a directory for weights.bin, made if need be), and `from` (the weights.bin of an earlier training to go on from). `eye=bare` draws the collision geometry in flat colours instead: a training without a reconstruction.
-//! `legs=ideal` are legs that do at once what they are told: a training without the residual; `legs=CHECKPOINT.bin` is a Go2 that walks in the
-//! simulator by what `qv walk train` wrote, and `simulator=NAME:VALUE,...` are corrections of it; `latency`, `strength` and `slip` are the bounds of
-//! [`Effects`] that legs suffer in training. `camera` is `wide`, `none`, or the report.json of a diagnosis. `within` is a time \[s\]: the number of
-//! rounds then is as many as fit. `learn=trials` (with `from`) learns from its own trials, `policy={"deviation":[0.2,0.05]}` says how. With the feature `gpu`, `gpu=N` draws and learns on adapter `N`, and `gpu=N learner=cpu` only draws on it.
+//! A student learns to find cones in the yard of `fixtures/yard`, and says how often it does: `learn_in_the_yard [KEY=VALUE ...]`. Keys:
+//!
+//! - those of `TrainSettings` (numbers) and of `Paints`; `test` (episodes), `every` (rounds from one test to the next);
+//! - `scene=FILE,FILE`: reconstructions of the yard with boxes; `sown=[0.03,0.06]` or one number: its true surface, sown with Gaussians so many
+//!   metres apart (0.06 where neither is given). Each episode has one of all, evenly; tests have the first;
+//! - `eye=bare`: the collision geometry in flat colours instead, a training without a reconstruction;
+//! - `legs=ideal`: legs that do at once what they are told, a training without the residual; `legs=CHECKPOINT.bin`: a Go2 that walks in the
+//!   simulator by what `qv walk train` wrote, and `simulator=NAME:VALUE,...` are corrections of it;
+//! - `latency`, `strength`, `slip`: bounds of the [`Effects`] that legs suffer in training;
+//! - `camera`: `wide`, `none`, or the report.json of a diagnosis;
+//! - `within`: a time \[s\], and the number of rounds is as many as fit;
+//! - `learn=trials` (with `from`): from its own trials, `policy={"deviation":[0.2,0.05]}` says how;
+//! - `from`: the weights.bin of an earlier training to go on from; `out`: a directory for weights.bin, made if need be;
+//! - `gpu=N` (feature `gpu`): draws and learns on adapter `N`; `gpu=N learner=cpu` only draws on it.
+//!
 //! All settings are printed.
 
 mod yard_legs;
@@ -72,7 +79,7 @@ impl Options {
         let mut settings = serde_json::to_value(usual)?;
         let mut paints = serde_json::to_value(Paints::default())?;
         let (mut test, mut every, mut out, mut from) = (96, 1, None, None);
-        let (mut sown, mut scenes) = (vec![0.06], Vec::new());
+        let (mut sown, mut scenes) = (None, Vec::new());
         let mut effects = serde_json::to_value(Effects::default())?;
         let (mut is_bare, mut response, mut camera) = (false, Response::default(), "wide".to_string());
         let (mut within, mut gpu, mut learns_on_card) = (None, None, true);
@@ -81,8 +88,8 @@ impl Options {
             let (key, value) = argument.split_once('=').ok_or_else(|| format!("{argument}: expected KEY=VALUE"))?;
             match key {
                 "test" => test = value.parse()?,
-                "sown" if value.starts_with('[') => sown = serde_json::from_str(value)?,
-                "sown" => sown = vec![value.parse()?],
+                "sown" if value.starts_with('[') => sown = Some(serde_json::from_str(value)?),
+                "sown" => sown = Some(vec![value.parse()?]),
                 "every" => every = value.parse()?,
                 "scene" => scenes = value.split(',').map(PathBuf::from).collect(),
                 "from" => from = Some(PathBuf::from(value)),
@@ -103,6 +110,10 @@ impl Options {
                 _ => settings[key] = serde_json::from_str(value)?,
             }
         }
+        if is_bare && !scenes.is_empty() {
+            return Err("scene: expected none with eye=bare, which draws no reconstruction".into());
+        }
+        let sown = sown.unwrap_or(if scenes.is_empty() { vec![0.06] } else { Vec::new() });
         let paints = serde_json::from_value(paints)?;
         Ok(Self {
             settings: serde_json::from_value(settings)?,

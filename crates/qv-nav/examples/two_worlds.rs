@@ -1,7 +1,12 @@
-//! A student of `learn_in_the_yard` in two worlds, on the same episodes: eye (sown Gaussians, or the yard's ray caster) by legs (those it was
-//! trained on, or weaker, later and slipping ones): `two_worlds WEIGHTS.bin [EPISODES] [SOWN] [RESULTS.json] [camera=REPORT.json] [scene=SCENE.ply] [NAME=WEIGHTS.bin ...]`,
-//! where `SOWN` is the distance between Gaussians \[m\]; `camera` is that of a report of `qv diagnose --scene` instead of any wide one; `scene` is a reconstruction, shown instead of sown Gaussians. With `gpu=N` among the names they are drawn on adapter `N` (feature `gpu`). With named students, such as those of trainings that lack a part, it tests them beside the
-//! first one where something is unknown; p is against the first one in the same world.
+//! A student of `learn_in_the_yard` in two worlds, on the same episodes: eye (Gaussians, or the yard's ray caster) by legs (those it was trained
+//! on, or weaker, later and slipping ones): `two_worlds WEIGHTS.bin [EPISODES [SOWN [RESULTS.json]]] [NAME=VALUE ...]`. `SOWN` is the distance
+//! between Gaussians \[m\]. Names:
+//!
+//! - `scene=SCENE.ply`: a reconstruction of the yard with boxes is shown instead of sown Gaussians;
+//! - `camera=REPORT.json`: the camera of a report of `qv diagnose --scene` instead of any wide one;
+//! - `gpu=N`: Gaussians are drawn on adapter `N` (feature `gpu`);
+//! - any other name is a student and its weights, such as of a training that lacks a part. All are tested beside the first one where something is
+//!   unknown; p is against the first one in the same world.
 
 mod yard_eye;
 mod yard_scene;
@@ -86,33 +91,26 @@ impl Bench<'_> {
 }
 
 fn main() -> Fallible<()> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let file =
-        arguments.first().ok_or("expected WEIGHTS.bin [EPISODES] [SOWN] [RESULTS.json] [NAME=WEIGHTS.bin ...]")?;
-    let count = arguments.get(1).map_or(Ok(200), |a| a.parse())?;
-    let sown = arguments.get(2).map_or(Ok(0.06), |a| a.parse())?;
+    let (named, plain): (Vec<String>, Vec<String>) = std::env::args().skip(1).partition(|a| a.contains('='));
+    let file = plain.first().ok_or("expected WEIGHTS.bin [EPISODES [SOWN [RESULTS.json]]] [NAME=VALUE ...]")?;
+    let count = plain.get(1).map_or(Ok(200), |a| a.parse())?;
+    let sown = plain.get(2).map_or(Ok(0.06), |a| a.parse())?;
     let net = Net::default();
-    let parameters = weights::from_bytes(&std::fs::read(file)?, &net)?;
+    let parameters = read(file, &net)?;
     let map = Map::new(&mesh_with(&CRATES), &MapSettings::default())?;
-    let (camera, words): (Vec<&String>, Vec<&String>) =
-        arguments.iter().skip(4).partition(|argument| argument.starts_with("camera="));
-    let (spread, rig) = match camera.first() {
+    let named: Vec<(&str, &str)> = named.iter().filter_map(|argument| argument.split_once('=')).collect();
+    let value = |name: &str| named.iter().find(|(known, _)| *known == name).map(|(_, value)| *value);
+    let (spread, rig) = match value("camera") {
         None => (LensSpread::wide(), Rig::default()),
-        Some(file) => {
-            measured::camera(&serde_json::from_slice(&std::fs::read(&file["camera=".len()..])?)?, &Rig::default())?
-        }
+        Some(file) => measured::camera(&serde_json::from_slice(&std::fs::read(file)?)?, &Rig::default())?,
     };
     let world = World::new(map, rig, Limits::default());
     let yard = Yard::with_crates(&CRATES, Vec::new(), 1);
-    let (adapter, words): (Vec<&String>, Vec<&String>) =
-        words.into_iter().partition(|argument| argument.starts_with("gpu="));
-    let (scene, named): (Vec<&String>, Vec<&String>) =
-        words.into_iter().partition(|argument| argument.starts_with("scene="));
-    let (place, own) = match scene.first() {
-        Some(file) => (Place::read(file["scene=".len()..].as_ref(), &world.map)?, "reconstruction"),
+    let (place, own) = match value("scene") {
+        Some(file) => (Place::read(file.as_ref(), &world.map)?, "reconstruction"),
         None => (Place::sown(sow::cloud(&yard, sown)), "sown Gaussians"),
     };
-    let splat = placed(place.eye(SplatEye::new), adapter.first().map(|gpu| &gpu["gpu=".len()..]))?;
+    let splat = placed(place.eye(SplatEye::new), value("gpu"))?;
     let rays = FnEye(|shot: &Shot| yard_eye::cast(&yard, shot));
     let (known, hidden, limits) = (Effects::default(), Effects::hidden(), world.limits);
     println!("{count} episodes of seed {TESTED}; hidden effects of the legs: {hidden:?}");
@@ -142,7 +140,7 @@ fn main() -> Fallible<()> {
             }
         }
     }
-    if let Some(out) = arguments.get(3).map(PathBuf::from) {
+    if let Some(out) = plain.get(3).map(PathBuf::from) {
         let rows: Vec<_> = bench
             .rows
             .iter()
@@ -188,13 +186,16 @@ fn placed(eye: SplatEye, adapter: Option<&str>) -> Fallible<Box<dyn Eye>> {
     }
 }
 
+/// The weights of a file.
+fn read(file: &str, net: &Net) -> Fallible<Vec<f32>> {
+    let bytes = std::fs::read(file).map_err(|e| format!("{file}: expected weights, found {e}"))?;
+    Ok(weights::from_bytes(&bytes, net).map_err(|e| format!("{file}: {e}"))?)
+}
+
 /// Students by name.
-fn others(arguments: &[&String], net: &Net) -> Fallible<Vec<(String, Vec<f32>)>> {
-    let one = |argument: &&String| {
-        let (name, file) = argument.split_once('=').ok_or_else(|| format!("{argument}: expected NAME=WEIGHTS.bin"))?;
-        Ok((name.into(), weights::from_bytes(&std::fs::read(file)?, net)?))
-    };
-    arguments.iter().map(one).collect()
+fn others(named: &[(&str, &str)], net: &Net) -> Fallible<Vec<(String, Vec<f32>)>> {
+    let students = named.iter().filter(|(name, _)| !["scene", "camera", "gpu"].contains(name));
+    students.map(|(name, file)| Ok(((*name).into(), read(file, net)?))).collect()
 }
 
 /// One student in all worlds, and who needs no network.

@@ -17,7 +17,8 @@ pub struct Place {
 impl Place {
     /// The Gaussians of a scene, without those that hang in the air.
     pub fn read(file: &Path, map: &Map) -> Result<Self, Box<dyn std::error::Error>> {
-        let scene = std::fs::read(file).map_err(|e| format!("{}: {e}", file.display()))?;
+        let scene =
+            std::fs::read(file).map_err(|e| format!("{}: expected a scene of Gaussians, found {e}", file.display()))?;
         let scene = qv_splat::files::read_any(&scene).map_err(|e| format!("{}: {e}", file.display()))?;
         let cloud = without_veils(&scene.cloud, map, &Air::default());
         let (count, hang) = (scene.cloud.len(), scene.cloud.len() - cloud.len());
