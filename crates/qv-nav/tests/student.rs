@@ -18,7 +18,7 @@ use yard::{Yard, sow};
 #[test]
 fn the_kept_student_finds_cones_in_the_yard() {
     let net = Net::default();
-    let bytes = include_bytes!("../../../fixtures/yard/students/four_densities.bin");
+    let bytes = include_bytes!("../../../fixtures/yard/students/reconstruction.bin");
     let parameters = weights::from_bytes(bytes, &net).unwrap();
     let map = Map::new(&mesh_with(&CRATES), &MapSettings::default()).unwrap();
     let world = World::new(map, Rig::default(), Limits::default());
@@ -29,6 +29,6 @@ fn the_kept_student_finds_cones_in_the_yard() {
     let mut pilot = NetPilot::new(&net, &parameters, 24);
     let rolled = roll(&stage, &mut legs, &episodes, &mut pilot, |_| false, &mut |_| {}).unwrap();
     let reached = rolled.iter().filter(|(trial, _)| trial.reached()).count();
-    // Of 200 it reaches 90.5 %; fewer than 18 of 24 come of that in less than one of a hundred tests.
-    assert!(reached >= 18, "{reached} of 24");
+    // Of 200 it reaches 87.5 % on such Gaussians; fewer than 17 of 24 come of that in less than one of a hundred tests.
+    assert!(reached >= 17, "{reached} of 24");
 }
