@@ -37,6 +37,8 @@ use yard_scene::Place;
 /// As in `learn_in_the_yard`.
 const HEIGHT: f64 = 0.3;
 const TESTED: u64 = 777;
+/// Names that are no student.
+const OPTIONS: [&str; 3] = ["scene", "camera", "gpu"];
 /// Robots at once.
 const ROBOTS: usize = 100;
 
@@ -99,6 +101,9 @@ fn main() -> Fallible<()> {
     let parameters = read(file, &net)?;
     let map = Map::new(&mesh_with(&CRATES), &MapSettings::default())?;
     let named: Vec<(&str, &str)> = named.iter().filter_map(|argument| argument.split_once('=')).collect();
+    if let Some((_, (name, _))) = named.iter().enumerate().find(|(k, one)| named[..*k].iter().any(|o| o.0 == one.0)) {
+        return Err(format!("{name}: expected one value for a name, found two").into());
+    }
     let value = |name: &str| named.iter().find(|(known, _)| *known == name).map(|(_, value)| *value);
     let (spread, rig) = match value("camera") {
         None => (LensSpread::wide(), Rig::default()),
@@ -194,7 +199,7 @@ fn read(file: &str, net: &Net) -> Fallible<Vec<f32>> {
 
 /// Students by name.
 fn others(named: &[(&str, &str)], net: &Net) -> Fallible<Vec<(String, Vec<f32>)>> {
-    let students = named.iter().filter(|(name, _)| !["scene", "camera", "gpu"].contains(name));
+    let students = named.iter().filter(|(name, _)| !OPTIONS.contains(name));
     students.map(|(name, file)| Ok(((*name).into(), read(file, net)?))).collect()
 }
 
