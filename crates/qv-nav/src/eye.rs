@@ -185,6 +185,21 @@ impl SplatEye {
         Ok(averaged(&image.features, shot.camera.width as usize, 4))
     }
 
+    /// Which share of its cones in the picture a shot shows, 0 to 1: the place hides the rest. 0 where no cone is in the picture.
+    ///
+    /// # Errors
+    /// When the picture cannot be drawn.
+    pub fn shown(&self, shot: &Shot) -> Result<f64, NavError> {
+        let alone = self.clouds[0].filtered(|k| self.group_of[k] != 0);
+        let group_of = self.group_of.iter().copied().filter(|group| *group != 0).collect();
+        let alone = Self { clouds: vec![alone], group_of, ..*self };
+        let cover = |eye: &Self| -> Result<f64, NavError> {
+            Ok(eye.cones_of(shot)?.chunks_exact(4).map(|pixel| f64::from(pixel[3])).sum())
+        };
+        let whole = cover(&alone)?;
+        Ok(if whole > 0.0 { cover(self)? / whole } else { 0.0 })
+    }
+
     /// Gaussians that are drawn, those of the cones included.
     pub fn count(&self) -> usize {
         self.clouds[0].len()

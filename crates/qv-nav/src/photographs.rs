@@ -77,8 +77,8 @@ pub struct Agreement {
 /// From a cone's middle to the camera at most, along the ground \[m\]: beyond it is a few pixels high.
 const FARTHEST: f64 = 5.0;
 
-/// Views of a photograph: one without a cone, and up to `cones` with one, each on ground where one may stand and of which [`SEEN`] rays of nine
-/// are free. None where the photograph does not fill the network's picture, whose view is that of the rig at the photograph's pose.
+/// Views of a photograph: one without a cone, and up to `cones` with one, each on ground where one may stand. [`SEEN`] rays of nine to it are free on
+/// the map, and the scene shows as large a share of it: a mesh may lack what hides it. None where the photograph does not fill the network's picture, whose view is that of the rig at the photograph's pose.
 ///
 /// # Errors
 /// When a picture cannot be drawn.
@@ -94,7 +94,7 @@ pub fn pairs(
     let camera = world.rig.camera(&base);
     let Some(plain) = reduced(photograph, &camera) else { return Ok(vec![]) };
     let mut random = Xoshiro256PlusPlus::of(seed, 61, 0);
-    let goals = goals(world, &camera, cones, &mut random);
+    let goals = goals(world, eye, &camera, cones, &mut random)?;
     let mut out = Vec::with_capacity(goals.len() + 1);
     for goal in std::iter::once(None).chain(goals.into_iter().map(Some)) {
         let shot = Shot { camera, cones: goal.into_iter().collect(), seed: 0 };
@@ -109,20 +109,29 @@ pub fn pairs(
 }
 
 /// Cones that can be seen, colours in turn.
-fn goals(world: &World, camera: &Camera, count: usize, random: &mut Xoshiro256PlusPlus) -> Vec<Cone> {
-    let eye = camera.camera_from_world.inverse().position;
-    let near = |place: &&DVec3| place.truncate().distance(eye.truncate()) < FARTHEST;
+fn goals(
+    world: &World,
+    eye: &SplatEye,
+    camera: &Camera,
+    count: usize,
+    random: &mut Xoshiro256PlusPlus,
+) -> Result<Vec<Cone>, NavError> {
+    let from = camera.camera_from_world.inverse().position;
+    let near = |place: &&DVec3| place.truncate().distance(from.truncate()) < FARTHEST;
+    let is_shown = |goal: Cone| -> Result<bool, NavError> {
+        Ok(eye.shown(&Shot { camera: *camera, cones: vec![goal], seed: 0 })? >= SEEN as f64 / 9.0)
+    };
     let mut places: Vec<DVec3> = world.candidates.iter().filter(near).copied().collect();
     let mut out = Vec::new();
     while out.len() < count && !places.is_empty() {
         let place = places.swap_remove(random.below(places.len())).to_array();
         let turn = f64::from(random.between(0.0, std::f32::consts::TAU));
         let goal = Cone { place, height: 0.45, colour: out.len() % COLOURS.len(), look: 0, turn };
-        if free_rays(&world.map, camera, &goal, true) >= SEEN {
+        if free_rays(&world.map, camera, &goal, true) >= SEEN && is_shown(goal)? {
             out.push(goal);
         }
     }
-    out
+    Ok(out)
 }
 
 /// A photograph as a camera at its pose sees it, shape `[HEIGHT, WIDTH, 3]`: means over the area of each pixel. None where it does not reach so far.
@@ -261,6 +270,24 @@ mod tests {
         let changed =
             |pair: &Pair| pair.drawn.iter().zip(&found[0].drawn).filter(|(a, b)| a.abs_diff(**b) > 20).count();
         assert!(found[1..].iter().all(|pair| changed(pair) > 6), "a cone is to be seen");
+        // A wall that the mesh lacks hides every cone.
+        let forward = base.rotation * DVec3::X;
+        let mut walled = ring();
+        let first = walled.vertices.len() as u32;
+        walled.vertices.extend([(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)].map(|(aside, up)| {
+            base.position + 0.6 * forward + aside * DVec3::new(-forward.y, forward.x, 0.0) + up * DVec3::Z
+        }));
+        walled.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+        let behind = SplatEye::bare(&walled, &Bare { spacing: 0.05, paints: 1 }, 7).unwrap();
+        let shot = |goal| Shot { camera: small, cones: vec![goal], seed: 0 };
+        let goal = found[1].goal.unwrap();
+        let (open, hidden) = (eye.shown(&shot(goal)).unwrap(), behind.shown(&shot(goal)).unwrap());
+        assert!(open > 0.9 && hidden < 0.1, "{open}, {hidden}");
+        let turned = Cone { place: [-2.9, -2.9, 0.0], ..goal };
+        assert_eq!(eye.shown(&shot(turned)).unwrap(), 0.0, "out of the picture");
+        let told = pairs(&world, &behind, &photograph, 4, 3).unwrap();
+        assert!(told.len() == 1 && told[0].goal.is_none());
+
         let narrow = Photograph { camera: Camera { fx: 4.0 * large.fx, ..large }, ..photograph.clone() };
         assert!(pairs(&world, &eye, &narrow, 4, 3).unwrap().is_empty(), "it shows less than the robot's camera");
 
