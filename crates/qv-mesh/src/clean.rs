@@ -71,8 +71,17 @@ pub fn split_fans(mesh: &mut TriangleMesh) {
     }
 }
 
-/// Keeps the piece with the largest area, and with `least` all others of at least that area \[m²\], too. Returns how many were dropped.
-pub fn keep_largest(mesh: &mut TriangleMesh, least: Option<f64>) -> usize {
+/// Pieces that were left out.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Dropped {
+    /// How many.
+    pub count: usize,
+    /// Area of the largest of them \[m²\]: a table whose legs were not seen is a piece of its own.
+    pub largest: f64,
+}
+
+/// Keeps the piece with the largest area, and with `least` all others of at least that area \[m²\], too. Returns what was dropped.
+pub fn keep_largest(mesh: &mut TriangleMesh, least: Option<f64>) -> Dropped {
     let mut pieces = Groups::new(mesh.vertices.len());
     for [a, b, c] in &mesh.triangles {
         pieces.join(*a, *b);
@@ -89,9 +98,13 @@ pub fn keep_largest(mesh: &mut TriangleMesh, least: Option<f64>) -> usize {
     found.dedup();
     // The first of equals.
     let largest = found.iter().rev().copied().max_by(|a, b| area[*a as usize].total_cmp(&area[*b as usize]));
-    let Some(largest) = largest else { return 0 };
+    let Some(largest) = largest else { return Dropped::default() };
     let is_kept = |piece: u32| piece == largest || least.is_some_and(|least| area[piece as usize] >= least);
-    let dropped = found.iter().filter(|piece| !is_kept(**piece)).count();
+    let mut dropped = Dropped::default();
+    for piece in found.iter().filter(|piece| !is_kept(**piece)) {
+        dropped.count += 1;
+        dropped.largest = dropped.largest.max(area[*piece as usize]);
+    }
     keep_triangles(mesh, |t| is_kept(piece[t]));
     dropped
 }
@@ -184,6 +197,11 @@ mod tests {
         }
     }
 
+    fn area(mesh: &TriangleMesh, t: usize) -> f64 {
+        let [a, b, c] = mesh.corners(t);
+        0.5 * (b - a).cross(c - a).length()
+    }
+
     #[test]
     fn fans_are_split_and_the_largest_piece_stays() {
         let mut mesh = bow_tie();
@@ -193,9 +211,12 @@ mod tests {
         let near = mesh.vertices.iter().filter(|v| v.length() < 0.1).count();
         assert!(near == 2 && !mesh.vertices.contains(&DVec3::ZERO), "two at the knot, apart");
         let mut all = mesh.clone();
-        assert_eq!((keep_largest(&mut all, Some(0.0)), all.triangles.len()), (0, mesh.triangles.len()));
-        assert_eq!((keep_largest(&mut all, Some(1e3)), all.triangles.len()), (2, 2), "the largest stays however small");
-        assert_eq!(keep_largest(&mut mesh, None), 2);
+        assert_eq!((keep_largest(&mut all, Some(0.0)).count, all.triangles.len()), (0, mesh.triangles.len()));
+        let small = (2..4).map(|t| area(&mesh, t)).fold(0.0, f64::max);
+        let dropped = keep_largest(&mut all, Some(1e3));
+        assert_eq!((dropped.count, all.triangles.len()), (2, 2), "the largest stays however small");
+        assert!((dropped.largest - small).abs() < 1e-12, "{dropped:?}, {small}");
+        assert_eq!(keep_largest(&mut mesh, None), dropped);
         mesh.validate().unwrap();
         assert_eq!((mesh.triangles.len(), mesh.vertices.len(), mesh.labels.as_slice()), (2, 4, &[0, 1][..]));
         let loops = rim_loops(&mesh);
@@ -235,7 +256,7 @@ mod tests {
     fn nothing_comes_of_nothing() {
         let mut mesh = TriangleMesh::default();
         split_fans(&mut mesh);
-        assert_eq!((keep_largest(&mut mesh, None), rim_loops(&mesh).len()), (0, 0));
+        assert_eq!((keep_largest(&mut mesh, None).count, rim_loops(&mesh).len()), (0, 0));
         assert!(!Topology::of(&mesh).is_watertight());
     }
 }

@@ -1,6 +1,6 @@
 //! All steps from depth maps to a collision mesh, one after the other.
 
-use crate::clean::{keep_largest, smooth, split_fans};
+use crate::clean::{Dropped, keep_largest, smooth, split_fans};
 use crate::close::{Closed, close_to_solid, fill_holes};
 use crate::decimate::{DecimateOptions, Decimated, decimate};
 use crate::error::off;
@@ -51,7 +51,7 @@ pub struct MeshReport {
     /// Triangles of the surface before anything was done to it.
     pub extracted: usize,
     /// Pieces that were dropped.
-    pub dropped: usize,
+    pub dropped: Dropped,
     /// Holes.
     pub holes: Closed,
     /// Rims that were closed by walls and a floor.

@@ -15,6 +15,7 @@ use glam::DVec3;
 use labels::{fitting, materials};
 use qv_core::{GaussianCloud, Material, TriangleMesh};
 use qv_mesh::agree::{AgreeOptions, keep_agreeing};
+use qv_mesh::clean::Dropped;
 use qv_mesh::close::close_to_solid;
 use qv_mesh::compare::{Likeness, compare_points, measurable, register, sample};
 use qv_mesh::files::{glb, ply, stl};
@@ -515,7 +516,7 @@ impl Mesh {
                 "out": self.out.display().to_string(), "vertices": mesh.vertices.len(), "triangles": mesh.triangles.len(),
                 "extracted": report.extracted, "watertight": topology.is_watertight(), "open_edges": topology.open_edges,
                 "area": topology.area, "volume": topology.volume, "holes_filled": report.holes.filled,
-                "pieces_dropped": report.dropped, "max_error": report.decimated.error, "blocks": report.blocks,
+                "pieces_dropped": report.dropped.count, "largest_dropped": report.dropped.largest, "max_error": report.decimated.error, "blocks": report.blocks,
                 "volume_bytes": report.volume_bytes, "depth_confirmed": agreeing,
                 "planes": laid.as_ref().map(|laid| laid.planes.len()), "depth_on_planes": laid.as_ref().map(|laid| laid.share), "materials": areas(mesh), "likeness": likeness.collect::<Vec<_>>(),
                 "result_from_scene": {"scale": result_from_scene.scale, "position": result_from_scene.pose.position.to_array(), "rotation_wxyz": result_from_scene.pose.wxyz()},
@@ -526,12 +527,12 @@ impl Mesh {
             if topology.is_watertight() { "watertight".into() } else { format!("{} open edges", topology.open_edges) };
         let mut text = format!(
             "{frames} frames, {:.0} MB of voxels; read in {read_s:.1} s, fused in {fuse_s:.1} s, surface in {surface_s:.1} s\n\
-             {} triangles ({} before holes, pieces, walls and --triangles), {state}; {} holes filled, {} small pieces dropped\n",
+             {} triangles ({} before holes, pieces, walls and --triangles), {state}; {} holes filled, {}\n",
             report.volume_bytes as f64 / 1e6,
             mesh.triangles.len(),
             report.extracted,
             report.holes.filled,
-            report.dropped
+            pieces(&report.dropped)
         );
         if agreeing < 1.0 {
             text += &format!("{:.0} % of depth confirmed by other frames\n", 100.0 * agreeing);
@@ -556,6 +557,14 @@ impl Mesh {
             );
         }
         Ok(say(&format!("{text}written to {}\n", self.out.display()))?)
+    }
+}
+
+/// What was left out, and that it may be more than noise.
+fn pieces(Dropped { count, largest }: &Dropped) -> String {
+    match count {
+        0 => "no pieces dropped".into(),
+        _ => format!("{count} pieces dropped, the largest of {largest:.2} m² (--open --pieces AREA keeps more)"),
     }
 }
 
