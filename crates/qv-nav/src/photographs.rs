@@ -77,8 +77,9 @@ pub struct Agreement {
 /// From a cone's middle to the camera at most, along the ground \[m\]: beyond it is a few pixels high.
 const FARTHEST: f64 = 5.0;
 
-/// Views of a photograph: one without a cone, and up to `cones` with one, each on ground where one may stand. [`SEEN`] rays of nine to it are free on
-/// the map, and the scene shows as large a share of it: a mesh may lack what hides it. None where the photograph does not fill the network's picture, whose view is that of the rig at the photograph's pose.
+/// Views of a photograph: one without a cone, and up to `cones` with one, each on ground where one may stand. [`SEEN`] rays of nine to it are free
+/// on the map, and the scene shows as large a share of it: a mesh may lack what hides it. None where the photograph does not fill the network's
+/// picture, whose view is that of the rig at the photograph's pose.
 ///
 /// # Errors
 /// When a picture cannot be drawn.
