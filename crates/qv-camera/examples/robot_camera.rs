@@ -4,7 +4,7 @@
 //! them. `OUT/report.json` is what was found, as `qv diagnose --scene` writes it; `OUT/truth.json` is the same with the numbers that were drawn, and
 //! intervals without width. Both are cameras for `learn_in_the_yard camera=FILE` and `two_worlds camera=FILE` of `quadverse-nav`.
 
-#[path = "../tests/footage/mod.rs"]
+#[path = "../tests/it/footage/mod.rs"]
 mod footage;
 
 use footage::{Hidden, recording_of_all, yard};

@@ -9,7 +9,7 @@
 //! size, and what its camera was found to be mounted by is saved beside it (SCENE.json). `--shared` tells what all images share,
 //! `--width N` compares larger or smaller pictures.
 
-#[path = "../tests/footage/mod.rs"]
+#[path = "../tests/it/footage/mod.rs"]
 mod footage;
 
 use footage::{Hidden, Truth, error, recording, through, yard};

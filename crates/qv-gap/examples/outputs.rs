@@ -1,7 +1,7 @@
 //! Writes all files of a diagnosis (made up, of a robot with slow motors on a floor with a slick patch) to a folder:
 //! `cargo run -p quadverse-gap --example outputs -- FOLDER`.
 
-#[path = "../tests/made_up/mod.rs"]
+#[path = "../tests/it/made_up/mod.rs"]
 mod made_up;
 
 fn main() -> std::io::Result<()> {

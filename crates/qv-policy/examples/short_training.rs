@@ -1,6 +1,6 @@
 //! The golden of a short training, for `cargo xtask golden bless short`: `short_training OUT.json`.
 
-#[path = "../tests/short/mod.rs"]
+#[path = "../tests/it/short/mod.rs"]
 mod short;
 
 use std::error::Error;

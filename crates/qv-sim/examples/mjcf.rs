@@ -1,7 +1,7 @@
 //! What is read of an MJCF: `cargo run --release --example mjcf -p quadverse-sim -- FILE.xml [GOLDEN.json]`. With a golden that
 //! `fixtures/mjcf/generate.py --file FILE.xml` wrote, also how far the model is from MuJoCo's.
 
-#[path = "../tests/against_mujoco/mod.rs"]
+#[path = "../tests/it/against_mujoco/mod.rs"]
 mod against_mujoco;
 
 use qv_sim::mjcf::MjcfModel;

@@ -1,0 +1,5 @@
+//! Every integration test of `qv-baselines`, as one program: a file is a subject, a folder serves several.
+
+mod baselines;
+#[path = "../../../qv-gap/tests/it/recorded/mod.rs"]
+mod recorded;

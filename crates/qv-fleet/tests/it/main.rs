@@ -1,0 +1,3 @@
+//! Every integration test of `qv-fleet`, as one program: a file is a subject, a folder serves several.
+
+mod summary;

@@ -1,0 +1,16 @@
+//! Every integration test of `qv-gap`, as one program: a file is a subject, a folder serves several.
+
+mod actuator_law;
+mod arm;
+mod conventions;
+mod evidence;
+mod exports;
+mod ground;
+mod made_up;
+mod output;
+mod python;
+mod recorded;
+#[path = "../../../../fixtures/skipped.rs"]
+mod skipped;
+mod two_links;
+mod walking;

@@ -1,0 +1,11 @@
+//! Every integration test of `qv-nav`, as one program: a file is a subject, a folder serves several.
+
+mod learns;
+#[cfg(feature = "onnx")]
+mod navigator_python;
+mod onnx;
+mod recall_python;
+#[path = "../../../../fixtures/skipped.rs"]
+mod skipped;
+mod student;
+mod yard;

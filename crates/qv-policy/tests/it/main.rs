@@ -1,0 +1,13 @@
+//! Every integration test of `qv-policy`, as one program: a file is a subject, a folder serves several.
+
+mod onnx;
+#[cfg(feature = "onnx")]
+mod policies_of_others;
+mod robots;
+mod roll;
+mod short;
+mod short_training;
+#[path = "../../../../fixtures/skipped.rs"]
+mod skipped;
+mod training;
+mod walks_in_mujoco;

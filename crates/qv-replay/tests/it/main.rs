@@ -1,0 +1,5 @@
+//! Every integration test of `qv-replay`, as one program: a file is a subject, a folder serves several.
+
+mod any_bytes;
+mod robots;
+mod tables;

@@ -1,0 +1,7 @@
+//! Every integration test of `qv-residual`, as one program: a file is a subject, a folder serves several.
+
+mod closing;
+mod exported;
+mod learned_residuals;
+mod online;
+mod squats;

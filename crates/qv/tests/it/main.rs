@@ -1,0 +1,29 @@
+//! Every integration test of `qv`, as one program: a file is a subject, a folder serves several.
+
+mod bad_input;
+mod bag_kinds;
+mod bags;
+mod big_bag;
+mod captures;
+mod check;
+mod contact;
+mod fleet;
+#[path = "../../../qv-camera/tests/it/footage/mod.rs"]
+mod footage;
+mod foreign;
+mod mesh;
+mod messages;
+mod names;
+mod navigate;
+mod outputs;
+mod pipeline;
+mod reconstruct;
+mod render;
+mod replay;
+mod robots;
+#[path = "../../../../fixtures/skipped.rs"]
+mod skipped;
+mod tables;
+mod tutorials;
+mod view;
+mod visual;
