@@ -22,6 +22,9 @@ pub struct TestProgram {
     folder: PathBuf,
 }
 
+/// From this time on the line of a test says how long it took.
+const SLOW: Duration = Duration::from_secs(1);
+
 /// What one run of a program gave.
 #[derive(Debug)]
 pub struct TestRun {
@@ -75,11 +78,17 @@ pub fn run(program: &TestProgram, environment: &[(&str, PathBuf)]) -> Result<Tes
     drop(command);
     let mut run =
         TestRun { counts: Counts::default(), succeeded: false, wall: Duration::ZERO, cpu: None, output: String::new() };
+    let mut ended = 0;
     for line in BufReader::new(output).split(b'\n') {
         let line = line.with_context(|| format!("reading from {}", program.name))?;
         let line = String::from_utf8_lossy(&line);
         run.counts.add_line(&line, clock.elapsed());
         run.output.push_str(&line);
+        let took = run.counts.durations.last().filter(|_| run.counts.durations.len() > ended).map(|(_, took)| *took);
+        ended = run.counts.durations.len();
+        if let Some(took) = took.filter(|took| *took >= SLOW) {
+            run.output.push_str(&format!(" in {:.1} s", took.as_secs_f64()));
+        }
         run.output.push('\n');
     }
     run.cpu = processor_time(&child);
