@@ -26,6 +26,5 @@ mod robots;
 #[path = "../../../../fixtures/skipped.rs"]
 mod skipped;
 mod tables;
-mod tutorials;
 mod view;
 mod visual;
