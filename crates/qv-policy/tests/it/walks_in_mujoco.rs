@@ -38,7 +38,7 @@ fn a_short_training_walks_in_mujoco() {
     std::fs::create_dir_all(&folder).unwrap();
     let (policy, table) = (folder.join("policy.onnx"), folder.join("policy.toml"));
     std::fs::write(&policy, trained.policy.to_onnx(&robot).unwrap()).unwrap();
-    let file = PolicyFile::new(&robot, &settings().task, "plane", Some(trained.score));
+    let file = PolicyFile::new(&robot, &settings().task, "plane", Some(trained.score.clone()));
     std::fs::write(&table, file.to_text().unwrap()).unwrap();
     let same = folder.join("commands.json");
     std::fs::write(&same, serde_json::to_string(&commands).unwrap()).unwrap();
