@@ -2,6 +2,7 @@
 
 use crate::Failure;
 use crate::open::spinner;
+use crate::rgbd::image_of;
 use crate::scene::about;
 use image::imageops::FilterType;
 use rayon::prelude::*;
@@ -113,7 +114,7 @@ fn grouped<T>(taken: &[T], count: usize) -> Vec<&[T]> {
 /// Variance of the Laplacian of the brightness (Pech-Pacheco et al., *Diatom autofocusing in brightfield microscopy*, 2000): motion and lenses out
 /// of focus take detail away.
 fn sharpness(path: &Path) -> Result<f64, String> {
-    let grey = image::open(path).map_err(|e| format!("{}: expected an image, found {e}", path.display()))?;
+    let grey = image_of(path).map_err(|found| format!("{}: expected an image, found {found}", path.display()))?;
     let grey = grey.resize(JUDGED_AT, JUDGED_AT, FilterType::Triangle).into_luma8();
     Ok(detail(&grey))
 }
