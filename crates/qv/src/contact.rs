@@ -8,6 +8,7 @@ use crate::progress::{Stages, remark};
 use crate::provenance::provenance;
 use crate::whole::put;
 use crate::{Outcome, Reading, RunArguments, say};
+use crate::terminal::print_message;
 use qv_contact::report::Status;
 use qv_contact::{ContactError, Ground, Options, Prior, Report, calibrate, html, prior};
 use qv_core::TriangleMesh;
@@ -104,7 +105,7 @@ impl Contact {
             say(&format!("{}written to {}\n", summary(&report), self.out.display()))?;
         }
         told_of(&runs[0], &model).iter().for_each(|what| remark(what));
-        lost.iter().for_each(|what| eprintln!("qv: {what}"));
+        lost.iter().for_each(|what| print_message!("{what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
 

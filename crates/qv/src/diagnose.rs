@@ -12,6 +12,7 @@ use crate::scene::open_scene;
 use crate::walk::trial::Tried;
 use crate::whole::put;
 use crate::{Outcome, Reading, RunArguments, say};
+use crate::terminal::print_message;
 use qv_camera::{CameraError, EFFECTS, Footage, LookOptions, Photograph, Sight, check, html, join, look};
 use qv_core::statistics::median;
 use qv_core::{GaussianCloud, JointSeries};
@@ -212,10 +213,10 @@ impl Diagnose {
             say(&format!("{}{walks}written to {}\n", summary(report), self.out.display()))?;
         }
         told.iter().for_each(|what| remark(what));
-        lost.iter().for_each(|what| eprintln!("qv: {what}"));
+        lost.iter().for_each(|what| print_message!("{what}"));
         if !report.corrections_apply {
-            eprintln!(
-                "qv: what was found makes windows that no fit has seen worse: it is a finding, and no file applies it"
+            print_message!(
+                "what was found makes windows that no fit has seen worse: it is a finding, and no file applies it"
             );
         }
         Ok(if lost.is_empty() && report.corrections_apply { Outcome::Done } else { Outcome::Partial })

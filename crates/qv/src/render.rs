@@ -5,6 +5,7 @@ use crate::open::progress;
 use crate::scene::{about, open_cameras, open_scene};
 use crate::whole::{put, write_whole};
 use crate::{Failure, Outcome, say};
+use crate::terminal::print_message;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder as _};
 use qv_core::GaussianCloud;
@@ -113,7 +114,7 @@ impl Render {
                 self.out.display()
             ))?;
         }
-        lost.iter().for_each(|what| eprintln!("qv: lost from {}: {what}", self.scene.display()));
+        lost.iter().for_each(|what| print_message!("lost from {}: {what}", self.scene.display()));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
 

@@ -9,6 +9,7 @@ use crate::open::{
 use crate::provenance::provenance;
 use crate::whole::{put, stream};
 use crate::{Outcome, RunArguments, say};
+use crate::terminal::print_message;
 use qv_replay::derive::joint_velocity;
 use qv_replay::replay::{Lag, ReplayOptions, layout, to_html, to_json, verdict, write_mcap};
 use qv_replay::{ReplayError, Run};
@@ -77,7 +78,7 @@ impl Replay {
         } else {
             say(&format!("{}written to {}\n", summary(&replay, &notes, factor), self.out.display()))?;
         }
-        lost.iter().for_each(|what| eprintln!("qv: {what}"));
+        lost.iter().for_each(|what| print_message!("{what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
 

@@ -7,6 +7,7 @@ use crate::progress::remark;
 use crate::scene::{about, open_cameras};
 use crate::whole::{refuse_inputs, write_whole};
 use crate::{Failure, Outcome, say};
+use crate::terminal::print_message;
 use glam::DVec2;
 use qv_core::{Camera, Pose, statistics};
 use qv_mesh::similarity::Similarity;
@@ -119,7 +120,7 @@ impl Look {
         } else {
             say(&summary(&told, &looked))?;
         }
-        lost.iter().for_each(|what| eprintln!("qv: lost: {what}"));
+        lost.iter().for_each(|what| print_message!("lost: {what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
 

@@ -2,6 +2,7 @@
 
 use crate::open::{file_error, open_run};
 use crate::{Failure, Reading, RunArguments};
+use crate::terminal::print_message;
 use qv_policy::velocity::{TaskRobot, TaskSettings};
 use qv_residual::log::Log;
 use std::fs;
@@ -37,7 +38,7 @@ pub fn read(
         return Err(refused.join("\n").into());
     }
     for why in refused.iter().chain(&log.told) {
-        eprintln!("qv: {why}");
+        print_message!("{why}");
     }
     log.told.extend(refused.iter().cloned());
     Ok((log, refused.len()))

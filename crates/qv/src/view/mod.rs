@@ -11,6 +11,7 @@ use crate::progress::remark;
 use crate::scene::about;
 use crate::whole::write_whole;
 use crate::{Failure, Outcome, Reading, say};
+use crate::terminal::print_message;
 use parts::Parts;
 use serde_json::json;
 use std::fs;
@@ -85,7 +86,7 @@ impl View {
         }
         write_whole(&self.out, html.as_bytes())?;
         told.iter().for_each(|what| remark(what));
-        lost.iter().for_each(|what| eprintln!("qv: {what}"));
+        lost.iter().for_each(|what| print_message!("{what}"));
         let outcome = if lost.is_empty() { Outcome::Done } else { Outcome::Partial };
         if self.json {
             let line = json!({

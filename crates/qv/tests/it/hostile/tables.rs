@@ -1,0 +1,73 @@
+//! Tables whose stamps are no seconds, whose headers are novels, and whose names move the cursor.
+
+use super::bounded;
+use crate::bags::directory;
+use std::fs;
+use std::path::PathBuf;
+
+const TOML: &str = "robot = \"robot.urdf\"\nbase = \"fixed\"\n[actuator]\nkind = \"pd\"\nkp = 10.0\nkd = 0.5\ntau_max = 5.0\n";
+
+/// A table of one joint of an arm.
+pub fn table(name: &str, joint: &str, rows: usize, step: f64) -> PathBuf {
+    let folder = directory(name);
+    let urdf = format!(
+        "<robot name='arm'><link name='base'/><link name='arm'><inertial><origin xyz='0.1 0 0'/><mass value='1'/>\
+         <inertia ixx='0.01' iyy='0.01' izz='0.01' ixy='0' ixz='0' iyz='0'/></inertial></link>\
+         <joint name='{joint}' type='revolute'><parent link='base'/><child link='arm'/><axis xyz='0 1 0'/>\
+         <limit effort='5' velocity='20' lower='-3' upper='3'/></joint></robot>"
+    );
+    let mut csv = format!("time,pos.{joint},vel.{joint},cmd_pos.{joint}\n");
+    for k in 0..rows {
+        let (time, phase) = (step * k as f64, 0.002 * k as f64 * 3.0);
+        let (at, speed) = (0.4 * phase.sin(), 1.2 * phase.cos());
+        csv += &format!("{time:e},{at:.6},{speed:.6},{:.6}\n", 0.4 * (phase + 0.05).sin());
+    }
+    fs::write(folder.join("robot.urdf"), urdf).unwrap();
+    fs::write(folder.join("run.csv"), csv).unwrap();
+    fs::write(folder.join("run.toml"), TOML).unwrap();
+    folder
+}
+
+#[test]
+fn stamps_that_are_no_seconds_are_refused() {
+    for (name, step) in [("hostile_denormal", 5e-324), ("hostile_tiny", 1e-12)] {
+        let folder = table(name, "j", 2000, step);
+        let (out, run) = (folder.join("out"), folder.to_str().unwrap());
+        for command in ["inspect", "replay", "diagnose"] {
+            let mut arguments = vec![command, run];
+            if command != "inspect" {
+                arguments.extend(["--out", out.to_str().unwrap()]);
+            }
+            let (code, _, err) = bounded(&arguments);
+            assert_eq!(code, 1, "{command}: {err}");
+        }
+    }
+}
+
+#[test]
+fn headers_of_megabytes_are_not_printed() {
+    let folder = table("hostile_header", "j", 100, 0.002);
+    let long = "x".repeat(1 << 20);
+    let many: String = (0..100_000).map(|k| format!(",pos.{k}")).collect();
+    for header in [format!("{long},{long}"), format!("time{many}"), format!("time,pos.\u{1b}]0;title\u{7}{long}")] {
+        fs::write(folder.join("run.csv"), format!("{header}\n1,2\n2,3\n")).unwrap();
+        let (_, out, err) = bounded(&["inspect", folder.to_str().unwrap()]);
+        assert!(out.len() + err.len() < 20_000, "{} and {} bytes", out.len(), err.len());
+        assert!(!out.contains('\u{1b}') && !err.contains('\u{1b}') && !err.contains('\u{7}'), "{err:?}");
+    }
+}
+
+#[test]
+fn two_recordings_of_twice_the_length_take_about_twice_as_long() {
+    let cost = |rows: usize| {
+        let folder = table(&format!("hostile_rows_{rows}"), "j", rows, 0.002);
+        let out = folder.join("out");
+        let begun = std::time::Instant::now();
+        let (code, _, err) = bounded(&["replay", folder.to_str().unwrap(), "--out", out.to_str().unwrap()]);
+        assert!(code == 0 || code == 3, "{err}");
+        begun.elapsed().as_secs_f64()
+    };
+    // Four times the rows; a step of the simulator takes most of it, what is done once the rest.
+    let (short, long) = (cost(5_000), cost(20_000));
+    assert!(long < 9.0 * short, "{short} s and {long} s");
+}
