@@ -7,6 +7,8 @@ mod contact;
 mod cube_tosses;
 mod drawn;
 mod drawn_models;
+#[path = "../../../../fixtures/facts.rs"]
+mod facts;
 mod foreign_urdfs;
 mod mjcf;
 mod motors;
