@@ -23,6 +23,14 @@ struct Counts {
 }
 
 impl Bounds {
+    /// Of a file of so many bytes, which are all there.
+    #[cfg(feature = "parquet")]
+    pub fn of(packed: usize) -> Self {
+        let bounds = Self::default();
+        bounds.0.packed.set(packed as u64);
+        bounds
+    }
+
     /// The source of a file, whose bytes are counted.
     pub fn count<R: Read>(&self, source: R) -> Packed<R> {
         Packed { source, bounds: self.clone() }

@@ -92,7 +92,8 @@ fn drop_impossible(samples: &mut Samples, channel: &str, faults: &mut Vec<Fault>
         return;
     }
     let (count, time) = (samples.time.len(), samples.time[0]);
-    let detail = format!("{count} samples are {interval:e} s apart: their stamps are no seconds, and they were dropped");
+    let detail =
+        format!("{count} samples are {interval:e} s apart: their stamps are no seconds, and they were dropped");
     faults.push(Fault { kind: FaultKind::NotFinite, channel: channel.into(), time, count, detail });
     (samples.time, samples.rows) = (Vec::new(), Vec::new());
 }

@@ -84,7 +84,9 @@ impl MessageSink for Plain<'_> {
         match read {
             Ok(_) => self.sink.message(channel, log_time, &self.bytes),
             Err(error) => {
-                self.damaged.get_or_insert(format!("a message at {log_time} ns is no whole zstd frame that can be read: {error}"));
+                self.damaged.get_or_insert(format!(
+                    "a message at {log_time} ns is no whole zstd frame that can be read: {error}"
+                ));
             }
         }
     }

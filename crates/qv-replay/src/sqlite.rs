@@ -22,12 +22,7 @@ const STEPS_OF_BYTE: u64 = 20;
 const STEPS_BETWEEN: i32 = 1000;
 
 /// Reads all messages in the order of their log times into `sink` and returns what was lost.
-pub(crate) fn read_database(
-    file: &str,
-    source: impl Read,
-    sink: &mut dyn MessageSink,
-    bounds: &Bounds,
-) -> Vec<Loss> {
+pub(crate) fn read_database(file: &str, source: impl Read, sink: &mut dyn MessageSink, bounds: &Bounds) -> Vec<Loss> {
     let mut reader = Reader { file, sink, bounds, lost: Vec::new(), last: None };
     if let Err(reason) = reader.read(source) {
         let span = reader.last.map(|t| [t, u64::MAX]);
@@ -150,7 +145,8 @@ fn only_tables(database: &Connection) -> Result<(), String> {
     if let Some(found) = first(other)? {
         return Err(format!("expected tables, found the {found}"));
     }
-    let computed = "SELECT c.name FROM sqlite_schema s, pragma_table_xinfo(s.name) c WHERE s.type = 'table' AND c.hidden > 0";
+    let computed =
+        "SELECT c.name FROM sqlite_schema s, pragma_table_xinfo(s.name) c WHERE s.type = 'table' AND c.hidden > 0";
     match first(computed)? {
         Some(name) => Err(format!("expected columns that are stored, found `{name}`, which is computed")),
         None => Ok(()),

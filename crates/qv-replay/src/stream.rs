@@ -227,10 +227,9 @@ impl State<'_> {
         }
         let result = match header.compression.as_str() {
             "" => self.plain_chunk(&header, data, cut),
-            "lz4" | "zstd" => self
-                .bounds
-                .take(header.uncompressed_size)
-                .and_then(|()| self.compressed_chunk(&header, data, cut)),
+            "lz4" | "zstd" => {
+                self.bounds.take(header.uncompressed_size).and_then(|()| self.compressed_chunk(&header, data, cut))
+            }
             other => Err(format!("compression: expected lz4, zstd or none, found `{other}`")),
         };
         if let Err(reason) = result {

@@ -8,11 +8,11 @@ use crate::open::{
 use crate::progress::{Stages, remark};
 use crate::provenance::provenance;
 use crate::scene::open_scene;
+use crate::terminal::print_message;
 #[cfg(feature = "learn")]
 use crate::walk::trial::Tried;
 use crate::whole::put;
 use crate::{Outcome, Reading, RunArguments, say};
-use crate::terminal::print_message;
 use qv_camera::{CameraError, EFFECTS, Footage, LookOptions, Photograph, Sight, check, html, join, look};
 use qv_core::statistics::median;
 use qv_core::{GaussianCloud, JointSeries};

@@ -246,7 +246,10 @@ fn refuse_odd_paths(root: &clap::Command, matches: &ArgMatches, words: &[OsStrin
     match words.iter().find(|word| word.to_str().is_none()) {
         Some(word) if writes => {
             let path = Path::new(word).display();
-            Err(format!("cannot store the path '{path}': its bytes are no UTF-8; give it another name, or a link to it").into())
+            Err(format!(
+                "cannot store the path '{path}': its bytes are no UTF-8; give it another name, or a link to it"
+            )
+            .into())
         }
         _ => Ok(()),
     }

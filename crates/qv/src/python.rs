@@ -106,10 +106,7 @@ fn python(environment: &Environment) -> Result<PathBuf, Failure> {
     let requirements = folder.join("requirements.txt");
     write_whole(&requirements, environment.requirements.as_bytes())?;
     let install = ["-m", "pip", "install", "--quiet", "--require-hashes", "--only-binary", ":all:", "-r"];
-    said_well(
-        isolated(&python).args(install).arg(&requirements),
-        &format!("{packages} from the package index"),
-    )?;
+    said_well(isolated(&python).args(install).arg(&requirements), &format!("{packages} from the package index"))?;
     sign.finish_and_clear();
     Ok(python)
 }

@@ -3,9 +3,9 @@
 use crate::numbers::three;
 use crate::open::progress;
 use crate::scene::{about, open_cameras, open_scene};
+use crate::terminal::print_message;
 use crate::whole::{put, write_whole};
 use crate::{Failure, Outcome, say};
-use crate::terminal::print_message;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder as _};
 use qv_core::GaussianCloud;

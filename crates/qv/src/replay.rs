@@ -7,9 +7,9 @@ use crate::open::{
     beyond_range, file_error, find_gains, lost_from, model_of, open_run, parameters_of, spinner, told_of, write_error,
 };
 use crate::provenance::provenance;
+use crate::terminal::print_message;
 use crate::whole::{put, stream};
 use crate::{Outcome, RunArguments, say};
-use crate::terminal::print_message;
 use qv_replay::derive::joint_velocity;
 use qv_replay::replay::{Lag, ReplayOptions, layout, to_html, to_json, verdict, write_mcap};
 use qv_replay::{ReplayError, Run};

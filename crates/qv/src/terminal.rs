@@ -9,7 +9,7 @@ const MESSAGE: usize = 200;
 /// Longest line on standard output, but for JSON, which others read \[characters\].
 const RESULT: usize = 4000;
 /// Characters of the end of a line that stay where its middle is cut out: hints stand there.
-const END: usize = 60;
+const END: usize = 100;
 
 /// A message on standard error, after the name of the program.
 macro_rules! print_message {

@@ -96,7 +96,8 @@ impl Placing<'_> {
             return Err(off(PLACE, "primitives of triangles", format!("mode {mode}")));
         }
         let attributes = primitive.get("attributes").unwrap_or(&Value::Null);
-        let positions = number(attributes, "POSITION")?.ok_or_else(|| off(PLACE, "positions", "a primitive without"))?;
+        let positions =
+            number(attributes, "POSITION")?.ok_or_else(|| off(PLACE, "positions", "a primitive without"))?;
         let positions = self.document.positions(positions)?;
         let added = positions.len() as u32;
         let indices = match number(primitive, "indices")? {
@@ -105,7 +106,11 @@ impl Placing<'_> {
         };
         let size = self.mesh.vertices.len() + self.mesh.triangles.len() + positions.len() + indices.len() / 3;
         if size > self.most {
-            return Err(off(PLACE, format!("at most {} vertices and triangles in a file of its size", self.most), "more"));
+            return Err(off(
+                PLACE,
+                format!("at most {} vertices and triangles in a file of its size", self.most),
+                "more",
+            ));
         }
         let first = self.mesh.vertices.len() as u32;
         let label = match number(primitive, "material")? {

@@ -45,7 +45,9 @@ impl<'a> Document<'a> {
             let cut = || wrong(format!("a chunk of {size} bytes where {} are left", after.len()));
             let (chunk, after) = after.split_at_checked(size).ok_or_else(cut)?;
             match &head[4..] {
-                b"JSON" if json.is_none() => json = Some(serde_json::from_slice(chunk).map_err(|e| wrong(e.to_string()))?),
+                b"JSON" if json.is_none() => {
+                    json = Some(serde_json::from_slice(chunk).map_err(|e| wrong(e.to_string()))?)
+                }
                 b"BIN\0" if buffer.is_empty() => buffer = chunk,
                 // Chunks of other kinds are to be passed over.
                 _ => {}

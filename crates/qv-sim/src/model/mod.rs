@@ -181,7 +181,11 @@ impl Model {
             }
             let expected = (!is_base).then_some(joints);
             if link.joint != expected {
-                return wrong(&format!("joint of link {index}"), format!("{expected:?}"), link.joint.unwrap_or(usize::MAX));
+                return wrong(
+                    &format!("joint of link {index}"),
+                    format!("{expected:?}"),
+                    link.joint.unwrap_or(usize::MAX),
+                );
             }
             joints += usize::from(!is_base);
         }

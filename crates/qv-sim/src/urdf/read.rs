@@ -1,7 +1,8 @@
 //! An XML tree becomes links and joints.
 
 use super::{
-    Collision, Dynamics, Geometry, Inertial, JointElement, JointType, Limit, LinkElement, Origin, Robot, attributes, kinds,
+    Collision, Dynamics, Geometry, Inertial, JointElement, JointType, Limit, LinkElement, Origin, Robot, attributes,
+    kinds,
 };
 use crate::SimError;
 use roxmltree::{Document, Error as XmlError, Node, ParsingOptions};

@@ -26,8 +26,7 @@ fn models_whose_indices_lead_nowhere_are_refused() {
         <collision><geometry><sphere radius='0.1'/></geometry></collision></link><joint name='j' type='revolute'><parent link='a'/>\
         <child link='b'/><axis xyz='0 1 0'/><limit lower='-1' upper='1' effort='1' velocity='1'/></joint></robot>";
     let good = Model::from_urdf(text, &ModelOptions { base: BaseKind::Floating, ..Default::default() }).unwrap();
-    let is_taken =
-        |model: &Model| Batch::<f64>::new(model, &Terrain::plane(), &SimOptions::default(), 1).is_ok();
+    let is_taken = |model: &Model| Batch::<f64>::new(model, &Terrain::plane(), &SimOptions::default(), 1).is_ok();
     assert!(is_taken(&good));
     let changes: [fn(&mut Model); 8] = [
         |m| m.geoms[0].link = 2,

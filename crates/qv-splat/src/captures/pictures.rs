@@ -27,7 +27,10 @@ fn decoder(bytes: &[u8]) -> Result<impl ImageDecoder + '_, String> {
     let most = (ANY_BYTES + RATIO * bytes.len() as u64).min(MOST_BYTES);
     if decoder.total_bytes() > most {
         let (width, height) = decoder.dimensions();
-        return Err(format!("expected at most {most} bytes of pixels in {} of a file, found {width} x {height} pixels", bytes.len()));
+        return Err(format!(
+            "expected at most {most} bytes of pixels in a file of {} bytes, found {width} x {height} pixels",
+            bytes.len()
+        ));
     }
     Ok(decoder)
 }

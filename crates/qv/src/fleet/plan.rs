@@ -205,7 +205,9 @@ impl Plan {
 /// A path as text, by which it is found again.
 fn stored(path: &Path) -> Result<String, String> {
     let text = path.to_str().map(str::to_owned);
-    text.ok_or_else(|| format!("cannot store the path '{}': its bytes are no UTF-8; give it another name", path.display()))
+    text.ok_or_else(|| {
+        format!("cannot store the path '{}': its bytes are no UTF-8; give it another name", path.display())
+    })
 }
 
 /// The name of a robot; models that recordings bring along are told apart by their contents.

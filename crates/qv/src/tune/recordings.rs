@@ -1,8 +1,8 @@
 //! Recordings and folders of recordings become one log.
 
 use crate::open::{file_error, open_run};
-use crate::{Failure, Reading, RunArguments};
 use crate::terminal::print_message;
+use crate::{Failure, Reading, RunArguments};
 use qv_policy::velocity::{TaskRobot, TaskSettings};
 use qv_residual::log::Log;
 use std::fs;

@@ -82,8 +82,12 @@ fn as_file(path: &Path) -> OsString {
 fn asked(video: &Path) -> Result<(f64, f64), Failure> {
     let mut ffprobe = Command::new("ffprobe");
     ffprobe.args(["-v", "error", "-select_streams", "v:0", "-show_entries", "stream=avg_frame_rate:format=duration"]);
-    let output =
-        ffprobe.args(["-of", "json"]).arg(as_file(video)).stdin(Stdio::null()).output().map_err(|e| missing("ffprobe", &e))?;
+    let output = ffprobe
+        .args(["-of", "json"])
+        .arg(as_file(video))
+        .stdin(Stdio::null())
+        .output()
+        .map_err(|e| missing("ffprobe", &e))?;
     let said: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
     let duration = said["format"]["duration"].as_str().and_then(|text| text.parse::<f64>().ok());
     let rate = said["streams"][0]["avg_frame_rate"].as_str().and_then(ratio);

@@ -56,7 +56,8 @@ fn urdf(bytes: &mut Bytes) -> String {
         );
     }
     for k in 1..count {
-        let kind = ["revolute", "continuous", "prismatic", "fixed", "revolute", "revolute"][usize::from(bytes.below(6))];
+        let kind =
+            ["revolute", "continuous", "prismatic", "fixed", "revolute", "revolute"][usize::from(bytes.below(6))];
         let axis = ["1 0 0", "0 1 0", "0 0 1", "0.6 0 0.8"][usize::from(bytes.below(4))];
         let (parent, origin) = (bytes.below(k), bytes.three(0.2));
         _ = write!(
@@ -91,7 +92,8 @@ fn terrain(bytes: &mut Bytes) -> Terrain {
 pub fn step(bytes: &[u8]) -> bool {
     let bytes = &mut Bytes(bytes.iter());
     let base = if bytes.below(2) == 0 { BaseKind::Floating } else { BaseKind::Fixed };
-    let (count, is_single, self_collision) = (1 + usize::from(bytes.below(9)), bytes.below(2) == 0, bytes.below(2) == 0);
+    let (count, is_single, self_collision) =
+        (1 + usize::from(bytes.below(9)), bytes.below(2) == 0, bytes.below(2) == 0);
     let options = SimOptions { self_collision, ..Default::default() };
     let ground = terrain(bytes);
     let text = urdf(bytes);

@@ -83,7 +83,9 @@ fn models_name_materials_and_attributes_in_vain() {
     let obj = "mtllib /dev/zero\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nusemtl x\nf 1 2 3\nf 1 2 4\nf 1 3 4\n";
     fs::write(folder.join("m.obj"), obj).unwrap();
     let link = |name: &str, inside: &str| {
-        format!("<link name='{name}'><inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial>{inside}</link>")
+        format!(
+            "<link name='{name}'><inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial>{inside}</link>"
+        )
     };
     let joint = "<joint name='hip.L' type='revolute'><parent link='a'/><child link='b'/><axis xyz='0 1 0'/><limit effort='9' velocity='9' lower='-1' upper='1'/></joint>";
     let mesh = "<collision><geometry><mesh filename='m.obj'/></geometry></collision>";

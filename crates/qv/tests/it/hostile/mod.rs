@@ -24,8 +24,7 @@ fn bounded(arguments: &[&str]) -> (i32, String, String) {
 fn bounded_in(folder: &Path, arguments: &[&str]) -> (i32, String, String) {
     let mut command = Command::new("sh");
     command.arg("-c").arg(format!("ulimit -v {MEMORY}; ulimit -t {SECONDS}; exec \"$0\" \"$@\""));
-    let output: Output =
-        command.arg(env!("CARGO_BIN_EXE_qv")).args(arguments).current_dir(folder).output().unwrap();
+    let output: Output = command.arg(env!("CARGO_BIN_EXE_qv")).args(arguments).current_dir(folder).output().unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     let (out, err) = (text(&output.stdout), text(&output.stderr));
     let code = output.status.code().unwrap_or_else(|| panic!("{arguments:?}: {}\n{err}", output.status));

@@ -1,7 +1,7 @@
 //! Pages: each says to a browser that it fetches nothing and runs no script but its own.
 
-use super::tables::table;
 use super::bounded;
+use super::tables::table;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use sha2::{Digest, Sha256};

@@ -28,7 +28,7 @@ fn a_photograph_with_more_pixels_than_its_bytes_can_hold_is_refused() {
         "frames": frames});
     fs::write(folder.join("transforms.json"), cameras.to_string()).unwrap();
     let (out, capture) = (folder.join("out"), folder.to_str().unwrap());
-    let arguments = ["reconstruct", capture, "--out", out.to_str().unwrap(), "--steps", "1"];
+    let arguments = ["reconstruct", capture, "--out", out.to_str().unwrap(), "--iterations", "1"];
     let (code, _, err) = bounded(&arguments);
     assert!(code == 1 && err.contains("65535"), "{err}");
 }

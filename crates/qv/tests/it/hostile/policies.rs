@@ -8,18 +8,15 @@ use std::time::Instant;
 
 /// A field of a protocol buffer with its length before it.
 fn field(number: u8, contents: &[u8]) -> Vec<u8> {
-    let mut out = vec![number << 3 | 2];
-    let mut length = contents.len();
-    while length >= 128 {
-        out.push(length as u8 | 0x80);
-        length >>= 7;
-    }
-    out.push(length as u8);
-    [&out[..], contents].concat()
+    [vec![number << 3 | 2], varint(contents.len() as u64), contents.to_vec()].concat()
 }
 
-fn number(field: u8, mut value: u64) -> Vec<u8> {
-    let mut out = vec![field << 3];
+fn number(field: u64, value: u64) -> Vec<u8> {
+    [field << 3, value].into_iter().flat_map(varint).collect()
+}
+
+fn varint(mut value: u64) -> Vec<u8> {
+    let mut out = vec![];
     while value >= 128 {
         out.push(value as u8 | 0x80);
         value >>= 7;
@@ -78,7 +75,9 @@ fn graphs() -> Vec<(&'static str, Vec<u8>)> {
     ];
     // One step of the body is short; there are 2^62 of them.
     let body = {
-        let boolean = |name: &str| [field(1, name.as_bytes()), field(2, &field(1, &[number(1, 9), field(2, &[])].concat()))].concat();
+        let boolean = |name: &str| {
+            [field(1, name.as_bytes()), field(2, &field(1, &[number(1, 9), field(2, &[])].concat()))].concat()
+        };
         let count = [field(1, b"i"), field(2, &field(1, &[number(1, 7), field(2, &[])].concat()))].concat();
         [
             node(&["again"], "then", "Identity", &[]),

@@ -5,9 +5,10 @@ use crate::bags::directory;
 use std::fs;
 use std::path::PathBuf;
 
-const TOML: &str = "robot = \"robot.urdf\"\nbase = \"fixed\"\n[actuator]\nkind = \"pd\"\nkp = 10.0\nkd = 0.5\ntau_max = 5.0\n";
+const TOML: &str =
+    "robot = \"robot.urdf\"\nbase = \"fixed\"\n[actuator]\nkind = \"pd\"\nkp = 10.0\nkd = 0.5\ntau_max = 5.0\n";
 
-/// A table of one joint of an arm.
+/// A table of one joint of an arm, which its motor swings every 2 ms of its own time as it would.
 pub fn table(name: &str, joint: &str, rows: usize, step: f64) -> PathBuf {
     let folder = directory(name);
     let urdf = format!(
@@ -17,10 +18,16 @@ pub fn table(name: &str, joint: &str, rows: usize, step: f64) -> PathBuf {
          <limit effort='5' velocity='20' lower='-3' upper='3'/></joint></robot>"
     );
     let mut csv = format!("time,pos.{joint},vel.{joint},cmd_pos.{joint}\n");
+    let (mut q, mut dq) = (0.0f64, 0.0f64);
     for k in 0..rows {
         let (time, phase) = (step * k as f64, 0.002 * k as f64 * 3.0);
-        let (at, speed) = (0.4 * phase.sin(), 1.2 * phase.cos());
-        csv += &format!("{time:e},{at:.6},{speed:.6},{:.6}\n", 0.4 * (phase + 0.05).sin());
+        let command = 0.4 * phase.sin() + 0.2 * (3.7 * phase).sin();
+        csv += &format!("{time:e},{q:.6},{dq:.6},{command:.6}\n");
+        for _ in 0..4 {
+            let torque = (10.0 * (command - q) - 0.5 * dq).clamp(-5.0, 5.0) + 9.81 * 0.1 * q.cos();
+            dq += 0.0005 * torque / 0.02;
+            q += 0.0005 * dq;
+        }
     }
     fs::write(folder.join("robot.urdf"), urdf).unwrap();
     fs::write(folder.join("run.csv"), csv).unwrap();
