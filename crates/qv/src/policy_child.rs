@@ -41,6 +41,9 @@ pub fn policy(bytes: &[u8]) -> Result<OnnxPolicy, OnnxError> {
     let program = std::env::current_exe().map_err(failed)?;
     let mut command = Command::new(program);
     command.arg(WORD).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
+    // Ctrl-C is for the parent to follow; without it this process ends at the end of its input.
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(&mut command, 0);
     let mut child = command.spawn().map_err(failed)?;
     let (Some(input), Some(output)) = (child.stdin.take(), child.stdout.take()) else {
         return Err(OnnxError::Load("no pipe to the process that runs it".into()));

@@ -1,15 +1,15 @@
 //! The one way by which text reaches the terminal. Names come from files and messages of others: what they hold can move no cursor, set no
 //! title, and fill no screen.
 
-use std::fmt::Write as _;
 use std::io::{self, Write};
 
-/// Longest line on standard error \[characters\].
-const MESSAGE: usize = 200;
+/// Longest line on standard error, and longest word in one \[characters\]: a header of a table, or a name, has no more than a line of the screen or two.
+const MESSAGE: usize = 600;
+const WORD: usize = 200;
+/// Lines of one message.
+const LINES: usize = 60;
 /// Longest line on standard output, but for JSON, which others read \[characters\].
 const RESULT: usize = 4000;
-/// Characters of the end of a line that stay where its middle is cut out: hints stand there.
-const END: usize = 100;
 
 /// A message on standard error, after the name of the program.
 macro_rules! print_message {
@@ -24,7 +24,17 @@ pub fn message(text: &str) {
 
 /// Text for a line of a message, or of a bar.
 pub fn shown(text: &str) -> String {
-    plain(text, MESSAGE, false)
+    let with_short_words = |line: &str| {
+        let words: Vec<String> = line.split(' ').map(|word| cut(word, WORD)).collect();
+        words.join(" ")
+    };
+    let all = text.split('\n').count();
+    let short = text.split('\n').take(LINES).map(|line| escaped(&cut(&with_short_words(line), MESSAGE)));
+    let mut lines: Vec<String> = short.collect();
+    if all > LINES {
+        lines.push(format!("[{} lines]", all - LINES));
+    }
+    lines.join("\n")
 }
 
 /// Prints results to standard output.
@@ -32,38 +42,37 @@ pub fn shown(text: &str) -> String {
 /// # Errors
 /// It is closed or full.
 pub fn result(text: &str) -> io::Result<()> {
-    io::stdout().write_all(plain(text, RESULT, true).as_bytes())
+    io::stdout().write_all(plain(text).as_bytes())
 }
 
-/// The text without what acts on a terminal, in lines of at most so many characters. JSON has nothing that acts, and stays whole.
-fn plain(text: &str, longest: usize, may_be_json: bool) -> String {
-    let mut out = String::with_capacity(text.len());
-    for line in text.split_inclusive('\n') {
-        let (line, end) = line.strip_suffix('\n').map_or((line, ""), |line| (line, "\n"));
-        if may_be_json && line.starts_with('{') && !line.chars().any(acts) {
-            out += line;
-        } else {
-            add_line(&mut out, line, longest);
-        }
-        out += end;
-    }
-    out
+/// Results without what acts on a terminal, in lines that end. JSON stays whole: it has nothing that acts.
+fn plain(text: &str) -> String {
+    let one = |line: &str| match line.starts_with('{') {
+        true => escaped(line),
+        false => escaped(&cut(line, RESULT)),
+    };
+    let lines: Vec<String> = text.split('\n').map(one).collect();
+    lines.join("\n")
 }
 
-fn add_line(out: &mut String, line: &str, longest: usize) {
-    let count = line.chars().count();
+/// A text of at most `longest` characters, and how many of its middle are left out: its end may say what to do.
+fn cut(text: &str, longest: usize) -> String {
+    let count = text.chars().count();
     if count <= longest {
-        return add_escaped(out, line.chars());
+        return text.to_owned();
     }
-    add_escaped(out, line.chars().take(longest - END));
-    _ = write!(out, " [{} characters] ", count - longest);
-    add_escaped(out, line.chars().skip(count - END));
+    let (begin, end) = (longest - longest / 3, longest / 3);
+    let first: String = text.chars().take(begin).collect();
+    let last: String = text.chars().skip(count - end).collect();
+    format!("{first}[{} characters]{last}", count - longest)
 }
 
-fn add_escaped(out: &mut String, text: impl Iterator<Item = char>) {
-    for c in text {
+fn escaped(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
         if acts(c) { out.extend(c.escape_default()) } else { out.push(c) }
     }
+    out
 }
 
 /// Whether a character acts on a terminal, or on the order in which others are read.
@@ -83,13 +92,17 @@ mod tests {
     }
 
     #[test]
-    fn long_lines_are_cut_and_their_end_stays() {
-        let long = format!("start{}end\nnext", "é".repeat(30_000));
-        let short = shown(&long);
-        assert!(short.starts_with("start") && short.ends_with("end\nnext"), "{short}");
-        assert!(short.lines().all(|line| line.chars().count() <= MESSAGE + 30), "{short}");
+    fn long_words_and_lines_are_cut_and_their_ends_stay() {
+        for middle in ["é".repeat(30_000), "a b ".repeat(30_000)] {
+            let short = shown(&format!("start {middle} end\nnext"));
+            assert!(short.starts_with("start ") && short.ends_with(" end\nnext"), "{short}");
+            assert!(short.lines().all(|line| line.chars().count() < MESSAGE + 30), "{short}");
+        }
+        assert!(shown(&"\n".repeat(30_000)).lines().count() <= LINES + 1);
+        let own = "twenty characters or ".repeat(20);
+        assert_eq!(shown(&own), own);
         let json = format!("{{\"a\":\"{}\"}}\n", "x".repeat(30_000));
-        assert_eq!(plain(&json, RESULT, true), json);
-        assert!(plain(&json, RESULT, false).len() < 5000 && plain(&format!(" {json}"), RESULT, true).len() < 5000);
+        assert_eq!(plain(&json), json);
+        assert!(plain(&format!(" {json}")).len() < 5000);
     }
 }
