@@ -10,7 +10,9 @@ use qv_policy::onnx::{OnnxError, OnnxPolicy};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
 use std::io::{self, BufReader, BufWriter, Read, Write};
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::process::{Child, ChildStdin, ChildStdout};
+#[cfg(not(test))]
+use std::process::{Command, Stdio};
 
 /// The word by which this program becomes such a process.
 const WORD: &str = "run-policy-child";
@@ -71,6 +73,7 @@ struct Elsewhere {
     output: BufReader<ChildStdout>,
 }
 
+#[cfg_attr(test, allow(dead_code))]
 impl Elsewhere {
     fn ask(&mut self, parts: &[&[u8]]) -> Result<Vec<Vec<u8>>, String> {
         let answer = send(&mut self.input, 0, parts).and_then(|()| receive(&mut self.output));

@@ -556,6 +556,9 @@ impl Drive<'_> {
 
 /// The trace on all recorded times: NaN before its start and after it ended.
 fn padded(trace: Trace, first: usize, times: &[f64], joints: usize, feet: usize) -> Trace {
+    if first == 0 && trace.time.len() == times.len() {
+        return trace;
+    }
     let pad = |values: &[f64], width: usize| {
         let mut all = vec![f64::NAN; times.len() * width];
         let from = first * width;
