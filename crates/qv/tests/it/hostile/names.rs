@@ -3,10 +3,12 @@
 use super::tables::table;
 use super::{bounded, bounded_in};
 use crate::bags::{bag, directory, small_chunks, walk, write};
+use serde_json::{Value, json};
 use std::ffi::OsStr;
 use std::fs;
 use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
 use std::process::Command;
 
 #[test]
@@ -68,7 +70,7 @@ fn letters_that_move_the_cursor_are_escaped() {
 }
 
 /// A program that writes its arguments down, a line each, and fails.
-fn pretend(folder: &std::path::Path, name: &str) {
+fn pretend(folder: &Path, name: &str) {
     let path = folder.join(name);
     fs::write(&path, format!("#!/bin/sh\nprintf '%s\\n' \"$@\" >> {}/said\nexit 1\n", folder.display())).unwrap();
     fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
@@ -91,27 +93,51 @@ fn a_video_with_a_colon_is_a_file_for_ffmpeg() {
     assert!(said.lines().any(|word| word == "file:2024-05-01T12:30.mp4"), "{said}");
 }
 
+/// Photographs with cameras, whose poses COLMAP could check.
+fn capture(folder: &Path) {
+    let frame = |k: u32| {
+        let noise = image::GrayImage::from_fn(32, 24, |x, y| image::Luma([(x * 37 + y * 91 + k * 13) as u8]));
+        noise.save(folder.join(format!("{k}.png"))).unwrap();
+        let rows =
+            [[1.0, 0.0, 0.0, 0.1 * f64::from(k)], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, 1.0]];
+        json!({"file_path": format!("{k}.png"), "transform_matrix": rows})
+    };
+    let frames: Vec<Value> = (0..10).map(frame).collect();
+    let cameras = json!({"w": 32, "h": 24, "fl_x": 30.0, "fl_y": 30.0, "cx": 16.0, "cy": 12.0, "frames": frames});
+    fs::write(folder.join("transforms.json"), cameras.to_string()).unwrap();
+}
+
+/// `qv reconstruct` of such photographs in a folder.
+fn reconstruct(folder: &Path) -> Command {
+    capture(folder);
+    let mut command = Command::new(env!("CARGO_BIN_EXE_qv"));
+    command.args(["reconstruct", ".", "--out", "out", "--iterations", "1"]).current_dir(folder);
+    command
+}
+
 #[test]
 fn without_a_home_no_python_of_somebody_else_runs() {
     let folder = directory("homeless");
     let environment = folder.join("tmp/quadverse/colmap/bin");
     fs::create_dir_all(&environment).unwrap();
     pretend(&environment, "python");
-    let frames = folder.join("frames");
-    fs::create_dir(&frames).unwrap();
-    (0..10).for_each(|k| image::GrayImage::new(16, 8).save(frames.join(format!("{k}.png"))).unwrap());
-    for arguments in [vec!["reconstruct", "frames", "--out", "out"], vec!["check", "frames"]] {
-        let output = Command::new(env!("CARGO_BIN_EXE_qv"))
-            .args(&arguments)
-            .current_dir(&folder)
-            .env_remove("HOME")
-            .env_remove("XDG_CACHE_HOME")
-            .env("TMPDIR", folder.join("tmp"))
-            .output()
-            .unwrap();
-        assert_ne!(output.status.code(), Some(0));
-        assert!(!environment.join("said").exists(), "{arguments:?}");
-    }
+    let mut command = reconstruct(&folder);
+    command.env_remove("HOME").env_remove("XDG_CACHE_HOME").env_remove("QV_COLMAP_VENV");
+    let output = command.env("TMPDIR", folder.join("tmp")).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(!environment.join("said").exists());
+}
+
+#[test]
+fn python_runs_isolated() {
+    let folder = directory("isolated");
+    let environment = folder.join("venv/bin");
+    fs::create_dir_all(&environment).unwrap();
+    pretend(&environment, "python");
+    let output = reconstruct(&folder).env("QV_COLMAP_VENV", folder.join("venv")).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let said = fs::read_to_string(environment.join("said")).unwrap();
+    assert_eq!(said.lines().next(), Some("-I"), "{said}");
 }
 
 #[test]
