@@ -29,7 +29,8 @@ fuzz_target!(|data: &[u8]| {
     if let Ok(table) = sage::table(&first, Some(&second), Some("a\nb"), &settings) {
         check(&table);
     }
-    let motors = Motors { joints: vec!["FR_hip_joint".into(), "FR_thigh_joint".into()], wire: Some(vec![1, 0]), first: None };
+    let motors =
+        Motors { joints: vec!["FR_hip_joint".into(), "FR_thigh_joint".into()], wire: Some(vec![1, 0]), first: None };
     if let Ok(table) = motor_csv::table(&first, &motors) {
         check(&table);
     }

@@ -13,7 +13,8 @@ const TEXTS: [(Layout, [&str; 3]); 3] = [
 
 fuzz_target!(|data: &[u8]| {
     let _ = json::parse(data, "fuzz");
-    let parts: Vec<String> = data.split(|&b| b == 0xff).map(|part| String::from_utf8_lossy(part).into_owned()).collect();
+    let parts: Vec<String> =
+        data.split(|&b| b == 0xff).map(|part| String::from_utf8_lossy(part).into_owned()).collect();
     for (layout, texts) in TEXTS {
         let mut names: BTreeSet<String> = ["color/0.jpg", "depth/0.png"].map(String::from).into();
         // A part that is empty is a file that is not there.

@@ -1,5 +1,6 @@
 //! Chores of the workspace. `cargo xtask --help` lists them.
 
+mod advisories;
 mod bench;
 mod blind;
 mod fuzz;
@@ -57,6 +58,8 @@ enum Chore {
     Python(wheel::Python),
     /// Build and test the node for ROS 2, which no other build knows
     Ros2,
+    /// Check what is linked against known advisories, where their database can be had (needs cargo-deny)
+    Advisories,
     /// Run the fuzz targets for a while (needs cargo-fuzz)
     Fuzz {
         /// Targets; default: all
@@ -80,6 +83,7 @@ fn run(chore: Chore) -> Result<bool> {
         Chore::Blind(blind) => blind::run(&workspace, &blind),
         Chore::Python(how) => wheel::run(&workspace, &how),
         Chore::Ros2 => ros2::run(&workspace),
+        Chore::Advisories => advisories::run(&workspace),
         Chore::Fuzz { targets, seconds } => fuzz::run(&workspace, seconds, &targets),
     }
 }

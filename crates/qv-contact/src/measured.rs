@@ -4,7 +4,7 @@ use crate::ContactError;
 use crate::ground::Ground;
 use glam::{DQuat, DVec3};
 use qv_replay::Run;
-use qv_replay::replay::{Feet, HeldCommands, SensorErrors, Starts, feet_of, is_whole, joint_columns};
+use qv_replay::replay::{Covered, Feet, HeldCommands, SensorErrors, Starts, feet_of, joint_columns};
 use qv_sim::{Model, Shape, State};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -86,9 +86,10 @@ impl Recording {
         let [first, last] = run.span();
         let start = first + MARGIN;
         let count = ((last - MARGIN - start) / TICK).floor().max(0.0) as usize + 1;
+        let needed = needed(run, &commands);
         let at = |k: usize| {
             let time = start + k as f64 * TICK;
-            let whole = is_recorded(run, &commands, time);
+            let whole = needed.iter().all(|series| series.is_whole(time - TICK, time + TICK));
             let state = whole.then(|| starts.at(time)).flatten()?;
             Some(instant(model, &feet, ground, state))
         };
@@ -142,14 +143,11 @@ impl Recording {
     }
 }
 
-/// Whether joints, poses and commands have no hole about `time`.
-fn is_recorded(run: &Run, commands: &HeldCommands, time: f64) -> bool {
+/// Joints, poses and commands, which may have no hole about a time that is looked at.
+fn needed<'a>(run: &'a Run, commands: &'a HeldCommands) -> Vec<Covered<'a>> {
     let m = &run.measured;
     let series = [&m.position, &m.velocity, &m.gyro, &m.orientation, &m.base_pose];
-    let whole = |from: f64, to: f64| {
-        series.into_iter().flatten().chain(commands.pace()).filter(|s| !s.is_empty()).all(|s| is_whole(s, from, to))
-    };
-    whole(time - TICK, time + TICK)
+    series.into_iter().flatten().chain(commands.pace()).filter(|s| !s.is_empty()).map(Covered::new).collect()
 }
 
 fn instant(model: &Model, feet: &Feet, ground: &Ground, state: State) -> Instant {

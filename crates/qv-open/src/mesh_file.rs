@@ -22,7 +22,11 @@ pub fn vertices(directory: &Path, name: &str) -> Result<Vec<DVec3>, String> {
             Ok(mesh.vertices.iter().map(|v| DVec3::new(v[0].into(), v[1].into(), v[2].into())).collect())
         }
         "obj" => {
-            let (models, _) = tobj::load_obj(&path, &tobj::LoadOptions::default()).map_err(|e| wrong(e.to_string()))?;
+            let file = File::open(&path).map_err(|e| wrong(e.to_string()))?;
+            // Hulls have no colours: what `mtllib` names, which may be any file, is not opened.
+            let no_colours = |_: &Path| Ok::<_, tobj::LoadError>(Default::default());
+            let (models, _) = tobj::load_obj_buf(&mut BufReader::new(file), &tobj::LoadOptions::default(), no_colours)
+                .map_err(|e| wrong(e.to_string()))?;
             let points = models.iter().flat_map(|m| m.mesh.positions.chunks_exact(3));
             Ok(points.map(|p| DVec3::new(p[0].into(), p[1].into(), p[2].into())).collect())
         }
@@ -84,6 +88,16 @@ mod tests {
             assert!(found.contains(&DVec3::Z), "{name}");
         }
         assert_eq!(vertices(&root.join("robot"), "meshes/t.stl").unwrap().len(), 4);
+        fs::remove_dir_all(root).unwrap();
+    }
+
+    #[test]
+    fn materials_of_a_mesh_are_not_opened() {
+        let root = directory("materials");
+        let mut obj = String::from("mtllib /dev/zero\nmtllib gone.mtl\n");
+        TETRAHEDRON.iter().for_each(|[x, y, z]| obj += &format!("v {x} {y} {z}\n"));
+        fs::write(root.join("m.obj"), obj + "usemtl red\nf 1 3 2\nf 1 2 4\n").unwrap();
+        assert_eq!(vertices(&root, "m.obj").map(|all| all.len()), Ok(4));
         fs::remove_dir_all(root).unwrap();
     }
 

@@ -1,6 +1,7 @@
 //! The frame around a page: title, viewport, style, script.
 
 use crate::board::MARK;
+use crate::policy::policy;
 use crate::text::escape;
 
 /// The style of all pages.
@@ -29,13 +30,14 @@ impl Page<'_> {
         let title = escape(self.title);
         let heading = if self.heading.is_empty() { &title } else { self.heading };
         let plots = if self.body.contains(MARK) { PLOTS } else { "" };
-        let script = if plots.is_empty() && self.script.is_empty() {
-            String::new()
+        let (script, policy) = if plots.is_empty() && self.script.is_empty() {
+            (String::new(), policy(&[]))
         } else {
-            format!("<script>\"use strict\";\n{plots}\n{}</script>", self.script)
+            let text = format!("\"use strict\";\n{plots}\n{}", self.script);
+            (format!("<script>{text}</script>"), policy(&[&text]))
         };
         format!(
-            "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">\
+            "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">{policy}\
              <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>{title}</title>\
              <style>{STYLE}{}</style><h1>{heading}</h1>{}{script}</html>\n",
             self.style, self.body
@@ -59,6 +61,8 @@ mod tests {
         let page =
             Page { title: "plots", heading: "<b>plots</b>", body: &board.to_card(), ..Page::default() }.to_html();
         assert_eq!((page.matches("<script").count(), page.matches("</script>").count()), (2, 2));
+        let script = page.rsplit_once("<script>").and_then(|(_, rest)| rest.split_once("</script>")).unwrap().0;
+        assert!(page.contains(&policy(&[script])) && plain.contains(&policy(&[])));
         for never in ["http:", "https:", "src=", "<link", "@import", "url(", "NaN", "import("] {
             assert!(!page.contains(never) && !plain.contains(never), "{never}");
         }

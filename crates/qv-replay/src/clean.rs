@@ -14,6 +14,8 @@ pub(crate) struct Samples {
 
 /// A stamp farther than this from the median of all is no stamp of this recording \[s\].
 const LONGEST: f64 = 12.0 * 3600.0;
+/// Samples that are usually closer than this are not of a robot, whatever their stamps are \[s\].
+const SHORTEST: f64 = 1e-6;
 
 /// Sorts rows by stamp, drops rows with the stamp of the one before, and turns infinities into NaN.
 /// `channel` names the source in the faults. `blank_is_nan`: NaN stands for "not measured" and is no fault.
@@ -26,6 +28,7 @@ pub(crate) fn put_in_order(
     drop_bad_stamps(&mut samples, channel, faults);
     sort(&mut samples, channel, faults);
     drop_repeated_stamps(&mut samples, channel, faults);
+    drop_impossible(&mut samples, channel, faults);
     let mut bad = 0;
     let mut first = None;
     for (row, values) in samples.rows.chunks_exact_mut(samples.width.max(1)).enumerate() {
@@ -83,6 +86,18 @@ fn drop_repeated_stamps(samples: &mut Samples, channel: &str, faults: &mut Vec<F
     keep(samples, |s, i| i == 0 || s.time[i] > s.time[i - 1]);
 }
 
+fn drop_impossible(samples: &mut Samples, channel: &str, faults: &mut Vec<Fault>) {
+    let interval = median_interval(&samples.time);
+    if interval >= SHORTEST || interval.is_nan() {
+        return;
+    }
+    let (count, time) = (samples.time.len(), samples.time[0]);
+    let detail =
+        format!("{count} samples are {interval:e} s apart: their stamps are no seconds, and they were dropped");
+    faults.push(Fault { kind: FaultKind::NotFinite, channel: channel.into(), time, count, detail });
+    (samples.time, samples.rows) = (Vec::new(), Vec::new());
+}
+
 fn keep(samples: &mut Samples, good: impl Fn(&Samples, usize) -> bool) {
     let width = samples.width;
     let kept: Vec<usize> = (0..samples.time.len()).filter(|&i| good(samples, i)).collect();
@@ -117,4 +132,21 @@ pub(crate) fn columns(samples: &Samples, first: usize, count: usize) -> Option<J
 pub fn median_interval(time: &[f64]) -> f64 {
     let mut steps: Vec<f64> = time.windows(2).map(|w| w[1] - w[0]).collect();
     median(&mut steps)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stamps_that_are_no_seconds_are_dropped() {
+        let of = |step: f64| {
+            let time: Vec<f64> = (0..100).map(|k| step * f64::from(k)).collect();
+            let mut faults = Vec::new();
+            let samples = Samples { rows: time.clone(), time, width: 1 };
+            (put_in_order(samples, "a", false, &mut faults).time.len(), faults.len())
+        };
+        assert_eq!(of(0.002), (100, 0));
+        assert_eq!([of(5e-324), of(1e-300), of(1e-7)], [(0, 1); 3]);
+    }
 }

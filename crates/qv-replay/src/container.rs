@@ -1,5 +1,6 @@
 //! What kind of file a bag is, by its first bytes: MCAP, sqlite3, either of them compressed as a whole.
 
+use crate::bounds::Bounds;
 use crate::run::Loss;
 use crate::stream::{MessageSink, read_mcap};
 use std::io::{Cursor, Read};
@@ -13,10 +14,11 @@ const HEAD: u64 = 16;
 
 /// Reads all messages of `source` into `sink` and returns what was lost. The file is MCAP or, with the feature `sqlite`, a
 /// sqlite3 database; each may be compressed by zstd as a whole, and so may each message (rosbag2's `compression_mode` FILE and
-/// MESSAGE).
+/// MESSAGE). What unpacks to a hundred times the bytes of the file, and to more than 32 MB, is lost.
 pub fn read_messages(file: &str, source: impl Read, sink: &mut dyn MessageSink) -> Vec<Loss> {
-    let mut plain = Plain { sink, damaged: None, bytes: Vec::new() };
-    let mut lost = read_kind(file, Box::new(source), &mut plain, true);
+    let bounds = Bounds::default();
+    let mut plain = Plain { sink, bounds: bounds.clone(), damaged: None, bytes: Vec::new() };
+    let mut lost = read_kind(file, Box::new(bounds.count(source)), &mut plain, &bounds, true);
     lost.extend(plain.damaged.map(|what| Loss { file: file.to_owned(), what, span: None }));
     lost
 }
@@ -25,6 +27,7 @@ fn read_kind<'a>(
     file: &str,
     mut source: Box<dyn Read + 'a>,
     sink: &mut dyn MessageSink,
+    bounds: &Bounds,
     may_be_compressed: bool,
 ) -> Vec<Loss> {
     let lose = |what: String| vec![Loss { file: file.to_owned(), what, span: None }];
@@ -42,22 +45,23 @@ fn read_kind<'a>(
     }
     if is_zstd && may_be_compressed {
         return match zstd::stream::read::Decoder::new(whole) {
-            Ok(decoder) => read_kind(file, Box::new(decoder), sink, false),
+            Ok(decoder) => read_kind(file, Box::new(bounds.limit(decoder)), sink, bounds, false),
             Err(error) => lose(format!("expected what zstd compressed, found: {error}")),
         };
     }
     if is_sqlite {
         #[cfg(feature = "sqlite")]
-        return crate::sqlite::read_database(file, whole, sink);
+        return crate::sqlite::read_database(file, whole, sink, bounds);
         #[cfg(not(feature = "sqlite"))]
         return lose("a bag in sqlite3, and this program was built without the feature `sqlite`".into());
     }
-    read_mcap(file, whole, sink)
+    read_mcap(file, whole, sink, bounds)
 }
 
 /// Hands messages on that were compressed one by one. A message in CDR begins with 0, so that none is taken for compressed.
 struct Plain<'a> {
     sink: &'a mut dyn MessageSink,
+    bounds: Bounds,
     damaged: Option<String>,
     bytes: Vec<u8>,
 }
@@ -76,11 +80,13 @@ impl MessageSink for Plain<'_> {
         }
         self.bytes.clear();
         let read = zstd::stream::read::Decoder::new(data)
-            .and_then(|decoder| decoder.take(MAX_MESSAGE).read_to_end(&mut self.bytes));
+            .and_then(|decoder| self.bounds.limit(decoder.take(MAX_MESSAGE)).read_to_end(&mut self.bytes));
         match read {
             Ok(_) => self.sink.message(channel, log_time, &self.bytes),
             Err(error) => {
-                self.damaged.get_or_insert(format!("a message at {log_time} ns is no whole zstd frame: {error}"));
+                self.damaged.get_or_insert(format!(
+                    "a message at {log_time} ns is no whole zstd frame that can be read: {error}"
+                ));
             }
         }
     }

@@ -7,6 +7,7 @@
 pub use {glam, qv_core};
 
 mod bag;
+mod bounds;
 pub mod cdr;
 mod choose;
 mod clean;

@@ -8,6 +8,8 @@ use qv_core::JointSeries;
 
 /// Coefficients of the highest polynomial: a cubic.
 const MAX_TERMS: usize = 4;
+/// Most samples on either side of one that a filter of a bandwidth has.
+const FARTHEST: f64 = 10_000.0;
 
 /// A local polynomial filter.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,7 +71,11 @@ impl LocalPolynomial {
     /// Frequency \[Hz\] at which the amplitude has fallen by 3 dB on stamps that are `period` \[s\] apart: of the value,
     /// or of the slope against the true derivative. NaN when it does not fall so far below the Nyquist frequency.
     pub fn bandwidth(&self, period: f64, of_slope: bool) -> f64 {
-        let reach = (self.half_width / period + 1e-6).floor() as i64;
+        let reach = (self.half_width / period + 1e-6).floor();
+        if !(0.0..=FARTHEST).contains(&reach) {
+            return f64::NAN;
+        }
+        let reach = reach as i64;
         let near: Vec<f64> = (-reach..=reach).map(|k| k as f64 * period / self.half_width).collect();
         let Some([value, slope]) = weights(&near, self.degree) else { return f64::NAN };
         let gain = |f: f64| {

@@ -3,11 +3,12 @@
 //! Records are framed here, so that a damaged chunk costs only itself and no length is believed before its bytes are
 //! there; compressed chunks are read by the crate `mcap`. Memory stays at two chunks, whatever the size of the file.
 
+use crate::bounds::Bounds;
 use crate::run::Loss;
 use mcap::McapError;
 use mcap::records::{ChunkHeader, MessageHeader, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Read;
 
 /// What the reader hands on.
@@ -37,28 +38,35 @@ pub struct ChannelInfo {
 
 /// No chunk, nor record outside of one, may claim more than this; rosbag2 writes chunks of about 1 MB.
 const MAX_RECORD: u64 = 1 << 28;
-/// As many bytes of messages are kept until their channel is announced.
+/// As many bytes of messages are kept until their channel is announced, and each counts for some more.
 const MAX_WAITING: usize = 1 << 26;
+const WAITING_HEAD: usize = 64;
+/// As many losses are named; of the others the number is.
+const MOST_LOSSES: usize = 1000;
 const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 const RECORD_HEAD: usize = 9;
 /// A chunk record starts with times, sizes and checksum before the compression's name.
 const CHUNK_HEAD: usize = 40;
 
 /// Reads all messages of an MCAP file into `sink` and returns what was lost.
-pub(crate) fn read_mcap(file: &str, source: impl Read, sink: &mut dyn MessageSink) -> Vec<Loss> {
+pub(crate) fn read_mcap(file: &str, source: impl Read, sink: &mut dyn MessageSink, bounds: &Bounds) -> Vec<Loss> {
     let mut state = State {
         file,
         sink,
+        bounds,
         schemas: BTreeMap::new(),
-        channels: BTreeMap::new(),
+        channels: BTreeSet::new(),
         lost: Vec::new(),
         last_time: 0,
-        waiting: Vec::new(),
+        waiting: BTreeMap::new(),
         waiting_bytes: 0,
         full: false,
+        undefined: 0,
+        unnamed_losses: 0,
     };
     state.run(&mut Input { source, buffer: Vec::new(), start: 0, passed: 0, error: None });
     state.give_up_waiting();
+    state.count_the_rest();
     state.lost
 }
 
@@ -95,19 +103,29 @@ impl<R: Read> Input<R> {
 struct State<'a> {
     file: &'a str,
     sink: &'a mut dyn MessageSink,
+    bounds: &'a Bounds,
     schemas: BTreeMap<u16, (String, String, Vec<u8>)>,
-    channels: BTreeMap<u16, ChannelInfo>,
+    /// Those that were announced.
+    channels: BTreeSet<u16>,
     lost: Vec<Loss>,
     last_time: u64,
     /// Messages whose channel is not announced yet: its record may have been in a damaged chunk, and comes again at the
     /// end of the file.
-    waiting: Vec<(MessageHeader, Vec<u8>)>,
+    waiting: BTreeMap<u16, Vec<(u64, Vec<u8>)>>,
     waiting_bytes: usize,
     full: bool,
+    /// Channels whose definition was one too many.
+    undefined: usize,
+    /// Losses after the first [`MOST_LOSSES`].
+    unnamed_losses: usize,
 }
 
 impl State<'_> {
     fn lose(&mut self, what: String, span: Option<[u64; 2]>) {
+        if self.lost.len() >= MOST_LOSSES {
+            self.unnamed_losses += 1;
+            return;
+        }
         self.lost.push(Loss { file: self.file.to_string(), what, span });
     }
 
@@ -209,7 +227,9 @@ impl State<'_> {
         }
         let result = match header.compression.as_str() {
             "" => self.plain_chunk(&header, data, cut),
-            "lz4" | "zstd" => self.compressed_chunk(&header, data, cut),
+            "lz4" | "zstd" => {
+                self.bounds.take(header.uncompressed_size).and_then(|()| self.compressed_chunk(&header, data, cut))
+            }
             other => Err(format!("compression: expected lz4, zstd or none, found `{other}`")),
         };
         if let Err(reason) = result {
@@ -296,28 +316,29 @@ impl State<'_> {
     fn announce(&mut self, fields: &mut Fields) -> Option<()> {
         let (id, schema_id) = (fields.u16()?, fields.u16()?);
         let (topic, message_encoding) = (fields.string()?, fields.string()?);
-        if self.channels.contains_key(&id) {
+        if !self.channels.insert(id) {
             return Some(());
         }
-        let (schema_name, schema_encoding, schema_text) = self.schemas.get(&schema_id).cloned().unwrap_or_default();
-        let info = ChannelInfo { id, topic, message_encoding, schema_name, schema_encoding, schema_text };
-        self.sink.channel(&info);
-        self.channels.insert(id, info);
-        let (now, later) = std::mem::take(&mut self.waiting).into_iter().partition(|(h, _)| h.channel_id == id);
-        self.waiting = later;
-        for (header, data) in now {
-            self.sink.message(id, header.log_time, &data);
+        let schema = self.schemas.get(&schema_id);
+        if !self.bounds.define(schema.map_or(0, |(_, _, text)| text.len())) {
+            self.undefined += 1;
+            return Some(());
+        }
+        let (schema_name, schema_encoding, schema_text) = schema.cloned().unwrap_or_default();
+        self.sink.channel(&ChannelInfo { id, topic, message_encoding, schema_name, schema_encoding, schema_text });
+        for (log_time, data) in self.waiting.remove(&id).unwrap_or_default() {
+            self.sink.message(id, log_time, &data);
         }
         Some(())
     }
 
     fn message(&mut self, header: &MessageHeader, data: &[u8]) {
         self.last_time = self.last_time.max(header.log_time);
-        if self.channels.contains_key(&header.channel_id) {
+        if self.channels.contains(&header.channel_id) {
             self.sink.message(header.channel_id, header.log_time, data);
         } else if self.waiting_bytes + data.len() <= MAX_WAITING {
-            self.waiting_bytes += data.len();
-            self.waiting.push((*header, data.to_vec()));
+            self.waiting_bytes += data.len() + WAITING_HEAD;
+            self.waiting.entry(header.channel_id).or_default().push((header.log_time, data.to_vec()));
         } else if !self.full {
             self.full = true;
             let text = format!("more than {MAX_WAITING} bytes of messages whose channel is not announced");
@@ -327,13 +348,22 @@ impl State<'_> {
 
     /// At the end of the file: what still waits is lost, channel by channel.
     fn give_up_waiting(&mut self) {
-        let mut channels: BTreeMap<u16, (usize, u64, u64)> = BTreeMap::new();
-        for (header, _) in std::mem::take(&mut self.waiting) {
-            let entry = channels.entry(header.channel_id).or_insert((0, u64::MAX, 0));
-            *entry = (entry.0 + 1, entry.1.min(header.log_time), entry.2.max(header.log_time));
+        for (channel, messages) in std::mem::take(&mut self.waiting) {
+            let times = || messages.iter().map(|(time, _)| *time);
+            let span = times().min().zip(times().max()).map(|(from, to)| [from, to]);
+            let text = format!("{} messages of channel {channel}, which was never announced", messages.len());
+            self.lose(text, span);
         }
-        for (channel, (count, from, to)) in channels {
-            self.lose(format!("{count} messages of channel {channel}, which was never announced"), Some([from, to]));
+    }
+
+    fn count_the_rest(&mut self) {
+        let file = self.file.to_string();
+        let mut add = |what: String| self.lost.push(Loss { file: file.clone(), what, span: None });
+        if self.undefined > 0 {
+            add(format!("{} channels: the definitions of all types have too many bytes", self.undefined));
+        }
+        if self.unnamed_losses > 0 {
+            add(format!("{} losses more", self.unnamed_losses));
         }
     }
 }

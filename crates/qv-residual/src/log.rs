@@ -3,7 +3,7 @@
 use crate::ResidualError;
 use qv_policy::velocity::{TaskRobot, TaskSettings};
 use qv_replay::Run;
-use qv_replay::replay::{Command, HeldCommands, Legs, SensorErrors, Starts, feet_of, is_whole, joint_columns};
+use qv_replay::replay::{Command, Covered, HeldCommands, Legs, SensorErrors, Starts, feet_of, joint_columns};
 use rayon::prelude::*;
 
 /// Part of a recording without holes, on a grid of decisions.
@@ -116,7 +116,8 @@ impl Log {
         self.check_gains(name, run, &commands)?;
         let decision = 1.0 / f64::from(self.rate);
         let [mut from, end] = run.span();
-        let position = run.measured.position.as_ref().expect("joint_columns asks for it");
+        let position = Covered::new(run.measured.position.as_ref().expect("joint_columns asks for it"));
+        let pace = commands.pace().map(Covered::new);
         let first = commands.pace().and_then(|c| c.time.first().copied()).unwrap_or(from);
         from = from.max(first);
         let (mut lost, mut fallen, mut twice) = (0, 0, 0);
@@ -127,8 +128,8 @@ impl Log {
             let longest = ((LONGEST.min(end - begin)) / decision).floor() as usize;
             // As far as the first hole.
             let count = longest_whole(longest, |count| {
-                is_whole(position, begin, begin + count as f64 * decision)
-                    && commands.pace().is_some_and(|c| is_whole(c, begin, begin + (count - 1) as f64 * decision))
+                position.is_whole(begin, begin + count as f64 * decision)
+                    && pace.is_some_and(|pace| pace.is_whole(begin, begin + (count - 1) as f64 * decision))
             });
             let is_used = count as f64 * decision >= SHORTEST;
             let stretch = is_used.then(|| self.stretch(name, begin, count, &starts, &commands)).flatten();

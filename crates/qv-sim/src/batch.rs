@@ -107,6 +107,7 @@ impl<T: Precision> Batch<T> {
         if count == 0 {
             return Err(SimError::Value { what: "count".into(), expected: "at least 1".into(), found: 0.0 });
         }
+        model.check_indices()?;
         let topology = Topology::new(model, options.self_collision);
         let catalogue = Catalogue::new(model, terrain);
         let weights = neutral_weights(model, &topology, &catalogue, options)?;

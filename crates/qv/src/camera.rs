@@ -8,6 +8,7 @@ use qv_replay::images::{CameraInfo, Images, read_images};
 use qv_replay::run::Clock;
 use qv_replay::{ReplayError, Run};
 use qv_splat::captures::distortion::Distortion;
+use qv_splat::captures::pictures;
 use qv_splat::train::{Pixels, undistorted};
 use serde::Deserialize;
 use std::fs;
@@ -198,7 +199,7 @@ pub fn photographs(images: &[(f64, Vec<u8>)], camera: &RobotCamera) -> Result<Ve
             expected,
             found,
         };
-        let decoded = image::load_from_memory(bytes).map_err(|e| about("a JPEG or PNG image".into(), e.to_string()))?;
+        let decoded = pictures::read(bytes).map_err(|found| about("a JPEG or PNG image".into(), found))?;
         if (decoded.width(), decoded.height()) != (width, height) {
             let found = format!("{} x {}", decoded.width(), decoded.height());
             return Err(about(format!("{width} x {height} pixels as the camera's intrinsics say"), found));

@@ -3,11 +3,14 @@
 use crate::capture::open_capture;
 use crate::mesh_file::vertices;
 use crate::open::{model_of, open_run, read_model, read_urdf};
+#[cfg(feature = "learn")]
+use crate::policy_child;
 use crate::scene::{about, is_plain_ply, open_scene, rgbd_layout};
+use crate::terminal::print_message;
 use crate::{Failure, Outcome, Reading, RunArguments, foreign, say};
 use qv_mesh::files::{glb, ply};
 #[cfg(feature = "learn")]
-use qv_policy::onnx::{OnnxPolicy, reader::TensorInfo};
+use qv_policy::onnx::reader::TensorInfo;
 use qv_replay::Run;
 use qv_replay::run::{Base, Robot};
 use qv_sim::mjcf::is_mjcf;
@@ -56,7 +59,7 @@ impl Check {
                 }
                 Err(error) => {
                     failed += 1;
-                    eprintln!("qv: {error}");
+                    print_message!("{error}");
                 }
             }
         }
@@ -301,7 +304,7 @@ fn policy(path: &Path) -> Result<Found, Failure> {
 #[cfg(feature = "learn")]
 fn policy(path: &Path) -> Result<Found, Failure> {
     let bytes = fs::read(path).map_err(|e| about(path, format!("expected an ONNX file, found {e}")))?;
-    let policy = OnnxPolicy::from_bytes(&bytes).map_err(|e| about(path, e))?;
+    let policy = policy_child::policy(&bytes).map_err(|e| about(path, e))?;
     let size = |size: &Option<usize>| size.map_or("?".to_string(), |size| size.to_string());
     let list = |all: &[TensorInfo]| {
         let one = |info: &TensorInfo| {

@@ -6,6 +6,7 @@ use crate::numbers::within;
 use crate::open::{file_error, lost_from, model_of, open_run, parameters, told_of, write_error};
 use crate::progress::{Stages, remark};
 use crate::provenance::provenance;
+use crate::terminal::print_message;
 use crate::whole::put;
 use crate::{Outcome, Reading, RunArguments, say};
 use qv_contact::report::Status;
@@ -104,7 +105,7 @@ impl Contact {
             say(&format!("{}written to {}\n", summary(&report), self.out.display()))?;
         }
         told_of(&runs[0], &model).iter().for_each(|what| remark(what));
-        lost.iter().for_each(|what| eprintln!("qv: {what}"));
+        lost.iter().for_each(|what| print_message!("{what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
 

@@ -8,6 +8,7 @@ use crate::open::{
 use crate::progress::{Stages, remark};
 use crate::provenance::provenance;
 use crate::scene::open_scene;
+use crate::terminal::print_message;
 #[cfg(feature = "learn")]
 use crate::walk::trial::Tried;
 use crate::whole::put;
@@ -212,10 +213,10 @@ impl Diagnose {
             say(&format!("{}{walks}written to {}\n", summary(report), self.out.display()))?;
         }
         told.iter().for_each(|what| remark(what));
-        lost.iter().for_each(|what| eprintln!("qv: {what}"));
+        lost.iter().for_each(|what| print_message!("{what}"));
         if !report.corrections_apply {
-            eprintln!(
-                "qv: what was found makes windows that no fit has seen worse: it is a finding, and no file applies it"
+            print_message!(
+                "what was found makes windows that no fit has seen worse: it is a finding, and no file applies it"
             );
         }
         Ok(if lost.is_empty() && report.corrections_apply { Outcome::Done } else { Outcome::Partial })

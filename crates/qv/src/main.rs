@@ -23,6 +23,8 @@ mod next;
 mod normals;
 mod numbers;
 mod open;
+#[cfg(feature = "learn")]
+mod policy_child;
 mod progress;
 mod provenance;
 mod python;
@@ -35,6 +37,7 @@ mod robots;
 mod scene;
 mod shell;
 mod stop;
+mod terminal;
 #[cfg(feature = "learn")]
 mod tune;
 mod video;
@@ -48,9 +51,11 @@ use lock::OutputFolder;
 use progress::Level;
 use qv_open::{foreign, ground, mesh_file};
 use qv_replay::ReplayError;
-use std::io::{ErrorKind, Write};
+use std::ffi::OsString;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use terminal::print_message;
 
 /// Makes a legged robot's simulator agree with the robot.
 #[derive(Parser)]
@@ -186,7 +191,7 @@ enum Outcome {
 
 /// Prints to standard output. A reader that left early, such as `head`, is no failure.
 fn say(text: &str) -> Result<(), ReplayError> {
-    match std::io::stdout().write_all(text.as_bytes()) {
+    match terminal::result(text) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => {
             Err(ReplayError::Write { what: "standard output".into(), reason: e.to_string() })
         }
@@ -213,6 +218,7 @@ fn understood() -> Result<(Cli, Option<PathBuf>), Misused> {
     let misused = |error: clap::Error| Misused::Words(Box::new(error), words.told());
     let matches = Cli::command().try_get_matches_from(&words.all).map_err(misused)?;
     let output = output_folder(&root, &matches);
+    refuse_odd_paths(&root, &matches, &words.all).map_err(Misused::Config)?;
     let cli = Cli::from_arg_matches(&matches).map_err(misused)?;
     progress::set(match (cli.quiet, cli.verbose) {
         (true, _) => Level::Quiet,
@@ -223,12 +229,48 @@ fn understood() -> Result<(Cli, Option<PathBuf>), Misused> {
     Ok((cli, output))
 }
 
-/// The folder of `--out DIR`. A fleet has locks of its own; other commands write one file, whole or not at all.
-fn output_folder(root: &clap::Command, matches: &ArgMatches) -> Option<PathBuf> {
+/// Says what of a command line is wrong, or prints the help that was asked for. A shell puts names of files into a command line.
+fn print_misuse(error: &clap::Error) {
+    let text = error.render().to_string();
+    let safe = terminal::shown(&text);
+    let is_help = !error.use_stderr() || safe == text;
+    if is_help { drop(error.print()) } else { eprint!("{safe}") }
+}
+
+/// A command that writes stores the paths that it was given, as text.
+///
+/// # Errors
+/// One of them is no UTF-8: another path would be stored.
+fn refuse_odd_paths(root: &clap::Command, matches: &ArgMatches, words: &[OsString]) -> Result<(), Failure> {
+    let writes = command_of(root, matches).is_some_and(|(command, _)| has_output(command));
+    match words.iter().find(|word| word.to_str().is_none()) {
+        Some(word) if writes => {
+            let path = Path::new(word).display();
+            Err(format!(
+                "cannot store the path '{path}': its bytes are no UTF-8; give it another name, or a link to it"
+            )
+            .into())
+        }
+        _ => Ok(()),
+    }
+}
+
+fn has_output(command: &clap::Command) -> bool {
+    command.get_arguments().any(|arg| arg.get_id() == "out")
+}
+
+/// The innermost command that was typed, and what was typed for it.
+fn command_of<'a>(root: &'a clap::Command, matches: &'a ArgMatches) -> Option<(&'a clap::Command, &'a ArgMatches)> {
     let (mut command, mut matches) = (root, matches);
     while let Some((name, inner)) = matches.subcommand() {
         (command, matches) = (command.find_subcommand(name)?, inner);
     }
+    Some((command, matches))
+}
+
+/// The folder of `--out DIR`. A fleet has locks of its own; other commands write one file, whole or not at all.
+fn output_folder(root: &clap::Command, matches: &ArgMatches) -> Option<PathBuf> {
+    let (command, matches) = command_of(root, matches)?;
     let out = command.get_arguments().find(|arg| arg.get_id() == "out")?;
     let is_folder = out.get_value_names().is_some_and(|names| names.iter().any(|name| name == "DIR"));
     if is_folder { matches.get_one::<PathBuf>("out").cloned() } else { None }
@@ -236,18 +278,22 @@ fn output_folder(root: &clap::Command, matches: &ArgMatches) -> Option<PathBuf> 
 
 fn main() -> ExitCode {
     memory::keep();
+    #[cfg(feature = "learn")]
+    if policy_child::is_child() {
+        return if policy_child::serve().is_ok() { ExitCode::SUCCESS } else { ExitCode::from(1) };
+    }
     fleet::end_with_parent();
     let (cli, output) = match understood() {
         Ok(found) => found,
         Err(Misused::Config(error)) => {
-            eprintln!("qv: {error}");
+            print_message!("{error}");
             return ExitCode::from(2);
         }
         Err(Misused::Words(error, added)) => {
-            error.print().ok();
+            print_misuse(&error);
             // Help and the version are no misuse.
             if let Some(added) = added.filter(|_| error.use_stderr()) {
-                eprintln!("qv: {added}");
+                print_message!("{added}");
             }
             return ExitCode::from(error.exit_code() as u8);
         }
@@ -262,7 +308,7 @@ fn main() -> ExitCode {
         Ok(Outcome::Partial) => ExitCode::from(3),
         Ok(Outcome::Stopped) => ExitCode::from(130),
         Err(error) => {
-            eprintln!("qv: {error}");
+            print_message!("{error}");
             ExitCode::from(1)
         }
     }

@@ -2,6 +2,7 @@
 
 use crate::RunArguments;
 use crate::progress::{Level, tells};
+use crate::terminal::shown;
 use indicatif::{ProgressBar, ProgressStyle};
 use qv_open::Reading;
 pub use qv_open::{
@@ -55,7 +56,7 @@ pub fn spinner(what: impl Into<std::borrow::Cow<'static, str>>) -> ProgressBar {
     if !tells(Level::Normal) {
         return ProgressBar::hidden();
     }
-    let bar = ProgressBar::new_spinner().with_message(what);
+    let bar = ProgressBar::new_spinner().with_message(shown(&what.into()));
     bar.enable_steady_tick(std::time::Duration::from_millis(100));
     bar
 }

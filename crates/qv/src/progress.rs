@@ -1,6 +1,7 @@
 //! How far a command is, told on standard error: a bar where that is a terminal, a line a stage where it is not.
 
 use crate::open::spinner;
+use crate::terminal::{print_message, shown};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
 use std::sync::Mutex;
@@ -34,7 +35,7 @@ pub fn tells(level: Level) -> bool {
 /// A remark: nothing is lost by what it says.
 pub fn remark(what: &str) {
     if tells(Level::Normal) {
-        eprintln!("qv: {what}");
+        print_message!("{what}");
     }
 }
 
@@ -82,9 +83,9 @@ impl Stages {
             told(&now, at, "")
         };
         if self.has_lines {
-            self.bar.suspend(|| eprintln!("qv: {line}"));
+            self.bar.suspend(|| print_message!("{line}"));
         }
-        self.bar.set_message(line);
+        self.bar.set_message(shown(&line));
     }
 
     /// `share` of the whole work is done; `figure` is what a reader may want to see beside it.
@@ -92,7 +93,7 @@ impl Stages {
         let at = self.clock.elapsed().as_secs_f64();
         let mut now = self.now.lock().unwrap_or_else(|e| e.into_inner());
         now.share = share.clamp(0.0, 1.0);
-        self.bar.set_message(told(&now, at, figure));
+        self.bar.set_message(shown(&told(&now, at, figure)));
     }
 
     /// All is done.
@@ -105,7 +106,7 @@ impl Stages {
         let mut now = self.now.lock().unwrap_or_else(|e| e.into_inner());
         if tells(Level::Verbose) && !now.stage.is_empty() {
             let seconds = self.clock.elapsed().as_secs_f64() - now.since;
-            self.bar.suspend(|| eprintln!("qv: {} took {seconds:.1} s", now.stage));
+            self.bar.suspend(|| print_message!("{} took {seconds:.1} s", now.stage));
         }
         now.stage.clear();
     }

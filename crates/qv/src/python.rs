@@ -3,7 +3,9 @@
 use crate::Failure;
 use crate::open::spinner;
 use crate::scene::about;
+use crate::terminal::shown;
 use crate::whole::write_whole;
+use std::ffi::OsStr;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -15,8 +17,10 @@ const PYTHONS: [&str; 2] = ["python3", "python"];
 pub struct Environment {
     /// Folder below the cache.
     pub name: &'static str,
-    /// The packages as pip takes them, with versions where others are known to fail.
-    pub packages: &'static [&'static str],
+    /// The packages, in words.
+    pub packages: &'static str,
+    /// All that they need, as pip takes it: versions, and the hashes of the files.
+    pub requirements: &'static str,
     /// A statement that fails where they are not there.
     pub import: &'static str,
     /// Variable that names an environment of the user's to take instead.
@@ -26,21 +30,24 @@ pub struct Environment {
 }
 
 impl Environment {
-    fn folder(&self) -> PathBuf {
-        std::env::var_os(self.variable).map_or_else(|| cache().join(self.name), PathBuf::from)
+    /// Its folder; none where neither the user nor the system says where it may be.
+    fn folder(&self) -> Option<PathBuf> {
+        let given = std::env::var_os(self.variable).map(PathBuf::from);
+        given.or_else(|| Some(cache()?.join(self.name)))
     }
 
-    fn interpreter(&self) -> PathBuf {
-        self.folder().join(if cfg!(windows) { "Scripts/python.exe" } else { "bin/python" })
+    fn interpreter(folder: &Path) -> PathBuf {
+        folder.join(if cfg!(windows) { "Scripts/python.exe" } else { "bin/python" })
     }
 
-    fn works(&self) -> bool {
-        ends_well(Command::new(self.interpreter()).args(["-c", self.import]))
+    fn works(&self, folder: &Path) -> bool {
+        let python = Self::interpreter(folder);
+        python.is_file() && ends_well(isolated(&python).args(["-c", self.import]))
     }
 
     /// Whether it was made already, with its packages.
     pub fn is_there(&self) -> bool {
-        self.interpreter().is_file() && self.works()
+        self.folder().is_some_and(|folder| self.works(&folder))
     }
 }
 
@@ -51,7 +58,7 @@ impl Environment {
 pub fn said(environment: &Environment, text: &str, file: &Path, arguments: &[&Path]) -> Result<String, Failure> {
     let python = python(environment)?;
     write_whole(file, text.as_bytes())?;
-    let mut command = Command::new(&python);
+    let mut command = isolated(&python);
     command.arg("-u").arg(file).args(arguments);
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = command.spawn().map_err(|e| about(&python, format!("expected Python, found {e}")))?;
@@ -64,7 +71,7 @@ pub fn said(environment: &Environment, text: &str, file: &Path, arguments: &[&Pa
     });
     let (sign, mut last) = (spinner(environment.purpose.to_string()), String::new());
     for line in stdout.into_iter().flat_map(|pipe| BufReader::new(pipe).lines()).map_while(Result::ok) {
-        sign.set_message(line.clone());
+        sign.set_message(shown(&line));
         last = line;
     }
     let status = child.wait().map_err(|e| about(&python, format!("expected it to end, found {e}")))?;
@@ -78,36 +85,46 @@ pub fn said(environment: &Environment, text: &str, file: &Path, arguments: &[&Pa
 /// Python of an environment that has the packages; made if need be.
 fn python(environment: &Environment) -> Result<PathBuf, Failure> {
     let Environment { packages, variable, purpose, .. } = environment;
-    let (folder, python) = (environment.folder(), environment.interpreter());
-    if environment.works() {
+    let folder = environment.folder().ok_or_else(|| {
+        format!("cannot make a Python environment for {purpose}: no HOME says where; set HOME, or {variable} to one with {packages}")
+    })?;
+    let python = Environment::interpreter(&folder);
+    if environment.works(&folder) {
         return Ok(python);
     }
-    let packages = packages.join(" ");
     if std::env::var_os(variable).is_some() {
         let expected = format!("expected a virtual environment with {packages} ({variable}), found none");
         return Err(about(&folder, expected));
     }
     let sign = spinner(format!("making a Python environment for {purpose} (once)"));
-    let base = PYTHONS.iter().find(|name| ends_well(Command::new(name).arg("--version")));
+    let base = PYTHONS.iter().find(|name| ends_well(isolated(name).arg("--version")));
     let base = base.ok_or_else(|| format!("python3: expected it among the programs for {purpose}, found none"))?;
     said_well(
-        Command::new(base).args(["-m", "venv"]).arg(&folder),
+        isolated(base).args(["-m", "venv"]).arg(&folder),
         "a virtual environment (Debian has it in python3-venv)",
     )?;
-    let install = ["-m", "pip", "install", "--quiet"];
-    said_well(
-        Command::new(&python).args(install).args(environment.packages),
-        &format!("{packages} from the package index"),
-    )?;
+    let requirements = folder.join("requirements.txt");
+    write_whole(&requirements, environment.requirements.as_bytes())?;
+    let install = ["-m", "pip", "install", "--quiet", "--require-hashes", "--only-binary", ":all:", "-r"];
+    said_well(isolated(&python).args(install).arg(&requirements), &format!("{packages} from the package index"))?;
     sign.finish_and_clear();
     Ok(python)
 }
 
-/// Where programs keep what they can make again.
-fn cache() -> PathBuf {
-    let home = || std::env::var_os(if cfg!(windows) { "LOCALAPPDATA" } else { "HOME" }).map(PathBuf::from);
-    let base = std::env::var_os("XDG_CACHE_HOME").map(PathBuf::from).or_else(|| home().map(|home| home.join(".cache")));
-    base.unwrap_or_else(std::env::temp_dir).join("quadverse")
+/// Python that looks for modules in its own folders alone: not in the current one, not beside a program, not where variables say.
+fn isolated(python: impl AsRef<OsStr>) -> Command {
+    let mut command = Command::new(python);
+    command.arg("-I");
+    command
+}
+
+/// Where programs keep what they can make again; none without a home. A folder that all may write into, such as that of temporary files,
+/// could hold a Python of somebody else.
+fn cache() -> Option<PathBuf> {
+    // What is not absolute would depend on the current folder.
+    let named = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let home = || named(if cfg!(windows) { "LOCALAPPDATA" } else { "HOME" }).map(|home| home.join(".cache"));
+    named("XDG_CACHE_HOME").or_else(home).map(|base| base.join("quadverse"))
 }
 
 fn ends_well(command: &mut Command) -> bool {

@@ -11,6 +11,7 @@ use crate::normals::{self, Colours, NormalModel};
 use crate::progress::{Stages, remark};
 use crate::render::png;
 use crate::scene::about;
+use crate::terminal::print_message;
 use crate::video;
 use crate::whole::{put, write_whole};
 use crate::{Failure, Outcome, say};
@@ -296,7 +297,7 @@ impl Reconstruct {
         if let Some(scene) = searched.as_ref().and_then(|found| found.stopped_with.as_ref()) {
             self.save_scene(scene, &dataset)?;
             self.save(&model)?;
-            eprintln!("qv: {}", self.how_to_go_on(0));
+            print_message!("{}", self.how_to_go_on(0));
             return Ok(Outcome::Stopped);
         }
         let options =
@@ -365,9 +366,9 @@ impl Reconstruct {
         dataset.turned.iter().for_each(|(what, count)| remark(&format!("{count} images with {what}")));
         lost.extend_from_slice(&dataset.lost);
         lost.extend(self.lost(&dataset));
-        lost.iter().for_each(|what| eprintln!("qv: {what}"));
+        lost.iter().for_each(|what| print_message!("{what}"));
         if is_stopped {
-            eprintln!("qv: {}", self.how_to_go_on(stood_at));
+            print_message!("{}", self.how_to_go_on(stood_at));
             return Ok(Outcome::Stopped);
         }
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })

@@ -3,6 +3,7 @@
 use crate::numbers::three;
 use crate::open::progress;
 use crate::scene::{about, open_cameras, open_scene};
+use crate::terminal::print_message;
 use crate::whole::{put, write_whole};
 use crate::{Failure, Outcome, say};
 use image::codecs::png::PngEncoder;
@@ -113,7 +114,7 @@ impl Render {
                 self.out.display()
             ))?;
         }
-        lost.iter().for_each(|what| eprintln!("qv: lost from {}: {what}", self.scene.display()));
+        lost.iter().for_each(|what| print_message!("lost from {}: {what}", self.scene.display()));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
 

@@ -7,6 +7,7 @@ use crate::open::{
     beyond_range, file_error, find_gains, lost_from, model_of, open_run, parameters_of, spinner, told_of, write_error,
 };
 use crate::provenance::provenance;
+use crate::terminal::print_message;
 use crate::whole::{put, stream};
 use crate::{Outcome, RunArguments, say};
 use qv_replay::derive::joint_velocity;
@@ -77,7 +78,7 @@ impl Replay {
         } else {
             say(&format!("{}written to {}\n", summary(&replay, &notes, factor), self.out.display()))?;
         }
-        lost.iter().for_each(|what| eprintln!("qv: {what}"));
+        lost.iter().for_each(|what| print_message!("{what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
 

@@ -8,6 +8,7 @@ use indicatif::ProgressBar;
 use qv_core::{Camera, Pose};
 use qv_mesh::DepthFrame;
 use qv_mesh::planes::Drawn;
+use qv_splat::captures::pictures;
 use qv_splat::captures::rgbd::{DEPTH_FOCAL, SIZE};
 use serde_json::Value;
 use std::fs;
@@ -213,7 +214,7 @@ impl DepthCapture {
 
 /// Depths \[m\] of a 16-bit image, 0 where it has 0 or 65535; and its size.
 fn depth_image(path: &Path, scale: f64) -> Result<(Vec<f32>, [u32; 2]), Failure> {
-    let image = image::open(path).map_err(|e| about(path, format!("expected a depth image, found {e}")))?;
+    let image = image_of(path).map_err(|found| about(path, format!("expected a depth image, found {found}")))?;
     let DynamicImage::ImageLuma16(image) = image else {
         return Err(about(path, format!("expected 16 bits of grey, found {:?}", image.color())));
     };
@@ -222,8 +223,13 @@ fn depth_image(path: &Path, scale: f64) -> Result<(Vec<f32>, [u32; 2]), Failure>
     Ok((image.into_raw().into_iter().map(metres).collect(), size))
 }
 
+/// The image of a file.
+pub fn image_of(path: &Path) -> Result<DynamicImage, String> {
+    pictures::read(&fs::read(path).map_err(|e| e.to_string())?)
+}
+
 fn label_image(path: &Path, [width, height]: [u32; 2]) -> Result<Vec<u8>, Failure> {
-    let image = image::open(path).map_err(|e| about(path, format!("expected a label image, found {e}")))?;
+    let image = image_of(path).map_err(|found| about(path, format!("expected a label image, found {found}")))?;
     match image {
         DynamicImage::ImageLuma8(image) if [image.width(), image.height()] == [width, height] => Ok(image.into_raw()),
         other => {

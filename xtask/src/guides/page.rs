@@ -23,14 +23,16 @@ pub fn commands(page: &str) -> Vec<Command> {
     for (index, line) in page.lines().enumerate() {
         if line.starts_with("```") {
             is_inside = line == "```console";
-        } else if !is_inside {
-        } else if let Some(words) = line.strip_prefix("$ ") {
+            continue;
+        }
+        if !is_inside || line.trim() == ELLIPSIS || line.trim().is_empty() {
+            continue;
+        }
+        if let Some(words) = line.strip_prefix("$ ") {
             let words = words.split(" #").next().unwrap_or(words).trim().to_string();
             found.push(Command { words, expected: vec![] });
         } else if let Some(command) = found.last_mut() {
-            if line.trim() != ELLIPSIS && !line.trim().is_empty() {
-                command.expected.push((index, line.to_string()));
-            }
+            command.expected.push((index, line.to_string()));
         }
     }
     found

@@ -22,7 +22,7 @@ use qv_core::random::SplitMix64;
 use qv_replay::faults::{FASTEST_BASE, jumped};
 use qv_replay::median_interval;
 use qv_replay::replay::{
-    Command, Feet, Legs, SensorErrors, Starts, expand, feet_of, is_whole, joint_columns, stated_parameters,
+    Command, Covered, Feet, Legs, SensorErrors, Starts, expand, feet_of, joint_columns, stated_parameters,
 };
 use qv_replay::run::{ActuatorKind, FaultKind};
 use qv_replay::{ReplayError, Run};
@@ -364,10 +364,11 @@ impl<'a> Problem<'a> {
     pub fn windows(&self, run: &Run) -> Result<Vec<Window>, GapError> {
         let [first, last] = run.span();
         let (cut, mut starts) = (self.cut, Vec::new());
+        let needed = needed(run);
         // The margin may reach beyond the ends: the start is found from what there is.
         let mut from = first + 0.1_f64.min(cut.margin);
         while from + cut.window + 0.05 <= last {
-            if self.is_usable(run, from) {
+            if self.is_usable(run, &needed, from) {
                 starts.push(from);
             }
             from += cut.window;
@@ -410,16 +411,12 @@ impl<'a> Problem<'a> {
         if why.is_empty() { String::new() } else { format!(": {}", why.join("; ")) }
     }
 
-    fn is_usable(&self, run: &Run, from: f64) -> bool {
+    fn is_usable(&self, run: &Run, needed: &[Needed], from: f64) -> bool {
         let (from, to) = (from - 0.05, from + self.cut.window + 0.05);
-        let (m, c) = (&run.measured, &run.commands);
-        let needed =
-            [&m.position, &m.velocity, &m.torque, &m.gyro, &m.orientation, &m.base_pose, &c.position, &c.torque];
-        let there = || needed.into_iter().flatten().filter(|s| !s.is_empty());
         // What is smoothed looks as far beyond the window as the margin.
         let margin = self.cut.margin;
-        let jumps = m.base_pose.as_ref().is_some_and(|pose| jumps(pose, from - margin, to + margin));
-        there().all(|s| is_whole(s, from, to)) && there().all(|s| has_values(s, from, to)) && !jumps
+        let jumps = run.measured.base_pose.as_ref().is_some_and(|pose| jumps(pose, from - margin, to + margin));
+        needed.iter().all(|one| one.covered.is_whole(from, to) && has_values(one, from, to)) && !jumps
     }
 
     /// Smoothed states of a part of the recording, freed of the sensors' `errors`.
@@ -513,8 +510,26 @@ fn jumps(pose: &JointSeries, from: f64, to: f64) -> bool {
 /// Most values on end that may be missing of a column.
 const MOST_MISSING: usize = 5;
 
+/// A channel that windows need.
+struct Needed<'a> {
+    covered: Covered<'a>,
+    /// Columns that have values somewhere.
+    columns: Vec<usize>,
+}
+
+fn needed(run: &Run) -> Vec<Needed<'_>> {
+    let (m, c) = (&run.measured, &run.commands);
+    let all = [&m.position, &m.velocity, &m.torque, &m.gyro, &m.orientation, &m.base_pose, &c.position, &c.torque];
+    let one = |series| {
+        let has_some = |column: &usize| JointSeries::column(series, *column).any(f64::is_finite);
+        Needed { covered: Covered::new(series), columns: (0..series.joints).filter(has_some).collect() }
+    };
+    all.into_iter().flatten().filter(|series| !series.is_empty()).map(one).collect()
+}
+
 /// Whether no column that has values elsewhere lacks more than [`MOST_MISSING`] of them on end between two times \[s\].
-fn has_values(series: &JointSeries, from: f64, to: f64) -> bool {
+fn has_values(needed: &Needed, from: f64, to: f64) -> bool {
+    let series = needed.covered.series;
     let (first, last) = (series.time.partition_point(|&t| t < from), series.time.partition_point(|&t| t <= to));
     let lacks = |column: usize| {
         let mut missing = 0;
@@ -523,12 +538,17 @@ fn has_values(series: &JointSeries, from: f64, to: f64) -> bool {
             missing > MOST_MISSING
         })
     };
-    !(0..series.joints).any(|column| lacks(column) && series.column(column).any(f64::is_finite))
+    !needed.columns.iter().any(|column| lacks(*column))
 }
 
 fn role(name: &str, model: &Model) -> Role {
     let joint = |name: &str| model.joint_names().iter().position(|j| j == name);
-    let parts: Vec<&str> = name.split('.').collect();
+    // Names of joints, links and shapes may have dots.
+    let (kind, rest) = name.split_once('.').unwrap_or((name, ""));
+    let parts: Vec<&str> = match rest.rsplit_once('.') {
+        Some((member, field)) => vec![kind, member, field],
+        None => vec![kind, rest],
+    };
     match parts[..] {
         ["sensor", name, "encoder_bias"] => joint(name).map_or(Role::Dynamic, Role::EncoderBias),
         ["sensor", name, "encoder_latency"] => joint(name).map_or(Role::Dynamic, Role::EncoderLatency),

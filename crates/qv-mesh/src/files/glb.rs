@@ -1,99 +1,132 @@
 //! Labelled terrain meshes in GLB: a material per label, its friction in `extras.friction`.
 
+use super::gltf::{Document, index, list, number, transform};
 use crate::MeshError;
 use crate::error::off;
 use glam::{DMat4, DVec3};
-use gltf::Gltf;
-use gltf::mesh::Mode;
 use qv_core::{Material, TriangleMesh};
-use serde_json::json;
+use serde_json::{Value, json};
 
 const PLACE: &str = "GLB";
+/// `primitive.mode` of triangles.
+const TRIANGLES: usize = 4;
+/// Nodes and primitives of a scene, and how deep they lie in each other.
+const MOST_NODES: usize = 10_000;
+const DEEPEST: usize = 64;
+/// Vertices and triangles that any file may place; larger ones as many as they have bytes. A mesh that many nodes name is placed many times.
+const ANY_SIZE: usize = 100_000;
 
 /// Reads all triangles of the default scene, in world coordinates as the file has them (z up, metres).
 ///
 /// # Errors
-/// Says what is not GLB, what is not triangles, which index or number is off.
+/// Says what is not GLB, what is not triangles, which index or number is off, and where a small file places too many triangles.
 pub fn read(bytes: &[u8]) -> Result<TriangleMesh, MeshError> {
-    let gltf = Gltf::from_slice(bytes).map_err(|e| off(PLACE, "a GLB file", e))?;
-    let blob = gltf.blob.as_deref();
+    let document = Document::parse(bytes)?;
     let mut mesh = TriangleMesh::default();
-    for material in gltf.materials() {
-        let name = material.name().map_or_else(|| format!("material {}", material.index().unwrap_or(0)), String::from);
-        mesh.materials.push(Material { name, friction: friction(&material)? });
+    for (index, material) in document.list("materials").iter().enumerate() {
+        let name = material.get("name").and_then(Value::as_str);
+        let name = name.map_or_else(|| format!("material {index}"), String::from);
+        mesh.materials.push(Material { friction: friction(material, &name)?, name });
+    }
+    if mesh.materials.len() >= usize::from(u16::MAX) {
+        return Err(off(PLACE, format!("fewer than {} materials", u16::MAX), mesh.materials.len()));
     }
     // Triangles without a material get a label of their own.
     mesh.materials.push(Material { name: "unlabelled".into(), friction: None });
-    let scene = gltf.default_scene().or_else(|| gltf.scenes().next()).ok_or_else(|| off(PLACE, "a scene", "none"))?;
-    for node in scene.nodes() {
-        add_node(&node, DMat4::IDENTITY, blob, &mut mesh, 0)?;
-    }
+    let mut placing = Placing { most: ANY_SIZE + bytes.len(), document, mesh, visited: 0 };
+    let nodes = list(placing.document.scene()?, "nodes").to_vec();
+    placing.nodes(&nodes, DMat4::IDENTITY, 0)?;
+    let mesh = placing.mesh;
     mesh.validate()?;
     Ok(mesh)
 }
 
-fn friction(material: &gltf::Material) -> Result<Option<f64>, MeshError> {
-    let Some(extras) = material.extras() else { return Ok(None) };
-    let extras: serde_json::Value =
-        serde_json::from_str(extras.get()).map_err(|e| off("extras of a material", "JSON", e))?;
-    match extras.get("friction") {
+fn friction(material: &Value, name: &str) -> Result<Option<f64>, MeshError> {
+    match material.get("extras").and_then(|extras| extras.get("friction")) {
         None => Ok(None),
         Some(value) => match value.as_f64().filter(|f| *f >= 0.0) {
             Some(friction) => Ok(Some(friction)),
-            None => {
-                Err(off(format!("extras.friction of material {:?}", material.name()), "a number of at least 0", value))
-            }
+            None => Err(off(format!("extras.friction of material {name:?}"), "a number of at least 0", value)),
         },
     }
 }
 
-fn add_node(
-    node: &gltf::Node,
-    parent: DMat4,
-    blob: Option<&[u8]>,
-    mesh: &mut TriangleMesh,
-    depth: usize,
-) -> Result<(), MeshError> {
-    if depth > 64 {
-        return Err(off(PLACE, "nodes nested at most 64 deep", "more"));
-    }
-    let local = DMat4::from_cols_array_2d(&node.transform().matrix().map(|c| c.map(f64::from)));
-    let world_from_node = parent * local;
-    for primitive in node.mesh().iter().flat_map(|m| m.primitives()) {
-        add_primitive(&primitive, world_from_node, blob, mesh)?;
-    }
-    node.children().try_for_each(|child| add_node(&child, world_from_node, blob, mesh, depth + 1))
+/// A mesh that grows as nodes are placed.
+struct Placing<'a> {
+    document: Document<'a>,
+    mesh: TriangleMesh,
+    /// Nodes and primitives so far.
+    visited: usize,
+    /// Vertices and triangles that may be placed.
+    most: usize,
 }
 
-fn add_primitive(
-    primitive: &gltf::Primitive,
-    world_from_node: DMat4,
-    blob: Option<&[u8]>,
-    mesh: &mut TriangleMesh,
-) -> Result<(), MeshError> {
-    if primitive.mode() != Mode::Triangles {
-        return Err(off(PLACE, "primitives of triangles", format!("{:?}", primitive.mode())));
-    }
-    let reader = primitive.reader(|buffer| blob.filter(|_| matches!(buffer.source(), gltf::buffer::Source::Bin)));
-    let positions = reader
-        .read_positions()
-        .ok_or_else(|| off(PLACE, "positions in the file's own buffer", "a primitive without"))?;
-    let first = mesh.vertices.len() as u32;
-    mesh.vertices.extend(positions.map(|p| world_from_node.transform_point3(DVec3::from_array(p.map(f64::from)))));
-    let added = mesh.vertices.len() as u32 - first;
-    let indices: Vec<u32> = match reader.read_indices() {
-        Some(indices) => indices.into_u32().collect(),
-        None => (0..added).collect(),
-    };
-    let label = primitive.material().index().unwrap_or(mesh.materials.len() - 1) as u16;
-    for corner in indices.chunks_exact(3) {
-        if let Some(&bad) = corner.iter().find(|&&i| i >= added) {
-            return Err(off(PLACE, format!("vertex indices below {added}"), bad));
+impl Placing<'_> {
+    fn nodes(&mut self, nodes: &[Value], world_from_parent: DMat4, depth: usize) -> Result<(), MeshError> {
+        if depth > DEEPEST {
+            return Err(off(PLACE, format!("nodes nested at most {DEEPEST} deep"), "more"));
         }
-        mesh.triangles.push([first + corner[0], first + corner[1], first + corner[2]]);
-        mesh.labels.push(label);
+        for node in nodes {
+            self.count()?;
+            let node = self.document.entry("nodes", index(node, "node")?)?;
+            let world_from_node = world_from_parent * transform(node)?;
+            let children = list(node, "children").to_vec();
+            if let Some(mesh) = number(node, "mesh")? {
+                for primitive in list(self.document.entry("meshes", mesh)?, "primitives").to_vec() {
+                    self.count()?;
+                    self.primitive(&primitive, world_from_node)?;
+                }
+            }
+            self.nodes(&children, world_from_node, depth + 1)?;
+        }
+        Ok(())
     }
-    Ok(())
+
+    fn count(&mut self) -> Result<(), MeshError> {
+        self.visited += 1;
+        if self.visited > MOST_NODES {
+            return Err(off(PLACE, format!("a scene of at most {MOST_NODES} nodes and primitives"), "more"));
+        }
+        Ok(())
+    }
+
+    fn primitive(&mut self, primitive: &Value, world_from_node: DMat4) -> Result<(), MeshError> {
+        let mode = number(primitive, "mode")?.unwrap_or(TRIANGLES);
+        if mode != TRIANGLES {
+            return Err(off(PLACE, "primitives of triangles", format!("mode {mode}")));
+        }
+        let attributes = primitive.get("attributes").unwrap_or(&Value::Null);
+        let positions =
+            number(attributes, "POSITION")?.ok_or_else(|| off(PLACE, "positions", "a primitive without"))?;
+        let positions = self.document.positions(positions)?;
+        let added = positions.len() as u32;
+        let indices = match number(primitive, "indices")? {
+            Some(indices) => self.document.indices(indices)?,
+            None => (0..added).collect(),
+        };
+        let size = self.mesh.vertices.len() + self.mesh.triangles.len() + positions.len() + indices.len() / 3;
+        if size > self.most {
+            return Err(off(
+                PLACE,
+                format!("at most {} vertices and triangles in a file of its size", self.most),
+                "more",
+            ));
+        }
+        let first = self.mesh.vertices.len() as u32;
+        let label = match number(primitive, "material")? {
+            Some(material) => self.document.entry("materials", material).map(|_| material)?,
+            None => self.mesh.materials.len() - 1,
+        };
+        for corner in indices.chunks_exact(3) {
+            if let Some(&bad) = corner.iter().find(|&&i| i >= added) {
+                return Err(off(PLACE, format!("vertex indices below {added}"), bad));
+            }
+            self.mesh.triangles.push([first + corner[0], first + corner[1], first + corner[2]]);
+            self.mesh.labels.push(label as u16);
+        }
+        self.mesh.vertices.extend(positions.into_iter().map(|p| world_from_node.transform_point3(p)));
+        Ok(())
+    }
 }
 
 /// A GLB of the mesh: one primitive per material that has triangles, or one without a material when there are no labels, friction in `extras.friction`. Positions become
@@ -195,7 +228,7 @@ mod tests {
             "nodes":[{"mesh":0,"translation":[1,2,3]}],
             "materials":[{"name":"ice","extras":{"friction":0.1}},{"name":"grass"}],
             "meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1,"material":0},
-              {"attributes":{"POSITION":0},"material":1}]}],
+              {"attributes":{"POSITION":0},"mode":4,"material":1}]}],
             "buffers":[{"byteLength":40}],
             "bufferViews":[{"buffer":0,"byteLength":36},{"buffer":0,"byteOffset":36,"byteLength":3}],
             "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]},
@@ -216,6 +249,46 @@ mod tests {
         assert_eq!(mesh.materials[0], Material { name: "ice".into(), friction: Some(0.1) });
         assert_eq!(mesh.materials[1].friction, None);
         assert_eq!(mesh.corners(0)[1], DVec3::new(2.0, 2.0, 3.0));
+    }
+
+    /// A GLB of one triangle whose document is changed by a text.
+    fn changed(from: &str, to: &str) -> Vec<u8> {
+        let whole = example(2);
+        let length = u32::from_le_bytes(whole[12..16].try_into().unwrap()) as usize;
+        let document = String::from_utf8(whole[20..20 + length].to_vec()).unwrap();
+        assert!(document.contains(from), "{from}");
+        container(document.replacen(from, to, 1).into_bytes(), whole[28 + length..].to_vec())
+    }
+
+    #[test]
+    fn documents_that_claim_what_is_not_there_are_refused() {
+        for (from, to) in [
+            (r#""count":3"#, r#""count":4"#),
+            (r#""count":3"#, r#""count":18446744073709551615"#),
+            (r#""componentType":5126"#, r#""componentType":5125"#),
+            (r#""componentType":5121"#, r#""componentType":5122"#),
+            (r#""bufferView":0"#, r#""bufferView":7"#),
+            (r#""type":"VEC3""#, r#""type":"VEC2""#),
+            (r#""byteLength":36"#, r#""byteLength":36,"byteOffset":18446744073709551615"#),
+            (r#""byteLength":36"#, r#""byteLength":36,"byteStride":1"#),
+            (r#""accessors""#, r#""others""#),
+            (r#""mesh":0"#, r#""mesh":1"#),
+            (r#""mode":4,"material":1"#, r#""material":2"#),
+            (r#""translation":[1,2,3]"#, r#""translation":[1,2]"#),
+            (r#""translation":[1,2,3]"#, r#""children":[0]"#),
+            (r#""scene":0"#, r#""scene":1"#),
+        ] {
+            assert!(read(&changed(from, to)).is_err(), "{to}");
+        }
+    }
+
+    #[test]
+    fn a_small_file_places_few_triangles() {
+        // 2^40 of them: each node names the next one twice.
+        let next = |k: usize| format!(r#"{{"children":[{},{}]}},"#, k + 1, k + 1);
+        let nodes: String = (0..40).map(next).collect();
+        let error = read(&changed(r#""nodes":[{"mesh""#, &format!(r#""nodes":[{nodes}{{"mesh""#)));
+        assert!(error.is_err_and(|e| e.to_string().contains("nodes")));
     }
 
     #[test]

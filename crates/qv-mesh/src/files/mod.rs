@@ -1,5 +1,6 @@
 //! Meshes on disk: GLB with materials, PLY, STL.
 
 pub mod glb;
+mod gltf;
 pub mod ply;
 pub mod stl;

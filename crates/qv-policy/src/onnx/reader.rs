@@ -18,7 +18,7 @@ use super::model::{OnnxModel, numbers};
 use rten::{DataType, Dimension, Model, NodeId, ValueType, ValueView};
 
 /// Name and shape of an input or output.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct TensorInfo {
     /// Name in the file.
     pub name: String,
@@ -33,18 +33,25 @@ impl TensorInfo {
     }
 }
 
-/// More numbers than this in one tensor are no policy's: a damaged file must not ask for all memory.
-const MOST_NUMBERS: usize = 1 << 24;
+/// More numbers than this in all inputs are no policy's: a damaged file must not ask for all memory.
+const MOST_NUMBERS: usize = 1 << 20;
+
+/// What computes a step of a policy. A caller who does not trust a file gives one that runs in another process.
+pub trait Step: Send {
+    /// The numbers of the first outputs, one for each input, row-major; `inputs` are the observation and the state, row-major.
+    ///
+    /// # Errors
+    /// The model cannot be run on them.
+    fn step(&mut self, inputs: &[&[f32]]) -> Result<Vec<Vec<f32>>, OnnxError>;
+}
 
 /// A policy from an ONNX file. Its first input takes the observation, its first output is the action. Further inputs
 /// and outputs are a recurrent state: the second output of one step is the second input of the next, and so on; they
 /// start at zero.
 pub struct OnnxPolicy {
-    model: OnnxModel,
+    model: Box<dyn Step>,
     inputs: Vec<TensorInfo>,
     outputs: Vec<TensorInfo>,
-    input_ids: Vec<NodeId>,
-    output_ids: Vec<NodeId>,
     /// Inputs after the first one.
     state: Vec<Vec<f32>>,
 }
@@ -62,14 +69,19 @@ impl OnnxPolicy {
     /// When the bytes are not an ONNX model, hold an operator that the interpreter lacks, or have inputs and outputs
     /// that are no policy's: none, other types than f32, or a state of which not every input has its output.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, OnnxError> {
-        let whole = OnnxModel::from_bytes(bytes)?;
-        let model = &whole.model;
-        let (input_ids, output_ids) = (model.input_ids().to_vec(), model.output_ids().to_vec());
-        let infos = |ids: &[NodeId]| ids.iter().map(|&id| info(model, id)).collect::<Result<Vec<_>, _>>();
-        let (inputs, outputs) = (infos(&input_ids)?, infos(&output_ids)?);
+        let loaded = Loaded::from_bytes(bytes)?;
+        let (inputs, outputs) = (loaded.inputs.clone(), loaded.outputs.clone());
+        Self::of(Box::new(loaded), inputs, outputs)
+    }
+
+    /// A policy whose steps something else computes.
+    ///
+    /// # Errors
+    /// When inputs and outputs are no policy's.
+    pub fn of(model: Box<dyn Step>, inputs: Vec<TensorInfo>, outputs: Vec<TensorInfo>) -> Result<Self, OnnxError> {
         check_signature(&inputs, &outputs)?;
         let state = initial_state(&inputs)?;
-        Ok(Self { model: whole, inputs, outputs, input_ids, output_ids, state })
+        Ok(Self { model, inputs, outputs, state })
     }
 
     /// Inputs, the observation first.
@@ -93,24 +105,72 @@ impl OnnxPolicy {
     /// When the observation has another length than the model's input or is not finite, the interpreter fails, or what
     /// comes out is not f32 or not finite. The recurrent state is then what it was.
     pub fn run(&mut self, observation: &[f32], out: &mut Vec<f32>) -> Result<(), OnnxError> {
-        let shape = observation_shape(&self.inputs[0], observation.len())?;
+        observation_shape(&self.inputs[0], observation.len())?;
         check("observation", observation.len(), observation)?;
-        let mut inputs = Vec::with_capacity(self.inputs.len());
-        inputs.push((self.input_ids[0], view(shape, observation)?.into()));
-        for (k, state) in self.state.iter().enumerate() {
-            let shape = self.inputs[k + 1].shape.iter().map(|size| size.unwrap_or(1)).collect();
-            inputs.push((self.input_ids[k + 1], view(shape, state)?.into()));
+        let inputs: Vec<&[f32]> = [observation].into_iter().chain(self.state.iter().map(Vec::as_slice)).collect();
+        let mut results = self.model.step(&inputs)?.into_iter();
+        let action = results.next().ok_or_else(|| OnnxError::Run("no output".to_owned()))?;
+        check(&format!("output `{}`", self.outputs[0].name), action.len(), &action)?;
+        let state: Vec<Vec<f32>> = results.collect();
+        if state.len() != self.state.len() {
+            return Err(OnnxError::Run(format!("{} outputs of state, expected {}", state.len(), self.state.len())));
         }
-        let results = self.model.run_ids(inputs, &self.output_ids[..=self.state.len()])?;
-        let mut results = results.into_iter().zip(&self.outputs).map(|(value, info)| numbers(value, &info.name));
-        let action = results.next().unwrap_or_else(|| Err(OnnxError::Run("no output".to_owned())))?;
-        let state = results.collect::<Result<Vec<_>, _>>()?;
         for (k, (next, now)) in state.iter().zip(&self.state).enumerate() {
             check(&format!("output `{}`", self.outputs[k + 1].name), now.len(), next)?;
         }
         self.state = state;
         *out = action;
         Ok(())
+    }
+}
+
+/// The model of a policy in this process.
+pub struct Loaded {
+    model: OnnxModel,
+    inputs: Vec<TensorInfo>,
+    outputs: Vec<TensorInfo>,
+    input_ids: Vec<NodeId>,
+    output_ids: Vec<NodeId>,
+}
+
+impl Loaded {
+    /// Reads a model.
+    ///
+    /// # Errors
+    /// When the bytes are not an ONNX model, hold an operator that the interpreter lacks, or an input or output is not f32.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, OnnxError> {
+        let whole = OnnxModel::from_bytes(bytes)?;
+        let model = &whole.model;
+        let (input_ids, output_ids) = (model.input_ids().to_vec(), model.output_ids().to_vec());
+        let infos = |ids: &[NodeId]| ids.iter().map(|&id| info(model, id)).collect::<Result<Vec<_>, _>>();
+        let (inputs, outputs) = (infos(&input_ids)?, infos(&output_ids)?);
+        Ok(Self { model: whole, inputs, outputs, input_ids, output_ids })
+    }
+
+    /// Its inputs.
+    pub fn inputs(&self) -> &[TensorInfo] {
+        &self.inputs
+    }
+
+    /// Its outputs.
+    pub fn outputs(&self) -> &[TensorInfo] {
+        &self.outputs
+    }
+}
+
+impl Step for Loaded {
+    fn step(&mut self, given: &[&[f32]]) -> Result<Vec<Vec<f32>>, OnnxError> {
+        let mut inputs = Vec::with_capacity(given.len());
+        for (k, (numbers, info)) in given.iter().zip(&self.inputs).enumerate() {
+            let shape = match k {
+                0 => observation_shape(info, numbers.len())?,
+                _ => info.shape.iter().map(|size| size.unwrap_or(1)).collect(),
+            };
+            inputs.push((self.input_ids[k], view(shape, numbers)?.into()));
+        }
+        let wanted = given.len().min(self.output_ids.len());
+        let results = self.model.run_ids(inputs, &self.output_ids[..wanted])?;
+        results.into_iter().zip(&self.outputs).map(|(value, info)| numbers(value, &info.name)).collect()
     }
 }
 
@@ -142,10 +202,14 @@ fn check_signature(inputs: &[TensorInfo], outputs: &[TensorInfo]) -> Result<(), 
 }
 
 fn initial_state(inputs: &[TensorInfo]) -> Result<Vec<Vec<f32>>, OnnxError> {
-    let zeros = |info: &TensorInfo| match info.len() {
-        Some(len @ 1..=MOST_NUMBERS) => Ok(vec![0.0; len]),
-        _ => Err(OnnxError::Signature {
-            expected: format!("a state `{}` of 1 to {MOST_NUMBERS} numbers", info.name),
+    let mut left = MOST_NUMBERS;
+    let zeros = |info: &TensorInfo| match info.len().filter(|len| (1..=left).contains(len)) {
+        Some(len) => {
+            left -= len;
+            Ok(vec![0.0; len])
+        }
+        None => Err(OnnxError::Signature {
+            expected: format!("a state `{}` of 1 to {left} numbers", info.name),
             found: format!("shape {:?}", info.shape),
         }),
     };

@@ -54,6 +54,12 @@ impl HeldCommands {
             fixed_kd: run.actuator.kd.unwrap_or(0.0),
             joints: columns.len(),
         };
+        // Gains, and speeds of zero, seldom change: hours of them are one row.
+        let others = [&mut held.velocity, &mut held.kp, &mut held.kd];
+        others.into_iter().flatten().for_each(|series| shorten(series, held.position.as_ref()));
+        if held.position.is_some() {
+            held.torque.iter_mut().for_each(|series| shorten(series, held.position.as_ref()));
+        }
         let missing = |expected: &str| Err(ReplayError::run("replay", expected, "none"));
         match run.actuator.kind {
             ActuatorKind::Torque => {
@@ -116,6 +122,15 @@ impl HeldCommands {
     /// The series that sets the pace, for gaps.
     pub fn pace(&self) -> Option<&JointSeries> {
         self.position.as_ref().or(self.torque.as_ref())
+    }
+}
+
+/// Leaves one row of commands that are always the same, where those of positions have the same stamps: the next command is theirs.
+fn shorten(series: &mut JointSeries, position: Option<&JointSeries>) {
+    let first = series.values.get(..series.joints).unwrap_or_default().to_vec();
+    let is_constant = || series.values.chunks_exact(series.joints.max(1)).all(|row| row == first);
+    if position.is_some_and(|position| position.time == series.time) && is_constant() && !first.is_empty() {
+        *series = JointSeries { time: vec![series.time[0]], values: first, joints: series.joints };
     }
 }
 

@@ -3,7 +3,7 @@
 use crate::ReplayError;
 use crate::replay::commands::{Command, HeldCommands};
 use crate::replay::legs::Legs;
-use crate::replay::start::{SensorErrors, Starts, is_whole};
+use crate::replay::start::{Covered, SensorErrors, Starts};
 use crate::run::{Base, Run};
 use qv_core::JointSeries;
 use qv_sim::{BaseKind, Batch, Model, Shape, SimError, SimOptions, State, Terrain};
@@ -336,24 +336,31 @@ pub fn expand(model: &Model, terrain: &Terrain, given: &[(String, f64)]) -> Resu
     Ok(all)
 }
 
-/// `joint.*.armature` for `joint.FL_calf_joint.armature`; none for a name without a member.
-fn with_star(name: &str) -> Option<String> {
-    let ((head, rest), (_, tail)) = (name.split_once('.')?, name.rsplit_once('.')?);
-    if rest == tail {
-        return None;
+/// Kind, member and field of a name such as `joint.FL_calf_joint.armature`, or kind and field. Names of members may have dots.
+fn parts(name: &str) -> Vec<&str> {
+    let Some((kind, rest)) = name.split_once('.') else { return vec![name] };
+    match rest.rsplit_once('.') {
+        Some((member, field)) => vec![kind, member, field],
+        None => vec![kind, rest],
     }
-    Some(format!("{head}.*.{tail}"))
 }
 
-/// Whether `name` is `pattern` with any text without a dot for its `*`.
-fn matches(pattern: &str, name: &str) -> bool {
-    match pattern.split_once('*') {
-        None => pattern == name,
-        Some((head, tail)) => {
-            let middle = name.strip_prefix(head).and_then(|rest| rest.strip_suffix(tail));
-            middle.is_some_and(|m| !m.contains('.'))
-        }
+/// `joint.*.armature` for `joint.FL_calf_joint.armature`; none for a name without a member.
+fn with_star(name: &str) -> Option<String> {
+    match parts(name)[..] {
+        [kind, _, field] => Some(format!("{kind}.*.{field}")),
+        _ => None,
     }
+}
+
+/// Whether `name` is `pattern` with any text for its `*`, within one part of the name.
+fn matches(pattern: &str, name: &str) -> bool {
+    let (pattern, name) = (parts(pattern), parts(name));
+    let fits = |pattern: &str, part: &str| match pattern.split_once('*') {
+        None => pattern == part,
+        Some((head, tail)) => part.strip_prefix(head).is_some_and(|rest| rest.ends_with(tail)),
+    };
+    pattern.len() == name.len() && pattern.iter().zip(&name).all(|(pattern, part)| fits(pattern, part))
 }
 
 /// What the sensors get wrong by these parameters (`sensor.*`, of which the last one set holds): angles \[rad\], rates \[rad/s\], delays \[s\], joints
@@ -409,13 +416,14 @@ fn plan_windows(
     options: &ReplayOptions,
 ) -> (Vec<(usize, usize, State)>, usize) {
     let (mut plan, mut skipped) = (Vec::new(), 0);
-    let position = run.measured.position.as_ref().expect("checked before");
+    let position = Covered::new(run.measured.position.as_ref().expect("checked before"));
+    let pace = commands.pace().map(Covered::new);
     let mut from = times[0];
     while from + options.window <= times[times.len() - 1] + 1e-9 {
         let to = from + options.window;
         let first = times.partition_point(|&t| t < from - 1e-9);
         let end = times.partition_point(|&t| t < to - 1e-9);
-        let whole = is_whole(position, from, to) && commands.pace().is_some_and(|c| is_whole(c, from, to));
+        let whole = position.is_whole(from, to) && pace.is_some_and(|pace| pace.is_whole(from, to));
         match (end > first + 1 && whole).then(|| starts.at(times[first])).flatten() {
             Some(state) => plan.push((first, end, state)),
             None => skipped += 1,
@@ -548,6 +556,9 @@ impl Drive<'_> {
 
 /// The trace on all recorded times: NaN before its start and after it ended.
 fn padded(trace: Trace, first: usize, times: &[f64], joints: usize, feet: usize) -> Trace {
+    if first == 0 && trace.time.len() == times.len() {
+        return trace;
+    }
     let pad = |values: &[f64], width: usize| {
         let mut all = vec![f64::NAN; times.len() * width];
         let from = first * width;

@@ -7,6 +7,8 @@ use qv_core::JointSeries;
 /// Lags that are tried \[s\].
 const SHORTEST: f64 = -0.05;
 const LONGEST: f64 = 0.25;
+/// As many are.
+const MOST_LAGS: f64 = 3000.0;
 
 /// Best constant lag of one joint.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,7 +43,8 @@ pub fn lags_behind(
     later_columns: &[usize],
     names: &[String],
 ) -> Vec<Lag> {
-    let step = median_interval(&later.time);
+    // Of stamps that are closer the lags on a coarser grid are tried.
+    let step = median_interval(&later.time).max((LONGEST - SHORTEST) / MOST_LAGS);
     if !step.is_finite() || later.len() < 50 {
         return Vec::new();
     }

@@ -29,7 +29,7 @@ pub use lag::{Lag, lags_behind, lags_behind_command};
 pub use layout::layout;
 pub use legs::Legs;
 pub use scene_out::usual_force;
-pub use start::{SensorErrors, Starts, is_whole};
+pub use start::{Covered, SensorErrors, Starts};
 pub use unknown_gains::find_gains;
 pub use verdict::verdict;
 

@@ -63,6 +63,23 @@ struct Prepared {
     base_rate: Option<JointSeries>,
     /// World from base at the stamps of the IMU.
     path: Option<ImuPath>,
+    filters: Filters,
+}
+
+/// How channels are smoothed; each looks at all stamps of its own.
+#[derive(Default)]
+struct Filters {
+    position: Option<LocalPolynomial>,
+    velocity: Option<LocalPolynomial>,
+    gyro: Option<LocalPolynomial>,
+}
+
+impl Filters {
+    fn of(run: &Run) -> Self {
+        let filter = |series: &Option<JointSeries>| series.as_ref().map(joint_filter);
+        let m = &run.measured;
+        Self { position: filter(&m.position), velocity: filter(&m.velocity), gyro: filter(&m.gyro) }
+    }
 }
 
 /// How a pose is turned against the IMU.
@@ -131,7 +148,7 @@ impl<'a> Starts<'a> {
             Some(_) => None,
             None => joint_velocity(run).map(|d| d.series),
         };
-        let mut prepared = Prepared { derived_velocity, ..Prepared::default() };
+        let mut prepared = Prepared { derived_velocity, filters: Filters::of(run), ..Prepared::default() };
         if let Some(poses) = &starts.poses {
             prepared.yaws = starts.yaws();
             prepared.path = starts.imu_path();
@@ -194,9 +211,10 @@ impl<'a> Starts<'a> {
     /// Smoothed positions, freed of their bias, and velocities at the stamp `time`.
     fn joints_as_reported(&self, time: f64) -> Option<(Vec<f64>, Vec<f64>)> {
         let position = self.run.measured.position.as_ref()?;
-        let at = joint_filter(position).at(position, time);
+        let filters = &self.prepared.filters;
+        let at = filters.position?.at(position, time);
         let speeds: Vec<f64> = match self.run.measured.velocity.as_ref() {
-            Some(velocity) => joint_filter(velocity).at(velocity, time).iter().map(|s| s.value).collect(),
+            Some(velocity) => filters.velocity?.at(velocity, time).iter().map(|s| s.value).collect(),
             None => at.iter().map(|s| s.slope).collect(),
         };
         let bias = |j: usize| self.errors.encoder_bias.get(j).copied().unwrap_or(0.0);
@@ -240,7 +258,7 @@ impl<'a> Starts<'a> {
     fn angular(&self, time: f64) -> Option<DVec3> {
         match &self.run.measured.gyro {
             Some(gyro) => {
-                let at = joint_filter(gyro).at(gyro, time);
+                let at = self.prepared.filters.gyro?.at(gyro, time);
                 let measured = vector(&at, |s| s.value) - DVec3::from_array(self.errors.gyro_bias);
                 Some(self.tilt() * measured)
             }
@@ -414,10 +432,25 @@ pub(super) fn rotation_near(series: &JointSeries, first: usize, time: f64) -> Op
     Some(a.slerp(b, ((time - series.time[i]) / step).clamp(0.0, 1.0)))
 }
 
-/// Whether nothing is missing between `from` and `to` \[s\]: no interval longer than five periods.
-pub fn is_whole(series: &JointSeries, from: f64, to: f64) -> bool {
-    let longest = 5.0 * median_interval(&series.time).max(1e-9);
-    let first = series.time.partition_point(|&t| t < from).saturating_sub(1);
-    let last = series.time.partition_point(|&t| t <= to).min(series.len().saturating_sub(1));
-    series.time[first..=last].windows(2).all(|w| w[1] - w[0] <= longest)
+/// A series, and what is a hole in it: an interval longer than five periods, which all of its stamps tell.
+#[derive(Clone, Copy)]
+pub struct Covered<'a> {
+    /// The series.
+    pub series: &'a JointSeries,
+    longest: f64,
+}
+
+impl<'a> Covered<'a> {
+    /// Looks at all stamps, once.
+    pub fn new(series: &'a JointSeries) -> Self {
+        Self { series, longest: 5.0 * median_interval(&series.time).max(1e-9) }
+    }
+
+    /// Whether nothing is missing between `from` and `to` \[s\].
+    pub fn is_whole(&self, from: f64, to: f64) -> bool {
+        let time = &self.series.time;
+        let first = time.partition_point(|&t| t < from).saturating_sub(1);
+        let last = time.partition_point(|&t| t <= to).min(time.len().saturating_sub(1));
+        time[first..=last].windows(2).all(|w| w[1] - w[0] <= self.longest)
+    }
 }

@@ -106,7 +106,9 @@ pub fn read_table(
         *slot(&mut run, *channel) = series;
     }
     if run.measured.position.is_none() {
-        return Err(ReplayError::run("run.csv", "at least one row with a `pos.<joint>` value", "none"));
+        let dropped = run.faults.iter().find(|fault| fault.kind == FaultKind::NotFinite);
+        let found = dropped.map_or("none", |fault| fault.detail.as_str());
+        return Err(ReplayError::run("run.csv", "at least one row with a `pos.<joint>` value", found));
     }
     let m = &run.measured;
     let free = m.base_pose.is_some() || m.acceleration.is_some() || m.orientation.is_some();
@@ -151,6 +153,9 @@ struct Layout {
     names: Vec<String>,
 }
 
+/// Joints that a table may have: no robot comes near it.
+const MOST_JOINTS: usize = 1000;
+
 const JOINT_CHANNELS: [(&str, Channel); 6] = [
     ("cmd_pos.", Channel::CommandPosition),
     ("cmd_vel.", Channel::CommandVelocity),
@@ -188,6 +193,9 @@ impl Layout {
             let joint = JOINT_CHANNELS.iter().find_map(|(prefix, _)| name.strip_prefix(prefix));
             if let Some(joint) = joint.filter(|j| !j.is_empty() && !seen.iter().any(|s| s == j)) {
                 seen.push(joint.to_string());
+            }
+            if seen.len() > MOST_JOINTS {
+                return Err(ReplayError::file("run.csv", format!("at most {MOST_JOINTS} joints"), "more"));
             }
         }
         if !names.iter().any(|n| n.starts_with("pos.")) {

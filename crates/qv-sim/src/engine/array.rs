@@ -5,8 +5,9 @@ use std::ops::{Deref, DerefMut, Index, IndexMut, Range};
 /// A vector whose elements are fetched without a bounds check in release builds.
 ///
 /// Every index into one comes from `Topology`, `Colliders` or a loop over its own length: made once, when a batch is
-/// made, and never from outside. Debug builds, which the tests are, check each access. The checks and the lengths kept
-/// for them were a fifth of all instructions of a single environment's step.
+/// made, of a model whose own indices were all checked before (`Model::check_indices`), and never from outside. Debug
+/// builds, which the tests and the fuzz target `batch_steps` are, check each access. The checks and the lengths kept for
+/// them were a fifth of all instructions of a single environment's step.
 #[derive(Debug, Clone)]
 pub(crate) struct Array<T>(Vec<T>);
 

@@ -2,7 +2,7 @@
 
 use super::Include;
 use crate::SimError;
-use crate::urdf::{kinds, read::Lines};
+use crate::urdf::{attributes, kinds, read::Lines};
 use roxmltree::{Document, Node, NodeId, ParsingOptions};
 use std::collections::HashMap;
 
@@ -46,6 +46,7 @@ impl Tree {
                 found,
             },
         };
+        attributes::check(xml).map_err(within)?;
         let options = ParsingOptions { allow_dtd: true, ..Default::default() };
         let document =
             Document::parse_with_options(xml, options).map_err(|e| within(kinds::of_text(xml, &e.to_string())))?;

@@ -7,6 +7,7 @@ mod urdf;
 pub use mechanics::Mechanics;
 pub use urdf::{MeshVertices, ModelOptions};
 
+use crate::SimError;
 use glam::{DMat3, DVec3};
 use qv_core::Pose;
 
@@ -124,6 +125,9 @@ pub struct Frame {
     pub link_from_frame: Pose,
 }
 
+/// Joints of a robot that is simulated: its mass matrix has the square of them.
+const MOST_JOINTS: usize = 1000;
+
 /// A robot. Order of `links` and `joints`: depth first, children in the order of the URDF file.
 #[derive(Debug, Clone)]
 pub struct Model {
@@ -152,6 +156,47 @@ impl Model {
     /// Names of the joints in order.
     pub fn joint_names(&self) -> &[String] {
         &self.joint_names
+    }
+
+    /// Looks whether every index leads to something, in the order that the engine counts by: it looks up no index twice. Parts of a model can
+    /// be changed after it was read.
+    pub(crate) fn check_indices(&self) -> Result<(), SimError> {
+        let wrong = |what: &str, expected: String, found: usize| {
+            Err(SimError::Value { what: format!("model: {what}"), expected, found: found as f64 })
+        };
+        if self.joints.len() > MOST_JOINTS {
+            return wrong("joints", format!("at most {MOST_JOINTS}"), self.joints.len());
+        }
+        if self.joint_names.len() != self.joints.len() {
+            return wrong("joint names", format!("{}, one for each joint", self.joints.len()), self.joint_names.len());
+        }
+        let mut joints = 0;
+        for (index, link) in self.links.iter().enumerate() {
+            let is_base = index == 0 && self.base == BaseKind::Floating;
+            let is_root = is_base || self.base == BaseKind::Fixed;
+            let has_parent = link.parent.map_or(is_root, |parent| !is_base && parent < index);
+            if !has_parent {
+                let parent = link.parent.unwrap_or(usize::MAX);
+                return wrong(&format!("parent of link {index}"), "a link before it".into(), parent);
+            }
+            let expected = (!is_base).then_some(joints);
+            if link.joint != expected {
+                return wrong(
+                    &format!("joint of link {index}"),
+                    format!("{expected:?}"),
+                    link.joint.unwrap_or(usize::MAX),
+                );
+            }
+            joints += usize::from(!is_base);
+        }
+        if joints != self.joints.len() {
+            return wrong("links with a joint", self.joints.len().to_string(), joints);
+        }
+        let linked = self.geoms.iter().map(|geom| geom.link).chain(self.frames.iter().filter_map(|frame| frame.link));
+        match linked.max().filter(|&link| link >= self.links.len()) {
+            Some(link) => wrong("link of a shape or frame", format!("below {}", self.links.len()), link),
+            None => Ok(()),
+        }
     }
 
     /// Number of positions: joints, plus 7 for a floating base.

@@ -7,6 +7,9 @@ use parry3d_f64::bounding_volume::Aabb;
 use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy};
 use qv_core::TriangleMesh;
 
+/// Cells that a triangle lies above, on average: 4 where all are alike.
+const MOST_COVERED: usize = 64;
+
 #[derive(Debug)]
 pub(super) struct GroundMesh {
     mesh: TriangleMesh,
@@ -29,16 +32,21 @@ impl GroundMesh {
         // About as many cells as triangles, seen from above; a wall has no area there.
         let size = (high - low).truncate();
         let edge = (size.x * size.y / boxes.len() as f64).sqrt().max(size.max_element() / boxes.len() as f64);
-        let inverse = 1.0 / edge;
-        let count = |length: f64| (length * inverse).floor() as usize + 1;
         let mut ground = Self {
             mesh,
             bvh,
             roof: Roof::new(1, 1, vec![high.z]),
             low: low.truncate().to_array(),
-            inverse,
-            cells: [count(size.x), count(size.y)],
+            inverse: 1.0,
+            cells: [1, 1],
         };
+        ground.divide(size.to_array(), edge);
+        // Where large triangles lie above each other in numbers, cells are larger, too.
+        let mut coarser = edge;
+        while ground.covered(&boxes) > MOST_COVERED * boxes.len() && ground.cells != [1, 1] {
+            coarser *= 2.0;
+            ground.divide(size.to_array(), coarser);
+        }
         let [columns, rows] = ground.cells;
         let mut highest = vec![f64::NEG_INFINITY; columns * rows];
         for b in &boxes {
@@ -50,6 +58,21 @@ impl GroundMesh {
         }
         ground.roof = Roof::new(columns, rows, highest);
         ground
+    }
+
+    /// Cells of this edge \[m\] over an area.
+    fn divide(&mut self, [x, y]: [f64; 2], edge: f64) {
+        self.inverse = 1.0 / edge;
+        self.cells = [x, y].map(|length| (length * self.inverse).floor() as usize + 1);
+    }
+
+    /// How many cells boxes lie above, each counted anew.
+    fn covered(&self, boxes: &[Aabb]) -> usize {
+        let cells = |b: &Aabb| {
+            let [[i0, i1], [j0, j1]] = [self.range(0, b.mins.x, b.maxs.x), self.range(1, b.mins.y, b.maxs.y)];
+            (i1 - i0 + 1) * (j1 - j0 + 1)
+        };
+        boxes.iter().map(cells).fold(0, usize::saturating_add)
     }
 
     /// First and last cell of an interval along an axis. What lies outside counts with the outermost cells, and a greater

@@ -14,10 +14,14 @@ use ground_mesh::GroundMesh;
 use height_field::HeightField;
 use parry3d_f64::bounding_volume::Aabb;
 use qv_core::TriangleMesh;
+use std::collections::HashMap;
 use std::sync::Arc;
 
 /// Friction of ground that carries no material, foot on ground.
 pub const DEFAULT_FRICTION: f64 = 0.8;
+
+/// Triangles that may lie in the same place: each is a contact of what stands there, and contacts of a ball are judged beside each other.
+const MOST_ALIKE: usize = 64;
 
 /// Immovable ground in world coordinates, z up. Cloning shares the data.
 #[derive(Debug, Clone)]
@@ -79,6 +83,11 @@ impl Terrain {
         }
         if kept.triangles.is_empty() {
             return Err(bad(format!("{} triangles, none with an area", mesh.triangles.len())));
+        }
+        let alike = most_alike(&kept);
+        if alike > MOST_ALIKE {
+            let expected = format!("at most {MOST_ALIKE} triangles of the same corners");
+            return Err(SimError::Terrain { expected, found: alike.to_string() });
         }
         let materials =
             kept.materials.iter().map(|m| (m.name.clone(), m.friction.unwrap_or(DEFAULT_FRICTION))).collect();
@@ -205,6 +214,17 @@ impl Terrain {
 fn bounds(corners: &[DVec3; 3]) -> Aabb {
     let [a, b, c] = *corners;
     Aabb::new(a.min(b).min(c), a.max(b).max(c))
+}
+
+/// The largest number of triangles that have the same three corners.
+fn most_alike(mesh: &TriangleMesh) -> usize {
+    let mut counts: HashMap<[[u64; 3]; 3], usize> = HashMap::new();
+    for t in 0..mesh.triangles.len() {
+        let mut corners = mesh.corners(t).map(|corner| corner.to_array().map(f64::to_bits));
+        corners.sort_unstable();
+        *counts.entry(corners).or_default() += 1;
+    }
+    counts.into_values().max().unwrap_or(0)
 }
 
 #[cfg(test)]

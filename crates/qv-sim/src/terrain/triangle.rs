@@ -95,6 +95,9 @@ impl Triangle {
     }
 }
 
+/// Contacts of a ball that are judged beside each other, the deepest: a ball on a mesh as fine as sand has fewer.
+const MOST_JUDGED: usize = 1024;
+
 impl SurfaceContact {
     /// A contact found by another method.
     pub fn new(distance: f64, normal: DVec3, on_terrain: DVec3, triangle: &Triangle) -> Self {
@@ -107,6 +110,10 @@ impl SurfaceContact {
     /// ridge) the first stays. Then keeps the `most` deepest.
     #[inline(always)]
     pub fn sort_out(contacts: &mut Vec<Self>, first: usize, inner_edges: bool, most: usize) {
+        if contacts.len() > first + MOST_JUDGED {
+            contacts[first..].sort_by(|a, b| a.distance.total_cmp(&b.distance));
+            contacts.truncate(first + MOST_JUDGED);
+        }
         if !inner_edges && contacts.len() > first + 1 {
             Self::drop_inner_edges(contacts, first);
         }

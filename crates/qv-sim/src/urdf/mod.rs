@@ -7,6 +7,7 @@
 //! Elements and attributes: <https://wiki.ros.org/urdf/XML>. `quat_xyzw` is read from version 1.1 on; from version 1.2 on, a
 //! limit that is absent is none.
 
+pub(crate) mod attributes;
 pub(crate) mod kinds;
 pub(crate) mod read;
 mod text;

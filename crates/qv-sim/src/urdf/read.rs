@@ -1,7 +1,8 @@
 //! An XML tree becomes links and joints.
 
 use super::{
-    Collision, Dynamics, Geometry, Inertial, JointElement, JointType, Limit, LinkElement, Origin, Robot, kinds,
+    Collision, Dynamics, Geometry, Inertial, JointElement, JointType, Limit, LinkElement, Origin, Robot, attributes,
+    kinds,
 };
 use crate::SimError;
 use roxmltree::{Document, Error as XmlError, Node, ParsingOptions};
@@ -12,6 +13,7 @@ const MOST_PREFIXES: usize = 64;
 
 pub(super) fn robot(xml: &str) -> Result<Robot, SimError> {
     let xml = xml.trim_start_matches('\u{feff}');
+    attributes::check(xml).map_err(SimError::UrdfSyntax)?;
     let text = with_prefixes(xml);
     let options = ParsingOptions { allow_dtd: true, ..Default::default() };
     let document = Document::parse_with_options(&text, options)

@@ -5,6 +5,8 @@ mod batch;
 mod bulk;
 mod contact;
 mod cube_tosses;
+mod drawn;
+mod drawn_models;
 #[path = "../../../../fixtures/facts.rs"]
 mod facts;
 mod foreign_urdfs;

@@ -14,6 +14,35 @@ pub enum Shown {
     Stored,
 }
 
+/// Bytes that any image may decode to: one of a single colour is packed to nearly nothing.
+const ANY_BYTES: u64 = 64 << 20;
+/// Decoded bytes for each packed one, and bytes of the largest image that is read. Photographs have 3 to 30.
+const RATIO: u64 = 100;
+const MOST_BYTES: u64 = 2 << 30;
+
+/// The decoder of an image that is no larger than its packed bytes allow.
+fn decoder(bytes: &[u8]) -> Result<impl ImageDecoder + '_, String> {
+    let reader = ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
+    let decoder = reader.into_decoder().map_err(|e| e.to_string())?;
+    let most = (ANY_BYTES + RATIO * bytes.len() as u64).min(MOST_BYTES);
+    if decoder.total_bytes() > most {
+        let (width, height) = decoder.dimensions();
+        return Err(format!(
+            "expected at most {most} bytes of pixels in a file of {} bytes, found {width} x {height} pixels",
+            bytes.len()
+        ));
+    }
+    Ok(decoder)
+}
+
+/// An image as it is stored.
+///
+/// # Errors
+/// No image that is known, or one that claims more pixels than its bytes can hold, in words.
+pub fn read(bytes: &[u8]) -> Result<DynamicImage, String> {
+    DynamicImage::from_decoder(decoder(bytes)?).map_err(|e| e.to_string())
+}
+
 /// Width and height of an image as a viewer shows it; only the head of the file is read.
 ///
 /// # Errors
@@ -28,19 +57,16 @@ pub fn size(file: impl BufRead + Seek) -> Result<[u32; 2], String> {
 
 /// Whether EXIF tells a viewer to turn an image; not so where it is no image.
 pub fn is_turned(bytes: &[u8]) -> bool {
-    let reader = ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format();
-    let decoder = reader.ok().and_then(|reader| reader.into_decoder().ok());
-    let turn = decoder.and_then(|mut decoder| decoder.orientation().ok());
+    let turn = decoder(bytes).ok().and_then(|mut decoder| decoder.orientation().ok());
     turn.is_some_and(|turn| turn != Orientation::NoTransforms)
 }
 
 /// An image of the size that its camera has, or as it is stored; and what was done with the orientation that EXIF tells, if it tells one.
 ///
 /// # Errors
-/// No image that is known, in words.
+/// As [`read`].
 pub fn decode(bytes: &[u8], size: [u32; 2], shown: Shown) -> Result<(DynamicImage, Option<String>), String> {
-    let reader = ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
-    let mut decoder = reader.into_decoder().map_err(|e| e.to_string())?;
+    let mut decoder = decoder(bytes)?;
     let turn = decoder.orientation().unwrap_or(Orientation::NoTransforms);
     let mut image = DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?;
     if turn == Orientation::NoTransforms {
@@ -83,6 +109,17 @@ mod tests {
         exif.extend([orientation, 0, 0, 0, 0, 0, 0, 0]);
         let length = (exif.len() as u16 + 2).to_be_bytes();
         [&plain[..2], &[0xff, 0xe1], &length, &exif, &plain[2..]].concat()
+    }
+
+    #[test]
+    fn an_image_larger_than_its_bytes_is_refused() {
+        // The two sizes of the frame's head (SOF0) follow its marker, length and depth.
+        let mut file = jpeg(1);
+        let at = file.windows(2).position(|pair| pair == [0xff, 0xc0]).unwrap() + 5;
+        file[at..at + 4].fill(0xff);
+        assert_eq!(size(std::io::Cursor::new(&file)).unwrap(), [65535; 2]);
+        assert!(read(&file).is_err() && decode(&file, [65535; 2], Shown::Turned).is_err() && !is_turned(&file));
+        assert!(read(&jpeg(6)).is_ok_and(|image| [image.width(), image.height()] == [16, 8]));
     }
 
     #[test]

@@ -16,7 +16,8 @@ use std::path::Path;
 const PROGRAM: &str = include_str!("poses.py");
 const PYTHON: Environment = Environment {
     name: "colmap",
-    packages: &["pycolmap==4.2.1"],
+    packages: "pycolmap 4.2.1",
+    requirements: include_str!("requirements.txt"),
     import: "import pycolmap; pycolmap.global_mapping",
     variable: "QV_COLMAP_VENV",
     purpose: "COLMAP, which looks for poses (50 MB)",

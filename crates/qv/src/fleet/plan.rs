@@ -148,7 +148,7 @@ impl Plan {
             command: self.command.command(),
             options: self.options.clone(),
             option_files: self.option_files()?,
-            folder: folder.display().to_string(),
+            folder: stored(&folder)?,
         })
     }
 
@@ -179,6 +179,7 @@ impl Plan {
 
     fn recording(&self, folder: &Path, path: &Path) -> Result<Recording, String> {
         let real = path.canonicalize().map_err(|e| format!("{}: expected a recording, found {e}", path.display()))?;
+        let stored = stored(&real)?;
         let reading = Reading {
             pose_topic: self.passed("--pose-topic"),
             // For tuning it names what the policy was trained for, in another way.
@@ -189,7 +190,7 @@ impl Plan {
         let inputs: Result<Vec<InputFile>, Failure> = files(&real).iter().map(|file| hash::input(file)).collect();
         let [start, end] = run.span();
         Ok(Recording {
-            path: real.display().to_string(),
+            path: stored,
             robot: match self.robots_by {
                 By::Model => model_name(&run.robot),
                 By::Folder => folder_name(folder, path),
@@ -199,6 +200,14 @@ impl Plan {
             files: inputs.map_err(|e| e.to_string())?,
         })
     }
+}
+
+/// A path as text, by which it is found again.
+fn stored(path: &Path) -> Result<String, String> {
+    let text = path.to_str().map(str::to_owned);
+    text.ok_or_else(|| {
+        format!("cannot store the path '{}': its bytes are no UTF-8; give it another name", path.display())
+    })
 }
 
 /// The name of a robot; models that recordings bring along are told apart by their contents.

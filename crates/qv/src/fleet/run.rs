@@ -6,6 +6,7 @@ use super::unit::{Ending, How, work};
 use crate::numbers::positive;
 use crate::open::spinner;
 use crate::progress::{Level, duration, tells};
+use crate::terminal::{print_message, shown};
 use crate::{Failure, Outcome, say};
 use qv_fleet::Unit;
 use std::io::IsTerminal;
@@ -139,7 +140,7 @@ impl Run {
 
     fn outcome(&self, tally: &Tally, total: usize, is_stopped: bool) -> Result<Outcome, Failure> {
         if is_stopped {
-            eprintln!("qv: stopped; the same command goes on");
+            print_message!("stopped; the same command goes on");
             return Ok(Outcome::Stopped);
         }
         match (&tally.last, tally.done) {
@@ -206,9 +207,9 @@ impl Teller {
         let mut last = self.last.lock().unwrap_or_else(|e| e.into_inner());
         if self.has_lines && at - *last > EVERY {
             *last = at;
-            eprintln!("qv: {text}");
+            print_message!("{text}");
         }
-        self.bar.set_message(text);
+        self.bar.set_message(shown(&text));
     }
 
     /// A failure; that of an only unit is told at the end.
@@ -216,7 +217,7 @@ impl Teller {
         if self.total == 1 {
             return;
         }
-        self.bar.suspend(|| eprintln!("qv: {text}"));
+        self.bar.suspend(|| print_message!("{text}"));
     }
 
     fn finish(&self) {

@@ -3,6 +3,7 @@
 use super::{Input, Mesh};
 use crate::Failure;
 use crate::scene::about;
+use crate::terminal::print_message;
 use glam::DVec3;
 use qv_core::TriangleMesh;
 use qv_mesh::DepthFrame;
@@ -94,8 +95,8 @@ impl Mesh {
                     format!("{e}; {used} of {of} lines name an image of {}, such as {example}", self.scene.display()),
                 )
             })?;
-            eprintln!(
-                "qv: {}: {used} of {of} places are of a frame, and fit within {:.1} mm (rms)",
+            print_message!(
+                "{}: {used} of {of} places are of a frame, and fit within {:.1} mm (rms)",
                 path.display(),
                 1e3 * error
             );
@@ -121,8 +122,8 @@ impl Mesh {
         let share = flat_share(mesh, self.voxel);
         if share < LITTLE_GROUND {
             let share = 100.0 * share;
-            eprintln!(
-                "qv: --up ground: the largest plane that faces up is {share:.1} % of the surface; is there ground in the pictures?"
+            print_message!(
+                "--up ground: the largest plane that faces up is {share:.1} % of the surface; is there ground in the pictures?"
             );
         }
         Ok(level)

@@ -8,6 +8,7 @@ use crate::open::{progress, spinner};
 use crate::progress::remark;
 use crate::rgbd::{self, DepthCapture};
 use crate::scene::{about, open_cameras, open_scene};
+use crate::terminal::print_message;
 use crate::whole::{is_same, refuse_inputs, write_whole};
 use crate::{Failure, Outcome, say};
 use align::{Up, of_distance};
@@ -228,8 +229,8 @@ impl Mesh {
         let came_to = mesh.triangles.len();
         if let Some(most) = self.triangles.filter(|most| came_to > *most) {
             let error = options.max_error;
-            eprintln!(
-                "qv: --triangles {most}: {came_to} are left, fewer would move the surface by more than {error} m (--max-error)"
+            print_message!(
+                "--triangles {most}: {came_to} are left, fewer would move the surface by more than {error} m (--max-error)"
             );
         }
         let level = match up {
@@ -263,7 +264,7 @@ impl Mesh {
         let seconds = [read_s, fuse_s, surface_s];
         let how = Moved { result_from_scene, agreeing, laid };
         self.tell(&mesh, &report, &likeness, input.capture.frames.len(), seconds, how, &lost)?;
-        lost.iter().for_each(|what| eprintln!("qv: lost: {what}"));
+        lost.iter().for_each(|what| print_message!("lost: {what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
 
@@ -475,12 +476,12 @@ impl Mesh {
             found.iter_mut().for_each(|p| *p = laid.transform_point(*p));
             let turn = laid.pose.rotation.to_axis_angle().1.to_degrees();
             let (path, scale, near) = (path.display(), laid.scale, 100.0 * share);
-            eprintln!(
-                "qv: laid on {path}: scale {scale:.4}, turn {turn:.2} degrees; {near:.0} % of the points of both are within 5 cm of the other then"
+            print_message!(
+                "laid on {path}: scale {scale:.4}, turn {turn:.2} degrees; {near:.0} % of the points of both are within 5 cm of the other then"
             );
             if share < WELL_LAID {
-                eprintln!(
-                    "qv: {path}: laying the mesh on it may have failed: it begins too far away or too much turned, or much is missing"
+                print_message!(
+                    "{path}: laying the mesh on it may have failed: it begins too far away or too much turned, or much is missing"
                 );
             }
         }

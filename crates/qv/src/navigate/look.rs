@@ -5,6 +5,7 @@ use crate::capture::open_capture;
 use crate::numbers::positive;
 use crate::progress::remark;
 use crate::scene::{about, open_cameras};
+use crate::terminal::print_message;
 use crate::whole::{refuse_inputs, write_whole};
 use crate::{Failure, Outcome, say};
 use glam::DVec2;
@@ -119,7 +120,7 @@ impl Look {
         } else {
             say(&summary(&told, &looked))?;
         }
-        lost.iter().for_each(|what| eprintln!("qv: lost: {what}"));
+        lost.iter().for_each(|what| print_message!("lost: {what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
 

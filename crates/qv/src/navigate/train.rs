@@ -5,6 +5,7 @@ use super::legs::LegsArguments;
 use super::{Task, weights_at};
 use crate::progress::Stages;
 use crate::scene::about;
+use crate::terminal::print_message;
 use crate::whole::{refuse_inputs, write_whole};
 use crate::{Failure, Outcome, say};
 use qv_nav::dagger::{Progress, TrainSettings};
@@ -103,7 +104,7 @@ impl Train {
         let (metrics, parameters) = (work.finish(), parameters.unwrap_or_default());
         let (rounds, all) = (metrics.len(), self.rounds + self.trials);
         if rounds == 0 && all > 0 {
-            eprintln!("qv: stopped in the first of {all} rounds; nothing was written");
+            print_message!("stopped in the first of {all} rounds; nothing was written");
             return Ok(Outcome::Stopped);
         }
         if rounds == 0 {
@@ -115,7 +116,7 @@ impl Train {
         let file = onnx::to_bytes(&Net::default(), &parameters, &world.limits, half_sides)?;
         write_whole(&self.out.join("policy.onnx"), &file)?;
         if rounds < all {
-            eprintln!("qv: {}", self.how_to_go_on(rounds));
+            print_message!("{}", self.how_to_go_on(rounds));
             return Ok(Outcome::Stopped);
         }
         let decisions = metrics.last().map_or(0, |told| told.frames);

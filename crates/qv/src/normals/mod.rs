@@ -14,7 +14,8 @@ use std::path::Path;
 const PROGRAM: &str = include_str!("normals.py");
 const PYTHON: Environment = Environment {
     name: "onnx",
-    packages: &["onnxruntime", "pillow"],
+    packages: "onnxruntime and pillow",
+    requirements: include_str!("requirements.txt"),
     import: "import onnxruntime, PIL",
     variable: "QV_ONNX_VENV",
     purpose: "onnxruntime, which runs the model of normals (30 MB)",

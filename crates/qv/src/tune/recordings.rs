@@ -1,6 +1,7 @@
 //! Recordings and folders of recordings become one log.
 
 use crate::open::{file_error, open_run};
+use crate::terminal::print_message;
 use crate::{Failure, Reading, RunArguments};
 use qv_policy::velocity::{TaskRobot, TaskSettings};
 use qv_residual::log::Log;
@@ -37,7 +38,7 @@ pub fn read(
         return Err(refused.join("\n").into());
     }
     for why in refused.iter().chain(&log.told) {
-        eprintln!("qv: {why}");
+        print_message!("{why}");
     }
     log.told.extend(refused.iter().cloned());
     Ok((log, refused.len()))

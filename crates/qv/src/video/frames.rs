@@ -2,9 +2,11 @@
 
 use crate::Failure;
 use crate::open::spinner;
+use crate::rgbd::image_of;
 use crate::scene::about;
 use image::imageops::FilterType;
 use rayon::prelude::*;
+use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -40,8 +42,10 @@ pub fn take(video: &Path, images: &Path, count: usize) -> Result<(), Failure> {
     let filter =
         format!("fps={each:.6},scale='if(gt(iw,ih),min({LONGEST},iw),-2)':'if(gt(iw,ih),-2,min({LONGEST},ih))'");
     let mut ffmpeg = Command::new("ffmpeg");
-    ffmpeg.args(["-v", "error", "-nostdin", "-y", "-i"]).arg(video).args(["-vf", &filter, "-q:v", "2"]);
-    let output = ffmpeg.arg(candidates.join("%06d.jpg")).output().map_err(|e| missing("ffmpeg", &e))?;
+    let whole = std::path::absolute(video).map_err(|e| about(video, format!("expected a video, found {e}")))?;
+    ffmpeg.args(["-v", "error", "-nostdin", "-y", "-i"]).arg(as_file(&whole)).args(["-vf", &filter, "-q:v", "2"]);
+    // In its folder, whose own name may have a `%` or a colon.
+    let output = ffmpeg.current_dir(&candidates).arg("%06d.jpg").output().map_err(|e| missing("ffmpeg", &e))?;
     let taken = files_of(&candidates)?;
     if taken.len() < 2 {
         let said = String::from_utf8_lossy(&output.stderr);
@@ -67,12 +71,23 @@ pub fn take(video: &Path, images: &Path, count: usize) -> Result<(), Failure> {
     Ok(())
 }
 
+/// A path that ffmpeg takes for one: what stands before a colon, as in `2024-05-01T12:30.mp4`, would be a protocol.
+fn as_file(path: &Path) -> OsString {
+    let mut text = OsString::from("file:");
+    text.push(path);
+    text
+}
+
 /// Duration \[s\] and frames a second of a video.
 fn asked(video: &Path) -> Result<(f64, f64), Failure> {
     let mut ffprobe = Command::new("ffprobe");
     ffprobe.args(["-v", "error", "-select_streams", "v:0", "-show_entries", "stream=avg_frame_rate:format=duration"]);
-    let output =
-        ffprobe.args(["-of", "json"]).arg(video).stdin(Stdio::null()).output().map_err(|e| missing("ffprobe", &e))?;
+    let output = ffprobe
+        .args(["-of", "json"])
+        .arg(as_file(video))
+        .stdin(Stdio::null())
+        .output()
+        .map_err(|e| missing("ffprobe", &e))?;
     let said: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
     let duration = said["format"]["duration"].as_str().and_then(|text| text.parse::<f64>().ok());
     let rate = said["streams"][0]["avg_frame_rate"].as_str().and_then(ratio);
@@ -113,7 +128,7 @@ fn grouped<T>(taken: &[T], count: usize) -> Vec<&[T]> {
 /// Variance of the Laplacian of the brightness (Pech-Pacheco et al., *Diatom autofocusing in brightfield microscopy*, 2000): motion and lenses out
 /// of focus take detail away.
 fn sharpness(path: &Path) -> Result<f64, String> {
-    let grey = image::open(path).map_err(|e| format!("{}: expected an image, found {e}", path.display()))?;
+    let grey = image_of(path).map_err(|found| format!("{}: expected an image, found {found}", path.display()))?;
     let grey = grey.resize(JUDGED_AT, JUDGED_AT, FilterType::Triangle).into_luma8();
     Ok(detail(&grey))
 }

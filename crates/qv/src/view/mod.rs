@@ -9,6 +9,7 @@ mod place;
 use crate::open::lost_from;
 use crate::progress::remark;
 use crate::scene::about;
+use crate::terminal::print_message;
 use crate::whole::write_whole;
 use crate::{Failure, Outcome, Reading, say};
 use parts::Parts;
@@ -85,7 +86,7 @@ impl View {
         }
         write_whole(&self.out, html.as_bytes())?;
         told.iter().for_each(|what| remark(what));
-        lost.iter().for_each(|what| eprintln!("qv: {what}"));
+        lost.iter().for_each(|what| print_message!("{what}"));
         let outcome = if lost.is_empty() { Outcome::Done } else { Outcome::Partial };
         if self.json {
             let line = json!({

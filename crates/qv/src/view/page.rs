@@ -7,7 +7,7 @@ use super::place::{Slip, Splat};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use qv_core::TriangleMesh;
-use qv_page::{escape, script_data};
+use qv_page::{escape, policy, script_data};
 use serde_json::{Value, json};
 
 /// The part of three.js that is used; see asset/README.md.
@@ -39,16 +39,17 @@ impl Data<'_> {
         };
         let said: String = sentences.iter().map(|s| format!("<p>{}</p>", escape(s))).collect();
         let data = script_data(&self.to_json().to_string());
+        let three = format!("/*! three.js\n{LICENCE}*/{THREE}");
         // Nothing may be fetched: not even by a mistake of ours.
+        let policy = policy(&[&three, SCRIPT]);
         format!(
-            "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">\
-             <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'\">\
+            "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">{policy}\
              <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>{0}</title><style>{STYLE}</style>\
              <canvas id=\"scene\"></canvas><div id=\"panel\"><h1>{0}</h1>{said}<div id=\"controls\"></div></div>\
              <div id=\"clock\"><button id=\"play\">play</button><input id=\"time\" type=\"range\" min=\"0\" max=\"1\" step=\"any\" value=\"0\" \
              aria-label=\"time\"><output id=\"now\"></output></div>\
              <script type=\"application/json\" id=\"data\">{data}</script>\
-             <script>/*! three.js\n{LICENCE}*/{THREE}</script><script>{SCRIPT}</script></html>\n",
+             <script>{three}</script><script>{SCRIPT}</script></html>\n",
             escape(&heading)
         )
     }

@@ -3,6 +3,7 @@
 use crate::Failure;
 use crate::ground::{mesh_at, set_friction, terrain_at};
 use crate::open::file_error;
+use crate::policy_child;
 use qv_open::included;
 use qv_policy::onnx::OnnxPolicy;
 use qv_policy::policy::PolicyFile;
@@ -75,7 +76,7 @@ pub fn of_mesh(file: &str, friction: &[(String, f64)], room: f64, seed: u64) -> 
 /// A policy of ours: the network and what policy.toml beside it says.
 pub fn policy_of(path: &Path) -> Result<(OnnxPolicy, PolicyFile), Failure> {
     let bytes = fs::read(path).map_err(|e| file_error(path, "a policy in ONNX", &e.to_string()))?;
-    let policy = OnnxPolicy::from_bytes(&bytes).map_err(|e| file_error(path, "a policy in ONNX", &e.to_string()))?;
+    let policy = policy_child::policy(&bytes).map_err(|e| file_error(path, "a policy in ONNX", &e.to_string()))?;
     let beside = path.with_file_name("policy.toml");
     let expected = "what `qv walk train` wrote beside policy.onnx (for a policy of somebody else: `qv walk roll`)";
     let text = fs::read_to_string(&beside).map_err(|e| file_error(&beside, expected, &e.to_string()))?;

@@ -3,6 +3,7 @@
 use super::inputs::command;
 use crate::ground::terrain_of;
 use crate::open::{file_error, read_model, write_error};
+use crate::policy_child;
 use crate::whole::write_whole;
 use crate::{Failure, Outcome, say};
 use qv_policy::onnx::OnnxPolicy;
@@ -120,7 +121,7 @@ pub(super) fn opened(policy: &Path, description: &Path) -> Result<(OnnxPolicy, D
     let text = String::from_utf8_lossy(&read(description, expected)?).into_owned();
     let found = Description::from_toml(&text).map_err(|e| file_error(description, expected, &e.to_string()))?;
     let bytes = read(policy, "a policy in ONNX")?;
-    let policy = OnnxPolicy::from_bytes(&bytes).map_err(|e| file_error(policy, "a policy in ONNX", &e.to_string()))?;
+    let policy = policy_child::policy(&bytes).map_err(|e| file_error(policy, "a policy in ONNX", &e.to_string()))?;
     Ok((policy, found))
 }
 

@@ -13,6 +13,7 @@ mod fleet;
 #[path = "../../../qv-camera/tests/it/footage/mod.rs"]
 mod footage;
 mod foreign;
+mod hostile;
 mod mesh;
 mod messages;
 mod names;

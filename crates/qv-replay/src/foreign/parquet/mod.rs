@@ -6,16 +6,17 @@
 mod pages;
 mod thrift;
 
+use crate::bounds::Bounds;
 use pages::{Pages, Values};
 use thrift::Value;
 
 const MAGIC: &[u8; 4] = b"PAR1";
 /// Fields inside each other in a schema.
 const DEEPEST: usize = 16;
-/// Numbers for each byte of a file: twelve times what a column of one value takes in pages of 20 000 rows, as pyarrow writes them.
-const NUMBERS_PER_BYTE: usize = 4096;
-/// Numbers that any file may have.
-const LEAST_LIMIT: usize = 1 << 20;
+/// Numbers for each byte of a file: a column of measurements has less than one.
+const NUMBERS_PER_BYTE: usize = 24;
+/// Numbers that any file may have: a column of one value is packed to nearly nothing.
+const LEAST_LIMIT: usize = 1 << 22;
 
 /// A column, NaN where there is no number.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -53,6 +54,7 @@ pub fn columns(file: &[u8], names: &[&str]) -> Result<Vec<Column>, String> {
     };
     let places: Vec<usize> = names.iter().map(place).collect::<Result<_, String>>()?;
     let mut rows = vec![Rows::default(); names.len()];
+    let bounds = Bounds::of(file.len());
     let mut left = (NUMBERS_PER_BYTE * file.len()).max(LEAST_LIMIT);
     for group in meta.list(4) {
         let chunks = group.list(1);
@@ -61,7 +63,8 @@ pub fn columns(file: &[u8], names: &[&str]) -> Result<Vec<Column>, String> {
         }
         for ((rows, place), name) in rows.iter_mut().zip(&places).zip(names) {
             let chunk = chunks[*place].field(3).ok_or_else(|| format!("column `{name}`: data in another file"))?;
-            rows.read(file, chunk, leaves[*place], &mut left).map_err(|found| format!("column `{name}`: {found}"))?;
+            let read = rows.read(file, chunk, leaves[*place], &mut left, &bounds);
+            read.map_err(|found| format!("column `{name}`: {found}"))?;
         }
     }
     let count = rows.first().map_or(0, |rows| rows.lengths.len());
@@ -130,12 +133,19 @@ struct Rows {
 }
 
 impl Rows {
-    /// Adds the rows of a chunk; `left` is how many numbers the file may have yet.
-    fn read(&mut self, file: &[u8], chunk: &Value, leaf: Leaf, left: &mut usize) -> Result<(), String> {
+    /// Adds the rows of a chunk; `left` is how many numbers the file may have yet, `bounds` how many bytes.
+    fn read(
+        &mut self,
+        file: &[u8],
+        chunk: &Value,
+        leaf: Leaf,
+        left: &mut usize,
+        bounds: &Bounds,
+    ) -> Result<(), String> {
         if leaf.most_repeated > 1 {
             return Err("lists of lists".into());
         }
-        let mut pages = Pages::of(file, chunk, [leaf.most_defined, leaf.most_repeated])?;
+        let mut pages = Pages::of(file, chunk, [leaf.most_defined, leaf.most_repeated], bounds)?;
         while let Some(Values { defined, repeated, numbers }) = pages.next(left)? {
             let mut numbers = numbers.into_iter();
             for (defined, repeated) in defined.into_iter().zip(repeated) {

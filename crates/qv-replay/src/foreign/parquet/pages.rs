@@ -1,6 +1,7 @@
 //! Pages of a column: levels and numbers.
 
 use super::thrift::Value;
+use crate::bounds::Bounds;
 
 /// Largest page, unpacked, bytes: sixty-four times what pyarrow writes.
 const LARGEST_PAGE: usize = 64 << 20;
@@ -21,6 +22,7 @@ pub struct Pages<'a> {
     /// Numbers of the chunk that are to come, levels without one included.
     left: usize,
     dictionary: Option<Vec<f64>>,
+    bounds: Bounds,
 }
 
 /// What a page holds.
@@ -36,7 +38,7 @@ pub struct Values {
 
 impl<'a> Pages<'a> {
     /// Those of `ColumnMetaData`.
-    pub fn of(file: &'a [u8], chunk: &Value, most: [u32; 2]) -> Result<Self, String> {
+    pub fn of(file: &'a [u8], chunk: &Value, most: [u32; 2], bounds: &Bounds) -> Result<Self, String> {
         let kind = chunk.int(1).unwrap_or(-1);
         if ![BOOLEAN, INT32, INT64, FLOAT, DOUBLE].contains(&kind) {
             return Err("no numbers".into());
@@ -48,7 +50,7 @@ impl<'a> Pages<'a> {
         let bytes = start.checked_add(length).and_then(|end| file.get(start..end));
         let bytes = bytes.ok_or_else(|| format!("{length} bytes from byte {start} on, of {}", file.len()))?;
         let left = chunk.count(5).ok_or("no number of values")?;
-        Ok(Self { bytes, kind, codec: chunk.int(4).unwrap_or(0), most, left, dictionary: None })
+        Ok(Self { bytes, kind, codec: chunk.int(4).unwrap_or(0), most, left, dictionary: None, bounds: bounds.clone() })
     }
 
     /// The next page with values; `limit` is how many the file may have yet.
@@ -74,6 +76,7 @@ impl<'a> Pages<'a> {
     }
 
     fn unpacked(&self, body: &[u8], size: usize) -> Result<Vec<u8>, String> {
+        self.bounds.take(size as u64)?;
         let out = match self.codec {
             0 => body.to_vec(),
             1 => {
