@@ -23,6 +23,7 @@ mod next;
 mod normals;
 mod numbers;
 mod open;
+mod output;
 mod progress;
 mod provenance;
 mod python;
@@ -41,10 +42,9 @@ mod video;
 mod view;
 #[cfg(feature = "learn")]
 mod walk;
-mod whole;
 
-use clap::{ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
-use lock::OutputFolder;
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use output::OutputFolder;
 use progress::Level;
 use qv_open::{foreign, ground, mesh_file};
 use qv_replay::ReplayError;
@@ -198,6 +198,8 @@ fn say(text: &str) -> Result<(), ReplayError> {
 enum Misused {
     Words(Box<clap::Error>, Option<String>),
     Config(Failure),
+    /// What it would write is what it reads.
+    Refused(Failure),
 }
 
 /// The command that was typed, with the options of `qv.toml`, and the folder that it writes into.
@@ -212,26 +214,17 @@ fn understood() -> Result<(Cli, Option<PathBuf>), Misused> {
     words.keep();
     let misused = |error: clap::Error| Misused::Words(Box::new(error), words.told());
     let matches = Cli::command().try_get_matches_from(&words.all).map_err(misused)?;
-    let output = output_folder(&root, &matches);
+    output::refuse(&root, &matches).map_err(Misused::Refused)?;
+    let output = output::targets(&root, &matches).folder;
     let cli = Cli::from_arg_matches(&matches).map_err(misused)?;
     progress::set(match (cli.quiet, cli.verbose) {
         (true, _) => Level::Quiet,
         (_, true) => Level::Verbose,
         _ => Level::Normal,
     });
+    words.ignored.iter().for_each(|what| eprintln!("qv: {what}"));
     words.told().iter().for_each(|what| progress::remark(what));
     Ok((cli, output))
-}
-
-/// The folder of `--out DIR`. A fleet has locks of its own; other commands write one file, whole or not at all.
-fn output_folder(root: &clap::Command, matches: &ArgMatches) -> Option<PathBuf> {
-    let (mut command, mut matches) = (root, matches);
-    while let Some((name, inner)) = matches.subcommand() {
-        (command, matches) = (command.find_subcommand(name)?, inner);
-    }
-    let out = command.get_arguments().find(|arg| arg.get_id() == "out")?;
-    let is_folder = out.get_value_names().is_some_and(|names| names.iter().any(|name| name == "DIR"));
-    if is_folder { matches.get_one::<PathBuf>("out").cloned() } else { None }
 }
 
 fn main() -> ExitCode {
@@ -251,11 +244,16 @@ fn main() -> ExitCode {
             }
             return ExitCode::from(error.exit_code() as u8);
         }
+        Err(Misused::Refused(error)) => {
+            eprintln!("qv: {error}");
+            return ExitCode::from(1);
+        }
     };
-    let result = output.map(|folder| OutputFolder::take(&folder)).transpose().and_then(|lock| {
+    let result = output.map(|folder| OutputFolder::take(&folder)).transpose().and_then(|folder| {
         let ended = execute(cli.command);
-        drop(lock);
-        ended
+        // What failed leaves what was there.
+        let kept = folder.map_or(Ok(()), |folder| folder.end(ended.is_ok()));
+        ended.and_then(|outcome| kept.map(|()| outcome))
     });
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

@@ -1,7 +1,7 @@
 //! `qv fleet gather`: what was found, in fleet.json and fleet.html.
 
 use super::folder::Folder;
-use crate::whole::write_whole;
+use crate::output::write_whole;
 use crate::{Failure, Outcome, say};
 use qv_fleet::gather::{Fleet, State, gather};
 use qv_fleet::page;

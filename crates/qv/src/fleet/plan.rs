@@ -4,7 +4,7 @@ use super::find::{files, recordings, with_companions};
 use super::folder::Folder;
 use super::hash;
 use crate::open::progress;
-use crate::whole::write_whole;
+use crate::output::write_whole;
 use crate::{Cli, Failure, Outcome, say};
 use clap::Parser;
 use qv_fleet::{Command, InputFile, Plan as Units, Recording, Refused, Task, sha256};
@@ -15,7 +15,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 /// Options that a fleet sets itself.
-const OWN: [&str; 3] = ["--out", "--json", "--no-config"];
+const OWN: [&str; 4] = ["--out", "--json", "--no-config", "--ask"];
 /// Lines of what could not be opened that are printed.
 const TOLD: usize = 10;
 /// Digits of the hash by which robots of one name and different models are told apart.
@@ -118,10 +118,7 @@ impl Plan {
 
     /// Looks whether the command would take the options, so that this is said now and not by every unit.
     fn check_options(&self) -> Result<(), Failure> {
-        let own = |option: &&String| OWN.iter().any(|own| *option == own || option.starts_with(&format!("{own}=")));
-        if let Some(option) = self.options.iter().find(own) {
-            return Err(format!("options after --: expected none that a fleet sets itself, found {option}").into());
-        }
+        check_own(&self.options)?;
         let words =
             ["qv"].into_iter().chain(self.command.command().words().iter().copied()).chain(["RUN", "--out", "OUT"]);
         let words = words.chain(self.options.iter().map(String::as_str));
@@ -198,6 +195,15 @@ impl Plan {
             seconds: end - start,
             files: inputs.map_err(|e| e.to_string())?,
         })
+    }
+}
+
+/// Refuses options that a fleet sets itself, or that are never taken from a file such as a plan.
+pub fn check_own(options: &[String]) -> Result<(), String> {
+    let own = |option: &&String| OWN.iter().any(|own| *option == own || option.starts_with(&format!("{own}=")));
+    match options.iter().find(own) {
+        Some(option) => Err(format!("options after --: expected none that a fleet sets itself, found {option}")),
+        None => Ok(()),
     }
 }
 

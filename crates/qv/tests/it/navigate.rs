@@ -17,7 +17,7 @@ use std::process::Command;
 const SIZE: [u32; 2] = [320, 240];
 
 /// Grey ground of 6 x 6 m, its mesh, photographs of it from where the robot's eye would be, all moved and scaled, and weights that know nothing.
-fn place(folder: &Path, moved: &Pose, scale: f64) {
+pub fn place(folder: &Path, moved: &Pose, scale: f64) {
     let mut cloud = GaussianCloud::default();
     for (i, j) in (0..60).flat_map(|i| (0..60).map(move |j| (i, j))) {
         cloud.means.push([i as f32 * 0.1 - 2.95, j as f32 * 0.1 - 2.95, 0.0]);

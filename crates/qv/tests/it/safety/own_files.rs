@@ -1,0 +1,129 @@
+//! An output folder owns what `qv` wrote into it, and nothing else; what is read is never written over.
+
+use super::{contents, directory, done, qv, recording};
+use crate::reconstruct::capture_in;
+use std::fs;
+use std::path::Path;
+
+/// Files of a user that lie where a command has its own.
+fn foreign(folder: &Path, names: &[&str]) {
+    for name in names {
+        let path = folder.join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, format!("mine: {name}")).unwrap();
+    }
+}
+
+/// Whether all that a user has is there, under its name or beside it.
+fn is_kept(folder: &Path, names: &[&str]) -> bool {
+    let all = contents(folder);
+    names.iter().all(|name| all.values().any(|bytes| *bytes == format!("mine: {name}").into_bytes()))
+}
+
+#[test]
+fn a_capture_in_the_output_folder_is_refused_and_stays() {
+    let root = directory("capture");
+    capture_in(&root.join("proj/capture"), 6);
+    let before = contents(&root);
+    for words in [
+        "reconstruct proj/capture --out proj --iterations 1",
+        "reconstruct proj/capture/transforms.json --out proj --iterations 1",
+        "reconstruct proj/capture --out proj/../proj --iterations 1",
+        "reconstruct proj/capture --out proj/capture/.. --poses colmap --iterations 1",
+    ] {
+        let (code, _, err) = qv(&root, words);
+        assert!(code == 1 && err.lines().count() == 1 && err.contains("is read from there"), "{words}: {err}");
+        assert_eq!(contents(&root), before, "{words}");
+    }
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink("proj", root.join("link")).unwrap();
+        let (code, _, err) = qv(&root, "reconstruct proj/capture --out link --iterations 1");
+        assert!(code == 1 && err.contains("is read from there"), "{err}");
+        fs::remove_file(root.join("link")).unwrap();
+    }
+    assert_eq!(contents(&root), before);
+}
+
+#[test]
+fn a_video_beside_photographs_is_refused() {
+    let root = directory("video");
+    foreign(&root, &["proj/capture/walk.mp4", "proj/capture/images/holiday.jpg"]);
+    let before = contents(&root);
+    let (code, _, err) = qv(&root, "reconstruct proj/capture/walk.mp4 --out proj");
+    assert!(code == 1 && err.contains("walk.mp4"), "{err}");
+    // One from elsewhere finds the folder taken.
+    fs::rename(root.join("proj/capture/walk.mp4"), root.join("walk.mp4")).unwrap();
+    let (code, _, err) = qv(&root, "reconstruct walk.mp4 --out proj");
+    assert!(code == 1, "{err}");
+    assert_eq!(contents(&root).len(), before.len());
+    assert!(is_kept(&root, &["proj/capture/walk.mp4", "proj/capture/images/holiday.jpg"]), "{err}");
+}
+
+#[test]
+fn cameras_that_are_read_stay() {
+    let root = directory("cameras");
+    capture_in(&root.join("capy"), 6);
+    foreign(&root, &["capy/cameras.json", "capy/notes.txt"]);
+    let (code, _, err) = qv(&root, "reconstruct capy/cameras.json --out capy --iterations 1");
+    assert!(code == 1 && err.contains("cameras.json"), "{err}");
+    done(&root, "reconstruct capy/transforms.json --out capy --iterations 1");
+    assert!(is_kept(&root.join("capy"), &["capy/cameras.json", "capy/notes.txt"]));
+    assert!(root.join("capy/images/00.png").is_file() && root.join("capy/scene.ply").is_file());
+}
+
+#[test]
+fn what_a_diagnosis_reads_is_not_written_over() {
+    let root = directory("diagnosis");
+    recording(&root.join("run"));
+    fs::create_dir_all(root.join("d")).unwrap();
+    fs::write(root.join("d/calibrated.toml"), "[parameters]\n\"joint.shaft.coulomb_friction\" = 0.01\n").unwrap();
+    let before = contents(&root);
+    for out in ["d", "d/", "d/../d"] {
+        let (code, _, err) = qv(&root, &format!("diagnose run --params d/calibrated.toml --out {out}"));
+        assert!(code == 1 && err.contains("calibrated.toml") && err.lines().count() == 1, "{err}");
+        assert_eq!(contents(&root), before);
+    }
+}
+
+#[test]
+fn what_a_user_has_in_a_folder_is_kept_and_ours_is_replaced() {
+    let root = directory("foreign");
+    recording(&root.join("run"));
+    let names = ["out/replay.json", "out/replay.html", "out/mine.txt"];
+    foreign(&root, &names);
+    done(&root, "replay run --out out");
+    assert!(is_kept(&root, &names));
+    let first = contents(&root.join("out"));
+    assert!(serde_json::from_slice::<serde_json::Value>(&first["replay.json"]).is_ok());
+    // Again: ours is replaced without another copy.
+    done(&root, "replay run --out out");
+    assert_eq!(contents(&root.join("out")).keys().collect::<Vec<_>>(), first.keys().collect::<Vec<_>>());
+    // What somebody changed is not ours any more.
+    fs::write(root.join("out/replay.layout.json"), "mine: changed").unwrap();
+    done(&root, "replay run --out out");
+    assert!(is_kept(&root, &["changed"]) && is_kept(&root, &names));
+}
+
+#[test]
+fn stages_of_others_are_not_emptied() {
+    let root = directory("tune");
+    foreign(&root, &["out/stages/act_one.txt", "out/stages/key"]);
+    // It fails, since there is no policy; the folder is as it was all the same.
+    let (code, ..) = qv(&root, "tune nothing --policy none.onnx --out out");
+    assert_eq!(code, 1);
+    assert!(is_kept(&root, &["out/stages/act_one.txt", "out/stages/key"]));
+}
+
+#[test]
+fn a_failure_leaves_what_was_there() {
+    let root = directory("failure");
+    recording(&root.join("run"));
+    done(&root, "replay run --out out");
+    let before = contents(&root.join("out"));
+    let text = fs::read_to_string(root.join("run/run.csv")).unwrap();
+    fs::write(root.join("run/run.csv"), text.lines().take(3).collect::<Vec<_>>().join("\n")).unwrap();
+    let (code, ..) = qv(&root, "replay run --out out");
+    assert_eq!(code, 1);
+    assert_eq!(contents(&root.join("out")), before);
+}
