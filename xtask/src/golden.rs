@@ -12,9 +12,9 @@ use std::process::Command;
 /// What to do with goldens.
 #[derive(Subcommand)]
 pub enum Golden {
-    /// Run the test programs that the manifest names
+    /// Run the tests that the manifest names
     Check {
-        /// Instead of test programs: `stages` runs the pipeline, and names the first stage whose figures moved; `navigate` the same with
+        /// Instead of tests: `stages` runs the pipeline, and names the first stage whose figures moved; `navigate` the same with
         /// its optional stage; `blind` has a few sealed recordings diagnosed, and names those of which something else is said
         #[arg(value_parser = ["stages", "navigate", "blind"])]
         what: Option<String>,
@@ -24,6 +24,9 @@ pub enum Golden {
         /// With a word: run the programs that `cargo xtask test` built, which are slower, and build none with optimisation
         #[arg(long, requires = "what")]
         test_build: bool,
+        /// With `stages` or `navigate`: the sizes of the guides instead of those of continuous integration, several times the work
+        #[arg(long, requires = "what")]
+        full: bool,
     },
     /// Write goldens anew with their pinned generators
     Bless {
@@ -60,7 +63,7 @@ pub struct Generator {
     pub command: String,
     /// Folder under `fixtures/` whose requirements.txt pins what a Python program needs.
     pub environment: Option<String>,
-    /// Test programs (of any crate) that compare with its goldens.
+    /// Modules of integration tests (of any crate) that compare with its goldens.
     pub tests: Vec<String>,
 }
 
@@ -107,13 +110,15 @@ pub fn run(workspace: &Workspace, what: Golden) -> Result<bool> {
     let manifest = Manifest::read(&workspace.workspace_root)?;
     match what {
         Golden::Bless { names, test_build } => bless(&built(workspace, test_build), &manifest, &names).map(|()| true),
-        Golden::Check { what: Some(what), test_build, .. } => {
+        Golden::Check { what: Some(what), test_build, full, .. } => {
             let workspace = built(workspace, test_build);
             if what == BLIND {
                 return blind::golden::check(&workspace);
             }
-            let of = pipeline::Of::named(&what).with_context(|| format!("no golden {what:?} of the pipeline"))?;
-            pipeline::check_golden(&workspace, of)
+            let name = if full { format!("{what}_full") } else { what };
+            let (of, size) =
+                pipeline::Of::named(&name).with_context(|| format!("no golden {name:?} of the pipeline"))?;
+            pipeline::check_golden(&workspace, of, size)
         }
         Golden::Check { what: None, regenerate, .. } => {
             let tests = check_tests(workspace, &manifest)?;
@@ -130,10 +135,9 @@ fn built(workspace: &Workspace, test_build: bool) -> Workspace {
 
 fn check_tests(workspace: &Workspace, manifest: &Manifest) -> Result<bool> {
     let mut cargo = process::cargo();
-    cargo.current_dir(&workspace.workspace_root).args(["test", "--workspace"]);
-    for test in manifest.generators.values().flat_map(|generator| &generator.tests) {
-        cargo.args(["--test", test]);
-    }
+    cargo.current_dir(&workspace.workspace_root).args(["test", "--workspace", "--all-features", "--tests", "--"]);
+    // Tests of a module go by its name.
+    cargo.args(manifest.generators.values().flat_map(|generator| &generator.tests).map(|test| format!("{test}::")));
     process::watch(&mut cargo, |_| {})
 }
 

@@ -4,10 +4,12 @@ mod bench;
 mod blind;
 mod fuzz;
 mod golden;
+mod guides;
 mod pipeline;
 mod process;
 mod programs;
 mod python;
+mod quick;
 mod ros2;
 mod test;
 mod tidy;
@@ -35,6 +37,8 @@ enum Chore {
         #[arg(long)]
         release: bool,
     },
+    /// Format, clippy and tests of the crates that changed
+    Quick(quick::Quick),
     /// The main job on a made-up yard: photographs, recordings, scene, mesh, friction, replay, diagnosis, one page
     Pipeline(pipeline::Pipeline),
     /// Check the invariants of docs/ARCHITECTURE.md
@@ -42,6 +46,8 @@ enum Chore {
     /// Reference results: check against them, or write them anew
     #[command(subcommand)]
     Golden(golden::Golden),
+    /// Run the commands of README.md and of the tutorials, and compare what they print with what the pages say
+    Guides(guides::Guides),
     /// Measure speed
     #[command(subcommand)]
     Bench(bench::Bench),
@@ -65,9 +71,11 @@ fn run(chore: Chore) -> Result<bool> {
     let workspace = Workspace::load()?;
     match chore {
         Chore::Test { release } => test::run(&workspace, release),
+        Chore::Quick(quick) => quick::run(&workspace, &quick),
         Chore::Pipeline(pipeline) => pipeline::run(&workspace, &pipeline),
         Chore::Tidy => tidy::run(&workspace),
         Chore::Golden(golden) => golden::run(&workspace, golden),
+        Chore::Guides(guides) => guides::run(&workspace, &guides),
         Chore::Bench(bench) => bench::run(&workspace, bench),
         Chore::Blind(blind) => blind::run(&workspace, &blind),
         Chore::Python(how) => wheel::run(&workspace, &how),

@@ -29,6 +29,14 @@ pub fn run(command: &mut Command) -> Result<()> {
     Ok(())
 }
 
+/// Runs to the end, output passed through, and returns whether it succeeded.
+///
+/// # Errors
+/// The program cannot be started.
+pub fn succeeds(command: &mut Command) -> Result<bool> {
+    Ok(command.status().with_context(|| format!("cannot start {command:?}"))?.success())
+}
+
 /// Runs to the end and returns what it wrote to standard output; its errors are passed through.
 ///
 /// # Errors

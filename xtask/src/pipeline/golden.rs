@@ -1,6 +1,6 @@
 //! The figures of each stage against those of a run that was looked at: which stage moved first, and by how much.
 
-use super::stages::{SEED, Stage};
+use super::stages::{SEED, Size, Stage};
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
@@ -31,21 +31,24 @@ pub enum Of {
 }
 
 impl Of {
-    /// By the name in the manifest.
-    pub fn named(name: &str) -> Option<Self> {
-        [Self::Stages, Self::Navigate].into_iter().find(|of| of.name() == name)
+    /// Golden and size by the name in the manifest.
+    pub fn named(name: &str) -> Option<(Self, Size)> {
+        let all = [Self::Stages, Self::Navigate].into_iter().flat_map(|of| [(of, Size::Small), (of, Size::Full)]);
+        all.into_iter().find(|(of, size)| of.name(*size) == name)
     }
 
-    fn name(self) -> &'static str {
-        match self {
-            Self::Stages => "stages",
-            Self::Navigate => "navigate",
+    fn name(self, size: Size) -> &'static str {
+        match (self, size) {
+            (Self::Stages, Size::Small) => "stages",
+            (Self::Stages, Size::Full) => "stages_full",
+            (Self::Navigate, Size::Small) => "navigate",
+            (Self::Navigate, Size::Full) => "navigate_full",
         }
     }
 
     /// Its file beside the others.
-    pub fn file(self) -> String {
-        format!("{}.json", self.name())
+    pub fn file(self, size: Size) -> String {
+        format!("{}.json", self.name(size))
     }
 
     /// Whether it has figures of a stage.
@@ -181,8 +184,8 @@ fn moved<'a>(golden: &'a [Figure], found: &[Figure]) -> Vec<(&'a Figure, String)
 ///
 /// # Errors
 /// It is missing or malformed.
-pub fn read(root: &Path, of: Of) -> Result<Vec<Figure>> {
-    read_file(&root.join("fixtures/pipeline/golden").join(of.file()))
+pub fn read(root: &Path, of: Of, size: Size) -> Result<Vec<Figure>> {
+    read_file(&root.join("fixtures/pipeline/golden").join(of.file(size)))
 }
 
 /// The figures of a golden.
@@ -198,12 +201,13 @@ pub fn read_file(file: &Path) -> Result<Vec<Figure>> {
 ///
 /// # Errors
 /// The run lacks a figure, or the file cannot be written.
-pub fn write(folder: &Path, of: Of, file: &Path) -> Result<()> {
-    let calls = |stage: &Stage| stage.calls(false).iter().map(|call| call.arguments().join(" ")).collect::<Vec<_>>();
+pub fn write(folder: &Path, of: Of, size: Size, file: &Path) -> Result<()> {
+    let calls =
+        |stage: &Stage| stage.calls(size, false).iter().map(|call| call.arguments().join(" ")).collect::<Vec<_>>();
     let stages = Stage::value_variants().iter().filter(|stage| of.has(**stage));
     let golden = json!({
-        "generator": format!("cargo xtask golden bless {}", of.name()),
-        "name": of.name(),
+        "generator": format!("cargo xtask golden bless {}", of.name(size)),
+        "name": of.name(size),
         "seed": SEED,
         "options": {"stages": stages.flat_map(calls).collect::<Vec<_>>()},
         "tolerance": "by figure; words are to be the same",

@@ -15,6 +15,7 @@ use crate::{process, programs, workspace::Workspace};
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use serde_json::{Map, Value, json};
+pub use stages::Size;
 use stages::{PROGRAMS, Program, SEED, Stage};
 use stamp::Stamp;
 use std::fs;
@@ -37,9 +38,18 @@ pub struct Pipeline {
     /// Also let a network learn to reach cones in the reconstructed place
     #[arg(long)]
     navigate: bool,
-    /// Folder for what the stages write; default target/pipeline
+    /// Take the size of continuous integration: fewer steps, shorter recordings, no residual networks
+    #[arg(long)]
+    small: bool,
+    /// Folder for what the stages write; default target/pipeline, or target/pipeline-small
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+}
+
+impl Pipeline {
+    fn size(&self) -> Size {
+        if self.small { Size::Small } else { Size::Full }
+    }
 }
 
 /// Runs the stages that need it; true when all ended well.
@@ -49,7 +59,7 @@ pub struct Pipeline {
 pub fn run(workspace: &Workspace, pipeline: &Pipeline) -> Result<bool> {
     let folder = match &pipeline.out {
         Some(out) => std::path::absolute(out).with_context(|| format!("in {}", out.display()))?,
-        None => folder(workspace),
+        None => folder(workspace, pipeline.size()),
     };
     let programs = build_all(workspace)?;
     let clock = Instant::now();
@@ -59,7 +69,7 @@ pub fn run(workspace: &Workspace, pipeline: &Pipeline) -> Result<bool> {
         let forced = pipeline.from.is_some_and(|from| *stage >= from) || pipeline.only == Some(*stage);
         let wanted = needed.as_ref().is_none_or(|needed| needed.contains(stage));
         if wanted && pipeline.only.is_none_or(|only| only == *stage) {
-            run_stage(*stage, navigate, &programs, &folder, forced)?;
+            run_stage(*stage, (pipeline.size(), navigate), &programs, &folder, forced)?;
         }
     }
     println!("{:<11} {:.1} s", "all", clock.elapsed().as_secs_f64());
@@ -82,8 +92,12 @@ fn needed(last: Stage, navigate: bool) -> Vec<Stage> {
 /// File that says whose folder it is.
 const MARK: &str = "pipeline.txt";
 
-fn folder(workspace: &Workspace) -> PathBuf {
-    workspace.target_directory.join("pipeline")
+fn folder(workspace: &Workspace, size: Size) -> PathBuf {
+    let name = match size {
+        Size::Full => "pipeline",
+        Size::Small => "pipeline-small",
+    };
+    workspace.target_directory.join(name)
 }
 
 /// Builds all programs of the stages.
@@ -93,7 +107,13 @@ fn build_all(workspace: &Workspace) -> Result<Vec<(Program, PathBuf)>> {
     Ok(PROGRAMS.iter().map(|(program, _, name)| (*program, folder.join(programs::file(name)))).collect())
 }
 
-fn run_stage(stage: Stage, navigate: bool, programs: &[(Program, PathBuf)], folder: &Path, forced: bool) -> Result<()> {
+fn run_stage(
+    stage: Stage,
+    (size, navigate): (Size, bool),
+    programs: &[(Program, PathBuf)],
+    folder: &Path,
+    forced: bool,
+) -> Result<()> {
     let own = folder.join(stage.name());
     let stamp_file = own.join("stamp.json");
     let program = |wanted: Program| {
@@ -101,7 +121,7 @@ fn run_stage(stage: Stage, navigate: bool, programs: &[(Program, PathBuf)], fold
         found.with_context(|| format!("{wanted:?} is not among the programs"))
     };
     let mut read: Vec<PathBuf> = vec![];
-    for call in stage.calls(navigate) {
+    for call in stage.calls(size, navigate) {
         read.push(program(call.program)?.clone());
     }
     read.extend(stage.inputs(navigate).iter().map(|file| folder.join(file)));
@@ -109,7 +129,7 @@ fn run_stage(stage: Stage, navigate: bool, programs: &[(Program, PathBuf)], fold
         bail!("stage {}: expected {}, found nothing; run the stages before it", stage.name(), missing.display());
     }
     let written: Vec<PathBuf> = stage.outputs().iter().map(|file| folder.join(file)).collect();
-    let words: Vec<String> = stage.calls(navigate).iter().flat_map(stages::Call::arguments).collect();
+    let words: Vec<String> = stage.calls(size, navigate).iter().flat_map(stages::Call::arguments).collect();
     let inputs = hash(&words, &read)?;
     let fresh = written.iter().all(|path| path.exists())
         && Stamp::read(&stamp_file) == Some(Stamp { inputs, outputs: hash(&[], &written)? });
@@ -130,7 +150,7 @@ fn run_stage(stage: Stage, navigate: bool, programs: &[(Program, PathBuf)], fold
     }
     let clock = Instant::now();
     let work = || {
-        for call in stage.calls(navigate) {
+        for call in stage.calls(size, navigate) {
             let mut command = Command::new(program(call.program)?);
             command.current_dir(folder).args(call.arguments());
             if call.program == Program::Qv {
@@ -230,24 +250,25 @@ fn conclude(folder: &Path) -> Result<()> {
 }
 
 /// The pipeline that a golden is of.
-fn whole(of: Of) -> Pipeline {
+fn whole(of: Of, size: Size) -> Pipeline {
     let up_to = (of == Of::Navigate).then_some(Stage::Navigate);
-    Pipeline { only: None, from: None, up_to, navigate: false, out: None }
+    Pipeline { only: None, from: None, up_to, navigate: false, small: size == Size::Small, out: None }
 }
 
 /// Runs the stages that need it and compares their figures with the golden; true when all agree. Names the first stage that moved.
 ///
 /// # Errors
 /// As [`run`], or a figure or the golden is missing.
-pub fn check_golden(workspace: &Workspace, of: Of) -> Result<bool> {
-    run(workspace, &whole(of))?;
-    let (expected, found) = (golden::read(&workspace.workspace_root, of)?, golden::figures(&folder(workspace), of)?);
+pub fn check_golden(workspace: &Workspace, of: Of, size: Size) -> Result<bool> {
+    run(workspace, &whole(of, size))?;
+    let folder = folder(workspace, size);
+    let (expected, found) = (golden::read(&workspace.workspace_root, of, size)?, golden::figures(&folder, of)?);
     let differences = differences(&expected, &found);
     match differences.first().and_then(|line| line.split(',').next()) {
         None => println!("{} figures of the pipeline are those of the golden", expected.len()),
         Some(stage) => println!("the first stage that moved is {stage}:\n  {}", differences.join("\n  ")),
     }
-    Ok(look_at_pages(&folder(workspace), pages(of))? && differences.is_empty())
+    Ok(look_at_pages(&folder, pages(of))? && differences.is_empty())
 }
 
 /// Pages that a person reads, of the stages that a golden is of.
@@ -286,7 +307,8 @@ fn read_json(file: &Path) -> Result<Value> {
     serde_json::from_str(&text).with_context(|| format!("in {}", file.display()))
 }
 
-/// Writes a golden into `out`: `replay`, the figures of all `stages`, or those of the optional stage `navigate`.
+/// Writes a golden into `out`: `replay`, the figures of all `stages`, or those of the optional stage `navigate`; with `_full` at the size
+/// of the guides.
 ///
 /// # Errors
 /// A program fails, a report has another shape, or the name is another one.
@@ -295,11 +317,13 @@ pub fn write_golden(workspace: &Workspace, name: &str, out: &Path) -> Result<()>
     match name {
         "replay" => write_replay(workspace, out),
         other => match Of::named(other) {
-            Some(of) => {
-                run(workspace, &whole(of))?;
-                golden::write(&folder(workspace), of, &out.join(of.file()))
+            Some((of, size)) => {
+                run(workspace, &whole(of, size))?;
+                golden::write(&folder(workspace, size), of, size, &out.join(of.file(size)))
             }
-            None => bail!("expected the golden replay, stages or navigate, found {other:?}"),
+            None => {
+                bail!("expected the golden replay, stages, navigate, stages_full or navigate_full, found {other:?}")
+            }
         },
     }
 }

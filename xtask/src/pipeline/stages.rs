@@ -43,6 +43,15 @@ pub enum Stage {
     Report,
 }
 
+/// How much the stages compute.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Size {
+    /// What a reader of the guides gets.
+    Full,
+    /// What continuous integration has time for: fewer steps, shorter recordings, no residual networks.
+    Small,
+}
+
 /// A program of this workspace.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Program {
@@ -103,7 +112,7 @@ impl Stage {
     }
 
     /// What is run, one after the other; `navigate` says whether the optional stage of that name is there.
-    pub fn calls(self, navigate: bool) -> &'static [Call] {
+    pub fn calls(self, size: Size, navigate: bool) -> &'static [Call] {
         const YARD: [Call; 1] = [Call { program: Program::Yard, words: "--out yard", said: None }];
         // The first walks from concrete onto tiles that are smoother than tiles are, the second from grass onto gravel.
         const RECORDING: [Call; 2] = [
@@ -121,6 +130,9 @@ impl Stage {
         const RECONSTRUCT: [Call; 1] = [qv(
             "reconstruct yard --out reconstruct --poses capture --background black --iterations 3000 --small 0.5 --flattening 100 --depth-normal 0.05 --multi-view 0.15 --labels 0.05 --preview --json",
         )];
+        const RECONSTRUCT_SMALL: [Call; 1] = [qv(
+            "reconstruct yard --out reconstruct --poses capture --background black --iterations 1000 --small 0.5 --flattening 100 --depth-normal 0.05 --multi-view 0.15 --labels 0.05 --preview --json",
+        )];
         const MESH: [Call; 1] = [told(
             "mesh reconstruct/scene.ply --cameras yard/transforms.json --labels yard/labels.toml --triangles 40000 \
              --compare yard/truth.glb --out mesh/terrain.glb --json",
@@ -137,12 +149,19 @@ impl Stage {
             "contact recording/tiles/run.mcap recording/gravel/run.mcap --terrain mesh/terrain.glb --params diagnose/calibrated.toml --out again --json",
         )];
         const WALK: [Call; 1] = [qv("walk train --iterations 900 --out walk")];
+        const WALK_SMALL: [Call; 1] = [qv("walk train --iterations 300 --out walk")];
         // Short walks: the yard is 6 m wide, and has a wall.
         const RECORD: [Call; 1] = [qv(
             "walk record walk/policy.onnx --ground yard/truth.glb --friction tiles=0.18 --friction gravel=0.45 --seed 2 --room 1 --walk 4 --minutes 10 --out record/walks",
         )];
+        const RECORD_SMALL: [Call; 1] = [qv(
+            "walk record walk/policy.onnx --ground yard/truth.glb --friction tiles=0.18 --friction gravel=0.45 --seed 2 --room 1 --walk 4 --minutes 3.3 --out record/walks",
+        )];
         const TUNE: [Call; 1] = [qv(
             "tune record/walks --policy walk/policy.onnx --terrain again/terrain.glb --train-on plane --calibrated diagnose/calibrated.toml --out tune",
+        )];
+        const TUNE_SMALL: [Call; 1] = [qv(
+            "tune record/walks --policy walk/policy.onnx --terrain again/terrain.glb --train-on plane --calibrated diagnose/calibrated.toml --no-networks --iterations 25 --out tune",
         )];
         const PATHS: [Call; 1] = [qv("walk paths walk/policy.onnx tune/policy.onnx --seed 2 --out paths/paths.json")];
         // The yard has nothing that hides a cone. Small: a minute or two on two cores.
@@ -168,18 +187,23 @@ impl Stage {
         const REPORT_NAVIGATE: [Call; 1] = [qv(
             "report --view view/view.html --reconstruction reconstruct --mesh again/terrain.glb --contact again --replay replay --diagnosis diagnose --tuning tune --paths paths/paths.json --navigation navigate --out report/report.html",
         )];
+        let is_small = size == Size::Small;
         match self {
             Self::Yard => &YARD,
             Self::Recording => &RECORDING,
             Self::Inspect => &INSPECT,
+            Self::Reconstruct if is_small => &RECONSTRUCT_SMALL,
             Self::Reconstruct => &RECONSTRUCT,
             Self::Mesh => &MESH,
             Self::Contact => &CONTACT,
             Self::Replay => &REPLAY,
             Self::Diagnose => &DIAGNOSE,
             Self::Again => &AGAIN,
+            Self::Walk if is_small => &WALK_SMALL,
             Self::Walk => &WALK,
+            Self::Record if is_small => &RECORD_SMALL,
             Self::Record => &RECORD,
+            Self::Tune if is_small => &TUNE_SMALL,
             Self::Tune => &TUNE,
             Self::Paths => &PATHS,
             Self::Navigate => &NAVIGATE,

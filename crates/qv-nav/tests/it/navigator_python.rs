@@ -27,7 +27,7 @@ fn python_decides_the_same() {
     let python = std::env::var_os("QV_PYTHON_ONNX").unwrap_or_else(|| "python3".into());
     let works = Command::new(&python).args(["-c", "import numpy, onnxruntime"]).output();
     if !works.is_ok_and(|output| output.status.success()) {
-        skipped::skipped("no Python with numpy and onnxruntime (cargo xtask test makes one)");
+        crate::skipped::skipped("no Python with numpy and onnxruntime (cargo xtask test makes one)");
         return;
     }
     let (net, mut random) = (Net::default(), Xoshiro256PlusPlus::new(8));

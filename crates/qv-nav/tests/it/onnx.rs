@@ -33,7 +33,7 @@ fn python() -> Option<PathBuf> {
 #[test]
 fn onnxruntime_decides_the_same() {
     let Some(python) = python() else {
-        skipped::skipped("no Python with numpy and onnxruntime (cargo xtask test makes one)");
+        crate::skipped::skipped("no Python with numpy and onnxruntime (cargo xtask test makes one)");
         return;
     };
     let (net, limits) = (Net::default(), Limits::default());

@@ -22,7 +22,7 @@ fn a_fit_finds_what_was_set_and_its_replay_is_better_by_far() {
     let robot = qv_go2::walk::robot().unwrap();
     let hidden =
         [("actuator.*.command_latency", 0.012), ("actuator.*.strength", 0.8), ("joint.*.coulomb_friction", 0.6)];
-    let log = squats::log(&robot, &hidden, 10, 2e-4);
+    let log = crate::squats::log(&robot, &hidden, 10, 2e-4);
     let (ground, task) = (Ground::plane(), TaskSettings::default());
     let replayer = Replayer::new(&log, &robot, &ground.terrain, &task);
     let settings = FitSettings::default();
@@ -94,7 +94,7 @@ fn plain<'a>(
 #[test]
 fn nothing_wrong_leaves_the_policy_as_it_was() {
     let robot = qv_go2::walk::robot().unwrap();
-    let log = squats::log(&robot, &[], 15, 2e-4);
+    let log = crate::squats::log(&robot, &[], 15, 2e-4);
     let ground = Ground::plane();
     let training = Training::new(&robot, &ground, &TrainSettings { robots: 16, ..Default::default() }).unwrap();
     let (start, settings) = (training.checkpoint().clone(), small());
@@ -109,7 +109,8 @@ fn nothing_wrong_leaves_the_policy_as_it_was() {
 #[test]
 fn a_robot_that_differs_is_trained_for_and_stages_that_are_kept_are_not_done_again() {
     let robot = qv_go2::walk::robot().unwrap();
-    let log = squats::log(&robot, &[("actuator.*.command_latency", 0.015), ("actuator.*.strength", 0.75)], 15, 2e-4);
+    let log =
+        crate::squats::log(&robot, &[("actuator.*.command_latency", 0.015), ("actuator.*.strength", 0.75)], 15, 2e-4);
     let ground = Ground::plane();
     let mut training =
         Training::new(&robot, &ground, &TrainSettings { robots: 16, epoch: 1, ..Default::default() }).unwrap();

@@ -5,3 +5,4 @@ mod exported;
 mod learned_residuals;
 mod online;
 mod squats;
+mod values;

@@ -18,7 +18,7 @@ fn friction_and_strength_are_followed_through_a_change() {
         let feet = feet(scale);
         let mut all: Vec<(&str, f64)> = feet.iter().map(|(n, x)| (n.as_str(), *x)).collect();
         all.push(("actuator.*.strength", strength));
-        squats::log(&robot, &all, pieces, 2e-4)
+        crate::squats::log(&robot, &all, pieces, 2e-4)
     };
     let (before, after) = (stream(1.0, 0.9, 15), stream(0.25, 0.8, 15));
     let mut online = Online::new(&robot, &terrain, &task, &settings, 20.0).unwrap();

@@ -219,7 +219,7 @@ fn an_added_torque_acts_behind_latency_and_limits_and_is_not_reported() {
 
 #[test]
 fn wrenches_accelerate_as_newton_and_euler_say() {
-    let ball = robots::body(r#"<sphere radius="0.05"/>"#);
+    let ball = crate::robots::body(r#"<sphere radius="0.05"/>"#);
     let options = SimOptions { gravity: [0.0; 3], ..Default::default() };
     let mut sim = Batch::<f64>::new(&ball, &Terrain::none(), &options, 1).unwrap();
     sim.set_wrench(0, 0, [1.0, 2.0, 3.0], [0.02, 0.0, -0.04]).unwrap();

@@ -4,7 +4,7 @@
 use crate::robots::{Order, body, command, inertial, model, near, tabletop};
 use qv_sim::{BaseKind, Batch, JointCommand, Model, Precision, SimOptions, State, Terrain};
 
-/// Inertia of the wheel about its axis: its own and the rotor's that `robots::model` adds \[kg m²\].
+/// Inertia of the wheel about its axis: its own and the rotor's that `crate::robots::model` adds \[kg m²\].
 const INERTIA: f64 = 0.05 + 0.01;
 const STEP: f64 = 0.001;
 
@@ -166,7 +166,7 @@ fn an_environment_without_a_spring_keeps_its_bits_beside_one_with() {
                 .unwrap();
         }
         sim.step_many(200);
-        [2, 3].map(|env| robots::bits(&sim.state(env).unwrap()))
+        [2, 3].map(|env| crate::robots::bits(&sim.state(env).unwrap()))
     };
     let (without, with) = (run(0.0), run(0.01));
     assert_eq!(without[0], with[0]);
@@ -337,7 +337,7 @@ fn ground_that_bears_a_body_keeps_every_bit() {
     let firm = [("contact.yield_force", 1e4), ("contact.sink_rate", 0.002)];
     for terrain in [Terrain::plane(), tabletop()] {
         let sim = lying::<f32>(&terrain, BALL, 0.1, &firm);
-        assert_eq!(robots::bits(&sim.state(0).unwrap()), robots::bits(&sim.state(1).unwrap()));
+        assert_eq!(crate::robots::bits(&sim.state(0).unwrap()), crate::robots::bits(&sim.state(1).unwrap()));
         assert_eq!(sim.sunk_depths(0).unwrap(), [0.0]);
     }
 }

@@ -3,7 +3,7 @@
 use crate::robots::{inertial, model, near};
 use qv_sim::{BaseKind, Batch, JointCommand, SimOptions, State, Terrain};
 
-/// Inertia of the wheel about its axis: its own and the rotor's that `robots::model` adds \[kg m²\].
+/// Inertia of the wheel about its axis: its own and the rotor's that `crate::robots::model` adds \[kg m²\].
 const INERTIA: f64 = 0.05 + 0.01;
 const STEP: f64 = 0.0005;
 

@@ -52,6 +52,9 @@ pub struct Tune {
     /// Iterations of each training; each is 24 steps of all robots
     #[arg(long, value_name = "N")]
     iterations: Option<u64>,
+    /// Skip the residual networks, which take most of the time: parameters and torques are fitted alone
+    #[arg(long)]
+    no_networks: bool,
     /// Seed of everything
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
@@ -117,6 +120,7 @@ impl Tune {
         };
         settings.tune.iterations = self.iterations.unwrap_or(settings.tune.iterations);
         settings.tune.seed = self.seed.unwrap_or(settings.tune.seed);
+        settings.nets.tried &= !self.no_networks;
         settings.check()?;
         Ok(settings)
     }

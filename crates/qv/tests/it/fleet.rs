@@ -307,7 +307,7 @@ fn a_job_array_does_all_units() {
     let file = root.join("array.sh");
     fs::write(&file, script).unwrap();
     if Command::new("bash").arg("--version").stdout(Stdio::null()).status().is_err() {
-        return skipped::skipped("no bash");
+        return crate::skipped::skipped("no bash");
     }
     for task in ["0", "1"] {
         let mut bash = Command::new("bash");
@@ -322,7 +322,7 @@ fn a_job_array_does_all_units() {
 fn a_workflow_of_snakemake_does_all_units() {
     let program = std::env::var("SNAKEMAKE").unwrap_or_else(|_| "snakemake".into());
     if Command::new(&program).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status().is_err() {
-        return skipped::skipped("no snakemake on the path, nor in the variable SNAKEMAKE");
+        return crate::skipped::skipped("no snakemake on the path, nor in the variable SNAKEMAKE");
     }
     let (root, fleet) = laboratory("fleet_snakemake", &["{}", "{\"exit\": 3}", "{\"exit\": 1}", "{}"]);
     rehearsed(&root, &fleet);

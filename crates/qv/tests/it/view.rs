@@ -123,7 +123,7 @@ fn one_looks_around_in_the_page() {
     for never in ["<link", "<img", "src=", "@import", "fetch(", "XMLHttpRequest"] {
         assert!(!html.contains(never), "{never}");
     }
-    let Some(browser) = browser() else { return skipped::skipped("no Chromium") };
+    let Some(browser) = browser() else { return crate::skipped::skipped("no Chromium") };
     let seen = looked_at(&browser, &page);
     assert!(seen["error"].is_null(), "{}", seen["error"]);
     let start = &seen["start"];

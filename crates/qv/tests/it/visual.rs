@@ -126,13 +126,13 @@ fn trot(late: f64) -> (Vec<Message>, GaussianCloud) {
     let others: Vec<_> = (0..yard.cameras.len()).map(|view| yard.photo(view)).collect();
     let mut cameras = yard.cameras.clone();
     cameras.iter_mut().for_each(|c| c.camera_from_world = c.camera_from_world * yard_from_run);
-    let cloud = footage::on_surfaces(&cameras, &others, 0.03);
+    let cloud = crate::footage::on_surfaces(&cameras, &others, 0.03);
     let times: Vec<f64> = (0..32).map(|k| 2.2 + 0.45 * k as f64).collect();
     yard.cameras = times.iter().map(|t| rig().camera((yard_from_run * way.at(*t) * mounting()).inverse())).collect();
     let mut messages: Vec<Message> =
         recorded.into_iter().map(|m| Message { topic: m.topic, time: m.time, data: m.data }).collect();
     for (k, t) in times.iter().enumerate() {
-        messages.push(image_message(t + late, t + late, &footage::unexposed(&yard.photo(k))));
+        messages.push(image_message(t + late, t + late, &crate::footage::unexposed(&yard.photo(k))));
     }
     messages.sort_by_key(|m| m.time);
     (messages, cloud)
@@ -224,7 +224,7 @@ fn a_recording_of_the_fixture_has_what_a_truth_has() {
     let truth = Truth {
         intrinsics: rig().intrinsics,
         base_from_camera: mounting(),
-        path: Box::new(footage::walk),
+        path: Box::new(crate::footage::walk),
         span: [0.0, 1.0],
         images: vec![(0.5, vec![[7, 7, 7, 255]; 160 * 120])],
         cloud: dots(),

@@ -1,7 +1,7 @@
 //! Of the pipeline as data, and of its golden.
 
 use super::golden::{Figure, Of, differences, read};
-use super::stages::Stage;
+use super::stages::{Size, Stage};
 use crate::workspace::Workspace;
 use clap::ValueEnum;
 use serde_json::json;
@@ -19,7 +19,7 @@ fn stages_fit_together() {
             assert!(file.starts_with(stage.name()), "{file} lies in the stage's own folder, which it empties");
             written.insert(file, stage);
         }
-        for call in stage.calls(true) {
+        for call in [Size::Small, Size::Full].iter().flat_map(|size| stage.calls(*size, true)) {
             assert!(call.said.is_none_or(|file| stage.outputs().contains(&file)), "{call:?}");
         }
     }
@@ -29,7 +29,7 @@ fn stages_fit_together() {
 #[test]
 fn the_first_stage_that_moved_is_named() {
     let root = Workspace::load().unwrap().workspace_root;
-    let golden = read(&root, Of::Stages).unwrap();
+    let golden = read(&root, Of::Stages, Size::Small).unwrap();
     assert!(differences(&golden, &golden).is_empty());
     let place =
         |figure: &Figure| Stage::value_variants().iter().position(|stage| stage.name() == figure.stage).unwrap();
@@ -56,15 +56,15 @@ fn the_first_stage_that_moved_is_named() {
 #[test]
 fn the_optional_stage_has_a_golden_of_its_own() {
     let root = Workspace::load().unwrap().workspace_root;
-    let of = |of: Of| read(&root, of).unwrap();
+    let of = |of: Of| read(&root, of, Size::Full).unwrap();
     assert!(of(Of::Stages).iter().all(|figure| figure.stage != "navigate"));
     let navigate = of(Of::Navigate);
     assert!(navigate.len() == 6 && navigate.iter().all(|figure| figure.stage == "navigate"));
     let share = |k: usize| navigate[k].value.as_f64().unwrap();
     assert!(share(0) > 0.6 && share(1) > 0.9, "a policy that learnt, and its teacher: {} {}", share(0), share(1));
     assert!(share(2) > 0.4, "and on legs that walk: {}", share(2));
-    assert!(Stage::Report.calls(true)[0].words.contains("--navigation") && Stage::Navigate.is_optional());
-    assert!(!Stage::Report.calls(false)[0].words.contains("--navigation"));
+    assert!(Stage::Report.calls(Size::Full, true)[0].words.contains("--navigation") && Stage::Navigate.is_optional());
+    assert!(!Stage::Report.calls(Size::Full, false)[0].words.contains("--navigation"));
     let needed = super::needed(Stage::Navigate, true);
     assert!([Stage::Tune, Stage::Mesh, Stage::Yard].iter().all(|stage| needed.contains(stage)), "{needed:?}");
     assert!(![Stage::Paths, Stage::View, Stage::Report].iter().any(|stage| needed.contains(stage)), "{needed:?}");

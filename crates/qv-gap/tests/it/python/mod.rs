@@ -11,7 +11,7 @@ pub fn python_with(module: &str) -> Option<PathBuf> {
     if found.is_ok_and(|o| o.status.success()) {
         return Some(named);
     }
-    skipped::skipped(format!("no Python that imports {module} (cargo xtask test makes one)"));
+    crate::skipped::skipped(format!("no Python that imports {module} (cargo xtask test makes one)"));
     None
 }
 

@@ -1,39 +1,34 @@
-//! `cargo xtask test`: every test of the workspace, and a summary.
+//! What the lines of a test program say: how many tests passed, failed and skipped, and how long each took.
 
-use crate::{process, python, workspace::Workspace};
-use anyhow::Result;
 use std::collections::BTreeSet;
-
-/// Python environments under `fixtures`, and the variables through which tests find them.
-const ENVIRONMENTS: [(&str, &str); 5] = [
-    ("mcap", "QV_PYTHON"),
-    ("mesh", "QV_PYTHON_MESH"),
-    ("mujoco", "QV_PYTHON_MUJOCO"),
-    ("onnx", "QV_PYTHON_ONNX"),
-    ("splat", "QV_PYTHON_SPLAT"),
-];
+use std::time::Duration;
 
 /// What a test says that skips (`fixtures/skipped.rs`): the name of its thread and the reason follow.
 const SKIPPED: &str = "skipped test: ";
 
-/// Counts over all test programs.
-#[derive(Debug, Default, PartialEq, Eq)]
-struct Counts {
-    passed: u64,
-    failed: u64,
-    /// Tests that said that they skip, and those that are ignored.
-    skipped: u64,
+/// Counts of one test program, or of several.
+#[derive(Debug, Default, PartialEq)]
+pub struct Counts {
+    pub passed: u64,
+    pub failed: u64,
+    /// Tests that reported that they skip, and those that are ignored.
+    pub skipped: u64,
     /// Name and reason of each of these.
-    reasons: Vec<String>,
-    /// Names of the tests of the program that runs now that said so.
+    pub reasons: Vec<String>,
+    /// Tests that ran, one after another, and the time that each took.
+    pub durations: Vec<(String, Duration)>,
+    /// Names of the tests of the program that runs now that reported a skip.
     of_program: BTreeSet<String>,
-    /// The test whose line has begun, where one runs after another.
+    /// The test whose line has begun.
     begun: String,
+    /// When the last test ended, since the start of the program.
+    last_end: Duration,
 }
 
 impl Counts {
-    /// Adds what a line says: a `test result:`, a test that skips, one that is ignored; other lines change nothing.
-    fn add_line(&mut self, line: &str) {
+    /// Adds a line that the program printed `at` this time since its start: a `test result:`, a test that ended, skips or is ignored.
+    /// Other lines change nothing.
+    pub fn add_line(&mut self, line: &str, at: Duration) {
         if let Some(said) = line.strip_prefix(SKIPPED) {
             self.add_skipped(said);
         } else if let Some(result) = line.trim_start().strip_prefix("test result:") {
@@ -41,12 +36,32 @@ impl Counts {
         } else if let Some(test) = line.strip_prefix("test ") {
             let (name, end) = test.split_once(" ... ").unwrap_or((test, ""));
             name.clone_into(&mut self.begun);
+            self.add_end(end, at);
             if let Some(why) = end.strip_prefix("ignored") {
                 let why = why.trim_start_matches(", ").trim();
                 let why = if why.is_empty() { "ignored" } else { why };
                 self.reasons.push(format!("{name}: {why}"));
             }
+        } else {
+            self.add_end(line, at);
         }
+    }
+
+    /// Adds the time of the test that has begun, where its end stands here.
+    fn add_end(&mut self, end: &str, at: Duration) {
+        if matches!(end, "ok" | "FAILED") && !self.begun.is_empty() {
+            self.durations.push((std::mem::take(&mut self.begun), at.saturating_sub(self.last_end)));
+            self.last_end = at;
+        }
+    }
+
+    /// Adds the counts of a program whose tests go by `name::`.
+    pub fn add(&mut self, program: Counts, name: &str) {
+        self.passed += program.passed;
+        self.failed += program.failed;
+        self.skipped += program.skipped;
+        self.reasons.extend(program.reasons.into_iter().map(|reason| format!("{name}::{reason}")));
+        self.durations.extend(program.durations.into_iter().map(|(test, took)| (format!("{name}::{test}"), took)));
     }
 
     fn add_skipped(&mut self, said: &str) {
@@ -78,41 +93,6 @@ impl Counts {
     }
 }
 
-/// Runs all tests of all features, unit, integration and documentation; true when all passed. Before the last line, `N passed, N failed,
-/// N skipped`, stand the tests that were skipped, with reasons.
-///
-/// # Errors
-/// Cargo cannot be started.
-pub fn run(workspace: &Workspace, release: bool) -> Result<bool> {
-    let mut cargo = process::cargo();
-    cargo.current_dir(&workspace.workspace_root).args(["test", "--workspace", "--all-features", "--no-fail-fast"]);
-    if release {
-        cargo.arg("--release");
-    }
-    for (name, variable) in ENVIRONMENTS {
-        if !workspace.workspace_root.join("fixtures").join(name).join("requirements.txt").is_file() {
-            continue;
-        }
-        match python::environment(workspace, name) {
-            Ok(python) => {
-                cargo.env(variable, python);
-            }
-            // The tests that want it say that they skip.
-            Err(error) => eprintln!("note: tests that read our files from Python ({name}) will skip: {error:#}"),
-        }
-    }
-    let mut counts = Counts::default();
-    let succeeded = process::watch(&mut cargo, |line| counts.add_line(line))?;
-    if !succeeded && counts.failed == 0 {
-        // Did not compile, or a test program died without a result: that is a failure, too.
-        counts.failed = 1;
-        println!("cargo test failed before a result was printed");
-    }
-    counts.reasons.iter().for_each(|reason| println!("skipped: {reason}"));
-    println!("{} passed, {} failed, {} skipped", counts.passed, counts.failed, counts.skipped);
-    Ok(succeeded)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -120,10 +100,13 @@ mod tests {
     #[test]
     fn result_lines_are_added_up() {
         let mut counts = Counts::default();
-        counts
-            .add_line("test result: ok. 11 passed; 0 failed; 2 ignored; 0 measured; 0 filtered out; finished in 0.7s");
-        counts.add_line("test result: FAILED. 3 passed; 4 failed; 0 ignored; 0 measured; 9 filtered out");
-        counts.add_line("test gait::passed ... ok");
+        for line in [
+            "test result: ok. 11 passed; 0 failed; 2 ignored; 0 measured; 0 filtered out; finished in 0.7s",
+            "test result: FAILED. 3 passed; 4 failed; 0 ignored; 0 measured; 9 filtered out",
+            "test gait::passed ... ok",
+        ] {
+            counts.add_line(line, Duration::ZERO);
+        }
         assert_eq!((counts.passed, counts.failed, counts.skipped), (14, 4, 2));
     }
 
@@ -149,7 +132,7 @@ mod tests {
             "ok",
             "test result: ok. 3 passed; 0 failed; 0 ignored; 0 measured; 0 filtered out; finished in 0.7s",
         ] {
-            counts.add_line(line);
+            counts.add_line(line, Duration::ZERO);
         }
         assert_eq!((counts.passed, counts.failed, counts.skipped), (2, 0, 5));
         let reasons =
@@ -159,7 +142,26 @@ mod tests {
 
     #[test]
     fn the_line_that_tests_write_is_the_one_that_is_counted() {
-        let helper = include_str!("../../fixtures/skipped.rs");
+        let helper = include_str!("../../../fixtures/skipped.rs");
         assert!(helper.contains(&format!("\\n{SKIPPED}{{}}: {{why}}\\n")), "{SKIPPED}");
+    }
+
+    #[test]
+    fn a_test_takes_what_passes_from_the_end_of_the_one_before() {
+        let mut program = Counts::default();
+        let seconds = Duration::from_secs;
+        for (line, at) in [
+            ("test quick ... ok", 1),
+            ("test slow ... ", 1),
+            ("skipped test: main: no card", 1),
+            ("ok", 6),
+            ("test wrong ... FAILED", 8),
+        ] {
+            program.add_line(line, seconds(at));
+        }
+        let mut all = Counts::default();
+        all.add(program, "qv-sim");
+        let expected = [("quick", 1), ("slow", 5), ("wrong", 2)];
+        assert_eq!(all.durations, expected.map(|(name, s)| (format!("qv-sim::{name}"), seconds(s))));
     }
 }
