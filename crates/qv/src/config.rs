@@ -18,8 +18,8 @@ const FILE: &str = "qv.toml";
 /// Options that are none to be given once and for all.
 const NEVER: [&str; 3] = ["help", "version", "no-config"];
 
-/// Options that are typed or not given at all: where results go, and to whom a request with a key is sent.
-const TYPED: [&str; 4] = ["ask", "out", "replace", "scene-out"];
+/// Options that are typed or not given at all: where results go, and to whom, and for which model, a request with a key is sent.
+const TYPED: [&str; 5] = ["ask", "model", "out", "replace", "scene-out"];
 
 /// Words of the command line as they were understood: they belong to the process, as its arguments do.
 static WORDS: OnceLock<Vec<String>> = OnceLock::new();
@@ -336,7 +336,7 @@ mod tests {
     #[test]
     fn where_things_go_is_not_taken_from_a_file() {
         let file = "[contact]\nask = \"http://elsewhere\"\nmodel = \"m\"\nout = \"/etc\"\n[mesh]\nout = \"/etc/passwd\"\nscene-out = \"x\"";
-        assert_eq!(words("n", file, "qv contact run").unwrap().join(" "), "qv contact --model=m run");
+        assert_eq!(words("n", file, "qv contact run").unwrap().join(" "), "qv contact run");
         assert_eq!(words("o", file, "qv mesh scene.ply").unwrap().join(" "), "qv mesh scene.ply");
     }
 

@@ -212,6 +212,7 @@ fn understood() -> Result<(Cli, Option<PathBuf>), Misused> {
         Err(e) => return Err(Misused::Config(format!("expected a current folder, found {e}").into())),
     };
     words.keep();
+    words.ignored.iter().for_each(|what| eprintln!("qv: {what}"));
     let misused = |error: clap::Error| Misused::Words(Box::new(error), words.told());
     let matches = Cli::command().try_get_matches_from(&words.all).map_err(misused)?;
     output::refuse(&root, &matches).map_err(Misused::Refused)?;
@@ -222,7 +223,6 @@ fn understood() -> Result<(Cli, Option<PathBuf>), Misused> {
         (_, true) => Level::Verbose,
         _ => Level::Normal,
     });
-    words.ignored.iter().for_each(|what| eprintln!("qv: {what}"));
     words.told().iter().for_each(|what| progress::remark(what));
     Ok((cli, output))
 }

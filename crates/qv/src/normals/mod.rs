@@ -8,7 +8,6 @@ use crate::scene::about;
 use clap::ValueEnum;
 use serde::Deserialize;
 use serde_json::json;
-use std::fs;
 use std::path::Path;
 
 const PROGRAM: &str = include_str!("normals.py");
@@ -104,6 +103,7 @@ pub fn add_normals(model: &NormalModel, opened: &mut OpenCapture, out: &Path) ->
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     #[test]
     fn axes_are_three_each_once() {

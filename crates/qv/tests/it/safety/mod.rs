@@ -1,10 +1,13 @@
 //! What commands do to files that are not their own, and what a stop leaves: run as a user would.
 
+mod kills;
 #[cfg(unix)]
 mod links;
 mod options;
 mod own_files;
 mod plans;
+#[cfg(unix)]
+mod stops;
 
 use std::collections::BTreeMap;
 use std::fs;

@@ -73,6 +73,7 @@ fn a_log_that_is_a_link_is_not_followed() {
     fs::create_dir_all(&place).unwrap();
     fs::write(root.join("secret"), "password").unwrap();
     for name in ["log.txt", "lock"] {
+        let _ = fs::remove_file(place.join(name));
         std::os::unix::fs::symlink(root.join("secret"), place.join(name)).unwrap();
         let (code, out, err) = qv(&root, "fleet run fleet");
         assert!(code != 0 && !out.contains("password") && !err.contains("password"), "{out}{err}");
