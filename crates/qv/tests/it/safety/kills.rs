@@ -66,6 +66,7 @@ fn survives(root: &Path, old: &str, new: &str, is_same: &dyn Fn(&str) -> bool) {
     assert!(after.keys().filter(|name| is_same(name)).all(|name| again.get(name) == after.get(name)), "{new}");
     assert_eq!(leftovers(&out), Vec::<std::path::PathBuf>::new());
     assert!(again.keys().all(|name| !name.contains(".kept-")), "{:?}", again.keys());
+    assert_eq!(again.keys().collect::<Vec<_>>(), after.keys().collect::<Vec<_>>());
 }
 
 #[test]
@@ -111,6 +112,20 @@ fn a_diagnosis_survives() {
     let new = "diagnose run --out out --seed 2 --without backlash";
     let is_same = |name: &str| ["calibrated.toml", "mjcf_fragment.xml", "evidence.json"].contains(&name);
     survives(&root, "diagnose run --out out --seed 1", new, &|name| is_same(name.rsplit('/').next().unwrap()));
+}
+
+#[test]
+fn a_tuning_survives() {
+    let root = directory("kill_tune");
+    fs::write(root.join("small.toml"), "robots = 4\nepoch = 4\nscore_robots = 2\nscore_seconds = 2.0\n").unwrap();
+    done(&root, "walk train --settings small.toml --iterations 4 --out walk");
+    done(&root, "walk record walk/policy.onnx --minutes 0.4 --walk 2.5 --out log");
+    let settings = "held_every = 2\nwalks = 6\n[fit]\nwindows = 12\nsteps = 1\nlength = 10\n[nets]\ntried = false\n\
+        [tune]\niterations = 1\nrobots = 4\ncalibration = 4\nwalks = 6\n";
+    fs::write(root.join("tune.toml"), settings).unwrap();
+    let words = "tune log --policy walk/policy.onnx --settings tune.toml --out out --seed";
+    let is_same = |name: &str| ["policy.onnx", "compensator.json", "calibrated.toml", "settings.toml"].contains(&name);
+    survives(&root, &format!("{words} 1"), &format!("{words} 2"), &is_same);
 }
 
 #[test]

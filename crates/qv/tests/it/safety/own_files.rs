@@ -32,14 +32,14 @@ fn a_capture_in_the_output_folder_is_refused_and_stays() {
         "reconstruct proj/capture --out proj/capture/.. --poses colmap --iterations 1",
     ] {
         let (code, _, err) = qv(&root, words);
-        assert!(code == 1 && err.lines().count() == 1 && err.contains("is read from there"), "{words}: {err}");
+        assert!(code == 1 && err.lines().count() == 1 && err.contains("which is read"), "{words}: {err}");
         assert_eq!(contents(&root), before, "{words}");
     }
     #[cfg(unix)]
     {
         std::os::unix::fs::symlink("proj", root.join("link")).unwrap();
         let (code, _, err) = qv(&root, "reconstruct proj/capture --out link --iterations 1");
-        assert!(code == 1 && err.contains("is read from there"), "{err}");
+        assert!(code == 1 && err.contains("which is read"), "{err}");
         fs::remove_file(root.join("link")).unwrap();
     }
     assert_eq!(contents(&root), before);
