@@ -5,6 +5,7 @@ mod blind;
 mod fuzz;
 mod golden;
 mod guides;
+mod kills;
 mod pipeline;
 mod process;
 mod programs;
@@ -57,6 +58,12 @@ enum Chore {
     Python(wheel::Python),
     /// Build and test the node for ROS 2, which no other build knows
     Ros2,
+    /// Kill commands that write results at random moments, and look whether the old or the new ones are there whole
+    Kills {
+        /// Kills of each command
+        #[arg(long, default_value_t = 20)]
+        each: u32,
+    },
     /// Run the fuzz targets for a while (needs cargo-fuzz)
     Fuzz {
         /// Targets; default: all
@@ -80,6 +87,7 @@ fn run(chore: Chore) -> Result<bool> {
         Chore::Blind(blind) => blind::run(&workspace, &blind),
         Chore::Python(how) => wheel::run(&workspace, &how),
         Chore::Ros2 => ros2::run(&workspace),
+        Chore::Kills { each } => kills::run(&workspace, each),
         Chore::Fuzz { targets, seconds } => fuzz::run(&workspace, seconds, &targets),
     }
 }

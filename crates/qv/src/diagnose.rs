@@ -273,8 +273,9 @@ impl Diagnose {
         let rig = sight.corrected.unwrap_or(place.camera.rig);
         join(report, &sight);
         let spent = seconds() - begun;
-        report.stages.push(Stage { name: "images".into(), seconds: spent, steps: 0 });
-        report.runtime_s += spent;
+        report.stages.push(Stage { name: "images".into(), steps: 0 });
+        report.timing.stages_s.push(spent);
+        report.timing.runtime_s += spent;
         Ok((RobotCamera { rig, ..place.camera }, sight))
     }
 

@@ -354,15 +354,15 @@ impl Reconstruct {
         output::remove(&self.out.join(UNFINISHED));
         let metrics = json!({
             "format": "qv-reconstruct/1", "capture": self.capture.display().to_string(), "iterations": stood_at, "scene_of_iteration": scene_of,
-            "finished": finished, "gaussians": model.cloud.len(), "loss": run.loss, "read_s": read_s, "search_s": search_s, "train_s": train_s,
-            "write_s": clock.elapsed().as_secs_f64(), "photographs": dataset.training.len(), "began_at_points": at_points,
+            "finished": finished, "gaussians": model.cloud.len(), "loss": run.loss, "timing": {"read_s": read_s, "search_s": search_s, "train_s": train_s,
+            "write_s": clock.elapsed().as_secs_f64(), "times_ms": run.mean_times()}, "photographs": dataset.training.len(), "began_at_points": at_points,
             "ground_views": words::of_views(self.ground_views, &weights), "vignetting": self.vignetting,
             "exposure": self.exposure, "poses_refined": self.refine_poses, "shutter": words::of_shutter(&model, &dataset)?, "poses": poses, "poses_found": found, "stereo": stereo::named(depths.as_ref()), "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
             "held_out": dataset.held_out.iter().zip(&held_out).map(|(one, score)| named(&one.name, score)).collect::<Vec<_>>(),
             "mean": Score::mean(&held_out).map(|mean| named("mean", &mean)),
             "mean_identity": Score::mean(&as_drawn).map(|mean| named("mean", &mean)),
             "mean_aligned": Score::mean(&aligned).map(|mean| named("mean", &mean)),
-            "mean_moving": Score::mean(&moving).map(|mean| named("mean", &mean)), "times_ms": run.mean_times(), "antialias": dataset.antialias, "steps_asked": self.iterations,
+            "mean_moving": Score::mean(&moving).map(|mean| named("mean", &mean)), "antialias": dataset.antialias, "steps_asked": self.iterations,
             "aside": searched, "ground": words::of_ground(ground.as_ref(), &of_ground),
         });
         self.save_cameras(&model, &dataset, &looked_at, is_found)?;

@@ -130,3 +130,39 @@ fn a_failure_leaves_all_of_what_was_there() {
     assert_eq!(contents(&root.join("out")), before);
     assert!(super::leftovers(&root).is_empty());
 }
+
+/// A file without the field that says how long it took.
+fn without_timing(bytes: &[u8]) -> Vec<u8> {
+    match serde_json::from_slice::<serde_json::Value>(bytes) {
+        Ok(mut value) if value.get("timing").is_some() => {
+            value["timing"] = serde_json::Value::Null;
+            value.to_string().into_bytes()
+        }
+        _ => bytes.to_vec(),
+    }
+}
+
+#[test]
+fn two_runs_give_equal_files_but_for_how_long_they_took() {
+    let root = directory("equal");
+    recording(&root.join("run"));
+    capture_in(&root.join("capture"), 6);
+    fs::write(root.join("small.toml"), "robots = 4\nscore_robots = 2\nscore_seconds = 2.0\n").unwrap();
+    for words in [
+        "diagnose run --out out",
+        "replay run --out out",
+        "reconstruct capture --iterations 20 --out out",
+        "walk train --settings small.toml --iterations 2 --out out",
+    ] {
+        let run = || {
+            let _ = fs::remove_dir_all(root.join("out"));
+            done(&root, words);
+            contents(&root.join("out"))
+        };
+        let (one, two) = (run(), run());
+        assert_eq!(one.len(), two.len());
+        for (name, bytes) in &one {
+            assert!(without_timing(bytes) == without_timing(&two[name]), "{words}: {name}");
+        }
+    }
+}
