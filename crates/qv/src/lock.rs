@@ -86,6 +86,15 @@ impl Lock {
         fs::remove_file(&self.path).ok();
     }
 
+    /// Removes the file of a lock that this process holds and ends with.
+    pub fn remove_own(path: &Path) {
+        let own = format!("{BEGIN}{} ", std::process::id());
+        let held = open_plain(path, OpenOptions::new().read(true)).and_then(|mut file| holder(&mut file));
+        if held.is_ok_and(|text| text.starts_with(&own)) {
+            fs::remove_file(path).ok();
+        }
+    }
+
     /// Removes the file of a lock whose holder is gone.
     pub fn remove_left(path: &Path) {
         let left = open_plain(path, OpenOptions::new().read(true).write(true));

@@ -1,4 +1,4 @@
-//! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost, 130 stopped (`qv fleet`, `qv navigate train`, `qv reconstruct`).
+//! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost, 130 stopped.
 
 mod ask;
 mod camera;
@@ -249,6 +249,7 @@ fn main() -> ExitCode {
             return ExitCode::from(1);
         }
     };
+    stop::watch();
     let result = output.map(|folder| OutputFolder::take(&folder)).transpose().and_then(|folder| {
         let ended = execute(cli.command);
         // What failed leaves what was there.
@@ -258,7 +259,7 @@ fn main() -> ExitCode {
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Partial) => ExitCode::from(3),
-        Ok(Outcome::Stopped) => ExitCode::from(130),
+        Ok(Outcome::Stopped) => ExitCode::from(stop::STOPPED),
         Err(error) => {
             eprintln!("qv: {error}");
             ExitCode::from(1)

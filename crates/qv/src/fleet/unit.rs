@@ -162,6 +162,8 @@ fn judged(folder: &Folder, unit: &Unit, end: End, limits: &Limits) -> Judged {
         },
         End::Stopped => return Judged::Stopped,
         End::Code(2) => (Kind::Usage, last_line(folder, unit)),
+        // Somebody else stopped it.
+        End::Code(code) if code == i32::from(crate::stop::STOPPED) => (Kind::Killed, "stopped".into()),
         End::Code(1) => (Kind::Failed, last_line(folder, unit)),
         End::Code(code) => (Kind::Failed, format!("exit code {code}: {}", last_line(folder, unit))),
         End::Signal(signal) => (Kind::Killed, format!("signal {signal}")),

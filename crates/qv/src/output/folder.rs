@@ -37,6 +37,8 @@ struct Current {
     made: Vec<PathBuf>,
     /// Folders that were claimed.
     claimed: Vec<PathBuf>,
+    /// Folders that were made so that the folder is there, outermost first.
+    made_for_it: Vec<PathBuf>,
 }
 
 impl Current {
@@ -223,6 +225,15 @@ pub fn clear(folder: &Path) -> io::Result<()> {
     Ok(())
 }
 
+/// Gives the folder back as it was, since the process ends now.
+pub fn abandon() {
+    let Some(mut current) = CURRENT.lock().unwrap_or_else(|e| e.into_inner()).take() else { return };
+    current.discard();
+    _ = current.manifest.rewrite();
+    Lock::remove_own(&current.root.join(LOCK));
+    current.made_for_it.iter().rev().for_each(|folder| _ = fs::remove_dir(folder));
+}
+
 /// A folder that is written into, by one process at a time. At the end nothing of the lock is left.
 pub struct OutputFolder {
     /// None on a file system without locks.
@@ -250,6 +261,7 @@ impl OutputFolder {
             written: BTreeSet::new(),
             made: vec![],
             claimed: vec![],
+            made_for_it: taken.made.clone(),
         };
         *CURRENT.lock().unwrap_or_else(|e| e.into_inner()) = Some(current);
         Ok(taken)

@@ -45,6 +45,7 @@ fn survives(root: &Path, old: &str, new: &str, is_same: &dyn Fn(&str) -> bool) {
         std::thread::sleep(Duration::from_secs_f64(share * time.as_secs_f64()));
         signal(&child, if k % 3 == 2 { "-TERM" } else { "-KILL" });
         let code = child.wait().unwrap().code();
+        assert!([None, Some(0), Some(3), Some(130)].contains(&code), "{new}: {code:?}");
         let now = contents(&out);
         let from_old = differing(&before, &now);
         if from_old.is_empty() {

@@ -99,6 +99,23 @@ fn a_finished_scene_stays_when_another_training_is_stopped() {
 }
 
 #[test]
+fn every_command_ends_with_130_and_leaves_what_was_there() {
+    let root = directory("stop_any");
+    recording(&root.join("run"));
+    done(&root, "diagnose run --out out");
+    let old = contents(&root.join("out"));
+    for name in ["-TERM", "-INT"] {
+        let (code, err) = stopped(&root, "diagnose run --seed 5 --out out", name, || root.join("out/qv.lock").exists());
+        assert!(code == 130 && err.contains("stopped"), "{code} {err}");
+        assert_eq!(contents(&root.join("out")), old);
+        assert!(!root.join("out/qv.lock").exists() && super::leftovers(&root).is_empty());
+    }
+    let (code, _) =
+        stopped(&root, "diagnose run --out new/folder", "-TERM", || root.join("new/folder/qv.lock").exists());
+    assert!(code == 130 && !root.join("new").exists());
+}
+
+#[test]
 fn what_the_dead_left_is_removed_by_the_next() {
     let root = directory("stop_leftovers");
     recording(&root.join("run"));
