@@ -54,6 +54,7 @@ pub fn stream<E>(
     let is_staged = folder::begin(path).map_err(&failed)?;
     if let Some(new) = is_staged {
         write_new(&new, &failed, write)?;
+        // It is brought to the disk when it takes its place.
         return folder::stage(new, path).map_err(failed);
     }
     if is_special(path) {
@@ -65,11 +66,14 @@ pub fn stream<E>(
     let path = followed(path).map_err(&failed)?;
     remove_leftovers(&path);
     let new = temporary(&path);
-    write_new(&new, &failed, write)?;
+    write_new(&new, &failed, |file| {
+        write(file)?;
+        file.flush().and_then(|()| file.get_ref().sync_all()).map_err(&failed)
+    })?;
     take_place(&new, &path).map_err(failed)
 }
 
-/// Writes a file that is not there yet, to the disk; an error leaves none.
+/// Writes a file that is not there yet; an error leaves none.
 fn write_new<E>(
     new: &Path,
     failed: impl Fn(io::Error) -> E,
@@ -82,7 +86,7 @@ fn write_new<E>(
         _ = file.try_lock();
         let mut file = BufWriter::new(file);
         write(&mut file)?;
-        file.flush().and_then(|()| file.get_ref().sync_all()).map_err(&failed)
+        file.flush().map_err(&failed)
     };
     let written = all();
     if written.is_err() {

@@ -6,7 +6,7 @@
 
 use super::file::temporary;
 use super::inputs::refuse_read;
-use super::manifest::{Manifest, exists, files_below, hash};
+use super::manifest::{Manifest, exists, files_below, hash, sync};
 use crate::Failure;
 use crate::lock::{Lock, Tried};
 use crate::progress::remark;
@@ -58,6 +58,10 @@ impl Current {
         }
         for (from, to) in &self.staged {
             self.manifest.own(to, &hash(from)?)?;
+            // What other programs work on can be made again.
+            if !self.claimed.iter().any(|folder| to.starts_with(folder)) {
+                sync(from)?;
+            }
         }
         let staged = std::mem::take(&mut self.staged);
         self.manifest.make_moves(&staged)?;

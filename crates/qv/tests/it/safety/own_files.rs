@@ -166,3 +166,42 @@ fn two_runs_give_equal_files_but_for_how_long_they_took() {
         }
     }
 }
+
+/// An environment whose Python is a script that finds given poses good, as COLMAP does, and leaves a database.
+#[cfg(unix)]
+fn stand_in(root: &Path) {
+    use std::os::unix::fs::PermissionsExt;
+    let python = root.join("no_environment/bin/python");
+    fs::create_dir_all(python.parent().unwrap()).unwrap();
+    let script = "#!/bin/sh\nfor a in \"$@\"; do\n[ \"$a\" = -c ] && exit 0\ncase \"$a\" in */given.json) given=$a;; esac\ndone\n\
+        folder=$(dirname \"$given\")\n[ -f \"$folder/images/0/000000.png\" ] || exit 1\necho x > \"$folder/database.db\"\n\
+        echo '{\"frames\": 9, \"placed\": 0, \"held\": 0.0, \"given_explain\": 0.97}'\n";
+    fs::write(&python, script).unwrap();
+    fs::set_permissions(&python, fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+#[cfg(unix)]
+#[test]
+fn what_checks_poses_leaves_what_is_not_its_own() {
+    let root = directory("checked");
+    stand_in(&root);
+    capture_in(&root.join("proj/capture"), 9);
+    let before = contents(&root.join("proj"));
+    let words = "reconstruct proj/capture --iterations 5 --json --out";
+    assert_eq!(qv(&root, &format!("{words} proj")).0, 1);
+    assert_eq!(contents(&root.join("proj")), before);
+    // Elsewhere it works, twice, and copies of photographs are gone after it.
+    for _ in 0..2 {
+        let (code, out, err) = qv(&root, &format!("{words} out"));
+        assert!(code == 0 && out.contains("0.97"), "{out}{err}");
+        assert!(!root.join("out/capture/images").exists() && !root.join("out/capture/database.db").exists());
+    }
+    // A folder with photographs of somebody is not worked in.
+    foreign(&root, &["other/capture/images/holiday.jpg", "other/capture/database.db"]);
+    let (code, out, err) = qv(&root, &format!("{words} other"));
+    assert!(code == 0 && !out.contains("0.97") && out.contains("was not written by qv"), "{out}{err}");
+    assert!(is_kept(&root, &["other/capture/images/holiday.jpg", "other/capture/database.db"]));
+    let (code, _, err) = qv(&root, &format!("{words} other --poses colmap"));
+    assert!(code == 1 && err.contains("was not written by qv"), "{err}");
+    assert_eq!(contents(&root.join("proj")), before);
+}
