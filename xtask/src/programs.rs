@@ -26,9 +26,10 @@ pub fn build(workspace: &Workspace, packages: &[&str], options: &[&str]) -> Resu
             cargo.arg("--release").args(packages.iter().flat_map(|package| ["--package", package])).args(options);
             "release"
         }
-        // The very targets and features of the tests: with others dependencies would be built anew. Of examples only those that are asked for.
+        // The very targets and features of the tests: without what only tests depend on, features of dependencies differ, and these would be
+        // built anew. Of examples only those that are asked for.
         Build::Tests => {
-            cargo.args(["--workspace", "--all-features", "--lib", "--bins"]);
+            cargo.args(["--workspace", "--all-features", "--lib", "--bins", "--tests"]);
             cargo.args(options.iter().skip_while(|option| **option != "--example").take(2));
             "debug"
         }

@@ -1,3 +1,5 @@
 //! Every integration test of `qv-fleet`, as one program: a file is a subject, a folder serves several.
 
+#[path = "../../../../fixtures/facts.rs"]
+mod facts;
 mod summary;

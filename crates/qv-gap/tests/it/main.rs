@@ -5,6 +5,8 @@ mod arm;
 mod conventions;
 mod evidence;
 mod exports;
+#[path = "../../../../fixtures/facts.rs"]
+mod facts;
 mod ground;
 mod made_up;
 mod output;

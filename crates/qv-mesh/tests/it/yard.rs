@@ -1,5 +1,6 @@
 //! The synthetic yard from its depth with noise: how close the mesh is to the truth, and that it is a solid.
 
+use crate::facts::States;
 use glam::DVec3;
 use qv_core::{Camera, Pose, TriangleMesh};
 use qv_mesh::close::close_to_solid;
@@ -171,21 +172,21 @@ fn what_cannot_be_fused_is_named() {
     assert_eq!(fault(std::slice::from_ref(&good), plain), "depth frames: expected two or more, found 1");
     let empty = DepthFrame { depth: vec![0.0; 3600], ..good.clone() };
     let nan = DepthFrame { depth: vec![f32::NAN; 3600], ..good.clone() };
-    assert!(fault(&[empty, nan], plain).contains("found none in 2 frames"));
+    assert!(fault(&[empty, nan], plain).states("frames 2"));
     let short = DepthFrame { depth: vec![1.0; 7], ..good.clone() };
-    assert!(fault(&[good.clone(), short], plain).contains("depth frame 1, depth: expected 3600 numbers"));
+    assert!(fault(&[good.clone(), short], plain).states("numbers 1 3600"));
     let mut lost = good.clone();
     lost.camera.camera_from_world.position.x = f64::NAN;
-    assert!(fault(&[good.clone(), lost], plain).contains("depth frame 1: expected a camera"));
+    assert!(fault(&[good.clone(), lost], plain).states("camera 1"));
     let mut far = good.clone();
     far.camera.camera_from_world.position.x = 1e9;
-    assert!(fault(&[good.clone(), far], plain).contains("of the origin"));
+    assert!(fault(&[good.clone(), far], plain).states("origin"));
     let fine = FuseOptions { voxel: 0.001, memory_limit: 1 << 20, ..plain };
     let error = fuse(&[good.clone(), good.clone()], &fine).unwrap_err();
     assert!(matches!(error, MeshError::Memory { limit: 1_048_576, needed, .. } if needed > 10_000_000), "{error}");
-    assert!(fault(&[good.clone(), good.clone()], FuseOptions { voxel: -1.0, ..plain }).contains("option voxel"));
+    assert!(fault(&[good.clone(), good.clone()], FuseOptions { voxel: -1.0, ..plain }).states("option"));
     // Depth, but nothing that was seen from near enough to count.
     let strict = FuseOptions { min_weight: 900.0, ..plain };
     let volume = fuse(&[good.clone(), good], &strict).unwrap();
-    assert!(finish(&volume, None, &MeshOptions::default()).unwrap_err().to_string().contains("expected a surface"));
+    assert!(finish(&volume, None, &MeshOptions::default()).unwrap_err().to_string().states("surface"));
 }

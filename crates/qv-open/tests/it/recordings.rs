@@ -50,8 +50,7 @@ fn a_bag_has_the_robot_and_the_time_that_were_recorded() {
     assert_eq!((model.nq(), model.joint_names().len()), (19, 12));
     let elsewhere = Reading { pose_topic: Some("/nowhere".into()), ..Reading::default() };
     assert!(open_run(&file, &elsewhere, &|_, _| {}).is_ok_and(|run| run.measured.base_pose.is_none()), "no such topic");
-    let unknown = Reading { robot: Some("no_such_robot".into()), ..Reading::default() };
-    assert!(open_run(&file, &unknown, &|_, _| {}).is_err());
+    assert!(model_of(&run, &file, Some("no_such_robot")).is_err());
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! ONNX files that we write: read by a parser of the test's own, by the interpreter, and by onnxruntime.
 
+use crate::facts::States;
 use qv_policy::onnx::{Dense, OnnxError, PolicyGraph};
 use std::collections::HashMap;
 
@@ -270,7 +271,7 @@ fn what_is_wrong_is_named() {
     let inverted = refused(&|graph| graph.upper = &[-0.9; 12]);
     assert_eq!(inverted, "bounds of output 0: expected lower <= upper, found -0.8 > -0.9");
     assert!(refused(&|graph| graph.output = "observation").contains("`observation`"));
-    assert!(refused(&|graph| graph.input = "").contains("not empty"));
+    assert!(refused(&|graph| graph.input = "").states("empty"));
     let with = |change: &dyn Fn(&mut [Dense])| {
         let mut layers = made.layers();
         change(&mut layers);
@@ -436,6 +437,7 @@ mod recurrent {
 mod interpreter {
     use super::recurrent::Cell;
     use super::{Made, Random, near, observations};
+    use crate::facts::States;
     use qv_policy::onnx::{GraphBuilder, OnnxError, OnnxPolicy};
 
     #[test]
@@ -510,7 +512,7 @@ mod interpreter {
         let sum = graph.add(&x, &y);
         graph.output(&sum, "sum", 2).unwrap();
         let error = OnnxPolicy::from_bytes(&graph.finish()).unwrap_err();
-        assert!(matches!(error, OnnxError::Signature { .. }) && error.to_string().contains("inputs x, y"), "{error}");
+        assert!(matches!(error, OnnxError::Signature { .. }) && error.to_string().states("inputs"), "{error}");
     }
 
     /// Cut at every 97th byte, and with bytes changed: an error or numbers, never a panic.

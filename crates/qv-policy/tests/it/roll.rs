@@ -1,5 +1,6 @@
 //! Descriptions, observations and rolls.
 
+use crate::facts::States;
 use qv_policy::roll::{Description, Numbers, Observer, RollError, Seen, roll};
 use qv_sim::{Batch, Model, ModelOptions, SimOptions, State, Terrain};
 use std::path::{Path, PathBuf};
@@ -185,7 +186,7 @@ fn what_is_wrong_in_a_description_is_named() {
     assert_eq!(refused("rate = 50.0", "rate = -1.0"), "description, `rate`: expected above 0, found -1");
     assert_eq!(refused("rate = 50.0", "rate = nan"), "description, `rate`: expected above 0, found NaN");
     assert!(refused("rate = 50.0", "rate = 51.0").contains("simulation.timestep"));
-    assert!(refused(r#"["b", "a"]"#, r#"["a", "a"]"#).contains("`a` twice"));
+    assert!(refused(r#"["b", "a"]"#, r#"["a", "a"]"#).states("`a`"));
     assert!(refused("scale = [1.0, 2.0, 3.0]", "scale = [1.0]").contains("observation.terms[1].scale"));
     assert!(refused("frequency = 2.0", "frequency = 0.0").contains("observation.terms[7].frequency"));
     assert!(refused("term = \"gyro\"", "term = \"gyros\"").contains("gyros"));
@@ -193,7 +194,7 @@ fn what_is_wrong_in_a_description_is_named() {
         refused(r#""command" }"#, r#""command", scales = 2.0 }"#),
         "description, `observation.terms[3]`: expected keys among term, scale, found scales"
     );
-    assert!(refused("standing = -1.0", "stand = -1.0").contains("found stand"));
+    assert!(refused("standing = -1.0", "stand = -1.0").states("stand"));
     assert!(refused("clip = 3.0", "clips = 3.0").contains("clips"));
     assert!(Description::from_toml("name = 3").unwrap_err().to_string().starts_with("description:"));
 }
@@ -225,7 +226,7 @@ fn what_goes_wrong_in_a_roll_is_named() {
     assert_eq!(refused(&description, Err("no file".into())), "policy, at 0.000 s: no file");
     let mut other = description.clone();
     other.joints[2] = "tail".into();
-    assert!(refused(&other, Ok(vec![0.0; 12])).contains("found `tail`"));
+    assert!(refused(&other, Ok(vec![0.0; 12])).states("`tail`"));
     let mut other = description.clone();
     other.simulation.timestep = 0.002;
     let expected = "description, `simulation.timestep`: expected that of the batch, 0.001 s, found 0.002";

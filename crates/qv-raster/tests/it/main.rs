@@ -2,6 +2,8 @@
 
 mod dense;
 mod edges;
+#[path = "../../../../fixtures/facts.rs"]
+mod facts;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod groups;

@@ -1,5 +1,7 @@
 //! Every integration test of `qv-replay`, as one program: a file is a subject, a folder serves several.
 
 mod any_bytes;
+#[path = "../../../../fixtures/facts.rs"]
+mod facts;
 mod robots;
 mod tables;

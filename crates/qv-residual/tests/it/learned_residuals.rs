@@ -1,5 +1,6 @@
 //! Learned compensators on a made-up robot: weak motors that sway about the stand.
 
+use crate::facts::States;
 use qv_policy::compensate::Compensator;
 use qv_policy::onnx::OnnxPolicy;
 use qv_policy::velocity::{Ground, TaskRobot, TaskSettings};
@@ -153,9 +154,9 @@ fn what_does_not_fit_is_named() {
     let (replayer, lane) = (case.replayer(), Lane::default());
     let told = |found: Result<ResidualNet, ResidualError>| found.unwrap_err().to_string();
     let none = told(train_position(&replayer, &[], &lane, &small(), |_| {}));
-    assert!(none.contains("windows of a training"), "{none}");
+    assert!(none.states("training"), "{none}");
     let late = [Window { stretch: 0, decision: DECISIONS - 5 }];
-    assert!(told(train_torque(&replayer, &late, &lane, &small(), |_| {})).contains("none of them with room"));
+    assert!(told(train_torque(&replayer, &late, &lane, &small(), |_| {})).states("room"));
     let bad = SupervisedSettings { error: f64::NAN, ..small() };
     assert!(told(train_position(&replayer, &case.training(), &lane, &bad, |_| {})).starts_with("error"));
     let quick = SupervisedSettings { rounds: 0, passes: 1, windows: 2, ..small() };
@@ -165,7 +166,7 @@ fn what_does_not_fit_is_named() {
         change(&mut net);
         net.compensator(&case.robot, case.log.substeps, 1).err().expect("refused").to_string()
     };
-    assert!(broken(&|net| net.weights[3] = f32::NAN).contains("weight 3"));
+    assert!(broken(&|net| net.weights[3] = f32::NAN).states("weight 3"));
     assert!(broken(&|net| net.weights.truncate(10)).contains("weights"));
     assert!(broken(&|net| net.robot = "go1".into()).contains("go1"));
     assert!(broken(&|net| net.kind = NetKind::Torque).contains("sizes"));

@@ -2,6 +2,8 @@
 
 mod closing;
 mod exported;
+#[path = "../../../../fixtures/facts.rs"]
+mod facts;
 mod learned_residuals;
 mod online;
 mod squats;

@@ -1,5 +1,6 @@
 //! Real tosses of a cube, where the data is there, and the reader of their table.
 
+use crate::facts::States;
 use crate::skipped::skipped;
 
 use crate::tosses::{Cube, Toss, errors, mean, parse, simulate, turning_convention};
@@ -76,5 +77,5 @@ fn bad_tables_are_refused_by_line() {
     refused(&(table(5) + "4,0,0,0,0,0,0,0,0,0,0,0,0,0,0\n"), "quaternion");
     let uneven = parse(&table(6).replace("3,0.02,", "3,0.024,")).unwrap();
     let starts = [uneven[0].start_as_written()];
-    assert!(simulate(&CUBE.model().unwrap(), &uneven, &starts, &[]).unwrap_err().contains("sample 2"));
+    assert!(simulate(&CUBE.model().unwrap(), &uneven, &starts, &[]).unwrap_err().states("sample 2"));
 }

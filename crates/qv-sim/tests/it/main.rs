@@ -5,6 +5,8 @@ mod batch;
 mod bulk;
 mod contact;
 mod cube_tosses;
+#[path = "../../../../fixtures/facts.rs"]
+mod facts;
 mod foreign_urdfs;
 mod mjcf;
 mod motors;

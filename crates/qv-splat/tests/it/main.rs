@@ -2,6 +2,8 @@
 
 mod bad_files;
 mod biker;
+#[path = "../../../../fixtures/facts.rs"]
+mod facts;
 mod made_up;
 mod made_up_bytes;
 mod python;

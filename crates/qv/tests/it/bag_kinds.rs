@@ -1,6 +1,7 @@
 //! Bags as other recorders write them: sqlite3, compressed as a whole, renamed, of ROS 1.
 
 use crate::bags::*;
+use crate::facts::States;
 use rusqlite::{Connection, params};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -115,7 +116,7 @@ fn a_bag_of_ros_1_names_what_converts_it() {
     let path = directory("kinds_ros_1").join("walk.bag");
     std::fs::write(&path, b"#ROSBAG V2.0\n\x45\0\0\0\x10\0\0\0bag_encryptor=").unwrap();
     let (code, _, err) = inspect(&path);
-    assert!(code == 1 && err.contains("ROS 1") && err.contains("rosbags-convert"), "{err}");
+    assert!(code == 1 && err.states("ROS 1") && err.contains("rosbags-convert"), "{err}");
     let other = path.with_file_name("walk.txt");
     std::fs::write(&other, "hello").unwrap();
     let (code, _, err) = inspect(&other);

@@ -7,6 +7,8 @@ mod big_bag;
 mod captures;
 mod check;
 mod contact;
+#[path = "../../../../fixtures/facts.rs"]
+mod facts;
 mod fleet;
 #[path = "../../../qv-camera/tests/it/footage/mod.rs"]
 mod footage;

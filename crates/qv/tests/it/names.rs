@@ -1,6 +1,7 @@
 //! `qv effects`, `qv params`, and what is said of misspelt names.
 
 use crate::bags::*;
+use crate::facts::States;
 use serde_json::Value;
 use std::fs;
 
@@ -26,7 +27,7 @@ fn effects_are_listed_with_unit_and_range() {
     let (code, table, _) = qv(&["effects"]);
     assert_eq!(code, 0);
     let line = table.lines().find(|l| l.starts_with("ground_friction")).unwrap();
-    assert!(line.contains("contact") && line.contains("0.05 to 1.2"), "{line}");
+    assert!(line.contains("contact") && line.states("0.05 0.05 1.2"), "{line}");
     assert_eq!(table.lines().filter(|l| !l.is_empty()).count(), effects.len() + 2);
 }
 
@@ -54,7 +55,7 @@ fn misspelt_names_get_the_nearest() {
         err
     };
     let err = diagnose(&["--without", "ground_frictoin"]);
-    assert!(err.contains("unknown effect \"ground_frictoin\"; nearest: ground_friction"), "{err}");
+    assert!(err.states("\"ground_frictoin\" ground_friction"), "{err}");
     let params = folder.join("params.toml");
     for (name, nearest) in [
         ("actuator.FL_calf_joint.lagg", "actuator.FL_calf_joint.lag"),
@@ -71,5 +72,5 @@ fn misspelt_names_get_the_nearest() {
         tolerance = 0.1\nlevels = [1]\n[[effect.axis]]\nname = 'x'\nmoves = { 'external.forse_x' = 1.0 }\n";
     fs::write(&library, text).unwrap();
     let err = diagnose(&["--library", library.to_str().unwrap()]);
-    assert!(err.contains("unknown parameter \"external.forse_x\"; nearest: external.force_x"), "{err}");
+    assert!(err.states("\"external.forse_x\" external.force_x"), "{err}");
 }

@@ -1,6 +1,7 @@
 //! What holds for every command: files that are there whole or not at all, one writer in a folder, options from qv.toml, shells, manuals.
 
 use crate::bags::{directory, qv};
+use crate::facts::States;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
@@ -45,11 +46,11 @@ fn a_lock_that_is_held_is_named_and_one_of_the_dead_is_taken_over() {
     held.lock().unwrap();
     fs::write(&file, "process 42 on lab").unwrap();
     let (code, _, err) = qv(&["fixture", "--out", &out]);
-    assert!(code == 1 && err.contains(&out) && err.contains("found process 42 on lab"), "{err}");
+    assert!(code == 1 && err.contains(&out) && err.states("process 42"), "{err}");
     assert_eq!(names(&folder), ["qv.lock"]);
     drop(held);
     let (code, _, err) = qv(&["fixture", "--out", &out]);
-    assert!(code == 0 && err.contains("took over the lock of process 42 on lab"), "{err}");
+    assert!(code == 0 && err.states("process 42"), "{err}");
     assert_eq!(names(&folder), ["run.mcap", "terrain.glb", "truth.json"]);
 }
 
@@ -65,7 +66,7 @@ fn options_come_from_the_nearest_file_and_what_was_read_is_told() {
     // The file lies above, and so does the one that it names.
     let (code, out, err) = qv_in(&day, &["effects"]);
     assert!(code == 0 && out.starts_with('{') && out.contains("\"grease\""), "{out}{err}");
-    assert!(err.contains("qv.toml adds --json --library="), "{err}");
+    assert!(err.states("qv.toml --json --library="), "{err}");
     let (code, out, err) = qv_in(&day, &["effects", "--no-config"]);
     assert!(code == 0 && !out.contains("grease") && out.starts_with("name") && err.is_empty(), "{out}{err}");
     fs::write(day.join("qv.toml"), "[effects]\nlibary = \"mine.toml\"\n").unwrap();
@@ -76,7 +77,7 @@ fn options_come_from_the_nearest_file_and_what_was_read_is_told() {
     // A value that the option does not take is told by the option, and where it stands is told, too.
     fs::write(day.join("qv.toml"), "[fixture]\nseed = \"one\"\n").unwrap();
     let (code, _, err) = qv_in(&day, &["fixture", "--out", "o"]);
-    assert!(code == 2 && err.contains("'one' for '--seed <N>'") && err.contains("qv.toml adds --seed=one"), "{err}");
+    assert!(code == 2 && err.contains("'one' for '--seed <N>'") && err.states("qv.toml --seed=one"), "{err}");
     assert!(!day.join("o").exists());
 }
 
@@ -97,6 +98,6 @@ fn shells_and_manuals_know_every_command() {
         assert!(pages.iter().any(|name| name == page), "{pages:?}");
     }
     let text = fs::read_to_string(folder.join("qv-diagnose.1")).unwrap();
-    assert!(text.contains(".SH OPTIONS") && text.contains("terrain"), "{text}");
+    assert!(text.states(".SH OPTIONS") && text.contains("terrain"), "{text}");
     assert!(!pages.iter().any(|name| name.contains("fixture")), "hidden commands have no page");
 }

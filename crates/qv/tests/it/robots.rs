@@ -1,6 +1,7 @@
 //! Robots that are not built in: MJCF in place of a URDF, robot files, recordings that bring their robot.
 
 use crate::bags::*;
+use crate::facts::States;
 use qv_sim::mjcf::MjcfModel;
 use qv_sim::{BaseKind, Batch, JointCommand, ModelOptions, SimOptions, Terrain};
 use std::fmt::Write;
@@ -58,7 +59,7 @@ fn a_table_may_name_an_mjcf_and_is_replayed_with_it() {
         let (code, said, err) = qv(&arguments);
         // The crate that the file has beside the robot is left out, which is told.
         assert_eq!(code, 3, "{said}{err}");
-        assert!(err.contains("body `crate`"), "{err}");
+        assert!(err.states("`crate`"), "{err}");
         let report: serde_json::Value = serde_json::from_str(&said).unwrap();
         let rms = report["windows"]["pos_rms_mean"].as_f64().unwrap_or_else(|| panic!("no windows in {report:#}"));
         assert!(rms < 1e-3, "{rms} rad");
@@ -94,7 +95,7 @@ fn a_joint_that_the_model_has_is_not_said_to_be_absent() {
     let out = folder.join("out");
     let (code, said, err) = qv(&["replay", folder.to_str().unwrap(), "--out", out.to_str().unwrap()]);
     assert_eq!(code, 3, "{said}{err}");
-    assert!(err.contains("joint a_knee of the recording: none of its positions is a number"), "{err}");
+    assert!(err.states("a_knee"), "{err}");
     assert!(!err.contains("none of that name"), "{err}");
 }
 
@@ -124,7 +125,7 @@ fn a_robot_file_brings_mapping_and_model() {
     let (code, said, err) = qv(&["inspect", path, "--robot", file.to_str().unwrap()]);
     assert!(said.starts_with("dog base free, 12 joints"), "{code} {said}{err}");
     let (code, said, err) = qv(&["replay", path, "--robot", file.to_str().unwrap(), "--out", out.to_str().unwrap()]);
-    assert!(code == 0 && said.contains("windows of 0.3 s"), "{code} {said}{err}");
+    assert!(code == 0 && said.states("windows 0.3"), "{code} {said}{err}");
     // What is like a robot whose model is built in has that model, whatever its name.
     let mine = folder.join("mine.toml");
     std::fs::write(&mine, "like = \"go2\"\nname = \"mine\"\n").unwrap();
@@ -135,15 +136,15 @@ fn a_robot_file_brings_mapping_and_model() {
     assert!(code == 0 && !said.contains("not in the model"), "{code} {said}{err}");
     std::fs::write(&mine, "like = \"go2\"\nname = \"mine\"\nfeet = [\"AA\", \"FR\", \"CC\", \"RR\"]\n").unwrap();
     let (code, said, err) = replay(&mine);
-    assert!(code == 0 && said.contains("feet AA CC are not in the model"), "{code} {said}{err}");
+    assert!(code == 0 && said.states("AA CC"), "{code} {said}{err}");
     std::fs::write(&mine, "like = \"go2\"\nname = \"mine\"\nkp = -1\n").unwrap();
     let (code, _, err) = replay(&mine);
     assert!(code == 1 && err.contains("mine.toml") && err.contains("`kp`") && err.contains("-1"), "{code} {err}");
     // A built-in robot without a model says what to do.
     let (code, _, err) = qv(&["replay", path, "--robot", "b2", "--out", out.to_str().unwrap()]);
-    assert!(code == 1 && err.contains("like = \"b2\"") && err.contains("urdf ="), "{code} {err}");
+    assert!(code == 1 && err.states("\"b2\"") && err.states("urdf"), "{code} {err}");
     let (code, _, err) = qv(&["replay", path, "--robot", "nobody", "--out", out.to_str().unwrap()]);
-    assert!(code == 1 && err.contains("qv robots") && err.contains("nobody"), "{code} {err}");
+    assert!(code == 1 && err.states("robots") && err.contains("nobody"), "{code} {err}");
     std::fs::write(&file, "like = \"b2\"\nname = \"dog\"\ncolour = 1\n").unwrap();
     let (code, _, err) = qv(&["inspect", path, "--robot", file.to_str().unwrap()]);
     assert!(code == 1 && err.contains("dog.toml") && err.contains("`colour`"), "{code} {err}");
