@@ -235,7 +235,7 @@ fn stages(stages: &[Stage]) -> String {
         return String::new();
     }
     let mut text = format!(
-        "<h2>What was simulated</h2><div class=\"card small\"><p>{} million steps</p>",
+        "<h2>What was simulated</h2><div class=\"card small\"><p>{} million simulated steps</p>",
         significant(1e-6 * all as f64, 3)
     );
     let mut bars = Bars::new();
