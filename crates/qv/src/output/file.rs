@@ -53,7 +53,7 @@ pub fn stream<E>(
 ) -> Result<(), E> {
     let is_staged = folder::begin(path).map_err(&failed)?;
     if let Some(new) = is_staged {
-        write_new(&new, &failed, write)?;
+        write_new(&new, &failed, write).inspect_err(|_| folder::failed(&new))?;
         // It is brought to the disk when it takes its place.
         return folder::stage(new, path).map_err(failed);
     }

@@ -77,7 +77,10 @@ impl Current {
 
     /// Removes what is staged.
     fn discard(&mut self) {
-        self.staged.drain(..).for_each(|(from, _)| _ = fs::remove_file(from));
+        for (from, _) in self.staged.drain(..) {
+            _ = fs::remove_file(&from);
+            self.manifest.end(&from);
+        }
         self.unwanted.clear();
         self.made.drain(..).rev().for_each(|folder| _ = fs::remove_dir(folder));
     }
@@ -112,6 +115,14 @@ pub fn begin(path: &Path) -> io::Result<Option<PathBuf>> {
         Ok(Some(new))
     })?;
     Ok(begun.flatten())
+}
+
+/// States that a file that was begun is gone again.
+pub fn failed(new: &Path) {
+    _ = with_current(|current| {
+        current.manifest.end(new);
+        Ok(())
+    });
 }
 
 /// Adds a file that is written to those that take their places together.
@@ -229,13 +240,17 @@ pub fn clear(folder: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Gives the folder back as it was, since the process ends now.
+/// Gives the folder back as it was, since the process ends now. Nothing is written into it any more: whoever begins to waits until the end.
 pub fn abandon() {
-    let Some(mut current) = CURRENT.lock().unwrap_or_else(|e| e.into_inner()).take() else { return };
-    current.discard();
-    _ = current.manifest.rewrite();
-    Lock::remove_own(&current.root.join(LOCK));
-    current.made_for_it.iter().rev().for_each(|folder| _ = fs::remove_dir(folder));
+    let mut locked = CURRENT.lock().unwrap_or_else(|e| e.into_inner());
+    if let Some(current) = locked.as_mut() {
+        current.discard();
+        // What another thread is writing is left to the next owner.
+        _ = current.manifest.rewrite();
+        Lock::remove_own(&current.root.join(LOCK));
+        current.made_for_it.iter().rev().for_each(|folder| _ = fs::remove_dir(folder));
+    }
+    std::mem::forget(locked);
 }
 
 /// A folder that is written into, by one process at a time. At the end nothing of the lock is left.

@@ -103,6 +103,12 @@ impl Manifest {
         self.relative(temporary).map_or(Ok(()), |path| self.add(Record::Temporary { path }))
     }
 
+    /// Forgets a file that was being written, and has its place or is gone.
+    pub fn end(&mut self, temporary: &Path) {
+        let name = self.relative(temporary);
+        name.iter().for_each(|name| _ = self.temporary.remove(name));
+    }
+
     /// States that a file with these contents is ours.
     pub fn own(&mut self, path: &Path, sha256: &str) -> io::Result<()> {
         let known = |path: &String| self.files.get(path).is_some_and(|all| all.contains(sha256));
@@ -163,7 +169,10 @@ impl Manifest {
             self.add(Record::Moves { from_to })?;
             sync(&self.root.join(FILE))?;
         }
-        moves.iter().try_for_each(|(from, to)| fs::rename(from, to))?;
+        for (from, to) in moves {
+            fs::rename(from, to)?;
+            self.end(from);
+        }
         let folders: BTreeSet<&Path> = moves.iter().filter_map(|(_, to)| to.parent()).collect();
         folders.into_iter().for_each(|folder| _ = sync(folder));
         self.add(Record::Moved)
@@ -227,14 +236,16 @@ impl Manifest {
         }
         self.files.retain(|_, all| !all.is_empty());
         let path = root.join(FILE);
-        if self.files.is_empty() && self.claimed.is_empty() {
+        if self.files.is_empty() && self.claimed.is_empty() && self.temporary.is_empty() {
             return fs::remove_file(&path).or_else(missing_is_fine);
         }
         let files = self.files.iter().flat_map(|(path, all)| all.iter().map(|sha256| (path.clone(), sha256.clone())));
         let records = files.map(|(path, sha256)| Record::File { path, sha256 });
         let claimed = self.claimed.iter().map(|path| Record::Claimed { path: path.clone() });
         let mut text = format!("{HEAD}\n");
-        for record in records.chain(claimed) {
+        // What a thread is writing while the process ends.
+        let temporary = self.temporary.iter().map(|path| Record::Temporary { path: path.clone() });
+        for record in records.chain(claimed).chain(temporary) {
             text += &serde_json::to_string(&record).map_err(io::Error::other)?;
             text.push('\n');
         }
