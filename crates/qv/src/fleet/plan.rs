@@ -4,7 +4,7 @@ use super::find::{files, recordings, with_companions};
 use super::folder::Folder;
 use super::hash;
 use crate::open::progress;
-use crate::output::write_whole;
+use crate::output::{OutputFolder, write_whole};
 use crate::{Cli, Failure, Outcome, say};
 use clap::Parser;
 use qv_fleet::{Command, InputFile, Plan as Units, Recording, Refused, Task, sha256};
@@ -111,7 +111,10 @@ impl Plan {
             }
         }
         let plan = Units::new(self.task()?, good, refused, self.group);
-        write_whole(&self.out.join("plan.json"), plan.to_text().as_bytes())?;
+        let out = OutputFolder::take(&self.out)?;
+        let written = write_whole(&self.out.join("plan.json"), plan.to_text().as_bytes());
+        out.end(written.is_ok())?;
+        written?;
         say(&if self.json { line(&plan) } else { summary(&plan, &self.out) })?;
         Ok(if plan.refused.is_empty() { Outcome::Done } else { Outcome::Partial })
     }

@@ -65,6 +65,20 @@ fn a_unit_removes_what_its_command_wrote_and_nothing_else() {
     assert_eq!(names, ["data/notes.txt", "report.json"]);
 }
 
+#[test]
+fn what_a_user_has_beside_a_plan_is_kept() {
+    let root = planned("plan_foreign");
+    done(&root, "fleet run fleet");
+    fs::write(root.join("fleet/fleet.html"), "mine").unwrap();
+    for _ in 0..2 {
+        done(&root, "fleet gather fleet");
+        done(&root, "fleet plan lab --out fleet --command rehearse");
+    }
+    assert_eq!(fs::read_to_string(root.join("fleet/fleet.html.kept-1")).unwrap(), "mine");
+    let names: Vec<String> = contents(&root.join("fleet")).into_keys().filter(|name| name.contains("kept")).collect();
+    assert_eq!(names, ["fleet.html.kept-1"]);
+}
+
 #[cfg(unix)]
 #[test]
 fn a_log_that_is_a_link_is_not_followed() {
