@@ -12,4 +12,4 @@ mod manifest;
 pub use file::{is_same, put, stream, write_whole};
 pub use folder::{OutputFolder, abandon, claim, clear, commit, keep_what_is_claimed, make_folder, remove, staged};
 pub use inputs::{refuse, refuse_inputs, targets};
-pub use manifest::open_plain;
+pub use manifest::{FILE as MANIFEST, open_plain};
