@@ -15,9 +15,9 @@ use std::path::Path;
 const SEED: u64 = 20;
 /// One actuator, one joint, one sensor; nothing, and something that no library has.
 const EFFECTS: [&str; 3] = ["command_latency", "joint_coulomb_friction", "imu_tilt"];
-/// How far a size may be off, as a share of its range, and a closed share: another processor rounds otherwise.
-const SIZE: f64 = 0.05;
-const CLOSED: f64 = 0.1;
+/// How far the error of a size, and a closed share, may move, as shares of themselves: another processor rounds otherwise.
+const SIZE: f64 = 0.2;
+const CLOSED: f64 = 0.03;
 
 fn set() -> Set {
     Set { origin: Origin::Rapier, effects: EFFECTS.to_vec(), per_effect: 1, none: 1, withheld: 1, pairs: 0 }
@@ -90,8 +90,8 @@ fn of(scored: &Scored) -> Vec<Figure> {
     let mut all = vec![figure("said first", json!(scored.said), 0.0)];
     if scored.named {
         let largest = scored.errors.iter().copied().fold(0.0, f64::max);
-        all.push(figure("error over range", json!(largest), SIZE));
-        all.extend(scored.closed.map(|closed| figure("closed share", json!(closed), CLOSED)));
+        all.push(figure("error over range", json!(largest), SIZE * largest));
+        all.extend(scored.closed.map(|closed| figure("closed share", json!(closed), CLOSED * closed)));
     }
     all.extend(scored.left_out.as_ref().map(|left_out| figure("said without it", json!(left_out.said), 0.0)));
     all

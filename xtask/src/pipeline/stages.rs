@@ -131,7 +131,7 @@ impl Stage {
             "reconstruct yard --out reconstruct --poses capture --background black --iterations 3000 --small 0.5 --flattening 100 --depth-normal 0.05 --multi-view 0.15 --labels 0.05 --preview --json",
         )];
         const RECONSTRUCT_SMALL: [Call; 1] = [qv(
-            "reconstruct yard --out reconstruct --poses capture --background black --iterations 1000 --small 0.5 --flattening 100 --depth-normal 0.05 --multi-view 0.15 --labels 0.05 --preview --json",
+            "reconstruct yard --out reconstruct --poses capture --background black --iterations 2000 --small 0.75 --flattening 100 --depth-normal 0.05 --multi-view 0.15 --labels 0.05 --preview --json",
         )];
         const MESH: [Call; 1] = [told(
             "mesh reconstruct/scene.ply --cameras yard/transforms.json --labels yard/labels.toml --triangles 40000 \

@@ -3,6 +3,7 @@
 use crate::facts::States;
 use crate::two_links::{ARM, SETTINGS, model};
 use qv_gap::decision::Policy;
+use qv_gap::inference::linearised::NullOptions;
 use qv_gap::report::{Report, Verdict};
 use qv_gap::{Options, diagnose};
 use qv_replay::Run;
@@ -54,8 +55,13 @@ fn read(csv: &str, settings: &str) -> Run {
     qv_replay::read_table(csv.as_bytes(), settings, Some(ARM), None).unwrap()
 }
 
+/// Fewer simulated recordings than by default: these tests are run often.
+fn quick() -> Options<'static> {
+    Options { effort: NullOptions { replicates: 6, ..Default::default() }, ..Default::default() }
+}
+
 fn of(runs: &[Run], reference: Vec<Run>) -> Report {
-    let options = Options { reference, ..Default::default() };
+    let options = Options { reference, ..quick() };
     diagnose(runs, &model(), &Terrain::none(), &options, 0).unwrap().report
 }
 
@@ -130,7 +136,7 @@ fn several_faults_at_once_are_sized_together() {
     let faults: Vec<(&str, f64)> = faults.iter().map(|(name, value)| (name.as_str(), *value)).collect();
     // Nothing is accused under this policy.
     let policy = Policy { least_held_evidence: 1e9, ..Policy::default() };
-    let options = Options { policy, ..Default::default() };
+    let options = Options { policy, ..quick() };
     let report = diagnose(&[recorded(&faults, &[], 12)], &model(), &Terrain::none(), &options, 0).unwrap().report;
     let together = report.together.as_ref().unwrap_or_else(|| panic!("{}", report.sentence));
     for (effect, truth) in [("motor_gain_kp", -0.4), ("joint_viscous_friction", 0.15), ("joint_coulomb_friction", 0.08)]
@@ -157,25 +163,25 @@ fn recordings_that_disagree_are_told_apart() {
 #[test]
 fn unknown_gains_are_found_and_no_cause() {
     let settings = SETTINGS.replace("kp = 12.0", "kp = \"unknown\"").replace("kd = 0.4", "kd = \"unknown\"");
-    let of = |parameters: &[(&str, f64)], seed| {
+    let with_gains = |parameters: &[(&str, f64)], seed| {
         let mut runs = [read(&table(parameters, &[], seed), &settings)];
         assert!(diagnose(&runs, &model(), &Terrain::none(), &Options::default(), 0).is_err(), "no gain is guessed");
         find_gains(&mut runs, &model(), &Terrain::none(), &[]).unwrap();
         let [run] = runs;
         run
     };
-    let run = of(&[], 21);
+    let run = with_gains(&[], 21);
     let gains = [run.actuator.kp.unwrap(), run.actuator.kd.unwrap()];
     for (gain, (truth, known)) in gains.into_iter().zip([12.0, 0.4].into_iter().zip(run.actuator.gains)) {
         let Known::Found(deviation) = known else { panic!("{known:?}") };
         assert!((gain / truth - 1.0).abs() < 0.03 && deviation < 0.1, "{gain} {deviation}");
     }
     assert!(run.told.iter().any(|t| t.states("unknown 1")), "{:?}", run.told);
-    let report = diagnose(&[run], &model(), &Terrain::none(), &Options::default(), 0).unwrap().report;
+    let report = of(&[run], Vec::new());
     assert_eq!(report.verdict, Verdict::NoGap, "{}", report.sentence);
 
     let payload = [("link.lower.payload_mass", 0.25)];
-    let report = diagnose(&[of(&payload, 22)], &model(), &Terrain::none(), &Options::default(), 0).unwrap().report;
+    let report = of(&[with_gains(&payload, 22)], Vec::new());
     let named = report.ranking.iter().find(|r| r.effect.starts_with("motor_gain"));
     assert!(named.is_none(), "{named:?}");
     let cause = report.causes.first().unwrap_or_else(|| panic!("{} {:?}", report.sentence, report.leads));

@@ -13,6 +13,11 @@ fn quick() -> Options<'static> {
     Options { effort: NullOptions { replicates: 6, ..Default::default() }, ..Default::default() }
 }
 
+/// Fewer windows, where no outline is looked for.
+fn fewer() -> Options<'static> {
+    Options { cut: WindowOptions { most: 32, ..Default::default() }, ..quick() }
+}
+
 fn of(run: &Run, options: &Options) -> Report {
     diagnose(std::slice::from_ref(run), &go2(), &Terrain::plane(), options, 0).unwrap().report
 }
@@ -41,7 +46,7 @@ fn the_outline_of_a_slippery_stripe_is_found_and_ends_at_feet() {
 
     // Ground that is known already is not accused once more.
     let given = report.corrections.iter().map(|c| (c.parameter.clone(), c.value)).collect();
-    let report = of(&run, &Options { given, ..quick() });
+    let report = of(&run, &Options { given, ..fewer() });
     assert!(report.causes.is_empty(), "{}", report.sentence);
 }
 
@@ -58,7 +63,7 @@ fn ground_that_is_slippery_under_the_feet_of_one_side_has_its_edge_between_them(
 
 #[test]
 fn a_floor_that_is_slippery_everywhere_has_no_outline() {
-    let report = of(&recorded(vec![("contact.friction".into(), 0.25)], 4), &quick());
+    let report = of(&recorded(vec![("contact.friction".into(), 0.25)], 4), &fewer());
     assert_eq!(report.causes.first().map(|c| c.effect.as_str()), Some("ground_friction"), "{}", report.sentence);
     assert_eq!(report.causes[0].scope, ["all"]);
     assert!((size(&report, "friction") - 0.25).abs() < 0.05);
@@ -72,8 +77,7 @@ fn friction_that_falls_with_slip_is_named() {
     let known = [("contact.friction".to_string(), 0.35)];
     let weak = [("contact.friction_drop".to_string(), 0.6)];
     let run = recorded([&known[..], &weak[..]].concat(), 4);
-    let cut = WindowOptions { most: 32, ..Default::default() };
-    let report = of(&run, &Options { given: known.to_vec(), cut, ..quick() });
+    let report = of(&run, &Options { given: known.to_vec(), ..fewer() });
     let named = |cause: &qv_gap::report::Cause| {
         let mut all = cause.confusable_with.iter().chain([&cause.effect]);
         all.any(|effect| effect == "friction_drop")
@@ -84,7 +88,7 @@ fn friction_that_falls_with_slip_is_named() {
 
 #[test]
 fn a_weight_that_the_library_lacks_is_no_force() {
-    let options = Options { cut: WindowOptions { most: 32, ..Default::default() }, ..quick() };
+    let options = fewer();
     let run = recorded(vec![("link.base.payload_mass".into(), 1.2)], 4);
     let diagnosis = diagnose(&[run], &go2(), &Terrain::plane(), &options, 1).unwrap();
     assert_eq!(diagnosis.report.causes.first().map(|c| c.effect.as_str()), Some("payload_mass"));

@@ -1,7 +1,7 @@
 //! A short training of the Go2 gives what it gave when it was looked at, and a policy far better than none.
 
 use crate::facts::States;
-use crate::short::{Figures, Golden, ITERATIONS, settings, train};
+use crate::short::{Figures, Golden, trained};
 
 #[test]
 fn a_short_training_gives_the_figures_of_its_golden() {
@@ -10,7 +10,7 @@ fn a_short_training_gives_the_figures_of_its_golden() {
     assert_eq!(golden.name, "short");
     // A golden of other settings says nothing of these.
     assert_eq!(fresh, golden, "settings or tolerances are not the golden's: `cargo xtask golden bless short`");
-    let trained = train(&settings(), ITERATIONS);
+    let trained = trained();
     println!("untrained {:?}\ntrained {:?}", trained.untrained, trained.figures);
     let differences = golden.differences(&trained.figures);
     assert!(differences.is_empty(), "not the golden's figures:\n  {}", differences.join("\n  "));

@@ -1,7 +1,7 @@
 //! A policy that learnt in our simulator walks in MuJoCo as it does in ours: same commands, same time, nobody falls. Wants a Python with
 //! MuJoCo and onnxruntime (`QV_PYTHON_ONNX`), and says that it skips without one.
 
-use crate::short::{ITERATIONS, settings, train};
+use crate::short::{settings, trained};
 use crate::skipped::skipped;
 use qv_policy::policy::PolicyFile;
 use qv_policy::score::score;
@@ -27,7 +27,7 @@ fn a_short_training_walks_in_mujoco() {
         return;
     };
     let robot = qv_go2::walk::robot().unwrap();
-    let trained = train(&settings(), ITERATIONS);
+    let trained = trained();
     // As MuJoCo walks: 1 ms, contacts solved to the end, and below with the same commands.
     let task = TaskSettings { substeps: 20, iterations: 30, episode: 1e4, ..settings().task };
     let mut judge = VelocityTask::new(robot.clone(), Ground::plane(), task.clone(), RUNS).unwrap();

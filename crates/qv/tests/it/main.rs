@@ -27,6 +27,5 @@ mod safety;
 #[path = "../../../../fixtures/skipped.rs"]
 mod skipped;
 mod tables;
-mod tutorials;
 mod view;
 mod visual;

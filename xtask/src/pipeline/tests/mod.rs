@@ -52,17 +52,33 @@ fn the_first_stage_that_moved_is_named() {
     );
 }
 
-/// The golden "navigate" has figures of the optional stage alone, "stages" has none of it.
+fn golden(name: &str) -> Vec<Figure> {
+    let (of, size) = Of::named(name).unwrap();
+    read(&Workspace::load().unwrap().workspace_root, of, size).unwrap()
+}
+
+/// A golden whose tolerance is wide sees no regression: at most a fifth of the figure.
+#[test]
+fn goldens_are_narrow_enough_to_see_a_regression() {
+    for name in ["stages", "stages_full", "navigate", "navigate_full"] {
+        for figure in golden(name) {
+            let size = figure.value.as_f64().map_or(f64::INFINITY, f64::abs);
+            assert!(figure.tolerance <= 0.2 * size, "{name}: {figure:?}");
+        }
+    }
+}
+
+/// The goldens "navigate" have figures of the optional stage alone, "stages" have none of it.
 #[test]
 fn the_optional_stage_has_a_golden_of_its_own() {
-    let root = Workspace::load().unwrap().workspace_root;
-    let of = |of: Of| read(&root, of, Size::Full).unwrap();
-    assert!(of(Of::Stages).iter().all(|figure| figure.stage != "navigate"));
-    let navigate = of(Of::Navigate);
-    assert!(navigate.len() == 6 && navigate.iter().all(|figure| figure.stage == "navigate"));
-    let share = |k: usize| navigate[k].value.as_f64().unwrap();
-    assert!(share(0) > 0.6 && share(1) > 0.9, "a policy that learnt, and its teacher: {} {}", share(0), share(1));
-    assert!(share(2) > 0.4, "and on legs that walk: {}", share(2));
+    for (stages, navigate) in [("stages", "navigate"), ("stages_full", "navigate_full")] {
+        assert!(golden(stages).iter().all(|figure| figure.stage != "navigate"));
+        let navigate = golden(navigate);
+        assert!(navigate.len() == 6 && navigate.iter().all(|figure| figure.stage == "navigate"));
+        let share = |k: usize| navigate[k].value.as_f64().unwrap();
+        assert!(share(0) > 0.6 && share(1) > 0.9, "a policy that learnt, and its teacher: {} {}", share(0), share(1));
+        assert!(share(2) > 0.4, "and on legs that walk: {}", share(2));
+    }
     assert!(Stage::Report.calls(Size::Full, true)[0].words.contains("--navigation") && Stage::Navigate.is_optional());
     assert!(!Stage::Report.calls(Size::Full, false)[0].words.contains("--navigation"));
     let needed = super::needed(Stage::Navigate, true);
