@@ -6,6 +6,7 @@ mod blind;
 mod fuzz;
 mod golden;
 mod guides;
+mod kills;
 mod pipeline;
 mod process;
 mod programs;
@@ -60,6 +61,12 @@ enum Chore {
     Ros2,
     /// Check what is linked against known advisories, where their database can be had (needs cargo-deny)
     Advisories,
+    /// Kill commands that write results at random moments, and look whether the old or the new ones are there whole
+    Kills {
+        /// Kills of each command
+        #[arg(long, default_value_t = 20)]
+        each: u32,
+    },
     /// Run the fuzz targets for a while (needs cargo-fuzz)
     Fuzz {
         /// Targets; default: all
@@ -84,6 +91,7 @@ fn run(chore: Chore) -> Result<bool> {
         Chore::Python(how) => wheel::run(&workspace, &how),
         Chore::Ros2 => ros2::run(&workspace),
         Chore::Advisories => advisories::run(&workspace),
+        Chore::Kills { each } => kills::run(&workspace, each),
         Chore::Fuzz { targets, seconds } => fuzz::run(&workspace, seconds, &targets),
     }
 }

@@ -71,6 +71,6 @@ fn main() -> Result<(), Box<dyn Error>> {
         );
     }
     println!("{:?}\n{:?}\n{:?}", report.base_error.held_out, report.base_error.all, report.windows);
-    println!("{:.1} s", report.runtime_s);
+    println!("{:.1} s", report.timing.runtime_s);
     Ok(())
 }

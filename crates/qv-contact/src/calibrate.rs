@@ -103,7 +103,7 @@ pub fn calibrate(
     let fit = job.fit()?;
     let searched = job.search()?;
     let mut report = job.report(&fit, searched)?;
-    report.runtime_s = options.clock.zip(started).map_or(0.0, |(clock, started)| clock() - started);
+    report.timing.runtime_s = options.clock.zip(started).map_or(0.0, |(clock, started)| clock() - started);
     Ok(report)
 }
 
@@ -402,7 +402,7 @@ impl<'a> Job<'a> {
             slips,
             notes: notes(&regions, background.is_of_all, self.segments.is_empty().then_some(self.options.segment)),
             regions,
-            runtime_s: 0.0,
+            timing: Default::default(),
         })
     }
 

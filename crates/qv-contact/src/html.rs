@@ -36,11 +36,8 @@ pub fn to_html(report: &Report, ground: &Ground, title: &str, lost: &[String]) -
         plan(report, ground),
         notes,
         format!(
-            "<p class=\"soft small\">{} windows of {} s, {} of them for what is usual; {} s.</p>",
-            w.count,
-            w.length,
-            w.background,
-            fixed(report.runtime_s, 1)
+            "<p class=\"soft small\">{} windows of {} s, {} of them for what is usual.</p>",
+            w.count, w.length, w.background
         ),
     ];
     let (title, heading) = (format!("Friction from {title}"), format!("Friction of the ground from {}", escape(title)));

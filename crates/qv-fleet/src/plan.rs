@@ -3,7 +3,7 @@
 use crate::error::FleetError;
 use crate::hash::sha256;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// What a plan says of its own form.
 const FORMAT: &str = "qv-fleet-plan/1";
@@ -188,7 +188,7 @@ impl Plan {
     /// Reads what [`Plan::to_text`] wrote; `file` is named in errors.
     ///
     /// # Errors
-    /// It is no plan of this version of the form.
+    /// It is no plan of this version of the form, or has a unit with another kind of identity.
     pub fn parse(text: &str, file: &str) -> Result<Self, FleetError> {
         let wrong = |found: String| FleetError::File {
             file: file.into(),
@@ -198,6 +198,19 @@ impl Plan {
         let plan: Self = serde_json::from_str(text).map_err(|e| wrong(e.to_string()))?;
         if plan.format != FORMAT {
             return Err(wrong(format!("the format {}", plan.format)));
+        }
+        let mut known = BTreeSet::new();
+        for unit in &plan.units {
+            // It is the name of a folder, and stands in scripts.
+            if !is_identity(&unit.id) {
+                return Err(wrong(format!(
+                    "the unit {:?}, whose identity is not u and {DIGITS} hexadecimal digits",
+                    unit.id
+                )));
+            }
+            if !known.insert(&unit.id) {
+                return Err(wrong(format!("the unit {} twice", unit.id)));
+            }
         }
         Ok(plan)
     }
@@ -249,6 +262,12 @@ fn apart(mut recordings: Vec<Recording>) -> (Vec<Recording>, Vec<Repeated>) {
         }
     });
     (recordings, repeated)
+}
+
+/// Whether text is an identity of a unit: `u` and 16 hexadecimal digits.
+fn is_identity(text: &str) -> bool {
+    let is_digit = |c: u8| c.is_ascii_digit() || (b'a'..=b'f').contains(&c);
+    text.strip_prefix('u').is_some_and(|digits| digits.len() == DIGITS && digits.bytes().all(is_digit))
 }
 
 fn identity(task: &Task, recordings: &[Recording]) -> String {
@@ -336,5 +355,13 @@ mod tests {
         assert!(of("{}").contains("f/plan.json: expected a plan of `qv fleet plan`"));
         assert!(of(&text.replace("plan/1", "plan/7")).contains("found the format qv-fleet-plan/7"));
         assert!(of(&text[..text.len() / 2]).contains("EOF"));
+        let plan = Plan::parse(&text, "f/plan.json").unwrap();
+        for odd in
+            ["../../elsewhere", "/etc", "u0123", "u0123456789ABCDEF", "u012345678/bcdef0", "u$(touch xxxxxx)", ""]
+        {
+            let hostile = text.replacen(&plan.units[0].id, odd, 1);
+            assert!(of(&hostile).contains("16 hexadecimal digits"), "{odd}");
+        }
+        assert!(of(&text.replace(&plan.units[0].id, &plan.units[1].id)).contains("twice"));
     }
 }

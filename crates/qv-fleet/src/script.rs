@@ -78,6 +78,7 @@ pub fn snakemake(plan: &Plan, program: &str, folder: &str, resources: &Resources
     let _ = writeln!(text, "UNITS = [");
     plan.units.iter().for_each(|unit| _ = writeln!(text, "    {},", python(&unit.id)));
     let _ = writeln!(text, "]\nQV = {}\nFLEET = {}\n", python(program), python(folder));
+    text += "wildcard_constraints:\n    unit=\"u[0-9a-f]{16}\"\n\n";
     text += "rule all:\n    input: expand(\"{fleet}/units/{unit}/done.json\", fleet=FLEET, unit=UNITS)\n\n";
     text += "rule unit:\n    output: FLEET + \"/units/{unit}/done.json\"\n    params: qv=QV, fleet=FLEET\n";
     let _ = writeln!(text, "    threads: {}", resources.cpus.max(1));
@@ -86,7 +87,7 @@ pub fn snakemake(plan: &Plan, program: &str, folder: &str, resources: &Resources
     }
     let _ = writeln!(
         text,
-        "    shell: \"RAYON_NUM_THREADS={{threads}} {{params.qv:q}} fleet run {{params.fleet:q}} --unit {{wildcards.unit}}{}\"\n\
+        "    shell: \"RAYON_NUM_THREADS={{threads}} {{params.qv:q}} fleet run {{params.fleet:q}} --unit {{wildcards.unit:q}}{}\"\n\
          \x20          \" || [ $? -eq 3 ]\"\n",
         limits(resources)
     );
@@ -132,6 +133,7 @@ mod tests {
         let plan = plan(3);
         let text = snakemake(&plan, "qv", "/f \"x\"", &Resources { memory: Some(100), ..Resources::default() });
         assert!(plan.units.iter().all(|unit| text.contains(&format!("\"{}\"", unit.id))));
+        assert!(text.contains("--unit {wildcards.unit:q}") && text.contains("unit=\"u[0-9a-f]{16}\""), "{text}");
         assert!(text.contains("FLEET = \"/f \\\"x\\\"\"") && text.contains("mem_mb=356"), "{text}");
     }
 }

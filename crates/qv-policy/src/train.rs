@@ -239,10 +239,18 @@ impl Training {
     }
 
     fn begin_epoch(&mut self) -> Result<(), PolicyError> {
-        let kept = Checkpoint {
+        self.kept = self.state(self.epoch);
+        self.env.restart(self.settings.seed, self.epoch)?;
+        self.ppo.reseed(self.settings.seed, self.epoch, self.settings.robots);
+        Ok(())
+    }
+
+    /// Networks, optimiser and curriculum as they are, with an epoch to begin.
+    fn state(&self, epoch: u64) -> Checkpoint {
+        Checkpoint {
             settings: self.settings.clone(),
             identity: self.kept.identity.clone(),
-            epoch: self.epoch,
+            epoch,
             iterations: self.ppo.iterations,
             steps: self.ppo.adam.steps,
             rate: self.ppo.rate,
@@ -251,11 +259,14 @@ impl Training {
             second: self.ppo.adam.second.clone(),
             curriculum: self.env.curriculum(),
             best: self.best.as_ref().map(|(score, policy)| (score.clone(), policy.parameters.clone())),
-        };
-        self.kept = kept;
-        self.env.restart(self.settings.seed, self.epoch)?;
-        self.ppo.reseed(self.settings.seed, self.epoch, self.settings.robots);
-        Ok(())
+        }
+    }
+
+    /// The state after the last iteration. Within an epoch all episodes begin anew when a training goes on from it, so that its bits are other ones
+    /// than those of a training that was not stopped; [`Training::checkpoint`] has the same bits.
+    pub fn checkpoint_now(&self) -> Checkpoint {
+        let is_between = self.ppo.iterations == self.kept.iterations;
+        self.state(if is_between { self.epoch } else { self.epoch + 1 })
     }
 
     /// The robot's task.

@@ -1,6 +1,7 @@
 //! `qv.toml`: options that hold for every call in its folder and below.
 //!
-//! They are put into the command line behind the names of the commands, so that the rules of the options hold for them, too.
+//! They are put into the command line behind the names of the commands, so that the rules of the options hold for them, too. A file says neither
+//! where something is written nor to whom something is sent; one of another user says nothing.
 
 use crate::Failure;
 use crate::scene::about;
@@ -17,6 +18,9 @@ const FILE: &str = "qv.toml";
 /// Options that are none to be given once and for all.
 const NEVER: [&str; 3] = ["help", "version", "no-config"];
 
+/// Options that are typed or not given at all: where results go, and to whom, and for which model, a request with a key is sent.
+const TYPED: [&str; 5] = ["ask", "model", "out", "replace", "scene-out"];
+
 /// Words of the command line as they were understood: they belong to the process, as its arguments do.
 static WORDS: OnceLock<Vec<String>> = OnceLock::new();
 
@@ -26,6 +30,8 @@ pub struct Words {
     /// The file, where it added something.
     pub file: Option<PathBuf>,
     pub added: Vec<String>,
+    /// What a file says that is not followed, and why; a line each.
+    pub ignored: Vec<String>,
 }
 
 impl Words {
@@ -78,28 +84,51 @@ const FILELESS: [&str; 5] = ["--no-config", "--help", "-h", "--version", "-V"];
 /// # Errors
 /// The file is no TOML, or has a key or a value that no command takes.
 pub fn with_file(typed: Vec<OsString>, folder: &Path, root: &Command) -> Result<Words, Failure> {
-    let none = |all| Ok(Words { all, file: None, added: vec![] });
+    let none = |all, ignored| Ok(Words { all, file: None, added: vec![], ignored });
     let own = typed.iter().position(|word| word == "--").map_or(&typed[..], |end| &typed[..end]);
     // Help, and what a shell asks for, are given whatever stands in a file above.
     let asks_nothing = own.get(1).is_some_and(|word| OF_SHELLS.iter().any(|known| word == known));
     if asks_nothing || own.iter().any(|word| FILELESS.iter().any(|known| word == known)) {
-        return none(typed);
+        return none(typed, vec![]);
     }
     let Some(file) = folder.ancestors().map(|folder| folder.join(FILE)).find(|file| file.is_file()) else {
-        return none(typed);
+        return none(typed, vec![]);
     };
+    if !is_own(&file) {
+        let why = "it belongs to another user; copy it, or name its options";
+        return none(typed, vec![format!("ignores '{}': {why}", file.display())]);
+    }
     let text = std::fs::read_to_string(&file).map_err(|e| about(&file, format!("expected options, found {e}")))?;
     let table: Table = text.parse().map_err(|e| about(&file, format!("expected TOML, found {e}")))?;
     check(&table, root, "").map_err(|found| about(&file, found))?;
-    let Some(called) = Called::of(own, root) else { return none(typed) };
+    let Some(called) = Called::of(own, root) else { return none(typed, vec![]) };
     // Paths are told as they are written where that is where one stands.
     let base = file.parent().filter(|base| *base != folder).map(Path::to_path_buf).unwrap_or_default();
-    let added = called.additions(&table, &base);
+    let (added, refused) = called.additions(&table, &base);
+    let why = "it is taken from the command line alone";
+    let ignored = refused.iter().map(|option| format!("ignores --{option} of '{}': {why}", file.display())).collect();
     let at = called.end;
     let mut all = typed;
     all.splice(at..at, added.iter().map(OsString::from));
     let file = Some(file).filter(|_| !added.is_empty());
-    Ok(Words { all, file, added })
+    Ok(Words { all, file, added, ignored })
+}
+
+/// Whether a file belongs to who calls, as git asks of a repository: to this user, or to the one who called sudo.
+#[cfg(unix)]
+fn is_own(file: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    let user = rustix::process::geteuid().as_raw();
+    let caller = std::env::var("SUDO_UID").ok().and_then(|id| id.parse().ok()).filter(|_| user == 0);
+    // The link and what it leads to.
+    let owners = [std::fs::symlink_metadata(file), std::fs::metadata(file)];
+    owners.iter().all(|found| found.as_ref().is_ok_and(|file| file.uid() == user || Some(file.uid()) == caller))
+}
+
+/// No owner is known there.
+#[cfg(not(unix))]
+fn is_own(_: &Path) -> bool {
+    true
 }
 
 /// Looks whether commands take all of it. `place` is that of the table, with a dot at its end.
@@ -187,15 +216,19 @@ impl<'c> Called<'c> {
         (commands.len() > 1).then_some(Self { commands, end, typed })
     }
 
-    /// Options of the file that the command line leaves open. `base` is put before relative paths.
-    fn additions(&self, table: &Table, base: &Path) -> Vec<String> {
-        let (mut added, mut here) = (vec![], Some(table));
+    /// Options of the file that the command line leaves open, and names of those that are not taken from a file. `base` is put before relative paths.
+    fn additions<'t>(&self, table: &'t Table, base: &Path) -> (Vec<String>, Vec<&'t str>) {
+        let (mut added, mut refused, mut here) = (vec![], vec![], Some(table));
         for (depth, command) in self.commands.iter().enumerate() {
             if depth > 0 {
                 here = here.and_then(|table| table.get(command.get_name())).and_then(Value::as_table);
             }
             for (key, value) in here.into_iter().flatten() {
                 let Some(arg) = option(command, key).filter(|arg| self.is_open(command, arg)) else { continue };
+                if TYPED.contains(&key.as_str()) {
+                    refused.push(key.as_str());
+                    continue;
+                }
                 match value {
                     Value::Boolean(true) => added.push(format!("--{key}")),
                     Value::Boolean(false) => {}
@@ -204,7 +237,7 @@ impl<'c> Called<'c> {
                 }
             }
         }
-        added
+        (added, refused)
     }
 
     /// Whether neither an option nor one that goes against it was typed.
@@ -298,6 +331,30 @@ mod tests {
             words("f", plan, "qv fleet plan lab --out f -- --jobs 9").unwrap().join(" "),
             "qv fleet plan --jobs=3 lab --out f -- --jobs 9"
         );
+    }
+
+    #[test]
+    fn where_things_go_is_not_taken_from_a_file() {
+        let file = "[contact]\nask = \"http://elsewhere\"\nmodel = \"m\"\nout = \"/etc\"\n[mesh]\nout = \"/etc/passwd\"\nscene-out = \"x\"";
+        assert_eq!(words("n", file, "qv contact run").unwrap().join(" "), "qv contact run");
+        assert_eq!(words("o", file, "qv mesh scene.ply").unwrap().join(" "), "qv mesh scene.ply");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_file_of_another_user_is_ignored() {
+        let folder = std::env::temp_dir().join(format!("qv-config-owner-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let file = folder.join(FILE);
+        fs::write(&file, "quiet = true").unwrap();
+        assert!(is_own(&file));
+        // Only root may give a file away.
+        if std::os::unix::fs::chown(&file, Some(65_534), None).is_ok() {
+            let typed = ["qv", "effects"].map(OsString::from).to_vec();
+            let found = with_file(typed, &folder, &built()).unwrap();
+            assert!(found.added.is_empty() && found.ignored[0].contains("another user"), "{:?}", found.ignored);
+        }
+        fs::remove_dir_all(&folder).unwrap();
     }
 
     #[test]

@@ -4,10 +4,10 @@ use crate::ask::ask;
 use crate::ground::mesh_at;
 use crate::numbers::within;
 use crate::open::{file_error, lost_from, model_of, open_run, parameters, told_of, write_error};
+use crate::output::{make_folder, put};
 use crate::progress::{Stages, remark};
 use crate::provenance::provenance;
 use crate::terminal::print_message;
-use crate::whole::put;
 use crate::{Outcome, Reading, RunArguments, say};
 use qv_contact::report::Status;
 use qv_contact::{ContactError, Ground, Options, Prior, Report, calibrate, html, prior};
@@ -111,7 +111,7 @@ impl Contact {
 
     /// Makes the folder before the work, and refuses to write over the terrain that is read.
     fn make_out(&self) -> Result<(), ReplayError> {
-        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
+        make_folder(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let real = |path: &Path| path.canonicalize().ok();
         if real(&self.out.join("terrain.glb")).is_some_and(|ours| Some(ours) == real(&self.terrain)) {
             return Err(file_error(
@@ -155,7 +155,7 @@ impl Contact {
     }
 
     fn write(&self, report: &Report, ground: &Ground, lost: &[String]) -> Result<(), ReplayError> {
-        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
+        make_folder(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let title = self.runs.iter().map(|r| r.display().to_string()).collect::<Vec<_>>().join(", ");
         let mut value = serde_json::to_value(report).expect("a report is plain data");
         value["lost"] = lost.into();

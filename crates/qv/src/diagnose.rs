@@ -5,13 +5,13 @@ use crate::ground::{check_ground, terrain_of};
 use crate::open::{
     file_error, find_gains, lost_from, model_of, open_run, parameters_of, told_of, urdf_of, write_error,
 };
+use crate::output::{make_folder, put};
 use crate::progress::{Stages, remark};
 use crate::provenance::provenance;
 use crate::scene::open_scene;
 use crate::terminal::print_message;
 #[cfg(feature = "learn")]
 use crate::walk::trial::Tried;
-use crate::whole::put;
 use crate::{Outcome, Reading, RunArguments, say};
 use qv_camera::{CameraError, EFFECTS, Footage, LookOptions, Photograph, Sight, check, html, join, look};
 use qv_core::statistics::median;
@@ -149,7 +149,7 @@ impl Diagnose {
             _ => None,
         };
         // Before minutes are spent on what could not be written.
-        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
+        make_folder(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let given = parameters_of(self.params.as_deref(), &model, &terrain)?;
         // What no one states of the robot is the same in recordings before a change.
         let count = runs.len();
@@ -274,8 +274,9 @@ impl Diagnose {
         let rig = sight.corrected.unwrap_or(place.camera.rig);
         join(report, &sight);
         let spent = seconds() - begun;
-        report.stages.push(Stage { name: "images".into(), seconds: spent, steps: 0 });
-        report.runtime_s += spent;
+        report.stages.push(Stage { name: "images".into(), steps: 0 });
+        report.timing.stages_s.push(spent);
+        report.timing.runtime_s += spent;
         Ok((RobotCamera { rig, ..place.camera }, sight))
     }
 
@@ -287,7 +288,7 @@ impl Diagnose {
         sections: &[String],
         robot: &Robot,
     ) -> Result<(), ReplayError> {
-        fs::create_dir_all(directory).map_err(|e| write_error(directory, &e))?;
+        make_folder(directory).map_err(|e| write_error(directory, &e))?;
         let title: Vec<String> = self.runs.iter().map(|r| r.display().to_string()).collect();
         let urdf = robot.urdf.as_deref();
         let (title, Robot { model, notes, kp, kd, .. }) = (title.join(", "), robot);

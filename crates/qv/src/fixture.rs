@@ -3,14 +3,13 @@
 use crate::ground::{mesh_at, set_friction, terrain_at};
 use crate::numbers::{not_negative, three, within};
 use crate::open::{file_error, write_error};
-use crate::whole::{put, stream};
+use crate::output::{make_folder, put, staged, stream};
 use crate::{Outcome, say};
 use glam::DVec3;
 use qv_core::{Material, TriangleMesh};
 use qv_go2::synthetic::{self, Message, Robot};
 use qv_mesh::files::glb;
 use qv_replay::ReplayError;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 pub const EXAMPLE: &str = "Example:\n  qv fixture --out out/fixture && qv replay out/fixture/run.mcap --terrain out/fixture/terrain.glb --out out/replay\n\n\
@@ -44,13 +43,13 @@ pub struct Fixture {
 impl Fixture {
     pub fn execute(&self) -> Result<Outcome, ReplayError> {
         let in_out = |name: &str| self.out.join(name);
-        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
+        make_folder(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let file = self.ground.clone().unwrap_or_else(|| in_out("terrain.glb"));
         if self.ground.is_none() {
             write(&file, &glb::write(&ground()))?;
         }
         // Read back, so that the robot walks on what the file says in its 32-bit numbers.
-        let mut mesh = mesh_at(&file, "a mesh in GLB")?;
+        let mut mesh = mesh_at(&staged(&file), "a mesh in GLB")?;
         set_friction(&mut mesh, &self.friction, &file)?;
         let terrain = terrain_at(&file, &mesh)?;
         let mut parameters = synthetic::small_differences(self.seed);

@@ -1,10 +1,11 @@
 //! One process at a time: a lock of the system on a file, which ends with the processes that hold it.
 
 use crate::Failure;
+use crate::output::open_plain;
 use crate::progress::remark;
 use crate::scene::about;
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
+use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -31,18 +32,21 @@ impl Lock {
     /// # Errors
     /// The file cannot be made, or its file system has no locks.
     pub fn try_take(path: &Path) -> Result<Tried, Failure> {
-        let failed = |e: std::io::Error| about(path, format!("expected to lock it, found {e}"));
-        let mut file =
-            OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).map_err(failed)?;
+        let failed = |e: io::Error| about(path, format!("expected to lock it, found {e}"));
+        // Neither a link is followed nor a file changed that is none of a lock.
+        let mut options = OpenOptions::new();
+        let mut file = open_plain(path, options.read(true).write(true).create(true).truncate(false)).map_err(failed)?;
+        let before = holder(&mut file).map_err(failed)?;
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
-                let who = holder(&mut file);
-                return Ok(Tried::HeldBy(if who.is_empty() { "a process that is ending".into() } else { who }));
+                let who = if before.is_empty() { "a process that is ending".into() } else { before };
+                return Ok(Tried::HeldBy(who));
             }
             Err(TryLockError::Error(e)) => return Err(failed(e)),
         }
-        let before = holder(&mut file);
+        // It may have been written between its opening and its locking.
+        let before = holder(&mut file).map_err(failed)?;
         if !before.is_empty() {
             remark(&format!("{}: took over the lock of {before}, which is gone", path.display()));
         }
@@ -77,9 +81,39 @@ impl Lock {
         self.file.try_clone().map_err(|e| about(&self.path, format!("expected to share the lock, found {e}")))
     }
 
+    /// Removes the file of a lock that is held.
+    pub fn remove(&self) {
+        fs::remove_file(&self.path).ok();
+    }
+
+    /// Removes the file of a lock that this process holds and ends with.
+    pub fn remove_own(path: &Path) {
+        let own = format!("{BEGIN}{} ", std::process::id());
+        let held = open_plain(path, OpenOptions::new().read(true)).and_then(|mut file| holder(&mut file));
+        if held.is_ok_and(|text| text.starts_with(&own)) {
+            fs::remove_file(path).ok();
+        }
+    }
+
+    /// Removes the file of a lock whose holder is gone.
+    pub fn remove_left(path: &Path) {
+        let left = open_plain(path, OpenOptions::new().read(true).write(true));
+        let is_left =
+            |mut file: File| holder(&mut file).is_ok() && !matches!(file.try_lock(), Err(TryLockError::WouldBlock));
+        if left.is_ok_and(is_left) {
+            fs::remove_file(path).ok();
+        }
+    }
+
+    /// Whether locks are not to be had where a file lies.
+    pub fn are_missing(path: &Path) -> bool {
+        let tried = open_plain(path, OpenOptions::new().write(true)).map(|file| file.try_lock());
+        matches!(tried, Ok(Err(TryLockError::Error(e))) if e.kind() == ErrorKind::Unsupported)
+    }
+
     /// Whether the file that is locked is the one that has the name.
     #[cfg(unix)]
-    fn is_at_its_place(&self) -> bool {
+    pub fn is_at_its_place(&self) -> bool {
         use std::os::unix::fs::MetadataExt;
         let (named, locked) = (fs::metadata(&self.path), self.file.metadata());
         matches!((named, locked), (Ok(a), Ok(b)) if (a.dev(), a.ino()) == (b.dev(), b.ino()))
@@ -87,11 +121,11 @@ impl Lock {
 
     /// A file that is open cannot be removed there.
     #[cfg(not(unix))]
-    fn is_at_its_place(&self) -> bool {
+    pub fn is_at_its_place(&self) -> bool {
         self.path.exists()
     }
 
-    fn write(&mut self, text: &str) -> std::io::Result<()> {
+    fn write(&mut self, text: &str) -> io::Result<()> {
         self.file.set_len(0)?;
         self.file.seek(SeekFrom::Start(0))?;
         self.file.write_all(text.as_bytes())
@@ -105,71 +139,24 @@ impl Drop for Lock {
     }
 }
 
-/// Name of the lock in a folder that a command writes into.
-const IN_OUTPUT: &str = "qv.lock";
+/// How the text of a lock begins. One that ended well is empty.
+const BEGIN: &str = "process ";
+/// Longest text that is told of a lock \[characters\].
+const MOST: usize = 120;
 
-/// A folder that is written into, by one process at a time. At the end nothing of the lock is left.
-pub struct OutputFolder {
-    /// None on a file system without locks.
-    lock: Option<Lock>,
-    /// Folders that were made for it, outermost first.
-    made: Vec<PathBuf>,
-}
-
-impl OutputFolder {
-    /// Takes the lock on a folder, which is made if need be.
-    ///
-    /// # Errors
-    /// Somebody has it, or the folder cannot be made or written into.
-    pub fn take(folder: &Path) -> Result<Self, Failure> {
-        let mut made: Vec<PathBuf> =
-            folder.ancestors().take_while(|one| !one.exists()).map(Path::to_path_buf).collect();
-        made.retain(|one| !one.as_os_str().is_empty());
-        made.reverse();
-        fs::create_dir_all(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
-        let file = folder.join(IN_OUTPUT);
-        loop {
-            let lock = match Lock::try_take(&file) {
-                Ok(Tried::Taken(lock)) => lock,
-                Ok(Tried::HeldBy(who)) => {
-                    let expected = "expected nobody else to write into this folder";
-                    return Err(about(folder, format!("{expected}, found {who}; wait for it, or name another folder")));
-                }
-                Err(error) if has_no_locks(&file) => {
-                    remark(&format!("{error}; take care that nothing else writes into this folder"));
-                    fs::remove_file(&file).ok();
-                    return Ok(Self { lock: None, made });
-                }
-                Err(error) => return Err(error),
-            };
-            // Who had it may have removed the file between its opening and its locking here.
-            if lock.is_at_its_place() {
-                return Ok(Self { lock: Some(lock), made });
-            }
-        }
+/// Who holds a lock, or held it, as the file says; empty where nobody does.
+///
+/// # Errors
+/// The text is none of a lock.
+fn holder(file: &mut File) -> io::Result<String> {
+    let mut bytes = vec![];
+    file.seek(SeekFrom::Start(0))?;
+    file.take(4096).read_to_end(&mut bytes)?;
+    let text = String::from_utf8_lossy(&bytes);
+    if !text.is_empty() && !text.starts_with(BEGIN) {
+        return Err(io::Error::other(format!("a file that does not begin with '{}'", BEGIN.trim())));
     }
-}
-
-impl Drop for OutputFolder {
-    fn drop(&mut self) {
-        if let Some(lock) = &self.lock {
-            fs::remove_file(&lock.path).ok();
-        }
-        // What was made for a command that wrote nothing: a folder with something in it stays.
-        self.made.iter().rev().for_each(|folder| drop(fs::remove_dir(folder)));
-    }
-}
-
-/// Whether locks are not to be had where a file lies.
-fn has_no_locks(path: &Path) -> bool {
-    let tried = OpenOptions::new().write(true).open(path).map(|file| file.try_lock());
-    matches!(tried, Ok(Err(TryLockError::Error(e))) if e.kind() == ErrorKind::Unsupported)
-}
-
-fn holder(file: &mut File) -> String {
-    let mut text = String::new();
-    file.seek(SeekFrom::Start(0)).and_then(|_| file.read_to_string(&mut text)).ok();
-    text
+    Ok(text.chars().take(MOST).flat_map(char::escape_debug).collect())
 }
 
 /// The name of this machine.
@@ -182,27 +169,23 @@ fn host() -> String {
 mod tests {
     use super::*;
 
+    #[cfg(unix)]
     #[test]
-    fn an_output_folder_has_one_writer_and_keeps_nothing_of_the_lock() {
-        let root = std::env::temp_dir().join(format!("qv-output-{}", std::process::id()));
-        let folder = root.join("a/b");
-        let first = OutputFolder::take(&folder).unwrap();
-        let second = OutputFolder::take(&folder).err().unwrap().to_string();
-        assert!(second.contains(&format!("found process {} on ", std::process::id())), "{second}");
-        drop(first);
-        assert!(!root.exists(), "nothing was written into it");
-        let again = OutputFolder::take(&folder).unwrap();
-        fs::write(folder.join("result"), "").unwrap();
-        drop(again);
-        let left: Vec<_> = fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().file_name()).collect();
-        assert_eq!(left, ["result"]);
-        fs::write(folder.join(IN_OUTPUT), "process 1 on another").unwrap();
-        drop(OutputFolder::take(&folder).unwrap());
-        assert!(!folder.join(IN_OUTPUT).exists(), "who died with it is followed");
-        fs::write(root.join("file"), "").unwrap();
-        let error = OutputFolder::take(&root.join("file")).err().unwrap().to_string();
-        assert!(error.contains("expected a folder"), "{error}");
-        fs::remove_dir_all(&root).unwrap();
+    fn what_is_no_lock_is_neither_changed_nor_told() {
+        let folder = std::env::temp_dir().join(format!("qv-no-lock-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let (secret, link, hard) = (folder.join("secret"), folder.join("link"), folder.join("hard"));
+        fs::write(&secret, "password").unwrap();
+        std::os::unix::fs::symlink(&secret, &link).unwrap();
+        fs::hard_link(&secret, &hard).unwrap();
+        for path in [&link, &hard, &secret] {
+            let error = Lock::try_take(path).err().unwrap().to_string();
+            assert!(!error.contains("password"), "{error}");
+            Lock::remove_left(path);
+        }
+        assert_eq!(fs::read_to_string(&link).unwrap(), "password");
+        assert!(hard.exists());
+        fs::remove_dir_all(&folder).unwrap();
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost, 130 stopped (`qv fleet`, `qv navigate train`, `qv reconstruct`).
+//! The command line `qv`. Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost, 130 stopped.
 
 mod ask;
 mod camera;
@@ -23,6 +23,7 @@ mod next;
 mod normals;
 mod numbers;
 mod open;
+mod output;
 #[cfg(feature = "learn")]
 mod policy_child;
 mod progress;
@@ -44,10 +45,9 @@ mod video;
 mod view;
 #[cfg(feature = "learn")]
 mod walk;
-mod whole;
 
 use clap::{ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
-use lock::OutputFolder;
+use output::OutputFolder;
 use progress::Level;
 use qv_open::{foreign, ground, mesh_file};
 use qv_replay::ReplayError;
@@ -203,6 +203,8 @@ fn say(text: &str) -> Result<(), ReplayError> {
 enum Misused {
     Words(Box<clap::Error>, Option<String>),
     Config(Failure),
+    /// What it would write is what it reads.
+    Refused(Failure),
 }
 
 /// The command that was typed, with the options of `qv.toml`, and the folder that it writes into.
@@ -215,10 +217,12 @@ fn understood() -> Result<(Cli, Option<PathBuf>), Misused> {
         Err(e) => return Err(Misused::Config(format!("expected a current folder, found {e}").into())),
     };
     words.keep();
+    words.ignored.iter().for_each(|what| print_message!("{what}"));
     let misused = |error: clap::Error| Misused::Words(Box::new(error), words.told());
     let matches = Cli::command().try_get_matches_from(&words.all).map_err(misused)?;
-    let output = output_folder(&root, &matches);
     refuse_odd_paths(&root, &matches, &words.all).map_err(Misused::Config)?;
+    output::refuse(&root, &matches).map_err(Misused::Refused)?;
+    let output = output::targets(&root, &matches).folder;
     let cli = Cli::from_arg_matches(&matches).map_err(misused)?;
     progress::set(match (cli.quiet, cli.verbose) {
         (true, _) => Level::Quiet,
@@ -268,14 +272,6 @@ fn command_of<'a>(root: &'a clap::Command, matches: &'a ArgMatches) -> Option<(&
     Some((command, matches))
 }
 
-/// The folder of `--out DIR`. A fleet has locks of its own; other commands write one file, whole or not at all.
-fn output_folder(root: &clap::Command, matches: &ArgMatches) -> Option<PathBuf> {
-    let (command, matches) = command_of(root, matches)?;
-    let out = command.get_arguments().find(|arg| arg.get_id() == "out")?;
-    let is_folder = out.get_value_names().is_some_and(|names| names.iter().any(|name| name == "DIR"));
-    if is_folder { matches.get_one::<PathBuf>("out").cloned() } else { None }
-}
-
 fn main() -> ExitCode {
     memory::keep();
     #[cfg(feature = "learn")]
@@ -297,16 +293,22 @@ fn main() -> ExitCode {
             }
             return ExitCode::from(error.exit_code() as u8);
         }
+        Err(Misused::Refused(error)) => {
+            print_message!("{error}");
+            return ExitCode::from(1);
+        }
     };
-    let result = output.map(|folder| OutputFolder::take(&folder)).transpose().and_then(|lock| {
+    stop::watch();
+    let result = output.map(|folder| OutputFolder::take(&folder)).transpose().and_then(|folder| {
         let ended = execute(cli.command);
-        drop(lock);
-        ended
+        // What failed leaves what was there.
+        let kept = folder.map_or(Ok(()), |folder| folder.end(ended.is_ok()));
+        ended.and_then(|outcome| kept.map(|()| outcome))
     });
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Partial) => ExitCode::from(3),
-        Ok(Outcome::Stopped) => ExitCode::from(130),
+        Ok(Outcome::Stopped) => ExitCode::from(stop::STOPPED),
         Err(error) => {
             print_message!("{error}");
             ExitCode::from(1)

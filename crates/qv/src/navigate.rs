@@ -7,9 +7,9 @@ mod page;
 mod train;
 
 use crate::camera::open_camera;
+use crate::output::{refuse_inputs, write_whole};
 use crate::progress::remark;
 use crate::scene::{about, open_scene};
-use crate::whole::{refuse_inputs, write_whole};
 use crate::{Failure, Outcome, say};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;

@@ -3,8 +3,8 @@
 use crate::diagnose::replay_error;
 use crate::ground::{check_ground, terrain_of};
 use crate::open::{file_error, find_gains, model_of, open_run, parameters_of, write_error};
+use crate::output::{make_folder, put, stream};
 use crate::progress::{Stages, remark};
-use crate::whole::{put, stream};
 use crate::{Outcome, RunArguments, say};
 use qv_gap::decision::evidence::Evidence;
 use qv_gap::next::{Hypothesis, Proposal, hypotheses, next};
@@ -57,7 +57,7 @@ impl Next {
         let model = model_of(&run, &self.run.run, self.run.reading.robot.as_deref())?;
         let terrain = terrain_of(&self.terrain)?;
         check_ground(&run, &terrain)?;
-        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
+        make_folder(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let given = parameters_of(self.params.as_deref(), &model, &terrain)?;
         find_gains(slice::from_mut(&mut run), &model, &terrain, &given)?;
         let options = Options { given, ..Default::default() };

@@ -24,7 +24,8 @@ fn files(path: &Path) -> Vec<PathBuf> {
         return vec![path.to_path_buf()];
     }
     let mut inside: Vec<PathBuf> = fs::read_dir(path).into_iter().flatten().flatten().map(|e| e.path()).collect();
-    inside.retain(|path| path.is_file());
+    // The manifest of what we wrote there is none of the input.
+    inside.retain(|path| path.is_file() && path.file_name() != Some(crate::output::MANIFEST.as_ref()));
     inside.sort();
     inside
 }

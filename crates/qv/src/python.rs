@@ -2,9 +2,9 @@
 
 use crate::Failure;
 use crate::open::spinner;
+use crate::output::{commit, write_whole};
 use crate::scene::about;
 use crate::terminal::shown;
-use crate::whole::write_whole;
 use std::ffi::OsStr;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -58,6 +58,7 @@ impl Environment {
 pub fn said(environment: &Environment, text: &str, file: &Path, arguments: &[&Path]) -> Result<String, Failure> {
     let python = python(environment)?;
     write_whole(file, text.as_bytes())?;
+    commit().map_err(|e| about(file, e))?;
     let mut command = isolated(&python);
     command.arg("-u").arg(file).args(arguments);
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());

@@ -8,12 +8,12 @@ mod words;
 use crate::capture::{OpenCapture, open_capture};
 use crate::colmap::{Chosen, better_poses, poses_again};
 use crate::normals::{self, Colours, NormalModel};
+use crate::output::{self, make_folder, put, write_whole};
 use crate::progress::{Stages, remark};
 use crate::render::png;
 use crate::scene::about;
 use crate::terminal::print_message;
 use crate::video;
-use crate::whole::{put, write_whole};
 use crate::{Failure, Outcome, say};
 use clap::ValueEnum;
 use qv_core::{Camera, GaussianCloud};
@@ -45,10 +45,14 @@ pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/ya
     DIR/capture keeps both. Such a scene has no metres of its own: `qv mesh` takes --distance, --markers or --trajectory.\n\n\
     Writes scene.ply (3DGS), checkpoint.qvt, metrics.json, where poses are COLMAP's or refined cameras.json (for `qv mesh --cameras`),\n\
     with --preview pictures beside photographs. Terms of geometry and labels count from step 1000 on. Built with --features gpu, --gpu\n\
-    works on the graphics card. Ctrl-C stops and keeps the best\n\
-    scene so far; --resume goes on from the checkpoint, which is where training stood.\n\n\
+    works on the graphics card. Ctrl-C stops: a finished scene in DIR stays, else the best scene so far is written; --resume goes\n\
+    on from where training stood.\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named), 130 stopped.";
 
+/// Where training stood when the scene was written.
+const CHECKPOINT: &str = "checkpoint.qvt";
+/// Where a training stands that has not ended.
+const UNFINISHED: &str = "unfinished.qvt";
 /// Steps from one report to the next.
 const REPORT_EVERY: u32 = 100;
 /// Steps by which a held-out camera is aligned.
@@ -287,7 +291,7 @@ impl Reconstruct {
         if let (Some(points), true) = (&opened.points, self.clear > 0.0) {
             dataset.nearest = clear::nearest(&dataset, &points.places);
         }
-        fs::create_dir_all(&self.out).map_err(|e| about(&self.out, format!("expected a folder, found {e}")))?;
+        make_folder(&self.out).map_err(|e| about(&self.out, format!("expected a folder, found {e}")))?;
         let (model, at_points) = self.begin(&opened, &dataset, &options)?;
         let read_s = clock.elapsed().as_secs_f64();
         bar.begin(stages - 1, stages, "training", Some(self.training_from()));
@@ -295,7 +299,9 @@ impl Reconstruct {
         let clock = Instant::now();
         let searched = self.search(&dataset, &options, &model.cloud, opened.points.as_ref(), &mut run)?;
         if let Some(scene) = searched.as_ref().and_then(|found| found.stopped_with.as_ref()) {
-            self.save_scene(scene, &dataset)?;
+            if !self.has_finished_scene() {
+                self.save_scene(scene, &dataset)?;
+            }
             self.save(&model)?;
             print_message!("{}", self.how_to_go_on(0));
             return Ok(Outcome::Stopped);
@@ -313,6 +319,13 @@ impl Reconstruct {
         bar.begin(stages, stages, "scores", Some(TRAINING[1]));
         let clock = Instant::now();
         self.save(&model)?;
+        if is_stopped && self.has_finished_scene() {
+            bar.finish();
+            print_message!("the finished scene in '{}' stays", self.out.display());
+            print_message!("{}", self.how_to_go_on(model.iteration));
+            return Ok(Outcome::Stopped);
+        }
+        let trained = checkpoint::write(&model, &self.begun_with()?);
         let (stood_at, mut scene_of) = (model.iteration, model.iteration);
         let earlier = if finished { None } else { std::mem::take(&mut run.best).instead_of(&model, &dataset)? };
         if let Some(kept) = earlier {
@@ -338,17 +351,19 @@ impl Reconstruct {
             }
         }
         self.save_scene(&model.cloud, &dataset)?;
+        write_whole(&self.out.join(CHECKPOINT), &trained)?;
+        output::remove(&self.out.join(UNFINISHED));
         let metrics = json!({
             "format": "qv-reconstruct/1", "capture": self.capture.display().to_string(), "iterations": stood_at, "scene_of_iteration": scene_of,
-            "finished": finished, "gaussians": model.cloud.len(), "loss": run.loss, "read_s": read_s, "search_s": search_s, "train_s": train_s,
-            "write_s": clock.elapsed().as_secs_f64(), "photographs": dataset.training.len(), "began_at_points": at_points,
+            "finished": finished, "gaussians": model.cloud.len(), "loss": run.loss, "timing": {"read_s": read_s, "search_s": search_s, "train_s": train_s,
+            "write_s": clock.elapsed().as_secs_f64(), "times_ms": run.mean_times()}, "photographs": dataset.training.len(), "began_at_points": at_points,
             "ground_views": words::of_views(self.ground_views, &weights), "vignetting": self.vignetting,
             "exposure": self.exposure, "poses_refined": self.refine_poses, "shutter": words::of_shutter(&model, &dataset)?, "poses": poses, "poses_found": found, "stereo": stereo::named(depths.as_ref()), "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
             "held_out": dataset.held_out.iter().zip(&held_out).map(|(one, score)| named(&one.name, score)).collect::<Vec<_>>(),
             "mean": Score::mean(&held_out).map(|mean| named("mean", &mean)),
             "mean_identity": Score::mean(&as_drawn).map(|mean| named("mean", &mean)),
             "mean_aligned": Score::mean(&aligned).map(|mean| named("mean", &mean)),
-            "mean_moving": Score::mean(&moving).map(|mean| named("mean", &mean)), "times_ms": run.mean_times(), "antialias": dataset.antialias, "steps_asked": self.iterations,
+            "mean_moving": Score::mean(&moving).map(|mean| named("mean", &mean)), "antialias": dataset.antialias, "steps_asked": self.iterations,
             "aside": searched, "ground": words::of_ground(ground.as_ref(), &of_ground),
         });
         self.save_cameras(&model, &dataset, &looked_at, is_found)?;
@@ -517,13 +532,15 @@ impl Reconstruct {
 
     /// A model to begin with, and whether it is at points of the capture.
     fn begin(&self, opened: &OpenCapture, dataset: &Dataset, options: &TrainOptions) -> Result<(Model, bool), Failure> {
-        let path = self.out.join("checkpoint.qvt");
+        let unfinished = self.out.join(UNFINISHED);
+        let path = if unfinished.is_file() { unfinished } else { self.out.join(CHECKPOINT) };
         if self.resume {
             let bytes = fs::read(&path).map_err(|e| about(&path, format!("expected a checkpoint, found {e}")))?;
-            let model = checkpoint::read(&bytes).and_then(|model| model.check_places(dataset).map(|()| model));
-            let model = model.map_err(|e| about(&path, e))?;
+            let (model, begun_with) = checkpoint::read(&bytes).map_err(|e| about(&path, e))?;
+            model.check_places(dataset).map_err(|e| about(&path, e))?;
             self.check_background(dataset)?;
             self.check_cameras(&model, &path)?;
+            self.check_begun_with(&begun_with, &path)?;
             if self.labels > 0.0 && model.cloud.feature_count == 0 {
                 let expected = "--labels: expected a checkpoint that was begun with labels, found one without";
                 return Err(about(&path, expected));
@@ -593,7 +610,7 @@ impl Reconstruct {
         // Fetching a scene from the card and judging it takes as long as some hundred steps there.
         #[cfg(feature = "gpu")]
         if self.gpu {
-            return watch::SAVE_EVERY;
+            return watch::FETCH_EVERY;
         }
         JUDGE_EVERY
     }
@@ -677,7 +694,7 @@ impl Reconstruct {
         let path = self.out.join("cameras.json");
         if !(self.refine_poses || self.refine_lens || is_found) {
             // Those of an earlier scene would be wrong for this one.
-            fs::remove_file(&path).ok();
+            output::remove(&path);
             return Ok(());
         }
         let learned = dataset.training.iter().enumerate().map(|(k, one)| (&one.name, model.camera(dataset, k)));
@@ -704,13 +721,53 @@ impl Reconstruct {
 
     /// Training broke down: the best scene so far is written before that is told.
     fn rescue(&self, best: Best, dataset: &Dataset, error: SplatError) -> Result<bool, Failure> {
-        let Some(kept) = best.kept() else { return Err(error.into()) };
+        let Some(kept) = best.kept().filter(|_| !self.has_finished_scene()) else { return Err(error.into()) };
         self.save_scene(&kept.cloud, dataset)?;
+        output::commit().map_err(|e| about(&self.out, e))?;
         Err(format!("{error}; the scene of step {} is in {}", kept.iteration, self.out.display()).into())
     }
 
+    /// Writes where training stands, at once. The checkpoint of a scene that is finished stays until another one is.
     fn save(&self, model: &Model) -> Result<(), Failure> {
-        write_whole(&self.out.join("checkpoint.qvt"), &checkpoint::write(model))
+        write_whole(&self.out.join(UNFINISHED), &checkpoint::write(model, &self.begun_with()?))?;
+        output::commit().map_err(|e| about(&self.out, e))
+    }
+
+    /// Whether a scene is there whose training took all its steps.
+    fn has_finished_scene(&self) -> bool {
+        let metrics = fs::read(self.out.join("metrics.json")).ok();
+        let metrics = metrics.and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok());
+        metrics.is_some_and(|metrics| metrics["finished"] == true) && self.out.join("scene.ply").is_file()
+    }
+
+    /// What a training goes on with as it was begun: options by name.
+    fn begun_with(&self) -> Result<String, Failure> {
+        let options = json!({
+            "--seed": self.seed, "--strategy": named_value(&self.strategy), "--guide": named_value(&self.guide), "--poses": named_value(&self.poses),
+            "--downscale": self.downscale, "--hold-out": self.hold_out, "--exposure": self.exposure, "--vignetting": self.vignetting,
+            "--refine-poses": self.refine_poses, "--refine-lens": self.refine_lens, "--shutter": self.shutter, "--readout": self.readout,
+            "--shutter-samples": self.shutter_samples, "--gamma": self.gamma, "--flattening": self.flattening,
+            "--depth-prior": self.depth_weight(), "--stereo": self.stereo, "--depth-normal": self.depth_normal,
+            "--multi-view": self.multi_view, "--normal-prior": self.normal_prior, "--labels": self.labels,
+            "--ground-views": self.ground_views, "--clear": self.clear, "--drop": self.drop, "--small": self.small,
+            "--antialias": self.antialias, "--settle": self.settle, "--harmonics-weight": self.harmonics_weight, "--noise": self.noise,
+            "--opacity-weight": self.opacity_weight, "--scale-weight": self.scale_weight,
+        });
+        Ok(serde_json::to_string(&options)?)
+    }
+
+    /// Refuses to go on with other options than a training was begun with: its scene would be that of neither.
+    fn check_begun_with(&self, text: &str, path: &Path) -> Result<(), Failure> {
+        let read = |text: &str| serde_json::from_str::<serde_json::Map<String, Value>>(text);
+        let begun = read(text).map_err(|e| about(path, format!("expected options in JSON, found {e}")))?;
+        let now = read(&self.begun_with()?)?;
+        match now.iter().find(|(option, value)| begun.get(*option).is_some_and(|begun| begun != *value)) {
+            Some((option, now)) => {
+                let expected = format!("--resume: expected {option} {}, with which it was begun", begun[option]);
+                Err(about(path, format!("{expected}, found {now}")))
+            }
+            None => Ok(()),
+        }
     }
 
     /// What of the capture was not used, a line each.
@@ -793,6 +850,11 @@ impl Reconstruct {
     }
 }
 
+/// A value of an option as it is typed.
+fn named_value(value: &impl ValueEnum) -> Option<String> {
+    value.to_possible_value().map(|value| value.get_name().to_owned())
+}
+
 /// Each camera as it was learned: its lens and the lens's vignetting, how far it moved, and the photographs' own motions (root mean square).
 fn refined(model: &Model, dataset: &Dataset) -> Vec<Value> {
     let one = |(group, shared): (usize, &cameras::Shared)| {
@@ -815,7 +877,7 @@ fn refined(model: &Model, dataset: &Dataset) -> Vec<Value> {
 
 /// Writes a photograph and, to the right of it, what is drawn there, as `folder/name.png`.
 fn beside(photograph: &Photograph, image: &Image, folder: &Path, name: &str) -> Result<(), Failure> {
-    fs::create_dir_all(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
+    make_folder(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
     let (width, height) = (image.width, image.height);
     let (bytes, wanted) = (image.colour_u8(), &photograph.pixels.rgba);
     let mut both = Vec::with_capacity(6 * width * height);

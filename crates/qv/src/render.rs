@@ -2,9 +2,9 @@
 
 use crate::numbers::three;
 use crate::open::progress;
+use crate::output::{make_folder, put, write_whole};
 use crate::scene::{about, open_cameras, open_scene};
 use crate::terminal::print_message;
-use crate::whole::{put, write_whole};
 use crate::{Failure, Outcome, say};
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder as _};
@@ -14,7 +14,6 @@ use qv_splat::captures::CaptureCamera;
 use qv_splat::lens::Distorter;
 use serde_json::json;
 use std::collections::HashSet;
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -89,7 +88,7 @@ impl Render {
         if file.left_out > 0 {
             lost.push(format!("{} Gaussians whose numbers are not finite", file.left_out));
         }
-        fs::create_dir_all(&self.out).map_err(|e| about(&self.out, format!("expected a directory, found {e}")))?;
+        make_folder(&self.out).map_err(|e| about(&self.out, format!("expected a directory, found {e}")))?;
         let clock = Instant::now();
         let background = self.background.or(file.background).unwrap_or_default();
         let Drawn { written, seconds, skipped } = self.draw(&file.cloud, &cameras, background, file.antialias)?;

@@ -6,9 +6,9 @@ use crate::numbers::within;
 use crate::open::{
     beyond_range, file_error, find_gains, lost_from, model_of, open_run, parameters_of, spinner, told_of, write_error,
 };
+use crate::output::{make_folder, put, stream};
 use crate::provenance::provenance;
 use crate::terminal::print_message;
-use crate::whole::{put, stream};
 use crate::{Outcome, RunArguments, say};
 use qv_replay::derive::joint_velocity;
 use qv_replay::replay::{Lag, ReplayOptions, layout, to_html, to_json, verdict, write_mcap};
@@ -16,8 +16,8 @@ use qv_replay::{ReplayError, Run};
 use qv_sim::Model;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
+use std::slice;
 use std::time::Instant;
-use std::{fs, slice};
 
 pub const EXAMPLE: &str = "Example:\n  qv replay walk.mcap --out out/walk\n  qv replay walk.mcap --robot go2 --terrain yard.glb \
     --params out/diagnosis/calibrated.toml --out out/walk\n\n\
@@ -91,7 +91,7 @@ impl Replay {
         notes: &[String],
     ) -> Result<(), ReplayError> {
         let failed = |name: &str, e: std::io::Error| write_error(&self.out.join(name), &e);
-        fs::create_dir_all(&self.out).map_err(|e| failed("", e))?;
+        make_folder(&self.out).map_err(|e| failed("", e))?;
         put(&self.out.join("replay.json"), format!("{report:#}\n")).map_err(|e| failed("replay.json", e))?;
         let title = self.run.run.display().to_string();
         let html = to_html(replay, &title, notes);

@@ -1,12 +1,11 @@
 //! What a shell and a reader of manuals want to know of the commands: `qv completions`, `qv man`.
 
+use crate::output::{make_folder, write_whole};
 use crate::scene::about;
-use crate::whole::write_whole;
 use crate::{Cli, Failure, Outcome, say};
 use clap::{Command, CommandFactory};
 use clap_complete::Shell;
 use clap_mangen::Man;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 pub const COMPLETIONS_EXAMPLE: &str = "Example:\n  qv completions bash > ~/.local/share/bash-completion/completions/qv\n  \
@@ -39,7 +38,7 @@ pub struct Manuals {
 
 impl Manuals {
     pub fn execute(&self) -> Result<Outcome, Failure> {
-        fs::create_dir_all(&self.folder).map_err(|e| about(&self.folder, format!("expected a folder, found {e}")))?;
+        make_folder(&self.folder).map_err(|e| about(&self.folder, format!("expected a folder, found {e}")))?;
         let mut root = Cli::command();
         root.build();
         let count = page(root, &self.folder)?;

@@ -1,10 +1,41 @@
 //! A stop that somebody asks for, by Ctrl-C or a signal.
 
+use crate::terminal::print_message;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// Exit code of a command that was stopped.
+pub const STOPPED: u8 = 130;
+/// How often it is looked whether somebody asks.
+const EVERY: Duration = Duration::from_millis(50);
+
+/// Whether the command ends by itself when somebody asks: it belongs to the process, as signals do.
+static IS_HEEDED: AtomicBool = AtomicBool::new(false);
+
+/// Ends the process when somebody asks for a stop, unless the command does so itself: what was there stays.
+pub fn watch() {
+    let flag = flag();
+    std::thread::spawn(move || {
+        loop {
+            std::thread::sleep(EVERY);
+            if flag.load(Ordering::Relaxed) && !IS_HEEDED.load(Ordering::Relaxed) {
+                crate::output::abandon();
+                print_message!("stopped before the end: no result was written");
+                std::process::exit(i32::from(STOPPED));
+            }
+        }
+    });
+}
 
 /// A flag that becomes true on Ctrl-C and SIGTERM, and when the terminal is closed (SIGHUP) unless that is ignored, as under `nohup`.
+/// The command ends by itself then.
 pub fn asked() -> Arc<AtomicBool> {
+    IS_HEEDED.store(true, Ordering::Relaxed);
+    flag()
+}
+
+fn flag() -> Arc<AtomicBool> {
     let flag = Arc::new(AtomicBool::new(false));
     for signal in signals() {
         // What cannot be caught ends the process at once, as without a flag.

@@ -25,7 +25,15 @@ pub struct Report {
     /// All effects with their probabilities.
     #[serde(default)]
     pub ranking: Vec<Ranked>,
-    /// Time that the diagnosis took \[s\].
+    /// How long it took.
+    #[serde(default)]
+    pub timing: Timing,
+}
+
+/// How long a diagnosis took.
+#[derive(Debug, Clone, Default, Deserialize)]
+pub struct Timing {
+    /// All of it \[s\].
     #[serde(default)]
     pub runtime_s: Option<f64>,
 }

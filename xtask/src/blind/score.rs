@@ -116,7 +116,7 @@ pub fn score(name: &str, answer: &Answer, folder: &Path) -> Result<Scored> {
         closure_holds: report.gap.interval_holds(),
         leans: report.leans_to_unknown(),
         left_out: left_out(answer, folder)?,
-        runtime: report.runtime_s,
+        runtime: report.timing.runtime_s,
         baselines: report::read_baselines(&folder.join("baselines.json"))?,
         truth,
         said,

@@ -27,7 +27,9 @@ use crate::problem::{Event, Overrides, Problem, WindowOptions, data_quality, one
 use crate::report::{
     CanTell, attribution, can_tell, figures, figures::Figures, leads, narrative, residual_factors, together,
 };
-use crate::report::{Cause, Correction, FORMAT, Report, RoundSummary, Stage, UNKNOWN, Unexplained, Verdict, Where};
+use crate::report::{
+    Cause, Correction, FORMAT, Report, RoundSummary, Stage, Timing, UNKNOWN, Unexplained, Verdict, Where,
+};
 use qv_replay::{Run, conventions::read_in_ours, frozen::without_frozen, gaps::without_gaps, stale::without_stale};
 use qv_sim::{Model, Terrain};
 
@@ -251,6 +253,8 @@ struct Session<'a> {
     /// Effects that the library is taken never to have heard of.
     ablated: Vec<String>,
     stages: Vec<Stage>,
+    /// Seconds of each.
+    stages_s: Vec<f64>,
     /// The stages to come, for those who watch.
     plan: Plan,
     since: f64,
@@ -273,6 +277,7 @@ impl<'a> Session<'a> {
             calibrated: Vec::new(),
             ablated: Vec::new(),
             stages: Vec::new(),
+            stages_s: Vec::new(),
             plan: Plan::new(!options.reference.is_empty(), leave_out),
             since: 0.0,
         }
@@ -297,13 +302,14 @@ impl<'a> Session<'a> {
             progress(&at);
         }
         self.since = self.now();
-        self.stages.push(Stage { name: stage.into(), seconds: 0.0, steps: 0 });
+        self.stages.push(Stage { name: stage.into(), steps: 0 });
+        self.stages_s.push(0.0);
     }
 
     fn end(&mut self, study: &LinearisedProblem) {
         let seconds = self.now() - self.since;
+        self.stages_s.last_mut().into_iter().for_each(|s| *s = seconds);
         if let Some(stage) = self.stages.last_mut() {
-            stage.seconds = seconds;
             stage.steps += study.steps_since();
         }
     }
@@ -316,7 +322,7 @@ impl<'a> Session<'a> {
         let problem = Problem::new(first, self.model, self.terrain, given, *cut)?;
         self.calibrated = reference::calibrate(&problem, reference, library)?;
         let seconds = self.now() - self.since;
-        self.stages.iter_mut().last().into_iter().for_each(|s| s.seconds = seconds);
+        self.stages_s.last_mut().into_iter().for_each(|s| *s = seconds);
         Ok(())
     }
 
@@ -680,7 +686,7 @@ impl Findings<'_> {
             curves,
             traces,
             stages: session.stages.clone(),
-            runtime_s,
+            timing: Timing { runtime_s, stages_s: session.stages_s.clone() },
             policy: session.options.policy.clone(),
             provenance: None,
         };

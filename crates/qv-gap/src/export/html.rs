@@ -39,7 +39,7 @@ pub fn to_html(report: &Report, title: &str, notes: &[String], sections: &[Strin
         sections.concat(),
         unexplained(&report.unexplained, report.verdict),
         corrections(report, &library),
-        stages(&report.stages, report.runtime_s),
+        stages(&report.stages),
     ];
     let (title, heading) = (format!("Diagnosis of {title}"), format!("Diagnosis of {}", escape(title)));
     Page { title: &title, heading: &heading, style: STYLE, body: &body.concat(), ..Page::default() }.to_html()
@@ -228,26 +228,24 @@ fn kind_and_name(parameter: &str) -> (String, String) {
     named.unwrap_or_else(|| (parameter.to_owned(), String::new()))
 }
 
-fn stages(stages: &[Stage], runtime: f64) -> String {
-    let total = stages.iter().map(|s| s.seconds).filter(|s| s.is_finite()).sum::<f64>();
-    if stages.is_empty() && (runtime.is_nan() || runtime <= 0.0) {
+/// What was simulated. How long it took is another time in every run, and stands in report.json alone.
+fn stages(stages: &[Stage]) -> String {
+    let all: usize = stages.iter().map(|s| s.steps).sum();
+    if all == 0 {
         return String::new();
     }
-    let steps: usize = stages.iter().map(|s| s.steps).sum();
-    let mut text =
-        format!("<h2>Where the time went</h2><div class=\"card small\"><p>{} s in all", significant(runtime, 3));
-    if steps > 0 {
-        let _ = write!(text, ", {} million simulated steps", significant(1e-6 * steps as f64, 3));
-    }
-    text += "</p>";
+    let mut text = format!(
+        "<h2>What was simulated</h2><div class=\"card small\"><p>{} million simulated steps</p>",
+        significant(1e-6 * all as f64, 3)
+    );
     let mut bars = Bars::new();
     for s in stages {
-        let seconds = if s.seconds > 0.0 { format!("{} s", significant(s.seconds, 2)) } else { "–".into() };
         let steps =
-            if s.steps > 0 { format!("{} M steps", significant(1e-6 * s.steps as f64, 2)) } else { String::new() };
-        bars.row_of_four(&escape(&s.name), &track(s.seconds / total, "floor"), &seconds, &steps);
+            if s.steps > 0 { format!("{} M steps", significant(1e-6 * s.steps as f64, 2)) } else { "–".into() };
+        bars.row_of_four(&escape(&s.name), &track(s.steps as f64 / all as f64, "floor"), &steps, "");
     }
-    text + &bars.to_html() + "</div>"
+    text += &bars.to_html();
+    text + "</div>"
 }
 
 #[cfg(test)]

@@ -236,15 +236,22 @@ pub struct Traces {
     pub windows: Vec<TracedWindow>,
 }
 
-/// A stage and what it took.
+/// A stage and what was simulated in it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Stage {
     /// Name.
     pub name: String,
-    /// Wall clock \[s\]; 0 when the caller gave no clock.
-    pub seconds: f64,
     /// Simulated steps.
     pub steps: usize,
+}
+
+/// How long it took, by the clock that the caller gave: another time in every run, so that it stands in a field of its own.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Timing {
+    /// Seconds in all.
+    pub runtime_s: f64,
+    /// Of each stage \[s\]; 0 without a clock.
+    pub stages_s: Vec<f64>,
 }
 
 /// What another crate adds to a report: its JSON, with keys in the order of its own fields.
@@ -318,10 +325,10 @@ pub struct Report {
     /// Every joint at the recorded rate: for the page, too much for `report.json`.
     #[serde(skip)]
     pub traces: Traces,
-    /// Where the time went.
+    /// What was done.
     pub stages: Vec<Stage>,
-    /// Seconds in all.
-    pub runtime_s: f64,
+    /// How long it took.
+    pub timing: Timing,
     /// The numbers that decided.
     pub policy: Policy,
     /// Program, arguments, and inputs with their hashes, where the caller says them.

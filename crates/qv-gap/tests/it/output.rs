@@ -207,9 +207,9 @@ fn numbers_that_are_none_leave_no_trace() {
     r.traces.windows[3].measured.time.clear();
     r.unexplained.share = none;
     r.unexplained.depends_on[0].r2_heldout = none;
-    r.stages[0].seconds = none;
+    r.timing.stages_s[0] = none;
     r.corrections[0].value = none;
-    r.runtime_s = none;
+    r.timing.runtime_s = none;
     let everything = files(&r, &go2(), Some(&qv_go2::model::urdf()), "run", &[], &[], &KP, &KD);
     for (name, bytes) in everything {
         let text = read::without_scripts(&String::from_utf8(bytes).unwrap());

@@ -33,7 +33,7 @@ pub fn to_json(replay: &Replay, real_time_factor: f64) -> Value {
         "times": times(&replay.errors),
         "lags": {"behind_command": lags(&replay.command_lags), "behind_simulation": lags(&replay.model_lags)},
         "ran_away": replay.ran_away,
-        "real_time_factor": real_time_factor,
+        "timing": { "real_time_factor": real_time_factor },
     })
 }
 

@@ -1,9 +1,10 @@
 //! A model as bytes and back: all that is needed to go on as if nothing had happened.
 //!
-//! Little-endian: the eight bytes `qvtrain3`; six counts of 32 bits (steps, Gaussians, degree, features, photographs, cameras); then floats: the
+//! Little-endian: the eight bytes `qvtrain4`; seven counts of 32 bits (steps, Gaussians, degree, features, photographs, cameras, bytes of text); then floats: the
 //! cloud's means, log scales, rotations, logits, harmonics, features; the same of both running means, each with that of poses; exposures and their running means,
 //! motions during exposures and their running means; pulls; of each camera running means (12 and 12), lens, vignetting; then as 32 bits each the camera of each photograph,
-//! and how often each camera was seen; then poses of photographs and motions of cameras as seven doubles each, position and quaternion w, x, y, z.
+//! and how often each camera was seen; then poses of photographs and motions of cameras as seven doubles each, position and quaternion w, x, y, z; then
+//! the text, UTF-8: what the caller says of the training, such as its options.
 
 use super::cameras::Shared;
 use super::model::Model;
@@ -12,17 +13,20 @@ use crate::error::off;
 use qv_core::{GaussianCloud, Pose};
 use qv_raster::Gradients;
 
-const MAGIC: &[u8; 8] = b"qvtrain3";
+const MAGIC: &[u8; 8] = b"qvtrain4";
 const PLACE: &str = "checkpoint";
 
-/// Writes a model.
-pub fn write(model: &Model) -> Vec<u8> {
+/// Bytes before the floats.
+const HEAD: usize = 36;
+
+/// Writes a model with what the caller says of its training.
+pub fn write(model: &Model, text: &str) -> Vec<u8> {
     let cloud = &model.cloud;
     let mut out = MAGIC.to_vec();
     let counts = [model.iteration, cloud.len() as u32, cloud.sh_degree as u32, cloud.feature_count as u32];
     counts
         .iter()
-        .chain(&[model.poses.len() as u32, model.shared.len() as u32])
+        .chain(&[model.poses.len() as u32, model.shared.len() as u32, text.len() as u32])
         .for_each(|count| out.extend(count.to_le_bytes()));
     let mut floats = |list: &[f32]| list.iter().for_each(|x| out.extend(x.to_le_bytes()));
     floats(cloud.means.as_flattened());
@@ -56,6 +60,7 @@ pub fn write(model: &Model) -> Vec<u8> {
         let numbers = pose.position.to_array().into_iter().chain(pose.wxyz());
         numbers.for_each(|x| out.extend(x.to_le_bytes()));
     }
+    out.extend(text.as_bytes());
     out
 }
 
@@ -78,13 +83,13 @@ impl Rest<'_> {
     }
 }
 
-/// Reads a model.
+/// Reads a model and what was said of its training.
 ///
 /// # Errors
 /// The bytes are none of a checkpoint, or their number is another than their counts say.
-pub fn read(bytes: &[u8]) -> Result<Model, SplatError> {
-    if bytes.len() < 32 || &bytes[..8] != MAGIC {
-        return Err(off(PLACE, "the bytes `qvtrain3` and six counts", format!("{} bytes", bytes.len())));
+pub fn read(bytes: &[u8]) -> Result<(Model, String), SplatError> {
+    if bytes.len() < HEAD || &bytes[..8] != MAGIC {
+        return Err(off(PLACE, "the bytes `qvtrain4` and seven counts", format!("{} bytes", bytes.len())));
     }
     let count = |k: usize| u32::from_le_bytes([0, 1, 2, 3].map(|i| bytes[8 + 4 * k + i])) as usize;
     let (n, degree, features, views, lenses) = (count(1), count(2), count(3), count(4), count(5));
@@ -94,13 +99,17 @@ pub fn read(bytes: &[u8]) -> Result<Model, SplatError> {
     }
     let sh = (degree + 1).pow(2);
     let each = 11 + 3 * sh + features;
-    let expected = 32
+    let said = count(6);
+    let expected = HEAD as u128
         + 4 * (n as u128 * (3 * each + 2) as u128 + views as u128 * 67 + lenses as u128 * 31)
-        + 56 * (views + lenses) as u128;
+        + 56 * (views + lenses) as u128
+        + said as u128;
     if expected != bytes.len() as u128 {
         return Err(off(PLACE, format!("{expected} bytes for {n} Gaussians"), bytes.len()));
     }
-    let mut rest = Rest(&bytes[32..]);
+    let (numbers, text) = bytes[HEAD..].split_at(bytes.len() - HEAD - said);
+    let text = str::from_utf8(text).map_err(|e| off(PLACE, "text in UTF-8", e))?;
+    let mut rest = Rest(numbers);
     let cloud = GaussianCloud {
         means: rest.rows(n),
         log_scales: rest.rows(n),
@@ -147,7 +156,7 @@ pub fn read(bytes: &[u8]) -> Result<Model, SplatError> {
     });
     let (shared, poses) = (shared.collect(), poses.to_vec());
     let iteration = count(0) as u32;
-    Ok(Model {
+    let model = Model {
         iteration,
         cloud,
         first,
@@ -162,7 +171,8 @@ pub fn read(bytes: &[u8]) -> Result<Model, SplatError> {
         groups,
         shared,
         pulls,
-    })
+    };
+    Ok((model, text.to_owned()))
 }
 
 #[cfg(test)]
@@ -187,8 +197,8 @@ mod tests {
             motion: model.poses[1],
             ..Shared::NONE
         };
-        let bytes = write(&model);
-        assert_eq!(read(&bytes), Ok(model));
+        let bytes = write(&model, "seed 2");
+        assert_eq!(read(&bytes), Ok((model, "seed 2".into())));
         assert!(read(&bytes[..bytes.len() - 1]).unwrap_err().to_string().contains("bytes for 5 Gaussians"));
         assert!(read(b"hello").is_err());
         let mut huge = bytes;

@@ -457,7 +457,7 @@ mod tests {
             assert!(one == whole(3), "{strategy:?}: threads");
             let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
             run(&mut engine, 4, 61);
-            let saved = checkpoint::read(&checkpoint::write(&engine.model().unwrap())).unwrap();
+            let saved = checkpoint::read(&checkpoint::write(&engine.model().unwrap(), "")).unwrap().0;
             let mut again = CpuEngine::new(&scene.dataset, &options, saved).unwrap();
             run(&mut again, 4, 90);
             assert!(one == again.model().unwrap(), "{strategy:?}: going on");

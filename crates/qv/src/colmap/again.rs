@@ -7,8 +7,8 @@
 use super::{Given, GivenCamera, Placed, find, is_there};
 use crate::Failure;
 use crate::capture::{OpenCapture, open_capture};
+use crate::output::{self, make_folder, put, write_whole};
 use crate::scene::about;
-use crate::whole::{put, write_whole};
 use glam::DVec3;
 use qv_mesh::similarity::Similarity;
 use qv_splat::captures::{CaptureCamera, pictures};
@@ -95,8 +95,8 @@ pub fn better_poses(path: &Path, opened: OpenCapture, folder: &Path) -> Result<C
     match choice(&placed) {
         Choice::Given(why) => {
             // What was found is remembered; copies of the photographs are of no more use.
-            fs::remove_dir_all(folder.join("images")).ok();
-            fs::remove_file(folder.join("database.db")).ok();
+            output::clear(&folder.join("images")).map_err(|e| about(folder, e))?;
+            output::remove(&folder.join("database.db"));
             Ok(Chosen { explain, ..Chosen::given(opened, why) })
         }
         Choice::Found(why) => with_found(path, opened, folder, &placed, why),
@@ -131,6 +131,7 @@ fn choice(placed: &Placed) -> Choice {
 
 /// What COLMAP makes of the photographs, or made of the same ones before. With `check` no model is made where the given poses are good.
 fn placed_again(path: &Path, opened: &OpenCapture, folder: &Path, check: bool) -> Result<Placed, Failure> {
+    output::claim(folder, false)?;
     let (mut given, contents) = copied(path, opened, &folder.join("images"))?;
     given.check = check;
     let stamp = folder.join(STAMP);
@@ -139,12 +140,15 @@ fn placed_again(path: &Path, opened: &OpenCapture, folder: &Path, check: bool) -
         let has_model = known.placed.placed > 0 && folder.join("sparse/0/images.bin").is_file();
         known.contents == contents && (has_model || check && known.placed.given_explain.is_some())
     };
+    let cannot = |e: std::io::Error| about(folder, e);
     if let Some(known) = known.filter(is_enough) {
+        output::keep_what_is_claimed().map_err(cannot)?;
         return Ok(known.placed);
     }
     let placed = find(&folder.join("images"), folder, Some(&given))?;
     let text = serde_json::to_string(&Stamp { contents, placed: placed.clone() })?;
     write_whole(&stamp, text.as_bytes())?;
+    output::commit().and_then(|()| output::keep_what_is_claimed()).map_err(cannot)?;
     Ok(placed)
 }
 
@@ -171,7 +175,7 @@ fn with_found(
 
 /// Copies photographs, a folder for each lens, and tells what the files hold.
 fn copied(path: &Path, opened: &OpenCapture, folder: &Path) -> Result<(Given, u64), Failure> {
-    fs::remove_dir_all(folder).ok();
+    output::clear(folder).map_err(|e| about(folder, e))?;
     let mut given = Given { cameras: vec![], poses: BTreeMap::new(), check: false };
     let mut lenses: Vec<&CaptureCamera> = vec![];
     let mut hasher = DefaultHasher::new();
@@ -189,7 +193,7 @@ fn copied(path: &Path, opened: &OpenCapture, folder: &Path) -> Result<(Given, u6
         let ending = Path::new(image).extension().map_or("png".into(), |e| e.to_string_lossy().to_lowercase());
         let name = format!("{group}/{index:06}.{ending}");
         let file = folder.join(&name);
-        let written = fs::create_dir_all(folder.join(group.to_string())).and_then(|()| put(&file, &bytes));
+        let written = make_folder(&folder.join(group.to_string())).and_then(|()| put(&file, &bytes));
         written.map_err(|e| about(&file, format!("expected to write it, found {e}")))?;
         bytes.hash(&mut hasher);
         let pose = one.camera.camera_from_world;
@@ -199,6 +203,7 @@ fn copied(path: &Path, opened: &OpenCapture, folder: &Path) -> Result<(Given, u6
         given.cameras[group].images.push(name);
     }
     serde_json::to_string(&given)?.hash(&mut hasher);
+    output::commit().map_err(|e| about(folder, e))?;
     Ok((given, hasher.finish()))
 }
 

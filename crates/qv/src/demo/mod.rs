@@ -4,9 +4,9 @@ mod browser;
 mod hidden;
 
 use crate::fixture::write_recording;
+use crate::output::{commit, make_folder, write_whole};
 use crate::progress::remark;
 use crate::scene::about;
-use crate::whole::write_whole;
 use crate::{Failure, Outcome, say};
 use hidden::Hidden;
 use qv_go2::synthetic::{self, Robot};
@@ -75,12 +75,14 @@ impl Demo {
 
     /// Recording and truth.
     fn record(&self, hidden: &Hidden) -> Result<(), Failure> {
-        fs::create_dir_all(&self.out).map_err(|e| about(&self.out, format!("expected a folder, found {e}")))?;
+        make_folder(&self.out).map_err(|e| about(&self.out, format!("expected a folder, found {e}")))?;
         let robot = Robot { parameters: hidden.parameters(self.seed), seed: self.seed, start: [0.0; 3] };
         let messages = synthetic::record(&Terrain::plane(), &robot)?;
         write_recording(&self.out.join("run.mcap"), &messages)?;
         let truth = json!({ "seed": self.seed, "hidden": hidden.to_json(), "parameters": robot.parameters });
-        write_whole(&self.out.join("truth.json"), format!("{truth:#}\n").as_bytes())
+        write_whole(&self.out.join("truth.json"), format!("{truth:#}\n").as_bytes())?;
+        // The commands that are called read it.
+        commit().map_err(|e| about(&self.out, e))
     }
 
     fn tell(&self, text: &str) -> Result<(), Failure> {

@@ -83,6 +83,8 @@ pub fn files(recording: &Path) -> Vec<PathBuf> {
         all.extend(models(&description));
         all.push(description);
     }
+    // The manifest of what we wrote there is none of the recording.
+    all.retain(|path| path.file_name() != Some(crate::output::MANIFEST.as_ref()));
     all.sort();
     all.dedup();
     all

@@ -39,6 +39,7 @@ impl Folder {
             let words = format!("expected a plan of version {own}, found {planned}: plan again, what is done stays");
             return Err(about(&file, words));
         }
+        super::plan::check_own(&folder.plan.task.options).map_err(|found| about(&path.join("plan.json"), found))?;
         Ok(folder)
     }
 

@@ -1,7 +1,7 @@
 //! `qv fleet gather`: what was found, in fleet.json and fleet.html.
 
 use super::folder::Folder;
-use crate::whole::write_whole;
+use crate::output::{OutputFolder, write_whole};
 use crate::{Failure, Outcome, say};
 use qv_fleet::gather::{Fleet, State, gather};
 use qv_fleet::page;
@@ -40,9 +40,12 @@ impl Gather {
         // What it cost is another each time, and so stands in a file of its own.
         let cost = cost(&costs);
         let put = |name: &str, text: String| write_whole(&self.folder.join(name), text.as_bytes());
-        put("fleet.json", fleet.to_text())?;
-        put("fleet.html", page::to_html(&fleet, &folder.plan))?;
-        put("cost.json", format!("{cost:#}\n"))?;
+        let out = OutputFolder::take(&self.folder)?;
+        let written = put("fleet.json", fleet.to_text())
+            .and_then(|()| put("fleet.html", page::to_html(&fleet, &folder.plan)))
+            .and_then(|()| put("cost.json", format!("{cost:#}\n")));
+        out.end(written.is_ok())?;
+        written?;
         say(&if self.json { format!("{}\n", line(&fleet, &cost)) } else { self.summary(&fleet, &cost) })?;
         Ok(if known == fleet.units.len() { Outcome::Done } else { Outcome::Partial })
     }

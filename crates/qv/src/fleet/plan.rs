@@ -4,7 +4,7 @@ use super::find::{files, recordings, with_companions};
 use super::folder::Folder;
 use super::hash;
 use crate::open::progress;
-use crate::whole::write_whole;
+use crate::output::{OutputFolder, write_whole};
 use crate::{Cli, Failure, Outcome, say};
 use clap::Parser;
 use qv_fleet::{Command, InputFile, Plan as Units, Recording, Refused, Task, sha256};
@@ -15,7 +15,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 /// Options that a fleet sets itself.
-const OWN: [&str; 3] = ["--out", "--json", "--no-config"];
+const OWN: [&str; 4] = ["--out", "--json", "--no-config", "--ask"];
 /// Lines of what could not be opened that are printed.
 const TOLD: usize = 10;
 /// Digits of the hash by which robots of one name and different models are told apart.
@@ -111,17 +111,17 @@ impl Plan {
             }
         }
         let plan = Units::new(self.task()?, good, refused, self.group);
-        write_whole(&self.out.join("plan.json"), plan.to_text().as_bytes())?;
+        let out = OutputFolder::take(&self.out)?;
+        let written = write_whole(&self.out.join("plan.json"), plan.to_text().as_bytes());
+        out.end(written.is_ok())?;
+        written?;
         say(&if self.json { line(&plan) } else { summary(&plan, &self.out) })?;
         Ok(if plan.refused.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
 
     /// Looks whether the command would take the options, so that this is said now and not by every unit.
     fn check_options(&self) -> Result<(), Failure> {
-        let own = |option: &&String| OWN.iter().any(|own| *option == own || option.starts_with(&format!("{own}=")));
-        if let Some(option) = self.options.iter().find(own) {
-            return Err(format!("options after --: expected none that a fleet sets itself, found {option}").into());
-        }
+        check_own(&self.options)?;
         let words =
             ["qv"].into_iter().chain(self.command.command().words().iter().copied()).chain(["RUN", "--out", "OUT"]);
         let words = words.chain(self.options.iter().map(String::as_str));
@@ -208,6 +208,15 @@ fn stored(path: &Path) -> Result<String, String> {
     text.ok_or_else(|| {
         format!("cannot store the path '{}': its bytes are no UTF-8; give it another name", path.display())
     })
+}
+
+/// Refuses options that a fleet sets itself, or that are never taken from a file such as a plan.
+pub fn check_own(options: &[String]) -> Result<(), String> {
+    let own = |option: &&String| OWN.iter().any(|own| *option == own || option.starts_with(&format!("{own}=")));
+    match options.iter().find(own) {
+        Some(option) => Err(format!("options after --: expected none that a fleet sets itself, found {option}")),
+        None => Ok(()),
+    }
 }
 
 /// The name of a robot; models that recordings bring along are told apart by their contents.

@@ -1,6 +1,6 @@
 //! `qv fleet rehearse`, which is hidden: a command that does what a file beside the recording says. Tests and the benchmark use it.
 
-use crate::whole::write_whole;
+use crate::output::{make_folder, write_whole};
 use crate::{Failure, Outcome, say};
 use serde::Deserialize;
 use std::fs::{self, OpenOptions};
@@ -61,7 +61,7 @@ impl Rehearse {
             return Err("expected memory that keeps what it is given, found another".into());
         }
         if !part.is_mute {
-            fs::create_dir_all(&self.out)?;
+            make_folder(&self.out)?;
             let report = part.report.map_or(REPORT.into(), |report| report.to_string());
             write_whole(&self.out.join("report.json"), report.as_bytes())?;
         }

@@ -5,11 +5,12 @@ use super::folder::Folder;
 use super::hash;
 use crate::Failure;
 use crate::lock::Lock;
+use crate::output::{self, open_plain, write_whole};
 use crate::scene::about;
-use crate::whole::write_whole;
 use qv_fleet::state::{Cost, Done, Failed, Kind};
 use qv_fleet::{InputFile, Unit};
-use std::fs::{self, File};
+use std::fs::{self, File, OpenOptions};
+use std::io::{Read, Seek, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::atomic::AtomicBool;
@@ -43,13 +44,16 @@ pub enum Ending {
 /// Its folder cannot be written: what fails of the work itself is an ending.
 pub fn work(folder: &Folder, unit: &Unit, how: &How) -> Result<Ending, Failure> {
     let place = folder.of(unit);
+    if place.is_symlink() {
+        return Err(format!("cannot work in '{}': it is a link", place.display()).into());
+    }
     fs::create_dir_all(&place).map_err(|e| about(&place, format!("expected to make it, found {e}")))?;
     let Some(lock) = Lock::wait(&place.join("lock"), how.stop)? else { return Ok(Ending::Stopped) };
     // Somebody may have done it meanwhile.
     if folder.done(unit).is_some() {
         return Ok(Ending::AlreadyDone);
     }
-    ["done.json", "failed.json"].iter().for_each(|name| _ = fs::remove_file(place.join(name)));
+    ["done.json", "failed.json"].iter().for_each(|name| remove_record(&place.join(name)));
     let (begun, mut cost) = (Instant::now(), Cost::default());
     let failed = |kind, reason, cost| {
         let failed = Failed::new(unit, kind, reason, cost);
@@ -80,6 +84,31 @@ pub fn work(folder: &Folder, unit: &Unit, how: &How) -> Result<Ending, Failure> 
     }
 }
 
+/// Removes a record of an earlier attempt.
+fn remove_record(path: &Path) {
+    let record = fs::read(path).ok().and_then(|bytes| serde_json::from_slice::<serde_json::Value>(&bytes).ok());
+    if record.is_some_and(|record| record["format"].as_str().is_some_and(|format| format.starts_with("qv-fleet-"))) {
+        fs::remove_file(path).ok();
+    }
+}
+
+/// How the log of a unit begins.
+const LOG: &str = "# The log of a unit of qv fleet\n";
+
+/// The log of a unit, emptied. A link is not followed, and a file that does not begin as a log of ours is not changed.
+fn log_of(path: &Path) -> Result<File, Failure> {
+    let failed = |e: std::io::Error| -> Failure { format!("cannot write '{}': {e}", path.display()).into() };
+    let mut options = OpenOptions::new();
+    let mut file = open_plain(path, options.read(true).write(true).create(true).truncate(false)).map_err(failed)?;
+    let mut begin = vec![];
+    (&file).take(LOG.len() as u64).read_to_end(&mut begin).map_err(failed)?;
+    if !begin.is_empty() && begin != LOG.as_bytes() {
+        return Err(failed(std::io::Error::other("it does not begin as a log of qv fleet")));
+    }
+    file.set_len(0).and_then(|()| file.rewind()).and_then(|()| file.write_all(LOG.as_bytes())).map_err(failed)?;
+    Ok(file)
+}
+
 /// What of its inputs is not what it was when the plan was made.
 fn changed(folder: &Folder, unit: &Unit) -> Option<String> {
     let base = Path::new(&folder.plan.task.folder);
@@ -95,11 +124,11 @@ fn changed(folder: &Folder, unit: &Unit) -> Option<String> {
 fn attempt(folder: &Folder, unit: &Unit, how: &How, lock: &Lock) -> Result<child::Ended, Failure> {
     let place = folder.of(unit);
     let (out, log) = (place.join("out"), place.join("log.txt"));
-    if !folder.plan.task.command.goes_on() && out.exists() {
-        fs::remove_dir_all(&out).map_err(|e| about(&out, format!("expected to remove it, found {e}")))?;
+    if !folder.plan.task.command.goes_on() {
+        output::clear(&out).map_err(|e| about(&out, format!("expected to remove what is ours, found {e}")))?;
     }
     let out = std::path::absolute(&out).map_err(|e| about(&out, e.to_string()))?;
-    let file = File::create(&log).map_err(|e| about(&log, format!("expected to write it, found {e}")))?;
+    let file = log_of(&log)?;
     let copy = file.try_clone().map_err(|e| about(&log, e.to_string()))?;
     let program = std::env::current_exe().map_err(|e| format!("expected to know this program, found {e}"))?;
     let task = &folder.plan.task;
@@ -133,6 +162,8 @@ fn judged(folder: &Folder, unit: &Unit, end: End, limits: &Limits) -> Judged {
         },
         End::Stopped => return Judged::Stopped,
         End::Code(2) => (Kind::Usage, last_line(folder, unit)),
+        // Somebody else stopped it.
+        End::Code(code) if code == i32::from(crate::stop::STOPPED) => (Kind::Killed, "stopped".into()),
         End::Code(1) => (Kind::Failed, last_line(folder, unit)),
         End::Code(code) => (Kind::Failed, format!("exit code {code}: {}", last_line(folder, unit))),
         End::Signal(signal) => (Kind::Killed, format!("signal {signal}")),
@@ -147,6 +178,7 @@ fn judged(folder: &Folder, unit: &Unit, end: End, limits: &Limits) -> Judged {
 fn last_line(folder: &Folder, unit: &Unit) -> String {
     let text = fs::read(folder.of(unit).join("log.txt")).unwrap_or_default();
     let text = String::from_utf8_lossy(&text);
+    let text = text.strip_prefix(LOG).unwrap_or(&text);
     let mut lines = text.lines().rev().filter(|line| !line.trim().is_empty());
     let line =
         lines.clone().find(|line| line.starts_with("qv: ") || line.starts_with("error: ")).or_else(|| lines.next());

@@ -5,11 +5,11 @@ mod labels;
 
 use crate::numbers::{not_negative, positive};
 use crate::open::{progress, spinner};
+use crate::output::{is_same, refuse_inputs, write_whole};
 use crate::progress::remark;
 use crate::rgbd::{self, DepthCapture};
 use crate::scene::{about, open_cameras, open_scene};
 use crate::terminal::print_message;
-use crate::whole::{is_same, refuse_inputs, write_whole};
 use crate::{Failure, Outcome, say};
 use align::{Up, of_distance};
 use glam::DVec3;

@@ -3,10 +3,10 @@
 use super::{COLUMNS, Place, ROWS, png_in_base64, weights_at};
 use crate::capture::open_capture;
 use crate::numbers::positive;
+use crate::output::{refuse_inputs, write_whole};
 use crate::progress::remark;
 use crate::scene::{about, open_cameras};
 use crate::terminal::print_message;
-use crate::whole::{refuse_inputs, write_whole};
 use crate::{Failure, Outcome, say};
 use glam::DVec2;
 use qv_core::{Camera, Pose, statistics};

@@ -3,10 +3,10 @@
 use super::card::CardArguments;
 use super::legs::LegsArguments;
 use super::{Task, weights_at};
+use crate::output::{self, make_folder, write_whole};
 use crate::progress::Stages;
 use crate::scene::about;
 use crate::terminal::print_message;
-use crate::whole::{refuse_inputs, write_whole};
 use crate::{Failure, Outcome, say};
 use qv_nav::dagger::{Progress, TrainSettings};
 use qv_nav::eye::{Eye, Paints, Several, Shot};
@@ -14,10 +14,25 @@ use qv_nav::legs::Legs;
 use qv_nav::net::Net;
 use qv_nav::roll::Stage;
 use qv_nav::{NavError, onnx, weights};
+use serde::{Deserialize, Serialize};
 use std::fs;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Weights of a training that has not ended. The files of one that has stay until another one has.
+const UNFINISHED: &str = "unfinished.bin";
+/// What belongs to those weights, see [`State`].
+const STATE: &str = "unfinished.json";
+
+/// Where a training stands beside its weights.
+#[derive(Serialize, Deserialize)]
+struct State {
+    /// Options that it was begun with, by name.
+    begun_with: serde_json::Map<String, serde_json::Value>,
+    /// Its rounds so far.
+    metrics: Vec<Progress>,
+}
 
 #[derive(clap::Args)]
 pub struct Train {
@@ -37,6 +52,9 @@ pub struct Train {
     /// Begins with the weights.bin of an earlier training; with --rounds 0 --trials N it learns from trials alone
     #[arg(long, value_name = "WEIGHTS.bin")]
     from: Option<PathBuf>,
+    /// Goes on after the last round of the training in the results that was stopped. The optimiser and what earlier rounds gathered begin anew
+    #[arg(long, conflicts_with = "from")]
+    resume: bool,
     /// Decisions that a round gathers
     #[arg(long, default_value_t = TrainSettings::default().frames)]
     frames: usize,
@@ -66,16 +84,14 @@ fn count(text: &str) -> Result<usize, String> {
 
 impl Train {
     pub fn execute(&self) -> Result<Outcome, Failure> {
-        if self.rounds == 0 && self.from.is_none() {
+        if self.rounds == 0 && self.from.is_none() && !self.resume {
             return Err("expected --rounds of at least 1, or --from WEIGHTS.bin to begin with".into());
         }
-        let outputs = ["weights.bin", "policy.onnx", "metrics.json"].map(|name| self.out.join(name));
-        // The weights to begin with may stand where the new ones go: they are read before the first round.
-        let read: Vec<&PathBuf> =
-            self.task.place.files().into_iter().chain(self.legs.files()).chain(&self.also).collect();
-        outputs.iter().try_for_each(|out| refuse_inputs(out, read.iter().copied()))?;
-        refuse_inputs(&outputs[1], &self.from)?;
-        let start = self.from.as_ref().map(|file| weights_at(file, &Net::default())).transpose()?;
+        let kept = if self.resume { Some(self.kept()?) } else { None };
+        let start = match &kept {
+            Some((weights, _)) => Some(weights.clone()),
+            None => self.from.as_ref().map(|file| weights_at(file, &Net::default())).transpose()?,
+        };
         // Now, and not once the first scene was opened and painted.
         let missing = self.also.iter().find(|scene| !scene.exists());
         missing.map_or(Ok(()), |scene| Err(about(scene, "expected a scene of Gaussians, found no such file")))?;
@@ -87,19 +103,24 @@ impl Train {
             eyes.push(self.card.eye(self.task.place.eye(scene, &world.map, &paints)?)?);
         }
         let stable = self.legs.open(&self.task.place)?;
-        fs::create_dir_all(&self.out).map_err(|e| about(&self.out, e))?;
+        make_folder(&self.out).map_err(|e| about(&self.out, e))?;
         let eye = Watched { eye: Several(eyes), stop: stop.clone() };
         let mut work = Work {
             train: self,
             stage: Stage::new(&world, &eye, camera),
             legs: stable.legs(&world, self.robots)?,
             stages: Stages::new(),
-            metrics: Vec::new(),
+            metrics: kept.map_or(vec![], |(_, metrics)| metrics),
             stop,
         };
         let mut parameters = start;
+        let mut first = 0;
         for settings in [self.taught(), self.tried()].into_iter().filter(|settings| settings.rounds > 0) {
-            parameters = Some(work.learn(&settings, parameters)?);
+            let end = first + settings.rounds;
+            if work.metrics.len() < end && !work.is_stopped() {
+                parameters = Some(work.learn(&settings, parameters, first)?);
+            }
+            first = end;
         }
         let (metrics, parameters) = (work.finish(), parameters.unwrap_or_default());
         let (rounds, all) = (metrics.len(), self.rounds + self.trials);
@@ -107,18 +128,25 @@ impl Train {
             print_message!("stopped in the first of {all} rounds; nothing was written");
             return Ok(Outcome::Stopped);
         }
-        if rounds == 0 {
-            // Nothing was learnt: the files of the weights that were given.
-            write_whole(&self.out.join("weights.bin"), &weights::to_bytes(&parameters))?;
+        let is_stopped = rounds < all;
+        if is_stopped && self.out.join("policy.onnx").exists() {
+            print_message!("the policy in '{}' stays", self.out.display());
+            print_message!("{}", self.how_to_go_on(rounds));
+            return Ok(Outcome::Stopped);
         }
         let [low, high] = world.map.bounds();
         let half_sides = (0.5 * (high - low)).to_array();
         let file = onnx::to_bytes(&Net::default(), &parameters, &world.limits, half_sides)?;
         write_whole(&self.out.join("policy.onnx"), &file)?;
-        if rounds < all {
+        write_whole(&self.out.join("weights.bin"), &weights::to_bytes(&parameters))?;
+        if all > 0 {
+            write_whole(&self.out.join("metrics.json"), &serde_json::to_vec_pretty(&metrics)?)?;
+        }
+        if is_stopped {
             print_message!("{}", self.how_to_go_on(rounds));
             return Ok(Outcome::Stopped);
         }
+        [UNFINISHED, STATE].iter().for_each(|name| output::remove(&self.out.join(name)));
         let decisions = metrics.last().map_or(0, |told| told.frames);
         if self.json {
             let line = serde_json::json!({
@@ -131,19 +159,44 @@ impl Train {
         Ok(Outcome::Done)
     }
 
-    /// What to type after so many rounds: the same from the weights of the last one, for the rounds that are left.
+    /// What to type after so many rounds.
     fn how_to_go_on(&self, rounds: usize) -> String {
-        let taught = self.rounds.saturating_sub(rounds);
-        let tried = self.rounds + self.trials - rounds - taught;
-        let from = self.out.join("weights.bin").display().to_string();
-        let mut words = crate::config::without(crate::config::arguments(), &["from", "rounds", "trials"]);
-        words.extend(["--from".into(), from, "--rounds".into(), taught.to_string()]);
-        words.extend(["--trials".into(), tried.to_string()]);
-        format!(
-            "stopped after {rounds} of {} rounds, whose weights and policy are written; to go on, with the learning rate of a beginning: qv {}",
-            self.rounds + self.trials,
-            crate::config::typed(&words)
-        )
+        let mut words = crate::config::without(crate::config::arguments(), &["from"]);
+        if !self.resume {
+            words.push("--resume".into());
+        }
+        let all = self.rounds + self.trials;
+        format!("stopped after {rounds} of {all} rounds; to go on: qv {}", crate::config::typed(&words))
+    }
+
+    /// Options with which a training goes on as it was begun, by name.
+    fn begun_with(&self) -> serde_json::Map<String, serde_json::Value> {
+        let numbers = [
+            ("--rounds", self.rounds as u64),
+            ("--trials", self.trials as u64),
+            ("--frames", self.frames as u64),
+            ("--robots", self.robots as u64),
+            ("--epochs", self.epochs as u64),
+            ("--batch", self.batch as u64),
+            ("--seed", self.task.place.seed),
+        ];
+        numbers.into_iter().map(|(name, value)| (name.to_owned(), value.into())).collect()
+    }
+
+    /// Weights and rounds of the training in the results that has not ended.
+    fn kept(&self) -> Result<(Vec<f32>, Vec<Progress>), Failure> {
+        let path = self.out.join(STATE);
+        let bytes =
+            fs::read(&path).map_err(|e| about(&path, format!("expected a training that was stopped, found {e}")))?;
+        let state: State = serde_json::from_slice(&bytes).map_err(|e| about(&path, e))?;
+        let now = self.begun_with();
+        if let Some((option, value)) = now.iter().find(|(option, value)| state.begun_with.get(*option) != Some(*value))
+        {
+            let begun = state.begun_with.get(option).map_or("none".into(), ToString::to_string);
+            let expected = format!("--resume: expected {option} {begun}, with which it was begun");
+            return Err(about(&path, format!("{expected}, found {value}")));
+        }
+        Ok((weights_at(&self.out.join(UNFINISHED), &Net::default())?, state.metrics))
     }
 
     /// Learning from the teacher.
@@ -195,22 +248,26 @@ struct Work<'a> {
 }
 
 impl Work<'_> {
-    /// All rounds of one way of learning, from some weights or from nothing; gives the weights.
-    fn learn(&mut self, settings: &TrainSettings, start: Option<Vec<f32>>) -> Result<Vec<f32>, Failure> {
+    /// The rounds of one way of learning that are left, from some weights or from nothing; gives the weights. `first` are the rounds of other ways
+    /// before it.
+    fn learn(&mut self, settings: &TrainSettings, start: Option<Vec<f32>>, first: usize) -> Result<Vec<f32>, Failure> {
         let mut student = self.train.card.student(settings)?;
         start.map_or(Ok(()), |parameters| student.start_from(parameters))?;
+        // The learning rate falls with them.
+        student.rounds = self.metrics.len() - first;
         let episodes = self.train.task.episodes();
         let all = self.train.rounds + self.train.trials;
         let (before, gathered) = (self.metrics.len(), self.metrics.last().map_or(0, |told| told.frames));
+        let end = first + settings.rounds;
         let name = if settings.policy.is_some() { "drive and learn from trials" } else { "drive and learn" };
-        for round in before..before + settings.rounds {
+        for round in before..end {
             if self.is_stopped() {
                 break;
             }
             self.stages.begin(round + 1, all, name, Some(round as f64 / all as f64));
             let stages = &self.stages;
             let learnt = student.round(&self.stage, &mut *self.legs, &episodes, &mut |p| {
-                let share = (before as f64 + p.share * settings.rounds as f64) / all as f64;
+                let share = (first as f64 + p.share * settings.rounds as f64) / all as f64;
                 stages.at(share, &format!("{} decisions, loss {:.4}", gathered + p.frames, p.loss));
             });
             // Driving ends with an error of the eye; a round that is learning comes to its end.
@@ -222,11 +279,18 @@ impl Work<'_> {
             told.share = (round + 1) as f64 / all as f64;
             self.metrics.push(told);
             // After each round, so that a training that is cut off leaves its last round.
-            let out = &self.train.out;
-            write_whole(&out.join("weights.bin"), &weights::to_bytes(&student.parameters))?;
-            write_whole(&out.join("metrics.json"), &serde_json::to_vec_pretty(&self.metrics)?)?;
+            self.save(&student.parameters)?;
         }
         Ok(student.parameters)
+    }
+
+    /// Writes where training stands, at once.
+    fn save(&self, parameters: &[f32]) -> Result<(), Failure> {
+        let out = &self.train.out;
+        let state = State { begun_with: self.train.begun_with(), metrics: self.metrics.clone() };
+        write_whole(&out.join(UNFINISHED), &weights::to_bytes(parameters))?;
+        write_whole(&out.join(STATE), &serde_json::to_vec_pretty(&state)?)?;
+        output::commit().map_err(|e| about(out, e))
     }
 
     fn is_stopped(&self) -> bool {

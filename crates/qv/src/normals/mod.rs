@@ -2,13 +2,12 @@
 
 use crate::Failure;
 use crate::capture::OpenCapture;
+use crate::output::{claim, keep_what_is_claimed, put, remove};
 use crate::python::{Environment, said};
 use crate::scene::about;
-use crate::whole::put;
 use clap::ValueEnum;
 use serde::Deserialize;
 use serde_json::json;
-use std::fs;
 use std::path::Path;
 
 const PROGRAM: &str = include_str!("normals.py");
@@ -70,7 +69,7 @@ pub fn add_normals(model: &NormalModel, opened: &mut OpenCapture, out: &Path) ->
     }
     let folder = out.join(FOLDER);
     let written = |path: &Path, e: std::io::Error| about(path, format!("expected to write it, found {e}"));
-    fs::create_dir_all(&folder).map_err(|e| written(&folder, e))?;
+    claim(&folder, true)?;
     let mut pairs = vec![];
     for index in 0..opened.capture.cameras.len() {
         let Some(image) = opened.capture.cameras[index].image.clone() else { continue };
@@ -95,9 +94,8 @@ pub fn add_normals(model: &NormalModel, opened: &mut OpenCapture, out: &Path) ->
         let share = 100.0 * made.facing;
         return Err(wrong(format!("{share:.0} % turned to the camera; --normal-axes says which axes the model has")));
     }
-    for [photograph, _] in &pairs {
-        fs::remove_file(photograph).ok();
-    }
+    keep_what_is_claimed().map_err(|e| written(&folder, e))?;
+    pairs.iter().for_each(|[photograph, _]| remove(photograph));
     // Not before the capture's own: its paths come first.
     opened.folders.push(out.to_path_buf());
     Ok(())
@@ -106,6 +104,7 @@ pub fn add_normals(model: &NormalModel, opened: &mut OpenCapture, out: &Path) ->
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     #[test]
     fn axes_are_three_each_once() {

@@ -3,8 +3,8 @@
 use super::watch::Run;
 use super::{REPORT_EVERY, Reconstruct};
 use crate::Failure;
+use crate::output::{self, put};
 use crate::scene::about;
-use crate::whole::put;
 use qv_core::GaussianCloud;
 use qv_splat::files::Points;
 use qv_splat::train::aside::{Search, judged, put_aside};
@@ -45,7 +45,8 @@ impl Reconstruct {
             let found = fs::read(&path).ok().and_then(|bytes| serde_json::from_slice::<Searched>(&bytes).ok());
             return Ok(found.filter(|found| (found.asked, found.seed) == (self.iterations, self.seed)));
         }
-        fs::remove_file(&path).ok();
+        // That of an earlier scene says nothing of this one.
+        output::remove(&path);
         let usual = TrainOptions::default().iterations;
         if options.iterations <= usual || self.max_seconds.is_some() {
             return Ok(None);

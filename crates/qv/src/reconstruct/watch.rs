@@ -3,13 +3,17 @@
 use super::{Reconstruct, beside};
 use crate::Failure;
 use crate::progress::Stages;
+use crate::scene::about;
 use qv_splat::train::{Best, Dataset, Engine, Model, Progress, drawn};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-/// Steps from one checkpoint to the next.
-pub(super) const SAVE_EVERY: u32 = 5000;
+/// Time from one checkpoint to the next.
+const SAVE_EVERY: Duration = Duration::from_secs(30);
+/// Steps from one scene to the next that is judged, where it is fetched from the card.
+#[cfg(feature = "gpu")]
+pub(super) const FETCH_EVERY: u32 = 5000;
 /// Steps from one preview to the next.
 const PREVIEW_EVERY: u32 = 1000;
 
@@ -23,6 +27,8 @@ pub(super) struct Run<'a> {
     /// Steps that are taken.
     pub iterations: u32,
     clock: Instant,
+    /// When the last checkpoint was written.
+    saved: Instant,
     bar: &'a Stages,
     stop: Arc<AtomicBool>,
     /// The last that was told, every hundred steps.
@@ -42,6 +48,7 @@ impl<'a> Run<'a> {
             dataset,
             iterations: command.iterations,
             clock: Instant::now(),
+            saved: Instant::now(),
             bar,
             stop: crate::stop::asked(),
             loss: None,
@@ -69,13 +76,16 @@ impl<'a> Run<'a> {
             }
         }
         let is_time = |every: u32| progress.iteration.is_multiple_of(every);
-        let saves = is_time(SAVE_EVERY);
+        let saves = self.saved.elapsed() >= SAVE_EVERY;
         let judges = is_time(self.command.judge_every()) && progress.iteration < self.iterations;
         let previews = self.command.preview && is_time(PREVIEW_EVERY);
         // All of it is fetched from the card at once, for whatever it is wanted.
         if saves || judges || previews {
             let model = engine.model()?;
-            saves.then(|| self.command.save(&model)).transpose()?;
+            if saves {
+                self.command.save(&model)?;
+                self.saved = Instant::now();
+            }
             if judges {
                 self.psnr = Some(self.best.see(&model, self.dataset)?);
             }
@@ -119,6 +129,9 @@ impl<'a> Run<'a> {
         let image = drawn(&model.cloud, &photograph.camera, self.dataset)?;
         self.psnr = Some(qv_splat::train::score(&image.colour, photograph).psnr);
         let name = format!("{}_{:06}", photograph.name, model.iteration);
-        beside(photograph, &image, &self.command.out.join("previews"), &name)
+        let folder = self.command.out.join("previews");
+        beside(photograph, &image, &folder, &name)?;
+        // One looks at it while training runs.
+        crate::output::commit().map_err(|e| about(&folder, e))
     }
 }

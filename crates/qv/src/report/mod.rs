@@ -4,8 +4,8 @@ mod ground;
 mod page;
 
 use crate::ground::mesh_at;
+use crate::output::put;
 use crate::scene::about;
-use crate::whole::put;
 use crate::{Failure, Outcome, say};
 use qv_core::TriangleMesh;
 use serde_json::{Value, json};

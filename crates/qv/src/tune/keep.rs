@@ -1,13 +1,13 @@
 //! Stages that are done, in files: a run that was stopped goes on after them.
 
 use crate::Failure;
-use crate::whole::write_whole;
+use crate::output::{self, write_whole};
 use qv_residual::ResidualError;
 use qv_residual::close::{Inputs, Keep};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A folder `stages` with one file for each stage. All belong to the same inputs: those of others are taken away.
+/// A folder `stages` with one file for each stage. All belong to the same inputs: our files of others are removed.
 pub struct Folder(PathBuf);
 
 impl Folder {
@@ -17,11 +17,10 @@ impl Folder {
         if fs::read_to_string(folder.join("key")).is_ok_and(|kept| kept == key) {
             return Ok(Self(folder));
         }
-        match fs::remove_dir_all(&folder) {
-            Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(e.into()),
-            _ => fs::create_dir_all(&folder)?,
-        }
+        output::clear(&folder)?;
+        output::make_folder(&folder)?;
         write_whole(&folder.join("key"), key.as_bytes())?;
+        output::commit()?;
         Ok(Self(folder))
     }
 
@@ -38,6 +37,7 @@ impl Keep for Folder {
     fn put(&self, name: &str, text: &str) -> Result<(), ResidualError> {
         let path = self.file(name);
         write_whole(&path, text.as_bytes())
+            .and_then(|()| Ok(output::commit()?))
             .map_err(|e| ResidualError::input(path.display().to_string(), "to write it", e))
     }
 }

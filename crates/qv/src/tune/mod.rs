@@ -5,9 +5,9 @@ mod page;
 mod recordings;
 
 use crate::open::{file_error, parameters_of, write_error};
+use crate::output::{is_same, make_folder, write_whole};
 use crate::progress::Stages;
 use crate::walk::inputs::{as_trained, checkpoint_of, ground_of, policy_of, robot_of};
-use crate::whole::{is_same, write_whole};
 use crate::{Failure, Outcome, say};
 use keep::Folder;
 use qv_policy::policy::PolicyFile;
@@ -91,7 +91,7 @@ impl Tune {
             let found = "the folder of --policy, whose files would be written over";
             return Err(file_error(&self.out, "another folder for --out", found).into());
         }
-        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
+        make_folder(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads.map_or(0, usize::from)).build()?;
         let work = Work {
             tune: self,

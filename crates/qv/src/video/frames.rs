@@ -20,7 +20,7 @@ const JUDGED_AT: u32 = 480;
 /// Shortest video \[s\].
 const SHORTEST: f64 = 1.0;
 
-/// Takes at most `count` sharp frames, evenly spread, into `images`, which is emptied.
+/// Takes at most `count` sharp frames, evenly spread, into `images`, beside which nothing lies that is not ours.
 ///
 /// # Errors
 /// ffmpeg is not there or cannot read the video, or the video is too short.
@@ -31,11 +31,7 @@ pub fn take(video: &Path, images: &Path, count: usize) -> Result<(), Failure> {
     }
     let candidates = images.with_file_name("candidates");
     for folder in [images, &candidates] {
-        // Frames of another video would be matched with these.
-        let emptied = if folder.is_dir() { fs::remove_dir_all(folder) } else { Ok(()) };
-        emptied
-            .and_then(|()| fs::create_dir_all(folder))
-            .map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
+        fs::create_dir_all(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
     }
     let sign = spinner("taking frames");
     let each = ((OF * count) as f64 / duration).min(rate);
@@ -66,7 +62,10 @@ pub fn take(video: &Path, images: &Path, count: usize) -> Result<(), Failure> {
         let target = images.join(path.file_name().unwrap_or_default());
         fs::rename(&path, &target).map_err(|e| about(&target, format!("expected to write it, found {e}")))?;
     }
-    fs::remove_dir_all(&candidates).map_err(|e| about(&candidates, format!("expected to remove it, found {e}")))?;
+    for path in taken.iter().filter(|path| path.exists()) {
+        fs::remove_file(path).map_err(|e| about(path, format!("expected to remove it, found {e}")))?;
+    }
+    fs::remove_dir(&candidates).map_err(|e| about(&candidates, format!("expected to remove it, found {e}")))?;
     sign.finish_and_clear();
     Ok(())
 }

@@ -4,8 +4,8 @@ mod frames;
 
 use crate::Failure;
 use crate::colmap;
+use crate::output::{self, write_whole};
 use crate::scene::about;
-use crate::whole::write_whole;
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -71,12 +71,8 @@ pub fn project(video: &Path, folder: &Path, frames: usize) -> Result<Vec<String>
     if let Some(made) = found.filter(|made| made.of == stamp && folder.join("sparse/0/images.bin").is_file()) {
         return Ok(made.lost);
     }
-    fs::create_dir_all(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
-    // A project of another video must not pass for this one's if this one fails.
-    for old in [&stamp_file, &folder.join("sparse")] {
-        let removed = if old.is_dir() { fs::remove_dir_all(old) } else { fs::remove_file(old) };
-        removed.or_else(missing_is_fine).map_err(|e| about(old, format!("expected to remove it, found {e}")))?;
-    }
+    // Frames of another video would be matched with these, and its project would pass for this one's if this one fails.
+    output::claim(folder, true)?;
     let images = folder.join("images");
     frames::take(video, &images, frames)?;
     let placed = colmap::find(&images, folder, None)?;
@@ -92,11 +88,8 @@ pub fn project(video: &Path, folder: &Path, frames: usize) -> Result<Vec<String>
     lost.extend(placed.doubt(video));
     let text = serde_json::to_string(&Made { of: stamp, lost: lost.clone() })?;
     write_whole(&stamp_file, text.as_bytes())?;
+    output::commit().and_then(|()| output::keep_what_is_claimed()).map_err(|e| about(folder, e))?;
     Ok(lost)
-}
-
-fn missing_is_fine(error: std::io::Error) -> std::io::Result<()> {
-    if error.kind() == std::io::ErrorKind::NotFound { Ok(()) } else { Err(error) }
 }
 
 #[cfg(test)]

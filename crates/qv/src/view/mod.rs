@@ -7,10 +7,10 @@ mod parts;
 mod place;
 
 use crate::open::lost_from;
+use crate::output::write_whole;
 use crate::progress::remark;
 use crate::scene::about;
 use crate::terminal::print_message;
-use crate::whole::write_whole;
 use crate::{Failure, Outcome, Reading, say};
 use parts::Parts;
 use serde_json::json;

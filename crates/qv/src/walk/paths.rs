@@ -2,7 +2,7 @@
 
 use super::made_up::MadeUp;
 use crate::open::write_error;
-use crate::whole::write_whole;
+use crate::output::write_whole;
 use crate::{Failure, Outcome, say};
 use serde_json::json;
 use std::fs;

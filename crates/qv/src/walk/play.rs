@@ -2,13 +2,12 @@
 
 use super::inputs::{as_trained, command, ground_of, policy_of, robot_of, urdf_of};
 use crate::open::write_error;
-use crate::whole::write_whole;
+use crate::output::{make_folder, write_whole};
 use crate::{Failure, Outcome, say};
 use qv_policy::play::play;
 use qv_policy::policy::OnnxDecision;
 use qv_policy::velocity::{TaskSettings, VelocityTask};
 use serde_json::json;
-use std::fs;
 use std::path::PathBuf;
 
 /// Commands that pages show: from when \[s\], and vx, vy \[m/s\], wz \[rad/s\].
@@ -67,7 +66,7 @@ impl Play {
         };
         let played =
             play(OnnxDecision { policy: &mut policy, robot: &robot }, &mut task, &commands, seconds, self.seed)?;
-        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
+        make_folder(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let title = format!("{} on {}", file.robot, self.ground);
         write_whole(&self.out.join("play.json"), format!("{}\n", serde_json::to_string(&played)?).as_bytes())?;
         let page = super::page::page(&title, &[], None, &played, &file);

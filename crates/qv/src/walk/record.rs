@@ -3,7 +3,7 @@
 use super::inputs::urdf_of;
 use super::made_up::MadeUp;
 use crate::open::write_error;
-use crate::whole::write_whole;
+use crate::output::{make_folder, write_whole};
 use crate::{Failure, Outcome, say};
 use qv_core::JointSeries;
 use qv_policy::velocity::TaskRobot;
@@ -67,7 +67,7 @@ impl Record {
             let found = "walks of another robot or seed";
             return Err(crate::open::file_error(&self.out, "a folder without walks for --out", found).into());
         }
-        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
+        make_folder(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let urdf = urdf_of(&self.made_up.robot)?;
         let bar = crate::open::progress(count, "walking");
         // A few at a time: recordings are large.
@@ -81,7 +81,7 @@ impl Record {
                 }
                 let folder = self.out.join(format!("walk_{written:03}"));
                 written += 1;
-                fs::create_dir_all(&folder).map_err(|e| write_error(&folder, &e))?;
+                make_folder(&folder).map_err(|e| write_error(&folder, &e))?;
                 write_whole(&folder.join("run.csv"), table(&walk.run)?.as_bytes())?;
                 write_whole(&folder.join("run.toml"), description(robot).as_bytes())?;
                 write_whole(&folder.join("robot.urdf"), urdf.as_bytes())?;

@@ -1,7 +1,7 @@
 //! `replay.mcap` and `robot.urdf` of a walk: what Foxglove and ROS 2 tools open.
 
 use crate::Failure;
-use crate::whole::write_whole;
+use crate::output::write_whole;
 use qv_core::Pose;
 use qv_policy::play::Played;
 use qv_replay::replay::{FrameTrace, Recorded, Trace, write_traces};

@@ -3,8 +3,8 @@
 use super::inputs::command;
 use crate::ground::terrain_of;
 use crate::open::{file_error, read_model, write_error};
+use crate::output::{make_folder, write_whole};
 use crate::policy_child;
-use crate::whole::write_whole;
 use crate::{Failure, Outcome, say};
 use qv_policy::onnx::OnnxPolicy;
 use qv_policy::roll::{Description, roll};
@@ -64,7 +64,7 @@ impl Roll {
             policy.run(observation, &mut action).map(|()| action)
         })?;
         if let Some(out) = &self.out {
-            fs::create_dir_all(out).map_err(|e| write_error(out, &e))?;
+            make_folder(out).map_err(|e| write_error(out, &e))?;
             let json = serde_json::json!({
                 "time": rolled.time, "base": rolled.base, "joints": rolled.joints, "torques": rolled.torques,
                 "joint_names": description.joints, "observations": rolled.observations, "actions": rolled.actions,

@@ -2,18 +2,27 @@
 
 use super::inputs::{ground_of, range, robot_of, urdf_of};
 use crate::open::{file_error, write_error};
+use crate::output::{self, make_folder, write_whole};
 use crate::progress::remark;
-use crate::whole::write_whole;
+use crate::terminal::print_message;
 use crate::{Failure, Outcome, say};
 use indicatif::{ProgressBar, ProgressStyle};
 use qv_policy::play::play;
 use qv_policy::policy::PolicyFile;
+use qv_policy::score::Score;
 use qv_policy::train::{Checkpoint, Line, TrainSettings, Training};
 use qv_policy::velocity::{Ground, Randomise, TaskRobot, VelocityTask};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
-use std::time::Instant;
+use std::time::{Duration, Instant};
+
+/// Where a training stands that has not ended. The files of one that has stay until another one has.
+const UNFINISHED: &str = "unfinished.bin";
+/// What was measured in it.
+const MEASURED: &str = "unfinished.json";
+/// Time from one checkpoint to the next.
+const SAVE_EVERY: Duration = Duration::from_secs(30);
 
 #[derive(clap::Args)]
 pub struct Train {
@@ -56,12 +65,15 @@ pub struct Train {
     /// All settings (task, rewards, learner) as `settings.toml` in the results has them
     #[arg(long, value_name = "FILE.toml")]
     settings: Option<PathBuf>,
-    /// Goes on from checkpoint.bin in the results, with the bits of a training that was never stopped
+    /// Goes on from where the training in the results stands: with the bits of one that was never stopped, if it stands at the end of an epoch
     #[arg(long, conflicts_with_all = ["settings", "seed", "robots", "start_from", "robust", "around", "vx", "vy", "wz"])]
     resume: bool,
     /// Begins with the networks of another training's checkpoint.bin
     #[arg(long, value_name = "FILE")]
     start_from: Option<PathBuf>,
+    /// Replaces a policy in the results that scores better
+    #[arg(long)]
+    replace: bool,
     /// Threads; default: all
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
@@ -94,7 +106,7 @@ impl Train {
             Some(file) => self.around(file, &robot, &ground, settings)?,
             None => settings,
         };
-        fs::create_dir_all(&self.out).map_err(|e| write_error(&self.out, &e))?;
+        make_folder(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads.map_or(0, usize::from)).build()?;
         // Errors of the command line stay on their thread: this one crosses as its text.
         let told = pool.install(|| self.train(&robot, &ground, settings, kept).map_err(|e| e.to_string()));
@@ -103,10 +115,11 @@ impl Train {
 
     /// The checkpoint to go on from.
     fn kept(&self) -> Result<Option<Checkpoint>, Failure> {
-        let path = self.out.join("checkpoint.bin");
         if !self.resume {
             return Ok(None);
         }
+        let unfinished = self.out.join(UNFINISHED);
+        let path = if unfinished.is_file() { unfinished } else { self.out.join("checkpoint.bin") };
         let bytes = fs::read(&path).map_err(|e| file_error(&path, "the checkpoint of a training", &e.to_string()))?;
         let kept = Checkpoint::from_bytes(&bytes);
         Ok(Some(kept.map_err(|e| file_error(&path, "the checkpoint of a training", &e.to_string()))?))
@@ -183,7 +196,11 @@ impl Train {
             )
             .into());
         }
-        let done = self.run(&mut training)?;
+        let done = self.run(&mut training, kept.as_ref())?;
+        if done.is_stopped {
+            print_message!("{}", self.how_to_go_on(training.ppo().iterations));
+            return Ok(Outcome::Stopped);
+        }
         if !training.ppo().iterations.is_multiple_of(settings.score_every) {
             // What came after the last score may be the best.
             training.judge_now()?;
@@ -194,11 +211,18 @@ impl Train {
         };
         let policy = training.best().map_or_else(|| training.policy(), |(_, policy)| policy.clone());
         let file = PolicyFile::new(robot, &settings.task, &self.ground, Some(score.clone()));
+        let last = training.checkpoint_now().to_bytes()?;
+        if let Some(better) = self.better(&file) {
+            // It can be taken up again, or put in the place of the other.
+            self.save(&last, &self.metrics(kept.as_ref(), &done.lines)?)?;
+            return self.tell_better(&better, &score);
+        }
         let put = |name: &str, bytes: &[u8]| write_whole(&self.out.join(name), bytes);
         put("policy.onnx", &policy.to_onnx(robot)?)?;
         put("policy.toml", file.to_text()?.as_bytes())?;
         put("settings.toml", toml::to_string(&settings)?.as_bytes())?;
-        put("checkpoint.bin", &training.checkpoint().to_bytes()?)?;
+        put("checkpoint.bin", &last)?;
+        [UNFINISHED, MEASURED].iter().for_each(|name| output::remove(&self.out.join(name)));
         put("metrics.json", self.metrics(kept.as_ref(), &done.lines)?.as_bytes())?;
         let mut task = VelocityTask::new(robot.clone(), ground.clone(), settings.task.clone(), 1)?;
         let played = play(&policy, &mut task, &super::play::SHOWN, 12.0, settings.seed)?;
@@ -207,7 +231,7 @@ impl Train {
         if self.json {
             let line = serde_json::json!({
                 "format": "qv-walk-train/1", "score": score, "iterations": training.ppo().iterations, "seconds": done.seconds,
-                "samples": done.lines.last().map_or(0, |l| l.samples), "checkpoint": training.checkpoint().iterations, "out": self.out,
+                "samples": done.lines.last().map_or(0, |l| l.samples), "checkpoint": training.ppo().iterations, "out": self.out,
             });
             say(&format!("{line}\n"))?;
             return Ok(Outcome::Done);
@@ -219,7 +243,7 @@ impl Train {
             done.lines.last().map_or(0.0, |l| l.samples as f64 / 1e6),
             done.seconds,
             self.out.display(),
-            training.checkpoint().iterations
+            training.ppo().iterations
         ))?;
         Ok(Outcome::Done)
     }
@@ -228,7 +252,9 @@ impl Train {
     fn metrics(&self, kept: Option<&Checkpoint>, lines: &[Line]) -> Result<String, Failure> {
         let mut all: Vec<serde_json::Value> = Vec::new();
         if let Some(kept) = kept {
-            let before = fs::read(self.out.join("metrics.json")).unwrap_or_default();
+            let unfinished = self.out.join(MEASURED);
+            let before = if unfinished.is_file() { unfinished } else { self.out.join("metrics.json") };
+            let before = fs::read(before).unwrap_or_default();
             let before: Vec<serde_json::Value> = serde_json::from_slice(&before).unwrap_or_default();
             all.extend(before.into_iter().filter(|l| l["index"].as_u64().is_some_and(|index| index < kept.iterations)));
         }
@@ -246,13 +272,14 @@ impl Train {
         )
     }
 
-    fn run(&self, training: &mut Training) -> Result<Done, Failure> {
+    fn run(&self, training: &mut Training, kept: Option<&Checkpoint>) -> Result<Done, Failure> {
         let stop = crate::stop::asked();
         let (clock, total) = (Instant::now(), self.iterations());
         let bar = ProgressBar::new(total);
         if let Ok(style) = ProgressStyle::with_template("{pos}/{len} {wide_bar} {msg} {eta} left") {
             bar.set_style(style);
         }
+        let (mut begun, mut saved, mut is_stopped) = (Instant::now(), Instant::now(), false);
         let mut lines: Vec<Line> = Vec::new();
         let mut told = String::new();
         while training.ppo().iterations < total {
@@ -271,20 +298,80 @@ impl Train {
                     score.velocity_error < v && score.turning_error < w && score.fell == 0
                 });
             lines.push(line);
-            if training.checkpoint().epoch != before {
-                write_whole(&self.out.join("checkpoint.bin"), &training.checkpoint().to_bytes()?)?;
+            is_stopped = stop.load(Ordering::Relaxed);
+            let is_new = training.checkpoint().epoch != before;
+            if is_new {
+                begun = Instant::now();
+            }
+            if is_new || is_stopped || saved.elapsed() >= SAVE_EVERY {
+                // Little is lost by going back to where an epoch began, from where the bits are the same.
+                let is_short = begun.elapsed() < SAVE_EVERY;
+                let state = if is_short { training.checkpoint() } else { &training.checkpoint_now() };
+                self.save(&state.to_bytes()?, &self.metrics(kept, &lines)?)?;
+                saved = Instant::now();
             }
             let late = self.max_seconds.is_some_and(|most| clock.elapsed().as_secs_f64() > most);
-            if reached || late || stop.load(Ordering::Relaxed) {
+            if reached || late || is_stopped {
+                is_stopped &= !(reached || late) && training.ppo().iterations < total;
                 break;
             }
         }
         bar.finish_and_clear();
-        Ok(Done { lines, seconds: clock.elapsed().as_secs_f64() })
+        Ok(Done { lines, seconds: clock.elapsed().as_secs_f64(), is_stopped })
+    }
+
+    /// Writes where training stands, and what was measured until then, at once.
+    fn save(&self, checkpoint: &[u8], metrics: &str) -> Result<(), Failure> {
+        let path = self.out.join(UNFINISHED);
+        write_whole(&path, checkpoint)?;
+        write_whole(&self.out.join(MEASURED), metrics.as_bytes())?;
+        Ok(output::commit().map_err(|e| write_error(&path, &e))?)
+    }
+
+    fn how_to_go_on(&self, done: u64) -> String {
+        let mut words = crate::config::arguments();
+        if !self.resume {
+            // A checkpoint has them.
+            let kept = ["settings", "seed", "robots", "start-from", "around", "vx", "vy", "wz"];
+            words = crate::config::without(words, &kept);
+            words.retain(|word| word != "--robust");
+            words.push("--resume".into());
+        }
+        let all = self.iterations();
+        format!("stopped at {done} of {all} iterations; to go on: qv {}", crate::config::typed(&words))
+    }
+
+    /// The policy in the results, if it is of the same task and scores better.
+    fn better(&self, new: &PolicyFile) -> Option<PolicyFile> {
+        if self.replace || !self.out.join("policy.onnx").is_file() {
+            return None;
+        }
+        let old = PolicyFile::parse(&fs::read_to_string(self.out.join("policy.toml")).ok()?).ok()?;
+        let cost = |file: &PolicyFile| file.score.as_ref().map(Score::cost);
+        let is_better = cost(&old)? < cost(new)?;
+        let rated = |file: &PolicyFile| PolicyFile { score: None, ..file.clone() };
+        (is_better && rated(&old) == rated(new)).then_some(old)
+    }
+
+    fn tell_better(&self, old: &PolicyFile, new: &Score) -> Result<Outcome, Failure> {
+        if self.json {
+            let line =
+                serde_json::json!({"format": "qv-walk-train/1", "score": new, "kept": old.score, "out": self.out});
+            say(&format!("{line}\n"))?;
+        } else {
+            say(&format!("{}\n", super::score::sentence(new)))?;
+        }
+        print_message!(
+            "the policy in '{}' scores better and stays; --resume --replace with more iterations goes on from this one, whose state is kept",
+            self.out.display()
+        );
+        Ok(Outcome::Done)
     }
 }
 
 struct Done {
     lines: Vec<Line>,
     seconds: f64,
+    /// Whether somebody stopped it.
+    is_stopped: bool,
 }

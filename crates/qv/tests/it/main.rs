@@ -24,6 +24,7 @@ mod reconstruct;
 mod render;
 mod replay;
 mod robots;
+mod safety;
 #[path = "../../../../fixtures/skipped.rs"]
 mod skipped;
 mod tables;

@@ -18,7 +18,7 @@ use std::process::Command;
 const SIZE: [u32; 2] = [320, 240];
 
 /// Grey ground of 6 x 6 m, its mesh, photographs of it from where the robot's eye would be, all moved and scaled, and weights that know nothing.
-fn place(folder: &Path, moved: &Pose, scale: f64) {
+pub fn place(folder: &Path, moved: &Pose, scale: f64) {
     let mut cloud = GaussianCloud::default();
     for (i, j) in (0..60).flat_map(|i| (0..60).map(move |j| (i, j))) {
         cloud.means.push([i as f32 * 0.1 - 2.95, j as f32 * 0.1 - 2.95, 0.0]);
@@ -298,23 +298,31 @@ fn a_training_that_is_stopped_says_how_to_go_on() {
     place(&folder, &Pose::IDENTITY, 1.0);
     let small = format!("navigate train {VIEW} --robots 2 --epochs 1 --batch 2");
     let long = format!("{small} --out nav --frames 20 --rounds 100000 --trials=7");
-    // metrics.json is written after the weights of a round.
-    let (code, err) = stopped(&folder, &long, "-INT", |folder| folder.join("nav/metrics.json").exists());
+    // It is written after the weights of a round.
+    let (code, err) = stopped(&folder, &long, "-INT", |folder| folder.join("nav/unfinished.json").exists());
     assert_eq!(code, Some(130), "{err}");
     let line = err.lines().last().unwrap();
     let rest = line.strip_prefix("qv: stopped after ").unwrap_or_else(|| panic!("{err}"));
     let rounds: usize = rest.split(' ').next().unwrap().parse().unwrap();
-    let (_, typed) = line.split_once("to go on, with the learning rate of a beginning: qv ").unwrap();
-    let left = format!(" --from nav/weights.bin --rounds {} --trials 7", 100_000 - rounds);
-    assert!(rounds > 0 && typed.ends_with(&left) && !typed.contains("--trials=7"), "{line}");
+    let (_, typed) = line.split_once("to go on: qv ").unwrap();
+    assert!(rounds > 0 && typed.ends_with(" --resume"), "{line}");
     let kept = weights::from_bytes(&fs::read(folder.join("nav/weights.bin")).unwrap(), &Net::default()).unwrap();
     assert!(folder.join("nav/policy.onnx").exists() && !folder.join("nav/qv.lock").exists());
-    // What it says can be typed; one round is enough here.
-    let (code, line, err) =
-        qv(&folder, &format!("{} --json", typed.replace(&left, " --from nav/weights.bin --rounds 1")));
+    // What it says can be typed, and is stopped again after another round; the policy of the first stop stays.
+    let state = |folder: &Path| -> usize {
+        let state: Value = serde_json::from_slice(&fs::read(folder.join("nav/unfinished.json")).unwrap()).unwrap();
+        state["metrics"].as_array().unwrap().len()
+    };
+    assert_eq!(state(&folder), rounds);
+    let (code, err) = stopped(&folder, typed, "-INT", |folder| state(folder) > rounds);
+    assert_eq!(code, Some(130), "{err}");
+    let read =
+        |name: &str| weights::from_bytes(&fs::read(folder.join("nav").join(name)).unwrap(), &Net::default()).unwrap();
+    assert!(read("weights.bin") == kept && read("unfinished.bin") != kept, "it learnt");
+    // From those weights another training ends.
+    let from = format!("{small} --out more --frames 20 --from nav/weights.bin --rounds 1 --json");
+    let (code, line, err) = qv(&folder, &from);
     assert!(code == 0 && line["rounds"] == json!(1), "{err}");
-    let now = weights::from_bytes(&fs::read(folder.join("nav/weights.bin")).unwrap(), &Net::default()).unwrap();
-    assert!(now != kept, "it learnt");
     // In the first round there is nothing yet.
     let (code, err) = stopped(&folder, &format!("{small} --frames 10000000 --out first"), "-TERM", |folder| {
         fs::read_to_string(folder.join("stderr")).is_ok_and(|said| said.states("drive"))

@@ -28,6 +28,12 @@ fn cloud() -> GaussianCloud {
 fn capture(name: &str, views: usize) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     let _ = fs::remove_dir_all(&folder);
+    capture_in(&folder, views);
+    folder
+}
+
+/// The same in a folder that is made.
+pub fn capture_in(folder: &Path, views: usize) {
     fs::create_dir_all(folder.join("images")).unwrap();
     let cloud = cloud();
     let mut frames = vec![];
@@ -61,7 +67,6 @@ fn capture(name: &str, views: usize) -> PathBuf {
         .to_vec();
     cloud.means.iter().flatten().for_each(|x| ply.extend((x + 0.02).to_le_bytes()));
     fs::write(folder.join("points.ply"), ply).unwrap();
-    folder
 }
 
 /// Exit code, the line of JSON, and standard error.

@@ -44,7 +44,7 @@ fn report(verdict: &str, causes: &[Accused], unknown: f64) -> Value {
     let mut ranking = vec![json!({"effect": "unknown", "probability": unknown})];
     ranking.extend(causes.iter().map(|(effect, ..)| json!({"effect": effect, "probability": 1.0 - unknown})));
     json!({
-        "format": "qv-diagnosis/1", "verdict": verdict, "runtime_s": 12.0,
+        "format": "qv-diagnosis/1", "verdict": verdict, "timing": {"runtime_s": 12.0},
         "gap": {"closed": 0.9, "closed_ci95": [0.85, 0.93], "closed_in_fit": 0.88},
         "where": {
             "interfaces": [{"name": "contact", "share": 0.3}, {"name": "actuator", "share": 0.7}],
