@@ -10,6 +10,9 @@ pub use {glam, qv_core};
 pub mod align;
 mod calibrated;
 mod error;
+#[cfg(test)]
+#[path = "../../../fixtures/facts.rs"]
+mod facts;
 pub mod html;
 mod join;
 mod judge;

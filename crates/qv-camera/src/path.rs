@@ -124,6 +124,7 @@ pub fn pose_of(twist: &[f64]) -> Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
 
     #[test]
     fn poses_are_between_their_neighbours() {
@@ -158,7 +159,7 @@ mod tests {
         assert!((middle.yaw() - std::f64::consts::FRAC_PI_4).abs() < 1e-12);
         assert!((path.at(1.2).position.x - 1.2).abs() < 0.05, "{}", path.at(1.2).position);
         assert_eq!(path.span(), [0.0, 1.0]);
-        assert!(Path::new(None).unwrap_err().to_string().contains("base pose"));
+        assert!(Path::new(None).unwrap_err().to_string().states("base"));
     }
 
     #[test]

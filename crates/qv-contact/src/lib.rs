@@ -8,6 +8,9 @@ pub use {glam, qv_core};
 
 mod calibrate;
 mod error;
+#[cfg(test)]
+#[path = "../../../fixtures/facts.rs"]
+mod facts;
 pub mod ground;
 pub mod html;
 pub mod measured;

@@ -13,6 +13,9 @@
 //! ```
 
 mod error;
+#[cfg(test)]
+#[path = "../../../fixtures/facts.rs"]
+mod facts;
 pub mod finding;
 pub mod fit;
 pub mod gather;

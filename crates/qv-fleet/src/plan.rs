@@ -281,6 +281,7 @@ fn identity(task: &Task, recordings: &[Recording]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
 
     fn recording(path: &str, robot: &str, sha256: char) -> Recording {
         let file = InputFile { path: format!("{path}/run.csv"), bytes: 1, sha256: sha256.to_string().repeat(64) };
@@ -344,7 +345,7 @@ mod tests {
         assert_eq!(plan.find("1-7").unwrap(), [1, 2]);
         assert_eq!(plan.find(&plan.units[1].id).unwrap(), [1]);
         for odd in ["3", "3-4", "2-1", "u12", "", "-1", "x"] {
-            assert!(plan.find(odd).unwrap_err().to_string().contains("from 0 to 2"), "{odd}");
+            assert!(plan.find(odd).unwrap_err().to_string().states("from 0 2"), "{odd}");
         }
     }
 
@@ -352,15 +353,15 @@ mod tests {
     fn what_is_no_plan_is_told() {
         let text = Plan::new(Task::default(), three(), vec![], false).to_text();
         let of = |text: &str| Plan::parse(text, "f/plan.json").unwrap_err().to_string();
-        assert!(of("{}").contains("f/plan.json: expected a plan of `qv fleet plan`"));
-        assert!(of(&text.replace("plan/1", "plan/7")).contains("found the format qv-fleet-plan/7"));
+        assert!(of("{}").states("f/plan.json `qv plan`"));
+        assert!(of(&text.replace("plan/1", "plan/7")).states("qv-fleet-plan/7"));
         assert!(of(&text[..text.len() / 2]).contains("EOF"));
         let plan = Plan::parse(&text, "f/plan.json").unwrap();
         for odd in
             ["../../elsewhere", "/etc", "u0123", "u0123456789ABCDEF", "u012345678/bcdef0", "u$(touch xxxxxx)", ""]
         {
             let hostile = text.replacen(&plan.units[0].id, odd, 1);
-            assert!(of(&hostile).contains("16 hexadecimal digits"), "{odd}");
+            assert!(of(&hostile).states("hexadecimal 16"), "{odd}");
         }
         assert!(of(&text.replace(&plan.units[0].id, &plan.units[1].id)).contains("twice"));
     }

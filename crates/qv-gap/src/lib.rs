@@ -15,6 +15,9 @@ pub mod decision;
 mod diagnose;
 mod error;
 pub mod export;
+#[cfg(test)]
+#[path = "../../../fixtures/facts.rs"]
+mod facts;
 pub mod findings;
 pub mod inference;
 pub mod next;

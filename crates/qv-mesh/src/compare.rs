@@ -171,6 +171,7 @@ pub fn measurable(points: Vec<DVec3>, frames: &[DepthFrame], behind: f64) -> Vec
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
     use glam::DQuat;
     use qv_core::Pose;
     use std::f64::consts::FRAC_PI_2;
@@ -249,7 +250,7 @@ mod tests {
         assert!((back.scale * 1.03 - 1.0).abs() < 0.005, "{back:?}");
         let far: Vec<DVec3> = found.iter().map(|p| *p + 10.0).collect();
         let error = register(&far, &reference).unwrap_err().to_string();
-        assert!(error.contains("expected points of both within 0.30 m of each other, found 0"), "{error}");
+        assert!(error.states("points 0.30 0"), "{error}");
         // Too far off to be found, and told: most of it stays without a counterpart.
         let turned: Vec<DVec3> = found.iter().map(|p| DQuat::from_rotation_y(2.0) * *p).collect();
         assert!(register(&turned, &reference).unwrap().share < 0.5);
@@ -269,7 +270,7 @@ mod tests {
     #[test]
     fn what_cannot_be_compared_is_named() {
         let empty = TriangleMesh::default();
-        assert!(compare(&empty, &square(1.0, 0.0), &[0.1], 10).unwrap_err().to_string().contains("with an area"));
+        assert!(compare(&empty, &square(1.0, 0.0), &[0.1], 10).unwrap_err().to_string().states("area"));
         assert!(compare_points(&[], &[], &[DVec3::ZERO], &[0.1]).is_err());
         assert!(compare(&square(1.0, 0.0), &square(1.0, 0.0), &[-1.0], 10).is_err());
     }

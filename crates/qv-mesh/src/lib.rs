@@ -20,6 +20,9 @@ pub mod decimate;
 mod depth;
 mod error;
 mod extract;
+#[cfg(test)]
+#[path = "../../../fixtures/facts.rs"]
+mod facts;
 pub mod files;
 pub mod labels;
 mod nearest;

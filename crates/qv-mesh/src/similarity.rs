@@ -220,6 +220,7 @@ fn horn(s: &[[f64; 3]; 3]) -> DQuat {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
 
     fn off_axis() -> Similarity {
         let pose = Pose::from_position_wxyz([0.4, -1.2, 2.0], [0.3, -0.5, 0.7, 0.2]).unwrap();
@@ -303,10 +304,10 @@ mod tests {
     fn what_is_not_enough_is_named() {
         let line: Vec<DVec3> = (0..5).map(|i| DVec3::new(1.0, 2.0, -1.0) * f64::from(i)).collect();
         let fault = |a: &[DVec3], b: &[DVec3]| Similarity::from_points(a, b).unwrap_err().to_string();
-        assert!(fault(&line, &line).contains("not on one line"));
-        assert!(fault(&markers()[..2], &markers()[..2]).contains("three or more"));
-        assert!(fault(&markers(), &markers()[..3]).contains("4 and 3"));
-        assert!(fault(&[DVec3::NAN; 3], &markers()[..3]).contains("pair of points 0"));
+        assert!(fault(&line, &line).states("line"));
+        assert!(fault(&markers()[..2], &markers()[..2]).states("three"));
+        assert!(fault(&markers(), &markers()[..3]).states("and 4 3"));
+        assert!(fault(&[DVec3::NAN; 3], &markers()[..3]).states("points 0"));
         assert!(
             Similarity::from_distance(DVec3::ONE, DVec3::ONE, 1.0).is_err()
                 && Similarity::from_up(DVec3::ZERO).is_err()

@@ -83,6 +83,7 @@ fn side(normal: DVec3) -> usize {
 mod tests {
     use super::*;
     use crate::eye::{Eye, Shot};
+    use crate::facts::States;
     use crate::net::{HEIGHT, WIDTH};
     use crate::sight::{Cone, Rig};
     use qv_core::Pose;
@@ -124,10 +125,10 @@ mod tests {
     fn what_means_nothing_is_refused() {
         let said = |mesh: &TriangleMesh, bare: Bare| SplatEye::bare(mesh, &bare, 0).err().unwrap().to_string();
         for spacing in [0.0, -1.0, f64::NAN, 1e-5] {
-            assert!(said(&place(), Bare { spacing, ..Bare::default() }).contains("spacing: expected metres"));
+            assert!(said(&place(), Bare { spacing, ..Bare::default() }).states("spacing"));
         }
-        assert!(said(&place(), Bare { paints: 0, ..Bare::default() }).contains("paints: expected 1 to 256, found 0"));
+        assert!(said(&place(), Bare { paints: 0, ..Bare::default() }).states("paints 1 256 0"));
         let torn = TriangleMesh { triangles: vec![[0, 1, 99]], ..place() };
-        assert!(said(&torn, Bare::default()).contains("mesh: expected a valid one"));
+        assert!(said(&torn, Bare::default()).states("valid"));
     }
 }

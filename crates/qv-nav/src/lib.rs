@@ -15,6 +15,9 @@ pub mod dagger;
 pub mod env;
 mod error;
 pub mod eye;
+#[cfg(test)]
+#[path = "../../../fixtures/facts.rs"]
+mod facts;
 pub mod fit;
 pub mod legs;
 pub mod lens;

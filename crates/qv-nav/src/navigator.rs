@@ -107,6 +107,7 @@ fn half_sides(told: &str) -> Result<DVec2, NavError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
     use crate::net::Net;
     use crate::onnx::to_bytes;
     use qv_core::random::Xoshiro256PlusPlus;
@@ -135,17 +136,17 @@ mod tests {
     #[test]
     fn what_is_no_policy_or_no_frame_is_named() {
         let said = |policy: &[u8], colour: &str| Navigator::new(policy, colour).err().unwrap().to_string();
-        assert!(said(&policy([3.0, 2.5]), "green").contains("colour: expected red, blue, yellow, found green"));
-        assert!(said(&policy([3.0, -1.0]), "red").contains("half_sides: expected two positive lengths, found `3 -1`"));
-        assert!(said(b"policy", "red").contains("ONNX file"));
+        assert!(said(&policy([3.0, 2.5]), "green").states("colour"));
+        assert!(said(&policy([3.0, -1.0]), "red").states("half_sides `3 -1`"));
+        assert!(said(b"policy", "red").states("ONNX"));
         let mut navigator = Navigator::new(&policy([3.0, 2.5]), "red").unwrap();
         let frame = vec![90; FRAME[0] * FRAME[1] * 3];
         let down = [0.0, 0.0, -1.0];
         let short = navigator.decide(&frame[1..], down, Planar::default()).unwrap_err().to_string();
-        assert!(short.contains("bytes of the frame: expected 921600, found 921599"), "{short}");
+        assert!(short.states("921600 921600 921599"), "{short}");
         let nowhere = Planar { place: DVec2::new(f64::NAN, 0.0), yaw: 0.0 };
         assert!(navigator.decide(&frame, down, nowhere).unwrap_err().to_string().contains("odometry"));
         let bad = navigator.decide(&frame, [0.0, f64::NAN, -1.0], Planar::default()).unwrap_err().to_string();
-        assert!(bad.contains("input `state`"), "{bad}");
+        assert!(bad.states("`state`"), "{bad}");
     }
 }

@@ -18,6 +18,9 @@
 /// Types of these stand in the interface of this crate.
 pub use {glam, qv_core};
 
+#[cfg(test)]
+#[path = "../../../fixtures/facts.rs"]
+mod facts;
 pub mod foreign;
 pub mod ground;
 pub mod mesh_file;

@@ -17,6 +17,9 @@
 //! | `PNG`, `CSV` | what is shown, as a picture or a table |
 
 pub mod board;
+#[cfg(test)]
+#[path = "../../../fixtures/facts.rs"]
+mod facts;
 mod frame;
 pub mod number;
 pub mod pack;

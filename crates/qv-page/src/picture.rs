@@ -164,6 +164,7 @@ pub fn shortened(text: &str, most: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
 
     #[test]
     fn ticks_are_round_and_inside() {
@@ -207,6 +208,6 @@ mod tests {
         let (xs, ys, height) = map([0.0, 3.0], [0.0, 0.1], 400.0, [150.0, 380.0], [40.0, 10.0]);
         let scale = |a: Axis| ((a.to[1] - a.to[0]) / (a.from[1] - a.from[0])).abs();
         assert!((scale(xs) / scale(ys) - 1.0).abs() < 1e-9 && height == 150.0);
-        assert!(axes(xs, ys, "x [m]", "y [m]").contains("x [m]"));
+        assert!(axes(xs, ys, "x [m]", "y [m]").states("[m]"));
     }
 }

@@ -29,6 +29,9 @@ pub mod compensate;
 pub mod distribution;
 pub mod env;
 mod error;
+#[cfg(test)]
+#[path = "../../../fixtures/facts.rs"]
+mod facts;
 pub mod net;
 pub mod onnx;
 pub mod play;

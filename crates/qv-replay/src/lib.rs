@@ -16,6 +16,9 @@ pub mod conventions;
 pub mod definitions;
 pub mod derive;
 mod error;
+#[cfg(test)]
+#[path = "../../../fixtures/facts.rs"]
+mod facts;
 pub mod faults;
 pub mod foreign;
 pub mod frozen;

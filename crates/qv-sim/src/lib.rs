@@ -24,6 +24,9 @@ pub use {glam, qv_core};
 mod batch;
 mod engine;
 mod error;
+#[cfg(test)]
+#[path = "../../../fixtures/facts.rs"]
+mod facts;
 mod lanes;
 pub mod mjcf;
 mod model;

@@ -29,6 +29,9 @@ pub use {glam, qv_core};
 pub mod captures;
 mod cursor;
 mod error;
+#[cfg(test)]
+#[path = "../../../fixtures/facts.rs"]
+mod facts;
 pub mod files;
 mod harmonics;
 pub mod lens;

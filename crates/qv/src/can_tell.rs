@@ -86,6 +86,7 @@ fn short(x: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
 
     fn size(scope: &str, least_size: Option<f64>) -> CanTell {
         CanTell {
@@ -104,7 +105,10 @@ mod tests {
     fn an_effect_has_a_line() {
         let text = table(&[size("all", Some(0.0512)), size("FL_hip", Some(0.12)), size("FR_hip", None)]);
         let line = text.lines().find(|l| l.starts_with("motor_gain_kp")).unwrap();
-        assert!(line.contains("0.051 1") && line.contains("0.12 to - 1") && line.ends_with("motor_strength"), "{line}");
+        assert!(
+            line.states("0.051 0.051 1") && line.states("0.12 0.12 1") && line.ends_with("motor_strength"),
+            "{line}"
+        );
     }
 
     #[test]

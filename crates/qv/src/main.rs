@@ -10,6 +10,9 @@ mod config;
 mod contact;
 mod demo;
 mod diagnose;
+#[cfg(test)]
+#[path = "../../../fixtures/facts.rs"]
+mod facts;
 mod fixture;
 mod fleet;
 mod inspect;

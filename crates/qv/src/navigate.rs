@@ -480,6 +480,7 @@ fn line(name: &str, row: &Row, p: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
 
     #[test]
     fn a_strip_shows_first_and_last_picture() {
@@ -501,11 +502,11 @@ mod tests {
         assert_eq!(camera("none", &rig).unwrap().0, LensSpread::none());
         assert_eq!(lengths("1.2, 2.5"), Ok(Lengths([1.2, 2.5])));
         for bad in ["", "3", "3,2", "1,2,3", "a,2", "1,inf", "-1,2"] {
-            assert!(lengths(bad).unwrap_err().contains("two lengths"), "{bad}");
+            assert!(lengths(bad).unwrap_err().states("lengths"), "{bad}");
         }
-        assert!(camera("posterior", &rig).unwrap_err().to_string().contains("wide, none or a report.json"));
+        assert!(camera("posterior", &rig).unwrap_err().to_string().states("report.json"));
         assert!(camera("no/report.json", &rig).unwrap_err().to_string().contains("no/report.json"));
         let text = line("blob", &Row::of(&[]), 1.0);
-        assert!(text.starts_with("blob") && text.contains("0.0 to 100.0"), "{text}");
+        assert!(text.starts_with("blob") && text.states("100.0 0.0 100.0"), "{text}");
     }
 }

@@ -200,6 +200,7 @@ fn container(mut document: Vec<u8>, mut data: Vec<u8>) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
 
     #[test]
     fn what_is_written_is_read() {
@@ -293,7 +294,7 @@ mod tests {
 
     #[test]
     fn bad_files_are_named() {
-        assert!(read(&example(7)).unwrap_err().to_string().contains("indices below 3, found 7"));
+        assert!(read(&example(7)).unwrap_err().to_string().states("indices 3 7"));
         assert!(read(b"no glb").is_err());
         let full = example(2);
         for length in 0..full.len() {

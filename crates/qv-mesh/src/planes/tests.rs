@@ -2,6 +2,7 @@ use super::picture::Picture;
 use super::segments::segments;
 use super::{Drawn, Plane, lay_on_planes};
 use crate::DepthFrame;
+use crate::facts::States;
 use glam::DVec3;
 use qv_core::{Camera, Pose};
 
@@ -129,12 +130,12 @@ fn nothing_to_see_lays_nothing_and_what_does_not_fit_is_named() {
     assert_eq!(lay_on_planes(&mut all, &drawn, 0.02).unwrap().share, 0.0);
     drawn[1].colour.pop();
     let error = lay_on_planes(&mut all, &drawn, 0.02).unwrap_err().to_string();
-    assert!(error.contains("picture of depth frame 1: expected 57600 numbers, found 57599"), "{error}");
+    assert!(error.states("picture 1 57600 57599"), "{error}");
     drawn[0].depth.pop();
     let error = lay_on_planes(&mut all, &drawn, 0.02).unwrap_err().to_string();
-    assert!(error.contains("depth drawn of depth frame 0: expected 19200 numbers, found 19199"), "{error}");
+    assert!(error.states("numbers 0 19200 19199"), "{error}");
     drawn.pop();
-    assert!(lay_on_planes(&mut all, &drawn, 0.02).unwrap_err().to_string().contains("one for each of 3"));
+    assert!(lay_on_planes(&mut all, &drawn, 0.02).unwrap_err().to_string().states("each 3"));
     assert_eq!(lay_on_planes(&mut [], &[], 0.02).unwrap().share, 0.0);
 }
 

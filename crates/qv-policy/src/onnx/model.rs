@@ -118,6 +118,7 @@ pub(super) fn numbers(value: Value, name: &str) -> Result<Vec<f32>, OnnxError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
     use crate::onnx::GraphBuilder;
 
     /// Bytes as floats, and twice them.
@@ -147,13 +148,13 @@ mod tests {
         let said = |inputs: &[(&str, Numbers)], output| model.run(inputs, &[output]).unwrap_err().to_string();
         let (bytes, floats) = (("bytes", Numbers::Bytes(&[1, 2])), ("floats", Numbers::Floats(&[0.0; 2])));
         let short = said(&[("bytes", Numbers::Bytes(&[1])), floats], "sum");
-        assert!(short.contains("input `bytes`: expected 2 numbers, found 1"), "{short}");
+        assert!(short.states("`bytes` 2 1"), "{short}");
         let bad = said(&[bytes, ("floats", Numbers::Floats(&[0.0, f32::NAN]))], "sum");
-        assert!(bad.contains("input `floats`: expected finite numbers"), "{bad}");
-        assert!(said(&[bytes, floats], "mean").contains("expected an output `mean`, found plain, sum"));
-        assert!(said(&[bytes, ("gloats", Numbers::Floats(&[0.0; 2]))], "sum").contains("expected an input `gloats`"));
-        assert!(said(&[bytes], "sum").contains("running the ONNX model"), "an input is missing");
-        assert!(said(&[floats, ("bytes", Numbers::Floats(&[0.0; 2]))], "sum").contains("running the ONNX model"));
+        assert!(bad.states("`floats`"), "{bad}");
+        assert!(said(&[bytes, floats], "mean").states("`mean`"));
+        assert!(said(&[bytes, ("gloats", Numbers::Floats(&[0.0; 2]))], "sum").states("`gloats`"));
+        assert!(said(&[bytes], "sum").states("ONNX"), "an input is missing");
+        assert!(said(&[floats, ("bytes", Numbers::Floats(&[0.0; 2]))], "sum").states("ONNX"));
         assert!(OnnxModel::from_bytes(b"no model").is_err());
     }
 }

@@ -226,6 +226,7 @@ pub fn table(text: &str, motors: &Motors) -> Result<Table, ReplayError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
 
     fn motors() -> Motors {
         let joints = ["FL_hip_joint", "FL_thigh_joint", "FR_hip_joint", "FR_thigh_joint"].map(String::from).to_vec();
@@ -292,7 +293,7 @@ mod tests {
         assert!(!is_motor_csv("\"time\",\"POS.a\",\"q_0\"", &motors()), "a table in quotes is a table");
         assert!(!is_motor_csv("time,pos.a,q_0", &motors()) && !is_motor_csv("q_0,q_1", &motors()));
         let error = |text: &str| super::table(text, &motors()).unwrap_err().to_string();
-        assert!(error("q_0\n1\n").contains("expected a column with the time"));
-        assert!(error("t,x\n1,2\n").contains("expected a column with the position of a motor"));
+        assert!(error("q_0\n1\n").states("column"));
+        assert!(error("t,x\n1,2\n").states("position"));
     }
 }

@@ -151,6 +151,7 @@ fn list_of(cell: &str) -> Option<Vec<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
     use crate::read_table;
 
     const STATE: &str = "type,timestamp,positions,velocities,torques,temperatures\n\
@@ -160,8 +161,8 @@ mod tests {
     #[test]
     fn a_folder_becomes_a_run() {
         let table = table(STATE, Some(CONTROL), Some("hip\nknee\n"), &Settings::default()).unwrap();
-        assert!(table.told[0].contains("stamps are"), "{:?}", table.told);
-        assert!(table.lost[0].what.contains("line 4: expected a timestamp and 2 positions, found 1"));
+        assert!(table.told[0].states("stamps"), "{:?}", table.told);
+        assert!(table.lost[0].what.states("timestamp 4 2 1"));
         let run = read_table(table.csv.as_bytes(), "robot = \"r.urdf\"", Some("<robot/>"), None).unwrap();
         assert_eq!(run.joint_names, ["hip", "knee"]);
         let position = run.measured.position.unwrap();
@@ -177,15 +178,15 @@ mod tests {
         let fault = |state: &str, joints: Option<&str>| {
             table(state, None, joints, &Settings::default()).unwrap_err().to_string()
         };
-        assert!(fault(STATE, None).contains("joint_list.txt: expected names of 2 joints"));
-        assert!(fault(STATE, Some("a\nb\nc")).contains("found 3 names"));
-        assert!(fault("type,positions\n", None).contains("state_motor.csv: expected a column `timestamp`"));
-        assert!(fault("type,timestamp\n", None).contains("expected a column `positions`"));
-        assert!(fault("timestamp,positions\n", None).contains("expected rows with positions, found none"));
-        assert!(fault("timestamp,positions\n1,\"[x]\"\n", None).contains("found line 2"));
+        assert!(fault(STATE, None).states("joint_list.txt 2"));
+        assert!(fault(STATE, Some("a\nb\nc")).states("names 3"));
+        assert!(fault("type,positions\n", None).states("state_motor.csv `timestamp`"));
+        assert!(fault("type,timestamp\n", None).states("`positions`"));
+        assert!(fault("timestamp,positions\n", None).states("positions"));
+        assert!(fault("timestamp,positions\n1,\"[x]\"\n", None).states("line 2"));
         let error =
             table(STATE, Some("timestamp,positions\n1,\"[1]\"\n"), Some("a,b"), &Settings::default()).unwrap_err();
-        assert!(error.to_string().contains("control.csv: expected rows with positions"), "{error}");
+        assert!(error.to_string().states("control.csv"), "{error}");
     }
 
     #[test]
@@ -197,7 +198,7 @@ mod tests {
         // The same in microseconds.
         assert_eq!(read("timestamp,positions\n0,[3]\n20000,[3]\n").csv, good.csv);
         let other = read("timestamp,positions\n1000.0,[3]\n1000.02,[3]\n");
-        assert!(other.lost[0].what.contains("found 1000.000 to 1000.020 s: its commands are left out"), "{other:?}");
+        assert!(other.lost[0].what.states("1000.000 1000.000 1000.020"), "{other:?}");
         assert!(!other.csv.contains("cmd_pos"));
     }
 }

@@ -52,6 +52,7 @@ pub fn read_binary(bytes: &[u8]) -> Result<Points, SplatError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
 
     #[test]
     fn text_and_bytes_say_the_same() {
@@ -69,6 +70,6 @@ mod tests {
         );
         assert_eq!(read_binary(&bytes), Ok(text));
         assert!(read_binary(&bytes[..bytes.len() - 1]).is_err());
-        assert!(read_text("7 1 2\n").unwrap_err().to_string().contains("points3D.txt, line 1"));
+        assert!(read_text("7 1 2\n").unwrap_err().to_string().states("points3D.txt 1"));
     }
 }

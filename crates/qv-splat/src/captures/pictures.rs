@@ -96,6 +96,7 @@ fn swaps(turn: Orientation) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
     use image::{GrayImage, ImageFormat, Luma};
 
     /// A JPEG of 16 x 8, bright in its left half, with an orientation.
@@ -133,7 +134,7 @@ mod tests {
             assert!(at(bright[0], bright[1]) > 200 && at(bright[0], 15 - bright[1]) < 60, "{orientation}");
             // A camera of the stored image has it as stored.
             let (image, told) = decode(&file, [16, 8], Shown::Turned).unwrap();
-            assert_eq!((image.width(), told.unwrap().contains("not turned")), (16, true));
+            assert_eq!((image.width(), told.unwrap().states("turned")), (16, true));
         }
         let upside_down = jpeg(3);
         let left = |shown| decode(&upside_down, [16, 8], shown).unwrap().0.to_luma8().get_pixel(2, 4).0[0];

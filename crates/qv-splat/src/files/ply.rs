@@ -259,6 +259,7 @@ pub fn write_filtered(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
 
     /// A file of two Gaussians with further properties, little-endian floats.
     fn file(extra: &str, values: &[f32]) -> Vec<u8> {
@@ -307,7 +308,7 @@ mod tests {
         assert_eq!(again.cloud.log_scales[0][..2], both.cloud.log_scales[0][..2]);
         assert_eq!(again.cloud.log_scales[1][..2], cloud.log_scales[1][..2]);
         let error = write_filtered(&cloud, None, Some(&[0.5])).unwrap_err().to_string();
-        assert!(error.contains("one for each of 2 Gaussians"), "{error}");
+        assert!(error.states("2 Gaussians"), "{error}");
         assert!(write_filtered(&cloud, None, Some(&[0.5, f32::NAN])).is_err());
     }
 
@@ -324,6 +325,6 @@ mod tests {
         }
         assert_eq!(read_stream(&mut Slow(&bytes), bytes.len() as u64), read(&bytes));
         let error = read_stream(&mut Slow(&bytes[..bytes.len() - 3]), bytes.len() as u64).unwrap_err().to_string();
-        assert!(error.contains("bytes that can be read"), "{error}");
+        assert!(error.states("bytes"), "{error}");
     }
 }

@@ -46,6 +46,7 @@ pub fn colour(bytes: &[u8]) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
     use crate::files::{quantised::opacity, read_named};
 
     fn row(mean: [f32; 3], scale: [f32; 3], bytes: [u8; 8]) -> Vec<u8> {
@@ -66,7 +67,7 @@ mod tests {
         assert!((opacity(cloud.opacity_logits[0]) - 0.2).abs() < 1e-6);
         assert!((cloud.sh[0][0] * SH_C0 - 0.5).abs() < 1e-6 && (cloud.sh[0][1] * SH_C0 + 0.5).abs() < 1e-6);
         for bytes in [&bytes[..31], &[], &[255; 64]] {
-            assert!(read(bytes).unwrap_err().to_string().contains(".splat file: expected"));
+            assert!(read(bytes).unwrap_err().to_string().states(".splat"));
         }
     }
 }

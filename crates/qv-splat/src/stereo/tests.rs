@@ -1,6 +1,7 @@
 //! Stereo on scenes of which depth is known in each pixel.
 
 use super::*;
+use crate::facts::States;
 use crate::train::{Photograph, Pixels};
 use glam::{DQuat, DVec2, DVec3};
 use qv_core::{Camera, Pose};
@@ -197,7 +198,7 @@ fn too_few_photographs_are_named() {
         measure(&mut dataset, Some(&points()), &StereoOptions::default(), &SILENT).unwrap_err().to_string()
     };
     let error = wrong(scene(2).0);
-    assert!(error.contains("stereo: expected at least 3 photographs") && error.ends_with("found 2"), "{error}");
+    assert!(error.states("photographs 3") && error.ends_with("found 2"), "{error}");
     // From one place nothing tells depth.
     let (mut dataset, _) = scene(4);
     for one in &mut dataset.training {

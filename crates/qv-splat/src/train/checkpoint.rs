@@ -179,6 +179,7 @@ pub fn read(bytes: &[u8]) -> Result<(Model, String), SplatError> {
 mod tests {
     use super::super::tiny;
     use super::*;
+    use crate::facts::States;
 
     #[test]
     fn what_is_written_is_read_and_faults_are_named() {
@@ -199,10 +200,10 @@ mod tests {
         };
         let bytes = write(&model, "seed 2");
         assert_eq!(read(&bytes), Ok((model, "seed 2".into())));
-        assert!(read(&bytes[..bytes.len() - 1]).unwrap_err().to_string().contains("bytes for 5 Gaussians"));
+        assert!(read(&bytes[..bytes.len() - 1]).unwrap_err().to_string().states("5 Gaussians"));
         assert!(read(b"hello").is_err());
         let mut huge = bytes;
         huge[12..16].fill(0xff);
-        assert!(read(&huge).unwrap_err().to_string().contains("4294967295 Gaussians"));
+        assert!(read(&huge).unwrap_err().to_string().states("4294967295 Gaussians"));
     }
 }

@@ -211,6 +211,7 @@ pub(super) fn drawn_with(
 mod tests {
     use super::super::tiny;
     use super::*;
+    use crate::facts::States;
 
     #[test]
     fn weights_of_photographs_that_are_no_numbers_are_named() {
@@ -221,8 +222,8 @@ mod tests {
         let mut run = |weights: &[f32]| {
             train_in_proportion(&mut engine, weights, 3, 0, 1, &mut |_, _| Ok(true)).map_err(|error| error.to_string())
         };
-        assert!(run(&[1.0, f32::NAN, 1.0]).unwrap_err().contains("weight of a photograph"));
-        assert!(run(&[0.0; 3]).unwrap_err().contains("expected one above 0, found 3 of 0"));
+        assert!(run(&[1.0, f32::NAN, 1.0]).unwrap_err().states("photograph"));
+        assert!(run(&[0.0; 3]).unwrap_err().states("above 0 3 0"));
         assert_eq!(run(&[0.0, 2.0, 0.0]), Ok(true));
     }
 

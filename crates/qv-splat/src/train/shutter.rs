@@ -314,6 +314,7 @@ mod tests {
     use super::super::undistort::Pixels;
     use super::super::{CpuEngine, Strategy, TrainOptions, scores, tiny, train};
     use super::*;
+    use crate::facts::States;
 
     #[test]
     fn rows_sum_up_to_one_around_their_own_time() {
@@ -329,7 +330,7 @@ mod tests {
             }
         }
         let off = |shutter: Shutter| shutter.check().unwrap_err().to_string();
-        assert!(off(Shutter { samples: 4, ..Default::default() }).contains("samples: expected an odd number, 3 to 31"));
+        assert!(off(Shutter { samples: 4, ..Default::default() }).states("samples 3 31"));
         assert!(off(Shutter { readout: f32::NAN, ..Default::default() }).contains("readout"));
         assert!(off(Shutter { gamma: 0.5, ..Default::default() }).contains("gamma"));
     }

@@ -591,6 +591,7 @@ fn is_recognised(features: &[f32]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
 
     #[test]
     fn what_no_label_of_three_stands_out_of_is_not_recognised() {
@@ -606,6 +607,6 @@ mod tests {
             assert!(error.starts_with("--up: ") && error.contains("expected"), "{error}");
         }
         assert!(of_distance(&[0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 1.0]).is_ok());
-        assert!(of_distance(&[1.0]).unwrap_err().to_string().contains("found 1 numbers"));
+        assert!(of_distance(&[1.0]).unwrap_err().to_string().states("numbers 1"));
     }
 }

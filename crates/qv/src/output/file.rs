@@ -192,6 +192,7 @@ fn followed(path: &Path) -> io::Result<PathBuf> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
 
     fn folder(name: &str) -> PathBuf {
         let folder = std::env::temp_dir().join(format!("qv-whole-{name}-{}", std::process::id()));
@@ -211,7 +212,7 @@ mod tests {
         assert_eq!((failed.unwrap_err().to_string(), fs::read(&path).unwrap()), ("no space".into(), b"two".to_vec()));
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 1, "nothing of what failed");
         let error = write_whole(&folder.join("no/such.txt"), b"x").unwrap_err().to_string();
-        assert!(error.contains("such.txt") && error.contains("expected to write it"), "{error}");
+        assert!(error.contains("such.txt") && error.states("write"), "{error}");
         let long = folder.join("é".repeat(120));
         write_whole(&long, b"long").unwrap();
         assert_eq!(fs::read(&long).unwrap(), b"long");

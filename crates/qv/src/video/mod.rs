@@ -95,6 +95,7 @@ pub fn project(video: &Path, folder: &Path, frames: usize) -> Result<Vec<String>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
 
     #[test]
     fn videos_are_known_by_their_ending() {
@@ -106,18 +107,16 @@ mod tests {
     fn what_is_no_video_is_named() {
         let folder = std::env::temp_dir().join(format!("qv-video-{}", std::process::id()));
         let missing = project(&folder.join("none.mp4"), &folder.join("out"), 10).unwrap_err().to_string();
-        assert!(missing.contains("none.mp4") && missing.contains("expected a video"), "{missing}");
+        assert!(missing.contains("none.mp4") && missing.states("video"), "{missing}");
         fs::create_dir_all(folder.join("dir.mp4")).unwrap();
-        assert!(
-            project(&folder.join("dir.mp4"), &folder.join("out"), 10).unwrap_err().to_string().contains("a folder")
-        );
+        assert!(project(&folder.join("dir.mp4"), &folder.join("out"), 10).unwrap_err().to_string().states("folder"));
         fs::write(folder.join("text.mp4"), "no video at all").unwrap();
         let text = project(&folder.join("text.mp4"), &folder.join("out"), 10).unwrap_err().to_string();
         // Without ffmpeg that is what is said.
         assert!(text.contains("text.mp4") || text.contains("ffprobe"), "{text}");
         fs::write(folder.join("walk.xyz"), "no video at all").unwrap();
         let told = |name: &str| or_video(&folder.join(name), "no JSON".to_string().into()).to_string();
-        assert!(told("walk.xyz").contains("no JSON; videos end in .mp4, .mov"));
+        assert!(told("walk.xyz").states("JSON .mp4 .mov"));
         assert_eq!(told("transforms.json"), "no JSON");
         fs::remove_dir_all(&folder).unwrap();
     }

@@ -130,6 +130,7 @@ pub fn range(text: &str) -> Result<[f32; 2], String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
 
     #[test]
     fn ranges_and_commands() {
@@ -144,7 +145,7 @@ mod tests {
     fn what_is_no_robot_or_ground_is_named() {
         let said = |e: Failure| e.to_string();
         assert!(said(robot_of("nobody.toml").unwrap_err()).contains("nobody.toml"));
-        assert!(said(ground_of("nowhere.glb", 0).unwrap_err()).contains("plane, bumps, levels"));
+        assert!(said(ground_of("nowhere.glb", 0).unwrap_err()).states("levels"));
         assert!(said(policy_of(Path::new("none.onnx")).unwrap_err()).contains("none.onnx"));
         assert!(ground_of("plane", 0).unwrap().is_plane());
     }

@@ -99,6 +99,7 @@ fn numbers(pose: &Pose) -> [f64; 7] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
     use crate::walk::example::made_up;
     use qv_replay::cdr::decode;
     use qv_replay::schema::Schema;
@@ -180,7 +181,7 @@ mod tests {
             assert_eq!(target.row(k), wide(&[played.targets[k].clone()]), "sample {k}");
             assert!((position.time[k] - target.time[k] - 0.02).abs() < 1e-9, "a target holds until its sample");
         }
-        assert!(run.told.iter().any(|t| t.contains("the torques do not tell them")), "{:?}", run.told);
+        assert!(run.told.iter().any(|t| t.states("torques")), "{:?}", run.told);
     }
 
     #[test]
@@ -188,6 +189,6 @@ mod tests {
         let mut played = made_up(3);
         played.joints.swap(0, 1);
         let error = recording(&played, &qv_go2::model::urdf_with_shapes()).unwrap_err().to_string();
-        assert!(error.contains("expected joints FL_thigh_joint FL_hip_joint"), "{error}");
+        assert!(error.states("FL_thigh_joint FL_hip_joint"), "{error}");
     }
 }

@@ -192,6 +192,7 @@ impl Trial {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
 
     /// A base that goes round a circle to the left, and falls at the end.
     fn circle(falls: bool) -> Rolled {
@@ -228,6 +229,6 @@ mod tests {
         let [before, after] = trial.figures();
         assert_eq!((before.0, after.0), (0, 1));
         assert!((before.1 - 0.1).abs() < 1e-9 && (after.2 - 0.1).abs() < 1e-9);
-        assert!(trial.section().contains("falls at 1.0 s") && trial.sentence().contains("falls under 1 of"));
+        assert!(trial.section().states("falls 1.0") && trial.sentence().states("falls 1"));
     }
 }

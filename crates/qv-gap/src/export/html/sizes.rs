@@ -63,6 +63,7 @@ fn span(of: &[&CanTell]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
 
     #[test]
     fn an_effect_has_one_row_with_all_and_with_parts() {
@@ -78,7 +79,7 @@ mod tests {
         };
         let html = sizes(&[one("all", Some(0.005)), one("hip", Some(0.006)), one("knee", None)]);
         assert_eq!(html.matches("Command latency").count(), 1, "{html}");
-        assert!(html.contains("5 ms") && html.contains("6 ms, 1 none") && html.contains("Actuator lag"), "{html}");
+        assert!(html.states("ms 5") && html.states("none 6 1") && html.states("Actuator"), "{html}");
         assert_eq!(sizes(&[]), "");
     }
 }

@@ -176,6 +176,7 @@ impl Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facts::States;
     use crate::walk::example::made_up;
 
     #[test]
@@ -187,7 +188,7 @@ mod tests {
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
         played.fell = Some(150);
         let (what, svg) = film(&played).unwrap();
-        assert!(what == "The fall." && svg.contains("2.22 s") && svg.contains("3.02 s"), "{svg}");
+        assert!(what == "The fall." && svg.states("2.22 2.22") && svg.states("3.02 3.02"), "{svg}");
         assert!(film(&made_up(0)).is_none() && film(&made_up(1)).is_some());
     }
 }

@@ -3,6 +3,7 @@
 //! Each test kills a few times; `cargo xtask kills` kills each command 20 times.
 
 use super::{command, contents, copy, directory, done, leftovers, qv, recording, signal};
+use crate::facts::States;
 use crate::navigate::place;
 use crate::reconstruct::capture_in;
 use qv_core::Pose;
@@ -103,7 +104,7 @@ fn a_navigation_policy_survives() {
     signal(&child, "-TERM");
     assert_eq!(child.wait().unwrap().code(), Some(130));
     let (code, _, err) = qv(&root, &format!("{words} --rounds 100000 --seed 4 --resume"));
-    assert!(code == 1 && err.contains("--seed 3"), "{err}");
+    assert!(code == 1 && err.states("--seed 3"), "{err}");
 }
 
 #[test]

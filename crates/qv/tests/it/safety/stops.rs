@@ -1,6 +1,7 @@
 //! What a stop leaves: exit code 130, the old result, and where to go on from.
 
 use super::{command, contents, directory, done, qv, recording, signal, told, until};
+use crate::facts::States;
 use crate::reconstruct::capture_in;
 use std::fs;
 use std::path::Path;
@@ -36,7 +37,7 @@ fn a_policy_stays_when_another_training_is_stopped_and_goes_on() {
     assert_eq!(code, 130, "{err}");
     let line = err.lines().last().unwrap();
     let at: u64 = line.split("stopped at ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
-    assert!(at >= 4 && line.contains("of 1000000") && line.contains("--resume"), "{line}");
+    assert!(at >= 4 && line.states("1000000 1000000") && line.contains("--resume"), "{line}");
     assert_eq!(contents(&root.join("out")), old);
     // It goes on; one that scores less than what is there stays beside it unless that is asked for.
     let more = format!("walk train --resume --iterations {} --out out", at + 1);
@@ -49,7 +50,7 @@ fn a_policy_stays_when_another_training_is_stopped_and_goes_on() {
     assert_ne!(contents(&root.join("out")), old);
     assert!(!unfinished.is_file());
     let settings = fs::read_to_string(root.join("out/settings.toml")).unwrap();
-    assert!(settings.contains("seed = 7"), "{settings}");
+    assert!(settings.states("seed 7"), "{settings}");
 }
 
 #[test]
@@ -80,16 +81,16 @@ fn a_finished_scene_stays_when_another_training_is_stopped() {
     done(&root, "reconstruct capture --out out --iterations 20 --seed 2");
     let old = contents(&root.join("out"));
     let log = root.join("stderr");
-    let is_training = || fs::read_to_string(&log).is_ok_and(|said| said.contains("2 of 3: training"));
+    let is_training = || fs::read_to_string(&log).is_ok_and(|said| said.states("training 2 3"));
     let words = "reconstruct capture --out out --iterations 1000000 --seed 3 --aside 0";
     let (code, err) = stopped(&root, words, "-TERM", is_training);
-    assert!(code == 130 && err.contains("stopped at step") && err.contains("stays"), "{code} {err}");
+    assert!(code == 130 && err.states("stopped") && err.contains("stays"), "{code} {err}");
     assert_eq!(contents(&root.join("out")), old);
     // The seed is the checkpoint's.
     let at: u64 = err.split("stopped at step ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
     let more = format!("reconstruct capture --out out --iterations {} --aside 0 --resume", at + 3);
     let (code, _, err) = qv(&root, &format!("{more} --seed 99"));
-    assert!(code == 1 && err.contains("--seed 3") && err.contains("99"), "{err}");
+    assert!(code == 1 && err.states("--seed 3") && err.contains("99"), "{err}");
     let (code, _, err) = qv(&root, &format!("{more} --seed 3 --exposure"));
     assert!(code == 1 && err.contains("--exposure"), "{err}");
     assert_eq!(contents(&root.join("out")), old);
