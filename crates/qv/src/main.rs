@@ -249,7 +249,7 @@ fn print_misuse(error: &clap::Error) {
 /// # Errors
 /// One of them is no UTF-8: another path would be stored.
 fn refuse_odd_paths(root: &clap::Command, matches: &ArgMatches, words: &[OsString]) -> Result<(), Failure> {
-    let writes = command_of(root, matches).is_some_and(|(command, _)| has_output(command));
+    let writes = output::innermost(root, matches).is_some_and(|(command, _)| has_output(command));
     match words.iter().find(|word| word.to_str().is_none()) {
         Some(word) if writes => {
             let path = Path::new(word).display();
@@ -264,15 +264,6 @@ fn refuse_odd_paths(root: &clap::Command, matches: &ArgMatches, words: &[OsStrin
 
 fn has_output(command: &clap::Command) -> bool {
     command.get_arguments().any(|arg| arg.get_id() == "out")
-}
-
-/// The innermost command that was typed, and what was typed for it.
-fn command_of<'a>(root: &'a clap::Command, matches: &'a ArgMatches) -> Option<(&'a clap::Command, &'a ArgMatches)> {
-    let (mut command, mut matches) = (root, matches);
-    while let Some((name, inner)) = matches.subcommand() {
-        (command, matches) = (command.find_subcommand(name)?, inner);
-    }
-    Some((command, matches))
 }
 
 fn main() -> ExitCode {

@@ -67,14 +67,22 @@ pub fn faults(browser: &Path, page: &Path) -> Result<Vec<String>> {
         found.extend(wrong(&measure(browser, page, width)?).into_iter().map(|what| format!("{width} px wide: {what}")));
     }
     let picture = page.with_extension("png");
-    let mut take = headless(browser, WIDTHS[0]);
-    take.arg(format!("--screenshot={}", picture.display())).arg(address(page)?);
-    process::run(take.stdout(Stdio::null()).stderr(Stdio::null()))?;
+    take_picture(browser, page, &picture)?;
     let size = fs::metadata(&picture).with_context(|| format!("no picture {}", picture.display()))?.len();
     if size < SMALLEST {
         found.push(format!("expected a picture of more than {SMALLEST} bytes, found {size}: is the page empty?"));
     }
     Ok(found.into_iter().map(|what| format!("{}, {what}", page.display())).collect())
+}
+
+/// Writes a picture of a page as a desk's screen shows it.
+///
+/// # Errors
+/// The browser fails.
+pub fn take_picture(browser: &Path, page: &Path, picture: &Path) -> Result<()> {
+    let mut take = headless(browser, WIDTHS[0]);
+    take.arg(format!("--screenshot={}", picture.display())).arg(address(page)?);
+    process::run(take.stdout(Stdio::null()).stderr(Stdio::null()))
 }
 
 fn wrong(page: &Measured) -> Vec<String> {

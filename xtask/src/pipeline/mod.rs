@@ -41,6 +41,9 @@ pub struct Pipeline {
     /// Take the size of continuous integration: fewer steps, shorter recordings, no residual networks
     #[arg(long)]
     small: bool,
+    /// Write docs/pictures/report.png, a picture of the last page (needs Chromium)
+    #[arg(long, conflicts_with = "small")]
+    pictures: bool,
     /// Folder for what the stages write; default target/pipeline, or target/pipeline-small
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -74,6 +77,12 @@ pub fn run(workspace: &Workspace, pipeline: &Pipeline) -> Result<bool> {
     }
     println!("{:<11} {:.1} s", "all", clock.elapsed().as_secs_f64());
     conclude(&folder)?;
+    if pipeline.pictures {
+        let browser = look::browser().context("cannot take a picture: no Chromium is there")?;
+        let picture = workspace.workspace_root.join("docs/pictures/report.png");
+        look::take_picture(&browser, &folder.join("report/report.html"), &picture)?;
+        println!("written to {}", picture.display());
+    }
     Ok(true)
 }
 
@@ -252,7 +261,7 @@ fn conclude(folder: &Path) -> Result<()> {
 /// The pipeline that a golden is of.
 fn whole(of: Of, size: Size) -> Pipeline {
     let up_to = (of == Of::Navigate).then_some(Stage::Navigate);
-    Pipeline { only: None, from: None, up_to, navigate: false, small: size == Size::Small, out: None }
+    Pipeline { only: None, from: None, up_to, navigate: false, small: size == Size::Small, pictures: false, out: None }
 }
 
 /// Runs the stages that need it and compares their figures with the golden; true when all agree. Names the first stage that moved.

@@ -89,7 +89,7 @@ const WRITTEN: [(&str, &[&str]); 12] = [
 static READ: OnceLock<Vec<PathBuf>> = OnceLock::new();
 
 /// The innermost command that was typed, with what was typed for it.
-fn innermost<'c, 'm>(root: &'c Command, matches: &'m ArgMatches) -> Option<(&'c Command, &'m ArgMatches)> {
+pub fn innermost<'c, 'm>(root: &'c Command, matches: &'m ArgMatches) -> Option<(&'c Command, &'m ArgMatches)> {
     let (mut command, mut matches) = (root, matches);
     while let Some((name, inner)) = matches.subcommand() {
         (command, matches) = (command.find_subcommand(name)?, inner);

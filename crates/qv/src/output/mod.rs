@@ -11,5 +11,5 @@ mod manifest;
 
 pub use file::{is_same, put, stream, write_whole};
 pub use folder::{OutputFolder, abandon, claim, clear, commit, keep_what_is_claimed, make_folder, remove, staged};
-pub use inputs::{refuse, refuse_inputs, targets};
+pub use inputs::{innermost, refuse, refuse_inputs, targets};
 pub use manifest::{FILE as MANIFEST, open_plain};
