@@ -4,7 +4,7 @@ use crate::{blind, pipeline, process, programs::Build, python, workspace::Worksp
 use anyhow::{Context, Result, bail};
 use clap::Subcommand;
 use serde::Deserialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 use std::process::Command;
@@ -138,7 +138,12 @@ fn check_tests(workspace: &Workspace, manifest: &Manifest) -> Result<bool> {
     cargo.current_dir(&workspace.workspace_root).args(["test", "--workspace", "--all-features", "--tests", "--"]);
     // Tests of a module go by its name.
     cargo.args(manifest.generators.values().flat_map(|generator| &generator.tests).map(|test| format!("{test}::")));
-    process::watch(&mut cargo, |_| {})
+    let mut missing: BTreeSet<&String> = manifest.generators.values().flat_map(|generator| &generator.tests).collect();
+    let passed = process::watch(&mut cargo, |line| {
+        missing.retain(|test| !line.strip_prefix("test ").is_some_and(|name| name.contains(&format!("{test}::"))));
+    })?;
+    missing.iter().for_each(|test| println!("fixtures/manifest.toml: no test of {test} was run"));
+    Ok(passed && missing.is_empty())
 }
 
 fn bless(workspace: &Workspace, manifest: &Manifest, names: &[String]) -> Result<()> {

@@ -53,11 +53,15 @@ fn changed_files(workspace: &Workspace, since: &str) -> Result<Vec<String>> {
     Ok(listed.split('\0').filter(|name| !name.is_empty()).map(String::from).collect())
 }
 
-/// Names of the packages that own one of the files.
+/// Names of the packages that own one of the files; all where one belongs to none and is no page: a lock file, or what tests share.
 fn changed(workspace: &Workspace, files: &[String]) -> Vec<String> {
     let root = &workspace.workspace_root;
     let owns = |folder: &Path| files.iter().any(|file| root.join(file).starts_with(folder));
-    workspace.members().filter(|package| owns(package.folder())).map(|package| package.name.clone()).collect()
+    let has_owner = |file: &&String| workspace.members().any(|package| root.join(file).starts_with(package.folder()));
+    let is_page = |file: &&String| [".md", ".png"].iter().any(|end| file.ends_with(end));
+    let is_all = files.iter().any(|file| !has_owner(&file) && !is_page(&file));
+    let members = workspace.members().filter(|package| is_all || owns(package.folder()));
+    members.map(|package| package.name.clone()).collect()
 }
 
 #[cfg(test)]
@@ -72,5 +76,6 @@ mod tests {
         assert_eq!(of(&["crates/qv/Cargo.toml"]), ["quadverse"], "not the crates whose names begin alike");
         assert_eq!(of(&["fixtures/yard/src/lib.rs"]), ["yard"]);
         assert!(of(&["docs/tuning.md"]).is_empty());
+        assert_eq!(of(&["fixtures/facts.rs"]).len(), workspace.members().count(), "what tests share");
     }
 }

@@ -48,7 +48,7 @@ pub fn result(text: &str) -> io::Result<()> {
 /// Results without what acts on a terminal, in lines that end. JSON stays whole: it has nothing that acts.
 fn plain(text: &str) -> String {
     let one = |line: &str| match line.starts_with('{') {
-        true => escaped(line),
+        true => escaped_json(line),
         false => escaped(&cut(line, RESULT)),
     };
     let lines: Vec<String> = text.split('\n').map(one).collect();
@@ -71,6 +71,16 @@ fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         if acts(c) { out.extend(c.escape_default()) } else { out.push(c) }
+    }
+    out
+}
+
+/// The same in a line of JSON, as JSON writes it.
+fn escaped_json(line: &str) -> String {
+    let mut out = String::with_capacity(line.len());
+    for c in line.chars() {
+        // All that act lie in the first plane of Unicode.
+        if acts(c) { out.push_str(&format!("\\u{:04x}", u32::from(c))) } else { out.push(c) }
     }
     out
 }
@@ -103,6 +113,8 @@ mod tests {
         assert_eq!(shown(&own), own);
         let json = format!("{{\"a\":\"{}\"}}\n", "x".repeat(30_000));
         assert_eq!(plain(&json), json);
+        let marks = plain("{\"a\":\"x\u{200f}y\u{7f}\"}\n");
+        assert_eq!(serde_json::from_str::<serde_json::Value>(&marks).unwrap()["a"], "x\u{200f}y\u{7f}");
         assert!(plain(&format!(" {json}")).len() < 5000);
     }
 }

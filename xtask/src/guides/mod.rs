@@ -60,7 +60,16 @@ fn run_page(workspace: &Workspace, page: &Path, built: &Path, write: bool) -> Re
     }
     fs::create_dir_all(&folder).with_context(|| format!("cannot make '{}'", folder.display()))?;
     let (mut faults, mut mended) = (0, BTreeMap::new());
-    for typed in page::commands(&text) {
+    for line in page::untagged(&text) {
+        println!("{}:{line}: expected a block of `console` or `console own-data` around a command", page.display());
+        faults += 1;
+    }
+    let commands = page::commands(&text);
+    if commands.is_empty() {
+        println!("{}: expected a command that can be run, found none", page.display());
+        faults += 1;
+    }
+    for typed in commands {
         if ELSEWHERE.iter().any(|start| typed.words.starts_with(start)) {
             println!("{}: not run here: {}", page.display(), typed.words);
             continue;

@@ -2,10 +2,11 @@
 
 /// Lines of a page that stand for any number of others.
 const ELLIPSIS: &str = "...";
-/// Share by which a number may differ from the printed one.
-const TOLERANCE: f64 = 0.02;
-/// Units of what a machine takes, which differs from run to run.
-const MEASURED: [&str; 5] = ["s", "min", "minutes", "MB", "CPU"];
+/// Units of what a machine takes, which differs from run to run; the word `in` stands before the number.
+const MEASURED: [&str; 3] = ["s", "min", "minutes"];
+/// How a block begins whose commands run, and one that names what a reader has to bring, or takes many minutes.
+const RUN: &str = "```console";
+const OWN: &str = "```console own-data";
 
 /// A command of a page.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -16,13 +17,26 @@ pub struct Command {
     pub expected: Vec<(usize, String)>,
 }
 
+/// Lines that begin with a prompt in a block that says neither that it runs nor that it needs data of the reader, by number from 1.
+pub fn untagged(page: &str) -> Vec<usize> {
+    let (mut found, mut is_tagged) = (vec![], false);
+    for (index, line) in page.lines().enumerate() {
+        if line.starts_with("```") {
+            is_tagged = [RUN, OWN].contains(&line);
+        } else if !is_tagged && line.starts_with("$ ") {
+            found.push(index + 1);
+        }
+    }
+    found
+}
+
 /// The commands of all blocks of `console`, in order.
 pub fn commands(page: &str) -> Vec<Command> {
     let mut found: Vec<Command> = vec![];
     let mut is_inside = false;
     for (index, line) in page.lines().enumerate() {
         if line.starts_with("```") {
-            is_inside = line == "```console";
+            is_inside = line == RUN;
             continue;
         }
         if !is_inside || line.trim() == ELLIPSIS || line.trim().is_empty() {
@@ -42,7 +56,7 @@ pub fn commands(page: &str) -> Vec<Command> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Number {
     value: f64,
-    /// One unit in the last place that is printed.
+    /// One unit in the last place that is printed; none of a whole number, which counts something.
     unit: f64,
     is_measured: bool,
 }
@@ -67,12 +81,9 @@ fn split(line: &str) -> (String, Vec<Number>) {
         let digits: String = bytes[start..at].iter().collect();
         let after: String = bytes[at..].iter().collect();
         let word = after.trim_start().split(|c: char| !c.is_alphanumeric()).next().unwrap_or("");
-        let places = digits.split_once('.').map_or(0, |(_, fraction)| fraction.len());
-        numbers.push(Number {
-            value: digits.parse().unwrap_or(f64::NAN),
-            unit: 0.1f64.powi(places as i32),
-            is_measured: MEASURED.contains(&word),
-        });
+        let unit = digits.split_once('.').map_or(0.0, |(_, fraction)| 0.1f64.powi(fraction.len() as i32));
+        let is_measured = text.ends_with("in ") && MEASURED.contains(&word);
+        numbers.push(Number { value: digits.parse().unwrap_or(f64::NAN), unit, is_measured });
         text.push('#');
     }
     (text, numbers)
@@ -81,9 +92,7 @@ fn split(line: &str) -> (String, Vec<Number>) {
 /// Whether a program printed a line that a page has, but for numbers of the machine.
 fn agrees(expected: &str, printed: &str) -> bool {
     let ((text, numbers), (other, others)) = (split(expected), split(printed));
-    let is_close = |(a, b): (&Number, &Number)| {
-        a.is_measured || (a.value - b.value).abs() <= (TOLERANCE * a.value.abs()).max(a.unit) * (1.0 + 1e-9)
-    };
+    let is_close = |(a, b): (&Number, &Number)| a.is_measured || (a.value - b.value).abs() <= a.unit * (1.0 + 1e-9);
     text == other && numbers.iter().zip(&others).all(is_close)
 }
 
@@ -122,11 +131,24 @@ mod tests {
     fn figures_are_compared_and_times_are_not() {
         let command = &commands(PAGE)[0];
         assert_eq!(differences(command, "first\n  Found: friction 0.45 N m,  in 99 s\n"), []);
-        assert_eq!(differences(command, "Found: friction 0.455 N m, in 1 s\n"), [], "within a unit of the last place");
+        assert_eq!(differences(command, "Found: friction 0.46 N m, in 1 s\n"), [], "within a unit of the last place");
         let moved = differences(command, "Found: friction 0.47 N m, in 1 s\n");
         assert_eq!(moved.len(), 1);
         assert_eq!(moved[0].2.as_deref(), Some("Found: friction 0.47 N m, in 1 s"));
         assert_eq!(differences(command, "Nothing\n")[0].2, None);
+    }
+
+    #[test]
+    fn counts_are_exact_and_only_times_after_in_are_of_the_machine() {
+        let command = &commands("```console\n$ a\n0 of 64 fell; a swing lasts 0.20 s\n```\n")[0];
+        assert_eq!(differences(command, "0 of 64 fell; a swing lasts 0.21 s"), []);
+        assert_eq!(differences(command, "1 of 64 fell; a swing lasts 0.20 s").len(), 1);
+        assert_eq!(differences(command, "0 of 64 fell; a swing lasts 0.30 s").len(), 1);
+    }
+
+    #[test]
+    fn a_prompt_outside_of_a_tagged_block_is_found() {
+        assert_eq!(untagged("```console\n$ a\n```\n```console own-data\n$ b\n```\n```\n$ c\n```\n"), [8]);
     }
 
     #[test]

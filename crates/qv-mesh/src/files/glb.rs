@@ -11,10 +11,10 @@ const PLACE: &str = "GLB";
 /// `primitive.mode` of triangles.
 const TRIANGLES: usize = 4;
 /// Nodes and primitives of a scene, and how deep they lie in each other.
-const MOST_NODES: usize = 10_000;
+const MOST_NODES: usize = 200_000;
 const DEEPEST: usize = 64;
 /// Vertices and triangles that any file may place; larger ones as many as they have bytes. A mesh that many nodes name is placed many times.
-const ANY_SIZE: usize = 100_000;
+const ANY_SIZE: usize = 2_000_000;
 
 /// Reads all triangles of the default scene, in world coordinates as the file has them (z up, metres).
 ///

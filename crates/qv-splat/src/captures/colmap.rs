@@ -228,7 +228,7 @@ mod tests {
         }
         let mut more = images.clone();
         more.push(0);
-        assert!(read_binary(&cameras, &more).unwrap_err().to_string().states("file"));
+        assert!(read_binary(&cameras, &more).unwrap_err().to_string().states("end"));
         let mut huge = images.clone();
         huge[..8].copy_from_slice(&u64::MAX.to_le_bytes());
         assert!(read_binary(&cameras, &huge).is_err());

@@ -312,6 +312,6 @@ mod tests {
         assert!((c.fx - 90.0).abs() < 1e-9 && c.fx == c.fy);
         let expected = "frame 1: expected w and h, or an image to look at, found neither: no such file";
         assert!(capture.lost[0].contains(expected), "{:?}", capture.lost);
-        assert!(read_value(&file).unwrap_err().to_string().states("and"));
+        assert!(read_value(&file).is_err());
     }
 }

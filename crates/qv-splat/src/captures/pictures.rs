@@ -15,7 +15,7 @@ pub enum Shown {
 }
 
 /// Bytes that any image may decode to: one of a single colour is packed to nearly nothing.
-const ANY_BYTES: u64 = 64 << 20;
+const ANY_BYTES: u64 = 256 << 20;
 /// Decoded bytes for each packed one, and bytes of the largest image that is read. Photographs have 3 to 30.
 const RATIO: u64 = 100;
 const MOST_BYTES: u64 = 2 << 30;

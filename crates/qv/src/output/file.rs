@@ -167,14 +167,20 @@ fn is_alive(_: i32) -> bool {
     false
 }
 
-/// Whether a path is of something that is written into: a device, a pipe, a socket, or a file that is open and has a name below /dev or /proc.
+/// Whether a path is of something that is written into: a device, a pipe, a socket, or an open file by the name of its descriptor.
 fn is_special(path: &Path) -> bool {
     let Ok(found) = fs::metadata(path) else { return false };
     if found.is_dir() {
         return false;
     }
-    !found.is_file()
-        || ["/dev", "/proc"].iter().any(|place| std::path::absolute(path).is_ok_and(|p| p.starts_with(place)))
+    !found.is_file() || std::path::absolute(path).is_ok_and(|path| is_descriptor(&path))
+}
+
+/// Whether a name is one of an open file, such as /dev/stdout or /proc/self/fd/1.
+fn is_descriptor(path: &Path) -> bool {
+    let is_of_process = path.starts_with("/proc") && path.parent().is_some_and(|folder| folder.ends_with("fd"));
+    let is_stream = ["/dev/stdin", "/dev/stdout", "/dev/stderr"].iter().any(|stream| path == Path::new(stream));
+    is_of_process || is_stream || path.starts_with("/dev/fd")
 }
 
 /// The file that a link leads to, whether it is there or not; another path is given as it is.
@@ -233,6 +239,8 @@ mod tests {
         assert_eq!([&target, &folder.join("later")].map(|path| fs::read(path).unwrap()), [b"new", b"new"]);
         write_whole(Path::new("/dev/null"), b"nothing").unwrap();
         assert!(is_special(Path::new("/dev/null")));
+        assert!(is_descriptor(Path::new("/proc/self/fd/1")) && is_descriptor(Path::new("/dev/stdout")));
+        assert!(!is_descriptor(Path::new("/dev/shm/scene.ply")), "a regular file there is replaced as a whole");
         fs::remove_dir_all(&folder).unwrap();
     }
 

@@ -76,6 +76,12 @@ impl Current {
         Ok(())
     }
 
+    /// Lists what is in the folders that were claimed: nothing that comes into them from now on is ours.
+    fn release(&mut self) -> io::Result<()> {
+        let claimed = std::mem::take(&mut self.claimed);
+        claimed.iter().try_for_each(|folder| self.manifest.release(folder))
+    }
+
     /// Removes what is staged.
     fn discard(&mut self) {
         for (from, _) in self.staged.drain(..) {
@@ -208,11 +214,7 @@ pub fn claim(folder: &Path, empty: bool) -> Result<(), Failure> {
 
 /// Lists what is in the folders that were claimed: their work is done.
 pub fn keep_what_is_claimed() -> io::Result<()> {
-    with_current(|current| {
-        let claimed = std::mem::take(&mut current.claimed);
-        claimed.iter().try_for_each(|folder| current.manifest.release(folder))
-    })?;
-    Ok(())
+    with_current(Current::release).map(|_| ())
 }
 
 /// Removes our files in a folder: one below the output folder, or the output folder of another process that ended. Other files stay.
@@ -247,7 +249,7 @@ pub fn abandon() {
     if let Some(current) = locked.as_mut() {
         current.discard();
         // What another thread is writing is left to the next owner.
-        _ = current.manifest.rewrite();
+        _ = current.release().and_then(|()| current.manifest.rewrite());
         Lock::remove_own(&current.root.join(LOCK));
         current.made_for_it.iter().rev().for_each(|folder| _ = fs::remove_dir(folder));
     }
@@ -323,7 +325,7 @@ impl OutputFolder {
         let Some(mut current) = CURRENT.lock().unwrap_or_else(|e| e.into_inner()).take() else { return Ok(()) };
         let committed = if keep { current.commit() } else { Ok(()) };
         current.discard();
-        let listed = current.manifest.rewrite();
+        let listed = current.release().and_then(|()| current.manifest.rewrite());
         let cannot = |e| format!("cannot write into '{}': {e}", current.root.display()).into();
         committed.and(listed).map_err(cannot)
     }
@@ -393,8 +395,17 @@ mod tests {
         remove(&folder.join("result"));
         out.end(true).unwrap();
         assert!(folder.join("work/photograph").exists() && !folder.join("result").exists());
+        // A command that fails leaves no claim: what comes into the folder later is not ours.
+        let out = OutputFolder::take(&folder).unwrap();
+        claim(&folder.join("own"), true).unwrap();
+        out.end(false).unwrap();
+        fs::create_dir_all(folder.join("own")).unwrap();
+        fs::write(folder.join("own/frame.jpg"), "theirs").unwrap();
+        let out = OutputFolder::take(&folder).unwrap();
+        assert!(claim(&folder.join("own"), true).is_err());
+        out.end(true).unwrap();
         clear(&folder).unwrap();
-        assert_eq!(names(), ["other.kept-1", "work"]);
+        assert_eq!(names(), ["other.kept-1", "own", "work"]);
         fs::write(folder.join(LOCK), "process 1 on another").unwrap();
         OutputFolder::take(&folder).unwrap().end(true).unwrap();
         assert!(!folder.join(LOCK).exists(), "who died with it is followed");

@@ -7,25 +7,34 @@ use qv_residual::close::{Inputs, Keep};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// A folder `stages` with one file for each stage. All belong to the same inputs: our files of others are removed.
-pub struct Folder(PathBuf);
+/// Digits of a digest in names of files.
+const DIGITS: usize = 12;
+
+/// A folder `stages` with one file for each stage. The names of files begin with a digest of the inputs that they belong to: files of other
+/// inputs are never read, and ours among them are removed.
+pub struct Folder {
+    path: PathBuf,
+    digest: String,
+}
 
 impl Folder {
     pub fn new(out: &Path, inputs: &Inputs) -> Result<Self, Failure> {
         let folder = out.join("stages");
         let key = inputs.key();
-        if fs::read_to_string(folder.join("key")).is_ok_and(|kept| kept == key) {
-            return Ok(Self(folder));
+        let stages = Self { path: folder, digest: qv_fleet::sha256(key.as_bytes())[..DIGITS].into() };
+        let own = stages.path.join(format!("{}_key.txt", stages.digest));
+        if fs::read_to_string(&own).is_ok_and(|kept| kept == key) {
+            return Ok(stages);
         }
-        output::clear(&folder)?;
-        output::make_folder(&folder)?;
-        write_whole(&folder.join("key"), key.as_bytes())?;
+        output::clear(&stages.path)?;
+        output::make_folder(&stages.path)?;
+        write_whole(&own, key.as_bytes())?;
         output::commit()?;
-        Ok(Self(folder))
+        Ok(stages)
     }
 
     fn file(&self, name: &str) -> PathBuf {
-        self.0.join(format!("{}.json", name.replace(' ', "_")))
+        self.path.join(format!("{}_{}.json", self.digest, name.replace(' ', "_")))
     }
 }
 

@@ -270,7 +270,7 @@ mod tests {
         let mut kept = made_up("go2");
         (kept.chosen, kept.paths) = (None, vec![]);
         let text = page(&kept);
-        assert!(text.states("The") && !text.contains("Paths from above"));
+        assert!(text.states("policy") && !text.contains("Paths from above"));
         assert!(!text.contains("What was corrected"));
     }
 }

@@ -128,6 +128,11 @@ fn a_tuning_survives() {
     let words = "tune log --policy walk/policy.onnx --settings tune.toml --out out --seed";
     let is_same = |name: &str| ["policy.onnx", "compensator.json", "calibrated.toml", "settings.toml"].contains(&name);
     survives(&root, &format!("{words} 1"), &format!("{words} 2"), &is_same);
+    // Files of somebody else in the folder of stages stay, though stages of other inputs go.
+    let foreign = root.join("out/stages/act_one.txt");
+    fs::write(&foreign, "theirs").unwrap();
+    done(&root, &format!("{words} 1"));
+    assert_eq!(fs::read_to_string(foreign).unwrap(), "theirs");
 }
 
 #[test]

@@ -106,16 +106,6 @@ fn what_a_user_has_in_a_folder_is_kept_and_ours_is_replaced() {
     assert!(is_kept(&root, &["changed"]) && is_kept(&root, &names));
 }
 
-#[test]
-fn stages_of_others_are_not_emptied() {
-    let root = directory("tune");
-    foreign(&root, &["out/stages/act_one.txt", "out/stages/key"]);
-    // It fails, since there is no policy; the folder is as it was all the same.
-    let (code, ..) = qv(&root, "tune nothing --policy none.onnx --out out");
-    assert_eq!(code, 1);
-    assert!(is_kept(&root, &["out/stages/act_one.txt", "out/stages/key"]));
-}
-
 /// A file may not grow beyond a few kilobytes, which fails as a full disk does.
 #[cfg(unix)]
 #[test]
