@@ -203,7 +203,6 @@ impl Bars {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::facts::States;
 
     #[test]
     fn tables_have_as_many_tags_closed_as_opened() {
