@@ -115,7 +115,7 @@ fn stages_agree(scene: &Scene, views: &[View], settings: &Settings) {
         let (images, counts) = rasteriser.render(&on_card, scene, views, settings, &how).unwrap();
         let images = images.read().unwrap();
         let n = counts.candidates;
-        let records = records_of(&rasteriser, n);
+        let records = records_of(rasteriser, n);
         for (i, (a, b)) in cpu.projections.records.iter().zip(&records).enumerate() {
             assert_eq!((a.view, a.splat), (b.view, b.splat));
             let same = |x: f32, y: f32| (x - y).abs() <= 2e-4 * x.abs().max(1.0);
@@ -141,7 +141,7 @@ fn the_order_is_that_of_a_64_bit_key_on_128_cameras() {
         let on_card = GpuCloud::new(&rasteriser.gpu, &scene).unwrap();
         let how = GpuSettings { keep: true, ..Default::default() };
         let (_, counts) = rasteriser.render(&on_card, &scene, &views, &Settings::default(), &how).unwrap();
-        let records = records_of(&rasteriser, counts.candidates);
+        let records = records_of(rasteriser, counts.candidates);
         let owners: Vec<u32> = rasteriser.read_stage("owners", counts.entries).unwrap();
         let ranges: Vec<[u32; 2]> = rasteriser.read_stage("ranges", 128 * 12).unwrap();
         // 1536 tiles take 11 bits, which are two digits on every adapter.
