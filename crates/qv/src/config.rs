@@ -53,10 +53,17 @@ pub fn arguments() -> Vec<String> {
     words.into_iter().skip(1).collect()
 }
 
-/// Words as one types them: those with a space in quotes.
+/// Words as one types them: those that a shell would read otherwise in quotes.
 pub fn typed(words: &[String]) -> String {
-    let quoted = |word: &String| if word.contains(' ') { format!("'{word}'") } else { word.clone() };
-    words.iter().map(quoted).collect::<Vec<_>>().join(" ")
+    words.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" ")
+}
+
+fn quoted(word: &str) -> String {
+    let is_plain = |c: char| c.is_alphanumeric() || "-_./=,:+@%".contains(c);
+    match !word.is_empty() && word.chars().all(is_plain) {
+        true => word.into(),
+        false => format!("'{}'", word.replace('\'', "'\\''")),
+    }
 }
 
 /// Words without some long options that take a value, and without their values.
@@ -281,6 +288,12 @@ mod tests {
     use crate::facts::States;
     use clap::CommandFactory as _;
     use std::fs;
+
+    #[test]
+    fn words_are_quoted_as_a_shell_reads_them() {
+        let words = ["walk", "--vx=-1,1", "a b", "it's $HOME;", ""].map(String::from);
+        assert_eq!(typed(&words), "walk --vx=-1,1 'a b' 'it'\\''s $HOME;' ''");
+    }
 
     /// Words with a file in a folder `lab`, called from `lab/day`.
     fn words(name: &str, file: &str, typed: &str) -> Result<Vec<String>, String> {

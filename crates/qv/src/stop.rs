@@ -13,17 +13,22 @@ const EVERY: Duration = Duration::from_millis(50);
 /// Whether the command ends by itself when somebody asks: it belongs to the process, as signals do.
 static IS_HEEDED: AtomicBool = AtomicBool::new(false);
 
-/// Ends the process when somebody asks for a stop, unless the command does so itself: what was there stays.
+/// Ends the process when somebody asks for a stop: what was there stays. A command that ends by itself has until somebody asks again.
 pub fn watch() {
     let flag = flag();
     std::thread::spawn(move || {
+        let mut is_asked_again = false;
         loop {
             std::thread::sleep(EVERY);
-            if flag.load(Ordering::Relaxed) && !IS_HEEDED.load(Ordering::Relaxed) {
+            if !flag.swap(false, Ordering::Relaxed) {
+                continue;
+            }
+            if !IS_HEEDED.load(Ordering::Relaxed) || is_asked_again {
                 crate::output::abandon();
                 print_message!("stopped before the end: no result was written");
                 std::process::exit(i32::from(STOPPED));
             }
+            is_asked_again = true;
         }
     });
 }
