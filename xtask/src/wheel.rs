@@ -72,7 +72,7 @@ pub fn run(workspace: &Workspace, how: &Python) -> Result<bool> {
         pytest.args(["-m", "not slow"]);
     }
     pytest.args(&how.pytest);
-    Ok(pytest.status().with_context(|| format!("cannot start {pytest:?}"))?.success())
+    process::succeeds(&mut pytest)
 }
 
 /// Folder of the package that is tested without a wheel, in the target folder.

@@ -199,19 +199,22 @@ pub fn read_file(file: &Path) -> Result<Vec<Figure>> {
     serde_json::from_value(golden["figures"].clone()).with_context(|| format!("{}: figures", file.display()))
 }
 
+/// What the stages of a golden run, one call after another.
+pub fn calls(of: Of, size: Size) -> Vec<String> {
+    let stages = Stage::value_variants().iter().filter(|stage| of.has(**stage));
+    stages.flat_map(|stage| stage.calls(size, false)).map(|call| call.arguments().join(" ")).collect()
+}
+
 /// Writes the golden of a finished run.
 ///
 /// # Errors
 /// The run lacks a figure, or the file cannot be written.
 pub fn write(folder: &Path, of: Of, size: Size, file: &Path) -> Result<()> {
-    let calls =
-        |stage: &Stage| stage.calls(size, false).iter().map(|call| call.arguments().join(" ")).collect::<Vec<_>>();
-    let stages = Stage::value_variants().iter().filter(|stage| of.has(**stage));
     let golden = json!({
         "generator": format!("cargo xtask golden bless {}", of.name(size)),
         "name": of.name(size),
         "seed": SEED,
-        "options": {"stages": stages.flat_map(calls).collect::<Vec<_>>()},
+        "options": {"stages": calls(of, size)},
         "tolerance": "by figure; words are to be the same",
         "figures": figures(folder, of)?,
     });

@@ -1,6 +1,6 @@
 //! Of the pipeline as data, and of its golden.
 
-use super::golden::{Figure, Of, differences, read};
+use super::golden::{Figure, Of, calls, differences, read};
 use super::stages::{Size, Stage};
 use crate::workspace::Workspace;
 use clap::ValueEnum;
@@ -65,6 +65,17 @@ fn goldens_are_narrow_enough_to_see_a_regression() {
             let size = figure.value.as_f64().map_or(f64::INFINITY, f64::abs);
             assert!(figure.tolerance <= 0.2 * size, "{name}: {figure:?}");
         }
+    }
+}
+
+/// A golden of other calls says nothing of these.
+#[test]
+fn goldens_are_of_the_calls_of_today() {
+    let root = Workspace::load().unwrap().workspace_root;
+    for name in ["stages", "stages_full", "navigate", "navigate_full"] {
+        let (of, size) = Of::named(name).unwrap();
+        let golden = super::read_json(&root.join("fixtures/pipeline/golden").join(of.file(size))).unwrap();
+        assert_eq!(golden["options"]["stages"], json!(calls(of, size)), "{name}");
     }
 }
 
