@@ -1,8 +1,10 @@
 //! A definition, a zero byte, and a message that is decoded by it.
 #![no_main]
 use libfuzzer_sys::fuzz_target;
-use qv_replay::plan::{Plan, Wanted};
-use qv_replay::{cdr, schema::Schema};
+use qv_recording::plan::{Plan, Wanted};
+use qv_recording::cdr;
+
+use qv_recording::schema::Schema;
 
 fuzz_target!(|data: &[u8]| {
     let split = data.iter().position(|&b| b == 0).unwrap_or(data.len());

@@ -1,8 +1,8 @@
 //! Bags in sqlite3.
 #![no_main]
 use libfuzzer_sys::fuzz_target;
-use qv_replay::robots::told_by_messages;
-use qv_replay::{BagFile, read_bag_of};
+use qv_recording::robots::told_by_messages;
+use qv_recording::{BagFile, read_bag_of};
 
 fuzz_target!(|data: &[u8]| {
     // The magic is given, so that the time goes into what follows it.

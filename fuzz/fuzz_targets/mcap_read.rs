@@ -1,6 +1,6 @@
 #![no_main]
 use libfuzzer_sys::fuzz_target;
-use qv_replay::{BagFile, read_bag};
+use qv_recording::{BagFile, read_bag};
 
 fuzz_target!(|data: &[u8]| {
     // The magic is given, so that the time goes into what follows it.

@@ -1,9 +1,9 @@
 //! A Parquet file of a LeRobot dataset; and the same bytes, cut at a byte 255, as SAGE's two files and as a CSV of motors.
 #![no_main]
 use libfuzzer_sys::fuzz_target;
-use qv_replay::foreign::motor_csv::Motors;
-use qv_replay::foreign::{Settings, Table, lerobot, motor_csv, sage};
-use qv_replay::read_table;
+use qv_recording::foreign::motor_csv::Motors;
+use qv_recording::foreign::{Settings, Table, lerobot, motor_csv, sage};
+use qv_recording::read_table;
 
 const INFO: &str = "{\"codebase_version\": \"v3.0\", \"total_episodes\": 2, \"features\": {\"observation.state\": \
     {\"names\": [\"shoulder_pan\", \"elbow_flex\"]}, \"action\": {}}}";

@@ -1,6 +1,6 @@
 #![no_main]
 use libfuzzer_sys::fuzz_target;
-use qv_replay::schema::Schema;
+use qv_recording::schema::Schema;
 
 fuzz_target!(|data: &[u8]| {
     if let Ok(schema) = Schema::parse("p/T", &String::from_utf8_lossy(data)) {

@@ -1,6 +1,6 @@
 #![no_main]
 use libfuzzer_sys::fuzz_target;
-use qv_replay::read_table;
+use qv_recording::read_table;
 
 fuzz_target!(|data: &[u8]| {
     if let Ok(run) = read_table(data, "robot = \"x\"", None, None) {

@@ -1,7 +1,7 @@
 #![no_main]
 use libfuzzer_sys::fuzz_target;
-use qv_replay::read_table;
-use qv_replay::replay::parameters_from_toml;
+use qv_recording::read_table;
+use qv_rollout::parameters_from_toml;
 
 fuzz_target!(|data: &[u8]| {
     let text = String::from_utf8_lossy(data);

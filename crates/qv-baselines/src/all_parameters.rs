@@ -6,8 +6,8 @@ use crate::one_at_a_time::{absent, largest};
 use crate::plain::Plain;
 use crate::{Answer, Size, sizes};
 use qv_gap::GapError;
-use qv_gap::problem::Overrides;
 use qv_gap::problem::columns::{Columns, Suspect};
+use qv_rollout::Overrides;
 
 /// Windows of each evaluation: fewer windows make more generations of the same budget.
 const WINDOWS: usize = 12;
@@ -109,7 +109,7 @@ fn suspects(columns: &Columns, knobs: &[Knob], point: &[f64]) -> Vec<Suspect> {
 
 fn setting(plain: &Plain, knobs: &[Knob], point: &[f64]) -> Overrides {
     let study = &plain.study;
-    study.columns.setting_of(&study.problem, &suspects(&study.columns, knobs, point))
+    study.columns.setting_of(&study.rollout, &suspects(&study.columns, knobs, point))
 }
 
 /// The best point of all generations.

@@ -13,11 +13,11 @@ mod residual_network;
 
 use plain::Plain;
 use qv_gap::inference::linearised::LinearisedProblem;
-use qv_gap::problem::Problem;
 use qv_gap::problem::columns::{Columns, Suspect};
 use qv_gap::problem::data_quality;
 use qv_gap::{GapError, Options, Progress};
-use qv_replay::Run;
+use qv_recording::Run;
+use qv_rollout::Rollout;
 use qv_sim::{Model, Terrain};
 use serde::Serialize;
 
@@ -97,9 +97,9 @@ pub fn baselines(
     }
     tell(options, 1, "baselines: windows and yardstick");
     let (runs, _) = data_quality::upright(runs);
-    let problem = Problem::new(&runs[0], model, terrain, &options.given, options.cut)?;
-    let columns = Columns::new(&problem, &runs[0], &options.library)?;
-    let mut plain = Plain::new(LinearisedProblem::new(problem, columns, &runs, &options.reference, &options.effort)?);
+    let rollout = Rollout::new(&runs[0], model, terrain, &options.given, options.cut)?;
+    let columns = Columns::new(&rollout, &runs[0], &options.library)?;
+    let mut plain = Plain::new(LinearisedProblem::new(rollout, columns, &runs, &options.reference, &options.effort)?);
     let (without, seed) = (&options.without, options.effort.seed);
     let one_at_a_time = timed(&mut plain, options, (2, "baselines: one effect at a time"), |plain| {
         one_at_a_time::answer(plain, without)

@@ -7,8 +7,8 @@ use crate::{Answer, Size, sizes};
 use nalgebra::{DMatrix, DVector};
 use qv_gap::GapError;
 use qv_gap::inference::level::mean;
-use qv_gap::problem::Overrides;
 use qv_gap::problem::columns::{Columns, Suspect};
+use qv_rollout::Overrides;
 
 /// Windows looked at while groups and starts are chosen.
 const COARSE_WINDOWS: usize = 12;
@@ -68,7 +68,7 @@ pub fn answer(plain: &mut Plain, without: &[String]) -> Result<Answer, GapError>
 
 fn settings(plain: &Plain, suspects: &[Suspect]) -> Vec<Overrides> {
     let study = &plain.study;
-    suspects.iter().map(|s| study.columns.setting_of(&study.problem, std::slice::from_ref(s))).collect()
+    suspects.iter().map(|s| study.columns.setting_of(&study.rollout, std::slice::from_ref(s))).collect()
 }
 
 /// The best of several starts of an effect, in its most promising groups.

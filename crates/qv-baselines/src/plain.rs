@@ -7,11 +7,12 @@ use qv_gap::GapError;
 use qv_gap::checks::held_out::Closure;
 use qv_gap::inference::linearised::LinearisedProblem;
 use qv_gap::null::Noise;
-use qv_gap::problem::Overrides;
-use qv_gap::problem::features::{self, Channel};
-use qv_gap::rollout::actuator_model;
-use qv_gap::rollout::windows::Raw;
-use qv_replay::median_interval;
+use qv_recording::median_interval;
+use qv_rollout::Channel;
+use qv_rollout::Overrides;
+use qv_rollout::Raw;
+use qv_rollout::features;
+use qv_rollout::law;
 
 /// Loss of a window whose simulation ran away, over that of the nominal robot.
 const RAN_AWAY: f64 = 10.0;
@@ -145,13 +146,13 @@ fn mean_square(v: &DVector<f64>) -> f64 {
 
 /// Deviation of each number of a run's residuals that white noise of the sensors gives.
 fn scales(study: &LinearisedProblem, run: usize) -> Vec<f64> {
-    let problem = &study.problem;
+    let rollout = &study.rollout;
     let Some(first) = study.seen.iter().find(|s| s.window.run == run) else { return Vec::new() };
     let m = &first.window.view.measured;
     let noise = &study.parts[run].noise;
     let mut all = Vec::with_capacity(first.raw.motion.len() + first.raw.law.len());
-    for &channel in &problem.channels {
-        let width = features::width(channel, problem.cut.bins());
+    for &channel in &rollout.channels {
+        let width = features::width(channel, rollout.cut.bins());
         let series = match channel {
             Channel::Position(_) => &m.position,
             Channel::Velocity(_) => &m.velocity,
@@ -159,12 +160,12 @@ fn scales(study: &LinearisedProblem, run: usize) -> Vec<f64> {
             Channel::Attitude(_) if m.orientation.is_some() => &m.orientation,
             _ => &m.base_pose,
         };
-        let deviation = of_channel(noise, channel, m.orientation.is_some()) / root_count(series, problem.cut.bin);
+        let deviation = of_channel(noise, channel, m.orientation.is_some()) / root_count(series, rollout.cut.bin);
         all.extend(std::iter::repeat_n(deviation, width));
     }
-    for &j in &problem.law_joints {
-        let deviation = noise.torque[j] / root_count(&m.torque, actuator_model::BIN);
-        all.extend(std::iter::repeat_n(deviation, actuator_model::bins(problem)));
+    for &j in &rollout.law_joints {
+        let deviation = noise.torque[j] / root_count(&m.torque, law::BIN);
+        all.extend(std::iter::repeat_n(deviation, law::bins(rollout)));
     }
     at_least_a_share_of_the_residual(study, run, &mut all);
     all
@@ -195,9 +196,9 @@ fn root_count(series: &Option<JointSeries>, bin: f64) -> f64 {
 }
 
 fn at_least_a_share_of_the_residual(study: &LinearisedProblem, run: usize, deviations: &mut [f64]) {
-    let (bins, law_bins) = (study.problem.cut.bins(), actuator_model::bins(&study.problem));
-    let widths = study.problem.channels.iter().map(|&c| features::width(c, bins));
-    let widths: Vec<usize> = widths.chain(study.problem.law_joints.iter().map(|_| law_bins)).collect();
+    let (bins, law_bins) = (study.rollout.cut.bins(), law::bins(&study.rollout));
+    let widths = study.rollout.channels.iter().map(|&c| features::width(c, bins));
+    let widths: Vec<usize> = widths.chain(study.rollout.law_joints.iter().map(|_| law_bins)).collect();
     let mut first = 0;
     for width in widths {
         let (mut sum, mut count) = (0.0, 0usize);

@@ -16,11 +16,12 @@ use qv_core::JointSeries;
 use qv_core::random::SplitMix64;
 use qv_gap::GapError;
 use qv_gap::inference::linearised::{LinearisedProblem, LinearisedWindow};
-use qv_gap::problem::features::{self, Channel};
-use qv_gap::problem::{Overrides, Problem, Window, measured};
-use qv_gap::rollout::actuator_model::{self, ActuatorModel};
-use qv_gap::rollout::windows::Raw;
-use qv_gap::rollout::windows::compare;
+use qv_rollout::Channel;
+use qv_rollout::Raw;
+use qv_rollout::compare;
+use qv_rollout::features;
+use qv_rollout::law::{self, ActuatorModel};
+use qv_rollout::{Overrides, Rollout, Window, measured};
 use rayon::prelude::*;
 
 /// For so long a torque is held \[s\].
@@ -58,8 +59,8 @@ struct Quadratic {
 /// When the simulator refuses.
 pub fn answer(plain: &mut Plain, seed: u64) -> Result<Answer, GapError> {
     let study = &plain.study;
-    let mut examples: Vec<Example> = study.seen.par_iter().map(|seen| example(&study.problem, seen)).collect();
-    let scales = torque_scales(&study.problem, &examples, &plain.fitted);
+    let mut examples: Vec<Example> = study.seen.par_iter().map(|seen| example(&study.rollout, seen)).collect();
+    let scales = torque_scales(&study.rollout, &examples, &plain.fitted);
     standardise(&mut examples, &plain.fitted);
     let fitted: Vec<&LinearisedWindow> = plain.fitted.iter().map(|&w| &study.seen[w]).collect();
     let found: Vec<(Option<Quadratic>, usize)> =
@@ -76,7 +77,7 @@ pub fn answer(plain: &mut Plain, seed: u64) -> Result<Answer, GapError> {
         .held_out
         .iter()
         .map(|&w| {
-            let torques = torques(&study.problem, &network, &examples[w], &scales);
+            let torques = torques(&study.rollout, &network, &examples[w], &scales);
             under(study, &study.seen[w], &torques)
         })
         .collect::<Result<_, GapError>>()?;
@@ -88,20 +89,20 @@ pub fn answer(plain: &mut Plain, seed: u64) -> Result<Answer, GapError> {
 }
 
 /// Pieces of a window.
-fn pieces(problem: &Problem) -> usize {
-    (problem.cut.window / PIECE).ceil() as usize
+fn pieces(rollout: &Rollout) -> usize {
+    (rollout.cut.window / PIECE).ceil() as usize
 }
 
 /// Simulated positions and speeds at the middle of each bin, shape `[joints][bins]`: measured less residual.
-fn simulated(problem: &Problem, seen: &LinearisedWindow) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
-    let bins = problem.cut.bins();
-    let features: usize = problem.channels.iter().map(|&c| features::width(c, bins)).sum();
+fn simulated(rollout: &Rollout, seen: &LinearisedWindow) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
+    let bins = rollout.cut.bins();
+    let features: usize = rollout.channels.iter().map(|&c| features::width(c, bins)).sum();
     // Windows of a study could be prepared once already.
-    let measured = measured(problem, &seen.window).unwrap_or_else(|| vec![f64::NAN; features]);
-    let mut position = vec![vec![f64::NAN; bins]; problem.columns.len()];
+    let measured = measured(rollout, &seen.window).unwrap_or_else(|| vec![f64::NAN; features]);
+    let mut position = vec![vec![f64::NAN; bins]; rollout.columns.len()];
     let mut speed = position.clone();
     let mut first = 0;
-    for &channel in &problem.channels {
+    for &channel in &rollout.channels {
         let width = features::width(channel, bins);
         let values = || (first..first + width).map(|i| measured[i] - seen.raw.motion[i]).collect();
         match channel {
@@ -114,7 +115,7 @@ fn simulated(problem: &Problem, seen: &LinearisedWindow) -> (Vec<Vec<f64>>, Vec<
     for (q, dq) in position.iter().zip(&mut speed).filter(|(_, dq)| dq.iter().any(|x| !x.is_finite())) {
         let slope = |b: usize| {
             let (from, to) = (b.saturating_sub(1), (b + 1).min(bins - 1));
-            (q[to] - q[from]) / ((to - from).max(1) as f64 * problem.cut.bin)
+            (q[to] - q[from]) / ((to - from).max(1) as f64 * rollout.cut.bin)
         };
         *dq = (0..bins).map(slope).collect();
     }
@@ -132,20 +133,20 @@ fn between(middles: &[f64], at: f64) -> f64 {
 
 /// Of each joint in each piece: position, speed, error, older commands against the present one, commanded speed, the law's
 /// torque, how the trunk leans, and which joint it is. What a recording lacks is 0.
-fn example(problem: &Problem, seen: &LinearisedWindow) -> Example {
-    let (position, speed) = simulated(problem, seen);
+fn example(rollout: &Rollout, seen: &LinearisedWindow) -> Example {
+    let (position, speed) = simulated(rollout, seen);
     let (run, window) = (&seen.window.view, &seen.window);
     let c = &run.commands;
     let lean = window.attitude.first().map_or([0.0; 2], |world_from_base| {
         let down = world_from_base.conjugate() * glam::DVec3::NEG_Z;
         [down.x, down.y]
     });
-    let joints = problem.columns.len();
-    let mut inputs = Vec::with_capacity(joints * pieces(problem));
-    for piece in 0..pieces(problem) {
+    let joints = rollout.columns.len();
+    let mut inputs = Vec::with_capacity(joints * pieces(rollout));
+    for piece in 0..pieces(rollout) {
         let since = (piece as f64 + 0.5) * PIECE;
-        let (t, bin) = (window.start + since, since / problem.cut.bin - 0.5);
-        for (j, &column) in problem.columns.iter().enumerate() {
+        let (t, bin) = (window.start + since, since / rollout.cut.bin - 0.5);
+        for (j, &column) in rollout.columns.iter().enumerate() {
             let held = |series: &Option<JointSeries>, at: f64, missing: f64| {
                 let some = series.as_ref().filter(|s| !s.is_empty()).map(|s| s.hold(at)[column]);
                 some.filter(|x| x.is_finite()).unwrap_or(missing)
@@ -167,8 +168,8 @@ fn example(problem: &Problem, seen: &LinearisedWindow) -> Example {
 }
 
 /// Typical torque of each joint in the windows of the fits \[N m\].
-fn torque_scales(problem: &Problem, examples: &[Example], fitted: &[usize]) -> Vec<f64> {
-    let joints = problem.columns.len();
+fn torque_scales(rollout: &Rollout, examples: &[Example], fitted: &[usize]) -> Vec<f64> {
+    let joints = rollout.columns.len();
     let scale = |j: usize| {
         let rows = || fitted.iter().flat_map(|&w| examples[w].inputs.iter().skip(j).step_by(joints));
         let rms = (rows().map(|row| row[0] * row[0]).sum::<f64>() / rows().count().max(1) as f64).sqrt();
@@ -191,8 +192,8 @@ fn standardise(examples: &mut [Example], fitted: &[usize]) {
 }
 
 /// The window with `torques`, shape `[pieces, joints]` \[N m\], added to the commanded ones.
-fn pushed(problem: &Problem, window: &Window, torques: &[f64]) -> Window {
-    let (count, joints) = (pieces(problem), problem.columns.len());
+fn pushed(rollout: &Rollout, window: &Window, torques: &[f64]) -> Window {
+    let (count, joints) = (pieces(rollout), rollout.columns.len());
     let commands = &window.view.commands;
     let stamps = |s: &Option<JointSeries>| s.as_ref().map_or(Vec::new(), |s| s.time.clone());
     let edges = (0..=count).map(|k| window.start + k as f64 * PIECE);
@@ -209,7 +210,7 @@ fn pushed(problem: &Problem, window: &Window, torques: &[f64]) -> Window {
         let piece = ((t - window.start) / PIECE + 1e-4).floor();
         if (0.0..count as f64).contains(&piece) {
             let of_piece = &torques[piece as usize * joints..(piece as usize + 1) * joints];
-            problem.columns.iter().zip(of_piece).for_each(|(&column, torque)| row[column] += torque);
+            rollout.columns.iter().zip(of_piece).for_each(|(&column, torque)| row[column] += torque);
         }
         values.extend(row);
     }
@@ -220,11 +221,11 @@ fn pushed(problem: &Problem, window: &Window, torques: &[f64]) -> Window {
 
 /// Raw residual of a window under torques, empty when it runs away, and the steps that were simulated.
 fn under(study: &LinearisedProblem, seen: &LinearisedWindow, torques: &[f64]) -> Result<(Raw, usize), GapError> {
-    let problem = &study.problem;
-    let window = pushed(problem, &seen.window, torques);
-    let mut found = compare(problem, &problem.numerics, &[&window], &[Overrides::new()])?;
+    let rollout = &study.rollout;
+    let window = pushed(rollout, &seen.window, torques);
+    let mut found = compare(rollout, &rollout.numerics, &[&window], &[Overrides::new()])?;
     let motion = std::mem::take(&mut found.values[0][0]);
-    let law = actuator_model::residual(problem, &window, &Overrides::new(), study.parts[window.run].alignment);
+    let law = law::residual(rollout, &window, &Overrides::new(), study.parts[window.run].alignment);
     let whole = !motion.is_empty() && law.iter().all(|x| x.is_finite());
     Ok((if whole { Raw { motion, law } } else { Raw::default() }, found.steps))
 }
@@ -236,23 +237,23 @@ fn quadratic(
     seen: &LinearisedWindow,
     scales: &[f64],
 ) -> Result<(Option<Quadratic>, usize), GapError> {
-    let problem = &study.problem;
-    let (count, joints) = (pieces(problem), problem.columns.len());
+    let rollout = &study.rollout;
+    let (count, joints) = (pieces(rollout), rollout.columns.len());
     let push = |k: usize| {
         let mut torques = vec![0.0; count * joints];
         torques[k] = PUSH * scales[k % joints];
-        pushed(problem, &seen.window, &torques)
+        pushed(rollout, &seen.window, &torques)
     };
     let windows: Vec<Window> = (0..count * joints).into_par_iter().map(push).collect();
     let all: Vec<&Window> = windows.iter().collect();
-    let found = compare(problem, &problem.numerics, &all, &[Overrides::new()])?;
+    let found = compare(rollout, &rollout.numerics, &all, &[Overrides::new()])?;
     let alignment = study.parts[seen.window.run].alignment;
     let laws: Vec<ActuatorModel> =
-        problem.law_joints.iter().map(|&j| ActuatorModel::new(problem, &Overrides::new(), j)).collect();
+        rollout.law_joints.iter().map(|&j| ActuatorModel::new(rollout, &Overrides::new(), j)).collect();
     let column = |(k, motion): (usize, &Vec<f64>)| {
         let mut law = seen.raw.law.clone();
-        if let Some(at) = problem.law_joints.iter().position(|&j| j == k % joints) {
-            let of_joint = actuator_model::of_joint(problem, &windows[k], &laws[at], alignment);
+        if let Some(at) = rollout.law_joints.iter().position(|&j| j == k % joints) {
+            let of_joint = law::of_joint(rollout, &windows[k], &laws[at], alignment);
             law[at * of_joint.len()..(at + 1) * of_joint.len()].copy_from_slice(&of_joint);
         }
         let whole = !motion.is_empty() && law.iter().all(|x| x.is_finite());
@@ -318,8 +319,8 @@ fn outputs(network: &Network, example: &Example) -> DVector<f64> {
 }
 
 /// The same in N m.
-fn torques(problem: &Problem, network: &Network, example: &Example, scales: &[f64]) -> Vec<f64> {
-    let joints = problem.columns.len();
+fn torques(rollout: &Rollout, network: &Network, example: &Example, scales: &[f64]) -> Vec<f64> {
+    let joints = rollout.columns.len();
     outputs(network, example).iter().enumerate().map(|(k, x)| x * scales[k % joints]).collect()
 }
 

@@ -5,7 +5,7 @@
 use qv_contact::{Ground, Options, calibrate, prior};
 use qv_core::{Material, TriangleMesh};
 use qv_go2::synthetic::{self, Robot};
-use qv_replay::{BagFile, Run, read_bag};
+use qv_recording::{BagFile, Run, read_bag};
 use qv_sim::{BaseKind, Model, ModelOptions, Terrain};
 use std::error::Error;
 use std::time::Instant;

@@ -10,7 +10,7 @@ use crate::segments::{self, Search, Segment, base_errors};
 use crate::simulate::Simulator;
 use crate::windows::{self, Background, Losses, Window};
 use qv_core::TriangleMesh;
-use qv_replay::Run;
+use qv_recording::Run;
 use qv_sim::Model;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -94,9 +94,9 @@ pub fn calibrate(
     let first = runs.first().ok_or_else(|| ContactError::run("runs", "at least one", "none"))?;
     let means: Vec<f64> = priors.iter().map(|p| p.mean).collect();
     let terrain = ground.terrain(&means)?;
-    let mut simulator = Simulator::new(first, model, &terrain, &labels, &options.given)?;
-    let prepare = |run: &Run| Recording::new(run, model, &ground, &simulator.errors);
-    let recordings: Vec<Recording> = runs.iter().map(prepare).collect::<Result<_, _>>()?;
+    let mut simulator = Simulator::new(first, model, &terrain, &options.given)?;
+    let prepared = runs.iter().map(|run| Recording::new(run, simulator.rollout(), &ground));
+    let recordings: Vec<Recording> = prepared.collect::<Result<_, _>>()?;
     distinct(&recordings)?;
     simulator.settle(&recordings[0])?;
     let job = Job::new(&simulator, &recordings, priors, options)?;
@@ -153,7 +153,7 @@ fn grid_about(middle: f64) -> Vec<f64> {
 /// What is calibrated.
 struct Job<'a> {
     simulator: &'a Simulator<'a>,
-    recordings: &'a [Recording],
+    recordings: &'a [Recording<'a>],
     priors: &'a [Prior],
     options: &'a Options<'a>,
     segments: Vec<Segment>,
@@ -188,7 +188,7 @@ struct Said {
 impl<'a> Job<'a> {
     fn new(
         simulator: &'a Simulator<'a>,
-        recordings: &'a [Recording],
+        recordings: &'a [Recording<'a>],
         priors: &'a [Prior],
         options: &'a Options<'a>,
     ) -> Result<Self, ContactError> {

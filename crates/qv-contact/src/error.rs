@@ -1,6 +1,6 @@
 //! The error of this crate.
 
-use qv_replay::ReplayError;
+use qv_rollout::RolloutError;
 use qv_sim::SimError;
 
 /// Why friction could not be calibrated.
@@ -26,9 +26,9 @@ pub enum ContactError {
         /// What was found.
         found: String,
     },
-    /// The recording.
+    /// The recording and its robot.
     #[error(transparent)]
-    Replay(#[from] ReplayError),
+    Rollout(#[from] RolloutError),
     /// The simulator.
     #[error("simulator: {0}")]
     Sim(#[from] SimError),

@@ -3,9 +3,9 @@
 use crate::ContactError;
 use crate::ground::Ground;
 use glam::{DQuat, DVec3};
-use qv_replay::Run;
-use qv_replay::replay::{Covered, Feet, HeldCommands, SensorErrors, Starts, feet_of, joint_columns};
-use qv_sim::{Model, Shape, State};
+use qv_recording::Run;
+use qv_rollout::{Covered, HeldCommands, Overrides, Rollout, Start, Starts};
+use qv_sim::{Shape, State};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -38,8 +38,6 @@ pub struct Instant {
     pub state: State,
     /// Its feet.
     pub feet: Vec<Foot>,
-    /// How far the ground must rise to touch the lowest feet \[m\], and how many those are.
-    pub gap: (f64, usize),
 }
 
 /// A place where a standing foot slipped.
@@ -58,7 +56,8 @@ pub struct SlipPlace {
 }
 
 /// One run, prepared.
-pub struct Recording {
+pub struct Recording<'r> {
+    run: &'r Run,
     /// Instants at `start + k` ticks; `None` where something is missing.
     pub instants: Vec<Option<Instant>>,
     /// Time of the first one \[s\].
@@ -67,22 +66,22 @@ pub struct Recording {
     pub commands: HeldCommands,
 }
 
-impl Recording {
+impl<'r> Recording<'r> {
     /// Looks at `run` of a robot with a free base.
     ///
     /// # Errors
-    /// When the run is not one of this model, or lacks poses or commands.
-    pub fn new(run: &Run, model: &Model, ground: &Ground, errors: &SensorErrors) -> Result<Self, ContactError> {
-        let (columns, free) = joint_columns(run, model)?;
-        if !free {
+    /// When the run is not one of this robot, or lacks poses or commands.
+    pub fn new(run: &'r Run, rollout: &Rollout, ground: &Ground) -> Result<Self, ContactError> {
+        if !rollout.free {
             return Err(ContactError::run("base", "a robot that walks", "a base that is held"));
         }
-        let feet = feet_of(run, model);
-        if feet.geoms.is_empty() {
+        if rollout.feet.geoms.is_empty() {
             return Err(ContactError::run("feet", "spheres at the ends of the legs", "none"));
         }
+        let (columns, _) = qv_rollout::joint_columns(run, rollout.model)?;
         let commands = HeldCommands::new(run, &columns)?;
-        let starts = Starts::new(run, &columns, free, errors.clone())?;
+        let errors = rollout.sensor_errors(&Overrides::new());
+        let starts = Starts::new(run, &columns, rollout.free, errors)?;
         let [first, last] = run.span();
         let start = first + MARGIN;
         let count = ((last - MARGIN - start) / TICK).floor().max(0.0) as usize + 1;
@@ -91,10 +90,17 @@ impl Recording {
             let time = start + k as f64 * TICK;
             let whole = needed.iter().all(|series| series.is_whole(time - TICK, time + TICK));
             let state = whole.then(|| starts.at(time)).flatten()?;
-            Some(instant(model, &feet, ground, state))
+            Some(instant(rollout, ground, state))
         };
         let instants = (0..count).into_par_iter().map(at).collect();
-        Ok(Self { instants, start, commands })
+        Ok(Self { run, instants, start, commands })
+    }
+
+    /// The start of a simulation of so long \[s\] at an instant.
+    pub fn start_at<'a>(&'a self, index: usize, length: f64) -> Start<'a> {
+        let time = self.time(index);
+        let since = time - self.run.span()[0];
+        Start { view: self.run, held: &self.commands, time, since, during: [time, time + length], starts: None }
     }
 
     /// Time of an instant \[s\].
@@ -150,7 +156,8 @@ fn needed<'a>(run: &'a Run, commands: &'a HeldCommands) -> Vec<Covered<'a>> {
     series.into_iter().flatten().chain(commands.pace()).filter(|s| !s.is_empty()).map(Covered::new).collect()
 }
 
-fn instant(model: &Model, feet: &Feet, ground: &Ground, state: State) -> Instant {
+fn instant(rollout: &Rollout, ground: &Ground, state: State) -> Instant {
+    let model = rollout.model;
     let poses = model.world_from_links(&state.q);
     let place = |&g: &usize| {
         let geom = &model.geoms[g];
@@ -161,12 +168,10 @@ fn instant(model: &Model, feet: &Feet, ground: &Ground, state: State) -> Instant
         let height = below.map_or(f64::INFINITY, |(_, height)| centre.z - radius - height);
         (Foot { sole: centre - radius * DVec3::Z, label: below.map(|b| b.0), stands: false }, height)
     };
-    let mut places: Vec<(Foot, f64)> = feet.geoms.iter().map(place).collect();
+    let mut places: Vec<(Foot, f64)> = rollout.feet.geoms.iter().map(place).collect();
     let lowest = places.iter().map(|p| p.1).fold(f64::INFINITY, f64::min);
-    let near: Vec<f64> = places.iter().map(|p| p.1).filter(|h| h.is_finite() && *h < lowest + 0.005).collect();
     places.iter_mut().for_each(|(foot, height)| foot.stands = *height < lowest + STANDING);
-    let mean = if near.is_empty() { 0.0 } else { near.iter().sum::<f64>() / near.len() as f64 };
-    Instant { state, feet: places.into_iter().map(|p| p.0).collect(), gap: (mean, near.len()) }
+    Instant { state, feet: places.into_iter().map(|p| p.0).collect() }
 }
 
 /// Numbers in which two states differ, seen from `heading` (yaw of the base \[rad\]): base position, turn, velocity, each

@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         robot.step();
     }
     let about = "robot = \"arm.urdf\"\nbase = \"fixed\"\n[actuator]\nkind = \"pd\"\nkp = 12.0\nkd = 0.4\n";
-    let run = qv_replay::read_table(table.as_bytes(), about, Some(ARM), None)?;
+    let run = qv_recording::read_table(table.as_bytes(), about, Some(ARM), None)?;
     let report = diagnose(&[run], &model, &Terrain::none(), &Options::default(), 0)?.report;
     println!("{}", report.sentence);
     assert_eq!(report.causes[0].effect, "actuator_lag");

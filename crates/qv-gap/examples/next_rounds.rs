@@ -6,7 +6,7 @@
 use qv_core::random::SplitMix64;
 use qv_gap::next::{Proposal, hypotheses, next};
 use qv_gap::{Options, diagnose};
-use qv_replay::Run;
+use qv_recording::Run;
 use qv_sim::{BaseKind, Batch, JointCommand, Model, ModelOptions, SimOptions, Terrain};
 use std::fmt::Write;
 
@@ -66,7 +66,7 @@ fn record(
         }
         batch.step();
     }
-    Ok(qv_replay::read_table(csv.as_bytes(), SETTINGS, Some(ARM), None)?)
+    Ok(qv_recording::read_table(csv.as_bytes(), SETTINGS, Some(ARM), None)?)
 }
 
 /// A recording as people make it: one slow motion of six seconds.

@@ -1,6 +1,7 @@
 //! The error of this crate.
 
-use qv_replay::ReplayError;
+use qv_recording::RecordingError;
+use qv_rollout::RolloutError;
 use qv_sim::SimError;
 
 /// Why a run could not be diagnosed.
@@ -28,7 +29,7 @@ pub enum GapError {
     },
     /// The recording.
     #[error(transparent)]
-    Replay(#[from] ReplayError),
+    Recording(#[from] RecordingError),
     /// The simulator.
     #[error("simulator: {0}")]
     Sim(#[from] SimError),
@@ -42,8 +43,8 @@ impl GapError {
             Self::Run { what, expected, found } if !known.is_empty() => {
                 Self::Run { what, expected, found: with_known(found) }
             }
-            Self::Replay(ReplayError::Run { what, expected, found }) if !known.is_empty() => {
-                Self::Replay(ReplayError::Run { what, expected, found: with_known(found) })
+            Self::Recording(RecordingError::Run { what, expected, found }) if !known.is_empty() => {
+                Self::Run { what, expected, found: with_known(found) }
             }
             other => other,
         }
@@ -51,5 +52,15 @@ impl GapError {
 
     pub(crate) fn run(what: impl Into<String>, expected: impl Into<String>, found: impl Into<String>) -> Self {
         Self::Run { what: what.into(), expected: expected.into(), found: found.into() }
+    }
+}
+
+impl From<RolloutError> for GapError {
+    fn from(error: RolloutError) -> Self {
+        match error {
+            RolloutError::Run { what, expected, found } => Self::Run { what, expected, found },
+            RolloutError::Recording(error) => Self::Recording(error),
+            RolloutError::Sim(error) => Self::Sim(error),
+        }
     }
 }

@@ -8,7 +8,7 @@
 #![doc = concat!("```\n", include_str!("../examples/diagnose.rs"), "```")]
 
 /// Types of these stand in the interface of this crate.
-pub use {glam, qv_core};
+pub use {glam, qv_core, qv_rollout};
 
 pub mod checks;
 pub mod decision;
@@ -20,11 +20,11 @@ pub mod export;
 mod facts;
 pub mod findings;
 pub mod inference;
+mod jacobian;
 pub mod next;
 pub mod null;
 pub mod problem;
 pub mod report;
-pub mod rollout;
 
 pub use diagnose::{Diagnosis, Options, Progress, can_tell, diagnose};
 pub use error::GapError;

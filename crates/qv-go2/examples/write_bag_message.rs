@@ -4,10 +4,10 @@
 
 use qv_go2::messages::{LOW_STATE, LOW_STATE_TYPE, LowState, encode_low_state};
 use qv_go2::{model, wire};
-use qv_replay::plan::{Plan, Wanted};
-use qv_replay::schema::Schema;
+use qv_recording::plan::{Plan, Wanted};
+use qv_recording::schema::Schema;
 
-fn main() -> Result<(), qv_replay::ReplayError> {
+fn main() -> Result<(), qv_recording::RecordingError> {
     let message = encode_low_state(&LowState { q: model::STAND, ..Default::default() });
     let schema = Schema::parse(LOW_STATE_TYPE, LOW_STATE)?;
     let plan = Plan::compile(&schema, &[Wanted { path: "motor_state[].q".into(), elements: wire::motor_on_wire() }])?;

@@ -4,7 +4,7 @@
 //! Source: unitree_ros2 (`unitree_go/msg`), nav_msgs. Arrays hold 20 motors, of which the Go2 has 12.
 
 use crate::wire::{LEG_ON_WIRE, motor_on_wire};
-use qv_replay::cdr::Writer;
+use qv_recording::cdr::Writer;
 
 /// Type name of [`LOW_CMD`].
 pub const LOW_CMD_TYPE: &str = "unitree_go/msg/LowCmd";
@@ -196,8 +196,8 @@ pub fn encode_odometry(stamp_ns: u64, position: [f64; 3], wxyz: [f64; 4]) -> Vec
 #[cfg(test)]
 mod tests {
     use super::*;
-    use qv_replay::cdr::{Value, decode};
-    use qv_replay::schema::Schema;
+    use qv_recording::cdr::{Value, decode};
+    use qv_recording::schema::Schema;
 
     /// What is written decodes by the definition, to the last byte, with joints on their motors.
     #[test]

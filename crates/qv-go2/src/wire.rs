@@ -3,8 +3,8 @@
 //! Motors and feet are numbered FR, FL, RR, RL on the wire; the channels come out FL, FR, RL, RR.
 
 use crate::model;
-use qv_replay::mapping::Mapping;
-use qv_replay::robots;
+use qv_recording::mapping::Mapping;
+use qv_recording::robots;
 
 /// Index on the wire of each leg of [`model::LEGS`].
 pub const LEG_ON_WIRE: [usize; 4] = [1, 0, 3, 2];
@@ -33,7 +33,7 @@ pub fn mapping(pose_topic: Option<&str>) -> Mapping {
 mod tests {
     use super::*;
     use crate::messages::{LOW_CMD, LOW_CMD_TYPE, LOW_STATE, LOW_STATE_TYPE};
-    use qv_replay::mapping::Channel;
+    use qv_recording::mapping::Channel;
 
     #[test]
     fn motors_are_permuted_by_leg() {

@@ -1,10 +1,10 @@
 //! Opens a recording and its robot, and says what they are: `cargo run -p quadverse-open --example opened -- walk.mcap`.
 
 use qv_open::{Reading, model_of, open_run, told_of};
-use qv_replay::ReplayError;
+use qv_recording::RecordingError;
 use std::path::Path;
 
-fn main() -> Result<(), ReplayError> {
+fn main() -> Result<(), RecordingError> {
     let Some(name) = std::env::args().nth(1) else {
         println!("expected a recording, such as walk.mcap");
         return Ok(());

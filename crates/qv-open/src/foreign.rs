@@ -1,10 +1,10 @@
 //! Recordings of other programs on disk: LeRobot datasets, SAGE folders, CSV files of Unitree's LowState.
 
 use crate::recording::{description_of, file_error, mapping_of, run_of_table, urdf_beside};
-use qv_replay::foreign::lerobot::Info;
-use qv_replay::foreign::motor_csv::{Motors, is_motor_csv};
-use qv_replay::foreign::{Settings, Table, lerobot, motor_csv, sage};
-use qv_replay::{ReplayError, Run};
+use qv_recording::foreign::lerobot::Info;
+use qv_recording::foreign::motor_csv::{Motors, is_motor_csv};
+use qv_recording::foreign::{Settings, Table, lerobot, motor_csv, sage};
+use qv_recording::{RecordingError, Run};
 use qv_sim::{Model, ModelOptions};
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
@@ -40,7 +40,7 @@ pub fn root(path: &Path) -> Option<PathBuf> {
 }
 
 /// Reads a path that is a dataset of LeRobot or a folder of SAGE; `None` where it is neither.
-pub fn open(path: &Path) -> Option<Result<Run, ReplayError>> {
+pub fn open(path: &Path) -> Option<Result<Run, RecordingError>> {
     let kind = kind(path)?;
     Some(match &kind {
         Kind::LeRobot(root, file) => run_of(root, |settings| dataset(root, file.as_deref(), settings)),
@@ -53,7 +53,7 @@ pub fn open(path: &Path) -> Option<Result<Run, ReplayError>> {
     })
 }
 
-fn run_of(root: &Path, table: impl Fn(&Settings) -> Result<Table, ReplayError>) -> Result<Run, ReplayError> {
+fn run_of(root: &Path, table: impl Fn(&Settings) -> Result<Table, RecordingError>) -> Result<Run, RecordingError> {
     let file = root.join("run.toml");
     let expected = "a run description with robot = \"NAME or FILE.urdf\" and, where need be, [dataset]";
     let toml = fs::read_to_string(&file).map_err(|e| file_error(&file, expected, &e.to_string()))?;
@@ -61,19 +61,19 @@ fn run_of(root: &Path, table: impl Fn(&Settings) -> Result<Table, ReplayError>) 
     finish(table, &file, &toml)
 }
 
-fn finish(table: Table, toml_path: &Path, toml: &str) -> Result<Run, ReplayError> {
+fn finish(table: Table, toml_path: &Path, toml: &str) -> Result<Run, RecordingError> {
     let mut run = run_of_table(table.csv.as_bytes(), toml_path, toml)?;
     run.told.splice(0..0, table.told);
     run.lost.splice(0..0, table.lost);
     Ok(run)
 }
 
-fn text(path: &Path) -> Result<String, ReplayError> {
+fn text(path: &Path) -> Result<String, RecordingError> {
     let bytes = fs::read(path).map_err(|e| file_error(path, "a readable file", &e.to_string()))?;
     String::from_utf8(bytes).map_err(|e| file_error(path, "text", &e.to_string()))
 }
 
-fn dataset(root: &Path, file: Option<&Path>, settings: &Settings) -> Result<Table, ReplayError> {
+fn dataset(root: &Path, file: Option<&Path>, settings: &Settings) -> Result<Table, RecordingError> {
     let info = Info::read(&text(&root.join("meta/info.json"))?)?;
     let all = match file {
         Some(file) => vec![file.to_path_buf()],
@@ -98,7 +98,7 @@ fn parquet_files(folder: &Path, depth: usize) -> Vec<PathBuf> {
 }
 
 /// Reads a CSV file whose columns are those of LowState; `None` where they are not, or nothing says which robot it is of.
-pub fn open_motor_csv(csv: &Path) -> Option<Result<Run, ReplayError>> {
+pub fn open_motor_csv(csv: &Path) -> Option<Result<Run, RecordingError>> {
     let description = description_of(csv);
     let toml = fs::read_to_string(&description).ok()?;
     let mut header = Vec::new();
@@ -119,7 +119,7 @@ fn motors(description: &Path, toml: &str) -> Option<Motors> {
     if let Some(joints) = Settings::of(toml).ok()?.joints {
         return Some(Motors { joints, wire: None, first: None });
     }
-    let robot = qv_replay::robot_of(toml).ok()?;
+    let robot = qv_recording::robot_of(toml).ok()?;
     if let Some(mapping) = mapping_of(&robot) {
         return Some(Motors::of(&mapping));
     }

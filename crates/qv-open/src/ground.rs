@@ -3,7 +3,7 @@
 use crate::recording::file_error;
 use qv_core::TriangleMesh;
 use qv_mesh::files::glb;
-use qv_replay::{ReplayError, Run};
+use qv_recording::{RecordingError, Run};
 use qv_sim::Terrain;
 use std::fs;
 use std::path::Path;
@@ -12,7 +12,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// The mesh has no label of that name.
-pub fn set_friction(mesh: &mut TriangleMesh, friction: &[(String, f64)], path: &Path) -> Result<(), ReplayError> {
+pub fn set_friction(mesh: &mut TriangleMesh, friction: &[(String, f64)], path: &Path) -> Result<(), RecordingError> {
     for (label, value) in friction {
         let material = mesh.materials.iter_mut().find(|material| material.name == *label);
         let expected = format!("the label {label}");
@@ -25,7 +25,7 @@ pub fn set_friction(mesh: &mut TriangleMesh, friction: &[(String, f64)], path: &
 ///
 /// # Errors
 /// There is no such file, or it holds no mesh.
-pub fn mesh_at(path: &Path, expected: &str) -> Result<TriangleMesh, ReplayError> {
+pub fn mesh_at(path: &Path, expected: &str) -> Result<TriangleMesh, RecordingError> {
     let bytes = fs::read(path).map_err(|e| file_error(path, expected, &e.to_string()))?;
     glb::read(&bytes).map_err(|e| file_error(path, "a mesh in GLB", &e.to_string()))
 }
@@ -34,7 +34,7 @@ pub fn mesh_at(path: &Path, expected: &str) -> Result<TriangleMesh, ReplayError>
 ///
 /// # Errors
 /// The mesh has no triangles, or a friction that is none.
-pub fn terrain_at(path: &Path, mesh: &TriangleMesh) -> Result<Terrain, ReplayError> {
+pub fn terrain_at(path: &Path, mesh: &TriangleMesh) -> Result<Terrain, RecordingError> {
     Terrain::from_mesh(mesh).map_err(|e| file_error(path, "a mesh that can be walked on", &e.to_string()))
 }
 
@@ -42,7 +42,7 @@ pub fn terrain_at(path: &Path, mesh: &TriangleMesh) -> Result<Terrain, ReplayErr
 ///
 /// # Errors
 /// As for [`mesh_at`] and [`terrain_at`].
-pub fn terrain_of(name: &str) -> Result<Terrain, ReplayError> {
+pub fn terrain_of(name: &str) -> Result<Terrain, RecordingError> {
     if name == "plane" {
         return Ok(Terrain::plane());
     }
@@ -54,7 +54,7 @@ pub fn terrain_of(name: &str) -> Result<Terrain, ReplayError> {
 ///
 /// # Errors
 /// When most do not: the mesh lies elsewhere, or on its side.
-pub fn check_ground(run: &Run, terrain: &Terrain) -> Result<(), ReplayError> {
+pub fn check_ground(run: &Run, terrain: &Terrain) -> Result<(), RecordingError> {
     const LOOKED_AT: usize = 200;
     // Where a pose stream begins is its own affair: a little above or below the ground it is counted from.
     const ABOVE: f64 = 1.0;
@@ -75,7 +75,7 @@ pub fn check_ground(run: &Run, terrain: &Terrain) -> Result<(), ReplayError> {
         format!("{low:.2} to {high:.2}")
     };
     let way = format!("x {}, y {}, z {} m", range(0), range(1), range(2));
-    Err(ReplayError::Run {
+    Err(RecordingError::Run {
         what: "terrain".into(),
         expected: format!(
             "ground below the robot, whose poses have {way} (meshes are read with z up, in the frame of the poses)"

@@ -12,7 +12,7 @@
 //! let terrain = ground::terrain_of("plane")?;
 //! ground::check_ground(&run, &terrain)?;
 //! println!("{} has {} joints", model.name, model.joints.len());
-//! # Ok::<(), qv_replay::ReplayError>(())
+//! # Ok::<(), qv_recording::RecordingError>(())
 //! ```
 
 /// Types of these stand in the interface of this crate.

@@ -2,11 +2,13 @@
 
 use crate::foreign;
 use crate::mesh_file::vertices;
-use qv_replay::mapping::Mapping;
-use qv_replay::replay::{expand, parameters_from_toml};
-use qv_replay::robots::{self, ModelSource, RobotFile};
-use qv_replay::run::{Base, Loss, Robot};
-use qv_replay::{BagFile, ReplayError, Run};
+use qv_recording::mapping::Mapping;
+use qv_recording::robots;
+use qv_rollout::{RolloutError, expand, parameters_from_toml};
+
+use qv_recording::robots::{ModelSource, RobotFile};
+use qv_recording::run::{Base, Loss, Robot};
+use qv_recording::{BagFile, RecordingError, Run};
 use qv_sim::mjcf::is_mjcf;
 use qv_sim::{BaseKind, Batch, Model, ModelOptions, SimError, SimOptions, Terrain};
 use std::cell::Cell;
@@ -49,7 +51,7 @@ impl<R: Read> Read for Counted<'_, R> {
 ///
 /// # Errors
 /// When there is no such file, or nothing usable in it.
-pub fn open_run(path: &Path, reading: &Reading, seen: Seen) -> Result<Run, ReplayError> {
+pub fn open_run(path: &Path, reading: &Reading, seen: Seen) -> Result<Run, RecordingError> {
     let metadata = fs::metadata(path).map_err(|e| file_error(path, "a recording", &e.to_string()))?;
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
     // A table that somebody made of such a folder goes before it.
@@ -74,16 +76,16 @@ pub fn open_run(path: &Path, reading: &Reading, seen: Seen) -> Result<Run, Repla
 }
 
 /// An error about a file that cannot be written.
-pub fn write_error(what: &Path, error: &std::io::Error) -> ReplayError {
-    ReplayError::Write { what: what.display().to_string(), reason: error.to_string() }
+pub fn write_error(what: &Path, error: &std::io::Error) -> RecordingError {
+    RecordingError::Write { what: what.display().to_string(), reason: error.to_string() }
 }
 
 /// An error about a file.
-pub fn file_error(path: &Path, expected: &str, found: &str) -> ReplayError {
-    ReplayError::File { file: path.display().to_string(), expected: expected.into(), found: found.into() }
+pub fn file_error(path: &Path, expected: &str, found: &str) -> RecordingError {
+    RecordingError::File { file: path.display().to_string(), expected: expected.into(), found: found.into() }
 }
 
-fn open_bag(paths: &[PathBuf], reading: &Reading, seen: Seen) -> Result<Run, ReplayError> {
+fn open_bag(paths: &[PathBuf], reading: &Reading, seen: Seen) -> Result<Run, RecordingError> {
     let total = paths.iter().filter_map(|p| fs::metadata(p).ok()).map(|m| m.len()).sum();
     let done = Cell::new(0);
     let mut files = Vec::new();
@@ -100,7 +102,7 @@ fn open_bag(paths: &[PathBuf], reading: &Reading, seen: Seen) -> Result<Run, Rep
     };
     let pose = reading.pose_topic.as_deref();
     let mappings: Vec<Mapping> = mappings.into_iter().map(|m| m.with_pose_topic(pose)).collect();
-    let run = qv_replay::read_bag_of(files, &mappings, reading.namespace.as_deref());
+    let run = qv_recording::read_bag_of(files, &mappings, reading.namespace.as_deref());
     let what = "messages that sqlite3 has not moved into the bag yet: `PRAGMA wal_checkpoint` does";
     let log = |path: &PathBuf| PathBuf::from(format!("{}-wal", path.display()));
     let logs: Vec<PathBuf> = paths.iter().map(log).filter(|log| fs::metadata(log).is_ok_and(|m| m.len() > 0)).collect();
@@ -119,7 +121,7 @@ fn open_bag(paths: &[PathBuf], reading: &Reading, seen: Seen) -> Result<Run, Rep
 ///
 /// # Errors
 /// No bag is there, or a file cannot be opened.
-pub fn bag_files(path: &Path) -> Result<Vec<BagFile<BufReader<File>>>, ReplayError> {
+pub fn bag_files(path: &Path) -> Result<Vec<BagFile<BufReader<File>>>, RecordingError> {
     let paths = if path.is_dir() { split_files(path)?.0 } else { vec![path.to_path_buf()] };
     let open = |path: &PathBuf| {
         let file = File::open(path).map_err(|e| file_error(path, "a readable file", &e.to_string()))?;
@@ -128,7 +130,7 @@ pub fn bag_files(path: &Path) -> Result<Vec<BagFile<BufReader<File>>>, ReplayErr
     paths.iter().map(open).collect()
 }
 
-fn open_split_bag(directory: &Path, reading: &Reading, seen: Seen) -> Result<Run, ReplayError> {
+fn open_split_bag(directory: &Path, reading: &Reading, seen: Seen) -> Result<Run, RecordingError> {
     let (present, absent) = split_files(directory)?;
     let mut run = open_bag(&present, reading, seen)?;
     let mut lose = |name: String, what: String| run.lost.push(Loss { file: name, what, span: None });
@@ -148,7 +150,7 @@ fn is_bag(path: &Path) -> bool {
 
 /// The files of a bag in the order of time, and names that `metadata.yaml` lists and that are in no way there: a file that was
 /// renamed is there under another name.
-fn split_files(directory: &Path) -> Result<(Vec<PathBuf>, Vec<String>), ReplayError> {
+fn split_files(directory: &Path) -> Result<(Vec<PathBuf>, Vec<String>), RecordingError> {
     let listed = fs::read_to_string(directory.join("metadata.yaml")).map(|t| listed_files(&t)).unwrap_or_default();
     let (mut present, mut absent) = (Vec::new(), Vec::new());
     for name in &listed {
@@ -183,7 +185,7 @@ fn put_in_order(files: &mut [PathBuf]) {
     if is_alike && numbers.len() == files.len() {
         return files.sort_by_key(|p| numbered_key(p));
     }
-    let first = |p: &PathBuf| File::open(p).ok().and_then(qv_replay::container::first_log_time);
+    let first = |p: &PathBuf| File::open(p).ok().and_then(qv_recording::container::first_log_time);
     files.sort_by_cached_key(|p| (first(p).unwrap_or(u64::MAX), numbered_key(p), p.clone()));
 }
 
@@ -218,7 +220,7 @@ struct FoundRobot {
 }
 
 /// The robot file that a name stands for: a built-in one, or a `.toml`; `None` for what else a robot may be.
-fn robot_file(name: &str) -> Result<Option<FoundRobot>, ReplayError> {
+fn robot_file(name: &str) -> Result<Option<FoundRobot>, RecordingError> {
     if let Some(file) = robots::built_in(name) {
         return Ok(Some(FoundRobot { file, folder: PathBuf::new() }));
     }
@@ -247,7 +249,7 @@ struct ModelText {
 }
 
 /// The model that `robot` names, else that of the recording.
-fn model_text(recorded_robot: &Robot, path: &Path, robot: Option<&str>) -> Result<ModelText, ReplayError> {
+fn model_text(recorded_robot: &Robot, path: &Path, robot: Option<&str>) -> Result<ModelText, RecordingError> {
     let recorded = |text: &String| {
         // A recording that carries its robot has it beside it, if anywhere, and its meshes.
         let file = own_urdf(path).unwrap_or_else(|| path.with_file_name("robot.urdf"));
@@ -266,7 +268,7 @@ fn model_text(recorded_robot: &Robot, path: &Path, robot: Option<&str>) -> Resul
         (None, Robot::Named(name)) => robot_file(name)?.ok_or_else(|| {
             let known: Vec<&str> = robots::names().collect();
             let expected = format!("a robot known by name ({})", known.join(", "));
-            ReplayError::Run { what: "robot".into(), expected, found: name.clone() }
+            RecordingError::Run { what: "robot".into(), expected, found: name.clone() }
         })?,
     };
     let name = &found.file.mapping.robot;
@@ -276,7 +278,7 @@ fn model_text(recorded_robot: &Robot, path: &Path, robot: Option<&str>) -> Resul
             Ok(ModelText { name: owner.clone(), text: qv_go2::model::urdf(), is_built_in: true, told: None })
         }
         (_, Robot::Urdf(text)) => Ok(recorded(text)),
-        _ => Err(ReplayError::Run {
+        _ => Err(RecordingError::Run {
             what: format!("model of `{name}`"),
             expected: format!(
                 "`--robot FILE` with its URDF or MJCF, or with a robot file that has `like = \"{name}\"`, a `name` and `urdf = \"FILE\"`"
@@ -290,7 +292,7 @@ fn model_text(recorded_robot: &Robot, path: &Path, robot: Option<&str>) -> Resul
 ///
 /// # Errors
 /// As [`model_of`].
-pub fn model_named(name: &str, base: BaseKind) -> Result<Model, ReplayError> {
+pub fn model_named(name: &str, base: BaseKind) -> Result<Model, RecordingError> {
     let ModelText { name, text, is_built_in, .. } = model_text(&Robot::Named(name.into()), Path::new(""), Some(name))?;
     let armature = if is_built_in { qv_go2::model::ARMATURE } else { 0.0 };
     let beside = Path::new(&name).parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -307,7 +309,7 @@ const GO2: &str = "go2";
 ///
 /// # Errors
 /// When the name is unknown, the file cannot be read, or it holds no good URDF or MJCF.
-pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, ReplayError> {
+pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, RecordingError> {
     let ModelText { name, text: urdf, is_built_in, told } = model_text(&run.robot, path, robot)?;
     let mut told: Vec<String> = told.into_iter().collect();
     let base = match run.base {
@@ -326,7 +328,7 @@ pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, Re
         read_model(&urdf, &beside, &options).map_err(|e| file_error(Path::new(&name), "a robot", &e.to_string()))
     };
     let mut model = read(&[])?;
-    let held = if !is_built_in { qv_replay::limits::held(run, &model) } else { Vec::new() };
+    let held = if !is_built_in { qv_recording::limits::held(run, &model) } else { Vec::new() };
     if !held.is_empty() {
         model = read(&held)?;
         let one = |(name, position): &(String, f64)| format!("{name} at {position:.3}");
@@ -334,9 +336,9 @@ pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, Re
         told.push(format!("joints without positions in the recording are held [rad or m]: {}", names.join(", ")));
     }
     model.told.splice(0..0, told);
-    qv_replay::replay::with_stated_rotors(run, &mut model);
-    qv_replay::imu::in_trunk_axes(&mut model);
-    let known = qv_replay::replay::feet_of(run, &model).names;
+    qv_rollout::with_stated_rotors(run, &mut model);
+    qv_recording::imu::in_trunk_axes(&mut model);
+    let known = qv_rollout::feet_of(run, &model).names;
     let absent: Vec<&str> = run.foot_names.iter().filter(|f| !known.contains(f)).map(String::as_str).collect();
     if !absent.is_empty() {
         let links: Vec<String> = absent.iter().map(|f| format!("{f}_")).collect();
@@ -348,7 +350,7 @@ pub fn model_of(run: &Run, path: &Path, robot: Option<&str>) -> Result<Model, Re
     }
     // What a robot that is built in can do is known; files often state less than their robots do.
     if !is_built_in {
-        let lifted = qv_replay::limits::lift(run, &mut model);
+        let lifted = qv_recording::limits::lift(run, &mut model);
         model.told.extend(lifted);
     }
     Ok(model)
@@ -401,14 +403,14 @@ pub fn included(beside: &Path, name: &str) -> Result<String, String> {
 fn turn_imu(run: &mut Run, text: &str, beside: &Path) {
     // What is wrong with a robot is said where it is used.
     let model = read_model(text, beside, &ModelOptions::default()).ok();
-    if let Some(rotation) = model.as_ref().and_then(qv_replay::imu::mount_of).filter(|_| run.base == Base::Free) {
-        let told = qv_replay::imu::to_trunk(run, rotation, false);
+    if let Some(rotation) = model.as_ref().and_then(qv_recording::imu::mount_of).filter(|_| run.base == Base::Free) {
+        let told = qv_recording::imu::to_trunk(run, rotation, false);
         run.told.extend(told);
     }
 }
 
 /// The text of a URDF or MJCF, and a sentence where some of it is not in its encoding.
-pub fn read_urdf(path: &Path, expected: &str) -> Result<(String, Option<String>), ReplayError> {
+pub fn read_urdf(path: &Path, expected: &str) -> Result<(String, Option<String>), RecordingError> {
     let bytes = bounded(path).map_err(|e| file_error(path, expected, &e))?;
     qv_sim::urdf::decode(&bytes).map_err(|e| file_error(path, "a robot", &e.to_string()))
 }
@@ -428,7 +430,7 @@ pub fn description_of(path: &Path) -> PathBuf {
 /// The URDF that the description of a table names.
 fn own_urdf(path: &Path) -> Option<PathBuf> {
     let description = description_of(path);
-    let robot = qv_replay::robot_of(&fs::read_to_string(&description).ok()?).ok()?;
+    let robot = qv_recording::robot_of(&fs::read_to_string(&description).ok()?).ok()?;
     Some(description.parent().unwrap_or(Path::new("")).join(robot))
 }
 
@@ -438,29 +440,36 @@ pub fn urdf_of(run: &Run, path: &Path, robot: Option<&str>) -> Option<String> {
 }
 
 /// The parameters of a `--params` file; none without one.
-pub fn parameters(path: Option<&Path>) -> Result<Vec<(String, f64)>, ReplayError> {
+pub fn parameters(path: Option<&Path>) -> Result<Vec<(String, f64)>, RecordingError> {
     let Some(path) = path else { return Ok(Vec::new()) };
     let text = fs::read_to_string(path).map_err(|e| file_error(path, "a parameter file", &e.to_string()))?;
-    parameters_from_toml(&text).map_err(|e| match e {
-        ReplayError::File { expected, found, .. } => file_error(path, &expected, &found),
-        other => other,
-    })
+    parameters_from_toml(&text).map_err(|e| of_parameters(path, e))
+}
+
+/// The error of a file of parameters.
+fn of_parameters(path: &Path, error: RolloutError) -> RecordingError {
+    match error {
+        RolloutError::Run { expected, found, .. } => file_error(path, &expected, &found),
+        RolloutError::Recording(error) => error,
+        RolloutError::Sim(error) => file_error(path, "parameters of this robot", &error.to_string()),
+    }
 }
 
 /// The parameters of a `--params` file of a robot on some ground; none without one.
 ///
 /// # Errors
 /// Names the file, and the first parameter that this robot lacks or whose value means nothing.
-pub fn parameters_of(path: Option<&Path>, model: &Model, terrain: &Terrain) -> Result<Vec<(String, f64)>, ReplayError> {
+pub fn parameters_of(
+    path: Option<&Path>,
+    model: &Model,
+    terrain: &Terrain,
+) -> Result<Vec<(String, f64)>, RecordingError> {
     let given = parameters(path)?;
     let (Some(path), false) = (path, given.is_empty()) else { return Ok(given) };
     let wrong = |expected: &str, found: &dyn ToString| file_error(path, expected, &found.to_string());
     let expected = "parameters of this robot";
     let probe = Batch::<f32>::new(model, terrain, &SimOptions::default(), 1).map_err(|e| wrong(expected, &e))?;
-    let named = expand(model, terrain, &given).map_err(|e| match e {
-        ReplayError::Run { expected, found, .. } => wrong(&expected, &found),
-        other => other,
-    })?;
+    let named = expand(model, terrain, &given).map_err(|e| of_parameters(path, e))?;
     for (name, value) in &named {
         let id = probe.parameter_index(name).map_err(|e| wrong(expected, &e))?;
         let least = probe.catalogue()[id].clamped(f64::NEG_INFINITY);
@@ -498,7 +507,7 @@ pub fn lost_from(run: &Run) -> Vec<String> {
     lost
 }
 
-fn open_table(csv: &Path, seen: Seen) -> Result<Run, ReplayError> {
+fn open_table(csv: &Path, seen: Seen) -> Result<Run, RecordingError> {
     if let Some(run) = foreign::open_motor_csv(csv) {
         return run;
     }
@@ -511,17 +520,17 @@ fn open_table(csv: &Path, seen: Seen) -> Result<Run, ReplayError> {
 }
 
 /// The run of a table with the text of its description, and where that lies.
-pub fn run_of_table(csv: impl Read, toml_path: &Path, toml_text: &str) -> Result<Run, ReplayError> {
-    let robot = qv_replay::robot_of(toml_text)?;
+pub fn run_of_table(csv: impl Read, toml_path: &Path, toml_text: &str) -> Result<Run, RecordingError> {
+    let robot = qv_recording::robot_of(toml_text)?;
     let mapping = mapping_of(&robot);
     let (urdf, told) = match &mapping {
         Some(_) => (None, None),
         None => urdf_beside(toml_path, &robot).map(|(text, note)| (Some(text), note))?,
     };
-    let mut run = qv_replay::read_table(csv, toml_text, urdf.as_deref(), mapping.as_ref())?;
+    let mut run = qv_recording::read_table(csv, toml_text, urdf.as_deref(), mapping.as_ref())?;
     run.told.extend(told);
     if let Some(text) = urdf.filter(|text| is_mjcf(text))
-        && !qv_replay::states_imu(toml_text)?
+        && !qv_recording::states_imu(toml_text)?
     {
         let path = toml_path.parent().unwrap_or(Path::new(".")).join(&robot);
         turn_imu(&mut run, &text, path.parent().unwrap_or(Path::new(".")));
@@ -530,7 +539,7 @@ pub fn run_of_table(csv: impl Read, toml_path: &Path, toml_text: &str) -> Result
 }
 
 /// The text of the URDF that a description names, and a sentence where some of it is not in its encoding.
-pub fn urdf_beside(toml_path: &Path, robot: &str) -> Result<(String, Option<String>), ReplayError> {
+pub fn urdf_beside(toml_path: &Path, robot: &str) -> Result<(String, Option<String>), RecordingError> {
     let path = toml_path.parent().unwrap_or(Path::new(".")).join(robot);
     read_urdf(&path, "a robot known by name (go2), or a URDF or MJCF file")
 }

@@ -2,7 +2,7 @@
 
 use crate::mesh_file::vertices;
 use crate::recording::{file_error, read_model, read_urdf};
-use qv_replay::ReplayError;
+use qv_recording::RecordingError;
 use qv_sim::{BaseKind, Model, ModelOptions};
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// There is no such file, or it holds no robot.
-pub fn robot_model(robot: &str, base: BaseKind) -> Result<Model, ReplayError> {
+pub fn robot_model(robot: &str, base: BaseKind) -> Result<Model, RecordingError> {
     let is_text = robot.trim_start().starts_with('<');
     let path = if is_text { Path::new("robot.urdf") } else { Path::new(robot) };
     let (text, armature, told) = match robot {

@@ -2,7 +2,7 @@
 
 use pyo3::PyErr;
 use pyo3::exceptions::{PyOSError, PyValueError};
-use qv_replay::ReplayError;
+use qv_recording::RecordingError;
 
 /// Bad input in the words of the library.
 pub fn value(error: impl std::fmt::Display) -> PyErr {
@@ -10,9 +10,9 @@ pub fn value(error: impl std::fmt::Display) -> PyErr {
 }
 
 /// Files that are not as expected are errors of the system's kind, all else is bad input.
-pub fn opening(error: ReplayError) -> PyErr {
+pub fn opening(error: RecordingError) -> PyErr {
     match error {
-        ReplayError::File { .. } | ReplayError::Write { .. } => PyOSError::new_err(error.to_string()),
+        RecordingError::File { .. } | RecordingError::Write { .. } => PyOSError::new_err(error.to_string()),
         other => value(other),
     }
 }

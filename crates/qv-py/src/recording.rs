@@ -6,8 +6,8 @@ use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
 use qv_core::JointSeries;
 use qv_open::Reading;
-use qv_replay::Run;
-use qv_replay::run::{Base, Robot};
+use qv_recording::Run;
+use qv_recording::run::{Base, Robot};
 use std::path::PathBuf;
 
 /// What a robot recorded.

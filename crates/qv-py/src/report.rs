@@ -10,8 +10,10 @@ use pyo3::types::{PyBytes, PyDict};
 use qv_gap::problem::library;
 use qv_gap::{Options, Progress, export};
 use qv_open::{ground, model_of, told_of, urdf_of};
-use qv_replay::replay::{ReplayOptions, Trace, expand, find_gains, to_html, to_json, verdict};
-use qv_replay::{ReplayError, Run};
+use qv_replay::{ReplayOptions, find_gains, to_html, to_json, verdict};
+
+use qv_recording::{RecordingError, Run};
+use qv_rollout::{Trace, expand};
 use qv_sim::{Model, Terrain};
 use std::path::PathBuf;
 use std::time::Instant;
@@ -20,7 +22,7 @@ use std::time::Instant;
 type Parameters = Vec<(String, f64)>;
 
 /// The robot of a recording and its ground.
-fn place(recording: &Recording, terrain: &str) -> Result<(Model, Terrain), ReplayError> {
+fn place(recording: &Recording, terrain: &str) -> Result<(Model, Terrain), RecordingError> {
     let model = model_of(&recording.run, &recording.path, recording.robot.as_deref())?;
     Ok((model, ground::terrain_of(terrain)?))
 }
@@ -62,7 +64,7 @@ pub fn replay<'py>(
             find_gains(std::slice::from_mut(&mut run), &model, &terrain, &parameters)?;
             let clock = Instant::now();
             let options = ReplayOptions { window, parameters, ..Default::default() };
-            let replay = qv_replay::replay::replay(&run, &model, &terrain, &options)?;
+            let replay = qv_replay::replay(&run, &model, &terrain, &options)?;
             let factor = replay.simulated / clock.elapsed().as_secs_f64();
             Ok((replay, factor))
         })

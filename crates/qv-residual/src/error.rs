@@ -1,7 +1,7 @@
 //! The error of this crate.
 
 use qv_policy::PolicyError;
-use qv_replay::ReplayError;
+use qv_rollout::RolloutError;
 use qv_sim::SimError;
 
 /// What can be wrong with recordings, compensators and their training.
@@ -13,9 +13,9 @@ pub enum ResidualError {
     /// A policy or its training.
     #[error(transparent)]
     Policy(#[from] PolicyError),
-    /// A recording.
+    /// A recording and its robot.
     #[error(transparent)]
-    Replay(#[from] ReplayError),
+    Rollout(#[from] RolloutError),
     /// Input that does not serve.
     #[error("{what}: expected {expected}, found {found}")]
     Input {

@@ -12,8 +12,8 @@ use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::policy::Policy;
 use qv_policy::score::Decide;
 use qv_policy::velocity::{Commands, Ground, TaskRobot, TaskSettings};
-use qv_replay::Run;
-use qv_replay::run::{Actuator, ActuatorKind, Base, JointParameters, Known, Measurements, Robot};
+use qv_recording::Run;
+use qv_recording::run::{Actuator, ActuatorKind, Base, JointParameters, Known, Measurements, Robot};
 #[cfg(feature = "rapier")]
 use qv_sim::rapier::{RapierEngine, RapierOptions};
 use qv_sim::{Batch, JointCommand, Model, SensorReading, SimOptions, State};
@@ -379,7 +379,7 @@ impl Recorder {
             imu_position: frame.map_or([0.0; 3], |f| f.link_from_frame.position.to_array()),
             actuator: Actuator { kind: ActuatorKind::Pd, kp: None, kd: None, tau_max: None, gains: [Known::Stated; 2] },
             joint_parameters: vec![JointParameters::default(); robot.joints()],
-            commands: qv_replay::run::Commands {
+            commands: qv_recording::run::Commands {
                 position: kept(self.commands),
                 kp: Some(constant(&robot.kp)),
                 kd: Some(constant(&robot.kd)),

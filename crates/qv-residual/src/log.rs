@@ -2,8 +2,8 @@
 
 use crate::ResidualError;
 use qv_policy::velocity::{TaskRobot, TaskSettings};
-use qv_replay::Run;
-use qv_replay::replay::{Command, Covered, HeldCommands, Legs, SensorErrors, Starts, feet_of, joint_columns};
+use qv_recording::Run;
+use qv_rollout::{Command, Covered, HeldCommands, Legs, SensorErrors, Starts, feet_of, joint_columns};
 use rayon::prelude::*;
 
 /// Part of a recording without holes, on a grid of decisions.

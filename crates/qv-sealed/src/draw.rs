@@ -8,7 +8,7 @@ use crate::sections::Plan;
 use crate::withheld::{WITHHELD, Withheld};
 use qv_core::random::{SplitMix64, sub_seed};
 use qv_go2::synthetic::{Deviations, Message};
-use qv_replay::ReplayError;
+use qv_recording::RecordingError;
 
 /// Draws after which [`make`] gives up.
 pub const ATTEMPTS: u64 = 60;
@@ -80,7 +80,7 @@ pub struct Drawn {
 ///
 /// # Errors
 /// When a name is unknown, the second engine is asked for and not built in, or no draw of [`ATTEMPTS`] was valid.
-pub fn make(request: &Request, seed: u64) -> Result<Made, ReplayError> {
+pub fn make(request: &Request, seed: u64) -> Result<Made, RecordingError> {
     check(&request.wanted)?;
     let mut rejected = Vec::new();
     for attempt in 0..ATTEMPTS {
@@ -100,7 +100,7 @@ pub fn make(request: &Request, seed: u64) -> Result<Made, ReplayError> {
             (Outcome::Stood { .. }, messages) => return Ok(Made { drawn, rejected, messages }),
         }
     }
-    Err(ReplayError::Run {
+    Err(RecordingError::Run {
         what: format!("recording of {:?} from seed {seed}", request.wanted),
         expected: format!("a valid draw among {ATTEMPTS}"),
         found: format!("none: {rejected:?}"),
@@ -111,19 +111,19 @@ pub fn make(request: &Request, seed: u64) -> Result<Made, ReplayError> {
 ///
 /// # Errors
 /// When a name is unknown, or this draw cannot have been the one taken.
-pub fn redraw(request: &Request, seed: u64, redraws: u64) -> Result<Drawn, ReplayError> {
+pub fn redraw(request: &Request, seed: u64, redraws: u64) -> Result<Drawn, RecordingError> {
     check(&request.wanted)?;
-    draw(request, sub_seed(seed, redraws))?.map_err(|reason| ReplayError::Run {
+    draw(request, sub_seed(seed, redraws))?.map_err(|reason| RecordingError::Run {
         what: format!("draw {redraws} of {:?} from seed {seed}", request.wanted),
         expected: "the one that was recorded".into(),
         found: format!("one that was rejected: {reason:?}"),
     })
 }
 
-fn check(wanted: &Wanted) -> Result<(), ReplayError> {
+fn check(wanted: &Wanted) -> Result<(), RecordingError> {
     let unknown = |name: &str, known: &[&str]| {
         let (what, expected) = ("effect of a recording".into(), format!("one of {}", known.join(", ")));
-        Err(ReplayError::Run { what, expected, found: name.into() })
+        Err(RecordingError::Run { what, expected, found: name.into() })
     };
     match wanted {
         Wanted::Nothing => Ok(()),
@@ -137,7 +137,7 @@ fn check(wanted: &Wanted) -> Result<(), ReplayError> {
 }
 
 /// One recipe, or why there is none from this seed.
-fn draw(request: &Request, seed: u64) -> Result<Result<Drawn, Rejection>, ReplayError> {
+fn draw(request: &Request, seed: u64) -> Result<Result<Drawn, Rejection>, RecordingError> {
     let mut draws = SplitMix64::new(seed);
     let (engine, other_engine) = engine(request, &mut draws);
     let mut recipe = Recipe {

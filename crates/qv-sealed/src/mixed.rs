@@ -11,7 +11,7 @@ use qv_core::{Material, TriangleMesh};
 use qv_go2::gait::Trot;
 use qv_go2::model;
 use qv_go2::synthetic::{Deviations, Message};
-use qv_replay::ReplayError;
+use qv_recording::RecordingError;
 use qv_sim::{SensorReading, State};
 
 /// Labels on which a walking robot slips, and the friction that such a label is usually said to have.
@@ -66,7 +66,11 @@ impl MixedGround {
 ///
 /// # Errors
 /// When the second engine is asked for and not built in, or no draw of [`ATTEMPTS`] was valid.
-pub fn make_mixed(engine: EngineChoice, seed: u64, seconds: f64) -> Result<(MixedGround, Vec<Message>), ReplayError> {
+pub fn make_mixed(
+    engine: EngineChoice,
+    seed: u64,
+    seconds: f64,
+) -> Result<(MixedGround, Vec<Message>), RecordingError> {
     let mut rejected = Vec::new();
     for attempt in 0..ATTEMPTS {
         let mut mixed = draw(engine, sub_seed(seed, attempt), seconds);
@@ -84,7 +88,7 @@ pub fn make_mixed(engine: EngineChoice, seed: u64, seconds: f64) -> Result<(Mixe
             }
         }
     }
-    Err(ReplayError::Run {
+    Err(RecordingError::Run {
         what: format!("recording on mixed ground from seed {seed}"),
         expected: format!("a valid draw among {ATTEMPTS}"),
         found: format!("none: {rejected:?}"),

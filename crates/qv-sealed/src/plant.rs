@@ -5,7 +5,7 @@ use qv_core::TriangleMesh;
 use qv_go2::messages::LowCmd;
 use qv_go2::synthetic::simulator;
 use qv_go2::{model, synthetic};
-use qv_replay::ReplayError;
+use qv_recording::RecordingError;
 #[cfg(feature = "rapier")]
 use qv_sim::rapier::{RapierEngine, RapierOptions};
 use qv_sim::{BaseKind, Batch, Model, ModelOptions, SensorReading, SimError, SimOptions, State, Terrain};
@@ -87,7 +87,7 @@ impl Plant {
     /// # Errors
     /// When a parameter means nothing, or the engine is not built in.
     #[cfg(test)]
-    pub fn new(engine: &Engine, parameters: &[(String, f64)]) -> Result<Self, ReplayError> {
+    pub fn new(engine: &Engine, parameters: &[(String, f64)]) -> Result<Self, RecordingError> {
         Self::on(engine, None, parameters)
     }
 
@@ -99,14 +99,14 @@ impl Plant {
         engine: &Engine,
         ground: Option<&TriangleMesh>,
         parameters: &[(String, f64)],
-    ) -> Result<Self, ReplayError> {
+    ) -> Result<Self, RecordingError> {
         let terrain = ground_of(ground).map_err(simulator)?;
         match engine {
             Engine::Ours { .. } => ours(engine, &terrain, parameters).map_err(simulator),
             #[cfg(feature = "rapier")]
             Engine::Second { .. } => second(engine, &terrain, parameters).map_err(simulator),
             #[cfg(not(feature = "rapier"))]
-            Engine::Second { .. } => Err(ReplayError::Run {
+            Engine::Second { .. } => Err(RecordingError::Run {
                 what: "engine of a recording".into(),
                 expected: "qv-go2 built with the feature `rapier` for the second engine".into(),
                 found: "a build without it".into(),

@@ -7,7 +7,7 @@ use qv_core::random::SplitMix64;
 use qv_go2::messages::{self, LowCmd};
 use qv_go2::model;
 use qv_go2::synthetic::{self, COMMAND_DELAY, INTERVAL, Message, START, STATES_PER_POSE, simulator};
-use qv_replay::ReplayError;
+use qv_recording::RecordingError;
 use qv_sim::{SensorReading, State};
 
 /// A standing robot settles this long before its recording starts \[s\].
@@ -37,7 +37,7 @@ pub enum Outcome {
 ///
 /// # Errors
 /// When a parameter means nothing, or the engine is not built in.
-pub fn record(recipe: &Recipe) -> Result<(Outcome, Vec<Message>), ReplayError> {
+pub fn record(recipe: &Recipe) -> Result<(Outcome, Vec<Message>), RecordingError> {
     record_seen(recipe, |_, _, _| {})
 }
 
@@ -45,7 +45,7 @@ pub fn record(recipe: &Recipe) -> Result<(Outcome, Vec<Message>), ReplayError> {
 pub(crate) fn record_seen(
     recipe: &Recipe,
     mut see: impl FnMut(&Plant, &SensorReading, &State),
-) -> Result<(Outcome, Vec<Message>), ReplayError> {
+) -> Result<(Outcome, Vec<Message>), RecordingError> {
     let mut plant = Plant::on(&recipe.engine, recipe.ground.as_ref(), &recipe.parameters())?;
     let go2 = plant.model().clone();
     let mut draws = SplitMix64::new(recipe.seed);
@@ -75,7 +75,7 @@ pub(crate) fn follow(
     recipe: &Recipe,
     plant: &mut Plant,
     mut see: impl FnMut(&Plant, u64, &SensorReading, &State),
-) -> Result<Outcome, ReplayError> {
+) -> Result<Outcome, RecordingError> {
     let timestep = recipe.engine.timestep();
     let parameters = recipe.parameters();
     let steps = (BETWEEN_STATES / timestep).round().max(1.0) as usize;

@@ -3,7 +3,7 @@
 use crate::plant::Plant;
 use crate::recipe::{Engine, Recipe};
 use crate::record::{Outcome, follow};
-use qv_replay::ReplayError;
+use qv_recording::RecordingError;
 
 /// What a motion uses when nothing is wrong, at 500 Hz.
 pub(crate) struct Scout {
@@ -20,7 +20,7 @@ impl Scout {
     ///
     /// # Errors
     /// When a parameter means nothing.
-    pub fn run(recipe: &Recipe) -> Result<Option<Self>, ReplayError> {
+    pub fn run(recipe: &Recipe) -> Result<Option<Self>, RecordingError> {
         let engine = Engine::Ours { timestep: 0.001, impratio: 10.0, contact_dimension: 3, time_constant: 0.008 };
         let nominal = Recipe { engine, ..recipe.without_effects() };
         let mut plant = Plant::on(&nominal.engine, nominal.ground.as_ref(), &nominal.parameters())?;

@@ -380,7 +380,7 @@ impl<T: Precision> Batch<T> {
         self.load(env);
         let before = self.overrides[env].insert(id, value);
         self.values[id] = value;
-        let slot = self.catalogue.infos[id].slot;
+        let slot = self.catalogue.infos[id].acts_on;
         let deriver = deriver(&self.model, &self.shared, &self.catalogue);
         let result = self.engine.derive(&deriver, slot, &self.values, env);
         if result.is_err() {
@@ -412,7 +412,7 @@ impl<T: Precision> Batch<T> {
     fn check_sensor_latency(&self, id: usize, value: f64) -> Result<(), SimError> {
         let info = &self.catalogue.infos[id];
         let most = self.shared.options.max_sensor_latency;
-        if !info.slot.is_sensor_latency() || value <= most {
+        if !info.acts_on.is_sensor_latency() || value <= most {
             return Ok(());
         }
         let expected = format!("at most max_sensor_latency of the options, {most} s");

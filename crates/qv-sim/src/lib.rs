@@ -47,7 +47,7 @@ pub use model::inertia::{MassProperties, Payload};
 pub use model::{BaseKind, Frame, Geom, Joint, JointKind, Link, Mechanics, MeshVertices, Model, ModelOptions, Shape};
 pub use motor::{Motor, MotorCommand, drift_share, lag_gain};
 pub use options::{LineSearch, SimOptions, WarmStart};
-pub use parameters::ParameterInfo;
+pub use parameters::{ActsOn, GeomField, JointField, LinkField, ParameterInfo, WorldField};
 pub use sensors::SensorReading;
 pub use terrain::{DEFAULT_FRICTION, Terrain};
 

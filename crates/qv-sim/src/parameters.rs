@@ -24,7 +24,8 @@ pub struct ParameterInfo {
     pub description: &'static str,
     /// Smallest value that means something.
     pub(crate) least: f64,
-    pub(crate) slot: Slot,
+    /// What it acts on, and which of that thing's parameters it is.
+    pub acts_on: ActsOn,
 }
 
 impl ParameterInfo {
@@ -35,34 +36,42 @@ impl ParameterInfo {
 }
 
 /// What a parameter acts on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Slot {
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum ActsOn {
+    /// A joint of the model, its motor or its encoder.
     Joint(usize, JointField),
+    /// A link of the model.
     Link(usize, LinkField),
+    /// A shape of the model.
     Geom(usize, GeomField),
+    /// The friction of a material of the terrain.
     Material(usize),
+    /// The ground, what pushes from outside, the sensors of the base, the supply.
     World(WorldField),
 }
 
 macro_rules! fields {
     ($(#[$doc:meta])* $name:ident { $($variant:ident),* $(,)? }) => {
         $(#[$doc])*
-        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-        pub(crate) enum $name { $($variant),* }
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+        #[allow(missing_docs)]
+        pub enum $name { $($variant),* }
         impl $name {
-            pub const COUNT: usize = [$(Self::$variant),*].len();
+            pub(crate) const COUNT: usize = [$(Self::$variant),*].len();
         }
     };
 }
 
-impl Slot {
+impl ActsOn {
     /// Whether it delays what a sensor reports.
     pub fn is_sensor_latency(self) -> bool {
         matches!(self, Self::Joint(_, JointField::EncoderLatency) | Self::World(WorldField::PoseDelay))
     }
 }
 
-fields!(JointField {
+fields!(
+/// Parameters of a joint; what each does stands in [`ParameterInfo::description`].
+JointField {
     Armature,
     Viscous,
     Coulomb,
@@ -98,7 +107,9 @@ fields!(JointField {
     SeriesCompliance,
     StrengthDrift,
 });
-fields!(LinkField {
+fields!(
+/// Parameters of a link.
+LinkField {
     MassScale,
     ComX,
     ComY,
@@ -113,8 +124,12 @@ fields!(LinkField {
     PayloadMomentY,
     PayloadMomentZ,
 });
-fields!(GeomField { FrictionScale, RadiusOffset });
-fields!(WorldField {
+fields!(
+/// Parameters of a shape.
+GeomField { FrictionScale, RadiusOffset });
+fields!(
+/// Parameters of which there is one.
+WorldField {
     Friction,
     TimeConstant,
     DampingRatio,
@@ -190,7 +205,7 @@ impl Catalogue {
                 range: (0.05, 1.5),
                 description: "Coulomb friction of the terrain's triangles of this material",
                 least: 0.0,
-                slot: Slot::Material(m),
+                acts_on: ActsOn::Material(m),
             });
         }
         let world_at = infos.len();
@@ -228,10 +243,10 @@ impl Catalogue {
 /// Name, unit, neutral, range, least, meaning.
 type Row<F> = (F, &'static str, &'static str, f64, (f64, f64), f64, &'static str);
 
-fn push<F: Copy>(infos: &mut Vec<ParameterInfo>, prefix: &str, rows: &[Row<F>], slot: impl Fn(F) -> Slot) {
+fn push<F: Copy>(infos: &mut Vec<ParameterInfo>, prefix: &str, rows: &[Row<F>], acts_on: impl Fn(F) -> ActsOn) {
     for &(field, name, unit, neutral, range, least, description) in rows {
         let name = if prefix.is_empty() { name.to_owned() } else { name.replace('*', prefix) };
-        infos.push(ParameterInfo { name, unit, neutral, range, description, least, slot: slot(field) });
+        infos.push(ParameterInfo { name, unit, neutral, range, description, least, acts_on: acts_on(field) });
     }
 }
 
@@ -478,7 +493,7 @@ fn joint_parameters(infos: &mut Vec<ParameterInfo>, model: &Model, index: usize)
         ),
     ];
     let first = infos.len();
-    push(infos, &joint.name, &rows, |f| Slot::Joint(index, f));
+    push(infos, &joint.name, &rows, |f| ActsOn::Joint(index, f));
     if joint.kind == JointKind::Prismatic {
         for info in &mut infos[first..] {
             info.unit = sliding_unit(info.unit);
@@ -586,7 +601,7 @@ fn link_parameters(infos: &mut Vec<ParameterInfo>, model: &Model, index: usize) 
             "first moment of the payload about its position",
         ),
     ];
-    push(infos, &model.links[index].name, &rows, |f| Slot::Link(index, f));
+    push(infos, &model.links[index].name, &rows, |f| ActsOn::Link(index, f));
 }
 
 fn geom_parameters(infos: &mut Vec<ParameterInfo>, model: &Model, index: usize) {
@@ -616,7 +631,7 @@ fn geom_parameters(infos: &mut Vec<ParameterInfo>, model: &Model, index: usize) 
             "true minus modelled radius (spheres, capsules; skin of others)",
         ),
     ];
-    push(infos, &model.geoms[index].name, &rows, |f| Slot::Geom(index, f));
+    push(infos, &model.geoms[index].name, &rows, |f| ActsOn::Geom(index, f));
 }
 
 fn world_parameters(infos: &mut Vec<ParameterInfo>, terrain: &Terrain) {
@@ -828,5 +843,5 @@ fn world_parameters(infos: &mut Vec<ParameterInfo>, terrain: &Terrain) {
             "speed at which a shape sinks in for good, per normal force beyond yield_force",
         ),
     ];
-    push(infos, "", &rows, Slot::World);
+    push(infos, "", &rows, ActsOn::World);
 }

@@ -4,9 +4,9 @@ use crate::RunArguments;
 use crate::open::{bag_files, file_error};
 use qv_camera::{Intrinsics, Photograph, Rig};
 use qv_core::Pose;
-use qv_replay::images::{CameraInfo, Images, read_images};
-use qv_replay::run::Clock;
-use qv_replay::{ReplayError, Run};
+use qv_recording::images::{CameraInfo, Images, read_images};
+use qv_recording::run::Clock;
+use qv_recording::{RecordingError, Run};
 use qv_splat::captures::distortion::Distortion;
 use qv_splat::captures::pictures;
 use qv_splat::train::{Pixels, undistorted};
@@ -54,7 +54,7 @@ pub struct RobotCamera {
 }
 
 /// What is said of the camera: the file, with the bag's own camera info for the inner numbers that the file leaves out.
-pub fn open_camera(path: &Path, info: Option<&CameraInfo>) -> Result<RobotCamera, ReplayError> {
+pub fn open_camera(path: &Path, info: Option<&CameraInfo>) -> Result<RobotCamera, RecordingError> {
     let text = fs::read_to_string(path).map_err(|e| file_error(path, "a description of the camera", &e.to_string()))?;
     parse_camera(&text, info).map_err(|(expected, found)| file_error(path, &expected, &found))
 }
@@ -117,7 +117,7 @@ pub fn open_images(
     run: &Run,
     topic: Option<&str>,
     most: usize,
-) -> Result<RunImages, ReplayError> {
+) -> Result<RunImages, RecordingError> {
     let path = &arguments.run;
     let directory = if path.is_dir() { path.as_path() } else { path.parent().unwrap_or(Path::new(".")) };
     let is_table = path.extension().is_some_and(|e| e == "csv") || path.join("run.csv").exists();
@@ -141,7 +141,7 @@ pub fn open_images(
             (true, None) => "none".into(),
             (false, None) => format!("images on {}", found.topics.join(", ")),
         };
-        return Err(ReplayError::Run { what: "images".into(), expected, found: there });
+        return Err(RecordingError::Run { what: "images".into(), expected, found: there });
     }
     let mut notes = Vec::new();
     if let Some((count, why)) = &found.damaged {
@@ -166,7 +166,7 @@ fn spread<T>(all: Vec<(f64, T)>, span: Option<[f64; 2]>, most: usize) -> Vec<(f6
 }
 
 /// Times and names of `images.csv`.
-fn table_images(path: &Path) -> Result<Vec<(f64, String)>, ReplayError> {
+fn table_images(path: &Path) -> Result<Vec<(f64, String)>, RecordingError> {
     let text = fs::read_to_string(path)
         .map_err(|e| file_error(path, "images of the run (columns time, file)", &e.to_string()))?;
     let mut lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty());
@@ -191,10 +191,10 @@ fn table_images(path: &Path) -> Result<Vec<(f64, String)>, ReplayError> {
 }
 
 /// Decodes images and takes the lens's distortion away.
-pub fn photographs(images: &[(f64, Vec<u8>)], camera: &RobotCamera) -> Result<Vec<Photograph>, ReplayError> {
+pub fn photographs(images: &[(f64, Vec<u8>)], camera: &RobotCamera) -> Result<Vec<Photograph>, RecordingError> {
     let Intrinsics { width, height, .. } = camera.rig.intrinsics;
     let one = |(time, bytes): &(f64, Vec<u8>)| {
-        let about = |expected: String, found: String| ReplayError::Run {
+        let about = |expected: String, found: String| RecordingError::Run {
             what: format!("image at {time:.3} s"),
             expected,
             found,

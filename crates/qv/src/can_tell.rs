@@ -6,7 +6,7 @@ use crate::ground::{check_ground, terrain_of};
 use crate::open::{find_gains, model_of};
 use qv_gap::report::CanTell;
 use qv_gap::{Options, can_tell};
-use qv_replay::{ReplayError, Run};
+use qv_recording::{RecordingError, Run};
 use serde_json::json;
 use std::fmt::Write;
 use std::path::Path;
@@ -21,7 +21,7 @@ pub struct Asked<'a> {
 
 impl Asked<'_> {
     /// As lines of a table, or as one line of JSON.
-    pub fn answer(&self, as_json: bool) -> Result<String, ReplayError> {
+    pub fn answer(&self, as_json: bool) -> Result<String, RecordingError> {
         let model = model_of(self.run, self.path, self.reading.robot.as_deref())?;
         let terrain = terrain_of(self.terrain)?;
         check_ground(self.run, &terrain)?;

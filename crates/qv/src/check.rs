@@ -11,8 +11,8 @@ use crate::{Failure, Outcome, Reading, RunArguments, foreign, say};
 use qv_mesh::files::{glb, ply};
 #[cfg(feature = "learn")]
 use qv_policy::onnx::reader::TensorInfo;
-use qv_replay::Run;
-use qv_replay::run::{Base, Robot};
+use qv_recording::Run;
+use qv_recording::run::{Base, Robot};
 use qv_sim::mjcf::is_mjcf;
 use qv_sim::{BaseKind, ModelOptions};
 use qv_splat::files::Format;

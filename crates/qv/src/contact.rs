@@ -13,7 +13,8 @@ use qv_contact::report::Status;
 use qv_contact::{ContactError, Ground, Options, Prior, Report, calibrate, html, prior};
 use qv_core::TriangleMesh;
 use qv_mesh::files::glb;
-use qv_replay::{ReplayError, Run};
+use qv_recording::{RecordingError, Run};
+use qv_rollout::RolloutError;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -71,7 +72,7 @@ pub struct Contact {
 }
 
 impl Contact {
-    pub fn execute(&self) -> Result<Outcome, ReplayError> {
+    pub fn execute(&self) -> Result<Outcome, RecordingError> {
         let mesh = self.mesh()?;
         self.make_out()?;
         let ground = Ground::new(&mesh).map_err(|e| self.of_terrain(e))?;
@@ -110,7 +111,7 @@ impl Contact {
     }
 
     /// Makes the folder before the work, and refuses to write over the terrain that is read.
-    fn make_out(&self) -> Result<(), ReplayError> {
+    fn make_out(&self) -> Result<(), RecordingError> {
         make_folder(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let real = |path: &Path| path.canonicalize().ok();
         if real(&self.out.join("terrain.glb")).is_some_and(|ours| Some(ours) == real(&self.terrain)) {
@@ -123,18 +124,18 @@ impl Contact {
         Ok(())
     }
 
-    fn mesh(&self) -> Result<TriangleMesh, ReplayError> {
+    fn mesh(&self) -> Result<TriangleMesh, RecordingError> {
         mesh_at(&self.terrain, "a .glb file")
     }
 
-    fn of_terrain(&self, error: ContactError) -> ReplayError {
+    fn of_terrain(&self, error: ContactError) -> RecordingError {
         match error {
             ContactError::Run { expected, found, .. } => file_error(&self.terrain, &expected, &found),
             other => replay_error(other),
         }
     }
 
-    fn priors(&self, labels: &[String]) -> Result<Vec<Prior>, ReplayError> {
+    fn priors(&self, labels: &[String]) -> Result<Vec<Prior>, RecordingError> {
         let table = match &self.materials {
             None => prior::built_in(),
             Some(path) => {
@@ -154,7 +155,7 @@ impl Contact {
         }
     }
 
-    fn write(&self, report: &Report, ground: &Ground, lost: &[String]) -> Result<(), ReplayError> {
+    fn write(&self, report: &Report, ground: &Ground, lost: &[String]) -> Result<(), RecordingError> {
         make_folder(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let title = self.runs.iter().map(|r| r.display().to_string()).collect::<Vec<_>>().join(", ");
         let mut value = serde_json::to_value(report).expect("a report is plain data");
@@ -176,18 +177,16 @@ impl Contact {
     }
 }
 
-fn read(path: &Path, expected: &str) -> Result<String, ReplayError> {
+fn read(path: &Path, expected: &str) -> Result<String, RecordingError> {
     fs::read_to_string(path).map_err(|e| file_error(path, expected, &e.to_string()))
 }
 
-fn replay_error(error: ContactError) -> ReplayError {
+fn replay_error(error: ContactError) -> RecordingError {
     match error {
-        ContactError::Replay(error) => error,
-        ContactError::Prior { file, expected, found } => ReplayError::File { file, expected, found },
-        ContactError::Run { what, expected, found } => ReplayError::Run { what, expected, found },
-        ContactError::Sim(error) => {
-            ReplayError::Run { what: "simulator".into(), expected: "a simulation".into(), found: error.to_string() }
-        }
+        ContactError::Rollout(error) => error.into(),
+        ContactError::Prior { file, expected, found } => RecordingError::File { file, expected, found },
+        ContactError::Run { what, expected, found } => RecordingError::Run { what, expected, found },
+        ContactError::Sim(error) => RolloutError::Sim(error).into(),
     }
 }
 

@@ -20,7 +20,8 @@ use qv_gap::decision::evidence::Evidence;
 use qv_gap::problem::library;
 use qv_gap::report::{Report, Stage, UNKNOWN};
 use qv_gap::{GapError, Options, Progress, diagnose, export};
-use qv_replay::{ReplayError, Run};
+use qv_recording::{RecordingError, Run};
+use qv_rollout::RolloutError;
 use qv_sim::Model;
 use qv_sim::names::unknown as unknown_name;
 use std::fs;
@@ -103,7 +104,7 @@ struct PolicyArguments {
 }
 
 impl Diagnose {
-    pub fn execute(&self) -> Result<Outcome, ReplayError> {
+    pub fn execute(&self) -> Result<Outcome, RecordingError> {
         let mut runs = self.open(&self.runs)?;
         // What is wrong with it is said before minutes are spent on the rest.
         let place = match (&self.scene, &self.camera) {
@@ -128,7 +129,7 @@ impl Diagnose {
         let unknown = self.without.iter().find(|name| !library.iter().any(|e| e.name == **name) && !of_camera(name));
         if let Some(name) = unknown {
             let known = library.iter().map(|e| e.name.as_str()).chain(EFFECTS.iter().map(|e| e.name));
-            return Err(ReplayError::Run {
+            return Err(RecordingError::Run {
                 what: "--without".into(),
                 expected: "an effect of `qv effects`".into(),
                 found: unknown_name("effect", name, known),
@@ -137,7 +138,7 @@ impl Diagnose {
         let is_mesh = self.terrain != "plane";
         let ground_error = self.ground_error.unwrap_or(if is_mesh { GROUND_ERROR } else { 0.0 });
         if !(0.0..=0.05).contains(&ground_error) {
-            return Err(ReplayError::Run {
+            return Err(RecordingError::Run {
                 what: "--ground-error".into(),
                 expected: "0 to 0.05 m".into(),
                 found: ground_error.to_string(),
@@ -222,13 +223,13 @@ impl Diagnose {
         Ok(if lost.is_empty() && report.corrections_apply { Outcome::Done } else { Outcome::Partial })
     }
 
-    fn open(&self, paths: &[PathBuf]) -> Result<Vec<Run>, ReplayError> {
+    fn open(&self, paths: &[PathBuf]) -> Result<Vec<Run>, RecordingError> {
         let open = |path: &PathBuf| open_run(&RunArguments { run: path.clone(), reading: self.reading.clone() });
         paths.iter().map(open).collect()
     }
 
     /// Scene, camera and images, checked.
-    fn place(&self, scene: &Path, camera: &Path, run: &Run) -> Result<Place, ReplayError> {
+    fn place(&self, scene: &Path, camera: &Path, run: &Run) -> Result<Place, RecordingError> {
         let file = open_scene(scene).map_err(|e| file_error(scene, "a splat file", &e.to_string()))?;
         let arguments = RunArguments { run: self.runs[0].clone(), reading: self.reading.clone() };
         let images = open_images(&arguments, run, self.image_topic.as_deref(), self.images)?;
@@ -249,7 +250,7 @@ impl Diagnose {
         report: &mut Report,
         seconds: &dyn Fn() -> f64,
         bar: &Stages,
-    ) -> Result<(RobotCamera, Sight), ReplayError> {
+    ) -> Result<(RobotCamera, Sight), RecordingError> {
         let begun = seconds();
         // A pose that comes late is known by now: the camera is not accused of it.
         let late = report.corrections.iter().find(|c| c.parameter == "sensor.pose.delay").map_or(0.0, |c| c.value);
@@ -287,7 +288,7 @@ impl Diagnose {
         evidence: &Evidence,
         sections: &[String],
         robot: &Robot,
-    ) -> Result<(), ReplayError> {
+    ) -> Result<(), RecordingError> {
         make_folder(directory).map_err(|e| write_error(directory, &e))?;
         let title: Vec<String> = self.runs.iter().map(|r| r.display().to_string()).collect();
         let urdf = robot.urdf.as_deref();
@@ -309,7 +310,7 @@ impl Diagnose {
         (model, terrain): (&Model, &qv_sim::Terrain),
         report: &Report,
         mut sections: Vec<String>,
-    ) -> Result<(String, Vec<String>), ReplayError> {
+    ) -> Result<(String, Vec<String>), RecordingError> {
         let trial = tried.trial(model, terrain, &report.corrections).map_err(untold)?;
         sections.push(trial.section());
         let path = self.out.join("policy.json");
@@ -321,9 +322,9 @@ impl Diagnose {
 
 /// A policy's error as one of the run.
 #[cfg(feature = "learn")]
-fn untold(error: crate::Failure) -> ReplayError {
+fn untold(error: crate::Failure) -> RecordingError {
     let (what, expected) = ("--policy".into(), "a policy that the simulator can roll".into());
-    ReplayError::Run { what, expected, found: error.to_string() }
+    RecordingError::Run { what, expected, found: error.to_string() }
 }
 
 /// What the camera is judged with.
@@ -383,20 +384,18 @@ impl Robot {
     }
 }
 
-pub fn replay_error(error: GapError) -> ReplayError {
+pub fn replay_error(error: GapError) -> RecordingError {
     match error {
-        GapError::Replay(error) => error,
-        GapError::Library { file, expected, found } => ReplayError::File { file, expected, found },
-        GapError::Run { what, expected, found } => ReplayError::Run { what, expected, found },
-        GapError::Sim(error) => {
-            ReplayError::Run { what: "simulator".into(), expected: "a simulation".into(), found: error.to_string() }
-        }
+        GapError::Recording(error) => error,
+        GapError::Library { file, expected, found } => RecordingError::File { file, expected, found },
+        GapError::Run { what, expected, found } => RecordingError::Run { what, expected, found },
+        GapError::Sim(error) => RolloutError::Sim(error).into(),
     }
 }
 
-fn camera_error(error: CameraError) -> ReplayError {
+fn camera_error(error: CameraError) -> RecordingError {
     let CameraError::Input { what, expected, found } = error;
-    ReplayError::Run { what, expected, found }
+    RecordingError::Run { what, expected, found }
 }
 
 fn summary(report: &Report) -> String {

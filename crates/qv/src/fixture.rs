@@ -9,7 +9,7 @@ use glam::DVec3;
 use qv_core::{Material, TriangleMesh};
 use qv_go2::synthetic::{self, Message, Robot};
 use qv_mesh::files::glb;
-use qv_replay::ReplayError;
+use qv_recording::RecordingError;
 use std::path::{Path, PathBuf};
 
 pub const EXAMPLE: &str = "Example:\n  qv fixture --out out/fixture && qv replay out/fixture/run.mcap --terrain out/fixture/terrain.glb --out out/replay\n\n\
@@ -41,7 +41,7 @@ pub struct Fixture {
 }
 
 impl Fixture {
-    pub fn execute(&self) -> Result<Outcome, ReplayError> {
+    pub fn execute(&self) -> Result<Outcome, RecordingError> {
         let in_out = |name: &str| self.out.join(name);
         make_folder(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let file = self.ground.clone().unwrap_or_else(|| in_out("terrain.glb"));
@@ -85,8 +85,8 @@ impl Fixture {
 ///
 /// # Errors
 /// There is no room for the whole of it, or it cannot be written there.
-pub fn write_recording(path: &Path, messages: &[Message]) -> Result<(), ReplayError> {
-    let told = |e: ReplayError| file_error(path, "room for the whole of it", &e.to_string());
+pub fn write_recording(path: &Path, messages: &[Message]) -> Result<(), RecordingError> {
+    let told = |e: RecordingError| file_error(path, "room for the whole of it", &e.to_string());
     stream(path, |e| write_error(path, &e), |file| synthetic::write_bag(messages, file).map_err(told))
 }
 
@@ -106,7 +106,7 @@ pub fn label_and_value(text: &str) -> Result<(String, f64), String> {
     Ok((label.into(), not_negative(value)?))
 }
 
-fn write(path: &Path, bytes: &[u8]) -> Result<(), ReplayError> {
+fn write(path: &Path, bytes: &[u8]) -> Result<(), RecordingError> {
     put(path, bytes).map_err(|e| write_error(path, &e))
 }
 

@@ -4,8 +4,8 @@ use crate::can_tell::Asked;
 use crate::open::open_run;
 use crate::{Outcome, RunArguments, say};
 use qv_core::JointSeries;
-use qv_replay::run::{ActuatorKind, Base, Clock, Fault, Loss, Robot, Run, Source};
-use qv_replay::{ReplayError, derive, median_interval};
+use qv_recording::run::{ActuatorKind, Base, Clock, Fault, Loss, Robot, Run, Source};
+use qv_recording::{RecordingError, derive, median_interval};
 use serde_json::{Value, json};
 
 pub const EXAMPLE: &str = "Example:\n  qv inspect walk.mcap\n  qv inspect recordings/walk_split --pose-topic /lio/odom --json\n  qv inspect walk.mcap --can-tell\n\n\
@@ -40,7 +40,7 @@ struct Row {
 }
 
 impl Inspect {
-    pub fn execute(&self) -> Result<Outcome, ReplayError> {
+    pub fn execute(&self) -> Result<Outcome, RecordingError> {
         let run = open_run(&self.run)?;
         if self.can_tell {
             let asked = Asked { run: &run, path: &self.run.run, reading: &self.run.reading, terrain: &self.terrain };

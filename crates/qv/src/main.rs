@@ -53,7 +53,7 @@ use clap::{ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand}
 use output::OutputFolder;
 use progress::Level;
 use qv_open::{foreign, ground, mesh_file};
-use qv_replay::ReplayError;
+use qv_recording::RecordingError;
 use std::ffi::OsString;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -193,10 +193,10 @@ enum Outcome {
 }
 
 /// Prints to standard output. A reader that left early, such as `head`, is no failure.
-fn say(text: &str) -> Result<(), ReplayError> {
+fn say(text: &str) -> Result<(), RecordingError> {
     match terminal::result(text) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => {
-            Err(ReplayError::Write { what: "standard output".into(), reason: e.to_string() })
+            Err(RecordingError::Write { what: "standard output".into(), reason: e.to_string() })
         }
         _ => Ok(()),
     }

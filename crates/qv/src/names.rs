@@ -5,7 +5,7 @@ use crate::open::{file_error, model_named};
 use crate::{Outcome, say};
 use qv_camera::EFFECTS;
 use qv_gap::problem::library::{self, Effect};
-use qv_replay::ReplayError;
+use qv_recording::RecordingError;
 use qv_sim::{BaseKind, Batch, ParameterInfo, SimOptions};
 use serde_json::{Value, json};
 use std::fs;
@@ -36,7 +36,7 @@ pub struct Effects {
 }
 
 impl Effects {
-    pub fn execute(&self) -> Result<Outcome, ReplayError> {
+    pub fn execute(&self) -> Result<Outcome, RecordingError> {
         let mut all = library::built_in();
         if let Some(path) = &self.library {
             let text =
@@ -106,7 +106,7 @@ pub struct Params {
 }
 
 impl Params {
-    pub fn execute(&self) -> Result<Outcome, ReplayError> {
+    pub fn execute(&self) -> Result<Outcome, RecordingError> {
         let model = model_named(&self.robot, if self.held { BaseKind::Fixed } else { BaseKind::Floating })?;
         let terrain = terrain_of(&self.terrain)?;
         let simulator = Batch::<f32>::new(&model, &terrain, &SimOptions::default(), 1)

@@ -10,9 +10,11 @@ use qv_gap::decision::evidence::Evidence;
 use qv_gap::next::{Hypothesis, Proposal, hypotheses, next};
 use qv_gap::{Options, Progress, diagnose};
 use qv_go2::synthetic::{Message, write_bag};
-use qv_replay::replay::{Recorded, Trace, write_traces};
-use qv_replay::run::Robot;
-use qv_replay::{ReplayError, Run};
+use qv_replay::{Recorded, write_traces};
+
+use qv_recording::run::Robot;
+use qv_recording::{RecordingError, Run};
+use qv_rollout::Trace;
 use qv_sim::{Model, Terrain};
 use serde_json::json;
 use std::fmt::Write;
@@ -52,7 +54,7 @@ pub struct Next {
 }
 
 impl Next {
-    pub fn execute(&self) -> Result<Outcome, ReplayError> {
+    pub fn execute(&self) -> Result<Outcome, RecordingError> {
         let mut run = open_run(&self.run)?;
         let model = model_of(&run, &self.run.run, self.run.reading.robot.as_deref())?;
         let terrain = terrain_of(&self.terrain)?;
@@ -86,7 +88,7 @@ impl Next {
         model: &Model,
         terrain: &Terrain,
         options: &Options,
-    ) -> Result<Evidence, ReplayError> {
+    ) -> Result<Evidence, RecordingError> {
         if let Some(directory) = &self.diagnosis {
             let path = directory.join("evidence.json");
             let expected = "what `qv diagnose` wrote";
@@ -109,7 +111,7 @@ impl Next {
         Ok(found.evidence)
     }
 
-    fn write(&self, proposals: &[Proposal], all: &[Hypothesis]) -> Result<(), ReplayError> {
+    fn write(&self, proposals: &[Proposal], all: &[Hypothesis]) -> Result<(), RecordingError> {
         let Some(best) = proposals.first() else { return Ok(()) };
         let at = |name: &str| self.out.join(name);
         let [list, csv, bag] = ["next.json", "commands.csv", "commands.mcap"].map(at);
@@ -196,7 +198,7 @@ fn to_csv(run: &Run) -> String {
 }
 
 /// Commands as a bag: `/lowcmd` of a Go2, and for other robots a JointState with targets.
-fn to_bag(run: &Run, out: impl std::io::Write + std::io::Seek) -> Result<(), ReplayError> {
+fn to_bag(run: &Run, out: impl std::io::Write + std::io::Seek) -> Result<(), RecordingError> {
     let Some(position) = &run.commands.position else { return Ok(()) };
     let is_go2 = matches!(&run.robot, Robot::Named(name) if name == "go2");
     if is_go2 && position.joints == 12 {
@@ -211,7 +213,7 @@ fn to_bag(run: &Run, out: impl std::io::Write + std::io::Seek) -> Result<(), Rep
         base: Vec::new(),
         joints: position.joints,
     };
-    write_traces(&[Recorded::new("command", &run.joint_names, &trace)], EPOCH, out)
+    Ok(write_traces(&[Recorded::new("command", &run.joint_names, &trace)], EPOCH, out)?)
 }
 
 fn low_commands(run: &Run) -> Vec<Message> {

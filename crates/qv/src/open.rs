@@ -9,15 +9,15 @@ pub use qv_open::{
     bag_files, beyond_range, file_error, lost_from, model_named, model_of, parameters, parameters_of, read_model,
     read_urdf, told_of, urdf_of, write_error,
 };
-use qv_replay::run::Known;
-use qv_replay::{ReplayError, Run};
+use qv_recording::run::Known;
+use qv_recording::{RecordingError, Run};
 use qv_sim::{Model, Terrain};
 
 /// Opens whatever `arguments.run` names.
 ///
 /// # Errors
 /// When there is no such file, or nothing usable in it.
-pub fn open_run(arguments: &RunArguments) -> Result<Run, ReplayError> {
+pub fn open_run(arguments: &RunArguments) -> Result<Run, RecordingError> {
     let asked = arguments.reading.clone();
     let reading = Reading { pose_topic: asked.pose_topic, robot: asked.robot, namespace: asked.namespace };
     let bar = progress(0, "reading");
@@ -37,16 +37,16 @@ pub fn progress(total: u64, what: &'static str) -> ProgressBar {
     bar.with_style(style).with_message(what)
 }
 
-/// Finds gains that are stated as unknown (see [`qv_replay::replay::find_gains`]), with a sign of life.
+/// Finds gains that are stated as unknown (see [`qv_replay::find_gains`]), with a sign of life.
 pub fn find_gains(
     runs: &mut [Run],
     model: &Model,
     terrain: &Terrain,
     parameters: &[(String, f64)],
-) -> Result<(), ReplayError> {
+) -> Result<(), RecordingError> {
     let is_unknown = |run: &Run| run.actuator.gains.contains(&Known::Unknown);
     let bar = runs.iter().any(is_unknown).then(|| spinner("finding the gains"));
-    qv_replay::replay::find_gains(runs, model, terrain, parameters)?;
+    qv_replay::find_gains(runs, model, terrain, parameters)?;
     bar.iter().for_each(ProgressBar::finish_and_clear);
     Ok(())
 }

@@ -10,9 +10,11 @@ use crate::output::{make_folder, put, stream};
 use crate::provenance::provenance;
 use crate::terminal::print_message;
 use crate::{Outcome, RunArguments, say};
-use qv_replay::derive::joint_velocity;
-use qv_replay::replay::{Lag, ReplayOptions, layout, to_html, to_json, verdict, write_mcap};
-use qv_replay::{ReplayError, Run};
+use qv_recording::derive::joint_velocity;
+use qv_recording::lag::Lag;
+
+use qv_recording::{RecordingError, Run};
+use qv_replay::{ReplayOptions, layout, to_html, to_json, verdict, write_mcap};
 use qv_sim::Model;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -47,7 +49,7 @@ pub struct Replay {
 }
 
 impl Replay {
-    pub fn execute(&self) -> Result<Outcome, ReplayError> {
+    pub fn execute(&self) -> Result<Outcome, RecordingError> {
         let mut run = open_run(&self.run)?;
         let model = model_of(&run, &self.run.run, self.run.reading.robot.as_deref())?;
         let terrain = terrain_of(&self.terrain)?;
@@ -60,7 +62,7 @@ impl Replay {
         let bar = spinner("simulating");
         find_gains(slice::from_mut(&mut run), &model, &terrain, &options.parameters)?;
         let clock = Instant::now();
-        let replay = qv_replay::replay::replay(&run, &model, &terrain, &options)?;
+        let replay = qv_replay::replay(&run, &model, &terrain, &options)?;
         let factor = replay.simulated / clock.elapsed().as_secs_f64();
         bar.finish_and_clear();
         let mut report = to_json(&replay, factor);
@@ -86,10 +88,10 @@ impl Replay {
         &self,
         run: &Run,
         model: &Model,
-        replay: &qv_replay::replay::Replay,
+        replay: &qv_replay::Replay,
         report: &Value,
         notes: &[String],
-    ) -> Result<(), ReplayError> {
+    ) -> Result<(), RecordingError> {
         let failed = |name: &str, e: std::io::Error| write_error(&self.out.join(name), &e);
         make_folder(&self.out).map_err(|e| failed("", e))?;
         put(&self.out.join("replay.json"), format!("{report:#}\n")).map_err(|e| failed("replay.json", e))?;
@@ -97,7 +99,7 @@ impl Replay {
         let html = to_html(replay, &title, notes);
         put(&self.out.join("replay.html"), html).map_err(|e| failed("replay.html", e))?;
         let path = self.out.join("replay.mcap");
-        let told = |e: ReplayError| file_error(&path, "room for the whole of it", &e.to_string());
+        let told = |e: qv_replay::ReplayError| file_error(&path, "room for the whole of it", &e.to_string());
         stream(&path, |e| failed("replay.mcap", e), |file| write_mcap(replay, model, run.epoch, file).map_err(told))?;
         let arranged = format!("{:#}\n", layout(replay));
         put(&self.out.join("replay.layout.json"), arranged).map_err(|e| failed("replay.layout.json", e))
@@ -105,7 +107,7 @@ impl Replay {
 }
 
 /// Every part of the input that the replay did without.
-fn lost(run: &Run, model: &Model, replay: &qv_replay::replay::Replay) -> Vec<String> {
+fn lost(run: &Run, model: &Model, replay: &qv_replay::Replay) -> Vec<String> {
     let mut lost = lost_from(run);
     let others = run.joint_names.iter().enumerate().filter(|(_, name)| !model.joint_names().contains(name));
     lost.extend(others.map(|(j, name)| format!("joint {name} of the recording: {}", why_unused(run, j, model))));
@@ -131,7 +133,7 @@ fn why_unused(run: &Run, joint: usize, model: &Model) -> &'static str {
 }
 
 /// What a reader of the numbers should know: what was lost, derived, left out.
-fn notes(run: &Run, told: &[String], replay: &qv_replay::replay::Replay) -> Vec<String> {
+fn notes(run: &Run, told: &[String], replay: &qv_replay::Replay) -> Vec<String> {
     let mut notes: Vec<String> = told.iter().map(|t| format!("{t}.")).collect();
     notes.extend(run.lost.iter().map(|l| format!("Lost from {}: {}.", l.file, l.what)));
     notes.extend(
@@ -149,7 +151,7 @@ fn notes(run: &Run, told: &[String], replay: &qv_replay::replay::Replay) -> Vec<
     notes
 }
 
-fn summary(replay: &qv_replay::replay::Replay, notes: &[String], factor: f64) -> String {
+fn summary(replay: &qv_replay::Replay, notes: &[String], factor: f64) -> String {
     let (whole, windows) = (&replay.errors, &replay.window_errors);
     let mut text = String::from(
         "                         position rms        velocity    torque     lag behind     lag behind\n\

@@ -1,8 +1,8 @@
 //! `qv robots`: whose messages are known.
 
 use crate::{Outcome, say};
-use qv_replay::ReplayError;
-use qv_replay::robots::{ModelSource, RobotFile, built_in, names};
+use qv_recording::RecordingError;
+use qv_recording::robots::{ModelSource, RobotFile, built_in, names};
 use serde_json::json;
 
 pub const EXAMPLE: &str = "Example:\n  qv robots\n  qv replay walk.mcap --robot b2.toml --out out/walk\n\n\
@@ -17,7 +17,7 @@ pub struct Robots {
 }
 
 impl Robots {
-    pub fn execute(&self) -> Result<Outcome, ReplayError> {
+    pub fn execute(&self) -> Result<Outcome, RecordingError> {
         let all: Vec<RobotFile> = names().filter_map(built_in).collect();
         if self.json {
             let all: Vec<serde_json::Value> = all.iter().map(to_json).collect();
@@ -56,7 +56,7 @@ fn lines(robot: &RobotFile) -> String {
 }
 
 fn to_json(robot: &RobotFile) -> serde_json::Value {
-    let stream = |s: &qv_replay::mapping::StreamMapping| {
+    let stream = |s: &qv_recording::mapping::StreamMapping| {
         let types: Vec<&String> = s.messages.iter().map(|m| &m.name).collect();
         json!({"role": s.role, "topic": s.preferred_topic, "endings": s.endings, "types": types})
     };

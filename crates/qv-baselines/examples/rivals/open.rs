@@ -1,8 +1,10 @@
 //! A recording, its robot and its ground from disk.
 
-use qv_replay::robots::{self, ModelSource};
-use qv_replay::run::{Base, Robot};
-use qv_replay::{BagFile, Run, limits};
+use qv_recording::robots;
+
+use qv_recording::robots::ModelSource;
+use qv_recording::run::{Base, Robot};
+use qv_recording::{BagFile, Run, limits};
 use qv_sim::mjcf::is_mjcf;
 use qv_sim::{BaseKind, Model, ModelOptions, Terrain};
 use std::error::Error;
@@ -23,16 +25,16 @@ pub fn run(path: &Path) -> Result<Run, Box<dyn Error>> {
     }
     let source = BufReader::new(File::open(path).map_err(|e| format!("{}: {e}", path.display()))?);
     let file = BagFile { name: path.display().to_string(), source };
-    Ok(qv_replay::read_bag_of([file], &robots::told_by_messages(), None)?)
+    Ok(qv_recording::read_bag_of([file], &robots::told_by_messages(), None)?)
 }
 
 fn table(folder: &Path) -> Result<Run, Box<dyn Error>> {
     let description = text(&folder.join("run.toml"))?;
-    let robot = qv_replay::robot_of(&description)?;
+    let robot = qv_recording::robot_of(&description)?;
     let mapping = robots::built_in(&robot).map(|r| r.mapping).filter(|m| !m.joint_names.is_empty());
     let urdf = if mapping.is_none() { Some(text(&folder.join(&robot))?) } else { None };
     let csv = File::open(folder.join("run.csv")).map_err(|e| format!("{}: {e}", folder.display()))?;
-    Ok(qv_replay::read_table(BufReader::new(csv), &description, urdf.as_deref(), mapping.as_ref())?)
+    Ok(qv_recording::read_table(BufReader::new(csv), &description, urdf.as_deref(), mapping.as_ref())?)
 }
 
 fn text(path: &Path) -> Result<String, Box<dyn Error>> {
@@ -74,7 +76,7 @@ pub fn model(run: &Run, path: &Path, robot: Option<&Path>) -> Result<Model, Box<
             model = read(&held)?;
         }
     }
-    qv_replay::imu::in_trunk_axes(&mut model);
+    qv_recording::imu::in_trunk_axes(&mut model);
     if !is_built_in {
         limits::lift(run, &mut model);
     }

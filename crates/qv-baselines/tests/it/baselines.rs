@@ -5,10 +5,10 @@ use crate::recorded::{go2, recorded};
 use qv_baselines::{Baselines, baselines};
 use qv_gap::Options;
 use qv_gap::inference::linearised::NullOptions;
-use qv_gap::problem::WindowOptions;
 use qv_gap::problem::library;
 use qv_go2::synthetic;
-use qv_replay::Run;
+use qv_recording::Run;
+use qv_rollout::WindowOptions;
 use qv_sim::Terrain;
 use std::sync::Mutex;
 
@@ -79,6 +79,6 @@ fn runs_that_are_missing_or_too_short_are_refused_by_name() {
         baselines(runs, &go2(), &Terrain::plane(), &quick(), FEW_STEPS).err().map(|e| e.to_string()).unwrap()
     };
     assert!(refused(&[]).states("least"));
-    let short = qv_gap::problem::features::snippet(&recorded(Vec::new(), 5), 0.0, 1.5);
+    let short = qv_rollout::features::snippet(&recorded(Vec::new(), 5), 0.0, 1.5);
     assert!(refused(&[short]).states("windows 8"));
 }

@@ -2,13 +2,15 @@
 
 use crate::strips::{go2, mesh, prepared, run};
 use qv_contact::measured::{Recording, TICK, difference, heading};
+use qv_contact::simulate::Simulator;
 use qv_contact::{Ground, segments, windows};
-use qv_replay::replay::SensorErrors;
 
 #[test]
 fn feet_stand_where_the_robot_is_and_slip_on_ice() {
     let (model, ground) = (go2(), Ground::new(&mesh()).unwrap());
-    let recording = Recording::new(run(), &model, &ground, &SensorErrors::default()).unwrap();
+    let terrain = ground.terrain(&[0.6, 0.6]).unwrap();
+    let simulator = Simulator::new(run(), &model, &terrain, &[]).unwrap();
+    let recording = Recording::new(run(), simulator.rollout(), &ground).unwrap();
     let [first, last] = run().span();
     let ticks = ((last - first) / TICK).floor() as usize;
     assert!((ticks - 6..=ticks).contains(&recording.instants.len()), "{} of {ticks}", recording.instants.len());

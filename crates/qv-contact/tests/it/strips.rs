@@ -6,7 +6,7 @@ use qv_contact::measured::Recording;
 use qv_contact::simulate::Simulator;
 use qv_core::{Material, TriangleMesh};
 use qv_go2::synthetic::{self, Robot};
-use qv_replay::{BagFile, Run};
+use qv_recording::{BagFile, Run};
 use qv_sim::{BaseKind, Model, ModelOptions, Terrain};
 use std::io::Cursor;
 use std::sync::OnceLock;
@@ -45,15 +45,15 @@ pub fn run() -> &'static Run {
         synthetic::write_bag(&messages, &mut bytes).unwrap();
         bytes.set_position(0);
         let files = vec![BagFile { name: "strips".into(), source: bytes }];
-        qv_replay::read_bag(files, &qv_go2::wire::mapping(None)).unwrap()
+        qv_recording::read_bag(files, &qv_go2::wire::mapping(None)).unwrap()
     })
 }
 
 /// The recording prepared, and a simulator of the ground with the given frictions.
-pub fn prepared<'a>(model: &'a Model, ground: &Ground, frictions: &[f64]) -> (Simulator<'a>, Vec<Recording>) {
+pub fn prepared<'a>(model: &'a Model, ground: &Ground, frictions: &[f64]) -> (Simulator<'a>, Vec<Recording<'static>>) {
     let terrain = ground.terrain(frictions).unwrap();
-    let mut simulator = Simulator::new(run(), model, &terrain, &ground.labels(), &[]).unwrap();
-    let recordings = vec![Recording::new(run(), model, ground, &simulator.errors).unwrap()];
+    let mut simulator = Simulator::new(run(), model, &terrain, &[]).unwrap();
+    let recordings = vec![Recording::new(run(), simulator.rollout(), ground).unwrap()];
     simulator.settle(&recordings[0]).unwrap();
     (simulator, recordings)
 }

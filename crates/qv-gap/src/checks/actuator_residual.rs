@@ -7,8 +7,8 @@ use crate::findings::or_nan;
 use crate::inference::gaussian_evidence::Marginal;
 use crate::inference::linearised::LinearisedProblem;
 use crate::inference::search::fitted;
-use crate::rollout::actuator_model;
 use nalgebra::DVector;
+use qv_rollout::law;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -37,13 +37,13 @@ pub fn actuator_residuals(study: &LinearisedProblem) -> Vec<ActuatorResidual> {
         let most = finite.iter().copied().fold(0.0, f64::max);
         ActuatorResidual { joint, ratio: here[k] / mean, by_chance: most / mean }
     };
-    study.problem.law_joints.iter().enumerate().map(left).collect()
+    study.rollout.law_joints.iter().enumerate().map(left).collect()
 }
 
 /// Mean squares of the laws' residuals of a recording by joint, with its own best deviations.
 fn squares(study: &LinearisedProblem, marginal: &Marginal, residuals: &[Option<&DVector<f64>>]) -> Vec<f64> {
-    let bins = actuator_model::bins(&study.problem);
-    let joints = study.problem.law_joints.len();
+    let bins = law::bins(&study.rollout);
+    let joints = study.rollout.law_joints.len();
     let (mut sums, mut count) = (vec![0.0; joints], 0.0);
     for left in study.without_deviations(marginal, residuals, fitted).iter().flatten() {
         // The features of the laws are the last ones.

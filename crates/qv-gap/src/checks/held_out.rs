@@ -6,11 +6,11 @@ use crate::inference::gaussian_evidence::Normal;
 use crate::inference::level::mean;
 use crate::inference::linearised::{LinearisedProblem, LinearisedWindow};
 use crate::inference::search::held_out;
-use crate::problem::Overrides;
-use crate::problem::features::Channel;
-use crate::rollout::actuator_model;
-use crate::rollout::windows::Raw;
 use qv_core::random::SplitMix64;
+use qv_rollout::Channel;
+use qv_rollout::Overrides;
+use qv_rollout::Raw;
+use qv_rollout::law;
 
 /// Resamplings of the interval.
 const RESAMPLINGS: usize = 400;
@@ -119,10 +119,9 @@ impl Closure {
 
     /// What the law of those actuators leaves that a setting changes, in units of the null, before and under it.
     pub fn actuator_residual(&self, study: &LinearisedProblem, setting: &Overrides) -> [f64; 2] {
-        let joints = &study.problem.law_joints;
-        let concerned: Vec<bool> =
-            joints.iter().map(|&j| actuator_model::concerns(&study.problem, setting, j)).collect();
-        let bins = actuator_model::bins(&study.problem);
+        let joints = &study.rollout.law_joints;
+        let concerned: Vec<bool> = joints.iter().map(|&j| law::concerns(&study.rollout, setting, j)).collect();
+        let bins = law::bins(&study.rollout);
         let squares = |w: usize, raw: &Raw| {
             let seen = &study.seen[w];
             let all = study.whitener(seen).separate(seen.index, raw).law.into_iter().enumerate();
@@ -176,12 +175,12 @@ fn share(before: f64, after: f64, floor: f64) -> f64 {
 
 /// Root mean square of the positions' residuals \[rad\].
 fn joint_rms(study: &LinearisedProblem, raws: &mut dyn Iterator<Item = &Raw>) -> f64 {
-    let bins = study.problem.cut.bins();
+    let bins = study.rollout.cut.bins();
     let (mut sum, mut count) = (0.0, 0usize);
     for raw in raws {
         let mut first = 0;
-        for &channel in &study.problem.channels {
-            let width = crate::problem::features::width(channel, bins);
+        for &channel in &study.rollout.channels {
+            let width = qv_rollout::features::width(channel, bins);
             if matches!(channel, Channel::Position(_)) {
                 sum += raw.motion[first..first + width].iter().map(|x| x * x).sum::<f64>();
                 count += width;

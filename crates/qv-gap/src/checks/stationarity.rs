@@ -67,7 +67,7 @@ pub fn fading(
             along[EXTRA + column] = value / (columns.columns[column].value - columns.units[unit].absent);
         }
     }
-    let window = study.problem.cut.window;
+    let window = study.rollout.cut.window;
     let is_beside = |s: &LinearisedWindow| s.window.start >= time[1] || s.window.start + window <= time[0];
     let is_inside = |s: &&LinearisedWindow| s.window.start >= time[0] && s.window.start + window <= time[1];
     let beside = |s: &LinearisedWindow| if is_beside(s) { fitted(s) } else { 0.0 };
@@ -146,9 +146,9 @@ pub fn mean_of(
     series: &Option<JointSeries>,
     of: fn(f64) -> f64,
 ) -> f64 {
-    let column = study.problem.columns[joint];
+    let column = study.rollout.columns[joint];
     let Some(s) = series.as_ref().filter(|s| column < s.joints) else { return 0.0 };
-    let (from, to) = (seen.window.start, seen.window.start + study.problem.cut.window);
+    let (from, to) = (seen.window.start, seen.window.start + study.rollout.cut.window);
     let (first, last) = (s.time.partition_point(|&t| t < from), s.time.partition_point(|&t| t <= to));
     let all: Vec<f64> = (first..last).map(|i| s.values[i * s.joints + column]).filter(|x| x.is_finite()).collect();
     all.iter().map(|x| of(*x)).sum::<f64>() / all.len().max(1) as f64

@@ -23,7 +23,7 @@ impl Findings<'_> {
         Ok(Evidence {
             format: evidence::FORMAT.into(),
             is_free: self.on_feet,
-            joints: nominal.problem.model.joint_names().to_vec(),
+            joints: nominal.rollout.model.joint_names().to_vec(),
             effects: effects.collect(),
             level: self.opening.level,
             actuator_residuals: self.opening.actuator_residuals.clone(),
@@ -51,9 +51,9 @@ impl Findings<'_> {
         let setting = setting(nominal, &self.corrections);
         let alone = closure(nominal, &setting)?;
         let log_evidence = held_out_evidence(nominal, &setting)?;
-        let before = std::mem::replace(&mut nominal.problem.events, self.events.clone());
+        let before = std::mem::replace(&mut nominal.rollout.events, self.events.clone());
         let with_events = if self.events.is_empty() { alone.closed() } else { closure(nominal, &setting)?.closed() };
-        nominal.problem.events = before;
+        nominal.rollout.events = before;
         let (fall, error) = alone.fall(false);
         Ok(Closed {
             loss: [mean(&alone.before), mean(&alone.after)],

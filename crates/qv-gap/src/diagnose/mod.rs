@@ -23,14 +23,23 @@ use crate::inference::search::Fit;
 use crate::null::reference;
 use crate::problem::columns::{Columns, Extent, Group};
 use crate::problem::library::{self, Effect};
-use crate::problem::{Event, Overrides, Problem, WindowOptions, data_quality, one_robot, origin};
+use crate::problem::{data_quality, one_robot, origin, rollout_of};
 use crate::report::{
     CanTell, attribution, can_tell, figures, figures::Figures, leads, narrative, residual_factors, together,
 };
 use crate::report::{
     Cause, Correction, FORMAT, Report, RoundSummary, Stage, Timing, UNKNOWN, Unexplained, Verdict, Where,
 };
-use qv_replay::{Run, conventions::read_in_ours, frozen::without_frozen, gaps::without_gaps, stale::without_stale};
+use qv_recording::Run;
+use qv_rollout::{Event, Overrides, Rollout, WindowOptions};
+
+use qv_recording::conventions::read_in_ours;
+
+use qv_recording::frozen::without_frozen;
+
+use qv_recording::gaps::without_gaps;
+
+use qv_recording::stale::without_stale;
 use qv_sim::{Model, Terrain};
 
 /// How to diagnose.
@@ -103,7 +112,7 @@ impl Accused {
     /// The same as something that acts on the robot of a study.
     fn event(&self, study: &LinearisedProblem) -> Option<Event> {
         let time = self.time()?;
-        let setting = study.columns.setting_of(&study.problem, std::slice::from_ref(&self.fit.suspect));
+        let setting = study.columns.setting_of(&study.rollout, std::slice::from_ref(&self.fit.suspect));
         Some(Event { setting, time })
     }
 }
@@ -144,7 +153,7 @@ pub fn diagnose(
     let findings = session.follow(&mut nominal, round, &options.without, &opening, &cannot_tell)?;
     let (mut report, evidence) = findings.report(&mut session, &mut nominal, begun)?;
     report.can_tell = can_tell;
-    if nominal.problem.on_legs {
+    if nominal.rollout.on_legs {
         let beside = narrative::beside_verdict(&report.causes);
         report.sentence = [vec![report.sentence], beside].concat().join(" ");
     }
@@ -285,9 +294,9 @@ impl<'a> Session<'a> {
 
     /// The study of the robot of which nothing is said yet.
     fn nominal(&mut self, cannot_tell: &[String]) -> Result<LinearisedProblem<'a>, GapError> {
-        let (problem, columns) = self.robot(&[], &[]).map_err(|e| e.beside(cannot_tell))?;
-        columns.check(&problem)?;
-        drop((problem, columns));
+        let (rollout, columns) = self.robot(&[], &[]).map_err(|e| e.beside(cannot_tell))?;
+        columns.check(&rollout)?;
+        drop((rollout, columns));
         self.calibrate()?;
         self.study(&[], &[]).map_err(|e| e.beside(cannot_tell))
     }
@@ -319,8 +328,8 @@ impl<'a> Session<'a> {
         let (reference, Options { given, cut, library, .. }) = (self.reference, self.options);
         let Some(first) = reference.first() else { return Ok(()) };
         self.begin(progress::REFERENCE);
-        let problem = Problem::new(first, self.model, self.terrain, given, *cut)?;
-        self.calibrated = reference::calibrate(&problem, reference, library)?;
+        let rollout = rollout_of(first, self.model, self.terrain, given, *cut)?;
+        self.calibrated = reference::calibrate(&rollout, reference, library)?;
         let seconds = self.now() - self.since;
         self.stages_s.last_mut().into_iter().for_each(|s| *s = seconds);
         Ok(())
@@ -329,9 +338,9 @@ impl<'a> Session<'a> {
     /// A study of the robot as it is said to be so far, with what is said to have acted on it.
     fn study(&mut self, corrections: &[Correction], events: &[Event]) -> Result<LinearisedProblem<'a>, GapError> {
         self.begin(progress::STUDY);
-        let (problem, columns) = self.robot(corrections, events)?;
+        let (rollout, columns) = self.robot(corrections, events)?;
         let effort = &self.options.effort;
-        let mut study = LinearisedProblem::new(problem, columns, &self.runs, self.reference, effort)?;
+        let mut study = LinearisedProblem::new(rollout, columns, &self.runs, self.reference, effort)?;
         if !self.ablated.is_empty() {
             study.ablate(&closed_to(&study, &self.ablated));
         }
@@ -351,8 +360,8 @@ impl<'a> Session<'a> {
         if !is_moved {
             return Ok(study);
         }
-        let (problem, columns) = self.robot(&findings.corrections, &findings.events)?;
-        match study.moved(problem, columns)? {
+        let (rollout, columns) = self.robot(&findings.corrections, &findings.events)?;
+        match study.moved(rollout, columns)? {
             Some(study) => {
                 self.end(&study);
                 Ok(study)
@@ -365,13 +374,13 @@ impl<'a> Session<'a> {
     }
 
     /// The robot as it is said to be so far.
-    fn robot(&self, corrections: &[Correction], events: &[Event]) -> Result<(Problem<'a>, Columns), GapError> {
+    fn robot(&self, corrections: &[Correction], events: &[Event]) -> Result<(Rollout<'a>, Columns), GapError> {
         let mut given = self.options.given.clone();
         given.extend(self.calibrated.iter().chain(corrections).map(|c| (c.parameter.clone(), c.value)));
-        let mut problem = Problem::new(&self.runs[0], self.model, self.terrain, &given, self.options.cut)?;
-        problem.events = events.to_vec();
-        let columns = Columns::new(&problem, &self.runs[0], &self.options.library)?;
-        Ok((problem, columns))
+        let mut rollout = rollout_of(&self.runs[0], self.model, self.terrain, &given, self.options.cut)?;
+        rollout.events = events.to_vec();
+        let columns = Columns::new(&rollout, &self.runs[0], &self.options.library)?;
+        Ok((rollout, columns))
     }
 
     /// Accuses what the first round found, puts the calibrated simulator through the test again, and so on.
@@ -389,7 +398,7 @@ impl<'a> Session<'a> {
             rounds: vec![first],
             corrections: Vec::new(),
             events: Vec::new(),
-            on_feet: nominal.problem.free,
+            on_feet: nominal.rollout.free,
             opening: opening.clone(),
             cannot_tell: cannot_tell.to_vec(),
             cannot_show: narrative::cannot_show(nominal, &self.runs[0], &self.options.library),
@@ -469,14 +478,14 @@ impl<'a> Session<'a> {
         let group = study.columns.groups[fit.suspect.group].clone();
         let effect = study.columns.effects[group.effect].clone();
         let told = attribution::as_told(study, &fit.suspect);
-        let setting = study.columns.setting_of(&study.problem, std::slice::from_ref(&told));
+        let setting = study.columns.setting_of(&study.rollout, std::slice::from_ref(&told));
         let alone = closure(study, &setting)?;
         let corrections = setting
             .iter()
             .map(|&(id, value)| {
-                let info = &study.problem.catalogue[id];
+                let info = &study.rollout.catalogue[id];
                 let nominal =
-                    before.iter().find(|c| c.parameter == info.name).map_or(study.problem.nominal[id], |c| c.nominal);
+                    before.iter().find(|c| c.parameter == info.name).map_or(study.rollout.nominal[id], |c| c.nominal);
                 Correction { parameter: info.name.clone(), value, nominal, unit: info.unit.into() }
             })
             .collect();
@@ -519,7 +528,7 @@ fn merge(all: &mut Vec<Correction>, new: &[Correction]) {
 /// Corrections as the setting of a study.
 fn setting(study: &LinearisedProblem, corrections: &[Correction]) -> Overrides {
     let mut setting: Overrides =
-        corrections.iter().filter_map(|c| study.problem.parameter(&c.parameter).map(|id| (id, c.value))).collect();
+        corrections.iter().filter_map(|c| study.rollout.parameter(&c.parameter).map(|id| (id, c.value))).collect();
     setting.sort_by_key(|s| s.0);
     setting
 }
@@ -595,7 +604,7 @@ impl Findings<'_> {
             self.events.clear();
         }
         let setting = setting(nominal, &self.corrections);
-        let before = std::mem::replace(&mut nominal.problem.events, self.events.clone());
+        let before = std::mem::replace(&mut nominal.rollout.events, self.events.clone());
         let (after, closed) = (closure(nominal, &setting)?, closed_in_fit(nominal, &setting)?);
         session.end(nominal);
         for accused in &mut self.accused {
@@ -650,14 +659,14 @@ impl Findings<'_> {
         }
         if let Some((level, effect)) = too_far {
             let policy = &session.options.policy;
-            let most = if nominal.problem.free { policy.unexplained_beside } else { policy.quiet_enough };
+            let most = if nominal.rollout.free { policy.unexplained_beside } else { policy.quiet_enough };
             next.push(format!(
                 "Not accused: {effect}: with it the recording is {level:.1} times as far from the simulator as noise and tolerances explain; \
                  beside something unknown a cause is told up to {most}."
             ));
         }
         let Figures { heat_map, floor_plan, curves, traces } = figures::all(nominal, &setting)?;
-        nominal.problem.events = before;
+        nominal.rollout.events = before;
         self.keep_largest_event();
         self.corrections = merged(&session.calibrated, &self.corrections);
         let runtime_s = session.now() - begun;

@@ -53,16 +53,16 @@ impl Accused {
             *value = if effect.absolute { *found } else { *value + found };
         }
         self.fit.deviations.clone_from(&fit.deviations);
-        let setting = study.columns.setting_of(&study.problem, std::slice::from_ref(&fit.suspect));
+        let setting = study.columns.setting_of(&study.rollout, std::slice::from_ref(&fit.suspect));
         for (id, value) in setting {
-            let name = &study.problem.catalogue[id].name;
+            let name = &study.rollout.catalogue[id].name;
             match self.corrections.iter_mut().find(|c| c.parameter == *name) {
                 Some(correction) => correction.value = value,
                 None => self.corrections.push(Correction {
                     parameter: name.clone(),
                     value,
-                    nominal: study.problem.nominal[id],
-                    unit: study.problem.catalogue[id].unit.into(),
+                    nominal: study.rollout.nominal[id],
+                    unit: study.rollout.catalogue[id].unit.into(),
                 }),
             }
         }

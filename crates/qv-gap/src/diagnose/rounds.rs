@@ -61,7 +61,7 @@ pub fn round(
     let candidates = fits.iter().map(candidate).collect();
     let mut round = Round { level, excess, is_first, candidates, accused: Vec::new(), after: None };
     look(study, &fits, &mut round.candidates, policy)?;
-    let judgement = Judge::new(policy, &round, study.problem.free).judge();
+    let judgement = Judge::new(policy, &round, study.rollout.free).judge();
     round.accused = judgement.accused;
     Ok(Found { round, fits, reason: judgement.reason })
 }
@@ -96,7 +96,7 @@ fn look(
     candidates: &mut [Candidate],
     policy: &Policy,
 ) -> Result<(), GapError> {
-    let least = if study.problem.free { policy.least_event } else { policy.least_held_event };
+    let least = if study.rollout.free { policy.least_event } else { policy.least_held_event };
     let mut looked_at = [0; 2];
     for (fit, candidate) in fits.iter().zip(candidates) {
         if candidate.time().is_some_and(|[from, until]| until - from < least) {
@@ -112,7 +112,7 @@ fn look(
 }
 
 fn held_out_of(study: &mut LinearisedProblem, fit: &Fit) -> Result<HeldOut, GapError> {
-    let setting = study.columns.setting_of(&study.problem, std::slice::from_ref(&fit.suspect));
+    let setting = study.columns.setting_of(&study.rollout, std::slice::from_ref(&fit.suspect));
     let closure = closure(study, &setting)?;
     let pair = |(fall, error): (f64, f64)| [fall, error];
     let is_event = matches!(fit.suspect.extent, Some(Extent::Time(_)));

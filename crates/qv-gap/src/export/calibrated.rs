@@ -5,7 +5,7 @@ use crate::report::{Cause, Correction, Report};
 use std::fmt::Write;
 
 /// The corrections of a report as TOML text: numbers under their parameter names in a table `parameters`, each with its
-/// value before, unit and cause in a comment. `qv_replay::replay::parameters_from_toml` reads it back bit by bit.
+/// value before, unit and cause in a comment. `qv_rollout::parameters_from_toml` reads it back bit by bit.
 /// Corrections that are not finite are named in a comment and left out.
 pub fn to_toml(report: &Report) -> String {
     let library = built_in();

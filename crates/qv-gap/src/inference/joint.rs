@@ -239,7 +239,7 @@ impl Search<'_, '_> {
     /// Simulates the robot with each of `values`.
     fn points(&mut self, layout: &Layout, values: Vec<DVector<f64>>) -> Result<Vec<Point>, GapError> {
         let windows = self.windows.clone();
-        let of = |v| self.columns().setting_of(&self.study.problem, &layout.suspects(v));
+        let of = |v| self.columns().setting_of(&self.study.rollout, &layout.suspects(v));
         let settings: Vec<_> = values.iter().map(of).collect();
         let all = self.study.raw_vectors(&settings, &windows)?;
         let point = |(values, residuals): (DVector<f64>, Residuals)| {

@@ -44,7 +44,7 @@ pub fn level_outside(study: &LinearisedProblem, regions: &[[f64; 4]]) -> Result<
     let sums = study.nominal(fitted);
     let ratio = of(&sums) / null;
     // One that is held has no feet.
-    let quiet = if study.problem.free { quiet(study, &marginal, fitted) } else { ratio };
+    let quiet = if study.rollout.free { quiet(study, &marginal, fitted) } else { ratio };
     Ok(Level { ratio, quiet, null, count: sums.count })
 }
 

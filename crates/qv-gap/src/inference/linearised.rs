@@ -3,19 +3,19 @@
 use crate::GapError;
 use crate::inference::ablation::FORGOTTEN;
 use crate::inference::gaussian_evidence::{Marginal, Normal, Sums, sum};
+use crate::jacobian::{AT_A_TIME, Nominal, beside_law, sensitivities, with_law};
 use crate::null::reference;
 use crate::null::whitening::{Sample, Whitener};
 use crate::null::{Noise, Replicate, record};
 use crate::problem::columns::{Column, Columns, Group};
 use crate::problem::excitation::{at_rest, is_unshown};
-use crate::problem::{Numerics, Overrides, Problem, Window};
-use crate::rollout::actuator_model;
-use crate::rollout::jacobian::{AT_A_TIME, Nominal, beside_law, sensitivities, with_law};
-use crate::rollout::windows::{Raw, Residuals, Traced, compare, compare_and_trace, standing_depth};
 use nalgebra::{DMatrix, DVector};
 use qv_core::random::SplitMix64;
-use qv_replay::Run;
-use qv_replay::replay::Trace;
+use qv_recording::Run;
+use qv_rollout::Trace;
+use qv_rollout::law;
+use qv_rollout::{Numerics, Overrides, Rollout, Window};
+use qv_rollout::{Raw, Residuals, Traced, compare, compare_and_trace};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -78,13 +78,13 @@ pub struct Part {
     /// Noise of the sensors.
     pub noise: Noise,
     /// How stamps of torques lie.
-    pub alignment: actuator_model::Alignment,
+    pub alignment: law::Alignment,
 }
 
 /// See the module.
 pub struct LinearisedProblem<'a> {
     /// The robot and the ground.
-    pub problem: Problem<'a>,
+    pub rollout: Rollout<'a>,
     /// What may be suspected.
     pub columns: Columns,
     /// The windows.
@@ -120,15 +120,15 @@ impl<'a> LinearisedProblem<'a> {
     /// # Errors
     /// When the runs have too little, or the simulator refuses.
     pub fn new(
-        problem: Problem<'a>,
+        rollout: Rollout<'a>,
         columns: Columns,
         runs: &[Run],
         reference: &[Run],
         effort: &NullOptions,
     ) -> Result<Self, GapError> {
-        let replicates = vec![Vec::new(); ghosts_of(problem.free, effort)];
+        let replicates = vec![Vec::new(); ghosts_of(rollout.free, effort)];
         let mut study = Self {
-            problem,
+            rollout,
             columns,
             seen: Vec::new(),
             parts: Vec::new(),
@@ -145,13 +145,13 @@ impl<'a> LinearisedProblem<'a> {
         };
         study.tolerance = study.tolerances();
         // More recordings share the windows that one has, down to a number that still tells something.
-        study.problem.cut.most = (study.problem.cut.most / runs.len().max(1)).max(24).min(study.problem.cut.most);
+        study.rollout.cut.most = (study.rollout.cut.most / runs.len().max(1)).max(24).min(study.rollout.cut.most);
         let pool = study.pool(reference)?;
         for (index, run) in runs.iter().enumerate() {
             study.add(run, index, &pool, effort)?;
         }
         study.floor /= runs.len().max(1) as f64;
-        study.at_rest = at_rest(&study.problem, study.seen.iter().map(|s| &s.window));
+        study.at_rest = at_rest(&study.rollout, study.seen.iter().map(|s| &s.window));
         Ok(study)
     }
 
@@ -169,12 +169,12 @@ impl<'a> LinearisedProblem<'a> {
     fn pool(&mut self, reference: &[Run]) -> Result<Vec<(bool, Raw)>, GapError> {
         let mut pool = Vec::new();
         for run in reference {
-            let windows = self.problem.windows(run)?;
+            let windows = self.rollout.windows(run)?;
             let all: Vec<&Window> = windows.iter().collect();
-            let residuals = compare(&self.problem, &self.problem.numerics, &all, &[Overrides::new()])?;
+            let residuals = compare(&self.rollout, &self.rollout.numerics, &all, &[Overrides::new()])?;
             self.count(residuals.steps);
-            let alignments = vec![actuator_model::align(&self.problem, &all); all.len()];
-            let raw = with_law(&self.problem, &alignments, &all, &[Overrides::new()], residuals.values).remove(0);
+            let alignments = vec![law::align(&self.rollout, &all); all.len()];
+            let raw = with_law(&self.rollout, &alignments, &all, &[Overrides::new()], residuals.values).remove(0);
             pool.extend(windows.iter().map(|w| w.moving).zip(raw).filter(|p| !p.1.is_empty()));
         }
         reference::drop_outliers(&mut pool);
@@ -183,25 +183,25 @@ impl<'a> LinearisedProblem<'a> {
 
     /// Adds the windows of one run, with its own noise, and its own null unless there is a pool for it.
     fn add(&mut self, run: &Run, index: usize, pool: &[(bool, Raw)], effort: &NullOptions) -> Result<(), GapError> {
-        let mut windows = self.problem.windows(run)?;
+        let mut windows = self.rollout.windows(run)?;
         if index == 0 {
             // The stillest window is the first to look like standing.
             let still = windows.iter().find(|w| !w.moving).unwrap_or(&windows[0]);
-            self.problem.depth = standing_depth(&self.problem, still)?;
+            self.rollout.settle_in(still)?;
         }
-        let (problem, columns) = (&self.problem, &self.columns);
+        let (rollout, columns) = (&self.rollout, &self.columns);
         windows.iter_mut().for_each(|w| w.run = index);
-        let noise = Noise::of(run, &problem.columns);
+        let noise = Noise::of(run, &rollout.columns);
         let mut steps = 0;
-        let alignment = actuator_model::align(problem, &windows.iter().collect::<Vec<_>>());
+        let alignment = law::align(rollout, &windows.iter().collect::<Vec<_>>());
         let (Nominal { raw, traces }, sensitivities) =
-            sensitivities(problem, alignment, columns, &windows, &mut steps)?;
+            sensitivities(rollout, alignment, columns, &windows, &mut steps)?;
         let good: Vec<bool> = raw.iter().zip(&sensitivities).map(|(r, s)| !r.is_empty() && !s.is_empty()).collect();
         if good.iter().filter(|g| **g).count() < 8 {
             return Err(GapError::run("simulation", "at least 8 windows that can be simulated", "fewer"));
         }
         let (ghost_raw, (samples, deviations)) = if pool.is_empty() {
-            let (raw, deviations) = replicates(problem, columns, &windows, &noise, (effort, index), &mut steps)?;
+            let (raw, deviations) = replicates(rollout, columns, &windows, &noise, (effort, index), &mut steps)?;
             let samples = samples(&windows, &sensitivities, &raw, &deviations);
             (raw, (samples, deviations))
         } else {
@@ -220,7 +220,7 @@ impl<'a> LinearisedProblem<'a> {
         self.ghost_deviations = deviations;
         let moving: Vec<bool> = windows.iter().map(|w| w.moving).collect();
         let few = || GapError::run("simulation without an effect", "windows that do not run away", "too few");
-        let whitener = Whitener::new(problem, &samples, &moving, pool.is_empty()).ok_or_else(few)?;
+        let whitener = Whitener::new(rollout, &samples, &moving, pool.is_empty()).ok_or_else(few)?;
         let of_sample = |sample: &Sample| {
             let r = whitener.residual(sample.window, &sample.raw);
             r.norm_squared() / r.len() as f64
@@ -275,7 +275,7 @@ impl<'a> LinearisedProblem<'a> {
 
     /// Whether a group's effect is known, could show here, and is a cause.
     pub fn may_be(&self, group: &Group) -> bool {
-        let joints = self.problem.columns.len();
+        let joints = self.rollout.columns.len();
         !self.columns.effects[group.effect].nuisance
             && !self.ablated.contains(&group.effect)
             && !is_unshown(&self.columns, group, &self.at_rest, joints)
@@ -348,7 +348,7 @@ impl<'a> LinearisedProblem<'a> {
     /// When a setting has a value that means nothing.
     pub fn raw(&self, settings: &[Overrides], windows: &[usize]) -> Result<Vec<Vec<Raw>>, GapError> {
         let chosen: Vec<&Window> = windows.iter().map(|&w| &self.seen[w].window).collect();
-        let residuals = compare(&self.problem, &self.problem.numerics, &chosen, settings)?;
+        let residuals = compare(&self.rollout, &self.rollout.numerics, &chosen, settings)?;
         Ok(self.with_law(&chosen, windows, settings, residuals))
     }
 
@@ -360,7 +360,7 @@ impl<'a> LinearisedProblem<'a> {
     ) -> Result<(Vec<Raw>, Vec<Option<Trace>>), GapError> {
         let chosen: Vec<&Window> = windows.iter().map(|&w| &self.seen[w].window).collect();
         let settings = std::slice::from_ref(setting);
-        let Traced { residuals, traces } = compare_and_trace(&self.problem, &self.problem.numerics, &chosen, settings)?;
+        let Traced { residuals, traces } = compare_and_trace(&self.rollout, &self.rollout.numerics, &chosen, settings)?;
         Ok((self.with_law(&chosen, windows, settings, residuals).remove(0), traces))
     }
 
@@ -372,9 +372,9 @@ impl<'a> LinearisedProblem<'a> {
         residuals: Residuals,
     ) -> Vec<Vec<Raw>> {
         self.count(residuals.steps);
-        let alignments: Vec<actuator_model::Alignment> = chosen.iter().map(|w| self.parts[w.run].alignment).collect();
+        let alignments: Vec<law::Alignment> = chosen.iter().map(|w| self.parts[w.run].alignment).collect();
         let laws = windows.iter().map(|&w| &self.seen[w].raw.law[..]).collect();
-        beside_law(&self.problem, &alignments, (chosen, laws), settings, residuals.values)
+        beside_law(&self.rollout, &alignments, (chosen, laws), settings, residuals.values)
     }
 
     /// Sums over windows of one setting.
@@ -515,7 +515,7 @@ fn numerics(k: usize) -> Numerics {
 /// Raw residuals of windows recorded of replicates, shape `[replicates][windows]`, and their deviations in columns.
 #[allow(clippy::type_complexity)]
 fn replicates(
-    problem: &Problem,
+    rollout: &Rollout,
     columns: &Columns,
     windows: &[Window],
     noise: &Noise,
@@ -524,29 +524,29 @@ fn replicates(
 ) -> Result<(Vec<Vec<Raw>>, Vec<Vec<f64>>), GapError> {
     // What a replicate is, what it takes and what is left of it; side by side, as each alone is too little for all threads.
     let one = |k: usize| -> Result<(Vec<Raw>, Vec<f64>, usize), GapError> {
-        let (mut setting, of_columns) = draw(problem, columns, effort.seed, k as u64);
-        other_contact(problem, &mut setting, effort.seed, k as u64);
+        let (mut setting, of_columns) = draw(rollout, columns, effort.seed, k as u64);
+        other_contact(rollout, &mut setting, effort.seed, k as u64);
         // The robot is the same in all runs, the noise is not.
         let seed = effort.seed.wrapping_add(977 * k as u64 + 31 * run as u64);
         let replicate = Replicate { setting, numerics: numerics(k), seed, ground_error: effort.ground_error };
-        let recorded = record(problem, windows, noise, std::slice::from_ref(&replicate))?.remove(0);
-        let ticks = ((problem.cut.window + 2.0 * problem.cut.margin) / replicate.numerics.timestep) as usize;
+        let recorded = record(rollout, windows, noise, std::slice::from_ref(&replicate))?.remove(0);
+        let ticks = ((rollout.cut.window + 2.0 * rollout.cut.margin) / replicate.numerics.timestep) as usize;
         let mut steps = windows.len() * ticks;
         let (at, whole): (Vec<usize>, Vec<&Window>) =
             recorded.iter().enumerate().filter_map(|(w, r)| r.as_ref().map(|r| (w, r))).unzip();
         let mut raw = vec![Raw::default(); windows.len()];
         if !whole.is_empty() {
-            let residuals = compare(problem, &problem.numerics, &whole, &[Overrides::new()])?;
+            let residuals = compare(rollout, &rollout.numerics, &whole, &[Overrides::new()])?;
             steps += residuals.steps;
-            let alignment = actuator_model::align(problem, &whole);
-            let found = with_law(problem, &vec![alignment; whole.len()], &whole, &[Overrides::new()], residuals.values)
+            let alignment = law::align(rollout, &whole);
+            let found = with_law(rollout, &vec![alignment; whole.len()], &whole, &[Overrides::new()], residuals.values)
                 .remove(0);
             at.into_iter().zip(found).for_each(|(w, r)| raw[w] = r);
         }
         Ok((raw, of_columns, steps))
     };
     let found: Vec<_> =
-        (0..ghosts_of(problem.free, effort)).into_par_iter().map(one).collect::<Result<_, GapError>>()?;
+        (0..ghosts_of(rollout.free, effort)).into_par_iter().map(one).collect::<Result<_, GapError>>()?;
     let (mut all, mut deviations) = (Vec::new(), Vec::new());
     for (raw, of_columns, taken) in found {
         all.push(raw);
@@ -557,21 +557,21 @@ fn replicates(
 }
 
 /// Contact as other engines have it: what they call stiff differs by factors.
-fn other_contact(problem: &Problem, setting: &mut Overrides, seed: u64, stream: u64) {
+fn other_contact(rollout: &Rollout, setting: &mut Overrides, seed: u64, stream: u64) {
     let mut random = SplitMix64::of(seed, 5000 + stream);
     for (name, spread, range) in
         [("contact.time_constant", 0.5, (0.003, 0.016)), ("contact.damping_ratio", 0.3, (0.4, 2.0))]
     {
         let factor = random.normal(spread).exp();
-        let Some(id) = problem.parameter(name).filter(|_| !problem.terrain.is_none()) else { continue };
+        let Some(id) = rollout.parameter(name).filter(|_| !rollout.terrain.is_none()) else { continue };
         setting.retain(|s| s.0 != id);
-        setting.push((id, (problem.nominal[id] * factor).clamp(range.0, range.1)));
+        setting.push((id, (rollout.nominal[id] * factor).clamp(range.0, range.1)));
     }
     setting.sort_by_key(|s| s.0);
 }
 
 /// Deviations that any robot has: a setting, and the same in columns.
-fn draw(problem: &Problem, columns: &Columns, seed: u64, stream: u64) -> (Overrides, Vec<f64>) {
+fn draw(rollout: &Rollout, columns: &Columns, seed: u64, stream: u64) -> (Overrides, Vec<f64>) {
     let mut random = SplitMix64::of(seed, 1 + stream);
     let (mut values, mut of_columns) = (Vec::new(), Vec::new());
     for column in &columns.columns[..columns.tolerated] {
@@ -585,7 +585,7 @@ fn draw(problem: &Problem, columns: &Columns, seed: u64, stream: u64) -> (Overri
         values.push((column.unit, unit.absent + deviation));
         of_columns.push(deviation / step);
     }
-    (columns.setting(problem, &values), of_columns)
+    (columns.setting(rollout, &values), of_columns)
 }
 
 /// Features of replicates with what their deviations do taken away: noise and numerics alone.

@@ -8,10 +8,10 @@ use crate::inference::regions::never_left;
 use crate::inference::regions::{Outline, around, overlap, rectangles, up_to_feet, whole_and_halves};
 use crate::inference::search::{Base, Fit, RAN_AWAY, Search, direction, fitted};
 use crate::inference::short_windows::feet;
-use crate::problem::Overrides;
 use crate::problem::columns::{Column, Extent, Suspect};
 use nalgebra::{DMatrix, DVector};
 use qv_core::statistics::median;
+use qv_rollout::Overrides;
 use rayon::prelude::*;
 
 /// Frictions that the ground is asked for.
@@ -158,7 +158,7 @@ impl Search<'_, '_> {
         let Some((deviations, share)) = self.sound(base) else { return Vec::new() };
         let dispersion = (self.dispersion * share).max(1.0);
         let mut left = self.left(base, &deviations);
-        let length = self.study.problem.cut.window;
+        let length = self.study.rollout.cut.window;
         for (part, &w) in left.iter_mut().zip(&self.windows) {
             let start = self.study.seen[w].window.start;
             let during =
@@ -182,7 +182,7 @@ impl Search<'_, '_> {
         without: &[usize],
     ) -> Vec<(f64, usize, usize, Suspect)> {
         let columns = self.columns();
-        let length = self.study.problem.cut.window;
+        let length = self.study.rollout.cut.window;
         let start = |k: usize| self.study.seen[self.windows[k]].window.start;
         let of_group = |group: usize| {
             let g = &columns.groups[group];
@@ -216,7 +216,7 @@ impl Search<'_, '_> {
             columns.effects[e].axes.iter().any(|a| a.moves.contains_key("{ground}.friction")) && !without.contains(&e)
         };
         let Some(group) = columns.groups.iter().position(|g| is_friction(g.effect)) else { return Ok(Vec::new()) };
-        if !self.study.problem.free {
+        if !self.study.rollout.free {
             return Ok(Vec::new());
         }
         let in_region = |mu: f64, region: [f64; 4]| {
@@ -402,7 +402,7 @@ impl Search<'_, '_> {
         suspects: &[Suspect],
         settings: &[Overrides],
     ) -> Result<Vec<Vec<Option<Normal>>>, GapError> {
-        let length = self.study.problem.cut.window;
+        let length = self.study.rollout.cut.window;
         let touches = |s: &Suspect, start: f64| match s.extent {
             Some(Extent::Time([from, until])) => from < start + length && until > start,
             _ => true,
@@ -501,7 +501,7 @@ fn best_run(parts: &[Option<(DVector<f64>, DMatrix<f64>)>], wide: &[f64]) -> Opt
 }
 
 /// Mean place of the robot in a window \[m\].
-pub fn place(window: &crate::problem::Window) -> [f64; 2] {
+pub fn place(window: &qv_rollout::Window) -> [f64; 2] {
     let Some(pose) = &window.view.measured.base_pose else { return [f64::NAN; 2] };
     let mut row = vec![0.0; pose.joints];
     pose.interpolate(window.start + 0.15, &mut row);

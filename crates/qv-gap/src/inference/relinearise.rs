@@ -2,21 +2,21 @@
 
 use crate::GapError;
 use crate::inference::linearised::{EXTRA, LinearisedProblem, LinearisedWindow};
+use crate::jacobian::{changes, with_law};
 use crate::problem::columns::{Column, Columns};
-use crate::problem::{Overrides, Problem, Window};
-use crate::rollout::actuator_model::Alignment;
-use crate::rollout::jacobian::{changes, with_law};
-use crate::rollout::windows::{Traced, compare_and_trace};
 use nalgebra::DVector;
+use qv_rollout::law::Alignment;
+use qv_rollout::{Overrides, Rollout, Window};
+use qv_rollout::{Traced, compare_and_trace};
 
 impl<'a> LinearisedProblem<'a> {
-    /// The study of `problem`, whose robot is this one's but for the sizes of a few effects. Residuals and the sensitivities of these effects
+    /// The study of `rollout`, whose robot is this one's but for the sizes of a few effects. Residuals and the sensitivities of these effects
     /// are simulated anew; the null, the other sensitivities, the recorder's alignment and how deep feet sink in are kept, which such a step
     /// hardly changes. `None` where that cannot be: a window can no longer be simulated, or the columns are others.
     ///
     /// # Errors
     /// When the simulator refuses.
-    pub fn moved(mut self, mut problem: Problem<'a>, columns: Columns) -> Result<Option<Self>, GapError> {
+    pub fn moved(mut self, mut rollout: Rollout<'a>, columns: Columns) -> Result<Option<Self>, GapError> {
         let unit = |all: &Columns, c: &Column| {
             let unit = &all.units[c.unit];
             (unit.effect, unit.axis, unit.member, unit.moves.clone(), c.level)
@@ -27,12 +27,12 @@ impl<'a> LinearisedProblem<'a> {
         if !same {
             return Ok(None);
         }
-        problem.cut = self.problem.cut;
-        problem.depth = self.problem.depth;
-        let other = |id: usize| problem.nominal[id] != self.problem.nominal[id];
+        rollout.cut = self.rollout.cut;
+        rollout.depth = self.rollout.depth;
+        let other = |id: usize| rollout.nominal[id] != self.rollout.nominal[id];
         let is_moved = |c: &Column| columns.units[c.unit].moves.iter().any(|m| other(m.0));
         let moved: Vec<usize> = (0..columns.columns.len()).filter(|&k| is_moved(&columns.columns[k])).collect();
-        (self.problem, self.columns) = (problem, columns);
+        (self.rollout, self.columns) = (rollout, columns);
         self.tolerance = self.tolerances();
         let whole = self.see_again(&moved)?;
         Ok(whole.then_some(self))
@@ -43,11 +43,11 @@ impl<'a> LinearisedProblem<'a> {
         let windows: Vec<&Window> = self.seen.iter().map(|s| &s.window).collect();
         let alignments: Vec<Alignment> = windows.iter().map(|w| self.parts[w.run].alignment).collect();
         let Traced { residuals: base, traces } =
-            compare_and_trace(&self.problem, &self.problem.numerics, &windows, &[Overrides::new()])?;
-        let raw = with_law(&self.problem, &alignments, &windows, &[Overrides::new()], base.values).remove(0);
+            compare_and_trace(&self.rollout, &self.rollout.numerics, &windows, &[Overrides::new()])?;
+        let raw = with_law(&self.rollout, &alignments, &windows, &[Overrides::new()], base.values).remove(0);
         let some: Vec<&Column> = moved.iter().map(|&k| &self.columns.columns[k]).collect();
         let mut steps = base.steps;
-        let found = changes(&self.problem, &self.columns, &some, (&windows, &alignments, &raw), &mut steps)?;
+        let found = changes(&self.rollout, &self.columns, &some, (&windows, &alignments, &raw), &mut steps)?;
         self.count(steps);
         if raw.iter().any(|r| r.is_empty()) || found.iter().flatten().any(Option::is_none) {
             return Ok(false);

@@ -4,10 +4,10 @@ use crate::GapError;
 use crate::inference::gaussian_evidence::{Marginal, Normal, Sums, widen};
 use crate::inference::linearised::{EXTRA, LinearisedProblem, LinearisedWindow};
 use crate::inference::short_windows::Fall;
-use crate::problem::Overrides;
 use crate::problem::columns::{Columns, Suspect};
 use crate::problem::library::{Effect, Scope};
 use nalgebra::{DMatrix, DVector};
+use qv_rollout::Overrides;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -127,7 +127,7 @@ impl<'s, 'a> Search<'s, 'a> {
         let normals = if suspects.is_empty() {
             windows.iter().map(|&w| Some(self.study.seen[w].nominal())).collect()
         } else {
-            let setting = self.columns().setting_of(&self.study.problem, suspects);
+            let setting = self.columns().setting_of(&self.study.rollout, suspects);
             self.study.evaluate(&[setting], &windows)?.remove(0)
         };
         let sums = self.study.sums(&normals, &windows, fitted);
@@ -243,7 +243,7 @@ impl<'s, 'a> Search<'s, 'a> {
         let columns = self.columns();
         let mut chosen: Vec<Suspect> = Vec::new();
         // What pushes an arm all the time is a constant torque, which the library has for robots that are held.
-        let is_steady = |e: &Effect| self.study.problem.free || !e.local || e.scope != Scope::Joints;
+        let is_steady = |e: &Effect| self.study.rollout.free || !e.local || e.scope != Scope::Joints;
         let sought = columns.effects.iter().enumerate().filter(|(e, x)| !without.contains(e) && is_steady(x));
         for (effect, _) in sought {
             let mut groups: Vec<usize> = Vec::new();
@@ -333,7 +333,7 @@ impl<'s, 'a> Search<'s, 'a> {
 
     pub(crate) fn settings(&self, base: &Base, suspects: &[Suspect]) -> Vec<Overrides> {
         let beside = |s: &Suspect| [&base.suspects[..], std::slice::from_ref(s)].concat();
-        let of = |s| self.columns().setting_beside(&self.study.problem, &self.deviant, &beside(s));
+        let of = |s| self.columns().setting_beside(&self.study.rollout, &self.deviant, &beside(s));
         suspects.iter().map(of).collect()
     }
 

@@ -11,9 +11,9 @@ use crate::inference::regions::never_left;
 use crate::inference::regions::{Outline, is_within_reach, told_by_feet, up_to_feet};
 use crate::inference::search::{Search, fitted, held_out};
 use crate::problem::columns::{Extent, Suspect};
-use crate::problem::{Overrides, Problem, Window, WindowOptions};
-use crate::rollout::windows::{compare, standing_feet};
 use qv_core::statistics::median;
+use qv_rollout::compare;
+use qv_rollout::{Overrides, Rollout, Window, WindowOptions};
 use rayon::prelude::*;
 
 /// Pieces of a window.
@@ -67,14 +67,14 @@ impl<'a> Search<'_, 'a> {
     /// # Errors
     /// When a value means nothing.
     pub fn slip(&self, group: usize, start: [f64; 4]) -> Result<Option<Slip>, GapError> {
-        let problem = short(&self.study.problem);
-        let (inside, outside) = self.pieces(&problem, |seen| fitted(seen) > 0.0, start);
+        let rollout = short(&self.study.rollout);
+        let (inside, outside) = self.pieces(&rollout, |seen| fitted(seen) > 0.0, start);
         if inside.len() < FEWEST || outside.len() < FEWEST {
             return Ok(None);
         }
-        let sound = residuals(&problem, &outside, &[self.slippery(&problem, group, RANGE[1], [0.0; 4])])?.remove(0);
+        let sound = residuals(&rollout, &outside, &[self.slippery(&rollout, group, RANGE[1], [0.0; 4])])?.remove(0);
         let feet = feet(self.study);
-        let pieces = Pieces { search: self, group, scales: scales(&sound), problem: &problem, feet };
+        let pieces = Pieces { search: self, group, scales: scales(&sound), rollout: &rollout, feet };
         let frictions: Vec<f64> =
             (0..FRICTIONS).map(|k| RANGE[0] * (RANGE[1] / RANGE[0]).powf(k as f64 / (FRICTIONS - 1) as f64)).collect();
         let at = |region: [f64; 4]| frictions.iter().map(|mu| (*mu, region)).collect::<Vec<_>>();
@@ -94,49 +94,54 @@ impl<'a> Search<'_, 'a> {
         Ok(Some(Slip { friction, outline, gain: ends[0] - ends[1], held_out }))
     }
 
-    fn slippery(&self, problem: &Problem, group: usize, mu: f64, region: [f64; 4]) -> Overrides {
+    fn slippery(&self, rollout: &Rollout, group: usize, mu: f64, region: [f64; 4]) -> Overrides {
         let suspect = Suspect { group, values: vec![mu], extent: Some(Extent::Region(region)) };
-        self.columns().setting_beside(problem, &self.deviant, &[suspect])
+        self.columns().setting_beside(rollout, &self.deviant, &[suspect])
     }
 
     /// Pieces of some windows: those in which feet may stand in a region, and the others.
     fn pieces(
         &self,
-        problem: &Problem,
+        rollout: &Rollout,
         wanted: impl Fn(&LinearisedWindow) -> bool,
         region: [f64; 4],
     ) -> (Vec<Window>, Vec<Window>) {
         let (mut inside, mut outside) = (Vec::new(), Vec::new());
         for seen in self.study.seen.iter().filter(|s| wanted(s)) {
             let is_in = is_within_reach(region, place(&seen.window));
-            let pieces = cut(problem, seen);
+            let pieces = cut(rollout, seen);
             if is_in { inside.extend(pieces) } else { outside.extend(pieces) }
         }
         (inside, outside)
     }
 }
 
-/// The problem with windows cut into pieces.
-fn short<'a>(problem: &Problem<'a>) -> Problem<'a> {
-    let mut problem = problem.clone();
-    let window = problem.cut.window / PIECES as f64;
-    problem.cut = WindowOptions { window, bin: window / BINS, ..problem.cut };
-    problem
+/// The rollout with windows cut into pieces.
+fn short<'a>(rollout: &Rollout<'a>) -> Rollout<'a> {
+    let mut rollout = rollout.clone();
+    let window = rollout.cut.window / PIECES as f64;
+    rollout.cut = WindowOptions { window, bin: window / BINS, ..rollout.cut };
+    rollout
 }
 
-/// Pieces of a window, for a problem that is cut into them.
-fn cut(problem: &Problem, seen: &LinearisedWindow) -> Vec<Window> {
-    let starts = (0..PIECES).map(|k| seen.window.start + k as f64 * problem.cut.window);
-    let of_view = starts.filter_map(|start| problem.window(&seen.window.view, start, false));
+/// Pieces of a window, for a rollout that is cut into them.
+fn cut(rollout: &Rollout, seen: &LinearisedWindow) -> Vec<Window> {
+    let starts = (0..PIECES).map(|k| seen.window.start + k as f64 * rollout.cut.window);
+    let of_view = starts.filter_map(|start| rollout.window(&seen.window.view, start, false));
     // What is seen around a window begins later than the recording.
-    of_view.map(|w| Window { since: seen.window.since + (w.start - seen.window.start), ..w }).collect()
+    of_view
+        .map(|w| {
+            let (moving, since) = (w.moving, seen.window.since + (w.start - seen.window.start));
+            w.with(moving, since)
+        })
+        .collect()
 }
 
 /// Where feet stood at the starts of all pieces, x and y \[m\].
 pub fn feet(study: &LinearisedProblem) -> Vec<[f64; 2]> {
-    let problem = short(&study.problem);
+    let rollout = short(&study.rollout);
     let of_window =
-        |seen: &LinearisedWindow| cut(&problem, seen).iter().flat_map(|p| standing_feet(&problem, p)).collect();
+        |seen: &LinearisedWindow| cut(&rollout, seen).iter().flat_map(|p| p.standing_feet(&rollout)).collect();
     // In order: the same on any number of threads.
     study.seen.par_iter().map(of_window).collect::<Vec<Vec<[f64; 2]>>>().concat()
 }
@@ -144,7 +149,7 @@ pub fn feet(study: &LinearisedProblem) -> Vec<[f64; 2]> {
 /// What losses of pieces take.
 struct Pieces<'p, 's, 'a> {
     search: &'p Search<'s, 'a>,
-    problem: &'p Problem<'a>,
+    rollout: &'p Rollout<'a>,
     group: usize,
     scales: Vec<f64>,
     /// Where feet stood \[m\].
@@ -159,9 +164,9 @@ impl Pieces<'_, '_, '_> {
 
     /// The same by piece, shape `[points][pieces]`.
     fn each(&self, pieces: &[Window], points: &[(f64, [f64; 4])]) -> Result<Vec<Vec<f64>>, GapError> {
-        let setting = |&(mu, region): &(f64, [f64; 4])| self.search.slippery(self.problem, self.group, mu, region);
+        let setting = |&(mu, region): &(f64, [f64; 4])| self.search.slippery(self.rollout, self.group, mu, region);
         let settings: Vec<Overrides> = points.iter().map(setting).collect();
-        let residuals = residuals(self.problem, pieces, &settings)?;
+        let residuals = residuals(self.rollout, pieces, &settings)?;
         Ok(residuals.iter().map(|of_point| of_point.iter().map(|r| loss(r, &self.scales)).collect()).collect())
     }
 
@@ -210,7 +215,7 @@ impl Pieces<'_, '_, '_> {
 
     /// The fall in windows that no fit has seen; `usual` is the loss of a piece elsewhere.
     fn fall(&self, mu: f64, region: [f64; 4], usual: f64) -> Result<Fall, GapError> {
-        let (inside, _) = self.search.pieces(self.problem, |seen| held_out(seen) > 0.0, region);
+        let (inside, _) = self.search.pieces(self.rollout, |seen| held_out(seen) > 0.0, region);
         let each = self.each(&inside, &[(RANGE[1], [0.0; 4]), (mu, region)])?;
         let changed: Vec<(f64, f64)> =
             each[0].iter().copied().zip(each[1].iter().copied()).filter(|(b, a)| (b - a).abs() > 1e-3).collect();
@@ -240,9 +245,9 @@ fn starts(feet: &[[f64; 2]], start: [f64; 4]) -> Vec<[f64; 4]> {
 }
 
 /// Residuals of pieces under settings, shape `[settings][pieces][features]`; empty where a simulation ran away.
-fn residuals(problem: &Problem, pieces: &[Window], settings: &[Overrides]) -> Result<Vec<Vec<Vec<f64>>>, GapError> {
+fn residuals(rollout: &Rollout, pieces: &[Window], settings: &[Overrides]) -> Result<Vec<Vec<Vec<f64>>>, GapError> {
     let pieces: Vec<&Window> = pieces.iter().collect();
-    Ok(compare(problem, &problem.numerics, &pieces, settings)?.values)
+    Ok(compare(rollout, &rollout.numerics, &pieces, settings)?.values)
 }
 
 /// Usual size of each feature: of the middle piece.

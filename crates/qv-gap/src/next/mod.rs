@@ -13,7 +13,7 @@ pub use power::{Decides, Hypothesis};
 use crate::decision::evidence::Evidence;
 use crate::diagnose::study;
 use crate::{GapError, Options};
-use qv_replay::Run;
+use qv_recording::Run;
 use qv_sim::{Model, Terrain};
 use serde::Serialize;
 

@@ -3,7 +3,7 @@
 use crate::GapError;
 use qv_core::JointSeries;
 use qv_core::statistics::median;
-use qv_replay::Run;
+use qv_recording::Run;
 use qv_sim::Model;
 
 /// How long each motion takes \[s\].
@@ -39,7 +39,7 @@ impl Limits {
     pub fn of(run: &Run, model: &Model) -> Result<Self, GapError> {
         let measured = run.measured.position.as_ref();
         let series = measured.ok_or_else(|| GapError::run("run", "joint positions", "none"))?;
-        let on_feet = matches!(run.base, qv_replay::run::Base::Free);
+        let on_feet = matches!(run.base, qv_recording::run::Base::Free);
         let mut limits =
             Self { position: Vec::new(), speed: Vec::new(), torque: Vec::new(), middle: Vec::new(), on_feet };
         for joint in &model.joints {
@@ -109,7 +109,7 @@ impl Motion {
 
 /// All motions that come into question. Those that need another gain are there where the recording's commands have gains.
 pub fn motions(run: &Run, limits: &Limits) -> Vec<Motion> {
-    let stamps = run.commands.position.as_ref().map(|s| qv_replay::median_interval(&s.time));
+    let stamps = run.commands.position.as_ref().map(|s| qv_recording::median_interval(&s.time));
     let interval = stamps.filter(|x| x.is_finite() && *x > 0.0).unwrap_or(INTERVAL);
     let joints = limits.middle.len();
     let make = |name: &str, about: &str, angle: &dyn Fn(usize, f64) -> f64| {

@@ -2,15 +2,15 @@
 
 use super::motions::{Limits, Motion};
 use crate::null::{Noise, read};
-use crate::problem::Numerics;
 use crate::{GapError, Options};
 use glam::{DQuat, DVec3};
 use qv_core::JointSeries;
 use qv_core::random::SplitMix64;
 use qv_core::statistics::median;
-use qv_replay::Run;
-use qv_replay::replay::{expand, stated_parameters};
-use qv_replay::run::{Commands, Measurements};
+use qv_recording::Run;
+use qv_recording::run::{Commands, Measurements};
+use qv_rollout::Numerics;
+use qv_rollout::{expand, stated_parameters};
 use qv_sim::{BaseKind, Batch, JointCommand, Model, SensorReading, Shape, State, Terrain};
 
 /// Time in which the simulated robot comes to rest in the first posture \[s\].
@@ -195,7 +195,7 @@ impl Recorder {
             ..Measurements::default()
         };
         let interval = |s: &Option<JointSeries>| {
-            let stamps = s.as_ref().map_or(0.01, |s| qv_replay::median_interval(&s.time));
+            let stamps = s.as_ref().map_or(0.01, |s| qv_recording::median_interval(&s.time));
             // A whole number of steps.
             if stamps.is_finite() { (stamps / 0.001).round().max(1.0) * 0.001 } else { 0.01 }
         };

@@ -8,15 +8,13 @@ pub mod reference;
 pub mod whitening;
 
 use crate::GapError;
-use crate::problem::{Numerics, Overrides, Problem, Role, Window};
-use crate::rollout::windows::{are_near, longest_latency};
 use glam::{DQuat, DVec3};
 use qv_core::JointSeries;
 use qv_core::random::SplitMix64;
 use qv_core::statistics::median;
-use qv_replay::Run;
-use qv_replay::replay::{Command, HeldCommands};
-use qv_sim::{Batch, Precision, SensorReading};
+use qv_recording::Run;
+use qv_rollout::{HeldCommands, Numerics, Overrides, Rollout, Sensors, Simulation, Start, Window, are_near};
+use qv_sim::{ActsOn, Batch, GeomField, Precision, SensorReading, WorldField};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -139,20 +137,20 @@ pub struct Replicate {
 /// # Errors
 /// When a parameter has a value that means nothing.
 pub fn record(
-    problem: &Problem,
+    rollout: &Rollout,
     windows: &[Window],
     noise: &Noise,
     replicates: &[Replicate],
 ) -> Result<Vec<Vec<Option<Window>>>, GapError> {
     const TOGETHER: usize = 16;
-    let record_chunk = if are_near(problem, windows) { record_chunk::<f32> } else { record_chunk::<f64> };
+    let record_chunk = if are_near(rollout, windows) { record_chunk::<f32> } else { record_chunk::<f64> };
     replicates
         .iter()
         .map(|replicate| {
             let indexed: Vec<(usize, &Window)> = windows.iter().enumerate().collect();
             let chunks: Vec<Vec<Option<Window>>> = indexed
                 .par_chunks(TOGETHER)
-                .map(|chunk| record_chunk(problem, chunk, noise, replicate))
+                .map(|chunk| record_chunk(rollout, chunk, noise, replicate))
                 .collect::<Result<_, GapError>>()?;
             Ok(chunks.into_iter().flatten().collect())
         })
@@ -160,154 +158,123 @@ pub fn record(
 }
 
 fn record_chunk<T: Precision>(
-    problem: &Problem,
+    rollout: &Rollout,
     windows: &[(usize, &Window)],
     noise: &Noise,
     replicate: &Replicate,
 ) -> Result<Vec<Option<Window>>, GapError> {
-    let numerics = &replicate.numerics;
-    let latency = longest_latency(problem, &replicate.setting);
-    let mut options = numerics.options(latency);
-    options.max_sensor_latency = sensor_latency(problem, &replicate.setting);
-    let mut batch = Batch::<T>::new(problem.model, &problem.terrain, &options, windows.len())?;
+    let (numerics, setting) = (&replicate.numerics, &replicate.setting);
+    let latencies = [rollout.longest_latency(setting), rollout.sensor_latency(setting)];
+    let held: Vec<Arc<HeldCommands>> = windows.iter().map(|(_, w)| w.held(rollout)).collect::<Result<_, _>>()?;
+    let mut simulation = Simulation::<T>::new(rollout, *numerics, latencies, windows.len())?;
     let mut recorders = Vec::new();
-    for (env, (index, window)) in windows.iter().enumerate() {
-        recorders.push(Recorder::new(problem, &mut batch, env, window, replicate, latency, *index as u64)?);
+    for (env, ((index, window), held)) in windows.iter().zip(&held).enumerate() {
+        recorders.push(Recorder::new(rollout, &mut simulation, env, (window, held), replicate, *index as u64)?);
     }
     let ticks = recorders.iter().flatten().map(|r| r.ticks(numerics.timestep)).max().unwrap_or(0);
     for tick in 0..=ticks {
         for (env, recorder) in recorders.iter_mut().enumerate() {
             if let Some(recorder) = recorder {
-                recorder.advance(&mut batch, env, tick, numerics.timestep, noise)?;
+                recorder.look(&simulation.batch, env, tick, numerics.timestep, noise)?;
             }
         }
-        batch.step();
+        simulation.step()?;
     }
     let finish = |(env, recorder): (usize, Option<Recorder>)| {
-        let whole = !batch.is_faulty(env).unwrap_or(true);
+        let whole = !simulation.batch.is_faulty(env).unwrap_or(true);
         let view = recorder.filter(|_| whole)?.view;
         let (start, held_out) = (windows[env].1.start, windows[env].1.held_out);
-        let seen = problem.window(&view, start, held_out)?;
-        let Window { moving, since, .. } = *windows[env].1;
-        Some(Window { moving, since, ..seen })
+        let seen = rollout.window(&view, start, held_out)?;
+        let &Window { moving, since, .. } = windows[env].1;
+        Some(seen.with(moving, since))
     };
     Ok(recorders.into_iter().enumerate().map(finish).collect())
 }
 
 /// Ground that is a little higher or lower under each foot than the simulator's, as larger or smaller feet.
 fn uneven<T: Precision>(
-    problem: &Problem,
+    rollout: &Rollout,
     batch: &mut Batch<T>,
     env: usize,
     replicate: &Replicate,
     stream: u64,
 ) -> Result<(), GapError> {
-    if !(problem.free && replicate.ground_error > 0.0) {
+    if !(rollout.free && replicate.ground_error > 0.0) {
         return Ok(());
     }
     let mut random = SplitMix64::of(replicate.seed ^ 0x6775_6e64, stream);
-    for &geom in &problem.feet.geoms {
-        let name = format!("geom.{}.radius_offset", problem.model.geoms[geom].name);
-        if let Some(id) = problem.parameter(&name) {
-            let value = problem.value(&replicate.setting, id) + random.normal(replicate.ground_error);
+    for &geom in &rollout.feet.geoms {
+        if let Some(id) = rollout.parameter_of(ActsOn::Geom(geom, GeomField::RadiusOffset)) {
+            let value = rollout.value(&replicate.setting, id) + random.normal(replicate.ground_error);
             batch.set_parameter_at(env, id, value)?;
         }
     }
     Ok(())
 }
 
-fn sensor_latency(problem: &Problem, setting: &Overrides) -> f64 {
-    let is_latency = |id: usize| matches!(problem.roles[id], Role::EncoderLatency(_) | Role::PoseDelay);
-    problem.stated.iter().chain(setting).filter(|s| is_latency(s.0)).map(|s| s.1).fold(0.0, f64::max)
-}
-
 /// Writes what the sensors of one environment see.
 struct Recorder {
     view: Run,
-    commands: Arc<HeldCommands>,
     from: f64,
     to: f64,
     /// Next rows due of the state and pose streams: stamps of the recording.
     due: [Vec<f64>; 2],
     next: [usize; 2],
     random: SplitMix64,
-    /// In force.
-    command: Command,
-    /// Stamp of the command after it.
-    until: f64,
     columns: Vec<usize>,
     /// A row that is written.
     row: Vec<f64>,
 }
 
 impl Recorder {
-    fn new<T: Precision>(
-        problem: &Problem,
-        batch: &mut Batch<T>,
+    fn new<'a, T: Precision>(
+        rollout: &Rollout,
+        simulation: &mut Simulation<'a, T>,
         env: usize,
-        window: &Window,
+        (window, held): (&'a Window, &'a HeldCommands),
         replicate: &Replicate,
-        latency: f64,
         stream: u64,
     ) -> Result<Option<Self>, GapError> {
         let stamps = |s: &Option<JointSeries>| s.as_ref().map_or(Vec::new(), |s| s.time.clone());
         let due = [stamps(&window.view.measured.position), stamps(&window.view.measured.base_pose)];
         let first = due[0].first().copied().unwrap_or(window.start);
         let last = due[0].last().copied().unwrap_or(window.start);
-        let from = (window.start - problem.cut.margin + 0.08).max(first);
+        let from = (window.start - rollout.cut.margin + 0.08).max(first);
         // On a stamp, so that rows fall on steps.
         let from = due[0].iter().copied().find(|&t| t >= from).unwrap_or(from);
-        let Ok(starts) = problem.starts(&window.view, problem.sensor_errors(&replicate.setting)) else {
+        let Ok(starts) = rollout.starts(&window.view, rollout.sensor_errors(&replicate.setting)) else {
             return Ok(None);
         };
         let Some(seen) = starts.at(from) else { return Ok(None) };
-        let state = crate::rollout::windows::behind_springs(problem, window, &replicate.setting, &seen, from);
-        for (id, value) in problem.acting(&replicate.setting, window.start, window.start + problem.cut.window) {
-            match problem.roles[id] {
-                Role::ForceStart => batch.set_parameter_at(env, id, value - from)?,
-                Role::RunStart => {}
-                _ => batch.set_parameter_at(env, id, value)?,
-            }
-        }
-        if let Some((id, start)) = problem.run_start(&replicate.setting, window.since + (from - window.start)) {
-            batch.set_parameter_at(env, id, start)?;
-        }
-        uneven(problem, batch, env, replicate, stream)?;
-        if let (true, Some(id)) = (problem.free, problem.parameter("terrain.height")) {
+        let since = window.since + (from - window.start);
+        let start = Start { time: from, since, ..window.starting(rollout, held) };
+        let (touching, state) =
+            simulation.start(rollout, env, &replicate.setting, (&start, Sensors::AsTheyAre), &seen)?;
+        uneven(rollout, &mut simulation.batch, env, replicate, stream)?;
+        if let (true, Some(id)) = (rollout.free, rollout.parameter_of(ActsOn::World(WorldField::Height))) {
             // The replicate's ground is where its feet are; where the ground is expected is seen through the pose.
-            let touching = crate::rollout::windows::ground_at(problem, &replicate.setting, &state.q);
-            let expected = problem.value(&replicate.setting, id);
-            let mut state = state.clone().into_owned();
+            let expected = rollout.value(&replicate.setting, id);
+            let mut state = state.into_owned();
             state.q[2] += expected - touching;
-            batch.set_parameter_at(env, id, expected)?;
-            batch.set_state(env, &state)?;
-        } else {
-            batch.set_state(env, &state)?;
-        }
-        let commands = window.told.held(problem, window)?;
-        let mut command = Command::default();
-        let dt = replicate.numerics.timestep;
-        for age in (1..=(latency / dt).ceil() as usize).rev() {
-            commands.at(from - age as f64 * dt, dt, &mut command);
-            batch.set_past_command(env, age, &command.view())?;
+            simulation.batch.set_parameter_at(env, id, expected)?;
+            simulation.batch.set_state(env, &state)?;
         }
         let next = due.each_ref().map(|d| d.partition_point(|&t| t < from - 1e-9));
         let mut view = window.view.clone();
         empty(&mut view);
         let random = SplitMix64::of(replicate.seed, stream);
-        let columns = problem.columns.clone();
-        let (row, until) = (Vec::new(), f64::NEG_INFINITY);
-        Ok(Some(Self { view, commands, from, to: last, due, next, random, command, until, columns, row }))
+        let columns = rollout.columns.clone();
+        Ok(Some(Self { view, from, to: last, due, next, random, columns, row: Vec::new() }))
     }
 
     fn ticks(&self, timestep: f64) -> usize {
         ((self.to - self.from) / timestep).ceil() as usize
     }
 
-    /// Reads the sensors where a row is due, and gives the next command.
-    fn advance<T: Precision>(
+    /// Reads the sensors where a row is due.
+    fn look<T: Precision>(
         &mut self,
-        batch: &mut Batch<T>,
+        batch: &Batch<T>,
         env: usize,
         tick: usize,
         timestep: f64,
@@ -327,12 +294,6 @@ impl Recorder {
                 self.write_pose(time, &seen, noise);
             }
         }
-        if time + 0.5 * timestep < self.until {
-            return Ok(());
-        }
-        self.until = self.commands.until(time, timestep);
-        self.commands.at(time, timestep, &mut self.command);
-        batch.set_command(env, &self.command.view())?;
         Ok(())
     }
 

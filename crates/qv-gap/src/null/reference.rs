@@ -7,13 +7,13 @@ use crate::GapError;
 use crate::findings::Correction;
 use crate::problem::columns::Columns;
 use crate::problem::library::{Effect, Interface};
-use crate::problem::{Overrides, Problem, Window};
-use crate::rollout::windows::Raw;
-use crate::rollout::windows::compare;
 use nalgebra::{DMatrix, DVector};
 use qv_core::random::SplitMix64;
 use qv_core::statistics::median;
-use qv_replay::Run;
+use qv_recording::Run;
+use qv_rollout::Raw;
+use qv_rollout::compare;
+use qv_rollout::{Overrides, Rollout, Window};
 
 /// Rounds of Gauss-Newton.
 const ROUNDS: usize = 6;
@@ -31,15 +31,15 @@ const DIFFERENCE: f64 = 0.2;
 ///
 /// # Errors
 /// When the runs have too little, or the simulator refuses.
-pub fn calibrate(problem: &Problem, runs: &[Run], library: &[Effect]) -> Result<Vec<Correction>, GapError> {
+pub fn calibrate(rollout: &Rollout, runs: &[Run], library: &[Effect]) -> Result<Vec<Correction>, GapError> {
     let first = runs.first().ok_or_else(|| GapError::run("reference", "at least one run", "none"))?;
-    let columns = Columns::new(problem, first, library)?;
+    let columns = Columns::new(rollout, first, library)?;
     let units = units(&columns);
     let mut windows = Vec::new();
     for run in runs {
-        windows.extend(problem.windows(run)?);
+        windows.extend(rollout.windows(run)?);
     }
-    let mut fit = Fit::new(problem, &columns, units, windows)?;
+    let mut fit = Fit::new(rollout, &columns, units, windows)?;
     for _ in 0..ROUNDS {
         if !fit.improve()? {
             break;
@@ -47,8 +47,8 @@ pub fn calibrate(problem: &Problem, runs: &[Run], library: &[Effect]) -> Result<
     }
     let setting = fit.setting(&fit.values);
     let correction = |&(id, value): &(usize, f64)| {
-        let info = &problem.catalogue[id];
-        Correction { parameter: info.name.clone(), value, nominal: problem.nominal[id], unit: info.unit.into() }
+        let info = &rollout.catalogue[id];
+        Correction { parameter: info.name.clone(), value, nominal: rollout.nominal[id], unit: info.unit.into() }
     };
     Ok(setting.iter().map(correction).collect())
 }
@@ -65,7 +65,7 @@ fn units(columns: &Columns) -> Vec<usize> {
 
 /// A joint fit of many units.
 struct Fit<'p> {
-    problem: &'p Problem<'p>,
+    rollout: &'p Rollout<'p>,
     columns: &'p Columns,
     /// Column of each unit that is fitted.
     units: Vec<usize>,
@@ -79,13 +79,13 @@ struct Fit<'p> {
 
 impl<'p> Fit<'p> {
     fn new(
-        problem: &'p Problem<'p>,
+        rollout: &'p Rollout<'p>,
         columns: &'p Columns,
         units: Vec<usize>,
         windows: Vec<Window>,
     ) -> Result<Self, GapError> {
         let values = units.iter().map(|&c| columns.units[columns.columns[c].unit].absent).collect();
-        let mut fit = Self { problem, columns, units, values, windows, residuals: Vec::new(), scales: Vec::new() };
+        let mut fit = Self { rollout, columns, units, values, windows, residuals: Vec::new(), scales: Vec::new() };
         fit.residuals = fit.simulate(&[fit.values.clone()])?.remove(0);
         fit.scales = fit.scales_of(&fit.residuals);
         Ok(fit)
@@ -94,21 +94,21 @@ impl<'p> Fit<'p> {
     fn setting(&self, values: &[f64]) -> Overrides {
         let units = |(&c, &v): (&usize, &f64)| (self.columns.columns[c].unit, v);
         let values: Vec<(usize, f64)> = self.units.iter().zip(values).map(units).collect();
-        self.columns.setting(self.problem, &values)
+        self.columns.setting(self.rollout, &values)
     }
 
     fn simulate(&self, points: &[Vec<f64>]) -> Result<Vec<Vec<Vec<f64>>>, GapError> {
         let settings: Vec<Overrides> = points.iter().map(|p| self.setting(p)).collect();
         let windows: Vec<&Window> = self.windows.iter().collect();
-        Ok(compare(self.problem, &self.problem.numerics, &windows, &settings)?.values)
+        Ok(compare(self.rollout, &self.rollout.numerics, &windows, &settings)?.values)
     }
 
     /// Root mean square of the smaller nine tenths of each channel's residuals.
     fn scales_of(&self, residuals: &[Vec<f64>]) -> Vec<f64> {
-        let bins = self.problem.cut.bins();
+        let bins = self.rollout.cut.bins();
         let mut scales = Vec::new();
-        for &channel in &self.problem.channels {
-            let width = crate::problem::features::width(channel, bins);
+        for &channel in &self.rollout.channels {
+            let width = qv_rollout::features::width(channel, bins);
             let range = scales.len()..scales.len() + width;
             let of_window = |r: &Vec<f64>| r.get(range.clone()).map(|r| r.iter().map(|x| x.abs()).collect::<Vec<_>>());
             let mut all: Vec<f64> = residuals.iter().filter_map(of_window).flatten().collect();

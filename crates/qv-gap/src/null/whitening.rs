@@ -1,10 +1,10 @@
 //! What the features of a robot without an effect look like, and features in units of that.
 
-use crate::problem::Problem;
-use crate::rollout::actuator_model;
-use crate::rollout::windows::Raw;
 use nalgebra::{DMatrix, DVector};
 use qv_core::statistics::median;
+use qv_rollout::Raw;
+use qv_rollout::Rollout;
+use qv_rollout::law;
 
 /// Least and most share of a covariance that is taken from its diagonal: samples are few.
 const SHRINKAGE: [f64; 2] = [0.02, 0.2];
@@ -55,13 +55,13 @@ impl Whitener {
     /// Windows that move and windows that do not have a mean and a covariance each. Where there are samples enough of
     /// each window it has a spread of its own: noise in the start of an arm that stands on its head grows within a
     /// window far beyond what it does when it hangs.
-    pub fn new(problem: &Problem, samples: &[Sample], moving: &[bool], are_of_windows: bool) -> Option<Self> {
+    pub fn new(rollout: &Rollout, samples: &[Sample], moving: &[bool], are_of_windows: bool) -> Option<Self> {
         let windows = moving.len();
-        let law_bins = actuator_model::bins(problem);
+        let law_bins = law::bins(rollout);
         let of = |moving: bool| {
             let some: Vec<&Sample> = samples.iter().filter(|s| s.moving == moving).collect();
             let all: Vec<&Sample> = samples.iter().collect();
-            mode(problem, if some.len() < 30 { &all } else { &some }, law_bins)
+            mode(rollout, if some.len() < 30 { &all } else { &some }, law_bins)
         };
         let mut modes = vec![of(false)?, of(true)?];
         let mut of_window: Vec<usize> = moving.iter().map(|m| usize::from(*m)).collect();
@@ -177,7 +177,7 @@ fn correlation(all: &[&DVector<f64>]) -> DMatrix<f64> {
 }
 
 /// Mean and covariance of samples.
-fn mode(problem: &Problem, samples: &[&Sample], law_bins: usize) -> Option<Mode> {
+fn mode(rollout: &Rollout, samples: &[&Sample], law_bins: usize) -> Option<Mode> {
     let size = samples.first()?.raw.motion.len();
     let count = samples.len() as f64;
     let mut mean = DVector::zeros(size);
@@ -187,13 +187,13 @@ fn mode(problem: &Problem, samples: &[&Sample], law_bins: usize) -> Option<Mode>
         spread.set_column(k, &(DVector::from_column_slice(&s.raw.motion) - &mean));
     }
     let mut covariance = &spread * spread.transpose() / (count - 1.0).max(1.0);
-    add_floor(problem, &mut covariance);
+    add_floor(rollout, &mut covariance);
     let diagonal = covariance.diagonal();
     covariance *= 1.0 - SHRINKAGE[1];
     (0..size).for_each(|i| covariance[(i, i)] += SHRINKAGE[1] * diagonal[i]);
     let deviation = covariance.diagonal().map(f64::sqrt);
     let root = covariance.cholesky()?.unpack();
-    let joints = problem.law_joints.len();
+    let joints = rollout.law_joints.len();
     let (mut law_mean, mut law_deviation) = (Vec::new(), Vec::new());
     for j in 0..joints {
         let of_joint = |s: &Sample| s.raw.law[j * law_bins..(j + 1) * law_bins].to_vec();
@@ -207,11 +207,11 @@ fn mode(problem: &Problem, samples: &[&Sample], law_bins: usize) -> Option<Mode>
 }
 
 /// A feature that hardly varies among few samples must not become all-important.
-fn add_floor(problem: &Problem, covariance: &mut DMatrix<f64>) {
-    let bins = problem.cut.bins();
+fn add_floor(rollout: &Rollout, covariance: &mut DMatrix<f64>) {
+    let bins = rollout.cut.bins();
     let mut first = 0;
-    for &channel in &problem.channels {
-        let width = crate::problem::features::width(channel, bins);
+    for &channel in &rollout.channels {
+        let width = qv_rollout::features::width(channel, bins);
         let mean = (first..first + width).map(|i| covariance[(i, i)]).sum::<f64>() / width as f64;
         (first..first + width).for_each(|i| covariance[(i, i)] += FLOOR * mean + 1e-16);
         first += width;

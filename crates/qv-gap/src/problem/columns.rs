@@ -4,9 +4,9 @@ use crate::GapError;
 use crate::problem::library::{Effect, LevelsOf, OF_BASE, OF_GROUND, Scope};
 use crate::problem::sizes::Sizes;
 use crate::problem::torques::{largest_speeds, largest_torques};
-use crate::problem::{Overrides, Problem};
-use qv_replay::Run;
-use qv_replay::run::Known;
+use qv_recording::Run;
+use qv_recording::run::Known;
+use qv_rollout::{Overrides, Rollout};
 use serde::{Deserialize, Serialize};
 
 /// Share of a range that is searched beyond either end of it.
@@ -103,7 +103,7 @@ impl Extent {
 
 /// What the library is spelt out by.
 struct OfRobot<'p, 'a> {
-    problem: &'p Problem<'a>,
+    rollout: &'p Rollout<'a>,
     sizes: Sizes,
     /// Largest torque of each joint \[N m\],
     torques: Vec<f64>,
@@ -129,15 +129,15 @@ impl OfRobot<'_, '_> {
             None => return 1.0,
             Some(LevelsOf::Torque) => &self.torques,
             Some(LevelsOf::Speed) => &self.speeds,
-            Some(LevelsOf::Weight) => return weight(self.problem),
+            Some(LevelsOf::Weight) => return weight(self.rollout),
         };
         all.get(joint).copied().unwrap_or(0.0)
     }
 }
 
 /// What a robot weighs \[N\].
-fn weight(problem: &Problem) -> f64 {
-    qv_core::GRAVITY * problem.model.links.iter().map(|link| link.mass).sum::<f64>()
+fn weight(rollout: &Rollout) -> f64 {
+    qv_core::GRAVITY * rollout.model.links.iter().map(|link| link.mass).sum::<f64>()
 }
 
 /// A value for every axis of a group.
@@ -163,19 +163,19 @@ impl Columns {
     ///
     /// # Errors
     /// When an effect names a parameter that the simulator does not have for any robot of this kind.
-    pub fn new(problem: &Problem, run: &Run, library: &[Effect]) -> Result<Self, GapError> {
+    pub fn new(rollout: &Rollout, run: &Run, library: &[Effect]) -> Result<Self, GapError> {
         let mut all =
             Self { effects: Vec::new(), units: Vec::new(), columns: Vec::new(), tolerated: 0, groups: Vec::new() };
         let of_robot = OfRobot {
-            problem,
-            sizes: Sizes::new(problem, run),
-            torques: largest_torques(problem, run),
-            speeds: largest_speeds(problem, run),
+            rollout,
+            sizes: Sizes::new(rollout, run),
+            torques: largest_torques(rollout, run),
+            speeds: largest_speeds(rollout, run),
             gains: run.actuator.gains,
         };
         for effect in library {
-            let members = members(problem, effect);
-            if members.is_empty() || !is_observable(problem, effect) {
+            let members = members(rollout, effect);
+            if members.is_empty() || !is_observable(rollout, effect) {
                 continue;
             }
             all.add(&of_robot, effect, &members)?;
@@ -186,8 +186,8 @@ impl Columns {
     }
 
     fn add(&mut self, of_robot: &OfRobot, effect: &Effect, members: &[String]) -> Result<(), GapError> {
-        let (problem, index) = (of_robot.problem, self.effects.len());
-        let mut sized = of_robot.sizes.of(problem, effect, moved(problem, effect, members));
+        let (rollout, index) = (of_robot.rollout, self.effects.len());
+        let mut sized = of_robot.sizes.of(rollout, effect, moved(rollout, effect, members));
         if let Some(deviation) = of_robot.deviation_of_found(&sized) {
             sized.nuisance = true;
             sized.tolerance = sized.tolerance.max(deviation);
@@ -204,13 +204,13 @@ impl Columns {
                         found: qv_sim::names::unknown(
                             "parameter",
                             &parameter,
-                            problem.catalogue.iter().map(|p| p.name.as_str()),
+                            rollout.catalogue.iter().map(|p| p.name.as_str()),
                         ),
                     };
-                    let id = problem.parameter(&parameter).ok_or_else(unknown)?;
+                    let id = rollout.parameter(&parameter).ok_or_else(unknown)?;
                     moves.push((id, *factor));
                 }
-                let absent = if effect.absolute { problem.nominal[moves[0].0] / moves[0].1 } else { 0.0 };
+                let absent = if effect.absolute { rollout.nominal[moves[0].0] / moves[0].1 } else { 0.0 };
                 let absent = if effect.levels_of.is_some() { f64::INFINITY } else { absent };
                 let scale = of_robot.largest(effect.levels_of, member);
                 let unit = self.units.len();
@@ -225,14 +225,14 @@ impl Columns {
                 }
             }
         }
-        self.groups.extend(groups(problem, index, effect.scope, members));
-        self.effects.push(Effect { range: self.meaningful(problem, index, effect), ..effect.clone() });
+        self.groups.extend(groups(rollout, index, effect.scope, members));
+        self.effects.push(Effect { range: self.meaningful(rollout, index, effect), ..effect.clone() });
         Ok(())
     }
 
     /// The effect's range with a margin, since a true value may lie at its very end, and without what means nothing for
     /// this robot, such as taking away more than a link weighs.
-    fn meaningful(&self, problem: &Problem, index: usize, effect: &Effect) -> [f64; 2] {
+    fn meaningful(&self, rollout: &Rollout, index: usize, effect: &Effect) -> [f64; 2] {
         let mut range = effect.range;
         let absent = self.units.iter().find(|u| u.effect == index).map_or(0.0, |u| u.absent);
         let margin = MARGIN * effect.span();
@@ -242,12 +242,12 @@ impl Columns {
         if range[1] != absent {
             range[1] += margin;
         }
-        let is_wide = !problem.free && effect.held_range.is_some();
+        let is_wide = !rollout.free && effect.held_range.is_some();
         // Of values in different units each parameter is held within its own bounds alone.
         let is_alike = effect.axes.iter().all(|axis| axis.unit.is_none());
         for unit in self.units.iter().filter(|u| u.effect == index && !effect.absolute && is_alike) {
             for &(id, factor) in &unit.moves {
-                let (info, nominal) = (&problem.catalogue[id], problem.nominal[id]);
+                let (info, nominal) = (&rollout.catalogue[id], rollout.nominal[id]);
                 if factor > 0.0 && info.range.0 < nominal {
                     // As far beyond that end as beyond the others. What a robot that is held may be off by only its physics bounds.
                     let beyond = nominal + (1.0 + 2.0 * MARGIN) * (info.range.0 - nominal);
@@ -264,14 +264,14 @@ impl Columns {
     ///
     /// # Errors
     /// Names the first that does not, and its file.
-    pub fn check(&self, problem: &Problem) -> Result<(), GapError> {
+    pub fn check(&self, rollout: &Rollout) -> Result<(), GapError> {
         for unit in &self.units {
             let effect = &self.effects[unit.effect];
             let levels = self.columns.iter().filter(|c| self.units[c.unit] == *unit).map(|c| c.value);
             let ends = effect.range.into_iter().filter(|_| effect.absolute);
             for (value, &(id, factor)) in levels.chain(ends).flat_map(|v| unit.moves.iter().map(move |m| (v, m))) {
-                let info = &problem.catalogue[id];
-                let moved = if effect.absolute { factor * value } else { problem.nominal[id] + factor * value };
+                let info = &rollout.catalogue[id];
+                let moved = if effect.absolute { factor * value } else { rollout.nominal[id] + factor * value };
                 if info.clamped(moved) != moved {
                     return Err(GapError::Library {
                         file: effect.file.clone(),
@@ -304,26 +304,26 @@ impl Columns {
     }
 
     /// The setting in which units have values.
-    pub fn setting(&self, problem: &Problem, values: &[(usize, f64)]) -> Overrides {
+    pub fn setting(&self, rollout: &Rollout, values: &[(usize, f64)]) -> Overrides {
         let mut setting: std::collections::BTreeMap<usize, f64> = std::collections::BTreeMap::new();
         for &(unit, value) in values {
             let absolute = self.effects[self.units[unit].effect].absolute;
             for &(id, factor) in &self.units[unit].moves {
-                let before = setting.get(&id).copied().unwrap_or(problem.nominal[id]);
+                let before = setting.get(&id).copied().unwrap_or(rollout.nominal[id]);
                 let after = if absolute { factor * value } else { before + factor * value };
-                setting.insert(id, problem.catalogue[id].clamped(after));
+                setting.insert(id, rollout.catalogue[id].clamped(after));
             }
         }
         setting.into_iter().collect()
     }
 
     /// The setting in which suspects have their values.
-    pub fn setting_of(&self, problem: &Problem, suspects: &[Suspect]) -> Overrides {
-        self.setting_beside(problem, &[], suspects)
+    pub fn setting_of(&self, rollout: &Rollout, suspects: &[Suspect]) -> Overrides {
+        self.setting_beside(rollout, &[], suspects)
     }
 
     /// The same for a robot some of whose units deviate already.
-    pub fn setting_beside(&self, problem: &Problem, deviant: &[(usize, f64)], suspects: &[Suspect]) -> Overrides {
+    pub fn setting_beside(&self, rollout: &Rollout, deviant: &[(usize, f64)], suspects: &[Suspect]) -> Overrides {
         let mut units = deviant.to_vec();
         let mut fixed: Vec<(String, f64)> = Vec::new();
         for suspect in suspects {
@@ -346,11 +346,11 @@ impl Columns {
                 units.extend(self.units_of(group, axis).map(|u| (u, value)));
             }
         }
-        let mut setting = self.setting(problem, &units);
+        let mut setting = self.setting(rollout, &units);
         for (name, value) in fixed {
-            if let Some(id) = problem.parameter(&name) {
+            if let Some(id) = rollout.parameter(&name) {
                 setting.retain(|s| s.0 != id);
-                setting.push((id, problem.catalogue[id].clamped(value)));
+                setting.push((id, rollout.catalogue[id].clamped(value)));
             }
         }
         setting.sort_by_key(|s| s.0);
@@ -359,48 +359,48 @@ impl Columns {
 }
 
 /// Names of what an effect acts on.
-fn members(problem: &Problem, effect: &Effect) -> Vec<String> {
-    let model = problem.model;
+fn members(rollout: &Rollout, effect: &Effect) -> Vec<String> {
+    let model = rollout.model;
     match effect.scope {
         Scope::Joints => model.joint_names().to_vec(),
         Scope::Links => model.links.iter().filter(|l| l.mass > 0.0).map(|l| l.name.clone()).collect(),
-        Scope::Base if problem.free => vec![model.links[0].name.clone()],
+        Scope::Base if rollout.free => vec![model.links[0].name.clone()],
         Scope::Base => model.links.iter().map(|l| l.name.clone()).collect(),
-        Scope::Feet => problem.feet.geoms.iter().map(|&g| model.geoms[g].name.clone()).collect(),
-        Scope::Ground if problem.terrain.is_none() => Vec::new(),
-        Scope::Ground if problem.terrain.materials().is_empty() => vec!["contact".into()],
-        Scope::Ground => problem.terrain.materials().iter().map(|(name, _)| format!("material.{name}")).collect(),
+        Scope::Feet => rollout.feet.geoms.iter().map(|&g| model.geoms[g].name.clone()).collect(),
+        Scope::Ground if rollout.terrain.is_none() => Vec::new(),
+        Scope::Ground if rollout.terrain.materials().is_empty() => vec!["contact".into()],
+        Scope::Ground => rollout.terrain.materials().iter().map(|(name, _)| format!("material.{name}")).collect(),
         Scope::World => vec!["all".into()],
     }
 }
 
 /// Whether anything measured could show an effect: one that only moves the base, contacts or sensors of a free robot has
 /// no meaning for a robot that is held.
-fn is_observable(problem: &Problem, effect: &Effect) -> bool {
-    if problem.free && effect.held_only {
+fn is_observable(rollout: &Rollout, effect: &Effect) -> bool {
+    if rollout.free && effect.held_only {
         return false;
     }
     let moves = |prefix: &str| effect.axes.iter().flat_map(|a| a.moves.keys()).any(|p| p.starts_with(prefix));
-    if !problem.free && OF_BASE.iter().any(|p| moves(p)) {
+    if !rollout.free && OF_BASE.iter().any(|p| moves(p)) {
         return false;
     }
     // Without poses nobody says how late they are, and how high the ground lies.
-    if problem.on_legs && ["sensor.pose", "terrain.height"].iter().any(|p| moves(p)) {
+    if rollout.on_legs && ["sensor.pose", "terrain.height"].iter().any(|p| moves(p)) {
         return false;
     }
-    if problem.terrain.is_none() && OF_GROUND.iter().any(|p| moves(p)) {
+    if rollout.terrain.is_none() && OF_GROUND.iter().any(|p| moves(p)) {
         return false;
     }
     // The scale of the torque sensor shows in the torque alone.
     !effect.axes.iter().flat_map(|a| a.moves.keys()).all(|p| p.ends_with(".torque_scale"))
-        || !problem.law_joints.is_empty()
+        || !rollout.law_joints.is_empty()
 }
 
 /// Parameters that an effect moves in its members.
-fn moved<'s>(problem: &'s Problem, effect: &'s Effect, members: &'s [String]) -> impl Iterator<Item = usize> + 's {
+fn moved<'s>(rollout: &'s Rollout, effect: &'s Effect, members: &'s [String]) -> impl Iterator<Item = usize> + 's {
     let of_member = move |name: &'s String| {
         let patterns = effect.axes.iter().flat_map(|a| a.moves.keys());
-        patterns.filter_map(move |pattern| problem.parameter(&spell(pattern, name)))
+        patterns.filter_map(move |pattern| rollout.parameter(&spell(pattern, name)))
     };
     members.iter().flat_map(of_member)
 }
@@ -411,7 +411,7 @@ fn spell(pattern: &str, member: &str) -> String {
         .fold(pattern.to_string(), |p, slot| p.replace(slot, member))
 }
 
-fn groups(problem: &Problem, effect: usize, scope: Scope, members: &[String]) -> Vec<Group> {
+fn groups(rollout: &Rollout, effect: usize, scope: Scope, members: &[String]) -> Vec<Group> {
     let group = |names: Vec<String>, members: Vec<usize>| Group { effect, names, members };
     let all = group(vec!["all".into()], (0..members.len()).collect());
     if members.len() == 1 {
@@ -422,12 +422,12 @@ fn groups(problem: &Problem, effect: usize, scope: Scope, members: &[String]) ->
         Scope::Base => singles.collect(),
         Scope::Joints | Scope::Links => {
             let mut sets: Vec<Group> = vec![all];
-            for kind in kinds(problem, members) {
+            for kind in kinds(rollout, members) {
                 sets.push(group(kind.iter().map(|&m| members[m].clone()).collect(), kind));
             }
-            for foot in &problem.feet.names {
+            for foot in &rollout.feet.names {
                 let of_leg: Vec<usize> =
-                    (0..members.len()).filter(|&m| leg_of(problem, &members[m]) == Some(foot)).collect();
+                    (0..members.len()).filter(|&m| leg_of(rollout, &members[m]) == Some(foot)).collect();
                 if of_leg.len() > 1 {
                     sets.push(group(vec![foot.clone()], of_leg));
                 }
@@ -440,15 +440,15 @@ fn groups(problem: &Problem, effect: usize, scope: Scope, members: &[String]) ->
 }
 
 /// Leg whose name the member's begins with.
-fn leg_of<'a>(problem: &'a Problem, member: &str) -> Option<&'a String> {
-    problem.feet.names.iter().find(|foot| member.strip_prefix(foot.as_str()).is_some_and(|rest| rest.starts_with('_')))
+fn leg_of<'a>(rollout: &'a Rollout, member: &str) -> Option<&'a String> {
+    rollout.feet.names.iter().find(|foot| member.strip_prefix(foot.as_str()).is_some_and(|rest| rest.starts_with('_')))
 }
 
 /// Members of the same name on different legs.
-fn kinds(problem: &Problem, members: &[String]) -> Vec<Vec<usize>> {
+fn kinds(rollout: &Rollout, members: &[String]) -> Vec<Vec<usize>> {
     let mut kinds: Vec<(&str, Vec<usize>)> = Vec::new();
     for (m, name) in members.iter().enumerate() {
-        let Some(kind) = leg_of(problem, name).and_then(|leg| name.strip_prefix(leg.as_str())) else { continue };
+        let Some(kind) = leg_of(rollout, name).and_then(|leg| name.strip_prefix(leg.as_str())) else { continue };
         match kinds.iter_mut().find(|(k, _)| *k == kind) {
             Some((_, of_kind)) => of_kind.push(m),
             None => kinds.push((kind, vec![m])),

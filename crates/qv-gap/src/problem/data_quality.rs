@@ -1,8 +1,8 @@
 //! What is broken in recordings, and what of them is used.
 
-use crate::problem::features::{rotation_at, snippet};
-use qv_replay::Run;
-use qv_replay::run::FaultKind;
+use qv_recording::Run;
+use qv_recording::run::FaultKind;
+use qv_rollout::features::{rotation_at, snippet};
 
 /// A trunk tilted by more than this lies on the ground \[rad\].
 const FALLEN: f64 = 1.0;

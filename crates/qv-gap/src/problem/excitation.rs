@@ -5,9 +5,9 @@
 //! log evidence of 105. Where a joint moves, its motion refutes what noise asks for.
 
 use crate::problem::columns::{Columns, Group};
-use crate::problem::features::line_through;
 use crate::problem::library::Scope;
-use crate::problem::{Problem, Window};
+use qv_rollout::features::line_through;
+use qv_rollout::{Rollout, Window};
 
 /// Root mean square of a joint's speed below which it counts as at rest \[rad/s\]: within 10 ms it moves by less than an encoder's noise.
 const AT_REST: f64 = 0.03;
@@ -17,23 +17,23 @@ const ACT_WITH_SPEED: [&str; 7] =
     [".command_latency", ".lag", ".encoder_latency", ".kd_scale", ".viscous_friction", ".armature", ".pose.delay"];
 
 /// Joints that are at rest in all windows, on average.
-pub fn at_rest<'w>(problem: &Problem, windows: impl Iterator<Item = &'w Window> + Clone) -> Vec<usize> {
+pub fn at_rest<'w>(rollout: &Rollout, windows: impl Iterator<Item = &'w Window> + Clone) -> Vec<usize> {
     let speed = |joint: usize| {
         let (mut sum, mut count) = (0.0, 0.0);
         for window in windows.clone() {
-            for v in speeds(problem, window, joint).filter(|v| v.is_finite()) {
+            for v in speeds(rollout, window, joint).filter(|v| v.is_finite()) {
                 sum += v * v;
                 count += 1.0;
             }
         }
         (count > 0.0).then(|| f64::sqrt(sum / count))
     };
-    (0..problem.columns.len()).filter(|&j| speed(j).is_some_and(|v| v < AT_REST)).collect()
+    (0..rollout.columns.len()).filter(|&j| speed(j).is_some_and(|v| v < AT_REST)).collect()
 }
 
 /// Speeds of a joint between the bins of a window, by its positions \[rad/s\].
-fn speeds(problem: &Problem, window: &Window, joint: usize) -> impl Iterator<Item = f64> {
-    let (bin, bins, column) = (problem.cut.bin, problem.cut.bins(), problem.columns[joint]);
+fn speeds(rollout: &Rollout, window: &Window, joint: usize) -> impl Iterator<Item = f64> {
+    let (bin, bins, column) = (rollout.cut.bin, rollout.cut.bins(), rollout.columns[joint]);
     let at = move |b: usize| match &window.view.measured.position {
         Some(position) => line_through(position, column, window.start + b as f64 * bin, bin),
         None => f64::NAN,

@@ -1,7 +1,7 @@
 //! Whether several recordings are of one robot.
 
 use crate::GapError;
-use qv_replay::Run;
+use qv_recording::Run;
 
 /// Looks whether all runs are of one robot: columns are told by their place.
 ///

@@ -1,7 +1,7 @@
 //! Recordings that were made far from the origin.
 
 use crate::Options;
-use qv_replay::Run;
+use qv_recording::Run;
 use qv_sim::Terrain;
 
 /// A slope turns the ground about the origin: this far from it \[m\] the slope that any ground may have lifts it by decimetres, and soon

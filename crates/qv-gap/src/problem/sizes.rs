@@ -1,9 +1,9 @@
 //! How large the effects of the library are on one robot: a twentieth of a newton metre is nothing to a leg and half of what a hobby servo has.
 
-use crate::problem::Problem;
 use crate::problem::library::Effect;
 use crate::problem::torques::largest_torques;
-use qv_replay::Run;
+use qv_recording::Run;
+use qv_rollout::Rollout;
 
 /// Share of a robot's mass by which masses are tolerated to differ, at most.
 const MASS_TOLERANCE: f64 = 0.02;
@@ -27,13 +27,13 @@ pub struct Sizes {
 
 impl Sizes {
     /// Those of a robot: of one that is held by its middle motor and the mass of what moves, of one that walks 1.
-    pub fn new(problem: &Problem, run: &Run) -> Self {
-        if problem.free {
+    pub fn new(rollout: &Rollout, run: &Run) -> Self {
+        if rollout.free {
             return Self { torque: 1.0, largest_torque: 1.0, mass: 1.0 };
         }
-        let used = largest_torques(problem, run);
-        let limit = |joint: usize| match problem.parameter(&format!("actuator.{}.torque_limit", name(problem, joint))) {
-            Some(id) => problem.nominal[id],
+        let used = largest_torques(rollout, run);
+        let limit = |joint: usize| match rollout.parameter(&format!("actuator.{}.torque_limit", name(rollout, joint))) {
+            Some(id) => rollout.nominal[id],
             None => f64::INFINITY,
         };
         let mut motors: Vec<f64> =
@@ -41,7 +41,7 @@ impl Sizes {
         motors.sort_by(f64::total_cmp);
         // Of two middle ones the smaller: nothing is hidden by a size that is too small.
         let middle = motors.get(motors.len().saturating_sub(1) / 2).copied().unwrap_or(MOTOR);
-        let mass: f64 = problem.model.links.iter().skip(1).map(|l| l.mass).sum();
+        let mass: f64 = rollout.model.links.iter().skip(1).map(|l| l.mass).sum();
         let largest = motors.last().copied().unwrap_or(MOTOR);
         Self {
             torque: middle / MOTOR,
@@ -51,9 +51,9 @@ impl Sizes {
     }
 
     /// The effect as it is for a robot of these sizes.
-    pub fn of(&self, problem: &Problem, effect: &Effect, masses: impl Iterator<Item = usize>) -> Effect {
+    pub fn of(&self, rollout: &Rollout, effect: &Effect, masses: impl Iterator<Item = usize>) -> Effect {
         let mut sized = effect.clone();
-        if !problem.free {
+        if !rollout.free {
             sized.range = effect.held_range.unwrap_or(effect.range);
         }
         let [factor, of_range] = match effect.unit.as_str() {
@@ -70,7 +70,7 @@ impl Sizes {
             sized.levels.iter_mut().for_each(|level| *level *= factor);
         }
         if effect.unit == "kg" {
-            sized.tolerance = mass_tolerance(problem, sized.tolerance, masses);
+            sized.tolerance = mass_tolerance(rollout, sized.tolerance, masses);
         }
         sized
     }
@@ -78,13 +78,13 @@ impl Sizes {
 
 /// At most a share of what the robot weighs, and so small that three of it lie within the range of each of the parameters `masses`: the jaw
 /// of an arm may weigh less than a leg is off by.
-fn mass_tolerance(problem: &Problem, tolerance: f64, masses: impl Iterator<Item = usize>) -> f64 {
-    let weight: f64 = problem.model.links.iter().map(|l| l.mass).sum();
-    let room = |id: usize| problem.nominal[id] - problem.catalogue[id].range.0;
+fn mass_tolerance(rollout: &Rollout, tolerance: f64, masses: impl Iterator<Item = usize>) -> f64 {
+    let weight: f64 = rollout.model.links.iter().map(|l| l.mass).sum();
+    let room = |id: usize| rollout.nominal[id] - rollout.catalogue[id].range.0;
     let rooms = masses.map(room).filter(|room| *room > 0.0).map(|room| room / 3.0);
     rooms.fold(tolerance.min(MASS_TOLERANCE * weight), f64::min)
 }
 
-fn name<'p>(problem: &'p Problem, joint: usize) -> &'p str {
-    &problem.model.joint_names()[joint]
+fn name<'p>(rollout: &'p Rollout, joint: usize) -> &'p str {
+    &rollout.model.joint_names()[joint]
 }

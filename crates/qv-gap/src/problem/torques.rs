@@ -1,9 +1,9 @@
 //! How much the motors of a recording had to do.
 
-use crate::problem::Problem;
-use qv_core::JointSeries;
-use qv_replay::Run;
-use qv_replay::replay::{Command, HeldCommands};
+use qv_recording::Run;
+use qv_rollout::Rollout;
+use qv_rollout::law::slope;
+use qv_rollout::{Command, HeldCommands};
 
 /// Rows of a recording that are looked at where torques were not measured.
 const ROWS: usize = 4000;
@@ -12,17 +12,17 @@ const ONE_OF: usize = 500;
 
 /// Largest torque of each joint: measured, or what its commands asked of it where torques were not measured \[N m\], shape `[joints]`; 0 where
 /// nothing tells.
-pub fn largest_torques(problem: &Problem, run: &Run) -> Vec<f64> {
+pub fn largest_torques(rollout: &Rollout, run: &Run) -> Vec<f64> {
     match &run.measured.torque {
-        Some(torque) => problem.columns.iter().map(|&c| largest(torque.column(c))).collect(),
-        None => asked(problem, run).into_iter().map(|all| largest(all.into_iter())).collect(),
+        Some(torque) => rollout.columns.iter().map(|&c| largest(torque.column(c))).collect(),
+        None => asked(rollout, run).into_iter().map(|all| largest(all.into_iter())).collect(),
     }
 }
 
 /// Largest measured speed of each joint \[rad/s\], shape `[joints]`; 0 where it was not measured.
-pub fn largest_speeds(problem: &Problem, run: &Run) -> Vec<f64> {
+pub fn largest_speeds(rollout: &Rollout, run: &Run) -> Vec<f64> {
     let speed = run.measured.velocity.as_ref();
-    problem.columns.iter().map(|&c| speed.map_or(0.0, |s| largest(s.column(c)))).collect()
+    rollout.columns.iter().map(|&c| speed.map_or(0.0, |s| largest(s.column(c)))).collect()
 }
 
 fn largest(values: impl Iterator<Item = f64>) -> f64 {
@@ -32,16 +32,16 @@ fn largest(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// Torques that the controller asked for at the stamps of the positions, limits aside \[N m\], shape `[joints][rows]`.
-fn asked(problem: &Problem, run: &Run) -> Vec<Vec<f64>> {
-    let nothing = vec![Vec::new(); problem.columns.len()];
+fn asked(rollout: &Rollout, run: &Run) -> Vec<Vec<f64>> {
+    let nothing = vec![Vec::new(); rollout.columns.len()];
     let Some(position) = run.measured.position.as_ref().filter(|p| !p.is_empty()) else { return nothing };
-    let Ok(held) = HeldCommands::new(run, &problem.columns) else { return nothing };
+    let Ok(held) = HeldCommands::new(run, &rollout.columns) else { return nothing };
     let (mut all, mut command) = (nothing, Command::default());
     for row in (0..position.len()).step_by(position.len().div_ceil(ROWS)) {
         let time = position.time[row];
         held.at(time, 0.0, &mut command);
         let told = command.view();
-        for (joint, (of_joint, &column)) in all.iter_mut().zip(&problem.columns).enumerate() {
+        for (joint, (of_joint, &column)) in all.iter_mut().zip(&rollout.columns).enumerate() {
             let speed = match &run.measured.velocity {
                 Some(velocity) if !velocity.is_empty() => velocity.hold(time)[column],
                 _ => slope(position, column, row),
@@ -51,12 +51,4 @@ fn asked(problem: &Problem, run: &Run) -> Vec<Vec<f64>> {
         }
     }
     all
-}
-
-/// Slope of a column between two rows, from `row` on; 0 where there is one row only.
-pub fn slope(series: &JointSeries, column: usize, row: usize) -> f64 {
-    let first = row.min(series.len().saturating_sub(2));
-    let last = (first + 1).min(series.len() - 1);
-    let span = series.time[last] - series.time[first];
-    if span > 0.0 { (series.row(last)[column] - series.row(first)[column]) / span } else { 0.0 }
 }

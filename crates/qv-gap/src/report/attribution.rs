@@ -9,10 +9,11 @@ use crate::inference::regions::never_left;
 use crate::inference::search::{Search, fitted};
 use crate::inference::short_windows::feet;
 use crate::problem::columns::{Extent, Suspect};
-use crate::problem::features::{self, Channel};
 use crate::problem::library::Interface;
 use crate::report::{JointShare, RegionShare, Share, TimeShare, Where};
-use crate::rollout::actuator_model;
+use qv_rollout::Channel;
+use qv_rollout::features;
+use qv_rollout::law;
 use qv_sim::Shape;
 
 /// A foot this near to the ground counts as standing on it \[m\].
@@ -24,9 +25,9 @@ const WORTH_TELLING: f64 = 0.08;
 
 /// Shares of the nominal simulator's gap. Interfaces and found regions are filled in later.
 pub fn places(study: &LinearisedProblem) -> Where {
-    let problem = &study.problem;
-    let names = problem.model.joint_names();
-    let bins = problem.cut.bins();
+    let rollout = &study.rollout;
+    let names = rollout.model.joint_names();
+    let bins = rollout.cut.bins();
     let mut joints = vec![0.0; names.len()];
     let mut squares = vec![(0.0, 0usize); names.len()];
     let mut phases = [0.0; 3];
@@ -35,7 +36,7 @@ pub fn places(study: &LinearisedProblem) -> Where {
         let separate = study.whitener(seen).separate(seen.index, &seen.raw);
         let phase = phases_of(study, seen);
         let (mut first, mut total) = (0, 0.0);
-        for &channel in &problem.channels {
+        for &channel in &rollout.channels {
             let width = features::width(channel, bins);
             for k in 0..width {
                 // What noise alone gives is no gap.
@@ -43,7 +44,7 @@ pub fn places(study: &LinearisedProblem) -> Where {
                 total += excess;
                 let Some(j) = channel.joint() else { continue };
                 joints[j] += excess;
-                if let (Some(foot), Some(phase)) = (problem.feet.of_joint[j], &phase) {
+                if let (Some(foot), Some(phase)) = (rollout.feet.of_joint[j], &phase) {
                     phases[phase[foot][k]] += excess;
                 }
                 if matches!(channel, Channel::Position(_)) {
@@ -53,18 +54,18 @@ pub fn places(study: &LinearisedProblem) -> Where {
             }
             first += width;
         }
-        let of_law = actuator_model::bins(problem);
+        let of_law = law::bins(rollout);
         for (i, x) in separate.law.iter().enumerate() {
             let excess = (x * x - 1.0).max(0.0) * bins as f64 / of_law as f64;
-            joints[problem.law_joints[i / of_law]] += excess;
+            joints[rollout.law_joints[i / of_law]] += excess;
             total += excess;
         }
         let start = seen.window.start;
-        times.push(TimeShare { start, end: start + problem.cut.window, share: total });
+        times.push(TimeShare { start, end: start + rollout.cut.window, share: total });
     }
     let all: f64 = joints.iter().sum::<f64>().max(1e-300);
-    let legs = problem.feet.names.iter().enumerate().map(|(foot, name)| {
-        let of_leg = problem.feet.of_joint.iter().zip(&joints).filter(|(f, _)| **f == Some(foot));
+    let legs = rollout.feet.names.iter().enumerate().map(|(foot, name)| {
+        let of_leg = rollout.feet.of_joint.iter().zip(&joints).filter(|(f, _)| **f == Some(foot));
         Share { name: name.clone(), share: of_leg.map(|(_, e)| e / all).sum() }
     });
     let legs = legs.collect();
@@ -74,7 +75,7 @@ pub fn places(study: &LinearisedProblem) -> Where {
         pos_rms: (squares[j].0 / squares[j].1.max(1) as f64).sqrt(),
     };
     let in_phases = phases.iter().sum::<f64>().max(1e-300);
-    let phases = if problem.feet.names.is_empty() || !problem.free {
+    let phases = if rollout.feet.names.is_empty() || !rollout.free {
         Vec::new()
     } else {
         ["stance", "swing", "impact"]
@@ -97,24 +98,24 @@ pub fn places(study: &LinearisedProblem) -> Where {
 
 /// Stance 0, swing 1 or impact 2 of each foot in each bin; `None` for a robot without feet on a ground.
 fn phases_of(study: &LinearisedProblem, seen: &LinearisedWindow) -> Option<Vec<Vec<usize>>> {
-    let problem = &study.problem;
-    if !problem.free || problem.feet.geoms.is_empty() {
+    let rollout = &study.rollout;
+    if !rollout.free || rollout.feet.geoms.is_empty() {
         return None;
     }
-    let starts = problem.starts(&seen.window.view, Default::default()).ok()?;
-    let bins = problem.cut.bins();
+    let starts = rollout.starts(&seen.window.view, Default::default()).ok()?;
+    let bins = rollout.cut.bins();
     let heights: Vec<Option<Vec<f64>>> = (0..=bins)
         .map(|b| {
-            let state = starts.at(seen.window.start + b as f64 * problem.cut.bin)?;
-            let poses = problem.model.world_from_links(&state.q);
+            let state = starts.at(seen.window.start + b as f64 * rollout.cut.bin)?;
+            let poses = rollout.model.world_from_links(&state.q);
             let height = |g: &usize| {
-                let geom = &problem.model.geoms[*g];
+                let geom = &rollout.model.geoms[*g];
                 let centre = poses[geom.link].transform_point(geom.link_from_geom.position);
                 let radius = if let Shape::Sphere(r) = geom.shape { r } else { 0.0 };
-                let ground = problem.terrain.height_below(centre.x, centre.y, centre.z + 1.0).unwrap_or(0.0);
+                let ground = rollout.terrain.height_below(centre.x, centre.y, centre.z + 1.0).unwrap_or(0.0);
                 centre.z - radius - ground
             };
-            Some(problem.feet.geoms.iter().map(height).collect())
+            Some(rollout.feet.geoms.iter().map(height).collect())
         })
         .collect();
     let lowest = heights.iter().flatten().flatten().copied().fold(f64::INFINITY, f64::min);
@@ -127,7 +128,7 @@ fn phases_of(study: &LinearisedProblem, seen: &LinearisedWindow) -> Option<Vec<V
         };
         (0..bins).map(phase).collect()
     };
-    Some((0..problem.feet.geoms.len()).map(of_foot).collect())
+    Some((0..rollout.feet.geoms.len()).map(of_foot).collect())
 }
 
 /// Shares of the log evidence for each interface: that of its likeliest effect by one linear step, beyond what that effect has in the

@@ -63,7 +63,7 @@ fn of_group(study: &LinearisedProblem, marginal: &Marginal, policy: &Policy, ind
     if along.absent.iter().any(|a| !a.is_finite()) {
         return Vec::new();
     }
-    let needed = match study.problem.free {
+    let needed = match study.rollout.free {
         true => effect.least_evidence.unwrap_or(policy.least_evidence),
         false => policy.least_held_evidence,
     } - effect.log_prior;

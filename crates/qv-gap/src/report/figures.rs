@@ -3,10 +3,11 @@
 use crate::GapError;
 use crate::inference::linearised::LinearisedProblem;
 use crate::inference::local::place;
-use crate::problem::Overrides;
-use crate::problem::features::{self, Channel};
 use crate::report::{Curve, FloorPoint, HeatMap, Traces, traces};
-use crate::rollout::windows::Raw;
+use qv_rollout::Channel;
+use qv_rollout::Overrides;
+use qv_rollout::Raw;
+use qv_rollout::features;
 
 /// Joints whose curves are shown.
 const CURVES: usize = 4;
@@ -40,9 +41,9 @@ pub fn all(study: &mut LinearisedProblem, setting: &Overrides) -> Result<Figures
 
 /// The positions' residuals of a joint in a window.
 fn of_joint<'r>(study: &LinearisedProblem, raw: &'r Raw, joint: usize) -> &'r [f64] {
-    let bins = study.problem.cut.bins();
+    let bins = study.rollout.cut.bins();
     let mut first = 0;
-    for &channel in &study.problem.channels {
+    for &channel in &study.rollout.channels {
         let width = features::width(channel, bins);
         if channel == Channel::Position(joint) && !raw.is_empty() {
             return &raw.motion[first..first + width];
@@ -57,7 +58,7 @@ fn rms(values: &[f64]) -> f64 {
 }
 
 fn heat_map(study: &LinearisedProblem, after: &[Raw]) -> HeatMap {
-    let names = study.problem.model.joint_names();
+    let names = study.rollout.model.joint_names();
     let row = |raws: &mut dyn Iterator<Item = &Raw>, j: usize| raws.map(|raw| rms(of_joint(study, raw, j))).collect();
     HeatMap {
         joints: names.to_vec(),
@@ -68,7 +69,7 @@ fn heat_map(study: &LinearisedProblem, after: &[Raw]) -> HeatMap {
 }
 
 fn floor_plan(study: &LinearisedProblem, after: &[Raw]) -> Vec<FloorPoint> {
-    if !study.problem.free {
+    if !study.rollout.free {
         return Vec::new();
     }
     let mut points = Vec::new();
@@ -88,7 +89,7 @@ fn floor_plan(study: &LinearisedProblem, after: &[Raw]) -> Vec<FloorPoint> {
 /// The joints with the largest error, each in the held-out window where it is largest.
 fn curves(study: &LinearisedProblem, after: &[Raw]) -> Vec<Curve> {
     let mut worst: Vec<(f64, usize, usize)> = Vec::new();
-    for j in 0..study.problem.columns.len() {
+    for j in 0..study.rollout.columns.len() {
         let held_out = (0..study.seen.len()).filter(|&w| study.seen[w].window.held_out && !after[w].is_empty());
         let of = |w: usize| (rms(of_joint(study, &study.seen[w].raw, j)), j, w);
         worst.extend(held_out.map(of).max_by(|a, b| a.0.total_cmp(&b.0)));
@@ -99,7 +100,7 @@ fn curves(study: &LinearisedProblem, after: &[Raw]) -> Vec<Curve> {
 
 fn curve(study: &LinearisedProblem, after: &Raw, joint: usize, window: usize) -> Option<Curve> {
     let seen = &study.seen[window];
-    let (cut, column) = (study.problem.cut, study.problem.columns[joint]);
+    let (cut, column) = (study.rollout.cut, study.rollout.columns[joint]);
     let position = seen.window.view.measured.position.as_ref()?;
     let mut row = vec![0.0; position.joints];
     let time: Vec<f64> = (0..cut.bins()).map(|b| seen.window.start + (b as f64 + 0.5) * cut.bin).collect();
@@ -111,6 +112,6 @@ fn curve(study: &LinearisedProblem, after: &Raw, joint: usize, window: usize) ->
         })
         .collect();
     let minus = |raw: &Raw| measured.iter().zip(of_joint(study, raw, joint)).map(|(m, r)| m - r).collect();
-    let joint_name = study.problem.model.joint_names()[joint].clone();
+    let joint_name = study.rollout.model.joint_names()[joint].clone();
     Some(Curve { joint: joint_name, before: minus(&seen.raw), after: minus(after), time, measured })
 }

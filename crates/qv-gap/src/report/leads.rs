@@ -38,7 +38,7 @@ pub fn leads(
 ) -> Result<Vec<Lead>, GapError> {
     let mut all = Vec::new();
     for fit in one_of_each(study, fits) {
-        let setting = study.columns.setting_of(&study.problem, std::slice::from_ref(&fit.suspect));
+        let setting = study.columns.setting_of(&study.rollout, std::slice::from_ref(&fit.suspect));
         let gap = closure(study, &setting)?.gap(study, seed);
         let group = &study.columns.groups[fit.suspect.group];
         let effect = &study.columns.effects[group.effect];

@@ -13,7 +13,7 @@ pub use crate::checks::by_recording::OfRecording;
 use crate::decision::Policy;
 pub use crate::findings::{Correction, Gap, JointRmsApart, ParameterEstimate, Ranked, UNKNOWN, Verdict};
 pub use can_tell::CanTell;
-use qv_replay::replay::Trace;
+use qv_rollout::Trace;
 use serde::Serialize;
 use serde_json::value::RawValue;
 pub use together::{Together, TogetherEffect};

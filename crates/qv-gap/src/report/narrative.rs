@@ -14,7 +14,7 @@ use crate::report::{
     Verdict,
 };
 use qv_page::significant;
-use qv_replay::Run;
+use qv_recording::Run;
 
 /// Cosine of the angle between sensitivities from which effects count as alike.
 const ALIKE: f64 = 0.75;
@@ -23,7 +23,7 @@ const ALIKE: f64 = 0.75;
 pub fn missing(study: &LinearisedProblem, run: &Run, library: &[Effect]) -> Vec<String> {
     let m = &run.measured;
     let mut told = Vec::new();
-    if study.problem.on_legs {
+    if study.rollout.on_legs {
         told.push(
             "no poses of the base were measured: windows start where its legs and its IMU say that it is, feet that slip at the start of one go \
              unnoticed, and where on the floor a cause lies cannot be told"
@@ -35,7 +35,7 @@ pub fn missing(study: &LinearisedProblem, run: &Run, library: &[Effect]) -> Vec<
             "joint torques were not measured: what the motors do cannot be told from what the links do".to_string(),
         );
     }
-    if study.problem.free && m.orientation.is_none() {
+    if study.rollout.free && m.orientation.is_none() {
         told.push("there is no IMU orientation: tilt of the IMU and delay of the pose cannot be told".to_string());
     }
     let lacking = lacking(study, library);
@@ -45,7 +45,7 @@ pub fn missing(study: &LinearisedProblem, run: &Run, library: &[Effect]) -> Vec<
     told.extend(judged(study, run));
     told.extend(strangers(study, run));
     told.extend(resting(study));
-    if study.problem.free && m.gyro.is_none() {
+    if study.rollout.free && m.gyro.is_none() {
         told.push("there is no gyroscope: its bias cannot be told".to_string());
     }
     let weak = weak_of_measured(study, run);
@@ -59,7 +59,7 @@ pub fn missing(study: &LinearisedProblem, run: &Run, library: &[Effect]) -> Vec<
 pub fn cannot_show(study: &LinearisedProblem, run: &Run, library: &[Effect]) -> Vec<String> {
     let mut names: Vec<String> = lacking(study, library).into_iter().map(str::to_owned).collect();
     names.extend(weak_of_measured(study, run));
-    if !study.at_rest.is_empty() && study.at_rest.len() == study.problem.columns.len() {
+    if !study.at_rest.is_empty() && study.at_rest.len() == study.rollout.columns.len() {
         names.push("pose_delay".into());
     }
     names.sort();
@@ -70,7 +70,7 @@ pub fn cannot_show(study: &LinearisedProblem, run: &Run, library: &[Effect]) -> 
 fn lacking<'l>(study: &LinearisedProblem, library: &'l [Effect]) -> Vec<&'l str> {
     let has = |e: &&Effect| study.columns.effects.iter().any(|s| s.name == e.name);
     // What is looked for in other robots alone is no lack of this recording.
-    let is_sought = |e: &&Effect| !(study.problem.free && e.held_only);
+    let is_sought = |e: &&Effect| !(study.rollout.free && e.held_only);
     library.iter().filter(|e| is_sought(e) && !has(e)).map(|e| e.name.as_str()).collect()
 }
 
@@ -87,7 +87,7 @@ fn weak_of_measured(study: &LinearisedProblem, run: &Run) -> Vec<String> {
 
 /// How much of the recording could be judged, where that is less than half.
 fn judged(study: &LinearisedProblem, run: &Run) -> Option<String> {
-    let cut = study.problem.cut;
+    let cut = study.rollout.cut;
     let [first, last] = run.span();
     let windows = study.seen.iter().filter(|s| s.window.run == 0);
     let (count, [from, until]) = windows.fold((0, [f64::INFINITY, f64::NEG_INFINITY]), |(n, [from, until]), s| {
@@ -105,7 +105,7 @@ fn judged(study: &LinearisedProblem, run: &Run) -> Option<String> {
 
 /// Joints of the recording that the model lacks, and joints of the model that nothing commands: one name written in two ways makes both.
 fn strangers(study: &LinearisedProblem, run: &Run) -> Vec<String> {
-    let columns = &study.problem.columns;
+    let columns = &study.rollout.columns;
     let unknown =
         run.joint_names.iter().enumerate().filter(|(k, _)| !columns.contains(k)).map(|(_, name)| name.as_str());
     let unknown: Vec<&str> = unknown.collect();
@@ -123,11 +123,11 @@ fn strangers(study: &LinearisedProblem, run: &Run) -> Vec<String> {
 
 /// Joints at rest, and what they cannot show.
 fn resting(study: &LinearisedProblem) -> Option<String> {
-    let names = study.problem.model.joint_names();
+    let names = study.rollout.model.joint_names();
     let resting: Vec<&str> = study.at_rest.iter().map(|&j| names[j].as_str()).collect();
     let (whose, what) = match resting.len() {
         0 => return None,
-        all if all == study.problem.columns.len() => ("no joint moves: no delay of the pose,".to_string(), ""),
+        all if all == study.rollout.columns.len() => ("no joint moves: no delay of the pose,".to_string(), ""),
         _ => (format!("{} hardly move: no", resting.join(", ")), " of them"),
     };
     Some(format!("{whose} latency, lag, velocity gain, viscous friction or rotor inertia{what} is accused"))
@@ -188,7 +188,7 @@ pub fn confusable(study: &LinearisedProblem, suspect: &Suspect) -> Vec<String> {
     alike.sort_by(|a, b| b.0.total_cmp(&a.0));
     let own = &columns.effects[columns.groups[suspect.group].effect].name;
     let mut names: Vec<String> = alike.into_iter().map(|a| a.1).collect();
-    for other in one_without_poses(own).filter(|_| study.problem.on_legs) {
+    for other in one_without_poses(own).filter(|_| study.rollout.on_legs) {
         if columns.effects.iter().any(|e| e.name == other) && !names.iter().any(|n| n == other) {
             names.push(other.into());
         }

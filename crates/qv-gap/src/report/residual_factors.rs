@@ -45,7 +45,7 @@ const FACTORS: [Terms; 11] = [
 /// Factors that foretell what is left of a study, best first.
 pub fn factors(study: &LinearisedProblem) -> Vec<Factor> {
     let Some(asked) = asked(study) else { return Vec::new() };
-    let joints = study.problem.columns.len();
+    let joints = study.rollout.columns.len();
     let known: Vec<Vec<Known>> = study.seen.iter().map(|s| (0..joints).map(|j| known(study, s, j)).collect()).collect();
     let mut found: Vec<Factor> = FACTORS
         .iter()
@@ -80,8 +80,8 @@ fn asked(study: &LinearisedProblem) -> Option<Vec<Vec<f64>>> {
 }
 
 fn known(study: &LinearisedProblem, seen: &LinearisedWindow, joint: usize) -> Known {
-    let (view, column) = (&seen.window.view, study.problem.columns[joint]);
-    let (from, to) = (seen.window.start, seen.window.start + study.problem.cut.window);
+    let (view, column) = (&seen.window.view, study.rollout.columns[joint]);
+    let (from, to) = (seen.window.start, seen.window.start + study.rollout.cut.window);
     let mean = |series, of| mean_of(study, seen, joint, series, of);
     let slope = |series: &Option<JointSeries>| {
         let Some(s) = series.as_ref().filter(|s| column < s.joints && !s.is_empty()) else { return 0.0 };

@@ -58,7 +58,7 @@ pub fn together(study: &mut LinearisedProblem, fits: &[Fit], seed: u64) -> Resul
     let mut search = Search::new(study, 1.0)?;
     let Some(found) = search.together(fits, null)? else { return Ok(None) };
     let suspects: Vec<Suspect> = found.fits.iter().map(|f| f.suspect.clone()).collect();
-    let setting = study.columns.setting_of(&study.problem, &suspects);
+    let setting = study.columns.setting_of(&study.rollout, &suspects);
     let gap = closure(study, &setting)?.gap(study, seed);
     let name = |group: usize| study.columns.effects[study.columns.groups[group].effect].name.clone();
     let mut effects: Vec<TogetherEffect> = Vec::new();

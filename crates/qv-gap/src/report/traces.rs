@@ -1,17 +1,17 @@
 //! Joints in windows that no fit has seen: measured at their recorded instants, and simulated before and after beside it.
 
 use crate::inference::linearised::{LinearisedProblem, LinearisedWindow};
-use crate::problem::Overrides;
 use crate::report::{TracedWindow, Traces};
 use qv_core::JointSeries;
-use qv_replay::replay::{SensorErrors, Trace};
+use qv_rollout::Overrides;
+use qv_rollout::{SensorErrors, Trace};
 
 /// The traces of a study; `after` are those under the corrections, by window. Nothing is simulated here.
 pub fn traces(study: &LinearisedProblem, setting: &Overrides, after: &[Option<Trace>]) -> Traces {
-    let errors = [Overrides::new(), setting.clone()].map(|setting| study.problem.sensor_errors(&setting));
+    let errors = [Overrides::new(), setting.clone()].map(|setting| study.rollout.sensor_errors(&setting));
     let held_out = study.seen.iter().zip(after).filter(|(seen, _)| seen.window.held_out);
     Traces {
-        joints: study.problem.model.joint_names().to_vec(),
+        joints: study.rollout.model.joint_names().to_vec(),
         windows: held_out.filter_map(|(seen, after)| window(study, seen, after.as_ref(), &errors)).collect(),
     }
 }
@@ -24,10 +24,10 @@ fn window(
 ) -> Option<TracedWindow> {
     let view = &seen.window.view.measured;
     let position = view.position.as_ref()?;
-    let end = seen.window.start + study.problem.cut.window + 1e-9;
+    let end = seen.window.start + study.rollout.cut.window + 1e-9;
     let is_in = |t: &f64| (seen.window.start - 1e-9..=end).contains(t);
     let time: Vec<f64> = position.time.iter().copied().filter(is_in).collect();
-    let columns = &study.problem.columns;
+    let columns = &study.rollout.columns;
     let measured = Trace {
         position: at(Some(position), &time, columns),
         velocity: at(view.velocity.as_ref(), &time, columns),

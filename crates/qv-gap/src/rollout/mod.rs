@@ -1,5 +1,5 @@
 //! Simulating windows of a recording: from measured starts, under recorded commands.
 
-pub mod actuator_model;
+pub mod law;
 pub mod jacobian;
 pub mod windows;

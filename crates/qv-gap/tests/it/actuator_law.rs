@@ -3,14 +3,14 @@
 use crate::two_links::{ARM, SETTINGS, model};
 use qv_core::random::SplitMix64;
 use qv_gap::inference::linearised::NullOptions;
-use qv_gap::problem::{Overrides, Problem, WindowOptions};
 use qv_gap::report::Cause;
-use qv_gap::rollout::actuator_model::{Alignment, concerns, residual};
-use qv_gap::rollout::windows::compare;
 use qv_gap::{Options, diagnose};
-use qv_replay::Run;
-use qv_replay::faults::examine;
-use qv_replay::run::FaultKind;
+use qv_recording::Run;
+use qv_recording::faults::examine;
+use qv_recording::run::FaultKind;
+use qv_rollout::compare;
+use qv_rollout::law::{Alignment, concerns, residual};
+use qv_rollout::{Overrides, Rollout, WindowOptions};
 use qv_sim::{Batch, JointCommand, SimOptions, Terrain};
 use std::fmt::Write;
 
@@ -43,7 +43,7 @@ fn recorded(set: &[(&str, f64)], noise: f64) -> Run {
         batch.set_command(0, &JointCommand { q: &command, dq: &zero, kp: &kp, kd: &kd, tau: &zero }).unwrap();
         batch.step();
     }
-    qv_replay::read_table(csv.as_bytes(), SETTINGS, Some(ARM), None).unwrap()
+    qv_recording::read_table(csv.as_bytes(), SETTINGS, Some(ARM), None).unwrap()
 }
 
 fn rms(values: impl Iterator<Item = f64>) -> f64 {
@@ -54,18 +54,18 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 /// What the laws, and the positions of simulated windows, leave without and with the setting that was recorded \[N m, rad\].
 fn left(set: &[(&str, f64)]) -> [[f64; 2]; 2] {
     let (run, robot) = (recorded(set, 0.0), model());
-    let problem = Problem::new(&run, &robot, &Terrain::none(), &[], WindowOptions::default()).unwrap();
-    assert_eq!(problem.law_joints, [0, 1]);
-    let windows = problem.windows(&run).unwrap();
-    let mut truth: Overrides = set.iter().map(|(name, x)| (problem.parameter(name).unwrap(), *x)).collect();
+    let rollout = Rollout::new(&run, &robot, &Terrain::none(), &[], WindowOptions::default()).unwrap();
+    assert_eq!(rollout.law_joints, [0, 1]);
+    let windows = rollout.windows(&run).unwrap();
+    let mut truth: Overrides = set.iter().map(|(name, x)| (rollout.parameter(name).unwrap(), *x)).collect();
     truth.sort_by_key(|s| s.0);
     // A row tells the torque of the step before.
     let alignment = Alignment { command: 1e-3, state: 1e-3 };
-    let law = |setting: &Overrides| rms(windows.iter().flat_map(|w| residual(&problem, w, setting, alignment)));
+    let law = |setting: &Overrides| rms(windows.iter().flat_map(|w| residual(&rollout, w, setting, alignment)));
     let all: Vec<_> = windows.iter().collect();
     let settings = [Overrides::new(), truth];
-    let motion = compare(&problem, &problem.numerics, &all, &settings).unwrap();
-    let positions = 2 * problem.cut.bins();
+    let motion = compare(&rollout, &rollout.numerics, &all, &settings).unwrap();
+    let positions = 2 * rollout.cut.bins();
     let of = |k: usize| rms(motion.values[k].iter().flat_map(|features| features[..positions].iter().copied()));
     [[law(&settings[0]), law(&settings[1])], [of(0), of(1)]]
 }
@@ -105,8 +105,8 @@ fn a_spring_in_series_is_in_the_motion_and_not_in_the_law() {
 #[test]
 fn what_changes_a_law_is_known() {
     let (run, robot) = (recorded(&[], 0.0), model());
-    let problem = Problem::new(&run, &robot, &Terrain::none(), &[], WindowOptions::default()).unwrap();
-    let changes = |name: &str, joint| concerns(&problem, &vec![(problem.parameter(name).unwrap(), 0.01)], joint);
+    let rollout = Rollout::new(&run, &robot, &Terrain::none(), &[], WindowOptions::default()).unwrap();
+    let changes = |name: &str, joint| concerns(&rollout, &vec![(rollout.parameter(name).unwrap(), 0.01)], joint);
     for (name, of) in [
         ("actuator.elbow.strength_drift", [false, true]),
         ("actuator.elbow.series_compliance", [false, false]),

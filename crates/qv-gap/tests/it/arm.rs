@@ -6,9 +6,9 @@ use qv_gap::decision::Policy;
 use qv_gap::inference::linearised::NullOptions;
 use qv_gap::report::{Report, Verdict};
 use qv_gap::{Options, diagnose};
-use qv_replay::Run;
-use qv_replay::replay::find_gains;
-use qv_replay::run::Known;
+use qv_recording::Run;
+use qv_recording::run::Known;
+use qv_replay::find_gains;
 use qv_sim::{Batch, JointCommand, SimOptions, Terrain};
 use std::fmt::Write;
 
@@ -52,7 +52,7 @@ fn table(parameters: &[(&str, f64)], pushes: &[Push], seed: u64) -> String {
 }
 
 fn read(csv: &str, settings: &str) -> Run {
-    qv_replay::read_table(csv.as_bytes(), settings, Some(ARM), None).unwrap()
+    qv_recording::read_table(csv.as_bytes(), settings, Some(ARM), None).unwrap()
 }
 
 /// Fewer simulated recordings than by default: these tests are run often.

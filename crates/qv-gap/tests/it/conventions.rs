@@ -3,12 +3,12 @@
 use crate::recorded::{go2, recorded};
 use qv_core::JointSeries;
 use qv_gap::inference::linearised::NullOptions;
-use qv_gap::problem::WindowOptions;
 use qv_gap::report::Verdict;
 use qv_gap::{Options, diagnose};
-use qv_replay::Run;
-use qv_replay::faults::examine;
-use qv_replay::run::FaultKind;
+use qv_recording::Run;
+use qv_recording::faults::examine;
+use qv_recording::run::FaultKind;
+use qv_rollout::WindowOptions;
 use qv_sim::Terrain;
 
 fn scale(series: &mut Option<JointSeries>, columns: std::ops::Range<usize>, by: f64) {

@@ -3,10 +3,10 @@
 use crate::facts::States;
 use crate::recorded::{go2, recorded};
 use qv_gap::inference::linearised::NullOptions;
-use qv_gap::problem::WindowOptions;
 use qv_gap::report::{Report, Verdict};
 use qv_gap::{Options, diagnose};
-use qv_replay::Run;
+use qv_recording::Run;
+use qv_rollout::WindowOptions;
 use qv_sim::Terrain;
 
 fn quick() -> Options<'static> {

@@ -6,7 +6,7 @@ use crate::python::{python, python_with};
 use qv_gap::export::{files, to_html, to_isaac_lab, to_json, to_mjcf, to_toml, to_urdf};
 use qv_gap::report::*;
 use qv_page::read;
-use qv_replay::replay::parameters_from_toml;
+use qv_rollout::parameters_from_toml;
 use qv_sim::{BaseKind, Model, ModelOptions};
 
 const KP: [f64; 12] = [40.0; 12];

@@ -9,16 +9,16 @@ use qv_gap::inference::search::Search;
 use qv_gap::problem::columns::{Columns, Group};
 use qv_gap::problem::library;
 use qv_gap::problem::library::Effect;
-use qv_gap::problem::{Problem, WindowOptions};
 use qv_gap::report::{Report, UNKNOWN, Verdict};
-use qv_gap::rollout::actuator_model;
-use qv_gap::rollout::windows::compare;
 use qv_gap::{Options, diagnose};
 use qv_go2::synthetic;
-use qv_replay::Run;
-use qv_replay::gaps::without_gaps;
-use qv_replay::replay::{Legs, SensorErrors, Starts, feet_of};
-use qv_replay::run::{Fault, FaultKind};
+use qv_recording::Run;
+use qv_recording::gaps::without_gaps;
+use qv_recording::run::{Fault, FaultKind};
+use qv_rollout::compare;
+use qv_rollout::law;
+use qv_rollout::{Legs, SensorErrors, Starts, feet_of};
+use qv_rollout::{Rollout, WindowOptions};
 use qv_sealed::{EngineChoice, Plan, Recipe, Request, Section, Wanted};
 use qv_sim::{Model, Terrain};
 
@@ -70,22 +70,22 @@ fn half_a_tick_of_a_latency_is_not_taken_for_the_recorders() {
     let alignment = |latency: f64| {
         let run = recorded(synthetic::command_latency(latency), 4);
         let (model, plane) = (go2(), Terrain::plane());
-        let problem =
-            Problem::new(&run, &model, &plane, &[], WindowOptions { most: 12, ..Default::default() }).unwrap();
-        let windows = problem.windows(&run).unwrap();
-        actuator_model::align(&problem, &windows.iter().collect::<Vec<_>>())
+        let rollout =
+            Rollout::new(&run, &model, &plane, &[], WindowOptions { most: 12, ..Default::default() }).unwrap();
+        let windows = rollout.windows(&run).unwrap();
+        law::align(&rollout, &windows.iter().collect::<Vec<_>>())
     };
     assert_eq!(alignment(0.012), alignment(0.0));
     assert_eq!(alignment(0.0071), alignment(0.0));
 }
 
 /// The robot as it is with a command latency that is known already \[s\], and what may be suspected of it.
-fn late<'a>(run: &Run, model: &'a Model, latency: f64, library: &[Effect]) -> (Problem<'a>, Columns) {
+fn late<'a>(run: &Run, model: &'a Model, latency: f64, library: &[Effect]) -> (Rollout<'a>, Columns) {
     let known: Vec<(String, f64)> =
         model.joint_names().iter().map(|j| (format!("actuator.{j}.command_latency"), latency)).collect();
-    let problem = Problem::new(run, model, &Terrain::plane(), &known, quick().cut).unwrap();
-    let columns = Columns::new(&problem, run, library).unwrap();
-    (problem, columns)
+    let rollout = Rollout::new(run, model, &Terrain::plane(), &known, quick().cut).unwrap();
+    let columns = Columns::new(&rollout, run, library).unwrap();
+    (rollout, columns)
 }
 
 /// What the search asks for beside the known command latency \[s\].
@@ -103,8 +103,8 @@ fn asked_for(study: &mut LinearisedProblem) -> f64 {
 fn a_size_that_stopped_short_is_completed_in_the_corrected_robot() {
     let (run, model) = (recorded(synthetic::command_latency(0.012), 4), go2());
     let Options { effort, library, .. } = quick();
-    let (problem, columns) = late(&run, &model, 0.009, &library);
-    let mut study = LinearisedProblem::new(problem, columns, std::slice::from_ref(&run), &[], &effort).unwrap();
+    let (rollout, columns) = late(&run, &model, 0.009, &library);
+    let mut study = LinearisedProblem::new(rollout, columns, std::slice::from_ref(&run), &[], &effort).unwrap();
     let asked = asked_for(&mut study);
     assert!((asked - 0.003).abs() < 0.001, "{asked}");
 }
@@ -114,13 +114,13 @@ fn a_study_that_is_moved_says_what_a_new_one_says() {
     let (run, model) = (recorded(synthetic::command_latency(0.012), 4), go2());
     let Options { effort, library, .. } = quick();
     let new = |latency: f64| {
-        let (problem, columns) = late(&run, &model, latency, &library);
-        LinearisedProblem::new(problem, columns, std::slice::from_ref(&run), &[], &effort).unwrap()
+        let (rollout, columns) = late(&run, &model, latency, &library);
+        LinearisedProblem::new(rollout, columns, std::slice::from_ref(&run), &[], &effort).unwrap()
     };
-    let (problem, columns) = late(&run, &model, 0.010, &library);
+    let (rollout, columns) = late(&run, &model, 0.010, &library);
     let (before, mut anew) = (new(0.009), new(0.010));
     let steps = before.steps();
-    let mut moved = before.moved(problem, columns).unwrap().expect("the same columns");
+    let mut moved = before.moved(rollout, columns).unwrap().expect("the same columns");
     assert!(moved.steps() - steps < anew.steps() / 2, "{} and {}", moved.steps() - steps, anew.steps());
     assert_eq!(moved.tolerance, anew.tolerance);
     assert!(moved.seen.iter().zip(&anew.seen).all(|(a, b)| a.raw == b.raw));
@@ -131,8 +131,8 @@ fn a_study_that_is_moved_says_what_a_new_one_says() {
     assert!((asked[0] - asked[1]).abs() < 0.0005, "{asked:?}");
     // With another library there is nothing to keep.
     let fewer: Vec<Effect> = library.iter().filter(|e| e.name != "payload_mass").cloned().collect();
-    let (problem, columns) = late(&run, &model, 0.010, &fewer);
-    assert!(moved.moved(problem, columns).unwrap().is_none());
+    let (rollout, columns) = late(&run, &model, 0.010, &fewer);
+    assert!(moved.moved(rollout, columns).unwrap().is_none());
 }
 
 #[test]
@@ -155,9 +155,9 @@ fn a_push_that_is_not_one_force_is_told() {
     let force = [("external.force_x", 9.0), ("external.start", 8.0), ("external.duration", 6.0)];
     let run = recorded(force.map(|(name, value)| (name.into(), value)).to_vec(), 4);
     let (model, Options { effort, library, .. }) = (go2(), quick());
-    let problem = Problem::new(&run, &model, &Terrain::plane(), &[], WindowOptions::default()).unwrap();
-    let columns = Columns::new(&problem, &run, &library).unwrap();
-    let study = LinearisedProblem::new(problem, columns, std::slice::from_ref(&run), &[], &effort).unwrap();
+    let rollout = Rollout::new(&run, &model, &Terrain::plane(), &[], WindowOptions::default()).unwrap();
+    let columns = Columns::new(&rollout, &run, &library).unwrap();
+    let study = LinearisedProblem::new(rollout, columns, std::slice::from_ref(&run), &[], &effort).unwrap();
     let is_force = |g: &&Group| study.columns.effects[g.effect].name == "external_force";
     let group = study.columns.groups.iter().find(is_force).unwrap();
     let fading = |from, until| fading(&study, "external_force", group, &[9.0, 0.0, 0.0], [from, until]);
@@ -229,7 +229,7 @@ fn the_same_run_gives_the_same_report() {
 #[test]
 fn a_run_that_is_too_short_is_refused_by_name() {
     let run = recorded(Vec::new(), 5);
-    let short = qv_gap::problem::features::snippet(&run, 0.0, 1.5);
+    let short = qv_rollout::features::snippet(&run, 0.0, 1.5);
     let error = diagnose(&[short], &go2(), &Terrain::plane(), &quick(), 0).err().unwrap().to_string();
     assert!(error.states("windows 8"), "{error}");
     assert!(diagnose(&[], &go2(), &Terrain::plane(), &quick(), 0).is_err());
@@ -325,7 +325,7 @@ fn without_poses_a_robot_goes_where_its_legs_carry_it() {
     }
     assert!(speed > 40.0 * 0.1 * 0.1, "it hardly walks");
     assert!((apart / speed).sqrt() < 0.15, "{} of {}", (apart / 40.0).sqrt(), (speed / 40.0).sqrt());
-    let refused = |run: &Run, terrain: &Terrain| match Problem::new(run, &model, terrain, &[], quick().cut) {
+    let refused = |run: &Run, terrain: &Terrain| match Rollout::new(run, &model, terrain, &[], quick().cut) {
         Ok(_) => panic!("not refused"),
         Err(error) => error.to_string(),
     };
@@ -417,9 +417,9 @@ fn far_from_the_origin_the_same_steps_leave_the_same() {
     pose.values.chunks_exact_mut(pose.joints).for_each(|row| row[0] += 40.0);
     // Near the origin in single precision, far from it in double.
     let left = |run: &Run| {
-        let problem = Problem::new(run, &model, &Terrain::plane(), &[], quick().cut).unwrap();
-        let windows = problem.windows(run).unwrap();
-        compare(&problem, &problem.numerics, &windows.iter().collect::<Vec<_>>(), &[vec![]]).unwrap().values.remove(0)
+        let rollout = Rollout::new(run, &model, &Terrain::plane(), &[], quick().cut).unwrap();
+        let windows = rollout.windows(run).unwrap();
+        compare(&rollout, &rollout.numerics, &windows.iter().collect::<Vec<_>>(), &[vec![]]).unwrap().values.remove(0)
     };
     let [near, far] = [&run, &far].map(left);
     let squares = |of: &dyn Fn(f64, f64) -> f64| -> f64 {

@@ -1,7 +1,7 @@
 //! Messages, and the bag that they are written to.
 
 use crate::messages;
-use qv_replay::ReplayError;
+use qv_recording::RecordingError;
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
 
@@ -20,8 +20,8 @@ pub struct Message {
 ///
 /// # Errors
 /// When `out` cannot be written.
-pub fn write_bag(messages: &[Message], out: impl Write + Seek) -> Result<(), ReplayError> {
-    let failed = |e: mcap::McapError| ReplayError::Write { what: "a bag".into(), reason: e.to_string() };
+pub fn write_bag(messages: &[Message], out: impl Write + Seek) -> Result<(), RecordingError> {
+    let failed = |e: mcap::McapError| RecordingError::Write { what: "a bag".into(), reason: e.to_string() };
     // One thread and one level, so that the same messages are the same bytes.
     let options = mcap::WriteOptions::new().profile("ros2").compression(Some(mcap::Compression::Zstd));
     let mut writer = options.compression_level(1).compression_threads(0).create(out).map_err(failed)?;
@@ -37,7 +37,7 @@ pub fn write_bag(messages: &[Message], out: impl Write + Seek) -> Result<(), Rep
         channels.insert(topic, channel);
     }
     for (sequence, message) in messages.iter().enumerate() {
-        let expected = || ReplayError::Run {
+        let expected = || RecordingError::Run {
             what: "topic of a message".into(),
             expected: "/lowcmd, /lowstate or /Odometry".into(),
             found: message.topic.into(),

@@ -11,7 +11,7 @@ use crate::gait::{Squat, Trot};
 use crate::messages::{self, LowCmd, LowState};
 use crate::model;
 use qv_core::random::SplitMix64;
-use qv_replay::ReplayError;
+use qv_recording::RecordingError;
 use qv_sim::{BaseKind, Batch, JointCommand, Model, ModelOptions, SensorReading, SimError, SimOptions, State, Terrain};
 
 /// Length of [`motion`] \[s\].
@@ -79,15 +79,15 @@ pub fn command_latency(seconds: f64) -> Vec<(String, f64)> {
 }
 
 /// What a simulator says, as the error of a recording.
-pub fn simulator(error: SimError) -> ReplayError {
-    ReplayError::Run { what: "synthetic robot".into(), expected: "a simulation".into(), found: error.to_string() }
+pub fn simulator(error: SimError) -> RecordingError {
+    RecordingError::Run { what: "synthetic robot".into(), expected: "a simulation".into(), found: error.to_string() }
 }
 
 /// Records [`motion`] by `robot` on `terrain`, which must be at height 0 where it stands at first.
 ///
 /// # Errors
 /// When a parameter means nothing, or the simulation runs away.
-pub fn record(terrain: &Terrain, robot: &Robot) -> Result<Vec<Message>, ReplayError> {
+pub fn record(terrain: &Terrain, robot: &Robot) -> Result<Vec<Message>, RecordingError> {
     let mut sim = simulation(terrain, robot).map_err(simulator)?;
     let mut draws = SplitMix64::new(robot.seed);
     let deviations = Deviations::NOMINAL;
@@ -109,7 +109,7 @@ pub fn record(terrain: &Terrain, robot: &Robot) -> Result<Vec<Message>, ReplayEr
         sim.step_many(2);
         if sim.is_faulty(0).map_err(simulator)? {
             let (what, found) = ("synthetic robot".into(), format!("one that ran away after {} s", k as f64 * 0.002));
-            return Err(ReplayError::Run { what, expected: "a finite state".into(), found });
+            return Err(RecordingError::Run { what, expected: "a finite state".into(), found });
         }
     }
     Ok(recorded)

@@ -5,7 +5,7 @@ use glam::DVec3;
 use qv_core::{JointSeries, Material, TriangleMesh};
 use qv_mesh::files::glb;
 use qv_open::ground::{check_ground, mesh_at, set_friction, terrain_at, terrain_of};
-use qv_replay::ReplayError;
+use qv_recording::RecordingError;
 use std::fs;
 
 /// A ramp over the square from the origin to (4, 4) m that rises by a quarter along x, of one label.
@@ -31,10 +31,10 @@ fn a_mesh_has_the_heights_that_were_written() {
     assert_eq!(terrain.height_below(5.0, 1.0, 10.0), None, "beside it");
     assert_eq!(terrain_of("plane").unwrap().height_below(7.0, -3.0, 1.0), Some(0.0));
     let missing = terrain_of("nowhere.glb");
-    assert!(matches!(missing, Err(ReplayError::File { file, .. }) if file == "nowhere.glb"));
+    assert!(matches!(missing, Err(RecordingError::File { file, .. }) if file == "nowhere.glb"));
     fs::write(&file, "no mesh").unwrap();
     assert!(
-        matches!(mesh_at(&file, "a mesh"), Err(ReplayError::File { file: named, .. }) if named.ends_with("ramp.glb"))
+        matches!(mesh_at(&file, "a mesh"), Err(RecordingError::File { file: named, .. }) if named.ends_with("ramp.glb"))
     );
     let empty = TriangleMesh { triangles: vec![], labels: vec![], ..ramp() };
     assert!(terrain_at(&file, &empty).is_err());
@@ -48,13 +48,13 @@ fn a_friction_replaces_that_of_its_label_alone() {
     set_friction(&mut mesh, &given, "ramp.glb".as_ref()).unwrap();
     assert_eq!(mesh.materials.iter().map(|m| m.friction).collect::<Vec<_>>(), [Some(0.5), Some(0.1)]);
     let unknown = set_friction(&mut mesh, &[("lava".to_string(), 0.1)], "ramp.glb".as_ref());
-    assert!(matches!(unknown, Err(ReplayError::File { expected, .. }) if expected.contains("lava")));
+    assert!(matches!(unknown, Err(RecordingError::File { expected, .. }) if expected.contains("lava")));
 }
 
 #[test]
 fn a_robot_that_walks_beside_its_ground_is_refused() {
     let terrain = terrain_at("ramp.glb".as_ref(), &ramp()).unwrap();
-    let mut run = qv_replay::read_table(
+    let mut run = qv_recording::read_table(
         crate::files::pendulum_table(20, |_| 0.0).as_bytes(),
         crate::files::DESCRIPTION,
         Some(crate::files::PENDULUM),
@@ -70,5 +70,5 @@ fn a_robot_that_walks_beside_its_ground_is_refused() {
     };
     assert!(poses(0.5).is_ok());
     assert!(poses(1.9).is_ok(), "a part of the way beside it");
-    assert!(matches!(poses(20.0), Err(ReplayError::Run { what, .. }) if what == "terrain"));
+    assert!(matches!(poses(20.0), Err(RecordingError::Run { what, .. }) if what == "terrain"));
 }

@@ -2,7 +2,7 @@
 
 use crate::files::{PENDULUM, folder};
 use qv_open::{beyond_range, parameters, parameters_of, robot_model};
-use qv_replay::ReplayError;
+use qv_recording::RecordingError;
 use qv_sim::{BaseKind, Terrain};
 use std::fs;
 
@@ -20,14 +20,14 @@ fn parameters_of_a_robot_are_read_by_name_and_by_pattern() {
     let found = read("\"joint.*.viscous_friction\" = 0.5\n").unwrap();
     assert!(found.len() == 12 && found.iter().all(|(name, x)| name.starts_with("joint.") && *x == 0.5), "{found:?}");
     let is_named =
-        |text: &str| matches!(read(text), Err(ReplayError::File { file, .. }) if file.ends_with("calibrated.toml"));
+        |text: &str| matches!(read(text), Err(RecordingError::File { file, .. }) if file.ends_with("calibrated.toml"));
     assert!(is_named("\"joint.knee.viscous_friction\" = 0.5\n"), "a joint of another robot");
     assert!(is_named("\"joint.FL_hip_joint.viscous_friction\" = -0.5\n"), "a friction below zero");
     assert!(is_named("\"joint.FL_hip_joint.viscous_friction\" = nan\n"));
     assert!(is_named("\"joint.FL_hip_joint.viscous_friction\" = \"much\"\n"));
     assert!(is_named("no toml"));
     fs::remove_file(&file).unwrap();
-    assert!(matches!(parameters(Some(&file)), Err(ReplayError::File { .. })), "no such file");
+    assert!(matches!(parameters(Some(&file)), Err(RecordingError::File { .. })), "no such file");
 }
 
 #[test]

@@ -3,8 +3,8 @@
 use crate::files::{DESCRIPTION, PENDULUM, folder, pendulum_table};
 use qv_go2::synthetic::{self, Robot};
 use qv_open::{Reading, description_of, lost_from, model_of, open_run};
-use qv_replay::ReplayError;
-use qv_replay::run::Base;
+use qv_recording::RecordingError;
+use qv_recording::run::Base;
 use qv_sim::Terrain;
 use std::cell::Cell;
 use std::fs;
@@ -31,7 +31,7 @@ fn a_table_gives_the_numbers_that_were_written() {
     );
     fs::remove_file(folder.join("pendulum.urdf")).unwrap();
     assert!(
-        matches!(open_run(&folder, &Reading::default(), &|_, _| {}), Err(ReplayError::File { file, .. }) if file.ends_with("pendulum.urdf"))
+        matches!(open_run(&folder, &Reading::default(), &|_, _| {}), Err(RecordingError::File { file, .. }) if file.ends_with("pendulum.urdf"))
     );
 }
 

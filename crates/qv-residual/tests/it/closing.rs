@@ -4,7 +4,7 @@ use crate::facts::States;
 use qv_core::JointSeries;
 use qv_policy::train::{Checkpoint, TrainSettings, Training};
 use qv_policy::velocity::{Ground, TaskRobot, TaskSettings};
-use qv_replay::Run;
+use qv_recording::Run;
 use qv_residual::ResidualError;
 use qv_residual::close::{Forget, Inputs, Keep, LoopSettings, NetsSettings, close};
 use qv_residual::compensation::Compensation;

@@ -3,7 +3,7 @@
 use qv_core::JointSeries;
 use qv_go2::synthetic::{Deviations, Message, write_bag};
 use qv_go2::wire;
-use qv_replay::{BagFile, Run, read_bag};
+use qv_recording::{BagFile, Run, read_bag};
 use qv_sealed::{
     ATTEMPTS, EFFECTS, Engine, EngineChoice, Made, Outcome, Recipe, Request, WITHHELD, Wanted, confusable_group,
     interface,

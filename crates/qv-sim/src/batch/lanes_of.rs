@@ -9,7 +9,7 @@ use crate::engine::derive::Deriver;
 use crate::engine::step::{Shared, StepBlocks};
 use crate::lanes::{Real, Scalar};
 use crate::model::Model;
-use crate::parameters::Slot;
+use crate::parameters::ActsOn;
 use crate::sensors::BaseMotion;
 use rayon::prelude::*;
 use std::any::Any;
@@ -29,7 +29,7 @@ pub(crate) trait Engine: Send + Sync {
     fn past_joint(&self, env: usize, age: f64, sizes: [usize; 2], at: [usize; 2]) -> [f64; 2];
     fn write_command(&mut self, shared: &Shared, env: usize, age: Option<usize>, command: &JointCommand);
     fn write_command_to_all(&mut self, shared: &Shared, command: &JointCommand);
-    fn derive(&mut self, deriver: &Deriver, slot: Slot, values: &[f64], env: usize) -> Result<(), SimError>;
+    fn derive(&mut self, deriver: &Deriver, acts_on: ActsOn, values: &[f64], env: usize) -> Result<(), SimError>;
     fn derive_all(&mut self, deriver: &Deriver, values: &[f64], env: usize) -> Result<(), SimError>;
     fn torque(&self, env: usize) -> Vec<f64>;
     fn acceleration(&self, env: usize) -> Vec<f64>;
@@ -263,9 +263,9 @@ impl<L: Real> Engine for Lanes<L> {
         }
     }
 
-    fn derive(&mut self, deriver: &Deriver, slot: Slot, values: &[f64], env: usize) -> Result<(), SimError> {
+    fn derive(&mut self, deriver: &Deriver, acts_on: ActsOn, values: &[f64], env: usize) -> Result<(), SimError> {
         let (block, lane) = self.at_mut(env);
-        deriver.apply(slot, values, lane, block)
+        deriver.apply(acts_on, values, lane, block)
     }
 
     fn derive_all(&mut self, deriver: &Deriver, values: &[f64], env: usize) -> Result<(), SimError> {

@@ -184,7 +184,7 @@ pub(crate) struct Contact<L: Real> {
 
 /// What a contact slot belongs to: the same in all environments.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Slot {
+pub(crate) struct ActsOn {
     pub geom: usize,
     pub body: usize,
     /// Second body when the robot touches itself.
@@ -223,7 +223,7 @@ pub(crate) struct Work<L: Real> {
 }
 
 impl<L: Real> Work<L> {
-    pub fn new(topology: &Topology, slots: &[Slot], geoms: usize, dimension: usize) -> Self {
+    pub fn new(topology: &Topology, slots: &[ActsOn], geoms: usize, dimension: usize) -> Self {
         let zero = L::zero();
         let (bodies, nv) = (topology.bodies.len(), topology.nv);
         let none = Contact {

@@ -3,7 +3,7 @@
 //! On a plane everything is done in lanes. On triangles, and between shapes of the robot, each environment asks for
 //! itself: those queries branch too much for lanes.
 
-use super::block::{Block, Contact, GroundLanes, Slot, Work, contact_points};
+use super::block::{ActsOn, Block, Contact, GroundLanes, Work, contact_points};
 use super::constraint::IMPEDANCE_MAX;
 use super::newton::normal_force;
 use super::topology::Topology;
@@ -21,7 +21,7 @@ use parry3d_f64::shape::{Ball, Capsule, ConvexPolyhedron, Cuboid, Cylinder, Shar
 #[derive(Clone)]
 pub(crate) struct Colliders {
     pub terrain: Terrain,
-    pub slots: Vec<Slot>,
+    pub slots: Vec<ActsOn>,
     geoms: Vec<Collider>,
     /// Whether inner edges of the ground are felt.
     inner_edges: bool,
@@ -54,7 +54,7 @@ impl Colliders {
             let count = if terrain.is_none() { 0 } else { most };
             let first_slot = slots.len();
             let weight = body_weight[geom.link][0];
-            slots.extend((0..count).map(|_| Slot { geom: index, body: geom.link, other: None, weight }));
+            slots.extend((0..count).map(|_| ActsOn { geom: index, body: geom.link, other: None, weight }));
             geoms.push(Collider {
                 index,
                 geom: geom.clone(),
@@ -77,7 +77,7 @@ impl Colliders {
                     if !adjacent {
                         let weight = body_weight[la][0] + body_weight[lb][0];
                         pairs.push((a, b, slots.len()));
-                        slots.push(Slot { geom: a, body: la, other: Some(lb), weight });
+                        slots.push(ActsOn { geom: a, body: la, other: Some(lb), weight });
                     }
                 }
             }
@@ -146,7 +146,7 @@ pub(crate) fn leave_prints<L: Real>(block: &mut Block<L>, work: &Work<L>) {
 pub(crate) fn sink<L: Real>(colliders: &Colliders, timestep: f64, block: &mut Block<L>, work: &mut Work<L>) {
     work.of_geom.fill(L::zero());
     for &slot in &work.live {
-        let Slot { geom, other, .. } = colliders.slots[slot];
+        let ActsOn { geom, other, .. } = colliders.slots[slot];
         if other.is_none() {
             let force = normal_force(slot, work);
             work.of_geom[geom] += force;

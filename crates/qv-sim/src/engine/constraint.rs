@@ -4,7 +4,7 @@
 //! `-b v - k r` and a regularisation from its impedance `d(r)`.
 
 use super::array::Array;
-use super::block::{Block, GroundLanes, Slot, Work};
+use super::block::{ActsOn, Block, GroundLanes, Work};
 use super::topology::Topology;
 use super::vector::*;
 use super::weights::{Weights, stiffer};
@@ -63,9 +63,9 @@ pub(crate) struct LimitRow<L: Real> {
 }
 
 impl<L: Real> Rows<L> {
-    pub fn new(topology: &Topology, slots: &[Slot], dimension: usize) -> Self {
+    pub fn new(topology: &Topology, slots: &[ActsOn], dimension: usize) -> Self {
         let zero = L::zero();
-        let contact = |slot: &Slot| ContactRows {
+        let contact = |slot: &ActsOn| ContactRows {
             jacobian: vec![zero; stored_rows(dimension) * topology.force_columns(slot.body).len()].into(),
             reference: [zero; 6],
             weight: [zero; 6],
@@ -93,7 +93,7 @@ pub(crate) fn stored_rows(dimension: usize) -> usize {
 /// What the rows need beside block and work space.
 pub(crate) struct RowSettings<'a> {
     pub topology: &'a Topology,
-    pub slots: &'a [Slot],
+    pub slots: &'a [ActsOn],
     pub weights: &'a Weights,
     /// Position limits per joint.
     pub limits: &'a [(f64, f64)],

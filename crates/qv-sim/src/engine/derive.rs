@@ -7,7 +7,7 @@ use crate::lanes::{Real, Scalar};
 use crate::model::Model;
 use crate::model::inertia::{MassProperties, Payload};
 use crate::motor::{lag_gain, speed_slope};
-use crate::parameters::{Catalogue, GeomField, JointField, LinkField, Slot, UNLIMITED, WorldField};
+use crate::parameters::{ActsOn, Catalogue, GeomField, JointField, LinkField, UNLIMITED, WorldField};
 use glam::{DMat3, DVec3};
 
 /// Everything that turns a parameter into lanes.
@@ -27,25 +27,25 @@ impl Deriver<'_> {
     /// When a link would lose all its mass, or a latency exceeds what the batch remembers.
     pub fn apply<L: Real>(
         &self,
-        slot: Slot,
+        acts_on: ActsOn,
         values: &[f64],
         lane: usize,
         block: &mut Block<L>,
     ) -> Result<(), SimError> {
-        match slot {
-            Slot::Joint(j, _) => self.joint(j, values, lane, block),
-            Slot::Link(l, _) => self.link(l, values, lane, block),
-            Slot::Geom(g, _) => {
+        match acts_on {
+            ActsOn::Joint(j, _) => self.joint(j, values, lane, block),
+            ActsOn::Link(l, _) => self.link(l, values, lane, block),
+            ActsOn::Geom(g, _) => {
                 let at = self.catalogue.geoms_at + g * GeomField::COUNT;
                 set(&mut block.geoms[g].friction_scale, lane, values[at + GeomField::FrictionScale as usize]);
                 set(&mut block.geoms[g].radius_offset, lane, values[at + GeomField::RadiusOffset as usize]);
                 Ok(())
             }
-            Slot::Material(m) => {
+            ActsOn::Material(m) => {
                 set(&mut block.materials[m], lane, values[self.catalogue.materials_at + m]);
                 Ok(())
             }
-            Slot::World(_) => {
+            ActsOn::World(_) => {
                 self.world(values, lane, block);
                 Ok(())
             }
@@ -59,15 +59,15 @@ impl Deriver<'_> {
     pub fn apply_all<L: Real>(&self, values: &[f64], lane: usize, block: &mut Block<L>) -> Result<(), SimError> {
         for info in &self.catalogue.infos {
             // One parameter of each joint, link and shape stands for all of it.
-            let first = match info.slot {
-                Slot::Joint(_, f) => f == JointField::Armature,
-                Slot::Link(_, f) => f == LinkField::MassScale,
-                Slot::Geom(_, f) => f == GeomField::FrictionScale,
-                Slot::Material(_) => true,
-                Slot::World(f) => f == WorldField::Friction,
+            let first = match info.acts_on {
+                ActsOn::Joint(_, f) => f == JointField::Armature,
+                ActsOn::Link(_, f) => f == LinkField::MassScale,
+                ActsOn::Geom(_, f) => f == GeomField::FrictionScale,
+                ActsOn::Material(_) => true,
+                ActsOn::World(f) => f == WorldField::Friction,
             };
             if first {
-                self.apply(info.slot, values, lane, block)?;
+                self.apply(info.acts_on, values, lane, block)?;
             }
         }
         Ok(())

@@ -5,7 +5,7 @@
 //! Hessian has the packed pattern of the mass matrix, and joint friction only touches its diagonal.
 
 use super::array::Array;
-use super::block::{Block, Slot, Work};
+use super::block::{ActsOn, Block, Work};
 use super::constraint::{ContactRows, LimitRow, Rows};
 use super::dynamics::{HEAD, factor, multiply_packed, plus, solve};
 use super::line_search::line_search;
@@ -159,7 +159,7 @@ pub(super) fn limit_force<L: Real>(row: &LimitRow<L>, acceleration: L) -> (L, L:
 /// Settings of the solver.
 pub(crate) struct NewtonSettings<'a> {
     pub topology: &'a Topology,
-    pub slots: &'a [Slot],
+    pub slots: &'a [ActsOn],
     pub iterations: usize,
     pub tolerance: f64,
     pub line_search: LineSearch,
@@ -247,7 +247,7 @@ fn threshold<L: Real>(settings: &NewtonSettings, work: &Work<L>) -> L {
 #[inline(always)]
 pub(super) fn project<L: Real, const D: usize>(
     topology: &Topology,
-    slot: &Slot,
+    slot: &ActsOn,
     rows: &ContactRows<L>,
     x: &Array<L>,
 ) -> [L; 6] {
@@ -366,7 +366,7 @@ fn hessian<L: Real, const D: usize>(settings: &NewtonSettings, block: &Block<L>,
 #[inline(always)]
 fn add_contact<L: Real, const D: usize>(
     topology: &Topology,
-    slot: &Slot,
+    slot: &ActsOn,
     rows: &ContactRows<L>,
     sliding: bool,
     local: &[[L; 6]; 6],

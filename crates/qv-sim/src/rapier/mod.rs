@@ -16,7 +16,7 @@ mod world;
 pub use compare::{EngineDifference, Motion, compare_engines};
 
 use crate::batch::{finite, length};
-use crate::parameters::{Catalogue, JointField, Slot, WorldField};
+use crate::parameters::{ActsOn, Catalogue, JointField, WorldField};
 use crate::{BaseKind, JointCommand, Model, ParameterInfo, SensorReading, SimError, State, Terrain};
 use motors::Motors;
 use readings::History;
@@ -201,7 +201,7 @@ impl RapierEngine {
             return Err(SimError::Length { what: "catalogue", expected: self.catalogue.infos.len(), found: id });
         };
         self.catalogue.check(id, value)?;
-        let (slot, neutral) = (info.slot, value == info.neutral);
+        let (slot, neutral) = (info.acts_on, value == info.neutral);
         if !neutral && let Some(reason) = lacking(slot) {
             return Err(SimError::NotInSecondEngine { name: info.name.clone(), reason });
         }
@@ -292,15 +292,15 @@ impl RapierEngine {
 }
 
 /// Why a parameter has no counterpart in rapier; `None` when it has one.
-fn lacking(slot: Slot) -> Option<&'static str> {
-    match slot {
-        Slot::World(WorldField::Torsional) => Some("contacts without torsional friction of a given length"),
-        Slot::World(WorldField::Rolling) => Some("contacts without rolling friction"),
-        Slot::World(WorldField::FrictionDrop | WorldField::FrictionSpeed) => {
+fn lacking(acts_on: ActsOn) -> Option<&'static str> {
+    match acts_on {
+        ActsOn::World(WorldField::Torsional) => Some("contacts without torsional friction of a given length"),
+        ActsOn::World(WorldField::Rolling) => Some("contacts without rolling friction"),
+        ActsOn::World(WorldField::FrictionDrop | WorldField::FrictionSpeed) => {
             Some("contacts whose friction does not change with slip")
         }
-        Slot::World(WorldField::YieldForce | WorldField::SinkRate) => Some("ground that does not give way for good"),
-        Slot::Joint(_, field) => {
+        ActsOn::World(WorldField::YieldForce | WorldField::SinkRate) => Some("ground that does not give way for good"),
+        ActsOn::Joint(_, field) => {
             use JointField::*;
             let of_servo = matches!(
                 field,
@@ -325,19 +325,19 @@ fn lacking(slot: Slot) -> Option<&'static str> {
 }
 
 /// Whether it delays a command or what a sensor reports.
-fn is_delay(slot: Slot) -> bool {
-    slot.is_sensor_latency() || matches!(slot, Slot::Joint(_, JointField::CommandLatency))
+fn is_delay(acts_on: ActsOn) -> bool {
+    acts_on.is_sensor_latency() || matches!(acts_on, ActsOn::Joint(_, JointField::CommandLatency))
 }
 
 /// Whether bodies, joints and ground are made of it. The rest is read at every step.
-fn is_built_in(slot: Slot) -> bool {
+fn is_built_in(acts_on: ActsOn) -> bool {
     use WorldField::*;
-    match slot {
-        Slot::Joint(_, field) => matches!(field, JointField::Armature | JointField::Viscous | JointField::Coulomb),
-        Slot::Link(..) | Slot::Geom(..) | Slot::Material(_) => true,
-        Slot::World(Friction | TimeConstant | DampingRatio | Restitution | Torsional | Rolling) => true,
-        Slot::World(Height | SlopeX | SlopeY) => true,
-        Slot::World(PatchXMin | PatchXMax | PatchYMin | PatchYMax | PatchFriction) => true,
-        Slot::World(_) => false,
+    match acts_on {
+        ActsOn::Joint(_, field) => matches!(field, JointField::Armature | JointField::Viscous | JointField::Coulomb),
+        ActsOn::Link(..) | ActsOn::Geom(..) | ActsOn::Material(_) => true,
+        ActsOn::World(Friction | TimeConstant | DampingRatio | Restitution | Torsional | Rolling) => true,
+        ActsOn::World(Height | SlopeX | SlopeY) => true,
+        ActsOn::World(PatchXMin | PatchXMax | PatchYMin | PatchYMax | PatchFriction) => true,
+        ActsOn::World(_) => false,
     }
 }

@@ -9,7 +9,7 @@ use crate::{Cli, Failure, Outcome, say};
 use clap::Parser;
 use qv_fleet::{Command, InputFile, Plan as Units, Recording, Refused, Task, sha256};
 use qv_open::{Reading, open_run};
-use qv_replay::run::Robot;
+use qv_recording::run::Robot;
 use rayon::prelude::*;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};

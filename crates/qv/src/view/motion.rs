@@ -5,8 +5,10 @@ use crate::open::{find_gains, model_of, open_run, parameters_of};
 use crate::{Failure, Reading, RunArguments};
 use glam::DVec3;
 use qv_core::TriangleMesh;
-use qv_replay::Run;
-use qv_replay::replay::{Feet, ReplayOptions, Trace, simulate, usual_force};
+use qv_recording::Run;
+use qv_rollout::{Feet, Trace};
+
+use qv_replay::{ReplayOptions, simulate, usual_force};
 use qv_sim::{Model, Shape, Terrain};
 use serde_json::{Value, json};
 use std::path::Path;

@@ -16,7 +16,7 @@ const UNSURE: f64 = 0.2;
 /// within a fifth of its correction. Returns how many.
 pub fn around(file: &Path, robot: &TaskRobot, ground: &Terrain, randomise: &mut Randomise) -> Result<usize, Failure> {
     let given = parameters_of(Some(file), &robot.model, ground)?;
-    let named = qv_replay::replay::expand(&robot.model, ground, &given)?;
+    let named = qv_rollout::expand(&robot.model, ground, &given)?;
     let probe = Batch::<f32>::new(&robot.model, ground, &SimOptions::default(), 1)?;
     let widths = widths(&file.with_file_name("report.json"));
     for (name, value) in &named {

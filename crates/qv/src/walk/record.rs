@@ -7,7 +7,7 @@ use crate::output::{make_folder, write_whole};
 use crate::{Failure, Outcome, say};
 use qv_core::JointSeries;
 use qv_policy::velocity::TaskRobot;
-use qv_replay::Run;
+use qv_recording::Run;
 use qv_residual::hidden::{Order, wander};
 use std::fmt::Write;
 use std::fs;

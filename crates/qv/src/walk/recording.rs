@@ -4,7 +4,9 @@ use crate::Failure;
 use crate::output::write_whole;
 use qv_core::Pose;
 use qv_policy::play::Played;
-use qv_replay::replay::{FrameTrace, Recorded, Trace, write_traces};
+use qv_replay::{FrameTrace, Recorded, write_traces};
+
+use qv_rollout::Trace;
 use qv_sim::{BaseKind, Model, ModelOptions};
 use std::io::Cursor;
 use std::path::Path;
@@ -101,8 +103,8 @@ mod tests {
     use super::*;
     use crate::facts::States;
     use crate::walk::example::made_up;
-    use qv_replay::cdr::decode;
-    use qv_replay::schema::Schema;
+    use qv_recording::cdr::decode;
+    use qv_recording::schema::Schema;
     use std::collections::BTreeMap;
 
     #[test]
@@ -170,10 +172,10 @@ mod tests {
     fn what_is_written_is_a_run() {
         let (played, urdf) = (made_up(100), qv_go2::model::urdf_with_shapes());
         let bytes = recording(&played, &urdf).unwrap();
-        let file = qv_replay::BagFile { name: "replay.mcap".into(), source: &bytes[..] };
-        let run = qv_replay::read_bag_of([file], &qv_replay::robots::told_by_messages(), None).unwrap();
-        assert_eq!(run.robot, qv_replay::run::Robot::Urdf(urdf));
-        assert_eq!((run.joint_names.clone(), run.base), (played.joints.clone(), qv_replay::run::Base::Free));
+        let file = qv_recording::BagFile { name: "replay.mcap".into(), source: &bytes[..] };
+        let run = qv_recording::read_bag_of([file], &qv_recording::robots::told_by_messages(), None).unwrap();
+        assert_eq!(run.robot, qv_recording::run::Robot::Urdf(urdf));
+        assert_eq!((run.joint_names.clone(), run.base), (played.joints.clone(), qv_recording::run::Base::Free));
         let (position, target) = (run.measured.position.unwrap(), run.commands.position.unwrap());
         assert_eq!((position.len(), target.len(), run.measured.base_pose.unwrap().len()), (100, 100, 100));
         for k in [0, 42, 99] {

@@ -36,8 +36,8 @@ fn write_database(path: &Path, messages: &[Message], compressed: bool, journal: 
 
 /// Everything that is read, but for names: shortest decimals that are read back to the same bits.
 fn run_of(bytes: &[u8]) -> String {
-    let file = qv_replay::BagFile { name: "bag".into(), source: bytes };
-    format!("{:?}", qv_replay::read_bag([file], &qv_go2::wire::mapping(None)).unwrap())
+    let file = qv_recording::BagFile { name: "bag".into(), source: bytes };
+    format!("{:?}", qv_recording::read_bag([file], &qv_go2::wire::mapping(None)).unwrap())
 }
 
 #[test]

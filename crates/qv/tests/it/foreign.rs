@@ -2,8 +2,8 @@
 
 use crate::bags::*;
 use crate::facts::States;
-use qv_replay::foreign::lerobot::{Info, table};
-use qv_replay::foreign::{Settings, Table};
+use qv_recording::foreign::lerobot::{Info, table};
+use qv_recording::foreign::{Settings, Table};
 use serde_json::json;
 use std::fs;
 use std::path::{Path, PathBuf};

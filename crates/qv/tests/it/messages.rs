@@ -1,8 +1,8 @@
 //! What is said of bad files of every kind: each message names what was expected and what was found.
 
-use qv_replay::foreign::motor_csv::Motors;
-use qv_replay::foreign::{Settings, lerobot, motor_csv, sage};
-use qv_replay::{BagFile, read_bag, read_table};
+use qv_recording::foreign::motor_csv::Motors;
+use qv_recording::foreign::{Settings, lerobot, motor_csv, sage};
+use qv_recording::{BagFile, read_bag, read_table};
 use qv_sim::{Model, ModelOptions};
 use qv_splat::captures::rgbd_folders::{self, Folder, Layout};
 use qv_splat::captures::{cameras_json, colmap, nerfstudio, rgbd};

@@ -8,8 +8,10 @@ use qv_go2::messages::*;
 use qv_go2::model;
 use qv_mesh::files::glb;
 use qv_page::read;
-use qv_replay::cdr::{self, Value as Decoded};
-use qv_replay::schema::Schema;
+use qv_recording::cdr;
+
+use qv_recording::cdr::Value as Decoded;
+use qv_recording::schema::Schema;
 use qv_sim::{BaseKind, Batch, JointCommand, Model, ModelOptions, SimOptions, State, Terrain};
 use serde_json::Value;
 use std::fs;

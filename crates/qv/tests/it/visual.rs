@@ -9,8 +9,8 @@ use qv_camera::path::Path as Way;
 use qv_camera::{Intrinsics, Rig};
 use qv_core::{GaussianCloud, JointSeries, Pose};
 use qv_go2::synthetic::{self, Robot};
-use qv_replay::cdr::Writer;
-use qv_replay::{BagFile, read_bag};
+use qv_recording::cdr::Writer;
+use qv_recording::{BagFile, read_bag};
 use qv_sim::Terrain;
 use qv_splat::files::{Format, write as write_splats};
 use std::path::{Path, PathBuf};
@@ -162,7 +162,7 @@ fn a_late_camera_is_accused_and_nothing_else_and_the_corrected_one_is_not() {
     assert!(page.states("What") && page.matches("data:image/png;base64,").count() == 15);
     // The corrections of the simulator are as readable as ever, and the corrected camera is accused of nothing.
     let parameters = std::fs::read_to_string(folder.join("calibrated.toml")).unwrap();
-    assert!(qv_replay::replay::parameters_from_toml(&parameters).unwrap().is_empty());
+    assert!(qv_rollout::parameters_from_toml(&parameters).unwrap().is_empty());
     let corrected = std::fs::read_to_string(folder.join("calibrated_camera.toml")).unwrap();
     let (code, out, err, _) = diagnose("see_corrected", &messages, &cloud, &corrected);
     assert_eq!(code, 0, "{err}");

@@ -2,7 +2,9 @@
 
 use crate::report::{TracedWindow, Traces};
 use qv_page::{Stretch, fixed};
-use qv_replay::replay::{Trace, joint_board};
+use qv_rollout::Trace;
+
+use qv_replay::joint_board;
 
 /// The section, with a board for each recording; empty without traces.
 pub(super) fn traces(traces: &Traces) -> String {

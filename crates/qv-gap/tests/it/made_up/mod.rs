@@ -2,7 +2,7 @@
 #![allow(dead_code)]
 
 use qv_gap::report::*;
-use qv_replay::replay::Trace;
+use qv_rollout::Trace;
 use qv_sim::{BaseKind, Model, ModelOptions};
 
 pub fn go2() -> Model {

@@ -1,7 +1,7 @@
 //! Recordings of a simulated Go2, and its model.
 
 use qv_go2::synthetic::{self, Message, Robot};
-use qv_replay::{BagFile, Run};
+use qv_recording::{BagFile, Run};
 use qv_sim::{BaseKind, Model, ModelOptions, Terrain};
 use std::io::Cursor;
 
@@ -16,7 +16,8 @@ pub fn read(messages: &[Message]) -> Run {
     let mut bytes = Cursor::new(Vec::new());
     synthetic::write_bag(messages, &mut bytes).unwrap();
     bytes.set_position(0);
-    qv_replay::read_bag(vec![BagFile { name: "made up".into(), source: bytes }], &qv_go2::wire::mapping(None)).unwrap()
+    qv_recording::read_bag(vec![BagFile { name: "made up".into(), source: bytes }], &qv_go2::wire::mapping(None))
+        .unwrap()
 }
 
 /// The nominal Go2.

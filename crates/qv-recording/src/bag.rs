@@ -1,0 +1,553 @@
+//! ROS 2 bags become runs: streams chosen, clocks joined, channels filled.
+
+use crate::RecordingError;
+use crate::cdr::Cursor;
+use crate::choose::{Chosen, choose_robot, choose_streams, state_stream, stream_of};
+use crate::clean::{Samples, columns, median_interval, put_in_order};
+use crate::container::read_messages;
+use crate::definitions::standard;
+use crate::mapping::{Channel, ChannelFields, Mapping, MessageMapping};
+use crate::named::Named;
+use crate::plan::{Plan, Wanted};
+use crate::run::{
+    Actuator, ActuatorKind, Base, Clock, Commands, Fault, FaultKind, Known, Loss, Measurements, Robot, Run, Source,
+};
+use crate::schema::Schema;
+use crate::stream::{ChannelInfo, MessageSink};
+use crate::{faults, gains, imu};
+use qv_core::statistics::median;
+use std::collections::BTreeMap;
+use std::io::Read;
+
+/// One file of a bag, in the order of time.
+pub struct BagFile<R> {
+    /// Name for messages.
+    pub name: String,
+    /// Its bytes.
+    pub source: R,
+}
+
+/// Nanoseconds in a second.
+const SECOND: i64 = 1_000_000_000;
+
+/// A clock that goes back, or an hour ahead, was set.
+const BACKWARD_JUMP: i64 = SECOND / 10;
+const FORWARD_JUMP: i64 = 3600 * SECOND;
+
+/// What was read of one topic.
+pub(crate) struct Topic {
+    pub info: ChannelInfo,
+    /// Logged at \[ns\], one per message.
+    pub logged: Vec<i64>,
+    /// Place of each message in the bag; kept for streams in use only.
+    order: Vec<u32>,
+    /// Which stream of the mapping it could be, and which of the stream's types it has.
+    pub stream: Option<(usize, usize)>,
+    plan: Option<Plan>,
+    /// In place of a plan where messages name their joints.
+    named: Option<Named>,
+    /// The text of a robot's description: `None` where the topic has none.
+    description: Option<Option<String>>,
+    pub refused: Option<String>,
+    has_header: bool,
+    stamps: Vec<i64>,
+    rows: Vec<f64>,
+    row: Vec<f64>,
+    errors: usize,
+    pub first_error: Option<(i64, String)>,
+}
+
+pub(crate) struct Collector<'a> {
+    pub mapping: &'a Mapping,
+    pub topics: Vec<Topic>,
+    by_name: BTreeMap<(String, String), usize>,
+    by_id: BTreeMap<u16, usize>,
+    messages: u32,
+}
+
+/// Reads a bag of one or more files, as `mapping` says.
+///
+/// Each stream is put on one clock: the stamp in the message's header where there is one that agrees with the log
+/// within a second, else the time of logging ([`Source::clock`] says which). Time 0 is the first joint state.
+///
+/// # Errors
+/// When nothing usable is there: no joint states, or a robot of another shape. Anything less is named in
+/// [`Run::lost`] and [`Run::faults`].
+pub fn read_bag<R: Read>(
+    files: impl IntoIterator<Item = BagFile<R>>,
+    mapping: &Mapping,
+) -> Result<Run, RecordingError> {
+    read_bag_of(files, std::slice::from_ref(mapping), None)
+}
+
+/// Reads a bag as the one of `mappings` says whose messages are in it; one of a certain robot is preferred to a generic one.
+/// `namespace` (such as `/robot1`) picks one of several robots whose topics lie below names of their own.
+///
+/// # Errors
+/// As [`read_bag`]; and when the bag has several robots, whose topics are named.
+pub fn read_bag_of<R: Read>(
+    files: impl IntoIterator<Item = BagFile<R>>,
+    mappings: &[Mapping],
+    namespace: Option<&str>,
+) -> Result<Run, RecordingError> {
+    let mut all = Collectors(mappings.iter().map(Collector::new).collect());
+    let mut lost = Vec::new();
+    for file in files {
+        all.0.iter_mut().for_each(|c| c.by_id.clear());
+        lost.extend(read_messages(&file.name, file.source, &mut all));
+    }
+    let robot = choose_robot(&all.0, namespace, &lost)?;
+    run_of(all.0.swap_remove(robot), namespace, lost)
+}
+
+/// What was read of a bag becomes a run.
+fn run_of(mut collector: Collector, namespace: Option<&str>, lost: Vec<Loss>) -> Result<Run, RecordingError> {
+    let mapping = collector.mapping;
+    let mut faults = Vec::new();
+    let jumps = join_clocks(&mut collector.topics);
+    let Chosen { topics: chosen, namespace, told } = choose_streams(&collector, namespace, &lost, &mut faults)?;
+    let clocks: Vec<Clock> = collector.topics.iter_mut().map(choose_clock).collect();
+    let states = chosen[state_stream(mapping)?].expect("joint states were chosen or it is an error");
+    let epoch = first_stamp(stamps_of(&collector.topics[states], clocks[states]));
+    for (place, jump, topic) in jumps {
+        let time = (place - epoch) as f64 / SECOND as f64;
+        let detail = format!("the clock jumped by {:+.3} s: the stretches were joined", jump as f64 / SECOND as f64);
+        faults.push(Fault { kind: FaultKind::ClockJump, channel: topic, time, count: 1, detail });
+    }
+    let sources = sources(&collector.topics, &clocks, &chosen, epoch);
+    let mut run = empty_run(mapping, epoch as u64, sources);
+    (run.lost, run.told) = (lost, told);
+    if let Some(named) = collector.topics[states].named.as_ref().filter(|_| mapping.joint_names.is_empty()) {
+        run.joint_names = named.all_names();
+        run.joint_parameters = vec![Default::default(); run.joint_names.len()];
+    }
+    for (stream, topic) in chosen.iter().enumerate() {
+        if let Some(topic) = *topic {
+            let clock = clocks[topic];
+            let topic = &mut collector.topics[topic];
+            report_errors(topic, epoch, &mut faults);
+            let message = &mapping.streams[stream].messages[topic.stream.expect("chosen by stream").1];
+            take(&mut run, topic, message, clock, epoch, &mut faults);
+        }
+    }
+    if let Some(text) = description(&collector.topics, mapping, &namespace) {
+        run.robot = Robot::Urdf(text);
+    }
+    run.base =
+        if run.measured.base_pose.is_some() || run.measured.acceleration.is_some() { Base::Free } else { Base::Fixed };
+    if run.measured.position.is_none() {
+        return Err(RecordingError::run("joint positions", "finite values", "none"));
+    }
+    if let Some(rpy) = mapping.imu_rotation {
+        let told = imu::to_trunk(&mut run, qv_core::Pose::from_xyz_rpy([0.0; 3], rpy).rotation, true);
+        run.told.extend(told);
+    }
+    say_missing_commands(&run, mapping, &mut faults);
+    add_gains(&mut run, mapping);
+    run.tell_uncommanded();
+    run.faults = faults;
+    if let Some(one) = run.measured.position.as_ref().filter(|p| p.len() == 1) {
+        let (channel, detail) = ("position".into(), "expected samples at several times, found one".into());
+        run.faults.push(Fault { kind: FaultKind::Missing, channel, time: one.time[0], count: 1, detail });
+    }
+    faults::examine(&mut run, Some(mapping));
+    Ok(run)
+}
+
+/// Puts what a topic has into the channels of the run.
+fn take(run: &mut Run, topic: &mut Topic, message: &MessageMapping, clock: Clock, epoch: i64, faults: &mut Vec<Fault>) {
+    let name = topic.info.topic.clone();
+    let (samples, widths): (Samples, Vec<usize>) = match topic.named.take() {
+        Some(named) => {
+            let names = named.all_names();
+            let strange: Vec<&str> =
+                names.iter().filter(|n| !run.joint_names.contains(n)).map(String::as_str).collect();
+            if !strange.is_empty() {
+                run.told.push(format!("{name} has joints that are not read: {}", strange.join(" ")));
+            }
+            for twice in named.names_twice() {
+                let what = format!("joint {twice} is named more than once in a message: its last value there is read");
+                run.lost.push(Loss { file: name.clone(), what, span: None });
+            }
+            let samples = named.samples(seconds(topic, clock, epoch), &run.joint_names);
+            (put_in_order(samples, &name, true, faults), vec![run.joint_names.len(); message.fields.len()])
+        }
+        None => {
+            let samples = put_in_order(samples(topic, clock, epoch), &name, false, faults);
+            let width = |c: &ChannelFields| c.fields.iter().map(|f| f.elements.len()).sum();
+            (samples, message.fields.iter().map(width).collect())
+        }
+    };
+    let mut first = 0;
+    for (channel, width) in message.fields.iter().zip(widths) {
+        let own = columns(&samples, first, width);
+        first += width;
+        // Of two streams with one channel, the one that has it counts.
+        if own.is_some() || slot(run, channel.channel).is_none() {
+            *slot(run, channel.channel) = own;
+        }
+    }
+}
+
+/// The text of the robot's description: that of its own namespace, else any.
+fn description(topics: &[Topic], mapping: &Mapping, namespace: &str) -> Option<String> {
+    let own = format!("{namespace}{}", mapping.description_topic.as_deref()?);
+    let with_text = topics.iter().filter_map(|t| Some((t, t.description.as_ref()?.as_ref()?)));
+    with_text.max_by_key(|(t, _)| t.info.topic == own).map(|(_, text)| text.clone())
+}
+
+/// Where every stream of commands may be absent, one has to be there.
+fn say_missing_commands(run: &Run, mapping: &Mapping, faults: &mut Vec<Fault>) {
+    let is_of_commands = |c: &ChannelFields| c.channel.is_command();
+    let streams = mapping.streams.iter().filter(|s| s.messages.iter().any(|m| m.fields.iter().any(is_of_commands)));
+    let streams: Vec<&crate::mapping::StreamMapping> = streams.collect();
+    if run.commands == Commands::default() && !streams.is_empty() && streams.iter().all(|s| s.optional) {
+        let topics: Vec<&str> = streams.iter().map(|s| s.preferred_topic.as_str()).collect();
+        let detail = format!("expected commands (as on {}), found none", topics.join(" or "));
+        faults.push(Fault { kind: FaultKind::Missing, channel: "commands".into(), time: 0.0, count: 1, detail });
+    }
+}
+
+/// Gains of the mapping, or those that the torques tell, where no message has any.
+fn add_gains(run: &mut Run, mapping: &Mapping) {
+    let is_gain = |c: &ChannelFields| c.channel == Channel::CommandKp;
+    if mapping.streams.iter().any(|s| s.messages.iter().any(|m| m.fields.iter().any(is_gain))) {
+        return;
+    }
+    match &mapping.gains {
+        Some([kp, kd]) => {
+            let start = run.commands.position.as_ref().map_or(0.0, |s| s.time[0]);
+            let n = run.joint_names.len();
+            let row = |row: &Vec<f64>| if let [all] = row[..] { vec![all; n] } else { row.clone() };
+            let one = |gains: &Vec<f64>| qv_core::JointSeries::new(vec![start], row(gains), n).ok();
+            (run.commands.kp, run.commands.kd) = (one(kp), one(kd));
+        }
+        None => gains::from_torques(run),
+    }
+}
+
+fn empty_run(mapping: &Mapping, epoch: u64, sources: Vec<Source>) -> Run {
+    Run {
+        robot: Robot::Named(mapping.robot.clone()),
+        base: Base::Free,
+        joint_names: mapping.joint_names.clone(),
+        foot_names: mapping.foot_names.clone(),
+        imu_position: mapping.imu_position,
+        actuator: Actuator { kind: ActuatorKind::Pd, kp: None, kd: None, tau_max: None, gains: [Known::Stated; 2] },
+        joint_parameters: vec![Default::default(); mapping.joint_names.len()],
+        commands: Commands::default(),
+        measured: Measurements::default(),
+        epoch,
+        sources,
+        faults: Vec::new(),
+        lost: Vec::new(),
+        told: Vec::new(),
+    }
+}
+
+/// All mappings see all messages.
+struct Collectors<'a>(Vec<Collector<'a>>);
+
+impl MessageSink for Collectors<'_> {
+    fn channel(&mut self, channel: &ChannelInfo) {
+        self.0.iter_mut().for_each(|c| c.channel(channel));
+    }
+
+    fn message(&mut self, channel: u16, log_time: u64, data: &[u8]) {
+        self.0.iter_mut().for_each(|c| c.message(channel, log_time, data));
+    }
+}
+
+impl<'a> Collector<'a> {
+    fn new(mapping: &'a Mapping) -> Self {
+        Self { mapping, topics: Vec::new(), by_name: BTreeMap::new(), by_id: BTreeMap::new(), messages: 0 }
+    }
+}
+
+impl MessageSink for Collector<'_> {
+    fn channel(&mut self, channel: &ChannelInfo) {
+        let key = (channel.topic.clone(), channel.schema_name.clone());
+        let index = match self.by_name.get(&key) {
+            Some(&index) => index,
+            None => {
+                self.topics.push(Topic::new(channel, self.mapping));
+                self.by_name.insert(key, self.topics.len() - 1);
+                self.topics.len() - 1
+            }
+        };
+        self.by_id.insert(channel.id, index);
+    }
+
+    fn message(&mut self, channel: u16, log_time: u64, data: &[u8]) {
+        let Some(&index) = self.by_id.get(&channel) else { return };
+        let place = self.messages;
+        self.messages = self.messages.saturating_add(1);
+        self.topics[index].message(place, i64::try_from(log_time).unwrap_or(i64::MAX), data);
+    }
+}
+
+/// The channel with the definition that is built in, where the bag carries none.
+fn with_definition(info: &ChannelInfo, mapping: &Mapping) -> ChannelInfo {
+    let own = mapping.definitions.iter().find(|(name, _)| *name == info.schema_name).map(|(_, text)| text.clone());
+    match own.or_else(|| standard(&info.schema_name)) {
+        Some(text) if info.schema_text.is_empty() && !info.schema_name.is_empty() => {
+            ChannelInfo { schema_encoding: "ros2msg".into(), schema_text: text.into_bytes(), ..info.clone() }
+        }
+        _ => info.clone(),
+    }
+}
+
+impl Topic {
+    fn new(info: &ChannelInfo, mapping: &Mapping) -> Self {
+        let info = &with_definition(info, mapping);
+        let mut topic = Self {
+            info: info.clone(),
+            logged: Vec::new(),
+            order: Vec::new(),
+            stream: None,
+            plan: None,
+            named: None,
+            description: None,
+            refused: None,
+            has_header: false,
+            stamps: Vec::new(),
+            rows: Vec::new(),
+            row: Vec::new(),
+            errors: 0,
+            first_error: None,
+        };
+        topic.stream = stream_of(mapping, &info.topic, &info.schema_name);
+        if let Some((s, m)) = topic.stream
+            && let Err(error) = topic.compile(&mapping.streams[s].messages[m])
+        {
+            topic.refused = Some(error.to_string());
+        }
+        let is_description = |name: &String| info.topic.ends_with(name.as_str());
+        if info.schema_name == "std_msgs/msg/String" && mapping.description_topic.as_ref().is_some_and(is_description) {
+            topic.description = Some(None);
+        }
+        // Only the plan needs the definition from here on.
+        topic.info.schema_text = Vec::new();
+        topic
+    }
+
+    /// Whether its messages can be read, and there are some.
+    pub fn is_usable(&self) -> bool {
+        (self.plan.is_some() || self.named.is_some()) && !self.logged.is_empty()
+    }
+
+    fn compile(&mut self, message: &MessageMapping) -> Result<(), RecordingError> {
+        let fields = &message.fields;
+        let found = |expected: &str, found: &str| RecordingError::Field {
+            type_name: self.info.schema_name.clone(),
+            expected: expected.to_string(),
+            found: format!("`{found}`"),
+        };
+        if self.info.message_encoding != "cdr" {
+            return Err(found("message encoding `cdr`", &self.info.message_encoding));
+        }
+        if self.info.schema_encoding != "ros2msg" {
+            return Err(found("schema encoding `ros2msg`", &self.info.schema_encoding));
+        }
+        let schema = Schema::parse(&self.info.schema_name, &String::from_utf8_lossy(&self.info.schema_text))?;
+        if let Some(names) = &message.names {
+            let paths = fields.iter().flat_map(|f| f.fields.iter().map(|w| w.path.clone())).collect();
+            self.named = Some(Named::new(schema, names, paths)?);
+            return Ok(());
+        }
+        if fields.iter().any(|f| f.channel.is_of_joints() && f.fields.iter().all(|w| w.elements.is_empty())) {
+            let expected = "a robot file whose `joints` say in which order they are: the message has no names";
+            return Err(RecordingError::Field {
+                type_name: self.info.schema_name.clone(),
+                expected: expected.into(),
+                found: "none".into(),
+            });
+        }
+        self.has_header = schema.root().fields.first().is_some_and(|f| f.name == "header");
+        let mut wanted: Vec<Wanted> = fields.iter().flat_map(|f| f.fields.iter().cloned()).collect();
+        if self.has_header {
+            wanted.extend(["sec", "nanosec"].map(|f| Wanted { path: format!("header.stamp.{f}"), elements: vec![0] }));
+        }
+        let plan = Plan::compile(&schema, &wanted)?;
+        self.row = vec![0.0; plan.width()];
+        self.plan = Some(plan);
+        Ok(())
+    }
+
+    fn message(&mut self, place: u32, logged: i64, data: &[u8]) {
+        if let Some(named) = &mut self.named {
+            match named.read(data) {
+                Err(error) => {
+                    self.errors += 1;
+                    self.first_error.get_or_insert((logged, error.to_string()));
+                }
+                Ok(stamp) => {
+                    self.logged.push(logged);
+                    self.order.push(place);
+                    self.stamps.extend(stamp.map(|(sec, nanosec)| sec as i64 * SECOND + nanosec as i64));
+                }
+            }
+            return;
+        }
+        if let Some(text @ None) = &mut self.description {
+            let mut cursor = Cursor::new(data).ok();
+            *text =
+                cursor.as_mut().and_then(|c| c.string("data").ok()).map(|s| String::from_utf8_lossy(s).into_owned());
+        }
+        let Some(plan) = &self.plan else {
+            self.logged.push(logged);
+            self.order.push(place);
+            return;
+        };
+        if let Err(error) = plan.read(data, &mut self.row) {
+            self.errors += 1;
+            self.first_error.get_or_insert((logged, error.to_string()));
+            return;
+        }
+        self.logged.push(logged);
+        self.order.push(place);
+        let width = self.row.len() - if self.has_header { 2 } else { 0 };
+        if let [sec, nanosec] = self.row[width..] {
+            self.stamps.push(sec as i64 * SECOND + nanosec as i64);
+        }
+        self.rows.extend_from_slice(&self.row[..width]);
+    }
+}
+
+/// Finds places where the recorder's clock was set and takes the jump out of everything later, in all topics.
+/// Returns the stamp before each jump, its size \[ns\] and the topic that showed it.
+fn join_clocks(topics: &mut [Topic]) -> Vec<(i64, i64, String)> {
+    let mut jumps = Vec::new();
+    // More jumps than this are no clock but noise; sorting deals with the rest.
+    while jumps.len() < 16 {
+        let found = topics.iter().filter_map(|t| first_jump(&t.logged).map(|i| (t.order[i], t, i)));
+        let Some((place, topic, index)) = found.min_by_key(|(place, _, _)| *place) else { break };
+        let before = topic.logged[index - 1];
+        let jump = topic.logged[index].saturating_sub(before).saturating_sub(period(&topic.logged));
+        jumps.push((before, jump, topic.info.topic.clone()));
+        for topic in topics.iter_mut() {
+            let first = first_after(topic, place, jump);
+            topic.logged[first..].iter_mut().for_each(|logged| *logged = logged.saturating_sub(jump));
+        }
+    }
+    jumps
+}
+
+/// Median time between messages \[ns\].
+fn period(logged: &[i64]) -> i64 {
+    let mut steps: Vec<f64> = logged.windows(2).map(|w| w[1].saturating_sub(w[0]) as f64).collect();
+    median(&mut steps).max(0.0) as i64
+}
+
+/// Index of a topic's first message after its clock jumped, which another topic showed at a place in the bag: recorders write some messages
+/// late that they logged before.
+fn first_after(topic: &Topic, place: u32, jump: i64) -> usize {
+    const LATE: usize = 16;
+    let logged = &topic.logged;
+    let there = topic.order.iter().position(|p| *p >= place).unwrap_or(logged.len());
+    let period = period(logged);
+    let has_jumped = |i: &usize| {
+        let step = logged[*i].saturating_sub(logged[i - 1]).saturating_sub(period);
+        step.saturating_sub(jump).saturating_abs() < step.saturating_abs()
+    };
+    (there.max(1)..logged.len().min(there + LATE)).find(has_jumped).unwrap_or(there)
+}
+
+/// Index of the first message after a jump that lasts: a lone late message is out of order, no jump.
+fn first_jump(logged: &[i64]) -> Option<usize> {
+    (1..logged.len()).find(|&i| {
+        let is_jump = |later: i64| {
+            let step = later.saturating_sub(logged[i - 1]);
+            !(-BACKWARD_JUMP..=FORWARD_JUMP).contains(&step)
+        };
+        is_jump(logged[i]) && logged[i..].iter().take(5).all(|&later| is_jump(later)) && logged.len() > i + 1
+    })
+}
+
+/// Header stamps when they stay within a second of the (joined) log, else the log.
+fn choose_clock(topic: &mut Topic) -> Clock {
+    let agrees = topic.stamps.len() == topic.logged.len()
+        && !topic.stamps.is_empty()
+        && topic.stamps.iter().zip(&topic.logged).all(|(s, l)| s.saturating_sub(*l).abs() < SECOND);
+    if agrees { Clock::Header } else { Clock::Log }
+}
+
+fn stamps_of(topic: &Topic, clock: Clock) -> &[i64] {
+    if clock == Clock::Header { &topic.stamps } else { &topic.logged }
+}
+
+/// The earliest stamp, those half a day off the median left out.
+fn first_stamp(stamps: &[i64]) -> i64 {
+    let mut sorted = stamps.to_vec();
+    sorted.sort_unstable();
+    let middle = sorted.get(sorted.len() / 2).copied().unwrap_or(0);
+    sorted.into_iter().find(|s| middle.saturating_sub(*s) < 12 * FORWARD_JUMP).unwrap_or(middle)
+}
+
+fn seconds(topic: &Topic, clock: Clock, epoch: i64) -> Vec<f64> {
+    let seconds = |ns: &i64| ns.saturating_sub(epoch) as f64 / SECOND as f64;
+    stamps_of(topic, clock).iter().map(seconds).collect()
+}
+
+fn samples(topic: &mut Topic, clock: Clock, epoch: i64) -> Samples {
+    let time = seconds(topic, clock, epoch);
+    let width = topic.row.len() - if topic.has_header { 2 } else { 0 };
+    Samples { time, rows: std::mem::take(&mut topic.rows), width }
+}
+
+fn sources(topics: &[Topic], clocks: &[Clock], chosen: &[Option<usize>], epoch: i64) -> Vec<Source> {
+    let seconds = |ns: i64| ns.saturating_sub(epoch) as f64 / SECOND as f64;
+    let one = |(index, topic): (usize, &Topic)| {
+        let time: Vec<f64> = stamps_of(topic, clocks[index]).iter().map(|&ns| seconds(ns)).collect();
+        source(&topic.info.topic, &topic.info.schema_name, &time, clocks[index], chosen.contains(&Some(index)))
+    };
+    topics.iter().enumerate().map(one).collect()
+}
+
+/// The figures of a stream with stamps `time` \[s\] in the order of arrival.
+pub(crate) fn source(name: &str, type_name: &str, time: &[f64], clock: Clock, used: bool) -> Source {
+    let period = median_interval(time);
+    let near = time.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 0.0 && *d < 1.5 * period);
+    let (sum, count) = near.fold((0.0, 0usize), |(sum, n), d| (sum + (d - period).powi(2), n + 1));
+    let first = time.iter().copied().fold(f64::INFINITY, f64::min);
+    let last = time.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    Source {
+        name: name.into(),
+        type_name: type_name.into(),
+        count: time.len(),
+        rate: 1.0 / period,
+        jitter: if count == 0 { f64::NAN } else { (sum / count as f64).sqrt() },
+        span: if time.is_empty() { [0.0, 0.0] } else { [first, last] },
+        clock,
+        used,
+    }
+}
+
+fn report_errors(topic: &Topic, epoch: i64, faults: &mut Vec<Fault>) {
+    if let Some((logged, reason)) = &topic.first_error {
+        let time = logged.saturating_sub(epoch) as f64 / SECOND as f64;
+        let detail = format!("{} messages could not be decoded, the first: {reason}", topic.errors);
+        let kind = FaultKind::Missing;
+        faults.push(Fault { kind, channel: topic.info.topic.clone(), time, count: topic.errors, detail });
+    }
+}
+
+/// The place of a channel in a run.
+pub(crate) fn slot(run: &mut Run, channel: Channel) -> &mut Option<qv_core::JointSeries> {
+    let (c, m) = (&mut run.commands, &mut run.measured);
+    match channel {
+        Channel::CommandPosition => &mut c.position,
+        Channel::CommandVelocity => &mut c.velocity,
+        Channel::CommandTorque => &mut c.torque,
+        Channel::CommandKp => &mut c.kp,
+        Channel::CommandKd => &mut c.kd,
+        Channel::Position => &mut m.position,
+        Channel::Velocity => &mut m.velocity,
+        Channel::Torque => &mut m.torque,
+        Channel::Gyro => &mut m.gyro,
+        Channel::Acceleration => &mut m.acceleration,
+        Channel::Orientation => &mut m.orientation,
+        Channel::FootForce => &mut m.foot_force,
+        Channel::BasePose => &mut m.base_pose,
+    }
+}

@@ -1,0 +1,282 @@
+//! The simulator driven by a recording: one environment for the whole run, one for each window.
+
+use crate::ReplayError;
+use qv_core::JointSeries;
+use qv_recording::Run;
+use qv_rollout::{
+    Covered, Feet, HeldCommands, Numerics, Overrides, Rollout, Sensors, Simulation, Start, Starts, Trace, WindowOptions,
+};
+use qv_sim::{Batch, Model, State, Terrain};
+
+/// How to replay.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReplayOptions {
+    /// Length of a window \[s\].
+    pub window: f64,
+    /// Parameters by name and value; a `*` in a name stands for every joint, link or shape that fits.
+    pub parameters: Vec<(String, f64)>,
+    /// Time step of the simulation \[s\].
+    pub timestep: f64,
+    /// Whether the ground of each window is moved to the loaded feet.
+    pub anchor_ground: bool,
+}
+
+impl Default for ReplayOptions {
+    fn default() -> Self {
+        Self { window: 0.3, parameters: Vec::new(), timestep: 0.001, anchor_ground: true }
+    }
+}
+
+/// One window.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Window {
+    /// Index into the recorded times of its first instant.
+    pub first: usize,
+    /// What the simulator did, from that instant on.
+    pub trace: Trace,
+}
+
+/// All windows.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Windows {
+    /// Length \[s\].
+    pub length: f64,
+    /// Windows that were simulated.
+    pub windows: Vec<Window>,
+    /// Windows left out, since something is missing in them.
+    pub skipped: usize,
+    /// Windows left out, since the simulation ran away in them.
+    pub ran_away: usize,
+}
+
+/// What the simulator did, beside what was recorded at the same times.
+pub struct Simulated {
+    /// Column of the run for each joint of the model.
+    pub columns: Vec<usize>,
+    /// Feet.
+    pub feet: Feet,
+    /// Recorded.
+    pub recorded: Trace,
+    /// Whole run.
+    pub whole: Trace,
+    /// Windows.
+    pub windows: Windows,
+    /// Time at which the simulation of the whole run ran away \[s\]; there is no whole run to compare then.
+    pub ran_away: Option<f64>,
+    /// Simulated time of all environments \[s\].
+    pub seconds: f64,
+}
+
+/// Replays `run`: whole, and in windows.
+///
+/// # Errors
+/// See [`crate::replay`].
+pub fn simulate(
+    run: &Run,
+    model: &Model,
+    terrain: &Terrain,
+    options: &ReplayOptions,
+) -> Result<Simulated, ReplayError> {
+    check(options)?;
+    let mut rollout = Rollout::new(run, model, terrain, &options.parameters, WindowOptions::default())?;
+    rollout.anchors = options.anchor_ground;
+    let held = HeldCommands::new(run, &rollout.columns)?;
+    let starts = rollout.starts(run, rollout.sensor_errors(&Overrides::new()))?;
+    let recorded = recorded(run, &rollout.columns, &rollout.feet, starts.velocities());
+    let times = &recorded.time;
+    let whole_start = (0..times.len()).find_map(|i| starts.at(times[i]).map(|s| (i, s)));
+    let Some((first, state)) = whole_start else {
+        return Err(ReplayError::run("replay", "a stretch with all joints (and poses) measured", "none"));
+    };
+    let (plan, skipped) = plan_windows(run, times, &starts, &held, options);
+    let numerics = Numerics { timestep: options.timestep, ..Numerics::default() };
+    let start = |time: f64, until: f64| Start {
+        view: run,
+        held: &held,
+        time,
+        since: time - times[0],
+        during: [time, until],
+        starts: Some(&starts),
+    };
+    let feet = rollout.feet.geoms.len();
+    let stands = |s: &&Stretch| feet > 0 && rollout.gap_below(&Overrides::new(), &s.state.q).1 == feet;
+    if let Some(stretch) = plan.iter().find(stands).filter(|_| rollout.anchors) {
+        let time = times[stretch.first];
+        rollout.settle(&numerics, &start(time, time), &stretch.state)?;
+    }
+    let drive = Drive { rollout: &rollout, numerics, times, start: &start };
+    let whole = drive.run(&[Stretch { first, end: times.len(), state }])?.remove(0);
+    // A trace ends where its state is no longer finite.
+    let ran_away = (whole.time.len() < times.len() - first).then(|| times[first + whole.time.len()]);
+    let joints = rollout.columns.len();
+    let whole = if ran_away.is_some() { Trace { joints, ..Default::default() } } else { whole };
+    let traces = if plan.is_empty() { Vec::new() } else { drive.run(&plan)? };
+    let (mut windows, mut lost) = (Vec::new(), 0);
+    for (stretch, trace) in plan.iter().zip(traces) {
+        if trace.time.len() == stretch.end - stretch.first {
+            windows.push(Window { first: stretch.first, trace });
+        } else {
+            lost += 1;
+        }
+    }
+    let length = |t: &Trace| t.time.last().unwrap_or(&0.0) - t.time.first().unwrap_or(&0.0);
+    let seconds = length(&whole) + windows.iter().map(|w| length(&w.trace)).sum::<f64>();
+    let whole = padded(whole, first, times, joints, rollout.feet.names.len());
+    let windows = Windows { length: options.window, windows, skipped, ran_away: lost };
+    Ok(Simulated { columns: rollout.columns, feet: rollout.feet, recorded, whole, windows, ran_away, seconds })
+}
+
+fn check(options: &ReplayOptions) -> Result<(), ReplayError> {
+    if options.window > 2.0 * options.timestep && options.window < 1e4 {
+        return Ok(());
+    }
+    let expected = "a length above two time steps and below 10000 s";
+    Err(ReplayError::run("window", expected, format!("{} s", options.window)))
+}
+
+/// The measured channels at the stamps of the positions.
+fn recorded(run: &Run, columns: &[usize], feet: &Feet, velocity: Option<&JointSeries>) -> Trace {
+    let m = &run.measured;
+    let position = m.position.as_ref().expect("checked before");
+    let time = position.time.clone();
+    let pick = |series: Option<&JointSeries>, columns: &[usize]| match series {
+        None => Vec::new(),
+        Some(series) => {
+            let mut row = vec![0.0; series.joints];
+            let mut values = Vec::with_capacity(time.len() * columns.len());
+            for &t in &time {
+                series.interpolate(t, &mut row);
+                values.extend(columns.iter().map(|&c| row[c]));
+            }
+            values
+        }
+    };
+    let foot_columns: Vec<usize> =
+        feet.names.iter().filter_map(|name| run.foot_names.iter().position(|n| n == name)).collect();
+    let base = pick(m.base_pose.as_ref(), &[0, 1, 2, 3, 4, 5, 6]);
+    Trace {
+        position: pick(Some(position), columns),
+        velocity: pick(velocity, columns),
+        torque: pick(m.torque.as_ref(), columns),
+        foot_force: if feet.names.is_empty() { Vec::new() } else { pick(m.foot_force.as_ref(), &foot_columns) },
+        base: base.chunks_exact(7).map(|c| c.try_into().expect("seven columns")).collect(),
+        joints: columns.len(),
+        time,
+    }
+}
+
+/// Recorded instants that are simulated from the state that was measured at the first of them.
+struct Stretch {
+    first: usize,
+    end: usize,
+    state: State,
+}
+
+/// The windows, and how many are left out.
+fn plan_windows(
+    run: &Run,
+    times: &[f64],
+    starts: &Starts,
+    commands: &HeldCommands,
+    options: &ReplayOptions,
+) -> (Vec<Stretch>, usize) {
+    let (mut plan, mut skipped) = (Vec::new(), 0);
+    let position = Covered::new(run.measured.position.as_ref().expect("checked before"));
+    let pace = commands.pace().map(Covered::new);
+    let mut from = times[0];
+    while from + options.window <= times[times.len() - 1] + 1e-9 {
+        let to = from + options.window;
+        let first = times.partition_point(|&t| t < from - 1e-9);
+        let end = times.partition_point(|&t| t < to - 1e-9);
+        let whole = position.is_whole(from, to) && pace.is_some_and(|pace| pace.is_whole(from, to));
+        match (end > first + 1 && whole).then(|| starts.at(times[first])).flatten() {
+            Some(state) => plan.push(Stretch { first, end, state }),
+            None => skipped += 1,
+        }
+        from = to;
+    }
+    (plan, skipped)
+}
+
+/// What all environments of a replay share.
+struct Drive<'a> {
+    rollout: &'a Rollout<'a>,
+    numerics: Numerics,
+    times: &'a [f64],
+    start: &'a dyn Fn(f64, f64) -> Start<'a>,
+}
+
+impl Drive<'_> {
+    /// Simulates stretches of the recorded times, each from its own state, side by side.
+    fn run(&self, stretches: &[Stretch]) -> Result<Vec<Trace>, ReplayError> {
+        let (rollout, times, nothing) = (self.rollout, self.times, Overrides::new());
+        let latencies = [rollout.longest_latency(&nothing), rollout.sensor_latency(&nothing)];
+        let mut simulation = Simulation::<f64>::new(rollout, self.numerics, latencies, stretches.len())?;
+        for (env, stretch) in stretches.iter().enumerate() {
+            let start = (self.start)(times[stretch.first], times[stretch.end - 1]);
+            simulation.start(rollout, env, &nothing, (&start, Sensors::AsTheyAre), &stretch.state)?;
+        }
+        let mut traces = vec![Trace { joints: rollout.columns.len(), ..Default::default() }; stretches.len()];
+        let due = |stretch: &Stretch, index: usize| {
+            ((times[index] - times[stretch.first]) / self.numerics.timestep).round() as u64
+        };
+        let last = stretches.iter().map(|s| due(s, s.end - 1)).max().unwrap_or(0);
+        let mut next: Vec<usize> = stretches.iter().map(|s| s.first).collect();
+        // Stamps may be uneven: each environment is read at the step nearest to its own next stamp.
+        for step in 0..=last {
+            for (env, stretch) in stretches.iter().enumerate() {
+                while next[env] < stretch.end && due(stretch, next[env]) <= step {
+                    if simulation.batch.is_faulty(env)? {
+                        next[env] = stretch.end;
+                    } else {
+                        self.record(&simulation.batch, env, times[next[env]], &mut traces[env])?;
+                        next[env] += 1;
+                    }
+                }
+            }
+            simulation.step_parallel()?;
+        }
+        Ok(traces)
+    }
+
+    fn record(&self, batch: &Batch<f64>, env: usize, time: f64, trace: &mut Trace) -> Result<(), ReplayError> {
+        let sensed = batch.sensors(env)?;
+        trace.time.push(time);
+        trace.position.extend(&sensed.q);
+        trace.velocity.extend(&sensed.dq);
+        trace.torque.extend(&sensed.tau);
+        trace.foot_force.extend(self.rollout.feet.geoms.iter().map(|&g| sensed.foot_force[g]));
+        if self.rollout.free {
+            let ([x, y, z], [qw, qx, qy, qz]) = (sensed.base_position, sensed.base_orientation);
+            trace.base.push([x, y, z, qw, qx, qy, qz]);
+        }
+        Ok(())
+    }
+}
+
+/// The trace on all recorded times: NaN before its start and after it ended.
+fn padded(trace: Trace, first: usize, times: &[f64], joints: usize, feet: usize) -> Trace {
+    if first == 0 && trace.time.len() == times.len() {
+        return trace;
+    }
+    let pad = |values: &[f64], width: usize| {
+        let mut all = vec![f64::NAN; times.len() * width];
+        let from = first * width;
+        all[from..from + values.len()].copy_from_slice(values);
+        all
+    };
+    let mut base = Vec::new();
+    if !trace.base.is_empty() {
+        base = vec![[f64::NAN; 7]; times.len()];
+        base[first..first + trace.base.len()].copy_from_slice(&trace.base);
+    }
+    Trace {
+        time: times.to_vec(),
+        position: pad(&trace.position, joints),
+        velocity: pad(&trace.velocity, joints),
+        torque: pad(&trace.torque, joints),
+        foot_force: pad(&trace.foot_force, feet),
+        base,
+        joints,
+    }
+}

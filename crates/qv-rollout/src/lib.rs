@@ -1,0 +1,45 @@
+//! Stretches of a recording simulated from their measured starts, under any parameters of the simulator.
+//!
+//! A [`Rollout`] knows a robot, its ground and what is known of both. It finds where a simulation starts ([`Starts`]), puts an environment
+//! there ([`Rollout::place`]): ground under the feet, joints behind their springs, motors behind their lags, commands on their way; and
+//! lets it follow the recorded commands ([`Simulation`]). What is measured minus what is simulated, by channel, is a residual
+//! ([`compare`]): replay, diagnosis, calibration and tuning differ in what they ask of it, not in how it comes about.
+
+/// Types of these stand in the interface of this crate.
+pub use {glam, qv_core};
+
+mod commands;
+mod error;
+#[cfg(test)]
+#[path = "../../../fixtures/facts.rs"]
+mod facts;
+pub mod features;
+mod feet;
+pub mod law;
+mod legs;
+mod parameters;
+mod place;
+mod residuals;
+mod robot;
+mod simulation;
+mod start;
+mod start_cache;
+mod trace;
+mod windows;
+
+pub use commands::{Command, HeldCommands};
+pub use error::RolloutError;
+pub use features::Channel;
+pub use feet::{Feet, feet_of};
+pub use legs::Legs;
+pub use parameters::{
+    Overrides, expand, joint_columns, parameters_from_toml, sensor_errors, stated_parameters, with_stated_rotors,
+};
+pub use place::{Sensors, Start};
+pub use residuals::{Raw, Residuals, Traced, are_near, compare, compare_and_trace};
+pub use robot::{Event, Rollout};
+pub use simulation::{Numerics, Simulation};
+pub use start::{Covered, SensorErrors, Starts};
+pub use start_cache::measured;
+pub use trace::Trace;
+pub use windows::{Window, WindowOptions, is_alive};

@@ -1,0 +1,163 @@
+//! Simulations side by side, each from a start of its own, that follow the commands of a recording.
+
+use crate::RolloutError;
+use crate::commands::{Command, HeldCommands};
+use crate::law;
+use crate::parameters::Overrides;
+use crate::place::{Sensors, Start};
+use crate::robot::Rollout;
+use qv_sim::{Batch, Precision, SimOptions, State};
+use std::ops::Range;
+
+/// Numbers of the simulator that no recording states.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Numerics {
+    /// Time step \[s\]; the sample interval is a multiple of it.
+    pub timestep: f64,
+    /// See [`SimOptions::impratio`].
+    pub impratio: f64,
+    /// See [`SimOptions::implicit_actuator_damping`].
+    pub implicit: bool,
+}
+
+impl Default for Numerics {
+    fn default() -> Self {
+        Self { timestep: 0.001, impratio: 10.0, implicit: true }
+    }
+}
+
+impl Numerics {
+    /// Options of a simulation that must remember commands of `latency` \[s\].
+    pub fn options(&self, latency: f64) -> SimOptions {
+        SimOptions {
+            timestep: self.timestep,
+            impratio: self.impratio,
+            implicit_actuator_damping: self.implicit,
+            max_command_latency: latency.min(1.0),
+            ..Default::default()
+        }
+    }
+}
+
+/// Environments that begin at the same moment, and the command that they follow.
+struct Feed<'a> {
+    environments: Range<usize>,
+    held: &'a HeldCommands,
+    from: f64,
+    /// Stamp of the command after the one in force.
+    until: f64,
+    command: Command,
+}
+
+/// Environments at their starts, on the way from there.
+pub struct Simulation<'a, T: Precision> {
+    /// The environments.
+    pub batch: Batch<T>,
+    timestep: f64,
+    latency: f64,
+    feeds: Vec<Feed<'a>>,
+    tick: usize,
+}
+
+impl<'a, T: Precision> Simulation<'a, T> {
+    /// `count` environments that remember commands, and what sensors saw, for so long \[s\].
+    ///
+    /// # Errors
+    /// When the simulator refuses the robot.
+    pub fn new(
+        rollout: &Rollout,
+        numerics: Numerics,
+        [latency, sensor_latency]: [f64; 2],
+        count: usize,
+    ) -> Result<Self, RolloutError> {
+        let options = SimOptions { max_sensor_latency: sensor_latency.min(1.0), ..numerics.options(latency) };
+        let batch = Batch::new(rollout.model, &rollout.terrain, &options, count)?;
+        Ok(Self { batch, timestep: numerics.timestep, latency, feeds: Vec::new(), tick: 0 })
+    }
+
+    /// Begins anew, with other starts.
+    pub fn rewind(&mut self) {
+        self.feeds.clear();
+        self.tick = 0;
+    }
+
+    /// Puts an environment at a start where sensors see `seen`, commands and torques on their way; the height at which the ground touches
+    /// its feet \[m\], and its true state. Environments are started in order.
+    ///
+    /// # Errors
+    /// When a value of `setting` means nothing.
+    pub fn start<'s>(
+        &mut self,
+        rollout: &Rollout,
+        env: usize,
+        setting: &Overrides,
+        (start, sensors): (&Start<'a>, Sensors),
+        seen: &'s State,
+    ) -> Result<(f64, std::borrow::Cow<'s, State>), RolloutError> {
+        let state = rollout.behind_springs(start, setting, seen, start.time);
+        let height = rollout.place(&mut self.batch, env, setting, (start, sensors), &state)?;
+        let mut command = Command::default();
+        for age in (1..=(self.latency / self.timestep).ceil() as usize).rev() {
+            start.held.at(start.time - age as f64 * self.timestep, self.timestep, &mut command);
+            self.batch.set_past_command(env, age, &command.view())?;
+        }
+        if let Some(torques) = law::lagged(rollout, start, setting, self.timestep) {
+            self.batch.set_lagged_torques(env, &torques)?;
+        }
+        self.follow(env, start.held, start.time);
+        Ok((height, state))
+    }
+
+    /// Lets an environment follow commands from a time \[s\] on.
+    fn follow(&mut self, env: usize, held: &'a HeldCommands, from: f64) {
+        if let Some(last) = self.feeds.last_mut()
+            && std::ptr::eq(last.held, held)
+            && last.from == from
+            && last.environments.end == env
+        {
+            last.environments.end += 1;
+            return;
+        }
+        let (until, command) = (f64::NEG_INFINITY, Command::default());
+        self.feeds.push(Feed { environments: env..env + 1, held, from, until, command });
+    }
+
+    /// Steps done.
+    pub fn tick(&self) -> usize {
+        self.tick
+    }
+
+    /// Gives the commands of this step, where they change, and steps, on this thread.
+    ///
+    /// # Errors
+    /// When a command is not finite.
+    pub fn step(&mut self) -> Result<(), RolloutError> {
+        self.command()?;
+        self.batch.step();
+        Ok(())
+    }
+
+    /// The same on all threads.
+    ///
+    /// # Errors
+    /// When a command is not finite.
+    pub fn step_parallel(&mut self) -> Result<(), RolloutError> {
+        self.command()?;
+        self.batch.step_parallel();
+        Ok(())
+    }
+
+    fn command(&mut self) -> Result<(), RolloutError> {
+        let (batch, step) = (&mut self.batch, self.timestep);
+        for feed in &mut self.feeds {
+            let time = feed.from + self.tick as f64 * step;
+            if time + 0.5 * step >= feed.until {
+                feed.held.at(time, step, &mut feed.command);
+                feed.until = feed.held.until(time, step);
+                batch.set_command_in(feed.environments.clone(), &feed.command.view())?;
+            }
+        }
+        self.tick += 1;
+        Ok(())
+    }
+}
