@@ -4,6 +4,7 @@
 //! else (`checks`, `twins`).
 
 mod checks;
+mod doubt;
 pub mod evidence;
 mod judge;
 mod policy;
@@ -12,6 +13,7 @@ mod tests;
 mod twins;
 mod verdict;
 
+pub use doubt::{Doubt, Objection};
 pub use judge::{Judge, Judgement};
 pub use policy::Policy;
 pub use verdict::{Decided, Decision, decide, is_much_left};

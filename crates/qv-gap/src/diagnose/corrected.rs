@@ -1,6 +1,6 @@
 //! What is measured of the robot with all that is accused, and all of the evidence.
 
-use super::{Accused, Findings, setting};
+use super::{Accused, Findings, Session, progress, setting};
 use crate::GapError;
 use crate::checks::held_out::{closure, held_out_evidence};
 use crate::checks::stationarity;
@@ -16,8 +16,14 @@ use std::collections::BTreeMap;
 const MOST_ASKED: usize = 20;
 
 impl Findings<'_> {
-    /// All that decisions go by.
-    pub(super) fn evidence(&mut self, nominal: &mut LinearisedProblem) -> Result<Evidence, GapError> {
+    /// All that decisions go by, and all that a report shows beyond that: the last that is simulated.
+    pub(super) fn evidence(
+        mut self,
+        session: &mut Session,
+        nominal: &mut LinearisedProblem,
+        begun: f64,
+    ) -> Result<Evidence, GapError> {
+        session.begin(progress::CLOSURE);
         let effects = &nominal.columns.effects;
         let effects = effects.iter().enumerate().map(|(e, effect)| facts(effect, !nominal.ablated.contains(&e)));
         Ok(Evidence {
@@ -30,6 +36,7 @@ impl Findings<'_> {
             held_out: self.opening.held_out,
             corrected: self.corrected(nominal)?,
             rounds: self.rounds.iter().map(|r| r.round.clone()).collect(),
+            report: Some(self.report_data(session, nominal, begun)?),
         })
     }
 
@@ -82,6 +89,8 @@ fn facts(effect: &Effect, is_known: bool) -> EffectFacts {
         is_payload: moves().any(|m| m.ends_with(".payload_mass")),
         upwards: effect.axes.iter().position(|a| a.moves.contains_key("external.force_z")),
         is_known,
+        interface: effect.interface.name().into(),
+        experiment: effect.experiment.clone(),
     }
 }
 
