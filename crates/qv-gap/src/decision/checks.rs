@@ -147,8 +147,7 @@ impl Checks<'_> {
 
     fn rises(&self) -> Option<Doubt> {
         let [before, after] = [self.evidence.level.ratio, self.level.ratio];
-        (!self.is_local() && after > before + self.policy.rise)
-            .then_some(Doubt::Rises([before, after]))
+        (!self.is_local() && after > before + self.policy.rise).then_some(Doubt::Rises([before, after]))
     }
 
     fn actuator_residual(&self) -> Option<Doubt> {

@@ -115,7 +115,10 @@ impl fmt::Display for Doubt {
             }
             Self::Weight(newton) => {
                 let (size, way) = (newton.abs(), if *newton < 0.0 { "down" } else { "up" });
-                write!(f, "a force of {size:.0} N straight {way} at all times is a weight, of which the library has none")
+                write!(
+                    f,
+                    "a force of {size:.0} N straight {way} at all times is a weight, of which the library has none"
+                )
             }
             Self::LittleExcess(share) => {
                 write!(f, "it takes {:.0} % of the excess over the null, and a gap is left", 100.0 * share)

@@ -247,6 +247,10 @@ pub struct CauseData {
 /// What a report shows beyond what decides.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ReportData {
+    /// Names the recordings, where the caller does.
+    pub title: String,
+    /// What is said under the verdict of the page, a paragraph each.
+    pub notes: Vec<String>,
     /// Recordings that were diagnosed together.
     pub recordings: usize,
     /// Whether legs and IMU stand in for poses of the base.
@@ -311,6 +315,12 @@ pub struct Evidence {
     pub report: Option<ReportData>,
 }
 
+/// What any format of evidence begins with.
+#[derive(Deserialize)]
+struct Head {
+    format: String,
+}
+
 impl Evidence {
     /// Reads `evidence.json`, which `name` names in errors. The format before is read as far as it goes.
     ///
@@ -321,11 +331,16 @@ impl Evidence {
             let expected = format!("{FORMAT}, as `qv diagnose` writes it");
             GapError::Library { file: name.into(), expected, found }
         };
-        let evidence: Self = serde_json::from_str(text).map_err(|e| wrong(e.to_string()))?;
-        match evidence.format.as_str() {
-            FORMAT | BEFORE => Ok(evidence),
+        let Head { format } = serde_json::from_str(text).map_err(|e| wrong(e.to_string()))?;
+        match format.as_str() {
+            FORMAT | BEFORE => serde_json::from_str(text).map_err(|e| wrong(e.to_string())),
             other => Err(wrong(format!("`{other}`: run `qv diagnose` again"))),
         }
+    }
+
+    /// `evidence.json`. Numbers that are not finite are null.
+    pub fn to_json(&self) -> Vec<u8> {
+        serde_json::to_vec(self).expect("plain data")
     }
 
     /// What is known of an effect.

@@ -180,8 +180,7 @@ impl<'j> Judge<'j> {
         let needed = if is_steady { policy.least_errors } else { policy.least_local_errors };
         // A few windows in which a foot missed a step make the mean fall uncertain, where nearly all windows fall.
         let nearly_all = is_steady && fall > 0.0 && falls_all_over;
-        (fall < needed * error && !nearly_all && !by_law)
-            .then_some(Objection::LittleFall([fall, error]))
+        (fall < needed * error && !nearly_all && !by_law).then_some(Objection::LittleFall([fall, error]))
     }
 
     /// A candidate, and if it is an event, those at other times than it and than better ones.

@@ -150,7 +150,10 @@ fn what_was_not_looked_at_held_out_is_not_accused() {
     first.held_out = None;
     let round = round(vec![first], &[]);
     let judgement = Judge::new(&Policy::default(), &round, true).judge();
-    assert!(judgement.accused.is_empty() && judgement.refused.as_ref().unwrap().1.to_string().states("looked"), "{judgement:?}");
+    assert!(
+        judgement.accused.is_empty() && judgement.refused.as_ref().unwrap().1.to_string().states("looked"),
+        "{judgement:?}"
+    );
 }
 
 #[test]

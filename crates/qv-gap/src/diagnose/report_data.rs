@@ -53,6 +53,8 @@ impl Findings<'_> {
         let mut place = std::mem::take(&mut self.opening.places);
         place.regions = attribution::cells(nominal);
         Ok(ReportData {
+            title: String::new(),
+            notes: Vec::new(),
             recordings: nominal.parts.len(),
             on_legs: nominal.rollout.on_legs,
             fall: None,

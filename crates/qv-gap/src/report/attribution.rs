@@ -170,8 +170,9 @@ struct Floor(Vec<([f64; 2], f64)>);
 
 impl Floor {
     fn new(study: &LinearisedProblem) -> Self {
-        let level =
-            |seen: &LinearisedWindow| (seen.residual.norm_squared() / seen.residual.len() as f64 - study.floor).max(0.0);
+        let level = |seen: &LinearisedWindow| {
+            (seen.residual.norm_squared() / seen.residual.len() as f64 - study.floor).max(0.0)
+        };
         Self(study.seen.iter().map(|s| (place(&s.window), level(s))).collect())
     }
 

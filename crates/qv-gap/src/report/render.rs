@@ -73,7 +73,8 @@ pub fn render(evidence: &Evidence, decision: &Decision) -> Result<Report, GapErr
 
 /// What is accused, with its probability.
 fn causes(data: &ReportData, decision: &Decision) -> Vec<Cause> {
-    let probability = |effect: &str| decision.ranking.iter().find(|r| r.effect == effect).map_or(0.0, |r| r.probability);
+    let probability =
+        |effect: &str| decision.ranking.iter().find(|r| r.effect == effect).map_or(0.0, |r| r.probability);
     let accused = data.causes.iter().filter(|_| decision.accuses()).map(|data| &data.cause);
     accused.map(|cause| Cause { probability: probability(&cause.effect), ..cause.clone() }).collect()
 }
