@@ -436,6 +436,47 @@ pub struct OfRecording {
     pub ci95: [f64; 2],
 }
 
+/// Scatter from photograph to photograph about what all share.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Noise {
+    /// Of the rotation \[rad\].
+    #[serde(deserialize_with = "or_nan")]
+    pub rotation: f64,
+    /// Of the translation \[m\].
+    #[serde(deserialize_with = "or_nan")]
+    pub translation: f64,
+    /// Of the logarithm of the gain.
+    #[serde(deserialize_with = "or_nan")]
+    pub gain: f64,
+    /// Of the logarithm of the focal length.
+    #[serde(deserialize_with = "or_nan")]
+    pub focal: f64,
+}
+
+/// How far photographs and scene are apart: root mean square difference of displayed brightness, differences above 0.2 limited.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct VisualGap {
+    /// As the camera is stated.
+    #[serde(deserialize_with = "or_nan")]
+    pub before: f64,
+    /// With the causes, fitted to other photographs.
+    #[serde(deserialize_with = "or_nan")]
+    pub after: f64,
+    /// Each photograph moved to where it agrees best.
+    #[serde(deserialize_with = "or_nan")]
+    pub floor: f64,
+    /// Share of the squares above the floor that the causes take away, 0 to 1.
+    #[serde(deserialize_with = "or_nan")]
+    pub closed: f64,
+    /// Its interval by bootstrap over photographs.
+    #[serde(deserialize_with = "or_nan")]
+    pub closed_ci95: [f64; 2],
+    /// Unit of before, after, floor.
+    pub unit: String,
+    /// Whether no fit has seen the photographs that it is judged in.
+    pub heldout: bool,
+}
+
 /// Losses per number in the windows of the fit, tolerated deviations at their best, over the mean of the null.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Level {

@@ -13,11 +13,11 @@ use crate::terminal::print_message;
 #[cfg(feature = "learn")]
 use crate::walk::trial::Tried;
 use crate::{Outcome, Reading, RunArguments, say};
-use qv_camera::{CameraError, EFFECTS, Footage, LookOptions, Photograph, Sight, check, html, join, look};
+use qv_camera::{CameraError, EFFECTS, Footage, Look, LookOptions, Photograph, check, html, look};
 use qv_core::{GaussianCloud, JointSeries};
-use qv_gap::Progress;
 use qv_gap::report::{Report, Stage, UNKNOWN};
-use qv_open::diagnosis::{self, Request, Robot};
+use qv_gap::{Diagnosis, Progress};
+use qv_open::diagnosis::{self, Request, Robot, gap_error};
 use qv_recording::{RecordingError, Run};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -149,13 +149,17 @@ impl Diagnose {
         };
         let mut diagnosis = diagnosis::diagnose(request, &seconds, &stage)?;
         let seen = match &place {
-            Some(place) => Some(self.look(place, &runs[0], &mut diagnosis.report, &seconds, &bar)?),
+            Some(place) => Some(self.look(place, &runs[0], &mut diagnosis, &seconds, &bar)?),
             None => None,
         };
         bar.finish();
         let robot =
             Robot::new(&runs[0], model.clone(), urdf_of(&runs[0], &self.runs[0], self.reading.robot.as_deref()));
-        let sections: Vec<String> = seen.iter().map(|(_, sight)| html::section(sight)).collect();
+        let sections: Vec<String> = seen
+            .iter()
+            .zip(&diagnosis.report.visual)
+            .map(|(look, sight)| html::section(sight, &look.pictures))
+            .collect();
         #[cfg(feature = "learn")]
         let (walks, sections) = match &mut tried {
             Some(tried) => self.walked(tried, (&model, &terrain), &diagnosis.report, sections)?,
@@ -167,9 +171,10 @@ impl Diagnose {
         for (effect, report, evidence) in &diagnosis.without {
             write(&self.out.join("without").join(effect), robot.files(report, evidence, &[]))?;
         }
-        if let Some((camera, sight)) = &seen {
+        for ((place, look), sight) in place.iter().zip(&seen).zip(&diagnosis.report.visual) {
             let path = self.out.join("calibrated_camera.toml");
-            put(&path, to_toml(camera, &sight.sentence)).map_err(|e| write_error(&path, &e))?;
+            let camera = RobotCamera { rig: look.corrected, ..place.camera };
+            put(&path, to_toml(&camera, &sight.sentence)).map_err(|e| write_error(&path, &e))?;
         }
         let report = &diagnosis.report;
         if self.json {
@@ -207,15 +212,15 @@ impl Diagnose {
         Ok(place)
     }
 
-    /// Judges the camera, adds that to the report, and gives the camera as it should be beside what was seen.
+    /// Compares images with the scene, and decides once more with what they show.
     fn look(
         &self,
         place: &Place,
         run: &Run,
-        report: &mut Report,
+        Diagnosis { report, evidence, .. }: &mut Diagnosis,
         seconds: &dyn Fn() -> f64,
         bar: &Stages,
-    ) -> Result<(RobotCamera, Sight), RecordingError> {
+    ) -> Result<Look, RecordingError> {
         let begun = seconds();
         // A pose that comes late is known by now: the camera is not accused of it.
         let late = report.corrections.iter().find(|c| c.parameter == "sensor.pose.delay").map_or(0.0, |c| c.value);
@@ -236,14 +241,16 @@ impl Diagnose {
             progress: Some(&progress),
             ..Default::default()
         };
-        let sight = look(&place.footage(poses.as_ref()), &options).map_err(camera_error)?;
-        let rig = sight.corrected.unwrap_or(place.camera.rig);
-        join(report, &sight);
+        let look = look(&place.footage(poses.as_ref()), &options).map_err(camera_error)?;
+        evidence.camera = Some(look.evidence.clone());
         let spent = seconds() - begun;
-        report.stages.push(Stage { name: "images".into(), steps: 0 });
-        report.timing.stages_s.push(spent);
-        report.timing.runtime_s += spent;
-        Ok((RobotCamera { rig, ..place.camera }, sight))
+        if let Some(data) = &mut evidence.report {
+            data.stages.push(Stage { name: "images".into(), steps: 0 });
+            data.timing.stages_s.push(spent);
+            data.timing.runtime_s += spent;
+        }
+        *report = qv_gap::report::report(evidence, &options.policy).map_err(gap_error)?;
+        Ok(look)
     }
 
     /// Lets a policy walk before and after the corrections: writes policy.json, adds to the page, gives a line for the screen.

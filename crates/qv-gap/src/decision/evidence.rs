@@ -6,8 +6,8 @@ use crate::checks::actuator_residual::ActuatorResidual;
 use crate::checks::stationarity::Dependence;
 pub use crate::findings::Level;
 use crate::findings::{
-    CanTell, Cause, Correction, Curve, Factor, FloorPoint, Gap, HeatMap, Lead, ParameterEstimate, RegionShare, Share,
-    Stage, Timing, Together, Traces, Where, or_nan,
+    CanTell, Cause, Correction, Curve, Factor, FloorPoint, Gap, HeatMap, Lead, Noise, ParameterEstimate, RegionShare,
+    Share, Stage, Timing, Together, Traces, VisualGap, Where, or_nan,
 };
 use crate::problem::columns::Extent;
 use serde::{Deserialize, Serialize};
@@ -290,6 +290,32 @@ pub struct ReportData {
     pub provenance: Option<serde_json::Value>,
 }
 
+/// What images of the robot's camera show against a scene of Gaussians.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CameraEvidence {
+    /// Photographs that were compared.
+    pub photographs: usize,
+    /// Their size \[px\].
+    pub size: [usize; 2],
+    /// How far photographs and scene are apart.
+    pub gap: VisualGap,
+    /// Mean square of what photographs are off by, in units of their scatter and of tolerances together: without a cause, and with.
+    #[serde(deserialize_with = "or_nan")]
+    pub level: [f64; 2],
+    /// What was accused, best first; probabilities are decided later.
+    pub causes: Vec<Cause>,
+    /// Log evidence of each effect over that of none, best first.
+    pub evidence: Vec<(String, f64)>,
+    /// What all photographs share, all effects free at once.
+    pub shared: Vec<ParameterEstimate>,
+    /// Scatter.
+    pub noise: Noise,
+    /// Whether the scene is of another place, or lies off the frame of the poses.
+    pub is_scene_off: bool,
+    /// What cannot be told.
+    pub cannot_tell: Vec<String>,
+}
+
 /// All of a diagnosis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Evidence {
@@ -313,6 +339,9 @@ pub struct Evidence {
     pub corrected: Option<Corrected>,
     /// What a report shows beyond that; `None` in evidence of the format before.
     pub report: Option<ReportData>,
+    /// What the camera shows, where images were compared.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub camera: Option<CameraEvidence>,
 }
 
 /// What any format of evidence begins with.

@@ -3,6 +3,7 @@
 //! Each round's candidates are judged (`judge`); what is accused in the end is checked for signs that it stands for something
 //! else (`checks`, `twins`).
 
+mod camera;
 mod checks;
 mod doubt;
 pub mod evidence;
@@ -13,6 +14,7 @@ mod tests;
 mod twins;
 mod verdict;
 
+pub use camera::{CameraDecision, NONE, both, decide_camera};
 pub use doubt::{Doubt, Objection};
 pub use judge::{Judge, Judgement};
 pub use policy::Policy;

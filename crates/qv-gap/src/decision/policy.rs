@@ -176,6 +176,26 @@ pub struct Policy {
     pub huge_gap: f64,
     /// The same where no effect explains it: a model with all masses times 3 makes 60 to 90, with half as much again 30.
     pub large_unexplained: f64,
+
+    /// Log evidence over that of no effect from which an effect of the camera is accused,
+    pub camera_evidence: f64,
+    /// its size in tolerances,
+    pub camera_size: f64,
+    /// the share of the squares above the floor that it must take away in photographs that its fit has not seen,
+    pub camera_closed: f64,
+    /// and the standard errors by which the disagreement must fall there.
+    pub camera_errors: f64,
+    /// An effect whose evidence comes this near to the accused one's looks like it.
+    pub camera_alike: f64,
+    /// Level below which nothing is left that noise and tolerances do not explain: 1 is expected of a true model, and outliers, which
+    /// count as their weight says, bring no more than 1.8.
+    pub camera_explained: f64,
+    /// Share of a photograph's contrast that the scene must account for at its best in half of the photographs, or it shows another place.
+    pub camera_accounted: f64,
+    /// Most effects of the camera that are accused.
+    pub camera_most: usize,
+    /// How much likelier no effect is than the likeliest one, where none is accused.
+    pub camera_none: f64,
 }
 
 impl Default for Policy {
@@ -257,6 +277,15 @@ impl Default for Policy {
             nearly_as_good: 0.95,
             huge_gap: 200.0,
             large_unexplained: 25.0,
+            camera_evidence: 5.0,
+            camera_size: 3.5,
+            camera_closed: 0.1,
+            camera_errors: 2.0,
+            camera_alike: 10.0,
+            camera_explained: 1.4,
+            camera_accounted: 0.3,
+            camera_most: 3,
+            camera_none: 4.0,
         }
     }
 }

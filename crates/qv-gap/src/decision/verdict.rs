@@ -1,5 +1,6 @@
 //! The verdict and the ranking, from what was measured.
 
+use super::camera::{CameraDecision, decide_camera};
 use super::checks::{Checks, actuator_left};
 use super::doubt::Doubt;
 use super::evidence::{Candidate, Corrected, Evidence, Level, Round};
@@ -11,7 +12,7 @@ use std::collections::BTreeMap;
 /// What a diagnosis comes to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Decision {
-    /// The outcome.
+    /// The outcome, the camera left aside.
     pub verdict: Verdict,
     /// Why what was accused does not explain the recording all the same.
     pub doubt: Option<Doubt>,
@@ -19,6 +20,8 @@ pub struct Decision {
     pub ranking: Vec<Ranked>,
     /// What each round came to, as far as this policy goes.
     pub rounds: Vec<Judgement>,
+    /// What comes of the camera, where images were compared.
+    pub camera: Option<CameraDecision>,
     /// The numbers that decided.
     pub policy: Policy,
 }
@@ -91,7 +94,8 @@ fn decision(evidence: &Evidence, policy: &Policy) -> Decision {
     let ranking = case.ranking(decided_by, doubt.is_some());
     let doubt = doubt.or_else(|| case.too_far().filter(|_| verdict == Verdict::Unexplained));
     let rounds = (0..evidence.rounds.len()).map(|k| judge(evidence, policy, k)).collect();
-    Decision { verdict, doubt, ranking, rounds, policy: policy.clone() }
+    let camera = evidence.camera.as_ref().map(|camera| decide_camera(camera, policy));
+    Decision { verdict, doubt, ranking, rounds, camera, policy: policy.clone() }
 }
 
 struct Case<'c> {

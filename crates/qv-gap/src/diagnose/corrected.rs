@@ -37,6 +37,7 @@ impl Findings<'_> {
             corrected: self.corrected(nominal)?,
             rounds: self.rounds.iter().map(|r| r.round.clone()).collect(),
             report: Some(self.report_data(session, nominal, begun)?),
+            camera: None,
         })
     }
 

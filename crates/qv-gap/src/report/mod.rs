@@ -1,6 +1,7 @@
 //! What a diagnosis found, as plain data: `report.json` is this, field by field.
 
 pub(crate) mod attribution;
+mod camera;
 pub(crate) mod can_tell;
 pub(crate) mod cannot_tell;
 pub(crate) mod figures;
@@ -13,9 +14,9 @@ pub(crate) mod traces;
 
 use crate::decision::Policy;
 pub use crate::findings::*;
+pub use camera::Sight;
 pub use render::{render, report};
 use serde::Serialize;
-use serde_json::value::RawValue;
 
 /// The format's name in `report.json`.
 pub const FORMAT: &str = "qv-diagnosis/1";
@@ -57,26 +58,6 @@ pub struct Unexplained {
     pub depends_on: Vec<Factor>,
 }
 
-/// What another crate adds to a report: its JSON, with keys in the order of its own fields.
-#[derive(Debug, Clone, Serialize)]
-#[serde(transparent)]
-pub struct Part(Box<RawValue>);
-
-impl Part {
-    /// Of plain data.
-    pub fn new(of: &impl Serialize) -> Self {
-        // Indented as the fields of a report are.
-        let text = serde_json::to_string_pretty(of).expect("plain data").replace('\n', "\n  ");
-        Self(RawValue::from_string(text).expect("it was written as JSON"))
-    }
-}
-
-impl PartialEq for Part {
-    fn eq(&self, other: &Self) -> bool {
-        self.0.get() == other.0.get()
-    }
-}
-
 /// A diagnosis.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
@@ -101,9 +82,9 @@ pub struct Report {
     pub together: Option<Together>,
     /// How the causes were found, round by round.
     pub rounds: Vec<RoundSummary>,
-    /// What the camera says, where another crate looked.
+    /// What the camera says, where images were compared.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub visual: Option<Part>,
+    pub visual: Option<Sight>,
     /// What is left.
     pub unexplained: Unexplained,
     /// What cannot be told from this recording, and why.
@@ -137,34 +118,4 @@ pub struct Report {
     /// Program, arguments, and inputs with their hashes, where the caller says them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub provenance: Option<serde_json::Value>,
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Keys that are not in the order of the alphabet, and numbers that JSON lacks.
-    #[derive(Serialize)]
-    struct Own {
-        size: f64,
-        parts: Vec<Share>,
-        after: f64,
-    }
-
-    #[derive(Serialize)]
-    struct Whole<T> {
-        first: u8,
-        visual: T,
-        last: u8,
-    }
-
-    #[test]
-    fn a_part_reads_as_if_it_were_a_field() {
-        let own = Own { size: 0.1, parts: vec![Share { name: "a\nb".into(), share: 1.0 }], after: f64::NAN };
-        let part = Part::new(&own);
-        let as_part = serde_json::to_string_pretty(&Whole { first: 1, visual: part.clone(), last: 2 }).unwrap();
-        let value = serde_json::to_value(&part).unwrap();
-        assert_eq!((value["size"].as_f64(), value["after"].is_null()), (Some(0.1), true), "{value}");
-        assert_eq!(as_part, serde_json::to_string_pretty(&Whole { first: 1, visual: own, last: 2 }).unwrap());
-    }
 }

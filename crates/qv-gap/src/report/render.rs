@@ -1,5 +1,6 @@
 //! From evidence and a decision to a report. Nothing is simulated.
 
+use super::camera::{Sight, join};
 use super::{Cause, FORMAT, Gap, Report, Share, Unexplained, Verdict, Where, narrative};
 use crate::GapError;
 use crate::decision::evidence::{Evidence, ReportData};
@@ -41,7 +42,7 @@ pub fn render(evidence: &Evidence, decision: &Decision) -> Result<Report, GapErr
     let together = data.together.clone().filter(|_| is_open);
     let gap = &shown.gap;
     let rounds = evidence.rounds.iter().zip(&decision.rounds);
-    Ok(Report {
+    let mut report = Report {
         format: FORMAT.into(),
         verdict,
         sentence: narrative::whole(evidence, data, decision, (&causes, &leads, together.as_ref(), gap)),
@@ -68,7 +69,11 @@ pub fn render(evidence: &Evidence, decision: &Decision) -> Result<Report, GapErr
         causes,
         leads,
         together,
-    })
+    };
+    if let (Some(camera), Some(decision)) = (&evidence.camera, &decision.camera) {
+        join(&mut report, Sight::new(camera, decision));
+    }
+    Ok(report)
 }
 
 /// What is accused, with its probability.

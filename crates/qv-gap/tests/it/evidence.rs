@@ -42,7 +42,10 @@ fn evidence_of_other_formats_is_decided_on_or_refused() {
     let error = report(&evidence(&name), &Policy::default()).unwrap_err().to_string();
     assert!(error.contains("qv-evidence/1") && error.contains("`qv diagnose` again"), "{error}");
     let error = Evidence::read("{\"format\": \"qv-evidence/9\"}", "new.json").unwrap_err().to_string();
-    assert!(error.contains("new.json") && error.contains("qv-evidence/2") && error.contains("qv-evidence/9"), "{error}");
+    assert!(
+        error.contains("new.json") && error.contains("qv-evidence/2") && error.contains("qv-evidence/9"),
+        "{error}"
+    );
 }
 
 #[test]

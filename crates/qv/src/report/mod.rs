@@ -7,6 +7,7 @@ use crate::ground::mesh_at;
 use crate::output::put;
 use crate::scene::about;
 use crate::{Failure, Outcome, say};
+use qv_camera::html::section;
 use qv_core::TriangleMesh;
 use qv_gap::decision::Policy;
 use qv_gap::decision::evidence::Evidence;
@@ -144,7 +145,8 @@ impl Report {
         let report = qv_gap::report::report(&evidence, &Policy::default()).map_err(|e| about(file, e))?;
         let said = evidence.report.as_ref().map(|data| (data.title.as_str(), &data.notes[..]));
         let (title, notes) = said.unwrap_or_default();
-        self.write(&self.out, export::to_html(&report, title, notes, &[]))?;
+        let sections: Vec<String> = report.visual.iter().map(|sight| section(sight, &[])).collect();
+        self.write(&self.out, export::to_html(&report, title, notes, &sections))?;
         self.write(&self.out.with_extension("json"), export::to_json(&report))?;
         self.finish()
     }
