@@ -48,6 +48,8 @@ fn facts(name: &str) -> EffectFacts {
         is_payload: false,
         upwards: None,
         is_known: true,
+        interface: "actuator".into(),
+        experiment: String::new(),
     }
 }
 
@@ -89,6 +91,8 @@ fn latency() -> Evidence {
         held_out: [9.0, 0.8],
         rounds,
         corrected: Some(corrected),
+        report: None,
+        camera: None,
     }
 }
 
