@@ -5,7 +5,7 @@
 //! gets no report. Prints a line of JSON: how many were decided, and how many not.
 
 use qv_gap::decision::evidence::Evidence;
-use qv_gap::decision::{Decided, Decision, Policy, decide};
+use qv_gap::decision::{Decision, Policy, decide};
 use serde_json::{Value, json};
 use std::error::Error;
 use std::fs;
@@ -41,7 +41,7 @@ fn one(folder: &Path, out: &Path, policy: &Policy) -> Result<bool, Box<dyn Error
     let file = folder.join("evidence.json");
     let text = fs::read_to_string(&file).map_err(|e| format!("{}: {e}", file.display()))?;
     let evidence = Evidence::read(&text, &file.display().to_string())?;
-    let Decided::Decision(decision) = decide(&evidence, policy) else { return Ok(false) };
+    let Ok(decision) = decide(&evidence, policy) else { return Ok(false) };
     fs::create_dir_all(out)?;
     fs::write(out.join("report.json"), report(&evidence, &decision).to_string())?;
     Ok(true)

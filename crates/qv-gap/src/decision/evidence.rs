@@ -271,7 +271,7 @@ pub struct ReportData {
     pub interfaces: Vec<Share>,
     /// What the gap looks most like, should nothing be accused,
     pub leads: Vec<Lead>,
-    /// and what several effects at once would close of it.
+    /// and what several effects at once would close of it, where the policy of the diagnosis accuses nothing of a robot that is held.
     pub together: Option<Together>,
     /// The robot as it is stated.
     pub stated: Comparison,

@@ -33,26 +33,24 @@ impl Decision {
     }
 }
 
-/// What a policy makes of what was measured under the same policy, or under another one.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Decided {
-    /// What it comes to.
-    Decision(Decision),
-    /// In this round it would have accused something else than what was measured: what follows is not known.
-    Parts(usize),
-}
+/// In this round a policy would have accused something else than what was measured: what follows is not known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Parted(pub usize);
 
 /// Decides. Nothing is simulated, and the same evidence and policy give the same decision.
-pub fn decide(evidence: &Evidence, policy: &Policy) -> Decided {
+///
+/// # Errors
+/// The policy would have led to other simulations than that under which the evidence was measured.
+pub fn decide(evidence: &Evidence, policy: &Policy) -> Result<Decision, Parted> {
     match path(evidence, policy) {
         Some(0) if judge(evidence, policy, 0).accused.is_empty() => {
             // Whatever was measured of a robot that this policy would not have corrected says nothing.
             let first = evidence.rounds.first().map(|r| Round { accused: Vec::new(), after: None, ..r.clone() });
             let alone = Evidence { rounds: first.into_iter().collect(), corrected: None, ..evidence.clone() };
-            Decided::Decision(decision(&alone, policy))
+            Ok(decision(&alone, policy))
         }
-        Some(round) => Decided::Parts(round),
-        None => Decided::Decision(decision(evidence, policy)),
+        Some(round) => Err(Parted(round)),
+        None => Ok(decision(evidence, policy)),
     }
 }
 

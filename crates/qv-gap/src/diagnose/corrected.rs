@@ -4,7 +4,9 @@ use super::{Accused, Findings, Session, progress, setting};
 use crate::GapError;
 use crate::checks::held_out::{closure, held_out_evidence};
 use crate::checks::stationarity;
+use crate::decision::decide;
 use crate::decision::evidence::{self, ActsOn, Asked, Closed, Corrected, EffectFacts, Evidence};
+use crate::findings::Verdict;
 use crate::inference::level::mean;
 use crate::inference::linear_scores::size;
 use crate::inference::linearised::LinearisedProblem;
@@ -26,7 +28,7 @@ impl Findings<'_> {
         session.begin(progress::CLOSURE);
         let effects = &nominal.columns.effects;
         let effects = effects.iter().enumerate().map(|(e, effect)| facts(effect, !nominal.ablated.contains(&e)));
-        Ok(Evidence {
+        let mut evidence = Evidence {
             format: evidence::FORMAT.into(),
             is_free: self.on_feet,
             joints: nominal.rollout.model.joint_names().to_vec(),
@@ -36,9 +38,14 @@ impl Findings<'_> {
             held_out: self.opening.held_out,
             corrected: self.corrected(nominal)?,
             rounds: self.rounds.iter().map(|r| r.round.clone()).collect(),
-            report: Some(self.report_data(session, nominal, begun)?),
+            report: None,
             camera: None,
-        })
+        };
+        // Joint fits take as long as all before them: as rounds, they are measured as far as the policy asks for them.
+        let policy = &session.options.policy;
+        let is_open = decide(&evidence, policy).is_ok_and(|d| d.verdict == Verdict::Unexplained);
+        evidence.report = Some(self.report_data(session, nominal, is_open && !self.on_feet, begun)?);
+        Ok(evidence)
     }
 
     fn corrected(&mut self, nominal: &mut LinearisedProblem) -> Result<Option<Corrected>, GapError> {

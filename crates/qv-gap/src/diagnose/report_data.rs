@@ -27,6 +27,7 @@ impl Findings<'_> {
         &mut self,
         session: &mut Session,
         nominal: &mut LinearisedProblem,
+        fits_several: bool,
         begun: f64,
     ) -> Result<ReportData, GapError> {
         let seed = session.options.effort.seed;
@@ -49,7 +50,7 @@ impl Findings<'_> {
         let fits = self.rounds.first().map_or(&[][..], |r| &r.fits).iter().filter(|_| dead.is_empty());
         let fits: Vec<_> = fits.cloned().collect();
         let leads = leads::leads(nominal, &fits, seed, estimates_of)?;
-        let together = if self.on_feet { None } else { together::together(nominal, &fits, seed)? };
+        let together = if fits_several { together::together(nominal, &fits, seed)? } else { None };
         let mut place = std::mem::take(&mut self.opening.places);
         place.regions = attribution::cells(nominal);
         Ok(ReportData {

@@ -4,7 +4,7 @@ use super::camera::{Sight, join};
 use super::{Cause, FORMAT, Gap, Report, Share, Unexplained, Verdict, Where, narrative};
 use crate::GapError;
 use crate::decision::evidence::{Evidence, ReportData};
-use crate::decision::{Decided, Decision, Policy, decide};
+use crate::decision::{Decision, Parted, Policy, decide};
 
 /// A gap of no more than so many times the floor is none that could be explained.
 const NEAR_FLOOR: f64 = 1.02;
@@ -16,13 +16,11 @@ const LEAST_SHARES: [f64; 2] = [0.01, 0.6];
 /// # Errors
 /// The policy would have led to other simulations than those of the evidence; as [`render`].
 pub fn report(evidence: &Evidence, policy: &Policy) -> Result<Report, GapError> {
-    match decide(evidence, policy) {
-        Decided::Decision(decision) => render(evidence, &decision),
-        Decided::Parts(round) => {
-            let found = format!("one that would have gone another way in round {}", round + 1);
-            Err(GapError::run("policy", "the one under which the evidence was measured", found))
-        }
-    }
+    let decision = decide(evidence, policy).map_err(|Parted(round)| {
+        let found = format!("one that would have gone another way in round {}", round + 1);
+        GapError::run("policy", "the one under which the evidence was measured", found)
+    })?;
+    render(evidence, &decision)
 }
 
 /// The report of a decision.

@@ -1,7 +1,7 @@
 //! Decides on stored evidence of twelve sealed recordings (`fixtures/evidence`), of three origins and four cases. Nothing is simulated.
 
 use qv_gap::decision::evidence::Evidence;
-use qv_gap::decision::{Decided, Decision, Policy, decide};
+use qv_gap::decision::{Decision, Policy, decide};
 use qv_gap::report::report;
 use serde_json::Value;
 use std::fs;
@@ -29,10 +29,7 @@ fn answers() -> Vec<(String, String, Vec<String>)> {
 }
 
 fn decided(name: &str, policy: &Policy) -> Decision {
-    match decide(&evidence(name), policy) {
-        Decided::Decision(decision) => decision,
-        Decided::Parts(round) => panic!("{name}: the policy parts from what was measured in round {round}"),
-    }
+    decide(&evidence(name), policy).unwrap_or_else(|e| panic!("{name}: {e:?}"))
 }
 
 #[test]
@@ -86,7 +83,7 @@ fn a_policy_that_asks_for_more_accuses_less() {
     let accusing = |policy: &Policy| -> usize {
         // Where the policy parts from what was measured, what would have followed is not known.
         let all = answers().into_iter().map(|(name, ..)| decide(&evidence(&name), policy));
-        all.filter(|d| matches!(d, Decided::Decision(decision) if decision.accuses())).count()
+        all.filter(|d| d.as_ref().is_ok_and(Decision::accuses)).count()
     };
     let (own, less) = (accusing(&Policy::default()), accusing(&strict));
     assert!(less < own, "{less} of {own}");
