@@ -142,7 +142,7 @@ impl<'p> Descent<'p> {
         let mut found = asked(evaluate, &points, None)?;
         let residuals = found.remove(0);
         if residuals.iter().all(Vec::is_empty) {
-            return Err(FitError::RanAway.into());
+            return Err(FitError::ran_away().into());
         }
         let whole = |k: usize| found.iter().chain([&residuals]).map(|b| b[k].len()).max().unwrap_or(0);
         let lengths: Vec<usize> = (0..residuals.len()).map(whole).collect();
@@ -151,7 +151,7 @@ impl<'p> Descent<'p> {
         let mut descent = Self { problem, options, lengths, values, residuals, slopes, costs: Vec::new() };
         descent.costs.push(descent.cost(&descent.values, &descent.residuals));
         if descent.costs[0].is_infinite() {
-            return Err(FitError::RanAway.into());
+            return Err(FitError::ran_away().into());
         }
         Ok(descent)
     }
