@@ -11,6 +11,7 @@ use crate::inference::short_windows::feet;
 use crate::problem::columns::{Extent, Suspect};
 use crate::problem::library::Interface;
 use crate::report::{JointShare, RegionShare, Share, TimeShare, Where};
+use qv_fit::linear::squared;
 use qv_rollout::Channel;
 use qv_rollout::features;
 use qv_rollout::law;
@@ -163,8 +164,7 @@ pub fn as_told(study: &LinearisedProblem, suspect: &Suspect) -> Suspect {
 
 /// Regions that were found, and cells of the floor with more than their share.
 pub fn regions(study: &LinearisedProblem, found: impl Iterator<Item = Extent>) -> Vec<RegionShare> {
-    let level =
-        |seen: &LinearisedWindow| (seen.residual.norm_squared() / seen.residual.len() as f64 - study.floor).max(0.0);
+    let level = |seen: &LinearisedWindow| (squared(&seen.residual) / seen.residual.len() as f64 - study.floor).max(0.0);
     let points: Vec<([f64; 2], f64)> = study.seen.iter().map(|s| (place(&s.window), level(s))).collect();
     let total: f64 = points.iter().map(|p| p.1).sum::<f64>().max(1e-300);
     // Feet stand away from the trunk, whose places these are.

@@ -13,6 +13,8 @@ use crate::report::{
     Cause, Gap, Lead, ParameterEstimate, Ranked, RoundSummary, SuspectSummary, Together, TogetherEffect, UNKNOWN,
     Verdict,
 };
+use qv_fit::linear::{add_scaled, add_scaled_matrix, dot, product, times, transposed_product, transposed_times};
+use qv_fit::{Cholesky, Matrix};
 use qv_page::significant;
 use qv_recording::Run;
 
@@ -141,7 +143,7 @@ fn weak(study: &LinearisedProblem) -> Vec<String> {
         let group = study.columns.groups.iter().position(|g| g.effect == index);
         let open = |level: usize| {
             let Some(d) = group.and_then(|g| direction(&study.columns, g, level)) else { return true };
-            let h = d.d.transpose() * &marginal.curvature * &d.d;
+            let h = transposed_product(&d.d, &product(&marginal.curvature, &d.d));
             // A limit that never bites has no curvature at any level.
             (0..d.steps.len()).all(|a| {
                 h[(a, a)] < 1e-9 || d.steps[a].abs() / h[(a, a)].sqrt() > 0.25 * effect.span().max(d.steps[a].abs())
@@ -158,15 +160,15 @@ fn weak(study: &LinearisedProblem) -> Vec<String> {
 pub fn confusable(study: &LinearisedProblem, suspect: &Suspect) -> Vec<String> {
     let columns = &study.columns;
     let Some(own) = direction(columns, suspect.group, 0) else { return Vec::new() };
-    let mut h = nalgebra::DMatrix::zeros(study.width(), study.width());
-    study.seen.iter().for_each(|s| h += &s.h * fitted(s));
+    let mut h = Matrix::zeros(study.width(), study.width());
+    study.seen.iter().for_each(|s| add_scaled_matrix(&mut h, fitted(s), &s.h));
     // Along the values that were found.
-    let mut along = nalgebra::DVector::zeros(study.width());
+    let mut along = vec![0.0; study.width()];
     for (axis, value) in suspect.values.iter().enumerate() {
         let absent = if own.absent[axis].is_finite() { own.absent[axis] } else { value - own.steps[axis] };
-        along.axpy((value - absent) / own.steps[axis], &own.d.column(axis), 1.0);
+        add_scaled(&mut along, (value - absent) / own.steps[axis], own.d.col_as_slice(axis));
     }
-    let length = along.dot(&(&h * &along)).sqrt();
+    let length = dot(&along, &times(&h, &along)).sqrt();
     let names = &columns.groups[suspect.group].names;
     let mut alike: Vec<(f64, String)> = Vec::new();
     for (index, group) in columns.groups.iter().enumerate() {
@@ -176,11 +178,10 @@ pub fn confusable(study: &LinearisedProblem, suspect: &Suspect) -> Vec<String> {
         }
         let Some(other) = direction(columns, index, 0) else { continue };
         // The angle to the space that the other effect's axes span.
-        let hd = &h * &other.d;
-        let gram = other.d.tr_mul(&hd);
-        let projection = hd.tr_mul(&along);
-        let Some(factor) = gram.cholesky() else { continue };
-        let cosine = projection.dot(&factor.solve(&projection)).max(0.0).sqrt() / length.max(1e-300);
+        let hd = product(&h, &other.d);
+        let projection = transposed_times(&hd, &along);
+        let Some(factor) = Cholesky::new(&transposed_product(&other.d, &hd)) else { continue };
+        let cosine = factor.length(&projection).sqrt() / length.max(1e-300);
         if cosine > ALIKE && !alike.iter().any(|(_, name)| *name == effect.name) {
             alike.push((cosine, effect.name.clone()));
         }
