@@ -18,6 +18,7 @@
 /// Types of these stand in the interface of this crate.
 pub use {glam, qv_core};
 
+mod calibration;
 #[cfg(test)]
 #[path = "../../../fixtures/facts.rs"]
 mod facts;
@@ -27,10 +28,10 @@ pub mod mesh_file;
 mod recording;
 mod robot;
 
+pub use calibration::{Calibration, calibration_of};
 pub use recording::{
     Reading, bag_files, beyond_range, description_of, file_error, included, lost_from, mapping_of, model_named,
-    model_of, open_run, parameters, parameters_of, read_model, read_urdf, run_of_table, told_of, urdf_beside, urdf_of,
-    write_error,
+    model_of, open_run, read_model, read_urdf, run_of_table, told_of, urdf_beside, urdf_of, write_error,
 };
 pub use robot::robot_model;
 

@@ -4,7 +4,6 @@ use crate::foreign;
 use crate::mesh_file::vertices;
 use qv_recording::mapping::Mapping;
 use qv_recording::robots;
-use qv_rollout::{RolloutError, expand, parameters_from_toml};
 
 use qv_recording::robots::{ModelSource, RobotFile};
 use qv_recording::run::{Base, Loss, Robot};
@@ -437,47 +436,6 @@ fn own_urdf(path: &Path) -> Option<PathBuf> {
 /// The text of the URDF that [`model_of`] reads; `None` when it cannot be read.
 pub fn urdf_of(run: &Run, path: &Path, robot: Option<&str>) -> Option<String> {
     model_text(&run.robot, path, robot).ok().map(|found| found.text)
-}
-
-/// The parameters of a `--params` file; none without one.
-pub fn parameters(path: Option<&Path>) -> Result<Vec<(String, f64)>, RecordingError> {
-    let Some(path) = path else { return Ok(Vec::new()) };
-    let text = fs::read_to_string(path).map_err(|e| file_error(path, "a parameter file", &e.to_string()))?;
-    parameters_from_toml(&text).map_err(|e| of_parameters(path, e))
-}
-
-/// The error of a file of parameters.
-fn of_parameters(path: &Path, error: RolloutError) -> RecordingError {
-    match error {
-        RolloutError::Run { expected, found, .. } => file_error(path, &expected, &found),
-        RolloutError::Recording(error) => error,
-        RolloutError::Sim(error) => file_error(path, "parameters of this robot", &error.to_string()),
-    }
-}
-
-/// The parameters of a `--params` file of a robot on some ground; none without one.
-///
-/// # Errors
-/// Names the file, and the first parameter that this robot lacks or whose value means nothing.
-pub fn parameters_of(
-    path: Option<&Path>,
-    model: &Model,
-    terrain: &Terrain,
-) -> Result<Vec<(String, f64)>, RecordingError> {
-    let given = parameters(path)?;
-    let (Some(path), false) = (path, given.is_empty()) else { return Ok(given) };
-    let wrong = |expected: &str, found: &dyn ToString| file_error(path, expected, &found.to_string());
-    let expected = "parameters of this robot";
-    let probe = Batch::<f32>::new(model, terrain, &SimOptions::default(), 1).map_err(|e| wrong(expected, &e))?;
-    let named = expand(model, terrain, &given).map_err(|e| of_parameters(path, e))?;
-    for (name, value) in &named {
-        let id = probe.parameter_index(name).map_err(|e| wrong(expected, &e))?;
-        let least = probe.catalogue()[id].clamped(f64::NEG_INFINITY);
-        if value.is_nan() || *value < least {
-            return Err(wrong(&format!("`{name}` of at least {least}"), value));
-        }
-    }
-    Ok(named)
 }
 
 /// Parameters outside the range that is worth searching, a line each. They are used as they are: many a one means something there, but a

@@ -113,8 +113,8 @@ pub fn diagnose<'py>(
     let mut runs: Vec<Run> = recordings.iter().chain(&reference).map(|r| r.run.clone()).collect();
     let files = wait(py, progress.as_ref(), move |teller| {
         runs[..count].iter().try_for_each(|run| ground::check_ground(run, &terrain)).map_err(opening)?;
-        let given = expand(&model, &terrain, &parameters).map_err(opening)?;
-        find_gains(&mut runs, &model, &terrain, &given).map_err(opening)?;
+        let given = expand(&model, &terrain, &parameters).map_err(|e| opening(e.into()))?;
+        find_gains(&mut runs, &model, &terrain, &given).map_err(|e| opening(e.into()))?;
         let reference = runs.split_off(count);
         let notes = told_of(&runs[0], &model);
         let clock = Instant::now();

@@ -34,7 +34,7 @@ pub fn feet_of(run: &Run, model: &Model) -> Feet {
 }
 
 /// A foot for each chain of joints that ends in a sphere, called by the first word of its link (`FL` of `FL_calf`) where that is no other's.
-fn feet_of_model(model: &Model) -> Feet {
+pub fn feet_of_model(model: &Model) -> Feet {
     let mut feet = Feet { of_joint: vec![None; model.joints.len()], ..Default::default() };
     let ends = (1..model.links.len()).filter(|&l| model.links.iter().all(|other| other.parent != Some(l)));
     let ends: Vec<(usize, usize)> = ends.filter_map(|l| Some((l, lowest_sphere(model, |link| link == l)?))).collect();

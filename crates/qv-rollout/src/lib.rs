@@ -30,10 +30,11 @@ mod windows;
 pub use commands::{Command, HeldCommands};
 pub use error::RolloutError;
 pub use features::Channel;
-pub use feet::{Feet, feet_of};
+pub use feet::{Feet, feet_of, feet_of_model};
 pub use legs::Legs;
 pub use parameters::{
-    Overrides, expand, joint_columns, parameters_from_toml, sensor_errors, stated_parameters, with_stated_rotors,
+    Overrides, expand, joint_columns, name_parts, parameters_from_toml, sensor_errors, stated_parameters,
+    with_stated_rotors,
 };
 pub use place::{Sensors, Start};
 pub use residuals::{Raw, Residuals, Traced, are_near, compare, compare_and_trace};

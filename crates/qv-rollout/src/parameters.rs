@@ -121,7 +121,7 @@ pub fn expand(model: &Model, terrain: &Terrain, given: &[(String, f64)]) -> Resu
 }
 
 /// Kind, member and field of a name such as `joint.FL_calf_joint.armature`, or kind and field. Names of members may have dots.
-fn parts(name: &str) -> Vec<&str> {
+pub fn name_parts(name: &str) -> Vec<&str> {
     let Some((kind, rest)) = name.split_once('.') else { return vec![name] };
     match rest.rsplit_once('.') {
         Some((member, field)) => vec![kind, member, field],
@@ -131,7 +131,7 @@ fn parts(name: &str) -> Vec<&str> {
 
 /// `joint.*.armature` for `joint.FL_calf_joint.armature`; none for a name without a member.
 fn with_star(name: &str) -> Option<String> {
-    match parts(name)[..] {
+    match name_parts(name)[..] {
         [kind, _, field] => Some(format!("{kind}.*.{field}")),
         _ => None,
     }
@@ -139,7 +139,7 @@ fn with_star(name: &str) -> Option<String> {
 
 /// Whether `name` is `pattern` with any text for its `*`, within one part of the name.
 fn matches(pattern: &str, name: &str) -> bool {
-    let (pattern, name) = (parts(pattern), parts(name));
+    let (pattern, name) = (name_parts(pattern), name_parts(name));
     let fits = |pattern: &str, part: &str| match pattern.split_once('*') {
         None => pattern == part,
         Some((head, tail)) => part.strip_prefix(head).is_some_and(|rest| rest.ends_with(tail)),

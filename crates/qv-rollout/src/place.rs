@@ -16,7 +16,7 @@ const BESIDE: f64 = 0.01;
 const SETTLING: f64 = 0.25;
 /// Feet within this of the lowest one stand \[m\].
 const STANDING: f64 = 0.005;
-/// Feet that sink in by more are none that stand \[m\].
+/// Feet that sink in by more on ground as it usually is are none that stand \[m\].
 const DEEPEST: f64 = 0.01;
 
 /// A moment of a recording at which a simulation starts.
@@ -115,12 +115,21 @@ impl Rollout<'_> {
     /// would slide freely until they have sunk in.
     pub fn ground_at(&self, setting: &Overrides, q: &[f64]) -> f64 {
         let (touching, feet) = self.gap_below(setting, q);
-        if feet == 0 { 0.0 } else { touching + self.sunk(feet) }
+        let share = self.feet.geoms.len() as f64 / feet as f64;
+        if feet == 0 { 0.0 } else { touching + share * self.standing_depth(setting) }
     }
 
-    /// Depth to which that many feet sink in when they carry the robot \[m\].
-    pub fn sunk(&self, feet: usize) -> f64 {
-        self.depth * self.feet.geoms.len() as f64 / feet as f64
+    /// Depth to which all feet sink in when they carry the robot under a setting \[m\]: as that of a contact whose spring has the stiffness
+    /// 1 / (time constant x damping ratio)² (MuJoCo's documentation, "Solver parameters").
+    fn standing_depth(&self, setting: &Overrides) -> f64 {
+        let nominal = self.softness(|id| self.nominal[id]);
+        if nominal > 0.0 { self.depth * self.softness(|id| self.value(setting, id)) / nominal } else { self.depth }
+    }
+
+    /// One over the stiffness of contacts per mass \[s²\], with such values of parameters.
+    fn softness(&self, value: impl Fn(usize) -> f64) -> f64 {
+        let of = |field: WorldField| self.parameter_of(ActsOn::World(field)).map_or(0.0, &value);
+        (of(WorldField::TimeConstant) * of(WorldField::DampingRatio)).powi(2)
     }
 
     /// Mean height above the ground of the lowest feet \[m\], and how many those are.
@@ -170,7 +179,9 @@ impl Rollout<'_> {
         batch.step_many((SETTLING / numerics.timestep) as usize);
         let (gap, feet) = self.gap_below(&nothing, &batch.state(0)?.q);
         let depth = (height - gap) * feet as f64 / self.feet.geoms.len() as f64;
-        let settled = !batch.is_faulty(0)? && (0.0..DEEPEST).contains(&depth);
+        // Softer ground gives way by more.
+        let softer = self.softness(|id| self.nominal[id]) / self.softness(|id| self.catalogue[id].neutral);
+        let settled = !batch.is_faulty(0)? && (0.0..DEEPEST * softer.max(1.0)).contains(&depth);
         drop(simulation);
         self.depth = if settled { depth } else { 0.0 };
         Ok(())

@@ -3,7 +3,7 @@
 use crate::ask::ask;
 use crate::ground::mesh_at;
 use crate::numbers::within;
-use crate::open::{file_error, lost_from, model_of, open_run, parameters, told_of, write_error};
+use crate::open::{file_error, lost_from, model_of, open_run, parameters_of, told_of, write_error};
 use crate::output::{make_folder, put};
 use crate::progress::{Stages, remark};
 use crate::provenance::provenance;
@@ -80,13 +80,16 @@ impl Contact {
         let open = |path: &PathBuf| open_run(&RunArguments { run: path.clone(), reading: self.reading.clone() });
         let runs: Vec<Run> = self.runs.iter().map(open).collect::<Result<_, _>>()?;
         let model = model_of(&runs[0], &self.runs[0], self.reading.robot.as_deref())?;
+        let means: Vec<f64> = priors.iter().map(|p| p.mean).collect();
+        let terrain = ground.terrain(&means).map_err(|e| self.of_terrain(e))?;
+        let given = parameters_of(self.params.as_deref(), &model, &terrain)?;
         let bar = Stages::new();
         bar.begin(1, 2, "simulating", None);
         let told = |share: f64| bar.at(SIMULATING * share, "");
         let clock = Instant::now();
         let seconds = || clock.elapsed().as_secs_f64();
         let options = Options {
-            given: parameters(self.params.as_deref())?,
+            given,
             slip_threshold: self.slip_threshold,
             uniform: self.uniform,
             segment: self.segment,

@@ -233,7 +233,22 @@ fn understood() -> Result<(Cli, Option<PathBuf>), Misused> {
         _ => Level::Normal,
     });
     words.told().iter().for_each(|what| progress::remark(what));
+    old_names(&root, &matches, &words.all).iter().for_each(|what| progress::remark(what));
     Ok((cli, output))
+}
+
+/// Options that were typed under a name of an older version, a line each.
+fn old_names(root: &clap::Command, matches: &ArgMatches, words: &[OsString]) -> Vec<String> {
+    let Some((command, _)) = output::innermost(root, matches) else { return Vec::new() };
+    let typed: Vec<&str> = words.iter().filter_map(|word| word.to_str()?.strip_prefix("--")).collect();
+    let typed: Vec<&str> = typed.into_iter().map(|word| word.split('=').next().unwrap_or(word)).collect();
+    let mut lines = Vec::new();
+    for argument in command.get_arguments() {
+        let (Some(now), Some(others)) = (argument.get_long(), argument.get_all_aliases()) else { continue };
+        let used = others.into_iter().filter(|old| typed.contains(old));
+        lines.extend(used.map(|old| format!("--{old} is an older name of --{now}")));
+    }
+    lines
 }
 
 /// Says what of a command line is wrong, or prints the help that was asked for. A shell puts names of files into a command line.

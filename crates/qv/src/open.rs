@@ -1,17 +1,18 @@
 //! Recordings on disk become runs, with a bar for who waits.
 
 use crate::RunArguments;
-use crate::progress::{Level, tells};
+use crate::progress::{Level, remark, tells};
 use crate::terminal::shown;
 use indicatif::{ProgressBar, ProgressStyle};
 use qv_open::Reading;
 pub use qv_open::{
-    bag_files, beyond_range, file_error, lost_from, model_named, model_of, parameters, parameters_of, read_model,
-    read_urdf, told_of, urdf_of, write_error,
+    bag_files, beyond_range, file_error, lost_from, model_named, model_of, read_model, read_urdf, told_of, urdf_of,
+    write_error,
 };
 use qv_recording::run::Known;
 use qv_recording::{RecordingError, Run};
 use qv_sim::{Model, Terrain};
+use std::path::Path;
 
 /// Opens whatever `arguments.run` names.
 ///
@@ -49,6 +50,20 @@ pub fn find_gains(
     qv_replay::find_gains(runs, model, terrain, parameters)?;
     bar.iter().for_each(ProgressBar::finish_and_clear);
     Ok(())
+}
+
+/// The parameters of a `--params` file for a robot on some ground; none without one. What does not fit is remarked.
+///
+/// # Errors
+/// See [`qv_open::calibration_of`].
+pub fn parameters_of(
+    path: Option<&Path>,
+    model: &Model,
+    terrain: &Terrain,
+) -> Result<Vec<(String, f64)>, RecordingError> {
+    let found = qv_open::calibration_of(path, model, terrain)?;
+    found.notes.iter().for_each(|note| remark(note));
+    Ok(found.parameters)
 }
 
 /// A sign of life for work without a known end.

@@ -158,10 +158,10 @@ impl Stage {
             "walk record walk/policy.onnx --ground yard/truth.glb --friction tiles=0.18 --friction gravel=0.45 --seed 2 --room 1 --walk 4 --minutes 3.3 --out record/walks",
         )];
         const TUNE: [Call; 1] = [qv(
-            "tune record/walks --policy walk/policy.onnx --terrain again/terrain.glb --train-on plane --calibrated diagnose/calibrated.toml --out tune",
+            "tune record/walks --policy walk/policy.onnx --terrain again/terrain.glb --train-on plane --params diagnose/calibrated.toml --out tune",
         )];
         const TUNE_SMALL: [Call; 1] = [qv(
-            "tune record/walks --policy walk/policy.onnx --terrain again/terrain.glb --train-on plane --calibrated diagnose/calibrated.toml --no-networks --iterations 25 --out tune",
+            "tune record/walks --policy walk/policy.onnx --terrain again/terrain.glb --train-on plane --params diagnose/calibrated.toml --no-networks --iterations 25 --out tune",
         )];
         const PATHS: [Call; 1] = [qv("walk paths walk/policy.onnx tune/policy.onnx --seed 2 --out paths/paths.json")];
         // The yard has nothing that hides a cone. Small: a minute or two on two cores.
@@ -175,7 +175,7 @@ impl Stage {
             ),
             // The same policy on the tuned robot, in the simulator that was made like the recorded one.
             told(
-                "navigate test navigate/weights.bin --scene reconstruct/scene.ply --mesh mesh/terrain.glb --starts view --distance 1.2,2.5 --camera none --episodes 32 --seed 2 --walk tune/policy.onnx --correction tune/compensator.json --out navigate/walked.json",
+                "navigate test navigate/weights.bin --scene reconstruct/scene.ply --mesh mesh/terrain.glb --starts view --distance 1.2,2.5 --camera none --episodes 32 --seed 2 --walk tune/policy.onnx --params tune/compensator.json --out navigate/walked.json",
                 "navigate/said_walked.txt",
             ),
             qv("navigate page navigate/results.json --beside navigate/walked.json --out navigate/index.html"),

@@ -27,8 +27,8 @@ pub struct LegsArguments {
     #[arg(long, default_value = "go2", value_name = "go2|FILE.toml", requires = "walk")]
     robot: String,
     /// What the simulator lacks: calibrated.toml of a diagnosis, or compensator.json of `qv tune`
-    #[arg(long, value_name = "FILE", requires = "walk")]
-    correction: Option<PathBuf>,
+    #[arg(long, value_name = "FILE", requires = "walk", alias = "correction")]
+    params: Option<PathBuf>,
 }
 
 /// A robot on its ground, ready to walk; or none, where a follower is asked for.
@@ -46,7 +46,7 @@ struct Walking {
 impl LegsArguments {
     /// The files that are read.
     pub(super) fn files(&self) -> impl Iterator<Item = &PathBuf> {
-        self.walk.iter().chain(&self.correction)
+        self.walk.iter().chain(&self.params)
     }
 
     /// Reads what was named. Nothing walks yet.
@@ -59,12 +59,12 @@ impl LegsArguments {
         let robot = as_trained(robot_of(&self.robot)?, &file, path)?;
         let start = checkpoint_of(path, &robot)?;
         let ground = of_mesh(&place.mesh.to_string_lossy(), &[], ROOM, place.seed)?;
-        let correction = match &self.correction {
+        let correction = match &self.params {
             None => Compensation::nominal(&robot),
             Some(file) => correction(file, &robot, &ground)?,
         };
         let policy = start.best_policy(&robot)?;
-        let corrected = self.correction.as_ref().map_or(String::new(), |file| format!(", with {}", file.display()));
+        let corrected = self.params.as_ref().map_or(String::new(), |file| format!(", with {}", file.display()));
         let name = format!("{} in the simulator, by {}{corrected}", robot.name, path.display());
         Ok(Stable(Some(Walking { robot, policy, ground, correction, task: start.settings.task.clone(), name })))
     }

@@ -44,8 +44,8 @@ pub struct Tune {
     #[arg(long, value_name = "plane|bumps|levels|FILE.glb")]
     train_on: Option<String>,
     /// What a diagnosis found (calibrated.toml), as a candidate beside those that are fitted here
-    #[arg(long, value_name = "FILE.toml")]
-    calibrated: Option<PathBuf>,
+    #[arg(long, value_name = "FILE.toml", alias = "calibrated")]
+    params: Option<PathBuf>,
     /// All settings, as `settings.toml` in the results has them
     #[arg(long, value_name = "FILE.toml")]
     settings: Option<PathBuf>,
@@ -80,7 +80,7 @@ impl Tune {
         let start = checkpoint_of(&self.policy, &robot)?;
         let ground = ground_of(&self.terrain, settings.tune.seed)?;
         let train_on = ground_of(self.train_on.as_ref().unwrap_or(&self.terrain), settings.tune.seed)?;
-        let given = match &self.calibrated {
+        let given = match &self.params {
             None => None,
             Some(path) => Some(parameters_of(Some(path), &robot.model, &ground.terrain)?),
         };
@@ -203,9 +203,7 @@ impl Work<'_> {
         let compensation = &candidates[chosen.or(staying).unwrap_or(0)].compensation;
         put("compensator.json", serde_json::to_string_pretty(compensation)?.as_bytes())?;
         put("compensator.onnx", &compensation.to_onnx(self.robot)?)?;
-        let mut text = String::from(
-            "# What `qv tune` found; for `qv replay --params` and `qv walk train --around`.\n[parameters]\n",
-        );
+        let mut text = String::from("# What `qv tune` found; for --params of every command.\n[parameters]\n");
         compensation.parameters.iter().for_each(|(name, x)| _ = writeln!(text, "\"{name}\" = {x:?}"));
         put("calibrated.toml", text.as_bytes())?;
         put("settings.toml", toml::to_string(&self.settings)?.as_bytes())?;

@@ -1,4 +1,4 @@
-//! `--around`: what a diagnosis found becomes the middle of what differs from robot to robot in training.
+//! `--params`: what a diagnosis found becomes the middle of what differs from robot to robot in training.
 
 use crate::Failure;
 use crate::open::{file_error, parameters_of};
@@ -15,8 +15,7 @@ const UNSURE: f64 = 0.2;
 /// Adds the parameters of a calibrated.toml to what is drawn: each within the interval that report.json beside it states, else
 /// within a fifth of its correction. Returns how many.
 pub fn around(file: &Path, robot: &TaskRobot, ground: &Terrain, randomise: &mut Randomise) -> Result<usize, Failure> {
-    let given = parameters_of(Some(file), &robot.model, ground)?;
-    let named = qv_rollout::expand(&robot.model, ground, &given)?;
+    let named = parameters_of(Some(file), &robot.model, ground)?;
     let probe = Batch::<f32>::new(&robot.model, ground, &SimOptions::default(), 1)?;
     let widths = widths(&file.with_file_name("report.json"));
     for (name, value) in &named {

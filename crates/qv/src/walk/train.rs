@@ -50,9 +50,9 @@ pub struct Train {
     /// Friction, mass, gains, latency and encoders differ from robot to robot, and robots are pushed
     #[arg(long)]
     robust: bool,
-    /// What a diagnosis found (calibrated.toml): robots are drawn around it
-    #[arg(long, value_name = "FILE.toml")]
-    around: Option<PathBuf>,
+    /// What a diagnosis, a calibration of contact or a tuning found (calibrated.toml): robots are drawn around it
+    #[arg(long, value_name = "FILE.toml", alias = "around")]
+    params: Option<PathBuf>,
     /// Least and greatest command forwards, in m/s
     #[arg(long, value_name = "LOW,HIGH", value_parser = range, allow_hyphen_values = true)]
     vx: Option<[f32; 2]>,
@@ -66,7 +66,7 @@ pub struct Train {
     #[arg(long, value_name = "FILE.toml")]
     settings: Option<PathBuf>,
     /// Goes on from where the training in the results stands: with the bits of one that was never stopped, if it stands at the end of an epoch
-    #[arg(long, conflicts_with_all = ["settings", "seed", "robots", "start_from", "robust", "around", "vx", "vy", "wz"])]
+    #[arg(long, conflicts_with_all = ["settings", "seed", "robots", "start_from", "robust", "params", "vx", "vy", "wz"])]
     resume: bool,
     /// Begins with the networks of another training's checkpoint.bin
     #[arg(long, value_name = "FILE")]
@@ -102,7 +102,7 @@ impl Train {
             None => self.settings(&robot)?,
         };
         let ground = ground_of(&self.ground, settings.seed)?;
-        let settings = match &self.around {
+        let settings = match &self.params {
             Some(file) => self.around(file, &robot, &ground, settings)?,
             None => settings,
         };

@@ -148,7 +148,7 @@ fn a_student_learns_from_the_teacher_then_from_trials_on_legs_that_walk() {
     let train = format!(
         "navigate train {VIEW} --rounds 1 --trials 2 --frames 30 --robots 3 --out nav --json --walk walk/policy.onnx"
     );
-    let (code, line, err) = qv(&folder, &format!("{train} --correction calibrated.toml"));
+    let (code, line, err) = qv(&folder, &format!("{train} --params calibrated.toml"));
     assert!(code == 0 && err.states("encoder_latency"), "{err}");
     let metrics: Value = serde_json::from_slice(&fs::read(folder.join("nav/metrics.json")).unwrap()).unwrap();
     let told = metrics.as_array().unwrap();
@@ -251,13 +251,13 @@ fn what_a_training_cannot_use_is_named() {
         "{\"version\": 1, \"robot\": \"spot\", \"joints\": [], \"kind\": \"nominal\", \"parameters\": {}}",
     )
     .unwrap();
-    let err = train("--walk walk/policy.onnx --correction compensator.json");
+    let err = train("--walk walk/policy.onnx --params compensator.json");
     assert!(err.contains("compensator.json") && err.contains("go2"), "{err}");
     fs::write(folder.join("calibrated.toml"), "[parameters]\n").unwrap();
-    let err = train("--walk walk/policy.onnx --correction calibrated.toml");
+    let err = train("--walk walk/policy.onnx --params calibrated.toml");
     assert!(err.states("calibrated.toml"), "{err}");
     fs::write(folder.join("calibrated.toml"), "[parameters]\n\"actuator.*.colour\" = 0.8\n").unwrap();
-    let err = train("--walk walk/policy.onnx --correction calibrated.toml");
+    let err = train("--walk walk/policy.onnx --params calibrated.toml");
     assert!(err.contains("calibrated.toml") && err.contains("colour"), "{err}");
 }
 

@@ -1,0 +1,3 @@
+//! Replays of recordings whose truth is known.
+
+mod effects;
