@@ -43,7 +43,7 @@ pub fn calibrate(rollout: &Rollout, runs: &[Run], library: &[Effect]) -> Result<
     }
     let mut fit = Fit::new(rollout, &columns, units, windows)?;
     for _ in 0..ROUNDS {
-        if !fit.improve()? {
+        if fit.units.is_empty() || !fit.improve()? {
             break;
         }
     }
@@ -135,12 +135,16 @@ impl<'p> Fit<'p> {
 
     /// Distance of a unit from absent that is nothing unusual.
     fn usual(&self, k: usize) -> f64 {
-        let effect = &self.columns.effects[self.columns.units[self.columns.columns[self.units[k]].unit].effect];
+        let effect = self.effect(k);
         match effect.interface {
             // A bias of the encoder turns gravity about the joint: left free it would take upon itself what the load does.
             Interface::Sensing => SENSOR_TOLERANCES * effect.tolerance,
             _ => 0.4 * effect.usual_span,
         }
+    }
+
+    fn effect(&self, k: usize) -> &Effect {
+        &self.columns.effects[self.columns.units[self.columns.columns[self.units[k]].unit].effect]
     }
 
     fn absent(&self, k: usize) -> f64 {
@@ -152,7 +156,10 @@ impl<'p> Fit<'p> {
         let each = 0..self.units.len();
         let step = |k: usize| DIFFERENCE * (self.columns.columns[self.units[k]].value - self.absent(k)).abs();
         let prior = |k: usize| Some([self.absent(k), self.usual(k) * 0.5_f64.sqrt()]);
+        let range = |k: usize| self.effect(k).range;
         Problem {
+            low: each.clone().map(|k| range(k)[0].min(self.absent(k))).collect(),
+            high: each.clone().map(|k| range(k)[1].max(self.absent(k))).collect(),
             prior: each.clone().map(prior).collect(),
             ..Problem::new(&self.values, &each.map(step).collect::<Vec<_>>())
         }
