@@ -21,6 +21,8 @@ pub struct Options {
     pub rounds: usize,
     /// Dampings tried in each round, as shares of the curvature.
     pub dampings: Vec<f64>,
+    /// Shares of the undamped step that are tried beside them: dampings leave out what is weakly told, shares do not.
+    pub shares: Vec<f64>,
     /// A round that lowers the cost by less than this share of it is the last.
     pub fall: f64,
     /// The same as a difference of the cost, which is minus a log probability: 0.5 is one standard deviation of one parameter.
@@ -32,7 +34,7 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         let dampings = vec![0.0, 1e-4, 1e-3, 0.01, 0.1, 1.0, 10.0];
-        Self { loss: Loss::SQUARES, rounds: 30, dampings, fall: 1e-9, gain: 0.0, short: 1e-6 }
+        Self { loss: Loss::SQUARES, rounds: 30, dampings, shares: vec![0.5, 0.2], fall: 1e-9, gain: 0.0, short: 1e-6 }
     }
 }
 
@@ -199,14 +201,21 @@ impl<'p> Descent<'p> {
         Ok(())
     }
 
+    /// Where steps of all dampings lead, times `more`, and at first shares of the undamped one.
+    fn trials(&self, more: f64) -> Vec<Vec<f64>> {
+        let to = |damping: f64| step_to(self.problem, &self.slopes, &self.values, damping);
+        let mut tried: Vec<Vec<f64>> = self.options.dampings.iter().filter_map(|d| to(more * d)).collect();
+        let Some(whole) = to(0.0) else { return tried };
+        for share in &self.options.shares {
+            let moved = |(x, to): (&f64, &f64)| x + share / more * (to - x);
+            tried.push(self.values.iter().zip(&whole).map(moved).collect());
+        }
+        tried
+    }
+
     /// Goes to the best trial; what that gains, and how long the step is in differences. `None` where none helps.
     fn step<E: From<FitError>>(&mut self, evaluate: Evaluate<E>, more: f64) -> Result<Option<(f64, f64)>, E> {
-        let mut tried: Vec<Vec<f64>> = self
-            .options
-            .dampings
-            .iter()
-            .filter_map(|d| step_to(self.problem, &self.slopes, &self.values, more * d))
-            .collect();
+        let mut tried = self.trials(more);
         tried.retain(|to| *to != self.values);
         tried.dedup();
         if tried.is_empty() {
@@ -220,7 +229,7 @@ impl<'p> Descent<'p> {
             return Ok(None);
         }
         let to = tried.swap_remove(best);
-        let share = |k: usize| (to[k] - self.values[k]).abs() / self.problem.step[k];
+        let share = |k: usize| (to[k] - self.values[k]).abs() / self.problem.step[k].abs();
         let length = (0..to.len()).map(share).fold(0.0, f64::max);
         (self.values, self.residuals) = (to, found.into_iter().nth(best).unwrap_or_default());
         self.costs.push(costs[best]);

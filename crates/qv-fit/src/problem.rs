@@ -30,7 +30,7 @@ pub struct Problem {
     pub high: Vec<f64>,
     /// Mean and standard deviation of each one's normal prior, if it has one.
     pub prior: Vec<Option<[f64; 2]>>,
-    /// By how much each is moved for its slope, above 0.
+    /// By how much each is moved for its slope, not 0; the other way where a bound is nearer.
     pub step: Vec<f64>,
     /// From which sides.
     pub differences: Differences,
@@ -60,7 +60,7 @@ impl Problem {
         for k in 0..count {
             let is_ordered = self.low[k] <= self.high[k] && self.start[k].is_finite();
             let has_prior = self.prior[k].is_none_or(|[mean, deviation]| mean.is_finite() && deviation > 0.0);
-            if !(is_ordered && has_prior && self.step[k] > 0.0 && self.step[k].is_finite()) {
+            if !(is_ordered && has_prior && self.step[k] != 0.0 && self.step[k].is_finite()) {
                 let found = format!(
                     "start {}, bounds {} to {}, prior {:?}, step {}",
                     self.start[k], self.low[k], self.high[k], self.prior[k], self.step[k]

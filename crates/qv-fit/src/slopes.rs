@@ -86,11 +86,12 @@ pub(crate) struct Beside {
 pub(crate) fn moves(problem: &Problem, values: &[f64]) -> Vec<(usize, f64)> {
     let one = |k: usize| -> Vec<(usize, f64)> {
         let step = problem.step[k];
-        let (down, up) = (values[k] - step >= problem.low[k], values[k] + step <= problem.high[k]);
+        let is_inside = |x: f64| (problem.low[k]..=problem.high[k]).contains(&x);
+        let (ahead, back) = (is_inside(values[k] + step), is_inside(values[k] - step));
         match problem.differences {
-            Differences::Central if down && up => vec![(k, step), (k, -step)],
-            _ if up => vec![(k, step)],
-            _ if down => vec![(k, -step)],
+            Differences::Central if ahead && back => vec![(k, step), (k, -step)],
+            _ if ahead => vec![(k, step)],
+            _ if back => vec![(k, -step)],
             // Between bounds that are nearer than the step: to the farther one.
             _ if problem.high[k] - values[k] >= values[k] - problem.low[k] => vec![(k, problem.high[k] - values[k])],
             _ => vec![(k, problem.low[k] - values[k])],

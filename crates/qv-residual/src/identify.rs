@@ -272,8 +272,8 @@ impl Default for FitSettings {
 
 /// Degrees of freedom of a window's tails.
 const FREEDOM: f64 = 4.0;
-/// Dampings that are tried in each step.
-const DAMPINGS: [f64; 6] = [0.0, 0.1, 0.5, 2.0, 10.0, 50.0];
+/// Shares of a step that are tried beside the whole one.
+const SHARES: [f64; 5] = [0.05, 0.12, 0.25, 0.5, 0.75];
 /// A step that lowers the cost by less than this for each number is the last: a tenth of what one number may differ by chance, since 0.5 is one
 /// standard deviation of one number.
 const SETTLED: f64 = 0.05;
@@ -358,7 +358,8 @@ impl Fitter<'_> {
         let channels = self.replayer.log.joints + BASE_CHANNELS;
         let loss = Loss { independent: 1.0 / self.settings.length as f64, ..Loss::student(FREEDOM) };
         let gain = SETTLED * self.coordinates.len() as f64;
-        let options = Options { loss, rounds: 1, dampings: DAMPINGS.to_vec(), fall: 0.0, gain, ..Options::default() };
+        let (dampings, shares) = (vec![0.0], SHARES.to_vec());
+        let options = Options { loss, rounds: 1, dampings, shares, fall: 0.0, gain, ..Options::default() };
         let mut problem = self.problem(start);
         let mut scales = spreads(&self.scaled(&[start.to_vec()], &vec![1.0; channels])?[0], channels);
         let mut fit = Fit {
