@@ -4,9 +4,9 @@ use crate::ReplayError;
 use qv_core::JointSeries;
 use qv_recording::Run;
 use qv_rollout::{
-    Covered, Feet, HeldCommands, Numerics, Overrides, Rollout, Sensors, Simulation, Start, Starts, Trace, WindowOptions,
+    Covered, Feet, HeldCommands, Numerics, Overrides, Recording, Rollout, Starts, Stretch, Trace, WindowOptions,
 };
-use qv_sim::{Batch, Model, State, Terrain};
+use qv_sim::{Model, Terrain};
 
 /// How to replay.
 #[derive(Debug, Clone, PartialEq)]
@@ -90,27 +90,18 @@ pub fn simulate(
     };
     let (plan, skipped) = plan_windows(run, times, &starts, &held, options);
     let numerics = Numerics { timestep: options.timestep, ..Numerics::default() };
-    let start = |time: f64, until: f64| Start {
-        view: run,
-        held: &held,
-        time,
-        since: time - times[0],
-        during: [time, until],
-        starts: Some(&starts),
-    };
+    let recording = Recording { run, held: &held, starts: &starts, times };
     let feet = rollout.feet.geoms.len();
     let stands = |s: &&Stretch| feet > 0 && rollout.gap_below(&Overrides::new(), &s.state.q).1 == feet;
     if let Some(stretch) = plan.iter().find(stands).filter(|_| rollout.anchors) {
-        let time = times[stretch.first];
-        rollout.settle(&numerics, &start(time, time), &stretch.state)?;
+        rollout.settle(&numerics, &recording.start(stretch), &stretch.state)?;
     }
-    let drive = Drive { rollout: &rollout, numerics, times, start: &start };
-    let whole = drive.run(&[Stretch { first, end: times.len(), state }])?.remove(0);
+    let whole = recording.follow(&rollout, numerics, &[Stretch { first, end: times.len(), state }])?.remove(0);
     // A trace ends where its state is no longer finite.
     let ran_away = (whole.time.len() < times.len() - first).then(|| times[first + whole.time.len()]);
     let joints = rollout.columns.len();
     let whole = if ran_away.is_some() { Trace { joints, ..Default::default() } } else { whole };
-    let traces = if plan.is_empty() { Vec::new() } else { drive.run(&plan)? };
+    let traces = if plan.is_empty() { Vec::new() } else { recording.follow(&rollout, numerics, &plan)? };
     let (mut windows, mut lost) = (Vec::new(), 0);
     for (stretch, trace) in plan.iter().zip(traces) {
         if trace.time.len() == stretch.end - stretch.first {
@@ -165,13 +156,6 @@ fn recorded(run: &Run, columns: &[usize], feet: &Feet, velocity: Option<&JointSe
     }
 }
 
-/// Recorded instants that are simulated from the state that was measured at the first of them.
-struct Stretch {
-    first: usize,
-    end: usize,
-    state: State,
-}
-
 /// The windows, and how many are left out.
 fn plan_windows(
     run: &Run,
@@ -196,62 +180,6 @@ fn plan_windows(
         from = to;
     }
     (plan, skipped)
-}
-
-/// What all environments of a replay share.
-struct Drive<'a> {
-    rollout: &'a Rollout<'a>,
-    numerics: Numerics,
-    times: &'a [f64],
-    start: &'a dyn Fn(f64, f64) -> Start<'a>,
-}
-
-impl Drive<'_> {
-    /// Simulates stretches of the recorded times, each from its own state, side by side.
-    fn run(&self, stretches: &[Stretch]) -> Result<Vec<Trace>, ReplayError> {
-        let (rollout, times, nothing) = (self.rollout, self.times, Overrides::new());
-        let latencies = [rollout.longest_latency(&nothing), rollout.sensor_latency(&nothing)];
-        let mut simulation = Simulation::<f64>::new(rollout, self.numerics, latencies, stretches.len())?;
-        for (env, stretch) in stretches.iter().enumerate() {
-            let start = (self.start)(times[stretch.first], times[stretch.end - 1]);
-            simulation.start(rollout, env, &nothing, (&start, Sensors::AsTheyAre), &stretch.state)?;
-        }
-        let mut traces = vec![Trace { joints: rollout.columns.len(), ..Default::default() }; stretches.len()];
-        let due = |stretch: &Stretch, index: usize| {
-            ((times[index] - times[stretch.first]) / self.numerics.timestep).round() as u64
-        };
-        let last = stretches.iter().map(|s| due(s, s.end - 1)).max().unwrap_or(0);
-        let mut next: Vec<usize> = stretches.iter().map(|s| s.first).collect();
-        // Stamps may be uneven: each environment is read at the step nearest to its own next stamp.
-        for step in 0..=last {
-            for (env, stretch) in stretches.iter().enumerate() {
-                while next[env] < stretch.end && due(stretch, next[env]) <= step {
-                    if simulation.batch.is_faulty(env)? {
-                        next[env] = stretch.end;
-                    } else {
-                        self.record(&simulation.batch, env, times[next[env]], &mut traces[env])?;
-                        next[env] += 1;
-                    }
-                }
-            }
-            simulation.step_parallel()?;
-        }
-        Ok(traces)
-    }
-
-    fn record(&self, batch: &Batch<f64>, env: usize, time: f64, trace: &mut Trace) -> Result<(), ReplayError> {
-        let sensed = batch.sensors(env)?;
-        trace.time.push(time);
-        trace.position.extend(&sensed.q);
-        trace.velocity.extend(&sensed.dq);
-        trace.torque.extend(&sensed.tau);
-        trace.foot_force.extend(self.rollout.feet.geoms.iter().map(|&g| sensed.foot_force[g]));
-        if self.rollout.free {
-            let ([x, y, z], [qw, qx, qy, qz]) = (sensed.base_position, sensed.base_orientation);
-            trace.base.push([x, y, z, qw, qx, qy, qz]);
-        }
-        Ok(())
-    }
 }
 
 /// The trace on all recorded times: NaN before its start and after it ended.

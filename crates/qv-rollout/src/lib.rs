@@ -24,6 +24,7 @@ mod robot;
 mod simulation;
 mod start;
 mod start_cache;
+mod stretches;
 mod trace;
 mod windows;
 
@@ -42,5 +43,6 @@ pub use robot::{Event, Rollout};
 pub use simulation::{Numerics, Simulation};
 pub use start::{Covered, SensorErrors, Starts};
 pub use start_cache::measured;
+pub use stretches::{Recording, Stretch, joint_lags};
 pub use trace::Trace;
 pub use windows::{Window, WindowOptions, is_alive};

@@ -18,7 +18,7 @@ use qv_recording::Run;
 use qv_rollout::Trace;
 use qv_rollout::law;
 use qv_rollout::{Numerics, Overrides, Rollout, Window};
-use qv_rollout::{Raw, Residuals, Traced, compare, compare_and_trace};
+use qv_rollout::{Raw, Residuals, Traced, compare, compare_and_trace, joint_lags};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -106,6 +106,8 @@ pub struct LinearisedProblem<'a> {
     pub ablated: Vec<usize>,
     /// Joints that are at rest on average over the windows (indices, in the order of the model).
     pub at_rest: Vec<usize>,
+    /// How far each joint is behind the simulated one \[s\], shape `[joints]`, by the first recording; `None` where that is not known.
+    pub lags: Vec<Option<f64>>,
     /// Mean square of residuals of noise and numerics alone.
     pub floor: f64,
     /// Steps simulated so far.
@@ -141,6 +143,7 @@ impl<'a> LinearisedProblem<'a> {
             tolerance: Vec::new(),
             ablated: Vec::new(),
             at_rest: Vec::new(),
+            lags: Vec::new(),
             floor: 0.0,
             steps: AtomicUsize::new(0),
             steps_told: AtomicUsize::new(0),
@@ -154,6 +157,7 @@ impl<'a> LinearisedProblem<'a> {
             study.add(run, index, &pool, effort)?;
         }
         study.floor /= runs.len().max(1) as f64;
+        study.lags = runs.first().map_or(Ok(Vec::new()), |run| joint_lags(&study.rollout, run))?;
         study.at_rest = at_rest(&study.rollout, study.seen.iter().map(|s| &s.window));
         Ok(study)
     }

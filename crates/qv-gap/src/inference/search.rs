@@ -6,9 +6,11 @@ use crate::inference::linearised::{EXTRA, LinearisedProblem, LinearisedWindow};
 use crate::inference::short_windows::Fall;
 use crate::problem::columns::{Columns, Suspect};
 use crate::problem::library::{Effect, Scope};
+use qv_core::statistics::median;
 use qv_fit::linear::{add_outer, add_scaled, diagonal_of, dot, minus, product, squared, times, transposed_times};
 use qv_fit::{Cholesky, Matrix};
 use qv_rollout::Overrides;
+use qv_sim::{ActsOn, JointField};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -248,15 +250,57 @@ impl<'s, 'a> Search<'s, 'a> {
         let sought = columns.effects.iter().enumerate().filter(|(e, x)| !without.contains(e) && is_steady(x));
         for (effect, _) in sought {
             let mut groups: Vec<usize> = Vec::new();
+            let late = self.late_groups(effect);
             for (_, suspect) in linear.iter().filter(|(_, s)| columns.groups[s.group].effect == effect) {
                 let group = suspect.group;
-                if groups.len() < GROUPS_PER_EFFECT && !groups.contains(&group) && !taken.contains(&group) {
+                // What is late in a replay is followed whatever a slope at a few milliseconds says of it.
+                let is_led = groups.len() < GROUPS_PER_EFFECT || late.contains(&group);
+                if is_led && !groups.contains(&group) && !taken.contains(&group) {
                     groups.push(group);
                     chosen.push(suspect.clone());
                 }
             }
         }
         chosen
+    }
+
+    /// How late a group of joints is by the correlation of what was measured with what is simulated \[s\]: the median over its joints. `None`
+    /// for effects that are no delay, and for joints that hardly move.
+    fn lag_of(&self, group: usize) -> Option<f64> {
+        let group = &self.columns().groups[group];
+        if !self.is_delay(group.effect) {
+            return None;
+        }
+        let mut lags: Vec<f64> = group.members.iter().filter_map(|&joint| *self.study.lags.get(joint)?).collect();
+        (!lags.is_empty()).then(|| median(&mut lags)).filter(|lag| *lag > 0.0)
+    }
+
+    /// Whether an effect makes joints late: in what they are told, in what they do, or in what they report.
+    fn is_delay(&self, effect: usize) -> bool {
+        use JointField::{CommandLatency, EncoderLatency, Lag};
+        let units = self.columns().units.iter().filter(|u| u.effect == effect);
+        let mut parts = units.flat_map(|u| &u.moves).map(|m| self.study.rollout.acts_on(m.0)).peekable();
+        let is_late = |part| matches!(part, ActsOn::Joint(_, CommandLatency | EncoderLatency | Lag));
+        parts.peek().is_some() && parts.all(is_late)
+    }
+
+    /// The groups of an effect that is a delay whose joints are late and whose others are not, by the squares that one lag of a group
+    /// leaves, each more joint that needs one of its own counted against it: the best few.
+    fn late_groups(&self, effect: usize) -> Vec<usize> {
+        let columns = self.columns();
+        let groups = (0..columns.groups.len()).filter(|&g| columns.groups[g].effect == effect);
+        let left = |group: usize| {
+            let lag = self.lag_of(group)?;
+            let members = &columns.groups[group].members;
+            let of_joint = |(joint, found): (usize, &Option<f64>)| {
+                let expected = if members.contains(&joint) { lag } else { 0.0 };
+                found.map_or(0.0, |found| (found - expected).powi(2))
+            };
+            Some((self.study.lags.iter().enumerate().map(of_joint).sum::<f64>(), group))
+        };
+        let mut by_rest: Vec<(f64, usize)> = groups.filter_map(left).collect();
+        by_rest.sort_by(|a, b| a.0.total_cmp(&b.0));
+        by_rest.into_iter().take(GROUPS_PER_EFFECT).map(|found| found.1).collect()
     }
 
     /// The best of several starts for each candidate, by a look at some of the windows: all starts in a few, the best of
@@ -282,7 +326,8 @@ impl<'s, 'a> Search<'s, 'a> {
     fn first_look(&mut self, base: &Base, candidates: &[Suspect], few: &[usize]) -> Result<Vec<Look>, GapError> {
         let Some(marginal) = self.marginal_in(few) else { return Ok(Vec::new()) };
         let of_candidate = |c: &Suspect| {
-            starts(self.columns(), c).into_iter().map(|v| Suspect::everywhere(c.group, v)).collect::<Vec<_>>()
+            let starts = starts(self.columns(), c, self.lag_of(c.group));
+            starts.into_iter().map(|v| Suspect::everywhere(c.group, v)).collect::<Vec<_>>()
         };
         let tried: Vec<Vec<Suspect>> = candidates.iter().map(of_candidate).collect();
         let mut normals = self.normals_of(base, &tried.concat(), few)?.into_iter();
@@ -675,13 +720,14 @@ pub fn direction(columns: &Columns, group: usize, level: usize) -> Option<Direct
     Some(direction)
 }
 
-/// Values to start a candidate from: what the linear step says, and for a single axis points along the range.
-fn starts(columns: &Columns, candidate: &Suspect) -> Vec<Vec<f64>> {
+/// Values to start a candidate from: what the linear step says, how late its joints are, and for a single axis points along the range.
+fn starts(columns: &Columns, candidate: &Suspect, lag: Option<f64>) -> Vec<Vec<f64>> {
     let group = &columns.groups[candidate.group];
     let effect = &columns.effects[group.effect];
     let [low, high] = effect.range;
     let clamped: Vec<f64> = candidate.values.iter().map(|v| v.clamp(low, high)).collect();
     let mut starts = vec![clamped.clone()];
+    starts.extend(lag.map(|lag| vec![lag.clamp(low, high)]));
     if candidate.values.len() > 1 {
         starts.push(clamped.iter().map(|v| 0.5 * v).collect());
         starts.push(clamped.iter().map(|v| (2.0 * v).clamp(low, high)).collect());

@@ -15,4 +15,5 @@ mod recorded;
 #[path = "../../../../fixtures/skipped.rs"]
 mod skipped;
 mod two_links;
+mod urdf_witness;
 mod walking;

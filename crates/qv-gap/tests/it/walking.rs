@@ -39,6 +39,17 @@ fn of(run: &Run, options: &Options) -> Report {
 }
 
 #[test]
+fn a_latency_of_two_policy_steps_is_named_with_its_size() {
+    // Far beyond where the slope at a few milliseconds leads.
+    let report = of(&recorded(synthetic::command_latency(0.041), 4), &quick());
+    assert_eq!(report.causes.len(), 1, "{}", report.sentence);
+    let cause = &report.causes[0];
+    assert_eq!((cause.effect.as_str(), cause.scope[0].as_str()), ("command_latency", "all"));
+    assert!((cause.parameters[0].value - 0.041).abs() < 0.002, "{:?}", cause.parameters);
+    assert!(report.gap.closed > 0.9, "{:?}", report.gap);
+}
+
+#[test]
 fn a_latency_is_named_with_its_size_and_closes_the_gap() {
     let run = recorded(synthetic::command_latency(0.012), 4);
     let report = of(&run, &quick());

@@ -1,6 +1,7 @@
 //! Files of `--params`: values, patterns, and what a robot does not have.
 
 use crate::files::{PENDULUM, folder};
+use glam::DVec3;
 use qv_core::{Material, TriangleMesh};
 use qv_open::{Calibration, beyond_range, calibration_of, robot_model};
 use qv_recording::RecordingError;
@@ -35,9 +36,7 @@ fn parameters_of_a_robot_are_read_by_name_and_by_pattern() {
 /// A square of ice.
 fn ice() -> Terrain {
     let mut mesh = TriangleMesh { triangles: vec![[0, 1, 2], [0, 2, 3]], labels: vec![0; 2], ..Default::default() };
-    mesh.vertices = [(-3.0, -3.0), (3.0, -3.0), (3.0, 3.0), (-3.0, 3.0)]
-        .map(|(x, y)| qv_core::glam::DVec3::new(x, y, 0.0))
-        .to_vec();
+    mesh.vertices = [(-3.0, -3.0), (3.0, -3.0), (3.0, 3.0), (-3.0, 3.0)].map(|(x, y)| DVec3::new(x, y, 0.0)).to_vec();
     mesh.materials.push(Material { name: "ice".into(), friction: Some(0.1) });
     Terrain::from_mesh(&mesh).unwrap()
 }

@@ -13,7 +13,7 @@ use std::collections::{BTreeMap, BTreeSet};
 const OFFSETS: [i64; 3] = [0, -1, 1];
 /// Latencies \[s\] that are thought of beside an offset, and by what factor less they must leave than none: an offset and a latency of a tick
 /// may make what another offset makes alone.
-const LONGEST_LATENCY: f64 = 0.025;
+const LONGEST_LATENCY: f64 = 0.06;
 const LATENCY_COSTS: f64 = 1.1;
 /// Windows looked at.
 const WINDOWS: usize = 12;
@@ -27,7 +27,7 @@ pub fn align(rollout: &Rollout, windows: &[&Window]) -> Alignment {
     let Some(first) = windows.first() else { return Alignment::default() };
     let tick = first.view.measured.position.as_ref().map_or(0.0, |p| qv_recording::median_interval(&p.time));
     let some: Vec<&Window> = windows.iter().step_by((windows.len() / WINDOWS).max(1)).copied().collect();
-    let most = if tick > 0.0 { ((LONGEST_LATENCY / tick - 1.0) * 2.0).clamp(0.0, 48.0) as i64 } else { 0 };
+    let most = if tick > 0.0 { ((LONGEST_LATENCY / tick - 1.0) * 2.0).clamp(0.0, 120.0) as i64 } else { 0 };
     // In half ticks: what an alignment and a latency make together is the same number however it is divided among them.
     let latencies: Vec<i64> = std::iter::once(0).chain(2..=2 + most).collect();
     let candidates: Vec<Offsets> = OFFSETS.iter().flat_map(|&command| OFFSETS.map(|state| [command, -state])).collect();
