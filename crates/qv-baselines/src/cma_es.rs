@@ -1,8 +1,9 @@
 //! Evolution strategy with covariance matrix adaptation: Hansen, The CMA Evolution Strategy: A Tutorial (2016,
 //! arXiv:1604.00772), figure 6 (eqs. 38 to 47) with the weights and constants of table 1; negative weights are left at 0.
 
-use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use qv_core::random::SplitMix64;
+use qv_fit::Matrix;
+use qv_fit::linear::{add_outer, add_scaled, eigen, squared, times, transposed_times};
 
 /// Constants of a dimension (table 1).
 struct Constants {
@@ -42,21 +43,26 @@ impl Constants {
     }
 }
 
+/// `share a + other b`.
+fn mixed(share: f64, a: &[f64], other: f64, b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| share * a + other * b).collect()
+}
+
 /// A search for the least value of a function of `n` numbers, which the caller evaluates.
 pub struct CmaEs {
     constants: Constants,
     /// Mean of the next generation, shape `[n]`.
-    mean: DVector<f64>,
+    mean: Vec<f64>,
     /// Overall step.
     sigma: f64,
-    covariance: DMatrix<f64>,
-    path: DVector<f64>,
-    covariance_path: DVector<f64>,
+    covariance: Matrix,
+    path: Vec<f64>,
+    covariance_path: Vec<f64>,
     /// Eigenvectors of the covariance, and roots of its eigenvalues.
-    axes: DMatrix<f64>,
-    lengths: DVector<f64>,
+    axes: Matrix,
+    lengths: Vec<f64>,
     /// `y` of the present generation.
-    steps: Vec<DVector<f64>>,
+    steps: Vec<Vec<f64>>,
     generation: i32,
     random: SplitMix64,
 }
@@ -67,13 +73,13 @@ impl CmaEs {
         let n = mean.len();
         Self {
             constants: Constants::new(n),
-            mean: DVector::from_column_slice(mean),
+            mean: mean.to_vec(),
             sigma,
-            covariance: DMatrix::identity(n, n),
-            path: DVector::zeros(n),
-            covariance_path: DVector::zeros(n),
-            axes: DMatrix::identity(n, n),
-            lengths: DVector::repeat(n, 1.0),
+            covariance: Matrix::identity(n, n),
+            path: vec![0.0; n],
+            covariance_path: vec![0.0; n],
+            axes: Matrix::identity(n, n),
+            lengths: vec![1.0; n],
             steps: Vec::new(),
             generation: 0,
             random: SplitMix64::of(seed, 4001),
@@ -90,11 +96,11 @@ impl CmaEs {
         let n = self.mean.len();
         self.steps = (0..Self::offspring(n))
             .map(|_| {
-                let z = DVector::from_fn(n, |i, _| self.lengths[i] * self.random.normal(1.0));
-                &self.axes * z
+                let z: Vec<f64> = self.lengths.iter().map(|length| length * self.random.normal(1.0)).collect();
+                times(&self.axes, &z)
             })
             .collect();
-        self.steps.iter().map(|y| (&self.mean + self.sigma * y).as_slice().to_vec()).collect()
+        self.steps.iter().map(|y| mixed(1.0, &self.mean, self.sigma, y)).collect()
     }
 
     /// Learns from the values of the generation last asked for (eqs. 41 to 47).
@@ -103,43 +109,42 @@ impl CmaEs {
         let n = self.mean.len() as f64;
         let mut order: Vec<usize> = (0..values.len().min(self.steps.len())).collect();
         order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
-        let best: Vec<&DVector<f64>> = order.iter().take(c.weights.len()).map(|&k| &self.steps[k]).collect();
-        let mut step = DVector::zeros(self.mean.len());
-        c.weights.iter().zip(&best).for_each(|(w, y)| step.axpy(*w, y, 1.0));
-        self.mean.axpy(self.sigma, &step, 1.0);
+        let best: Vec<&Vec<f64>> = order.iter().take(c.weights.len()).map(|&k| &self.steps[k]).collect();
+        let mut step = vec![0.0; self.mean.len()];
+        c.weights.iter().zip(&best).for_each(|(w, y)| add_scaled(&mut step, *w, y));
+        add_scaled(&mut self.mean, self.sigma, &step);
         self.generation += 1;
         // C^-1/2 of the mean step.
-        let mut white = self.axes.tr_mul(&step);
+        let mut white = transposed_times(&self.axes, &step);
         white.iter_mut().zip(&self.lengths).for_each(|(x, d)| *x /= d);
-        let white = &self.axes * white;
+        let white = times(&self.axes, &white);
         let rate = c.path_rate;
-        self.path = &self.path * (1.0 - rate) + white * (rate * (2.0 - rate) * c.effective).sqrt();
-        let length = self.path.norm() / c.expected_norm;
+        self.path = mixed(1.0 - rate, &self.path, (rate * (2.0 - rate) * c.effective).sqrt(), &white);
+        let length = squared(&self.path).sqrt() / c.expected_norm;
         let settled = (1.0 - (1.0 - rate).powi(2 * self.generation)).sqrt();
         let goes_on = f64::from(u8::from(length / settled < 1.4 + 2.0 / (n + 1.0)));
         let slow = c.covariance_path_rate;
-        self.covariance_path =
-            &self.covariance_path * (1.0 - slow) + step * (goes_on * (slow * (2.0 - slow) * c.effective).sqrt());
+        let share = goes_on * (slow * (2.0 - slow) * c.effective).sqrt();
+        self.covariance_path = mixed(1.0 - slow, &self.covariance_path, share, &step);
         let lost = (1.0 - goes_on) * slow * (2.0 - slow);
         self.covariance *= 1.0 + c.rank_one * lost - c.rank_one - c.rank_mu;
-        self.covariance.ger(c.rank_one, &self.covariance_path, &self.covariance_path, 1.0);
-        c.weights.iter().zip(&best).for_each(|(w, y)| self.covariance.ger(c.rank_mu * w, y, y, 1.0));
+        add_outer(&mut self.covariance, c.rank_one, &self.covariance_path);
+        c.weights.iter().zip(&best).for_each(|(w, y)| add_outer(&mut self.covariance, c.rank_mu * w, y));
         self.sigma *= (rate / c.damping * (length - 1.0)).exp();
         self.decompose();
     }
 
     fn decompose(&mut self) {
-        let symmetric = 0.5 * (&self.covariance + self.covariance.transpose());
-        let eigen = SymmetricEigen::new(symmetric.clone());
-        self.covariance = symmetric;
-        self.lengths = eigen.eigenvalues.map(|v| v.max(1e-20).sqrt());
-        self.axes = eigen.eigenvectors;
+        // Where the numbers ran away the last axes stay.
+        let Some((values, vectors)) = eigen(&self.covariance) else { return };
+        self.lengths = values.iter().map(|v| v.max(1e-20).sqrt()).collect();
+        self.axes = vectors;
     }
 
     /// The most likely point, shape `[n]`.
     #[cfg(test)]
     fn mean(&self) -> &[f64] {
-        self.mean.as_slice()
+        &self.mean
     }
 }
 

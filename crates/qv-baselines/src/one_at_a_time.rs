@@ -4,7 +4,8 @@
 
 use crate::plain::Plain;
 use crate::{Answer, Size, sizes};
-use nalgebra::{DMatrix, DVector};
+use qv_fit::linear::{dot, minus, squared, times};
+use qv_fit::{Cholesky, Matrix};
 use qv_gap::GapError;
 use qv_gap::inference::level::mean;
 use qv_gap::problem::columns::{Columns, Suspect};
@@ -92,7 +93,7 @@ fn promising(plain: &mut Plain, effect: usize, windows: &[usize]) -> Result<Vec<
     let flat: Vec<Suspect> = points.iter().flatten().cloned().collect();
     let settings = settings(plain, &flat);
     let vectors = plain.vectors(&settings, windows)?;
-    let nominal: Vec<DVector<f64>> = windows.iter().map(|&w| plain.nominal_vector(w)).collect();
+    let nominal: Vec<Vec<f64>> = windows.iter().map(|&w| plain.nominal_vector(w)).collect();
     let mut found: Vec<(f64, Suspect)> = Vec::new();
     let mut next = 0;
     for of_group in &points {
@@ -136,8 +137,8 @@ pub(super) fn absent(columns: &Columns, group: usize, axis: usize) -> f64 {
 fn linear(
     columns: &Columns,
     points: &[Suspect],
-    nominal: &[DVector<f64>],
-    vectors: &[Vec<Option<DVector<f64>>>],
+    nominal: &[Vec<f64>],
+    vectors: &[Vec<Option<Vec<f64>>>],
 ) -> Option<(f64, Suspect)> {
     let group = points.first()?.group;
     let effect = &columns.effects[columns.groups[group].effect];
@@ -152,11 +153,11 @@ fn linear(
     let mut normal = Normal::new(axes);
     let mut loss = 0.0;
     for (w, r) in nominal.iter().enumerate() {
-        let at: Option<Vec<&DVector<f64>>> = first.iter().map(|&k| vectors[k][w].as_ref()).collect();
+        let at: Option<Vec<&Vec<f64>>> = first.iter().map(|&k| vectors[k][w].as_ref()).collect();
         let steps = first.iter().enumerate().map(|(a, &k)| points[k].values[a] - absent[a]);
-        loss += r.norm_squared() / r.len() as f64 / nominal.len() as f64;
+        loss += squared(r) / r.len() as f64 / nominal.len() as f64;
         if let Some(at) = at {
-            let slopes: Vec<DVector<f64>> = at.iter().zip(steps).map(|(x, step)| (r - *x) / step).collect();
+            let slopes: Vec<Vec<f64>> = at.iter().zip(steps).map(|(x, step)| slope(r, x, step)).collect();
             normal.add(&slopes, r, 1.0 / (r.len() * nominal.len()) as f64);
         }
     }
@@ -167,36 +168,40 @@ fn linear(
     Some((loss - normal.gain(&taken), Suspect::everywhere(group, values)))
 }
 
+/// By how much each number of a residual falls along an axis, of one with a step along it.
+fn slope(residual: &[f64], moved: &[f64], step: f64) -> Vec<f64> {
+    minus(residual, moved).iter().map(|d| d / step).collect()
+}
+
 /// Least squares along the axes of an effect.
 struct Normal {
-    curvature: DMatrix<f64>,
-    force: DVector<f64>,
+    curvature: Matrix,
+    force: Vec<f64>,
 }
 
 impl Normal {
     fn new(axes: usize) -> Self {
-        Self { curvature: DMatrix::zeros(axes, axes), force: DVector::zeros(axes) }
+        Self { curvature: Matrix::zeros(axes, axes), force: vec![0.0; axes] }
     }
 
     /// `slopes`: by how much the residual falls along each axis.
-    fn add(&mut self, slopes: &[DVector<f64>], residual: &DVector<f64>, weight: f64) {
+    fn add(&mut self, slopes: &[Vec<f64>], residual: &[f64], weight: f64) {
         for (a, slope) in slopes.iter().enumerate() {
-            self.force[a] += weight * slope.dot(residual);
+            self.force[a] += weight * dot(slope, residual);
             for (b, other) in slopes.iter().enumerate() {
-                self.curvature[(a, b)] += weight * slope.dot(other);
+                self.curvature[(a, b)] += weight * dot(slope, other);
             }
         }
     }
 
     fn solve(&self) -> Option<Vec<f64>> {
-        let step = self.curvature.clone().cholesky()?.solve(&self.force);
-        step.iter().all(|x| x.is_finite()).then(|| step.as_slice().to_vec())
+        let step = Cholesky::new(&self.curvature)?.solve(&self.force);
+        step.iter().all(|x| x.is_finite()).then_some(step)
     }
 
     /// By how much the loss falls with a step.
     fn gain(&self, step: &[f64]) -> f64 {
-        let step = DVector::from_column_slice(step);
-        2.0 * self.force.dot(&step) - step.dot(&(&self.curvature * &step))
+        2.0 * dot(&self.force, step) - dot(step, &times(&self.curvature, step))
     }
 }
 
@@ -279,17 +284,17 @@ fn beside(columns: &Columns, suspect: &Suspect, axis: usize) -> Suspect {
 }
 
 /// The step from the first point, of slopes to the others; nothing where that cannot be told.
-fn gauss_newton(points: &[Suspect], vectors: &[Vec<Option<DVector<f64>>>]) -> Vec<f64> {
+fn gauss_newton(points: &[Suspect], vectors: &[Vec<Option<Vec<f64>>>]) -> Vec<f64> {
     let axes = points.len() - 1;
     let mut normal = Normal::new(axes);
     for w in 0..vectors[0].len() {
-        let of_window: Option<Vec<&DVector<f64>>> = vectors.iter().map(|v| v[w].as_ref()).collect();
+        let of_window: Option<Vec<&Vec<f64>>> = vectors.iter().map(|v| v[w].as_ref()).collect();
         let Some(of_window) = of_window else { continue };
         let slope = |a: usize| {
             let step = points[1 + a].values[a] - points[0].values[a];
-            (of_window[0] - of_window[1 + a]) / step
+            slope(of_window[0], of_window[1 + a], step)
         };
-        let slopes: Vec<DVector<f64>> = (0..axes).map(slope).collect();
+        let slopes: Vec<Vec<f64>> = (0..axes).map(slope).collect();
         normal.add(&slopes, of_window[0], 1.0 / of_window[0].len() as f64);
     }
     normal.solve().unwrap_or_else(|| vec![0.0; axes])
@@ -315,13 +320,13 @@ mod tests {
 
     #[test]
     fn the_step_of_least_squares_is_found_and_its_gain_foretold() {
-        let slopes = [DVector::from_vec(vec![1.0, 0.0, 2.0]), DVector::from_vec(vec![0.0, 1.0, 1.0])];
-        let residual = &slopes[0] * 0.5 - &slopes[1] * 0.25;
+        let slopes = [vec![1.0, 0.0, 2.0], vec![0.0, 1.0, 1.0]];
+        let residual = [0.5, -0.25, 0.75];
         let mut normal = Normal::new(2);
         normal.add(&slopes, &residual, 1.0);
         let step = normal.solve().unwrap();
         assert!((step[0] - 0.5).abs() < 1e-12 && (step[1] + 0.25).abs() < 1e-12, "{step:?}");
-        assert!((normal.gain(&step) - residual.norm_squared()).abs() < 1e-12);
+        assert!((normal.gain(&step) - squared(&residual)).abs() < 1e-12);
         assert!(Normal::new(2).solve().is_none(), "what moves nothing has no step");
     }
 }

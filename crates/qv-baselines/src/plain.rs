@@ -1,8 +1,8 @@
 //! The least squares of the rivals: residuals in units of the sensors' noise, and nothing known of a null or of what other
 //! effects any robot has.
 
-use nalgebra::DVector;
 use qv_core::JointSeries;
+use qv_fit::linear::squared;
 use qv_gap::GapError;
 use qv_gap::checks::held_out::Closure;
 use qv_gap::inference::linearised::LinearisedProblem;
@@ -57,14 +57,14 @@ impl<'a> Plain<'a> {
     }
 
     /// Residual of the nominal robot in a window.
-    pub fn nominal_vector(&self, window: usize) -> DVector<f64> {
+    pub fn nominal_vector(&self, window: usize) -> Vec<f64> {
         let seen = &self.study.seen[window];
         self.scaled(seen.window.run, &seen.raw)
     }
 
-    fn scaled(&self, run: usize, raw: &Raw) -> DVector<f64> {
+    fn scaled(&self, run: usize, raw: &Raw) -> Vec<f64> {
         let all = raw.motion.iter().chain(&raw.law).zip(&self.scales[run]);
-        DVector::from_iterator(raw.motion.len() + raw.law.len(), all.map(|(x, s)| x / s))
+        all.map(|(x, s)| x / s).collect()
     }
 
     /// Residuals of windows under settings, shape `[settings][windows]`; `None` where the simulation ran away.
@@ -75,7 +75,7 @@ impl<'a> Plain<'a> {
         &mut self,
         settings: &[Overrides],
         windows: &[usize],
-    ) -> Result<Vec<Vec<Option<DVector<f64>>>>, GapError> {
+    ) -> Result<Vec<Vec<Option<Vec<f64>>>>, GapError> {
         let mut all = Vec::new();
         for some in settings.chunks(AT_A_TIME) {
             for raws in self.study.raw(some, windows)? {
@@ -102,8 +102,8 @@ impl<'a> Plain<'a> {
     }
 
     /// Mean squares of residuals by window.
-    pub fn losses_of(&self, vectors: &[Option<DVector<f64>>], windows: &[usize]) -> Vec<f64> {
-        let loss = |(v, &w): (&Option<DVector<f64>>, &usize)| {
+    pub fn losses_of(&self, vectors: &[Option<Vec<f64>>], windows: &[usize]) -> Vec<f64> {
+        let loss = |(v, &w): (&Option<Vec<f64>>, &usize)| {
             v.as_ref().map_or(RAN_AWAY * self.nominal[w], |v| mean_square(v).min(RAN_AWAY * self.nominal[w]))
         };
         vectors.iter().zip(windows).map(loss).collect()
@@ -140,8 +140,8 @@ fn null_loss(study: &LinearisedProblem, window: usize, raw: &Raw) -> f64 {
     mean_square(&study.whitener(seen).residual(seen.index, raw))
 }
 
-fn mean_square(v: &DVector<f64>) -> f64 {
-    v.norm_squared() / v.len().max(1) as f64
+fn mean_square(v: &[f64]) -> f64 {
+    squared(v) / v.len().max(1) as f64
 }
 
 /// Deviation of each number of a run's residuals that white noise of the sensors gives.

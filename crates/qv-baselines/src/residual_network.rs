@@ -11,9 +11,10 @@
 use crate::Answer;
 use crate::network::{Adam, HIDDEN, Network};
 use crate::plain::Plain;
-use nalgebra::{DMatrix, DVector};
 use qv_core::JointSeries;
 use qv_core::random::SplitMix64;
+use qv_fit::Matrix;
+use qv_fit::linear::{dot, gram, squared, times, transposed_times};
 use qv_gap::GapError;
 use qv_gap::inference::linearised::{LinearisedProblem, LinearisedWindow};
 use qv_rollout::Channel;
@@ -47,8 +48,8 @@ struct Example {
 
 /// What is left of a fitted window with torques `x`: `e - 2 b'x + x'Hx`, over `count` numbers.
 struct Quadratic {
-    h: DMatrix<f64>,
-    b: DVector<f64>,
+    h: Matrix,
+    b: Vec<f64>,
     e: f64,
     count: f64,
 }
@@ -257,26 +258,23 @@ fn quadratic(
             law[at * of_joint.len()..(at + 1) * of_joint.len()].copy_from_slice(&of_joint);
         }
         let whole = !motion.is_empty() && law.iter().all(|x| x.is_finite());
-        whole.then(|| {
-            let change = seen.raw.minus(&Raw { motion: motion.clone(), law });
-            study.whitener(seen).difference(seen.index, &change) / PUSH
-        })
+        whole.then(|| seen.raw.minus(&Raw { motion: motion.clone(), law }))
     };
-    let columns: Option<Vec<DVector<f64>>> = found.values[0].par_iter().enumerate().map(column).collect();
-    let quadratic = columns.map(|columns| {
-        let s = DMatrix::from_columns(&columns);
+    let changes: Option<Vec<Raw>> = found.values[0].par_iter().enumerate().map(column).collect();
+    let quadratic = changes.map(|changes| {
         let r = &seen.residual;
-        Quadratic { h: s.tr_mul(&s), b: s.tr_mul(r), e: r.norm_squared(), count: r.len() as f64 }
+        let s = study.whitener(seen).differences(seen.index, &changes.iter().collect::<Vec<_>>()) * (1.0 / PUSH);
+        Quadratic { h: gram(&s), b: transposed_times(&s, r), e: squared(r), count: r.len() as f64 }
     });
     Ok((quadratic, found.steps))
 }
 
 impl Quadratic {
     /// Loss per number at torques, and its slope along them.
-    fn at(&self, x: &DVector<f64>) -> (f64, DVector<f64>) {
-        let hx = &self.h * x;
-        let loss = (self.e - 2.0 * self.b.dot(x) + x.dot(&hx)) / self.count;
-        (loss, (hx - &self.b) * (2.0 / self.count))
+    fn at(&self, x: &[f64]) -> (f64, Vec<f64>) {
+        let hx = times(&self.h, x);
+        let loss = (self.e - 2.0 * dot(&self.b, x) + dot(x, &hx)) / self.count;
+        (loss, hx.iter().zip(&self.b).map(|(hx, b)| (hx - b) * (2.0 / self.count)).collect())
     }
 }
 
@@ -313,9 +311,9 @@ fn train(windows: &[(&Example, &Quadratic)], seed: u64) -> Network {
 }
 
 /// Torques of a window, shape `[pieces, joints]`, in units of the joints' typical ones.
-fn outputs(network: &Network, example: &Example) -> DVector<f64> {
+fn outputs(network: &Network, example: &Example) -> Vec<f64> {
     let mut hidden = [0.0; HIDDEN];
-    DVector::from_iterator(example.inputs.len(), example.inputs.iter().map(|x| network.output(x, &mut hidden)))
+    example.inputs.iter().map(|x| network.output(x, &mut hidden)).collect()
 }
 
 /// The same in N m.
@@ -345,8 +343,8 @@ mod tests {
         let mut random = SplitMix64::of(seed, 0);
         let window = |_| {
             let inputs: Vec<Vec<f64>> = (0..6).map(|_| vec![random.normal(1.0), random.normal(1.0)]).collect();
-            let b = DVector::from_iterator(6, inputs.iter().map(|x| (2.0 * x[0]).tanh()));
-            let quadratic = Quadratic { h: DMatrix::identity(6, 6), e: b.norm_squared(), b, count: 6.0 };
+            let b: Vec<f64> = inputs.iter().map(|x| (2.0 * x[0]).tanh()).collect();
+            let quadratic = Quadratic { h: Matrix::identity(6, 6), e: squared(&b), b, count: 6.0 };
             (Example { inputs }, quadratic)
         };
         (0..count).map(window).collect()
@@ -379,7 +377,7 @@ mod tests {
         let (example, mut quadratic) = windows(1, 5).remove(0);
         quadratic.h[(0, 1)] = 0.3;
         quadratic.h[(1, 0)] = 0.3;
-        let x = outputs(&Network::new(2, 1), &example).map(|x| x + 0.4);
+        let x: Vec<f64> = outputs(&Network::new(2, 1), &example).iter().map(|x| x + 0.4).collect();
         let (loss, slope) = quadratic.at(&x);
         let mut moved = x.clone();
         moved[1] += 1e-6;

@@ -9,6 +9,8 @@ mod footage;
 
 use footage::{Hidden, recording_of_all, yard};
 use qv_camera::{LookOptions, look};
+use qv_gap::decision::decide_camera;
+use qv_gap::report::Sight;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use yard::noise::Random;
@@ -25,8 +27,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let hidden: Vec<Hidden> = (1..=5).map(|kind| Hidden::draw(kind, &mut random)).collect();
     let place = yard(36, SIZE[0], SIZE[1], 0.02, seed);
     let recording = recording_of_all(&place, &hidden, seed);
-    let found = look(&recording.footage(&place.cloud), &LookOptions::default())?;
-    let report = json!({ "visual": found });
+    let options = LookOptions::default();
+    let found = look(&recording.footage(&place.cloud), &options)?;
+    let decided = decide_camera(&found.evidence, &options.policy);
+    let report = json!({ "visual": Sight::new(&found.evidence, &decided) });
     let mut shared = report["visual"]["shared"].clone();
     println!("{hidden:?}");
     for one in shared.as_array_mut().into_iter().flatten() {

@@ -9,8 +9,8 @@ use crate::CameraError;
 use crate::path::{Twist, pose_of, twist_of};
 use crate::picture::Picture;
 use crate::{Intrinsics, raster_error};
-use nalgebra::{SMatrix, SVector};
 use qv_core::{Camera, GaussianCloud, Pose};
+use qv_fit::{Cholesky, Matrix};
 use qv_raster::{Outputs, Scene, Settings, View, render};
 
 /// Numbers that a photograph is off by: translation \[m\] and rotation \[rad\] in camera axes, logarithm of the focal length, variance of
@@ -36,9 +36,8 @@ const FULL: f32 = 1.0;
 /// Most steps on each level.
 const STEPS: usize = 6;
 
-/// A matrix over the ten numbers.
-pub type Information = SMatrix<f64, NUMBERS, NUMBERS>;
-type Numbers = SVector<f64, NUMBERS>;
+/// One number for each that a photograph is off by.
+pub type Numbers = [f64; NUMBERS];
 
 /// What a photograph is off by.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -66,7 +65,7 @@ impl Offsets {
     }
 
     /// Moved on by a step.
-    fn moved(&self, step: &Numbers) -> Self {
+    fn moved(&self, step: &[f64]) -> Self {
         let twist: Twist = std::array::from_fn(|i| step[i]);
         Self {
             camera_from_nominal: pose_of(&twist) * self.camera_from_nominal,
@@ -250,7 +249,7 @@ pub struct Aligned {
     /// Offsets.
     pub offsets: Offsets,
     /// Inverse of the covariance that the picture alone would give.
-    pub information: Information,
+    pub information: Matrix,
     /// On the finest level.
     pub disagreement: Disagreement,
 }
@@ -266,7 +265,7 @@ pub fn align(
     levels: std::ops::Range<usize>,
 ) -> Result<Aligned, CameraError> {
     let mut offsets = start;
-    let mut information = Information::identity();
+    let mut information = Matrix::identity(NUMBERS, NUMBERS);
     let mut disagreement = Disagreement { loss: f64::INFINITY, blank: 0.0, seen: 0.0 };
     for level in levels {
         (offsets, information, disagreement) = on_level(cloud, target, offsets, level)?;
@@ -279,7 +278,7 @@ fn on_level(
     target: &Target,
     start: Offsets,
     level: usize,
-) -> Result<(Offsets, Information, Disagreement), CameraError> {
+) -> Result<(Offsets, Matrix, Disagreement), CameraError> {
     let wanted = &target.pictures[level];
     let size = (wanted.width, wanted.height);
     let small = scale(target, level);
@@ -293,16 +292,16 @@ fn on_level(
     let (mut h, mut b) = normal(target, wanted, &drawn, &offsets, small, cut);
     let mut damping = 1e-3;
     for _ in 0..STEPS {
-        let mut a = h;
-        (0..NUMBERS).for_each(|i| a[(i, i)] *= 1.0 + damping);
-        for &i in frozen {
-            a.fill_row(i, 0.0);
-            a.fill_column(i, 0.0);
-            a[(i, i)] = 1.0;
-        }
+        let is_free = |i: usize, k: usize| !frozen.contains(&i) && !frozen.contains(&k);
+        let a = Matrix::from_fn(NUMBERS, NUMBERS, |i, k| match (i == k, is_free(i, k)) {
+            (true, true) => h[(i, i)] * (1.0 + damping),
+            (true, false) => 1.0,
+            (false, true) => h[(i, k)],
+            (false, false) => 0.0,
+        });
         let mut force = b;
         frozen.iter().for_each(|&i| force[i] = 0.0);
-        let Some(step) = a.cholesky().map(|c| c.solve(&force)) else { break };
+        let Some(step) = Cholesky::new(&a).map(|c| c.solve(&force)) else { break };
         let next = offsets.moved(&step);
         let then = draw(cloud, target, &next, size)?;
         let found = loss(wanted, &then, &next, small, cut);
@@ -347,7 +346,7 @@ fn normal(
     offsets: &Offsets,
     small: f64,
     cut: f64,
-) -> (Information, Numbers) {
+) -> (Matrix, Numbers) {
     let noise = noise(wanted, drawn, offsets, small);
     let shown = drawn.picture.blurred(offsets.blur * small * small);
     let [slope_x, slope_y] = shown.slopes();
@@ -358,7 +357,7 @@ fn normal(
     let focal = offsets.focal.exp();
     let (kx, ky) = (wanted.width as f64 / f64::from(camera.width), wanted.height as f64 / f64::from(camera.height));
     let (fx, fy, cx, cy) = (camera.fx * kx * focal, camera.fy * ky * focal, camera.cx * kx, camera.cy * ky);
-    let (mut h, mut b) = (Information::zeros(), Numbers::zeros());
+    let (mut h, mut b) = ([[0.0; NUMBERS]; NUMBERS], [0.0; NUMBERS]);
     for_each_seen(wanted, drawn, |at| {
         let (px, py) = ((at % wanted.width) as f64 + 0.5 - cx, (at / wanted.width) as f64 + 0.5 - cy);
         let z = f64::from(drawn.depth[at]);
@@ -371,7 +370,7 @@ fn normal(
             return;
         }
         let r = f64::from(wanted.values[at]) - value.min(full);
-        let j = Numbers::from_column_slice(&[
+        let j: Numbers = [
             gx / z,
             gy / z,
             -(gx * x + gy * y) / z,
@@ -382,12 +381,14 @@ fn normal(
             0.5 * gain * small * small * f64::from(bent[at]),
             gain * f64::from(shown.values[at]),
             1.0,
-        ]);
+        ];
         let weight = (1.0 + (r / cut).powi(2)).powi(-2) / (noise * noise * PIXELS_PER_NUMBER * small * small);
-        h.syger(weight, &j, &j, 1.0);
-        b.axpy(weight * r, &j, 1.0);
+        for i in 0..NUMBERS {
+            b[i] += weight * r * j[i];
+            (0..=i).for_each(|k| h[i][k] += weight * j[i] * j[k]);
+        }
     });
-    h.fill_upper_triangle_with_lower_triangle();
+    let mut h = Matrix::from_fn(NUMBERS, NUMBERS, |i, k| h[i.max(k)][i.min(k)]);
     for (i, (at, reach)) in offsets.numbers().iter().zip(REACH).enumerate() {
         h[(i, i)] += 1.0 / (reach * reach);
         b[i] -= at / (reach * reach);

@@ -5,11 +5,12 @@
 //! scatter from photograph to photograph. Models differ in which numbers have a wide prior, and are compared by Laplace's
 //! approximation of the evidence, -E - ln|P|/2 - ln|H|/2, as the other effects are (`evidence`).
 
-use crate::align::{GEOMETRY, Information, NUMBERS, Offsets};
+use crate::align::{GEOMETRY, NUMBERS, Numbers, Offsets};
 use crate::path::{Path, pose_of, twist_of};
-use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use qv_core::Pose;
 use qv_core::statistics::median;
+use qv_fit::linear::{add_diagonal, diagonal_of, squared};
+use qv_fit::{Blocks, Cholesky, Differences, FitError, Loss, Matrix, Options, Problem, slopes};
 
 /// Shared numbers: mounting of the camera (translation \[m\], rotation \[rad\], in camera axes), delay \[s\], logarithm of the gain, offset
 /// of displayed values, logarithm of the focal length, variance of a blur \[px²\], and the place of the scene in the world (translation
@@ -54,7 +55,11 @@ const LEAST_SCALE: f64 = 0.7;
 /// Median of the square of a deviate of Student's t with four degrees of freedom.
 const MEDIAN_SQUARE: f64 = 0.5486;
 
-type Numbers = SVector<f64, NUMBERS>;
+/// How much a number is moved for its slope; the delay by more, as a path is known at moments only.
+const STEP: f64 = 1e-4;
+const STEP_OF_DELAY: f64 = 0.004;
+/// Noise of geometry and of brightness, each with tails of its own.
+const LOSS: Loss = Loss::student(TAILS);
 
 /// A photograph's place and what it is off by.
 #[derive(Debug, Clone)]
@@ -64,15 +69,15 @@ pub struct Sighting {
     /// What it is off by.
     pub offsets: Offsets,
     /// Covariance by the picture alone, what poses scatter at least included.
-    pub covariance: SMatrix<f64, NUMBERS, NUMBERS>,
+    pub covariance: Matrix,
 }
 
 impl Sighting {
     /// Of an alignment.
-    pub fn new(time: f64, offsets: Offsets, information: &Information) -> Option<Self> {
-        let mut covariance = information.try_inverse()?;
-        (0..NUMBERS).for_each(|i| covariance[(i, i)] += LEAST[i] * LEAST[i]);
-        covariance.iter().all(|x| x.is_finite()).then_some(Self { time, offsets, covariance })
+    pub fn new(time: f64, offsets: Offsets, information: &Matrix) -> Option<Self> {
+        let mut covariance = Cholesky::new(information)?.inverse();
+        add_diagonal(&mut covariance, &LEAST.map(|d| d * d));
+        diagonal_of(&covariance).iter().all(|x| x.is_finite()).then_some(Self { time, offsets, covariance })
     }
 }
 
@@ -142,27 +147,35 @@ impl<'a> Together<'a> {
     fn residual(&self, shared: &[f64; SHARED], sighting: &Sighting) -> Numbers {
         let (seen, foretold) = (&sighting.offsets, self.foretold(shared, sighting.time));
         let pose = twist_of(&(seen.camera_from_nominal * foretold.camera_from_nominal.inverse()));
-        let mut out = Numbers::zeros();
-        (0..6).for_each(|i| out[i] = pose[i]);
-        out[6] = seen.focal - foretold.focal;
-        out[7] = seen.blur - foretold.blur;
-        out[8] = seen.gain - foretold.gain;
-        out[9] = seen.bias - foretold.bias;
-        out
+        let [a, b, c, d, e, f] = pose;
+        let (focal, blur) = (seen.focal - foretold.focal, seen.blur - foretold.blur);
+        [a, b, c, d, e, f, focal, blur, seen.gain - foretold.gain, seen.bias - foretold.bias]
     }
 
-    /// Covariance with the sizes of the noise; what geometry and brightness share is left out, as each has tails of its own.
-    fn covariance(&self, sighting: &Sighting) -> SMatrix<f64, NUMBERS, NUMBERS> {
-        let mut c = sighting.covariance;
-        for i in 0..NUMBERS {
-            for j in 0..NUMBERS {
-                c[(i, j)] *= self.scales[GROUP[i]] * self.scales[GROUP[j]];
-                if (i < GEOMETRY) != (j < GEOMETRY) {
-                    c[(i, j)] = 0.0;
-                }
-            }
-        }
-        c
+    /// Factors of the covariances of geometry and of brightness with the sizes of the noise; what they share is left out, as each has tails of
+    /// its own.
+    fn factors(&self, sighting: &Sighting) -> Option<[Cholesky; 2]> {
+        let of = |first: usize, count: usize| {
+            let scale = |i: usize| self.scales[GROUP[first + i]];
+            let one = |i: usize, k: usize| scale(i) * scale(k) * sighting.covariance[(first + i, first + k)];
+            Cholesky::new(&Matrix::from_fn(count, count, one))
+        };
+        Some([of(0, GEOMETRY)?, of(GEOMETRY, NUMBERS - GEOMETRY)?])
+    }
+
+    /// Residuals of photographs in units of their noise at each of some shared numbers: geometry and brightness of each, block by block.
+    fn blocks(&self, points: &[Vec<f64>], taken: &[(&Sighting, [Cholesky; 2])]) -> Vec<Blocks> {
+        let of_photograph = |shared: &[f64; SHARED], (sighting, factors): &(&Sighting, [Cholesky; 2])| {
+            let all = self.residual(shared, sighting);
+            let mut parts = [all[..GEOMETRY].to_vec(), all[GEOMETRY..].to_vec()];
+            factors.iter().zip(&mut parts).for_each(|(factor, part)| factor.whiten(part));
+            parts
+        };
+        let of_point = |p: &Vec<f64>| {
+            let shared: [f64; SHARED] = std::array::from_fn(|i| p[i]);
+            taken.iter().flat_map(|t| of_photograph(&shared, t)).collect()
+        };
+        points.iter().map(of_point).collect()
     }
 
     fn rescale(&mut self, shared: &[f64; SHARED]) {
@@ -190,125 +203,38 @@ impl<'a> Together<'a> {
     pub fn fit(&self, wide: &[usize], starts: &[[f64; SHARED]], take: impl Fn(usize) -> bool) -> Option<Fit> {
         let mut prior = TOLERANCE;
         wide.iter().for_each(|&i| prior[i] = WIDE[i]);
-        let taken: Vec<&Sighting> =
-            self.sightings.iter().enumerate().filter(|(i, _)| take(*i)).map(|(_, s)| s).collect();
-        let inverse: Vec<_> = taken.iter().map(|s| self.covariance(s).try_inverse()).collect::<Option<Vec<_>>>()?;
-        let fits = starts.iter().filter_map(|start| self.descend(*start, &prior, &taken, &inverse));
+        let some = self.sightings.iter().enumerate().filter(|(i, _)| take(*i));
+        let taken: Vec<(&Sighting, [Cholesky; 2])> =
+            some.map(|(_, s)| self.factors(s).map(|f| (s, f))).collect::<Option<_>>()?;
+        let fits = starts.iter().filter_map(|start| self.descend(start, &prior, &taken));
         fits.max_by(|a, b| a.evidence.total_cmp(&b.evidence))
     }
 
     fn descend(
         &self,
-        start: [f64; SHARED],
+        start: &[f64; SHARED],
         prior: &[f64; SHARED],
-        taken: &[&Sighting],
-        inverse: &[SMatrix<f64, NUMBERS, NUMBERS>],
+        taken: &[(&Sighting, [Cholesky; 2])],
     ) -> Option<Fit> {
-        let mut shared = start;
-        let mut energy = self.energy(&shared, prior, taken, inverse);
-        let mut damping = 1e-4;
-        let (mut h, mut g) = self.slopes(&shared, prior, taken, inverse);
-        for _ in 0..40 {
-            let mut a = h.clone();
-            (0..SHARED).for_each(|i| a[(i, i)] *= 1.0 + damping);
-            let step = a.cholesky()?.solve(&g);
-            let next: [f64; SHARED] = std::array::from_fn(|i| shared[i] + step[i]);
-            let then = self.energy(&next, prior, taken, inverse);
-            if then < energy {
-                let gained = energy - then;
-                (shared, energy, damping) = (next, then, (0.1 * damping).max(1e-9));
-                (h, g) = self.slopes(&shared, prior, taken, inverse);
-                if gained < 1e-7 {
-                    break;
-                }
-            } else {
-                damping = (10.0 * damping).max(1e-3);
-                if damping > 1e6 {
-                    break;
-                }
-            }
-        }
-        let factor = h.clone().cholesky()?;
-        let volume: f64 = factor.l().diagonal().iter().map(|x| x.ln()).sum();
-        let covariance = factor.inverse();
-        let evidence = -energy - volume - prior.iter().map(|p| p.ln()).sum::<f64>();
-        let squares = |(s, inv): (&&Sighting, &SMatrix<f64, NUMBERS, NUMBERS>)| {
-            let of = blocks(&self.residual(&shared, s), inv);
-            (0..2).map(|k| of[k] * (TAILS + COUNT[k]) / (TAILS + of[k])).sum::<f64>()
+        let mut step = [STEP; SHARED];
+        step[DELAY] = STEP_OF_DELAY;
+        let problem = Problem {
+            prior: prior.iter().map(|p| Some([0.0, *p])).collect(),
+            differences: Differences::Central,
+            ..Problem::new(start, &step)
         };
+        let mut residuals = |points: &[Vec<f64>]| -> Result<_, FitError> { Ok(self.blocks(points, taken)) };
+        let options = Options { loss: LOSS, rounds: 40, gain: 1e-7, fall: 0.0, ..Options::default() };
+        let found = qv_fit::fit(&problem, &options, &mut residuals).ok()?;
+        let factor = Cholesky::new(&slopes(&problem, &LOSS, &found.values, &mut residuals).ok()?.curvature)?;
+        let covariance = factor.inverse();
+        let evidence = -found.cost - 0.5 * factor.log_determinant() - prior.iter().map(|p| p.ln()).sum::<f64>();
         // As of a Gaussian with the tolerances in its covariance: what tolerated deviations have to do for the fit counts, too.
-        let of_prior: f64 = shared.iter().zip(prior).map(|(x, p)| (x / p).powi(2)).sum();
-        let level =
-            (of_prior + taken.iter().zip(inverse).map(squares).sum::<f64>()) / (NUMBERS * taken.len().max(1)) as f64;
+        let of_prior = 2.0 * problem.prior_cost(&found.values);
+        let squares: f64 = found.residuals.iter().map(|r| LOSS.weight(r) * squared(r)).sum();
+        let level = (of_prior + squares) / (NUMBERS * taken.len().max(1)) as f64;
+        let shared = std::array::from_fn(|i| found.values[i]);
         let deviations = std::array::from_fn(|i| covariance[(i, i)].max(0.0).sqrt());
         evidence.is_finite().then_some(Fit { shared, deviations, evidence, level })
     }
-
-    /// Minus the log of likelihood times prior, but for constants.
-    fn energy(
-        &self,
-        shared: &[f64; SHARED],
-        prior: &[f64; SHARED],
-        taken: &[&Sighting],
-        inverse: &[SMatrix<f64, NUMBERS, NUMBERS>],
-    ) -> f64 {
-        let of_prior: f64 = shared.iter().zip(prior).map(|(x, p)| 0.5 * (x / p).powi(2)).sum();
-        let of = |(s, inv): (&&Sighting, &SMatrix<f64, NUMBERS, NUMBERS>)| {
-            let squares = blocks(&self.residual(shared, s), inv);
-            let part = |k: usize| 0.5 * (TAILS + COUNT[k]) * (1.0 + squares[k] / TAILS).ln();
-            part(0) + part(1)
-        };
-        of_prior + taken.iter().zip(inverse).map(of).sum::<f64>()
-    }
-
-    /// Curvature (reweighted squares) and downhill slope of the energy.
-    fn slopes(
-        &self,
-        shared: &[f64; SHARED],
-        prior: &[f64; SHARED],
-        taken: &[&Sighting],
-        inverse: &[SMatrix<f64, NUMBERS, NUMBERS>],
-    ) -> (DMatrix<f64>, DVector<f64>) {
-        let mut h = DMatrix::zeros(SHARED, SHARED);
-        let mut g = DVector::zeros(SHARED);
-        for i in 0..SHARED {
-            h[(i, i)] = 1.0 / (prior[i] * prior[i]);
-            g[i] = -shared[i] / (prior[i] * prior[i]);
-        }
-        for (s, inv) in taken.iter().zip(inverse) {
-            let r = self.residual(shared, s);
-            let squares = blocks(&r, inv);
-            let mut j = SMatrix::<f64, NUMBERS, SHARED>::zeros();
-            for i in 0..SHARED {
-                let step = if i == DELAY { 0.004 } else { 1e-4 };
-                let (mut plus, mut minus) = (*shared, *shared);
-                plus[i] += step;
-                minus[i] -= step;
-                j.set_column(i, &((self.residual(&plus, s) - self.residual(&minus, s)) / (2.0 * step)));
-            }
-            let mut weighted = *inv;
-            for a in 0..NUMBERS {
-                let k = usize::from(a >= GEOMETRY);
-                let weight = (TAILS + COUNT[k]) / (TAILS + squares[k]);
-                weighted.row_mut(a).scale_mut(weight);
-            }
-            let across = j.transpose() * weighted;
-            let (part, slope) = (across * j, across * r);
-            for a in 0..SHARED {
-                g[a] -= slope[a];
-                (0..SHARED).for_each(|b| h[(a, b)] += part[(a, b)]);
-            }
-        }
-        (h, g)
-    }
-}
-
-/// Numbers in geometry and in brightness.
-const COUNT: [f64; 2] = [GEOMETRY as f64, (NUMBERS - GEOMETRY) as f64];
-
-/// Squares of geometry and of brightness.
-fn blocks(r: &Numbers, inverse: &SMatrix<f64, NUMBERS, NUMBERS>) -> [f64; 2] {
-    let all = inverse * r;
-    let part = |range: std::ops::Range<usize>| range.map(|i| r[i] * all[i]).sum();
-    [part(0..GEOMETRY), part(GEOMETRY..NUMBERS)]
 }

@@ -1,8 +1,9 @@
 //! What differences between measured and simulated states mean: their usual size, how they go together, and a loss that
 //! grows only with the logarithm of what is unusual.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use qv_core::statistics::median;
+use qv_fit::linear::{add_outer, add_scaled, diagonal, minus};
+use qv_fit::{Cholesky, Matrix};
 
 /// Degrees of freedom of Student's t: a window in which a foot lands elsewhere must not decide.
 const FREEDOM: f64 = 4.0;
@@ -13,8 +14,8 @@ const ROUNDS: usize = 12;
 /// Middle and covariance of differences.
 #[derive(Debug, Clone)]
 pub struct Usual {
-    middle: DVector<f64>,
-    factor: Cholesky<f64, Dyn>,
+    middle: Vec<f64>,
+    factor: Cholesky,
 }
 
 impl Usual {
@@ -22,38 +23,28 @@ impl Usual {
     /// Journal of the American Statistical Association 84, 1989); `None` when there are fewer differences than numbers
     /// in three of them would fill, or they hold none that is finite.
     pub fn of(differences: &[Vec<f64>]) -> Option<Self> {
-        let whole: Vec<DVector<f64>> = differences
-            .iter()
-            .filter(|d| !d.is_empty() && d.iter().all(|x| x.is_finite()))
-            .map(|d| DVector::from_column_slice(d))
-            .collect();
+        let is_whole = |d: &&Vec<f64>| !d.is_empty() && d.iter().all(|x| x.is_finite());
+        let whole: Vec<&Vec<f64>> = differences.iter().filter(is_whole).collect();
         let size = whole.first()?.len();
         if whole.len() < FEWEST {
             return None;
         }
         let column = |i: usize| whole.iter().map(|d| d[i]).collect::<Vec<f64>>();
-        let mut middle = DVector::from_iterator(size, (0..size).map(|i| median(&mut column(i))));
+        let mut middle: Vec<f64> = (0..size).map(|i| median(&mut column(i))).collect();
         let spread = |i: usize| {
             let mut away: Vec<f64> = column(i).iter().map(|x| (x - middle[i]).abs()).collect();
             (median(&mut away) / 0.674).max(1e-9)
         };
-        let mut covariance =
-            DMatrix::from_diagonal(&DVector::from_iterator(size, (0..size).map(|i| spread(i).powi(2))));
-        let mut factor = Cholesky::new(covariance.clone())?;
+        let mut factor = Cholesky::new(&diagonal(&(0..size).map(|i| spread(i).powi(2)).collect::<Vec<_>>()))?;
         for _ in 0..ROUNDS {
-            let weight = |d: &DVector<f64>| {
-                let z = factor.l_dirty().solve_lower_triangular(&(d - &middle));
-                (FREEDOM + size as f64) / (FREEDOM + z.map_or(f64::INFINITY, |z| z.norm_squared()))
-            };
+            let weight = |d: &&Vec<f64>| (FREEDOM + size as f64) / (FREEDOM + factor.length(&minus(d, &middle)));
             let weights: Vec<f64> = whole.iter().map(weight).collect();
             let total: f64 = weights.iter().sum();
-            let mut sum = DVector::zeros(size);
-            whole.iter().zip(&weights).for_each(|(d, w)| sum += d * *w);
-            middle = sum / total;
-            covariance = DMatrix::zeros(size, size);
+            middle = vec![0.0; size];
+            whole.iter().zip(&weights).for_each(|(d, w)| add_scaled(&mut middle, w / total, d));
+            let mut covariance = Matrix::zeros(size, size);
             for (d, w) in whole.iter().zip(&weights) {
-                let off = d - &middle;
-                covariance.ger(*w / whole.len() as f64, &off, &off, 1.0);
+                add_outer(&mut covariance, w / whole.len() as f64, &minus(d, &middle));
             }
             for i in 0..size {
                 for j in (0..size).filter(|&j| j != i) {
@@ -61,7 +52,7 @@ impl Usual {
                 }
                 covariance[(i, i)] = covariance[(i, i)].max(1e-18);
             }
-            factor = Cholesky::new(covariance.clone())?;
+            factor = Cholesky::new(&covariance)?;
         }
         Some(Self { middle, factor })
     }
@@ -71,8 +62,7 @@ impl Usual {
         if difference.len() != self.middle.len() || difference.iter().any(|x| !x.is_finite()) {
             return f64::INFINITY;
         }
-        let off = DVector::from_column_slice(difference) - &self.middle;
-        self.factor.l_dirty().solve_lower_triangular(&off).map_or(f64::INFINITY, |z| z.norm_squared())
+        self.factor.length(&minus(difference, &self.middle))
     }
 
     /// Square of the distance between two differences, in units of the spread; infinite when one ran away.

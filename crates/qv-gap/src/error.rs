@@ -1,5 +1,6 @@
 //! The error of this crate.
 
+use qv_fit::FitError;
 use qv_recording::RecordingError;
 use qv_rollout::RolloutError;
 use qv_sim::SimError;
@@ -52,6 +53,13 @@ impl GapError {
 
     pub(crate) fn run(what: impl Into<String>, expected: impl Into<String>, found: impl Into<String>) -> Self {
         Self::Run { what: what.into(), expected: expected.into(), found: found.into() }
+    }
+}
+
+impl From<FitError> for GapError {
+    fn from(error: FitError) -> Self {
+        let FitError { what, expected, found } = error;
+        Self::Run { what, expected, found }
     }
 }
 

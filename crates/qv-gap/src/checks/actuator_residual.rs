@@ -7,7 +7,6 @@ use crate::findings::or_nan;
 use crate::inference::gaussian_evidence::Marginal;
 use crate::inference::linearised::LinearisedProblem;
 use crate::inference::search::fitted;
-use nalgebra::DVector;
 use qv_rollout::law;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -41,7 +40,7 @@ pub fn actuator_residuals(study: &LinearisedProblem) -> Vec<ActuatorResidual> {
 }
 
 /// Mean squares of the laws' residuals of a recording by joint, with its own best deviations.
-fn squares(study: &LinearisedProblem, marginal: &Marginal, residuals: &[Option<&DVector<f64>>]) -> Vec<f64> {
+fn squares(study: &LinearisedProblem, marginal: &Marginal, residuals: &[Option<&Vec<f64>>]) -> Vec<f64> {
     let bins = law::bins(&study.rollout);
     let joints = study.rollout.law_joints.len();
     let (mut sums, mut count) = (vec![0.0; joints], 0.0);

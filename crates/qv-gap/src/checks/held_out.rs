@@ -7,6 +7,7 @@ use crate::inference::level::mean;
 use crate::inference::linearised::{LinearisedProblem, LinearisedWindow};
 use crate::inference::search::held_out;
 use qv_core::random::SplitMix64;
+use qv_fit::linear::squared;
 use qv_rollout::Channel;
 use qv_rollout::Overrides;
 use qv_rollout::Raw;
@@ -41,7 +42,7 @@ pub fn closure(study: &mut LinearisedProblem, setting: &Overrides) -> Result<Clo
 pub fn held_out_loss(study: &LinearisedProblem) -> f64 {
     let loss = |seen: &LinearisedWindow| {
         let residual = study.whitener(seen).residual(seen.index, &seen.raw);
-        residual.norm_squared() / residual.len() as f64
+        squared(&residual) / residual.len() as f64
     };
     let losses: Vec<f64> = study.seen.iter().filter(|s| s.window.held_out && !s.raw.is_empty()).map(loss).collect();
     mean(&losses)
@@ -91,7 +92,7 @@ fn closure_in(
         let seen = &study.seen[w];
         let of = |raw: &Raw| {
             let r = study.whitener(seen).residual(seen.index, raw);
-            r.norm_squared() / r.len() as f64
+            squared(&r) / r.len() as f64
         };
         kept.push(w);
         before.push(of(&seen.raw));

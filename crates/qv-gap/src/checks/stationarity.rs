@@ -8,8 +8,8 @@
 use crate::inference::linearised::{EXTRA, LinearisedProblem, LinearisedWindow};
 use crate::inference::search::fitted;
 use crate::problem::columns::Group;
-use nalgebra::DVector;
 use qv_core::JointSeries;
+use qv_fit::linear::{dot, minus, times};
 use serde::{Deserialize, Serialize};
 
 /// What a joint asks for in a window.
@@ -60,7 +60,7 @@ pub fn fading(
     let effect = columns.effects.iter().position(|e| e.name == name)?;
     let of_group = Group { effect, ..group.clone() };
     // The whole of it, in steps of the columns.
-    let mut along = DVector::zeros(EXTRA + columns.columns.len());
+    let mut along = vec![0.0; EXTRA + columns.columns.len()];
     for (axis, value) in values.iter().enumerate() {
         for unit in columns.units_of(&of_group, axis) {
             let column = columns.column(unit, 0)?;
@@ -73,9 +73,8 @@ pub fn fading(
     let beside = |s: &LinearisedWindow| if is_beside(s) { fitted(s) } else { 0.0 };
     let deviations = study.marginal(beside).ok()?.deviations(&study.nominal(beside));
     let ask = |seen: &LinearisedWindow| {
-        let across = seen.h.columns(0, deviations.len());
-        let weight = along.dot(&(&seen.h * &along));
-        let change = along.dot(&(seen.nominal().b - across * &deviations)) / weight;
+        let weight = dot(&along, &times(&seen.h, &along));
+        let change = dot(&along, &minus(&seen.nominal().b, &times(&seen.h, &deviations))) / weight;
         // A robot that stands tells a force ten times as well as engines agree on it.
         let weight = 1.0 / (1.0 / weight + columns.effects[effect].engine_error.powi(2));
         (weight > 0.0).then_some(Asked { change, weight, known: [0.0, 0.0, 0.0, seen.window.start] })
@@ -115,8 +114,8 @@ pub(super) fn asks(study: &LinearisedProblem, name: &str, group: &Group) -> Vec<
             let step = columns.columns[column].value - columns.units[unit].absent;
             let (member, column) = (columns.units[unit].member, EXTRA + column);
             let weight = seen.h[(column, column)] / (step * step);
-            let across = seen.h.view((column, 0), (1, deviations.len()));
-            let force = asks[column] - (across * &deviations)[(0, 0)];
+            // Symmetric: a row of it is a column.
+            let force = asks[column] - dot(&seen.h.col_as_slice(column)[..deviations.len()], &deviations);
             if weight > 0.0 {
                 all.push(Ask { window, member, change: force / step / weight, weight });
             }

@@ -2,7 +2,7 @@
 
 use crate::inference::gaussian_evidence::Normal;
 use crate::inference::linearised::{EXTRA, LinearisedProblem};
-use nalgebra::DVector;
+use qv_fit::linear::add_scaled;
 
 /// Share of a tolerance that is as good as none.
 pub(crate) const FORGOTTEN: f64 = 1e-3;
@@ -10,7 +10,7 @@ pub(crate) const FORGOTTEN: f64 = 1e-3;
 /// What a study knew before it forgot some effects.
 pub struct Ablated {
     replicates: Vec<Vec<Option<Normal>>>,
-    ghost_residuals: Vec<Vec<Option<DVector<f64>>>>,
+    ghost_residuals: Vec<Vec<Option<Vec<f64>>>>,
     ghost_deviations: Vec<Vec<f64>>,
     tolerance: Vec<f64>,
     ablated: Vec<usize>,
@@ -37,7 +37,8 @@ impl LinearisedProblem<'_> {
         {
             for ((residual, normal), seen) in residuals.iter_mut().zip(normals).zip(&self.seen) {
                 let Some(residual) = residual else { continue };
-                ablated.iter().for_each(|&c| residual.axpy(-deviations[c], &seen.j.column(EXTRA + c), 1.0));
+                let column = |c: usize| seen.j.col_as_slice(EXTRA + c);
+                ablated.iter().for_each(|&c| add_scaled(residual, -deviations[c], column(c)));
                 *normal = Some(seen.normal_of(residual));
             }
             ablated.iter().for_each(|&c| deviations[c] = 0.0);

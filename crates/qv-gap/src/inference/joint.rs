@@ -9,7 +9,8 @@ use crate::inference::linearised::LinearisedProblem;
 use crate::inference::search::{Fit, Residuals, Search, Tangent, WIDE};
 use crate::problem::columns::{Group, Suspect};
 use crate::problem::library::Scope;
-use nalgebra::{DMatrix, DVector};
+use qv_fit::linear::{add_scaled, diagonal_of};
+use qv_fit::{Cholesky, Matrix};
 
 /// Rounds at most.
 const ROUNDS: usize = 10;
@@ -33,7 +34,7 @@ pub struct JointFit {
     /// One fit of each effect: values beside the others, and what the loss is with all of them.
     pub fits: Vec<Fit>,
     /// Correlation of all values after one another, shape `[values, values]`.
-    pub correlation: DMatrix<f64>,
+    pub correlation: Matrix,
     /// Groups of the study that are not told apart: one that is in `fits`, and one that is left out for it.
     pub alike: Vec<[usize; 2]>,
     /// Loss with all of them.
@@ -72,7 +73,7 @@ impl Layout {
         layout
     }
 
-    fn suspects(&self, values: &DVector<f64>) -> Vec<Suspect> {
+    fn suspects(&self, values: &[f64]) -> Vec<Suspect> {
         let mut suspects = self.suspects.clone();
         for (&[s, axis], &value) in self.of_value.iter().zip(values.iter()) {
             suspects[s].values[axis] = value;
@@ -81,18 +82,18 @@ impl Layout {
     }
 
     /// Half of what the prior adds to the loss is a log probability.
-    fn prior(&self, values: &DVector<f64>) -> f64 {
+    fn prior(&self, values: &[f64]) -> f64 {
         values.iter().zip(&self.wide).map(|(v, w)| (v / w).powi(2)).sum()
     }
 
     /// Values without those of a suspect.
-    fn without(&self, values: &DVector<f64>, suspect: usize) -> DVector<f64> {
-        let kept = self.of_value.iter().zip(values.iter()).filter(|([s, _], _)| *s != suspect);
-        DVector::from_iterator(kept.clone().count(), kept.map(|(_, v)| *v))
+    fn without(&self, values: &[f64], suspect: usize) -> Vec<f64> {
+        let kept = self.of_value.iter().zip(values).filter(|([s, _], _)| *s != suspect);
+        kept.map(|(_, v)| *v).collect()
     }
 
     /// Two effects of one value each that are not told apart, the one that comes first and the other.
-    fn collinear(&self, correlation: &DMatrix<f64>) -> Option<[usize; 2]> {
+    fn collinear(&self, correlation: &Matrix) -> Option<[usize; 2]> {
         let is_one = |k: usize| self.suspects[self.of_value[k][0]].values.len() == 1;
         let pairs = (0..self.wide.len()).flat_map(|j| (0..j).map(move |i| [i, j]));
         let mut alike: Vec<([usize; 2], f64)> =
@@ -102,7 +103,7 @@ impl Layout {
         Some(most.0.map(|k| self.of_value[k][0]))
     }
 
-    fn clamped(&self, mut values: DVector<f64>) -> DVector<f64> {
+    fn clamped(&self, mut values: Vec<f64>) -> Vec<f64> {
         values.iter_mut().zip(&self.range).for_each(|(v, r)| *v = v.clamp(r[0], r[1]));
         values
     }
@@ -110,7 +111,7 @@ impl Layout {
 
 /// A point of the search.
 struct Point {
-    values: DVector<f64>,
+    values: Vec<f64>,
     residuals: Residuals,
     loss: f64,
     /// What the prior adds to the loss, in units of the dispersion.
@@ -132,7 +133,7 @@ impl Search<'_, '_> {
     pub fn together(&mut self, fits: &[Fit], null: f64) -> Result<Option<JointFit>, GapError> {
         let mut alone = self.one_of_each(fits);
         let mut alike: Vec<[usize; 2]> = Vec::new();
-        let mut begun: Option<DVector<f64>> = None;
+        let mut begun: Option<Vec<f64>> = None;
         // Backward elimination: what is not told from another or is not missed goes, one after another.
         loop {
             if alone.len() < 2 {
@@ -160,7 +161,7 @@ impl Search<'_, '_> {
         let mut best: Option<Point> = None;
         for start in 0..layout.suspects.len().min(STARTS) {
             let of_start = |&[s, axis]: &[usize; 2]| if s == start { layout.suspects[s].values[axis] } else { 0.0 };
-            let values = DVector::from_iterator(layout.of_value.len(), layout.of_value.iter().map(of_start));
+            let values = layout.of_value.iter().map(of_start).collect();
             let found = self.descend(layout, values, null)?;
             if best.as_ref().is_none_or(|b| found.loss < b.loss) {
                 best = Some(found);
@@ -211,7 +212,7 @@ impl Search<'_, '_> {
     }
 
     /// Steps downwards from `values` until nothing is gained.
-    fn descend(&mut self, layout: &Layout, values: DVector<f64>, null: f64) -> Result<Point, GapError> {
+    fn descend(&mut self, layout: &Layout, values: Vec<f64>, null: f64) -> Result<Point, GapError> {
         let mut here = self.points(layout, vec![values])?.remove(0);
         for _ in 0..ROUNDS {
             // Losses are in units of what is left.
@@ -220,9 +221,11 @@ impl Search<'_, '_> {
             let step = |damping: &f64| {
                 let mut damped = curvature.clone();
                 (0..damped.nrows()).for_each(|i| damped[(i, i)] *= 1.0 + damping);
-                damped.cholesky().map(|c| layout.clamped(&here.values + c.solve(&gradient)))
+                let mut values = here.values.clone();
+                add_scaled(&mut values, 1.0, &Cholesky::new(&damped)?.solve(&gradient));
+                Some(layout.clamped(values))
             };
-            let tried: Vec<DVector<f64>> = DAMPING.iter().filter_map(step).collect();
+            let tried: Vec<Vec<f64>> = DAMPING.iter().filter_map(step).collect();
             let dispersion = self.dispersion;
             let cost = |p: &Point| p.cost(dispersion);
             let best = self.points(layout, tried)?.into_iter().min_by(|a, b| cost(a).total_cmp(&cost(b)));
@@ -237,12 +240,12 @@ impl Search<'_, '_> {
     }
 
     /// Simulates the robot with each of `values`.
-    fn points(&mut self, layout: &Layout, values: Vec<DVector<f64>>) -> Result<Vec<Point>, GapError> {
+    fn points(&mut self, layout: &Layout, values: Vec<Vec<f64>>) -> Result<Vec<Point>, GapError> {
         let windows = self.windows.clone();
-        let of = |v| self.columns().setting_of(&self.study.rollout, &layout.suspects(v));
+        let of = |v: &Vec<f64>| self.columns().setting_of(&self.study.rollout, &layout.suspects(v));
         let settings: Vec<_> = values.iter().map(of).collect();
         let all = self.study.raw_vectors(&settings, &windows)?;
-        let point = |(values, residuals): (DVector<f64>, Residuals)| {
+        let point = |(values, residuals): (Vec<f64>, Residuals)| {
             let loss = self.loss_of(&self.marginal, &self.normals(&residuals, &windows), &windows);
             Point { prior: layout.prior(&values), values, residuals, loss }
         };
@@ -252,7 +255,7 @@ impl Search<'_, '_> {
     /// Slope and curvature of the cost.
     fn slopes(&mut self, layout: &Layout, here: &Point) -> Result<Tangent, GapError> {
         let mut tangent = self.bare_slopes(layout, here)?;
-        tangent.add_prior(here.values.as_slice(), &layout.wide, self.dispersion);
+        tangent.add_prior(&here.values, &layout.wide, self.dispersion);
         Ok(tangent)
     }
 
@@ -280,10 +283,11 @@ impl Search<'_, '_> {
         let tangent = self.slopes(layout, point)?;
         let size = layout.wide.len();
         let scatter = tangent.scatter();
-        let covariance = tangent.curvature.cholesky().map(|c| c.inverse() * self.dispersion);
-        let covariance = covariance.unwrap_or_else(|| DMatrix::from_diagonal_element(size, size, f64::INFINITY));
-        let curved: Vec<f64> = covariance.diagonal().iter().map(|v| v.sqrt()).collect();
-        let correlation = DMatrix::from_fn(size, size, |i, j| covariance[(i, j)] / (curved[i] * curved[j]));
+        let covariance = Cholesky::new(&tangent.curvature).map(|c| c.inverse() * self.dispersion);
+        let nothing = |i: usize, k: usize| if i == k { f64::INFINITY } else { 0.0 };
+        let covariance = covariance.unwrap_or_else(|| Matrix::from_fn(size, size, nothing));
+        let curved: Vec<f64> = diagonal_of(&covariance).iter().map(|v| v.sqrt()).collect();
+        let correlation = Matrix::from_fn(size, size, |i, j| covariance[(i, j)] / (curved[i] * curved[j]));
         let fit = |suspect| Fit {
             suspect,
             deviations: Vec::new(),

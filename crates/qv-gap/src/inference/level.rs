@@ -7,7 +7,7 @@ use crate::inference::linearised::{LinearisedProblem, LinearisedWindow};
 use crate::inference::local::place;
 use crate::inference::regions::is_within_reach;
 use crate::inference::search::fitted;
-use nalgebra::DVector;
+use qv_fit::linear::squared;
 
 /// Share of the windows that are the quieter ones.
 const QUIETER: f64 = 0.75;
@@ -28,7 +28,7 @@ pub fn level(study: &LinearisedProblem) -> Result<Level, GapError> {
 pub fn level_outside(study: &LinearisedProblem, regions: &[[f64; 4]]) -> Result<Level, GapError> {
     let inside = |seen: &LinearisedWindow| regions.iter().any(|r| is_within_reach(*r, place(&seen.window)));
     let outside = study.seen.iter().filter(|s| fitted(s) > 0.0 && !inside(s)).count();
-    let loss = |seen: &LinearisedWindow| seen.residual.norm_squared() / seen.residual.len() as f64;
+    let loss = |seen: &LinearisedWindow| squared(&seen.residual) / seen.residual.len() as f64;
     let mut losses: Vec<f64> = study.seen.iter().filter(|s| fitted(s) > 0.0).map(loss).collect();
     losses.sort_by(f64::total_cmp);
     let middle = losses.get(losses.len() / 2).copied().unwrap_or(0.0);
@@ -50,9 +50,9 @@ pub fn level_outside(study: &LinearisedProblem, regions: &[[f64; 4]]) -> Result<
 
 /// Loss per number in the quieter windows, deviations at their best in all, over that of the null in its own.
 fn quiet(study: &LinearisedProblem, marginal: &Marginal, weight: impl Fn(&LinearisedWindow) -> f64 + Copy) -> f64 {
-    let of = |residuals: &[Option<&DVector<f64>>]| {
+    let of = |residuals: &[Option<&Vec<f64>>]| {
         let left = study.without_deviations(marginal, residuals, weight);
-        let mut losses: Vec<f64> = left.iter().flatten().map(|r| r.norm_squared() / r.len() as f64).collect();
+        let mut losses: Vec<f64> = left.iter().flatten().map(|r| squared(r) / r.len() as f64).collect();
         losses.sort_by(f64::total_cmp);
         losses.truncate((QUIETER * losses.len() as f64).ceil() as usize);
         mean(&losses)

@@ -9,8 +9,11 @@ use crate::null::whitening::{Sample, Whitener};
 use crate::null::{Noise, Replicate, record};
 use crate::problem::columns::{Column, Columns, Group};
 use crate::problem::excitation::{at_rest, is_unshown};
-use nalgebra::{DMatrix, DVector};
 use qv_core::random::SplitMix64;
+use qv_fit::Matrix;
+use qv_fit::linear::{
+    add_scaled_matrix, from_columns, gram, minus, squared, times, transposed_product, transposed_times,
+};
 use qv_recording::Run;
 use qv_rollout::Trace;
 use qv_rollout::law;
@@ -31,7 +34,7 @@ const UNCHANGED: f64 = 0.1;
 /// walks, and has the room to give each window a null of its own.
 pub const HELD: usize = 5;
 
-/// Rows of a product up to which it is not done in blocks.
+/// Rows of a product up to which each is done alone.
 const FEW_ROWS: usize = 5;
 
 /// How much is done.
@@ -58,15 +61,15 @@ pub struct LinearisedWindow {
     /// The window.
     pub window: Window,
     /// Sensitivities, shape `[features, columns]`.
-    pub j: DMatrix<f64>,
+    pub j: Matrix,
     /// `J'J`.
-    pub h: DMatrix<f64>,
+    pub h: Matrix,
     /// Raw residual of the nominal robot.
     pub raw: Raw,
     /// What joints of the nominal robot did at each step, where no fit sees the window.
     pub trace: Option<Trace>,
     /// Whitened residual of the nominal robot.
-    pub residual: DVector<f64>,
+    pub residual: Vec<f64>,
     /// Weight in sums: below 1 where nothing explains the window.
     pub weight: f64,
 }
@@ -94,7 +97,7 @@ pub struct LinearisedProblem<'a> {
     /// Normal equations of each simulated recording without an effect, by window.
     pub replicates: Vec<Vec<Option<Normal>>>,
     /// Their residuals, by window.
-    pub ghost_residuals: Vec<Vec<Option<DVector<f64>>>>,
+    pub ghost_residuals: Vec<Vec<Option<Vec<f64>>>>,
     /// Their deviations, in the tolerated columns; empty where they are drawn from reference recordings.
     pub ghost_deviations: Vec<Vec<f64>>,
     /// Tolerance of the first columns.
@@ -227,7 +230,7 @@ impl<'a> LinearisedProblem<'a> {
         let whitener = Whitener::new(rollout, &samples, &moving, pool.is_empty()).ok_or_else(few)?;
         let of_sample = |sample: &Sample| {
             let r = whitener.residual(sample.window, &sample.raw);
-            r.norm_squared() / r.len() as f64
+            squared(&r) / r.len() as f64
         };
         // Summed in order: the same bits on any number of threads.
         let floor: Vec<f64> = samples.par_iter().map(of_sample).collect();
@@ -247,9 +250,9 @@ impl<'a> LinearisedProblem<'a> {
                 let seen = seen.as_ref()?;
                 Some((!raw.is_empty()).then(|| whitener.residual(seen.index, raw)))
             };
-            let residuals: Vec<Option<DVector<f64>>> = run.par_iter().zip(&seen).filter_map(residual).collect();
+            let residuals: Vec<Option<Vec<f64>>> = run.par_iter().zip(&seen).filter_map(residual).collect();
             let here: Vec<&LinearisedWindow> = seen.iter().flatten().collect();
-            let normal = |(r, seen): (&Option<DVector<f64>>, &&LinearisedWindow)| r.as_ref().map(|r| seen.normal_of(r));
+            let normal = |(r, seen): (&Option<Vec<f64>>, &&LinearisedWindow)| r.as_ref().map(|r| seen.normal_of(r));
             self.replicates[k].par_extend(residuals.par_iter().zip(here.par_iter()).map(normal));
             self.ghost_residuals[k].extend(residuals);
         }
@@ -300,11 +303,11 @@ impl<'a> LinearisedProblem<'a> {
     /// # Errors
     /// When the normal equations are no good.
     pub fn marginal(&self, weight: impl Fn(&LinearisedWindow) -> f64) -> Result<Marginal, GapError> {
-        let mut h = DMatrix::zeros(self.width(), self.width());
+        let mut h = Matrix::zeros(self.width(), self.width());
         for seen in &self.seen {
             let w = weight(seen);
             if w > 0.0 {
-                h += &seen.h * w;
+                add_scaled_matrix(&mut h, w, &seen.h);
             }
         }
         Marginal::new(h, &self.tolerance).ok_or_else(|| GapError::run("sensitivities", "finite numbers", "others"))
@@ -338,7 +341,7 @@ impl<'a> LinearisedProblem<'a> {
         &self,
         settings: &[Overrides],
         windows: &[usize],
-    ) -> Result<Vec<Vec<Option<DVector<f64>>>>, GapError> {
+    ) -> Result<Vec<Vec<Option<Vec<f64>>>>, GapError> {
         let raw = self.raw(settings, windows)?;
         let white = |(raw, &w): (&Raw, &usize)| {
             (!raw.is_empty()).then(|| self.whitener(&self.seen[w]).residual(self.seen[w].index, raw))
@@ -397,26 +400,26 @@ impl<'a> LinearisedProblem<'a> {
     pub fn without_deviations(
         &self,
         marginal: &Marginal,
-        residuals: &[Option<&DVector<f64>>],
+        residuals: &[Option<&Vec<f64>>],
         weight: impl Fn(&LinearisedWindow) -> f64,
-    ) -> Vec<Option<DVector<f64>>> {
-        let normal = |(r, s): (&Option<&DVector<f64>>, &LinearisedWindow)| r.map(|r| s.normal_of(r));
+    ) -> Vec<Option<Vec<f64>>> {
+        let normal = |(r, s): (&Option<&Vec<f64>>, &LinearisedWindow)| r.map(|r| s.normal_of(r));
         let normals: Vec<_> = residuals.par_iter().zip(&self.seen).map(normal).collect();
         let all: Vec<usize> = (0..self.seen.len()).collect();
         let best = marginal.deviations(&self.sums(&normals, &all, &weight));
-        let left = |(r, s): (&Option<&DVector<f64>>, &LinearisedWindow)| {
-            r.filter(|_| weight(s) > 0.0).map(|r| r - s.j.columns(0, best.len()) * &best)
+        let left = |(r, s): (&Option<&Vec<f64>>, &LinearisedWindow)| {
+            r.filter(|_| weight(s) > 0.0).map(|r| minus(r, &times(&s.j, &best)))
         };
         residuals.iter().zip(&self.seen).map(left).collect()
     }
 
     /// The recording's residuals by window.
-    pub fn residuals(&self) -> Vec<Option<&DVector<f64>>> {
+    pub fn residuals(&self) -> Vec<Option<&Vec<f64>>> {
         self.seen.iter().map(|s| Some(&s.residual)).collect()
     }
 
     /// Those of each simulated recording without an effect.
-    pub fn residuals_of_replicates(&self) -> impl Iterator<Item = Vec<Option<&DVector<f64>>>> {
+    pub fn residuals_of_replicates(&self) -> impl Iterator<Item = Vec<Option<&Vec<f64>>>> {
         self.ghost_residuals.iter().map(|g| g.iter().map(Option::as_ref).collect())
     }
 
@@ -431,24 +434,26 @@ impl<'a> LinearisedProblem<'a> {
 impl LinearisedWindow {
     /// Weighs it down where even reference recordings have nothing like it.
     pub(crate) fn weigh(&mut self) {
-        let length = self.residual.norm_squared() / self.residual.len() as f64;
+        let length = squared(&self.residual) / self.residual.len() as f64;
         self.weight = (reference::OUTLIER / length).min(1.0);
     }
 
     /// Normal equations of raw residuals; `None` of empty ones.
     fn normals(&self, whitener: &Whitener, raw: &[&Raw]) -> Vec<Option<Normal>> {
         let whole: Vec<&&Raw> = raw.iter().filter(|r| !r.is_empty()).collect();
-        let residuals: Vec<DVector<f64>> = whole.iter().map(|r| whitener.residual(self.index, r)).collect();
+        let residuals: Vec<Vec<f64>> = whole.iter().map(|r| whitener.residual(self.index, r)).collect();
         if residuals.is_empty() {
             return vec![None; raw.len()];
         }
         // One product: the sensitivities are read once for all.
-        let products = match residuals.len() {
-            1..=FEW_ROWS => residuals.iter().map(|r| times_columns(r.as_slice(), &self.j)).collect(),
-            _ => (DMatrix::from_columns(&residuals).transpose() * &self.j).row_iter().map(|b| b.transpose()).collect(),
+        let products: Vec<Vec<f64>> = if residuals.len() <= FEW_ROWS {
+            residuals.iter().map(|r| transposed_times(&self.j, r)).collect()
+        } else {
+            let all = transposed_product(&self.j, &from_columns(self.residual.len(), &residuals));
+            (0..all.ncols()).map(|k| all.col_as_slice(k).to_vec()).collect()
         };
-        let normal = |(r, b): (&DVector<f64>, DVector<f64>)| Normal { b, e: r.norm_squared(), count: r.len() };
-        let mut normals = residuals.iter().zip::<Vec<_>>(products).map(normal);
+        let normal = |(r, b): (&Vec<f64>, Vec<f64>)| Normal { b, e: squared(r), count: r.len() };
+        let mut normals = residuals.iter().zip(products).map(normal);
         raw.iter().map(|r| if r.is_empty() { None } else { normals.next() }).collect()
     }
 
@@ -458,34 +463,9 @@ impl LinearisedWindow {
     }
 
     /// Normal equations of a whitened residual.
-    pub fn normal_of(&self, r: &DVector<f64>) -> Normal {
-        Normal { b: self.j.tr_mul(r), e: r.norm_squared(), count: r.len() }
+    pub fn normal_of(&self, r: &[f64]) -> Normal {
+        Normal { b: transposed_times(&self.j, r), e: squared(r), count: r.len() }
     }
-}
-
-/// The same as the product of a few rows with a matrix, to the bit, in a fifth of the time: a blocked product begins at more rows than these,
-/// and below it one number after the other is waited for.
-fn times_columns(row: &[f64], matrix: &DMatrix<f64>) -> DVector<f64> {
-    const ABREAST: usize = 8;
-    let (rows, columns) = matrix.shape();
-    let values = matrix.as_slice();
-    let mut out = DVector::zeros(columns);
-    for first in (0..columns).step_by(ABREAST) {
-        // The last few columns are done twice rather than in a loop of their own.
-        let first = first.min(columns.saturating_sub(ABREAST));
-        let column = |k: usize| &values[(first + k).min(columns - 1) * rows..][..row.len()];
-        let of: [&[f64]; ABREAST] = std::array::from_fn(column);
-        let mut sums = [-0.0; ABREAST];
-        for (i, x) in row.iter().enumerate() {
-            for k in 0..ABREAST {
-                sums[k] += of[k][i] * x;
-            }
-        }
-        for k in 0..ABREAST.min(columns) {
-            out[first + k] = sums[k];
-        }
-    }
-    out
 }
 
 fn ghosts_of(free: bool, effort: &NullOptions) -> usize {
@@ -498,11 +478,9 @@ fn see(
     (raw, trace): (Raw, Option<Trace>),
     sensitivity: &[Raw],
 ) -> LinearisedWindow {
-    let columns: Vec<DVector<f64>> = sensitivity.iter().map(|c| whitener.difference(index, c)).collect();
-    let j = DMatrix::from_columns(&columns);
+    let j = whitener.differences(index, &sensitivity.iter().collect::<Vec<_>>());
     let residual = whitener.residual(index, &raw);
-    // By the transposed copy: that is a blocked product, five times as fast as `tr_mul`.
-    LinearisedWindow { h: j.transpose() * &j, j, residual, raw, trace, index, window, weight: 1.0 }
+    LinearisedWindow { h: gram(&j), j, residual, raw, trace, index, window, weight: 1.0 }
 }
 
 /// Numbers that the simulators of replicates have: what engines differ in.
@@ -615,24 +593,4 @@ fn samples(
         samples
     };
     replicates.par_iter().zip(deviations).flat_map_iter(one).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_product_of_few_rows_is_the_library_s_to_the_bit() {
-        let mut random = SplitMix64::of(5, 0);
-        for (rows, columns) in [(1, 1), (7, 3), (40, 8), (129, 21)] {
-            let matrix = DMatrix::from_fn(rows, columns, |_, _| random.normal(1.0));
-            for count in 1..=FEW_ROWS {
-                let some: Vec<_> = (0..count).map(|_| DVector::from_fn(rows, |_, _| random.normal(1.0))).collect();
-                let expected = DMatrix::from_columns(&some).transpose() * &matrix;
-                for (row, expected) in some.iter().zip(expected.row_iter()) {
-                    assert_eq!(times_columns(row.as_slice(), &matrix), expected.transpose());
-                }
-            }
-        }
-    }
 }

@@ -9,8 +9,11 @@ use crate::inference::regions::{Outline, around, overlap, rectangles, up_to_feet
 use crate::inference::search::{Base, Fit, RAN_AWAY, Search, direction, fitted};
 use crate::inference::short_windows::feet;
 use crate::problem::columns::{Column, Extent, Suspect};
-use nalgebra::{DMatrix, DVector};
 use qv_core::statistics::median;
+use qv_fit::linear::{
+    add_diagonal, add_scaled, add_scaled_matrix, dot, minus, product, times, transposed_product, transposed_times,
+};
+use qv_fit::{Cholesky, Matrix};
 use qv_rollout::Overrides;
 use rayon::prelude::*;
 
@@ -86,7 +89,7 @@ impl Search<'_, '_> {
 
     /// Deviations, in columns, that the windows with no more than the usual loss ask for; and the loss per number that
     /// these windows keep, over that of all windows.
-    fn sound(&self, base: &Base) -> Option<(DVector<f64>, f64)> {
+    fn sound(&self, base: &Base) -> Option<(Vec<f64>, f64)> {
         let of: Vec<f64> =
             base.normals.iter().map(|n| n.as_ref().map_or(f64::INFINITY, |n| n.e / n.count as f64)).collect();
         let most = 1.5 * median(&mut of.clone());
@@ -113,14 +116,14 @@ impl Search<'_, '_> {
     }
 
     /// Residual of each window of the base with `deviations` taken away, as normal equations.
-    fn left(&self, base: &Base, deviations: &DVector<f64>) -> Vec<Option<Normal>> {
-        let width = self.study.width();
-        let mut all = DVector::zeros(width);
-        all.rows_mut(0, deviations.len()).copy_from(deviations);
+    fn left(&self, base: &Base, deviations: &[f64]) -> Vec<Option<Normal>> {
+        let mut all = deviations.to_vec();
+        all.resize(self.study.width(), 0.0);
         let left = |(n, &w): (&Option<Normal>, &usize)| {
             n.as_ref().map(|n| {
-                let moved = &self.study.seen[w].h * &all;
-                Normal { e: n.e - 2.0 * n.b.dot(&all) + moved.dot(&all), b: &n.b - moved, count: n.count }
+                let moved = times(&self.study.seen[w].h, deviations);
+                let e = n.e - 2.0 * dot(&n.b, &all) + dot(&moved, &all);
+                Normal { e, b: minus(&n.b, &moved), count: n.count }
             })
         };
         base.normals.par_iter().zip(&self.windows).map(left).collect()
@@ -195,7 +198,9 @@ impl Search<'_, '_> {
             let wide: Vec<f64> = d.steps.iter().map(|s| (0.4 * effect.span() / s).abs()).collect();
             let part = |(n, &w): (&Option<Normal>, &usize)| {
                 let n = n.as_ref()?;
-                Some((d.d.tr_mul(&n.b) / dispersion, d.d.tr_mul(&(&self.study.seen[w].h * &d.d)) / dispersion))
+                let along = transposed_times(&d.d, &n.b).iter().map(|x| x / dispersion).collect();
+                let bent = transposed_product(&d.d, &product(&self.study.seen[w].h, &d.d));
+                Some((along, bent * (1.0 / dispersion)))
             };
             let parts: Vec<_> = left.iter().zip(&self.windows).map(part).collect();
             let (evidence, first, last, amounts) = best_run(&parts, &wide)?;
@@ -476,22 +481,23 @@ impl Search<'_, '_> {
 }
 
 /// The run of windows whose common amounts have most evidence, less what choosing it costs.
-fn best_run(parts: &[Option<(DVector<f64>, DMatrix<f64>)>], wide: &[f64]) -> Option<(f64, usize, usize, DVector<f64>)> {
+fn best_run(parts: &[Option<(Vec<f64>, Matrix)>], wide: &[f64]) -> Option<(f64, usize, usize, Vec<f64>)> {
     let axes = wide.len();
-    let mut best: Option<(f64, usize, usize, DVector<f64>)> = None;
+    let mut best: Option<(f64, usize, usize, Vec<f64>)> = None;
+    let stiffness: Vec<f64> = wide.iter().map(|w| 1.0 / (w * w)).collect();
+    let narrow: f64 = wide.iter().map(|w| w.ln()).sum();
     let longest = (parts.len() / 3).max(1);
     for first in 0..parts.len() {
-        let (mut g, mut h) = (DVector::zeros(axes), DMatrix::zeros(axes, axes));
+        let (mut g, mut h) = (vec![0.0; axes], Matrix::zeros(axes, axes));
+        add_diagonal(&mut h, &stiffness);
         for last in first..parts.len().min(first + longest) {
             let Some((dg, dh)) = &parts[last] else { continue };
-            g += dg;
-            h += dh;
-            let mut a = h.clone();
-            (0..axes).for_each(|i| a[(i, i)] += 1.0 / (wide[i] * wide[i]));
-            let Some(factor) = a.cholesky() else { continue };
+            add_scaled(&mut g, 1.0, dg);
+            add_scaled_matrix(&mut h, 1.0, dh);
+            let Some(factor) = Cholesky::new(&h) else { continue };
             let amounts = factor.solve(&g);
-            let volume: f64 = factor.l().diagonal().iter().zip(wide).map(|(l, w)| (l * w).ln()).sum();
-            let evidence = 0.5 * g.dot(&amounts) - volume - (parts.len() as f64 * longest as f64).ln();
+            let volume = 0.5 * factor.log_determinant() + narrow;
+            let evidence = 0.5 * dot(&g, &amounts) - volume - (parts.len() as f64 * longest as f64).ln();
             if best.as_ref().is_none_or(|b| evidence > b.0) {
                 best = Some((evidence, first, last, amounts));
             }
@@ -516,13 +522,13 @@ mod tests {
     fn a_run_of_windows_with_one_force_is_found() {
         let part = |k: usize| {
             let force = if (6..9).contains(&k) { 5.0 } else { 0.01 * k as f64 };
-            Some((DVector::from_element(1, 4.0 * force), DMatrix::from_element(1, 1, 4.0)))
+            Some((vec![4.0 * force], Matrix::from_fn(1, 1, |_, _| 4.0)))
         };
         let parts: Vec<_> = (0..20).map(part).collect();
         let (evidence, first, last, amounts) = best_run(&parts, &[3.0]).unwrap();
         assert_eq!((first, last), (6, 8));
         assert!((amounts[0] - 5.0).abs() < 0.1 && evidence > 100.0);
-        let silent: Vec<_> = (0..20).map(|_| Some((DVector::zeros(1), DMatrix::from_element(1, 1, 4.0)))).collect();
+        let silent: Vec<_> = (0..20).map(|_| Some((vec![0.0], Matrix::from_fn(1, 1, |_, _| 4.0)))).collect();
         assert!(best_run(&silent, &[3.0]).unwrap().0 < 0.0, "nothing is no evidence");
     }
 }

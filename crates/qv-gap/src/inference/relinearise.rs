@@ -4,7 +4,8 @@ use crate::GapError;
 use crate::inference::linearised::{EXTRA, LinearisedProblem, LinearisedWindow};
 use crate::jacobian::{changes, with_law};
 use crate::problem::columns::{Column, Columns};
-use nalgebra::DVector;
+use qv_fit::Matrix;
+use qv_fit::linear::gram;
 use qv_rollout::law::Alignment;
 use qv_rollout::{Overrides, Rollout, Window};
 use qv_rollout::{Traced, compare_and_trace};
@@ -52,17 +53,16 @@ impl<'a> LinearisedProblem<'a> {
         if raw.iter().any(|r| r.is_empty()) || found.iter().flatten().any(Option::is_none) {
             return Ok(false);
         }
-        let columns_of = |(seen, found): (&LinearisedWindow, &Vec<_>)| -> Vec<DVector<f64>> {
-            let whitener = self.whitener(seen);
-            found.iter().flatten().map(|change| whitener.difference(seen.index, change)).collect()
+        let columns_of = |(seen, found): (&LinearisedWindow, &Vec<Option<_>>)| {
+            self.whitener(seen).differences(seen.index, &found.iter().flatten().collect::<Vec<_>>())
         };
-        let columns: Vec<Vec<DVector<f64>>> = self.seen.iter().zip(&found).map(columns_of).collect();
+        let columns: Vec<Matrix> = self.seen.iter().zip(&found).map(columns_of).collect();
         for (((seen, raw), trace), columns) in self.seen.iter_mut().zip(raw).zip(traces).zip(columns) {
             seen.trace = trace;
-            for (&k, column) in moved.iter().zip(&columns) {
-                seen.j.set_column(EXTRA + k, column);
+            for (from, &k) in moved.iter().enumerate() {
+                seen.j.col_as_slice_mut(EXTRA + k).copy_from_slice(columns.col_as_slice(from));
             }
-            seen.h = seen.j.transpose() * &seen.j;
+            seen.h = gram(&seen.j);
             seen.residual = self.parts[seen.window.run].whitener.residual(seen.index, &raw);
             seen.raw = raw;
             if self.is_relative {
@@ -70,7 +70,7 @@ impl<'a> LinearisedProblem<'a> {
             }
         }
         for (normals, residuals) in self.replicates.iter_mut().zip(&self.ghost_residuals) {
-            let normal = |(r, s): (&Option<DVector<f64>>, &LinearisedWindow)| r.as_ref().map(|r| s.normal_of(r));
+            let normal = |(r, s): (&Option<Vec<f64>>, &LinearisedWindow)| r.as_ref().map(|r| s.normal_of(r));
             *normals = residuals.iter().zip(&self.seen).map(normal).collect();
         }
         Ok(true)

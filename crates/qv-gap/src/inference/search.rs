@@ -6,8 +6,9 @@ use crate::inference::linearised::{EXTRA, LinearisedProblem, LinearisedWindow};
 use crate::inference::short_windows::Fall;
 use crate::problem::columns::{Columns, Suspect};
 use crate::problem::library::{Effect, Scope};
-use nalgebra::{DMatrix, DVector};
 use qv_core::statistics::median;
+use qv_fit::linear::{add_outer, add_scaled, diagonal_of, dot, minus, product, squared, times, transposed_times};
+use qv_fit::{Cholesky, Matrix};
 use qv_rollout::Overrides;
 use qv_sim::{ActsOn, JointField};
 use rayon::prelude::*;
@@ -43,7 +44,7 @@ const SETTLED: f64 = 1.0;
 const HOPELESS: f64 = 0.1;
 
 /// Whitened residuals by window; `None` where the simulation ran away.
-pub(crate) type Residuals = Vec<Option<DVector<f64>>>;
+pub(crate) type Residuals = Vec<Option<Vec<f64>>>;
 
 /// A suspect at its best values.
 #[derive(Debug, Clone, PartialEq)]
@@ -473,7 +474,7 @@ impl<'s, 'a> Search<'s, 'a> {
 
     /// Normal equations of whitened residuals.
     pub(crate) fn normals(&self, residuals: &Residuals, windows: &[usize]) -> Vec<Option<Normal>> {
-        let of = |(r, &w): (&Option<DVector<f64>>, &usize)| r.as_ref().map(|r| self.study.seen[w].normal_of(r));
+        let of = |(r, &w): (&Option<Vec<f64>>, &usize)| r.as_ref().map(|r| self.study.seen[w].normal_of(r));
         residuals.par_iter().zip(windows).map(of).collect()
     }
 
@@ -527,28 +528,29 @@ impl<'s, 'a> Search<'s, 'a> {
     pub(crate) fn tangent(&self, vectors: &[&Residuals], windows: &[usize], steps: &[f64]) -> Tangent {
         let axes = steps.len();
         let width = self.study.width();
-        let mut gradient = DVector::zeros(axes);
-        let mut curvature = DMatrix::zeros(axes, axes);
-        let (mut b, mut along) = (DVector::zeros(width), vec![DVector::zeros(width); axes]);
+        let mut gradient = vec![0.0; axes];
+        let mut curvature = Matrix::zeros(axes, axes);
+        let (mut b, mut along) = (vec![0.0; width], vec![vec![0.0; width]; axes]);
         let mut e = 0.0;
         let mut parts = Vec::new();
         for (i, &w) in windows.iter().enumerate() {
             let seen = &self.study.seen[w];
             let weight = fitted(seen);
-            let of_window: Option<Vec<&DVector<f64>>> = vectors.iter().map(|v| v[i].as_ref()).collect();
+            let of_window: Option<Vec<&Vec<f64>>> = vectors.iter().map(|v| v[i].as_ref()).collect();
             let Some(of_window) = of_window else {
                 e += self.penalty(w);
                 continue;
             };
-            let slopes: Vec<DVector<f64>> = (0..axes).map(|a| (of_window[0] - of_window[1 + a]) / steps[a]).collect();
-            e += weight * of_window[0].norm_squared();
+            let slope = |a: usize| minus(of_window[0], of_window[1 + a]).iter().map(|d| d / steps[a]).collect();
+            let slopes: Vec<Vec<f64>> = (0..axes).map(slope).collect();
+            e += weight * squared(of_window[0]);
             let part = Part::new(weight, seen, of_window[0], &slopes);
-            b.axpy(weight, &part.b, 1.0);
+            add_scaled(&mut b, weight, &part.b);
             for a in 0..axes {
-                along[a].axpy(weight, &part.along[a], 1.0);
-                gradient[a] += weight * slopes[a].dot(of_window[0]);
+                add_scaled(&mut along[a], weight, &part.along[a]);
+                gradient[a] += weight * dot(&slopes[a], of_window[0]);
                 for c in 0..axes {
-                    curvature[(a, c)] += weight * slopes[a].dot(&slopes[c]);
+                    curvature[(a, c)] += weight * dot(&slopes[a], &slopes[c]);
                 }
             }
             parts.push((w, part));
@@ -565,21 +567,20 @@ impl<'s, 'a> Search<'s, 'a> {
     }
 
     /// Half the slope of each window's loss along each axis, tolerated deviations at their best, shape `[windows][axes]`.
-    fn scores(&self, parts: &[(usize, Part)], b: &DVector<f64>, along: &[DVector<f64>]) -> Vec<DVector<f64>> {
+    fn scores(&self, parts: &[(usize, Part)], b: &[f64], along: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let best = self.marginal.best(b);
-        let answers: Vec<DVector<f64>> = along.iter().map(|a| self.marginal.best(a)).collect();
+        let answers: Vec<Vec<f64>> = along.iter().map(|a| self.marginal.best(a)).collect();
         let tolerated = best.len();
         let score = |(w, part): &(usize, Part)| {
-            let h = self.study.seen[*w].h.view((0, 0), (tolerated, tolerated));
-            let of_best = h * &best;
-            let b = part.b.rows(0, tolerated);
-            let of_axis = |a: usize, _| {
-                let along = part.along[a].rows(0, tolerated);
+            let of_best = &times(&self.study.seen[*w].h, &best)[..tolerated];
+            let b = &part.b[..tolerated];
+            let of_axis = |a: usize| {
+                let along = &part.along[a][..tolerated];
                 // (slope - J answer)' (r - J best), without J.
-                let left = part.products[a] - along.dot(&best) - answers[a].dot(&b) + answers[a].dot(&of_best);
+                let left = part.products[a] - dot(along, &best) - dot(&answers[a], b) + dot(&answers[a], of_best);
                 part.weight * left
             };
-            DVector::from_fn(along.len(), of_axis)
+            (0..along.len()).map(of_axis).collect()
         };
         parts.iter().map(score).collect()
     }
@@ -611,20 +612,20 @@ impl<'s, 'a> Search<'s, 'a> {
 struct Part {
     weight: f64,
     /// `J'r`.
-    b: DVector<f64>,
+    b: Vec<f64>,
     /// `J's` of the slope `s` along each axis.
-    along: Vec<DVector<f64>>,
+    along: Vec<Vec<f64>>,
     /// `s'r`.
     products: Vec<f64>,
 }
 
 impl Part {
-    fn new(weight: f64, seen: &LinearisedWindow, residual: &DVector<f64>, slopes: &[DVector<f64>]) -> Self {
+    fn new(weight: f64, seen: &LinearisedWindow, residual: &[f64], slopes: &[Vec<f64>]) -> Self {
         Self {
             weight,
-            b: seen.j.tr_mul(residual),
-            along: slopes.iter().map(|s| seen.j.tr_mul(s)).collect(),
-            products: slopes.iter().map(|s| s.dot(residual)).collect(),
+            b: transposed_times(&seen.j, residual),
+            along: slopes.iter().map(|s| transposed_times(&seen.j, s)).collect(),
+            products: slopes.iter().map(|s| dot(s, residual)).collect(),
         }
     }
 }
@@ -633,18 +634,18 @@ impl Part {
 pub(crate) struct Tangent {
     loss: f64,
     /// Half of the slope of the loss, downwards.
-    pub(crate) gradient: DVector<f64>,
+    pub(crate) gradient: Vec<f64>,
     /// Half of the curvature of the loss.
-    pub(crate) curvature: DMatrix<f64>,
+    pub(crate) curvature: Matrix,
     /// Half the slope of the loss of each window, shape `[windows][axes]`.
-    scores: Vec<DVector<f64>>,
+    scores: Vec<Vec<f64>>,
 }
 
 impl Tangent {
     /// The Gauss-Newton step; none where an axis shows in nothing.
     fn step(&self) -> Vec<f64> {
-        let step = self.curvature.clone().cholesky().map(|c| c.solve(&self.gradient));
-        step.map_or(vec![0.0; self.gradient.len()], |s| s.as_slice().to_vec())
+        let factor = Cholesky::new(&self.curvature);
+        factor.map_or(vec![0.0; self.gradient.len()], |c| c.solve(&self.gradient))
     }
 
     /// Adds what normal priors about 0 of deviations `wide` say at `values`, for losses in units of `dispersion`.
@@ -660,20 +661,21 @@ impl Tangent {
     /// the scores about their mean.
     pub(crate) fn scatter(&self) -> Vec<f64> {
         let (axes, count) = (self.gradient.len(), self.scores.len() as f64);
-        let Some(inverse) = self.curvature.clone().cholesky().map(|c| c.inverse()).filter(|_| count > 1.0) else {
+        let Some(inverse) = Cholesky::new(&self.curvature).map(|c| c.inverse()).filter(|_| count > 1.0) else {
             return vec![f64::INFINITY; axes];
         };
-        let mean = self.scores.iter().fold(DVector::zeros(axes), |sum, s| sum + s) / count;
-        let square = |s: &DVector<f64>| (s - &mean) * (s - &mean).transpose();
-        let squares = self.scores.iter().fold(DMatrix::zeros(axes, axes), |sum, s| sum + square(s));
-        let variance = &inverse * squares * &inverse * (count / (count - 1.0));
-        variance.diagonal().iter().map(|v| v.max(0.0).sqrt()).collect()
+        let mut mean = vec![0.0; axes];
+        self.scores.iter().for_each(|s| add_scaled(&mut mean, 1.0 / count, s));
+        let mut squares = Matrix::zeros(axes, axes);
+        self.scores.iter().for_each(|s| add_outer(&mut squares, count / (count - 1.0), &minus(s, &mean)));
+        let variance = product(&product(&inverse, &squares), &inverse);
+        diagonal_of(&variance).iter().map(|v| v.max(0.0).sqrt()).collect()
     }
 
     fn deviations(&self, dispersion: f64) -> Vec<f64> {
         let axes = self.gradient.len();
-        match self.curvature.clone().cholesky() {
-            Some(c) => c.inverse().diagonal().iter().map(|v| (dispersion * v).sqrt()).collect(),
+        match Cholesky::new(&self.curvature) {
+            Some(c) => diagonal_of(&c.inverse()).iter().map(|v| (dispersion * v).sqrt()).collect(),
             None => vec![f64::INFINITY; axes],
         }
     }
@@ -682,7 +684,7 @@ impl Tangent {
 /// A group at a level in terms of columns.
 pub struct Direction {
     /// Shape `[columns, axes]`.
-    pub d: DMatrix<f64>,
+    pub d: Matrix,
     /// From absent to the level, by axis; 1 for limits.
     pub steps: Vec<f64>,
     /// Value when absent, by axis.
@@ -697,7 +699,7 @@ pub fn direction(columns: &Columns, group: usize, level: usize) -> Option<Direct
     let axes = columns.effects[group.effect].axes.len();
     let width = EXTRA + columns.columns.len();
     let mut direction =
-        Direction { d: DMatrix::zeros(width, axes), steps: Vec::new(), absent: Vec::new(), levels: Vec::new() };
+        Direction { d: Matrix::zeros(width, axes), steps: Vec::new(), absent: Vec::new(), levels: Vec::new() };
     for axis in 0..axes {
         let mut levels = Vec::new();
         let mut absent = 0.0;

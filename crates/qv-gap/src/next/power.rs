@@ -10,7 +10,8 @@ use crate::decision::Policy;
 use crate::inference::linearised::LinearisedProblem;
 use crate::inference::search::{Direction, direction};
 use crate::next::Worth;
-use nalgebra::{DMatrix, DVector};
+use qv_fit::linear::{add_diagonal, add_scaled, dot, product, times, transposed_product, transposed_times};
+use qv_fit::{Cholesky, Matrix};
 use serde::Serialize;
 
 /// Odds at which a hypothesis is taken for decided against another.
@@ -70,10 +71,11 @@ pub(super) fn worth(study: &LinearisedProblem, policy: &Policy, all: &[Hypothesi
         of_truths.push(least);
     }
     let decides = of_truths.iter().sum::<f64>() / of_truths.len().max(1) as f64;
-    let information =
-        DMatrix::from_fn(lines.len(), lines.len(), |a, b| lines[a].along.dot(&(curvature * &lines[b].along)));
+    let shared = |a: usize, b: usize| dot(&lines[a].along, &times(curvature, &lines[b].along));
+    let mut information = Matrix::from_fn(lines.len(), lines.len(), shared);
     // One nat on the diagonal: sizes are known to within themselves already.
-    let log_determinant = (DMatrix::identity(lines.len(), lines.len()) + information).determinant().max(1e-300).ln();
+    add_diagonal(&mut information, &vec![1.0; lines.len()]);
+    let log_determinant = Cholesky::new(&information).map_or(1e-300_f64.ln(), |c| c.log_determinant());
     Ok(Worth { decides, pairs, log_determinant })
 }
 
@@ -81,7 +83,7 @@ pub(super) fn worth(study: &LinearisedProblem, policy: &Policy, all: &[Hypothesi
 struct Line {
     direction: Direction,
     /// Along its values.
-    along: DVector<f64>,
+    along: Vec<f64>,
 }
 
 impl Line {
@@ -96,25 +98,25 @@ impl Line {
         };
         let group = columns.groups.iter().position(is_this).ok_or_else(unknown)?;
         let direction = direction(columns, group, 0).ok_or_else(unknown)?;
-        let mut along = DVector::zeros(direction.d.nrows());
+        let mut along = vec![0.0; direction.d.nrows()];
         for (axis, value) in hypothesis.values.iter().enumerate().take(direction.steps.len()) {
             // A limit has no value at which it is absent: its level stands for it.
             let absent = direction.absent[axis];
             let share = if absent.is_finite() { (value - absent) / direction.steps[axis] } else { 1.0 };
-            along.axpy(share, &direction.d.column(axis), 1.0);
+            add_scaled(&mut along, share, direction.d.col_as_slice(axis));
         }
         Ok(Self { direction, along })
     }
 }
 
 /// Log evidence of what points along `truth` over what spans the columns of `rival`, at its best.
-fn expected_nats(curvature: &DMatrix<f64>, truth: &DVector<f64>, rival: &DMatrix<f64>) -> f64 {
-    let own = truth.dot(&(curvature * truth));
-    let of_rival = curvature * rival;
-    let gram = rival.tr_mul(&of_rival);
-    let shared = of_rival.tr_mul(truth);
+fn expected_nats(curvature: &Matrix, truth: &[f64], rival: &Matrix) -> f64 {
+    let own = dot(truth, &times(curvature, truth));
+    let of_rival = product(curvature, rival);
+    let gram = transposed_product(rival, &of_rival);
+    let shared = transposed_times(&of_rival, truth);
     // A rival that this motion does not show takes nothing.
-    let explained = gram.cholesky().map_or(0.0, |factor| shared.dot(&factor.solve(&shared)));
+    let explained = Cholesky::new(&gram).map_or(0.0, |factor| factor.length(&shared));
     (0.5 * (own - explained)).max(0.0)
 }
 
@@ -135,17 +137,18 @@ fn standard_normal(x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use qv_fit::linear::from_rows;
 
     #[test]
     fn a_rival_that_points_the_same_way_is_not_told_apart() {
-        let curvature = DMatrix::from_row_slice(2, 2, &[40.0, 10.0, 10.0, 90.0]);
-        let truth = DVector::from_row_slice(&[1.0, 0.0]);
-        let same = DMatrix::from_row_slice(2, 1, &[3.0, 0.0]);
+        let curvature = from_rows(2, &[40.0, 10.0, 10.0, 90.0]);
+        let truth = [1.0, 0.0];
+        let same = from_rows(1, &[3.0, 0.0]);
         assert!(expected_nats(&curvature, &truth, &same) < 1e-9);
-        let other = DMatrix::from_row_slice(2, 1, &[0.0, 1.0]);
+        let other = from_rows(1, &[0.0, 1.0]);
         let by_hand = 0.5 * (40.0 - 10.0 * 10.0 / 90.0);
         assert!((expected_nats(&curvature, &truth, &other) - by_hand).abs() < 1e-9);
-        let unseen = DMatrix::zeros(2, 1);
+        let unseen = Matrix::zeros(2, 1);
         assert!((expected_nats(&curvature, &truth, &unseen) - 20.0).abs() < 1e-9);
     }
 

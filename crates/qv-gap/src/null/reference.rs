@@ -7,9 +7,9 @@ use crate::GapError;
 use crate::findings::Correction;
 use crate::problem::columns::Columns;
 use crate::problem::library::{Effect, Interface};
-use nalgebra::{DMatrix, DVector};
 use qv_core::random::SplitMix64;
 use qv_core::statistics::median;
+use qv_fit::{Blocks, Loss, Options, Problem, Stopped};
 use qv_recording::Run;
 use qv_rollout::Raw;
 use qv_rollout::compare;
@@ -17,8 +17,10 @@ use qv_rollout::{Overrides, Rollout, Window};
 
 /// Rounds of Gauss-Newton.
 const ROUNDS: usize = 6;
-/// Shares of a step that are tried.
-const SHARES: [f64; 4] = [1.0, 0.5, 0.2, 0.05];
+/// Shares of a step that are tried beside the whole one: what actuators do is weakly told apart, and dampings would leave that out.
+const SHARES: [f64; 3] = [0.5, 0.2, 0.05];
+/// Loss of each number of a window that ran away.
+const RAN_AWAY: f64 = 5.0;
 /// Mean square over that of the middle window from which on a window is one of its own.
 pub const OUTLIER: f64 = 20.0;
 /// Deviation of a sensor that is nothing unusual, in those of any robot.
@@ -41,7 +43,7 @@ pub fn calibrate(rollout: &Rollout, runs: &[Run], library: &[Effect]) -> Result<
     }
     let mut fit = Fit::new(rollout, &columns, units, windows)?;
     for _ in 0..ROUNDS {
-        if !fit.improve()? {
+        if fit.units.is_empty() || !fit.improve()? {
             break;
         }
     }
@@ -58,7 +60,10 @@ fn units(columns: &Columns) -> Vec<usize> {
     let fitted = |&c: &usize| {
         let column = &columns.columns[c];
         let effect = &columns.effects[columns.units[column.unit].effect];
-        matches!(effect.interface, Interface::Actuator | Interface::Sensing) && !effect.local && column.level == 0
+        matches!(effect.interface, Interface::Actuator | Interface::Sensing)
+            && !effect.local
+            && column.level == 0
+            && columns.units[column.unit].absent.is_finite()
     };
     (0..columns.tolerated).filter(fitted).collect()
 }
@@ -72,7 +77,6 @@ struct Fit<'p> {
     /// Value of each.
     values: Vec<f64>,
     windows: Vec<Window>,
-    residuals: Vec<Vec<f64>>,
     /// Root mean square of each feature's channel.
     scales: Vec<f64>,
 }
@@ -85,9 +89,9 @@ impl<'p> Fit<'p> {
         windows: Vec<Window>,
     ) -> Result<Self, GapError> {
         let values = units.iter().map(|&c| columns.units[columns.columns[c].unit].absent).collect();
-        let mut fit = Self { rollout, columns, units, values, windows, residuals: Vec::new(), scales: Vec::new() };
-        fit.residuals = fit.simulate(&[fit.values.clone()])?.remove(0);
-        fit.scales = fit.scales_of(&fit.residuals);
+        let mut fit = Self { rollout, columns, units, values, windows, scales: Vec::new() };
+        let residuals = fit.simulate(&[fit.values.clone()])?.remove(0);
+        fit.scales = fit.sizes(&residuals);
         Ok(fit)
     }
 
@@ -97,14 +101,23 @@ impl<'p> Fit<'p> {
         self.columns.setting(self.rollout, &values)
     }
 
-    fn simulate(&self, points: &[Vec<f64>]) -> Result<Vec<Vec<Vec<f64>>>, GapError> {
+    fn simulate(&self, points: &[Vec<f64>]) -> Result<Vec<Blocks>, GapError> {
         let settings: Vec<Overrides> = points.iter().map(|p| self.setting(p)).collect();
         let windows: Vec<&Window> = self.windows.iter().collect();
         Ok(compare(self.rollout, &self.rollout.numerics, &windows, &settings)?.values)
     }
 
+    /// The same in units of the scales.
+    fn scaled(&self, points: &[Vec<f64>]) -> Result<Vec<Blocks>, GapError> {
+        let mut all = self.simulate(points)?;
+        for residual in all.iter_mut().flatten() {
+            residual.iter_mut().zip(&self.scales).for_each(|(r, s)| *r /= s);
+        }
+        Ok(all)
+    }
+
     /// Root mean square of the smaller nine tenths of each channel's residuals.
-    fn scales_of(&self, residuals: &[Vec<f64>]) -> Vec<f64> {
+    fn sizes(&self, residuals: &[Vec<f64>]) -> Vec<f64> {
         let bins = self.rollout.cut.bins();
         let mut scales = Vec::new();
         for &channel in &self.rollout.channels {
@@ -118,19 +131,6 @@ impl<'p> Fit<'p> {
             scales.extend(std::iter::repeat_n(rms.max(1e-9), width));
         }
         scales
-    }
-
-    /// Robust loss (Student's t with one degree of freedom for each window) beside the prior's.
-    fn loss(&self, values: &[f64], residuals: &[Vec<f64>]) -> f64 {
-        let of_window = |r: &Vec<f64>| {
-            let count = self.scales.len() as f64;
-            if r.is_empty() { count * 5.0 } else { count * (1.0 + self.square(r) / count).ln() }
-        };
-        residuals.iter().map(of_window).sum::<f64>() + self.prior(values)
-    }
-
-    fn square(&self, residual: &[f64]) -> f64 {
-        residual.iter().zip(&self.scales).map(|(r, s)| (r / s).powi(2)).sum()
     }
 
     /// Distance of a unit from absent that is nothing unusual.
@@ -147,58 +147,26 @@ impl<'p> Fit<'p> {
         self.columns.units[self.columns.columns[self.units[k]].unit].absent
     }
 
-    fn prior(&self, values: &[f64]) -> f64 {
-        values.iter().enumerate().map(|(k, v)| ((v - self.absent(k)) / self.usual(k)).powi(2)).sum()
+    /// What is fitted now. The prior counts twice: with so many degrees of freedom the loss is nearly twice that of squares.
+    fn problem(&self) -> Problem {
+        let each = 0..self.units.len();
+        let step = |k: usize| DIFFERENCE * (self.columns.columns[self.units[k]].value - self.absent(k));
+        let prior = |k: usize| Some([self.absent(k), self.usual(k) * 0.5_f64.sqrt()]);
+        Problem {
+            prior: each.clone().map(prior).collect(),
+            ..Problem::new(&self.values, &each.map(step).collect::<Vec<_>>())
+        }
     }
 
-    /// One step of Gauss-Newton; whether it helped.
+    /// One round, in units of what the one before it left; whether it helped. Windows have tails of as many degrees of freedom as numbers.
     fn improve(&mut self) -> Result<bool, GapError> {
-        let count = self.units.len();
-        let step = |k: usize| {
-            let column = &self.columns.columns[self.units[k]];
-            DIFFERENCE * (column.value - self.absent(k))
-        };
-        let mut points = Vec::new();
-        for k in 0..count {
-            let mut moved = self.values.clone();
-            moved[k] += step(k);
-            points.push(moved);
-        }
-        let moved = self.simulate(&points)?;
-        let (mut h, mut g) = (DMatrix::<f64>::zeros(count, count), DVector::<f64>::zeros(count));
-        for (w, residual) in self.residuals.iter().enumerate() {
-            if residual.is_empty() || moved.iter().any(|m| m[w].is_empty()) {
-                continue;
-            }
-            let weight = 1.0 / (1.0 + self.square(residual) / self.scales.len() as f64);
-            let slope = |k: usize| {
-                let one = residual.iter().zip(&moved[k][w]).zip(&self.scales).map(move |((r, m), s)| (r - m) / s);
-                DVector::from_iterator(residual.len(), one) / step(k)
-            };
-            let j = DMatrix::from_columns(&(0..count).map(slope).collect::<Vec<_>>());
-            let r = DVector::from_iterator(residual.len(), residual.iter().zip(&self.scales).map(|(r, s)| r / s));
-            h.gemm_tr(weight, &j, &j, 1.0);
-            g.gemv_tr(weight, &j, &r, 1.0);
-        }
-        for k in 0..count {
-            let stiffness = 1.0 / self.usual(k).powi(2);
-            h[(k, k)] += stiffness;
-            g[k] -= stiffness * (self.values[k] - self.absent(k));
-        }
-        let Some(step) = h.cholesky().map(|c| c.solve(&g)) else { return Ok(false) };
-        let tried: Vec<Vec<f64>> =
-            SHARES.iter().map(|s| self.values.iter().zip(step.iter()).map(|(v, d)| v + s * d).collect()).collect();
-        let results = self.simulate(&tried)?;
-        let before = self.loss(&self.values, &self.residuals);
-        let losses: Vec<f64> = tried.iter().zip(&results).map(|(v, r)| self.loss(v, r)).collect();
-        let best = (0..tried.len()).min_by(|&a, &b| losses[a].total_cmp(&losses[b])).unwrap_or(0);
-        if losses[best] >= before {
-            return Ok(false);
-        }
-        self.values = tried[best].clone();
-        self.residuals = results.into_iter().nth(best).unwrap_or_default();
-        self.scales = self.scales_of(&self.residuals);
-        Ok(true)
+        let loss = Loss { ran_away: RAN_AWAY, ..Loss::student(self.scales.len() as f64) };
+        let options = Options { loss, rounds: 1, dampings: vec![0.0], shares: SHARES.to_vec(), ..Options::default() };
+        let found = qv_fit::fit(&self.problem(), &options, |points| self.scaled(points))?;
+        let sizes = self.sizes(&found.residuals);
+        self.scales.iter_mut().zip(sizes).for_each(|(scale, size)| *scale = (*scale * size).max(1e-9));
+        self.values = found.values;
+        Ok(found.stopped != Stopped::Stuck)
     }
 }
 

@@ -1,7 +1,8 @@
 //! What the features of a robot without an effect look like, and features in units of that.
 
-use nalgebra::{DMatrix, DVector};
 use qv_core::statistics::median;
+use qv_fit::linear::{add_diagonal, add_scaled, add_scaled_matrix, diagonal_of, from_columns, minus, outer, squared};
+use qv_fit::{Cholesky, Matrix};
 use qv_rollout::Raw;
 use qv_rollout::Rollout;
 use qv_rollout::law;
@@ -31,13 +32,13 @@ pub struct Sample {
 /// Mean and spread of the features of windows that are alike.
 #[derive(Clone)]
 struct Mode {
-    mean: DVector<f64>,
-    /// Lower triangle with `L L' = covariance`.
-    root: DMatrix<f64>,
+    mean: Vec<f64>,
+    /// Of the covariance.
+    root: Cholesky,
     law_mean: Vec<f64>,
     law_deviation: Vec<f64>,
     /// Standard deviation of each feature.
-    deviation: DVector<f64>,
+    deviation: Vec<f64>,
 }
 
 /// Mean and spread of the features of each window of a run when there is no effect.
@@ -65,20 +66,22 @@ impl Whitener {
         };
         let mut modes = vec![of(false)?, of(true)?];
         let mut of_window: Vec<usize> = moving.iter().map(|m| usize::from(*m)).collect();
-        let own: Option<Vec<(DVector<f64>, DVector<f64>)>> =
+        let own: Option<Vec<(Vec<f64>, Vec<f64>)>> =
             (0..windows).map(|w| if are_of_windows { own_spread(samples, w) } else { None }).collect();
         if let Some(own) = own {
             let unit = |s: &Sample| {
                 let (middle, spread) = &own[s.window];
-                (DVector::from_column_slice(&s.raw.motion) - middle).component_div(spread)
+                minus(&s.raw.motion, middle).iter().zip(spread).map(|(x, s)| x / s).collect()
             };
-            let units: Vec<DVector<f64>> = samples.iter().map(unit).collect();
-            let all = correlation(&units.iter().collect::<Vec<_>>());
-            let of_one = |(w, own): (usize, &(DVector<f64>, DVector<f64>))| {
-                let mine = units.iter().zip(samples).filter(|u| u.1.window == w).map(|u| u.0);
-                let mine: Vec<&DVector<f64>> = mine.collect();
-                let share = mine.len() as f64 / (mine.len() + own.0.len()) as f64;
-                let mixed = correlation(&mine) * share + &all * (1.0 - share);
+            let units: Vec<Vec<f64>> = samples.iter().map(unit).collect();
+            let size = own.first().map_or(0, |o| o.0.len());
+            let all = correlation(&from_columns(size, &units));
+            let of_one = |(w, own): (usize, &(Vec<f64>, Vec<f64>))| {
+                let mine = units.iter().zip(samples).filter(|u| u.1.window == w).map(|u| u.0.clone());
+                let mine: Vec<Vec<f64>> = mine.collect();
+                let share = mine.len() as f64 / (mine.len() + size) as f64;
+                let mut mixed = &all * (1.0 - share);
+                add_scaled_matrix(&mut mixed, share, &correlation(&from_columns(size, &mine)));
                 modes[of_window[w]].with_own(&mixed, own)
             };
             modes = own.iter().enumerate().map(of_one).collect::<Option<_>>()?;
@@ -92,17 +95,24 @@ impl Whitener {
     }
 
     /// A residual as independent numbers of variance 1, less the mean.
-    pub fn residual(&self, window: usize, raw: &Raw) -> DVector<f64> {
+    pub fn residual(&self, window: usize, raw: &Raw) -> Vec<f64> {
         let mode = self.mode(window);
-        let motion = DVector::from_column_slice(&raw.motion) - &mode.mean;
+        let mut all = minus(&raw.motion, &mode.mean);
+        mode.root.whiten(&mut all);
         let law = raw.law.iter().enumerate().map(|(i, x)| x - mode.law_mean[i / self.law_bins]);
-        self.scaled(mode, motion, law)
+        all.extend(law.enumerate().map(|(i, x)| x / mode.law_deviation[i / self.law_bins]));
+        all
     }
 
-    /// A difference of residuals in the same units.
-    pub fn difference(&self, window: usize, raw: &Raw) -> DVector<f64> {
+    /// Differences of residuals in the same units, shape `[features, differences]`.
+    pub fn differences(&self, window: usize, raw: &[&Raw]) -> Matrix {
         let mode = self.mode(window);
-        self.scaled(mode, DVector::from_column_slice(&raw.motion), raw.law.iter().copied())
+        let size = mode.mean.len();
+        let mut motion = Matrix::from_fn(size, raw.len(), |i, k| raw[k].motion[i]);
+        mode.root.whiten_columns(&mut motion);
+        let law = |i: usize, k: usize| raw[k].law[i] / mode.law_deviation[i / self.law_bins];
+        let features = size + raw.first().map_or(0, |r| r.law.len());
+        Matrix::from_fn(features, raw.len(), |i, k| if i < size { motion[(i, k)] } else { law(i - size, k) })
     }
 
     /// Each feature less its mean, in units of its own spread: dependent numbers, for shares only.
@@ -115,34 +125,27 @@ impl Whitener {
         };
         Raw { motion, law: raw.law.iter().enumerate().map(of_law).collect() }
     }
-
-    fn scaled(&self, mode: &Mode, mut motion: DVector<f64>, law: impl Iterator<Item = f64>) -> DVector<f64> {
-        mode.root.solve_lower_triangular_mut(&mut motion);
-        let law = law.enumerate().map(|(i, x)| x / mode.law_deviation[i / self.law_bins]);
-        let all: Vec<f64> = motion.iter().copied().chain(law).collect();
-        DVector::from_vec(all)
-    }
 }
 
 impl Mode {
     /// The same mode with another middle and spread of each feature.
-    fn with_own(&self, correlation: &DMatrix<f64>, (mean, spread): &(DVector<f64>, DVector<f64>)) -> Option<Self> {
+    fn with_own(&self, correlation: &Matrix, (mean, spread): &(Vec<f64>, Vec<f64>)) -> Option<Self> {
         let size = spread.len();
-        let covariance = DMatrix::from_fn(size, size, |i, k| correlation[(i, k)] * spread[i] * spread[k]);
-        let root = covariance.cholesky()?.unpack();
+        let covariance = Matrix::from_fn(size, size, |i, k| correlation[(i, k)] * spread[i] * spread[k]);
+        let root = Cholesky::new(&covariance)?;
         Some(Self { root, mean: mean.clone(), deviation: spread.clone(), ..self.clone() })
     }
 }
 
 /// Median of each feature in one window's samples, and the spread about it with outliers cut off; `None` where there are
 /// too few.
-fn own_spread(samples: &[Sample], window: usize) -> Option<(DVector<f64>, DVector<f64>)> {
+fn own_spread(samples: &[Sample], window: usize) -> Option<(Vec<f64>, Vec<f64>)> {
     let own: Vec<&Sample> = samples.iter().filter(|s| s.window == window).collect();
     if own.len() < OWN_SAMPLES {
         return None;
     }
     let size = own[0].raw.motion.len();
-    let (mut middles, mut spreads) = (DVector::zeros(size), DVector::zeros(size));
+    let (mut middles, mut spreads) = (vec![0.0; size], vec![0.0; size]);
     for i in 0..size {
         let mut all: Vec<f64> = own.iter().map(|s| s.raw.motion[i]).collect();
         middles[i] = median(&mut all);
@@ -155,21 +158,21 @@ fn own_spread(samples: &[Sample], window: usize) -> Option<(DVector<f64>, DVecto
     Some((middles, spreads))
 }
 
-/// Correlation of samples in units of their spreads, drawn towards none. They are taken to follow Student's t (Lange,
+/// Correlation of samples in units of their spreads, shape `[features, samples]`, drawn towards none. They are taken to follow Student's t (Lange,
 /// Little and Taylor, JASA 84, 1989): a simulation that fell over is no noise.
-fn correlation(all: &[&DVector<f64>]) -> DMatrix<f64> {
-    let size = all.first().map_or(0, |u| u.len());
-    let mut correlation = DMatrix::identity(size, size);
+fn correlation(all: &Matrix) -> Matrix {
+    let (size, count) = all.shape();
+    let mut correlation = Matrix::identity(size, size);
     for _ in 0..ROUNDS {
-        let Some(factor) = correlation.clone().cholesky() else { break };
-        let mut next = DMatrix::<f64>::zeros(size, size);
-        for &u in all {
-            let length = u.dot(&factor.solve(u));
-            next.ger((FREEDOM + size as f64) / (FREEDOM + length), u, u, 1.0);
-        }
-        let diagonal = next.diagonal().map(|x| x.max(1e-12).sqrt());
-        let shrinkage = (size as f64 / all.len() as f64).clamp(SHRINKAGE[0], SHRINKAGE[1]);
-        correlation = DMatrix::from_fn(size, size, |i, k| {
+        let Some(factor) = Cholesky::new(&correlation) else { break };
+        let mut white = all.clone();
+        factor.whiten_columns(&mut white);
+        let root = |k: usize| ((FREEDOM + size as f64) / (FREEDOM + squared(white.col_as_slice(k)))).sqrt();
+        let roots: Vec<f64> = (0..count).map(root).collect();
+        let next = outer(&Matrix::from_fn(size, count, |i, k| roots[k] * all[(i, k)]));
+        let diagonal: Vec<f64> = diagonal_of(&next).iter().map(|x| x.max(1e-12).sqrt()).collect();
+        let shrinkage = (size as f64 / count as f64).clamp(SHRINKAGE[0], SHRINKAGE[1]);
+        correlation = Matrix::from_fn(size, size, |i, k| {
             if i == k { 1.0 } else { (1.0 - shrinkage) * next[(i, k)] / (diagonal[i] * diagonal[k]) }
         });
     }
@@ -180,19 +183,16 @@ fn correlation(all: &[&DVector<f64>]) -> DMatrix<f64> {
 fn mode(rollout: &Rollout, samples: &[&Sample], law_bins: usize) -> Option<Mode> {
     let size = samples.first()?.raw.motion.len();
     let count = samples.len() as f64;
-    let mut mean = DVector::zeros(size);
-    samples.iter().for_each(|s| mean += DVector::from_column_slice(&s.raw.motion) / count);
-    let mut spread = DMatrix::<f64>::zeros(size, samples.len());
-    for (k, s) in samples.iter().enumerate() {
-        spread.set_column(k, &(DVector::from_column_slice(&s.raw.motion) - &mean));
-    }
-    let mut covariance = &spread * spread.transpose() / (count - 1.0).max(1.0);
+    let mut mean = vec![0.0; size];
+    samples.iter().for_each(|s| add_scaled(&mut mean, 1.0 / count, &s.raw.motion));
+    let spread: Vec<Vec<f64>> = samples.iter().map(|s| minus(&s.raw.motion, &mean)).collect();
+    let mut covariance = outer(&from_columns(size, &spread)) * (1.0 / (count - 1.0).max(1.0));
     add_floor(rollout, &mut covariance);
-    let diagonal = covariance.diagonal();
+    let variances = diagonal_of(&covariance);
     covariance *= 1.0 - SHRINKAGE[1];
-    (0..size).for_each(|i| covariance[(i, i)] += SHRINKAGE[1] * diagonal[i]);
-    let deviation = covariance.diagonal().map(f64::sqrt);
-    let root = covariance.cholesky()?.unpack();
+    add_diagonal(&mut covariance, &variances.iter().map(|v| SHRINKAGE[1] * v).collect::<Vec<_>>());
+    let deviation = diagonal_of(&covariance).iter().map(|v| v.sqrt()).collect();
+    let root = Cholesky::new(&covariance)?;
     let joints = rollout.law_joints.len();
     let (mut law_mean, mut law_deviation) = (Vec::new(), Vec::new());
     for j in 0..joints {
@@ -207,7 +207,7 @@ fn mode(rollout: &Rollout, samples: &[&Sample], law_bins: usize) -> Option<Mode>
 }
 
 /// A feature that hardly varies among few samples must not become all-important.
-fn add_floor(rollout: &Rollout, covariance: &mut DMatrix<f64>) {
+fn add_floor(rollout: &Rollout, covariance: &mut Matrix) {
     let bins = rollout.cut.bins();
     let mut first = 0;
     for &channel in &rollout.channels {

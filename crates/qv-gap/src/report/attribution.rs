@@ -11,6 +11,7 @@ use crate::inference::short_windows::feet;
 use crate::problem::columns::{Extent, Suspect};
 use crate::problem::library::Interface;
 use crate::report::{JointShare, RegionShare, Share, TimeShare, Where};
+use qv_fit::linear::squared;
 use qv_rollout::Channel;
 use qv_rollout::features;
 use qv_rollout::law;
@@ -170,9 +171,8 @@ struct Floor(Vec<([f64; 2], f64)>);
 
 impl Floor {
     fn new(study: &LinearisedProblem) -> Self {
-        let level = |seen: &LinearisedWindow| {
-            (seen.residual.norm_squared() / seen.residual.len() as f64 - study.floor).max(0.0)
-        };
+        let level =
+            |seen: &LinearisedWindow| (squared(&seen.residual) / seen.residual.len() as f64 - study.floor).max(0.0);
         Self(study.seen.iter().map(|s| (place(&s.window), level(s))).collect())
     }
 

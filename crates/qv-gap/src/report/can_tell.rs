@@ -14,6 +14,7 @@ use crate::inference::gaussian_evidence::Marginal;
 use crate::inference::linearised::LinearisedProblem;
 use crate::inference::search::direction;
 use crate::problem::columns::Suspect;
+use qv_fit::linear::{dot, times};
 
 /// Standard normal quantile of 0.9.
 const POWER: f64 = 1.281_551_565_544_9;
@@ -48,8 +49,8 @@ fn of_group(study: &LinearisedProblem, marginal: &Marginal, policy: &Policy, ind
     } - effect.log_prior;
     let mut of = Vec::new();
     for (axis, named) in effect.axes.iter().enumerate() {
-        let d = along.d.column(axis);
-        let curvature = d.dot(&(&marginal.curvature * d)) / along.steps[axis].powi(2);
+        let d = along.d.col_as_slice(axis);
+        let curvature = dot(d, &times(&marginal.curvature, d)) / along.steps[axis].powi(2);
         let least = least_size(curvature, needed, effect.span(), policy.least_size * effect.tolerance);
         let furthest = effect.range.iter().map(|limit| (limit - along.absent[axis]).abs()).fold(0.0, f64::max);
         let least_size = least.filter(|size| *size <= furthest);

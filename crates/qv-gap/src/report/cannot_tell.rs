@@ -5,6 +5,8 @@ use crate::inference::linearised::LinearisedProblem;
 use crate::inference::search::{direction, fitted};
 use crate::problem::columns::Suspect;
 use crate::problem::library::Effect;
+use qv_fit::linear::{add_scaled, add_scaled_matrix, dot, product, times, transposed_product, transposed_times};
+use qv_fit::{Cholesky, Matrix};
 use qv_recording::Run;
 
 /// Cosine of the angle between sensitivities from which effects count as alike.
@@ -149,15 +151,15 @@ fn weak(study: &LinearisedProblem) -> Vec<String> {
 pub fn confusable(study: &LinearisedProblem, suspect: &Suspect) -> Vec<String> {
     let columns = &study.columns;
     let Some(own) = direction(columns, suspect.group, 0) else { return Vec::new() };
-    let mut h = nalgebra::DMatrix::zeros(study.width(), study.width());
-    study.seen.iter().for_each(|s| h += &s.h * fitted(s));
+    let mut h = Matrix::zeros(study.width(), study.width());
+    study.seen.iter().for_each(|s| add_scaled_matrix(&mut h, fitted(s), &s.h));
     // Along the values that were found.
-    let mut along = nalgebra::DVector::zeros(study.width());
+    let mut along = vec![0.0; study.width()];
     for (axis, value) in suspect.values.iter().enumerate() {
         let absent = if own.absent[axis].is_finite() { own.absent[axis] } else { value - own.steps[axis] };
-        along.axpy((value - absent) / own.steps[axis], &own.d.column(axis), 1.0);
+        add_scaled(&mut along, (value - absent) / own.steps[axis], own.d.col_as_slice(axis));
     }
-    let length = along.dot(&(&h * &along)).sqrt();
+    let length = dot(&along, &times(&h, &along)).sqrt();
     let names = &columns.groups[suspect.group].names;
     let mut alike: Vec<(f64, String)> = Vec::new();
     for (index, group) in columns.groups.iter().enumerate() {
@@ -167,11 +169,10 @@ pub fn confusable(study: &LinearisedProblem, suspect: &Suspect) -> Vec<String> {
         }
         let Some(other) = direction(columns, index, 0) else { continue };
         // The angle to the space that the other effect's axes span.
-        let hd = &h * &other.d;
-        let gram = other.d.tr_mul(&hd);
-        let projection = hd.tr_mul(&along);
-        let Some(factor) = gram.cholesky() else { continue };
-        let cosine = projection.dot(&factor.solve(&projection)).max(0.0).sqrt() / length.max(1e-300);
+        let hd = product(&h, &other.d);
+        let projection = transposed_times(&hd, &along);
+        let Some(factor) = Cholesky::new(&transposed_product(&other.d, &hd)) else { continue };
+        let cosine = factor.length(&projection).sqrt() / length.max(1e-300);
         if cosine > ALIKE && !alike.iter().any(|(_, name)| *name == effect.name) {
             alike.push((cosine, effect.name.clone()));
         }

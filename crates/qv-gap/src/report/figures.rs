@@ -4,6 +4,7 @@ use crate::GapError;
 use crate::inference::linearised::LinearisedProblem;
 use crate::inference::local::place;
 use crate::report::{Curve, FloorPoint, HeatMap, Traces, traces};
+use qv_fit::linear::squared;
 use qv_rollout::Channel;
 use qv_rollout::Overrides;
 use qv_rollout::Raw;
@@ -77,7 +78,7 @@ fn floor_plan(study: &LinearisedProblem, after: &[Raw]) -> Vec<FloorPoint> {
         let [x, y] = place(&seen.window);
         let level = |raw: &Raw| {
             let r = study.whitener(seen).residual(seen.index, raw);
-            r.norm_squared() / r.len() as f64
+            squared(&r) / r.len() as f64
         };
         if x.is_finite() && y.is_finite() && !raw.is_empty() {
             points.push(FloorPoint { x, y, before: level(&seen.raw), after: level(raw) });

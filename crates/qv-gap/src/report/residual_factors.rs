@@ -6,8 +6,9 @@
 use crate::checks::stationarity::mean_of;
 use crate::inference::linearised::{EXTRA, LinearisedProblem, LinearisedWindow};
 use crate::report::Factor;
-use nalgebra::{DMatrix, DVector};
 use qv_core::JointSeries;
+use qv_fit::linear::{add_diagonal, add_outer, add_scaled, dot, transposed_times};
+use qv_fit::{Cholesky, Matrix};
 
 /// Parts that windows are dealt to: each is foretold from the others.
 const FOLDS: usize = 4;
@@ -68,13 +69,13 @@ fn asked(study: &LinearisedProblem) -> Option<Vec<Vec<f64>>> {
         units.iter().filter_map(|&u| columns.column(u, 0).map(|c| (EXTRA + c, columns.columns[c].value))).collect();
     let span = columns.effects[effect].span();
     let ask = |seen: &LinearisedWindow| {
-        let b = seen.j.tr_mul(&seen.residual);
+        let b = transposed_times(&seen.j, &seen.residual);
         let n = of.len();
-        let mut h = DMatrix::from_fn(n, n, |i, j| seen.h[(of[i].0, of[j].0)]);
+        let mut h = Matrix::from_fn(n, n, |i, j| seen.h[(of[i].0, of[j].0)]);
         // A weak prior keeps joints that nothing moves at zero.
         (0..n).for_each(|i| h[(i, i)] += (of[i].1 / (0.1 * span)).powi(2));
-        let g = DVector::from_fn(n, |i, _| b[of[i].0]);
-        h.cholesky().map_or(vec![0.0; n], |c| c.solve(&g).iter().zip(&of).map(|(a, (_, v))| a * v).collect())
+        let g: Vec<f64> = of.iter().map(|(at, _)| b[*at]).collect();
+        Cholesky::new(&h).map_or(vec![0.0; n], |c| c.solve(&g).iter().zip(&of).map(|(a, (_, v))| a * v).collect())
     };
     Some(study.seen.iter().map(ask).collect())
 }
@@ -110,18 +111,19 @@ fn held_out_r2(asked: &[Vec<f64>], known: &[Vec<Known>], terms: fn(&Known) -> Ve
             let (train, test): (Vec<usize>, Vec<usize>) = (0..asked.len()).partition(|w| w % FOLDS != fold);
             let row = |w: usize| [vec![1.0], terms(&known[w][j])].concat();
             let size = row(0).len();
-            let mut normal = DMatrix::<f64>::identity(size, size) * 1e-9;
-            let mut right = DVector::zeros(size);
+            let mut normal = Matrix::zeros(size, size);
+            add_diagonal(&mut normal, &vec![1e-9; size]);
+            let mut right = vec![0.0; size];
             for &w in &train {
-                let x = DVector::from_vec(row(w));
-                right.axpy(asked[w][j], &x, 1.0);
-                normal += &x * x.transpose();
+                let x = row(w);
+                add_scaled(&mut right, asked[w][j], &x);
+                add_outer(&mut normal, 1.0, &x);
             }
-            let Some(factor) = normal.cholesky() else { continue };
+            let Some(factor) = Cholesky::new(&normal) else { continue };
             let coefficients = factor.solve(&right);
             let mean = train.iter().map(|&w| asked[w][j]).sum::<f64>() / train.len().max(1) as f64;
             for &w in &test {
-                left += (asked[w][j] - coefficients.dot(&DVector::from_vec(row(w)))).powi(2);
+                left += (asked[w][j] - dot(&coefficients, &row(w))).powi(2);
                 all += (asked[w][j] - mean).powi(2);
             }
         }
