@@ -19,7 +19,7 @@ fn effects_are_listed_with_unit_and_range() {
     assert_eq!(of("command_latency")["unit"], "s");
     let limit = |name: &str, place: &str| of(name)[place][1].as_f64().unwrap();
     // Drives of arms are slower than those of robots that walk.
-    assert!(limit("command_latency", "held") > limit("command_latency", "walking"), "{all:#}");
+    assert!(limit("actuator_lag", "held") > limit("actuator_lag", "walking"), "{all:#}");
     assert_eq!(of("ground_friction")["held"], Value::Null);
     assert_eq!(of("series_compliance")["walking"], Value::Null, "it is looked for in held robots alone");
     assert_eq!(of("camera_blur")["group"], "camera");
