@@ -15,6 +15,8 @@ mod footage;
 use footage::{Hidden, Truth, error, recording, through, yard};
 use qv_camera::{Intrinsics, LookOptions, look};
 use qv_core::Pose;
+use qv_gap::decision::{Policy, decide_camera};
+use qv_gap::report::Sight;
 use qv_splat::captures::rgbd;
 use qv_splat::files::{Format, points, read_any, write};
 use qv_splat::train::{CpuEngine, Dataset, Engine, Model, ReadOptions, TrainOptions, of_points, train};
@@ -142,8 +144,9 @@ impl Score {
         let hidden = Hidden::draw(kind, &mut Random::new(seed, 5));
         let recording = recording(truth, hidden, seed);
         let clock = Instant::now();
-        let sight =
+        let look =
             look(&recording.footage(&truth.cloud), &LookOptions { width: flag("--width", 160), ..Default::default() })?;
+        let sight = Sight::new(&look.evidence, &decide_camera(&look.evidence, &Policy::default()));
         let first = sight.causes.first();
         let name = first.map_or("none".to_string(), |c| c.effect.clone());
         let off = first.filter(|c| c.effect == hidden.name()).map_or(f64::NAN, |c| error(hidden, c));

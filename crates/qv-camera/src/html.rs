@@ -1,11 +1,12 @@
 //! Photographs beside what the scene shows, for report.html.
 
-use crate::{Looks, Sight};
+use crate::Looks;
 use qv_gap::export::words::{escape, percent, significant, words};
+use qv_gap::report::Sight;
 use std::fmt::Write;
 
 /// A section with pictures inside, in the classes of the report's own style sheet.
-pub fn section(sight: &Sight) -> String {
+pub fn section(sight: &Sight, looks: &[Looks]) -> String {
     let gap = &sight.gap;
     let mut text = format!(
         "<h2>What the camera sees</h2><div class=\"card\"><p>{}</p><p class=\"soft small\">{} images; brightness differs by {} as \
@@ -31,9 +32,9 @@ pub fn section(sight: &Sight) -> String {
             .collect();
         let _ = write!(text, "<p><b>{}</b>: {}</p>", escape(&words(&cause.effect)), escape(&values.join(", ")));
     }
-    if !sight.looks.is_empty() {
+    if !looks.is_empty() {
         text += "<div class=\"scroll\"><table><tr><th>photograph<th>scene as measured<th>difference<th>scene corrected<th>difference</tr>";
-        sight.looks.iter().for_each(|looks| text += &row(looks));
+        looks.iter().for_each(|looks| text += &row(looks));
         text += "</table></div>";
     }
     text + "</div>"

@@ -1,14 +1,16 @@
-//! Which effect of the camera: accuse or abstain.
+//! Which effect of the camera all photographs share, measured as far as the policy asks for it.
 
 use crate::CameraError;
 use crate::align::{self, NUMBERS, Offsets};
 use crate::model::{BLUR, DELAY, FOCAL, Fit, GAIN, MOUNTING, PLACE, SHARED, Sighting, TOLERANCE, Together};
 use crate::path::{Path, pose_of};
-use crate::sight::{Looks, Noise, Sight, VisualGap};
+use crate::sight::{Look, Looks};
 use crate::{Footage, LinearisedWindow, LookOptions, Rig, plus, stated};
 use qv_core::random::SplitMix64;
 use qv_core::statistics::median;
-use qv_gap::report::{Cause, ParameterEstimate, Ranked, Verdict};
+use qv_gap::decision::Policy;
+use qv_gap::decision::evidence::CameraEvidence;
+use qv_gap::report::{Cause, Noise, ParameterEstimate, VisualGap};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -73,25 +75,8 @@ pub const EFFECTS: [CameraEffect; 5] = [
     },
 ];
 
-/// Log evidence over that of no effect from which one is accused.
-const EVIDENCE: f64 = 5.0;
-/// Size from which one is accused, in tolerances.
-const SIZE: f64 = 3.5;
-/// Share of the squares above the floor that one must take away in photographs that its fit has not seen.
-const CLOSED: f64 = 0.1;
-/// Standard errors by which the disagreement must fall there.
-const ERRORS: f64 = 2.0;
-/// An effect whose evidence comes this near to the accused one's looks like it.
-const ALIKE: f64 = 10.0;
-/// Level below which nothing is left that noise and tolerances do not explain: 1 is expected of a true model, and outliers, which count as
-/// their weight says, bring no more than 1.8.
-const EXPLAINED: f64 = 1.4;
-/// Share of a photograph's contrast that the scene must account for at its best in half of the photographs, or it shows another place.
-const ALIKE_AT_BEST: f64 = 0.3;
 /// Parts into which photographs are dealt: each is judged by a fit to the others.
 const FOLDS: usize = 4;
-/// Most effects that are accused.
-const MOST: usize = 3;
 /// Photographs that are shown.
 const SHOWN: usize = 3;
 
@@ -101,6 +86,7 @@ struct Judge<'a> {
     seen: &'a [LinearisedWindow],
     stated: Offsets,
     width: usize,
+    policy: &'a Policy,
 }
 
 /// Judges what the photographs are off by.
@@ -109,13 +95,13 @@ pub fn judge(
     path: &Path,
     seen: &[LinearisedWindow],
     options: &LookOptions,
-) -> Result<Sight, CameraError> {
-    let rig = footage.rig;
+) -> Result<Look, CameraError> {
+    let (rig, policy) = (footage.rig, &options.policy);
     let sightings: Vec<Sighting> = seen.iter().map(|s| s.sighting.clone()).collect();
     let no_good = || CameraError::new("images", "photographs that agree with the scene somewhere", "none");
     let together = Together::new(path, rig.base_from_camera, rig.delay, &sightings).ok_or_else(no_good)?;
-    let judge = Judge { footage, together, seen, stated: stated(&rig, options.width), width: options.width };
-    let shows_another_place = judge.share_accounted_for() < ALIKE_AT_BEST;
+    let judge = Judge { footage, together, seen, stated: stated(&rig, options.width), width: options.width, policy };
+    let shows_another_place = judge.share_accounted_for() < policy.camera_accounted;
     let free: Vec<usize> = (0..PLACE).collect();
     let all = judge.together.fit(&free, &[[0.0; SHARED]], |_| true).ok_or_else(no_good)?;
     let none = judge.fit(&[], &all, |_| true).ok_or_else(no_good)?;
@@ -130,7 +116,7 @@ pub fn judge(
     let mut confusable: Vec<Vec<usize>> = Vec::new();
     let mut before: Vec<f64> = seen.iter().map(|s| s.before.loss).collect();
     let measured = before.clone();
-    while accused.len() < MOST {
+    while accused.len() < policy.camera_most {
         let mut ranked: Vec<(usize, f64, Fit)> = allowed
             .iter()
             .filter(|e| !accused.contains(e))
@@ -145,18 +131,18 @@ pub fn judge(
             first = ranked.iter().map(|(e, evidence, _)| (*e, *evidence)).collect();
         }
         let Some((effect, evidence, fit)) = ranked.first() else { break };
-        if *evidence < EVIDENCE || !judge.is_large(*effect, &fit.shared) {
+        if *evidence < policy.camera_evidence || !judge.is_large(*effect, &fit.shared) {
             break;
         }
         let with = [&accused[..], &[*effect]].concat();
         let after = judge.unseen(&with, &all)?;
         let floor: f64 = seen.iter().map(|s| s.aligned.disagreement.loss).sum();
         let (fall, error) = fall(&before, &after);
-        let closes = fall * seen.len() as f64 > CLOSED * (before.iter().sum::<f64>() - floor);
-        if fall < ERRORS * error || !closes {
+        let closes = fall * seen.len() as f64 > policy.camera_closed * (before.iter().sum::<f64>() - floor);
+        if fall < policy.camera_errors * error || !closes {
             break;
         }
-        let alike = ranked[1..].iter().filter(|r| r.1 > evidence - ALIKE && r.1 > EVIDENCE);
+        let alike = ranked[1..].iter().filter(|r| r.1 > evidence - policy.camera_alike && r.1 > policy.camera_evidence);
         confusable.push(alike.map(|r| r.0).collect());
         accused.push(*effect);
         (best, before) = (fit.clone(), after);
@@ -172,7 +158,7 @@ pub fn judge(
         )),
         (false, None) => None,
     };
-    judge.told(&Found { accused, confusable, first, none, best, all, before: measured, after: before, left }, options)
+    judge.look(&Found { accused, confusable, first, none, best, all, before: measured, after: before, left }, options)
 }
 
 /// What the search for effects came to.
@@ -216,7 +202,7 @@ impl Judge<'_> {
         let fit = self.together.fit(&wide, &[[0.0; SHARED], best.shared], |_| true)?;
         let size = (PLACE..SHARED).map(|i| (fit.shared[i] / TOLERANCE[i]).powi(2)).sum::<f64>().sqrt();
         let norm = |of: Range<usize>| of.map(|i| fit.shared[i].powi(2)).sum::<f64>().sqrt();
-        let is_off = fit.evidence - best.evidence > EVIDENCE && size >= SIZE;
+        let is_off = fit.evidence - best.evidence > self.policy.camera_evidence && size >= self.policy.camera_size;
         is_off.then(|| [norm(PLACE..PLACE + 3), norm(PLACE + 3..SHARED)])
     }
 
@@ -224,7 +210,7 @@ impl Judge<'_> {
     fn is_large(&self, effect: usize, shared: &[f64; SHARED]) -> bool {
         let CameraEffect { of, range, .. } = &EFFECTS[effect];
         let size = of.clone().map(|i| (shared[i] / TOLERANCE[i]).powi(2)).sum::<f64>().sqrt();
-        size >= SIZE && of.clone().all(|i| (range[0]..=range[1]).contains(&shared[i]))
+        size >= self.policy.camera_size && of.clone().all(|i| (range[0]..=range[1]).contains(&shared[i]))
     }
 
     /// Offsets that effects alone foretell.
@@ -245,11 +231,9 @@ impl Judge<'_> {
         self.seen.par_iter().enumerate().map(one).collect()
     }
 
-    fn told(&self, found: &Found, options: &LookOptions) -> Result<Sight, CameraError> {
+    fn look(&self, found: &Found, options: &LookOptions) -> Result<Look, CameraError> {
         let Found { accused, confusable, first, none, best, all, before, after, left } = found;
         let floor: Vec<f64> = self.seen.iter().map(|s| s.aligned.disagreement.loss).collect();
-        let gap = self.gap(before, after, &floor, options.seed);
-        let probabilities = probabilities(first, accused);
         let mut causes = Vec::new();
         for (k, &effect) in accused.iter().enumerate() {
             let alone = if accused.len() == 1 { after.to_vec() } else { self.unseen(&[effect], all)? };
@@ -261,10 +245,7 @@ impl Judge<'_> {
             }
             causes.push(Cause {
                 effect: EFFECTS[effect].name.into(),
-                probability: probabilities
-                    .iter()
-                    .find(|r| r.effect == EFFECTS[effect].name)
-                    .map_or(0.0, |r| r.probability),
+                probability: 0.0,
                 scope: vec!["all".into()],
                 parameters: self.estimates(effect, best),
                 closed_alone: closed(before, &alone, &floor),
@@ -273,30 +254,19 @@ impl Judge<'_> {
                 by_recording: Vec::new(),
             });
         }
-        // Without causes the best fit is that of none.
-        let verdict = match (causes.is_empty(), best.level < EXPLAINED && left.is_none()) {
-            (true, true) => Verdict::NoGap,
-            (true, false) => Verdict::Unexplained,
-            (false, true) => Verdict::Explained,
-            (false, false) => Verdict::PartlyExplained,
-        };
-        let corrected = self.corrected(accused, best);
-        Ok(Sight {
-            verdict,
-            sentence: sentence(verdict, &causes, &gap, self.seen.len()),
+        let evidence = CameraEvidence {
             photographs: self.seen.len(),
             size: [self.footage.rig.intrinsics.width as usize, self.footage.rig.intrinsics.height as usize],
-            gap,
+            gap: self.gap(before, after, &floor, options.seed),
             level: [none.level, best.level],
             causes,
-            ranking: probabilities,
             evidence: first.iter().map(|(e, evidence)| (EFFECTS[*e].name.to_string(), *evidence)).collect(),
             shared: (0..EFFECTS.len()).flat_map(|e| self.estimates(e, all)).collect(),
             noise: self.noise(),
+            is_scene_off: left.is_some(),
             cannot_tell: left.iter().cloned().chain(self.cannot_tell(all)).collect(),
-            looks: self.looks(accused, best)?,
-            corrected: Some(corrected),
-        })
+        };
+        Ok(Look { evidence, corrected: self.corrected(accused, best), pictures: self.pictures(accused, best)? })
     }
 
     fn gap(&self, before: &[f64], after: &[f64], floor: &[f64], seed: u64) -> VisualGap {
@@ -432,7 +402,7 @@ impl Judge<'_> {
     }
 
     /// Photographs beside the scene, spread over those with a typical gap.
-    fn looks(&self, effects: &[usize], best: &Fit) -> Result<Vec<Looks>, CameraError> {
+    fn pictures(&self, effects: &[usize], best: &Fit) -> Result<Vec<Looks>, CameraError> {
         let count = self.seen.len().min(SHOWN);
         let shown = (0..count).map(|k| &self.seen[(2 * k + 1) * self.seen.len() / (2 * count)]);
         let one = |seen: &LinearisedWindow| {
@@ -491,38 +461,4 @@ fn fall(before: &[f64], after: &[f64]) -> (f64, f64) {
 fn closed(before: &[f64], after: &[f64], floor: &[f64]) -> f64 {
     let sum = |x: &[f64]| x.iter().sum::<f64>();
     ((sum(before) - sum(after)) / (sum(before) - sum(floor)).max(1e-12)).clamp(0.0, 1.0)
-}
-
-/// That each effect is there; several can be, so that they need not sum to 1. Evidence counts in steps of ten nats, as for the other effects: beyond any doubt about the model itself odds mean nothing.
-fn probabilities(first: &[(usize, f64)], accused: &[usize]) -> Vec<Ranked> {
-    let weight = |e: f64| (e / 10.0).min(60.0).exp();
-    // Without an accusation none is likelier than all of them.
-    let of_none = if accused.is_empty() { first.iter().map(|f| weight(f.1)).fold(1.0, f64::max) * 4.0 } else { 1.0 };
-    let total: f64 = of_none + first.iter().map(|f| weight(f.1)).sum::<f64>();
-    let mut out: Vec<Ranked> = first
-        .iter()
-        .map(|(e, evidence)| {
-            let share = weight(*evidence) / total;
-            let probability = if accused.contains(e) { share.max(0.9) } else { share };
-            Ranked { effect: EFFECTS[*e].name.into(), probability }
-        })
-        .collect();
-    out.push(Ranked { effect: "none".into(), probability: of_none / total });
-    out.sort_by(|a, b| b.probability.total_cmp(&a.probability));
-    out
-}
-
-fn sentence(verdict: Verdict, causes: &[Cause], gap: &VisualGap, photographs: usize) -> String {
-    let names: Vec<String> = causes.iter().map(|c| c.effect.replace('_', " ")).collect();
-    let closed = format!("closes {:.0} % of what {photographs} images and the scene are apart", 100.0 * gap.closed);
-    match verdict {
-        Verdict::NoGap => format!("In {photographs} images the camera sees what the scene shows."),
-        Verdict::Unexplained => {
-            "The camera does not see what the scene shows, and no effect of a camera explains it.".into()
-        }
-        Verdict::Explained => format!("Of the camera, {} {closed}.", names.join(" and ")),
-        Verdict::PartlyExplained => {
-            format!("Of the camera, {} {closed}; something else is there, too.", names.join(" and "))
-        }
-    }
 }

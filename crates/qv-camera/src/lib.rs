@@ -1,8 +1,8 @@
 //! The camera in the diagnosis: what it sees against what a splat of the place shows at the measured pose.
 //!
 //! Stage one aligns each photograph with the scene and gets what it is off by (`align`); stage two asks which effect of the
-//! camera all photographs share (`model`), accuses or abstains (`judge`), and tells how far photographs and scene agree in
-//! photographs that the fit has not seen. [`join`] adds that to the report of the rest of the robot. See `docs/visual.md`.
+//! camera all photographs share (`model`, `judge`), and tells how far photographs and scene agree in
+//! photographs that the fit has not seen. What is accused is decided from that by `qv_gap::decision`. See `docs/visual.md`.
 
 /// Types of these stand in the interface of this crate.
 pub use {glam, qv_core};
@@ -14,7 +14,6 @@ mod error;
 #[path = "../../../fixtures/facts.rs"]
 mod facts;
 pub mod html;
-mod join;
 mod judge;
 pub mod model;
 pub mod path;
@@ -23,15 +22,15 @@ mod sight;
 
 pub use calibrated::to_toml;
 pub use error::CameraError;
-pub use join::join;
 pub use judge::{CameraEffect, EFFECTS};
-pub use sight::{Looks, Noise, Sight, VisualGap};
+pub use sight::{Look, Looks};
 
 use align::{Aligned, Offsets, Target};
 use model::{Sighting, Together};
 use path::Path;
 use qv_core::statistics::median;
 use qv_core::{Camera, GaussianCloud, JointSeries, Pose};
+use qv_gap::decision::Policy;
 use qv_raster::RasterError;
 use rayon::prelude::*;
 
@@ -130,6 +129,8 @@ pub struct LookOptions<'a> {
     pub most: usize,
     /// Effects that may not be accused.
     pub without: Vec<String>,
+    /// The numbers that decide.
+    pub policy: Policy,
     /// Seed of the bootstrap.
     pub seed: u64,
     /// Told of photographs done and all.
@@ -138,15 +139,15 @@ pub struct LookOptions<'a> {
 
 impl Default for LookOptions<'_> {
     fn default() -> Self {
-        Self { width: 160, most: 40, without: Vec::new(), seed: 1, progress: None }
+        Self { width: 160, most: 40, without: Vec::new(), policy: Policy::default(), seed: 1, progress: None }
     }
 }
 
-/// Compares photographs with the scene, and says what is wrong with the camera.
+/// Compares photographs with the scene, and measures what may be wrong with the camera.
 ///
 /// # Errors
 /// Too few photographs or poses, an image whose size is not that of the intrinsics, a scene that is nowhere in view.
-pub fn look(footage: &Footage, options: &LookOptions) -> Result<Sight, CameraError> {
+pub fn look(footage: &Footage, options: &LookOptions) -> Result<Look, CameraError> {
     footage.rig.check()?;
     let path = Path::new(footage.poses)?;
     let chosen = chosen(footage, &path, options.most)?;

@@ -70,9 +70,9 @@ impl<'a> Simulator<'a> {
     ///
     /// # Errors
     /// When a task starts where nothing was measured, or the simulator refuses.
-    pub fn run<'r>(
+    pub fn run(
         &self,
-        recordings: &'r [Recording],
+        recordings: &[Recording],
         tasks: &[Task],
         ticks: usize,
         done: &(dyn Fn(usize) + Sync),

@@ -5,8 +5,7 @@
 //! gets no report. Prints a line of JSON: how many were decided, and how many not.
 
 use qv_gap::decision::evidence::Evidence;
-use qv_gap::decision::{Decided, Decision, Policy, decide};
-use qv_gap::report::Verdict;
+use qv_gap::decision::{Decision, Policy, decide};
 use serde_json::{Value, json};
 use std::error::Error;
 use std::fs;
@@ -41,15 +40,15 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn one(folder: &Path, out: &Path, policy: &Policy) -> Result<bool, Box<dyn Error>> {
     let file = folder.join("evidence.json");
     let text = fs::read_to_string(&file).map_err(|e| format!("{}: {e}", file.display()))?;
-    let evidence: Evidence = serde_json::from_str(&text).map_err(|e| format!("{}: {e}", file.display()))?;
-    let Decided::Decision(decision) = decide(&evidence, policy) else { return Ok(false) };
+    let evidence = Evidence::read(&text, &file.display().to_string())?;
+    let Ok(decision) = decide(&evidence, policy) else { return Ok(false) };
     fs::create_dir_all(out)?;
     fs::write(out.join("report.json"), report(&evidence, &decision).to_string())?;
     Ok(true)
 }
 
 fn report(evidence: &Evidence, decision: &Decision) -> Value {
-    let is_told = matches!(decision.verdict, Verdict::Explained | Verdict::PartlyExplained);
+    let is_told = decision.accuses();
     let probability = |effect: &str| {
         let of = decision.ranking.iter().find(|r| r.effect == effect);
         of.map_or(0.0, |r| r.probability)

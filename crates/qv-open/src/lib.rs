@@ -16,9 +16,10 @@
 //! ```
 
 /// Types of these stand in the interface of this crate.
-pub use {glam, qv_core};
+pub use {glam, qv_core, qv_gap};
 
 mod calibration;
+pub mod diagnosis;
 #[cfg(test)]
 #[path = "../../../fixtures/facts.rs"]
 mod facts;

@@ -7,8 +7,8 @@ use crate::waiting::wait;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
-use qv_gap::problem::library;
-use qv_gap::{Options, Progress, export};
+use qv_gap::Progress;
+use qv_open::diagnosis::{self, Request, Robot};
 use qv_open::{ground, model_of, told_of, urdf_of};
 use qv_replay::{ReplayOptions, find_gains, to_html, to_json, verdict};
 
@@ -99,13 +99,9 @@ pub fn diagnose<'py>(
     let Some(first) = recordings.first() else {
         return Err(value("recordings: expected at least one, found none"));
     };
-    if !(0.0..=0.05).contains(&ground_error) {
-        return Err(value(format!("ground_error: expected 0 to 0.05 m, found {ground_error}")));
-    }
-    let effects = effects(library_file)?;
-    if let Some(name) = without.iter().find(|name| !effects.iter().any(|e| e.name == **name)) {
-        return Err(value(format!("without: expected effects of the library, found `{name}`")));
-    }
+    let ground_error = diagnosis::ground_error(Some(ground_error), terrain).map_err(opening)?;
+    let effects = diagnosis::effects(library_file.as_deref()).map_err(opening)?;
+    diagnosis::check_without(&without, &effects, &[]).map_err(opening)?;
     let (model, terrain) = py.detach(|| place(first, terrain)).map_err(opening)?;
     let title: Vec<String> = recordings.iter().map(|r| r.path.display().to_string()).collect();
     let urdf = urdf_of(&first.run, &first.path, first.robot.as_deref());
@@ -120,34 +116,27 @@ pub fn diagnose<'py>(
         let clock = Instant::now();
         let seconds = || clock.elapsed().as_secs_f64();
         let told = |at: &Progress| teller.begin((at.stage, at.stages, at.name.into(), at.done));
-        let options = Options {
-            library: effects,
-            given,
+        let request = Request {
+            runs: &runs,
             reference,
-            effort: qv_gap::inference::linearised::NullOptions { seed, ground_error, ..Default::default() },
+            model: &model,
+            terrain: &terrain,
+            given,
+            effects,
             without,
-            clock: Some(&seconds),
-            progress: Some(&told),
-            ..Default::default()
+            ground_error,
+            seed,
+            leave_out: 0,
+            title: title.join(", "),
+            notes,
+            provenance: None,
         };
-        let diagnosis = qv_gap::diagnose(&runs, &model, &terrain, &options, 0).map_err(value)?;
-        // Gains are not told to the files for other programs: those say that they are unknown.
-        Ok(export::files(&diagnosis.report, &model, urdf.as_deref(), &title.join(", "), &notes, &[], &[], &[]))
+        let found = diagnosis::diagnose(request, &seconds, &told).map_err(opening)?;
+        Ok(Robot::new(&runs[0], model.clone(), urdf).files(&found.report, &found.evidence, &[]))
     })?;
     let by_name = PyDict::new(py);
     for (name, bytes) in files {
         by_name.set_item(name, PyBytes::new(py, &bytes))?;
     }
     Ok(by_name)
-}
-
-/// The effects that can be accused: those that are built in, and those of a file.
-fn effects(library_file: Option<PathBuf>) -> PyResult<Vec<library::Effect>> {
-    let mut effects = library::built_in();
-    if let Some(path) = library_file {
-        let text = std::fs::read_to_string(&path)
-            .map_err(|e| opening(qv_open::file_error(&path, "a library of effects", &e.to_string())))?;
-        effects.extend(library::parse(&text, &path.display().to_string()).map_err(value)?);
-    }
-    Ok(effects)
 }

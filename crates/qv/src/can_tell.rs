@@ -1,11 +1,11 @@
 //! `qv inspect --can-tell`: the least sizes of effects that a recording shows, before anything is looked for in it.
 
 use crate::Reading;
-use crate::diagnose::replay_error;
 use crate::ground::{check_ground, terrain_of};
 use crate::open::{find_gains, model_of};
 use qv_gap::report::CanTell;
 use qv_gap::{Options, can_tell};
+use qv_open::diagnosis::gap_error;
 use qv_recording::{RecordingError, Run};
 use serde_json::json;
 use std::fmt::Write;
@@ -27,7 +27,7 @@ impl Asked<'_> {
         check_ground(self.run, &terrain)?;
         let mut runs = [self.run.clone()];
         find_gains(&mut runs, &model, &terrain, &[])?;
-        let sizes = can_tell(&runs, &model, &terrain, &Options::default()).map_err(replay_error)?;
+        let sizes = can_tell(&runs, &model, &terrain, &Options::default()).map_err(gap_error)?;
         Ok(match as_json {
             true => format!("{}\n", json!({ "format": "qv-can-tell/1", "power": 0.9, "can_tell": sizes })),
             false => table(&sizes),

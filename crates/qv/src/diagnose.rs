@@ -13,18 +13,12 @@ use crate::terminal::print_message;
 #[cfg(feature = "learn")]
 use crate::walk::trial::Tried;
 use crate::{Outcome, Reading, RunArguments, say};
-use qv_camera::{CameraError, EFFECTS, Footage, LookOptions, Photograph, Sight, check, html, join, look};
-use qv_core::statistics::median;
+use qv_camera::{CameraError, EFFECTS, Footage, Look, LookOptions, Photograph, check, html, look};
 use qv_core::{GaussianCloud, JointSeries};
-use qv_gap::decision::evidence::Evidence;
-use qv_gap::problem::library;
 use qv_gap::report::{Report, Stage, UNKNOWN};
-use qv_gap::{GapError, Options, Progress, diagnose, export};
+use qv_gap::{Diagnosis, Progress};
+use qv_open::diagnosis::{self, Request, Robot, gap_error};
 use qv_recording::{RecordingError, Run};
-use qv_rollout::RolloutError;
-use qv_sim::Model;
-use qv_sim::names::unknown as unknown_name;
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -33,9 +27,6 @@ pub const EXAMPLE: &str = "Example:\n  qv diagnose walk.mcap --out out/walk\n  q
     Writes report.json, report.html, calibrated.toml (for --params), and the same corrections for MuJoCo, URDF and Isaac \
     Lab;\nwith --scene also calibrated_camera.toml (for --camera). Images of a table are those that images.csv names (time, file).\nSeveral recordings are taken to be of one robot with one cause.\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
-
-/// How far off a mesh may be under a foot \[m\]: what flat ground in a mesh of good photographs has.
-const GROUND_ERROR: f64 = 0.003;
 
 #[derive(clap::Args)]
 pub struct Diagnose {
@@ -114,36 +105,9 @@ impl Diagnose {
         let model = model_of(&runs[0], &self.runs[0], self.reading.robot.as_deref())?;
         let terrain = terrain_of(&self.terrain)?;
         runs.iter().try_for_each(|run| check_ground(run, &terrain))?;
-        let mut library = library::built_in();
-        if let Some(path) = &self.library {
-            let text =
-                fs::read_to_string(path).map_err(|e| file_error(path, "a library of effects", &e.to_string()))?;
-            let own = library::parse(&text, &path.display().to_string()).map_err(replay_error)?;
-            if let Some(known) = own.iter().find(|own| library.iter().any(|e| e.name == own.name)) {
-                let found = format!("`{}`, which is of the library", known.name);
-                return Err(file_error(path, "effects with names of their own", &found));
-            }
-            library.extend(own);
-        }
-        let of_camera = |name: &str| EFFECTS.iter().any(|e| e.name == name);
-        let unknown = self.without.iter().find(|name| !library.iter().any(|e| e.name == **name) && !of_camera(name));
-        if let Some(name) = unknown {
-            let known = library.iter().map(|e| e.name.as_str()).chain(EFFECTS.iter().map(|e| e.name));
-            return Err(RecordingError::Run {
-                what: "--without".into(),
-                expected: "an effect of `qv effects`".into(),
-                found: unknown_name("effect", name, known),
-            });
-        }
-        let is_mesh = self.terrain != "plane";
-        let ground_error = self.ground_error.unwrap_or(if is_mesh { GROUND_ERROR } else { 0.0 });
-        if !(0.0..=0.05).contains(&ground_error) {
-            return Err(RecordingError::Run {
-                what: "--ground-error".into(),
-                expected: "0 to 0.05 m".into(),
-                found: ground_error.to_string(),
-            });
-        }
+        let effects = diagnosis::effects(self.library.as_deref())?;
+        diagnosis::check_without(&self.without, &effects, &EFFECTS.each_ref().map(|e| e.name))?;
+        let ground_error = diagnosis::ground_error(self.ground_error, &self.terrain)?;
         #[cfg(feature = "learn")]
         let mut tried = match (&self.tried.policy, &self.tried.policy_description) {
             (Some(policy), Some(description)) => Some(Tried::open(policy, description, &model).map_err(untold)?),
@@ -160,37 +124,42 @@ impl Diagnose {
         let bar = Stages::new();
         let clock = Instant::now();
         let seconds = || clock.elapsed().as_secs_f64();
-        let told = |at: &Progress| bar.begin(at.stage, at.stages, at.name, Some(at.done));
-        let options = Options {
-            library,
-            given,
-            reference,
-            effort: qv_gap::inference::linearised::NullOptions { seed: self.seed, ground_error, ..Default::default() },
-            without: self.without.clone(),
-            clock: Some(&seconds),
-            progress: Some(&told),
-            ..Default::default()
-        };
-        let mut diagnosis = diagnose(&runs, &model, &terrain, &options, self.leave_out).map_err(replay_error)?;
+        let stage = |at: &Progress| bar.begin(at.stage, at.stages, at.name, Some(at.done));
         let read = self.runs.iter().chain(&self.reference).map(PathBuf::as_path).chain([Path::new(&self.terrain)]);
         let read = read.chain(self.params.as_deref()).chain(self.library.as_deref()).chain(self.scene.as_deref());
         let read = read.chain(self.camera.as_deref()).chain(self.reading.robot_file());
-        let provenance = provenance(read);
-        diagnosis.report.provenance = Some(provenance.clone());
-        diagnosis.without.iter_mut().for_each(|(_, report, _)| report.provenance = Some(provenance.clone()));
+        let mut lost: Vec<String> = runs.iter().flat_map(lost_from).collect();
+        lost.extend(place.iter().flat_map(|p| p.notes.iter().cloned()));
+        lost.extend(model.left_out.iter().map(|part| format!("left out of the model: {part}")));
+        let told = told_of(&runs[0], &model);
+        let request = Request {
+            runs: &runs,
+            reference,
+            model: &model,
+            terrain: &terrain,
+            given,
+            effects,
+            without: self.without.clone(),
+            ground_error,
+            seed: self.seed,
+            leave_out: self.leave_out,
+            title: self.runs.iter().map(|r| r.display().to_string()).collect::<Vec<_>>().join(", "),
+            notes: told.iter().chain(&lost).cloned().collect(),
+            provenance: Some(provenance(read)),
+        };
+        let mut diagnosis = diagnosis::diagnose(request, &seconds, &stage)?;
         let seen = match &place {
-            Some(place) => Some(self.look(place, &runs[0], &mut diagnosis.report, &seconds, &bar)?),
+            Some(place) => Some(self.look(place, &runs[0], &mut diagnosis, &seconds, &bar)?),
             None => None,
         };
         bar.finish();
-        let mut lost: Vec<String> = runs.iter().flat_map(lost_from).collect();
-        lost.extend(place.iter().flat_map(|p| p.notes.iter().cloned()));
-        let urdf = urdf_of(&runs[0], &self.runs[0], self.reading.robot.as_deref());
-        lost.extend(model.left_out.iter().map(|part| format!("left out of the model: {part}")));
-        let told = told_of(&runs[0], &model);
-        let notes = told.iter().chain(&lost).cloned().collect();
-        let robot = Robot::new(&runs[0], model.clone(), urdf, notes);
-        let sections: Vec<String> = seen.iter().map(|(_, sight)| html::section(sight)).collect();
+        let robot =
+            Robot::new(&runs[0], model.clone(), urdf_of(&runs[0], &self.runs[0], self.reading.robot.as_deref()));
+        let sections: Vec<String> = seen
+            .iter()
+            .zip(&diagnosis.report.visual)
+            .map(|(look, sight)| html::section(sight, &look.pictures))
+            .collect();
         #[cfg(feature = "learn")]
         let (walks, sections) = match &mut tried {
             Some(tried) => self.walked(tried, (&model, &terrain), &diagnosis.report, sections)?,
@@ -198,13 +167,14 @@ impl Diagnose {
         };
         #[cfg(not(feature = "learn"))]
         let walks = "";
-        self.write(&self.out, &diagnosis.report, &diagnosis.evidence, &sections, &robot)?;
+        write(&self.out, robot.files(&diagnosis.report, &diagnosis.evidence, &sections))?;
         for (effect, report, evidence) in &diagnosis.without {
-            self.write(&self.out.join("without").join(effect), report, evidence, &[], &robot)?;
+            write(&self.out.join("without").join(effect), robot.files(report, evidence, &[]))?;
         }
-        if let Some((camera, sight)) = &seen {
+        for ((place, look), sight) in place.iter().zip(&seen).zip(&diagnosis.report.visual) {
             let path = self.out.join("calibrated_camera.toml");
-            put(&path, to_toml(camera, &sight.sentence)).map_err(|e| write_error(&path, &e))?;
+            let camera = RobotCamera { rig: look.corrected, ..place.camera };
+            put(&path, to_toml(&camera, &sight.sentence)).map_err(|e| write_error(&path, &e))?;
         }
         let report = &diagnosis.report;
         if self.json {
@@ -242,15 +212,15 @@ impl Diagnose {
         Ok(place)
     }
 
-    /// Judges the camera, adds that to the report, and gives the camera as it should be beside what was seen.
+    /// Compares images with the scene, and decides once more with what they show.
     fn look(
         &self,
         place: &Place,
         run: &Run,
-        report: &mut Report,
+        Diagnosis { report, evidence, .. }: &mut Diagnosis,
         seconds: &dyn Fn() -> f64,
         bar: &Stages,
-    ) -> Result<(RobotCamera, Sight), RecordingError> {
+    ) -> Result<Look, RecordingError> {
         let begun = seconds();
         // A pose that comes late is known by now: the camera is not accused of it.
         let late = report.corrections.iter().find(|c| c.parameter == "sensor.pose.delay").map_or(0.0, |c| c.value);
@@ -271,35 +241,16 @@ impl Diagnose {
             progress: Some(&progress),
             ..Default::default()
         };
-        let sight = look(&place.footage(poses.as_ref()), &options).map_err(camera_error)?;
-        let rig = sight.corrected.unwrap_or(place.camera.rig);
-        join(report, &sight);
+        let look = look(&place.footage(poses.as_ref()), &options).map_err(camera_error)?;
+        evidence.camera = Some(look.evidence.clone());
         let spent = seconds() - begun;
-        report.stages.push(Stage { name: "images".into(), steps: 0 });
-        report.timing.stages_s.push(spent);
-        report.timing.runtime_s += spent;
-        Ok((RobotCamera { rig, ..place.camera }, sight))
-    }
-
-    fn write(
-        &self,
-        directory: &Path,
-        report: &Report,
-        evidence: &Evidence,
-        sections: &[String],
-        robot: &Robot,
-    ) -> Result<(), RecordingError> {
-        make_folder(directory).map_err(|e| write_error(directory, &e))?;
-        let title: Vec<String> = self.runs.iter().map(|r| r.display().to_string()).collect();
-        let urdf = robot.urdf.as_deref();
-        let (title, Robot { model, notes, kp, kd, .. }) = (title.join(", "), robot);
-        let files = export::files(report, model, urdf, &title, notes, sections, kp, kd);
-        let evidence = serde_json::to_vec(evidence).expect("evidence is plain data");
-        for (name, bytes) in files.into_iter().chain([("evidence.json".into(), evidence)]) {
-            let path = directory.join(name);
-            put(&path, bytes).map_err(|e| write_error(&path, &e))?;
+        if let Some(data) = &mut evidence.report {
+            data.stages.push(Stage { name: "images".into(), steps: 0 });
+            data.timing.stages_s.push(spent);
+            data.timing.runtime_s += spent;
         }
-        Ok(())
+        *report = qv_gap::report::report(evidence, &options.policy).map_err(gap_error)?;
+        Ok(look)
     }
 
     /// Lets a policy walk before and after the corrections: writes policy.json, adds to the page, gives a line for the screen.
@@ -307,7 +258,7 @@ impl Diagnose {
     fn walked(
         &self,
         tried: &mut Tried,
-        (model, terrain): (&Model, &qv_sim::Terrain),
+        (model, terrain): (&qv_sim::Model, &qv_sim::Terrain),
         report: &Report,
         mut sections: Vec<String>,
     ) -> Result<(String, Vec<String>), RecordingError> {
@@ -349,48 +300,12 @@ impl Place {
     }
 }
 
-/// What the outputs need to know of the robot.
-struct Robot {
-    model: Model,
-    urdf: Option<String>,
-    kp: Vec<f64>,
-    kd: Vec<f64>,
-    notes: Vec<String>,
-}
-
-impl Robot {
-    fn new(run: &Run, mut model: Model, urdf: Option<String>, notes: Vec<String>) -> Self {
-        for joint in &mut model.joints {
-            let Some(column) = run.joint_names.iter().position(|n| *n == joint.name) else { continue };
-            let stated = &run.joint_parameters[column];
-            joint.armature = stated.armature.unwrap_or(joint.armature);
-            joint.viscous_friction = stated.viscous_friction.unwrap_or(joint.viscous_friction);
-            joint.coulomb_friction = stated.coulomb_friction.unwrap_or(joint.coulomb_friction);
-        }
-        let gains = |series: &Option<JointSeries>, fixed: Option<f64>| {
-            let of = |name: &String| {
-                let column = run.joint_names.iter().position(|n| n == name);
-                let typical = series.as_ref().zip(column).map(|(s, c)| {
-                    let mut finite: Vec<f64> = s.column(c).filter(|x| x.is_finite()).collect();
-                    median(&mut finite)
-                });
-                typical.filter(|x| x.is_finite()).or(fixed).unwrap_or(0.0)
-            };
-            model.joint_names().iter().map(of).collect()
-        };
-        let kp = gains(&run.commands.kp, run.actuator.kp);
-        let kd = gains(&run.commands.kd, run.actuator.kd);
-        Self { model, urdf, kp, kd, notes }
-    }
-}
-
-pub fn replay_error(error: GapError) -> RecordingError {
-    match error {
-        GapError::Recording(error) => error,
-        GapError::Library { file, expected, found } => RecordingError::File { file, expected, found },
-        GapError::Run { what, expected, found } => RecordingError::Run { what, expected, found },
-        GapError::Sim(error) => RolloutError::Sim(error).into(),
-    }
+fn write(folder: &Path, files: Vec<(String, Vec<u8>)>) -> Result<(), RecordingError> {
+    make_folder(folder).map_err(|e| write_error(folder, &e))?;
+    files.into_iter().try_for_each(|(name, bytes)| {
+        let path = folder.join(name);
+        put(&path, bytes).map_err(|e| write_error(&path, &e))
+    })
 }
 
 fn camera_error(error: CameraError) -> RecordingError {

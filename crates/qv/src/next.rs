@@ -1,6 +1,5 @@
 //! `qv next`: the motion that would tell the causes apart that a recording leaves open, as commands that a robot can play.
 
-use crate::diagnose::replay_error;
 use crate::ground::{check_ground, terrain_of};
 use crate::open::{file_error, find_gains, model_of, open_run, parameters_of, write_error};
 use crate::output::{make_folder, put, stream};
@@ -12,6 +11,7 @@ use qv_gap::{Options, Progress, diagnose};
 use qv_go2::synthetic::{Message, write_bag};
 use qv_replay::{Recorded, write_traces};
 
+use qv_open::diagnosis::gap_error;
 use qv_recording::run::Robot;
 use qv_recording::{RecordingError, Run};
 use qv_rollout::Trace;
@@ -70,7 +70,7 @@ impl Next {
             let share = done as f64 / count.max(1) as f64;
             bar.begin((done + 1).min(count), count, "motion", Some(share));
         };
-        let proposals = next(&run, &model, &terrain, &options, &all, &watch).map_err(replay_error)?;
+        let proposals = next(&run, &model, &terrain, &options, &all, &watch).map_err(gap_error)?;
         bar.finish();
         self.write(&proposals, &all)?;
         if self.json {
@@ -93,8 +93,7 @@ impl Next {
             let path = directory.join("evidence.json");
             let expected = "what `qv diagnose` wrote";
             let text = fs::read_to_string(&path).map_err(|e| file_error(&path, expected, &e.to_string()))?;
-            let evidence: Evidence =
-                serde_json::from_str(&text).map_err(|e| file_error(&path, expected, &e.to_string()))?;
+            let evidence = Evidence::read(&text, &path.display().to_string()).map_err(gap_error)?;
             if evidence.joints != model.joint_names() {
                 let found = format!("one of {}", evidence.joints.join(", "));
                 let expected = format!("a diagnosis of a robot with the joints {}", model.joint_names().join(", "));
@@ -106,7 +105,7 @@ impl Next {
         let bar = Stages::new();
         let told = |at: &Progress| bar.begin(at.stage, at.stages, at.name, Some(at.done));
         let options = Options { given: options.given.clone(), progress: Some(&told), ..Default::default() };
-        let found = diagnose(slice::from_ref(run), model, terrain, &options, 0).map_err(replay_error)?;
+        let found = diagnose(slice::from_ref(run), model, terrain, &options, 0).map_err(gap_error)?;
         bar.finish();
         Ok(found.evidence)
     }

@@ -5,20 +5,9 @@
 
 use super::stationarity::asks;
 use crate::decision::Policy;
+use crate::findings::OfRecording;
 use crate::inference::linearised::LinearisedProblem;
 use crate::problem::columns::Group;
-use serde::Serialize;
-
-/// What a recording asks for.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct OfRecording {
-    /// Index among the recordings that were given, from 0.
-    pub recording: usize,
-    /// First value of the effect, in its unit.
-    pub value: f64,
-    /// Its interval.
-    pub ci95: [f64; 2],
-}
 
 /// Recordings that ask for different sizes.
 #[derive(Debug, Clone, PartialEq)]

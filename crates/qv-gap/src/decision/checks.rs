@@ -3,6 +3,7 @@
 //! A wrong cause can close most of a gap and bring the level of all features below what engines differ by. It leaves what it
 //! cannot imitate where no engine has a part: in the law of the actuators, and in what another effect of the same joints asks for.
 
+use super::doubt::Doubt;
 use super::evidence::{Accused, ActsOn, Candidate, Corrected, Evidence, Level};
 use super::judge::Judge;
 use super::policy::Policy;
@@ -40,7 +41,7 @@ pub fn actuator_left<'l>(
 
 impl Checks<'_> {
     /// Why the corrected robot is not explained; `None` if nothing speaks against it.
-    pub fn doubt(&self) -> Option<String> {
+    pub fn doubt(&self) -> Option<Doubt> {
         self.twins()
             .or_else(|| self.pulled())
             .or_else(|| self.fading())
@@ -54,17 +55,14 @@ impl Checks<'_> {
     }
 
     /// Doubts causes that act all the time and everywhere and close too little in windows that no fit has seen.
-    pub fn closes_too_little(&self) -> Option<String> {
+    pub fn closes_too_little(&self) -> Option<Doubt> {
         let (policy, closed) = (self.policy, &self.corrected.closed);
         let [before, after] = closed.loss;
         // No contact has a part in the law of an actuator, where what is accused takes most of that.
         let by_law = policy.closes_actuator_residual(closed.actuator_residual);
         let left = after / closed.floor;
         if left > policy.large_gap && closed.share < policy.large_gap_closed && !by_law {
-            let closes = 100.0 * closed.share;
-            return Some(format!(
-                "it closes {closes:.0} % of the gap in windows that no fit has seen, and leaves {left:.0} times the floor of noise"
-            ));
+            return Some(Doubt::LittleClosed(closed.share, Some(left)));
         }
         // Windows that are held out are few, and feet that bounce fall otherwise in each.
         let [at_first, now] = [self.evidence.level.ratio, self.level.ratio];
@@ -77,7 +75,7 @@ impl Checks<'_> {
         let is_sure = is_quiet && (fall > policy.sure_fall * error || closed.log_evidence > policy.sure_held_out);
         let closable = before - policy.engines_leave * closed.floor;
         (before - after < policy.least_gap_closed * closable && !by_law && !is_sure)
-            .then(|| format!("it closes {:.0} % of the gap in windows that no fit has seen", 100.0 * closed.share))
+            .then_some(Doubt::LittleClosed(closed.share, None))
     }
 
     /// What is accused, as it was found.
@@ -99,25 +97,21 @@ impl Checks<'_> {
         self.evidence.effect(effect).map(|e| e.acts_on)
     }
 
-    fn twins(&self) -> Option<String> {
+    fn twins(&self) -> Option<Doubt> {
         let all: Vec<(&Candidate, f64)> = self.accused().map(|(a, c)| (c, a.values[0])).collect();
         twins(self.policy.alike, |effect| self.evidence.effect(effect).is_some_and(|e| e.is_factor), &all)
     }
 
     /// Forces of their own in several long pieces are one that changes: a cable, or wind.
-    fn pulled(&self) -> Option<String> {
+    fn pulled(&self) -> Option<Doubt> {
         let events: Vec<[f64; 2]> = self.accused().filter_map(|(_, c)| c.time()).collect();
         let together: f64 = events.iter().map(|t| t[1] - t[0]).sum();
         let pieces = events.len();
-        (pieces > 1 && together > self.policy.longest_pushes).then(|| {
-            format!(
-                "{pieces} pieces of {together:.1} s together are no pushes: something pulls that changes with place or time"
-            )
-        })
+        (pieces > 1 && together > self.policy.longest_pushes).then_some(Doubt::Pulled(pieces, together))
     }
 
     /// A push that grows or fades is none: a cable, which pulls the harder the farther the robot goes.
-    fn fading(&self) -> Option<String> {
+    fn fading(&self) -> Option<Doubt> {
         // Whatever else is accused is there in the robot without it, too.
         if self.accused().any(|(_, c)| c.time().is_none()) {
             return None;
@@ -126,12 +120,11 @@ impl Checks<'_> {
         let fades = |d: &&Dependence| d.errors.abs() > change_errors && d.change.abs() > fading_share;
         let all = self.accused().filter_map(|(a, _)| a.fading.as_ref()).filter(fades);
         let most = all.max_by(|a, b| a.errors.abs().total_cmp(&b.errors.abs()))?;
-        let (share, errors) = (100.0 * most.change.abs(), most.errors.abs());
-        Some(format!("it is no push: it changes by {share:.0} % while it lasts, by {errors:.1} standard errors"))
+        Some(Doubt::Fading([most.change.abs(), most.errors.abs()]))
     }
 
     /// A steady force that is all but vertical is what something weighs, where no mass is known that was asked, too.
-    fn weight(&self) -> Option<String> {
+    fn weight(&self) -> Option<Doubt> {
         if self.evidence.effects.iter().any(|e| e.is_payload && e.is_known) {
             return None;
         }
@@ -140,36 +133,30 @@ impl Checks<'_> {
             let length = a.values.iter().map(|v| v * v).sum::<f64>().sqrt();
             (c.extent.is_none() && a.values[up].abs() > self.policy.vertical * length).then_some(a.values[up])
         };
-        let newton = self.accused().find_map(upwards)?;
-        let (size, way) = (newton.abs(), if newton < 0.0 { "down" } else { "up" });
-        Some(format!("a force of {size:.0} N straight {way} at all times is a weight, of which the library has none"))
+        self.accused().find_map(upwards).map(Doubt::Weight)
     }
 
-    fn too_little_of_the_excess(&self) -> Option<String> {
+    fn too_little_of_the_excess(&self) -> Option<Doubt> {
         let [before, after] = [self.evidence.level.ratio, self.level.ratio];
         let has_events = self.accused().any(|(_, c)| c.time().is_some());
         let is_sure = self.most_evidence() > self.policy.sure_event;
         let takes_little = before - after < self.policy.events_share * (before - 1.0);
-        (has_events && !is_sure && after > self.policy.no_gap && takes_little).then(|| {
-            let share = 100.0 * (before - after) / (before - 1.0);
-            format!("it takes {share:.0} % of the excess over the null, and a gap is left")
-        })
+        (has_events && !is_sure && after > self.policy.no_gap && takes_little)
+            .then(|| Doubt::LittleExcess((before - after) / (before - 1.0)))
     }
 
-    fn rises(&self) -> Option<String> {
+    fn rises(&self) -> Option<Doubt> {
         let [before, after] = [self.evidence.level.ratio, self.level.ratio];
-        (!self.is_local() && after > before + self.policy.rise)
-            .then(|| format!("the loss in its own windows rises from {before:.2} to {after:.2} times the null"))
+        (!self.is_local() && after > before + self.policy.rise).then_some(Doubt::Rises([before, after]))
     }
 
-    fn actuator_residual(&self) -> Option<String> {
+    fn actuator_residual(&self) -> Option<Doubt> {
         let left = actuator_left(self.policy, &self.corrected.actuator_residuals, &self.evidence.actuator_residuals)?;
-        let joint = &self.evidence.joints[left.joint];
-        Some(format!("the actuator's law at {joint} still leaves {:.1} times what noise does", left.ratio))
+        Some(Doubt::ActuatorResidual(self.evidence.joints[left.joint].clone(), left.ratio))
     }
 
     /// What is accused of joints and is no one size.
-    fn changing(&self) -> Option<String> {
+    fn changing(&self) -> Option<Doubt> {
         let policy = self.policy;
         let of_joints = |c: &Candidate| c.extent.is_none() && self.acts_on(&c.effect) == Some(ActsOn::Joints);
         let steady = self.accused().filter(|(_, c)| of_joints(c));
@@ -179,7 +166,7 @@ impl Checks<'_> {
             a.depends_on.iter().filter(|d| d.errors.abs() > policy.change_errors).filter(changes)
         });
         let most = all.max_by(|a, b| a.errors.abs().total_cmp(&b.errors.abs()))?;
-        Some(format!("it has no one size: it changes with {}, by {:.1} standard errors", most.on, most.errors.abs()))
+        Some(Doubt::Changing(most.on.clone(), most.errors.abs()))
     }
 
     /// The round after the last accusation, if there was one.
@@ -189,7 +176,7 @@ impl Checks<'_> {
     }
 
     /// A steady effect that has much of the evidence left beside what is accused of the trunk, the ground or the sensors.
-    fn beside_trunk(&self) -> Option<String> {
+    fn beside_trunk(&self) -> Option<Doubt> {
         let judge = self.last_round()?;
         let of_joints = |c: &Candidate| matches!(self.acts_on(&c.effect), Some(ActsOn::Joints | ActsOn::Links));
         if self.is_local() || self.accused().any(|(_, c)| of_joints(c)) {
@@ -204,12 +191,11 @@ impl Checks<'_> {
             |c: &&Candidate| c.log_evidence > least && judge.speaks_for(c) && !(is_mounted && of_links(&c.effect));
         let candidates = self.evidence.rounds.last()?.candidates.iter();
         let most = candidates.filter(is_one).max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))?;
-        let (name, evidence) = (most.effect.replace('_', " "), most.log_evidence);
-        Some(format!("{name} is asked for beside it, with log evidence {evidence:.0}"))
+        Some(Doubt::BesideTrunk(most.effect.clone(), most.log_evidence))
     }
 
     /// Another steady effect of the accused joints that has evidence left.
-    fn another(&self) -> Option<String> {
+    fn another(&self) -> Option<Doubt> {
         let least = self.policy.evidence_left.max(self.policy.evidence_share * self.most_evidence());
         let linear = self.corrected.same_joints.iter().map(|a| (a.log_evidence, a.size, &a.effect));
         let last = self.evidence.rounds.last().filter(|r| r.accused.is_empty());
@@ -218,8 +204,7 @@ impl Checks<'_> {
         let has_evidence =
             |(evidence, size, _): &(f64, f64, &String)| *evidence > least && !self.policy.is_trifle(*size);
         let most = linear.chain(followed).filter(has_evidence).max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let (evidence, name) = (most.0, most.2.replace('_', " "));
-        Some(format!("{name} of the same joints is asked for beside it, with log evidence {evidence:.0}"))
+        Some(Doubt::SameJoints(most.2.clone(), most.0))
     }
 
     /// Whether a candidate is another effect of joints of which something is accused.

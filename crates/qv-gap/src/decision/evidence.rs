@@ -1,15 +1,22 @@
-//! What a diagnosis measured, as far as decisions ask for it: plain data, written beside `report.json` as `evidence.json`.
+//! What a diagnosis measured: plain data, written beside `report.json` as `evidence.json`. All that is simulated is simulated before it.
+//! [`decide`](super::decide) goes by it, and a report is rendered from it.
 
+use crate::GapError;
 use crate::checks::actuator_residual::ActuatorResidual;
 use crate::checks::stationarity::Dependence;
 pub use crate::findings::Level;
-use crate::findings::{ParameterEstimate, or_nan};
+use crate::findings::{
+    CanTell, Cause, Correction, Curve, Factor, FloorPoint, Gap, HeatMap, Lead, Noise, ParameterEstimate, RegionShare,
+    Share, Stage, Timing, Together, Traces, VisualGap, Where, or_nan,
+};
 use crate::problem::columns::Extent;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// The format's name in `evidence.json`.
-pub const FORMAT: &str = "qv-evidence/1";
+pub const FORMAT: &str = "qv-evidence/2";
+/// The format before, which lacks [`Evidence::report`]: it can be decided on, and not rendered.
+const BEFORE: &str = "qv-evidence/1";
 
 /// What an effect acts on, as far as decisions tell that apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -40,6 +47,12 @@ pub struct EffectFacts {
     pub upwards: Option<usize>,
     /// Whether it could be accused; one that is withheld could not.
     pub is_known: bool,
+    /// Interface that it belongs to.
+    #[serde(default)]
+    pub interface: String,
+    /// What would tell it from the effects that look like it.
+    #[serde(default)]
+    pub experiment: String,
 }
 
 /// How a candidate does in windows that no fit has seen.
@@ -203,6 +216,106 @@ pub struct Corrected {
     pub closed: Closed,
 }
 
+/// Simulator and recording beside each other, the robot as it is stated or corrected.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Comparison {
+    /// How far apart they are, and how much nearer than as it is stated.
+    pub gap: Gap,
+    /// What the remaining error goes along with.
+    pub depends_on: Vec<Factor>,
+    /// Errors by joint and time.
+    pub heat_map: HeatMap,
+    /// The gap by place.
+    pub floor_plan: Vec<FloorPoint>,
+    /// Examples.
+    pub curves: Vec<Curve>,
+    /// Parameters that are corrected, those of a reference among them.
+    pub corrections: Vec<Correction>,
+}
+
+/// What a report says of one that was accused, in the order of [`Corrected::accused`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CauseData {
+    /// The cause; its probability is decided later.
+    pub cause: Cause,
+    /// Share of the gap in a slippery region.
+    pub region: Option<RegionShare>,
+    /// Edges of that beyond which no foot stood.
+    pub untested: Vec<String>,
+}
+
+/// What a report shows beyond what decides.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ReportData {
+    /// Names the recordings, where the caller does.
+    pub title: String,
+    /// What is said under the verdict of the page, a paragraph each.
+    pub notes: Vec<String>,
+    /// Recordings that were diagnosed together.
+    pub recordings: usize,
+    /// Whether legs and IMU stand in for poses of the base.
+    pub on_legs: bool,
+    /// That the robot fell, if it did.
+    pub fall: Option<String>,
+    /// Joints whose positions are not known.
+    pub dead: Vec<String>,
+    /// See `Report::cannot_tell`.
+    pub cannot_tell: Vec<String>,
+    /// See `Report::cannot_show`.
+    pub cannot_show: Vec<String>,
+    /// See `Report::can_tell`.
+    pub can_tell: Vec<CanTell>,
+    /// Where the gap of the stated robot lies, but for interfaces; regions are cells of the floor.
+    pub place: Where,
+    /// What speaks for each interface.
+    pub interfaces: Vec<Share>,
+    /// What the gap looks most like, should nothing be accused,
+    pub leads: Vec<Lead>,
+    /// and what several effects at once would close of it, where the policy of the diagnosis accuses nothing of a robot that is held.
+    pub together: Option<Together>,
+    /// The robot as it is stated.
+    pub stated: Comparison,
+    /// The robot with all that was accused.
+    pub corrected: Option<Comparison>,
+    /// What was accused.
+    pub causes: Vec<CauseData>,
+    /// Every joint at the recorded rate; `after` is with all that was accused.
+    pub traces: Traces,
+    /// What was done.
+    pub stages: Vec<Stage>,
+    /// How long it took.
+    pub timing: Timing,
+    /// Program, arguments and inputs, where the caller says them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub provenance: Option<serde_json::Value>,
+}
+
+/// What images of the robot's camera show against a scene of Gaussians.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CameraEvidence {
+    /// Photographs that were compared.
+    pub photographs: usize,
+    /// Their size \[px\].
+    pub size: [usize; 2],
+    /// How far photographs and scene are apart.
+    pub gap: VisualGap,
+    /// Mean square of what photographs are off by, in units of their scatter and of tolerances together: without a cause, and with.
+    #[serde(deserialize_with = "or_nan")]
+    pub level: [f64; 2],
+    /// What was accused, best first; probabilities are decided later.
+    pub causes: Vec<Cause>,
+    /// Log evidence of each effect over that of none, best first.
+    pub evidence: Vec<(String, f64)>,
+    /// What all photographs share, all effects free at once.
+    pub shared: Vec<ParameterEstimate>,
+    /// Scatter.
+    pub noise: Noise,
+    /// Whether the scene is of another place, or lies off the frame of the poses.
+    pub is_scene_off: bool,
+    /// What cannot be told.
+    pub cannot_tell: Vec<String>,
+}
+
 /// All of a diagnosis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Evidence {
@@ -224,9 +337,41 @@ pub struct Evidence {
     pub rounds: Vec<Round>,
     /// What was measured in the end; `None` if nothing was accused.
     pub corrected: Option<Corrected>,
+    /// What a report shows beyond that; `None` in evidence of the format before.
+    pub report: Option<ReportData>,
+    /// What the camera shows, where images were compared.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub camera: Option<CameraEvidence>,
+}
+
+/// What any format of evidence begins with.
+#[derive(Deserialize)]
+struct Head {
+    format: String,
 }
 
 impl Evidence {
+    /// Reads `evidence.json`, which `name` names in errors. The format before is read as far as it goes.
+    ///
+    /// # Errors
+    /// It is something else, or of a format that this program does not know.
+    pub fn read(text: &str, name: &str) -> Result<Self, GapError> {
+        let wrong = |found: String| {
+            let expected = format!("{FORMAT}, as `qv diagnose` writes it");
+            GapError::Library { file: name.into(), expected, found }
+        };
+        let Head { format } = serde_json::from_str(text).map_err(|e| wrong(e.to_string()))?;
+        match format.as_str() {
+            FORMAT | BEFORE => serde_json::from_str(text).map_err(|e| wrong(e.to_string())),
+            other => Err(wrong(format!("`{other}`: run `qv diagnose` again"))),
+        }
+    }
+
+    /// `evidence.json`. Numbers that are not finite are null.
+    pub fn to_json(&self) -> Vec<u8> {
+        serde_json::to_vec(self).expect("plain data")
+    }
+
     /// What is known of an effect.
     pub fn effect(&self, name: &str) -> Option<&EffectFacts> {
         self.effects.iter().find(|e| e.name == name)

@@ -1,5 +1,6 @@
 //! Which candidates of a round are accused.
 
+use super::doubt::Objection;
 use super::evidence::{Candidate, Round};
 use super::policy::Policy;
 use crate::problem::columns::Extent;
@@ -9,8 +10,8 @@ use crate::problem::columns::Extent;
 pub struct Judgement {
     /// The accused candidate, and other events that stand beside an accused event.
     pub accused: Vec<usize>,
-    /// Why the best was not accused; empty if it was.
-    pub reason: String,
+    /// The best candidate that was not accused, and why; `None` if it was.
+    pub refused: Option<(String, Objection)>,
 }
 
 /// A round, judged by a policy.
@@ -31,7 +32,7 @@ impl<'j> Judge<'j> {
     /// a cause, unless it is a trifle, or chance alone reaches as much for it.
     pub fn judge(&self) -> Judgement {
         let Policy { sure_event, least_share, most_judged, .. } = *self.policy;
-        let mut reason = String::new();
+        let mut refused = None;
         let mut judged = 0;
         for k in self.by_evidence() {
             let candidate = &self.round.candidates[k];
@@ -43,11 +44,9 @@ impl<'j> Judge<'j> {
                 break;
             }
             let Some(objection) = self.any_objection(candidate) else {
-                return Judgement { accused: self.with_other_events(k), reason: String::new() };
+                return Judgement { accused: self.with_other_events(k), refused: None };
             };
-            if reason.is_empty() {
-                reason = format!("{}: {objection}", candidate.effect);
-            }
+            refused.get_or_insert_with(|| (candidate.effect.clone(), objection));
             // Nor does a faint push that was looked at: stumbles look like pushes beside any cause.
             let is_stumble =
                 self.is_free && is_event && candidate.log_evidence < sure_event && candidate.share < least_share;
@@ -57,7 +56,7 @@ impl<'j> Judge<'j> {
                 break;
             }
         }
-        Judgement { accused: Vec::new(), reason }
+        Judgement { accused: Vec::new(), refused }
     }
 
     /// Candidates by the evidence of the whole recording, the best first.
@@ -108,23 +107,23 @@ impl<'j> Judge<'j> {
         candidate.time().is_some_and(|[from, until]| until - from < least)
     }
 
-    fn any_objection(&self, candidate: &Candidate) -> Option<String> {
+    fn any_objection(&self, candidate: &Candidate) -> Option<Objection> {
         self.objection(candidate).or_else(|| self.held_out_objection(candidate))
     }
 
     /// What speaks against a candidate without a look at other windows.
-    fn objection(&self, candidate: &Candidate) -> Option<String> {
+    fn objection(&self, candidate: &Candidate) -> Option<Objection> {
         if let (Some([from, until]), true) = (candidate.time(), self.is_too_short(candidate)) {
-            return Some(format!("an event of {:.0} ms is a blow of the contact, or noise", 1e3 * (until - from)));
+            return Some(Objection::TooShort(until - from));
         }
         let (evidence, needed) = (candidate.whole_evidence(), self.needed(candidate));
         if evidence < needed {
-            return Some(format!("log evidence {evidence:.0} of the {needed:.0} that a cause of its kind needs"));
+            return Some(Objection::LittleEvidence([evidence, needed]));
         }
         if self.policy.is_trifle(candidate.size) {
-            return Some(format!("a size of {:.1} tolerances", candidate.size));
+            return Some(Objection::Trifle(candidate.size));
         }
-        self.is_at_edge(candidate).then(|| "its value lies at the edge of its range".into())
+        self.is_at_edge(candidate).then_some(Objection::AtEdge)
     }
 
     /// Whether a steady candidate would be larger than what is looked for. What lies just within and closes most of the gap of a robot that is
@@ -136,42 +135,33 @@ impl<'j> Judge<'j> {
     }
 
     /// Objections that take windows which no fit has seen.
-    fn held_out_objection(&self, candidate: &Candidate) -> Option<String> {
+    fn held_out_objection(&self, candidate: &Candidate) -> Option<Objection> {
         let policy = self.policy;
-        let Some(held_out) = &candidate.held_out else { return Some(NOT_SEEN.into()) };
+        let Some(held_out) = &candidate.held_out else { return Some(Objection::NotLookedAt) };
         let later = !(self.round.is_first || (candidate.time().is_some() && !self.is_free));
         let (share, is_steady) = (candidate.share, candidate.extent.is_none());
-        let too_little = || {
-            let [share, closed] = [share, held_out.closed].map(|x| 100.0 * x);
-            format!(
-                "as a further cause it explains {share:.0} % of the excess and closes {closed:.0} % of what is left held out"
-            )
-        };
+        let too_little = Objection::LittleBeside([share, held_out.closed]);
         if candidate.time().is_some() {
             // An event may lie between the windows that are held out, or touch the edge of one: nothing is said then.
             let seen: Vec<f64> = held_out.falls.iter().copied().filter(|c| c.abs() > policy.changed).collect();
             if seen.len() >= policy.changed_windows && seen.iter().sum::<f64>() < 0.0 {
-                return Some(format!("it makes {} windows that no fit has seen worse", seen.len()));
+                return Some(Objection::Worsens(seen.len()));
             }
             let least = if later { policy.least_later_share } else { policy.least_share };
             let is_sure = !later && (candidate.log_evidence > policy.sure_event || !self.is_free);
-            return (share < least && !is_sure).then(too_little);
+            return (share < least && !is_sure).then_some(too_little);
         }
         // No contact hides a gap of a robot that is held: where there is hardly one, its cause closes it.
         let is_slight = !self.is_free && !later && is_steady && self.round.level.ratio < policy.no_gap;
         if is_slight && held_out.closed < policy.least_closed {
-            return Some(format!(
-                "it closes {:.0} % of a gap that is {:.2} times the null, as large as without an effect",
-                100.0 * held_out.closed,
-                self.round.level.ratio
-            ));
+            return Some(Objection::LittleOfSlightGap([held_out.closed, self.round.level.ratio]));
         }
         let by_law = is_steady && policy.closes_actuator_residual(held_out.actuator_residual);
         if later && by_law {
             return None;
         }
         if later && share < policy.least_later_share && held_out.closed < policy.least_later_closed {
-            return Some(too_little());
+            return Some(too_little);
         }
         let asked_for = held_out.log_evidence.is_some_and(|e| e > policy.sure_held_out);
         if !later && is_steady && asked_for {
@@ -182,7 +172,7 @@ impl<'j> Judge<'j> {
         let [in_logarithms, its_error] = held_out.fall_of_logarithm;
         let falls_all_over = in_logarithms > policy.sure_errors * its_error;
         if is_steady && share < policy.least_share && held_out.closed < policy.least_closed && !falls_all_over {
-            return Some(format!("it explains {:.0} % of the excess", 100.0 * share));
+            return Some(Objection::LittleExcess(share));
         }
         // Windows in which feet slip are missed by the right friction, too: few of them must not hide the others.
         let in_windows = if is_steady { held_out.fall } else { held_out.fall_of_logarithm };
@@ -190,8 +180,7 @@ impl<'j> Judge<'j> {
         let needed = if is_steady { policy.least_errors } else { policy.least_local_errors };
         // A few windows in which a foot missed a step make the mean fall uncertain, where nearly all windows fall.
         let nearly_all = is_steady && fall > 0.0 && falls_all_over;
-        (fall < needed * error && !nearly_all && !by_law)
-            .then(|| format!("the held-out loss falls by {fall:.3} only, with error {error:.3}"))
+        (fall < needed * error && !nearly_all && !by_law).then_some(Objection::LittleFall([fall, error]))
     }
 
     /// A candidate, and if it is an event, those at other times than it and than better ones.
@@ -211,5 +200,3 @@ impl<'j> Judge<'j> {
         accused
     }
 }
-
-const NOT_SEEN: &str = "it was not looked at in windows that no fit has seen";

@@ -3,7 +3,9 @@
 //! Each round's candidates are judged (`judge`); what is accused in the end is checked for signs that it stands for something
 //! else (`checks`, `twins`).
 
+mod camera;
 mod checks;
+mod doubt;
 pub mod evidence;
 mod judge;
 mod policy;
@@ -12,6 +14,8 @@ mod tests;
 mod twins;
 mod verdict;
 
+pub use camera::{CameraDecision, NONE, both, decide_camera};
+pub use doubt::{Doubt, Objection};
 pub use judge::{Judge, Judgement};
 pub use policy::Policy;
-pub use verdict::{Decided, Decision, decide, is_much_left};
+pub use verdict::{Decision, Parted, decide, is_much_left};

@@ -5,11 +5,12 @@
 //! kd; a weak kd is a strong kp on a weak motor, which leave kp as it was. Two faults of the same joints that happen to
 //! be of one size, or to undo each other, are much less likely than that.
 
+use super::doubt::Doubt;
 use super::evidence::Candidate;
 
 /// Two of what is accused (each with its value) that are one, and how they stand to each other. Logarithms of factors that differ by less than
 /// the share `alike` of the larger one are taken for equal or for inverse.
-pub fn twins(alike: f64, is_factor: impl Fn(&str) -> bool, accused: &[(&Candidate, f64)]) -> Option<String> {
+pub fn twins(alike: f64, is_factor: impl Fn(&str) -> bool, accused: &[(&Candidate, f64)]) -> Option<Doubt> {
     let logarithm = |(c, value): &(&Candidate, f64)| {
         let is_one = c.extent.is_none() && is_factor(&c.effect) && *value > -1.0 && *value != 0.0;
         is_one.then(|| value.ln_1p())
@@ -18,16 +19,13 @@ pub fn twins(alike: f64, is_factor: impl Fn(&str) -> bool, accused: &[(&Candidat
     for (k, (one, first)) in factors.iter().enumerate() {
         for (other, second) in &factors[k + 1..] {
             let most = alike * first.abs().max(second.abs());
-            let how = if (first - second).abs() < most {
-                "are off by the same share"
-            } else if (first + second).abs() < most {
-                "undo each other"
-            } else {
-                continue;
+            let are_inverse = match ((first - second).abs() < most, (first + second).abs() < most) {
+                (true, _) => false,
+                (_, true) => true,
+                _ => continue,
             };
             if same_members(one, other) {
-                let [one, other] = [one, other].map(|c| c.effect.replace('_', " "));
-                return Some(format!("{one} and {other} of the same joints {how}: they stand for one other cause"));
+                return Some(Doubt::Twins { effects: [one, other].map(|c| c.effect.clone()), are_inverse });
             }
         }
     }

@@ -1,8 +1,10 @@
 //! The verdict and the ranking, from what was measured.
 
+use super::camera::{CameraDecision, decide_camera};
 use super::checks::{Checks, actuator_left};
+use super::doubt::Doubt;
 use super::evidence::{Candidate, Corrected, Evidence, Level, Round};
-use super::judge::Judge;
+use super::judge::{Judge, Judgement};
 use super::policy::Policy;
 use crate::findings::{Ranked, UNKNOWN, Verdict};
 use std::collections::BTreeMap;
@@ -10,46 +12,57 @@ use std::collections::BTreeMap;
 /// What a diagnosis comes to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Decision {
-    /// The outcome.
+    /// The outcome, the camera left aside.
     pub verdict: Verdict,
     /// Why what was accused does not explain the recording all the same.
-    pub doubt: Option<String>,
+    pub doubt: Option<Doubt>,
     /// Effects and `unknown` by probability.
     pub ranking: Vec<Ranked>,
+    /// What each round came to, as far as this policy goes.
+    pub rounds: Vec<Judgement>,
+    /// What comes of the camera, where images were compared.
+    pub camera: Option<CameraDecision>,
+    /// The numbers that decided.
+    pub policy: Policy,
 }
 
-/// What a policy makes of what was measured under the same policy, or under another one.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Decided {
-    /// What it comes to.
-    Decision(Decision),
-    /// In this round it would have accused something else than what was measured: what follows is not known.
-    Parts(usize),
-}
-
-/// Decides. Nothing is simulated, and the same evidence and policy give the same decision.
-pub fn decide(evidence: &Evidence, policy: &Policy) -> Decided {
-    match path(evidence, policy) {
-        Some(round) if round == 0 && judge(evidence, policy, 0).is_empty() => {
-            // Whatever was measured of a robot that this policy would not have corrected says nothing.
-            let first = evidence.rounds.first().map(|r| Round { accused: Vec::new(), after: None, ..r.clone() });
-            let alone = Evidence { rounds: first.into_iter().collect(), corrected: None, ..evidence.clone() };
-            Decided::Decision(decision(&alone, policy))
-        }
-        Some(round) => Decided::Parts(round),
-        None => Decided::Decision(decision(evidence, policy)),
+impl Decision {
+    /// Whether what was accused is told as the cause.
+    pub fn accuses(&self) -> bool {
+        matches!(self.verdict, Verdict::Explained | Verdict::PartlyExplained)
     }
 }
 
-fn judge(evidence: &Evidence, policy: &Policy, round: usize) -> Vec<usize> {
-    Judge::new(policy, &evidence.rounds[round], evidence.is_free).judge().accused
+/// In this round a policy would have accused something else than what was measured: what follows is not known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Parted(pub usize);
+
+/// Decides. Nothing is simulated, and the same evidence and policy give the same decision.
+///
+/// # Errors
+/// The policy would have led to other simulations than that under which the evidence was measured.
+pub fn decide(evidence: &Evidence, policy: &Policy) -> Result<Decision, Parted> {
+    match path(evidence, policy) {
+        Some(0) if judge(evidence, policy, 0).accused.is_empty() => {
+            // Whatever was measured of a robot that this policy would not have corrected says nothing.
+            let first = evidence.rounds.first().map(|r| Round { accused: Vec::new(), after: None, ..r.clone() });
+            let alone = Evidence { rounds: first.into_iter().collect(), corrected: None, ..evidence.clone() };
+            Ok(decision(&alone, policy))
+        }
+        Some(round) => Err(Parted(round)),
+        None => Ok(decision(evidence, policy)),
+    }
+}
+
+fn judge(evidence: &Evidence, policy: &Policy, round: usize) -> Judgement {
+    Judge::new(policy, &evidence.rounds[round], evidence.is_free).judge()
 }
 
 /// The first round in which the policy goes another way than the one that was measured.
 fn path(evidence: &Evidence, policy: &Policy) -> Option<usize> {
     let mut effects: Vec<&str> = Vec::new();
     for (k, round) in evidence.rounds.iter().enumerate() {
-        let accused = judge(evidence, policy, k);
+        let accused = judge(evidence, policy, k).accused;
         if accused != round.accused {
             return Some(k);
         }
@@ -77,7 +90,10 @@ fn decision(evidence: &Evidence, policy: &Policy) -> Decision {
     let doubt = evidence.corrected.as_ref().and_then(|corrected| case.doubt(corrected));
     let (verdict, decided_by) = case.verdict(doubt.is_some());
     let ranking = case.ranking(decided_by, doubt.is_some());
-    Decision { verdict, doubt, ranking }
+    let doubt = doubt.or_else(|| case.too_far().filter(|_| verdict == Verdict::Unexplained));
+    let rounds = (0..evidence.rounds.len()).map(|k| judge(evidence, policy, k)).collect();
+    let camera = evidence.camera.as_ref().map(|camera| decide_camera(camera, policy));
+    Decision { verdict, doubt, ranking, rounds, camera, policy: policy.clone() }
 }
 
 struct Case<'c> {
@@ -96,7 +112,7 @@ impl Case<'_> {
         self.evidence.accused().map(|(_, candidate)| candidate)
     }
 
-    fn doubt(&self, corrected: &Corrected) -> Option<String> {
+    fn doubt(&self, corrected: &Corrected) -> Option<Doubt> {
         if !self.evidence.is_free {
             return None;
         }
@@ -178,37 +194,49 @@ impl Case<'_> {
             Some(corrected) if !is_local => corrected.closed.share,
             _ => 0.0,
         };
-        // No stumble leaves a level of its own in a robot that is held, but what its joints lack does.
-        let beside = if self.evidence.is_free { policy.unexplained_beside } else { policy.quiet_enough };
-        if nearly_all || (closed > policy.mostly_closed && now < beside) {
+        if nearly_all || (closed > policy.mostly_closed && now < self.most_beside()) {
             Verdict::PartlyExplained
         } else {
             Verdict::Unexplained
         }
     }
 
+    /// Level up to which causes are told beside something unknown. No stumble leaves a level of its own in a robot that is held, but what its
+    /// joints lack does.
+    fn most_beside(&self) -> f64 {
+        if self.evidence.is_free { self.policy.unexplained_beside } else { self.policy.quiet_enough }
+    }
+
+    /// What was accused leaves too much.
+    fn too_far(&self) -> Option<Doubt> {
+        self.evidence.corrected.as_ref().map(|_| Doubt::TooFar([self.level().ratio, self.most_beside()]))
+    }
+
     /// Probability of `unknown` by what is left.
     fn unknown_by_level(&self) -> f64 {
-        1.0 / (1.0 + (-(self.level().ratio - self.policy.unexplained) / 0.1).exp())
+        sigmoid((self.level().ratio - self.policy.unexplained) / self.policy.unexplained_width)
     }
 
     /// Probabilities of the effects and of `unknown`.
     fn ranking(&self, verdict: Verdict, is_doubted: bool) -> Vec<Ranked> {
+        let policy = self.policy;
         let best = self.rivals(verdict);
         let most = best.values().copied().fold(0.0, f64::max);
-        let weight = |evidence: f64| ((evidence - most) / self.policy.nats).exp();
+        let weight = |evidence: f64| ((evidence - most) / policy.nats).exp();
         let total: f64 = best.values().map(|e| weight(*e)).sum::<f64>().max(1e-300);
         let unknown = match verdict {
             // What is there may be too small to be seen.
-            Verdict::NoGap => 0.5 / (1.0 + (-(self.level().ratio - self.policy.no_gap) / 0.15).exp()),
-            Verdict::Unexplained if is_doubted => 0.8,
+            Verdict::NoGap => {
+                policy.unknown_in_no_gap * sigmoid((self.level().ratio - policy.no_gap) / policy.no_gap_width)
+            }
+            Verdict::Unexplained if is_doubted => policy.unknown_doubted,
             // What is nearest was not good enough to be accused.
-            Verdict::Unexplained => self.unknown_by_level().max(0.5),
+            Verdict::Unexplained => self.unknown_by_level().max(policy.unknown_unexplained),
             _ => self.unknown_by_level(),
         };
         // Something is accused beside what is unknown.
-        let unknown = if verdict == Verdict::PartlyExplained { unknown.min(0.4) } else { unknown };
-        let known = if verdict == Verdict::NoGap { 0.05 } else { 1.0 - unknown };
+        let unknown = if verdict == Verdict::PartlyExplained { unknown.min(policy.unknown_beside) } else { unknown };
+        let known = if verdict == Verdict::NoGap { policy.known_in_no_gap } else { 1.0 - unknown };
         let accused: Vec<&str> = self.accused().map(|c| c.effect.as_str()).collect();
         let mut ranking: Vec<Ranked> = best
             .iter()
@@ -217,8 +245,8 @@ impl Case<'_> {
                 // One that was found in a later round has no rival left in the first; what is asked for beside it and was not
                 // accused is no more than even.
                 let probability = match accused.contains(effect) {
-                    true => share.max(0.9 * known),
-                    false if !accused.is_empty() => share.min(0.5 * known),
+                    true => share.max(policy.accused_share * known),
+                    false if !accused.is_empty() => share.min(policy.beside_share * known),
                     false => share,
                 };
                 Ranked { effect: effect.to_string(), probability }
@@ -254,6 +282,11 @@ impl Case<'_> {
         }
         best
     }
+}
+
+/// The logistic function.
+fn sigmoid(x: f64) -> f64 {
+    1.0 / (1.0 + (-x).exp())
 }
 
 /// The best log evidence of each effect in a round.

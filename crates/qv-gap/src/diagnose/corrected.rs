@@ -1,10 +1,12 @@
 //! What is measured of the robot with all that is accused, and all of the evidence.
 
-use super::{Accused, Findings, setting};
+use super::{Accused, Findings, Session, progress, setting};
 use crate::GapError;
 use crate::checks::held_out::{closure, held_out_evidence};
 use crate::checks::stationarity;
+use crate::decision::decide;
 use crate::decision::evidence::{self, ActsOn, Asked, Closed, Corrected, EffectFacts, Evidence};
+use crate::findings::Verdict;
 use crate::inference::level::mean;
 use crate::inference::linear_scores::size;
 use crate::inference::linearised::LinearisedProblem;
@@ -16,11 +18,17 @@ use std::collections::BTreeMap;
 const MOST_ASKED: usize = 20;
 
 impl Findings<'_> {
-    /// All that decisions go by.
-    pub(super) fn evidence(&mut self, nominal: &mut LinearisedProblem) -> Result<Evidence, GapError> {
+    /// All that decisions go by, and all that a report shows beyond that: the last that is simulated.
+    pub(super) fn evidence(
+        mut self,
+        session: &mut Session,
+        nominal: &mut LinearisedProblem,
+        begun: f64,
+    ) -> Result<Evidence, GapError> {
+        session.begin(progress::CLOSURE);
         let effects = &nominal.columns.effects;
         let effects = effects.iter().enumerate().map(|(e, effect)| facts(effect, !nominal.ablated.contains(&e)));
-        Ok(Evidence {
+        let mut evidence = Evidence {
             format: evidence::FORMAT.into(),
             is_free: self.on_feet,
             joints: nominal.rollout.model.joint_names().to_vec(),
@@ -30,7 +38,14 @@ impl Findings<'_> {
             held_out: self.opening.held_out,
             corrected: self.corrected(nominal)?,
             rounds: self.rounds.iter().map(|r| r.round.clone()).collect(),
-        })
+            report: None,
+            camera: None,
+        };
+        // Joint fits take as long as all before them: as rounds, they are measured as far as the policy asks for them.
+        let policy = &session.options.policy;
+        let is_open = decide(&evidence, policy).is_ok_and(|d| d.verdict == Verdict::Unexplained);
+        evidence.report = Some(self.report_data(session, nominal, is_open && !self.on_feet, begun)?);
+        Ok(evidence)
     }
 
     fn corrected(&mut self, nominal: &mut LinearisedProblem) -> Result<Option<Corrected>, GapError> {
@@ -82,6 +97,8 @@ fn facts(effect: &Effect, is_known: bool) -> EffectFacts {
         is_payload: moves().any(|m| m.ends_with(".payload_mass")),
         upwards: effect.axes.iter().position(|a| a.moves.contains_key("external.force_z")),
         is_known,
+        interface: effect.interface.name().into(),
+        experiment: effect.experiment.clone(),
     }
 }
 

@@ -1,9 +1,9 @@
 //! The whole diagnosis: from runs to a report.
 
 mod corrected;
-mod interfaces;
 mod progress;
 mod refine;
+mod report_data;
 mod rounds;
 
 use progress::Plan;
@@ -13,10 +13,11 @@ use rounds::Found;
 use crate::GapError;
 use crate::checks::actuator_residual::{ActuatorResidual, actuator_residuals};
 use crate::checks::by_recording::by_recording;
-use crate::checks::held_out::{closed_in_fit, closure, held_out_loss};
+use crate::checks::held_out::{closure, held_out_loss};
 use crate::decision::evidence::{After, Evidence, Level};
-use crate::decision::{Decided, Decision, Policy, decide, is_much_left};
-use crate::inference::intervals::{estimates, estimates_of};
+use crate::decision::{Policy, is_much_left};
+use crate::findings::{CanTell, Cause, Correction, Stage, UNKNOWN, Where};
+use crate::inference::intervals::estimates;
 use crate::inference::level::{level, level_outside};
 use crate::inference::linearised::{LinearisedProblem, NullOptions};
 use crate::inference::search::Fit;
@@ -24,12 +25,7 @@ use crate::null::reference;
 use crate::problem::columns::{Columns, Extent, Group};
 use crate::problem::library::{self, Effect};
 use crate::problem::{data_quality, one_robot, origin, rollout_of};
-use crate::report::{
-    CanTell, attribution, can_tell, figures, figures::Figures, leads, narrative, residual_factors, together,
-};
-use crate::report::{
-    Cause, Correction, FORMAT, Report, RoundSummary, Stage, Timing, UNKNOWN, Unexplained, Verdict, Where,
-};
+use crate::report::{self, Report, attribution, can_tell, cannot_tell};
 use qv_recording::Run;
 use qv_rollout::{Event, Overrides, Rollout, WindowOptions};
 
@@ -143,7 +139,7 @@ pub fn diagnose(
     let mut session = Session::new(usable, &reference, (model, terrain), options, leave_out);
     let begun = session.now();
     let mut nominal = session.nominal(&cannot_tell)?;
-    cannot_tell.extend(narrative::missing(&nominal, first, &options.library));
+    cannot_tell.extend(cannot_tell::missing(&nominal, first, &options.library));
     let can_tell = can_tell::can_tell(&nominal, &options.policy)?;
     let opening = Opening::new(&nominal)?;
     session.begin(progress::SEARCH);
@@ -151,15 +147,12 @@ pub fn diagnose(
     let round = rounds::round(&mut nominal, &closed_to, true, &options.policy)?;
     session.end(&nominal);
     let findings = session.follow(&mut nominal, round, &options.without, &opening, &cannot_tell)?;
-    let (mut report, evidence) = findings.report(&mut session, &mut nominal, begun)?;
-    report.can_tell = can_tell;
-    if nominal.rollout.on_legs {
-        let beside = narrative::beside_verdict(&report.causes);
-        report.sentence = [vec![report.sentence], beside].concat().join(" ");
+    let mut evidence = findings.evidence(&mut session, &mut nominal, begun)?;
+    if let Some(data) = &mut evidence.report {
+        data.can_tell = can_tell;
+        data.fall = fallen.first().cloned();
     }
-    if let Some(fall) = fallen.first() {
-        report.sentence = format!("{} ({fall}.)", report.sentence);
-    }
+    let report = report::report(&evidence, &options.policy)?;
     let mut without = Vec::new();
     let ranked: Vec<String> =
         report.ranking.iter().map(|r| r.effect.clone()).filter(|e| e != UNKNOWN).take(leave_out).collect();
@@ -394,14 +387,13 @@ impl<'a> Session<'a> {
     ) -> Result<Findings<'a>, GapError> {
         let mut findings = Findings {
             accused: Vec::new(),
-            told: vec![narrative::round(&first.round, &first.reason)],
             rounds: vec![first],
             corrections: Vec::new(),
             events: Vec::new(),
             on_feet: nominal.rollout.free,
             opening: opening.clone(),
             cannot_tell: cannot_tell.to_vec(),
-            cannot_show: narrative::cannot_show(nominal, &self.runs[0], &self.options.library),
+            cannot_show: cannot_tell::cannot_show(nominal, &self.runs[0], &self.options.library),
             later: None,
         };
         loop {
@@ -439,7 +431,6 @@ impl<'a> Session<'a> {
             let closed = closed_to(&next, &names);
             let round = rounds::round(&mut next, &closed, false, policy)?;
             self.end(&next);
-            findings.told.push(narrative::round(&round.round, &round.reason));
             findings.rounds.push(round);
             findings.later = Some(next);
         }
@@ -461,10 +452,10 @@ impl<'a> Session<'a> {
         let round = rounds::round(nominal, &closed_to(nominal, &left_out), true, &self.options.policy)?;
         self.end(nominal);
         let findings = self.follow(nominal, round, &left_out, &opening, cannot_tell)?;
-        let report = findings.report(self, nominal, begun)?;
+        let evidence = findings.evidence(self, nominal, begun)?;
         nominal.restore(kept);
         self.ablated.clear();
-        Ok(report)
+        Ok((report::report(&evidence, &self.options.policy)?, evidence))
     }
 
     /// All that a report says of a cause.
@@ -498,7 +489,7 @@ impl<'a> Session<'a> {
             },
             parameters: estimates(&effect, &fit, told.extent),
             closed_alone: fit.held_out.map_or_else(|| alone.closed(), |f| f.closed),
-            confusable_with: narrative::confusable(study, &fit.suspect),
+            confusable_with: cannot_tell::confusable(study, &fit.suspect),
             separating_experiment: effect.experiment.clone(),
             by_recording: Vec::new(),
         };
@@ -537,8 +528,6 @@ fn setting(study: &LinearisedProblem, corrections: &[Correction]) -> Overrides {
 struct Findings<'a> {
     accused: Vec<Accused>,
     rounds: Vec<Found>,
-    /// The same in words.
-    told: Vec<RoundSummary>,
     corrections: Vec<Correction>,
     events: Vec<Event>,
     /// Whether the base is free.
@@ -565,15 +554,6 @@ impl Findings<'_> {
         self.accused.iter().filter(settled).map(|a| a.cause.effect.clone()).collect()
     }
 
-    /// The simulator's parameters hold one event: the one that closes most.
-    fn keep_largest_event(&mut self) {
-        let events = self.accused.iter().filter(|a| a.time().is_some());
-        let largest = events.max_by(|a, b| a.cause.closed_alone.total_cmp(&b.cause.closed_alone));
-        if let Some(corrections) = largest.map(|a| a.corrections.clone()) {
-            merge(&mut self.corrections, &corrections);
-        }
-    }
-
     /// Regions that are accused.
     fn regions(&self) -> Vec<[f64; 4]> {
         let region = |a: &Accused| match a.fit.suspect.extent {
@@ -581,124 +561,5 @@ impl Findings<'_> {
             _ => None,
         };
         self.accused.iter().filter_map(region).collect()
-    }
-
-    fn report(
-        mut self,
-        session: &mut Session,
-        nominal: &mut LinearisedProblem,
-        begun: f64,
-    ) -> Result<(Report, Evidence), GapError> {
-        session.begin(progress::CLOSURE);
-        let evidence = self.evidence(nominal)?;
-        let Decided::Decision(decision) = decide(&evidence, &session.options.policy) else {
-            unreachable!("what was measured was measured under this policy")
-        };
-        let Decision { verdict, doubt, ranking } = decision;
-        let doubted = self.accused.first().map(|a| a.cause.effect.clone());
-        let left = evidence.rounds.iter().rev().find_map(|round| round.after).map(|after| after.level.ratio);
-        let too_far = left.filter(|_| verdict == Verdict::Unexplained && doubt.is_none()).zip(doubted.clone());
-        if verdict == Verdict::Unexplained || verdict == Verdict::NoGap {
-            self.accused.clear();
-            self.corrections.clear();
-            self.events.clear();
-        }
-        let setting = setting(nominal, &self.corrections);
-        let before = std::mem::replace(&mut nominal.rollout.events, self.events.clone());
-        let (after, closed) = (closure(nominal, &setting)?, closed_in_fit(nominal, &setting)?);
-        session.end(nominal);
-        for accused in &mut self.accused {
-            accused.tell_by_recording(self.later.as_ref());
-            let of = ranking.iter().find(|r| r.effect == accused.cause.effect);
-            accused.cause.probability = of.map_or(0.0, |r| r.probability);
-        }
-        let seed = session.options.effort.seed;
-        let mut gap = after.gap(nominal, seed);
-        gap.closed_in_fit = Some(closed);
-        let dead = data_quality::dead_positions(&session.runs);
-        let leads = match (verdict, self.rounds.first()) {
-            (Verdict::Unexplained, Some(first)) if dead.is_empty() => {
-                leads::leads(nominal, &first.fits, seed, estimates_of)?
-            }
-            _ => Vec::new(),
-        };
-        let together = match (verdict, self.rounds.first()) {
-            (Verdict::Unexplained, Some(first)) if dead.is_empty() && !self.on_feet => {
-                together::together(nominal, &first.fits, seed)?
-            }
-            _ => None,
-        };
-        let unexplained = Unexplained {
-            share: if verdict == Verdict::NoGap || gap.before <= gap.floor * 1.02 {
-                0.0
-            } else {
-                (1.0 - gap.closed).min(1.0)
-            },
-            depends_on: residual_factors::factors(
-                self.later.as_ref().filter(|_| !self.accused.is_empty()).unwrap_or(nominal),
-            ),
-        };
-        let mut place = std::mem::take(&mut self.opening.places);
-        place.interfaces = self.interfaces(nominal, gap.closed)?;
-        let regions = self.accused.iter().filter(|a| a.cause.scope == ["region"]).filter_map(|a| a.fit.suspect.extent);
-        place.regions = attribution::regions(nominal, regions);
-        let causes: Vec<Cause> = self.accused.iter().map(|a| a.cause.clone()).collect();
-        let sentence = narrative::sentence(verdict, (&causes, &gap), (&leads, &dead), &ranking);
-        let as_good = narrative::as_good(self.rounds.first().map(|r| &r.round), &causes);
-        let disagree = narrative::disagree(&causes, &leads, &session.options.policy);
-        let sentence = [Some(sentence), as_good, together.as_ref().map(narrative::together), disagree];
-        let sentence = sentence.into_iter().flatten().collect::<Vec<_>>().join(" ");
-        let slips = self.accused.iter().filter_map(|a| a.fit.held_out).map(|f| f.closed).next();
-        let best = self.rounds.first().and_then(|r| r.round.candidates.first());
-        let last = self.rounds.last().filter(|r| r.round.accused.is_empty() && !r.reason.is_empty());
-        let why = (best, last.map(|r| r.reason.as_str()));
-        let mut next = narrative::next(verdict, (&causes, &gap), (&leads, &dead), slips, why, nominal);
-        next.splice(0..0, narrative::first_of_all(verdict, &gap, &dead));
-        if let (Some(doubt), Some(effect)) = (&doubt, doubted) {
-            next.push(format!("Not accused: {effect}: {doubt}."));
-        }
-        if let Some((level, effect)) = too_far {
-            let policy = &session.options.policy;
-            let most = if nominal.rollout.free { policy.unexplained_beside } else { policy.quiet_enough };
-            next.push(format!(
-                "Not accused: {effect}: with it the recording is {level:.1} times as far from the simulator as noise and tolerances explain; \
-                 beside something unknown a cause is told up to {most}."
-            ));
-        }
-        let Figures { heat_map, floor_plan, curves, traces } = figures::all(nominal, &setting)?;
-        nominal.rollout.events = before;
-        self.keep_largest_event();
-        self.corrections = merged(&session.calibrated, &self.corrections);
-        let runtime_s = session.now() - begun;
-        let corrections_apply = self.accused.is_empty() || gap.after <= gap.before;
-        let report = Report {
-            format: FORMAT.into(),
-            verdict,
-            sentence,
-            gap,
-            place,
-            causes,
-            ranking,
-            leads,
-            together,
-            rounds: self.told,
-            visual: None,
-            unexplained,
-            cannot_tell: self.cannot_tell,
-            next,
-            corrections: self.corrections,
-            corrections_apply,
-            cannot_show: self.cannot_show,
-            can_tell: Vec::new(),
-            heat_map,
-            floor_plan,
-            curves,
-            traces,
-            stages: session.stages.clone(),
-            timing: Timing { runtime_s, stages_s: session.stages_s.clone() },
-            policy: session.options.policy.clone(),
-            provenance: None,
-        };
-        Ok((report, evidence))
     }
 }

@@ -22,8 +22,6 @@ pub struct Found {
     pub round: Round,
     /// The fits that the candidates come from, in their order.
     pub fits: Vec<Fit>,
-    /// Why the best was not accused; empty if it was.
-    pub reason: String,
 }
 
 /// Searches a study for a cause, the first or one more, among all effects but those in `without`, and judges what is found.
@@ -61,9 +59,8 @@ pub fn round(
     let candidates = fits.iter().map(candidate).collect();
     let mut round = Round { level, excess, is_first, candidates, accused: Vec::new(), after: None };
     look(study, &fits, &mut round.candidates, policy)?;
-    let judgement = Judge::new(policy, &round, study.rollout.free).judge();
-    round.accused = judgement.accused;
-    Ok(Found { round, fits, reason: judgement.reason })
+    round.accused = Judge::new(policy, &round, study.rollout.free).judge().accused;
+    Ok(Found { round, fits })
 }
 
 fn candidate(study: &LinearisedProblem, fit: &Fit, by_chance: f64, share: f64) -> Candidate {

@@ -137,7 +137,7 @@ fn phases_of(study: &LinearisedProblem, seen: &LinearisedWindow) -> Option<Vec<V
 ///
 /// # Errors
 /// When the normal equations are no good.
-pub fn interfaces(study: &mut LinearisedProblem) -> Result<Vec<(Interface, f64)>, GapError> {
+pub fn interfaces(study: &mut LinearisedProblem) -> Result<Vec<Share>, GapError> {
     let search = Search::new(study, 1.0)?;
     let here = by_effect(&search, &search.study.nominal(fitted));
     let replicates = of_replicates(&search);
@@ -153,7 +153,11 @@ pub fn interfaces(study: &mut LinearisedProblem) -> Result<Vec<(Interface, f64)>
     };
     let gains = Interface::ALL.map(|i| (i, gain(i)));
     let total: f64 = gains.iter().map(|g| g.1).sum();
-    Ok(gains.map(|(i, g)| (i, if total > 0.0 { g / total } else { 0.25 })).to_vec())
+    let share = |(i, gain): (Interface, f64)| Share {
+        name: i.name().into(),
+        share: if total > 0.0 { gain / total } else { 0.25 },
+    };
+    Ok(gains.map(share).to_vec())
 }
 
 /// A suspect without its region if the robot never left that: it is all the ground there is.
@@ -162,38 +166,42 @@ pub fn as_told(study: &LinearisedProblem, suspect: &Suspect) -> Suspect {
     Suspect { extent: suspect.extent.filter(|_| !is_all), ..suspect.clone() }
 }
 
-/// Regions that were found, and cells of the floor with more than their share.
-pub fn regions(study: &LinearisedProblem, found: impl Iterator<Item = Extent>) -> Vec<RegionShare> {
-    let level = |seen: &LinearisedWindow| (squared(&seen.residual) / seen.residual.len() as f64 - study.floor).max(0.0);
-    let points: Vec<([f64; 2], f64)> = study.seen.iter().map(|s| (place(&s.window), level(s))).collect();
-    let total: f64 = points.iter().map(|p| p.1).sum::<f64>().max(1e-300);
-    // Feet stand away from the trunk, whose places these are.
-    let share = |x: [f64; 2], y: [f64; 2], reach: f64| {
+/// Where the robot was in each window, and the gap there.
+struct Floor(Vec<([f64; 2], f64)>);
+
+impl Floor {
+    fn new(study: &LinearisedProblem) -> Self {
+        let level =
+            |seen: &LinearisedWindow| (squared(&seen.residual) / seen.residual.len() as f64 - study.floor).max(0.0);
+        Self(study.seen.iter().map(|s| (place(&s.window), level(s))).collect())
+    }
+
+    /// Share of the gap in a rectangle and `reach` beside it: feet stand away from the trunk, whose places these are.
+    fn share(&self, x: [f64; 2], y: [f64; 2], reach: f64) -> f64 {
+        let total: f64 = self.0.iter().map(|p| p.1).sum::<f64>().max(1e-300);
         let is_in = |at: f64, [low, high]: [f64; 2]| (low - reach..high + reach).contains(&at);
         let inside = |p: &[f64; 2]| is_in(p[0], x) && is_in(p[1], y);
-        points.iter().filter(|(p, _)| inside(p)).map(|p| p.1).sum::<f64>() / total
-    };
-    let mut all: Vec<RegionShare> = Vec::new();
-    for extent in found {
-        if let Extent::Region([x0, x1, y0, y1]) = extent {
-            all.push(RegionShare {
-                name: "found".into(),
-                x: [x0, x1],
-                y: [y0, y1],
-                share: share([x0, x1], [y0, y1], REACH),
-            });
-        }
+        self.0.iter().filter(|(p, _)| inside(p)).map(|p| p.1).sum::<f64>() / total
     }
-    let mut cells: Vec<[i64; 2]> =
-        points.iter().filter(|(p, _)| p[0].is_finite()).map(|(p, _)| p.map(|c| (c / CELL).floor() as i64)).collect();
+}
+
+/// The share of a region that was found.
+pub fn region(study: &LinearisedProblem, [x0, x1, y0, y1]: [f64; 4]) -> RegionShare {
+    let (x, y) = ([x0, x1], [y0, y1]);
+    RegionShare { name: "found".into(), x, y, share: Floor::new(study).share(x, y, REACH) }
+}
+
+/// Cells of the floor with more than their share.
+pub fn cells(study: &LinearisedProblem) -> Vec<RegionShare> {
+    let floor = Floor::new(study);
+    let known = floor.0.iter().filter(|(p, _)| p[0].is_finite());
+    let mut cells: Vec<[i64; 2]> = known.map(|(p, _)| p.map(|c| (c / CELL).floor() as i64)).collect();
     cells.sort_unstable();
     cells.dedup();
-    for [i, j] in cells {
-        let edge = |k: i64| [k as f64 * CELL, (k + 1) as f64 * CELL];
-        let of_cell = share(edge(i), edge(j), 0.0);
-        if of_cell > WORTH_TELLING {
-            all.push(RegionShare { name: format!("cell {i}, {j}"), x: edge(i), y: edge(j), share: of_cell });
-        }
-    }
-    all
+    let edge = |k: i64| [k as f64 * CELL, (k + 1) as f64 * CELL];
+    let cell = |[i, j]: [i64; 2]| {
+        let (x, y) = (edge(i), edge(j));
+        RegionShare { name: format!("cell {i}, {j}"), x, y, share: floor.share(x, y, 0.0) }
+    };
+    cells.into_iter().map(cell).filter(|c| c.share > WORTH_TELLING).collect()
 }

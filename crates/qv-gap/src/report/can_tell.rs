@@ -6,39 +6,18 @@
 //! where `z` exceeds `z0 = sqrt(2 need + ln(1 + k w^2))`; with probability 0.9 that is so for `a sqrt(k) = z0 + 1.2816`
 //! (Cohen, Statistical Power Analysis, 1988, section 1.5, of a normal statistic).
 
-use super::narrative::confusable;
+use super::cannot_tell::confusable;
 use crate::GapError;
 use crate::decision::Policy;
+use crate::findings::CanTell;
 use crate::inference::gaussian_evidence::Marginal;
 use crate::inference::linearised::LinearisedProblem;
 use crate::inference::search::direction;
 use crate::problem::columns::Suspect;
 use qv_fit::linear::{dot, times};
-use serde::Serialize;
 
 /// Standard normal quantile of 0.9.
 const POWER: f64 = 1.281_551_565_544_9;
-
-/// The least size of an effect on a part of the robot that this recording would show with 90 % power, if nothing else were wrong.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct CanTell {
-    /// Effect of the library.
-    pub effect: String,
-    /// On what it acts: `all`, or names of joints, legs, feet.
-    pub scope: Vec<String>,
-    /// The size that is meant, of those that the effect has.
-    pub parameter: String,
-    /// Its unit.
-    pub unit: String,
-    /// Deviation from absent; `None` where it is beyond the effect's range, or the recording does not show it at all.
-    pub least_size: Option<f64>,
-    /// What any robot may deviate by.
-    pub tolerance: f64,
-    /// Sizes that are looked for.
-    pub range: [f64; 2],
-    /// Effects that look much the same in this recording.
-    pub confusable_with: Vec<String>,
-}
 
 /// One for each effect, part of the robot and axis. Limits, which have no slope, and what acts for a part of the time are not among them;
 /// frictions and backlash, which have a kink at none, are taken along the line to their first level.

@@ -7,7 +7,7 @@ use crate::checks::held_out::closure;
 use crate::inference::linearised::LinearisedProblem;
 use crate::inference::search::Fit;
 use crate::problem::columns::Group;
-use crate::report::narrative;
+use crate::report::cannot_tell;
 use crate::report::{Lead, ParameterEstimate};
 
 /// Suspects that are looked at.
@@ -52,7 +52,7 @@ pub fn leads(
             separating_experiment: effect.experiment.clone(),
             by_recording: by_recording(study, &effect.name, group, (absent(study, group), false)),
         };
-        all.push(Alone { effect: effect.name.clone(), alike: narrative::confusable(study, &fit.suspect), lead });
+        all.push(Alone { effect: effect.name.clone(), alike: cannot_tell::confusable(study, &fit.suspect), lead });
     }
     all.retain(|a| a.lead.closed >= LEAST_CLOSED);
     all.sort_by(|a, b| b.lead.closed.total_cmp(&a.lead.closed));

@@ -1,201 +1,13 @@
-//! What a diagnosis says in words: what it cannot tell and why, the verdict, what to do next.
+//! What a diagnosis says in words: the verdict, what to do next.
 
-use crate::checks::by_recording::{OfRecording, change};
-use crate::decision::Policy;
-use crate::decision::evidence::{Candidate, Round};
-use crate::inference::linearised::LinearisedProblem;
-use crate::inference::regions::{EDGES, untested};
-use crate::inference::search::{direction, fitted};
-use crate::inference::short_windows::feet;
-use crate::problem::columns::Suspect;
-use crate::problem::library::Effect;
+use crate::checks::by_recording::change;
+use crate::decision::evidence::{Candidate, CauseData, Evidence, ReportData, Round};
+use crate::decision::{Decision, Judgement, Policy};
 use crate::report::{
-    Cause, Gap, Lead, ParameterEstimate, Ranked, RoundSummary, SuspectSummary, Together, TogetherEffect, UNKNOWN,
-    Verdict,
+    Cause, Gap, Lead, OfRecording, ParameterEstimate, Ranked, RoundSummary, SuspectSummary, Together, TogetherEffect,
+    UNKNOWN, Verdict,
 };
-use qv_fit::linear::{add_scaled, add_scaled_matrix, dot, product, times, transposed_product, transposed_times};
-use qv_fit::{Cholesky, Matrix};
 use qv_page::significant;
-use qv_recording::Run;
-
-/// Cosine of the angle between sensitivities from which effects count as alike.
-const ALIKE: f64 = 0.75;
-
-/// Effects that this recording cannot show, and channels whose lack is the reason.
-pub fn missing(study: &LinearisedProblem, run: &Run, library: &[Effect]) -> Vec<String> {
-    let m = &run.measured;
-    let mut told = Vec::new();
-    if study.rollout.on_legs {
-        told.push(
-            "no poses of the base were measured: windows start where its legs and its IMU say that it is, feet that slip at the start of one go \
-             unnoticed, and where on the floor a cause lies cannot be told"
-                .to_string(),
-        );
-    }
-    if m.torque.is_none() {
-        told.push(
-            "joint torques were not measured: what the motors do cannot be told from what the links do".to_string(),
-        );
-    }
-    if study.rollout.free && m.orientation.is_none() {
-        told.push("there is no IMU orientation: tilt of the IMU and delay of the pose cannot be told".to_string());
-    }
-    let lacking = lacking(study, library);
-    if !lacking.is_empty() {
-        told.push(format!("no channel or part of this robot could show {}", lacking.join(", ")));
-    }
-    told.extend(judged(study, run));
-    told.extend(strangers(study, run));
-    told.extend(resting(study));
-    if study.rollout.free && m.gyro.is_none() {
-        told.push("there is no gyroscope: its bias cannot be told".to_string());
-    }
-    let weak = weak_of_measured(study, run);
-    if !weak.is_empty() {
-        told.push(format!("too little excitation to tell {}", weak.join(", ")));
-    }
-    told
-}
-
-/// Effects that this recording cannot show, by name: no channel or part could, or there is too little excitation.
-pub fn cannot_show(study: &LinearisedProblem, run: &Run, library: &[Effect]) -> Vec<String> {
-    let mut names: Vec<String> = lacking(study, library).into_iter().map(str::to_owned).collect();
-    names.extend(weak_of_measured(study, run));
-    if !study.at_rest.is_empty() && study.at_rest.len() == study.rollout.columns.len() {
-        names.push("pose_delay".into());
-    }
-    names.sort();
-    names.dedup();
-    names
-}
-
-fn lacking<'l>(study: &LinearisedProblem, library: &'l [Effect]) -> Vec<&'l str> {
-    let has = |e: &&Effect| study.columns.effects.iter().any(|s| s.name == e.name);
-    // What is looked for in other robots alone is no lack of this recording.
-    let is_sought = |e: &&Effect| !(study.rollout.free && e.held_only);
-    library.iter().filter(|e| is_sought(e) && !has(e)).map(|e| e.name.as_str()).collect()
-}
-
-/// Effects with too little excitation. What has no channel of its own lacks none.
-fn weak_of_measured(study: &LinearisedProblem, run: &Run) -> Vec<String> {
-    let m = &run.measured;
-    let is_measured = |effect: &String| match effect.as_str() {
-        "gyro_bias" => m.gyro.is_some(),
-        "imu_tilt" | "pose_delay" => m.orientation.is_some(),
-        _ => true,
-    };
-    weak(study).into_iter().filter(is_measured).collect()
-}
-
-/// How much of the recording could be judged, where that is less than half.
-fn judged(study: &LinearisedProblem, run: &Run) -> Option<String> {
-    let cut = study.rollout.cut;
-    let [first, last] = run.span();
-    let windows = study.seen.iter().filter(|s| s.window.run == 0);
-    let (count, [from, until]) = windows.fold((0, [f64::INFINITY, f64::NEG_INFINITY]), |(n, [from, until]), s| {
-        (n + 1, [from.min(s.window.start), until.max(s.window.start + cut.window)])
-    });
-    let whole = (((last - first) / cut.window) as usize).min(cut.most);
-    (2 * count < whole).then(|| {
-        format!(
-            "{count} of {whole} windows of {} s could be judged, from {from:.1} to {until:.1} s of {first:.1} to {last:.1} s: the others lack \
-             values of a channel or jump",
-            cut.window
-        )
-    })
-}
-
-/// Joints of the recording that the model lacks, and joints of the model that nothing commands: one name written in two ways makes both.
-fn strangers(study: &LinearisedProblem, run: &Run) -> Vec<String> {
-    let columns = &study.rollout.columns;
-    let unknown =
-        run.joint_names.iter().enumerate().filter(|(k, _)| !columns.contains(k)).map(|(_, name)| name.as_str());
-    let unknown: Vec<&str> = unknown.collect();
-    let is_used = |name: &&str| columns.iter().any(|k| run.joint_names[*k] == *name);
-    let silent: Vec<&str> = run.uncommanded().into_iter().filter(is_used).collect();
-    let mut told = Vec::new();
-    if !unknown.is_empty() {
-        told.push(format!("joints of the recording that the model lacks are left out: {}", unknown.join(", ")));
-    }
-    if !silent.is_empty() {
-        told.push(format!("no commands were recorded of {}: they are taken for 0", silent.join(", ")));
-    }
-    told
-}
-
-/// Joints at rest, and what they cannot show.
-fn resting(study: &LinearisedProblem) -> Option<String> {
-    let names = study.rollout.model.joint_names();
-    let resting: Vec<&str> = study.at_rest.iter().map(|&j| names[j].as_str()).collect();
-    let (whose, what) = match resting.len() {
-        0 => return None,
-        all if all == study.rollout.columns.len() => ("no joint moves: no delay of the pose,".to_string(), ""),
-        _ => (format!("{} hardly move: no", resting.join(", ")), " of them"),
-    };
-    Some(format!("{whose} latency, lag, velocity gain, viscous friction or rotor inertia{what} is accused"))
-}
-
-/// Effects whose value this recording leaves open by more than half of their range.
-fn weak(study: &LinearisedProblem) -> Vec<String> {
-    let Ok(marginal) = study.marginal(fitted) else { return Vec::new() };
-    let mut weak: Vec<String> = Vec::new();
-    for (index, effect) in study.columns.effects.iter().enumerate() {
-        let group = study.columns.groups.iter().position(|g| g.effect == index);
-        let open = |level: usize| {
-            let Some(d) = group.and_then(|g| direction(&study.columns, g, level)) else { return true };
-            let h = transposed_product(&d.d, &product(&marginal.curvature, &d.d));
-            // A limit that never bites has no curvature at any level.
-            (0..d.steps.len()).all(|a| {
-                h[(a, a)] < 1e-9 || d.steps[a].abs() / h[(a, a)].sqrt() > 0.25 * effect.span().max(d.steps[a].abs())
-            })
-        };
-        if (0..effect.levels.len()).all(open) {
-            weak.push(effect.name.clone());
-        }
-    }
-    weak
-}
-
-/// Effects whose sensitivities point nearly the same way as a suspect's.
-pub fn confusable(study: &LinearisedProblem, suspect: &Suspect) -> Vec<String> {
-    let columns = &study.columns;
-    let Some(own) = direction(columns, suspect.group, 0) else { return Vec::new() };
-    let mut h = Matrix::zeros(study.width(), study.width());
-    study.seen.iter().for_each(|s| add_scaled_matrix(&mut h, fitted(s), &s.h));
-    // Along the values that were found.
-    let mut along = vec![0.0; study.width()];
-    for (axis, value) in suspect.values.iter().enumerate() {
-        let absent = if own.absent[axis].is_finite() { own.absent[axis] } else { value - own.steps[axis] };
-        add_scaled(&mut along, (value - absent) / own.steps[axis], own.d.col_as_slice(axis));
-    }
-    let length = dot(&along, &times(&h, &along)).sqrt();
-    let names = &columns.groups[suspect.group].names;
-    let mut alike: Vec<(f64, String)> = Vec::new();
-    for (index, group) in columns.groups.iter().enumerate() {
-        let effect = &columns.effects[group.effect];
-        if group.effect == columns.groups[suspect.group].effect || (group.names != *names && group.names != ["all"]) {
-            continue;
-        }
-        let Some(other) = direction(columns, index, 0) else { continue };
-        // The angle to the space that the other effect's axes span.
-        let hd = product(&h, &other.d);
-        let projection = transposed_times(&hd, &along);
-        let Some(factor) = Cholesky::new(&transposed_product(&other.d, &hd)) else { continue };
-        let cosine = factor.length(&projection).sqrt() / length.max(1e-300);
-        if cosine > ALIKE && !alike.iter().any(|(_, name)| *name == effect.name) {
-            alike.push((cosine, effect.name.clone()));
-        }
-    }
-    alike.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let own = &columns.effects[columns.groups[suspect.group].effect].name;
-    let mut names: Vec<String> = alike.into_iter().map(|a| a.1).collect();
-    for other in one_without_poses(own).filter(|_| study.rollout.on_legs) {
-        if columns.effects.iter().any(|e| e.name == other) && !names.iter().any(|n| n == other) {
-            names.push(other.into());
-        }
-    }
-    names
-}
 
 /// Effects that nothing tells from each other where the base goes as its legs say: a tilted IMU walks on a slope, and a foot that slips or
 /// bounces makes a start that is wrong.
@@ -203,13 +15,13 @@ const ONE_WITHOUT_POSES: [&[&str]; 2] =
     [&["imu_tilt", "terrain_slope"], &["ground_friction", "contact_restitution", "contact_compliance"]];
 
 /// The others of an effect's set of those.
-fn one_without_poses(effect: &str) -> impl Iterator<Item = &'static str> {
+pub fn one_without_poses(effect: &str) -> impl Iterator<Item = &'static str> {
     let set = ONE_WITHOUT_POSES.into_iter().find(|set| set.contains(&effect)).unwrap_or_default();
     set.iter().copied().filter(move |other| *other != effect)
 }
 
 /// What is to be said beside the verdict on a walk without poses.
-pub fn beside_verdict(causes: &[Cause]) -> Vec<String> {
+fn beside_verdict(causes: &[Cause]) -> Vec<String> {
     let words = |cause: &Cause| {
         let others: Vec<String> = one_without_poses(&cause.effect).map(|o| o.replace('_', " ")).collect();
         let effect = cause.effect.replace('_', " ");
@@ -252,7 +64,7 @@ fn ended(sentence: &str) -> String {
 }
 
 /// What a gap that nothing explains looks most like.
-pub fn nearest(lead: &Lead) -> String {
+fn nearest(lead: &Lead) -> String {
     let names: Vec<String> = lead.effects.iter().map(|e| e.replace('_', " ")).collect();
     format!(
         "Nearest, not accused: {} ({}), which would close {:.0} % of the gap. To tell: {}",
@@ -268,11 +80,26 @@ const NOTHING: f64 = 0.005;
 /// Share of the gap from which on an effect is not said to leave it unexplained.
 const MUCH: f64 = 0.5;
 
+/// The verdict and all that is to be said beside it.
+pub fn whole(
+    evidence: &Evidence,
+    data: &ReportData,
+    decision: &Decision,
+    (causes, leads, several, gap): (&[Cause], &[Lead], Option<&Together>, &Gap),
+) -> String {
+    let sentence = sentence(decision.verdict, (causes, gap), (leads, &data.dead), &decision.ranking);
+    let as_good = as_good(evidence.rounds.first(), causes, &decision.policy);
+    let all = [Some(sentence), as_good, several.map(together), disagree(causes, leads, &decision.policy)];
+    let of_legs = if data.on_legs { beside_verdict(causes) } else { Vec::new() };
+    let fall = data.fall.iter().map(|fall| format!("({fall}.)"));
+    all.into_iter().flatten().chain(of_legs).chain(fall).collect::<Vec<_>>().join(" ")
+}
+
 /// The verdict in a sentence; `dead` are joints whose positions are not known.
-pub fn sentence(
+fn sentence(
     verdict: Verdict,
     (causes, gap): (&[Cause], &Gap),
-    (leads, dead): (&[Lead], &[&str]),
+    (leads, dead): (&[Lead], &[String]),
     ranking: &[Ranked],
 ) -> String {
     let described = |c: &Cause| {
@@ -331,7 +158,7 @@ pub fn sentence(
 }
 
 /// That recordings ask for different sizes of a cause, or else of the first lead; `None` where they agree.
-pub fn disagree(causes: &[Cause], leads: &[Lead], policy: &Policy) -> Option<String> {
+fn disagree(causes: &[Cause], leads: &[Lead], policy: &Policy) -> Option<String> {
     let of_cause = |c: &Cause| (c.effect.clone(), c.parameters.first().cloned(), c.by_recording.clone());
     let of_lead = |l: &Lead| (l.effects[0].clone(), l.parameters.first().cloned(), l.by_recording.clone());
     let all = causes.iter().map(of_cause).chain(leads.iter().take(1).filter(|_| causes.is_empty()).map(of_lead));
@@ -362,7 +189,7 @@ pub fn disagree(causes: &[Cause], leads: &[Lead], policy: &Policy) -> Option<Str
 }
 
 /// What several effects do together, in a sentence: no accusation.
-pub fn together(together: &Together) -> String {
+fn together(together: &Together) -> String {
     let described = |e: &TogetherEffect| {
         let amounts: Vec<String> = e.parameters.iter().map(amount).collect();
         let names: Vec<String> = e.names().map(|name| name.replace('_', " ")).collect();
@@ -378,15 +205,12 @@ pub fn together(together: &Together) -> String {
     )
 }
 
-/// Share of the evidence of what is accused from which on another effect does nearly as well.
-const NEARLY_AS_GOOD: f64 = 0.95;
-
 /// Steady effects that have nearly the evidence of the one that is accused, in words; `None` if there are none, or if more is accused.
-pub fn as_good(first: Option<&Round>, causes: &[Cause]) -> Option<String> {
+fn as_good(first: Option<&Round>, causes: &[Cause], policy: &Policy) -> Option<String> {
     let ([cause], round) = (causes, first?) else { return None };
     let accused = &round.candidates[*round.accused.first()?];
     let is_as_good = |c: &&Candidate| {
-        let has_evidence = c.log_evidence > NEARLY_AS_GOOD * accused.log_evidence;
+        let has_evidence = c.log_evidence > policy.nearly_as_good * accused.log_evidence;
         c.extent.is_none() && c.effect != cause.effect && has_evidence
     };
     let mut others: Vec<String> = Vec::new();
@@ -400,8 +224,8 @@ pub fn as_good(first: Option<&Round>, causes: &[Cause]) -> Option<String> {
         .then(|| format!("In this recording {} would do nearly as well: take them as one group.", others.join(" or ")))
 }
 
-/// A round in words; `reason` is why the best was not accused.
-pub fn round(round: &Round, reason: &str) -> RoundSummary {
+/// A round in words, and what it came to.
+pub fn round(round: &Round, judgement: &Judgement) -> RoundSummary {
     let mut suspects: Vec<SuspectSummary> = Vec::new();
     for candidate in &round.candidates {
         if suspects.iter().all(|s| s.effect != candidate.effect) {
@@ -415,17 +239,13 @@ pub fn round(round: &Round, reason: &str) -> RoundSummary {
             });
         }
     }
-    let accused = round.accused.iter().map(|&k| round.candidates[k].effect.clone()).collect();
-    RoundSummary { level: round.level.ratio, suspects, accused, reason: reason.to_owned() }
+    let accused = judgement.accused.iter().map(|&k| round.candidates[k].effect.clone()).collect();
+    let reason = judgement.refused.as_ref().map_or(String::new(), |(effect, why)| format!("{effect}: {why}"));
+    RoundSummary { level: round.level.ratio, suspects, accused, reason }
 }
 
-/// Gap over floor from which on it is more than effects of the library make: of 157 recordings of one or two of them the largest had 143.
-const HUGE: f64 = 200.0;
-/// The same where no effect explains it: a model with all masses times 3 makes 60 to 90, with half as much again 30.
-const LARGE: f64 = 25.0;
-
 /// What to look at before any effect: broken encoders, `dead`, and a model that is another robot's.
-pub fn first_of_all(verdict: Verdict, gap: &Gap, dead: &[&str]) -> Vec<String> {
+fn first_of_all(verdict: Verdict, gap: &Gap, dead: &[String], policy: &Policy) -> Vec<String> {
     let mut first = Vec::new();
     if !dead.is_empty() {
         first.push(format!(
@@ -433,13 +253,13 @@ pub fn first_of_all(verdict: Verdict, gap: &Gap, dead: &[&str]) -> Vec<String> {
             dead.join(", ")
         ));
     }
-    if verdict != Verdict::NoGap && gap.before > HUGE * gap.floor {
+    if verdict != Verdict::NoGap && gap.before > policy.huge_gap * gap.floor {
         first.push(format!(
             "The gap is {:.0} times what noise makes. Check the model before anything else: masses and lengths of the URDF, names and order of the \
              joints, gains, units and signs of every channel.",
             gap.before / gap.floor
         ));
-    } else if verdict == Verdict::Unexplained && dead.is_empty() && gap.before > LARGE * gap.floor {
+    } else if verdict == Verdict::Unexplained && dead.is_empty() && gap.before > policy.large_unexplained * gap.floor {
         first.push(format!(
             "The gap is {:.0} times what noise makes, and no effect explains it: it may be the model's. Weigh the robot, and check masses and lengths of \
              the URDF, gains and units, before you look for what the robot does.",
@@ -450,15 +270,12 @@ pub fn first_of_all(verdict: Verdict, gap: &Gap, dead: &[&str]) -> Vec<String> {
 }
 
 /// Edges of a slippery part of the floor that no foot came to.
-fn beyond_feet(cause: &Cause, study: &LinearisedProblem) -> Option<String> {
-    let edge = |name: &str| cause.parameters.iter().find(|p| p.name == name).map(|p| p.value);
-    let [x0, x1, y0, y1] = EDGES.map(edge);
-    let region = [x0?, x1?, y0?, y1?];
-    let untested = untested(&feet(study), region);
-    let which = if untested.is_empty() {
+fn beyond_feet(data: &CauseData) -> Option<String> {
+    data.region.as_ref()?;
+    let which = if data.untested.is_empty() {
         "Its edges lie".into()
     } else {
-        format!("Beyond {} no foot stood: the ground may go on there. All edges lie", untested.join(", "))
+        format!("Beyond {} no foot stood: the ground may go on there. All edges lie", data.untested.join(", "))
     };
     Some(format!("{which} in the frame of this recording's poses: odometry that begins elsewhere moves them."))
 }
@@ -476,8 +293,8 @@ fn once_more(verdict: Verdict, causes: &[Cause]) -> &'static str {
 }
 
 /// The experiment of a cause, and those of the first two effects that it looks like.
-fn apart(cause: &Cause, study: &LinearisedProblem) -> String {
-    let of = |name: &String| study.columns.effects.iter().find(|e| e.name == *name).map(|e| &e.experiment);
+fn apart(cause: &Cause, evidence: &Evidence) -> String {
+    let of = |name: &String| evidence.effect(name).map(|e| &e.experiment);
     let mut all = vec![&cause.separating_experiment];
     for other in cause.confusable_with.iter().take(2).filter_map(of) {
         if !other.is_empty() && !all.contains(&other) {
@@ -487,18 +304,22 @@ fn apart(cause: &Cause, study: &LinearisedProblem) -> String {
     ended(&all.iter().map(|e| e.trim_end_matches(['.', '?'])).collect::<Vec<_>>().join("; or "))
 }
 
-/// What to do next. `dead` are joints whose positions are not known; `slips` is the share that a slippery region closes in pieces of windows;
-/// `best` the best candidate of the first round; `not_accused` why the last round accused nothing.
+/// Share that a slippery region closes in pieces of windows, if one was found.
+fn slips<'c>(evidence: &Evidence, causes: impl Iterator<Item = &'c Cause>) -> Option<f64> {
+    let in_pieces = |c: &Candidate| c.held_out.as_ref().is_some_and(|h| h.fall_of_pieces.is_some());
+    evidence.accused().zip(causes).find(|((_, c), _)| in_pieces(c)).map(|(_, cause)| cause.closed_alone)
+}
+
+/// What to do next.
 pub fn next(
-    verdict: Verdict,
-    (causes, gap): (&[Cause], &Gap),
-    (leads, dead): (&[Lead], &[&str]),
-    slips: Option<f64>,
-    (best, not_accused): (Option<&Candidate>, Option<&str>),
-    study: &LinearisedProblem,
+    evidence: &Evidence,
+    data: &ReportData,
+    decision: &Decision,
+    (causes, leads, gap): (&[Cause], &[Lead], &Gap),
 ) -> Vec<String> {
-    let mut next = Vec::new();
-    if let Some(closed) = slips {
+    let verdict = decision.verdict;
+    let mut next = first_of_all(verdict, gap, &data.dead, &decision.policy);
+    if let Some(closed) = slips(evidence, causes.iter()) {
         next.push(format!(
             "Where feet slip nobody foretells whole windows: a foot that lands a little earlier slips elsewhere. In pieces of 0.1 s \
              this friction closes {:.0} % of what feet do there and nowhere else.",
@@ -516,14 +337,14 @@ pub fn next(
             } else {
                 "Use calibrated.toml (`qv replay --params`), or the corrections for MuJoCo, URDF and Isaac Lab beside it.".into()
             });
-            next.extend(causes.iter().filter_map(|c| beyond_feet(c, study)));
+            next.extend(data.causes.iter().filter_map(beyond_feet));
             next.push(once_more(verdict, causes).into());
             for cause in causes.iter().filter(|c| !c.confusable_with.is_empty()) {
                 let likes = cause.confusable_with.join(", ");
                 next.push(format!(
                     "{} looks like {likes} here. To tell them apart: {}",
                     cause.effect,
-                    apart(cause, study)
+                    apart(cause, evidence)
                 ));
             }
         }
@@ -531,18 +352,23 @@ pub fn next(
             next.push(
                 "Look at what is left and what it goes along with; add an effect of your own with --library.".into(),
             );
-            if study.parts.len() > 1 {
+            if data.recordings > 1 {
                 next.push("Diagnose each recording by itself, too: one robot is looked for that explains all of them, and they may differ.".into());
             }
             next.extend(leads.first().map(nearest));
-            let is_blind = !dead.is_empty();
-            let of = |best: &Candidate| study.columns.effects.iter().find(|e| e.name == best.effect);
-            if let Some(effect) = best.filter(|_| leads.is_empty() && !is_blind).and_then(of) {
+            let best = evidence.rounds.first().and_then(|r| r.candidates.first());
+            let is_open = leads.is_empty() && data.dead.is_empty();
+            if let Some(effect) = best.filter(|_| is_open).and_then(|best| evidence.effect(&best.effect)) {
                 next.push(format!("To rule {} out or in: {}", effect.name, ended(&effect.experiment)));
             }
         }
     }
-    next.extend(not_accused.map(|reason| format!("Not accused: {reason}.")));
+    if let Some((effect, why)) = decision.rounds.last().and_then(|r| r.refused.as_ref()) {
+        next.push(format!("Not accused: {effect}: {why}."));
+    }
+    if let (Some(doubt), Some(first)) = (&decision.doubt, data.causes.first()) {
+        next.push(format!("Not accused: {}: {doubt}.", first.cause.effect));
+    }
     next
 }
 

@@ -3,50 +3,12 @@
 
 use crate::GapError;
 use crate::checks::held_out::closure;
-use crate::findings::ParameterEstimate;
+use crate::findings::{Together, TogetherEffect};
 use crate::inference::intervals::estimates_of;
 use crate::inference::level::level;
 use crate::inference::linearised::LinearisedProblem;
 use crate::inference::search::{Fit, Search};
 use crate::problem::columns::Suspect;
-use serde::Serialize;
-
-/// Several effects at their best beside each other.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Together {
-    /// Each of them, the one that is missed most first.
-    pub effects: Vec<TogetherEffect>,
-    /// Share of the gap that all of them close in windows that no fit has seen.
-    pub closed: f64,
-    /// Its interval.
-    pub closed_ci95: [f64; 2],
-    /// Root mean square error of joint positions in these windows before and with them \[rad\].
-    pub joint_rms: [f64; 2],
-    /// What is left in the windows of the fit over what the null leaves.
-    pub level: f64,
-}
-
-/// An effect beside others.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct TogetherEffect {
-    /// Name.
-    pub effect: String,
-    /// `all`, or joints or links.
-    pub scope: Vec<String>,
-    /// Its size, with what the others leave open of it.
-    pub parameters: Vec<ParameterEstimate>,
-    /// Log likelihood ratio of having it, the others at their best without it, in units of what is left.
-    pub log_likelihood_ratio: f64,
-    /// Effects that this recording does not tell from it beside the others (correlation above 0.95).
-    pub alike: Vec<String>,
-}
-
-impl TogetherEffect {
-    /// Its name, then those that are not told from it.
-    pub fn names(&self) -> impl Iterator<Item = &str> {
-        std::iter::once(&self.effect).chain(&self.alike).map(String::as_str)
-    }
-}
 
 /// The best fits of a round taken together; `None` where fewer than two of them are needed.
 ///

@@ -41,7 +41,19 @@ fn window(
         None => Trace { time: measured.time.clone(), joints: columns.len(), ..Trace::default() },
     };
     let (before, after) = (beside(seen.trace.as_ref(), &errors[0]), beside(after, &errors[1]));
-    Some(TracedWindow { run: seen.window.run, measured, before, after })
+    Some(TracedWindow {
+        run: seen.window.run,
+        measured: rounded(measured),
+        before: rounded(before),
+        after: rounded(after),
+    })
+}
+
+/// As far as a page can show: evidence holds all of these numbers.
+fn rounded(mut trace: Trace) -> Trace {
+    let values = [&mut trace.time, &mut trace.position, &mut trace.velocity, &mut trace.torque];
+    values.into_iter().flatten().for_each(|x| *x = (*x * 1e6).round() / 1e6);
+    trace
 }
 
 /// Columns of a measured series at some times, shape `[times, joints]`; empty where it was not recorded.

@@ -3,9 +3,11 @@
 use crate::facts::States;
 use crate::two_links::{ARM, SETTINGS, model};
 use qv_gap::decision::Policy;
+use qv_gap::decision::evidence::Evidence;
+use qv_gap::export::{to_html, to_json};
 use qv_gap::inference::linearised::NullOptions;
-use qv_gap::report::{Report, Verdict};
-use qv_gap::{Options, diagnose};
+use qv_gap::report::{Report, Verdict, report as rendered};
+use qv_gap::{Diagnosis, Options, diagnose};
 use qv_recording::Run;
 use qv_recording::run::Known;
 use qv_replay::find_gains;
@@ -81,6 +83,22 @@ fn two_pushes_are_told_with_their_times_and_torques() {
         assert!((cause.parameters[2].value - push.1).abs() < WINDOW + 0.01, "{:?}", cause.parameters);
     }
     assert!(matches!(report.verdict, Verdict::Explained | Verdict::PartlyExplained), "{}", report.sentence);
+}
+
+/// What was measured says all that the report does, whatever came of it.
+#[test]
+fn stored_evidence_gives_the_report_of_its_diagnosis() {
+    let load = [("link.lower.payload_mass", 0.3)];
+    let nothing = Policy { least_held_evidence: 1e9, ..Policy::default() };
+    for (parameters, policy) in [(&load[..], Policy::default()), (&load[..], nothing), (&[][..], Policy::default())] {
+        let options = Options { policy, ..quick() };
+        let runs = [recorded(parameters, &[], 17)];
+        let Diagnosis { report, evidence, .. } = diagnose(&runs, &model(), &Terrain::none(), &options, 0).unwrap();
+        let stored = String::from_utf8(evidence.to_json()).unwrap();
+        let again = rendered(&Evidence::read(&stored, "evidence.json").unwrap(), &options.policy).unwrap();
+        assert_eq!(to_json(&again), to_json(&report));
+        assert_eq!(to_html(&again, "arm", &[], &[]), to_html(&report, "arm", &[], &[]));
+    }
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! Decides on stored evidence of twelve sealed recordings (`fixtures/evidence`), of three origins and four cases. Nothing is simulated.
 
 use qv_gap::decision::evidence::Evidence;
-use qv_gap::decision::{Decided, Decision, Policy, decide};
-use qv_gap::report::Verdict;
+use qv_gap::decision::{Decision, Policy, decide};
+use qv_gap::report::report;
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ fn folder() -> PathBuf {
 
 fn evidence(name: &str) -> Evidence {
     let file = folder().join(name).join("evidence.json");
-    serde_json::from_str(&fs::read_to_string(&file).unwrap()).unwrap_or_else(|e| panic!("{}: {e}", file.display()))
+    Evidence::read(&fs::read_to_string(&file).unwrap(), &file.display().to_string()).unwrap()
 }
 
 /// Name, case, and effects that are there.
@@ -29,14 +29,20 @@ fn answers() -> Vec<(String, String, Vec<String>)> {
 }
 
 fn decided(name: &str, policy: &Policy) -> Decision {
-    match decide(&evidence(name), policy) {
-        Decided::Decision(decision) => decision,
-        Decided::Parts(round) => panic!("{name}: the policy parts from what was measured in round {round}"),
-    }
+    decide(&evidence(name), policy).unwrap_or_else(|e| panic!("{name}: {e:?}"))
 }
 
-fn accuses(decision: &Decision) -> bool {
-    matches!(decision.verdict, Verdict::Explained | Verdict::PartlyExplained)
+#[test]
+fn evidence_of_other_formats_is_decided_on_or_refused() {
+    // The format before has what decides, and nothing of what a report shows.
+    let (name, ..) = answers().swap_remove(0);
+    let error = report(&evidence(&name), &Policy::default()).unwrap_err().to_string();
+    assert!(error.contains("qv-evidence/1") && error.contains("`qv diagnose` again"), "{error}");
+    let error = Evidence::read("{\"format\": \"qv-evidence/9\"}", "new.json").unwrap_err().to_string();
+    assert!(
+        error.contains("new.json") && error.contains("qv-evidence/2") && error.contains("qv-evidence/9"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -45,7 +51,7 @@ fn nothing_is_accused_where_nothing_of_the_library_is_there() {
     assert_eq!(quiet.len(), 6);
     for (name, case, _) in quiet {
         let decision = decided(&name, &Policy::default());
-        assert!(!accuses(&decision), "{name} ({case}): {:?}", decision.verdict);
+        assert!(!decision.accuses(), "{name} ({case}): {:?}", decision.verdict);
     }
 }
 
@@ -77,7 +83,7 @@ fn a_policy_that_asks_for_more_accuses_less() {
     let accusing = |policy: &Policy| -> usize {
         // Where the policy parts from what was measured, what would have followed is not known.
         let all = answers().into_iter().map(|(name, ..)| decide(&evidence(&name), policy));
-        all.filter(|d| matches!(d, Decided::Decision(decision) if accuses(decision))).count()
+        all.filter(|d| d.as_ref().is_ok_and(Decision::accuses)).count()
     };
     let (own, less) = (accusing(&Policy::default()), accusing(&strict));
     assert!(less < own, "{less} of {own}");

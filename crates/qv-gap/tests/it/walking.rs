@@ -7,8 +7,8 @@ use qv_gap::inference::level::level;
 use qv_gap::inference::linearised::{LinearisedProblem, NullOptions};
 use qv_gap::inference::search::Search;
 use qv_gap::problem::columns::{Columns, Group};
-use qv_gap::problem::library;
 use qv_gap::problem::library::Effect;
+use qv_gap::problem::{library, rollout_of};
 use qv_gap::report::{Report, UNKNOWN, Verdict};
 use qv_gap::{Options, diagnose};
 use qv_go2::synthetic;
@@ -336,7 +336,7 @@ fn without_poses_a_robot_goes_where_its_legs_carry_it() {
     }
     assert!(speed > 40.0 * 0.1 * 0.1, "it hardly walks");
     assert!((apart / speed).sqrt() < 0.15, "{} of {}", (apart / 40.0).sqrt(), (speed / 40.0).sqrt());
-    let refused = |run: &Run, terrain: &Terrain| match Rollout::new(run, &model, terrain, &[], quick().cut) {
+    let refused = |run: &Run, terrain: &Terrain| match rollout_of(run, &model, terrain, &[], quick().cut) {
         Ok(_) => panic!("not refused"),
         Err(error) => error.to_string(),
     };

@@ -7,16 +7,22 @@ use crate::ground::mesh_at;
 use crate::output::put;
 use crate::scene::about;
 use crate::{Failure, Outcome, say};
+use qv_camera::html::section;
 use qv_core::TriangleMesh;
+use qv_gap::decision::Policy;
+use qv_gap::decision::evidence::Evidence;
+use qv_gap::export;
 use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 pub const EXAMPLE: &str = "Example:\n  qv report --reconstruction out/splats --mesh out/contact/terrain.glb --contact out/contact \\\n    \
     --replay out/replay --diagnosis out/why --out out/report.html\n\n\
+    qv report --evidence out/why/evidence.json --out again/report.html\n\n\
     One file without network. What was found comes first: the cause, friction before and after, what a tuned policy gains; then the\n\
     place: photographs beside what is drawn of the scene, the labelled ground from above with the\n\
-    robot's way. Each part is left out where its folder is not given.";
+    robot's way. Each part is left out where its folder is not given.\n\
+    With --evidence the page of a diagnosis is made once more from what it measured, and report.json beside it.";
 
 /// Most photographs on the page.
 const PICTURES: usize = 6;
@@ -51,6 +57,10 @@ pub struct Report {
     /// What `qv view` wrote, to link to
     #[arg(long, value_name = "FILE.html")]
     view: Option<PathBuf>,
+    /// What a diagnosis measured (evidence.json): its report once more, decided by this program, without a simulation
+    #[arg(long, value_name = "FILE.json", conflicts_with_all = ["reconstruction", "mesh", "contact", "replay", "diagnosis",
+        "tuning", "paths", "navigation", "view"])]
+    evidence: Option<PathBuf>,
     /// The page to write
     #[arg(long, value_name = "FILE.html")]
     out: PathBuf,
@@ -78,6 +88,9 @@ struct Parts {
 
 impl Report {
     pub fn execute(&self) -> Result<Outcome, Failure> {
+        if let Some(file) = &self.evidence {
+            return self.render(file);
+        }
         let all = [
             &self.reconstruction,
             &self.mesh,
@@ -90,7 +103,7 @@ impl Report {
         ];
         if all.iter().all(|part| part.is_none()) {
             let expected = "expected at least one of --reconstruction, --mesh, --contact, --replay, --diagnosis, --tuning, --paths, \
-                 --navigation";
+                 --navigation, or --evidence";
             return Err(expected.into());
         }
         let part = |folder: &Option<PathBuf>, name: &str, key: &str| {
@@ -121,11 +134,31 @@ impl Report {
         {
             return Err(about(&folder.join("tune.json"), "expected a list of candidates, found none"));
         }
-        let page = page::to_html(&parts)?;
-        if let Some(folder) = self.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        self.write(&self.out, page::to_html(&parts)?)?;
+        self.finish()
+    }
+
+    /// The report of a diagnosis from its evidence.
+    fn render(&self, file: &Path) -> Result<Outcome, Failure> {
+        let text = fs::read_to_string(file).map_err(|e| about(file, format!("expected evidence, found {e}")))?;
+        let evidence = Evidence::read(&text, &file.display().to_string())?;
+        let report = qv_gap::report::report(&evidence, &Policy::default()).map_err(|e| about(file, e))?;
+        let said = evidence.report.as_ref().map(|data| (data.title.as_str(), &data.notes[..]));
+        let (title, notes) = said.unwrap_or_default();
+        let sections: Vec<String> = report.visual.iter().map(|sight| section(sight, &[])).collect();
+        self.write(&self.out, export::to_html(&report, title, notes, &sections))?;
+        self.write(&self.out.with_extension("json"), export::to_json(&report))?;
+        self.finish()
+    }
+
+    fn write(&self, path: &Path, text: String) -> Result<(), Failure> {
+        if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
             fs::create_dir_all(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
         }
-        put(&self.out, page).map_err(|e| about(&self.out, format!("expected to write it, found {e}")))?;
+        put(path, text).map_err(|e| about(path, format!("expected to write it, found {e}")))
+    }
+
+    fn finish(&self) -> Result<Outcome, Failure> {
         match self.json {
             true => say(&format!("{}\n", json!({"format": "qv-report/1", "out": self.out})))?,
             false => say(&format!("written to {}\n", self.out.display()))?,
