@@ -150,7 +150,7 @@ fn own_page(package: &Package, root: &Path, sources: &[Source]) -> Option<String
     let Some(page) = sources.iter().find(|source| source.path == path) else {
         return Some(format!("{}: expected a page that says what the crate is, found none", path.display()));
     };
-    let says = format!("| layer | {} of 5", layer(&package.short())?);
+    let says = format!("| layer | {} of 7", layer(&package.short())?);
     if !page.text.contains(&says) {
         return Some(format!("{}: expected `{says}`, found another layer or none", path.display()));
     }
@@ -243,9 +243,9 @@ mod tests {
         sim.targets = vec![Target { name: "drop".into(), kind: vec!["example".into()] }];
         let page = |text: &str| [Source { path: "crates/qv-sim/README.md".into(), text: text.into() }];
         let found = |text: &str| own_page(&sim, Path::new("/top"), &page(text));
-        assert_eq!(found("cargo run -p quadverse-sim --example drop\n| layer | 1 of 5 |"), None);
-        assert!(found("--example drop\n| layer | 2 of 5 |").unwrap().contains("`| layer | 1 of 5`"));
-        assert!(found("--example fall\n| layer | 1 of 5 |").unwrap().ends_with("found fall"));
-        assert!(found("| layer | 1 of 5 |").unwrap().ends_with("found none"));
+        assert_eq!(found("cargo run -p quadverse-sim --example drop\n| layer | 1 of 7 |"), None);
+        assert!(found("--example drop\n| layer | 2 of 7 |").unwrap().contains("`| layer | 1 of 7`"));
+        assert!(found("--example fall\n| layer | 1 of 7 |").unwrap().ends_with("found fall"));
+        assert!(found("| layer | 1 of 7 |").unwrap().ends_with("found none"));
     }
 }

@@ -134,7 +134,7 @@ fn weak(study: &LinearisedProblem) -> Vec<String> {
         let group = study.columns.groups.iter().position(|g| g.effect == index);
         let open = |level: usize| {
             let Some(d) = group.and_then(|g| direction(&study.columns, g, level)) else { return true };
-            let h = d.d.transpose() * &marginal.curvature * &d.d;
+            let h = transposed_product(&d.d, &product(&marginal.curvature, &d.d));
             // A limit that never bites has no curvature at any level.
             (0..d.steps.len()).all(|a| {
                 h[(a, a)] < 1e-9 || d.steps[a].abs() / h[(a, a)].sqrt() > 0.25 * effect.span().max(d.steps[a].abs())
