@@ -11,7 +11,7 @@ use qv_recording::median_interval;
 use qv_rollout::Channel;
 use qv_rollout::Overrides;
 use qv_rollout::Raw;
-use qv_rollout::features;
+use qv_rollout::channels;
 use qv_rollout::law;
 
 /// Loss of a window whose simulation ran away, over that of the nominal robot.
@@ -152,7 +152,7 @@ fn scales(study: &LinearisedProblem, run: usize) -> Vec<f64> {
     let noise = &study.parts[run].noise;
     let mut all = Vec::with_capacity(first.raw.motion.len() + first.raw.law.len());
     for &channel in &rollout.channels {
-        let width = features::width(channel, rollout.cut.bins());
+        let width = channels::width(channel, rollout.cut.bins());
         let series = match channel {
             Channel::Position(_) => &m.position,
             Channel::Velocity(_) => &m.velocity,
@@ -197,7 +197,7 @@ fn root_count(series: &Option<JointSeries>, bin: f64) -> f64 {
 
 fn at_least_a_share_of_the_residual(study: &LinearisedProblem, run: usize, deviations: &mut [f64]) {
     let (bins, law_bins) = (study.rollout.cut.bins(), law::bins(&study.rollout));
-    let widths = study.rollout.channels.iter().map(|&c| features::width(c, bins));
+    let widths = study.rollout.channels.iter().map(|&c| channels::width(c, bins));
     let widths: Vec<usize> = widths.chain(study.rollout.law_joints.iter().map(|_| law_bins)).collect();
     let mut first = 0;
     for width in widths {

@@ -19,8 +19,8 @@ use qv_gap::GapError;
 use qv_gap::inference::linearised::{LinearisedProblem, LinearisedWindow};
 use qv_rollout::Channel;
 use qv_rollout::Raw;
+use qv_rollout::channels;
 use qv_rollout::compare;
-use qv_rollout::features;
 use qv_rollout::law::{self, ActuatorModel};
 use qv_rollout::{Overrides, Rollout, Window, measured};
 use rayon::prelude::*;
@@ -97,14 +97,14 @@ fn pieces(rollout: &Rollout) -> usize {
 /// Simulated positions and speeds at the middle of each bin, shape `[joints][bins]`: measured less residual.
 fn simulated(rollout: &Rollout, seen: &LinearisedWindow) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
     let bins = rollout.cut.bins();
-    let features: usize = rollout.channels.iter().map(|&c| features::width(c, bins)).sum();
+    let features: usize = rollout.channels.iter().map(|&c| channels::width(c, bins)).sum();
     // Windows of a study could be prepared once already.
     let measured = measured(rollout, &seen.window).unwrap_or_else(|| vec![f64::NAN; features]);
     let mut position = vec![vec![f64::NAN; bins]; rollout.columns.len()];
     let mut speed = position.clone();
     let mut first = 0;
     for &channel in &rollout.channels {
-        let width = features::width(channel, bins);
+        let width = channels::width(channel, bins);
         let values = || (first..first + width).map(|i| measured[i] - seen.raw.motion[i]).collect();
         match channel {
             Channel::Position(j) => position[j] = values(),

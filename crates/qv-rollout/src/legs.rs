@@ -5,7 +5,7 @@
 //! the origin, the lowest foot on z = 0, and drifts. Attitude is the IMU's. A foot that slips, or a leg whose encoders are off, makes the path wrong
 //! by as much: nothing is to be compared with it, it is where simulations start.
 
-use crate::start::SensorErrors;
+use crate::sensors::{SensorErrors, rotation_near};
 use glam::{DQuat, DVec3};
 use qv_core::{JointSeries, Pose};
 use qv_recording::Run;
@@ -88,7 +88,7 @@ struct Walker<'a> {
 
 impl Walker<'_> {
     fn at(&self, time: f64) -> Option<Step> {
-        let imu = crate::start::rotation_near(self.run.measured.orientation.as_ref()?, 0, time)?;
+        let imu = rotation_near(self.run.measured.orientation.as_ref()?, 0, time)?;
         let rotation = imu * self.tilt.conjugate();
         let (q, v) = self.joints(time);
         let turned = match &self.run.measured.gyro {
@@ -146,7 +146,7 @@ impl Walker<'_> {
 
     /// Angular velocity of the base by the IMU's attitudes around `time` \[rad/s\], in its own frame.
     fn turning(&self, time: f64, imu: DQuat) -> Option<DVec3> {
-        let after = crate::start::rotation_near(self.run.measured.orientation.as_ref()?, 0, time + INTERVAL)?;
+        let after = rotation_near(self.run.measured.orientation.as_ref()?, 0, time + INTERVAL)?;
         Some(self.tilt * shorter_turn(imu.conjugate() * after) / INTERVAL)
     }
 }

@@ -8,6 +8,7 @@
 /// Types of these stand in the interface of this crate.
 pub use {glam, qv_core};
 
+pub mod channels;
 mod commands;
 mod error;
 #[cfg(test)]
@@ -17,32 +18,37 @@ pub mod features;
 mod feet;
 pub mod law;
 mod legs;
+mod options;
 mod parameters;
 mod place;
 mod residuals;
 mod robot;
+mod sensors;
 mod simulation;
 mod start;
 mod start_cache;
 mod stretches;
 mod trace;
+mod window;
 mod windows;
 
+pub use channels::{Channel, is_alive};
 pub use commands::{Command, HeldCommands};
 pub use error::RolloutError;
-pub use features::Channel;
 pub use feet::{Feet, feet_of, feet_of_model};
 pub use legs::Legs;
+pub use options::{Numerics, WindowOptions};
 pub use parameters::{
     Overrides, expand, joint_columns, name_parts, parameters_from_toml, sensor_errors, stated_parameters,
     with_stated_rotors,
 };
-pub use place::{Sensors, Start};
+pub use place::Sensors;
 pub use residuals::{Raw, Residuals, Traced, are_near, compare, compare_and_trace};
 pub use robot::{Event, Rollout};
-pub use simulation::{Numerics, Simulation};
-pub use start::{Covered, SensorErrors, Starts};
+pub use sensors::SensorErrors;
+pub use simulation::Simulation;
+pub use start::{Covered, Starts};
 pub use start_cache::measured;
 pub use stretches::{Recording, Stretch, joint_lags};
 pub use trace::Trace;
-pub use windows::{Window, WindowOptions, is_alive};
+pub use window::{Start, Window};

@@ -1,7 +1,7 @@
 //! Parameters of the simulator: which a run states, which a file or a command line gives, and what each means to what is measured.
 
 use crate::RolloutError;
-use crate::start::SensorErrors;
+use crate::sensors::SensorErrors;
 use qv_recording::run::{Base, FaultKind, Run};
 use qv_sim::{BaseKind, Batch, Model, SimOptions, Terrain};
 

@@ -1,40 +1,18 @@
 //! Where a simulation starts: the measured state, ground under its feet, joints behind their springs.
 
-use crate::commands::HeldCommands;
+use crate::RolloutError;
 use crate::law;
 use crate::parameters::Overrides;
 use crate::robot::Rollout;
 use crate::start::Starts;
-use crate::{Numerics, RolloutError};
-use qv_recording::Run;
+use crate::window::Start;
 use qv_sim::{ActsOn, Batch, GeomField, JointField, LinkField, Precision, Shape, State, WorldField};
 use std::borrow::Cow;
 
 /// Either side of a time, within which the torque of a motor is differentiated \[s\].
 const BESIDE: f64 = 0.01;
-/// Time for which a robot settles on its feet \[s\].
-const SETTLING: f64 = 0.25;
 /// Feet within this of the lowest one stand \[m\].
 const STANDING: f64 = 0.005;
-/// Feet that sink in by more on ground as it usually is are none that stand \[m\].
-const DEEPEST: f64 = 0.01;
-
-/// A moment of a recording at which a simulation starts.
-#[derive(Clone, Copy)]
-pub struct Start<'a> {
-    /// What was recorded around it: it says where lags and springs stand.
-    pub view: &'a Run,
-    /// The commands of that.
-    pub held: &'a HeldCommands,
-    /// When it is, on the clock of the run \[s\].
-    pub time: f64,
-    /// Time since the start of its recording \[s\].
-    pub since: f64,
-    /// Between which times what acts from outside is looked for \[s\].
-    pub during: [f64; 2],
-    /// Smoothed states of `view`, where they are there already.
-    pub starts: Option<&'a Starts<'a>>,
-}
 
 /// What the simulated sensors have of the parameters under `sensor.*`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -127,7 +105,7 @@ impl Rollout<'_> {
     }
 
     /// One over the stiffness of contacts per mass \[s²\], with such values of parameters.
-    fn softness(&self, value: impl Fn(usize) -> f64) -> f64 {
+    pub(crate) fn softness(&self, value: impl Fn(usize) -> f64) -> f64 {
         let of = |field: WorldField| self.parameter_of(ActsOn::World(field)).map_or(0.0, &value);
         (of(WorldField::TimeConstant) * of(WorldField::DampingRatio)).powi(2)
     }
@@ -157,34 +135,6 @@ impl Rollout<'_> {
         let lowest = feet.iter().map(|f| f.1).fold(f64::INFINITY, f64::min);
         feet.retain(|f| f.1 < lowest + STANDING);
         feet
-    }
-
-    /// Finds the depth to which the feet sink in when the robot stands on all of them, by letting it settle at a start, at the measured
-    /// `state`. A robot that does not settle says nothing: 0.
-    ///
-    /// # Errors
-    /// When the simulator refuses.
-    pub fn settle(&mut self, numerics: &Numerics, start: &Start, state: &State) -> Result<(), RolloutError> {
-        self.depth = 0.0;
-        if !self.free || self.terrain.is_none() || self.feet.geoms.is_empty() {
-            return Ok(());
-        }
-        let nothing = Overrides::new();
-        let mut simulation = crate::Simulation::<f64>::new(self, *numerics, [self.longest_latency(&nothing), 0.0], 1)?;
-        let height = self.place(&mut simulation.batch, 0, &nothing, (start, Sensors::Ideal), state)?;
-        let mut command = crate::Command::default();
-        start.held.at(start.time, numerics.timestep, &mut command);
-        let batch = &mut simulation.batch;
-        batch.set_command(0, &command.view())?;
-        batch.step_many((SETTLING / numerics.timestep) as usize);
-        let (gap, feet) = self.gap_below(&nothing, &batch.state(0)?.q);
-        let depth = (height - gap) * feet as f64 / self.feet.geoms.len() as f64;
-        // Softer ground gives way by more.
-        let softer = self.softness(|id| self.nominal[id]) / self.softness(|id| self.catalogue[id].neutral);
-        let settled = !batch.is_faulty(0)? && (0.0..DEEPEST * softer.max(1.0)).contains(&depth);
-        drop(simulation);
-        self.depth = if settled { depth } else { 0.0 };
-        Ok(())
     }
 }
 

@@ -1,14 +1,15 @@
 //! The simulated side of a comparison: windows under settings of the parameters, many side by side.
 
-use crate::features::{Channel, middle, middles, turn};
+use crate::channels::Channel;
+use crate::features::{middle, middles, turn};
+use crate::options::Numerics;
 use crate::parameters::Overrides;
 use crate::place::Sensors;
 use crate::robot::Rollout;
-use crate::simulation::{Numerics, Simulation};
-use crate::start::SensorErrors;
-use crate::start_cache::Prepared;
+use crate::sensors::SensorErrors;
+use crate::simulation::Simulation;
 use crate::trace::Trace;
-use crate::windows::Window;
+use crate::window::{Prepared, Window};
 use crate::{HeldCommands, RolloutError};
 use glam::{DQuat, DVec3};
 use qv_sim::{ActsOn, Batch, Precision, State, WorldField};

@@ -1,13 +1,13 @@
 //! The robot, its ground and what is known of both, looked up once.
 
-use crate::features::{self, Channel};
+use crate::RolloutError;
+use crate::channels::{Channel, channels, law_joints};
 use crate::feet::{Feet, feet_of};
-use crate::law::law_joints;
 use crate::legs::Legs;
+use crate::options::{Numerics, WindowOptions};
 use crate::parameters::{Overrides, expand, joint_columns, stated_parameters};
-use crate::start::{SensorErrors, Starts};
-use crate::windows::WindowOptions;
-use crate::{Numerics, RolloutError};
+use crate::sensors::SensorErrors;
+use crate::start::Starts;
 use qv_core::JointSeries;
 use qv_recording::{Run, median_interval};
 use qv_sim::{ActsOn, Batch, JointField, Model, ParameterInfo, SimOptions, Terrain, WorldField};
@@ -92,7 +92,7 @@ impl<'a> Rollout<'a> {
         let of_part = catalogue.iter().enumerate().map(|(i, p)| (p.acts_on, i)).collect();
         let feet = feet_of(run, model);
         let on_legs = free && run.measured.base_pose.as_ref().is_none_or(JointSeries::is_empty);
-        let channels = features::channels(run, &columns, free);
+        let channels = channels(run, &columns, free);
         let law_joints = law_joints(run, &columns);
         let period = run.measured.position.as_ref().map_or(0.0, |p| median_interval(&p.time));
         let cut = if free { cut } else { cut.held(period) };

@@ -3,41 +3,18 @@
 use crate::RolloutError;
 use crate::commands::{Command, HeldCommands};
 use crate::law;
+use crate::options::Numerics;
 use crate::parameters::Overrides;
-use crate::place::{Sensors, Start};
+use crate::place::Sensors;
 use crate::robot::Rollout;
+use crate::window::Start;
 use qv_sim::{Batch, Precision, SimOptions, State};
 use std::ops::Range;
 
-/// Numbers of the simulator that no recording states.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Numerics {
-    /// Time step \[s\]; the sample interval is a multiple of it.
-    pub timestep: f64,
-    /// See [`SimOptions::impratio`].
-    pub impratio: f64,
-    /// See [`SimOptions::implicit_actuator_damping`].
-    pub implicit: bool,
-}
-
-impl Default for Numerics {
-    fn default() -> Self {
-        Self { timestep: 0.001, impratio: 10.0, implicit: true }
-    }
-}
-
-impl Numerics {
-    /// Options of a simulation that must remember commands of `latency` \[s\].
-    pub fn options(&self, latency: f64) -> SimOptions {
-        SimOptions {
-            timestep: self.timestep,
-            impratio: self.impratio,
-            implicit_actuator_damping: self.implicit,
-            max_command_latency: latency.min(1.0),
-            ..Default::default()
-        }
-    }
-}
+/// Time for which a robot settles on its feet \[s\].
+const SETTLING: f64 = 0.25;
+/// Feet that sink in by more on ground as it usually is are none that stand \[m\].
+const DEEPEST: f64 = 0.01;
 
 /// Environments that begin at the same moment, and the command that they follow.
 struct Feed<'a> {
@@ -158,6 +135,36 @@ impl<'a, T: Precision> Simulation<'a, T> {
             }
         }
         self.tick += 1;
+        Ok(())
+    }
+}
+
+impl Rollout<'_> {
+    /// Finds the depth to which the feet sink in when the robot stands on all of them, by letting it settle at a start, at the measured
+    /// `state`. A robot that does not settle says nothing: 0.
+    ///
+    /// # Errors
+    /// When the simulator refuses.
+    pub fn settle(&mut self, numerics: &Numerics, start: &Start, state: &State) -> Result<(), RolloutError> {
+        self.depth = 0.0;
+        if !self.free || self.terrain.is_none() || self.feet.geoms.is_empty() {
+            return Ok(());
+        }
+        let nothing = Overrides::new();
+        let mut simulation = Simulation::<f64>::new(self, *numerics, [self.longest_latency(&nothing), 0.0], 1)?;
+        let height = self.place(&mut simulation.batch, 0, &nothing, (start, Sensors::Ideal), state)?;
+        let mut command = Command::default();
+        start.held.at(start.time, numerics.timestep, &mut command);
+        let batch = &mut simulation.batch;
+        batch.set_command(0, &command.view())?;
+        batch.step_many((SETTLING / numerics.timestep) as usize);
+        let (gap, feet) = self.gap_below(&nothing, &batch.state(0)?.q);
+        let depth = (height - gap) * feet as f64 / self.feet.geoms.len() as f64;
+        // Softer ground gives way by more.
+        let softer = self.softness(|id| self.nominal[id]) / self.softness(|id| self.catalogue[id].neutral);
+        let settled = !batch.is_faulty(0)? && (0.0..DEEPEST * softer.max(1.0)).contains(&depth);
+        drop(simulation);
+        self.depth = if settled { depth } else { 0.0 };
         Ok(())
     }
 }

@@ -6,6 +6,7 @@
 
 use crate::RolloutError;
 use crate::legs::{Legs, walked};
+use crate::sensors::{SensorErrors, rotation_near, rotation_of, tilt_of};
 use glam::{DQuat, DVec3};
 use qv_core::{GRAVITY, JointSeries, Pose};
 use qv_recording::derive::{base_angular_velocity, base_velocity, joint_filter, joint_velocity};
@@ -21,21 +22,6 @@ const BASE_HALF_WIDTH: f64 = 0.4;
 /// Spread of a pose's position \[m\] and of the accelerometer's constant error \[m/s²\] that the fit assumes.
 const POSE_SPREAD: f64 = 0.003;
 const BIAS_SPREAD: f64 = 0.2;
-
-/// Errors of the sensors that the simulated robot has as parameters: the start is freed of them.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct SensorErrors {
-    /// Measured minus true joint position \[rad\], in model order; empty = none.
-    pub encoder_bias: Vec<f64>,
-    /// Turn of the IMU about the base's x and y \[rad\].
-    pub imu_tilt: [f64; 2],
-    /// Constant error of the gyroscope \[rad/s\].
-    pub gyro_bias: [f64; 3],
-    /// Age of a pose at its stamp \[s\].
-    pub pose_delay: f64,
-    /// Age of joint positions and velocities at their stamp \[s\], in model order; empty = none.
-    pub encoder_latency: Vec<f64>,
-}
 
 /// Gives smoothed states of one run.
 pub struct Starts<'a> {
@@ -404,31 +390,6 @@ impl ImuPath {
 
 fn vector(at: &[qv_recording::smooth::Smoothed], part: impl Fn(&qv_recording::smooth::Smoothed) -> f64) -> DVec3 {
     DVec3::new(part(&at[0]), part(&at[1]), part(&at[2]))
-}
-
-/// Base from IMU.
-fn tilt_of(errors: &SensorErrors) -> DQuat {
-    let [roll, pitch] = errors.imu_tilt;
-    Pose::from_xyz_rpy([0.0; 3], [roll, pitch, 0.0]).rotation
-}
-
-fn rotation_of(wxyz: &[f64]) -> Option<DQuat> {
-    Pose::from_position_wxyz([0.0; 3], [wxyz[0], wxyz[1], wxyz[2], wxyz[3]]).map(|p| p.rotation)
-}
-
-/// The rotation at `time` between its neighbours, from the quaternion in columns `first` to `first + 3`.
-pub(crate) fn rotation_near(series: &JointSeries, first: usize, time: f64) -> Option<DQuat> {
-    if series.is_empty() {
-        return None;
-    }
-    let i = series.index_at(time).unwrap_or(0);
-    let a = rotation_of(&series.row(i)[first..first + 4])?;
-    if i + 1 >= series.len() || time <= series.time[i] {
-        return Some(a);
-    }
-    let b = rotation_of(&series.row(i + 1)[first..first + 4])?;
-    let step = series.time[i + 1] - series.time[i];
-    Some(a.slerp(b, ((time - series.time[i]) / step).clamp(0.0, 1.0)))
 }
 
 /// A series, and what is a hole in it: an interval longer than five periods, which all of its stamps tell.

@@ -1,23 +1,12 @@
 //! The start of a window, kept for all settings with the same sensor errors: smoothing it takes as long as some hundred steps.
 
 use crate::features;
+use crate::parameters::Overrides;
 use crate::robot::Rollout;
-use crate::{Overrides, SensorErrors, Starts, Window, WindowOptions};
-use qv_sim::State;
-use std::sync::{Arc, OnceLock};
-
-/// What depends on the errors of the sensors alone.
-pub(crate) struct Prepared {
-    /// Measured features.
-    pub measured: Vec<f64>,
-    /// State at the start.
-    pub state: State,
-}
-
-/// What a window looks like under the sensor errors that were asked for first, which are those of nearly all settings: smoothing the start
-/// takes as long as some hundred steps.
-#[derive(Default)]
-pub(crate) struct Kept(OnceLock<(SensorErrors, WindowOptions, Option<Arc<Prepared>>)>);
+use crate::sensors::SensorErrors;
+use crate::start::Starts;
+use crate::window::{Kept, Prepared, Window};
+use std::sync::Arc;
 
 impl Kept {
     /// `others` are starts of the same window under other errors, some of which these may share; theirs are added.

@@ -2,12 +2,14 @@
 
 use crate::RolloutError;
 use crate::commands::HeldCommands;
+use crate::options::Numerics;
 use crate::parameters::Overrides;
-use crate::place::{Sensors, Start};
+use crate::place::Sensors;
 use crate::robot::Rollout;
-use crate::simulation::{Numerics, Simulation};
+use crate::simulation::Simulation;
 use crate::start::Starts;
 use crate::trace::Trace;
+use crate::window::Start;
 use qv_core::JointSeries;
 use qv_recording::Run;
 use qv_recording::lag::lags_behind;

@@ -1,132 +1,20 @@
 //! How a recording is cut into windows, each of which is simulated from its measured start.
 
-use crate::commands::HeldCommands;
-use crate::place::Start;
+use crate::channels::snippet;
 use crate::robot::Rollout;
 use crate::start::Covered;
-use crate::start_cache::Kept;
-use crate::{Overrides, RolloutError, features};
+use crate::window::{Kept, Window};
+use crate::{RolloutError, features};
 use qv_core::JointSeries;
 use qv_core::random::SplitMix64;
 use qv_recording::faults::{FASTEST_BASE, jumped};
-use qv_recording::run::FaultKind;
 use qv_recording::{Run, median_interval};
-use qv_sim::State;
-use std::sync::{Arc, OnceLock};
-
-/// Fewest samples in a bin of a shortened window.
-const FEWEST_SAMPLES: f64 = 5.0;
+use std::sync::OnceLock;
 
 /// One window of so many on end is held out.
 const HELD_OUT: usize = 4;
 /// Seed of which one: the same recording is always divided alike.
 const DRAW_SEED: u64 = 0x6865_6c64;
-
-/// How windows are cut and compared.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WindowOptions {
-    /// Length of a window \[s\].
-    pub window: f64,
-    /// Length of a bin, within which a channel becomes one number \[s\].
-    pub bin: f64,
-    /// Interval at which the simulation is looked at \[s\].
-    pub sample: f64,
-    /// What a window needs on either side of it to find its start \[s\].
-    pub margin: f64,
-    /// Most windows that are simulated; of a longer recording evenly spread ones are.
-    pub most: usize,
-}
-
-impl Default for WindowOptions {
-    fn default() -> Self {
-        Self { window: 0.3, bin: 0.05, sample: 0.005, margin: 0.5, most: 72 }
-    }
-}
-
-impl WindowOptions {
-    /// The same for a robot that is held and measured every `period` \[s\]: half as long where there are samples enough.
-    /// Nothing bounds how fast an arm falls, as feet on the ground do, so that errors in the start soon are all there is.
-    pub(crate) fn held(self, period: f64) -> Self {
-        let half = Self { window: 0.5 * self.window, bin: 0.5 * self.bin, most: 2 * self.most, ..self };
-        if period > 0.0 && half.bin >= FEWEST_SAMPLES * period { half } else { self }
-    }
-
-    /// Bins in a window.
-    pub fn bins(&self) -> usize {
-        (self.window / self.bin).round() as usize
-    }
-
-    /// Samples in a bin.
-    pub fn samples_per_bin(&self) -> usize {
-        (self.bin / self.sample).round() as usize
-    }
-}
-
-/// A stretch of the recording that is simulated from its measured start.
-pub struct Window {
-    /// Start on the clock of the run \[s\].
-    pub start: f64,
-    /// Start since that of its recording \[s\]: [`Rollout::window`] takes the run that it is given for all of that.
-    pub since: f64,
-    /// What was recorded in and around it.
-    pub view: Run,
-    /// Attitude of the base at each sample, `world_from_base`, that small turns are counted from; empty with a fixed base.
-    pub attitude: Vec<glam::DQuat>,
-    /// Whether the robot moves much in it, against the rest of the recording.
-    pub moving: bool,
-    /// Whether it is kept away from every fit.
-    pub held_out: bool,
-    /// Which run it is of.
-    pub run: usize,
-    /// Where its simulation starts, once that was asked for.
-    pub(crate) start_kept: Kept,
-    /// Its commands, once they were asked for.
-    pub(crate) held: OnceLock<Arc<HeldCommands>>,
-}
-
-impl Window {
-    /// The same, moving or not, that begins so long after its recording \[s\].
-    pub fn with(self, moving: bool, since: f64) -> Self {
-        Self { moving, since, ..self }
-    }
-
-    /// The same stretch where something else was recorded.
-    pub fn seen_as(&self, view: Run) -> Self {
-        let Self { start, since, moving, held_out, run, .. } = *self;
-        let attitude = self.attitude.clone();
-        Self { start, since, view, attitude, moving, held_out, run, start_kept: Kept::default(), held: OnceLock::new() }
-    }
-
-    /// Its commands.
-    ///
-    /// # Errors
-    /// When the run has none.
-    pub fn held(&self, rollout: &Rollout) -> Result<Arc<HeldCommands>, RolloutError> {
-        if let Some(held) = self.held.get() {
-            return Ok(held.clone());
-        }
-        let held = Arc::new(HeldCommands::new(&self.view, &rollout.columns)?);
-        Ok(self.held.get_or_init(|| held).clone())
-    }
-
-    /// Where feet stand at its start, x and y \[m\]; none where the start is not known.
-    pub fn standing_feet(&self, rollout: &Rollout) -> Vec<[f64; 2]> {
-        let feet = |start: State| rollout.lowest_feet(&Overrides::new(), &start.q);
-        self.measured_start(rollout).map_or(Vec::new(), |start| feet(start).into_iter().map(|f| f.0).collect())
-    }
-
-    /// The state that is measured at its start, freed of what is known of the sensors' errors; `None` where something is missing.
-    pub fn measured_start(&self, rollout: &Rollout) -> Option<State> {
-        let errors = rollout.sensor_errors(&Overrides::new());
-        rollout.starts(&self.view, errors).ok()?.at(self.start)
-    }
-
-    /// Where its simulation starts, with its commands.
-    pub fn starting<'a>(&'a self, rollout: &Rollout, held: &'a HeldCommands) -> Start<'a> {
-        let during = [self.start, self.start + rollout.cut.window];
-        Start { view: &self.view, held, time: self.start, since: self.since, during, starts: None }
-    }
-}
 
 impl Rollout<'_> {
     /// Windows of the run: whole ones, one after the other; of a long recording evenly spread ones. Of each four one is held
@@ -194,7 +82,7 @@ impl Rollout<'_> {
 
     /// One window; `None` when its start cannot be found.
     pub fn window(&self, run: &Run, start: f64, held_out: bool) -> Option<Window> {
-        let view = features::snippet(run, start - self.cut.margin, start + self.cut.window + self.cut.margin);
+        let view = snippet(run, start - self.cut.margin, start + self.cut.window + self.cut.margin);
         let starts = self.starts(&view, self.sensor_errors(&Vec::new())).ok()?;
         starts.at(start)?;
         let attitude = if self.free { features::attitudes(self, &view, &starts, start)? } else { Vec::new() };
@@ -271,13 +159,6 @@ fn has_values(needed: &Needed, from: f64, to: f64) -> bool {
         })
     };
     !needed.columns.iter().any(|column| lacks(*column))
-}
-
-/// Whether no fault says that a channel of a joint stood still, or that its torque is of another convention (velocities that are have been replaced).
-pub fn is_alive(run: &Run, channel: &str, joint: usize, columns: &[usize]) -> bool {
-    let name = format!("{channel} {}", run.joint_names[columns[joint]]);
-    let is_dead = |kind: FaultKind| kind == FaultKind::Frozen || (kind == FaultKind::Convention && channel == "torque");
-    !run.faults.iter().any(|f| is_dead(f.kind) && f.channel == name)
 }
 
 /// Windows with more than half of the recording's typical joint speed count as moving.

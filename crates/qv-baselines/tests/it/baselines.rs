@@ -79,6 +79,6 @@ fn runs_that_are_missing_or_too_short_are_refused_by_name() {
         baselines(runs, &go2(), &Terrain::plane(), &quick(), FEW_STEPS).err().map(|e| e.to_string()).unwrap()
     };
     assert!(refused(&[]).states("least"));
-    let short = qv_rollout::features::snippet(&recorded(Vec::new(), 5), 0.0, 1.5);
+    let short = qv_rollout::channels::snippet(&recorded(Vec::new(), 5), 0.0, 1.5);
     assert!(refused(&[short]).states("windows 8"));
 }

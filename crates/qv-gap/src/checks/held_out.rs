@@ -181,7 +181,7 @@ fn joint_rms(study: &LinearisedProblem, raws: &mut dyn Iterator<Item = &Raw>) ->
     for raw in raws {
         let mut first = 0;
         for &channel in &study.rollout.channels {
-            let width = qv_rollout::features::width(channel, bins);
+            let width = qv_rollout::channels::width(channel, bins);
             if matches!(channel, Channel::Position(_)) {
                 sum += raw.motion[first..first + width].iter().map(|x| x * x).sum::<f64>();
                 count += width;

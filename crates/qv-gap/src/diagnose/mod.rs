@@ -203,7 +203,7 @@ fn prepared(runs: &[Run], terrain: &Terrain, options: &Options) -> Result<Prepar
     let mut cannot_tell = data_quality::faults(runs, &mended);
     cannot_tell.extend(told.into_iter().flatten());
     let (mut usable, fallen) = data_quality::upright(&mended);
-    let moved = origin::brought_near(&mut usable, &mut reference, terrain, options);
+    let moved = origin::brought_near(&mut usable, &mut reference, terrain, &options.given);
     cannot_tell.extend(fallen.iter().chain(&moved).cloned());
     Ok(Prepared { usable, reference, cannot_tell, fallen })
 }

@@ -4,9 +4,6 @@ use crate::inference::gaussian_evidence::Normal;
 use crate::inference::linearised::{EXTRA, LinearisedProblem};
 use qv_fit::linear::add_scaled;
 
-/// Share of a tolerance that is as good as none.
-pub(crate) const FORGOTTEN: f64 = 1e-3;
-
 /// What a study knew before it forgot some effects.
 pub struct Ablated {
     replicates: Vec<Vec<Option<Normal>>>,

@@ -4,8 +4,8 @@ use crate::GapError;
 use crate::findings::Level;
 use crate::inference::gaussian_evidence::{Marginal, Sums};
 use crate::inference::linearised::{LinearisedProblem, LinearisedWindow};
-use crate::inference::local::place;
 use crate::inference::regions::is_within_reach;
+use crate::inference::regions::place;
 use crate::inference::search::fitted;
 use qv_fit::linear::squared;
 

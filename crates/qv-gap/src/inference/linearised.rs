@@ -1,7 +1,6 @@
 //! All that a diagnosis knows before it suspects anything: residuals, sensitivities, and what no effect looks like.
 
 use crate::GapError;
-use crate::inference::ablation::FORGOTTEN;
 use crate::inference::gaussian_evidence::{Marginal, Normal, Sums, sum};
 use crate::jacobian::{AT_A_TIME, Nominal, beside_law, sensitivities, with_law};
 use crate::null::reference;
@@ -22,6 +21,8 @@ use qv_rollout::{Raw, Residuals, Traced, compare, compare_and_trace, joint_lags}
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+/// Share of a tolerance that is as good as none.
+const FORGOTTEN: f64 = 1e-3;
 /// Columns that belong to no unit: torques may be out of step with the positions that they are reported with.
 pub const EXTRA: usize = 1;
 /// Tolerance of that step in columns.

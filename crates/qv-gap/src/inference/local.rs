@@ -4,8 +4,9 @@
 use crate::GapError;
 use crate::inference::gaussian_evidence::Normal;
 use crate::inference::linearised::{EXTRA, LinearisedWindow};
-use crate::inference::regions::never_left;
-use crate::inference::regions::{Outline, around, overlap, rectangles, up_to_feet, whole_and_halves};
+use crate::inference::regions::{
+    Outline, around, never_left, overlap, place, rectangles, up_to_feet, whole_and_halves,
+};
 use crate::inference::search::{Base, Fit, RAN_AWAY, Search, direction, fitted};
 use crate::inference::short_windows::feet;
 use crate::problem::columns::{Column, Extent, Suspect};
@@ -504,14 +505,6 @@ fn best_run(parts: &[Option<(Vec<f64>, Matrix)>], wide: &[f64]) -> Option<(f64, 
         }
     }
     best
-}
-
-/// Mean place of the robot in a window \[m\].
-pub fn place(window: &qv_rollout::Window) -> [f64; 2] {
-    let Some(pose) = &window.view.measured.base_pose else { return [f64::NAN; 2] };
-    let mut row = vec![0.0; pose.joints];
-    pose.interpolate(window.start + 0.15, &mut row);
-    [row[0], row[1]]
 }
 
 #[cfg(test)]

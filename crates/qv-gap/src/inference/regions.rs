@@ -1,7 +1,6 @@
 //! Rectangles of the ground: where a search for them begins, by what each window gains there, and what feet tell of their edges.
 
 use crate::inference::linearised::LinearisedProblem;
-use crate::inference::local::place;
 use crate::problem::columns::{Extent, Suspect};
 
 /// All of the ground, and what lies to the left and to the right of the way: the feet of one side alone may stand on it.
@@ -185,6 +184,14 @@ pub fn never_left(study: &LinearisedProblem, feet: &[[f64; 2]], [x0, x1, y0, y1]
     let inside = |[x, y]: [f64; 2]| (x0..=x1).contains(&x) && (y0..=y1).contains(&y);
     let outside = feet.iter().filter(|p| !inside(**p)).count() as f64;
     outside <= MOST_OUTSIDE * feet.len() as f64 && study.seen.iter().all(|s| inside(place(&s.window)))
+}
+
+/// Mean place of the robot in a window \[m\].
+pub fn place(window: &qv_rollout::Window) -> [f64; 2] {
+    let Some(pose) = &window.view.measured.base_pose else { return [f64::NAN; 2] };
+    let mut row = vec![0.0; pose.joints];
+    pose.interpolate(window.start + 0.15, &mut row);
+    [row[0], row[1]]
 }
 
 #[cfg(test)]

@@ -3,7 +3,6 @@
 use crate::GapError;
 use crate::inference::gaussian_evidence::{Marginal, Normal, Sums, widen};
 use crate::inference::linearised::{EXTRA, LinearisedProblem, LinearisedWindow};
-use crate::inference::short_windows::Fall;
 use crate::problem::columns::{Columns, Suspect};
 use crate::problem::library::{Effect, Scope};
 use qv_core::statistics::median;
@@ -45,6 +44,17 @@ const HOPELESS: f64 = 0.1;
 
 /// Whitened residuals by window; `None` where the simulation ran away.
 pub(crate) type Residuals = Vec<Option<Vec<f64>>>;
+
+/// How much lower the loss of pieces is in windows that no fit has seen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fall {
+    /// Mean for each piece that is changed, and its standard error.
+    pub mean: f64,
+    /// See `mean`.
+    pub error: f64,
+    /// Share of what these pieces have more than those elsewhere.
+    pub closed: f64,
+}
 
 /// A suspect at its best values.
 #[derive(Debug, Clone, PartialEq)]

@@ -6,10 +6,10 @@
 
 use crate::GapError;
 use crate::inference::linearised::{LinearisedProblem, LinearisedWindow};
-use crate::inference::local::place;
 use crate::inference::regions::never_left;
+use crate::inference::regions::place;
 use crate::inference::regions::{Outline, is_within_reach, told_by_feet, up_to_feet};
-use crate::inference::search::{Search, fitted, held_out};
+use crate::inference::search::{Fall, Search, fitted, held_out};
 use crate::problem::columns::{Extent, Suspect};
 use qv_core::statistics::median;
 use qv_rollout::compare;
@@ -35,17 +35,6 @@ const MISSED: f64 = 3.0;
 const MET: f64 = 5.0;
 /// Rise of half the loss at which a friction is out (one standard deviation).
 const RISE: f64 = 0.5;
-
-/// How much lower the loss of pieces is in windows that no fit has seen.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Fall {
-    /// Mean for each piece that is changed, and its standard error.
-    pub mean: f64,
-    /// See `mean`.
-    pub error: f64,
-    /// Share of what these pieces have more than those elsewhere.
-    pub closed: f64,
-}
 
 /// Ground of another friction, as pieces show it.
 #[derive(Debug, Clone, Copy)]

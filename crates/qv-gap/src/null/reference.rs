@@ -121,7 +121,7 @@ impl<'p> Fit<'p> {
         let bins = self.rollout.cut.bins();
         let mut scales = Vec::new();
         for &channel in &self.rollout.channels {
-            let width = qv_rollout::features::width(channel, bins);
+            let width = qv_rollout::channels::width(channel, bins);
             let range = scales.len()..scales.len() + width;
             let of_window = |r: &Vec<f64>| r.get(range.clone()).map(|r| r.iter().map(|x| x.abs()).collect::<Vec<_>>());
             let mut all: Vec<f64> = residuals.iter().filter_map(of_window).flatten().collect();

@@ -211,7 +211,7 @@ fn add_floor(rollout: &Rollout, covariance: &mut Matrix) {
     let bins = rollout.cut.bins();
     let mut first = 0;
     for &channel in &rollout.channels {
-        let width = qv_rollout::features::width(channel, bins);
+        let width = qv_rollout::channels::width(channel, bins);
         let mean = (first..first + width).map(|i| covariance[(i, i)]).sum::<f64>() / width as f64;
         (first..first + width).for_each(|i| covariance[(i, i)] += FLOOR * mean + 1e-16);
         first += width;

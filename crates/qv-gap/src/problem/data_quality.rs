@@ -2,7 +2,8 @@
 
 use qv_recording::Run;
 use qv_recording::run::FaultKind;
-use qv_rollout::features::{rotation_at, snippet};
+use qv_rollout::channels::snippet;
+use qv_rollout::features::rotation_at;
 
 /// A trunk tilted by more than this lies on the ground \[rad\].
 const FALLEN: f64 = 1.0;

@@ -1,6 +1,5 @@
 //! Recordings that were made far from the origin.
 
-use crate::Options;
 use qv_recording::Run;
 use qv_sim::Terrain;
 
@@ -14,14 +13,14 @@ pub(crate) fn brought_near(
     runs: &mut [Run],
     reference: &mut [Run],
     terrain: &Terrain,
-    options: &Options,
+    given: &[(String, f64)],
 ) -> Option<String> {
     let pose = runs.first()?.measured.base_pose.as_ref()?;
     let [x, y] = [0, 1].map(|axis| pose.column(axis).find(|x| x.is_finite()).unwrap_or(0.0));
     if terrain.is_none() || x.hypot(y) < FAR {
         return None;
     }
-    let is_sloped = options.given.iter().any(|(name, _)| name.starts_with("terrain.slope"));
+    let is_sloped = given.iter().any(|(name, _)| name.starts_with("terrain.slope"));
     if is_sloped || !terrain.is_plane() {
         let told = format!(
             "the recording begins {:.0} m from the origin, about which slopes of the ground turn: move terrain and poses nearer, or slope and \

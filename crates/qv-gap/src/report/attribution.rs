@@ -3,9 +3,9 @@
 use crate::GapError;
 use crate::inference::linear_scores::{by_effect, of_replicates};
 use crate::inference::linearised::{LinearisedProblem, LinearisedWindow};
-use crate::inference::local::place;
 use crate::inference::regions::REACH;
 use crate::inference::regions::never_left;
+use crate::inference::regions::place;
 use crate::inference::search::{Search, fitted};
 use crate::inference::short_windows::feet;
 use crate::problem::columns::{Extent, Suspect};
@@ -13,7 +13,7 @@ use crate::problem::library::Interface;
 use crate::report::{JointShare, RegionShare, Share, TimeShare, Where};
 use qv_fit::linear::squared;
 use qv_rollout::Channel;
-use qv_rollout::features;
+use qv_rollout::channels;
 use qv_rollout::law;
 use qv_sim::Shape;
 
@@ -38,7 +38,7 @@ pub fn places(study: &LinearisedProblem) -> Where {
         let phase = phases_of(study, seen);
         let (mut first, mut total) = (0, 0.0);
         for &channel in &rollout.channels {
-            let width = features::width(channel, bins);
+            let width = channels::width(channel, bins);
             for k in 0..width {
                 // What noise alone gives is no gap.
                 let excess = (separate.motion[first + k].powi(2) - 1.0).max(0.0);

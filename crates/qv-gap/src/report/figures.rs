@@ -2,13 +2,13 @@
 
 use crate::GapError;
 use crate::inference::linearised::LinearisedProblem;
-use crate::inference::local::place;
+use crate::inference::regions::place;
 use crate::report::{Curve, FloorPoint, HeatMap, Traces, traces};
 use qv_fit::linear::squared;
 use qv_rollout::Channel;
 use qv_rollout::Overrides;
 use qv_rollout::Raw;
-use qv_rollout::features;
+use qv_rollout::channels;
 
 /// Joints whose curves are shown.
 const CURVES: usize = 4;
@@ -45,7 +45,7 @@ fn of_joint<'r>(study: &LinearisedProblem, raw: &'r Raw, joint: usize) -> &'r [f
     let bins = study.rollout.cut.bins();
     let mut first = 0;
     for &channel in &study.rollout.channels {
-        let width = features::width(channel, bins);
+        let width = channels::width(channel, bins);
         if channel == Channel::Position(joint) && !raw.is_empty() {
             return &raw.motion[first..first + width];
         }

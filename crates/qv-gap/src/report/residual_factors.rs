@@ -90,7 +90,7 @@ fn known(study: &LinearisedProblem, seen: &LinearisedWindow, joint: usize) -> Kn
         (at(to) - 2.0 * at(0.5 * (from + to)) + at(from)) / (0.5 * (to - from)).powi(2)
     };
     let m = &view.measured;
-    let place = crate::inference::local::place(&seen.window);
+    let place = crate::inference::regions::place(&seen.window);
     Known {
         q: mean(&m.position, |x| x),
         dq: mean(&m.velocity, |x| x),

@@ -240,7 +240,7 @@ fn the_same_run_gives_the_same_report() {
 #[test]
 fn a_run_that_is_too_short_is_refused_by_name() {
     let run = recorded(Vec::new(), 5);
-    let short = qv_rollout::features::snippet(&run, 0.0, 1.5);
+    let short = qv_rollout::channels::snippet(&run, 0.0, 1.5);
     let error = diagnose(&[short], &go2(), &Terrain::plane(), &quick(), 0).err().unwrap().to_string();
     assert!(error.states("windows 8"), "{error}");
     assert!(diagnose(&[], &go2(), &Terrain::plane(), &quick(), 0).is_err());

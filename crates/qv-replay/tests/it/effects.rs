@@ -4,7 +4,7 @@ use qv_gap::problem::library::{Effect, LevelsOf, Scope, built_in};
 use qv_go2::synthetic::{self, Robot};
 use qv_recording::{BagFile, Run, read_bag, read_table};
 use qv_replay::{ReplayOptions, replay};
-use qv_rollout::features::snippet;
+use qv_rollout::channels::snippet;
 use qv_rollout::feet_of;
 use qv_sim::{BaseKind, Batch, JointCommand, Model, ModelOptions, SimOptions, Terrain};
 use std::fmt::Write;

@@ -3,7 +3,7 @@
 use super::{ActuatorModel, Alignment, Between, Channels, Rows, Stamps, State, left, row_at};
 use crate::parameters::Overrides;
 use crate::robot::Rollout;
-use crate::windows::Window;
+use crate::window::Window;
 use qv_core::JointSeries;
 use qv_sim::MotorCommand;
 use rayon::prelude::*;

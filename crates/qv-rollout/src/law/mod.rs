@@ -11,11 +11,10 @@ pub use align::align;
 pub use past::{lagged, leads, slope};
 
 use crate::parameters::Overrides;
-use crate::place::Start;
 use crate::robot::Rollout;
-use crate::windows::{Window, is_alive};
+use crate::window::{Start, Window};
 use qv_core::JointSeries;
-use qv_recording::run::{ActuatorKind, Run};
+use qv_recording::Run;
 use qv_sim::{ActsOn, JointField, Motor, MotorCommand, WorldField, drift_share, lag_gain};
 
 /// Length of a bin of this comparison \[s\]: latencies of milliseconds show in what changes fast.
@@ -389,16 +388,4 @@ impl Lag {
         self.state = Some((time, output));
         output
     }
-}
-
-/// Joints with measured torque, speed and a controller's law to compare them with.
-pub(crate) fn law_joints(run: &Run, columns: &[usize]) -> Vec<usize> {
-    let m = &run.measured;
-    let (Some(torque), Some(_), Some(_)) = (&m.torque, &m.velocity, &m.position) else { return Vec::new() };
-    if run.actuator.kind != ActuatorKind::Pd || run.commands.position.is_none() {
-        return Vec::new();
-    }
-    (0..columns.len())
-        .filter(|&j| torque.column(columns[j]).any(|x| x != 0.0) && is_alive(run, "torque", j, columns))
-        .collect()
 }

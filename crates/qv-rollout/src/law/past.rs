@@ -6,8 +6,8 @@
 use super::{ActuatorModel, Between, Clock, Lag, State};
 use crate::commands::Command;
 use crate::parameters::Overrides;
-use crate::place::Start;
 use crate::robot::Rollout;
+use crate::window::Start;
 use qv_core::JointSeries;
 use qv_sim::{ActsOn, JointCommand, JointField, MotorCommand};
 
