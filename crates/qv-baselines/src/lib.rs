@@ -14,10 +14,9 @@ mod residual_network;
 use plain::Plain;
 use qv_gap::inference::linearised::LinearisedProblem;
 use qv_gap::problem::columns::{Columns, Suspect};
-use qv_gap::problem::data_quality;
+use qv_gap::problem::{data_quality, rollout_of};
 use qv_gap::{GapError, Options, Progress};
 use qv_recording::Run;
-use qv_rollout::Rollout;
 use qv_sim::{Model, Terrain};
 use serde::Serialize;
 
@@ -97,7 +96,7 @@ pub fn baselines(
     }
     tell(options, 1, "baselines: windows and yardstick");
     let (runs, _) = data_quality::upright(runs);
-    let rollout = Rollout::new(&runs[0], model, terrain, &options.given, options.cut)?;
+    let rollout = rollout_of(&runs[0], model, terrain, &options.given, options.cut)?;
     let columns = Columns::new(&rollout, &runs[0], &options.library)?;
     let mut plain = Plain::new(LinearisedProblem::new(rollout, columns, &runs, &options.reference, &options.effort)?);
     let (without, seed) = (&options.without, options.effort.seed);

@@ -14,7 +14,7 @@ pub const TICK: f64 = 0.05;
 /// A foot no higher than this above the lowest ones stands \[m\].
 const STANDING: f64 = 0.008;
 /// Ground is looked for from so far above a foot on: as much as poses and mesh may be off \[m\].
-const ABOVE: f64 = 0.15;
+pub(crate) const ABOVE: f64 = 0.15;
 /// A standing foot that moves farther than this in a tick slips \[m\].
 const SLIPPING: f64 = 0.006;
 /// What the state at an instant needs to be recorded before and after it \[s\].
@@ -64,6 +64,7 @@ pub struct Recording<'r> {
     pub start: f64,
     /// The commands.
     pub commands: HeldCommands,
+    starts: Starts<'r>,
 }
 
 impl<'r> Recording<'r> {
@@ -79,6 +80,10 @@ impl<'r> Recording<'r> {
             return Err(ContactError::run("feet", "spheres at the ends of the legs", "none"));
         }
         let (columns, _) = qv_rollout::joint_columns(run, rollout.model)?;
+        if columns != rollout.columns {
+            let found = run.joint_names.join(", ");
+            return Err(ContactError::run("joints", "those of the first recording, in its order", found));
+        }
         let commands = HeldCommands::new(run, &columns)?;
         let errors = rollout.sensor_errors(&Overrides::new());
         let starts = Starts::new(run, &columns, rollout.free, errors)?;
@@ -93,14 +98,21 @@ impl<'r> Recording<'r> {
             Some(instant(rollout, ground, state))
         };
         let instants = (0..count).into_par_iter().map(at).collect();
-        Ok(Self { run, instants, start, commands })
+        Ok(Self { run, instants, start, commands, starts })
     }
 
     /// The start of a simulation of so long \[s\] at an instant.
     pub fn start_at<'a>(&'a self, index: usize, length: f64) -> Start<'a> {
         let time = self.time(index);
         let since = time - self.run.span()[0];
-        Start { view: self.run, held: &self.commands, time, since, during: [time, time + length], starts: None }
+        Start {
+            view: self.run,
+            held: &self.commands,
+            time,
+            since,
+            during: [time, time + length],
+            starts: Some(&self.starts),
+        }
     }
 
     /// Time of an instant \[s\].

@@ -1,7 +1,7 @@
 //! Stretches of a recording simulated from their measured states, under several frictions side by side.
 
 use crate::ContactError;
-use crate::measured::{Recording, TICK};
+use crate::measured::{ABOVE, Recording, TICK};
 use qv_recording::Run;
 use qv_rollout::{Numerics, Overrides, Rollout, Sensors, Simulation, Start, WindowOptions};
 use qv_sim::{ActsOn, Model, State, Terrain};
@@ -36,6 +36,7 @@ impl<'a> Simulator<'a> {
     /// When a parameter is unknown or means nothing.
     pub fn new(run: &Run, model: &'a Model, terrain: &Terrain, given: &[(String, f64)]) -> Result<Self, ContactError> {
         let mut rollout = Rollout::new(run, model, terrain, given, WindowOptions::default())?;
+        rollout.above = ABOVE;
         // Frictions of labels are what is asked for.
         rollout.stated.retain(|s| !matches!(rollout.catalogue[s.0].acts_on, ActsOn::Material(_)));
         let labels = 0..terrain.materials().len();

@@ -1,4 +1,4 @@
-//! What the Go2 says on the wire, for whoever writes its messages. How they are read is data: the robot file `go2` of qv-replay.
+//! What the Go2 says on the wire, for whoever writes its messages. How they are read is data: the robot file `go2` of qv-recording.
 //!
 //! Motors and feet are numbered FR, FL, RR, RL on the wire; the channels come out FL, FR, RL, RR.
 

@@ -81,10 +81,13 @@ fn spread(earlier: (&JointSeries, usize), later: (&JointSeries, usize), lag: f64
     let (from, to) = (later.time[0] + LONGEST, later.time[later.len() - 1] + SHORTEST);
     for (k, &t) in later.time.iter().enumerate().filter(|(_, t)| **t >= from && **t <= to) {
         let at = t - lag;
+        if at < earlier.time[0] {
+            continue;
+        }
         while i + 2 < earlier.len() && earlier.time[i + 1] <= at {
             i += 1;
         }
-        if i + 1 >= earlier.len() {
+        if i + 1 >= earlier.len() || at > earlier.time[i + 1] {
             break;
         }
         let f = ((at - earlier.time[i]) / (earlier.time[i + 1] - earlier.time[i])).clamp(0.0, 1.0);

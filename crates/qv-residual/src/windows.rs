@@ -153,7 +153,7 @@ impl<'a> Replayer<'a> {
         self.gap(&q.iter().map(|&x| f64::from(x)).collect::<Vec<_>>())
     }
 
-    /// Height of the lowest feet over the ground \[m\]: the mean of those within 5 mm of the lowest, as qv-replay has it.
+    /// Height of the lowest feet over the ground \[m\]: the mean of those within 5 mm of the lowest, as qv-rollout has it without the depth.
     fn gap(&self, q: &[f64]) -> Option<f64> {
         let links = self.robot.model.world_from_links(q);
         let gap = |&g: &usize| {

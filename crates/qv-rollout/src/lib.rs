@@ -39,8 +39,7 @@ pub use feet::{Feet, feet_of, feet_of_model};
 pub use legs::Legs;
 pub use options::{Numerics, WindowOptions};
 pub use parameters::{
-    Overrides, expand, joint_columns, name_parts, parameters_from_toml, sensor_errors, stated_parameters,
-    with_stated_rotors,
+    Overrides, expand, joint_columns, name_parts, parameters_from_toml, stated_parameters, with_stated_rotors,
 };
 pub use place::Sensors;
 pub use residuals::{Raw, Residuals, Traced, are_near, compare, compare_and_trace};

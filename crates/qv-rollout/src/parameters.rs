@@ -1,7 +1,6 @@
 //! Parameters of the simulator: which a run states, which a file or a command line gives, and what each means to what is measured.
 
 use crate::RolloutError;
-use crate::sensors::SensorErrors;
 use qv_recording::run::{Base, FaultKind, Run};
 use qv_sim::{BaseKind, Batch, Model, SimOptions, Terrain};
 
@@ -145,17 +144,4 @@ fn matches(pattern: &str, name: &str) -> bool {
         Some((head, tail)) => part.strip_prefix(head).is_some_and(|rest| rest.ends_with(tail)),
     };
     pattern.len() == name.len() && pattern.iter().zip(&name).all(|(pattern, part)| fits(pattern, part))
-}
-
-/// What the sensors get wrong by these parameters (`sensor.*`, of which the last one set holds): angles \[rad\], rates \[rad/s\], delays \[s\], joints
-/// in the model's order; 0 for what is not among them.
-pub fn sensor_errors(model: &Model, parameters: &[(String, f64)]) -> SensorErrors {
-    let value = |name: &str| parameters.iter().rev().find(|(n, _)| n == name).map_or(0.0, |(_, v)| *v);
-    SensorErrors {
-        encoder_bias: model.joint_names().iter().map(|n| value(&format!("sensor.{n}.encoder_bias"))).collect(),
-        imu_tilt: ["roll", "pitch"].map(|a| value(&format!("sensor.imu.tilt_{a}"))),
-        gyro_bias: ["x", "y", "z"].map(|a| value(&format!("sensor.imu.gyro_bias_{a}"))),
-        pose_delay: value("sensor.pose.delay"),
-        encoder_latency: model.joint_names().iter().map(|n| value(&format!("sensor.{n}.encoder_latency"))).collect(),
-    }
 }

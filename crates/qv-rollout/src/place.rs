@@ -48,15 +48,39 @@ impl Rollout<'_> {
                 _ => batch.set_parameter_at(env, id, value)?,
             }
         }
+        self.begin_pushes(batch, env, setting, start)?;
         if let Some((id, begins)) = self.run_start(setting, start.since) {
             batch.set_parameter_at(env, id, begins)?;
         }
-        let touching = if anchors { self.ground_at(setting, &state.q) } else { 0.0 };
-        if let (true, Some(id)) = (touching != 0.0, self.parameter_of(ActsOn::World(Height))) {
+        let height = self.value_of(setting, ActsOn::World(Height));
+        // Where no foot is over ground that stays where it is said to be.
+        let touching = if anchors { self.ground_at(setting, &state.q).unwrap_or(height) } else { 0.0 };
+        if let (true, Some(id)) = (anchors, self.parameter_of(ActsOn::World(Height))) {
             batch.set_parameter_at(env, id, touching)?;
         }
         batch.set_state(env, state)?;
         Ok(touching)
+    }
+
+    /// Puts what pushes from the beginning of the run on its clock: a start of 0 is the simulator's own, and so not among what is set.
+    fn begin_pushes<T: Precision>(
+        &self,
+        batch: &mut Batch<T>,
+        env: usize,
+        setting: &Overrides,
+        start: &Start,
+    ) -> Result<(), RolloutError> {
+        use WorldField::{ForceStart, ForceX, ForceY, ForceZ};
+        let acting = || self.acting(setting, start.during[0], start.during[1]).map(|s| (self.acts_on(s.0), s.1));
+        let is_push = |part| {
+            matches!(part, ActsOn::World(ForceX | ForceY | ForceZ) | ActsOn::Joint(_, JointField::ExternalTorque))
+        };
+        let pushes = acting().any(|(part, value)| value != 0.0 && is_push(part));
+        if !pushes || acting().any(|(part, _)| part == ActsOn::World(ForceStart)) {
+            return Ok(());
+        }
+        let Some(id) = self.parameter_of(ActsOn::World(ForceStart)) else { return Ok(()) };
+        Ok(batch.set_parameter_at(env, id, self.nominal[id] - start.time)?)
     }
 
     /// The state at a `time` \[s\] near a start that encoders on motors report as `seen`: joints are behind the springs between them. Where
@@ -91,10 +115,11 @@ impl Rollout<'_> {
     /// How far the ground must rise \[m\] to carry the lowest feet at positions `q`: their mean height above it, those within
     /// 5 mm of the lowest, and the depth to which the robot's weight on that many feet sinks in. Feet that only touched
     /// would slide freely until they have sunk in.
-    pub fn ground_at(&self, setting: &Overrides, q: &[f64]) -> f64 {
+    /// `None` where no foot is over ground.
+    pub fn ground_at(&self, setting: &Overrides, q: &[f64]) -> Option<f64> {
         let (touching, feet) = self.gap_below(setting, q);
         let share = self.feet.geoms.len() as f64 / feet as f64;
-        if feet == 0 { 0.0 } else { touching + share * self.standing_depth(setting) }
+        (feet > 0).then(|| touching + share * self.standing_depth(setting))
     }
 
     /// Depth to which all feet sink in when they carry the robot under a setting \[m\]: as that of a contact whose spring has the stiffness
@@ -127,7 +152,7 @@ impl Rollout<'_> {
             let centre = poses[geom.link].transform_point(length(geom.link) * geom.link_from_geom.position);
             let Shape::Sphere(radius) = geom.shape else { return None };
             let offset = self.value_of(setting, ActsOn::Geom(*g, GeomField::RadiusOffset));
-            let ground = self.terrain.height_below(centre.x, centre.y, centre.z + 1.0)?;
+            let ground = self.terrain.height_below(centre.x, centre.y, centre.z + self.above)?;
             let gap = centre.z - radius - offset - ground - slope_x * centre.x - slope_y * centre.y;
             Some(([centre.x, centre.y], gap))
         };

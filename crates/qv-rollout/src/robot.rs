@@ -13,6 +13,9 @@ use qv_recording::{Run, median_interval};
 use qv_sim::{ActsOn, Batch, JointField, Model, ParameterInfo, SimOptions, Terrain, WorldField};
 use std::collections::HashMap;
 
+/// Ground is looked for from so far above a foot on \[m\].
+const ABOVE: f64 = 1.0;
+
 /// Something outside that acts on the robot for a while.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Event {
@@ -55,6 +58,8 @@ pub struct Rollout<'a> {
     pub events: Vec<Event>,
     /// Whether the ground of each simulation is moved to the feet that stand at its start.
     pub anchors: bool,
+    /// How far above a foot the ground may begin that it stands on \[m\]: as much as poses and ground may be off.
+    pub above: f64,
     /// Depth to which the feet sink in when the robot stands on all of them \[m\].
     pub depth: f64,
     index: HashMap<String, usize>,
@@ -113,6 +118,7 @@ impl<'a> Rollout<'a> {
             numerics,
             events: Vec::new(),
             anchors: true,
+            above: ABOVE,
             depth: 0.0,
             index,
             of_part,

@@ -9,6 +9,7 @@ use crate::place::Sensors;
 use crate::robot::Rollout;
 use crate::window::Start;
 use qv_sim::{Batch, Precision, SimOptions, State};
+use std::borrow::Cow;
 use std::ops::Range;
 
 /// Time for which a robot settles on its feet \[s\].
@@ -58,8 +59,8 @@ impl<'a, T: Precision> Simulation<'a, T> {
         self.tick = 0;
     }
 
-    /// Puts an environment at a start where sensors see `seen`, commands and torques on their way; the height at which the ground touches
-    /// its feet \[m\], and its true state. Environments are started in order.
+    /// Puts an environment at a start where sensors see `seen`, commands and torques on their way (see [`Self::place`] and [`Self::remember`]).
+    /// Environments are started in order.
     ///
     /// # Errors
     /// When a value of `setting` means nothing.
@@ -70,9 +71,41 @@ impl<'a, T: Precision> Simulation<'a, T> {
         setting: &Overrides,
         (start, sensors): (&Start<'a>, Sensors),
         seen: &'s State,
-    ) -> Result<(f64, std::borrow::Cow<'s, State>), RolloutError> {
+    ) -> Result<(f64, Cow<'s, State>), RolloutError> {
+        let placed = self.place(rollout, env, setting, (start, sensors), seen)?;
+        self.remember(rollout, env, setting, start)?;
+        Ok(placed)
+    }
+
+    /// Puts an environment at a start where sensors see `seen`: the height at which the ground touches its feet \[m\], and its true state.
+    ///
+    /// # Errors
+    /// When a value of `setting` means nothing.
+    pub fn place<'s>(
+        &mut self,
+        rollout: &Rollout,
+        env: usize,
+        setting: &Overrides,
+        (start, sensors): (&Start<'a>, Sensors),
+        seen: &'s State,
+    ) -> Result<(f64, Cow<'s, State>), RolloutError> {
         let state = rollout.behind_springs(start, setting, seen, start.time);
         let height = rollout.place(&mut self.batch, env, setting, (start, sensors), &state)?;
+        Ok((height, state))
+    }
+
+    /// Gives an environment that was placed the commands before its start and the torques behind its motors' lags, which a state that is set
+    /// forgets, and lets it follow the commands from there.
+    ///
+    /// # Errors
+    /// When a command is not finite.
+    pub fn remember(
+        &mut self,
+        rollout: &Rollout,
+        env: usize,
+        setting: &Overrides,
+        start: &Start<'a>,
+    ) -> Result<(), RolloutError> {
         let mut command = Command::default();
         for age in (1..=(self.latency / self.timestep).ceil() as usize).rev() {
             start.held.at(start.time - age as f64 * self.timestep, self.timestep, &mut command);
@@ -82,7 +115,7 @@ impl<'a, T: Precision> Simulation<'a, T> {
             self.batch.set_lagged_torques(env, &torques)?;
         }
         self.follow(env, start.held, start.time);
-        Ok((height, state))
+        Ok(())
     }
 
     /// Lets an environment follow commands from a time \[s\] on.

@@ -1,6 +1,7 @@
 //! Stretches of a recording followed in the simulator, and what its sensors report at the recorded instants.
 
 use crate::RolloutError;
+use crate::channels::snippet;
 use crate::commands::HeldCommands;
 use crate::options::Numerics;
 use crate::parameters::Overrides;
@@ -113,14 +114,19 @@ fn read(rollout: &Rollout, batch: &Batch<f64>, env: usize, time: f64, trace: &mu
 pub fn joint_lags(rollout: &Rollout, run: &Run) -> Result<Vec<Option<f64>>, RolloutError> {
     let joints = rollout.columns.len();
     let unknown = vec![None; joints];
+    let from = run.span()[0];
+    let run = &snippet(run, from, from + FOLLOWED);
     let Some(position) = &run.measured.position else { return Ok(unknown) };
     let held = HeldCommands::new(run, &rollout.columns)?;
-    let starts = rollout.starts(run, rollout.sensor_errors(&Overrides::new()))?;
+    let Ok(starts) = rollout.starts(run, rollout.sensor_errors(&Overrides::new())) else { return Ok(unknown) };
     let measured = |(index, &time): (usize, &f64)| starts.at(time).map(|state| (index, state));
     let Some((first, state)) = position.time.iter().enumerate().find_map(measured) else { return Ok(unknown) };
-    let end = position.time.partition_point(|&t| t < position.time[first] + FOLLOWED);
+    let end = position.len();
     let recording = Recording { run, held: &held, starts: &starts, times: &position.time };
     let trace = recording.follow(rollout, rollout.numerics, &[Stretch { first, end, state }])?.remove(0);
+    if trace.time.len() < end - first {
+        return Ok(unknown);
+    }
     let simulated = JointSeries { time: trace.time, values: trace.position, joints };
     let columns: Vec<usize> = (0..joints).collect();
     let found = lags_behind(&simulated, &columns, position, &rollout.columns, &run.joint_names);

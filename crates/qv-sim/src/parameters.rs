@@ -316,7 +316,7 @@ fn joint_parameters(infos: &mut Vec<ParameterInfo>, model: &Model, index: usize)
             "speed at which torque along the motion reaches zero; neutral: a tenth above the limit",
         ),
         (Lag, "actuator.*.lag", "s", 0.0, (0.0, 0.025), 0.0, "time constant of a first-order lag of the torque"),
-        (CommandLatency, "actuator.*.command_latency", "s", 0.0, (0.0, 0.025), 0.0, "delay of commands"),
+        (CommandLatency, "actuator.*.command_latency", "s", 0.0, (0.0, 0.06), 0.0, "delay of commands"),
         (
             Backlash,
             "actuator.*.backlash",
@@ -335,7 +335,7 @@ fn joint_parameters(infos: &mut Vec<ParameterInfo>, model: &Model, index: usize)
             ANY,
             "measured minus true position; the controller sees it",
         ),
-        (EncoderLatency, "sensor.*.encoder_latency", "s", 0.0, (0.0, 0.025), 0.0, "age of reported position and speed"),
+        (EncoderLatency, "sensor.*.encoder_latency", "s", 0.0, (0.0, 0.06), 0.0, "age of reported position and speed"),
         (TorqueScale, "sensor.*.torque_scale", "1", 1.0, (0.6, 1.25), 0.0, "reported over delivered torque"),
         (
             ExternalTorque,

@@ -240,7 +240,8 @@ fn understood() -> Result<(Cli, Option<PathBuf>), Misused> {
 /// Options that were typed under a name of an older version, a line each.
 fn old_names(root: &clap::Command, matches: &ArgMatches, words: &[OsString]) -> Vec<String> {
     let Some((command, _)) = output::innermost(root, matches) else { return Vec::new() };
-    let typed: Vec<&str> = words.iter().filter_map(|word| word.to_str()?.strip_prefix("--")).collect();
+    let options = words.iter().take_while(|word| *word != "--");
+    let typed: Vec<&str> = options.filter_map(|word| word.to_str()?.strip_prefix("--")).collect();
     let typed: Vec<&str> = typed.into_iter().map(|word| word.split('=').next().unwrap_or(word)).collect();
     let mut lines = Vec::new();
     for argument in command.get_arguments() {

@@ -362,7 +362,15 @@ impl Evidence {
         };
         let Head { format } = serde_json::from_str(text).map_err(|e| wrong(e.to_string()))?;
         match format.as_str() {
-            FORMAT | BEFORE => serde_json::from_str(text).map_err(|e| wrong(e.to_string())),
+            FORMAT | BEFORE => {
+                let evidence: Self = serde_json::from_str(text).map_err(|e| wrong(e.to_string()))?;
+                match evidence.corrected.iter().flat_map(|c| &c.accused).find(|a| !has(&evidence.rounds, a)) {
+                    Some(a) => {
+                        Err(wrong(format!("candidate {} of round {}, which is not there", a.candidate, a.round)))
+                    }
+                    None => Ok(evidence),
+                }
+            }
             other => Err(wrong(format!("`{other}`: run `qv diagnose` again"))),
         }
     }
@@ -382,4 +390,9 @@ impl Evidence {
         let all = self.corrected.iter().flat_map(|c| &c.accused);
         all.map(|a| (a, &self.rounds[a.round].candidates[a.candidate]))
     }
+}
+
+/// Whether rounds have what was accused in them.
+fn has(rounds: &[Round], accused: &Accused) -> bool {
+    rounds.get(accused.round).is_some_and(|round| accused.candidate < round.candidates.len())
 }

@@ -107,7 +107,7 @@ pub struct LinearisedProblem<'a> {
     pub ablated: Vec<usize>,
     /// Joints that are at rest on average over the windows (indices, in the order of the model).
     pub at_rest: Vec<usize>,
-    /// How far each joint is behind the simulated one \[s\], shape `[joints]`, by the first recording; `None` where that is not known.
+    /// How far each joint is behind the simulated one \[s\], shape `[joints]`, by the first recording that tells; `None` where none does.
     pub lags: Vec<Option<f64>>,
     /// Mean square of residuals of noise and numerics alone.
     pub floor: f64,
@@ -158,7 +158,13 @@ impl<'a> LinearisedProblem<'a> {
             study.add(run, index, &pool, effort)?;
         }
         study.floor /= runs.len().max(1) as f64;
-        study.lags = runs.first().map_or(Ok(Vec::new()), |run| joint_lags(&study.rollout, run))?;
+        // The first recording in which joints move enough to tell.
+        for run in runs {
+            study.lags = joint_lags(&study.rollout, run)?;
+            if study.lags.iter().any(Option::is_some) {
+                break;
+            }
+        }
         study.at_rest = at_rest(&study.rollout, study.seen.iter().map(|s| &s.window));
         Ok(study)
     }

@@ -282,12 +282,18 @@ impl<'s, 'a> Search<'s, 'a> {
             return None;
         }
         let mut lags: Vec<f64> = group.members.iter().filter_map(|&joint| *self.study.lags.get(joint)?).collect();
-        (!lags.is_empty()).then(|| median(&mut lags)).filter(|lag| *lag > 0.0)
+        // What the simulator was asked at is told by its slope there.
+        let least = self.columns().effects[group.effect].levels[0];
+        (!lags.is_empty()).then(|| median(&mut lags)).filter(|lag| *lag >= least)
     }
 
     /// Whether an effect makes joints late: in what they are told, in what they do, or in what they report.
     fn is_delay(&self, effect: usize) -> bool {
         use JointField::{CommandLatency, EncoderLatency, Lag};
+        let of = &self.columns().effects[effect];
+        if of.scope != Scope::Joints || of.axes.len() != 1 {
+            return false;
+        }
         let units = self.columns().units.iter().filter(|u| u.effect == effect);
         let mut parts = units.flat_map(|u| &u.moves).map(|m| self.study.rollout.acts_on(m.0)).peekable();
         let is_late = |part| matches!(part, ActsOn::Joint(_, CommandLatency | EncoderLatency | Lag));

@@ -249,7 +249,7 @@ impl Recorder {
         let since = window.since + (from - window.start);
         let start = Start { time: from, since, ..window.starting(rollout, held) };
         let (touching, state) =
-            simulation.start(rollout, env, &replicate.setting, (&start, Sensors::AsTheyAre), &seen)?;
+            simulation.place(rollout, env, &replicate.setting, (&start, Sensors::AsTheyAre), &seen)?;
         uneven(rollout, &mut simulation.batch, env, replicate, stream)?;
         if let (true, Some(id)) = (rollout.free, rollout.parameter_of(ActsOn::World(WorldField::Height))) {
             // The replicate's ground is where its feet are; where the ground is expected is seen through the pose.
@@ -259,6 +259,7 @@ impl Recorder {
             simulation.batch.set_parameter_at(env, id, expected)?;
             simulation.batch.set_state(env, &state)?;
         }
+        simulation.remember(rollout, env, &replicate.setting, &start)?;
         let next = due.each_ref().map(|d| d.partition_point(|&t| t < from - 1e-9));
         let mut view = window.view.clone();
         empty(&mut view);

@@ -1,4 +1,4 @@
-//! Every integration test of `qv-replay`, as one program: a file is a subject, a folder serves several.
+//! Every integration test of `qv-recording`, as one program: a file is a subject, a folder serves several.
 
 mod any_bytes;
 #[path = "../../../../fixtures/facts.rs"]

@@ -141,13 +141,23 @@ impl Report {
     /// The report of a diagnosis from its evidence.
     fn render(&self, file: &Path) -> Result<Outcome, Failure> {
         let text = fs::read_to_string(file).map_err(|e| about(file, format!("expected evidence, found {e}")))?;
+        let beside = self.out.with_extension("json");
+        if beside == self.out {
+            return Err(about(&self.out, "expected a page such as report.html, found a name that report.json takes"));
+        }
+        if fs::canonicalize(&beside).is_ok_and(|path| fs::canonicalize(file).is_ok_and(|input| input == path)) {
+            return Err(about(
+                &beside,
+                "expected another name for --out, found the evidence, which would be written over",
+            ));
+        }
         let evidence = Evidence::read(&text, &file.display().to_string())?;
         let report = qv_gap::report::report(&evidence, &Policy::default()).map_err(|e| about(file, e))?;
         let said = evidence.report.as_ref().map(|data| (data.title.as_str(), &data.notes[..]));
         let (title, notes) = said.unwrap_or_default();
         let sections: Vec<String> = report.visual.iter().map(|sight| section(sight, &[])).collect();
         self.write(&self.out, export::to_html(&report, title, notes, &sections))?;
-        self.write(&self.out.with_extension("json"), export::to_json(&report))?;
+        self.write(&beside, export::to_json(&report))?;
         self.finish()
     }
 
