@@ -91,12 +91,13 @@ pub fn simulate(
     let (plan, skipped) = plan_windows(run, times, &starts, &held, options);
     let numerics = Numerics { timestep: options.timestep, ..Numerics::default() };
     let recording = Recording { run, held: &held, starts: &starts, times };
+    // A whole run settles by itself, and its start, at the edge of the recording, is rough: windows alone start as deep as feet stand.
+    let whole = recording.follow(&rollout, numerics, &[Stretch { first, end: times.len(), state }])?.remove(0);
     let feet = rollout.feet.geoms.len();
     let stands = |s: &&Stretch| feet > 0 && rollout.gap_below(&Overrides::new(), &s.state.q).1 == feet;
     if let Some(stretch) = plan.iter().find(stands).filter(|_| rollout.anchors) {
         rollout.settle(&numerics, &recording.start(stretch), &stretch.state)?;
     }
-    let whole = recording.follow(&rollout, numerics, &[Stretch { first, end: times.len(), state }])?.remove(0);
     // A trace ends where its state is no longer finite.
     let ran_away = (whole.time.len() < times.len() - first).then(|| times[first + whole.time.len()]);
     let joints = rollout.columns.len();

@@ -114,6 +114,10 @@ fn read(rollout: &Rollout, batch: &Batch<f64>, env: usize, time: f64, trace: &mu
 pub fn joint_lags(rollout: &Rollout, run: &Run) -> Result<Vec<Option<f64>>, RolloutError> {
     let joints = rollout.columns.len();
     let unknown = vec![None; joints];
+    // As a replay of the whole run starts, which settles by itself.
+    let mut settled_by_itself = rollout.clone();
+    settled_by_itself.depth = 0.0;
+    let rollout = &settled_by_itself;
     let from = run.span()[0];
     let run = &snippet(run, from, from + FOLLOWED);
     let Some(position) = &run.measured.position else { return Ok(unknown) };

@@ -283,7 +283,8 @@ pub struct ReportData {
     pub traces: Traces,
     /// What was done.
     pub stages: Vec<Stage>,
-    /// How long it took.
+    /// How long it took; it is not stored, since it differs from run to run.
+    #[serde(skip)]
     pub timing: Timing,
     /// Program, arguments and inputs, where the caller says them.
     #[serde(skip_serializing_if = "Option::is_none")]

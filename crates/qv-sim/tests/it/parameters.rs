@@ -19,7 +19,7 @@ fn lawn() -> Terrain {
 fn simulation(terrain: &Terrain) -> Batch<f64> {
     let robot = model(&biped_urdf(), BaseKind::Floating);
     let options =
-        SimOptions { max_command_latency: 0.03, max_sensor_latency: 0.2, contact_dimension: 6, ..Default::default() };
+        SimOptions { max_command_latency: 0.06, max_sensor_latency: 0.2, contact_dimension: 6, ..Default::default() };
     let mut sim = Batch::new(&robot, terrain, &options, 1).unwrap();
     sim.set_state(0, &biped_state()).unwrap();
     sim

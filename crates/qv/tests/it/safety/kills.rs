@@ -112,7 +112,7 @@ fn a_diagnosis_survives() {
     let root = directory("kill_diagnose");
     recording(&root.join("run"));
     let new = "diagnose run --out out --seed 2 --without backlash";
-    let is_same = |name: &str| ["calibrated.toml", "mjcf_fragment.xml"].contains(&name);
+    let is_same = |name: &str| ["calibrated.toml", "mjcf_fragment.xml", "evidence.json"].contains(&name);
     survives(&root, "diagnose run --out out --seed 1", new, &|name| is_same(name.rsplit('/').next().unwrap()));
 }
 
