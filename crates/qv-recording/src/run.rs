@@ -39,7 +39,7 @@ pub enum Known {
     Stated,
     /// Not at all: as of a servo whose gain is a number of its register.
     Unknown,
-    /// By [`crate::replay::find_gains`], with this standard deviation as a share of it.
+    /// By `qv_replay::find_gains`, with this standard deviation as a share of it.
     Found(f64),
 }
 
