@@ -1,17 +1,18 @@
-//! Parameters of the simulator from windows of a log: maximum a posteriori by [`qv_fit::fit`], one lane of the simulator for each window and
-//! point.
+//! Parameters of the simulator from windows of a log: maximum a posteriori by Gauss and Newton, the Jacobian by finite differences, one lane
+//! of the simulator for each column.
 //!
-//! Errors are in units of each channel's own spread, estimated from the errors themselves before each step. Windows have the tails of Student's
-//! t: where a foot slips that did not, the window says little of the motors. Errors within a window hang together, so a window counts as one
-//! observation of each channel. Deviations are by how windows differ (the sandwich).
+//! The model of an error is a normal one whose spread is each channel's own, estimated from the errors themselves (iterated reweighting), with
+//! Huber's weights (1964, k = 1.345) for whole windows: where a foot slips that did not, the window says little of the motors. Errors within a
+//! window hang together, so a window counts as one observation of each channel. The covariance is the sandwich of that (White 1982), by windows.
 
 use crate::ResidualError;
 use crate::basis::{BasisTorque, SHAPES};
-use crate::windows::{BASE_CHANNELS, Errors, Lane, Replayer, Window};
+use crate::windows::{Errors, Lane, Replayer, Window};
+use nalgebra::{DMatrix, DVector};
 use qv_core::statistics::median;
-use qv_fit::{Blocks, Loss, Options, Problem, Stopped};
 use qv_policy::compensate::Compensator;
 use qv_policy::velocity::TaskRobot;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// What a number of a fit means to the simulator.
@@ -270,26 +271,39 @@ impl Default for FitSettings {
     }
 }
 
-/// Degrees of freedom of a window's tails.
-const FREEDOM: f64 = 4.0;
-/// Shares of a step that are tried beside the whole one.
-const SHARES: [f64; 5] = [0.05, 0.12, 0.25, 0.5, 0.75];
-/// A step that lowers the cost by less than this for each number is the last: a tenth of what one number may differ by chance, since 0.5 is one
-/// standard deviation of one number.
-const SETTLED: f64 = 0.05;
+/// Huber's bound in units of the spread: 95 % efficiency for normal errors.
+const HUBER: f64 = 1.345;
 /// Lanes at once: more would not fit the cache and memory better.
 const LANES: usize = 8192;
 
-/// Spread of each of some channels in windows `[length][channels]`: the median of its root mean square, over what that is of a normal spread.
-fn spreads(windows: &Blocks, channels: usize) -> Vec<f64> {
+/// Spread of each channel: the median over windows of its root mean square, over what that is of a normal spread.
+fn spreads(errors: &Errors) -> Vec<f64> {
     let of = |channel: usize| {
-        let mean = |window: &Vec<f64>| {
-            let squares = window.iter().skip(channel).step_by(channels).map(|x| x * x);
-            (squares.sum::<f64>() * channels as f64 / window.len() as f64).sqrt()
+        let mean = |lane: usize| {
+            let squares = errors.lane(lane).chunks_exact(errors.channels).map(|row| f64::from(row[channel]).powi(2));
+            (squares.sum::<f64>() / errors.length as f64).sqrt()
         };
-        (median(&mut windows.iter().map(mean).collect::<Vec<_>>()) / 0.6745f64.sqrt()).max(1e-6)
+        let mut all: Vec<f64> = (0..errors.lanes).map(mean).collect();
+        (median(&mut all) / 0.6745f64.sqrt()).max(1e-6)
     };
-    (0..channels).map(of).collect()
+    (0..errors.channels).map(of).collect()
+}
+
+/// Mean squared whitened error of a lane over time, summed over channels, and its root mean over channels.
+fn size(errors: &Errors, lane: usize, spreads: &[f64]) -> (f64, f64) {
+    let rows = errors.lane(lane).chunks_exact(errors.channels);
+    let each = |row: &[f32]| row.iter().zip(spreads).map(|(x, s)| (f64::from(*x) / s).powi(2)).sum::<f64>();
+    let sum = rows.map(each).sum::<f64>() / errors.length as f64;
+    (sum, (sum / errors.channels as f64).sqrt())
+}
+
+/// Huber's loss of a window, times its channels, and the weight of its squared error.
+fn huber((sum, root): (f64, f64), channels: usize) -> (f64, f64) {
+    if root <= HUBER {
+        (0.5 * sum, 1.0)
+    } else {
+        (channels as f64 * (HUBER * root - 0.5 * HUBER * HUBER), HUBER / root)
+    }
 }
 
 /// Fits the coordinates to windows.
@@ -327,24 +341,18 @@ impl Fitter<'_> {
         Ok(all)
     }
 
-    /// Errors of each window at each of some points in units of the channels' spreads, `[points][windows][length * channels]`.
-    fn scaled(&self, points: &[Vec<f64>], spreads: &[f64]) -> Result<Vec<Blocks>, ResidualError> {
-        let errors = self.errors(points)?;
-        let of_window = |w: usize, p: usize| {
-            let lane = errors.lane(w * points.len() + p).iter().enumerate();
-            lane.map(|(k, x)| f64::from(*x) / spreads[k % spreads.len()]).collect()
-        };
-        Ok((0..points.len()).map(|p| (0..self.windows.len()).map(|w| of_window(w, p)).collect()).collect())
+    fn prior(&self, point: &[f64]) -> f64 {
+        0.5 * self.coordinates.iter().zip(point).map(|(c, x)| ((x - c.neutral) / c.spread).powi(2)).sum::<f64>()
     }
 
-    fn problem(&self, start: &[f64]) -> Problem {
-        let all = &self.coordinates;
-        Problem {
-            low: all.iter().map(|c| c.least).collect(),
-            high: all.iter().map(|c| c.most).collect(),
-            prior: all.iter().map(|c| Some([c.neutral, c.spread])).collect(),
-            ..Problem::new(start, &all.iter().map(|c| c.spread / 3.0).collect::<Vec<_>>())
-        }
+    /// Cost of each of `count` points from the errors `[windows][count]`.
+    fn costs(&self, errors: &Errors, points: &[Vec<f64>], spreads: &[f64]) -> Vec<f64> {
+        let of = |k: usize| {
+            let windows = (0..self.windows.len()).map(|w| w * points.len() + k);
+            let data: f64 = windows.map(|lane| huber(size(errors, lane, spreads), errors.channels).0).sum();
+            data + self.prior(&points[k])
+        };
+        (0..points.len()).map(of).collect()
     }
 
     /// Runs the fit from a point; `tell` hears of each step and its cost.
@@ -355,37 +363,143 @@ impl Fitter<'_> {
         if self.windows.is_empty() {
             return Err(ResidualError::input("recordings", "windows to fit", "none"));
         }
-        let channels = self.replayer.log.joints + BASE_CHANNELS;
-        let loss = Loss { independent: 1.0 / self.settings.length as f64, ..Loss::student(FREEDOM) };
-        let gain = SETTLED * self.coordinates.len() as f64;
-        let (dampings, shares) = (vec![0.0], SHARES.to_vec());
-        let options = Options { loss, rounds: 1, dampings, shares, fall: 0.0, gain, ..Options::default() };
-        let mut problem = self.problem(start);
-        let mut scales = spreads(&self.scaled(&[start.to_vec()], &vec![1.0; channels])?[0], channels);
-        let mut fit = Fit {
-            coordinates: self.coordinates.clone(),
-            point: start.to_vec(),
-            deviations: self.coordinates.iter().map(|c| c.spread).collect(),
-            costs: Vec::new(),
-        };
+        let count = self.coordinates.len();
+        let mut point = start.to_vec();
+        let mut costs = Vec::new();
+        let mut deviations = self.coordinates.iter().map(|c| c.spread).collect::<Vec<_>>();
         for step in 0..self.settings.steps {
-            let found = qv_fit::fit(&problem, &options, |points| self.scaled(points, &scales))?;
-            let deviations = found.block_deviations();
-            fit.costs.push(found.cost);
-            tell(step, found.cost);
-            // One window alone has no scatter: then the prior's stay.
-            if deviations.iter().all(|d| d.is_finite()) {
-                fit.deviations = deviations;
-            }
-            fit.point.clone_from(&found.values);
-            problem.start = found.values;
-            if found.stopped != Stopped::Rounds {
+            let moves = self.moves(&point);
+            let mut points = vec![point.clone(); count + 1];
+            (0..count).for_each(|k| points[k + 1][k] += moves[k]);
+            let errors = self.errors(&points)?;
+            let here = self.here(&errors, count);
+            let spreads = spreads(&here);
+            let normal = self.normal(&errors, &moves, &spreads);
+            deviations = self.deviations(&normal);
+            let step_to = self.solve(&normal, &point);
+            let shares = [0.0, 0.05, 0.12, 0.25, 0.5, 0.75, 1.0];
+            let tries: Vec<Vec<f64>> = shares
+                .iter()
+                .map(|share| point.iter().zip(&step_to).map(|(x, to)| x + share * (to - x)).collect())
+                .collect();
+            let found = self.costs(&self.errors(&tries)?, &tries, &spreads);
+            let best = (0..tries.len()).min_by(|&a, &b| found[a].total_cmp(&found[b])).unwrap_or(0);
+            costs.push(found[best]);
+            tell(step, found[best]);
+            let gain = found[0] - found[best];
+            point.clone_from(&tries[best]);
+            // Less than a tenth of what one number may differ by chance: 0.5 is one standard deviation of one number.
+            if best == 0 || gain < 0.05 * count as f64 {
                 break;
             }
-            scales.iter_mut().zip(spreads(&found.residuals, channels)).for_each(|(s, more)| *s = (*s * more).max(1e-6));
         }
-        Ok(fit)
+        Ok(Fit { coordinates: self.coordinates.clone(), point, deviations, costs })
     }
+
+    /// A third of each number's prior deviation, away from the nearer bound.
+    fn moves(&self, point: &[f64]) -> Vec<f64> {
+        let of =
+            |(c, x): (&Coordinate, &f64)| if x + c.spread / 3.0 <= c.most { c.spread / 3.0 } else { -c.spread / 3.0 };
+        self.coordinates.iter().zip(point).map(of).collect()
+    }
+
+    /// The errors at the point itself, one lane for each window.
+    fn here(&self, errors: &Errors, count: usize) -> Errors {
+        let values = (0..self.windows.len()).flat_map(|w| errors.lane(w * (count + 1)).to_vec()).collect();
+        Errors { lanes: self.windows.len(), values, ..errors.clone() }
+    }
+
+    fn normal(&self, errors: &Errors, moves: &[f64], spreads: &[f64]) -> Normal {
+        let count = moves.len();
+        let one = |w: usize| {
+            let base = errors.lane(w * (count + 1));
+            let (_, weight) = huber(size(errors, w * (count + 1), spreads), errors.channels);
+            let whitened = |k: usize, x: f32| f64::from(x) / spreads[k % errors.channels];
+            let rows = base.len();
+            let residual = DVector::from_iterator(rows, base.iter().enumerate().map(|(k, &x)| whitened(k, x)));
+            let mut jacobian = DMatrix::zeros(rows, count);
+            for c in 0..count {
+                let moved = errors.lane(w * (count + 1) + 1 + c);
+                for k in 0..rows {
+                    jacobian[(k, c)] = whitened(k, moved[k] - base[k]) / moves[c];
+                }
+            }
+            let share = weight / errors.length as f64;
+            (jacobian.tr_mul(&jacobian) * share, jacobian.tr_mul(&residual) * share)
+        };
+        let parts: Vec<(DMatrix<f64>, DVector<f64>)> = (0..self.windows.len()).into_par_iter().map(one).collect();
+        let mut normal = Normal {
+            hessian: DMatrix::zeros(count, count),
+            gradient: DVector::zeros(count),
+            spread: DMatrix::zeros(count, count),
+        };
+        for (hessian, gradient) in &parts {
+            normal.hessian += hessian;
+            normal.gradient += gradient;
+            normal.spread += gradient * gradient.transpose();
+        }
+        normal
+    }
+
+    /// Where Gauss and Newton's step leads from a point, within the bounds: what leaves them is held at the bound, and the rest solved again.
+    fn solve(&self, normal: &Normal, point: &[f64]) -> Vec<f64> {
+        let count = point.len();
+        let mut hessian = normal.hessian.clone();
+        let mut gradient = normal.gradient.clone();
+        for (k, c) in self.coordinates.iter().enumerate() {
+            hessian[(k, k)] += c.spread.powi(-2);
+            gradient[k] += (point[k] - c.neutral) / c.spread.powi(2);
+        }
+        let mut held: Vec<Option<f64>> = vec![None; count];
+        let mut to = point.to_vec();
+        for _ in 0..8 {
+            let free: Vec<usize> = (0..count).filter(|&k| held[k].is_none()).collect();
+            let moved = |k: usize| held[k].map_or(0.0, |x| x - point[k]);
+            let a = DMatrix::from_fn(free.len(), free.len(), |i, j| hessian[(free[i], free[j])]);
+            let b = DVector::from_fn(free.len(), |i, _| {
+                -gradient[free[i]] - (0..count).map(|k| hessian[(free[i], k)] * moved(k)).sum::<f64>()
+            });
+            let Some(solved) = a.cholesky().map(|c| c.solve(&b)) else { return point.to_vec() };
+            for (i, &k) in free.iter().enumerate() {
+                to[k] = point[k] + solved[i];
+            }
+            let mut again = false;
+            for &k in &free {
+                let c = &self.coordinates[k];
+                if to[k] < c.least || to[k] > c.most {
+                    held[k] = Some(to[k].clamp(c.least, c.most));
+                    to[k] = to[k].clamp(c.least, c.most);
+                    again = true;
+                }
+            }
+            if !again {
+                break;
+            }
+        }
+        to.iter().zip(&self.coordinates).map(|(x, c)| x.clamp(c.least, c.most)).collect()
+    }
+
+    fn deviations(&self, normal: &Normal) -> Vec<f64> {
+        let mut hessian = normal.hessian.clone();
+        let mut spread = normal.spread.clone();
+        for (k, c) in self.coordinates.iter().enumerate() {
+            hessian[(k, k)] += c.spread.powi(-2);
+            spread[(k, k)] += c.spread.powi(-2);
+        }
+        let Some(inverse) = hessian.cholesky().map(|c| c.inverse()) else {
+            return self.coordinates.iter().map(|c| c.spread).collect();
+        };
+        let covariance = &inverse * spread * &inverse;
+        (0..self.coordinates.len()).map(|k| covariance[(k, k)].max(0.0).sqrt()).collect()
+    }
+}
+
+/// Sums over windows.
+struct Normal {
+    hessian: DMatrix<f64>,
+    gradient: DVector<f64>,
+    /// Sum of the windows' own gradients' outer products.
+    spread: DMatrix<f64>,
 }
 
 /// The shapes as a compensator, for a robot.
