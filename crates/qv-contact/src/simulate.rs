@@ -54,9 +54,8 @@ impl<'a> Simulator<'a> {
     /// # Errors
     /// When the simulator refuses.
     pub fn settle(&mut self, recording: &Recording) -> Result<(), ContactError> {
-        let (nothing, feet) = (Overrides::new(), self.rollout.feet.geoms.len());
         let mut measured = recording.instants.iter().enumerate().filter_map(|(k, i)| Some((k, &i.as_ref()?.state)));
-        let standing = measured.find(|(_, state)| self.rollout.gap_below(&nothing, &state.q).1 == feet);
+        let standing = measured.find(|(_, state)| self.rollout.stands(&state.q));
         let Some((from, state)) = standing else { return Ok(()) };
         let start = recording.start_at(from, 0.0);
         Ok(self.rollout.settle(&self.numerics, &start, state)?)

@@ -93,9 +93,7 @@ pub fn simulate(
     let recording = Recording { run, held: &held, starts: &starts, times };
     // A whole run settles by itself, and its start, at the edge of the recording, is rough: windows alone start as deep as feet stand.
     let whole = recording.follow(&rollout, numerics, &[Stretch { first, end: times.len(), state }])?.remove(0);
-    let feet = rollout.feet.geoms.len();
-    let stands = |s: &&Stretch| feet > 0 && rollout.gap_below(&Overrides::new(), &s.state.q).1 == feet;
-    if let Some(stretch) = plan.iter().find(stands).filter(|_| rollout.anchors) {
+    if let Some(stretch) = plan.iter().find(|s| rollout.stands(&s.state.q)).filter(|_| rollout.anchors) {
         rollout.settle(&numerics, &recording.start(stretch), &stretch.state)?;
     }
     // A trace ends where its state is no longer finite.

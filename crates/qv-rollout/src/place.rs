@@ -135,6 +135,12 @@ impl Rollout<'_> {
         (of(WorldField::TimeConstant) * of(WorldField::DampingRatio)).powi(2)
     }
 
+    /// Whether the robot, as it is known to be, stands on all of its feet at positions `q`.
+    pub fn stands(&self, q: &[f64]) -> bool {
+        let feet = self.feet.geoms.len();
+        feet > 0 && self.gap_below(&Overrides::new(), q).1 == feet
+    }
+
     /// Mean height above the ground of the lowest feet \[m\], and how many those are.
     pub fn gap_below(&self, setting: &Overrides, q: &[f64]) -> (f64, usize) {
         let near: Vec<f64> = self.lowest_feet(setting, q).into_iter().map(|f| f.1).collect();

@@ -132,11 +132,6 @@ impl<'a, T: Precision> Simulation<'a, T> {
         self.feeds.push(Feed { environments: env..env + 1, held, from, until, command });
     }
 
-    /// Steps done.
-    pub fn tick(&self) -> usize {
-        self.tick
-    }
-
     /// Gives the commands of this step, where they change, and steps, on this thread.
     ///
     /// # Errors
