@@ -6,13 +6,13 @@ use qv_fit::linear::squared;
 use qv_gap::GapError;
 use qv_gap::checks::held_out::Closure;
 use qv_gap::inference::linearised::LinearisedProblem;
-use qv_gap::null::Noise;
 use qv_recording::median_interval;
 use qv_rollout::Channel;
 use qv_rollout::Overrides;
 use qv_rollout::Raw;
 use qv_rollout::channels;
 use qv_rollout::law;
+use qv_rollout::replicate::Noise;
 
 /// Loss of a window whose simulation ran away, over that of the nominal robot.
 const RAN_AWAY: f64 = 10.0;

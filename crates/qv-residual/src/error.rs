@@ -1,5 +1,6 @@
 //! The error of this crate.
 
+use qv_fit::FitError;
 use qv_policy::PolicyError;
 use qv_rollout::RolloutError;
 use qv_sim::SimError;
@@ -26,6 +27,13 @@ pub enum ResidualError {
         /// What is there.
         found: String,
     },
+}
+
+impl From<FitError> for ResidualError {
+    fn from(error: FitError) -> Self {
+        let FitError { what, expected, found } = error;
+        Self::Input { what, expected, found }
+    }
 }
 
 impl ResidualError {

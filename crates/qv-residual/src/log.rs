@@ -34,6 +34,8 @@ pub struct Log {
     pub kd: Vec<f32>,
     /// Stretches.
     pub stretches: Vec<Stretch>,
+    /// The recordings that they are of, by name.
+    pub runs: Vec<(String, Run)>,
     /// What was left out of the recordings, a sentence each.
     pub told: Vec<String>,
 }
@@ -75,6 +77,7 @@ impl Log {
             kp: robot.kp.clone(),
             kd: robot.kd.clone(),
             stretches: Vec::new(),
+            runs: Vec::new(),
             told: Vec::new(),
         }
     }
@@ -163,6 +166,7 @@ impl Log {
             };
             return Err(ResidualError::input(name, "stretches of a robot that walks, 2 s and longer", why));
         }
+        self.runs.push((name.into(), run.clone()));
         Ok(())
     }
 

@@ -4,10 +4,13 @@ use super::scored::Scored;
 use super::{Candidate, Event, HeldOut, Inputs, Keep, LoopSettings, Outcome, Report, picked};
 use crate::ResidualError;
 use crate::compensation::Compensation;
+use crate::fitting::{Fit, Windows, fit, fit_shared_first};
 use crate::footing::Footing;
-use crate::identify::{Coordinate, Fit, Fitter, coordinates};
+use crate::identify::{Coordinate, coordinates};
 use crate::paths::PathScore;
 use crate::residual::{NetKind, ResidualNet, reinforce, supervised};
+use crate::study::Study;
+use crate::training_windows::TrainingWindows;
 use crate::tune::{Corrected, train_on};
 use crate::windows::{Errors, Lane, Replayer, Window};
 use qv_policy::policy::Policy;
@@ -278,19 +281,21 @@ impl Loop<'_, '_> {
         if let Some(kept) = self.keep.get(name).and_then(|text| kept_fit(&text, &coordinates)) {
             return Ok(kept);
         }
-        let all = picked(self.inputs, self.footing.as_ref(), settings.length, wanted);
-        let every = (all.len() / settings.windows).max(1);
-        let chosen: Vec<Window> = all.into_iter().step_by(every).take(settings.windows).collect();
-        let mut start: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
-        if let Some(from) = from {
-            // The shapes come after all others.
-            start[..from.point.len()].copy_from_slice(&from.point);
-        }
-        let fitter = Fitter { replayer: &self.replayer, coordinates, windows: chosen, settings };
-        let (tell, steps) = (&mut self.tell, settings.steps as f64);
-        let fit = fitter.fit(&start, |step, cost| {
-            tell(Event::Progress((step as f64 + 1.0) / steps, format!("cost {cost:.0}")));
-        })?;
+        let windows = windows_of(self.inputs, &self.replayer, self.footing.as_ref(), from.is_some(), wanted)?;
+        let (tell, steps, mut done) = (&mut *self.tell, settings.steps as f64, 0.0);
+        let mut tell = |_, cost| {
+            done += 1.0;
+            tell(Event::Progress(done / (done + steps), format!("cost {cost:.0}")));
+        };
+        let fit = match from {
+            None => fit_shared_first(&*windows, coordinates, settings, &mut tell)?,
+            Some(from) => {
+                // The shapes come after all others.
+                let mut start: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
+                start[..from.point.len()].copy_from_slice(&from.point);
+                fit(&*windows, coordinates, &start, settings.steps, &mut tell)?
+            }
+        };
         let text = serde_json::to_string(&(&fit.point, &fit.deviations, &fit.costs)).unwrap_or_default();
         self.keep.put(name, &text)?;
         Ok(fit)
@@ -313,6 +318,31 @@ impl Loop<'_, '_> {
         })?;
         Ok(policy)
     }
+}
+
+/// Windows of a fit in the stretches that are `wanted`: of rollouts, or in the simulator of the training.
+fn windows_of<'a>(
+    inputs: &Inputs<'a>,
+    replayer: &'a Replayer<'a>,
+    footing: Option<&Footing>,
+    in_training: bool,
+    wanted: &dyn Fn(usize) -> bool,
+) -> Result<Box<dyn Windows + 'a>, ResidualError> {
+    let Inputs { robot, ground, log, settings, .. } = *inputs;
+    let (most, length) = (settings.fit.windows, settings.fit.length);
+    if in_training {
+        let all = picked(inputs, footing, length, wanted);
+        let every = (all.len() / most).max(1);
+        let windows = all.into_iter().step_by(every).take(most).collect();
+        return Ok(Box::new(TrainingWindows { replayer, windows, length }));
+    }
+    let is_known = |stretch: usize, [from, to]: [f64; 2]| {
+        let decision = |time: f64| ((time - log.stretches[stretch].start) * f64::from(log.rate)) as usize;
+        let window = Window { stretch, decision: decision(from) };
+        let agrees = |f: &Footing| f.contradiction(window, decision(to) - window.decision) <= settings.footing;
+        wanted(stretch) && footing.is_none_or(agrees)
+    };
+    Ok(Box::new(Study::new(log, robot, &ground.terrain, most, &is_known)?))
 }
 
 fn off(error: f64) -> String {

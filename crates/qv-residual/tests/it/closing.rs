@@ -8,11 +8,13 @@ use qv_recording::Run;
 use qv_residual::ResidualError;
 use qv_residual::close::{Forget, Inputs, Keep, LoopSettings, NetsSettings, close};
 use qv_residual::compensation::Compensation;
+use qv_residual::fitting::fit_shared_first;
 use qv_residual::hidden::{Engine, Hidden, Order};
-use qv_residual::identify::{FitSettings, Fitter, coordinates, tops};
+use qv_residual::identify::{FitSettings, coordinates, tops};
 use qv_residual::log::Log;
 use qv_residual::residual::SupervisedSettings;
 use qv_residual::residual::reinforce::ReinforceSettings;
+use qv_residual::study::Study;
 use qv_residual::tune::TuneSettings;
 use qv_residual::windows::{Replayer, windows};
 use std::cell::RefCell;
@@ -28,10 +30,9 @@ fn a_fit_finds_what_was_set_and_its_replay_is_better_by_far() {
     let replayer = Replayer::new(&log, &robot, &ground.terrain, &task);
     let settings = FitSettings::default();
     let coordinates = coordinates(&replayer, &settings.prior, &tops(&replayer), false).unwrap();
-    let start: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
-    let fitter =
-        Fitter { replayer: &replayer, coordinates, windows: windows(&log, 20, |k| k < 8), settings: &settings };
-    let fit = fitter.fit(&start, |_, _| {}).unwrap();
+    let study = Study::new(&log, &robot, &ground.terrain, settings.windows, &|k, _| k < 8).unwrap();
+    let fitted = || fit_shared_first(&study, coordinates.clone(), &settings, &mut |_, _| {}).unwrap();
+    let fit = fitted();
     let found = |name: &str| {
         let k = fit.coordinates.iter().position(|c| c.name == name).unwrap();
         (fit.point[k], fit.deviations[k])
@@ -50,7 +51,7 @@ fn a_fit_finds_what_was_set_and_its_replay_is_better_by_far() {
     assert!(after < 0.2 * before, "{after} of {before} rad");
     // The same bits on another number of threads.
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    let again = one.install(|| fitter.fit(&start, |_, _| {}).unwrap());
+    let again = one.install(fitted);
     assert_eq!(fit.point, again.point);
 }
 
