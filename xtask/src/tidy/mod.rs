@@ -1,9 +1,11 @@
 //! `cargo xtask tidy`: the invariants of docs/ARCHITECTURE.md, read from `cargo metadata` and the files. Also a test.
 
+mod circles;
 mod goldens;
 mod layers;
 mod licences;
 mod links;
+mod module_paths;
 mod rust_text;
 mod sources;
 
@@ -36,6 +38,7 @@ fn findings(workspace: &Workspace) -> Result<Vec<String>> {
     let mut found = layers::check(workspace, &texts);
     found.extend(licences::check(workspace, &workspace.packages)?);
     found.extend(sources::check(workspace, &texts));
+    found.extend(circles::check(workspace, &texts));
     found.extend(links::check(&texts, &files));
     found.extend(goldens::check(root, &texts)?);
     found.sort();
