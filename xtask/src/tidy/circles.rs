@@ -26,7 +26,6 @@ const ALLOWED: &[(&str, usize)] = &[
     ("qv-recording", 4),
     ("qv-replay", 2),
     ("qv-residual", 12),
-    ("qv-rollout", 2),
     ("qv-sealed", 6),
     ("qv-sim", 40),
     ("qv-splat", 31),

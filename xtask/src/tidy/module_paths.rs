@@ -77,7 +77,7 @@ pub fn modules(code: &str) -> Vec<Module> {
             name if is_name(name) => {
                 let length = path_length(&tokens[at..]);
                 let path: Vec<String> = tokens[at..at + length].iter().step_by(2).map(|name| (*name).into()).collect();
-                if !is_field(&tokens, at, length) {
+                if !is_silent(&tokens, at, length) {
                     found[here].paths.push(path);
                 }
                 at += length - 1;
@@ -95,10 +95,14 @@ fn path_length(tokens: &[&str]) -> usize {
     1 + 2 * more
 }
 
-/// Whether a lone name follows a dot, as fields and methods do, or names a field or an argument with its type.
-fn is_field(tokens: &[&str], at: usize, length: usize) -> bool {
+/// Whether a path says nothing: the rest of one that began with a type, and a lone name that is a field, or a variable,
+/// which are small and not called.
+fn is_silent(tokens: &[&str], at: usize, length: usize) -> bool {
     let before = at.checked_sub(1).map(|before| tokens[before]);
-    length == 1 && (before == Some(".") || tokens.get(at + 1) == Some(&":")) || before == Some("::")
+    let is_called = ["(", "!", "::"].map(Some).contains(&tokens.get(at + length).copied());
+    let is_variable = tokens[at].starts_with(|c: char| c.is_lowercase()) && !is_called;
+    let is_field = before == Some(".") || tokens.get(at + 1) == Some(&":");
+    before == Some("::") || length == 1 && (is_field || is_variable)
 }
 
 fn is_name(token: &str) -> bool {
@@ -195,12 +199,14 @@ mod tests {
 
     #[test]
     fn modules_within_a_file_have_their_own_items() {
-        let found = modules("mod a;\nmod b { fn inner() { crate::c::d(); } }\nconst fn outer(x: u8) { x.y; }");
+        let found = modules(
+            "mod a;\nmod b { fn inner() { crate::c::d(); } }\nconst fn outer(x: u8) { x.y; x.z(); let v = X; v }",
+        );
         assert_eq!(found[0].children, ["a"]);
         assert_eq!(found[0].items, ["outer"]);
         assert_eq!(found[1].within, ["b"]);
         assert_eq!(found[1].items, ["inner"]);
         assert_eq!(found[1].paths, [["crate", "c", "d"]]);
-        assert!(!found[0].paths.contains(&vec!["y".into()]), "a field");
+        assert_eq!(found[0].paths, [["X"]], "no fields, methods or variables");
     }
 }
