@@ -15,7 +15,6 @@ const ALLOWED: &[(&str, usize)] = &[
     ("qv", 80),
     ("qv-baselines", 4),
     ("qv-camera", 5),
-    ("qv-mesh", 3),
     ("qv-nav", 13),
     ("qv-open", 2),
     ("qv-page", 2),
