@@ -1,6 +1,6 @@
 //! Files of parameters (`--params`): what a diagnosis, a calibration of contact or a tuning found, for the robot and the ground at hand.
 
-use crate::recording::file_error;
+use crate::error::file_error;
 use qv_recording::RecordingError;
 use qv_rollout::{RolloutError, expand, feet_of_model, name_parts, parameters_from_toml};
 use qv_sim::{Batch, Model, ParameterInfo, SimOptions, Terrain};

@@ -1,6 +1,6 @@
 //! The ground that commands are given: a plane, or the mesh of a GLB file.
 
-use crate::recording::file_error;
+use crate::error::file_error;
 use qv_core::TriangleMesh;
 use qv_mesh::files::glb;
 use qv_recording::{RecordingError, Run};
