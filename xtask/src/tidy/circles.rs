@@ -16,7 +16,6 @@ const ALLOWED: &[(&str, usize)] = &[
     ("qv-baselines", 4),
     ("qv-camera", 5),
     ("qv-nav", 13),
-    ("qv-policy", 3),
     ("qv-raster", 4),
     ("qv-recording", 4),
     ("qv-replay", 2),
