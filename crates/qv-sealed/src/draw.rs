@@ -1,9 +1,9 @@
 //! Recipes drawn until one of them is a valid recording.
 
 use crate::effects::{Cause, EFFECTS, needs_our_engine};
-use crate::recipe::{self, Engine, Recipe};
-use crate::record::{Outcome, record};
-use crate::scout::Scout;
+use crate::engine::Engine;
+use crate::recipe::{self, Recipe};
+use crate::record::{Outcome, record, scout};
 use crate::sections::Plan;
 use crate::withheld::{WITHHELD, Withheld};
 use qv_core::random::{SplitMix64, sub_seed};
@@ -152,7 +152,7 @@ fn draw(request: &Request, seed: u64) -> Result<Result<Drawn, Rejection>, Record
         withheld: None,
         ground: None,
     };
-    let Some(scout) = Scout::run(&recipe)? else { return Ok(Err(Rejection::FallsAnyway)) };
+    let Some(scout) = scout(&recipe)? else { return Ok(Err(Rejection::FallsAnyway)) };
     match &request.wanted {
         Wanted::Nothing => {}
         Wanted::Effects(names) => {

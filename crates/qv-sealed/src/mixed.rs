@@ -1,8 +1,9 @@
 //! Recordings on ground of several labelled materials, whose frictions only the answers tell.
 
 use crate::draw::{ATTEMPTS, EngineChoice, Rejection};
+use crate::engine::Engine;
 use crate::plant::Plant;
-use crate::recipe::{self, Engine, Recipe};
+use crate::recipe::{self, Recipe};
 use crate::record::{Outcome, record_seen};
 use crate::sections::{Plan, Section};
 use glam::{DQuat, DVec3};

@@ -1,6 +1,6 @@
 //! Either engine behind the few questions that a recorder asks.
 
-use crate::recipe::Engine;
+use crate::engine::Engine;
 use qv_core::TriangleMesh;
 use qv_go2::messages::LowCmd;
 use qv_go2::synthetic::simulator;

@@ -243,7 +243,7 @@ impl<'a> Disturbance<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recipe::Engine;
+    use crate::engine::Engine;
 
     fn effect(name: &'static str, sizes: &[(&'static str, f64)]) -> Withheld {
         let sizes = sizes.iter().map(|(name, value)| (*name, *value, "")).collect();

@@ -17,7 +17,6 @@ const ALLOWED: &[(&str, usize)] = &[
     ("qv-camera", 5),
     ("qv-nav", 13),
     ("qv-raster", 4),
-    ("qv-sealed", 6),
     ("qv-sim", 40),
     ("qv-splat", 31),
     ("xtask", 21),
