@@ -6,9 +6,10 @@
 //! longer or shorter, and the weights leave those pixels out.
 
 use crate::CameraError;
+use crate::error::raster_error;
+use crate::footage::Intrinsics;
 use crate::path::{Twist, pose_of, twist_of};
 use crate::picture::Picture;
-use crate::{Intrinsics, raster_error};
 use qv_core::{Camera, GaussianCloud, Pose};
 use qv_fit::{Cholesky, Matrix};
 use qv_raster::{Outputs, Scene, Settings, View, render};

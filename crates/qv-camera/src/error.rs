@@ -1,5 +1,6 @@
 //! The error of this crate.
 
+use qv_raster::RasterError;
 /// Why nothing can be said of a camera.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
@@ -19,4 +20,8 @@ impl CameraError {
     pub(crate) fn new(what: impl Into<String>, expected: impl Into<String>, found: impl Into<String>) -> Self {
         Self::Input { what: what.into(), expected: expected.into(), found: found.into() }
     }
+}
+
+pub(crate) fn raster_error(error: RasterError) -> CameraError {
+    CameraError::new("scene", "Gaussians that can be drawn", error.to_string())
 }

@@ -14,7 +14,6 @@ use std::path::{Path, PathBuf};
 const ALLOWED: &[(&str, usize)] = &[
     ("qv", 80),
     ("qv-baselines", 4),
-    ("qv-camera", 5),
     ("qv-nav", 13),
     ("qv-raster", 4),
     ("qv-sim", 40),
