@@ -15,7 +15,6 @@ const ALLOWED: &[(&str, usize)] = &[
     ("qv", 80),
     ("qv-baselines", 4),
     ("qv-nav", 13),
-    ("qv-raster", 4),
     ("qv-sim", 40),
     ("qv-splat", 31),
     ("xtask", 21),
