@@ -21,6 +21,7 @@ mod facts;
 pub mod fit;
 pub mod legs;
 pub mod lens;
+mod limits;
 mod loss;
 pub mod map;
 pub mod measured;
@@ -36,7 +37,9 @@ pub mod roll;
 pub mod score;
 #[cfg(feature = "rapier")]
 pub mod second;
+mod settings;
 pub mod sight;
+mod sizes;
 pub mod task;
 pub mod teacher;
 pub mod tune;

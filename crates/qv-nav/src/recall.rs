@@ -5,7 +5,7 @@
 //! The grid is an occupancy grid (Moravec and Elfes 1985): logarithms of odds that grow where a picture says that something blocks, and fall
 //! before it. A network sees it around the robot, finer near by than far away ([`RECALL`]).
 
-use crate::net::{RAYS, SIGHT};
+use crate::sizes::{RAYS, SIGHT};
 use glam::DVec2;
 use qv_core::Pose;
 use qv_core::random::Xoshiro256PlusPlus;

@@ -4,9 +4,9 @@
 //! its time. It decides anew each time, so that what it says depends on where the robot is and on what was seen, and on nothing that only a
 //! teacher keeps in mind. A teacher that knew all could not be imitated: the student would see nothing and average left and right.
 
-use crate::map::{Field, Map};
+use crate::limits::{Limits, TAIL, give_way};
+use crate::map::{Field, Map, standing};
 use crate::sight::{Cone, Rig, SEEN, free_rays, in_frustum};
-use crate::task::{Limits, TAIL, give_way, standing};
 use glam::{DVec2, DVec3};
 use qv_core::{Camera, Pose};
 use serde::{Deserialize, Serialize};
