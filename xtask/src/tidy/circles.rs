@@ -14,7 +14,6 @@ use std::path::{Path, PathBuf};
 const ALLOWED: &[(&str, usize)] = &[
     ("qv", 80),
     ("qv-baselines", 4),
-    ("qv-sim", 40),
     ("qv-splat", 31),
     ("xtask", 21),
 ];
