@@ -1,6 +1,6 @@
 //! Which crate may use which, and what each crate must have.
 
-use super::Source;
+use super::source::Source;
 use crate::workspace::{Package, Workspace, short};
 use std::path::Path;
 

@@ -7,19 +7,13 @@ mod licences;
 mod links;
 mod module_paths;
 mod rust_text;
+mod source;
 mod sources;
 
 use crate::workspace::{Package, Workspace};
 use anyhow::{Context, Result};
+use source::Source;
 use std::fs;
-use std::path::PathBuf;
-
-/// A text file of the repository.
-struct Source {
-    /// Relative to the root.
-    path: PathBuf,
-    text: String,
-}
 
 /// Everything that breaks an invariant, one line each.
 ///
