@@ -3,9 +3,10 @@
 use crate::capture::open_capture;
 use crate::mesh_file::vertices;
 use crate::open::{model_of, open_run, read_model, read_urdf};
+use crate::outcome::about;
 #[cfg(feature = "learn")]
 use crate::policy_child;
-use crate::scene::{about, is_plain_ply, open_scene, rgbd_layout};
+use crate::scene::{is_plain_ply, open_scene, rgbd_layout};
 use crate::terminal::print_message;
 use crate::{Failure, Outcome, Reading, RunArguments, foreign, say};
 use qv_mesh::files::{glb, ply};

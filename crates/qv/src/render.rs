@@ -1,9 +1,10 @@
 //! `qv render`: what cameras see of a scene of Gaussians.
 
 use crate::numbers::three;
-use crate::open::progress;
+use crate::outcome::about;
 use crate::output::{make_folder, put, write_whole};
-use crate::scene::{about, open_cameras, open_scene};
+use crate::progress::progress;
+use crate::scene::{open_cameras, open_scene};
 use crate::terminal::print_message;
 use crate::{Failure, Outcome, say};
 use image::codecs::png::PngEncoder;
