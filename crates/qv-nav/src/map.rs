@@ -451,6 +451,12 @@ impl Map {
     }
 }
 
+/// The pose of a base that stands on the ground.
+pub fn standing(map: &Map, place: DVec2, yaw: f64, height: f64) -> Pose {
+    let z = map.height(place).unwrap_or(0.0) + height;
+    Pose::from_xyz_rpy([place.x, place.y, z], [0.0, 0.0, yaw])
+}
+
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
@@ -523,10 +529,4 @@ pub(crate) mod tests {
         assert!(Map::new(&ring(), &MapSettings { clearance: 5.0, ..Default::default() }).is_err());
         assert!(Map::new(&TriangleMesh::default(), &MapSettings::default()).is_err());
     }
-}
-
-/// The pose of a base that stands on the ground.
-pub fn standing(map: &Map, place: DVec2, yaw: f64, height: f64) -> Pose {
-    let z = map.height(place).unwrap_or(0.0) + height;
-    Pose::from_xyz_rpy([place.x, place.y, z], [0.0, 0.0, yaw])
 }
