@@ -84,7 +84,7 @@ struct ToPage {
 /// The place.
 #[derive(clap::Args)]
 struct Place {
-    /// A scene of Gaussians (PLY, SPZ, GLB, SOG …)
+    /// A scene of Gaussians (PLY, SPZ, GLB …)
     #[arg(long, value_name = "FILE")]
     scene: PathBuf,
     /// The labelled mesh of the same place
