@@ -96,7 +96,7 @@ impl TrainSettings {
     }
 
     /// Learning rate when a share of the whole training is done.
-    pub fn rate_at(&self, share: f32) -> f32 {
+    pub(crate) fn rate_at(&self, share: f32) -> f32 {
         let [from, to] = self.rate;
         to + 0.5 * (from - to) * (1.0 + (share.clamp(0.0, 1.0) * std::f32::consts::PI).cos())
     }

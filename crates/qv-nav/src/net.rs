@@ -34,7 +34,7 @@ pub const COMMAND: usize = 3;
 /// sine and cosine of its heading, the cone's place likewise.
 pub const KNOWN: usize = 6;
 /// Length of a row of what comes out, [`OUTPUTS`] and [`KNOWN`] first.
-pub const RAW: usize = padded(OUTPUTS + KNOWN);
+pub(crate) const RAW: usize = padded(OUTPUTS + KNOWN);
 /// Directions in which it says how far a picture is free, see [`crate::recall::ray`].
 pub const RAYS: usize = 12;
 /// Numbers that it says of the picture alone, at the moment at which it was taken: sine and cosine of the cone's bearing from the base, logarithm of
@@ -42,7 +42,7 @@ pub const RAYS: usize = 12;
 /// blocks along each ray, and of that to where the view of a cone ends.
 pub const SIGHT: usize = 8 + 2 * RAYS;
 /// Length of a row of what it says of pictures.
-pub const RAW_SIGHT: usize = padded(SIGHT);
+pub(crate) const RAW_SIGHT: usize = padded(SIGHT);
 const MIX: usize = 192;
 const DENSE: usize = 192;
 const HEAD: usize = 128;
@@ -311,7 +311,7 @@ impl Default for Net {
 
 impl Net {
     /// For pictures of another size: for tests.
-    pub fn of_size(height: usize, width: usize) -> Self {
+    pub(crate) fn of_size(height: usize, width: usize) -> Self {
         let (mut from, mut start, mut convolutions) = ([height, width, 3], 0, Vec::new());
         for shape in CONVOLUTIONS {
             let conv = Conv::new(from, shape, start);
@@ -346,7 +346,7 @@ impl Net {
     }
 
     /// Numbers of a picture.
-    pub fn picture_len(&self) -> usize {
+    pub(crate) fn picture_len(&self) -> usize {
         self.convolutions[0].from.iter().product()
     }
 

@@ -249,7 +249,7 @@ impl Ppo {
     }
 
     /// Log standard deviations of the actions.
-    pub fn log_std(&self) -> &[f32] {
+    pub(crate) fn log_std(&self) -> &[f32] {
         &self.parameters[self.actor.len() + self.critic.len()..]
     }
 

@@ -290,11 +290,6 @@ impl Training {
         &mut self.env
     }
 
-    /// The task that scores, for the same.
-    pub fn judge_mut(&mut self) -> &mut VelocityTask {
-        &mut self.judge
-    }
-
     /// Settings in force.
     pub fn settings(&self) -> &TrainSettings {
         &self.settings

@@ -51,7 +51,7 @@ impl Default for PolicySettings {
 
 impl PolicySettings {
     /// Standard deviation of commands, in shares of their limits, in a round (from 0) of so many; after the last it stays.
-    pub fn deviation_at(&self, round: usize, rounds: usize) -> f32 {
+    pub(crate) fn deviation_at(&self, round: usize, rounds: usize) -> f32 {
         let [first, last] = self.deviation;
         let share = round as f32 / rounds.saturating_sub(1).max(1) as f32;
         first * (last / first).powf(share.min(1.0))
