@@ -126,7 +126,7 @@ impl Change {
 
     /// This change as it is for the next picture, of so many rows. Afterwards it is as if that picture had been changed, so that pictures of an
     /// episode can be changed at the same time.
-    pub(crate) fn take_next(&mut self, height: usize) -> Self {
+    pub fn take_next(&mut self, height: usize) -> Self {
         let now = self.clone();
         if self.is_rough() {
             for _ in 0..height.div_ceil(self.square) * self.across().div_ceil(NUMBERS) {
