@@ -237,11 +237,6 @@ impl Ppo {
         })
     }
 
-    /// Settings in force.
-    pub fn settings(&self) -> &PpoSettings {
-        &self.settings
-    }
-
     /// Sets the standard deviation of all actions.
     pub fn set_std(&mut self, std: f32) {
         let at = self.actor.len() + self.critic.len();

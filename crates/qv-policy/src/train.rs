@@ -270,11 +270,6 @@ impl Training {
         self.state(if is_between { self.epoch } else { self.epoch + 1 })
     }
 
-    /// The robot's task.
-    pub fn task(&self) -> &VelocityTask {
-        &self.env
-    }
-
     /// The learner.
     pub fn ppo(&self) -> &Ppo {
         &self.ppo
@@ -288,11 +283,6 @@ impl Training {
     /// The task that is trained on, to add what a compensator does.
     pub fn task_mut(&mut self) -> &mut VelocityTask {
         &mut self.env
-    }
-
-    /// Settings in force.
-    pub fn settings(&self) -> &TrainSettings {
-        &self.settings
     }
 
     /// The state at the beginning of the present epoch.
