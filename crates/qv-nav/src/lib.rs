@@ -7,7 +7,7 @@
 /// Types of these stand in the interface of this crate.
 pub use {glam, qv_core};
 
-pub mod augment;
+pub(crate) mod augment;
 pub mod bare;
 #[cfg(feature = "gpu")]
 pub mod card;

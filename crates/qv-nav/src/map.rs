@@ -377,7 +377,7 @@ impl Map {
     }
 
     /// Distance from an eye along a direction within which something `tall` \[m\] on the ground can be seen, at most `most` \[m\], to a cell.
-    pub fn in_sight(&self, eye: DVec3, along: DVec2, tall: f64, most: f64) -> f64 {
+    pub(crate) fn in_sight(&self, eye: DVec3, along: DVec2, tall: f64, most: f64) -> f64 {
         let steps = (most / self.spacing).round() as usize;
         let mut steepest = f64::NEG_INFINITY;
         for k in 1..steps {

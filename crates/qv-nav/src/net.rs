@@ -11,7 +11,8 @@
 //! those of `qv_policy::net`, whose bits do not depend on the processor. Pictures lie as `[height][width][channels]`.
 
 use crate::recall::RECALL;
-pub use crate::sizes::{COLOUR, COMMAND, HEIGHT, HIDDEN, KNOWN, OUTPUTS, RAW, RAW_SIGHT, RAYS, SIGHT, STATE, WIDTH};
+pub use crate::sizes::{COLOUR, COMMAND, HEIGHT, HIDDEN, KNOWN, OUTPUTS, RAYS, SIGHT, STATE, WIDTH};
+pub(crate) use crate::sizes::{RAW, RAW_SIGHT};
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::net::{Dense, Gru, GruTape, GruTurned, elu, elu_back, padded, sigmoid, tanh};
 
@@ -283,7 +284,7 @@ impl Default for Net {
 
 impl Net {
     /// For pictures of another size: for tests.
-    pub fn of_size(height: usize, width: usize) -> Self {
+    pub(crate) fn of_size(height: usize, width: usize) -> Self {
         let (mut from, mut start, mut convolutions) = ([height, width, 3], 0, Vec::new());
         for shape in CONVOLUTIONS {
             let conv = Conv::new(from, shape, start);
@@ -318,7 +319,7 @@ impl Net {
     }
 
     /// Numbers of a picture.
-    pub fn picture_len(&self) -> usize {
+    pub(crate) fn picture_len(&self) -> usize {
         self.convolutions[0].from.iter().product()
     }
 

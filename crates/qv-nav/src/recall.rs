@@ -89,7 +89,7 @@ impl Planar {
 
 /// Odometry of one episode.
 #[derive(Debug, Clone)]
-pub struct Odometer {
+pub(crate) struct Odometer {
     scale: f64,
     turning: f64,
     each: f64,
@@ -305,7 +305,7 @@ impl Recall {
     }
 
     /// Where the cone is in the base's frame, if it was seen within the last three seconds \[m\].
-    pub fn cone_now(&self) -> Option<DVec2> {
+    pub(crate) fn cone_now(&self) -> Option<DVec2> {
         self.spotted.filter(|s| s.decisions < 15.0).map(|s| self.now.into_frame(s.place))
     }
 

@@ -328,7 +328,7 @@ pub fn state(episode: &Episode, base: &Pose) -> [f32; STATE] {
 }
 
 /// The same for the colour of a goal.
-pub fn state_of(colour: usize, base: &Pose) -> [f32; STATE] {
+pub(crate) fn state_of(colour: usize, base: &Pose) -> [f32; STATE] {
     let gravity = base.rotation.conjugate() * glam::DVec3::NEG_Z;
     let mut out = [0.0; STATE];
     out[colour.min(2)] = 1.0;

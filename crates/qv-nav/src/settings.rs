@@ -33,7 +33,7 @@ impl Default for PolicySettings {
 
 impl PolicySettings {
     /// Standard deviation of commands, in shares of their limits, in a round (from 0) of so many; after the last it stays.
-    pub fn deviation_at(&self, round: usize, rounds: usize) -> f32 {
+    pub(crate) fn deviation_at(&self, round: usize, rounds: usize) -> f32 {
         let [first, last] = self.deviation;
         let share = round as f32 / rounds.saturating_sub(1).max(1) as f32;
         first * (last / first).powf(share.min(1.0))
@@ -140,7 +140,7 @@ impl TrainSettings {
     }
 
     /// Learning rate when a share of the whole training is done.
-    pub fn rate_at(&self, share: f32) -> f32 {
+    pub(crate) fn rate_at(&self, share: f32) -> f32 {
         let [from, to] = self.rate;
         to + 0.5 * (from - to) * (1.0 + (share.clamp(0.0, 1.0) * std::f32::consts::PI).cos())
     }

@@ -22,7 +22,7 @@ pub const COMMAND: usize = 3;
 /// sine and cosine of its heading, the cone's place likewise.
 pub const KNOWN: usize = 6;
 /// Length of a row of what comes out, [`OUTPUTS`] and [`KNOWN`] first.
-pub const RAW: usize = padded(OUTPUTS + KNOWN);
+pub(crate) const RAW: usize = padded(OUTPUTS + KNOWN);
 /// Directions in which it says how far a picture is free, see [`crate::recall::ray`].
 pub const RAYS: usize = 12;
 /// Numbers that it says of the picture alone, at the moment at which it was taken: sine and cosine of the cone's bearing from the base, logarithm of
@@ -30,4 +30,4 @@ pub const RAYS: usize = 12;
 /// blocks along each ray, and of that to where the view of a cone ends.
 pub const SIGHT: usize = 8 + 2 * RAYS;
 /// Length of a row of what it says of pictures.
-pub const RAW_SIGHT: usize = padded(SIGHT);
+pub(crate) const RAW_SIGHT: usize = padded(SIGHT);

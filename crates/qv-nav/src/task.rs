@@ -331,7 +331,7 @@ impl Judge {
     }
 
     /// What came out.
-    pub fn into_trial(self) -> Trial {
+    pub(crate) fn into_trial(self) -> Trial {
         self.trial
     }
 }

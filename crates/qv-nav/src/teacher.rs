@@ -186,7 +186,7 @@ impl Teacher {
     }
 
     /// What to do at a pose, and what can be seen of the goal.
-    pub fn advise(&mut self, world: &World, base: &Pose, goal: &Cone) -> Advice {
+    pub(crate) fn advise(&mut self, world: &World, base: &Pose, goal: &Cone) -> Advice {
         let camera = world.rig.camera(base);
         self.leave_out(world, base.position.truncate());
         let in_view = free_rays(&world.map, &camera, goal, true) >= SEEN;
@@ -300,7 +300,7 @@ impl Teacher {
 }
 
 /// Angle to turn from a heading to a direction, -pi to pi.
-pub fn turn_to(yaw: f64, direction: DVec2) -> f64 {
+pub(crate) fn turn_to(yaw: f64, direction: DVec2) -> f64 {
     (direction.y.atan2(direction.x) - yaw + PI).rem_euclid(TAU) - PI
 }
 

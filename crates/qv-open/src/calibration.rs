@@ -93,7 +93,7 @@ fn named_here(name: &str, catalogue: &[ParameterInfo], model: &Model) -> Named {
 
 fn unknown(name: &str, catalogue: &[ParameterInfo]) -> RolloutError {
     let found = qv_sim::names::unknown("parameter", name, catalogue.iter().map(|p| p.name.as_str()));
-    RolloutError::Run { what: "parameters".into(), expected: "parameters of this robot".into(), found }
+    qv_core::Mismatch::new("parameters", "parameters of this robot", found).into()
 }
 
 fn check(path: &Path, parameters: &[(String, f64)], catalogue: &[ParameterInfo]) -> Result<(), RecordingError> {
@@ -110,7 +110,7 @@ fn check(path: &Path, parameters: &[(String, f64)], catalogue: &[ParameterInfo])
 /// The error of a file of parameters.
 fn of_file(path: &Path, error: RolloutError) -> RecordingError {
     match error {
-        RolloutError::Run { expected, found, .. } => file_error(path, &expected, &found),
+        RolloutError::Run(error) => file_error(path, &error.expected, &error.found),
         RolloutError::Recording(error) => error,
         RolloutError::Sim(error) => file_error(path, "parameters of this robot", &error.to_string()),
     }

@@ -75,7 +75,7 @@ fn parquet_files(folder: &Path, depth: usize) -> Vec<PathBuf> {
 }
 
 /// Reads a CSV file whose columns are those of LowState; `None` where they are not, or nothing says which robot it is of.
-pub fn open_motor_csv(csv: &Path) -> Option<Result<Run, RecordingError>> {
+pub(crate) fn open_motor_csv(csv: &Path) -> Option<Result<Run, RecordingError>> {
     let description = description_of(csv);
     let toml = fs::read_to_string(&description).ok()?;
     let mut header = Vec::new();

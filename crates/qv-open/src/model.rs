@@ -3,6 +3,7 @@
 use crate::description::description_of;
 use crate::error::file_error;
 use crate::mesh_file::vertices;
+use qv_core::Mismatch;
 use qv_recording::robots::{ModelSource, RobotFile};
 use qv_recording::run::{Base, Robot};
 use qv_recording::{RecordingError, Run, robots};
@@ -67,7 +68,7 @@ fn model_text(recorded_robot: &Robot, path: &Path, robot: Option<&str>) -> Resul
         (None, Robot::Named(name)) => robot_file(name)?.ok_or_else(|| {
             let known: Vec<&str> = robots::names().collect();
             let expected = format!("a robot known by name ({})", known.join(", "));
-            RecordingError::Run { what: "robot".into(), expected, found: name.clone() }
+            Mismatch::new("robot", expected, name)
         })?,
     };
     let name = &found.file.mapping.robot;
@@ -77,13 +78,12 @@ fn model_text(recorded_robot: &Robot, path: &Path, robot: Option<&str>) -> Resul
             Ok(ModelText { name: owner.clone(), text: qv_go2::model::urdf(), is_built_in: true, told: None })
         }
         (_, Robot::Urdf(text)) => Ok(recorded(text)),
-        _ => Err(RecordingError::Run {
-            what: format!("model of `{name}`"),
-            expected: format!(
+        _ => {
+            let expected = format!(
                 "`--robot FILE` with its URDF or MJCF, or with a robot file that has `like = \"{name}\"`, a `name` and `urdf = \"FILE\"`"
-            ),
-            found: "none: it is not built in".into(),
-        }),
+            );
+            Err(Mismatch::new(format!("model of `{name}`"), expected, "none: it is not built in").into())
+        }
     }
 }
 

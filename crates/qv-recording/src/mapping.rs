@@ -24,27 +24,6 @@ pub enum Channel {
     BasePose,
 }
 
-impl Channel {
-    /// Name in reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::CommandPosition => "command position",
-            Self::CommandVelocity => "command velocity",
-            Self::CommandTorque => "command torque",
-            Self::CommandKp => "command kp",
-            Self::CommandKd => "command kd",
-            Self::Position => "position",
-            Self::Velocity => "velocity",
-            Self::Torque => "torque",
-            Self::Gyro => "gyro",
-            Self::Acceleration => "acceleration",
-            Self::Orientation => "orientation",
-            Self::FootForce => "foot force",
-            Self::BasePose => "base pose",
-        }
-    }
-}
-
 /// Message fields that make one channel, column after column.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChannelFields {

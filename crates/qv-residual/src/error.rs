@@ -1,5 +1,6 @@
 //! The error of this crate.
 
+use qv_core::Mismatch;
 use qv_policy::PolicyError;
 use qv_rollout::RolloutError;
 use qv_sim::SimError;
@@ -17,20 +18,13 @@ pub enum ResidualError {
     #[error(transparent)]
     Rollout(#[from] RolloutError),
     /// Input that does not serve.
-    #[error("{what}: expected {expected}, found {found}")]
-    Input {
-        /// The recording, file or setting.
-        what: String,
-        /// What serves.
-        expected: String,
-        /// What is there.
-        found: String,
-    },
+    #[error(transparent)]
+    Input(#[from] Mismatch),
 }
 
 impl ResidualError {
     /// Input that does not serve.
     pub fn input(what: impl Into<String>, expected: impl Into<String>, found: impl ToString) -> Self {
-        Self::Input { what: what.into(), expected: expected.into(), found: found.to_string() }
+        Self::Input(Mismatch::new(what, expected, found))
     }
 }

@@ -16,7 +16,6 @@ pub mod footing;
 pub mod hidden;
 pub mod identify;
 pub mod log;
-pub mod online;
 pub mod paths;
 pub mod residual;
 pub mod tune;

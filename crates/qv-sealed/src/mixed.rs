@@ -89,11 +89,8 @@ pub fn make_mixed(
             }
         }
     }
-    Err(RecordingError::Run {
-        what: format!("recording on mixed ground from seed {seed}"),
-        expected: format!("a valid draw among {ATTEMPTS}"),
-        found: format!("none: {rejected:?}"),
-    })
+    let what = format!("recording on mixed ground from seed {seed}");
+    Err(qv_core::Mismatch::new(what, format!("a valid draw among {ATTEMPTS}"), format!("none: {rejected:?}")).into())
 }
 
 /// What [`make_mixed`] took after `redraws` rejections, without recording it again.

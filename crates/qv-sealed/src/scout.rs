@@ -21,7 +21,7 @@ impl Scout {
 
     /// Share of the samples of these joints whose torque along the motion is above what a motor gives whose torque of
     /// `effort` \[N m\] falls from `knee` to `zero` \[rad/s\].
-    pub fn over_speed_limit(&self, joints: &[usize], effort: &[f64; 12], knee: f64, zero: f64) -> f64 {
+    pub(crate) fn over_speed_limit(&self, joints: &[usize], effort: &[f64; 12], knee: f64, zero: f64) -> f64 {
         let mut over = 0;
         for (torque, speed) in self.torque.iter().zip(&self.speed) {
             for &j in joints {

@@ -159,7 +159,7 @@ impl<'a> Disturbance<'a> {
     }
 
     /// What reaches the motors of a command that was sent at `time` \[s\] of the recording.
-    pub fn arriving(&mut self, time: f64, sent: LowCmd) -> LowCmd {
+    pub(crate) fn arriving(&mut self, time: f64, sent: LowCmd) -> LowCmd {
         if self.effect.name != "dropped_commands" {
             return sent;
         }

@@ -17,11 +17,11 @@ const ENDINGS: [&str; 4] = ["", ".png", ".jpg", ".jpeg"];
 /// Largest file of cameras that is read, bytes.
 const LARGEST_CAMERAS: u64 = 1 << 30;
 
-/// Reads a scene of any format: a file, or the folder of a SOG. A PLY is read as it comes, so that no more than a mebibyte of it is in memory.
+/// Reads a scene of any format: a file. A PLY is read as it comes, so that no more than a mebibyte of it is in memory.
 pub fn open_scene(path: &Path) -> Result<SplatFile, Failure> {
     let inside = path.join("meta.json");
     let path = if path.is_dir() && inside.is_file() { inside.as_path() } else { path };
-    let expected = "expected a scene (PLY, SPZ, GLB, glTF, .splat, .ksplat or SOG)";
+    let expected = "expected a scene (PLY, SPZ, GLB, glTF or .splat)";
     let no_scene = |e: std::io::Error| about(path, format!("{expected}, found {e}"));
     let mut file = fs::File::open(path).map_err(no_scene)?;
     let length = file.metadata().map_err(no_scene)?.len();

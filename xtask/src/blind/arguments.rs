@@ -55,7 +55,7 @@ pub struct Blind {
     /// Leave the first N recordings out, in the order of their names: some method was developed on them
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub skip: usize,
-    /// Also run the baselines: one effect at a time, CMA-ES, a residual network
+    /// Also run the rivals over MuJoCo: plain least squares, mujoco.sysid
     #[arg(long)]
     pub baselines: bool,
     /// Write what was measured into docs/results.md, between its markers, with this command and the commit

@@ -18,9 +18,8 @@ mod table;
 #[cfg(test)]
 mod tests;
 
-use crate::bench::contest;
 use crate::workspace::Workspace;
-use crate::{pipeline, process, programs};
+use crate::{pipeline, process, programs, python};
 pub use arguments::Blind;
 
 use answers::Answers;
@@ -98,6 +97,12 @@ fn diagnose_all(workspace: &Workspace, blind: &Blind, folder: &Path) -> Result<F
     score_all(&answers, &reports)
 }
 
+/// The command of the rivals: Python and its script.
+fn rivals(workspace: &Workspace) -> Result<Vec<PathBuf>> {
+    let python = python::environment(workspace, "rivals")?;
+    Ok(vec![python, workspace.workspace_root.join("fixtures/rivals/rivals.py")])
+}
+
 /// Makes the recordings of all sets, seals their answers, has the recordings diagnosed, and opens the seal: answers of what was
 /// diagnosed, and the folder with the reports.
 fn diagnosed(workspace: &Workspace, blind: &Blind, sets: &[Set], folder: &Path) -> Result<(Answers, PathBuf)> {
@@ -105,8 +110,8 @@ fn diagnosed(workspace: &Workspace, blind: &Blind, sets: &[Set], folder: &Path) 
     let generators = generators.collect::<Result<Vec<_>>>()?;
     let qv = programs::qv(workspace)?;
     let at_most = blind.minutes.map(|minutes| Duration::from_secs_f64(60.0 * minutes.clamp(0.0, 1e6)));
-    let rivals = if blind.baselines { Some(contest::build(workspace, "rivals", &[])?) } else { None };
-    let diagnoses = Diagnoses { qv: &qv, rivals: rivals.as_deref(), jobs: blind.jobs, at_most };
+    let rivals = if blind.baselines { rivals(workspace)? } else { Vec::new() };
+    let diagnoses = Diagnoses { qv: &qv, rivals: &rivals, jobs: blind.jobs, at_most };
     diagnoses.check()?;
     // Another set, seed, engine or generator has a folder of its own.
     let words = [format!("{sets:?}"), blind.seed.to_string(), blind.engine.clone()];
@@ -118,7 +123,8 @@ fn diagnosed(workspace: &Workspace, blind: &Blind, sets: &[Set], folder: &Path) 
     println!("answers sealed in {}: SHA-256 {}", seal_file.display(), seal.sha256());
     let mut answers = generated.answers()?;
     let words = [format!("baselines {}", blind.baselines)];
-    let programs: Vec<PathBuf> = std::iter::once(qv.clone()).chain(rivals.clone()).collect();
+    let scripts = rivals.iter().skip(1).map(|script| script.with_file_name("recording.py"));
+    let programs: Vec<PathBuf> = [qv.clone()].into_iter().chain(rivals.iter().cloned()).chain(scripts).collect();
     let reports = diagnose::reports_folder(&generated.recordings, pipeline::hash(&words, &programs)?);
     let all = answers.recordings.len();
     let skipped: Vec<String> = answers.recordings.keys().take(blind.skip).cloned().collect();

@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Files that lie in circles today, by crate: a debt that may only shrink.
-const ALLOWED: &[(&str, usize)] = &[("qv-baselines", 4), ("qv-splat", 31)];
+const ALLOWED: &[(&str, usize)] = &[("qv-splat", 29)];
 
 /// All findings about circles.
 pub fn check(workspace: &Workspace, sources: &[Source]) -> Vec<String> {

@@ -161,11 +161,6 @@ impl VelocityTask {
         &self.ground
     }
 
-    /// The simulator, to look at.
-    pub fn batch(&self) -> &Batch<f32> {
-        &self.batch
-    }
-
     /// The simulator, to change parameters, or to add torques.
     pub fn batch_mut(&mut self) -> &mut Batch<f32> {
         &mut self.batch

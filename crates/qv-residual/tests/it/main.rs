@@ -5,6 +5,5 @@ mod exported;
 #[path = "../../../../fixtures/facts.rs"]
 mod facts;
 mod learned_residuals;
-mod online;
 mod squats;
 mod values;

@@ -8,17 +8,14 @@ mod accessor;
 pub mod compressed_ply;
 mod glb;
 pub mod gltf;
-pub mod ksplat;
 pub mod ply;
 mod ply_header;
 pub mod points;
 mod quantised;
 mod sieve;
-pub mod sog;
 pub mod splat;
 pub mod spz;
 mod spz_container;
-mod zip;
 
 pub use points::Points;
 
@@ -45,10 +42,6 @@ pub enum Format {
     Gltf,
     /// antimatter15's rows of 32 bytes; read only.
     Splat,
-    /// mkkellogg's sections of buckets; read only.
-    Ksplat,
-    /// PlayCanvas' images of properties; read only.
-    Sog,
 }
 
 impl Format {
@@ -63,17 +56,15 @@ impl Format {
             Self::Spz => "SPZ",
             Self::Gltf => "glTF KHR_gaussian_splatting",
             Self::Splat => ".splat",
-            Self::Ksplat => ".ksplat",
-            Self::Sog => "SOG",
         }
     }
 
-    /// What a file's first bytes say. `.splat` and `.ksplat` say nothing: their names do ([`read_named`]).
+    /// What a file's first bytes say. Those of `.splat` say nothing: its name does ([`read_named`]).
     ///
     /// # Errors
-    /// None of the formats.
+    /// None of the formats; a SOG is named.
     pub fn of_content(bytes: &[u8]) -> Result<Self, SplatError> {
-        let expected = "a PLY, SPZ, GLB, glTF or SOG file (.splat and .ksplat are known by name)";
+        let expected = "a PLY, SPZ, GLB or glTF file (.splat is known by name)";
         match bytes {
             [b'p', b'l', b'y', b'\n' | b'\r', ..] => {
                 // Whether the rows are all there, the reader says.
@@ -82,18 +73,15 @@ impl Format {
             }
             [0x1f, 0x8b, ..] | [b'N', b'G', b'S', b'P', ..] => Ok(Self::Spz),
             [b'g', b'l', b'T', b'F', ..] => Ok(Self::Gltf),
-            [b'P', b'K', 3, 4, ..] => Ok(Self::Sog),
+            [b'P', b'K', 3, 4, ..] => Err(SplatError::Unread { format: "a SOG, or another ZIP archive" }),
             [] => Err(off("file", expected, "an empty one")),
             _ if is_json(bytes) => {
                 let document = json::parse(bytes, "file")?;
                 let has = |key: &str| document.get(key).is_some();
-                match (has("asset") && has("buffers"), has("means") && has("quats")) {
+                match (has("asset") && has("buffers"), has("means") && has("quats") || has("lodLevels")) {
                     (true, _) => Ok(Self::Gltf),
-                    (false, true) => Ok(Self::Sog),
-                    (false, false) if has("lodLevels") => {
-                        Err(off("file", "a SOG's meta.json", "the index of a streamed SOG: each of its parts has one"))
-                    }
-                    _ => Err(off("file", expected, "other JSON")),
+                    (false, true) => Err(SplatError::Unread { format: "a SOG" }),
+                    (false, false) => Err(off("file", expected, "other JSON")),
                 }
             }
             _ if bytes.starts_with(b"version https://git-lfs") => Err(off("file", expected, "a pointer of Git LFS")),
@@ -147,7 +135,7 @@ pub fn read_any(bytes: &[u8]) -> Result<SplatFile, SplatError> {
 pub fn read_named(bytes: &[u8], name: &str, beside: Beside) -> Result<SplatFile, SplatError> {
     let name = name.to_lowercase();
     let format = match Format::of_content(bytes) {
-        Err(_) if name.ends_with(".ksplat") => Format::Ksplat,
+        Err(_) if name.ends_with(".ksplat") => return Err(SplatError::Unread { format: "a .ksplat file" }),
         Err(_) if name.ends_with(".splat") => Format::Splat,
         format => format?,
     };
@@ -157,9 +145,6 @@ pub fn read_named(bytes: &[u8], name: &str, beside: Beside) -> Result<SplatFile,
         Format::Spz => spz::read(bytes),
         Format::Gltf => gltf::read_with(bytes, beside),
         Format::Splat => splat::read(bytes),
-        Format::Ksplat => ksplat::read(bytes),
-        Format::Sog if is_json(bytes) => sog::read_folder(bytes, beside),
-        Format::Sog => sog::read(bytes),
     }
 }
 
@@ -179,7 +164,7 @@ pub fn write(cloud: &GaussianCloud, format: Format) -> Result<Vec<u8>, SplatErro
         Format::CompressedPly => compressed_ply::write(cloud),
         Format::Spz => spz::write(cloud),
         Format::Gltf => gltf::write(cloud),
-        Format::Splat | Format::Ksplat | Format::Sog => {
+        Format::Splat => {
             Err(off(format.name(), "PLY, compressed PLY, SPZ or glTF to write", "a format that is only read"))
         }
     }

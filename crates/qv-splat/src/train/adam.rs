@@ -33,7 +33,7 @@ fn all(values: &mut [f32], first: &mut [f32], second: &mut [f32], by: &[f32], ra
 }
 
 /// Adds the derivatives of the regularisers of opacity, scale and flatness.
-pub fn regularise(model: &Model, options: &TrainOptions, extent: f32, by: &mut Gradients) {
+pub(crate) fn regularise(model: &Model, options: &TrainOptions, extent: f32, by: &mut Gradients) {
     let weights = &options.weights;
     let n = model.cloud.len().max(1) as f32;
     let mcmc = options.strategy == Strategy::Mcmc;
@@ -96,7 +96,7 @@ pub fn step(model: &mut Model, by: &Gradients, rates: &Rates) {
 
 /// Moves the exposure of a photograph that has been seen so many times, this one counted. All exposures then move back together so
 /// that their mean stays what it was: else a common factor could wander between them and the colours of the Gaussians.
-pub fn step_exposure(model: &mut Model, photograph: usize, by: &Exposure, rate: f32, seen: u32) {
+pub(crate) fn step_exposure(model: &mut Model, photograph: usize, by: &Exposure, rate: f32, seen: u32) {
     let bias = bias(seen);
     for k in 0..12 {
         let (first, second) = (&mut model.exposures_first[photograph][k], &mut model.exposures_second[photograph][k]);

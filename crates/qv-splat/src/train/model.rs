@@ -115,7 +115,7 @@ impl Model {
     }
 
     /// Makes room for harmonics of a higher degree, which begin at 0.
-    pub fn raise_degree(&mut self, degree: u8) {
+    pub(crate) fn raise_degree(&mut self, degree: u8) {
         let (old, new) = (self.cloud.sh_count(), (degree as usize + 1).pow(2));
         if new <= old {
             return;

@@ -152,7 +152,7 @@ impl Shutter {
     }
 
     /// Derivatives by the photograph's pose and by its motion, of those by the poses of the samples.
-    pub fn by_pose_and_motion(&self, motion: &Motion, by_poses: &[[f32; 6]]) -> [[f32; 6]; 2] {
+    pub(crate) fn by_pose_and_motion(&self, motion: &Motion, by_poses: &[[f32; 6]]) -> [[f32; 6]; 2] {
         let (shift, turn) = halves(motion);
         let mut sums = [DVec3::ZERO; 4];
         for (time, by) in self.times().zip(by_poses) {

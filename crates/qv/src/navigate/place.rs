@@ -26,7 +26,7 @@ pub(super) const HEIGHT: f64 = 0.3;
 /// The place.
 #[derive(clap::Args)]
 pub(super) struct Place {
-    /// A scene of Gaussians (PLY, SPZ, GLB, SOG …)
+    /// A scene of Gaussians (PLY, SPZ, GLB …)
     #[arg(long, value_name = "FILE")]
     pub(super) scene: PathBuf,
     /// The labelled mesh of the same place
