@@ -1,7 +1,12 @@
 //! Affine colour transforms: what a camera's automatic exposure and white balance did to a photograph.
 
-use super::model::{Exposure, NEUTRAL};
 use rayon::prelude::*;
+
+/// An affine colour transform: three rows of red, green, blue and one.
+pub type Exposure = [f32; 12];
+
+/// The exposure that changes nothing.
+pub const NEUTRAL: Exposure = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
 
 /// The transform of a colour.
 pub fn exposed(e: &Exposure, [r, g, b]: [f32; 3]) -> [f32; 3] {

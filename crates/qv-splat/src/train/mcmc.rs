@@ -4,8 +4,8 @@
 //! stand in the place of one of opacity o, each has opacity 1 - (1 - o)^(1/N), and scales that keep the integral of the opacity along a ray
 //! (eq. 8, 9): divided by Σ_{i=1}^N Σ_{k=0}^{i-1} C(i-1, k) (-1)^k / √(k+1) o_new^{k+1} / o.
 
-use super::adam::logistic;
 use super::model::Model;
+use super::moments::logistic;
 use super::random::{Purpose, words};
 
 /// Opacity at and below which a Gaussian is dead.
