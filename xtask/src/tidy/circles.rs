@@ -1,7 +1,7 @@
 //! No circles of modules within a crate: what a file leans on must not lean on it, not even round a few corners.
 //!
 //! A file leans on the file that defines what its code names, not on those that pass the name on. To declare a module
-//! or to pass on a name of it is not to lean on it.
+//! or to pass on a name of it is not to lean on it. Calls of methods name no file and make no arrow.
 
 use super::module_paths::{Import, Module, modules};
 use super::rust_text::{Strings, code, without_tests};
@@ -10,9 +10,6 @@ use crate::workspace::Workspace;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Files that lie in circles today, by crate: a debt that may only shrink.
-const ALLOWED: &[(&str, usize)] = &[("qv-splat", 29)];
-
 /// All findings about circles.
 pub fn check(workspace: &Workspace, sources: &[Source]) -> Vec<String> {
     let texts: BTreeMap<&Path, &str> =
@@ -20,36 +17,17 @@ pub fn check(workspace: &Workspace, sources: &[Source]) -> Vec<String> {
     let mut found = Vec::new();
     for package in workspace.members() {
         let Ok(folder) = package.folder().strip_prefix(&workspace.workspace_root) else { continue };
-        let name = package.short();
-        let circles: Vec<Circle> =
-            ["lib.rs", "main.rs"].iter().flat_map(|root| circles(&texts, &folder.join("src").join(root))).collect();
-        found.extend(compare(&name, &circles));
+        for root in ["lib.rs", "main.rs"] {
+            let circles = circles(&texts, &folder.join("src").join(root));
+            found.extend(circles.iter().map(|circle| format!("{}: {circle}", package.short())));
+        }
     }
     found
 }
 
-/// Complains of the circles of a crate when they hold more files than the table allows, and of the table when fewer.
-fn compare(name: &str, circles: &[Circle]) -> Vec<String> {
-    let allowed = ALLOWED.iter().find(|(known, _)| *known == name).map_or(0, |(_, files)| *files);
-    let files: usize = circles.iter().map(|circle| circle.files).sum();
-    match files.cmp(&allowed) {
-        std::cmp::Ordering::Less => {
-            vec![format!("{name}: expected the table of circles to say {files} files, found {allowed}")]
-        }
-        std::cmp::Ordering::Equal => Vec::new(),
-        std::cmp::Ordering::Greater => circles.iter().map(|circle| format!("{name}: {}", circle.text)).collect(),
-    }
-}
-
-/// Files that lean on each other.
-struct Circle {
-    files: usize,
-    /// Every arrow with one path that makes it.
-    text: String,
-}
-
-/// Circles among the files that hang from `root`, the file of a crate.
-fn circles(texts: &BTreeMap<&Path, &str>, root: &Path) -> Vec<Circle> {
+/// Circles among the files that hang from `root`, the file of a crate, each in words: every arrow with one path that
+/// makes it.
+fn circles(texts: &BTreeMap<&Path, &str>, root: &Path) -> Vec<String> {
     let graph = Graph::read(texts, root);
     let arrows = graph.arrows();
     let edges: Vec<Vec<usize>> =
@@ -61,8 +39,7 @@ fn circles(texts: &BTreeMap<&Path, &str>, root: &Path) -> Vec<Circle> {
                 format!("\n    {} -> {}: {path}", graph.files[*from].display(), graph.files[*to].display())
             })
             .collect();
-        let text = format!("expected no circle of modules, found one of {} files:{}", circle.len(), lines.concat());
-        Circle { files: circle.len(), text }
+        format!("expected no circle of modules, found one of {} files:{}", circle.len(), lines.concat())
     };
     strongly_connected(&edges).into_iter().filter(|circle| circle.len() > 1).map(describe).collect()
 }
@@ -242,7 +219,7 @@ impl Walk<'_> {
 mod tests {
     use super::*;
 
-    fn found(files: &[(&str, &str)]) -> Vec<Circle> {
+    fn found(files: &[(&str, &str)]) -> Vec<String> {
         circles(&files.iter().map(|(path, text)| (Path::new(*path), *text)).collect(), Path::new("lib.rs"))
     }
 
@@ -256,9 +233,9 @@ mod tests {
         ];
         let circles = found(&files);
         assert_eq!(circles.len(), 1);
-        assert_eq!(circles[0].files, 3);
-        assert!(circles[0].text.contains("\n    a.rs -> b.rs: crate::b::B"), "{}", circles[0].text);
-        assert!(circles[0].text.contains("\n    b.rs -> c.rs: super::c::c"), "{}", circles[0].text);
+        let said = &circles[0];
+        assert!(said.starts_with("expected no circle of modules, found one of 3 files:"), "{said}");
+        assert!(said.contains("\n    a.rs -> b.rs: crate::b::B") && said.contains("\n    b.rs -> c.rs: super::c::c"));
         assert!(found(&[files[0], files[1], files[2], ("c.rs", "pub fn c() {}")]).is_empty());
     }
 
@@ -294,15 +271,5 @@ mod tests {
         let files = |b| [("lib.rs", "mod a; mod b;"), ("a.rs", "use crate::b::B; pub fn a() {}"), ("b.rs", b)];
         assert!(found(&files("/// [`crate::a::a`]\npub struct B; // crate::a::a\n")).is_empty());
         assert!(found(&files("pub struct B;\n#[cfg(test)]\nmod tests { use crate::a::a; }")).is_empty());
-    }
-
-    #[test]
-    fn crates_with_more_files_in_circles_than_allowed_are_faults() {
-        let circle = || Circle { files: 2, text: String::new() };
-        assert_eq!(compare("qv-none", &[circle()]).len(), 1);
-        assert!(compare("qv-none", &[]).is_empty());
-        for (name, files) in ALLOWED {
-            assert_eq!(compare(name, &[]).len(), usize::from(*files > 0), "the table is too generous");
-        }
     }
 }
