@@ -8,7 +8,7 @@ use super::dataset::{Dataset, Photograph};
 use super::model::Model;
 use super::moments::{bias, moved};
 use super::options::TrainOptions;
-use super::shared::{Shared, same_lens};
+pub use super::shared::{Shared, same_lens};
 use super::twist::{turned, twist};
 use super::vignetting::Vignetting;
 use glam::{DQuat, DVec3};
