@@ -132,7 +132,7 @@ pub struct Sight {
     pub size: [usize; 2],
     /// How far they are apart.
     pub gap: VisualGap,
-    /// See [`CameraEvidence::level`].
+    /// See [`crate::decision::evidence::CameraEvidence::level`].
     pub level: [f64; 2],
     /// Accused, best first.
     pub causes: Vec<Cause>,

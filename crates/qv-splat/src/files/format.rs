@@ -36,7 +36,7 @@ impl Format {
         }
     }
 
-    /// What a file's first bytes say. Those of `.splat` say nothing: its name does ([`read_named`]).
+    /// What a file's first bytes say. Those of `.splat` say nothing: its name does ([`super::read_named`]).
     ///
     /// # Errors
     /// None of the formats; a SOG is named.
