@@ -1,4 +1,4 @@
-//! Scenes that a name tells: `.splat`, `.ksplat`, SOG as an archive, and a `meta.json` or glTF whose files all are the bytes behind a byte 255.
+//! Scenes that a name tells: `.splat`, and a glTF whose files all are the bytes behind a byte 255.
 #![no_main]
 use libfuzzer_sys::fuzz_target;
 use qv_splat::files::{SplatFile, read_named};
@@ -9,14 +9,12 @@ fn check(file: &SplatFile) {
 }
 
 fuzz_target!(|data: &[u8]| {
-    for name in ["a.splat", "a.ksplat", "a.sog"] {
-        if let Ok(file) = read_named(data, name, &mut |_| Err("none".into())) {
-            check(&file);
-        }
+    if let Ok(file) = read_named(data, "a.splat", &mut |_| Err("none".into())) {
+        check(&file);
     }
     let split = data.iter().position(|&b| b == 0xff).unwrap_or(data.len());
     let rest = data.get(split + 1..).unwrap_or(&[]);
-    if let Ok(file) = read_named(&data[..split], "meta.json", &mut |_| Ok(rest.to_vec())) {
+    if let Ok(file) = read_named(&data[..split], "a.gltf", &mut |_| Ok(rest.to_vec())) {
         check(&file);
     }
 });

@@ -11,7 +11,7 @@ from ._quadverse import Cloud
 
 
 def open_cloud(path):
-    """Reads a scene of Gaussians: PLY, SPZ, glTF, .splat, .ksplat or SOG."""
+    """Reads a scene of Gaussians: PLY, SPZ, glTF or .splat."""
     return _quadverse.open_cloud(os.fspath(path))
 
 

@@ -1,6 +1,7 @@
 //! `cargo xtask golden`: reference results under `fixtures/`, listed in `fixtures/manifest.toml`.
 
-use crate::{blind, pipeline, process, programs::Build, python, workspace::Workspace};
+use crate::workspace::{Build, Workspace};
+use crate::{blind, pipeline, process, python};
 use anyhow::{Context, Result, bail};
 use clap::Subcommand;
 use serde::Deserialize;

@@ -1,18 +1,9 @@
 //! Programs of the workspace that chores run: how they are built, and where they lie.
 
-use crate::{process, workspace::Workspace};
+use crate::process;
+use crate::workspace::{Build, Workspace};
 use anyhow::Result;
 use std::path::PathBuf;
-
-/// How programs are built.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Build {
-    /// With optimisation.
-    #[default]
-    Release,
-    /// As `cargo xtask test` leaves them: a half slower, and nothing is built twice. Results are the same.
-    Tests,
-}
 
 /// Builds programs of packages and returns the folder that they lie in; examples lie in its `examples`.
 ///

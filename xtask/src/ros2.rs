@@ -1,6 +1,6 @@
 //! `cargo xtask ros2`: the node for ROS 2 in `ros2/`, which is a workspace of its own: its licences, clippy, and its tests over loopback.
 
-use crate::{process, python, tidy, workspace::Workspace};
+use crate::{process, tidy, workspace::Workspace};
 use anyhow::{Context, Result, bail};
 use std::process::Command;
 
@@ -27,13 +27,5 @@ pub fn run(workspace: &Workspace) -> Result<bool> {
     process::run(&mut cargo(workspace, &["fmt", "--check"]))?;
     let clippy = ["clippy", "--locked", "--all-targets", "--quiet", "--", "-D", "warnings"];
     process::run(&mut cargo(workspace, &clippy))?;
-    let mut test = cargo(workspace, &["test", "--locked"]);
-    match python::environment(workspace, "onnx") {
-        Ok(python) => {
-            test.env("QV_PYTHON_ONNX", python);
-        }
-        // The test that wants it says that it skips.
-        Err(error) => eprintln!("note: the test beside the Python node will skip: {error:#}"),
-    }
-    Ok(process::run(&mut test).is_ok())
+    Ok(process::run(&mut cargo(workspace, &["test", "--locked"])).is_ok())
 }

@@ -1,10 +1,8 @@
 //! `cargo xtask python`: the wheel of the Python package, built, installed in an environment of its own, and tested.
 
 use crate::{
-    process,
-    programs::{self, Build},
-    python,
-    workspace::Workspace,
+    process, programs, python,
+    workspace::{Build, Workspace},
 };
 use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};

@@ -1,6 +1,6 @@
 //! What `cargo metadata` says of the workspace, and which files it has.
 
-use crate::{process, programs::Build};
+use crate::process;
 use anyhow::{Context, Result};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -138,4 +138,14 @@ impl Workspace {
         files.dedup();
         Ok(files)
     }
+}
+
+/// How programs are built.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Build {
+    /// With optimisation.
+    #[default]
+    Release,
+    /// As `cargo xtask test` leaves them: a half slower, and nothing is built twice. Results are the same.
+    Tests,
 }

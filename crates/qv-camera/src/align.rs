@@ -6,9 +6,10 @@
 //! longer or shorter, and the weights leave those pixels out.
 
 use crate::CameraError;
+use crate::error::raster_error;
+use crate::footage::Intrinsics;
 use crate::path::{Twist, pose_of, twist_of};
 use crate::picture::Picture;
-use crate::{Intrinsics, raster_error};
 use qv_core::{Camera, GaussianCloud, Pose};
 use qv_fit::{Cholesky, Matrix};
 use qv_raster::{Outputs, Scene, Settings, View, render};
@@ -17,7 +18,7 @@ use qv_raster::{Outputs, Scene, Settings, View, render};
 /// a blur \[px² of the working picture\], logarithm of the gain of displayed values, offset of displayed values.
 pub const NUMBERS: usize = 10;
 /// The first eight are geometry, the last two brightness.
-pub const GEOMETRY: usize = 8;
+pub(crate) const GEOMETRY: usize = 8;
 /// Deviations that are ever looked for, one photograph at a time: what keeps a photograph of a blank wall from running away. An offset of
 /// displayed values is held near 0: a scene that lacks contrast would otherwise pass as one that is darker and brightened.
 const REACH: [f64; NUMBERS] = [0.12, 0.12, 0.12, 0.12, 0.12, 0.12, 0.1, 4.0, 0.7, 0.01];

@@ -1,22 +1,10 @@
 //! The error of this crate.
 
-/// Why nothing can be said of a camera.
-#[derive(Debug, thiserror::Error)]
-pub enum CameraError {
-    /// Camera, poses, images or scene are missing or off.
-    #[error("{what}: expected {expected}, found {found}")]
-    Input {
-        /// What is missing or off.
-        what: String,
-        /// What was expected.
-        expected: String,
-        /// What was found.
-        found: String,
-    },
-}
+use qv_raster::RasterError;
 
-impl CameraError {
-    pub(crate) fn new(what: impl Into<String>, expected: impl Into<String>, found: impl Into<String>) -> Self {
-        Self::Input { what: what.into(), expected: expected.into(), found: found.into() }
-    }
+/// Camera, poses, images or scene are missing or off.
+pub use qv_core::Mismatch as CameraError;
+
+pub(crate) fn raster_error(error: RasterError) -> CameraError {
+    CameraError::new("scene", "Gaussians that can be drawn", error)
 }

@@ -2,10 +2,11 @@
 
 use crate::CameraError;
 use crate::align::{self, NUMBERS, Offsets};
+use crate::footage::{Footage, Rig};
 use crate::model::{BLUR, DELAY, FOCAL, Fit, GAIN, MOUNTING, PLACE, SHARED, Sighting, TOLERANCE, Together};
 use crate::path::{Path, pose_of};
+use crate::see::{LinearisedWindow, LookOptions, plus, stated};
 use crate::sight::{Look, Looks};
-use crate::{Footage, LinearisedWindow, LookOptions, Rig, plus, stated};
 use qv_core::random::SplitMix64;
 use qv_core::statistics::median;
 use qv_gap::decision::Policy;

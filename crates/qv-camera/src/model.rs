@@ -17,17 +17,17 @@ use qv_fit::{Blocks, Cholesky, Differences, FitError, Loss, Matrix, Options, Pro
 /// \[m\], rotation \[rad\], about the middle of the path).
 pub const SHARED: usize = 17;
 /// First number of each kind.
-pub const MOUNTING: usize = 0;
+pub(crate) const MOUNTING: usize = 0;
 /// Of the delay.
 pub const DELAY: usize = 6;
 /// Of the gain.
-pub const GAIN: usize = 7;
+pub(crate) const GAIN: usize = 7;
 /// Of the offset of values.
-pub const BIAS: usize = 8;
+pub(crate) const BIAS: usize = 8;
 /// Of the focal length.
 pub const FOCAL: usize = 9;
 /// Of the blur.
-pub const BLUR: usize = 10;
+pub(crate) const BLUR: usize = 10;
 /// Of the place of the scene.
 pub const PLACE: usize = 11;
 

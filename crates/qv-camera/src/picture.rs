@@ -27,7 +27,7 @@ impl Picture {
     }
 
     /// The mean over the area of each pixel of a smaller picture.
-    pub fn shrunk(&self, width: usize, height: usize) -> Self {
+    pub(crate) fn shrunk(&self, width: usize, height: usize) -> Self {
         let columns = shares(self.width, width);
         let rows = shares(self.height, height);
         let mut narrow = vec![0.0f32; self.height * width];
@@ -92,7 +92,7 @@ impl Picture {
     }
 
     /// Second differences along x and y, summed \[1/px²\], zero in the border.
-    pub fn laplacian(&self) -> Vec<f32> {
+    pub(crate) fn laplacian(&self) -> Vec<f32> {
         let mut out = vec![0.0; self.values.len()];
         self.inside(|at, w| {
             let v = &self.values;

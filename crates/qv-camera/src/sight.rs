@@ -1,6 +1,6 @@
 //! What a look at the photographs leaves: evidence for the decision, pictures for the page, the camera as it should be.
 
-use crate::Rig;
+use crate::footage::Rig;
 use qv_gap::decision::evidence::CameraEvidence;
 
 /// A photograph beside what the scene shows, shape `[height, width, 3]` each.

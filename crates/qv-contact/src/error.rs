@@ -1,5 +1,6 @@
 //! The error of this crate.
 
+use qv_core::Mismatch;
 use qv_rollout::RolloutError;
 use qv_sim::SimError;
 
@@ -17,15 +18,8 @@ pub enum ContactError {
         found: String,
     },
     /// The runs or the terrain cannot be used.
-    #[error("{what}: expected {expected}, found {found}")]
-    Run {
-        /// What is missing or off.
-        what: String,
-        /// What was expected.
-        expected: String,
-        /// What was found.
-        found: String,
-    },
+    #[error(transparent)]
+    Run(#[from] Mismatch),
     /// The recording and its robot.
     #[error(transparent)]
     Rollout(#[from] RolloutError),
@@ -35,8 +29,8 @@ pub enum ContactError {
 }
 
 impl ContactError {
-    pub(crate) fn run(what: impl Into<String>, expected: impl Into<String>, found: impl Into<String>) -> Self {
-        Self::Run { what: what.into(), expected: expected.into(), found: found.into() }
+    pub(crate) fn run(what: impl Into<String>, expected: impl Into<String>, found: impl ToString) -> Self {
+        Self::Run(Mismatch::new(what, expected, found))
     }
 
     pub(crate) fn prior(file: &str, expected: impl Into<String>, found: impl Into<String>) -> Self {

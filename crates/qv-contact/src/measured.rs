@@ -102,7 +102,7 @@ impl<'r> Recording<'r> {
     }
 
     /// The start of a simulation of so long \[s\] at an instant.
-    pub fn start_at<'a>(&'a self, index: usize, length: f64) -> Start<'a> {
+    pub(crate) fn start_at<'a>(&'a self, index: usize, length: f64) -> Start<'a> {
         let time = self.time(index);
         let since = time - self.run.span()[0];
         Start {

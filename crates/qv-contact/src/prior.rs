@@ -74,7 +74,7 @@ impl Prior {
     }
 
     /// Whether the numbers that were given could not be.
-    pub fn is_put_within_range(&self) -> bool {
+    pub(crate) fn is_put_within_range(&self) -> bool {
         self.source.ends_with(PUT)
     }
 

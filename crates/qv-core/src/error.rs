@@ -1,4 +1,4 @@
-//! The error of this crate.
+//! The errors of this crate.
 
 /// What can be wrong with a shared type when it is built from outside data.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -53,4 +53,23 @@ pub enum CoreError {
         /// Offending stamp, seconds.
         found: f64,
     },
+}
+
+/// An input that is not what was expected; a variant of the errors of other crates.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{what}: expected {expected}, found {found}")]
+pub struct Mismatch {
+    /// The input, setting or part of a file.
+    pub what: String,
+    /// What was expected.
+    pub expected: String,
+    /// What was found.
+    pub found: String,
+}
+
+impl Mismatch {
+    /// What was expected of an input, and what was found.
+    pub fn new(what: impl Into<String>, expected: impl Into<String>, found: impl ToString) -> Self {
+        Self { what: what.into(), expected: expected.into(), found: found.to_string() }
+    }
 }

@@ -19,7 +19,7 @@ mod sow;
 pub mod statistics;
 
 pub use camera::Camera;
-pub use error::CoreError;
+pub use error::{CoreError, Mismatch};
 pub use gaussians::GaussianCloud;
 pub use mesh::{Material, TriangleMesh, label_colour};
 pub use pose::Pose;

@@ -6,7 +6,7 @@
 
 use crate::FitError;
 use crate::linear::{Cholesky, Matrix};
-use crate::problem::{Blocks, Evaluate, Loss, Problem};
+use crate::problem::{Blocks, Evaluate, Loss, Problem, asked};
 use crate::slopes::{Beside, Slopes, deviations, moved, moves};
 
 /// By how much dampings grow where none helps.
@@ -83,30 +83,6 @@ impl Fit {
     pub fn intervals(&self, deviations: &[f64], quantile: f64) -> Vec<[f64; 2]> {
         self.values.iter().zip(deviations).map(|(v, d)| [v - quantile * d, v + quantile * d]).collect()
     }
-}
-
-/// Residuals of `points`, those with a number that is none made empty.
-pub(crate) fn asked<E: From<FitError>>(
-    evaluate: Evaluate<E>,
-    points: &[Vec<f64>],
-    lengths: Option<&[usize]>,
-) -> Result<Vec<Blocks>, E> {
-    let mut found = evaluate(points)?;
-    if found.len() != points.len() {
-        return Err(FitError::input("residuals", format!("{} points", points.len()), found.len().to_string()).into());
-    }
-    found.iter_mut().flatten().filter(|b| b.iter().any(|x| !x.is_finite())).for_each(Vec::clear);
-    let lengths: Vec<usize> = lengths.map_or_else(|| found[0].iter().map(Vec::len).collect(), <[usize]>::to_vec);
-    for blocks in &found {
-        let fits = |(b, length): (&Vec<f64>, &usize)| b.is_empty() || *length == 0 || b.len() == *length;
-        if blocks.len() != lengths.len() || !blocks.iter().zip(&lengths).all(fits) {
-            let of = blocks.iter().map(Vec::len).collect::<Vec<_>>();
-            return Err(
-                FitError::input("residuals", format!("blocks of {lengths:?} numbers"), format!("{of:?}")).into()
-            );
-        }
-    }
-    Ok(found)
 }
 
 /// Fits a problem. `evaluate` gives residuals of many points at once, shape `[points][blocks][numbers]`; a block that ran away is empty.

@@ -253,13 +253,6 @@ fn small(a: &Matrix) -> Option<Matrix> {
     Some(lower)
 }
 
-/// Eigenvalues of a symmetric matrix, least first, and its eigenvectors as columns; `None` where it is not finite.
-pub fn eigen(symmetric: &Matrix) -> Option<(Vec<f64>, Matrix)> {
-    let found = faer::linalg::solvers::SelfAdjointEigen::new(symmetric.as_ref(), Side::Lower).ok()?;
-    let values: Vec<f64> = found.S().column_vector().iter().copied().collect();
-    values.iter().all(|v| v.is_finite()).then(|| (values, found.U().to_owned()))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -303,10 +296,6 @@ mod tests {
             assert!(minus(&times(&a, &solved), x.col_as_slice(0)).iter().all(|d| d.abs() < 1e-9));
             assert!((factor.length(x.col_as_slice(0)) - dot(&solved, x.col_as_slice(0))).abs() < 1e-9);
             assert!(off(&product(&a, &factor.inverse()), &Matrix::identity(size, size)) < 1e-9);
-            let (values, vectors) = eigen(&a).unwrap();
-            assert!((values.iter().map(|v| v.ln()).sum::<f64>() - factor.log_determinant()).abs() < 1e-9);
-            let again = product(&product(&vectors, &diagonal(&values)), &vectors.transpose().to_owned());
-            assert!(off(&again, &a) < 1e-10);
         }
     }
 

@@ -129,3 +129,27 @@ impl Loss {
         if sum.is_finite() { sum } else { f64::INFINITY }
     }
 }
+
+/// Residuals of `points`, those with a number that is none made empty.
+pub(crate) fn asked<E: From<FitError>>(
+    evaluate: Evaluate<E>,
+    points: &[Vec<f64>],
+    lengths: Option<&[usize]>,
+) -> Result<Vec<Blocks>, E> {
+    let mut found = evaluate(points)?;
+    if found.len() != points.len() {
+        return Err(FitError::input("residuals", format!("{} points", points.len()), found.len().to_string()).into());
+    }
+    found.iter_mut().flatten().filter(|b| b.iter().any(|x| !x.is_finite())).for_each(Vec::clear);
+    let lengths: Vec<usize> = lengths.map_or_else(|| found[0].iter().map(Vec::len).collect(), <[usize]>::to_vec);
+    for blocks in &found {
+        let fits = |(b, length): (&Vec<f64>, &usize)| b.is_empty() || *length == 0 || b.len() == *length;
+        if blocks.len() != lengths.len() || !blocks.iter().zip(&lengths).all(fits) {
+            let of = blocks.iter().map(Vec::len).collect::<Vec<_>>();
+            return Err(
+                FitError::input("residuals", format!("blocks of {lengths:?} numbers"), format!("{of:?}")).into()
+            );
+        }
+    }
+    Ok(found)
+}

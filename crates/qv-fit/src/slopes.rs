@@ -4,7 +4,7 @@ use crate::linear::{
     Cholesky, Matrix, add_diagonal, add_outer, add_scaled, add_scaled_matrix, diagonal_of, from_columns, gram, product,
     transposed_times,
 };
-use crate::problem::{Blocks, Differences, Evaluate, Loss, Problem};
+use crate::problem::{Blocks, Differences, Evaluate, Loss, Problem, asked};
 
 /// Slope and curvature of the loss at a point, the priors' included: reweighted squares (Gauss and Newton).
 #[derive(Debug, Clone)]
@@ -143,7 +143,7 @@ pub fn slopes<E: From<crate::FitError>>(
     let moves = moves(problem, values);
     let points: Vec<Vec<f64>> =
         std::iter::once(values.to_vec()).chain(moves.iter().map(|m| moved(values, *m))).collect();
-    let mut found = crate::least_squares::asked(evaluate, &points, None)?;
+    let mut found = asked(evaluate, &points, None)?;
     let here = found.remove(0);
     Ok(Slopes::of(problem, loss, values, &here, &Beside::new(moves, found, values.len())))
 }

@@ -1,5 +1,6 @@
 //! The error of this crate.
 
+use qv_core::Mismatch;
 use qv_fit::FitError;
 use qv_recording::RecordingError;
 use qv_rollout::RolloutError;
@@ -19,15 +20,8 @@ pub enum GapError {
         found: String,
     },
     /// The run cannot be diagnosed.
-    #[error("{what}: expected {expected}, found {found}")]
-    Run {
-        /// What is missing or off.
-        what: String,
-        /// What was expected.
-        expected: String,
-        /// What was found.
-        found: String,
-    },
+    #[error(transparent)]
+    Run(#[from] Mismatch),
     /// The recording.
     #[error(transparent)]
     Recording(#[from] RecordingError),
@@ -41,32 +35,29 @@ impl GapError {
     pub(crate) fn beside(self, known: &[String]) -> Self {
         let with_known = |found: String| format!("{found} ({})", known.join("; "));
         match self {
-            Self::Run { what, expected, found } if !known.is_empty() => {
-                Self::Run { what, expected, found: with_known(found) }
-            }
-            Self::Recording(RecordingError::Run { what, expected, found }) if !known.is_empty() => {
-                Self::Run { what, expected, found: with_known(found) }
+            Self::Run(off) | Self::Recording(RecordingError::Run(off)) if !known.is_empty() => {
+                Self::Run(Mismatch { found: with_known(off.found), ..off })
             }
             other => other,
         }
     }
 
-    pub(crate) fn run(what: impl Into<String>, expected: impl Into<String>, found: impl Into<String>) -> Self {
-        Self::Run { what: what.into(), expected: expected.into(), found: found.into() }
+    pub(crate) fn run(what: impl Into<String>, expected: impl Into<String>, found: impl ToString) -> Self {
+        Self::Run(Mismatch::new(what, expected, found))
     }
 }
 
 impl From<FitError> for GapError {
     fn from(error: FitError) -> Self {
         let FitError { what, expected, found } = error;
-        Self::Run { what, expected, found }
+        Self::run(what, expected, found)
     }
 }
 
 impl From<RolloutError> for GapError {
     fn from(error: RolloutError) -> Self {
         match error {
-            RolloutError::Run { what, expected, found } => Self::Run { what, expected, found },
+            RolloutError::Run(error) => Self::Run(error),
             RolloutError::Recording(error) => Self::Recording(error),
             RolloutError::Sim(error) => Self::Sim(error),
         }

@@ -9,9 +9,6 @@ use qv_recording::robots;
 /// Index on the wire of each leg of [`model::LEGS`].
 pub const LEG_ON_WIRE: [usize; 4] = [1, 0, 3, 2];
 
-/// Topic of FAST-LIO's pose.
-pub const POSE_TOPIC: &str = "/Odometry";
-
 /// Joint names in our order, such as `FL_hip_joint`.
 pub fn joint_names() -> Vec<String> {
     model::JOINT_NAMES.map(String::from).to_vec()

@@ -1,5 +1,6 @@
 //! The error of this crate.
 
+use qv_core::Mismatch;
 use qv_policy::PolicyError;
 use qv_policy::onnx::OnnxError;
 use qv_raster::RasterError;
@@ -9,15 +10,8 @@ use qv_sim::SimError;
 #[derive(Debug, thiserror::Error)]
 pub enum NavError {
     /// A setting or an input means nothing.
-    #[error("{what}: expected {expected}, found {found}")]
-    Value {
-        /// Its name.
-        what: String,
-        /// What is allowed.
-        expected: String,
-        /// What was found.
-        found: String,
-    },
+    #[error(transparent)]
+    Value(#[from] Mismatch),
     /// A picture could not be drawn.
     #[error(transparent)]
     Raster(#[from] RasterError),
@@ -35,6 +29,6 @@ pub enum NavError {
 impl NavError {
     /// An error of a value.
     pub fn value(what: &str, expected: &str, found: impl std::fmt::Display) -> Self {
-        Self::Value { what: what.into(), expected: expected.into(), found: found.to_string() }
+        Self::Value(Mismatch::new(what, expected, found))
     }
 }

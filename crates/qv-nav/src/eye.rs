@@ -166,7 +166,7 @@ impl SplatEye {
     ///
     /// # Errors
     /// When the picture cannot be drawn.
-    pub fn cones_of(&self, shot: &Shot) -> Result<Vec<f32>, NavError> {
+    pub(crate) fn cones_of(&self, shot: &Shot) -> Result<Vec<f32>, NavError> {
         let mut cloud = self.clouds[Self::paint_of(shot, self.clouds.len())].clone();
         let bands = cloud.sh_count();
         let colour = |k: usize| cloud.sh[k * bands].map(|c| (0.5 + FIRST * c).max(0.0));

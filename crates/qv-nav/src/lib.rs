@@ -7,7 +7,7 @@
 /// Types of these stand in the interface of this crate.
 pub use {glam, qv_core};
 
-pub mod augment;
+pub(crate) mod augment;
 pub mod bare;
 #[cfg(feature = "gpu")]
 pub mod card;
@@ -21,6 +21,7 @@ mod facts;
 pub mod fit;
 pub mod legs;
 pub mod lens;
+mod limits;
 mod loss;
 pub mod map;
 pub mod measured;
@@ -36,7 +37,9 @@ pub mod roll;
 pub mod score;
 #[cfg(feature = "rapier")]
 pub mod second;
+mod settings;
 pub mod sight;
+mod sizes;
 pub mod task;
 pub mod teacher;
 pub mod tune;

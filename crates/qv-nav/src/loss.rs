@@ -1,9 +1,8 @@
 //! What a decision costs: how far the command is from the teacher's, or what PPO loses by it, and how far what the network knows is from the truth.
 
-use crate::dagger::TrainSettings;
 use crate::net::{COMMAND, KNOWN, OUTPUTS, SIGHT};
-use crate::roll::Record;
-use crate::tune::{Acted, PolicySettings};
+use crate::roll::{Acted, Record};
+use crate::settings::{PolicySettings, TrainSettings};
 
 /// Loss of one decision, and its gradient by what came out before tanh and the logistic function.
 pub(crate) fn loss(raw: &[f32], record: &Record, step: usize, settings: &TrainSettings, of_raw: &mut [f32]) -> f32 {

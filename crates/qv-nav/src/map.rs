@@ -5,7 +5,7 @@
 
 use crate::NavError;
 use glam::{DVec2, DVec3};
-use qv_core::TriangleMesh;
+use qv_core::{Pose, TriangleMesh};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
@@ -377,7 +377,7 @@ impl Map {
     }
 
     /// Distance from an eye along a direction within which something `tall` \[m\] on the ground can be seen, at most `most` \[m\], to a cell.
-    pub fn in_sight(&self, eye: DVec3, along: DVec2, tall: f64, most: f64) -> f64 {
+    pub(crate) fn in_sight(&self, eye: DVec3, along: DVec2, tall: f64, most: f64) -> f64 {
         let steps = (most / self.spacing).round() as usize;
         let mut steepest = f64::NEG_INFINITY;
         for k in 1..steps {
@@ -449,6 +449,12 @@ impl Map {
         }
         out
     }
+}
+
+/// The pose of a base that stands on the ground.
+pub fn standing(map: &Map, place: DVec2, yaw: f64, height: f64) -> Pose {
+    let z = map.height(place).unwrap_or(0.0) + height;
+    Pose::from_xyz_rpy([place.x, place.y, z], [0.0, 0.0, yaw])
 }
 
 #[cfg(test)]

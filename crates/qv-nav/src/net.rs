@@ -11,38 +11,11 @@
 //! those of `qv_policy::net`, whose bits do not depend on the processor. Pictures lie as `[height][width][channels]`.
 
 use crate::recall::RECALL;
+pub use crate::sizes::{COLOUR, COMMAND, HEIGHT, HIDDEN, KNOWN, OUTPUTS, RAYS, SIGHT, STATE, WIDTH};
+pub(crate) use crate::sizes::{RAW, RAW_SIGHT};
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::net::{Dense, Gru, GruTape, GruTurned, elu, elu_back, padded, sigmoid, tanh};
 
-/// Columns and rows of the picture that the network sees: an eighth of the camera's 640 x 480.
-pub const WIDTH: usize = 80;
-/// See [`WIDTH`].
-pub const HEIGHT: usize = 60;
-/// Numbers beside the picture: goal colour as one of three, direction of gravity in the base. Neither the last command nor the turning rate is among
-/// them: a teacher's command is like its last one, and a student that sees that copies it and does not look (de Haan et al. 2019).
-pub const STATE: usize = 6;
-/// How many of them are the colour; they come first.
-pub const COLOUR: usize = 3;
-/// Length of the memory.
-pub const HIDDEN: usize = 192;
-/// Numbers that come out: three of the command, then sine and cosine of the cone's bearing, the logarithm of its distance
-/// from the base \[m\], since near the cone centimetres count, and whether it is in view.
-pub const OUTPUTS: usize = 7;
-/// How many of them are the command.
-pub const COMMAND: usize = 3;
-/// Numbers that it says besides, in training alone, so that it learns to know them: its place on the map (two shares of the map's half sides),
-/// sine and cosine of its heading, the cone's place likewise.
-pub const KNOWN: usize = 6;
-/// Length of a row of what comes out, [`OUTPUTS`] and [`KNOWN`] first.
-pub const RAW: usize = padded(OUTPUTS + KNOWN);
-/// Directions in which it says how far a picture is free, see [`crate::recall::ray`].
-pub const RAYS: usize = 12;
-/// Numbers that it says of the picture alone, at the moment at which it was taken: sine and cosine of the cone's bearing from the base, logarithm of
-/// its distance, whether it is in view; place on the map, sine and cosine of the heading; logarithms of the distance from the camera's foot to what
-/// blocks along each ray, and of that to where the view of a cone ends.
-pub const SIGHT: usize = 8 + 2 * RAYS;
-/// Length of a row of what it says of pictures.
-pub const RAW_SIGHT: usize = padded(SIGHT);
 const MIX: usize = 192;
 const DENSE: usize = 192;
 const HEAD: usize = 128;
@@ -311,7 +284,7 @@ impl Default for Net {
 
 impl Net {
     /// For pictures of another size: for tests.
-    pub fn of_size(height: usize, width: usize) -> Self {
+    pub(crate) fn of_size(height: usize, width: usize) -> Self {
         let (mut from, mut start, mut convolutions) = ([height, width, 3], 0, Vec::new());
         for shape in CONVOLUTIONS {
             let conv = Conv::new(from, shape, start);
@@ -346,7 +319,7 @@ impl Net {
     }
 
     /// Numbers of a picture.
-    pub fn picture_len(&self) -> usize {
+    pub(crate) fn picture_len(&self) -> usize {
         self.convolutions[0].from.iter().product()
     }
 

@@ -5,7 +5,7 @@
 //! The grid is an occupancy grid (Moravec and Elfes 1985): logarithms of odds that grow where a picture says that something blocks, and fall
 //! before it. A network sees it around the robot, finer near by than far away ([`RECALL`]).
 
-use crate::net::{RAYS, SIGHT};
+use crate::sizes::{RAYS, SIGHT};
 use glam::DVec2;
 use qv_core::Pose;
 use qv_core::random::Xoshiro256PlusPlus;
@@ -89,7 +89,7 @@ impl Planar {
 
 /// Odometry of one episode.
 #[derive(Debug, Clone)]
-pub struct Odometer {
+pub(crate) struct Odometer {
     scale: f64,
     turning: f64,
     each: f64,
@@ -305,7 +305,7 @@ impl Recall {
     }
 
     /// Where the cone is in the base's frame, if it was seen within the last three seconds \[m\].
-    pub fn cone_now(&self) -> Option<DVec2> {
+    pub(crate) fn cone_now(&self) -> Option<DVec2> {
         self.spotted.filter(|s| s.decisions < 15.0).map(|s| self.now.into_frame(s.place))
     }
 

@@ -1,8 +1,8 @@
 //! The last word on a command: keeps head, middle and tail away from what the robot recalls to block, and slows down before the cone. It knows what
 //! the robot recalls and nothing else; on a robot it runs between the network and the legs.
 
+use crate::limits::{Limits, TAIL, give_way};
 use crate::recall::{CELL, Recall};
-use crate::task::{Limits, TAIL, give_way};
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
 

@@ -4,13 +4,12 @@ use crate::NavError;
 use crate::eye::{Eye, Shot};
 use crate::legs::{Legs, Motion, Start};
 use crate::lens::{Lens, LensSpread};
-use crate::net::{HEIGHT, KNOWN, RAYS, SIGHT, STATE, WIDTH};
+use crate::net::{COMMAND, HEIGHT, KNOWN, RAYS, SIGHT, STATE, WIDTH};
 use crate::recall::{CAMERA, Drift, FARTHEST, NEAREST, Odometer, Planar, RECALL, Recall, doubtful, ray};
 use crate::reflex::Reflex;
 use crate::sight::{Cone, SEEN, free_rays};
 use crate::task::{Episode, Judge, PERIOD, Trial};
 use crate::teacher::{Advice, Teacher, World};
-use crate::tune::Acted;
 use glam::DVec2;
 use qv_core::Pose;
 use qv_core::random::Xoshiro256PlusPlus;
@@ -329,7 +328,7 @@ pub fn state(episode: &Episode, base: &Pose) -> [f32; STATE] {
 }
 
 /// The same for the colour of a goal.
-pub fn state_of(colour: usize, base: &Pose) -> [f32; STATE] {
+pub(crate) fn state_of(colour: usize, base: &Pose) -> [f32; STATE] {
     let gravity = base.rotation.conjugate() * glam::DVec3::NEG_Z;
     let mut out = [0.0; STATE];
     out[colour.min(2)] = 1.0;
@@ -400,4 +399,52 @@ fn remember(record: &mut Record, advice: &Advice, known: [f32; KNOWN], world: &W
     record.cones.push([sine as f32, cosine as f32, advice.distance.max(0.05).ln() as f32, visible]);
     record.found.push(advice.found);
     record.known.push(known);
+}
+
+/// What a student did at a decision.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Acted {
+    /// The command that it drew, in shares of its limits; beyond -1 to 1 it is cut off only by who carries it out.
+    pub action: [f32; COMMAND],
+    /// What the network said: the mean of the draw.
+    pub mean: [f32; COMMAND],
+    /// The standard deviation of the draw.
+    pub deviation: f32,
+    /// How much better it went on than the critic expected, over all decisions of a round with mean 0 and deviation 1.
+    pub advantage: f32,
+}
+
+impl Default for Acted {
+    /// Nothing, of which nothing can be learnt.
+    fn default() -> Self {
+        Self { action: [0.0; COMMAND], mean: [0.0; COMMAND], deviation: 1.0, advantage: 0.0 }
+    }
+}
+
+#[cfg(feature = "gpu")]
+impl Acted {
+    /// How many numbers it is.
+    pub(crate) const NUMBERS: usize = 2 * COMMAND + 2;
+
+    /// One after the other.
+    pub(crate) fn numbers(&self) -> [f32; Self::NUMBERS] {
+        let mut all = [self.advantage; Self::NUMBERS];
+        all[..COMMAND].copy_from_slice(&self.action);
+        all[COMMAND..2 * COMMAND].copy_from_slice(&self.mean);
+        all[2 * COMMAND] = self.deviation;
+        all
+    }
+}
+
+/// An episode that was driven.
+pub(crate) struct Driven {
+    pub(crate) episode: Episode,
+    /// Whether the student drove alone.
+    pub(crate) alone: bool,
+    pub(crate) trial: Trial,
+    pub(crate) record: Record,
+}
+
+pub(crate) fn driven_frames(all: &[Driven]) -> usize {
+    all.iter().map(|driven| driven.record.len()).sum()
 }

@@ -64,7 +64,7 @@ pub fn wilson(hits: usize, count: usize) -> [f64; 2] {
 }
 
 /// Exact two-sided p of McNemar's test: `only_a` and `only_b` are the episodes that only one of two reached.
-pub fn mcnemar(only_a: usize, only_b: usize) -> f64 {
+pub(crate) fn mcnemar(only_a: usize, only_b: usize) -> f64 {
     let n = only_a + only_b;
     let least = only_a.min(only_b);
     // Terms of the binomial distribution with p = 1/2, by their logarithms.

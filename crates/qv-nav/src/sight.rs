@@ -97,14 +97,14 @@ impl Rig {
 }
 
 /// Whether a point lies in the picture.
-pub fn in_frustum(camera: &Camera, point: DVec3) -> bool {
+pub(crate) fn in_frustum(camera: &Camera, point: DVec3) -> bool {
     let p = camera.camera_from_world.transform_point(point);
     let (u, v) = (camera.fx * p.x / p.z + camera.cx, camera.fy * p.y / p.z + camera.cy);
     p.z > 0.05 && u >= 0.0 && v >= 0.0 && u <= f64::from(camera.width) && v <= f64::from(camera.height)
 }
 
 /// Rays of nine to points of a cone that are free, and whether those within the picture alone count.
-pub fn free_rays(map: &Map, camera: &Camera, cone: &Cone, in_picture: bool) -> usize {
+pub(crate) fn free_rays(map: &Map, camera: &Camera, cone: &Cone, in_picture: bool) -> usize {
     let eye = camera.camera_from_world.inverse().position;
     let foot = DVec3::from(cone.place);
     let along = (foot - eye).truncate().normalize_or(DVec2::X);

@@ -1,7 +1,8 @@
 //! The task: episodes drawn from a seed, what counts as reached, and why others failed.
 
 use crate::NavError;
-use crate::map::Map;
+pub use crate::limits::{Limits, TAIL};
+pub use crate::map::standing;
 use crate::sight::{COLOURS, Cone, SEEN, free_rays};
 use crate::teacher::World;
 use glam::{DVec2, DVec3};
@@ -10,70 +11,6 @@ use qv_core::random::Xoshiro256PlusPlus;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
-
-/// Limits of commands.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Limits {
-    /// Least and greatest speed forwards \[m/s\].
-    pub forwards: [f64; 2],
-    /// Greatest speed to either side \[m/s\].
-    pub sideways: f64,
-    /// Greatest turning rate \[rad/s\].
-    pub turning: f64,
-    /// Greatest changes of a command from one decision to the next: \[m/s\], \[m/s\], \[rad/s\].
-    pub change: [f64; 3],
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Self { forwards: [-0.2, 0.6], sideways: 0.3, turning: 1.0, change: [0.3, 0.3, 1.0] }
-    }
-}
-
-impl Limits {
-    /// A command as shares of its limits, -1 to 1: what the network puts out.
-    pub fn shares(&self, command: [f64; 3]) -> [f32; 3] {
-        let [low, high] = self.forwards;
-        let ahead = (2.0 * command[0] - low - high) / (high - low);
-        [ahead, command[1] / self.sideways, command[2] / self.turning].map(|x| x.clamp(-1.0, 1.0) as f32)
-    }
-
-    /// The command of such shares.
-    pub fn command(&self, shares: [f32; 3]) -> [f64; 3] {
-        let [low, high] = self.forwards;
-        let [a, b, c] = shares.map(|x| f64::from(x).clamp(-1.0, 1.0));
-        [0.5 * (low + high + a * (high - low)), b * self.sideways, c * self.turning]
-    }
-
-    /// The nearest command within them.
-    pub fn clamped(&self, [ahead, aside, turning]: [f64; 3]) -> [f64; 3] {
-        [
-            ahead.clamp(self.forwards[0], self.forwards[1]),
-            aside.clamp(-self.sideways, self.sideways),
-            turning.clamp(-self.turning, self.turning),
-        ]
-    }
-
-    /// The command that follows `last` when `wanted` is asked for.
-    pub fn limited(&self, last: [f64; 3], wanted: [f64; 3]) -> [f64; 3] {
-        std::array::from_fn(|k| wanted[k].clamp(last[k] - self.change[k], last[k] + self.change[k]))
-    }
-}
-
-/// A command (forwards, to the left \[m/s\], turning \[rad/s\]) under which a point `along` before the base \[m\] goes at `least` \[m/s\] along `out`, a
-/// unit vector in base axes. What is lacking is made up along `out`, sideways by turning where there is a lever.
-pub(crate) fn give_way([ahead, aside, turning]: [f64; 3], along: f64, out: DVec2, least: f64) -> [f64; 3] {
-    let lack = least - DVec2::new(ahead, aside + turning * along).dot(out);
-    if lack <= 0.0 {
-        return [ahead, aside, turning];
-    }
-    let (ahead, sideways) = (ahead + lack * out.x, lack * out.y);
-    if along == 0.0 {
-        [ahead, aside + sideways, turning]
-    } else {
-        [ahead, aside + 0.5 * sideways, turning + 0.5 * sideways / along]
-    }
-}
 
 /// Seconds from one decision to the next.
 pub const PERIOD: f64 = 0.2;
@@ -89,8 +26,6 @@ const HELD: usize = 3;
 const PUSHED: f64 = 0.15;
 /// The robot has collided when there is so little room at any place of that line \[m\].
 const STRUCK: f64 = 0.08;
-/// From the base's origin to the tail \[m\].
-pub const TAIL: f64 = 0.30;
 
 /// Where the cone is at the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -250,12 +185,6 @@ impl EpisodeSettings {
     }
 }
 
-/// The pose of a base that stands on the ground.
-pub fn standing(map: &Map, place: DVec2, yaw: f64, height: f64) -> Pose {
-    let z = map.height(place).unwrap_or(0.0) + height;
-    Pose::from_xyz_rpy([place.x, place.y, z], [0.0, 0.0, yaw])
-}
-
 fn stratum_of(world: &World, start: DVec2, yaw: f64, goal: &Cone) -> Option<Stratum> {
     let camera = world.rig.camera(&standing(&world.map, start, yaw, 0.3));
     let free = free_rays(&world.map, &camera, goal, false);
@@ -402,7 +331,7 @@ impl Judge {
     }
 
     /// What came out.
-    pub fn into_trial(self) -> Trial {
+    pub(crate) fn into_trial(self) -> Trial {
         self.trial
     }
 }

@@ -4,9 +4,9 @@
 //! its time. It decides anew each time, so that what it says depends on where the robot is and on what was seen, and on nothing that only a
 //! teacher keeps in mind. A teacher that knew all could not be imitated: the student would see nothing and average left and right.
 
-use crate::map::{Field, Map};
+use crate::limits::{Limits, TAIL, give_way};
+use crate::map::{Field, Map, standing};
 use crate::sight::{Cone, Rig, SEEN, free_rays, in_frustum};
-use crate::task::{Limits, TAIL, give_way, standing};
 use glam::{DVec2, DVec3};
 use qv_core::{Camera, Pose};
 use serde::{Deserialize, Serialize};
@@ -186,7 +186,7 @@ impl Teacher {
     }
 
     /// What to do at a pose, and what can be seen of the goal.
-    pub fn advise(&mut self, world: &World, base: &Pose, goal: &Cone) -> Advice {
+    pub(crate) fn advise(&mut self, world: &World, base: &Pose, goal: &Cone) -> Advice {
         let camera = world.rig.camera(base);
         self.leave_out(world, base.position.truncate());
         let in_view = free_rays(&world.map, &camera, goal, true) >= SEEN;
@@ -300,7 +300,7 @@ impl Teacher {
 }
 
 /// Angle to turn from a heading to a direction, -pi to pi.
-pub fn turn_to(yaw: f64, direction: DVec2) -> f64 {
+pub(crate) fn turn_to(yaw: f64, direction: DVec2) -> f64 {
     (direction.y.atan2(direction.x) - yaw + PI).rem_euclid(TAU) - PI
 }
 

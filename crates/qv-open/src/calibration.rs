@@ -1,6 +1,6 @@
 //! Files of parameters (`--params`): what a diagnosis, a calibration of contact or a tuning found, for the robot and the ground at hand.
 
-use crate::recording::file_error;
+use crate::error::file_error;
 use qv_recording::RecordingError;
 use qv_rollout::{RolloutError, expand, feet_of_model, name_parts, parameters_from_toml};
 use qv_sim::{Batch, Model, ParameterInfo, SimOptions, Terrain};
@@ -93,7 +93,7 @@ fn named_here(name: &str, catalogue: &[ParameterInfo], model: &Model) -> Named {
 
 fn unknown(name: &str, catalogue: &[ParameterInfo]) -> RolloutError {
     let found = qv_sim::names::unknown("parameter", name, catalogue.iter().map(|p| p.name.as_str()));
-    RolloutError::Run { what: "parameters".into(), expected: "parameters of this robot".into(), found }
+    qv_core::Mismatch::new("parameters", "parameters of this robot", found).into()
 }
 
 fn check(path: &Path, parameters: &[(String, f64)], catalogue: &[ParameterInfo]) -> Result<(), RecordingError> {
@@ -110,7 +110,7 @@ fn check(path: &Path, parameters: &[(String, f64)], catalogue: &[ParameterInfo])
 /// The error of a file of parameters.
 fn of_file(path: &Path, error: RolloutError) -> RecordingError {
     match error {
-        RolloutError::Run { expected, found, .. } => file_error(path, &expected, &found),
+        RolloutError::Run(error) => file_error(path, &error.expected, &error.found),
         RolloutError::Recording(error) => error,
         RolloutError::Sim(error) => file_error(path, "parameters of this robot", &error.to_string()),
     }

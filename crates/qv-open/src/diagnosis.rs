@@ -1,8 +1,8 @@
 //! A diagnosis of opened recordings, and the files that it leaves: what the command line and Python share.
 
 use crate::file_error;
-use qv_core::JointSeries;
 use qv_core::statistics::median;
+use qv_core::{JointSeries, Mismatch};
 use qv_gap::decision::evidence::Evidence;
 use qv_gap::inference::linearised::NullOptions;
 use qv_gap::problem::library::{self, Effect};
@@ -104,8 +104,8 @@ pub fn effects(own: Option<&Path>) -> Result<Vec<Effect>, RecordingError> {
 pub fn check_without(without: &[String], effects: &[Effect], others: &[&str]) -> Result<(), RecordingError> {
     let known = effects.iter().map(|e| e.name.as_str()).chain(others.iter().copied());
     let Some(name) = without.iter().find(|name| known.clone().all(|k| k != **name)) else { return Ok(()) };
-    let (expected, found) = ("an effect of `qv effects`".into(), unknown_name("effect", name, known));
-    Err(RecordingError::Run { what: "--without".into(), expected, found })
+    let (expected, found) = ("an effect of `qv effects`", unknown_name("effect", name, known));
+    Err(Mismatch::new("--without", expected, found).into())
 }
 
 /// How far off the ground may be under a foot \[m\], standard deviation: as stated, else what a mesh of photographs has, 0 for a plane.
@@ -117,8 +117,7 @@ pub fn ground_error(stated: Option<f64>, terrain: &str) -> Result<f64, Recording
     if (0.0..=0.05).contains(&error) {
         return Ok(error);
     }
-    let (expected, found) = ("0 to 0.05 m".into(), error.to_string());
-    Err(RecordingError::Run { what: "--ground-error".into(), expected, found })
+    Err(Mismatch::new("--ground-error", "0 to 0.05 m", error).into())
 }
 
 /// An error of the diagnosis as one of what was opened.
@@ -126,7 +125,7 @@ pub fn gap_error(error: GapError) -> RecordingError {
     match error {
         GapError::Recording(error) => error,
         GapError::Library { file, expected, found } => RecordingError::File { file, expected, found },
-        GapError::Run { what, expected, found } => RecordingError::Run { what, expected, found },
+        GapError::Run(error) => error.into(),
         GapError::Sim(error) => RolloutError::Sim(error).into(),
     }
 }

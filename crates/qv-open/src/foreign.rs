@@ -1,6 +1,9 @@
 //! Recordings of other programs on disk: LeRobot datasets, SAGE folders, CSV files of Unitree's LowState.
 
-use crate::recording::{description_of, file_error, mapping_of, run_of_table, urdf_beside};
+pub use crate::description::root;
+use crate::description::{Kind, description_of, kind};
+use crate::error::file_error;
+use crate::table::{mapping_of, run_of_table, urdf_beside};
 use qv_recording::foreign::lerobot::Info;
 use qv_recording::foreign::motor_csv::{Motors, is_motor_csv};
 use qv_recording::foreign::{Settings, Table, lerobot, motor_csv, sage};
@@ -12,32 +15,6 @@ use std::path::{Path, PathBuf};
 
 /// Longest first line of a CSV file that is looked at, bytes.
 const LONGEST_HEADER: u64 = 1 << 20;
-
-/// What a path is.
-enum Kind {
-    /// The folder of a dataset, and the one file of it that is meant.
-    LeRobot(PathBuf, Option<PathBuf>),
-    Sage(PathBuf),
-}
-
-fn kind(path: &Path) -> Option<Kind> {
-    let is_dataset = |folder: &Path| folder.join("meta/info.json").is_file();
-    if path.is_dir() {
-        if is_dataset(path) {
-            return Some(Kind::LeRobot(path.into(), None));
-        }
-        return path.join("state_motor.csv").is_file().then(|| Kind::Sage(path.into()));
-    }
-    let root = path.extension().is_some_and(|e| e == "parquet").then(|| path.ancestors().find(|up| is_dataset(up)));
-    root.flatten().map(|root| Kind::LeRobot(root.into(), Some(path.into())))
-}
-
-/// The folder that a recording of another program is in, where `run.toml` is.
-pub fn root(path: &Path) -> Option<PathBuf> {
-    match kind(path)? {
-        Kind::LeRobot(root, _) | Kind::Sage(root) => Some(root),
-    }
-}
 
 /// Reads a path that is a dataset of LeRobot or a folder of SAGE; `None` where it is neither.
 pub fn open(path: &Path) -> Option<Result<Run, RecordingError>> {
@@ -98,7 +75,7 @@ fn parquet_files(folder: &Path, depth: usize) -> Vec<PathBuf> {
 }
 
 /// Reads a CSV file whose columns are those of LowState; `None` where they are not, or nothing says which robot it is of.
-pub fn open_motor_csv(csv: &Path) -> Option<Result<Run, RecordingError>> {
+pub(crate) fn open_motor_csv(csv: &Path) -> Option<Result<Run, RecordingError>> {
     let description = description_of(csv);
     let toml = fs::read_to_string(&description).ok()?;
     let mut header = Vec::new();

@@ -1,6 +1,6 @@
 //! The ground that commands are given: a plane, or the mesh of a GLB file.
 
-use crate::recording::file_error;
+use crate::error::file_error;
 use qv_core::TriangleMesh;
 use qv_mesh::files::glb;
 use qv_recording::{RecordingError, Run};
@@ -75,11 +75,9 @@ pub fn check_ground(run: &Run, terrain: &Terrain) -> Result<(), RecordingError> 
         format!("{low:.2} to {high:.2}")
     };
     let way = format!("x {}, y {}, z {} m", range(0), range(1), range(2));
-    Err(RecordingError::Run {
-        what: "terrain".into(),
-        expected: format!(
-            "ground below the robot, whose poses have {way} (meshes are read with z up, in the frame of the poses)"
-        ),
-        found: format!("none below {} of {} poses", bare.len(), places.len()),
-    })
+    let expected = format!(
+        "ground below the robot, whose poses have {way} (meshes are read with z up, in the frame of the poses)"
+    );
+    Err(qv_core::Mismatch::new("terrain", expected, format!("none below {} of {} poses", bare.len(), places.len()))
+        .into())
 }

@@ -19,22 +19,27 @@
 pub use {glam, qv_core, qv_gap};
 
 mod calibration;
+mod description;
 pub mod diagnosis;
+mod error;
 #[cfg(test)]
 #[path = "../../../fixtures/facts.rs"]
 mod facts;
 pub mod foreign;
 pub mod ground;
 pub mod mesh_file;
+mod model;
 mod recording;
 mod robot;
+mod table;
 
 pub use calibration::{Calibration, calibration_of};
-pub use recording::{
-    Reading, bag_files, beyond_range, description_of, file_error, included, lost_from, mapping_of, model_named,
-    model_of, open_run, read_model, read_urdf, run_of_table, told_of, urdf_beside, urdf_of, write_error,
-};
+pub use description::description_of;
+pub use error::{file_error, write_error};
+pub use model::{included, model_named, model_of, read_model, read_urdf, urdf_of};
+pub use recording::{Reading, bag_files, beyond_range, lost_from, open_run, told_of};
 pub use robot::robot_model;
+pub use table::{mapping_of, run_of_table, urdf_beside};
 
 /// Its code is compiled, so that it is not wrong one day.
 #[cfg(doctest)]

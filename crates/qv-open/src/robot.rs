@@ -1,7 +1,8 @@
 //! A robot without a recording: one that is built in, a file, or the text itself.
 
+use crate::error::file_error;
 use crate::mesh_file::vertices;
-use crate::recording::{file_error, read_model, read_urdf};
+use crate::model::{read_model, read_urdf};
 use qv_recording::RecordingError;
 use qv_sim::{BaseKind, Model, ModelOptions};
 use std::path::Path;

@@ -1,13 +1,7 @@
 //! Plots that share one axis, from columns of numbers, with choices of what is shown.
 
 use crate::pack::{Packed, pack, unpack};
-use crate::parts::card;
-use crate::still::still;
-use crate::text::script_data;
 use serde::{Deserialize, Serialize};
-
-/// What marks the data of a board within a page.
-pub(crate) const MARK: &str = "<script type=\"application/json\" class=\"board-data\">";
 
 /// A column of a board's numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -185,28 +179,6 @@ impl Board {
             when.iter().zip(&chosen).all(|(options, chosen)| options.is_empty() || options.contains(chosen))
         };
         self.panels.iter().filter(move |panel| is_shown(&panel.when))
-    }
-
-    /// The board as HTML: its data, and a drawing for readers without scripts. [`crate::Page`] adds the script. Nothing for a board
-    /// without panels.
-    pub fn to_html(&self) -> String {
-        if self.panels.is_empty() {
-            return String::new();
-        }
-        // Plain data: nothing can fail. Numbers of a page that are not finite are `null`, and taken for none by the script.
-        let data = serde_json::to_string(self).unwrap_or_default();
-        let lacks = if self.choices.is_empty() {
-            ""
-        } else {
-            "<noscript><p class=\"soft small\">With scripts all the rest can be chosen.</p></noscript>"
-        };
-        format!("<div class=\"board\">{MARK}{}</script>{}{lacks}</div>", script_data(&data), still(self))
-    }
-
-    /// The same in a card.
-    pub fn to_card(&self) -> String {
-        let html = self.to_html();
-        if html.is_empty() { html } else { card(&html) }
     }
 }
 

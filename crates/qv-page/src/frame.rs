@@ -1,6 +1,6 @@
 //! The frame around a page: title, viewport, style, script.
 
-use crate::board::MARK;
+use crate::html::MARK;
 use crate::policy::policy;
 use crate::text::escape;
 

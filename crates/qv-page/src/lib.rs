@@ -21,6 +21,7 @@ pub mod board;
 #[path = "../../../fixtures/facts.rs"]
 mod facts;
 mod frame;
+mod html;
 pub mod number;
 pub mod pack;
 pub mod parts;

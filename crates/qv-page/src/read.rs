@@ -1,6 +1,7 @@
 //! Pages read back: their boards, and what of them is no script. For tests of pages.
 
-use crate::board::{Board, MARK};
+use crate::board::Board;
+use crate::html::MARK;
 
 /// All boards of a page, in order; one that cannot be read is left out.
 pub fn boards(html: &str) -> Vec<Board> {

@@ -2,6 +2,7 @@
 
 use crate::onnx::OnnxError;
 use crate::roll::RollError;
+use qv_core::Mismatch;
 use qv_sim::SimError;
 
 /// What can be wrong with a robot, a task, a policy or a training.
@@ -17,15 +18,8 @@ pub enum PolicyError {
     #[error(transparent)]
     Roll(#[from] RollError),
     /// A setting that means nothing.
-    #[error("{what}: expected {expected}, found {found}")]
-    Setting {
-        /// The setting.
-        what: String,
-        /// What is allowed.
-        expected: String,
-        /// What was given.
-        found: String,
-    },
+    #[error(transparent)]
+    Setting(#[from] Mismatch),
     /// A text that is not what it should be.
     #[error("{what}: {reason}")]
     Text {
@@ -45,20 +39,13 @@ pub enum PolicyError {
         found: f32,
     },
     /// A file of another robot, task or version.
-    #[error("{what}: expected {expected}, found {found}")]
-    Mismatch {
-        /// The file.
-        what: String,
-        /// What fits.
-        expected: String,
-        /// What it holds.
-        found: String,
-    },
+    #[error(transparent)]
+    Mismatch(Mismatch),
 }
 
 impl PolicyError {
     /// A setting that means nothing.
     pub(crate) fn setting(what: &str, expected: &str, found: impl std::fmt::Display) -> Self {
-        Self::Setting { what: what.into(), expected: expected.into(), found: found.to_string() }
+        Self::Setting(Mismatch::new(what, expected, found))
     }
 }

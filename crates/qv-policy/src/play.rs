@@ -157,24 +157,3 @@ fn patch(ground: &Ground, q: &[Vec<f32>], height: f32) -> Option<Patch> {
     };
     Some(Patch { origin, spacing, size, heights: (0..size[0] * size[1]).map(at).collect() })
 }
-
-impl Played {
-    /// Swings of all feet that began and ended: how long each lasted \[s\].
-    pub fn swings(&self) -> Vec<f32> {
-        let mut out = Vec::new();
-        for foot in 0..self.feet.len() {
-            let mut since = None;
-            for (step, forces) in self.foot_forces.iter().enumerate() {
-                match (forces[foot] > 0.0, since) {
-                    (true, Some(from)) => {
-                        out.push((step - from) as f32 / self.rate);
-                        since = None;
-                    }
-                    (false, None) if step > 0 && self.foot_forces[step - 1][foot] > 0.0 => since = Some(step),
-                    _ => {}
-                }
-            }
-        }
-        out
-    }
-}

@@ -6,6 +6,7 @@ use crate::onnx::{Dense, PolicyGraph};
 use crate::ppo::{Ppo, scale_rows};
 use crate::score::{Decide, Score};
 use crate::velocity::{Commands, OBSERVATION, Randomise, TaskRobot, TaskSettings};
+use qv_core::Mismatch;
 use serde::{Deserialize, Serialize};
 
 /// A policy that can be run: observations in SI units to joint targets in radians.
@@ -102,7 +103,7 @@ impl Decide for OnnxDecision<'_> {
             self.policy.run(observation, &mut targets)?;
             if targets.len() != joints {
                 let (expected, found) = (format!("{joints} targets"), targets.len().to_string());
-                return Err(PolicyError::Mismatch { what: "policy.onnx".into(), expected, found });
+                return Err(PolicyError::Mismatch(Mismatch::new("policy.onnx", expected, found)));
             }
             for (j, action) in row.iter_mut().enumerate() {
                 *action = (targets[j] - self.robot.stand[j]) / self.robot.action_scale[j];
@@ -191,9 +192,8 @@ impl PolicyFile {
     /// # Errors
     /// When the policy is another robot's, or a number or length of the file means nothing.
     pub fn check(&self, robot: &TaskRobot) -> Result<(), PolicyError> {
-        let mismatch = |expected: String, found: String| {
-            Err(PolicyError::Mismatch { what: "policy.toml".into(), expected, found })
-        };
+        let mismatch =
+            |expected: String, found: String| Err(PolicyError::Mismatch(Mismatch::new("policy.toml", expected, found)));
         let names = robot.model.joint_names();
         if self.robot != robot.name || self.joints != names {
             let expected = format!("a policy of {} with joints {}", robot.name, names.join(" "));

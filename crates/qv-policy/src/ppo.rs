@@ -237,11 +237,6 @@ impl Ppo {
         })
     }
 
-    /// Settings in force.
-    pub fn settings(&self) -> &PpoSettings {
-        &self.settings
-    }
-
     /// Sets the standard deviation of all actions.
     pub fn set_std(&mut self, std: f32) {
         let at = self.actor.len() + self.critic.len();
@@ -249,7 +244,7 @@ impl Ppo {
     }
 
     /// Log standard deviations of the actions.
-    pub fn log_std(&self) -> &[f32] {
+    pub(crate) fn log_std(&self) -> &[f32] {
         &self.parameters[self.actor.len() + self.critic.len()..]
     }
 

@@ -10,6 +10,7 @@ use crate::policy::{Policy, hash_of, model_hash};
 use crate::ppo::{Iteration, Ppo, PpoSettings};
 use crate::score::{Score, score};
 use crate::velocity::{Ground, TaskRobot, TaskSettings, VelocityTask};
+use qv_core::Mismatch;
 use serde::{Deserialize, Serialize};
 
 /// What a training is told.
@@ -135,7 +136,7 @@ impl Checkpoint {
         let own = identity(robot, &ground)[0].clone();
         if own != self.identity[0] {
             let (expected, found) = (format!("one of {own}"), format!("one of {}", self.identity[0]));
-            return Err(PolicyError::Mismatch { what: "checkpoint".into(), expected, found });
+            return Err(PolicyError::Mismatch(Mismatch::new("checkpoint", expected, found)));
         }
         let training = Training::new(robot, &ground, &settings)?;
         training.fits(self)?;
@@ -190,8 +191,8 @@ impl Training {
     pub fn start_from(&mut self, other: &Checkpoint) -> Result<(), PolicyError> {
         self.fits(other)?;
         if other.iterations == 0 {
-            let (expected, found) = ("one of a training that has learnt something".into(), "one of iteration 0".into());
-            return Err(PolicyError::Mismatch { what: "checkpoint".into(), expected, found });
+            let (expected, found) = ("one of a training that has learnt something", "one of iteration 0");
+            return Err(PolicyError::Mismatch(Mismatch::new("checkpoint", expected, found)));
         }
         self.ppo.parameters.clone_from(&other.parameters);
         self.ppo.rate = other.rate.min(self.settings.ppo.rate);
@@ -206,7 +207,7 @@ impl Training {
         for (own, other) in identity(robot, ground).into_iter().zip(&kept.identity) {
             if own != *other {
                 let (expected, found) = (format!("one of {own}"), format!("one of {other}"));
-                return Err(PolicyError::Mismatch { what: "checkpoint".into(), expected, found });
+                return Err(PolicyError::Mismatch(Mismatch::new("checkpoint", expected, found)));
             }
         }
         let mut training = Self::new(robot, ground, &kept.settings)?;
@@ -235,7 +236,7 @@ impl Training {
             return Ok(());
         }
         let (expected, found) = (format!("networks of {expected} numbers"), format!("{sizes:?}"));
-        Err(PolicyError::Mismatch { what: "checkpoint".into(), expected, found })
+        Err(PolicyError::Mismatch(Mismatch::new("checkpoint", expected, found)))
     }
 
     fn begin_epoch(&mut self) -> Result<(), PolicyError> {
@@ -269,11 +270,6 @@ impl Training {
         self.state(if is_between { self.epoch } else { self.epoch + 1 })
     }
 
-    /// The robot's task.
-    pub fn task(&self) -> &VelocityTask {
-        &self.env
-    }
-
     /// The learner.
     pub fn ppo(&self) -> &Ppo {
         &self.ppo
@@ -287,16 +283,6 @@ impl Training {
     /// The task that is trained on, to add what a compensator does.
     pub fn task_mut(&mut self) -> &mut VelocityTask {
         &mut self.env
-    }
-
-    /// The task that scores, for the same.
-    pub fn judge_mut(&mut self) -> &mut VelocityTask {
-        &mut self.judge
-    }
-
-    /// Settings in force.
-    pub fn settings(&self) -> &TrainSettings {
-        &self.settings
     }
 
     /// The state at the beginning of the present epoch.

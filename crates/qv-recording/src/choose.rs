@@ -1,9 +1,9 @@
 //! Which topics of a bag are the streams of a mapping, and which robot they are of.
 
 use crate::RecordingError;
-use crate::bag::{Collector, Topic};
-use crate::mapping::{Channel, Mapping, StreamMapping};
+use crate::mapping::{Mapping, StreamMapping, namespace_of, state_stream};
 use crate::run::{Fault, FaultKind, Loss};
+use crate::topic::{Collector, Topic};
 
 /// The topics that were chosen.
 pub(crate) struct Chosen {
@@ -13,42 +13,6 @@ pub(crate) struct Chosen {
     pub namespace: String,
     /// What is read of several.
     pub told: Vec<String>,
-}
-
-/// The stream that a topic could be, and which of the stream's messages it has: one whose ending it has before others.
-pub(crate) fn stream_of(mapping: &Mapping, topic: &str, type_name: &str) -> Option<(usize, usize)> {
-    let message = |stream: &StreamMapping| stream.messages.iter().position(|m| m.name == type_name);
-    let fits = |stream: &StreamMapping| match (stream.exact_topic, stream.only_endings) {
-        (true, _) => stream.preferred_topic == topic,
-        (false, true) => namespace_of(stream, topic).is_some(),
-        (false, false) => true,
-    };
-    let all = mapping.streams.iter().enumerate().filter(|(_, s)| fits(s));
-    let all = all.filter_map(|(s, stream)| Some((s, message(stream)?, namespace_of(stream, topic).is_some())));
-    let all: Vec<(usize, usize, bool)> = all.collect();
-    let own = all.iter().find(|(_, _, has_ending)| *has_ending).or(all.first());
-    own.map(|(s, m, _)| (*s, *m))
-}
-
-/// What comes before one of a stream's endings in the name of a topic, up to a slash.
-fn namespace_of<'a>(stream: &StreamMapping, topic: &'a str) -> Option<&'a str> {
-    let endings = std::iter::once(&stream.preferred_topic).chain(&stream.endings);
-    endings.filter_map(|ending| topic.strip_suffix(ending.as_str()).map(|before| (ending, before))).find_map(
-        |(ending, before)| {
-            let end = if ending.starts_with('/') { before.len() } else { before.rfind('/')? };
-            Some(&before[..end]).filter(|ns| ns.is_empty() || ns.starts_with('/'))
-        },
-    )
-}
-
-/// Index of the stream with the joint states.
-///
-/// # Errors
-/// The mapping has none.
-pub(crate) fn state_stream(mapping: &Mapping) -> Result<usize, RecordingError> {
-    let has = |s: &StreamMapping| s.messages.iter().any(|m| m.fields.iter().any(|f| f.channel == Channel::Position));
-    let found = mapping.streams.iter().position(has);
-    found.ok_or_else(|| RecordingError::run("mapping", "a stream with joint positions", "none"))
 }
 
 /// The mapping whose joint states the bag has.

@@ -15,7 +15,7 @@ const HEAD: u64 = 16;
 /// Reads all messages of `source` into `sink` and returns what was lost. The file is MCAP or, with the feature `sqlite`, a
 /// sqlite3 database; each may be compressed by zstd as a whole, and so may each message (rosbag2's `compression_mode` FILE and
 /// MESSAGE). What unpacks to a hundred times the bytes of the file, and to more than 32 MB, is lost.
-pub fn read_messages(file: &str, source: impl Read, sink: &mut dyn MessageSink) -> Vec<Loss> {
+pub(crate) fn read_messages(file: &str, source: impl Read, sink: &mut dyn MessageSink) -> Vec<Loss> {
     let bounds = Bounds::default();
     let mut plain = Plain { sink, bounds: bounds.clone(), damaged: None, bytes: Vec::new() };
     let mut lost = read_kind(file, Box::new(bounds.count(source)), &mut plain, &bounds, true);

@@ -6,7 +6,6 @@
 
 use crate::clean::median_interval;
 use crate::derive::{joint_filter, joint_velocity, shorter_turn};
-use crate::faults::FASTEST_BASE;
 use crate::frozen::replace;
 use crate::run::{ActuatorKind, Fault, FaultKind, Run};
 use glam::{DQuat, DVec3};
@@ -14,6 +13,8 @@ use qv_core::statistics::median;
 use qv_core::{GRAVITY, JointSeries};
 use std::borrow::Cow;
 
+/// No walking robot's trunk moves faster \[m/s\].
+pub const FASTEST_BASE: f64 = 10.0;
 /// Correlation from which on two channels say the same.
 const SAME: f64 = 0.8;
 /// Share of the time with joint positions that a channel may lack: with more it costs more of the recording than it tells.

@@ -40,17 +40,6 @@ pub fn joint_velocity(run: &Run) -> Option<Derived> {
     Some(Derived { series: filter.derivative(position), method: describe(filter, "positions"), bandwidth })
 }
 
-/// Joint accelerations \[rad/s²\] from velocities, measured or derived.
-pub fn joint_acceleration(run: &Run) -> Option<Derived> {
-    let (velocity, from) = match &run.measured.velocity {
-        Some(v) => (v.clone(), "velocities"),
-        None => (joint_velocity(run)?.series, "derived velocities"),
-    };
-    let filter = joint_filter(&velocity);
-    let bandwidth = filter.bandwidth(median_interval(&velocity.time), true);
-    Some(Derived { series: filter.derivative(&velocity), method: describe(filter, from), bandwidth })
-}
-
 /// Linear velocity of the base in the world \[m/s\], 3 columns, from poses.
 pub fn base_velocity(pose: &JointSeries) -> Option<Derived> {
     if pose.len() < 4 {

@@ -1,5 +1,7 @@
 //! The error of this crate.
 
+use qv_core::Mismatch;
+
 /// Why a recording could not be turned into a run, or a run not be replayed.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
@@ -62,15 +64,8 @@ pub enum RecordingError {
         found: String,
     },
     /// The recording was read but cannot make a run, such as a bag without states.
-    #[error("{what}: expected {expected}, found {found}")]
-    Run {
-        /// What is missing or off.
-        what: String,
-        /// What was expected.
-        expected: String,
-        /// What was found.
-        found: String,
-    },
+    #[error(transparent)]
+    Run(#[from] Mismatch),
     /// Writing an output failed.
     #[error("writing {what}: {reason}")]
     Write {
@@ -90,7 +85,7 @@ impl RecordingError {
         Self::File { file: file.to_string(), expected: expected.into(), found: found.into() }
     }
 
-    pub(crate) fn run(what: impl Into<String>, expected: impl Into<String>, found: impl Into<String>) -> Self {
-        Self::Run { what: what.into(), expected: expected.into(), found: found.into() }
+    pub(crate) fn run(what: impl Into<String>, expected: impl Into<String>, found: impl ToString) -> Self {
+        Self::Run(Mismatch::new(what, expected, found))
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::clean::median_interval;
 use crate::conventions;
+pub use crate::conventions::FASTEST_BASE;
 use crate::frozen::frozen_channels;
 use crate::mapping::Mapping;
 use crate::run::{Clock, Fault, FaultKind, Run};
@@ -14,9 +15,6 @@ const GAP_PERIODS: f64 = 5.0;
 
 /// No robot's joint turns faster \[rad/s\]: a larger step between samples is a jump.
 pub(crate) const FASTEST_JOINT: f64 = 100.0;
-
-/// No walking robot's trunk moves faster \[m/s\].
-pub const FASTEST_BASE: f64 = 10.0;
 
 /// Joint angles beyond this are hardly radians, unless the joint turns without end.
 const LARGEST_ANGLE: f64 = 20.0;

@@ -23,7 +23,7 @@ pub struct Channel<'a> {
 }
 
 /// Samples in which a channel stood still while the robot moved.
-pub struct FrozenChannel<'a> {
+pub(crate) struct FrozenChannel<'a> {
     /// The channel.
     pub channel: Channel<'a>,
     /// Stretches of samples.
@@ -43,7 +43,7 @@ impl FrozenChannel<'_> {
 }
 
 /// All channels that stood still while the robot moved, which its joint positions tell.
-pub fn frozen_channels(run: &Run) -> Vec<FrozenChannel<'_>> {
+pub(crate) fn frozen_channels(run: &Run) -> Vec<FrozenChannel<'_>> {
     let m = &run.measured;
     let Some(position) = &m.position else { return vec![] };
     let mut found = vec![];

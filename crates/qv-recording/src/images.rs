@@ -11,9 +11,9 @@ use std::collections::BTreeMap;
 use std::io::Read;
 
 /// Message type of images.
-pub const COMPRESSED_IMAGE: &str = "sensor_msgs/msg/CompressedImage";
+pub(crate) const COMPRESSED_IMAGE: &str = "sensor_msgs/msg/CompressedImage";
 /// Message type of intrinsics.
-pub const CAMERA_INFO: &str = "sensor_msgs/msg/CameraInfo";
+pub(crate) const CAMERA_INFO: &str = "sensor_msgs/msg/CameraInfo";
 /// Most images that are kept; of longer recordings every second, fourth and so on.
 const MOST: usize = 512;
 /// Header stamps this near to the log are believed \[ns\].

@@ -40,6 +40,7 @@ mod sqlite;
 pub mod stale;
 pub mod stream;
 mod table;
+mod topic;
 
 pub use bag::{BagFile, read_bag, read_bag_of};
 pub use clean::median_interval;

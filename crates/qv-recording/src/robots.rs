@@ -157,7 +157,7 @@ const CHANNELS: [(&str, Channel); 13] = [
 
 impl Channel {
     /// Whether it is a command.
-    pub fn is_command(self) -> bool {
+    pub(crate) fn is_command(self) -> bool {
         matches!(
             self,
             Self::CommandPosition | Self::CommandVelocity | Self::CommandTorque | Self::CommandKp | Self::CommandKd

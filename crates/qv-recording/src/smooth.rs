@@ -146,17 +146,6 @@ fn solve(mut a: [[f64; MAX_TERMS]; MAX_TERMS], unit: usize, terms: usize) -> Opt
     Some(b)
 }
 
-/// All columns interpolated linearly at `times` \[s\]: resampling, with the end rows held outside the range.
-pub fn resample(series: &JointSeries, times: &[f64]) -> JointSeries {
-    let mut values = vec![f64::NAN; times.len() * series.joints];
-    if !series.is_empty() {
-        for (row, &time) in values.chunks_exact_mut(series.joints.max(1)).zip(times) {
-            series.interpolate(time, row);
-        }
-    }
-    JointSeries { time: times.to_vec(), values, joints: series.joints }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::io::Read;
 
 /// What the reader hands on.
-pub trait MessageSink {
+pub(crate) trait MessageSink {
     /// A channel is announced, once.
     fn channel(&mut self, channel: &ChannelInfo);
     /// A message came.
@@ -21,7 +21,7 @@ pub trait MessageSink {
 
 /// A channel of a file with its schema.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ChannelInfo {
+pub(crate) struct ChannelInfo {
     /// Number within the file.
     pub id: u16,
     /// Topic.

@@ -1,8 +1,8 @@
 //! `replay.mcap`: simulated beside recorded, as a ROS 2 bag that Foxglove and the `mcap` tools of other languages open.
 
-use crate::Replay;
-use crate::ReplayError;
+use crate::joint_state::{joint_state_bytes, row};
 use crate::scene_out::{self, Drawn};
+use crate::{Replay, ReplayError};
 use mcap::records::MessageHeader;
 use qv_recording::cdr::Writer;
 use qv_rollout::Trace;
@@ -261,22 +261,6 @@ fn transforms<'a>(robot: &'a Recorded, i: usize) -> Vec<(String, String, &'a [f6
 
 fn finite(pose: Option<&[f64; 7]>) -> Option<&[f64; 7]> {
     pose.filter(|p| p.iter().all(|x| x.is_finite()))
-}
-
-pub(super) fn row(values: &[f64], i: usize, n: usize) -> &[f64] {
-    values.get(i * n..(i + 1) * n).unwrap_or(&[])
-}
-
-pub(super) fn joint_state_bytes(stamp: u64, names: &[String], states: [&[f64]; 3]) -> Vec<u8> {
-    let mut w = Writer::new();
-    w.time(stamp).string("").u32(names.len() as u32);
-    names.iter().for_each(|n| {
-        w.string(n);
-    });
-    for values in states {
-        w.f64_sequence(values);
-    }
-    w.finish()
 }
 
 fn quaternion(w: &mut Writer, base: &[f64; 7]) {

@@ -1,5 +1,6 @@
 //! The error of this crate.
 
+use qv_core::Mismatch;
 use qv_recording::RecordingError;
 use qv_rollout::RolloutError;
 use qv_sim::SimError;
@@ -8,15 +9,8 @@ use qv_sim::SimError;
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayError {
     /// The run, its robot or the options cannot be used.
-    #[error("{what}: expected {expected}, found {found}")]
-    Run {
-        /// What is missing or off.
-        what: String,
-        /// What was expected.
-        expected: String,
-        /// What was found.
-        found: String,
-    },
+    #[error(transparent)]
+    Run(#[from] Mismatch),
     /// Run and robot.
     #[error(transparent)]
     Rollout(#[from] RolloutError),
@@ -37,15 +31,15 @@ pub enum ReplayError {
 }
 
 impl ReplayError {
-    pub(crate) fn run(what: impl Into<String>, expected: impl Into<String>, found: impl Into<String>) -> Self {
-        Self::Run { what: what.into(), expected: expected.into(), found: found.into() }
+    pub(crate) fn run(what: impl Into<String>, expected: impl Into<String>, found: impl ToString) -> Self {
+        Self::Run(Mismatch::new(what, expected, found))
     }
 }
 
 impl From<ReplayError> for RecordingError {
     fn from(error: ReplayError) -> Self {
         match error {
-            ReplayError::Run { what, expected, found } => Self::Run { what, expected, found },
+            ReplayError::Run(error) => Self::Run(error),
             ReplayError::Rollout(error) => error.into(),
             ReplayError::Recording(error) => error,
             ReplayError::Sim(error) => RolloutError::Sim(error).into(),

@@ -13,6 +13,7 @@ mod errors;
 mod facts;
 mod html;
 mod joint_board;
+mod joint_state;
 mod json;
 mod layout;
 mod scene_out;

@@ -1,7 +1,8 @@
 //! What a viewer draws beside the robots of `replay.mcap`: forces on feet and slips as `foxglove.SceneUpdate`, and errors of joints.
 
+use super::Replay;
 use super::errors::{Phase, foot_phases};
-use super::{Replay, bag_out};
+use crate::joint_state::{joint_state_bytes, row};
 use glam::{DQuat, DVec3};
 use qv_recording::cdr::Writer;
 use qv_rollout::{Feet, Trace};
@@ -192,7 +193,7 @@ fn difference(simulated: &Trace, at: usize, recorded: &Trace, i: usize) -> [Vec<
         (&simulated.torque, &recorded.torque),
     ];
     pairs.map(|(a, b)| {
-        let (a, b) = (bag_out::row(a, at, n), bag_out::row(b, i, n));
+        let (a, b) = (row(a, at, n), row(b, i, n));
         a.iter().zip(b).map(|(a, b)| a - b).collect()
     })
 }
@@ -215,5 +216,5 @@ fn error(replay: &Replay, simulated: &Trace, at: usize, i: usize, stamp: u64) ->
         return None;
     }
     let [position, velocity, torque] = difference(simulated, at, &replay.recorded, i);
-    Some(bag_out::joint_state_bytes(stamp, &replay.joint_names, [&position, &velocity, &torque]))
+    Some(joint_state_bytes(stamp, &replay.joint_names, [&position, &velocity, &torque]))
 }

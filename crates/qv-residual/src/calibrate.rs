@@ -1,8 +1,7 @@
 //! A policy's commands calibrated: a gait that walks a little faster, or bends a little to a side, is asked for a little less of it.
 
 use crate::ResidualError;
-use crate::paths::{Path, walk};
-use crate::tune::SECONDS;
+use crate::paths::{Path, SECONDS, walk};
 use glam::{DMat3, DVec3};
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_fit::linear::{gram, transposed_product};

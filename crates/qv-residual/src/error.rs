@@ -1,5 +1,6 @@
 //! The error of this crate.
 
+use qv_core::Mismatch;
 use qv_fit::FitError;
 use qv_policy::PolicyError;
 use qv_rollout::RolloutError;
@@ -18,27 +19,20 @@ pub enum ResidualError {
     #[error(transparent)]
     Rollout(#[from] RolloutError),
     /// Input that does not serve.
-    #[error("{what}: expected {expected}, found {found}")]
-    Input {
-        /// The recording, file or setting.
-        what: String,
-        /// What serves.
-        expected: String,
-        /// What is there.
-        found: String,
-    },
+    #[error(transparent)]
+    Input(#[from] Mismatch),
 }
 
 impl From<FitError> for ResidualError {
     fn from(error: FitError) -> Self {
         let FitError { what, expected, found } = error;
-        Self::Input { what, expected, found }
+        Self::Input(Mismatch { what, expected, found })
     }
 }
 
 impl ResidualError {
     /// Input that does not serve.
     pub fn input(what: impl Into<String>, expected: impl Into<String>, found: impl ToString) -> Self {
-        Self::Input { what: what.into(), expected: expected.into(), found: found.to_string() }
+        Self::Input(Mismatch::new(what, expected, found))
     }
 }

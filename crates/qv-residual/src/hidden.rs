@@ -3,7 +3,7 @@
 
 mod drawn;
 
-pub use drawn::{Hidden, Outside};
+pub use drawn::{Engine, Hidden, Outside};
 
 use crate::ResidualError;
 use crate::paths::{Path, PathScore, SETTLING, commands, from_start, measured};
@@ -18,15 +18,6 @@ use qv_recording::run::{Actuator, ActuatorKind, Base, JointParameters, Known, Me
 use qv_sim::rapier::{RapierEngine, RapierOptions};
 use qv_sim::{Batch, JointCommand, Model, SensorReading, SimOptions, State};
 use rayon::prelude::*;
-
-/// Which engine moves a hidden robot. Both at 1 ms; policies are trained at 5 ms.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Engine {
-    /// Ours, in double precision and converged.
-    Ours,
-    /// Rapier; a build without the feature `rapier` has ours in its place.
-    Second,
-}
 
 /// Physics step of hidden robots \[s\].
 const STEP: f64 = 0.001;

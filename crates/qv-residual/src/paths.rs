@@ -44,6 +44,8 @@ pub fn place([x, y, turn]: [f32; 3], time: f32) -> [f32; 3] {
 /// How long a robot walks under a command before its path counts \[s\]: to get going from a stand takes every robot half a second, the one
 /// that its simulator describes rightly, too.
 pub const SETTLING: f32 = 1.0;
+/// Length of the walks of a score \[s\].
+pub const SECONDS: f32 = 8.0;
 
 /// A path: x, y \[m\] and heading \[rad\] at each decision, from the place and heading at the start.
 pub type Path = Vec<[f32; 3]>;

@@ -2,7 +2,7 @@
 
 use crate::ResidualError;
 use crate::calibrate::{calibrated, response};
-use crate::paths::{PathScore, commands, walk};
+use crate::paths::{PathScore, SECONDS, commands, walk};
 use qv_policy::compensate::Compensator;
 use qv_policy::policy::Policy;
 use qv_policy::train::{Checkpoint, Line, TrainSettings, Training};
@@ -150,8 +150,6 @@ pub fn train_on(
 
 /// Makes the commands by which an iteration is chosen others than those of scores.
 const CHOOSING: u64 = 0x7a11;
-/// Length of the walks of a score \[s\].
-pub const SECONDS: f32 = 8.0;
 
 /// Robots that walk in the corrected simulator for scores.
 ///

@@ -31,19 +31,6 @@ impl Channel {
             _ => None,
         }
     }
-
-    /// Name in reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Position(_) => "position",
-            Self::Velocity(_) => "velocity",
-            Self::Gyro(_) => "gyro",
-            Self::Attitude(_) => "attitude",
-            Self::Base(_) => "base position",
-            Self::PoseAgainstImu(_) => "pose against IMU",
-            Self::Ground => "height of the ground",
-        }
-    }
 }
 
 /// Channels that `run` has; those of columns that stood still are left out.

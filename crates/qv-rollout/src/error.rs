@@ -1,5 +1,6 @@
 //! The error of this crate.
 
+use qv_core::Mismatch;
 use qv_recording::RecordingError;
 use qv_sim::SimError;
 
@@ -7,15 +8,8 @@ use qv_sim::SimError;
 #[derive(Debug, thiserror::Error)]
 pub enum RolloutError {
     /// The run, the robot and the parameters do not fit together.
-    #[error("{what}: expected {expected}, found {found}")]
-    Run {
-        /// What is missing or off.
-        what: String,
-        /// What was expected.
-        expected: String,
-        /// What was found.
-        found: String,
-    },
+    #[error(transparent)]
+    Run(#[from] Mismatch),
     /// The recording.
     #[error(transparent)]
     Recording(#[from] RecordingError),
@@ -25,19 +19,17 @@ pub enum RolloutError {
 }
 
 impl RolloutError {
-    pub(crate) fn run(what: impl Into<String>, expected: impl Into<String>, found: impl Into<String>) -> Self {
-        Self::Run { what: what.into(), expected: expected.into(), found: found.into() }
+    pub(crate) fn run(what: impl Into<String>, expected: impl Into<String>, found: impl ToString) -> Self {
+        Self::Run(Mismatch::new(what, expected, found))
     }
 }
 
 impl From<RolloutError> for RecordingError {
     fn from(error: RolloutError) -> Self {
         match error {
-            RolloutError::Run { what, expected, found } => Self::Run { what, expected, found },
+            RolloutError::Run(error) => Self::Run(error),
             RolloutError::Recording(error) => error,
-            RolloutError::Sim(error) => {
-                Self::Run { what: "simulator".into(), expected: "a simulation".into(), found: error.to_string() }
-            }
+            RolloutError::Sim(error) => Self::Run(Mismatch::new("simulator", "a simulation", error)),
         }
     }
 }

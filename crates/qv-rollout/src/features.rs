@@ -13,13 +13,13 @@ use qv_core::JointSeries;
 use qv_recording::Run;
 
 /// Times of the samples of a window that starts at `start`: after each interval.
-pub fn sample_times<'a>(rollout: &'a Rollout, start: f64) -> impl Iterator<Item = f64> + 'a {
+pub(crate) fn sample_times<'a>(rollout: &'a Rollout, start: f64) -> impl Iterator<Item = f64> + 'a {
     let count = rollout.cut.bins() * rollout.cut.samples_per_bin();
     (1..=count).map(move |k| start + k as f64 * rollout.cut.sample)
 }
 
 /// The measured attitude of the base at each sample, `world_from_base`; `None` when it cannot be told.
-pub fn attitudes(rollout: &Rollout, view: &Run, starts: &Starts, start: f64) -> Option<Vec<DQuat>> {
+pub(crate) fn attitudes(rollout: &Rollout, view: &Run, starts: &Starts, start: f64) -> Option<Vec<DQuat>> {
     let yaw = yaw_of_imu(rollout, view, starts, start)?;
     sample_times(rollout, start).map(|t| attitude_at(view, yaw, &SensorErrors::default(), t)).collect()
 }

@@ -44,7 +44,7 @@ impl WindowOptions {
     }
 
     /// Samples in a bin.
-    pub fn samples_per_bin(&self) -> usize {
+    pub(crate) fn samples_per_bin(&self) -> usize {
         (self.bin / self.sample).round() as usize
     }
 }

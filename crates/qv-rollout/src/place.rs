@@ -116,7 +116,7 @@ impl Rollout<'_> {
     /// 5 mm of the lowest, and the depth to which the robot's weight on that many feet sinks in. Feet that only touched
     /// would slide freely until they have sunk in.
     /// `None` where no foot is over ground.
-    pub fn ground_at(&self, setting: &Overrides, q: &[f64]) -> Option<f64> {
+    pub(crate) fn ground_at(&self, setting: &Overrides, q: &[f64]) -> Option<f64> {
         let (touching, feet) = self.gap_below(setting, q);
         let share = self.feet.geoms.len() as f64 / feet as f64;
         (feet > 0).then(|| touching + share * self.standing_depth(setting))
@@ -142,13 +142,13 @@ impl Rollout<'_> {
     }
 
     /// Mean height above the ground of the lowest feet \[m\], and how many those are.
-    pub fn gap_below(&self, setting: &Overrides, q: &[f64]) -> (f64, usize) {
+    pub(crate) fn gap_below(&self, setting: &Overrides, q: &[f64]) -> (f64, usize) {
         let near: Vec<f64> = self.lowest_feet(setting, q).into_iter().map(|f| f.1).collect();
         (if near.is_empty() { 0.0 } else { near.iter().sum::<f64>() / near.len() as f64 }, near.len())
     }
 
     /// Where the lowest feet are, within 5 mm, x and y, and their heights above the ground \[m\].
-    pub fn lowest_feet(&self, setting: &Overrides, q: &[f64]) -> Vec<([f64; 2], f64)> {
+    pub(crate) fn lowest_feet(&self, setting: &Overrides, q: &[f64]) -> Vec<([f64; 2], f64)> {
         let length = |link: usize| self.value_of(setting, ActsOn::Link(link, LinkField::LengthScale));
         let poses = self.model.world_from_scaled_links(q, length);
         let [slope_x, slope_y] =

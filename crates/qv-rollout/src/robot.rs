@@ -146,7 +146,7 @@ impl<'a> Rollout<'a> {
     }
 
     /// Value of a part's parameter under a setting; 0 for a part that is not there.
-    pub fn value_of(&self, setting: &Overrides, part: ActsOn) -> f64 {
+    pub(crate) fn value_of(&self, setting: &Overrides, part: ActsOn) -> f64 {
         self.parameter_of(part).map_or(0.0, |id| self.value(setting, id))
     }
 
@@ -167,7 +167,7 @@ impl<'a> Rollout<'a> {
     }
 
     /// The event that acts longest between two times \[s\]: the simulator knows one at a time.
-    pub fn event_between(&self, from: f64, until: f64) -> Option<&Event> {
+    pub(crate) fn event_between(&self, from: f64, until: f64) -> Option<&Event> {
         let shared = |e: &&Event| e.time[1].min(until) - e.time[0].max(from);
         self.events.iter().filter(|e| shared(e) > 0.0).max_by(|a, b| shared(a).total_cmp(&shared(b)))
     }
@@ -198,7 +198,7 @@ impl<'a> Rollout<'a> {
 
     /// The parameter that says when in its run a simulation begins, and its value for one that begins `since` \[s\] the recording's start; `None`
     /// where nothing depends on it.
-    pub fn run_start(&self, setting: &Overrides, since: f64) -> Option<(usize, f64)> {
+    pub(crate) fn run_start(&self, setting: &Overrides, since: f64) -> Option<(usize, f64)> {
         let is_drift = |part| matches!(part, ActsOn::Joint(_, JointField::StrengthDrift));
         let drifts = self.set(setting).any(|s| is_drift(s.0) && s.1 != 0.0);
         let id = self.parameter_of(ActsOn::World(WorldField::RunStart)).filter(|_| drifts)?;

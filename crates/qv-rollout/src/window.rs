@@ -56,13 +56,6 @@ impl Window {
         Self { moving, since, ..self }
     }
 
-    /// The same stretch where something else was recorded.
-    pub fn seen_as(&self, view: Run) -> Self {
-        let Self { start, since, moving, held_out, run, .. } = *self;
-        let attitude = self.attitude.clone();
-        Self { start, since, view, attitude, moving, held_out, run, start_kept: Kept::default(), held: OnceLock::new() }
-    }
-
     /// Its commands.
     ///
     /// # Errors
@@ -82,7 +75,7 @@ impl Window {
     }
 
     /// The state that is measured at its start, freed of what is known of the sensors' errors; `None` where something is missing.
-    pub fn measured_start(&self, rollout: &Rollout) -> Option<State> {
+    pub(crate) fn measured_start(&self, rollout: &Rollout) -> Option<State> {
         let errors = rollout.sensor_errors(&Overrides::new());
         rollout.starts(&self.view, errors).ok()?.at(self.start)
     }

@@ -1,11 +1,12 @@
 //! Recipes drawn until one of them is a valid recording.
 
 use crate::effects::{Cause, EFFECTS, needs_our_engine};
-use crate::recipe::{self, Engine, Recipe};
-use crate::record::{Outcome, record};
-use crate::scout::Scout;
+use crate::engine::Engine;
+use crate::recipe::{self, Recipe};
+use crate::record::{Outcome, record, scout};
 use crate::sections::Plan;
 use crate::withheld::{WITHHELD, Withheld};
+use qv_core::Mismatch;
 use qv_core::random::{SplitMix64, sub_seed};
 use qv_go2::synthetic::{Deviations, Message};
 use qv_recording::RecordingError;
@@ -100,11 +101,8 @@ pub fn make(request: &Request, seed: u64) -> Result<Made, RecordingError> {
             (Outcome::Stood { .. }, messages) => return Ok(Made { drawn, rejected, messages }),
         }
     }
-    Err(RecordingError::Run {
-        what: format!("recording of {:?} from seed {seed}", request.wanted),
-        expected: format!("a valid draw among {ATTEMPTS}"),
-        found: format!("none: {rejected:?}"),
-    })
+    let what = format!("recording of {:?} from seed {seed}", request.wanted);
+    Err(Mismatch::new(what, format!("a valid draw among {ATTEMPTS}"), format!("none: {rejected:?}")).into())
 }
 
 /// The recipe that [`make`] took after `redraws` rejections, without recording it again.
@@ -113,17 +111,15 @@ pub fn make(request: &Request, seed: u64) -> Result<Made, RecordingError> {
 /// When a name is unknown, or this draw cannot have been the one taken.
 pub fn redraw(request: &Request, seed: u64, redraws: u64) -> Result<Drawn, RecordingError> {
     check(&request.wanted)?;
-    draw(request, sub_seed(seed, redraws))?.map_err(|reason| RecordingError::Run {
-        what: format!("draw {redraws} of {:?} from seed {seed}", request.wanted),
-        expected: "the one that was recorded".into(),
-        found: format!("one that was rejected: {reason:?}"),
+    draw(request, sub_seed(seed, redraws))?.map_err(|reason| {
+        let what = format!("draw {redraws} of {:?} from seed {seed}", request.wanted);
+        Mismatch::new(what, "the one that was recorded", format!("one that was rejected: {reason:?}")).into()
     })
 }
 
 fn check(wanted: &Wanted) -> Result<(), RecordingError> {
     let unknown = |name: &str, known: &[&str]| {
-        let (what, expected) = ("effect of a recording".into(), format!("one of {}", known.join(", ")));
-        Err(RecordingError::Run { what, expected, found: name.into() })
+        Err(Mismatch::new("effect of a recording", format!("one of {}", known.join(", ")), name).into())
     };
     match wanted {
         Wanted::Nothing => Ok(()),
@@ -152,7 +148,7 @@ fn draw(request: &Request, seed: u64) -> Result<Result<Drawn, Rejection>, Record
         withheld: None,
         ground: None,
     };
-    let Some(scout) = Scout::run(&recipe)? else { return Ok(Err(Rejection::FallsAnyway)) };
+    let Some(scout) = scout(&recipe)? else { return Ok(Err(Rejection::FallsAnyway)) };
     match &request.wanted {
         Wanted::Nothing => {}
         Wanted::Effects(names) => {

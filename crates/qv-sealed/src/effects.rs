@@ -1,7 +1,7 @@
 //! The named effects: how large, on which part of the robot or floor, and through which parameters of the simulator.
 
-use crate::record::SETTLING;
 use crate::scout::Scout;
+use crate::sections::SETTLING;
 use qv_core::random::SplitMix64;
 use qv_go2::model::{self, JOINT_NAMES, LEGS};
 

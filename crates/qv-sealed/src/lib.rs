@@ -8,6 +8,7 @@
 
 mod draw;
 mod effects;
+mod engine;
 mod mixed;
 mod plant;
 mod recipe;
@@ -18,8 +19,9 @@ mod withheld;
 
 pub use draw::{ATTEMPTS, Drawn, EngineChoice, Made, Rejection, Request, Wanted, make, redraw};
 pub use effects::{Cause, EFFECTS, Figure, Region, confusable_group, interface, needs_our_engine};
+pub use engine::Engine;
 pub use mixed::{GRIPPY, MixedGround, SLIPPERY, make_mixed, redraw_mixed};
-pub use recipe::{Engine, Recipe};
-pub use record::{Outcome, SETTLING, record};
-pub use sections::{Plan, Section};
+pub use recipe::Recipe;
+pub use record::{Outcome, record};
+pub use sections::{Plan, SETTLING, Section};
 pub use withheld::{WITHHELD, Withheld};

@@ -1,8 +1,9 @@
 //! Recordings on ground of several labelled materials, whose frictions only the answers tell.
 
 use crate::draw::{ATTEMPTS, EngineChoice, Rejection};
+use crate::engine::Engine;
 use crate::plant::Plant;
-use crate::recipe::{self, Engine, Recipe};
+use crate::recipe::{self, Recipe};
 use crate::record::{Outcome, record_seen};
 use crate::sections::{Plan, Section};
 use glam::{DQuat, DVec3};
@@ -88,11 +89,8 @@ pub fn make_mixed(
             }
         }
     }
-    Err(RecordingError::Run {
-        what: format!("recording on mixed ground from seed {seed}"),
-        expected: format!("a valid draw among {ATTEMPTS}"),
-        found: format!("none: {rejected:?}"),
-    })
+    let what = format!("recording on mixed ground from seed {seed}");
+    Err(qv_core::Mismatch::new(what, format!("a valid draw among {ATTEMPTS}"), format!("none: {rejected:?}")).into())
 }
 
 /// What [`make_mixed`] took after `redraws` rejections, without recording it again.

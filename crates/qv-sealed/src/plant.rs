@@ -1,6 +1,6 @@
 //! Either engine behind the few questions that a recorder asks.
 
-use crate::recipe::Engine;
+use crate::engine::Engine;
 use qv_core::TriangleMesh;
 use qv_go2::messages::LowCmd;
 use qv_go2::synthetic::simulator;
@@ -106,11 +106,12 @@ impl Plant {
             #[cfg(feature = "rapier")]
             Engine::Second { .. } => second(engine, &terrain, parameters).map_err(simulator),
             #[cfg(not(feature = "rapier"))]
-            Engine::Second { .. } => Err(RecordingError::Run {
-                what: "engine of a recording".into(),
-                expected: "qv-go2 built with the feature `rapier` for the second engine".into(),
-                found: "a build without it".into(),
-            }),
+            Engine::Second { .. } => Err(qv_core::Mismatch::new(
+                "engine of a recording",
+                "qv-go2 built with the feature `rapier` for the second engine",
+                "a build without it",
+            )
+            .into()),
         }
     }
 

@@ -1,7 +1,10 @@
 //! A recipe carried out.
 
+use crate::engine::Engine;
 use crate::plant::Plant;
 use crate::recipe::Recipe;
+use crate::scout::Scout;
+use crate::sections::SETTLING;
 use crate::withheld::Disturbance;
 use qv_core::random::SplitMix64;
 use qv_go2::messages::{self, LowCmd};
@@ -9,9 +12,6 @@ use qv_go2::model;
 use qv_go2::synthetic::{self, COMMAND_DELAY, INTERVAL, Message, START, STATES_PER_POSE, simulator};
 use qv_recording::RecordingError;
 use qv_sim::{SensorReading, State};
-
-/// A standing robot settles this long before its recording starts \[s\].
-pub const SETTLING: f64 = 1.0;
 
 /// Time between two states \[s\].
 const BETWEEN_STATES: f64 = 0.002;
@@ -112,6 +112,23 @@ pub(crate) fn follow(
         }
     }
     Ok(Outcome::Stood { end, in_region })
+}
+
+/// Runs a recipe's motion ahead, without effects and in our engine; `None` when the robot falls even so.
+///
+/// # Errors
+/// When a parameter means nothing.
+pub(crate) fn scout(recipe: &Recipe) -> Result<Option<Scout>, RecordingError> {
+    let engine = Engine::Ours { timestep: 0.001, impratio: 10.0, contact_dimension: 3, time_constant: 0.008 };
+    let nominal = Recipe { engine, ..recipe.without_effects() };
+    let mut plant = Plant::on(&nominal.engine, nominal.ground.as_ref(), &nominal.parameters())?;
+    let mut scout = Scout { torque: Vec::new(), speed: Vec::new(), path: Vec::new() };
+    let outcome = follow(&nominal, &mut plant, |_, _, seen, state| {
+        scout.torque.push(std::array::from_fn(|j| seen.tau[j]));
+        scout.speed.push(std::array::from_fn(|j| state.v[6 + j]));
+        scout.path.push([state.q[0], state.q[1]]);
+    })?;
+    Ok(matches!(outcome, Outcome::Stood { .. }).then_some(scout))
 }
 
 /// Lower than this over the floor the trunk lies on its legs: the deepest squat has it at 0.23 m \[m\].

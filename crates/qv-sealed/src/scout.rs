@@ -1,10 +1,5 @@
 //! A run ahead without effects in our engine: which torques, speeds and places a motion really uses.
 
-use crate::plant::Plant;
-use crate::recipe::{Engine, Recipe};
-use crate::record::{Outcome, follow};
-use qv_recording::RecordingError;
-
 /// What a motion uses when nothing is wrong, at 500 Hz.
 pub(crate) struct Scout {
     /// Torques \[N m\] in joint order.
@@ -16,23 +11,6 @@ pub(crate) struct Scout {
 }
 
 impl Scout {
-    /// Runs the motion; `None` when the robot falls even so.
-    ///
-    /// # Errors
-    /// When a parameter means nothing.
-    pub fn run(recipe: &Recipe) -> Result<Option<Self>, RecordingError> {
-        let engine = Engine::Ours { timestep: 0.001, impratio: 10.0, contact_dimension: 3, time_constant: 0.008 };
-        let nominal = Recipe { engine, ..recipe.without_effects() };
-        let mut plant = Plant::on(&nominal.engine, nominal.ground.as_ref(), &nominal.parameters())?;
-        let mut scout = Self { torque: Vec::new(), speed: Vec::new(), path: Vec::new() };
-        let outcome = follow(&nominal, &mut plant, |_, _, seen, state| {
-            scout.torque.push(std::array::from_fn(|j| seen.tau[j]));
-            scout.speed.push(std::array::from_fn(|j| state.v[6 + j]));
-            scout.path.push([state.q[0], state.q[1]]);
-        })?;
-        Ok(matches!(outcome, Outcome::Stood { .. }).then_some(scout))
-    }
-
     /// The value that this share of the samples of these joints stays below.
     pub fn quantile(&self, of: &[[f64; 12]], joints: &[usize], share: f64) -> f64 {
         let mut all: Vec<f64> = of.iter().flat_map(|row| joints.iter().map(|&j| row[j].abs())).collect();
@@ -43,7 +21,7 @@ impl Scout {
 
     /// Share of the samples of these joints whose torque along the motion is above what a motor gives whose torque of
     /// `effort` \[N m\] falls from `knee` to `zero` \[rad/s\].
-    pub fn over_speed_limit(&self, joints: &[usize], effort: &[f64; 12], knee: f64, zero: f64) -> f64 {
+    pub(crate) fn over_speed_limit(&self, joints: &[usize], effort: &[f64; 12], knee: f64, zero: f64) -> f64 {
         let mut over = 0;
         for (torque, speed) in self.torque.iter().zip(&self.speed) {
             for &j in joints {

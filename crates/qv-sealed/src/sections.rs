@@ -5,6 +5,9 @@ use qv_go2::gait::{Chirp, Squat, Trot};
 use qv_go2::model::STAND;
 use std::f64::consts::TAU;
 
+/// A standing robot settles this long before its recording starts \[s\].
+pub const SETTLING: f64 = 1.0;
+
 /// One part of a motion; figures in its own terms, time from its own start.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Section {

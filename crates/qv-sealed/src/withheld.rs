@@ -159,7 +159,7 @@ impl<'a> Disturbance<'a> {
     }
 
     /// What reaches the motors of a command that was sent at `time` \[s\] of the recording.
-    pub fn arriving(&mut self, time: f64, sent: LowCmd) -> LowCmd {
+    pub(crate) fn arriving(&mut self, time: f64, sent: LowCmd) -> LowCmd {
         if self.effect.name != "dropped_commands" {
             return sent;
         }
@@ -243,7 +243,7 @@ impl<'a> Disturbance<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recipe::Engine;
+    use crate::engine::Engine;
 
     fn effect(name: &'static str, sizes: &[(&'static str, f64)]) -> Withheld {
         let sizes = sizes.iter().map(|(name, value)| (*name, *value, "")).collect();

@@ -2,23 +2,27 @@
 
 mod bulk;
 pub(crate) mod lanes_of;
+pub(crate) mod quantities;
 mod transfer;
 
-pub use bulk::{BatchCommand, ContactPoint, LaneState};
-pub use lanes_of::Dispatch;
+pub use bulk::LaneState;
+pub use lanes_of::Precision;
+pub use quantities::ContactPoint;
 
+use crate::SimError;
+use crate::commands::JointCommand;
 use crate::engine::block::{Block, Work};
 use crate::engine::collide::Colliders;
 use crate::engine::derive::Deriver;
 use crate::engine::step::Shared;
 use crate::engine::topology::Topology;
 use crate::engine::weights::Weights;
+use crate::error::{finite, length};
 use crate::model::Model;
 use crate::options::SimOptions;
 use crate::parameters::{Catalogue, ParameterInfo};
 use crate::sensors::SensorReading;
 use crate::terrain::Terrain;
-use crate::{Precision, SimError};
 use lanes_of::Engine;
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -34,39 +38,6 @@ pub struct State {
     pub q: Vec<f64>,
     /// Shape `[nv]`.
     pub v: Vec<f64>,
-}
-
-/// One low-level command, all of shape `[joints]`: `tau = kp (q - q_measured) + kd (dq - dq_measured) + tau`.
-#[derive(Debug, Clone, Copy)]
-pub struct JointCommand<'a> {
-    /// Desired position \[rad\].
-    pub q: &'a [f64],
-    /// Desired speed \[rad/s\].
-    pub dq: &'a [f64],
-    /// Position gain \[N m/rad\].
-    pub kp: &'a [f64],
-    /// Velocity gain \[N m s/rad\].
-    pub kd: &'a [f64],
-    /// Feed-forward torque \[N m\].
-    pub tau: &'a [f64],
-}
-
-impl JointCommand<'_> {
-    /// # Errors
-    /// When an array has another length than `joints`, or a number is not finite.
-    pub(crate) fn check(&self, joints: usize) -> Result<(), SimError> {
-        for (what, values) in [
-            ("commanded positions", self.q),
-            ("commanded speeds", self.dq),
-            ("position gains", self.kp),
-            ("velocity gains", self.kd),
-            ("feed-forward torques", self.tau),
-        ] {
-            length(what, joints, values.len())?;
-            finite(what, values)?;
-        }
-        Ok(())
-    }
 }
 
 /// A copy of all states and parameters of a batch.
@@ -533,21 +504,4 @@ fn neutral_weights(
     deriver.apply_all(&catalogue.neutral(), 0, &mut block)?;
     let mut work = Work::new(topology, &[], 0, options.contact_dimension);
     Ok(Weights::new(topology, &block, &mut work))
-}
-
-pub(crate) fn length(what: &'static str, expected: usize, found: usize) -> Result<(), SimError> {
-    if expected == found { Ok(()) } else { Err(SimError::Length { what, expected, found }) }
-}
-
-pub(crate) fn finite(what: &str, values: &[f64]) -> Result<(), SimError> {
-    // Any number times zero is zero, but for NaN and infinities; a sum is checked faster than each.
-    if values.iter().fold(0.0, |sum, v| sum + v * 0.0) == 0.0 {
-        return Ok(());
-    }
-    match values.iter().position(|v| !v.is_finite()) {
-        Some(i) => {
-            Err(SimError::Value { what: format!("{what} {i}"), expected: "a finite number".into(), found: values[i] })
-        }
-        None => Ok(()),
-    }
 }

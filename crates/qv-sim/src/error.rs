@@ -92,3 +92,22 @@ pub enum SimError {
     #[error("snapshot: expected one of this batch (same model, count, precision), found another")]
     Snapshot,
 }
+
+/// Complains of an array of another length.
+pub(crate) fn length(what: &'static str, expected: usize, found: usize) -> Result<(), SimError> {
+    if expected == found { Ok(()) } else { Err(SimError::Length { what, expected, found }) }
+}
+
+/// Complains of the first number that is none.
+pub(crate) fn finite(what: &str, values: &[f64]) -> Result<(), SimError> {
+    // Any number times zero is zero, but for NaN and infinities; a sum is checked faster than each.
+    if values.iter().fold(0.0, |sum, v| sum + v * 0.0) == 0.0 {
+        return Ok(());
+    }
+    match values.iter().position(|v| !v.is_finite()) {
+        Some(i) => {
+            Err(SimError::Value { what: format!("{what} {i}"), expected: "a finite number".into(), found: values[i] })
+        }
+        None => Ok(()),
+    }
+}

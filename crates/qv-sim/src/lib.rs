@@ -22,6 +22,7 @@
 pub use {glam, qv_core};
 
 mod batch;
+mod commands;
 mod engine;
 mod error;
 #[cfg(test)]
@@ -41,7 +42,8 @@ pub mod servos;
 mod terrain;
 pub mod urdf;
 
-pub use batch::{Batch, BatchCommand, ContactPoint, JointCommand, LaneState, Snapshot, State};
+pub use batch::{Batch, ContactPoint, LaneState, Precision, Snapshot, State};
+pub use commands::{BatchCommand, JointCommand};
 pub use error::SimError;
 pub use model::inertia::{MassProperties, Payload};
 pub use model::{BaseKind, Frame, Geom, Joint, JointKind, Link, Mechanics, MeshVertices, Model, ModelOptions, Shape};
@@ -50,8 +52,3 @@ pub use options::{LineSearch, SimOptions, WarmStart};
 pub use parameters::{ActsOn, GeomField, JointField, LinkField, ParameterInfo, WorldField};
 pub use sensors::SensorReading;
 pub use terrain::{DEFAULT_FRICTION, Terrain};
-
-/// The precision of a simulation: `f64` or `f32`.
-pub trait Precision: batch::Dispatch {}
-impl Precision for f64 {}
-impl Precision for f32 {}

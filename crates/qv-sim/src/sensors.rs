@@ -1,6 +1,7 @@
 //! What the robot's sensors report: the state as its encoders, IMU, force sensors and localisation see it.
 
 use crate::batch::lanes_of::Engine;
+use crate::batch::quantities::BaseMotion;
 use crate::engine::step::Shared;
 use crate::model::Model;
 use crate::parameters::{Catalogue, JointField, WorldField};
@@ -99,23 +100,6 @@ pub(crate) fn read(
     let seen = imu_reading(&motion, base_from_imu(model, imu), shared.options.gravity, world);
     (reading.gyro, reading.acc, reading.imu_orientation) = (seen.gyro, seen.acc, seen.orientation);
     Ok(reading)
-}
-
-/// How the base moves: positions, velocities and accelerations of its seven and six coordinates.
-pub(crate) struct BaseMotion {
-    pub q: [f64; 7],
-    pub v: [f64; 6],
-    pub a: [f64; 6],
-}
-
-impl BaseMotion {
-    fn of(q: &[f64], v: &[f64], a: &[f64]) -> Self {
-        let mut out = Self { q: [0.0; 7], v: [0.0; 6], a: [0.0; 6] };
-        out.q.copy_from_slice(&q[..7]);
-        out.v.copy_from_slice(&v[..6]);
-        out.a.copy_from_slice(&a[..6]);
-        out
-    }
 }
 
 /// What an IMU reports.

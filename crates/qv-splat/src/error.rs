@@ -35,6 +35,12 @@ pub enum SplatError {
         /// What the file claims.
         found: u64,
     },
+    /// A format that other tools convert.
+    #[error("cannot read {format}: splat-transform (PlayCanvas) converts it, as in `splat-transform IN scene.ply`")]
+    Unread {
+        /// The format, with its article.
+        format: &'static str,
+    },
     /// A cloud that is to be written is off.
     #[error("cloud to write: {0}")]
     Cloud(#[from] qv_core::CoreError),

@@ -1,6 +1,6 @@
 //! Gaussian splats on disk, and the cameras of a capture.
 //!
-//! [`files`] reads and writes 3DGS PLY, compressed PLY, SPZ and glTF `KHR_gaussian_splatting`, and reads `.splat`, `.ksplat` and SOG;
+//! [`files`] reads and writes 3DGS PLY, compressed PLY, SPZ and glTF `KHR_gaussian_splatting`, and reads `.splat`;
 //! `docs/splat_files.md` has the layouts, their sources and their quantisation. [`captures`] reads the cameras that images were taken with:
 //! nerfstudio, COLMAP, RGB-D folders, and a JSON of our own. [`lens`] draws what a distorted camera sees.
 //!

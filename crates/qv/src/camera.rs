@@ -3,7 +3,7 @@
 use crate::RunArguments;
 use crate::open::{bag_files, file_error};
 use qv_camera::{Intrinsics, Photograph, Rig};
-use qv_core::Pose;
+use qv_core::{Mismatch, Pose};
 use qv_recording::images::{CameraInfo, Images, read_images};
 use qv_recording::run::Clock;
 use qv_recording::{RecordingError, Run};
@@ -141,7 +141,7 @@ pub fn open_images(
             (true, None) => "none".into(),
             (false, None) => format!("images on {}", found.topics.join(", ")),
         };
-        return Err(RecordingError::Run { what: "images".into(), expected, found: there });
+        return Err(Mismatch::new("images", expected, there).into());
     }
     let mut notes = Vec::new();
     if let Some((count, why)) = &found.damaged {
@@ -194,10 +194,8 @@ fn table_images(path: &Path) -> Result<Vec<(f64, String)>, RecordingError> {
 pub fn photographs(images: &[(f64, Vec<u8>)], camera: &RobotCamera) -> Result<Vec<Photograph>, RecordingError> {
     let Intrinsics { width, height, .. } = camera.rig.intrinsics;
     let one = |(time, bytes): &(f64, Vec<u8>)| {
-        let about = |expected: String, found: String| RecordingError::Run {
-            what: format!("image at {time:.3} s"),
-            expected,
-            found,
+        let about = |expected: String, found: String| -> RecordingError {
+            Mismatch::new(format!("image at {time:.3} s"), expected, found).into()
         };
         let decoded = pictures::read(bytes).map_err(|found| about("a JPEG or PNG image".into(), found))?;
         if (decoded.width(), decoded.height()) != (width, height) {

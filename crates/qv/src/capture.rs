@@ -1,14 +1,12 @@
 //! Captures on disk: cameras with photographs, and points to begin with.
 
 use crate::Failure;
-use crate::scene::{OpenCameras, about, document, find_cameras};
+use crate::outcome::about;
+use crate::scene::{OpenCameras, document, find_cameras, find_file, folders_of};
 use qv_splat::captures::{Capture, colmap_points};
 use qv_splat::files::{Points, points};
 use std::fs;
 use std::path::{Path, PathBuf};
-
-/// Endings that are tried when a capture names its images without one.
-const ENDINGS: [&str; 4] = ["", ".png", ".jpg", ".jpeg"];
 
 /// A capture with the folder that its paths are relative to.
 pub struct OpenCapture {
@@ -42,16 +40,6 @@ fn is_by_colmap(path: &Path, folder: &Path) -> bool {
     first.is_some_and(|frame| ["colmap_im_id", "sharpness"].iter().any(|key| frame.get(key).is_some()))
 }
 
-/// Where the files of a capture in `folder` are looked for.
-pub fn folders_of(folder: &Path) -> Vec<PathBuf> {
-    // A model that is opened from within its folder has folders above it, too.
-    let whole = fs::canonicalize(if folder.as_os_str().is_empty() { Path::new(".") } else { folder });
-    let folder = whole.as_deref().unwrap_or(folder);
-    // COLMAP's images lie in a folder beside the model.
-    let above = folder.ancestors().take(3).map(|above| above.join("images"));
-    std::iter::once(folder.to_path_buf()).chain(above).collect()
-}
-
 /// What `transforms.json` names as its points, `points.ply`, or the points of the COLMAP model; and what of them is of no use.
 fn points_of(path: &Path, folder: &Path, model: Option<&Path>) -> Result<(Option<Points>, Option<String>), Failure> {
     let file = if path.is_dir() { folder.join("transforms.json") } else { path.to_path_buf() };
@@ -82,49 +70,4 @@ impl OpenCapture {
         let found = find_file(&self.folders, path)?;
         fs::read(&found).map_err(|e| format!("{}: {e}", found.display()))
     }
-}
-
-/// A file of a capture as it is named, else with backslashes as slashes, an ending that was left out, letters of the other case; a path from
-/// another machine by its last parts.
-///
-/// # Errors
-/// Where it was looked for, in words.
-pub fn find_file(folders: &[PathBuf], path: &str) -> Result<PathBuf, String> {
-    let slashed = path.replace('\\', "/");
-    let names = [path.trim_start_matches("./"), slashed.trim_start_matches("./")];
-    let is_absolute = slashed.starts_with('/') || slashed.as_bytes().get(1) == Some(&b':');
-    let tails = || slashed.match_indices('/').map(|(at, _)| &slashed[at + 1..]);
-    let tails: Vec<&str> = if is_absolute { tails().collect() } else { vec![] };
-    for name in names.iter().take(if names[0] == names[1] { 1 } else { 2 }).chain(&tails) {
-        for folder in folders {
-            let there = ENDINGS.iter().map(|ending| folder.join(format!("{name}{ending}"))).find(|c| c.is_file());
-            if let Some(found) =
-                there.or_else(|| ENDINGS.iter().find_map(|e| other_case(folder, &format!("{name}{e}"))))
-            {
-                return Ok(found);
-            }
-        }
-    }
-    let mut there = folders.iter().filter(|folder| folder.is_dir()).map(|folder| folder.join(names[1]));
-    let first = there.next().unwrap_or_default();
-    let others: Vec<String> = there.map(|place| format!(" nor at {}", place.display())).collect();
-    Err(format!("none at {}{}", first.display(), others.concat()))
-}
-
-/// The one file whose path differs from `name` in upper and lower case alone.
-fn other_case(folder: &Path, name: &str) -> Option<PathBuf> {
-    let mut place = folder.to_path_buf();
-    for part in name.split('/') {
-        if part == ".." || place.join(part).exists() {
-            place.push(part);
-            continue;
-        }
-        let entries = fs::read_dir(&place).ok()?.flatten().map(|entry| entry.file_name());
-        let mut alike = entries.filter(|entry| entry.to_string_lossy().eq_ignore_ascii_case(part));
-        match (alike.next(), alike.next()) {
-            (Some(one), None) => place.push(one),
-            _ => return None,
-        }
-    }
-    place.is_file().then_some(place)
 }

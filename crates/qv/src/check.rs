@@ -3,9 +3,10 @@
 use crate::capture::open_capture;
 use crate::mesh_file::vertices;
 use crate::open::{model_of, open_run, read_model, read_urdf};
+use crate::outcome::about;
 #[cfg(feature = "learn")]
 use crate::policy_child;
-use crate::scene::{about, is_plain_ply, open_scene, rgbd_layout};
+use crate::scene::{is_plain_ply, open_scene, rgbd_layout};
 use crate::terminal::print_message;
 use crate::{Failure, Outcome, Reading, RunArguments, foreign, say};
 use qv_mesh::files::{glb, ply};
@@ -113,14 +114,14 @@ fn look_at(path: &Path) -> Result<Found, Failure> {
     if ends(&[".urdf", ".xml", ".xacro", ".sdf", ".mjcf"]) || is_markup(&head) {
         return robot(path);
     }
-    if ends(&[".splat", ".ksplat"]) || Format::of_content(&head).is_ok() || is_plain_ply(&head) {
+    if ends(&[".splat", ".ksplat", ".sog"]) || Format::of_content(&head).is_ok() || is_plain_ply(&head) {
         return scene(path).or_else(|no_scene| terrain(path).map_err(|_| no_scene));
     }
     if ends(&[".json"]) {
         return capture(path);
     }
     let expected = "expected a recording (.mcap, .db3, .csv, .parquet), a robot (URDF), a capture (transforms.json), a scene (.ply, .spz, .glb, \
-        .gltf, .splat, .ksplat, .sog), a terrain (.glb, .ply) or a policy (.onnx)";
+        .gltf, .splat), a terrain (.glb, .ply) or a policy (.onnx)";
     Err(about(path, format!("{expected}, found none of them")))
 }
 

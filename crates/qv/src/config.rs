@@ -4,7 +4,7 @@
 //! where something is written nor to whom something is sent; one of another user says nothing.
 
 use crate::Failure;
-use crate::scene::about;
+use crate::outcome::about;
 use clap::{Arg, ArgAction, Command};
 use qv_sim::names::unknown;
 use std::collections::BTreeSet;

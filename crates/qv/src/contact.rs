@@ -133,7 +133,7 @@ impl Contact {
 
     fn of_terrain(&self, error: ContactError) -> RecordingError {
         match error {
-            ContactError::Run { expected, found, .. } => file_error(&self.terrain, &expected, &found),
+            ContactError::Run(error) => file_error(&self.terrain, &error.expected, &error.found),
             other => replay_error(other),
         }
     }
@@ -188,7 +188,7 @@ fn replay_error(error: ContactError) -> RecordingError {
     match error {
         ContactError::Rollout(error) => error.into(),
         ContactError::Prior { file, expected, found } => RecordingError::File { file, expected, found },
-        ContactError::Run { what, expected, found } => RecordingError::Run { what, expected, found },
+        ContactError::Run(error) => error.into(),
         ContactError::Sim(error) => RolloutError::Sim(error).into(),
     }
 }

@@ -13,7 +13,7 @@ use crate::terminal::print_message;
 #[cfg(feature = "learn")]
 use crate::walk::trial::Tried;
 use crate::{Outcome, Reading, RunArguments, say};
-use qv_camera::{CameraError, EFFECTS, Footage, Look, LookOptions, Photograph, check, html, look};
+use qv_camera::{EFFECTS, Footage, Look, LookOptions, Photograph, check, html, look};
 use qv_core::{GaussianCloud, JointSeries};
 use qv_gap::report::{Report, Stage, UNKNOWN};
 use qv_gap::{Diagnosis, Progress};
@@ -208,7 +208,7 @@ impl Diagnose {
         let background = file.background.unwrap_or_default();
         let place = Place { cloud: file.cloud, background, camera, photographs, notes: images.notes };
         let options = LookOptions { most: self.images, ..Default::default() };
-        check(&place.footage(run.measured.base_pose.as_ref()), &options).map_err(camera_error)?;
+        check(&place.footage(run.measured.base_pose.as_ref()), &options)?;
         Ok(place)
     }
 
@@ -241,7 +241,7 @@ impl Diagnose {
             progress: Some(&progress),
             ..Default::default()
         };
-        let look = look(&place.footage(poses.as_ref()), &options).map_err(camera_error)?;
+        let look = look(&place.footage(poses.as_ref()), &options)?;
         evidence.camera = Some(look.evidence.clone());
         let spent = seconds() - begun;
         if let Some(data) = &mut evidence.report {
@@ -274,8 +274,7 @@ impl Diagnose {
 /// A policy's error as one of the run.
 #[cfg(feature = "learn")]
 fn untold(error: crate::Failure) -> RecordingError {
-    let (what, expected) = ("--policy".into(), "a policy that the simulator can roll".into());
-    RecordingError::Run { what, expected, found: error.to_string() }
+    qv_core::Mismatch::new("--policy", "a policy that the simulator can roll", error).into()
 }
 
 /// What the camera is judged with.
@@ -306,11 +305,6 @@ fn write(folder: &Path, files: Vec<(String, Vec<u8>)>) -> Result<(), RecordingEr
         let path = folder.join(name);
         put(&path, bytes).map_err(|e| write_error(&path, &e))
     })
-}
-
-fn camera_error(error: CameraError) -> RecordingError {
-    let CameraError::Input { what, expected, found } = error;
-    RecordingError::Run { what, expected, found }
 }
 
 fn summary(report: &Report) -> String {

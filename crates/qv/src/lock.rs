@@ -1,9 +1,9 @@
 //! One process at a time: a lock of the system on a file, which ends with the processes that hold it.
 
 use crate::Failure;
+use crate::outcome::about;
 use crate::output::open_plain;
 use crate::progress::remark;
-use crate::scene::about;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};

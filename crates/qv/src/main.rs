@@ -26,12 +26,14 @@ mod next;
 mod normals;
 mod numbers;
 mod open;
+mod outcome;
 mod output;
 #[cfg(feature = "learn")]
 mod policy_child;
 mod progress;
 mod provenance;
 mod python;
+mod reading;
 mod reconstruct;
 mod render;
 mod replay;
@@ -49,16 +51,16 @@ mod view;
 #[cfg(feature = "learn")]
 mod walk;
 
-use clap::{ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand};
+use outcome::{Failure, Outcome};
 use output::OutputFolder;
 use progress::Level;
 use qv_open::{foreign, ground, mesh_file};
-use qv_recording::RecordingError;
+use reading::{Reading, RunArguments};
 use std::ffi::OsString;
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use terminal::print_message;
+use terminal::{print_message, say};
 
 /// Makes a legged robot's simulator agree with the robot.
 #[derive(Parser)]
@@ -148,58 +150,6 @@ enum Command {
     /// Makes up a recording of the Go2 with a known cause, and the ground that it walked on
     #[command(hide = true, after_help = fixture::EXAMPLE)]
     Fixture(fixture::Fixture),
-}
-
-/// What recording to read, the same for every command.
-#[derive(Args)]
-struct RunArguments {
-    /// A bag (.mcap or .db3 file, or the directory of a split bag), a table (run.csv, or its directory), a LeRobot dataset, or a SAGE folder
-    run: PathBuf,
-    #[command(flatten)]
-    reading: Reading,
-}
-
-/// How a recording is read, the same for every command.
-#[derive(Args, Clone, Default)]
-struct Reading {
-    /// Topic of the base pose; default that of the robot (`qv robots`), else whichever topic carries poses
-    #[arg(long, value_name = "TOPIC")]
-    pose_topic: Option<String>,
-    /// A robot of `qv robots`, a robot file (.toml), or a URDF or MJCF file; default: what the recording says
-    #[arg(long, value_name = "NAME|FILE")]
-    robot: Option<String>,
-    /// First part of the topics of the robot that is read, where a recording has several
-    #[arg(long, value_name = "/NAME")]
-    namespace: Option<String>,
-}
-
-impl Reading {
-    /// What `--robot` names, where that is a file.
-    fn robot_file(&self) -> Option<&Path> {
-        self.robot.as_deref().map(Path::new).filter(|path| path.is_file())
-    }
-}
-
-/// Why a command failed, in words for whoever typed it.
-type Failure = Box<dyn std::error::Error>;
-
-/// How a command ended when it did not fail.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Outcome {
-    Done,
-    Partial,
-    /// Somebody stopped it; it can go on.
-    Stopped,
-}
-
-/// Prints to standard output. A reader that left early, such as `head`, is no failure.
-fn say(text: &str) -> Result<(), RecordingError> {
-    match terminal::result(text) {
-        Err(e) if e.kind() != ErrorKind::BrokenPipe => {
-            Err(RecordingError::Write { what: "standard output".into(), reason: e.to_string() })
-        }
-        _ => Ok(()),
-    }
 }
 
 /// A command line that cannot be followed, as it is told.
@@ -347,11 +297,11 @@ fn execute(command: Command) -> Result<Outcome, Failure> {
         Command::Navigate(command) => command.execute(),
         #[cfg(feature = "learn")]
         Command::Tune(command) => command.execute(),
-        Command::Fleet(command) => command.execute(),
+        Command::Fleet(command) => command.execute(Cli::command()),
         Command::Report(command) => command.execute(),
         Command::View(command) => command.execute(),
-        Command::Completions(command) => command.execute(),
-        Command::Man(command) => command.execute(),
+        Command::Completions(command) => command.execute(Cli::command()),
+        Command::Man(command) => command.execute(Cli::command()),
         Command::Fixture(command) => command.execute().map_err(Failure::from),
     }
 }

@@ -1,9 +1,8 @@
 //! Recordings on disk become runs, with a bar for who waits.
 
 use crate::RunArguments;
-use crate::progress::{Level, remark, tells};
-use crate::terminal::shown;
-use indicatif::{ProgressBar, ProgressStyle};
+use crate::progress::{progress, remark, spinner};
+use indicatif::ProgressBar;
 use qv_open::Reading;
 pub use qv_open::{
     bag_files, beyond_range, file_error, lost_from, model_named, model_of, read_model, read_urdf, told_of, urdf_of,
@@ -29,13 +28,6 @@ pub fn open_run(arguments: &RunArguments) -> Result<Run, RecordingError> {
     let run = qv_open::open_run(&arguments.run, &reading, &seen);
     bar.finish_and_clear();
     run
-}
-
-/// A bar on standard error; indicatif hides it where that is no terminal.
-pub fn progress(total: u64, what: &'static str) -> ProgressBar {
-    let style = ProgressStyle::with_template("{msg} {wide_bar} {percent} %").expect("the template is well formed");
-    let bar = if tells(Level::Normal) { ProgressBar::new(total) } else { ProgressBar::hidden() };
-    bar.with_style(style).with_message(what)
 }
 
 /// Finds gains that are stated as unknown (see [`qv_replay::find_gains`]), with a sign of life.
@@ -64,14 +56,4 @@ pub fn parameters_of(
     let found = qv_open::calibration_of(path, model, terrain)?;
     found.notes.iter().for_each(|note| remark(note));
     Ok(found.parameters)
-}
-
-/// A sign of life for work without a known end.
-pub fn spinner(what: impl Into<std::borrow::Cow<'static, str>>) -> ProgressBar {
-    if !tells(Level::Normal) {
-        return ProgressBar::hidden();
-    }
-    let bar = ProgressBar::new_spinner().with_message(shown(&what.into()));
-    bar.enable_steady_tick(std::time::Duration::from_millis(100));
-    bar
 }

@@ -1,6 +1,5 @@
 //! How far a command is, told on standard error: a bar where that is a terminal, a line a stage where it is not.
 
-use crate::open::spinner;
 use crate::terminal::{print_message, shown};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
@@ -131,6 +130,23 @@ pub fn duration(seconds: f64) -> String {
         s if s < 5970.0 => format!("{:.0} min", s / 60.0),
         s => format!("{:.1} h", s / 3600.0),
     }
+}
+
+/// A bar on standard error; indicatif hides it where that is no terminal.
+pub fn progress(total: u64, what: &'static str) -> ProgressBar {
+    let style = ProgressStyle::with_template("{msg} {wide_bar} {percent} %").expect("the template is well formed");
+    let bar = if tells(Level::Normal) { ProgressBar::new(total) } else { ProgressBar::hidden() };
+    bar.with_style(style).with_message(what)
+}
+
+/// A sign of life for work without a known end.
+pub fn spinner(what: impl Into<std::borrow::Cow<'static, str>>) -> ProgressBar {
+    if !tells(Level::Normal) {
+        return ProgressBar::hidden();
+    }
+    let bar = ProgressBar::new_spinner().with_message(shown(&what.into()));
+    bar.enable_steady_tick(std::time::Duration::from_millis(100));
+    bar
 }
 
 #[cfg(test)]

@@ -1,9 +1,9 @@
 //! Python programs of ours, in virtual environments that are made once under the user's cache.
 
 use crate::Failure;
-use crate::open::spinner;
+use crate::outcome::about;
 use crate::output::{commit, write_whole};
-use crate::scene::about;
+use crate::progress::spinner;
 use crate::terminal::shown;
 use std::ffi::OsStr;
 use std::io::{BufRead, BufReader, Read};

@@ -1,23 +1,24 @@
 //! `qv reconstruct`: photographs with cameras become a scene of Gaussians.
 
+mod arguments;
 mod search;
 mod stereo;
 mod watch;
 mod words;
 
+pub use arguments::Reconstruct;
+
 use crate::capture::{OpenCapture, open_capture};
 use crate::colmap::{Chosen, better_poses, poses_again};
-use crate::normals::{self, Colours, NormalModel};
+use crate::normals::{self, NormalModel};
+use crate::outcome::about;
 use crate::output::{self, make_folder, put, write_whole};
 use crate::progress::{Stages, remark};
-use crate::render::png;
-use crate::scene::about;
 use crate::terminal::print_message;
-use crate::video;
-use crate::{Failure, Outcome, say};
+use crate::{Failure, Outcome, say, video};
+use arguments::{Background, GuideName, PosesFrom, StrategyName};
 use clap::ValueEnum;
 use qv_core::{Camera, GaussianCloud};
-use qv_raster::Image;
 use qv_splat::captures::distortion::Distortion;
 use qv_splat::captures::{Attachments, Capture, CaptureCamera, cameras_json};
 use qv_splat::files::{Points, ply};
@@ -32,9 +33,9 @@ use qv_splat::{SplatError, error_at};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
-use watch::{Run, TRAINING};
+use watch::{Run, TRAINING, beside};
 use words::{in_words, named};
 
 pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/yard\n  \
@@ -59,203 +60,6 @@ const REPORT_EVERY: u32 = 100;
 const ALIGN_STEPS: u32 = 40;
 /// Steps from one scene that may be kept to the next.
 const JUDGE_EVERY: u32 = 1000;
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum StrategyName {
-    Mcmc,
-    Classic,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum GuideName {
-    Opacity,
-    Error,
-    Views,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Background {
-    Mean,
-    Black,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum PosesFrom {
-    /// COLMAP's where they explain the matches between photographs clearly better, and COLMAP is there
-    Auto,
-    /// The capture's
-    Capture,
-    /// COLMAP's, brought to where the capture's are
-    Colmap,
-}
-
-#[derive(clap::Args)]
-pub struct Reconstruct {
-    /// transforms.json or its folder, a COLMAP project, a folder of RGB-D frames, or a video
-    capture: PathBuf,
-    /// Folder for what is written; made if need be
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
-    /// Steps, one photograph each
-    #[arg(long, default_value_t = 7000, value_parser = clap::value_parser!(u32).range(1..))]
-    iterations: u32,
-    /// Most Gaussians
-    #[arg(long, default_value_t = 300_000)]
-    cap: usize,
-    /// How Gaussians come and go
-    #[arg(long, value_enum, default_value = "mcmc")]
-    strategy: StrategyName,
-    /// Beside which Gaussians others are put with mcmc: those of high opacity, those in pixels that are drawn wrong, or that several photographs want better
-    #[arg(long, value_enum, value_name = "WHAT", default_value = "opacity")]
-    guide: GuideName,
-    /// Learns an affine colour transform for each photograph
-    #[arg(long)]
-    exposure: bool,
-    /// Learns how the lens of each camera darkens photographs towards their corners
-    #[arg(long)]
-    vignetting: bool,
-    /// Refines the photographs' poses, and where each camera is on what its poses were measured of
-    #[arg(long)]
-    refine_poses: bool,
-    /// Refines focal length and principal point of each camera
-    #[arg(long)]
-    refine_lens: bool,
-    /// Learns how each camera moved while its shutter was open: a scene sharper than photographs with motion blur (on the CPU)
-    #[arg(long)]
-    shutter: bool,
-    /// Rolling shutter: the time from the first row's beginning to the last row's, as a share of that and a row's exposure together
-    #[arg(long, value_name = "SHARE", requires = "shutter", default_value_t = 0.0)]
-    readout: f32,
-    /// Poses that a photograph of a moving camera is drawn from
-    #[arg(long, value_name = "N", requires = "shutter", default_value_t = 5, hide_short_help = true)]
-    shutter_samples: usize,
-    /// Exponent from the photographs' colours to the light that a moving camera sums up
-    #[arg(long, value_name = "EXPONENT", requires = "shutter", default_value_t = 2.2, hide_short_help = true)]
-    gamma: f32,
-    /// Whose poses and lenses
-    #[arg(long, value_enum, value_name = "WHOSE", default_value = "auto")]
-    poses: PosesFrom,
-    /// Most frames that are taken of a video
-    #[arg(long, value_name = "N", default_value_t = 150, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(8..=2000))]
-    frames: usize,
-    /// Divides the sides of photographs by this
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
-    downscale: u32,
-    /// Seed of everything random
-    #[arg(long, default_value_t = 0)]
-    seed: u32,
-    /// Goes on from the checkpoint in the output folder
-    #[arg(long)]
-    resume: bool,
-    /// Writes pictures beside photographs: one while training runs, at the end all that were held out
-    #[arg(long)]
-    preview: bool,
-    /// Holds out every Nth photograph, by name from the first on, to score with; 0 for none
-    #[arg(long, value_name = "N", default_value_t = 8)]
-    hold_out: usize,
-    /// With more than 7000 steps: puts every Nth photograph aside at first, to find how many steps help, up to those asked for; then learns from all (0, and --max-seconds: no search)
-    #[arg(long, value_name = "N", default_value_t = 8)]
-    aside: usize,
-    /// Stops after so many seconds
-    #[arg(long, value_name = "S", value_parser = crate::numbers::not_negative)]
-    max_seconds: Option<f64>,
-    /// Weight of flatness: the smallest scale of each Gaussian goes to 0
-    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
-    flattening: f32,
-    /// Weight of measured depth [default: 0, with --stereo 0.1]
-    #[arg(long, value_name = "WEIGHT")]
-    depth_prior: Option<f32>,
-    /// Measures depth from the photographs themselves where none was measured: multi-view stereo
-    #[arg(long)]
-    stereo: bool,
-    /// Longest side of the images that depth is measured from, in pixels
-    #[arg(long, value_name = "PX", requires = "stereo", hide_short_help = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
-    stereo_side: Option<u32>,
-    /// Weight of the agreement of normals with depth
-    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
-    depth_normal: f32,
-    /// Weight of the agreement of patches between views
-    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
-    multi_view: f32,
-    /// Weight of normals, from files or a model
-    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
-    normal_prior: f32,
-    /// A model of yours that sees normals, run by onnxruntime: takes [1, 3, H, W], gives [1, 3, h, w]
-    #[arg(long, value_name = "FILE.onnx", requires = "normal_prior")]
-    normal_model: Option<PathBuf>,
-    /// Which axes of the model are x right, y down, z forward: x,-y,-z for one with y up and z to the viewer
-    #[arg(long, value_name = "AXES", default_value = "x,y,z", value_parser = normals::axes, allow_hyphen_values = true)]
-    normal_axes: String,
-    /// What the model takes colours as
-    #[arg(long, value_enum, value_name = "HOW", default_value = "imagenet")]
-    normal_colours: Colours,
-    /// Weight of labels from files
-    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
-    labels: f32,
-    /// Points to begin with on random rays, besides those of the capture; 20000 where it has none, else none
-    #[arg(long, value_name = "N")]
-    random_points: Option<usize>,
-    /// Points to begin with at measured depths, besides those of the capture; 100000 with --depth-prior, else none
-    #[arg(long, value_name = "N")]
-    depth_points: Option<usize>,
-    /// Points to begin with far behind everything: for sky, and for what is too far to be triangulated
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    far_points: usize,
-    /// Learns more often from photographs that show much ground: in proportion to 1 + S times its share of what each shows
-    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = crate::numbers::not_negative)]
-    ground_views: f64,
-    /// Labels of the ground in the label images; without them the plane that most points below the cameras lie on is the ground
-    #[arg(long, value_name = "N,N", value_delimiter = ',', requires = "ground_views", hide_short_help = true, value_parser = clap::value_parser!(u8).range(1..))]
-    ground_labels: Vec<u8>,
-    /// Lets no Gaussian stay nearer to a camera than this share of the nearest points in its image (with mcmc; 0 lets them be)
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
-    clear: f32,
-    /// Leaves up to this share of the Gaussians out of each step, at random: fewer photographs are learned by heart
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
-    drop: f32,
-    /// Learns from photographs of half the size for this share of the steps, of a quarter for its square, and so on
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = crate::numbers::share)]
-    small: f64,
-    /// Makes a scene whose small images are right, too: Gaussians no finer than what photographs sample, drawn with anti-aliasing (Mip-Splatting)
-    #[arg(long)]
-    antialias: bool,
-    /// What the rates of the Gaussians fall to in the last sixth of the steps
-    #[arg(long, value_name = "SHARE", default_value_t = 1.0, hide_short_help = true)]
-    settle: f32,
-    /// Weight of harmonics but the constant one
-    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0, hide_short_help = true)]
-    harmonics_weight: f32,
-    /// Noise of the means with mcmc, in units of their rate
-    #[arg(long, default_value_t = 5e5, hide_short_help = true)]
-    noise: f32,
-    /// What is behind everything: the mean colour of the photographs, or black
-    #[arg(long, value_name = "WHAT", value_enum, default_value_t = Background::Mean, hide_short_help = true)]
-    background: Background,
-    /// Weight of opacity with mcmc
-    #[arg(long, value_name = "WEIGHT", default_value_t = 0.01, hide_short_help = true)]
-    opacity_weight: f32,
-    /// Weight of scale with mcmc, in units of the extent of the cameras
-    #[arg(long, value_name = "WEIGHT", default_value_t = 0.01, hide_short_help = true)]
-    scale_weight: f32,
-    /// Tells how long the stages of a step take on the card
-    #[arg(long, hide = true)]
-    times: bool,
-    /// One line of JSON at the end instead of the summary
-    #[arg(long)]
-    json: bool,
-    /// Works on the graphics card
-    #[cfg(feature = "gpu")]
-    #[arg(long)]
-    gpu: bool,
-    /// Which card, by its number in the order of the drivers; the one that wgpu prefers unless told
-    #[cfg(feature = "gpu")]
-    #[arg(long, value_name = "N", requires = "gpu", hide_short_help = true)]
-    gpu_index: Option<usize>,
-    /// Adds up in a fixed order on the card: slower, the same bits from run to run
-    #[cfg(feature = "gpu")]
-    #[arg(long)]
-    ordered: bool,
-}
 
 impl Reconstruct {
     pub fn execute(&self) -> Result<Outcome, Failure> {
@@ -873,19 +677,4 @@ fn refined(model: &Model, dataset: &Dataset) -> Vec<Value> {
             "own_motion_m": mean(&|(metres, _)| metres).sqrt(), "own_motion_deg": mean(&|(_, angle)| angle).sqrt().to_degrees()})
     };
     model.shared.iter().enumerate().map(one).collect()
-}
-
-/// Writes a photograph and, to the right of it, what is drawn there, as `folder/name.png`.
-fn beside(photograph: &Photograph, image: &Image, folder: &Path, name: &str) -> Result<(), Failure> {
-    make_folder(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
-    let (width, height) = (image.width, image.height);
-    let (bytes, wanted) = (image.colour_u8(), &photograph.pixels.rgba);
-    let mut both = Vec::with_capacity(6 * width * height);
-    for y in 0..height {
-        both.extend(wanted[y * width..(y + 1) * width].iter().flat_map(|p| [p[0], p[1], p[2]]));
-        both.extend(&bytes[3 * y * width..3 * (y + 1) * width]);
-    }
-    // A name may hold the folders of the capture.
-    let path = folder.join(format!("{}.png", name.replace(['/', '\\'], "_")));
-    png(&path, &both, [2 * width as u32, height as u32], image::ExtendedColorType::Rgb8)
 }

@@ -1,9 +1,10 @@
 //! `qv render`: what cameras see of a scene of Gaussians.
 
 use crate::numbers::three;
-use crate::open::progress;
+use crate::outcome::about;
 use crate::output::{make_folder, put, write_whole};
-use crate::scene::{about, open_cameras, open_scene};
+use crate::progress::progress;
+use crate::scene::{open_cameras, open_scene};
 use crate::terminal::print_message;
 use crate::{Failure, Outcome, say};
 use image::codecs::png::PngEncoder;
@@ -19,7 +20,7 @@ use std::time::Instant;
 
 pub const EXAMPLE: &str = "Example:\n  qv render scene.ply --cameras transforms.json --out out/views\n  \
     qv render scene.spz --cameras colmap/sparse/0 --out out/views --depth --normals --json\n\n\
-    SCENE is a 3DGS PLY, a compressed PLY, an SPZ, glTF with KHR_gaussian_splatting, .splat, .ksplat or SOG. Cameras are nerfstudio's\n\
+    SCENE is a 3DGS PLY, a compressed PLY, an SPZ, glTF with KHR_gaussian_splatting, or .splat. Cameras are nerfstudio's\n\
     transforms.json, the directory of a COLMAP model, or a JSON of our own:\n  \
     {\"format\": \"qv-cameras/1\", \"cameras\": [{\"name\": \"front\", \"width\": 640, \"height\": 480, \"fx\": 500,\n   \
     \"position\": [0, -2, 1], \"rotation\": [1, 0, 0, 0]}]}\n\n\
@@ -36,7 +37,7 @@ const SOLID: f32 = 0.5;
 
 #[derive(clap::Args)]
 pub struct Render {
-    /// A scene of Gaussians: .ply, .compressed.ply, .spz, .glb, .gltf, .splat, .ksplat, .sog or a SOG folder
+    /// A scene of Gaussians: .ply, .compressed.ply, .spz, .glb, .gltf or .splat
     scene: PathBuf,
     /// nerfstudio's transforms.json, a COLMAP model's directory, or cameras in a JSON of our own
     #[arg(long, value_name = "FILE")]

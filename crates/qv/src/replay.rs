@@ -4,9 +4,10 @@ use crate::ground::{check_ground, terrain_of};
 use crate::inspect::known;
 use crate::numbers::within;
 use crate::open::{
-    beyond_range, file_error, find_gains, lost_from, model_of, open_run, parameters_of, spinner, told_of, write_error,
+    beyond_range, file_error, find_gains, lost_from, model_of, open_run, parameters_of, told_of, write_error,
 };
 use crate::output::{make_folder, put, stream};
+use crate::progress::spinner;
 use crate::provenance::provenance;
 use crate::terminal::print_message;
 use crate::{Outcome, RunArguments, say};

@@ -1,8 +1,8 @@
 //! Depth images on disk: folders of RGB-D frames, and captures whose `transforms.json` names depth images.
 
 use crate::Failure;
-use crate::capture::find_file;
-use crate::scene::{about, document, open_cameras, rgbd_layout};
+use crate::outcome::about;
+use crate::scene::{document, find_file, open_cameras, rgbd_layout};
 use image::DynamicImage;
 use indicatif::ProgressBar;
 use qv_core::{Camera, Pose};

@@ -1,7 +1,7 @@
 //! Scenes of Gaussians and sets of cameras on disk.
 
 use crate::Failure;
-use crate::capture::{find_file, folders_of};
+use crate::outcome::about;
 use qv_splat::captures::rgbd_folders::{self, Folder, Layout};
 use qv_splat::captures::{Capture, cameras_json, colmap, json, nerfstudio, pictures, rgbd};
 use qv_splat::error_at;
@@ -11,19 +11,17 @@ use std::fs;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
+/// Endings that are tried when a capture names its images without one.
+const ENDINGS: [&str; 4] = ["", ".png", ".jpg", ".jpeg"];
+
 /// Largest file of cameras that is read, bytes.
 const LARGEST_CAMERAS: u64 = 1 << 30;
 
-/// An error with the file that it is about.
-pub fn about(path: &Path, error: impl std::fmt::Display) -> Failure {
-    format!("{}: {error}", path.display()).into()
-}
-
-/// Reads a scene of any format: a file, or the folder of a SOG. A PLY is read as it comes, so that no more than a mebibyte of it is in memory.
+/// Reads a scene of any format: a file. A PLY is read as it comes, so that no more than a mebibyte of it is in memory.
 pub fn open_scene(path: &Path) -> Result<SplatFile, Failure> {
     let inside = path.join("meta.json");
     let path = if path.is_dir() && inside.is_file() { inside.as_path() } else { path };
-    let expected = "expected a scene (PLY, SPZ, GLB, glTF, .splat, .ksplat or SOG)";
+    let expected = "expected a scene (PLY, SPZ, GLB, glTF or .splat)";
     let no_scene = |e: std::io::Error| about(path, format!("{expected}, found {e}"));
     let mut file = fs::File::open(path).map_err(no_scene)?;
     let length = file.metadata().map_err(no_scene)?.len();
@@ -224,4 +222,59 @@ fn contents(path: &Path) -> Result<Vec<u8>, Failure> {
         return Err(about(path, format!("expected at most {LARGEST_CAMERAS} bytes of cameras, found {length}")));
     }
     fs::read(path).map_err(|e| expected(e.to_string()))
+}
+
+/// Where the files of a capture in `folder` are looked for.
+pub fn folders_of(folder: &Path) -> Vec<PathBuf> {
+    // A model that is opened from within its folder has folders above it, too.
+    let whole = fs::canonicalize(if folder.as_os_str().is_empty() { Path::new(".") } else { folder });
+    let folder = whole.as_deref().unwrap_or(folder);
+    // COLMAP's images lie in a folder beside the model.
+    let above = folder.ancestors().take(3).map(|above| above.join("images"));
+    std::iter::once(folder.to_path_buf()).chain(above).collect()
+}
+
+/// A file of a capture as it is named, else with backslashes as slashes, an ending that was left out, letters of the other case; a path from
+/// another machine by its last parts.
+///
+/// # Errors
+/// Where it was looked for, in words.
+pub fn find_file(folders: &[PathBuf], path: &str) -> Result<PathBuf, String> {
+    let slashed = path.replace('\\', "/");
+    let names = [path.trim_start_matches("./"), slashed.trim_start_matches("./")];
+    let is_absolute = slashed.starts_with('/') || slashed.as_bytes().get(1) == Some(&b':');
+    let tails = || slashed.match_indices('/').map(|(at, _)| &slashed[at + 1..]);
+    let tails: Vec<&str> = if is_absolute { tails().collect() } else { vec![] };
+    for name in names.iter().take(if names[0] == names[1] { 1 } else { 2 }).chain(&tails) {
+        for folder in folders {
+            let there = ENDINGS.iter().map(|ending| folder.join(format!("{name}{ending}"))).find(|c| c.is_file());
+            if let Some(found) =
+                there.or_else(|| ENDINGS.iter().find_map(|e| other_case(folder, &format!("{name}{e}"))))
+            {
+                return Ok(found);
+            }
+        }
+    }
+    let mut there = folders.iter().filter(|folder| folder.is_dir()).map(|folder| folder.join(names[1]));
+    let first = there.next().unwrap_or_default();
+    let others: Vec<String> = there.map(|place| format!(" nor at {}", place.display())).collect();
+    Err(format!("none at {}{}", first.display(), others.concat()))
+}
+
+/// The one file whose path differs from `name` in upper and lower case alone.
+fn other_case(folder: &Path, name: &str) -> Option<PathBuf> {
+    let mut place = folder.to_path_buf();
+    for part in name.split('/') {
+        if part == ".." || place.join(part).exists() {
+            place.push(part);
+            continue;
+        }
+        let entries = fs::read_dir(&place).ok()?.flatten().map(|entry| entry.file_name());
+        let mut alike = entries.filter(|entry| entry.to_string_lossy().eq_ignore_ascii_case(part));
+        match (alike.next(), alike.next()) {
+            (Some(one), None) => place.push(one),
+            _ => return None,
+        }
+    }
+    place.is_file().then_some(place)
 }

@@ -1,9 +1,9 @@
 //! What a shell and a reader of manuals want to know of the commands: `qv completions`, `qv man`.
 
+use crate::outcome::about;
 use crate::output::{make_folder, write_whole};
-use crate::scene::about;
-use crate::{Cli, Failure, Outcome, say};
-use clap::{Command, CommandFactory};
+use crate::{Failure, Outcome, say};
+use clap::Command;
 use clap_complete::Shell;
 use clap_mangen::Man;
 use std::path::{Path, PathBuf};
@@ -21,9 +21,10 @@ pub struct Completions {
 }
 
 impl Completions {
-    pub fn execute(&self) -> Result<Outcome, Failure> {
+    /// Of the commands of `root`.
+    pub fn execute(&self, mut root: Command) -> Result<Outcome, Failure> {
         let mut text = vec![];
-        clap_complete::generate(self.shell, &mut Cli::command(), "qv", &mut text);
+        clap_complete::generate(self.shell, &mut root, "qv", &mut text);
         say(&String::from_utf8_lossy(&text))?;
         Ok(Outcome::Done)
     }
@@ -37,9 +38,9 @@ pub struct Manuals {
 }
 
 impl Manuals {
-    pub fn execute(&self) -> Result<Outcome, Failure> {
+    /// Of the commands of `root`.
+    pub fn execute(&self, mut root: Command) -> Result<Outcome, Failure> {
         make_folder(&self.folder).map_err(|e| about(&self.folder, format!("expected a folder, found {e}")))?;
-        let mut root = Cli::command();
         root.build();
         let count = page(root, &self.folder)?;
         say(&format!("{count} pages written to {}\n", self.folder.display()))?;

@@ -1,7 +1,8 @@
 //! The one way by which text reaches the terminal. Names come from files and messages of others: what they hold can move no cursor, set no
 //! title, and fill no screen.
 
-use std::io::{self, Write};
+use qv_recording::RecordingError;
+use std::io::{self, ErrorKind, Write};
 
 /// Longest line on standard error, and longest word in one \[characters\]: a header of a table, or a name, has no more than a line of the screen or two.
 const MESSAGE: usize = 600;
@@ -89,6 +90,16 @@ fn escaped_json(line: &str) -> String {
 fn acts(c: char) -> bool {
     let is_control = c.is_control() && c != '\t' && c != '\n';
     is_control || matches!(c, '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
+
+/// Prints to standard output. A reader that left early, such as `head`, is no failure.
+pub fn say(text: &str) -> Result<(), RecordingError> {
+    match result(text) {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => {
+            Err(RecordingError::Write { what: "standard output".into(), reason: e.to_string() })
+        }
+        _ => Ok(()),
+    }
 }
 
 #[cfg(test)]

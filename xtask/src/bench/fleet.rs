@@ -1,6 +1,6 @@
 //! `cargo xtask bench fleet`: what `qv fleet` costs for each unit, with made-up recordings and a command that does nothing.
 
-use super::{folder, write};
+use super::contest::{self, folder, write};
 use crate::process;
 use crate::workspace::Workspace;
 use anyhow::{Context, Result};
@@ -88,7 +88,7 @@ pub fn run(workspace: &Workspace, options: &Fleet) -> Result<bool> {
     let jobs = options.jobs.to_string();
     let (plan_seconds, _) = timed(&["plan", "--command", "rehearse", "--out"], &[&fleet, &lab])?;
     let (run_seconds, text) = timed(&["run", "--json", "--jobs", &jobs], &[&fleet])?;
-    let ran: Ran = super::parse(&text)?;
+    let ran: Ran = contest::parse(&text)?;
     anyhow::ensure!(ran.done == options.units, "expected {} units done, found {}", options.units, ran.done);
     let (again_seconds, _) = timed(&["run", "--json", "--jobs", &jobs], &[&fleet])?;
     let (gather_seconds, _) = timed(&["gather"], &[&fleet])?;

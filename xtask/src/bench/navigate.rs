@@ -1,6 +1,6 @@
 //! `cargo xtask bench navigate`: what pictures, driving and learning of the visual navigation cost, in CPU time of all threads.
 
-use super::{build, last_line, median, write};
+use super::contest::{build, last_line, median, write};
 use crate::workspace::Workspace;
 use anyhow::{Result, bail};
 use serde::{Deserialize, Serialize};

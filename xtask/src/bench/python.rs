@@ -1,7 +1,7 @@
 //! `cargo xtask bench python`: steps of many Go2 from Python beside the same from Rust, mjbatch and MuJoCo's rollout, and the time of an import. All
 //! read one model, that of MuJoCo's goldens, whose feet collide.
 
-use super::{build, folder, last_line, median, write};
+use super::contest::{build, folder, last_line, median, write};
 use crate::wheel;
 use crate::workspace::Workspace;
 use crate::{process, python};

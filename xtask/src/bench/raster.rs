@@ -2,7 +2,7 @@
 //!
 //! Each workload is measured as gsplat, ours, gsplat (A B A), each in a process of its own, on one scene in a file.
 
-use super::{build, folder, last_line, median, write};
+use super::contest::{build, folder, last_line, median, write};
 use crate::process;
 use crate::workspace::Workspace;
 use anyhow::{Result, bail};
@@ -370,7 +370,7 @@ fn print_cpu(cpu: &Cpu) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::parse;
+    use super::super::contest::parse;
     use super::*;
 
     const PRINTED: &str = "300000 Gaussians, degree 0\n  total 6.373 ms, 20084 images/s\n\

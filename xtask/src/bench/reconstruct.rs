@@ -3,8 +3,8 @@
 //! Both learn from the same photographs with the same masks, from the same points, over the same colour, with the same cap; one program
 //! draws and scores what they made at the photographs that are held out. They take turns, seed by seed.
 
+use super::contest::{build, folder, last_line, write};
 use super::raster::rival;
-use super::{build, folder, last_line, write};
 use crate::process;
 use crate::workspace::Workspace;
 use anyhow::{Context, Result, bail};

@@ -1,6 +1,6 @@
 //! `cargo xtask bench sim`: simulation steps beside MuJoCo, in one interleaved run.
 
-use super::{build, last_line, median, write};
+use super::contest::{build, last_line, median, write};
 use crate::python;
 use crate::workspace::Workspace;
 use anyhow::{Result, bail};

@@ -1,6 +1,6 @@
 //! `cargo xtask bench tune`: robots with hidden effects record walks, `qv-residual` closes the loop on them, and the robots walk again.
 
-use super::{build, median};
+use super::contest::{self, build, median};
 use crate::workspace::Workspace;
 use crate::{pipeline, process, programs};
 use anyhow::{Context, Result, bail};
@@ -95,7 +95,7 @@ struct Results {
 /// Our side cannot be built, or prints something unexpected.
 pub fn run(workspace: &Workspace, tune: &Tune) -> Result<bool> {
     let program = build(workspace, "close_the_loop", &["rapier"])?;
-    let kept = super::folder(workspace)?.join("tuned");
+    let kept = contest::folder(workspace)?.join("tuned");
     let trained = match &tune.checkpoint {
         Some(file) => file.clone(),
         None => train(workspace, tune, "plane")?,
@@ -124,14 +124,14 @@ pub fn run(workspace: &Workspace, tune: &Tune) -> Result<bool> {
         }
     }
     tell(&results);
-    super::write(workspace, "tune.json", &results)?;
+    contest::write(workspace, "tune.json", &results)?;
     Ok(true)
 }
 
 /// A policy to begin with.
 fn train(workspace: &Workspace, tune: &Tune, ground: &str) -> Result<PathBuf> {
     let qv = programs::qv(workspace)?;
-    let out = super::folder(workspace)?.join(format!("tune_{ground}"));
+    let out = contest::folder(workspace)?.join(format!("tune_{ground}"));
     let settings = out.with_extension("toml");
     // The policy to begin with keeps its mean velocity, so that what is measured afterwards is the robot.
     fs::write(&settings, "[task.reward]\nsteady = 1.5\n").with_context(|| format!("writing {}", settings.display()))?;
@@ -170,7 +170,7 @@ fn one(
     if let Some(file) = &tune.robot {
         command.arg("--robot").arg(file);
     }
-    let found: Outcome = super::last_line(&mut command)?;
+    let found: Outcome = contest::last_line(&mut command)?;
     if found.candidates.is_empty() {
         bail!("{kind} {robot}: expected candidates, found none");
     }

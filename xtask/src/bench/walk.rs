@@ -2,7 +2,7 @@
 //!
 //! All but wall time is CPU time of all threads of a process: other work on the machine changes it little.
 
-use super::{build, last_line, median, write};
+use super::contest::{build, last_line, median, write};
 use crate::python;
 use crate::workspace::Workspace;
 use anyhow::{Result, bail};
@@ -245,7 +245,7 @@ fn goal_line(seed: u64, goal: &Goal) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::parse;
+    use super::super::contest::parse;
     use super::*;
 
     const LOOP: &str = r#"{"critic_inputs":62,"iteration_seconds":0.1,"rollout_networks_seconds":0.01,

@@ -1,7 +1,8 @@
 //! `qv contact` on recordings of another engine on mixed ground whose frictions are sealed.
 
+use super::arguments::Blind;
 use super::generate::{self, bar};
-use super::{Blind, seal};
+use super::seal;
 use crate::workspace::Workspace;
 use crate::{pipeline, process, programs};
 use anyhow::{Context, Result, bail};

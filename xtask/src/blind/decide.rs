@@ -4,7 +4,7 @@ use super::answers::{Answers, Case};
 use super::figures::figures;
 use super::score::{Scored, score};
 use super::table;
-use crate::bench;
+use crate::bench::contest;
 use crate::process;
 use crate::workspace::Workspace;
 use anyhow::{Context, Result};
@@ -32,7 +32,7 @@ pub struct Decide {
 /// # Errors
 /// Something does not build, or a file is missing or malformed.
 pub fn run(workspace: &Workspace, decide: &Decide) -> Result<()> {
-    let program = bench::build(workspace, "decide", &[])?;
+    let program = contest::build(workspace, "decide", &[])?;
     let text = fs::read_to_string(&decide.answers).with_context(|| format!("reading {}", decide.answers.display()))?;
     let answers = Answers::read(&text)?;
     let folder = workspace.target_directory.join("blind/decided");

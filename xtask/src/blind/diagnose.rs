@@ -13,8 +13,8 @@ use std::time::{Duration, Instant};
 pub struct Diagnoses<'a> {
     /// The program.
     pub qv: &'a Path,
-    /// The rivals' program, where they run, too.
-    pub rivals: Option<&'a Path>,
+    /// The rivals' program and its first arguments; none where they do not run.
+    pub rivals: &'a [PathBuf],
     /// How many at a time.
     pub jobs: usize,
     /// After so long no other is begun.
@@ -88,9 +88,9 @@ impl Diagnoses<'_> {
             command.args(["--leave-out", LEAVE_OUT]);
         }
         let mut commands = vec![command];
-        if let Some(rivals) = self.rivals {
-            let mut command = Command::new(rivals);
-            from_to(&mut command, recording, out);
+        if let [program, script @ ..] = self.rivals {
+            let mut command = Command::new(program);
+            from_to(command.args(script).env("PYTHONDONTWRITEBYTECODE", "1"), recording, out);
             commands.push(command);
         }
         let clock = Instant::now();
@@ -144,7 +144,7 @@ mod tests {
         let qv = folder.join("qv");
         fs::write(&qv, PROGRAM).unwrap();
         fs::set_permissions(&qv, fs::Permissions::from_mode(0o755)).unwrap();
-        let diagnoses = Diagnoses { qv: &qv, rivals: None, jobs: 2, at_most: None };
+        let diagnoses = Diagnoses { qv: &qv, rivals: &[], jobs: 2, at_most: None };
         diagnoses.check().unwrap();
         let names = ["a", "b", "c"].map(String::from);
         let names: Vec<&String> = names.iter().collect();
@@ -156,19 +156,19 @@ mod tests {
         assert!(reports.join("a/done.json").is_file() && !reports.join("b/done.json").exists());
         diagnoses.run(&names, &recordings, &reports).unwrap();
         assert_eq!(runs(), 4, "only what failed is run again");
-        let late = Diagnoses { qv: &qv, rivals: None, jobs: 1, at_most: Some(Duration::ZERO) };
+        let late = Diagnoses { qv: &qv, rivals: &[], jobs: 1, at_most: Some(Duration::ZERO) };
         late.run(&names, &recordings, &reports_folder(&recordings, 8)).unwrap();
         assert!(runs() == 4 && !reports_folder(&recordings, 8).join("a").exists(), "no time is left");
         // The rivals are called after the diagnosis, with the same recording and folder.
         let rivals = folder.join("rivals");
         fs::write(&rivals, "#!/bin/sh\n[ -s \"$5/report.json\" ] && cp \"$1\" \"$5/baselines.json\"\n").unwrap();
         fs::set_permissions(&rivals, fs::Permissions::from_mode(0o755)).unwrap();
-        let beside = Diagnoses { qv: &qv, rivals: Some(&rivals), jobs: 1, at_most: None };
+        let beside = Diagnoses { qv: &qv, rivals: &[rivals], jobs: 1, at_most: None };
         let reports = reports_folder(&recordings, 9);
         beside.run(&names, &recordings, &reports).unwrap();
         assert_eq!(fs::read_to_string(reports.join("c/baselines.json")).unwrap(), "C");
         assert!(!reports.join("b/baselines.json").exists());
-        let missing = Diagnoses { qv: &folder.join("no-qv"), rivals: None, jobs: 1, at_most: None };
+        let missing = Diagnoses { qv: &folder.join("no-qv"), rivals: &[], jobs: 1, at_most: None };
         assert!(missing.check().unwrap_err().to_string().contains("no-qv"));
         fs::remove_dir_all(&folder).unwrap();
     }

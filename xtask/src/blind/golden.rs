@@ -1,9 +1,10 @@
 //! A few sealed recordings whose diagnoses are a golden: what is said of each, how far its size is off, what it closes.
 
 use super::answers::Case;
+use super::arguments::Blind;
+use super::diagnosed;
 use super::generate::{Origin, Set};
 use super::score::{Scored, score};
-use super::{Blind, diagnosed};
 use crate::pipeline::{Figure, differences, read_golden};
 use crate::workspace::Workspace;
 use anyhow::{Context, Result};

@@ -4,6 +4,7 @@
 //! their seal. The diagnosing program is given a recording in a folder of an opaque name, and nothing else.
 
 mod answers;
+mod arguments;
 mod contact;
 mod decide;
 mod diagnose;
@@ -18,10 +19,12 @@ mod table;
 mod tests;
 
 use crate::workspace::Workspace;
-use crate::{bench, pipeline, process, programs};
+use crate::{pipeline, process, programs, python};
+pub use arguments::Blind;
+
 use answers::Answers;
 use anyhow::{Context, Result};
-use clap::{ArgGroup, Args, FromArgMatches, Subcommand};
+use arguments::Chore;
 use diagnose::Diagnoses;
 use figures::Figures;
 use generate::{Generator, Origin, Set};
@@ -29,81 +32,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
-
-/// What to judge.
-#[derive(Args)]
-#[command(group(ArgGroup::new("what").required(true).args(["full", "subset", "reports_only", "contact"])))]
-#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
-pub struct Blind {
-    #[command(subcommand)]
-    chore: Option<Chore>,
-    /// All effects, ten recordings of each, with two at once, withheld ones and none
-    #[arg(long)]
-    full: bool,
-    /// Six effects, one recording of each, with two withheld ones and two of none
-    #[arg(long)]
-    subset: bool,
-    /// Only score the reports in DIR/NAME/report.json
-    #[arg(long, value_name = "DIR", requires = "answers")]
-    reports_only: Option<PathBuf>,
-    /// N recordings on ground of four materials, for `qv contact`
-    #[arg(long, value_name = "N")]
-    contact: Option<usize>,
-    /// Length of those, in seconds
-    #[arg(long, default_value_t = 60.0, value_name = "SECONDS")]
-    seconds: f64,
-    /// Answers to score them by
-    #[arg(long, value_name = "FILE", requires = "reports_only")]
-    answers: Option<PathBuf>,
-    /// Recordings of each effect
-    #[arg(long, value_name = "N")]
-    per_effect: Option<usize>,
-    /// Seed of the recordings
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
-    /// What makes the recordings: all three for the full set, rapier for the small one
-    #[arg(long, value_enum, value_delimiter = ',', value_name = "NAMES")]
-    origins: Vec<Origin>,
-    /// The arms alone, all effects: the same as --full --origins arms
-    #[arg(long, conflicts_with_all = ["origins", "subset", "contact"])]
-    arms: bool,
-    /// Engine of those of rapier's generator
-    #[arg(long, default_value = "second", value_parser = ["second", "ours", "both"])]
-    engine: String,
-    /// Diagnoses at a time
-    #[arg(long, default_value_t = 1, value_name = "N")]
-    jobs: usize,
-    /// Begin no diagnosis after so many minutes, and score what there is; another run goes on
-    #[arg(long, value_name = "M")]
-    minutes: Option<f64>,
-    /// Leave the first N recordings out, in the order of their names: some method was developed on them
-    #[arg(long, default_value_t = 0, value_name = "N")]
-    skip: usize,
-    /// Also run the baselines: one effect at a time, CMA-ES, a residual network
-    #[arg(long)]
-    baselines: bool,
-    /// Write what was measured into docs/results.md, between its markers, with this command and the commit
-    #[arg(long)]
-    write_docs: bool,
-    /// Fail when a goal is missed
-    #[arg(long)]
-    gate: bool,
-}
-
-/// What needs no diagnosis.
-#[derive(Subcommand)]
-enum Chore {
-    /// Score what a policy makes of evidence that is stored
-    Decide(decide::Decide),
-}
-
-impl Blind {
-    /// What the command line makes of `words`.
-    fn of(words: &[&str]) -> Result<Self> {
-        let command = Self::augment_args(clap::Command::new("blind").no_binary_name(true));
-        Ok(Self::from_arg_matches(&command.try_get_matches_from(words)?)?)
-    }
-}
 
 /// Runs and scores; false only when `gate` is asked for and a goal is missed.
 ///
@@ -169,6 +97,12 @@ fn diagnose_all(workspace: &Workspace, blind: &Blind, folder: &Path) -> Result<F
     score_all(&answers, &reports)
 }
 
+/// The command of the rivals: Python and its script.
+fn rivals(workspace: &Workspace) -> Result<Vec<PathBuf>> {
+    let python = python::environment(workspace, "rivals")?;
+    Ok(vec![python, workspace.workspace_root.join("fixtures/rivals/rivals.py")])
+}
+
 /// Makes the recordings of all sets, seals their answers, has the recordings diagnosed, and opens the seal: answers of what was
 /// diagnosed, and the folder with the reports.
 fn diagnosed(workspace: &Workspace, blind: &Blind, sets: &[Set], folder: &Path) -> Result<(Answers, PathBuf)> {
@@ -176,8 +110,8 @@ fn diagnosed(workspace: &Workspace, blind: &Blind, sets: &[Set], folder: &Path) 
     let generators = generators.collect::<Result<Vec<_>>>()?;
     let qv = programs::qv(workspace)?;
     let at_most = blind.minutes.map(|minutes| Duration::from_secs_f64(60.0 * minutes.clamp(0.0, 1e6)));
-    let rivals = if blind.baselines { Some(bench::build(workspace, "rivals", &[])?) } else { None };
-    let diagnoses = Diagnoses { qv: &qv, rivals: rivals.as_deref(), jobs: blind.jobs, at_most };
+    let rivals = if blind.baselines { rivals(workspace)? } else { Vec::new() };
+    let diagnoses = Diagnoses { qv: &qv, rivals: &rivals, jobs: blind.jobs, at_most };
     diagnoses.check()?;
     // Another set, seed, engine or generator has a folder of its own.
     let words = [format!("{sets:?}"), blind.seed.to_string(), blind.engine.clone()];
@@ -189,7 +123,8 @@ fn diagnosed(workspace: &Workspace, blind: &Blind, sets: &[Set], folder: &Path) 
     println!("answers sealed in {}: SHA-256 {}", seal_file.display(), seal.sha256());
     let mut answers = generated.answers()?;
     let words = [format!("baselines {}", blind.baselines)];
-    let programs: Vec<PathBuf> = std::iter::once(qv.clone()).chain(rivals.clone()).collect();
+    let scripts = rivals.iter().skip(1).map(|script| script.with_file_name("recording.py"));
+    let programs: Vec<PathBuf> = [qv.clone()].into_iter().chain(rivals.iter().cloned()).chain(scripts).collect();
     let reports = diagnose::reports_folder(&generated.recordings, pipeline::hash(&words, &programs)?);
     let all = answers.recordings.len();
     let skipped: Vec<String> = answers.recordings.keys().take(blind.skip).cloned().collect();

@@ -3,8 +3,8 @@
 
 mod page;
 
-use crate::programs::{self, Build};
-use crate::workspace::Workspace;
+use crate::programs;
+use crate::workspace::{Build, Workspace};
 use anyhow::{Context, Result, bail};
 use page::Command as Typed;
 use std::collections::BTreeMap;

@@ -124,7 +124,7 @@ const FRICTION: f64 = 0.05;
 pub fn figures(folder: &Path, of: Of) -> Result<Vec<Figure>> {
     let mut out = vec![];
     for source in SOURCES.iter().filter(|source| of.has(source.stage)) {
-        let report = super::read_json(&folder.join(source.file))?;
+        let report = read_json(&folder.join(source.file))?;
         let value = report
             .pointer(source.pointer)
             .with_context(|| format!("{}: expected {}, found none", source.file, source.pointer))?;
@@ -136,7 +136,7 @@ pub fn figures(folder: &Path, of: Of) -> Result<Vec<Figure>> {
     if of == Of::Navigate {
         return Ok(out);
     }
-    let contact = super::read_json(&folder.join("contact/contact.json"))?;
+    let contact = read_json(&folder.join("contact/contact.json"))?;
     let regions = contact["regions"].as_array().context("contact.json: expected regions")?;
     for region in regions {
         let label = region["label"].as_str().context("contact.json: expected the label of a region")?;
@@ -195,7 +195,7 @@ pub fn read(root: &Path, of: Of, size: Size) -> Result<Vec<Figure>> {
 /// # Errors
 /// The file is missing or malformed.
 pub fn read_file(file: &Path) -> Result<Vec<Figure>> {
-    let golden = super::read_json(file)?;
+    let golden = read_json(file)?;
     serde_json::from_value(golden["figures"].clone()).with_context(|| format!("{}: figures", file.display()))
 }
 
@@ -219,4 +219,10 @@ pub fn write(folder: &Path, of: Of, size: Size, file: &Path) -> Result<()> {
         "figures": figures(folder, of)?,
     });
     fs::write(file, format!("{golden:#}\n")).with_context(|| format!("writing {}", file.display()))
+}
+
+/// The JSON of a file.
+pub(super) fn read_json(file: &Path) -> Result<Value> {
+    let text = fs::read_to_string(file).with_context(|| format!("reading {}", file.display()))?;
+    serde_json::from_str(&text).with_context(|| format!("in {}", file.display()))
 }

@@ -14,6 +14,7 @@ pub use stamp::hash;
 use crate::{process, programs, workspace::Workspace};
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
+use golden::read_json;
 use serde_json::{Map, Value, json};
 pub use stages::Size;
 use stages::{PROGRAMS, Program, SEED, Stage};
@@ -309,11 +310,6 @@ fn look_at_pages(folder: &Path, pages: &[&str]) -> Result<bool> {
         false => println!("pages in a browser:\n  {}", found.join("\n  ")),
     }
     Ok(found.is_empty())
-}
-
-fn read_json(file: &Path) -> Result<Value> {
-    let text = fs::read_to_string(file).with_context(|| format!("reading {}", file.display()))?;
-    serde_json::from_str(&text).with_context(|| format!("in {}", file.display()))
 }
 
 /// Writes a golden into `out`: `replay`, the figures of all `stages`, or those of the optional stage `navigate`; with `_full` at the size

@@ -1,6 +1,6 @@
 //! Every golden is listed, complete and used.
 
-use super::Source;
+use super::source::Source;
 use crate::golden::Manifest;
 use anyhow::Result;
 use serde_json::Value;

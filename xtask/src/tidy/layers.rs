@@ -1,6 +1,6 @@
 //! Which crate may use which, and what each crate must have.
 
-use super::Source;
+use super::source::Source;
 use crate::workspace::{Package, Workspace, short};
 use std::path::Path;
 
@@ -24,7 +24,6 @@ const LAYERS: &[(&str, u8)] = &[
     ("qv-contact", 4),
     ("qv-residual", 4),
     ("qv-gap", 5),
-    ("qv-baselines", 6),
     ("qv-camera", 6),
     ("qv-open", 6),
     ("qv-sealed", 6),

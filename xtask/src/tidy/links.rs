@@ -1,6 +1,6 @@
 //! Links of pages: every file and every heading that a page of Markdown points at is there, and the book has every page of `docs`.
 
-use super::Source;
+use super::source::Source;
 use std::collections::BTreeSet;
 use std::path::{Component, Path, PathBuf};
 

@@ -1,23 +1,19 @@
 //! `cargo xtask tidy`: the invariants of docs/ARCHITECTURE.md, read from `cargo metadata` and the files. Also a test.
 
+mod circles;
 mod goldens;
 mod layers;
 mod licences;
 mod links;
+mod module_paths;
 mod rust_text;
+mod source;
 mod sources;
 
 use crate::workspace::{Package, Workspace};
 use anyhow::{Context, Result};
+use source::Source;
 use std::fs;
-use std::path::PathBuf;
-
-/// A text file of the repository.
-struct Source {
-    /// Relative to the root.
-    path: PathBuf,
-    text: String,
-}
 
 /// Everything that breaks an invariant, one line each.
 ///
@@ -36,6 +32,7 @@ fn findings(workspace: &Workspace) -> Result<Vec<String>> {
     let mut found = layers::check(workspace, &texts);
     found.extend(licences::check(workspace, &workspace.packages)?);
     found.extend(sources::check(workspace, &texts));
+    found.extend(circles::check(workspace, &texts));
     found.extend(links::check(&texts, &files));
     found.extend(goldens::check(root, &texts)?);
     found.sort();

@@ -37,14 +37,16 @@ pub fn code(text: &str, strings: Strings) -> String {
     String::from_utf8(out).unwrap_or_default()
 }
 
-/// `code` without its test modules: each item after `#[cfg(test)]`, to its closing brace or semicolon, is blanked.
+/// `code` without its test modules: each item after `#[cfg(test)]` or `#[cfg(all(test, ...))]`, to its closing brace or
+/// semicolon, is blanked.
 /// Expects comments and strings to be blanked already, since braces are counted.
 pub fn without_tests(code: &str) -> String {
     let mut out = code.as_bytes().to_vec();
     let mut from = 0;
-    while let Some(found) = code[from..].find("#[cfg(test)]") {
+    let marks = ["#[cfg(test)]", "#[cfg(all(test,"];
+    while let Some(found) = marks.iter().filter_map(|mark| code[from..].find(mark)).min() {
         let start = from + found;
-        let end = end_of_item(code.as_bytes(), start + "#[cfg(test)]".len());
+        let end = end_of_item(code.as_bytes(), start);
         blank(&mut out[start..end]);
         from = end;
     }

@@ -1,7 +1,8 @@
 //! Rules about the text of files.
 
+use super::layers;
 use super::rust_text::{Strings, code, without_tests};
-use super::{Source, layers};
+use super::source::Source;
 use crate::workspace::{Package, Workspace};
 use std::path::Path;
 

@@ -39,7 +39,7 @@ pub fn closure(study: &mut LinearisedProblem, setting: &Overrides) -> Result<Clo
 }
 
 /// Mean loss of the robot as it is in the windows that no fit has seen.
-pub fn held_out_loss(study: &LinearisedProblem) -> f64 {
+pub(crate) fn held_out_loss(study: &LinearisedProblem) -> f64 {
     let loss = |seen: &LinearisedWindow| {
         let residual = study.whitener(seen).residual(seen.index, &seen.raw);
         squared(&residual) / residual.len() as f64
@@ -61,7 +61,7 @@ pub fn closed_in_fit(study: &mut LinearisedProblem, setting: &Overrides) -> Resu
 ///
 /// # Errors
 /// When a value means nothing.
-pub fn held_out_evidence(study: &mut LinearisedProblem, setting: &Overrides) -> Result<f64, GapError> {
+pub(crate) fn held_out_evidence(study: &mut LinearisedProblem, setting: &Overrides) -> Result<f64, GapError> {
     let windows: Vec<usize> = (0..study.seen.len()).filter(|&w| held_out(&study.seen[w]) > 0.0).collect();
     let marginal = study.marginal(held_out)?;
     let under = study.evaluate(std::slice::from_ref(setting), &windows)?.remove(0);
@@ -119,7 +119,7 @@ impl Closure {
     }
 
     /// What the law of those actuators leaves that a setting changes, in units of the null, before and under it.
-    pub fn actuator_residual(&self, study: &LinearisedProblem, setting: &Overrides) -> [f64; 2] {
+    pub(crate) fn actuator_residual(&self, study: &LinearisedProblem, setting: &Overrides) -> [f64; 2] {
         let joints = &study.rollout.law_joints;
         let concerned: Vec<bool> = joints.iter().map(|&j| law::concerns(&study.rollout, setting, j)).collect();
         let bins = law::bins(&study.rollout);

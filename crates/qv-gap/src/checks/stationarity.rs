@@ -42,7 +42,7 @@ const LEAST_WINDOWS: usize = 8;
 const SLOW: f64 = 1.0;
 
 /// How the value of an effect of joints that was accused depends on each factor, in the study of the corrected robot.
-pub fn dependences(study: &LinearisedProblem, name: &str, group: &Group) -> Vec<Dependence> {
+pub(crate) fn dependences(study: &LinearisedProblem, name: &str, group: &Group) -> Vec<Dependence> {
     let asked = asked(study, name, group);
     (0..FACTORS.len()).filter_map(|f| dependence(&asked, f)).collect()
 }
@@ -138,7 +138,7 @@ fn known(study: &LinearisedProblem, seen: &LinearisedWindow, joint: usize) -> [f
 }
 
 /// Mean over a window of what `of` makes of a joint's samples; 0 without any.
-pub fn mean_of(
+pub(crate) fn mean_of(
     study: &LinearisedProblem,
     seen: &LinearisedWindow,
     joint: usize,

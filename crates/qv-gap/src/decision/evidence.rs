@@ -112,7 +112,7 @@ pub struct Candidate {
 impl Candidate {
     /// Log evidence of the whole recording: of the windows of the fit, and of the others once these are known (the chain rule; MacKay,
     /// Information Theory, Inference and Learning Algorithms, 2003, chapter 28). Of what is confined, that of the windows of the fit.
-    pub fn whole_evidence(&self) -> f64 {
+    pub(crate) fn whole_evidence(&self) -> f64 {
         self.log_evidence + self.held_out.as_ref().and_then(|h| h.log_evidence).unwrap_or(0.0)
     }
 

@@ -68,13 +68,13 @@ impl<'j> Judge<'j> {
     }
 
     /// Whether something steady has far more evidence than a cause needs.
-    pub fn is_suspicious(&self) -> bool {
+    pub(crate) fn is_suspicious(&self) -> bool {
         let is_one = |c: &Candidate| c.extent.is_none() && c.whole_evidence() > self.policy.suspicious * self.needed(c);
         self.round.candidates.iter().any(is_one)
     }
 
     /// Whether a candidate is steady, larger than what any robot has, and has more evidence than a cause needs.
-    pub fn speaks_for(&self, candidate: &Candidate) -> bool {
+    pub(crate) fn speaks_for(&self, candidate: &Candidate) -> bool {
         let has_evidence = candidate.whole_evidence() > self.needed(candidate);
         candidate.extent.is_none() && has_evidence && !self.policy.is_trifle(candidate.size)
     }

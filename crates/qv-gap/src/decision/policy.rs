@@ -292,19 +292,19 @@ impl Default for Policy {
 
 impl Policy {
     /// Whether what is left is what engines differ in: everywhere, or but for the windows in which feet met the ground otherwise.
-    pub fn is_explained(&self, level: &Level) -> bool {
+    pub(crate) fn is_explained(&self, level: &Level) -> bool {
         let but_for_contacts = level.ratio < self.unexplained_at_contacts && level.quiet < self.unexplained_in_quiet;
         level.ratio < self.unexplained || but_for_contacts
     }
 
     /// Whether a size \[tolerances\] is no more than any robot may deviate by; what has none is no trifle.
-    pub fn is_trifle(&self, size: f64) -> bool {
+    pub(crate) fn is_trifle(&self, size: f64) -> bool {
         size < self.least_size
     }
 
     /// Whether a correction takes away most of what the law of its actuators leaves, `before` and after. No contact has a part in that, so
     /// that what engines differ in is no excuse.
-    pub fn closes_actuator_residual(&self, [before, after]: [f64; 2]) -> bool {
+    pub(crate) fn closes_actuator_residual(&self, [before, after]: [f64; 2]) -> bool {
         before > 1.0 + self.least_actuator_excess && after - 1.0 < (1.0 - self.least_actuator_closed) * (before - 1.0)
     }
 }

@@ -21,7 +21,7 @@ use qv_sim::Model;
 use std::fmt::Write;
 
 /// Physics step that `isaac_lab_actuators.py` counts delays in \[s\]: the usual one of legged robots in Isaac Lab.
-pub const ISAAC_LAB_DT: f64 = 0.005;
+pub(crate) const ISAAC_LAB_DT: f64 = 0.005;
 
 /// All files of a diagnosis by name: `report.json`, `report.html`, `calibrated.toml`, `mjcf_fragment.xml`,
 /// `isaac_lab_actuators.py`, and `robot_calibrated.urdf` when the URDF that `model` was read from is given.

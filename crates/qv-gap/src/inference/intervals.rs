@@ -8,7 +8,7 @@ use crate::problem::columns::Extent;
 use crate::problem::library::Effect;
 
 /// Values of a fit of a study.
-pub fn estimates_of(study: &LinearisedProblem, fit: &Fit) -> Vec<ParameterEstimate> {
+pub(crate) fn estimates_of(study: &LinearisedProblem, fit: &Fit) -> Vec<ParameterEstimate> {
     let effect = &study.columns.effects[study.columns.groups[fit.suspect.group].effect];
     estimates(effect, fit, fit.suspect.extent)
 }

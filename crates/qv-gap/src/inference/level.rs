@@ -25,7 +25,7 @@ pub fn level(study: &LinearisedProblem) -> Result<Level, GapError> {
 ///
 /// # Errors
 /// When the normal equations are no good.
-pub fn level_outside(study: &LinearisedProblem, regions: &[[f64; 4]]) -> Result<Level, GapError> {
+pub(crate) fn level_outside(study: &LinearisedProblem, regions: &[[f64; 4]]) -> Result<Level, GapError> {
     let inside = |seen: &LinearisedWindow| regions.iter().any(|r| is_within_reach(*r, place(&seen.window)));
     let outside = study.seen.iter().filter(|s| fitted(s) > 0.0 && !inside(s)).count();
     let loss = |seen: &LinearisedWindow| squared(&seen.residual) / seen.residual.len() as f64;

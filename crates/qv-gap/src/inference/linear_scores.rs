@@ -6,14 +6,14 @@ use crate::inference::search::{Search, fitted};
 use crate::problem::columns::Suspect;
 
 /// Largest log evidence of each effect in recordings without one, 0 at least.
-pub fn by_chance(search: &Search) -> Vec<f64> {
+pub(crate) fn by_chance(search: &Search) -> Vec<f64> {
     let most = vec![0.0; search.study.columns.effects.len()];
     let larger = |most: Vec<f64>, replicate: Vec<f64>| most.iter().zip(replicate).map(|(m, e)| e.max(*m)).collect();
     of_replicates(search).into_iter().fold(most, larger)
 }
 
 /// Log evidence of each effect by one linear step, its best group's, in each recording without one: shape `[replicates][effects]`.
-pub fn of_replicates(search: &Search) -> Vec<Vec<f64>> {
+pub(crate) fn of_replicates(search: &Search) -> Vec<Vec<f64>> {
     let study = &search.study;
     let all: Vec<usize> = (0..study.seen.len()).collect();
     study.replicates.iter().map(|replicate| by_effect(search, &study.sums(replicate, &all, fitted))).collect()

@@ -24,7 +24,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Share of a tolerance that is as good as none.
 const FORGOTTEN: f64 = 1e-3;
 /// Columns that belong to no unit: torques may be out of step with the positions that they are reported with.
-pub const EXTRA: usize = 1;
+pub(crate) const EXTRA: usize = 1;
 /// Tolerance of that step in columns.
 const SHIFT_TOLERANCE: f64 = 1.0;
 
@@ -344,7 +344,7 @@ impl<'a> LinearisedProblem<'a> {
     /// # Errors
     /// When a setting has a value that means nothing.
     #[allow(clippy::type_complexity)]
-    pub fn raw_vectors(
+    pub(crate) fn raw_vectors(
         &self,
         settings: &[Overrides],
         windows: &[usize],
@@ -404,7 +404,7 @@ impl<'a> LinearisedProblem<'a> {
 
     /// Residuals of a recording with the tolerated deviations at their best over its windows taken away; `None` where its
     /// simulation ran away, and in windows of no weight.
-    pub fn without_deviations(
+    pub(crate) fn without_deviations(
         &self,
         marginal: &Marginal,
         residuals: &[Option<&Vec<f64>>],
@@ -426,7 +426,7 @@ impl<'a> LinearisedProblem<'a> {
     }
 
     /// Those of each simulated recording without an effect.
-    pub fn residuals_of_replicates(&self) -> impl Iterator<Item = Vec<Option<&Vec<f64>>>> {
+    pub(crate) fn residuals_of_replicates(&self) -> impl Iterator<Item = Vec<Option<&Vec<f64>>>> {
         self.ghost_residuals.iter().map(|g| g.iter().map(Option::as_ref).collect())
     }
 
@@ -470,7 +470,7 @@ impl LinearisedWindow {
     }
 
     /// Normal equations of a whitened residual.
-    pub fn normal_of(&self, r: &[f64]) -> Normal {
+    pub(crate) fn normal_of(&self, r: &[f64]) -> Normal {
         Normal { b: transposed_times(&self.j, r), e: squared(r), count: r.len() }
     }
 }

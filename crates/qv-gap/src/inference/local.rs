@@ -44,7 +44,7 @@ impl Search<'_, '_> {
     ///
     /// # Errors
     /// When a value means nothing.
-    pub fn local_suspects(&mut self, base: &Base, without: &[usize]) -> Result<Vec<Fit>, GapError> {
+    pub(crate) fn local_suspects(&mut self, base: &Base, without: &[usize]) -> Result<Vec<Fit>, GapError> {
         let mut fits = if self.study.is_relative { Vec::new() } else { self.events(base, without)? };
         // A foot that lands a millimetre early slips elsewhere: the deviations that the sound windows ask for are in all
         // that is simulated now, rather than added to it.

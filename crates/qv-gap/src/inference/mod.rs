@@ -1,11 +1,11 @@
 //! From residuals and their sensitivities to candidates: which effect, where, when, how large, and how sure.
 
-pub mod ablation;
-pub mod gaussian_evidence;
+pub(crate) mod ablation;
+pub(crate) mod gaussian_evidence;
 pub mod intervals;
 pub mod joint;
 pub mod level;
-pub mod linear_scores;
+pub(crate) mod linear_scores;
 pub mod local;
 pub mod regions;
 pub mod relinearise;

@@ -4,7 +4,7 @@ use crate::inference::linearised::LinearisedProblem;
 use crate::problem::columns::{Extent, Suspect};
 
 /// All of the ground, and what lies to the left and to the right of the way: the feet of one side alone may stand on it.
-pub fn whole_and_halves(places: &[[f64; 2]]) -> Vec<[f64; 4]> {
+pub(crate) fn whole_and_halves(places: &[[f64; 2]]) -> Vec<[f64; 4]> {
     const FAR: f64 = 1e3;
     let whole = [-FAR, FAR, -FAR, FAR];
     let along = |axis: usize| {
@@ -101,7 +101,7 @@ fn interval(places: &[[f64; 2]], gains: &[f64], axis: usize, of: &[usize]) -> Op
 /// How far feet reach beyond the trunk's middle \[m\].
 pub const REACH: f64 = 0.35;
 /// Whether feet may stand in a region while the trunk is at a place, x and y \[m\].
-pub fn is_within_reach(region: [f64; 4], [x, y]: [f64; 2]) -> bool {
+pub(crate) fn is_within_reach(region: [f64; 4], [x, y]: [f64; 2]) -> bool {
     let reach = |low: f64, high: f64| low - REACH..high + REACH;
     reach(region[0], region[1]).contains(&x) && reach(region[2], region[3]).contains(&y)
 }
@@ -128,7 +128,7 @@ fn inside(feet: &[[f64; 2]], region: [f64; 4]) -> Vec<[f64; 2]> {
 }
 
 /// The region without what lies beyond the feet that stood in it, about which nothing is known.
-pub fn up_to_feet(feet: &[[f64; 2]], region: [f64; 4]) -> [f64; 4] {
+pub(crate) fn up_to_feet(feet: &[[f64; 2]], region: [f64; 4]) -> [f64; 4] {
     let inside = inside(feet, region);
     if inside.is_empty() {
         return region;
@@ -152,7 +152,7 @@ fn outwards(edge: usize) -> f64 {
 
 /// The region with each edge midway between the outermost foot inside and the next one outside: anywhere between them it explains as much.
 /// Where no foot stood outside, it ends at the feet inside.
-pub fn told_by_feet(feet: &[[f64; 2]], region: [f64; 4]) -> Outline {
+pub(crate) fn told_by_feet(feet: &[[f64; 2]], region: [f64; 4]) -> Outline {
     let within = up_to_feet(feet, region);
     let inside = inside(feet, region);
     let mut told = Outline { region: within, deviations: [BEYOND_FEET; 4] };
@@ -172,7 +172,7 @@ pub fn told_by_feet(feet: &[[f64; 2]], region: [f64; 4]) -> Outline {
 }
 
 /// Names of the edges beyond which no foot stood: the ground may go on there.
-pub fn untested(feet: &[[f64; 2]], region: [f64; 4]) -> Vec<&'static str> {
+pub(crate) fn untested(feet: &[[f64; 2]], region: [f64; 4]) -> Vec<&'static str> {
     (0..4).filter(|&edge| beyond(feet, region, edge).is_infinite()).map(|edge| EDGES[edge]).collect()
 }
 
@@ -180,7 +180,7 @@ pub fn untested(feet: &[[f64; 2]], region: [f64; 4]) -> Vec<&'static str> {
 const MOST_OUTSIDE: f64 = 0.25;
 
 /// Whether the robot was in a region in all windows, and its feet all but always.
-pub fn never_left(study: &LinearisedProblem, feet: &[[f64; 2]], [x0, x1, y0, y1]: [f64; 4]) -> bool {
+pub(crate) fn never_left(study: &LinearisedProblem, feet: &[[f64; 2]], [x0, x1, y0, y1]: [f64; 4]) -> bool {
     let inside = |[x, y]: [f64; 2]| (x0..=x1).contains(&x) && (y0..=y1).contains(&y);
     let outside = feet.iter().filter(|p| !inside(**p)).count() as f64;
     outside <= MOST_OUTSIDE * feet.len() as f64 && study.seen.iter().all(|s| inside(place(&s.window)))

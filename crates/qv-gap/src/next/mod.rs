@@ -8,14 +8,13 @@ mod power;
 mod record;
 
 pub use motions::{Limits, Motion, motions};
-pub use power::{Decides, Hypothesis};
+pub use power::{Decides, Hypothesis, Worth};
 
 use crate::decision::evidence::Evidence;
 use crate::diagnose::study;
 use crate::{GapError, Options};
 use qv_recording::Run;
 use qv_sim::{Model, Terrain};
-use serde::Serialize;
 
 /// A motion, and what a recording of it would tell.
 #[derive(Debug, Clone)]
@@ -26,17 +25,6 @@ pub struct Proposal {
     pub recording: Run,
     /// What it tells.
     pub worth: Worth,
-}
-
-/// How well a motion tells hypotheses apart.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Worth {
-    /// Probability that it decides: over hypotheses as the true one, mean of the least over its rivals.
-    pub decides: f64,
-    /// The pairs that this is made of.
-    pub pairs: Vec<Decides>,
-    /// Logarithm of the determinant of the information on all their sizes together (D-optimality), in units of the null.
-    pub log_determinant: f64,
 }
 
 /// The hypotheses that a diagnosis leaves open: of each effect the best candidate of the first round, at most `most`, best evidence first.

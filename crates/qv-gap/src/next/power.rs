@@ -9,7 +9,6 @@ use crate::GapError;
 use crate::decision::Policy;
 use crate::inference::linearised::LinearisedProblem;
 use crate::inference::search::{Direction, direction};
-use crate::next::Worth;
 use qv_fit::linear::{add_diagonal, add_scaled, dot, product, times, transposed_product, transposed_times};
 use qv_fit::{Cholesky, Matrix};
 use serde::Serialize;
@@ -132,6 +131,17 @@ fn standard_normal(x: f64) -> f64 {
     let sum = polynomial.iter().rev().fold(0.0, |sum, c| t * (c + sum));
     let tail = (-0.5 * x * x).exp() / (2.0 * std::f64::consts::PI).sqrt() * sum;
     if x > 0.0 { 1.0 - tail } else { tail }
+}
+
+/// How well a motion tells hypotheses apart.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Worth {
+    /// Probability that it decides: over hypotheses as the true one, mean of the least over its rivals.
+    pub decides: f64,
+    /// The pairs that this is made of.
+    pub pairs: Vec<Decides>,
+    /// Logarithm of the determinant of the information on all their sizes together (D-optimality), in units of the null.
+    pub log_determinant: f64,
 }
 
 #[cfg(test)]

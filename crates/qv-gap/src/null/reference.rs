@@ -171,7 +171,7 @@ impl<'p> Fit<'p> {
 }
 
 /// Takes out windows of a reference that are missed by far more than most: something happened there, once.
-pub fn drop_outliers(pool: &mut Vec<(bool, Raw)>) {
+pub(crate) fn drop_outliers(pool: &mut Vec<(bool, Raw)>) {
     let numbers = |raw: &Raw| raw.motion.iter().chain(&raw.law).copied().collect::<Vec<f64>>();
     let Some(size) = pool.first().map(|p| numbers(&p.1).len()) else { return };
     let all: Vec<Vec<f64>> = pool.iter().map(|p| numbers(&p.1)).collect();

@@ -116,7 +116,7 @@ impl Whitener {
     }
 
     /// Each feature less its mean, in units of its own spread: dependent numbers, for shares only.
-    pub fn separate(&self, window: usize, raw: &Raw) -> Raw {
+    pub(crate) fn separate(&self, window: usize, raw: &Raw) -> Raw {
         let mode = self.mode(window);
         let motion = raw.motion.iter().enumerate().map(|(i, x)| (x - mode.mean[i]) / mode.deviation[i]).collect();
         let of_law = |(i, x): (usize, &f64)| {

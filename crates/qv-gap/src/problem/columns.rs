@@ -290,7 +290,7 @@ impl Columns {
     }
 
     /// Units of a group along an axis.
-    pub fn units_of(&self, group: &Group, axis: usize) -> impl Iterator<Item = usize> + '_ {
+    pub(crate) fn units_of(&self, group: &Group, axis: usize) -> impl Iterator<Item = usize> + '_ {
         let (effect, members) = (group.effect, group.members.clone());
         (0..self.units.len()).filter(move |&u| {
             let unit = &self.units[u];
@@ -318,12 +318,17 @@ impl Columns {
     }
 
     /// The setting in which suspects have their values.
-    pub fn setting_of(&self, rollout: &Rollout, suspects: &[Suspect]) -> Overrides {
+    pub(crate) fn setting_of(&self, rollout: &Rollout, suspects: &[Suspect]) -> Overrides {
         self.setting_beside(rollout, &[], suspects)
     }
 
     /// The same for a robot some of whose units deviate already.
-    pub fn setting_beside(&self, rollout: &Rollout, deviant: &[(usize, f64)], suspects: &[Suspect]) -> Overrides {
+    pub(crate) fn setting_beside(
+        &self,
+        rollout: &Rollout,
+        deviant: &[(usize, f64)],
+        suspects: &[Suspect],
+    ) -> Overrides {
         let mut units = deviant.to_vec();
         let mut fixed: Vec<(String, f64)> = Vec::new();
         for suspect in suspects {

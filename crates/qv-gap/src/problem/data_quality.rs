@@ -75,7 +75,7 @@ fn fall(run: &Run) -> Option<f64> {
 }
 
 /// Positions of joints that stood still all the time: `position NAME`.
-pub fn dead_positions(runs: &[Run]) -> Vec<&str> {
+pub(crate) fn dead_positions(runs: &[Run]) -> Vec<&str> {
     let faults = runs.iter().flat_map(|run| &run.faults);
     let mut names: Vec<&str> = faults
         .filter(|f| f.kind == FaultKind::Frozen && f.channel.starts_with("position "))

@@ -44,7 +44,7 @@ fn speeds(rollout: &Rollout, window: &Window, joint: usize) -> impl Iterator<Ite
 
 /// Whether nothing of a group could show its effect: it acts with speed alone, and all its joints are `at_rest`, all of the robot's
 /// `joints` if it is none of joints.
-pub fn is_unshown(columns: &Columns, group: &Group, at_rest: &[usize], joints: usize) -> bool {
+pub(crate) fn is_unshown(columns: &Columns, group: &Group, at_rest: &[usize], joints: usize) -> bool {
     let effect = &columns.effects[group.effect];
     let rests = match effect.scope {
         Scope::Joints => group.members.iter().all(|joint| at_rest.contains(joint)),

@@ -1,7 +1,7 @@
 //! What is being diagnosed: a robot on its ground, and the effects that may act on it, with all that is looked up once.
 
 pub mod columns;
-pub mod data_quality;
+pub(crate) mod data_quality;
 pub mod excitation;
 pub mod library;
 pub(crate) mod one_robot;

@@ -1,38 +1,8 @@
 //! What the camera shows in a report: a part of its own, causes and shares among those of the robot.
 
-use super::{Cause, Gap, Noise, ParameterEstimate, Ranked, Report, Share, Verdict, VisualGap};
+use super::{Cause, Gap, Ranked, Report, Share, Sight, Verdict, VisualGap};
 use crate::decision::evidence::CameraEvidence;
 use crate::decision::{CameraDecision, NONE, both};
-use serde::Serialize;
-
-/// What is wrong with the camera: `visual` in `report.json`.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Sight {
-    /// The outcome for this interface.
-    pub verdict: Verdict,
-    /// In a sentence.
-    pub sentence: String,
-    /// Photographs that were compared.
-    pub photographs: usize,
-    /// Their size \[px\].
-    pub size: [usize; 2],
-    /// How far they are apart.
-    pub gap: VisualGap,
-    /// See [`CameraEvidence::level`].
-    pub level: [f64; 2],
-    /// Accused, best first.
-    pub causes: Vec<Cause>,
-    /// All effects of a camera and `none`, likeliest first.
-    pub ranking: Vec<Ranked>,
-    /// Log evidence of each effect over that of none.
-    pub evidence: Vec<(String, f64)>,
-    /// What all photographs share, all effects free at once.
-    pub shared: Vec<ParameterEstimate>,
-    /// Scatter.
-    pub noise: Noise,
-    /// What cannot be told.
-    pub cannot_tell: Vec<String>,
-}
 
 impl Sight {
     /// What was decided on evidence.

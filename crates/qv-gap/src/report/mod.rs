@@ -14,7 +14,6 @@ pub(crate) mod traces;
 
 use crate::decision::Policy;
 pub use crate::findings::*;
-pub use camera::Sight;
 pub use render::{render, report};
 use serde::Serialize;
 
@@ -118,4 +117,33 @@ pub struct Report {
     /// Program, arguments, and inputs with their hashes, where the caller says them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub provenance: Option<serde_json::Value>,
+}
+
+/// What is wrong with the camera: `visual` in `report.json`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Sight {
+    /// The outcome for this interface.
+    pub verdict: Verdict,
+    /// In a sentence.
+    pub sentence: String,
+    /// Photographs that were compared.
+    pub photographs: usize,
+    /// Their size \[px\].
+    pub size: [usize; 2],
+    /// How far they are apart.
+    pub gap: VisualGap,
+    /// See [`crate::decision::evidence::CameraEvidence::level`].
+    pub level: [f64; 2],
+    /// Accused, best first.
+    pub causes: Vec<Cause>,
+    /// All effects of a camera and `none`, likeliest first.
+    pub ranking: Vec<Ranked>,
+    /// Log evidence of each effect over that of none.
+    pub evidence: Vec<(String, f64)>,
+    /// What all photographs share, all effects free at once.
+    pub shared: Vec<ParameterEstimate>,
+    /// Scatter.
+    pub noise: Noise,
+    /// What cannot be told.
+    pub cannot_tell: Vec<String>,
 }

@@ -1,7 +1,7 @@
 //! From evidence and a decision to a report. Nothing is simulated.
 
-use super::camera::{Sight, join};
-use super::{Cause, FORMAT, Gap, Report, Share, Unexplained, Verdict, Where, narrative};
+use super::camera::join;
+use super::{Cause, FORMAT, Gap, Report, Share, Sight, Unexplained, Verdict, Where, narrative};
 use crate::GapError;
 use crate::decision::evidence::{Evidence, ReportData};
 use crate::decision::{Decision, Parted, Policy, decide};

@@ -37,11 +37,8 @@ pub fn write_bag(messages: &[Message], out: impl Write + Seek) -> Result<(), Rec
         channels.insert(topic, channel);
     }
     for (sequence, message) in messages.iter().enumerate() {
-        let expected = || RecordingError::Run {
-            what: "topic of a message".into(),
-            expected: "/lowcmd, /lowstate or /Odometry".into(),
-            found: message.topic.into(),
-        };
+        let expected =
+            || qv_core::Mismatch::new("topic of a message", "/lowcmd, /lowstate or /Odometry", message.topic);
         let header = mcap::records::MessageHeader {
             channel_id: *channels.get(message.topic).ok_or_else(expected)?,
             sequence: sequence as u32,

@@ -10,6 +10,7 @@ pub use noise::Deviations;
 use crate::gait::{Squat, Trot};
 use crate::messages::{self, LowCmd, LowState};
 use crate::model;
+use qv_core::Mismatch;
 use qv_core::random::SplitMix64;
 use qv_recording::RecordingError;
 use qv_sim::{BaseKind, Batch, JointCommand, Model, ModelOptions, SensorReading, SimError, SimOptions, State, Terrain};
@@ -80,7 +81,7 @@ pub fn command_latency(seconds: f64) -> Vec<(String, f64)> {
 
 /// What a simulator says, as the error of a recording.
 pub fn simulator(error: SimError) -> RecordingError {
-    RecordingError::Run { what: "synthetic robot".into(), expected: "a simulation".into(), found: error.to_string() }
+    Mismatch::new("synthetic robot", "a simulation", error).into()
 }
 
 /// Records [`motion`] by `robot` on `terrain`, which must be at height 0 where it stands at first.
@@ -108,8 +109,8 @@ pub fn record(terrain: &Terrain, robot: &Robot) -> Result<Vec<Message>, Recordin
         send(&mut sim, &command).map_err(simulator)?;
         sim.step_many(2);
         if sim.is_faulty(0).map_err(simulator)? {
-            let (what, found) = ("synthetic robot".into(), format!("one that ran away after {} s", k as f64 * 0.002));
-            return Err(RecordingError::Run { what, expected: "a finite state".into(), found });
+            let found = format!("one that ran away after {} s", k as f64 * 0.002);
+            return Err(Mismatch::new("synthetic robot", "a finite state", found).into());
         }
     }
     Ok(recorded)

@@ -1,7 +1,7 @@
 //! Plain regions of a frame on planes.
 
-use super::Plane;
 use super::picture::Picture;
+use super::plane::Plane;
 use super::segments::segments;
 use crate::DepthFrame;
 use glam::DVec3;

@@ -1,9 +1,8 @@
 //! Planes of a place, from depths at pixels with texture.
 
-use super::Plane;
 use super::picture::Picture;
-use crate::DepthFrame;
-use crate::depth;
+use super::plane::Plane;
+use crate::{DepthFrame, depth};
 use glam::DVec3;
 use rayon::prelude::*;
 

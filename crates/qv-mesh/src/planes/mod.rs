@@ -10,24 +10,17 @@
 mod assign;
 mod find;
 mod picture;
+mod plane;
 mod segments;
 #[cfg(test)]
 mod tests;
 
+pub use plane::Plane;
+
 use crate::error::off;
 use crate::{DepthFrame, MeshError};
-use glam::DVec3;
 use picture::Picture;
 use rayon::prelude::*;
-
-/// A plane of the world: `normal` · p = `offset`, in metres; the normal is a unit one and points to where cameras see it from.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Plane {
-    /// Unit normal.
-    pub normal: DVec3,
-    /// Distance of the origin from the plane, against the normal \[m\].
-    pub offset: f64,
-}
 
 /// What was drawn of a frame.
 #[derive(Debug, Clone, PartialEq)]

@@ -3,11 +3,11 @@
 //! A row of all matrices is one decision: lane times stretch plus step. Decisions beyond the end of a lane have no loss, so no gradient.
 
 use super::product::{Product, THREADS, Tile, declare};
-use crate::dagger::TrainSettings;
 use crate::loss::LONGEST;
 use crate::net::{COLOUR, COMMAND, Conv, HIDDEN, KNOWN, Net, OUTPUTS, RAW, RAW_SIGHT, SIGHT, STATE, Tint};
 use crate::recall::RECALL;
-use crate::tune::{Acted, PolicySettings};
+use crate::roll::Acted;
+use crate::settings::{PolicySettings, TrainSettings};
 use qv_policy::net::{Dense, padded};
 
 /// Numbers that a decision is judged by: command, cone, whether it was found, what else is known, what is said of the picture; then what was done, its

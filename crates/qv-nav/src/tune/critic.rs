@@ -1,15 +1,16 @@
 //! What a state is worth: a network that knows the map, which the student does not (asymmetric actor and critic, Pinto et al. 2018).
 
-use super::PolicySettings;
 use crate::NavError;
-use crate::dagger::Driven;
 use crate::env::worth;
+use crate::roll::Driven;
+use crate::settings::PolicySettings;
 use crate::task::{DECISIONS, NEAR, PERIOD};
 use crate::teacher::World;
 use glam::DVec2;
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::adam::Adam;
 use qv_policy::net::{Mlp, Tape, padded};
+use serde::{Deserialize, Serialize};
 
 /// Numbers that a value is told from.
 const FEATURES: usize = 12;
@@ -177,4 +178,13 @@ impl Critic {
             Err(NavError::value("gradient of the critic", "a finite number", length))
         }
     }
+}
+
+/// What the episodes of a round gained.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Gains {
+    /// Sum of the rewards of an episode, mean over episodes.
+    pub reward: f64,
+    /// Share of the variance of the returns that the critic explained before it learnt from them.
+    pub explained: f64,
 }

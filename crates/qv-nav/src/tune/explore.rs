@@ -2,9 +2,8 @@
 
 use crate::net::{COMMAND, Net};
 use crate::pilots::NetPilot;
-use crate::roll::{Decision, Pilot, Seen};
+use crate::roll::{Acted, Decision, Pilot, Seen};
 use crate::task::Episode;
-use crate::tune::Acted;
 use qv_core::random::Xoshiro256PlusPlus;
 
 /// Drives, and keeps what it did.

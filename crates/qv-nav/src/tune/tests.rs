@@ -5,6 +5,7 @@ use crate::legs::Follower;
 use crate::lens::LensSpread;
 use crate::map::{Map, MapSettings};
 use crate::roll::Record;
+use crate::settings::TrainSettings;
 use crate::sight::Rig;
 use crate::task::{End, EpisodeSettings, Limits, Stratum, Trial};
 use glam::DVec3;

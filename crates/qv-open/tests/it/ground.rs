@@ -70,5 +70,5 @@ fn a_robot_that_walks_beside_its_ground_is_refused() {
     };
     assert!(poses(0.5).is_ok());
     assert!(poses(1.9).is_ok(), "a part of the way beside it");
-    assert!(matches!(poses(20.0), Err(RecordingError::Run { what, .. }) if what == "terrain"));
+    assert!(matches!(poses(20.0), Err(RecordingError::Run(error)) if error.what == "terrain"));
 }

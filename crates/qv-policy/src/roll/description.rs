@@ -270,7 +270,7 @@ impl Description {
     }
 
     /// Physics steps per action.
-    pub fn steps_per_action(&self) -> usize {
+    pub(crate) fn steps_per_action(&self) -> usize {
         (1.0 / (self.rate * self.simulation.timestep)).round() as usize
     }
 

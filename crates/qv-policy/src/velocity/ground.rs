@@ -189,7 +189,7 @@ impl Ground {
     }
 
     /// Whether levels grow harder (else all places of a kind are alike).
-    pub fn has_levels(&self) -> bool {
+    pub(crate) fn has_levels(&self) -> bool {
         self.reach.is_finite()
     }
 

@@ -1,24 +1,15 @@
 //! What one robot did in a step: reward, end, and what is remembered of it.
 
+use super::readings::Readings;
 use super::reward::{Measures, Seen, Terms, terms};
+use super::robot::MOST_FEET;
 use super::turns::{in_heading, turned_back};
-use super::{Ground, Readings, Reward, TaskRobot, TaskSettings, VelocityTask, Walker};
-use crate::compensate;
+use super::{Ground, Reward, TaskRobot, TaskSettings, Walker};
 use crate::env::End;
 use qv_sim::Batch;
 
 /// Force from which a shape counts as touching \[N\]: a thousandth of a small robot's weight, above the noise of single precision.
 const TOUCH: f32 = 0.1;
-
-/// More feet than any robot here has.
-pub(crate) const MOST_FEET: usize = 16;
-
-impl Readings {
-    /// As a compensator sees the robots.
-    pub(super) fn seen<'a>(&'a self, targets: &'a [f32]) -> compensate::Seen<'a> {
-        compensate::Seen { q: &self.q, v: &self.v, torques: &self.torques, forces: &self.forces, targets }
-    }
-}
 
 /// What one robot did in a step, for the sums.
 #[derive(Debug, Clone, Copy)]
@@ -31,34 +22,19 @@ pub(super) struct Outcome {
 
 /// What judging a robot reads, the same for all.
 pub(super) struct Judge<'a> {
-    robot: &'a TaskRobot,
+    pub robot: &'a TaskRobot,
     pub settings: &'a TaskSettings,
-    reward: &'a Reward,
-    ground: &'a Ground,
-    batch: &'a Batch<f32>,
-    read: &'a Readings,
-    judged: bool,
-    torque: f32,
-    foot_radius: Vec<f32>,
-    length: u32,
+    pub reward: &'a Reward,
+    pub ground: &'a Ground,
+    pub batch: &'a Batch<f32>,
+    pub read: &'a Readings,
+    pub judged: bool,
+    pub torque: f32,
+    pub foot_radius: Vec<f32>,
+    pub length: u32,
 }
 
-impl<'a> Judge<'a> {
-    pub fn new(task: &'a VelocityTask) -> Self {
-        Self {
-            robot: &task.robot,
-            settings: &task.settings,
-            reward: &task.reward,
-            ground: &task.ground,
-            batch: &task.batch,
-            read: &task.read,
-            judged: task.judged,
-            torque: task.robot.torque_scale(),
-            foot_radius: task.robot.feet.iter().map(|&g| task.robot.foot_radius(g)).collect(),
-            length: (task.settings.episode * task.settings.rate) as u32,
-        }
-    }
-
+impl Judge<'_> {
     /// Reward and end of one robot's step, and what it remembers of it.
     pub fn judge(&self, env: usize, action: &[f32], walker: &mut Walker) -> (Outcome, End) {
         let (joints, feet) = (self.robot.joints(), self.robot.feet.len());

@@ -6,6 +6,7 @@
 mod ground;
 mod judge;
 mod randomise;
+mod readings;
 mod reward;
 mod robot;
 mod settings;
@@ -13,7 +14,6 @@ mod turns;
 mod walker;
 
 pub use ground::Ground;
-pub(crate) use judge::MOST_FEET;
 pub use reward::TERMS;
 pub use robot::{PerJoint, RobotFile, TaskRobot};
 pub use settings::{Commands, Ends, Noise, Randomise, Reward, TaskSettings};
@@ -28,6 +28,7 @@ use qv_core::random::Xoshiro256PlusPlus;
 use qv_sim::{Batch, BatchCommand, LineSearch, SimOptions, State};
 use randomise::{Draws, set_known};
 use rayon::prelude::*;
+use readings::Readings;
 use turns::{heading, turned, turned_back};
 
 /// Parts of an observation with their length; `0` stands for the number of joints. All in SI units, unscaled.
@@ -84,22 +85,6 @@ impl Sums {
     fn new() -> Self {
         Self { steps: 0.0, terms: [0.0; TERMS.len()], velocity_error: 0.0, turning_error: 0.0, feet: [0.0; 3] }
     }
-}
-
-/// What the simulator said after the last step.
-#[derive(Debug, Clone, Default)]
-struct Readings {
-    q: Vec<f32>,
-    v: Vec<f32>,
-    torques: Vec<f32>,
-    forces: Vec<f32>,
-    feet: Vec<f32>,
-    feet_speed: Vec<f32>,
-    gyro: Vec<f32>,
-    acc: Vec<f32>,
-    orientation: Vec<f32>,
-    encoder_q: Vec<f32>,
-    encoder_dq: Vec<f32>,
 }
 
 impl VelocityTask {
@@ -174,11 +159,6 @@ impl VelocityTask {
     /// The ground.
     pub fn ground(&self) -> &Ground {
         &self.ground
-    }
-
-    /// The simulator, to look at.
-    pub fn batch(&self) -> &Batch<f32> {
-        &self.batch
     }
 
     /// The simulator, to change parameters, or to add torques.
@@ -285,6 +265,22 @@ impl VelocityTask {
         self.batch.read_encoders(&mut read.encoder_q, &mut read.encoder_dq)?;
         self.batch.read_geoms(&self.robot.feet, &mut read.feet, &mut read.feet_speed)?;
         Ok(())
+    }
+
+    /// What judges a step.
+    fn make_judge(&self) -> Judge<'_> {
+        Judge {
+            robot: &self.robot,
+            settings: &self.settings,
+            reward: &self.reward,
+            ground: &self.ground,
+            batch: &self.batch,
+            read: &self.read,
+            judged: self.judged,
+            torque: self.robot.torque_scale(),
+            foot_radius: self.robot.feet.iter().map(|&g| self.robot.foot_radius(g)).collect(),
+            length: (self.settings.episode * self.settings.rate) as u32,
+        }
     }
 
     /// The next place of the curriculum after an episode: harder for who lasted its time and went four fifths of the path that was asked
@@ -562,7 +558,7 @@ impl VelocityTask {
         self.look()?;
         let mut outcomes = vec![None; count];
         let mut walkers = std::mem::take(&mut self.walkers);
-        let shared = Judge::new(self);
+        let shared = self.make_judge();
         let parts = walkers.par_iter_mut().zip(rewards).zip(ends).zip(&mut outcomes);
         parts.enumerate().with_min_len(16).for_each(|(env, (((walker, reward), end), outcome))| {
             let action = &actions[env * joints..][..joints];

@@ -6,6 +6,9 @@ use qv_sim::{BaseKind, Geom, Model, ModelOptions};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
+/// More feet than any robot here has.
+pub(crate) const MOST_FEET: usize = 16;
+
 /// What a walking task must know of a robot.
 #[derive(Debug, Clone)]
 pub struct TaskRobot {
@@ -241,8 +244,8 @@ impl TaskRobot {
         if feet.is_empty() {
             return Err(PolicyError::setting("feet", "at least one shape", "none"));
         }
-        if feet.len() > super::MOST_FEET {
-            return Err(PolicyError::setting("feet", &format!("at most {}", super::MOST_FEET), feet.len()));
+        if feet.len() > MOST_FEET {
+            return Err(PolicyError::setting("feet", &format!("at most {}", MOST_FEET), feet.len()));
         }
         if sideways.len() != joints {
             return Err(PolicyError::setting("sideways", &format!("{joints} answers"), sideways.len()));

@@ -138,7 +138,7 @@ pub struct Reward {
 
 impl Reward {
     /// The weights in an epoch of a training.
-    pub fn in_epoch(&self, epoch: u64) -> Self {
+    pub(crate) fn in_epoch(&self, epoch: u64) -> Self {
         let share = if epoch >= self.air_epochs { 1.0 } else { epoch as f32 / self.air_epochs as f32 };
         Self { air: self.air + share * (self.air_last - self.air), ..self.clone() }
     }

@@ -69,7 +69,7 @@ impl Walker {
     }
 
     /// Draws a command.
-    pub fn draw_command(&mut self, commands: &Commands, dt: f32) {
+    pub(crate) fn draw_command(&mut self, commands: &Commands, dt: f32) {
         self.command_steps = (commands.every / dt).round() as u32;
         let random = &mut self.random;
         let stand = random.unit() < commands.stand;

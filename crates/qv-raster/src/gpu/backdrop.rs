@@ -1,6 +1,6 @@
 //! Prepared images behind those of a batch, on the card.
 
-use super::forward::GpuRasteriser;
+use super::rasteriser::GpuRasteriser;
 use super::record::{Groups, Recorder, Step};
 use crate::RasterError;
 use crate::lens::Lens;

@@ -1,7 +1,7 @@
 //! Derivatives on the graphics card.
 
 use super::cloud::GpuCloud;
-use super::forward::GpuRasteriser;
+use super::rasteriser::GpuRasteriser;
 use super::record::{Groups, Recorder, Step};
 use super::steps::FrameSteps;
 use crate::RasterError;

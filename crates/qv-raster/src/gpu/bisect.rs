@@ -1,37 +1,14 @@
 //! The CPU up to some stage, the graphics card from there: to find the stage that is off.
 
 use super::cloud::GpuCloud;
-use super::forward::{GpuRasteriser, GpuSettings};
 use super::images::GpuImages;
+use super::rasteriser::{GpuRasteriser, GpuSettings, Stage};
 use super::record::Recorder;
 use super::steps::FrameSteps;
 use crate::frame::Frame;
 use crate::shaders::slot;
 use crate::stages::sort::depth_key;
 use crate::{RasterError, Scene, View};
-
-/// The stages between which work can pass from the CPU to the card.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Stage {
-    /// Candidates.
-    Cull,
-    /// Records.
-    Project,
-    /// Records from near to far.
-    SortByDepth,
-    /// Entries.
-    Emit,
-    /// Entries by tile.
-    SortByTile,
-    /// Entries of each tile.
-    Ranges,
-}
-
-impl Stage {
-    /// All of them in order.
-    pub const ALL: [Self; 6] =
-        [Self::Cull, Self::Project, Self::SortByDepth, Self::Emit, Self::SortByTile, Self::Ranges];
-}
 
 impl GpuRasteriser {
     /// As [`Self::render`], with what `frame`, which the CPU drew of the same views, found up to and with `stage`. Derivatives

@@ -1,86 +1,15 @@
 //! A batch of views on the graphics card.
 
-use super::bisect::Stage;
 use super::buffers::{Buffers, Sizes};
 use super::cloud::GpuCloud;
-use super::device::Gpu;
+use super::constants::Constants;
 use super::images::GpuImages;
-use super::record::{Recorder, Stamps};
+use super::rasteriser::{GpuRasteriser, GpuSettings, Kind, kind};
+use super::record::Recorder;
 use super::steps::FrameSteps;
 use crate::lens::Batch;
 use crate::shaders::{Variant, slot};
 use crate::{RasterError, Scene, Settings, View};
-
-/// How the card draws.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct GpuSettings {
-    /// Colour and alpha as four bytes instead of four floats.
-    pub bytes: bool,
-    /// Keep what the derivatives need.
-    pub keep: bool,
-    /// Add up derivatives with atomics: faster, and the last bits differ from run to run. Left out where the adapter has no
-    /// atomics for floats, or no subgroups.
-    pub atomic: bool,
-    /// Put time stamps around the stages.
-    pub timed: bool,
-}
-
-/// Draws batches, with buffers that it keeps from one to the next.
-#[derive(Debug)]
-pub struct GpuRasteriser {
-    /// The device.
-    pub gpu: Gpu,
-    /// Most bytes that the buffers of a batch may take; batches that would take more are refused, or split.
-    pub memory: u64,
-    pub(crate) buffers: Option<Buffers>,
-    pub(crate) batch: Option<Batch>,
-    pub(crate) stamps: Option<Stamps>,
-    pub(crate) constants: Option<Constants>,
-    /// The stage up to which the CPU drew the last batch.
-    pub(crate) after: Option<Stage>,
-    /// Whether the prepared batch was drawn.
-    pub(crate) drawn: bool,
-    /// The cloud that the batch was prepared for.
-    pub(crate) kind: Kind,
-}
-
-/// Gaussians, degree, features and groups of a cloud: what shaders rely on.
-pub(crate) type Kind = (usize, u8, usize, usize);
-
-pub(crate) fn kind(cloud: &GpuCloud) -> Kind {
-    (cloud.count, cloud.sh_degree, cloud.feature_count, cloud.groups)
-}
-
-/// Small buffers that depend on the batch alone.
-#[derive(Debug)]
-pub(crate) struct Constants {
-    pub lenses: wgpu::Buffer,
-    pub motions: wgpu::Buffer,
-    pub look: wgpu::Buffer,
-    pub frame: wgpu::Buffer,
-    pub scans: [wgpu::Buffer; 4],
-    pub emits: [wgpu::Buffer; 2],
-    pub depth_passes: Vec<wgpu::Buffer>,
-    pub tile_passes: Vec<wgpu::Buffer>,
-    pub depth_bits: u32,
-    pub tile_bits: u32,
-}
-
-impl Constants {
-    /// Name of the buffer in which the order by depth ends.
-    pub fn order(&self) -> &'static str {
-        if self.depth_passes.len().is_multiple_of(2) { "order" } else { "order_other" }
-    }
-
-    /// Names of the buffers in which the sorted entries end: their tiles, and what is sorted with them.
-    pub fn sorted(&self, keep: bool) -> (&'static str, &'static str) {
-        match (self.tile_passes.len().is_multiple_of(2), keep) {
-            (true, true) => ("tiles", "sorted"),
-            (true, false) => ("tiles", "owners"),
-            _ => ("tiles_other", "sorted_other"),
-        }
-    }
-}
 
 /// Digits of a sort: how many bits each, and how many of them.
 fn digits(bits: u32, most: u32) -> (u32, u32) {
@@ -100,21 +29,6 @@ pub struct Counts {
 }
 
 impl GpuRasteriser {
-    /// On a device.
-    pub fn new(gpu: Gpu) -> Self {
-        Self {
-            gpu,
-            memory: u64::MAX,
-            buffers: None,
-            batch: None,
-            stamps: None,
-            constants: None,
-            after: None,
-            drawn: false,
-            kind: (0, 0, 0, 0),
-        }
-    }
-
     /// Draws views of a scene as one batch and waits for it. The images stay on the card, in buffers that the next batch uses
     /// again. `cloud` is that of `scene`.
     ///

@@ -1,7 +1,7 @@
 //! Images on the graphics card.
 
 use super::buffers::{Buffers, is_borrowed};
-use super::forward::GpuRasteriser;
+use super::rasteriser::GpuRasteriser;
 use crate::RasterError;
 use crate::lens::Batch;
 use crate::scene::Image;

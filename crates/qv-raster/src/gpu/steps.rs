@@ -2,7 +2,7 @@
 
 use super::buffers::Buffers;
 use super::cloud::GpuCloud;
-use super::forward::Constants;
+use super::constants::Constants;
 use super::record::{Groups, Step};
 use crate::lens::Batch;
 use crate::shaders::{Variant, dispatch};

@@ -2,7 +2,7 @@
 
 use super::cloud::GpuCloud;
 use super::device::Gpu;
-use super::forward::{GpuRasteriser, GpuSettings, kind};
+use super::rasteriser::{GpuRasteriser, GpuSettings, kind};
 use super::record::Recorder;
 use crate::lens::Batch;
 use crate::shaders::slot;

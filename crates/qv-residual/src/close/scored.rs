@@ -1,10 +1,11 @@
 //! Policies compared where no training has been.
 
-use super::{Inputs, PathPair};
+use super::inputs::Inputs;
+use super::report::PathPair;
 use crate::ResidualError;
 use crate::compensation::Compensation;
-use crate::paths::{PathScore, commands, walk};
-use crate::tune::{Corrected, SECONDS, judge_of, score};
+use crate::paths::{PathScore, SECONDS, commands, walk};
+use crate::tune::{Corrected, judge_of, score};
 use qv_policy::policy::Policy;
 
 /// Walks in the simulator that no training has seen.

@@ -1,7 +1,10 @@
 //! The stages, one after the other.
 
+use super::inputs::{Inputs, picked};
+use super::keep::{Event, Keep};
+use super::report::{Candidate, HeldOut, Outcome, Report};
 use super::scored::Scored;
-use super::{Candidate, Event, HeldOut, Inputs, Keep, LoopSettings, Outcome, Report, picked};
+use super::settings::is_held;
 use crate::ResidualError;
 use crate::compensation::Compensation;
 use crate::fitting::{Fit, Windows, fit, fit_shared_first};
@@ -43,11 +46,6 @@ const STAGES: [&str; 10] = [
     "training on with what stayed",
     "training on with all that stayed",
 ];
-
-/// Whether a stretch is held out.
-pub fn is_held(settings: &LoopSettings, stretch: usize) -> bool {
-    stretch % settings.held_every == settings.held_every - 1
-}
 
 /// What the stages share.
 pub struct Loop<'a, 'b> {

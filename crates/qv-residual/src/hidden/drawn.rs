@@ -1,6 +1,5 @@
 //! What is hidden in a robot: parameters that the simulator knows, and effects that it lacks.
 
-use super::Engine;
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::velocity::TaskRobot;
 use qv_sim::{SensorReading, State};
@@ -152,4 +151,13 @@ impl Acting<'_> {
         }
         &self.torques
     }
+}
+
+/// Which engine moves a hidden robot. Both at 1 ms; policies are trained at 5 ms.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Engine {
+    /// Ours, in double precision and converged.
+    Ours,
+    /// Rapier; a build without the feature `rapier` has ours in its place.
+    Second,
 }

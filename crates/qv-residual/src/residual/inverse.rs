@@ -1,8 +1,8 @@
 //! Which correction makes the simulator do what the robot did: Gauss and Newton over one decision, slopes by finite differences, one lane for
 //! each joint.
 
+use super::settings::{MOST, SupervisedSettings};
 use super::stage::{Acts, Stage};
-use super::supervised::SupervisedSettings;
 use crate::ResidualError;
 use crate::windows::{Lane, Replayer, Window};
 use qv_fit::linear::{add_diagonal, from_columns, gram, minus, squared, transposed_times};
@@ -12,8 +12,6 @@ use rayon::prelude::*;
 
 /// Change of a correction for its slope \[rad\].
 const PROBE: f32 = 0.04;
-/// Largest correction that is searched \[rad\].
-pub(super) const MOST: f32 = 0.4;
 /// Seconds by which speeds are weighed against angles: a decision of 20 ms, in which a wrong speed becomes a wrong angle.
 const SPEED: f32 = 0.02;
 

@@ -8,18 +8,20 @@
 //! Both are one plain [`ResidualNet`] in a file.
 
 mod fit;
+mod inputs;
 mod inverse;
 mod net;
 mod position;
 pub mod reinforce;
 pub mod replay_env;
+mod settings;
 mod stage;
 pub mod supervised;
 mod torque;
 
 pub use net::{NetKind, ResidualNet};
 pub use position::PositionResidual;
-pub use supervised::SupervisedSettings;
+pub use settings::SupervisedSettings;
 pub use torque::TorqueResidual;
 
 /// What an output of one means: radians of a target, or for torques as many radians times the joint's position gain. Outputs are then of

@@ -1,5 +1,6 @@
 //! The file of a learned compensator: sizes and weights.
 
+use super::inputs::{position_inputs, position_scaling, torque_inputs, torque_scaling};
 use crate::ResidualError;
 use qv_policy::net::{Mlp, padded};
 use qv_policy::onnx::{self, PolicyGraph};
@@ -60,8 +61,8 @@ impl ResidualNet {
             return bad("robot", expected, format!("{} with joints {}", self.robot, self.joints.join(" ")));
         }
         let [inputs, outputs] = match kind {
-            NetKind::Position => [super::position::inputs(robot), robot.joints()],
-            NetKind::Torque => [super::torque::inputs(robot), 1],
+            NetKind::Position => [position_inputs(robot), robot.joints()],
+            NetKind::Torque => [torque_inputs(robot), 1],
         };
         let ends = [self.sizes.first(), self.sizes.last()];
         let within = self.sizes.len() >= 2 && self.sizes.iter().all(|s| (1..=4096).contains(s));
@@ -109,8 +110,8 @@ impl ResidualNet {
         let plain = net.unpadded(&parameters);
         let layers = onnx::Dense::of(&net, &plain);
         let (offset, scale) = match self.kind {
-            NetKind::Position => super::position::scaling(robot),
-            NetKind::Torque => super::torque::scaling(robot),
+            NetKind::Position => position_scaling(robot),
+            NetKind::Torque => torque_scaling(robot),
         };
         let outputs = net.outputs();
         let text = |key: &str, value: String| (key.to_owned(), value);

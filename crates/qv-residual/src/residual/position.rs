@@ -1,5 +1,6 @@
 //! A net that moves the joint targets at each decision.
 
+use super::inputs::{OF_JOINTS, position_scaling};
 use super::net::{NetKind, ResidualNet};
 use crate::ResidualError;
 use qv_policy::compensate::{Compensator, Seen};
@@ -7,32 +8,10 @@ use qv_policy::net::{Mlp, Tape, padded};
 use qv_policy::velocity::TaskRobot;
 use rayon::prelude::*;
 
-/// Parts of the input that have one number for each joint: angle from the stand, speed, target less angle, the last target less this, the
-/// one before less the last, the last correction.
-const OF_JOINTS: usize = 6;
 /// A foot touches where it bears more than this share of its part of the weight.
 const TOUCH: f32 = 0.1;
 /// Environments that pass through the net together.
 pub(super) const ROWS: usize = 64;
-
-/// Numbers of the input.
-pub(super) fn inputs(robot: &TaskRobot) -> usize {
-    OF_JOINTS * robot.joints() + 6 + robot.feet.len()
-}
-
-/// Offset and scale that bring the input to the size of one, `[inputs]` each: differences of angles by 0.25 rad, speeds by 5 rad/s, corrections
-/// by [`super::UNIT`], turning by 2 rad/s; gravity is that of a robot that stands.
-pub(super) fn scaling(robot: &TaskRobot) -> (Vec<f32>, Vec<f32>) {
-    let (joints, count) = (robot.joints(), inputs(robot));
-    let (mut offset, mut scale) = (vec![0.0; count], vec![4.0; count]);
-    scale[joints..2 * joints].fill(0.2);
-    scale[5 * joints..6 * joints].fill(1.0 / super::UNIT);
-    let at = OF_JOINTS * joints;
-    offset[at + 2] = -1.0;
-    scale[at + 3..at + 6].fill(0.5);
-    scale[at + 6..].fill(1.0);
-    (offset, scale)
-}
 
 /// What a net remembers of each environment.
 #[derive(Debug, Clone)]
@@ -147,7 +126,7 @@ impl PositionResidual {
     pub fn new(net: &ResidualNet, robot: &TaskRobot, count: usize) -> Result<Self, ResidualError> {
         net.check(robot, NetKind::Position)?;
         let (layers, parameters) = net.layers();
-        let (look, scaling, joints) = (Look::new(robot), scaling(robot), robot.joints());
+        let (look, scaling, joints) = (Look::new(robot), position_scaling(robot), robot.joints());
         let this = Self {
             net: layers,
             parameters,

@@ -1,7 +1,8 @@
 //! Recordings as a task for a learner: robots begin at sampled instants, their motors warm, recorded targets are replayed, and the action moves
 //! them.
 
-use super::position::{Look, Past, inputs, remember, scaling};
+use super::inputs::{position_inputs, position_scaling};
+use super::position::{Look, Past, remember};
 use super::stage::Stage;
 use super::supervised::{LOST, spread};
 use super::{ResidualNet, UNIT};
@@ -179,7 +180,7 @@ impl VectorEnv for ReplayEnv<'_> {
     }
 
     fn observations(&self) -> usize {
-        inputs(self.stage.replayer.robot)
+        position_inputs(self.stage.replayer.robot)
     }
 
     fn privileged(&self) -> usize {
@@ -191,7 +192,7 @@ impl VectorEnv for ReplayEnv<'_> {
     }
 
     fn observation_scaling(&self) -> (Vec<f32>, Vec<f32>) {
-        scaling(self.stage.replayer.robot)
+        position_scaling(self.stage.replayer.robot)
     }
 
     fn privileged_scaling(&self) -> (Vec<f32>, Vec<f32>) {

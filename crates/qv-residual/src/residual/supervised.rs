@@ -2,8 +2,10 @@
 //! al. 2011).
 
 use super::fit::{Samples, fit};
-use super::inverse::{Inverse, MOST};
-use super::position::{Look, Past, remember, scaling};
+use super::inputs::{position_inputs, position_scaling, torque_inputs};
+use super::inverse::Inverse;
+use super::position::{Look, Past, remember};
+use super::settings::SupervisedSettings;
 use super::stage::{Acts, Stage};
 use super::torque::Watch;
 use super::{NetKind, PositionResidual, ResidualNet, TorqueResidual, UNIT};
@@ -12,83 +14,7 @@ use crate::windows::{Lane, Replayer, Window};
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::compensate::Compensator;
 use qv_policy::net::Mlp;
-use serde::{Deserialize, Serialize};
-
-/// How a net is taught.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SupervisedSettings {
-    /// Rounds at states that the net reached, after the one along the recording.
-    pub rounds: usize,
-    /// Decisions of a window.
-    pub length: usize,
-    /// Most windows of a round, spread evenly over those that are given.
-    pub windows: usize,
-    /// Passes over all samples in each round.
-    pub passes: usize,
-    /// Learning rate at the start of each round.
-    pub rate: f32,
-    /// Sizes of the hidden layers.
-    pub hidden: Vec<usize>,
-    /// Largest correction that the net may make \[rad\].
-    pub clip: f32,
-    /// Error of measured states over one decision, standard deviation \[rad\].
-    pub error: f64,
-    /// Size of corrections that is expected, standard deviation \[rad\].
-    pub spread: f64,
-    /// Share of its distance from the recording that a correction makes up for in one decision: 1 = all.
-    pub pull: f32,
-    /// Decisions for which a correction is held before it is judged: behind latency, one decision sees little of it.
-    pub ahead: usize,
-    /// Seed.
-    pub seed: u64,
-}
-
-impl Default for SupervisedSettings {
-    fn default() -> Self {
-        Self {
-            rounds: 3,
-            length: 25,
-            windows: 480,
-            passes: 12,
-            rate: 2e-3,
-            hidden: vec![128, 128],
-            clip: 0.3,
-            error: 0.005,
-            spread: 0.05,
-            pull: 1.0,
-            ahead: 1,
-            seed: 0,
-        }
-    }
-}
-
-impl SupervisedSettings {
-    /// For a net of torques: it is small, and has a sample for each joint.
-    pub fn torque() -> Self {
-        Self { hidden: vec![32, 32], passes: 4, ..Self::default() }
-    }
-
-    /// # Errors
-    /// Names the first setting that means nothing.
-    pub fn check(&self) -> Result<(), ResidualError> {
-        let within = |what: &str, x: f64, low: f64, high: f64| {
-            let is_fine = x >= low && x <= high;
-            is_fine.then_some(()).ok_or_else(|| ResidualError::input(what, format!("{low} to {high}"), x))
-        };
-        within("rounds", self.rounds as f64, 0.0, 100.0)?;
-        within("length", self.length as f64, 1.0, 1000.0)?;
-        within("windows", self.windows as f64, 1.0, 1e6)?;
-        within("passes", self.passes as f64, 1.0, 1e4)?;
-        within("rate", f64::from(self.rate), 1e-6, 1.0)?;
-        within("clip", f64::from(self.clip), 1e-3, f64::from(MOST))?;
-        within("error", self.error, 1e-6, 1.0)?;
-        within("spread", self.spread, 1e-6, 10.0)?;
-        within("ahead", self.ahead as f64, 1.0, 20.0)?;
-        within("pull", f64::from(self.pull), 0.0, 1.0)?;
-        self.hidden.iter().try_for_each(|&size| within("size of a hidden layer", size as f64, 1.0, 4096.0))
-    }
-}
+use serde::Serialize;
 
 /// What a round did.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -117,7 +43,7 @@ pub fn train_position(
     settings: &SupervisedSettings,
     tell: impl FnMut(&Round),
 ) -> Result<ResidualNet, ResidualError> {
-    let inputs = super::position::inputs(replayer.robot);
+    let inputs = position_inputs(replayer.robot);
     Teacher { replayer, lane, settings, acts: Acts::Position }.train(
         windows,
         [inputs, replayer.log.joints],
@@ -137,7 +63,7 @@ pub fn train_torque(
     settings: &SupervisedSettings,
     tell: impl FnMut(&Round),
 ) -> Result<ResidualNet, ResidualError> {
-    let inputs = super::torque::inputs(replayer.robot);
+    let inputs = torque_inputs(replayer.robot);
     Teacher { replayer, lane, settings, acts: Acts::Torque }.train(windows, [inputs, 1], NetKind::Torque, tell)
 }
 
@@ -246,7 +172,7 @@ impl Teacher<'_> {
     ) -> Result<(), ResidualError> {
         let (replayer, robot, joints) = (self.replayer, self.replayer.robot, self.replayer.log.joints);
         let (mut stage, mut inverse) = self.begin(windows)?;
-        let (look, (offset, scale)) = (Look::new(robot), scaling(robot));
+        let (look, (offset, scale)) = (Look::new(robot), position_scaling(robot));
         let mut past = Past::new(joints, windows.len());
         let mut driver = net.map(|net| PositionResidual::new(net, robot, windows.len())).transpose()?;
         for (env, w) in windows.iter().enumerate() {
@@ -304,7 +230,7 @@ impl Teacher<'_> {
         let mut driver = net.map(|net| TorqueResidual::new(net, robot, log.substeps, windows.len())).transpose()?;
         let none = vec![0.0; windows.len() * joints];
         let mut moved = none.clone();
-        let mut row = vec![0.0; super::torque::inputs(robot)];
+        let mut row = vec![0.0; torque_inputs(robot)];
         for k in 0..self.settings.length {
             let later = |k: usize| -> Vec<Window> {
                 windows.iter().map(|w| Window { decision: w.decision + k, ..*w }).collect()

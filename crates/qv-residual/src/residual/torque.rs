@@ -1,5 +1,6 @@
 //! A net that adds a torque to each joint at each physics step, from what that joint did (the inputs of Hwangbo et al. 2019).
 
+use super::inputs::{INSTANTS, OF_INSTANT, SCALE, kinds};
 use super::net::{NetKind, ResidualNet};
 use crate::ResidualError;
 use qv_policy::compensate::{Compensator, Seen};
@@ -7,43 +8,8 @@ use qv_policy::net::{Mlp, Tape, padded};
 use qv_policy::velocity::TaskRobot;
 use rayon::prelude::*;
 
-/// Instants of the input: now, one decision ago, two decisions ago.
-const INSTANTS: usize = 3;
-/// Target less angle, speed, the motor's torque.
-const OF_INSTANT: usize = 3;
 /// Environments that pass through the net together.
 const ROWS: usize = 16;
-
-/// Kinds of joints: names without what stands before the first underline (`FL_hip_joint` and `RR_hip_joint` are of one kind).
-pub(super) fn kinds(robot: &TaskRobot) -> (Vec<usize>, usize) {
-    let mut known: Vec<&str> = Vec::new();
-    let mut of = Vec::new();
-    for name in robot.model.joint_names() {
-        let end = name.split_once('_').map_or(name.as_str(), |(_, end)| end);
-        let at = known.iter().position(|k| *k == end).unwrap_or(known.len());
-        if at == known.len() {
-            known.push(end);
-        }
-        of.push(at);
-    }
-    let count = known.len();
-    (of, count)
-}
-
-/// Numbers of the input of one joint.
-pub(super) fn inputs(robot: &TaskRobot) -> usize {
-    INSTANTS * OF_INSTANT + kinds(robot).1
-}
-
-/// What brings an instant's numbers to the size of one: 0.25 rad, 5 rad/s, and the torque of 0.25 rad over the position gain.
-const SCALE: [f32; OF_INSTANT] = [4.0, 0.2, 4.0];
-
-/// Offset and scale of the input of one joint.
-pub(super) fn scaling(robot: &TaskRobot) -> (Vec<f32>, Vec<f32>) {
-    let mut scale: Vec<f32> = SCALE.repeat(INSTANTS);
-    scale.resize(inputs(robot), 1.0);
-    (vec![0.0; scale.len()], scale)
-}
 
 /// What is kept of each environment and how it becomes inputs.
 #[derive(Debug, Clone)]

@@ -145,7 +145,7 @@ fn reinforced_nets_earn_more_and_start_from_others() {
     assert!(net.weights.iter().all(|w| w.is_finite()));
     settings.ppo.actor = vec![16];
     let wrong = reinforce::train(&case.replayer(), &training, &lane, Some(&net), &settings, |_| {});
-    assert!(matches!(wrong, Err(ResidualError::Input { .. })), "other sizes are refused");
+    assert!(matches!(wrong, Err(ResidualError::Input(_))), "other sizes are refused");
 }
 
 #[test]

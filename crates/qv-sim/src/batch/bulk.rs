@@ -1,64 +1,14 @@
 //! Many environments at once, in single precision: what learning reads and writes in every step. Nothing here allocates,
 //! but for lists of contacts and states of lanes.
 
-use super::{Batch, finite, length};
+use super::lanes_of::Precision;
+use super::quantities::{ContactPoint, GeomMotion, Quantity};
+use super::{Batch, State};
+use crate::commands::BatchCommand;
+use crate::error::{finite, length};
 use crate::parameters::WorldField;
 use crate::sensors::{base_from_imu, imu_reading};
-use crate::{BaseKind, Precision, SimError, State};
-
-/// What [`Batch`] hands out of all environments.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Quantity {
-    Positions,
-    Velocities,
-    Accelerations,
-    Torques,
-    GeomForces,
-    JointPositions,
-    JointSpeeds,
-}
-
-/// One low-level command for each environment: `tau = kp (q - q_measured) + kd (dq - dq_measured) + tau`.
-///
-/// `q` has the shape `[environments][joints]`; all others that, too, or `[joints]`, which then holds for all.
-#[derive(Debug, Clone, Copy)]
-pub struct BatchCommand<'a> {
-    /// Desired positions \[rad\].
-    pub q: &'a [f32],
-    /// Desired speeds \[rad/s\]; zero if there are none.
-    pub dq: Option<&'a [f32]>,
-    /// Position gains \[N m/rad\].
-    pub kp: &'a [f32],
-    /// Velocity gains \[N m s/rad\].
-    pub kd: &'a [f32],
-    /// Feed-forward torques \[N m\]; zero if there are none.
-    pub tau: Option<&'a [f32]>,
-}
-
-/// Where the centres of shapes are, and how fast they move, `[environments][geoms][3]` each.
-pub(crate) struct GeomMotion<'a> {
-    pub positions: &'a mut [f32],
-    pub velocities: &'a mut [f32],
-}
-
-/// A point at which the robot touched the ground, or itself, in the last step.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ContactPoint {
-    /// Index of the shape in [`crate::Model::geoms`].
-    pub geom: usize,
-    /// Index of its link.
-    pub link: usize,
-    /// The other link, where the robot touched itself.
-    pub other: Option<usize>,
-    /// In the world \[m\].
-    pub point: [f64; 3],
-    /// Unit normal in the world, from the ground (or the other link) to the shape.
-    pub normal: [f64; 3],
-    /// Force on the shape in the world \[N\].
-    pub force: [f64; 3],
-    /// Distance \[m\]; negative is penetration.
-    pub distance: f64,
-}
+use crate::{BaseKind, SimError};
 
 /// All that an environment's future depends on beside its parameters: positions and velocities, and the state of its
 /// motors, kept commands, kept sensor readings, added torques and wrenches. Of batches of one model and the same options.

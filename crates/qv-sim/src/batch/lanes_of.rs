@@ -1,16 +1,15 @@
 //! Picks the register width and hides it behind an object.
 
-use super::JointCommand;
-use super::bulk::{BatchCommand, ContactPoint, GeomMotion, Quantity};
+use super::quantities::{BaseMotion, ContactPoint, GeomMotion, Quantity};
 use super::transfer;
 use crate::SimError;
+use crate::commands::{BatchCommand, JointCommand};
 use crate::engine::block::{Block, CommandLanes, KeptContact, Work};
 use crate::engine::derive::Deriver;
 use crate::engine::step::{Shared, StepBlocks};
-use crate::lanes::{Real, Scalar};
+use crate::lanes::{Real, Scalar, set, set_mask};
 use crate::model::Model;
 use crate::parameters::ActsOn;
-use crate::sensors::BaseMotion;
 use rayon::prelude::*;
 use std::any::Any;
 
@@ -57,6 +56,11 @@ pub trait Dispatch: Scalar {
     #[allow(private_interfaces)]
     fn engine(model: &Model, shared: &Shared, materials: usize, count: usize) -> Box<dyn Engine>;
 }
+
+/// The precision of a simulation: `f64` or `f32`.
+pub trait Precision: Dispatch {}
+impl Precision for f64 {}
+impl Precision for f32 {}
 
 macro_rules! dispatch {
     ($scalar:ty, $wide:ident, $narrow:ident) => {
@@ -117,17 +121,6 @@ impl<L: Real> Lanes<L> {
 
 fn lane_values<L: Real>(values: &[L], lane: usize) -> Vec<f64> {
     values.iter().map(|x| x.lane(lane).to_f64()).collect()
-}
-
-pub(super) fn set<L: Real>(target: &mut L, lane: usize, value: f64) {
-    target.set_lane(lane, L::Scalar::from_f64(value));
-}
-
-pub(super) fn set_mask<L: Real>(mask: &mut L::Mask, lane: usize, value: bool) {
-    // Masks of a register type have no lane access: make one by a comparison.
-    let mut numbers = L::select(*mask, L::one(), L::zero());
-    set(&mut numbers, lane, f64::from(value));
-    *mask = L::zero().lt(numbers);
 }
 
 impl<L: Real> Engine for Lanes<L> {

@@ -1,14 +1,14 @@
 //! Numbers of many lanes to flat arrays and back, for [`super::bulk`].
 
-use super::bulk::{BatchCommand, ContactPoint, GeomMotion, Quantity};
-use super::lanes_of::{set, set_mask};
+use super::quantities::{ContactPoint, GeomMotion, Quantity};
+use crate::commands::BatchCommand;
 use crate::engine::block::{Block, CommandLanes, Work};
 use crate::engine::collide::origin;
 use crate::engine::kinematics::kinematics;
 use crate::engine::step::Shared;
 use crate::engine::topology::Topology;
 use crate::engine::vector::{add, angular, cross, linear};
-use crate::lanes::{Kernel, Real, Scalar};
+use crate::lanes::{Kernel, Real, Scalar, set, set_mask};
 
 /// One quantity of the first `count` environments as `[count][width]`.
 pub(super) fn gather<L: Real>(blocks: &[Block<L>], quantity: Quantity, count: usize, out: &mut [f32]) {

@@ -1,10 +1,12 @@
 //! Data of one block of environments, one per lane.
 
 use super::array::Array;
-use super::friction::{ServoFriction, SpringLanes};
+use super::rows::{ActsOn, Rows};
+use super::scratch::Scratch;
 use super::topology::Topology;
+use super::transmission::{ServoFriction, SpringLanes};
 use super::vector::{Inertia, M3, V3, V6};
-use crate::batch::JointCommand;
+use crate::commands::JointCommand;
 use crate::lanes::{Mask, Real};
 use crate::model::{Model, Shape};
 pub(crate) use crate::motor::CommandLanes;
@@ -182,17 +184,6 @@ pub(crate) struct Contact<L: Real> {
     pub friction: L,
 }
 
-/// What a contact slot belongs to: the same in all environments.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct ActsOn {
-    pub geom: usize,
-    pub body: usize,
-    /// Second body when the robot touches itself.
-    pub other: Option<usize>,
-    /// Sum of the bodies' inverse weights.
-    pub weight: f64,
-}
-
 /// Scratch space of one thread.
 #[derive(Debug, Clone)]
 pub(crate) struct Work<L: Real> {
@@ -216,8 +207,8 @@ pub(crate) struct Work<L: Real> {
     pub live: Vec<usize>,
     /// Of each shape, where ground may give way: its least distance from the ground as it was, then its normal force on the ground.
     pub of_geom: Array<L>,
-    pub rows: super::constraint::Rows<L>,
-    pub newton: super::newton::Scratch<L>,
+    pub rows: Rows<L>,
+    pub newton: Scratch<L>,
     pub triangles: Vec<crate::terrain::Triangle>,
     pub found: Vec<crate::terrain::SurfaceContact>,
 }
@@ -249,8 +240,8 @@ impl<L: Real> Work<L> {
             contacts: vec![none; slots.len()].into(),
             live: Vec::with_capacity(slots.len()),
             of_geom: vec![zero; geoms].into(),
-            rows: super::constraint::Rows::new(topology, slots, dimension),
-            newton: super::newton::Scratch::new(topology, slots.len()),
+            rows: Rows::new(topology, slots, dimension),
+            newton: Scratch::new(topology, slots.len()),
             triangles: Vec::new(),
             found: Vec::new(),
         }

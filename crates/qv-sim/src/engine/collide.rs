@@ -3,9 +3,10 @@
 //! On a plane everything is done in lanes. On triangles, and between shapes of the robot, each environment asks for
 //! itself: those queries branch too much for lanes.
 
-use super::block::{ActsOn, Block, Contact, GroundLanes, Work, contact_points};
+use super::block::{Block, Contact, GroundLanes, Work, contact_points};
 use super::constraint::IMPEDANCE_MAX;
-use super::newton::normal_force;
+use super::cost::normal_force;
+use super::rows::ActsOn;
 use super::topology::Topology;
 use super::vector::*;
 use crate::lanes::{Mask, Real, Scalar};

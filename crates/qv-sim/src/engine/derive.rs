@@ -3,7 +3,7 @@
 use super::block::Block;
 use super::topology::Topology;
 use crate::SimError;
-use crate::lanes::{Real, Scalar};
+use crate::lanes::{Real, set};
 use crate::model::Model;
 use crate::model::inertia::{MassProperties, Payload};
 use crate::motor::{lag_gain, speed_slope};
@@ -218,10 +218,6 @@ impl Deriver<'_> {
         set(&mut ground.force_start, lane, get(ForceStart));
         set(&mut ground.force_end, lane, get(ForceStart) + get(ForceDuration));
     }
-}
-
-fn set<L: Real>(target: &mut L, lane: usize, value: f64) {
-    target.set_lane(lane, L::Scalar::from_f64(value));
 }
 
 /// Time constant and damping ratio in force: at least two steps long, and with the damping that gives the restitution

@@ -1,8 +1,9 @@
 //! How far to go along a search direction of the contact solver, each lane for itself.
 
 use super::block::{Block, Work};
-use super::constraint::Rows;
-use super::newton::{NewtonSettings, contact_hessian, evaluate, friction_force, limit_force};
+use super::cost::{contact_hessian, evaluate, friction_force, limit_force};
+use super::rows::Rows;
+use super::scratch::NewtonSettings;
 use crate::lanes::{Mask, Real, Scalar};
 use crate::options::LineSearch;
 

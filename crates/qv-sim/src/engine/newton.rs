@@ -5,168 +5,16 @@
 //! Hessian has the packed pattern of the mass matrix, and joint friction only touches its diagonal.
 
 use super::array::Array;
-use super::block::{ActsOn, Block, Work};
-use super::constraint::{ContactRows, LimitRow, Rows};
+use super::block::{Block, Work};
+use super::cost::{contact_hessian, evaluate, friction_force, limit_force, project};
 use super::dynamics::{HEAD, factor, multiply_packed, plus, solve};
 use super::line_search::line_search;
+use super::rows::{ActsOn, ContactRows, Rows};
+use super::scratch::NewtonSettings;
 use super::start::start_cheaper;
 use super::topology::Topology;
 use crate::lanes::{Mask, Real};
-use crate::options::{LineSearch, WarmStart};
-
-/// Vectors of the solver.
-#[derive(Debug, Clone)]
-pub(crate) struct Scratch<L: Real> {
-    /// Acceleration, the unknown.
-    pub a: Array<L>,
-    /// Mass matrix times `a`.
-    pub ma: Array<L>,
-    pub gradient: Array<L>,
-    pub search: Array<L>,
-    pub m_search: Array<L>,
-    /// `J a - a_ref` and `J search`, `[slot][6]`.
-    pub residual: Array<[L; 6]>,
-    pub along: Array<[L; 6]>,
-    /// Contact forces at the residuals and where those lie, and the same at a trial step.
-    pub(super) contact: Array<Evaluated<L>>,
-    pub(super) trial: Array<Evaluated<L>>,
-}
-
-impl<L: Real> Scratch<L> {
-    pub fn new(topology: &Topology, slots: usize) -> Self {
-        let zero: Array<L> = vec![L::zero(); topology.nv].into();
-        Self {
-            a: zero.clone(),
-            ma: zero.clone(),
-            gradient: zero.clone(),
-            search: zero.clone(),
-            m_search: zero,
-            residual: vec![[L::zero(); 6]; slots].into(),
-            along: vec![[L::zero(); 6]; slots].into(),
-            contact: vec![Evaluated::new(); slots].into(),
-            trial: vec![Evaluated::new(); slots].into(),
-        }
-    }
-}
-
-/// A contact at one residual: its force, and where the residual lies in the cone's cost (MuJoCo's zones).
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Evaluated<L: Real> {
-    /// Minus the gradient of the cost.
-    pub force: [L; 6],
-    /// Inside the polar cone: plain quadratic.
-    pub bottom: L::Mask,
-    /// On the cone.
-    pub middle: L::Mask,
-    /// N = residual[0] * cone.
-    pub normal: L,
-    /// One over the length of the scaled tangential residual where `middle`, else 1.
-    pub inverse: L,
-    /// Scaled tangential residual.
-    pub u: [L; 5],
-}
-
-impl<L: Real> Evaluated<L> {
-    pub fn new() -> Self {
-        let (zero, never) = (L::zero(), L::Mask::splat(false));
-        let (force, u) = ([zero; 6], [zero; 5]);
-        Self { force, bottom: never, middle: never, normal: zero, inverse: zero, u }
-    }
-}
-
-#[inline(always)]
-pub(super) fn evaluate<L: Real, const D: usize>(rows: &ContactRows<L>, residual: &[L; 6], out: &mut Evaluated<L>) {
-    let zero = L::zero();
-    let mu = rows.cone;
-    let normal = residual[0] * mu;
-    let mut squared = zero;
-    for k in 1..D {
-        let u = residual[k] * rows.friction[k - 1];
-        out.u[k - 1] = u;
-        squared += u * u;
-    }
-    let tangent = squared.sqrt();
-    let top = (mu * tangent).le(normal);
-    let inside = (mu * normal + tangent).le(zero);
-    let bottom = inside & !top & rows.active;
-    let middle = !top & !inside & rows.active;
-    for k in 0..D {
-        out.force[k] = L::select(bottom, -(rows.weight[k] * residual[k]), zero);
-    }
-    let mut inverse = L::one();
-    if middle.any() {
-        inverse = L::one() / L::select(middle, tangent, L::one());
-        let slide = rows.scale * mu * (normal - mu * tangent);
-        out.force[0] = L::select(middle, -slide, out.force[0]);
-        for k in 1..D {
-            let sliding = slide * out.u[k - 1] * inverse * rows.friction[k - 1];
-            out.force[k] = L::select(middle, sliding, out.force[k]);
-        }
-    }
-    (out.bottom, out.middle, out.normal, out.inverse) = (bottom, middle, normal, inverse);
-}
-
-/// The cost's Hessian for one contact, `[row][column]`, symmetric.
-#[inline(always)]
-pub(super) fn contact_hessian<L: Real, const D: usize>(rows: &ContactRows<L>, z: &Evaluated<L>) -> [[L; 6]; 6] {
-    let zero = L::zero();
-    let mut out = [[zero; 6]; 6];
-    for i in 0..D {
-        out[i][i] = L::select(z.bottom, rows.weight[i], zero);
-    }
-    // Mostly nothing slides, and the rest is zero.
-    if !z.middle.any() {
-        return out;
-    }
-    let mu = rows.cone;
-    let curvature = mu * z.normal * z.inverse * z.inverse * z.inverse;
-    let diagonal = mu * mu - mu * z.normal * z.inverse;
-    for i in 0..D {
-        let scale_i = if i == 0 { mu } else { rows.friction[i - 1] };
-        for j in 0..=i {
-            let scale_j = if j == 0 { mu } else { rows.friction[j - 1] };
-            let raw = if i == 0 {
-                L::one()
-            } else if j == 0 {
-                -(mu * z.u[i - 1] * z.inverse)
-            } else {
-                let own = if i == j { diagonal } else { zero };
-                curvature * z.u[i - 1] * z.u[j - 1] + own
-            };
-            let cone = rows.scale * scale_i * scale_j * raw;
-            out[i][j] = L::select(z.middle, cone, out[i][j]);
-            out[j][i] = out[i][j];
-        }
-    }
-    out
-}
-
-/// Force of joint friction and whether it holds (is in its quadratic part).
-#[inline(always)]
-pub(super) fn friction_force<L: Real>(weight: L, most: L, residual: L) -> (L, L::Mask) {
-    let free = -(weight * residual);
-    let holds = free.abs().lt(most);
-    (free.max(-most).min(most), holds)
-}
-
-#[inline(always)]
-pub(super) fn limit_force<L: Real>(row: &LimitRow<L>, acceleration: L) -> (L, L::Mask) {
-    let residual = row.sign * acceleration - row.reference;
-    let pushes = residual.lt(L::zero()) & row.active;
-    (L::select(pushes, -(row.weight * residual), L::zero()), pushes)
-}
-
-/// Settings of the solver.
-pub(crate) struct NewtonSettings<'a> {
-    pub topology: &'a Topology,
-    pub slots: &'a [ActsOn],
-    pub iterations: usize,
-    pub tolerance: f64,
-    pub line_search: LineSearch,
-    /// Most steps of a line search.
-    pub line_search_iterations: usize,
-    pub warm_start: WarmStart,
-}
+use crate::options::WarmStart;
 
 /// Solves for `work.newton.a`, starting from `block.warm`. On return `ma` is the mass matrix times it.
 #[inline(always)]
@@ -242,36 +90,6 @@ fn threshold<L: Real>(settings: &NewtonSettings, work: &Work<L>) -> L {
         squared += force * force;
     }
     squared * L::splat(settings.tolerance * settings.tolerance)
-}
-
-#[inline(always)]
-pub(super) fn project<L: Real, const D: usize>(
-    topology: &Topology,
-    slot: &ActsOn,
-    rows: &ContactRows<L>,
-    x: &Array<L>,
-) -> [L; 6] {
-    let columns = topology.force_columns(slot.body);
-    let count = columns.len();
-    let mut out = [L::zero(); 6];
-    let start = if topology.base_dofs == HEAD {
-        let x: &[L; HEAD] = x.chunk(0);
-        for k in 0..D {
-            let row: &[L; HEAD] = rows.jacobian.chunk(k * count);
-            for j in 0..HEAD {
-                out[k] += row[j] * x[j];
-            }
-        }
-        HEAD
-    } else {
-        0
-    };
-    for (position, &column) in columns.iter().enumerate().skip(start) {
-        for k in 0..D {
-            out[k] += rows.jacobian[k * count + position] * x[column];
-        }
-    }
-    out
 }
 
 #[inline(always)]
@@ -407,17 +225,4 @@ fn add_contact<L: Real, const D: usize>(
             hessian[start + j] = sum;
         }
     }
-}
-
-/// Normal force of a live contact at the solution \[N\].
-#[inline(always)]
-pub(crate) fn normal_force<L: Real>(slot: usize, work: &Work<L>) -> L {
-    work.newton.contact[slot].force[0]
-}
-
-/// Force of a live contact at the solution along its normal and its two tangents \[N\].
-#[inline(always)]
-pub(crate) fn contact_force<L: Real>(slot: usize, work: &Work<L>) -> [L; 3] {
-    let force = &work.newton.contact[slot].force;
-    [force[0], force[1], force[2]]
 }

@@ -2,9 +2,10 @@
 
 use super::array::Array;
 use super::block::{Block, Work};
-use super::constraint::Rows;
+use super::cost::{evaluate, friction_force, limit_force, project};
 use super::dynamics::{factor, multiply_packed, solve};
-use super::newton::{Evaluated, NewtonSettings, evaluate, friction_force, limit_force, project};
+use super::rows::Rows;
+use super::scratch::{Evaluated, NewtonSettings};
 use crate::lanes::Real;
 
 /// Replaces the last acceleration by the one without constraints, in lanes where that costs less.

@@ -4,14 +4,16 @@ use super::actuation::{actuate, external_share};
 use super::block::{Block, KeptContact, Work};
 use super::collide::{Colliders, collide, leave_prints, origin, sink};
 use super::constraint::{RowSettings, build_rows};
+use super::cost::{contact_force, normal_force};
 use super::dynamics::{bias_forces, factor, mass_matrix, solve};
 use super::friction::{keep_loads, servo_friction, springs};
 use super::kinematics::kinematics;
-use super::newton::{NewtonSettings, contact_force, newton, normal_force};
+use super::newton::newton;
+use super::scratch::NewtonSettings;
 use super::topology::Topology;
 use super::vector::*;
 use super::weights::Weights;
-use crate::batch::JointCommand;
+use crate::commands::JointCommand;
 use crate::lanes::{Kernel, Mask, Real, sin_cos};
 use crate::options::SimOptions;
 

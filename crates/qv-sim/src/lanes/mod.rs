@@ -119,3 +119,16 @@ pub trait Kernel<L> {
     /// Does the work. Implementations are `#[inline(always)]`, so that the caller's features reach them.
     fn run(self);
 }
+
+/// Puts a number into a lane.
+pub(crate) fn set<L: Real>(target: &mut L, lane: usize, value: f64) {
+    target.set_lane(lane, L::Scalar::from_f64(value));
+}
+
+/// Puts a truth value into a lane.
+pub(crate) fn set_mask<L: Real>(mask: &mut L::Mask, lane: usize, value: bool) {
+    // Masks of a register type have no lane access: make one by a comparison.
+    let mut numbers = L::select(*mask, L::one(), L::zero());
+    set(&mut numbers, lane, f64::from(value));
+    *mask = L::zero().lt(numbers);
+}

@@ -17,6 +17,9 @@ mod sections;
 mod shapes;
 mod tree;
 
+pub use sections::Stand;
+pub use tree::Include;
+
 use crate::{BaseKind, Model, ModelOptions, SimError};
 use actuators::Actuator;
 use attributes::Classes;
@@ -25,12 +28,6 @@ use frames::Compiler;
 use resistance::apparent_inertias;
 use shapes::Meshes;
 use tree::Tree;
-
-/// Gives the text of a file that `<include>` names, or says why it cannot.
-pub type Include<'a> = dyn Fn(&str) -> Result<String, String> + 'a;
-
-/// Name of the frame that the simulator takes for the IMU's.
-const IMU: &str = "imu";
 
 /// A robot with what its MJCF says beside the model.
 #[derive(Debug, Clone)]
@@ -52,15 +49,6 @@ pub struct Gains {
     pub kp: f64,
     /// Velocity gain \[N m s/rad\].
     pub kd: f64,
-}
-
-/// A stance.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Stand {
-    /// Pose of a free base: x, y, z \[m\], w, x, y, z.
-    pub base: Option<[f64; 7]>,
-    /// Position of each joint of the model \[rad or m\].
-    pub joints: Vec<f64>,
 }
 
 /// Whether a text is MJCF: its first element is `<mujoco>`.

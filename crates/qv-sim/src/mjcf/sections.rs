@@ -4,9 +4,11 @@ use super::attributes::Attributes;
 use super::bodies::Reader;
 use super::joints::fixed;
 use super::tree::Tree;
-use super::{IMU, Stand};
 use crate::urdf::LinkElement;
 use crate::{BaseKind, Model, SimError};
+
+/// Name of the frame that the simulator takes for the IMU's.
+const IMU: &str = "imu";
 
 /// Makes links without mass of the sites, so that they are frames; that of the IMU is one more under [`IMU`].
 pub(super) fn sites(tree: &Tree, reader: &mut Reader) {
@@ -113,4 +115,13 @@ pub(super) fn stand(tree: &Tree, reader: &Reader, model: &Model) -> Result<Optio
         element.and_then(|e| reader.places.get(e)).map_or(0.0, |&at| positions[at])
     };
     Ok(Some(Stand { base, joints: model.joint_names().iter().map(of).collect() }))
+}
+
+/// A stance.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stand {
+    /// Pose of a free base: x, y, z \[m\], w, x, y, z.
+    pub base: Option<[f64; 7]>,
+    /// Position of each joint of the model \[rad or m\].
+    pub joints: Vec<f64>,
 }

@@ -1,10 +1,12 @@
 //! The elements of an MJCF, included files in their places, in one arena: no nesting is walked on the program's stack.
 
-use super::Include;
 use crate::SimError;
 use crate::urdf::{attributes, kinds, read::Lines};
 use roxmltree::{Document, Node, NodeId, ParsingOptions};
 use std::collections::HashMap;
+
+/// Gives the text of a file that `<include>` names, or says why it cannot.
+pub type Include<'a> = dyn Fn(&str) -> Result<String, String> + 'a;
 
 /// More files than this are a loop of includes.
 const MOST_FILES: usize = 64;

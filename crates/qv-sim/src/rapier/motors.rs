@@ -1,6 +1,6 @@
 //! Motors of the second engine: from commands to torques, one joint after the other.
 
-use super::LONGEST_DELAY;
+use super::options::LONGEST_DELAY;
 use super::values::Values;
 use crate::JointCommand;
 use crate::parameters::JointField::*;

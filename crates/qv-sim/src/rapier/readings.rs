@@ -1,7 +1,7 @@
 //! Sensors of the second engine, from the motion that it remembers.
 
+use super::options::{LONGEST_DELAY, RapierOptions};
 use super::values::Values;
-use super::{LONGEST_DELAY, RapierOptions};
 use crate::parameters::{JointField, WorldField};
 use crate::{BaseKind, Model, SensorReading, State};
 use glam::{DQuat, DVec3};

@@ -2,7 +2,7 @@
 
 use crate::model::inertia::{MassProperties, Payload, positive_definite};
 use crate::parameters::{Catalogue, GeomField, JointField, LinkField, WorldField};
-use crate::rapier::LONGEST_DELAY;
+use crate::rapier::options::LONGEST_DELAY;
 use crate::{Model, SimError};
 use glam::DVec3;
 use std::collections::BTreeMap;

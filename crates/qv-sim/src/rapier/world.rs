@@ -1,8 +1,8 @@
 //! One robot as a rapier multibody on its ground.
 
-use super::RapierOptions;
 use super::geometry::{RapierPose, axis_frame, rapier_pose, shape};
 use super::ground::{ContactRules, GroundShape, world_from_terrain};
+use super::options::RapierOptions;
 use super::values::Values;
 use crate::model::inertia::MassProperties;
 use crate::parameters::{GeomField, JointField, WorldField};

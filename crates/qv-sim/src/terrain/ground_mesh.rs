@@ -1,7 +1,7 @@
 //! A triangle mesh as ground: a tree finds the triangles in a box, a grid tells of most boxes that there are none.
 
 use super::roof::Roof;
-use super::{SurfaceContact, Triangle, bounds};
+use super::triangle::{SurfaceContact, Triangle, bounds};
 use glam::DVec3;
 use parry3d_f64::bounding_volume::Aabb;
 use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy};

@@ -1,7 +1,7 @@
 //! A regular grid of heights: the triangles under a box are found without a search.
 
 use super::roof::Roof;
-use super::{SurfaceContact, Triangle};
+use super::triangle::{SurfaceContact, Triangle};
 use crate::SimError;
 use glam::DVec3;
 

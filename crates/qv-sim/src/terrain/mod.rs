@@ -8,11 +8,10 @@ mod triangle;
 pub(crate) use triangle::{SurfaceContact, Triangle};
 
 use crate::SimError;
-use crate::batch::{finite, length};
+use crate::error::{finite, length};
 use glam::DVec3;
 use ground_mesh::GroundMesh;
 use height_field::HeightField;
-use parry3d_f64::bounding_volume::Aabb;
 use qv_core::TriangleMesh;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -209,11 +208,6 @@ impl Terrain {
             }
         }
     }
-}
-
-fn bounds(corners: &[DVec3; 3]) -> Aabb {
-    let [a, b, c] = *corners;
-    Aabb::new(a.min(b).min(c), a.max(b).max(c))
 }
 
 /// The largest number of triangles that have the same three corners.

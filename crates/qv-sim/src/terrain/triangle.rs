@@ -1,6 +1,7 @@
 //! A sphere against triangles, with contacts at inner edges of a surface sorted out.
 
 use glam::DVec3;
+use parry3d_f64::bounding_volume::Aabb;
 
 /// One triangle of a terrain.
 #[derive(Debug, Clone, Copy)]
@@ -189,6 +190,12 @@ fn closest_point(p: DVec3, a: DVec3, b: DVec3, c: DVec3) -> (DVec3, bool) {
     }
     let inverse = 1.0 / (va + vb + vc);
     (a + ab * (vb * inverse) + ac * (vc * inverse), true)
+}
+
+/// The box about three corners.
+pub(super) fn bounds(corners: &[DVec3; 3]) -> Aabb {
+    let [a, b, c] = *corners;
+    Aabb::new(a.min(b).min(c), a.max(b).max(c))
 }
 
 #[cfg(test)]

@@ -1,9 +1,9 @@
 //! An XML tree becomes links and joints.
 
-use super::{
-    Collision, Dynamics, Geometry, Inertial, JointElement, JointType, Limit, LinkElement, Origin, Robot, attributes,
-    kinds,
+use super::elements::{
+    Collision, Dynamics, Geometry, Inertial, JointElement, JointType, Limit, LinkElement, Origin, Robot,
 };
+use super::{attributes, kinds};
 use crate::SimError;
 use roxmltree::{Document, Error as XmlError, Node, ParsingOptions};
 use std::borrow::Cow;

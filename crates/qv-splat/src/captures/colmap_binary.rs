@@ -1,6 +1,6 @@
 //! COLMAP's binary files, little-endian.
 
-use super::colmap::{Intrinsics, Model, Posed, pose};
+use super::colmap_cameras::{Intrinsics, Model, Posed, pose};
 use crate::SplatError;
 use crate::cursor::Cursor;
 use crate::error::off;

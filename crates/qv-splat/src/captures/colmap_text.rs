@@ -1,6 +1,6 @@
 //! COLMAP's text files.
 
-use super::colmap::{Intrinsics, Model, Posed, pose};
+use super::colmap_cameras::{Intrinsics, Model, Posed, pose};
 use crate::SplatError;
 use crate::error::off;
 use std::collections::BTreeMap;

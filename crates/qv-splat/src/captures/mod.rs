@@ -3,6 +3,7 @@
 pub mod cameras_json;
 pub mod colmap;
 mod colmap_binary;
+mod colmap_cameras;
 pub mod colmap_points;
 mod colmap_text;
 pub mod distortion;

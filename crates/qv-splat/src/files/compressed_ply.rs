@@ -6,10 +6,10 @@
 //! bits each. Element `sh`, when there is one, has a byte per coefficient of the others within ±4, red first, then green, then
 //! blue. Files of before 2024 have no colours in the chunks; their colours lie within 0 to 1.
 
+use super::format::{Format, SplatFile};
 use super::ply_header::{Element, Header, Kind, Property, Remarks};
 use super::quantised::{SH_C0, from_smallest_three, logit_of_byte, opacity, pack_unit, smallest_three, unpack_unit};
-use super::sieve::{Sieve, Splat};
-use super::{Format, SplatFile, check};
+use super::sieve::{Sieve, Splat, check};
 use crate::SplatError;
 use crate::cursor::u32_at;
 use crate::error::off;

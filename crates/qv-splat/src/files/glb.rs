@@ -1,6 +1,6 @@
 //! The container of glTF 2.0, GLB: a header and two chunks.
 
-use super::Beside;
+use super::format::{Beside, is_json};
 use crate::SplatError;
 use crate::captures::json;
 use crate::cursor::Cursor;
@@ -12,7 +12,7 @@ use std::borrow::Cow;
 
 /// The document and the binary chunk, which is empty when there is none; of glTF as JSON, the document.
 pub fn open(bytes: &[u8]) -> Result<(Value, &[u8]), SplatError> {
-    if super::is_json(bytes) {
+    if is_json(bytes) {
         return Ok((json::parse(bytes, "glTF")?, &bytes[..0]));
     }
     let mut cursor = Cursor::new(bytes, "GLB");

@@ -6,9 +6,10 @@
 //! `_FEATURE_n` of our own.
 
 use super::accessor::{Accessor, TYPES, entry, number};
+use super::format::{Beside, Format, SplatFile};
+use super::glb;
 use super::quantised::{logit, opacity};
-use super::sieve::{Sieve, Splat};
-use super::{Beside, Format, SplatFile, check, glb};
+use super::sieve::{Sieve, Splat, check};
 use crate::SplatError;
 use crate::error::off;
 use crate::harmonics::{FUNCTIONS, mixed, rotation};

@@ -6,10 +6,10 @@
 //! comment, `background R G B`, 0 to 1; other programs draw over what they like. A property `filter_3D` is Mip-Splatting's: such a scene is to be
 //! drawn with anti-aliasing.
 
+use super::format::{Format, SplatFile};
 use super::ply_header::{Element, Header, Property, head_of, is_blank};
 use super::quantised::{logit, opacity};
-use super::sieve::{Sieve, Splat};
-use super::{Format, SplatFile, check};
+use super::sieve::{Sieve, Splat, check};
 use crate::SplatError;
 use crate::error::off;
 use qv_core::GaussianCloud;

@@ -1,6 +1,7 @@
 //! Numbers in few bits.
 
-use super::OPAQUE_LOGIT;
+/// Opacity logit that stands for opacity 1, and its negative for 0: what is left to 1 is half a step of single precision.
+pub const OPAQUE_LOGIT: f32 = 16.635_532;
 
 /// Coefficient of the constant harmonic that adds one to a colour.
 pub const SH_C0: f32 = 0.282_094_79;

@@ -1,7 +1,12 @@
 //! Gaussians one by one into a cloud, without those whose numbers say nothing.
 
-use super::{FLAT_LOG_SCALE, Format, OPAQUE_LOGIT, SplatFile};
-use qv_core::GaussianCloud;
+use super::format::{Format, SplatFile};
+use super::quantised::OPAQUE_LOGIT;
+use crate::SplatError;
+use qv_core::{CoreError, GaussianCloud};
+
+/// Log scale that stands for a Gaussian without extent along an axis: that of a picometre.
+pub const FLAT_LOG_SCALE: f32 = -27.631_021;
 
 /// One Gaussian as a file has it.
 pub struct Splat<'a> {
@@ -91,4 +96,23 @@ pub fn is_good(
         && opacity_logit.is_finite()
         && sh.iter().all(|colour| finite(colour))
         && finite(features)
+}
+
+/// What every writer asks of a cloud.
+pub(super) fn check(cloud: &GaussianCloud) -> Result<(), SplatError> {
+    cloud.check()?;
+    for index in 0..cloud.len() {
+        if !is_good(
+            &cloud.means[index],
+            &cloud.log_scales[index],
+            &cloud.rotations[index],
+            cloud.opacity_logits[index],
+            cloud.sh_of(index),
+            cloud.features_of(index),
+        ) {
+            let found = format!("mean {:?}, rotation {:?}", cloud.means[index], cloud.rotations[index]);
+            return Err(CoreError::NotFinite { what: "Gaussian", index, found }.into());
+        }
+    }
+    Ok(())
 }

@@ -2,9 +2,9 @@
 //! deviations as floats; red, green, blue, opacity in a byte each; rotation w, x, y, z in a byte each, 128 times the number plus 128. The frame
 //! is that of the PLY that it was made of. Colours are those that the constant harmonic gives; there are no others.
 
+use super::format::{Format, SplatFile};
 use super::quantised::{SH_C0, logit_of_byte};
 use super::sieve::{Sieve, Splat};
-use super::{Format, SplatFile};
 use crate::SplatError;
 use crate::cursor::f32_at;
 use crate::error::off;

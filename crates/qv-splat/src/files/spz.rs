@@ -6,10 +6,12 @@
 //! on); the other harmonics, coefficient times 128 plus 128, 8 bits, coefficient by coefficient with red, green, blue inside.
 //! The axes are x right, y up, z back; they are turned by half a turn about x (see [`files`](super)).
 
+use super::format::{Format, SplatFile};
 use super::quantised::{from_smallest_three, half_float, logit_of_byte, opacity, smallest_three};
+use super::sieve::check;
 use super::sieve::{Sieve, Splat};
+pub use super::spz_container::Version;
 use super::spz_container::{Arrays, close, open, widths};
-use super::{Format, SplatFile, check};
 use crate::SplatError;
 use crate::cursor::u32_at;
 use crate::harmonics::HALF_TURN_ABOUT_X;
@@ -21,19 +23,6 @@ const COLOUR_SCALE: f32 = 0.15;
 const FRACTIONAL_BITS: u8 = 12;
 /// Largest fixed-point number plus one half, which still rounds to 24 bits.
 const LARGEST_FIXED: f32 = 8_388_607.0;
-
-/// Versions of the format.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Version {
-    /// Positions as half floats.
-    V1 = 1,
-    /// Fixed-point positions, rotations in three bytes.
-    V2 = 2,
-    /// Rotations in four bytes.
-    V3 = 3,
-    /// As 3, in another container.
-    V4 = 4,
-}
 
 /// Reads a file of any version. Of harmonics of degree 4, degrees 0 to 3 are read.
 ///

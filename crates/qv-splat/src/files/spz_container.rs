@@ -1,12 +1,24 @@
 //! The containers of SPZ: one gzip stream (versions 1 to 3), or a table of zstd streams (version 4). Both hold the same arrays
 //! in the same order, which are laid out behind each other here.
 
-use super::spz::Version;
 use crate::SplatError;
 use crate::cursor::{Cursor, u32_at};
 use crate::error::off;
 use flate2::{Compression, bufread::GzDecoder, write::GzEncoder};
 use std::io::{Read, Write};
+
+/// Versions of the format.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Version {
+    /// Positions as half floats.
+    V1 = 1,
+    /// Fixed-point positions, rotations in three bytes.
+    V2 = 2,
+    /// Rotations in four bytes.
+    V3 = 3,
+    /// As 3, in another container.
+    V4 = 4,
+}
 
 const MAGIC: &[u8; 4] = b"NGSP";
 /// Bytes of the header of versions 1 to 3, and of version 4.

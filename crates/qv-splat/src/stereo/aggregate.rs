@@ -1,6 +1,6 @@
 //! Semi-global aggregation of costs, and the plane that costs least.
 
-use super::StereoOptions;
+use super::options::StereoOptions;
 use super::sweep::Costs;
 use super::views::View;
 

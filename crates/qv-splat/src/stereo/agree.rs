@@ -1,6 +1,6 @@
 //! Depths that others confirm.
 
-use super::StereoOptions;
+use super::options::StereoOptions;
 use super::views::{View, Way};
 use glam::{Vec2, Vec3};
 

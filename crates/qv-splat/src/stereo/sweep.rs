@@ -1,6 +1,6 @@
 //! How alike patches are on each of the planes.
 
-use super::StereoOptions;
+use super::options::StereoOptions;
 use super::views::{View, Way};
 use glam::Vec3;
 

@@ -1,6 +1,6 @@
 //! Photographs as they are compared: small and grey, each with a range of depths and with others that show the same.
 
-use super::StereoOptions;
+use super::options::StereoOptions;
 use crate::files::Points;
 use crate::train::{Dataset, Photograph, smaller};
 use glam::{DMat3, DVec3, Mat3, Vec3};
@@ -105,7 +105,7 @@ pub fn all(dataset: &Dataset, points: Option<&Points>, options: &StereoOptions) 
         let [nearest, farthest] = range.map(|depth| 1.0 / depth);
         let px: Vec<f64> =
             view.neighbours.iter().map(|&other| moved_px(&view.camera, &cameras[other], range)).collect();
-        let wanted = super::median(&mut px.clone(), f64::total_cmp).unwrap_or(0.0) / options.plane_px;
+        let wanted = median(&mut px.clone(), f64::total_cmp).unwrap_or(0.0) / options.plane_px;
         view.planes = (wanted.ceil() as usize + 1).clamp(options.planes[0], options.planes[1]);
         view.farthest = farthest as f32;
         view.step = ((nearest - farthest) / (view.planes - 1) as f64) as f32;
@@ -178,4 +178,9 @@ fn moved_px(camera: &Camera, other: &Camera, range: [f64; 2]) -> f64 {
         (p.truncate() / p.z.max(1e-3)).as_dvec2()
     });
     near.distance(far)
+}
+
+pub(super) fn median<T: Copy>(some: &mut [T], order: impl Fn(&T, &T) -> std::cmp::Ordering) -> Option<T> {
+    some.sort_by(order);
+    some.get(some.len() / 2).copied()
 }

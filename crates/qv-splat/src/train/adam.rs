@@ -1,31 +1,13 @@
 //! Adam (Kingma and Ba, 2015) with the constants of the 3DGS authors, and what else moves parameters in a step: regularisers and noise.
 
-use super::model::{Exposure, Model};
+use super::exposure::Exposure;
+use super::model::Model;
+use super::moments::{bias, logistic, moved};
 use super::options::{Rates, Strategy, TrainOptions};
 use super::random::{Purpose, normals, words};
 use glam::{Mat3, Quat, Vec3};
 use qv_raster::Gradients;
 use rayon::prelude::*;
-
-/// Decay of the running mean of derivatives.
-pub const BETA1: f32 = 0.9;
-/// Decay of the running mean of squares.
-pub const BETA2: f32 = 0.999;
-/// Keeps the quotient from 0 / 0.
-pub const EPSILON: f32 = 1e-15;
-
-/// What the running means are divided by after so many steps, the first being 1.
-pub fn bias(steps: u32) -> [f32; 2] {
-    let one = |beta: f32| (1.0 - (beta as f64).powi(steps.min(i32::MAX as u32) as i32)) as f32;
-    [one(BETA1), one(BETA2)]
-}
-
-/// Moves one parameter.
-pub fn moved(value: &mut f32, first: &mut f32, second: &mut f32, by: f32, rate: f32, bias: [f32; 2]) {
-    *first = BETA1 * *first + (1.0 - BETA1) * by;
-    *second = BETA2 * *second + (1.0 - BETA2) * by * by;
-    *value -= rate * (*first / bias[0]) / ((*second / bias[1]).sqrt() + EPSILON);
-}
 
 fn all(values: &mut [f32], first: &mut [f32], second: &mut [f32], by: &[f32], rate: f32, bias: [f32; 2]) {
     let lists = (values, first, second, by).into_par_iter();
@@ -33,7 +15,7 @@ fn all(values: &mut [f32], first: &mut [f32], second: &mut [f32], by: &[f32], ra
 }
 
 /// Adds the derivatives of the regularisers of opacity, scale and flatness.
-pub fn regularise(model: &Model, options: &TrainOptions, extent: f32, by: &mut Gradients) {
+pub(crate) fn regularise(model: &Model, options: &TrainOptions, extent: f32, by: &mut Gradients) {
     let weights = &options.weights;
     let n = model.cloud.len().max(1) as f32;
     let mcmc = options.strategy == Strategy::Mcmc;
@@ -96,7 +78,7 @@ pub fn step(model: &mut Model, by: &Gradients, rates: &Rates) {
 
 /// Moves the exposure of a photograph that has been seen so many times, this one counted. All exposures then move back together so
 /// that their mean stays what it was: else a common factor could wander between them and the colours of the Gaussians.
-pub fn step_exposure(model: &mut Model, photograph: usize, by: &Exposure, rate: f32, seen: u32) {
+pub(crate) fn step_exposure(model: &mut Model, photograph: usize, by: &Exposure, rate: f32, seen: u32) {
     let bias = bias(seen);
     for k in 0..12 {
         let (first, second) = (&mut model.exposures_first[photograph][k], &mut model.exposures_second[photograph][k]);
@@ -126,11 +108,6 @@ pub fn shake(model: &mut Model, rate: f32, seed: u32) {
             (0..3).for_each(|k| mean[k] += shift[k]);
         }
     });
-}
-
-/// 1 / (1 + exp(-x)).
-pub fn logistic(x: f32) -> f32 {
-    1.0 / (1.0 + (-x).exp())
 }
 
 #[cfg(test)]

@@ -1,13 +1,13 @@
 //! The best scene so far, for training that is stopped: Gaussians that were just made transparent, or moved elsewhere, draw worse
 //! than those of some hundred steps ago.
 
-use super::cameras::Shared;
 use super::dataset::Dataset;
 use super::engine::taken;
-use super::exposure::exposed_image;
-use super::model::{Exposure, Model};
+use super::exposure::{Exposure, exposed_image};
+use super::model::Model;
+use super::motion::Motion;
 use super::score::score;
-use super::shutter::Motion;
+use super::shared::Shared;
 use crate::SplatError;
 use qv_core::{GaussianCloud, Pose};
 

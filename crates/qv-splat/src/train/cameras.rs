@@ -4,69 +4,15 @@
 //! motions nobody knows, follow it and the lens. The photographs' own motions have a mean of zero in the world, or else the scene would
 //! drift with them from the frame in which poses were given.
 
-use super::adam::{bias, moved};
 use super::dataset::{Dataset, Photograph};
 use super::model::Model;
+use super::moments::{bias, moved};
 use super::options::TrainOptions;
-use super::pose::{turned, twist};
-use super::vignetting::{self, Vignetting};
+pub use super::shared::{Shared, same_lens};
+use super::twist::{turned, twist};
+use super::vignetting::Vignetting;
 use glam::{DQuat, DVec3};
 use qv_core::{Camera, Pose};
-
-/// What photographs of one camera share, with the optimiser's memory.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Shared {
-    /// Natural logarithm of the factor of both focal lengths; shift of the principal point in units of the focal lengths.
-    pub lens: [f32; 3],
-    /// How the lens darkens photographs towards their corners.
-    pub vignetting: Vignetting,
-    /// Motion of the camera in its own axes \[m\].
-    pub motion: Pose,
-    /// Running means of derivatives by the motion (6), the lens and its vignetting.
-    pub first: [f32; 12],
-    /// Running means of their squares.
-    pub second: [f32; 12],
-    /// How often one of the photographs was seen.
-    pub seen: u32,
-}
-
-impl Shared {
-    /// Nothing learned yet.
-    pub const NONE: Self = Self {
-        lens: [0.0; 3],
-        vignetting: vignetting::NONE,
-        motion: Pose::IDENTITY,
-        first: [0.0; 12],
-        second: [0.0; 12],
-        seen: 0,
-    };
-
-    /// The lens of a camera as it was learned; its pose stays.
-    pub fn camera(&self, given: &Camera) -> Camera {
-        let [zoom, x, y] = self.lens.map(f64::from);
-        let factor = zoom.exp();
-        let (fx, fy) = (given.fx * factor, given.fy * factor);
-        Camera { fx, fy, cx: given.cx + x * given.fx, cy: given.cy + y * given.fy, ..*given }
-    }
-}
-
-/// Which camera took each photograph to learn from: those with equal lenses are one.
-pub fn groups(dataset: &Dataset) -> Vec<usize> {
-    let mut known: Vec<Camera> = vec![];
-    let mut of = |one: &Photograph| {
-        let found = known.iter().position(|camera| same_lens(camera, &one.camera));
-        found.unwrap_or_else(|| {
-            known.push(one.camera);
-            known.len() - 1
-        })
-    };
-    dataset.training.iter().map(&mut of).collect()
-}
-
-/// Whether two cameras have one lens: all but their poses is equal.
-pub fn same_lens(a: &Camera, b: &Camera) -> bool {
-    Camera { camera_from_world: b.camera_from_world, ..*a } == *b
-}
 
 /// A held-out photograph with the lens, its vignetting and the motion that its camera was found to have.
 pub fn as_learned(model: &Model, dataset: &Dataset, held_out: &Photograph) -> Photograph {

@@ -6,8 +6,8 @@
 //! and how often each camera was seen; then poses of photographs and motions of cameras as seven doubles each, position and quaternion w, x, y, z; then
 //! the text, UTF-8: what the caller says of the training, such as its options.
 
-use super::cameras::Shared;
 use super::model::Model;
+use super::shared::Shared;
 use crate::SplatError;
 use crate::error::off;
 use qv_core::{GaussianCloud, Pose};

@@ -1,7 +1,7 @@
 //! Gaussians that come and go as in Kerbl et al., *3D Gaussian Splatting* (2023), section 5.2, with the constants of gsplat 1.5.3.
 
-use super::adam::logistic;
 use super::model::Model;
+use super::moments::logistic;
 use super::random::{Purpose, normals, words};
 use glam::{Mat3, Quat, Vec3};
 

@@ -2,22 +2,22 @@
 
 use super::adam::{regularise, shake, step, step_exposure};
 use super::cameras::{self, ByCamera};
-use super::classic;
-use super::clear;
 use super::dataset::{Dataset, Photograph};
 use super::drop::Drop;
 use super::engine::Engine;
-use super::exposure::{self, exposed_backward, exposed_image};
+use super::exposure::{self, Exposure, exposed_backward, exposed_image};
 use super::filter::{self, Sampling};
 use super::guide::{self, Guide};
 use super::loss::photometric;
 use super::mcmc::Relocation;
-use super::model::{Exposure, Model};
+use super::model::Model;
+use super::motion::Motion;
 use super::options::{Strategy, TrainOptions};
 use super::random::{Purpose, words};
-use super::shutter::{self, Motion};
+use super::shutter::{self};
 use super::terms::{depth_normal, labels, multi_view, priors};
 use super::vignetting::{self, Vignetting, vignetted};
+use super::{classic, clear};
 use crate::SplatError;
 use qv_core::{Camera, GaussianCloud};
 use qv_raster::{Frame, Image, Outputs, Scene, Settings, View, render};
@@ -350,9 +350,9 @@ impl Engine for CpuEngine<'_> {
 #[cfg(test)]
 mod tests {
     use super::super::engine::train;
+    use super::super::exposure::NEUTRAL;
     use super::super::exposure::exposed_image;
-    use super::super::model::NEUTRAL;
-    use super::super::shutter::Shutter;
+    use super::super::motion::Shutter;
     use super::super::start::of_points;
     use super::super::{checkpoint, scores, tiny};
     use super::*;

@@ -1,7 +1,7 @@
 //! Photographs with pinhole cameras, some of them held out to score what was learned from the others.
 
 use super::filter::{self, Sampling};
-use super::shutter::Shutter;
+use super::motion::Shutter;
 use super::undistort::{Pixels, smaller, undistorted};
 use super::vignetting::{self, Vignetting};
 use crate::SplatError;

@@ -3,7 +3,7 @@
 //!
 //! The others are denser by one over the share that stays, as far as opacities go.
 
-use super::adam::logistic;
+use super::moments::logistic;
 use super::options::TrainOptions;
 use super::random::{Purpose, unit, words};
 

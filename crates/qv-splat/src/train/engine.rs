@@ -1,16 +1,17 @@
 //! Training as a loop, whatever does the steps.
 
 use super::dataset::{Dataset, Photograph};
-use super::exposure::exposed_image;
-use super::ground::{DEPTH, Ground};
-use super::model::{Exposure, Model};
+use super::drawn::{DEPTH, drawn, drawn_with};
+use super::exposure::{Exposure, exposed_image};
+use super::ground::Ground;
+use super::model::Model;
 use super::order::round;
 use super::score::{GroundScore, Score, score, score_of};
 use super::vignetting::vignetted;
 use crate::SplatError;
 use crate::error::off;
-use qv_core::{Camera, GaussianCloud};
-use qv_raster::{Image, Outputs, Scene, View};
+use qv_core::GaussianCloud;
+use qv_raster::Image;
 
 /// What does the steps.
 pub trait Engine {
@@ -185,26 +186,6 @@ pub(super) fn taken(model: &Model, dataset: &Dataset, photograph: usize) -> Resu
 /// What the lens of a photograph makes of what is drawn of it.
 fn through_lens(photograph: &Photograph, image: &Image) -> Vec<f32> {
     vignetted(photograph.vignetting, &photograph.camera, &image.colour)
-}
-
-/// Colour over the background of the photographs, and alpha, as a camera sees them.
-///
-/// # Errors
-/// Drawing fails.
-pub fn drawn(cloud: &GaussianCloud, camera: &Camera, dataset: &Dataset) -> Result<Image, SplatError> {
-    drawn_with(cloud, camera, dataset, Outputs::default())
-}
-
-/// As [`drawn`], with more than the colours.
-pub(super) fn drawn_with(
-    cloud: &GaussianCloud,
-    camera: &Camera,
-    dataset: &Dataset,
-    outputs: Outputs,
-) -> Result<Image, SplatError> {
-    let filtered = dataset.filtered(cloud);
-    let settings = dataset.settings(outputs);
-    Ok(qv_raster::render(&Scene::still(&filtered), &[View::of(*camera)], &settings)?.0.remove(0))
 }
 
 #[cfg(test)]

@@ -1,7 +1,12 @@
 //! Affine colour transforms: what a camera's automatic exposure and white balance did to a photograph.
 
-use super::model::{Exposure, NEUTRAL};
 use rayon::prelude::*;
+
+/// An affine colour transform: three rows of red, green, blue and one.
+pub type Exposure = [f32; 12];
+
+/// The exposure that changes nothing.
+pub const NEUTRAL: Exposure = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
 
 /// The transform of a colour.
 pub fn exposed(e: &Exposure, [r, g, b]: [f32; 3]) -> [f32; 3] {
@@ -9,12 +14,12 @@ pub fn exposed(e: &Exposure, [r, g, b]: [f32; 3]) -> [f32; 3] {
 }
 
 /// The transform of an image, shape `[height, width, 3]`.
-pub fn exposed_image(e: &Exposure, image: &[f32]) -> Vec<f32> {
+pub(crate) fn exposed_image(e: &Exposure, image: &[f32]) -> Vec<f32> {
     image.chunks_exact(3).flat_map(|c| exposed(e, [c[0], c[1], c[2]])).collect()
 }
 
 /// From the derivative by a transformed image to that by the image, in place, and that by the transform.
-pub fn exposed_backward(e: &Exposure, image: &[f32], by: &mut [f32]) -> Exposure {
+pub(crate) fn exposed_backward(e: &Exposure, image: &[f32], by: &mut [f32]) -> Exposure {
     // Sums of rows of a fixed length, so that the order does not depend on threads.
     const ROW: usize = 3 * 4096;
     let rows = (image.par_chunks(ROW), by.par_chunks_mut(ROW)).into_par_iter();
@@ -38,7 +43,7 @@ pub fn exposed_backward(e: &Exposure, image: &[f32], by: &mut [f32]) -> Exposure
 }
 
 /// Adds the derivative of `weight` times the squared distance from identity.
-pub fn regularise(e: &Exposure, weight: f32, by: &mut Exposure) {
+pub(crate) fn regularise(e: &Exposure, weight: f32, by: &mut Exposure) {
     (0..12).for_each(|k| by[k] += 2.0 * weight * (e[k] - NEUTRAL[k]));
 }
 
@@ -71,7 +76,7 @@ pub fn fitted<'a>(pairs: impl Iterator<Item = (&'a [f32], &'a [f32])>) -> Exposu
 }
 
 /// The factor of each colour that brings an image to a photograph in the sense of least squares, both `[pixels, 3]`, as a transform.
-pub fn fitted_gains<'a>(pairs: impl Iterator<Item = (&'a [f32], &'a [f32])>) -> Exposure {
+pub(crate) fn fitted_gains<'a>(pairs: impl Iterator<Item = (&'a [f32], &'a [f32])>) -> Exposure {
     let (mut own, mut both) = ([1e-9f64; 3], [1e-9f64; 3]);
     for (from, to) in pairs {
         for c in 0..3 {

@@ -5,7 +5,7 @@
 //! the root of 0.2, is the deviation of a Gaussian that it is convolved with; its opacity shrinks as its volume grows. The filter is told
 //! anew in each step from where Gaussians are, and no derivative goes through it.
 
-use super::adam::logistic;
+use super::moments::logistic;
 use qv_core::{Camera, GaussianCloud};
 use qv_raster::{Gradients, Scene, View};
 use rayon::prelude::*;

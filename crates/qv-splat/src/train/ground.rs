@@ -1,13 +1,13 @@
 //! The ground of a scene as a plane, so that it can be scored apart: for a robot that walks it counts most, and few photographs look at it.
 
 use super::dataset::{Dataset, Photograph};
-use super::engine::drawn_with;
+use super::drawn::{DEPTH, drawn_with};
 use super::random::{Purpose, unit, words};
 use crate::SplatError;
 use glam::{DMat3, DQuat, DVec3};
 use qv_core::statistics::median;
 use qv_core::{Camera, GaussianCloud};
-use qv_raster::{Image, Outputs};
+use qv_raster::Image;
 use rayon::prelude::*;
 
 /// What is asked of a plane to be called the ground.
@@ -146,9 +146,6 @@ fn upward(cameras: &[Camera]) -> Option<DVec3> {
 fn up(camera: &Camera) -> DVec3 {
     camera.camera_from_world.rotation.inverse() * DVec3::NEG_Y
 }
-
-/// What is drawn to find pixels of the ground.
-pub(super) const DEPTH: Outputs = Outputs { depth: true, plane: false, features: false };
 
 /// The point in the world that a pixel shows, and its depth; none where little was drawn.
 pub(super) fn point_of(image: &Image, camera: &Camera, pixel: usize) -> Option<(DVec3, f64)> {

@@ -24,7 +24,7 @@ pub enum Guide {
 pub const LOOKED_AT: usize = 10;
 
 /// Error of a Gaussian: the sum over photographs, and the largest of them.
-pub type ErrorSum = [f32; 2];
+pub(crate) type ErrorSum = [f32; 2];
 
 impl Guide {
     /// The weight of each Gaussian in the choice.

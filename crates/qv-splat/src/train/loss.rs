@@ -82,7 +82,7 @@ fn plane(image: &[f32], c: usize) -> Plane {
 }
 
 /// SSIM of two images, shape `[height, width, 3]`, of each pixel, as a mean over colours.
-pub fn ssim_map(a: &[f32], b: &[f32], width: usize) -> Vec<f32> {
+pub(crate) fn ssim_map(a: &[f32], b: &[f32], width: usize) -> Vec<f32> {
     let mut out = vec![0.0; a.len() / 3];
     for c in 0..3 {
         let (map, _) = ssim_plane(&plane(a, c), &plane(b, c), width, false);

@@ -4,14 +4,14 @@
 //! stand in the place of one of opacity o, each has opacity 1 - (1 - o)^(1/N), and scales that keep the integral of the opacity along a ray
 //! (eq. 8, 9): divided by Σ_{i=1}^N Σ_{k=0}^{i-1} C(i-1, k) (-1)^k / √(k+1) o_new^{k+1} / o.
 
-use super::adam::logistic;
 use super::model::Model;
+use super::moments::logistic;
 use super::random::{Purpose, words};
 
 /// Opacity at and below which a Gaussian is dead.
-pub const DEAD: f32 = 0.005;
+pub(crate) const DEAD: f32 = 0.005;
 /// Share by which the number grows each time.
-pub const GROWTH: f64 = 0.05;
+pub(crate) const GROWTH: f64 = 0.05;
 /// Most Gaussians that stand in the place of one.
 const MOST: usize = 51;
 
@@ -28,7 +28,7 @@ pub struct Change {
 
 /// What is done to the Gaussians: first the changes, then the copies.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Relocation {
+pub(crate) struct Relocation {
     /// Gaussians that become one of several.
     pub changes: Vec<Change>,
     /// Target and source; targets beyond the last Gaussian are new and come in order.
@@ -37,7 +37,7 @@ pub struct Relocation {
 
 impl Relocation {
     /// Moves dead Gaussians to living ones, chosen by their `weights`, or by opacity where there are none.
-    pub fn of_dead(logits: &[f32], weights: &[f32], seed: u32, step: u32) -> Self {
+    pub(crate) fn of_dead(logits: &[f32], weights: &[f32], seed: u32, step: u32) -> Self {
         let lives = |logit: &f32| logistic(*logit) > DEAD;
         let weight = |i: usize| if lives(&logits[i]) { weight_of(logits, weights, i) } else { 0.0 };
         let targets: Vec<u32> = (0..logits.len() as u32).filter(|&i| !lives(&logits[i as usize])).collect();
@@ -45,14 +45,14 @@ impl Relocation {
     }
 
     /// Lets the number grow by [`GROWTH`], up to `cap`; they come to others as the dead do.
-    pub fn of_new(logits: &[f32], weights: &[f32], cap: usize, seed: u32, step: u32) -> Self {
+    pub(crate) fn of_new(logits: &[f32], weights: &[f32], cap: usize, seed: u32, step: u32) -> Self {
         let wanted = cap.min(((1.0 + GROWTH) * logits.len() as f64) as usize).max(logits.len());
         let targets: Vec<u32> = (logits.len() as u32..wanted as u32).collect();
         Self::new(logits, |i| weight_of(logits, weights, i), &targets, seed, 2 * step + 1)
     }
 
     /// Weights after this: those that stand in the place of one share what it had.
-    pub fn shared_weights(&self, mut weights: Vec<f32>) -> Vec<f32> {
+    pub(crate) fn shared_weights(&self, mut weights: Vec<f32>) -> Vec<f32> {
         if weights.is_empty() {
             return weights;
         }

@@ -1,8 +1,10 @@
 //! What is learned, with the optimiser's memory: all that a checkpoint holds.
 
-use super::cameras::{self, Shared};
 use super::dataset::Dataset;
-use super::shutter::Motion;
+use super::exposure::{Exposure, NEUTRAL};
+use super::motion::Motion;
+use super::shared;
+use super::shared::Shared;
 use crate::SplatError;
 use crate::error::off;
 use qv_core::{Camera, GaussianCloud, Pose};
@@ -12,12 +14,6 @@ const PLACE: &str = "model to go on with";
 /// How far from where a photograph was taken it may be said to have been taken: in metres, and where poses were refined in extents.
 const SAME_PLACE: f64 = 1e-6;
 const REFINED_FAR: f64 = 0.3;
-
-/// An affine colour transform: three rows of red, green, blue and one.
-pub type Exposure = [f32; 12];
-
-/// The exposure that changes nothing.
-pub const NEUTRAL: Exposure = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
 
 /// The state of training after some steps.
 #[derive(Debug, Clone, PartialEq)]
@@ -58,7 +54,7 @@ impl Model {
     pub fn new(cloud: GaussianCloud, dataset: &Dataset) -> Self {
         let views = dataset.training.len();
         let zeros = Gradients::zeros(&cloud, views);
-        let groups = cameras::groups(dataset);
+        let groups = shared::groups(dataset);
         Self {
             iteration: 0,
             first: zeros.clone(),
@@ -115,7 +111,7 @@ impl Model {
     }
 
     /// Makes room for harmonics of a higher degree, which begin at 0.
-    pub fn raise_degree(&mut self, degree: u8) {
+    pub(crate) fn raise_degree(&mut self, degree: u8) {
         let (old, new) = (self.cloud.sh_count(), (degree as usize + 1).pow(2));
         if new <= old {
             return;

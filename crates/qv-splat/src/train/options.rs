@@ -204,7 +204,7 @@ impl TrainOptions {
     }
 
     /// What scales the noise of the means in a step \[1/m\].
-    pub fn noise_rate(&self, iteration: u32, extent: f32) -> f32 {
+    pub(crate) fn noise_rate(&self, iteration: u32, extent: f32) -> f32 {
         self.noise * self.rates(iteration, extent).means / (extent * extent)
     }
 

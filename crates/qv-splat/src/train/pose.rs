@@ -1,12 +1,12 @@
 //! Motions of cameras by derivatives: steps, and the place of a photograph that was held out.
 
-use super::adam::{bias, moved};
 use super::dataset::{Dataset, Photograph};
 use super::loss::photometric;
+use super::moments::bias;
+use super::twist::{turned, twist};
 use super::vignetting::{self, vignetted};
 use crate::SplatError;
-use glam::{DQuat, DVec3};
-use qv_core::{Camera, GaussianCloud, Pose};
+use qv_core::{Camera, GaussianCloud};
 use qv_raster::{Frame, Outputs, Scene, View};
 
 /// The camera of a photograph that was held out, moved to where a scene shows the left half of the photograph best, by `steps` steps of Adam
@@ -47,27 +47,11 @@ pub fn aligned(
 /// Rate of [`aligned`], in units of the extent and in radians.
 pub(super) const ALIGNING: f32 = 1e-3;
 
-/// A step of Adam in the twist (v, w) on the left of `camera_from_world`; metres are in units of the extent. The running means are six each.
-pub fn twist(first: &mut [f32], second: &mut [f32], by: &[f32; 6], rate: f32, extent: f32, bias: [f32; 2]) -> [f32; 6] {
-    std::array::from_fn(|k| {
-        let unit = if k < 3 { extent } else { 1.0 };
-        let mut shift = 0.0;
-        moved(&mut shift, &mut first[k], &mut second[k], by[k] * unit, rate, bias);
-        shift * unit
-    })
-}
-
-/// A pose after a small twist, to first order in the coupling of translation and rotation.
-pub fn turned(camera_from_world: &Pose, twist: &[f32; 6]) -> Pose {
-    let [x, y, z, a, b, c] = twist.map(f64::from);
-    let shift = Pose { position: DVec3::new(x, y, z), rotation: DQuat::from_scaled_axis(DVec3::new(a, b, c)) };
-    shift * *camera_from_world
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::tiny;
     use super::*;
+    use qv_core::Pose;
 
     #[test]
     fn a_camera_is_found_again_from_half_of_its_photograph() {

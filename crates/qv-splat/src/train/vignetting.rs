@@ -13,7 +13,7 @@ use qv_core::Camera;
 use rayon::prelude::*;
 
 /// The coefficients a, b and c.
-pub type Vignetting = [f32; 3];
+pub(crate) type Vignetting = [f32; 3];
 
 /// Of a lens that darkens nothing.
 pub const NONE: Vignetting = [0.0; 3];
@@ -35,7 +35,7 @@ fn factor([a, b, c]: Vignetting, squared: f32) -> f32 {
 }
 
 /// What a lens makes of an image, shape `[height, width, 3]`.
-pub fn vignetted(by: Vignetting, camera: &Camera, image: &[f32]) -> Vec<f32> {
+pub(crate) fn vignetted(by: Vignetting, camera: &Camera, image: &[f32]) -> Vec<f32> {
     let mut out = image.to_vec();
     let width = camera.width as usize;
     if by != NONE {

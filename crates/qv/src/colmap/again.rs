@@ -7,8 +7,8 @@
 use super::{Given, GivenCamera, Placed, find, is_there};
 use crate::Failure;
 use crate::capture::{OpenCapture, open_capture};
+use crate::outcome::about;
 use crate::output::{self, make_folder, put, write_whole};
-use crate::scene::about;
 use glam::DVec3;
 use qv_mesh::similarity::Similarity;
 use qv_splat::captures::{CaptureCamera, pictures};

@@ -5,9 +5,9 @@ mod again;
 pub use again::{Chosen, better_poses, poses_again};
 
 use crate::Failure;
+use crate::outcome::about;
 use crate::output::write_whole;
 use crate::python::{Environment, said};
-use crate::scene::about;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;

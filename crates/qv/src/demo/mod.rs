@@ -4,9 +4,9 @@ mod browser;
 mod hidden;
 
 use crate::fixture::write_recording;
+use crate::outcome::about;
 use crate::output::{commit, make_folder, write_whole};
 use crate::progress::remark;
-use crate::scene::about;
 use crate::{Failure, Outcome, say};
 use hidden::Hidden;
 use qv_go2::synthetic::{self, Robot};

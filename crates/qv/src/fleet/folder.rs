@@ -2,11 +2,14 @@
 
 use crate::Failure;
 use crate::lock::{Lock, Tried};
-use crate::scene::about;
+use crate::outcome::about;
 use qv_fleet::state::{Done, Failed};
 use qv_fleet::{Plan, Unit};
 use std::fs;
 use std::path::{Path, PathBuf};
+
+/// Options that a fleet sets itself.
+const OWN: [&str; 4] = ["--out", "--json", "--no-config", "--ask"];
 
 /// A fleet on disk.
 pub struct Folder {
@@ -39,7 +42,7 @@ impl Folder {
             let words = format!("expected a plan of version {own}, found {planned}: plan again, what is done stays");
             return Err(about(&file, words));
         }
-        super::plan::check_own(&folder.plan.task.options).map_err(|found| about(&path.join("plan.json"), found))?;
+        check_own(&folder.plan.task.options).map_err(|found| about(&path.join("plan.json"), found))?;
         Ok(folder)
     }
 
@@ -76,5 +79,14 @@ impl Folder {
     /// The record of a unit that failed.
     pub fn failed(&self, unit: &Unit) -> Option<Failed> {
         Failed::read(&fs::read_to_string(self.of(unit).join("failed.json")).ok()?, unit)
+    }
+}
+
+/// Refuses options that a fleet sets itself, or that are never taken from a file such as a plan.
+pub fn check_own(options: &[String]) -> Result<(), String> {
+    let own = |option: &&String| OWN.iter().any(|own| *option == own || option.starts_with(&format!("{own}=")));
+    match options.iter().find(own) {
+        Some(option) => Err(format!("options after --: expected none that a fleet sets itself, found {option}")),
+        None => Ok(()),
     }
 }

@@ -1,7 +1,7 @@
 //! Files with their hashes.
 
 use crate::Failure;
-use crate::scene::about;
+use crate::outcome::about;
 use qv_fleet::InputFile;
 use sha2::{Digest, Sha256};
 use std::fs::File;

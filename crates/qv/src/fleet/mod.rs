@@ -44,9 +44,10 @@ enum What {
 }
 
 impl Fleet {
-    pub fn execute(&self) -> Result<Outcome, Failure> {
+    /// With `root`, the command that all others are in: it says which options they take.
+    pub fn execute(&self, root: clap::Command) -> Result<Outcome, Failure> {
         match &self.what {
-            What::Plan(command) => command.execute(),
+            What::Plan(command) => command.execute(root),
             What::Run(command) => command.execute(),
             What::Gather(command) => command.execute(),
             What::Slurm(command) => command.execute(),

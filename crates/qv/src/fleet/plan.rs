@@ -1,12 +1,11 @@
 //! `qv fleet plan`: which recordings there are, and what is to be done with them.
 
 use super::find::{files, recordings, with_companions};
-use super::folder::Folder;
+use super::folder::{Folder, check_own};
 use super::hash;
-use crate::open::progress;
 use crate::output::{OutputFolder, write_whole};
-use crate::{Cli, Failure, Outcome, say};
-use clap::Parser;
+use crate::progress::progress;
+use crate::{Failure, Outcome, say};
 use qv_fleet::{Command, InputFile, Plan as Units, Recording, Refused, Task, sha256};
 use qv_open::{Reading, open_run};
 use qv_recording::run::Robot;
@@ -14,8 +13,6 @@ use rayon::prelude::*;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-/// Options that a fleet sets itself.
-const OWN: [&str; 4] = ["--out", "--json", "--no-config", "--ask"];
 /// Lines of what could not be opened that are printed.
 const TOLD: usize = 10;
 /// Digits of the hash by which robots of one name and different models are told apart.
@@ -79,8 +76,9 @@ pub struct Plan {
 }
 
 impl Plan {
-    pub fn execute(&self) -> Result<Outcome, Failure> {
-        self.check_options()?;
+    /// With `root`, the command that all others are in.
+    pub fn execute(&self, root: clap::Command) -> Result<Outcome, Failure> {
+        self.check_options(root)?;
         if let Some(folder) = self.folders.iter().find(|folder| !folder.exists()) {
             return Err(format!("{}: expected a folder with recordings, found nothing", folder.display()).into());
         }
@@ -120,12 +118,12 @@ impl Plan {
     }
 
     /// Looks whether the command would take the options, so that this is said now and not by every unit.
-    fn check_options(&self) -> Result<(), Failure> {
+    fn check_options(&self, root: clap::Command) -> Result<(), Failure> {
         check_own(&self.options)?;
         let words =
             ["qv"].into_iter().chain(self.command.command().words().iter().copied()).chain(["RUN", "--out", "OUT"]);
         let words = words.chain(self.options.iter().map(String::as_str));
-        match Cli::try_parse_from(words) {
+        match root.try_get_matches_from(words) {
             Ok(_) => Ok(()),
             Err(error) => {
                 let text = error.to_string();
@@ -208,15 +206,6 @@ fn stored(path: &Path) -> Result<String, String> {
     text.ok_or_else(|| {
         format!("cannot store the path '{}': its bytes are no UTF-8; give it another name", path.display())
     })
-}
-
-/// Refuses options that a fleet sets itself, or that are never taken from a file such as a plan.
-pub fn check_own(options: &[String]) -> Result<(), String> {
-    let own = |option: &&String| OWN.iter().any(|own| *option == own || option.starts_with(&format!("{own}=")));
-    match options.iter().find(own) {
-        Some(option) => Err(format!("options after --: expected none that a fleet sets itself, found {option}")),
-        None => Ok(()),
-    }
 }
 
 /// The name of a robot; models that recordings bring along are told apart by their contents.

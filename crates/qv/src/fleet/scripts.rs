@@ -2,7 +2,7 @@
 
 use super::folder::Folder;
 use crate::numbers::positive;
-use crate::scene::about;
+use crate::outcome::about;
 use crate::{Failure, Outcome, say};
 use qv_fleet::script::{self, Resources};
 use std::path::PathBuf;

@@ -1,8 +1,9 @@
 //! Metric scale and z up: from markers, a trajectory, a known distance, a direction, or the ground.
 
-use super::{Input, Mesh};
+use super::arguments::Mesh;
+use super::input::Input;
 use crate::Failure;
-use crate::scene::about;
+use crate::outcome::about;
 use crate::terminal::print_message;
 use glam::DVec3;
 use qv_core::TriangleMesh;

@@ -1,7 +1,7 @@
 //! Names and friction of labels, from the file that `--labels` names.
 
 use crate::Failure;
-use crate::scene::about;
+use crate::outcome::about;
 use qv_core::Material;
 use std::fs;
 use std::path::Path;

@@ -1,6 +1,6 @@
 //! Legs that the command line asks for: a follower of velocities, or a robot that walks in the simulator.
 
-use super::{HEIGHT, Place};
+use super::place::{HEIGHT, Place};
 use crate::Failure;
 use crate::open::{beyond_range, file_error, parameters_of};
 use crate::progress::remark;

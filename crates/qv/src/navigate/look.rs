@@ -1,18 +1,21 @@
 //! `qv navigate look`: what a policy says of photographs beside what it says of the scene drawn from the same places.
 
-use super::{COLUMNS, Place, ROWS, png_in_base64, weights_at};
+use super::page::png_in_base64;
+use super::place::Place;
+use super::weights_file::weights_at;
 use crate::capture::open_capture;
 use crate::numbers::positive;
+use crate::outcome::about;
 use crate::output::{refuse_inputs, write_whole};
 use crate::progress::remark;
-use crate::scene::{about, open_cameras};
+use crate::scene::open_cameras;
 use crate::terminal::print_message;
 use crate::{Failure, Outcome, say};
 use glam::DVec2;
 use qv_core::{Camera, Pose, statistics};
 use qv_mesh::similarity::Similarity;
 use qv_nav::eye::Paints;
-use qv_nav::net::Net;
+use qv_nav::net::{HEIGHT as ROWS, Net, WIDTH as COLUMNS};
 use qv_nav::photographs::{Agreement, Found, Pair, Photograph, agreement, pairs};
 use qv_page::parts::{card, grid, titled_card, track_with_interval};
 use qv_page::{Page, Table, fixed, percent};

@@ -1,5 +1,9 @@
 //! The page of `qv navigate page`: shares with intervals, causes of failure, ways from above, and what the policy saw.
 
+use crate::Failure;
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use image::ImageEncoder as _;
 use qv_nav::score::{Row, compared};
 use qv_nav::task::{End, Episode, Trial};
 use qv_page::parts::{Bars, card, grid, key, titled_card, track, track_with_interval};
@@ -219,6 +223,14 @@ fn strips(results: &Results) -> String {
         })
         .collect();
     format!("<h2>What the policy saw</h2>{}", cards.concat())
+}
+
+/// Red, green, blue of so many columns and rows as a PNG in base64.
+pub(super) fn png_in_base64(rgb: &[u8], [width, height]: [usize; 2]) -> Result<String, Failure> {
+    let mut png = Vec::new();
+    let encoder = image::codecs::png::PngEncoder::new(&mut png);
+    encoder.write_image(rgb, width as u32, height as u32, image::ExtendedColorType::Rgb8)?;
+    Ok(STANDARD.encode(png))
 }
 
 #[cfg(test)]

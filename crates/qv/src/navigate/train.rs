@@ -2,10 +2,11 @@
 
 use super::card::CardArguments;
 use super::legs::LegsArguments;
-use super::{Task, weights_at};
+use super::place::Task;
+use super::weights_file::weights_at;
+use crate::outcome::about;
 use crate::output::{self, make_folder, write_whole};
 use crate::progress::Stages;
-use crate::scene::about;
 use crate::terminal::print_message;
 use crate::{Failure, Outcome, say};
 use qv_nav::dagger::{Progress, TrainSettings};

@@ -2,9 +2,9 @@
 
 use crate::Failure;
 use crate::capture::OpenCapture;
+use crate::outcome::about;
 use crate::output::{claim, keep_what_is_claimed, put, remove};
 use crate::python::{Environment, said};
-use crate::scene::about;
 use clap::ValueEnum;
 use serde::Deserialize;
 use serde_json::json;

@@ -2,17 +2,13 @@
 
 use super::folder;
 use super::manifest::{open_plain, sync};
+use super::paths::{ENDING, shortened, temporary};
 use crate::Failure;
-use crate::scene::about;
-use std::ffi::OsString;
+use crate::outcome::about;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-/// Ending of files that are being written.
-const ENDING: &str = ".qv-new";
-/// Longest name to which the rest of a temporary name is added \[bytes\].
-const LONGEST: usize = 200;
 /// Links that are followed to a file that is not there yet.
 const MOST_LINKS: usize = 40;
 
@@ -20,24 +16,6 @@ const MOST_LINKS: usize = 40;
 /// when the command ends, or at the next [`super::commit`].
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     put(path, bytes).map_err(|e| about(path, format!("expected to write it, found {e}")))
-}
-
-/// Whether two paths are of one file or folder, which is there.
-pub fn is_same(a: &Path, b: &Path) -> bool {
-    fs::canonicalize(a).is_ok_and(|a| fs::canonicalize(b).is_ok_and(|b| a == b)) || is_same_file(a, b)
-}
-
-/// Whether two names are of one file.
-#[cfg(unix)]
-fn is_same_file(a: &Path, b: &Path) -> bool {
-    use std::os::unix::fs::MetadataExt;
-    let id = |path: &Path| fs::metadata(path).ok().filter(fs::Metadata::is_file).map(|file| (file.dev(), file.ino()));
-    id(a).is_some_and(|own| id(b) == Some(own))
-}
-
-#[cfg(not(unix))]
-fn is_same_file(_: &Path, _: &Path) -> bool {
-    false
 }
 
 /// The same as [`write_whole`], with the error as it is.
@@ -107,35 +85,6 @@ fn take_place(new: &Path, path: &Path) -> io::Result<()> {
     }
 }
 
-/// Where a file is written before it takes its place. Two processes that write one file have two.
-pub fn temporary(path: &Path) -> PathBuf {
-    let mut name = OsString::from(".");
-    name.push(shortened(path));
-    name.push(format!(".{}{ENDING}", std::process::id()));
-    path.with_file_name(name)
-}
-
-fn shortened(path: &Path) -> OsString {
-    let name = path.file_name().unwrap_or_default();
-    if name.len() <= LONGEST {
-        return name.to_owned();
-    }
-    let text = name.to_string_lossy();
-    let end = (0..=LONGEST.min(text.len())).rev().find(|end| text.is_char_boundary(*end)).unwrap_or(0);
-    text[..end].into()
-}
-
-/// Whether a name is one of [`temporary`].
-pub fn is_temporary(path: &Path) -> bool {
-    let name = path.file_name().and_then(|name| name.to_str());
-    name.is_some_and(|name| name.starts_with('.') && name.ends_with(ENDING) && process_of(name).is_some())
-}
-
-/// The process that a temporary file is of.
-fn process_of(name: &str) -> Option<i32> {
-    name.strip_suffix(ENDING)?.rsplit_once('.')?.1.parse().ok()
-}
-
 /// Removes what processes left beside a file that were writing it and are gone.
 fn remove_leftovers(path: &Path) {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -199,6 +148,7 @@ fn followed(path: &Path) -> io::Result<PathBuf> {
 mod tests {
     use super::*;
     use crate::facts::States;
+    use crate::output::paths::is_temporary;
 
     fn folder(name: &str) -> PathBuf {
         let folder = std::env::temp_dir().join(format!("qv-whole-{name}-{}", std::process::id()));

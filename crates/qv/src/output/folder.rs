@@ -4,19 +4,18 @@
 //! commit. The moves of a commit are stated in the manifest before they are made, so that the next owner of the folder ends them if this one
 //! is killed between two.
 
-use super::file::temporary;
 use super::inputs::refuse_read;
 use super::manifest::{Manifest, exists, files_below, hash, sync};
+use super::paths::temporary;
 use crate::Failure;
 use crate::lock::{Lock, Tried};
+use crate::outcome::about;
 use crate::progress::remark;
-use crate::scene::about;
 use crate::terminal::print_message;
 use std::collections::BTreeSet;
-use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+use std::{fs, io};
 
 /// Name of the lock in a folder that a command writes into.
 const LOCK: &str = "qv.lock";

@@ -1,7 +1,7 @@
 //! What is read is never written over.
 
-use super::file::is_same;
 use super::manifest::exists;
+use super::paths::is_same;
 use crate::Failure;
 use clap::{ArgMatches, Command};
 use std::ffi::OsStr;

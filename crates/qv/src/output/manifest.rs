@@ -188,7 +188,7 @@ impl Manifest {
         }
         for name in std::mem::take(&mut self.temporary) {
             let path = self.root.join(&name);
-            if super::file::is_temporary(&path) && is_plain(&path) && self.is_below(&path) {
+            if super::paths::is_temporary(&path) && is_plain(&path) && self.is_below(&path) {
                 fs::remove_file(path)?;
             }
         }
@@ -396,8 +396,8 @@ mod tests {
         let root = folder("moves");
         let mut manifest = Manifest::read(&root).unwrap();
         let old = wrote(&mut manifest, "result", "old");
-        let new = crate::output::file::temporary(&old);
-        let other = crate::output::file::temporary(&root.join("other"));
+        let new = crate::output::paths::temporary(&old);
+        let other = crate::output::paths::temporary(&root.join("other"));
         for path in [&new, &other] {
             fs::write(path, "new").unwrap();
             manifest.begin(path).unwrap();

@@ -8,8 +8,10 @@ mod file;
 mod folder;
 mod inputs;
 mod manifest;
+mod paths;
 
-pub use file::{is_same, put, stream, write_whole};
+pub use file::{put, stream, write_whole};
 pub use folder::{OutputFolder, abandon, claim, clear, commit, keep_what_is_claimed, make_folder, remove, staged};
 pub use inputs::{innermost, refuse, refuse_inputs, targets};
 pub use manifest::{FILE as MANIFEST, open_plain};
+pub use paths::is_same;

@@ -1,10 +1,11 @@
 //! How many steps help, found before training on all photographs.
 
+use super::REPORT_EVERY;
+use super::arguments::Reconstruct;
 use super::watch::Run;
-use super::{REPORT_EVERY, Reconstruct};
 use crate::Failure;
+use crate::outcome::about;
 use crate::output::{self, put};
-use crate::scene::about;
 use qv_core::GaussianCloud;
 use qv_splat::files::Points;
 use qv_splat::train::aside::{Search, judged, put_aside};

@@ -1,10 +1,10 @@
 //! Depth of the photographs themselves, where none was measured.
 
-use super::Reconstruct;
+use super::arguments::Reconstruct;
 use super::watch::TRAINING;
 use crate::Failure;
+use crate::outcome::about;
 use crate::progress::Stages;
-use crate::scene::about;
 use qv_splat::files::Points;
 use qv_splat::stereo::{Measured, StereoOptions, measure};
 use qv_splat::train::Dataset;

@@ -1,10 +1,14 @@
 //! What goes on beside training: progress, checkpoints, previews, the best scene so far, and when to stop.
 
-use super::{Reconstruct, beside};
+use super::arguments::Reconstruct;
 use crate::Failure;
+use crate::outcome::about;
+use crate::output::make_folder;
 use crate::progress::Stages;
-use crate::scene::about;
-use qv_splat::train::{Best, Dataset, Engine, Model, Progress, drawn};
+use crate::render::png;
+use qv_raster::Image;
+use qv_splat::train::{Best, Dataset, Engine, Model, Photograph, Progress, drawn};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -134,4 +138,19 @@ impl<'a> Run<'a> {
         // One looks at it while training runs.
         crate::output::commit().map_err(|e| about(&folder, e))
     }
+}
+
+/// Writes a photograph and, to the right of it, what is drawn there, as `folder/name.png`.
+pub(super) fn beside(photograph: &Photograph, image: &Image, folder: &Path, name: &str) -> Result<(), Failure> {
+    make_folder(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
+    let (width, height) = (image.width, image.height);
+    let (bytes, wanted) = (image.colour_u8(), &photograph.pixels.rgba);
+    let mut both = Vec::with_capacity(6 * width * height);
+    for y in 0..height {
+        both.extend(wanted[y * width..(y + 1) * width].iter().flat_map(|p| [p[0], p[1], p[2]]));
+        both.extend(&bytes[3 * y * width..3 * (y + 1) * width]);
+    }
+    // A name may hold the folders of the capture.
+    let path = folder.join(format!("{}.png", name.replace(['/', '\\'], "_")));
+    png(&path, &both, [2 * width as u32, height as u32], image::ExtendedColorType::Rgb8)
 }

@@ -2,11 +2,13 @@
 
 mod ground;
 mod page;
+mod parts;
 
 use crate::ground::mesh_at;
+use crate::outcome::about;
 use crate::output::put;
-use crate::scene::about;
 use crate::{Failure, Outcome, say};
+use parts::Parts;
 use qv_camera::html::section;
 use qv_core::TriangleMesh;
 use qv_gap::decision::Policy;
@@ -67,23 +69,6 @@ pub struct Report {
     /// One line of JSON at the end instead of the summary
     #[arg(long)]
     json: bool,
-}
-
-/// What the page is made of; `None` = not given.
-struct Parts {
-    scores: Option<Value>,
-    /// Name and PNG of photographs beside what is drawn.
-    pictures: Vec<(String, Vec<u8>)>,
-    mesh: Option<TriangleMesh>,
-    contact: Option<Value>,
-    replay: Option<Value>,
-    diagnosis: Option<Value>,
-    tuning: Option<Value>,
-    paths: Option<Value>,
-    /// Results of `qv navigate test`, and the way to their page.
-    navigation: Option<(Value, String)>,
-    /// The page of `qv view`, as one gets there from this one.
-    view: Option<String>,
 }
 
 impl Report {

@@ -1,7 +1,7 @@
 //! The page itself.
 
-use super::Parts;
 use super::ground::{FromAbove, from_above};
+use super::parts::Parts;
 use crate::Failure;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;

@@ -122,7 +122,7 @@ fn paths(pairs: &[PathPair]) -> String {
 fn figure(name: &str, pair: &PathPair) -> String {
     let count = pair.before.len().max(pair.after.len()).max(2);
     // Decisions are evenly spread over the walk.
-    let seconds = qv_residual::tune::SECONDS;
+    let seconds = qv_residual::paths::SECONDS;
     let wanted: Path = (0..=count).map(|k| place(pair.command, seconds * k as f32 / count as f32)).collect();
     let all = [
         ("commanded", "commanded", &wanted),

@@ -1,9 +1,9 @@
 //! Frames of a video: more than are wanted are taken, and of each few that follow each other the sharpest stays.
 
 use crate::Failure;
-use crate::open::spinner;
+use crate::outcome::about;
+use crate::progress::spinner;
 use crate::rgbd::image_of;
-use crate::scene::about;
 use image::imageops::FilterType;
 use rayon::prelude::*;
 use std::ffi::OsString;

@@ -2,10 +2,9 @@
 
 mod frames;
 
-use crate::Failure;
-use crate::colmap;
+use crate::outcome::about;
 use crate::output::{self, write_whole};
-use crate::scene::about;
+use crate::{Failure, colmap};
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -7,9 +7,9 @@ mod parts;
 mod place;
 
 use crate::open::lost_from;
+use crate::outcome::about;
 use crate::output::write_whole;
 use crate::progress::remark;
-use crate::scene::about;
 use crate::terminal::print_message;
 use crate::{Failure, Outcome, Reading, say};
 use parts::Parts;

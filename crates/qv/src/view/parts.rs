@@ -1,7 +1,7 @@
 //! Which parts of a view the given folders hold.
 
 use crate::Failure;
-use crate::scene::about;
+use crate::outcome::about;
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};

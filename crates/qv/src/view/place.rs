@@ -2,7 +2,8 @@
 
 use crate::Failure;
 use crate::ground::mesh_at;
-use crate::scene::{about, open_scene};
+use crate::outcome::about;
+use crate::scene::open_scene;
 use qv_core::{GaussianCloud, TriangleMesh};
 use qv_sim::Terrain;
 use qv_splat::files::{Format, write};

@@ -35,7 +35,7 @@ impl Paths {
             return Err(format!("--seconds: expected 1 to 600, found {}", self.seconds).into());
         }
         let mut rows = Vec::new();
-        let bar = crate::open::progress(self.policies.len() as u64, "walking");
+        let bar = crate::progress::progress(self.policies.len() as u64, "walking");
         for path in &self.policies {
             let walked = self.made_up.under(path)?;
             let size = [self.seconds as f32, f32::from(self.walks)];

@@ -69,7 +69,7 @@ impl Record {
         }
         make_folder(&self.out).map_err(|e| write_error(&self.out, &e))?;
         let urdf = urdf_of(&self.made_up.robot)?;
-        let bar = crate::open::progress(count, "walking");
+        let bar = crate::progress::progress(count, "walking");
         // A few at a time: recordings are large.
         let (mut written, decisions) = (0u64, (seconds * walked.task.rate) as usize);
         for orders in orders.chunks(8) {

@@ -195,7 +195,7 @@ fn bad_input_is_named() {
         path
     };
     assert!(fault(&folder.join("none.ply"), &cameras, &[]).contains("none.ply"));
-    assert!(fault(&other("noise.ply", b"noise"), &cameras, &[]).states("PLY SPZ GLB glTF SOG"));
+    assert!(fault(&other("noise.ply", b"noise"), &cameras, &[]).states("PLY SPZ GLB glTF"));
     let cut = fs::read(&scene).unwrap();
     assert!(fault(&other("cut.ply", &cut[..cut.len() - 9]), &cameras, &[]).states("PLY 2"));
     assert!(fault(&scene, &folder.join("none.json"), &[]).contains("none.json"));

@@ -7,6 +7,7 @@ use crate::pipeline::differences;
 use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 fn answers() -> Answers {
     let strength = json!({
@@ -261,11 +262,8 @@ fn baselines_stand_beside() {
     perfect(&folder);
     let baselines = |effect: &str| {
         json!({
-            "one_at_a_time": {
-                "verdict": "explained", "effect": effect, "causes": [effect], "closed": 0.7, "seconds": 9.0, "steps": 7,
-                "sizes": [{"effect": effect, "name": "delay", "scope": ["all"], "value": 0.1, "unit": "s"}],
-            },
-            "residual_network": {"verdict": "unnamed", "effect": null, "causes": [], "closed": 0.95},
+            "least_squares": {"verdict": "explained", "effect": effect, "causes": [effect], "closed": 0.7, "seconds": 9.0},
+            "mujoco_sysid": {"verdict": "no_gap", "effect": null, "causes": [], "closed": 0.95},
         })
     };
     for (name, effect) in [("none", "pose_delay"), ("weak", "motor_strength"), ("slick", "pose_delay")] {
@@ -273,12 +271,35 @@ fn baselines_stand_beside() {
     }
     let figures = figures(&folder.0);
     let row = |name: &str| figures.baselines.iter().find(|row| row.name == name).unwrap();
-    assert_eq!((row("one_at_a_time").named, row("one_at_a_time").none_accused), (Some(0.5), Some(1.0)));
-    assert_eq!((row("residual_network").named, row("residual_network").closed), (None, Some(0.95)));
+    assert_eq!((row("least_squares").named, row("least_squares").none_accused), (Some(0.5), Some(1.0)));
+    assert_eq!((row("mujoco_sysid").named, row("mujoco_sysid").closed), (None, Some(0.95)));
     let tables = table::markdown(&figures);
-    for part in ["| one at a time | 0.500 | 0.700 | 1.000 | - |", "| (withheld) tether | unknown 1 |", "**no**"] {
+    for part in ["| least squares | 0.500 | 0.700 | 1.000 | - |", "| (withheld) tether | unknown 1 |", "**no**"] {
         assert!(tables.contains(part), "{part} is not in\n{tables}");
     }
+}
+
+/// A minute, and an environment of a quarter of a gigabyte: `cargo test -p xtask -- --ignored rivals`.
+#[test]
+#[ignore = "makes Python environments with MuJoCo and fits for a minute"]
+fn rivals_answer_for_an_arm_in_the_form_that_is_scored() {
+    let workspace = crate::workspace::Workspace::load().unwrap();
+    let folder = Folder::new("rivals");
+    let sealed = crate::python::environment(&workspace, "sealed").unwrap();
+    let mut generator = Command::new(sealed);
+    generator.arg(workspace.workspace_root.join("fixtures/sealed/arms.py")).arg("--out").arg(&folder.0);
+    let drawn = ["--seed", "5", "--effects", "payload_mass", "--jobs", "1"];
+    let answers = crate::process::output(generator.args(drawn).env("PYTHONDONTWRITEBYTECODE", "1")).unwrap();
+    let answers = Answers::read(&answers).unwrap();
+    let (name, _) = answers.recordings.first_key_value().unwrap();
+    let [python, script] = super::rivals(&workspace).unwrap().try_into().unwrap();
+    let mut command = Command::new(python);
+    command.arg(script).arg(folder.0.join(name)).arg("--out").arg(&folder.0).env("PYTHONDONTWRITEBYTECODE", "1");
+    crate::process::output(&mut command).unwrap();
+    let found = super::report::read_baselines(&folder.0.join("baselines.json")).unwrap();
+    assert_eq!(found.keys().collect::<Vec<_>>(), ["least_squares", "mujoco_sysid"]);
+    assert_eq!(found["least_squares"].effect.as_deref(), Some("payload_mass"));
+    assert!(found.values().all(|rival| rival.closed.is_some_and(|closed| closed > 0.9)), "{found:?}");
 }
 
 /// The golden "blind" says of each recording what is there, and another word or size is told.

@@ -5,9 +5,7 @@ mod store;
 #[cfg(test)]
 mod tests;
 
-use super::adam::{bias, harmonics_weight};
-use super::classic;
-use super::clear;
+use super::adam::harmonics_weight;
 use super::cpu::outputs;
 use super::dataset::{Dataset, Photograph};
 use super::drop::Drop;
@@ -15,10 +13,11 @@ use super::engine::Engine;
 use super::guide::{self, ErrorSum, Guide};
 use super::mcmc::Relocation;
 use super::model::Model;
+use super::moments::bias;
 use super::options::{Strategy, TrainOptions};
 use super::random::{Purpose, words};
 use super::terms::multi_view;
-use super::vignetting;
+use super::{classic, clear, vignetting};
 use crate::SplatError;
 use crate::error::off;
 use qv_core::Camera;

@@ -1,7 +1,8 @@
 //! The model on the card, and the way there and back.
 
-use super::super::cameras::Shared;
-use super::super::model::{Exposure, Model};
+use super::super::exposure::Exposure;
+use super::super::model::Model;
+use super::super::shared::Shared;
 use crate::SplatError;
 use qv_core::Pose;
 use qv_raster::gpu::{Gpu, GpuCloud};

@@ -18,7 +18,7 @@ pub const REACH: i32 = 3;
 /// Pixels of a patch.
 pub const COUNT: usize = ((2 * REACH + 1) * (2 * REACH + 1)) as usize;
 /// One pixel in a square of so many on a side is looked at in a step.
-pub const STRIDE: u32 = 3;
+pub(crate) const STRIDE: u32 = 3;
 /// Added to variances, so that flat patches say nothing.
 const FLAT: f32 = 1e-4;
 /// A patch that is less alike than this is taken to be hidden in the other view.
@@ -187,7 +187,7 @@ pub fn grey(photograph: &Photograph) -> Vec<f32> {
 }
 
 /// For each camera up to four others that look the same way from nearby, the nearest first; none when none does.
-pub fn partners(cameras: &[Camera], extent: f32) -> Vec<Vec<usize>> {
+pub(crate) fn partners(cameras: &[Camera], extent: f32) -> Vec<Vec<usize>> {
     let look = |camera: &Camera| camera.camera_from_world.inverse().transform_vector(DVec3::Z);
     let place = |camera: &Camera| camera.camera_from_world.inverse().position;
     let of = |(i, a): (usize, &Camera)| {

@@ -1,0 +1,26 @@
+//! What the simulator said of all robots after a step.
+
+use crate::compensate;
+
+/// What the simulator said after the last step.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Readings {
+    pub q: Vec<f32>,
+    pub v: Vec<f32>,
+    pub torques: Vec<f32>,
+    pub forces: Vec<f32>,
+    pub feet: Vec<f32>,
+    pub feet_speed: Vec<f32>,
+    pub gyro: Vec<f32>,
+    pub acc: Vec<f32>,
+    pub orientation: Vec<f32>,
+    pub encoder_q: Vec<f32>,
+    pub encoder_dq: Vec<f32>,
+}
+
+impl Readings {
+    /// As a compensator sees the robots.
+    pub(super) fn seen<'a>(&'a self, targets: &'a [f32]) -> compensate::Seen<'a> {
+        compensate::Seen { q: &self.q, v: &self.v, torques: &self.torques, forces: &self.forces, targets }
+    }
+}

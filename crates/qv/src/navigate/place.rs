@@ -1,0 +1,238 @@
+//! The place that a robot finds its way in, and what is to be done there.
+
+use crate::Failure;
+use crate::camera::open_camera;
+use crate::outcome::about;
+use crate::progress::remark;
+use crate::scene::open_scene;
+use qv_nav::eye::{Paints, SplatEye};
+use qv_nav::lens::LensSpread;
+use qv_nav::map::{Map, MapSettings};
+use qv_nav::measured;
+use qv_nav::sight::Rig;
+use qv_nav::task::{EpisodeSettings, Limits, Stratum};
+use qv_nav::teacher::{TeacherSettings, World};
+use qv_nav::veils::{Air, without_veils};
+use qv_open::ground::mesh_at;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Farthest from the base that a camera may sit \[m\]: what is taller is no robot that walks among cones.
+const REACH: f64 = 5.0;
+
+/// Height of the base over the ground \[m\]; most four-legged robots of this size have about that.
+pub(super) const HEIGHT: f64 = 0.3;
+
+/// The place.
+#[derive(clap::Args)]
+pub(super) struct Place {
+    /// A scene of Gaussians (PLY, SPZ, GLB …)
+    #[arg(long, value_name = "FILE")]
+    pub(super) scene: PathBuf,
+    /// The labelled mesh of the same place
+    #[arg(long, value_name = "FILE.glb")]
+    pub(super) mesh: PathBuf,
+    /// Height of the floor wherever the mesh shows none, within its bounds, in metres: for captures that show little of their floor
+    #[arg(long, value_name = "M", allow_hyphen_values = true, value_parser = finite)]
+    pub(super) floor: Option<f64>,
+    /// The robot's camera, a file as for `qv diagnose --camera`: focal length, and where it sits; the base is 0.3 m above the ground
+    #[arg(long, value_name = "FILE.toml")]
+    pub(super) mount: Option<PathBuf>,
+    /// Leaves out Gaussians that hang more than so many metres over ground where the robot can get through; inf keeps all
+    #[arg(long, value_name = "M", default_value_t = Air::default().from, value_parser = height)]
+    pub(super) air: f64,
+    /// Of everything that is drawn
+    #[arg(long, default_value_t = 0)]
+    pub(super) seed: u64,
+}
+
+/// What is to be done in it.
+#[derive(clap::Args)]
+pub(super) struct Task {
+    #[command(flatten)]
+    pub(super) place: Place,
+    /// How much cameras differ: wide, none, or as report.json of `qv diagnose --scene` says of the robot's own
+    #[arg(long, value_name = "wide|none|report.json", default_value = "wide")]
+    pub(super) camera: String,
+    /// Where cones are at the start, in turn; a place without anything high has no hidden ones
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = [Start::View, Start::Turned, Start::Hidden])]
+    pub(super) starts: Vec<Start>,
+    /// Least and greatest length of the way to a cone, in metres
+    #[arg(long, value_name = "M,M", default_value = "2.5,7", value_parser = lengths)]
+    pub(super) distance: Lengths,
+}
+
+/// Where the cone is at the start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum Start {
+    /// In the picture
+    View,
+    /// Beside or behind the robot
+    Turned,
+    /// Behind something
+    Hidden,
+}
+
+impl std::fmt::Display for Start {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::View => "view",
+            Self::Turned => "turned",
+            Self::Hidden => "hidden",
+        })
+    }
+}
+
+/// Two lengths \[m\].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Lengths(pub(super) [f64; 2]);
+
+/// How cameras differ, and how the camera sits.
+fn camera(name: &str, rig: &Rig) -> Result<(LensSpread, Rig), Failure> {
+    match name {
+        "wide" => Ok((LensSpread::wide(), *rig)),
+        "none" => Ok((LensSpread::none(), *rig)),
+        _ if name.ends_with(".json") => {
+            let file = Path::new(name);
+            let text = fs::read_to_string(file).map_err(|e| about(file, e))?;
+            let report = serde_json::from_str(&text).map_err(|e| about(file, format!("expected JSON, found {e}")))?;
+            Ok(measured::camera(&report, rig).map_err(|e| about(file, e))?)
+        }
+        _ => Err(format!("--camera: expected wide, none or a report.json, found `{name}`").into()),
+    }
+}
+
+fn lengths(text: &str) -> Result<Lengths, String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|x| x.trim().parse().ok()).collect();
+    match numbers[..] {
+        [least, most] if text.matches(',').count() == 1 && least > 0.0 && least < most && most.is_finite() => {
+            Ok(Lengths([least, most]))
+        }
+        _ => Err(format!("expected two lengths in metres, the first less, such as 2.5,7, found `{text}`")),
+    }
+}
+
+/// A height of the floor, from the command line \[m\].
+fn finite(text: &str) -> Result<f64, String> {
+    let found = text.trim().parse::<f64>().ok().filter(|h| h.abs() < 1e4);
+    found.ok_or_else(|| format!("expected a height in metres, of less than 10 km, found `{text}`"))
+}
+
+/// A height above the ground, from the command line \[m\].
+fn height(text: &str) -> Result<f64, String> {
+    let found = text.trim().parse::<f64>().ok().filter(|h| *h > 0.0);
+    found.ok_or_else(|| format!("expected a height above 0 in metres, or inf, found `{text}`"))
+}
+
+impl Task {
+    pub(super) fn episodes(&self) -> EpisodeSettings {
+        let stratum = |start: &Start| match start {
+            Start::View => Stratum::InView,
+            Start::Turned => Stratum::Turned,
+            Start::Hidden => Stratum::Hidden,
+        };
+        let strata = self.starts.iter().map(stratum).collect();
+        EpisodeSettings { geodesic: self.distance.0, strata, ..Default::default() }
+    }
+
+    /// The place; in a training, its Gaussians are painted otherwise from episode to episode.
+    pub(super) fn open(&self, paints: &Paints) -> Result<(World, SplatEye, LensSpread), Failure> {
+        let (spread, rig) = camera(&self.camera, &self.place.rig()?)?;
+        let (world, eye) = self.place.seen(rig, paints)?;
+        self.episodes().draw(&world, self.starts.len(), self.place.seed).map_err(|e| {
+            about(
+                &self.place.mesh,
+                format!("{e}; --starts and --distance say which episodes there are, such as --starts view,turned"),
+            )
+        })?;
+        Ok((world, eye, spread))
+    }
+}
+
+impl Place {
+    /// How the stated camera sits.
+    pub(super) fn rig(&self) -> Result<Rig, Failure> {
+        let Some(file) = &self.mount else { return Ok(Rig::default()) };
+        let camera = open_camera(file, None)?.rig;
+        let focal = camera.intrinsics.fx * 640.0 / f64::from(camera.intrinsics.width);
+        if !(focal > 10.0 && focal < 1e4) {
+            return Err(about(file, format!("expected fx of 10 to 10000 px for 640 columns, found {focal}")));
+        }
+        let place = camera.base_from_camera.position;
+        if !(place.length() < REACH && place.z > -HEIGHT) {
+            let expected = format!("a camera above the ground, within {REACH} m of the base");
+            return Err(about(file, format!("base_from_camera: expected {expected}, found {place}")));
+        }
+        Ok(Rig::default().mounted(&camera.base_from_camera, focal))
+    }
+
+    /// The files that are read.
+    pub(super) fn files(&self) -> Vec<&PathBuf> {
+        [&self.scene, &self.mesh].into_iter().chain(&self.mount).collect()
+    }
+
+    /// The place, whether or not an episode can be drawn in it.
+    pub(super) fn seen(&self, rig: Rig, paints: &Paints) -> Result<(World, SplatEye), Failure> {
+        let mesh = mesh_at(&self.mesh, "a labelled mesh in GLB")?;
+        let map = Map::new(&mesh, &MapSettings { floor: self.floor, ..Default::default() })
+            .map_err(|e| about(&self.mesh, e))?;
+        let eye = self.eye(&self.scene, &map, paints)?;
+        let usual = TeacherSettings::default();
+        // A camera on a mast looks over what hides a cone from a dog.
+        let over = if self.mount.is_some() { HEIGHT + rig.place[2] } else { usual.eye };
+        Ok((World::with(map, rig, Limits::default(), TeacherSettings { eye: over, ..usual }), eye))
+    }
+
+    /// A scene of the place as it is drawn.
+    pub(super) fn eye(&self, file: &Path, map: &Map, paints: &Paints) -> Result<SplatEye, Failure> {
+        let opened = open_scene(file)?;
+        let scene = opened.cloud;
+        let [low, high] = map.bounds();
+        let is_over = |[x, y, _]: &[f32; 3]| {
+            (low.x..=high.x).contains(&f64::from(*x)) && (low.y..=high.y).contains(&f64::from(*y))
+        };
+        if !scene.means.iter().any(is_over) {
+            let expected = format!(
+                "Gaussians over the mesh, at x {:.1} to {:.1} m, y {:.1} to {:.1} m",
+                low.x, high.x, low.y, high.y
+            );
+            return Err(about(file, format!("expected {expected}, found none of {} there", scene.len())));
+        }
+        let cloud = without_veils(&scene, map, &Air { from: self.air, ..Air::default() });
+        match scene.len() - cloud.len() {
+            0 => {}
+            hang => remark(&format!(
+                "{}: {hang} of {} Gaussians hang more than {} m over free ground and are left out (--air)",
+                file.display(),
+                scene.len(),
+                self.air
+            )),
+        }
+        let eye = SplatEye::painted(&cloud, paints, self.seed).as_made(opened.background, opened.antialias);
+        if eye.count() > 200_000 {
+            remark(&format!(
+                "{}: with so many Gaussians pictures take long, and a graphics card holds them eight times",
+                file.display()
+            ));
+        }
+        Ok(eye)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::facts::States;
+
+    #[test]
+    fn cameras_and_lengths() {
+        let rig = Rig::default();
+        assert_eq!(camera("none", &rig).unwrap().0, LensSpread::none());
+        assert_eq!(lengths("1.2, 2.5"), Ok(Lengths([1.2, 2.5])));
+        for bad in ["", "3", "3,2", "1,2,3", "a,2", "1,inf", "-1,2"] {
+            assert!(lengths(bad).unwrap_err().states("lengths"), "{bad}");
+        }
+        assert!(camera("posterior", &rig).unwrap_err().to_string().states("report.json"));
+        assert!(camera("no/report.json", &rig).unwrap_err().to_string().contains("no/report.json"));
+    }
+}

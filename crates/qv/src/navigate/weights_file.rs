@@ -1,0 +1,21 @@
+//! Weights of a network in a file.
+
+use crate::Failure;
+use crate::outcome::about;
+use qv_nav::net::Net;
+use qv_nav::weights;
+use sha2::{Digest, Sha256};
+use std::fs;
+use std::path::Path;
+
+/// What weights are told apart by: the beginning of their SHA-256.
+pub(super) fn fingerprint(parameters: &[f32]) -> String {
+    let hash = Sha256::digest(weights::to_bytes(parameters));
+    hash.iter().take(8).map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// The weights of a file, for the network.
+pub(super) fn weights_at(path: &Path, net: &Net) -> Result<Vec<f32>, Failure> {
+    let bytes = fs::read(path).map_err(|e| about(path, e))?;
+    weights::from_bytes(&bytes, net).map_err(|e| about(path, e))
+}
