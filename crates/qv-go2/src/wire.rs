@@ -19,7 +19,7 @@ pub fn motor_on_wire() -> Vec<usize> {
     LEG_ON_WIRE.iter().flat_map(|leg| (0..3).map(move |joint| 3 * leg + joint)).collect()
 }
 
-/// The mapping of the robot file. The pose is read from `pose_topic` alone when it is given, else from [`POSE_TOPIC`] or, without
+/// The mapping of the robot file. The pose is read from `pose_topic` alone when it is given, else from `/Odometry` or, without
 /// that, from whichever topic carries poses.
 pub fn mapping(pose_topic: Option<&str>) -> Mapping {
     let robot = robots::built_in("go2").expect("a test reads it");
