@@ -52,8 +52,16 @@ pub struct Fit {
     pub point: Vec<f64>,
     /// Standard deviations: the sandwich by windows, and for [`fit_shared_first`] what engines differ in.
     pub deviations: Vec<f64>,
-    /// Cost at the neutral point and after each step.
+    /// Cost after each step, each in units of its own null.
     pub costs: Vec<f64>,
+}
+
+impl Fit {
+    /// Its value of each of `coordinates`, by name; those that it has not are neutral.
+    pub fn at(&self, coordinates: &[Coordinate]) -> Vec<f64> {
+        let own = |name: &str| self.coordinates.iter().zip(&self.point).find(|(c, _)| c.name == name).map(|(_, x)| *x);
+        coordinates.iter().map(|c| own(&c.name).unwrap_or(c.neutral)).collect()
+    }
 }
 
 /// Fits coordinates to windows from a point; `tell` hears of each step and its cost.
@@ -101,9 +109,10 @@ pub fn fit(
     Ok(fit)
 }
 
-/// The same from the neutral point: what all joints share is found first, one coordinate after another, and then each joint. All at once end
-/// in minima in which a heavier base takes the place of weaker motors. Deviations hold what engines differ in ([`ENGINE_ERROR`]), as those of a
-/// diagnosis do.
+/// The same from the neutral point: first what all joints share, then each joint.
+///
+/// All shared ones at once may end in a minimum in which a heavier base takes the place of weaker motors; so may one after another where several
+/// effects act. Both are tried, and the lower cost counts. Deviations hold what engines differ in ([`ENGINE_ERROR`]), as those of a diagnosis do.
 ///
 /// # Errors
 /// Those of [`fit`].
@@ -114,7 +123,11 @@ pub fn fit_shared_first(
     tell: &mut dyn FnMut(usize, f64),
 ) -> Result<Fit, ResidualError> {
     let shared = shared(&coordinates);
-    let point = chosen_one_by_one(windows, &shared, settings.steps, tell)?;
+    let neutral: Vec<f64> = shared.iter().map(|c| c.neutral).collect();
+    let together = fit(windows, shared.clone(), &neutral, settings.steps, tell)?.point;
+    let one_by_one = chosen_one_by_one(windows, &shared, settings.steps, tell)?;
+    let costs = costs(windows, &shared, &[together.clone(), one_by_one.clone()])?;
+    let point = if costs[0] < costs[1] { together } else { one_by_one };
     let start = expanded(&coordinates, &shared, &point);
     let mut fit = fit(windows, coordinates, &start, settings.steps, tell)?;
     let away = fit.point.iter().zip(&fit.coordinates).map(|(x, c)| (x - c.neutral).abs());
@@ -166,19 +179,23 @@ fn best_level(
         moved[k] = x;
         moved
     }));
-    let whitening = Whitening::of(&windows.null(shared, point)?, windows.groups())?;
-    let (loss, problem) = (loss(), problem(shared, point));
-    let residuals = windows.residuals(shared, &points)?;
-    let cost = |(blocks, point): (&Blocks, &Vec<f64>)| {
-        let of = |block: &Vec<f64>| match block.is_empty() {
-            true => RAN_AWAY * whitening.numbers() as f64,
-            false => loss.of(&whitening.whitened(block)),
-        };
-        blocks.iter().map(of).sum::<f64>() + problem.prior_cost(point)
-    };
-    let costs: Vec<f64> = residuals.par_iter().zip(&points).map(cost).collect();
+    let costs = costs(windows, shared, &points)?;
     let best = (1..costs.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b])).unwrap_or(0);
     Ok((tried.get(best.wrapping_sub(1)).copied().unwrap_or((0, point[0])), costs[0] - costs[best]))
+}
+
+/// Cost of each of some points in units of the null at the first.
+fn costs(windows: &dyn Windows, coordinates: &[Coordinate], points: &[Vec<f64>]) -> Result<Vec<f64>, ResidualError> {
+    let whitening = Whitening::of(&windows.null(coordinates, &points[0])?, windows.groups())?;
+    let (loss, problem) = (loss(), problem(coordinates, &points[0]));
+    let residuals = windows.residuals(coordinates, points)?;
+    let of_block = |block: &Vec<f64>| match block.is_empty() {
+        true => RAN_AWAY * whitening.numbers() as f64,
+        false => loss.of(&whitening.whitened(block)),
+    };
+    let cost =
+        |(blocks, point): (&Blocks, &Vec<f64>)| blocks.iter().map(of_block).sum::<f64>() + problem.prior_cost(point);
+    Ok(residuals.par_iter().zip(points).map(cost).collect())
 }
 
 fn loss() -> Loss {
@@ -205,7 +222,8 @@ impl Whitening {
         let of_group = |group: Vec<usize>| {
             let rows: Vec<Vec<f64>> = whole.iter().map(|block| group.iter().map(|&k| block[k]).collect()).collect();
             let scatter = Scatter::about_zero(&rows);
-            let missing = || ResidualError::input("recordings", "windows to fit that do not run away", "none");
+            let found = if rows.is_empty() { "none" } else { "a covariance that is singular" };
+            let missing = || ResidualError::input("recordings", "windows that do not run away, with noise", found);
             Ok((group, scatter.ok_or_else(missing)?))
         };
         Ok(Self { groups: groups.into_par_iter().map(of_group).collect::<Result<_, ResidualError>>()? })

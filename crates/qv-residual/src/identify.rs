@@ -5,6 +5,8 @@ use crate::basis::{BasisTorque, SHAPES};
 use crate::windows::{Lane, Replayer};
 use qv_policy::compensate::Compensator;
 use qv_policy::velocity::TaskRobot;
+use qv_rollout::name_parts;
+use qv_sim::Batch;
 use serde::{Deserialize, Serialize};
 
 /// What a number of a fit means to the simulator.
@@ -12,6 +14,8 @@ use serde::{Deserialize, Serialize};
 enum Kind {
     /// One parameter, or several that share a value.
     Parameter,
+    /// A number of contacts: engines differ in it, and so does the step of a training. It is fitted and goes into no correction.
+    Contact,
     /// Encoder bias of a joint.
     Bias(usize),
     /// Share by which the motor's torque is limited below the largest that the recordings ask for.
@@ -47,8 +51,7 @@ impl Coordinate {
 
     /// Its name with `*` in the place of a joint.
     fn shared_name(&self) -> String {
-        let parts: Vec<&str> = self.name.split('.').collect();
-        match &parts[..] {
+        match name_parts(&self.name)[..] {
             [before @ ("actuator" | "joint"), _, after] => format!("{before}.*.{after}"),
             _ => self.name.clone(),
         }
@@ -163,13 +166,12 @@ pub fn coordinates(
     one(format!("link.{base}.com_y"), prior.com)?;
     let feet = robot.feet.iter().map(|&g| format!("geom.{}.friction_scale", robot.model.geoms[g].name)).collect();
     add("geom.*.friction_scale".into(), feet, Kind::Parameter, prior.friction, 0.0)?;
-    for (parameter, share) in ["contact.time_constant", "contact.damping_ratio"].into_iter().zip(prior.contact) {
-        let info = &batch.catalogue()[batch.parameter_index(parameter)?];
-        let spread = share * info.neutral;
-        add(parameter.into(), vec![parameter.into()], Kind::Parameter, spread, 0.0)?;
-    }
     if let Some(latency) = all.first_mut() {
         latency.most = replayer.longest_latency;
+    }
+    if !with_shapes {
+        // At the step of a training contacts are as soft as that allows.
+        all.extend(contacts(&batch, prior)?);
     }
     if with_shapes {
         let units = [scale, 1.0, scale, 1.0 / scale, scale, scale];
@@ -193,10 +195,22 @@ pub fn coordinates(
     Ok(all)
 }
 
+/// Contacts in the ranges that a diagnosis draws them from.
+fn contacts(batch: &Batch<f32>, prior: &Prior) -> Result<Vec<Coordinate>, ResidualError> {
+    let ranges = [("contact.time_constant", [0.003, 0.016]), ("contact.damping_ratio", [0.4, 2.0])];
+    let one = |((name, [least, most]), share): ((&str, [f64; 2]), f64)| {
+        let id = batch.parameter_index(name)?;
+        let neutral = batch.catalogue()[id].neutral;
+        let (kind, ids, spread) = (Kind::Contact, vec![id], share * neutral);
+        Ok(Coordinate { name: name.into(), kind, ids, neutral, spread, least, most, top: 0.0 })
+    };
+    ranges.into_iter().zip(prior.contact).map(one).collect()
+}
+
 /// One coordinate in the place of those that joints have each: what all joints share is found first. Biases and limits stay as they are.
 pub fn shared(coordinates: &[Coordinate]) -> Vec<Coordinate> {
     let mut all: Vec<Coordinate> = Vec::new();
-    for c in coordinates.iter().filter(|c| c.kind == Kind::Parameter) {
+    for c in coordinates.iter().filter(|c| matches!(c.kind, Kind::Parameter | Kind::Contact)) {
         let name = c.shared_name();
         match all.iter_mut().find(|other| other.name == name) {
             Some(other) => other.ids.extend(&c.ids),
@@ -209,7 +223,7 @@ pub fn shared(coordinates: &[Coordinate]) -> Vec<Coordinate> {
 /// The point of `coordinates` at which each has its value from a point of [`shared`] ones, and the others are neutral.
 pub fn expanded(coordinates: &[Coordinate], shared: &[Coordinate], point: &[f64]) -> Vec<f64> {
     let value = |c: &Coordinate| {
-        let found = shared.iter().zip(point).find(|(s, _)| c.kind == Kind::Parameter && s.name == c.shared_name());
+        let found = shared.iter().zip(point).find(|(s, _)| s.kind == c.kind && s.name == c.shared_name());
         found.map_or(c.neutral, |(_, x)| *x)
     };
     coordinates.iter().map(value).collect()
@@ -232,9 +246,10 @@ pub fn lane_of(coordinates: &[Coordinate], point: &[f64], window: usize, joints:
     Lane { window, parameters: values(coordinates, point), bias }
 }
 
-/// Parameters of the simulator that a value of a coordinate means, by name; none for a torque's shape.
+/// Corrections of the simulator that a value of a coordinate means, by name; none for a torque's shape and for contacts.
 pub fn values_of(c: &Coordinate, x: f64, catalogue: &[qv_sim::ParameterInfo]) -> Vec<(String, f64)> {
-    c.ids.iter().map(|&id| (catalogue[id].name.clone(), c.value(x))).collect()
+    let ids = c.ids.iter().filter(|_| c.kind != Kind::Contact);
+    ids.map(|&id| (catalogue[id].name.clone(), c.value(x))).collect()
 }
 
 /// Numbers of the torque's shapes at a point, `[joints][shapes]`; empty where the coordinates have none.
@@ -256,9 +271,9 @@ pub fn shapes_of(coordinates: &[Coordinate], point: &[f64], joints: usize) -> Ve
 pub struct FitSettings {
     /// Windows of a fit.
     pub windows: usize,
-    /// Decisions of a window.
+    /// Decisions of a window in the training's simulator, where torques are fitted.
     pub length: usize,
-    /// Most steps.
+    /// Most steps of each fit.
     pub steps: usize,
     /// The prior.
     pub prior: Prior,

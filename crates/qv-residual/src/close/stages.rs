@@ -279,18 +279,23 @@ impl Loop<'_, '_> {
         if let Some(kept) = self.keep.get(name).and_then(|text| kept_fit(&text, &coordinates)) {
             return Ok(kept);
         }
-        let windows = windows_of(self.inputs, &self.replayer, self.footing.as_ref(), from.is_some(), wanted)?;
+        let footing = self.footing.as_ref();
+        let (windows, left_out) = windows_of(self.inputs, &self.replayer, footing, from.is_some(), wanted)?;
+        let said =
+            |name: String| format!("{name}: parameters are fitted without it: it has not the channels of the others");
+        let new = left_out.into_iter().map(said).filter(|line| !self.told.contains(line));
+        self.told.extend(new.collect::<Vec<_>>());
         let (tell, steps, mut done) = (&mut *self.tell, settings.steps as f64, 0.0);
-        let mut tell = |_, cost| {
+        let mut tell = |step: usize, cost: f64| {
             done += 1.0;
-            tell(Event::Progress(done / (done + steps), format!("cost {cost:.0}")));
+            // How many parameters are chosen one after another is not known before.
+            let share = if from.is_some() { (step as f64 + 1.0) / steps } else { done / (done + steps) };
+            tell(Event::Progress(share, format!("cost {cost:.0}")));
         };
         let fit = match from {
             None => fit_shared_first(&*windows, coordinates, settings, &mut tell)?,
             Some(from) => {
-                // The shapes come after all others.
-                let mut start: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
-                start[..from.point.len()].copy_from_slice(&from.point);
+                let start = from.at(&coordinates);
                 fit(&*windows, coordinates, &start, settings.steps, &mut tell)?
             }
         };
@@ -318,21 +323,21 @@ impl Loop<'_, '_> {
     }
 }
 
-/// Windows of a fit in the stretches that are `wanted`: of rollouts, or in the simulator of the training.
+/// Windows of a fit in the stretches that are `wanted`: of rollouts, or in the simulator of the training; and recordings that were left out.
 fn windows_of<'a>(
     inputs: &Inputs<'a>,
     replayer: &'a Replayer<'a>,
     footing: Option<&Footing>,
     in_training: bool,
     wanted: &dyn Fn(usize) -> bool,
-) -> Result<Box<dyn Windows + 'a>, ResidualError> {
+) -> Result<(Box<dyn Windows + 'a>, Vec<String>), ResidualError> {
     let Inputs { robot, ground, log, settings, .. } = *inputs;
     let (most, length) = (settings.fit.windows, settings.fit.length);
     if in_training {
         let all = picked(inputs, footing, length, wanted);
-        let every = (all.len() / most).max(1);
-        let windows = all.into_iter().step_by(every).take(most).collect();
-        return Ok(Box::new(TrainingWindows { replayer, windows, length }));
+        let count = all.len().min(most);
+        let windows = (0..count).map(|k| all[k * all.len() / count]).collect();
+        return Ok((Box::new(TrainingWindows { replayer, windows, length }), Vec::new()));
     }
     let is_known = |stretch: usize, [from, to]: [f64; 2]| {
         let decision = |time: f64| ((time - log.stretches[stretch].start) * f64::from(log.rate)) as usize;
@@ -340,7 +345,9 @@ fn windows_of<'a>(
         let agrees = |f: &Footing| f.contradiction(window, decision(to) - window.decision) <= settings.footing;
         wanted(stretch) && footing.is_none_or(agrees)
     };
-    Ok(Box::new(Study::new(log, robot, &ground.terrain, most, &is_known)?))
+    let mut study = Study::new(log, robot, &ground.terrain, most, &is_known)?;
+    let left_out = std::mem::take(&mut study.left_out);
+    Ok((Box::new(study), left_out))
 }
 
 fn off(error: f64) -> String {

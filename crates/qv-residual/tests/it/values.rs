@@ -117,8 +117,8 @@ fn coordinates_name_parameters_and_their_neutral_point_changes_nothing() {
     let (tops, batch) = (tops(&replayer), replayer.batch(1).unwrap());
     assert!(tops.len() == 12 && tops.iter().all(|top| *top > 0.0 && *top < 60.0), "{tops:?}");
     let all = coordinates(&replayer, &Prior::default(), &tops, true).unwrap();
-    // Four of all motors, five of each joint, three of the trunk, feet and contacts, and a number for each shape and joint.
-    assert_eq!(all.len(), 4 + 5 * 12 + 3 + 3 + 12 * SHAPES.len());
+    // Four of all motors, five of each joint, three of the trunk, the feet, and a number for each shape and joint.
+    assert_eq!(all.len(), 4 + 5 * 12 + 3 + 1 + 12 * SHAPES.len());
     let neutral: Vec<f64> = all.iter().map(|c| c.neutral).collect();
     assert!(lane_of(&all, &neutral, 0, 12).parameters.is_empty());
     let mut moved = neutral.clone();
@@ -133,6 +133,9 @@ fn coordinates_name_parameters_and_their_neutral_point_changes_nothing() {
     moved[last] = 0.5;
     let shapes = shapes_of(&all, &moved, 12);
     assert_eq!((shapes.len(), shapes[shapes.len() - 1], shapes.iter().sum::<f32>()), (12 * SHAPES.len(), 0.5, 0.5));
+    let all = coordinates(&replayer, &Prior::default(), &tops, false).unwrap();
+    assert_eq!(all.len(), 4 + 5 * 12 + 3 + 1 + 2, "contacts, too");
+    assert!(values_of(&all[all.len() - 1], 1.0, batch.catalogue()).is_empty(), "which are no correction");
     let few = shared(&all);
     // Seven of all motors, three of the trunk, feet and contacts.
     assert_eq!(few.len(), 7 + 3 + 3);
