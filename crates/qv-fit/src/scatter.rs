@@ -22,7 +22,7 @@ pub struct Scatter {
 }
 
 impl Scatter {
-    /// Of rows of one length; `None` when there are none, or they hold a number that is not finite.
+    /// Of rows of one length; `None` when there are none, they differ in length, or they hold a number that is not finite.
     pub fn of(rows: &[Vec<f64>]) -> Option<Self> {
         let middle = (0..rows.first()?.len()).map(|i| median(&mut rows.iter().map(|r| r[i]).collect::<Vec<_>>()));
         Self::found(rows, middle.collect(), false)
@@ -35,6 +35,9 @@ impl Scatter {
 
     fn found(rows: &[Vec<f64>], mut middle: Vec<f64>, is_fixed: bool) -> Option<Self> {
         let size = middle.len();
+        if rows.iter().any(|row| row.len() != size || row.iter().any(|x| !x.is_finite())) {
+            return None;
+        }
         let spread = |i: usize| {
             let mut away: Vec<f64> = rows.iter().map(|r| (r[i] - middle[i]).abs()).collect();
             (median(&mut away) / MEDIAN).max(1e-9)

@@ -269,7 +269,7 @@ pub fn shapes_of(coordinates: &[Coordinate], point: &[f64], joints: usize) -> Ve
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FitSettings {
-    /// Windows of a fit.
+    /// Windows of a fit; in rollouts at most as many as a diagnosis has.
     pub windows: usize,
     /// Decisions of a window in the training's simulator, where torques are fitted.
     pub length: usize,

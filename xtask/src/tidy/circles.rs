@@ -92,7 +92,7 @@ impl Graph {
     fn arrows(&self) -> BTreeMap<(usize, usize), String> {
         let mut found = BTreeMap::new();
         for (place, (from, module)) in &self.modules {
-            let imports = module.imports.iter().filter(|import| !import.is_public && import.name != "*");
+            let imports = module.imports.iter().filter(|import| !import.is_public);
             for path in imports.map(|import| &import.path).chain(&module.paths) {
                 if let Some(Meaning::Item(to)) =
                     self.meaning(place, path, true, &mut Asked::new()).filter(|to| *to != Meaning::Item(*from))

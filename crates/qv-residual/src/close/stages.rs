@@ -18,6 +18,7 @@ use crate::tune::{Corrected, train_on};
 use crate::windows::{Errors, Lane, Replayer, Window};
 use qv_policy::policy::Policy;
 use qv_policy::score::mean_with_error;
+use qv_rollout::WindowOptions;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -345,6 +346,8 @@ fn windows_of<'a>(
         let agrees = |f: &Footing| f.contradiction(window, decision(to) - window.decision) <= settings.footing;
         wanted(stretch) && footing.is_none_or(agrees)
     };
+    // As many as a diagnosis has.
+    let most = most.min(WindowOptions::default().most);
     let mut study = Study::new(log, robot, &ground.terrain, most, &is_known)?;
     let left_out = std::mem::take(&mut study.left_out);
     Ok((Box::new(study), left_out))
