@@ -21,6 +21,10 @@ const SHARES: [f64; 5] = [0.05, 0.12, 0.25, 0.5, 0.75];
 const DIFFERENCE: f64 = 1.0 / 3.0;
 /// Levels of a coordinate that are tried alone, in prior deviations from neutral.
 const LEVELS: [f64; 6] = [-2.0, -1.0, -0.4, 0.4, 1.0, 2.0];
+/// Most coordinates that are chosen one after another: each costs as much as a step of all joints, and the fit of all joints takes it from there.
+const MOST_CHOSEN: usize = 4;
+/// Most steps of the fit after each choice.
+const CHOICE_STEPS: usize = 3;
 /// A step that lowers the cost by less than this for each number is the last: a tenth of what one number may differ by chance, since 0.5 is one
 /// standard deviation of one number.
 const SETTLED: f64 = 0.05;
@@ -135,7 +139,8 @@ pub fn fit_shared_first(
     Ok(fit)
 }
 
-/// Forward selection: the coordinate that alone lowers the cost most joins those that are fitted, until none lowers it by what chance does.
+/// Forward selection: the coordinate that alone lowers the cost most joins those that are fitted, until none lowers it by what chance does or
+/// [`MOST_CHOSEN`] are.
 fn chosen_one_by_one(
     windows: &dyn Windows,
     shared: &[Coordinate],
@@ -144,7 +149,7 @@ fn chosen_one_by_one(
 ) -> Result<Vec<f64>, ResidualError> {
     let mut point: Vec<f64> = shared.iter().map(|c| c.neutral).collect();
     let mut chosen: Vec<usize> = Vec::new();
-    while chosen.len() < shared.len() {
+    while chosen.len() < MOST_CHOSEN.min(shared.len()) {
         let (found, gain) = best_level(windows, shared, &point, &chosen)?;
         // One standard deviation of one number lowers the cost by 0.5; the best of many by the logarithm of their number more (Bonferroni).
         if gain < 0.5 + (LEVELS.len() as f64 * shared.len() as f64).ln() {
@@ -155,7 +160,7 @@ fn chosen_one_by_one(
         chosen.push(coordinate);
         let some: Vec<Coordinate> = chosen.iter().map(|&k| shared[k].clone()).collect();
         let start: Vec<f64> = chosen.iter().map(|&k| point[k]).collect();
-        let fit = fit(windows, some, &start, steps, tell)?;
+        let fit = fit(windows, some, &start, steps.min(CHOICE_STEPS), tell)?;
         chosen.iter().zip(fit.point).for_each(|(&k, x)| point[k] = x);
     }
     Ok(point)
