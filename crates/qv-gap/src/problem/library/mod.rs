@@ -159,7 +159,7 @@ impl Effect {
 
 /// That of most effects.
 fn engine_error() -> f64 {
-    qv_rollout::ENGINE_ERROR
+    0.08
 }
 
 #[derive(Deserialize)]
