@@ -1,68 +1,33 @@
 //! What differences between measured and simulated states mean: their usual size, how they go together, and a loss that
 //! grows only with the logarithm of what is unusual.
 
-use qv_core::statistics::median;
-use qv_fit::linear::{add_outer, add_scaled, diagonal, minus};
-use qv_fit::{Cholesky, Matrix};
+use qv_fit::Scatter;
+use qv_fit::linear::minus;
 
 /// Degrees of freedom of Student's t: a window in which a foot lands elsewhere must not decide.
 const FREEDOM: f64 = 4.0;
-/// Share of the covariance that is put onto its diagonal.
-const SHRINKAGE: f64 = 0.2;
-const ROUNDS: usize = 12;
 
 /// Middle and covariance of differences.
 #[derive(Debug, Clone)]
-pub struct Usual {
-    middle: Vec<f64>,
-    factor: Cholesky,
-}
+pub struct Usual(Scatter);
 
 impl Usual {
-    /// Middle and spread of a multivariate t distribution by expectation and maximisation (Lange, Little and Taylor,
-    /// Journal of the American Statistical Association 84, 1989); `None` when there are fewer differences than numbers
-    /// in three of them would fill, or they hold none that is finite.
+    /// Middle and spread; `None` when there are fewer differences than [`FEWEST`], or they hold none that is finite.
     pub fn of(differences: &[Vec<f64>]) -> Option<Self> {
         let is_whole = |d: &&Vec<f64>| !d.is_empty() && d.iter().all(|x| x.is_finite());
-        let whole: Vec<&Vec<f64>> = differences.iter().filter(is_whole).collect();
-        let size = whole.first()?.len();
+        let whole: Vec<Vec<f64>> = differences.iter().filter(is_whole).cloned().collect();
         if whole.len() < FEWEST {
             return None;
         }
-        let column = |i: usize| whole.iter().map(|d| d[i]).collect::<Vec<f64>>();
-        let mut middle: Vec<f64> = (0..size).map(|i| median(&mut column(i))).collect();
-        let spread = |i: usize| {
-            let mut away: Vec<f64> = column(i).iter().map(|x| (x - middle[i]).abs()).collect();
-            (median(&mut away) / 0.674).max(1e-9)
-        };
-        let mut factor = Cholesky::new(&diagonal(&(0..size).map(|i| spread(i).powi(2)).collect::<Vec<_>>()))?;
-        for _ in 0..ROUNDS {
-            let weight = |d: &&Vec<f64>| (FREEDOM + size as f64) / (FREEDOM + factor.length(&minus(d, &middle)));
-            let weights: Vec<f64> = whole.iter().map(weight).collect();
-            let total: f64 = weights.iter().sum();
-            middle = vec![0.0; size];
-            whole.iter().zip(&weights).for_each(|(d, w)| add_scaled(&mut middle, w / total, d));
-            let mut covariance = Matrix::zeros(size, size);
-            for (d, w) in whole.iter().zip(&weights) {
-                add_outer(&mut covariance, w / whole.len() as f64, &minus(d, &middle));
-            }
-            for i in 0..size {
-                for j in (0..size).filter(|&j| j != i) {
-                    covariance[(i, j)] *= 1.0 - SHRINKAGE;
-                }
-                covariance[(i, i)] = covariance[(i, i)].max(1e-18);
-            }
-            factor = Cholesky::new(&covariance)?;
-        }
-        Some(Self { middle, factor })
+        Scatter::of(&whole).map(Self)
     }
 
     /// Square of the distance of a difference from the middle, in units of the spread; infinite for one of another size.
     pub fn square(&self, difference: &[f64]) -> f64 {
-        if difference.len() != self.middle.len() || difference.iter().any(|x| !x.is_finite()) {
+        if difference.len() != self.0.middle.len() || difference.iter().any(|x| !x.is_finite()) {
             return f64::INFINITY;
         }
-        self.factor.length(&minus(difference, &self.middle))
+        self.0.factor.length(&minus(difference, &self.0.middle))
     }
 
     /// Square of the distance between two differences, in units of the spread; infinite when one ran away.
@@ -70,19 +35,19 @@ impl Usual {
         if a.len() != b.len() {
             return f64::INFINITY;
         }
-        let from_middle: Vec<f64> = a.iter().zip(b).zip(self.middle.iter()).map(|((a, b), m)| a - b + m).collect();
+        let from_middle: Vec<f64> = a.iter().zip(b).zip(self.0.middle.iter()).map(|((a, b), m)| a - b + m).collect();
         self.square(&from_middle)
     }
 
     /// The same spread about zero.
     pub fn centred(mut self) -> Self {
-        self.middle.fill(0.0);
+        self.0.middle.fill(0.0);
         self
     }
 
     /// Negative log likelihood of a difference, but for a constant; that of a square of 1e4 for each number at most.
     pub fn loss(&self, difference: &[f64]) -> f64 {
-        let size = self.middle.len() as f64;
+        let size = self.0.middle.len() as f64;
         let square = self.square(difference).min(WORST * size);
         0.5 * (FREEDOM + size) * (1.0 + square / FREEDOM).ln()
     }

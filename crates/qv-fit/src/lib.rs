@@ -8,10 +8,12 @@ mod error;
 mod least_squares;
 pub mod linear;
 mod problem;
+mod scatter;
 mod slopes;
 
 pub use error::FitError;
 pub use least_squares::{Fit, Options, Stopped, fit};
 pub use linear::{Cholesky, Matrix};
 pub use problem::{Blocks, Differences, Evaluate, Loss, Problem};
+pub use scatter::Scatter;
 pub use slopes::{Slopes, slopes};

@@ -5,12 +5,14 @@
 
 use qv_policy::train::Checkpoint;
 use qv_policy::velocity::{Ground, TaskRobot, TaskSettings};
+use qv_residual::fitting::fit_shared_first;
 use qv_residual::hidden::{Engine, Hidden, Order, wander};
-use qv_residual::identify::{FitSettings, Fitter, coordinates, lane_of, tops};
+use qv_residual::identify::{FitSettings, coordinates, lane_of, tops};
 use qv_residual::log::Log;
 use qv_residual::residual::reinforce::{self, ReinforceSettings, Reinforced};
 use qv_residual::residual::supervised::{train_position, train_torque};
 use qv_residual::residual::{ResidualNet, SupervisedSettings};
+use qv_residual::study::Study;
 use qv_residual::windows::{Lane, Replayer, Window, windows};
 
 type Failure = Box<dyn std::error::Error>;
@@ -134,13 +136,9 @@ fn train(method: &str, replayer: &Replayer, training: &[Window], lane: &Lane) ->
 
 fn identify(replayer: &Replayer, is_held: impl Fn(usize) -> bool) -> Result<Lane, Failure> {
     let settings = FitSettings::default();
-    let all = windows(replayer.log, settings.length, |k| !is_held(k));
-    let every = (all.len() / settings.windows).max(1);
     let coordinates = coordinates(replayer, &settings.prior, &tops(replayer), false)?;
-    let start: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
-    let windows = all.into_iter().step_by(every).take(settings.windows).collect();
-    let fitter = Fitter { replayer, coordinates, windows, settings: &settings };
-    let fit = fitter.fit(&start, |_, _| {})?;
+    let study = Study::new(replayer.log, replayer.robot, replayer.terrain, settings.windows, &|k, _| !is_held(k))?;
+    let fit = fit_shared_first(&study, coordinates, &settings, &mut |_, _| {})?;
     Ok(lane_of(&fit.coordinates, &fit.point, 0, replayer.log.joints))
 }
 

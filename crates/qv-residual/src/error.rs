@@ -1,6 +1,7 @@
 //! The error of this crate.
 
 use qv_core::Mismatch;
+use qv_fit::FitError;
 use qv_policy::PolicyError;
 use qv_rollout::RolloutError;
 use qv_sim::SimError;
@@ -20,6 +21,13 @@ pub enum ResidualError {
     /// Input that does not serve.
     #[error(transparent)]
     Input(#[from] Mismatch),
+}
+
+impl From<FitError> for ResidualError {
+    fn from(error: FitError) -> Self {
+        let FitError { what, expected, found } = error;
+        Self::Input(Mismatch { what, expected, found })
+    }
 }
 
 impl ResidualError {

@@ -1,7 +1,7 @@
 //! Closes the loop: learns from recordings what a simulator lacks of a robot, and trains the walking policy on under it.
 //!
-//! [`log`] cuts recordings to decisions of the policy; [`windows`] replays them in many lanes; [`identify`] fits parameters and
-//! [`basis`] torques. See `docs/tuning.md`.
+//! [`log`] cuts recordings to decisions of the policy; [`identify`] names parameters and [`basis`] torques, [`fitting`] finds them: in
+//! rollouts ([`study`]), and in the simulator of the training ([`training_windows`]), which replays [`windows`] in many lanes. See `docs/tuning.md`.
 
 /// Types of this stand in the interface of this crate.
 pub use qv_core;
@@ -12,12 +12,15 @@ pub mod close;
 pub mod compensation;
 mod error;
 mod export;
+pub mod fitting;
 pub mod footing;
 pub mod hidden;
 pub mod identify;
 pub mod log;
 pub mod paths;
 pub mod residual;
+pub mod study;
+pub mod training_windows;
 pub mod tune;
 pub mod windows;
 

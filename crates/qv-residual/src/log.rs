@@ -34,6 +34,8 @@ pub struct Log {
     pub kd: Vec<f32>,
     /// Stretches.
     pub stretches: Vec<Stretch>,
+    /// The recordings that they are of, by name, without torques, accelerations and forces of feet.
+    pub runs: Vec<(String, Run)>,
     /// What was left out of the recordings, a sentence each.
     pub told: Vec<String>,
 }
@@ -75,6 +77,7 @@ impl Log {
             kp: robot.kp.clone(),
             kd: robot.kd.clone(),
             stretches: Vec::new(),
+            runs: Vec::new(),
             told: Vec::new(),
         }
     }
@@ -163,6 +166,13 @@ impl Log {
             };
             return Err(ResidualError::input(name, "stretches of a robot that walks, 2 s and longer", why));
         }
+        if self.runs.iter().any(|(other, _)| other == name) {
+            return Err(ResidualError::input(name, "a name of its own", "the name of another recording"));
+        }
+        let mut run = run.clone();
+        // What no fit reads.
+        (run.measured.torque, run.measured.acceleration, run.measured.foot_force) = (None, None, None);
+        self.runs.push((name.into(), run));
         Ok(())
     }
 

@@ -21,6 +21,7 @@ mod legs;
 mod options;
 mod parameters;
 mod place;
+pub mod replicate;
 mod residuals;
 mod robot;
 mod sensors;
@@ -37,7 +38,7 @@ pub use commands::{Command, HeldCommands};
 pub use error::RolloutError;
 pub use feet::{Feet, feet_of, feet_of_model};
 pub use legs::Legs;
-pub use options::{Numerics, WindowOptions};
+pub use options::{ENGINE_ERROR, Numerics, WindowOptions};
 pub use parameters::{
     Overrides, expand, joint_columns, name_parts, parameters_from_toml, stated_parameters, with_stated_rotors,
 };

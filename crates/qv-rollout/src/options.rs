@@ -5,6 +5,10 @@ use qv_sim::SimOptions;
 /// Fewest samples in a bin of a shortened window.
 const FEWEST_SAMPLES: f64 = 5.0;
 
+/// Share of a value by which another engine's recording puts it off (one standard deviation): contacts and steps of engines differ, and so does
+/// the real robot from each.
+pub const ENGINE_ERROR: f64 = 0.08;
+
 /// How windows are cut and compared.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WindowOptions {

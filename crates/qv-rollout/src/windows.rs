@@ -50,6 +50,13 @@ impl Rollout<'_> {
         Ok(windows)
     }
 
+    /// Those of `starts` \[s\] at which a window begins in which no channel of `run` is missing.
+    pub fn usable(&self, run: &Run, mut starts: Vec<f64>) -> Vec<f64> {
+        let needed = needed(run);
+        starts.retain(|&from| self.is_usable(run, &needed, from));
+        starts
+    }
+
     /// Why a run has too few windows, as far as that can be seen.
     fn why_so_few(&self, run: &Run) -> String {
         let [first, last] = run.span();

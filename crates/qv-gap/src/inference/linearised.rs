@@ -5,7 +5,6 @@ use crate::inference::gaussian_evidence::{Marginal, Normal, Sums, sum};
 use crate::jacobian::{AT_A_TIME, Nominal, beside_law, sensitivities, with_law};
 use crate::null::reference;
 use crate::null::whitening::{Sample, Whitener};
-use crate::null::{Noise, Replicate, record};
 use crate::problem::columns::{Column, Columns, Group};
 use crate::problem::excitation::{at_rest, is_unshown};
 use qv_core::random::SplitMix64;
@@ -16,6 +15,7 @@ use qv_fit::linear::{
 use qv_recording::Run;
 use qv_rollout::Trace;
 use qv_rollout::law;
+use qv_rollout::replicate::{Noise, Replicate, record};
 use qv_rollout::{Numerics, Overrides, Rollout, Window};
 use qv_rollout::{Raw, Residuals, Traced, compare, compare_and_trace, joint_lags};
 use rayon::prelude::*;

@@ -1,7 +1,6 @@
 //! A motion as the simulator would record it: commands, and what the sensors of the recording at hand would say, with its noise and rates.
 
 use super::motions::{Limits, Motion};
-use crate::null::{Noise, read};
 use crate::{GapError, Options};
 use glam::{DQuat, DVec3};
 use qv_core::JointSeries;
@@ -10,6 +9,7 @@ use qv_core::statistics::median;
 use qv_recording::Run;
 use qv_recording::run::{Commands, Measurements};
 use qv_rollout::Numerics;
+use qv_rollout::replicate::{Noise, read};
 use qv_rollout::{expand, stated_parameters};
 use qv_sim::{BaseKind, Batch, JointCommand, Model, SensorReading, Shape, State, Terrain};
 

@@ -6,6 +6,7 @@ use crate::log::Log;
 use crate::windows::{Window, windows};
 use qv_policy::train::Checkpoint;
 use qv_policy::velocity::{Ground, TaskRobot};
+use qv_recording::Run;
 
 /// What goes in.
 pub struct Inputs<'a> {
@@ -39,15 +40,26 @@ impl Inputs<'_> {
             format!("{:?}", self.train_on.terrain),
         ];
         let bytes = words.iter().flat_map(|w| w.bytes().collect::<Vec<_>>());
+        let recorded = self.log.runs.iter().flat_map(|(name, run)| recorded(name, run));
         let numbers = self.log.stretches.iter().flat_map(|s| s.states.iter().chain(&s.targets));
         let numbers = numbers.chain(&self.start.parameters).flat_map(|x| x.to_bits().to_le_bytes());
         let grounds = [self.ground, self.train_on];
         let places = grounds.into_iter().flat_map(|g| g.places.iter().flatten().flatten());
         let places = places.flat_map(|x| x.to_bits().to_le_bytes());
-        let all = bytes.chain(numbers).chain(places);
+        let all = bytes.chain(numbers).chain(places).chain(recorded);
         let hash = all.fold(0xcbf2_9ce4_8422_2325u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x100_0000_01b3));
         format!("{hash:016x}")
     }
+}
+
+/// What fits read of a recording, as bytes.
+fn recorded(name: &str, run: &Run) -> Vec<u8> {
+    let (c, m) = (&run.commands, &run.measured);
+    let all = [&c.position, &c.kp, &c.kd, &m.position, &m.velocity, &m.gyro, &m.orientation, &m.base_pose];
+    let numbers = all.into_iter().flatten().flat_map(|series| series.time.iter().chain(&series.values));
+    let mut bytes = format!("{name} {:?} {:?}", run.joint_names, run.faults).into_bytes();
+    bytes.extend(numbers.flat_map(|x| x.to_bits().to_le_bytes()));
+    bytes
 }
 
 /// Windows in which feet and ground agree.

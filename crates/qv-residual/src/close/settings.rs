@@ -113,7 +113,7 @@ impl LoopSettings {
             p.latency, p.lag, p.strength, p.kd_scale, p.coulomb, p.viscous, p.bias, p.backlash, p.limit, p.mass, p.com,
             p.friction,
         ];
-        spreads.iter().chain(&p.shapes).try_for_each(|&x| within("fit.prior", x, 1e-9, 1e3))
+        spreads.iter().chain(&p.contact).chain(&p.shapes).try_for_each(|&x| within("fit.prior", x, 1e-9, 1e3))
     }
 }
 

@@ -7,14 +7,18 @@ use super::scored::Scored;
 use super::settings::is_held;
 use crate::ResidualError;
 use crate::compensation::Compensation;
+use crate::fitting::{Fit, Windows, fit, fit_shared_first};
 use crate::footing::Footing;
-use crate::identify::{Coordinate, Fit, Fitter, coordinates};
+use crate::identify::{Coordinate, coordinates};
 use crate::paths::PathScore;
 use crate::residual::{NetKind, ResidualNet, reinforce, supervised};
+use crate::study::Study;
+use crate::training_windows::TrainingWindows;
 use crate::tune::{Corrected, train_on};
 use crate::windows::{Errors, Lane, Replayer, Window};
 use qv_policy::policy::Policy;
 use qv_policy::score::mean_with_error;
+use qv_rollout::WindowOptions;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -276,19 +280,26 @@ impl Loop<'_, '_> {
         if let Some(kept) = self.keep.get(name).and_then(|text| kept_fit(&text, &coordinates)) {
             return Ok(kept);
         }
-        let all = picked(self.inputs, self.footing.as_ref(), settings.length, wanted);
-        let every = (all.len() / settings.windows).max(1);
-        let chosen: Vec<Window> = all.into_iter().step_by(every).take(settings.windows).collect();
-        let mut start: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
-        if let Some(from) = from {
-            // The shapes come after all others.
-            start[..from.point.len()].copy_from_slice(&from.point);
-        }
-        let fitter = Fitter { replayer: &self.replayer, coordinates, windows: chosen, settings };
-        let (tell, steps) = (&mut self.tell, settings.steps as f64);
-        let fit = fitter.fit(&start, |step, cost| {
-            tell(Event::Progress((step as f64 + 1.0) / steps, format!("cost {cost:.0}")));
-        })?;
+        let footing = self.footing.as_ref();
+        let (windows, left_out) = windows_of(self.inputs, &self.replayer, footing, from.is_some(), wanted)?;
+        let said =
+            |name: String| format!("{name}: parameters are fitted without it: it has not the channels of the others");
+        let new = left_out.into_iter().map(said).filter(|line| !self.told.contains(line));
+        self.told.extend(new.collect::<Vec<_>>());
+        let (tell, steps, mut done) = (&mut *self.tell, settings.steps as f64, 0.0);
+        let mut tell = |step: usize, cost: f64| {
+            done += 1.0;
+            // How many parameters are chosen one after another is not known before.
+            let share = if from.is_some() { (step as f64 + 1.0) / steps } else { done / (done + steps) };
+            tell(Event::Progress(share, format!("cost {cost:.0}")));
+        };
+        let fit = match from {
+            None => fit_shared_first(&*windows, coordinates, settings, &mut tell)?,
+            Some(from) => {
+                let start = from.at(&coordinates);
+                fit(&*windows, coordinates, &start, settings.steps, &mut tell)?
+            }
+        };
         let text = serde_json::to_string(&(&fit.point, &fit.deviations, &fit.costs)).unwrap_or_default();
         self.keep.put(name, &text)?;
         Ok(fit)
@@ -311,6 +322,35 @@ impl Loop<'_, '_> {
         })?;
         Ok(policy)
     }
+}
+
+/// Windows of a fit in the stretches that are `wanted`: of rollouts, or in the simulator of the training; and recordings that were left out.
+fn windows_of<'a>(
+    inputs: &Inputs<'a>,
+    replayer: &'a Replayer<'a>,
+    footing: Option<&Footing>,
+    in_training: bool,
+    wanted: &dyn Fn(usize) -> bool,
+) -> Result<(Box<dyn Windows + 'a>, Vec<String>), ResidualError> {
+    let Inputs { robot, ground, log, settings, .. } = *inputs;
+    let (most, length) = (settings.fit.windows, settings.fit.length);
+    if in_training {
+        let all = picked(inputs, footing, length, wanted);
+        let count = all.len().min(most);
+        let windows = (0..count).map(|k| all[k * all.len() / count]).collect();
+        return Ok((Box::new(TrainingWindows { replayer, windows, length }), Vec::new()));
+    }
+    let is_known = |stretch: usize, [from, to]: [f64; 2]| {
+        let decision = |time: f64| ((time - log.stretches[stretch].start) * f64::from(log.rate)) as usize;
+        let window = Window { stretch, decision: decision(from) };
+        let agrees = |f: &Footing| f.contradiction(window, decision(to) - window.decision) <= settings.footing;
+        wanted(stretch) && footing.is_none_or(agrees)
+    };
+    // As many as a diagnosis has.
+    let most = most.min(WindowOptions::default().most);
+    let mut study = Study::new(log, robot, &ground.terrain, most, &is_known)?;
+    let left_out = std::mem::take(&mut study.left_out);
+    Ok((Box::new(study), left_out))
 }
 
 fn off(error: f64) -> String {

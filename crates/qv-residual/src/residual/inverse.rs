@@ -5,7 +5,8 @@ use super::settings::{MOST, SupervisedSettings};
 use super::stage::{Acts, Stage};
 use crate::ResidualError;
 use crate::windows::{Lane, Replayer, Window};
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use qv_fit::linear::{add_diagonal, from_columns, gram, minus, squared, transposed_times};
+use qv_fit::{Cholesky, Matrix};
 use qv_sim::{Batch, LaneState};
 use rayon::prelude::*;
 
@@ -30,8 +31,8 @@ pub(super) struct Inverse<'a> {
 
 /// One lane's linear problem.
 struct Solved {
-    factor: Cholesky<f64, Dyn>,
-    slopes: DMatrix<f64>,
+    factor: Cholesky,
+    slopes: Matrix,
     cost: f64,
     found: Vec<f32>,
 }
@@ -133,12 +134,12 @@ impl<'a> Inverse<'a> {
         Ok(())
     }
 
-    fn cost(&self, rest: &DVector<f64>, found: &[f32]) -> f64 {
-        rest.norm_squared() + self.weight * found.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>()
+    fn cost(&self, rest: &[f64], found: &[f32]) -> f64 {
+        squared(rest) + self.weight * found.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>()
     }
 
-    fn moved(&self, factor: &Cholesky<f64, Dyn>, slopes: &DMatrix<f64>, rest: &DVector<f64>, from: &[f32]) -> Vec<f32> {
-        let mut right = slopes.tr_mul(rest);
+    fn moved(&self, factor: &Cholesky, slopes: &Matrix, rest: &[f64], from: &[f32]) -> Vec<f32> {
+        let mut right = transposed_times(slopes, rest);
         right.iter_mut().zip(from).for_each(|(x, from)| *x -= self.weight * f64::from(*from));
         let change = factor.solve(&right);
         from.iter().zip(change.iter()).map(|(from, change)| (from + *change as f32).clamp(-MOST, MOST)).collect()
@@ -148,26 +149,28 @@ impl<'a> Inverse<'a> {
         let joints = base.len();
         let first = env * (joints + 1);
         let here = rest(&self.probes, first, wanted);
-        let mut slopes = DMatrix::zeros(2 * joints, joints);
-        for k in 0..joints {
+        let slope = |k: usize| {
             let there = rest(&self.probes, first + 1 + k, wanted);
-            slopes.set_column(k, &((&here - there) / f64::from(PROBE)));
-        }
-        if slopes.iter().chain(here.iter()).any(|x| !x.is_finite()) {
+            minus(&here, &there).iter().map(|x| x / f64::from(PROBE)).collect()
+        };
+        let columns: Vec<Vec<f64>> = (0..joints).map(slope).collect();
+        if columns.iter().flatten().chain(&here).any(|x| !x.is_finite()) {
             return None;
         }
-        let normal = slopes.tr_mul(&slopes) + DMatrix::identity(joints, joints) * self.weight;
-        let factor = normal.cholesky()?;
+        let slopes = from_columns(2 * joints, &columns);
+        let mut normal = gram(&slopes);
+        add_diagonal(&mut normal, &vec![self.weight; joints]);
+        let factor = Cholesky::new(&normal)?;
         let found = self.moved(&factor, &slopes, &here, base);
         Some(Solved { factor, cost: self.cost(&here, base), slopes, found })
     }
 }
 
 /// Wanted less reached.
-fn rest(stage: &Stage, env: usize, wanted: &[f32]) -> DVector<f64> {
+fn rest(stage: &Stage, env: usize, wanted: &[f32]) -> Vec<f64> {
     let joints = wanted.len() / 2;
     let q = &stage.q[env * (7 + joints) + 7..][..joints];
     let v = &stage.v[env * (6 + joints) + 6..][..joints];
     let reached = q.iter().copied().chain(v.iter().map(|x| SPEED * x));
-    DVector::from_iterator(2 * joints, wanted.iter().zip(reached).map(|(wanted, x)| f64::from(wanted - x)))
+    wanted.iter().zip(reached).map(|(wanted, x)| f64::from(wanted - x)).collect()
 }

@@ -8,11 +8,13 @@ use qv_recording::Run;
 use qv_residual::ResidualError;
 use qv_residual::close::{Forget, Inputs, Keep, LoopSettings, NetsSettings, close};
 use qv_residual::compensation::Compensation;
+use qv_residual::fitting::{Windows, fit_shared_first};
 use qv_residual::hidden::{Engine, Hidden, Order};
-use qv_residual::identify::{FitSettings, Fitter, coordinates, tops};
+use qv_residual::identify::{FitSettings, coordinates, tops};
 use qv_residual::log::Log;
 use qv_residual::residual::SupervisedSettings;
 use qv_residual::residual::reinforce::ReinforceSettings;
+use qv_residual::study::Study;
 use qv_residual::tune::TuneSettings;
 use qv_residual::windows::{Replayer, windows};
 use std::cell::RefCell;
@@ -23,15 +25,14 @@ fn a_fit_finds_what_was_set_and_its_replay_is_better_by_far() {
     let robot = qv_go2::walk::robot().unwrap();
     let hidden =
         [("actuator.*.command_latency", 0.012), ("actuator.*.strength", 0.8), ("joint.*.coulomb_friction", 0.6)];
-    let log = crate::squats::log(&robot, &hidden, 10, 2e-4);
+    let log = crate::squats::recordings(&robot, &hidden, 10, (500, 2e-4));
     let (ground, task) = (Ground::plane(), TaskSettings::default());
     let replayer = Replayer::new(&log, &robot, &ground.terrain, &task);
-    let settings = FitSettings::default();
+    let settings = FitSettings { windows: 48, ..Default::default() };
     let coordinates = coordinates(&replayer, &settings.prior, &tops(&replayer), false).unwrap();
-    let start: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
-    let fitter =
-        Fitter { replayer: &replayer, coordinates, windows: windows(&log, 20, |k| k < 8), settings: &settings };
-    let fit = fitter.fit(&start, |_, _| {}).unwrap();
+    let study = Study::new(&log, &robot, &ground.terrain, settings.windows, &|k, _| k < 8).unwrap();
+    let fitted = || fit_shared_first(&study, coordinates.clone(), &settings, &mut |_, _| {}).unwrap();
+    let fit = fitted();
     let found = |name: &str| {
         let k = fit.coordinates.iter().position(|c| c.name == name).unwrap();
         (fit.point[k], fit.deviations[k])
@@ -50,8 +51,29 @@ fn a_fit_finds_what_was_set_and_its_replay_is_better_by_far() {
     assert!(after < 0.2 * before, "{after} of {before} rad");
     // The same bits on another number of threads.
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    let again = one.install(|| fitter.fit(&start, |_, _| {}).unwrap());
+    let again = one.install(fitted);
     assert_eq!(fit.point, again.point);
+}
+
+#[test]
+fn the_order_of_joints_changes_nothing_and_a_recording_without_a_channel_is_left_out() {
+    let robot = qv_go2::walk::robot().unwrap();
+    let log = crate::squats::recordings(&robot, &[], 3, (500, 2e-4));
+    let ground = Ground::plane();
+    let study = |log: &Log| Study::new(log, &robot, &ground.terrain, 12, &|_, _| true).unwrap();
+    let mut turned = log.clone();
+    let run = &mut turned.runs[1].1;
+    run.joint_names.reverse();
+    let (c, m) = (&mut run.commands, &mut run.measured);
+    for series in [&mut c.position, &mut c.kp, &mut c.kd, &mut m.position, &mut m.velocity].into_iter().flatten() {
+        series.values.chunks_exact_mut(12).for_each(<[f64]>::reverse);
+    }
+    let residuals = |log: &Log| study(log).residuals(&[], &[Vec::new()]).unwrap();
+    assert_eq!(residuals(&log), residuals(&turned));
+    let mut without = log.clone();
+    without.runs[0].1.measured.gyro = None;
+    assert_eq!(study(&without).left_out, ["squats 0"]);
+    assert!(study(&log).left_out.is_empty());
 }
 
 /// Keeps stages in memory, and counts those that were asked for and there.
@@ -95,7 +117,7 @@ fn plain<'a>(
 #[test]
 fn nothing_wrong_leaves_the_policy_as_it_was() {
     let robot = qv_go2::walk::robot().unwrap();
-    let log = crate::squats::log(&robot, &[], 15, 2e-4);
+    let log = crate::squats::recordings(&robot, &[], 15, (200, 2e-4));
     let ground = Ground::plane();
     let training = Training::new(&robot, &ground, &TrainSettings { robots: 16, ..Default::default() }).unwrap();
     let (start, settings) = (training.checkpoint().clone(), small());
@@ -109,8 +131,12 @@ fn nothing_wrong_leaves_the_policy_as_it_was() {
 #[test]
 fn a_robot_that_differs_is_trained_for_and_stages_that_are_kept_are_not_done_again() {
     let robot = qv_go2::walk::robot().unwrap();
-    let log =
-        crate::squats::log(&robot, &[("actuator.*.command_latency", 0.015), ("actuator.*.strength", 0.75)], 15, 2e-4);
+    let log = crate::squats::recordings(
+        &robot,
+        &[("actuator.*.command_latency", 0.015), ("actuator.*.strength", 0.75)],
+        15,
+        (200, 2e-4),
+    );
     let ground = Ground::plane();
     let mut training =
         Training::new(&robot, &ground, &TrainSettings { robots: 16, epoch: 1, ..Default::default() }).unwrap();
@@ -212,6 +238,9 @@ fn a_hole_costs_what_is_missing_and_a_recording_counts_once() {
 fn settings_and_files_that_mean_nothing_are_named() {
     let said = |settings: LoopSettings| settings.check().unwrap_err().to_string();
     assert!(said(LoopSettings { held_every: 1, ..Default::default() }).contains("held_every"));
+    let mut soft = LoopSettings::default();
+    soft.fit.prior.contact[1] = f64::NAN;
+    assert!(said(soft).contains("fit.prior"));
     assert!(said(LoopSettings { window: f32::NAN, ..Default::default() }).contains("window"));
     let tune = TuneSettings { std: 0.0, ..Default::default() };
     assert!(said(LoopSettings { tune, ..Default::default() }).contains("tune.std"));

@@ -5,7 +5,7 @@ use qv_policy::velocity::{Commands, TaskSettings};
 use qv_residual::basis::{SHAPES, shapes};
 use qv_residual::compensation::Compensation;
 use qv_residual::hidden::wander;
-use qv_residual::identify::{Prior, coordinates, lane_of, leading, shapes_of, tops, values_of};
+use qv_residual::identify::{Prior, coordinates, expanded, lane_of, shapes_of, shared, tops, values, values_of};
 use qv_residual::paths::{KINDS, PathError, PathScore, commands, from_start, measured};
 use qv_residual::windows::{BASE_CHANNELS, Errors, Replayer, WARM, Window, windows};
 use qv_sim::Terrain;
@@ -133,6 +133,18 @@ fn coordinates_name_parameters_and_their_neutral_point_changes_nothing() {
     moved[last] = 0.5;
     let shapes = shapes_of(&all, &moved, 12);
     assert_eq!((shapes.len(), shapes[shapes.len() - 1], shapes.iter().sum::<f32>()), (12 * SHAPES.len(), 0.5, 0.5));
-    let few = leading(&replayer, &Prior::default()).unwrap();
-    assert!(few.len() == 5 && shapes_of(&few, &few.iter().map(|c| c.neutral).collect::<Vec<_>>(), 12).is_empty());
+    let all = coordinates(&replayer, &Prior::default(), &tops, false).unwrap();
+    assert_eq!(all.len(), 4 + 5 * 12 + 3 + 1 + 2, "contacts, too");
+    assert!(values_of(&all[all.len() - 1], 1.0, batch.catalogue()).is_empty(), "which are no correction");
+    let few = shared(&all);
+    // Seven of all motors, three of the trunk, feet and contacts.
+    assert_eq!(few.len(), 7 + 3 + 3);
+    let mut point: Vec<f64> = few.iter().map(|c| c.neutral).collect();
+    assert!(shapes_of(&few, &point, 12).is_empty());
+    let strength = few.iter().position(|c| c.name == "actuator.*.strength").unwrap();
+    point[strength] = 0.8;
+    assert_eq!(values(&few, &point).len(), 12);
+    let each = expanded(&all, &few, &point);
+    let changed = all.iter().zip(&each).filter(|(c, x)| **x != c.neutral);
+    assert!(changed.clone().count() == 12 && changed.clone().all(|(c, x)| c.name.ends_with("strength") && *x == 0.8));
 }

@@ -159,7 +159,7 @@ impl Effect {
 
 /// That of most effects.
 fn engine_error() -> f64 {
-    0.08
+    qv_rollout::ENGINE_ERROR
 }
 
 #[derive(Deserialize)]

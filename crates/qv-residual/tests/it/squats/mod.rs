@@ -1,10 +1,13 @@
 //! A Go2 that stands and moves all its joints, recorded from the simulator itself.
 
+use qv_core::JointSeries;
 use qv_core::random::Xoshiro256PlusPlus;
 use qv_policy::velocity::{TaskRobot, TaskSettings};
+use qv_recording::Run;
+use qv_recording::run::{Actuator, ActuatorKind, Base, JointParameters, Known, Measurements, Robot};
 use qv_residual::log::{Log, Stretch};
 use qv_residual::windows::Replayer;
-use qv_sim::{BatchCommand, State, Terrain};
+use qv_sim::{Batch, BatchCommand, JointCommand, SimOptions, State, Terrain};
 
 /// Stretches of 4 s with parameters in the simulator and noise of the encoders \[rad\].
 pub fn log(robot: &TaskRobot, parameters: &[(&str, f64)], stretches: usize, noise: f32) -> Log {
@@ -49,4 +52,87 @@ pub fn log(robot: &TaskRobot, parameters: &[(&str, f64)], stretches: usize, nois
         log.stretches.push(stretch);
     }
     log
+}
+
+/// Seconds of a recording, and commands a second.
+const SECONDS: usize = 4;
+const COMMANDS: usize = 50;
+
+/// The same as recordings of each step, of which there are `rate` a second: noise of encoders \[rad\], and of all else in the same proportion as
+/// a Go2's.
+pub fn recordings(robot: &TaskRobot, parameters: &[(&str, f64)], count: usize, (rate, noise): (usize, f64)) -> Log {
+    let mut log = Log::new(robot, &TaskSettings::default());
+    for k in 0..count {
+        log.add(&format!("squats {k}"), &recording(robot, parameters, k as u64, (rate, noise)), robot).unwrap();
+    }
+    log
+}
+
+fn recording(robot: &TaskRobot, parameters: &[(&str, f64)], k: u64, (rate, noise): (usize, f64)) -> Run {
+    let mut random = Xoshiro256PlusPlus::of(3, 1, k);
+    let joints = robot.joints();
+    let phases: Vec<f64> = (0..joints).map(|_| f64::from(random.between(0.0, 6.0))).collect();
+    let speed = f64::from(random.between(6.0, 14.0));
+    let options = SimOptions { timestep: 1.0 / rate as f64, max_command_latency: 0.06, ..Default::default() };
+    let mut batch = Batch::<f64>::new(&robot.model, &Terrain::plane(), &options, 1).unwrap();
+    for (name, value) in parameters {
+        let each = robot.model.joint_names().iter().map(|joint| name.replace('*', joint));
+        each.for_each(|name| batch.set_parameter(0, &name, *value).unwrap());
+    }
+    let wide = |list: &[f32]| list.iter().map(|&x| f64::from(x)).collect::<Vec<_>>();
+    let (stand, kp, kd, zero) = (wide(&robot.stand), wide(&robot.kp), wide(&robot.kd), vec![0.0; joints]);
+    let q = [&[0.0, 0.0, f64::from(robot.height), 1.0, 0.0, 0.0, 0.0][..], &stand].concat();
+    batch.set_state(0, &State { q, v: vec![0.0; 6 + joints] }).unwrap();
+    let series = |joints: usize| JointSeries { joints, ..Default::default() };
+    let [mut position, mut velocity, mut command] = [joints; 3].map(series);
+    let [mut gyro, mut orientation, mut pose] = [3, 4, 7].map(series);
+    for step in 0..SECONDS * rate {
+        let time = step as f64 / rate as f64;
+        if step % (rate / COMMANDS) == 0 {
+            let q: Vec<f64> = (0..joints).map(|j| stand[j] + 0.12 * (speed * time + phases[j]).sin()).collect();
+            batch.set_command(0, &JointCommand { q: &q, dq: &zero, kp: &kp, kd: &kd, tau: &zero }).unwrap();
+            command.time.push(time);
+            command.values.extend(q);
+        }
+        let seen = batch.sensors(0).unwrap();
+        let mut put = |series: &mut JointSeries, values: &[f64], noise: f64| {
+            series.time.push(time);
+            series.values.extend(values.iter().map(|x| x + noise * f64::from(random.normal())));
+        };
+        put(&mut position, &seen.q, noise);
+        put(&mut velocity, &seen.dq, 50.0 * noise);
+        put(&mut gyro, &seen.gyro, 25.0 * noise);
+        put(&mut orientation, &seen.base_orientation, 0.0);
+        put(&mut pose, &[&seen.base_position[..], &seen.base_orientation].concat(), 0.0);
+        batch.step();
+    }
+    let constant = |values: Vec<f64>| Some(JointSeries { time: vec![0.0], values, joints });
+    Run {
+        robot: Robot::Named(robot.name.clone()),
+        base: Base::Free,
+        joint_names: robot.model.joint_names().to_vec(),
+        foot_names: Vec::new(),
+        imu_position: [0.0; 3],
+        actuator: Actuator { kind: ActuatorKind::Pd, kp: None, kd: None, tau_max: None, gains: [Known::Stated; 2] },
+        joint_parameters: vec![JointParameters::default(); joints],
+        commands: qv_recording::run::Commands {
+            position: Some(command),
+            kp: constant(kp),
+            kd: constant(kd),
+            ..Default::default()
+        },
+        measured: Measurements {
+            position: Some(position),
+            velocity: Some(velocity),
+            gyro: Some(gyro),
+            orientation: Some(orientation),
+            base_pose: Some(pose),
+            ..Default::default()
+        },
+        epoch: 0,
+        sources: Vec::new(),
+        faults: Vec::new(),
+        lost: Vec::new(),
+        told: Vec::new(),
+    }
 }
