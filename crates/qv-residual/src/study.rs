@@ -13,6 +13,7 @@ use qv_rollout::replicate::{Noise, Replicate, record};
 use qv_rollout::{Channel, Overrides, Rollout, Window, WindowOptions, compare};
 use qv_sim::Terrain;
 use rayon::prelude::*;
+use std::sync::OnceLock;
 
 /// Recordings of each window that are simulated for the null.
 const REPLICATES: u64 = 3;
@@ -35,11 +36,27 @@ impl<'a> Part<'a> {
         let noise = Noise::of(run, &rollout.columns);
         Ok(Self { rollout, noise, windows: Vec::new() })
     }
+
+    /// Simulated against measured, `[settings][windows][numbers]`.
+    fn residuals(&self, settings: &[Overrides]) -> Result<Vec<Blocks>, ResidualError> {
+        let windows: Vec<&Window> = self.windows.iter().collect();
+        Ok(compare(&self.rollout, &self.rollout.numerics, &windows, settings)?.values)
+    }
+
+    /// Windows of a robot without anything to find.
+    fn null(&self, seed: u64) -> Result<Blocks, ResidualError> {
+        let numerics = self.rollout.numerics;
+        let replicate = Replicate { setting: Overrides::new(), numerics, seed, ground_error: 0.0 };
+        let recorded = record(&self.rollout, &self.windows, &self.noise, &[replicate])?;
+        let whole: Vec<&Window> = recorded.iter().flatten().flatten().collect();
+        Ok(compare(&self.rollout, &numerics, &whole, &[Overrides::new()])?.values.remove(0))
+    }
 }
 
 /// A robot on its ground and windows of its recordings.
 pub struct Study<'a> {
     parts: Vec<Part<'a>>,
+    null: OnceLock<Blocks>,
     /// Recordings that lack a channel which most windows have: they are left out.
     pub left_out: Vec<String>,
 }
@@ -75,7 +92,7 @@ impl<'a> Study<'a> {
         first.rollout.settle_in(&first.windows[0])?;
         let depth = first.rollout.depth;
         parts.iter_mut().for_each(|part| part.rollout.depth = depth);
-        Ok(Self { parts, left_out })
+        Ok(Self { parts, null: OnceLock::new(), left_out })
     }
 }
 
@@ -113,28 +130,24 @@ fn setting(coordinates: &[Coordinate], point: &[f64]) -> Overrides {
 impl Windows for Study<'_> {
     fn residuals(&self, coordinates: &[Coordinate], points: &[Vec<f64>]) -> Result<Vec<Blocks>, ResidualError> {
         let settings: Vec<Overrides> = points.iter().map(|p| setting(coordinates, p)).collect();
+        let found: Vec<Vec<Blocks>> =
+            self.parts.par_iter().map(|part| part.residuals(&settings)).collect::<Result<_, _>>()?;
         let mut all = vec![Blocks::new(); points.len()];
-        for Part { rollout, windows, .. } in &self.parts {
-            let windows: Vec<&Window> = windows.iter().collect();
-            let found = compare(rollout, &rollout.numerics, &windows, &settings)?.values;
-            all.iter_mut().zip(found).for_each(|(all, found)| all.extend(found));
+        for part in found {
+            all.iter_mut().zip(part).for_each(|(all, blocks)| all.extend(blocks));
         }
         Ok(all)
     }
 
-    fn null(&self, coordinates: &[Coordinate], point: &[f64]) -> Result<Blocks, ResidualError> {
-        let setting = setting(coordinates, point);
-        let mut all = Blocks::new();
-        for Part { rollout, noise, windows } in &self.parts {
-            let numerics = rollout.numerics;
-            for seed in 0..REPLICATES {
-                let replicate = Replicate { setting: setting.clone(), numerics, seed, ground_error: 0.0 };
-                let recorded = record(rollout, windows, noise, &[replicate])?;
-                let whole: Vec<&Window> = recorded.iter().flatten().flatten().collect();
-                all.extend(compare(rollout, &numerics, &whole, std::slice::from_ref(&setting))?.values.remove(0));
-            }
+    /// Recorded once, of the robot as the simulator has it: what noise leaves hardly depends on the parameters.
+    fn null(&self, _coordinates: &[Coordinate], _point: &[f64]) -> Result<Blocks, ResidualError> {
+        if let Some(known) = self.null.get() {
+            return Ok(known.clone());
         }
-        Ok(all)
+        let each: Vec<(&Part, u64)> =
+            self.parts.iter().flat_map(|p| (0..REPLICATES).map(move |seed| (p, seed))).collect();
+        let recorded = each.into_par_iter().map(|(part, seed)| part.null(seed)).collect::<Result<Vec<_>, _>>()?;
+        Ok(self.null.get_or_init(|| recorded.into_iter().flatten().collect()).clone())
     }
 
     /// Position and speed of a joint; turn and its speed about an axis; each other channel. What is not simulated is left out.
