@@ -12,7 +12,7 @@
 #[path = "../tests/it/footage/mod.rs"]
 mod footage;
 
-use footage::{Hidden, Truth, error, recording, through, yard};
+use footage::{HiddenError, Truth, error, recording, through, yard};
 use qv_camera::{Intrinsics, LookOptions, look};
 use qv_core::Pose;
 use qv_gap::decision::{Policy, decide_camera};
@@ -136,12 +136,12 @@ fn kitchen(folder: &Path, scene: Option<&str>, save: Option<&str>) -> Result<Tru
 
 #[derive(Default)]
 struct Score {
-    rows: Vec<(Hidden, String, f64)>,
+    rows: Vec<(HiddenError, String, f64)>,
 }
 
 impl Score {
     fn one(&mut self, truth: &Truth, kind: usize, seed: u64) -> Result<(), Box<dyn std::error::Error>> {
-        let hidden = Hidden::draw(kind, &mut Random::new(seed, 5));
+        let hidden = HiddenError::draw(kind, &mut Random::new(seed, 5));
         let recording = recording(truth, hidden, seed);
         let clock = Instant::now();
         let look =
@@ -177,7 +177,7 @@ impl Score {
 
     fn tell(&self) {
         for kind in ["none", "camera_exposure", "camera_delay", "camera_extrinsics", "camera_focal", "camera_blur"] {
-            let of: Vec<&(Hidden, String, f64)> = self.rows.iter().filter(|r| r.0.name() == kind).collect();
+            let of: Vec<&(HiddenError, String, f64)> = self.rows.iter().filter(|r| r.0.name() == kind).collect();
             let right = of.iter().filter(|r| r.1 == kind).count();
             let mut errors: Vec<f64> = of.iter().map(|r| r.2).filter(|e| e.is_finite()).collect();
             errors.sort_by(f64::total_cmp);

@@ -159,11 +159,14 @@ pub fn judge(
         )),
         (false, None) => None,
     };
-    judge.look(&Found { accused, confusable, first, none, best, all, before: measured, after: before, left }, options)
+    judge.look(
+        &EffectSearch { accused, confusable, first, none, best, all, before: measured, after: before, left },
+        options,
+    )
 }
 
 /// What the search for effects came to.
-struct Found {
+struct EffectSearch {
     accused: Vec<usize>,
     /// What looks like each of them.
     confusable: Vec<Vec<usize>>,
@@ -232,8 +235,8 @@ impl Judge<'_> {
         self.seen.par_iter().enumerate().map(one).collect()
     }
 
-    fn look(&self, found: &Found, options: &LookOptions) -> Result<Look, CameraError> {
-        let Found { accused, confusable, first, none, best, all, before, after, left } = found;
+    fn look(&self, found: &EffectSearch, options: &LookOptions) -> Result<Look, CameraError> {
+        let EffectSearch { accused, confusable, first, none, best, all, before, after, left } = found;
         let floor: Vec<f64> = self.seen.iter().map(|s| s.aligned.disagreement.loss).collect();
         let mut causes = Vec::new();
         for (k, &effect) in accused.iter().enumerate() {

@@ -1,7 +1,7 @@
 //! Photographs aligned with the scene, one by one.
 
 use crate::CameraError;
-use crate::align::{self, Aligned, Offsets, Target};
+use crate::align::{self, Alignment, Offsets, Target};
 use crate::footage::{Footage, Intrinsics, Photograph, Rig};
 use crate::model::{self, Sighting, Together};
 use crate::path::Path;
@@ -51,7 +51,7 @@ pub(crate) struct LinearisedWindow {
     /// As stated.
     pub before: align::Disagreement,
     /// At its own best.
-    pub aligned: Aligned,
+    pub aligned: Alignment,
     pub sighting: Sighting,
 }
 
@@ -101,7 +101,7 @@ pub(crate) fn see(
         told();
         Ok((photograph.time, target, before, aligned))
     });
-    let mut coarse: Vec<(f64, Target, align::Disagreement, Aligned)> = coarse.collect::<Result<_, CameraError>>()?;
+    let mut coarse: Vec<(f64, Target, align::Disagreement, Alignment)> = coarse.collect::<Result<_, CameraError>>()?;
     let mut shares: Vec<f64> = coarse.iter().map(|c| c.2.seen).collect();
     let typical = median(&mut shares);
     if typical < IN_VIEW {
@@ -141,7 +141,7 @@ pub(crate) fn see(
 }
 
 /// What a photograph is off by beyond what is stated of the camera.
-fn sighting(time: f64, aligned: &Aligned, stated: &Offsets) -> Option<Sighting> {
+fn sighting(time: f64, aligned: &Alignment, stated: &Offsets) -> Option<Sighting> {
     let offsets = Offsets {
         gain: aligned.offsets.gain - stated.gain,
         blur: aligned.offsets.blur - stated.blur,

@@ -115,7 +115,7 @@ impl Kind {
 
 /// A unit that failed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Failed {
+pub struct FailedUnit {
     format: String,
     /// Its identity.
     pub unit: String,
@@ -127,7 +127,7 @@ pub struct Failed {
     pub cost: Cost,
 }
 
-impl Failed {
+impl FailedUnit {
     /// The record of a unit that failed.
     pub fn new(unit: &Unit, kind: Kind, reason: String, cost: Cost) -> Self {
         Self { format: FAILED.into(), unit: unit.id.clone(), kind, reason, cost }
@@ -171,8 +171,8 @@ mod tests {
     #[test]
     fn failures_are_read_again() {
         let plan = plan(&[]);
-        let failed = Failed::new(&plan.units[0], Kind::Memory, "above 10 MiB".into(), Cost::default());
-        assert_eq!(Failed::read(&failed.to_text(), &plan.units[0]).unwrap(), failed);
+        let failed = FailedUnit::new(&plan.units[0], Kind::Memory, "above 10 MiB".into(), Cost::default());
+        assert_eq!(FailedUnit::read(&failed.to_text(), &plan.units[0]).unwrap(), failed);
         assert!(Kind::Memory.may_pass() && !Kind::Failed.may_pass() && !Kind::InputChanged.may_pass());
     }
 }

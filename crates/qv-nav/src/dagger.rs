@@ -5,10 +5,10 @@ use crate::NavError;
 use crate::augment::Change;
 use crate::legs::Legs;
 use crate::loss::{loss, sight_loss};
-use crate::net::{HIDDEN, KNOWN, Net, OUTPUTS, RAW, RAW_SIGHT, SIGHT, STATE, Stretch, Turned};
+use crate::net::{HIDDEN, KNOWN, Net, OUTPUTS, RAW, RAW_SIGHT, SIGHT, STATE, Stretch, TransposedWeights};
 use crate::pilots::{MixedPilot, NetPilot};
 use crate::recall::RECALL;
-use crate::roll::{Driven, Record, Stage, driven_frames, roll};
+use crate::roll::{EpisodeTrace, Record, Stage, driven_frames, roll};
 pub use crate::settings::TrainSettings;
 use crate::task::{Episode, EpisodeSettings};
 use crate::tune::Critic;
@@ -136,7 +136,7 @@ impl Student {
         let part = |within: f64| (rounds + within) / settings.rounds as f64;
         let (round, share) = (self.rounds + 1, part(0.0));
         let mut progress = Progress { round, share, loss: f64::NAN, frames: before, success: None, gains: None };
-        let (mut gathered, mut batch) = (Vec::<Driven>::new(), 0u64);
+        let (mut gathered, mut batch) = (Vec::<EpisodeTrace>::new(), 0u64);
         while driven_frames(&gathered) < settings.frames {
             let seed = Xoshiro256PlusPlus::of(settings.seed, 92 + self.rounds as u64 * 1000, batch).bits();
             let drawn = episodes.draw(stage.world, legs.count(), seed)?;
@@ -171,14 +171,19 @@ impl Student {
     }
 
     /// Episodes that student, teacher and drawn commands drive in turn.
-    fn drive(&self, stage: &Stage, legs: &mut dyn Legs, drawn: Vec<Episode>) -> Result<Vec<Driven>, NavError> {
+    fn drive(&self, stage: &Stage, legs: &mut dyn Legs, drawn: Vec<Episode>) -> Result<Vec<EpisodeTrace>, NavError> {
         let mixture = if self.rounds == 0 { self.settings.first } else { self.settings.later };
         let student = NetPilot::new(&self.net, &self.parameters, legs.count());
         let mut pilot = MixedPilot::new(student, stage.world.limits, mixture, legs.count());
         let rolled = roll(stage, legs, &drawn, &mut pilot, |_| true, &mut |_| {})?;
         let all = drawn.into_iter().zip(rolled);
         Ok(all
-            .map(|(episode, (trial, record))| Driven { alone: mixture.is_alone(&episode), episode, trial, record })
+            .map(|(episode, (trial, record))| EpisodeTrace {
+                alone: mixture.is_alone(&episode),
+                episode,
+                trial,
+                record,
+            })
             .collect())
     }
 
@@ -303,7 +308,7 @@ impl Shard {
         &mut self,
         net: &Net,
         parameters: &[f32],
-        turned: &Turned,
+        turned: &TransposedWeights,
         records: &[Record],
         settings: &TrainSettings,
     ) {
@@ -399,7 +404,7 @@ pub(crate) mod tests {
     fn acting(mut record: Record) -> Record {
         let of = |k: usize| (0.7 * k as f32).sin();
         record.acted = (0..record.len())
-            .map(|k| crate::tune::Acted {
+            .map(|k| crate::tune::StudentAction {
                 action: [0.3 * of(k), 0.1, 0.2],
                 mean: [0.2 * of(k + 1), 0.0, 0.1],
                 deviation: 0.1 + 0.05 * (k % 3) as f32,

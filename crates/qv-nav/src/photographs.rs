@@ -5,7 +5,7 @@
 
 use crate::NavError;
 use crate::eye::{Eye, Shot, SplatEye};
-use crate::net::{HEIGHT, HIDDEN, Net, Sees, WIDTH};
+use crate::net::{HEIGHT, HIDDEN, Net, NetInput, WIDTH};
 use crate::recall::RECALL;
 use crate::roll::{sight, state_of};
 use crate::score::{mcnemar, wilson};
@@ -42,7 +42,7 @@ pub struct Pair {
 
 /// What a network says of one kind of picture.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Found {
+pub struct PictureScores {
     /// Views with a cone in which it says that it sees it.
     pub seen: usize,
     /// Their share, and Wilson's interval of 95 %.
@@ -67,9 +67,9 @@ pub struct Agreement {
     /// Questions for a colour in views without one.
     pub questions: usize,
     /// Of drawn pictures.
-    pub drawn: Found,
+    pub drawn: PictureScores,
     /// Of photographs.
-    pub photographed: Found,
+    pub photographed: PictureScores,
     /// McNemar's exact p of whether the cone is seen.
     pub p: f64,
 }
@@ -182,7 +182,7 @@ pub fn agreement(world: &World, net: &Net, parameters: &[f32], pairs: &[Pair]) -
     let mut ask = |pair: &Pair, picture: &[u8], colour: usize| {
         let picture: Vec<f32> = picture.iter().map(|&b| f32::from(b)).collect();
         let state = state_of(colour, &pair.base);
-        let sees = Sees { picture: &picture, state: &state, recall: &[0.0; RECALL] };
+        let sees = NetInput { picture: &picture, state: &state, recall: &[0.0; RECALL] };
         let said = net.step(parameters, &sees, &mut [0.0; HIDDEN], &mut scratch).sight.map(f64::from);
         let off = pair.goal.map(|goal| {
             let truth = sight(world, &pair.base, &goal, &[]).map(f64::from);
@@ -213,13 +213,13 @@ pub fn agreement(world: &World, net: &Net, parameters: &[f32], pairs: &[Pair]) -
     }
 }
 
-fn found(said: &[Said], imagined: usize) -> Found {
+fn found(said: &[Said], imagined: usize) -> PictureScores {
     let seen: Vec<(f64, f64)> = said.iter().filter(|s| s.is_seen).filter_map(|s| s.off).collect();
     let middle = |which: fn(&(f64, f64)) -> f64| {
         let mut off: Vec<f64> = seen.iter().map(which).collect();
         (!off.is_empty()).then(|| statistics::median(&mut off))
     };
-    Found {
+    PictureScores {
         seen: seen.len(),
         share: seen.len() as f64 / said.len().max(1) as f64,
         interval: wilson(seen.len(), said.len()),

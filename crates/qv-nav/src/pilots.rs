@@ -1,7 +1,7 @@
 //! Who decides: the network, the teacher, both in turn, and a follower of coloured blobs.
 
-use crate::net::{HEIGHT, HIDDEN, KNOWN, Net, OUTPUTS, SIGHT, Says, Scratch, Sees, WIDTH};
-use crate::roll::{Decision, Pilot, Seen};
+use crate::net::{HEIGHT, HIDDEN, KNOWN, Net, NetInput, NetOutput, OUTPUTS, SIGHT, Scratch, WIDTH};
+use crate::roll::{Decision, Pilot, PilotInput};
 use crate::task::{Episode, Limits};
 use qv_core::random::Xoshiro256PlusPlus;
 use rayon::prelude::*;
@@ -13,14 +13,19 @@ pub struct NetPilot<'a> {
     parameters: &'a [f32],
     robots: Vec<(Vec<f32>, Scratch)>,
     /// What it said at the last decision of each robot.
-    pub said: Vec<Says>,
+    pub said: Vec<NetOutput>,
 }
 
 impl<'a> NetPilot<'a> {
     /// For `count` robots.
     pub fn new(net: &'a Net, parameters: &'a [f32], count: usize) -> Self {
         let robots = (0..count).map(|_| (vec![0.0; HIDDEN], net.scratch())).collect();
-        Self { net, parameters, robots, said: vec![Says { out: [0.0; OUTPUTS + KNOWN], sight: [0.0; SIGHT] }; count] }
+        Self {
+            net,
+            parameters,
+            robots,
+            said: vec![NetOutput { out: [0.0; OUTPUTS + KNOWN], sight: [0.0; SIGHT] }; count],
+        }
     }
 }
 
@@ -29,19 +34,19 @@ impl Pilot for NetPilot<'_> {
         self.robots[env].0.fill(0.0);
     }
 
-    fn decide(&mut self, seen: &[Seen]) -> Vec<Decision> {
-        let mut of_env: Vec<Option<&Seen>> = vec![None; self.robots.len()];
+    fn decide(&mut self, seen: &[PilotInput]) -> Vec<Decision> {
+        let mut of_env: Vec<Option<&PilotInput>> = vec![None; self.robots.len()];
         seen.iter().for_each(|s| of_env[s.env] = Some(s));
         let (net, parameters) = (self.net, self.parameters);
         let robots = self.robots.par_iter_mut().zip(&mut self.said).zip(of_env);
         robots.for_each(|(((memory, scratch), out), seen)| {
             if let Some(seen) = seen {
                 let picture: Vec<f32> = seen.picture.iter().map(|&b| f32::from(b)).collect();
-                let sees = Sees { picture: &picture, state: seen.state, recall: seen.recall };
+                let sees = NetInput { picture: &picture, state: seen.state, recall: seen.recall };
                 *out = net.step(parameters, &sees, memory, scratch);
             }
         });
-        let says = |s: &Seen| &self.said[s.env];
+        let says = |s: &PilotInput| &self.said[s.env];
         seen.iter()
             .map(|s| Decision { command: [0, 1, 2].map(|k| says(s).out[k]), sight: Some(says(s).sight) })
             .collect()
@@ -57,7 +62,7 @@ pub struct TeacherPilot {
 impl Pilot for TeacherPilot {
     fn begin(&mut self, _env: usize, _episode: &Episode) {}
 
-    fn decide(&mut self, seen: &[Seen]) -> Vec<Decision> {
+    fn decide(&mut self, seen: &[PilotInput]) -> Vec<Decision> {
         seen.iter().map(|s| Decision { command: self.limits.shares(s.advice.command), sight: None }).collect()
     }
 }
@@ -139,7 +144,7 @@ impl Pilot for MixedPilot<'_> {
         self.drivers[env] = Drives { driver, alone, told, random };
     }
 
-    fn decide(&mut self, seen: &[Seen]) -> Vec<Decision> {
+    fn decide(&mut self, seen: &[PilotInput]) -> Vec<Decision> {
         // Without it, its memory is of no use either: a first round need not run the network.
         let Mixture { alone, taught, stray, told, stretch } = self.mixture;
         let absent = alone <= 0.0 && taught + stray >= 1.0 && told >= 1.0;
@@ -204,7 +209,7 @@ impl BlobPilot {
 impl Pilot for BlobPilot {
     fn begin(&mut self, _env: usize, _episode: &Episode) {}
 
-    fn decide(&mut self, seen: &[Seen]) -> Vec<Decision> {
+    fn decide(&mut self, seen: &[PilotInput]) -> Vec<Decision> {
         seen.iter()
             .map(|s| {
                 let (count, column, lowest) = Self::blob(s.picture, s.colour);

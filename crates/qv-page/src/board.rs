@@ -1,6 +1,6 @@
 //! Plots that share one axis, from columns of numbers, with choices of what is shown.
 
-use crate::pack::{Packed, pack, unpack};
+use crate::pack::{PackedColumn, pack, unpack};
 use serde::{Deserialize, Serialize};
 
 /// A column of a board's numbers.
@@ -134,7 +134,7 @@ pub struct Board {
     pub begin: Option<usize>,
     /// The plots, from above.
     pub panels: Vec<Panel>,
-    numbers: Vec<Packed>,
+    numbers: Vec<PackedColumn>,
 }
 
 impl Board {

@@ -1,11 +1,11 @@
 //! ROS 2 bags become runs: streams chosen, clocks joined, channels filled.
 
-use crate::choose::{Chosen, choose_robot, choose_streams};
+use crate::choose::{TopicChoice, choose_robot, choose_streams};
 use crate::clean::{Samples, columns, median_interval, put_in_order};
 use crate::container::read_messages;
 use crate::mapping::{Channel, ChannelFields, Mapping, MessageMapping, state_stream};
 use crate::run::{
-    Actuator, ActuatorKind, Base, Clock, Commands, Fault, FaultKind, Known, Loss, Measurements, Robot, Run, Source,
+    Actuator, ActuatorKind, Base, Clock, Commands, Fault, FaultKind, GainSource, Loss, Measurements, Robot, Run, Source,
 };
 use crate::stream::{ChannelInfo, MessageSink};
 use crate::topic::{Collector, SECOND, Topic};
@@ -65,7 +65,7 @@ fn run_of(mut collector: Collector, namespace: Option<&str>, lost: Vec<Loss>) ->
     let mapping = collector.mapping;
     let mut faults = Vec::new();
     let jumps = join_clocks(&mut collector.topics);
-    let Chosen { topics: chosen, namespace, told } = choose_streams(&collector, namespace, &lost, &mut faults)?;
+    let TopicChoice { topics: chosen, namespace, told } = choose_streams(&collector, namespace, &lost, &mut faults)?;
     let clocks: Vec<Clock> = collector.topics.iter_mut().map(choose_clock).collect();
     let states = chosen[state_stream(mapping)?].expect("joint states were chosen or it is an error");
     let epoch = first_stamp(stamps_of(&collector.topics[states], clocks[states]));
@@ -193,7 +193,13 @@ fn empty_run(mapping: &Mapping, epoch: u64, sources: Vec<Source>) -> Run {
         joint_names: mapping.joint_names.clone(),
         foot_names: mapping.foot_names.clone(),
         imu_position: mapping.imu_position,
-        actuator: Actuator { kind: ActuatorKind::Pd, kp: None, kd: None, tau_max: None, gains: [Known::Stated; 2] },
+        actuator: Actuator {
+            kind: ActuatorKind::Pd,
+            kp: None,
+            kd: None,
+            tau_max: None,
+            gains: [GainSource::Stated; 2],
+        },
         joint_parameters: vec![Default::default(); mapping.joint_names.len()],
         commands: Commands::default(),
         measured: Measurements::default(),

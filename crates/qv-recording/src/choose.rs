@@ -6,7 +6,7 @@ use crate::run::{Fault, FaultKind, Loss};
 use crate::topic::{Collector, Topic};
 
 /// The topics that were chosen.
-pub(crate) struct Chosen {
+pub(crate) struct TopicChoice {
     /// Of each stream of the mapping.
     pub topics: Vec<Option<usize>>,
     /// First part of the names of the robot's topics; empty where they have none of their own.
@@ -95,7 +95,7 @@ pub(crate) fn choose_streams(
     namespace: Option<&str>,
     lost: &[Loss],
     faults: &mut Vec<Fault>,
-) -> Result<Chosen, RecordingError> {
+) -> Result<TopicChoice, RecordingError> {
     let mapping = collector.mapping;
     let states = state_stream(mapping)?;
     let (state, namespace, others, told) = choose_states(collector, states, namespace)?;
@@ -136,7 +136,7 @@ pub(crate) fn choose_streams(
         }
         topics.push(best);
     }
-    Ok(Chosen { topics, namespace, told })
+    Ok(TopicChoice { topics, namespace, told })
 }
 
 /// Whether a topic's name begins with a namespace.

@@ -3,7 +3,7 @@
 
 use crate::RecordingError;
 use crate::mapping::{Channel, ChannelFields, Mapping, MessageMapping, StreamMapping};
-use crate::plan::Wanted;
+use crate::plan::FieldSelection;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use toml::Table;
@@ -384,9 +384,10 @@ impl File {
             _ => or_all(&self.on_wire, n),
         };
         let single = paths.len() > 1;
-        let fields = paths
-            .iter()
-            .map(|path| Wanted { path: path.clone(), elements: if single { vec![0] } else { elements.clone() } });
+        let fields = paths.iter().map(|path| FieldSelection {
+            path: path.clone(),
+            elements: if single { vec![0] } else { elements.clone() },
+        });
         ChannelFields { channel, fields: fields.collect() }
     }
 }
@@ -408,7 +409,7 @@ mod tests {
                 let text = own.map(|(_, text)| text.clone()).or_else(|| crate::definitions::standard(&message.name));
                 let text = text.unwrap_or_else(|| panic!("{name}: no definition of {}", message.name));
                 let schema = Schema::parse(&message.name, &text).unwrap();
-                let wanted: Vec<Wanted> = message.fields.iter().flat_map(|f| f.fields.clone()).collect();
+                let wanted: Vec<FieldSelection> = message.fields.iter().flat_map(|f| f.fields.clone()).collect();
                 if message.names.is_none() && wanted.iter().all(|w| !w.elements.is_empty()) {
                     Plan::compile(&schema, &wanted).unwrap_or_else(|e| panic!("{name}: {e}"));
                     compiled += 1;

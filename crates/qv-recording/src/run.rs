@@ -33,7 +33,7 @@ pub enum ActuatorKind {
 
 /// How a gain of all joints is known.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub enum Known {
+pub enum GainSource {
     /// By what is stated, of all joints or with each command.
     #[default]
     Stated,
@@ -55,7 +55,7 @@ pub struct Actuator {
     /// Clips the position and feed-forward part \[N m\].
     pub tau_max: Option<f64>,
     /// How the position gain is known, and the velocity gain.
-    pub gains: [Known; 2],
+    pub gains: [GainSource; 2],
 }
 
 /// What the recording states about one joint; `None` = not stated, the model's own value holds.

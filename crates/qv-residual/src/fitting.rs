@@ -6,7 +6,7 @@
 
 use crate::ResidualError;
 use crate::identify::{Coordinate, FitSettings, expanded, shared};
-use qv_fit::{Blocks, Loss, Options, Problem, Scatter, Stopped};
+use qv_fit::{Blocks, Loss, Options, Problem, Scatter, StopReason};
 use qv_rollout::ENGINE_ERROR;
 use rayon::prelude::*;
 
@@ -106,7 +106,7 @@ pub fn fit(
         tell(step, found.cost);
         fit.point.clone_from(&found.values);
         problem.start = found.values;
-        if found.stopped != Stopped::Rounds {
+        if found.stopped != StopReason::Rounds {
             break;
         }
     }

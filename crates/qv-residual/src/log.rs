@@ -3,7 +3,7 @@
 use crate::ResidualError;
 use qv_policy::velocity::{TaskRobot, TaskSettings};
 use qv_recording::Run;
-use qv_rollout::{Command, Covered, HeldCommands, Legs, SensorErrors, Starts, feet_of, joint_columns};
+use qv_rollout::{Command, CoveredSeries, HeldCommands, Legs, SensorErrors, Starts, feet_of, joint_columns};
 use rayon::prelude::*;
 
 /// Part of a recording without holes, on a grid of decisions.
@@ -119,8 +119,8 @@ impl Log {
         self.check_gains(name, run, &commands)?;
         let decision = 1.0 / f64::from(self.rate);
         let [mut from, end] = run.span();
-        let position = Covered::new(run.measured.position.as_ref().expect("joint_columns asks for it"));
-        let pace = commands.pace().map(Covered::new);
+        let position = CoveredSeries::new(run.measured.position.as_ref().expect("joint_columns asks for it"));
+        let pace = commands.pace().map(CoveredSeries::new);
         let first = commands.pace().and_then(|c| c.time.first().copied()).unwrap_or(from);
         from = from.max(first);
         let (mut lost, mut fallen, mut twice) = (0, 0, 0);

@@ -21,13 +21,13 @@ const REPLICATES: u64 = 3;
 const MARGIN: f64 = 0.1;
 
 /// A recording of the robot: joints may be in another order than in others.
-struct Part<'a> {
+struct RunWindows<'a> {
     rollout: Rollout<'a>,
     noise: Noise,
     windows: Vec<Window>,
 }
 
-impl<'a> Part<'a> {
+impl<'a> RunWindows<'a> {
     fn new(run: &Run, robot: &'a TaskRobot, terrain: &Terrain) -> Result<Self, ResidualError> {
         let mut rollout = Rollout::new(run, &robot.model, terrain, &[], WindowOptions::default())?;
         // The simulator of the training knows nothing of what a recording states, and corrections are differences from that simulator.
@@ -55,7 +55,7 @@ impl<'a> Part<'a> {
 
 /// A robot on its ground and windows of its recordings.
 pub struct Study<'a> {
-    parts: Vec<Part<'a>>,
+    parts: Vec<RunWindows<'a>>,
     null: OnceLock<Blocks>,
     /// Recordings that lack a channel which most windows have: they are left out.
     pub left_out: Vec<String>,
@@ -74,7 +74,7 @@ impl<'a> Study<'a> {
         most: usize,
         wanted: &dyn Fn(usize, [f64; 2]) -> bool,
     ) -> Result<Self, ResidualError> {
-        let part = |(_, run): &(String, Run)| Part::new(run, robot, terrain);
+        let part = |(_, run): &(String, Run)| RunWindows::new(run, robot, terrain);
         let mut parts = log.runs.iter().map(part).collect::<Result<Vec<_>, _>>()?;
         let starts: Vec<Vec<f64>> = parts.iter().enumerate().map(|(k, part)| starts(log, k, part, wanted)).collect();
         let (channels, left_out) = shared_channels(log, &parts, &starts);
@@ -97,7 +97,7 @@ impl<'a> Study<'a> {
 }
 
 /// Begins \[s\] of the windows of a recording in which nothing is missing, one after the other in its stretches.
-fn starts(log: &Log, run: usize, part: &Part, wanted: &dyn Fn(usize, [f64; 2]) -> bool) -> Vec<f64> {
+fn starts(log: &Log, run: usize, part: &RunWindows, wanted: &dyn Fn(usize, [f64; 2]) -> bool) -> Vec<f64> {
     let (name, run) = &log.runs[run];
     let length = part.rollout.cut.window;
     let of_stretch = |(k, stretch): (usize, &Stretch)| {
@@ -111,7 +111,7 @@ fn starts(log: &Log, run: usize, part: &Part, wanted: &dyn Fn(usize, [f64; 2]) -
 }
 
 /// The channels that most windows have, and the recordings with others.
-fn shared_channels(log: &Log, parts: &[Part], starts: &[Vec<f64>]) -> (Vec<Channel>, Vec<String>) {
+fn shared_channels(log: &Log, parts: &[RunWindows], starts: &[Vec<f64>]) -> (Vec<Channel>, Vec<String>) {
     let with = |channels: &[Channel]| -> usize {
         parts.iter().zip(starts).filter(|(part, _)| part.rollout.channels == channels).map(|(_, s)| s.len()).sum()
     };
@@ -144,7 +144,7 @@ impl Windows for Study<'_> {
         if let Some(known) = self.null.get() {
             return Ok(known.clone());
         }
-        let each: Vec<(&Part, u64)> =
+        let each: Vec<(&RunWindows, u64)> =
             self.parts.iter().flat_map(|p| (0..REPLICATES).map(move |seed| (p, seed))).collect();
         let recorded = each.into_par_iter().map(|(part, seed)| part.null(seed)).collect::<Result<Vec<_>, _>>()?;
         Ok(self.null.get_or_init(|| recorded.into_iter().flatten().collect()).clone())

@@ -60,7 +60,7 @@ impl Default for TuneSettings {
 }
 
 /// A simulator made like the robot.
-pub struct Corrected {
+pub struct CorrectedSimulator {
     /// Parameters of the simulator.
     pub parameters: BTreeMap<String, f64>,
     /// Ranges within which robots differ in training.
@@ -69,7 +69,7 @@ pub struct Corrected {
     pub compensator: Option<Box<dyn Compensator>>,
 }
 
-impl Corrected {
+impl CorrectedSimulator {
     /// The simulator as it is.
     pub fn nominal() -> Self {
         Self { parameters: BTreeMap::new(), ranges: BTreeMap::new(), compensator: None }
@@ -92,7 +92,7 @@ pub fn train_on(
     robot: &TaskRobot,
     ground: &Ground,
     start: &Checkpoint,
-    corrected: &Corrected,
+    corrected: &CorrectedSimulator,
     settings: &TuneSettings,
     mut tell: impl FnMut(&Line, Option<&PathScore>),
 ) -> Result<Policy, ResidualError> {
@@ -159,7 +159,7 @@ pub fn judge_of(
     robot: &TaskRobot,
     ground: &Ground,
     task: &TaskSettings,
-    corrected: &Corrected,
+    corrected: &CorrectedSimulator,
     walks: usize,
 ) -> Result<VelocityTask, ResidualError> {
     let mut judge = VelocityTask::new(robot.clone(), ground.clone(), corrected.task(task), walks)?;

@@ -9,7 +9,7 @@ use crate::robot::Rollout;
 use crate::sensors::SensorErrors;
 use crate::simulation::Simulation;
 use crate::trace::Trace;
-use crate::window::{Prepared, Window};
+use crate::window::{PreparedWindow, Window};
 use crate::{HeldCommands, RolloutError};
 use glam::{DQuat, DVec3};
 use qv_sim::{ActsOn, Batch, Precision, State, WorldField};
@@ -35,7 +35,7 @@ pub struct Residuals {
 }
 
 /// The same, and what joints did in the windows that no fit sees, under the first setting.
-pub struct Traced {
+pub struct TracedResiduals {
     /// As [`compare`] has them.
     pub residuals: Residuals,
     /// Shape `[windows]`; `None` where a fit sees the window, or the simulation ran away.
@@ -71,7 +71,7 @@ pub fn compare_and_trace(
     numerics: &Numerics,
     windows: &[&Window],
     settings: &[Overrides],
-) -> Result<Traced, RolloutError> {
+) -> Result<TracedResiduals, RolloutError> {
     compare_some(rollout, numerics, windows, settings, true)
 }
 
@@ -81,7 +81,7 @@ fn compare_some(
     windows: &[&Window],
     settings: &[Overrides],
     traced: bool,
-) -> Result<Traced, RolloutError> {
+) -> Result<TracedResiduals, RolloutError> {
     let (prepared, cases) = prepare(rollout, windows, settings);
     let held: Vec<Arc<HeldCommands>> = windows.par_iter().map(|w| w.held(rollout)).collect::<Result<_, _>>()?;
     let together = if cases.len() < FEW { FEW_TOGETHER } else { TOGETHER };
@@ -100,11 +100,15 @@ fn compare_some(
         }
     }
     let ticks = (rollout.cut.window / numerics.timestep).round() as usize;
-    Ok(Traced { residuals: Residuals { values, steps: ticks * cases.len() }, traces })
+    Ok(TracedResiduals { residuals: Residuals { values, steps: ticks * cases.len() }, traces })
 }
 
 /// Starts and measured features, once for each window and each distinct set of sensor errors; cases by window.
-fn prepare(rollout: &Rollout, windows: &[&Window], settings: &[Overrides]) -> (Vec<Option<Arc<Prepared>>>, Vec<Case>) {
+fn prepare(
+    rollout: &Rollout,
+    windows: &[&Window],
+    settings: &[Overrides],
+) -> (Vec<Option<Arc<PreparedWindow>>>, Vec<Case>) {
     let mut distinct: Vec<SensorErrors> = Vec::new();
     let of_setting: Vec<usize> = settings
         .iter()
@@ -133,7 +137,7 @@ fn prepare(rollout: &Rollout, windows: &[&Window], settings: &[Overrides]) -> (V
 
 /// Whether single precision will do for windows of a robot with a free base that begin at `starts`: what noise does in them is a hundred
 /// times what rounding does. An arm is held for longer, and stands on its head, where rounding grows.
-fn is_near<'p>(rollout: &Rollout, mut starts: impl Iterator<Item = &'p Arc<Prepared>>) -> bool {
+fn is_near<'p>(rollout: &Rollout, mut starts: impl Iterator<Item = &'p Arc<PreparedWindow>>) -> bool {
     rollout.free && starts.all(|p| DVec3::from_slice(&p.state.q).length() < NEAR)
 }
 
@@ -157,7 +161,7 @@ fn simulate<T: Precision>(
     numerics: &Numerics,
     windows: &[&Window],
     settings: &[Overrides],
-    (prepared, held): (&[Option<Arc<Prepared>>], &[Arc<HeldCommands>]),
+    (prepared, held): (&[Option<Arc<PreparedWindow>>], &[Arc<HeldCommands>]),
     (cases, traced): (&[Case], bool),
 ) -> Result<Vec<Done>, RolloutError> {
     let live: Vec<&Case> = cases.iter().filter(|c| prepared[c.prepared].is_some()).collect();
@@ -322,7 +326,7 @@ impl<'a> Track<'a> {
     }
 
     /// Measured minus simulated features, and the trace; nothing when the simulation ran away.
-    fn done(mut self, rollout: &Rollout, start: &Prepared) -> Done {
+    fn done(mut self, rollout: &Rollout, start: &PreparedWindow) -> Done {
         if self.broken {
             return Done::default();
         }

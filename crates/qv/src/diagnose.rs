@@ -11,7 +11,7 @@ use crate::provenance::provenance;
 use crate::scene::open_scene;
 use crate::terminal::print_message;
 #[cfg(feature = "learn")]
-use crate::walk::trial::Tried;
+use crate::walk::trial::TrialPolicy;
 use crate::{Outcome, Reading, RunArguments, say};
 use qv_camera::{EFFECTS, Footage, Look, LookOptions, Photograph, check, html, look};
 use qv_core::{GaussianCloud, JointSeries};
@@ -110,7 +110,7 @@ impl Diagnose {
         let ground_error = diagnosis::ground_error(self.ground_error, &self.terrain)?;
         #[cfg(feature = "learn")]
         let mut tried = match (&self.tried.policy, &self.tried.policy_description) {
-            (Some(policy), Some(description)) => Some(Tried::open(policy, description, &model).map_err(untold)?),
+            (Some(policy), Some(description)) => Some(TrialPolicy::open(policy, description, &model).map_err(untold)?),
             _ => None,
         };
         // Before minutes are spent on what could not be written.
@@ -257,7 +257,7 @@ impl Diagnose {
     #[cfg(feature = "learn")]
     fn walked(
         &self,
-        tried: &mut Tried,
+        tried: &mut TrialPolicy,
         (model, terrain): (&qv_sim::Model, &qv_sim::Terrain),
         report: &Report,
         mut sections: Vec<String>,

@@ -1,6 +1,6 @@
 //! `qv inspect`: one screen about a recording.
 
-use crate::can_tell::Asked;
+use crate::can_tell::RecordingRequest;
 use crate::open::open_run;
 use crate::{Outcome, RunArguments, say};
 use qv_core::JointSeries;
@@ -43,7 +43,8 @@ impl Inspect {
     pub fn execute(&self) -> Result<Outcome, RecordingError> {
         let run = open_run(&self.run)?;
         if self.can_tell {
-            let asked = Asked { run: &run, path: &self.run.run, reading: &self.run.reading, terrain: &self.terrain };
+            let asked =
+                RecordingRequest { run: &run, path: &self.run.run, reading: &self.run.reading, terrain: &self.terrain };
             say(&asked.answer(self.json)?)?;
             return Ok(if run.is_partial() { Outcome::Partial } else { Outcome::Done });
         }
@@ -73,7 +74,7 @@ fn channels(run: &Run) -> Vec<Row> {
         series.as_ref().map(|s| Row { name, count: s.len(), rate: 1.0 / median_interval(&s.time), derived: None })
     };
     let mut rows: Vec<Row> = all.into_iter().filter_map(row).collect();
-    let mut derived = |name: &'static str, wanted: bool, d: Option<derive::Derived>| {
+    let mut derived = |name: &'static str, wanted: bool, d: Option<derive::DerivedChannel>| {
         if let Some(d) = d.filter(|_| wanted) {
             let rate = 1.0 / median_interval(&d.series.time);
             rows.push(Row {

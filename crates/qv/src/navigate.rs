@@ -13,7 +13,7 @@ use crate::output::{refuse_inputs, write_whole};
 use crate::{Failure, Outcome, say};
 use card::CardArguments;
 use legs::{LegsArguments, Stable};
-use page::{FromAbove, Results, Strip, Tested, png_in_base64};
+use page::{FromAbove, Results, Strip, TestRow, png_in_base64};
 use place::Task;
 use qv_nav::eye::Paints;
 use qv_nav::map::MapSettings;
@@ -131,7 +131,7 @@ impl Test {
             if !self.json {
                 say(&line(name, &row, p_against_policy))?;
             }
-            rows.push(Tested { name: name.into(), row, p_against_policy, trials: trials.clone() });
+            rows.push(TestRow { name: name.into(), row, p_against_policy, trials: trials.clone() });
         }
         let spacing = MapSettings::default().spacing;
         let bounds = world.map.bounds().map(|p| p.to_array());

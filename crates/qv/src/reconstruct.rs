@@ -9,7 +9,7 @@ mod words;
 pub use arguments::Reconstruct;
 
 use crate::capture::{OpenCapture, open_capture};
-use crate::colmap::{Chosen, better_poses, poses_again};
+use crate::colmap::{PoseChoice, better_poses, poses_again};
 use crate::normals::{self, NormalModel};
 use crate::outcome::about;
 use crate::output::{self, make_folder, put, write_whole};
@@ -71,7 +71,7 @@ impl Reconstruct {
         let chosen = self.open()?;
         let poses = words::of_poses(&chosen);
         let is_found = !chosen.is_given();
-        let Chosen { mut opened, mut lost, found, .. } = chosen;
+        let PoseChoice { mut opened, mut lost, found, .. } = chosen;
         if let Some(file) = &self.normal_model {
             let model = NormalModel { file, axes: &self.normal_axes, colours: self.normal_colours };
             normals::add_normals(&model, &mut opened, &self.out)?;
@@ -203,15 +203,15 @@ impl Reconstruct {
     }
 
     /// The capture with the poses that are taken.
-    fn open(&self) -> Result<Chosen, Failure> {
+    fn open(&self) -> Result<PoseChoice, Failure> {
         let folder = self.out.join("capture");
         if video::is_video(&self.capture) {
             let lost = video::project(&self.capture, &folder, self.frames)?;
-            return Ok(Chosen { lost, ..Chosen::given(open_capture(&folder)?, "COLMAP found them") });
+            return Ok(PoseChoice { lost, ..PoseChoice::given(open_capture(&folder)?, "COLMAP found them") });
         }
         let opened = open_capture(&self.capture).map_err(|e| video::or_video(&self.capture, e))?;
         match self.poses {
-            PosesFrom::Capture => Ok(Chosen::given(opened, "they were asked for")),
+            PosesFrom::Capture => Ok(PoseChoice::given(opened, "they were asked for")),
             PosesFrom::Colmap => poses_again(&self.capture, opened, &folder),
             PosesFrom::Auto => better_poses(&self.capture, opened, &folder),
         }
@@ -661,7 +661,7 @@ fn named_value(value: &impl ValueEnum) -> Option<String> {
 
 /// Each camera as it was learned: its lens and the lens's vignetting, how far it moved, and the photographs' own motions (root mean square).
 fn refined(model: &Model, dataset: &Dataset) -> Vec<Value> {
-    let one = |(group, shared): (usize, &cameras::Shared)| {
+    let one = |(group, shared): (usize, &cameras::SharedAppearance)| {
         let of = |k: &usize| model.groups[*k] == group;
         let taken: Vec<usize> = (0..model.groups.len()).filter(of).collect();
         let lens = shared.camera(&dataset.training[taken[0]].camera);

@@ -24,7 +24,7 @@ pub struct Report {
     pub causes: Vec<Cause>,
     /// All effects with their probabilities.
     #[serde(default)]
-    pub ranking: Vec<Ranked>,
+    pub ranking: Vec<RankedEffect>,
     /// How long it took.
     #[serde(default)]
     pub timing: Timing,
@@ -107,7 +107,7 @@ pub struct Estimate {
 
 /// An effect's probability.
 #[derive(Debug, Clone, Deserialize)]
-pub struct Ranked {
+pub struct RankedEffect {
     pub effect: String,
     pub probability: f64,
 }
@@ -154,7 +154,7 @@ impl Report {
 
     /// The `count` likeliest effects of the library: what is accused, then the ranking in the order of probability.
     pub fn likeliest(&self, count: usize) -> Vec<&str> {
-        let mut ranking: Vec<&Ranked> = self.ranking.iter().collect();
+        let mut ranking: Vec<&RankedEffect> = self.ranking.iter().collect();
         ranking.sort_by(|a, b| b.probability.total_cmp(&a.probability));
         let mut names: Vec<&str> = Vec::new();
         let all = self.causes.iter().map(|c| c.effect.as_str()).chain(ranking.iter().map(|r| r.effect.as_str()));
@@ -215,7 +215,7 @@ mod tests {
 
     fn report(causes: &[&str], ranking: &[(&str, f64)]) -> Report {
         let cause = |name: &&str| Cause { effect: (*name).into(), ..Default::default() };
-        let ranked = |(name, p): &(&str, f64)| Ranked { effect: (*name).into(), probability: *p };
+        let ranked = |(name, p): &(&str, f64)| RankedEffect { effect: (*name).into(), probability: *p };
         Report {
             causes: causes.iter().map(cause).collect(),
             ranking: ranking.iter().map(ranked).collect(),

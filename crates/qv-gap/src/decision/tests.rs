@@ -63,9 +63,15 @@ fn round(candidates: Vec<Candidate>, accused: &[usize]) -> Round {
 /// A robot with a latency, which is accused, and nothing left.
 fn latency() -> Evidence {
     let rounds = vec![round(vec![candidate("command_latency", 900.0), candidate("actuator_lag", 700.0)], &[0])];
-    let accused =
-        Accused { round: 0, candidate: 0, values: vec![0.01], parameters: vec![], fading: None, depends_on: vec![] };
-    let closed = Closed {
+    let accused = IdentifiedCause {
+        round: 0,
+        candidate: 0,
+        values: vec![0.01],
+        parameters: vec![],
+        fading: None,
+        depends_on: vec![],
+    };
+    let closed = Closure {
         loss: [9.0, 1.1],
         floor: 0.8,
         share: 0.96,
@@ -74,7 +80,7 @@ fn latency() -> Evidence {
         actuator_residual: [4.0, 1.1],
         log_evidence: 300.0,
     };
-    let corrected = Corrected {
+    let corrected = CorrectedRobot {
         accused: vec![accused],
         actuator_residuals: vec![ActuatorResidual { joint: 0, ratio: 1.1, by_chance: 1.2 }],
         same_joints: vec![],
@@ -139,10 +145,10 @@ fn another_policy_is_followed_as_far_as_was_measured() {
     let mut evidence = latency();
     evidence.rounds[0].candidates[0].size = 4.0;
     let large = Policy { least_size: 5.0, ..Policy::default() };
-    assert_eq!(decide(&evidence, &large), Err(Parted(0)));
+    assert_eq!(decide(&evidence, &large), Err(Divergence(0)));
     // It would look for one more.
     let thorough = Policy { no_gap: 1.05, ..Policy::default() };
-    assert_eq!(decide(&latency(), &thorough), Err(Parted(1)));
+    assert_eq!(decide(&latency(), &thorough), Err(Divergence(1)));
 }
 
 #[test]
@@ -199,7 +205,7 @@ fn a_large_gap_that_is_left_held_out_is_told() {
         let mut evidence = latency();
         let share = (before - after) / (before - 0.8);
         let corrected = evidence.corrected.as_mut().unwrap();
-        corrected.closed = Closed { loss: [before, after], share, actuator_residual: law, ..corrected.closed };
+        corrected.closed = Closure { loss: [before, after], share, actuator_residual: law, ..corrected.closed };
         checks(&evidence, &Policy::default()).closes_too_little()
     };
     let told = doubt(9.0, 6.8, [1.0; 2]).unwrap().to_string();
@@ -217,7 +223,7 @@ fn a_cable_is_no_row_of_pushes() {
             times.iter().map(|&t| Candidate { extent: Some(Extent::Time(t)), ..candidate("external_push", 900.0) });
         evidence.rounds[0].candidates = events.collect();
         let one = evidence.corrected.as_ref().unwrap().accused[0].clone();
-        let all = (0..times.len()).map(|candidate| Accused { candidate, ..one.clone() });
+        let all = (0..times.len()).map(|candidate| IdentifiedCause { candidate, ..one.clone() });
         evidence.corrected.as_mut().unwrap().accused = all.collect();
         checks(&evidence, &Policy::default()).doubt()
     };

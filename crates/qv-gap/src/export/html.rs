@@ -12,7 +12,7 @@ pub mod words;
 
 use super::calibrated::cause_of;
 use crate::problem::library::{Effect, built_in};
-use crate::report::{Correction, Lead, Report, Stage, Unexplained, Verdict, Where};
+use crate::report::{Correction, Lead, Remainder, Report, Stage, Verdict, Where};
 use bars::{joints, shares};
 use qv_page::parts::{self, Bars, Mood, track};
 use qv_page::{Page, Table};
@@ -150,7 +150,7 @@ fn place(report: &Report) -> String {
     )
 }
 
-fn unexplained(left: &Unexplained, verdict: Verdict) -> String {
+fn unexplained(left: &Remainder, verdict: Verdict) -> String {
     let share = if left.share.is_finite() && verdict != Verdict::NoGap {
         format!("<p><b>{}</b> of the gap is not explained.</p>", percent(left.share))
     } else {

@@ -4,8 +4,8 @@ use crate::checks::by_recording::change;
 use crate::decision::evidence::{Candidate, CauseData, Evidence, ReportData, Round};
 use crate::decision::{Decision, Judgement, Policy};
 use crate::report::{
-    Cause, Gap, Lead, OfRecording, ParameterEstimate, Ranked, RoundSummary, SuspectSummary, Together, TogetherEffect,
-    UNKNOWN, Verdict,
+    Cause, Gap, Lead, OfRecording, ParameterEstimate, RankedEffect, RoundSummary, SuspectSummary, Together,
+    TogetherEffect, UNKNOWN, Verdict,
 };
 use qv_page::significant;
 
@@ -100,7 +100,7 @@ fn sentence(
     verdict: Verdict,
     (causes, gap): (&[Cause], &Gap),
     (leads, dead): (&[Lead], &[String]),
-    ranking: &[Ranked],
+    ranking: &[RankedEffect],
 ) -> String {
     let described = |c: &Cause| {
         let amounts: Vec<String> = c.parameters.iter().map(amount).collect();

@@ -19,7 +19,7 @@ use qv_rollout::compare;
 use qv_rollout::law;
 use qv_rollout::{Legs, SensorErrors, Starts, feet_of};
 use qv_rollout::{Rollout, WindowOptions};
-use qv_sealed::{EngineChoice, Plan, Recipe, Request, Section, Wanted};
+use qv_sealed::{EngineChoice, FaultRequest, Plan, Recipe, Request, Section};
 use qv_sim::{Model, Terrain};
 
 /// Fewer windows and simulated recordings than by default: these tests are run often.
@@ -401,7 +401,7 @@ fn without_poses_a_slope_may_be_a_tilted_imu() {
 
 #[test]
 fn a_robot_that_only_stands_is_accused_of_nothing() {
-    let request = Request { engine: EngineChoice::Ours, wanted: Wanted::Nothing };
+    let request = Request { engine: EngineChoice::Ours, wanted: FaultRequest::Nothing };
     let plan = Plan { sections: vec![(Section::Stand, 10.0)] };
     let recipe = Recipe { plan, ..qv_sealed::redraw(&request, 7, 0).unwrap().recipe };
     let run = read(&qv_sealed::record(&recipe).unwrap().1);

@@ -1,6 +1,6 @@
 //! Folders of SAGE (isaac-sim2real/sage): `state_motor.csv` and `control.csv` with lists in their cells, radians; `joint_list.txt`.
 
-use super::{Part, Settings, Table, join};
+use super::{JointChannel, Settings, Table, join};
 use crate::RecordingError;
 use crate::run::Loss;
 use crate::table::unit_of_time;
@@ -50,7 +50,7 @@ pub fn table(
         if k < 2 {
             settings.convert(&joints, &mut values, k == 1);
         }
-        parts.push(Part { prefix, time: state.time.clone(), values });
+        parts.push(JointChannel { prefix, time: state.time.clone(), values });
     }
     if let Some(text) = control {
         let mut control = rows("control.csv", text, Some(joints.len()))?;
@@ -60,7 +60,7 @@ pub fn table(
         settings.convert(&joints, &mut values, false);
         match apart(&state.time, &control.time) {
             Some(what) => table.lost.push(Loss { file: "control.csv".into(), what, span: None }),
-            None => parts.push(Part { prefix: "cmd_pos.", time: control.time, values }),
+            None => parts.push(JointChannel { prefix: "cmd_pos.", time: control.time, values }),
         }
     }
     table.csv = join(&joints, &parts);

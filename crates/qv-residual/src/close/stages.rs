@@ -3,7 +3,7 @@
 use super::inputs::{Inputs, picked};
 use super::keep::{Event, Keep};
 use super::report::{Candidate, HeldOut, Outcome, Report};
-use super::scored::Scored;
+use super::scored::ScoredWalks;
 use super::settings::is_held;
 use crate::ResidualError;
 use crate::compensation::Compensation;
@@ -14,7 +14,7 @@ use crate::paths::PathScore;
 use crate::residual::{NetKind, ResidualNet, reinforce, supervised};
 use crate::study::Study;
 use crate::training_windows::TrainingWindows;
-use crate::tune::{Corrected, train_on};
+use crate::tune::{CorrectedSimulator, train_on};
 use crate::windows::{Errors, Lane, Replayer, Window};
 use qv_policy::policy::Policy;
 use qv_policy::score::mean_with_error;
@@ -65,12 +65,12 @@ pub struct Loop<'a, 'b> {
 }
 
 /// Candidates so far, and the errors on each stretch of the last that stayed.
-struct Tried {
+struct CandidateSet {
     candidates: Vec<Candidate>,
     best: Vec<f64>,
 }
 
-impl Tried {
+impl CandidateSet {
     /// Indices of those that stay, beyond the simulator as it is.
     fn staying(&self) -> Vec<usize> {
         (1..self.candidates.len()).filter(|&k| self.candidates[k].held_out.stays).collect()
@@ -94,7 +94,7 @@ impl Loop<'_, '_> {
                 self.judging(!compensation.shapes.is_empty() || compensation.net.is_some())?
             }
         };
-        let mut scored = Scored::new(self.inputs, &judging)?;
+        let mut scored = ScoredWalks::new(self.inputs, &judging)?;
         let before = scored.score(&policy)?;
         let mut report = Report {
             robot: robot.name.clone(),
@@ -117,7 +117,7 @@ impl Loop<'_, '_> {
             return Ok(Outcome { policy, report });
         }
         self.begin(7);
-        let control = self.train("control", &Corrected::nominal())?;
+        let control = self.train("control", &CorrectedSimulator::nominal())?;
         let tuned = self.train_all(&staying, &mut report, &mut scored)?;
         report.before = scored.told(&policy)?;
         report.after = tuned.as_ref().map_or(Ok(report.before), |tuned| scored.told(tuned))?;
@@ -128,12 +128,12 @@ impl Loop<'_, '_> {
     }
 
     /// Each kind of candidate against the last that stayed.
-    fn try_all(&mut self) -> Result<Tried, ResidualError> {
+    fn try_all(&mut self) -> Result<CandidateSet, ResidualError> {
         let Inputs { robot, settings, given, .. } = *self.inputs;
         let for_fits = |k: usize| !is_held(settings, k);
         self.begin(0);
         let (nominal, best) = self.candidate(Compensation::nominal(robot), None)?;
-        let mut tried = Tried { candidates: vec![nominal], best };
+        let mut tried = CandidateSet { candidates: vec![nominal], best };
         if let Some(given) = given {
             self.add(&mut tried, Compensation::given(robot, given))?;
         }
@@ -151,7 +151,7 @@ impl Loop<'_, '_> {
     }
 
     /// Nets, on the best parameters and on the simulator as it is.
-    fn try_nets(&mut self, tried: &mut Tried, base: Compensation) -> Result<(), ResidualError> {
+    fn try_nets(&mut self, tried: &mut CandidateSet, base: Compensation) -> Result<(), ResidualError> {
         let Inputs { robot, settings, .. } = *self.inputs;
         let nets = &settings.nets;
         let sound = |kind| move |net: &ResidualNet| net.check(robot, kind).is_ok();
@@ -188,7 +188,7 @@ impl Loop<'_, '_> {
         &mut self,
         staying: &[usize],
         report: &mut Report,
-        scored: &mut Scored,
+        scored: &mut ScoredWalks,
     ) -> Result<Option<Policy>, ResidualError> {
         let Inputs { robot, start, .. } = *self.inputs;
         let mut best = None;
@@ -238,7 +238,7 @@ impl Loop<'_, '_> {
     }
 
     /// Tries a candidate against the best so far.
-    fn add(&self, tried: &mut Tried, compensation: Compensation) -> Result<(), ResidualError> {
+    fn add(&self, tried: &mut CandidateSet, compensation: Compensation) -> Result<(), ResidualError> {
         let (candidate, own) = self.candidate(compensation, Some(&tried.best))?;
         if candidate.held_out.stays {
             tried.best = own;
@@ -305,7 +305,7 @@ impl Loop<'_, '_> {
         Ok(fit)
     }
 
-    fn train(&mut self, name: &str, corrected: &Corrected) -> Result<Policy, ResidualError> {
+    fn train(&mut self, name: &str, corrected: &CorrectedSimulator) -> Result<Policy, ResidualError> {
         let Inputs { robot, train_on: ground, start, settings, .. } = *self.inputs;
         let mut policy = start.best_policy(robot)?;
         let count = policy.parameters.len();

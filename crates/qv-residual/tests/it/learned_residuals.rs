@@ -133,7 +133,7 @@ fn reinforced_nets_earn_more_and_start_from_others() {
     settings.ppo.critic = vec![32, 32];
     let run = |start: Option<&ResidualNet>| {
         let mut rewards = Vec::new();
-        let tell = |done: &reinforce::Reinforced| rewards.push(done.iteration.reward);
+        let tell = |done: &reinforce::ReinforceIteration| rewards.push(done.iteration.reward);
         let net = reinforce::train(&case.replayer(), &training, &lane, start, &settings, tell).unwrap();
         (net, rewards)
     };

@@ -3,7 +3,7 @@
 //! A lag that began settled on what is asked for at the start would show in the first few time constants only, and its size would come
 //! out too small.
 
-use super::{ActuatorModel, Between, Clock, Lag, State};
+use super::{ActuatorModel, Clock, Lag, RowInterpolation, State};
 use crate::commands::Command;
 use crate::parameters::Overrides;
 use crate::robot::Rollout;
@@ -93,11 +93,11 @@ fn state_at(
     time: f64,
     rows: &mut [usize; 2],
 ) -> State {
-    let place = Between::new(position, time, rows[0]);
+    let place = RowInterpolation::new(position, time, rows[0]);
     rows[0] = place.row;
     let dq = match velocity {
         Some(velocity) => {
-            let place = Between::new(velocity, time, rows[1]);
+            let place = RowInterpolation::new(velocity, time, rows[1]);
             rows[1] = place.row;
             place.of(velocity, column)
         }

@@ -27,7 +27,7 @@ use views::{View, median};
 
 /// What was measured.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Measured {
+pub struct StereoDepth {
     /// Photographs that had no depth, and were looked at.
     pub photographs: usize,
     /// Share of their pixels that have a depth now.
@@ -52,7 +52,7 @@ pub fn measure(
     points: Option<&Points>,
     options: &StereoOptions,
     done: &(dyn Fn(usize, usize) + Sync),
-) -> Result<Measured, SplatError> {
+) -> Result<StereoDepth, SplatError> {
     let place = "stereo";
     let count = dataset.training.len();
     let expected = || format!("at least {FEWEST} photographs to learn from that show the same from different places");
@@ -79,7 +79,7 @@ pub fn measure(
     let maps: Vec<Vec<f32>> = views.par_iter().map(one).collect();
     let agreed: Vec<Vec<f32>> =
         (0..count).into_par_iter().map(|index| agree::agreed(index, &views, &maps, options)).collect();
-    let mut told = Measured::default();
+    let mut told = StereoDepth::default();
     let (mut measured, mut pixels) = (0, 0);
     let (mut planes, mut steps) = (vec![], vec![]);
     for ((photograph, view), map) in dataset.training.iter_mut().zip(&views).zip(agreed) {

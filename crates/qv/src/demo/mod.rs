@@ -8,7 +8,7 @@ use crate::outcome::about;
 use crate::output::{commit, make_folder, write_whole};
 use crate::progress::remark;
 use crate::{Failure, Outcome, say};
-use hidden::Hidden;
+use hidden::HiddenEffect;
 use qv_go2::synthetic::{self, Robot};
 use qv_sim::Terrain;
 use serde_json::{Value, json};
@@ -41,7 +41,7 @@ pub struct Demo {
 impl Demo {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let clock = Instant::now();
-        let hidden = Hidden::drawn(self.seed);
+        let hidden = HiddenEffect::drawn(self.seed);
         self.record(&hidden)?;
         let [bag, why, view] = ["run.mcap", "why", "view.html"].map(|name| self.out.join(name));
         self.tell(&format!("A made-up Go2 walked for {} s. It hides one effect.\n", synthetic::DURATION))?;
@@ -74,7 +74,7 @@ impl Demo {
     }
 
     /// Recording and truth.
-    fn record(&self, hidden: &Hidden) -> Result<(), Failure> {
+    fn record(&self, hidden: &HiddenEffect) -> Result<(), Failure> {
         make_folder(&self.out).map_err(|e| about(&self.out, format!("expected a folder, found {e}")))?;
         let robot = Robot { parameters: hidden.parameters(self.seed), seed: self.seed, start: [0.0; 3] };
         let messages = synthetic::record(&Terrain::plane(), &robot)?;
@@ -116,7 +116,7 @@ fn read(path: &Path) -> Result<Value, Failure> {
     serde_json::from_str(&text).map_err(|e| about(path, format!("expected JSON, found {e}")))
 }
 
-fn of_hidden(hidden: &Hidden) -> String {
+fn of_hidden(hidden: &HiddenEffect) -> String {
     let (effect, name) = (&hidden.effect, hidden.effect.name.replace('_', " "));
     format!("{name} {:.4} {} of {} ({})", hidden.size, unit(&effect.unit), place(&hidden.scope), effect.about)
 }

@@ -163,7 +163,7 @@ impl Tally {
                 self.done += 1;
                 self.before += 1;
             }
-            Ok(Ending::Failed(failed)) => {
+            Ok(Ending::FailedUnit(failed)) => {
                 self.failed += 1;
                 self.cpu_seconds += failed.cost.cpu_seconds;
                 let paths: Vec<&str> = unit.recordings.iter().map(|r| r.path.as_str()).collect();

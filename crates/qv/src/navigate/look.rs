@@ -16,7 +16,7 @@ use qv_core::{Camera, Pose, statistics};
 use qv_mesh::similarity::Similarity;
 use qv_nav::eye::Paints;
 use qv_nav::net::{HEIGHT as ROWS, Net, WIDTH as COLUMNS};
-use qv_nav::photographs::{Agreement, Found, Pair, Photograph, agreement, pairs};
+use qv_nav::photographs::{Agreement, Pair, Photograph, PictureScores, agreement, pairs};
 use qv_page::parts::{card, grid, titled_card, track_with_interval};
 use qv_page::{Page, Table, fixed, percent};
 use qv_splat::captures::Capture;
@@ -62,7 +62,7 @@ pub struct Look {
 const SHOWN: usize = 24;
 
 /// What was looked at, beside what came out.
-struct Looked {
+struct PictureReport {
     pairs: Vec<Pair>,
     photographs: usize,
     /// Heights of their cameras above the ground \[m\], in order.
@@ -78,7 +78,7 @@ impl Look {
         let net = Net::default();
         let parameters = weights_at(&self.weights, &net)?;
         let (photographs, lost) = self.photographs()?;
-        let mut looked = Looked { pairs: vec![], photographs: 0, heights: vec![] };
+        let mut looked = PictureReport { pairs: vec![], photographs: 0, heights: vec![] };
         let (mut narrow, mut high) = (0, 0);
         for (k, photograph) in photographs.iter().enumerate() {
             let ground = |p| world.map.height(p).or(self.place.floor);
@@ -193,7 +193,7 @@ fn similarity(file: &Path) -> Result<Similarity, Failure> {
         .ok_or_else(|| about(file, format!("expected `result_from_scene` of `qv mesh --json`, found {moved}")))
 }
 
-fn rows(told: &Agreement) -> [(&'static str, &Found); 2] {
+fn rows(told: &Agreement) -> [(&'static str, &PictureScores); 2] {
     [("drawn", &told.drawn), ("photographed", &told.photographed)]
 }
 
@@ -202,21 +202,21 @@ fn or_dash(value: Option<f64>, write: impl Fn(f64) -> String) -> String {
     value.map_or_else(|| "–".into(), write)
 }
 
-fn bearing(found: &Found) -> String {
+fn bearing(found: &PictureScores) -> String {
     or_dash(found.bearing, |off| format!("{}°", fixed(off.to_degrees(), 1)))
 }
 
-fn distance(found: &Found) -> String {
+fn distance(found: &PictureScores) -> String {
     or_dash(found.distance, |off| percent(off.exp_m1()))
 }
 
-fn heights(looked: &Looked) -> String {
+fn heights(looked: &PictureReport) -> String {
     let mut all = looked.heights.clone();
     let (low, high) = (all[0], all[all.len() - 1]);
     format!("{low:.2} to {high:.2} m above the ground, in the middle {:.2} m", statistics::median(&mut all))
 }
 
-fn summary(told: &Agreement, looked: &Looked) -> String {
+fn summary(told: &Agreement, looked: &PictureReport) -> String {
     let mut text = format!(
         "{} photographs, {}: {} views with a cone, {} questions without\n",
         looked.photographs,
@@ -239,7 +239,7 @@ fn summary(told: &Agreement, looked: &Looked) -> String {
 
 const STYLE: &str = ".pair{width:100%;image-rendering:pixelated;border-radius:6px}";
 
-fn to_html(told: &Agreement, looked: &Looked) -> Result<String, Failure> {
+fn to_html(told: &Agreement, looked: &PictureReport) -> Result<String, Failure> {
     let heads =
         ["picture", "cone found", "", "95 % interval", "bearing off", "distance off", "found where there is none"];
     let mut table = Table::with_left(&heads, &[2]);

@@ -105,7 +105,7 @@ impl Train {
         }
         let stable = self.legs.open(&self.task.place)?;
         make_folder(&self.out).map_err(|e| about(&self.out, e))?;
-        let eye = Watched { eye: Several(eyes), stop: stop.clone() };
+        let eye = StoppableEye { eye: Several(eyes), stop: stop.clone() };
         let mut work = Work {
             train: self,
             stage: Stage::new(&world, &eye, camera),
@@ -224,12 +224,12 @@ impl Train {
 }
 
 /// An eye that sees nothing more once a stop was asked for, so that driving ends at the next picture.
-struct Watched {
+struct StoppableEye {
     eye: Several<'static>,
     stop: Arc<AtomicBool>,
 }
 
-impl Eye for Watched {
+impl Eye for StoppableEye {
     fn look(&self, shots: &[Shot]) -> Result<Vec<Vec<f32>>, NavError> {
         match self.stop.load(Ordering::Relaxed) {
             true => Err(NavError::value("eye", "one that is not stopped", "one that is")),

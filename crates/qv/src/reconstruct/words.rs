@@ -1,12 +1,12 @@
 //! Scores as they are told.
 
-use crate::colmap::Chosen;
+use crate::colmap::PoseChoice;
 use qv_splat::SplatError;
 use qv_splat::train::{Dataset, Ground, GroundScore, Model, Score, shutter};
 use serde_json::{Value, json};
 
 /// Whose poses were taken, and why, for metrics.json.
-pub fn of_poses(chosen: &Chosen) -> Value {
+pub fn of_poses(chosen: &PoseChoice) -> Value {
     let taken = if chosen.is_given() { "capture" } else { "colmap" };
     json!({"taken": taken, "why": chosen.why, "given_explain": chosen.explain[0], "colmap_explain": chosen.explain[1]})
 }

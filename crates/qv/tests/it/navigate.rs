@@ -263,10 +263,10 @@ fn what_a_training_cannot_use_is_named() {
 
 /// A process that ends with the test.
 #[cfg(unix)]
-struct Guarded(std::process::Child);
+struct GuardedChild(std::process::Child);
 
 #[cfg(unix)]
-impl Drop for Guarded {
+impl Drop for GuardedChild {
     fn drop(&mut self) {
         let _ = self.0.kill();
     }
@@ -279,7 +279,7 @@ fn stopped(folder: &Path, arguments: &str, signal: &str, is_time: impl Fn(&Path)
     let log = folder.join("stderr");
     let mut command = Command::new(env!("CARGO_BIN_EXE_qv"));
     command.current_dir(folder).args(arguments.split(' ')).stderr(fs::File::create(&log).unwrap());
-    let mut child = Guarded(command.spawn().unwrap());
+    let mut child = GuardedChild(command.spawn().unwrap());
     let said = || fs::read_to_string(&log).unwrap();
     let begun = Instant::now();
     while !is_time(folder) {
