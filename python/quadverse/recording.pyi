@@ -14,7 +14,7 @@ class Recording:
     span: tuple[float, float]
     channels: list[str]
     lost: list[str]
-    told: list[str]
+    remarks: list[str]
     reading: dict[str, str | None]
     @property
     def faults(self) -> list[dict[str, Any]]: ...

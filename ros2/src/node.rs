@@ -151,13 +151,13 @@ impl ConeNode {
         })
     }
 
-    /// Drives until `is_over` says so, and then stands still. What goes wrong is told to `tell`; the robot stands still meanwhile.
-    pub fn run(&mut self, is_over: &AtomicBool, tell: &mut dyn FnMut(String)) {
+    /// Drives until `is_over` says so, and then stands still. What goes wrong goes to `report`; the robot stands still meanwhile.
+    pub fn run(&mut self, is_over: &AtomicBool, report: &mut dyn FnMut(String)) {
         let mut next = Instant::now();
         while !is_over.load(Ordering::Relaxed) {
-            self.take(tell);
+            self.take(report);
             if Instant::now() >= next {
-                self.decide(tell);
+                self.decide(report);
                 // Not later and later when a decision took long, and no burst after it.
                 next = (next + Duration::from_secs_f64(PERIOD)).max(Instant::now());
             }
@@ -166,30 +166,30 @@ impl ConeNode {
     }
 
     /// Takes what came in.
-    fn take(&mut self, tell: &mut dyn FnMut(String)) {
+    fn take(&mut self, report: &mut dyn FnMut(String)) {
         loop {
             match self.pictures.take() {
                 Ok(Some((picture, _))) => self.driver.see(picture, self.clock.elapsed().as_secs_f64()),
                 Ok(None) => break,
-                Err(error) => return tell(format!("{CAMERA}: {error:?}")),
+                Err(error) => return report(format!("{CAMERA}: {error:?}")),
             }
         }
         loop {
             match self.odometry.take() {
                 Ok(Some((odometry, _))) => self.driver.moved(odometry.pose.pose, self.clock.elapsed().as_secs_f64()),
                 Ok(None) => break,
-                Err(error) => return tell(format!("{ODOMETRY}: {error:?}")),
+                Err(error) => return report(format!("{ODOMETRY}: {error:?}")),
             }
         }
     }
 
-    fn decide(&mut self, tell: &mut dyn FnMut(String)) {
+    fn decide(&mut self, report: &mut dyn FnMut(String)) {
         let command = self.driver.decide(self.clock.elapsed().as_secs_f64()).unwrap_or_else(|error| {
-            tell(error.to_string());
+            report(error.to_string());
             [0.0; 3]
         });
         if let Err(error) = self.publish(command) {
-            tell(format!("{COMMANDS}: {error}"));
+            report(format!("{COMMANDS}: {error}"));
         }
     }
 
@@ -202,7 +202,7 @@ impl ConeNode {
 /// Whatever ends it, an error or a panic as well: the robot stands still.
 impl Drop for ConeNode {
     fn drop(&mut self) {
-        // There is no one left to tell.
+        // There is no one left to report.
         let _ = self.publish([0.0; 3]);
         // The command has to leave before the network is closed.
         thread::sleep(LEAVE);

@@ -48,7 +48,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 }
                 score.one(truth.as_ref().expect("made above"), k as usize % KINDS, seed + 7919 * k)?;
             }
-            score.tell();
+            score.notify();
         }
         Some("rgbd") => {
             let folder = arguments.get(1).ok_or("expected a folder")?;
@@ -62,7 +62,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             for k in 0..count * KINDS as u64 {
                 score.one(&truth, k as usize % KINDS, seed + 7919 * k)?;
             }
-            score.tell();
+            score.notify();
         }
         _ => eprintln!("expected yard COUNT SEED, or rgbd FOLDER COUNT SEED [scene.ply|STEPS]"),
     }
@@ -175,7 +175,7 @@ impl Score {
         Ok(())
     }
 
-    fn tell(&self) {
+    fn notify(&self) {
         for kind in ["none", "camera_exposure", "camera_delay", "camera_extrinsics", "camera_focal", "camera_blur"] {
             let of: Vec<&(HiddenError, String, f64)> = self.rows.iter().filter(|r| r.0.name() == kind).collect();
             let right = of.iter().filter(|r| r.1 == kind).count();

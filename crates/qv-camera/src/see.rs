@@ -85,7 +85,7 @@ pub(crate) fn see(
     let rig = &footage.rig;
     let stated = stated(rig, options.width);
     let count = std::sync::atomic::AtomicUsize::new(0);
-    let told = || {
+    let remarks = || {
         let done = count.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
         if let Some(progress) = options.progress {
             progress(done, 2 * chosen.len());
@@ -98,7 +98,7 @@ pub(crate) fn see(
         let before = align::disagreement(footage.cloud, &target, &stated, target.levels() - 1)?;
         let middle = target.levels() - 1;
         let aligned = align::align(footage.cloud, &target, stated, 0..middle)?;
-        told();
+        remarks();
         Ok((photograph.time, target, before, aligned))
     });
     let mut coarse: Vec<(f64, Target, align::Disagreement, Alignment)> = coarse.collect::<Result<_, CameraError>>()?;
@@ -116,7 +116,7 @@ pub(crate) fn see(
         let middle = target.levels() - 2;
         let mut starts = vec![aligned.offsets, stated];
         if let Some((together, fit)) = &common {
-            starts.push(plus(&together.foretold(&fit.shared, time), &stated));
+            starts.push(plus(&together.predicted(&fit.shared, time), &stated));
         }
         let mut best: Option<(f64, Offsets)> = None;
         for start in starts {
@@ -127,7 +127,7 @@ pub(crate) fn see(
         }
         let start = best.map_or(stated, |b| b.1);
         let aligned = align::align(footage.cloud, &target, start, middle..target.levels())?;
-        told();
+        remarks();
         Ok(sighting(time, &aligned, &stated).map(|sighting| LinearisedWindow { target, before, aligned, sighting }))
     });
     let seen: Vec<Option<LinearisedWindow>> = seen.collect::<Result<_, CameraError>>()?;

@@ -119,7 +119,7 @@ impl Student {
         self.settings.rounds = rounds.max(self.rounds);
     }
 
-    /// One round: drives until enough is gathered, then learns. `tell` hears how far it is.
+    /// One round: drives until enough is gathered, then learns. `notify` hears how far it is.
     ///
     /// # Errors
     /// When an eye or legs fail, or a number of the network is not finite.
@@ -128,7 +128,7 @@ impl Student {
         stage: &Stage,
         legs: &mut dyn Legs,
         episodes: &EpisodeSettings,
-        tell: &mut dyn FnMut(&Progress),
+        notify: &mut dyn FnMut(&Progress),
     ) -> Result<Progress, NavError> {
         let settings = self.settings.clone();
         let before = self.frames();
@@ -148,7 +148,7 @@ impl Student {
             let now = driven_frames(&gathered);
             progress.frames = before + now;
             progress.share = part(0.5 * (now as f64 / settings.frames as f64).min(1.0));
-            tell(&progress);
+            notify(&progress);
         }
         let own = gathered.iter().filter(|d| d.alone).count();
         if own > 0 {
@@ -164,7 +164,7 @@ impl Student {
         for epoch in 0..epochs {
             progress.loss = self.epoch(epoch)?;
             progress.share = part(0.5 + 0.5 * (epoch + 1) as f64 / epochs as f64);
-            tell(&progress);
+            notify(&progress);
         }
         self.rounds += 1;
         Ok(progress)

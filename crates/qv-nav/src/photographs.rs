@@ -171,7 +171,7 @@ fn bytes(picture: &[f32]) -> Vec<u8> {
 }
 
 /// What a network says of a picture's cone: whether it is seen, how far bearing \[rad\] and logarithm of the distance are off.
-struct Said {
+struct ConeAnswer {
     is_seen: bool,
     off: Option<(f64, f64)>,
 }
@@ -189,7 +189,7 @@ pub fn agreement(world: &World, net: &Net, parameters: &[f32], pairs: &[Pair]) -
             let turn = said[0].atan2(said[1]) - truth[0].atan2(truth[1]);
             (turn.sin().atan2(turn.cos()).abs(), (said[2] - truth[2]).abs())
         });
-        Said { is_seen: said[3] > 0.5, off }
+        ConeAnswer { is_seen: said[3] > 0.5, off }
     };
     let mut of = |kind: fn(&Pair) -> &[u8]| {
         let (mut with, mut imagined) = (Vec::new(), 0);
@@ -202,7 +202,7 @@ pub fn agreement(world: &World, net: &Net, parameters: &[f32], pairs: &[Pair]) -
         (with, imagined)
     };
     let (drawn, photographed) = (of(|pair| &pair.drawn), of(|pair| &pair.photographed));
-    let only = |a: &[Said], b: &[Said]| a.iter().zip(b).filter(|(a, b)| a.is_seen && !b.is_seen).count();
+    let only = |a: &[ConeAnswer], b: &[ConeAnswer]| a.iter().zip(b).filter(|(a, b)| a.is_seen && !b.is_seen).count();
     let views = drawn.0.len();
     Agreement {
         views,
@@ -213,7 +213,7 @@ pub fn agreement(world: &World, net: &Net, parameters: &[f32], pairs: &[Pair]) -
     }
 }
 
-fn found(said: &[Said], imagined: usize) -> PictureScores {
+fn found(said: &[ConeAnswer], imagined: usize) -> PictureScores {
     let seen: Vec<(f64, f64)> = said.iter().filter(|s| s.is_seen).filter_map(|s| s.off).collect();
     let middle = |which: fn(&(f64, f64)) -> f64| {
         let mut off: Vec<f64> = seen.iter().map(which).collect();
@@ -287,10 +287,10 @@ mod tests {
         let turned = Cone { place: [-2.9, -2.9, 0.0], ..goal };
         assert_eq!(eye.shown(&shot(turned)).unwrap(), 0.0, "out of the picture");
         // One that is asked for stands before the wall, or sticks out of it.
-        let told = pairs(&world, &behind, &photograph, 4, 3).unwrap();
+        let result = pairs(&world, &behind, &photograph, 4, 3).unwrap();
         let ahead = |goal: &Cone| (goal.axis() - base.position.truncate()).dot(forward.truncate());
-        assert!(ahead(&goal) > 0.6 && told[0].goal.is_none());
-        assert!(told[1..].iter().filter_map(|pair| pair.goal.as_ref()).all(|goal| ahead(goal) < 0.6 + goal.radius()));
+        assert!(ahead(&goal) > 0.6 && result[0].goal.is_none());
+        assert!(result[1..].iter().filter_map(|pair| pair.goal.as_ref()).all(|goal| ahead(goal) < 0.6 + goal.radius()));
 
         let narrow = Photograph { camera: Camera { fx: 4.0 * large.fx, ..large }, ..photograph.clone() };
         assert!(pairs(&world, &eye, &narrow, 4, 3).unwrap().is_empty(), "it shows less than the robot's camera");
@@ -298,9 +298,9 @@ mod tests {
         // Who says the same of both pictures agrees; who says that nothing is seen finds nothing.
         let net = Net::default();
         let mut parameters = net.draw(&mut Xoshiro256PlusPlus::new(1));
-        let told = agreement(&world, &net, &parameters, &found);
-        assert_eq!((told.views, told.questions), (found.len() - 1, COLOURS.len()));
-        assert!((0.0..=1.0).contains(&told.p) && told.drawn.share <= 1.0);
+        let result = agreement(&world, &net, &parameters, &found);
+        assert_eq!((result.views, result.questions), (found.len() - 1, COLOURS.len()));
+        assert!((0.0..=1.0).contains(&result.p) && result.drawn.share <= 1.0);
         parameters.fill(0.0);
         let nothing = agreement(&world, &net, &parameters, &found);
         assert_eq!((nothing.drawn, nothing.p), (nothing.photographed, 1.0));

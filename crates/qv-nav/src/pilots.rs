@@ -80,7 +80,8 @@ pub struct Mixture {
     /// Mean number of decisions until the driver changes.
     pub stretch: f32,
     /// Share of the episodes in which the robot recalls the truth with errors instead of what the network says of its pictures.
-    pub told: f32,
+    #[serde(alias = "told")]
+    pub goal_given: f32,
 }
 
 /// Who drives now.
@@ -103,14 +104,15 @@ pub struct MixedPilot<'a> {
 struct Drives {
     driver: Driver,
     alone: bool,
-    told: bool,
+    goal_given: bool,
     random: Xoshiro256PlusPlus,
 }
 
 impl<'a> MixedPilot<'a> {
     /// For `count` robots.
     pub fn new(student: NetPilot<'a>, limits: Limits, mixture: Mixture, count: usize) -> Self {
-        let idle = |_| Drives { driver: Driver::Teacher, alone: false, told: true, random: Xoshiro256PlusPlus::new(0) };
+        let idle =
+            |_| Drives { driver: Driver::Teacher, alone: false, goal_given: true, random: Xoshiro256PlusPlus::new(0) };
         let drivers = (0..count).map(idle).collect();
         Self { student, limits, mixture, drivers }
     }
@@ -140,14 +142,14 @@ impl Pilot for MixedPilot<'_> {
         let mut random = Xoshiro256PlusPlus::of(episode.seed, 88, 0);
         let alone = self.mixture.is_alone(episode);
         let driver = if alone { Driver::Student } else { self.mixture.draw(&mut random) };
-        let told = random.unit() < self.mixture.told;
-        self.drivers[env] = Drives { driver, alone, told, random };
+        let goal_given = random.unit() < self.mixture.goal_given;
+        self.drivers[env] = Drives { driver, alone, goal_given, random };
     }
 
     fn decide(&mut self, seen: &[PilotInput]) -> Vec<Decision> {
         // Without it, its memory is of no use either: a first round need not run the network.
-        let Mixture { alone, taught, stray, told, stretch } = self.mixture;
-        let absent = alone <= 0.0 && taught + stray >= 1.0 && told >= 1.0;
+        let Mixture { alone, taught, stray, goal_given, stretch } = self.mixture;
+        let absent = alone <= 0.0 && taught + stray >= 1.0 && goal_given >= 1.0;
         let nothing = Decision { command: [0.0; 3], sight: None };
         let mut out = if absent { vec![nothing; seen.len()] } else { self.student.decide(seen) };
         for (out, s) in out.iter_mut().zip(seen) {
@@ -160,7 +162,7 @@ impl Pilot for MixedPilot<'_> {
                 Driver::Teacher => out.command = self.limits.shares(s.advice.command),
                 Driver::Stray(command) => out.command = command,
             }
-            if drives.told {
+            if drives.goal_given {
                 out.sight = None;
             }
         }

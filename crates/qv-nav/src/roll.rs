@@ -276,8 +276,8 @@ impl<'a> Run<'a> {
     fn judge(&mut self, world: &World, step: usize) {
         let base = &self.motion.world_from_base;
         self.advice = self.teacher.advise(world, base, &self.episode.goal);
-        let told = (self.advice.in_view, self.motion.fell);
-        self.over = self.judge.look(world, self.episode, base, step, told).is_some();
+        let result = (self.advice.in_view, self.motion.fell);
+        self.over = self.judge.look(world, self.episode, base, step, result).is_some();
     }
 
     /// What it has to decide by when this was drawn.

@@ -86,7 +86,7 @@ fn open_bag(paths: &[PathBuf], reading: &Reading, seen: ReadProgress) -> Result<
     }
     let mappings = match reading.robot.as_deref().map(robot_file).transpose()?.flatten() {
         Some(robot) => vec![robot.file.mapping],
-        None => robots::told_by_messages(),
+        None => robots::found_by_messages(),
     };
     let pose = reading.pose_topic.as_deref();
     let mappings: Vec<Mapping> = mappings.into_iter().map(|m| m.with_pose_topic(pose)).collect();
@@ -211,8 +211,8 @@ pub fn beyond_range(parameters: &[(String, f64)], model: &Model, terrain: &Terra
 }
 
 /// What is told of how a recording and its robot were read, a line each: nothing is lost by it.
-pub fn told_of(run: &Run, model: &Model) -> Vec<String> {
-    run.told.iter().chain(&model.told).cloned().collect()
+pub fn remarks_of(run: &Run, model: &Model) -> Vec<String> {
+    run.remarks.iter().chain(&model.remarks).cloned().collect()
 }
 
 /// What was lost of a recording or could not be used as it is, a line each.

@@ -125,7 +125,7 @@ pub struct Board {
     /// Whether the shared axis is one of logarithms.
     pub log: bool,
     /// Whether a click tells the page's own script a moment, by an event `qv-moment` of the document.
-    pub tells: bool,
+    pub reports: bool,
     /// What can be chosen.
     pub choices: Vec<Choice>,
     /// Parts of the axis to go to.

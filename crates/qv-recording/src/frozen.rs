@@ -214,7 +214,7 @@ mod tests {
             sources: vec![],
             faults: vec![],
             lost: vec![],
-            told: vec![],
+            remarks: vec![],
         };
         let m = &mut run.measured;
         (m.position, m.velocity, m.torque, m.gyro) = (series(2, 0.5), series(2, 1.5), series(2, 4.0), series(3, 0.3));

@@ -281,7 +281,7 @@ pub struct Run {
     /// What could not be read.
     pub lost: Vec<Loss>,
     /// How the recording was read where that is not as a matter of course, such as its unit of time; a sentence each.
-    pub told: Vec<String>,
+    pub remarks: Vec<String>,
 }
 
 impl Run {
@@ -313,10 +313,10 @@ impl Run {
     }
 
     /// Says which they are, in a line.
-    pub(crate) fn tell_uncommanded(&mut self) {
+    pub(crate) fn note_uncommanded(&mut self) {
         let names = self.uncommanded().join(", ");
         if !names.is_empty() {
-            self.told.push(format!("no commands were recorded of {names}: they are taken for 0"));
+            self.remarks.push(format!("no commands were recorded of {names}: they are taken for 0"));
         }
     }
 

@@ -105,7 +105,7 @@ fn main() -> Result<(), Failure> {
             json!({
                 "robot": hidden.name, "engine": format!("{engine:?}"), "seed": given.seed, "seconds": seconds,
                 "candidates": held, "chosen": report.chosen, "before": before, "after": after,
-                "foretold": [report.before, report.after], "control": report.control, "told": report.told,
+                "foretold": [report.before, report.after], "control": report.control, "remarks": report.remarks,
             })
         );
     }

@@ -69,16 +69,16 @@ fn learn(name: &str, log: &Log, robot: &TaskRobot, task: &TaskSettings, methods:
     println!("{name}: {:.0} s, {} held-out windows, nominal {nominal:.4} rad", log.seconds(), held.len());
     let clock = cpu_seconds();
     let identified = identify(&replayer, is_held)?;
-    let tell = |what: &str, error: f64, clock: f64| {
+    let notify = |what: &str, error: f64, clock: f64| {
         println!("  {what:<34} {error:.4} rad {:.2} of nominal {:6.1} CPU s", error / nominal, cpu_seconds() - clock);
     };
-    tell("identified", judge(&identified, None)?, clock);
+    notify("identified", judge(&identified, None)?, clock);
     let training = windows(log, 25, |k| !is_held(k));
     for (on, lane) in [("nominal", Lane::default()), ("identified", identified)] {
         for method in methods.split(',') {
             let clock = cpu_seconds();
             match train(method, &replayer, &training, &lane) {
-                Ok(net) => tell(&format!("{on} + {method}"), judge(&lane, Some(&net))?, clock),
+                Ok(net) => notify(&format!("{on} + {method}"), judge(&lane, Some(&net))?, clock),
                 Err(e) => println!("  {on} + {method}: {e}"),
             }
         }

@@ -395,7 +395,7 @@ impl Recorder {
             sources: Vec::new(),
             faults: Vec::new(),
             lost: Vec::new(),
-            told: Vec::new(),
+            remarks: Vec::new(),
         }
     }
 }

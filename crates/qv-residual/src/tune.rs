@@ -84,7 +84,7 @@ impl CorrectedSimulator {
     }
 }
 
-/// Trains a policy on from a checkpoint's best networks, under corrections. `tell` hears of each iteration.
+/// Trains a policy on from a checkpoint's best networks, under corrections. `notify` hears of each iteration.
 ///
 /// # Errors
 /// When the checkpoint is another robot's, or a number is not finite.
@@ -94,7 +94,7 @@ pub fn train_on(
     start: &Checkpoint,
     corrected: &CorrectedSimulator,
     settings: &TuneSettings,
-    mut tell: impl FnMut(&Line, Option<&PathScore>),
+    mut notify: impl FnMut(&Line, Option<&PathScore>),
 ) -> Result<Policy, ResidualError> {
     let mut train = TrainSettings { seed: settings.seed, robots: settings.robots, ..start.settings.clone() };
     train.task = corrected.task(&train.task);
@@ -132,7 +132,7 @@ pub fn train_on(
             }
             found = Some(score);
         }
-        tell(&line, found.as_ref());
+        notify(&line, found.as_ref());
     }
     let task = &start.settings.task;
     if settings.calibration > 0 {

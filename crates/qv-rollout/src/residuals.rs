@@ -87,7 +87,7 @@ fn compare_some(
     let together = if cases.len() < FEW { FEW_TOGETHER } else { TOGETHER };
     let chunks: Vec<&[Case]> = cases.chunks(together).collect();
     let simulate = if is_near(rollout, prepared.iter().flatten()) { simulate::<f32> } else { simulate::<f64> };
-    let done: Vec<Vec<Done>> = chunks
+    let done: Vec<Vec<CaseResult>> = chunks
         .par_iter()
         .map(|chunk| simulate(rollout, numerics, windows, settings, (&prepared, &held), (chunk, traced)))
         .collect::<Result<_, RolloutError>>()?;
@@ -151,7 +151,7 @@ pub fn are_near(rollout: &Rollout, windows: &[Window]) -> bool {
 
 /// What is left of one simulation; nothing where it ran away.
 #[derive(Default, Clone)]
-struct Done {
+struct CaseResult {
     residual: Vec<f64>,
     trace: Option<Trace>,
 }
@@ -163,10 +163,10 @@ fn simulate<T: Precision>(
     settings: &[Overrides],
     (prepared, held): (&[Option<Arc<PreparedWindow>>], &[Arc<HeldCommands>]),
     (cases, traced): (&[Case], bool),
-) -> Result<Vec<Done>, RolloutError> {
+) -> Result<Vec<CaseResult>, RolloutError> {
     let live: Vec<&Case> = cases.iter().filter(|c| prepared[c.prepared].is_some()).collect();
     if live.is_empty() {
-        return Ok(vec![Done::default(); cases.len()]);
+        return Ok(vec![CaseResult::default(); cases.len()]);
     }
     let latency = live.iter().map(|c| rollout.longest_latency(&settings[c.setting])).fold(0.0, f64::max);
     let mut simulation = Simulation::<T>::new(rollout, *numerics, [latency, 0.0], live.len())?;
@@ -219,12 +219,12 @@ fn simulate<T: Precision>(
             })?;
         }
     }
-    let mut out = vec![Done::default(); cases.len()];
+    let mut out = vec![CaseResult::default(); cases.len()];
     let mut tracks = tracks.into_iter().zip(refused);
     for (k, case) in cases.iter().enumerate() {
         if let (Some(start), true) = (&prepared[case.prepared], prepared[case.prepared].is_some()) {
             let (track, is_refused) = tracks.next().expect("one for each live case");
-            out[k] = if is_refused { Done::default() } else { track.done(rollout, start) };
+            out[k] = if is_refused { CaseResult::default() } else { track.done(rollout, start) };
         }
     }
     Ok(out)
@@ -326,9 +326,9 @@ impl<'a> Track<'a> {
     }
 
     /// Measured minus simulated features, and the trace; nothing when the simulation ran away.
-    fn done(mut self, rollout: &Rollout, start: &PreparedWindow) -> Done {
+    fn done(mut self, rollout: &Rollout, start: &PreparedWindow) -> CaseResult {
         if self.broken {
-            return Done::default();
+            return CaseResult::default();
         }
         let trace = self.trace.take();
         let (bins, per_bin, joints) = (rollout.cut.bins(), rollout.cut.samples_per_bin(), rollout.columns.len());
@@ -348,7 +348,7 @@ impl<'a> Track<'a> {
                 Channel::Ground => simulated.push(-self.ground),
             }
         }
-        Done { residual: start.measured.iter().zip(simulated).map(|(m, s)| m - s).collect(), trace }
+        CaseResult { residual: start.measured.iter().zip(simulated).map(|(m, s)| m - s).collect(), trace }
     }
 }
 

@@ -42,7 +42,7 @@ struct FileReport {
     /// What of it is used, in a few words.
     used: String,
     /// How it was read where that is not as a matter of course.
-    told: Vec<String>,
+    remarks: Vec<String>,
     /// What of it cannot be used.
     lost: Vec<String>,
     /// What a command needs that is not in it.
@@ -75,13 +75,13 @@ impl Check {
 impl FileReport {
     fn to_json(&self, path: &Path) -> String {
         let line = json!({"format": "qv-check/1", "file": path.display().to_string(), "kind": self.kind, "used": self.used,
-            "told": self.told, "lost": self.lost, "missing": self.missing});
+            "remarks": self.remarks, "lost": self.lost, "missing": self.missing});
         format!("{line}\n")
     }
 
     fn screen(&self, path: &Path) -> String {
         let mut text = format!("{}: {}\n  used     {}\n", path.display(), self.kind, self.used);
-        for (word, lines) in [("told", &self.told), ("lost", &self.lost), ("missing", &self.missing)] {
+        for (word, lines) in [("remarks", &self.remarks), ("lost", &self.lost), ("missing", &self.missing)] {
             lines.iter().take(LINES).for_each(|line| text += &format!("  {word:<8} {line}\n"));
             if lines.len() > LINES {
                 text += &format!("  {word:<8} and {} more\n", lines.len() - LINES);
@@ -170,7 +170,7 @@ fn recording(path: &Path) -> Result<FileReport, Failure> {
         }
         (Err(error), Robot::Urdf(_)) => lost.push(format!("its robot: {error}")),
     }
-    Ok(FileReport { kind: "recording", used, missing, told: run.told, lost })
+    Ok(FileReport { kind: "recording", used, missing, remarks: run.remarks, lost })
 }
 
 fn channels(run: &Run) -> Vec<&'static str> {
@@ -232,8 +232,8 @@ fn robot(path: &Path) -> Result<FileReport, Failure> {
     if model.geoms.is_empty() {
         missing.push("collision shapes, for a robot that touches ground".into());
     }
-    let told = note.into_iter().chain(model.told).collect();
-    Ok(FileReport { kind: "robot", used, told, lost: model.left_out, missing })
+    let remarks = note.into_iter().chain(model.remarks).collect();
+    Ok(FileReport { kind: "robot", used, remarks, lost: model.left_out, missing })
 }
 
 fn scene(path: &Path) -> Result<FileReport, Failure> {
@@ -247,7 +247,7 @@ fn scene(path: &Path) -> Result<FileReport, Failure> {
     if cloud.feature_count == 0 {
         missing.push("features, for labels (qv render --semantics, qv mesh --labels)".into());
     }
-    Ok(FileReport { kind: "scene", used, told: vec![], lost, missing })
+    Ok(FileReport { kind: "scene", used, remarks: vec![], lost, missing })
 }
 
 fn terrain(path: &Path) -> Result<FileReport, Failure> {
@@ -291,7 +291,7 @@ fn capture(path: &Path) -> Result<FileReport, Failure> {
     if points == 0 {
         missing.push("points, for qv reconstruct --clear; it begins at random ones".into());
     }
-    Ok(FileReport { kind: "capture", used, told: opened.capture.told, lost: opened.capture.lost, missing })
+    Ok(FileReport { kind: "capture", used, remarks: opened.capture.remarks, lost: opened.capture.lost, missing })
 }
 
 #[cfg(not(feature = "learn"))]

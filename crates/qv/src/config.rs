@@ -36,7 +36,7 @@ pub struct Words {
 
 impl Words {
     /// What was added, for people.
-    pub fn told(&self) -> Option<String> {
+    pub fn remarks(&self) -> Option<String> {
         Some(format!("{} adds {}", self.file.as_ref()?.display(), self.added.join(" ")))
     }
 

@@ -3,7 +3,7 @@
 use crate::camera::{RobotCamera, open_camera, open_images, photographs, to_toml};
 use crate::ground::{check_ground, terrain_of};
 use crate::open::{
-    file_error, find_gains, lost_from, model_of, open_run, parameters_of, told_of, urdf_of, write_error,
+    file_error, find_gains, lost_from, model_of, open_run, parameters_of, remarks_of, urdf_of, write_error,
 };
 use crate::output::{make_folder, put};
 use crate::progress::{Stages, remark};
@@ -131,7 +131,7 @@ impl Diagnose {
         let mut lost: Vec<String> = runs.iter().flat_map(lost_from).collect();
         lost.extend(place.iter().flat_map(|p| p.notes.iter().cloned()));
         lost.extend(model.left_out.iter().map(|part| format!("left out of the model: {part}")));
-        let told = told_of(&runs[0], &model);
+        let remarks = remarks_of(&runs[0], &model);
         let request = Request {
             runs: &runs,
             reference,
@@ -144,7 +144,7 @@ impl Diagnose {
             seed: self.seed,
             leave_out: self.leave_out,
             title: self.runs.iter().map(|r| r.display().to_string()).collect::<Vec<_>>().join(", "),
-            notes: told.iter().chain(&lost).cloned().collect(),
+            notes: remarks.iter().chain(&lost).cloned().collect(),
             provenance: Some(provenance(read)),
         };
         let mut diagnosis = diagnosis::diagnose(request, &seconds, &stage)?;
@@ -183,7 +183,7 @@ impl Diagnose {
         } else {
             say(&format!("{}{walks}written to {}\n", summary(report), self.out.display()))?;
         }
-        told.iter().for_each(|what| remark(what));
+        remarks.iter().for_each(|what| remark(what));
         lost.iter().for_each(|what| print_message!("{what}"));
         if !report.corrections_apply {
             print_message!(

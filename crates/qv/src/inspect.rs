@@ -8,7 +8,7 @@ use qv_recording::run::{ActuatorKind, Base, Clock, Fault, Loss, Robot, Run, Sour
 use qv_recording::{RecordingError, derive, median_interval};
 use serde_json::{Value, json};
 
-pub const EXAMPLE: &str = "Example:\n  qv inspect walk.mcap\n  qv inspect recordings/walk_split --pose-topic /lio/odom --json\n  qv inspect walk.mcap --can-tell\n\n\
+pub const EXAMPLE: &str = "Example:\n  qv inspect walk.mcap\n  qv inspect recordings/walk_split --pose-topic /lio/odom --json\n  qv inspect walk.mcap --can-notify\n\n\
     Exit codes: 0 done, 1 failed, 2 wrong usage, 3 done with part of the input lost (named).";
 
 #[derive(clap::Args)]
@@ -133,8 +133,8 @@ fn screen(run: &Run) -> String {
         text += &stream_line(s, width);
     }
     text += &channel_lines(&channels(run));
-    for told in &run.told {
-        text += &fold("  ", told);
+    for remarks in &run.remarks {
+        text += &fold("  ", remarks);
     }
     text += &findings(&run.faults, &run.lost, LINES.saturating_sub(text.lines().count() + 2).max(5));
     text
@@ -281,7 +281,7 @@ fn to_json(run: &Run) -> Value {
         "channels": channels,
         "faults": run.faults,
         "lost": run.lost,
-        "told": run.told,
+        "remarks": run.remarks,
         "partial": run.is_partial(),
     })
 }

@@ -161,8 +161,8 @@ fn holder(file: &mut File) -> io::Result<String> {
 
 /// The name of this machine.
 fn host() -> String {
-    let told = fs::read_to_string("/proc/sys/kernel/hostname").ok().or_else(|| std::env::var("HOSTNAME").ok());
-    told.map_or("this machine".into(), |name| name.trim().to_owned())
+    let remarks = fs::read_to_string("/proc/sys/kernel/hostname").ok().or_else(|| std::env::var("HOSTNAME").ok());
+    remarks.map_or("this machine".into(), |name| name.trim().to_owned())
 }
 
 #[cfg(test)]

@@ -171,7 +171,7 @@ fn understood() -> Result<(Cli, Option<PathBuf>), UsageError> {
     };
     words.keep();
     words.ignored.iter().for_each(|what| print_message!("{what}"));
-    let misused = |error: clap::Error| UsageError::Words(Box::new(error), words.told());
+    let misused = |error: clap::Error| UsageError::Words(Box::new(error), words.remarks());
     let matches = Cli::command().try_get_matches_from(&words.all).map_err(misused)?;
     refuse_odd_paths(&root, &matches, &words.all).map_err(UsageError::Config)?;
     output::refuse(&root, &matches).map_err(UsageError::Refused)?;
@@ -182,7 +182,7 @@ fn understood() -> Result<(Cli, Option<PathBuf>), UsageError> {
         (_, true) => Level::Verbose,
         _ => Level::Normal,
     });
-    words.told().iter().for_each(|what| progress::remark(what));
+    words.remarks().iter().for_each(|what| progress::remark(what));
     old_names(&root, &matches, &words.all).iter().for_each(|what| progress::remark(what));
     Ok((cli, output))
 }

@@ -103,8 +103,8 @@ impl Next {
         }
         remark("the recording is diagnosed first; --diagnosis DIR takes what is there");
         let bar = Stages::new();
-        let told = |at: &Progress| bar.begin(at.stage, at.stages, at.name, Some(at.done));
-        let options = Options { given: options.given.clone(), progress: Some(&told), ..Default::default() };
+        let remarks = |at: &Progress| bar.begin(at.stage, at.stages, at.name, Some(at.done));
+        let options = Options { given: options.given.clone(), progress: Some(&remarks), ..Default::default() };
         let found = diagnose(slice::from_ref(run), model, terrain, &options, 0).map_err(gap_error)?;
         bar.finish();
         Ok(found.evidence)

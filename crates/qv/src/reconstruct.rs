@@ -174,14 +174,14 @@ impl Reconstruct {
         let path = self.out.join("metrics.json");
         put(&path, format!("{metrics:#}\n")).map_err(|e| about(&path, format!("expected to write it, found {e}")))?;
         bar.finish();
-        self.tell(
+        self.notify(
             &metrics,
             [Score::mean(&held_out), Score::mean(&aligned), Score::mean(&moving)],
             &run,
             search_s + train_s,
             model.cloud.len(),
         )?;
-        opened.capture.told.iter().for_each(|what| remark(what));
+        opened.capture.remarks.iter().for_each(|what| remark(what));
         dataset.turned.iter().for_each(|(what, count)| remark(&format!("{count} images with {what}")));
         lost.extend_from_slice(&dataset.lost);
         lost.extend(self.lost(&dataset));
@@ -599,7 +599,7 @@ impl Reconstruct {
         lost
     }
 
-    fn tell(
+    fn notify(
         &self,
         metrics: &Value,
         means: [Option<Score>; 3],
@@ -635,12 +635,12 @@ impl Reconstruct {
         if let Some(depths) = stereo::in_words(&metrics["stereo"]) {
             text += &format!("{depths}\n");
         }
-        let told = [
+        let remarks = [
             "held out",
             "held out, cameras aligned on the left half",
             "held out, with the motion of the camera fitted to the left half",
         ];
-        for (what, mean) in told.iter().zip(means) {
+        for (what, mean) in remarks.iter().zip(means) {
             let Some(s) = mean else { continue };
             text += &format!("{what}: {}\n", in_words(&s));
         }

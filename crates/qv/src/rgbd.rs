@@ -53,7 +53,7 @@ pub fn open(folder: &Path, bar: &ProgressBar) -> Result<DepthCapture, Failure> {
 fn open_layout(folder: &Path, bar: &ProgressBar) -> Result<DepthCapture, Failure> {
     let capture = open_cameras(folder)?;
     let mut out = DepthCapture { lost: capture.lost, ..Default::default() };
-    capture.told.iter().for_each(|what| crate::progress::remark(&format!("{}: {what}", folder.display())));
+    capture.remarks.iter().for_each(|what| crate::progress::remark(&format!("{}: {what}", folder.display())));
     bar.set_length(capture.cameras.len() as u64);
     let folders = [folder.to_path_buf()];
     for one in capture.cameras {

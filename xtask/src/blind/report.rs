@@ -114,7 +114,7 @@ pub struct RankedEffect {
 
 /// What a diagnosis says first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Said<'a> {
+pub enum VerdictClass<'a> {
     /// There is no gap.
     NoGap,
     /// There is one, and none of the library's effects makes it.
@@ -138,12 +138,12 @@ impl Report {
     }
 
     /// What it says first.
-    pub fn said(&self) -> Said<'_> {
+    pub fn said(&self) -> VerdictClass<'_> {
         match self.causes.first() {
-            Some(cause) if cause.effect == UNKNOWN => Said::Unknown,
-            Some(cause) => Said::Named(&cause.effect),
-            None if self.verdict == "no_gap" => Said::NoGap,
-            None => Said::Unknown,
+            Some(cause) if cause.effect == UNKNOWN => VerdictClass::Unknown,
+            Some(cause) => VerdictClass::Named(&cause.effect),
+            None if self.verdict == "no_gap" => VerdictClass::NoGap,
+            None => VerdictClass::Unknown,
         }
     }
 
@@ -225,10 +225,10 @@ mod tests {
 
     #[test]
     fn what_is_said_first() {
-        assert_eq!(report(&["a", "b"], &[]).said(), Said::Named("a"));
-        assert_eq!(report(&["unknown", "b"], &[]).said(), Said::Unknown);
-        assert_eq!(report(&[], &[]).said(), Said::Unknown);
-        assert_eq!(Report { verdict: "no_gap".into(), ..Default::default() }.said(), Said::NoGap);
+        assert_eq!(report(&["a", "b"], &[]).said(), VerdictClass::Named("a"));
+        assert_eq!(report(&["unknown", "b"], &[]).said(), VerdictClass::Unknown);
+        assert_eq!(report(&[], &[]).said(), VerdictClass::Unknown);
+        assert_eq!(Report { verdict: "no_gap".into(), ..Default::default() }.said(), VerdictClass::NoGap);
         assert_eq!(report(&["unknown", "b"], &[]).accused().count(), 1);
     }
 

@@ -1,7 +1,7 @@
 //! One report against its answer.
 
 use super::answers::{Answer, Case, Effect, Parameter};
-use super::report::{self, Baseline, Cause, Estimate, Report, Said};
+use super::report::{self, Baseline, Cause, Estimate, Report, VerdictClass};
 use anyhow::Result;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -74,11 +74,11 @@ pub struct LeftOut {
     pub leans: f64,
 }
 
-fn word(said: Said) -> String {
+fn word(said: VerdictClass) -> String {
     match said {
-        Said::NoGap => "no_gap".into(),
-        Said::Unknown => report::UNKNOWN.into(),
-        Said::Named(name) => name.into(),
+        VerdictClass::NoGap => "no_gap".into(),
+        VerdictClass::Unknown => report::UNKNOWN.into(),
+        VerdictClass::Named(name) => name.into(),
     }
 }
 

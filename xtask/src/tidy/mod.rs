@@ -6,6 +6,7 @@ mod layers;
 mod licences;
 mod links;
 mod module_paths;
+mod names;
 mod rust_text;
 mod source;
 mod sources;
@@ -33,6 +34,7 @@ fn findings(workspace: &Workspace) -> Result<Vec<String>> {
     found.extend(licences::check(workspace, &workspace.packages)?);
     found.extend(sources::check(workspace, &texts));
     found.extend(circles::check(workspace, &texts));
+    found.extend(names::check(&texts));
     found.extend(links::check(&texts, &files));
     found.extend(goldens::check(root, &texts)?);
     found.sort();

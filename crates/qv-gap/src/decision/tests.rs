@@ -185,18 +185,19 @@ fn events_at_other_times_stand_beside_an_event() {
 fn a_law_that_leaves_more_than_noise_and_a_share_of_what_it_left_is_told() {
     let left = |joint, ratio, by_chance| ActuatorResidual { joint, ratio, by_chance };
     let policy = Policy::default();
-    let told = |now: &[ActuatorResidual], opening: &[ActuatorResidual]| actuator_left(&policy, now, opening).cloned();
+    let remarks =
+        |now: &[ActuatorResidual], opening: &[ActuatorResidual]| actuator_left(&policy, now, opening).cloned();
     let opening = [left(0, 1.0, 1.1), left(1, 60.0, 1.2), left(2, 3.0, 1.1)];
     let nothing = [left(0, 1.6, 1.1), left(1, 2.9, 1.2), left(2, 2.4, 1.9)];
-    assert_eq!(told(&nothing, &opening), None);
+    assert_eq!(remarks(&nothing, &opening), None);
     let two = [left(0, 2.2, 1.1), left(1, 9.0, 1.2), left(2, 1.1, 1.1)];
-    assert_eq!(told(&two, &opening), Some(left(1, 9.0, 1.2)));
-    assert_eq!(told(&opening[2..], &[]), Some(opening[2].clone()));
+    assert_eq!(remarks(&two, &opening), Some(left(1, 9.0, 1.2)));
+    assert_eq!(remarks(&opening[2..], &[]), Some(opening[2].clone()));
     // What nothing accused has a part in: impacts leave as much.
     let impacts = [left(0, 2.4, 1.1), left(1, 4.0, 1.2)];
-    assert_eq!(told(&impacts[..1], &impacts), None);
-    assert_eq!(told(&impacts, &impacts), Some(impacts[1].clone()));
-    assert_eq!(told(&[left(1, 2.4, 1.2)], &impacts), Some(left(1, 2.4, 1.2)));
+    assert_eq!(remarks(&impacts[..1], &impacts), None);
+    assert_eq!(remarks(&impacts, &impacts), Some(impacts[1].clone()));
+    assert_eq!(remarks(&[left(1, 2.4, 1.2)], &impacts), Some(left(1, 2.4, 1.2)));
 }
 
 #[test]
@@ -208,8 +209,8 @@ fn a_large_gap_that_is_left_held_out_is_told() {
         corrected.closed = Closure { loss: [before, after], share, actuator_residual: law, ..corrected.closed };
         checks(&evidence, &Policy::default()).closes_too_little()
     };
-    let told = doubt(9.0, 6.8, [1.0; 2]).unwrap().to_string();
-    assert!(told.states("27 27") && told.states("times 8"), "{told}");
+    let remarks = doubt(9.0, 6.8, [1.0; 2]).unwrap().to_string();
+    assert!(remarks.states("27 27") && remarks.states("times 8"), "{remarks}");
     assert_eq!(doubt(9.0, 6.8, [4.0, 1.1]), None, "no contact has a part in the law of an actuator");
     assert_eq!(doubt(2.0, 1.9, [1.0; 2]), None, "a small gap");
     assert_eq!(doubt(40.0, 6.8, [1.0; 2]), None, "most of a large one is closed");
@@ -235,21 +236,21 @@ fn a_cable_is_no_row_of_pushes() {
 #[test]
 fn factors_that_are_equal_or_inverse_are_one_cause() {
     let of = |effect: &str, members: &[usize]| Candidate { members: members.to_vec(), ..candidate(effect, 900.0) };
-    let told = |a: (Candidate, f64), b: (Candidate, f64)| {
+    let remarks = |a: (Candidate, f64), b: (Candidate, f64)| {
         twins(Policy::default().alike, |effect| facts(effect).is_factor, &[(&a.0, a.1), (&b.0, b.1)])
     };
     let legs = [0, 3, 6];
-    let weak = told((of("motor_gain_kp", &legs), -0.26), (of("motor_gain_kd", &[6, 3, 0]), -0.23));
+    let weak = remarks((of("motor_gain_kp", &legs), -0.26), (of("motor_gain_kd", &[6, 3, 0]), -0.23));
     assert!(weak.unwrap().to_string().states("joints"));
-    let inverse = told((of("motor_gain_kd", &legs), 0.31), (of("motor_strength", &legs), -0.183));
+    let inverse = remarks((of("motor_gain_kd", &legs), 0.31), (of("motor_strength", &legs), -0.183));
     assert!(inverse.unwrap().to_string().states("other"));
     // Two sizes, other joints, a friction of the same number.
-    assert_eq!(told((of("motor_gain_kp", &legs), -0.26), (of("motor_gain_kd", &legs), -0.1)), None);
-    assert_eq!(told((of("motor_gain_kp", &legs), -0.26), (of("motor_gain_kd", &[0]), -0.26)), None);
-    assert_eq!(told((of("motor_gain_kp", &legs), 0.2), (of("joint_coulomb_friction", &legs), 0.2)), None);
+    assert_eq!(remarks((of("motor_gain_kp", &legs), -0.26), (of("motor_gain_kd", &legs), -0.1)), None);
+    assert_eq!(remarks((of("motor_gain_kp", &legs), -0.26), (of("motor_gain_kd", &[0]), -0.26)), None);
+    assert_eq!(remarks((of("motor_gain_kp", &legs), 0.2), (of("joint_coulomb_friction", &legs), 0.2)), None);
     // What acts for a while is no factor.
     let hot = Candidate { extent: Some(Extent::Time([2.0, 5.0])), ..of("motor_strength", &[0]) };
-    assert_eq!(told((hot, -0.2), (of("motor_gain_kp", &[0]), -0.2)), None);
+    assert_eq!(remarks((hot, -0.2), (of("motor_gain_kp", &[0]), -0.2)), None);
 }
 
 #[test]

@@ -99,7 +99,7 @@ impl ReportedCause {
     }
 
     /// What each recording asks of it; `later` is the robot with all that is accused.
-    fn tell_by_recording(&mut self, later: Option<&LinearisedProblem>) {
+    fn note_by_recording(&mut self, later: Option<&LinearisedProblem>) {
         let (Some(study), None) = (later, self.time()) else { return };
         let value = self.cause.parameters.first().map_or(0.0, |p| p.value);
         self.cause.by_recording = by_recording(study, &self.cause.effect, &self.group, (value, true));
@@ -198,10 +198,10 @@ struct PreparedRuns {
 fn prepared(runs: &[Run], terrain: &Terrain, options: &Options) -> Result<PreparedRuns, GapError> {
     let first = runs.first().ok_or_else(|| GapError::run("runs", "at least one", "none"))?;
     one_robot::check(first, runs.iter().chain(&options.reference))?;
-    let (mended, told): (Vec<Run>, Vec<Vec<String>>) = runs.iter().map(mended).unzip();
+    let (mended, remarks): (Vec<Run>, Vec<Vec<String>>) = runs.iter().map(mended).unzip();
     let mut reference: Vec<Run> = options.reference.iter().map(|run| self::mended(run).0).collect();
     let mut cannot_tell = data_quality::faults(runs, &mended);
-    cannot_tell.extend(told.into_iter().flatten());
+    cannot_tell.extend(remarks.into_iter().flatten());
     let (mut usable, fallen) = data_quality::upright(&mended);
     let moved = origin::brought_near(&mut usable, &mut reference, terrain, &options.given);
     cannot_tell.extend(fallen.iter().chain(&moved).cloned());
@@ -210,10 +210,10 @@ fn prepared(runs: &[Run], terrain: &Terrain, options: &Options) -> Result<Prepar
 
 /// A recording without what is broken in it, and in words what was done.
 fn mended(run: &Run) -> (Run, Vec<String>) {
-    let (run, mut told) = without_stale(read_in_ours(without_frozen(run)));
+    let (run, mut remarks) = without_stale(read_in_ours(without_frozen(run)));
     let (run, gaps) = without_gaps(run);
-    told.extend(gaps);
-    (run, told)
+    remarks.extend(gaps);
+    (run, remarks)
 }
 
 /// Effects of a study by name.
@@ -468,8 +468,8 @@ impl<'a> Session<'a> {
     ) -> Result<ReportedCause, GapError> {
         let group = study.columns.groups[fit.suspect.group].clone();
         let effect = study.columns.effects[group.effect].clone();
-        let told = attribution::as_told(study, &fit.suspect);
-        let setting = study.columns.setting_of(&study.rollout, std::slice::from_ref(&told));
+        let remarks = attribution::as_stated(study, &fit.suspect);
+        let setting = study.columns.setting_of(&study.rollout, std::slice::from_ref(&remarks));
         let alone = closure(study, &setting)?;
         let corrections = setting
             .iter()
@@ -483,11 +483,11 @@ impl<'a> Session<'a> {
         let cause = Cause {
             effect: effect.name.clone(),
             probability: 0.0,
-            scope: match told.extent {
+            scope: match remarks.extent {
                 Some(Extent::Region(_)) => vec!["region".into()],
                 _ => group.names.clone(),
             },
-            parameters: estimates(&effect, &fit, told.extent),
+            parameters: estimates(&effect, &fit, remarks.extent),
             closed_alone: fit.held_out.map_or_else(|| alone.closed(), |f| f.closed),
             confusable_with: cannot_tell::confusable(study, &fit.suspect),
             separating_experiment: effect.experiment.clone(),

@@ -79,7 +79,7 @@ impl Findings<'_> {
 
     fn causes(&mut self, nominal: &LinearisedProblem) -> Vec<CauseData> {
         let later = self.later.as_ref();
-        self.accused.iter_mut().for_each(|a| a.tell_by_recording(later));
+        self.accused.iter_mut().for_each(|a| a.note_by_recording(later));
         self.accused.iter().map(|a| a.data(nominal)).collect()
     }
 

@@ -114,7 +114,7 @@ pub struct LinearisedProblem<'a> {
     /// Steps simulated so far.
     steps: AtomicUsize,
     /// Those when they were asked for last.
-    steps_told: AtomicUsize,
+    steps_reported: AtomicUsize,
     /// Whether the null is what reference recordings leave, pushes and blows among it.
     pub is_relative: bool,
 }
@@ -147,7 +147,7 @@ impl<'a> LinearisedProblem<'a> {
             lags: Vec::new(),
             floor: 0.0,
             steps: AtomicUsize::new(0),
-            steps_told: AtomicUsize::new(0),
+            steps_reported: AtomicUsize::new(0),
             is_relative: !reference.is_empty(),
         };
         study.tolerance = study.tolerances();
@@ -279,7 +279,7 @@ impl<'a> LinearisedProblem<'a> {
     /// Simulated steps since this was asked last.
     pub(crate) fn steps_since(&self) -> usize {
         let steps = self.steps();
-        steps - self.steps_told.swap(steps, Ordering::Relaxed)
+        steps - self.steps_reported.swap(steps, Ordering::Relaxed)
     }
 
     /// Adds steps that were simulated elsewhere.

@@ -401,10 +401,11 @@ mod tests {
             joint_rms: [0.007, 0.018],
             joint_rms_apart: None,
         };
-        let told = |alone, closed| sentence(Verdict::PartlyExplained, (&[cause(alone)], &gap(closed)), (&[], &[]), &[]);
-        let slips = told(0.24, 0.0);
+        let remarks =
+            |alone, closed| sentence(Verdict::PartlyExplained, (&[cause(alone)], &gap(closed)), (&[], &[]), &[]);
+        let slips = remarks(0.24, 0.0);
         assert!(slips.states("closer 24"), "{slips}");
-        assert!(!told(0.0, 0.0).contains('%') && !slips.contains("closes 0 %"));
-        assert!(told(0.24, 0.3).states("windows 30"));
+        assert!(!remarks(0.0, 0.0).contains('%') && !slips.contains("closes 0 %"));
+        assert!(remarks(0.24, 0.3).states("windows 30"));
     }
 }

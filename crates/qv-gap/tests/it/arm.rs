@@ -196,7 +196,7 @@ fn unknown_gains_are_found_and_no_cause() {
         let GainSource::Found(deviation) = known else { panic!("{known:?}") };
         assert!((gain / truth - 1.0).abs() < 0.03 && deviation < 0.1, "{gain} {deviation}");
     }
-    assert!(run.told.iter().any(|t| t.states("kp unknown")), "{:?}", run.told);
+    assert!(run.remarks.iter().any(|t| t.states("kp unknown")), "{:?}", run.remarks);
     let report = of(&[run], Vec::new());
     assert_eq!(report.verdict, Verdict::NoGap, "{}", report.sentence);
 

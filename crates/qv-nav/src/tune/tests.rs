@@ -96,8 +96,8 @@ fn gained(settings: &TrainSettings) -> (Vec<f64>, Vec<f32>) {
     let mut legs = Follower::new(&world.map, settings.robots, 0.3);
     let mut student = Student::new(settings).unwrap();
     let gains = (0..settings.rounds).map(|_| {
-        let told = student.round(&stage, &mut legs, &near_by(), &mut |_| {}).unwrap();
-        told.gains.unwrap().reward
+        let result = student.round(&stage, &mut legs, &near_by(), &mut |_| {}).unwrap();
+        result.gains.unwrap().reward
     });
     (gains.collect(), student.parameters)
 }

@@ -138,7 +138,7 @@ fn halves_drive_as_all_at_once() {
     let driven = |legs: &mut dyn Legs| {
         let net = Net::default();
         let parameters = net.draw(&mut Xoshiro256PlusPlus::new(4));
-        let later = Mixture { alone: 0.3, taught: 0.6, stray: 0.1, stretch: 4.0, told: 0.5 };
+        let later = Mixture { alone: 0.3, taught: 0.6, stray: 0.1, stretch: 4.0, goal_given: 0.5 };
         let mut pilot = MixedPilot::new(NetPilot::new(&net, &parameters, 7), limits, later, 7);
         roll(&stage, legs, &episodes, &mut pilot, |_| true, &mut |_| {}).unwrap()
     };

@@ -149,10 +149,10 @@ fn episode(
             parts.push(JointChannel { prefix, time: rows.iter().map(|row| time.values[*row]).collect(), values });
         }
         let (version, all) = (&info.version, info.episodes);
-        table.told.push(format!(
+        table.remarks.push(format!(
             "LeRobot dataset {version}, {name}: episode {number} of {all}; [dataset] episode chooses another"
         ));
-        table.told.extend(settings.told_unit());
+        table.remarks.extend(settings.unit_remarks());
         table.csv = join(&joints, &parts);
         return Ok(table);
     }

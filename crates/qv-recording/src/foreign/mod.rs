@@ -27,7 +27,7 @@ pub struct Table {
     /// The text of `run.csv`.
     pub csv: String,
     /// How the recording was read where that is not as a matter of course, a sentence each.
-    pub told: Vec<String>,
+    pub remarks: Vec<String>,
     /// What could not be read.
     pub lost: Vec<Loss>,
 }

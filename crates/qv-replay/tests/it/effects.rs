@@ -168,17 +168,17 @@ fn what_the_diagnosis_can_name_closes_in_a_replay() {
         let [[without, _], [with, _]] = [bench.errors(&run, &Vec::new()), bench.errors(&run, &truth)];
         let closed = 1.0 - (with.powi(2) - floor.powi(2)) / (without.powi(2) - floor.powi(2));
         let is_seen = without > 1.3 * floor;
-        let told = format!(
+        let remarks = format!(
             "{}: {floor:.3} mrad without an effect; with it {without:.3}, with the right parameters {with:.3}: closed {closed:.3}",
             effect.name
         );
         if REMEMBERED.contains(&effect.name.as_str()) {
-            assert!(with < without, "{told}");
+            assert!(with < without, "{remarks}");
         } else if is_seen {
-            assert!(closed > 0.9, "{told}");
+            assert!(closed > 0.9, "{remarks}");
         } else {
-            assert!(UNSEEN.contains(&effect.name.as_str()), "{told}");
-            assert!(with < 1.15 * floor, "{told}");
+            assert!(UNSEEN.contains(&effect.name.as_str()), "{remarks}");
+            assert!(with < 1.15 * floor, "{remarks}");
         }
     }
 }

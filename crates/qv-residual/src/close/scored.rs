@@ -13,7 +13,7 @@ pub(super) struct ScoredWalks {
     task: qv_policy::velocity::VelocityTask,
     nominal: qv_policy::velocity::VelocityTask,
     choosing: Walks,
-    telling: Walks,
+    reporting: Walks,
 }
 
 /// Commands of walks, and the seed of what else differs in them.
@@ -37,7 +37,7 @@ impl ScoredWalks {
             task: judge_of(robot, inputs.train_on, task, &judging.corrected(robot, task.substeps)?, walks)?,
             nominal: judge_of(robot, inputs.train_on, task, &CorrectedSimulator::nominal(), walks)?,
             choosing: of(seed),
-            telling: of(seed ^ TELLING),
+            reporting: of(seed ^ TELLING),
         })
     }
 
@@ -47,8 +47,8 @@ impl ScoredWalks {
     }
 
     /// A score to tell: the best of several is so by chance, too, and these walks did not choose it.
-    pub fn told(&mut self, policy: &Policy) -> Result<PathScore, ResidualError> {
-        score(policy, &mut self.task, &self.telling.commands, self.telling.seed)
+    pub fn remarks(&mut self, policy: &Policy) -> Result<PathScore, ResidualError> {
+        score(policy, &mut self.task, &self.reporting.commands, self.reporting.seed)
     }
 
     /// One walk of each kind of command.

@@ -222,7 +222,7 @@ fn a_hole_costs_what_is_missing_and_a_recording_counts_once() {
     log.add("holed", &holed, &robot).unwrap();
     assert_eq!(log.stretches.len(), 2, "before and after the hole");
     assert!(log.seconds() > 8.0 && log.seconds() < 8.9, "{} s", log.seconds());
-    assert!(log.told[0].states("missing"), "{:?}", log.told);
+    assert!(log.remarks[0].states("missing"), "{:?}", log.remarks);
     let mut log = Log::new(&robot, &task);
     log.add("one", &whole, &robot).unwrap();
     let again = log.add("two", &whole, &robot).unwrap_err().to_string();

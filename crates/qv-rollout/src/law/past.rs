@@ -33,11 +33,11 @@ pub fn lagged(rollout: &Rollout, start: &Start, setting: &Overrides, timestep: f
     for age in (1..=(REMEMBERED * longest / timestep).ceil() as usize).rev() {
         let time = start.time - age as f64 * timestep;
         // Most motors are late by the same time: they are told the same.
-        let mut told = f64::NAN;
+        let mut remarks = f64::NAN;
         for (motor, (lag, play)) in motors.iter().zip(&mut lags) {
-            if told != motor.latency {
-                told = motor.latency;
-                start.held.at(time - told, timestep, &mut command);
+            if remarks != motor.latency {
+                remarks = motor.latency;
+                start.held.at(time - remarks, timestep, &mut command);
             }
             let state = state_at(position, velocity, rollout.columns[motor.joint], time + motor.seen_late, &mut rows);
             let demand = motor.demand(&asked(&command, motor.joint), &state, play)

@@ -4,7 +4,7 @@
 
 pub use super::colmap_cameras::Model;
 use super::colmap_cameras::{Intrinsics, PosedImage};
-use super::pictures::Shown;
+use super::pictures::ImageOrientation;
 use super::{Attachments, Capture, CaptureCamera, finish};
 use crate::SplatError;
 use crate::error::off;
@@ -40,7 +40,7 @@ fn join(cameras: BTreeMap<u32, Intrinsics>, mut images: Vec<PosedImage>, place: 
         Ok(CaptureCamera { name: String::new(), camera, distortion, image: Some(image.name), attachments })
     };
     let capture = finish(images.into_iter().map(one).collect::<Result<_, SplatError>>()?, place)?;
-    Ok(Capture { shown: Shown::Stored, ..capture })
+    Ok(Capture { shown: ImageOrientation::Stored, ..capture })
 }
 
 #[cfg(test)]

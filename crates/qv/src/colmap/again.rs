@@ -303,8 +303,8 @@ mod tests {
         // A model of few photographs says nothing of the others.
         assert!(!is_found(placed(50, 5, Some(0.30), Some(0.95))));
         let why = of(placed(50, 50, Some(0.503), Some(0.952)));
-        let told = "those of the capture explain 50 % of the verified matches, those by COLMAP 95 %";
-        assert_eq!(why, Choice::Found(told.into()));
+        let remarks = "those of the capture explain 50 % of the verified matches, those by COLMAP 95 %";
+        assert_eq!(why, Choice::Found(remarks.into()));
     }
 
     #[test]
@@ -324,7 +324,7 @@ mod tests {
         let place = found_from_given.transform_point(point).to_array().map(|x| x as f32);
         found.points = Some(Points { places: vec![place], colours: vec![[0.5; 3]], ..Default::default() });
         let wanted: Vec<Pose> = [0, 1, 3].map(|k| given.capture.cameras[k].camera.camera_from_world).to_vec();
-        let told = adopted(&mut given, found, &placed(4, 3, None, None)).unwrap();
+        let remarks = adopted(&mut given, found, &placed(4, 3, None, None)).unwrap();
         let cameras = &given.capture.cameras;
         assert_eq!(cameras.iter().map(|one| &*one.name).collect::<Vec<_>>(), ["a", "b", "d"]);
         for (camera, wanted) in cameras.iter().zip(&wanted) {
@@ -337,8 +337,8 @@ mod tests {
         let place = given.points.unwrap().places[0];
         assert!(DVec3::from_array(place.map(f64::from)).distance(point) < 1e-6, "{place:?}");
         assert!(
-            told["from_given_m"].as_f64().unwrap() < 1e-9 && told["from_given_deg"].as_f64().unwrap() < 1e-5,
-            "{told}"
+            remarks["from_given_m"].as_f64().unwrap() < 1e-9 && remarks["from_given_deg"].as_f64().unwrap() < 1e-5,
+            "{remarks}"
         );
     }
 

@@ -44,7 +44,7 @@ impl Demo {
         let hidden = HiddenEffect::drawn(self.seed);
         self.record(&hidden)?;
         let [bag, why, view] = ["run.mcap", "why", "view.html"].map(|name| self.out.join(name));
-        self.tell(&format!("A made-up Go2 walked for {} s. It hides one effect.\n", synthetic::DURATION))?;
+        self.notify(&format!("A made-up Go2 walked for {} s. It hides one effect.\n", synthetic::DURATION))?;
         self.call(&["diagnose".as_ref(), &bag, "--out".as_ref(), &why])?;
         self.call(&["view".as_ref(), &why, "--out".as_ref(), &view])?;
         let report = read(&why.join("report.json"))?;
@@ -58,7 +58,7 @@ impl Demo {
             say(&format!("{line}\n"))?;
         }
         let verdict = if is_named { "The hidden effect was found" } else { "The hidden effect was not found" };
-        self.tell(&format!(
+        self.notify(&format!(
             "\nHidden: {}.\nFound:  {}.\n{verdict}, in {:.0} s. The page to read is {}.\n",
             of_hidden(&hidden),
             of_cause(found).unwrap_or_else(|| "no single cause".into()),
@@ -85,7 +85,7 @@ impl Demo {
         commit().map_err(|e| about(&self.out, e))
     }
 
-    fn tell(&self, text: &str) -> Result<(), Failure> {
+    fn notify(&self, text: &str) -> Result<(), Failure> {
         if !self.json {
             say(text)?;
         }
@@ -95,7 +95,7 @@ impl Demo {
     /// Runs `qv` as one would type it, in a process of its own: what it does here is what it does there.
     fn call(&self, words: &[&Path]) -> Result<(), Failure> {
         let typed: Vec<String> = words.iter().map(|word| word.display().to_string()).collect();
-        self.tell(&format!("\n$ qv {}\n", typed.join(" ")))?;
+        self.notify(&format!("\n$ qv {}\n", typed.join(" ")))?;
         let program = std::env::current_exe().map_err(|e| format!("expected this program's own path, found {e}"))?;
         let mut command = Command::new(program);
         command.args(words).arg("--no-config").stdin(Stdio::null());

@@ -3,7 +3,7 @@
 use crate::Failure;
 use crate::lock::{Lock, LockAttempt};
 use crate::outcome::about;
-use qv_fleet::state::{Done, FailedUnit};
+use qv_fleet::state::{FailedUnit, UnitRecord};
 use qv_fleet::{Plan, Unit};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -72,10 +72,10 @@ impl Folder {
     }
 
     /// The record and report of a unit that is done.
-    pub fn done(&self, unit: &Unit) -> Option<(Done, Vec<u8>)> {
+    pub fn done(&self, unit: &Unit) -> Option<(UnitRecord, Vec<u8>)> {
         let text = fs::read_to_string(self.of(unit).join("done.json")).ok()?;
         let report = self.report(unit)?;
-        Some((Done::read(&text, &self.plan, unit, &report)?, report))
+        Some((UnitRecord::read(&text, &self.plan, unit, &report)?, report))
     }
 
     /// The record of a unit that failed.

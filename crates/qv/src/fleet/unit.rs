@@ -7,7 +7,7 @@ use crate::Failure;
 use crate::lock::Lock;
 use crate::outcome::about;
 use crate::output::{self, open_plain, write_whole};
-use qv_fleet::state::{Cost, Done, FailedUnit, Kind};
+use qv_fleet::state::{Cost, FailedUnit, Kind, UnitRecord};
 use qv_fleet::{InputFile, Unit};
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Seek, Write};
@@ -31,10 +31,10 @@ pub struct How<'a> {
 
 /// How it ended.
 pub enum Ending {
-    Done(Done),
+    Done(UnitRecord),
     /// It was done before.
     AlreadyDone,
-    FailedUnit(FailedUnit),
+    Failed(FailedUnit),
     Stopped,
 }
 
@@ -58,7 +58,7 @@ pub fn work(folder: &Folder, unit: &Unit, how: &How) -> Result<Ending, Failure> 
     let failed = |kind, reason, cost| {
         let failed = FailedUnit::new(unit, kind, reason, cost);
         write_whole(&place.join("failed.json"), failed.to_text().as_bytes())?;
-        Ok(Ending::FailedUnit(failed))
+        Ok(Ending::Failed(failed))
     };
     if let Some(reason) = changed(folder, unit) {
         return failed(Kind::InputChanged, reason, cost);
@@ -71,7 +71,7 @@ pub fn work(folder: &Folder, unit: &Unit, how: &How) -> Result<Ending, Failure> 
         cost.peak_mib = cost.peak_mib.max(ended.peak_mib);
         let (kind, reason) = match judged(folder, unit, ended.end, &how.limits) {
             UnitVerdict::Done(code, report) => {
-                let done = Done::new(&folder.plan, unit, code, &report, cost);
+                let done = UnitRecord::new(&folder.plan, unit, code, &report, cost);
                 write_whole(&place.join("done.json"), done.to_text().as_bytes())?;
                 return Ok(Ending::Done(done));
             }

@@ -173,7 +173,7 @@ impl Mesh {
         let likeness = likeness?;
         let seconds = [read_s, fuse_s, surface_s];
         let how = AlignedDepths { result_from_scene, agreeing, laid };
-        self.tell(&mesh, &report, &likeness, input.capture.frames.len(), seconds, how, &lost)?;
+        self.notify(&mesh, &report, &likeness, input.capture.frames.len(), seconds, how, &lost)?;
         lost.iter().for_each(|what| print_message!("lost: {what}"));
         Ok(if lost.is_empty() { Outcome::Done } else { Outcome::Partial })
     }
@@ -375,13 +375,13 @@ impl Mesh {
         let distances = [0.02, 0.05];
         let most = distances[distances.len() - 1];
         // Of what could not be measured the reference says nothing.
-        let told = |points: Vec<DVec3>| match frames {
+        let remarks = |points: Vec<DVec3>| match frames {
             Some(frames) => measurable(points, frames, most),
             None => points,
         };
         let mut found = sample(mesh, SAMPLES, 1)?;
         if self.compare_aligned {
-            let laid = register(&told(found.clone()), points).map_err(|e| about(path, e))?;
+            let laid = register(&remarks(found.clone()), points).map_err(|e| about(path, e))?;
             let (share, laid) = (laid.share, laid.reference_from_found);
             found.iter_mut().for_each(|p| *p = laid.transform_point(*p));
             let turn = laid.pose.rotation.to_axis_angle().1.to_degrees();
@@ -395,7 +395,7 @@ impl Mesh {
                 );
             }
         }
-        compare_points(&told(found.clone()), &found, points, &distances).map_err(|e| about(path, e))
+        compare_points(&remarks(found.clone()), &found, points, &distances).map_err(|e| about(path, e))
     }
 
     /// RGB-D frames that a reference was made of, without what it leaves out as too far.
@@ -408,7 +408,7 @@ impl Mesh {
         Ok(frames)
     }
 
-    fn tell(
+    fn notify(
         &self,
         mesh: &TriangleMesh,
         report: &MeshReport,

@@ -148,7 +148,7 @@ impl Train {
             return Ok(Outcome::Stopped);
         }
         [UNFINISHED, STATE].iter().for_each(|name| output::remove(&self.out.join(name)));
-        let decisions = metrics.last().map_or(0, |told| told.frames);
+        let decisions = metrics.last().map_or(0, |result| result.frames);
         if self.json {
             let line = serde_json::json!({
                 "format": "qv-navigate-train/1", "decisions": decisions, "rounds": rounds, "out": self.out,
@@ -258,7 +258,7 @@ impl Work<'_> {
         student.rounds = self.metrics.len() - first;
         let episodes = self.train.task.episodes();
         let all = self.train.rounds + self.train.trials;
-        let (before, gathered) = (self.metrics.len(), self.metrics.last().map_or(0, |told| told.frames));
+        let (before, gathered) = (self.metrics.len(), self.metrics.last().map_or(0, |result| result.frames));
         let end = first + settings.rounds;
         let name = if settings.policy.is_some() { "drive and learn from trials" } else { "drive and learn" };
         for round in before..end {
@@ -272,13 +272,13 @@ impl Work<'_> {
                 stages.at(share, &format!("{} decisions, loss {:.4}", gathered + p.frames, p.loss));
             });
             // Driving ends with an error of the eye; a round that is learning comes to its end.
-            let mut told = match learnt {
+            let mut result = match learnt {
                 Err(_) if self.is_stopped() => break,
                 learnt => learnt?,
             };
-            (told.round, told.frames) = (round + 1, gathered + told.frames);
-            told.share = (round + 1) as f64 / all as f64;
-            self.metrics.push(told);
+            (result.round, result.frames) = (round + 1, gathered + result.frames);
+            result.share = (round + 1) as f64 / all as f64;
+            self.metrics.push(result);
             // After each round, so that a training that is cut off leaves its last round.
             self.save(&student.parameters)?;
         }

@@ -114,9 +114,9 @@ mod tests {
         // Without ffmpeg that is what is said.
         assert!(text.contains("text.mp4") || text.contains("ffprobe"), "{text}");
         fs::write(folder.join("walk.xyz"), "no video at all").unwrap();
-        let told = |name: &str| or_video(&folder.join(name), "no JSON".to_string().into()).to_string();
-        assert!(told("walk.xyz").states("JSON .mp4 .mov"));
-        assert_eq!(told("transforms.json"), "no JSON");
+        let remarks = |name: &str| or_video(&folder.join(name), "no JSON".to_string().into()).to_string();
+        assert!(remarks("walk.xyz").states("JSON .mp4 .mov"));
+        assert_eq!(remarks("transforms.json"), "no JSON");
         fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -173,7 +173,7 @@ mod tests {
         let (played, urdf) = (made_up(100), qv_go2::model::urdf_with_shapes());
         let bytes = recording(&played, &urdf).unwrap();
         let file = qv_recording::BagFile { name: "replay.mcap".into(), source: &bytes[..] };
-        let run = qv_recording::read_bag_of([file], &qv_recording::robots::told_by_messages(), None).unwrap();
+        let run = qv_recording::read_bag_of([file], &qv_recording::robots::found_by_messages(), None).unwrap();
         assert_eq!(run.robot, qv_recording::run::Robot::Urdf(urdf));
         assert_eq!((run.joint_names.clone(), run.base), (played.joints.clone(), qv_recording::run::Base::Free));
         let (position, target) = (run.measured.position.unwrap(), run.commands.position.unwrap());
@@ -183,7 +183,7 @@ mod tests {
             assert_eq!(target.row(k), wide(&[played.targets[k].clone()]), "sample {k}");
             assert!((position.time[k] - target.time[k] - 0.02).abs() < 1e-9, "a target holds until its sample");
         }
-        assert!(run.told.iter().any(|t| t.states("torques")), "{:?}", run.told);
+        assert!(run.remarks.iter().any(|t| t.states("torques")), "{:?}", run.remarks);
     }
 
     #[test]

@@ -139,6 +139,6 @@ fn recording(robot: &TaskRobot, parameters: &[(&str, f64)], k: u64, (rate, noise
         sources: Vec::new(),
         faults: Vec::new(),
         lost: Vec::new(),
-        told: Vec::new(),
+        remarks: Vec::new(),
     }
 }

@@ -120,7 +120,7 @@ struct OverTime {
 impl OverTime {
     fn new(played: &WalkTrace) -> Self {
         let mut board = Board::new("time [s]");
-        (board.link, board.tells) = ("time".into(), true);
+        (board.link, board.reports) = ("time".into(), true);
         let rate = f64::from(played.rate.max(1e-3));
         let time: Vec<f64> = (0..played.q.len()).map(|k| (k + 1) as f64 / rate).collect();
         let time = board.column(&time, 1e-4);
@@ -232,6 +232,6 @@ mod tests {
         let (_, height) = board.points(&board.panels[1].lines[0]);
         assert!((height.iter().fold(0.0_f64, |m, h| m.max(*h)) - 5.0).abs() < 0.1);
         let board = tracking(&played, &Measures::new(&played));
-        assert_eq!((board.panels.len(), board.stretches.len(), board.tells), (3, 1, true));
+        assert_eq!((board.panels.len(), board.stretches.len(), board.reports), (3, 1, true));
     }
 }
