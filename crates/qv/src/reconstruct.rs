@@ -16,13 +16,12 @@ use crate::output::{self, make_folder, put, write_whole};
 use crate::progress::{Stages, remark};
 use crate::terminal::print_message;
 use crate::{Failure, Outcome, say, video};
-use arguments::{Background, GuideName, PosesFrom, StrategyName};
+use arguments::{Background, PosesFrom, StrategyName};
 use clap::ValueEnum;
 use qv_core::{Camera, GaussianCloud};
 use qv_splat::captures::distortion::Distortion;
 use qv_splat::captures::{Attachments, Capture, CaptureCamera, cameras_json};
 use qv_splat::files::{Points, ply};
-use qv_splat::train::guide::Guide;
 use qv_splat::train::shutter::fitted_scores;
 use qv_splat::train::{
     AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Ground, GroundOptions, Model, Photograph, ReadOptions,
@@ -244,11 +243,6 @@ impl Reconstruct {
             },
             noise: self.noise,
             settle: self.settle,
-            guide: match self.guide {
-                GuideName::Opacity => Guide::Opacity,
-                GuideName::Error => Guide::Error,
-                GuideName::Views => Guide::Views,
-            },
             clear: self.clear,
             drop: self.drop,
             ..Default::default()
@@ -547,7 +541,7 @@ impl Reconstruct {
     /// What a training goes on with as it was begun: options by name.
     fn begun_with(&self) -> Result<String, Failure> {
         let options = json!({
-            "--seed": self.seed, "--strategy": named_value(&self.strategy), "--guide": named_value(&self.guide), "--poses": named_value(&self.poses),
+            "--seed": self.seed, "--strategy": named_value(&self.strategy), "--poses": named_value(&self.poses),
             "--downscale": self.downscale, "--hold-out": self.hold_out, "--exposure": self.exposure, "--vignetting": self.vignetting,
             "--refine-poses": self.refine_poses, "--refine-lens": self.refine_lens, "--shutter": self.shutter, "--readout": self.readout,
             "--shutter-samples": self.shutter_samples, "--gamma": self.gamma, "--flattening": self.flattening,

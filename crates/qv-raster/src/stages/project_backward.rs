@@ -76,19 +76,6 @@ pub fn pulls(source: &Source, entry_gradients: &[f32]) -> Vec<[f32; 2]> {
     out
 }
 
-/// For each Gaussian the sum over views of the derivative by its red before that is cut off, shape `[N]`.
-pub fn red_sums(source: &Source, entry_gradients: &[f32]) -> Vec<f32> {
-    let width = SHAPE_GRADIENTS + source.channels.count();
-    let mut out = vec![0.0; source.scene.cloud.len()];
-    for (record, projected) in source.projections.records.iter().enumerate() {
-        let count = source.projections.counts[record] as usize;
-        let first = source.entries.first[record] as usize;
-        let entries = entry_gradients[first * width..(first + count) * width].chunks_exact(width);
-        out[projected.splat as usize] += entries.map(|entry| entry[SHAPE_GRADIENTS]).sum::<f32>();
-    }
-    out
-}
-
 fn sum_entries(source: &Source, entry_gradients: &[f32], record: usize) -> Vec<f32> {
     let width = SHAPE_GRADIENTS + source.channels.count();
     let first = source.entries.first[record] as usize;

@@ -1,6 +1,5 @@
 // Twin of loss.rs, exposure.rs and vignetting.rs: a workgroup for each 16 x 16 pixels, an invocation for each pixel. `similar` gives the derivatives of
-// SSIM by the means of its windows, `pull` the derivative of the loss by the drawn colour. `error` gives the error of each pixel as if it were
-// the derivative by red.
+// SSIM by the means of its windows, `pull` the derivative of the loss by the drawn colour.
 
 @group(0) @binding(0) var<storage, read> step: Step;
 @group(0) @binding(1) var<storage, read> drawn: array<vec4<f32>>;
@@ -270,17 +269,4 @@ fn pull(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     if inside {
         by_drawn[pixel] = vec4<f32>(by, 0.0);
     }
-}
-
-@compute @workgroup_size(256)
-fn error(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let x = 16u * group.x + local % 16u;
-    let y = 16u * group.y + local / 16u;
-    if x >= step.width || y >= step.height {
-        return;
-    }
-    let pixel = y * step.width + x;
-    let wanted = wanted_at(pixel);
-    let apart = abs(exposed(fade(vec2<u32>(x, y)) * drawn[pixel].xyz) - wanted.xyz);
-    by_drawn[pixel] = vec4<f32>(select(0.0, (apart.x + apart.y + apart.z) / 3.0, wanted.w > 0.0), 0.0, 0.0, 0.0);
 }

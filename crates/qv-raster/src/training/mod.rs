@@ -10,12 +10,12 @@ pub const FOLD: u32 = 32_768;
 
 /// The shaders with their entry points.
 pub const SHADERS: [(&str, &[&str]); 8] = [
-    ("loss", &["similar", "pull", "error"]),
+    ("loss", &["similar", "pull"]),
     ("finish", &["finish"]),
     ("cameras", &["bend", "turn"]),
     ("drop", &["leave_out", "bring_back"]),
     ("filter", &["widen", "narrow"]),
-    ("update", &["shape", "harmonics", "features", "gather", "share"]),
+    ("update", &["shape", "harmonics", "features", "gather"]),
     ("relocate", &["change", "copy"]),
     ("terms", &["planes", "consistent", "prior", "labels"]),
 ];

@@ -1,6 +1,6 @@
 // Twin of adam.rs: `shape` moves means, opacities, scales and rotations, an invocation for each Gaussian, with regularisers and noise;
 // `harmonics` moves four coefficients' numbers in each invocation and clears their derivatives for the next step; `gather` adds up what
-// pulls at projected means, `share` what comes to red, and the largest of it.
+// pulls at projected means.
 
 @group(0) @binding(0) var<storage, read> step: Step;
 @group(0) @binding(1) var<storage, read_write> means: array<vec4<f32>>;
@@ -23,8 +23,6 @@
 
 const NOISE: u32 = 4u;
 const VISIBLE: u32 = 0u;
-// Derivatives of a record before that by its red.
-const RED: u32 = 6u;
 
 // What a parameter moves by in units of its rate; the running means are put where they belong.
 fn adam(at: u32, by: vec4<f32>) -> vec4<f32> {
@@ -140,15 +138,4 @@ fn gather(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
     let by = vec2<f32>(record_gradients[record * step.record_width], record_gradients[record * step.record_width + 1u]);
     let pulled = by * 0.5 * vec2<f32>(f32(step.width), f32(step.height));
     pulls[splat] += vec2<f32>(length(pulled), 1.0);
-}
-
-@compute @workgroup_size(256)
-fn share(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let record = (group.y * 32768u + group.x) * 256u + local;
-    if record >= state[VISIBLE] || counts[record] == 0u {
-        return;
-    }
-    let splat = bitcast<u32>(records[2u * record + 1u].w);
-    let own = record_gradients[record * step.record_width + RED];
-    pulls[splat] = vec2<f32>(pulls[splat].x + own, max(pulls[splat].y, own));
 }

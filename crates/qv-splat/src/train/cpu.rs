@@ -7,7 +7,6 @@ use super::drop::Drop;
 use super::engine::Engine;
 use super::exposure::{self, Exposure, exposed_backward, exposed_image};
 use super::filter::{self, Sampling};
-use super::guide::{self, Guide};
 use super::loss::photometric;
 use super::mcmc::Relocation;
 use super::model::Model;
@@ -231,56 +230,18 @@ impl<'a> CpuEngine<'a> {
         self.model.iteration / self.dataset.training.len() as u32 + 1
     }
 
-    /// What Gaussians are chosen by when others are put beside them; none where it is their opacity.
-    pub(super) fn guide_weights(&self) -> Result<Vec<f32>, SplatError> {
-        let options = &self.options;
-        if options.guide == Guide::Opacity {
-            return Ok(vec![]);
-        }
-        let mut sums = vec![[0.0; 2]; self.model.cloud.len()];
-        for photograph in guide::looked_at(self.dataset.training.len(), options.seed, self.model.iteration) {
-            guide::add(&mut sums, &self.errors(photograph)?);
-        }
-        Ok(options.guide.weights(&sums))
-    }
-
-    /// The error of a photograph, shared out among the Gaussians that are seen in it.
-    fn errors(&self, index: usize) -> Result<Vec<f32>, SplatError> {
-        let filtered = self.filtered(&self.deviations());
-        let scene = Scene::still(&filtered);
-        let settings = Settings { outputs: Outputs::default(), ..self.settings() };
-        let camera = self.model.camera(self.dataset, index);
-        let frame = Frame::new(&scene, &[View::of(camera)], &settings)?;
-        let colour = match &self.dataset.shutter {
-            None => frame.images().remove(0).colour,
-            Some(shutter) => shutter.drawn(&filtered, &camera, &self.model.motions[index], self.dataset)?,
-        };
-        let drawn = match self.options.exposure {
-            true => exposed_image(&self.model.exposures[index], &self.through_lens(index, &colour)),
-            false => self.through_lens(index, &colour).into_owned(),
-        };
-        let photograph = &self.dataset.training[index];
-        let both = drawn.chunks_exact(3).zip(photograph.pixels.rgba.iter());
-        let error = |(drawn, wanted): (&[f32], &[u8; 4])| {
-            let apart = (0..3).map(|c| (drawn[c] - f32::from(wanted[c]) / 255.0).abs()).sum::<f32>() / 3.0;
-            if wanted[3] > 0 { apart } else { 0.0 }
-        };
-        Ok(frame.shares(&scene, &[both.map(error).collect()])?)
-    }
-
     fn come_and_go(&mut self) -> Result<(), SplatError> {
         let (options, iteration) = (self.options, self.model.iteration);
         if options.refines(iteration) {
             match options.strategy {
                 Strategy::Mcmc => {
-                    let weights = self.guide_weights()?;
                     let model = &mut self.model;
                     let (means, logits) = (&model.cloud.means, &model.cloud.opacity_logits);
                     let logits = clear::cleared(self.dataset, means, logits, options.clear);
-                    let dead = Relocation::of_dead(&logits, &weights, options.seed, iteration);
+                    let dead = Relocation::of_dead(&logits, options.seed, iteration);
                     dead.apply(model);
-                    let (logits, weights) = (&model.cloud.opacity_logits, dead.shared_weights(weights));
-                    Relocation::of_new(logits, &weights, options.cap, options.seed, iteration).apply(model);
+                    let logits = &model.cloud.opacity_logits;
+                    Relocation::of_new(logits, options.cap, options.seed, iteration).apply(model);
                 }
                 Strategy::Classic => {
                     classic::refine(&mut self.model, self.dataset.extent, options.cap, options.seed);

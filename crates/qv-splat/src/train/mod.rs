@@ -21,7 +21,6 @@ pub mod filter;
 pub mod gpu;
 mod ground;
 pub mod growing;
-pub mod guide;
 pub mod loss;
 pub mod mcmc;
 mod model;

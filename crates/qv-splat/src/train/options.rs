@@ -1,7 +1,6 @@
 //! What training is asked for. The numbers of `Default` are those of the papers' programs: Kerbl et al., *3D Gaussian Splatting* (2023),
 //! Kheradmand et al., *3D Gaussian Splatting as Markov Chain Monte Carlo* (2024), with the constants of gsplat 1.5.3.
 
-use super::guide::Guide;
 use crate::SplatError;
 use crate::error::off;
 
@@ -86,8 +85,6 @@ pub struct TrainOptions {
     pub cap: usize,
     /// How Gaussians come and go.
     pub strategy: Strategy,
-    /// Beside which Gaussians others are put, with [`Strategy::Mcmc`].
-    pub guide: Guide,
     /// Learn an affine colour transform for each photograph.
     pub exposure: bool,
     /// Learn how the lens of each camera darkens photographs towards their corners.
@@ -127,7 +124,6 @@ impl Default for TrainOptions {
             iterations: 7000,
             cap: 300_000,
             strategy: Strategy::Mcmc,
-            guide: Guide::Opacity,
             exposure: false,
             vignetting: false,
             poses: false,

@@ -17,8 +17,6 @@ pub enum Purpose {
     Pair = 6,
     /// Which Gaussians a step leaves out.
     Drop = 7,
-    /// Which photographs are looked at when Gaussians come and go.
-    Look = 8,
     /// How cameras moved during an exposure, to begin with.
     Shutter = 9,
 }

@@ -11,13 +11,6 @@ pub(super) enum StrategyName {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(super) enum GuideName {
-    Opacity,
-    Error,
-    Views,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum Background {
     Mean,
     Black,
@@ -49,9 +42,6 @@ pub struct Reconstruct {
     /// How Gaussians come and go
     #[arg(long, value_enum, default_value = "mcmc")]
     pub(super) strategy: StrategyName,
-    /// Beside which Gaussians others are put with mcmc: those of high opacity, those in pixels that are drawn wrong, or that several photographs want better
-    #[arg(long, value_enum, value_name = "WHAT", default_value = "opacity")]
-    pub(super) guide: GuideName,
     /// Learns an affine colour transform for each photograph
     #[arg(long)]
     pub(super) exposure: bool,

@@ -10,7 +10,6 @@ use super::cpu::outputs;
 use super::dataset::{Dataset, Photograph};
 use super::drop::Drop;
 use super::engine::Engine;
-use super::guide::{self, ErrorSum, Guide};
 use super::mcmc::Relocation;
 use super::model::Model;
 use super::moments::bias;
@@ -562,63 +561,6 @@ impl<'a> GpuEngine<'a> {
         Ok(())
     }
 
-    /// As on the CPU.
-    fn guide_weights(&mut self) -> Result<Vec<f32>, SplatError> {
-        let options = self.options;
-        if options.guide == Guide::Opacity {
-            return Ok(vec![]);
-        }
-        let mut encoder = self.rasteriser.gpu.device.create_command_encoder(&Default::default());
-        encoder.clear_buffer(&self.store.pulls, 0, None);
-        self.rasteriser.gpu.queue.submit([encoder.finish()]);
-        for photograph in guide::looked_at(self.dataset.training.len(), options.seed, self.rest.iteration) {
-            self.prepare(photograph)?;
-            self.add_errors(photograph)?;
-        }
-        let sums: Vec<ErrorSum> = self.rasteriser.gpu.read(&self.store.pulls, self.store.cloud.count)?;
-        Ok(options.guide.weights(&sums))
-    }
-
-    /// Shares the error of a photograph out among the Gaussians that are seen in it.
-    fn add_errors(&self, photograph: usize) -> Result<(), SplatError> {
-        let words = self.words(photograph);
-        let gpu = &self.rasteriser.gpu;
-        gpu.queue.write_buffer(&self.step, 0, bytemuck::bytes_of(&words));
-        let mut recorder = Recorder::new(gpu, false);
-        self.rasteriser.aim(&self.cameras, photograph, &mut recorder)?;
-        self.record_filter("widen", &words, &mut recorder)?;
-        self.rasteriser.record_forward(&self.store.cloud, &mut recorder)?;
-        // Of the derivatives by images only those by colours are filled anew; by others they would be of an earlier step.
-        for name in ["by_depths", "by_planes", "by_features"] {
-            if let Some(buffer) = self.rasteriser.buffer(name) {
-                recorder.encoder.clear_buffer(buffer, 0, None);
-            }
-        }
-        let error = vec![
-            (0, &self.step),
-            (1, self.buffer("colours")?),
-            (2, &self.photographs[photograph]),
-            (3, &self.store.exposures),
-            (5, self.buffer("by_colours")?),
-            (7, &self.store.shared),
-        ];
-        let image = [words.width.div_ceil(16), words.height.div_ceil(16)];
-        recorder.run_jobs("errors", &[self.job("error", image, error)]);
-        self.rasteriser.record_shares(&self.store.cloud, &mut recorder)?;
-        let share = vec![
-            (0, &self.step),
-            (11, self.buffer("state")?),
-            (12, self.buffer("records")?),
-            (13, self.buffer("counts")?),
-            (14, self.buffer("record_gradients")?),
-            (15, &self.store.pulls),
-        ];
-        recorder.run_jobs("errors", &[self.job("share", folded(words.count.div_ceil(256)), share)]);
-        self.record_filter("narrow", &words, &mut recorder)?;
-        recorder.submit();
-        Ok(())
-    }
-
     fn come_and_go(&mut self) -> Result<(), SplatError> {
         let (options, iteration) = (self.options, self.rest.iteration);
         let (refines, resets) = (options.refines(iteration), options.resets(iteration));
@@ -630,15 +572,13 @@ impl<'a> GpuEngine<'a> {
             if options.clear > 0.0 {
                 logits = clear::cleared(self.dataset, &self.store.means(&self.rasteriser.gpu)?, &logits, options.clear);
             }
-            let weights = self.guide_weights()?;
-            let dead = Relocation::of_dead(&logits, &weights, options.seed, iteration);
+            let dead = Relocation::of_dead(&logits, options.seed, iteration);
             self.relocate(&dead)?;
             dead.changes.iter().for_each(|change| logits[change.index as usize] = change.logit);
             for [target, source] in &dead.copies {
                 logits[*target as usize] = logits[*source as usize];
             }
-            let weights = dead.shared_weights(weights);
-            self.relocate(&Relocation::of_new(&logits, &weights, options.cap, options.seed, iteration))?;
+            self.relocate(&Relocation::of_new(&logits, options.cap, options.seed, iteration))?;
         } else if refines || resets {
             let mut model = self.model()?;
             if refines {

@@ -133,25 +133,6 @@ mod against_the_cpu {
     }
 
     #[test]
-    fn errors_are_shared_out_as_on_the_cpu() {
-        let mut scene = tiny::scene(70, 12, 50);
-        for antialias in [false, true] {
-            let Some(rasteriser) = rasteriser() else { return };
-            scene.dataset.antialias = antialias;
-            let options =
-                TrainOptions { guide: Guide::Views, exposure: true, vignetting: true, cap: 100, ..Default::default() };
-            let mut model = begin(&scene, &options);
-            model.iteration = 700;
-            model.shared[0].vignetting = [-0.2, 0.1, -0.05];
-            let cpu = CpuEngine::new(&scene.dataset, &options, model.clone()).unwrap();
-            let mut gpu = GpuEngine::new(rasteriser, &scene.dataset, &options, model, Default::default()).unwrap();
-            let (a, b) = (cpu.guide_weights().unwrap(), gpu.guide_weights().unwrap());
-            near("weights", &a, &b, 1e-3);
-            assert!(a.iter().all(|weight| *weight >= 0.0) && a.iter().sum::<f32>() > 1.0, "{a:?}");
-        }
-    }
-
-    #[test]
     fn a_scene_is_learned_with_gaussians_that_come_and_go() {
         let scene = tiny::scene(60, 6, 40);
         for strategy in [Strategy::Mcmc, Strategy::Classic] {
