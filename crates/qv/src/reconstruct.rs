@@ -25,7 +25,7 @@ use qv_splat::files::{Points, ply};
 use qv_splat::train::shutter::fitted_scores;
 use qv_splat::train::{
     AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Ground, GroundOptions, Model, Photograph, ReadOptions,
-    Score, Shutter, Strategy, TrainOptions, Weights, at_depths, at_far, at_random, cameras, checkpoint, clear, drawn,
+    Score, Shutter, Strategy, TrainOptions, Weights, at_depths, at_random, cameras, checkpoint, drawn,
     ground_scores, growing, label_shares, neighbours_scores, of_points, pose, scores, train_in_proportion,
 };
 use qv_splat::{SplatError, error_at};
@@ -85,15 +85,12 @@ impl Reconstruct {
         let files = |path: &str| opened.read(path);
         let mut dataset = Dataset::new(&opened.capture, &files, &reading).map_err(|e| about(&self.capture, e))?;
         let depths = self.add_depths(&mut dataset, opened.points.as_ref(), &bar)?;
-        self.check_needs(&opened, &dataset)?;
+        self.check_needs(&dataset)?;
         if self.background == Background::Black {
             dataset.background = [0.0; 3];
         }
         dataset.antialias = self.antialias;
         dataset.shutter = shutter;
-        if let (Some(points), true) = (&opened.points, self.clear > 0.0) {
-            dataset.nearest = clear::nearest(&dataset, &points.places);
-        }
         make_folder(&self.out).map_err(|e| about(&self.out, format!("expected a folder, found {e}")))?;
         let (model, at_points) = self.begin(&opened, &dataset, &options)?;
         let read_s = clock.elapsed().as_secs_f64();
@@ -242,8 +239,6 @@ impl Reconstruct {
                 ..Default::default()
             },
             noise: self.noise,
-            settle: self.settle,
-            clear: self.clear,
             drop: self.drop,
             ..Default::default()
         }
@@ -264,14 +259,13 @@ impl Reconstruct {
     }
 
     /// Options that do something only where the capture has what they need.
-    fn check_needs(&self, opened: &OpenCapture, dataset: &Dataset) -> Result<(), Failure> {
+    fn check_needs(&self, dataset: &Dataset) -> Result<(), Failure> {
         let training = || dataset.training.iter();
         let [depth, normals] = [
             training().any(|one| one.depth.iter().any(|z| *z > 0.0)),
             training().any(|one| one.normals.iter().any(|n| *n != [0.0; 3])),
         ];
         let asked = [
-            (self.clear > 0.0, "--clear", "points (points.ply)", opened.points.is_some()),
             (self.depth_weight() > 0.0, "--depth-prior", "depth images, or --stereo", depth),
             (self.depth_points.is_some_and(|n| n > 0), "--depth-points", "depth images, or --stereo", depth),
             (self.normal_prior > 0.0, "--normal-prior", "normal images, or --normal-model", normals),
@@ -324,7 +318,7 @@ impl Reconstruct {
 
     /// As many as there is room for beside `others`.
     fn usual_depth_points(&self, others: usize) -> usize {
-        let room = self.cap.saturating_sub(others + self.far_points);
+        let room = self.cap.saturating_sub(others);
         if self.depth_weight() > 0.0 { AT_DEPTHS.min(self.cap / 2).min(room) } else { 0 }
     }
 
@@ -359,8 +353,7 @@ impl Reconstruct {
             self.depth_points.unwrap_or(self.usual_depth_points(points.places.len() + known)),
             options,
         );
-        let far = at_far(dataset, opened.points.as_ref(), self.far_points, options);
-        for more in opened.points.iter().chain([&at_depths, &far]) {
+        for more in opened.points.iter().chain([&at_depths]) {
             points.places.extend_from_slice(&more.places);
             points.colours.extend_from_slice(&more.colours);
         }
@@ -547,8 +540,8 @@ impl Reconstruct {
             "--shutter-samples": self.shutter_samples, "--gamma": self.gamma, "--flattening": self.flattening,
             "--depth-prior": self.depth_weight(), "--stereo": self.stereo, "--depth-normal": self.depth_normal,
             "--multi-view": self.multi_view, "--normal-prior": self.normal_prior, "--labels": self.labels,
-            "--ground-views": self.ground_views, "--clear": self.clear, "--drop": self.drop, "--small": self.small,
-            "--antialias": self.antialias, "--settle": self.settle, "--harmonics-weight": self.harmonics_weight, "--noise": self.noise,
+            "--ground-views": self.ground_views, "--drop": self.drop, "--small": self.small,
+            "--antialias": self.antialias, "--harmonics-weight": self.harmonics_weight, "--noise": self.noise,
             "--opacity-weight": self.opacity_weight, "--scale-weight": self.scale_weight,
         });
         Ok(serde_json::to_string(&options)?)

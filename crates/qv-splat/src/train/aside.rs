@@ -31,9 +31,8 @@ pub fn put_aside(dataset: &Dataset, every: usize) -> Option<Dataset> {
         let all = dataset.training.iter().enumerate();
         all.filter(|(index, _)| is_aside(*index) == aside).map(|(_, one)| one.clone()).collect()
     };
-    let near = dataset.nearest.iter().enumerate().filter(|(index, _)| !is_aside(*index)).map(|(_, near)| *near);
     // Extent and background stay, so that a step does the same.
-    Some(Dataset { training: some(false), held_out: some(true), nearest: near.collect(), ..dataset.clone() })
+    Some(Dataset { training: some(false), held_out: some(true), ..dataset.clone() })
 }
 
 /// Mean PSNR over the photographs that were put aside, as held-out ones are scored \[dB\].

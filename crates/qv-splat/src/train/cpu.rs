@@ -16,7 +16,7 @@ use super::random::{Purpose, words};
 use super::shutter::{self};
 use super::terms::{depth_normal, labels, multi_view, priors};
 use super::vignetting::{self, Vignetting, vignetted};
-use super::{classic, clear};
+use super::classic;
 use crate::SplatError;
 use qv_core::{Camera, GaussianCloud};
 use qv_raster::{Frame, Image, Outputs, Scene, Settings, View, render};
@@ -236,10 +236,7 @@ impl<'a> CpuEngine<'a> {
             match options.strategy {
                 Strategy::Mcmc => {
                     let model = &mut self.model;
-                    let (means, logits) = (&model.cloud.means, &model.cloud.opacity_logits);
-                    let logits = clear::cleared(self.dataset, means, logits, options.clear);
-                    let dead = Relocation::of_dead(&logits, options.seed, iteration);
-                    dead.apply(model);
+                    Relocation::of_dead(&model.cloud.opacity_logits, options.seed, iteration).apply(model);
                     let logits = &model.cloud.opacity_logits;
                     Relocation::of_new(logits, options.cap, options.seed, iteration).apply(model);
                 }
@@ -403,8 +400,6 @@ mod tests {
                 poses: true,
                 lens: true,
                 drop: 0.2,
-                guide: Guide::Views,
-                settle: 0.1,
                 ..options(90, strategy)
             };
             let whole = |threads: usize| {

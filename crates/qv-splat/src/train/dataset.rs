@@ -55,9 +55,6 @@ pub struct Dataset {
     pub held_out: Vec<Photograph>,
     /// Largest distance of a camera from the mean of all, times 1.1 \[m\].
     pub extent: f32,
-    /// Depth of the nearest triangulated points in each training photograph \[m\], 0 where it is not known; empty when nothing is
-    /// ([`crate::train::clear::nearest`]).
-    pub nearest: Vec<f32>,
     /// Colour behind all Gaussians when photographs are drawn, 0 to 1: the mean of those to learn from, so that what none of them
     /// shows is wrong by less than if it were black.
     pub background: [f32; 3],
@@ -152,8 +149,8 @@ impl Dataset {
         }
         let background = mean_colour(&training);
         let (lost, turned, extent) = (vec![], BTreeMap::new(), extent(&cameras));
-        let (nearest, antialias, shutter) = (vec![], false, None);
-        let dataset = Self { training, held_out, extent, nearest, background, antialias, shutter, lost, turned };
+        let (antialias, shutter) = (false, None);
+        let dataset = Self { training, held_out, extent, background, antialias, shutter, lost, turned };
         let count = dataset.training.len();
         if dataset.alone().len() == count {
             let expected = "two photographs that show the same place";
@@ -164,10 +161,10 @@ impl Dataset {
 
     /// All but the photographs.
     pub(super) fn without_photographs(&self) -> Self {
-        let (nearest, lost, turned) = (self.nearest.clone(), self.lost.clone(), self.turned.clone());
+        let (lost, turned) = (self.lost.clone(), self.turned.clone());
         let (extent, background) = (self.extent, self.background);
         let (antialias, shutter) = (self.antialias, self.shutter);
-        Self { training: vec![], held_out: vec![], extent, nearest, background, antialias, shutter, lost, turned }
+        Self { training: vec![], held_out: vec![], extent, background, antialias, shutter, lost, turned }
     }
 
     /// What the photographs to learn from sample, with their cameras as they were given.

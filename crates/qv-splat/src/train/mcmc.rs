@@ -9,7 +9,7 @@ use super::moments::logistic;
 use super::random::{Purpose, words};
 
 /// Opacity at and below which a Gaussian is dead.
-pub(crate) const DEAD: f32 = 0.005;
+const DEAD: f32 = 0.005;
 /// Share by which the number grows each time.
 pub(crate) const GROWTH: f64 = 0.05;
 /// Most Gaussians that stand in the place of one.

@@ -107,11 +107,6 @@ pub struct TrainOptions {
     pub weights: Weights,
     /// Noise of the means in units of their rate, all in units of the extent; with [`Strategy::Mcmc`] only.
     pub noise: f32,
-    /// Gaussians nearer to a camera than this share of the nearest points in its image are dead, with [`Strategy::Mcmc`]; 0 lets them be.
-    pub clear: f32,
-    /// What the rates of Gaussians (but the means', which fall all the time) have fallen to by the end of the run, once Gaussians no longer
-    /// come and go; 1 leaves them.
-    pub settle: f32,
     /// Share of the Gaussians that a step leaves out, at the end of the run; it rises from 0. Helps with few photographs.
     pub drop: f32,
     /// The same seed gives the same bits on the CPU.
@@ -135,8 +130,6 @@ impl Default for TrainOptions {
             geometry_from: 1000,
             weights: Weights::default(),
             noise: 5e5,
-            clear: 0.0,
-            settle: 1.0,
             drop: 0.0,
             seed: 0,
         }
@@ -176,27 +169,20 @@ impl TrainOptions {
     /// Rates of a step. The means' rate goes with the extent of the cameras \[m\] and falls to a hundredth by the end.
     pub fn rates(&self, iteration: u32, extent: f32) -> Rates {
         let fall = 0.01f32.powf(iteration as f32 / self.iterations.max(1) as f32);
-        let settled = self.settle.powf(self.settling(iteration));
         Rates {
             means: 1.6e-4 * extent * fall,
-            log_scales: 5e-3 * settled,
-            rotations: 1e-3 * settled,
-            opacities: 5e-2 * settled,
-            colours: 2.5e-3 * settled,
-            harmonics: 2.5e-3 / 20.0 * settled,
-            features: 2.5e-3 * settled,
+            log_scales: 5e-3,
+            rotations: 1e-3,
+            opacities: 5e-2,
+            colours: 2.5e-3,
+            harmonics: 2.5e-3 / 20.0,
+            features: 2.5e-3,
             exposures: 5e-3 * fall.sqrt(),
             vignetting: 5e-3 * fall.sqrt(),
             poses: 3e-4 * fall,
             motions: 0.5 * fall.sqrt(),
             lens: 5e-4 * fall,
         }
-    }
-
-    /// How much of the time is over in which no Gaussians come or go any more, 0 to 1.
-    fn settling(&self, iteration: u32) -> f32 {
-        let from = self.last_refinement();
-        iteration.saturating_sub(from) as f32 / self.iterations.saturating_sub(from).max(1) as f32
     }
 
     /// What scales the noise of the means in a step \[1/m\].
@@ -250,9 +236,6 @@ impl TrainOptions {
         if !(0.0..=1.0).contains(&w.ssim) {
             return Err(off(place("share of SSIM"), "0 to 1", w.ssim));
         }
-        if !(self.settle > 0.0 && self.settle <= 1.0) {
-            return Err(off(place("rates at the end"), "a share above 0, at most 1", self.settle));
-        }
         if !(0.0..=MOST_DROPPED).contains(&self.drop) {
             return Err(off(place("share left out"), format!("0 to {MOST_DROPPED}"), self.drop));
         }
@@ -269,7 +252,6 @@ impl TrainOptions {
             ("normal prior", w.normal_prior),
             ("labels", w.labels),
             ("noise", self.noise),
-            ("clear space", self.clear),
         ] {
             if !(weight.is_finite() && weight >= 0.0) {
                 return Err(off(place(&format!("weight {name}")), "a number of at least 0", weight));

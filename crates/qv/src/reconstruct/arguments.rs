@@ -132,18 +132,12 @@ pub struct Reconstruct {
     /// Points to begin with at measured depths, besides those of the capture; 100000 with --depth-prior, else none
     #[arg(long, value_name = "N")]
     pub(super) depth_points: Option<usize>,
-    /// Points to begin with far behind everything: for sky, and for what is too far to be triangulated
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub(super) far_points: usize,
     /// Learns more often from photographs that show much ground: in proportion to 1 + S times its share of what each shows
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = crate::numbers::not_negative)]
     pub(super) ground_views: f64,
     /// Labels of the ground in the label images; without them the plane that most points below the cameras lie on is the ground
     #[arg(long, value_name = "N,N", value_delimiter = ',', requires = "ground_views", hide_short_help = true, value_parser = clap::value_parser!(u8).range(1..))]
     pub(super) ground_labels: Vec<u8>,
-    /// Lets no Gaussian stay nearer to a camera than this share of the nearest points in its image (with mcmc; 0 lets them be)
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
-    pub(super) clear: f32,
     /// Leaves up to this share of the Gaussians out of each step, at random: fewer photographs are learned by heart
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     pub(super) drop: f32,
@@ -153,9 +147,6 @@ pub struct Reconstruct {
     /// Makes a scene whose small images are right, too: Gaussians no finer than what photographs sample, drawn with anti-aliasing (Mip-Splatting)
     #[arg(long)]
     pub(super) antialias: bool,
-    /// What the rates of the Gaussians fall to in the last sixth of the steps
-    #[arg(long, value_name = "SHARE", default_value_t = 1.0, hide_short_help = true)]
-    pub(super) settle: f32,
     /// Weight of harmonics but the constant one
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.0, hide_short_help = true)]
     pub(super) harmonics_weight: f32,

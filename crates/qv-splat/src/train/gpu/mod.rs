@@ -16,7 +16,7 @@ use super::moments::bias;
 use super::options::{Strategy, TrainOptions};
 use super::random::{Purpose, words};
 use super::terms::multi_view;
-use super::{classic, clear, vignetting};
+use super::{classic, vignetting};
 use crate::SplatError;
 use crate::error::off;
 use qv_core::Camera;
@@ -569,9 +569,6 @@ impl<'a> GpuEngine<'a> {
         }
         if refines && options.strategy == Strategy::Mcmc {
             let mut logits = self.store.logits(&self.rasteriser.gpu)?;
-            if options.clear > 0.0 {
-                logits = clear::cleared(self.dataset, &self.store.means(&self.rasteriser.gpu)?, &logits, options.clear);
-            }
             let dead = Relocation::of_dead(&logits, options.seed, iteration);
             self.relocate(&dead)?;
             dead.changes.iter().for_each(|change| logits[change.index as usize] = change.logit);

@@ -63,7 +63,6 @@ mod against_the_cpu {
                 (options.drop, options.iterations) = (0.5, 10);
                 options.weights.flattening = 10.0;
                 options.weights.harmonics = 50.0;
-                options.settle = 0.5;
                 options.weights.normal_prior = 0.1;
                 options.weights.labels = 0.5;
                 options.weights.depth_normal = 0.1;
