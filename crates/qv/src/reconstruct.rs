@@ -26,11 +26,10 @@ use qv_splat::train::shutter::fitted_scores;
 use qv_splat::train::{
     AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Ground, GroundOptions, Model, Photograph, ReadOptions,
     Score, Shutter, Strategy, TrainOptions, Weights, at_depths, at_random, cameras, checkpoint, drawn,
-    ground_scores, growing, label_shares, neighbours_scores, of_points, pose, scores, train_in_proportion,
+    ground_scores, growing, neighbours_scores, of_points, pose, scores, train,
 };
 use qv_splat::{SplatError, error_at};
 use serde_json::{Value, json};
-use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 use std::time::Instant;
@@ -97,7 +96,7 @@ impl Reconstruct {
         bar.begin(stages - 1, stages, "training", Some(self.training_from()));
         let mut run = Run::new(self, &dataset, &bar);
         let clock = Instant::now();
-        let searched = self.search(&dataset, &options, &model.cloud, opened.points.as_ref(), &mut run)?;
+        let searched = self.search(&dataset, &options, &model.cloud, &mut run)?;
         if let Some(scene) = searched.as_ref().and_then(|found| found.stopped_with.as_ref()) {
             if !self.has_finished_scene() {
                 self.save_scene(scene, &dataset)?;
@@ -111,8 +110,7 @@ impl Reconstruct {
         let search_s = clock.elapsed().as_secs_f64();
         run.iterations = options.iterations;
         let clock = Instant::now();
-        let weights = self.view_weights(&dataset, opened.points.as_ref())?;
-        let (mut model, finished) = self.train(&dataset, &options, model, &weights, &mut run)?;
+        let (mut model, finished) = self.train(&dataset, &options, model, &mut run)?;
         // A stop that comes later finds training done.
         let is_stopped = !finished && run.is_stopped();
         let train_s = clock.elapsed().as_secs_f64();
@@ -157,7 +155,7 @@ impl Reconstruct {
             "format": "qv-reconstruct/1", "capture": self.capture.display().to_string(), "iterations": stood_at, "scene_of_iteration": scene_of,
             "finished": finished, "gaussians": model.cloud.len(), "loss": run.loss, "timing": {"read_s": read_s, "search_s": search_s, "train_s": train_s,
             "write_s": clock.elapsed().as_secs_f64(), "times_ms": run.mean_times()}, "photographs": dataset.training.len(), "began_at_points": at_points,
-            "ground_views": words::of_views(self.ground_views, &weights), "vignetting": self.vignetting,
+            "vignetting": self.vignetting,
             "exposure": self.exposure, "poses_refined": self.refine_poses, "shutter": words::of_shutter(&model, &dataset)?, "poses": poses, "poses_found": found, "stereo": stereo::named(depths.as_ref()), "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
             "held_out": dataset.held_out.iter().zip(&held_out).map(|(one, score)| named(&one.name, score)).collect::<Vec<_>>(),
             "mean": Score::mean(&held_out).map(|mean| named("mean", &mean)),
@@ -375,7 +373,6 @@ impl Reconstruct {
         dataset: &Dataset,
         options: &TrainOptions,
         mut model: Model,
-        weights: &[f32],
         run: &mut Run,
     ) -> Result<(Model, bool), Failure> {
         for (factor, until) in growing::stages(dataset, options.iterations, self.small) {
@@ -385,7 +382,7 @@ impl Reconstruct {
             let small = (factor > 1).then(|| dataset.smaller(factor));
             let mut engine = self.engine(small.as_ref().unwrap_or(dataset), options, model)?;
             let trained =
-                train_in_proportion(engine.as_mut(), weights, until, options.seed, REPORT_EVERY, &mut |engine, at| {
+                train(engine.as_mut(), dataset.training.len(), until, options.seed, REPORT_EVERY, &mut |engine, at| {
                     run.watch(engine, at).map_err(|e| error_at("training", "files", &e.to_string()))
                 });
             let finished = trained.or_else(|error| self.rescue(std::mem::take(&mut run.best), dataset, error))?;
@@ -431,34 +428,6 @@ impl Reconstruct {
         let rasteriser = GpuRasteriser::new(Gpu::new(&GpuOptions { adapter: self.gpu_index, ..Default::default() })?);
         let how = GpuTraining { atomic: !self.ordered };
         Ok(Box::new(GpuEngine::new(rasteriser, dataset, options, model, how)?))
-    }
-
-    /// How often each photograph is learned from.
-    fn view_weights(&self, dataset: &Dataset, points: Option<&Points>) -> Result<Vec<f32>, Failure> {
-        if self.ground_views == 0.0 {
-            return Ok(vec![1.0; dataset.training.len()]);
-        }
-        let none = |expected: &str| about(&self.capture, format!("--ground-views: expected {expected}, found none"));
-        let shares = match self.ground_labels.is_empty() {
-            false => label_shares(&self.ground_labels, dataset),
-            true => {
-                let points = points.ok_or_else(|| none("points (points.ply), or --ground-labels"))?;
-                let ground = Ground::of_points(&points.places, dataset, &GroundOptions::default());
-                ground.ok_or_else(|| none("a plane below the cameras"))?.shares(&points.places, dataset)
-            }
-        };
-        if shares.iter().all(|share| *share == 0.0) {
-            let there: BTreeSet<u8> = dataset.training.iter().flat_map(|one| one.labels.iter().copied()).collect();
-            let expected = match self.ground_labels.is_empty() {
-                true => "photographs that show the plane".into(),
-                false => format!(
-                    "label images with one of {:?} (--ground-labels; `index` in labels.toml), those here have {there:?}",
-                    self.ground_labels
-                ),
-            };
-            return Err(none(&expected));
-        }
-        Ok(shares.iter().map(|share| 1.0 + self.ground_views as f32 * share).collect())
     }
 
     /// Scores of held-out photographs with cameras that were moved to where they show the left half best; none when poses are as given.
@@ -540,7 +509,7 @@ impl Reconstruct {
             "--shutter-samples": self.shutter_samples, "--gamma": self.gamma, "--flattening": self.flattening,
             "--depth-prior": self.depth_weight(), "--stereo": self.stereo, "--depth-normal": self.depth_normal,
             "--multi-view": self.multi_view, "--normal-prior": self.normal_prior, "--labels": self.labels,
-            "--ground-views": self.ground_views, "--drop": self.drop, "--small": self.small,
+            "--drop": self.drop, "--small": self.small,
             "--antialias": self.antialias, "--harmonics-weight": self.harmonics_weight, "--noise": self.noise,
             "--opacity-weight": self.opacity_weight, "--scale-weight": self.scale_weight,
         });

@@ -5,7 +5,7 @@ use super::drawn::{DEPTH, drawn, drawn_with};
 use super::exposure::{Exposure, exposed_image};
 use super::ground::Ground;
 use super::model::Model;
-use super::order::round;
+use super::random::shuffled;
 use super::score::{GroundScore, Score, score, score_of};
 use super::vignetting::vignetted;
 use crate::SplatError;
@@ -69,34 +69,12 @@ pub fn train(
     report_every: u32,
     watch: &mut dyn FnMut(&mut dyn Engine, &Progress) -> Result<bool, SplatError>,
 ) -> Result<bool, SplatError> {
-    train_in_proportion(engine, &vec![1.0; photographs.max(1)], iterations, seed, report_every, watch)
-}
-
-/// As [`train`], with photographs in proportion to weights, one for each: as many steps as there are photographs make a round, in which each
-/// comes as often as its weight says ([`super::order::round`]).
-///
-/// # Errors
-/// A weight is negative or no number, or all are 0; else as [`train`].
-pub fn train_in_proportion(
-    engine: &mut dyn Engine,
-    weights: &[f32],
-    iterations: u32,
-    seed: u32,
-    report_every: u32,
-    watch: &mut dyn FnMut(&mut dyn Engine, &Progress) -> Result<bool, SplatError>,
-) -> Result<bool, SplatError> {
-    if let Some(weight) = weights.iter().find(|weight| !(weight.is_finite() && **weight >= 0.0)) {
-        return Err(off("training, weight of a photograph", "a number of at least 0", weight));
-    }
-    if weights.iter().all(|weight| *weight == 0.0) {
-        return Err(off("training, weights of photographs", "one above 0", format!("{} of 0", weights.len())));
-    }
-    let count = weights.len() as u32;
+    let count = photographs.max(1) as u32;
     let mut order: (u32, Vec<usize>) = (u32::MAX, vec![]);
     while engine.iteration() < iterations {
         let iteration = engine.iteration();
         if order.0 != iteration / count {
-            order = (iteration / count, round(weights, seed, iteration / count));
+            order = (iteration / count, shuffled(photographs.max(1), seed, iteration / count));
         }
         engine.step(order.1[(iteration % count) as usize])?;
         let iteration = engine.iteration();
@@ -192,21 +170,6 @@ fn through_lens(photograph: &Photograph, image: &Image) -> Vec<f32> {
 mod tests {
     use super::super::tiny;
     use super::*;
-    use crate::facts::States;
-
-    #[test]
-    fn weights_of_photographs_that_are_no_numbers_are_named() {
-        let scene = tiny::scene(5, 3, 16);
-        let options = super::super::TrainOptions::default();
-        let model = Model::new(scene.cloud.clone(), &scene.dataset);
-        let mut engine = super::super::CpuEngine::new(&scene.dataset, &options, model).unwrap();
-        let mut run = |weights: &[f32]| {
-            train_in_proportion(&mut engine, weights, 3, 0, 1, &mut |_, _| Ok(true)).map_err(|error| error.to_string())
-        };
-        assert!(run(&[1.0, f32::NAN, 1.0]).unwrap_err().states("photograph"));
-        assert!(run(&[0.0; 3]).unwrap_err().states("above 0 3 0"));
-        assert_eq!(run(&[0.0, 2.0, 0.0]), Ok(true));
-    }
 
     #[test]
     fn a_held_out_exposure_is_that_of_its_neighbours() {

@@ -102,7 +102,7 @@ pub fn at_depths(dataset: &Dataset, count: usize, options: &TrainOptions) -> Poi
 
 #[cfg(test)]
 mod tests {
-    use super::super::tiny;
+    use super::super::{Photograph, tiny};
     use super::*;
     use crate::facts::States;
 

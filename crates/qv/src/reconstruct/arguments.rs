@@ -132,12 +132,6 @@ pub struct Reconstruct {
     /// Points to begin with at measured depths, besides those of the capture; 100000 with --depth-prior, else none
     #[arg(long, value_name = "N")]
     pub(super) depth_points: Option<usize>,
-    /// Learns more often from photographs that show much ground: in proportion to 1 + S times its share of what each shows
-    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = crate::numbers::not_negative)]
-    pub(super) ground_views: f64,
-    /// Labels of the ground in the label images; without them the plane that most points below the cameras lie on is the ground
-    #[arg(long, value_name = "N,N", value_delimiter = ',', requires = "ground_views", hide_short_help = true, value_parser = clap::value_parser!(u8).range(1..))]
-    pub(super) ground_labels: Vec<u8>,
     /// Leaves up to this share of the Gaussians out of each step, at random: fewer photographs are learned by heart
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     pub(super) drop: f32,

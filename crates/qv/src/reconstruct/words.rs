@@ -38,14 +38,6 @@ pub fn named(name: &str, s: &Score) -> Value {
         "psnr_right_gains": s.psnr_right_gains})
 }
 
-/// How often photographs were learned from, for metrics.json: the weight of ground, and the smallest and largest of what each photograph has by
-/// it; null where all are alike.
-pub fn of_views(ground: f64, weights: &[f32]) -> Value {
-    let most = weights.iter().fold(0.0f32, |most, weight| most.max(*weight));
-    let least = weights.iter().fold(f32::INFINITY, |least, weight| least.min(*weight));
-    if ground > 0.0 { json!({"weight": ground, "least": least, "most": most}) } else { Value::Null }
-}
-
 /// How photographs were exposed and cameras moved, for metrics.json: null where cameras are taken to be at rest. Lengths are of the way from the
 /// beginning of a photograph to its end: of what it shows in it, of the camera, and of its turn.
 pub fn of_shutter(model: &Model, dataset: &Dataset) -> Result<Value, SplatError> {
