@@ -22,10 +22,9 @@ use qv_core::{Camera, GaussianCloud};
 use qv_splat::captures::distortion::Distortion;
 use qv_splat::captures::{Attachments, Capture, CaptureCamera, cameras_json};
 use qv_splat::files::{Points, ply};
-use qv_splat::train::shutter::fitted_scores;
 use qv_splat::train::{
     AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Ground, GroundOptions, Model, Photograph, ReadOptions,
-    Score, Shutter, Strategy, TrainOptions, Weights, at_depths, at_random, cameras, checkpoint, drawn,
+    Score, Strategy, TrainOptions, Weights, at_depths, at_random, cameras, checkpoint, drawn,
     ground_scores, growing, neighbours_scores, of_points, pose, scores, train,
 };
 use qv_splat::{SplatError, error_at};
@@ -62,7 +61,6 @@ const JUDGE_EVERY: u32 = 1000;
 impl Reconstruct {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let clock = Instant::now();
-        let shutter = self.how_exposed()?;
         let bar = Stages::new();
         let stages = if self.stereo { 4 } else { 3 };
         bar.begin(1, stages, "reading", None);
@@ -89,7 +87,6 @@ impl Reconstruct {
             dataset.background = [0.0; 3];
         }
         dataset.antialias = self.antialias;
-        dataset.shutter = shutter;
         make_folder(&self.out).map_err(|e| about(&self.out, format!("expected a folder, found {e}")))?;
         let (model, at_points) = self.begin(&opened, &dataset, &options)?;
         let read_s = clock.elapsed().as_secs_f64();
@@ -135,7 +132,6 @@ impl Reconstruct {
         let as_drawn = scores(&model.cloud, &looked_at, &dataset)?;
         let held_out = if self.exposure { neighbours_scores(&model, &dataset, &looked_at)? } else { as_drawn.clone() };
         let aligned = self.aligned(&model, &dataset, &looked_at)?;
-        let moving = fitted_scores(&model.cloud, &looked_at, &dataset, self.refine_poses, ALIGN_STEPS)?;
         let ground = Ground::of(&model.cloud, &dataset, &GroundOptions::default())?;
         let of_ground = match &ground {
             Some(ground) => ground_scores(&model, &dataset, &looked_at, ground, self.exposure)?,
@@ -155,13 +151,12 @@ impl Reconstruct {
             "format": "qv-reconstruct/1", "capture": self.capture.display().to_string(), "iterations": stood_at, "scene_of_iteration": scene_of,
             "finished": finished, "gaussians": model.cloud.len(), "loss": run.loss, "timing": {"read_s": read_s, "search_s": search_s, "train_s": train_s,
             "write_s": clock.elapsed().as_secs_f64(), "times_ms": run.mean_times()}, "photographs": dataset.training.len(), "began_at_points": at_points,
-            "vignetting": self.vignetting,
-            "exposure": self.exposure, "poses_refined": self.refine_poses, "shutter": words::of_shutter(&model, &dataset)?, "poses": poses, "poses_found": found, "stereo": stereo::named(depths.as_ref()), "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
+            "exposure": self.exposure, "poses_refined": self.refine_poses, "poses": poses, "poses_found": found, "stereo": stereo::named(depths.as_ref()), "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
             "held_out": dataset.held_out.iter().zip(&held_out).map(|(one, score)| named(&one.name, score)).collect::<Vec<_>>(),
             "mean": Score::mean(&held_out).map(|mean| named("mean", &mean)),
             "mean_identity": Score::mean(&as_drawn).map(|mean| named("mean", &mean)),
             "mean_aligned": Score::mean(&aligned).map(|mean| named("mean", &mean)),
-            "mean_moving": Score::mean(&moving).map(|mean| named("mean", &mean)), "antialias": dataset.antialias, "steps_asked": self.iterations,
+            "antialias": dataset.antialias, "steps_asked": self.iterations,
             "aside": searched, "ground": words::of_ground(ground.as_ref(), &of_ground),
         });
         self.save_cameras(&model, &dataset, &looked_at, is_found)?;
@@ -170,7 +165,7 @@ impl Reconstruct {
         bar.finish();
         self.tell(
             &metrics,
-            [Score::mean(&held_out), Score::mean(&aligned), Score::mean(&moving)],
+            [Score::mean(&held_out), Score::mean(&aligned)],
             &run,
             search_s + train_s,
             model.cloud.len(),
@@ -220,9 +215,7 @@ impl Reconstruct {
                 StrategyName::Classic => Strategy::Classic,
             },
             exposure: self.exposure,
-            vignetting: self.vignetting,
             poses: self.refine_poses,
-            lens: self.refine_lens,
             seed: self.seed,
             weights: Weights {
                 flattening: self.flattening,
@@ -240,20 +233,6 @@ impl Reconstruct {
             drop: self.drop,
             ..Default::default()
         }
-    }
-
-    /// How photographs are exposed; none where cameras are taken to be at rest.
-    fn how_exposed(&self) -> Result<Option<Shutter>, Failure> {
-        if !self.shutter {
-            return Ok(None);
-        }
-        #[cfg(feature = "gpu")]
-        if self.gpu {
-            return Err("--shutter: expected training on the CPU, found --gpu; leave --gpu out".into());
-        }
-        let shutter = Shutter { samples: self.shutter_samples, readout: self.readout, gamma: self.gamma };
-        shutter.check()?;
-        Ok(Some(shutter))
     }
 
     /// Options that do something only where the capture has what they need.
@@ -298,22 +277,6 @@ impl Reconstruct {
         Err(about(&path, found))
     }
 
-    /// What was learned of cameras goes on being learned, or else it would neither be used nor be gone.
-    fn check_cameras(&self, model: &Model, path: &Path) -> Result<(), Failure> {
-        let vignetting = model.shared.iter().any(|one| one.vignetting != [0.0; 3]);
-        let moving = model.motions.iter().any(|motion| *motion != [0.0; 6]);
-        let both = [("--vignetting", vignetting, self.vignetting), ("--shutter", moving, self.shutter)];
-        match both.into_iter().find(|(_, there, asked)| model.iteration > 0 && there != asked) {
-            Some((option, true, _)) => {
-                Err(about(path, format!("--resume: expected {option}, with which it was begun, found none")))
-            }
-            Some((option, ..)) => {
-                Err(about(path, format!("--resume: expected a checkpoint begun with {option}, found one without")))
-            }
-            None => Ok(()),
-        }
-    }
-
     /// As many as there is room for beside `others`.
     fn usual_depth_points(&self, others: usize) -> usize {
         let room = self.cap.saturating_sub(others);
@@ -329,7 +292,6 @@ impl Reconstruct {
             let (model, begun_with) = checkpoint::read(&bytes).map_err(|e| about(&path, e))?;
             model.check_places(dataset).map_err(|e| about(&path, e))?;
             self.check_background(dataset)?;
-            self.check_cameras(&model, &path)?;
             self.check_begun_with(&begun_with, &path)?;
             if self.labels > 0.0 && model.cloud.feature_count == 0 {
                 let expected = "--labels: expected a checkpoint that was begun with labels, found one without";
@@ -452,7 +414,7 @@ impl Reconstruct {
         is_found: bool,
     ) -> Result<(), Failure> {
         let path = self.out.join("cameras.json");
-        if !(self.refine_poses || self.refine_lens || is_found) {
+        if !(self.refine_poses || is_found) {
             // Those of an earlier scene would be wrong for this one.
             output::remove(&path);
             return Ok(());
@@ -504,9 +466,8 @@ impl Reconstruct {
     fn begun_with(&self) -> Result<String, Failure> {
         let options = json!({
             "--seed": self.seed, "--strategy": named_value(&self.strategy), "--poses": named_value(&self.poses),
-            "--downscale": self.downscale, "--hold-out": self.hold_out, "--exposure": self.exposure, "--vignetting": self.vignetting,
-            "--refine-poses": self.refine_poses, "--refine-lens": self.refine_lens, "--shutter": self.shutter, "--readout": self.readout,
-            "--shutter-samples": self.shutter_samples, "--gamma": self.gamma, "--flattening": self.flattening,
+            "--downscale": self.downscale, "--hold-out": self.hold_out, "--exposure": self.exposure,
+            "--refine-poses": self.refine_poses, "--flattening": self.flattening,
             "--depth-prior": self.depth_weight(), "--stereo": self.stereo, "--depth-normal": self.depth_normal,
             "--multi-view": self.multi_view, "--normal-prior": self.normal_prior, "--labels": self.labels,
             "--drop": self.drop, "--small": self.small,
@@ -558,7 +519,7 @@ impl Reconstruct {
     fn tell(
         &self,
         metrics: &Value,
-        means: [Option<Score>; 3],
+        means: [Option<Score>; 2],
         run: &Run,
         seconds: f64,
         splats: usize,
@@ -585,17 +546,10 @@ impl Reconstruct {
                 1e3 * metres
             );
         }
-        if let Some(px) = metrics["shutter"]["motion_px"].as_f64() {
-            text += &format!("cameras moved by {px:.2} px (mean) during a photograph\n");
-        }
         if let Some(depths) = stereo::in_words(&metrics["stereo"]) {
             text += &format!("{depths}\n");
         }
-        let told = [
-            "held out",
-            "held out, cameras aligned on the left half",
-            "held out, with the motion of the camera fitted to the left half",
-        ];
+        let told = ["held out", "held out, cameras aligned on the left half"];
         for (what, mean) in told.iter().zip(means) {
             let Some(s) = mean else { continue };
             text += &format!("{what}: {}\n", in_words(&s));
@@ -615,19 +569,19 @@ fn named_value(value: &impl ValueEnum) -> Option<String> {
     value.to_possible_value().map(|value| value.get_name().to_owned())
 }
 
-/// Each camera as it was learned: its lens and the lens's vignetting, how far it moved, and the photographs' own motions (root mean square).
+/// Each camera: its lens, how far it moved, and the photographs' own motions (root mean square).
 fn refined(model: &Model, dataset: &Dataset) -> Vec<Value> {
     let one = |(group, shared): (usize, &cameras::Shared)| {
         let of = |k: &usize| model.groups[*k] == group;
         let taken: Vec<usize> = (0..model.groups.len()).filter(of).collect();
-        let lens = shared.camera(&dataset.training[taken[0]].camera);
+        let lens = dataset.training[taken[0]].camera;
         let own = |k: &usize| {
             let given = shared.motion * dataset.training[*k].camera.camera_from_world;
             let own = model.poses[*k] * given.inverse();
             (own.position.length_squared(), own.rotation.to_scaled_axis().length_squared())
         };
         let mean = |of: &dyn Fn((f64, f64)) -> f64| taken.iter().map(|k| of(own(k))).sum::<f64>() / taken.len() as f64;
-        json!({"photographs": taken.len(), "fx": lens.fx, "fy": lens.fy, "cx": lens.cx, "cy": lens.cy, "vignetting": shared.vignetting,
+        json!({"photographs": taken.len(), "fx": lens.fx, "fy": lens.fy, "cx": lens.cx, "cy": lens.cy,
             "motion_m": shared.motion.position.to_array(),
             "motion_deg": shared.motion.rotation.to_scaled_axis().to_array().map(f64::to_degrees),
             "own_motion_m": mean(&|(metres, _)| metres).sqrt(), "own_motion_deg": mean(&|(_, angle)| angle).sqrt().to_degrees()})

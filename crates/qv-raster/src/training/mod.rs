@@ -12,7 +12,7 @@ pub const FOLD: u32 = 32_768;
 pub const SHADERS: [(&str, &[&str]); 8] = [
     ("loss", &["similar", "pull"]),
     ("finish", &["finish"]),
-    ("cameras", &["bend", "turn"]),
+    ("cameras", &["turn"]),
     ("drop", &["leave_out", "bring_back"]),
     ("filter", &["widen", "narrow"]),
     ("update", &["shape", "harmonics", "features", "gather"]),
@@ -114,30 +114,14 @@ pub struct StepWords {
     pub photographs: u32,
     /// The camera that took it.
     pub camera: u32,
-    /// Sum of what is learned of cameras: 1 poses, 2 lenses, 4 vignetting.
+    /// 1 when poses are learned.
     pub refines: u32,
-    /// Rate of lenses.
-    pub lens_rate: f32,
     /// What the running means of the camera are divided by.
     pub camera_bias: [f32; 2],
-    /// Focal lengths of the camera as they were given \[px\].
-    pub focal: [f32; 2],
     /// Share of the Gaussians that the step leaves out.
     pub drop: f32,
     /// What harmonics but the constant one are pulled to 0 by.
     pub shrink: f32,
-    /// Principal point as it was given \[px\].
-    pub centre: [f32; 2],
-    /// One over the square of half the diagonal \[1/px²\].
-    pub one_over_square: f32,
-    /// 1 when vignetting is learned.
-    pub vignettes: u32,
-    /// Rate of its coefficients.
-    pub vignetting_rate: f32,
-    /// Weight of their squares.
-    pub vignetting_weight: f32,
-    /// Nothing: words come in fours.
-    pub free: [f32; 2],
 }
 
 /// The text of a shader. Lines between `//#taps` and `//#end` are repeated for each tap of the window, with its index for `$K` and its

@@ -63,7 +63,6 @@ fn photograph(name: usize, camera: Camera) -> Photograph {
     Photograph {
         name: format!("v{name}"),
         camera,
-        vignetting: [0.0; 3],
         pixels,
         depth,
         normals: vec![],

@@ -1,8 +1,8 @@
 //! A model as bytes and back: all that is needed to go on as if nothing had happened.
 //!
-//! Little-endian: the eight bytes `qvtrain4`; seven counts of 32 bits (steps, Gaussians, degree, features, photographs, cameras, bytes of text); then floats: the
-//! cloud's means, log scales, rotations, logits, harmonics, features; the same of both running means, each with that of poses; exposures and their running means,
-//! motions during exposures and their running means; pulls; of each camera running means (12 and 12), lens, vignetting; then as 32 bits each the camera of each photograph,
+//! Little-endian: the eight bytes `qvtrain5`; seven counts of 32 bits (steps, Gaussians, degree, features, photographs, cameras, bytes of text); then floats: the
+//! cloud's means, log scales, rotations, logits, harmonics, features; the same of both running means, each with that of poses; exposures and their running means;
+//! pulls; of each camera running means (6 and 6); then as 32 bits each the camera of each photograph,
 //! and how often each camera was seen; then poses of photographs and motions of cameras as seven doubles each, position and quaternion w, x, y, z; then
 //! the text, UTF-8: what the caller says of the training, such as its options.
 
@@ -13,7 +13,7 @@ use crate::error::off;
 use qv_core::{GaussianCloud, Pose};
 use qv_raster::Gradients;
 
-const MAGIC: &[u8; 8] = b"qvtrain4";
+const MAGIC: &[u8; 8] = b"qvtrain5";
 const PLACE: &str = "checkpoint";
 
 /// Bytes before the floats.
@@ -47,12 +47,10 @@ pub fn write(model: &Model, text: &str) -> Vec<u8> {
     for exposures in [&model.exposures, &model.exposures_first, &model.exposures_second] {
         floats(exposures.as_flattened());
     }
-    for motions in [&model.motions, &model.motions_first, &model.motions_second] {
-        floats(motions.as_flattened());
-    }
     floats(model.pulls.as_flattened());
     for one in &model.shared {
-        [&one.first[..], &one.second, &one.lens, &one.vignetting].into_iter().for_each(&mut floats);
+        floats(&one.first);
+        floats(&one.second);
     }
     let words = model.groups.iter().map(|group| *group as u32).chain(model.shared.iter().map(|one| one.seen));
     words.for_each(|word| out.extend(word.to_le_bytes()));
@@ -89,7 +87,7 @@ impl Rest<'_> {
 /// The bytes are none of a checkpoint, or their number is another than their counts say.
 pub fn read(bytes: &[u8]) -> Result<(Model, String), SplatError> {
     if bytes.len() < HEAD || &bytes[..8] != MAGIC {
-        return Err(off(PLACE, "the bytes `qvtrain4` and seven counts", format!("{} bytes", bytes.len())));
+        return Err(off(PLACE, "the bytes `qvtrain5` and seven counts", format!("{} bytes", bytes.len())));
     }
     let count = |k: usize| u32::from_le_bytes([0, 1, 2, 3].map(|i| bytes[8 + 4 * k + i])) as usize;
     let (n, degree, features, views, lenses) = (count(1), count(2), count(3), count(4), count(5));
@@ -101,7 +99,7 @@ pub fn read(bytes: &[u8]) -> Result<(Model, String), SplatError> {
     let each = 11 + 3 * sh + features;
     let said = count(6);
     let expected = HEAD as u128
-        + 4 * (n as u128 * (3 * each + 2) as u128 + views as u128 * 67 + lenses as u128 * 31)
+        + 4 * (n as u128 * (3 * each + 2) as u128 + views as u128 * 49 + lenses as u128 * 13)
         + 56 * (views + lenses) as u128
         + said as u128;
     if expected != bytes.len() as u128 {
@@ -131,9 +129,8 @@ pub fn read(bytes: &[u8]) -> Result<(Model, String), SplatError> {
     };
     let (first, second) = (moments(), moments());
     let (exposures, exposures_first, exposures_second) = (rest.rows(views), rest.rows(views), rest.rows(views));
-    let (motions, motions_first, motions_second) = (rest.rows(views), rest.rows(views), rest.rows(views));
     let pulls = rest.rows(n);
-    let learned: Vec<[f32; 30]> = rest.rows(lenses);
+    let learned: Vec<[f32; 12]> = rest.rows(lenses);
     let groups: Vec<usize> = rest.words(views).into_iter().map(|group| group as usize).collect();
     if let Some(group) = groups.iter().find(|group| **group >= lenses) {
         return Err(off(PLACE, format!("photographs of {lenses} cameras"), format!("one of camera {group}")));
@@ -148,9 +145,7 @@ pub fn read(bytes: &[u8]) -> Result<(Model, String), SplatError> {
     let (poses, mountings) = all.split_at(views);
     let shared = learned.iter().zip(seen).zip(mountings).map(|((one, seen), motion)| Shared {
         first: std::array::from_fn(|k| one[k]),
-        second: std::array::from_fn(|k| one[12 + k]),
-        lens: [one[24], one[25], one[26]],
-        vignetting: [one[27], one[28], one[29]],
+        second: std::array::from_fn(|k| one[6 + k]),
         motion: *motion,
         seen,
     });
@@ -164,9 +159,6 @@ pub fn read(bytes: &[u8]) -> Result<(Model, String), SplatError> {
         exposures,
         exposures_first,
         exposures_second,
-        motions,
-        motions_first,
-        motions_second,
         poses,
         groups,
         shared,
@@ -188,12 +180,8 @@ mod tests {
         model.raise_degree(2);
         model.iteration = 77;
         model.first.sh[3] = [1.0, 2.0, 3.0];
-        model.motions[1] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6];
-        model.motions_second[2][5] = 0.7;
         model.shared[0] = Shared {
-            lens: [0.1, 0.2, 0.3],
-            vignetting: [0.7, 0.8, 0.9],
-            second: [0.4; 12],
+            second: [0.4; 6],
             seen: 5,
             motion: model.poses[1],
             ..Shared::NONE

@@ -1,7 +1,7 @@
 //! Steps on the CPU: the reference for those on the card.
 
 use super::adam::{regularise, shake, step, step_exposure};
-use super::cameras::{self, ByCamera};
+use super::cameras;
 use super::dataset::{Dataset, Photograph};
 use super::drop::Drop;
 use super::engine::Engine;
@@ -10,12 +10,9 @@ use super::filter::{self, Sampling};
 use super::loss::photometric;
 use super::mcmc::Relocation;
 use super::model::Model;
-use super::motion::Motion;
 use super::options::{Strategy, TrainOptions};
 use super::random::{Purpose, words};
-use super::shutter::{self};
 use super::terms::{depth_normal, labels, multi_view, priors};
-use super::vignetting::{self, Vignetting, vignetted};
 use super::classic;
 use crate::SplatError;
 use qv_core::{Camera, GaussianCloud};
@@ -41,14 +38,10 @@ impl<'a> CpuEngine<'a> {
     ///
     /// # Errors
     /// Options are off, or the model is not of this many photographs.
-    pub fn new(dataset: &'a Dataset, options: &TrainOptions, mut model: Model) -> Result<Self, SplatError> {
+    pub fn new(dataset: &'a Dataset, options: &TrainOptions, model: Model) -> Result<Self, SplatError> {
         options.check()?;
         model.cloud.check()?;
         model.check(dataset)?;
-        if let Some(shutter) = &dataset.shutter {
-            shutter.check()?;
-            shutter::begin(&mut model, dataset, options.seed);
-        }
         let cameras: Vec<Camera> = dataset.training.iter().map(|one| one.camera).collect();
         let partners = multi_view::partners(&cameras, dataset.extent);
         let sampling = dataset.antialias.then(|| dataset.sampling());
@@ -72,20 +65,8 @@ impl<'a> CpuEngine<'a> {
         self.dataset.settings(outputs(&self.options, self.model.iteration))
     }
 
-    /// The views that a photograph is drawn from, and which of them is at its pose.
-    fn views(&self, index: usize) -> (Vec<View>, usize) {
-        let camera = self.model.camera(self.dataset, index);
-        match &self.dataset.shutter {
-            None => (vec![View::of(camera)], 0),
-            Some(shutter) => {
-                let cameras = shutter.cameras(&camera, &self.model.motions[index]);
-                (cameras.into_iter().map(View::of).collect(), shutter.middle())
-            }
-        }
-    }
-
-    /// One photograph: derivatives of everything but the Gaussians' regularisers, those by the camera, and by its motion.
-    fn look(&mut self, index: usize) -> Result<(qv_raster::Gradients, ByCamera, Motion), SplatError> {
+    /// One photograph: derivatives of everything but the Gaussians' regularisers.
+    fn look(&mut self, index: usize) -> Result<qv_raster::Gradients, SplatError> {
         let camera = self.model.camera(self.dataset, index);
         let settings = self.settings();
         let drop = Drop::of(&self.options, self.model.iteration);
@@ -97,28 +78,12 @@ impl<'a> CpuEngine<'a> {
             GaussianCloud { opacity_logits, ..whole.clone() }
         });
         let scene = Scene::still(thinned.as_ref().unwrap_or(whole));
-        let (views, middle) = self.views(index);
-        let frame = Frame::new(&scene, &views, &settings)?;
-        let images = frame.images();
-        let mut by_images = frame.blank_images();
-        let colour = match &self.dataset.shutter {
-            None => Cow::Borrowed(&images[0].colour),
-            Some(shutter) => Cow::Owned(shutter.exposed(&images)),
-        };
-        let (mut loss, by_colour, by_vignetting, by_exposure) = self.photometric(index, &colour, images[0].width);
-        let lens = self.options.lens;
-        let by_lens = if lens { cameras::by_lens(&colour, &by_colour, &camera) } else { [0.0; 3] };
-        match &self.dataset.shutter {
-            None => by_images[0].colour = by_colour,
-            Some(shutter) => shutter.back(&images, &colour, &by_colour, &mut by_images),
-        }
-        loss += self.terms(index, &camera, &images[middle], &mut by_images[middle])?;
+        let frame = Frame::new(&scene, &[View::of(camera)], &settings)?;
+        let (images, mut by_images) = (frame.images(), frame.blank_images());
+        let (mut loss, by_colour, by_exposure) = self.photometric(index, &images[0]);
+        by_images[0].colour = by_colour;
+        loss += self.terms(index, &camera, &images[0], &mut by_images[0])?;
         let (mut by, pulls) = frame.gradients_and_pulls(&scene, &by_images)?;
-        let mut by_camera = ByCamera { pose: by.poses[0], lens: by_lens, vignetting: by_vignetting };
-        let mut by_motion = [0.0; 6];
-        if let Some(shutter) = &self.dataset.shutter {
-            [by_camera.pose, by_motion] = shutter.by_pose_and_motion(&self.model.motions[index], &by.poses);
-        }
         if let Some(drop) = drop {
             drop.back(&whole.opacity_logits, &mut by.opacity_logits);
         }
@@ -126,9 +91,8 @@ impl<'a> CpuEngine<'a> {
             filter::back(&self.model.cloud, &deviations, &mut by);
         }
         for (sum, pull) in self.model.pulls.iter_mut().zip(pulls) {
-            // Samples of one photograph are one view: their weights, by which each pulls, sum up to 1.
             sum[0] += pull[0];
-            sum[1] += pull[1] / views.len() as f32;
+            sum[1] += pull[1];
         }
         self.losses.0 += loss as f64;
         self.losses.1 += 1;
@@ -137,46 +101,24 @@ impl<'a> CpuEngine<'a> {
             let seen = self.seen();
             step_exposure(&mut self.model, index, &by, rates.exposures, seen);
         }
-        Ok((by, by_camera, by_motion))
+        Ok(by)
     }
 
-    /// What the lens of a photograph makes of drawn colours, where that is learned.
-    fn through_lens<'c>(&self, index: usize, colour: &'c [f32]) -> Cow<'c, [f32]> {
-        match self.options.vignetting {
-            false => Cow::Borrowed(colour),
-            true => Cow::Owned(vignetted(self.vignetting(index), &self.dataset.training[index].camera, colour)),
-        }
-    }
-
-    fn vignetting(&self, index: usize) -> Vignetting {
-        self.model.shared[self.model.groups[index]].vignetting
-    }
-
-    /// Loss of colours, and its derivatives by them, by the lens's vignetting, and by the exposure where that is learned.
-    fn photometric(&self, index: usize, colour: &[f32], width: usize) -> (f32, Vec<f32>, Vignetting, Option<Exposure>) {
+    /// Loss of colours, and its derivatives by them and by the exposure where that is learned.
+    fn photometric(&self, index: usize, image: &Image) -> (f32, Vec<f32>, Option<Exposure>) {
         let photograph: &Photograph = &self.dataset.training[index];
         let (wanted, valid) = (photograph.colour(), photograph.valid());
         let (options, exposure) = (&self.options, &self.model.exposures[index]);
-        let share = options.weights.ssim;
-        let through = self.through_lens(index, colour);
-        let (loss, mut by, by_exposure) = match options.exposure {
-            false => {
-                let (loss, by) = photometric(&through, &wanted, &valid, width, share);
-                (loss, by, None)
-            }
-            true => {
-                let seen = exposed_image(exposure, &through);
-                let (loss, mut by) = photometric(&seen, &wanted, &valid, width, share);
-                let mut by_exposure = exposed_backward(exposure, &through, &mut by);
-                exposure::regularise(exposure, options.weights.exposure, &mut by_exposure);
-                (loss, by, Some(by_exposure))
-            }
-        };
-        let by_lens = match options.vignetting {
-            false => vignetting::NONE,
-            true => vignetting::back(self.vignetting(index), &photograph.camera, colour, &mut by),
-        };
-        (loss, by, by_lens, by_exposure)
+        let (width, share) = (image.width, options.weights.ssim);
+        if !options.exposure {
+            let (loss, by) = photometric(&image.colour, &wanted, &valid, width, share);
+            return (loss, by, None);
+        }
+        let seen = exposed_image(exposure, &image.colour);
+        let (loss, mut by) = photometric(&seen, &wanted, &valid, width, share);
+        let mut by_exposure = exposed_backward(exposure, &image.colour, &mut by);
+        exposure::regularise(exposure, options.weights.exposure, &mut by_exposure);
+        (loss, by, Some(by_exposure))
     }
 
     /// Terms of geometry and labels; their derivatives go into `by`.
@@ -266,17 +208,13 @@ impl Engine for CpuEngine<'_> {
     fn step(&mut self, photograph: usize) -> Result<(), SplatError> {
         let iteration = self.model.iteration;
         self.model.raise_degree(self.options.degree(iteration));
-        let (mut by, by_camera, by_motion) = self.look(photograph)?;
+        let mut by = self.look(photograph)?;
         let rates = self.options.rates(iteration, self.dataset.extent);
         regularise(&self.model, &self.options, self.dataset.extent, &mut by);
         step(&mut self.model, &by, &rates);
-        if self.options.poses || self.options.lens || self.options.vignetting {
+        if self.options.poses {
             let (seen, extent) = (self.seen(), self.dataset.extent);
-            cameras::step(&mut self.model, &self.options, photograph, &by_camera, extent, seen);
-        }
-        if self.dataset.shutter.is_some() {
-            let (seen, dataset) = (self.seen(), self.dataset);
-            shutter::step(&mut self.model, photograph, &by_motion, rates.motions, dataset, seen);
+            cameras::step(&mut self.model, &self.options, photograph, &by.poses[0], extent, seen);
         }
         if self.options.strategy == Strategy::Mcmc {
             let noise = self.options.noise_rate(iteration, self.dataset.extent);
@@ -310,7 +248,6 @@ mod tests {
     use super::super::engine::train;
     use super::super::exposure::NEUTRAL;
     use super::super::exposure::exposed_image;
-    use super::super::motion::Shutter;
     use super::super::start::of_points;
     use super::super::{checkpoint, scores, tiny};
     use super::*;
@@ -392,13 +329,9 @@ mod tests {
         let mut scene = tiny::scene(40, 4, 32);
         for strategy in [Strategy::Mcmc, Strategy::Classic] {
             scene.dataset.antialias = strategy == Strategy::Mcmc;
-            scene.dataset.shutter =
-                (strategy == Strategy::Mcmc).then(|| Shutter { samples: 3, readout: 0.4, ..Default::default() });
             let options = TrainOptions {
                 exposure: true,
-                vignetting: true,
                 poses: true,
-                lens: true,
                 drop: 0.2,
                 ..options(90, strategy)
             };

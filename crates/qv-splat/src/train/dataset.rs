@@ -1,9 +1,7 @@
 //! Photographs with pinhole cameras, some of them held out to score what was learned from the others.
 
 use super::filter::{self, Sampling};
-use super::motion::Shutter;
 use super::undistort::{Pixels, smaller, undistorted};
-use super::vignetting::{self, Vignetting};
 use crate::SplatError;
 use crate::captures::pictures::{self, Shown};
 use crate::captures::{Capture, CaptureCamera, DepthFile};
@@ -22,8 +20,6 @@ pub struct Photograph {
     pub name: String,
     /// How it was taken.
     pub camera: Camera,
-    /// How its lens darkened it: known of held-out photographs once that is learned ([`crate::train::cameras::as_learned`]).
-    pub vignetting: Vignetting,
     /// The photograph; masked where the mask is black or the lens shows nothing.
     pub pixels: Pixels,
     /// Measured depth along z \[m\], 0 where there is none, shape `[height, width]`; empty when not measured.
@@ -60,8 +56,6 @@ pub struct Dataset {
     pub background: [f32; 3],
     /// Photographs are drawn with anti-aliasing: [`qv_raster::Settings::antialias`], and the filter of [`crate::train::filter`].
     pub antialias: bool,
-    /// Cameras moved while photographs were exposed; none: they are drawn as a camera at rest takes them.
-    pub shutter: Option<Shutter>,
     /// What of the capture could not be used, a line each.
     pub lost: Vec<String>,
     /// What was done with images that EXIF tells to turn, and how many.
@@ -149,8 +143,7 @@ impl Dataset {
         }
         let background = mean_colour(&training);
         let (lost, turned, extent) = (vec![], BTreeMap::new(), extent(&cameras));
-        let (antialias, shutter) = (false, None);
-        let dataset = Self { training, held_out, extent, background, antialias, shutter, lost, turned };
+        let dataset = Self { training, held_out, extent, background, antialias: false, lost, turned };
         let count = dataset.training.len();
         if dataset.alone().len() == count {
             let expected = "two photographs that show the same place";
@@ -163,8 +156,7 @@ impl Dataset {
     pub(super) fn without_photographs(&self) -> Self {
         let (lost, turned) = (self.lost.clone(), self.turned.clone());
         let (extent, background) = (self.extent, self.background);
-        let (antialias, shutter) = (self.antialias, self.shutter);
-        Self { training: vec![], held_out: vec![], extent, background, antialias, shutter, lost, turned }
+        Self { training: vec![], held_out: vec![], extent, background, antialias: self.antialias, lost, turned }
     }
 
     /// What the photographs to learn from sample, with their cameras as they were given.
@@ -294,8 +286,8 @@ fn photograph(one: &CaptureCamera, files: Files, downscale: u32, shown: Shown) -
     let mut without = vec![];
     let (depth, normals, labels) =
         (or_none(depth, &mut without), or_none(normals, &mut without), or_none(labels, &mut without));
-    let (name, vignetting) = (one.name.clone(), vignetting::NONE);
-    Ok((Photograph { name, camera, vignetting, pixels, depth, normals, labels }, without, turned))
+    let name = one.name.clone();
+    Ok((Photograph { name, camera, pixels, depth, normals, labels }, without, turned))
 }
 
 /// What was read, or nothing, and why.

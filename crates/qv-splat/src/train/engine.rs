@@ -7,11 +7,9 @@ use super::ground::Ground;
 use super::model::Model;
 use super::random::shuffled;
 use super::score::{GroundScore, Score, score, score_of};
-use super::vignetting::vignetted;
 use crate::SplatError;
 use crate::error::off;
 use qv_core::GaussianCloud;
-use qv_raster::Image;
 
 /// What does the steps.
 pub trait Engine {
@@ -96,7 +94,7 @@ pub fn train(
 /// # Errors
 /// Drawing fails.
 pub fn scores(cloud: &GaussianCloud, photographs: &[Photograph], dataset: &Dataset) -> Result<Vec<Score>, SplatError> {
-    photographs.iter().map(|one| Ok(score(&through_lens(one, &drawn(cloud, &one.camera, dataset)?), one))).collect()
+    photographs.iter().map(|one| Ok(score(&drawn(cloud, &one.camera, dataset)?.colour, one))).collect()
 }
 
 /// As [`scores`] of photographs that were held out, with the exposure that the photographs before and after it by name have on average: nothing of the
@@ -108,7 +106,7 @@ pub fn neighbours_scores(model: &Model, dataset: &Dataset, held_out: &[Photograp
     let one = |photograph: &Photograph| {
         let image = drawn(&model.cloud, &photograph.camera, dataset)?;
         let exposure = neighbours(&dataset.training, &model.exposures, &photograph.name);
-        Ok(score(&exposed_image(&exposure, &through_lens(photograph, &image)), photograph))
+        Ok(score(&exposed_image(&exposure, &image.colour), photograph))
     };
     held_out.iter().map(one).collect()
 }
@@ -128,10 +126,9 @@ pub fn ground_scores(
     let one = |photograph: &Photograph| {
         let image = drawn_with(&model.cloud, &photograph.camera, dataset, DEPTH)?;
         let shown = ground.pixels(&image, &photograph.camera);
-        let colour = through_lens(photograph, &image);
         let colour = match exposed {
-            true => exposed_image(&neighbours(&dataset.training, &model.exposures, &photograph.name), &colour),
-            false => colour,
+            true => exposed_image(&neighbours(&dataset.training, &model.exposures, &photograph.name), &image.colour),
+            false => image.colour,
         };
         Ok(score_of(&colour, photograph, &shown))
     };
@@ -145,25 +142,6 @@ fn neighbours(training: &[Photograph], exposures: &[Exposure], name: &str) -> Ex
     let mut out = [0.0; 12];
     both.for_each(|exposure| (0..12).for_each(|k| out[k] += exposure[k] / count));
     out
-}
-
-/// A photograph to learn from as its camera took it, before its exposure: with its learned motion where motions are learned. Shape `[height,
-/// width, 3]`.
-pub(super) fn taken(model: &Model, dataset: &Dataset, photograph: usize) -> Result<Vec<f32>, SplatError> {
-    let camera = model.camera(dataset, photograph);
-    let colour = match &dataset.shutter {
-        None => drawn(&model.cloud, &camera, dataset)?.colour,
-        Some(shutter) => {
-            shutter.drawn(&dataset.filtered(&model.cloud), &camera, &model.motions[photograph], dataset)?
-        }
-    };
-    let given = &dataset.training[photograph].camera;
-    Ok(vignetted(model.shared[model.groups[photograph]].vignetting, given, &colour))
-}
-
-/// What the lens of a photograph makes of what is drawn of it.
-fn through_lens(photograph: &Photograph, image: &Image) -> Vec<f32> {
-    vignetted(photograph.vignetting, &photograph.camera, &image.colour)
 }
 
 #[cfg(test)]

@@ -42,7 +42,6 @@ fn small(one: &Photograph, by: u32) -> Photograph {
     Photograph {
         name: one.name.clone(),
         camera,
-        vignetting: one.vignetting,
         depth: picked(&one.depth, count, middle),
         normals: picked(&one.normals, count, middle),
         labels: picked(&one.labels, count, middle),

@@ -24,21 +24,18 @@ pub mod loss;
 pub mod mcmc;
 mod model;
 mod moments;
-mod motion;
 mod neighbours;
 mod options;
 pub mod pose;
 pub mod random;
 mod score;
 mod shared;
-pub mod shutter;
 mod start;
 pub mod terms;
 #[cfg(test)]
 pub(crate) mod tiny;
 mod twist;
 mod undistort;
-pub mod vignetting;
 
 pub use best::{Best, Kept};
 pub use cpu::{CpuEngine, outputs};
@@ -48,7 +45,6 @@ pub use engine::{Engine, Progress, ground_scores, neighbours_scores, scores, tra
 pub use exposure::{Exposure, NEUTRAL};
 pub use ground::{Ground, GroundOptions};
 pub use model::Model;
-pub use motion::{Motion, Shutter};
 pub use options::{Rates, Strategy, TrainOptions, Weights};
 pub use score::{GroundScore, Score, score};
 pub use start::{AT_DEPTHS, AT_RANDOM, at_depths, at_random, of_points};

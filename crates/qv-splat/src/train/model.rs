@@ -2,7 +2,6 @@
 
 use super::dataset::Dataset;
 use super::exposure::{Exposure, NEUTRAL};
-use super::motion::Motion;
 use super::shared;
 use super::shared::Shared;
 use crate::SplatError;
@@ -32,12 +31,6 @@ pub struct Model {
     pub exposures_first: Vec<Exposure>,
     /// Running means of the squares.
     pub exposures_second: Vec<Exposure>,
-    /// How the camera of each photograph to learn from moved while it was exposed; zeros where that is not learned.
-    pub motions: Vec<Motion>,
-    /// Running means of their derivatives.
-    pub motions_first: Vec<Motion>,
-    /// Running means of the squares.
-    pub motions_second: Vec<Motion>,
     /// `camera_from_world` of each photograph to learn from.
     pub poses: Vec<Pose>,
     /// Which camera took each photograph.
@@ -62,9 +55,6 @@ impl Model {
             exposures: vec![NEUTRAL; views],
             exposures_first: vec![[0.0; 12]; views],
             exposures_second: vec![[0.0; 12]; views],
-            motions: vec![[0.0; 6]; views],
-            motions_first: vec![[0.0; 6]; views],
-            motions_second: vec![[0.0; 6]; views],
             poses: dataset.training.iter().map(|one| one.camera.camera_from_world).collect(),
             shared: vec![Shared::NONE; groups.iter().max().map_or(0, |last| last + 1)],
             groups,
@@ -106,8 +96,7 @@ impl Model {
 
     /// The camera of a photograph to learn from, as it is now.
     pub fn camera(&self, dataset: &Dataset, photograph: usize) -> Camera {
-        let lens = self.shared[self.groups[photograph]].camera(&dataset.training[photograph].camera);
-        Camera { camera_from_world: self.poses[photograph], ..lens }
+        Camera { camera_from_world: self.poses[photograph], ..dataset.training[photograph].camera }
     }
 
     /// Makes room for harmonics of a higher degree, which begin at 0.

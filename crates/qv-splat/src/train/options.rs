@@ -26,8 +26,6 @@ pub struct Weights {
     pub harmonics: f32,
     /// Squared distance of exposures from identity.
     pub exposure: f32,
-    /// Sum of the squares of the coefficients of vignetting.
-    pub vignetting: f32,
     /// Mean of the smallest scale in units of the extent (2D planar regularisation).
     pub flattening: f32,
     /// Mean distance of the rendered normal from that of the plane depth (PGSR, eq. 6, without its edge weight).
@@ -50,7 +48,6 @@ impl Default for Weights {
             scale: 0.01,
             harmonics: 0.0,
             exposure: 0.01,
-            vignetting: 0.01,
             flattening: 0.0,
             depth_normal: 0.0,
             depth_prior: 0.0,
@@ -87,12 +84,8 @@ pub struct TrainOptions {
     pub strategy: Strategy,
     /// Learn an affine colour transform for each photograph.
     pub exposure: bool,
-    /// Learn how the lens of each camera darkens photographs towards their corners.
-    pub vignetting: bool,
     /// Refine the poses of the photographs, and the place of each camera on what its poses were measured of.
     pub poses: bool,
-    /// Refine focal length and principal point of each camera.
-    pub lens: bool,
     /// Degree of the harmonics at the end.
     pub sh_degree: u8,
     /// Steps after which the degree of the harmonics goes up by one.
@@ -120,9 +113,7 @@ impl Default for TrainOptions {
             cap: 300_000,
             strategy: Strategy::Mcmc,
             exposure: false,
-            vignetting: false,
             poses: false,
-            lens: false,
             sh_degree: 3,
             sh_interval: 1000,
             refine_from: 500,
@@ -155,14 +146,8 @@ pub struct Rates {
     pub features: f32,
     /// Of the entries of an exposure.
     pub exposures: f32,
-    /// Of the coefficients of vignetting.
-    pub vignetting: f32,
     /// Of twists: metres are in units of the extent.
     pub poses: f32,
-    /// Of motions during an exposure, in pixels at the depth of the extent.
-    pub motions: f32,
-    /// Of the logarithm of focal lengths, and of principal points in units of them.
-    pub lens: f32,
 }
 
 impl TrainOptions {
@@ -178,10 +163,7 @@ impl TrainOptions {
             harmonics: 2.5e-3 / 20.0,
             features: 2.5e-3,
             exposures: 5e-3 * fall.sqrt(),
-            vignetting: 5e-3 * fall.sqrt(),
             poses: 3e-4 * fall,
-            motions: 0.5 * fall.sqrt(),
-            lens: 5e-4 * fall,
         }
     }
 
@@ -244,7 +226,6 @@ impl TrainOptions {
             ("scale", w.scale),
             ("harmonics", w.harmonics),
             ("exposure", w.exposure),
-            ("vignetting", w.vignetting),
             ("flattening", w.flattening),
             ("depth-normal", w.depth_normal),
             ("depth prior", w.depth_prior),

@@ -17,8 +17,6 @@ pub enum Purpose {
     Pair = 6,
     /// Which Gaussians a step leaves out.
     Drop = 7,
-    /// How cameras moved during an exposure, to begin with.
-    Shutter = 9,
 }
 
 /// Four words of a hash (Jarzynski and Olano, *Hash Functions for GPU Rendering*, 2020: pcg4d).

@@ -45,27 +45,9 @@ pub struct Reconstruct {
     /// Learns an affine colour transform for each photograph
     #[arg(long)]
     pub(super) exposure: bool,
-    /// Learns how the lens of each camera darkens photographs towards their corners
-    #[arg(long)]
-    pub(super) vignetting: bool,
     /// Refines the photographs' poses, and where each camera is on what its poses were measured of
     #[arg(long)]
     pub(super) refine_poses: bool,
-    /// Refines focal length and principal point of each camera
-    #[arg(long)]
-    pub(super) refine_lens: bool,
-    /// Learns how each camera moved while its shutter was open: a scene sharper than photographs with motion blur (on the CPU)
-    #[arg(long)]
-    pub(super) shutter: bool,
-    /// Rolling shutter: the time from the first row's beginning to the last row's, as a share of that and a row's exposure together
-    #[arg(long, value_name = "SHARE", requires = "shutter", default_value_t = 0.0)]
-    pub(super) readout: f32,
-    /// Poses that a photograph of a moving camera is drawn from
-    #[arg(long, value_name = "N", requires = "shutter", default_value_t = 5, hide_short_help = true)]
-    pub(super) shutter_samples: usize,
-    /// Exponent from the photographs' colours to the light that a moving camera sums up
-    #[arg(long, value_name = "EXPONENT", requires = "shutter", default_value_t = 2.2, hide_short_help = true)]
-    pub(super) gamma: f32,
     /// Whose poses and lenses
     #[arg(long, value_enum, value_name = "WHOSE", default_value = "auto")]
     pub(super) poses: PosesFrom,

@@ -1,8 +1,7 @@
 //! Scores as they are told.
 
 use crate::colmap::Chosen;
-use qv_splat::SplatError;
-use qv_splat::train::{Dataset, Ground, GroundScore, Model, Score, shutter};
+use qv_splat::train::{Ground, GroundScore, Score};
 use serde_json::{Value, json};
 
 /// Whose poses were taken, and why, for metrics.json.
@@ -36,23 +35,6 @@ pub fn named(name: &str, s: &Score) -> Value {
     json!({"name": name, "psnr": s.psnr, "ssim": s.ssim, "psnr_right": s.psnr_right, "ssim_right": s.ssim_right,
         "psnr_right_fitted": s.psnr_right_fitted, "ssim_right_fitted": s.ssim_right_fitted,
         "psnr_right_gains": s.psnr_right_gains})
-}
-
-/// How photographs were exposed and cameras moved, for metrics.json: null where cameras are taken to be at rest. Lengths are of the way from the
-/// beginning of a photograph to its end: of what it shows in it, of the camera, and of its turn.
-pub fn of_shutter(model: &Model, dataset: &Dataset) -> Result<Value, SplatError> {
-    let Some(how) = &dataset.shutter else { return Ok(Value::Null) };
-    let mut pixels = vec![];
-    for (k, motion) in model.motions.iter().enumerate() {
-        pixels.extend(shutter::length(&model.cloud, &model.camera(dataset, k), motion, dataset)?);
-    }
-    let mean = |all: &mut dyn Iterator<Item = f64>| all.sum::<f64>() / model.motions.len().max(1) as f64;
-    let norm = |m: &[f32]| m.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>().sqrt();
-    let metres = mean(&mut model.motions.iter().map(|m| norm(&m[..3])));
-    let radians = mean(&mut model.motions.iter().map(|m| norm(&m[3..])));
-    let of_pixels = (!pixels.is_empty()).then(|| pixels.iter().sum::<f64>() / pixels.len() as f64);
-    Ok(json!({"samples": how.samples, "readout": how.readout, "gamma": how.gamma, "motion_px": of_pixels,
-        "motion_m": metres, "motion_deg": radians.to_degrees()}))
 }
 
 /// The ground and its scores for metrics.json: null where none was found or no held-out photograph shows it.

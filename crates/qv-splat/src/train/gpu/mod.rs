@@ -16,7 +16,7 @@ use super::moments::bias;
 use super::options::{Strategy, TrainOptions};
 use super::random::{Purpose, words};
 use super::terms::multi_view;
-use super::{classic, vignetting};
+use super::classic;
 use crate::SplatError;
 use crate::error::off;
 use qv_core::Camera;
@@ -44,10 +44,6 @@ pub struct GpuEngine<'a> {
     recorded: Vec<wgpu::CommandBuffer>,
     maps: wgpu::Buffer,
     sums: wgpu::Buffer,
-    /// Derivatives by the lens, of each workgroup.
-    bends: wgpu::Buffer,
-    /// Derivatives by the coefficients of vignetting, of each workgroup.
-    fades: wgpu::Buffer,
     /// Camera of each photograph.
     groups: wgpu::Buffer,
     report: wgpu::Buffer,
@@ -109,10 +105,6 @@ impl<'a> GpuEngine<'a> {
         options.check()?;
         model.cloud.check()?;
         model.check(dataset)?;
-        if dataset.shutter.is_some() {
-            let expected = "cameras at rest (the CPU learns motions during exposures)";
-            return Err(off("training on the graphics card", expected, "a shutter"));
-        }
         let w = &options.weights;
         let gpu = &rasteriser.gpu;
         let pixels = dataset.training.iter().map(|one| one.pixels.rgba.len()).max().unwrap_or(1) as u64;
@@ -153,8 +145,6 @@ impl<'a> GpuEngine<'a> {
             recorded: vec![],
             maps: gpu.buffer("maps", 36 * pixels)?,
             sums: gpu.buffer("sums", 64 * groups)?,
-            bends: gpu.buffer("bends", 16 * groups)?,
-            fades: gpu.buffer("fades", 16 * groups)?,
             groups: gpu.filled("cameras", &model.groups.iter().map(|group| *group as u32).collect::<Vec<_>>())?,
             report: gpu.filled("report", &[0.0f32; 4])?,
             list: gpu.buffer("list", 16 * (capacity as u64 + 1))?,
@@ -267,18 +257,10 @@ impl<'a> GpuEngine<'a> {
             feature_rate: rates.features,
             photographs: self.dataset.training.len() as u32,
             camera: group as u32,
-            refines: options.poses as u32 + 2 * options.lens as u32 + 4 * options.vignetting as u32,
-            lens_rate: rates.lens,
+            refines: options.poses as u32,
             camera_bias: bias(self.rest.shared[group].seen + 1),
-            focal: [camera.fx as f32, camera.fy as f32],
             drop: Drop::of(options, iteration).map_or(0.0, |drop| drop.share),
             shrink: harmonics_weight(self.store.cloud.count, self.dataset.training.len(), options),
-            centre: [camera.cx as f32, camera.cy as f32],
-            one_over_square: vignetting::one_over_square(camera) as f32,
-            vignettes: options.vignetting as u32,
-            vignetting_rate: rates.vignetting,
-            vignetting_weight: weights.vignetting,
-            free: [0.0; 2],
         }
     }
 
@@ -404,16 +386,10 @@ impl<'a> GpuEngine<'a> {
             (3, exposures),
             (4, &self.maps),
             (6, &self.sums),
-            (7, &self.store.shared),
         ];
         let mut pull = similar.clone();
-        pull.extend([(5, by_colours), (8, &self.fades)]);
+        pull.push((5, by_colours));
         recorder.run_jobs("loss", &[self.job("similar", image, similar), self.job("pull", image, pull)]);
-        if self.options.lens {
-            let bend =
-                vec![(0, &self.step), (1, colours), (2, by_colours), (3, &self.bends), (5, &self.cameras.lenses)];
-            recorder.run_jobs("lens", &[self.job("bend", image, bend)]);
-        }
         self.record_terms(photograph, &words, &mut recorder)?;
         self.rasteriser.record_backward(&self.store.cloud, &mut recorder)?;
         self.record_drop("bring_back", &words, &mut recorder)?;
@@ -423,14 +399,11 @@ impl<'a> GpuEngine<'a> {
         if words.refines > 0 {
             let turn = vec![
                 (0, &self.step),
-                (3, &self.bends),
                 (4, get("by_pose")?),
-                (5, &self.cameras.lenses),
                 (6, &self.cameras.motions),
                 (7, &self.store.pose_moments),
                 (8, &self.store.shared),
                 (9, &self.groups),
-                (10, &self.fades),
             ];
             last.push(self.job("turn", [1, 1], turn));
         }

@@ -31,7 +31,7 @@ pub struct Store {
     pub exposures: wgpu::Buffer,
     /// Running means for each pose, 12 floats.
     pub pose_moments: wgpu::Buffer,
-    /// What photographs of one camera share, 48 floats.
+    /// What photographs of one camera share, 32 floats.
     pub shared: wgpu::Buffer,
     /// Pulls at projected means, two floats for each Gaussian.
     pub pulls: wgpu::Buffer,
@@ -160,35 +160,31 @@ impl Store {
         model.exposures = exposures.iter().map(|all| all[0]).collect();
         model.exposures_first = exposures.iter().map(|all| all[1]).collect();
         model.exposures_second = exposures.iter().map(|all| all[2]).collect();
-        let shared: Vec<[f32; 48]> = gpu.read(&self.shared, model.shared.len())?;
+        let shared: Vec<[f32; 32]> = gpu.read(&self.shared, model.shared.len())?;
         model.shared.iter_mut().zip(&shared).for_each(|(one, floats)| *one = shared_of(floats, one.seen));
         model.pulls = gpu.read(&self.pulls, n)?;
         Ok(())
     }
 }
 
-fn floats_of(one: &Shared) -> [f32; 48] {
-    let mut out = [0.0; 48];
-    out[..12].copy_from_slice(&one.first);
-    out[12..24].copy_from_slice(&one.second);
-    out[24..27].copy_from_slice(&one.lens);
-    out[27..30].copy_from_slice(&one.vignetting);
+fn floats_of(one: &Shared) -> [f32; 32] {
+    let mut out = [0.0; 32];
+    out[..6].copy_from_slice(&one.first);
+    out[6..12].copy_from_slice(&one.second);
     let matrix = one.motion.matrix();
     for row in 0..3 {
-        (0..3).for_each(|k| out[32 + 4 * row + k] = matrix.row(row)[k] as f32);
-        out[35 + 4 * row] = one.motion.position[row] as f32;
+        (0..3).for_each(|k| out[16 + 4 * row + k] = matrix.row(row)[k] as f32);
+        out[19 + 4 * row] = one.motion.position[row] as f32;
     }
     out
 }
 
-fn shared_of(floats: &[f32; 48], seen: u32) -> Shared {
-    let row = |k: usize| [0, 1, 2, 3].map(|i| floats[32 + 4 * k + i]);
+fn shared_of(floats: &[f32; 32], seen: u32) -> Shared {
+    let row = |k: usize| [0, 1, 2, 3].map(|i| floats[16 + 4 * k + i]);
     Shared {
-        lens: [floats[24], floats[25], floats[26]],
-        vignetting: [floats[27], floats[28], floats[29]],
         motion: pose_of(&[row(0), row(1), row(2)]),
         first: std::array::from_fn(|k| floats[k]),
-        second: std::array::from_fn(|k| floats[12 + k]),
+        second: std::array::from_fn(|k| floats[6 + k]),
         seen,
     }
 }
