@@ -16,7 +16,7 @@ use crate::output::{self, make_folder, put, write_whole};
 use crate::progress::{Stages, remark};
 use crate::terminal::print_message;
 use crate::{Failure, Outcome, say, video};
-use arguments::{Background, PosesFrom, StrategyName};
+use arguments::{Background, PosesFrom};
 use clap::ValueEnum;
 use qv_core::{Camera, GaussianCloud};
 use qv_splat::captures::distortion::Distortion;
@@ -24,8 +24,8 @@ use qv_splat::captures::{Attachments, Capture, CaptureCamera, cameras_json};
 use qv_splat::files::{Points, ply};
 use qv_splat::train::{
     AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Ground, GroundOptions, Model, Photograph, ReadOptions,
-    Score, Strategy, TrainOptions, Weights, at_depths, at_random, cameras, checkpoint, drawn,
-    ground_scores, growing, neighbours_scores, of_points, pose, scores, train,
+    Score, TrainOptions, Weights, at_depths, at_random, cameras, checkpoint, drawn, ground_scores, growing,
+    neighbours_scores, of_points, pose, scores, train,
 };
 use qv_splat::{SplatError, error_at};
 use serde_json::{Value, json};
@@ -210,10 +210,6 @@ impl Reconstruct {
         TrainOptions {
             iterations: self.iterations,
             cap: self.cap,
-            strategy: match self.strategy {
-                StrategyName::Mcmc => Strategy::Mcmc,
-                StrategyName::Classic => Strategy::Classic,
-            },
             exposure: self.exposure,
             poses: self.refine_poses,
             seed: self.seed,
@@ -224,12 +220,8 @@ impl Reconstruct {
                 multi_view: self.multi_view,
                 normal_prior: self.normal_prior,
                 labels: self.labels,
-                opacity: self.opacity_weight,
-                scale: self.scale_weight,
-                harmonics: self.harmonics_weight,
                 ..Default::default()
             },
-            noise: self.noise,
             drop: self.drop,
             ..Default::default()
         }
@@ -465,14 +457,13 @@ impl Reconstruct {
     /// What a training goes on with as it was begun: options by name.
     fn begun_with(&self) -> Result<String, Failure> {
         let options = json!({
-            "--seed": self.seed, "--strategy": named_value(&self.strategy), "--poses": named_value(&self.poses),
+            "--seed": self.seed, "--poses": named_value(&self.poses),
             "--downscale": self.downscale, "--hold-out": self.hold_out, "--exposure": self.exposure,
             "--refine-poses": self.refine_poses, "--flattening": self.flattening,
             "--depth-prior": self.depth_weight(), "--stereo": self.stereo, "--depth-normal": self.depth_normal,
             "--multi-view": self.multi_view, "--normal-prior": self.normal_prior, "--labels": self.labels,
             "--drop": self.drop, "--small": self.small,
-            "--antialias": self.antialias, "--harmonics-weight": self.harmonics_weight, "--noise": self.noise,
-            "--opacity-weight": self.opacity_weight, "--scale-weight": self.scale_weight,
+            "--antialias": self.antialias,
         });
         Ok(serde_json::to_string(&options)?)
     }

@@ -15,7 +15,7 @@ pub const SHADERS: [(&str, &[&str]); 8] = [
     ("cameras", &["turn"]),
     ("drop", &["leave_out", "bring_back"]),
     ("filter", &["widen", "narrow"]),
-    ("update", &["shape", "harmonics", "features", "gather"]),
+    ("update", &["shape", "harmonics", "features"]),
     ("relocate", &["change", "copy"]),
     ("terms", &["planes", "consistent", "prior", "labels"]),
 ];
@@ -82,8 +82,6 @@ pub struct StepWords {
     pub exposure_weight: f32,
     /// What the running means of exposure and pose are divided by.
     pub seen_bias: [f32; 2],
-    /// Derivatives of a record.
-    pub record_width: u32,
     /// Rate of poses.
     pub pose_rate: f32,
     /// Extent of the cameras \[m\].
@@ -120,8 +118,8 @@ pub struct StepWords {
     pub camera_bias: [f32; 2],
     /// Share of the Gaussians that the step leaves out.
     pub drop: f32,
-    /// What harmonics but the constant one are pulled to 0 by.
-    pub shrink: f32,
+    /// Nothing: words come in fours.
+    pub free: f32,
 }
 
 /// The text of a shader. Lines between `//#taps` and `//#end` are repeated for each tap of the window, with its index for `$K` and its

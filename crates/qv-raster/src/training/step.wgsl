@@ -26,8 +26,6 @@ struct Step {
     exposure_weight: f32,
     seen_bias1: f32,
     seen_bias2: f32,
-    // Derivatives of a record.
-    record_width: u32,
     pose_rate: f32,
     extent: f32,
     depth_prior: f32,
@@ -53,8 +51,7 @@ struct Step {
     camera_bias2: f32,
     // Share of the Gaussians that the step leaves out.
     drop: f32,
-    // What harmonics but the constant one are pulled to 0 by.
-    shrink: f32,
+    free: f32,
 }
 
 const BETA1: f32 = 0.9;

@@ -59,7 +59,7 @@ fn small(twist: &[f64; 6]) -> Pose {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{CpuEngine, Engine, Strategy, tiny, train};
+    use super::super::{CpuEngine, Engine, tiny, train};
     use super::*;
 
     /// Learns 8 photographs of a scene whose cameras `disturb` put wrong, and gives the model with the PSNR of a ninth as given and as learned.
@@ -67,8 +67,8 @@ mod tests {
         let mut scene = tiny::scene(120, 9, 56);
         scene.dataset.training.iter_mut().for_each(|one| disturb(&mut one.camera));
         let held_out = scene.dataset.training.remove(4);
-        let strategy = Strategy::Classic;
-        let options = TrainOptions { iterations: 900, strategy, refine_from: 10_000, ..*options };
+        let mut options = TrainOptions { iterations: 900, noise: 0.0, refine_from: 10_000, ..*options };
+        (options.weights.opacity, options.weights.scale) = (0.0, 0.0);
         let model = Model::new(scene.cloud.clone(), &scene.dataset);
         let mut engine = CpuEngine::new(&scene.dataset, &options, model).unwrap();
         assert_eq!(train(&mut engine, 8, 900, 1, 100, &mut |_, _| Ok(true)), Ok(true));

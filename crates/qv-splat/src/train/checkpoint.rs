@@ -2,7 +2,7 @@
 //!
 //! Little-endian: the eight bytes `qvtrain5`; seven counts of 32 bits (steps, Gaussians, degree, features, photographs, cameras, bytes of text); then floats: the
 //! cloud's means, log scales, rotations, logits, harmonics, features; the same of both running means, each with that of poses; exposures and their running means;
-//! pulls; of each camera running means (6 and 6); then as 32 bits each the camera of each photograph,
+//! of each camera running means (6 and 6); then as 32 bits each the camera of each photograph,
 //! and how often each camera was seen; then poses of photographs and motions of cameras as seven doubles each, position and quaternion w, x, y, z; then
 //! the text, UTF-8: what the caller says of the training, such as its options.
 
@@ -47,7 +47,6 @@ pub fn write(model: &Model, text: &str) -> Vec<u8> {
     for exposures in [&model.exposures, &model.exposures_first, &model.exposures_second] {
         floats(exposures.as_flattened());
     }
-    floats(model.pulls.as_flattened());
     for one in &model.shared {
         floats(&one.first);
         floats(&one.second);
@@ -99,7 +98,7 @@ pub fn read(bytes: &[u8]) -> Result<(Model, String), SplatError> {
     let each = 11 + 3 * sh + features;
     let said = count(6);
     let expected = HEAD as u128
-        + 4 * (n as u128 * (3 * each + 2) as u128 + views as u128 * 49 + lenses as u128 * 13)
+        + 4 * (n as u128 * (3 * each) as u128 + views as u128 * 49 + lenses as u128 * 13)
         + 56 * (views + lenses) as u128
         + said as u128;
     if expected != bytes.len() as u128 {
@@ -129,7 +128,6 @@ pub fn read(bytes: &[u8]) -> Result<(Model, String), SplatError> {
     };
     let (first, second) = (moments(), moments());
     let (exposures, exposures_first, exposures_second) = (rest.rows(views), rest.rows(views), rest.rows(views));
-    let pulls = rest.rows(n);
     let learned: Vec<[f32; 12]> = rest.rows(lenses);
     let groups: Vec<usize> = rest.words(views).into_iter().map(|group| group as usize).collect();
     if let Some(group) = groups.iter().find(|group| **group >= lenses) {
@@ -151,19 +149,8 @@ pub fn read(bytes: &[u8]) -> Result<(Model, String), SplatError> {
     });
     let (shared, poses) = (shared.collect(), poses.to_vec());
     let iteration = count(0) as u32;
-    let model = Model {
-        iteration,
-        cloud,
-        first,
-        second,
-        exposures,
-        exposures_first,
-        exposures_second,
-        poses,
-        groups,
-        shared,
-        pulls,
-    };
+    let model =
+        Model { iteration, cloud, first, second, exposures, exposures_first, exposures_second, poses, groups, shared };
     Ok((model, text.to_owned()))
 }
 
@@ -180,12 +167,7 @@ mod tests {
         model.raise_degree(2);
         model.iteration = 77;
         model.first.sh[3] = [1.0, 2.0, 3.0];
-        model.shared[0] = Shared {
-            second: [0.4; 6],
-            seen: 5,
-            motion: model.poses[1],
-            ..Shared::NONE
-        };
+        model.shared[0] = Shared { second: [0.4; 6], seen: 5, motion: model.poses[1], ..Shared::NONE };
         let bytes = write(&model, "seed 2");
         assert_eq!(read(&bytes), Ok((model, "seed 2".into())));
         assert!(read(&bytes[..bytes.len() - 1]).unwrap_err().to_string().states("5 Gaussians"));

@@ -10,10 +10,9 @@ use super::filter::{self, Sampling};
 use super::loss::photometric;
 use super::mcmc::Relocation;
 use super::model::Model;
-use super::options::{Strategy, TrainOptions};
+use super::options::TrainOptions;
 use super::random::{Purpose, words};
 use super::terms::{depth_normal, labels, multi_view, priors};
-use super::classic;
 use crate::SplatError;
 use qv_core::{Camera, GaussianCloud};
 use qv_raster::{Frame, Image, Outputs, Scene, Settings, View, render};
@@ -83,16 +82,12 @@ impl<'a> CpuEngine<'a> {
         let (mut loss, by_colour, by_exposure) = self.photometric(index, &images[0]);
         by_images[0].colour = by_colour;
         loss += self.terms(index, &camera, &images[0], &mut by_images[0])?;
-        let (mut by, pulls) = frame.gradients_and_pulls(&scene, &by_images)?;
+        let mut by = frame.gradients(&scene, &by_images)?;
         if let Some(drop) = drop {
             drop.back(&whole.opacity_logits, &mut by.opacity_logits);
         }
         if !deviations.is_empty() {
             filter::back(&self.model.cloud, &deviations, &mut by);
-        }
-        for (sum, pull) in self.model.pulls.iter_mut().zip(pulls) {
-            sum[0] += pull[0];
-            sum[1] += pull[1];
         }
         self.losses.0 += loss as f64;
         self.losses.1 += 1;
@@ -172,25 +167,13 @@ impl<'a> CpuEngine<'a> {
         self.model.iteration / self.dataset.training.len() as u32 + 1
     }
 
-    fn come_and_go(&mut self) -> Result<(), SplatError> {
+    fn come_and_go(&mut self) {
         let (options, iteration) = (self.options, self.model.iteration);
         if options.refines(iteration) {
-            match options.strategy {
-                Strategy::Mcmc => {
-                    let model = &mut self.model;
-                    Relocation::of_dead(&model.cloud.opacity_logits, options.seed, iteration).apply(model);
-                    let logits = &model.cloud.opacity_logits;
-                    Relocation::of_new(logits, options.cap, options.seed, iteration).apply(model);
-                }
-                Strategy::Classic => {
-                    classic::refine(&mut self.model, self.dataset.extent, options.cap, options.seed);
-                }
-            }
+            let model = &mut self.model;
+            Relocation::of_dead(&model.cloud.opacity_logits, options.seed, iteration).apply(model);
+            Relocation::of_new(&model.cloud.opacity_logits, options.cap, options.seed, iteration).apply(model);
         }
-        if self.options.resets(iteration) {
-            classic::reset(&mut self.model);
-        }
-        Ok(())
     }
 }
 
@@ -216,11 +199,9 @@ impl Engine for CpuEngine<'_> {
             let (seen, extent) = (self.seen(), self.dataset.extent);
             cameras::step(&mut self.model, &self.options, photograph, &by.poses[0], extent, seen);
         }
-        if self.options.strategy == Strategy::Mcmc {
-            let noise = self.options.noise_rate(iteration, self.dataset.extent);
-            shake(&mut self.model, noise, self.options.seed);
-        }
-        self.come_and_go()?;
+        let noise = self.options.noise_rate(iteration, self.dataset.extent);
+        shake(&mut self.model, noise, self.options.seed);
+        self.come_and_go();
         self.model.iteration += 1;
         Ok(())
     }
@@ -261,10 +242,9 @@ mod tests {
         Model::new(of_points(&Points { places, colours, ..Default::default() }, options).unwrap(), &scene.dataset)
     }
 
-    fn options(iterations: u32, strategy: Strategy) -> TrainOptions {
+    fn options(iterations: u32) -> TrainOptions {
         TrainOptions {
             iterations,
-            strategy,
             cap: 150,
             refine_from: 50,
             refine_every: 25,
@@ -290,19 +270,16 @@ mod tests {
     }
 
     #[test]
-    fn a_known_scene_is_recovered_by_either_strategy() {
+    fn a_known_scene_is_recovered() {
         let scene = tiny::scene(60, 8, 48);
-        for strategy in [Strategy::Mcmc, Strategy::Classic] {
-            let options = TrainOptions { cap: 110, ..options(600, strategy) };
-            let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
-            let before = psnr(&mut engine, &scene.dataset);
-            run(&mut engine, 8, 600);
-            let after = psnr(&mut engine, &scene.dataset);
-            println!("{strategy:?}: {before:.2} to {after:.2} dB with {}", engine.splats());
-            let least = if strategy == Strategy::Mcmc { 29.0 } else { 24.0 };
-            assert!(after > least && after > before + 6.0, "{strategy:?}: {before} to {after}");
-            assert!(engine.splats() > 60 && engine.splats() <= 110);
-        }
+        let options = TrainOptions { cap: 110, ..options(600) };
+        let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
+        let before = psnr(&mut engine, &scene.dataset);
+        run(&mut engine, 8, 600);
+        let after = psnr(&mut engine, &scene.dataset);
+        println!("{before:.2} to {after:.2} dB with {}", engine.splats());
+        assert!(after > 29.0 && after > before + 6.0, "{before} to {after}");
+        assert!(engine.splats() > 60 && engine.splats() <= 110);
     }
 
     #[test]
@@ -317,7 +294,7 @@ mod tests {
         }
         let losses = [grey, [0.0; 3]].map(|background| {
             scene.dataset.background = background;
-            let options = options(200, Strategy::Mcmc);
+            let options = options(200);
             let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
             run(&mut engine, 8, 200)
         });
@@ -327,14 +304,9 @@ mod tests {
     #[test]
     fn stopping_and_going_on_gives_the_same_bits_on_any_number_of_threads() {
         let mut scene = tiny::scene(40, 4, 32);
-        for strategy in [Strategy::Mcmc, Strategy::Classic] {
-            scene.dataset.antialias = strategy == Strategy::Mcmc;
-            let options = TrainOptions {
-                exposure: true,
-                poses: true,
-                drop: 0.2,
-                ..options(90, strategy)
-            };
+        for antialias in [true, false] {
+            scene.dataset.antialias = antialias;
+            let options = TrainOptions { exposure: true, poses: true, drop: 0.2, ..options(90) };
             let whole = |threads: usize| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
                 pool.install(|| {
@@ -344,13 +316,13 @@ mod tests {
                 })
             };
             let one = whole(1);
-            assert!(one == whole(3), "{strategy:?}: threads");
+            assert!(one == whole(3), "{antialias}: threads");
             let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
             run(&mut engine, 4, 61);
             let saved = checkpoint::read(&checkpoint::write(&engine.model().unwrap(), "")).unwrap().0;
             let mut again = CpuEngine::new(&scene.dataset, &options, saved).unwrap();
             run(&mut again, 4, 90);
-            assert!(one == again.model().unwrap(), "{strategy:?}: going on");
+            assert!(one == again.model().unwrap(), "{antialias}: going on");
         }
     }
 
@@ -367,7 +339,7 @@ mod tests {
         }
         let mut losses = vec![];
         for exposure in [false, true] {
-            let mut options = TrainOptions { exposure, ..options(600, Strategy::Mcmc) };
+            let mut options = TrainOptions { exposure, ..options(600) };
             options.weights.exposure = 0.001;
             let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
             losses.push(run(&mut engine, 6, 600));
@@ -378,7 +350,7 @@ mod tests {
             assert!((mean - 1.0).abs() < 1e-4, "the mean stays: {mean}");
         }
         assert!(losses[1] < 0.85 * losses[0], "{losses:?}");
-        let options = options(100, Strategy::Mcmc);
+        let options = options(100);
         let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
         let finished = train(&mut engine, 6, 100, 3, 25, &mut |_, progress| Ok(progress.iteration < 7)).unwrap();
         assert_eq!((finished, engine.iteration()), (false, 7));
@@ -387,7 +359,7 @@ mod tests {
     #[test]
     fn a_pose_that_is_off_is_brought_back() {
         let scene = tiny::scene(60, 6, 48);
-        let options = TrainOptions { poses: true, noise: 0.0, ..options(250, Strategy::Classic) };
+        let options = TrainOptions { poses: true, noise: 0.0, ..options(250) };
         let options = TrainOptions { refine_from: 1000, ..options };
         let mut model = Model::new(scene.cloud.clone(), &scene.dataset);
         let right = model.poses[2];
@@ -413,7 +385,7 @@ mod tests {
             assert_eq!(names, ["v00", "v04", "v08"]);
             assert!(dataset.training.iter().all(|one| !names.contains(&one.name.as_str())));
             let scene = tiny::Tiny { cloud: cloud.clone(), dataset };
-            let options = options(60, Strategy::Mcmc);
+            let options = options(60);
             let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
             run(&mut engine, 6, 60);
             models.push(engine.model().unwrap());

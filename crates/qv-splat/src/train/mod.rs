@@ -8,7 +8,6 @@ pub mod aside;
 mod best;
 pub mod cameras;
 pub mod checkpoint;
-pub mod classic;
 mod cpu;
 mod dataset;
 mod drawn;
@@ -45,7 +44,7 @@ pub use engine::{Engine, Progress, ground_scores, neighbours_scores, scores, tra
 pub use exposure::{Exposure, NEUTRAL};
 pub use ground::{Ground, GroundOptions};
 pub use model::Model;
-pub use options::{Rates, Strategy, TrainOptions, Weights};
+pub use options::{Rates, TrainOptions, Weights};
 pub use score::{GroundScore, Score, score};
 pub use start::{AT_DEPTHS, AT_RANDOM, at_depths, at_random, of_points};
 pub use undistort::{Pixels, smaller, undistorted};

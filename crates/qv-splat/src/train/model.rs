@@ -37,9 +37,6 @@ pub struct Model {
     pub groups: Vec<usize>,
     /// What photographs of one camera share.
     pub shared: Vec<Shared>,
-    /// Of each Gaussian since Gaussians last came and went: sum of the lengths of derivatives by its projected mean, in units of half
-    /// the image, and in how many photographs it was.
-    pub pulls: Vec<[f32; 2]>,
 }
 
 impl Model {
@@ -58,7 +55,6 @@ impl Model {
             poses: dataset.training.iter().map(|one| one.camera.camera_from_world).collect(),
             shared: vec![Shared::NONE; groups.iter().max().map_or(0, |last| last + 1)],
             groups,
-            pulls: vec![[0.0; 2]; cloud.len()],
             cloud,
         }
     }
@@ -143,7 +139,6 @@ impl Model {
             put(&mut moments.sh, target, source, sh);
             put(&mut moments.features, target, source, features);
         }
-        put(&mut self.pulls, target, source, 1);
         self.forget(target);
     }
 
@@ -185,6 +180,5 @@ impl Model {
             keep(&mut moments.sh, stay, sh);
             keep(&mut moments.features, stay, features);
         }
-        keep(&mut self.pulls, stay, 1);
     }
 }

@@ -4,26 +4,15 @@
 use crate::SplatError;
 use crate::error::off;
 
-/// How Gaussians come and go.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Strategy {
-    /// Dead Gaussians move to living ones, the number grows to a cap, noise on the means (Kheradmand et al., 2024).
-    Mcmc,
-    /// Gaussians whose projected means are pulled strongly are cloned or split, faint ones are left out (Kerbl et al., 2023).
-    Classic,
-}
-
 /// Weights of the terms of the loss; 0 leaves one out.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Weights {
     /// Share of 1 - SSIM in the photometric loss; the rest is L1.
     pub ssim: f32,
-    /// Mean opacity; with [`Strategy::Mcmc`] only.
+    /// Mean opacity (Kheradmand et al., 2024).
     pub opacity: f32,
-    /// Mean scale in units of the extent; with [`Strategy::Mcmc`] only.
+    /// Mean scale in units of the extent.
     pub scale: f32,
-    /// Mean square of the harmonics but the constant one, once for all photographs: a step, which is of one of them, has its share.
-    pub harmonics: f32,
     /// Squared distance of exposures from identity.
     pub exposure: f32,
     /// Mean of the smallest scale in units of the extent (2D planar regularisation).
@@ -46,7 +35,6 @@ impl Default for Weights {
             ssim: 0.2,
             opacity: 0.01,
             scale: 0.01,
-            harmonics: 0.0,
             exposure: 0.01,
             flattening: 0.0,
             depth_normal: 0.0,
@@ -80,8 +68,6 @@ pub struct TrainOptions {
     pub iterations: u32,
     /// Most Gaussians.
     pub cap: usize,
-    /// How Gaussians come and go.
-    pub strategy: Strategy,
     /// Learn an affine colour transform for each photograph.
     pub exposure: bool,
     /// Refine the poses of the photographs, and the place of each camera on what its poses were measured of.
@@ -98,7 +84,7 @@ pub struct TrainOptions {
     pub geometry_from: u32,
     /// Terms of the loss.
     pub weights: Weights,
-    /// Noise of the means in units of their rate, all in units of the extent; with [`Strategy::Mcmc`] only.
+    /// Noise of the means in units of their rate, all in units of the extent.
     pub noise: f32,
     /// Share of the Gaussians that a step leaves out, at the end of the run; it rises from 0. Helps with few photographs.
     pub drop: f32,
@@ -111,7 +97,6 @@ impl Default for TrainOptions {
         Self {
             iterations: 7000,
             cap: 300_000,
-            strategy: Strategy::Mcmc,
             exposure: false,
             poses: false,
             sh_degree: 3,
@@ -188,18 +173,7 @@ impl TrainOptions {
     /// After which step Gaussians come and go no more.
     fn last_refinement(&self) -> u32 {
         let until = self.iterations - self.iterations / 6;
-        until.min(match self.strategy {
-            Strategy::Mcmc => 25_000,
-            Strategy::Classic => 15_000,
-        })
-    }
-
-    /// Whether opacities are cut down after a step.
-    pub fn resets(&self, iteration: u32) -> bool {
-        self.strategy == Strategy::Classic
-            && iteration > 0
-            && iteration.is_multiple_of(3000)
-            && iteration + 1000 < self.iterations.min(16_000)
+        until.min(25_000)
     }
 
     /// Checks ranges.
@@ -224,7 +198,6 @@ impl TrainOptions {
         for (name, weight) in [
             ("opacity", w.opacity),
             ("scale", w.scale),
-            ("harmonics", w.harmonics),
             ("exposure", w.exposure),
             ("flattening", w.flattening),
             ("depth-normal", w.depth_normal),

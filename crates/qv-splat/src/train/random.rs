@@ -11,8 +11,6 @@ pub enum Purpose {
     Sample = 3,
     /// Noise on the means.
     Noise = 4,
-    /// Where the halves of a split Gaussian lie.
-    Split = 5,
     /// Second photograph of a pair.
     Pair = 6,
     /// Which Gaussians a step leaves out.
@@ -71,7 +69,7 @@ mod tests {
             mean.abs() < 0.015 && (variance - 1.0).abs() < 0.02 && (fourth - 3.0).abs() < 0.15,
             "{mean} {variance}"
         );
-        assert_ne!(words(7, 3, 5, Purpose::Noise), words(7, 3, 5, Purpose::Split));
+        assert_ne!(words(7, 3, 5, Purpose::Noise), words(7, 3, 5, Purpose::Pair));
     }
 
     #[test]

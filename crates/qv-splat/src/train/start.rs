@@ -2,7 +2,7 @@
 
 use super::dataset::Dataset;
 use super::neighbours::Tree;
-use super::options::{Strategy, TrainOptions};
+use super::options::TrainOptions;
 use super::random::{Purpose, unit, words};
 use crate::SplatError;
 use crate::error::off;
@@ -33,10 +33,7 @@ pub fn of_points(points: &Points, options: &TrainOptions) -> Result<GaussianClou
         let (place, found) = (points.places[at], points.colours[at]);
         return Err(off("points to begin with", format!("a finite colour at {place:?}"), format!("{found:?}")));
     }
-    let (opacity, share): (f32, f32) = match options.strategy {
-        Strategy::Mcmc => (0.5, 0.1),
-        Strategy::Classic => (0.1, 1.0),
-    };
+    let (opacity, share) = (0.5f32, 0.1);
     let tree = Tree::new(&points.places);
     let scale = |distances: &Vec<f32>| {
         let mean = (distances.iter().map(|d| d * d).sum::<f32>() / distances.len().max(1) as f32).sqrt();
@@ -110,12 +107,12 @@ mod tests {
     fn points_become_gaussians() {
         let places = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [9.0, 0.0, 0.0]];
         let points = Points { places, colours: vec![[0.5, 1.0, 0.0]; 5], ..Default::default() };
-        let mut options = TrainOptions { strategy: Strategy::Classic, ..Default::default() };
+        let mut options = TrainOptions::default();
         let cloud = of_points(&points, &options).unwrap();
         assert_eq!(cloud.check(), Ok(()));
-        assert!(cloud.log_scales[0][0].abs() < 1e-6, "{:?}", cloud.log_scales[0]);
+        assert!((cloud.log_scales[0][0] - 0.1f32.ln()).abs() < 1e-6, "{:?}", cloud.log_scales[0]);
         let opacity = 1.0 / (1.0 + (-cloud.opacity_logits[0]).exp());
-        assert!((opacity - 0.1).abs() < 1e-6 && (0.5 + C0 * cloud.sh[0][1] - 1.0).abs() < 1e-6);
+        assert!((opacity - 0.5).abs() < 1e-6 && (0.5 + C0 * cloud.sh[0][1] - 1.0).abs() < 1e-6);
         options.cap = 4;
         assert!(of_points(&points, &options).unwrap_err().to_string().states("found 4 5"));
     }

@@ -5,12 +5,6 @@ use clap::ValueEnum;
 use std::path::PathBuf;
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(super) enum StrategyName {
-    Mcmc,
-    Classic,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum Background {
     Mean,
     Black,
@@ -39,9 +33,6 @@ pub struct Reconstruct {
     /// Most Gaussians
     #[arg(long, default_value_t = 300_000)]
     pub(super) cap: usize,
-    /// How Gaussians come and go
-    #[arg(long, value_enum, default_value = "mcmc")]
-    pub(super) strategy: StrategyName,
     /// Learns an affine colour transform for each photograph
     #[arg(long)]
     pub(super) exposure: bool,
@@ -123,21 +114,9 @@ pub struct Reconstruct {
     /// Makes a scene whose small images are right, too: Gaussians no finer than what photographs sample, drawn with anti-aliasing (Mip-Splatting)
     #[arg(long)]
     pub(super) antialias: bool,
-    /// Weight of harmonics but the constant one
-    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0, hide_short_help = true)]
-    pub(super) harmonics_weight: f32,
-    /// Noise of the means with mcmc, in units of their rate
-    #[arg(long, default_value_t = 5e5, hide_short_help = true)]
-    pub(super) noise: f32,
     /// What is behind everything: the mean colour of the photographs, or black
     #[arg(long, value_name = "WHAT", value_enum, default_value_t = Background::Mean, hide_short_help = true)]
     pub(super) background: Background,
-    /// Weight of opacity with mcmc
-    #[arg(long, value_name = "WEIGHT", default_value_t = 0.01, hide_short_help = true)]
-    pub(super) opacity_weight: f32,
-    /// Weight of scale with mcmc, in units of the extent of the cameras
-    #[arg(long, value_name = "WEIGHT", default_value_t = 0.01, hide_short_help = true)]
-    pub(super) scale_weight: f32,
     /// Tells how long the stages of a step take on the card
     #[arg(long, hide = true)]
     pub(super) times: bool,

@@ -5,7 +5,6 @@ mod store;
 #[cfg(test)]
 mod tests;
 
-use super::adam::harmonics_weight;
 use super::cpu::outputs;
 use super::dataset::{Dataset, Photograph};
 use super::drop::Drop;
@@ -13,10 +12,9 @@ use super::engine::Engine;
 use super::mcmc::Relocation;
 use super::model::Model;
 use super::moments::bias;
-use super::options::{Strategy, TrainOptions};
+use super::options::TrainOptions;
 use super::random::{Purpose, words};
 use super::terms::multi_view;
-use super::classic;
 use crate::SplatError;
 use crate::error::off;
 use qv_core::Camera;
@@ -205,12 +203,8 @@ impl<'a> GpuEngine<'a> {
         let rates = options.rates(iteration, self.dataset.extent);
         let camera = &self.dataset.training[photograph].camera;
         let n = self.store.cloud.count.max(1) as f32;
-        let mcmc = options.strategy == Strategy::Mcmc;
         let geometry = iteration >= options.geometry_from;
         let seen = iteration / self.dataset.training.len() as u32 + 1;
-        let outputs = outputs(options, iteration);
-        let features = if outputs.features { self.store.cloud.feature_count as u32 } else { 0 };
-        let width = 9 + outputs.depth as u32 + 4 * outputs.plane as u32 + features;
         let group = self.rest.groups[photograph];
         let partner = self.partner(photograph);
         let random = words(options.seed, iteration, 1, Purpose::Pair);
@@ -228,10 +222,10 @@ impl<'a> GpuEngine<'a> {
             colours: rates.colours,
             harmonics: rates.harmonics,
             bias: bias(iteration + 1),
-            opacity: if mcmc { weights.opacity / n } else { 0.0 },
-            scale: if mcmc { weights.scale / (3.0 * n * self.dataset.extent) } else { 0.0 },
+            opacity: weights.opacity / n,
+            scale: weights.scale / (3.0 * n * self.dataset.extent),
             flat: if geometry { weights.flattening / (self.dataset.extent * n) } else { 0.0 },
-            noise: if mcmc { options.noise_rate(iteration, self.dataset.extent) } else { 0.0 },
+            noise: options.noise_rate(iteration, self.dataset.extent),
             width: camera.width,
             height: camera.height,
             photograph: photograph as u32,
@@ -241,7 +235,6 @@ impl<'a> GpuEngine<'a> {
             exposure_rate: rates.exposures,
             exposure_weight: weights.exposure,
             seen_bias: bias(seen),
-            record_width: width,
             pose_rate: rates.poses,
             extent: self.dataset.extent,
             depth_prior: weights.depth_prior / pixels,
@@ -260,7 +253,7 @@ impl<'a> GpuEngine<'a> {
             refines: options.poses as u32,
             camera_bias: bias(self.rest.shared[group].seen + 1),
             drop: Drop::of(options, iteration).map_or(0.0, |drop| drop.share),
-            shrink: harmonics_weight(self.store.cloud.count, self.dataset.training.len(), options),
+            free: 0.0,
         }
     }
 
@@ -379,14 +372,7 @@ impl<'a> GpuEngine<'a> {
         let image = [words.width.div_ceil(16), words.height.div_ceil(16)];
         let exposures = &self.store.exposures;
         let photo = &self.photographs[photograph];
-        let similar = vec![
-            (0, &self.step),
-            (1, colours),
-            (2, photo),
-            (3, exposures),
-            (4, &self.maps),
-            (6, &self.sums),
-        ];
+        let similar = vec![(0, &self.step), (1, colours), (2, photo), (3, exposures), (4, &self.maps), (6, &self.sums)];
         let mut pull = similar.clone();
         pull.push((5, by_colours));
         recorder.run_jobs("loss", &[self.job("similar", image, similar), self.job("pull", image, pull)]);
@@ -406,17 +392,6 @@ impl<'a> GpuEngine<'a> {
                 (9, &self.groups),
             ];
             last.push(self.job("turn", [1, 1], turn));
-        }
-        if self.options.strategy == Strategy::Classic {
-            let records = vec![
-                (0, &self.step),
-                (11, state),
-                (12, get("records")?),
-                (13, get("counts")?),
-                (14, get("record_gradients")?),
-                (15, &self.store.pulls),
-            ];
-            last.push(self.job("gather", folded(words.count.div_ceil(256)), records));
         }
         recorder.run_jobs("finish", &last);
         let (store, cloud) = (&self.store, &self.store.cloud);
@@ -536,30 +511,18 @@ impl<'a> GpuEngine<'a> {
 
     fn come_and_go(&mut self) -> Result<(), SplatError> {
         let (options, iteration) = (self.options, self.rest.iteration);
-        let (refines, resets) = (options.refines(iteration), options.resets(iteration));
-        if refines || resets {
-            self.flush();
+        if !options.refines(iteration) {
+            return Ok(());
         }
-        if refines && options.strategy == Strategy::Mcmc {
-            let mut logits = self.store.logits(&self.rasteriser.gpu)?;
-            let dead = Relocation::of_dead(&logits, options.seed, iteration);
-            self.relocate(&dead)?;
-            dead.changes.iter().for_each(|change| logits[change.index as usize] = change.logit);
-            for [target, source] in &dead.copies {
-                logits[*target as usize] = logits[*source as usize];
-            }
-            self.relocate(&Relocation::of_new(&logits, options.cap, options.seed, iteration))?;
-        } else if refines || resets {
-            let mut model = self.model()?;
-            if refines {
-                classic::refine(&mut model, self.dataset.extent, options.cap, options.seed);
-            }
-            if resets {
-                classic::reset(&mut model);
-            }
-            self.put(model)?;
+        self.flush();
+        let mut logits = self.store.logits(&self.rasteriser.gpu)?;
+        let dead = Relocation::of_dead(&logits, options.seed, iteration);
+        self.relocate(&dead)?;
+        dead.changes.iter().for_each(|change| logits[change.index as usize] = change.logit);
+        for [target, source] in &dead.copies {
+            logits[*target as usize] = logits[*source as usize];
         }
-        Ok(())
+        self.relocate(&Relocation::of_new(&logits, options.cap, options.seed, iteration))
     }
 }
 

@@ -33,8 +33,6 @@ pub struct Store {
     pub pose_moments: wgpu::Buffer,
     /// What photographs of one camera share, 32 floats.
     pub shared: wgpu::Buffer,
-    /// Pulls at projected means, two floats for each Gaussian.
-    pub pulls: wgpu::Buffer,
 }
 
 impl Store {
@@ -59,7 +57,6 @@ impl Store {
             exposures: gpu.buffer("exposures", 144 * views)?,
             pose_moments: gpu.buffer("pose moments", 48 * views)?,
             shared: gpu.filled("shared", &model.shared.iter().map(floats_of).collect::<Vec<_>>())?,
-            pulls: gpu.buffer("pulls", 8 * capacity as u64)?,
         };
         Ok(store.filled(gpu, model))
     }
@@ -100,7 +97,6 @@ impl Store {
         let both = model.first.poses.iter().zip(&model.second.poses);
         let poses: Vec<[f32; 6]> = both.flat_map(|(m, v)| [*m, *v]).collect();
         write(&self.pose_moments, poses.as_flattened());
-        write(&self.pulls, model.pulls.as_flattened());
         self
     }
 
@@ -111,15 +107,6 @@ impl Store {
     pub fn logits(&self, gpu: &Gpu) -> Result<Vec<f32>, RasterError> {
         let rows: Vec<[f32; 4]> = gpu.read(&self.cloud.scales, self.cloud.count)?;
         Ok(rows.iter().map(|row| row[3]).collect())
-    }
-
-    /// Means. Waits for the card.
-    ///
-    /// # Errors
-    /// The device fails.
-    pub fn means(&self, gpu: &Gpu) -> Result<Vec<[f32; 3]>, RasterError> {
-        let rows: Vec<[f32; 4]> = gpu.read(&self.cloud.means, self.cloud.count)?;
-        Ok(rows.iter().map(|row| [row[0], row[1], row[2]]).collect())
     }
 
     /// Copies everything but poses into a model. Waits for the card.
@@ -135,7 +122,7 @@ impl Store {
         let features = n * cloud.feature_count;
         cloud.features = gpu.read(&self.cloud.features, features)?;
         cloud.opacity_logits = self.logits(gpu)?;
-        cloud.means = self.means(gpu)?;
+        cloud.means = three(gpu.read(&self.cloud.means, n)?);
         cloud.log_scales = three(gpu.read(&self.cloud.scales, n)?);
         cloud.rotations = gpu.read(&self.cloud.rotations, n)?;
         cloud.sh = gpu.read(&self.cloud.sh, sh)?;
@@ -162,7 +149,6 @@ impl Store {
         model.exposures_second = exposures.iter().map(|all| all[2]).collect();
         let shared: Vec<[f32; 32]> = gpu.read(&self.shared, model.shared.len())?;
         model.shared.iter_mut().zip(&shared).for_each(|(one, floats)| *one = shared_of(floats, one.seen));
-        model.pulls = gpu.read(&self.pulls, n)?;
         Ok(())
     }
 }
