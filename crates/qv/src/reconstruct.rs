@@ -10,7 +10,6 @@ pub use arguments::Reconstruct;
 
 use crate::capture::{OpenCapture, open_capture};
 use crate::colmap::{Chosen, better_poses, poses_again};
-use crate::normals::{self, NormalModel};
 use crate::outcome::about;
 use crate::output::{self, make_folder, put, write_whole};
 use crate::progress::{Stages, remark};
@@ -68,10 +67,6 @@ impl Reconstruct {
         let poses = words::of_poses(&chosen);
         let is_found = !chosen.is_given();
         let Chosen { mut opened, mut lost, found, .. } = chosen;
-        if let Some(file) = &self.normal_model {
-            let model = NormalModel { file, axes: &self.normal_axes, colours: self.normal_colours };
-            normals::add_normals(&model, &mut opened, &self.out)?;
-        }
         let options = self.options();
         options.check()?;
         let reading = ReadOptions { downscale: self.downscale, hold_out: self.hold_out };
@@ -218,7 +213,6 @@ impl Reconstruct {
                 depth_prior: self.depth_weight(),
                 depth_normal: self.depth_normal,
                 multi_view: self.multi_view,
-                normal_prior: self.normal_prior,
                 labels: self.labels,
                 ..Default::default()
             },
@@ -230,14 +224,10 @@ impl Reconstruct {
     /// Options that do something only where the capture has what they need.
     fn check_needs(&self, dataset: &Dataset) -> Result<(), Failure> {
         let training = || dataset.training.iter();
-        let [depth, normals] = [
-            training().any(|one| one.depth.iter().any(|z| *z > 0.0)),
-            training().any(|one| one.normals.iter().any(|n| *n != [0.0; 3])),
-        ];
+        let depth = training().any(|one| one.depth.iter().any(|z| *z > 0.0));
         let asked = [
             (self.depth_weight() > 0.0, "--depth-prior", "depth images, or --stereo", depth),
             (self.depth_points.is_some_and(|n| n > 0), "--depth-points", "depth images, or --stereo", depth),
-            (self.normal_prior > 0.0, "--normal-prior", "normal images, or --normal-model", normals),
         ];
         match asked.iter().find(|(is_asked, _, _, there)| *is_asked && !there) {
             Some((_, option, needs, _)) => Err(about(&self.capture, format!("{option}: expected {needs}, found none"))),
@@ -461,7 +451,7 @@ impl Reconstruct {
             "--downscale": self.downscale, "--hold-out": self.hold_out, "--exposure": self.exposure,
             "--refine-poses": self.refine_poses, "--flattening": self.flattening,
             "--depth-prior": self.depth_weight(), "--stereo": self.stereo, "--depth-normal": self.depth_normal,
-            "--multi-view": self.multi_view, "--normal-prior": self.normal_prior, "--labels": self.labels,
+            "--multi-view": self.multi_view, "--labels": self.labels,
             "--drop": self.drop, "--small": self.small,
             "--antialias": self.antialias,
         });
@@ -488,7 +478,6 @@ impl Reconstruct {
         let mut lost = vec![];
         for (name, weight, missing) in [
             ("depths", self.depth_weight(), without(|one| !one.depth.is_empty())),
-            ("normals", self.normal_prior, without(|one| !one.normals.is_empty())),
             ("labels", self.labels, without(|one| !one.labels.is_empty())),
         ] {
             if weight > 0.0 && missing > 0 {

@@ -100,8 +100,6 @@ pub struct StepWords {
     pub partner_size: [u32; 2],
     /// First column and row that are looked at.
     pub from: [u32; 2],
-    /// Weight of given normals, over the number of pixels.
-    pub normal_prior: f32,
     /// Weight of labels, over the number of pixels.
     pub labels: f32,
     /// Features of each Gaussian.
@@ -119,7 +117,7 @@ pub struct StepWords {
     /// Share of the Gaussians that the step leaves out.
     pub drop: f32,
     /// Nothing: words come in fours.
-    pub free: f32,
+    pub free: [f32; 2],
 }
 
 /// The text of a shader. Lines between `//#taps` and `//#end` are repeated for each tap of the window, with its index for `$K` and its

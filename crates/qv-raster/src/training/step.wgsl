@@ -39,7 +39,6 @@ struct Step {
     from_x: u32,
     from_y: u32,
     // Over the number of pixels.
-    normal_prior: f32,
     labels: f32,
     feature_count: u32,
     feature_rate: f32,
@@ -51,7 +50,8 @@ struct Step {
     camera_bias2: f32,
     // Share of the Gaussians that the step leaves out.
     drop: f32,
-    free: f32,
+    free1: f32,
+    free2: f32,
 }
 
 const BETA1: f32 = 0.9;

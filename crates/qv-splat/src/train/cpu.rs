@@ -130,9 +130,6 @@ impl<'a> CpuEngine<'a> {
         if weights.depth_prior > 0.0 && !photograph.depth.is_empty() {
             loss += priors::depth(image, photograph, weights.depth_prior, by);
         }
-        if weights.normal_prior > 0.0 && !photograph.normals.is_empty() {
-            loss += priors::normals(image, photograph, weights.normal_prior, by);
-        }
         if weights.depth_normal > 0.0 {
             loss += depth_normal::add(image, camera, weights.depth_normal, by);
         }

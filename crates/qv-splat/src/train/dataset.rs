@@ -24,8 +24,6 @@ pub struct Photograph {
     pub pixels: Pixels,
     /// Measured depth along z \[m\], 0 where there is none, shape `[height, width]`; empty when not measured.
     pub depth: Vec<f32>,
-    /// Unit normals in camera axes, zeros where there are none, shape `[height, width]`; empty when not given.
-    pub normals: Vec<[f32; 3]>,
     /// 0 where there is none, then 1 + the label, shape `[height, width]`; empty when not given.
     pub labels: Vec<u8>,
 }
@@ -82,7 +80,7 @@ pub type Files<'a> = &'a (dyn Fn(&str) -> Result<Vec<u8>, String> + Sync);
 
 impl Dataset {
     /// Decodes the images of a capture and takes their distortion away. Images that are missing, damaged, of another size than their camera
-    /// says, or there twice are left out, and named in `lost`; so are depths, normals and labels that cannot be read.
+    /// says, or there twice are left out, and named in `lost`; so are depths and labels that cannot be read.
     ///
     /// # Errors
     /// Fewer than two photographs to learn from are left (the first that is lost is named), or no two of them look at the same place.
@@ -274,20 +272,14 @@ fn photograph(one: &CaptureCamera, files: Files, downscale: u32, shown: Shown) -
         let metres = |units: u16| if units == u16::MAX { 0.0 } else { (units as f64 * file.metres_per_unit) as f32 };
         Ok((0..count).map(|index| shown(index, &of).map_or(0.0, |at| metres(units[at]))).collect())
     });
-    let normals = one.attachments.normals.as_deref().map_or(Ok(vec![]), |path| {
-        let image = decode(path, files, &one.camera)?.into_rgb8();
-        let at = |index| shown(index, &one.camera).map_or([0.0; 3], |at| normal(&image.as_raw()[3 * at..3 * at + 3]));
-        Ok((0..count).map(at).collect())
-    });
     let labels = one.attachments.labels.as_deref().map_or(Ok(vec![]), |path| {
         let image = label_image(path, files, &one.camera)?;
         Ok((0..count).map(|index| shown(index, &one.camera).map_or(0, |at| image[at])).collect())
     });
     let mut without = vec![];
-    let (depth, normals, labels) =
-        (or_none(depth, &mut without), or_none(normals, &mut without), or_none(labels, &mut without));
+    let (depth, labels) = (or_none(depth, &mut without), or_none(labels, &mut without));
     let name = one.name.clone();
-    Ok((Photograph { name, camera, pixels, depth, normals, labels }, without, turned))
+    Ok((Photograph { name, camera, pixels, depth, labels }, without, turned))
 }
 
 /// What was read, or nothing, and why.
@@ -296,12 +288,6 @@ fn or_none<T>(read: Result<Vec<T>, SplatError>, without: &mut Vec<SplatError>) -
         without.push(error);
         vec![]
     })
-}
-
-fn normal(bytes: &[u8]) -> [f32; 3] {
-    let n = glam::Vec3::new(bytes[0] as f32, bytes[1] as f32, bytes[2] as f32);
-    let unit = (n / 127.5 - 1.0).normalize_or_zero();
-    if n == glam::Vec3::ZERO { [0.0; 3] } else { unit.to_array() }
 }
 
 /// An image beside a photograph.

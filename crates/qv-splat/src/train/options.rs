@@ -23,8 +23,6 @@ pub struct Weights {
     pub depth_prior: f32,
     /// Photometric consistency of patches of two views by homographies (PGSR, eq. 9 and 10).
     pub multi_view: f32,
-    /// Mean distance of the rendered normal from a given one.
-    pub normal_prior: f32,
     /// Cross-entropy of rendered features against label images.
     pub labels: f32,
 }
@@ -40,7 +38,6 @@ impl Default for Weights {
             depth_normal: 0.0,
             depth_prior: 0.0,
             multi_view: 0.0,
-            normal_prior: 0.0,
             labels: 0.0,
         }
     }
@@ -54,7 +51,7 @@ impl Weights {
 
     /// Whether a term needs normals and plane depth.
     pub fn planes(&self) -> bool {
-        self.depth_normal > 0.0 || self.multi_view > 0.0 || self.normal_prior > 0.0
+        self.depth_normal > 0.0 || self.multi_view > 0.0
     }
 }
 
@@ -203,7 +200,6 @@ impl TrainOptions {
             ("depth-normal", w.depth_normal),
             ("depth prior", w.depth_prior),
             ("multi-view", w.multi_view),
-            ("normal prior", w.normal_prior),
             ("labels", w.labels),
             ("noise", self.noise),
         ] {

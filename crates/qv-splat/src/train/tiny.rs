@@ -47,7 +47,6 @@ pub(crate) fn of_image(image: &Image, camera: &Camera, name: &str) -> Photograph
         camera: *camera,
         pixels: Pixels { width: image.width, height: image.height, rgba },
         depth: image.depth.clone(),
-        normals: vec![],
         labels: vec![],
     }
 }

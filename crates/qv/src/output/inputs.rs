@@ -46,7 +46,6 @@ const WRITTEN: [(&str, &[&str]); 12] = [
             "cameras.json",
             "aside.json",
             "capture",
-            "qv-normals",
             "previews",
             "held_out",
         ],

@@ -1,6 +1,5 @@
 //! What the command line says of a reconstruction.
 
-use crate::normals::{self, Colours};
 use clap::ValueEnum;
 use std::path::PathBuf;
 
@@ -84,18 +83,6 @@ pub struct Reconstruct {
     /// Weight of the agreement of patches between views
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
     pub(super) multi_view: f32,
-    /// Weight of normals, from files or a model
-    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
-    pub(super) normal_prior: f32,
-    /// A model of yours that sees normals, run by onnxruntime: takes [1, 3, H, W], gives [1, 3, h, w]
-    #[arg(long, value_name = "FILE.onnx", requires = "normal_prior")]
-    pub(super) normal_model: Option<PathBuf>,
-    /// Which axes of the model are x right, y down, z forward: x,-y,-z for one with y up and z to the viewer
-    #[arg(long, value_name = "AXES", default_value = "x,y,z", value_parser = normals::axes, allow_hyphen_values = true)]
-    pub(super) normal_axes: String,
-    /// What the model takes colours as
-    #[arg(long, value_enum, value_name = "HOW", default_value = "imagenet")]
-    pub(super) normal_colours: Colours,
     /// Weight of labels from files
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
     pub(super) labels: f32,

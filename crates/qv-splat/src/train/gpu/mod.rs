@@ -55,8 +55,6 @@ pub struct GpuEngine<'a> {
     plane_depths: Vec<wgpu::Buffer>,
     /// Measured depths of each photograph; none when no term asks for them.
     measured: Vec<wgpu::Buffer>,
-    /// Given normals of each photograph, a word for each pixel; none when no term asks for them.
-    normals: Vec<wgpu::Buffer>,
     /// Labels of each photograph, a byte for each pixel; none when no term asks for them.
     labels: Vec<wgpu::Buffer>,
     /// For each photograph those that are near it.
@@ -117,11 +115,6 @@ impl<'a> GpuEngine<'a> {
             true => gpu.buffer("measured", size(one)),
             false => gpu.filled("measured", &one.depth),
         });
-        let normals =
-            dataset.training.iter().filter(|_| w.normal_prior > 0.0).map(|one| match one.normals.is_empty() {
-                true => gpu.buffer("normals", size(one)),
-                false => gpu.filled("normals", &one.normals.iter().map(signed_bytes).collect::<Vec<_>>()),
-            });
         let labels = dataset.training.iter().filter(|_| w.labels > 0.0).map(|one| {
             let mut bytes = one.labels.clone();
             bytes.resize(one.pixels.rgba.len().next_multiple_of(4), 0);
@@ -134,7 +127,6 @@ impl<'a> GpuEngine<'a> {
             photographs: photographs.collect::<Result<_, _>>()?,
             plane_depths: plane_depths.collect::<Result<_, _>>()?,
             measured: measured.collect::<Result<_, _>>()?,
-            normals: normals.collect::<Result<_, _>>()?,
             labels: labels.collect::<Result<_, _>>()?,
             partners: multi_view::partners(&cameras_as_given, dataset.extent),
             cameras: cameras(&rasteriser, dataset, &model)?,
@@ -244,7 +236,6 @@ impl<'a> GpuEngine<'a> {
             partner: partner.unwrap_or(photograph) as u32,
             partner_size: [other.width, other.height],
             from,
-            normal_prior: weights.normal_prior / pixels,
             labels: weights.labels / pixels,
             feature_count: self.store.cloud.feature_count as u32,
             feature_rate: rates.features,
@@ -253,7 +244,7 @@ impl<'a> GpuEngine<'a> {
             refines: options.poses as u32,
             camera_bias: bias(self.rest.shared[group].seen + 1),
             drop: Drop::of(options, iteration).map_or(0.0, |drop| drop.share),
-            free: 0.0,
+            free: [0.0; 2],
         }
     }
 
@@ -274,17 +265,7 @@ impl<'a> GpuEngine<'a> {
         if outputs.plane {
             let (plane_image, by_planes) = (self.buffer("plane_image")?, self.buffer("by_planes")?);
             let own = &self.plane_depths[photograph];
-            // Any buffer stands for normals that nobody asks for.
-            let normals = self.normals.get(photograph).unwrap_or(&self.report);
-            let planes = vec![
-                (0, &self.step),
-                (2, photo),
-                (3, plane_image),
-                (4, by_planes),
-                (5, lenses),
-                (7, own),
-                (13, normals),
-            ];
+            let planes = vec![(0, &self.step), (3, plane_image), (4, by_planes), (5, lenses), (7, own)];
             jobs.push(self.job("planes", image, planes));
             if let Some(partner) = self.partner(photograph).filter(|_| words.multi_view > 0.0) {
                 let consistent = vec![
@@ -524,13 +505,6 @@ impl<'a> GpuEngine<'a> {
         }
         self.relocate(&Relocation::of_new(&logits, options.cap, options.seed, iteration))
     }
-}
-
-/// A unit normal as bytes with a sign, and 127 where there is one.
-fn signed_bytes(normal: &[f32; 3]) -> [i8; 4] {
-    let there = *normal != [0.0; 3];
-    let [x, y, z] = normal.map(|n| (n * 127.0).round() as i8);
-    [x, y, z, if there { 127 } else { 0 }]
 }
 
 /// Workgroups of a long list.

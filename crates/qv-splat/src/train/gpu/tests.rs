@@ -50,8 +50,6 @@ mod against_the_cpu {
         for (i, pixel) in scene.dataset.training[1].pixels.rgba.iter_mut().enumerate() {
             pixel[3] = if i % 50 < 6 { 0 } else { 255 };
         }
-        scene.dataset.training[1].normals =
-            (0..2500).map(|i| if i % 3 == 0 { [0.0; 3] } else { [0.0, 0.0, -1.0] }).collect();
         scene.dataset.training[1].labels = (0..2500).map(|i| (i % 4) as u8).collect();
         for atomic in [true, false] {
             scene.dataset.antialias = atomic;
@@ -59,7 +57,6 @@ mod against_the_cpu {
             let mut options = TrainOptions { exposure: true, poses: true, cap: 100, ..Default::default() };
             (options.drop, options.iterations) = (0.5, 10);
             options.weights.flattening = 10.0;
-            options.weights.normal_prior = 0.1;
             options.weights.labels = 0.5;
             options.weights.depth_normal = 0.1;
             options.weights.depth_prior = 0.2;
