@@ -20,10 +20,11 @@ use clap::ValueEnum;
 use qv_core::{Camera, GaussianCloud};
 use qv_splat::captures::distortion::Distortion;
 use qv_splat::captures::{Attachments, Capture, CaptureCamera, cameras_json};
-use qv_splat::files::{Points, ply};
+use qv_splat::files::ply;
+use qv_splat::stereo::Measured;
 use qv_splat::train::{
     AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Ground, GroundOptions, Model, Photograph, ReadOptions,
-    Score, TrainOptions, Weights, at_depths, at_random, cameras, checkpoint, drawn, ground_scores, growing,
+    Score, TrainOptions, Weights, at_depths, at_random, bake, cameras, checkpoint, drawn, ground_scores, growing,
     neighbours_scores, of_points, pose, scores, train,
 };
 use qv_splat::{SplatError, error_at};
@@ -54,6 +55,8 @@ const UNFINISHED: &str = "unfinished.qvt";
 const REPORT_EVERY: u32 = 100;
 /// Steps by which a held-out camera is aligned.
 const ALIGN_STEPS: u32 = 40;
+/// Most frames that are taken of a video.
+const FRAMES: usize = 150;
 /// Steps from one scene that may be kept to the next.
 const JUDGE_EVERY: u32 = 1000;
 
@@ -61,23 +64,23 @@ impl Reconstruct {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let clock = Instant::now();
         let bar = Stages::new();
-        let stages = if self.stereo { 4 } else { 3 };
+        let stages = if self.no_stereo { 3 } else { 4 };
         bar.begin(1, stages, "reading", None);
         let chosen = self.open()?;
         let poses = words::of_poses(&chosen);
         let is_found = !chosen.is_given();
-        let Chosen { mut opened, mut lost, found, .. } = chosen;
-        let options = self.options();
-        options.check()?;
+        let Chosen { opened, mut lost, found, .. } = chosen;
+        self.options(None).check()?;
         let reading = ReadOptions { downscale: self.downscale, hold_out: self.hold_out };
-        if options.weights.geometry() && options.iterations <= options.geometry_from {
+        let files = |path: &str| opened.read(path);
+        let mut dataset = Dataset::new(&opened.capture, &files, &reading).map_err(|e| about(&self.capture, e))?;
+        let depths = self.add_depths(&mut dataset, opened.points.as_ref(), &bar);
+        self.check_needs(&dataset)?;
+        let options = self.options(depths.measured.as_ref());
+        if self.asks_for_geometry() && options.iterations <= options.geometry_from {
             let (from, last) = (options.geometry_from, options.iterations);
             remark(&format!("terms of geometry count from step {from} on: with --iterations {last} they do nothing"));
         }
-        let files = |path: &str| opened.read(path);
-        let mut dataset = Dataset::new(&opened.capture, &files, &reading).map_err(|e| about(&self.capture, e))?;
-        let depths = self.add_depths(&mut dataset, opened.points.as_ref(), &bar)?;
-        self.check_needs(&dataset)?;
         if self.background == Background::Black {
             dataset.background = [0.0; 3];
         }
@@ -116,20 +119,24 @@ impl Reconstruct {
             return Ok(Outcome::Stopped);
         }
         let trained = checkpoint::write(&model, &self.begun_with()?);
+        let (loss, times) = (run.loss, run.mean_times());
         let (stood_at, mut scene_of) = (model.iteration, model.iteration);
         let earlier = if finished { None } else { std::mem::take(&mut run.best).instead_of(&model, &dataset)? };
         if let Some(kept) = earlier {
             scene_of = kept.iteration;
             kept.put_into(&mut model);
         }
+        if self.exposure {
+            dataset.background = bake(&mut model, dataset.background);
+        }
         let as_learned = |one: &Photograph| cameras::as_learned(&model, &dataset, one);
         let looked_at: Vec<Photograph> = dataset.held_out.iter().map(as_learned).collect();
         let as_drawn = scores(&model.cloud, &looked_at, &dataset)?;
-        let held_out = if self.exposure { neighbours_scores(&model, &dataset, &looked_at)? } else { as_drawn.clone() };
+        let exposed = if self.exposure { neighbours_scores(&model, &dataset, &looked_at)? } else { vec![] };
         let aligned = self.aligned(&model, &dataset, &looked_at)?;
         let ground = Ground::of(&model.cloud, &dataset, &GroundOptions::default())?;
         let of_ground = match &ground {
-            Some(ground) => ground_scores(&model, &dataset, &looked_at, ground, self.exposure)?,
+            Some(ground) => ground_scores(&model.cloud, &dataset, &looked_at, ground)?,
             None => vec![],
         };
         if self.preview {
@@ -144,12 +151,12 @@ impl Reconstruct {
         output::remove(&self.out.join(UNFINISHED));
         let metrics = json!({
             "format": "qv-reconstruct/1", "capture": self.capture.display().to_string(), "iterations": stood_at, "scene_of_iteration": scene_of,
-            "finished": finished, "gaussians": model.cloud.len(), "loss": run.loss, "timing": {"read_s": read_s, "search_s": search_s, "train_s": train_s,
-            "write_s": clock.elapsed().as_secs_f64(), "times_ms": run.mean_times()}, "photographs": dataset.training.len(), "began_at_points": at_points,
-            "exposure": self.exposure, "poses_refined": self.refine_poses, "poses": poses, "poses_found": found, "stereo": stereo::named(depths.as_ref()), "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
-            "held_out": dataset.held_out.iter().zip(&held_out).map(|(one, score)| named(&one.name, score)).collect::<Vec<_>>(),
-            "mean": Score::mean(&held_out).map(|mean| named("mean", &mean)),
-            "mean_identity": Score::mean(&as_drawn).map(|mean| named("mean", &mean)),
+            "finished": finished, "gaussians": model.cloud.len(), "loss": loss, "timing": {"read_s": read_s, "search_s": search_s, "train_s": train_s,
+            "write_s": clock.elapsed().as_secs_f64(), "times_ms": times}, "photographs": dataset.training.len(), "began_at_points": at_points,
+            "exposure": self.exposure, "poses_refined": self.refine_poses, "poses": poses, "poses_found": found, "stereo": stereo::named(&depths), "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
+            "held_out": dataset.held_out.iter().zip(&as_drawn).map(|(one, score)| named(&one.name, score)).collect::<Vec<_>>(),
+            "mean": Score::mean(&as_drawn).map(|mean| named("mean", &mean)),
+            "mean_exposed": Score::mean(&exposed).map(|mean| named("mean", &mean)),
             "mean_aligned": Score::mean(&aligned).map(|mean| named("mean", &mean)),
             "antialias": dataset.antialias, "steps_asked": self.iterations,
             "aside": searched, "ground": words::of_ground(ground.as_ref(), &of_ground),
@@ -160,15 +167,15 @@ impl Reconstruct {
         bar.finish();
         self.tell(
             &metrics,
-            [Score::mean(&held_out), Score::mean(&aligned)],
-            &run,
+            [Score::mean(&as_drawn), Score::mean(&exposed), Score::mean(&aligned)],
+            &times,
             search_s + train_s,
             model.cloud.len(),
         )?;
         opened.capture.told.iter().for_each(|what| remark(what));
         dataset.turned.iter().for_each(|(what, count)| remark(&format!("{count} images with {what}")));
         lost.extend_from_slice(&dataset.lost);
-        lost.extend(self.lost(&dataset));
+        lost.extend(self.lost(&dataset, &options));
         lost.iter().for_each(|what| print_message!("{what}"));
         if is_stopped {
             print_message!("{}", self.how_to_go_on(stood_at));
@@ -190,7 +197,7 @@ impl Reconstruct {
     fn open(&self) -> Result<Chosen, Failure> {
         let folder = self.out.join("capture");
         if video::is_video(&self.capture) {
-            let lost = video::project(&self.capture, &folder, self.frames)?;
+            let lost = video::project(&self.capture, &folder, FRAMES)?;
             return Ok(Chosen { lost, ..Chosen::given(open_capture(&folder)?, "COLMAP found them") });
         }
         let opened = open_capture(&self.capture).map_err(|e| video::or_video(&self.capture, e))?;
@@ -201,7 +208,8 @@ impl Reconstruct {
         }
     }
 
-    fn options(&self) -> TrainOptions {
+    /// How to train; `measured` is what stereo found.
+    fn options(&self, measured: Option<&Measured>) -> TrainOptions {
         TrainOptions {
             iterations: self.iterations,
             cap: self.cap,
@@ -210,59 +218,40 @@ impl Reconstruct {
             seed: self.seed,
             weights: Weights {
                 flattening: self.flattening,
-                depth_prior: self.depth_weight(),
+                depth_prior: self.depth_prior.unwrap_or(if measured.is_some() { stereo::WEIGHT } else { 0.0 }),
                 depth_normal: self.depth_normal,
                 multi_view: self.multi_view,
                 labels: self.labels,
                 ..Default::default()
             },
-            drop: self.drop,
+            drop: if measured.is_some() { stereo::DROP } else { 0.0 },
             ..Default::default()
         }
+    }
+
+    /// Whether terms of geometry are asked for, rather than brought by stereo.
+    fn asks_for_geometry(&self) -> bool {
+        let asked = [self.flattening, self.depth_prior.unwrap_or(0.0), self.depth_normal, self.multi_view, self.labels];
+        asked.iter().any(|weight| *weight > 0.0)
     }
 
     /// Options that do something only where the capture has what they need.
     fn check_needs(&self, dataset: &Dataset) -> Result<(), Failure> {
         let training = || dataset.training.iter();
         let depth = training().any(|one| one.depth.iter().any(|z| *z > 0.0));
-        let asked = [
-            (self.depth_weight() > 0.0, "--depth-prior", "depth images, or --stereo", depth),
-            (self.depth_points.is_some_and(|n| n > 0), "--depth-points", "depth images, or --stereo", depth),
-        ];
-        match asked.iter().find(|(is_asked, _, _, there)| *is_asked && !there) {
-            Some((_, option, needs, _)) => Err(about(&self.capture, format!("{option}: expected {needs}, found none"))),
-            None => Ok(()),
+        match self.depth_prior.is_some_and(|weight| weight > 0.0) && !depth {
+            true => Err(about(
+                &self.capture,
+                "--depth-prior: expected depth images, or photographs without --no-stereo, found none",
+            )),
+            false => Ok(()),
         }
-    }
-
-    /// A scene that was begun over one colour does not go on over another.
-    fn check_background(&self, dataset: &Dataset) -> Result<(), Failure> {
-        let path = self.out.join("scene.ply");
-        let Ok(bytes) = fs::read(&path) else { return Ok(()) };
-        let file = ply::read(&bytes).map_err(|e| about(&path, e))?;
-        if file.antialias != dataset.antialias {
-            let (expected, found) = match dataset.antialias {
-                true => ("a scene made with --antialias", "one made without"),
-                false => ("a scene made without --antialias", "one made with it"),
-            };
-            let found = format!("expected {expected}, found {found}");
-            return Err(about(&path, found));
-        }
-        let before = file.background.unwrap_or_default();
-        let now = dataset.background;
-        // Told in decimals that give the same bits.
-        if before == now {
-            return Ok(());
-        }
-        let found =
-            format!("expected a scene made over {now:?}, as --background asks for, found one made over {before:?}");
-        Err(about(&path, found))
     }
 
     /// As many as there is room for beside `others`.
-    fn usual_depth_points(&self, others: usize) -> usize {
+    fn depth_points(&self, others: usize, options: &TrainOptions) -> usize {
         let room = self.cap.saturating_sub(others);
-        if self.depth_weight() > 0.0 { AT_DEPTHS.min(self.cap / 2).min(room) } else { 0 }
+        if options.weights.depth_prior > 0.0 { AT_DEPTHS.min(self.cap / 2).min(room) } else { 0 }
     }
 
     /// A model to begin with, and whether it is at points of the capture.
@@ -273,7 +262,6 @@ impl Reconstruct {
             let bytes = fs::read(&path).map_err(|e| about(&path, format!("expected a checkpoint, found {e}")))?;
             let (model, begun_with) = checkpoint::read(&bytes).map_err(|e| about(&path, e))?;
             model.check_places(dataset).map_err(|e| about(&path, e))?;
-            self.check_background(dataset)?;
             self.check_begun_with(&begun_with, &path)?;
             if self.labels > 0.0 && model.cloud.feature_count == 0 {
                 let expected = "--labels: expected a checkpoint that was begun with labels, found one without";
@@ -286,15 +274,10 @@ impl Reconstruct {
             }
             return Ok((model, opened.points.is_some()));
         }
-        let usual = if opened.points.is_some() { 0 } else { AT_RANDOM };
-        let count = self.random_points.unwrap_or(usual);
-        let mut points = at_random(dataset, count, options);
+        let mut points = at_random(dataset, if opened.points.is_some() { 0 } else { AT_RANDOM }, options);
         let known = opened.points.as_ref().map_or(0, |points| points.places.len());
-        let at_depths = at_depths(
-            dataset,
-            self.depth_points.unwrap_or(self.usual_depth_points(points.places.len() + known)),
-            options,
-        );
+        let count = self.depth_points(points.places.len() + known, options);
+        let at_depths = at_depths(dataset, count, options);
         for more in opened.points.iter().chain([&at_depths]) {
             points.places.extend_from_slice(&more.places);
             points.colours.extend_from_slice(&more.colours);
@@ -447,12 +430,12 @@ impl Reconstruct {
     /// What a training goes on with as it was begun: options by name.
     fn begun_with(&self) -> Result<String, Failure> {
         let options = json!({
-            "--seed": self.seed, "--poses": named_value(&self.poses),
+            "--seed": self.seed, "--poses": named_value(&self.poses), "--background": named_value(&self.background),
             "--downscale": self.downscale, "--hold-out": self.hold_out, "--exposure": self.exposure,
             "--refine-poses": self.refine_poses, "--flattening": self.flattening,
-            "--depth-prior": self.depth_weight(), "--stereo": self.stereo, "--depth-normal": self.depth_normal,
+            "--depth-prior": self.depth_prior, "--no-stereo": self.no_stereo, "--depth-normal": self.depth_normal,
             "--multi-view": self.multi_view, "--labels": self.labels,
-            "--drop": self.drop, "--small": self.small,
+            "--small": self.small,
             "--antialias": self.antialias,
         });
         Ok(serde_json::to_string(&options)?)
@@ -473,11 +456,11 @@ impl Reconstruct {
     }
 
     /// What of the capture was not used, a line each.
-    fn lost(&self, dataset: &Dataset) -> Vec<String> {
+    fn lost(&self, dataset: &Dataset, options: &TrainOptions) -> Vec<String> {
         let without = |has: fn(&Photograph) -> bool| dataset.training.iter().filter(|one| !has(one)).count();
         let mut lost = vec![];
         for (name, weight, missing) in [
-            ("depths", self.depth_weight(), without(|one| !one.depth.is_empty())),
+            ("depths", options.weights.depth_prior, without(|one| !one.depth.is_empty())),
             ("labels", self.labels, without(|one| !one.labels.is_empty())),
         ] {
             if weight > 0.0 && missing > 0 {
@@ -490,7 +473,7 @@ impl Reconstruct {
             let more = if alone.len() > 5 { ", ..." } else { "" };
             lost.push(format!("{} photographs show nothing that another shows: {names}{more}", alone.len()));
         }
-        if dataset.stands_still() && self.depth_weight() == 0.0 {
+        if dataset.stands_still() && options.weights.depth_prior == 0.0 {
             lost.push("all photographs were taken from one place: nothing tells depth".into());
         }
         lost
@@ -499,15 +482,15 @@ impl Reconstruct {
     fn tell(
         &self,
         metrics: &Value,
-        means: [Option<Score>; 2],
-        run: &Run,
+        means: [Option<Score>; 3],
+        times: &[(&'static str, f64)],
         seconds: f64,
         splats: usize,
     ) -> Result<(), Failure> {
         if self.json {
             return Ok(say(&format!("{metrics}\n"))?);
         }
-        let loss = run.loss.map_or(String::new(), |loss| format!(", loss {loss:.5}"));
+        let loss = metrics["loss"].as_f64().map_or(String::new(), |loss| format!(", loss {loss:.5}"));
         let mut text = format!("{splats} Gaussians{loss}, {seconds:.1} s of training\n");
         if let Some(steps) = metrics["aside"]["steps"].as_u64().filter(|steps| *steps < u64::from(self.iterations)) {
             let asked = self.iterations;
@@ -529,7 +512,8 @@ impl Reconstruct {
         if let Some(depths) = stereo::in_words(&metrics["stereo"]) {
             text += &format!("{depths}\n");
         }
-        let told = ["held out", "held out, cameras aligned on the left half"];
+        let told =
+            ["held out", "held out, as their neighbours are exposed", "held out, cameras aligned on the left half"];
         for (what, mean) in told.iter().zip(means) {
             let Some(s) = mean else { continue };
             text += &format!("{what}: {}\n", in_words(&s));
@@ -537,7 +521,7 @@ impl Reconstruct {
         if let Some(ground) = words::ground_in_words(&metrics["ground"]) {
             text += &format!("{ground}\n");
         }
-        for (name, ms) in run.mean_times() {
+        for (name, ms) in times {
             text += &format!("  {name:18} {ms:7.3} ms\n");
         }
         Ok(say(&format!("{text}written to {}\n", self.out.display()))?)

@@ -111,26 +111,19 @@ pub fn neighbours_scores(model: &Model, dataset: &Dataset, held_out: &[Photograp
     held_out.iter().map(one).collect()
 }
 
-/// Scores of what shows the ground alone, of the photographs in which it can be seen: pixels whose drawn depth lies on it. With `exposed` as
-/// [`neighbours_scores`], else as [`scores`].
+/// Scores of what shows the ground alone, of the photographs in which it can be seen: pixels whose drawn depth lies on it.
 ///
 /// # Errors
 /// Drawing fails.
 pub fn ground_scores(
-    model: &Model,
+    cloud: &GaussianCloud,
     dataset: &Dataset,
     held_out: &[Photograph],
     ground: &Ground,
-    exposed: bool,
 ) -> Result<Vec<GroundScore>, SplatError> {
     let one = |photograph: &Photograph| {
-        let image = drawn_with(&model.cloud, &photograph.camera, dataset, DEPTH)?;
-        let shown = ground.pixels(&image, &photograph.camera);
-        let colour = match exposed {
-            true => exposed_image(&neighbours(&dataset.training, &model.exposures, &photograph.name), &image.colour),
-            false => image.colour,
-        };
-        Ok(score_of(&colour, photograph, &shown))
+        let image = drawn_with(cloud, &photograph.camera, dataset, DEPTH)?;
+        Ok(score_of(&image.colour, photograph, &ground.pixels(&image, &photograph.camera)))
     };
     held_out.iter().filter_map(|photograph| one(photograph).transpose()).collect()
 }

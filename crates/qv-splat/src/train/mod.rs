@@ -5,6 +5,7 @@
 
 pub mod adam;
 pub mod aside;
+mod bake;
 mod best;
 pub mod cameras;
 pub mod checkpoint;
@@ -36,6 +37,7 @@ pub(crate) mod tiny;
 mod twist;
 mod undistort;
 
+pub use bake::bake;
 pub use best::{Best, Kept};
 pub use cpu::{CpuEngine, outputs};
 pub use dataset::{Dataset, Files, Photograph, ReadOptions};

@@ -26,7 +26,7 @@ pub struct Reconstruct {
     /// Folder for what is written; made if need be
     #[arg(long, value_name = "DIR")]
     pub(super) out: PathBuf,
-    /// Steps, one photograph each
+    /// Steps, one photograph each. Of more than 7000 as many as help photographs that are put aside at first (with --max-seconds all)
     #[arg(long, default_value_t = 7000, value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) iterations: u32,
     /// Most Gaussians
@@ -41,9 +41,6 @@ pub struct Reconstruct {
     /// Whose poses and lenses
     #[arg(long, value_enum, value_name = "WHOSE", default_value = "auto")]
     pub(super) poses: PosesFrom,
-    /// Most frames that are taken of a video
-    #[arg(long, value_name = "N", default_value_t = 150, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(8..=2000))]
-    pub(super) frames: usize,
     /// Divides the sides of photographs by this
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     pub(super) downscale: u32,
@@ -59,24 +56,18 @@ pub struct Reconstruct {
     /// Holds out every Nth photograph, by name from the first on, to score with; 0 for none
     #[arg(long, value_name = "N", default_value_t = 8)]
     pub(super) hold_out: usize,
-    /// With more than 7000 steps: puts every Nth photograph aside at first, to find how many steps help, up to those asked for; then learns from all (0, and --max-seconds: no search)
-    #[arg(long, value_name = "N", default_value_t = 8)]
-    pub(super) aside: usize,
     /// Stops after so many seconds
     #[arg(long, value_name = "S", value_parser = crate::numbers::not_negative)]
     pub(super) max_seconds: Option<f64>,
     /// Weight of flatness: the smallest scale of each Gaussian goes to 0
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
     pub(super) flattening: f32,
-    /// Weight of measured depth [default: 0, with --stereo 0.1]
+    /// Weight of measured depth [default: 0; where it is measured from the photographs 0.1]
     #[arg(long, value_name = "WEIGHT")]
     pub(super) depth_prior: Option<f32>,
-    /// Measures depth from the photographs themselves where none was measured: multi-view stereo
+    /// Measures no depth from the photographs (multi-view stereo), and leaves no Gaussians out of steps (dropout)
     #[arg(long)]
-    pub(super) stereo: bool,
-    /// Longest side of the images that depth is measured from, in pixels
-    #[arg(long, value_name = "PX", requires = "stereo", hide_short_help = true, value_parser = clap::value_parser!(u32).range(64..=4096))]
-    pub(super) stereo_side: Option<u32>,
+    pub(super) no_stereo: bool,
     /// Weight of the agreement of normals with depth
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
     pub(super) depth_normal: f32,
@@ -86,15 +77,6 @@ pub struct Reconstruct {
     /// Weight of labels from files
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
     pub(super) labels: f32,
-    /// Points to begin with on random rays, besides those of the capture; 20000 where it has none, else none
-    #[arg(long, value_name = "N")]
-    pub(super) random_points: Option<usize>,
-    /// Points to begin with at measured depths, besides those of the capture; 100000 with --depth-prior, else none
-    #[arg(long, value_name = "N")]
-    pub(super) depth_points: Option<usize>,
-    /// Leaves up to this share of the Gaussians out of each step, at random: fewer photographs are learned by heart
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
-    pub(super) drop: f32,
     /// Learns from photographs of half the size for this share of the steps, of a quarter for its square, and so on
     #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = crate::numbers::share)]
     pub(super) small: f64,
@@ -104,9 +86,6 @@ pub struct Reconstruct {
     /// What is behind everything: the mean colour of the photographs, or black
     #[arg(long, value_name = "WHAT", value_enum, default_value_t = Background::Mean, hide_short_help = true)]
     pub(super) background: Background,
-    /// Tells how long the stages of a step take on the card
-    #[arg(long, hide = true)]
-    pub(super) times: bool,
     /// One line of JSON at the end instead of the summary
     #[arg(long)]
     pub(super) json: bool,

@@ -12,6 +12,9 @@ use qv_splat::train::{Dataset, Model, TrainOptions, train};
 use serde::{Deserialize, Serialize};
 use std::fs;
 
+/// Every so many photographs to learn from are put aside.
+const ASIDE: usize = 8;
+
 /// What the search found: the file `aside.json` in the output folder, by which `--resume` goes on with as many steps.
 #[derive(Serialize, Deserialize)]
 pub(super) struct Searched {
@@ -50,7 +53,7 @@ impl Reconstruct {
         if options.iterations <= usual || self.max_seconds.is_some() {
             return Ok(None);
         }
-        let Some(inner) = put_aside(dataset, self.aside) else { return Ok(None) };
+        let Some(inner) = put_aside(dataset, ASIDE) else { return Ok(None) };
         let mut engine = self.engine(&inner, options, Model::new(cloud.clone(), &inner))?;
         let (mut search, mut stopped) = (Search::new(usual), false);
         train(
