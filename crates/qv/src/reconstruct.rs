@@ -32,7 +32,7 @@ use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
 use std::time::Instant;
-use watch::{Run, TRAINING, beside};
+use watch::{Run, TRAINING, beside, show_mask};
 use words::{in_words, named};
 
 pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/yard\n  \
@@ -51,6 +51,8 @@ pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/ya
 const CHECKPOINT: &str = "checkpoint.qvt";
 /// Where a training stands that has not ended.
 const UNFINISHED: &str = "unfinished.qvt";
+/// Folder of what was left out of photographs.
+const MASKS: &str = "masks";
 /// Steps from one report to the next.
 const REPORT_EVERY: u32 = 100;
 /// Steps by which a held-out camera is aligned.
@@ -146,6 +148,7 @@ impl Reconstruct {
                 beside(photograph, &image, &folder, &photograph.name)?;
             }
         }
+        self.save_masks(&model, &dataset)?;
         self.save_scene(&model.cloud, &dataset)?;
         write_whole(&self.out.join(CHECKPOINT), &trained)?;
         output::remove(&self.out.join(UNFINISHED));
@@ -158,7 +161,7 @@ impl Reconstruct {
             "mean": Score::mean(&as_drawn).map(|mean| named("mean", &mean)),
             "mean_exposed": Score::mean(&exposed).map(|mean| named("mean", &mean)),
             "mean_aligned": Score::mean(&aligned).map(|mean| named("mean", &mean)),
-            "antialias": dataset.antialias, "steps_asked": self.iterations,
+            "antialias": dataset.antialias, "steps_asked": self.iterations, "transients": words::of_masks(&model.masks),
             "aside": searched, "ground": words::of_ground(ground.as_ref(), &of_ground),
         });
         self.save_cameras(&model, &dataset, &looked_at, is_found)?;
@@ -225,6 +228,7 @@ impl Reconstruct {
                 ..Default::default()
             },
             drop: if measured.is_some() { stereo::DROP } else { 0.0 },
+            transients: self.transients,
             ..Default::default()
         }
     }
@@ -399,6 +403,15 @@ impl Reconstruct {
         written.map_err(|e| about(&path, format!("expected to write it, found {e}")))
     }
 
+    /// Photographs with what was left out of them in red, of those that lost something.
+    fn save_masks(&self, model: &Model, dataset: &Dataset) -> Result<(), Failure> {
+        let folder = self.out.join(MASKS);
+        for (one, mask) in dataset.training.iter().zip(&model.masks).filter(|(_, mask)| mask.share() > 0.0) {
+            show_mask(one, &mask.masked(one), &folder)?;
+        }
+        Ok(())
+    }
+
     fn save_scene(&self, cloud: &GaussianCloud, dataset: &Dataset) -> Result<(), Failure> {
         let path = self.out.join("scene.ply");
         let filter = dataset.antialias.then(|| dataset.sampling().deviations(&cloud.means));
@@ -433,7 +446,7 @@ impl Reconstruct {
             "--seed": self.seed, "--poses": named_value(&self.poses), "--background": named_value(&self.background),
             "--downscale": self.downscale, "--hold-out": self.hold_out, "--exposure": self.exposure,
             "--refine-poses": self.refine_poses, "--flattening": self.flattening,
-            "--depth-prior": self.depth_prior, "--no-stereo": self.no_stereo, "--depth-normal": self.depth_normal,
+            "--depth-prior": self.depth_prior, "--no-stereo": self.no_stereo, "--transients": self.transients, "--depth-normal": self.depth_normal,
             "--multi-view": self.multi_view, "--labels": self.labels,
             "--small": self.small,
             "--antialias": self.antialias,
@@ -511,6 +524,9 @@ impl Reconstruct {
         }
         if let Some(depths) = stereo::in_words(&metrics["stereo"]) {
             text += &format!("{depths}\n");
+        }
+        if let Some(masks) = words::masks_in_words(&metrics["transients"]) {
+            text += &format!("{masks}\n");
         }
         let told =
             ["held out", "held out, as their neighbours are exposed", "held out, cameras aligned on the left half"];

@@ -3,6 +3,7 @@
 use super::adam::{regularise, shake, step, step_exposure};
 use super::cameras;
 use super::dataset::{Dataset, Photograph};
+use super::drawn::drawn;
 use super::drop::Drop;
 use super::engine::Engine;
 use super::exposure::{self, Exposure, exposed_backward, exposed_image};
@@ -13,6 +14,7 @@ use super::model::Model;
 use super::options::TrainOptions;
 use super::random::{Purpose, words};
 use super::terms::{depth_normal, labels, multi_view, priors};
+use super::transients::{masked, masks, residuals};
 use crate::SplatError;
 use qv_core::{Camera, GaussianCloud};
 use qv_raster::{Frame, Image, Outputs, Scene, Settings, View, render};
@@ -24,6 +26,8 @@ pub struct CpuEngine<'a> {
     dataset: &'a Dataset,
     options: TrainOptions,
     model: Model,
+    /// Photographs without what moves; none before that was looked for.
+    masked: Vec<Photograph>,
     /// For each photograph those that are near it.
     partners: Vec<Vec<usize>>,
     /// What photographs sample, with anti-aliasing.
@@ -44,7 +48,8 @@ impl<'a> CpuEngine<'a> {
         let cameras: Vec<Camera> = dataset.training.iter().map(|one| one.camera).collect();
         let partners = multi_view::partners(&cameras, dataset.extent);
         let sampling = dataset.antialias.then(|| dataset.sampling());
-        Ok(Self { dataset, options: *options, model, partners, sampling, losses: (0.0, 0) })
+        let masked = masked(dataset, &model.masks);
+        Ok(Self { dataset, options: *options, model, masked, partners, sampling, losses: (0.0, 0) })
     }
 
     /// Deviations of the filter of each Gaussian; none without anti-aliasing.
@@ -58,6 +63,25 @@ impl<'a> CpuEngine<'a> {
             true => Cow::Borrowed(&self.model.cloud),
             false => Cow::Owned(filter::seen(&self.model.cloud, deviations)),
         }
+    }
+
+    /// A photograph to learn from, without what moves.
+    fn photograph(&self, index: usize) -> &Photograph {
+        self.masked.get(index).unwrap_or(&self.dataset.training[index])
+    }
+
+    /// Looks for what moves in all photographs.
+    fn mask(&mut self) -> Result<(), SplatError> {
+        let (mut cameras, mut all) = (vec![], vec![]);
+        for (index, one) in self.dataset.training.iter().enumerate() {
+            let camera = self.model.camera(self.dataset, index);
+            let image = drawn(&self.model.cloud, &camera, self.dataset)?;
+            cameras.push(camera);
+            all.push(residuals(&exposed_image(&self.model.exposures[index], &image.colour), one));
+        }
+        self.model.masks = masks(&self.model.cloud.means, &cameras, &all);
+        self.masked = masked(self.dataset, &self.model.masks);
+        Ok(())
     }
 
     fn settings(&self) -> Settings {
@@ -101,7 +125,7 @@ impl<'a> CpuEngine<'a> {
 
     /// Loss of colours, and its derivatives by them and by the exposure where that is learned.
     fn photometric(&self, index: usize, image: &Image) -> (f32, Vec<f32>, Option<Exposure>) {
-        let photograph: &Photograph = &self.dataset.training[index];
+        let photograph = self.photograph(index);
         let (wanted, valid) = (photograph.colour(), photograph.valid());
         let (options, exposure) = (&self.options, &self.model.exposures[index]);
         let (width, share) = (image.width, options.weights.ssim);
@@ -119,7 +143,7 @@ impl<'a> CpuEngine<'a> {
     /// Terms of geometry and labels; their derivatives go into `by`.
     fn terms(&self, index: usize, camera: &Camera, image: &Image, by: &mut Image) -> Result<f32, SplatError> {
         let (weights, iteration) = (&self.options.weights, self.model.iteration);
-        let photograph = &self.dataset.training[index];
+        let photograph = self.photograph(index);
         let mut loss = 0.0;
         if weights.labels > 0.0 {
             loss += labels::add(image, photograph, self.model.cloud.feature_count, weights.labels, by);
@@ -200,6 +224,9 @@ impl Engine for CpuEngine<'_> {
         shake(&mut self.model, noise, self.options.seed);
         self.come_and_go();
         self.model.iteration += 1;
+        if self.options.looks_for_transients(self.model.iteration) {
+            self.mask()?;
+        }
         Ok(())
     }
 
@@ -286,7 +313,7 @@ mod tests {
         let grey = [0.5, 0.4, 0.6];
         let over = Dataset { background: grey, ..scene.dataset.clone() };
         for one in &mut scene.dataset.training {
-            let image = super::super::drawn(&scene.cloud, &one.camera, &over).unwrap();
+            let image = drawn(&scene.cloud, &one.camera, &over).unwrap();
             one.pixels = tiny::of_image(&image, &one.camera, &one.name).pixels;
         }
         let losses = [grey, [0.0; 3]].map(|background| {

@@ -34,6 +34,7 @@ mod start;
 pub mod terms;
 #[cfg(test)]
 pub(crate) mod tiny;
+pub mod transients;
 mod twist;
 mod undistort;
 

@@ -4,6 +4,7 @@ use super::dataset::Dataset;
 use super::exposure::{Exposure, NEUTRAL};
 use super::shared;
 use super::shared::Shared;
+use super::transients::Mask;
 use crate::SplatError;
 use crate::error::off;
 use qv_core::{Camera, GaussianCloud, Pose};
@@ -37,6 +38,8 @@ pub struct Model {
     pub groups: Vec<usize>,
     /// What photographs of one camera share.
     pub shared: Vec<Shared>,
+    /// What is left out of each photograph to learn from; nothing before what moves was looked for.
+    pub masks: Vec<Mask>,
 }
 
 impl Model {
@@ -55,6 +58,7 @@ impl Model {
             poses: dataset.training.iter().map(|one| one.camera.camera_from_world).collect(),
             shared: vec![Shared::NONE; groups.iter().max().map_or(0, |last| last + 1)],
             groups,
+            masks: vec![],
             cloud,
         }
     }

@@ -55,6 +55,9 @@ impl Weights {
     }
 }
 
+/// Parts of a run after which what moves is looked for, and the first of them: before, little is drawn that it could differ from.
+const LOOKS: u32 = 10;
+const FIRST_LOOK: u32 = 3;
 /// Largest [`TrainOptions::drop`].
 const MOST_DROPPED: f32 = 0.9;
 
@@ -85,6 +88,8 @@ pub struct TrainOptions {
     pub noise: f32,
     /// Share of the Gaussians that a step leaves out, at the end of the run; it rises from 0. Helps with few photographs.
     pub drop: f32,
+    /// Leave out of photographs what moves ([`super::transients`]).
+    pub transients: bool,
     /// The same seed gives the same bits on the CPU.
     pub seed: u32,
 }
@@ -104,6 +109,7 @@ impl Default for TrainOptions {
             weights: Weights::default(),
             noise: 5e5,
             drop: 0.0,
+            transients: false,
             seed: 0,
         }
     }
@@ -165,6 +171,15 @@ impl TrainOptions {
         iteration > self.refine_from
             && iteration.is_multiple_of(self.refine_every.max(1))
             && iteration <= self.last_refinement()
+    }
+
+    /// Whether what moves is looked for after a step: from three tenths of the run on, each tenth.
+    pub fn looks_for_transients(&self, iteration: u32) -> bool {
+        let every = (self.iterations / LOOKS).max(1);
+        self.transients
+            && iteration >= FIRST_LOOK * every
+            && iteration < self.iterations
+            && iteration.is_multiple_of(every)
     }
 
     /// After which step Gaussians come and go no more.

@@ -48,6 +48,7 @@ const WRITTEN: [(&str, &[&str]); 12] = [
             "capture",
             "previews",
             "held_out",
+            "masks",
         ],
     ),
     (

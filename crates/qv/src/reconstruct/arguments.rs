@@ -68,6 +68,9 @@ pub struct Reconstruct {
     /// Measures no depth from the photographs (multi-view stereo), and leaves no Gaussians out of steps (dropout)
     #[arg(long)]
     pub(super) no_stereo: bool,
+    /// Leaves out of photographs what moves through the capture, such as people; the masks are written as pictures
+    #[arg(long)]
+    pub(super) transients: bool,
     /// Weight of the agreement of normals with depth
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
     pub(super) depth_normal: f32,

@@ -154,3 +154,16 @@ pub(super) fn beside(photograph: &Photograph, image: &Image, folder: &Path, name
     let path = folder.join(format!("{}.png", name.replace(['/', '\\'], "_")));
     png(&path, &both, [2 * width as u32, height as u32], image::ExtendedColorType::Rgb8)
 }
+
+/// Writes a photograph in which what `masked` leaves out is red, as `folder/name.png`.
+pub(super) fn show_mask(photograph: &Photograph, masked: &Photograph, folder: &Path) -> Result<(), Failure> {
+    make_folder(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
+    let pixels = photograph.pixels.rgba.iter().zip(&masked.pixels.rgba);
+    let shown = pixels.flat_map(|(was, is)| match was[3] > 0 && is[3] == 0 {
+        true => [255, was[1] / 2, was[2] / 2],
+        false => [was[0], was[1], was[2]],
+    });
+    let path = folder.join(format!("{}.png", photograph.name.replace(['/', '\\'], "_")));
+    let size = [photograph.pixels.width as u32, photograph.pixels.height as u32];
+    png(&path, &shown.collect::<Vec<u8>>(), size, image::ExtendedColorType::Rgb8)
+}

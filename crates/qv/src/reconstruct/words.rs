@@ -1,6 +1,7 @@
 //! Scores as they are told.
 
 use crate::colmap::Chosen;
+use qv_splat::train::transients::Mask;
 use qv_splat::train::{Ground, GroundScore, Score};
 use serde_json::{Value, json};
 
@@ -35,6 +36,20 @@ pub fn named(name: &str, s: &Score) -> Value {
     json!({"name": name, "psnr": s.psnr, "ssim": s.ssim, "psnr_right": s.psnr_right, "ssim_right": s.ssim_right,
         "psnr_right_fitted": s.psnr_right_fitted, "ssim_right_fitted": s.ssim_right_fitted,
         "psnr_right_gains": s.psnr_right_gains})
+}
+
+/// What was left out of photographs because it moves, for metrics.json; null where it was not looked for.
+pub fn of_masks(masks: &[Mask]) -> Value {
+    let shares: Vec<f64> = masks.iter().map(Mask::share).collect();
+    let count = shares.iter().filter(|share| **share > 0.0).count();
+    let mean = shares.iter().sum::<f64>() / shares.len().max(1) as f64;
+    if masks.is_empty() { Value::Null } else { json!({"photographs": count, "share": mean}) }
+}
+
+/// The same in words; nothing where it is null.
+pub fn masks_in_words(transients: &Value) -> Option<String> {
+    let (count, share) = (transients["photographs"].as_u64()?, transients["share"].as_f64()?);
+    Some(format!("what moves: {:.1} % of all pixels were left out, in {count} photographs (masks)", 100.0 * share))
 }
 
 /// The ground and its scores for metrics.json: null where none was found or no held-out photograph shows it.

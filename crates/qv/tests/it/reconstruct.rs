@@ -216,6 +216,26 @@ fn depth_of_the_capture_is_told_and_not_measured_again() {
 }
 
 #[test]
+fn what_passes_is_told_and_shown() {
+    let folder = capture("reconstruct_transients", 12);
+    let path = folder.join("images/05.png");
+    let mut photograph = image::open(&path).unwrap().into_rgb8();
+    for (x, y) in (12..28).flat_map(|x| (10..30).map(move |y| (x, y))) {
+        photograph.put_pixel(x, y, image::Rgb([250, 10, 240]));
+    }
+    photograph.save(&path).unwrap();
+    let options = ["--iterations", "300", "--transients", "--background", "black", "--no-stereo"];
+    let (code, line, err) = reconstruct(&folder, &options);
+    assert_eq!(code, 0, "{err}");
+    let share = line["transients"]["share"].as_f64().unwrap();
+    assert!(share > 0.005 && share < 0.1, "{}", line["transients"]);
+    assert!(folder.join("out/masks/05.png").is_file() && !folder.join("out/masks/06.png").exists());
+    let (code, _, err) =
+        reconstruct(&folder, &["--iterations", "310", "--resume", "--background", "black", "--no-stereo"]);
+    assert!(code == 1 && err.contains("--transients"), "{err}");
+}
+
+#[test]
 fn options_that_are_gone_are_refused() {
     let folder = capture("reconstruct_gone", 4);
     for gone in ["--guide=views", "--settle=0.1", "--vignetting", "--stereo", "--drop=0.3", "--strategy=classic"] {

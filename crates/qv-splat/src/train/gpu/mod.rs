@@ -9,12 +9,14 @@ use super::cpu::outputs;
 use super::dataset::{Dataset, Photograph};
 use super::drop::Drop;
 use super::engine::Engine;
+use super::exposure::exposed_image;
 use super::mcmc::Relocation;
 use super::model::Model;
 use super::moments::bias;
 use super::options::TrainOptions;
 use super::random::{Purpose, words};
 use super::terms::multi_view;
+use super::transients::{masked, masks, residuals};
 use crate::SplatError;
 use crate::error::off;
 use qv_core::Camera;
@@ -107,7 +109,9 @@ impl<'a> GpuEngine<'a> {
         let sides = |of: fn(&Camera) -> u32| dataset.training.iter().map(|one| of(&one.camera)).max().unwrap_or(1);
         let groups = sides(|c| c.width).div_ceil(16) as u64 * sides(|c| c.height).div_ceil(16) as u64;
         let capacity = options.cap.max(model.cloud.len());
-        let photographs = dataset.training.iter().map(|one| gpu.filled("photograph", &one.pixels.rgba));
+        let shown = masked(dataset, &model.masks);
+        let shown = if shown.is_empty() { &dataset.training } else { &shown };
+        let photographs = shown.iter().map(|one| gpu.filled("photograph", &one.pixels.rgba));
         let size = |one: &Photograph| 4 * one.pixels.rgba.len() as u64;
         let plane_depths =
             dataset.training.iter().filter(|_| w.planes()).map(|one| gpu.buffer("plane depths", size(one)));
@@ -331,6 +335,38 @@ impl<'a> GpuEngine<'a> {
         Ok(())
     }
 
+    /// As on the CPU.
+    fn mask(&mut self) -> Result<(), SplatError> {
+        let (dataset, model) = (self.dataset, self.model()?);
+        let (mut cameras, mut all) = (vec![], vec![]);
+        for (index, one) in dataset.training.iter().enumerate() {
+            cameras.push(model.camera(dataset, index));
+            all.push(residuals(&exposed_image(&model.exposures[index], &self.drawn(index)?), one));
+        }
+        self.rest.masks = masks(&model.cloud.means, &cameras, &all);
+        for (buffer, one) in self.photographs.iter().zip(masked(dataset, &self.rest.masks)) {
+            self.rasteriser.gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(&one.pixels.rgba));
+        }
+        Ok(())
+    }
+
+    /// Colours of a photograph as they are drawn now, shape `[height, width, 3]`. Waits for the card.
+    fn drawn(&mut self, photograph: usize) -> Result<Vec<f32>, SplatError> {
+        self.prepare(photograph)?;
+        let words = self.words(photograph);
+        let gpu = &self.rasteriser.gpu;
+        gpu.queue.write_buffer(&self.step, 0, bytemuck::bytes_of(&words));
+        let mut recorder = Recorder::new(gpu, false);
+        self.rasteriser.aim(&self.cameras, photograph, &mut recorder)?;
+        self.record_filter("widen", &words, &mut recorder)?;
+        self.rasteriser.record_forward(&self.store.cloud, &mut recorder)?;
+        self.record_filter("narrow", &words, &mut recorder)?;
+        recorder.submit();
+        let pixels = self.dataset.training[photograph].pixels.rgba.len();
+        let colours: Vec<[f32; 4]> = gpu.read(self.buffer("colours")?, pixels)?;
+        Ok(colours.iter().flat_map(|c| [c[0], c[1], c[2]]).collect())
+    }
+
     fn buffer(&self, name: &str) -> Result<&wgpu::Buffer, RasterError> {
         let missing = || RasterError::Device(format!("expected a buffer `{name}`, found none"));
         self.rasteriser.buffer(name).ok_or_else(missing)
@@ -531,6 +567,9 @@ impl Engine for GpuEngine<'_> {
         self.rest.shared[group].seen += 1;
         self.come_and_go()?;
         self.rest.iteration += 1;
+        if self.options.looks_for_transients(self.rest.iteration) {
+            self.mask()?;
+        }
         Ok(())
     }
 

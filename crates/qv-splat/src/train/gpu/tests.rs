@@ -10,6 +10,7 @@ mod against_the_cpu {
     use super::super::super::filter;
     use super::super::super::start::of_points;
     use super::super::super::tiny;
+    use super::super::super::transients::Mask;
     use super::super::*;
     use crate::files::Points;
     use qv_core::Pose;
@@ -114,6 +115,33 @@ mod against_the_cpu {
             assert!(shared.first.iter().all(|mean| *mean != 0.0), "{:?}", shared.first);
             assert!(apart(&shared.motion, &found.motion) < 1e-5 && shared.seen == 1 && found.seen == 1);
             near("noise and means", a.cloud.means.as_flattened(), b.cloud.means.as_flattened(), 1e-3);
+        }
+    }
+
+    #[test]
+    fn what_moves_is_what_moves_on_the_cpu() {
+        let mut scene = tiny::scene(70, 12, 64);
+        for (at, pixel) in scene.dataset.training[1].pixels.rgba.iter_mut().enumerate() {
+            if (24..40).contains(&(at % 64)) && (20..44).contains(&(at / 64)) {
+                *pixel = [250, 20, 230, 255];
+            }
+        }
+        let Some(rasteriser) = rasteriser() else { return };
+        let options = TrainOptions { transients: true, iterations: 10, cap: 100, ..Default::default() };
+        let mut model = Model::new(scene.cloud.clone(), &scene.dataset);
+        model.iteration = 4;
+        let mut cpu = CpuEngine::new(&scene.dataset, &options, model.clone()).unwrap();
+        let mut gpu = GpuEngine::new(rasteriser, &scene.dataset, &options, model, Default::default()).unwrap();
+        for _ in 0..2 {
+            cpu.step(1).unwrap();
+            gpu.step(1).unwrap();
+            let (a, b) = (cpu.model().unwrap(), gpu.model().unwrap());
+            let apart = |(a, b): (&Mask, &Mask)| a.cells.iter().zip(&b.cells).filter(|(a, b)| a != b).count();
+            let apart: usize = a.masks.iter().zip(&b.masks).map(apart).sum();
+            assert!(a.masks.len() == 12 && b.masks.len() == 12 && apart <= 4, "{apart} cells");
+            assert!((0.05..0.3).contains(&b.masks[1].share()) && b.masks[2].share() == 0.0, "{}", b.masks[1].share());
+            // Steps after it leave the same out.
+            near("means", a.cloud.means.as_flattened(), b.cloud.means.as_flattened(), 1e-3);
         }
     }
 
