@@ -40,7 +40,7 @@ impl Default for Options {
 
 /// Why a fit ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stopped {
+pub enum StopReason {
     /// The last round gained less than was asked for.
     Fall,
     /// The last step was short.
@@ -65,7 +65,7 @@ pub struct Fit {
     /// Slopes where the last round began: those of the fit itself, where it ended because nothing helped or little was gained.
     pub slopes: Slopes,
     /// Why it ended.
-    pub stopped: Stopped,
+    pub stopped: StopReason,
 }
 
 impl Fit {
@@ -147,22 +147,22 @@ impl<'p> Descent<'p> {
                 None => self.step(evaluate, MORE)?,
                 moved => moved,
             };
-            let Some((gained, length)) = stopped else { return Ok(self.ended(Stopped::Stuck)) };
+            let Some((gained, length)) = stopped else { return Ok(self.ended(StopReason::Stuck)) };
             if gained <= self.options.gain.max(self.options.fall * self.now().abs()) {
-                return Ok(self.ended(Stopped::Fall));
+                return Ok(self.ended(StopReason::Fall));
             }
             if length < self.options.short {
-                return Ok(self.ended(Stopped::Short));
+                return Ok(self.ended(StopReason::Short));
             }
         }
-        Ok(self.ended(Stopped::Rounds))
+        Ok(self.ended(StopReason::Rounds))
     }
 
     fn now(&self) -> f64 {
         self.costs[self.costs.len() - 1]
     }
 
-    fn ended(self, stopped: Stopped) -> Fit {
+    fn ended(self, stopped: StopReason) -> Fit {
         let cost = self.now();
         Fit { values: self.values, cost, costs: self.costs, residuals: self.residuals, slopes: self.slopes, stopped }
     }

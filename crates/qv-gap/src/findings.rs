@@ -107,7 +107,7 @@ pub struct ParameterEstimate {
 
 /// A place in the ranking.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Ranked {
+pub struct RankedEffect {
     /// Name.
     pub effect: String,
     /// Probability that it is there; see `Cause::probability` of the report.
@@ -515,33 +515,33 @@ struct StoredTrace {
 /// Numbers of some shape, and what JSON holds of them: it has neither infinity nor NaN, both were written as null.
 pub(crate) trait Numbers {
     /// As they are read.
-    type Stored: DeserializeOwned;
+    type JsonForm: DeserializeOwned;
     /// Null as NaN.
-    fn read(stored: Self::Stored) -> Self;
+    fn read(stored: Self::JsonForm) -> Self;
 }
 
 impl Numbers for f64 {
-    type Stored = Option<f64>;
+    type JsonForm = Option<f64>;
     fn read(stored: Option<f64>) -> Self {
         stored.unwrap_or(f64::NAN)
     }
 }
 
 impl Numbers for [f64; 2] {
-    type Stored = [Option<f64>; 2];
-    fn read(stored: Self::Stored) -> Self {
+    type JsonForm = [Option<f64>; 2];
+    fn read(stored: Self::JsonForm) -> Self {
         stored.map(f64::read)
     }
 }
 
 impl<T: Numbers> Numbers for Vec<T> {
-    type Stored = Vec<T::Stored>;
-    fn read(stored: Self::Stored) -> Self {
+    type JsonForm = Vec<T::JsonForm>;
+    fn read(stored: Self::JsonForm) -> Self {
         stored.into_iter().map(T::read).collect()
     }
 }
 
 /// Reads numbers of which some may be null.
 pub(crate) fn or_nan<'de, D: Deserializer<'de>, T: Numbers>(deserializer: D) -> Result<T, D::Error> {
-    T::Stored::deserialize(deserializer).map(T::read)
+    T::JsonForm::deserialize(deserializer).map(T::read)
 }

@@ -261,14 +261,14 @@ fn main() -> Fallible<()> {
     while round < student.rounds_in_all() {
         round += 1;
         let (mut driven, began) = (None, Instant::now());
-        let told = student.round(&stage, legs, &EpisodeSettings::default(), &mut |p| {
+        let result = student.round(&stage, legs, &EpisodeSettings::default(), &mut |p| {
             if p.loss.is_nan() {
                 driven = Some(began.elapsed().as_secs_f64());
             }
         })?;
         let seconds = (driven.unwrap_or(0.0), began.elapsed().as_secs_f64());
         println!(
-            "{told:?}; drove {:.0} of {:.0} s; {:.0} s in all",
+            "{result:?}; drove {:.0} of {:.0} s; {:.0} s in all",
             seconds.0,
             seconds.1,
             clock.elapsed().as_secs_f64()

@@ -125,12 +125,12 @@ fn lacking(run: &Run) -> Vec<Foreign> {
         let period = median_interval(&series.time);
         let share = |k: usize| 1.0 - series.column(k).filter(|x| x.is_finite()).count() as f64 * period / whole;
         let lacks = (0..series.joints).map(|k| (k, share(k))).filter(|(_, share)| *share > MOST_LACKING);
-        let told = |(k, share)| Foreign {
+        let remarks = |(k, share)| Foreign {
             channel: name(k),
             what: format!("no values in {:.0} % of the recording", 100.0 * share),
             reading: Reading::Unknown,
         };
-        lacks.map(told).collect()
+        lacks.map(remarks).collect()
     };
     let mut found = of(&m.velocity, &joint("velocity"));
     found.extend(of(&m.torque, &joint("torque")));
@@ -362,13 +362,13 @@ fn turning(gyro: &JointSeries, series: &JointSeries, first: usize) -> Turning {
     };
     let agrees = |all: &[Option<Fit>]| fits(all) && all.iter().flatten().any(|f| f.correlation > SAME);
     let read = rates(None);
-    let told = |all: &[Option<Fit>]| {
+    let remarks = |all: &[Option<Fit>]| {
         let named = all.iter().zip(["x", "y", "z"]);
         let found = named.filter_map(|(f, name)| convention((*f)?).map(|(what, reading)| (name, what, reading)));
         found.collect::<Vec<_>>()
     };
     if agrees(&read) {
-        return Turning::OfGyro(told(&read));
+        return Turning::OfGyro(remarks(&read));
     }
     // One that fits as it is goes before one that fits with axes turned.
     let orders = ORDERS.map(|(what, reading)| (what, reading, rates(Some(reading))));
@@ -377,7 +377,7 @@ fn turning(gyro: &JointSeries, series: &JointSeries, first: usize) -> Turning {
     if let Some((what, reading, _)) = plain.or_else(|| orders.iter().find(|(_, _, all)| agrees(all))) {
         return Turning::OfQuaternion(what, *reading);
     }
-    if fits(&read) { Turning::OfGyro(told(&read)) } else { Turning::Unknown }
+    if fits(&read) { Turning::OfGyro(remarks(&read)) } else { Turning::Unknown }
 }
 
 /// Mean of the samples between two times.

@@ -184,7 +184,7 @@ pub(crate) fn replace(slot: &mut Option<JointSeries>, column: usize, by: Option<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::{Actuator, ActuatorKind, Base, Commands, Known, Measurements, Robot};
+    use crate::run::{Actuator, ActuatorKind, Base, Commands, GainSource, Measurements, Robot};
 
     /// Two joints that swing for 10 s, their torques, and a gyro.
     fn run() -> Run {
@@ -200,7 +200,13 @@ mod tests {
             joint_names: vec!["a".into(), "b".into()],
             foot_names: vec![],
             imu_position: [0.0; 3],
-            actuator: Actuator { kind: ActuatorKind::Pd, kp: None, kd: None, tau_max: None, gains: [Known::Stated; 2] },
+            actuator: Actuator {
+                kind: ActuatorKind::Pd,
+                kp: None,
+                kd: None,
+                tau_max: None,
+                gains: [GainSource::Stated; 2],
+            },
             joint_parameters: vec![],
             commands: Commands::default(),
             measured: Measurements::default(),
@@ -208,7 +214,7 @@ mod tests {
             sources: vec![],
             faults: vec![],
             lost: vec![],
-            told: vec![],
+            remarks: vec![],
         };
         let m = &mut run.measured;
         (m.position, m.velocity, m.torque, m.gyro) = (series(2, 0.5), series(2, 1.5), series(2, 4.0), series(3, 0.3));

@@ -38,7 +38,7 @@ pub(crate) fn from_torques(run: &mut Run) {
         });
         if let Some((fit, name)) = worst {
             let share = fit.map_or(0.0, |f| 100.0 * f.explained);
-            run.told.push(format!(
+            run.remarks.push(format!(
                 "no message states gains, and the torques do not tell them: of `{name}` they would explain {share:.0} %"
             ));
         }
@@ -51,7 +51,7 @@ pub(crate) fn from_torques(run: &mut Run) {
         let (low, high) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
         format!("{low:.3} to {high:.3}")
     };
-    run.told.push(format!(
+    run.remarks.push(format!(
         "no message states gains: those that the torques tell are used, kp {}, kd {}",
         range(|f| f.kp),
         range(|f| f.kd)

@@ -48,9 +48,9 @@ enum Axes {
 /// upright trunk (by the poses, where there are some) and the turning of the base tell which axes it is in; what they do
 /// not tell is in the sensor's axes, as `formats.md` has it.
 pub fn to_trunk(run: &mut Run, base_from_imu: DQuat, stated: bool) -> Vec<String> {
-    let mut told = Vec::new();
+    let mut remarks = Vec::new();
     if base_from_imu.angle_between(DQuat::IDENTITY) < 1e-6 {
-        return told;
+        return remarks;
     }
     let up = up_in_trunk(run);
     let axes = |seen: Option<DVec3>| match seen {
@@ -80,7 +80,7 @@ pub fn to_trunk(run: &mut Run, base_from_imu: DQuat, stated: bool) -> Vec<String
     }
     let [roll, pitch, yaw] = rpy(base_from_imu);
     let mount = format!("the IMU is mounted at roll {roll:.3}, pitch {pitch:.3}, yaw {yaw:.3} rad");
-    told.push(match kept.len() {
+    remarks.push(match kept.len() {
         0 => format!("{mount}: its channels were turned into the trunk's axes"),
         _ => format!("{mount}, but {} are in the trunk's axes already: they stay as they are", kept.join(" and ")),
     });
@@ -91,13 +91,13 @@ pub fn to_trunk(run: &mut Run, base_from_imu: DQuat, stated: bool) -> Vec<String
     for (name, seen) in leaning {
         let lean = seen.map_or(0.0, |seen| seen.angle_between(up));
         if lean > LEAN {
-            told.push(format!(
+            remarks.push(format!(
                 "the mount of the IMU contradicts gravity: by its {name} the standing trunk leans {lean:.2} rad \
                  (state `rotation` in [imu] of run.toml)"
             ));
         }
     }
-    told
+    remarks
 }
 
 /// Roll, pitch and yaw about fixed axes \[rad\].

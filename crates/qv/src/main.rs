@@ -152,7 +152,7 @@ enum Command {
 }
 
 /// A command line that cannot be followed, as it is told.
-enum Misused {
+enum UsageError {
     Words(Box<clap::Error>, Option<String>),
     Config(Failure),
     /// What it would write is what it reads.
@@ -160,20 +160,20 @@ enum Misused {
 }
 
 /// The command that was typed, with the options of `qv.toml`, and the folder that it writes into.
-fn understood() -> Result<(Cli, Option<PathBuf>), Misused> {
+fn understood() -> Result<(Cli, Option<PathBuf>), UsageError> {
     let mut root = Cli::command();
     root.build();
     let typed = std::env::args_os().collect();
     let words = match std::env::current_dir() {
-        Ok(folder) => config::with_file(typed, &folder, &root).map_err(Misused::Config)?,
-        Err(e) => return Err(Misused::Config(format!("expected a current folder, found {e}").into())),
+        Ok(folder) => config::with_file(typed, &folder, &root).map_err(UsageError::Config)?,
+        Err(e) => return Err(UsageError::Config(format!("expected a current folder, found {e}").into())),
     };
     words.keep();
     words.ignored.iter().for_each(|what| print_message!("{what}"));
-    let misused = |error: clap::Error| Misused::Words(Box::new(error), words.told());
+    let misused = |error: clap::Error| UsageError::Words(Box::new(error), words.remarks());
     let matches = Cli::command().try_get_matches_from(&words.all).map_err(misused)?;
-    refuse_odd_paths(&root, &matches, &words.all).map_err(Misused::Config)?;
-    output::refuse(&root, &matches).map_err(Misused::Refused)?;
+    refuse_odd_paths(&root, &matches, &words.all).map_err(UsageError::Config)?;
+    output::refuse(&root, &matches).map_err(UsageError::Refused)?;
     let output = output::targets(&root, &matches).folder;
     let cli = Cli::from_arg_matches(&matches).map_err(misused)?;
     progress::set(match (cli.quiet, cli.verbose) {
@@ -181,7 +181,7 @@ fn understood() -> Result<(Cli, Option<PathBuf>), Misused> {
         (_, true) => Level::Verbose,
         _ => Level::Normal,
     });
-    words.told().iter().for_each(|what| progress::remark(what));
+    words.remarks().iter().for_each(|what| progress::remark(what));
     old_names(&root, &matches, &words.all).iter().for_each(|what| progress::remark(what));
     Ok((cli, output))
 }
@@ -240,11 +240,11 @@ fn main() -> ExitCode {
     fleet::end_with_parent();
     let (cli, output) = match understood() {
         Ok(found) => found,
-        Err(Misused::Config(error)) => {
+        Err(UsageError::Config(error)) => {
             print_message!("{error}");
             return ExitCode::from(2);
         }
-        Err(Misused::Words(error, added)) => {
+        Err(UsageError::Words(error, added)) => {
             print_misuse(&error);
             // Help and the version are no misuse.
             if let Some(added) = added.filter(|_| error.use_stderr()) {
@@ -252,7 +252,7 @@ fn main() -> ExitCode {
             }
             return ExitCode::from(error.exit_code() as u8);
         }
-        Err(Misused::Refused(error)) => {
+        Err(UsageError::Refused(error)) => {
             print_message!("{error}");
             return ExitCode::from(1);
         }

@@ -9,7 +9,7 @@ mod words;
 pub use arguments::Reconstruct;
 
 use crate::capture::{OpenCapture, open_capture};
-use crate::colmap::{Chosen, better_poses, poses_again};
+use crate::colmap::{PoseChoice, better_poses, poses_again};
 use crate::outcome::about;
 use crate::output::{self, make_folder, put, write_whole};
 use crate::progress::{Stages, remark};
@@ -71,7 +71,7 @@ impl Reconstruct {
         let chosen = self.open()?;
         let poses = words::of_poses(&chosen);
         let is_found = !chosen.is_given();
-        let Chosen { opened, mut lost, found, .. } = chosen;
+        let PoseChoice { opened, mut lost, found, .. } = chosen;
         self.options(None).check()?;
         let reading = ReadOptions { downscale: self.downscale, hold_out: self.hold_out };
         let files = |path: &str| opened.read(path);
@@ -168,14 +168,14 @@ impl Reconstruct {
         let path = self.out.join("metrics.json");
         put(&path, format!("{metrics:#}\n")).map_err(|e| about(&path, format!("expected to write it, found {e}")))?;
         bar.finish();
-        self.tell(
+        self.notify(
             &metrics,
             [Score::mean(&as_drawn), Score::mean(&exposed), Score::mean(&aligned)],
             &times,
             search_s + train_s,
             model.cloud.len(),
         )?;
-        opened.capture.told.iter().for_each(|what| remark(what));
+        opened.capture.remarks.iter().for_each(|what| remark(what));
         dataset.turned.iter().for_each(|(what, count)| remark(&format!("{count} images with {what}")));
         lost.extend_from_slice(&dataset.lost);
         lost.extend(self.lost(&dataset, &options));
@@ -197,15 +197,15 @@ impl Reconstruct {
     }
 
     /// The capture with the poses that are taken.
-    fn open(&self) -> Result<Chosen, Failure> {
+    fn open(&self) -> Result<PoseChoice, Failure> {
         let folder = self.out.join("capture");
         if video::is_video(&self.capture) {
             let lost = video::project(&self.capture, &folder, FRAMES)?;
-            return Ok(Chosen { lost, ..Chosen::given(open_capture(&folder)?, "COLMAP found them") });
+            return Ok(PoseChoice { lost, ..PoseChoice::given(open_capture(&folder)?, "COLMAP found them") });
         }
         let opened = open_capture(&self.capture).map_err(|e| video::or_video(&self.capture, e))?;
         match self.poses {
-            PosesFrom::Capture => Ok(Chosen::given(opened, "they were asked for")),
+            PosesFrom::Capture => Ok(PoseChoice::given(opened, "they were asked for")),
             PosesFrom::Colmap => poses_again(&self.capture, opened, &folder),
             PosesFrom::Auto => better_poses(&self.capture, opened, &folder),
         }
@@ -492,7 +492,7 @@ impl Reconstruct {
         lost
     }
 
-    fn tell(
+    fn notify(
         &self,
         metrics: &Value,
         means: [Option<Score>; 3],
@@ -528,9 +528,9 @@ impl Reconstruct {
         if let Some(masks) = words::masks_in_words(&metrics["transients"]) {
             text += &format!("{masks}\n");
         }
-        let told =
+        let remarks =
             ["held out", "held out, as their neighbours are exposed", "held out, cameras aligned on the left half"];
-        for (what, mean) in told.iter().zip(means) {
+        for (what, mean) in remarks.iter().zip(means) {
             let Some(s) = mean else { continue };
             text += &format!("{what}: {}\n", in_words(&s));
         }
@@ -551,7 +551,7 @@ fn named_value(value: &impl ValueEnum) -> Option<String> {
 
 /// Each camera: its lens, how far it moved, and the photographs' own motions (root mean square).
 fn refined(model: &Model, dataset: &Dataset) -> Vec<Value> {
-    let one = |(group, shared): (usize, &cameras::Shared)| {
+    let one = |(group, shared): (usize, &cameras::SharedAppearance)| {
         let of = |k: &usize| model.groups[*k] == group;
         let taken: Vec<usize> = (0..model.groups.len()).filter(of).collect();
         let lens = dataset.training[taken[0]].camera;

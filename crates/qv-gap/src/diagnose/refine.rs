@@ -1,7 +1,7 @@
 //! Sizes once more, in the corrected robot. A size is found with the sensitivities of the robot without the effect: what is tolerated there
 //! imitates a part of a large effect at little cost, and the size stops short of it. Those of the corrected robot ask for the rest.
 
-use super::{Accused, Findings, estimates, merge};
+use super::{Findings, ReportedCause, estimates, merge};
 use crate::GapError;
 use crate::inference::linearised::LinearisedProblem;
 use crate::inference::search::{Fit, Search};
@@ -34,7 +34,7 @@ impl Findings<'_> {
     }
 }
 
-impl Accused {
+impl ReportedCause {
     /// The same group in another study.
     fn group_in(&self, study: &LinearisedProblem) -> Option<usize> {
         let columns = &study.columns;

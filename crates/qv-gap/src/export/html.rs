@@ -12,7 +12,7 @@ pub mod words;
 
 use super::calibrated::cause_of;
 use crate::problem::library::{Effect, built_in};
-use crate::report::{Correction, Lead, Report, Stage, Unexplained, Verdict, Where};
+use crate::report::{Correction, Lead, Remainder, Report, Stage, Verdict, Where};
 use bars::{joints, shares};
 use qv_page::parts::{self, Bars, Mood, track};
 use qv_page::{Page, Table};
@@ -82,7 +82,7 @@ fn leads(leads: &[Lead]) -> String {
         return String::new();
     }
     let mut text = "<h2>What it looks most like</h2><div class=\"card\"><p class=\"soft small\">None of these explains the gap; each \
-                    line holds effects that this recording cannot tell apart.</p>"
+                    line holds effects that this recording cannot notify apart.</p>"
         .to_string();
     for lead in leads {
         let names: Vec<String> = lead.effects.iter().map(|e| words(e)).collect();
@@ -150,7 +150,7 @@ fn place(report: &Report) -> String {
     )
 }
 
-fn unexplained(left: &Unexplained, verdict: Verdict) -> String {
+fn unexplained(left: &Remainder, verdict: Verdict) -> String {
     let share = if left.share.is_finite() && verdict != Verdict::NoGap {
         format!("<p><b>{}</b> of the gap is not explained.</p>", percent(left.share))
     } else {

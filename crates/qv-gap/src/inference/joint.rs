@@ -144,7 +144,7 @@ impl Search<'_, '_> {
                 Some(values) => self.descend(&layout, values, null)?,
                 None => self.best_of_starts(&layout, null)?,
             };
-            let mut found = self.told(&layout, &point)?;
+            let mut found = self.remarks(&layout, &point)?;
             let pair = layout.collinear(&found.correlation);
             let Some(dropped) = pair.map(|p| p[1]).or_else(|| found.least_missed()) else {
                 found.alike = alike;
@@ -279,7 +279,7 @@ impl Search<'_, '_> {
     }
 
     /// The values of a point with what they may be off by.
-    fn told(&mut self, layout: &Layout, point: &Point) -> Result<JointFit, GapError> {
+    fn remarks(&mut self, layout: &Layout, point: &Point) -> Result<JointFit, GapError> {
         let tangent = self.slopes(layout, point)?;
         let size = layout.wide.len();
         let scatter = tangent.scatter();

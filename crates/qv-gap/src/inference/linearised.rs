@@ -17,7 +17,7 @@ use qv_rollout::Trace;
 use qv_rollout::law;
 use qv_rollout::replicate::{Noise, Replicate, record};
 use qv_rollout::{Numerics, Overrides, Rollout, Window};
-use qv_rollout::{Raw, Residuals, Traced, compare, compare_and_trace, joint_lags};
+use qv_rollout::{Raw, Residuals, TracedResiduals, compare, compare_and_trace, joint_lags};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -76,7 +76,7 @@ pub struct LinearisedWindow {
 }
 
 /// What a run has of its own.
-pub struct Part {
+pub struct RunProblem {
     /// The null.
     pub whitener: Whitener,
     /// Noise of the sensors.
@@ -94,7 +94,7 @@ pub struct LinearisedProblem<'a> {
     /// The windows.
     pub seen: Vec<LinearisedWindow>,
     /// What each run has of its own.
-    pub parts: Vec<Part>,
+    pub parts: Vec<RunProblem>,
     /// Normal equations of each simulated recording without an effect, by window.
     pub replicates: Vec<Vec<Option<Normal>>>,
     /// Their residuals, by window.
@@ -114,7 +114,7 @@ pub struct LinearisedProblem<'a> {
     /// Steps simulated so far.
     steps: AtomicUsize,
     /// Those when they were asked for last.
-    steps_told: AtomicUsize,
+    steps_reported: AtomicUsize,
     /// Whether the null is what reference recordings leave, pushes and blows among it.
     pub is_relative: bool,
 }
@@ -147,7 +147,7 @@ impl<'a> LinearisedProblem<'a> {
             lags: Vec::new(),
             floor: 0.0,
             steps: AtomicUsize::new(0),
-            steps_told: AtomicUsize::new(0),
+            steps_reported: AtomicUsize::new(0),
             is_relative: !reference.is_empty(),
         };
         study.tolerance = study.tolerances();
@@ -266,7 +266,7 @@ impl<'a> LinearisedProblem<'a> {
         let first = self.seen.len();
         self.seen.extend(seen.into_iter().flatten());
         self.seen[first..].iter_mut().filter(|_| !pool.is_empty()).for_each(LinearisedWindow::weigh);
-        self.parts.push(Part { whitener, noise, alignment });
+        self.parts.push(RunProblem { whitener, noise, alignment });
         self.count(steps);
         Ok(())
     }
@@ -279,7 +279,7 @@ impl<'a> LinearisedProblem<'a> {
     /// Simulated steps since this was asked last.
     pub(crate) fn steps_since(&self) -> usize {
         let steps = self.steps();
-        steps - self.steps_told.swap(steps, Ordering::Relaxed)
+        steps - self.steps_reported.swap(steps, Ordering::Relaxed)
     }
 
     /// Adds steps that were simulated elsewhere.
@@ -374,7 +374,8 @@ impl<'a> LinearisedProblem<'a> {
     ) -> Result<(Vec<Raw>, Vec<Option<Trace>>), GapError> {
         let chosen: Vec<&Window> = windows.iter().map(|&w| &self.seen[w].window).collect();
         let settings = std::slice::from_ref(setting);
-        let Traced { residuals, traces } = compare_and_trace(&self.rollout, &self.rollout.numerics, &chosen, settings)?;
+        let TracedResiduals { residuals, traces } =
+            compare_and_trace(&self.rollout, &self.rollout.numerics, &chosen, settings)?;
         Ok((self.with_law(&chosen, windows, settings, residuals).remove(0), traces))
     }
 

@@ -70,13 +70,13 @@ impl Search<'_, '_> {
         let deviations: Vec<f64> = std::iter::once(deviation).chain(of_edges).collect();
         let loss = self.loss_at(base, std::slice::from_ref(&suspect))?[0];
         let of_none = self.loss_without(base, &suspect)?;
-        let told = Fit { held_out: Some(slip.held_out), ..self.weighed(base, suspect, [of_none, loss], deviations) };
+        let remarks = Fit { held_out: Some(slip.held_out), ..self.weighed(base, suspect, [of_none, loss], deviations) };
         // Where feet slip whole windows are missed by the right friction, too, and a wrong one may fit them better: pieces have the last word.
-        if !told.loss.is_finite() {
+        if !remarks.loss.is_finite() {
             return Ok(self.ended_at_feet(fit, region));
         }
-        let is_better = told.evidence > fit.evidence;
-        Ok(if is_better { told } else { Fit { loss: fit.loss, evidence: fit.evidence, ..told } })
+        let is_better = remarks.evidence > fit.evidence;
+        Ok(if is_better { remarks } else { Fit { loss: fit.loss, evidence: fit.evidence, ..remarks } })
     }
 
     /// The same fit without ground on which nobody stood.

@@ -560,7 +560,7 @@ impl<'s, 'a> Search<'s, 'a> {
             let slope = |a: usize| minus(of_window[0], of_window[1 + a]).iter().map(|d| d / steps[a]).collect();
             let slopes: Vec<Vec<f64>> = (0..axes).map(slope).collect();
             e += weight * squared(of_window[0]);
-            let part = Part::new(weight, seen, of_window[0], &slopes);
+            let part = WindowSlopes::new(weight, seen, of_window[0], &slopes);
             add_scaled(&mut b, weight, &part.b);
             for a in 0..axes {
                 add_scaled(&mut along[a], weight, &part.along[a]);
@@ -583,11 +583,11 @@ impl<'s, 'a> Search<'s, 'a> {
     }
 
     /// Half the slope of each window's loss along each axis, tolerated deviations at their best, shape `[windows][axes]`.
-    fn scores(&self, parts: &[(usize, Part)], b: &[f64], along: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    fn scores(&self, parts: &[(usize, WindowSlopes)], b: &[f64], along: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let best = self.marginal.best(b);
         let answers: Vec<Vec<f64>> = along.iter().map(|a| self.marginal.best(a)).collect();
         let tolerated = best.len();
-        let score = |(w, part): &(usize, Part)| {
+        let score = |(w, part): &(usize, WindowSlopes)| {
             let of_best = &times(&self.study.seen[*w].h, &best)[..tolerated];
             let b = &part.b[..tolerated];
             let of_axis = |a: usize| {
@@ -625,7 +625,7 @@ impl<'s, 'a> Search<'s, 'a> {
 }
 
 /// What a window gives to the slopes of a suspect.
-struct Part {
+struct WindowSlopes {
     weight: f64,
     /// `J'r`.
     b: Vec<f64>,
@@ -635,7 +635,7 @@ struct Part {
     products: Vec<f64>,
 }
 
-impl Part {
+impl WindowSlopes {
     fn new(weight: f64, seen: &LinearisedWindow, residual: &[f64], slopes: &[Vec<f64>]) -> Self {
         Self {
             weight,

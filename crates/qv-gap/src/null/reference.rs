@@ -9,7 +9,7 @@ use crate::problem::columns::Columns;
 use crate::problem::library::{Effect, Interface};
 use qv_core::random::SplitMix64;
 use qv_core::statistics::median;
-use qv_fit::{Blocks, Loss, Options, Problem, Stopped};
+use qv_fit::{Blocks, Loss, Options, Problem, StopReason};
 use qv_recording::Run;
 use qv_rollout::Raw;
 use qv_rollout::compare;
@@ -166,7 +166,7 @@ impl<'p> Fit<'p> {
         let sizes = self.sizes(&found.residuals);
         self.scales.iter_mut().zip(sizes).for_each(|(scale, size)| *scale = (*scale * size).max(1e-9));
         self.values = found.values;
-        Ok(found.stopped != Stopped::Stuck)
+        Ok(found.stopped != StopReason::Stuck)
     }
 }
 

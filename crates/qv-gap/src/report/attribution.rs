@@ -161,7 +161,7 @@ pub fn interfaces(study: &mut LinearisedProblem) -> Result<Vec<Share>, GapError>
 }
 
 /// A suspect without its region if the robot never left that: it is all the ground there is.
-pub fn as_told(study: &LinearisedProblem, suspect: &Suspect) -> Suspect {
+pub fn as_stated(study: &LinearisedProblem, suspect: &Suspect) -> Suspect {
     let is_all = matches!(suspect.extent, Some(Extent::Region(r)) if never_left(study, &feet(study), r));
     Suspect { extent: suspect.extent.filter(|_| !is_all), ..suspect.clone() }
 }

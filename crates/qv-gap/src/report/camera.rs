@@ -1,6 +1,6 @@
 //! What the camera shows in a report: a part of its own, causes and shares among those of the robot.
 
-use super::{Cause, Gap, Ranked, Report, Share, Sight, Verdict, VisualGap};
+use super::{Cause, Gap, RankedEffect, Report, Share, Sight, Verdict, VisualGap};
 use crate::decision::evidence::CameraEvidence;
 use crate::decision::{CameraDecision, NONE, both};
 
@@ -62,9 +62,9 @@ pub fn join(report: &mut Report, sight: Sight) {
     report.ranking.iter_mut().for_each(|r| r.probability *= 1.0 - share);
     let of_camera = sight.ranking.iter().filter(|r| r.effect != NONE);
     let total: f64 = of_camera.clone().map(|r| r.probability).sum::<f64>().max(1.0);
-    report
-        .ranking
-        .extend(of_camera.map(|r| Ranked { effect: r.effect.clone(), probability: share * r.probability / total }));
+    report.ranking.extend(
+        of_camera.map(|r| RankedEffect { effect: r.effect.clone(), probability: share * r.probability / total }),
+    );
     report.ranking.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     report.cannot_tell.extend(sight.cannot_tell.iter().cloned());
     if !sight.causes.is_empty() {

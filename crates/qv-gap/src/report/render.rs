@@ -1,10 +1,10 @@
 //! From evidence and a decision to a report. Nothing is simulated.
 
 use super::camera::join;
-use super::{Cause, FORMAT, Gap, Report, Share, Sight, Unexplained, Verdict, Where, narrative};
+use super::{Cause, FORMAT, Gap, Remainder, Report, Share, Sight, Verdict, Where, narrative};
 use crate::GapError;
 use crate::decision::evidence::{Evidence, ReportData};
-use crate::decision::{Decision, Parted, Policy, decide};
+use crate::decision::{Decision, Divergence, Policy, decide};
 
 /// A gap of no more than so many times the floor is none that could be explained.
 const NEAR_FLOOR: f64 = 1.02;
@@ -16,7 +16,7 @@ const LEAST_SHARES: [f64; 2] = [0.01, 0.6];
 /// # Errors
 /// The policy would have led to other simulations than those of the evidence; as [`render`].
 pub fn report(evidence: &Evidence, policy: &Policy) -> Result<Report, GapError> {
-    let decision = decide(evidence, policy).map_err(|Parted(round)| {
+    let decision = decide(evidence, policy).map_err(|Divergence(round)| {
         let found = format!("one that would have gone another way in round {}", round + 1);
         GapError::run("policy", "the one under which the evidence was measured", found)
     })?;
@@ -49,7 +49,7 @@ pub fn render(evidence: &Evidence, decision: &Decision) -> Result<Report, GapErr
         ranking: decision.ranking.clone(),
         rounds: rounds.map(|(round, judgement)| narrative::round(round, judgement)).collect(),
         visual: None,
-        unexplained: Unexplained { share: left(verdict, gap), depends_on: shown.depends_on.clone() },
+        unexplained: Remainder { share: left(verdict, gap), depends_on: shown.depends_on.clone() },
         cannot_tell: data.cannot_tell.clone(),
         next: narrative::next(evidence, data, decision, (&causes, &leads, gap)),
         corrections: shown.corrections.clone(),

@@ -28,8 +28,8 @@ fn recorded(set: &[(&str, f64)], noise: f64) -> Run {
     for tick in 0..12_000 {
         let time = f64::from(tick) * 1e-3;
         // Held for a row's two steps.
-        let told = f64::from(tick / 2) * 2e-3;
-        let command = [0.9 * (4.1 * told).sin() + 0.2 * (9.3 * told).sin(), 0.8 * (7.1 * told).sin()];
+        let remarks = f64::from(tick / 2) * 2e-3;
+        let command = [0.9 * (4.1 * remarks).sin() + 0.2 * (9.3 * remarks).sin(), 0.8 * (7.1 * remarks).sin()];
         if tick % 2 == 0 {
             let mut seen = batch.sensors(0).unwrap();
             for (channel, deviation) in [(&mut seen.q, 1e-4), (&mut seen.dq, 5e-3), (&mut seen.tau, 0.01)] {

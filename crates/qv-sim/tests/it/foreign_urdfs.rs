@@ -81,9 +81,9 @@ fn what_loads_and_what_is_told_of_it() {
         // An absent `velocity` alone is told of the limits upside down as well.
         let model = read(&urdf).unwrap_or_else(|e| panic!("{what}: {e}"));
         assert!(model.left_out.is_empty(), "{what}: {:?}", model.left_out);
-        assert_eq!(model.told.is_empty(), words.is_empty(), "{what}: {:?}", model.told);
+        assert_eq!(model.remarks.is_empty(), words.is_empty(), "{what}: {:?}", model.remarks);
         for word in words {
-            assert!(model.told.iter().any(|t| t.contains(word)), "{what}: expected `{word}` in {:?}", model.told);
+            assert!(model.remarks.iter().any(|t| t.contains(word)), "{what}: expected `{word}` in {:?}", model.remarks);
         }
         let mut batch = Batch::<f64>::new(&model, &Terrain::plane(), &SimOptions::default(), 1).expect(what);
         batch.step_many(100);

@@ -26,9 +26,9 @@ pub struct Capture {
     /// What could not be used, a line each.
     pub lost: Vec<String>,
     /// What was taken for granted or chosen, a line each; nothing is lost by it.
-    pub told: Vec<String>,
+    pub remarks: Vec<String>,
     /// Which images the cameras are of, where EXIF tells to turn them.
-    pub shown: pictures::Shown,
+    pub shown: pictures::ImageOrientation,
 }
 
 /// Gives width and height of an image by its path, or says why not.

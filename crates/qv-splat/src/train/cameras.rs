@@ -8,7 +8,7 @@ use super::dataset::{Dataset, Photograph};
 use super::model::Model;
 use super::moments::bias;
 use super::options::TrainOptions;
-pub use super::shared::{Shared, same_lens};
+pub use super::shared::{SharedAppearance, same_lens};
 use super::twist::{turned, twist};
 use glam::{DQuat, DVec3};
 use qv_core::{Camera, Pose};
@@ -16,7 +16,7 @@ use qv_core::{Camera, Pose};
 /// A held-out photograph with the motion that its camera was found to have.
 pub fn as_learned(model: &Model, dataset: &Dataset, held_out: &Photograph) -> Photograph {
     let photograph = dataset.training.iter().position(|one| same_lens(&one.camera, &held_out.camera));
-    let shared = photograph.map_or(&Shared::NONE, |index| &model.shared[model.groups[index]]);
+    let shared = photograph.map_or(&SharedAppearance::NONE, |index| &model.shared[model.groups[index]]);
     let camera_from_world = shared.motion * held_out.camera.camera_from_world;
     Photograph { camera: Camera { camera_from_world, ..held_out.camera }, ..held_out.clone() }
 }

@@ -7,7 +7,7 @@
 //! masks, of each its cells in a row and its rows as 32 bits each and a byte for each cell; then the text, UTF-8: what the caller says of the training, such as its options.
 
 use super::model::Model;
-use super::shared::Shared;
+use super::shared::SharedAppearance;
 use super::transients::Mask;
 use crate::SplatError;
 use crate::error::off;
@@ -176,7 +176,7 @@ pub fn read(bytes: &[u8]) -> Result<(Model, String), SplatError> {
     };
     let all: Vec<Pose> = numbers.as_chunks().0.iter().map(pose).collect();
     let (poses, mountings) = all.split_at(views);
-    let shared = learned.iter().zip(seen).zip(mountings).map(|((one, seen), motion)| Shared {
+    let shared = learned.iter().zip(seen).zip(mountings).map(|((one, seen), motion)| SharedAppearance {
         first: std::array::from_fn(|k| one[k]),
         second: std::array::from_fn(|k| one[6 + k]),
         motion: *motion,
@@ -213,7 +213,8 @@ mod tests {
         model.raise_degree(2);
         model.iteration = 77;
         model.first.sh[3] = [1.0, 2.0, 3.0];
-        model.shared[0] = Shared { second: [0.4; 6], seen: 5, motion: model.poses[1], ..Shared::NONE };
+        model.shared[0] =
+            SharedAppearance { second: [0.4; 6], seen: 5, motion: model.poses[1], ..SharedAppearance::NONE };
         let mask = Mask { width: 2, height: 1, cells: vec![true, false] };
         model.masks = vec![mask.clone(), Mask::default(), mask];
         let bytes = write(&model, "seed 2");

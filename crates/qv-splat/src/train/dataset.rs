@@ -3,7 +3,7 @@
 use super::filter::{self, Sampling};
 use super::undistort::{Pixels, smaller, undistorted};
 use crate::SplatError;
-use crate::captures::pictures::{self, Shown};
+use crate::captures::pictures::{self, ImageOrientation};
 use crate::captures::{Capture, CaptureCamera, DepthFile};
 use crate::error::off;
 use glam::DVec3;
@@ -234,9 +234,14 @@ fn overlap(a: &Camera, b: &Camera) -> bool {
 }
 
 /// A photograph, what beside it cannot be read, and how it was turned.
-type Read = (Photograph, Vec<SplatError>, Option<String>);
+type PhotographRead = (Photograph, Vec<SplatError>, Option<String>);
 
-fn photograph(one: &CaptureCamera, files: Files, downscale: u32, shown: Shown) -> Result<Read, SplatError> {
+fn photograph(
+    one: &CaptureCamera,
+    files: Files,
+    downscale: u32,
+    shown: ImageOrientation,
+) -> Result<PhotographRead, SplatError> {
     let place = format!("camera {}", one.name);
     let path = one.image.as_deref().ok_or_else(|| off(&*place, "an image", "none"))?;
     let camera = &one.camera;
@@ -292,14 +297,14 @@ fn or_none<T>(read: Result<Vec<T>, SplatError>, without: &mut Vec<SplatError>) -
 
 /// An image beside a photograph.
 fn decode(path: &str, files: Files, camera: &Camera) -> Result<image::DynamicImage, SplatError> {
-    Ok(decode_turned(path, files, camera, Shown::Turned)?.0)
+    Ok(decode_turned(path, files, camera, ImageOrientation::Turned)?.0)
 }
 
 fn decode_turned(
     path: &str,
     files: Files,
     camera: &Camera,
-    shown: Shown,
+    shown: ImageOrientation,
 ) -> Result<(image::DynamicImage, Option<String>), SplatError> {
     let bytes = files(path).map_err(|found| off(format!("image {path}"), "a file", found))?;
     let size = [camera.width, camera.height];

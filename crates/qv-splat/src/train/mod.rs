@@ -39,7 +39,7 @@ mod twist;
 mod undistort;
 
 pub use bake::bake;
-pub use best::{Best, Kept};
+pub use best::{Best, Snapshot};
 pub use cpu::{CpuEngine, outputs};
 pub use dataset::{Dataset, Files, Photograph, ReadOptions};
 pub use drawn::drawn;

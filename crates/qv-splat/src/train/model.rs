@@ -3,7 +3,7 @@
 use super::dataset::Dataset;
 use super::exposure::{Exposure, NEUTRAL};
 use super::shared;
-use super::shared::Shared;
+use super::shared::SharedAppearance;
 use super::transients::Mask;
 use crate::SplatError;
 use crate::error::off;
@@ -37,7 +37,7 @@ pub struct Model {
     /// Which camera took each photograph.
     pub groups: Vec<usize>,
     /// What photographs of one camera share.
-    pub shared: Vec<Shared>,
+    pub shared: Vec<SharedAppearance>,
     /// What is left out of each photograph to learn from; nothing before what moves was looked for.
     pub masks: Vec<Mask>,
 }
@@ -56,7 +56,7 @@ impl Model {
             exposures_first: vec![[0.0; 12]; views],
             exposures_second: vec![[0.0; 12]; views],
             poses: dataset.training.iter().map(|one| one.camera.camera_from_world).collect(),
-            shared: vec![Shared::NONE; groups.iter().max().map_or(0, |last| last + 1)],
+            shared: vec![SharedAppearance::NONE; groups.iter().max().map_or(0, |last| last + 1)],
             groups,
             masks: vec![],
             cloud,

@@ -5,7 +5,7 @@ use qv_core::{Camera, Pose};
 
 /// What photographs of one camera share, with the optimiser's memory.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Shared {
+pub struct SharedAppearance {
     /// Motion of the camera in its own axes \[m\].
     pub motion: Pose,
     /// Running means of derivatives by the motion.
@@ -16,7 +16,7 @@ pub struct Shared {
     pub seen: u32,
 }
 
-impl Shared {
+impl SharedAppearance {
     /// Nothing learned yet.
     pub const NONE: Self = Self { motion: Pose::IDENTITY, first: [0.0; 6], second: [0.0; 6], seen: 0 };
 }

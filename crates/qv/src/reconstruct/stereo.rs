@@ -4,7 +4,7 @@ use super::arguments::Reconstruct;
 use super::watch::TRAINING;
 use crate::progress::{Stages, remark};
 use qv_splat::files::Points;
-use qv_splat::stereo::{Measured, StereoOptions, measure};
+use qv_splat::stereo::{StereoDepth, StereoOptions, measure};
 use qv_splat::train::Dataset;
 use serde_json::{Value, json};
 
@@ -18,7 +18,7 @@ pub(super) struct Depths {
     /// Photographs to learn from whose depth the capture has.
     pub given: usize,
     /// What stereo measured of the others.
-    pub measured: Option<Measured>,
+    pub measured: Option<StereoDepth>,
 }
 
 impl Reconstruct {

@@ -4,7 +4,7 @@ use super::arguments::Reconstruct;
 use crate::Failure;
 use crate::outcome::about;
 use crate::output::make_folder;
-use crate::progress::{Level, Stages, tells};
+use crate::progress::{Level, Stages, reports};
 use crate::render::png;
 use qv_raster::Image;
 use qv_splat::train::{Best, Dataset, Engine, Model, Photograph, Progress, drawn};
@@ -74,7 +74,7 @@ impl<'a> Run<'a> {
             );
             let from = self.command.training_from();
             self.bar.at(from + share * (TRAINING[1] - from), &figure);
-            if tells(Level::Verbose) {
+            if reports(Level::Verbose) {
                 self.add_times(engine.times()?);
                 engine.time_next();
             }

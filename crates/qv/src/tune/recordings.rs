@@ -37,10 +37,10 @@ pub fn read(
     if log.stretches.is_empty() {
         return Err(refused.join("\n").into());
     }
-    for why in refused.iter().chain(&log.told) {
+    for why in refused.iter().chain(&log.remarks) {
         print_message!("{why}");
     }
-    log.told.extend(refused.iter().cloned());
+    log.remarks.extend(refused.iter().cloned());
     Ok((log, refused.len()))
 }
 

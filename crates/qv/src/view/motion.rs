@@ -131,7 +131,7 @@ pub fn of(
     reading: &Reading,
     mesh: Option<&TriangleMesh>,
     parts: &Parts,
-    told: &mut Vec<String>,
+    remarks: &mut Vec<String>,
 ) -> Result<(Motion, Run), Failure> {
     let mut run = open_run(&RunArguments { run: path.into(), reading: reading.clone() })?;
     let model = model_of(&run, path, reading.robot.as_deref())?;
@@ -147,7 +147,7 @@ pub fn of(
     let mut tracks = vec![track("recorded", &simulated.recorded)];
     match simulated.ran_away {
         None => tracks.push(track("simulated", &simulated.whole)),
-        Some(at) => told.push(format!("the simulation ran away at {at:.1} s: it is not shown")),
+        Some(at) => remarks.push(format!("the simulation ran away at {at:.1} s: it is not shown")),
     }
     if let Some(file) = &parts.calibrated {
         let options = ReplayOptions { parameters: parameters_of(Some(file), &model, &terrain)?, ..plain };
@@ -155,7 +155,7 @@ pub fn of(
         match corrected.ran_away {
             None => tracks.push(track("corrected", &corrected.whole)),
             Some(at) => {
-                told.push(format!("with the corrections the simulation ran away at {at:.1} s: it is not shown"))
+                remarks.push(format!("with the corrections the simulation ran away at {at:.1} s: it is not shown"))
             }
         }
     }

@@ -262,7 +262,7 @@ mod tests {
         let good = "[[effect]]\nname = 'wind'\ninterface = 'contact'\nscope = 'world'\nunit = 'N'\nrange = [0, 9]\n\
             tolerance = 0.1\nlevels = [1]\n[[effect.axis]]\nname = 'x'\nmoves = { 'external.force_x' = 1.0 }\n";
         assert_eq!(parse(good, "mine.toml").unwrap()[0].name, "wind");
-        for (from, to, told) in [
+        for (from, to, remarks) in [
             ("[0, 9]", "[9, 0]", "rising"),
             ("unit = 'N'\n", "unit = 'N'\nheld_range = [1, 1]\n", "rising"),
             ("levels = [1]", "levels = [0]", "not 0"),
@@ -274,7 +274,7 @@ mod tests {
             ("unit = 'N'\n", "unit = 'N'\nlog_prior = 1\n", "at most 0"),
         ] {
             let error = parse(&good.replace(from, to), "mine.toml").unwrap_err().to_string();
-            assert!(error.contains(told) && error.contains("mine.toml"), "{error}");
+            assert!(error.contains(remarks) && error.contains("mine.toml"), "{error}");
         }
     }
 }

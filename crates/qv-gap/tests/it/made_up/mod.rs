@@ -54,7 +54,7 @@ pub fn empty() -> Report {
         together: None,
         rounds: Vec::new(),
         visual: None,
-        unexplained: Unexplained::default(),
+        unexplained: Remainder::default(),
         cannot_tell: Vec::new(),
         next: Vec::new(),
         corrections: Vec::new(),
@@ -95,7 +95,7 @@ pub fn report() -> Report {
         causes: causes(),
         ranking: ranking(),
         visual: None,
-        unexplained: Unexplained {
+        unexplained: Remainder {
             share: 0.091,
             depends_on: vec![
                 Factor { factor: "load on the leg, |tau| of calf joints".into(), r2_heldout: 0.31 },
@@ -191,7 +191,7 @@ fn causes() -> Vec<Cause> {
     vec![lag, patch]
 }
 
-fn ranking() -> Vec<Ranked> {
+fn ranking() -> Vec<RankedEffect> {
     [
         ("actuator_lag", 0.962),
         ("ground_friction", 0.884),
@@ -205,7 +205,7 @@ fn ranking() -> Vec<Ranked> {
         ("backlash", 0.0001),
     ]
     .into_iter()
-    .map(|(effect, probability)| Ranked { effect: effect.into(), probability })
+    .map(|(effect, probability)| RankedEffect { effect: effect.into(), probability })
     .collect()
 }
 

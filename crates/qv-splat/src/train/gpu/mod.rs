@@ -39,7 +39,7 @@ pub struct GpuEngine<'a> {
     cameras: GpuCameras,
     step: wgpu::Buffer,
     /// What the steps of a submission are told, one after the other.
-    told: wgpu::Buffer,
+    remarks: wgpu::Buffer,
     /// Steps that were recorded and not submitted.
     recorded: Vec<wgpu::CommandBuffer>,
     maps: wgpu::Buffer,
@@ -135,7 +135,7 @@ impl<'a> GpuEngine<'a> {
             partners: multi_view::partners(&cameras_as_given, dataset.extent),
             cameras: cameras(&rasteriser, dataset, &model)?,
             step: gpu.buffer("step", WORDS)?,
-            told: gpu.buffer("told", WORDS * AT_ONCE as u64)?,
+            remarks: gpu.buffer("remarks", WORDS * AT_ONCE as u64)?,
             recorded: vec![],
             maps: gpu.buffer("maps", 36 * pixels)?,
             sums: gpu.buffer("sums", 64 * groups)?,
@@ -377,9 +377,9 @@ impl<'a> GpuEngine<'a> {
         let gpu = &self.rasteriser.gpu;
         // What is written goes before all that is submitted later, so each step of a submission has a place of its own.
         let place = WORDS * self.recorded.len() as u64;
-        gpu.queue.write_buffer(&self.told, place, bytemuck::bytes_of(&words));
+        gpu.queue.write_buffer(&self.remarks, place, bytemuck::bytes_of(&words));
         let mut recorder = Recorder::new(gpu, self.how.timed);
-        recorder.encoder.copy_buffer_to_buffer(&self.told, place, &self.step, 0, WORDS);
+        recorder.encoder.copy_buffer_to_buffer(&self.remarks, place, &self.step, 0, WORDS);
         self.rasteriser.aim(&self.cameras, photograph, &mut recorder)?;
         self.record_filter("widen", &words, &mut recorder)?;
         self.record_drop("leave_out", &words, &mut recorder)?;

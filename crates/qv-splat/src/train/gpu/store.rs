@@ -2,7 +2,7 @@
 
 use super::super::exposure::Exposure;
 use super::super::model::Model;
-use super::super::shared::Shared;
+use super::super::shared::SharedAppearance;
 use crate::SplatError;
 use qv_core::Pose;
 use qv_raster::gpu::{Gpu, GpuCloud};
@@ -153,7 +153,7 @@ impl Store {
     }
 }
 
-fn floats_of(one: &Shared) -> [f32; 32] {
+fn floats_of(one: &SharedAppearance) -> [f32; 32] {
     let mut out = [0.0; 32];
     out[..6].copy_from_slice(&one.first);
     out[6..12].copy_from_slice(&one.second);
@@ -165,9 +165,9 @@ fn floats_of(one: &Shared) -> [f32; 32] {
     out
 }
 
-fn shared_of(floats: &[f32; 32], seen: u32) -> Shared {
+fn shared_of(floats: &[f32; 32], seen: u32) -> SharedAppearance {
     let row = |k: usize| [0, 1, 2, 3].map(|i| floats[16 + 4 * k + i]);
-    Shared {
+    SharedAppearance {
         motion: pose_of(&[row(0), row(1), row(2)]),
         first: std::array::from_fn(|k| floats[k]),
         second: std::array::from_fn(|k| floats[6 + k]),
