@@ -80,7 +80,7 @@ pub struct Mixture {
     /// Mean number of decisions until the driver changes.
     pub stretch: f32,
     /// Share of the episodes in which the robot recalls the truth with errors instead of what the network says of its pictures.
-    #[serde(alias = "told")]
+    #[serde(alias = "goal_given")]
     pub goal_given: f32,
 }
 

@@ -223,9 +223,10 @@ impl PolicyFile {
     }
 }
 
-/// FNV-1a (64 bits) of the printed model: the same on every machine.
+/// FNV-1a (64 bits) of what the model is, printed: the same on every machine. How its file was read, in words, is no part of it.
 pub fn model_hash(robot: &TaskRobot) -> String {
-    hash_of(&format!("{:?}", robot.model))
+    let model = &robot.model;
+    hash_of(&format!("{} {:?} {:?} {:?} {:?}", model.name, model.base, model.links, model.joints, model.geoms))
 }
 
 /// FNV-1a of a text.

@@ -8,7 +8,7 @@ use crate::stages::blend_backward::blend_backward;
 use crate::stages::cull::{Candidate, cull};
 use crate::stages::emit::{Entries, emit};
 use crate::stages::project::{Projections, project};
-use crate::stages::project_backward::{project_backward, pulls, red_sums};
+use crate::stages::project_backward::project_backward;
 use crate::stages::ranges::ranges;
 use crate::stages::resolve::{blank, resolve, resolve_backward};
 use crate::stages::sort::{depth_key, sort};
@@ -92,41 +92,10 @@ impl Frame {
     /// An array of another length than the image's, or a scene of another shape than the one that was drawn; that its numbers are the
     /// same is not looked at.
     pub fn gradients(&self, scene: &Scene, by_images: &[Image]) -> Result<Gradients, RasterError> {
-        Ok(self.gradients_and_pulls(scene, by_images)?.0)
-    }
-
-    /// As [`Self::gradients`], and for each Gaussian the sum over views of the length of the derivative by its projected mean, in units
-    /// of half the image's sides, and the number of views that it touches, shape `[N, 2]`: what densification goes by.
-    ///
-    /// # Errors
-    /// As [`Self::gradients`].
-    pub fn gradients_and_pulls(
-        &self,
-        scene: &Scene,
-        by_images: &[Image],
-    ) -> Result<(Gradients, Vec<[f32; 2]>), RasterError> {
         self.check(scene, by_images)?;
         let source = self.source(scene);
         let by_sums = resolve_backward(&self.batch, &self.blended, &self.channels, &self.settings, by_images);
-        let by_entries = blend_backward(&source, &self.blended, &by_sums);
-        Ok((project_backward(&source, &by_entries), pulls(&source, &by_entries)))
-    }
-
-    /// What each Gaussian has of a number that pixels have, shape `[views][height, width]`: the sum over views and pixels of its weight in
-    /// the pixel times the number.
-    ///
-    /// # Errors
-    /// As [`Self::gradients`].
-    pub fn shares(&self, scene: &Scene, numbers: &[Vec<f32>]) -> Result<Vec<f32>, RasterError> {
-        let mut by_images = self.blank_images();
-        for (image, numbers) in by_images.iter_mut().zip(numbers) {
-            // Red is a channel like any other: the derivative by it is what pixels hand to Gaussians by weight.
-            image.colour = numbers.iter().flat_map(|number| [*number, 0.0, 0.0]).collect();
-        }
-        self.check(scene, &by_images)?;
-        let source = self.source(scene);
-        let by_sums = resolve_backward(&self.batch, &self.blended, &self.channels, &self.settings, &by_images);
-        Ok(red_sums(&source, &blend_backward(&source, &self.blended, &by_sums)))
+        Ok(project_backward(&source, &blend_backward(&source, &self.blended, &by_sums)))
     }
 
     /// An image of zeros for each view, to be filled with derivatives.

@@ -74,7 +74,7 @@ struct File {
     urdf: Option<String>,
     #[serde(default)]
     generic: bool,
-    #[serde(default, alias = "told_by_messages")]
+    #[serde(default, alias = "found_by_messages")]
     found_by_messages: bool,
     #[serde(default)]
     joints: Vec<String>,

@@ -289,7 +289,7 @@ fn capture(path: &Path) -> Result<FileReport, Failure> {
         missing.push("depth images, for qv mesh without a scene and --depth-prior".into());
     }
     if points == 0 {
-        missing.push("points, for qv reconstruct --clear; it begins at random ones".into());
+        missing.push("points, where qv reconstruct begins; it begins at random ones".into());
     }
     Ok(FileReport { kind: "capture", used, remarks: opened.capture.remarks, lost: opened.capture.lost, missing })
 }

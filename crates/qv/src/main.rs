@@ -23,7 +23,6 @@ mod names;
 #[cfg(feature = "learn")]
 mod navigate;
 mod next;
-mod normals;
 mod numbers;
 mod open;
 mod outcome;

@@ -10,32 +10,29 @@ pub use arguments::Reconstruct;
 
 use crate::capture::{OpenCapture, open_capture};
 use crate::colmap::{PoseChoice, better_poses, poses_again};
-use crate::normals::{self, NormalModel};
 use crate::outcome::about;
 use crate::output::{self, make_folder, put, write_whole};
 use crate::progress::{Stages, remark};
 use crate::terminal::print_message;
 use crate::{Failure, Outcome, say, video};
-use arguments::{Background, GuideName, PosesFrom, StrategyName};
+use arguments::{Background, PosesFrom};
 use clap::ValueEnum;
 use qv_core::{Camera, GaussianCloud};
 use qv_splat::captures::distortion::Distortion;
 use qv_splat::captures::{Attachments, Capture, CaptureCamera, cameras_json};
-use qv_splat::files::{Points, ply};
-use qv_splat::train::guide::Guide;
-use qv_splat::train::shutter::fitted_scores;
+use qv_splat::files::ply;
+use qv_splat::stereo::StereoDepth;
 use qv_splat::train::{
     AT_DEPTHS, AT_RANDOM, Best, CpuEngine, Dataset, Engine, Ground, GroundOptions, Model, Photograph, ReadOptions,
-    Score, Shutter, Strategy, TrainOptions, Weights, at_depths, at_far, at_random, cameras, checkpoint, clear, drawn,
-    ground_scores, growing, label_shares, neighbours_scores, of_points, pose, scores, train_in_proportion,
+    Score, TrainOptions, Weights, at_depths, at_random, bake, cameras, checkpoint, drawn, ground_scores, growing,
+    neighbours_scores, of_points, pose, scores, train,
 };
 use qv_splat::{SplatError, error_at};
 use serde_json::{Value, json};
-use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 use std::time::Instant;
-use watch::{Run, TRAINING, beside};
+use watch::{Run, TRAINING, beside, show_mask};
 use words::{in_words, named};
 
 pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/yard\n  \
@@ -54,54 +51,49 @@ pub const EXAMPLE: &str = "Example:\n  qv reconstruct captures/yard --out out/ya
 const CHECKPOINT: &str = "checkpoint.qvt";
 /// Where a training stands that has not ended.
 const UNFINISHED: &str = "unfinished.qvt";
+/// Folder of what was left out of photographs.
+const MASKS: &str = "masks";
 /// Steps from one report to the next.
 const REPORT_EVERY: u32 = 100;
 /// Steps by which a held-out camera is aligned.
 const ALIGN_STEPS: u32 = 40;
+/// Most frames that are taken of a video.
+const FRAMES: usize = 150;
 /// Steps from one scene that may be kept to the next.
 const JUDGE_EVERY: u32 = 1000;
 
 impl Reconstruct {
     pub fn execute(&self) -> Result<Outcome, Failure> {
         let clock = Instant::now();
-        let shutter = self.how_exposed()?;
         let bar = Stages::new();
-        let stages = if self.stereo { 4 } else { 3 };
+        let stages = if self.no_stereo { 3 } else { 4 };
         bar.begin(1, stages, "reading", None);
         let chosen = self.open()?;
         let poses = words::of_poses(&chosen);
         let is_found = !chosen.is_given();
-        let PoseChoice { mut opened, mut lost, found, .. } = chosen;
-        if let Some(file) = &self.normal_model {
-            let model = NormalModel { file, axes: &self.normal_axes, colours: self.normal_colours };
-            normals::add_normals(&model, &mut opened, &self.out)?;
-        }
-        let options = self.options();
-        options.check()?;
+        let PoseChoice { opened, mut lost, found, .. } = chosen;
+        self.options(None).check()?;
         let reading = ReadOptions { downscale: self.downscale, hold_out: self.hold_out };
-        if options.weights.geometry() && options.iterations <= options.geometry_from {
+        let files = |path: &str| opened.read(path);
+        let mut dataset = Dataset::new(&opened.capture, &files, &reading).map_err(|e| about(&self.capture, e))?;
+        let depths = self.add_depths(&mut dataset, opened.points.as_ref(), &bar);
+        self.check_needs(&dataset)?;
+        let options = self.options(depths.measured.as_ref());
+        if self.asks_for_geometry() && options.iterations <= options.geometry_from {
             let (from, last) = (options.geometry_from, options.iterations);
             remark(&format!("terms of geometry count from step {from} on: with --iterations {last} they do nothing"));
         }
-        let files = |path: &str| opened.read(path);
-        let mut dataset = Dataset::new(&opened.capture, &files, &reading).map_err(|e| about(&self.capture, e))?;
-        let depths = self.add_depths(&mut dataset, opened.points.as_ref(), &bar)?;
-        self.check_needs(&opened, &dataset)?;
         if self.background == Background::Black {
             dataset.background = [0.0; 3];
         }
         dataset.antialias = self.antialias;
-        dataset.shutter = shutter;
-        if let (Some(points), true) = (&opened.points, self.clear > 0.0) {
-            dataset.nearest = clear::nearest(&dataset, &points.places);
-        }
         make_folder(&self.out).map_err(|e| about(&self.out, format!("expected a folder, found {e}")))?;
         let (model, at_points) = self.begin(&opened, &dataset, &options)?;
         let read_s = clock.elapsed().as_secs_f64();
         bar.begin(stages - 1, stages, "training", Some(self.training_from()));
         let mut run = Run::new(self, &dataset, &bar);
         let clock = Instant::now();
-        let searched = self.search(&dataset, &options, &model.cloud, opened.points.as_ref(), &mut run)?;
+        let searched = self.search(&dataset, &options, &model.cloud, &mut run)?;
         if let Some(scene) = searched.as_ref().and_then(|found| found.stopped_with.as_ref()) {
             if !self.has_finished_scene() {
                 self.save_scene(scene, &dataset)?;
@@ -115,8 +107,7 @@ impl Reconstruct {
         let search_s = clock.elapsed().as_secs_f64();
         run.iterations = options.iterations;
         let clock = Instant::now();
-        let weights = self.view_weights(&dataset, opened.points.as_ref())?;
-        let (mut model, finished) = self.train(&dataset, &options, model, &weights, &mut run)?;
+        let (mut model, finished) = self.train(&dataset, &options, model, &mut run)?;
         // A stop that comes later finds training done.
         let is_stopped = !finished && run.is_stopped();
         let train_s = clock.elapsed().as_secs_f64();
@@ -130,21 +121,24 @@ impl Reconstruct {
             return Ok(Outcome::Stopped);
         }
         let trained = checkpoint::write(&model, &self.begun_with()?);
+        let (loss, times) = (run.loss, run.mean_times());
         let (stood_at, mut scene_of) = (model.iteration, model.iteration);
         let earlier = if finished { None } else { std::mem::take(&mut run.best).instead_of(&model, &dataset)? };
         if let Some(kept) = earlier {
             scene_of = kept.iteration;
             kept.put_into(&mut model);
         }
+        if self.exposure {
+            dataset.background = bake(&mut model, dataset.background);
+        }
         let as_learned = |one: &Photograph| cameras::as_learned(&model, &dataset, one);
         let looked_at: Vec<Photograph> = dataset.held_out.iter().map(as_learned).collect();
         let as_drawn = scores(&model.cloud, &looked_at, &dataset)?;
-        let held_out = if self.exposure { neighbours_scores(&model, &dataset, &looked_at)? } else { as_drawn.clone() };
+        let exposed = if self.exposure { neighbours_scores(&model, &dataset, &looked_at)? } else { vec![] };
         let aligned = self.aligned(&model, &dataset, &looked_at)?;
-        let moving = fitted_scores(&model.cloud, &looked_at, &dataset, self.refine_poses, ALIGN_STEPS)?;
         let ground = Ground::of(&model.cloud, &dataset, &GroundOptions::default())?;
         let of_ground = match &ground {
-            Some(ground) => ground_scores(&model, &dataset, &looked_at, ground, self.exposure)?,
+            Some(ground) => ground_scores(&model.cloud, &dataset, &looked_at, ground)?,
             None => vec![],
         };
         if self.preview {
@@ -154,20 +148,20 @@ impl Reconstruct {
                 beside(photograph, &image, &folder, &photograph.name)?;
             }
         }
+        self.save_masks(&model, &dataset)?;
         self.save_scene(&model.cloud, &dataset)?;
         write_whole(&self.out.join(CHECKPOINT), &trained)?;
         output::remove(&self.out.join(UNFINISHED));
         let metrics = json!({
             "format": "qv-reconstruct/1", "capture": self.capture.display().to_string(), "iterations": stood_at, "scene_of_iteration": scene_of,
-            "finished": finished, "gaussians": model.cloud.len(), "loss": run.loss, "timing": {"read_s": read_s, "search_s": search_s, "train_s": train_s,
-            "write_s": clock.elapsed().as_secs_f64(), "times_ms": run.mean_times()}, "photographs": dataset.training.len(), "began_at_points": at_points,
-            "ground_views": words::of_views(self.ground_views, &weights), "vignetting": self.vignetting,
-            "exposure": self.exposure, "poses_refined": self.refine_poses, "shutter": words::of_shutter(&model, &dataset)?, "poses": poses, "poses_found": found, "stereo": stereo::named(depths.as_ref()), "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
-            "held_out": dataset.held_out.iter().zip(&held_out).map(|(one, score)| named(&one.name, score)).collect::<Vec<_>>(),
-            "mean": Score::mean(&held_out).map(|mean| named("mean", &mean)),
-            "mean_identity": Score::mean(&as_drawn).map(|mean| named("mean", &mean)),
+            "finished": finished, "gaussians": model.cloud.len(), "loss": loss, "timing": {"read_s": read_s, "search_s": search_s, "train_s": train_s,
+            "write_s": clock.elapsed().as_secs_f64(), "times_ms": times}, "photographs": dataset.training.len(), "began_at_points": at_points,
+            "exposure": self.exposure, "poses_refined": self.refine_poses, "poses": poses, "poses_found": found, "stereo": stereo::named(&depths), "cameras": refined(&model, &dataset), "seed": self.seed, "extent_m": dataset.extent, "background": dataset.background,
+            "held_out": dataset.held_out.iter().zip(&as_drawn).map(|(one, score)| named(&one.name, score)).collect::<Vec<_>>(),
+            "mean": Score::mean(&as_drawn).map(|mean| named("mean", &mean)),
+            "mean_exposed": Score::mean(&exposed).map(|mean| named("mean", &mean)),
             "mean_aligned": Score::mean(&aligned).map(|mean| named("mean", &mean)),
-            "mean_moving": Score::mean(&moving).map(|mean| named("mean", &mean)), "antialias": dataset.antialias, "steps_asked": self.iterations,
+            "antialias": dataset.antialias, "steps_asked": self.iterations, "transients": words::of_masks(&model.masks),
             "aside": searched, "ground": words::of_ground(ground.as_ref(), &of_ground),
         });
         self.save_cameras(&model, &dataset, &looked_at, is_found)?;
@@ -176,15 +170,15 @@ impl Reconstruct {
         bar.finish();
         self.notify(
             &metrics,
-            [Score::mean(&held_out), Score::mean(&aligned), Score::mean(&moving)],
-            &run,
+            [Score::mean(&as_drawn), Score::mean(&exposed), Score::mean(&aligned)],
+            &times,
             search_s + train_s,
             model.cloud.len(),
         )?;
         opened.capture.remarks.iter().for_each(|what| remark(what));
         dataset.turned.iter().for_each(|(what, count)| remark(&format!("{count} images with {what}")));
         lost.extend_from_slice(&dataset.lost);
-        lost.extend(self.lost(&dataset));
+        lost.extend(self.lost(&dataset, &options));
         lost.iter().for_each(|what| print_message!("{what}"));
         if is_stopped {
             print_message!("{}", self.how_to_go_on(stood_at));
@@ -206,7 +200,7 @@ impl Reconstruct {
     fn open(&self) -> Result<PoseChoice, Failure> {
         let folder = self.out.join("capture");
         if video::is_video(&self.capture) {
-            let lost = video::project(&self.capture, &folder, self.frames)?;
+            let lost = video::project(&self.capture, &folder, FRAMES)?;
             return Ok(PoseChoice { lost, ..PoseChoice::given(open_capture(&folder)?, "COLMAP found them") });
         }
         let opened = open_capture(&self.capture).map_err(|e| video::or_video(&self.capture, e))?;
@@ -217,121 +211,51 @@ impl Reconstruct {
         }
     }
 
-    fn options(&self) -> TrainOptions {
+    /// How to train; `measured` is what stereo found.
+    fn options(&self, measured: Option<&StereoDepth>) -> TrainOptions {
         TrainOptions {
             iterations: self.iterations,
             cap: self.cap,
-            strategy: match self.strategy {
-                StrategyName::Mcmc => Strategy::Mcmc,
-                StrategyName::Classic => Strategy::Classic,
-            },
             exposure: self.exposure,
-            vignetting: self.vignetting,
             poses: self.refine_poses,
-            lens: self.refine_lens,
             seed: self.seed,
             weights: Weights {
                 flattening: self.flattening,
-                depth_prior: self.depth_weight(),
+                depth_prior: self.depth_prior.unwrap_or(if measured.is_some() { stereo::WEIGHT } else { 0.0 }),
                 depth_normal: self.depth_normal,
                 multi_view: self.multi_view,
-                normal_prior: self.normal_prior,
                 labels: self.labels,
-                opacity: self.opacity_weight,
-                scale: self.scale_weight,
-                harmonics: self.harmonics_weight,
                 ..Default::default()
             },
-            noise: self.noise,
-            settle: self.settle,
-            guide: match self.guide {
-                GuideName::Opacity => Guide::Opacity,
-                GuideName::Error => Guide::Error,
-                GuideName::Views => Guide::Views,
-            },
-            clear: self.clear,
-            drop: self.drop,
+            drop: if measured.is_some() { stereo::DROP } else { 0.0 },
+            transients: self.transients,
             ..Default::default()
         }
     }
 
-    /// How photographs are exposed; none where cameras are taken to be at rest.
-    fn how_exposed(&self) -> Result<Option<Shutter>, Failure> {
-        if !self.shutter {
-            return Ok(None);
-        }
-        #[cfg(feature = "gpu")]
-        if self.gpu {
-            return Err("--shutter: expected training on the CPU, found --gpu; leave --gpu out".into());
-        }
-        let shutter = Shutter { samples: self.shutter_samples, readout: self.readout, gamma: self.gamma };
-        shutter.check()?;
-        Ok(Some(shutter))
+    /// Whether terms of geometry are asked for, rather than brought by stereo.
+    fn asks_for_geometry(&self) -> bool {
+        let asked = [self.flattening, self.depth_prior.unwrap_or(0.0), self.depth_normal, self.multi_view, self.labels];
+        asked.iter().any(|weight| *weight > 0.0)
     }
 
     /// Options that do something only where the capture has what they need.
-    fn check_needs(&self, opened: &OpenCapture, dataset: &Dataset) -> Result<(), Failure> {
+    fn check_needs(&self, dataset: &Dataset) -> Result<(), Failure> {
         let training = || dataset.training.iter();
-        let [depth, normals] = [
-            training().any(|one| one.depth.iter().any(|z| *z > 0.0)),
-            training().any(|one| one.normals.iter().any(|n| *n != [0.0; 3])),
-        ];
-        let asked = [
-            (self.clear > 0.0, "--clear", "points (points.ply)", opened.points.is_some()),
-            (self.depth_weight() > 0.0, "--depth-prior", "depth images, or --stereo", depth),
-            (self.depth_points.is_some_and(|n| n > 0), "--depth-points", "depth images, or --stereo", depth),
-            (self.normal_prior > 0.0, "--normal-prior", "normal images, or --normal-model", normals),
-        ];
-        match asked.iter().find(|(is_asked, _, _, there)| *is_asked && !there) {
-            Some((_, option, needs, _)) => Err(about(&self.capture, format!("{option}: expected {needs}, found none"))),
-            None => Ok(()),
-        }
-    }
-
-    /// A scene that was begun over one colour does not go on over another.
-    fn check_background(&self, dataset: &Dataset) -> Result<(), Failure> {
-        let path = self.out.join("scene.ply");
-        let Ok(bytes) = fs::read(&path) else { return Ok(()) };
-        let file = ply::read(&bytes).map_err(|e| about(&path, e))?;
-        if file.antialias != dataset.antialias {
-            let (expected, found) = match dataset.antialias {
-                true => ("a scene made with --antialias", "one made without"),
-                false => ("a scene made without --antialias", "one made with it"),
-            };
-            let found = format!("expected {expected}, found {found}");
-            return Err(about(&path, found));
-        }
-        let before = file.background.unwrap_or_default();
-        let now = dataset.background;
-        // Told in decimals that give the same bits.
-        if before == now {
-            return Ok(());
-        }
-        let found =
-            format!("expected a scene made over {now:?}, as --background asks for, found one made over {before:?}");
-        Err(about(&path, found))
-    }
-
-    /// What was learned of cameras goes on being learned, or else it would neither be used nor be gone.
-    fn check_cameras(&self, model: &Model, path: &Path) -> Result<(), Failure> {
-        let vignetting = model.shared.iter().any(|one| one.vignetting != [0.0; 3]);
-        let moving = model.motions.iter().any(|motion| *motion != [0.0; 6]);
-        let both = [("--vignetting", vignetting, self.vignetting), ("--shutter", moving, self.shutter)];
-        match both.into_iter().find(|(_, there, asked)| model.iteration > 0 && there != asked) {
-            Some((option, true, _)) => {
-                Err(about(path, format!("--resume: expected {option}, with which it was begun, found none")))
-            }
-            Some((option, ..)) => {
-                Err(about(path, format!("--resume: expected a checkpoint begun with {option}, found one without")))
-            }
-            None => Ok(()),
+        let depth = training().any(|one| one.depth.iter().any(|z| *z > 0.0));
+        match self.depth_prior.is_some_and(|weight| weight > 0.0) && !depth {
+            true => Err(about(
+                &self.capture,
+                "--depth-prior: expected depth images, or photographs without --no-stereo, found none",
+            )),
+            false => Ok(()),
         }
     }
 
     /// As many as there is room for beside `others`.
-    fn usual_depth_points(&self, others: usize) -> usize {
-        let room = self.cap.saturating_sub(others + self.far_points);
-        if self.depth_weight() > 0.0 { AT_DEPTHS.min(self.cap / 2).min(room) } else { 0 }
+    fn depth_points(&self, others: usize, options: &TrainOptions) -> usize {
+        let room = self.cap.saturating_sub(others);
+        if options.weights.depth_prior > 0.0 { AT_DEPTHS.min(self.cap / 2).min(room) } else { 0 }
     }
 
     /// A model to begin with, and whether it is at points of the capture.
@@ -342,8 +266,6 @@ impl Reconstruct {
             let bytes = fs::read(&path).map_err(|e| about(&path, format!("expected a checkpoint, found {e}")))?;
             let (model, begun_with) = checkpoint::read(&bytes).map_err(|e| about(&path, e))?;
             model.check_places(dataset).map_err(|e| about(&path, e))?;
-            self.check_background(dataset)?;
-            self.check_cameras(&model, &path)?;
             self.check_begun_with(&begun_with, &path)?;
             if self.labels > 0.0 && model.cloud.feature_count == 0 {
                 let expected = "--labels: expected a checkpoint that was begun with labels, found one without";
@@ -356,17 +278,11 @@ impl Reconstruct {
             }
             return Ok((model, opened.points.is_some()));
         }
-        let usual = if opened.points.is_some() { 0 } else { AT_RANDOM };
-        let count = self.random_points.unwrap_or(usual);
-        let mut points = at_random(dataset, count, options);
+        let mut points = at_random(dataset, if opened.points.is_some() { 0 } else { AT_RANDOM }, options);
         let known = opened.points.as_ref().map_or(0, |points| points.places.len());
-        let at_depths = at_depths(
-            dataset,
-            self.depth_points.unwrap_or(self.usual_depth_points(points.places.len() + known)),
-            options,
-        );
-        let far = at_far(dataset, opened.points.as_ref(), self.far_points, options);
-        for more in opened.points.iter().chain([&at_depths, &far]) {
+        let count = self.depth_points(points.places.len() + known, options);
+        let at_depths = at_depths(dataset, count, options);
+        for more in opened.points.iter().chain([&at_depths]) {
             points.places.extend_from_slice(&more.places);
             points.colours.extend_from_slice(&more.colours);
         }
@@ -388,7 +304,6 @@ impl Reconstruct {
         dataset: &Dataset,
         options: &TrainOptions,
         mut model: Model,
-        weights: &[f32],
         run: &mut Run,
     ) -> Result<(Model, bool), Failure> {
         for (factor, until) in growing::stages(dataset, options.iterations, self.small) {
@@ -398,7 +313,7 @@ impl Reconstruct {
             let small = (factor > 1).then(|| dataset.smaller(factor));
             let mut engine = self.engine(small.as_ref().unwrap_or(dataset), options, model)?;
             let trained =
-                train_in_proportion(engine.as_mut(), weights, until, options.seed, REPORT_EVERY, &mut |engine, at| {
+                train(engine.as_mut(), dataset.training.len(), until, options.seed, REPORT_EVERY, &mut |engine, at| {
                     run.watch(engine, at).map_err(|e| error_at("training", "files", &e.to_string()))
                 });
             let finished = trained.or_else(|error| self.rescue(std::mem::take(&mut run.best), dataset, error))?;
@@ -446,34 +361,6 @@ impl Reconstruct {
         Ok(Box::new(GpuEngine::new(rasteriser, dataset, options, model, how)?))
     }
 
-    /// How often each photograph is learned from.
-    fn view_weights(&self, dataset: &Dataset, points: Option<&Points>) -> Result<Vec<f32>, Failure> {
-        if self.ground_views == 0.0 {
-            return Ok(vec![1.0; dataset.training.len()]);
-        }
-        let none = |expected: &str| about(&self.capture, format!("--ground-views: expected {expected}, found none"));
-        let shares = match self.ground_labels.is_empty() {
-            false => label_shares(&self.ground_labels, dataset),
-            true => {
-                let points = points.ok_or_else(|| none("points (points.ply), or --ground-labels"))?;
-                let ground = Ground::of_points(&points.places, dataset, &GroundOptions::default());
-                ground.ok_or_else(|| none("a plane below the cameras"))?.shares(&points.places, dataset)
-            }
-        };
-        if shares.iter().all(|share| *share == 0.0) {
-            let there: BTreeSet<u8> = dataset.training.iter().flat_map(|one| one.labels.iter().copied()).collect();
-            let expected = match self.ground_labels.is_empty() {
-                true => "photographs that show the plane".into(),
-                false => format!(
-                    "label images with one of {:?} (--ground-labels; `index` in labels.toml), those here have {there:?}",
-                    self.ground_labels
-                ),
-            };
-            return Err(none(&expected));
-        }
-        Ok(shares.iter().map(|share| 1.0 + self.ground_views as f32 * share).collect())
-    }
-
     /// Scores of held-out photographs with cameras that were moved to where they show the left half best; none when poses are as given.
     fn aligned(&self, model: &Model, dataset: &Dataset, held_out: &[Photograph]) -> Result<Vec<Score>, Failure> {
         if !self.refine_poses {
@@ -496,7 +383,7 @@ impl Reconstruct {
         is_found: bool,
     ) -> Result<(), Failure> {
         let path = self.out.join("cameras.json");
-        if !(self.refine_poses || self.refine_lens || is_found) {
+        if !(self.refine_poses || is_found) {
             // Those of an earlier scene would be wrong for this one.
             output::remove(&path);
             return Ok(());
@@ -514,6 +401,15 @@ impl Reconstruct {
         cameras.sort_by(|a, b| a.name.cmp(&b.name));
         let written = put(&path, cameras_json::write(&Capture { cameras, ..Capture::default() }));
         written.map_err(|e| about(&path, format!("expected to write it, found {e}")))
+    }
+
+    /// Photographs with what was left out of them in red, of those that lost something.
+    fn save_masks(&self, model: &Model, dataset: &Dataset) -> Result<(), Failure> {
+        let folder = self.out.join(MASKS);
+        for (one, mask) in dataset.training.iter().zip(&model.masks).filter(|(_, mask)| mask.share() > 0.0) {
+            show_mask(one, &mask.masked(one), &folder)?;
+        }
+        Ok(())
     }
 
     fn save_scene(&self, cloud: &GaussianCloud, dataset: &Dataset) -> Result<(), Failure> {
@@ -547,15 +443,13 @@ impl Reconstruct {
     /// What a training goes on with as it was begun: options by name.
     fn begun_with(&self) -> Result<String, Failure> {
         let options = json!({
-            "--seed": self.seed, "--strategy": named_value(&self.strategy), "--guide": named_value(&self.guide), "--poses": named_value(&self.poses),
-            "--downscale": self.downscale, "--hold-out": self.hold_out, "--exposure": self.exposure, "--vignetting": self.vignetting,
-            "--refine-poses": self.refine_poses, "--refine-lens": self.refine_lens, "--shutter": self.shutter, "--readout": self.readout,
-            "--shutter-samples": self.shutter_samples, "--gamma": self.gamma, "--flattening": self.flattening,
-            "--depth-prior": self.depth_weight(), "--stereo": self.stereo, "--depth-normal": self.depth_normal,
-            "--multi-view": self.multi_view, "--normal-prior": self.normal_prior, "--labels": self.labels,
-            "--ground-views": self.ground_views, "--clear": self.clear, "--drop": self.drop, "--small": self.small,
-            "--antialias": self.antialias, "--settle": self.settle, "--harmonics-weight": self.harmonics_weight, "--noise": self.noise,
-            "--opacity-weight": self.opacity_weight, "--scale-weight": self.scale_weight,
+            "--seed": self.seed, "--poses": named_value(&self.poses), "--background": named_value(&self.background),
+            "--downscale": self.downscale, "--hold-out": self.hold_out, "--exposure": self.exposure,
+            "--refine-poses": self.refine_poses, "--flattening": self.flattening,
+            "--depth-prior": self.depth_prior, "--no-stereo": self.no_stereo, "--transients": self.transients, "--depth-normal": self.depth_normal,
+            "--multi-view": self.multi_view, "--labels": self.labels,
+            "--small": self.small,
+            "--antialias": self.antialias,
         });
         Ok(serde_json::to_string(&options)?)
     }
@@ -575,12 +469,11 @@ impl Reconstruct {
     }
 
     /// What of the capture was not used, a line each.
-    fn lost(&self, dataset: &Dataset) -> Vec<String> {
+    fn lost(&self, dataset: &Dataset, options: &TrainOptions) -> Vec<String> {
         let without = |has: fn(&Photograph) -> bool| dataset.training.iter().filter(|one| !has(one)).count();
         let mut lost = vec![];
         for (name, weight, missing) in [
-            ("depths", self.depth_weight(), without(|one| !one.depth.is_empty())),
-            ("normals", self.normal_prior, without(|one| !one.normals.is_empty())),
+            ("depths", options.weights.depth_prior, without(|one| !one.depth.is_empty())),
             ("labels", self.labels, without(|one| !one.labels.is_empty())),
         ] {
             if weight > 0.0 && missing > 0 {
@@ -593,7 +486,7 @@ impl Reconstruct {
             let more = if alone.len() > 5 { ", ..." } else { "" };
             lost.push(format!("{} photographs show nothing that another shows: {names}{more}", alone.len()));
         }
-        if dataset.stands_still() && self.depth_weight() == 0.0 {
+        if dataset.stands_still() && options.weights.depth_prior == 0.0 {
             lost.push("all photographs were taken from one place: nothing tells depth".into());
         }
         lost
@@ -603,14 +496,14 @@ impl Reconstruct {
         &self,
         metrics: &Value,
         means: [Option<Score>; 3],
-        run: &Run,
+        times: &[(&'static str, f64)],
         seconds: f64,
         splats: usize,
     ) -> Result<(), Failure> {
         if self.json {
             return Ok(say(&format!("{metrics}\n"))?);
         }
-        let loss = run.loss.map_or(String::new(), |loss| format!(", loss {loss:.5}"));
+        let loss = metrics["loss"].as_f64().map_or(String::new(), |loss| format!(", loss {loss:.5}"));
         let mut text = format!("{splats} Gaussians{loss}, {seconds:.1} s of training\n");
         if let Some(steps) = metrics["aside"]["steps"].as_u64().filter(|steps| *steps < u64::from(self.iterations)) {
             let asked = self.iterations;
@@ -629,17 +522,14 @@ impl Reconstruct {
                 1e3 * metres
             );
         }
-        if let Some(px) = metrics["shutter"]["motion_px"].as_f64() {
-            text += &format!("cameras moved by {px:.2} px (mean) during a photograph\n");
-        }
         if let Some(depths) = stereo::in_words(&metrics["stereo"]) {
             text += &format!("{depths}\n");
         }
-        let remarks = [
-            "held out",
-            "held out, cameras aligned on the left half",
-            "held out, with the motion of the camera fitted to the left half",
-        ];
+        if let Some(masks) = words::masks_in_words(&metrics["transients"]) {
+            text += &format!("{masks}\n");
+        }
+        let remarks =
+            ["held out", "held out, as their neighbours are exposed", "held out, cameras aligned on the left half"];
         for (what, mean) in remarks.iter().zip(means) {
             let Some(s) = mean else { continue };
             text += &format!("{what}: {}\n", in_words(&s));
@@ -647,7 +537,7 @@ impl Reconstruct {
         if let Some(ground) = words::ground_in_words(&metrics["ground"]) {
             text += &format!("{ground}\n");
         }
-        for (name, ms) in run.mean_times() {
+        for (name, ms) in times {
             text += &format!("  {name:18} {ms:7.3} ms\n");
         }
         Ok(say(&format!("{text}written to {}\n", self.out.display()))?)
@@ -659,19 +549,19 @@ fn named_value(value: &impl ValueEnum) -> Option<String> {
     value.to_possible_value().map(|value| value.get_name().to_owned())
 }
 
-/// Each camera as it was learned: its lens and the lens's vignetting, how far it moved, and the photographs' own motions (root mean square).
+/// Each camera: its lens, how far it moved, and the photographs' own motions (root mean square).
 fn refined(model: &Model, dataset: &Dataset) -> Vec<Value> {
     let one = |(group, shared): (usize, &cameras::SharedAppearance)| {
         let of = |k: &usize| model.groups[*k] == group;
         let taken: Vec<usize> = (0..model.groups.len()).filter(of).collect();
-        let lens = shared.camera(&dataset.training[taken[0]].camera);
+        let lens = dataset.training[taken[0]].camera;
         let own = |k: &usize| {
             let given = shared.motion * dataset.training[*k].camera.camera_from_world;
             let own = model.poses[*k] * given.inverse();
             (own.position.length_squared(), own.rotation.to_scaled_axis().length_squared())
         };
         let mean = |of: &dyn Fn((f64, f64)) -> f64| taken.iter().map(|k| of(own(k))).sum::<f64>() / taken.len() as f64;
-        json!({"photographs": taken.len(), "fx": lens.fx, "fy": lens.fy, "cx": lens.cx, "cy": lens.cy, "vignetting": shared.vignetting,
+        json!({"photographs": taken.len(), "fx": lens.fx, "fy": lens.fy, "cx": lens.cx, "cy": lens.cy,
             "motion_m": shared.motion.position.to_array(),
             "motion_deg": shared.motion.rotation.to_scaled_axis().to_array().map(f64::to_degrees),
             "own_motion_m": mean(&|(metres, _)| metres).sqrt(), "own_motion_deg": mean(&|(_, angle)| angle).sqrt().to_degrees()})

@@ -101,24 +101,6 @@ impl GpuRasteriser {
     /// # Errors
     /// Nothing was drawn so that derivatives can be had.
     pub fn record_backward(&self, cloud: &GpuCloud, recorder: &mut Recorder) -> Result<(), RasterError> {
-        let frame = self.record_records_backward(cloud, recorder)?;
-        recorder.run("project backward", &frame.project_backward());
-        Ok(())
-    }
-
-    /// Of [`Self::record_backward`] the part that ends with the derivatives of records, in the buffer `record_gradients`.
-    ///
-    /// # Errors
-    /// As [`Self::record_backward`].
-    pub fn record_shares(&self, cloud: &GpuCloud, recorder: &mut Recorder) -> Result<(), RasterError> {
-        self.record_records_backward(cloud, recorder).map(|_| ())
-    }
-
-    fn record_records_backward<'a>(
-        &'a self,
-        cloud: &'a GpuCloud,
-        recorder: &mut Recorder,
-    ) -> Result<FrameSteps<'a>, RasterError> {
         self.check_cloud(cloud)?;
         let (buffers, batch) = self.kept()?;
         let Some(constants) = &self.constants else { return Err(nothing()) };
@@ -133,7 +115,8 @@ impl GpuRasteriser {
         if !sums.is_empty() {
             recorder.run("sum entries", &sums);
         }
-        Ok(frame)
+        recorder.run("project backward", &frame.project_backward());
+        Ok(())
     }
 
     /// What [`Self::submit_backward`] found. Waits for the card.

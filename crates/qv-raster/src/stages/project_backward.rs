@@ -55,40 +55,6 @@ pub fn project_backward(source: &Source, entry_gradients: &[f32]) -> Gradients {
     out
 }
 
-/// What pulls at the projected means: for each Gaussian the sum over views of the length of the derivative by its projected mean, in units of
-/// half the image's sides, and in how many views it was; shape `[N, 2]`.
-pub fn pulls(source: &Source, entry_gradients: &[f32]) -> Vec<[f32; 2]> {
-    let width = SHAPE_GRADIENTS + source.channels.count();
-    let mut out = vec![[0.0; 2]; source.scene.cloud.len()];
-    for (record, projected) in source.projections.records.iter().enumerate() {
-        let count = source.projections.counts[record] as usize;
-        if count == 0 {
-            continue;
-        }
-        let half = source.batch.lenses[projected.view as usize].size.map(|side| 0.5 * side as f32);
-        let first = source.entries.first[record] as usize;
-        let entries = entry_gradients[first * width..(first + count) * width].chunks_exact(width);
-        let by = entries.fold([0.0; 2], |by: [f32; 2], entry| [by[0] + entry[0], by[1] + entry[1]]);
-        let pull = (by[0] * half[0]).hypot(by[1] * half[1]);
-        out[projected.splat as usize][0] += pull;
-        out[projected.splat as usize][1] += 1.0;
-    }
-    out
-}
-
-/// For each Gaussian the sum over views of the derivative by its red before that is cut off, shape `[N]`.
-pub fn red_sums(source: &Source, entry_gradients: &[f32]) -> Vec<f32> {
-    let width = SHAPE_GRADIENTS + source.channels.count();
-    let mut out = vec![0.0; source.scene.cloud.len()];
-    for (record, projected) in source.projections.records.iter().enumerate() {
-        let count = source.projections.counts[record] as usize;
-        let first = source.entries.first[record] as usize;
-        let entries = entry_gradients[first * width..(first + count) * width].chunks_exact(width);
-        out[projected.splat as usize] += entries.map(|entry| entry[SHAPE_GRADIENTS]).sum::<f32>();
-    }
-    out
-}
-
 fn sum_entries(source: &Source, entry_gradients: &[f32], record: usize) -> Vec<f32> {
     let width = SHAPE_GRADIENTS + source.channels.count();
     let first = source.entries.first[record] as usize;

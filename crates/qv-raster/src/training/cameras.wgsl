@@ -1,72 +1,20 @@
-// Twin of cameras.rs. `bend` sums up the derivatives by the lens, a workgroup for each 16 x 16 pixels; `turn`, one workgroup, moves the pose
-// of the photograph, and lens, vignetting and motion of its camera.
+// Twin of cameras.rs. `turn`, one workgroup, moves the pose of the photograph, and the motion of its camera.
 
 @group(0) @binding(0) var<storage, read> step: Step;
-@group(0) @binding(1) var<storage, read> drawn: array<vec4<f32>>;
-@group(0) @binding(2) var<storage, read> by_drawn: array<vec4<f32>>;
-// Of each workgroup: derivatives by zoom and centre.
-@group(0) @binding(3) var<storage, read_write> bends: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> by_pose: array<f32>;
-// Lenses of all photographs.
-@group(0) @binding(5) var<storage, read_write> lenses: array<Lens>;
 // Rows of camera_from_world of all photographs.
 @group(0) @binding(6) var<storage, read_write> motions: array<vec4<f32>>;
 // Running means of derivatives by poses and of their squares, 12 for each photograph.
 @group(0) @binding(7) var<storage, read_write> pose_moments: array<f32>;
-// Of each camera, 48: running means (12 and 12), zoom, centre, coefficients of vignetting, two that are free, rows of its motion, four that are
-// free.
+// Of each camera, 32: running means (6 and 6), four that are free, rows of its motion, four that are free.
 @group(0) @binding(8) var<storage, read_write> cameras: array<f32>;
 // Camera of each photograph.
 @group(0) @binding(9) var<storage, read> groups: array<u32>;
 
-// Of each workgroup of `pull`: derivatives by the coefficients of vignetting.
-@group(0) @binding(10) var<storage, read> fades: array<vec4<f32>>;
-
-var<workgroup> parts: array<vec4<f32>, 256>;
-// Twists of the camera and of the photograph, the world's share of the latter; zoom and shift of the lens.
+// Twists of the camera and of the photograph, the world's share of the latter.
 var<workgroup> both: array<f32, 6>;
 var<workgroup> own: array<f32, 6>;
 var<workgroup> back: array<f32, 6>;
-var<workgroup> bent: vec3<f32>;
-
-// Sum over the workgroup, in parts[0].
-fn sum_up(value: vec4<f32>, local: u32) {
-    parts[local] = value;
-    for (var half = 128u; half > 0u; half /= 2u) {
-        workgroupBarrier();
-        if local < half {
-            parts[local] += parts[local + half];
-        }
-    }
-    workgroupBarrier();
-}
-
-@compute @workgroup_size(256)
-fn bend(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let x = 16u * group.x + local % 16u;
-    let y = 16u * group.y + local / 16u;
-    var value = vec4<f32>(0.0);
-    if x < step.width && y < step.height {
-        let left = x - min(x, 1u);
-        let right = min(x + 1u, step.width - 1u);
-        let above = y - min(y, 1u);
-        let below = min(y + 1u, step.height - 1u);
-        let by = by_drawn[y * step.width + x].xyz;
-        let across = drawn[y * step.width + right].xyz - drawn[y * step.width + left].xyz;
-        let down = drawn[below * step.width + x].xyz - drawn[above * step.width + x].xyz;
-        let along = vec2<f32>(
-            dot(by, across) / f32(max(right - left, 1u)),
-            dot(by, down) / f32(max(below - above, 1u)),
-        );
-        let lens = lenses[step.photograph];
-        let place = vec2<f32>(f32(x), f32(y)) + 0.5 - lens.centre;
-        value = -vec4<f32>(dot(along, place), along * lens.focal, 0.0);
-    }
-    sum_up(value, local);
-    if local == 0u {
-        bends[group.y * ((step.width + 15u) / 16u) + group.x] = parts[0];
-    }
-}
 
 // Adam's running means after a derivative, and the shift that they make in units of the rate.
 struct Moved {
@@ -83,9 +31,9 @@ fn moved(first: f32, second: f32, by: f32, bias1: f32, bias2: f32) -> Moved {
 
 // The shift of a number of the camera.
 fn shared_shift(at: u32, by: f32) -> f32 {
-    let now = moved(cameras[at], cameras[at + 12u], by, step.camera_bias1, step.camera_bias2);
+    let now = moved(cameras[at], cameras[at + 6u], by, step.camera_bias1, step.camera_bias2);
     cameras[at] = now.first;
-    cameras[at + 12u] = now.second;
+    cameras[at + 6u] = now.second;
     return now.shift;
 }
 
@@ -98,29 +46,8 @@ fn own_shift(at: u32, by: f32) -> f32 {
 }
 
 // Steps of Adam; by one invocation.
-fn decide(by_lens: vec3<f32>, by_fade: vec3<f32>) {
-    let camera = 48u * step.camera;
-    bent = vec3<f32>(0.0);
-    if (step.refines & 2u) != 0u {
-        for (var k = 0u; k < 3u; k++) {
-            bent[k] = step.lens_rate * shared_shift(camera + 6u + k, by_lens[k]);
-            cameras[camera + 24u + k] += bent[k];
-        }
-    }
-    if (step.refines & 4u) != 0u {
-        for (var k = 0u; k < 3u; k++) {
-            let by = by_fade[k] + 2.0 * step.vignetting_weight * cameras[camera + 27u + k];
-            cameras[camera + 27u + k] += step.vignetting_rate * shared_shift(camera + 9u + k, by);
-        }
-    }
-    for (var k = 0u; k < 6u; k++) {
-        both[k] = 0.0;
-        own[k] = 0.0;
-        back[k] = 0.0;
-    }
-    if (step.refines & 1u) == 0u {
-        return;
-    }
+fn decide() {
+    let camera = 32u * step.camera;
     for (var k = 0u; k < 6u; k++) {
         let unit = select(1.0, step.extent, k < 3u);
         let by = by_pose[k] * unit;
@@ -160,55 +87,27 @@ fn turned(before: Rigid, v: vec3<f32>, w: vec3<f32>) -> Rigid {
 
 @compute @workgroup_size(256)
 fn turn(@builtin(local_invocation_index) local: u32) {
-    var sum = vec4<f32>(0.0);
-    for (var k = local; k < step.groups && (step.refines & 2u) != 0u; k += 256u) {
-        sum += bends[k];
-    }
-    sum_up(sum, local);
-    let by_lens = parts[0].xyz;
-    workgroupBarrier();
-    sum = vec4<f32>(0.0);
-    for (var k = local; k < step.groups && (step.refines & 4u) != 0u; k += 256u) {
-        sum += fades[k];
-    }
-    sum_up(sum, local);
     if local == 0u {
-        decide(by_lens, parts[0].xyz);
-        if (step.refines & 1u) != 0u {
-            let m = 48u * step.camera + 32u;
-            let before = Rigid(
-                vec3<f32>(cameras[m], cameras[m + 4u], cameras[m + 8u]),
-                vec3<f32>(cameras[m + 1u], cameras[m + 5u], cameras[m + 9u]),
-                vec3<f32>(cameras[m + 2u], cameras[m + 6u], cameras[m + 10u]),
-                vec3<f32>(cameras[m + 3u], cameras[m + 7u], cameras[m + 11u]),
-            );
-            let after = turned(before, vec3<f32>(both[0], both[1], both[2]), vec3<f32>(both[3], both[4], both[5]));
-            for (var k = 0u; k < 3u; k++) {
-                cameras[m + 4u * k] = after.x[k];
-                cameras[m + 4u * k + 1u] = after.y[k];
-                cameras[m + 4u * k + 2u] = after.z[k];
-                cameras[m + 4u * k + 3u] = after.t[k];
-            }
+        decide();
+        let m = 32u * step.camera + 16u;
+        let before = Rigid(
+            vec3<f32>(cameras[m], cameras[m + 4u], cameras[m + 8u]),
+            vec3<f32>(cameras[m + 1u], cameras[m + 5u], cameras[m + 9u]),
+            vec3<f32>(cameras[m + 2u], cameras[m + 6u], cameras[m + 10u]),
+            vec3<f32>(cameras[m + 3u], cameras[m + 7u], cameras[m + 11u]),
+        );
+        let after = turned(before, vec3<f32>(both[0], both[1], both[2]), vec3<f32>(both[3], both[4], both[5]));
+        for (var k = 0u; k < 3u; k++) {
+            cameras[m + 4u * k] = after.x[k];
+            cameras[m + 4u * k + 1u] = after.y[k];
+            cameras[m + 4u * k + 2u] = after.z[k];
+            cameras[m + 4u * k + 3u] = after.t[k];
         }
     }
     storageBarrier();
     workgroupBarrier();
     for (var k = local; k < step.photographs; k += 256u) {
-        let same = groups[k] == step.camera;
-        if same && (step.refines & 2u) != 0u {
-            let old = lenses[k];
-            let focal = old.focal * exp(bent.x);
-            let centre = old.centre + bent.yz * step.focal;
-            let size = vec2<f32>(old.size);
-            let margin = GUARD * 0.5 * size / focal;
-            lenses[k].focal = focal;
-            lenses[k].centre = centre;
-            lenses[k].lowest = -centre / focal - margin;
-            lenses[k].highest = (size - centre) / focal + margin;
-        }
-        if (step.refines & 1u) != 0u {
-            move_photograph(k, same);
-        }
+        move_photograph(k, groups[k] == step.camera);
     }
 }
 

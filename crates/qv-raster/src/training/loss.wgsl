@@ -1,6 +1,5 @@
-// Twin of loss.rs, exposure.rs and vignetting.rs: a workgroup for each 16 x 16 pixels, an invocation for each pixel. `similar` gives the derivatives of
-// SSIM by the means of its windows, `pull` the derivative of the loss by the drawn colour. `error` gives the error of each pixel as if it were
-// the derivative by red.
+// Twin of loss.rs and exposure.rs: a workgroup for each 16 x 16 pixels, an invocation for each pixel. `similar` gives the derivatives of
+// SSIM by the means of its windows, `pull` the derivative of the loss by the drawn colour.
 
 @group(0) @binding(0) var<storage, read> step: Step;
 @group(0) @binding(1) var<storage, read> drawn: array<vec4<f32>>;
@@ -14,11 +13,6 @@
 // Of each workgroup: 12 derivatives by the exposure, sums of distances and of 1 - SSIM, two that are free.
 @group(0) @binding(6) var<storage, read_write> sums: array<f32>;
 
-// Of each camera, 48, as in cameras.wgsl.
-@group(0) @binding(7) var<storage, read> cameras: array<f32>;
-// Of each workgroup: derivatives by the coefficients of vignetting.
-@group(0) @binding(8) var<storage, read_write> fades: array<vec4<f32>>;
-
 const SIDE: u32 = 26u;
 const ROWS: u32 = 416u;
 const C1: f32 = 1e-4;
@@ -29,22 +23,6 @@ var<workgroup> ys: array<f32, 676>;
 var<workgroup> zs: array<f32, 676>;
 var<workgroup> rows: array<f32, 2080>;
 var<workgroup> parts: array<f32, 256>;
-
-// Squared distance of a pixel from the principal point in units of half the diagonal.
-fn squared(pixel: vec2<u32>) -> f32 {
-    let place = vec2<f32>(pixel) + 0.5 - step.centre;
-    return dot(place, place) * step.one_over_square;
-}
-
-// What the lens leaves of the light of a pixel.
-fn fade(pixel: vec2<u32>) -> f32 {
-    if step.vignettes == 0u {
-        return 1.0;
-    }
-    let at = squared(pixel);
-    let v = 48u * step.camera + 27u;
-    return 1.0 + at * (cameras[v] + at * (cameras[v + 1u] + at * cameras[v + 2u]));
-}
 
 fn exposed(colour: vec3<f32>) -> vec3<f32> {
     if step.exposes == 0u {
@@ -108,7 +86,7 @@ fn similar(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
                 let there = at.y * step.width + at.x;
                 let wanted = wanted_at(there);
                 b = wanted[c];
-                a = select(b, exposed(fade(at.xy) * drawn[there].xyz)[c], wanted.w > 0.0);
+                a = select(b, exposed(drawn[there].xyz)[c], wanted.w > 0.0);
             }
             xs[place] = a;
             ys[place] = b;
@@ -178,13 +156,11 @@ fn pull(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let pixel = (16u * group.y + y) * step.width + 16u * group.x + x;
     let pixels = step.width * step.height;
     var colour = vec3<f32>(0.0);
-    var through = vec3<f32>(0.0);
     var seen = vec3<f32>(0.0);
     var wanted = vec4<f32>(0.0);
     if inside {
         colour = drawn[pixel].xyz;
-        through = fade(vec2<u32>(16u * group.x + x, 16u * group.y + y)) * colour;
-        seen = exposed(through);
+        seen = exposed(colour);
         wanted = wanted_at(pixel);
     }
     var by = vec3<f32>(0.0);
@@ -240,7 +216,7 @@ fn pull(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         for (var k = 0u; k < 12u; k++) {
             let row = k / 4u;
             let column = k % 4u;
-            let part = by[row] * select(1.0, through[min(column, 2u)], column < 3u);
+            let part = by[row] * select(1.0, colour[min(column, 2u)], column < 3u);
             let all = total(part, local);
             if local == 0u {
                 sums[to + k] = all;
@@ -253,34 +229,7 @@ fn pull(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
             exposures[e + 2u] * by.x + exposures[e + 6u] * by.y + exposures[e + 10u] * by.z,
         );
     }
-    if step.vignettes != 0u {
-        let place = vec2<u32>(16u * group.x + x, 16u * group.y + y);
-        let at = squared(place);
-        var part = at * dot(by, colour);
-        var all = vec4<f32>(0.0);
-        for (var k = 0u; k < 3u; k++) {
-            all[k] = total(part, local);
-            part *= at;
-        }
-        if local == 0u {
-            fades[group.y * ((step.width + 15u) / 16u) + group.x] = all;
-        }
-        by *= fade(place);
-    }
     if inside {
         by_drawn[pixel] = vec4<f32>(by, 0.0);
     }
-}
-
-@compute @workgroup_size(256)
-fn error(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let x = 16u * group.x + local % 16u;
-    let y = 16u * group.y + local / 16u;
-    if x >= step.width || y >= step.height {
-        return;
-    }
-    let pixel = y * step.width + x;
-    let wanted = wanted_at(pixel);
-    let apart = abs(exposed(fade(vec2<u32>(x, y)) * drawn[pixel].xyz) - wanted.xyz);
-    by_drawn[pixel] = vec4<f32>(select(0.0, (apart.x + apart.y + apart.z) / 3.0, wanted.w > 0.0), 0.0, 0.0, 0.0);
 }

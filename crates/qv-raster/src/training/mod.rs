@@ -10,12 +10,12 @@ pub const FOLD: u32 = 32_768;
 
 /// The shaders with their entry points.
 pub const SHADERS: [(&str, &[&str]); 8] = [
-    ("loss", &["similar", "pull", "error"]),
+    ("loss", &["similar", "pull"]),
     ("finish", &["finish"]),
-    ("cameras", &["bend", "turn"]),
+    ("cameras", &["turn"]),
     ("drop", &["leave_out", "bring_back"]),
     ("filter", &["widen", "narrow"]),
-    ("update", &["shape", "harmonics", "features", "gather", "share"]),
+    ("update", &["shape", "harmonics", "features"]),
     ("relocate", &["change", "copy"]),
     ("terms", &["planes", "consistent", "prior", "labels"]),
 ];
@@ -82,8 +82,6 @@ pub struct StepWords {
     pub exposure_weight: f32,
     /// What the running means of exposure and pose are divided by.
     pub seen_bias: [f32; 2],
-    /// Derivatives of a record.
-    pub record_width: u32,
     /// Rate of poses.
     pub pose_rate: f32,
     /// Extent of the cameras \[m\].
@@ -102,8 +100,6 @@ pub struct StepWords {
     pub partner_size: [u32; 2],
     /// First column and row that are looked at.
     pub from: [u32; 2],
-    /// Weight of given normals, over the number of pixels.
-    pub normal_prior: f32,
     /// Weight of labels, over the number of pixels.
     pub labels: f32,
     /// Features of each Gaussian.
@@ -114,28 +110,12 @@ pub struct StepWords {
     pub photographs: u32,
     /// The camera that took it.
     pub camera: u32,
-    /// Sum of what is learned of cameras: 1 poses, 2 lenses, 4 vignetting.
+    /// 1 when poses are learned.
     pub refines: u32,
-    /// Rate of lenses.
-    pub lens_rate: f32,
     /// What the running means of the camera are divided by.
     pub camera_bias: [f32; 2],
-    /// Focal lengths of the camera as they were given \[px\].
-    pub focal: [f32; 2],
     /// Share of the Gaussians that the step leaves out.
     pub drop: f32,
-    /// What harmonics but the constant one are pulled to 0 by.
-    pub shrink: f32,
-    /// Principal point as it was given \[px\].
-    pub centre: [f32; 2],
-    /// One over the square of half the diagonal \[1/px²\].
-    pub one_over_square: f32,
-    /// 1 when vignetting is learned.
-    pub vignettes: u32,
-    /// Rate of its coefficients.
-    pub vignetting_rate: f32,
-    /// Weight of their squares.
-    pub vignetting_weight: f32,
     /// Nothing: words come in fours.
     pub free: [f32; 2],
 }

@@ -26,8 +26,6 @@ struct Step {
     exposure_weight: f32,
     seen_bias1: f32,
     seen_bias2: f32,
-    // Derivatives of a record.
-    record_width: u32,
     pose_rate: f32,
     extent: f32,
     depth_prior: f32,
@@ -41,29 +39,17 @@ struct Step {
     from_x: u32,
     from_y: u32,
     // Over the number of pixels.
-    normal_prior: f32,
     labels: f32,
     feature_count: u32,
     feature_rate: f32,
     photographs: u32,
     camera: u32,
-    // Sum of what is learned of cameras: 1 poses, 2 lenses, 4 vignetting.
+    // 1 when poses are learned.
     refines: u32,
-    lens_rate: f32,
     camera_bias1: f32,
     camera_bias2: f32,
-    focal: vec2<f32>,
     // Share of the Gaussians that the step leaves out.
     drop: f32,
-    // What harmonics but the constant one are pulled to 0 by.
-    shrink: f32,
-    // Principal point, and one over the square of half the diagonal.
-    centre: vec2<f32>,
-    one_over_square: f32,
-    // 1 when vignetting is learned.
-    vignettes: u32,
-    vignetting_rate: f32,
-    vignetting_weight: f32,
     free1: f32,
     free2: f32,
 }

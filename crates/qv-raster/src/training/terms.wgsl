@@ -17,8 +17,6 @@
 @group(0) @binding(10) var<storage, read> depths: array<f32>;
 @group(0) @binding(11) var<storage, read_write> by_depths: array<f32>;
 @group(0) @binding(12) var<storage, read> measured: array<f32>;
-// Three bytes with a sign for the given normal, and 127 where there is one.
-@group(0) @binding(13) var<storage, read> given: array<u32>;
 @group(0) @binding(14) var<storage, read> features: array<f32>;
 @group(0) @binding(15) var<storage, read_write> by_features: array<f32>;
 // 0 for none, then 1 + the label.
@@ -121,12 +119,6 @@ fn planes(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
             by_point -= cross(below.across, by_product(below, x, y + 1));
         }
         by.w = dot(by_point, ray(x, y));
-    }
-    if step.normal_prior > 0.0 {
-        let normal = unpack4x8snorm(given[pixel]);
-        if normal.w > 0.0 && (photograph[pixel] >> 24u) != 0u {
-            by -= vec4<f32>(step.normal_prior * normalize(normal.xyz), 0.0);
-        }
     }
     by_planes[pixel] = by;
 }

@@ -1,6 +1,5 @@
 // Twin of adam.rs: `shape` moves means, opacities, scales and rotations, an invocation for each Gaussian, with regularisers and noise;
-// `harmonics` moves four coefficients' numbers in each invocation and clears their derivatives for the next step; `gather` adds up what
-// pulls at projected means, `share` what comes to red, and the largest of it.
+// `harmonics` moves four coefficients' numbers in each invocation and clears their derivatives for the next step.
 
 @group(0) @binding(0) var<storage, read> step: Step;
 @group(0) @binding(1) var<storage, read_write> means: array<vec4<f32>>;
@@ -15,16 +14,8 @@
 @group(0) @binding(8) var<storage, read_write> by_sh: array<vec4<f32>>;
 @group(0) @binding(9) var<storage, read_write> sh_first: array<vec4<f32>>;
 @group(0) @binding(10) var<storage, read_write> sh_second: array<vec4<f32>>;
-@group(0) @binding(11) var<storage, read> state: array<u32>;
-@group(0) @binding(12) var<storage, read> records: array<vec4<f32>>;
-@group(0) @binding(13) var<storage, read> counts: array<u32>;
-@group(0) @binding(14) var<storage, read> record_gradients: array<f32>;
-@group(0) @binding(15) var<storage, read_write> pulls: array<vec2<f32>>;
 
 const NOISE: u32 = 4u;
-const VISIBLE: u32 = 0u;
-// Derivatives of a record before that by its red.
-const RED: u32 = 6u;
 
 // What a parameter moves by in units of its rate; the running means are put where they belong.
 fn adam(at: u32, by: vec4<f32>) -> vec4<f32> {
@@ -98,19 +89,17 @@ fn harmonics(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
     if 4u * at >= floats {
         return;
     }
-    var by = by_sh[at];
-    let before = sh[at];
+    let by = by_sh[at];
     var rates: vec4<f32>;
     for (var k = 0u; k < 4u; k++) {
         let constant = (4u * at + k) / 3u % step.sh_count == 0u;
         rates[k] = select(step.harmonics, step.colours, constant);
-        by[k] += select(step.shrink * before[k], 0.0, constant);
     }
     let m = BETA1 * sh_first[at] + (1.0 - BETA1) * by;
     let v = BETA2 * sh_second[at] + (1.0 - BETA2) * by * by;
     sh_first[at] = m;
     sh_second[at] = v;
-    sh[at] = before - rates * (m / step.bias1) / (sqrt(v / step.bias2) + EPSILON);
+    sh[at] -= rates * (m / step.bias1) / (sqrt(v / step.bias2) + EPSILON);
     by_sh[at] = vec4<f32>(0.0);
 }
 
@@ -128,27 +117,4 @@ fn features(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_i
     sh_second[at] = v;
     sh[at] -= step.feature_rate * (m / step.bias1) / (sqrt(v / step.bias2) + EPSILON);
     by_sh[at] = vec4<f32>(0.0);
-}
-
-@compute @workgroup_size(256)
-fn gather(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let record = (group.y * 32768u + group.x) * 256u + local;
-    if record >= state[VISIBLE] || counts[record] == 0u {
-        return;
-    }
-    let splat = bitcast<u32>(records[2u * record + 1u].w);
-    let by = vec2<f32>(record_gradients[record * step.record_width], record_gradients[record * step.record_width + 1u]);
-    let pulled = by * 0.5 * vec2<f32>(f32(step.width), f32(step.height));
-    pulls[splat] += vec2<f32>(length(pulled), 1.0);
-}
-
-@compute @workgroup_size(256)
-fn share(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let record = (group.y * 32768u + group.x) * 256u + local;
-    if record >= state[VISIBLE] || counts[record] == 0u {
-        return;
-    }
-    let splat = bitcast<u32>(records[2u * record + 1u].w);
-    let own = record_gradients[record * step.record_width + RED];
-    pulls[splat] = vec2<f32>(pulls[splat].x + own, max(pulls[splat].y, own));
 }

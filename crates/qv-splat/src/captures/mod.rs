@@ -56,8 +56,6 @@ pub struct Attachments {
     pub mask: Option<String>,
     /// Depths.
     pub depth: Option<DepthFile>,
-    /// Normals in camera axes (x right, y down, z forward), -1 to 1 as 0 to 255; black where there is none.
-    pub normals: Option<String>,
     /// Labels as grey values: 0 for none, then 1 + the label.
     pub labels: Option<String>,
 }

@@ -2,7 +2,7 @@
 //!
 //! `transform_matrix` is `world_from_camera` with OpenGL's axes: x right, y up, z back. Intrinsics stand once, or with each
 //! frame. The poses are taken as they are: `applied_transform` tells where they came from and is passed over. `mask_path`,
-//! `depth_file_path` (16 bits, `depth_unit_scale_factor` metres per unit) are nerfstudio's; `normal_file_path` and `label_file_path` are ours.
+//! `depth_file_path` (16 bits, `depth_unit_scale_factor` metres per unit) are nerfstudio's; `label_file_path` is ours.
 
 use super::distortion::Distortion;
 use super::{Attachments, Capture, CaptureCamera, DepthFile, Sizes, finish, json};
@@ -101,7 +101,7 @@ fn camera(values: &Values, pose: Pose, [width, height]: [u32; 2]) -> Result<Capt
     Ok(CaptureCamera { name: String::new(), camera, distortion, image: Some(image), attachments })
 }
 
-/// Files beside the image: nerfstudio's masks and depths, normals and labels by the same pattern.
+/// Files beside the image: nerfstudio's masks and depths, labels by the same pattern.
 fn attachments(values: &Values) -> Result<Attachments, SplatError> {
     let path = |name: &str| values.frame.get(name).and_then(Value::as_str).map(String::from);
     let metres_per_unit = values.number("depth_unit_scale_factor")?.unwrap_or(1e-3);
@@ -109,12 +109,7 @@ fn attachments(values: &Values) -> Result<Attachments, SplatError> {
         return Err(off("depth_unit_scale_factor", "metres per unit, above 0", metres_per_unit));
     }
     let depth = path("depth_file_path").map(|path| DepthFile { path, metres_per_unit, camera: None });
-    Ok(Attachments {
-        mask: path("mask_path"),
-        depth,
-        normals: path("normal_file_path"),
-        labels: path("label_file_path"),
-    })
+    Ok(Attachments { mask: path("mask_path"), depth, labels: path("label_file_path") })
 }
 
 /// Values of a frame, or of the whole file.

@@ -60,15 +60,7 @@ fn photograph(name: usize, camera: Camera) -> Photograph {
         depth.push(look(0.5, 0.5).0 as f32);
     }
     let pixels = Pixels { width: camera.width as usize, height: camera.height as usize, rgba };
-    Photograph {
-        name: format!("v{name}"),
-        camera,
-        vignetting: [0.0; 3],
-        pixels,
-        depth,
-        normals: vec![],
-        labels: vec![],
-    }
+    Photograph { name: format!("v{name}"), camera, pixels, depth, labels: vec![] }
 }
 
 fn camera(place: DVec3, turn: f64) -> Camera {

@@ -3,7 +3,7 @@
 use super::exposure::Exposure;
 use super::model::Model;
 use super::moments::{bias, logistic, moved};
-use super::options::{Rates, Strategy, TrainOptions};
+use super::options::{Rates, TrainOptions};
 use super::random::{Purpose, normals, words};
 use glam::{Mat3, Quat, Vec3};
 use qv_raster::Gradients;
@@ -18,18 +18,10 @@ fn all(values: &mut [f32], first: &mut [f32], second: &mut [f32], by: &[f32], ra
 pub(crate) fn regularise(model: &Model, options: &TrainOptions, extent: f32, by: &mut Gradients) {
     let weights = &options.weights;
     let n = model.cloud.len().max(1) as f32;
-    let mcmc = options.strategy == Strategy::Mcmc;
-    let opacity = if mcmc { weights.opacity / n } else { 0.0 };
-    let scale = if mcmc { weights.scale / (3.0 * n * extent) } else { 0.0 };
+    let opacity = weights.opacity / n;
+    let scale = weights.scale / (3.0 * n * extent);
     let geometry = model.iteration >= options.geometry_from;
     let flat = if geometry { weights.flattening / (extent * n) } else { 0.0 };
-    let harmonics = harmonics_weight(model.cloud.len(), model.poses.len(), options);
-    let count = model.cloud.sh_count();
-    for (at, (sh, by)) in model.cloud.sh.iter().zip(&mut by.sh).enumerate().filter(|_| harmonics > 0.0) {
-        if at % count > 0 {
-            (0..3).for_each(|c| by[c] += harmonics * sh[c]);
-        }
-    }
     for i in 0..model.cloud.len() {
         let o = logistic(model.cloud.opacity_logits[i]);
         by.opacity_logits[i] += opacity * o * (1.0 - o);
@@ -38,12 +30,6 @@ pub(crate) fn regularise(model: &Model, options: &TrainOptions, extent: f32, by:
         (0..3).for_each(|k| by.log_scales[i][k] += scale * scales[k]);
         by.log_scales[i][shortest] += flat * scales[shortest];
     }
-}
-
-/// What a harmonic but the constant one is multiplied by to be pulled to 0 in a step. All steps in which each of `photographs` is seen once add
-/// up to the weight that was asked for, so that few photographs, which tell little of how colours change with the direction, count less beside it.
-pub fn harmonics_weight(splats: usize, photographs: usize, options: &TrainOptions) -> f32 {
-    options.weights.harmonics / (splats.max(1) * photographs.max(1)) as f32
 }
 
 /// Moves all Gaussians; `model.iteration` is that of the step.

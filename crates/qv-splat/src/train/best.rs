@@ -2,10 +2,9 @@
 //! than those of some hundred steps ago.
 
 use super::dataset::Dataset;
-use super::engine::taken;
+use super::drawn::drawn;
 use super::exposure::{Exposure, exposed_image};
 use super::model::Model;
-use super::motion::Motion;
 use super::score::score;
 use super::shared::SharedAppearance;
 use crate::SplatError;
@@ -34,7 +33,6 @@ pub struct Snapshot {
     poses: Vec<Pose>,
     shared: Vec<SharedAppearance>,
     exposures: Vec<Exposure>,
-    motions: Vec<Motion>,
 }
 
 impl Snapshot {
@@ -46,7 +44,6 @@ impl Snapshot {
             poses: model.poses.clone(),
             shared: model.shared.clone(),
             exposures: model.exposures.clone(),
-            motions: model.motions.clone(),
         }
     }
 
@@ -54,7 +51,6 @@ impl Snapshot {
     pub fn put_into(self, model: &mut Model) {
         model.cloud = self.cloud;
         (model.poses, model.shared, model.exposures) = (self.poses, self.shared, self.exposures);
-        model.motions = self.motions;
     }
 }
 
@@ -93,8 +89,8 @@ fn judged(model: &Model, dataset: &Dataset) -> Result<f64, SplatError> {
     let count = dataset.training.len();
     let judges: Vec<usize> = (0..count.min(JUDGES)).map(|k| k * count / count.min(JUDGES)).collect();
     let psnr = |&k: &usize| {
-        let colour = taken(model, dataset, k)?;
-        Ok(score(&exposed_image(&model.exposures[k], &colour), &dataset.training[k]).psnr)
+        let image = drawn(&model.cloud, &model.camera(dataset, k), dataset)?;
+        Ok(score(&exposed_image(&model.exposures[k], &image.colour), &dataset.training[k]).psnr)
     };
     let all: Vec<f64> = judges.iter().map(psnr).collect::<Result<_, SplatError>>()?;
     Ok(all.iter().sum::<f64>() / all.len().max(1) as f64)

@@ -1,23 +1,20 @@
 //! Steps on the CPU: the reference for those on the card.
 
 use super::adam::{regularise, shake, step, step_exposure};
-use super::cameras::{self, ByCamera};
+use super::cameras;
 use super::dataset::{Dataset, Photograph};
+use super::drawn::drawn;
 use super::drop::Drop;
 use super::engine::Engine;
 use super::exposure::{self, Exposure, exposed_backward, exposed_image};
 use super::filter::{self, Sampling};
-use super::guide::{self, Guide};
 use super::loss::photometric;
 use super::mcmc::Relocation;
 use super::model::Model;
-use super::motion::Motion;
-use super::options::{Strategy, TrainOptions};
+use super::options::TrainOptions;
 use super::random::{Purpose, words};
-use super::shutter::{self};
 use super::terms::{depth_normal, labels, multi_view, priors};
-use super::vignetting::{self, Vignetting, vignetted};
-use super::{classic, clear};
+use super::transients::{masked, masks, residuals};
 use crate::SplatError;
 use qv_core::{Camera, GaussianCloud};
 use qv_raster::{Frame, Image, Outputs, Scene, Settings, View, render};
@@ -29,6 +26,8 @@ pub struct CpuEngine<'a> {
     dataset: &'a Dataset,
     options: TrainOptions,
     model: Model,
+    /// Photographs without what moves; none before that was looked for.
+    masked: Vec<Photograph>,
     /// For each photograph those that are near it.
     partners: Vec<Vec<usize>>,
     /// What photographs sample, with anti-aliasing.
@@ -42,18 +41,15 @@ impl<'a> CpuEngine<'a> {
     ///
     /// # Errors
     /// Options are off, or the model is not of this many photographs.
-    pub fn new(dataset: &'a Dataset, options: &TrainOptions, mut model: Model) -> Result<Self, SplatError> {
+    pub fn new(dataset: &'a Dataset, options: &TrainOptions, model: Model) -> Result<Self, SplatError> {
         options.check()?;
         model.cloud.check()?;
         model.check(dataset)?;
-        if let Some(shutter) = &dataset.shutter {
-            shutter.check()?;
-            shutter::begin(&mut model, dataset, options.seed);
-        }
         let cameras: Vec<Camera> = dataset.training.iter().map(|one| one.camera).collect();
         let partners = multi_view::partners(&cameras, dataset.extent);
         let sampling = dataset.antialias.then(|| dataset.sampling());
-        Ok(Self { dataset, options: *options, model, partners, sampling, losses: (0.0, 0) })
+        let masked = masked(dataset, &model.masks);
+        Ok(Self { dataset, options: *options, model, masked, partners, sampling, losses: (0.0, 0) })
     }
 
     /// Deviations of the filter of each Gaussian; none without anti-aliasing.
@@ -69,24 +65,31 @@ impl<'a> CpuEngine<'a> {
         }
     }
 
+    /// A photograph to learn from, without what moves.
+    fn photograph(&self, index: usize) -> &Photograph {
+        self.masked.get(index).unwrap_or(&self.dataset.training[index])
+    }
+
+    /// Looks for what moves in all photographs.
+    fn mask(&mut self) -> Result<(), SplatError> {
+        let (mut cameras, mut all) = (vec![], vec![]);
+        for (index, one) in self.dataset.training.iter().enumerate() {
+            let camera = self.model.camera(self.dataset, index);
+            let image = drawn(&self.model.cloud, &camera, self.dataset)?;
+            cameras.push(camera);
+            all.push(residuals(&exposed_image(&self.model.exposures[index], &image.colour), one));
+        }
+        self.model.masks = masks(&self.model.cloud.means, &cameras, &all);
+        self.masked = masked(self.dataset, &self.model.masks);
+        Ok(())
+    }
+
     fn settings(&self) -> Settings {
         self.dataset.settings(outputs(&self.options, self.model.iteration))
     }
 
-    /// The views that a photograph is drawn from, and which of them is at its pose.
-    fn views(&self, index: usize) -> (Vec<View>, usize) {
-        let camera = self.model.camera(self.dataset, index);
-        match &self.dataset.shutter {
-            None => (vec![View::of(camera)], 0),
-            Some(shutter) => {
-                let cameras = shutter.cameras(&camera, &self.model.motions[index]);
-                (cameras.into_iter().map(View::of).collect(), shutter.middle())
-            }
-        }
-    }
-
-    /// One photograph: derivatives of everything but the Gaussians' regularisers, those by the camera, and by its motion.
-    fn look(&mut self, index: usize) -> Result<(qv_raster::Gradients, ByCamera, Motion), SplatError> {
+    /// One photograph: derivatives of everything but the Gaussians' regularisers.
+    fn look(&mut self, index: usize) -> Result<qv_raster::Gradients, SplatError> {
         let camera = self.model.camera(self.dataset, index);
         let settings = self.settings();
         let drop = Drop::of(&self.options, self.model.iteration);
@@ -98,38 +101,17 @@ impl<'a> CpuEngine<'a> {
             GaussianCloud { opacity_logits, ..whole.clone() }
         });
         let scene = Scene::still(thinned.as_ref().unwrap_or(whole));
-        let (views, middle) = self.views(index);
-        let frame = Frame::new(&scene, &views, &settings)?;
-        let images = frame.images();
-        let mut by_images = frame.blank_images();
-        let colour = match &self.dataset.shutter {
-            None => Cow::Borrowed(&images[0].colour),
-            Some(shutter) => Cow::Owned(shutter.exposed(&images)),
-        };
-        let (mut loss, by_colour, by_vignetting, by_exposure) = self.photometric(index, &colour, images[0].width);
-        let lens = self.options.lens;
-        let by_lens = if lens { cameras::by_lens(&colour, &by_colour, &camera) } else { [0.0; 3] };
-        match &self.dataset.shutter {
-            None => by_images[0].colour = by_colour,
-            Some(shutter) => shutter.back(&images, &colour, &by_colour, &mut by_images),
-        }
-        loss += self.terms(index, &camera, &images[middle], &mut by_images[middle])?;
-        let (mut by, pulls) = frame.gradients_and_pulls(&scene, &by_images)?;
-        let mut by_camera = ByCamera { pose: by.poses[0], lens: by_lens, vignetting: by_vignetting };
-        let mut by_motion = [0.0; 6];
-        if let Some(shutter) = &self.dataset.shutter {
-            [by_camera.pose, by_motion] = shutter.by_pose_and_motion(&self.model.motions[index], &by.poses);
-        }
+        let frame = Frame::new(&scene, &[View::of(camera)], &settings)?;
+        let (images, mut by_images) = (frame.images(), frame.blank_images());
+        let (mut loss, by_colour, by_exposure) = self.photometric(index, &images[0]);
+        by_images[0].colour = by_colour;
+        loss += self.terms(index, &camera, &images[0], &mut by_images[0])?;
+        let mut by = frame.gradients(&scene, &by_images)?;
         if let Some(drop) = drop {
             drop.back(&whole.opacity_logits, &mut by.opacity_logits);
         }
         if !deviations.is_empty() {
             filter::back(&self.model.cloud, &deviations, &mut by);
-        }
-        for (sum, pull) in self.model.pulls.iter_mut().zip(pulls) {
-            // Samples of one photograph are one view: their weights, by which each pulls, sum up to 1.
-            sum[0] += pull[0];
-            sum[1] += pull[1] / views.len() as f32;
         }
         self.losses.0 += loss as f64;
         self.losses.1 += 1;
@@ -138,52 +120,30 @@ impl<'a> CpuEngine<'a> {
             let seen = self.seen();
             step_exposure(&mut self.model, index, &by, rates.exposures, seen);
         }
-        Ok((by, by_camera, by_motion))
+        Ok(by)
     }
 
-    /// What the lens of a photograph makes of drawn colours, where that is learned.
-    fn through_lens<'c>(&self, index: usize, colour: &'c [f32]) -> Cow<'c, [f32]> {
-        match self.options.vignetting {
-            false => Cow::Borrowed(colour),
-            true => Cow::Owned(vignetted(self.vignetting(index), &self.dataset.training[index].camera, colour)),
-        }
-    }
-
-    fn vignetting(&self, index: usize) -> Vignetting {
-        self.model.shared[self.model.groups[index]].vignetting
-    }
-
-    /// Loss of colours, and its derivatives by them, by the lens's vignetting, and by the exposure where that is learned.
-    fn photometric(&self, index: usize, colour: &[f32], width: usize) -> (f32, Vec<f32>, Vignetting, Option<Exposure>) {
-        let photograph: &Photograph = &self.dataset.training[index];
+    /// Loss of colours, and its derivatives by them and by the exposure where that is learned.
+    fn photometric(&self, index: usize, image: &Image) -> (f32, Vec<f32>, Option<Exposure>) {
+        let photograph = self.photograph(index);
         let (wanted, valid) = (photograph.colour(), photograph.valid());
         let (options, exposure) = (&self.options, &self.model.exposures[index]);
-        let share = options.weights.ssim;
-        let through = self.through_lens(index, colour);
-        let (loss, mut by, by_exposure) = match options.exposure {
-            false => {
-                let (loss, by) = photometric(&through, &wanted, &valid, width, share);
-                (loss, by, None)
-            }
-            true => {
-                let seen = exposed_image(exposure, &through);
-                let (loss, mut by) = photometric(&seen, &wanted, &valid, width, share);
-                let mut by_exposure = exposed_backward(exposure, &through, &mut by);
-                exposure::regularise(exposure, options.weights.exposure, &mut by_exposure);
-                (loss, by, Some(by_exposure))
-            }
-        };
-        let by_lens = match options.vignetting {
-            false => vignetting::NONE,
-            true => vignetting::back(self.vignetting(index), &photograph.camera, colour, &mut by),
-        };
-        (loss, by, by_lens, by_exposure)
+        let (width, share) = (image.width, options.weights.ssim);
+        if !options.exposure {
+            let (loss, by) = photometric(&image.colour, &wanted, &valid, width, share);
+            return (loss, by, None);
+        }
+        let seen = exposed_image(exposure, &image.colour);
+        let (loss, mut by) = photometric(&seen, &wanted, &valid, width, share);
+        let mut by_exposure = exposed_backward(exposure, &image.colour, &mut by);
+        exposure::regularise(exposure, options.weights.exposure, &mut by_exposure);
+        (loss, by, Some(by_exposure))
     }
 
     /// Terms of geometry and labels; their derivatives go into `by`.
     fn terms(&self, index: usize, camera: &Camera, image: &Image, by: &mut Image) -> Result<f32, SplatError> {
         let (weights, iteration) = (&self.options.weights, self.model.iteration);
-        let photograph = &self.dataset.training[index];
+        let photograph = self.photograph(index);
         let mut loss = 0.0;
         if weights.labels > 0.0 {
             loss += labels::add(image, photograph, self.model.cloud.feature_count, weights.labels, by);
@@ -193,9 +153,6 @@ impl<'a> CpuEngine<'a> {
         }
         if weights.depth_prior > 0.0 && !photograph.depth.is_empty() {
             loss += priors::depth(image, photograph, weights.depth_prior, by);
-        }
-        if weights.normal_prior > 0.0 && !photograph.normals.is_empty() {
-            loss += priors::normals(image, photograph, weights.normal_prior, by);
         }
         if weights.depth_normal > 0.0 {
             loss += depth_normal::add(image, camera, weights.depth_normal, by);
@@ -231,66 +188,13 @@ impl<'a> CpuEngine<'a> {
         self.model.iteration / self.dataset.training.len() as u32 + 1
     }
 
-    /// What Gaussians are chosen by when others are put beside them; none where it is their opacity.
-    pub(super) fn guide_weights(&self) -> Result<Vec<f32>, SplatError> {
-        let options = &self.options;
-        if options.guide == Guide::Opacity {
-            return Ok(vec![]);
-        }
-        let mut sums = vec![[0.0; 2]; self.model.cloud.len()];
-        for photograph in guide::looked_at(self.dataset.training.len(), options.seed, self.model.iteration) {
-            guide::add(&mut sums, &self.errors(photograph)?);
-        }
-        Ok(options.guide.weights(&sums))
-    }
-
-    /// The error of a photograph, shared out among the Gaussians that are seen in it.
-    fn errors(&self, index: usize) -> Result<Vec<f32>, SplatError> {
-        let filtered = self.filtered(&self.deviations());
-        let scene = Scene::still(&filtered);
-        let settings = Settings { outputs: Outputs::default(), ..self.settings() };
-        let camera = self.model.camera(self.dataset, index);
-        let frame = Frame::new(&scene, &[View::of(camera)], &settings)?;
-        let colour = match &self.dataset.shutter {
-            None => frame.images().remove(0).colour,
-            Some(shutter) => shutter.drawn(&filtered, &camera, &self.model.motions[index], self.dataset)?,
-        };
-        let drawn = match self.options.exposure {
-            true => exposed_image(&self.model.exposures[index], &self.through_lens(index, &colour)),
-            false => self.through_lens(index, &colour).into_owned(),
-        };
-        let photograph = &self.dataset.training[index];
-        let both = drawn.chunks_exact(3).zip(photograph.pixels.rgba.iter());
-        let error = |(drawn, wanted): (&[f32], &[u8; 4])| {
-            let apart = (0..3).map(|c| (drawn[c] - f32::from(wanted[c]) / 255.0).abs()).sum::<f32>() / 3.0;
-            if wanted[3] > 0 { apart } else { 0.0 }
-        };
-        Ok(frame.shares(&scene, &[both.map(error).collect()])?)
-    }
-
-    fn come_and_go(&mut self) -> Result<(), SplatError> {
+    fn come_and_go(&mut self) {
         let (options, iteration) = (self.options, self.model.iteration);
         if options.refines(iteration) {
-            match options.strategy {
-                Strategy::Mcmc => {
-                    let weights = self.guide_weights()?;
-                    let model = &mut self.model;
-                    let (means, logits) = (&model.cloud.means, &model.cloud.opacity_logits);
-                    let logits = clear::cleared(self.dataset, means, logits, options.clear);
-                    let dead = Relocation::of_dead(&logits, &weights, options.seed, iteration);
-                    dead.apply(model);
-                    let (logits, weights) = (&model.cloud.opacity_logits, dead.shared_weights(weights));
-                    Relocation::of_new(logits, &weights, options.cap, options.seed, iteration).apply(model);
-                }
-                Strategy::Classic => {
-                    classic::refine(&mut self.model, self.dataset.extent, options.cap, options.seed);
-                }
-            }
+            let model = &mut self.model;
+            Relocation::of_dead(&model.cloud.opacity_logits, options.seed, iteration).apply(model);
+            Relocation::of_new(&model.cloud.opacity_logits, options.cap, options.seed, iteration).apply(model);
         }
-        if self.options.resets(iteration) {
-            classic::reset(&mut self.model);
-        }
-        Ok(())
     }
 }
 
@@ -308,24 +212,21 @@ impl Engine for CpuEngine<'_> {
     fn step(&mut self, photograph: usize) -> Result<(), SplatError> {
         let iteration = self.model.iteration;
         self.model.raise_degree(self.options.degree(iteration));
-        let (mut by, by_camera, by_motion) = self.look(photograph)?;
+        let mut by = self.look(photograph)?;
         let rates = self.options.rates(iteration, self.dataset.extent);
         regularise(&self.model, &self.options, self.dataset.extent, &mut by);
         step(&mut self.model, &by, &rates);
-        if self.options.poses || self.options.lens || self.options.vignetting {
+        if self.options.poses {
             let (seen, extent) = (self.seen(), self.dataset.extent);
-            cameras::step(&mut self.model, &self.options, photograph, &by_camera, extent, seen);
+            cameras::step(&mut self.model, &self.options, photograph, &by.poses[0], extent, seen);
         }
-        if self.dataset.shutter.is_some() {
-            let (seen, dataset) = (self.seen(), self.dataset);
-            shutter::step(&mut self.model, photograph, &by_motion, rates.motions, dataset, seen);
-        }
-        if self.options.strategy == Strategy::Mcmc {
-            let noise = self.options.noise_rate(iteration, self.dataset.extent);
-            shake(&mut self.model, noise, self.options.seed);
-        }
-        self.come_and_go()?;
+        let noise = self.options.noise_rate(iteration, self.dataset.extent);
+        shake(&mut self.model, noise, self.options.seed);
+        self.come_and_go();
         self.model.iteration += 1;
+        if self.options.looks_for_transients(self.model.iteration) {
+            self.mask()?;
+        }
         Ok(())
     }
 
@@ -352,7 +253,6 @@ mod tests {
     use super::super::engine::train;
     use super::super::exposure::NEUTRAL;
     use super::super::exposure::exposed_image;
-    use super::super::motion::Shutter;
     use super::super::start::of_points;
     use super::super::{checkpoint, scores, tiny};
     use super::*;
@@ -366,10 +266,9 @@ mod tests {
         Model::new(of_points(&Points { places, colours, ..Default::default() }, options).unwrap(), &scene.dataset)
     }
 
-    fn options(iterations: u32, strategy: Strategy) -> TrainOptions {
+    fn options(iterations: u32) -> TrainOptions {
         TrainOptions {
             iterations,
-            strategy,
             cap: 150,
             refine_from: 50,
             refine_every: 25,
@@ -395,19 +294,16 @@ mod tests {
     }
 
     #[test]
-    fn a_known_scene_is_recovered_by_either_strategy() {
+    fn a_known_scene_is_recovered() {
         let scene = tiny::scene(60, 8, 48);
-        for strategy in [Strategy::Mcmc, Strategy::Classic] {
-            let options = TrainOptions { cap: 110, ..options(600, strategy) };
-            let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
-            let before = psnr(&mut engine, &scene.dataset);
-            run(&mut engine, 8, 600);
-            let after = psnr(&mut engine, &scene.dataset);
-            println!("{strategy:?}: {before:.2} to {after:.2} dB with {}", engine.splats());
-            let least = if strategy == Strategy::Mcmc { 29.0 } else { 24.0 };
-            assert!(after > least && after > before + 6.0, "{strategy:?}: {before} to {after}");
-            assert!(engine.splats() > 60 && engine.splats() <= 110);
-        }
+        let options = TrainOptions { cap: 110, ..options(600) };
+        let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
+        let before = psnr(&mut engine, &scene.dataset);
+        run(&mut engine, 8, 600);
+        let after = psnr(&mut engine, &scene.dataset);
+        println!("{before:.2} to {after:.2} dB with {}", engine.splats());
+        assert!(after > 29.0 && after > before + 6.0, "{before} to {after}");
+        assert!(engine.splats() > 60 && engine.splats() <= 110);
     }
 
     #[test]
@@ -417,12 +313,12 @@ mod tests {
         let grey = [0.5, 0.4, 0.6];
         let over = Dataset { background: grey, ..scene.dataset.clone() };
         for one in &mut scene.dataset.training {
-            let image = super::super::drawn(&scene.cloud, &one.camera, &over).unwrap();
+            let image = drawn(&scene.cloud, &one.camera, &over).unwrap();
             one.pixels = tiny::of_image(&image, &one.camera, &one.name).pixels;
         }
         let losses = [grey, [0.0; 3]].map(|background| {
             scene.dataset.background = background;
-            let options = options(200, Strategy::Mcmc);
+            let options = options(200);
             let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
             run(&mut engine, 8, 200)
         });
@@ -432,20 +328,9 @@ mod tests {
     #[test]
     fn stopping_and_going_on_gives_the_same_bits_on_any_number_of_threads() {
         let mut scene = tiny::scene(40, 4, 32);
-        for strategy in [Strategy::Mcmc, Strategy::Classic] {
-            scene.dataset.antialias = strategy == Strategy::Mcmc;
-            scene.dataset.shutter =
-                (strategy == Strategy::Mcmc).then(|| Shutter { samples: 3, readout: 0.4, ..Default::default() });
-            let options = TrainOptions {
-                exposure: true,
-                vignetting: true,
-                poses: true,
-                lens: true,
-                drop: 0.2,
-                guide: Guide::Views,
-                settle: 0.1,
-                ..options(90, strategy)
-            };
+        for antialias in [true, false] {
+            scene.dataset.antialias = antialias;
+            let options = TrainOptions { exposure: true, poses: true, drop: 0.2, ..options(90) };
             let whole = |threads: usize| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
                 pool.install(|| {
@@ -455,13 +340,13 @@ mod tests {
                 })
             };
             let one = whole(1);
-            assert!(one == whole(3), "{strategy:?}: threads");
+            assert!(one == whole(3), "{antialias}: threads");
             let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
             run(&mut engine, 4, 61);
             let saved = checkpoint::read(&checkpoint::write(&engine.model().unwrap(), "")).unwrap().0;
             let mut again = CpuEngine::new(&scene.dataset, &options, saved).unwrap();
             run(&mut again, 4, 90);
-            assert!(one == again.model().unwrap(), "{strategy:?}: going on");
+            assert!(one == again.model().unwrap(), "{antialias}: going on");
         }
     }
 
@@ -478,7 +363,7 @@ mod tests {
         }
         let mut losses = vec![];
         for exposure in [false, true] {
-            let mut options = TrainOptions { exposure, ..options(600, Strategy::Mcmc) };
+            let mut options = TrainOptions { exposure, ..options(600) };
             options.weights.exposure = 0.001;
             let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
             losses.push(run(&mut engine, 6, 600));
@@ -489,7 +374,7 @@ mod tests {
             assert!((mean - 1.0).abs() < 1e-4, "the mean stays: {mean}");
         }
         assert!(losses[1] < 0.85 * losses[0], "{losses:?}");
-        let options = options(100, Strategy::Mcmc);
+        let options = options(100);
         let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
         let finished = train(&mut engine, 6, 100, 3, 25, &mut |_, progress| Ok(progress.iteration < 7)).unwrap();
         assert_eq!((finished, engine.iteration()), (false, 7));
@@ -498,7 +383,7 @@ mod tests {
     #[test]
     fn a_pose_that_is_off_is_brought_back() {
         let scene = tiny::scene(60, 6, 48);
-        let options = TrainOptions { poses: true, noise: 0.0, ..options(250, Strategy::Classic) };
+        let options = TrainOptions { poses: true, noise: 0.0, ..options(250) };
         let options = TrainOptions { refine_from: 1000, ..options };
         let mut model = Model::new(scene.cloud.clone(), &scene.dataset);
         let right = model.poses[2];
@@ -524,7 +409,7 @@ mod tests {
             assert_eq!(names, ["v00", "v04", "v08"]);
             assert!(dataset.training.iter().all(|one| !names.contains(&one.name.as_str())));
             let scene = tiny::Tiny { cloud: cloud.clone(), dataset };
-            let options = options(60, Strategy::Mcmc);
+            let options = options(60);
             let mut engine = CpuEngine::new(&scene.dataset, &options, begin(&scene, &options)).unwrap();
             run(&mut engine, 6, 60);
             models.push(engine.model().unwrap());

@@ -1,9 +1,7 @@
 //! Photographs with pinhole cameras, some of them held out to score what was learned from the others.
 
 use super::filter::{self, Sampling};
-use super::motion::Shutter;
 use super::undistort::{Pixels, smaller, undistorted};
-use super::vignetting::{self, Vignetting};
 use crate::SplatError;
 use crate::captures::pictures::{self, ImageOrientation};
 use crate::captures::{Capture, CaptureCamera, DepthFile};
@@ -22,14 +20,10 @@ pub struct Photograph {
     pub name: String,
     /// How it was taken.
     pub camera: Camera,
-    /// How its lens darkened it: known of held-out photographs once that is learned ([`crate::train::cameras::as_learned`]).
-    pub vignetting: Vignetting,
     /// The photograph; masked where the mask is black or the lens shows nothing.
     pub pixels: Pixels,
     /// Measured depth along z \[m\], 0 where there is none, shape `[height, width]`; empty when not measured.
     pub depth: Vec<f32>,
-    /// Unit normals in camera axes, zeros where there are none, shape `[height, width]`; empty when not given.
-    pub normals: Vec<[f32; 3]>,
     /// 0 where there is none, then 1 + the label, shape `[height, width]`; empty when not given.
     pub labels: Vec<u8>,
 }
@@ -55,16 +49,11 @@ pub struct Dataset {
     pub held_out: Vec<Photograph>,
     /// Largest distance of a camera from the mean of all, times 1.1 \[m\].
     pub extent: f32,
-    /// Depth of the nearest triangulated points in each training photograph \[m\], 0 where it is not known; empty when nothing is
-    /// ([`crate::train::clear::nearest`]).
-    pub nearest: Vec<f32>,
     /// Colour behind all Gaussians when photographs are drawn, 0 to 1: the mean of those to learn from, so that what none of them
     /// shows is wrong by less than if it were black.
     pub background: [f32; 3],
     /// Photographs are drawn with anti-aliasing: [`qv_raster::Settings::antialias`], and the filter of [`crate::train::filter`].
     pub antialias: bool,
-    /// Cameras moved while photographs were exposed; none: they are drawn as a camera at rest takes them.
-    pub shutter: Option<Shutter>,
     /// What of the capture could not be used, a line each.
     pub lost: Vec<String>,
     /// What was done with images that EXIF tells to turn, and how many.
@@ -91,7 +80,7 @@ pub type Files<'a> = &'a (dyn Fn(&str) -> Result<Vec<u8>, String> + Sync);
 
 impl Dataset {
     /// Decodes the images of a capture and takes their distortion away. Images that are missing, damaged, of another size than their camera
-    /// says, or there twice are left out, and named in `lost`; so are depths, normals and labels that cannot be read.
+    /// says, or there twice are left out, and named in `lost`; so are depths and labels that cannot be read.
     ///
     /// # Errors
     /// Fewer than two photographs to learn from are left (the first that is lost is named), or no two of them look at the same place.
@@ -152,8 +141,7 @@ impl Dataset {
         }
         let background = mean_colour(&training);
         let (lost, turned, extent) = (vec![], BTreeMap::new(), extent(&cameras));
-        let (nearest, antialias, shutter) = (vec![], false, None);
-        let dataset = Self { training, held_out, extent, nearest, background, antialias, shutter, lost, turned };
+        let dataset = Self { training, held_out, extent, background, antialias: false, lost, turned };
         let count = dataset.training.len();
         if dataset.alone().len() == count {
             let expected = "two photographs that show the same place";
@@ -164,10 +152,9 @@ impl Dataset {
 
     /// All but the photographs.
     pub(super) fn without_photographs(&self) -> Self {
-        let (nearest, lost, turned) = (self.nearest.clone(), self.lost.clone(), self.turned.clone());
+        let (lost, turned) = (self.lost.clone(), self.turned.clone());
         let (extent, background) = (self.extent, self.background);
-        let (antialias, shutter) = (self.antialias, self.shutter);
-        Self { training: vec![], held_out: vec![], extent, nearest, background, antialias, shutter, lost, turned }
+        Self { training: vec![], held_out: vec![], extent, background, antialias: self.antialias, lost, turned }
     }
 
     /// What the photographs to learn from sample, with their cameras as they were given.
@@ -290,20 +277,14 @@ fn photograph(
         let metres = |units: u16| if units == u16::MAX { 0.0 } else { (units as f64 * file.metres_per_unit) as f32 };
         Ok((0..count).map(|index| shown(index, &of).map_or(0.0, |at| metres(units[at]))).collect())
     });
-    let normals = one.attachments.normals.as_deref().map_or(Ok(vec![]), |path| {
-        let image = decode(path, files, &one.camera)?.into_rgb8();
-        let at = |index| shown(index, &one.camera).map_or([0.0; 3], |at| normal(&image.as_raw()[3 * at..3 * at + 3]));
-        Ok((0..count).map(at).collect())
-    });
     let labels = one.attachments.labels.as_deref().map_or(Ok(vec![]), |path| {
         let image = label_image(path, files, &one.camera)?;
         Ok((0..count).map(|index| shown(index, &one.camera).map_or(0, |at| image[at])).collect())
     });
     let mut without = vec![];
-    let (depth, normals, labels) =
-        (or_none(depth, &mut without), or_none(normals, &mut without), or_none(labels, &mut without));
-    let (name, vignetting) = (one.name.clone(), vignetting::NONE);
-    Ok((Photograph { name, camera, vignetting, pixels, depth, normals, labels }, without, turned))
+    let (depth, labels) = (or_none(depth, &mut without), or_none(labels, &mut without));
+    let name = one.name.clone();
+    Ok((Photograph { name, camera, pixels, depth, labels }, without, turned))
 }
 
 /// What was read, or nothing, and why.
@@ -312,12 +293,6 @@ fn or_none<T>(read: Result<Vec<T>, SplatError>, without: &mut Vec<SplatError>) -
         without.push(error);
         vec![]
     })
-}
-
-fn normal(bytes: &[u8]) -> [f32; 3] {
-    let n = glam::Vec3::new(bytes[0] as f32, bytes[1] as f32, bytes[2] as f32);
-    let unit = (n / 127.5 - 1.0).normalize_or_zero();
-    if n == glam::Vec3::ZERO { [0.0; 3] } else { unit.to_array() }
 }
 
 /// An image beside a photograph.

@@ -5,13 +5,11 @@ use super::drawn::{DEPTH, drawn, drawn_with};
 use super::exposure::{Exposure, exposed_image};
 use super::ground::Ground;
 use super::model::Model;
-use super::order::round;
+use super::random::shuffled;
 use super::score::{GroundScore, Score, score, score_of};
-use super::vignetting::vignetted;
 use crate::SplatError;
 use crate::error::off;
 use qv_core::GaussianCloud;
-use qv_raster::Image;
 
 /// What does the steps.
 pub trait Engine {
@@ -69,34 +67,12 @@ pub fn train(
     report_every: u32,
     watch: &mut dyn FnMut(&mut dyn Engine, &Progress) -> Result<bool, SplatError>,
 ) -> Result<bool, SplatError> {
-    train_in_proportion(engine, &vec![1.0; photographs.max(1)], iterations, seed, report_every, watch)
-}
-
-/// As [`train`], with photographs in proportion to weights, one for each: as many steps as there are photographs make a round, in which each
-/// comes as often as its weight says ([`super::order::round`]).
-///
-/// # Errors
-/// A weight is negative or no number, or all are 0; else as [`train`].
-pub fn train_in_proportion(
-    engine: &mut dyn Engine,
-    weights: &[f32],
-    iterations: u32,
-    seed: u32,
-    report_every: u32,
-    watch: &mut dyn FnMut(&mut dyn Engine, &Progress) -> Result<bool, SplatError>,
-) -> Result<bool, SplatError> {
-    if let Some(weight) = weights.iter().find(|weight| !(weight.is_finite() && **weight >= 0.0)) {
-        return Err(off("training, weight of a photograph", "a number of at least 0", weight));
-    }
-    if weights.iter().all(|weight| *weight == 0.0) {
-        return Err(off("training, weights of photographs", "one above 0", format!("{} of 0", weights.len())));
-    }
-    let count = weights.len() as u32;
+    let count = photographs.max(1) as u32;
     let mut order: (u32, Vec<usize>) = (u32::MAX, vec![]);
     while engine.iteration() < iterations {
         let iteration = engine.iteration();
         if order.0 != iteration / count {
-            order = (iteration / count, round(weights, seed, iteration / count));
+            order = (iteration / count, shuffled(photographs.max(1), seed, iteration / count));
         }
         engine.step(order.1[(iteration % count) as usize])?;
         let iteration = engine.iteration();
@@ -118,7 +94,7 @@ pub fn train_in_proportion(
 /// # Errors
 /// Drawing fails.
 pub fn scores(cloud: &GaussianCloud, photographs: &[Photograph], dataset: &Dataset) -> Result<Vec<Score>, SplatError> {
-    photographs.iter().map(|one| Ok(score(&through_lens(one, &drawn(cloud, &one.camera, dataset)?), one))).collect()
+    photographs.iter().map(|one| Ok(score(&drawn(cloud, &one.camera, dataset)?.colour, one))).collect()
 }
 
 /// As [`scores`] of photographs that were held out, with the exposure that the photographs before and after it by name have on average: nothing of the
@@ -130,32 +106,24 @@ pub fn neighbours_scores(model: &Model, dataset: &Dataset, held_out: &[Photograp
     let one = |photograph: &Photograph| {
         let image = drawn(&model.cloud, &photograph.camera, dataset)?;
         let exposure = neighbours(&dataset.training, &model.exposures, &photograph.name);
-        Ok(score(&exposed_image(&exposure, &through_lens(photograph, &image)), photograph))
+        Ok(score(&exposed_image(&exposure, &image.colour), photograph))
     };
     held_out.iter().map(one).collect()
 }
 
-/// Scores of what shows the ground alone, of the photographs in which it can be seen: pixels whose drawn depth lies on it. With `exposed` as
-/// [`neighbours_scores`], else as [`scores`].
+/// Scores of what shows the ground alone, of the photographs in which it can be seen: pixels whose drawn depth lies on it.
 ///
 /// # Errors
 /// Drawing fails.
 pub fn ground_scores(
-    model: &Model,
+    cloud: &GaussianCloud,
     dataset: &Dataset,
     held_out: &[Photograph],
     ground: &Ground,
-    exposed: bool,
 ) -> Result<Vec<GroundScore>, SplatError> {
     let one = |photograph: &Photograph| {
-        let image = drawn_with(&model.cloud, &photograph.camera, dataset, DEPTH)?;
-        let shown = ground.pixels(&image, &photograph.camera);
-        let colour = through_lens(photograph, &image);
-        let colour = match exposed {
-            true => exposed_image(&neighbours(&dataset.training, &model.exposures, &photograph.name), &colour),
-            false => colour,
-        };
-        Ok(score_of(&colour, photograph, &shown))
+        let image = drawn_with(cloud, &photograph.camera, dataset, DEPTH)?;
+        Ok(score_of(&image.colour, photograph, &ground.pixels(&image, &photograph.camera)))
     };
     held_out.iter().filter_map(|photograph| one(photograph).transpose()).collect()
 }
@@ -169,44 +137,10 @@ fn neighbours(training: &[Photograph], exposures: &[Exposure], name: &str) -> Ex
     out
 }
 
-/// A photograph to learn from as its camera took it, before its exposure: with its learned motion where motions are learned. Shape `[height,
-/// width, 3]`.
-pub(super) fn taken(model: &Model, dataset: &Dataset, photograph: usize) -> Result<Vec<f32>, SplatError> {
-    let camera = model.camera(dataset, photograph);
-    let colour = match &dataset.shutter {
-        None => drawn(&model.cloud, &camera, dataset)?.colour,
-        Some(shutter) => {
-            shutter.drawn(&dataset.filtered(&model.cloud), &camera, &model.motions[photograph], dataset)?
-        }
-    };
-    let given = &dataset.training[photograph].camera;
-    Ok(vignetted(model.shared[model.groups[photograph]].vignetting, given, &colour))
-}
-
-/// What the lens of a photograph makes of what is drawn of it.
-fn through_lens(photograph: &Photograph, image: &Image) -> Vec<f32> {
-    vignetted(photograph.vignetting, &photograph.camera, &image.colour)
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::tiny;
     use super::*;
-    use crate::facts::States;
-
-    #[test]
-    fn weights_of_photographs_that_are_no_numbers_are_named() {
-        let scene = tiny::scene(5, 3, 16);
-        let options = super::super::TrainOptions::default();
-        let model = Model::new(scene.cloud.clone(), &scene.dataset);
-        let mut engine = super::super::CpuEngine::new(&scene.dataset, &options, model).unwrap();
-        let mut run = |weights: &[f32]| {
-            train_in_proportion(&mut engine, weights, 3, 0, 1, &mut |_, _| Ok(true)).map_err(|error| error.to_string())
-        };
-        assert!(run(&[1.0, f32::NAN, 1.0]).unwrap_err().states("photograph"));
-        assert!(run(&[0.0; 3]).unwrap_err().states("above 0 3 0"));
-        assert_eq!(run(&[0.0, 2.0, 0.0]), Ok(true));
-    }
 
     #[test]
     fn a_held_out_exposure_is_that_of_its_neighbours() {

@@ -1,6 +1,6 @@
 //! The ground of a scene as a plane, so that it can be scored apart: for a robot that walks it counts most, and few photographs look at it.
 
-use super::dataset::{Dataset, Photograph};
+use super::dataset::Dataset;
 use super::drawn::{DEPTH, drawn_with};
 use super::random::{Purpose, unit, words};
 use crate::SplatError;
@@ -8,7 +8,6 @@ use glam::{DMat3, DQuat, DVec3};
 use qv_core::statistics::median;
 use qv_core::{Camera, GaussianCloud};
 use qv_raster::Image;
-use rayon::prelude::*;
 
 /// What is asked of a plane to be called the ground.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,20 +56,6 @@ impl Ground {
         Ok(Self::below(&points, depths, &cameras, upward, how))
     }
 
-    /// As [`Self::of`], from points of the capture, before anything is learned.
-    pub fn of_points(places: &[[f32; 3]], dataset: &Dataset, how: &GroundOptions) -> Option<Self> {
-        let cameras: Vec<Camera> = dataset.training.iter().map(|one| one.camera).collect();
-        let upward = upward(&cameras)?;
-        let step = places.len().div_ceil(MOST_POINTS).max(1);
-        let points: Vec<DVec3> = places.iter().step_by(step).map(|p| DVec3::from(p.map(f64::from))).collect();
-        let in_image = |camera: &Camera| points.iter().filter_map(|p| depth_in(camera, *p)).collect::<Vec<f64>>();
-        let depths: Vec<f64> = cameras.iter().flat_map(in_image).collect();
-        if depths.is_empty() {
-            return None;
-        }
-        Self::below(&points, depths, &cameras, upward, how)
-    }
-
     /// The plane that most points lie on, if most cameras are above it.
     fn below(
         points: &[DVec3],
@@ -86,22 +71,6 @@ impl Ground {
         })
     }
 
-    /// Share of what each photograph to learn from shows that is ground: of the points in its image those that lie on the plane; 0 where
-    /// there are none.
-    pub fn shares(&self, places: &[[f32; 3]], dataset: &Dataset) -> Vec<f32> {
-        let share = |photograph: &Photograph| {
-            let (mut ground, mut all) = (0, 0);
-            for point in places.iter().map(|p| DVec3::from(p.map(f64::from))) {
-                if depth_in(&photograph.camera, point).is_some() {
-                    all += 1;
-                    ground += u32::from(self.distance(point).abs() <= self.within);
-                }
-            }
-            ground as f32 / all.max(1) as f32
-        };
-        dataset.training.par_iter().map(share).collect()
-    }
-
     /// Height of a point above the plane.
     pub fn distance(&self, point: DVec3) -> f64 {
         self.normal.dot(point) - self.height
@@ -114,26 +83,6 @@ impl Ground {
         };
         (0..image.alpha.len()).map(is_ground).collect()
     }
-}
-
-/// Share of the pixels of each photograph to learn from that have one of these labels (0 is none); 0 without label images.
-pub fn label_shares(labels: &[u8], dataset: &Dataset) -> Vec<f32> {
-    let share = |photograph: &Photograph| {
-        let ground = photograph.labels.iter().filter(|label| labels.contains(label)).count();
-        ground as f32 / photograph.labels.len().max(1) as f32
-    };
-    dataset.training.iter().map(share).collect()
-}
-
-/// Points that a plane is looked for in; more would not make it better.
-const MOST_POINTS: usize = 10_000;
-
-/// Depth of a point that lies in the image of a camera.
-fn depth_in(camera: &Camera, point: DVec3) -> Option<f64> {
-    let p = camera.camera_from_world.transform_point(point);
-    let (u, v) = (camera.fx * p.x / p.z + camera.cx, camera.fy * p.y / p.z + camera.cy);
-    let inside = (0.0..f64::from(camera.width)).contains(&u) && (0.0..f64::from(camera.height)).contains(&v);
-    (p.z > 0.0 && inside).then_some(p.z)
 }
 
 /// The cameras' mean upward axis; none where they have nothing in common.
@@ -267,21 +216,7 @@ mod tests {
             let pixels = found.pixels(&image, &camera);
             let shown = pixels.iter().filter(|is| **is).count();
             assert!(shown > 100 && shown < pixels.len(), "{shown}");
-            // The means of the Gaussians are points on what is seen.
-            let of_points = Ground::of_points(&cloud.means, &dataset, &GroundOptions::default()).unwrap();
-            assert!(of_points.normal.angle_between(normal) < 0.02, "{of_points:?}");
-            let shares = of_points.shares(&cloud.means, &dataset);
-            // Two cameras stand behind the wall, and see none of it.
-            assert!(shares.len() == 6 && shares[0] < 0.8 && shares.iter().all(|share| *share > 0.5), "{shares:?}");
         }
-    }
-
-    #[test]
-    fn labels_tell_the_ground_where_they_are_given() {
-        let mut dataset = tiny::scene(5, 3, 16).dataset;
-        dataset.training[1].labels = (0..256).map(|pixel| (pixel / 64) as u8).collect();
-        assert_eq!(label_shares(&[2, 3], &dataset), [0.0, 0.5, 0.0]);
-        assert_eq!(Ground::of_points(&[], &dataset, &GroundOptions::default()), None);
     }
 
     #[test]
@@ -293,6 +228,5 @@ mod tests {
             photograph.camera.camera_from_world = roll * photograph.camera.camera_from_world;
         }
         assert_eq!(Ground::of(&cloud, &dataset, &GroundOptions::default()).unwrap(), None);
-        assert_eq!(Ground::of_points(&cloud.means, &dataset, &GroundOptions::default()), None);
     }
 }

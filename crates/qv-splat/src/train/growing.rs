@@ -24,7 +24,7 @@ pub fn stages(dataset: &Dataset, iterations: u32, share: f64) -> Vec<(u32, u32)>
 }
 
 impl Dataset {
-    /// The photographs to learn from with sides divided by `by`: colours are means, depths, normals and labels those of the pixel in the middle.
+    /// The photographs to learn from with sides divided by `by`: colours are means, depths and labels those of the pixel in the middle.
     /// Nothing is held out. Extent and background stay, so that a step does the same.
     pub fn smaller(&self, by: u32) -> Self {
         Self { training: self.training.iter().map(|one| small(one, by)).collect(), ..self.without_photographs() }
@@ -42,9 +42,7 @@ fn small(one: &Photograph, by: u32) -> Photograph {
     Photograph {
         name: one.name.clone(),
         camera,
-        vignetting: one.vignetting,
         depth: picked(&one.depth, count, middle),
-        normals: picked(&one.normals, count, middle),
         labels: picked(&one.labels, count, middle),
         pixels,
     }

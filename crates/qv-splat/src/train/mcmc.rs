@@ -9,7 +9,7 @@ use super::moments::logistic;
 use super::random::{Purpose, words};
 
 /// Opacity at and below which a Gaussian is dead.
-pub(crate) const DEAD: f32 = 0.005;
+const DEAD: f32 = 0.005;
 /// Share by which the number grows each time.
 pub(crate) const GROWTH: f64 = 0.05;
 /// Most Gaussians that stand in the place of one.
@@ -36,37 +36,19 @@ pub(crate) struct Relocation {
 }
 
 impl Relocation {
-    /// Moves dead Gaussians to living ones, chosen by their `weights`, or by opacity where there are none.
-    pub(crate) fn of_dead(logits: &[f32], weights: &[f32], seed: u32, step: u32) -> Self {
+    /// Moves dead Gaussians to living ones, chosen by opacity.
+    pub(crate) fn of_dead(logits: &[f32], seed: u32, step: u32) -> Self {
         let lives = |logit: &f32| logistic(*logit) > DEAD;
-        let weight = |i: usize| if lives(&logits[i]) { weight_of(logits, weights, i) } else { 0.0 };
+        let weight = |i: usize| if lives(&logits[i]) { logistic(logits[i]) } else { 0.0 };
         let targets: Vec<u32> = (0..logits.len() as u32).filter(|&i| !lives(&logits[i as usize])).collect();
         Self::new(logits, weight, &targets, seed, 2 * step)
     }
 
     /// Lets the number grow by [`GROWTH`], up to `cap`; they come to others as the dead do.
-    pub(crate) fn of_new(logits: &[f32], weights: &[f32], cap: usize, seed: u32, step: u32) -> Self {
+    pub(crate) fn of_new(logits: &[f32], cap: usize, seed: u32, step: u32) -> Self {
         let wanted = cap.min(((1.0 + GROWTH) * logits.len() as f64) as usize).max(logits.len());
         let targets: Vec<u32> = (logits.len() as u32..wanted as u32).collect();
-        Self::new(logits, |i| weight_of(logits, weights, i), &targets, seed, 2 * step + 1)
-    }
-
-    /// Weights after this: those that stand in the place of one share what it had.
-    pub(crate) fn shared_weights(&self, mut weights: Vec<f32>) -> Vec<f32> {
-        if weights.is_empty() {
-            return weights;
-        }
-        let mut together = vec![1u32; weights.len()];
-        self.copies.iter().for_each(|[_, source]| together[*source as usize] += 1);
-        weights.iter_mut().zip(&together).for_each(|(weight, together)| *weight /= *together as f32);
-        for [target, source] in &self.copies {
-            let weight = weights[*source as usize];
-            match weights.get_mut(*target as usize) {
-                Some(slot) => *slot = weight,
-                None => weights.push(weight),
-            }
-        }
-        weights
+        Self::new(logits, |i| logistic(logits[i]), &targets, seed, 2 * step + 1)
     }
 
     fn new(logits: &[f32], weight: impl Fn(usize) -> f32, targets: &[u32], seed: u32, step: u32) -> Self {
@@ -118,10 +100,6 @@ impl Relocation {
     }
 }
 
-fn weight_of(logits: &[f32], weights: &[f32], index: usize) -> f32 {
-    weights.get(index).copied().unwrap_or_else(|| logistic(logits[index]))
-}
-
 /// Opacity of each of `count` Gaussians in the place of one, and the factor of their scales.
 fn shared(opacity: f64, count: usize) -> (f64, f64) {
     let each = 1.0 - (1.0 - opacity).powf(1.0 / count as f64);
@@ -167,34 +145,16 @@ mod tests {
     fn the_dead_move_and_the_number_grows() {
         let mut logits = vec![2.0f32; 100];
         logits[..30].fill(-8.0);
-        let dead = Relocation::of_dead(&logits, &[], 5, 1);
+        let dead = Relocation::of_dead(&logits, 5, 1);
         assert_eq!(dead.copies.len(), 30);
         assert!(dead.copies.iter().all(|[target, source]| *target < 30 && *source >= 30));
-        assert_eq!(dead, Relocation::of_dead(&logits, &[], 5, 1));
-        assert_ne!(dead, Relocation::of_dead(&logits, &[], 6, 1));
+        assert_eq!(dead, Relocation::of_dead(&logits, 5, 1));
+        assert_ne!(dead, Relocation::of_dead(&logits, 6, 1));
         assert!(dead.changes.iter().all(|change| change.logit < 2.0 && change.shift < 0.1));
-        let new = Relocation::of_new(&logits, &[], 103, 5, 1);
+        let new = Relocation::of_new(&logits, 103, 5, 1);
         let targets: Vec<u32> = new.copies.iter().map(|copy| copy[0]).collect();
         assert_eq!(targets, [100, 101, 102]);
-        assert_eq!(Relocation::of_dead(&[-9.0; 4], &[], 1, 1), Relocation::default());
-        assert_eq!(Relocation::of_new(&[], &[], 10, 1, 1), Relocation::default());
-    }
-
-    #[test]
-    fn weights_decide_where_they_go_and_are_shared() {
-        let mut logits = vec![2.0f32; 400];
-        logits[..300].fill(-8.0);
-        let mut weights = vec![0.0; 400];
-        // Dead ones are no places to go to, whatever they weigh.
-        (weights[3], weights[350], weights[360]) = (9.0, 1.0, 2.0);
-        let dead = Relocation::of_dead(&logits, &weights, 5, 1);
-        let at = |wanted: u32| dead.copies.iter().filter(|[_, source]| *source == wanted).count();
-        assert!(at(350) + at(360) == 300 && at(350).abs_diff(100) < 30, "{} {}", at(350), at(360));
-        let shared = dead.shared_weights(weights.clone());
-        assert!((shared.iter().sum::<f32>() - 3.0).abs() < 1e-4, "{shared:?}");
-        assert_eq!(shared[350], 1.0 / (1 + at(350)) as f32);
-        let new = Relocation::of_new(&logits, &shared, 403, 5, 1);
-        assert_eq!(new.shared_weights(shared).len(), 403);
-        assert_eq!(dead.shared_weights(vec![]), Vec::<f32>::new());
+        assert_eq!(Relocation::of_dead(&[-9.0; 4], 1, 1), Relocation::default());
+        assert_eq!(Relocation::of_new(&[], 10, 1, 1), Relocation::default());
     }
 }

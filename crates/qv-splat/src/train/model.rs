@@ -2,9 +2,9 @@
 
 use super::dataset::Dataset;
 use super::exposure::{Exposure, NEUTRAL};
-use super::motion::Motion;
 use super::shared;
 use super::shared::SharedAppearance;
+use super::transients::Mask;
 use crate::SplatError;
 use crate::error::off;
 use qv_core::{Camera, GaussianCloud, Pose};
@@ -32,21 +32,14 @@ pub struct Model {
     pub exposures_first: Vec<Exposure>,
     /// Running means of the squares.
     pub exposures_second: Vec<Exposure>,
-    /// How the camera of each photograph to learn from moved while it was exposed; zeros where that is not learned.
-    pub motions: Vec<Motion>,
-    /// Running means of their derivatives.
-    pub motions_first: Vec<Motion>,
-    /// Running means of the squares.
-    pub motions_second: Vec<Motion>,
     /// `camera_from_world` of each photograph to learn from.
     pub poses: Vec<Pose>,
     /// Which camera took each photograph.
     pub groups: Vec<usize>,
     /// What photographs of one camera share.
     pub shared: Vec<SharedAppearance>,
-    /// Of each Gaussian since Gaussians last came and went: sum of the lengths of derivatives by its projected mean, in units of half
-    /// the image, and in how many photographs it was.
-    pub pulls: Vec<[f32; 2]>,
+    /// What is left out of each photograph to learn from; nothing before what moves was looked for.
+    pub masks: Vec<Mask>,
 }
 
 impl Model {
@@ -62,13 +55,10 @@ impl Model {
             exposures: vec![NEUTRAL; views],
             exposures_first: vec![[0.0; 12]; views],
             exposures_second: vec![[0.0; 12]; views],
-            motions: vec![[0.0; 6]; views],
-            motions_first: vec![[0.0; 6]; views],
-            motions_second: vec![[0.0; 6]; views],
             poses: dataset.training.iter().map(|one| one.camera.camera_from_world).collect(),
             shared: vec![SharedAppearance::NONE; groups.iter().max().map_or(0, |last| last + 1)],
             groups,
-            pulls: vec![[0.0; 2]; cloud.len()],
+            masks: vec![],
             cloud,
         }
     }
@@ -106,8 +96,7 @@ impl Model {
 
     /// The camera of a photograph to learn from, as it is now.
     pub fn camera(&self, dataset: &Dataset, photograph: usize) -> Camera {
-        let lens = self.shared[self.groups[photograph]].camera(&dataset.training[photograph].camera);
-        Camera { camera_from_world: self.poses[photograph], ..lens }
+        Camera { camera_from_world: self.poses[photograph], ..dataset.training[photograph].camera }
     }
 
     /// Makes room for harmonics of a higher degree, which begin at 0.
@@ -154,7 +143,6 @@ impl Model {
             put(&mut moments.sh, target, source, sh);
             put(&mut moments.features, target, source, features);
         }
-        put(&mut self.pulls, target, source, 1);
         self.forget(target);
     }
 
@@ -196,6 +184,5 @@ impl Model {
             keep(&mut moments.sh, stay, sh);
             keep(&mut moments.features, stay, features);
         }
-        keep(&mut self.pulls, stay, 1);
     }
 }

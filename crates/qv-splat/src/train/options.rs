@@ -1,34 +1,20 @@
 //! What training is asked for. The numbers of `Default` are those of the papers' programs: Kerbl et al., *3D Gaussian Splatting* (2023),
 //! Kheradmand et al., *3D Gaussian Splatting as Markov Chain Monte Carlo* (2024), with the constants of gsplat 1.5.3.
 
-use super::guide::Guide;
 use crate::SplatError;
 use crate::error::off;
-
-/// How Gaussians come and go.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Strategy {
-    /// Dead Gaussians move to living ones, the number grows to a cap, noise on the means (Kheradmand et al., 2024).
-    Mcmc,
-    /// Gaussians whose projected means are pulled strongly are cloned or split, faint ones are left out (Kerbl et al., 2023).
-    Classic,
-}
 
 /// Weights of the terms of the loss; 0 leaves one out.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Weights {
     /// Share of 1 - SSIM in the photometric loss; the rest is L1.
     pub ssim: f32,
-    /// Mean opacity; with [`Strategy::Mcmc`] only.
+    /// Mean opacity (Kheradmand et al., 2024).
     pub opacity: f32,
-    /// Mean scale in units of the extent; with [`Strategy::Mcmc`] only.
+    /// Mean scale in units of the extent.
     pub scale: f32,
-    /// Mean square of the harmonics but the constant one, once for all photographs: a step, which is of one of them, has its share.
-    pub harmonics: f32,
     /// Squared distance of exposures from identity.
     pub exposure: f32,
-    /// Sum of the squares of the coefficients of vignetting.
-    pub vignetting: f32,
     /// Mean of the smallest scale in units of the extent (2D planar regularisation).
     pub flattening: f32,
     /// Mean distance of the rendered normal from that of the plane depth (PGSR, eq. 6, without its edge weight).
@@ -37,8 +23,6 @@ pub struct Weights {
     pub depth_prior: f32,
     /// Photometric consistency of patches of two views by homographies (PGSR, eq. 9 and 10).
     pub multi_view: f32,
-    /// Mean distance of the rendered normal from a given one.
-    pub normal_prior: f32,
     /// Cross-entropy of rendered features against label images.
     pub labels: f32,
 }
@@ -49,14 +33,11 @@ impl Default for Weights {
             ssim: 0.2,
             opacity: 0.01,
             scale: 0.01,
-            harmonics: 0.0,
             exposure: 0.01,
-            vignetting: 0.01,
             flattening: 0.0,
             depth_normal: 0.0,
             depth_prior: 0.0,
             multi_view: 0.0,
-            normal_prior: 0.0,
             labels: 0.0,
         }
     }
@@ -70,10 +51,13 @@ impl Weights {
 
     /// Whether a term needs normals and plane depth.
     pub fn planes(&self) -> bool {
-        self.depth_normal > 0.0 || self.multi_view > 0.0 || self.normal_prior > 0.0
+        self.depth_normal > 0.0 || self.multi_view > 0.0
     }
 }
 
+/// Parts of a run after which what moves is looked for, and the first of them: before, little is drawn that it could differ from.
+const LOOKS: u32 = 10;
+const FIRST_LOOK: u32 = 3;
 /// Largest [`TrainOptions::drop`].
 const MOST_DROPPED: f32 = 0.9;
 
@@ -84,18 +68,10 @@ pub struct TrainOptions {
     pub iterations: u32,
     /// Most Gaussians.
     pub cap: usize,
-    /// How Gaussians come and go.
-    pub strategy: Strategy,
-    /// Beside which Gaussians others are put, with [`Strategy::Mcmc`].
-    pub guide: Guide,
     /// Learn an affine colour transform for each photograph.
     pub exposure: bool,
-    /// Learn how the lens of each camera darkens photographs towards their corners.
-    pub vignetting: bool,
     /// Refine the poses of the photographs, and the place of each camera on what its poses were measured of.
     pub poses: bool,
-    /// Refine focal length and principal point of each camera.
-    pub lens: bool,
     /// Degree of the harmonics at the end.
     pub sh_degree: u8,
     /// Steps after which the degree of the harmonics goes up by one.
@@ -108,15 +84,12 @@ pub struct TrainOptions {
     pub geometry_from: u32,
     /// Terms of the loss.
     pub weights: Weights,
-    /// Noise of the means in units of their rate, all in units of the extent; with [`Strategy::Mcmc`] only.
+    /// Noise of the means in units of their rate, all in units of the extent.
     pub noise: f32,
-    /// Gaussians nearer to a camera than this share of the nearest points in its image are dead, with [`Strategy::Mcmc`]; 0 lets them be.
-    pub clear: f32,
-    /// What the rates of Gaussians (but the means', which fall all the time) have fallen to by the end of the run, once Gaussians no longer
-    /// come and go; 1 leaves them.
-    pub settle: f32,
     /// Share of the Gaussians that a step leaves out, at the end of the run; it rises from 0. Helps with few photographs.
     pub drop: f32,
+    /// Leave out of photographs what moves ([`super::transients`]).
+    pub transients: bool,
     /// The same seed gives the same bits on the CPU.
     pub seed: u32,
 }
@@ -126,12 +99,8 @@ impl Default for TrainOptions {
         Self {
             iterations: 7000,
             cap: 300_000,
-            strategy: Strategy::Mcmc,
-            guide: Guide::Opacity,
             exposure: false,
-            vignetting: false,
             poses: false,
-            lens: false,
             sh_degree: 3,
             sh_interval: 1000,
             refine_from: 500,
@@ -139,9 +108,8 @@ impl Default for TrainOptions {
             geometry_from: 1000,
             weights: Weights::default(),
             noise: 5e5,
-            clear: 0.0,
-            settle: 1.0,
             drop: 0.0,
+            transients: false,
             seed: 0,
         }
     }
@@ -166,41 +134,25 @@ pub struct Rates {
     pub features: f32,
     /// Of the entries of an exposure.
     pub exposures: f32,
-    /// Of the coefficients of vignetting.
-    pub vignetting: f32,
     /// Of twists: metres are in units of the extent.
     pub poses: f32,
-    /// Of motions during an exposure, in pixels at the depth of the extent.
-    pub motions: f32,
-    /// Of the logarithm of focal lengths, and of principal points in units of them.
-    pub lens: f32,
 }
 
 impl TrainOptions {
     /// Rates of a step. The means' rate goes with the extent of the cameras \[m\] and falls to a hundredth by the end.
     pub fn rates(&self, iteration: u32, extent: f32) -> Rates {
         let fall = 0.01f32.powf(iteration as f32 / self.iterations.max(1) as f32);
-        let settled = self.settle.powf(self.settling(iteration));
         Rates {
             means: 1.6e-4 * extent * fall,
-            log_scales: 5e-3 * settled,
-            rotations: 1e-3 * settled,
-            opacities: 5e-2 * settled,
-            colours: 2.5e-3 * settled,
-            harmonics: 2.5e-3 / 20.0 * settled,
-            features: 2.5e-3 * settled,
+            log_scales: 5e-3,
+            rotations: 1e-3,
+            opacities: 5e-2,
+            colours: 2.5e-3,
+            harmonics: 2.5e-3 / 20.0,
+            features: 2.5e-3,
             exposures: 5e-3 * fall.sqrt(),
-            vignetting: 5e-3 * fall.sqrt(),
             poses: 3e-4 * fall,
-            motions: 0.5 * fall.sqrt(),
-            lens: 5e-4 * fall,
         }
-    }
-
-    /// How much of the time is over in which no Gaussians come or go any more, 0 to 1.
-    fn settling(&self, iteration: u32) -> f32 {
-        let from = self.last_refinement();
-        iteration.saturating_sub(from) as f32 / self.iterations.saturating_sub(from).max(1) as f32
     }
 
     /// What scales the noise of the means in a step \[1/m\].
@@ -221,21 +173,19 @@ impl TrainOptions {
             && iteration <= self.last_refinement()
     }
 
+    /// Whether what moves is looked for after a step: from three tenths of the run on, each tenth.
+    pub fn looks_for_transients(&self, iteration: u32) -> bool {
+        let every = (self.iterations / LOOKS).max(1);
+        self.transients
+            && iteration >= FIRST_LOOK * every
+            && iteration < self.iterations
+            && iteration.is_multiple_of(every)
+    }
+
     /// After which step Gaussians come and go no more.
     fn last_refinement(&self) -> u32 {
         let until = self.iterations - self.iterations / 6;
-        until.min(match self.strategy {
-            Strategy::Mcmc => 25_000,
-            Strategy::Classic => 15_000,
-        })
-    }
-
-    /// Whether opacities are cut down after a step.
-    pub fn resets(&self, iteration: u32) -> bool {
-        self.strategy == Strategy::Classic
-            && iteration > 0
-            && iteration.is_multiple_of(3000)
-            && iteration + 1000 < self.iterations.min(16_000)
+        until.min(25_000)
     }
 
     /// Checks ranges.
@@ -254,26 +204,19 @@ impl TrainOptions {
         if !(0.0..=1.0).contains(&w.ssim) {
             return Err(off(place("share of SSIM"), "0 to 1", w.ssim));
         }
-        if !(self.settle > 0.0 && self.settle <= 1.0) {
-            return Err(off(place("rates at the end"), "a share above 0, at most 1", self.settle));
-        }
         if !(0.0..=MOST_DROPPED).contains(&self.drop) {
             return Err(off(place("share left out"), format!("0 to {MOST_DROPPED}"), self.drop));
         }
         for (name, weight) in [
             ("opacity", w.opacity),
             ("scale", w.scale),
-            ("harmonics", w.harmonics),
             ("exposure", w.exposure),
-            ("vignetting", w.vignetting),
             ("flattening", w.flattening),
             ("depth-normal", w.depth_normal),
             ("depth prior", w.depth_prior),
             ("multi-view", w.multi_view),
-            ("normal prior", w.normal_prior),
             ("labels", w.labels),
             ("noise", self.noise),
-            ("clear space", self.clear),
         ] {
             if !(weight.is_finite() && weight >= 0.0) {
                 return Err(off(place(&format!("weight {name}")), "a number of at least 0", weight));

@@ -4,7 +4,6 @@ use super::dataset::{Dataset, Photograph};
 use super::loss::photometric;
 use super::moments::bias;
 use super::twist::{turned, twist};
-use super::vignetting::{self, vignetted};
 use crate::SplatError;
 use qv_core::{Camera, GaussianCloud};
 use qv_raster::{Frame, Outputs, Scene, View};
@@ -33,9 +32,7 @@ pub fn aligned(
         let frame = Frame::new(&scene, &[View::of(camera)], &settings)?;
         let mut by = frame.blank_images();
         let drawn = frame.images().remove(0).colour;
-        let seen = vignetted(photograph.vignetting, &photograph.camera, &drawn);
-        by[0].colour = photometric(&seen, &wanted, &valid, width, 0.2).1;
-        vignetting::back(photograph.vignetting, &photograph.camera, &drawn, &mut by[0].colour);
+        by[0].colour = photometric(&drawn, &wanted, &valid, width, 0.2).1;
         let by_pose = frame.gradients(&scene, &by)?.poses[0];
         let rate = ALIGNING * 0.1f32.powf(iteration as f32 / steps as f32);
         let twist = twist(&mut first, &mut second, &by_pose, rate, dataset.extent, bias(iteration + 1));
@@ -45,7 +42,7 @@ pub fn aligned(
 }
 
 /// Rate of [`aligned`], in units of the extent and in radians.
-pub(super) const ALIGNING: f32 = 1e-3;
+const ALIGNING: f32 = 1e-3;
 
 #[cfg(test)]
 mod tests {

@@ -1,8 +1,8 @@
 //! Where training begins: at triangulated points, or anywhere around the cameras.
 
-use super::dataset::{Dataset, Photograph};
+use super::dataset::Dataset;
 use super::neighbours::Tree;
-use super::options::{Strategy, TrainOptions};
+use super::options::TrainOptions;
 use super::random::{Purpose, unit, words};
 use crate::SplatError;
 use crate::error::off;
@@ -33,10 +33,7 @@ pub fn of_points(points: &Points, options: &TrainOptions) -> Result<GaussianClou
         let (place, found) = (points.places[at], points.colours[at]);
         return Err(off("points to begin with", format!("a finite colour at {place:?}"), format!("{found:?}")));
     }
-    let (opacity, share): (f32, f32) = match options.strategy {
-        Strategy::Mcmc => (0.5, 0.1),
-        Strategy::Classic => (0.1, 1.0),
-    };
+    let (opacity, share) = (0.5f32, 0.1);
     let tree = Tree::new(&points.places);
     let scale = |distances: &Vec<f32>| {
         let mean = (distances.iter().map(|d| d * d).sum::<f32>() / distances.len().max(1) as f32).sqrt();
@@ -56,20 +53,6 @@ pub fn of_points(points: &Points, options: &TrainOptions) -> Result<GaussianClou
 /// Points in front of the cameras, on rays through random pixels and of their colours, from 0.3 to 9 times the extent away.
 pub fn at_random(dataset: &Dataset, count: usize, options: &TrainOptions) -> Points {
     on_rays(dataset, count, options, 0, |word| 0.3 * dataset.extent as f64 * 30f64.powf(unit(word) as f64))
-}
-
-/// Points far behind everything, on rays through random pixels and of their colours: what is sky, or too far to be triangulated, begins
-/// there and not as a veil before what is near. `known` are the points of the capture; the distance is four times that of nearly all of them.
-pub fn at_far(dataset: &Dataset, known: Option<&Points>, count: usize, options: &TrainOptions) -> Points {
-    let place = |photograph: &Photograph| photograph.camera.camera_from_world.inverse().position;
-    let middle = dataset.training.iter().map(place).sum::<DVec3>() / dataset.training.len().max(1) as f64;
-    let places = known.map_or(&[][..], |points| &points.places);
-    let mut distances: Vec<f64> = places.iter().map(|p| Vec3::from(*p).as_dvec3().distance(middle)).collect();
-    distances.retain(|distance| distance.is_finite());
-    distances.sort_by(f64::total_cmp);
-    let most = distances.get(distances.len() * 95 / 100).copied().unwrap_or(0.0);
-    let far = 4.0 * most.max(3.0 * f64::from(dataset.extent));
-    on_rays(dataset, count, options, 2, |_| far)
 }
 
 fn on_rays(dataset: &Dataset, count: usize, options: &TrainOptions, round: u32, depth: impl Fn(u32) -> f64) -> Points {
@@ -116,7 +99,7 @@ pub fn at_depths(dataset: &Dataset, count: usize, options: &TrainOptions) -> Poi
 
 #[cfg(test)]
 mod tests {
-    use super::super::tiny;
+    use super::super::{Photograph, tiny};
     use super::*;
     use crate::facts::States;
 
@@ -124,12 +107,12 @@ mod tests {
     fn points_become_gaussians() {
         let places = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [9.0, 0.0, 0.0]];
         let points = Points { places, colours: vec![[0.5, 1.0, 0.0]; 5], ..Default::default() };
-        let mut options = TrainOptions { strategy: Strategy::Classic, ..Default::default() };
+        let mut options = TrainOptions::default();
         let cloud = of_points(&points, &options).unwrap();
         assert_eq!(cloud.check(), Ok(()));
-        assert!(cloud.log_scales[0][0].abs() < 1e-6, "{:?}", cloud.log_scales[0]);
+        assert!((cloud.log_scales[0][0] - 0.1f32.ln()).abs() < 1e-6, "{:?}", cloud.log_scales[0]);
         let opacity = 1.0 / (1.0 + (-cloud.opacity_logits[0]).exp());
-        assert!((opacity - 0.1).abs() < 1e-6 && (0.5 + C0 * cloud.sh[0][1] - 1.0).abs() < 1e-6);
+        assert!((opacity - 0.5).abs() < 1e-6 && (0.5 + C0 * cloud.sh[0][1] - 1.0).abs() < 1e-6);
         options.cap = 4;
         assert!(of_points(&points, &options).unwrap_err().to_string().states("found 4 5"));
     }
@@ -151,19 +134,5 @@ mod tests {
         let mut without = scene.dataset.clone();
         without.training.iter_mut().for_each(|one| one.depth.clear());
         assert!(at_depths(&without, 500, &options).places.is_empty());
-    }
-
-    #[test]
-    fn far_points_lie_behind_all_others() {
-        let scene = tiny::scene(60, 4, 24);
-        let options = TrainOptions::default();
-        let known = Points {
-            places: scene.cloud.means.clone(),
-            colours: vec![[0.5; 3]; scene.cloud.len()],
-            ..Default::default()
-        };
-        let far = at_far(&scene.dataset, Some(&known), 50, &options);
-        let nearest = far.places.iter().map(|place| Vec3::from(*place).length()).fold(f32::INFINITY, f32::min);
-        assert!(far.places.len() == 50 && nearest > 10.0, "{nearest}");
     }
 }

@@ -3,7 +3,6 @@
 use super::dataset::{Dataset, Photograph};
 use super::random::{Purpose, unit, words};
 use super::undistort::Pixels;
-use super::vignetting::NONE;
 use glam::{DMat3, DQuat, DVec3};
 use qv_core::{Camera, GaussianCloud, Pose};
 use qv_raster::{Image, Outputs, Scene, Settings, View, render};
@@ -46,10 +45,8 @@ pub(crate) fn of_image(image: &Image, camera: &Camera, name: &str) -> Photograph
     Photograph {
         name: name.into(),
         camera: *camera,
-        vignetting: NONE,
         pixels: Pixels { width: image.width, height: image.height, rgba },
         depth: image.depth.clone(),
-        normals: vec![],
         labels: vec![],
     }
 }

@@ -46,9 +46,9 @@ const WRITTEN: [(&str, &[&str]); 12] = [
             "cameras.json",
             "aside.json",
             "capture",
-            "qv-normals",
             "previews",
             "held_out",
+            "masks",
         ],
     ),
     (

@@ -7,11 +7,13 @@ use crate::Failure;
 use crate::outcome::about;
 use crate::output::{self, put};
 use qv_core::GaussianCloud;
-use qv_splat::files::Points;
 use qv_splat::train::aside::{Search, judged, put_aside};
-use qv_splat::train::{Dataset, Model, TrainOptions, train_in_proportion};
+use qv_splat::train::{Dataset, Model, TrainOptions, train};
 use serde::{Deserialize, Serialize};
 use std::fs;
+
+/// Every so many photographs to learn from are put aside.
+const ASIDE: usize = 8;
 
 /// What the search found: the file `aside.json` in the output folder, by which `--resume` goes on with as many steps.
 #[derive(Serialize, Deserialize)]
@@ -37,7 +39,6 @@ impl Reconstruct {
         dataset: &Dataset,
         options: &TrainOptions,
         cloud: &GaussianCloud,
-        points: Option<&Points>,
         run: &mut Run,
     ) -> Result<Option<SearchResult>, Failure> {
         let path = self.out.join("aside.json");
@@ -52,12 +53,12 @@ impl Reconstruct {
         if options.iterations <= usual || self.max_seconds.is_some() {
             return Ok(None);
         }
-        let Some(inner) = put_aside(dataset, self.aside) else { return Ok(None) };
+        let Some(inner) = put_aside(dataset, ASIDE) else { return Ok(None) };
         let mut engine = self.engine(&inner, options, Model::new(cloud.clone(), &inner))?;
         let (mut search, mut stopped) = (Search::new(usual), false);
-        train_in_proportion(
+        train(
             engine.as_mut(),
-            &self.view_weights(&inner, points)?,
+            inner.training.len(),
             options.iterations,
             options.seed,
             REPORT_EVERY,

@@ -4,7 +4,7 @@ use super::arguments::Reconstruct;
 use crate::Failure;
 use crate::outcome::about;
 use crate::output::make_folder;
-use crate::progress::Stages;
+use crate::progress::{Level, Stages, reports};
 use crate::render::png;
 use qv_raster::Image;
 use qv_splat::train::{Best, Dataset, Engine, Model, Photograph, Progress, drawn};
@@ -74,7 +74,7 @@ impl<'a> Run<'a> {
             );
             let from = self.command.training_from();
             self.bar.at(from + share * (TRAINING[1] - from), &figure);
-            if self.command.times {
+            if reports(Level::Verbose) {
                 self.add_times(engine.times()?);
                 engine.time_next();
             }
@@ -153,4 +153,17 @@ pub(super) fn beside(photograph: &Photograph, image: &Image, folder: &Path, name
     // A name may hold the folders of the capture.
     let path = folder.join(format!("{}.png", name.replace(['/', '\\'], "_")));
     png(&path, &both, [2 * width as u32, height as u32], image::ExtendedColorType::Rgb8)
+}
+
+/// Writes a photograph in which what `masked` leaves out is red, as `folder/name.png`.
+pub(super) fn show_mask(photograph: &Photograph, masked: &Photograph, folder: &Path) -> Result<(), Failure> {
+    make_folder(folder).map_err(|e| about(folder, format!("expected a folder, found {e}")))?;
+    let pixels = photograph.pixels.rgba.iter().zip(&masked.pixels.rgba);
+    let shown = pixels.flat_map(|(was, is)| match was[3] > 0 && is[3] == 0 {
+        true => [255, was[1] / 2, was[2] / 2],
+        false => [was[0], was[1], was[2]],
+    });
+    let path = folder.join(format!("{}.png", photograph.name.replace(['/', '\\'], "_")));
+    let size = [photograph.pixels.width as u32, photograph.pixels.height as u32];
+    png(&path, &shown.collect::<Vec<u8>>(), size, image::ExtendedColorType::Rgb8)
 }

@@ -1,8 +1,8 @@
 //! Scores as they are told.
 
 use crate::colmap::PoseChoice;
-use qv_splat::SplatError;
-use qv_splat::train::{Dataset, Ground, GroundScore, Model, Score, shutter};
+use qv_splat::train::transients::Mask;
+use qv_splat::train::{Ground, GroundScore, Score};
 use serde_json::{Value, json};
 
 /// Whose poses were taken, and why, for metrics.json.
@@ -38,29 +38,18 @@ pub fn named(name: &str, s: &Score) -> Value {
         "psnr_right_gains": s.psnr_right_gains})
 }
 
-/// How often photographs were learned from, for metrics.json: the weight of ground, and the smallest and largest of what each photograph has by
-/// it; null where all are alike.
-pub fn of_views(ground: f64, weights: &[f32]) -> Value {
-    let most = weights.iter().fold(0.0f32, |most, weight| most.max(*weight));
-    let least = weights.iter().fold(f32::INFINITY, |least, weight| least.min(*weight));
-    if ground > 0.0 { json!({"weight": ground, "least": least, "most": most}) } else { Value::Null }
+/// What was left out of photographs because it moves, for metrics.json; null where it was not looked for.
+pub fn of_masks(masks: &[Mask]) -> Value {
+    let shares: Vec<f64> = masks.iter().map(Mask::share).collect();
+    let count = shares.iter().filter(|share| **share > 0.0).count();
+    let mean = shares.iter().sum::<f64>() / shares.len().max(1) as f64;
+    if masks.is_empty() { Value::Null } else { json!({"photographs": count, "share": mean}) }
 }
 
-/// How photographs were exposed and cameras moved, for metrics.json: null where cameras are taken to be at rest. Lengths are of the way from the
-/// beginning of a photograph to its end: of what it shows in it, of the camera, and of its turn.
-pub fn of_shutter(model: &Model, dataset: &Dataset) -> Result<Value, SplatError> {
-    let Some(how) = &dataset.shutter else { return Ok(Value::Null) };
-    let mut pixels = vec![];
-    for (k, motion) in model.motions.iter().enumerate() {
-        pixels.extend(shutter::length(&model.cloud, &model.camera(dataset, k), motion, dataset)?);
-    }
-    let mean = |all: &mut dyn Iterator<Item = f64>| all.sum::<f64>() / model.motions.len().max(1) as f64;
-    let norm = |m: &[f32]| m.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>().sqrt();
-    let metres = mean(&mut model.motions.iter().map(|m| norm(&m[..3])));
-    let radians = mean(&mut model.motions.iter().map(|m| norm(&m[3..])));
-    let of_pixels = (!pixels.is_empty()).then(|| pixels.iter().sum::<f64>() / pixels.len() as f64);
-    Ok(json!({"samples": how.samples, "readout": how.readout, "gamma": how.gamma, "motion_px": of_pixels,
-        "motion_m": metres, "motion_deg": radians.to_degrees()}))
+/// The same in words; nothing where it is null.
+pub fn masks_in_words(transients: &Value) -> Option<String> {
+    let (count, share) = (transients["photographs"].as_u64()?, transients["share"].as_f64()?);
+    Some(format!("what moves: {:.1} % of all pixels were left out, in {count} photographs (masks)", 100.0 * share))
 }
 
 /// The ground and its scores for metrics.json: null where none was found or no held-out photograph shows it.

@@ -45,7 +45,7 @@ fn train(folder: &Path, text: Option<&str>, options: &[&str]) -> (i32, String, S
     }
     let mut command = Command::new(env!("CARGO_BIN_EXE_qv"));
     command.arg("reconstruct").arg(folder).arg("--out").arg(folder.join("out"));
-    command.args(["--iterations", "3", "--cap", "60", "--random-points", "40", "--hold-out", "3"]).args(options);
+    command.args(["--iterations", "3", "--cap", "60", "--hold-out", "3", "--no-stereo"]).args(options);
     command.env("QV_COLMAP_VENV", folder.join("none"));
     let output = command.output().unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
@@ -193,7 +193,7 @@ fn rgbd_folders_of_three_layouts_are_read() {
     let mut found = vec![];
     for folder in [&tum, &redwood, &scannet] {
         // With depth: photographs without any would be told.
-        let (code, _, err) = train(folder, None, &["--depth-prior", "1", "--depth-points", "0"]);
+        let (code, _, err) = train(folder, None, &["--depth-prior", "1"]);
         assert_eq!(
             (code, err.lines().filter(|l| !l.contains("terms of geometry")).count()),
             (0, 0),

@@ -114,7 +114,7 @@ fn a_capture_becomes_a_scene_and_goes_on_from_its_checkpoint() {
     assert_eq!(remarks(&line), [0.0; 3]);
     let more = ["--iterations", "1010", "--resume", "--cap", "60", "--max-seconds", "100"];
     let (code, _, err) = of(&more, &[]);
-    assert!(code == 1 && err.states("made") && err.contains("--background"), "{err}");
+    assert!(code == 1 && err.states("--background black mean"), "{err}");
     let (code, line, err) = of(&more, &black);
     assert_eq!((code, &line["iterations"]), (0, &json!(1010)), "{err}");
     let (code, line, err) = of(&["--max-seconds", "0"], &[]);
@@ -137,13 +137,8 @@ fn bad_captures_are_named() {
     assert!(err.states("photographs 2"), "{err}");
     let err = fault(&["--depth-prior=-1"]);
     assert!(err.states("weight"), "{err}");
-    for [option, needs] in
-        [["--depth-prior", "depth images"], ["--depth-points", "depth images"], ["--normal-prior", "normal images"]]
-    {
-        let err = fault(&[option, "1"]);
-        assert!(err.contains(option) && err.contains(&format!("expected {needs}")), "{err}");
-    }
-    assert!(fault(&["--drop", "1"]).states("share 0 0.9 1"));
+    let err = fault(&["--depth-prior", "1", "--no-stereo"]);
+    assert!(err.contains("--depth-prior: expected depth images"), "{err}");
     let err = fault(&["--labels", "1"]);
     assert!(err.states("images"), "{err}");
     assert!(!folder.join("out").exists(), "what failed made no folder");
@@ -177,58 +172,93 @@ fn stages_are_told_where_there_is_no_terminal_unless_it_is_to_be_quiet() {
         err
     };
     let normal = remarks(&[]);
-    let lines: Vec<&str> = normal.lines().filter(|l| l.contains(" of 3: ")).collect();
-    assert_eq!(lines.len(), 3, "{normal}");
-    assert!(lines[1].starts_with("qv: 2 of 3: training, 2 % done"), "{normal}");
-    assert!(lines[2].states("scores 95"), "{normal}");
-    assert!(remarks(&["--verbose"]).lines().any(|l| l.starts_with("qv: 2 of 3: training took ")));
+    let lines: Vec<&str> = normal.lines().filter(|l| l.contains(" of 4: ")).collect();
+    assert_eq!(lines.len(), 4, "{normal}");
+    assert!(lines[2].starts_with("qv: 3 of 4: training, 20 % done"), "{normal}");
+    assert!(lines[3].states("scores 95"), "{normal}");
+    assert!(remarks(&["--verbose"]).lines().any(|l| l.starts_with("qv: 3 of 4: training took ")));
     assert_eq!(remarks(&["-q"]), "");
 }
 
 #[test]
-fn depth_is_measured_from_the_photographs_where_it_is_asked_for() {
+fn depth_is_measured_from_the_photographs_where_they_have_none() {
     let folder = capture("reconstruct_stereo", 24);
-    let (code, line, err) = reconstruct(&folder, &["--iterations", "3", "--stereo"]);
-    assert_eq!((code, &line["stereo"]["photographs"]), (0, &json!(21)), "{err}");
+    let (code, line, err) = reconstruct(&folder, &["--iterations", "3"]);
+    assert_eq!((code, &line["stereo"]["photographs"], &line["stereo"]["given"]), (0, &json!(21), &json!(0)), "{err}");
     let share = line["stereo"]["share"].as_f64().unwrap();
     assert!(share > 0.02 && share < 1.0, "{share}");
     // Gaussians begin there, beside the 40 points.
     assert!(line["gaussians"].as_u64().unwrap() > 100, "{}", line["gaussians"]);
     let stages: Vec<&str> = err.lines().filter(|line| line.contains(" of 4: ")).collect();
     assert!(stages.len() == 4 && stages[1].states("photographs 2 4"), "{err}");
-    let (code, _, err) = reconstruct(&capture("reconstruct_two", 3), &["--hold-out", "3", "--stereo"]);
-    assert!(code == 1 && err.states("photographs 3"), "{err}");
+    let (code, line, err) = reconstruct(&folder, &["--iterations", "3", "--no-stereo"]);
+    assert_eq!((code, &line["stereo"]["photographs"], &line["gaussians"]), (0, &Value::Null, &json!(40)), "{err}");
+    // Two photographs to learn from are too few for depth, not for a scene.
+    let two = capture("reconstruct_two", 3);
+    let (code, line, err) = reconstruct(&two, &["--iterations", "3", "--hold-out", "3"]);
+    assert_eq!((code, &line["stereo"]["photographs"]), (0, &Value::Null), "{err}");
+    assert!(err.states("no depth photographs 3 2"), "{err}");
 }
 
 #[test]
-fn what_cameras_did_and_how_often_they_were_looked_at_is_told() {
-    let folder = capture("reconstruct_moving", 8);
-    let options = ["--iterations", "40", "--shutter", "--readout", "0.5", "--shutter-samples", "3", "--vignetting"];
-    let (code, out, error) = reconstruct(&folder, &options);
-    assert_eq!(code, 0, "{error}");
-    let (shutter, lens) = (&out["shutter"], &out["cameras"][0]["vignetting"]);
-    assert!(shutter["motion_px"].as_f64().unwrap() > 0.1 && shutter["readout"] == 0.5, "{out:#}");
-    assert!(lens.as_array().unwrap().iter().all(|x| x.as_f64().unwrap() != 0.0), "{out:#}");
-    assert!(out["mean_moving"]["psnr_right"].is_f64() && out["ground_views"].is_null(), "{out:#}");
-    let (code, out, _) = reconstruct(&folder, &["--iterations", "20"]);
-    assert_eq!((code, &out["shutter"], &out["mean_moving"]), (0, &Value::Null, &Value::Null));
-    let (code, _, error) = reconstruct(&folder, &["--shutter", "--shutter-samples", "4"]);
-    assert!(code == 1 && error.states("samples 3 31 4"), "{error}");
-    let (code, _, error) = reconstruct(&folder, &["--ground-views", "2", "--ground-labels", "1"]);
-    assert!(code == 1 && error.states("--ground-views [1]"), "{error}");
+fn depth_of_the_capture_is_told_and_not_measured_again() {
+    let folder = capture("reconstruct_depth_folder", 4);
+    let mut transforms: Value = serde_json::from_slice(&fs::read(folder.join("transforms.json")).unwrap()).unwrap();
+    for (k, frame) in transforms["frames"].as_array_mut().unwrap().iter_mut().enumerate() {
+        let depth = image::ImageBuffer::<image::Luma<u16>, _>::from_pixel(SIDE, SIDE, image::Luma([2000]));
+        depth.save(folder.join(format!("images/depth{k}.png"))).unwrap();
+        frame["depth_file_path"] = json!(format!("images/depth{k}.png"));
+    }
+    fs::write(folder.join("transforms.json"), transforms.to_string()).unwrap();
+    let (code, line, err) = reconstruct(&folder, &["--iterations", "3", "--hold-out", "0"]);
+    assert_eq!((code, &line["stereo"]), (0, &json!({"given": 4})), "{err}");
+    assert!(err.states("depth of all 4 photographs --depth-prior"), "{err}");
 }
 
 #[test]
-fn what_was_learned_of_cameras_goes_on_or_is_refused() {
-    let folder = capture("reconstruct_cameras_go_on", 8);
-    let (code, _, error) = reconstruct(&folder, &["--iterations", "20", "--vignetting"]);
-    assert_eq!(code, 0, "{error}");
-    let (code, _, error) = reconstruct(&folder, &["--iterations", "30", "--resume"]);
-    assert!(code == 1 && error.states("--resume --vignetting"), "{error}");
-    let (code, _, error) = reconstruct(&folder, &["--iterations", "30", "--resume", "--vignetting", "--shutter"]);
-    assert!(code == 1 && error.states("--shutter"), "{error}");
-    let (code, out, error) = reconstruct(&folder, &["--iterations", "30", "--resume", "--vignetting"]);
-    assert!(code == 0 && out["vignetting"] == true, "{error}");
+fn what_passes_is_told_and_shown() {
+    let folder = capture("reconstruct_transients", 12);
+    let path = folder.join("images/05.png");
+    let mut photograph = image::open(&path).unwrap().into_rgb8();
+    for (x, y) in (12..28).flat_map(|x| (10..30).map(move |y| (x, y))) {
+        photograph.put_pixel(x, y, image::Rgb([250, 10, 240]));
+    }
+    photograph.save(&path).unwrap();
+    let options = ["--iterations", "300", "--transients", "--background", "black", "--no-stereo"];
+    let (code, line, err) = reconstruct(&folder, &options);
+    assert_eq!(code, 0, "{err}");
+    let share = line["transients"]["share"].as_f64().unwrap();
+    assert!(share > 0.005 && share < 0.1, "{}", line["transients"]);
+    assert!(folder.join("out/masks/05.png").is_file() && !folder.join("out/masks/06.png").exists());
+    let (code, _, err) =
+        reconstruct(&folder, &["--iterations", "310", "--resume", "--background", "black", "--no-stereo"]);
+    assert!(code == 1 && err.contains("--transients"), "{err}");
+}
+
+#[test]
+fn options_that_are_gone_are_refused() {
+    let folder = capture("reconstruct_gone", 4);
+    for gone in ["--guide=views", "--settle=0.1", "--vignetting", "--stereo", "--drop=0.3", "--strategy=classic"] {
+        let (code, _, err) = reconstruct(&folder, &[gone]);
+        assert!(code == 2 && err.contains(gone.split('=').next().unwrap()), "{err}");
+    }
+}
+
+#[test]
+fn photographs_of_several_exposures_are_scored_as_drawn() {
+    let folder = capture("reconstruct_exposed", 12);
+    // Two of the photographs to learn from are much darker than all others.
+    for name in ["03", "09"] {
+        let path = folder.join(format!("images/{name}.png"));
+        let mut photograph = image::open(&path).unwrap().into_rgb8();
+        photograph.pixels_mut().for_each(|pixel| pixel.0 = pixel.0.map(|byte| byte / 3));
+        photograph.save(&path).unwrap();
+    }
+    let options = ["--iterations", "1000", "--exposure", "--background", "black", "--no-stereo", "--cap", "60"];
+    let (code, line, err) = reconstruct(&folder, &options);
+    assert_eq!(code, 0, "{err}");
+    let [drawn, exposed] = ["mean", "mean_exposed"].map(|mean| line[mean]["psnr"].as_f64().unwrap());
+    assert!(drawn > 20.0 && drawn > exposed, "{drawn} {exposed}");
 }
 
 #[test]
@@ -278,7 +308,7 @@ fn a_folder_has_one_writer_and_who_is_stopped_says_how_to_go_on() {
     };
     let mut first =
         qv().args(["--iterations", "1000000"]).stderr(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
-    let rest = said(&mut first, "2 of 3: training");
+    let rest = said(&mut first, "3 of 4: training");
     let second = qv().output().unwrap();
     let err = String::from_utf8_lossy(&second.stderr).into_owned();
     assert!(second.status.code() == Some(1) && err.contains(&format!("found process {} on ", first.id())), "{err}");

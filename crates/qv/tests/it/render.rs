@@ -1,7 +1,7 @@
 //! `qv render`: images, depths, normals and labels of made-up scenes, and what it says of bad input.
 
-#[cfg(feature = "gpu")]
 use crate::facts::States;
+#[cfg(feature = "gpu")]
 use crate::skipped::skipped;
 use qv_core::GaussianCloud;
 use qv_splat::files::{Format, ply, write};

@@ -5,19 +5,18 @@ mod store;
 #[cfg(test)]
 mod tests;
 
-use super::adam::harmonics_weight;
 use super::cpu::outputs;
 use super::dataset::{Dataset, Photograph};
 use super::drop::Drop;
 use super::engine::Engine;
-use super::guide::{self, ErrorSum, Guide};
+use super::exposure::exposed_image;
 use super::mcmc::Relocation;
 use super::model::Model;
 use super::moments::bias;
-use super::options::{Strategy, TrainOptions};
+use super::options::TrainOptions;
 use super::random::{Purpose, words};
 use super::terms::multi_view;
-use super::{classic, clear, vignetting};
+use super::transients::{masked, masks, residuals};
 use crate::SplatError;
 use crate::error::off;
 use qv_core::Camera;
@@ -45,10 +44,6 @@ pub struct GpuEngine<'a> {
     recorded: Vec<wgpu::CommandBuffer>,
     maps: wgpu::Buffer,
     sums: wgpu::Buffer,
-    /// Derivatives by the lens, of each workgroup.
-    bends: wgpu::Buffer,
-    /// Derivatives by the coefficients of vignetting, of each workgroup.
-    fades: wgpu::Buffer,
     /// Camera of each photograph.
     groups: wgpu::Buffer,
     report: wgpu::Buffer,
@@ -62,8 +57,6 @@ pub struct GpuEngine<'a> {
     plane_depths: Vec<wgpu::Buffer>,
     /// Measured depths of each photograph; none when no term asks for them.
     measured: Vec<wgpu::Buffer>,
-    /// Given normals of each photograph, a word for each pixel; none when no term asks for them.
-    normals: Vec<wgpu::Buffer>,
     /// Labels of each photograph, a byte for each pixel; none when no term asks for them.
     labels: Vec<wgpu::Buffer>,
     /// For each photograph those that are near it.
@@ -110,17 +103,15 @@ impl<'a> GpuEngine<'a> {
         options.check()?;
         model.cloud.check()?;
         model.check(dataset)?;
-        if dataset.shutter.is_some() {
-            let expected = "cameras at rest (the CPU learns motions during exposures)";
-            return Err(off("training on the graphics card", expected, "a shutter"));
-        }
         let w = &options.weights;
         let gpu = &rasteriser.gpu;
         let pixels = dataset.training.iter().map(|one| one.pixels.rgba.len()).max().unwrap_or(1) as u64;
         let sides = |of: fn(&Camera) -> u32| dataset.training.iter().map(|one| of(&one.camera)).max().unwrap_or(1);
         let groups = sides(|c| c.width).div_ceil(16) as u64 * sides(|c| c.height).div_ceil(16) as u64;
         let capacity = options.cap.max(model.cloud.len());
-        let photographs = dataset.training.iter().map(|one| gpu.filled("photograph", &one.pixels.rgba));
+        let shown = masked(dataset, &model.masks);
+        let shown = if shown.is_empty() { &dataset.training } else { &shown };
+        let photographs = shown.iter().map(|one| gpu.filled("photograph", &one.pixels.rgba));
         let size = |one: &Photograph| 4 * one.pixels.rgba.len() as u64;
         let plane_depths =
             dataset.training.iter().filter(|_| w.planes()).map(|one| gpu.buffer("plane depths", size(one)));
@@ -128,11 +119,6 @@ impl<'a> GpuEngine<'a> {
             true => gpu.buffer("measured", size(one)),
             false => gpu.filled("measured", &one.depth),
         });
-        let normals =
-            dataset.training.iter().filter(|_| w.normal_prior > 0.0).map(|one| match one.normals.is_empty() {
-                true => gpu.buffer("normals", size(one)),
-                false => gpu.filled("normals", &one.normals.iter().map(signed_bytes).collect::<Vec<_>>()),
-            });
         let labels = dataset.training.iter().filter(|_| w.labels > 0.0).map(|one| {
             let mut bytes = one.labels.clone();
             bytes.resize(one.pixels.rgba.len().next_multiple_of(4), 0);
@@ -145,7 +131,6 @@ impl<'a> GpuEngine<'a> {
             photographs: photographs.collect::<Result<_, _>>()?,
             plane_depths: plane_depths.collect::<Result<_, _>>()?,
             measured: measured.collect::<Result<_, _>>()?,
-            normals: normals.collect::<Result<_, _>>()?,
             labels: labels.collect::<Result<_, _>>()?,
             partners: multi_view::partners(&cameras_as_given, dataset.extent),
             cameras: cameras(&rasteriser, dataset, &model)?,
@@ -154,8 +139,6 @@ impl<'a> GpuEngine<'a> {
             recorded: vec![],
             maps: gpu.buffer("maps", 36 * pixels)?,
             sums: gpu.buffer("sums", 64 * groups)?,
-            bends: gpu.buffer("bends", 16 * groups)?,
-            fades: gpu.buffer("fades", 16 * groups)?,
             groups: gpu.filled("cameras", &model.groups.iter().map(|group| *group as u32).collect::<Vec<_>>())?,
             report: gpu.filled("report", &[0.0f32; 4])?,
             list: gpu.buffer("list", 16 * (capacity as u64 + 1))?,
@@ -216,12 +199,8 @@ impl<'a> GpuEngine<'a> {
         let rates = options.rates(iteration, self.dataset.extent);
         let camera = &self.dataset.training[photograph].camera;
         let n = self.store.cloud.count.max(1) as f32;
-        let mcmc = options.strategy == Strategy::Mcmc;
         let geometry = iteration >= options.geometry_from;
         let seen = iteration / self.dataset.training.len() as u32 + 1;
-        let outputs = outputs(options, iteration);
-        let features = if outputs.features { self.store.cloud.feature_count as u32 } else { 0 };
-        let width = 9 + outputs.depth as u32 + 4 * outputs.plane as u32 + features;
         let group = self.rest.groups[photograph];
         let partner = self.partner(photograph);
         let random = words(options.seed, iteration, 1, Purpose::Pair);
@@ -239,10 +218,10 @@ impl<'a> GpuEngine<'a> {
             colours: rates.colours,
             harmonics: rates.harmonics,
             bias: bias(iteration + 1),
-            opacity: if mcmc { weights.opacity / n } else { 0.0 },
-            scale: if mcmc { weights.scale / (3.0 * n * self.dataset.extent) } else { 0.0 },
+            opacity: weights.opacity / n,
+            scale: weights.scale / (3.0 * n * self.dataset.extent),
             flat: if geometry { weights.flattening / (self.dataset.extent * n) } else { 0.0 },
-            noise: if mcmc { options.noise_rate(iteration, self.dataset.extent) } else { 0.0 },
+            noise: options.noise_rate(iteration, self.dataset.extent),
             width: camera.width,
             height: camera.height,
             photograph: photograph as u32,
@@ -252,7 +231,6 @@ impl<'a> GpuEngine<'a> {
             exposure_rate: rates.exposures,
             exposure_weight: weights.exposure,
             seen_bias: bias(seen),
-            record_width: width,
             pose_rate: rates.poses,
             extent: self.dataset.extent,
             depth_prior: weights.depth_prior / pixels,
@@ -262,23 +240,14 @@ impl<'a> GpuEngine<'a> {
             partner: partner.unwrap_or(photograph) as u32,
             partner_size: [other.width, other.height],
             from,
-            normal_prior: weights.normal_prior / pixels,
             labels: weights.labels / pixels,
             feature_count: self.store.cloud.feature_count as u32,
             feature_rate: rates.features,
             photographs: self.dataset.training.len() as u32,
             camera: group as u32,
-            refines: options.poses as u32 + 2 * options.lens as u32 + 4 * options.vignetting as u32,
-            lens_rate: rates.lens,
+            refines: options.poses as u32,
             camera_bias: bias(self.rest.shared[group].seen + 1),
-            focal: [camera.fx as f32, camera.fy as f32],
             drop: Drop::of(options, iteration).map_or(0.0, |drop| drop.share),
-            shrink: harmonics_weight(self.store.cloud.count, self.dataset.training.len(), options),
-            centre: [camera.cx as f32, camera.cy as f32],
-            one_over_square: vignetting::one_over_square(camera) as f32,
-            vignettes: options.vignetting as u32,
-            vignetting_rate: rates.vignetting,
-            vignetting_weight: weights.vignetting,
             free: [0.0; 2],
         }
     }
@@ -300,17 +269,7 @@ impl<'a> GpuEngine<'a> {
         if outputs.plane {
             let (plane_image, by_planes) = (self.buffer("plane_image")?, self.buffer("by_planes")?);
             let own = &self.plane_depths[photograph];
-            // Any buffer stands for normals that nobody asks for.
-            let normals = self.normals.get(photograph).unwrap_or(&self.report);
-            let planes = vec![
-                (0, &self.step),
-                (2, photo),
-                (3, plane_image),
-                (4, by_planes),
-                (5, lenses),
-                (7, own),
-                (13, normals),
-            ];
+            let planes = vec![(0, &self.step), (3, plane_image), (4, by_planes), (5, lenses), (7, own)];
             jobs.push(self.job("planes", image, planes));
             if let Some(partner) = self.partner(photograph).filter(|_| words.multi_view > 0.0) {
                 let consistent = vec![
@@ -376,6 +335,38 @@ impl<'a> GpuEngine<'a> {
         Ok(())
     }
 
+    /// As on the CPU.
+    fn mask(&mut self) -> Result<(), SplatError> {
+        let (dataset, model) = (self.dataset, self.model()?);
+        let (mut cameras, mut all) = (vec![], vec![]);
+        for (index, one) in dataset.training.iter().enumerate() {
+            cameras.push(model.camera(dataset, index));
+            all.push(residuals(&exposed_image(&model.exposures[index], &self.drawn(index)?), one));
+        }
+        self.rest.masks = masks(&model.cloud.means, &cameras, &all);
+        for (buffer, one) in self.photographs.iter().zip(masked(dataset, &self.rest.masks)) {
+            self.rasteriser.gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(&one.pixels.rgba));
+        }
+        Ok(())
+    }
+
+    /// Colours of a photograph as they are drawn now, shape `[height, width, 3]`. Waits for the card.
+    fn drawn(&mut self, photograph: usize) -> Result<Vec<f32>, SplatError> {
+        self.prepare(photograph)?;
+        let words = self.words(photograph);
+        let gpu = &self.rasteriser.gpu;
+        gpu.queue.write_buffer(&self.step, 0, bytemuck::bytes_of(&words));
+        let mut recorder = Recorder::new(gpu, false);
+        self.rasteriser.aim(&self.cameras, photograph, &mut recorder)?;
+        self.record_filter("widen", &words, &mut recorder)?;
+        self.rasteriser.record_forward(&self.store.cloud, &mut recorder)?;
+        self.record_filter("narrow", &words, &mut recorder)?;
+        recorder.submit();
+        let pixels = self.dataset.training[photograph].pixels.rgba.len();
+        let colours: Vec<[f32; 4]> = gpu.read(self.buffer("colours")?, pixels)?;
+        Ok(colours.iter().flat_map(|c| [c[0], c[1], c[2]]).collect())
+    }
+
     fn buffer(&self, name: &str) -> Result<&wgpu::Buffer, RasterError> {
         let missing = || RasterError::Device(format!("expected a buffer `{name}`, found none"));
         self.rasteriser.buffer(name).ok_or_else(missing)
@@ -398,23 +389,10 @@ impl<'a> GpuEngine<'a> {
         let image = [words.width.div_ceil(16), words.height.div_ceil(16)];
         let exposures = &self.store.exposures;
         let photo = &self.photographs[photograph];
-        let similar = vec![
-            (0, &self.step),
-            (1, colours),
-            (2, photo),
-            (3, exposures),
-            (4, &self.maps),
-            (6, &self.sums),
-            (7, &self.store.shared),
-        ];
+        let similar = vec![(0, &self.step), (1, colours), (2, photo), (3, exposures), (4, &self.maps), (6, &self.sums)];
         let mut pull = similar.clone();
-        pull.extend([(5, by_colours), (8, &self.fades)]);
+        pull.push((5, by_colours));
         recorder.run_jobs("loss", &[self.job("similar", image, similar), self.job("pull", image, pull)]);
-        if self.options.lens {
-            let bend =
-                vec![(0, &self.step), (1, colours), (2, by_colours), (3, &self.bends), (5, &self.cameras.lenses)];
-            recorder.run_jobs("lens", &[self.job("bend", image, bend)]);
-        }
         self.record_terms(photograph, &words, &mut recorder)?;
         self.rasteriser.record_backward(&self.store.cloud, &mut recorder)?;
         self.record_drop("bring_back", &words, &mut recorder)?;
@@ -424,27 +402,13 @@ impl<'a> GpuEngine<'a> {
         if words.refines > 0 {
             let turn = vec![
                 (0, &self.step),
-                (3, &self.bends),
                 (4, get("by_pose")?),
-                (5, &self.cameras.lenses),
                 (6, &self.cameras.motions),
                 (7, &self.store.pose_moments),
                 (8, &self.store.shared),
                 (9, &self.groups),
-                (10, &self.fades),
             ];
             last.push(self.job("turn", [1, 1], turn));
-        }
-        if self.options.strategy == Strategy::Classic {
-            let records = vec![
-                (0, &self.step),
-                (11, state),
-                (12, get("records")?),
-                (13, get("counts")?),
-                (14, get("record_gradients")?),
-                (15, &self.store.pulls),
-            ];
-            last.push(self.job("gather", folded(words.count.div_ceil(256)), records));
         }
         recorder.run_jobs("finish", &last);
         let (store, cloud) = (&self.store, &self.store.cloud);
@@ -562,102 +526,21 @@ impl<'a> GpuEngine<'a> {
         Ok(())
     }
 
-    /// As on the CPU.
-    fn guide_weights(&mut self) -> Result<Vec<f32>, SplatError> {
-        let options = self.options;
-        if options.guide == Guide::Opacity {
-            return Ok(vec![]);
-        }
-        let mut encoder = self.rasteriser.gpu.device.create_command_encoder(&Default::default());
-        encoder.clear_buffer(&self.store.pulls, 0, None);
-        self.rasteriser.gpu.queue.submit([encoder.finish()]);
-        for photograph in guide::looked_at(self.dataset.training.len(), options.seed, self.rest.iteration) {
-            self.prepare(photograph)?;
-            self.add_errors(photograph)?;
-        }
-        let sums: Vec<ErrorSum> = self.rasteriser.gpu.read(&self.store.pulls, self.store.cloud.count)?;
-        Ok(options.guide.weights(&sums))
-    }
-
-    /// Shares the error of a photograph out among the Gaussians that are seen in it.
-    fn add_errors(&self, photograph: usize) -> Result<(), SplatError> {
-        let words = self.words(photograph);
-        let gpu = &self.rasteriser.gpu;
-        gpu.queue.write_buffer(&self.step, 0, bytemuck::bytes_of(&words));
-        let mut recorder = Recorder::new(gpu, false);
-        self.rasteriser.aim(&self.cameras, photograph, &mut recorder)?;
-        self.record_filter("widen", &words, &mut recorder)?;
-        self.rasteriser.record_forward(&self.store.cloud, &mut recorder)?;
-        // Of the derivatives by images only those by colours are filled anew; by others they would be of an earlier step.
-        for name in ["by_depths", "by_planes", "by_features"] {
-            if let Some(buffer) = self.rasteriser.buffer(name) {
-                recorder.encoder.clear_buffer(buffer, 0, None);
-            }
-        }
-        let error = vec![
-            (0, &self.step),
-            (1, self.buffer("colours")?),
-            (2, &self.photographs[photograph]),
-            (3, &self.store.exposures),
-            (5, self.buffer("by_colours")?),
-            (7, &self.store.shared),
-        ];
-        let image = [words.width.div_ceil(16), words.height.div_ceil(16)];
-        recorder.run_jobs("errors", &[self.job("error", image, error)]);
-        self.rasteriser.record_shares(&self.store.cloud, &mut recorder)?;
-        let share = vec![
-            (0, &self.step),
-            (11, self.buffer("state")?),
-            (12, self.buffer("records")?),
-            (13, self.buffer("counts")?),
-            (14, self.buffer("record_gradients")?),
-            (15, &self.store.pulls),
-        ];
-        recorder.run_jobs("errors", &[self.job("share", folded(words.count.div_ceil(256)), share)]);
-        self.record_filter("narrow", &words, &mut recorder)?;
-        recorder.submit();
-        Ok(())
-    }
-
     fn come_and_go(&mut self) -> Result<(), SplatError> {
         let (options, iteration) = (self.options, self.rest.iteration);
-        let (refines, resets) = (options.refines(iteration), options.resets(iteration));
-        if refines || resets {
-            self.flush();
+        if !options.refines(iteration) {
+            return Ok(());
         }
-        if refines && options.strategy == Strategy::Mcmc {
-            let mut logits = self.store.logits(&self.rasteriser.gpu)?;
-            if options.clear > 0.0 {
-                logits = clear::cleared(self.dataset, &self.store.means(&self.rasteriser.gpu)?, &logits, options.clear);
-            }
-            let weights = self.guide_weights()?;
-            let dead = Relocation::of_dead(&logits, &weights, options.seed, iteration);
-            self.relocate(&dead)?;
-            dead.changes.iter().for_each(|change| logits[change.index as usize] = change.logit);
-            for [target, source] in &dead.copies {
-                logits[*target as usize] = logits[*source as usize];
-            }
-            let weights = dead.shared_weights(weights);
-            self.relocate(&Relocation::of_new(&logits, &weights, options.cap, options.seed, iteration))?;
-        } else if refines || resets {
-            let mut model = self.model()?;
-            if refines {
-                classic::refine(&mut model, self.dataset.extent, options.cap, options.seed);
-            }
-            if resets {
-                classic::reset(&mut model);
-            }
-            self.put(model)?;
+        self.flush();
+        let mut logits = self.store.logits(&self.rasteriser.gpu)?;
+        let dead = Relocation::of_dead(&logits, options.seed, iteration);
+        self.relocate(&dead)?;
+        dead.changes.iter().for_each(|change| logits[change.index as usize] = change.logit);
+        for [target, source] in &dead.copies {
+            logits[*target as usize] = logits[*source as usize];
         }
-        Ok(())
+        self.relocate(&Relocation::of_new(&logits, options.cap, options.seed, iteration))
     }
-}
-
-/// A unit normal as bytes with a sign, and 127 where there is one.
-fn signed_bytes(normal: &[f32; 3]) -> [i8; 4] {
-    let there = *normal != [0.0; 3];
-    let [x, y, z] = normal.map(|n| (n * 127.0).round() as i8);
-    [x, y, z, if there { 127 } else { 0 }]
 }
 
 /// Workgroups of a long list.
@@ -684,6 +567,9 @@ impl Engine for GpuEngine<'_> {
         self.rest.shared[group].seen += 1;
         self.come_and_go()?;
         self.rest.iteration += 1;
+        if self.options.looks_for_transients(self.rest.iteration) {
+            self.mask()?;
+        }
         Ok(())
     }
 

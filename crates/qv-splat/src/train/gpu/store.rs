@@ -31,10 +31,8 @@ pub struct Store {
     pub exposures: wgpu::Buffer,
     /// Running means for each pose, 12 floats.
     pub pose_moments: wgpu::Buffer,
-    /// What photographs of one camera share, 48 floats.
+    /// What photographs of one camera share, 32 floats.
     pub shared: wgpu::Buffer,
-    /// Pulls at projected means, two floats for each Gaussian.
-    pub pulls: wgpu::Buffer,
 }
 
 impl Store {
@@ -59,7 +57,6 @@ impl Store {
             exposures: gpu.buffer("exposures", 144 * views)?,
             pose_moments: gpu.buffer("pose moments", 48 * views)?,
             shared: gpu.filled("shared", &model.shared.iter().map(floats_of).collect::<Vec<_>>())?,
-            pulls: gpu.buffer("pulls", 8 * capacity as u64)?,
         };
         Ok(store.filled(gpu, model))
     }
@@ -100,7 +97,6 @@ impl Store {
         let both = model.first.poses.iter().zip(&model.second.poses);
         let poses: Vec<[f32; 6]> = both.flat_map(|(m, v)| [*m, *v]).collect();
         write(&self.pose_moments, poses.as_flattened());
-        write(&self.pulls, model.pulls.as_flattened());
         self
     }
 
@@ -111,15 +107,6 @@ impl Store {
     pub fn logits(&self, gpu: &Gpu) -> Result<Vec<f32>, RasterError> {
         let rows: Vec<[f32; 4]> = gpu.read(&self.cloud.scales, self.cloud.count)?;
         Ok(rows.iter().map(|row| row[3]).collect())
-    }
-
-    /// Means. Waits for the card.
-    ///
-    /// # Errors
-    /// The device fails.
-    pub fn means(&self, gpu: &Gpu) -> Result<Vec<[f32; 3]>, RasterError> {
-        let rows: Vec<[f32; 4]> = gpu.read(&self.cloud.means, self.cloud.count)?;
-        Ok(rows.iter().map(|row| [row[0], row[1], row[2]]).collect())
     }
 
     /// Copies everything but poses into a model. Waits for the card.
@@ -135,7 +122,7 @@ impl Store {
         let features = n * cloud.feature_count;
         cloud.features = gpu.read(&self.cloud.features, features)?;
         cloud.opacity_logits = self.logits(gpu)?;
-        cloud.means = self.means(gpu)?;
+        cloud.means = three(gpu.read(&self.cloud.means, n)?);
         cloud.log_scales = three(gpu.read(&self.cloud.scales, n)?);
         cloud.rotations = gpu.read(&self.cloud.rotations, n)?;
         cloud.sh = gpu.read(&self.cloud.sh, sh)?;
@@ -160,35 +147,30 @@ impl Store {
         model.exposures = exposures.iter().map(|all| all[0]).collect();
         model.exposures_first = exposures.iter().map(|all| all[1]).collect();
         model.exposures_second = exposures.iter().map(|all| all[2]).collect();
-        let shared: Vec<[f32; 48]> = gpu.read(&self.shared, model.shared.len())?;
+        let shared: Vec<[f32; 32]> = gpu.read(&self.shared, model.shared.len())?;
         model.shared.iter_mut().zip(&shared).for_each(|(one, floats)| *one = shared_of(floats, one.seen));
-        model.pulls = gpu.read(&self.pulls, n)?;
         Ok(())
     }
 }
 
-fn floats_of(one: &SharedAppearance) -> [f32; 48] {
-    let mut out = [0.0; 48];
-    out[..12].copy_from_slice(&one.first);
-    out[12..24].copy_from_slice(&one.second);
-    out[24..27].copy_from_slice(&one.lens);
-    out[27..30].copy_from_slice(&one.vignetting);
+fn floats_of(one: &SharedAppearance) -> [f32; 32] {
+    let mut out = [0.0; 32];
+    out[..6].copy_from_slice(&one.first);
+    out[6..12].copy_from_slice(&one.second);
     let matrix = one.motion.matrix();
     for row in 0..3 {
-        (0..3).for_each(|k| out[32 + 4 * row + k] = matrix.row(row)[k] as f32);
-        out[35 + 4 * row] = one.motion.position[row] as f32;
+        (0..3).for_each(|k| out[16 + 4 * row + k] = matrix.row(row)[k] as f32);
+        out[19 + 4 * row] = one.motion.position[row] as f32;
     }
     out
 }
 
-fn shared_of(floats: &[f32; 48], seen: u32) -> SharedAppearance {
-    let row = |k: usize| [0, 1, 2, 3].map(|i| floats[32 + 4 * k + i]);
+fn shared_of(floats: &[f32; 32], seen: u32) -> SharedAppearance {
+    let row = |k: usize| [0, 1, 2, 3].map(|i| floats[16 + 4 * k + i]);
     SharedAppearance {
-        lens: [floats[24], floats[25], floats[26]],
-        vignetting: [floats[27], floats[28], floats[29]],
         motion: pose_of(&[row(0), row(1), row(2)]),
         first: std::array::from_fn(|k| floats[k]),
-        second: std::array::from_fn(|k| floats[12 + k]),
+        second: std::array::from_fn(|k| floats[6 + k]),
         seen,
     }
 }

@@ -14,14 +14,13 @@ fn drawn(cloud: &GaussianCloud, camera: &Camera) -> Image {
     render(&Scene::still(cloud), &[View::of(*camera)], &settings).unwrap().0.remove(0)
 }
 
-/// Photographs of the wall, from the pattern and the geometry themselves, with true depths and normals, and labels by left and right.
+/// Photographs of the wall, from the pattern and the geometry themselves, with true depths, and labels by left and right.
 fn wall() -> Dataset {
     let cameras = tiny::before_the_wall(SIDE);
     let one = |(k, camera): (usize, &Camera)| {
         let places: Vec<Vec3> = (0..camera.pixels()).map(|pixel| place(camera, pixel)).collect();
         let inside = |p: &Vec3| p.x.abs() < 1.15 && p.z.abs() < 1.15;
         let depth = |p: &Vec3| camera.camera_from_world.transform_point(p.as_dvec3()).z as f32;
-        let normal = camera.camera_from_world.transform_vector(glam::DVec3::NEG_Y).as_vec3().to_array();
         let image = Image {
             width: camera.width as usize,
             height: camera.height as usize,
@@ -30,7 +29,6 @@ fn wall() -> Dataset {
             ..Default::default()
         };
         let mut photograph = tiny::of_image(&image, camera, &format!("v{k}"));
-        photograph.normals = places.iter().map(|p| if inside(p) { normal } else { [0.0; 3] }).collect();
         photograph.labels = places.iter().map(|p| 1 + (p.x > 0.0) as u8).collect();
         photograph
     };
@@ -80,6 +78,11 @@ fn learned(dataset: &Dataset, cloud: GaussianCloud, weights: Weights) -> Gaussia
     crate::train::Engine::model(&mut engine).unwrap().cloud
 }
 
+/// The wall's normal in the axes of a camera.
+fn wall_normal(camera: &Camera) -> Vec3 {
+    camera.camera_from_world.transform_vector(glam::DVec3::NEG_Y).as_vec3()
+}
+
 /// Mean error of plane depth \[m\] and of normals \[1 - cosine\] where the image is solid, over all views.
 fn errors(cloud: &GaussianCloud, dataset: &Dataset) -> (f32, f32) {
     let (mut depth, mut normal, mut count) = (0.0, 0.0, 0.0);
@@ -89,7 +92,7 @@ fn errors(cloud: &GaussianCloud, dataset: &Dataset) -> (f32, f32) {
             if image.alpha[pixel] > 0.8 && photograph.depth[pixel] > 0.0 && image.plane_depth[pixel] > 0.0 {
                 depth += (image.plane_depth[pixel] - photograph.depth[pixel]).abs().min(0.5);
                 let n = Vec3::from_slice(&image.normal[3 * pixel..]).normalize_or_zero();
-                normal += 1.0 - n.dot(Vec3::from_array(photograph.normals[pixel]));
+                normal += 1.0 - n.dot(wall_normal(&photograph.camera));
                 count += 1.0;
             }
         }
@@ -109,8 +112,6 @@ fn each_term_does_what_it_says() {
     assert!(d < 0.8 * depth, "{d} {depth}");
     let (_, n) = with(Weights { depth_normal: 0.3, ..none });
     assert!(n < 0.8 * normal, "{n} {normal}");
-    let (_, n) = with(Weights { normal_prior: 0.3, ..none });
-    assert!(n < 0.5 * normal, "{n} {normal}");
     let (d, _) = with(Weights { multi_view: 0.3, ..none });
     assert!(d < 0.9 * depth, "{d} {depth}");
     let flatness = |cloud: &GaussianCloud| -> f32 {
@@ -207,8 +208,6 @@ fn derivatives_are_those_of_the_terms() {
     let photograph = &dataset.training[0];
     let prior = |image: &Image, by: &mut Image| priors::depth(image, photograph, weight, by);
     assert!(disagreement(&image, |image| &mut image.depth, &prior, 1e-3) < 1e-3);
-    let normal = |image: &Image, by: &mut Image| priors::normals(image, photograph, weight, by);
-    assert!(disagreement(&image, |image| &mut image.normal, &normal, 1e-2) < 1e-3);
     let labels = |image: &Image, by: &mut Image| labels::add(image, photograph, 2, weight, by);
     assert!(disagreement(&image, |image| &mut image.features, &labels, 1e-2) < 1e-3);
     let consistency = |image: &Image, by: &mut Image| depth_normal::add(image, &camera, weight, by);
@@ -222,7 +221,7 @@ fn derivatives_of_a_patch_are_those_of_ncc() {
     let (here, there) = (&dataset.training[0], &dataset.training[1]);
     let (grey, other_grey) = (multi_view::grey(here), multi_view::grey(there));
     let other = multi_view::Other::new(&there.camera, &here.camera, &other_grey, &there.depth);
-    let wall_normal = Vec3::from_array(here.normals[here.normals.iter().position(|n| *n != [0.0; 3]).unwrap()]);
+    let wall_normal = wall_normal(&here.camera);
     let (mut ab, mut aa, mut bb, mut count, mut alike) = ([0.0f64; 2], [0.0f64; 2], [0.0f64; 2], 0, 0.0);
     for pixel in (0..here.depth.len()).step_by(5).filter(|pixel| here.depth[*pixel] > 0.0) {
         // The true plane looks the same; derivatives are taken beside it.

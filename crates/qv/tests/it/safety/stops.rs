@@ -81,14 +81,14 @@ fn a_finished_scene_stays_when_another_training_is_stopped() {
     done(&root, "reconstruct capture --out out --iterations 20 --seed 2");
     let old = contents(&root.join("out"));
     let log = root.join("stderr");
-    let is_training = || fs::read_to_string(&log).is_ok_and(|said| said.states("training 2 3"));
-    let words = "reconstruct capture --out out --iterations 1000000 --seed 3 --aside 0";
+    let is_training = || fs::read_to_string(&log).is_ok_and(|said| said.states("training 3 4"));
+    let words = "reconstruct capture --out out --iterations 1000000 --seed 3 --max-seconds 3600";
     let (code, err) = stopped(&root, words, "-TERM", is_training);
     assert!(code == 130 && err.states("stopped") && err.contains("stays"), "{code} {err}");
     assert_eq!(contents(&root.join("out")), old);
     // The seed is the checkpoint's.
     let at: u64 = err.split("stopped at step ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
-    let more = format!("reconstruct capture --out out --iterations {} --aside 0 --resume", at + 3);
+    let more = format!("reconstruct capture --out out --iterations {} --max-seconds 3600 --resume", at + 3);
     let (code, _, err) = qv(&root, &format!("{more} --seed 99"));
     assert!(code == 1 && err.states("--seed 3") && err.contains("99"), "{err}");
     let (code, _, err) = qv(&root, &format!("{more} --seed 3 --exposure"));
